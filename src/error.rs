@@ -1,0 +1,148 @@
+//! The library's error: every message says where, what was found, what was expected and what to do.
+
+use std::path::{Path, PathBuf};
+
+/// Shorthand for results of this crate.
+pub type Result<T, E = Error> = std::result::Result<T, E>;
+
+/// What can go wrong while reading a volume, converting it or reading tiles back.
+///
+/// The findings of the verifier are not errors: they are [`crate::verify::Issue`]s.
+#[derive(Debug, thiserror::Error)]
+#[non_exhaustive]
+pub enum Error {
+    /// The operating system refused a file operation.
+    #[error("{}: cannot {action}: {source}", path.display())]
+    Io {
+        /// The file or directory.
+        path: PathBuf,
+        /// What was tried, as a verb phrase: `read`, `create the directory`.
+        action: &'static str,
+        /// The system's own reason.
+        source: std::io::Error,
+    },
+    /// A file is not what it says it is, or is damaged.
+    #[error("{}: found {found}, expected {expected}{}", path.display(), advice(.hint))]
+    Format {
+        /// The file.
+        path: PathBuf,
+        /// What the file holds, with its place if that helps.
+        found: String,
+        /// What it should hold.
+        expected: String,
+        /// What the user can do, or empty.
+        hint: String,
+    },
+    /// The file is sound, but of a kind that this program does not read.
+    #[error("{}: {what} is not supported{}", path.display(), advice(.hint))]
+    Unsupported {
+        /// The file.
+        path: PathBuf,
+        /// The feature that is missing.
+        what: String,
+        /// A way out, or empty.
+        hint: String,
+    },
+    /// An option or argument has a value that cannot be.
+    #[error("{option}: found {found}, expected {expected}{}", advice(.hint))]
+    Usage {
+        /// The option or field as the user spells it: `--dims`.
+        option: String,
+        /// The value.
+        found: String,
+        /// The legal values.
+        expected: String,
+        /// What the user can do, or empty.
+        hint: String,
+    },
+    /// The memory limit is too small for this input.
+    #[error(
+        "--memory: {limit} bytes are too few for this volume: the smallest limit that works is {needed} bytes{}",
+        advice(.hint)
+    )]
+    Memory {
+        /// The limit that was asked for, in bytes.
+        limit: u64,
+        /// The smallest limit that works, in bytes.
+        needed: u64,
+        /// What else would help, or empty.
+        hint: String,
+    },
+    /// The output directory holds something already.
+    #[error("{}: the directory is not empty: give --force to replace the tile set in it, or another directory", path.display())]
+    OutputExists {
+        /// The directory.
+        path: PathBuf,
+    },
+    /// The caller asked to stop.
+    #[error("stopped on request")]
+    Interrupted,
+}
+
+fn advice(hint: &str) -> String {
+    if hint.is_empty() {
+        String::new()
+    } else {
+        format!(": {hint}")
+    }
+}
+
+impl Error {
+    /// Wraps a system error with the file and the verb phrase of what was tried.
+    pub fn io(path: impl AsRef<Path>, action: &'static str, source: std::io::Error) -> Self {
+        Error::Io {
+            path: path.as_ref().to_path_buf(),
+            action,
+            source,
+        }
+    }
+
+    /// A damaged or contradictory file: what was found and what was expected.
+    pub fn format(
+        path: impl AsRef<Path>,
+        found: impl Into<String>,
+        expected: impl Into<String>,
+    ) -> Self {
+        Error::Format {
+            path: path.as_ref().to_path_buf(),
+            found: found.into(),
+            expected: expected.into(),
+            hint: String::new(),
+        }
+    }
+
+    /// An option with an impossible value.
+    pub fn usage(
+        option: impl Into<String>,
+        found: impl Into<String>,
+        expected: impl Into<String>,
+    ) -> Self {
+        Error::Usage {
+            option: option.into(),
+            found: found.into(),
+            expected: expected.into(),
+            hint: String::new(),
+        }
+    }
+
+    /// A sound file of a kind that is not read, with a way out.
+    pub fn unsupported(
+        path: impl AsRef<Path>,
+        what: impl Into<String>,
+        hint: impl Into<String>,
+    ) -> Self {
+        Error::Unsupported {
+            path: path.as_ref().to_path_buf(),
+            what: what.into(),
+            hint: hint.into(),
+        }
+    }
+
+    /// Adds advice to a [`Error::Format`] or [`Error::Usage`]; leaves the others as they are.
+    pub fn with_hint(mut self, text: impl Into<String>) -> Self {
+        if let Error::Format { hint, .. } | Error::Usage { hint, .. } = &mut self {
+            *hint = text.into();
+        }
+        self
+    }
+}

@@ -1,0 +1,270 @@
+//! The index of a tile set: `index.json`, the manifest, and one shard per layer of macrocubes.
+//!
+//! These types are the interface between the producer, the verifier and other programs; their JSON
+//! form is `schema/manifest.schema.json` and `schema/shard.schema.json`. Every path is relative to
+//! the directory of the manifest, with `/` between its parts.
+
+use crate::grid::{Ambiguous, Crop, Dims, Placement};
+use crate::volume::{Dtype, Endian};
+use serde::{Deserialize, Serialize};
+
+/// Value of [`Manifest::format`].
+pub const FORMAT: &str = "alvis-tiles";
+/// Value of [`Manifest::format_version`] that this library reads and writes.
+pub const FORMAT_VERSION: u32 = 1;
+
+/// `index.json`.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct Manifest {
+    /// [`FORMAT`].
+    pub format: String,
+    /// [`FORMAT_VERSION`].
+    pub format_version: u32,
+    /// The program that wrote the tiles.
+    pub generator: Generator,
+    /// The volume the tiles were made from.
+    pub source: Source,
+    /// The grid the tiles cover (the crop, if there is one) and its macrocubes.
+    pub grid: GridInfo,
+    /// Spacing, unit, origin and directions of `grid`, flat: see [`Placement`].
+    #[serde(flatten)]
+    pub placement: Placement,
+    /// The iso value T: a voxel v is above iff v >= T.
+    pub threshold: f64,
+    /// Which voxels an ambiguous face joins.
+    pub ambiguous: Ambiguous,
+    /// True if the surface is closed half a voxel outside the volume's faces.
+    pub cap: bool,
+    /// Kind of every primitive in every tile.
+    pub primitives: Primitives,
+    /// Lattice steps per voxel: 256.
+    pub lattice: u32,
+    /// The root node's matrix: voxel coordinates to metres, Y up, column-major.
+    pub transform: [f64; 16],
+    /// Sums over all tiles.
+    pub totals: Totals,
+    /// One entry per layer of macrocubes that has a tile, by rising z.
+    pub layers: Vec<Layer>,
+    /// The tables of cells, objects and surfaces.
+    pub tables: Tables,
+}
+
+/// The program that wrote a tile set.
+#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
+pub struct Generator {
+    /// `alvis`.
+    pub name: String,
+    /// Its version.
+    pub version: String,
+}
+
+/// The volume that tiles were made from, with what is needed to open it again.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct Source {
+    /// The input's file name, without its directory.
+    pub name: String,
+    /// `raw`, `metaimage`, `nrrd`, ...
+    pub format: String,
+    /// Size of the whole volume in voxels, before the crop.
+    pub dims: Dims,
+    /// Sample type.
+    pub dtype: Dtype,
+    /// Byte order in the file.
+    pub endian: Endian,
+    /// Bytes before the first sample of a headerless raw file; 0 for other formats.
+    pub offset: u64,
+    /// The part that was converted, in voxels of the whole volume; absent if all of it.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub crop: Option<Crop>,
+    /// Where spacing, unit and origin came from.
+    pub provenance: Provenance,
+}
+
+/// Where a value came from.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
+#[serde(rename_all = "lowercase")]
+pub enum Origin {
+    /// Nothing was stated; the default was taken.
+    #[default]
+    Default,
+    /// The file states it.
+    File,
+    /// An option overrides the file.
+    Option,
+}
+
+/// Where the placement's parts came from.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
+pub struct Provenance {
+    /// Of `spacing`.
+    pub spacing: Origin,
+    /// Of `unit`.
+    pub unit: Origin,
+    /// Of `origin` and `directions`.
+    pub origin: Origin,
+}
+
+/// The grid that tiles cover.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+pub struct GridInfo {
+    /// Voxels per axis.
+    pub dims: Dims,
+    /// Cubes per macrocube and axis.
+    pub macrocube: [u32; 3],
+    /// Macrocubes per axis.
+    pub tiles: [u32; 3],
+}
+
+/// Kind of the primitives of a tile set.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
+#[serde(rename_all = "lowercase")]
+pub enum Primitives {
+    /// glTF mode 5: strips of a node stitched by degenerate triangles.
+    #[default]
+    Strips,
+    /// glTF mode 4: triangle lists.
+    Triangles,
+}
+
+/// Sums over a tile set. Counts of a set without `--cap` are those of the open surface.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
+pub struct Totals {
+    /// Tiles written; a macrocube without surface has none.
+    pub tiles: u64,
+    /// Triangles, degenerates of strips not counted; caps are counted.
+    pub triangles: u64,
+    /// Lattice vertices, each counted once; caps are counted.
+    pub vertices: u64,
+    /// Vertices as written: those on shared planes once per tile and node.
+    pub tile_vertices: u64,
+    /// Strips before stitching; 0 for triangle lists.
+    pub strips: u64,
+    /// Index entries of strips, stitches included; 0 for triangle lists.
+    pub strip_indices: u64,
+    /// Connected components of above voxels.
+    pub objects: u64,
+    /// Connected components of below voxels.
+    pub cells: u64,
+    /// Connected components of triangles (without caps).
+    pub surfaces: u64,
+    /// Triangle edges without a mate: where an open surface meets the volume's faces; 0 with caps.
+    pub border_edges: u64,
+    /// Vertices - edges + triangles of the whole surface, caps included.
+    pub euler_characteristic: i64,
+    /// Triangles of caps, contained in `triangles`.
+    pub cap_triangles: u64,
+    /// Bytes of all tiles.
+    pub bytes: u64,
+    /// Above voxels.
+    pub voxels_above: u64,
+    /// NaN samples, which count as below.
+    pub voxels_nan: u64,
+    /// 6 times the signed volume that the surface's triangles span with the origin, in lattice
+    /// units (voxel/256)^3: an exact integer, as a decimal string since it may pass 2^53.
+    #[serde(with = "decimal")]
+    pub volume6: i128,
+}
+
+/// One layer of macrocubes.
+#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
+pub struct Layer {
+    /// z index of the macrocubes.
+    pub z: u32,
+    /// The shard's path: `index/z0003.json`.
+    pub path: String,
+    /// Tiles in the shard.
+    pub tiles: u64,
+    /// Bytes of the shard file.
+    pub bytes: u64,
+    /// Checksum of the shard file, see [`TileEntry::checksum`].
+    pub checksum: String,
+}
+
+/// Paths of the tables.
+#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
+pub struct Tables {
+    /// `cells.csv`.
+    pub cells: String,
+    /// `objects.csv`.
+    pub objects: String,
+    /// `surfaces.csv`.
+    pub surfaces: String,
+}
+
+/// `index/zNNNN.json`: the tiles of one layer.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct Shard {
+    /// z index of the macrocubes.
+    pub z: u32,
+    /// The tiles, by rising y, then x.
+    pub tiles: Vec<TileEntry>,
+}
+
+/// One tile in a shard.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct TileEntry {
+    /// `tiles/z0003/y0002_x0005.glb`.
+    pub path: String,
+    /// Macrocube index, x first.
+    pub grid: [u32; 3],
+    /// Bounding box of the vertices in voxel coordinates.
+    #[serde(rename = "box")]
+    pub bounds: Bounds,
+    /// Vertices in the file.
+    pub vertices: u64,
+    /// Triangles, degenerates not counted.
+    pub triangles: u64,
+    /// Strips before stitching; 0 for triangle lists.
+    pub strips: u64,
+    /// Index entries in the file.
+    pub indices: u64,
+    /// Size of the file.
+    pub bytes: u64,
+    /// `crc32:` and 8 hexadecimal digits: the CRC-32 (IEEE 802.3, as in gzip) of the whole file.
+    pub checksum: String,
+    /// The surface pieces, in the order of the file's nodes (or features).
+    pub groups: Vec<Group>,
+}
+
+/// A box in voxel coordinates.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+pub struct Bounds {
+    /// Smallest coordinates.
+    pub min: [f64; 3],
+    /// Largest coordinates.
+    pub max: [f64; 3],
+}
+
+/// One surface piece of a tile: all its triangles between one cell and one object.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+pub struct Group {
+    /// The cell; 0 for a cap.
+    pub cell: u64,
+    /// The object.
+    pub object: u64,
+    /// The surface; 0 for a cap.
+    pub surface: u64,
+    /// Vertices of the piece.
+    pub vertices: u64,
+    /// Triangles of the piece, degenerates not counted.
+    pub triangles: u64,
+}
+
+/// `i128` as a decimal string.
+mod decimal {
+    use serde::{Deserialize, Deserializer, Serializer, de::Error};
+
+    pub fn serialize<S: Serializer>(v: &i128, s: S) -> Result<S::Ok, S::Error> {
+        s.collect_str(v)
+    }
+
+    pub fn deserialize<'de, D: Deserializer<'de>>(d: D) -> Result<i128, D::Error> {
+        let text = String::deserialize(d)?;
+        text.parse().map_err(D::Error::custom)
+    }
+}
+
+/// The checksum text of a CRC-32.
+pub fn checksum_text(crc: u32) -> String {
+    format!("crc32:{crc:08x}")
+}

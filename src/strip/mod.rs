@@ -1,0 +1,1 @@
+//! Triangle strips from a mesh whose triangle neighbours are known.

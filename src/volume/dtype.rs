@@ -1,0 +1,267 @@
+//! Sample types, and the comparison with a threshold in the type's own arithmetic.
+
+use crate::error::{Error, Result};
+use bytemuck::Pod;
+use serde::{Deserialize, Serialize};
+
+/// The type of a sample.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Serialize, Deserialize)]
+#[serde(rename_all = "lowercase")]
+#[allow(missing_docs)] // the names say it all
+pub enum Dtype {
+    U8,
+    I8,
+    U16,
+    I16,
+    U32,
+    I32,
+    F32,
+    F64,
+}
+
+impl Dtype {
+    /// Every type, in the order of the help text.
+    pub const ALL: [Dtype; 8] = [
+        Dtype::U8,
+        Dtype::I8,
+        Dtype::U16,
+        Dtype::I16,
+        Dtype::U32,
+        Dtype::I32,
+        Dtype::F32,
+        Dtype::F64,
+    ];
+
+    /// Bytes per sample.
+    pub fn bytes(self) -> usize {
+        match self {
+            Dtype::U8 | Dtype::I8 => 1,
+            Dtype::U16 | Dtype::I16 => 2,
+            Dtype::U32 | Dtype::I32 | Dtype::F32 => 4,
+            Dtype::F64 => 8,
+        }
+    }
+
+    /// The short name: `u16`.
+    pub fn name(self) -> &'static str {
+        match self {
+            Dtype::U8 => "u8",
+            Dtype::I8 => "i8",
+            Dtype::U16 => "u16",
+            Dtype::I16 => "i16",
+            Dtype::U32 => "u32",
+            Dtype::I32 => "i32",
+            Dtype::F32 => "f32",
+            Dtype::F64 => "f64",
+        }
+    }
+
+    /// True for f32 and f64, which can hold NaN.
+    pub fn is_float(self) -> bool {
+        matches!(self, Dtype::F32 | Dtype::F64)
+    }
+}
+
+impl std::fmt::Display for Dtype {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        f.write_str(self.name())
+    }
+}
+
+impl std::str::FromStr for Dtype {
+    type Err = Error;
+
+    fn from_str(text: &str) -> Result<Self> {
+        Dtype::ALL
+            .into_iter()
+            .find(|d| d.name() == text)
+            .ok_or_else(|| {
+                Error::usage(
+                    "--dtype",
+                    text,
+                    "one of u8, i8, u16, i16, u32, i32, f32, f64",
+                )
+            })
+    }
+}
+
+/// A sample type that the kernels are compiled for.
+pub trait Voxel: Pod + PartialOrd + Send + Sync + std::fmt::Debug + 'static {
+    /// The run-time name of this type.
+    const DTYPE: Dtype;
+
+    /// The exact value; every type here fits an `f64`.
+    fn to_f64(self) -> f64;
+
+    /// The difference `self - other`, rounded once to `f32`.
+    fn minus(self, other: Self) -> f32;
+
+    /// The smallest sample s with s >= t, so that `v >= t` can be decided in this type. `None` if
+    /// no sample reaches t (t is above the type's largest value, or NaN).
+    fn ceil_from(t: f64) -> Option<Self>;
+
+    /// Reverses the bytes of the sample.
+    fn swap_bytes(self) -> Self;
+}
+
+macro_rules! integer_voxel {
+    ($($t:ty => $dtype:ident, $wide:ty;)*) => {$(
+        impl Voxel for $t {
+            const DTYPE: Dtype = Dtype::$dtype;
+            fn to_f64(self) -> f64 {
+                f64::from(self)
+            }
+            fn minus(self, other: Self) -> f32 {
+                (<$wide>::from(self) - <$wide>::from(other)) as f32
+            }
+            fn ceil_from(t: f64) -> Option<Self> {
+                let c = t.ceil();
+                // NaN compares false and gives None; the cast below saturates at MIN
+                (c <= f64::from(<$t>::MAX)).then_some(c as $t)
+            }
+            fn swap_bytes(self) -> Self {
+                <$t>::swap_bytes(self)
+            }
+        }
+    )*};
+}
+
+integer_voxel! {
+    u8 => U8, i32;
+    i8 => I8, i32;
+    u16 => U16, i32;
+    i16 => I16, i32;
+    u32 => U32, i64;
+    i32 => I32, i64;
+}
+
+impl Voxel for f32 {
+    const DTYPE: Dtype = Dtype::F32;
+    fn to_f64(self) -> f64 {
+        f64::from(self)
+    }
+    fn minus(self, other: Self) -> f32 {
+        self - other
+    }
+    fn ceil_from(t: f64) -> Option<Self> {
+        let near = t as f32;
+        if t.is_nan() {
+            None
+        } else if f64::from(near) >= t {
+            Some(near)
+        } else {
+            Some(near.next_up())
+        }
+    }
+    fn swap_bytes(self) -> Self {
+        f32::from_bits(self.to_bits().swap_bytes())
+    }
+}
+
+impl Voxel for f64 {
+    const DTYPE: Dtype = Dtype::F64;
+    fn to_f64(self) -> f64 {
+        self
+    }
+    fn minus(self, other: Self) -> f32 {
+        (self - other) as f32
+    }
+    fn ceil_from(t: f64) -> Option<Self> {
+        (!t.is_nan()).then_some(t)
+    }
+    fn swap_bytes(self) -> Self {
+        f64::from_bits(self.to_bits().swap_bytes())
+    }
+}
+
+/// Runs an expression with a type alias bound to the Rust type of a [`Dtype`]:
+/// `with_voxel_type!(dtype, T => sum::<T>(bytes))`.
+macro_rules! with_voxel_type {
+    ($dtype:expr, $t:ident => $body:expr) => {
+        match $dtype {
+            $crate::volume::Dtype::U8 => {
+                type $t = u8;
+                $body
+            }
+            $crate::volume::Dtype::I8 => {
+                type $t = i8;
+                $body
+            }
+            $crate::volume::Dtype::U16 => {
+                type $t = u16;
+                $body
+            }
+            $crate::volume::Dtype::I16 => {
+                type $t = i16;
+                $body
+            }
+            $crate::volume::Dtype::U32 => {
+                type $t = u32;
+                $body
+            }
+            $crate::volume::Dtype::I32 => {
+                type $t = i32;
+                $body
+            }
+            $crate::volume::Dtype::F32 => {
+                type $t = f32;
+                $body
+            }
+            $crate::volume::Dtype::F64 => {
+                type $t = f64;
+                $body
+            }
+        }
+    };
+}
+pub(crate) use with_voxel_type;
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn thresholds_compare_as_real_numbers_do() {
+        for t in [
+            -1.0,
+            0.0,
+            0.5,
+            127.0,
+            127.5,
+            254.5,
+            255.0,
+            255.5,
+            1e30,
+            f64::NAN,
+            f64::NEG_INFINITY,
+        ] {
+            let ceil = u8::ceil_from(t);
+            for v in 0..=255u8 {
+                assert_eq!(ceil.is_some_and(|c| v >= c), f64::from(v) >= t, "{v} {t}");
+            }
+        }
+        for t in [0.1, 0.1f32 as f64, 1.0 + 1e-12, -0.3, 1e300, f64::NAN] {
+            let ceil = f32::ceil_from(t);
+            for v in [
+                0.1f32,
+                0.1f32.next_up(),
+                0.1f32.next_down(),
+                1.0,
+                1.0f32.next_up(),
+                -0.3,
+                f32::NAN,
+                f32::INFINITY,
+            ] {
+                assert_eq!(ceil.is_some_and(|c| v >= c), f64::from(v) >= t, "{v} {t}");
+            }
+        }
+    }
+
+    #[test]
+    fn names_parse_back() {
+        for d in Dtype::ALL {
+            assert_eq!(d.name().parse::<Dtype>().unwrap(), d);
+        }
+        assert!("u64".parse::<Dtype>().is_err());
+    }
+}
