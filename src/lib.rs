@@ -1,10 +1,19 @@
 //! Turns CT volumes larger than memory into glTF tiles.
 
+pub mod cli;
 pub mod error;
 pub mod grid;
 pub mod manifest;
-pub mod strip;
+mod measure;
+mod mesh;
+pub mod phantom;
+pub mod pipeline;
+pub mod progress;
+mod segment;
+mod slab;
+mod strip;
 pub mod tile;
+pub mod verify;
 pub mod volume;
 
 pub use error::{Error, Result};

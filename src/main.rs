@@ -1,1 +1,3 @@
+//! The `alvis` command.
+
 fn main() {}

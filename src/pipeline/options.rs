@@ -1,0 +1,69 @@
+//! What a conversion is asked for, and what it reports.
+
+use crate::grid::{Ambiguous, Crop};
+use crate::manifest::{Primitives, Provenance, Totals};
+use serde::Serialize;
+
+/// The options of [`super::convert`].
+#[derive(Debug, Clone)]
+pub struct ConvertOptions {
+    /// The iso value T: a voxel v is above iff v >= T. Finite.
+    pub threshold: f64,
+    /// Cubes per macrocube and axis; at least 1.
+    pub macrocube: [u32; 3],
+    /// Limit of peak resident memory in bytes.
+    pub memory: u64,
+    /// Worker threads; 0 for one per core.
+    pub threads: usize,
+    /// Which voxels an ambiguous face joins.
+    pub ambiguous: Ambiguous,
+    /// Close the surface half a voxel outside the volume's faces.
+    pub cap: bool,
+    /// The part of the volume to convert.
+    pub crop: Option<Crop>,
+    /// Strips or triangle lists.
+    pub primitives: Primitives,
+    /// Replace a tile set that is in the output directory.
+    pub force: bool,
+    /// The input's name for the manifest, without its directory.
+    pub source_name: String,
+    /// Bytes before the first sample of a raw file, for the manifest.
+    pub source_offset: u64,
+    /// Where spacing, unit and origin came from, for the manifest.
+    pub provenance: Provenance,
+}
+
+impl Default for ConvertOptions {
+    fn default() -> Self {
+        ConvertOptions {
+            threshold: 0.0,
+            macrocube: [64; 3],
+            memory: 1 << 30,
+            threads: 0,
+            ambiguous: Ambiguous::Separate,
+            cap: false,
+            crop: None,
+            primitives: Primitives::Strips,
+            force: false,
+            source_name: String::new(),
+            source_offset: 0,
+            provenance: Provenance::default(),
+        }
+    }
+}
+
+/// What a conversion made; the command prints it with `--json`.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct ConvertReport {
+    /// The manifest's sums.
+    #[serde(flatten)]
+    pub totals: Totals,
+    /// Bytes written below the output directory, index and tables included.
+    pub bytes_written: u64,
+    /// Wall time.
+    pub seconds: f64,
+    /// Largest resident set of the process so far, in bytes.
+    pub peak_rss_bytes: u64,
+    /// Things the user should know, such as a threshold outside the data's range.
+    pub warnings: Vec<String>,
+}
