@@ -1,1 +1,5 @@
-//! measure
+//! Sums from which the measures of cells, objects and surfaces follow.
+
+mod sums;
+
+pub use sums::{AreaScale, MeshSums, VoxelSums};

@@ -1,1 +1,22 @@
-//! segment
+//! Connected components of above voxels (objects) and below voxels (cells), out of core.
+//!
+//! 1. `runs`: rows of bits become runs of equal voxels, numbered so that the run of a voxel
+//!    is a population count away.
+//! 2. `label`: union-find over the runs of one band; local components with their voxel sums.
+//! 3. `classes`: bands of a slab and the slab before it are joined to classes; components that can
+//!    no longer grow leave memory.
+//! 4. `births`: which classes are a component of their own in the end, hence the final ids.
+
+mod births;
+mod border;
+mod classes;
+mod label;
+mod runs;
+mod unionfind;
+
+pub use births::{Births, Ranks};
+pub use border::add_border_euler;
+pub use classes::{BandEdges, ClassRecord, Classes, PhaseBirths, SlabClasses};
+pub use label::{Labels, LocalComponent, label};
+pub use runs::Runs;
+pub use unionfind::UnionFind;

@@ -60,3 +60,47 @@ pub trait Volume: Send + Sync {
     /// Says that the sweep is done with these slices: mapped pages are given back to the system.
     fn release(&self, _z: Range<u32>) {}
 }
+
+/// A volume in memory.
+#[derive(Debug, Clone)]
+pub struct MemoryVolume<T> {
+    header: Header,
+    samples: Vec<T>,
+}
+
+impl<T: Voxel> MemoryVolume<T> {
+    /// Takes `samples`, x fastest.
+    ///
+    /// # Errors
+    /// [`crate::Error::Usage`] if their number is not that of `dims`.
+    pub fn new(dims: Dims, placement: Placement, samples: Vec<T>) -> Result<Self> {
+        let header = Header {
+            format: "memory",
+            dims,
+            dtype: T::DTYPE,
+            endian: Endian::Little,
+            placement,
+        };
+        Ok(MemoryVolume { header, samples })
+    }
+}
+
+impl<T: Voxel> Volume for MemoryVolume<T> {
+    fn header(&self) -> &Header {
+        &self.header
+    }
+
+    fn read_box(&self, x: Range<u32>, y: Range<u32>, z: Range<u32>, out: &mut [u8]) -> Result<()> {
+        let mut rows = out.chunks_exact_mut(x.len() * std::mem::size_of::<T>());
+        for z in z {
+            for y in y.clone() {
+                let start = self.header.dims.linear([x.start, y, z]) as usize;
+                let row = bytemuck::cast_slice(&self.samples[start..start + x.len()]);
+                rows.next()
+                    .expect("out has the box's size")
+                    .copy_from_slice(row);
+            }
+        }
+        Ok(())
+    }
+}

@@ -1,0 +1,184 @@
+//! Which surface piece each vertex of a tile belongs to.
+//!
+//! A vertex lies on an edge between an above and a below voxel, so it belongs to one object and one
+//! cell, and so does everything connected to it.
+
+use crate::measure::MeshSums;
+use crate::mesh::edges::Edges;
+use crate::mesh::tile::{BandView, TileBox};
+use crate::volume::Voxel;
+
+/// The surface of a tile between one object and one cell.
+#[derive(Debug, Clone, Copy)]
+pub struct Piece {
+    /// Class of the object.
+    pub object: u32,
+    /// Class of the cell.
+    pub cell: u32,
+    /// True for the triangles that close the surface outside the volume.
+    pub cap: bool,
+    /// First vertex in the tile's arrays.
+    pub first_vertex: u32,
+    /// Number of vertices.
+    pub vertices: u32,
+    /// First triangle in the tile's arrays.
+    pub first_triangle: u32,
+    /// Number of triangles.
+    pub triangles: u32,
+    /// Smallest lattice key (3 x linear index of the edge's lower voxel + axis) of its vertices.
+    pub key: u64,
+    /// Sums over the triangles and over the vertices that this tile counts.
+    pub sums: MeshSums,
+    /// Smallest vertex coordinates in lattice steps.
+    pub min: [i32; 3],
+    /// Largest vertex coordinates in lattice steps.
+    pub max: [i32; 3],
+}
+
+impl Piece {
+    /// A piece without vertices.
+    pub fn new(object: u32, cell: u32, cap: bool) -> Self {
+        Piece {
+            object,
+            cell,
+            cap,
+            first_vertex: 0,
+            vertices: 0,
+            first_triangle: 0,
+            triangles: 0,
+            key: u64::MAX,
+            sums: MeshSums::default(),
+            min: [i32::MAX; 3],
+            max: [i32::MIN; 3],
+        }
+    }
+}
+
+/// Finds pieces by (object, cell): a direct-mapped cache in front of a linear search by hash.
+#[derive(Debug, Default)]
+pub struct PieceIndex {
+    /// Open addressing: piece + 1, or 0.
+    slots: Vec<u32>,
+}
+
+impl PieceIndex {
+    fn reset(&mut self) {
+        self.slots.clear();
+        self.slots.resize(256, 0);
+    }
+
+    #[inline]
+    fn find(&mut self, pieces: &mut Vec<Piece>, object: u32, cell: u32) -> u32 {
+        let mut at = Self::hash(object, cell) & (self.slots.len() - 1);
+        loop {
+            match self.slots[at] {
+                0 => return self.insert(pieces, object, cell),
+                found => {
+                    let piece = &pieces[found as usize - 1];
+                    if piece.object == object && piece.cell == cell {
+                        return found - 1;
+                    }
+                }
+            }
+            at = (at + 1) & (self.slots.len() - 1);
+        }
+    }
+
+    fn hash(object: u32, cell: u32) -> usize {
+        let mixed = (u64::from(object) << 32 | u64::from(cell)).wrapping_mul(0x9E37_79B9_7F4A_7C15);
+        (mixed >> 40) as usize
+    }
+
+    #[cold]
+    fn insert(&mut self, pieces: &mut Vec<Piece>, object: u32, cell: u32) -> u32 {
+        pieces.push(Piece::new(object, cell, false));
+        if 2 * pieces.len() > self.slots.len() {
+            self.slots = vec![0; 2 * self.slots.len()];
+            for (i, piece) in pieces.iter().enumerate() {
+                self.place(i as u32 + 1, piece);
+            }
+        } else {
+            let piece = pieces[pieces.len() - 1];
+            self.place(pieces.len() as u32, &piece);
+        }
+        pieces.len() as u32 - 1
+    }
+
+    fn place(&mut self, number: u32, piece: &Piece) {
+        let mask = self.slots.len() - 1;
+        let mut at = Self::hash(piece.object, piece.cell) & mask;
+        while self.slots[at] != 0 {
+            at = (at + 1) & mask;
+        }
+        self.slots[at] = number;
+    }
+}
+
+/// Assigns every crossed edge its piece, by rising number, and counts the pieces' vertices.
+pub fn assign<T: Voxel>(
+    view: &BandView<T>,
+    tile: &TileBox,
+    edges: &Edges,
+    index: &mut PieceIndex,
+    pieces: &mut Vec<Piece>,
+    piece_of: &mut Vec<u32>,
+) {
+    index.reset();
+    pieces.clear();
+    piece_of.clear();
+    piece_of.reserve(edges.count as usize);
+    let [_, cy, cz] = tile.cubes.map(|c| c as usize);
+    let mut words = edges.words.chunks_exact(edges.row_words);
+    let mut bits = edges.bits.chunks_exact(edges.row_words);
+    for z in 0..=cz {
+        for y in 0..=cy {
+            let row_words = words.next().expect("one chunk per row");
+            let row_bits = bits.next().expect("one chunk per row");
+            let lower = view.label_row(tile, y, z);
+            let upper = [
+                lower,
+                if y < cy {
+                    view.label_row(tile, y + 1, z)
+                } else {
+                    lower
+                },
+                if z < cz {
+                    view.label_row(tile, y, z + 1)
+                } else {
+                    lower
+                },
+            ];
+            let shared_row = tile.shares_upper(1, y) || tile.shares_upper(2, z);
+            let row_key = 3 * tile.linear([0, y, z]);
+            for axis in 0..3 {
+                let step = usize::from(axis == 0);
+                for (w, word) in row_words.iter().enumerate() {
+                    let mut crossed = word.crossed[axis];
+                    while crossed != 0 {
+                        let bit = crossed.trailing_zeros() as usize;
+                        crossed &= crossed - 1;
+                        let x = 64 * w + bit;
+                        let ends = [
+                            view.class_at(lower, tile, x),
+                            view.class_at(upper[axis], tile, x + step),
+                        ];
+                        let lower_above = (row_bits[w] >> bit & 1) as usize;
+                        let (object, cell) = (ends[1 - lower_above], ends[lower_above]);
+                        let p = index.find(pieces, object, cell);
+                        piece_of.push(p);
+                        let piece = &mut pieces[p as usize];
+                        piece.vertices += 1;
+                        let shared = shared_row || tile.shares_upper(0, x);
+                        piece.sums.vertices += u64::from(!shared);
+                        piece.key = piece.key.min(row_key + (3 * x + axis) as u64);
+                    }
+                }
+            }
+        }
+    }
+    let mut first = 0;
+    for piece in pieces {
+        piece.first_vertex = first;
+        first += piece.vertices;
+    }
+}

@@ -1,0 +1,387 @@
+//! The 256 cases of marching cubes, derived from one rule.
+//!
+//! Corner `c = x + 2y + 4z` of a cube is bit `c` of its case, set iff the voxel is above.
+//!
+//! ```text
+//!        6--------7        z        edges 0..3  along x from corners 0 2 4 6
+//!       /|       /|        | y      edges 4..7  along y from corners 0 1 4 5
+//!      4--------5 |        |/       edges 8..11 along z from corners 0 1 2 3
+//!      | 2------|-3        +---x
+//!      |/       |/                  faces 0 1: x = 0, 1   2 3: y = 0, 1
+//!      0--------1                         4 5: z = 0, 1
+//! ```
+//!
+//! Rule: on every face the surface leaves one directed segment per run of above corners (on an
+//! ambiguous face, one around each above corner for [`Ambiguous::Separate`], one around each below
+//! corner for [`Ambiguous::Join`]). The six faces' segments chain to loops of 3 to 7 edges, and each
+//! loop is triangulated without a chord that lies in a face. Two cubes see the same four corners of
+//! their shared face, hence the same segments: no hole. A chord inside a face could be drawn by both
+//! cubes and give an edge four triangles, so it is ruled out. Worked example: case 1 (only corner 0
+//! above) crosses edges 0, 4 and 8; the triangle 0-4-8 winds counter-clockwise seen from corner 7,
+//! which is below.
+//!
+//! The classes of this table are the 15 of Lorensen and Cline (1987) and the 8 complements that
+//! Shoeb (1998) added.
+
+use crate::grid::Ambiguous;
+
+/// Most triangles in one cube.
+pub const MAX_TRIANGLES: usize = 5;
+
+/// The lower corner of each of the 12 edges; the upper one is `lower + (1 << axis)`.
+pub const EDGE_LOWER: [u8; 12] = [0, 2, 4, 6, 0, 1, 4, 5, 0, 1, 2, 3];
+
+/// Corners of each face, counter-clockwise seen from outside the cube.
+const FACE_CORNERS: [[u8; 4]; 6] = [
+    [0, 4, 6, 2],
+    [1, 3, 7, 5],
+    [0, 1, 5, 4],
+    [2, 6, 7, 3],
+    [0, 2, 3, 1],
+    [4, 5, 7, 6],
+];
+
+/// What lies across one edge of a triangle.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Across {
+    /// Half-edge `3 * triangle + edge` of the same cube.
+    Inside(u8),
+    /// Segment `slot` (0 or 1) on `face`: a triangle of the neighbour cube there. Both cubes give a
+    /// segment the same slot.
+    Face {
+        /// 0 to 5.
+        face: u8,
+        /// 0, or 1 for the second segment of an ambiguous face.
+        slot: u8,
+    },
+}
+
+/// One case: its triangles and what lies across their edges.
+#[derive(Debug, Clone, Copy)]
+pub struct Case {
+    /// Number of triangles, 0 to [`MAX_TRIANGLES`].
+    pub triangles: u8,
+    /// Cube edges (0 to 11) of the triangles' corners, counter-clockwise seen from below voxels.
+    pub edges: [[u8; 3]; MAX_TRIANGLES],
+    /// `across[t][e]`: beyond the edge from corner e to corner e+1 of triangle t.
+    pub across: [[Across; 3]; MAX_TRIANGLES],
+}
+
+/// The axis (0, 1, 2) that cube edge `e` runs along.
+pub const fn edge_axis(e: u8) -> usize {
+    (e / 4) as usize
+}
+
+/// The cube edge between two adjacent corners.
+fn edge_between(a: u8, b: u8) -> u8 {
+    let axis = (a ^ b).trailing_zeros() as usize;
+    let lower = a & b;
+    let slot = EDGE_LOWER[4 * axis..4 * axis + 4]
+        .iter()
+        .position(|&l| l == lower);
+    (4 * axis + slot.expect("adjacent corners share an edge")) as u8
+}
+
+/// A directed segment on a face, from edge to edge.
+#[derive(Debug, Clone, Copy)]
+struct Segment {
+    from: u8,
+    to: u8,
+    face: u8,
+    slot: u8,
+}
+
+/// The segments of one case on one face. Going round counter-clockwise seen from outside, a segment
+/// starts where the walk enters above corners and ends where it leaves them.
+fn face_segments(case: u8, face: u8, rule: Ambiguous) -> Vec<Segment> {
+    let corners = FACE_CORNERS[face as usize];
+    let above = |i: usize| case >> corners[i % 4] & 1 == 1;
+    let crossing = |i: usize| edge_between(corners[i % 4], corners[(i + 1) % 4]);
+    let enters: Vec<usize> = (0..4).filter(|&i| !above(i) && above(i + 1)).collect();
+    let mut found: Vec<(u8, Segment)> = Vec::new();
+    for &enter in &enters {
+        // the run of above corners entered here, or for Join the run of below corners left here
+        let leave = match rule {
+            Ambiguous::Separate => (1..4)
+                .map(|s| enter + s)
+                .find(|&i| above(i) && !above(i + 1)),
+            Ambiguous::Join => (1..4)
+                .map(|s| enter + 4 - s)
+                .find(|&i| above(i) && !above(i + 1)),
+        };
+        let leave = leave.expect("a walk that enters also leaves");
+        let isolated = match rule {
+            Ambiguous::Separate => corners[(enter + 1) % 4],
+            Ambiguous::Join => corners[enter % 4],
+        };
+        let segment = Segment {
+            from: crossing(enter),
+            to: crossing(leave),
+            face,
+            slot: 0,
+        };
+        found.push((isolated, segment));
+    }
+    // corner numbers of opposite faces differ by a constant, so both cubes sort alike
+    found.sort_by_key(|&(corner, _)| corner);
+    found
+        .iter()
+        .zip(0..)
+        .map(|(&(_, s), slot)| Segment { slot, ..s })
+        .collect()
+}
+
+/// True if both cube edges lie on one face of the cube.
+fn share_face(a: u8, b: u8) -> bool {
+    FACE_CORNERS.iter().any(|corners| {
+        let on = |e: u8| {
+            let low = EDGE_LOWER[e as usize];
+            let high = low + (1 << edge_axis(e));
+            corners.contains(&low) && corners.contains(&high)
+        };
+        on(a) && on(b)
+    })
+}
+
+/// Twice the middle of cube edge `e`, to compare chords by length.
+fn middle(e: u8) -> [i32; 3] {
+    let low = EDGE_LOWER[e as usize];
+    let mut p = [low & 1, low >> 1 & 1, low >> 2 & 1].map(|v| 2 * i32::from(v));
+    p[edge_axis(e)] += 1;
+    p
+}
+
+/// All triangulations of the polygon `loop_[i..=j]`, as index triples.
+fn triangulations(i: usize, j: usize) -> Vec<Vec<[usize; 3]>> {
+    if j < i + 2 {
+        return vec![Vec::new()];
+    }
+    let mut all = Vec::new();
+    for k in i + 1..j {
+        for left in triangulations(i, k) {
+            for right in triangulations(k, j) {
+                let mut t = left.clone();
+                t.push([i, k, j]);
+                t.extend(&right);
+                all.push(t);
+            }
+        }
+    }
+    all
+}
+
+/// The triangulation of a loop of cube edges with no chord inside a face, and of those the one whose
+/// chords are shortest.
+fn triangulate(edges: &[u8]) -> Vec<[u8; 3]> {
+    let n = edges.len();
+    let chord_cost = |t: &Vec<[usize; 3]>| -> Option<i32> {
+        let mut cost = 0;
+        for &[a, b, c] in t {
+            for (p, q) in [(a, b), (b, c), (a, c)] {
+                if q - p == 1 || (p == 0 && q == n - 1) {
+                    continue; // a side of the polygon
+                }
+                if share_face(edges[p], edges[q]) {
+                    return None;
+                }
+                let (m, k) = (middle(edges[p]), middle(edges[q]));
+                cost += (0..3).map(|a| (m[a] - k[a]).pow(2)).sum::<i32>();
+            }
+        }
+        Some(cost)
+    };
+    let best = triangulations(0, n - 1)
+        .into_iter()
+        .filter_map(|t| chord_cost(&t).map(|cost| (cost, t)))
+        .min_by_key(|&(cost, _)| cost)
+        .expect("every loop has a triangulation without a chord in a face");
+    best.1.into_iter().map(|t| t.map(|i| edges[i])).collect()
+}
+
+fn build_case(case: u8, rule: Ambiguous) -> Case {
+    let segments: Vec<Segment> = (0..6).flat_map(|f| face_segments(case, f, rule)).collect();
+    let mut triangles: Vec<[u8; 3]> = Vec::new();
+    let mut used = vec![false; segments.len()];
+    while let Some(first) = used.iter().position(|u| !u) {
+        let mut edges = Vec::new();
+        let mut at = first;
+        while !used[at] {
+            used[at] = true;
+            edges.push(segments[at].from);
+            let next = segments.iter().position(|s| s.from == segments[at].to);
+            at = next.expect("every crossed edge starts one segment and ends one");
+        }
+        triangles.extend(triangulate(&edges));
+    }
+    let mut out = Case {
+        triangles: triangles.len() as u8,
+        edges: [[0; 3]; MAX_TRIANGLES],
+        across: [[Across::Inside(0); 3]; MAX_TRIANGLES],
+    };
+    for (t, &corners) in triangles.iter().enumerate() {
+        out.edges[t] = corners;
+        for e in 0..3 {
+            out.across[t][e] = across(&triangles, &segments, corners[e], corners[(e + 1) % 3]);
+        }
+    }
+    out
+}
+
+fn across(triangles: &[[u8; 3]], segments: &[Segment], from: u8, to: u8) -> Across {
+    if let Some(s) = segments.iter().find(|s| s.from == from && s.to == to) {
+        return Across::Face {
+            face: s.face,
+            slot: s.slot,
+        };
+    }
+    let half_edge = triangles.iter().enumerate().find_map(|(t, c)| {
+        (0..3)
+            .find(|&e| c[e] == to && c[(e + 1) % 3] == from)
+            .map(|e| 3 * t + e)
+    });
+    Across::Inside(half_edge.expect("a chord has two triangles") as u8)
+}
+
+/// The table of a rule, built from it on first use.
+pub fn cases(rule: Ambiguous) -> &'static [Case; 256] {
+    use std::sync::LazyLock;
+    static SEPARATE: LazyLock<Box<[Case; 256]>> = LazyLock::new(|| {
+        Box::new(std::array::from_fn(|c| {
+            build_case(c as u8, Ambiguous::Separate)
+        }))
+    });
+    static JOIN: LazyLock<Box<[Case; 256]>> = LazyLock::new(|| {
+        Box::new(std::array::from_fn(|c| {
+            build_case(c as u8, Ambiguous::Join)
+        }))
+    });
+    match rule {
+        Ambiguous::Separate => &SEPARATE,
+        Ambiguous::Join => &JOIN,
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use std::collections::{BTreeMap, BTreeSet};
+
+    const RULES: [Ambiguous; 2] = [Ambiguous::Separate, Ambiguous::Join];
+
+    fn triangles(case: &Case) -> &[[u8; 3]] {
+        &case.edges[..case.triangles as usize]
+    }
+
+    /// Directed edges that have no reverse inside the case.
+    fn boundary(triangles: &[[u8; 3]]) -> BTreeSet<(u8, u8)> {
+        let all: BTreeSet<_> = triangles
+            .iter()
+            .flat_map(|t| (0..3).map(|e| (t[e], t[(e + 1) % 3])))
+            .collect();
+        all.iter()
+            .copied()
+            .filter(|&(a, b)| !all.contains(&(b, a)))
+            .collect()
+    }
+
+    #[test]
+    fn counts_are_those_of_the_23_classes() {
+        for rule in RULES {
+            let table = cases(rule);
+            assert_eq!(
+                table.iter().map(|c| c.triangles as usize).sum::<usize>(),
+                820
+            );
+            assert_eq!(table.iter().map(|c| c.triangles).max(), Some(5));
+            assert_eq!((table[0].triangles, table[255].triangles), (0, 0));
+        }
+        assert_eq!(
+            boundary(triangles(&cases(Ambiguous::Separate)[1])),
+            [(0, 4), (4, 8), (8, 0)].into()
+        );
+    }
+
+    #[test]
+    fn join_is_the_reversed_complement_of_separate() {
+        for c in 0..256 {
+            let join = boundary(triangles(&cases(Ambiguous::Join)[c]));
+            let separate = boundary(triangles(&cases(Ambiguous::Separate)[255 - c]));
+            assert_eq!(
+                join,
+                separate.into_iter().map(|(a, b)| (b, a)).collect(),
+                "{c}"
+            );
+        }
+    }
+
+    #[test]
+    fn no_chord_lies_in_a_face_and_every_edge_has_its_mate() {
+        for rule in RULES {
+            for (c, case) in cases(rule).iter().enumerate() {
+                let mut faces = BTreeSet::new();
+                for (t, corners) in triangles(case).iter().enumerate() {
+                    for e in 0..3 {
+                        let (a, b) = (corners[e], corners[(e + 1) % 3]);
+                        match case.across[t][e] {
+                            Across::Inside(h) => {
+                                assert!(!share_face(a, b), "case {c}");
+                                let back = case.across[h as usize / 3][h as usize % 3];
+                                assert_eq!(back, Across::Inside((3 * t + e) as u8));
+                            }
+                            Across::Face { face, slot } => {
+                                assert!(faces.insert((face, slot)), "case {c}");
+                            }
+                        }
+                    }
+                }
+            }
+        }
+    }
+
+    /// Every pair of cubes that share a face leaves there the same segments, opposite ways, in the
+    /// same slots.
+    #[test]
+    fn neighbours_agree_on_their_shared_face() {
+        let on_face = |case: &Case, wanted: u8, axis: usize| -> BTreeMap<u8, (u8, u8)> {
+            // edges of the upper face carry their upper bit: drop it so both cubes name them alike
+            let flat = |e: u8| {
+                let low = EDGE_LOWER[e as usize] & !(1 << axis);
+                (edge_axis(e) as u8) << 4 | low
+            };
+            let mut out = BTreeMap::new();
+            for t in 0..case.triangles as usize {
+                for e in 0..3 {
+                    if let Across::Face { face, slot } = case.across[t][e]
+                        && face == wanted
+                    {
+                        out.insert(
+                            slot,
+                            (flat(case.edges[t][e]), flat(case.edges[t][(e + 1) % 3])),
+                        );
+                    }
+                }
+            }
+            out
+        };
+        for rule in RULES {
+            let table = cases(rule);
+            for axis in 0..3 {
+                for low in 0..256usize {
+                    for high in 0..256usize {
+                        let matches = (0..8)
+                            .filter(|c| c >> axis & 1 == 1)
+                            .all(|c| low >> c & 1 == high >> (c - (1 << axis)) & 1);
+                        if !matches {
+                            continue;
+                        }
+                        let upper = on_face(&table[low], 2 * axis as u8 + 1, axis);
+                        let lower = on_face(&table[high], 2 * axis as u8, axis);
+                        let reversed: BTreeMap<_, _> =
+                            lower.into_iter().map(|(s, (a, b))| (s, (b, a))).collect();
+                        assert_eq!(upper, reversed, "{rule:?} axis {axis} {low} {high}");
+                    }
+                }
+            }
+        }
+    }
+}

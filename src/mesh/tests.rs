@@ -1,0 +1,324 @@
+//! Labels and meshes of random volumes against slow references and the laws of the rule.
+
+use super::*;
+use crate::grid::{Ambiguous, Dims, Placement, Tiling};
+use crate::measure::AreaScale;
+use crate::segment::{
+    BandEdges, Births, Classes, LocalComponent, PhaseBirths, Runs, UnionFind, add_border_euler,
+    label,
+};
+use crate::slab::{Bits, Span, Voxels};
+use crate::volume::MemoryVolume;
+use proptest::prelude::*;
+use std::collections::{BTreeMap, BTreeSet, HashMap};
+
+/// A triangle of the whole volume: lattice positions, starting with the smallest.
+type Triangle = [[i32; 3]; 3];
+
+fn canonical(t: Triangle) -> Triangle {
+    let first = (0..3).min_by_key(|&i| t[i]).unwrap();
+    std::array::from_fn(|i| t[(first + i) % 3])
+}
+
+/// A piece of a tile in whole-volume terms.
+struct WholePiece {
+    object: u64,
+    cell: u64,
+    piece: Piece,
+    triangles: Vec<Triangle>,
+}
+
+#[derive(Debug, Clone)]
+struct Case {
+    dims: Dims,
+    values: Vec<u8>,
+    macrocube: [u32; 3],
+    rule: Ambiguous,
+}
+
+const THRESHOLD: f64 = 100.0;
+
+impl Case {
+    fn above(&self, v: [u32; 3]) -> bool {
+        f64::from(self.values[self.dims.linear(v) as usize]) >= THRESHOLD
+    }
+
+    fn voxels(&self) -> impl Iterator<Item = [u32; 3]> + use<> {
+        let [nx, ny, nz] = self.dims.0;
+        (0..nz).flat_map(move |z| (0..ny).flat_map(move |y| (0..nx).map(move |x| [x, y, z])))
+    }
+
+    /// Component of each voxel by plain flood fill, numbered by first voxel, objects and cells apart.
+    fn flood(&self) -> (Vec<u64>, u64, u64) {
+        let mut label = vec![0u64; self.values.len()];
+        let mut counts = [0u64; 2];
+        for start in self.voxels() {
+            if label[self.dims.linear(start) as usize] != 0 {
+                continue;
+            }
+            let above = self.above(start);
+            let wide = above == (self.rule == Ambiguous::Join);
+            counts[usize::from(above)] += 1;
+            let mut stack = vec![start];
+            label[self.dims.linear(start) as usize] = counts[usize::from(above)];
+            while let Some(v) = stack.pop() {
+                for d in 0..27 {
+                    let d = [d % 3 - 1, d / 3 % 3 - 1, d / 9 - 1];
+                    let steps: i32 = d.iter().map(|s: &i32| s.abs()).sum();
+                    if steps == 0 || steps > if wide { 2 } else { 1 } {
+                        continue;
+                    }
+                    let n: [i64; 3] = std::array::from_fn(|a| i64::from(v[a]) + i64::from(d[a]));
+                    if (0..3).any(|a| n[a] < 0 || n[a] >= i64::from(self.dims.0[a])) {
+                        continue;
+                    }
+                    let n = n.map(|c| c as u32);
+                    let i = self.dims.linear(n) as usize;
+                    if self.above(n) == above && label[i] == 0 {
+                        label[i] = counts[usize::from(above)];
+                        stack.push(n);
+                    }
+                }
+            }
+        }
+        (label, counts[1], counts[0])
+    }
+
+    /// Every triangle of the volume, straight from the table.
+    fn reference(&self) -> BTreeSet<Triangle> {
+        let table = table::cases(self.rule);
+        let mut out = BTreeSet::new();
+        for v in self
+            .voxels()
+            .filter(|v| (0..3).all(|a| v[a] + 1 < self.dims.0[a]))
+        {
+            let corner = |c: u8| {
+                [
+                    v[0] + u32::from(c & 1),
+                    v[1] + u32::from(c >> 1 & 1),
+                    v[2] + u32::from(c >> 2),
+                ]
+            };
+            let case = (0..8u8).fold(0, |w, c| w | usize::from(self.above(corner(c))) << c);
+            for t in 0..table[case].triangles as usize {
+                let points = table[case].edges[t].map(|e| {
+                    let low = corner(table::EDGE_LOWER[e as usize]);
+                    let axis = table::edge_axis(e);
+                    let mut high = low;
+                    high[axis] += 1;
+                    let at = |v| f64::from(self.values[self.dims.linear(v) as usize]);
+                    let exact = 256.0 * (THRESHOLD - at(low)) / (at(high) - at(low));
+                    let mut p = low.map(|c| 256 * c as i32);
+                    p[axis] += exact.round().clamp(1.0, 255.0) as i32;
+                    p
+                });
+                assert!(out.insert(canonical(points)), "one triangle twice");
+            }
+        }
+        out
+    }
+
+    /// Runs labelling and meshing tile by tile, with final ids.
+    fn run(&self) -> Vec<WholePiece> {
+        let tiling = Tiling {
+            dims: self.dims,
+            macrocube: self.macrocube,
+        };
+        let dir = tempfile::tempdir().unwrap();
+        let new = || Births::new(dir.path()).unwrap();
+        let mut births = PhaseBirths {
+            objects: new(),
+            cells: new(),
+        };
+        let mut classes = Classes::default();
+        let volume =
+            MemoryVolume::new(self.dims, Placement::default(), self.values.clone()).unwrap();
+        let settings = MeshSettings {
+            threshold: THRESHOLD,
+            rule: self.rule,
+            area: AreaScale::new([1.0; 3]),
+        };
+        let mut slabs = Vec::new();
+        let mut pieces = Vec::new();
+        for tz in 0..tiling.tiles()[2] {
+            let mut bands = Vec::new();
+            for ty in 0..tiling.tiles()[1] {
+                let (y, z) = (tiling.cubes(1, ty), tiling.cubes(2, tz));
+                let span = Span {
+                    nx: self.dims.0[0],
+                    y: y.start..y.end + 1,
+                    z: z.start..z.end + 1,
+                };
+                let mut voxels = Voxels::<u8>::default();
+                voxels
+                    .load(&volume, span.with_neighbours(self.dims))
+                    .unwrap();
+                let mut bits = Bits::default();
+                bits.classify(&voxels, span, Some(100));
+                let mut runs = Runs::default();
+                runs.number(&bits);
+                let mut labels = label(
+                    &bits,
+                    &runs,
+                    self.rule,
+                    self.dims,
+                    &mut UnionFind::default(),
+                );
+                add_border_euler(&bits, &runs, &mut labels, self.rule, self.dims);
+                bands.push((voxels, bits, runs, labels));
+            }
+            let edges: Vec<_> = bands
+                .iter()
+                .map(|(_, b, r, l)| BandEdges::of(b, r, l))
+                .collect();
+            let components: Vec<&[LocalComponent]> =
+                bands.iter().map(|b| &b.3.components[..]).collect();
+            let slab = classes.join(&edges, &components, &mut births).unwrap();
+            for (ty, (voxels, bits, runs, labels)) in bands.iter().enumerate() {
+                for tx in 0..tiling.tiles()[0] {
+                    let tile = TileBox::of(tiling, [tx, ty as u32, tz]);
+                    let class_of = &slab.of_local[ty];
+                    let view = BandView {
+                        voxels,
+                        bits,
+                        runs,
+                        of_run: &labels.of_run,
+                        class_of,
+                    };
+                    let mut mesh = TileMesh::default();
+                    TileMesher::default().mesh(&view, &tile, &settings, &mut mesh);
+                    check_mates(&mesh);
+                    pieces.push((slabs.len(), mesh));
+                }
+            }
+            slabs.push(slab);
+        }
+        // resolve classes from the last slab back to the first
+        let mut ranks = [births.cells.rank().unwrap(), births.objects.rank().unwrap()];
+        let mut ids: Vec<Vec<u64>> = vec![Vec::new(); slabs.len()];
+        for s in (0..slabs.len()).rev() {
+            let slab = &slabs[s];
+            let mut live = vec![None; slab.records.len()];
+            if let Some(next) = slabs.get(s + 1) {
+                for (i, &class) in slab.live.iter().enumerate() {
+                    live[class as usize] = Some(ids[s + 1][next.from_previous[i] as usize]);
+                }
+            }
+            ids[s] = slab
+                .records
+                .iter()
+                .zip(live)
+                .map(|(r, live)| {
+                    live.unwrap_or_else(|| ranks[usize::from(r.above)].id(r.birth).unwrap())
+                })
+                .collect();
+        }
+        let mut out = Vec::new();
+        for (s, mesh) in pieces {
+            for piece in &mesh.pieces {
+                let vertex = |v: u32| mesh.positions[(piece.first_vertex + v) as usize];
+                let range = piece.first_triangle as usize
+                    ..(piece.first_triangle + piece.triangles) as usize;
+                out.push(WholePiece {
+                    object: ids[s][piece.object as usize],
+                    cell: ids[s][piece.cell as usize],
+                    piece: *piece,
+                    triangles: mesh.triangles[range]
+                        .iter()
+                        .map(|t| canonical(t.map(vertex)))
+                        .collect(),
+                });
+            }
+        }
+        out
+    }
+}
+
+/// Mates are mutual, run the opposite way, and are missing only where no triangle has the reverse.
+fn check_mates(mesh: &TileMesh) {
+    for piece in &mesh.pieces {
+        let first = piece.first_triangle as usize;
+        let triangles = &mesh.triangles[first..first + piece.triangles as usize];
+        let mates = &mesh.mates[3 * first..3 * (first + triangles.len())];
+        let edge = |h: usize| (triangles[h / 3][h % 3], triangles[h / 3][(h % 3 + 1) % 3]);
+        let all: HashMap<_, _> = (0..mates.len()).map(|h| (edge(h), h)).collect();
+        assert_eq!(all.len(), mates.len(), "an edge with three triangles");
+        for (h, &mate) in mates.iter().enumerate() {
+            let (a, b) = edge(h);
+            let expected = all.get(&(b, a)).map_or(u32::MAX, |&m| m as u32);
+            assert_eq!(mate, expected);
+        }
+    }
+}
+
+fn cases() -> impl Strategy<Value = Case> {
+    let dims = [2u32..9, 2u32..9, 2u32..9];
+    let rule = prop_oneof![Just(Ambiguous::Separate), Just(Ambiguous::Join)];
+    (dims, [1u32..9, 1u32..9, 1u32..9], rule, 0u8..4).prop_flat_map(
+        |(dims, macrocube, rule, kind)| {
+            let n = dims.iter().product::<u32>() as usize;
+            // noise of several densities; values next to and at the threshold make ties
+            let value = match kind {
+                0 => (60u8..140).boxed(),
+                1 => (95u8..250).boxed(),
+                2 => prop_oneof![4 => 0u8..100, 1 => Just(100u8)].boxed(),
+                _ => prop_oneof![Just(99u8), Just(100u8), Just(101u8)].boxed(),
+            };
+            prop::collection::vec(value, n).prop_map(move |values| Case {
+                dims: Dims(dims),
+                values,
+                macrocube,
+                rule,
+            })
+        },
+    )
+}
+
+proptest! {
+    #![proptest_config(ProptestConfig { cases: 400, ..ProptestConfig::default() })]
+
+    #[test]
+    fn tiles_are_the_reference_mesh_with_the_reference_labels(case in cases()) {
+        let pieces = case.run();
+        let mut made = BTreeSet::new();
+        let (labels, objects, cells) = case.flood();
+        let voxel = |p: [i32; 3], up: bool| {
+            let v = p.map(|c| (c / 256) as u32 + u32::from(up && c % 256 != 0));
+            labels[case.dims.linear(v) as usize]
+        };
+        for w in &pieces {
+            for t in &w.triangles {
+                prop_assert!(made.insert(*t));
+                for &p in t {
+                    let low = p.map(|c| (c / 256) as u32);
+                    let lower_above = case.above(low);
+                    prop_assert_eq!(voxel(p, !lower_above), w.object);
+                    prop_assert_eq!(voxel(p, lower_above), w.cell);
+                }
+            }
+        }
+        prop_assert_eq!(&made, &case.reference());
+        // surfaces are the (object, cell) pairs; with objects and cells they are a tree
+        let pairs: BTreeSet<_> = pieces.iter().map(|w| (w.object, w.cell)).collect();
+        prop_assert_eq!(pairs.len() as u64 + 1, objects + cells);
+    }
+
+    #[test]
+    fn sums_obey_eulers_law_and_do_not_depend_on_tiles(case in cases()) {
+        let sums = |case: &Case| {
+            let mut all: BTreeMap<(u64, u64), (crate::measure::MeshSums, u64)> = BTreeMap::new();
+            for w in case.run() {
+                let entry = all.entry((w.object, w.cell)).or_insert((Default::default(), u64::MAX));
+                entry.0.merge(&w.piece.sums);
+                entry.1 = entry.1.min(w.piece.key);
+            }
+            all
+        };
+        let tiled = sums(&case);
+        let whole = sums(&Case { macrocube: [64; 3], ..case.clone() });
+        prop_assert_eq!(&tiled, &whole);
+        let vertices: BTreeSet<[i32; 3]> = case.reference().into_iter().flatten().collect();
+        let counted: u64 = tiled.values().map(|s| s.0.vertices).sum();
+        prop_assert_eq!(counted, vertices.len() as u64);
+    }
+}

@@ -1,0 +1,309 @@
+//! The mesh of one tile, grouped by surface piece.
+
+use crate::grid::{Ambiguous, Dims, LATTICE, Tiling};
+use crate::measure::AreaScale;
+use crate::mesh::cubes::{NONE, Plans, Triangles};
+use crate::mesh::edges::Edges;
+use crate::mesh::pieces::{Piece, PieceIndex, assign};
+use crate::mesh::vertex::{Stencil, normal, step_on_edge};
+use crate::segment::Runs;
+use crate::slab::{Bits, Voxels};
+use crate::volume::Voxel;
+
+/// The cubes of one tile.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct TileBox {
+    /// The grid.
+    pub dims: Dims,
+    /// Lowest cube.
+    pub first_cube: [u32; 3],
+    /// Number of cubes per axis, at least 1.
+    pub cubes: [u32; 3],
+    /// Per axis, whether the tile ends at the grid's end.
+    pub is_last: [bool; 3],
+}
+
+impl TileBox {
+    /// The cubes of tile `t` of a tiling.
+    pub fn of(tiling: Tiling, t: [u32; 3]) -> Self {
+        let ranges: [_; 3] = std::array::from_fn(|a| tiling.cubes(a, t[a]));
+        TileBox {
+            dims: tiling.dims,
+            first_cube: ranges.clone().map(|r| r.start),
+            cubes: ranges.clone().map(|r| r.end - r.start),
+            is_last: std::array::from_fn(|a| ranges[a].end + 1 == tiling.dims.0[a]),
+        }
+    }
+
+    /// True if local voxel `v` lies on the upper plane along `axis` and the next tile counts it.
+    #[inline]
+    pub fn shares_upper(&self, axis: usize, v: usize) -> bool {
+        v == self.cubes[axis] as usize && !self.is_last[axis]
+    }
+
+    /// Linear index of a local voxel in the grid.
+    pub fn linear(&self, local: [usize; 3]) -> u64 {
+        self.dims.linear(std::array::from_fn(|a| {
+            self.first_cube[a] + local[a] as u32
+        }))
+    }
+}
+
+/// What the mesher needs of a band.
+#[derive(Debug, Clone, Copy)]
+pub struct BandView<'a, T> {
+    /// Samples with the neighbours that gradients need.
+    pub voxels: &'a Voxels<T>,
+    /// Bits of the band.
+    pub bits: &'a Bits,
+    /// Runs of the bits.
+    pub runs: &'a Runs,
+    /// Local component of each run.
+    pub of_run: &'a [u32],
+    /// Class of each local component.
+    pub class_of: &'a [u32],
+}
+
+impl<T: Voxel> BandView<'_, T> {
+    /// Index of the first word of local voxel row (y, z) of a tile.
+    pub fn label_row(&self, tile: &TileBox, y: usize, z: usize) -> usize {
+        let s = z + (tile.first_cube[2] - self.bits.span.z.start) as usize;
+        let r = y + (tile.first_cube[1] - self.bits.span.y.start) as usize;
+        (s * self.bits.span.rows() + r) * self.bits.row_words
+    }
+
+    /// Class of the tile's local voxel x in the row whose words start at `row`.
+    #[inline]
+    pub fn class_at(&self, row: usize, tile: &TileBox, x: usize) -> u32 {
+        let run = self
+            .runs
+            .at(self.bits, row, x + tile.first_cube[0] as usize);
+        self.class_of[self.of_run[run as usize] as usize]
+    }
+}
+
+/// The mesh of a tile. Vertices and triangles are grouped by piece, in the pieces' order; within a
+/// piece vertices follow their lattice edges by z, y, axis, x.
+#[derive(Debug, Default)]
+pub struct TileMesh {
+    /// The pieces, by their first vertex in lattice order.
+    pub pieces: Vec<Piece>,
+    /// Vertex positions in lattice steps.
+    pub positions: Vec<[i32; 3]>,
+    /// Unit normals, one per vertex.
+    pub normals: Vec<[f32; 3]>,
+    /// Corners as vertex numbers within the triangle's piece, counter-clockwise seen from below.
+    pub triangles: Vec<[u32; 3]>,
+    /// Per half-edge `3 t + e`, t numbered within the piece, the half-edge across it or `u32::MAX`.
+    pub mates: Vec<u32>,
+}
+
+/// Makes tile meshes; its buffers are reused from tile to tile.
+#[derive(Debug, Default)]
+pub struct TileMesher {
+    edges: Edges,
+    triangles: Triangles,
+    index: PieceIndex,
+    /// Piece of each crossed edge.
+    piece_of: Vec<u32>,
+    /// Number of each crossed edge's vertex within its piece.
+    vertex_of: Vec<u32>,
+    /// Number of each triangle within its piece.
+    triangle_of: Vec<u32>,
+}
+
+impl TileMesher {
+    /// Meshes one tile into `out`; reuses its memory. True if the tile has any surface.
+    pub fn mesh<T: Voxel>(
+        &mut self,
+        view: &BandView<T>,
+        tile: &TileBox,
+        settings: &MeshSettings,
+        out: &mut TileMesh,
+    ) -> bool {
+        self.edges.find(view.bits, tile);
+        out.pieces.clear();
+        out.positions.clear();
+        out.normals.clear();
+        out.triangles.clear();
+        out.mates.clear();
+        if self.edges.count == 0 {
+            return false;
+        }
+        assign(
+            view,
+            tile,
+            &self.edges,
+            &mut self.index,
+            &mut out.pieces,
+            &mut self.piece_of,
+        );
+        self.place_vertices(view, tile, settings.threshold, out);
+        self.triangles
+            .make(&self.edges, tile, Plans::of(settings.rule));
+        self.group_triangles(out);
+        for piece in &mut out.pieces {
+            sum_piece(piece, &out.positions, &out.triangles, &settings.area);
+        }
+        true
+    }
+
+    /// Computes all vertices and puts each where its piece's vertices lie.
+    fn place_vertices<T: Voxel>(
+        &mut self,
+        view: &BandView<T>,
+        tile: &TileBox,
+        threshold: f64,
+        out: &mut TileMesh,
+    ) {
+        let count = self.edges.count as usize;
+        out.positions.resize(count, [0; 3]);
+        out.normals.resize(count, [0.0; 3]);
+        self.vertex_of.clear();
+        let mut used = vec![0u32; out.pieces.len()];
+        let mut number = 0;
+        for_each_edge(&self.edges, view, tile, threshold, |position, normal| {
+            let p = self.piece_of[number] as usize;
+            number += 1;
+            let piece = &mut out.pieces[p];
+            let local = used[p];
+            used[p] += 1;
+            self.vertex_of.push(local);
+            let at = (piece.first_vertex + local) as usize;
+            out.positions[at] = position;
+            out.normals[at] = normal;
+            for a in 0..3 {
+                piece.min[a] = piece.min[a].min(position[a]);
+                piece.max[a] = piece.max[a].max(position[a]);
+            }
+        });
+    }
+
+    /// Moves the triangles to their pieces and numbers their corners and mates within them.
+    fn group_triangles(&mut self, out: &mut TileMesh) {
+        let made = &self.triangles;
+        let piece_of = |t: usize| self.piece_of[made.corners[t][0] as usize] as usize;
+        self.triangle_of.clear();
+        for t in 0..made.corners.len() {
+            let piece = &mut out.pieces[piece_of(t)];
+            self.triangle_of.push(piece.triangles);
+            piece.triangles += 1;
+        }
+        let mut first = 0;
+        for piece in &mut out.pieces {
+            piece.first_triangle = first;
+            first += piece.triangles;
+        }
+        out.triangles.resize(made.corners.len(), [0; 3]);
+        out.mates.resize(made.mates.len(), NONE);
+        let (mates, _) = out.mates.as_chunks_mut::<3>();
+        let (made_mates, _) = made.mates.as_chunks::<3>();
+        for (t, (corners, old)) in made.corners.iter().zip(made_mates).enumerate() {
+            let at = (out.pieces[piece_of(t)].first_triangle + self.triangle_of[t]) as usize;
+            out.triangles[at] = corners.map(|v| self.vertex_of[v as usize]);
+            mates[at] = old.map(|h| match h {
+                NONE => NONE,
+                h => 3 * self.triangle_of[h as usize / 3] + h % 3,
+            });
+        }
+        for &h in &made.border {
+            out.pieces[piece_of(h as usize / 3)].sums.border_edges += 1;
+        }
+    }
+}
+
+/// Calls `each(position, normal)` for every crossed edge by rising number.
+fn for_each_edge<T: Voxel>(
+    edges: &Edges,
+    view: &BandView<T>,
+    tile: &TileBox,
+    threshold: f64,
+    mut each: impl FnMut([i32; 3], [f32; 3]),
+) {
+    let voxels = view.voxels;
+    let samples = &voxels.samples[..];
+    let [nx, ny, nz] = tile.dims.0;
+    let [x0, y0, z0] = tile.first_cube;
+    let strides = [1, nx as usize, nx as usize * voxels.span.rows()];
+    let rows = edges.rows;
+    let chunks = edges.words.chunks_exact(edges.row_words);
+    for (row_number, row) in chunks.enumerate() {
+        let (y, z) = (
+            y0 + (row_number % rows) as u32,
+            z0 + (row_number / rows) as u32,
+        );
+        let start = voxels.row_start(y, z);
+        let stencil = |y: u32, z: u32| {
+            // rows outside the tile are never asked for
+            Stencil::new(
+                [y.min(ny - 1), z.min(nz - 1)],
+                [ny, nz],
+                [strides[1], strides[2]],
+            )
+        };
+        let lower = stencil(y, z);
+        let upper = [lower, stencil(y + 1, z), stencil(y, z + 1)];
+        let bits = &edges.bits[row_number * edges.row_words..];
+        for axis in 0..3 {
+            for (w, word) in row.iter().enumerate() {
+                let mut crossed = word.crossed[axis];
+                while crossed != 0 {
+                    let bit = crossed.trailing_zeros();
+                    crossed &= crossed - 1;
+                    let x = x0 + 64 * w as u32 + bit;
+                    let p = start + x as usize;
+                    let q = p + strides[axis];
+                    let step = step_on_edge(samples[p].to_f64(), samples[q].to_f64(), threshold);
+                    let g0 = lower.gradient(samples, p, x, nx);
+                    let g1 = upper[axis].gradient(samples, q, x + u32::from(axis == 0), nx);
+                    let mut position = [x, y, z].map(|v| (v * LATTICE) as i32);
+                    position[axis] += step as i32;
+                    each(
+                        position,
+                        normal(g0, g1, step, axis, bits[w] >> bit & 1 == 1),
+                    );
+                }
+            }
+        }
+    }
+}
+
+/// What does not change from tile to tile.
+#[derive(Debug, Clone, Copy)]
+pub struct MeshSettings {
+    /// The iso value.
+    pub threshold: f64,
+    /// Which voxels an ambiguous face joins.
+    pub rule: Ambiguous,
+    /// Scale of areas.
+    pub area: AreaScale,
+}
+
+/// Adds up volume and area of a piece's triangles.
+pub fn sum_piece(
+    piece: &mut Piece,
+    positions: &[[i32; 3]],
+    triangles: &[[u32; 3]],
+    area: &AreaScale,
+) {
+    let vertices = &positions[piece.first_vertex as usize..][..piece.vertices as usize];
+    let triangles = &triangles[piece.first_triangle as usize..][..piece.triangles as usize];
+    let (mut volume6, mut twice_area) = (0i128, 0u128);
+    for t in triangles {
+        let [a, b, c] = t.map(|v| vertices[v as usize]);
+        let u: [i32; 3] = std::array::from_fn(|i| b[i] - a[i]);
+        let v: [i32; 3] = std::array::from_fn(|i| c[i] - a[i]);
+        let n = [
+            u[1] * v[2] - u[2] * v[1],
+            u[2] * v[0] - u[0] * v[2],
+            u[0] * v[1] - u[1] * v[0],
+        ];
+        // a . (b x c) = a . ((b - a) x (c - a))
+        let dot: i64 = (0..3).map(|i| i64::from(a[i]) * i64::from(n[i])).sum();
+        volume6 += i128::from(dot);
+        twice_area += u128::from(area.twice_area(n));
+    }
+    piece.sums.volume6 = volume6;
+    piece.sums.area = twice_area;
+    piece.sums.triangles = u64::from(piece.triangles);
+}

@@ -1,0 +1,199 @@
+//! Birth numbers of components, and their rank among the components that survive.
+//!
+//! A component gets a number when it is first seen; numbers rise with the component's smallest voxel
+//! (or lattice vertex). Where two meet, the younger number dies. What is left at the end, counted
+//! from 1, are the final ids: the same whatever the slabs, bands and threads. One bit per birth is
+//! kept, in a temporary file but for the newest, so memory does not grow with the volume.
+
+use crate::error::{Error, Result};
+use std::fs::File;
+use std::os::unix::fs::FileExt;
+use std::path::{Path, PathBuf};
+
+/// Words of bits per block: the unit of the rank index.
+const BLOCK: usize = 512;
+/// Words kept in memory before the older half goes to the file.
+const RESIDENT: usize = 1 << 17;
+
+/// The bits of all births so far: 1 for those still alive.
+#[derive(Debug)]
+pub struct Births {
+    file: File,
+    path: PathBuf,
+    /// Words in the file.
+    filed: usize,
+    /// The words after those in the file.
+    tail: Vec<u64>,
+    count: u64,
+}
+
+impl Births {
+    /// No births yet; the temporary file is made in `dir` and has no name.
+    ///
+    /// # Errors
+    /// [`Error::Io`] if the file cannot be made.
+    pub fn new(dir: &Path) -> Result<Self> {
+        let file =
+            tempfile::tempfile_in(dir).map_err(|e| Error::io(dir, "create a temporary file", e))?;
+        Ok(Births {
+            file,
+            path: dir.to_path_buf(),
+            filed: 0,
+            tail: Vec::new(),
+            count: 0,
+        })
+    }
+
+    /// Gives out `n` new numbers and returns the first.
+    ///
+    /// # Errors
+    /// [`Error::Io`] if older bits cannot be written.
+    pub fn give(&mut self, n: usize) -> Result<u64> {
+        let first = self.count;
+        for _ in 0..n {
+            if self.count % 64 == 0 {
+                self.tail.push(0);
+            }
+            *self.tail.last_mut().expect("just pushed") |= 1 << (self.count % 64);
+            self.count += 1;
+        }
+        while self.tail.len() > RESIDENT {
+            let old: Vec<u64> = self.tail.drain(..RESIDENT / 2).collect();
+            self.write(self.filed, &old)?;
+            self.filed += old.len();
+        }
+        Ok(first)
+    }
+
+    /// Says that number `birth` has become part of an older component.
+    ///
+    /// # Errors
+    /// [`Error::Io`] if the file fails.
+    pub fn kill(&mut self, birth: u64) -> Result<()> {
+        let (word, bit) = ((birth / 64) as usize, 1u64 << (birth % 64));
+        if word >= self.filed {
+            self.tail[word - self.filed] &= !bit;
+            return Ok(());
+        }
+        let mut buffer = [0u64];
+        self.read(word, &mut buffer)?;
+        self.write(word, &[buffer[0] & !bit])
+    }
+
+    /// Ends the giving of numbers.
+    ///
+    /// # Errors
+    /// [`Error::Io`] if the file fails.
+    pub fn rank(mut self) -> Result<Ranks> {
+        let tail = std::mem::take(&mut self.tail);
+        self.write(self.filed, &tail)?;
+        self.filed += tail.len();
+        drop(tail);
+        let mut before = Vec::with_capacity(self.filed.div_ceil(BLOCK) + 1);
+        let mut alive = 0u64;
+        let mut block = vec![0u64; BLOCK];
+        for start in (0..self.filed).step_by(BLOCK) {
+            before.push(alive);
+            let words = &mut block[..BLOCK.min(self.filed - start)];
+            self.read(start, words)?;
+            alive += words.iter().map(|w| u64::from(w.count_ones())).sum::<u64>();
+        }
+        Ok(Ranks {
+            births: self,
+            before,
+            alive,
+            cached: None,
+            block,
+        })
+    }
+
+    fn read(&self, word: usize, out: &mut [u64]) -> Result<()> {
+        self.file
+            .read_exact_at(bytemuck::cast_slice_mut(out), 8 * word as u64)
+            .map_err(|e| Error::io(&self.path, "read back a temporary file", e))
+    }
+
+    fn write(&self, word: usize, words: &[u64]) -> Result<()> {
+        self.file
+            .write_all_at(bytemuck::cast_slice(words), 8 * word as u64)
+            .map_err(|e| Error::io(&self.path, "write a temporary file", e))
+    }
+}
+
+/// Final ids of births.
+#[derive(Debug)]
+pub struct Ranks {
+    births: Births,
+    /// Births alive before each block.
+    before: Vec<u64>,
+    alive: u64,
+    cached: Option<usize>,
+    block: Vec<u64>,
+}
+
+impl Ranks {
+    /// Number of components.
+    pub fn alive(&self) -> u64 {
+        self.alive
+    }
+
+    /// The id, from 1, of a birth that is alive.
+    ///
+    /// # Errors
+    /// [`Error::Io`] if the file fails.
+    pub fn id(&mut self, birth: u64) -> Result<u64> {
+        let word = (birth / 64) as usize;
+        let block = word / BLOCK;
+        if self.cached != Some(block) {
+            let start = block * BLOCK;
+            let len = BLOCK.min(self.births.filed - start);
+            self.births.read(start, &mut self.block[..len])?;
+            self.cached = Some(block);
+        }
+        let within = word % BLOCK;
+        let ones = |words: &[u64]| words.iter().map(|w| u64::from(w.count_ones())).sum::<u64>();
+        let bits = self.block[within] & (!0 >> (63 - birth % 64));
+        Ok(self.before[block] + ones(&self.block[..within]) + u64::from(bits.count_ones()))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn ids_are_ranks_among_survivors_also_when_bits_are_on_disk() {
+        let dir = tempfile::tempdir().unwrap();
+        let mut births = Births::new(dir.path()).unwrap();
+        let n = 64 * RESIDENT as u64 * 2 + 77;
+        for _ in 0..8 {
+            births.give((n / 8) as usize).unwrap();
+        }
+        let rest = (n % 8) as usize;
+        assert_eq!(births.give(rest).unwrap(), n - rest as u64);
+        assert!(births.filed > 0);
+        // every third dies, in no particular order
+        for b in (0..n)
+            .rev()
+            .filter(|b| b % 3 == 1)
+            .step_by(2)
+            .chain((0..n).filter(|b| b % 3 == 1))
+        {
+            if b % 5 < 4 || b < 1000 {
+                births.kill(b).unwrap();
+            }
+        }
+        let dead = |b: u64| b % 3 == 1 && (b % 5 < 4 || b < 1000);
+        let mut ranks = births.rank().unwrap();
+        let mut expected = 0;
+        for b in 0..n {
+            if !dead(b) {
+                expected += 1;
+                if b % 9973 == 0 || b < 5000 || b > n - 100 {
+                    assert_eq!(ranks.id(b).unwrap(), expected, "{b}");
+                }
+            }
+        }
+        assert_eq!(ranks.alive(), expected);
+    }
+}

@@ -1,0 +1,179 @@
+//! Connected components of one band: union-find over runs, with the sums of their voxels.
+
+use crate::grid::{Ambiguous, Dims};
+use crate::measure::VoxelSums;
+use crate::segment::runs::{Runs, for_each_run, inside, transitions};
+use crate::segment::unionfind::UnionFind;
+use crate::slab::Bits;
+
+/// The local components of a band.
+#[derive(Debug, Clone, Default)]
+pub struct Labels {
+    /// Local component of each run, dense from 0 by first voxel.
+    pub of_run: Vec<u32>,
+    /// The components.
+    pub components: Vec<LocalComponent>,
+}
+
+/// A connected component of a band's voxels.
+#[derive(Debug, Clone, Copy)]
+pub struct LocalComponent {
+    /// Phase.
+    pub above: bool,
+    /// Smallest linear index of its voxels in this band.
+    pub first: u64,
+    /// Sums over the voxels that this band owns: all but those of the row and slice that it shares
+    /// with the band and slab before it.
+    pub sums: VoxelSums,
+}
+
+/// Labels a band: above voxels 6-connected and below voxels 18-connected for
+/// [`Ambiguous::Separate`], the other way round for [`Ambiguous::Join`].
+pub fn label(
+    bits: &Bits,
+    runs: &Runs,
+    rule: Ambiguous,
+    dims: Dims,
+    sets: &mut UnionFind,
+) -> Labels {
+    sets.reset(runs.count);
+    join_rows(bits, runs, rule, sets);
+    collect(bits, runs, dims, sets)
+}
+
+fn join_rows(bits: &Bits, runs: &Runs, rule: Ambiguous, sets: &mut UnionFind) {
+    let rows = bits.span.rows();
+    for s in 0..bits.span.slices() {
+        for r in 0..rows {
+            let row = |s: usize, r: usize| (s * rows + r) * bits.row_words;
+            let a = row(s, r);
+            let mut pair = |b: usize, diagonal: Diagonal| {
+                join_row_pair(bits, runs, [a, b], rule, diagonal, sets);
+            };
+            if r > 0 {
+                pair(row(s, r - 1), Diagonal::AlongX);
+            }
+            if s > 0 {
+                pair(row(s - 1, r), Diagonal::AlongX);
+                if r > 0 {
+                    pair(row(s - 1, r - 1), Diagonal::AcrossRows);
+                }
+                if r + 1 < rows {
+                    pair(row(s - 1, r + 1), Diagonal::AcrossRows);
+                }
+            }
+        }
+    }
+}
+
+/// How two rows are neighbours.
+#[derive(Clone, Copy, PartialEq)]
+enum Diagonal {
+    /// They differ by one step: both phases touch at equal x, the 18-connected one also at x +- 1.
+    AlongX,
+    /// They differ by a step in y and one in z: only the 18-connected phase touches, at equal x.
+    AcrossRows,
+}
+
+/// Joins the runs of two rows, given by the indices of their first words.
+fn join_row_pair(
+    bits: &Bits,
+    runs: &Runs,
+    [a, b]: [usize; 2],
+    rule: Ambiguous,
+    diagonal: Diagonal,
+    sets: &mut UnionFind,
+) {
+    // flips bits so that the 18-connected phase is 1
+    let wide = if rule == Ambiguous::Separate { !0 } else { 0 };
+    let (mut last_a, mut last_b) = (None, None);
+    // bit 63 of the previous word of: both rows equal and wide, equal and narrow, row a, row b
+    let mut carry = [0u64; 4];
+    for w in 0..bits.row_words {
+        let (word_a, word_b) = (bits.words[a + w], bits.words[b + w]);
+        let mask = inside(w, bits.span.nx);
+        let (flip_a, flip_b) = (word_a ^ wide, word_b ^ wide);
+        let both_wide = flip_a & flip_b & mask;
+        let both_narrow = !flip_a & !flip_b & mask;
+        let starts_wide = both_wide & !(both_wide << 1 | carry[0]);
+        let starts_narrow = both_narrow & !(both_narrow << 1 | carry[1]);
+        let (left_a, left_b) = (flip_a << 1 | carry[2], flip_b << 1 | carry[3]);
+        let (first_a, first_b) = (runs.word_run[a + w], runs.word_run[b + w]);
+        let (trans_a, trans_b) = (transitions(word_a, last_a), transitions(word_b, last_b));
+        let run_a = |upto: u64| first_a + (trans_a & upto).count_ones();
+        let run_b = |upto: u64| first_b + (trans_b & upto).count_ones();
+        let mut starts = starts_wide;
+        if diagonal == Diagonal::AlongX {
+            starts |= starts_narrow;
+            // a at x meets b at x - 1 where no equal-x contact joins them already, and mirrored
+            let known = if w == 0 { mask & !1 } else { mask };
+            for_each_bit(flip_a & left_b & !flip_b & !left_a & known, |upto| {
+                sets.union(run_a(upto), run_b(upto) - 1);
+            });
+            for_each_bit(flip_b & left_a & !flip_a & !left_b & known, |upto| {
+                sets.union(run_a(upto) - 1, run_b(upto));
+            });
+        }
+        for_each_bit(starts, |upto| sets.union(run_a(upto), run_b(upto)));
+        carry = [
+            both_wide >> 63,
+            both_narrow >> 63,
+            flip_a >> 63,
+            flip_b >> 63,
+        ];
+        (last_a, last_b) = (Some(word_a), Some(word_b));
+    }
+}
+
+/// Calls `each` for every set bit with the mask of all bits up to it, itself included.
+#[inline]
+fn for_each_bit(mut word: u64, mut each: impl FnMut(u64)) {
+    while word != 0 {
+        each(word ^ (word - 1));
+        word &= word - 1;
+    }
+}
+
+/// Numbers the sets and sums up their voxels.
+fn collect(bits: &Bits, runs: &Runs, dims: Dims, sets: &mut UnionFind) -> Labels {
+    let mut labels = Labels {
+        of_run: Vec::with_capacity(runs.count),
+        components: Vec::new(),
+    };
+    let of_run = &mut labels.of_run;
+    let mut next = 0;
+    sets.flatten(|run, root| {
+        // roots are the smallest runs of their sets, so they come first
+        let label = if run == root {
+            next += 1;
+            next - 1
+        } else {
+            of_run[root as usize]
+        };
+        of_run.push(label);
+    });
+    let span = &bits.span;
+    let mut run = 0;
+    for (s, z) in span.z.clone().enumerate() {
+        for (r, y) in span.y.clone().enumerate() {
+            let owned = (r > 0 || y == 0) && (s > 0 || z == 0);
+            for_each_run(bits.row(s, r), span.nx, |start, end, above| {
+                let label = labels.of_run[run] as usize;
+                run += 1;
+                if label == labels.components.len() {
+                    let first = dims.linear([start, y, z]);
+                    let sums = VoxelSums::default();
+                    labels
+                        .components
+                        .push(LocalComponent { above, first, sums });
+                }
+                if owned {
+                    labels.components[label]
+                        .sums
+                        .add_run(start..end, y, z, dims);
+                }
+            });
+        }
+    }
+    labels
+}

@@ -1,0 +1,80 @@
+//! The voxels of a band, with the neighbours that gradients need.
+
+use crate::error::Result;
+use crate::grid::Dims;
+use crate::volume::{Volume, Voxel};
+use std::ops::Range;
+
+/// Rows and slices of a grid over its full width, in voxels of the grid.
+#[derive(Debug, Clone, PartialEq, Eq, Default)]
+pub struct Span {
+    /// Voxels along x: always 0..nx.
+    pub nx: u32,
+    /// Rows.
+    pub y: Range<u32>,
+    /// Slices.
+    pub z: Range<u32>,
+}
+
+impl Span {
+    /// Number of rows per slice.
+    pub fn rows(&self) -> usize {
+        self.y.len()
+    }
+
+    /// Number of slices.
+    pub fn slices(&self) -> usize {
+        self.z.len()
+    }
+
+    /// The span with one more row and slice on every side, inside the grid.
+    pub fn with_neighbours(&self, dims: Dims) -> Span {
+        let grow = |r: &Range<u32>, n: u32| r.start.saturating_sub(1)..(r.end + 1).min(n);
+        Span {
+            nx: self.nx,
+            y: grow(&self.y, dims.0[1]),
+            z: grow(&self.z, dims.0[2]),
+        }
+    }
+
+    /// Number of voxels.
+    pub fn voxels(&self) -> usize {
+        self.nx as usize * self.rows() * self.slices()
+    }
+}
+
+/// Samples of a span, x fastest.
+#[derive(Debug, Clone, Default)]
+pub struct Voxels<T> {
+    /// What is covered.
+    pub span: Span,
+    /// The samples.
+    pub samples: Vec<T>,
+}
+
+impl<T: Voxel> Voxels<T> {
+    /// Reads `span` from the volume into this buffer.
+    ///
+    /// # Errors
+    /// Those of [`Volume::read_box`].
+    pub fn load(&mut self, volume: &dyn Volume, span: Span) -> Result<()> {
+        self.samples.resize(span.voxels(), T::zeroed());
+        let bytes = bytemuck::cast_slice_mut(&mut self.samples);
+        volume.read_box(0..span.nx, span.y.clone(), span.z.clone(), bytes)?;
+        self.span = span;
+        Ok(())
+    }
+
+    /// Index of voxel (0, y, z), which must be inside the span.
+    pub fn row_start(&self, y: u32, z: u32) -> usize {
+        let row =
+            (z - self.span.z.start) as usize * self.span.rows() + (y - self.span.y.start) as usize;
+        row * self.span.nx as usize
+    }
+
+    /// Row (y, z) in grid coordinates.
+    pub fn row(&self, y: u32, z: u32) -> &[T] {
+        let start = self.row_start(y, z);
+        &self.samples[start..start + self.span.nx as usize]
+    }
+}
