@@ -1,0 +1,237 @@
+//! Strips decode to exactly the triangles they were made from.
+
+use super::*;
+use proptest::prelude::*;
+use std::collections::HashMap;
+
+/// Mates by a table of directed edges; an edge that is not there exactly once each way has none.
+fn mates(triangles: &[[u32; 3]]) -> Vec<u32> {
+    let mut edges: HashMap<(u32, u32), Vec<u32>> = HashMap::new();
+    for (t, v) in triangles.iter().enumerate() {
+        for e in 0..3 {
+            let edge = (v[e], v[(e + 1) % 3]);
+            edges.entry(edge).or_default().push((3 * t + e) as u32);
+        }
+    }
+    let single = |a, b| edges.get(&(a, b)).filter(|found| found.len() == 1);
+    let mate = |(a, b)| match (single(a, b), single(b, a)) {
+        (Some(_), Some(there)) => there[0],
+        _ => NONE,
+    };
+    triangles
+        .iter()
+        .flat_map(|v| [(v[0], v[1]), (v[1], v[2]), (v[2], v[0])])
+        .map(mate)
+        .collect()
+}
+
+fn sorted(triangles: &[[u32; 3]]) -> Vec<[u32; 3]> {
+    let mut all: Vec<_> = triangles.iter().map(|&t| rotated(t)).collect();
+    all.sort_unstable();
+    all
+}
+
+/// Makes the strip and proves it: same triangles, same orientation, no repeat, few entries.
+fn proven(triangles: &[[u32; 3]]) -> Vec<u32> {
+    let mut out = Vec::new();
+    let strips = Stripifier::new().stripify(triangles, &mates(triangles), &mut out);
+    assert_eq!(sorted(&unstrip(&out)), sorted(triangles));
+    assert!(strips <= triangles.len());
+    assert_eq!(strips == 0, triangles.is_empty());
+    assert!(out.len() <= 5 * triangles.len());
+    out
+}
+
+/// A w by h grid of squares in two triangles each; wraps to a torus if asked.
+fn grid(w: u32, h: u32, torus: bool) -> Vec<[u32; 3]> {
+    let (cols, rows) = if torus { (w, h) } else { (w + 1, h + 1) };
+    let at = |x: u32, y: u32| (y % rows) * cols + x % cols;
+    (0..h)
+        .flat_map(|y| (0..w).map(move |x| (x, y)))
+        .flat_map(|(x, y)| {
+            let [a, b, c, d] = [at(x, y), at(x + 1, y), at(x, y + 1), at(x + 1, y + 1)];
+            if (x + y) % 3 == 0 {
+                [[a, b, c], [b, d, c]]
+            } else {
+                [[a, b, d], [a, d, c]]
+            }
+        })
+        .collect()
+}
+
+/// An octahedron, each triangle cut in four `levels` times.
+fn sphere(levels: u32) -> Vec<[u32; 3]> {
+    let mut triangles = vec![
+        [0, 2, 4],
+        [2, 1, 4],
+        [1, 3, 4],
+        [3, 0, 4],
+        [2, 0, 5],
+        [1, 2, 5],
+        [3, 1, 5],
+        [0, 3, 5],
+    ];
+    let mut next = 6;
+    for _ in 0..levels {
+        let mut middles = HashMap::new();
+        let mut finer = Vec::new();
+        for [a, b, c] in triangles {
+            let [ab, bc, ca] = [(a, b), (b, c), (c, a)].map(|(p, q)| {
+                *middles.entry((p.min(q), p.max(q))).or_insert_with(|| {
+                    next += 1;
+                    next - 1
+                })
+            });
+            finer.extend([[a, ab, ca], [ab, b, bc], [ca, bc, c], [ab, bc, ca]]);
+        }
+        triangles = finer;
+    }
+    triangles
+}
+
+/// The faces of the voxels of a 6 x 6 x 6 volume whose bits are set, two triangles a face. Voxels
+/// that touch along an edge only share non-manifold edges, which stay open.
+fn blocks(solid: &[bool]) -> Vec<[u32; 3]> {
+    let inside = |p: [i32; 3]| {
+        p.iter().all(|c| (0..6).contains(c)) && solid[((p[2] * 6 + p[1]) * 6 + p[0]) as usize]
+    };
+    let vertex = |p: [i32; 3]| ((p[2] * 7 + p[1]) * 7 + p[0]) as u32;
+    let mut triangles = Vec::new();
+    for i in 0..216 {
+        let p = [i % 6, i / 6 % 6, i / 36];
+        for (axis, side) in (0..6).map(|f| (f / 2, (f % 2) as i32)) {
+            let mut other = p;
+            other[axis] += 2 * side - 1;
+            if !inside(p) || inside(other) {
+                continue;
+            }
+            let (u, v) = ((axis + 1) % 3, (axis + 2) % 3);
+            let corner = |du: i32, dv: i32| {
+                let mut q = p;
+                q[axis] += side;
+                q[u] += du;
+                q[v] += dv;
+                vertex(q)
+            };
+            let [a, b, c, d] = [corner(0, 0), corner(1, 0), corner(1, 1), corner(0, 1)];
+            let faces = [[a, b, c], [a, c, d]];
+            triangles.extend(faces.map(|[a, b, c]| if side == 1 { [a, b, c] } else { [a, c, b] }));
+        }
+    }
+    triangles
+}
+
+#[test]
+fn small_pieces_take_the_fewest_entries() {
+    assert_eq!(proven(&[]), [0u32; 0]);
+    assert_eq!(proven(&[[7, 3, 5]]).len(), 3);
+    assert_eq!(proven(&[[0, 1, 2], [2, 1, 3]]).len(), 4);
+    // two apart: four repeats; two that share a vertex only may need two
+    assert_eq!(proven(&[[0, 1, 2], [3, 4, 5]]).len(), 8);
+    assert!(proven(&[[0, 1, 2], [0, 3, 4]]).len() <= 8);
+    // one row of squares is one strip with one swap at most
+    let row: Vec<_> = (0..9)
+        .flat_map(|i| {
+            [
+                [2 * i, 2 * i + 2, 2 * i + 1],
+                [2 * i + 1, 2 * i + 2, 2 * i + 3],
+            ]
+        })
+        .collect();
+    assert!(proven(&row).len() <= 21);
+}
+
+#[test]
+fn closed_surfaces() {
+    proven(&sphere(0));
+    let ball = proven(&sphere(5));
+    assert!(ball.len() * 100 < 8 * 1024 * 150, "{}", ball.len());
+    proven(&grid(3, 3, true));
+    let torus = proven(&grid(40, 30, true));
+    assert!(torus.len() * 100 < 2 * 40 * 30 * 150, "{}", torus.len());
+}
+
+#[test]
+fn a_vertex_with_very_many_triangles() {
+    let wheel: Vec<_> = (1..5000).map(|i| [0, i, i + 1]).collect();
+    proven(&wheel);
+    let every_other: Vec<_> = wheel.iter().copied().step_by(2).collect();
+    proven(&every_other);
+}
+
+#[test]
+fn the_strip_is_appended_whole_and_scratch_leaves_no_trace() {
+    let mut stripifier = Stripifier::new();
+    let big = grid(20, 20, false);
+    for before in [vec![], vec![9], vec![9, 9]] {
+        let mut out = before.clone();
+        stripifier.stripify(&big, &mates(&big), &mut out);
+        assert_eq!(out[..before.len()], before);
+        assert_eq!(out[before.len()..], proven(&big));
+        let mut small = Vec::new();
+        stripifier.stripify(&big[..3], &mates(&big[..3]), &mut small);
+        assert_eq!(small, proven(&big[..3]));
+    }
+}
+
+#[test]
+#[should_panic(expected = "three mates per triangle")]
+fn mates_must_fit() {
+    Stripifier::new().stripify(&[[0, 1, 2]], &[NONE], &mut Vec::new());
+}
+
+#[test]
+fn unstrip_knows_parity_and_degenerates() {
+    assert!(unstrip(&[]).is_empty());
+    assert!(unstrip(&[1, 2]).is_empty());
+    assert_eq!(unstrip(&[0, 1, 2, 3]), [[0, 1, 2], [1, 3, 2]]);
+    assert_eq!(unstrip(&[2, 0, 1, 1, 5, 5, 6, 7]), [[0, 1, 2], [5, 7, 6]]);
+}
+
+proptest! {
+    #![proptest_config(ProptestConfig::with_cases(200))]
+
+    #[test]
+    fn parts_of_grids(w in 1u32..14, h in 1u32..14, torus: bool, keep in 0.0..1.0f64, seed: u64) {
+        let (w, h) = if torus { (w + 2, h + 2) } else { (w, h) };
+        let mut state = seed | 1;
+        let mut part = grid(w, h, torus);
+        part.retain(|_| {
+            state = state.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1);
+            (state >> 11) as f64 / (1u64 << 53) as f64 <= keep
+        });
+        proven(&part);
+    }
+
+    #[test]
+    fn shuffled_spheres(levels in 0u32..4, order in any::<[u8; 8]>()) {
+        let mut ball = sphere(levels);
+        let n = ball.len();
+        for (i, &k) in order.iter().enumerate() {
+            ball.rotate_left(usize::from(k) % n);
+            ball.swap(i, n - 1 - i);
+            ball[i].rotate_left(usize::from(k) % 3);
+        }
+        proven(&ball);
+    }
+
+    #[test]
+    fn voxel_blocks(solid in prop::collection::vec(prop::bool::weighted(0.4), 216)) {
+        proven(&blocks(&solid));
+    }
+
+    #[test]
+    fn appended_strips_keep_their_triangles(
+        parts in prop::collection::vec((1u32..5, 1u32..4, 0u32..30), 0..6),
+    ) {
+        let (mut whole, mut wanted) = (Vec::new(), Vec::new());
+        for (w, h, offset) in parts {
+            let triangles = grid(w, h, false);
+            let before = whole.len();
+            append_strip(&mut whole, &proven(&triangles), offset);
+            prop_assert!(whole.len() <= before + 3 + proven(&triangles).len());
+            wanted.extend(triangles.iter().map(|t| t.map(|v| v + offset)));
+        }
+        prop_assert_eq!(sorted(&unstrip(&whole)), sorted(&wanted));
+    }
+}
