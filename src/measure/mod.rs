@@ -1,5 +1,14 @@
-//! Sums from which the measures of cells, objects and surfaces follow.
+//! Measures of cells, objects and surfaces.
+//!
+//! While the volume streams by, every component carries integer sums over its voxels
+//! ([`VoxelSums`]) and every surface integer sums over its triangles ([`MeshSums`]). What users read
+//! follows from them at the end ([`Measures`]).
 
+mod component;
+mod eigen;
 mod sums;
+mod table;
 
+pub use component::{ComponentRecord, Measures, SurfaceRecord, euler_of};
 pub use sums::{AreaScale, MeshSums, VoxelSums};
+pub use table::RecordTable;

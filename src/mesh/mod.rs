@@ -1,5 +1,6 @@
 //! Marching cubes on the bits of a band: vertices on the lattice, triangles, neighbours and normals.
 
+mod cap;
 mod cubes;
 mod edges;
 mod pieces;
@@ -8,7 +9,9 @@ mod tile;
 mod vertex;
 
 pub use pieces::Piece;
-pub use tile::{BandView, MeshSettings, TileBox, TileMesh, TileMesher, sum_piece};
+pub use tile::{
+    BYTES_PER_TRIANGLE, BandView, MeshSettings, TileBox, TileMesh, TileMesher, sum_piece,
+};
 
 #[cfg(test)]
 mod tests;

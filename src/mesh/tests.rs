@@ -34,6 +34,7 @@ struct Case {
     values: Vec<u8>,
     macrocube: [u32; 3],
     rule: Ambiguous,
+    cap: bool,
 }
 
 const THRESHOLD: f64 = 100.0;
@@ -136,7 +137,11 @@ impl Case {
         let settings = MeshSettings {
             threshold: THRESHOLD,
             rule: self.rule,
+            cap: self.cap,
             area: AreaScale::new([1.0; 3]),
+            budget: 1 << 30,
+            limit: 1 << 30,
+            threads: 1,
         };
         let mut slabs = Vec::new();
         let mut pieces = Vec::new();
@@ -173,6 +178,7 @@ impl Case {
                 .collect();
             let components: Vec<&[LocalComponent]> =
                 bands.iter().map(|b| &b.3.components[..]).collect();
+            let edges: Vec<_> = edges.iter().collect();
             let slab = classes.join(&edges, &components, &mut births).unwrap();
             for (ty, (voxels, bits, runs, labels)) in bands.iter().enumerate() {
                 for tx in 0..tiling.tiles()[0] {
@@ -186,7 +192,9 @@ impl Case {
                         class_of,
                     };
                     let mut mesh = TileMesh::default();
-                    TileMesher::default().mesh(&view, &tile, &settings, &mut mesh);
+                    TileMesher::default()
+                        .mesh(&view, &tile, &settings, &mut mesh)
+                        .unwrap();
                     check_mates(&mesh);
                     pieces.push((slabs.len(), mesh));
                 }
@@ -221,7 +229,11 @@ impl Case {
                     ..(piece.first_triangle + piece.triangles) as usize;
                 out.push(WholePiece {
                     object: ids[s][piece.object as usize],
-                    cell: ids[s][piece.cell as usize],
+                    cell: if piece.cap {
+                        0
+                    } else {
+                        ids[s][piece.cell as usize]
+                    },
                     piece: *piece,
                     triangles: mesh.triangles[range]
                         .iter()
@@ -269,6 +281,7 @@ fn cases() -> impl Strategy<Value = Case> {
                 values,
                 macrocube,
                 rule,
+                cap: false,
             })
         },
     )
@@ -320,5 +333,37 @@ proptest! {
         let vertices: BTreeSet<[i32; 3]> = case.reference().into_iter().flatten().collect();
         let counted: u64 = tiled.values().map(|s| s.0.vertices).sum();
         prop_assert_eq!(counted, vertices.len() as u64);
+    }
+
+    #[test]
+    fn caps_close_the_surface_of_every_object(case in cases()) {
+        let case = Case { cap: true, ..case };
+        let pieces = case.run();
+        let mut edges: BTreeMap<([i32; 3], [i32; 3]), i32> = BTreeMap::new();
+        let mut triangles = 0;
+        let mut volume6: BTreeMap<u64, i128> = BTreeMap::new();
+        let mut vertices = BTreeSet::new();
+        for w in &pieces {
+            *volume6.entry(w.object).or_default() += w.piece.sums.volume6;
+            for t in &w.triangles {
+                triangles += 1;
+                vertices.extend(*t);
+                for e in 0..3 {
+                    *edges.entry((t[e], t[(e + 1) % 3])).or_default() += 1;
+                }
+            }
+        }
+        for (&(a, b), &count) in &edges {
+            prop_assert_eq!(count, 1);
+            prop_assert!(edges.contains_key(&(b, a)));
+        }
+        let counted: u64 = pieces.iter().map(|w| w.piece.sums.vertices).sum();
+        prop_assert_eq!(counted, vertices.len() as u64);
+        // the outer shell of an object spans more than its holes
+        prop_assert!(volume6.values().all(|&v| v > 0));
+        let open = Case { cap: false, ..case.clone() }.run();
+        let open_triangles: usize = open.iter().map(|w| w.triangles.len()).sum();
+        let caps: usize = pieces.iter().filter(|w| w.piece.cap).map(|w| w.triangles.len()).sum();
+        prop_assert_eq!(open_triangles + caps, triangles);
     }
 }

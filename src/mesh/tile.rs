@@ -1,7 +1,9 @@
 //! The mesh of one tile, grouped by surface piece.
 
+use crate::error::{Error, Result};
 use crate::grid::{Ambiguous, Dims, LATTICE, Tiling};
 use crate::measure::AreaScale;
+use crate::mesh::cap::add_caps;
 use crate::mesh::cubes::{NONE, Plans, Triangles};
 use crate::mesh::edges::Edges;
 use crate::mesh::pieces::{Piece, PieceIndex, assign};
@@ -9,6 +11,9 @@ use crate::mesh::vertex::{Stencil, normal, step_on_edge};
 use crate::segment::Runs;
 use crate::slab::{Bits, Voxels};
 use crate::volume::Voxel;
+
+/// Bytes of buffers per triangle of a tile while it is made.
+pub const BYTES_PER_TRIANGLE: u64 = 110;
 
 /// The cubes of one tile.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -114,22 +119,40 @@ pub struct TileMesher {
 
 impl TileMesher {
     /// Meshes one tile into `out`; reuses its memory. True if the tile has any surface.
+    ///
+    /// # Errors
+    /// [`Error::Memory`] if the tile's surface needs more than the budget.
     pub fn mesh<T: Voxel>(
         &mut self,
         view: &BandView<T>,
         tile: &TileBox,
         settings: &MeshSettings,
         out: &mut TileMesh,
-    ) -> bool {
-        self.edges.find(view.bits, tile);
+    ) -> Result<bool> {
         out.pieces.clear();
         out.positions.clear();
         out.normals.clear();
         out.triangles.clear();
         out.mates.clear();
-        if self.edges.count == 0 {
-            return false;
+        self.edges.find(view.bits, tile);
+        if self.edges.count > 0 {
+            settings.check_budget(self.edges.count)?;
+            self.mesh_open(view, tile, settings, out);
         }
+        if settings.cap {
+            add_caps(view, tile, settings, out);
+        }
+        Ok(!out.pieces.is_empty())
+    }
+
+    /// The surface inside the volume.
+    fn mesh_open<T: Voxel>(
+        &mut self,
+        view: &BandView<T>,
+        tile: &TileBox,
+        settings: &MeshSettings,
+        out: &mut TileMesh,
+    ) {
         assign(
             view,
             tile,
@@ -145,7 +168,6 @@ impl TileMesher {
         for piece in &mut out.pieces {
             sum_piece(piece, &out.positions, &out.triangles, &settings.area);
         }
-        true
     }
 
     /// Computes all vertices and puts each where its piece's vertices lie.
@@ -275,8 +297,34 @@ pub struct MeshSettings {
     pub threshold: f64,
     /// Which voxels an ambiguous face joins.
     pub rule: Ambiguous,
+    /// Close the surface outside the volume.
+    pub cap: bool,
     /// Scale of areas.
     pub area: AreaScale,
+    /// Bytes that the buffers of one tile may take.
+    pub budget: u64,
+    /// The whole conversion's limit, for the message that refuses a tile.
+    pub limit: u64,
+    /// Tiles that are made at once.
+    pub threads: u64,
+}
+
+impl MeshSettings {
+    /// Refuses a tile whose vertices and the triangles between them would not fit the budget.
+    fn check_budget(&self, vertices: u32) -> Result<()> {
+        let needed = 2 * u64::from(vertices) * BYTES_PER_TRIANGLE;
+        if needed <= self.budget {
+            return Ok(());
+        }
+        Err(Error::Memory {
+            limit: self.limit,
+            needed: self.limit + (needed - self.budget) * self.threads,
+            hint:
+                "a tile with a very dense surface needs it; smaller macrocubes, a smoother volume \
+                   or fewer threads need less"
+                    .into(),
+        })
+    }
 }
 
 /// Adds up volume and area of a piece's triangles.

@@ -1,6 +1,12 @@
 //! The conversion, in the order of its stages.
 
+mod band;
+mod forward;
 mod options;
+mod plan;
+mod spool;
+mod surfaces;
+mod tilefile;
 
 pub use options::{ConvertOptions, ConvertReport};
 

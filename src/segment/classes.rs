@@ -120,7 +120,7 @@ impl Classes {
     /// [`crate::Error::Io`] if the births' file fails.
     pub fn join(
         &mut self,
-        edges: &[BandEdges],
+        edges: &[&BandEdges],
         labels: &[&[super::LocalComponent]],
         births: &mut PhaseBirths,
     ) -> Result<SlabClasses> {
@@ -137,7 +137,7 @@ impl Classes {
         Ok(slab)
     }
 
-    fn join_bands(&mut self, edges: &[BandEdges], first_node: &[u32]) {
+    fn join_bands(&mut self, edges: &[&BandEdges], first_node: &[u32]) {
         for (b, pair) in edges.windows(2).enumerate() {
             debug_assert_eq!(pair[0].last_row.len(), pair[1].first_row.len());
             for (&low, &high) in pair[0].last_row.iter().zip(&pair[1].first_row) {
@@ -147,7 +147,7 @@ impl Classes {
         }
     }
 
-    fn join_previous(&mut self, edges: &[BandEdges], first_node: &[u32]) {
+    fn join_previous(&mut self, edges: &[&BandEdges], first_node: &[u32]) {
         if self.last_slice.is_empty() {
             return;
         }
@@ -238,7 +238,7 @@ impl Classes {
     }
 
     /// Keeps the classes of the last slice's runs, renumbered among the live ones.
-    fn keep_last_slice(&mut self, edges: &[BandEdges], slab: &mut SlabClasses) {
+    fn keep_last_slice(&mut self, edges: &[&BandEdges], slab: &mut SlabClasses) {
         self.last_slice.clear();
         for (b, band) in edges.iter().enumerate() {
             let skip = if b > 0 { band.head_runs_last } else { 0 };

@@ -29,6 +29,21 @@
 //! triangles; triangle k of a strip is (k, k+1, k+2) for even k and (k+1, k, k+2) for odd k, and
 //! winds counter-clockwise seen from the below side.
 
+mod body;
+mod document;
+mod extras;
+mod features;
+
+pub(crate) use body::{Body, BodyPiece, group_body};
+pub(crate) use document::{Node, TileHead, node_json, write_head};
+pub use extras::Extras;
+pub(crate) use features::merged_file;
+
 /// The most surface pieces that a tile keeps as nodes; with more it takes the merged layout.
 /// Programs load thousands of nodes slowly: MeshLab takes 0.7 s for 500 and 30 s for 2000.
 pub const MAX_NODES: usize = 500;
+
+/// Path of a tile below the directory of its set.
+pub fn tile_path([x, y, z]: [u32; 3]) -> String {
+    format!("tiles/z{z:04}/y{y:04}_x{x:04}.glb")
+}

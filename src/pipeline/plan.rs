@@ -1,0 +1,122 @@
+//! How a conversion is cut to fit memory.
+
+use crate::error::{Error, Result};
+use crate::grid::{Dims, Tiling};
+use crate::mesh::BYTES_PER_TRIANGLE;
+use crate::pipeline::ConvertOptions;
+use crate::slab::Span;
+use crate::volume::Volume;
+
+/// Resident memory of the program itself with its threads' stacks and allocator slack.
+const BASE: u64 = 20 << 20;
+/// Bytes per voxel of a band's bits, run numbers and labels: 1/8 + 1/16, and 12 bytes for each of
+/// about 0.06 runs a voxel (a foam has 0.05, both phases together).
+const BAND_BYTES_PER_VOXEL: f64 = 0.19 + 0.06 * 12.0;
+/// Triangles per cube that a tile's buffers are planned for; a foam has 0.3, noise 2.6. A tile that
+/// needs more is checked against the limit when it is met.
+const TILE_TRIANGLES_PER_CUBE: f64 = 0.4;
+/// Bytes of the last slice's labels and of live components per pixel of a slice, for a foam.
+const FRONT_BYTES_PER_PIXEL: f64 = 0.8;
+
+/// What fits.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct Plan {
+    /// The tiles.
+    pub tiling: Tiling,
+    /// Bands of a slab that are in memory at once. If it is all of them, voxels are read once; else
+    /// a slab is read twice, first to label it and then to mesh it.
+    pub bands_at_once: u32,
+    /// True if the next slab is read and labelled while this one is meshed.
+    pub look_ahead: bool,
+    /// Worker threads.
+    pub threads: usize,
+    /// Predicted peak resident memory, in bytes.
+    pub memory: u64,
+    /// The limit asked for, in bytes.
+    pub limit: u64,
+    /// Bytes that all buffers of the threads' tiles together may take.
+    pub tile_budget: u64,
+}
+
+/// Predicts the memory and chooses how to cut.
+///
+/// # Errors
+/// [`Error::Memory`] with the smallest limit that works if `options.memory` is below it.
+pub fn plan(volume: &dyn Volume, dims: Dims, options: &ConvertOptions) -> Result<Plan> {
+    let threads = match options.threads {
+        0 => std::thread::available_parallelism().map_or(1, |n| n.get()),
+        n => n,
+    };
+    let tiling = Tiling {
+        dims,
+        macrocube: options.macrocube,
+    };
+    let bands = tiling.tiles()[1];
+    let cost = Cost::of(volume, tiling, threads);
+    let make = |bands_at_once: u32, look_ahead: bool| Plan {
+        tiling,
+        bands_at_once,
+        look_ahead,
+        threads,
+        memory: cost.total(bands_at_once, look_ahead),
+        limit: options.memory,
+        tile_budget: 0,
+    };
+    let smallest = make(1, false);
+    if smallest.memory > options.memory {
+        return Err(Error::Memory {
+            limit: options.memory,
+            needed: smallest.memory,
+            hint: "fewer --threads or a smaller --macrocube need less".into(),
+        });
+    }
+    let mut best = smallest;
+    let whole = [make(bands, true), make(bands, false)];
+    let parts = (2..bands).rev().map(|b| make(b, false));
+    if let Some(fits) = whole
+        .into_iter()
+        .chain(parts)
+        .find(|p| p.memory <= options.memory)
+    {
+        best = fits;
+    }
+    best.tile_budget = options.memory - best.memory + threads as u64 * cost.tile;
+    Ok(best)
+}
+
+/// Predicted bytes of the parts.
+struct Cost {
+    fixed: u64,
+    band: u64,
+    tile: u64,
+    threads: u64,
+}
+
+impl Cost {
+    fn of(volume: &dyn Volume, tiling: Tiling, threads: usize) -> Self {
+        let [nx, ny, nz] = tiling.dims.0;
+        let (y, z) = (tiling.cubes(1, 0), tiling.cubes(2, 0));
+        let span = Span {
+            nx,
+            y: y.start..y.end + 1,
+            z: z.start..z.end + 1,
+        };
+        let samples = span.with_neighbours(Dims([nx, ny, nz])).voxels() as f64;
+        let bytes = volume.header().dtype.bytes() as f64;
+        let band = samples * bytes + span.voxels() as f64 * BAND_BYTES_PER_VOXEL;
+        let cubes: f64 = (0..3).map(|a| f64::from(tiling.cubes(a, 0).end)).product();
+        let tile = cubes * TILE_TRIANGLES_PER_CUBE * BYTES_PER_TRIANGLE as f64 + cubes * 1.5;
+        let front = f64::from(nx) * f64::from(ny) * FRONT_BYTES_PER_PIXEL;
+        Cost {
+            fixed: BASE + front as u64,
+            band: band as u64,
+            tile: tile as u64,
+            threads: threads as u64,
+        }
+    }
+
+    fn total(&self, bands_at_once: u32, look_ahead: bool) -> u64 {
+        let generations = if look_ahead { 2 } else { 1 };
+        self.fixed + u64::from(bands_at_once) * generations * self.band + self.threads * self.tile
+    }
+}

@@ -1,0 +1,161 @@
+//! Tiles on disk during a conversion: written with room for their JSON, filled in at the end.
+
+use crate::error::{Error, Result};
+use crate::manifest::Primitives;
+use crate::mesh::TileMesh;
+use crate::strip::Stripifier;
+use crate::tile::{Body, BodyPiece, MAX_NODES, Node, TileHead, node_json, tile_path, write_head};
+use bytemuck::{Pod, Zeroable};
+use std::fs::File;
+use std::io::Write;
+use std::path::{Path, PathBuf};
+
+/// Class of a cap piece's cell.
+pub const CAP: u32 = u32::MAX;
+
+/// A tile as the forward sweep left it.
+#[repr(C)]
+#[derive(Debug, Clone, Copy, Pod, Zeroable)]
+pub struct TileRecord {
+    /// Bytes of the BIN chunk.
+    pub body_bytes: u64,
+    /// Macrocube index.
+    pub grid: [u32; 3],
+    /// Vertices.
+    pub vertices: u32,
+    /// Number of pieces.
+    pub pieces: u32,
+    /// Bytes of the JSON chunk; 0 if the tile has more pieces than nodes may be, and is written
+    /// anew at the end.
+    pub room: u32,
+    /// CRC-32 of the BIN chunk's data.
+    pub crc: u32,
+    reserved: u32,
+}
+
+/// A piece of a tile in terms of its slab.
+#[repr(C)]
+#[derive(Debug, Clone, Copy, Pod, Zeroable)]
+pub struct WrittenPiece {
+    /// Where it lies in the body.
+    pub body: BodyPiece,
+    /// Class of its object.
+    pub object: u32,
+    /// Class of its cell, or [`CAP`].
+    pub cell: u32,
+    /// Its surface in the slab; nothing for caps.
+    pub surface: u32,
+    reserved: u32,
+}
+
+impl WrittenPiece {
+    /// True for a piece that closes the surface outside the volume.
+    pub fn is_cap(&self) -> bool {
+        self.cell == CAP
+    }
+}
+
+/// Buffers for writing a tile.
+#[derive(Default)]
+pub struct TileBuffers {
+    stripifier: Stripifier,
+    file: Vec<u8>,
+    body: Vec<u8>,
+}
+
+/// Writes the geometry of tiles.
+pub struct TileWriter {
+    /// Directory that will become the tile set.
+    pub dir: PathBuf,
+    /// What all tiles have in common.
+    pub head: TileHead,
+}
+
+impl TileWriter {
+    /// Writes one tile's geometry with room for its JSON.
+    ///
+    /// # Errors
+    /// [`Error::Io`]; [`Error::Usage`] if the tile would pass 4 GiB.
+    pub fn write(
+        &self,
+        mesh: &TileMesh,
+        grid: [u32; 3],
+        buffers: &mut TileBuffers,
+    ) -> Result<(TileRecord, Vec<WrittenPiece>)> {
+        buffers.body.clear();
+        let body = Body::write(
+            mesh,
+            self.head.primitives,
+            &mut buffers.stripifier,
+            &mut buffers.body,
+        );
+        let crc = crc32fast::hash(&buffers.body);
+        let room = if body.pieces.len() <= MAX_NODES {
+            json_room(&self.head, &body)
+        } else {
+            0
+        };
+        let path = self.dir.join(tile_path(grid));
+        let head = write_head(b"", aligned(room), body.bytes).ok_or_else(|| too_large(grid))?;
+        buffers.file.clear();
+        buffers.file.extend_from_slice(&head);
+        buffers.file.extend_from_slice(&buffers.body);
+        write_file(&path, &[&buffers.file])?;
+        let record = TileRecord {
+            body_bytes: body.bytes,
+            grid,
+            vertices: body.vertices,
+            pieces: body.pieces.len() as u32,
+            room: room as u32,
+            crc,
+            reserved: 0,
+        };
+        let pieces = mesh
+            .pieces
+            .iter()
+            .zip(&body.pieces)
+            .map(|(p, &body)| WrittenPiece {
+                body,
+                object: p.object,
+                cell: if p.cap { CAP } else { p.cell },
+                surface: u32::MAX,
+                reserved: 0,
+            });
+        Ok((record, pieces.collect()))
+    }
+}
+
+/// Room for the widest JSON that a body can get.
+fn json_room(head: &TileHead, body: &Body) -> usize {
+    let nodes = vec![Node::widest(); body.pieces.len()];
+    aligned(node_json(head, body, &nodes).len())
+}
+
+/// The next length of a JSON chunk that puts the BIN chunk's data on a multiple of 8 bytes, as
+/// EXT_structural_metadata asks for.
+pub fn aligned(json_bytes: usize) -> usize {
+    (json_bytes + 28).next_multiple_of(8) - 28
+}
+
+/// The error for a tile beyond the size of a GLB.
+pub fn too_large(grid: [u32; 3]) -> Error {
+    Error::usage(
+        "--macrocube",
+        format!("more than 4 GiB in {}", tile_path(grid)),
+        "tiles below 4 GiB, the limit of GLB files",
+    )
+    .with_hint("use smaller macrocubes")
+}
+
+/// Writes a new file from parts.
+///
+/// # Errors
+/// [`Error::Io`].
+pub fn write_file(path: &Path, parts: &[&[u8]]) -> Result<()> {
+    let mut file = File::create(path).map_err(|e| Error::io(path, "create", e))?;
+    for part in parts {
+        file.write_all(part)
+            .map_err(|e| Error::io(path, "write", e))?;
+    }
+    Ok(())
+}

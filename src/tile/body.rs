@@ -1,0 +1,213 @@
+//! The binary chunk of a tile: positions, normals and indices, piece by piece.
+
+use crate::manifest::Primitives;
+use crate::mesh::TileMesh;
+use crate::strip::{Stripifier, append_strip};
+use crate::tile::document::coordinate;
+use bytemuck::{Pod, Zeroable};
+
+/// Where a piece lies in the body and what it counts.
+#[repr(C)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Pod, Zeroable)]
+pub struct BodyPiece {
+    /// Byte of its first index in the body.
+    pub first_index_byte: u64,
+    /// First vertex.
+    pub first_vertex: u32,
+    /// Number of vertices.
+    pub vertices: u32,
+    /// Number of triangles.
+    pub triangles: u32,
+    /// Number of index entries.
+    pub indices: u32,
+    /// Strips before stitching; 0 for lists.
+    pub strips: u32,
+    /// Smallest vertex coordinates in lattice steps.
+    pub min: [i32; 3],
+    /// Largest ones.
+    pub max: [i32; 3],
+    reserved: u32,
+}
+
+impl BodyPiece {
+    /// True if its indices are of 4 bytes: 65,535 stays free, for glTF forbids it.
+    pub fn wide(&self) -> bool {
+        self.vertices > 65_535
+    }
+
+    /// Bytes of its indices, padding included.
+    fn index_bytes(&self) -> u64 {
+        let width = if self.wide() { 4 } else { 2 };
+        (u64::from(self.indices) * width).next_multiple_of(4)
+    }
+}
+
+/// Layout of a tile's BIN chunk: all positions, all normals, then each piece's indices, padded to 4
+/// bytes.
+#[derive(Debug, Clone, Default)]
+pub struct Body {
+    /// The pieces in order.
+    pub pieces: Vec<BodyPiece>,
+    /// Vertices of all pieces.
+    pub vertices: u32,
+    /// Bytes of the chunk.
+    pub bytes: u64,
+}
+
+impl Body {
+    /// First byte of the indices.
+    pub fn indices_start(&self) -> u64 {
+        24 * u64::from(self.vertices)
+    }
+
+    /// Writes the body of a mesh behind what `out` holds.
+    pub fn write(
+        mesh: &TileMesh,
+        primitives: Primitives,
+        stripifier: &mut Stripifier,
+        out: &mut Vec<u8>,
+    ) -> Body {
+        let mut body = Body {
+            vertices: mesh.positions.len() as u32,
+            ..Body::default()
+        };
+        let start = out.len();
+        out.reserve(24 * mesh.positions.len() + 10 * mesh.triangles.len());
+        for p in &mesh.positions {
+            out.extend_from_slice(bytemuck::bytes_of(&p.map(coordinate)));
+        }
+        out.extend_from_slice(bytemuck::cast_slice(&mesh.normals));
+        let mut indices = Vec::new();
+        for piece in &mesh.pieces {
+            let first = piece.first_triangle as usize;
+            let end = first + piece.triangles as usize;
+            indices.clear();
+            let strips = match primitives {
+                Primitives::Strips => stripifier.stripify(
+                    &mesh.triangles[first..end],
+                    &mesh.mates[3 * first..3 * end],
+                    &mut indices,
+                ),
+                Primitives::Triangles => {
+                    indices.extend_from_slice(mesh.triangles[first..end].as_flattened());
+                    0
+                }
+            };
+            let piece = BodyPiece {
+                first_index_byte: (out.len() - start) as u64,
+                first_vertex: piece.first_vertex,
+                vertices: piece.vertices,
+                triangles: piece.triangles,
+                indices: indices.len() as u32,
+                strips: strips as u32,
+                min: piece.min,
+                max: piece.max,
+                reserved: 0,
+            };
+            write_indices(&piece, &indices, out);
+            body.pieces.push(piece);
+        }
+        body.bytes = (out.len() - start) as u64;
+        body
+    }
+
+    /// The indices of a piece, read from the body's bytes.
+    pub fn indices(&self, piece: &BodyPiece, bytes: &[u8]) -> Vec<u32> {
+        let start = piece.first_index_byte as usize;
+        let data = &bytes[start..start + piece.index_bytes() as usize];
+        let count = piece.indices as usize;
+        if piece.wide() {
+            let (words, _) = data.as_chunks::<4>();
+            words[..count]
+                .iter()
+                .map(|&w| u32::from_le_bytes(w))
+                .collect()
+        } else {
+            let (words, _) = data.as_chunks::<2>();
+            words[..count]
+                .iter()
+                .map(|&w| u32::from(u16::from_le_bytes(w)))
+                .collect()
+        }
+    }
+}
+
+/// Writes a piece's indices in their width, padded to 4 bytes.
+fn write_indices(piece: &BodyPiece, indices: &[u32], out: &mut Vec<u8>) {
+    let end = out.len() + piece.index_bytes() as usize;
+    if piece.wide() {
+        out.extend_from_slice(bytemuck::cast_slice(indices));
+    } else {
+        out.extend(indices.iter().flat_map(|&i| (i as u16).to_le_bytes()));
+    }
+    out.resize(end, 0);
+}
+
+/// Joins pieces of a body to groups: `groups[g]` lists the pieces of the new piece g, in the order
+/// in which their vertices, triangles and strips follow each other there.
+pub fn group_body(
+    body: &Body,
+    bytes: &[u8],
+    groups: &[Vec<usize>],
+    primitives: Primitives,
+) -> (Body, Vec<u8>) {
+    let mut out = Vec::with_capacity(bytes.len() + 16 * groups.len());
+    for attribute in 0..2 {
+        let base = 12 * body.vertices as usize * attribute;
+        for &p in groups.iter().flatten() {
+            let piece = &body.pieces[p];
+            let first = base + 12 * piece.first_vertex as usize;
+            out.extend_from_slice(&bytes[first..first + 12 * piece.vertices as usize]);
+        }
+    }
+    let mut made = Body {
+        vertices: body.vertices,
+        ..Body::default()
+    };
+    let mut first_vertex = 0;
+    for group in groups {
+        let (piece, indices) = join_pieces(body, bytes, group, primitives);
+        let piece = BodyPiece {
+            first_vertex,
+            first_index_byte: out.len() as u64,
+            ..piece
+        };
+        first_vertex += piece.vertices;
+        write_indices(&piece, &indices, &mut out);
+        made.pieces.push(piece);
+    }
+    made.bytes = out.len() as u64;
+    (made, out)
+}
+
+/// The counts and indices of several pieces as one.
+fn join_pieces(
+    body: &Body,
+    bytes: &[u8],
+    group: &[usize],
+    primitives: Primitives,
+) -> (BodyPiece, Vec<u32>) {
+    let mut joined = BodyPiece {
+        min: [i32::MAX; 3],
+        max: [i32::MIN; 3],
+        ..BodyPiece::zeroed()
+    };
+    let mut indices = Vec::new();
+    for &p in group {
+        let piece = &body.pieces[p];
+        let part = body.indices(piece, bytes);
+        match primitives {
+            Primitives::Strips => append_strip(&mut indices, &part, joined.vertices),
+            Primitives::Triangles => indices.extend(part.iter().map(|i| i + joined.vertices)),
+        }
+        joined.vertices += piece.vertices;
+        joined.triangles += piece.triangles;
+        joined.strips += piece.strips;
+        for a in 0..3 {
+            joined.min[a] = joined.min[a].min(piece.min[a]);
+            joined.max[a] = joined.max[a].max(piece.max[a]);
+        }
+    }
+    joined.indices = indices.len() as u32;
+    (joined, indices)
+}
