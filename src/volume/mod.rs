@@ -1,11 +1,33 @@
 //! Volumes on disk: what is known of them before reading, and reading any box of voxels.
 
+mod crop;
 mod dtype;
+mod file;
+mod layout;
+mod levels;
+mod map;
+mod memory;
+mod metaimage;
+mod nrrd;
+mod open;
+mod predict;
+mod source;
+mod spool;
+mod statistics;
+mod stream;
+mod text;
+mod walk;
 
+pub use crop::Cropped;
 pub(crate) use dtype::with_voxel_type;
 pub use dtype::{Dtype, Voxel};
+pub use memory::MemoryVolume;
+pub use open::{Io, OpenOptions, Opened, open};
+pub use predict::{Prediction, predict};
+pub use spool::spool;
+pub use statistics::{Statistics, statistics};
 
-use crate::error::Result;
+use crate::error::{Error, Result};
 use crate::grid::{Dims, Placement};
 use serde::{Deserialize, Serialize};
 use std::ops::Range;
@@ -19,6 +41,41 @@ pub enum Endian {
     Little,
     /// Most significant byte first.
     Big,
+}
+
+impl Endian {
+    /// The order of this machine.
+    pub const NATIVE: Endian = if cfg!(target_endian = "big") {
+        Endian::Big
+    } else {
+        Endian::Little
+    };
+
+    /// `little` or `big`.
+    pub fn name(self) -> &'static str {
+        match self {
+            Endian::Little => "little",
+            Endian::Big => "big",
+        }
+    }
+}
+
+impl std::fmt::Display for Endian {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        f.write_str(self.name())
+    }
+}
+
+impl std::str::FromStr for Endian {
+    type Err = Error;
+
+    fn from_str(text: &str) -> Result<Self> {
+        match text {
+            "little" => Ok(Endian::Little),
+            "big" => Ok(Endian::Big),
+            _ => Err(Error::usage("--endian", text, "little or big")),
+        }
+    }
 }
 
 /// What a volume says of itself, after options have overridden it.
@@ -54,6 +111,12 @@ pub trait Volume: Send + Sync {
         true
     }
 
+    /// The most memory that the volume keeps for itself besides what it hands out, in bytes: the
+    /// window of a compressed stream. Mapped pages are not counted.
+    fn held_bytes(&self) -> u64 {
+        0
+    }
+
     /// Says that the sweep will soon read these slices, so that the system can fetch them ahead.
     fn prefetch(&self, _z: Range<u32>) {}
 
@@ -61,46 +124,32 @@ pub trait Volume: Send + Sync {
     fn release(&self, _z: Range<u32>) {}
 }
 
-/// A volume in memory.
-#[derive(Debug, Clone)]
-pub struct MemoryVolume<T> {
-    header: Header,
-    samples: Vec<T>,
-}
-
-impl<T: Voxel> MemoryVolume<T> {
-    /// Takes `samples`, x fastest.
-    ///
-    /// # Errors
-    /// [`crate::Error::Usage`] if their number is not that of `dims`.
-    pub fn new(dims: Dims, placement: Placement, samples: Vec<T>) -> Result<Self> {
-        let header = Header {
-            format: "memory",
-            dims,
-            dtype: T::DTYPE,
-            endian: Endian::Little,
-            placement,
-        };
-        Ok(MemoryVolume { header, samples })
+/// Checks that a box lies inside a volume and that the caller's buffer has its size, as every
+/// [`Volume::read_box`] must.
+pub(crate) fn check_box(
+    header: &Header,
+    x: &Range<u32>,
+    y: &Range<u32>,
+    z: &Range<u32>,
+    out: usize,
+) -> Result<()> {
+    let ranges = [x, y, z];
+    let inside = ranges
+        .iter()
+        .zip(header.dims.0)
+        .all(|(r, n)| r.start <= r.end && r.end <= n);
+    let bytes = ranges
+        .iter()
+        .try_fold(header.dtype.bytes(), |n, r| n.checked_mul(r.len()));
+    if inside && bytes == Some(out) {
+        return Ok(());
     }
-}
-
-impl<T: Voxel> Volume for MemoryVolume<T> {
-    fn header(&self) -> &Header {
-        &self.header
-    }
-
-    fn read_box(&self, x: Range<u32>, y: Range<u32>, z: Range<u32>, out: &mut [u8]) -> Result<()> {
-        let mut rows = out.chunks_exact_mut(x.len() * std::mem::size_of::<T>());
-        for z in z {
-            for y in y.clone() {
-                let start = self.header.dims.linear([x.start, y, z]) as usize;
-                let row = bytemuck::cast_slice(&self.samples[start..start + x.len()]);
-                rows.next()
-                    .expect("out has the box's size")
-                    .copy_from_slice(row);
-            }
-        }
-        Ok(())
-    }
+    Err(Error::usage(
+        "read_box",
+        format!("box {x:?}, {y:?}, {z:?} and a buffer of {out} bytes"),
+        format!(
+            "a box inside {} of {} and a buffer of its size",
+            header.dims, header.dtype
+        ),
+    ))
 }

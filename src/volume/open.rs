@@ -1,0 +1,285 @@
+//! Opening a volume: the format by its content, the options that complete or override the header.
+
+use super::file::FileVolume;
+use super::layout::{self, Data, Encoding, Recipe, Start};
+use super::{Dtype, Endian, Header, Volume, metaimage, nrrd};
+use crate::error::{Error, Result};
+use crate::grid::{Dims, Placement, Unit};
+use crate::manifest::{Origin, Provenance};
+use std::io::Read;
+use std::path::Path;
+
+/// How uncompressed files are read.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub enum Io {
+    /// A memory map: fastest. The file must not be changed or cut while it is read, or the process
+    /// may die; its pages count as resident memory until they are released.
+    #[default]
+    Mmap,
+    /// Positioned reads: for files on network drives or that others may change.
+    Read,
+}
+
+/// What the user says of the input.
+#[derive(Debug, Clone, Default)]
+pub struct OpenOptions {
+    /// Size in voxels, x first; needed for headerless raw files.
+    pub dims: Option<[u64; 3]>,
+    /// Sample type; needed for headerless raw files.
+    pub dtype: Option<Dtype>,
+    /// Byte order; little where neither the file nor the option says.
+    pub endian: Option<Endian>,
+    /// Bytes before the first sample of a headerless raw file. If given, even as 0, bytes behind the
+    /// samples are ignored; otherwise the file's length must be exact.
+    pub offset: Option<u64>,
+    /// Overrides the spacing of the file.
+    pub spacing: Option<[f64; 3]>,
+    /// Overrides the unit of the file; numbers are kept, not converted.
+    pub unit: Option<Unit>,
+    /// How uncompressed files are read.
+    pub io: Io,
+}
+
+/// An opened volume and what the manifest says of its source.
+pub struct Opened {
+    /// The samples.
+    pub volume: Box<dyn Volume>,
+    /// Where spacing, unit and origin came from.
+    pub provenance: Provenance,
+    /// The file's name without its directory.
+    pub name: String,
+    /// Bytes before the first sample of a headerless raw file; 0 for files with a header.
+    pub offset: u64,
+}
+
+impl std::str::FromStr for Io {
+    type Err = Error;
+
+    fn from_str(text: &str) -> Result<Self> {
+        match text {
+            "mmap" => Ok(Io::Mmap),
+            "read" => Ok(Io::Read),
+            _ => Err(Error::usage("--io", text, "mmap or read")),
+        }
+    }
+}
+
+impl std::fmt::Debug for Opened {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        f.debug_struct("Opened")
+            .field("header", self.volume.header())
+            .field("provenance", &self.provenance)
+            .field("name", &self.name)
+            .field("offset", &self.offset)
+            .finish()
+    }
+}
+
+/// Opens a volume. NRRD and MetaImage files are recognised by their content, whatever their name;
+/// everything else is headerless raw (or raw packed by gzip, with a name that ends in `.gz`), whose
+/// size and type the options must give.
+///
+/// # Errors
+/// [`Error::Usage`] if an option is missing, impossible or contradicts the file's header;
+/// [`Error::Io`], [`Error::Format`] or [`Error::Unsupported`] if the file or its data files cannot
+/// be read as what they say they are.
+pub fn open(path: &Path, options: &OpenOptions) -> Result<Opened> {
+    layout::file_len(path)?;
+    let mut head = Vec::new();
+    layout::open_file(path)?
+        .take(4096)
+        .read_to_end(&mut head)
+        .map_err(|e| Error::io(path, "read", e))?;
+    let recipe = recognise(path, &head, options)?;
+    let offset = match recipe.data.start {
+        Start::At { bytes, .. } if recipe.format == "raw" => bytes,
+        _ => 0,
+    };
+    let (placement, provenance) = place(&recipe, options)?;
+    let endian = recipe.endian.unwrap_or_default();
+    let source = layout::source(&recipe, options.io)?;
+    let header = Header {
+        format: recipe.format,
+        dims: recipe.dims,
+        dtype: recipe.dtype,
+        endian,
+        placement,
+    };
+    let name = path.file_name().unwrap_or(path.as_os_str());
+    Ok(Opened {
+        volume: Box::new(FileVolume::new(header, source, endian != Endian::NATIVE)),
+        provenance,
+        name: name.to_string_lossy().into_owned(),
+        offset,
+    })
+}
+
+/// Parses the header of the format that the file's first bytes show.
+fn recognise(path: &Path, head: &[u8], options: &OpenOptions) -> Result<Recipe> {
+    let mut recipe = if nrrd::is_nrrd(head) {
+        nrrd::parse(path)?
+    } else if metaimage::is_metaimage(head) {
+        metaimage::parse(path)?
+    } else {
+        refuse_known(path, head, options)?;
+        return raw(path, head, options);
+    };
+    complete(path, &mut recipe, options)?;
+    Ok(recipe)
+}
+
+/// Options that say what the header also says must agree with it; they may fill its gaps.
+fn complete(path: &Path, recipe: &mut Recipe, options: &OpenOptions) -> Result<()> {
+    let differ = |option: &str, found: String, stated: String| {
+        let expected = format!("{stated}, as the header of {} says", path.display());
+        Err(Error::usage(option, found, expected).with_hint("leave the option out"))
+    };
+    if let Some(dims) = options.dims
+        && dims != recipe.dims.0.map(u64::from)
+    {
+        let [x, y, z] = dims;
+        return differ(
+            "--dims",
+            format!("{x} x {y} x {z}"),
+            recipe.dims.to_string(),
+        );
+    }
+    if let Some(dtype) = options.dtype
+        && dtype != recipe.dtype
+    {
+        return differ("--dtype", dtype.to_string(), recipe.dtype.to_string());
+    }
+    match (options.endian, recipe.endian) {
+        (Some(a), Some(b)) if a != b && recipe.dtype.bytes() > 1 => {
+            return differ("--endian", a.to_string(), b.to_string());
+        }
+        (endian, stated) => recipe.endian = stated.or(endian),
+    }
+    if recipe.endian.is_none() && recipe.dtype.bytes() > 1 && recipe.format == "nrrd" {
+        return Err(Error::format(
+            path,
+            format!("no field `endian` for samples of {}", recipe.dtype),
+            "`endian: little` or `endian: big`",
+        )
+        .with_hint("give --endian"));
+    }
+    // 0 is what manifests record for files with a header
+    match options.offset {
+        Some(offset) if offset > 0 => {
+            let stated = "the place of the samples".to_owned();
+            differ("--offset", offset.to_string(), stated)
+        }
+        _ => Ok(()),
+    }
+}
+
+/// Files of other kinds, by their first bytes and how to get their samples into a known one.
+const OTHERS: &[(&[u8], usize, &str)] = &[
+    (b"II*\0", 0, "TIFF"),
+    (b"MM\0*", 0, "TIFF"),
+    (b"II+\0", 0, "BigTIFF"),
+    (b"MM\0+", 0, "BigTIFF"),
+    (b"\x89HDF\r\n\x1a\n", 0, "HDF5"),
+    (b"\x89PNG\r\n\x1a\n", 0, "PNG"),
+    (b"DICM", 128, "DICOM"),
+    (b"n+1\0", 344, "NIfTI"),
+    (b"\x93NUMPY", 0, "NumPy"),
+    (b"PK\x03\x04", 0, "zip"),
+    (b"# vtk DataFile", 0, "VTK"),
+];
+
+/// Refuses what is certainly not a headerless file: a header's file name on something else, and,
+/// where no size is given, the formats of [`OTHERS`].
+fn refuse_known(path: &Path, head: &[u8], options: &OpenOptions) -> Result<()> {
+    let extension = path.extension().unwrap_or_default().to_string_lossy();
+    let expected = match extension.to_ascii_lowercase().as_str() {
+        "nrrd" | "nhdr" => "a NRRD file, which begins with NRRD000",
+        "mha" | "mhd" => "a MetaImage header, which begins with ObjectType or NDims",
+        _ => "",
+    };
+    if !expected.is_empty() {
+        let begin = head[..head.len().min(16)].escape_ascii();
+        return Err(Error::format(
+            path,
+            format!("a file that begins with \"{begin}\""),
+            expected,
+        ));
+    }
+    let known = OTHERS
+        .iter()
+        .find(|(magic, at, _)| head.get(*at..).is_some_and(|h| h.starts_with(magic)));
+    match known {
+        Some((_, _, name)) if options.dims.is_none() => Err(Error::unsupported(
+            path,
+            format!("the {name} format"),
+            "convert it to NRRD or MetaImage, or give --dims, --dtype and --offset if its samples \
+             lie in one uncompressed piece",
+        )),
+        _ => Ok(()),
+    }
+}
+
+/// The placement after the options, checked.
+fn place(recipe: &Recipe, options: &OpenOptions) -> Result<(Placement, Provenance)> {
+    let mut placement = recipe.placement;
+    let mut provenance = recipe.provenance;
+    if let Some(spacing) = options.spacing {
+        placement.spacing = spacing;
+        provenance.spacing = Origin::Option;
+    }
+    if let Some(unit) = options.unit {
+        placement.unit = unit;
+        provenance.unit = Origin::Option;
+    }
+    placement.check()?;
+    Ok((placement, provenance))
+}
+
+/// A headerless file, perhaps compressed by gzip: everything comes from the options.
+fn raw(path: &Path, head: &[u8], options: &OpenOptions) -> Result<Recipe> {
+    let Some(dims) = options.dims else {
+        return Err(missing(
+            "--dims",
+            "the size in voxels, as in --dims 512,512,300",
+            path,
+        ));
+    };
+    let Some(dtype) = options.dtype else {
+        return Err(missing(
+            "--dtype",
+            "one of u8, i8, u16, i16, u32, i32, f32, f64",
+            path,
+        ));
+    };
+    // by name and content, since a volume may begin with gzip's two bytes by chance
+    let gzip = head.starts_with(&[0x1f, 0x8b]) && path.extension().is_some_and(|e| e == "gz");
+    let encoding = if gzip { Encoding::Gzip } else { Encoding::Raw };
+    Ok(Recipe {
+        format: "raw",
+        dims: Dims::new(dims)?,
+        dtype,
+        endian: options.endian,
+        placement: Placement::default(),
+        provenance: Provenance::default(),
+        data: Data {
+            files: vec![path.to_path_buf()],
+            start: match options.offset {
+                Some(bytes) => Start::At {
+                    base: 0,
+                    lines: 0,
+                    bytes,
+                    stated: true,
+                },
+                None => Start::UNSTATED,
+            },
+            encoding,
+        },
+    })
+}
+
+fn missing(option: &str, expected: &str, path: &Path) -> Error {
+    Error::usage(option, "nothing", expected).with_hint(format!(
+        "{} has no header that is known, so it is read as raw samples",
+        path.display()
+    ))
+}
