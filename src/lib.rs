@@ -5,6 +5,7 @@ pub mod error;
 pub mod grid;
 pub mod manifest;
 mod measure;
+mod memory;
 mod mesh;
 pub mod phantom;
 pub mod pipeline;

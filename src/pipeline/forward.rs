@@ -5,7 +5,7 @@
 
 use crate::error::{Error, Result};
 use crate::grid::Ambiguous;
-use crate::measure::{AreaScale, VoxelSums};
+use crate::measure::{AreaScale, MeshSums, VoxelSums};
 use crate::mesh::{BandView, MeshSettings, TileBox, TileMesh, TileMesher};
 use crate::pipeline::band::{Band, BandSource};
 use crate::pipeline::plan::Plan;
@@ -72,6 +72,8 @@ pub struct Forward {
     pub surface_births: Births,
     /// NaN samples.
     pub nan: u64,
+    /// Sums over all caps.
+    pub caps: MeshSums,
 }
 
 /// What stays the same during a sweep.
@@ -102,8 +104,15 @@ struct Workspace {
     writer: crate::pipeline::tilefile::TileBuffers,
 }
 
-/// The result of one tile: its record, its pieces and what they add to surfaces.
-type TileResult = (TileRecord, Vec<WrittenPiece>, Vec<SurfacePart>);
+/// The result of one tile.
+struct TileResult {
+    record: TileRecord,
+    pieces: Vec<WrittenPiece>,
+    /// What its pieces add to surfaces.
+    parts: Vec<SurfacePart>,
+    /// Sums over its caps.
+    caps: MeshSums,
+}
 
 struct State {
     forward: Forward,
@@ -136,6 +145,7 @@ impl Sweep<'_> {
                 },
                 surface_births: births()?,
                 nan: 0,
+                caps: MeshSums::default(),
             },
             classes: Classes::default(),
             surfaces: Surfaces::default(),
@@ -346,7 +356,17 @@ impl Sweep<'_> {
                 sums: p.sums,
             })
             .collect();
-        Ok(Some((record, pieces, parts)))
+        let mut caps = MeshSums::default();
+        mesh.pieces
+            .iter()
+            .filter(|p| p.cap)
+            .for_each(|p| caps.merge(&p.sums));
+        Ok(Some(TileResult {
+            record,
+            pieces,
+            parts,
+            caps,
+        }))
     }
 
     /// Joins the slab's surfaces, writes off what has finished and spools the rest.
@@ -358,7 +378,8 @@ impl Sweep<'_> {
         state: &mut State,
     ) -> Result<()> {
         let forward = &mut state.forward;
-        let parts = tiles.iter().flat_map(|t| &t.2).copied();
+        tiles.iter().for_each(|t| forward.caps.merge(&t.caps));
+        let parts = tiles.iter().flat_map(|t| &t.parts).copied();
         let surfaces = state
             .surfaces
             .join(classes, parts, &mut forward.surface_births)?;
@@ -397,7 +418,10 @@ impl Sweep<'_> {
         let above: Vec<u8> = classes.records.iter().map(|r| u8::from(r.above)).collect();
         let mut records = Vec::with_capacity(tiles.len());
         let mut all_pieces = Vec::new();
-        for (record, mut pieces, _) in tiles {
+        for TileResult {
+            record, mut pieces, ..
+        } in tiles
+        {
             records.push(record);
             for piece in pieces.iter_mut().filter(|p| !p.is_cap()) {
                 piece.surface = surfaces.find(piece.object, piece.cell);

@@ -1,29 +1,352 @@
 //! The conversion, in the order of its stages.
 
 mod band;
+mod finish;
 mod forward;
 mod options;
+mod output;
 mod plan;
+mod resolve;
 mod spool;
 mod surfaces;
+mod tables;
 mod tilefile;
 
 pub use options::{ConvertOptions, ConvertReport};
+pub use plan::{Plan, plan};
+pub use tables::{COMPONENT_COLUMNS, SURFACE_COLUMNS, unit_text};
 
-use crate::error::Result;
+use crate::error::{Error, Result};
+use crate::grid::{Dims, LATTICE, Tiling};
+use crate::manifest::{
+    FORMAT, FORMAT_VERSION, Generator, GridInfo, Layer, Manifest, Source, Tables, Totals,
+};
 use crate::progress::Progress;
-use crate::volume::Volume;
+use crate::tile::TileHead;
+use crate::volume::{Cropped, Volume};
+use finish::{FinishSettings, finish_layer};
+use forward::{Forward, SlabRecord, Sweep};
+use output::Output;
+use resolve::{Resolved, resolve};
+use spool::Spool;
 use std::path::Path;
+use std::time::Instant;
+use tilefile::{TileWriter, write_file};
 
 /// Converts a volume to a tile set in the directory `out`.
 ///
+/// The stages: plan the cut; sweep forward, labelling, meshing and writing the tiles' geometry;
+/// resolve ids in reverse; give the tiles their ids and measures; write the tables; write the
+/// manifest and move everything into place.
+///
 /// # Errors
-/// See [`crate::Error`]; nothing is left under a final name then.
+/// [`Error::Usage`] for impossible options, [`Error::Memory`] with the smallest limit that works,
+/// [`Error::OutputExists`], [`Error::Io`], [`Error::Interrupted`], and what reading the volume
+/// returns. Nothing is left under a final name then.
 pub fn convert(
-    _volume: &dyn Volume,
-    _options: &ConvertOptions,
-    _out: &Path,
-    _progress: &dyn Progress,
+    volume: &dyn Volume,
+    options: &ConvertOptions,
+    out: &Path,
+    progress: &dyn Progress,
 ) -> Result<ConvertReport> {
-    Err(crate::Error::Interrupted)
+    let start = Instant::now();
+    check(options)?;
+    let cropped;
+    let grid: &dyn Volume = match &options.crop {
+        Some(crop) => {
+            cropped = Cropped::new(Box::new(volume), crop)?;
+            &cropped
+        }
+        None => volume,
+    };
+    let plan = plan(grid, grid.header().dims, options)?;
+    let output = Output::create(out, options.force)?;
+    let pool = rayon::ThreadPoolBuilder::new()
+        .num_threads(plan.threads)
+        .build()
+        .map_err(|e| Error::usage("--threads", plan.threads.to_string(), e.to_string()))?;
+    let made = pool.install(|| make(volume, grid, options, &plan, output.work(), progress))?;
+    output.commit()?;
+    Ok(ConvertReport {
+        totals: made.totals,
+        bytes_written: made.bytes,
+        seconds: start.elapsed().as_secs_f64(),
+        peak_rss_bytes: crate::memory::peak_rss_bytes(),
+        warnings: made.warnings,
+    })
+}
+
+fn check(options: &ConvertOptions) -> Result<()> {
+    if !options.threshold.is_finite() {
+        return Err(Error::usage(
+            "--threshold",
+            options.threshold.to_string(),
+            "a finite number",
+        ));
+    }
+    if options.macrocube.contains(&0) {
+        return Err(Error::usage(
+            "--macrocube",
+            format!("{:?}", options.macrocube),
+            "at least 1 cube along each axis",
+        ));
+    }
+    Ok(())
+}
+
+/// What [`make`] made.
+struct Made {
+    totals: Totals,
+    bytes: u64,
+    warnings: Vec<String>,
+}
+
+/// All stages between planning and moving into place.
+fn make(
+    volume: &dyn Volume,
+    grid: &dyn Volume,
+    options: &ConvertOptions,
+    plan: &Plan,
+    work: &Path,
+    progress: &dyn Progress,
+) -> Result<Made> {
+    let placement = grid.header().placement;
+    let head = TileHead {
+        matrix: placement.gltf_matrix(),
+        primitives: options.primitives,
+    };
+    let spooled;
+    let source = if grid.random_access() || plan.reads_once() {
+        grid
+    } else {
+        progress.begin("unpacking", 0);
+        spooled = crate::volume::spool(grid, work)?;
+        spooled.as_ref()
+    };
+    let writer = TileWriter {
+        dir: work.to_path_buf(),
+        head: head.clone(),
+    };
+    make_layer_directories(work, plan.tiling)?;
+    progress.begin(
+        "tiles",
+        plan.tiling.tiles().iter().map(|&t| u64::from(t)).product(),
+    );
+    let sweep = Sweep {
+        volume: source,
+        plan,
+        threshold: options.threshold,
+        rule: options.ambiguous,
+        cap: options.cap,
+        writer: &writer,
+        work,
+        progress,
+    };
+    let forward = sweep.run()?;
+    let mut totals = forward_totals(&forward);
+    let (slabs, mut spool, mut resolved) = resolve(forward, plan.limit / 8, work)?;
+    progress.begin("index", slabs.len() as u64);
+    let settings = FinishSettings {
+        dir: work,
+        head: &head,
+        placement: &placement,
+    };
+    let layers = finish(
+        &slabs,
+        &mut spool,
+        &mut resolved,
+        &settings,
+        &mut totals,
+        progress,
+    )?;
+    remove_empty_layer_directories(work, plan.tiling, &layers)?;
+    sum_components(&resolved, options.cap, &mut totals)?;
+    let mut bytes = totals.bytes + layers.iter().map(|l| l.bytes).sum::<u64>();
+    bytes += tables::write_components(&work.join("cells.csv"), &resolved.cells, &placement, false)?;
+    bytes += tables::write_components(
+        &work.join("objects.csv"),
+        &resolved.objects,
+        &placement,
+        true,
+    )?;
+    bytes += tables::write_surfaces(&work.join("surfaces.csv"), &resolved.surfaces, &placement)?;
+    let warnings = warnings(&totals, grid.header().dims, options.threshold);
+    for warning in &warnings {
+        progress.warn(warning);
+    }
+    let manifest = manifest(volume, grid, options, plan, totals, layers);
+    let mut json = serde_json::to_vec_pretty(&manifest).expect("plain data serialises");
+    json.push(b'\n');
+    write_file(&work.join("index.json"), &[&json])?;
+    Ok(Made {
+        totals,
+        bytes: bytes + json.len() as u64,
+        warnings,
+    })
+}
+
+fn layer_directory(z: u32) -> String {
+    format!("tiles/z{z:04}")
+}
+
+fn make_layer_directories(work: &Path, tiling: Tiling) -> Result<()> {
+    for z in 0..tiling.tiles()[2] {
+        let dir = work.join(layer_directory(z));
+        std::fs::create_dir(&dir).map_err(|e| Error::io(&dir, "create the directory", e))?;
+    }
+    Ok(())
+}
+
+/// A layer without surface has no tile, hence no directory.
+fn remove_empty_layer_directories(work: &Path, tiling: Tiling, layers: &[Layer]) -> Result<()> {
+    let mut used = layers.iter().map(|l| l.z).peekable();
+    for z in 0..tiling.tiles()[2] {
+        if used.peek() == Some(&z) {
+            used.next();
+            continue;
+        }
+        let dir = work.join(layer_directory(z));
+        std::fs::remove_dir(&dir).map_err(|e| Error::io(&dir, "remove the directory", e))?;
+    }
+    Ok(())
+}
+
+/// The totals that the forward sweep knows.
+fn forward_totals(forward: &Forward) -> Totals {
+    Totals {
+        cap_triangles: forward.caps.triangles,
+        vertices: forward.caps.vertices,
+        volume6: forward.caps.volume6,
+        voxels_nan: forward.nan,
+        ..Totals::default()
+    }
+}
+
+/// Gives all tiles their ids, layer by layer, and counts in how many tiles each component is.
+fn finish(
+    slabs: &[SlabRecord],
+    spool: &mut Spool,
+    resolved: &mut Resolved,
+    settings: &FinishSettings,
+    totals: &mut Totals,
+    progress: &dyn Progress,
+) -> Result<Vec<Layer>> {
+    let mut layers = Vec::new();
+    for (i, slab) in slabs.iter().enumerate() {
+        let finished = finish_layer(settings, resolved, slab, spool, i)?;
+        progress.advance(1);
+        let Some(finished) = finished else { continue };
+        let part = finished.totals;
+        totals.tiles += part.tiles;
+        totals.tile_vertices += part.tile_vertices;
+        totals.triangles += part.triangles;
+        totals.strips += part.strips;
+        totals.strip_indices += part.strip_indices;
+        totals.bytes += part.bytes;
+        let [objects, cells, surfaces] = finished.tiles_of;
+        for (id, tiles) in objects {
+            resolved.objects.update(id - 1, |r| r.tiles += tiles)?;
+        }
+        for (id, tiles) in cells {
+            resolved.cells.update(id - 1, |r| r.tiles += tiles)?;
+        }
+        for (id, tiles) in surfaces {
+            resolved.surfaces.update(id - 1, |r| r.tiles += tiles)?;
+        }
+        layers.push(finished.entry);
+    }
+    Ok(layers)
+}
+
+/// Adds what follows from the components: their numbers, and the sums of their surfaces.
+fn sum_components(resolved: &Resolved, cap: bool, totals: &mut Totals) -> Result<()> {
+    totals.objects = resolved.objects.len();
+    totals.cells = resolved.cells.len();
+    totals.surfaces = resolved.surfaces.len();
+    for i in 0..resolved.objects.len() {
+        totals.voxels_above += resolved.objects.get(i)?.voxels.voxels;
+    }
+    for i in 0..resolved.surfaces.len() {
+        let mesh = resolved.surfaces.get(i)?.mesh;
+        totals.vertices += mesh.vertices;
+        totals.volume6 += mesh.volume6;
+        totals.border_edges += mesh.border_edges;
+    }
+    if cap {
+        totals.border_edges = 0;
+    }
+    let edges = (3 * totals.triangles + totals.border_edges) / 2;
+    totals.euler_characteristic = totals.vertices as i64 - edges as i64 + totals.triangles as i64;
+    Ok(())
+}
+
+fn warnings(totals: &Totals, dims: Dims, threshold: f64) -> Vec<String> {
+    let mut warnings = Vec::new();
+    if totals.voxels_above == 0 {
+        warnings.push(format!(
+            "no voxel reaches the threshold {threshold}: the tile set is empty (`alvis info` shows \
+             the range of the data)"
+        ));
+    } else if totals.voxels_above == dims.voxels() {
+        warnings.push(format!(
+            "every voxel reaches the threshold {threshold}: there is no surface inside the volume \
+             (`alvis info` shows the range of the data)"
+        ));
+    }
+    if totals.voxels_nan > 0 {
+        warnings.push(format!(
+            "{} samples are NaN; they count as below",
+            totals.voxels_nan
+        ));
+    }
+    warnings
+}
+
+fn manifest(
+    volume: &dyn Volume,
+    grid: &dyn Volume,
+    options: &ConvertOptions,
+    plan: &Plan,
+    totals: Totals,
+    layers: Vec<Layer>,
+) -> Manifest {
+    let source = volume.header();
+    let placement = grid.header().placement;
+    Manifest {
+        format: FORMAT.into(),
+        format_version: FORMAT_VERSION,
+        generator: Generator {
+            name: "alvis".into(),
+            version: env!("CARGO_PKG_VERSION").into(),
+        },
+        source: Source {
+            name: options.source_name.clone(),
+            format: source.format.into(),
+            dims: source.dims,
+            dtype: source.dtype,
+            endian: source.endian,
+            offset: options.source_offset,
+            crop: options.crop.clone(),
+            provenance: options.provenance,
+        },
+        grid: GridInfo {
+            dims: plan.tiling.dims,
+            macrocube: options.macrocube,
+            tiles: plan.tiling.tiles(),
+        },
+        placement,
+        threshold: options.threshold,
+        ambiguous: options.ambiguous,
+        cap: options.cap,
+        primitives: options.primitives,
+        lattice: LATTICE,
+        transform: placement.gltf_matrix(),
+        totals,
+        layers,
+        tables: Tables {
+            cells: "cells.csv".into(),
+            objects: "objects.csv".into(),
+            surfaces: "surfaces.csv".into(),
+        },
+    }
 }

@@ -38,6 +38,13 @@ pub struct Plan {
     pub tile_budget: u64,
 }
 
+impl Plan {
+    /// True if every voxel is read once (but for the slices that slabs share), forward.
+    pub fn reads_once(&self) -> bool {
+        self.bands_at_once >= self.tiling.tiles()[1]
+    }
+}
+
 /// Predicts the memory and chooses how to cut.
 ///
 /// # Errors
@@ -108,7 +115,7 @@ impl Cost {
         let tile = cubes * TILE_TRIANGLES_PER_CUBE * BYTES_PER_TRIANGLE as f64 + cubes * 1.5;
         let front = f64::from(nx) * f64::from(ny) * FRONT_BYTES_PER_PIXEL;
         Cost {
-            fixed: BASE + front as u64,
+            fixed: BASE + front as u64 + volume.held_bytes(),
             band: band as u64,
             tile: tile as u64,
             threads: threads as u64,

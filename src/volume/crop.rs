@@ -7,19 +7,19 @@ use std::ops::Range;
 
 /// A box of another volume: its voxel (0, 0, 0) is the crop's first voxel, and its origin the place
 /// of that voxel.
-pub struct Cropped {
-    volume: Box<dyn Volume>,
+pub struct Cropped<'a> {
+    volume: Box<dyn Volume + 'a>,
     header: Header,
     start: [u32; 3],
 }
 
-impl Cropped {
+impl<'a> Cropped<'a> {
     /// Cuts `crop` out of `volume`.
     ///
     /// # Errors
     /// [`crate::Error::Usage`] if the box leaves the volume or has fewer than 2 voxels along an
     /// axis.
-    pub fn new(volume: Box<dyn Volume>, crop: &Crop) -> Result<Self> {
+    pub fn new(volume: Box<dyn Volume + 'a>, crop: &Crop) -> Result<Self> {
         let whole = volume.header();
         let header = Header {
             dims: crop.dims_in(whole.dims)?,
@@ -40,7 +40,7 @@ impl Cropped {
     }
 }
 
-impl Volume for Cropped {
+impl Volume for Cropped<'_> {
     fn header(&self) -> &Header {
         &self.header
     }

@@ -124,6 +124,32 @@ pub trait Volume: Send + Sync {
     fn release(&self, _z: Range<u32>) {}
 }
 
+impl<V: Volume + ?Sized> Volume for &V {
+    fn header(&self) -> &Header {
+        (**self).header()
+    }
+
+    fn read_box(&self, x: Range<u32>, y: Range<u32>, z: Range<u32>, out: &mut [u8]) -> Result<()> {
+        (**self).read_box(x, y, z, out)
+    }
+
+    fn random_access(&self) -> bool {
+        (**self).random_access()
+    }
+
+    fn held_bytes(&self) -> u64 {
+        (**self).held_bytes()
+    }
+
+    fn prefetch(&self, z: Range<u32>) {
+        (**self).prefetch(z);
+    }
+
+    fn release(&self, z: Range<u32>) {
+        (**self).release(z);
+    }
+}
+
 /// Checks that a box lies inside a volume and that the caller's buffer has its size, as every
 /// [`Volume::read_box`] must.
 pub(crate) fn check_box(

@@ -17,7 +17,7 @@ const PIECE: u64 = 8 << 20;
 ///
 /// # Errors
 /// [`Error::Io`] if the file cannot be made or the disk is full; the volume's own errors.
-pub fn spool(volume: Box<dyn Volume>, dir: &Path) -> Result<Box<dyn Volume>> {
+pub fn spool(volume: &dyn Volume, dir: &Path) -> Result<Box<dyn Volume>> {
     let fail = |e| Error::io(dir, "write a temporary copy of the volume", e);
     let mut file = tempfile::tempfile_in(dir).map_err(fail)?;
     let header = volume.header().clone();

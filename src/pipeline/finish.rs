@@ -1,0 +1,330 @@
+//! Gives the tiles their ids and measures, and writes the shards.
+
+use crate::error::{Error, Result};
+use crate::grid::{LATTICE, Placement};
+use crate::manifest::{Bounds, Group, Layer, Shard, TileEntry, Totals, checksum_text};
+use crate::measure::{ComponentRecord, Measures, RecordTable};
+use crate::pipeline::forward::SlabRecord;
+use crate::pipeline::resolve::Resolved;
+use crate::pipeline::spool::Spool;
+use crate::pipeline::tilefile::{TileRecord, WrittenPiece, aligned, too_large, write_file};
+use crate::tile::{
+    Body, BodyPiece, Extras, MAX_NODES, Node, TileHead, group_body, merged_file, node_json,
+    tile_path, write_head,
+};
+use rayon::prelude::*;
+use std::collections::BTreeMap;
+use std::fs::OpenOptions;
+use std::os::unix::fs::FileExt;
+use std::path::Path;
+
+/// What finishing needs to know of the whole set.
+#[derive(Clone, Copy)]
+pub struct FinishSettings<'a> {
+    /// Directory that will become the tile set.
+    pub dir: &'a Path,
+    /// What all tiles have in common.
+    pub head: &'a TileHead,
+    /// Spacing and unit of the measures.
+    pub placement: &'a Placement,
+}
+
+/// The settings with the sums of all components.
+struct Finisher<'a> {
+    settings: FinishSettings<'a>,
+    cells: &'a RecordTable<ComponentRecord>,
+}
+
+/// The ids of a piece.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, PartialOrd, Ord)]
+struct Ids {
+    object: u64,
+    /// 0 for a cap.
+    cell: u64,
+    /// 0 for a cap.
+    surface: u64,
+}
+
+/// A finished layer.
+pub struct FinishedLayer {
+    /// Its entry in the manifest.
+    pub entry: Layer,
+    /// Its part of the totals: tiles, vertices, triangles, strips and bytes.
+    pub totals: Totals,
+    /// How many tiles each object, cell and surface has triangles in.
+    pub tiles_of: [BTreeMap<u64, u64>; 3],
+}
+
+/// Finishes the tiles of slab `number` and writes its shard; `None` if it has no tile.
+///
+/// # Errors
+/// [`Error::Io`], and [`Error::Usage`] if a tile would pass 4 GiB.
+pub fn finish_layer(
+    settings: &FinishSettings,
+    resolved: &mut Resolved,
+    slab: &SlabRecord,
+    spool: &mut Spool,
+    number: usize,
+) -> Result<Option<FinishedLayer>> {
+    let tiles = spool.get(&slab.tiles)?;
+    if tiles.is_empty() {
+        return Ok(None);
+    }
+    let pieces = spool.get(&slab.pieces)?;
+    let classes = resolved.ids.get(&resolved.slabs[number].classes)?;
+    let surfaces = resolved.ids.get(&resolved.slabs[number].surfaces)?;
+    let mut jobs = Vec::with_capacity(tiles.len());
+    let mut first = 0;
+    for tile in tiles {
+        let pieces = &pieces[first..first + tile.pieces as usize];
+        first += pieces.len();
+        jobs.push((tile, pieces));
+    }
+    let ids_of = |p: &WrittenPiece| {
+        let object = classes[p.object as usize];
+        if p.is_cap() {
+            return Ids {
+                object,
+                cell: 0,
+                surface: 0,
+            };
+        }
+        Ids {
+            object,
+            cell: classes[p.cell as usize],
+            surface: surfaces[p.surface as usize],
+        }
+    };
+    let finisher = Finisher {
+        settings: *settings,
+        cells: &resolved.cells,
+    };
+    let entries: Result<Vec<TileEntry>> = jobs
+        .par_iter()
+        .map(|(tile, pieces)| {
+            let ids: Vec<Ids> = pieces.iter().map(ids_of).collect();
+            finisher.finish_tile(tile, pieces, &ids)
+        })
+        .collect();
+    write_shard(settings.dir, slab.layer, entries?).map(Some)
+}
+
+impl Finisher<'_> {
+    fn finish_tile(
+        &self,
+        tile: &TileRecord,
+        pieces: &[WrittenPiece],
+        ids: &[Ids],
+    ) -> Result<TileEntry> {
+        let body = Body {
+            pieces: pieces.iter().map(|p| p.body).collect(),
+            vertices: tile.vertices,
+            bytes: tile.body_bytes,
+        };
+        let (groups, group_ids) = group(ids);
+        let grouped = groups.len() < pieces.len();
+        let path = self.settings.dir.join(tile_path(tile.grid));
+        if !grouped && groups.len() <= MAX_NODES {
+            let nodes = self.nodes(&body, &group_ids)?;
+            let json = node_json(self.settings.head, &body, &nodes);
+            let room = tile.room as usize;
+            let head =
+                write_head(&json, room, tile.body_bytes).ok_or_else(|| too_large(tile.grid))?;
+            let file = OpenOptions::new()
+                .write(true)
+                .open(&path)
+                .map_err(|e| Error::io(&path, "open", e))?;
+            file.write_all_at(&head, 0)
+                .map_err(|e| Error::io(&path, "write", e))?;
+            let mut crc = crc32fast::Hasher::new();
+            crc.update(&head);
+            crc.combine(&crc32fast::Hasher::new_with_initial_len(
+                tile.crc,
+                tile.body_bytes,
+            ));
+            let bytes = head.len() as u64 + tile.body_bytes;
+            return Ok(entry(
+                tile,
+                &body,
+                &group_ids,
+                None,
+                (bytes, crc.finalize()),
+            ));
+        }
+        self.rewrite_tile(tile, &body, (&groups, &group_ids), &path)
+    }
+
+    /// Writes a tile anew: pieces that turned out to be one are joined, or the layout is the merged
+    /// one.
+    fn rewrite_tile(
+        &self,
+        tile: &TileRecord,
+        body: &Body,
+        (groups, group_ids): (&[Vec<usize>], &[Ids]),
+        path: &Path,
+    ) -> Result<TileEntry> {
+        let bytes = std::fs::read(path).map_err(|e| Error::io(path, "read back", e))?;
+        let start = bytes.len() - body.bytes as usize;
+        let (body, bin) = group_body(body, &bytes[start..], groups, self.settings.head.primitives);
+        let too_large = || too_large(tile.grid);
+        let mut merged_indices = None;
+        let file = if groups.len() <= MAX_NODES {
+            let nodes = self.nodes(&body, group_ids)?;
+            let json = node_json(self.settings.head, &body, &nodes);
+            let mut file =
+                write_head(&json, aligned(json.len()), body.bytes).ok_or_else(too_large)?;
+            file.extend_from_slice(&bin);
+            file
+        } else {
+            let nodes = self.nodes(&body, group_ids)?;
+            let rows: Vec<Extras> = nodes.into_iter().map(|n| n.extras).collect();
+            let (file, indices) =
+                merged_file(self.settings.head, &body, &bin, &rows).ok_or_else(too_large)?;
+            merged_indices = Some(indices);
+            file
+        };
+        write_file(path, &[&file])?;
+        let size_and_crc = (file.len() as u64, crc32fast::hash(&file));
+        Ok(entry(tile, &body, group_ids, merged_indices, size_and_crc))
+    }
+
+    /// Names and numbers of a tile's pieces.
+    fn nodes(&self, body: &Body, ids: &[Ids]) -> Result<Vec<Node>> {
+        let unit = self.settings.placement.unit.name();
+        ids.iter()
+            .zip(&body.pieces)
+            .map(
+                |(
+                    &Ids {
+                        object,
+                        cell,
+                        surface,
+                    },
+                    piece,
+                )| {
+                    let extras = Extras::ids(cell, object, surface, u64::from(piece.triangles));
+                    if cell == 0 {
+                        return Ok(Node {
+                            name: format!("cap_object_{object}"),
+                            extras,
+                        });
+                    }
+                    let record = self.cells.get(cell - 1)?;
+                    let name = if record.surfaces > 1 {
+                        format!("cell_{cell}_object_{object}")
+                    } else {
+                        format!("cell_{cell}")
+                    };
+                    let measures = Measures::of(&record, self.settings.placement, false);
+                    Ok(Node {
+                        name,
+                        extras: extras.with_measures(&measures, unit),
+                    })
+                },
+            )
+            .collect()
+    }
+}
+
+/// The shard's entry of a tile.
+fn entry(
+    tile: &TileRecord,
+    body: &Body,
+    ids: &[Ids],
+    merged_indices: Option<u64>,
+    (bytes, crc): (u64, u32),
+) -> TileEntry {
+    let sum = |get: fn(&BodyPiece) -> u32| body.pieces.iter().map(|p| u64::from(get(p))).sum();
+    let bound = |start: i32, get: fn(&BodyPiece) -> [i32; 3], pick: fn(i32, i32) -> i32| {
+        let steps = body
+            .pieces
+            .iter()
+            .map(get)
+            .fold([start; 3], |a, b| std::array::from_fn(|i| pick(a[i], b[i])));
+        steps.map(|v| f64::from(v) / f64::from(LATTICE))
+    };
+    TileEntry {
+        path: tile_path(tile.grid),
+        grid: tile.grid,
+        bounds: Bounds {
+            min: bound(i32::MAX, |p| p.min, i32::min),
+            max: bound(i32::MIN, |p| p.max, i32::max),
+        },
+        vertices: u64::from(body.vertices),
+        triangles: sum(|p| p.triangles),
+        strips: sum(|p| p.strips),
+        indices: merged_indices.unwrap_or_else(|| sum(|p| p.indices)),
+        bytes,
+        checksum: checksum_text(crc),
+        groups: ids
+            .iter()
+            .zip(&body.pieces)
+            .map(|(ids, p)| Group {
+                cell: ids.cell,
+                object: ids.object,
+                surface: ids.surface,
+                vertices: u64::from(p.vertices),
+                triangles: u64::from(p.triangles),
+            })
+            .collect(),
+    }
+}
+
+/// Writes a layer's shard and adds up its tiles.
+fn write_shard(dir: &Path, layer: u32, tiles: Vec<TileEntry>) -> Result<FinishedLayer> {
+    let mut totals = Totals::default();
+    let mut tiles_of: [BTreeMap<u64, u64>; 3] = Default::default();
+    for tile in &tiles {
+        totals.tiles += 1;
+        totals.tile_vertices += tile.vertices;
+        totals.triangles += tile.triangles;
+        totals.strips += tile.strips;
+        totals.bytes += tile.bytes;
+        if tile.strips > 0 {
+            totals.strip_indices += tile.indices;
+        }
+        let columns: [fn(&Group) -> u64; 3] = [|g| g.object, |g| g.cell, |g| g.surface];
+        for (counts, get) in tiles_of.iter_mut().zip(columns) {
+            let open = tile.groups.iter().filter(|g| g.cell != 0);
+            let distinct: std::collections::BTreeSet<u64> = open.map(get).collect();
+            for id in distinct {
+                *counts.entry(id).or_default() += 1;
+            }
+        }
+    }
+    let path = format!("index/z{layer:04}.json");
+    let count = tiles.len() as u64;
+    let mut json = serde_json::to_vec(&Shard { z: layer, tiles }).expect("plain data serialises");
+    json.push(b'\n');
+    write_file(&dir.join(&path), &[&json])?;
+    let checksum = checksum_text(crc32fast::hash(&json));
+    let entry = Layer {
+        z: layer,
+        path,
+        tiles: count,
+        bytes: json.len() as u64,
+        checksum,
+    };
+    Ok(FinishedLayer {
+        entry,
+        totals,
+        tiles_of,
+    })
+}
+
+/// Pieces with the same ids, in the order of their first piece.
+fn group(ids: &[Ids]) -> (Vec<Vec<usize>>, Vec<Ids>) {
+    let mut groups: Vec<Vec<usize>> = Vec::new();
+    let mut group_ids = Vec::new();
+    let mut known: BTreeMap<Ids, usize> = BTreeMap::new();
+    for (piece, &id) in ids.iter().enumerate() {
+        let next = groups.len();
+        let at = *known.entry(id).or_insert(next);
+        if at == next {
+            groups.push(Vec::new());
+            group_ids.push(id);
+        }
+        groups[at].push(piece);
+    }
+    (groups, group_ids)
+}
