@@ -1,11 +1,17 @@
 //! Volumes on disk: what is known of them before reading, and reading any box of voxels.
 
 mod dtype;
+mod file;
+mod layout;
+mod map;
+mod open;
+mod source;
 
 pub(crate) use dtype::with_voxel_type;
 pub use dtype::{Dtype, Voxel};
+pub use open::{Io, OpenOptions, Opened, open};
 
-use crate::error::Result;
+use crate::error::{Error, Result};
 use crate::grid::{Dims, Placement};
 use serde::{Deserialize, Serialize};
 use std::ops::Range;
@@ -19,6 +25,41 @@ pub enum Endian {
     Little,
     /// Most significant byte first.
     Big,
+}
+
+impl Endian {
+    /// The order of this machine.
+    pub const NATIVE: Endian = if cfg!(target_endian = "big") {
+        Endian::Big
+    } else {
+        Endian::Little
+    };
+
+    /// `little` or `big`.
+    pub fn name(self) -> &'static str {
+        match self {
+            Endian::Little => "little",
+            Endian::Big => "big",
+        }
+    }
+}
+
+impl std::fmt::Display for Endian {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        f.write_str(self.name())
+    }
+}
+
+impl std::str::FromStr for Endian {
+    type Err = Error;
+
+    fn from_str(text: &str) -> Result<Self> {
+        match text {
+            "little" => Ok(Endian::Little),
+            "big" => Ok(Endian::Big),
+            _ => Err(Error::usage("--endian", text, "little or big")),
+        }
+    }
 }
 
 /// What a volume says of itself, after options have overridden it.
@@ -54,9 +95,45 @@ pub trait Volume: Send + Sync {
         true
     }
 
+    /// The most memory that the volume keeps for itself besides what it hands out, in bytes: the
+    /// window of a compressed stream. Mapped pages are not counted.
+    fn held_bytes(&self) -> u64 {
+        0
+    }
+
     /// Says that the sweep will soon read these slices, so that the system can fetch them ahead.
     fn prefetch(&self, _z: Range<u32>) {}
 
     /// Says that the sweep is done with these slices: mapped pages are given back to the system.
     fn release(&self, _z: Range<u32>) {}
+}
+
+/// Checks that a box lies inside a volume and that the caller's buffer has its size, as every
+/// [`Volume::read_box`] must.
+pub(crate) fn check_box(
+    header: &Header,
+    x: &Range<u32>,
+    y: &Range<u32>,
+    z: &Range<u32>,
+    out: usize,
+) -> Result<()> {
+    let ranges = [x, y, z];
+    let inside = ranges
+        .iter()
+        .zip(header.dims.0)
+        .all(|(r, n)| r.start <= r.end && r.end <= n);
+    let bytes = ranges
+        .iter()
+        .try_fold(header.dtype.bytes(), |n, r| n.checked_mul(r.len()));
+    if inside && bytes == Some(out) {
+        return Ok(());
+    }
+    Err(Error::usage(
+        "read_box",
+        format!("box {x:?}, {y:?}, {z:?} and a buffer of {out} bytes"),
+        format!(
+            "a box inside {} of {} and a buffer of its size",
+            header.dims, header.dtype
+        ),
+    ))
 }

@@ -1,0 +1,198 @@
+//! What a format's parser finds out, and the byte source that follows from it.
+
+use super::map::Map;
+use super::source::{ByteSource, FileSource, MapSource, Part, PartsSource};
+use super::{Dtype, Endian, Io};
+use crate::error::{Error, Result};
+use crate::grid::{Dims, Placement};
+use crate::manifest::Provenance;
+use std::fs::File;
+use std::io::{BufRead, BufReader, Seek, SeekFrom};
+use std::path::{Path, PathBuf};
+
+/// A parsed header.
+#[derive(Debug)]
+pub(super) struct Recipe {
+    pub(super) format: &'static str,
+    pub(super) dims: Dims,
+    pub(super) dtype: Dtype,
+    /// `None` where the file does not say.
+    pub(super) endian: Option<Endian>,
+    pub(super) placement: Placement,
+    pub(super) provenance: Provenance,
+    pub(super) data: Data,
+}
+
+/// Where the samples are.
+#[derive(Debug)]
+pub(super) struct Data {
+    /// Files of equal share, in the order of the samples; at least one.
+    pub(super) files: Vec<PathBuf>,
+    pub(super) start: Start,
+    pub(super) encoding: Encoding,
+}
+
+/// Where in each file the samples begin.
+#[derive(Debug, Clone, Copy)]
+pub(super) enum Start {
+    /// `lines` lines and then `bytes` bytes after the first `base` bytes. For compressed data the
+    /// bytes are counted in the decoded stream.
+    At {
+        base: u64,
+        lines: u64,
+        bytes: u64,
+        /// Somebody said where the samples begin, so bytes after their end are harmless. Where
+        /// nobody did, a file that is too long hints at a header of unknown size.
+        stated: bool,
+    },
+    /// The samples end this many bytes before the file's end.
+    End { spare: u64 },
+}
+
+impl Start {
+    /// Right at the file's beginning, which nobody stated.
+    pub(super) const UNSTATED: Start = Start::At {
+        base: 0,
+        lines: 0,
+        bytes: 0,
+        stated: false,
+    };
+}
+
+/// How the samples are packed.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(super) enum Encoding {
+    Raw,
+    Zlib,
+    Gzip,
+}
+
+/// Opens the data files of a recipe.
+pub(super) fn source(recipe: &Recipe, io: Io) -> Result<Box<dyn ByteSource>> {
+    let data = &recipe.data;
+    // at most 2^48 samples of 8 bytes
+    let total = recipe.dims.voxels() * recipe.dtype.bytes() as u64;
+    let part_bytes = total / data.files.len() as u64;
+    let what = format!("{} of {}", recipe.dims, recipe.dtype);
+    let parts = data
+        .files
+        .iter()
+        .map(|path| {
+            let offset = locate(path, data, part_bytes, &what)?;
+            Ok(Part {
+                path: path.clone(),
+                offset,
+            })
+        })
+        .collect::<Result<Vec<_>>>()?;
+    if let [part] = &parts[..] {
+        let file = open_file(&part.path)?;
+        return Ok(match io {
+            Io::Mmap => Box::new(MapSource(Map::new(
+                &part.path,
+                &file,
+                part.offset,
+                part_bytes,
+            )?)),
+            Io::Read => Box::new(FileSource {
+                file,
+                path: part.path.clone(),
+                offset: part.offset,
+            }),
+        });
+    }
+    Ok(Box::new(PartsSource { parts, part_bytes }))
+}
+
+/// Opens a file for reading.
+pub(super) fn open_file(path: &Path) -> Result<File> {
+    File::open(path).map_err(|e| Error::io(path, "open", e))
+}
+
+/// The length of a regular file; anything else is refused before it is opened, since opening a pipe
+/// can block for ever.
+pub(super) fn file_len(path: &Path) -> Result<u64> {
+    let meta = std::fs::metadata(path).map_err(|e| Error::io(path, "open", e))?;
+    if meta.is_file() {
+        return Ok(meta.len());
+    }
+    let found = if meta.is_dir() {
+        "a directory"
+    } else {
+        "a device or pipe"
+    };
+    Err(Error::format(path, found, "a file").with_hint(
+        "a folder of raw slices is read through a .nhdr header with a `data file:` pattern",
+    ))
+}
+
+/// The offset of the first sample in a data file that must hold `need` sample bytes.
+fn locate(path: &Path, data: &Data, need: u64, what: &str) -> Result<u64> {
+    let len = file_len(path)?;
+    let (base, lines, bytes, stated) = match data.start {
+        Start::End { spare } => {
+            let offset = len.checked_sub(need).and_then(|n| n.checked_sub(spare));
+            return offset.ok_or_else(|| {
+                Error::format(
+                    path,
+                    format!("{len} bytes"),
+                    format!("at least {need} bytes of samples and {spare} after them ({what})"),
+                )
+            });
+        }
+        Start::At {
+            base,
+            lines,
+            bytes,
+            stated,
+        } => (base, lines, bytes, stated),
+    };
+    let base = skip_lines(path, base, lines)?;
+    let offset = base.saturating_add(bytes);
+    let end = offset.saturating_add(need);
+    if len < end {
+        return Err(Error::format(
+            path,
+            format!("{len} bytes"),
+            format!("{end} bytes = {offset} before the samples + {need} of samples ({what})"),
+        )
+        .with_hint("the file is cut short, or the size or sample type is wrong"));
+    }
+    if len > end && !stated {
+        let spare = len - end;
+        return Err(Error::format(
+            path,
+            format!("{len} bytes, {spare} more than the samples need"),
+            format!("{need} bytes of samples ({what})"),
+        )
+        .with_hint(format!(
+            "if size and type are right, say where the samples begin: for a raw file --offset {spare} \
+             skips as many bytes in front and --offset 0 ignores those behind; in a header use \
+             `byte skip` (NRRD) or `HeaderSize` (MetaImage)"
+        )));
+    }
+    Ok(offset)
+}
+
+/// The position after `lines` line ends, counted from `base`.
+fn skip_lines(path: &Path, base: u64, lines: u64) -> Result<u64> {
+    if lines == 0 {
+        return Ok(base);
+    }
+    let mut reader = BufReader::new(open_file(path)?);
+    let fail = |e| Error::io(path, "read", e);
+    reader.seek(SeekFrom::Start(base)).map_err(fail)?;
+    let mut position = base;
+    for line in 0..lines {
+        let n = reader.skip_until(b'\n').map_err(fail)?;
+        if n == 0 {
+            return Err(Error::format(
+                path,
+                format!("{line} lines"),
+                format!("the {lines} lines to skip and the samples"),
+            ));
+        }
+        position += n as u64;
+    }
+    Ok(position)
+}
