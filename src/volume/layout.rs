@@ -2,6 +2,7 @@
 
 use super::map::Map;
 use super::source::{ByteSource, FileSource, MapSource, Part, PartsSource};
+use super::stream::{StreamLayout, StreamSource};
 use super::{Dtype, Endian, Io};
 use crate::error::{Error, Result};
 use crate::grid::{Dims, Placement};
@@ -73,6 +74,9 @@ pub(super) fn source(recipe: &Recipe, io: Io) -> Result<Box<dyn ByteSource>> {
     // at most 2^48 samples of 8 bytes
     let total = recipe.dims.voxels() * recipe.dtype.bytes() as u64;
     let part_bytes = total / data.files.len() as u64;
+    if data.encoding != Encoding::Raw {
+        return compressed(recipe, part_bytes);
+    }
     let what = format!("{} of {}", recipe.dims, recipe.dtype);
     let parts = data
         .files
@@ -103,6 +107,53 @@ pub(super) fn source(recipe: &Recipe, io: Io) -> Result<Box<dyn ByteSource>> {
     }
     Ok(Box::new(PartsSource { parts, part_bytes }))
 }
+
+/// Opens the compressed data files of a recipe.
+fn compressed(recipe: &Recipe, part_bytes: u64) -> Result<Box<dyn ByteSource>> {
+    let data = &recipe.data;
+    let Start::At {
+        base, lines, bytes, ..
+    } = data.start
+    else {
+        // the parsers refuse it: where a compressed stream begins cannot be told from its end
+        return Err(Error::unsupported(
+            &data.files[0],
+            "a compressed stream that is placed from the file's end",
+            "",
+        ));
+    };
+    let parts = data.files.iter().map(|path| {
+        let len = file_len(path)?;
+        let offset = skip_lines(path, base, lines)?;
+        let most = len.saturating_sub(offset).saturating_mul(MAX_RATIO);
+        if most < part_bytes.saturating_add(bytes) {
+            return Err(Error::format(
+                path,
+                format!("{} compressed bytes", len.saturating_sub(offset)),
+                format!(
+                    "enough for {part_bytes} bytes of samples ({} of {})",
+                    recipe.dims, recipe.dtype
+                ),
+            )
+            .with_hint("the file is cut short, or the size or sample type is wrong"));
+        }
+        Ok(Part {
+            path: path.clone(),
+            offset,
+        })
+    });
+    Ok(Box::new(StreamSource::new(StreamLayout {
+        parts: parts.collect::<Result<_>>()?,
+        encoding: data.encoding,
+        skip: bytes,
+        part_bytes,
+        slice_bytes: recipe.dims.slice_voxels() * recipe.dtype.bytes() as u64,
+    })))
+}
+
+/// Deflate cannot pack tighter: 258 bytes in 2 bits (<https://zlib.net/zlib_tech.html>). A header
+/// that claims more is refused before anything is allocated for it.
+const MAX_RATIO: u64 = 1032;
 
 /// Opens a file for reading.
 pub(super) fn open_file(path: &Path) -> Result<File> {

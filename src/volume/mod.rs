@@ -1,15 +1,25 @@
 //! Volumes on disk: what is known of them before reading, and reading any box of voxels.
 
+mod crop;
 mod dtype;
 mod file;
 mod layout;
 mod map;
+mod memory;
+mod metaimage;
+mod nrrd;
 mod open;
 mod source;
+mod spool;
+mod stream;
+mod text;
 
+pub use crop::Cropped;
 pub(crate) use dtype::with_voxel_type;
 pub use dtype::{Dtype, Voxel};
+pub use memory::MemoryVolume;
 pub use open::{Io, OpenOptions, Opened, open};
+pub use spool::spool;
 
 use crate::error::{Error, Result};
 use crate::grid::{Dims, Placement};

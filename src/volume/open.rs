@@ -2,7 +2,7 @@
 
 use super::file::FileVolume;
 use super::layout::{self, Data, Encoding, Recipe, Start};
-use super::{Dtype, Endian, Header, Volume};
+use super::{Dtype, Endian, Header, Volume, metaimage, nrrd};
 use crate::error::{Error, Result};
 use crate::grid::{Dims, Placement, Unit};
 use crate::manifest::{Origin, Provenance};
@@ -52,6 +52,18 @@ pub struct Opened {
     pub offset: u64,
 }
 
+impl std::str::FromStr for Io {
+    type Err = Error;
+
+    fn from_str(text: &str) -> Result<Self> {
+        match text {
+            "mmap" => Ok(Io::Mmap),
+            "read" => Ok(Io::Read),
+            _ => Err(Error::usage("--io", text, "mmap or read")),
+        }
+    }
+}
+
 impl std::fmt::Debug for Opened {
     fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
         f.debug_struct("Opened")
@@ -64,7 +76,8 @@ impl std::fmt::Debug for Opened {
 }
 
 /// Opens a volume. NRRD and MetaImage files are recognised by their content, whatever their name;
-/// everything else is headerless raw, whose size and type the options must give.
+/// everything else is headerless raw (or raw packed by gzip, with a name that ends in `.gz`), whose
+/// size and type the options must give.
 ///
 /// # Errors
 /// [`Error::Usage`] if an option is missing, impossible or contradicts the file's header;
@@ -77,7 +90,7 @@ pub fn open(path: &Path, options: &OpenOptions) -> Result<Opened> {
         .take(4096)
         .read_to_end(&mut head)
         .map_err(|e| Error::io(path, "read", e))?;
-    let recipe = raw(path, &head, options)?;
+    let recipe = recognise(path, &head, options)?;
     let offset = match recipe.data.start {
         Start::At { bytes, .. } if recipe.format == "raw" => bytes,
         _ => 0,
@@ -101,6 +114,111 @@ pub fn open(path: &Path, options: &OpenOptions) -> Result<Opened> {
     })
 }
 
+/// Parses the header of the format that the file's first bytes show.
+fn recognise(path: &Path, head: &[u8], options: &OpenOptions) -> Result<Recipe> {
+    let mut recipe = if nrrd::is_nrrd(head) {
+        nrrd::parse(path)?
+    } else if metaimage::is_metaimage(head) {
+        metaimage::parse(path)?
+    } else {
+        refuse_known(path, head, options)?;
+        return raw(path, head, options);
+    };
+    complete(path, &mut recipe, options)?;
+    Ok(recipe)
+}
+
+/// Options that say what the header also says must agree with it; they may fill its gaps.
+fn complete(path: &Path, recipe: &mut Recipe, options: &OpenOptions) -> Result<()> {
+    let differ = |option: &str, found: String, stated: String| {
+        let expected = format!("{stated}, as the header of {} says", path.display());
+        Err(Error::usage(option, found, expected).with_hint("leave the option out"))
+    };
+    if let Some(dims) = options.dims
+        && dims != recipe.dims.0.map(u64::from)
+    {
+        let [x, y, z] = dims;
+        return differ(
+            "--dims",
+            format!("{x} x {y} x {z}"),
+            recipe.dims.to_string(),
+        );
+    }
+    if let Some(dtype) = options.dtype
+        && dtype != recipe.dtype
+    {
+        return differ("--dtype", dtype.to_string(), recipe.dtype.to_string());
+    }
+    match (options.endian, recipe.endian) {
+        (Some(a), Some(b)) if a != b && recipe.dtype.bytes() > 1 => {
+            return differ("--endian", a.to_string(), b.to_string());
+        }
+        (endian, stated) => recipe.endian = stated.or(endian),
+    }
+    if recipe.endian.is_none() && recipe.dtype.bytes() > 1 && recipe.format == "nrrd" {
+        return Err(Error::format(
+            path,
+            format!("no field `endian` for samples of {}", recipe.dtype),
+            "`endian: little` or `endian: big`",
+        )
+        .with_hint("give --endian"));
+    }
+    // 0 is what manifests record for files with a header
+    match options.offset {
+        Some(offset) if offset > 0 => {
+            let stated = "the place of the samples".to_owned();
+            differ("--offset", offset.to_string(), stated)
+        }
+        _ => Ok(()),
+    }
+}
+
+/// Files of other kinds, by their first bytes and how to get their samples into a known one.
+const OTHERS: &[(&[u8], usize, &str)] = &[
+    (b"II*\0", 0, "TIFF"),
+    (b"MM\0*", 0, "TIFF"),
+    (b"II+\0", 0, "BigTIFF"),
+    (b"MM\0+", 0, "BigTIFF"),
+    (b"\x89HDF\r\n\x1a\n", 0, "HDF5"),
+    (b"\x89PNG\r\n\x1a\n", 0, "PNG"),
+    (b"DICM", 128, "DICOM"),
+    (b"n+1\0", 344, "NIfTI"),
+    (b"\x93NUMPY", 0, "NumPy"),
+    (b"PK\x03\x04", 0, "zip"),
+    (b"# vtk DataFile", 0, "VTK"),
+];
+
+/// Refuses what is certainly not a headerless file: a header's file name on something else, and,
+/// where no size is given, the formats of [`OTHERS`].
+fn refuse_known(path: &Path, head: &[u8], options: &OpenOptions) -> Result<()> {
+    let extension = path.extension().unwrap_or_default().to_string_lossy();
+    let expected = match extension.to_ascii_lowercase().as_str() {
+        "nrrd" | "nhdr" => "a NRRD file, which begins with NRRD000",
+        "mha" | "mhd" => "a MetaImage header, which begins with ObjectType or NDims",
+        _ => "",
+    };
+    if !expected.is_empty() {
+        let begin = head[..head.len().min(16)].escape_ascii();
+        return Err(Error::format(
+            path,
+            format!("a file that begins with \"{begin}\""),
+            expected,
+        ));
+    }
+    let known = OTHERS
+        .iter()
+        .find(|(magic, at, _)| head.get(*at..).is_some_and(|h| h.starts_with(magic)));
+    match known {
+        Some((_, _, name)) if options.dims.is_none() => Err(Error::unsupported(
+            path,
+            format!("the {name} format"),
+            "convert it to NRRD or MetaImage, or give --dims, --dtype and --offset if its samples \
+             lie in one uncompressed piece",
+        )),
+        _ => Ok(()),
+    }
+}
+
 /// The placement after the options, checked.
 fn place(recipe: &Recipe, options: &OpenOptions) -> Result<(Placement, Provenance)> {
     let mut placement = recipe.placement;
@@ -117,8 +235,8 @@ fn place(recipe: &Recipe, options: &OpenOptions) -> Result<(Placement, Provenanc
     Ok((placement, provenance))
 }
 
-/// A headerless file: everything comes from the options.
-fn raw(path: &Path, _head: &[u8], options: &OpenOptions) -> Result<Recipe> {
+/// A headerless file, perhaps compressed by gzip: everything comes from the options.
+fn raw(path: &Path, head: &[u8], options: &OpenOptions) -> Result<Recipe> {
     let Some(dims) = options.dims else {
         return Err(missing(
             "--dims",
@@ -133,6 +251,9 @@ fn raw(path: &Path, _head: &[u8], options: &OpenOptions) -> Result<Recipe> {
             path,
         ));
     };
+    // by name and content, since a volume may begin with gzip's two bytes by chance
+    let gzip = head.starts_with(&[0x1f, 0x8b]) && path.extension().is_some_and(|e| e == "gz");
+    let encoding = if gzip { Encoding::Gzip } else { Encoding::Raw };
     Ok(Recipe {
         format: "raw",
         dims: Dims::new(dims)?,
@@ -151,7 +272,7 @@ fn raw(path: &Path, _head: &[u8], options: &OpenOptions) -> Result<Recipe> {
                 },
                 None => Start::UNSTATED,
             },
-            encoding: Encoding::Raw,
+            encoding,
         },
     })
 }
