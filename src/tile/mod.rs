@@ -29,6 +29,10 @@
 //! triangles; triangle k of a strip is (k, k+1, k+2) for even k and (k+1, k, k+2) for odd k, and
 //! winds counter-clockwise seen from the below side.
 
+mod features;
+mod json;
+pub mod read;
+
 /// The most surface pieces that a tile keeps as nodes; with more it takes the merged layout.
 /// Programs load thousands of nodes slowly: MeshLab takes 0.7 s for 500 and 30 s for 2000.
 pub const MAX_NODES: usize = 500;

@@ -1,0 +1,104 @@
+//! The property table of a merged tile (EXT_mesh_features and EXT_structural_metadata).
+
+use super::json::{ClassProperty, Document, Primitive, whole};
+use super::read::{Fault, PieceIds, ReadError, view_bytes};
+
+fn fail<T>(place: &str, message: impl Into<String>) -> Result<T, ReadError> {
+    Err(ReadError {
+        fault: Fault::Structure,
+        place: place.to_owned(),
+        message: message.into(),
+    })
+}
+
+/// Reads the id columns of the table that feature id set 0 of `prim` points to, one row per piece.
+pub(super) fn rows(
+    doc: &Document,
+    bin: &[u8],
+    prim: &Primitive,
+) -> Result<Vec<PieceIds>, ReadError> {
+    const AT: &str = "/extensions/EXT_structural_metadata";
+    let set = prim.extensions.mesh_features.as_ref();
+    let set = match set.map(|m| m.feature_ids.as_slice()) {
+        Some([one]) if one.attribute == Some(0) => one,
+        _ => {
+            return fail(
+                "/meshes/0/primitives/0/extensions/EXT_mesh_features",
+                "expected one feature id set with attribute 0",
+            );
+        }
+    };
+    let meta = doc.extensions.structural_metadata.as_ref();
+    let table = meta
+        .zip(set.property_table)
+        .and_then(|(m, t)| m.property_tables.get(t));
+    let (Some(meta), Some(table)) = (meta, table) else {
+        return fail(AT, "expected the property table that the feature ids name");
+    };
+    let class = meta
+        .schema
+        .as_ref()
+        .and_then(|s| s.classes.get(&table.class));
+    let Some(class) = class else {
+        return fail(AT, format!("its schema has no class {:?}", table.class));
+    };
+    if set.feature_count != table.count {
+        return fail(
+            AT,
+            format!("{} features, {} rows", set.feature_count, table.count),
+        );
+    }
+    let column = |name: &str| -> Result<Vec<u64>, ReadError> {
+        let found = class.properties.get(name).zip(table.properties.get(name));
+        let Some((property, values)) = found else {
+            return fail(AT, format!("the table has no column {name:?}"));
+        };
+        numbers(property, view_bytes(doc, bin, values.values)?, table.count)
+            .map_or_else(|what| fail(AT, format!("column {name:?}: {what}")), Ok)
+    };
+    let (cell, object) = (column("cell")?, column("object")?);
+    let (surface, triangles) = (column("surface")?, column("triangles")?);
+    let row = |i: usize| PieceIds {
+        cell: cell[i],
+        object: object[i],
+        surface: surface[i],
+        triangles: triangles[i],
+    };
+    Ok((0..cell.len()).map(row).collect())
+}
+
+/// Decodes a column of `count` numbers; the column's bytes bound what is allocated.
+fn numbers(property: &ClassProperty, bytes: &[u8], count: u64) -> Result<Vec<u64>, String> {
+    let component = property.component_type.as_deref().unwrap_or("");
+    let size = match component {
+        "UINT32" | "INT32" | "FLOAT32" => 4,
+        "UINT64" | "INT64" | "FLOAT64" => 8,
+        _ => 0,
+    };
+    if property.kind != "SCALAR" || size == 0 {
+        return Err(format!(
+            "found {} of {component:?}, expected SCALAR of 32 or 64 bits",
+            property.kind
+        ));
+    }
+    if count.checked_mul(size) != Some(bytes.len() as u64) {
+        return Err(format!(
+            "found {} bytes for {count} rows of {size} bytes",
+            bytes.len()
+        ));
+    }
+    let value = |b: &[u8]| -> Option<u64> {
+        match component {
+            "UINT32" => Some(u32::from_le_bytes(b.try_into().ok()?).into()),
+            "INT32" => i32::from_le_bytes(b.try_into().ok()?).try_into().ok(),
+            "FLOAT32" => whole(f32::from_le_bytes(b.try_into().ok()?).into()),
+            "UINT64" => Some(u64::from_le_bytes(b.try_into().ok()?)),
+            "INT64" => i64::from_le_bytes(b.try_into().ok()?).try_into().ok(),
+            _ => whole(f64::from_le_bytes(b.try_into().ok()?)),
+        }
+    };
+    bytes
+        .chunks_exact(size as usize)
+        .map(|b| value(b).ok_or_else(|| "a value is not a whole number from 0".to_owned()))
+        .collect()
+}
