@@ -4,22 +4,28 @@ mod crop;
 mod dtype;
 mod file;
 mod layout;
+mod levels;
 mod map;
 mod memory;
 mod metaimage;
 mod nrrd;
 mod open;
+mod predict;
 mod source;
 mod spool;
+mod statistics;
 mod stream;
 mod text;
+mod walk;
 
 pub use crop::Cropped;
 pub(crate) use dtype::with_voxel_type;
 pub use dtype::{Dtype, Voxel};
 pub use memory::MemoryVolume;
 pub use open::{Io, OpenOptions, Opened, open};
+pub use predict::{Prediction, predict};
 pub use spool::spool;
+pub use statistics::{Statistics, statistics};
 
 use crate::error::{Error, Result};
 use crate::grid::{Dims, Placement};
