@@ -1,3 +1,7 @@
 //! The `alvis` command.
 
-fn main() {}
+use std::process::ExitCode;
+
+fn main() -> ExitCode {
+    alvis::cli::run(std::env::args_os())
+}

@@ -1,238 +1,104 @@
-//! The merged layout: one mesh for a tile of very many pieces, whose ids and measures are rows of an
-//! EXT_structural_metadata property table that `_FEATURE_ID_0` points into.
+//! The property table of a merged tile (EXT_mesh_features and EXT_structural_metadata).
 
-use crate::manifest::Primitives;
-use crate::strip::append_strip;
-use crate::tile::Extras;
-use crate::tile::body::Body;
-use crate::tile::document::{
-    ARRAY_BUFFER, ELEMENT_ARRAY_BUFFER, FLOAT, GENERATOR, TileHead, UNSIGNED_INT, UNSIGNED_SHORT,
-    coordinate, material, mode, write_head,
-};
-use serde_json::{Map, Value, json};
+use super::json::{ClassProperty, Document, Primitive, whole};
+use super::read::{Fault, PieceIds, ReadError, view_bytes};
 
-/// Value of a measure that is missing in the table; no measure is negative but the Euler
-/// characteristic, which has its own.
-const NO_DATA: f64 = -1.0;
-const NO_EULER: i32 = i32::MIN;
-
-/// A column: its name, component type, missing value and bytes.
-struct Column {
-    name: &'static str,
-    kind: &'static str,
-    no_data: Option<Value>,
-    bytes: Vec<u8>,
-}
-
-/// The columns of the property table, the same as the fields of [`Extras`].
-fn columns(rows: &[Extras]) -> Vec<Column> {
-    let id = |name: &'static str, get: &dyn Fn(&Extras) -> u64| {
-        let values: Vec<u64> = rows.iter().map(get).collect();
-        let narrow: Option<Vec<u32>> = values.iter().map(|&v| u32::try_from(v).ok()).collect();
-        match narrow {
-            Some(v) => (name, "UINT32", None, bytemuck::cast_slice(&v).to_vec()),
-            None => (name, "UINT64", None, bytemuck::cast_slice(&values).to_vec()),
-        }
-    };
-    let measure = |name: &'static str, get: &dyn Fn(&Extras) -> Option<f64>| {
-        let values: Vec<f64> = rows.iter().map(|r| get(r).unwrap_or(NO_DATA)).collect();
-        (
-            name,
-            "FLOAT64",
-            Some(json!(NO_DATA)),
-            bytemuck::cast_slice(&values).to_vec(),
-        )
-    };
-    let euler: Vec<i32> = rows
-        .iter()
-        .map(|r| {
-            r.euler_characteristic.map_or(NO_EULER, |e| {
-                e.clamp(-i64::from(i32::MAX), i64::from(i32::MAX)) as i32
-            })
-        })
-        .collect();
-    let border: Vec<u8> = rows
-        .iter()
-        .map(|r| r.touches_border.unwrap_or(255))
-        .collect();
-    [
-        id("cell", &|r| r.cell),
-        id("object", &|r| r.object),
-        id("surface", &|r| r.surface),
-        id("triangles", &|r| r.triangles),
-        measure("voxels", &|r| r.voxels.map(|v| v as f64)),
-        measure("volume", &|r| r.volume),
-        measure("mesh_volume", &|r| r.mesh_volume),
-        measure("area", &|r| r.area),
-        measure("equivalent_diameter", &|r| r.equivalent_diameter),
-        measure("sphericity", &|r| r.sphericity),
-        measure("form_factor", &|r| r.form_factor),
-        measure("elongation", &|r| r.elongation),
-        measure("flatness", &|r| r.flatness),
-        (
-            "euler_characteristic",
-            "INT32",
-            Some(json!(NO_EULER)),
-            bytemuck::cast_slice(&euler).to_vec(),
-        ),
-        ("touches_border", "UINT8", Some(json!(255)), border),
-    ]
-    .into_iter()
-    .map(|(name, kind, no_data, bytes)| Column {
-        name,
-        kind,
-        no_data,
-        bytes,
+fn fail<T>(place: &str, message: impl Into<String>) -> Result<T, ReadError> {
+    Err(ReadError {
+        fault: Fault::Structure,
+        place: place.to_owned(),
+        message: message.into(),
     })
-    .collect()
 }
 
-/// The whole file of a tile in merged layout, with one row of `rows` per piece of `body`. `None` if
-/// it would pass the 4 GiB of a GLB.
-pub fn merged_file(
-    head: &TileHead,
-    body: &Body,
-    bytes: &[u8],
-    rows: &[Extras],
-) -> Option<(Vec<u8>, u64)> {
-    let (indices, wide) = merged_indices(body, bytes, head.primitives);
-    let mut bin = bytes[..body.indices_start() as usize].to_vec();
-    let mut views = vec![
-        view(
-            0,
-            12 * u64::from(body.vertices),
-            Some(12),
-            Some(ARRAY_BUFFER),
-        ),
-        view(
-            12 * u64::from(body.vertices),
-            12 * u64::from(body.vertices),
-            Some(12),
-            Some(ARRAY_BUFFER),
-        ),
-    ];
-    let mut push = |bin: &mut Vec<u8>, data: &[u8], target: Option<u32>| {
-        views.push(view(bin.len() as u64, data.len() as u64, None, target));
-        bin.extend_from_slice(data);
-        bin.resize(bin.len().next_multiple_of(8), 0);
-        views.len() - 1
+/// Reads the id columns of the table that feature id set 0 of `prim` points to, one row per piece.
+pub(super) fn rows(
+    doc: &Document,
+    bin: &[u8],
+    prim: &Primitive,
+) -> Result<Vec<PieceIds>, ReadError> {
+    const AT: &str = "/extensions/EXT_structural_metadata";
+    let set = prim.extensions.mesh_features.as_ref();
+    let set = match set.map(|m| m.feature_ids.as_slice()) {
+        Some([one]) if one.attribute == Some(0) => one,
+        _ => {
+            return fail(
+                "/meshes/0/primitives/0/extensions/EXT_mesh_features",
+                "expected one feature id set with attribute 0",
+            );
+        }
     };
-    bin.resize(bin.len().next_multiple_of(8), 0);
-    if wide {
-        push(
-            &mut bin,
-            bytemuck::cast_slice(&indices),
-            Some(ELEMENT_ARRAY_BUFFER),
+    let meta = doc.extensions.structural_metadata.as_ref();
+    let table = meta
+        .zip(set.property_table)
+        .and_then(|(m, t)| m.property_tables.get(t));
+    let (Some(meta), Some(table)) = (meta, table) else {
+        return fail(AT, "expected the property table that the feature ids name");
+    };
+    let class = meta
+        .schema
+        .as_ref()
+        .and_then(|s| s.classes.get(&table.class));
+    let Some(class) = class else {
+        return fail(AT, format!("its schema has no class {:?}", table.class));
+    };
+    if set.feature_count != table.count {
+        return fail(
+            AT,
+            format!("{} features, {} rows", set.feature_count, table.count),
         );
-    } else {
-        let narrow: Vec<u16> = indices.iter().map(|&i| i as u16).collect();
-        push(
-            &mut bin,
-            bytemuck::cast_slice(&narrow),
-            Some(ELEMENT_ARRAY_BUFFER),
-        );
     }
-    let features: Vec<f32> = body
-        .pieces
-        .iter()
-        .enumerate()
-        .flat_map(|(i, p)| std::iter::repeat_n(i as f32, p.vertices as usize))
-        .collect();
-    push(
-        &mut bin,
-        bytemuck::cast_slice(&features),
-        Some(ARRAY_BUFFER),
-    );
-    let mut classes = Map::new();
-    let mut table = Map::new();
-    for column in columns(rows) {
-        let mut class = json!({"type": "SCALAR", "componentType": column.kind});
-        if let Some(value) = column.no_data {
-            class["noData"] = value;
+    let column = |name: &str| -> Result<Vec<u64>, ReadError> {
+        let found = class.properties.get(name).zip(table.properties.get(name));
+        let Some((property, values)) = found else {
+            return fail(AT, format!("the table has no column {name:?}"));
+        };
+        numbers(property, view_bytes(doc, bin, values.values)?, table.count)
+            .map_or_else(|what| fail(AT, format!("column {name:?}: {what}")), Ok)
+    };
+    let (cell, object) = (column("cell")?, column("object")?);
+    let (surface, triangles) = (column("surface")?, column("triangles")?);
+    let row = |i: usize| PieceIds {
+        cell: cell[i],
+        object: object[i],
+        surface: surface[i],
+        triangles: triangles[i],
+    };
+    Ok((0..cell.len()).map(row).collect())
+}
+
+/// Decodes a column of `count` numbers; the column's bytes bound what is allocated.
+fn numbers(property: &ClassProperty, bytes: &[u8], count: u64) -> Result<Vec<u64>, String> {
+    let component = property.component_type.as_deref().unwrap_or("");
+    let size = match component {
+        "UINT32" | "INT32" | "FLOAT32" => 4,
+        "UINT64" | "INT64" | "FLOAT64" => 8,
+        _ => 0,
+    };
+    if property.kind != "SCALAR" || size == 0 {
+        return Err(format!(
+            "found {} of {component:?}, expected SCALAR of 32 or 64 bits",
+            property.kind
+        ));
+    }
+    if count.checked_mul(size) != Some(bytes.len() as u64) {
+        return Err(format!(
+            "found {} bytes for {count} rows of {size} bytes",
+            bytes.len()
+        ));
+    }
+    let value = |b: &[u8]| -> Option<u64> {
+        match component {
+            "UINT32" => Some(u32::from_le_bytes(b.try_into().ok()?).into()),
+            "INT32" => i32::from_le_bytes(b.try_into().ok()?).try_into().ok(),
+            "FLOAT32" => whole(f32::from_le_bytes(b.try_into().ok()?).into()),
+            "UINT64" => Some(u64::from_le_bytes(b.try_into().ok()?)),
+            "INT64" => i64::from_le_bytes(b.try_into().ok()?).try_into().ok(),
+            _ => whole(f64::from_le_bytes(b.try_into().ok()?)),
         }
-        classes.insert(column.name.into(), class);
-        let at = push(&mut bin, &column.bytes, None);
-        table.insert(column.name.into(), json!({"values": at}));
-    }
-    let width = if wide { UNSIGNED_INT } else { UNSIGNED_SHORT };
-    let min = fold(body, |p| p.min, i32::min).map(coordinate);
-    let max = fold(body, |p| p.max, i32::max).map(coordinate);
-    let unit = rows.iter().find_map(|r| r.unit);
-    let accessor = |view: usize, kind: u32, count: u64, shape: &str| json!({"bufferView": view, "byteOffset": 0, "componentType": kind, "count": count, "type": shape});
-    let vertices = u64::from(body.vertices);
-    let mut positions = accessor(0, FLOAT, vertices, "VEC3");
-    positions["min"] = json!(min);
-    positions["max"] = json!(max);
-    let document = json!({
-        "asset": {"version": "2.0", "generator": GENERATOR},
-        "extensionsUsed": ["EXT_mesh_features", "EXT_structural_metadata"],
-        "scene": 0,
-        "scenes": [{"nodes": [0]}],
-        "nodes": [
-            {"name": "alvis", "matrix": head.matrix, "children": [1]},
-            {"name": "cells", "mesh": 0}
-        ],
-        "meshes": [{"name": "cells", "primitives": [{
-            "attributes": {"POSITION": 0, "NORMAL": 1, "_FEATURE_ID_0": 3},
-            "indices": 2, "material": 0, "mode": mode(head.primitives),
-            "extensions": {"EXT_mesh_features": {"featureIds": [
-                {"featureCount": rows.len(), "attribute": 0, "propertyTable": 0}
-            ]}}
-        }]}],
-        "materials": [material()],
-        "accessors": [
-            positions,
-            accessor(1, FLOAT, vertices, "VEC3"),
-            accessor(2, width, indices.len() as u64, "SCALAR"),
-            accessor(3, FLOAT, vertices, "SCALAR")
-        ],
-        "bufferViews": views,
-        "buffers": [{"byteLength": bin.len()}],
-        "extensions": {"EXT_structural_metadata": {
-            "schema": {"id": "alvis", "classes": {"piece": {
-                "description": format!("Surface pieces; lengths in {}", unit.unwrap_or("voxel")),
-                "properties": classes
-            }}},
-            "propertyTables": [{"name": "pieces", "class": "piece", "count": rows.len(), "properties": table}]
-        }}
-    });
-    let json = serde_json::to_vec(&document).expect("plain data serialises");
-    let mut file = write_head(&json, json.len().next_multiple_of(4), bin.len() as u64)?;
-    file.extend_from_slice(&bin);
-    Some((file, indices.len() as u64))
-}
-
-fn view(offset: u64, length: u64, stride: Option<u32>, target: Option<u32>) -> Value {
-    let mut v = json!({"buffer": 0, "byteOffset": offset, "byteLength": length});
-    if let Some(stride) = stride {
-        v["byteStride"] = json!(stride);
-    }
-    if let Some(target) = target {
-        v["target"] = json!(target);
-    }
-    v
-}
-
-fn fold(
-    body: &Body,
-    get: impl Fn(&super::BodyPiece) -> [i32; 3],
-    pick: fn(i32, i32) -> i32,
-) -> [i32; 3] {
-    let mut all = body.pieces.iter().map(get);
-    let first = all.next().unwrap_or_default();
-    all.fold(first, |a, b| std::array::from_fn(|i| pick(a[i], b[i])))
-}
-
-/// All pieces' indices as one list or stitched strip over the tile's vertices, and whether they need
-/// 4 bytes.
-fn merged_indices(body: &Body, bytes: &[u8], primitives: Primitives) -> (Vec<u32>, bool) {
-    let mut all = Vec::new();
-    for piece in &body.pieces {
-        let part = body.indices(piece, bytes);
-        match primitives {
-            Primitives::Strips => append_strip(&mut all, &part, piece.first_vertex),
-            Primitives::Triangles => all.extend(part.iter().map(|i| i + piece.first_vertex)),
-        }
-    }
-    (all, body.vertices > 65_535)
+    };
+    bytes
+        .chunks_exact(size as usize)
+        .map(|b| value(b).ok_or_else(|| "a value is not a whole number from 0".to_owned()))
+        .collect()
 }

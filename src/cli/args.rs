@@ -1,0 +1,150 @@
+//! Groups of options that several commands share.
+
+use super::parse;
+use super::progress::Console;
+use crate::error::{Error, Result};
+use crate::grid::Unit;
+use crate::volume::{self, Dtype, Endian, Io, OpenOptions, Opened};
+use clap::builder::{PossibleValuesParser, TypedValueParser};
+use clap::{Args, ValueEnum, ValueHint};
+use std::path::{Path, PathBuf};
+
+/// Options of every command that works.
+#[derive(Debug, Clone, Args)]
+#[command(next_help_heading = "General")]
+pub struct Common {
+    /// Print one JSON object on stdout, and nothing else there
+    #[arg(long)]
+    pub json: bool,
+    /// Say nothing unless something goes wrong: no progress, no summary
+    #[arg(short, long)]
+    pub quiet: bool,
+    /// Worker threads [default: one per core]
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u16).range(1..=1024))]
+    pub threads: Option<u16>,
+}
+
+impl Common {
+    /// Sets up the worker threads and returns where progress is shown.
+    pub fn start(&self) -> Console {
+        if let Some(n) = self.threads {
+            // fails only if workers run already, in a program that runs several commands: the
+            // result is the same with any number of them
+            let _ = rayon::ThreadPoolBuilder::new()
+                .num_threads(usize::from(n))
+                .build_global();
+        }
+        Console::new(self.quiet)
+    }
+
+    /// True if a summary for people is wanted on stdout.
+    pub fn talks(&self) -> bool {
+        !self.json && !self.quiet
+    }
+}
+
+/// The parser of `--dtype`.
+pub fn dtype_parser() -> impl TypedValueParser<Value = Dtype> {
+    PossibleValuesParser::new(Dtype::ALL.map(Dtype::name)).try_map(|name| name.parse::<Dtype>())
+}
+
+/// Byte order, as typed.
+#[derive(Debug, Clone, Copy, ValueEnum)]
+pub enum EndianArg {
+    /// Least significant byte first
+    Little,
+    /// Most significant byte first
+    Big,
+}
+
+/// Way of reading, as typed.
+#[derive(Debug, Clone, Copy, ValueEnum)]
+pub enum IoArg {
+    /// Map the file: fastest, but it must not be cut while it is read
+    Mmap,
+    /// Read with system calls: for network drives and files that others may change
+    Read,
+}
+
+/// A volume and what its file does not say.
+#[derive(Debug, Clone, Args)]
+pub struct Input {
+    /// The volume: .mhd, .mha, .nrrd, .nhdr, or anything else as raw samples
+    #[arg(value_hint = ValueHint::FilePath)]
+    pub input: PathBuf,
+    #[command(flatten)]
+    pub options: InputOptions,
+}
+
+/// What a file does not say of itself, or says wrongly.
+#[derive(Debug, Clone, Args)]
+#[command(next_help_heading = "Input")]
+pub struct InputOptions {
+    /// Size in voxels (raw input)
+    #[arg(long, value_name = "X,Y,Z", value_parser = parse::dims)]
+    pub dims: Option<[u64; 3]>,
+    /// Type of the samples (raw input)
+    #[arg(long, value_name = "TYPE", value_parser = dtype_parser())]
+    pub dtype: Option<Dtype>,
+    /// Byte order of the samples (raw input) [default: little]
+    #[arg(long, value_name = "ORDER")]
+    pub endian: Option<EndianArg>,
+    /// Bytes before the first sample (raw input); bytes after the last one are then ignored
+    #[arg(long, value_name = "N")]
+    pub offset: Option<u64>,
+    /// Size of a voxel, one number or three; overrides the file
+    #[arg(long, value_name = "X,Y,Z", value_parser = parse::spacing)]
+    pub spacing: Option<[f64; 3]>,
+    /// Unit of the spacing: voxel, m, cm, mm, um or nm; overrides the file
+    #[arg(long, value_name = "UNIT", value_parser = parse::unit)]
+    pub unit: Option<Unit>,
+    /// How the file is read
+    #[arg(long, value_name = "WAY", default_value = "mmap")]
+    pub io: IoArg,
+}
+
+impl InputOptions {
+    /// The same for the library.
+    pub fn options(&self) -> OpenOptions {
+        OpenOptions {
+            dims: self.dims,
+            dtype: self.dtype,
+            endian: self.endian.map(|e| match e {
+                EndianArg::Little => Endian::Little,
+                EndianArg::Big => Endian::Big,
+            }),
+            offset: self.offset,
+            spacing: self.spacing,
+            unit: self.unit,
+            io: match self.io {
+                IoArg::Mmap => Io::Mmap,
+                IoArg::Read => Io::Read,
+            },
+        }
+    }
+
+    /// Opens the volume at `path`.
+    pub fn open(&self, path: &Path) -> Result<Opened> {
+        volume::open(path, &self.options())
+    }
+
+    /// Refuses the options if there is no input that they could describe.
+    pub fn refuse_without_volume(&self, input: &str) -> Result<()> {
+        let given = [
+            ("--dims", self.dims.is_some()),
+            ("--dtype", self.dtype.is_some()),
+            ("--endian", self.endian.is_some()),
+            ("--offset", self.offset.is_some()),
+            ("--spacing", self.spacing.is_some()),
+            ("--unit", self.unit.is_some()),
+        ];
+        match given.into_iter().find(|(_, given)| *given) {
+            Some((option, _)) => Err(Error::usage(
+                option,
+                "it without a volume",
+                format!("it together with {input}"),
+            )),
+            None => Ok(()),
+        }
+    }
+}

@@ -1,0 +1,115 @@
+//! A histogram in Unicode bars.
+
+/// Rows of bars; each row has eight steps.
+const ROWS: usize = 8;
+const STEPS: [char; 9] = [' ', '▁', '▂', '▃', '▄', '▅', '▆', '▇', '█'];
+
+/// Draws counts of equal bins over `range` as bars on a logarithmic scale, in at most `width`
+/// columns, with the threshold marked below. No bins give an empty text.
+pub fn draw(bins: &[u64], range: [f64; 2], threshold: Option<f64>, width: usize) -> String {
+    let columns = bins.len().min(width.saturating_sub(2)).min(128);
+    if columns == 0 {
+        return String::new();
+    }
+    let sums: Vec<u64> = (0..columns)
+        .map(|c| {
+            let at = |c: usize| c * bins.len() / columns;
+            bins[at(c)..at(c + 1)].iter().sum()
+        })
+        .collect();
+    let tallest = sums.iter().copied().max().unwrap_or(0);
+    let heights: Vec<usize> = sums.iter().map(|&n| height(n, tallest)).collect();
+    let mut text = String::new();
+    for row in (0..ROWS).rev() {
+        let line: String = heights
+            .iter()
+            .map(|h| STEPS[h.saturating_sub(row * 8).min(8)])
+            .collect();
+        text += &format!("  {}\n", line.trim_end());
+    }
+    let [low, high] = range;
+    if let Some(t) = threshold.filter(|t| low <= *t && *t <= high) {
+        let share = if high > low {
+            (t - low) / (high - low)
+        } else {
+            0.0
+        };
+        let column = ((share * columns as f64) as usize).min(columns - 1);
+        text += &format!("  {:column$}▲\n", "");
+    }
+    let (low, high) = (number(low), number(high));
+    let gap = columns.saturating_sub(low.len() + high.len()).max(1);
+    text + &format!("  {low}{:gap$}{high}\n", "")
+}
+
+/// Eighths of a row; something that occurs is always seen.
+fn height(n: u64, tallest: u64) -> usize {
+    if n == 0 {
+        return 0;
+    }
+    let share = (n as f64).ln_1p() / (tallest as f64).ln_1p();
+    ((share * (ROWS * 8) as f64).round() as usize).max(1)
+}
+
+/// A number in up to 6 digits.
+pub fn number(v: f64) -> String {
+    if v == 0.0 || (1e-3..1e9).contains(&v.abs()) {
+        let digits = if v.abs() >= 1000.0 { 2 } else { 5 };
+        let text = format!("{v:.digits$}");
+        let text = text.trim_end_matches('0').trim_end_matches('.');
+        text.to_string()
+    } else {
+        format!("{v:.4e}")
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn bars_are_logarithmic_and_fit() {
+        let mut bins = vec![0; 256];
+        bins[0] = 1_000_000;
+        bins[128] = 1000;
+        bins[255] = 1;
+        let text = draw(&bins, [0.0, 255.0], Some(127.5), 66);
+        let lines: Vec<Vec<char>> = text.lines().map(|l| l.chars().collect()).collect();
+        assert_eq!(lines.len(), ROWS + 2);
+        assert!(lines.iter().all(|l| l.len() <= 66), "{text}");
+        let column = |c: usize| {
+            (0..ROWS)
+                .filter(|r| lines[*r].get(c + 2) == Some(&'█'))
+                .count()
+        };
+        assert_eq!((column(0), column(1), column(32)), (8, 0, 4), "{text}");
+        assert_eq!(lines[ROWS].iter().position(|c| *c == '▲'), Some(2 + 32));
+        assert_eq!(lines[ROWS - 1].len(), 66);
+    }
+
+    #[test]
+    fn odd_histograms_are_drawn() {
+        assert_eq!(draw(&[], [0.0, 1.0], None, 80), "");
+        assert_eq!(draw(&[1, 2], [0.0, 1.0], None, 1), "");
+        for width in [3, 10, 1000] {
+            let one = draw(&[5], [3.0, 3.0], Some(3.0), width);
+            assert!(one.contains('█') && one.contains('▲'));
+            draw(&[0; 256], [f64::MIN, f64::MAX], Some(f64::NAN), width);
+        }
+    }
+
+    #[test]
+    fn numbers_are_short() {
+        let texts = [0.0, -77.0, 0.5, 1234.56789, 65535.0, 1e12, 1e-9].map(number);
+        let expected = [
+            "0",
+            "-77",
+            "0.5",
+            "1234.57",
+            "65535",
+            "1.0000e12",
+            "1.0000e-9",
+        ];
+        assert_eq!(texts, expected);
+    }
+}

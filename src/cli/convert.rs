@@ -1,0 +1,219 @@
+//! `alvis convert`: a volume to a tile set.
+
+use super::args::{Common, Input};
+use super::info;
+use super::parse::{self, CropArg, Threshold};
+use super::{Outcome, output};
+use crate::error::Result;
+use crate::grid::{Ambiguous, Crop};
+use crate::manifest::{Origin, Primitives};
+use crate::pipeline::{self, ConvertOptions, ConvertReport};
+use crate::volume::Opened;
+use clap::{Args, ValueEnum, ValueHint};
+use std::path::PathBuf;
+
+/// Rule for ambiguous faces, as typed.
+#[derive(Debug, Clone, Copy, ValueEnum)]
+enum AmbiguousArg {
+    /// The two above corners are separated: objects are 6-connected, cells 18-connected
+    Separate,
+    /// The two above corners are joined: objects are 18-connected, cells 6-connected
+    Join,
+}
+
+/// Kind of primitives, as typed.
+#[derive(Debug, Clone, Copy, ValueEnum)]
+pub enum PrimitivesArg {
+    /// Triangle strips: smallest
+    Strips,
+    /// Triangle lists: the only kind that MeshLab reads
+    Triangles,
+}
+
+impl From<PrimitivesArg> for Primitives {
+    fn from(arg: PrimitivesArg) -> Self {
+        match arg {
+            PrimitivesArg::Strips => Primitives::Strips,
+            PrimitivesArg::Triangles => Primitives::Triangles,
+        }
+    }
+}
+
+/// Convert a volume to a directory of glTF tiles
+///
+/// The surface lies where the samples cross the threshold. The directory gets one GLB per
+/// macrocube, an index and tables of cells, objects and surfaces.
+#[derive(Debug, Args)]
+pub struct ConvertArgs {
+    #[command(flatten)]
+    input: Input,
+    /// The directory to write
+    #[arg(value_hint = ValueHint::DirPath)]
+    out: PathBuf,
+    /// A voxel is above (metal) if its value is at least this; `otsu` finds it from the histogram
+    #[arg(long, value_name = "T|otsu", allow_hyphen_values = true, value_parser = parse::threshold)]
+    threshold: Threshold,
+    /// Cubes per macrocube, that is per tile: one number, or three
+    #[arg(long, value_name = "N|X,Y,Z", default_value = "64", value_parser = parse::macrocube)]
+    macrocube: [u32; 3],
+    /// Limit of resident memory; 2g is 2 * 10^9 bytes, 2GiB is 2 * 2^30
+    #[arg(long, value_name = "SIZE", default_value = "1GiB", value_parser = parse::bytes)]
+    memory: u64,
+    /// What happens to the two above corners of an ambiguous face
+    #[arg(long, value_name = "RULE", default_value = "separate")]
+    ambiguous: AmbiguousArg,
+    /// Close the surface half a voxel outside the volume's faces
+    #[arg(long)]
+    cap: bool,
+    /// Convert this box of voxels only; half-open, a missing bound is the volume's
+    #[arg(long, value_name = "X0:X1,Y0:Y1,Z0:Z1", value_parser = parse::crop)]
+    crop: Option<CropArg>,
+    /// Strips or triangle lists
+    #[arg(long, value_name = "KIND", default_value = "strips")]
+    primitives: PrimitivesArg,
+    /// Replace a tile set that is in the directory
+    #[arg(long)]
+    force: bool,
+    #[command(flatten)]
+    common: Common,
+}
+
+impl ConvertArgs {
+    pub fn run(self) -> Result<Outcome> {
+        let console = self.common.start();
+        let opened = self.input.options.open(&self.input.input)?;
+        let dims = opened.volume.header().dims;
+        let crop = self.crop.as_ref().map(|c| c.resolve(dims)).transpose()?;
+        let threshold = match self.threshold {
+            Threshold::Value(t) => t,
+            Threshold::Otsu => info::otsu(&*opened.volume, &self.input.input, &console)?,
+        };
+        let options = ConvertOptions {
+            threshold,
+            macrocube: self.macrocube,
+            memory: self.memory,
+            threads: self.common.threads.map_or(0, usize::from),
+            ambiguous: match self.ambiguous {
+                AmbiguousArg::Separate => Ambiguous::Separate,
+                AmbiguousArg::Join => Ambiguous::Join,
+            },
+            cap: self.cap,
+            crop,
+            primitives: self.primitives.into(),
+            force: self.force,
+            source_name: opened.name.clone(),
+            source_offset: opened.offset,
+            provenance: opened.provenance,
+        };
+        let how = match self.threshold {
+            Threshold::Otsu => " (Otsu's method)",
+            Threshold::Value(_) => "",
+        };
+        console.note(&understood(&opened, &options, how));
+        let report = pipeline::convert(&*opened.volume, &options, &self.out, &console)?;
+        drop(console);
+        if self.common.json {
+            output::print_json(&report)?;
+        } else if self.common.talks() {
+            output::print(&summary(&report))?;
+        }
+        Ok(Outcome::Done)
+    }
+}
+
+/// What will be done, for the user to stop it if it is not what was meant.
+fn understood(opened: &Opened, options: &ConvertOptions, how: &str) -> String {
+    let header = opened.volume.header();
+    let mut rows = vec![
+        (
+            "input",
+            format!(
+                "{}: {}, {} voxels, {}",
+                opened.name,
+                header.format,
+                header.dims,
+                info::sample_text(header)
+            ),
+        ),
+        ("spacing", info::spacing_text(&header.placement, opened)),
+        ("threshold", format!("{}{how}", options.threshold)),
+    ];
+    if let Some(Crop { x, y, z }) = &options.crop {
+        let part = format!(
+            "{}:{},{}:{},{}:{}",
+            x.start, x.end, y.start, y.end, z.start, z.end
+        );
+        rows.push(("crop", part));
+    }
+    let predicted = info::memory_needed(header, options);
+    rows.push((
+        "memory",
+        format!(
+            "about {} of the {} allowed",
+            output::bytes(predicted),
+            output::bytes(options.memory)
+        ),
+    ));
+    output::table(&rows).trim_end().to_string()
+}
+
+/// Where a value came from, for people.
+pub fn from(origin: Origin) -> &'static str {
+    match origin {
+        Origin::Default => "not stated",
+        Origin::File => "from the file",
+        Origin::Option => "from the options",
+    }
+}
+
+/// What a conversion made, for people.
+pub fn summary(report: &ConvertReport) -> String {
+    let totals = &report.totals;
+    let count = output::count;
+    let mut rows = vec![
+        (
+            "tiles",
+            format!(
+                "{}, {}",
+                count(totals.tiles),
+                output::bytes(report.bytes_written)
+            ),
+        ),
+        (
+            "surface",
+            format!(
+                "{} triangles, {} vertices",
+                count(totals.triangles),
+                count(totals.vertices)
+            ),
+        ),
+        (
+            "parts",
+            format!(
+                "{} objects, {} cells, {} surfaces",
+                count(totals.objects),
+                count(totals.cells),
+                count(totals.surfaces)
+            ),
+        ),
+    ];
+    if totals.strips > 0 {
+        let per_triangle = totals.strip_indices as f64 / totals.triangles.max(1) as f64;
+        rows.push((
+            "strips",
+            format!(
+                "{}, {per_triangle:.2} indices per triangle",
+                count(totals.strips)
+            ),
+        ));
+    }
+    rows.push((
+        "took",
+        format!(
+            "{:.1} s, {} of memory at most",
+            report.seconds,
+            output::bytes(report.peak_rss_bytes)
+        ),
+    ));
+    output::table(&rows)
+}

@@ -1,0 +1,256 @@
+//! `alvis info`: what a volume is, and what its surface would cost.
+
+use super::args::{Common, Input};
+use super::convert::from;
+use super::parse;
+use super::{Outcome, chart, output};
+use crate::error::{Error, Result};
+use crate::grid::{Dims, Placement, Unit};
+use crate::pipeline::ConvertOptions;
+use crate::progress::Progress;
+use crate::volume::{
+    Dtype, Endian, Header, Opened, Prediction, Statistics, Volume, predict, statistics,
+};
+use clap::Args;
+use serde::Serialize;
+use std::path::Path;
+
+/// Slices that a prediction reads at most.
+const SLICES: u32 = 256;
+
+/// Show what a volume holds, its histogram, Otsu's threshold and the surface to expect there
+#[derive(Debug, Args)]
+pub struct InfoArgs {
+    #[command(flatten)]
+    input: Input,
+    /// Predict for this threshold instead of Otsu's
+    #[arg(long, value_name = "T", allow_hyphen_values = true, value_parser = parse::finite)]
+    threshold: Option<f64>,
+    #[command(flatten)]
+    common: Common,
+}
+
+/// What `--json` prints.
+#[derive(Debug, Serialize)]
+struct Report {
+    format: &'static str,
+    name: String,
+    dims: Dims,
+    dtype: Dtype,
+    endian: Endian,
+    spacing: [f64; 3],
+    unit: Unit,
+    origin: [f64; 3],
+    directions: [[f64; 3]; 3],
+    provenance: crate::manifest::Provenance,
+    min: Option<f64>,
+    max: Option<f64>,
+    nan: u64,
+    infinite: u64,
+    otsu_threshold: Option<f64>,
+    histogram: Vec<u64>,
+    predicted: Option<Predicted>,
+}
+
+/// The surface to expect; absent if there is no threshold to predict for.
+#[derive(Debug, Clone, Copy, Serialize)]
+struct Predicted {
+    threshold: f64,
+    vertices: u64,
+    triangles: u64,
+    voxels_above: u64,
+    bytes: u64,
+    memory_bytes: u64,
+    sampled: bool,
+}
+
+impl InfoArgs {
+    pub fn run(self) -> Result<Outcome> {
+        let console = self.common.start();
+        let opened = self.input.options.open(&self.input.input)?;
+        let volume = &*opened.volume;
+        let found = statistics(volume, &console)?;
+        let threshold = self.threshold.or(found.otsu);
+        let predicted = match threshold {
+            Some(t) => Some(Predicted::new(
+                volume.header(),
+                t,
+                predict(volume, t, SLICES, &console)?,
+            )),
+            None => None,
+        };
+        drop(console);
+        if self.common.json {
+            output::print_json(&report(&opened, found, predicted))?;
+        } else {
+            output::print(&text(&opened, &found, predicted))?;
+        }
+        Ok(Outcome::Done)
+    }
+}
+
+/// Otsu's threshold of a volume.
+///
+/// # Errors
+/// The volume's own, or [`Error::Usage`] if all samples are the same.
+pub fn otsu(volume: &dyn Volume, path: &Path, progress: &dyn Progress) -> Result<f64> {
+    statistics(volume, progress)?.otsu.ok_or_else(|| {
+        Error::usage(
+            "--threshold",
+            format!("otsu, but all samples of {} are the same", path.display()),
+            "a number",
+        )
+    })
+}
+
+/// A rough size of the tiles: 24 bytes for each vertex, of which one in twenty is written twice,
+/// and 1.4 indices of two bytes for each triangle in strips.
+fn tile_bytes(prediction: &Prediction) -> u64 {
+    (prediction.vertices as f64 * 25.2 + prediction.triangles as f64 * 2.8) as u64
+}
+
+/// A rough size of the memory that a conversion needs: the slices of a layer of macrocubes, twice
+/// since the next is read meanwhile, a bit for each of their voxels, and 48 MiB for the rest.
+pub fn memory_needed(header: &Header, options: &ConvertOptions) -> u64 {
+    let [nx, ny, nz] = match &options.crop {
+        Some(crop) => crop.dims_in(header.dims).map_or(header.dims.0, |d| d.0),
+        None => header.dims.0,
+    };
+    let slices = u64::from(nz).min(u64::from(options.macrocube[2]) + 4);
+    let voxels = u64::from(nx) * u64::from(ny) * slices;
+    let whole = voxels * header.dtype.bytes() as u64 * 2 + voxels / 8 + (48 << 20);
+    whole.min(options.memory)
+}
+
+impl Predicted {
+    fn new(header: &Header, threshold: f64, prediction: Prediction) -> Self {
+        Predicted {
+            threshold,
+            vertices: prediction.vertices,
+            triangles: prediction.triangles,
+            voxels_above: prediction.voxels_above,
+            bytes: tile_bytes(&prediction),
+            memory_bytes: memory_needed(header, &ConvertOptions::default()),
+            sampled: prediction.sampled,
+        }
+    }
+}
+
+fn report(opened: &Opened, found: Statistics, predicted: Option<Predicted>) -> Report {
+    let header = opened.volume.header();
+    Report {
+        format: header.format,
+        name: opened.name.clone(),
+        dims: header.dims,
+        dtype: header.dtype,
+        endian: header.endian,
+        spacing: header.placement.spacing,
+        unit: header.placement.unit,
+        origin: header.placement.origin,
+        directions: header.placement.directions,
+        provenance: opened.provenance,
+        min: found.range.map(|r| r[0]),
+        max: found.range.map(|r| r[1]),
+        nan: found.nan,
+        infinite: found.negative_infinite + found.positive_infinite,
+        otsu_threshold: found.otsu,
+        histogram: found.histogram,
+        predicted,
+    }
+}
+
+/// `u16, big endian`.
+pub fn sample_text(header: &Header) -> String {
+    if header.dtype.bytes() == 1 {
+        header.dtype.to_string()
+    } else {
+        format!("{}, {} endian", header.dtype, header.endian)
+    }
+}
+
+/// Spacing and unit, and where they came from.
+pub fn spacing_text(placement: &Placement, opened: &Opened) -> String {
+    let Placement { spacing, unit, .. } = placement;
+    let (s, u) = (opened.provenance.spacing, opened.provenance.unit);
+    let source = if s == u {
+        from(s).to_string()
+    } else {
+        format!("{}; unit {}", from(s), from(u))
+    };
+    format!("{} {unit} ({source})", output::times(*spacing))
+}
+
+fn text(opened: &Opened, found: &Statistics, predicted: Option<Predicted>) -> String {
+    let header = opened.volume.header();
+    let place = &header.placement;
+    let mut rows = vec![
+        ("file", format!("{}, {}", opened.name, header.format)),
+        (
+            "dims",
+            format!(
+                "{} = {} voxels, {}",
+                header.dims,
+                output::count(header.dims.voxels()),
+                output::bytes(header.dims.voxels() * header.dtype.bytes() as u64)
+            ),
+        ),
+        ("type", sample_text(header)),
+        ("spacing", spacing_text(place, opened)),
+    ];
+    if place.origin != Placement::default().origin {
+        rows.push(("origin", place.origin.map(|v| v.to_string()).join(", ")));
+    }
+    if place.directions != Placement::default().directions {
+        let axis = |a: [f64; 3]| format!("({})", a.map(|v| v.to_string()).join(", "));
+        rows.push(("axes", place.directions.map(axis).join(" ")));
+    }
+    if let Some([min, max]) = found.range {
+        rows.push((
+            "range",
+            format!("{} to {}", chart::number(min), chart::number(max)),
+        ));
+    }
+    let strange = found.nan + found.negative_infinite + found.positive_infinite;
+    if strange > 0 {
+        let infinite = found.negative_infinite + found.positive_infinite;
+        let (nan, infinite) = (output::count(found.nan), output::count(infinite));
+        rows.push(("not finite", format!("{nan} NaN, {infinite} infinite")));
+    }
+    let otsu = match found.otsu {
+        Some(t) => format!("{} by Otsu's method", chart::number(t)),
+        None => "none: all samples are the same".to_string(),
+    };
+    rows.push(("threshold", otsu));
+    let histogram = match found.range {
+        Some(range) => {
+            let mark = predicted.map(|p| p.threshold);
+            let bars = chart::draw(&found.histogram, range, mark, output::width());
+            format!("histogram (log scale)\n{bars}")
+        }
+        None => String::new(),
+    };
+    let surface = predicted.map_or_else(String::new, |p| expected(header, p));
+    output::table(&rows) + &histogram + &surface
+}
+
+fn expected(header: &Header, p: Predicted) -> String {
+    let share = 100.0 * p.voxels_above as f64 / header.dims.voxels() as f64;
+    let basis = if p.sampled {
+        " (from a sample of the slices)"
+    } else {
+        ""
+    };
+    format!("at threshold {}{basis}\n", chart::number(p.threshold))
+        + &output::table(&[
+            ("  above", format!("{share:.1} % of the voxels")),
+            (
+                "  triangles",
+                format!("about {}", output::count(p.triangles)),
+            ),
+            ("  tiles", format!("about {}", output::bytes(p.bytes))),
+            (
+                "  memory",
+                format!("about {}", output::bytes(p.memory_bytes)),
+            ),
+        ])
+}

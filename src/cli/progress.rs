@@ -1,0 +1,181 @@
+//! Progress on stderr: a bar on a terminal, a line now and then in a log, nothing with `--quiet`.
+
+use super::output::note;
+use crate::progress::Progress;
+use indicatif::{ProgressBar, ProgressStyle};
+use std::io::IsTerminal;
+use std::sync::{Mutex, MutexGuard, PoisonError};
+use std::time::{Duration, Instant};
+
+/// The least time between two lines in a log.
+const PAUSE: Duration = Duration::from_secs(5);
+
+/// Shows progress where the user sees it.
+pub enum Console {
+    /// Says nothing.
+    Quiet,
+    /// A bar for the current stage.
+    Bars(Mutex<Option<ProgressBar>>),
+    /// Plain lines.
+    Lines(Mutex<Stage>),
+}
+
+/// The state of a stage that is told in lines.
+#[derive(Debug)]
+pub struct Stage {
+    name: String,
+    total: u64,
+    done: u64,
+    last: Instant,
+    last_tenth: u64,
+}
+
+impl Stage {
+    fn new(name: &str, total: u64, now: Instant) -> Self {
+        Stage {
+            name: name.to_string(),
+            total,
+            done: 0,
+            last: now,
+            last_tenth: 0,
+        }
+    }
+
+    /// Counts steps; returns the line to print if it is time for one.
+    fn advance(&mut self, steps: u64, now: Instant) -> Option<String> {
+        self.done = self.done.saturating_add(steps);
+        if now.duration_since(self.last) < PAUSE {
+            return None;
+        }
+        if self.total == 0 {
+            self.last = now;
+            return Some(format!("{}: {}", self.name, self.done));
+        }
+        let percent = (u128::from(self.done) * 100 / u128::from(self.total)).min(100) as u64;
+        if percent / 10 == self.last_tenth {
+            return None;
+        }
+        self.last_tenth = percent / 10;
+        self.last = now;
+        Some(format!("{}: {percent} %", self.name))
+    }
+}
+
+impl Console {
+    /// Chooses by what stderr is.
+    pub fn new(quiet: bool) -> Self {
+        if quiet {
+            Console::Quiet
+        } else if std::io::stderr().is_terminal() {
+            Console::Bars(Mutex::new(None))
+        } else {
+            Console::Lines(Mutex::new(Stage::new("", 0, Instant::now())))
+        }
+    }
+
+    /// Tells something that the user did not ask for; a bar stays below it.
+    pub fn note(&self, line: &str) {
+        match self {
+            Console::Quiet => {}
+            Console::Bars(bar) => match &*lock(bar) {
+                Some(bar) => bar.suspend(|| note(line)),
+                None => note(line),
+            },
+            Console::Lines(_) => note(line),
+        }
+    }
+}
+
+impl Drop for Console {
+    fn drop(&mut self) {
+        if let Console::Bars(bar) = self
+            && let Some(bar) = lock(bar).take()
+        {
+            bar.finish_and_clear();
+        }
+    }
+}
+
+/// A panic elsewhere does not make progress unusable.
+fn lock<T>(mutex: &Mutex<T>) -> MutexGuard<'_, T> {
+    mutex.lock().unwrap_or_else(PoisonError::into_inner)
+}
+
+fn new_bar(stage: &str, total: u64) -> ProgressBar {
+    let (bar, template) = if total == 0 {
+        (
+            ProgressBar::new_spinner(),
+            "{msg:<12} {spinner} {pos} [{elapsed}]",
+        )
+    } else {
+        (
+            ProgressBar::new(total),
+            "{msg:<12} [{bar:32}] {percent:>3} % [{elapsed}, {eta} left]",
+        )
+    };
+    if let Ok(style) = ProgressStyle::with_template(template) {
+        bar.set_style(style.progress_chars("=> "));
+    }
+    bar.set_message(stage.to_string());
+    bar
+}
+
+impl Progress for Console {
+    fn begin(&self, stage: &str, total: u64) {
+        match self {
+            Console::Quiet => {}
+            Console::Bars(bar) => {
+                if let Some(old) = lock(bar).replace(new_bar(stage, total)) {
+                    old.finish_and_clear();
+                }
+            }
+            Console::Lines(lines) => *lock(lines) = Stage::new(stage, total, Instant::now()),
+        }
+    }
+
+    fn advance(&self, steps: u64) {
+        match self {
+            Console::Quiet => {}
+            Console::Bars(bar) => {
+                if let Some(bar) = &*lock(bar) {
+                    bar.inc(steps);
+                }
+            }
+            Console::Lines(lines) => {
+                let line = lock(lines).advance(steps, Instant::now());
+                if let Some(line) = line {
+                    note(&line);
+                }
+            }
+        }
+    }
+
+    fn warn(&self, message: &str) {
+        self.note(&format!("warning: {message}"));
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_log_has_a_line_now_and_then() {
+        let start = Instant::now();
+        let mut stage = Stage::new("mesh", 1000, start);
+        let lines: Vec<String> = (0..1000)
+            .filter_map(|i| stage.advance(1, start + Duration::from_millis(100 * i)))
+            .collect();
+        // 100 seconds: a line per tenth, which is more than 5 seconds apart
+        assert_eq!(lines.len(), 10);
+        assert_eq!(lines[9], "mesh: 100 %");
+        let mut slow = Stage::new("mesh", 10, start);
+        assert_eq!(slow.advance(1, start + Duration::from_secs(1)), None);
+        let line = slow.advance(1, start + Duration::from_secs(9));
+        assert_eq!(line.as_deref(), Some("mesh: 20 %"));
+        assert_eq!(
+            slow.advance(u64::MAX, start + Duration::from_secs(10)),
+            None
+        );
+    }
+}

@@ -1,0 +1,145 @@
+//! `alvis verify`: the proof that a tile set has no hole.
+
+use super::args::{Common, InputOptions};
+use super::{Outcome, output};
+use crate::error::{Error, Result};
+use crate::manifest::Manifest;
+use crate::verify::{self, Issue, Report, Severity, VerifyOptions};
+use crate::volume::{self, Cropped, Volume};
+use clap::{Args, ValueHint};
+use std::fmt::Write;
+use std::path::{Path, PathBuf};
+
+/// Rebuild the surface from the tiles and prove that it has no hole
+///
+/// Exit status 0 if it has none, 1 if there are issues, 2 if the check itself could not be made.
+#[derive(Debug, Args)]
+pub struct VerifyArgs {
+    /// The directory of the tile set
+    #[arg(value_hint = ValueHint::DirPath)]
+    out: PathBuf,
+    /// Also compare the surface with this volume, voxel by voxel
+    #[arg(long, value_name = "INPUT", value_hint = ValueHint::FilePath)]
+    against: Option<PathBuf>,
+    /// Issues to print; the rest are counted
+    #[arg(long, value_name = "N", default_value = "1000")]
+    max_issues: usize,
+    #[command(flatten)]
+    input: InputOptions,
+    #[command(flatten)]
+    common: Common,
+}
+
+impl VerifyArgs {
+    pub fn run(self) -> Result<Outcome> {
+        let console = self.common.start();
+        let against = match &self.against {
+            Some(path) => Some(open_against(&self.out, path, &self.input)?),
+            None => {
+                self.input.refuse_without_volume("--against INPUT")?;
+                None
+            }
+        };
+        let options = VerifyOptions {
+            against: against.as_deref(),
+            threads: self.common.threads.map_or(0, usize::from),
+            max_issues: self.max_issues,
+        };
+        let report = verify::verify(&self.out, &options, &console)?;
+        drop(console);
+        if self.common.json {
+            output::print_json(&report)?;
+        } else if self.common.talks() {
+            output::print(&text(&report))?;
+        }
+        Ok(if report.ok {
+            Outcome::Done
+        } else {
+            Outcome::Issues
+        })
+    }
+}
+
+/// Opens the volume that a tile set is compared with, cut as the manifest says. What a raw file does
+/// not say is taken from the manifest unless the options say it.
+fn open_against(directory: &Path, path: &Path, input: &InputOptions) -> Result<Box<dyn Volume>> {
+    // an index that cannot be read is for the verifier to report
+    let manifest: Option<Manifest> = std::fs::read(directory.join("index.json"))
+        .ok()
+        .and_then(|bytes| serde_json::from_slice(&bytes).ok());
+    let Some(Manifest { source, .. }) = manifest else {
+        return input.open(path).map(|o| o.volume);
+    };
+    let mut options = input.options();
+    if source.format == "raw" {
+        options.dims = options.dims.or(Some(source.dims.0.map(u64::from)));
+        options.dtype = options.dtype.or(Some(source.dtype));
+        options.endian = options.endian.or(Some(source.endian));
+        // 0 is not passed on: it would allow any bytes after the samples
+        options.offset = options.offset.or(Some(source.offset).filter(|&n| n > 0));
+    }
+    let volume = volume::open(path, &options)?.volume;
+    let dims = volume.header().dims;
+    match &source.crop {
+        None => Ok(volume),
+        Some(crop) if crop.dims_in(dims).is_err() => Err(Error::usage(
+            "--against",
+            format!("{} of {dims} voxels", path.display()),
+            format!(
+                "a volume of {}, of which the tiles cover a part",
+                source.dims
+            ),
+        )),
+        Some(crop) => Ok(Box::new(Cropped::new(volume, crop)?)),
+    }
+}
+
+fn text(report: &Report) -> String {
+    let mut text: String = report.issues.iter().map(issue).collect();
+    if report.issues_omitted > 0 {
+        let _ = writeln!(
+            text,
+            "... and {} more",
+            output::count(report.issues_omitted)
+        );
+    }
+    text + &verdict(report)
+}
+
+fn issue(issue: &Issue) -> String {
+    let severity = match issue.severity {
+        Severity::Error => "error",
+        Severity::Warning => "warning",
+    };
+    let place = match issue.voxel {
+        Some([x, y, z]) => format!(" at voxel {x}, {y}, {z}"),
+        None => String::new(),
+    };
+    format!(
+        "{severity} {}: {}{place}: {}\n",
+        issue.code.name(),
+        issue.path,
+        issue.message
+    )
+}
+
+/// The result in one line.
+pub fn verdict(report: &Report) -> String {
+    let size = format!(
+        "{} tiles, {} triangles, {} surfaces",
+        output::count(report.tiles),
+        output::count(report.triangles),
+        output::count(report.surfaces)
+    );
+    if report.ok {
+        let scope = if report.against {
+            "; the surface is that of the volume"
+        } else {
+            ""
+        };
+        format!("ok: {size}, no hole{scope}\n")
+    } else {
+        let issues = report.issues.len() as u64 + report.issues_omitted;
+        format!("not ok: {} issues in {size}\n", output::count(issues))
+    }
+}

@@ -1,0 +1,294 @@
+//! The part of glTF's JSON that a tile uses, as plain serde types: nothing is checked beyond types.
+//!
+//! Unknown members are ignored, as glTF demands of a reader. See the glTF 2.0 specification,
+//! section 5, and the specifications of EXT_mesh_features and EXT_structural_metadata.
+
+use serde::Deserialize;
+use serde::de::{Deserializer, IgnoredAny, MapAccess, Visitor};
+use std::collections::BTreeMap;
+
+/// glTF component type of 16-bit indices.
+pub(super) const UNSIGNED_SHORT: u32 = 5123;
+/// glTF component type of 32-bit indices.
+pub(super) const UNSIGNED_INT: u32 = 5125;
+/// glTF component type of positions, normals and feature ids.
+pub(super) const FLOAT: u32 = 5126;
+
+#[derive(Deserialize)]
+pub(super) struct Document {
+    pub asset: Asset,
+    pub scene: Option<usize>,
+    #[serde(default)]
+    pub scenes: Vec<Scene>,
+    #[serde(default)]
+    pub nodes: Vec<Node>,
+    #[serde(default)]
+    pub meshes: Vec<Mesh>,
+    #[serde(default)]
+    pub accessors: Vec<Accessor>,
+    #[serde(default, rename = "bufferViews")]
+    pub buffer_views: Vec<BufferView>,
+    #[serde(default)]
+    pub buffers: Vec<Buffer>,
+    #[serde(default)]
+    pub materials: Vec<IgnoredAny>,
+    #[serde(default, rename = "extensionsRequired")]
+    pub extensions_required: Vec<String>,
+    #[serde(default)]
+    pub extensions: RootExtensions,
+}
+
+#[derive(Deserialize)]
+pub(super) struct Asset {
+    pub version: String,
+}
+
+#[derive(Deserialize)]
+pub(super) struct Scene {
+    #[serde(default)]
+    pub nodes: Vec<usize>,
+}
+
+#[derive(Deserialize)]
+pub(super) struct Node {
+    #[serde(default)]
+    pub name: String,
+    pub matrix: Option<[f64; 16]>,
+    pub translation: Option<IgnoredAny>,
+    pub rotation: Option<IgnoredAny>,
+    pub scale: Option<IgnoredAny>,
+    #[serde(default)]
+    pub children: Vec<usize>,
+    pub mesh: Option<usize>,
+    #[serde(default)]
+    pub extras: Extras,
+}
+
+#[derive(Deserialize)]
+pub(super) struct Mesh {
+    #[serde(default)]
+    pub name: String,
+    #[serde(default)]
+    pub primitives: Vec<Primitive>,
+}
+
+#[derive(Deserialize)]
+pub(super) struct Primitive {
+    pub attributes: BTreeMap<String, usize>,
+    pub indices: Option<usize>,
+    pub material: Option<usize>,
+    /// Absent is 4, a list of triangles.
+    pub mode: Option<u32>,
+    #[serde(default)]
+    pub extensions: PrimitiveExtensions,
+}
+
+#[derive(Deserialize, Default)]
+pub(super) struct PrimitiveExtensions {
+    #[serde(rename = "EXT_mesh_features")]
+    pub mesh_features: Option<MeshFeatures>,
+}
+
+#[derive(Deserialize)]
+pub(super) struct MeshFeatures {
+    #[serde(rename = "featureIds")]
+    pub feature_ids: Vec<FeatureId>,
+}
+
+#[derive(Deserialize)]
+pub(super) struct FeatureId {
+    #[serde(rename = "featureCount")]
+    pub feature_count: u64,
+    pub attribute: Option<u32>,
+    #[serde(rename = "propertyTable")]
+    pub property_table: Option<usize>,
+}
+
+#[derive(Deserialize)]
+pub(super) struct Accessor {
+    #[serde(rename = "bufferView")]
+    pub buffer_view: Option<usize>,
+    #[serde(default, rename = "byteOffset")]
+    pub byte_offset: u64,
+    #[serde(rename = "componentType")]
+    pub component_type: u32,
+    pub count: u64,
+    #[serde(rename = "type")]
+    pub kind: String,
+    #[serde(default)]
+    pub normalized: bool,
+    pub min: Option<Vec<f64>>,
+    pub max: Option<Vec<f64>>,
+    pub sparse: Option<IgnoredAny>,
+}
+
+#[derive(Deserialize)]
+pub(super) struct BufferView {
+    pub buffer: usize,
+    #[serde(default, rename = "byteOffset")]
+    pub byte_offset: u64,
+    #[serde(rename = "byteLength")]
+    pub byte_length: u64,
+    #[serde(rename = "byteStride")]
+    pub byte_stride: Option<u64>,
+}
+
+#[derive(Deserialize)]
+pub(super) struct Buffer {
+    #[serde(rename = "byteLength")]
+    pub byte_length: u64,
+    pub uri: Option<IgnoredAny>,
+}
+
+#[derive(Deserialize, Default)]
+pub(super) struct RootExtensions {
+    #[serde(rename = "EXT_structural_metadata")]
+    pub structural_metadata: Option<StructuralMetadata>,
+}
+
+#[derive(Deserialize)]
+pub(super) struct StructuralMetadata {
+    pub schema: Option<Schema>,
+    #[serde(default, rename = "propertyTables")]
+    pub property_tables: Vec<PropertyTable>,
+}
+
+#[derive(Deserialize)]
+pub(super) struct Schema {
+    #[serde(default)]
+    pub classes: BTreeMap<String, Class>,
+}
+
+#[derive(Deserialize)]
+pub(super) struct Class {
+    #[serde(default)]
+    pub properties: BTreeMap<String, ClassProperty>,
+}
+
+#[derive(Deserialize)]
+pub(super) struct ClassProperty {
+    #[serde(rename = "type")]
+    pub kind: String,
+    #[serde(rename = "componentType")]
+    pub component_type: Option<String>,
+}
+
+#[derive(Deserialize)]
+pub(super) struct PropertyTable {
+    pub class: String,
+    pub count: u64,
+    #[serde(default)]
+    pub properties: BTreeMap<String, PropertyValues>,
+}
+
+#[derive(Deserialize)]
+pub(super) struct PropertyValues {
+    pub values: usize,
+}
+
+/// The ids of a node's `extras`; measures are skipped, but their kind is noted.
+#[derive(Default)]
+pub(super) struct Extras {
+    pub cell: Option<u64>,
+    pub object: Option<u64>,
+    pub surface: Option<u64>,
+    pub triangles: Option<u64>,
+    /// What is wrong: a nested member, which programs would lose, or an id that is no whole number.
+    pub bad: Option<String>,
+}
+
+impl<'de> Deserialize<'de> for Extras {
+    fn deserialize<D: Deserializer<'de>>(d: D) -> Result<Self, D::Error> {
+        d.deserialize_any(ExtrasVisitor)
+    }
+}
+
+struct ExtrasVisitor;
+
+impl<'de> Visitor<'de> for ExtrasVisitor {
+    type Value = Extras;
+
+    fn expecting(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        f.write_str("a flat object of numbers and strings")
+    }
+
+    fn visit_map<A: MapAccess<'de>>(self, mut map: A) -> Result<Extras, A::Error> {
+        let mut out = Extras::default();
+        while let Some(key) = map.next_key::<std::borrow::Cow<'de, str>>()? {
+            let value: Flat = map.next_value()?;
+            let id = match key.as_ref() {
+                "cell" => &mut out.cell,
+                "object" => &mut out.object,
+                "surface" => &mut out.surface,
+                "triangles" => &mut out.triangles,
+                _ => {
+                    if matches!(value, Flat::Nested) {
+                        out.bad = Some(format!(
+                            "{key} is nested or null, expected numbers and strings only"
+                        ));
+                    }
+                    continue;
+                }
+            };
+            *id = match value {
+                Flat::Number(n) => whole(n),
+                _ => None,
+            };
+            if id.is_none() {
+                out.bad = Some(format!("{key} is not a whole number from 0 to 2^53"));
+            }
+        }
+        Ok(out)
+    }
+}
+
+/// A whole number that an `f64` holds exactly, or `None`.
+pub(super) fn whole(n: f64) -> Option<u64> {
+    const EXACT: f64 = 9_007_199_254_740_992.0;
+    ((0.0..=EXACT).contains(&n) && n.fract() == 0.0).then_some(n as u64)
+}
+
+enum Flat {
+    Number(f64),
+    Other,
+    Nested,
+}
+
+impl<'de> Deserialize<'de> for Flat {
+    fn deserialize<D: Deserializer<'de>>(d: D) -> Result<Self, D::Error> {
+        struct Kind;
+        impl<'de> Visitor<'de> for Kind {
+            type Value = Flat;
+            fn expecting(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+                f.write_str("a number or a string")
+            }
+            fn visit_u64<E>(self, v: u64) -> Result<Flat, E> {
+                Ok(Flat::Number(v as f64))
+            }
+            fn visit_i64<E>(self, v: i64) -> Result<Flat, E> {
+                Ok(Flat::Number(v as f64))
+            }
+            fn visit_f64<E>(self, v: f64) -> Result<Flat, E> {
+                Ok(Flat::Number(v))
+            }
+            fn visit_str<E>(self, _: &str) -> Result<Flat, E> {
+                Ok(Flat::Other)
+            }
+            fn visit_bool<E>(self, _: bool) -> Result<Flat, E> {
+                Ok(Flat::Other)
+            }
+            fn visit_unit<E>(self) -> Result<Flat, E> {
+                Ok(Flat::Nested)
+            }
+            fn visit_seq<A: serde::de::SeqAccess<'de>>(self, mut s: A) -> Result<Flat, A::Error> {
+                while s.next_element::<IgnoredAny>()?.is_some() {}
+                Ok(Flat::Nested)
+            }
+            fn visit_map<A: MapAccess<'de>>(self, mut m: A) -> Result<Flat, A::Error> {
+                while m.next_entry::<IgnoredAny, IgnoredAny>()?.is_some() {}
+                Ok(Flat::Nested)
+            }
+        }
+        d.deserialize_any(Kind)
+    }
+}

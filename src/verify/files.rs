@@ -1,0 +1,132 @@
+//! Files of a tile set: paths that stay inside, sizes, checksums, and files that do not belong.
+
+use super::code::Code;
+use super::report::Issues;
+use crate::error::{Error, Result};
+use crate::manifest::checksum_text;
+use std::collections::BTreeSet;
+use std::fs::File;
+use std::io::Read;
+use std::path::{Path, PathBuf};
+
+/// A file that the index names.
+pub(super) struct Expected<'a> {
+    /// As the index has it, relative to the tile set.
+    pub path: &'a str,
+    pub bytes: u64,
+    pub checksum: &'a str,
+    /// Where the index has it, for messages.
+    pub at: &'a str,
+}
+
+/// Joins a relative path with `/` between its parts to `root`, which has its links resolved.
+///
+/// Reports [`Code::PathOutside`] for a path that leads, or could lead on another system, outside,
+/// and [`Code::MissingFile`] for one that does not exist; then there is nothing to read.
+pub(super) fn resolve(root: &Path, path: &str, at: &str, issues: &mut Issues) -> Option<PathBuf> {
+    let strange = |part: &str| {
+        part.is_empty() || part == "." || part == ".." || part.contains(['\\', ':', '\0'])
+    };
+    if path.split('/').any(strange) {
+        let message = format!("found {path:?}, expected a relative path without .. or empty parts");
+        issues.add(Code::PathOutside, at, message);
+        return None;
+    }
+    let joined = root.join(path);
+    match joined.canonicalize() {
+        Ok(real) if real.starts_with(root) => Some(real),
+        Ok(real) => {
+            let message = format!(
+                "{path} is a link to {}, outside the tile set",
+                real.display()
+            );
+            issues.add(Code::PathOutside, at, message);
+            None
+        }
+        Err(e) => {
+            issues.add(Code::MissingFile, path, format!("named by {at}: {e}"));
+            None
+        }
+    }
+}
+
+/// Reads a file into `out` and compares size and checksum. False if it cannot be read; a file of
+/// the wrong size or checksum is read all the same, so that what is wrong with it can be named.
+pub(super) fn read(root: &Path, file: &Expected, out: &mut Vec<u8>, issues: &mut Issues) -> bool {
+    out.clear();
+    let Some(real) = resolve(root, file.path, file.at, issues) else {
+        return false;
+    };
+    if let Err(e) = fill(&real, out) {
+        issues.add(Code::MissingFile, file.path, format!("cannot be read: {e}"));
+        return false;
+    }
+    if out.len() as u64 != file.bytes {
+        let message = format!(
+            "found {} bytes, expected {} as in {}",
+            out.len(),
+            file.bytes,
+            file.at
+        );
+        issues.add(Code::FileSize, file.path, message);
+    } else {
+        let found = checksum_text(crc32fast::hash(out));
+        if found != file.checksum {
+            let message = format!(
+                "found {found}, expected {} as in {}",
+                file.checksum, file.at
+            );
+            issues.add(Code::Checksum, file.path, message);
+        }
+    }
+    true
+}
+
+fn fill(path: &Path, out: &mut Vec<u8>) -> std::io::Result<()> {
+    let mut file = File::open(path)?;
+    let meta = file.metadata()?;
+    if !meta.is_file() {
+        return Err(std::io::Error::other("it is no regular file"));
+    }
+    // a GLB's length has 32 bits; anything longer is not ours
+    let limit = u64::from(u32::MAX);
+    if meta.len() > limit {
+        return Err(std::io::Error::other("it is larger than 4 GiB"));
+    }
+    out.try_reserve_exact(meta.len() as usize)
+        .map_err(|_| std::io::Error::other("it does not fit into memory"))?;
+    file.by_ref().take(limit).read_to_end(out)?;
+    Ok(())
+}
+
+/// Reports everything in the directory `path` whose name is not in `known`; a missing directory
+/// holds nothing foreign.
+///
+/// # Errors
+/// [`Error::Io`] if the directory is there but cannot be listed.
+pub(super) fn foreign(
+    root: &Path,
+    path: &str,
+    known: &BTreeSet<String>,
+    issues: &mut Issues,
+) -> Result<()> {
+    let dir = root.join(path);
+    let entries = match std::fs::read_dir(&dir) {
+        Ok(entries) => entries,
+        Err(e) if e.kind() == std::io::ErrorKind::NotFound => return Ok(()),
+        Err(e) => return Err(Error::io(&dir, "list the directory", e)),
+    };
+    let mut found = BTreeSet::new();
+    for entry in entries {
+        let entry = entry.map_err(|e| Error::io(&dir, "list the directory", e))?;
+        let name = entry.file_name().to_string_lossy().into_owned();
+        if !known.contains(&name) {
+            found.insert(name);
+        }
+    }
+    for name in found {
+        let message = "found, expected only what the index names";
+        issues.add(Code::ForeignFile, format!("{path}/{name}"), message);
+    }
+    Ok(())
+}

@@ -1,0 +1,256 @@
+//! The finished surfaces, and the laws that hold between all of them.
+//!
+//! Surfaces finish in no order and may be more than memory should hold, so they are sorted on disk
+//! three times: by surface, by cell and by object.
+
+use super::code::Code;
+use super::piece::Sums;
+use super::report::Issues;
+use super::spill::{Merge, Record, Spill};
+use super::sweep::{Component, Ids};
+use crate::error::Result;
+
+/// Records that each of the three sorts keeps in memory: 24 MiB.
+const IN_MEMORY: usize = 1 << 18;
+
+/// Collects finished surfaces.
+pub(super) struct Ledger {
+    by_surface: Spill,
+    by_cell: Spill,
+    by_object: Spill,
+    pub surfaces: u64,
+}
+
+impl Ledger {
+    pub fn new() -> Self {
+        Ledger {
+            by_surface: Spill::new(IN_MEMORY),
+            by_cell: Spill::new(IN_MEMORY),
+            by_object: Spill::new(IN_MEMORY),
+            surfaces: 0,
+        }
+    }
+
+    /// Adds a finished component.
+    ///
+    /// # Errors
+    /// If a temporary file cannot be written.
+    pub fn add(&mut self, c: &Component) -> Result<()> {
+        self.surfaces += 1;
+        let Ids {
+            surface,
+            cell,
+            object,
+        } = c.ids;
+        self.by_surface.push(pack([surface, cell, object], c))?;
+        self.by_cell.push(pack([cell, object, surface], c))?;
+        self.by_object.push(pack([object, cell, surface], c))
+    }
+
+    /// The components by surface, by cell and by object.
+    ///
+    /// # Errors
+    /// If a temporary file cannot be read back.
+    pub fn into_sorted(self) -> Result<[Rows; 3]> {
+        Ok([
+            Rows::new(self.by_surface.into_sorted()?, |[s, c, o]| [s, c, o])?,
+            Rows::new(self.by_cell.into_sorted()?, |[c, o, s]| [s, c, o])?,
+            Rows::new(self.by_object.into_sorted()?, |[o, c, s]| [s, c, o])?,
+        ])
+    }
+}
+
+fn pack(key: [u64; 3], c: &Component) -> Record {
+    let s = &c.sums;
+    let volume = s.volume6 as u128;
+    // the record has room for either count of tiles only, and each sort needs only its own
+    let tiles = c.tiles << 2 | u64::from(c.names);
+    [
+        key[0],
+        key[1],
+        key[2],
+        s.triangles,
+        s.vertices,
+        s.edges,
+        s.border,
+        s.area.to_bits(),
+        (volume >> 64) as u64,
+        volume as u64,
+        tiles,
+        c.cell_tiles << 32 | c.object_tiles & 0xFFFF_FFFF,
+    ]
+}
+
+fn unpack(r: &Record, order: fn([u64; 3]) -> [u64; 3]) -> Component {
+    let [surface, cell, object] = order([r[0], r[1], r[2]]);
+    Component {
+        ids: Ids {
+            surface,
+            cell,
+            object,
+        },
+        sums: Sums {
+            triangles: r[3],
+            vertices: r[4],
+            edges: r[5],
+            border: r[6],
+            area: f64::from_bits(r[7]),
+            volume6: (u128::from(r[8]) << 64 | u128::from(r[9])) as i128,
+        },
+        tiles: r[10] >> 2,
+        names: (r[10] & 3) as u8,
+        cell_tiles: r[11] >> 32,
+        object_tiles: r[11] & 0xFFFF_FFFF,
+    }
+}
+
+/// Components in order of their first id.
+pub(super) struct Rows {
+    merge: Merge,
+    order: fn([u64; 3]) -> [u64; 3],
+    next: Option<Record>,
+}
+
+impl Rows {
+    fn new(mut merge: Merge, order: fn([u64; 3]) -> [u64; 3]) -> Result<Self> {
+        let next = merge.next()?;
+        Ok(Rows { merge, order, next })
+    }
+
+    /// Sums up the components of the next id.
+    ///
+    /// # Errors
+    /// If a temporary file cannot be read back.
+    pub fn next_group(&mut self) -> Result<Option<Group>> {
+        let Some(first) = self.next else {
+            return Ok(None);
+        };
+        let mut group = Group {
+            id: first[0],
+            total: unpack(&first, self.order),
+            parts: 1,
+            several_objects: false,
+            twins: None,
+        };
+        let mut last = group.total.ids;
+        self.next = self.merge.next()?;
+        while let Some(record) = self.next.filter(|r| r[0] == first[0]) {
+            let component = unpack(&record, self.order);
+            let ids = component.ids;
+            group.total.absorb(&component);
+            group.parts += 1;
+            group.several_objects |= ids.object != last.object;
+            if (ids.cell, ids.object) == (last.cell, last.object) && ids.surface != last.surface {
+                group.twins.get_or_insert([last, ids]);
+            }
+            last = ids;
+            self.next = self.merge.next()?;
+        }
+        Ok(Some(group))
+    }
+}
+
+/// The components of one id.
+pub(super) struct Group {
+    pub id: u64,
+    /// Their sums; the ids are those of the first.
+    pub total: Component,
+    /// How many there are.
+    pub parts: u64,
+    several_objects: bool,
+    /// Two surfaces between one cell and one object.
+    twins: Option<[Ids; 2]>,
+}
+
+/// What goes by an id, for messages: `surface`, `cell`, `object`.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(super) enum Kind {
+    Surface,
+    Cell,
+    Object,
+}
+
+impl Kind {
+    pub const ALL: [Kind; 3] = [Kind::Surface, Kind::Cell, Kind::Object];
+
+    pub fn name(self) -> &'static str {
+        ["surface", "cell", "object"][self as usize]
+    }
+
+    pub fn plural(self) -> &'static str {
+        ["surfaces", "cells", "objects"][self as usize]
+    }
+}
+
+/// Checks the ids as they come, rising, of one kind.
+pub(super) struct Laws {
+    kind: Kind,
+    last: u64,
+    pub count: u64,
+    gap: Option<(u64, u64)>,
+}
+
+impl Laws {
+    pub fn new(kind: Kind) -> Self {
+        Laws {
+            kind,
+            last: 0,
+            count: 0,
+            gap: None,
+        }
+    }
+
+    /// Takes the next id.
+    pub fn add(&mut self, group: &Group, issues: &mut Issues) {
+        const PATH: &str = "index.json#/totals/surfaces";
+        let id = group.id;
+        if self.gap.is_none() && id != self.last + 1 {
+            self.gap = Some((self.last, id));
+        }
+        self.last = id;
+        self.count += 1;
+        if self.kind == Kind::Surface && group.parts > 1 {
+            let message = format!(
+                "surface {id} is in {} parts that are not connected",
+                group.parts
+            );
+            issues.add(Code::SurfaceSplit, PATH, message);
+        }
+        if self.kind == Kind::Cell {
+            if let Some([a, b]) = group.twins {
+                let message = format!(
+                    "surfaces {} and {} both lie between cell {id} and object {}",
+                    a.surface, b.surface, a.object
+                );
+                issues.add(Code::PairRepeated, PATH, message);
+            }
+            check_names(group, issues);
+        }
+    }
+
+    /// Reports a gap; nothing else may be wrong, or a gap says nothing.
+    pub fn finish(&self, issues: &mut Issues) {
+        if let Some((last, next)) = self.gap {
+            let (name, plural) = (self.kind.name(), self.kind.plural());
+            let message = format!("found {name} {next} after {last}, expected {plural} 1 to n");
+            issues.add(Code::IdGap, format!("index.json#/totals/{plural}"), message);
+        }
+    }
+}
+
+/// A node is named after its object as well where the cell borders more than one.
+fn check_names(group: &Group, issues: &mut Issues) {
+    let cell = group.id;
+    let (expected, form) = if group.several_objects {
+        (
+            2,
+            format!("cell_{cell}_object_N, since it borders several objects"),
+        )
+    } else {
+        (1, format!("cell_{cell}, since it borders one object"))
+    };
+    if group.total.names & !expected != 0 {
+        let message = format!("nodes of cell {cell} are named otherwise than {form}");
+        issues.add(Code::NodeName, "tiles", message);
+    }
+}

@@ -1,0 +1,140 @@
+//! Sorting more records than should stay in memory: sorted runs in unnamed temporary files, merged.
+
+use crate::error::{Error, Result};
+use std::cmp::Reverse;
+use std::collections::BinaryHeap;
+use std::fs::File;
+use std::io::{BufReader, BufWriter, Read, Seek, Write};
+
+/// A record: compared word by word from the left.
+pub(super) type Record = [u64; 12];
+
+const RECORD_BYTES: usize = size_of::<Record>();
+
+/// Collects records and hands them out sorted; keeps at most `limit` of them in memory.
+pub(super) struct Spill {
+    buffer: Vec<Record>,
+    limit: usize,
+    runs: Vec<File>,
+}
+
+impl Spill {
+    pub fn new(limit: usize) -> Self {
+        Spill {
+            buffer: Vec::new(),
+            limit: limit.max(1),
+            runs: Vec::new(),
+        }
+    }
+
+    pub fn push(&mut self, record: Record) -> Result<()> {
+        self.buffer.push(record);
+        if self.buffer.len() >= self.limit {
+            self.write_run()?;
+        }
+        Ok(())
+    }
+
+    fn write_run(&mut self) -> Result<()> {
+        self.buffer.sort_unstable();
+        let write = || -> std::io::Result<File> {
+            let mut out = BufWriter::new(tempfile::tempfile()?);
+            for record in &self.buffer {
+                out.write_all(bytemuck::bytes_of(record))?;
+            }
+            let mut file = out
+                .into_inner()
+                .map_err(std::io::IntoInnerError::into_error)?;
+            file.rewind()?;
+            Ok(file)
+        };
+        let run = write().map_err(|e| io(e, "write a temporary file in"))?;
+        self.runs.push(run);
+        self.buffer.clear();
+        Ok(())
+    }
+
+    /// The records in order.
+    pub fn into_sorted(mut self) -> Result<Merge> {
+        self.buffer.sort_unstable();
+        let mut merge = Merge {
+            heap: BinaryHeap::new(),
+            memory: std::mem::take(&mut self.buffer).into_iter(),
+            files: self.runs.drain(..).map(BufReader::new).collect(),
+        };
+        for source in 0..=merge.files.len() {
+            merge.refill(source)?;
+        }
+        Ok(merge)
+    }
+}
+
+/// Merges sorted runs.
+pub(super) struct Merge {
+    /// The next record of each source; the source's number decides between equal ones.
+    heap: BinaryHeap<Reverse<(Record, usize)>>,
+    memory: std::vec::IntoIter<Record>,
+    files: Vec<BufReader<File>>,
+}
+
+impl Merge {
+    /// The next record.
+    pub fn next(&mut self) -> Result<Option<Record>> {
+        let Some(Reverse((record, source))) = self.heap.pop() else {
+            return Ok(None);
+        };
+        self.refill(source)?;
+        Ok(Some(record))
+    }
+
+    fn refill(&mut self, source: usize) -> Result<()> {
+        let next = match self.files.get_mut(source) {
+            None => self.memory.next(),
+            Some(file) => {
+                let mut bytes = [0; RECORD_BYTES];
+                match file.read_exact(&mut bytes) {
+                    Ok(()) => Some(bytemuck::pod_read_unaligned(&bytes)),
+                    Err(e) if e.kind() == std::io::ErrorKind::UnexpectedEof => None,
+                    Err(e) => return Err(io(e, "read back a temporary file in")),
+                }
+            }
+        };
+        if let Some(record) = next {
+            self.heap.push(Reverse((record, source)));
+        }
+        Ok(())
+    }
+}
+
+fn io(source: std::io::Error, action: &'static str) -> Error {
+    Error::io(std::env::temp_dir(), action, source)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn runs_merge_to_what_a_sort_gives() {
+        let record = |i: u64| {
+            let mut r = [0; 12];
+            r[0] = i.wrapping_mul(0x9E37_79B9_7F4A_7C15) >> 56;
+            r[1] = i;
+            r
+        };
+        for limit in [1, 7, 64, 1000] {
+            let mut spill = Spill::new(limit);
+            let mut expected: Vec<Record> = (0..200).map(record).collect();
+            for r in &expected {
+                spill.push(*r).unwrap();
+            }
+            expected.sort_unstable();
+            let mut merge = spill.into_sorted().unwrap();
+            let mut found = Vec::new();
+            while let Some(r) = merge.next().unwrap() {
+                found.push(r);
+            }
+            assert_eq!(found, expected);
+        }
+    }
+}
