@@ -115,6 +115,11 @@ fn claims_beyond_the_file_are_refused_before_memory_is_taken() {
         "NDims = 3\nDimSize = 65536 65536 65536\nElementType = MET_DOUBLE\nElementDataFile = s%d\n";
     std::fs::write(&path, head).unwrap();
     assert!(open(&path, &OpenOptions::default()).is_err());
+    let head = "NRRD0004\ntype: double\ndimension: 3\nsizes: 65536 65536 65536\nendian: little\n\
+                encoding: raw\ndata file: s.%d 1 4294967296 1 1\n";
+    std::fs::write(&path, head).unwrap();
+    let error = open(&path, &OpenOptions::default()).unwrap_err();
+    assert!(matches!(error, Error::Unsupported { .. }), "{error}");
     let long = vec![b'#'; 20 << 20];
     std::fs::write(&path, [b"NRRD0004\n", &long[..]].concat()).unwrap();
     let error = open(&path, &OpenOptions::default())

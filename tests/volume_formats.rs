@@ -152,7 +152,7 @@ fn options_must_agree_with_the_header() {
                 "header",
             ),
             (
-                "spacing",
+                "--spacing",
                 OpenOptions {
                     spacing: Some([0.0, 1.0, 1.0]),
                     ..same.clone()

@@ -401,6 +401,9 @@ impl<'a> Head<'a> {
     }
 }
 
+/// More data files than slices can be are refused before their names take up memory.
+const MAX_FILES: u64 = 1 << 20;
+
 /// Checks that `count` files that each have `subdim` dimensions make up the volume: files of a row,
 /// of a slice, or slabs of as many slices each.
 fn check_count(field: Field, dims: Dims, subdim: u32, count: u64) -> Result<()> {
@@ -414,6 +417,14 @@ fn check_count(field: Field, dims: Dims, subdim: u32, count: u64) -> Result<()> 
         ),
         _ => return Err(field.wrong("a subdimension of 1 to 3")),
     };
+    if fits && count > MAX_FILES {
+        let what = format!("a volume in {count} files");
+        return Err(Error::unsupported(
+            field.path,
+            what,
+            "write slices or slabs",
+        ));
+    }
     if fits {
         return Ok(());
     }
