@@ -102,7 +102,8 @@ pub trait Volume: Send + Sync {
     /// x fastest, in the machine's byte order. `out` has exactly the box's bytes.
     ///
     /// # Errors
-    /// [`crate::Error::Io`] or [`crate::Error::Format`] if the bytes cannot be had.
+    /// [`crate::Error::Io`] or [`crate::Error::Format`] if the bytes cannot be had;
+    /// [`crate::Error::Usage`] if the box or the size of `out` is not as said above.
     fn read_box(&self, x: Range<u32>, y: Range<u32>, z: Range<u32>, out: &mut [u8]) -> Result<()>;
 
     /// False for compressed streams, which read slices forward fast and anything else slowly; they
