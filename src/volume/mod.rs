@@ -118,6 +118,11 @@ pub trait Volume: Send + Sync {
         0
     }
 
+    /// Bytes of mapped pages that reading these slices leaves resident until they are released.
+    fn mapped_bytes(&self, _z: Range<u32>) -> u64 {
+        0
+    }
+
     /// Says that the sweep will soon read these slices, so that the system can fetch them ahead.
     fn prefetch(&self, _z: Range<u32>) {}
 
@@ -140,6 +145,10 @@ impl<V: Volume + ?Sized> Volume for &V {
 
     fn held_bytes(&self) -> u64 {
         (**self).held_bytes()
+    }
+
+    fn mapped_bytes(&self, z: Range<u32>) -> u64 {
+        (**self).mapped_bytes(z)
     }
 
     fn prefetch(&self, z: Range<u32>) {

@@ -12,11 +12,12 @@ use std::path::Path;
 /// How uncompressed files are read.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub enum Io {
-    /// A memory map: fastest. The file must not be changed or cut while it is read, or the process
-    /// may die; its pages count as resident memory until they are released.
-    #[default]
+    /// A memory map. The file must not be changed or cut while it is read, or the process may die;
+    /// its pages count as resident memory until they are released.
     Mmap,
-    /// Positioned reads: for files on network drives or that others may change.
+    /// Positioned reads: at least as fast, safe for files on network drives or that others may
+    /// change, and nothing but the buffers counts as memory.
+    #[default]
     Read,
 }
 

@@ -53,6 +53,11 @@ pub(super) trait ByteSource: Send + Sync {
         0
     }
 
+    /// True if reading leaves mapped pages resident.
+    fn is_map(&self) -> bool {
+        false
+    }
+
     /// These bytes will be read soon.
     fn prefetch(&self, _bytes: Range<u64>) {}
 
@@ -79,6 +84,10 @@ impl ByteSource for MapSource {
             row.copy_from_slice(&bytes[start..start + row.len()]);
         }
         Ok(())
+    }
+
+    fn is_map(&self) -> bool {
+        true
     }
 
     fn prefetch(&self, bytes: Range<u64>) {
