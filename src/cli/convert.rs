@@ -109,7 +109,8 @@ impl ConvertArgs {
             Threshold::Otsu => " (Otsu's method)",
             Threshold::Value(_) => "",
         };
-        console.note(&understood(&opened, &options, how));
+        let memory = pipeline::predicted_memory(&*opened.volume, &options)?;
+        console.note(&understood(&opened, &options, how, memory));
         let report = pipeline::convert(&*opened.volume, &options, &self.out, &console)?;
         drop(console);
         if self.common.json {
@@ -122,7 +123,7 @@ impl ConvertArgs {
 }
 
 /// What will be done, for the user to stop it if it is not what was meant.
-fn understood(opened: &Opened, options: &ConvertOptions, how: &str) -> String {
+fn understood(opened: &Opened, options: &ConvertOptions, how: &str, memory: u64) -> String {
     let header = opened.volume.header();
     let mut rows = vec![
         (
@@ -145,12 +146,11 @@ fn understood(opened: &Opened, options: &ConvertOptions, how: &str) -> String {
         );
         rows.push(("crop", part));
     }
-    let predicted = info::memory_needed(header, options);
     rows.push((
         "memory",
         format!(
             "about {} of the {} allowed",
-            output::bytes(predicted),
+            output::bytes(memory),
             output::bytes(options.memory)
         ),
     ));

@@ -6,7 +6,7 @@ use super::parse;
 use super::{Outcome, chart, output};
 use crate::error::{Error, Result};
 use crate::grid::{Dims, Placement, Unit};
-use crate::pipeline::ConvertOptions;
+use crate::pipeline::{self, ConvertOptions};
 use crate::progress::Progress;
 use crate::volume::{
     Dtype, Endian, Header, Opened, Prediction, Statistics, Volume, predict, statistics,
@@ -73,10 +73,10 @@ impl InfoArgs {
         let threshold = self.threshold.or(found.otsu);
         let predicted = match threshold {
             Some(t) => Some(Predicted::new(
-                volume.header(),
+                volume,
                 t,
                 predict(volume, t, SLICES, &console)?,
-            )),
+            )?),
             None => None,
         };
         drop(console);
@@ -109,30 +109,21 @@ fn tile_bytes(prediction: &Prediction) -> u64 {
     (prediction.vertices as f64 * 25.2 + prediction.triangles as f64 * 2.8) as u64
 }
 
-/// A rough size of the memory that a conversion needs: the slices of a layer of macrocubes, twice
-/// since the next is read meanwhile, a bit for each of their voxels, and 48 MiB for the rest.
-pub fn memory_needed(header: &Header, options: &ConvertOptions) -> u64 {
-    let [nx, ny, nz] = match &options.crop {
-        Some(crop) => crop.dims_in(header.dims).map_or(header.dims.0, |d| d.0),
-        None => header.dims.0,
-    };
-    let slices = u64::from(nz).min(u64::from(options.macrocube[2]) + 4);
-    let voxels = u64::from(nx) * u64::from(ny) * slices;
-    let whole = voxels * header.dtype.bytes() as u64 * 2 + voxels / 8 + (48 << 20);
-    whole.min(options.memory)
-}
-
 impl Predicted {
-    fn new(header: &Header, threshold: f64, prediction: Prediction) -> Self {
-        Predicted {
+    fn new(volume: &dyn Volume, threshold: f64, prediction: Prediction) -> Result<Self> {
+        let options = ConvertOptions {
+            threshold,
+            ..ConvertOptions::default()
+        };
+        Ok(Predicted {
             threshold,
             vertices: prediction.vertices,
             triangles: prediction.triangles,
             voxels_above: prediction.voxels_above,
             bytes: tile_bytes(&prediction),
-            memory_bytes: memory_needed(header, &ConvertOptions::default()),
+            memory_bytes: pipeline::predicted_memory(volume, &options)?,
             sampled: prediction.sampled,
-        }
+        })
     }
 }
 
