@@ -14,7 +14,7 @@ pub use write::{Written, write};
 
 use crate::error::{Error, Result};
 use crate::grid::{Dims, Placement};
-use crate::volume::{Dtype, Endian, Header, Volume};
+use crate::volume::{Dtype, Endian, Header, Volume, check_box};
 use foam::FoamField;
 use random::RowStream;
 use rayon::prelude::*;
@@ -185,11 +185,7 @@ pub fn render(phantom: &Phantom, dims: Dims, dtype: Dtype) -> Result<PhantomVolu
             format: "phantom",
             dims,
             dtype,
-            endian: if cfg!(target_endian = "big") {
-                Endian::Big
-            } else {
-                Endian::Little
-            },
+            endian: Endian::NATIVE,
             placement: Placement::default(),
         },
         foam,
@@ -262,13 +258,8 @@ impl Volume for PhantomVolume {
     }
 
     fn read_box(&self, x: Range<u32>, y: Range<u32>, z: Range<u32>, out: &mut [u8]) -> Result<()> {
-        let inside = [&x, &y, &z]
-            .iter()
-            .zip(self.header.dims.0)
-            .all(|(r, n)| r.start <= r.end && r.end <= n);
+        check_box(&self.header, &x, &y, &z, out.len())?;
         let row_bytes = x.len() * self.header.dtype.bytes();
-        assert!(inside, "the box lies in the volume");
-        assert_eq!(out.len(), row_bytes * y.len() * z.len(), "the box's bytes");
         if out.is_empty() {
             return Ok(());
         }
