@@ -120,3 +120,22 @@ fn samples_come_in_the_machines_order() {
             .is_err()
     );
 }
+
+#[test]
+fn a_file_that_shrinks_is_an_error_for_positioned_reads() {
+    let dir = tempfile::tempdir().unwrap();
+    let path = dir.path().join("v.raw");
+    std::fs::write(&path, [1; 27]).unwrap();
+    let opened = open(
+        &path,
+        &OpenOptions {
+            io: Io::Read,
+            ..options([3, 3, 3], Dtype::U8)
+        },
+    )
+    .unwrap();
+    std::fs::write(&path, [1; 20]).unwrap();
+    let read = |z| opened.volume.read_box(0..3, 0..3, z, &mut [0; 9]);
+    assert!(read(0..1).is_ok());
+    assert!(matches!(read(2..3), Err(Error::Format { .. })));
+}

@@ -60,9 +60,9 @@ pub enum EndianArg {
 /// Way of reading, as typed.
 #[derive(Debug, Clone, Copy, ValueEnum)]
 pub enum IoArg {
-    /// Map the file: fastest, but it must not be cut while it is read
+    /// Map the file: it must not be cut while it is read, and its pages count as memory
     Mmap,
-    /// Read with system calls: for network drives and files that others may change
+    /// Read with system calls: safe on network drives and for files that others may change
     Read,
 }
 
@@ -90,7 +90,7 @@ pub struct InputOptions {
     #[arg(long, value_name = "UNIT", value_parser = parse::unit)]
     pub unit: Option<Unit>,
     /// How the file is read
-    #[arg(long, value_name = "WAY", default_value = "mmap")]
+    #[arg(long, value_name = "WAY", default_value = "read")]
     pub io: IoArg,
 }
 

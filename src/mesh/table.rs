@@ -170,13 +170,44 @@ fn triangulations(i: usize, j: usize) -> Vec<Vec<[usize; 3]>> {
     all
 }
 
-/// The triangulation of a loop of cube edges with no chord inside a face, and of those the one whose
-/// chords are shortest.
-fn triangulate(edges: &[u8]) -> Vec<[u8; 3]> {
+/// True if the triangle on three cube edges never faces the wrong way: wherever its corners lie on
+/// their edges, its area vector does not point from below to above along any of them.
+///
+/// The vector's components are linear in each corner's place, so the edges' ends decide.
+fn faces_below(case: u8, triangle: [u8; 3]) -> bool {
+    (0..8).all(|ends| {
+        let [a, b, c]: [[i32; 3]; 3] = std::array::from_fn(|i| {
+            let e = triangle[i];
+            let low = EDGE_LOWER[e as usize];
+            let mut p = [low & 1, low >> 1 & 1, low >> 2 & 1].map(i32::from);
+            p[edge_axis(e)] = ends >> i & 1;
+            p
+        });
+        let u: [i32; 3] = std::array::from_fn(|k| b[k] - a[k]);
+        let v: [i32; 3] = std::array::from_fn(|k| c[k] - a[k]);
+        let n = [
+            u[1] * v[2] - u[2] * v[1],
+            u[2] * v[0] - u[0] * v[2],
+            u[0] * v[1] - u[1] * v[0],
+        ];
+        triangle.iter().all(|&e| {
+            let lower_above = case >> EDGE_LOWER[e as usize] & 1 == 1;
+            let along = n[edge_axis(e)];
+            if lower_above { along >= 0 } else { along <= 0 }
+        })
+    })
+}
+
+/// The triangulation of a loop of cube edges with no chord inside a face and no triangle that could
+/// face the wrong way, and of those the one whose chords are shortest.
+fn triangulate(case: u8, edges: &[u8]) -> Vec<[u8; 3]> {
     let n = edges.len();
-    let chord_cost = |t: &Vec<[usize; 3]>| -> Option<i32> {
+    let cost_of = |t: &Vec<[usize; 3]>| -> Option<i32> {
         let mut cost = 0;
         for &[a, b, c] in t {
+            if !faces_below(case, [a, b, c].map(|i| edges[i])) {
+                return None;
+            }
             for (p, q) in [(a, b), (b, c), (a, c)] {
                 if q - p == 1 || (p == 0 && q == n - 1) {
                     continue; // a side of the polygon
@@ -192,9 +223,9 @@ fn triangulate(edges: &[u8]) -> Vec<[u8; 3]> {
     };
     let best = triangulations(0, n - 1)
         .into_iter()
-        .filter_map(|t| chord_cost(&t).map(|cost| (cost, t)))
+        .filter_map(|t| cost_of(&t).map(|cost| (cost, t)))
         .min_by_key(|&(cost, _)| cost)
-        .expect("every loop has a triangulation without a chord in a face");
+        .expect("every loop has such a triangulation");
     best.1.into_iter().map(|t| t.map(|i| edges[i])).collect()
 }
 
@@ -211,7 +242,7 @@ fn build_case(case: u8, rule: Ambiguous) -> Case {
             let next = segments.iter().position(|s| s.from == segments[at].to);
             at = next.expect("every crossed edge starts one segment and ends one");
         }
-        triangles.extend(triangulate(&edges));
+        triangles.extend(triangulate(case, &edges));
     }
     let mut out = Case {
         triangles: triangles.len() as u8,
@@ -333,6 +364,19 @@ mod tests {
                             }
                         }
                     }
+                }
+            }
+        }
+    }
+
+    #[test]
+    fn no_triangle_can_face_the_wrong_way() {
+        for rule in RULES {
+            for (c, case) in cases(rule).iter().enumerate() {
+                for &t in triangles(case) {
+                    assert!(faces_below(c as u8, t), "{rule:?} case {c}");
+                    // the check itself sees a reversed triangle
+                    assert!(!faces_below(c as u8, [t[0], t[2], t[1]]));
                 }
             }
         }

@@ -94,6 +94,8 @@ pub fn plan(volume: &dyn Volume, dims: Dims, options: &ConvertOptions) -> Result
 /// Predicted bytes of the parts.
 struct Cost {
     fixed: u64,
+    /// Mapped pages of one slab.
+    mapped: u64,
     band: u64,
     tile: u64,
     threads: u64,
@@ -116,6 +118,7 @@ impl Cost {
         let front = f64::from(nx) * f64::from(ny) * FRONT_BYTES_PER_PIXEL;
         Cost {
             fixed: BASE + front as u64 + volume.held_bytes(),
+            mapped: volume.mapped_bytes(span.with_neighbours(tiling.dims).z),
             band: band as u64,
             tile: tile as u64,
             threads: threads as u64,
@@ -124,6 +127,7 @@ impl Cost {
 
     fn total(&self, bands_at_once: u32, look_ahead: bool) -> u64 {
         let generations = if look_ahead { 2 } else { 1 };
-        self.fixed + u64::from(bands_at_once) * generations * self.band + self.threads * self.tile
+        let slab = u64::from(bands_at_once) * self.band + self.mapped;
+        self.fixed + generations * slab + self.threads * self.tile
     }
 }

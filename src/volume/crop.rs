@@ -59,6 +59,10 @@ impl Volume for Cropped<'_> {
         self.volume.held_bytes()
     }
 
+    fn mapped_bytes(&self, z: Range<u32>) -> u64 {
+        self.volume.mapped_bytes(self.shift(2, z))
+    }
+
     fn prefetch(&self, z: Range<u32>) {
         self.volume.prefetch(self.shift(2, z));
     }

@@ -76,6 +76,15 @@ impl Volume for FileVolume {
         self.source.held_bytes()
     }
 
+    fn mapped_bytes(&self, z: Range<u32>) -> u64 {
+        let bytes = self.slices(z);
+        if self.source.is_map() {
+            bytes.end - bytes.start
+        } else {
+            0
+        }
+    }
+
     fn prefetch(&self, z: Range<u32>) {
         self.source.prefetch(self.slices(z));
     }

@@ -102,7 +102,8 @@ pub trait Volume: Send + Sync {
     /// x fastest, in the machine's byte order. `out` has exactly the box's bytes.
     ///
     /// # Errors
-    /// [`crate::Error::Io`] or [`crate::Error::Format`] if the bytes cannot be had.
+    /// [`crate::Error::Io`] or [`crate::Error::Format`] if the bytes cannot be had;
+    /// [`crate::Error::Usage`] if the box or the size of `out` is not as said above.
     fn read_box(&self, x: Range<u32>, y: Range<u32>, z: Range<u32>, out: &mut [u8]) -> Result<()>;
 
     /// False for compressed streams, which read slices forward fast and anything else slowly; they
@@ -114,6 +115,11 @@ pub trait Volume: Send + Sync {
     /// The most memory that the volume keeps for itself besides what it hands out, in bytes: the
     /// window of a compressed stream. Mapped pages are not counted.
     fn held_bytes(&self) -> u64 {
+        0
+    }
+
+    /// Bytes of mapped pages that reading these slices leaves resident until they are released.
+    fn mapped_bytes(&self, _z: Range<u32>) -> u64 {
         0
     }
 
@@ -139,6 +145,10 @@ impl<V: Volume + ?Sized> Volume for &V {
 
     fn held_bytes(&self) -> u64 {
         (**self).held_bytes()
+    }
+
+    fn mapped_bytes(&self, z: Range<u32>) -> u64 {
+        (**self).mapped_bytes(z)
     }
 
     fn prefetch(&self, z: Range<u32>) {

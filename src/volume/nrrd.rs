@@ -4,12 +4,15 @@
 //! kept as the file has them, in whatever space (RAS, LPS, ...) it states. `axis mins` and
 //! `axis maxs` are not used.
 
+mod space;
+
 use super::layout::{Data, Encoding, Recipe, Start};
 use super::text::{self, Field, Lines};
 use super::{Dtype, Endian};
 use crate::error::{Error, Result};
 use crate::grid::{Dims, Placement, Unit};
 use crate::manifest::{Origin, Provenance};
+use space::{is_anatomical, unit, vectors, vectors_in};
 use std::collections::HashMap;
 use std::path::{Path, PathBuf};
 
@@ -401,6 +404,9 @@ impl<'a> Head<'a> {
     }
 }
 
+/// More data files than slices can be are refused before their names take up memory.
+const MAX_FILES: u64 = 1 << 20;
+
 /// Checks that `count` files that each have `subdim` dimensions make up the volume: files of a row,
 /// of a slice, or slabs of as many slices each.
 fn check_count(field: Field, dims: Dims, subdim: u32, count: u64) -> Result<()> {
@@ -414,6 +420,14 @@ fn check_count(field: Field, dims: Dims, subdim: u32, count: u64) -> Result<()> 
         ),
         _ => return Err(field.wrong("a subdimension of 1 to 3")),
     };
+    if fits && count > MAX_FILES {
+        let what = format!("a volume in {count} files");
+        return Err(Error::unsupported(
+            field.path,
+            what,
+            "write slices or slabs",
+        ));
+    }
     if fits {
         return Ok(());
     }
@@ -426,68 +440,4 @@ fn check_count(field: Field, dims: Dims, subdim: u32, count: u64) -> Result<()> 
 
 fn is_list(text: &str) -> bool {
     text.split_whitespace().next() == Some("LIST")
-}
-
-/// Three vectors; an axis without direction cannot be an axis of a volume.
-fn vectors(field: Field) -> Result<[[f64; 3]; 3]> {
-    match &vectors_in(field.text).unwrap_or_default()[..] {
-        [Some(x), Some(y), Some(z)] => Ok([*x, *y, *z]),
-        found if found.contains(&None) => Err(Error::unsupported(
-            field.path,
-            "a NRRD with an axis outside space (`none`)",
-            "volumes have 3 axes in space and one number per voxel",
-        )),
-        _ => Err(field.wrong("three vectors of 3 numbers: (x,y,z) (x,y,z) (x,y,z)")),
-    }
-}
-
-/// `none` or `(x,y,z)`, any number of times.
-fn vectors_in(text: &str) -> Option<Vec<Option<[f64; 3]>>> {
-    let mut rest = text.trim_start();
-    let mut vectors = Vec::new();
-    while !rest.is_empty() {
-        let after = if let Some(after) = rest.strip_prefix("none") {
-            vectors.push(None);
-            after
-        } else {
-            let (inside, after) = rest.strip_prefix('(')?.split_once(')')?;
-            let numbers: Option<Vec<f64>> =
-                inside.split(',').map(|n| n.trim().parse().ok()).collect();
-            let vector: [f64; 3] = numbers?.try_into().ok()?;
-            vector.iter().all(|v| v.is_finite()).then_some(())?;
-            vectors.push(Some(vector));
-            after
-        };
-        rest = after.trim_start();
-    }
-    Some(vectors)
-}
-
-/// The one unit of all axes; `None` if it is not stated or not a length.
-fn unit(field: Field) -> Result<Option<Unit>> {
-    let names: Vec<&str> = if field.text.contains('"') {
-        field.text.split('"').skip(1).step_by(2).collect()
-    } else {
-        field.text.split_whitespace().collect()
-    };
-    let units: Option<Vec<Unit>> = names.iter().map(|name| name.parse().ok()).collect();
-    match units.as_deref() {
-        Some([first, rest @ ..]) if rest.iter().all(|u| u == first) => Ok(Some(*first)),
-        Some([_, ..]) => Err(field.wrong("the same unit for all axes")),
-        _ => Ok(None),
-    }
-}
-
-fn is_anatomical(space: &str) -> bool {
-    let space = space.to_ascii_lowercase();
-    let names = [
-        "right-anterior-superior",
-        "left-anterior-superior",
-        "left-posterior-superior",
-        "scanner-xyz",
-        "ras",
-        "las",
-        "lps",
-    ];
-    names.contains(&space.trim())
 }

@@ -12,11 +12,12 @@ use std::path::Path;
 /// How uncompressed files are read.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub enum Io {
-    /// A memory map: fastest. The file must not be changed or cut while it is read, or the process
-    /// may die; its pages count as resident memory until they are released.
-    #[default]
+    /// A memory map. The file must not be changed or cut while it is read, or the process may die;
+    /// its pages count as resident memory until they are released.
     Mmap,
-    /// Positioned reads: for files on network drives or that others may change.
+    /// Positioned reads: at least as fast, safe for files on network drives or that others may
+    /// change, and nothing but the buffers counts as memory.
+    #[default]
     Read,
 }
 
@@ -95,7 +96,7 @@ pub fn open(path: &Path, options: &OpenOptions) -> Result<Opened> {
         Start::At { bytes, .. } if recipe.format == "raw" => bytes,
         _ => 0,
     };
-    let (placement, provenance) = place(&recipe, options)?;
+    let (placement, provenance) = place(path, &recipe, options)?;
     let endian = recipe.endian.unwrap_or_default();
     let source = layout::source(&recipe, options.io)?;
     let header = Header {
@@ -166,7 +167,7 @@ fn complete(path: &Path, recipe: &mut Recipe, options: &OpenOptions) -> Result<(
     // 0 is what manifests record for files with a header
     match options.offset {
         Some(offset) if offset > 0 => {
-            let stated = "the place of the samples".to_owned();
+            let stated = "no offset but that of the samples".to_owned();
             differ("--offset", offset.to_string(), stated)
         }
         _ => Ok(()),
@@ -220,10 +221,15 @@ fn refuse_known(path: &Path, head: &[u8], options: &OpenOptions) -> Result<()> {
 }
 
 /// The placement after the options, checked.
-fn place(recipe: &Recipe, options: &OpenOptions) -> Result<(Placement, Provenance)> {
+fn place(path: &Path, recipe: &Recipe, options: &OpenOptions) -> Result<(Placement, Provenance)> {
     let mut placement = recipe.placement;
     let mut provenance = recipe.provenance;
     if let Some(spacing) = options.spacing {
+        let valid = spacing.iter().all(|s| s.is_finite() && *s > 0.0);
+        if !valid {
+            let expected = "three finite numbers above 0";
+            return Err(Error::usage("--spacing", format!("{spacing:?}"), expected));
+        }
         placement.spacing = spacing;
         provenance.spacing = Origin::Option;
     }
@@ -231,8 +237,19 @@ fn place(recipe: &Recipe, options: &OpenOptions) -> Result<(Placement, Provenanc
         placement.unit = unit;
         provenance.unit = Origin::Option;
     }
-    placement.check()?;
-    Ok((placement, provenance))
+    match placement.check() {
+        // what is wrong now is the file's own
+        Err(Error::Usage {
+            option,
+            found,
+            expected,
+            ..
+        }) => {
+            let found = format!("{option} {found}");
+            Err(Error::format(path, found, expected).with_hint("give --spacing if it is that"))
+        }
+        other => other.map(|()| (placement, provenance)),
+    }
 }
 
 /// A headerless file, perhaps compressed by gzip: everything comes from the options.

@@ -49,7 +49,7 @@ impl Statistics {
 }
 
 /// Reads a volume once (types of 8 and 16 bits) or twice (wider types) and describes its samples.
-/// Threads hold 2 MiB of samples each, or four rows if those are more.
+/// Threads hold 2 MiB of samples each, or a row if that is more.
 ///
 /// # Errors
 /// The volume's own; [`crate::Error::Interrupted`].
