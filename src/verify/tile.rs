@@ -543,7 +543,7 @@ impl Work<'_, '_> {
         };
         let [mut lo, mut hi] = self.box_seen.unwrap_or([[i32::MAX; 3], [i32::MIN; 3]]);
         for (p, state) in piece.points.iter().zip(&piece.state) {
-            let cell = std::array::from_fn(|a| ((p[a] - self.region.lo[a]) >> 8) as u64 + 1);
+            let cell = std::array::from_fn(|a| (((p[a] - self.region.lo[a]) >> 8) + 1) as u64);
             seen.insert(cell, state & 3);
             for a in 0..3 {
                 lo[a] = lo[a].min(p[a]);
