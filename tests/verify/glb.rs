@@ -17,6 +17,8 @@ pub struct Tile {
     pub matrix: Value,
     /// 4 or 5.
     pub mode: u64,
+    /// Write 32-bit indices where 16 bits suffice.
+    pub wide: bool,
     pub pieces: Vec<Piece>,
 }
 
@@ -102,7 +104,7 @@ impl Tile {
             };
             strips += n;
             index_count += indices.len() as u64;
-            let wide = p.positions.len() > 65_535;
+            let wide = self.wide || p.positions.len() > 65_535;
             while chunks[2].len() % 4 != 0 {
                 chunks[2].push(0);
             }
@@ -215,6 +217,7 @@ impl Tile {
         Tile {
             matrix: doc["nodes"][0]["matrix"].clone(),
             mode,
+            wide: false,
             pieces,
         }
     }

@@ -183,6 +183,7 @@ impl Set<'_> {
         Tile {
             matrix: json!(self.matrix),
             mode: if self.style.strips { 5 } else { 4 },
+            wide: false,
             pieces: pieces.iter().map(piece).collect(),
         }
     }
