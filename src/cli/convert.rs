@@ -1,6 +1,6 @@
 //! `alvis convert`: a volume to a tile set.
 
-use super::args::{Common, Input};
+use super::args::{Common, InputOptions};
 use super::info;
 use super::parse::{self, CropArg, Threshold};
 use super::{Outcome, output};
@@ -45,8 +45,9 @@ impl From<PrimitivesArg> for Primitives {
 /// macrocube, an index and tables of cells, objects and surfaces.
 #[derive(Debug, Args)]
 pub struct ConvertArgs {
-    #[command(flatten)]
-    input: Input,
+    /// The volume: .mhd, .mha, .nrrd, .nhdr, or anything else as raw samples
+    #[arg(value_hint = ValueHint::FilePath)]
+    input: PathBuf,
     /// The directory to write
     #[arg(value_hint = ValueHint::DirPath)]
     out: PathBuf,
@@ -75,18 +76,20 @@ pub struct ConvertArgs {
     #[arg(long)]
     force: bool,
     #[command(flatten)]
+    options: InputOptions,
+    #[command(flatten)]
     common: Common,
 }
 
 impl ConvertArgs {
     pub fn run(self) -> Result<Outcome> {
         let console = self.common.start();
-        let opened = self.input.options.open(&self.input.input)?;
+        let opened = self.options.open(&self.input)?;
         let dims = opened.volume.header().dims;
         let crop = self.crop.as_ref().map(|c| c.resolve(dims)).transpose()?;
         let threshold = match self.threshold {
             Threshold::Value(t) => t,
-            Threshold::Otsu => info::otsu(&*opened.volume, &self.input.input, &console)?,
+            Threshold::Otsu => info::otsu(&*opened.volume, &self.input, &console)?,
         };
         let options = ConvertOptions {
             threshold,
@@ -109,8 +112,7 @@ impl ConvertArgs {
             Threshold::Otsu => " (Otsu's method)",
             Threshold::Value(_) => "",
         };
-        let memory = pipeline::predicted_memory(&*opened.volume, &options)?;
-        console.note(&understood(&opened, &options, how, memory));
+        console.note(&understood(&opened, &options, how)?);
         let report = pipeline::convert(&*opened.volume, &options, &self.out, &console)?;
         drop(console);
         if self.common.json {
@@ -123,7 +125,10 @@ impl ConvertArgs {
 }
 
 /// What will be done, for the user to stop it if it is not what was meant.
-fn understood(opened: &Opened, options: &ConvertOptions, how: &str, memory: u64) -> String {
+///
+/// # Errors
+/// [`crate::Error::Memory`] if the limit is too small.
+fn understood(opened: &Opened, options: &ConvertOptions, how: &str) -> Result<String> {
     let header = opened.volume.header();
     let mut rows = vec![
         (
@@ -146,15 +151,16 @@ fn understood(opened: &Opened, options: &ConvertOptions, how: &str, memory: u64)
         );
         rows.push(("crop", part));
     }
+    let predicted = pipeline::predicted_memory(&*opened.volume, options)?;
     rows.push((
         "memory",
         format!(
             "about {} of the {} allowed",
-            output::bytes(memory),
+            output::bytes(predicted),
             output::bytes(options.memory)
         ),
     ));
-    output::table(&rows).trim_end().to_string()
+    Ok(output::table(&rows).trim_end().to_string())
 }
 
 /// Where a value came from, for people.
