@@ -306,14 +306,7 @@ impl Work<'_, '_> {
         }
         let mut twice = Vec::new();
         for seen in [&mut ws.surface_seen, &mut ws.cap_seen] {
-            if let Some((count, cell)) = seen.finish() {
-                let place = |a: usize| (cell[a] as i32 - 1) * 256 + self.region.lo[a];
-                twice.push(Flaw {
-                    code: Code::DuplicateVertex,
-                    count,
-                    first: std::array::from_fn(place),
-                });
-            }
+            twice.extend(self.repeated(seen, true));
         }
         if !twice.is_empty() {
             self.flaws(0, &twice);
@@ -558,7 +551,9 @@ impl Work<'_, '_> {
             return;
         }
         if flaws.is_empty() {
-            self.mark_seen(ws);
+            self.mark_seen(ws, &mut flaws);
+        }
+        if flaws.is_empty() {
             self.geometry(label, owned, &mut flaws, ws);
         }
         if !flaws.is_empty() {
@@ -601,7 +596,18 @@ impl Work<'_, '_> {
         false
     }
 
-    fn mark_seen(&mut self, ws: &mut Workspace) {
+    /// The flaw of lattice edges with two vertices.
+    fn repeated(&self, seen: &mut Seen, end: bool) -> Option<Flaw> {
+        let (count, cell) = seen.repeated(end)?;
+        let place = |a: usize| (cell[a] as i32 - 1) * 256 + self.region.lo[a];
+        Some(Flaw {
+            code: Code::DuplicateVertex,
+            count,
+            first: std::array::from_fn(place),
+        })
+    }
+
+    fn mark_seen(&mut self, ws: &mut Workspace, flaws: &mut Vec<Flaw>) {
         let piece = &ws.piece;
         let seen = if piece.cap {
             &mut ws.cap_seen
@@ -618,6 +624,7 @@ impl Work<'_, '_> {
             }
         }
         self.box_seen = Some([lo, hi]);
+        flaws.extend(self.repeated(seen, false));
     }
 
     fn geometry(&mut self, label: &Label, owned: u64, flaws: &mut Vec<Flaw>, ws: &mut Workspace) {
@@ -628,9 +635,8 @@ impl Work<'_, '_> {
             return;
         }
         let matched = ws.edges.match_up(piece.points.len(), &piece.triangles);
-        if matched.repeated.is_some() || piece.contradicts() {
-            let first = matched.repeated.map(|e| piece.points[e[0] as usize]);
-            piece.diagnose(first, flaws);
+        if matched.same_way.or(matched.crowded).is_some() || piece.contradicts() {
+            piece.diagnose(&matched, flaws);
             return;
         }
         sums.edges = matched.pairs;

@@ -90,7 +90,7 @@ const STYLE: Style = Style {
 
 /// A quiet corner with an island of one voxel at (2, 2, 2), else noise.
 fn noisy_field() -> Field {
-    let mut field = random_field(7, [14, 9, 9], 0.5);
+    let mut field = random_field(7, [14, 9, 9], 0.2);
     let [nx, ny, _] = field.dims;
     for (i, v) in field.values.iter_mut().enumerate() {
         let [x, y, z] = [i % nx, i / nx % ny, i / nx / ny];
@@ -121,6 +121,7 @@ fn ball() -> Field {
 
 #[test]
 fn each_code_has_a_fixture_that_yields_exactly_it() {
+    let mut wrong = Vec::new();
     for &code in Code::ALL {
         let dir = tempfile::tempdir().unwrap();
         let set = Set(dir.path());
@@ -148,12 +149,15 @@ fn each_code_has_a_fixture_that_yields_exactly_it() {
         } else {
             faults::break_it(code, &set, &mut field);
         }
-        let report = compare(dir.path(), &field);
-        assert!(
-            codes(&report).iter().eq([&code]),
-            "{}: {report:#?}",
-            code.name()
-        );
-        assert!(!report.ok);
+        // a hole is a missing vertex as well, once there is a volume to compare with
+        let report = if code == Code::Hole {
+            check(dir.path())
+        } else {
+            compare(dir.path(), &field)
+        };
+        if !codes(&report).iter().eq([&code]) || report.ok {
+            wrong.push(format!("{}: {:#?}", code.name(), report.issues));
+        }
     }
+    assert!(wrong.is_empty(), "{}", wrong.join("\n"));
 }
