@@ -5,14 +5,62 @@
 //! one entry) or join two strips (two entries where the next strip starts at the vertex the last one
 //! ended with, four anywhere else). The cost of a mesh is the number of entries, so all three count.
 
+mod crossings;
 mod greedy;
 #[cfg(test)]
 mod tests;
+mod write;
 
-pub use greedy::Stripifier;
+use crossings::Crossings;
 
 /// Marks a triangle edge without a neighbour.
 pub const NONE: u32 = u32::MAX;
+
+/// Most exchanges in a row that the end of a strip tries; see the table above.
+const TUNNEL_DEPTH: u32 = 3;
+
+/// Makes strips; holds scratch that is cleared for each piece and never given back.
+#[derive(Debug, Default)]
+pub struct Stripifier {
+    greedy: greedy::Greedy,
+    states: Vec<u8>,
+    ends: Vec<u32>,
+    queue: write::Queue,
+}
+
+impl Stripifier {
+    /// An empty workspace.
+    pub fn new() -> Self {
+        Self::default()
+    }
+
+    /// Appends one stitched strip for `triangles` to `out`; returns the number of strips joined in it.
+    ///
+    /// The appended part is a whole strip: its first entry counts as even, whatever stands before.
+    /// Edge e of triangle t runs from `triangles[t][e]` to `triangles[t][(e + 1) % 3]`, and
+    /// `mates[3 * t + e]` is the half-edge `3 * u + f` of the triangle u across it, which runs the
+    /// other way, or [`NONE`]. Mates are mutual; the three indices of a triangle differ. Linear in
+    /// time and memory, and always the same for the same input.
+    ///
+    /// # Panics
+    /// If `mates` has not three entries per triangle, or one that is out of range.
+    pub fn stripify(&mut self, triangles: &[[u32; 3]], mates: &[u32], out: &mut Vec<u32>) -> usize {
+        assert_eq!(mates.len(), 3 * triangles.len(), "three mates per triangle");
+        assert!(mates.len() < NONE as usize, "half-edges are u32");
+        self.states.clear();
+        self.states.resize(mates.len() + 1, 0);
+        self.ends.clear();
+        let mut crossings = Crossings {
+            mates,
+            states: &mut self.states,
+            ends: &mut self.ends,
+        };
+        self.greedy.label(&mut crossings);
+        crossings.settle();
+        crossings.tunnel(TUNNEL_DEPTH);
+        write::write_strips(triangles, &mut crossings, &mut self.queue, out)
+    }
+}
 
 /// Joins an already stitched strip onto another one: appends each index of `strip` plus `offset` to
 /// `out`, behind as few repeated entries (0 to 3) as keep the orientation of every triangle.
