@@ -43,6 +43,11 @@ const GAIN: [i32; 16] = {
     table
 };
 
+#[inline(always)]
+fn gain_of(a: u8, b: u8) -> i32 {
+    GAIN[usize::from((a | b << 2) & 15)]
+}
+
 /// The best skipped edge of a triangle, by the states across its edges (two bits each): two bits for
 /// each edge that is skipped now. `[0]` changes only for a gain, `[1]` for a tie too.
 static BEST: [[u8; 64]; 2] = [best_labels(false), best_labels(true)];
@@ -108,7 +113,7 @@ impl Crossings<'_> {
 
     /// State of the half-edge across `h`; 0 at a border.
     #[inline(always)]
-    fn across(&self, h: u32) -> u8 {
+    pub(super) fn across(&self, h: u32) -> u8 {
         let border = self.states.len() - 1;
         self.states[(self.mates[h as usize] as usize).min(border)]
     }
@@ -116,7 +121,7 @@ impl Crossings<'_> {
     /// Entries saved across `h`: 0 where it is no link.
     #[inline(always)]
     pub(super) fn gain(&self, h: u32) -> i32 {
-        GAIN[usize::from((self.states[h as usize] | self.across(h) << 2) & 15)]
+        gain_of(self.states[h as usize], self.across(h))
     }
 
     /// The other edge that the strip crosses in the triangle of `h`, which crosses `h`.
@@ -127,6 +132,12 @@ impl Crossings<'_> {
         } else {
             before(h)
         }
+    }
+
+    /// Whether the strip leaves the triangle that it enters over `h` over the edge after `h`.
+    #[inline(always)]
+    pub(super) fn turns_after(&self, h: u32) -> bool {
+        self.states[h as usize] == 1
     }
 
     /// Whether the triangle is in no strip yet, or written already.
@@ -231,18 +242,29 @@ impl Crossings<'_> {
         if self.states[mate as usize] != 0 {
             return saved > 0 && !self.closes(h);
         }
+        // the triangle across crosses its two other sides, in states 1 and 2; to cross `mate` and
+        // one of them turns these states round, whichever it is
         let sides = [after(mate), before(mate)];
-        let was = sides.map(|side| self.gain(side));
+        let near = self.states[h as usize];
+        let far = sides.map(|side| self.across(side));
+        let was = [gain_of(1, far[0]), gain_of(2, far[1])];
+        let saved = saved - was[0] - was[1];
+        let options = [
+            saved + gain_of(2, near) + gain_of(1, far[1]),
+            saved + gain_of(1, near) + gain_of(2, far[0]),
+        ];
         for k in 0..2 {
+            let linked = was[k] != 0;
+            if options[k] <= 0 && (depth == 1 || !linked) {
+                continue;
+            }
             self.skip(sides[k]);
-            let saved = saved + self.gain(mate) + self.gain(sides[1 - k]) - was[0] - was[1];
-            if saved > 0 && !self.closes(h) {
-                self.ends
-                    .extend((was[k] != 0).then(|| self.mates[sides[k] as usize] / 3));
+            let lost = self.mates[sides[k] as usize];
+            if options[k] > 0 && !self.closes(h) {
+                self.ends.extend(linked.then_some(lost / 3));
                 return true;
             }
-            if depth > 1 && was[k] != 0 && self.pass_on(self.mates[sides[k] as usize], saved, depth)
-            {
+            if depth > 1 && linked && self.pass_on(lost, options[k], depth) {
                 return true;
             }
             self.skip(mate);
@@ -252,16 +274,17 @@ impl Crossings<'_> {
 
     /// The triangle of `lost` lost its link there: skips that edge and offers the one it skipped.
     fn pass_on(&mut self, lost: u32, saved: i32, depth: u32) -> bool {
-        let offered = self.skipped(lost / 3);
-        let sum = |c: &Self| c.gain(after(lost)) + c.gain(before(lost));
-        let now = sum(self);
+        let kept = self.other(lost);
+        let was = self.states[kept as usize];
+        let (offered, now) = if was == 1 { (before(kept), 2) } else { (after(kept), 1) };
+        let (far, beyond) = (self.across(kept), self.across(offered));
+        let saved = saved - gain_of(was, far) + gain_of(now, far) + gain_of(3 - now, beyond);
         self.skip(lost);
-        let saved = saved + sum(self) - now;
         if saved > 0 && !self.closes(offered) {
             self.ends.push(lost / 3);
             return true;
         }
-        if self.gain(offered) == 0 && self.chain(offered, saved, depth - 1) {
+        if beyond == 0 && self.chain(offered, saved, depth - 1) {
             return true;
         }
         self.skip(offered);
@@ -272,14 +295,16 @@ impl Crossings<'_> {
     /// [`CYCLE_LIMIT`] triangles: a ring saves nothing, since it must be cut open again.
     fn closes(&self, start: u32) -> bool {
         let mut h = start;
+        let mut linked = self.gain(h) != 0;
         for _ in 0..CYCLE_LIMIT {
-            if self.gain(h) == 0 {
+            if !linked {
                 return false;
             }
             h = self.other(self.mates[h as usize]);
             if h == start {
                 return true;
             }
+            linked = self.across(h) != 0;
         }
         false
     }

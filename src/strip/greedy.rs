@@ -11,9 +11,11 @@ const USED: u8 = 0x80;
 pub(super) struct Greedy {
     /// Per triangle the number of neighbours not yet in a strip, with [`USED`] once it is in one.
     free: Vec<u8>,
-    /// Stacks of triangles by that number. Entries go stale when the number falls; every unused
-    /// triangle is in the stack of its present number.
-    starts: [Vec<u32>; 4],
+    /// Stacks of triangles with 0, 1 and 2 of them. Entries go stale when the number falls; every
+    /// unused triangle with that number is in its stack.
+    starts: [Vec<u32>; 3],
+    /// Triangles before this one are used.
+    cursor: usize,
 }
 
 impl Greedy {
@@ -38,19 +40,24 @@ impl Greedy {
         let neighbours = |m: &[u32]| m.iter().filter(|&&h| h != NONE).count() as u8;
         self.free.extend(mates.chunks_exact(3).map(neighbours));
         for (t, &free) in self.free.iter().enumerate().rev() {
-            self.starts[usize::from(free)].push(t as u32);
+            if free < 3 {
+                self.starts[usize::from(free)].push(t as u32);
+            }
         }
+        self.cursor = 0;
     }
 
     fn start(&mut self) -> Option<u32> {
-        for count in 0..4 {
+        for count in 0..3 {
             while let Some(t) = self.starts[count].pop() {
                 if usize::from(self.free[t as usize]) == count {
                     return Some(t);
                 }
             }
         }
-        None
+        let unused = self.free[self.cursor..].iter().position(|f| f & USED == 0);
+        self.cursor += unused?;
+        Some(self.cursor as u32)
     }
 
     /// Labels the triangles of one strip from `t` on; returns the last.
@@ -90,7 +97,9 @@ impl Greedy {
                 *free -= 1;
                 let free = *free;
                 if free < USED {
-                    self.starts[usize::from(free)].push(mate / 3);
+                    if free < 3 {
+                        self.starts[usize::from(free)].push(mate / 3);
+                    }
                     if free < fewest {
                         fewest = free;
                         exit = Some(h);

@@ -105,32 +105,44 @@ fn opening(crossings: &Crossings, t: u32) -> u32 {
 fn write_strip(
     triangles: &[[u32; 3]],
     crossings: &mut Crossings,
-    (mut exit, mut even): (u32, bool),
+    (mut exit, even): (u32, bool),
     out: &mut Vec<u32>,
 ) {
-    let corner = |h: u32| triangles[(h / 3) as usize][(h % 3) as usize];
-    // as if it had been entered over the edge that makes `exit` the way on without a swap
+    let corners = triangles.as_flattened();
+    // the first triangle as if it had been entered over the edge from which `exit` needs no swap
     let mut entry = if even { before(exit) } else { after(exit) };
-    let mut earlier = corner(before(exit));
-    let mut later = corner(if even { exit } else { after(exit) });
+    let mut earlier = corners[before(exit) as usize];
+    let mut later = corners[(if even { exit } else { after(exit) }) as usize];
     out.extend([earlier, later]);
-    loop {
-        let apex = corner(before(entry));
-        let linked = crossings.gain(exit) != 0;
-        crossings.blank(entry / 3);
-        if !linked {
-            out.push(apex);
-            return;
+    let mut odd = !even;
+    let mut turns_after = even;
+    let mut linked = crossings.gain(exit) != 0;
+    // Entries gather here, two written and one or two kept: a branch would be mispredicted at
+    // every second swap.
+    let mut block = [0; 64];
+    let mut filled = 0;
+    while linked {
+        let apex = corners[before(entry) as usize];
+        let swap = turns_after == odd;
+        block[filled] = if swap { earlier } else { apex };
+        block[filled + 1] = apex;
+        filled += 1 + usize::from(swap);
+        if filled > block.len() - 2 {
+            out.extend_from_slice(&block[..filled]);
+            filled = 0;
         }
-        if (exit == after(entry)) == even {
-            earlier = later;
-            even = !even;
-            out.push(apex);
-        } else {
-            out.extend([earlier, apex]);
-        }
+        earlier = if swap { earlier } else { later };
         later = apex;
+        crossings.blank(entry / 3);
+        // an entry more or less turns the parity, so that the next triangle is odd after a turn to
+        // the edge after the entry, with a swap or without
+        odd = turns_after;
         entry = crossings.mates[exit as usize];
-        exit = crossings.other(entry);
+        turns_after = crossings.turns_after(entry);
+        exit = if turns_after { after(entry) } else { before(entry) };
+        linked = crossings.across(exit) != 0;
     }
+    crossings.blank(entry / 3);
+    out.extend_from_slice(&block[..filled]);
+    out.push(corners[before(entry) as usize]);
 }
