@@ -10,6 +10,12 @@
 
 use super::NONE;
 
+/// Rings longer than this are not looked for: they cost four entries each, and are rare.
+const RING_LIMIT: u32 = 64;
+
+/// Most merges tried at one end.
+const TRIES: u32 = 3;
+
 /// What crossing the half-edge e of a triangle means, by skipped edge and by e: 0 skipped, 1 the
 /// other crossed edge is e + 1, 2 it is e + 2.
 const CROSSING: [[u8; 3]; 3] = [[0, 1, 2], [2, 0, 1], [1, 2, 0]];
@@ -204,7 +210,11 @@ impl Crossings<'_> {
         let listed = self.ends.len();
         for i in 0..listed {
             let t = self.ends[i];
-            while self.links(t).0 < 2 && self.tunnel_from(t, depth) {}
+            for _ in 0..TRIES {
+                if self.links(t).0 == 2 || !self.tunnel_from(t, depth) {
+                    break;
+                }
+            }
         }
     }
 
@@ -276,7 +286,11 @@ impl Crossings<'_> {
     fn pass_on(&mut self, lost: u32, saved: i32, depth: u32) -> bool {
         let kept = self.other(lost);
         let was = self.states[kept as usize];
-        let (offered, now) = if was == 1 { (before(kept), 2) } else { (after(kept), 1) };
+        let (offered, now) = if was == 1 {
+            (before(kept), 2)
+        } else {
+            (after(kept), 1)
+        };
         let (far, beyond) = (self.across(kept), self.across(offered));
         let saved = saved - gain_of(was, far) + gain_of(now, far) + gain_of(3 - now, beyond);
         self.skip(lost);
@@ -292,11 +306,11 @@ impl Crossings<'_> {
     }
 
     /// Whether the strip that leaves a triangle over `h` comes back to it within
-    /// [`CYCLE_LIMIT`] triangles: a ring saves nothing, since it must be cut open again.
+    /// [`RING_LIMIT`] triangles: a ring saves nothing, since it must be cut open again.
     fn closes(&self, start: u32) -> bool {
         let mut h = start;
         let mut linked = self.gain(h) != 0;
-        for _ in 0..CYCLE_LIMIT {
+        for _ in 0..RING_LIMIT {
             if !linked {
                 return false;
             }
@@ -309,6 +323,3 @@ impl Crossings<'_> {
         false
     }
 }
-
-/// Rings longer than this are not looked for: they cost four entries each, and are rare.
-const CYCLE_LIMIT: u32 = 64;

@@ -84,7 +84,7 @@ fn opening(crossings: &Crossings, t: u32) -> u32 {
     };
     let mut swap = start;
     let mut h = start;
-    loop {
+    for _ in 0..crossings.triangles() {
         let mate = crossings.mates[h as usize];
         let next = crossings.other(mate);
         if crossings.gain(next) == 0 {
@@ -95,9 +95,10 @@ fn opening(crossings: &Crossings, t: u32) -> u32 {
         }
         h = next;
         if h == start {
-            return crossings.other(swap);
+            break;
         }
     }
+    crossings.other(swap)
 }
 
 /// Writes the strip that leaves its first triangle over `exit`, in which the first triangle has an
@@ -139,7 +140,11 @@ fn write_strip(
         odd = turns_after;
         entry = crossings.mates[exit as usize];
         turns_after = crossings.turns_after(entry);
-        exit = if turns_after { after(entry) } else { before(entry) };
+        exit = if turns_after {
+            after(entry)
+        } else {
+            before(entry)
+        };
         linked = crossings.across(exit) != 0;
     }
     crossings.blank(entry / 3);
