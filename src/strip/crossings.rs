@@ -97,7 +97,7 @@ pub(super) fn after(h: u32) -> u32 {
 /// The half-edge before it in the same triangle.
 #[inline(always)]
 pub(super) fn before(h: u32) -> u32 {
-    if h % 3 == 0 { h + 2 } else { h - 1 }
+    if h.is_multiple_of(3) { h + 2 } else { h - 1 }
 }
 
 /// The labels of a mesh piece, as states of its half-edges.
