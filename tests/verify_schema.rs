@@ -15,9 +15,13 @@ fn valid(name: &str, value: &Value) -> Result<(), String> {
     let text = std::fs::read(&path).unwrap();
     let mut compiler = boon::Compiler::new();
     compiler.set_default_draft(boon::Draft::V2020_12);
-    compiler.add_resource(name, serde_json::from_slice(&text).unwrap()).unwrap();
+    compiler
+        .add_resource(name, serde_json::from_slice(&text).unwrap())
+        .unwrap();
     let mut schemas = boon::Schemas::new();
-    let index = compiler.compile(name, &mut schemas).unwrap_or_else(|e| panic!("{path}: {e:#}"));
+    let index = compiler
+        .compile(name, &mut schemas)
+        .unwrap_or_else(|e| panic!("{path}: {e:#}"));
     schemas.validate(value, index).map_err(|e| format!("{e:#}"))
 }
 

@@ -30,6 +30,7 @@
 //! winds counter-clockwise seen from the below side.
 
 mod features;
+mod glb;
 mod json;
 pub mod read;
 

@@ -4,6 +4,7 @@ mod cubes;
 mod edit;
 mod faults;
 mod glb;
+mod more;
 mod volume;
 mod writer;
 
