@@ -1,7 +1,8 @@
 //! Matching of a piece's directed edges, and its connected parts.
 //!
-//! Edges are bucketed by their smaller vertex with a counting sort; a bucket holds about six, so no
-//! hash table and no large sort is needed.
+//! Edges are bucketed by their smaller vertex with a counting sort; a bucket holds about six and is
+//! sorted by itself, so no hash table and no large sort is needed. Looking up falling edges among
+//! rising ones does less work, but was slower: its branches cannot be predicted.
 
 /// Buffers that are kept from piece to piece.
 #[derive(Default)]
