@@ -197,7 +197,7 @@ fn main() {
         "{n}^3 voxels, noise {noise}: {triangles} triangles in {} pieces",
         pieces.len()
     );
-    let mut stripifier = strip::Stripifier::new();
+    let mut stripifier = strip::Stripifier::default();
     measure("alvis", &pieces, |piece, out| {
         stripifier.stripify(&piece.triangles, &piece.mates, out);
     });
