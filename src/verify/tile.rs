@@ -1,5 +1,6 @@
 //! One tile: its file, its layout against the shard's entry, and its geometry piece by piece.
 
+use super::against::{Band, Mesh, Rule, Voxels};
 use super::code::Code;
 use super::edges::Edges;
 use super::files;
@@ -79,8 +80,10 @@ impl Counts {
 
 /// What was found in a tile.
 pub(super) struct Outcome {
-    pub front: TileFront,
+    /// `None` for a macrocube without a tile.
+    pub front: Option<TileFront>,
     pub counts: Counts,
+    pub voxels: Voxels,
     pub issues: Issues,
 }
 
@@ -94,10 +97,20 @@ pub(super) struct Workspace {
     edges: Edges,
     surface_seen: Seen,
     cap_seen: Seen,
+    mesh: Mesh,
 }
 
+/// The samples to compare a tile with, and how.
+pub(super) type Original<'a> = (&'a Band<'a>, &'a Rule);
+
 /// Reads and checks a tile.
-pub(super) fn check(cx: &Context, entry: &TileEntry, at: &str, ws: &mut Workspace) -> Outcome {
+pub(super) fn check(
+    cx: &Context,
+    entry: &TileEntry,
+    at: &str,
+    original: Option<Original>,
+    ws: &mut Workspace,
+) -> Outcome {
     let mut issues = Issues::new(cx.max_issues);
     let mut file = std::mem::take(&mut ws.file);
     let region = cx.region(entry.grid);
@@ -113,6 +126,7 @@ pub(super) fn check(cx: &Context, entry: &TileEntry, at: &str, ws: &mut Workspac
         border: Vec::new(),
         cap_border: Vec::new(),
         sound: false,
+        keep_mesh: original.is_some(),
         issues: &mut issues,
     };
     let expected = files::Expected {
@@ -140,16 +154,64 @@ pub(super) fn check(cx: &Context, entry: &TileEntry, at: &str, ws: &mut Workspac
     let (counts, faces) = (work.counts, work.sound.then_some(work.faces));
     let components = work.components;
     ws.file = file;
+    let mut voxels = Voxels::default();
+    if let Some((band, rule)) = original {
+        let mut flaws = Vec::new();
+        if faces.is_none() {
+            ws.mesh.begin(&region, rule.cap);
+        }
+        voxels = band.compare(&region, rule, &mut ws.mesh, &mut flaws);
+        if !issues.broken() {
+            differences(&entry.path, &flaws, &mut issues);
+        }
+    }
     Outcome {
-        front: TileFront {
+        voxels,
+        front: Some(TileFront {
             grid: entry.grid,
             region,
             path: entry.path.clone(),
             faces,
             components,
-        },
+        }),
         counts,
         issues,
+    }
+}
+
+/// Looks for sign changes in a macrocube that has no tile.
+pub(super) fn empty(
+    cx: &Context,
+    grid: [u32; 3],
+    (band, rule): Original,
+    ws: &mut Workspace,
+) -> Outcome {
+    let mut issues = Issues::new(cx.max_issues);
+    let mut flaws = Vec::new();
+    let region = cx.region(grid);
+    ws.mesh.begin(&region, rule.cap);
+    let voxels = band.compare(&region, rule, &mut ws.mesh, &mut flaws);
+    let path = format!("macrocube {} {} {}", grid[0], grid[1], grid[2]);
+    differences(&path, &flaws, &mut issues);
+    Outcome {
+        front: None,
+        counts: Counts::default(),
+        voxels,
+        issues,
+    }
+}
+
+fn differences(path: &str, flaws: &[Flaw], issues: &mut Issues) {
+    for f in flaws {
+        let what = match f.code {
+            Code::MissingVertex => "sign changes of the volume have no vertex",
+            Code::ExtraVertex => "vertices lie where the volume has no sign change",
+            Code::VertexMisplaced => "vertices are not where the samples put them",
+            Code::BitsDiffer => "vertices have above where the volume has below",
+            _ => "cubes have more or fewer triangles than their bits ask for",
+        };
+        let issue = Issue::new(f.code, path, format!("{} {what}", f.count));
+        issues.push(issue.at(f.first));
     }
 }
 
@@ -166,6 +228,8 @@ struct Work<'a, 'i> {
     /// Open edges on the volume's faces: of surfaces, and of caps.
     border: Vec<(usize, FaceEdge)>,
     cap_border: Vec<(usize, FaceEdge)>,
+    /// True if the pieces are to be compared with a volume.
+    keep_mesh: bool,
     /// False as long as the neighbours' edges cannot be held against this tile.
     sound: bool,
     issues: &'i mut Issues,
@@ -217,6 +281,9 @@ impl Work<'_, '_> {
             std::array::from_fn(|a| ((self.region.hi[a] - self.region.lo[a]) / 256) as u64 + 3);
         ws.surface_seen.begin(size);
         ws.cap_seen.begin(size);
+        if self.keep_mesh {
+            ws.mesh.begin(&self.region, self.cx.manifest.cap);
+        }
         self.sound = true;
         let mut group = 0;
         for primitive in &tile.primitives {
@@ -543,7 +610,7 @@ impl Work<'_, '_> {
         };
         let [mut lo, mut hi] = self.box_seen.unwrap_or([[i32::MAX; 3], [i32::MIN; 3]]);
         for (p, state) in piece.points.iter().zip(&piece.state) {
-            let cell = std::array::from_fn(|a| ((p[a] - self.region.lo[a]) >> 8) as u64 + 1);
+            let cell = std::array::from_fn(|a| (((p[a] - self.region.lo[a]) >> 8) + 1) as u64);
             seen.insert(cell, state & 3);
             for a in 0..3 {
                 lo[a] = lo[a].min(p[a]);
@@ -567,6 +634,9 @@ impl Work<'_, '_> {
             return;
         }
         sums.edges = matched.pairs;
+        if self.keep_mesh {
+            ws.mesh.add(piece);
+        }
         ws.edges.connect(piece.points.len(), &piece.triangles);
         self.place_open_edges(piece, &mut ws.edges, &mut sums, flaws);
         self.counts.triangles += sums.triangles;

@@ -1,0 +1,159 @@
+//! The verifier against tile sets of a simple producer, sound ones and broken ones.
+
+mod cubes;
+mod edit;
+mod faults;
+mod glb;
+mod volume;
+mod writer;
+
+use alvis::grid::Ambiguous;
+use alvis::progress::Quiet;
+use alvis::verify::{Code, Report, VerifyOptions, verify};
+use cubes::Field;
+use edit::Set;
+use std::collections::BTreeSet;
+use std::path::Path;
+use volume::Samples;
+use writer::Style;
+
+/// A number from 0 to 1 that depends on its arguments alone.
+fn noise(seed: u64, at: u64) -> f32 {
+    let mut v = seed.wrapping_mul(0x9E37_79B9_7F4A_7C15) ^ at.wrapping_mul(0xD1B5_4A32_D192_ED03);
+    v = (v ^ v >> 29).wrapping_mul(0xBF58_476D_1CE4_E5B9);
+    (v >> 40) as f32 / (1u64 << 24) as f32
+}
+
+fn random_field(seed: u64, dims: [usize; 3], threshold: f64) -> Field {
+    let n = dims.iter().product::<usize>() as u64;
+    Field {
+        dims,
+        values: (0..n).map(|i| noise(seed, i)).collect(),
+        threshold,
+    }
+}
+
+fn check(dir: &Path) -> Report {
+    verify(dir, &VerifyOptions::default(), &Quiet).unwrap()
+}
+
+fn compare(dir: &Path, field: &Field) -> Report {
+    let volume = Samples::new(field);
+    let options = VerifyOptions {
+        against: Some(&volume),
+        ..VerifyOptions::default()
+    };
+    verify(dir, &options, &Quiet).unwrap()
+}
+
+fn codes(report: &Report) -> BTreeSet<Code> {
+    report.issues.iter().map(|i| i.code).collect()
+}
+
+fn styles() -> impl Iterator<Item = Style> {
+    (0..8).map(|i| Style {
+        macrocube: [[5, 4, 3], [3, 64, 4]][i & 1],
+        rule: [Ambiguous::Separate, Ambiguous::Join][i >> 1 & 1],
+        cap: i & 4 != 0,
+        strips: i & 1 == 0,
+    })
+}
+
+#[test]
+fn sound_tile_sets_pass() {
+    for (seed, style) in styles().enumerate() {
+        for threshold in [0.2, 0.5, 0.9] {
+            let dir = tempfile::tempdir().unwrap();
+            let field = random_field(seed as u64, [9, 8, 7], threshold);
+            writer::write(dir.path(), &field, &style);
+            let report = check(dir.path());
+            assert!(
+                report.ok && report.issues.is_empty(),
+                "{style:?} {threshold}: {report:#?}"
+            );
+            assert!(report.triangles > 100 && report.surfaces > 0);
+            let report = compare(dir.path(), &field);
+            assert!(
+                report.ok && report.issues.is_empty(),
+                "{style:?} {threshold}: {report:#?}"
+            );
+        }
+    }
+}
+
+const STYLE: Style = Style {
+    macrocube: [5, 4, 3],
+    rule: Ambiguous::Separate,
+    cap: false,
+    strips: true,
+};
+
+/// A quiet corner with an island of one voxel at (2, 2, 2), else noise.
+fn noisy_field() -> Field {
+    let mut field = random_field(7, [14, 9, 9], 0.5);
+    let [nx, ny, _] = field.dims;
+    for (i, v) in field.values.iter_mut().enumerate() {
+        let [x, y, z] = [i % nx, i / nx % ny, i / nx / ny];
+        if x < 9 && y < 5 && z < 5 {
+            *v = 0.0;
+        }
+        if [x, y, z] == [2, 2, 2] {
+            *v = 0.9;
+        }
+    }
+    field
+}
+
+/// A smooth ball, in which no face is ambiguous.
+fn ball() -> Field {
+    let mut field = random_field(0, [12, 11, 10], 0.5);
+    for (i, v) in field.values.iter_mut().enumerate() {
+        let p = [i % 12, i / 12 % 11, i / 12 / 11].map(|c| c as f32);
+        let square: f32 = p
+            .iter()
+            .zip([5.6, 5.3, 4.4])
+            .map(|(a, b)| (a - b) * (a - b))
+            .sum();
+        *v = 0.5 + (3.3 - square.sqrt()) / 20.0;
+    }
+    field
+}
+
+#[test]
+fn each_code_has_a_fixture_that_yields_exactly_it() {
+    for &code in Code::ALL {
+        let dir = tempfile::tempdir().unwrap();
+        let set = Set(dir.path());
+        let mut field = if code == Code::BitsDiffer {
+            ball()
+        } else {
+            noisy_field()
+        };
+        let lists = code == Code::DegenerateTriangle;
+        let style = Style {
+            strips: !lists,
+            ..STYLE
+        };
+        writer::write(dir.path(), &field, &style);
+        let place = faults::biggest(&set);
+        if lists {
+            set.edit_tile(&place, |t| t.pieces[0].triangles.push([0, 0, 1]));
+        } else if code == Code::EdgeRepeated {
+            let sound = set.tile(&place);
+            let exact = faults::third_triangles(&sound).into_iter().any(|changed| {
+                set.put(&place, &changed);
+                codes(&check(dir.path())).iter().eq([&code])
+            });
+            assert!(exact, "no third triangle on an edge yields {}", code.name());
+        } else {
+            faults::break_it(code, &set, &mut field);
+        }
+        let report = compare(dir.path(), &field);
+        assert!(
+            codes(&report).iter().eq([&code]),
+            "{}: {report:#?}",
+            code.name()
+        );
+        assert!(!report.ok);
+    }
+}
