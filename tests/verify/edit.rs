@@ -57,7 +57,11 @@ impl Set<'_> {
     pub fn put(&self, place: &Place, tile: &Tile) {
         let grid = self.entry(place)["grid"].clone();
         let at = |a: usize| grid[a].as_u64().unwrap() as usize;
-        let entry = write_tile(self.0, [at(0), at(1), at(2)], tile);
+        let mut tile = tile.clone();
+        for piece in &mut tile.pieces {
+            piece.extras["triangles"] = piece.triangles.len().into();
+        }
+        let entry = write_tile(self.0, [at(0), at(1), at(2)], &tile);
         self.edit_entry(place, |e| *e = entry);
         self.sum_up();
     }

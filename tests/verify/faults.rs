@@ -66,8 +66,9 @@ fn index(code: Code, set: &Set, place: &Place) {
         Code::ManifestValue => set.manifest(|m| m["grid"]["tiles"][1] = 7.into()),
         Code::PathOutside => set.edit_entry(place, |e| e["path"] = "../tile.glb".into()),
         Code::PathName => {
-            let (old, new) = (set.file(place), "tiles/z0000/tile.glb");
-            fs::rename(old, set.0.join(new)).unwrap();
+            let old = set.entry(place)["path"].as_str().unwrap().to_owned();
+            let new = old.replace('y', "row");
+            fs::rename(set.0.join(&old), set.0.join(&new)).unwrap();
             set.edit_entry(place, |e| e["path"] = new.into());
         }
         Code::MissingFile => fs::remove_file(set.file(place)).unwrap(),

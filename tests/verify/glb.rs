@@ -66,7 +66,7 @@ pub fn stripify(triangles: &[[u32; 3]]) -> (Vec<u32>, u64) {
         loop {
             let n = strip.len();
             let (a, b) = (strip[n - 2], strip[n - 1]);
-            let edge = if n % 2 == 0 { (a, b) } else { (b, a) };
+            let edge = if n.is_multiple_of(2) { (a, b) } else { (b, a) };
             match by_edge.get(&edge) {
                 Some(&(j, v)) if !used[j] => {
                     used[j] = true;
@@ -241,4 +241,78 @@ pub fn crc32(bytes: &[u8]) -> String {
         }
     }
     format!("crc32:{:08x}", !crc)
+}
+
+impl Tile {
+    /// The tile in the merged layout: one primitive with feature ids and a property table. Returns
+    /// what [`Tile::encode`] does.
+    pub fn encode_merged(&self) -> (Vec<u8>, u64, u64) {
+        let mut all = Piece {
+            name: "cells".into(),
+            extras: json!({}),
+            ..Piece::default()
+        };
+        let mut features = Vec::new();
+        for (row, p) in self.pieces.iter().enumerate() {
+            let base = all.positions.len() as u32;
+            all.positions.extend(&p.positions);
+            all.normals.extend(&p.normals);
+            all.triangles
+                .extend(p.triangles.iter().map(|t| t.map(|i| i + base)));
+            features.extend(p.positions.iter().map(|_| row as f32));
+        }
+        let n = self.pieces.len();
+        let one = Tile {
+            pieces: vec![all],
+            ..self.clone()
+        };
+        let (glb, strips, indices) = one.encode();
+        let (mut doc, mut bin) = unwrap(&glb);
+        let mut view = |doc: &mut Value, bytes: Vec<u8>| {
+            let views = doc["bufferViews"].as_array_mut().unwrap();
+            views.push(json!({"buffer": 0, "byteOffset": bin.len(), "byteLength": bytes.len()}));
+            bin.extend(bytes);
+            bin.resize(bin.len().next_multiple_of(8), 0);
+            views.len() - 1
+        };
+        let ids = view(
+            &mut doc,
+            features.iter().flat_map(|f| f.to_le_bytes()).collect(),
+        );
+        let accessors = doc["accessors"].as_array_mut().unwrap();
+        accessors.push(
+            json!({"bufferView": ids, "componentType": 5126, "type": "SCALAR",
+            "count": features.len()}),
+        );
+        let accessor = accessors.len() - 1;
+        let mut properties = json!({});
+        let mut columns = json!({});
+        for (key, kind) in [
+            ("cell", "UINT64"),
+            ("object", "UINT32"),
+            ("surface", "FLOAT64"),
+            ("triangles", "FLOAT32"),
+        ] {
+            let value = |p: &Piece| p.extras[key].as_u64().unwrap();
+            let bytes = |p: &Piece| match kind {
+                "UINT64" => value(p).to_le_bytes().to_vec(),
+                "UINT32" => (value(p) as u32).to_le_bytes().to_vec(),
+                "FLOAT64" => (value(p) as f64).to_le_bytes().to_vec(),
+                _ => (value(p) as f32).to_le_bytes().to_vec(),
+            };
+            let at = view(&mut doc, self.pieces.iter().flat_map(bytes).collect());
+            properties[key] = json!({"type": "SCALAR", "componentType": kind});
+            columns[key] = json!({"values": at});
+        }
+        let primitive = &mut doc["meshes"][0]["primitives"][0];
+        primitive["attributes"]["_FEATURE_ID_0"] = accessor.into();
+        primitive["extensions"] = json!({"EXT_mesh_features": {"featureIds":
+            [{"featureCount": n, "attribute": 0, "propertyTable": 0}]}});
+        doc["extensions"] = json!({"EXT_structural_metadata": {
+            "schema": {"id": "alvis", "classes": {"piece": {"properties": properties}}},
+            "propertyTables": [{"class": "piece", "count": n, "properties": columns}]}});
+        doc["extensionsUsed"] = json!(["EXT_mesh_features", "EXT_structural_metadata"]);
+        doc["buffers"][0]["byteLength"] = bin.len().into();
+        (wrap(&doc, &bin), strips, indices)
+    }
 }
