@@ -8,10 +8,7 @@ pub mod table;
 mod tile;
 mod vertex;
 
-pub use pieces::Piece;
-pub use tile::{
-    BYTES_PER_TRIANGLE, BandView, MeshSettings, TileBox, TileMesh, TileMesher, sum_piece,
-};
+pub use tile::{BYTES_PER_TRIANGLE, BandView, MeshSettings, TileBox, TileMesh, TileMesher};
 
 #[cfg(test)]
 mod tests;

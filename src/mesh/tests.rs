@@ -1,5 +1,6 @@
 //! Labels and meshes of random volumes against slow references and the laws of the rule.
 
+use super::pieces::Piece;
 use super::*;
 use crate::grid::{Ambiguous, Dims, Placement, Tiling};
 use crate::measure::AreaScale;

@@ -1,7 +1,6 @@
 //! Tiles on disk during a conversion: written with room for their JSON, filled in at the end.
 
 use crate::error::{Error, Result};
-use crate::manifest::Primitives;
 use crate::mesh::TileMesh;
 use crate::strip::Stripifier;
 use crate::tile::{Body, BodyPiece, MAX_NODES, Node, TileHead, node_json, tile_path, write_head};
