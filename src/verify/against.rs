@@ -199,8 +199,12 @@ impl<'a> Band<'a> {
         flaws: &mut Vec<Flaw>,
     ) -> Voxels {
         with_voxel_type!(self.volume.header().dtype, T => {
+            let dims = self.volume.header().dims.0;
+            let samples: &[T] = bytemuck::cast_slice(&self.words);
+            // the last word may reach beyond the last sample
+            let len = dims[0] as usize * self.rows.len() * self.slices.len();
             let view = View::<T> {
-                samples: bytemuck::cast_slice(&self.words),
+                samples: &samples[..len],
                 nx: self.volume.header().dims.0[0] as usize,
                 ny: self.rows.len(),
                 first: [0, self.rows.start as i32, self.slices.start as i32],
