@@ -70,7 +70,7 @@ impl Batch {
                 std::array::from_fn(|a| -(self.g0[a][i] + (self.g1[a][i] - self.g0[a][i]) * t));
             let square = n[0] * n[0] + n[1] * n[1] + n[2] * n[2];
             let length = square.sqrt();
-            ordinary &= (square >= NORMAL_RANGE.start) & (square < NORMAL_RANGE.end);
+            ordinary &= NORMAL_RANGE.contains(&square);
             for a in 0..3 {
                 self.normal[a][i] = n[a] / length;
             }
