@@ -3,10 +3,12 @@
 mod cap;
 mod cubes;
 mod edges;
+mod gather;
 mod pieces;
 pub mod table;
 mod tile;
 mod vertex;
+mod vertices;
 
 pub use tile::{BYTES_PER_TRIANGLE, BandView, MeshSettings, TileBox, TileMesh, TileMesher};
 

@@ -97,7 +97,7 @@ pub(super) fn after(h: u32) -> u32 {
 /// The half-edge before it in the same triangle.
 #[inline(always)]
 pub(super) fn before(h: u32) -> u32 {
-    if h % 3 == 0 { h + 2 } else { h - 1 }
+    if h.is_multiple_of(3) { h + 2 } else { h - 1 }
 }
 
 /// The labels of a mesh piece, as states of its half-edges.
@@ -107,7 +107,8 @@ pub(super) struct Crossings<'a> {
     /// Per half-edge 0, 1 or 2 as in [`CROSSING`]; one 0 more at the end, which stands for
     /// [`NONE`]. A triangle that is in no strip yet, or written already, has three zeros.
     pub states: &'a mut [u8],
-    /// Triangles that may be ends of strips; every end made by a stage is pushed, a few are stale.
+    /// Triangles that may be ends of strips. Some are stale, and an end may be missing after a chain
+    /// that saved entries without a merge: writing finds those by itself.
     pub ends: &'a mut Vec<u32>,
 }
 
@@ -306,7 +307,8 @@ impl Crossings<'_> {
     }
 
     /// Whether the strip that leaves a triangle over `h` comes back to it within
-    /// [`RING_LIMIT`] triangles: a ring saves nothing, since it must be cut open again.
+    /// [`RING_LIMIT`] triangles: a ring saves nothing, since it must be cut open again. Looks at the link made
+    /// last only; rings left elsewhere on a chain are few.
     fn closes(&self, start: u32) -> bool {
         let mut h = start;
         let mut linked = self.gain(h) != 0;

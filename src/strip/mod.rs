@@ -70,11 +70,6 @@ pub struct Stripifier {
 }
 
 impl Stripifier {
-    /// An empty workspace.
-    pub fn new() -> Self {
-        Self::default()
-    }
-
     /// Appends one stitched strip for `triangles` to `out`; returns the number of strips joined in it.
     ///
     /// The appended part is a whole strip: its first entry counts as even, whatever stands before.
@@ -124,6 +119,7 @@ pub fn append_strip(out: &mut Vec<u32>, strip: &[u32], offset: u32) {
 /// Decodes a stitched strip to triangles in strip order, leaving out degenerates.
 ///
 /// Each triangle keeps its orientation and is rotated so that its smallest index is first.
+#[cfg(test)]
 pub fn unstrip(indices: &[u32]) -> Vec<[u32; 3]> {
     let mut triangles = Vec::new();
     for (k, window) in indices.windows(3).enumerate() {
@@ -136,6 +132,7 @@ pub fn unstrip(indices: &[u32]) -> Vec<[u32; 3]> {
 }
 
 /// The same oriented triangle with its smallest index first.
+#[cfg(test)]
 fn rotated([a, b, c]: [u32; 3]) -> [u32; 3] {
     if a < b && a < c {
         [a, b, c]

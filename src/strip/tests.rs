@@ -34,7 +34,7 @@ fn sorted(triangles: &[[u32; 3]]) -> Vec<[u32; 3]> {
 /// Makes the strip and proves it: same triangles, same orientation, no repeat, few entries.
 fn proven(triangles: &[[u32; 3]]) -> Vec<u32> {
     let mut out = Vec::new();
-    let strips = Stripifier::new().stripify(triangles, &mates(triangles), &mut out);
+    let strips = Stripifier::default().stripify(triangles, &mates(triangles), &mut out);
     assert_eq!(sorted(&unstrip(&out)), sorted(triangles));
     assert!(strips <= triangles.len());
     assert_eq!(strips == 0, triangles.is_empty());
@@ -216,7 +216,7 @@ fn a_vertex_with_very_many_triangles() {
 
 #[test]
 fn the_strip_is_appended_whole_and_scratch_leaves_no_trace() {
-    let mut stripifier = Stripifier::new();
+    let mut stripifier = Stripifier::default();
     let big = grid(20, 20, false);
     for before in [vec![], vec![9], vec![9, 9]] {
         let mut out = before.clone();
@@ -232,7 +232,7 @@ fn the_strip_is_appended_whole_and_scratch_leaves_no_trace() {
 #[test]
 #[should_panic(expected = "three mates per triangle")]
 fn mates_must_fit() {
-    Stripifier::new().stripify(&[[0, 1, 2]], &[NONE], &mut Vec::new());
+    Stripifier::default().stripify(&[[0, 1, 2]], &[NONE], &mut Vec::new());
 }
 
 #[test]

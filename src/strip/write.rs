@@ -60,7 +60,7 @@ pub(super) fn write_strips(
             out.extend([out[out.len() - 1], first]);
         }
         strips += 1;
-        let even = (out.len() - base) % 2 == 0;
+        let even = (out.len() - base).is_multiple_of(2);
         write_strip(triangles, crossings, (exit, even), out);
     };
     queue.fill(crossings);

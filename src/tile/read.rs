@@ -234,35 +234,8 @@ impl<'a> Reader<'_, 'a> {
     fn primitive(&self, mesh: usize, used: &mut [bool]) -> Result<Primitive<'a>> {
         let node_index = mesh + 1;
         let node = &self.doc.nodes[node_index];
-        let place = format!("/nodes/{node_index}");
-        if node.mesh != Some(mesh)
-            || !node.children.is_empty()
-            || node.matrix.is_some()
-            || has_trs(node)
-        {
-            return fail(
-                Fault::Structure,
-                place,
-                format!(
-                    "expected a node with mesh {mesh}, no children and no transform of its own"
-                ),
-            );
-        }
-        let place = format!("/meshes/{mesh}/primitives");
-        let [prim] = self.doc.meshes[mesh].primitives.as_slice() else {
-            return fail(
-                Fault::Structure,
-                place,
-                format!(
-                    "found {} primitives, expected 1",
-                    self.doc.meshes[mesh].primitives.len()
-                ),
-            );
-        };
-        let place = format!("{place}/0");
-        if prim.material.is_some_and(|m| m >= self.doc.materials.len()) {
-            return fail(Fault::Structure, place, "its material does not exist");
-        }
+        let prim = self.shown(mesh)?;
+        let place = format!("/meshes/{mesh}/primitives/0");
         let mut take = |name: &str, index: Option<usize>| -> Result<usize> {
             match index {
                 Some(i) if i < used.len() && !used[i] => {
@@ -320,6 +293,40 @@ impl<'a> Reader<'_, 'a> {
             indices: self.indices(indices_at)?,
             pieces,
         })
+    }
+
+    /// The one primitive of mesh `mesh`, whose node must show it as it is.
+    fn shown(&self, mesh: usize) -> Result<&json::Primitive> {
+        let node = &self.doc.nodes[mesh + 1];
+        let place = format!("/nodes/{}", mesh + 1);
+        if node.mesh != Some(mesh)
+            || !node.children.is_empty()
+            || node.matrix.is_some()
+            || has_trs(node)
+        {
+            return fail(
+                Fault::Structure,
+                place,
+                format!(
+                    "expected a node with mesh {mesh}, no children and no transform of its own"
+                ),
+            );
+        }
+        let place = format!("/meshes/{mesh}/primitives");
+        let [prim] = self.doc.meshes[mesh].primitives.as_slice() else {
+            return fail(
+                Fault::Structure,
+                place,
+                format!(
+                    "found {} primitives, expected 1",
+                    self.doc.meshes[mesh].primitives.len()
+                ),
+            );
+        };
+        if prim.material.is_some_and(|m| m >= self.doc.materials.len()) {
+            return fail(Fault::Structure, place, "its material does not exist");
+        }
+        Ok(prim)
     }
 
     fn extras(&self, node: usize) -> Result<PieceIds> {

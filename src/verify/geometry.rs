@@ -14,6 +14,7 @@ use crate::tile::read::PieceIds;
 pub(super) struct Label {
     pub ids: PieceIds,
     pub node: usize,
+    /// As [`Component::names`].
     pub names: u8,
 }
 

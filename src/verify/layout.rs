@@ -89,7 +89,7 @@ impl Work<'_, '_> {
         }
     }
 
-    /// Returns [`Component::names`].
+    /// Returns what [`Label::names`] is.
     fn check_name(&mut self, p: &Primitive, ids: &PieceIds) -> u8 {
         let form = name_form(&p.name, ids);
         if p.name != p.mesh_name || form.is_none() {
@@ -141,36 +141,16 @@ impl Work<'_, '_> {
         group: &mut usize,
         ws: &mut Workspace,
     ) {
-        let mut feature = Vec::with_capacity(rows.len());
-        for row in rows {
-            let value = f32::from_le_bytes(*row);
-            if !(value >= 0.0 && value.fract() == 0.0 && (value as usize) < ids.len()) {
-                let message = format!("found feature id {value}, expected a row of {}", ids.len());
-                self.issue(
-                    Code::GltfStructure,
-                    &format!("/nodes/{}/mesh", p.node),
-                    message,
-                );
+        let list = std::mem::take(&mut ws.list);
+        let feature = match features(rows, ids.len(), &list) {
+            Ok(feature) => feature,
+            Err((code, message)) => {
+                self.issue(code, &format!("/nodes/{}/mesh", p.node), message);
                 self.sound = false;
                 return;
             }
-            feature.push(value as u32);
-        }
-        let list = std::mem::take(&mut ws.list);
+        };
         let of = |t: &[u32; 3]| feature[t[0] as usize];
-        if let Some(t) = list
-            .iter()
-            .find(|t| t.iter().any(|&i| feature[i as usize] != of(t)))
-        {
-            let message = format!("triangle {t:?} has vertices of several features");
-            self.issue(
-                Code::SurfaceMixed,
-                &format!("/nodes/{}/mesh", p.node),
-                message,
-            );
-            self.sound = false;
-            return;
-        }
         let mut by_feature: Vec<u32> = (0..list.len() as u32).collect();
         by_feature.sort_by_key(|&t| of(&list[t as usize]));
         let mut order: Vec<u32> = (0..feature.len() as u32).collect();
@@ -208,6 +188,32 @@ impl Work<'_, '_> {
     }
 }
 
+/// The row of each vertex; all vertices of a triangle must have the same.
+fn features(
+    values: &[[u8; 4]],
+    rows: usize,
+    triangles: &[[u32; 3]],
+) -> Result<Vec<u32>, (Code, String)> {
+    let mut out = Vec::with_capacity(values.len());
+    for value in values {
+        let value = f32::from_le_bytes(*value);
+        if !(value >= 0.0 && value.fract() == 0.0 && (value as usize) < rows) {
+            let message = format!("found feature id {value}, expected a row of {rows}");
+            return Err((Code::GltfStructure, message));
+        }
+        out.push(value as u32);
+    }
+    let row = |i: u32| out[i as usize];
+    let mixed = |t: &&[u32; 3]| row(t[0]) != row(t[1]) || row(t[1]) != row(t[2]);
+    match triangles.iter().find(mixed) {
+        None => Ok(out),
+        Some(t) => {
+            let message = format!("triangle {t:?} has vertices of several features");
+            Err((Code::SurfaceMixed, message))
+        }
+    }
+}
+
 /// Which form the name of a surface piece has: 1 for the cell alone, 2 with the object, 0 for a cap.
 fn name_form(name: &str, ids: &PieceIds) -> Option<u8> {
     if ids.cell == 0 {
@@ -228,6 +234,7 @@ fn decode(indices: &[u32], strips: bool, out: &mut Vec<[u32; 3]>) -> bool {
         out.extend_from_slice(triangles);
         return rest.is_empty() && !out.iter().any(joint);
     }
+    out.reserve(indices.len());
     for (k, w) in indices.windows(3).enumerate() {
         let t = if k % 2 == 0 {
             [w[0], w[1], w[2]]
