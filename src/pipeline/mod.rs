@@ -348,5 +348,6 @@ fn manifest(
             objects: "objects.csv".into(),
             surfaces: "surfaces.csv".into(),
         },
+        selection: None,
     }
 }
