@@ -1,8 +1,8 @@
 //! `alvis cells` as its users see it: rows chosen, ordered and summed up, and refusals.
 
-mod common;
+mod command;
 
-use common::{alvis, fails, foam_tiles, json, ok};
+use command::{alvis, fails, foam_tiles, json, ok};
 use serde_json::Value;
 use std::path::Path;
 

@@ -67,7 +67,7 @@ proptest! {
                 prop_assert_eq!(volume.random_access(), !form.compressed(), "{:?}", form);
                 check_boxes(&*volume, &sample, &boxes);
                 let header = volume.header().clone();
-                let spooled = spool(volume, dir.path()).unwrap();
+                let spooled = spool(&*volume, dir.path()).unwrap();
                 prop_assert!(spooled.random_access());
                 prop_assert_eq!(spooled.header(), &header);
                 check_boxes(&*spooled, &sample, &boxes);

@@ -6,8 +6,8 @@ use crate::error::{Error, Result};
 use crate::grid::Unit;
 use crate::volume::{self, Dtype, Endian, Io, OpenOptions, Opened};
 use clap::builder::{PossibleValuesParser, TypedValueParser};
-use clap::{Args, ValueEnum, ValueHint};
-use std::path::{Path, PathBuf};
+use clap::{Args, ValueEnum};
+use std::path::Path;
 
 /// Options of every command that works.
 #[derive(Debug, Clone, Args)]
@@ -66,17 +66,8 @@ pub enum IoArg {
     Read,
 }
 
-/// A volume and what its file does not say.
-#[derive(Debug, Clone, Args)]
-pub struct Input {
-    /// The volume: .mhd, .mha, .nrrd, .nhdr, or anything else as raw samples
-    #[arg(value_hint = ValueHint::FilePath)]
-    pub input: PathBuf,
-    #[command(flatten)]
-    pub options: InputOptions,
-}
-
-/// What a file does not say of itself, or says wrongly.
+/// What a file does not say of itself, or says wrongly. Flattened after a command's own options,
+/// since clap puts those that follow below the same heading.
 #[derive(Debug, Clone, Args)]
 #[command(next_help_heading = "Input")]
 pub struct InputOptions {

@@ -1,6 +1,6 @@
 //! `alvis convert`: a volume to a tile set.
 
-use super::args::{Common, Input};
+use super::args::{Common, InputOptions};
 use super::info;
 use super::parse::{self, CropArg, Threshold};
 use super::{Outcome, output};
@@ -45,8 +45,9 @@ impl From<PrimitivesArg> for Primitives {
 /// macrocube, an index and tables of cells, objects and surfaces.
 #[derive(Debug, Args)]
 pub struct ConvertArgs {
-    #[command(flatten)]
-    input: Input,
+    /// The volume: .mhd, .mha, .nrrd, .nhdr, or anything else as raw samples
+    #[arg(value_hint = ValueHint::FilePath)]
+    input: PathBuf,
     /// The directory to write
     #[arg(value_hint = ValueHint::DirPath)]
     out: PathBuf,
@@ -75,18 +76,20 @@ pub struct ConvertArgs {
     #[arg(long)]
     force: bool,
     #[command(flatten)]
+    options: InputOptions,
+    #[command(flatten)]
     common: Common,
 }
 
 impl ConvertArgs {
     pub fn run(self) -> Result<Outcome> {
         let console = self.common.start();
-        let opened = self.input.options.open(&self.input.input)?;
+        let opened = self.options.open(&self.input)?;
         let dims = opened.volume.header().dims;
         let crop = self.crop.as_ref().map(|c| c.resolve(dims)).transpose()?;
         let threshold = match self.threshold {
             Threshold::Value(t) => t,
-            Threshold::Otsu => info::otsu(&*opened.volume, &self.input.input, &console)?,
+            Threshold::Otsu => info::otsu(&*opened.volume, &self.input, &console)?,
         };
         let options = ConvertOptions {
             threshold,
@@ -109,7 +112,7 @@ impl ConvertArgs {
             Threshold::Otsu => " (Otsu's method)",
             Threshold::Value(_) => "",
         };
-        console.note(&understood(&opened, &options, how));
+        console.note(&understood(&opened, &options, how)?);
         let report = pipeline::convert(&*opened.volume, &options, &self.out, &console)?;
         drop(console);
         if self.common.json {
@@ -122,7 +125,10 @@ impl ConvertArgs {
 }
 
 /// What will be done, for the user to stop it if it is not what was meant.
-fn understood(opened: &Opened, options: &ConvertOptions, how: &str) -> String {
+///
+/// # Errors
+/// [`crate::Error::Memory`] if the limit is too small.
+fn understood(opened: &Opened, options: &ConvertOptions, how: &str) -> Result<String> {
     let header = opened.volume.header();
     let mut rows = vec![
         (
@@ -145,7 +151,7 @@ fn understood(opened: &Opened, options: &ConvertOptions, how: &str) -> String {
         );
         rows.push(("crop", part));
     }
-    let predicted = info::memory_needed(header, options);
+    let predicted = pipeline::predicted_memory(&*opened.volume, options)?;
     rows.push((
         "memory",
         format!(
@@ -154,7 +160,7 @@ fn understood(opened: &Opened, options: &ConvertOptions, how: &str) -> String {
             output::bytes(options.memory)
         ),
     ));
-    output::table(&rows).trim_end().to_string()
+    Ok(output::table(&rows).trim_end().to_string())
 }
 
 /// Where a value came from, for people.

@@ -129,8 +129,13 @@ fn prepare(out: &Path) -> Result<()> {
 
 fn text(report: &Report) -> String {
     let Report { volume, tiles, .. } = report;
+    let issues = if report.verify.ok {
+        String::new()
+    } else {
+        format!("To see the issues:    alvis verify {tiles} --against {volume}\n")
+    };
     format!(
-        "\n{}{}\n\
+        "{}{}{issues}\n\
          {volume} is the volume, {tiles} the tile set.\n\
          Look at the cells:    {tiles}/cells.csv\n\
          In Blender:           File > Import > glTF 2.0, then choose tiles in {tiles}/tiles\n\

@@ -1,31 +1,36 @@
 //! `alvis info`: what a volume is, and what its surface would cost.
 
-use super::args::{Common, Input};
+use super::args::{Common, InputOptions};
 use super::convert::from;
 use super::parse;
 use super::{Outcome, chart, output};
 use crate::error::{Error, Result};
 use crate::grid::{Dims, Placement, Unit};
-use crate::pipeline::ConvertOptions;
+use crate::pipeline::{ConvertOptions, predicted_memory};
 use crate::progress::Progress;
 use crate::volume::{
     Dtype, Endian, Header, Opened, Prediction, Statistics, Volume, predict, statistics,
 };
-use clap::Args;
+use clap::{Args, ValueHint};
 use serde::Serialize;
-use std::path::Path;
+use std::path::{Path, PathBuf};
 
 /// Slices that a prediction reads at most.
 const SLICES: u32 = 256;
+/// A limit of memory that no machine reaches.
+const UNLIMITED: u64 = 1 << 60;
 
 /// Show what a volume holds, its histogram, Otsu's threshold and the surface to expect there
 #[derive(Debug, Args)]
 pub struct InfoArgs {
-    #[command(flatten)]
-    input: Input,
+    /// The volume: .mhd, .mha, .nrrd, .nhdr, or anything else as raw samples
+    #[arg(value_hint = ValueHint::FilePath)]
+    input: PathBuf,
     /// Predict for this threshold instead of Otsu's
     #[arg(long, value_name = "T", allow_hyphen_values = true, value_parser = parse::finite)]
     threshold: Option<f64>,
+    #[command(flatten)]
+    options: InputOptions,
     #[command(flatten)]
     common: Common,
 }
@@ -67,16 +72,21 @@ struct Predicted {
 impl InfoArgs {
     pub fn run(self) -> Result<Outcome> {
         let console = self.common.start();
-        let opened = self.input.options.open(&self.input.input)?;
+        let opened = self.options.open(&self.input)?;
         let volume = &*opened.volume;
         let found = statistics(volume, &console)?;
         let threshold = self.threshold.or(found.otsu);
         let predicted = match threshold {
-            Some(t) => Some(Predicted::new(
-                volume.header(),
-                t,
-                predict(volume, t, SLICES, &console)?,
-            )),
+            Some(t) => {
+                let surface = predict(volume, t, SLICES, &console)?;
+                let options = ConvertOptions {
+                    memory: UNLIMITED,
+                    threads: self.common.threads.map_or(0, usize::from),
+                    ..ConvertOptions::default()
+                };
+                let memory = predicted_memory(volume, &options)?;
+                Some(Predicted::new(t, surface, memory))
+            }
             None => None,
         };
         drop(console);
@@ -109,29 +119,16 @@ fn tile_bytes(prediction: &Prediction) -> u64 {
     (prediction.vertices as f64 * 25.2 + prediction.triangles as f64 * 2.8) as u64
 }
 
-/// A rough size of the memory that a conversion needs: the slices of a layer of macrocubes, twice
-/// since the next is read meanwhile, a bit for each of their voxels, and 48 MiB for the rest.
-pub fn memory_needed(header: &Header, options: &ConvertOptions) -> u64 {
-    let [nx, ny, nz] = match &options.crop {
-        Some(crop) => crop.dims_in(header.dims).map_or(header.dims.0, |d| d.0),
-        None => header.dims.0,
-    };
-    let slices = u64::from(nz).min(u64::from(options.macrocube[2]) + 4);
-    let voxels = u64::from(nx) * u64::from(ny) * slices;
-    let whole = voxels * header.dtype.bytes() as u64 * 2 + voxels / 8 + (48 << 20);
-    whole.min(options.memory)
-}
-
 impl Predicted {
-    fn new(header: &Header, threshold: f64, prediction: Prediction) -> Self {
+    fn new(threshold: f64, surface: Prediction, memory_bytes: u64) -> Self {
         Predicted {
             threshold,
-            vertices: prediction.vertices,
-            triangles: prediction.triangles,
-            voxels_above: prediction.voxels_above,
-            bytes: tile_bytes(&prediction),
-            memory_bytes: memory_needed(header, &ConvertOptions::default()),
-            sampled: prediction.sampled,
+            vertices: surface.vertices,
+            triangles: surface.triangles,
+            voxels_above: surface.voxels_above,
+            bytes: tile_bytes(&surface),
+            memory_bytes,
+            sampled: surface.sampled,
         }
     }
 }

@@ -102,20 +102,34 @@ pub fn run(args: impl IntoIterator<Item = OsString>) -> ExitCode {
     }
 }
 
-/// The parser's complaint as one line: its paragraphs before the usage text.
+/// The parser's complaint as one line: its paragraphs before the usage text, and whose help to read.
 fn one_line(refusal: &clap::Error) -> String {
     if refusal.kind() == ErrorKind::DisplayHelpOnMissingArgumentOrSubcommand {
         return "no command given: see `alvis --help`".to_string();
     }
     let text = refusal.render().to_string();
     let text = text.strip_prefix("error: ").unwrap_or(&text);
-    let words: Vec<&str> = text
-        .lines()
-        .map(str::trim)
-        .take_while(|l| !l.starts_with("Usage:") && !l.starts_with("For more information"))
-        .filter(|l| !l.is_empty())
-        .collect();
-    format!("{}: see `alvis --help`", words.join(" "))
+    let mut message = String::new();
+    let mut whose = "alvis".to_string();
+    for line in text.lines().map(str::trim).filter(|l| !l.is_empty()) {
+        if let Some(usage) = line.strip_prefix("Usage: ") {
+            let words = usage.split(' ');
+            let names = words.take_while(|w| w.starts_with(|c: char| c.is_ascii_lowercase()));
+            whose = names.collect::<Vec<_>>().join(" ");
+            break;
+        }
+        if line.starts_with("For more information") {
+            break;
+        }
+        if line.starts_with("tip:") {
+            message.push(';');
+        }
+        if !message.is_empty() {
+            message.push(' ');
+        }
+        message.push_str(line);
+    }
+    format!("{message}: see `{whose} --help`")
 }
 
 /// The whole command line, for manual pages and completions.

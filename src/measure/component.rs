@@ -39,7 +39,7 @@ pub struct SurfaceRecord {
 
 /// Euler characteristic of a cell or object: a solid's is half that of its boundary, which is its
 /// surfaces and its patch of the grid's outer faces; the curves where these meet count 0.
-pub fn euler_of(record: &ComponentRecord) -> i64 {
+fn euler_of(record: &ComponentRecord) -> i64 {
     (record.mesh.euler_characteristic() + record.voxels.border_euler) / 2
 }
 

@@ -9,6 +9,6 @@ mod eigen;
 mod sums;
 mod table;
 
-pub use component::{ComponentRecord, Measures, SurfaceRecord, euler_of};
+pub use component::{ComponentRecord, Measures, SurfaceRecord};
 pub use sums::{AreaScale, MeshSums, VoxelSums};
 pub use table::RecordTable;

@@ -160,18 +160,17 @@ impl Triangles {
         x_slots: &mut [u32; 2],
     ) {
         let first = self.mates.len() as u32;
-        for t in 0..usize::from(plan.triangles) {
-            self.corners
-                .push(plan.corners[t].map(|e| numbers[e as usize]));
-            for e in 0..3 {
-                let mate = plan.inside[3 * t + e];
-                self.mates.push(if mate == ABSENT {
-                    NONE
-                } else {
-                    first + u32::from(mate)
-                });
+        let count = usize::from(plan.triangles);
+        let mut corners = [[0; 3]; MAX_TRIANGLES];
+        let mut inside = [NONE; 3 * MAX_TRIANGLES];
+        for h in 0..3 * count {
+            corners[h / 3][h % 3] = numbers[plan.corners[h / 3][h % 3] as usize];
+            if plan.inside[h] != ABSENT {
+                inside[h] = first + u32::from(plan.inside[h]);
             }
         }
+        self.corners.extend_from_slice(&corners[..count]);
+        self.mates.extend_from_slice(&inside[..3 * count]);
         let (cx, cy) = (tile.cubes[0] as usize, tile.cubes[1] as usize);
         let at = [x, y, z];
         for axis in 0..3 {

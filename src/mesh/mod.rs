@@ -3,15 +3,14 @@
 mod cap;
 mod cubes;
 mod edges;
+mod gather;
 mod pieces;
 pub mod table;
 mod tile;
 mod vertex;
+mod vertices;
 
-pub use pieces::Piece;
-pub use tile::{
-    BYTES_PER_TRIANGLE, BandView, MeshSettings, TileBox, TileMesh, TileMesher, sum_piece,
-};
+pub use tile::{BYTES_PER_TRIANGLE, BandView, MeshSettings, TileBox, TileMesh, TileMesher};
 
 #[cfg(test)]
 mod tests;

@@ -54,7 +54,7 @@ impl Piece {
     }
 }
 
-/// Finds pieces by (object, cell): a direct-mapped cache in front of a linear search by hash.
+/// Finds pieces by (object, cell): open addressing.
 #[derive(Debug, Default)]
 pub struct PieceIndex {
     /// Open addressing: piece + 1, or 0.
@@ -152,6 +152,7 @@ pub fn assign<T: Voxel>(
             let row_key = 3 * tile.linear([0, y, z]);
             for axis in 0..3 {
                 let step = usize::from(axis == 0);
+                let mut last = (u32::MAX, u32::MAX, 0);
                 for (w, word) in row_words.iter().enumerate() {
                     let mut crossed = word.crossed[axis];
                     while crossed != 0 {
@@ -164,7 +165,11 @@ pub fn assign<T: Voxel>(
                         ];
                         let lower_above = (row_bits[w] >> bit & 1) as usize;
                         let (object, cell) = (ends[1 - lower_above], ends[lower_above]);
-                        let p = index.find(pieces, object, cell);
+                        // walls are long: the piece is mostly that of the vertex before
+                        if (last.0, last.1) != (object, cell) {
+                            last = (object, cell, index.find(pieces, object, cell));
+                        }
+                        let p = last.2;
                         piece_of.push(p);
                         let piece = &mut pieces[p as usize];
                         piece.vertices += 1;

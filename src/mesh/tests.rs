@@ -1,5 +1,6 @@
 //! Labels and meshes of random volumes against slow references and the laws of the rule.
 
+use super::pieces::Piece;
 use super::*;
 use crate::grid::{Ambiguous, Dims, Placement, Tiling};
 use crate::measure::AreaScale;
@@ -183,13 +184,16 @@ impl Case {
             for (ty, (voxels, bits, runs, labels)) in bands.iter().enumerate() {
                 for tx in 0..tiling.tiles()[0] {
                     let tile = TileBox::of(tiling, [tx, ty as u32, tz]);
-                    let class_of = &slab.of_local[ty];
+                    let class_of_run: Vec<u32> = labels
+                        .of_run
+                        .iter()
+                        .map(|&l| slab.of_local[ty][l as usize])
+                        .collect();
                     let view = BandView {
                         voxels,
                         bits,
                         runs,
-                        of_run: &labels.of_run,
-                        class_of,
+                        class_of_run: &class_of_run,
                     };
                     let mut mesh = TileMesh::default();
                     TileMesher::default()

@@ -1,13 +1,13 @@
 //! The mesh of one tile, grouped by surface piece.
 
 use crate::error::{Error, Result};
-use crate::grid::{Ambiguous, Dims, LATTICE, Tiling};
+use crate::grid::{Ambiguous, Dims, Tiling};
 use crate::measure::AreaScale;
 use crate::mesh::cap::add_caps;
 use crate::mesh::cubes::{NONE, Plans, Triangles};
 use crate::mesh::edges::Edges;
 use crate::mesh::pieces::{Piece, PieceIndex, assign};
-use crate::mesh::vertex::{Stencil, normal, step_on_edge};
+use crate::mesh::vertices::for_each_vertex;
 use crate::segment::Runs;
 use crate::slab::{Bits, Voxels};
 use crate::volume::Voxel;
@@ -63,10 +63,8 @@ pub struct BandView<'a, T> {
     pub bits: &'a Bits,
     /// Runs of the bits.
     pub runs: &'a Runs,
-    /// Local component of each run.
-    pub of_run: &'a [u32],
-    /// Class of each local component.
-    pub class_of: &'a [u32],
+    /// Class of each run.
+    pub class_of_run: &'a [u32],
 }
 
 impl<T: Voxel> BandView<'_, T> {
@@ -83,7 +81,7 @@ impl<T: Voxel> BandView<'_, T> {
         let run = self
             .runs
             .at(self.bits, row, x + tile.first_cube[0] as usize);
-        self.class_of[self.of_run[run as usize] as usize]
+        self.class_of_run[run as usize]
     }
 }
 
@@ -184,7 +182,7 @@ impl TileMesher {
         self.vertex_of.clear();
         let mut used = vec![0u32; out.pieces.len()];
         let mut number = 0;
-        for_each_edge(&self.edges, view, tile, threshold, |position, normal| {
+        for_each_vertex(&self.edges, view, tile, threshold, |position, normal| {
             let p = self.piece_of[number] as usize;
             number += 1;
             let piece = &mut out.pieces[p];
@@ -230,62 +228,6 @@ impl TileMesher {
         }
         for &h in &made.border {
             out.pieces[piece_of(h as usize / 3)].sums.border_edges += 1;
-        }
-    }
-}
-
-/// Calls `each(position, normal)` for every crossed edge by rising number.
-fn for_each_edge<T: Voxel>(
-    edges: &Edges,
-    view: &BandView<T>,
-    tile: &TileBox,
-    threshold: f64,
-    mut each: impl FnMut([i32; 3], [f32; 3]),
-) {
-    let voxels = view.voxels;
-    let samples = &voxels.samples[..];
-    let [nx, ny, nz] = tile.dims.0;
-    let [x0, y0, z0] = tile.first_cube;
-    let strides = [1, nx as usize, nx as usize * voxels.span.rows()];
-    let rows = edges.rows;
-    let chunks = edges.words.chunks_exact(edges.row_words);
-    for (row_number, row) in chunks.enumerate() {
-        let (y, z) = (
-            y0 + (row_number % rows) as u32,
-            z0 + (row_number / rows) as u32,
-        );
-        let start = voxels.row_start(y, z);
-        let stencil = |y: u32, z: u32| {
-            // rows outside the tile are never asked for
-            Stencil::new(
-                [y.min(ny - 1), z.min(nz - 1)],
-                [ny, nz],
-                [strides[1], strides[2]],
-            )
-        };
-        let lower = stencil(y, z);
-        let upper = [lower, stencil(y + 1, z), stencil(y, z + 1)];
-        let bits = &edges.bits[row_number * edges.row_words..];
-        for axis in 0..3 {
-            for (w, word) in row.iter().enumerate() {
-                let mut crossed = word.crossed[axis];
-                while crossed != 0 {
-                    let bit = crossed.trailing_zeros();
-                    crossed &= crossed - 1;
-                    let x = x0 + 64 * w as u32 + bit;
-                    let p = start + x as usize;
-                    let q = p + strides[axis];
-                    let step = step_on_edge(samples[p].to_f64(), samples[q].to_f64(), threshold);
-                    let g0 = lower.gradient(samples, p, x, nx);
-                    let g1 = upper[axis].gradient(samples, q, x + u32::from(axis == 0), nx);
-                    let mut position = [x, y, z].map(|v| (v * LATTICE) as i32);
-                    position[axis] += step as i32;
-                    each(
-                        position,
-                        normal(g0, g1, step, axis, bits[w] >> bit & 1 == 1),
-                    );
-                }
-            }
         }
     }
 }

@@ -59,6 +59,9 @@ impl Stencil {
     }
 }
 
+/// Squared lengths of gradients that `f32` divides well.
+pub const NORMAL_RANGE: std::ops::Range<f32> = 1e-30..1e30;
+
 /// The unit normal from above to below: against the gradient, which is interpolated linearly between
 /// the edge's ends. Where the gradient vanishes or is not finite, along the edge from above to below.
 ///
@@ -69,7 +72,7 @@ pub fn normal(g0: [f32; 3], g1: [f32; 3], step: u32, axis: usize, lower_above: b
     let t = step as f32 / LATTICE as f32;
     let n: [f32; 3] = std::array::from_fn(|a| -(g0[a] + (g1[a] - g0[a]) * t));
     let square = n[0] * n[0] + n[1] * n[1] + n[2] * n[2];
-    if (1e-30..1e30).contains(&square) {
+    if NORMAL_RANGE.contains(&square) {
         let length = square.sqrt();
         return n.map(|v| v / length);
     }

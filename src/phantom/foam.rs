@@ -56,7 +56,8 @@ struct Cell {
     origin: [i64; 3],
     centre: [f32; 3],
     radius: f32,
-    /// Unit normal and distance of each plane: inside iff normal . p <= distance.
+    /// Unit normal and distance of each plane: inside iff normal . p <= distance. The nearest plane
+    /// comes first, since it is the most likely to rule a row out.
     planes: Vec<[f32; 4]>,
 }
 
@@ -134,6 +135,7 @@ impl FoamField {
                 planes.push([x, y, z, (height + shift) as f32]);
             }
         }
+        planes.sort_by(|a, b| a[3].total_cmp(&b[3]));
         Cell {
             origin,
             centre: local.map(|v| v as f32),
@@ -231,12 +233,15 @@ impl Cell {
             } else if room < -1e-2 {
                 return;
             }
+            if low > high + 1e-2 {
+                return;
+            }
         }
         // one voxel more on either side than needed: rounding then never loses one
         let origin = self.origin[0] - i64::from(x.start);
         let first = (origin + low.floor() as i64 - 1).max(0);
         let last = (origin + high.ceil() as i64 + 2).min(grey.len() as i64);
-        if first >= last || low > high {
+        if first >= last {
             return;
         }
         let grey = &mut grey[first as usize..last as usize];

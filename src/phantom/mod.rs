@@ -14,7 +14,7 @@ pub use write::{Written, write};
 
 use crate::error::{Error, Result};
 use crate::grid::{Dims, Placement};
-use crate::volume::{Dtype, Endian, Header, Volume};
+use crate::volume::{Dtype, Endian, Header, Volume, check_box};
 use foam::FoamField;
 use random::RowStream;
 use rayon::prelude::*;
@@ -166,7 +166,16 @@ trait Rows {
 pub struct PhantomVolume {
     phantom: Phantom,
     header: Header,
-    foam: Option<FoamField>,
+    field: Field,
+}
+
+/// A shape with what is computed once for all boxes.
+#[derive(Debug, Clone)]
+enum Field {
+    Foam(FoamField),
+    Body(Body),
+    Gyroid(f64),
+    Noise(f64),
 }
 
 /// A phantom as a volume without spacing.
@@ -175,9 +184,14 @@ pub struct PhantomVolume {
 /// As [`Phantom::check`].
 pub fn render(phantom: &Phantom, dims: Dims, dtype: Dtype) -> Result<PhantomVolume> {
     phantom.check()?;
-    let foam = match phantom.shape {
-        Shape::Foam(foam) => Some(FoamField::new(foam, phantom.seed)),
-        _ => None,
+    let field = match phantom.shape {
+        Shape::Foam(foam) => Field::Foam(FoamField::new(foam, phantom.seed)),
+        Shape::Sphere { radius } => Field::Body(Body::Sphere(radius)),
+        Shape::Torus { radius, tube } => Field::Body(Body::Torus(radius, tube)),
+        Shape::Cube { edge } => Field::Body(Body::Cube(edge / 2.0)),
+        Shape::Ellipsoid { semi_axes } => Field::Body(Body::Ellipsoid(semi_axes)),
+        Shape::Gyroid { period } => Field::Gyroid(period),
+        Shape::Noise { density } => Field::Noise(density),
     };
     Ok(PhantomVolume {
         phantom: *phantom,
@@ -185,14 +199,10 @@ pub fn render(phantom: &Phantom, dims: Dims, dtype: Dtype) -> Result<PhantomVolu
             format: "phantom",
             dims,
             dtype,
-            endian: if cfg!(target_endian = "big") {
-                Endian::Big
-            } else {
-                Endian::Little
-            },
+            endian: Endian::NATIVE,
             placement: Placement::default(),
         },
-        foam,
+        field,
     })
 }
 
@@ -213,29 +223,20 @@ impl PhantomVolume {
     }
 
     fn rows(&self, x: &Range<u32>, y: Range<u32>, z: Range<u32>) -> Box<dyn Rows> {
-        let body = match self.phantom.shape {
-            Shape::Foam(_) => match &self.foam {
-                Some(field) => return Box::new(field.rows(x.clone(), y, z)),
-                None => unreachable!("a foam's field is made with it"),
-            },
-            Shape::Gyroid { period } => return Box::new(GyroidRows::new(period, x.clone())),
-            Shape::Noise { density } => {
-                return Box::new(NoiseRows {
-                    density,
-                    seed: self.phantom.seed,
-                    x: x.start,
-                });
-            }
-            Shape::Sphere { radius } => Body::Sphere(radius),
-            Shape::Torus { radius, tube } => Body::Torus(radius, tube),
-            Shape::Cube { edge } => Body::Cube(edge / 2.0),
-            Shape::Ellipsoid { semi_axes } => Body::Ellipsoid(semi_axes),
-        };
-        Box::new(BodyRows {
-            body,
-            dims: self.header.dims,
-            x: x.start,
-        })
+        match &self.field {
+            Field::Foam(field) => Box::new(field.rows(x.clone(), y, z)),
+            Field::Gyroid(period) => Box::new(GyroidRows::new(*period, x.clone())),
+            Field::Noise(density) => Box::new(NoiseRows {
+                density: *density,
+                seed: self.phantom.seed,
+                x: x.start,
+            }),
+            Field::Body(body) => Box::new(BodyRows {
+                body: *body,
+                dims: self.header.dims,
+                x: x.start,
+            }),
+        }
     }
 
     /// Edge, along y and z, of the blocks that one thread makes: a few cells, so that the cells
@@ -262,13 +263,8 @@ impl Volume for PhantomVolume {
     }
 
     fn read_box(&self, x: Range<u32>, y: Range<u32>, z: Range<u32>, out: &mut [u8]) -> Result<()> {
-        let inside = [&x, &y, &z]
-            .iter()
-            .zip(self.header.dims.0)
-            .all(|(r, n)| r.start <= r.end && r.end <= n);
+        check_box(&self.header, &x, &y, &z, out.len())?;
         let row_bytes = x.len() * self.header.dtype.bytes();
-        assert!(inside, "the box lies in the volume");
-        assert_eq!(out.len(), row_bytes * y.len() * z.len(), "the box's bytes");
         if out.is_empty() {
             return Ok(());
         }

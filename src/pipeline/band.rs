@@ -15,7 +15,7 @@ pub struct Band<T> {
     pub bits: Bits,
     /// Runs.
     pub runs: Runs,
-    /// Components.
+    /// Components; the labels of runs turn from local components to classes once these are known.
     pub labels: Labels,
     /// What joins it to its neighbours.
     pub edges: BandEdges,

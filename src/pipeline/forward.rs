@@ -183,9 +183,10 @@ impl Sweep<'_> {
         for layer in 0..layers {
             self.check_interrupt()?;
             let classes = self.join(&now, layer, state)?;
+            take_classes(&mut now, 0, &classes);
             self.prefetch(source, layer + 1);
             let more = layer + 1 < layers;
-            let mesh = || self.mesh_bands(source, &now, 0, layer, &classes, workspaces);
+            let mesh = || self.mesh_bands(source, &now, 0, layer, workspaces);
             let tiles = if self.plan.look_ahead && more {
                 let (tiles, read) =
                     rayon::join(mesh, || self.prepare(source, &mut next, 0, layer + 1));
@@ -241,8 +242,9 @@ impl Sweep<'_> {
                 self.check_interrupt()?;
                 let count = at_once.min(bands - first) as usize;
                 self.prepare(source, &mut part[..count], first, layer)?;
+                take_classes(&mut part[..count], first, &classes);
                 let part = &part[..count];
-                tiles.extend(self.mesh_bands(source, part, first, layer, &classes, workspaces)?);
+                tiles.extend(self.mesh_bands(source, part, first, layer, workspaces)?);
             }
             self.finish_slab(layer, &classes, tiles, state)?;
             self.release(source, layer);
@@ -293,7 +295,6 @@ impl Sweep<'_> {
         bands: &[Band<T>],
         first: u32,
         layer: u32,
-        classes: &SlabClasses,
         workspaces: &Mutex<Vec<Workspace>>,
     ) -> Result<Vec<TileResult>> {
         let tiles_x = self.plan.tiling.tiles()[0] as usize;
@@ -317,8 +318,7 @@ impl Sweep<'_> {
                     voxels: &band.voxels,
                     bits: &band.bits,
                     runs: &band.runs,
-                    of_run: &band.labels.of_run,
-                    class_of: &classes.of_local[ty as usize],
+                    class_of_run: &band.labels.of_run,
                 };
                 let pooled = workspaces.lock().expect("no thread panicked").pop();
                 let mut workspace: Workspace = pooled.unwrap_or_default();
@@ -460,4 +460,15 @@ impl Sweep<'_> {
             .volume
             .release(z.start.saturating_sub(1)..z.end.saturating_sub(2).max(z.start));
     }
+}
+
+/// Turns the bands' labels of runs from local components into classes of the slab.
+fn take_classes<T: Voxel>(bands: &mut [Band<T>], first: u32, classes: &SlabClasses) {
+    bands.par_iter_mut().enumerate().for_each(|(i, band)| {
+        let class_of = &classes.of_local[first as usize + i];
+        band.labels
+            .of_run
+            .iter_mut()
+            .for_each(|label| *label = class_of[*label as usize]);
+    });
 }

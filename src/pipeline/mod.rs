@@ -13,7 +13,7 @@ mod tables;
 mod tilefile;
 
 pub use options::{ConvertOptions, ConvertReport};
-pub use plan::{Plan, plan};
+use plan::{Plan, plan};
 pub use tables::{COMPONENT_COLUMNS, SURFACE_COLUMNS, unit_text};
 
 use crate::error::{Error, Result};
@@ -74,6 +74,19 @@ pub fn convert(
         peak_rss_bytes: crate::memory::peak_rss_bytes(),
         warnings: made.warnings,
     })
+}
+
+/// The peak of resident memory, in bytes, that a conversion is predicted to have.
+///
+/// # Errors
+/// [`Error::Memory`] if `options.memory` is too small, [`Error::Usage`] for impossible options.
+pub fn predicted_memory(volume: &dyn Volume, options: &ConvertOptions) -> Result<u64> {
+    check(options)?;
+    let dims = match &options.crop {
+        Some(crop) => crop.dims_in(volume.header().dims)?,
+        None => volume.header().dims,
+    };
+    Ok(plan(volume, dims, options)?.memory)
 }
 
 fn check(options: &ConvertOptions) -> Result<()> {

@@ -1,7 +1,6 @@
 //! Tiles on disk during a conversion: written with room for their JSON, filled in at the end.
 
 use crate::error::{Error, Result};
-use crate::manifest::Primitives;
 use crate::mesh::TileMesh;
 use crate::strip::Stripifier;
 use crate::tile::{Body, BodyPiece, MAX_NODES, Node, TileHead, node_json, tile_path, write_head};
@@ -59,7 +58,6 @@ impl WrittenPiece {
 #[derive(Default)]
 pub struct TileBuffers {
     stripifier: Stripifier,
-    file: Vec<u8>,
     body: Vec<u8>,
 }
 
@@ -97,10 +95,7 @@ impl TileWriter {
         };
         let path = self.dir.join(tile_path(grid));
         let head = write_head(b"", aligned(room), body.bytes).ok_or_else(|| too_large(grid))?;
-        buffers.file.clear();
-        buffers.file.extend_from_slice(&head);
-        buffers.file.extend_from_slice(&buffers.body);
-        write_file(&path, &[&buffers.file])?;
+        write_file(&path, &[&head, &buffers.body])?;
         let record = TileRecord {
             body_bytes: body.bytes,
             grid,

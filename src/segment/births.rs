@@ -51,7 +51,7 @@ impl Births {
     pub fn give(&mut self, n: usize) -> Result<u64> {
         let first = self.count;
         for _ in 0..n {
-            if self.count % 64 == 0 {
+            if self.count.is_multiple_of(64) {
                 self.tail.push(0);
             }
             *self.tail.last_mut().expect("just pushed") |= 1 << (self.count % 64);

@@ -265,9 +265,4 @@ impl Classes {
             .map(|&c| slab.records[c as usize])
             .collect();
     }
-
-    /// Number of components that can still grow.
-    pub fn live(&self) -> usize {
-        self.live.len()
-    }
 }

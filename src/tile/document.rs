@@ -169,7 +169,7 @@ pub fn node_json(head: &TileHead, body: &Body, nodes: &[Node]) -> Vec<u8> {
 /// The file's bytes before the BIN chunk's data: both headers and the JSON, padded with spaces to
 /// `room` bytes. `None` if the JSON does not fit.
 pub fn write_head(json: &[u8], room: usize, bin_bytes: u64) -> Option<Vec<u8>> {
-    debug_assert!(room % 4 == 0 && bin_bytes % 4 == 0);
+    debug_assert!(room.is_multiple_of(4) && bin_bytes.is_multiple_of(4));
     let total = 12 + 8 + room as u64 + 8 + bin_bytes;
     if json.len() > room || total > u64::from(u32::MAX) {
         return None;

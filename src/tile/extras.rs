@@ -111,7 +111,7 @@ impl Extras {
     /// Extras that take at least as many bytes of JSON as any: what a tile's JSON chunk has to hold
     /// is known only at the end, but its room is needed at the start.
     pub fn widest() -> Self {
-        let widest = f64::MIN_POSITIVE * -1.000_000_000_000_123_4;
+        let widest = -f64::MIN_POSITIVE;
         Extras {
             cell: u64::MAX,
             object: u64::MAX,

@@ -33,6 +33,7 @@ mod body;
 mod document;
 mod extras;
 mod features;
+mod glb;
 mod json;
 mod merged;
 pub mod read;

@@ -3,124 +3,10 @@
 //! Everything the file says is checked against its real size before it is used, so a damaged or
 //! hostile file gives a [`ReadError`], never a panic or an allocation larger than the file.
 
+use super::glb::{Result, fail};
 use super::json::{self, Document};
-use std::fmt;
 
-/// What kind of damage a [`ReadError`] speaks of.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum Fault {
-    /// The GLB's headers and chunks.
-    Container,
-    /// The JSON chunk is not JSON, or a member has the wrong type.
-    Json,
-    /// Scene, nodes, meshes and primitives are not laid out as a tile's are.
-    Structure,
-    /// An accessor, buffer view or buffer is of the wrong type, misaligned or outside the file.
-    Accessor,
-    /// A node's `extras` are missing, not flat or not whole numbers.
-    Extras,
-}
-
-/// Why a tile cannot be read.
-#[derive(Debug, Clone, PartialEq, Eq)]
-pub struct ReadError {
-    /// Kind of damage.
-    pub fault: Fault,
-    /// JSON pointer of the damaged member, or empty.
-    pub place: String,
-    /// What was found and what was expected.
-    pub message: String,
-}
-
-impl fmt::Display for ReadError {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        if self.place.is_empty() {
-            f.write_str(&self.message)
-        } else {
-            write!(f, "{}: {}", self.place, self.message)
-        }
-    }
-}
-
-impl std::error::Error for ReadError {}
-
-type Result<T> = std::result::Result<T, ReadError>;
-
-fn fail<T>(fault: Fault, place: impl Into<String>, message: impl Into<String>) -> Result<T> {
-    Err(ReadError {
-        fault,
-        place: place.into(),
-        message: message.into(),
-    })
-}
-
-/// The two chunks of a GLB.
-#[derive(Debug, Clone, Copy)]
-pub struct Glb<'a> {
-    /// The JSON chunk, padding included.
-    pub json: &'a [u8],
-    /// The BIN chunk, padding included; empty if there is none.
-    pub bin: &'a [u8],
-}
-
-impl<'a> Glb<'a> {
-    /// Splits the bytes of a GLB (glTF 2.0, section 4) into its chunks.
-    ///
-    /// # Errors
-    /// [`Fault::Container`] if magic, version, lengths or chunk types are not those of one JSON
-    /// chunk followed by one BIN chunk that fill the file.
-    pub fn split(bytes: &'a [u8]) -> Result<Self> {
-        let word = |at: usize| -> Option<u32> {
-            let b = bytes.get(at..at.checked_add(4)?)?;
-            Some(u32::from_le_bytes(b.try_into().ok()?))
-        };
-        let bad = |message: String| fail(Fault::Container, "", message);
-        let (Some(magic), Some(version), Some(length)) = (word(0), word(4), word(8)) else {
-            return bad(format!(
-                "found {} bytes, expected a GLB header of 12",
-                bytes.len()
-            ));
-        };
-        if magic != 0x4654_6C67 || version != 2 {
-            return bad(format!(
-                "found magic {magic:#010x} version {version}, expected glTF (0x46546c67) version 2"
-            ));
-        }
-        if u64::from(length) != bytes.len() as u64 {
-            return bad(format!(
-                "the header states {length} bytes, the file has {}",
-                bytes.len()
-            ));
-        }
-        let mut at = 12;
-        let mut chunk = |kind: u32, name: &str| -> Result<&'a [u8]> {
-            let (Some(len), Some(found)) = (word(at), word(at + 4)) else {
-                let message = format!("found the end of the file, expected a {name} chunk");
-                return fail(Fault::Container, "", message);
-            };
-            let body = at + 8;
-            let end = body.saturating_add(len as usize);
-            if found != kind || len % 4 != 0 || end > bytes.len() {
-                let message = format!(
-                    "at byte {at}: found a chunk {found:#010x} of {len} bytes, expected a {name} \
-                     chunk of a multiple of 4 bytes inside the file"
-                );
-                return fail(Fault::Container, "", message);
-            }
-            at = end;
-            Ok(&bytes[body..end])
-        };
-        let json = chunk(0x4E4F_534A, "JSON")?;
-        let bin = chunk(0x004E_4942, "BIN")?;
-        if at != bytes.len() {
-            return bad(format!(
-                "found {} bytes after the BIN chunk, expected none",
-                bytes.len() - at
-            ));
-        }
-        Ok(Glb { json, bin })
-    }
-}
+pub use super::glb::{Fault, Glb, ReadError};
 
 /// Three little-endian `f32` per element.
 #[derive(Debug, Clone, Copy)]
@@ -348,35 +234,8 @@ impl<'a> Reader<'_, 'a> {
     fn primitive(&self, mesh: usize, used: &mut [bool]) -> Result<Primitive<'a>> {
         let node_index = mesh + 1;
         let node = &self.doc.nodes[node_index];
-        let place = format!("/nodes/{node_index}");
-        if node.mesh != Some(mesh)
-            || !node.children.is_empty()
-            || node.matrix.is_some()
-            || has_trs(node)
-        {
-            return fail(
-                Fault::Structure,
-                place,
-                format!(
-                    "expected a node with mesh {mesh}, no children and no transform of its own"
-                ),
-            );
-        }
-        let place = format!("/meshes/{mesh}/primitives");
-        let [prim] = self.doc.meshes[mesh].primitives.as_slice() else {
-            return fail(
-                Fault::Structure,
-                place,
-                format!(
-                    "found {} primitives, expected 1",
-                    self.doc.meshes[mesh].primitives.len()
-                ),
-            );
-        };
-        let place = format!("{place}/0");
-        if prim.material.is_some_and(|m| m >= self.doc.materials.len()) {
-            return fail(Fault::Structure, place, "its material does not exist");
-        }
+        let prim = self.shown(mesh)?;
+        let place = format!("/meshes/{mesh}/primitives/0");
         let mut take = |name: &str, index: Option<usize>| -> Result<usize> {
             match index {
                 Some(i) if i < used.len() && !used[i] => {
@@ -434,6 +293,40 @@ impl<'a> Reader<'_, 'a> {
             indices: self.indices(indices_at)?,
             pieces,
         })
+    }
+
+    /// The one primitive of mesh `mesh`, whose node must show it as it is.
+    fn shown(&self, mesh: usize) -> Result<&json::Primitive> {
+        let node = &self.doc.nodes[mesh + 1];
+        let place = format!("/nodes/{}", mesh + 1);
+        if node.mesh != Some(mesh)
+            || !node.children.is_empty()
+            || node.matrix.is_some()
+            || has_trs(node)
+        {
+            return fail(
+                Fault::Structure,
+                place,
+                format!(
+                    "expected a node with mesh {mesh}, no children and no transform of its own"
+                ),
+            );
+        }
+        let place = format!("/meshes/{mesh}/primitives");
+        let [prim] = self.doc.meshes[mesh].primitives.as_slice() else {
+            return fail(
+                Fault::Structure,
+                place,
+                format!(
+                    "found {} primitives, expected 1",
+                    self.doc.meshes[mesh].primitives.len()
+                ),
+            );
+        };
+        if prim.material.is_some_and(|m| m >= self.doc.materials.len()) {
+            return fail(Fault::Structure, place, "its material does not exist");
+        }
+        Ok(prim)
     }
 
     fn extras(&self, node: usize) -> Result<PieceIds> {
@@ -504,7 +397,7 @@ impl<'a> Reader<'_, 'a> {
             .byte_offset
             .saturating_add(start);
         match end {
-            Some(end) if end <= body.len() as u64 && in_file % component == 0 => {
+            Some(end) if end <= body.len() as u64 && in_file.is_multiple_of(component) => {
                 Ok(&body[start as usize..end as usize])
             }
             _ => fail(

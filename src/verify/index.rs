@@ -7,6 +7,7 @@ use crate::error::{Error, Result};
 use crate::grid::{Dims, LATTICE, Tiling};
 use crate::manifest::{FORMAT, FORMAT_VERSION, Layer, Manifest, Shard, TileEntry};
 use serde::Deserialize;
+use std::collections::BTreeSet;
 use std::path::Path;
 
 /// The manifest's file.
@@ -148,6 +149,17 @@ pub(super) fn tile_dir(z: u32) -> String {
 /// The name of a tile in its layer's directory.
 pub(super) fn tile_name(grid: [u32; 3]) -> String {
     format!("y{:04}_x{:04}.glb", grid[1], grid[0])
+}
+
+/// Looks for files that the manifest does not name; those of a layer follow with its shard.
+///
+/// # Errors
+/// [`Error::Io`] if a directory cannot be listed.
+pub(super) fn foreign_files(root: &Path, manifest: &Manifest, issues: &mut Issues) -> Result<()> {
+    let names = |f: fn(u32) -> String| manifest.layers.iter().map(|l| f(l.z)).collect();
+    let shards: BTreeSet<String> = names(|z| shard_path(z).replace("index/", ""));
+    files::foreign(root, "index", &shards, issues)?;
+    files::foreign(root, "tiles", &names(tile_dir), issues)
 }
 
 /// Reads the shard of layer number `index`; `None` if it is missing or damaged.

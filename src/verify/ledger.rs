@@ -184,7 +184,7 @@ impl Kind {
 
 /// Checks the ids as they come, rising, of one kind.
 pub(super) struct Laws {
-    kind: Kind,
+    pub kind: Kind,
     last: u64,
     pub count: u64,
     gap: Option<(u64, u64)>,

@@ -5,6 +5,7 @@
 //! the origin is summed in an `i128`.
 
 use super::code::Code;
+use super::edges::Matched;
 
 /// Where a tile lies, in lattice units.
 #[derive(Debug, Clone, Copy)]
@@ -283,9 +284,10 @@ impl Piece {
         sums
     }
 
-    /// Looks for triangles that occur twice, and for triangles that face the other way than most of
-    /// their vertices' triangles. Slow; called when edges or vertex states contradict each other.
-    pub fn diagnose(&self, repeated: Option<[i32; 3]>, flaws: &mut Vec<Flaw>) {
+    /// Names what makes edges or vertex states contradict each other: triangles that occur twice,
+    /// else an edge of more than two triangles, else triangles that face the other way than most
+    /// at one of their vertices. Slow.
+    pub fn diagnose(&self, matched: &Matched, flaws: &mut Vec<Flaw>) {
         let turned = |t: &[u32; 3]| {
             let first = (0..3).min_by_key(|&i| t[i]).unwrap_or(0);
             [t[first], t[(first + 1) % 3], t[(first + 2) % 3]]
@@ -297,15 +299,20 @@ impl Piece {
             twice.add(self.points[pair[0][0] as usize]);
         }
         twice.report(Code::DuplicateTriangle, flaws);
-        let flipped = self.flipped();
-        flipped.report(Code::FlippedTriangle, flaws);
-        if let (0, 0, Some(first)) = (twice.count, flipped.count, repeated) {
-            flaws.push(Flaw {
-                code: Code::EdgeRepeated,
-                count: 1,
-                first,
-            });
+        if twice.count > 0 {
+            return;
         }
+        if let Some([tail, _]) = matched.crowded {
+            let mut crowded = Tally::default();
+            crowded.add(self.points[tail as usize]);
+            crowded.report(Code::EdgeRepeated, flaws);
+            return;
+        }
+        let mut flipped = self.flipped();
+        if let (0, Some([tail, _])) = (flipped.count, matched.same_way) {
+            flipped.add(self.points[tail as usize]);
+        }
+        flipped.report(Code::FlippedTriangle, flaws);
     }
 
     /// Triangles that face against the majority at one of their vertices.

@@ -44,9 +44,10 @@ impl Seen {
         *word |= bit;
     }
 
-    /// How many edges were inserted again, and the cell of the first.
-    pub fn finish(&mut self) -> Option<(u64, [u64; 3])> {
-        if let Some(list) = &mut self.list {
+    /// How many edges were inserted again, and the cell of the first. Before the end of a tile only
+    /// the map knows; the list is sorted at the `end`.
+    pub fn repeated(&mut self, end: bool) -> Option<(u64, [u64; 3])> {
+        if let (true, Some(list)) = (end, &mut self.list) {
             list.sort_unstable();
             let again = list.windows(2).filter(|w| w[0] == w[1]).map(|w| w[0]);
             self.twice.extend(again);
@@ -70,12 +71,12 @@ mod tests {
             seen.insert([1, 2, 3], 0);
             seen.insert([1, 2, 3], 1);
             seen.insert([4, 2, 3], 1);
-            assert_eq!(seen.finish(), None);
+            assert_eq!(seen.repeated(true), None);
             seen.insert([4, 2, 3], 1);
-            assert_eq!(seen.finish(), Some((1, [4, 2, 3])));
+            assert_eq!(seen.repeated(true), Some((1, [4, 2, 3])));
             seen.begin(size);
             seen.insert([4, 2, 3], 1);
-            assert_eq!(seen.finish(), None);
+            assert_eq!(seen.repeated(true), None);
         }
     }
 }

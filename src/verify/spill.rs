@@ -11,6 +11,9 @@ pub(super) type Record = [u64; 12];
 
 const RECORD_BYTES: usize = size_of::<Record>();
 
+/// Runs that are open at a time, far below the files that a process may open.
+const MAX_RUNS: usize = 64;
+
 /// Collects records and hands them out sorted; keeps at most `limit` of them in memory.
 pub(super) struct Spill {
     buffer: Vec<Record>,
@@ -37,36 +40,36 @@ impl Spill {
 
     fn write_run(&mut self) -> Result<()> {
         self.buffer.sort_unstable();
-        let write = || -> std::io::Result<File> {
-            let mut out = BufWriter::new(tempfile::tempfile()?);
-            for record in &self.buffer {
-                out.write_all(bytemuck::bytes_of(record))?;
-            }
-            let mut file = out
-                .into_inner()
-                .map_err(std::io::IntoInnerError::into_error)?;
-            file.rewind()?;
-            Ok(file)
-        };
-        let run = write().map_err(|e| io(e, "write a temporary file in"))?;
+        let mut records = self.buffer.iter().copied();
+        let run = write(|| Ok(records.next()))?;
         self.runs.push(run);
         self.buffer.clear();
+        if self.runs.len() == MAX_RUNS {
+            let mut all = Merge::new(Vec::new(), self.runs.drain(..))?;
+            self.runs.push(write(|| all.next())?);
+        }
         Ok(())
     }
 
     /// The records in order.
     pub fn into_sorted(mut self) -> Result<Merge> {
         self.buffer.sort_unstable();
-        let mut merge = Merge {
-            heap: BinaryHeap::new(),
-            memory: std::mem::take(&mut self.buffer).into_iter(),
-            files: self.runs.drain(..).map(BufReader::new).collect(),
-        };
-        for source in 0..=merge.files.len() {
-            merge.refill(source)?;
-        }
-        Ok(merge)
+        Merge::new(std::mem::take(&mut self.buffer), self.runs.drain(..))
     }
+}
+
+/// Writes records to an unnamed temporary file, to be read from its start.
+fn write(mut next: impl FnMut() -> Result<Option<Record>>) -> Result<File> {
+    const ACTION: &str = "write a temporary file in";
+    let file = tempfile::tempfile().map_err(|e| io(e, ACTION))?;
+    let mut out = BufWriter::new(file);
+    while let Some(record) = next()? {
+        out.write_all(bytemuck::bytes_of(&record))
+            .map_err(|e| io(e, ACTION))?;
+    }
+    let mut file = out.into_inner().map_err(|e| io(e.into_error(), ACTION))?;
+    file.rewind().map_err(|e| io(e, ACTION))?;
+    Ok(file)
 }
 
 /// Merges sorted runs.
@@ -78,6 +81,19 @@ pub(super) struct Merge {
 }
 
 impl Merge {
+    /// `memory` and each file are sorted.
+    fn new(memory: Vec<Record>, files: impl Iterator<Item = File>) -> Result<Self> {
+        let mut merge = Merge {
+            heap: BinaryHeap::new(),
+            memory: memory.into_iter(),
+            files: files.map(BufReader::new).collect(),
+        };
+        for source in 0..=merge.files.len() {
+            merge.refill(source)?;
+        }
+        Ok(merge)
+    }
+
     /// The next record.
     pub fn next(&mut self) -> Result<Option<Record>> {
         let Some(Reverse((record, source))) = self.heap.pop() else {

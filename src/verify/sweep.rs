@@ -321,19 +321,6 @@ impl Sweep {
         self.retire()
     }
 
-    /// Says that layers up to `z` have arrived: what waits for a layer that has no tiles is a hole.
-    ///
-    /// # Errors
-    /// The ledger's.
-    pub fn end_gap(&mut self, z: u32, issues: &mut Issues) -> Result<()> {
-        let late = self.waiting.keys().any(|&(_, tile)| tile[2] < z);
-        if late {
-            self.end_layer(z, issues)
-        } else {
-            self.retire()
-        }
-    }
-
     /// Says that layer `z` cannot be read: no hole is reported on its planes.
     pub fn lose_layer(&mut self, z: u32) {
         self.waiting.clear();

@@ -1,55 +1,87 @@
-//! Running the command, and tile sets to run it on.
+//! What the tests of whole conversions share: a reader of tile sets of their own, slow references,
+//! volumes, and where the shared data lies.
+#![allow(dead_code)] // each test binary uses a part
 
-use serde_json::Value;
-use std::path::Path;
-use std::process::{Command, Output};
+pub mod glb;
+pub mod reference;
+pub mod set;
+pub mod volumes;
 
-/// Runs the command in a directory.
-pub fn alvis(dir: &Path, args: &[&str]) -> Output {
-    Command::new(env!("CARGO_BIN_EXE_alvis"))
-        .args(args)
-        .current_dir(dir)
-        .output()
-        .unwrap()
+use alvis::pipeline::{ConvertOptions, ConvertReport, convert};
+use alvis::progress::Quiet;
+use alvis::verify::{Report, VerifyOptions, verify};
+use alvis::volume::Volume;
+use std::collections::BTreeMap;
+use std::path::{Path, PathBuf};
+
+/// Directory of the shared data, or `None` after saying that the test is skipped.
+pub fn data(test: &str) -> Option<PathBuf> {
+    let dir = std::env::var_os("ALVIS_DATA").map_or_else(|| "../shared/data".into(), PathBuf::from);
+    if dir.join("topology").is_dir() {
+        return Some(dir);
+    }
+    eprintln!(
+        "SKIPPED {test}: no test data in {} (set ALVIS_DATA to their directory)",
+        dir.display()
+    );
+    None
 }
 
-/// Runs what must succeed; returns stdout.
-pub fn ok(dir: &Path, args: &[&str]) -> String {
-    let output = alvis(dir, args);
-    let errors = String::from_utf8_lossy(&output.stderr).into_owned();
-    let text = String::from_utf8(output.stdout).unwrap();
-    assert_eq!(output.status.code(), Some(0), "{args:?}: {errors}{text}");
-    text
-}
-
-/// Runs what must fail with status 2 and one message, which is returned.
-pub fn fails(dir: &Path, args: &[&str]) -> String {
-    let output = alvis(dir, args);
-    let errors = String::from_utf8_lossy(&output.stderr).into_owned();
-    assert_eq!(output.status.code(), Some(2), "{args:?}: {errors}");
-    assert!(output.stdout.is_empty(), "{args:?}");
-    let messages: Vec<&str> = errors
-        .lines()
-        .filter(|l| l.starts_with("alvis: "))
-        .collect();
-    assert_eq!(messages.len(), 1, "{args:?}: {errors}");
-    messages[0].to_string()
-}
-
-/// Reads JSON.
-pub fn json(text: &str) -> Value {
-    serde_json::from_str(text).unwrap_or_else(|e| panic!("{e}: {text}"))
-}
-
-/// A directory with `foam.mhd`, a small foam in millimetres, and its tile set `tiles`, made with
-/// more options.
-pub fn foam_tiles(more: &[&str]) -> tempfile::TempDir {
+/// Converts into a temporary directory; panics if that fails.
+pub fn converted(
+    volume: &dyn Volume,
+    options: &ConvertOptions,
+) -> (tempfile::TempDir, ConvertReport) {
     let dir = tempfile::tempdir().unwrap();
-    let phantom =
-        "phantom foam foam.mhd --dims 40,36,32 --pitch 11 --spacing 0.05 --unit mm --quiet";
-    ok(dir.path(), &phantom.split(' ').collect::<Vec<_>>());
-    let convert = "convert foam.mhd tiles --threshold otsu --macrocube 16 --quiet";
-    let args: Vec<&str> = convert.split(' ').chain(more.iter().copied()).collect();
-    ok(dir.path(), &args);
-    dir
+    let report = convert(volume, options, dir.path(), &Quiet)
+        .unwrap_or_else(|e| panic!("{}: {e}: {options:?}", volume.header().dims));
+    (dir, report)
+}
+
+/// The report of a tile set that has to be sound. `against` is the cropped volume.
+pub fn verified(dir: &Path, against: Option<&dyn Volume>) -> Report {
+    let options = VerifyOptions {
+        against,
+        threads: 1,
+        max_issues: 5,
+    };
+    let report = verify(dir, &options, &Quiet).unwrap();
+    assert!(
+        report.ok && report.issues.is_empty(),
+        "{:#?}",
+        report.issues
+    );
+    report
+}
+
+/// All files below a directory by relative path.
+pub fn files(dir: &Path) -> BTreeMap<String, Vec<u8>> {
+    fn walk(root: &Path, dir: &Path, out: &mut BTreeMap<String, Vec<u8>>) {
+        for entry in std::fs::read_dir(dir).unwrap() {
+            let path = entry.unwrap().path();
+            if path.is_dir() {
+                walk(root, &path, out);
+            } else {
+                let name = path
+                    .strip_prefix(root)
+                    .unwrap()
+                    .to_str()
+                    .unwrap()
+                    .to_string();
+                out.insert(name, std::fs::read(&path).unwrap());
+            }
+        }
+    }
+    let mut out = BTreeMap::new();
+    walk(dir, dir, &mut out);
+    out
+}
+
+/// Fails with the first file that differs.
+pub fn assert_same_files(a: &BTreeMap<String, Vec<u8>>, b: &BTreeMap<String, Vec<u8>>, what: &str) {
+    let names = |m: &BTreeMap<String, Vec<u8>>| m.keys().cloned().collect::<Vec<_>>();
+    assert_eq!(names(a), names(b), "{what}: other files");
+    for (name, bytes) in a {
+        assert!(*bytes == b[name], "{what}: {name} differs");
+    }
 }

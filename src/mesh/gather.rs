@@ -1,0 +1,76 @@
+//! Samples around crossed edges, without a bounds check for each: the only `unsafe` of the mesher.
+
+use crate::volume::Voxel;
+
+/// The two ends of a crossed edge.
+#[derive(Debug, Clone, Copy)]
+pub struct Ends<T> {
+    /// Samples at the lower and the upper end.
+    pub values: [T; 2],
+    /// Central differences (not halved) at the lower and the upper end.
+    pub differences: [[f32; 3]; 2],
+}
+
+/// Samples of a band with the strides of its grid.
+#[derive(Debug, Clone, Copy)]
+pub struct Samples<'a, T> {
+    samples: &'a [T],
+    strides: [usize; 3],
+}
+
+impl<'a, T: Voxel> Samples<'a, T> {
+    /// `strides` are the sample steps along x (1), y and z; each at least as long as the one before.
+    pub fn new(samples: &'a [T], strides: [usize; 3]) -> Self {
+        assert!(strides[0] == 1 && strides[1] >= 1 && strides[2] >= strides[1]);
+        Samples { samples, strides }
+    }
+
+    /// True if every sample that [`Samples::ends`] reads lies inside for edges whose lower ends are
+    /// the samples `first..=last`.
+    pub fn covers(&self, first: usize, last: usize) -> bool {
+        let reach = self.strides[2];
+        first <= last && first >= reach && last + 2 * reach < self.samples.len()
+    }
+
+    /// The ends of the edge from sample `p` along `axis`, both of them inside the volume by a voxel.
+    ///
+    /// # Safety
+    /// `covers(first, last)` was true for some `first <= p <= last`, and `axis` is 0, 1 or 2.
+    #[inline(always)]
+    pub unsafe fn ends(&self, p: usize, axis: usize) -> Ends<T> {
+        // SAFETY: the largest stride is the reach: all indices lie in p - reach ..= p + 2 reach,
+        // which the caller has had checked
+        let at = |i: usize| unsafe { *self.samples.get_unchecked(i) };
+        let around = |p: usize| self.strides.map(|s| at(p + s).minus(at(p - s)));
+        let q = p + self.strides[axis];
+        Ends {
+            values: [at(p), at(q)],
+            differences: [around(p), around(q)],
+        }
+    }
+
+    /// Asks for the `count` samples from `first` on to be fetched; a hint that changes speed alone.
+    #[inline]
+    pub fn prefetch(&self, first: usize, count: usize) {
+        let Some(samples) = self.samples.get(first..first + count) else {
+            return;
+        };
+        for line in samples.chunks((CACHE_LINE / size_of::<T>()).max(1)) {
+            prefetch_line(line.as_ptr().cast());
+        }
+    }
+}
+
+const CACHE_LINE: usize = 64;
+
+#[cfg(target_arch = "x86_64")]
+#[inline(always)]
+fn prefetch_line(at: *const u8) {
+    use std::arch::x86_64::{_MM_HINT_T0, _mm_prefetch};
+    // SAFETY: a prefetch reads nothing into the program and faults at no address
+    unsafe { _mm_prefetch::<_MM_HINT_T0>(at.cast()) }
+}
+
+#[cfg(not(target_arch = "x86_64"))]
+#[inline(always)]
+fn prefetch_line(_at: *const u8) {}

@@ -1,0 +1,327 @@
+//! Which two edges of each triangle its strip crosses: the state that all stages work on.
+//!
+//! A triangle in the middle of a strip crosses two of its edges and skips the third, so its place in
+//! the strips is one of three labels: the skipped edge. Two neighbours are *linked* (stand next to
+//! each other in a strip) where both cross the edge between them. Where a strip crosses an edge and
+//! turns to the other side than before (left after right), it goes on for one entry; where it turns
+//! to the same side, it needs a swap, a second entry. Whether it does follows from the two labels
+//! alone. So entries = triangles + 4 per strip + 1 per link with a swap, and the task is to choose
+//! labels with the greatest sum of gains: 4 per link, 3 per link with a swap.
+
+use super::NONE;
+
+/// Rings longer than this are not looked for: they cost four entries each, and are rare.
+const RING_LIMIT: u32 = 64;
+
+/// Most merges tried at one end.
+const TRIES: u32 = 3;
+
+/// What crossing the half-edge e of a triangle means, by skipped edge and by e: 0 skipped, 1 the
+/// other crossed edge is e + 1, 2 it is e + 2.
+const CROSSING: [[u8; 3]; 3] = [[0, 1, 2], [2, 0, 1], [1, 2, 0]];
+
+/// The skipped edge by the state of edge 0: the inverse of [`CROSSING`].
+const SKIPPED: [u8; 3] = [0, 2, 1];
+
+/// Entries that a link saves against two strips.
+const LINK: i32 = 4;
+
+/// Entries saved by a link between two states: strips turn to alternating sides where both states are
+/// alike, since each is seen from its own side of the edge.
+const fn gain(a: u8, b: u8) -> i32 {
+    if a == 0 || b == 0 {
+        0
+    } else if a == b {
+        LINK
+    } else {
+        LINK - 1
+    }
+}
+
+/// [`gain`] by `a | b << 2`.
+const GAIN: [i32; 16] = {
+    let mut table = [0; 16];
+    let mut i = 0;
+    while i < 11 {
+        table[i] = gain((i % 4) as u8, (i / 4) as u8);
+        i += 1;
+    }
+    table
+};
+
+#[inline(always)]
+fn gain_of(a: u8, b: u8) -> i32 {
+    GAIN[usize::from((a | b << 2) & 15)]
+}
+
+/// The best skipped edge of a triangle, by the states across its edges (two bits each): two bits for
+/// each edge that is skipped now. `[0]` changes only for a gain, `[1]` for a tie too.
+static BEST: [[u8; 64]; 2] = [best_labels(false), best_labels(true)];
+
+const fn best_labels(move_on_tie: bool) -> [u8; 64] {
+    let mut table = [0; 64];
+    let mut across = 0;
+    while across < 64 {
+        let mut now = 0;
+        while now < 3 {
+            let mut best = now;
+            let mut step = 1;
+            while step < 3 {
+                let label = (now + step) % 3;
+                let (new, old) = (label_gain(label, across), label_gain(best, across));
+                if new > old || (move_on_tie && best == now && new == old) {
+                    best = label;
+                }
+                step += 1;
+            }
+            table[across] |= (best as u8) << (2 * now);
+            now += 1;
+        }
+        across += 1;
+    }
+    table
+}
+
+const fn label_gain(label: usize, across: usize) -> i32 {
+    gain(CROSSING[label][0], (across & 3) as u8)
+        + gain(CROSSING[label][1], (across >> 2 & 3) as u8)
+        + gain(CROSSING[label][2], (across >> 4) as u8)
+}
+
+/// The next half-edge of the same triangle.
+#[inline(always)]
+pub(super) fn after(h: u32) -> u32 {
+    if h % 3 == 2 { h - 2 } else { h + 1 }
+}
+
+/// The half-edge before it in the same triangle.
+#[inline(always)]
+pub(super) fn before(h: u32) -> u32 {
+    if h.is_multiple_of(3) { h + 2 } else { h - 1 }
+}
+
+/// The labels of a mesh piece, as states of its half-edges.
+pub(super) struct Crossings<'a> {
+    /// The mates as the caller gave them.
+    pub mates: &'a [u32],
+    /// Per half-edge 0, 1 or 2 as in [`CROSSING`]; one 0 more at the end, which stands for
+    /// [`NONE`]. A triangle that is in no strip yet, or written already, has three zeros.
+    pub states: &'a mut [u8],
+    /// Triangles that may be ends of strips. Some are stale, and an end may be missing after a chain
+    /// that saved entries without a merge: writing finds those by itself.
+    pub ends: &'a mut Vec<u32>,
+}
+
+impl Crossings<'_> {
+    /// Number of triangles.
+    pub(super) fn triangles(&self) -> u32 {
+        (self.mates.len() / 3) as u32
+    }
+
+    /// State of the half-edge across `h`; 0 at a border.
+    #[inline(always)]
+    pub(super) fn across(&self, h: u32) -> u8 {
+        let border = self.states.len() - 1;
+        self.states[(self.mates[h as usize] as usize).min(border)]
+    }
+
+    /// Entries saved across `h`: 0 where it is no link.
+    #[inline(always)]
+    pub(super) fn gain(&self, h: u32) -> i32 {
+        gain_of(self.states[h as usize], self.across(h))
+    }
+
+    /// The other edge that the strip crosses in the triangle of `h`, which crosses `h`.
+    #[inline(always)]
+    pub(super) fn other(&self, h: u32) -> u32 {
+        if self.states[h as usize] == 1 {
+            after(h)
+        } else {
+            before(h)
+        }
+    }
+
+    /// Whether the strip leaves the triangle that it enters over `h` over the edge after `h`.
+    #[inline(always)]
+    pub(super) fn turns_after(&self, h: u32) -> bool {
+        self.states[h as usize] == 1
+    }
+
+    /// Whether the triangle is in no strip yet, or written already.
+    #[inline(always)]
+    pub(super) fn is_blank(&self, t: u32) -> bool {
+        let h = 3 * t as usize;
+        self.states[h] | self.states[h + 1] == 0
+    }
+
+    /// Takes the triangle out of the mesh.
+    #[inline(always)]
+    pub(super) fn blank(&mut self, t: u32) {
+        let h = 3 * t as usize;
+        self.states[h..h + 3].fill(0);
+    }
+
+    /// Number of links of a triangle, and the half-edge of the last of them.
+    pub(super) fn links(&self, t: u32) -> (u32, Option<u32>) {
+        let linked = (3 * t..3 * t + 3).filter(|&h| self.gain(h) != 0);
+        linked.fold((0, None), |(n, _), h| (n + 1, Some(h)))
+    }
+
+    /// Makes the triangle of `h` skip that edge.
+    #[inline(always)]
+    pub(super) fn skip(&mut self, h: u32) {
+        let (t, e) = ((h / 3) as usize, (h % 3) as usize);
+        self.states[3 * t..3 * t + 3].copy_from_slice(&CROSSING[e]);
+    }
+
+    /// The half-edge that a triangle skips.
+    #[inline(always)]
+    fn skipped(&self, t: u32) -> u32 {
+        3 * t + u32::from(SKIPPED[usize::from(self.states[3 * t as usize])])
+    }
+
+    /// Gives each triangle in turn the label that is best beside its neighbours' present ones, with
+    /// a change on every other tie or so: ends of strips wander then, and merge where they meet.
+    pub(super) fn settle(&mut self) {
+        let mut noise = 1u32;
+        for t in 0..self.triangles() {
+            let h = 3 * t;
+            let across = self.across(h) | self.across(h + 1) << 2 | self.across(h + 2) << 4;
+            let now = self.skipped(t) - h;
+            // a linear congruence modulo 2^32; its high bits are random enough
+            noise = noise.wrapping_mul(0x915f_77f5).wrapping_add(0x1_2345);
+            let label = BEST[(noise >> 31) as usize][usize::from(across & 63)] >> (2 * now) & 3;
+            if u32::from(label) != now {
+                let was: [bool; 3] = std::array::from_fn(|e| self.gain(h + e as u32) != 0);
+                self.skip(h + u32::from(label));
+                let is: [bool; 3] = std::array::from_fn(|e| self.gain(h + e as u32) != 0);
+                for e in (0..3).filter(|&e| was[e] && !is[e]) {
+                    self.ends.push(self.mates[h as usize + e] / 3);
+                }
+                if is.iter().filter(|&&l| l).count() < 2 {
+                    self.ends.push(t);
+                }
+            }
+        }
+    }
+
+    /// Tries to merge each end of a strip with another strip by a chain of at most `depth`
+    /// exchanges (see [`Self::chain`]).
+    pub(super) fn tunnel(&mut self, depth: u32) {
+        let listed = self.ends.len();
+        for i in 0..listed {
+            let t = self.ends[i];
+            for _ in 0..TRIES {
+                if self.links(t).0 == 2 || !self.tunnel_from(t, depth) {
+                    break;
+                }
+            }
+        }
+    }
+
+    /// Tries both labels that keep the links of an end, and goes on from each edge they offer.
+    fn tunnel_from(&mut self, t: u32, depth: u32) -> bool {
+        let edges = 3 * t..3 * t + 3;
+        let sum = |c: &Self| edges.clone().map(|h| c.gain(h)).sum::<i32>();
+        let (now, old) = (sum(self), self.skipped(t));
+        let linked: [bool; 3] = std::array::from_fn(|e| self.gain(3 * t + e as u32) != 0);
+        for label in edges.clone().filter(|h| !linked[(h % 3) as usize]) {
+            self.skip(label);
+            let gain = sum(self) - now;
+            if gain > 0 && !edges.clone().any(|h| self.closes(h)) {
+                return true;
+            }
+            for h in edges.clone().filter(|&h| h != label) {
+                if self.gain(h) == 0 && self.chain(h, gain, depth) {
+                    return true;
+                }
+            }
+            self.skip(old);
+        }
+        false
+    }
+
+    /// The triangle of `h` crosses `h` but the one across does not. Lets that one cross too and skip
+    /// one of its other edges in turn; who was linked there becomes an end, turns to its third edge,
+    /// and so on: the end moves on until it meets another end or saves entries on its way.
+    /// `saved` is what the chain saved so far. Leaves everything as it was if it saves nothing.
+    fn chain(&mut self, h: u32, saved: i32, depth: u32) -> bool {
+        let mate = self.mates[h as usize];
+        if mate == NONE {
+            return false;
+        }
+        if self.states[mate as usize] != 0 {
+            return saved > 0 && !self.closes(h);
+        }
+        // the triangle across crosses its two other sides, in states 1 and 2; to cross `mate` and
+        // one of them turns these states round, whichever it is
+        let sides = [after(mate), before(mate)];
+        let near = self.states[h as usize];
+        let far = sides.map(|side| self.across(side));
+        let was = [gain_of(1, far[0]), gain_of(2, far[1])];
+        let saved = saved - was[0] - was[1];
+        let options = [
+            saved + gain_of(2, near) + gain_of(1, far[1]),
+            saved + gain_of(1, near) + gain_of(2, far[0]),
+        ];
+        for k in 0..2 {
+            let linked = was[k] != 0;
+            if options[k] <= 0 && (depth == 1 || !linked) {
+                continue;
+            }
+            self.skip(sides[k]);
+            let lost = self.mates[sides[k] as usize];
+            if options[k] > 0 && !self.closes(h) {
+                self.ends.extend(linked.then_some(lost / 3));
+                return true;
+            }
+            if depth > 1 && linked && self.pass_on(lost, options[k], depth) {
+                return true;
+            }
+            self.skip(mate);
+        }
+        false
+    }
+
+    /// The triangle of `lost` lost its link there: skips that edge and offers the one it skipped.
+    fn pass_on(&mut self, lost: u32, saved: i32, depth: u32) -> bool {
+        let kept = self.other(lost);
+        let was = self.states[kept as usize];
+        let (offered, now) = if was == 1 {
+            (before(kept), 2)
+        } else {
+            (after(kept), 1)
+        };
+        let (far, beyond) = (self.across(kept), self.across(offered));
+        let saved = saved - gain_of(was, far) + gain_of(now, far) + gain_of(3 - now, beyond);
+        self.skip(lost);
+        if saved > 0 && !self.closes(offered) {
+            self.ends.push(lost / 3);
+            return true;
+        }
+        if beyond == 0 && self.chain(offered, saved, depth - 1) {
+            return true;
+        }
+        self.skip(offered);
+        false
+    }
+
+    /// Whether the strip that leaves a triangle over `h` comes back to it within
+    /// [`RING_LIMIT`] triangles: a ring saves nothing, since it must be cut open again. Looks at the link made
+    /// last only; rings left elsewhere on a chain are few.
+    fn closes(&self, start: u32) -> bool {
+        let mut h = start;
+        let mut linked = self.gain(h) != 0;
+        for _ in 0..RING_LIMIT {
+            if !linked {
+                return false;
+            }
+            h = self.other(self.mates[h as usize]);
+            if h == start {
+                return true;
+            }
+            linked = self.across(h) != 0;
+        }
+        false
+    }
+}

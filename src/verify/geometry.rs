@@ -1,0 +1,283 @@
+//! A tile's surface pieces: their groups in the shard, their geometry, and what of them is open.
+
+use super::code::Code;
+use super::edges::Edges;
+use super::piece::{Flaw, Piece, Sums};
+use super::report::Issue;
+use super::seen::Seen;
+use super::sweep::{CAP, Component, FaceEdge, Ids};
+use super::tile::{Work, Workspace};
+use crate::manifest::Group;
+use crate::tile::read::PieceIds;
+
+/// What a piece says of itself.
+pub(super) struct Label {
+    pub ids: PieceIds,
+    pub node: usize,
+    /// As [`Component::names`].
+    pub names: u8,
+}
+
+/// Marks [`FaceEdge::part`] as a component's number rather than a vertex's.
+const PLACED: u32 = 1 << 31;
+
+impl Work<'_, '_> {
+    /// Checks one piece; its triangles are in `ws.piece`, its positions in `points`.
+    pub(super) fn piece(
+        &mut self,
+        points: impl Iterator<Item = [f32; 3]>,
+        label: &Label,
+        group: &mut usize,
+        ws: &mut Workspace,
+    ) {
+        let (ids, node) = (label.ids, label.node);
+        let index = *group;
+        *group += 1;
+        let mut flaws = Vec::new();
+        let piece = &mut ws.piece;
+        piece.cap = ids.cell == 0;
+        let owned = piece.read_points(points, &self.region, &mut flaws);
+        let found = Group {
+            cell: ids.cell,
+            object: ids.object,
+            surface: ids.surface,
+            vertices: piece.points.len() as u64,
+            triangles: piece.triangles.len() as u64,
+        };
+        if !self.check_group(index, &found, ids, node) {
+            self.sound = false;
+            return;
+        }
+        if flaws.is_empty() {
+            self.mark_seen(ws, &mut flaws);
+        }
+        if flaws.is_empty() {
+            self.geometry(label, owned, &mut flaws, ws);
+        }
+        if !flaws.is_empty() {
+            self.flaws(node, &flaws);
+            // a hole inside the tile does not spoil its planes
+            self.sound = flaws.iter().all(|f| f.code == Code::Hole);
+        }
+    }
+
+    /// Compares a piece with the shard's group.
+    fn check_group(&mut self, index: usize, found: &Group, ids: PieceIds, node: usize) -> bool {
+        let legal = if found.cell == 0 {
+            self.cx.manifest.cap && found.surface == 0
+        } else {
+            found.surface > 0
+        };
+        let expected = self.entry.groups.get(index);
+        if expected == Some(found) && ids.triangles == found.triangles && legal && found.object > 0
+        {
+            return true;
+        }
+        let message = format!(
+            "found cell {}, object {}, surface {} with {} vertices and {} triangles ({} stated), expected {}",
+            found.cell,
+            found.object,
+            found.surface,
+            found.vertices,
+            found.triangles,
+            ids.triangles,
+            expected.map_or("no group".to_owned(), |g| format!(
+                "{g:?} as in {}",
+                self.at
+            ))
+        );
+        self.issue(
+            Code::GroupMismatch,
+            &format!("/nodes/{node}/extras"),
+            message,
+        );
+        false
+    }
+
+    /// The flaw of lattice edges with two vertices.
+    pub(super) fn repeated(&self, seen: &mut Seen, end: bool) -> Option<Flaw> {
+        let (count, cell) = seen.repeated(end)?;
+        let place = |a: usize| (cell[a] as i32 - 1) * 256 + self.region.lo[a];
+        Some(Flaw {
+            code: Code::DuplicateVertex,
+            count,
+            first: std::array::from_fn(place),
+        })
+    }
+
+    fn mark_seen(&mut self, ws: &mut Workspace, flaws: &mut Vec<Flaw>) {
+        let piece = &ws.piece;
+        let seen = if piece.cap {
+            &mut ws.cap_seen
+        } else {
+            &mut ws.surface_seen
+        };
+        let [mut lo, mut hi] = self.box_seen.unwrap_or([[i32::MAX; 3], [i32::MIN; 3]]);
+        for (p, state) in piece.points.iter().zip(&piece.state) {
+            let cell = std::array::from_fn(|a| (((p[a] - self.region.lo[a]) >> 8) + 1) as u64);
+            seen.insert(cell, state & 3);
+            for a in 0..3 {
+                lo[a] = lo[a].min(p[a]);
+                hi[a] = hi[a].max(p[a]);
+            }
+        }
+        self.box_seen = Some([lo, hi]);
+        flaws.extend(self.repeated(seen, false));
+    }
+
+    fn geometry(&mut self, label: &Label, owned: u64, flaws: &mut Vec<Flaw>, ws: &mut Workspace) {
+        let piece = &mut ws.piece;
+        let mut sums = piece.sum_triangles(self.cx.scale, flaws);
+        sums.vertices = owned;
+        if !flaws.is_empty() {
+            return;
+        }
+        let matched = ws.edges.match_up(piece.points.len(), &piece.triangles);
+        if matched.same_way.or(matched.crowded).is_some() || piece.contradicts() {
+            piece.diagnose(&matched, flaws);
+            return;
+        }
+        sums.edges = matched.pairs;
+        if self.keep_mesh {
+            ws.mesh.add(piece);
+        }
+        ws.edges.connect(piece.points.len(), &piece.triangles);
+        self.place_open_edges(piece, &mut ws.edges, &mut sums, flaws);
+        self.counts.triangles += sums.triangles;
+        self.counts.vertices += sums.vertices;
+        self.counts.tile_vertices += piece.points.len() as u64;
+        self.counts.edges += sums.edges;
+        self.counts.volume6 += sums.volume6;
+        if piece.cap {
+            self.counts.cap_triangles += sums.triangles;
+            return;
+        }
+        self.add_components(label, &sums, ws);
+    }
+
+    /// Sorts the piece's open edges by the plane they lie on; the rest are a hole.
+    fn place_open_edges(
+        &mut self,
+        piece: &Piece,
+        edges: &mut Edges,
+        sums: &mut Sums,
+        flaws: &mut Vec<Flaw>,
+    ) {
+        let mut holes = 0;
+        let mut first = [0; 3];
+        for i in 0..edges.open.len() {
+            let [tail, head] = edges.open[i];
+            let [a, b] = [tail, head].map(|v| piece.points[v as usize]);
+            let on = |&f: &usize| a[f / 2] == b[f / 2] && a[f / 2] == self.region.plane(f);
+            let Some(face) = (0..6).find(on) else {
+                if holes == 0 {
+                    first = std::array::from_fn(|x| (a[x] + b[x]) / 2);
+                }
+                holes += 1;
+                continue;
+            };
+            let part = if piece.cap { CAP } else { edges.part(tail) };
+            let edge = FaceEdge::new(face / 2, a, b, part);
+            if !self.region.outer(face) {
+                self.faces[face].push(edge);
+            } else if piece.cap {
+                self.cap_border.push((face, edge));
+            } else {
+                self.border.push((face, edge));
+                sums.border += 1;
+            }
+        }
+        if holes > 0 {
+            flaws.push(Flaw {
+                code: Code::Hole,
+                count: holes,
+                first,
+            });
+        }
+    }
+
+    /// Makes the piece's connected parts components of the tile. The first carries all the sums:
+    /// if the parts are one surface, they meet elsewhere and are added up then.
+    fn add_components(&mut self, label: &Label, sums: &Sums, ws: &mut Workspace) {
+        let base = self.components.len();
+        let roots: Vec<u32> = ws.edges.parts().collect();
+        let ids = Ids {
+            surface: label.ids.surface,
+            cell: label.ids.cell,
+            object: label.ids.object,
+        };
+        for i in 0..roots.len() {
+            let first = i == 0;
+            let component = Component {
+                ids,
+                sums: if first { *sums } else { Sums::default() },
+                tiles: u64::from(first),
+                cell_tiles: 0,
+                object_tiles: 0,
+                names: label.names,
+            };
+            self.components.push((component, false));
+        }
+        for face in &mut self.faces {
+            // this piece's edges are the last ones, and still name a vertex
+            let own = face
+                .iter_mut()
+                .rev()
+                .take_while(|e| e.part != CAP && e.part & PLACED == 0);
+            for edge in own {
+                let part = roots.binary_search(&edge.part).unwrap_or_default() + base;
+                self.components[part].1 = true;
+                edge.part = part as u32 | PLACED;
+            }
+        }
+    }
+
+    /// Matches the surface's border with the caps', or counts it.
+    pub(super) fn close_border(&mut self) {
+        for face in &mut self.faces {
+            for edge in face.iter_mut().filter(|e| e.part != CAP) {
+                edge.part &= !PLACED;
+            }
+        }
+        if !self.cx.manifest.cap {
+            self.counts.border_edges += self.border.len() as u64;
+            self.counts.edges += self.border.len() as u64;
+            return;
+        }
+        let key = |&(face, e): &(usize, FaceEdge)| (face, e.a, e.b);
+        let reverse = |&(face, e): &(usize, FaceEdge)| (face, e.b, e.a);
+        self.border.sort_unstable_by_key(key);
+        self.cap_border.sort_unstable_by_key(reverse);
+        let meet = self
+            .border
+            .iter()
+            .map(key)
+            .eq(self.cap_border.iter().map(reverse));
+        self.counts.edges += self.border.len() as u64;
+        if meet {
+            return;
+        }
+        let caps: std::collections::HashSet<_> = self.cap_border.iter().map(reverse).collect();
+        let own: std::collections::HashSet<_> = self.border.iter().map(key).collect();
+        let lone = |(face, e): &(usize, FaceEdge)| e.middle(face / 2, self.region.plane(*face));
+        let bare: Vec<_> = self
+            .border
+            .iter()
+            .filter(|e| !caps.contains(&key(e)))
+            .collect();
+        let loose: Vec<_> = self
+            .cap_border
+            .iter()
+            .filter(|e| !own.contains(&reverse(e)))
+            .collect();
+        if let Some(first) = bare.first().or(loose.first()) {
+            let message = format!(
+                "{} edges on the volume's faces have no cap, {} edges of caps have no surface",
+                bare.len(),
+                loose.len()
+            );
+            let issue = Issue::new(Code::Hole, &self.entry.path, message).at(lone(first));
+            self.issues.push(issue);
+        }
+    }
+}

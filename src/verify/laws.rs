@@ -1,0 +1,141 @@
+//! What holds between all surfaces, the manifest's sums, and the tables.
+
+use super::against::Voxels;
+use super::code::Code;
+use super::ledger::{Kind, Laws, Ledger};
+use super::report::Issues;
+use super::tables::Table;
+use super::tile::{Context, Counts};
+use crate::error::Result;
+use crate::manifest::{Manifest, Primitives};
+
+/// What was counted.
+#[derive(Default)]
+pub(super) struct Found {
+    pub counts: Counts,
+    pub tiles: u64,
+    pub strips: u64,
+    pub euler: i64,
+    /// Surfaces, cells, objects.
+    pub ids: [u64; 3],
+    /// Of the volume, if there is one.
+    pub voxels: Option<Voxels>,
+}
+
+/// Checks all of it, stage by stage: what follows from a finding of an earlier stage is not said.
+///
+/// # Errors
+/// If the ledger's temporary files cannot be read back.
+pub(super) fn check(
+    ledger: Ledger,
+    cx: &Context,
+    found: &mut Found,
+    issues: &mut Issues,
+) -> Result<()> {
+    let c = found.counts;
+    found.euler = c.vertices as i64 - c.edges as i64 + c.triangles as i64;
+    found.ids[0] = ledger.surfaces;
+    let surfaces = ledger.surfaces;
+    let mut all = Kind::ALL.map(Laws::new);
+    let mut own = Issues::new(cx.max_issues);
+    let [mut unopened, mut values] = [0; 2].map(|_| Issues::new(cx.max_issues));
+    let stated = &cx.manifest.totals;
+    let rows_alone = [0, stated.cells, stated.objects].map(|n| if surfaces == 0 { n } else { 0 });
+    for ((mut rows, laws), alone) in ledger
+        .into_sorted()?
+        .into_iter()
+        .zip(&mut all)
+        .zip(rows_alone)
+    {
+        let mut table = Table::open(cx.root, cx.manifest, laws.kind, &mut unopened);
+        while let Some(group) = rows.next_group()? {
+            laws.add(&group, &mut own);
+            if let Some(table) = &mut table {
+                table.check(&group, &mut values);
+            }
+        }
+        if let Some(table) = &mut table {
+            table.finish(alone, &mut values);
+        }
+    }
+    found.ids = [surfaces, all[1].count, all[2].count];
+    if !issues.broken() {
+        issues.append(own);
+    }
+    if !issues.broken() {
+        all.iter().for_each(|l| l.finish(issues));
+    }
+    let [_, cells, objects] = found.ids;
+    if !issues.broken() && surfaces > 0 && surfaces + 1 != cells + objects {
+        let message = format!(
+            "found {surfaces} surfaces, {objects} objects and {cells} cells, expected surfaces + 1 = objects + cells"
+        );
+        issues.add(Code::Law, "index.json#/totals", message);
+    }
+    if !issues.broken() {
+        totals(cx.manifest, found, issues);
+        issues.append(values);
+    }
+    issues.append(unopened);
+    Ok(())
+}
+
+/// Compares the manifest's sums with those of the tiles.
+fn totals(manifest: &Manifest, found: &Found, issues: &mut Issues) {
+    let (t, c) = (&manifest.totals, &found.counts);
+    let strips = manifest.primitives == Primitives::Strips;
+    let [surfaces, cells, objects] = found.ids;
+    let wide = i128::from;
+    let mut pairs = vec![
+        ("tiles", wide(t.tiles), wide(found.tiles)),
+        ("triangles", wide(t.triangles), wide(c.triangles)),
+        ("vertices", wide(t.vertices), wide(c.vertices)),
+        (
+            "tile_vertices",
+            wide(t.tile_vertices),
+            wide(c.tile_vertices),
+        ),
+        ("strips", wide(t.strips), wide(found.strips)),
+        (
+            "strip_indices",
+            wide(t.strip_indices),
+            wide(if strips { c.indices } else { 0 }),
+        ),
+        ("border_edges", wide(t.border_edges), wide(c.border_edges)),
+        (
+            "euler_characteristic",
+            t.euler_characteristic.into(),
+            found.euler.into(),
+        ),
+        (
+            "cap_triangles",
+            wide(t.cap_triangles),
+            wide(c.cap_triangles),
+        ),
+        ("bytes", wide(t.bytes), wide(c.bytes)),
+        ("volume6", t.volume6, c.volume6),
+        ("surfaces", wide(t.surfaces), wide(surfaces)),
+    ];
+    if surfaces > 0 {
+        pairs.push(("cells", wide(t.cells), wide(cells)));
+        pairs.push(("objects", wide(t.objects), wide(objects)));
+    } else {
+        // a volume of one phase has a cell or an object, but no surface that would show which
+        let regions = wide(t.objects) + wide(t.cells);
+        pairs.push(("objects", regions, 1));
+    }
+    if let Some(voxels) = &found.voxels {
+        pairs.push(("voxels_above", wide(t.voxels_above), wide(voxels.above)));
+        pairs.push(("voxels_nan", wide(t.voxels_nan), wide(voxels.nan)));
+    }
+    for (name, stated, sum) in pairs {
+        if stated != sum {
+            let message = format!("found {sum}, stated {stated}");
+            issues.add(
+                Code::TotalsMismatch,
+                format!("index.json#/totals/{name}"),
+                message,
+            );
+        }
+    }
+}

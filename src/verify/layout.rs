@@ -1,0 +1,249 @@
+//! A tile's primitives: modes, indices, normals, names and bounds, and their surface pieces.
+
+use super::code::Code;
+use super::geometry::Label;
+use super::report::Issue;
+use super::tile::{Work, Workspace};
+use crate::manifest::Primitives;
+use crate::tile::read::{Indices, PieceIds, Pieces, Primitive};
+
+impl Work<'_, '_> {
+    pub(super) fn primitive(&mut self, p: &Primitive, group: &mut usize, ws: &mut Workspace) {
+        let node = p.node;
+        let at = |what: &str| format!("/nodes/{node}{what}");
+        let strips = self.cx.manifest.primitives == Primitives::Strips;
+        let mode = if strips { 5 } else { 4 };
+        if p.mode != mode {
+            let message = format!("found mode {}, expected {mode}", p.mode);
+            self.issue(Code::PrimitiveMode, &at("/mesh"), message);
+            self.sound = false;
+            return;
+        }
+        self.check_index_type(p);
+        p.indices.read_into(&mut ws.indices);
+        self.counts.indices += ws.indices.len() as u64;
+        let vertices = p.positions.len();
+        if let Some(bad) = ws.indices.iter().find(|&&i| i as usize >= vertices) {
+            let message = format!("found index {bad}, expected one below {vertices}");
+            self.issue(Code::IndexRange, &at("/mesh"), message);
+            self.sound = false;
+            return;
+        }
+        self.check_normals(p);
+        ws.list.clear();
+        if !decode(&ws.indices, strips, &mut ws.list) {
+            let message = "a triangle names a vertex twice, or indices are left over".to_owned();
+            self.issue(Code::DegenerateTriangle, &at("/mesh"), message);
+            self.sound = false;
+            return;
+        }
+        match &p.pieces {
+            Pieces::One(ids) => {
+                let label = Label {
+                    ids: *ids,
+                    node,
+                    names: self.check_name(p, ids),
+                };
+                std::mem::swap(&mut ws.piece.triangles, &mut ws.list);
+                self.piece(p.positions.iter(), &label, group, ws);
+            }
+            Pieces::Merged(rows, ids) => {
+                if p.name != "cells" || p.mesh_name != "cells" {
+                    let message =
+                        format!("found {:?} and {:?}, expected cells", p.name, p.mesh_name);
+                    self.issue(Code::NodeName, &at("/name"), message);
+                }
+                self.merged(p, rows, ids, group, ws);
+            }
+        }
+        if self.sound {
+            self.check_bounds(p);
+        }
+    }
+
+    fn check_index_type(&mut self, p: &Primitive) {
+        let wide = matches!(p.indices, Indices::U32(_));
+        if wide != (p.positions.len() > 65_535) {
+            let message = format!(
+                "found {} bit indices for {} vertices, expected 16 bits up to 65535 vertices, else 32",
+                if wide { 32 } else { 16 },
+                p.positions.len()
+            );
+            self.issue(Code::IndexType, &format!("/nodes/{}/mesh", p.node), message);
+        }
+    }
+
+    fn check_normals(&mut self, p: &Primitive) {
+        let unit = |[x, y, z]: [f32; 3]| {
+            let square = x * x + y * y + z * z;
+            // a NaN compares false
+            (square - 1.0).abs() <= 2e-3
+        };
+        if let Some(i) = p.normals.iter().position(|n| !unit(n)) {
+            let count = p.normals.iter().filter(|n| !unit(*n)).count();
+            let [n, v] = [p.normals, p.positions].map(|a| a.iter().nth(i).unwrap_or_default());
+            let path = format!("{}#/nodes/{}", self.entry.path, p.node);
+            let message = format!("{count} normals are not of length 1, the first is {n:?}");
+            let issue = Issue::new(Code::NormalInvalid, path, message);
+            self.issues.push(issue.at(v.map(|c| (c * 256.0) as i32)));
+        }
+    }
+
+    /// Returns what [`Label::names`] is.
+    fn check_name(&mut self, p: &Primitive, ids: &PieceIds) -> u8 {
+        let form = name_form(&p.name, ids);
+        if p.name != p.mesh_name || form.is_none() {
+            let message = format!(
+                "found node {:?} with mesh {:?}, expected both named {}",
+                p.name,
+                p.mesh_name,
+                if ids.cell == 0 {
+                    format!("cap_object_{}", ids.object)
+                } else {
+                    format!("cell_{0} or cell_{0}_object_{1}", ids.cell, ids.object)
+                }
+            );
+            self.issue(Code::NodeName, &format!("/nodes/{}/name", p.node), message);
+        }
+        form.unwrap_or(0)
+    }
+
+    /// Compares the accessor's bounds with those of the primitive's vertices.
+    fn check_bounds(&mut self, p: &Primitive) {
+        let mut lo = [f32::INFINITY; 3];
+        let mut hi = [f32::NEG_INFINITY; 3];
+        for v in p.positions.iter() {
+            for a in 0..3 {
+                lo[a] = lo[a].min(v[a]);
+                hi[a] = hi[a].max(v[a]);
+            }
+        }
+        let (lo, hi) = (lo.map(f64::from), hi.map(f64::from));
+        if (p.min, p.max) != (lo, hi) {
+            let message = format!(
+                "the POSITION accessor states {:?} to {:?}, its values span {lo:?} to {hi:?}",
+                p.min, p.max
+            );
+            self.issue(
+                Code::AccessorBounds,
+                &format!("/nodes/{}/mesh", p.node),
+                message,
+            );
+        }
+    }
+
+    /// Splits a merged primitive into its pieces by the vertices' feature ids.
+    fn merged(
+        &mut self,
+        p: &Primitive,
+        rows: &[[u8; 4]],
+        ids: &[PieceIds],
+        group: &mut usize,
+        ws: &mut Workspace,
+    ) {
+        let list = std::mem::take(&mut ws.list);
+        let feature = match features(rows, ids.len(), &list) {
+            Ok(feature) => feature,
+            Err((code, message)) => {
+                self.issue(code, &format!("/nodes/{}/mesh", p.node), message);
+                self.sound = false;
+                return;
+            }
+        };
+        let of = |t: &[u32; 3]| feature[t[0] as usize];
+        let mut by_feature: Vec<u32> = (0..list.len() as u32).collect();
+        by_feature.sort_by_key(|&t| of(&list[t as usize]));
+        let mut order: Vec<u32> = (0..feature.len() as u32).collect();
+        order.sort_by_key(|&v| feature[v as usize]);
+        let points: Vec<[f32; 3]> = p.positions.iter().collect();
+        let mut local = vec![0u32; points.len()];
+        let (mut triangles, mut vertices) = (&by_feature[..], &order[..]);
+        for (row, ids) in ids.iter().enumerate() {
+            let row = row as u32;
+            let v = vertices.partition_point(|&v| feature[v as usize] == row);
+            let t = triangles.partition_point(|&t| of(&list[t as usize]) == row);
+            let (own, rest) = vertices.split_at(v);
+            vertices = rest;
+            for (i, &v) in own.iter().enumerate() {
+                local[v as usize] = i as u32;
+            }
+            let (mine, rest) = triangles.split_at(t);
+            triangles = rest;
+            ws.piece.triangles.clear();
+            let numbered = mine
+                .iter()
+                .map(|&t| list[t as usize].map(|i| local[i as usize]));
+            ws.piece.triangles.extend(numbered);
+            let label = Label {
+                ids: *ids,
+                node: p.node,
+                names: 0,
+            };
+            self.piece(own.iter().map(|&v| points[v as usize]), &label, group, ws);
+            if !self.sound {
+                break;
+            }
+        }
+        ws.list = list;
+    }
+}
+
+/// The row of each vertex; all vertices of a triangle must have the same.
+fn features(
+    values: &[[u8; 4]],
+    rows: usize,
+    triangles: &[[u32; 3]],
+) -> Result<Vec<u32>, (Code, String)> {
+    let mut out = Vec::with_capacity(values.len());
+    for value in values {
+        let value = f32::from_le_bytes(*value);
+        if !(value >= 0.0 && value.fract() == 0.0 && (value as usize) < rows) {
+            let message = format!("found feature id {value}, expected a row of {rows}");
+            return Err((Code::GltfStructure, message));
+        }
+        out.push(value as u32);
+    }
+    let row = |i: u32| out[i as usize];
+    let mixed = |t: &&[u32; 3]| row(t[0]) != row(t[1]) || row(t[1]) != row(t[2]);
+    match triangles.iter().find(mixed) {
+        None => Ok(out),
+        Some(t) => {
+            let message = format!("triangle {t:?} has vertices of several features");
+            Err((Code::SurfaceMixed, message))
+        }
+    }
+}
+
+/// Which form the name of a surface piece has: 1 for the cell alone, 2 with the object, 0 for a cap.
+fn name_form(name: &str, ids: &PieceIds) -> Option<u8> {
+    if ids.cell == 0 {
+        (name == format!("cap_object_{}", ids.object)).then_some(0)
+    } else if name == format!("cell_{}", ids.cell) {
+        Some(1)
+    } else {
+        (name == format!("cell_{}_object_{}", ids.cell, ids.object)).then_some(2)
+    }
+}
+
+/// Decodes strips, or a list, to triangles. False if a list has indices left over or names a vertex
+/// twice in a triangle; in a strip such triangles are joints.
+fn decode(indices: &[u32], strips: bool, out: &mut Vec<[u32; 3]>) -> bool {
+    let joint = |t: &[u32; 3]| t[0] == t[1] || t[1] == t[2] || t[0] == t[2];
+    if !strips {
+        let (triangles, rest) = indices.as_chunks::<3>();
+        out.extend_from_slice(triangles);
+        return rest.is_empty() && !out.iter().any(joint);
+    }
+    out.reserve(indices.len());
+    for (k, w) in indices.windows(3).enumerate() {
+        let t = if k % 2 == 0 {
+            [w[0], w[1], w[2]]
+        } else {
+            [w[1], w[0], w[2]]
+        };
+        if !joint(&t) {
+            out.push(t);
+        }
+    }
+    true
+}

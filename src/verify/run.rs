@@ -1,0 +1,218 @@
+//! The sweep over the tiles: layer by layer, a batch of tiles at a time in parallel.
+
+use super::against::{Band, CubeTriangles, Rule, Voxels};
+use super::code::Code;
+use super::laws::Found;
+use super::ledger::Ledger;
+use super::report::Issues;
+use super::sweep::Sweep;
+use super::tile::{self, Context, Outcome, Workspace};
+use super::{files, index};
+use crate::error::{Error, Result};
+use crate::manifest::{Manifest, TileEntry};
+use crate::progress::Progress;
+use crate::volume::Volume;
+use rayon::prelude::*;
+use std::sync::{Mutex, MutexGuard, PoisonError};
+
+/// The volume that the tiles are compared with.
+pub(super) struct Original<'a> {
+    band: Band<'a>,
+    rule: Rule,
+    voxels: Voxels,
+}
+
+impl<'a> Original<'a> {
+    /// `None` without a volume, or with one of another size, which is an issue.
+    pub fn new(
+        volume: Option<&'a dyn Volume>,
+        manifest: &Manifest,
+        issues: &mut Issues,
+    ) -> Option<Self> {
+        let volume = volume?;
+        let (found, grid) = (volume.header().dims, manifest.grid.dims);
+        if found != grid {
+            let message = format!("found a volume of {found} voxels, expected {grid}");
+            issues.add(Code::VolumeMismatch, "index.json#/grid/dims", message);
+            return None;
+        }
+        Some(Original {
+            band: Band::new(volume),
+            rule: Rule {
+                threshold: manifest.threshold,
+                cap: manifest.cap,
+                triangles: CubeTriangles::new(manifest.ambiguous),
+            },
+            voxels: Voxels::default(),
+        })
+    }
+}
+
+/// Tiles per thread in a batch, so that threads seldom wait for each other.
+const BATCH: usize = 32;
+
+/// Runs the sweep.
+pub(super) struct Run<'a> {
+    cx: &'a Context<'a>,
+    pool: &'a rayon::ThreadPool,
+    workspaces: Vec<Mutex<Workspace>>,
+    progress: &'a dyn Progress,
+}
+
+/// What the sweep changes.
+struct State<'s, 'v> {
+    original: Option<Original<'v>>,
+    sweep: Sweep,
+    found: &'s mut Found,
+    issues: &'s mut Issues,
+}
+
+impl<'a> Run<'a> {
+    pub fn new(cx: &'a Context, pool: &'a rayon::ThreadPool, progress: &'a dyn Progress) -> Self {
+        let one = |_| Mutex::new(Workspace::default());
+        Run {
+            cx,
+            pool,
+            workspaces: (0..pool.current_num_threads()).map(one).collect(),
+            progress,
+        }
+    }
+
+    /// Reads all tiles, layer by layer, and returns the front with the finished surfaces.
+    ///
+    /// # Errors
+    /// The volume's, the ledger's, or [`Error::Interrupted`].
+    pub fn tiles(
+        &self,
+        original: Option<Original>,
+        found: &mut Found,
+        issues: &mut Issues,
+    ) -> Result<Sweep> {
+        let layers = &self.cx.manifest.layers;
+        let total = layers.iter().map(|l| l.tiles).fold(0, u64::saturating_add);
+        self.progress.begin("verify", total);
+        let mut state = State {
+            original,
+            sweep: Sweep::new(Ledger::new()),
+            found,
+            issues,
+        };
+        let mut next = 0;
+        for layer in layers.iter().enumerate() {
+            let z = layer.1.z;
+            for empty in next..z {
+                self.layer(empty, &[], &mut state)?;
+            }
+            next = z + 1;
+            let Some(shard) = index::shard(self.cx.root, self.cx.tiling, layer, state.issues)
+            else {
+                state.sweep.lose_layer(z);
+                continue;
+            };
+            self.layer(z, &shard.tiles, &mut state)?;
+            let names = shard
+                .tiles
+                .iter()
+                .map(|t| index::tile_name(t.grid))
+                .collect();
+            let dir = format!("tiles/{}", index::tile_dir(z));
+            files::foreign(self.cx.root, &dir, &names, state.issues)?;
+        }
+        for empty in next..self.cx.tiling.tiles()[2] {
+            self.layer(empty, &[], &mut state)?;
+        }
+        state.found.voxels = state.original.map(|o| o.voxels);
+        Ok(state.sweep)
+    }
+
+    /// Checks the tiles of a layer and joins them in order.
+    fn layer(&self, z: u32, tiles: &[TileEntry], state: &mut State) -> Result<()> {
+        let [_, rows, _] = self.cx.tiling.tiles();
+        let mut first = 0;
+        if state.original.is_some() {
+            for row in 0..rows {
+                let count = tiles[first..].partition_point(|t| t.grid[1] == row);
+                let batch = &tiles[first..first + count];
+                let outcomes = self.compare_row([row, z], batch, first, state)?;
+                self.join(outcomes, state)?;
+                first += count;
+            }
+        } else {
+            for batch in tiles.chunks(BATCH * self.workspaces.len()) {
+                let check = |(i, t): (usize, &TileEntry)| self.check(t, first + i, None);
+                let outcomes = self
+                    .pool
+                    .install(|| batch.par_iter().enumerate().map(check).collect());
+                self.join(outcomes, state)?;
+                first += batch.len();
+            }
+        }
+        let strips = tiles.iter().map(|t| t.strips);
+        state.found.strips = strips.fold(state.found.strips, u64::saturating_add);
+        state.sweep.end_layer(z, state.issues)
+    }
+
+    /// Checks a row of macrocubes along x, empty ones included, and compares it with the volume.
+    /// `first` is the place of the row's first tile in the shard.
+    fn compare_row(
+        &self,
+        [y, z]: [u32; 2],
+        tiles: &[TileEntry],
+        first: usize,
+        state: &mut State,
+    ) -> Result<Vec<Outcome>> {
+        let Some(original) = &mut state.original else {
+            return Ok(Vec::new());
+        };
+        original.band.load(&self.cx.region([0, y, z]))?;
+        let original = &*original;
+        let [nx, _, _] = self.cx.tiling.tiles();
+        let macrocube = |x| match tiles.binary_search_by_key(&x, |t| t.grid[0]) {
+            Ok(i) => self.check(&tiles[i], first + i, Some(original)),
+            Err(_) => self.empty([x, y, z], original),
+        };
+        Ok(self
+            .pool
+            .install(|| (0..nx).into_par_iter().map(macrocube).collect()))
+    }
+
+    /// Adds what was found in tiles, in their order.
+    fn join(&self, outcomes: Vec<Outcome>, state: &mut State) -> Result<()> {
+        if self.progress.interrupted() {
+            return Err(Error::Interrupted);
+        }
+        for outcome in outcomes {
+            state.found.counts.add(&outcome.counts);
+            state.issues.append(outcome.issues);
+            if let Some(original) = &mut state.original {
+                original.voxels.above += outcome.voxels.above;
+                original.voxels.nan += outcome.voxels.nan;
+            }
+            if let Some(front) = outcome.front {
+                state.found.tiles += 1;
+                self.progress.advance(1);
+                state.sweep.add(front, state.issues)?;
+            }
+        }
+        Ok(())
+    }
+
+    fn workspace(&self) -> MutexGuard<'_, Workspace> {
+        let thread = rayon::current_thread_index().unwrap_or(0);
+        // a workspace is cleared before use, so a panic elsewhere cannot have spoiled it
+        self.workspaces[thread]
+            .lock()
+            .unwrap_or_else(PoisonError::into_inner)
+    }
+
+    fn check(&self, entry: &TileEntry, index: usize, original: Option<&Original>) -> Outcome {
+        let at = format!("{}#/tiles/{index}", index::shard_path(entry.grid[2]));
+        let original = original.map(|o| (&o.band, &o.rule));
+        tile::check(self.cx, entry, &at, original, &mut self.workspace())
+    }
+
+    fn empty(&self, grid: [u32; 3], original: &Original) -> Outcome {
+        let original = (&original.band, &original.rule);
+        tile::empty(self.cx, grid, original, &mut self.workspace())
+    }
+}

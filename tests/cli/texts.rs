@@ -1,0 +1,163 @@
+//! Help, manual, completions; refusals; what happens to stdout.
+
+use super::{fails, ok, stderr, temp};
+use std::process::{Command, Stdio};
+
+const COMMON: &str = "--json --quiet --threads";
+const INPUT: &str = "--dims --dtype --endian --offset --spacing --unit --io";
+
+#[test]
+fn help_names_every_option() {
+    let dir = temp();
+    let top = ok(dir.path(), &["--help"]);
+    let convert = format!(
+        "{COMMON} {INPUT} --threshold --macrocube --memory --ambiguous --cap --crop --primitives \
+         --force separate join strips triangles otsu 1GiB mmap read little big u16 f64"
+    );
+    for (command, words) in [
+        ("demo", format!("{COMMON} --size --primitives alvis-demo")),
+        ("info", format!("{COMMON} {INPUT} --threshold")),
+        ("convert", convert),
+        ("verify", format!("{COMMON} {INPUT} --against --max-issues")),
+        (
+            "phantom",
+            format!(
+                "{COMMON} --dims --dtype --noise --seed --spacing --unit --force --pitch --wall \
+                 --bubble --radius --tube --edge --semi-axes --density foam sphere torus cube \
+                 ellipsoid gyroid noise .mhd .nrrd"
+            ),
+        ),
+        ("completions", "bash zsh fish".to_string()),
+        ("man", "convert".to_string()),
+    ] {
+        assert!(top.contains(command), "{command} in {top}");
+        let help = ok(dir.path(), &[command, "--help"]);
+        for word in words.split_whitespace() {
+            assert!(
+                help.contains(word),
+                "{word} in the help of {command}: {help}"
+            );
+        }
+        assert!(ok(dir.path(), &[command, "-h"]).contains("Usage: alvis "));
+        assert!(ok(dir.path(), &["man", command]).contains(".TH"));
+    }
+    assert!(ok(dir.path(), &["man"]).contains("Exit status"));
+    assert!(ok(dir.path(), &["--version"]).starts_with("alvis "));
+    for shell in ["bash", "zsh", "fish"] {
+        assert!(ok(dir.path(), &["completions", shell]).contains("macrocube"));
+    }
+}
+
+#[test]
+fn wrong_use_is_one_message_and_status_2() {
+    let dir = temp();
+    std::fs::write(dir.path().join("a.raw"), [0; 64]).unwrap();
+    for (args, part) in [
+        (&[][..], "no command"),
+        (&["frobnicate"], "frobnicate"),
+        (&["convert", "a.raw"], "OUT"),
+        (&["convert", "a.raw", "out"], "--threshold"),
+        (
+            &["convert", "a.raw", "out", "--threshold", "nan"],
+            "--threshold",
+        ),
+        (
+            &[
+                "convert",
+                "a.raw",
+                "out",
+                "--threshold",
+                "1",
+                "--macrocube",
+                "0",
+            ],
+            "--macrocube",
+        ),
+        (
+            &[
+                "convert",
+                "a.raw",
+                "out",
+                "--threshold",
+                "1",
+                "--memory",
+                "lots",
+            ],
+            "--memory",
+        ),
+        (
+            &[
+                "convert",
+                "a.raw",
+                "out",
+                "--threshold",
+                "1",
+                "--crop",
+                "1:2",
+            ],
+            "--crop",
+        ),
+        (&["info", "a.raw"], "--dims"),
+        (&["info", "a.raw", "--dims", "4,4,4"], "--dtype"),
+        (
+            &["info", "a.raw", "--dims", "4,4", "--dtype", "u8"],
+            "--dims",
+        ),
+        (
+            &["info", "a.raw", "--dims", "4,4,5", "--dtype", "u8"],
+            "a.raw",
+        ),
+        (
+            &["info", "a.raw", "--dims", "4,4,4", "--dtype", "u99"],
+            "u99",
+        ),
+        (&["info", "a.raw", "--spacing", "0,1,1"], "--spacing"),
+        (&["info", "none.mhd"], "none.mhd"),
+        (&["verify", "none"], "none"),
+        (&["verify", ".", "--dims", "4,4,4"], "--against"),
+        (&["phantom", "foam", "a.raw"], "--force"),
+        (&["phantom", "foam", "a.png"], ".nrrd"),
+        (&["phantom", "bread", "b.raw"], "bread"),
+        (&["phantom", "foam", "b.raw", "--wall", "1"], "--wall"),
+        (&["phantom", "sphere", "b.raw", "--wall", "3"], "--wall"),
+        (&["phantom", "foam", "b.raw", "--dims", "1,2,2"], "dims"),
+        (&["man", "frobnicate"], "convert"),
+        (&["info", "a.raw", "--threads", "0"], "--threads"),
+    ] {
+        let message = fails(dir.path(), args);
+        assert!(message.contains(part), "{args:?}: {message}");
+    }
+    let mut left: Vec<_> = std::fs::read_dir(dir.path()).unwrap().collect();
+    assert_eq!(left.len(), 1, "{left:?}");
+    assert_eq!(left.remove(0).unwrap().file_name(), "a.raw");
+}
+
+#[test]
+fn a_reader_that_has_gone_is_no_failure() {
+    let dir = temp();
+    let mut child = Command::new(env!("CARGO_BIN_EXE_alvis"))
+        .args(["completions", "zsh"])
+        .current_dir(dir.path())
+        .stdout(Stdio::piped())
+        .stderr(Stdio::piped())
+        .spawn()
+        .unwrap();
+    drop(child.stdout.take());
+    let output = child.wait_with_output().unwrap();
+    assert_eq!(output.status.code(), Some(0), "{}", stderr(&output));
+    assert_eq!(stderr(&output), "");
+}
+
+#[cfg(target_os = "linux")]
+#[test]
+fn a_full_disk_behind_stdout_is_one_message() {
+    let dir = temp();
+    let output = Command::new(env!("CARGO_BIN_EXE_alvis"))
+        .arg("--help")
+        .current_dir(dir.path())
+        .stdout(std::fs::File::create("/dev/full").unwrap())
+        .output()
+        .unwrap();
+    assert_eq!(output.status.code(), Some(2));
+    assert!(stderr(&output).starts_with("alvis: stdout: cannot write: "));
+}

@@ -1,0 +1,135 @@
+//! `phantom` and `info`.
+
+use super::{fails, foam, json, ok, temp};
+use serde_json::Value;
+
+#[test]
+fn a_phantom_reads_back_as_it_was_made() {
+    let dir = temp();
+    let space = ["--spacing", "0.5,0.25,2", "--unit", "um"];
+    for (name, dtype, format) in [
+        ("a.mhd", "u16", "metaimage"),
+        ("b.mha", "f32", "metaimage"),
+        ("c.nrrd", "i8", "nrrd"),
+        ("d.nrrd", "f64", "nrrd"),
+        ("e.mhd", "i32", "metaimage"),
+    ] {
+        foam(
+            dir.path(),
+            name,
+            &[&["--dtype", dtype][..], &space].concat(),
+        );
+        let info = json(&ok(dir.path(), &["info", name, "--json"]));
+        assert_eq!(info["format"], format, "{name}");
+        assert_eq!(info["dims"], serde_json::json!([40, 36, 32]), "{name}");
+        assert_eq!(info["dtype"], dtype, "{name}");
+        assert_eq!(
+            info["spacing"],
+            serde_json::json!([0.5, 0.25, 2.0]),
+            "{name}"
+        );
+        assert_eq!(info["unit"], "um", "{name}");
+        assert_eq!(info["nan"], 0, "{name}");
+        let voxels: u64 = info["histogram"]
+            .as_array()
+            .unwrap()
+            .iter()
+            .filter_map(Value::as_u64)
+            .sum();
+        assert_eq!(voxels, 40 * 36 * 32, "{name}");
+        let (min, max) = (info["min"].as_f64().unwrap(), info["max"].as_f64().unwrap());
+        let otsu = info["otsu_threshold"].as_f64().unwrap();
+        // without noise the extremes are air and metal, and Otsu separates them
+        assert!((min..max).contains(&otsu), "{name}: {min} {otsu} {max}");
+        let triangles = info["predicted"]["triangles"].as_f64().unwrap() / 46_080.0;
+        assert!((0.1..0.4).contains(&triangles), "{name}: {triangles}");
+        assert!(info["predicted"]["bytes"].as_u64().unwrap() > 10_000);
+        assert!(info["predicted"]["memory_bytes"].as_u64().unwrap() > 46_080);
+    }
+    let text = ok(dir.path(), &["info", "a.mhd"]);
+    for part in [
+        "40 x 36 x 32",
+        "u16",
+        "0.5 x 0.25 x 2 um (from the file)",
+        "log scale",
+        "█",
+        "▲",
+    ] {
+        assert!(text.contains(part), "{part} in {text}");
+    }
+}
+
+#[test]
+fn a_raw_phantom_says_how_to_convert_it() {
+    let dir = temp();
+    let args = [
+        "phantom", "sphere", "s.raw", "--dims", "16,18,20", "--dtype", "u16",
+    ];
+    let text = ok(dir.path(), &args);
+    for part in [
+        "--dims 16,18,20",
+        "--dtype u16",
+        "--endian little",
+        "--threshold 32767.5",
+    ] {
+        assert!(text.contains(part), "{part} in {text}");
+    }
+    let info = [
+        "info", "s.raw", "--dims", "16,18,20", "--dtype", "u16", "--json",
+    ];
+    let info = json(&ok(
+        dir.path(),
+        &[&info[..], &["--spacing", "0.1", "--unit", "mm"]].concat(),
+    ));
+    assert_eq!(info["format"], "raw");
+    assert_eq!(info["spacing"], serde_json::json!([0.1, 0.1, 0.1]));
+    assert_eq!(
+        (&info["min"], &info["max"]),
+        (&Value::from(13_107.0), &Value::from(52_428.0))
+    );
+    let report = json(&ok(
+        dir.path(),
+        &[&args[..], &["--force", "--json"]].concat(),
+    ));
+    assert_eq!(report["threshold"], 32_767.5);
+    assert_eq!(report["bytes"], 16 * 18 * 20 * 2);
+}
+
+#[test]
+fn threads_do_not_change_a_file() {
+    let dir = temp();
+    foam(dir.path(), "one.raw", &["--threads", "1", "--noise", "0.1"]);
+    foam(
+        dir.path(),
+        "four.raw",
+        &["--threads", "4", "--noise", "0.1"],
+    );
+    foam(dir.path(), "other.raw", &["--seed", "2", "--noise", "0.1"]);
+    let read = |name: &str| std::fs::read(dir.path().join(name)).unwrap();
+    assert!(read("one.raw") == read("four.raw"));
+    assert!(read("one.raw") != read("other.raw"));
+}
+
+#[test]
+fn the_threshold_of_info_may_be_negative_or_missing() {
+    let dir = temp();
+    foam(dir.path(), "a.mhd", &["--dtype", "i16"]);
+    let info = json(&ok(
+        dir.path(),
+        &["info", "a.mhd", "--json", "--threshold", "-1e4"],
+    ));
+    assert_eq!(info["predicted"]["threshold"], -1e4);
+    std::fs::write(dir.path().join("flat.raw"), [7; 64]).unwrap();
+    let args = ["info", "flat.raw", "--dims", "4,4,4", "--dtype", "u8"];
+    let info = json(&ok(dir.path(), &[&args[..], &["--json"]].concat()));
+    assert_eq!(
+        (&info["otsu_threshold"], &info["predicted"]),
+        (&Value::Null, &Value::Null)
+    );
+    assert!(ok(dir.path(), &args).contains("all samples are the same"));
+    let args = [
+        "convert", "flat.raw", "out", "--dims", "4,4,4", "--dtype", "u8",
+    ];
+    let message = fails(dir.path(), &[&args[..], &["--threshold", "otsu"]].concat());
+    assert!(message.contains("are the same"), "{message}");
+}

@@ -1,0 +1,234 @@
+//! Random faults, hostile input, other layouts.
+
+use crate::cubes::Field;
+use crate::edit::Set;
+use crate::writer::{self, Style};
+use crate::{STYLE, check, codes, compare, noise, noisy_field, random_field, styles};
+use alvis::progress::Quiet;
+use alvis::verify::{Code, VerifyOptions, verify};
+use std::fs;
+use std::path::Path;
+
+fn noisy_set(dir: &Path) -> Field {
+    let field = noisy_field();
+    writer::write(dir, &field, &STYLE);
+    field
+}
+
+/// The place of a random tile, piece and triangle or vertex.
+fn pick(seed: u64, what: u64, n: usize) -> usize {
+    (noise(seed, what) * n as f32) as usize % n
+}
+
+#[test]
+fn random_faults_are_found() {
+    for seed in 0..60 {
+        let dir = tempfile::tempdir().unwrap();
+        let style = styles().nth(seed as usize % 8).unwrap();
+        writer::write(dir.path(), &random_field(seed, [9, 8, 7], 0.4), &style);
+        let set = Set(dir.path());
+        let places = set.places();
+        let place = &places[pick(seed, 1, places.len())];
+        let mut tile = set.tile(place);
+        let n = tile.pieces.len();
+        let piece = &mut tile.pieces[pick(seed, 2, n)];
+        let t = pick(seed, 3, piece.triangles.len());
+        match seed % 4 {
+            0 if piece.triangles.len() > 1 => _ = piece.triangles.remove(t),
+            1 => piece.triangles[t].swap(1, 2),
+            2 => piece.triangles.push(piece.triangles[t]),
+            _ => {
+                // one lattice step along the vertex's edge
+                let v = piece.triangles[t][0] as usize;
+                let p = &mut piece.positions[v];
+                let axis = (0..3).find(|&a| p[a].fract() != 0.0).unwrap();
+                let up = p[axis].fract() < 0.5 && p[axis] > 0.0;
+                p[axis] += if up { 1.0 } else { -1.0 } / 256.0;
+            }
+        }
+        set.put(place, &tile);
+        let report = check(dir.path());
+        assert!(!report.ok, "seed {seed}, {style:?}: nothing found");
+        assert!(
+            report
+                .issues
+                .iter()
+                .all(|i| !i.path.is_empty() && !i.message.is_empty())
+        );
+    }
+}
+
+#[test]
+fn a_missing_component_is_seen_by_the_volume_alone() {
+    let dir = tempfile::tempdir().unwrap();
+    let full = noisy_field();
+    let mut less = full.clone();
+    less.values[2 + 14 * (2 + 9 * 2)] = 0.0;
+    // all sums are made from what is left
+    writer::write(dir.path(), &less, &STYLE);
+    assert!(check(dir.path()).ok);
+    let report = compare(dir.path(), &full);
+    assert!(
+        codes(&report).iter().eq([&Code::MissingVertex]),
+        "{report:#?}"
+    );
+    assert_eq!(report.issues[0].voxel, Some([1.5, 2.0, 2.0]));
+}
+
+#[test]
+fn a_shift_that_keeps_all_sums_is_seen_by_the_volume() {
+    let dir = tempfile::tempdir().unwrap();
+    let field = noisy_set(dir.path());
+    let mut other = field.clone();
+    let i = 2 + 14 * (2 + 9 * 2);
+    other.values[i] += 0.05;
+    let report = compare(dir.path(), &other);
+    assert!(
+        codes(&report).iter().eq([&Code::VertexMisplaced]),
+        "{report:#?}"
+    );
+}
+
+#[test]
+fn merged_tiles_pass_and_their_faults_are_found() {
+    for strips in [true, false] {
+        let dir = tempfile::tempdir().unwrap();
+        let field = noisy_field();
+        writer::write(dir.path(), &field, &Style { strips, ..STYLE });
+        let set = Set(dir.path());
+        for place in set.places() {
+            let (glb, strips, indices) = set.tile(&place).encode_merged();
+            set.edit_entry(&place, |e| {
+                e["strips"] = strips.into();
+                e["indices"] = indices.into();
+            });
+            set.put_bytes(&place, &glb);
+        }
+        let report = compare(dir.path(), &field);
+        assert!(report.ok && report.issues.is_empty(), "{report:#?}");
+        let place = &set.places()[0];
+        set.edit_json(place, |j| {
+            let table = &mut j["extensions"]["EXT_structural_metadata"]["propertyTables"][0];
+            table["count"] = 77.into();
+        });
+        assert!(codes(&check(dir.path())).iter().eq([&Code::GltfStructure]));
+    }
+}
+
+#[test]
+fn paths_that_lead_outside_are_refused() {
+    let outside = tempfile::tempdir().unwrap();
+    fs::write(outside.path().join("cells.csv"), "id\n").unwrap();
+    let absolute = outside.path().join("cells.csv");
+    for path in [
+        absolute.to_str().unwrap(),
+        "a/../../cells.csv",
+        "c:\\cells.csv",
+        "",
+        "./cells.csv",
+    ] {
+        let dir = tempfile::tempdir().unwrap();
+        noisy_set(dir.path());
+        Set(dir.path()).manifest(|m| m["tables"]["cells"] = path.into());
+        assert!(
+            codes(&check(dir.path())).iter().eq([&Code::PathOutside]),
+            "{path}"
+        );
+    }
+    #[cfg(unix)]
+    {
+        let dir = tempfile::tempdir().unwrap();
+        noisy_set(dir.path());
+        let table = dir.path().join("cells.csv");
+        fs::rename(&table, &absolute).unwrap();
+        std::os::unix::fs::symlink(&absolute, &table).unwrap();
+        assert!(codes(&check(dir.path())).iter().eq([&Code::PathOutside]));
+    }
+}
+
+#[test]
+fn damaged_bytes_never_panic() {
+    let dir = tempfile::tempdir().unwrap();
+    noisy_set(dir.path());
+    let set = Set(dir.path());
+    let place = set.places()[0].clone();
+    let files = [
+        set.file(&place),
+        place.0.clone(),
+        dir.path().join("index.json"),
+    ];
+    for (f, file) in files.iter().enumerate() {
+        let sound = fs::read(file).unwrap();
+        for i in 0..150 {
+            let mut bytes = sound.clone();
+            let at = pick(i, f as u64, bytes.len());
+            match i % 3 {
+                0 => bytes[at] ^= 1 << (i % 8),
+                1 => bytes.truncate(at),
+                _ => bytes[at] = b"9-\"]{,e"[i as usize % 7],
+            }
+            fs::write(file, &bytes).unwrap();
+            if f == 1 && serde_json::from_slice::<serde_json::Value>(&bytes).is_ok() {
+                set.stamp();
+            }
+            let report = check(dir.path());
+            // a change in white space or of a member that is not read may be harmless in the index
+            assert!(
+                f == 2 || bytes == sound || !report.ok,
+                "{}: fault {i}",
+                file.display()
+            );
+        }
+        fs::write(file, &sound).unwrap();
+        set.stamp();
+    }
+    assert!(check(dir.path()).ok);
+}
+
+#[test]
+fn reports_do_not_depend_on_threads_and_keep_to_their_limit() {
+    let dir = tempfile::tempdir().unwrap();
+    noisy_set(dir.path());
+    let set = Set(dir.path());
+    for place in set.places() {
+        set.edit_tile(&place, |t| {
+            for p in &mut t.pieces {
+                p.normals[0] = [0.0; 3];
+            }
+        });
+    }
+    let run = |threads, max_issues| {
+        let options = VerifyOptions {
+            threads,
+            max_issues,
+            ..VerifyOptions::default()
+        };
+        verify(dir.path(), &options, &Quiet).unwrap()
+    };
+    let one = run(1, 1000);
+    assert!(one.issues.len() > 12);
+    assert_eq!(one.issues, run(4, 1000).issues);
+    let few = run(2, 5);
+    assert_eq!(few.issues, one.issues[..5]);
+    assert_eq!(few.issues_omitted as usize, one.issues.len() - 5);
+}
+
+#[test]
+fn single_phases_and_empty_layers_pass() {
+    for (value, cap) in [(0.0, false), (1.0, false), (1.0, true)] {
+        let field = Field {
+            dims: [9, 8, 7],
+            values: vec![value; 9 * 8 * 7],
+            threshold: 0.5,
+        };
+        let dir = tempfile::tempdir().unwrap();
+        writer::write(dir.path(), &field, &Style { cap, ..STYLE });
+        let report = compare(dir.path(), &field);
+        assert!(
+            report.ok && report.issues.is_empty(),
+            "{value} {cap}: {report:#?}"
+        );
+    }
+    let missing = tempfile::tempdir().unwrap();
+    assert!(verify(missing.path(), &VerifyOptions::default(), &Quiet).is_err());
+}

@@ -1,0 +1,196 @@
+//! The JSON Schemas against values of the Rust types, and against values that must not pass.
+
+use alvis::grid::{Ambiguous, Crop, Dims, Placement, Unit};
+use alvis::manifest::{
+    Bounds, FORMAT, FORMAT_VERSION, Generator, GridInfo, Group, Layer, Manifest, Primitives,
+    Provenance, Shard, Source, Tables, TileEntry, Totals, checksum_text,
+};
+use alvis::verify::{Code, Issue, Report, Severity};
+use alvis::volume::{Dtype, Endian};
+use serde_json::{Value, json};
+
+/// Validates with the schema of that name; the schema itself is checked against draft 2020-12.
+fn valid(name: &str, value: &Value) -> Result<(), String> {
+    let path = format!("{}/schema/{name}.schema.json", env!("CARGO_MANIFEST_DIR"));
+    let text = std::fs::read(&path).unwrap();
+    let mut compiler = boon::Compiler::new();
+    compiler.set_default_draft(boon::Draft::V2020_12);
+    compiler
+        .add_resource(name, serde_json::from_slice(&text).unwrap())
+        .unwrap();
+    let mut schemas = boon::Schemas::new();
+    let index = compiler
+        .compile(name, &mut schemas)
+        .unwrap_or_else(|e| panic!("{path}: {e:#}"));
+    schemas.validate(value, index).map_err(|e| format!("{e:#}"))
+}
+
+fn manifest() -> Manifest {
+    let placement = Placement {
+        unit: Unit::Micrometre,
+        ..Placement::default()
+    };
+    Manifest {
+        format: FORMAT.into(),
+        format_version: FORMAT_VERSION,
+        generator: Generator {
+            name: "alvis".into(),
+            version: "0.1.0".into(),
+        },
+        source: Source {
+            name: "scan.raw".into(),
+            format: "raw".into(),
+            dims: Dims([300, 200, 100]),
+            dtype: Dtype::U16,
+            endian: Endian::Big,
+            offset: 512,
+            crop: Some(Crop {
+                x: 0..300,
+                y: 0..200,
+                z: 10..90,
+            }),
+            provenance: Provenance::default(),
+        },
+        grid: GridInfo {
+            dims: Dims([300, 200, 80]),
+            macrocube: [64; 3],
+            tiles: [5, 4, 2],
+        },
+        placement,
+        threshold: -0.5,
+        ambiguous: Ambiguous::Join,
+        cap: true,
+        primitives: Primitives::Triangles,
+        lattice: 256,
+        transform: placement.gltf_matrix(),
+        totals: Totals {
+            volume6: -(1 << 100),
+            euler_characteristic: -2,
+            ..Totals::default()
+        },
+        layers: vec![Layer {
+            z: 0,
+            path: "index/z0000.json".into(),
+            tiles: 1,
+            bytes: 1,
+            checksum: checksum_text(0xAB),
+        }],
+        tables: Tables {
+            cells: "cells.csv".into(),
+            objects: "objects.csv".into(),
+            surfaces: "surfaces.csv".into(),
+        },
+    }
+}
+
+fn shard() -> Shard {
+    Shard {
+        z: 3,
+        tiles: vec![TileEntry {
+            path: "tiles/z0003/y0002_x0005.glb".into(),
+            grid: [5, 2, 3],
+            bounds: Bounds {
+                min: [-0.5, 0.00390625, 1.0],
+                max: [64.0, 63.5, 65535.5],
+            },
+            vertices: 9,
+            triangles: 3,
+            strips: 1,
+            indices: 5,
+            bytes: 1000,
+            checksum: checksum_text(0xFFFF_FFFF),
+            groups: vec![Group {
+                cell: 0,
+                object: 1,
+                surface: 0,
+                vertices: 9,
+                triangles: 3,
+            }],
+        }],
+    }
+}
+
+fn report() -> Report {
+    Report {
+        ok: false,
+        against: true,
+        tiles: 1,
+        triangles: 2,
+        cap_triangles: 0,
+        vertices: 3,
+        tile_vertices: 4,
+        border_edges: 5,
+        surfaces: 6,
+        objects: 7,
+        cells: 8,
+        euler_characteristic: -9,
+        bytes: 10,
+        issues: Code::ALL
+            .iter()
+            .map(|&code| Issue {
+                code,
+                severity: Severity::Error,
+                path: "index.json#/grid".into(),
+                message: "found 1, expected 2".into(),
+                voxel: (code != Code::Checksum).then_some([1.0, 2.5, -0.5]),
+            })
+            .collect(),
+        issues_omitted: 11,
+        seconds: 0.25,
+        peak_rss_bytes: 12,
+    }
+}
+
+#[test]
+fn values_of_the_types_pass() {
+    for (name, value) in [
+        ("manifest", serde_json::to_value(manifest())),
+        ("shard", serde_json::to_value(shard())),
+        ("report", serde_json::to_value(report())),
+    ] {
+        valid(name, &value.unwrap()).unwrap_or_else(|e| panic!("{name}: {e}"));
+    }
+    let extras = json!({"cell": 3, "object": 1, "surface": 2, "triangles": 40, "area": 1.5,
+        "touches_border": 0, "note": "text"});
+    valid("extras", &extras).unwrap();
+}
+
+#[test]
+fn codes_keep_their_names() {
+    for code in Code::ALL {
+        assert_eq!(serde_json::to_value(code).unwrap(), code.name());
+    }
+}
+
+#[test]
+fn broken_values_do_not_pass() {
+    let breaks: &[(&str, &str, Value)] = &[
+        ("manifest", "/format_version", json!(2)),
+        ("manifest", "/lattice", json!(128)),
+        ("manifest", "/spacing/1", json!(0.0)),
+        ("manifest", "/tables/cells", json!("../cells.csv")),
+        ("manifest", "/tables/cells", json!("/cells.csv")),
+        ("manifest", "/layers/0/path", json!("index/../z0000.json")),
+        ("manifest", "/totals/volume6", json!(12)),
+        ("manifest", "/grid/dims", json!([1, 2, 3])),
+        ("shard", "/tiles/0/path", json!("tiles/../../x.glb")),
+        ("shard", "/tiles/0/checksum", json!("crc32:0")),
+        ("shard", "/tiles/0/box/min/0", json!(0.3)),
+        ("shard", "/tiles/0/groups", json!([])),
+        ("report", "/issues/0/code", json!("SOMETHING")),
+        ("report", "/issues/0/voxel", json!([1, 2])),
+        ("report", "/ok", json!("yes")),
+    ];
+    for (name, place, bad) in breaks {
+        let mut value = match *name {
+            "manifest" => serde_json::to_value(manifest()),
+            "shard" => serde_json::to_value(shard()),
+            _ => serde_json::to_value(report()),
+        }
+        .unwrap();
+        *value.pointer_mut(place).unwrap() = bad.clone();
+        assert!(valid(name, &value).is_err(), "{name}{place} = {bad} passes");
+    }
+    let nested = json!({"cell": 3, "object": 1, "surface": 2, "triangles": 40, "list": [1]});
+    assert!(valid("extras", &nested).is_err());
+}
