@@ -13,6 +13,7 @@ pub mod progress;
 mod segment;
 mod slab;
 mod strip;
+pub mod table;
 pub mod tile;
 pub mod verify;
 pub mod volume;

@@ -4,6 +4,7 @@
 //! verifier found issues, 2 if anything else went wrong; then stderr ends with one message.
 
 mod args;
+mod cells;
 mod chart;
 mod convert;
 mod demo;
@@ -51,6 +52,7 @@ enum Command {
     Info(info::InfoArgs),
     Convert(convert::ConvertArgs),
     Verify(verify::VerifyArgs),
+    Cells(cells::CellsArgs),
     Phantom(phantom::PhantomArgs),
     Completions(generate::CompletionsArgs),
     Man(generate::ManArgs),
@@ -63,6 +65,7 @@ impl Command {
             Command::Info(args) => args.run(),
             Command::Convert(args) => args.run(),
             Command::Verify(args) => args.run(),
+            Command::Cells(args) => args.run(),
             Command::Phantom(args) => args.run(),
             Command::Completions(args) => args.run(),
             Command::Man(args) => args.run(),

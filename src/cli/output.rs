@@ -17,6 +17,31 @@ pub fn print(text: &str) -> Result<()> {
     }
 }
 
+/// Gathers a long text for stdout. Nothing is written before [`LongText::finish`] or the first
+/// [`HELD`] bytes, so that what fails early says nothing there.
+#[derive(Debug, Default)]
+pub struct LongText(String);
+
+/// Bytes that a [`LongText`] gathers.
+const HELD: usize = 1 << 20;
+
+impl LongText {
+    /// Adds text.
+    pub fn push(&mut self, text: &str) -> Result<()> {
+        self.0.push_str(text);
+        if self.0.len() >= HELD {
+            print(&self.0)?;
+            self.0.clear();
+        }
+        Ok(())
+    }
+
+    /// Writes what is left.
+    pub fn finish(self) -> Result<()> {
+        print(&self.0)
+    }
+}
+
 /// Writes one JSON object to stdout. Numbers that are not finite become null.
 pub fn print_json(value: &impl Serialize) -> Result<()> {
     let mut text = serde_json::to_string_pretty(value)

@@ -365,5 +365,6 @@ fn manifest(
             objects: "objects.csv".into(),
             surfaces: "surfaces.csv".into(),
         },
+        selection: None,
     }
 }

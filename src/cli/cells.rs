@@ -1,0 +1,301 @@
+//! `alvis cells`: the tables of a tile set, filtered, sorted and summed up.
+
+use super::args::Common;
+use super::chart::{self, number};
+use super::output::LongText;
+use super::{Outcome, output};
+use crate::error::{Error, Result};
+use crate::manifest::Manifest;
+use crate::table::{Column, Query, Row, Spread, Summary, Table, TableReader, summarise};
+use clap::{Args, ValueEnum, ValueHint};
+use serde_json::json;
+use std::path::PathBuf;
+
+/// Rows and columns of a table for people, unless they ask for others.
+const ROWS: usize = 20;
+const COLUMNS: [&str; 11] = [
+    "id",
+    "cell",
+    "object",
+    "triangles",
+    "volume",
+    "area",
+    "equivalent_diameter",
+    "sphericity",
+    "form_factor",
+    "touches_border",
+    "tiles",
+];
+
+/// Form of the rows, as typed.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
+enum FormatArg {
+    /// A few columns, the first 20 rows unless --top says otherwise
+    Table,
+    /// As in the tile set's CSV files
+    Csv,
+    /// One JSON object
+    Json,
+}
+
+/// List the cells of a tile set, or sum them up
+///
+/// Conditions and keys are expressions over the columns: comparisons (< <= > >= == !=), and, or,
+/// not, + - * / ^, parentheses, abs, sqrt, cbrt, exp, log, log10, min, max. touches_border is a
+/// condition by itself. A comparison with a missing value is false; missing(column) asks for one.
+#[derive(Debug, Args)]
+#[command(after_help = "Examples:\n  \
+    alvis cells OUT --where 'not touches_border' --sort -volume --top 10\n  \
+    alvis cells OUT --where 'sphericity > 0.9 and volume > 0.01' --format csv\n  \
+    alvis cells OUT --summary")]
+pub struct CellsArgs {
+    /// The directory of the tile set
+    #[arg(value_hint = ValueHint::DirPath)]
+    out: PathBuf,
+    /// List objects (connected above voxels) instead of cells
+    #[arg(long, conflicts_with = "surfaces")]
+    objects: bool,
+    /// List surfaces (connected triangles) instead of cells
+    #[arg(long)]
+    surfaces: bool,
+    /// Only rows for which this holds
+    #[arg(long = "where", value_name = "EXPR", allow_hyphen_values = true)]
+    condition: Option<String>,
+    /// Sort by a column or an expression, rising; -COLUMN falls. Missing values come last
+    #[arg(long, value_name = "KEY", allow_hyphen_values = true)]
+    sort: Option<String>,
+    /// Sort the other way round
+    #[arg(long, requires = "sort")]
+    descending: bool,
+    /// At most this many rows
+    #[arg(long, value_name = "N")]
+    top: Option<usize>,
+    /// These columns only, with commas between them
+    #[arg(long, value_name = "NAMES", value_delimiter = ',')]
+    columns: Vec<String>,
+    /// Form of the rows [default: table, or json with --json]
+    #[arg(long, value_name = "FORM", conflicts_with = "json")]
+    format: Option<FormatArg>,
+    /// Sum the rows up: porosity, distribution of diameters, sphericity
+    #[arg(long, conflicts_with_all = ["sort", "top", "columns", "surfaces"])]
+    summary: bool,
+    #[command(flatten)]
+    common: Common,
+}
+
+impl CellsArgs {
+    pub fn run(self) -> Result<Outcome> {
+        let manifest = Manifest::open(&self.out)?;
+        let which = self.table();
+        let mut table = which.open(&self.out, &manifest)?;
+        let columns = table.columns().to_vec();
+        let query = Query::default()
+            .filter(self.condition.as_deref(), &columns)?
+            .sort(self.sort.as_deref(), self.descending, &columns)?;
+        let format = match self.format {
+            _ if self.common.json => FormatArg::Json,
+            Some(format) => format,
+            None => FormatArg::Table,
+        };
+        if self.summary {
+            self.print_summary(&mut table, &query, &manifest, format)?;
+            return Ok(Outcome::Done);
+        }
+        let shown = self.shown(&columns, format)?;
+        match format {
+            FormatArg::Table => print_table(&mut table, query, self.top.unwrap_or(ROWS), &shown)?,
+            FormatArg::Csv => print_csv(&mut table, query.top(self.top), &shown)?,
+            FormatArg::Json => print_rows(&mut table, query.top(self.top), &shown, which)?,
+        }
+        Ok(Outcome::Done)
+    }
+
+    fn table(&self) -> Table {
+        match (self.objects, self.surfaces) {
+            (true, _) => Table::Objects,
+            (_, true) => Table::Surfaces,
+            _ => Table::Cells,
+        }
+    }
+
+    /// The positions of the columns to show.
+    fn shown(&self, columns: &[Column], format: FormatArg) -> Result<Vec<usize>> {
+        let find = |name: &str| columns.iter().position(|c| c.name == name);
+        if self.columns.is_empty() {
+            return Ok(match format {
+                FormatArg::Table => COLUMNS.into_iter().filter_map(find).collect(),
+                _ => (0..columns.len()).collect(),
+            });
+        }
+        let wanted = self.columns.iter().map(|name| {
+            find(name.trim()).ok_or_else(|| {
+                let known: Vec<&str> = columns.iter().map(|c| c.name.as_str()).collect();
+                Error::usage("--columns", name, known.join(", "))
+            })
+        });
+        wanted.collect()
+    }
+
+    fn print_summary(
+        &self,
+        table: &mut TableReader,
+        query: &Query,
+        manifest: &Manifest,
+        format: FormatArg,
+    ) -> Result<()> {
+        if format == FormatArg::Csv {
+            return Err(Error::usage(
+                "--format",
+                "csv with --summary",
+                "table or json",
+            ));
+        }
+        let summary = summarise(table, query, manifest)?;
+        match format {
+            FormatArg::Json => output::print_json(&summary),
+            _ => output::print(&text(&summary, self.table())),
+        }
+    }
+}
+
+/// Rows as CSV, as the tile set's own tables have them.
+fn print_csv(table: &mut TableReader, query: Query, shown: &[usize]) -> Result<()> {
+    let mut out = LongText::default();
+    let header: Vec<String> = shown.iter().map(|&c| table.columns()[c].header()).collect();
+    out.push(&(header.join(",") + "\n"))?;
+    query.run(table, |row| {
+        let fields: Vec<&str> = shown.iter().map(|&c| row.text(c)).collect::<Result<_>>()?;
+        out.push(&(fields.join(",") + "\n"))
+    })?;
+    out.finish()
+}
+
+/// Rows as one JSON object, a line for each.
+fn print_rows(table: &mut TableReader, query: Query, shown: &[usize], which: Table) -> Result<()> {
+    let columns: Vec<Column> = shown.iter().map(|&c| table.columns()[c].clone()).collect();
+    let mut out = LongText::default();
+    out.push(&format!(
+        "{{\"columns\": {},\n\"{}\": [",
+        json!(columns),
+        which.name()
+    ))?;
+    let mut separator = "\n";
+    query.run(table, |row| {
+        out.push(separator)?;
+        separator = ",\n";
+        out.push(&object(row, &columns, shown)?)
+    })?;
+    out.push("\n]}\n")?;
+    out.finish()
+}
+
+/// One row as a JSON object, in the order of the columns.
+fn object(row: &Row, columns: &[Column], shown: &[usize]) -> Result<String> {
+    let mut fields = Vec::with_capacity(shown.len());
+    for (column, &c) in columns.iter().zip(shown) {
+        fields.push(format!("{}: {}", json!(column.name), row.json(c)?));
+    }
+    Ok(format!("{{{}}}", fields.join(", ")))
+}
+
+/// Rows in columns that are as wide as their names and units, or as a number.
+fn print_table(table: &mut TableReader, query: Query, rows: usize, shown: &[usize]) -> Result<()> {
+    const NUMBER: usize = 10;
+    let columns: Vec<Column> = shown.iter().map(|&c| table.columns()[c].clone()).collect();
+    let width = |c: &Column| match c.name.as_str() {
+        "id" | "cell" | "object" | "tiles" => 7,
+        name => NUMBER.max(name.len()).max(c.unit.len() + 2),
+    };
+    let mut out = LongText::default();
+    let line = |cells: Vec<String>| {
+        let padded = columns.iter().zip(cells);
+        let cells: Vec<String> = padded.map(|(c, t)| format!("{t:>0$}", width(c))).collect();
+        format!("{}\n", cells.join(" "))
+    };
+    out.push(&line(columns.iter().map(|c| c.name.clone()).collect()))?;
+    let unit = |c: &Column| match c.unit.as_str() {
+        "" => String::new(),
+        unit => format!("[{unit}]"),
+    };
+    if columns.iter().any(|c| !c.unit.is_empty()) {
+        out.push(&line(columns.iter().map(unit).collect()))?;
+    }
+    // one row more tells that there are more
+    let mut printed = 0;
+    let mut more = false;
+    query.top(rows.checked_add(1)).run(table, |row| {
+        if printed == rows {
+            more = true;
+            return Ok(());
+        }
+        printed += 1;
+        let cells = columns.iter().zip(shown).map(|(column, &c)| {
+            Ok(match row.number(c)? {
+                None => "-".to_string(),
+                Some(v) if column.is_condition() => (if v == 0.0 { "no" } else { "yes" }).into(),
+                Some(v) if v.fract() == 0.0 && v.abs() < 1e15 => format!("{v}"),
+                Some(v) => number(v),
+            })
+        });
+        out.push(&line(cells.collect::<Result<_>>()?))
+    })?;
+    if more {
+        out.push("... (more with --top N; all with --format csv or json)\n")?;
+    }
+    out.finish()
+}
+
+/// A summary for people.
+fn text(summary: &Summary, which: Table) -> String {
+    let percent = |share: f64| format!("{:.2} %", 100.0 * share);
+    let count = output::count(summary.count);
+    let mut rows = vec![
+        (
+            which.name(),
+            if summary.count == summary.of {
+                count
+            } else {
+                format!("{count} of {}", output::count(summary.of))
+            },
+        ),
+        (
+            "at the border",
+            format!(
+                "{} ({})",
+                output::count(summary.border.count),
+                percent(summary.border.share)
+            ),
+        ),
+        ("share of grid", percent(summary.volume_fraction)),
+        ("porosity", percent(summary.porosity)),
+    ];
+    if let Some(median) = summary.sphericity_median {
+        rows.push(("sphericity", format!("{} (median)", number(median))));
+    }
+    let Some(d) = &summary.equivalent_diameter else {
+        return output::table(&rows);
+    };
+    let name = format!("equivalent diameter [{}]", d.unit);
+    let head = ["min", "q1", "median", "q3", "max", "mean", "sd"];
+    let line = |name: &str, values: [String; 7]| {
+        let values = values.map(|v| format!("{v:>9}")).join(" ");
+        format!("{name:13}{values}\n")
+    };
+    let spread = |s: &Spread| [s.min, s.q1, s.median, s.q3, s.max, s.mean, s.sd].map(number);
+    let h = &d.histogram;
+    let doubled: Vec<u64> = h.bins.iter().flat_map(|&n| [n, n]).collect();
+    let bars = chart::draw(
+        &doubled,
+        [h.min, h.max],
+        Some(d.number.median),
+        output::width(),
+    );
+    format!(
+        "{}\n{name}\n{}{}{}\nnumber of {} by equivalent diameter (log scale, median marked)\n{bars}",
+        output::table(&rows),
+        line("", head.map(String::from)),
+        line("by number", spread(&d.number)),
+        line("by volume", spread(&d.volume)),
+        which.name(),
+    )
+}

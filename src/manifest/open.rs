@@ -1,0 +1,125 @@
+//! Reading an index for use: unlike the verifier, which reports all that is wrong, this stops at the
+//! first thing that is.
+
+use crate::error::{Error, Result};
+use crate::grid::{Dims, LATTICE, Tiling};
+use crate::manifest::{FORMAT, FORMAT_VERSION, Layer, Manifest, Shard};
+use serde::de::DeserializeOwned;
+use std::path::{Component, Path, PathBuf};
+
+/// The manifest's name in the directory of a tile set.
+pub const MANIFEST: &str = "index.json";
+
+impl Manifest {
+    /// Reads the manifest of the tile set in `dir` and checks what its readers rely on: format,
+    /// grid, lattice and placement.
+    ///
+    /// # Errors
+    /// [`Error::Io`] if it cannot be read, [`Error::Format`] if it is not a manifest of this format.
+    pub fn open(dir: &Path) -> Result<Manifest> {
+        let path = dir.join(MANIFEST);
+        let bytes = std::fs::read(&path).map_err(|e| Error::io(&path, "read the index", e))?;
+        let value: serde_json::Value = parse(&path, &bytes)?;
+        let (format, version) = (&value["format"], &value["format_version"]);
+        if *format != FORMAT || *version != FORMAT_VERSION {
+            return Err(Error::format(
+                &path,
+                format!("format {format} version {version}"),
+                format!("\"{FORMAT}\" version {FORMAT_VERSION}"),
+            ));
+        }
+        let manifest: Manifest = parse(&path, &bytes)?;
+        manifest.check(&path)?;
+        Ok(manifest)
+    }
+
+    fn check(&self, path: &Path) -> Result<()> {
+        let grid = self.grid;
+        let bad = |found: String, expected: &str| Err(Error::format(path, found, expected));
+        if Dims::new(grid.dims.0.map(u64::from)).is_err() || grid.macrocube.contains(&0) {
+            return bad(
+                format!(
+                    "a grid of {} with macrocubes {:?}",
+                    grid.dims, grid.macrocube
+                ),
+                "2 to 65536 voxels and at least 1 cube per axis",
+            );
+        }
+        if self.lattice != LATTICE {
+            return bad(format!("lattice {}", self.lattice), "256");
+        }
+        let tiles = Tiling {
+            dims: grid.dims,
+            macrocube: grid.macrocube,
+        }
+        .tiles();
+        if self.layers.len() as u64 > u64::from(tiles[2])
+            || !self.layers.windows(2).all(|w| w[0].z < w[1].z)
+        {
+            return bad(
+                format!("{} layers", self.layers.len()),
+                "layers by rising z inside the grid",
+            );
+        }
+        self.placement
+            .check()
+            .or_else(|e| bad(e.to_string(), "a placement that can be"))
+    }
+
+    /// Reads the shard of a layer of the tile set in `dir`.
+    ///
+    /// # Errors
+    /// [`Error::Io`], or [`Error::Format`] if it is not the shard of that layer.
+    pub fn shard(&self, dir: &Path, layer: &Layer) -> Result<Shard> {
+        let path = inside(dir, &layer.path)?;
+        let bytes = std::fs::read(&path).map_err(|e| Error::io(&path, "read the shard", e))?;
+        let shard: Shard = parse(&path, &bytes)?;
+        if shard.z != layer.z {
+            return Err(Error::format(
+                path,
+                format!("layer {}", shard.z),
+                format!("layer {}", layer.z),
+            ));
+        }
+        Ok(shard)
+    }
+}
+
+/// The file at a manifest's relative path.
+///
+/// # Errors
+/// [`Error::Format`] if the path is absolute or leaves the directory.
+pub fn inside(dir: &Path, relative: &str) -> Result<PathBuf> {
+    let path = Path::new(relative);
+    let plain = path.components().all(|c| matches!(c, Component::Normal(_)));
+    if relative.is_empty() || !plain || relative.contains('\\') {
+        return Err(Error::format(
+            dir.join(MANIFEST),
+            format!("the path {relative:?}"),
+            "a relative path inside the directory",
+        ));
+    }
+    Ok(dir.join(path))
+}
+
+fn parse<T: DeserializeOwned>(path: &Path, bytes: &[u8]) -> Result<T> {
+    serde_json::from_slice(bytes)
+        .map_err(|e| Error::format(path, e.to_string(), "a tile set's index"))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn paths_stay_inside() {
+        let dir = Path::new("set");
+        assert_eq!(
+            inside(dir, "tiles/z0/a.glb").unwrap(),
+            Path::new("set/tiles/z0/a.glb")
+        );
+        for bad in ["", "/etc/passwd", "../x", "a/../../x", "a\\..\\b", "./x"] {
+            assert!(inside(dir, bad).is_err(), "{bad}");
+        }
+    }
+}

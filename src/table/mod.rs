@@ -1,0 +1,79 @@
+//! The tables of a tile set: rows of cells, objects or surfaces, conditions on them, and what they
+//! sum up to.
+//!
+//! # Expressions
+//! A condition such as `volume > 0.5 and not touches_border` or a key such as `area / volume` is an
+//! [`Expr`] over the columns of a table:
+//!
+//! | weakest first | |
+//! |---|---|
+//! | `or`, <code>&#124;&#124;</code> | either condition |
+//! | `and`, `&&` | both conditions |
+//! | `not`, `!` | the opposite |
+//! | `<` `<=` `>` `>=` `==` (or `=`) `!=` | comparison of two numbers; they do not chain |
+//! | `+` `-`, then `*` `/` | arithmetic, from left to right |
+//! | `-x` | the negative |
+//! | `x ^ y` | power, from right to left: `-2^2` is -4 |
+//! | `( )`, `abs` `sqrt` `cbrt` `exp` `log` `log10` `min` `max` `missing` | |
+//!
+//! Names are columns, `true` and `false`. `touches_border` is a condition by itself; `==` and `!=`
+//! also compare conditions with each other and with 0 and 1. `log` is the natural logarithm; `min`
+//! and `max` take two values or more.
+//!
+//! A value may be *missing*: the table has none (the mesh volume of an open cell), or the result is
+//! not a finite number (`1 / 0`). Arithmetic with a missing value is missing, **every comparison with
+//! a missing value is false** (`!=` too), and `missing(x)` asks for it. So `not (sphericity < 0.9)`
+//! holds for a cell without a sphericity, and `sphericity >= 0.9` does not.
+
+mod expr;
+mod lex;
+mod parse;
+mod query;
+mod reader;
+mod summary;
+
+pub use expr::{Expr, Kind};
+pub use query::{Query, Selected};
+pub use reader::{Column, Row, TableReader};
+pub use summary::{Border, Distribution, Histogram, Spread, Summary, summarise};
+
+use crate::error::Result;
+use crate::manifest::{Manifest, inside};
+use std::path::Path;
+
+/// One of the tables of a tile set.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub enum Table {
+    /// Cells: connected below voxels.
+    #[default]
+    Cells,
+    /// Objects: connected above voxels.
+    Objects,
+    /// Surfaces: connected triangles.
+    Surfaces,
+}
+
+impl Table {
+    /// `cells`, `objects` or `surfaces`.
+    pub fn name(self) -> &'static str {
+        match self {
+            Table::Cells => "cells",
+            Table::Objects => "objects",
+            Table::Surfaces => "surfaces",
+        }
+    }
+
+    /// Opens the table of the tile set in `dir`.
+    ///
+    /// # Errors
+    /// [`crate::Error::Io`], and [`crate::Error::Format`] if it is not a table.
+    pub fn open(self, dir: &Path, manifest: &Manifest) -> Result<TableReader> {
+        let tables = &manifest.tables;
+        let path = match self {
+            Table::Cells => &tables.cells,
+            Table::Objects => &tables.objects,
+            Table::Surfaces => &tables.surfaces,
+        };
+        TableReader::open(&inside(dir, path)?)
+    }
+}

@@ -1,0 +1,255 @@
+//! `alvis cells` as its users see it: rows chosen, ordered and summed up, and refusals.
+
+mod command;
+
+use command::{alvis, fails, foam_tiles, json, ok};
+use serde_json::Value;
+use std::path::Path;
+
+/// The table as this test reads it: the header's names, and the rows' fields.
+fn csv(dir: &Path, name: &str) -> (Vec<String>, Vec<Vec<String>>) {
+    let text = std::fs::read_to_string(dir.join("tiles").join(name)).unwrap();
+    let mut lines = text
+        .lines()
+        .map(|l| l.split(',').map(String::from).collect());
+    let header: Vec<String> = lines.next().unwrap();
+    let names = header
+        .iter()
+        .map(|h| h.split(" [").next().unwrap().to_string());
+    (names.collect(), lines.collect())
+}
+
+fn ids(value: &Value, key: &str) -> Vec<u64> {
+    let rows = value[key].as_array().unwrap();
+    rows.iter().map(|r| r["id"].as_u64().unwrap()).collect()
+}
+
+#[test]
+fn json_holds_the_tables_of_the_set() {
+    let dir = foam_tiles(&[]);
+    for (option, key) in [
+        (None, "cells"),
+        (Some("--objects"), "objects"),
+        (Some("--surfaces"), "surfaces"),
+    ] {
+        let mut args = vec!["cells", "tiles", "--json"];
+        args.extend(option);
+        let value = json(&ok(dir.path(), &args));
+        let (names, rows) = csv(dir.path(), &format!("{key}.csv"));
+        let columns = value["columns"].as_array().unwrap();
+        let found: Vec<&str> = columns
+            .iter()
+            .map(|c| c["name"].as_str().unwrap())
+            .collect();
+        assert_eq!(found, names);
+        let area = columns.iter().find(|c| c["name"] == "area").unwrap();
+        assert_eq!(area["unit"], "mm^2");
+        assert_eq!(columns[0]["unit"], "");
+        let objects = value[key].as_array().unwrap();
+        assert_eq!(objects.len(), rows.len());
+        for (object, row) in objects.iter().zip(&rows) {
+            for (name, text) in names.iter().zip(row) {
+                match (&object[name], name.as_str()) {
+                    (Value::Null, _) => assert_eq!(text, ""),
+                    (Value::Bool(b), "touches_border") => assert_eq!(*b, text == "1"),
+                    (Value::Number(n), n2) if n2 != "touches_border" => {
+                        assert_eq!(n.as_f64().unwrap(), text.parse::<f64>().unwrap());
+                    }
+                    (other, name) => panic!("{name} is {other}"),
+                }
+            }
+        }
+    }
+}
+
+#[test]
+fn csv_is_the_file_itself() {
+    let dir = foam_tiles(&[]);
+    for (option, name) in [("--objects", "objects.csv"), ("--surfaces", "surfaces.csv")] {
+        let text = ok(dir.path(), &["cells", "tiles", option, "--format", "csv"]);
+        let file = std::fs::read_to_string(dir.path().join("tiles").join(name)).unwrap();
+        assert_eq!(text, file);
+    }
+    let part = ok(
+        dir.path(),
+        &[
+            "cells",
+            "tiles",
+            "--format",
+            "csv",
+            "--columns",
+            "volume,id",
+            "--top",
+            "1",
+        ],
+    );
+    assert!(
+        part.starts_with("volume [mm^3],id\n") && part.ends_with(",1\n"),
+        "{part}"
+    );
+}
+
+#[test]
+fn rows_are_filtered_and_sorted() {
+    let dir = foam_tiles(&[]);
+    let (names, rows) = csv(dir.path(), "cells.csv");
+    let at = |name: &str| names.iter().position(|n| n == name).unwrap();
+    let number = |row: &Vec<String>, name: &str| row[at(name)].parse::<f64>().ok();
+    let expected = |keep: &dyn Fn(&Vec<String>) -> bool, key: &str| -> Vec<u64> {
+        let mut kept: Vec<&Vec<String>> = rows.iter().filter(|r| keep(r)).collect();
+        kept.sort_by(|a, b| number(b, key).partial_cmp(&number(a, key)).unwrap());
+        kept.iter().map(|r| r[0].parse().unwrap()).collect()
+    };
+    let inner = expected(&|r| r[at("touches_border")] == "0", "sphericity");
+    assert!(inner.len() > 3 && inner.len() < rows.len(), "{inner:?}");
+    for args in [
+        &["--where", "not touches_border", "--sort", "-sphericity"][..],
+        &[
+            "--where",
+            "touches_border == false",
+            "--sort",
+            "sphericity",
+            "--descending",
+        ],
+        &[
+            "--where",
+            "!missing(sphericity)",
+            "--sort",
+            "-1 * sphericity",
+        ],
+    ] {
+        let all = [&["cells", "tiles", "--json"], args].concat();
+        assert_eq!(
+            ids(&json(&ok(dir.path(), &all)), "cells"),
+            inner,
+            "{args:?}"
+        );
+        let top = [&all[..], &["--top", "3"]].concat();
+        assert_eq!(
+            ids(&json(&ok(dir.path(), &top)), "cells"),
+            inner[..3],
+            "{args:?}"
+        );
+    }
+    let big = expected(&|r| number(r, "area").unwrap() > 0.3, "volume");
+    let args = [
+        "cells",
+        "tiles",
+        "--json",
+        "--where",
+        "area > 3 / 10",
+        "--sort",
+        "-volume",
+    ];
+    assert_eq!(ids(&json(&ok(dir.path(), &args)), "cells"), big);
+    let none = ["cells", "tiles", "--json", "--where", "volume < 0"];
+    assert_eq!(ids(&json(&ok(dir.path(), &none)), "cells"), [0u64; 0]);
+}
+
+#[test]
+fn a_table_for_people_is_short() {
+    let dir = foam_tiles(&[]);
+    let text = ok(dir.path(), &["cells", "tiles", "--top", "5"]);
+    let lines: Vec<&str> = text.lines().collect();
+    assert_eq!(lines.len(), 2 + 5 + 1, "{text}");
+    assert!(
+        lines[0].contains("sphericity") && lines[1].contains("[mm^3]"),
+        "{text}"
+    );
+    assert!(lines[2].contains("yes") && lines[2].contains('-'), "{text}");
+    assert!(lines[7].starts_with("..."), "{text}");
+    assert!(
+        lines[..7].iter().all(|l| l.len() == lines[0].len()),
+        "{text}"
+    );
+    let surfaces = ok(dir.path(), &["cells", "tiles", "--surfaces"]);
+    assert!(
+        surfaces.contains("triangles") && surfaces.contains("object"),
+        "{surfaces}"
+    );
+}
+
+#[test]
+fn a_summary_agrees_with_the_table_and_the_manifest() {
+    let dir = foam_tiles(&[]);
+    let (names, rows) = csv(dir.path(), "cells.csv");
+    let at = |name: &str| names.iter().position(|n| n == name).unwrap();
+    let column =
+        |name: &str| -> Vec<f64> { rows.iter().map(|r| r[at(name)].parse().unwrap()).collect() };
+    let value = json(&ok(dir.path(), &["cells", "tiles", "--summary", "--json"]));
+    let n = rows.len() as f64;
+    let near = |v: &Value, expected: f64| {
+        let v = v.as_f64().unwrap();
+        assert!(
+            (v - expected).abs() <= 1e-9 * expected.abs(),
+            "{v} {expected}"
+        );
+    };
+    assert_eq!(value["count"], rows.len());
+    let voxels: f64 = column("voxels").iter().sum();
+    near(&value["volume_fraction"], voxels / (40.0 * 36.0 * 32.0));
+    near(&value["porosity"], voxels / (40.0 * 36.0 * 32.0));
+    near(
+        &value["border"]["share"],
+        column("touches_border").iter().sum::<f64>() / n,
+    );
+    let mut d = column("equivalent_diameter");
+    let mean = d.iter().sum::<f64>() / n;
+    let sd = (d.iter().map(|v| (v - mean).powi(2)).sum::<f64>() / n).sqrt();
+    let spread = &value["equivalent_diameter"]["number"];
+    near(&spread["mean"], mean);
+    near(&spread["sd"], sd);
+    let v = column("volume");
+    let weighted = d.iter().zip(&v).map(|(d, v)| d * v).sum::<f64>() / v.iter().sum::<f64>();
+    near(&value["equivalent_diameter"]["volume"]["mean"], weighted);
+    d.sort_by(f64::total_cmp);
+    near(&spread["min"], d[0]);
+    near(&spread["max"], d[d.len() - 1]);
+    assert_eq!(value["equivalent_diameter"]["unit"], "mm");
+    let text = ok(dir.path(), &["cells", "tiles", "--summary"]);
+    for part in ["porosity", "median", "by volume", "█", "▲"] {
+        assert!(text.contains(part), "{part}: {text}");
+    }
+    let none = ["cells", "tiles", "--summary", "--where", "false"];
+    assert!(ok(dir.path(), &none).contains("0 of "));
+    let none = json(&ok(dir.path(), &[&none[..], &["--json"]].concat()));
+    assert_eq!(none["equivalent_diameter"], Value::Null);
+    ok(dir.path(), &["cells", "tiles", "--summary", "--objects"]);
+}
+
+#[test]
+fn refusals_are_one_message() {
+    let dir = foam_tiles(&[]);
+    for (args, part) in [
+        (&["cells", "nothing"][..], "nothing/index.json"),
+        (&["cells", "tiles", "--where", "volme > 1"], "column 1"),
+        (&["cells", "tiles", "--where", "volume >"], "column 9"),
+        (&["cells", "tiles", "--where", "volume"], "a condition"),
+        (&["cells", "tiles", "--sort", "volum"], "volume"),
+        (&["cells", "tiles", "--columns", "id,nope"], "--columns"),
+        (&["cells", "tiles", "--descending"], "--sort"),
+        (&["cells", "tiles", "--objects", "--surfaces"], "--surfaces"),
+        (&["cells", "tiles", "--summary", "--surfaces"], "--surfaces"),
+        (&["cells", "tiles", "--summary", "--format", "csv"], "csv"),
+    ] {
+        let message = fails(dir.path(), args);
+        assert!(message.contains(part), "{args:?}: {message}");
+    }
+    let path = dir.path().join("tiles/cells.csv");
+    let good = std::fs::read_to_string(&path).unwrap();
+    let line = good.lines().count();
+    std::fs::write(
+        &path,
+        good.trim_end().trim_end_matches(|c| c != ',').to_string() + "x,1\n",
+    )
+    .unwrap();
+    let message = fails(dir.path(), &["cells", "tiles", "--json"]);
+    assert!(message.contains(&format!("line {line}")), "{message}");
+    std::fs::remove_file(&path).unwrap();
+    assert!(fails(dir.path(), &["cells", "tiles"]).contains("cells.csv"));
+    let manifest = dir.path().join("tiles/index.json");
+    let text = std::fs::read_to_string(&manifest).unwrap();
+    std::fs::write(&manifest, text.replace("\"cells.csv\"", "\"../cells.csv\"")).unwrap();
+    assert!(fails(dir.path(), &["cells", "tiles"]).contains("inside the directory"));
+    assert_eq!(alvis(dir.path(), &["cells"]).status.code(), Some(2));
+}
