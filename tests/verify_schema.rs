@@ -62,6 +62,7 @@ fn manifest() -> Manifest {
         cap: true,
         primitives: Primitives::Triangles,
         selection: None,
+        dust: None,
         lattice: 256,
         transform: placement.gltf_matrix(),
         totals: Totals {

@@ -39,6 +39,9 @@ pub struct Manifest {
     pub ambiguous: Ambiguous,
     /// True if the surface is closed half a voxel outside the volume's faces.
     pub cap: bool,
+    /// What was left out as dust, if anything was to be.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub dust: Option<Dust>,
     /// Kind of every primitive in every tile.
     pub primitives: Primitives,
     /// Lattice steps per voxel: 256.
@@ -148,6 +151,21 @@ pub struct Source {
     pub crop: Option<Crop>,
     /// Where spacing, unit and origin came from.
     pub provenance: Provenance,
+}
+
+/// Components that were left out and filled with the other phase, since they have few voxels.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+pub struct Dust {
+    /// Components of fewer voxels were left out.
+    pub min_voxels: u64,
+    /// Number of objects left out.
+    pub objects: u64,
+    /// Their voxels.
+    pub object_voxels: u64,
+    /// Number of cells left out, counted after the objects were filled.
+    pub cells: u64,
+    /// Their voxels.
+    pub cell_voxels: u64,
 }
 
 /// Where a value came from.

@@ -2,6 +2,7 @@
 
 mod band;
 mod budget;
+mod dust;
 mod finish;
 mod forward;
 mod options;
@@ -22,7 +23,7 @@ pub use tables::{COMPONENT_COLUMNS, SURFACE_COLUMNS, unit_text};
 use crate::error::{Error, Result};
 use crate::grid::{Dims, LATTICE, Tiling};
 use crate::manifest::{
-    FORMAT, FORMAT_VERSION, Generator, GridInfo, Layer, Manifest, Source, Tables, Totals,
+    Dust, FORMAT, FORMAT_VERSION, Generator, GridInfo, Layer, Manifest, Source, Tables, Totals,
 };
 use crate::progress::Progress;
 use crate::tile::TileHead;
@@ -155,12 +156,14 @@ fn make(
         threshold: options.threshold,
         rule: options.ambiguous,
         cap: options.cap,
+        min_voxels: options.min_voxels,
         writer: &writer,
         work,
         progress,
     };
     let forward = sweep.run()?;
     let mut totals = forward_totals(&forward);
+    let dust = dust(options, &forward);
     let (slabs, mut spool, mut resolved) = resolve(forward, plan.limit / 8, work)?;
     progress.begin("index", slabs.len() as u64);
     let settings = FinishSettings {
@@ -191,7 +194,10 @@ fn make(
     for warning in &warnings {
         progress.warn(warning);
     }
-    let manifest = manifest(volume, grid, options, plan, totals, layers);
+    let manifest = Manifest {
+        dust,
+        ..manifest(volume, grid, options, plan, totals, layers)
+    };
     let mut json = serde_json::to_vec_pretty(&manifest).expect("plain data serialises");
     json.push(b'\n');
     write_file(&work.join("index.json"), &[&json])?;
@@ -226,6 +232,18 @@ fn remove_empty_layer_directories(work: &Path, tiling: Tiling, layers: &[Layer])
         std::fs::remove_dir(&dir).map_err(|e| Error::io(&dir, "remove the directory", e))?;
     }
     Ok(())
+}
+
+/// What was left out, if that was asked for.
+fn dust(options: &ConvertOptions, forward: &Forward) -> Option<Dust> {
+    let [objects, cells] = forward.dust;
+    (options.min_voxels > 1).then_some(Dust {
+        min_voxels: options.min_voxels,
+        objects: objects.0,
+        object_voxels: objects.1,
+        cells: cells.0,
+        cell_voxels: cells.1,
+    })
 }
 
 /// The totals that the forward sweep knows.
@@ -355,6 +373,7 @@ fn manifest(
         threshold: options.threshold,
         ambiguous: options.ambiguous,
         cap: options.cap,
+        dust: None,
         primitives: options.primitives,
         lattice: LATTICE,
         transform: placement.gltf_matrix(),

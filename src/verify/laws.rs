@@ -125,7 +125,9 @@ fn totals(manifest: &Manifest, found: &Found, issues: &mut Issues) {
         pairs.push(("objects", regions, 1));
     }
     if let Some(voxels) = &found.voxels {
-        pairs.push(("voxels_above", wide(t.voxels_above), wide(voxels.above)));
+        if manifest.dust.is_none() {
+            pairs.push(("voxels_above", wide(t.voxels_above), wide(voxels.above)));
+        }
         pairs.push(("voxels_nan", wide(t.voxels_nan), wide(voxels.nan)));
     }
     for (name, stated, sum) in pairs {
