@@ -14,6 +14,7 @@ mod output;
 mod parse;
 mod phantom;
 mod progress;
+mod select;
 mod verify;
 
 use crate::error::Result;
@@ -53,6 +54,7 @@ enum Command {
     Convert(convert::ConvertArgs),
     Verify(verify::VerifyArgs),
     Cells(cells::CellsArgs),
+    Select(select::SelectArgs),
     Phantom(phantom::PhantomArgs),
     Completions(generate::CompletionsArgs),
     Man(generate::ManArgs),
@@ -66,6 +68,7 @@ impl Command {
             Command::Convert(args) => args.run(),
             Command::Verify(args) => args.run(),
             Command::Cells(args) => args.run(),
+            Command::Select(args) => args.run(),
             Command::Phantom(args) => args.run(),
             Command::Completions(args) => args.run(),
             Command::Man(args) => args.run(),
