@@ -10,6 +10,7 @@ mod mesh;
 pub mod phantom;
 mod picture;
 pub mod pipeline;
+pub mod preview;
 pub mod progress;
 mod segment;
 pub mod select;

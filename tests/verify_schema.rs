@@ -2,8 +2,9 @@
 
 use alvis::grid::{Ambiguous, Crop, Dims, Placement, Unit};
 use alvis::manifest::{
-    Bounds, FORMAT, FORMAT_VERSION, Generator, GridInfo, Group, Layer, Manifest, Primitives,
-    Provenance, Shard, Source, Tables, TileEntry, Totals, checksum_text,
+    Bounds, ColourBy, FORMAT, FORMAT_VERSION, Generator, GridInfo, Group, Layer, Manifest, Paint,
+    Primitives, Provenance, Selection, Shard, Source, Tables, TileEntry, Totals, WholeTotals,
+    checksum_text,
 };
 use alvis::verify::{Code, Issue, Report, Severity};
 use alvis::volume::{Dtype, Endian};

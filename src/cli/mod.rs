@@ -13,6 +13,7 @@ mod info;
 mod output;
 mod parse;
 mod phantom;
+mod preview;
 mod progress;
 mod select;
 mod verify;
@@ -55,6 +56,7 @@ enum Command {
     Verify(verify::VerifyArgs),
     Cells(cells::CellsArgs),
     Select(select::SelectArgs),
+    Preview(preview::PreviewArgs),
     Phantom(phantom::PhantomArgs),
     Completions(generate::CompletionsArgs),
     Man(generate::ManArgs),
@@ -69,6 +71,7 @@ impl Command {
             Command::Verify(args) => args.run(),
             Command::Cells(args) => args.run(),
             Command::Select(args) => args.run(),
+            Command::Preview(args) => args.run(),
             Command::Phantom(args) => args.run(),
             Command::Completions(args) => args.run(),
             Command::Man(args) => args.run(),

@@ -70,11 +70,11 @@ fn paint(text: &str) -> Result<PaintRule, String> {
     })
 }
 
-fn map(text: &str) -> Result<Map, String> {
+pub fn map(text: &str) -> Result<Map, String> {
     Map::named(text).map_err(|_| format!("expected {}", Map::names().join(", ")))
 }
 
-fn range(text: &str) -> Result<[f64; 2], String> {
+pub fn range(text: &str) -> Result<[f64; 2], String> {
     const EXPECTED: &str = "expected two different finite numbers, as in 0:2.5";
     let (a, b) = text.split_once(':').ok_or(EXPECTED)?;
     let numbers = [a, b].map(|t| t.trim().parse::<f64>().ok().filter(|v| v.is_finite()));

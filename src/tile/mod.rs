@@ -37,7 +37,7 @@ mod glb;
 mod json;
 mod merged;
 pub(crate) mod part;
-mod pieces;
+pub(crate) mod pieces;
 pub mod read;
 
 pub(crate) use body::{Body, BodyPiece, group_body};
