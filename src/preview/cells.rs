@@ -102,7 +102,7 @@ fn seeds(
                 if low == high || x >= slice.size[0] || y >= slice.size[1] {
                     continue;
                 }
-                if !(slice.value([x, y]) >= manifest.threshold) {
+                if !slice.above([x, y], manifest.threshold) {
                     cells[y as usize * slice.size[0] as usize + x as usize] = piece.ids.cell;
                 }
             }
@@ -135,7 +135,8 @@ fn flood(manifest: &Manifest, slice: &Slice, cells: &mut [u64]) {
                 continue;
             }
             let n = (v * width + u) as usize;
-            if cells[n] == 0 && !(slice.values[n] >= manifest.threshold) {
+            let above = slice.above([u as u32, v as u32], manifest.threshold);
+            if cells[n] == 0 && !above {
                 cells[n] = cells[i];
                 open.push(n);
             }

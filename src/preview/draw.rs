@@ -52,12 +52,12 @@ pub fn contour(picture: &mut Picture, slice: &Slice, (t, rule): (f64, Ambiguous)
     for y in 0..slice.size[1].saturating_sub(1) {
         for x in 0..slice.size[0].saturating_sub(1) {
             let corners = [[x, y], [x + 1, y], [x + 1, y + 1], [x, y + 1]];
-            for [a, b] in segments(corners.map(|c| slice.value(c) >= t), rule) {
+            for [a, b] in segments(corners.map(|c| slice.above(c, t)), rule) {
                 let [a, b] = [a, b].map(|edge| {
                     crossing(slice, [corners[edge], corners[(edge + 1) % 4]], t)
                         .map(|v| (v + 0.5) * f64::from(scale))
                 });
-                line(picture, a, b, if scale >= 6 { 1 } else { 0 });
+                line(picture, a, b, u32::from(scale >= 4));
             }
         }
     }
@@ -120,8 +120,8 @@ fn rim(picture: &mut Picture, slice: &Slice, t: f64) {
                 [x, y.wrapping_sub(1)],
                 [x, y + 1],
             ];
-            let below = |n: &[u32; 2]| n[0] < width && n[1] < height && !(slice.value(*n) >= t);
-            if slice.value([x, y]) >= t && beside.iter().any(below) {
+            let below = |n: &[u32; 2]| n[0] < width && n[1] < height && !slice.above(*n, t);
+            if slice.above([x, y], t) && beside.iter().any(below) {
                 picture.set([x, y], LINE);
             }
         }

@@ -78,6 +78,11 @@ impl Slice {
         self.values[y as usize * self.size[0] as usize + x as usize]
     }
 
+    /// True if a voxel is above a threshold; NaN is below.
+    pub fn above(&self, voxel: [u32; 2], threshold: f64) -> bool {
+        self.value(voxel) >= threshold
+    }
+
     /// The 0.5th and 99.5th percentile of its finite samples.
     pub fn window(&self) -> Option<[f64; 2]> {
         let mut finite: Vec<f64> = self

@@ -16,7 +16,7 @@ pub const FILE: &str = "legend.png";
 pub fn write(path: &Path, legend: &ColourBy) -> Result<()> {
     const INK: [u8; 3] = [32, 32, 32];
     const BAR: [u32; 2] = [512, 40];
-    const MARGIN: u32 = 48;
+    const MARGIN: u32 = 80;
     let map = Map::named(&legend.map)?;
     let mut picture = Picture::new([BAR[0] + 2 * MARGIN, BAR[1] + 88], [255; 3]);
     let title = match legend.unit.as_str() {

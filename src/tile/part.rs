@@ -2,7 +2,7 @@
 
 use super::body::write_indices;
 use super::document::{
-    ARRAY_BUFFER, ELEMENT_ARRAY_BUFFER, UNSIGNED_INT, UNSIGNED_SHORT, accessors, coordinate,
+    ARRAY_BUFFER, ELEMENT_ARRAY_BUFFER, FLOAT, UNSIGNED_INT, UNSIGNED_SHORT, accessors, coordinate,
     geometry_views, material, write_head,
 };
 use super::glb::{Fault, Glb, ReadError, fail};
@@ -14,6 +14,9 @@ use crate::strip::append_strip;
 use bytemuck::Zeroable;
 use serde_json::{Value, json};
 use std::collections::BTreeMap;
+
+/// glTF's component type of vertex colours.
+const UNSIGNED_BYTE: u32 = 5121;
 
 /// A colour as screens have it: sRGB, red first.
 pub type Rgb = [u8; 3];
@@ -204,68 +207,42 @@ impl Source<'_> {
     fn merged(&self, kept: &Kept, measured: &[PartPiece]) -> Result<(Vec<u8>, u64), ReadError> {
         let mut doc = self.document()?;
         let vertices: usize = kept.iter().map(|(_, p, _)| p.positions.len()).sum();
-        let mut bin = Bin::default();
-        let positions = kept.iter().flat_map(|(_, p, _)| p.positions.iter());
-        bin.push(positions.flat_map(vec3), Some(12), Some(ARRAY_BUFFER));
-        let normals = kept.iter().flat_map(|(_, p, _)| p.normals.iter());
-        bin.push(normals.flat_map(vec3), Some(12), Some(ARRAY_BUFFER));
         let indices = joined(kept, self.primitives);
         let wide = vertices > 65_535;
-        let target = Some(ELEMENT_ARRAY_BUFFER);
-        match wide {
-            true => bin.push(indices.iter().flat_map(|i| i.to_le_bytes()), None, target),
-            false => {
-                let narrow = indices.iter().flat_map(|i| (*i as u16).to_le_bytes());
-                bin.push(narrow, None, target)
-            }
-        };
-        let per_vertex = |(i, (_, p, _)): (usize, &(usize, Piece, Option<Rgb>))| {
-            std::iter::repeat_n((i as f32).to_le_bytes(), p.positions.len())
-        };
-        let features = kept.iter().enumerate().flat_map(per_vertex).flatten();
-        bin.push(features, None, Some(ARRAY_BUFFER));
+        let width = if wide { UNSIGNED_INT } else { UNSIGNED_SHORT };
+        let mut bin = Bin::default();
+        bin.push_geometry(kept, &indices, wide);
         self.columns(&mut doc, kept, &mut bin)?;
-        let painted = kept.iter().any(|(_, _, c)| c.is_some());
-        let primitive = &mut doc["meshes"][0]["primitives"][0];
-        let mut attributes = json!({"POSITION": 0, "NORMAL": 1, "_FEATURE_ID_0": 3});
-        if painted {
-            attributes["COLOR_0"] = 4.into();
-        }
-        primitive["attributes"] = attributes;
-        primitive["indices"] = 2.into();
-        primitive["material"] = 0.into();
-        primitive["extensions"]["EXT_mesh_features"]["featureIds"][0]["featureCount"] =
-            kept.len().into();
+        let accessor = |view: usize, kind: u32, count: usize, shape: &str| json!({"bufferView": view, "byteOffset": 0, "componentType": kind, "count": count, "type": shape});
+        let mut list = vec![
+            accessor(0, FLOAT, vertices, "VEC3"),
+            accessor(1, FLOAT, vertices, "VEC3"),
+            accessor(2, width, indices.len(), "SCALAR"),
+            accessor(3, FLOAT, vertices, "SCALAR"),
+        ];
         let bound = |which: usize, pick: fn(i32, i32) -> i32| -> [f32; 3] {
             let all = measured.iter().map(|p| p.bounds[which]);
             let folded = all.reduce(|a, b| std::array::from_fn(|i| pick(a[i], b[i])));
             folded.unwrap_or_default().map(coordinate)
         };
-        let accessor = |view: usize, kind: u32, count: usize, shape: &str| json!({"bufferView": view, "byteOffset": 0, "componentType": kind, "count": count, "type": shape});
-        let mut list = vec![
-            accessor(0, super::document::FLOAT, vertices, "VEC3"),
-            accessor(1, super::document::FLOAT, vertices, "VEC3"),
-            accessor(
-                2,
-                if wide { UNSIGNED_INT } else { UNSIGNED_SHORT },
-                indices.len(),
-                "SCALAR",
-            ),
-            accessor(3, super::document::FLOAT, vertices, "SCALAR"),
-        ];
         list[0]["min"] = json!(bound(0, i32::min));
         list[0]["max"] = json!(bound(1, i32::max));
+        let mut attributes = json!({"POSITION": 0, "NORMAL": 1, "_FEATURE_ID_0": 3});
         let mut plain = material();
-        if painted {
-            let colours = kept.iter().flat_map(|(_, p, colour)| {
-                std::iter::repeat_n(vertex_colour(*colour), p.positions.len())
-            });
-            let view = bin.push(colours.flatten(), Some(4), Some(ARRAY_BUFFER));
-            let mut colour = accessor(view, 5121, vertices, "VEC4");
+        if kept.iter().any(|(_, _, c)| c.is_some()) {
+            let mut colour = accessor(bin.push_colours(kept), UNSIGNED_BYTE, vertices, "VEC4");
             colour["normalized"] = true.into();
+            attributes["COLOR_0"] = list.len().into();
             list.push(colour);
+            // vertex colours multiply the factor
             plain["pbrMetallicRoughness"]["baseColorFactor"] = json!([1.0, 1.0, 1.0, 1.0]);
         }
+        let primitive = &mut doc["meshes"][0]["primitives"][0];
+        primitive["attributes"] = attributes;
+        primitive["indices"] = 2.into();
+        primitive["material"] = 0.into();
+        primitive["extensions"]["EXT_mesh_features"]["featureIds"][0]["featureCount"] =
+            kept.len().into();
         doc["materials"] = json!([plain]);
         doc["accessors"] = list.into();
         doc["bufferViews"] = bin.views.into();
@@ -277,7 +254,11 @@ impl Source<'_> {
     fn columns(&self, doc: &mut Value, kept: &Kept, bin: &mut Bin) -> Result<(), ReadError> {
         const AT: &str = "/extensions/EXT_structural_metadata/propertyTables/0";
         let views = doc["bufferViews"].take();
-        let table = &mut doc["extensions"]["EXT_structural_metadata"]["propertyTables"][0];
+        let tables = &mut doc["extensions"]["EXT_structural_metadata"]["propertyTables"];
+        if tables.as_array().map(Vec::len) != Some(1) {
+            return fail(Fault::Structure, AT, "expected one property table");
+        }
+        let table = &mut tables[0];
         let count = table["count"].as_u64().unwrap_or(0) as usize;
         table["count"] = kept.len().into();
         let Some(properties) = table["properties"].as_object_mut() else {
@@ -335,6 +316,35 @@ impl Bin {
         self.views.push(view);
         self.bytes.resize(self.bytes.len().next_multiple_of(8), 0);
         self.views.len() - 1
+    }
+}
+
+impl Bin {
+    /// Views 0 to 3: positions, normals, indices, and the row of each vertex.
+    fn push_geometry(&mut self, kept: &Kept, indices: &[u32], wide: bool) {
+        let positions = kept.iter().flat_map(|(_, p, _)| p.positions.iter());
+        self.push(positions.flat_map(vec3), Some(12), Some(ARRAY_BUFFER));
+        let normals = kept.iter().flat_map(|(_, p, _)| p.normals.iter());
+        self.push(normals.flat_map(vec3), Some(12), Some(ARRAY_BUFFER));
+        let target = Some(ELEMENT_ARRAY_BUFFER);
+        if wide {
+            self.push(indices.iter().flat_map(|i| i.to_le_bytes()), None, target);
+        } else {
+            let narrow = indices.iter().flat_map(|i| (*i as u16).to_le_bytes());
+            self.push(narrow, None, target);
+        }
+        let rows = kept.iter().enumerate().flat_map(|(i, (_, p, _))| {
+            std::iter::repeat_n((i as f32).to_le_bytes(), p.positions.len())
+        });
+        self.push(rows.flatten(), None, Some(ARRAY_BUFFER));
+    }
+
+    /// The colour of each vertex; returns the view.
+    fn push_colours(&mut self, kept: &Kept) -> usize {
+        let colours = kept.iter().flat_map(|(_, p, colour)| {
+            std::iter::repeat_n(vertex_colour(*colour), p.positions.len())
+        });
+        self.push(colours.flatten(), Some(4), Some(ARRAY_BUFFER))
     }
 }
 
