@@ -68,6 +68,19 @@ pub enum Error {
         /// What else would help, or empty.
         hint: String,
     },
+    /// The volume turned out to have so much surface, or so many components, that the memory limit
+    /// cannot be kept.
+    #[error(
+        "--memory: the volume is denser than planned: {limit} bytes are too few, at least {needed} \
+         bytes are needed: raise the limit, or use fewer --threads, smaller --macrocubes or a \
+         smoother volume"
+    )]
+    TooDense {
+        /// The limit that was asked for, in bytes.
+        limit: u64,
+        /// A lower bound of what is needed, in bytes.
+        needed: u64,
+    },
     /// The output directory holds something already.
     #[error("{}: the directory is not empty: give --force to replace the tile set in it, or another directory", path.display())]
     OutputExists {

@@ -10,7 +10,10 @@ mod tile;
 mod vertex;
 mod vertices;
 
-pub use tile::{BYTES_PER_TRIANGLE, BandView, MeshSettings, TileBox, TileMesh, TileMesher};
+pub use tile::{
+    BYTES_PER_CUBE, BYTES_PER_TRIANGLE, BandView, MeshSettings, TileBox, TileMesh, TileMesher,
+    tile_bytes,
+};
 
 #[cfg(test)]
 mod tests;

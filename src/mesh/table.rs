@@ -229,7 +229,13 @@ fn triangulate(case: u8, edges: &[u8]) -> Vec<[u8; 3]> {
     best.1.into_iter().map(|t| t.map(|i| edges[i])).collect()
 }
 
-fn build_case(case: u8, rule: Ambiguous) -> Case {
+/// The triangles of a case. Joining is separating the complement and turning each triangle round:
+/// so a volume and its negative have the same surface, down to where quadrilaterals are cut.
+fn triangles_of(case: u8, rule: Ambiguous) -> Vec<[u8; 3]> {
+    if rule == Ambiguous::Join {
+        let turned = triangles_of(!case, Ambiguous::Separate).into_iter();
+        return turned.map(|[a, b, c]| [a, c, b]).collect();
+    }
     let segments: Vec<Segment> = (0..6).flat_map(|f| face_segments(case, f, rule)).collect();
     let mut triangles: Vec<[u8; 3]> = Vec::new();
     let mut used = vec![false; segments.len()];
@@ -244,6 +250,12 @@ fn build_case(case: u8, rule: Ambiguous) -> Case {
         }
         triangles.extend(triangulate(case, &edges));
     }
+    triangles
+}
+
+fn build_case(case: u8, rule: Ambiguous) -> Case {
+    let segments: Vec<Segment> = (0..6).flat_map(|f| face_segments(case, f, rule)).collect();
+    let triangles = triangles_of(case, rule);
     let mut out = Case {
         triangles: triangles.len() as u8,
         edges: [[0; 3]; MAX_TRIANGLES],

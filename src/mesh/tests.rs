@@ -6,7 +6,7 @@ use crate::grid::{Ambiguous, Dims, Placement, Tiling};
 use crate::measure::AreaScale;
 use crate::segment::{
     BandEdges, Births, Classes, LocalComponent, PhaseBirths, Runs, UnionFind, add_border_euler,
-    label,
+    label_runs, sum_voxels,
 };
 use crate::slab::{Bits, Span, Voxels};
 use crate::volume::MemoryVolume;
@@ -140,9 +140,6 @@ impl Case {
             rule: self.rule,
             cap: self.cap,
             area: AreaScale::new([1.0; 3]),
-            budget: 1 << 30,
-            limit: 1 << 30,
-            threads: 1,
         };
         let mut slabs = Vec::new();
         let mut pieces = Vec::new();
@@ -163,13 +160,9 @@ impl Case {
                 bits.classify(&voxels, span, Some(100));
                 let mut runs = Runs::default();
                 runs.number(&bits);
-                let mut labels = label(
-                    &bits,
-                    &runs,
-                    self.rule,
-                    self.dims,
-                    &mut UnionFind::default(),
-                );
+                let (of_run, count) =
+                    label_runs(&bits, &runs, self.rule, &mut UnionFind::default());
+                let mut labels = sum_voxels(&bits, of_run, count, self.dims);
                 add_border_euler(&bits, &runs, &mut labels, self.rule, self.dims);
                 bands.push((voxels, bits, runs, labels));
             }
@@ -196,9 +189,7 @@ impl Case {
                         class_of_run: &class_of_run,
                     };
                     let mut mesh = TileMesh::default();
-                    TileMesher::default()
-                        .mesh(&view, &tile, &settings, &mut mesh)
-                        .unwrap();
+                    TileMesher::default().mesh(&view, &tile, &settings, &mut mesh);
                     check_mates(&mesh);
                     pieces.push((slabs.len(), mesh));
                 }

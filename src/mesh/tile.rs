@@ -1,6 +1,5 @@
 //! The mesh of one tile, grouped by surface piece.
 
-use crate::error::{Error, Result};
 use crate::grid::{Ambiguous, Dims, Tiling};
 use crate::measure::AreaScale;
 use crate::mesh::cap::add_caps;
@@ -12,8 +11,43 @@ use crate::segment::Runs;
 use crate::slab::{Bits, Voxels};
 use crate::volume::Voxel;
 
-/// Bytes of buffers per triangle of a tile while it is made.
-pub const BYTES_PER_TRIANGLE: u64 = 110;
+/// Bytes of buffers per triangle of a tile while it is made: about 110 are used, and buffers grow
+/// in steps.
+pub const BYTES_PER_TRIANGLE: u64 = 140;
+
+/// Bytes of buffers for each cube of a tile, surface or not.
+pub const BYTES_PER_CUBE: f64 = 1.5;
+
+/// Bytes of buffers for making a tile, from its bits alone: there are about two triangles to a
+/// crossed edge.
+pub fn tile_bytes(bits: &Bits, tile: &TileBox) -> u64 {
+    let cubes: f64 = tile.cubes.iter().map(|&c| f64::from(c)).product();
+    2 * count_crossed(bits, tile) * BYTES_PER_TRIANGLE + (cubes * BYTES_PER_CUBE) as u64
+}
+
+/// Crossed edges in the words of the band that a tile touches; a few beyond its sides included.
+fn count_crossed(bits: &Bits, tile: &TileBox) -> u64 {
+    let words = tile.first_cube[0] as usize / 64
+        ..((tile.first_cube[0] + tile.cubes[0]) as usize / 64 + 1).min(bits.row_words);
+    let y0 = (tile.first_cube[1] - bits.span.y.start) as usize;
+    let z0 = (tile.first_cube[2] - bits.span.z.start) as usize;
+    let mut count = 0;
+    for z in z0..=z0 + tile.cubes[2] as usize {
+        for y in y0..=y0 + tile.cubes[1] as usize {
+            let row = &bits.row(z, y)[words.clone()];
+            let next_y = &bits.row(z, (y + 1).min(bits.span.rows() - 1))[words.clone()];
+            let next_z = &bits.row((z + 1).min(bits.span.slices() - 1), y)[words.clone()];
+            for (w, &word) in row.iter().enumerate() {
+                let crossed = [word ^ (word >> 1), word ^ next_y[w], word ^ next_z[w]];
+                count += crossed
+                    .iter()
+                    .map(|c| u64::from(c.count_ones()))
+                    .sum::<u64>();
+            }
+        }
+    }
+    count
+}
 
 /// The cubes of one tile.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -117,16 +151,13 @@ pub struct TileMesher {
 
 impl TileMesher {
     /// Meshes one tile into `out`; reuses its memory. True if the tile has any surface.
-    ///
-    /// # Errors
-    /// [`Error::Memory`] if the tile's surface needs more than the budget.
     pub fn mesh<T: Voxel>(
         &mut self,
         view: &BandView<T>,
         tile: &TileBox,
         settings: &MeshSettings,
         out: &mut TileMesh,
-    ) -> Result<bool> {
+    ) -> bool {
         out.pieces.clear();
         out.positions.clear();
         out.normals.clear();
@@ -134,13 +165,12 @@ impl TileMesher {
         out.mates.clear();
         self.edges.find(view.bits, tile);
         if self.edges.count > 0 {
-            settings.check_budget(self.edges.count)?;
             self.mesh_open(view, tile, settings, out);
         }
         if settings.cap {
             add_caps(view, tile, settings, out);
         }
-        Ok(!out.pieces.is_empty())
+        !out.pieces.is_empty()
     }
 
     /// The surface inside the volume.
@@ -243,30 +273,6 @@ pub struct MeshSettings {
     pub cap: bool,
     /// Scale of areas.
     pub area: AreaScale,
-    /// Bytes that the buffers of one tile may take.
-    pub budget: u64,
-    /// The whole conversion's limit, for the message that refuses a tile.
-    pub limit: u64,
-    /// Tiles that are made at once.
-    pub threads: u64,
-}
-
-impl MeshSettings {
-    /// Refuses a tile whose vertices and the triangles between them would not fit the budget.
-    fn check_budget(&self, vertices: u32) -> Result<()> {
-        let needed = 2 * u64::from(vertices) * BYTES_PER_TRIANGLE;
-        if needed <= self.budget {
-            return Ok(());
-        }
-        Err(Error::Memory {
-            limit: self.limit,
-            needed: self.limit + (needed - self.budget) * self.threads,
-            hint:
-                "a tile with a very dense surface needs it; smaller macrocubes, a smoother volume \
-                   or fewer threads need less"
-                    .into(),
-        })
-    }
 }
 
 /// Adds up volume and area of a piece's triangles.

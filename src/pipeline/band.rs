@@ -2,9 +2,13 @@
 
 use crate::error::Result;
 use crate::grid::{Ambiguous, Dims, Tiling};
-use crate::segment::{BandEdges, Labels, Runs, UnionFind, add_border_euler, label};
+use crate::pipeline::budget::{Budget, Reservation};
+use crate::segment::{
+    BandEdges, Labels, LocalComponent, Runs, UnionFind, add_border_euler, label_runs, sum_voxels,
+};
 use crate::slab::{Bits, Span, Voxels};
 use crate::volume::{Volume, Voxel};
+use std::sync::Arc;
 
 /// Everything about a band; its buffers are reused from slab to slab.
 #[derive(Debug, Default)]
@@ -23,6 +27,8 @@ pub struct Band<T> {
     pub nan: u64,
     /// Scratch of the labelling.
     pub sets: UnionFind,
+    /// The memory of all this.
+    pub held: Reservation,
 }
 
 /// What bands are made from.
@@ -36,6 +42,8 @@ pub struct BandSource<'a, T> {
     pub rule: Ambiguous,
     /// The macrocubes.
     pub tiling: Tiling,
+    /// Where the bands' memory is taken from.
+    pub budget: &'a Arc<Budget>,
 }
 
 impl<T: Voxel> BandSource<'_, T> {
@@ -53,24 +61,39 @@ impl<T: Voxel> BandSource<'_, T> {
         self.tiling.dims
     }
 
+    /// An empty band.
+    pub fn band(&self) -> Band<T>
+    where
+        T: Default,
+    {
+        Band {
+            held: Reservation::new(self.budget),
+            ..Band::default()
+        }
+    }
+
     /// Fills `band` with band `ty` of layer `tz`.
     ///
     /// # Errors
-    /// Those of [`Volume::read_box`].
+    /// Those of [`Volume::read_box`]; [`crate::Error::TooDense`] if the band is too dense for what is
+    /// left of the budget.
     pub fn prepare(&self, ty: u32, tz: u32, band: &mut Band<T>) -> Result<()> {
         let span = self.span(ty, tz);
-        band.voxels
-            .load(self.volume, span.with_neighbours(self.dims()))?;
+        let samples = span.with_neighbours(self.dims());
+        let words = (span.nx as usize).div_ceil(64) * span.rows() * span.slices();
+        let fixed = (samples.voxels() * size_of::<T>() + words * 12) as u64;
+        band.held.grow_to(fixed)?;
+        band.voxels.load(self.volume, samples)?;
         band.nan = count_nan(&band.voxels, &span);
         band.bits.classify(&band.voxels, span, self.ceil);
         band.runs.number(&band.bits);
-        band.labels = label(
-            &band.bits,
-            &band.runs,
-            self.rule,
-            self.dims(),
-            &mut band.sets,
-        );
+        // a set and a label for each run, and the labels of the outer rows and slices
+        let labels = band.runs.count as u64 * 8 * 11 / 10;
+        band.held.grow_to(fixed + labels)?;
+        let (of_run, count) = label_runs(&band.bits, &band.runs, self.rule, &mut band.sets);
+        let components = (count * size_of::<LocalComponent>()) as u64;
+        band.held.grow_to(fixed + labels + components)?;
+        band.labels = sum_voxels(&band.bits, of_run, count, self.dims());
         add_border_euler(
             &band.bits,
             &band.runs,

@@ -1,6 +1,7 @@
 //! The conversion, in the order of its stages.
 
 mod band;
+mod budget;
 mod finish;
 mod forward;
 mod options;
@@ -9,8 +10,10 @@ mod plan;
 mod resolve;
 mod spool;
 mod surfaces;
+mod sweep;
 mod tables;
 mod tilefile;
+mod workspace;
 
 pub use options::{ConvertOptions, ConvertReport};
 use plan::{Plan, plan};
@@ -25,12 +28,13 @@ use crate::progress::Progress;
 use crate::tile::TileHead;
 use crate::volume::{Cropped, Volume};
 use finish::{FinishSettings, finish_layer};
-use forward::{Forward, SlabRecord, Sweep};
+use forward::{Forward, SlabRecord};
 use output::Output;
 use resolve::{Resolved, resolve};
 use spool::Spool;
 use std::path::Path;
 use std::time::Instant;
+use sweep::Sweep;
 use tilefile::{TileWriter, write_file};
 
 /// Converts a volume to a tile set in the directory `out`.

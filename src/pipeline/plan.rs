@@ -2,7 +2,7 @@
 
 use crate::error::{Error, Result};
 use crate::grid::{Dims, Tiling};
-use crate::mesh::BYTES_PER_TRIANGLE;
+use crate::mesh::{BYTES_PER_CUBE, BYTES_PER_TRIANGLE};
 use crate::pipeline::ConvertOptions;
 use crate::slab::Span;
 use crate::volume::Volume;
@@ -34,8 +34,8 @@ pub struct Plan {
     pub memory: u64,
     /// The limit asked for, in bytes.
     pub limit: u64,
-    /// Bytes that all buffers of the threads' tiles together may take.
-    pub tile_budget: u64,
+    /// Bytes of it that no buffer is counted for: the program itself and what the volume keeps.
+    pub fixed: u64,
 }
 
 impl Plan {
@@ -67,7 +67,7 @@ pub fn plan(volume: &dyn Volume, dims: Dims, options: &ConvertOptions) -> Result
         threads,
         memory: cost.total(bands_at_once, look_ahead),
         limit: options.memory,
-        tile_budget: 0,
+        fixed: cost.base,
     };
     let smallest = make(1, false);
     if smallest.memory > options.memory {
@@ -87,15 +87,13 @@ pub fn plan(volume: &dyn Volume, dims: Dims, options: &ConvertOptions) -> Result
     {
         best = fits;
     }
-    best.tile_budget = options.memory - best.memory + threads as u64 * cost.tile;
     Ok(best)
 }
 
 /// Predicted bytes of the parts.
 struct Cost {
-    fixed: u64,
-    /// Mapped pages of one slab.
-    mapped: u64,
+    base: u64,
+    front: u64,
     band: u64,
     tile: u64,
     threads: u64,
@@ -114,11 +112,13 @@ impl Cost {
         let bytes = volume.header().dtype.bytes() as f64;
         let band = samples * bytes + span.voxels() as f64 * BAND_BYTES_PER_VOXEL;
         let cubes: f64 = (0..3).map(|a| f64::from(tiling.cubes(a, 0).end)).product();
-        let tile = cubes * TILE_TRIANGLES_PER_CUBE * BYTES_PER_TRIANGLE as f64 + cubes * 1.5;
+        let tile =
+            cubes * TILE_TRIANGLES_PER_CUBE * BYTES_PER_TRIANGLE as f64 + cubes * BYTES_PER_CUBE;
+        let slices = span.with_neighbours(tiling.dims).z;
         let front = f64::from(nx) * f64::from(ny) * FRONT_BYTES_PER_PIXEL;
         Cost {
-            fixed: BASE + front as u64 + volume.held_bytes(),
-            mapped: volume.mapped_bytes(span.with_neighbours(tiling.dims).z),
+            base: BASE + volume.held_bytes() + 2 * volume.mapped_bytes(slices),
+            front: front as u64,
             band: band as u64,
             tile: tile as u64,
             threads: threads as u64,
@@ -127,7 +127,7 @@ impl Cost {
 
     fn total(&self, bands_at_once: u32, look_ahead: bool) -> u64 {
         let generations = if look_ahead { 2 } else { 1 };
-        let slab = u64::from(bands_at_once) * self.band + self.mapped;
-        self.fixed + generations * slab + self.threads * self.tile
+        let slab = u64::from(bands_at_once) * self.band;
+        self.base + self.front + generations * slab + self.threads * self.tile
     }
 }

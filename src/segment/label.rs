@@ -27,18 +27,30 @@ pub struct LocalComponent {
     pub sums: VoxelSums,
 }
 
-/// Labels a band: above voxels 6-connected and below voxels 18-connected for
-/// [`Ambiguous::Separate`], the other way round for [`Ambiguous::Join`].
-pub fn label(
+/// Labels the runs of a band: above voxels 6-connected and below voxels 18-connected for
+/// [`Ambiguous::Separate`], the other way round for [`Ambiguous::Join`]. Returns the label of each
+/// run and the number of labels.
+pub fn label_runs(
     bits: &Bits,
     runs: &Runs,
     rule: Ambiguous,
-    dims: Dims,
     sets: &mut UnionFind,
-) -> Labels {
+) -> (Vec<u32>, usize) {
     sets.reset(runs.count);
     join_rows(bits, runs, rule, sets);
-    collect(bits, runs, dims, sets)
+    let mut of_run: Vec<u32> = Vec::with_capacity(runs.count);
+    let mut next = 0;
+    sets.flatten(|run, root| {
+        // roots are the smallest runs of their sets, so they come first
+        let label = if run == root {
+            next += 1;
+            next - 1
+        } else {
+            of_run[root as usize]
+        };
+        of_run.push(label);
+    });
+    (of_run, next as usize)
 }
 
 fn join_rows(bits: &Bits, runs: &Runs, rule: Ambiguous, sets: &mut UnionFind) {
@@ -134,24 +146,12 @@ fn for_each_bit(mut word: u64, mut each: impl FnMut(u64)) {
     }
 }
 
-/// Numbers the sets and sums up their voxels.
-fn collect(bits: &Bits, runs: &Runs, dims: Dims, sets: &mut UnionFind) -> Labels {
+/// The components of labelled runs with the sums of their voxels.
+pub fn sum_voxels(bits: &Bits, of_run: Vec<u32>, count: usize, dims: Dims) -> Labels {
     let mut labels = Labels {
-        of_run: Vec::with_capacity(runs.count),
-        components: Vec::new(),
+        of_run,
+        components: Vec::with_capacity(count),
     };
-    let of_run = &mut labels.of_run;
-    let mut next = 0;
-    sets.flatten(|run, root| {
-        // roots are the smallest runs of their sets, so they come first
-        let label = if run == root {
-            next += 1;
-            next - 1
-        } else {
-            of_run[root as usize]
-        };
-        of_run.push(label);
-    });
     let span = &bits.span;
     let mut run = 0;
     for (s, z) in span.z.clone().enumerate() {

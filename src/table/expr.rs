@@ -15,7 +15,7 @@ pub enum Kind {
 }
 
 /// One step of a program. A missing number is NaN; conditions are 0 and 1.
-#[derive(Debug, Clone, Copy, PartialEq)]
+#[derive(Debug, Clone, Copy)]
 pub(super) enum Op {
     Push(f64),
     /// The number in a column.

@@ -3,6 +3,7 @@
 use super::code::Code;
 use super::files;
 use super::ledger::{Group, Kind};
+use super::piece::Sums;
 use super::report::Issues;
 use crate::manifest::Manifest;
 use std::fs::File;
@@ -13,6 +14,9 @@ use std::path::Path;
 const MAX_LINE: u64 = 1 << 16;
 /// Relative error that areas, sums of square roots in any order, may have.
 const AREA_ERROR: f64 = 1e-6;
+/// Error that each triangle may add to an area, in voxel faces (of the largest face, with anisotropic
+/// spacing): twice its area is rounded to 1/65,536 of a squared lattice step.
+const TRIANGLE_ERROR: f64 = 1.0 / (4.0 * 65_536.0 * 65_536.0);
 /// Relative error that volumes, exact up to their decimal form, may have.
 const VOLUME_ERROR: f64 = 1e-9;
 
@@ -43,6 +47,8 @@ pub(super) struct Table {
     line: u64,
     /// Physical volume of a lattice cell, over 6.
     sixth: f64,
+    /// [`TRIANGLE_ERROR`] in physical units.
+    triangle_error: f64,
     done: bool,
 }
 
@@ -63,7 +69,9 @@ impl Table {
                 return None;
             }
         };
-        let voxel: f64 = manifest.placement.spacing.iter().product();
+        let spacing = manifest.placement.spacing;
+        let voxel: f64 = spacing.iter().product();
+        let thinnest = spacing.into_iter().fold(f64::INFINITY, f64::min);
         let mut table = Table {
             kind,
             path: path.clone(),
@@ -71,6 +79,7 @@ impl Table {
             places: Vec::new(),
             line: 0,
             sixth: voxel / 6.0 / f64::from(1 << 24),
+            triangle_error: voxel / thinnest * TRIANGLE_ERROR,
             done: false,
         };
         let header = table.next_line(issues)?;
@@ -162,7 +171,7 @@ impl Table {
         }
         let mut wrong = Vec::new();
         match self.kind {
-            Kind::Surface => surface(&row, group, &mut wrong),
+            Kind::Surface => self.surface(&row, group, &mut wrong),
             kind => self.region(&row, group, kind, &mut wrong),
         }
         if !wrong.is_empty() {
@@ -184,14 +193,18 @@ impl Table {
         }
         // the area of an open one may be left out as meaningless
         if !(open && area.is_none()) {
-            compare("area", area, total.sums.area, AREA_ERROR, wrong);
+            let error = self.area_error(&total.sums);
+            compare("area", area, total.sums.area, error, wrong);
         }
         let sign = if kind == Kind::Cell { -1.0 } else { 1.0 };
         let found = sign * total.sums.volume6 as f64 * self.sixth;
         match (open, volume) {
             (true, Some(v)) => wrong.push(format!("mesh_volume {v}, expected none: it is open")),
             (true, None) => {}
-            (false, _) => compare("mesh_volume", volume, found, VOLUME_ERROR, wrong),
+            (false, _) => {
+                let error = VOLUME_ERROR * found.abs();
+                compare("mesh_volume", volume, found, error, wrong);
+            }
         }
         let own = if kind == Kind::Cell {
             total.cell_tiles
@@ -199,6 +212,30 @@ impl Table {
             total.object_tiles
         };
         compare("tiles", tiles, own as f64, 0.0, wrong);
+    }
+
+    fn area_error(&self, sums: &Sums) -> f64 {
+        AREA_ERROR * sums.area + self.triangle_error * sums.triangles as f64
+    }
+
+    /// A row of surfaces.
+    fn surface(&self, row: &Row, group: &Group, wrong: &mut Vec<String>) {
+        let sums = &group.total.sums;
+        let ids = group.total.ids;
+        let euler =
+            sums.vertices as f64 - (sums.edges + sums.border) as f64 + sums.triangles as f64;
+        let found = [
+            ("cell", ids.cell as f64, 0.0),
+            ("object", ids.object as f64, 0.0),
+            ("triangles", sums.triangles as f64, 0.0),
+            ("vertices", sums.vertices as f64, 0.0),
+            ("area", sums.area, self.area_error(sums)),
+            ("euler_characteristic", euler, 0.0),
+            ("touches_border", f64::from(u8::from(sums.border > 0)), 0.0),
+        ];
+        for ((name, value, error), stated) in found.into_iter().zip(&row.values[1..]) {
+            compare(name, *stated, value, error, wrong);
+        }
     }
 
     /// Expects the end of the table, after `rows` more rows without a surface.
@@ -217,26 +254,8 @@ impl Table {
     }
 }
 
-fn surface(row: &Row, group: &Group, wrong: &mut Vec<String>) {
-    let sums = &group.total.sums;
-    let ids = group.total.ids;
-    let euler = sums.vertices as f64 - (sums.edges + sums.border) as f64 + sums.triangles as f64;
-    let found = [
-        ("cell", ids.cell as f64, 0.0),
-        ("object", ids.object as f64, 0.0),
-        ("triangles", sums.triangles as f64, 0.0),
-        ("vertices", sums.vertices as f64, 0.0),
-        ("area", sums.area, AREA_ERROR),
-        ("euler_characteristic", euler, 0.0),
-        ("touches_border", f64::from(u8::from(sums.border > 0)), 0.0),
-    ];
-    for ((name, value, error), stated) in found.into_iter().zip(&row.values[1..]) {
-        compare(name, *stated, value, error, wrong);
-    }
-}
-
 fn compare(name: &str, stated: Option<f64>, found: f64, error: f64, wrong: &mut Vec<String>) {
-    let close = |s: f64| (s - found).abs() <= error * found.abs();
+    let close = |s: f64| (s - found).abs() <= error;
     if !stated.is_some_and(close) {
         let stated = stated.map_or("nothing".to_owned(), |s| s.to_string());
         wrong.push(format!("{name} {stated}, the surface has {found}"));

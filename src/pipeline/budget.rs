@@ -1,0 +1,106 @@
+//! The promise of `--memory`: large buffers are reserved before they are made.
+
+use crate::error::{Error, Result};
+use std::sync::Arc;
+use std::sync::atomic::{AtomicU64, Ordering};
+
+/// Bytes that may be used and bytes that are.
+#[derive(Debug)]
+pub struct Budget {
+    limit: u64,
+    used: AtomicU64,
+}
+
+impl Budget {
+    /// A budget of `limit` bytes, of which `fixed` are used for good.
+    pub fn new(limit: u64, fixed: u64) -> Arc<Self> {
+        Arc::new(Budget {
+            limit,
+            used: AtomicU64::new(fixed),
+        })
+    }
+
+    fn take(&self, bytes: u64) -> Result<()> {
+        let fits = |used: u64| used.checked_add(bytes).filter(|&sum| sum <= self.limit);
+        self.used
+            .fetch_update(Ordering::Relaxed, Ordering::Relaxed, fits)
+            .map(|_| ())
+            .map_err(|used| Error::TooDense {
+                limit: self.limit,
+                needed: used.saturating_add(bytes),
+            })
+    }
+}
+
+/// Bytes taken from a budget until this is dropped.
+#[derive(Debug, Default)]
+pub struct Reservation {
+    budget: Option<Arc<Budget>>,
+    bytes: u64,
+}
+
+impl Reservation {
+    /// Nothing yet.
+    pub fn new(budget: &Arc<Budget>) -> Self {
+        Reservation {
+            budget: Some(budget.clone()),
+            bytes: 0,
+        }
+    }
+
+    /// Takes what is missing to `bytes`. Buffers that are reused keep their size, so a reservation
+    /// never shrinks before it is dropped.
+    ///
+    /// # Errors
+    /// [`Error::TooDense`] if the budget has not enough left; nothing is taken then.
+    pub fn grow_to(&mut self, bytes: u64) -> Result<()> {
+        let Some(budget) = &self.budget else {
+            return Ok(());
+        };
+        if bytes > self.bytes {
+            budget.take(bytes - self.bytes)?;
+            self.bytes = bytes;
+        }
+        Ok(())
+    }
+
+    /// Bytes taken.
+    pub fn bytes(&self) -> u64 {
+        self.bytes
+    }
+}
+
+impl Drop for Reservation {
+    fn drop(&mut self) {
+        if let Some(budget) = &self.budget {
+            budget.used.fetch_sub(self.bytes, Ordering::Relaxed);
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn what_is_dropped_can_be_taken_again() {
+        let budget = Budget::new(100, 10);
+        let mut a = Reservation::new(&budget);
+        a.grow_to(60).unwrap();
+        a.grow_to(50).unwrap();
+        let mut b = Reservation::new(&budget);
+        assert!(matches!(
+            b.grow_to(31),
+            Err(Error::TooDense {
+                limit: 100,
+                needed: 101,
+                ..
+            })
+        ));
+        b.grow_to(30).unwrap();
+        drop(a);
+        b.grow_to(90).unwrap();
+        assert_eq!(b.bytes(), 90);
+        assert!(b.grow_to(u64::MAX).is_err());
+    }
+}

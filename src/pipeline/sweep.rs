@@ -1,0 +1,401 @@
+//! The forward sweep: one pass over the volume that labels, meshes and writes the tiles' geometry.
+//!
+//! Ids are not known yet, so tiles carry classes of their slab, in temporary tables, and their JSON
+//! chunk is only room.
+//!
+//! While memory allows, all bands of a slab are in memory, voxels are read once, and the next slab is
+//! read and labelled while this one is meshed. If not, or where a slab turns out denser than planned,
+//! a slab is done in parts: read once to label it and once more to mesh it. The result is the same.
+
+use crate::error::{Error, Result};
+use crate::grid::Ambiguous;
+use crate::measure::{AreaScale, MeshSums};
+use crate::mesh::{BandView, MeshSettings, TileBox, tile_bytes};
+use crate::pipeline::band::{Band, BandSource};
+use crate::pipeline::budget::{Budget, Reservation};
+use crate::pipeline::forward::{Forward, State, TileResult};
+use crate::pipeline::plan::Plan;
+use crate::pipeline::surfaces::SurfacePart;
+use crate::pipeline::tilefile::TileWriter;
+use crate::pipeline::workspace::{Workspace, WorkspacePool};
+use crate::progress::Progress;
+use crate::segment::{LocalComponent, SlabClasses};
+use crate::volume::{Volume, Voxel};
+use rayon::prelude::*;
+use std::path::Path;
+use std::sync::Arc;
+
+/// What stays the same during a sweep.
+pub struct Sweep<'a> {
+    /// The grid's samples.
+    pub volume: &'a dyn Volume,
+    /// The cut.
+    pub plan: &'a Plan,
+    /// The iso value.
+    pub threshold: f64,
+    /// Which voxels an ambiguous face joins.
+    pub rule: Ambiguous,
+    /// Close the surface outside the volume.
+    pub cap: bool,
+    /// Writes tiles.
+    pub writer: &'a TileWriter,
+    /// Directory for temporary files.
+    pub work: &'a Path,
+    /// Hears of every layer.
+    pub progress: &'a dyn Progress,
+}
+
+/// How much of a slab is in memory at once.
+#[derive(Debug, Clone, Copy)]
+struct Mode {
+    bands_at_once: u32,
+    look_ahead: bool,
+}
+
+impl Mode {
+    /// The next one that needs less memory, if there is any.
+    fn smaller(self) -> Option<Mode> {
+        match self {
+            Mode {
+                look_ahead: true, ..
+            } => Some(Mode {
+                look_ahead: false,
+                ..self
+            }),
+            Mode {
+                bands_at_once: 1, ..
+            } => None,
+            Mode { bands_at_once, .. } => Some(Mode {
+                bands_at_once: bands_at_once / 2,
+                ..self
+            }),
+        }
+    }
+}
+
+/// What a typed sweep works with.
+struct Parts<'a, T> {
+    source: BandSource<'a, T>,
+    budget: Arc<Budget>,
+    pool: WorkspacePool,
+    mode: Mode,
+}
+
+impl Sweep<'_> {
+    /// Runs the sweep for the volume's sample type.
+    ///
+    /// # Errors
+    /// [`Error::Io`], [`Error::TooDense`] if the volume is too dense for the limit,
+    /// [`Error::Interrupted`], and those of [`Volume::read_box`].
+    pub fn run(&self) -> Result<Forward> {
+        crate::volume::with_voxel_type!(self.volume.header().dtype, T => self.run_typed::<T>())
+    }
+
+    fn run_typed<T: Voxel + Default>(&self) -> Result<Forward> {
+        let budget = Budget::new(self.plan.limit, self.plan.fixed);
+        let mut state = State::new(self.work, &budget)?;
+        let source = BandSource {
+            volume: self.volume,
+            ceil: T::ceil_from(self.threshold),
+            rule: self.rule,
+            tiling: self.plan.tiling,
+            budget: &budget,
+        };
+        let Plan {
+            bands_at_once,
+            look_ahead,
+            ..
+        } = *self.plan;
+        let mut parts = Parts {
+            source,
+            budget: budget.clone(),
+            pool: WorkspacePool::new(&budget),
+            mode: Mode {
+                bands_at_once,
+                look_ahead,
+            },
+        };
+        let layers = self.plan.tiling.tiles()[2];
+        let mut layer = 0;
+        self.prefetch(&parts.source, 0);
+        while layer < layers {
+            layer = self.sweep_whole_slabs(&mut parts, layer, &mut state)?;
+            if layer < layers {
+                self.sweep_slab_in_parts(&mut parts, layer, &mut state)?;
+                layer += 1;
+            }
+        }
+        Ok(state.forward)
+    }
+
+    /// Sweeps slabs from `layer` on with all their bands in memory. Returns the first layer that is
+    /// left because it does not fit.
+    fn sweep_whole_slabs<T: Voxel + Default>(
+        &self,
+        parts: &mut Parts<T>,
+        mut layer: u32,
+        state: &mut State,
+    ) -> Result<u32> {
+        let [_, bands, layers] = self.plan.tiling.tiles();
+        let fresh = |parts: &Parts<T>| (0..bands).map(|_| parts.source.band()).collect::<Vec<_>>();
+        let (mut now, mut next) = (fresh(parts), fresh(parts));
+        let mut prepared = false;
+        while layer < layers && parts.mode.bands_at_once >= bands {
+            self.check_interrupt()?;
+            if !prepared && !self.try_prepare(parts, &mut now, layer)? {
+                (now, next) = (fresh(parts), fresh(parts));
+                continue;
+            }
+            let last = layer + 1 == layers;
+            let classes = state.join(&now, last)?;
+            take_classes(&mut now, 0, &classes);
+            self.prefetch(&parts.source, layer + 1);
+            let mesh = || self.mesh_bands(parts, &now, 0, layer);
+            let tiles = if parts.mode.look_ahead && !last {
+                let (tiles, read) = rayon::join(mesh, || {
+                    self.prepare(&parts.source, &mut next, 0, layer + 1)
+                });
+                prepared = match read {
+                    Err(Error::TooDense { .. }) => false,
+                    other => other.map(|()| true)?,
+                };
+                if !prepared {
+                    // without looking ahead the slab may still fit
+                    let _ = parts.shrink();
+                    next = fresh(parts);
+                }
+                tiles?
+            } else {
+                prepared = false;
+                mesh()?
+            };
+            state.finish_slab(layer, &classes, tiles)?;
+            self.release(&parts.source, layer);
+            if prepared {
+                std::mem::swap(&mut now, &mut next);
+            }
+            layer += 1;
+        }
+        Ok(layer)
+    }
+
+    /// Prepares all bands of a layer; false, with a smaller mode, if they do not fit.
+    fn try_prepare<T: Voxel>(
+        &self,
+        parts: &mut Parts<T>,
+        bands: &mut [Band<T>],
+        layer: u32,
+    ) -> Result<bool> {
+        match self.prepare(&parts.source, bands, 0, layer) {
+            Err(error @ Error::TooDense { .. }) => {
+                parts.shrink().map_err(|_| error).map(|()| false)
+            }
+            other => other.map(|()| true),
+        }
+    }
+
+    /// Sweeps one slab a few bands at a time.
+    fn sweep_slab_in_parts<T: Voxel + Default>(
+        &self,
+        parts: &mut Parts<T>,
+        layer: u32,
+        state: &mut State,
+    ) -> Result<()> {
+        let last = layer + 1 == self.plan.tiling.tiles()[2];
+        let mut known = Vec::new();
+        let mut known_held = Reservation::new(&parts.budget);
+        self.for_each_part(parts, layer, |_, part, _| {
+            for band in part {
+                let components = std::mem::take(&mut band.labels.components);
+                let bytes = components.capacity() * size_of::<LocalComponent>();
+                known_held.grow_to(known_held.bytes() + bytes as u64)?;
+                known.push(Band {
+                    edges: std::mem::take(&mut band.edges),
+                    labels: crate::segment::Labels {
+                        of_run: Vec::new(),
+                        components,
+                    },
+                    nan: band.nan,
+                    ..Band::<T>::default()
+                });
+            }
+            Ok(())
+        })?;
+        let classes = state.join(&known, last)?;
+        drop((known, known_held));
+        let mut tiles = Vec::new();
+        self.for_each_part(parts, layer, |parts, part, first| {
+            take_classes(part, first, &classes);
+            tiles.extend(self.mesh_bands(parts, part, first, layer)?);
+            Ok(())
+        })?;
+        state.finish_slab(layer, &classes, tiles)?;
+        self.release(&parts.source, layer);
+        Ok(())
+    }
+
+    /// Prepares all bands of a layer, as many at a time as fit, and calls `each(bands, first)`.
+    fn for_each_part<T: Voxel + Default>(
+        &self,
+        parts: &mut Parts<T>,
+        layer: u32,
+        mut each: impl FnMut(&Parts<T>, &mut [Band<T>], u32) -> Result<()>,
+    ) -> Result<()> {
+        let bands = self.plan.tiling.tiles()[1];
+        let mut part: Vec<Band<T>> = Vec::new();
+        let mut first = 0;
+        while first < bands {
+            self.check_interrupt()?;
+            let count = parts.mode.bands_at_once.min(bands - first);
+            part.truncate(count as usize);
+            part.resize_with(count as usize, || parts.source.band());
+            match self.prepare(&parts.source, &mut part, first, layer) {
+                Err(error @ Error::TooDense { .. }) => {
+                    part.clear();
+                    parts.shrink().map_err(|_| error)?;
+                }
+                other => {
+                    other?;
+                    each(parts, &mut part, first)?;
+                    first += count;
+                }
+            }
+        }
+        Ok(())
+    }
+
+    fn check_interrupt(&self) -> Result<()> {
+        if self.progress.interrupted() {
+            Err(Error::Interrupted)
+        } else {
+            Ok(())
+        }
+    }
+
+    fn prepare<T: Voxel>(
+        &self,
+        source: &BandSource<T>,
+        bands: &mut [Band<T>],
+        first: u32,
+        layer: u32,
+    ) -> Result<()> {
+        bands
+            .par_iter_mut()
+            .enumerate()
+            .with_max_len(1)
+            .try_for_each(|(i, band)| source.prepare(first + i as u32, layer, band))
+    }
+
+    /// Meshes and writes all tiles of some bands; results by rising y, then x.
+    fn mesh_bands<T: Voxel>(
+        &self,
+        parts: &Parts<T>,
+        bands: &[Band<T>],
+        first: u32,
+        layer: u32,
+    ) -> Result<Vec<TileResult>> {
+        let tiles_x = self.plan.tiling.tiles()[0] as usize;
+        let settings = MeshSettings {
+            threshold: self.threshold,
+            rule: self.rule,
+            cap: self.cap,
+            area: AreaScale::new(parts.source.volume.header().placement.spacing),
+        };
+        let tiles: Result<Vec<Option<TileResult>>> = (0..bands.len() * tiles_x)
+            .into_par_iter()
+            .with_max_len(1)
+            .map(|i| {
+                let band = &bands[i / tiles_x];
+                let ty = first + (i / tiles_x) as u32;
+                let grid = [(i % tiles_x) as u32, ty, layer];
+                let view = BandView {
+                    voxels: &band.voxels,
+                    bits: &band.bits,
+                    runs: &band.runs,
+                    class_of_run: &band.labels.of_run,
+                };
+                let tile = TileBox::of(self.plan.tiling, grid);
+                let bytes = tile_bytes(&band.bits, &tile);
+                let result = parts.pool.with(bytes, |workspace| {
+                    self.one_tile(&view, &tile, grid, &settings, workspace)
+                });
+                self.progress.advance(1);
+                result
+            })
+            .collect();
+        Ok(tiles?.into_iter().flatten().collect())
+    }
+
+    fn one_tile<T: Voxel>(
+        &self,
+        view: &BandView<T>,
+        tile: &TileBox,
+        grid: [u32; 3],
+        settings: &MeshSettings,
+        workspace: &mut Workspace,
+    ) -> Result<Option<TileResult>> {
+        let mesh = &mut workspace.mesh;
+        if !workspace.mesher.mesh(view, tile, settings, mesh) {
+            return Ok(None);
+        }
+        let (record, pieces) = self.writer.write(mesh, grid, &mut workspace.writer)?;
+        let open = mesh.pieces.iter().filter(|p| !p.cap);
+        let parts = open
+            .map(|p| SurfacePart {
+                object: p.object,
+                cell: p.cell,
+                key: p.key,
+                sums: p.sums,
+            })
+            .collect();
+        let mut caps = MeshSums::default();
+        mesh.pieces
+            .iter()
+            .filter(|p| p.cap)
+            .for_each(|p| caps.merge(&p.sums));
+        Ok(Some(TileResult {
+            record,
+            pieces,
+            parts,
+            caps,
+        }))
+    }
+
+    fn prefetch<T: Voxel>(&self, source: &BandSource<T>, layer: u32) {
+        if layer < self.plan.tiling.tiles()[2] {
+            source.volume.prefetch(
+                source
+                    .span(0, layer)
+                    .with_neighbours(self.plan.tiling.dims)
+                    .z,
+            );
+        }
+    }
+
+    /// Gives back the slices that no later slab needs.
+    fn release<T: Voxel>(&self, source: &BandSource<T>, layer: u32) {
+        let z = source.span(0, layer).z;
+        source
+            .volume
+            .release(z.start.saturating_sub(1)..z.end.saturating_sub(2).max(z.start));
+    }
+}
+
+impl<T> Parts<'_, T> {
+    /// Takes the next smaller mode.
+    fn shrink(&mut self) -> Result<(), ()> {
+        self.mode = self.mode.smaller().ok_or(())?;
+        Ok(())
+    }
+}
+
+/// Turns the bands' labels of runs from local components into classes of the slab.
+fn take_classes<T: Voxel>(bands: &mut [Band<T>], first: u32, classes: &SlabClasses) {
+    bands.par_iter_mut().enumerate().for_each(|(i, band)| {
+        let class_of = &classes.of_local[first as usize + i];
+        band.labels
+            .of_run
+            .iter_mut()
+            .for_each(|label| *label = class_of[*label as usize]);
+    });
+}

@@ -1,0 +1,351 @@
+//! The result depends on the volume and on nothing else: not on threads, on memory, on the cut into
+//! macrocubes beyond the cut itself, on the kind of primitives, nor on what lies outside a crop.
+
+mod common;
+
+use alvis::grid::{Ambiguous, Crop, Dims};
+use alvis::manifest::Primitives;
+use alvis::pipeline::{ConvertOptions, convert, predicted_memory};
+use alvis::progress::Quiet;
+use alvis::volume::{MemoryVolume, Volume, Voxel};
+use common::glb;
+use common::set::{Surface, Table, manifest, shards, table, weld};
+use common::volumes::{foam, late_joins, noise, placed, samples};
+use common::{assert_same_files, converted, files, verified};
+use std::collections::BTreeMap;
+
+fn options(macrocube: [u32; 3]) -> ConvertOptions {
+    ConvertOptions {
+        threshold: 128.0,
+        macrocube,
+        threads: 1,
+        ..ConvertOptions::default()
+    }
+}
+
+/// The smallest memory limit of every plan: one band of a slab at once, two, ... all, and all with the
+/// next slab read ahead.
+fn limits(volume: &dyn Volume, options: &ConvertOptions) -> Vec<u64> {
+    let with = |memory: u64| {
+        predicted_memory(
+            volume,
+            &ConvertOptions {
+                memory,
+                ..options.clone()
+            },
+        )
+    };
+    let smallest = match with(1) {
+        Err(alvis::Error::Memory { needed, .. }) => needed,
+        other => panic!("{other:?}"),
+    };
+    assert!(with(smallest - 1).is_err());
+    let largest = with(1 << 40).unwrap();
+    let mut limits = vec![smallest];
+    for limit in (smallest..largest).step_by(512).chain([largest]) {
+        let predicted = with(limit).unwrap();
+        assert!(predicted <= limit);
+        if predicted > *limits.last().unwrap() {
+            limits.push(predicted);
+        }
+    }
+    limits
+}
+
+/// Converts within a limit. Dense noise has more triangles in a tile than are planned for: then the
+/// limit is refused, nothing is left, and the one that the refusal names is tried.
+fn converted_within<T: Voxel>(
+    volume: &MemoryVolume<T>,
+    options: &ConvertOptions,
+) -> BTreeMap<String, Vec<u8>> {
+    let mut options = options.clone();
+    for _ in 0..50 {
+        let dir = tempfile::tempdir().unwrap();
+        match convert(volume, &options, dir.path(), &Quiet) {
+            Ok(_) => return files(dir.path()),
+            Err(alvis::Error::Memory { limit, needed, .. }) => {
+                assert!(
+                    limit == options.memory && needed > limit,
+                    "{limit} {needed}"
+                );
+                assert_eq!(files(dir.path()).len(), 0);
+                options.memory = needed;
+            }
+            Err(e) => panic!("{e}"),
+        }
+    }
+    panic!("no limit that is named works: {options:?}");
+}
+
+/// Converts in many ways and expects the same bytes; returns the files.
+fn same_in_every_way<T: Voxel>(
+    volume: &MemoryVolume<T>,
+    options: &ConvertOptions,
+) -> BTreeMap<String, Vec<u8>> {
+    let (dir, _) = converted(volume, options);
+    verified(dir.path(), Some(volume));
+    let first = files(dir.path());
+    let bands = volume.header().dims.0[1]
+        .saturating_sub(1)
+        .div_ceil(options.macrocube[1]) as usize;
+    for threads in [1, 2, 5] {
+        let options = ConvertOptions {
+            threads,
+            ..options.clone()
+        };
+        let limits = limits(volume, &options);
+        // each number of bands at once, and all with a look ahead
+        assert_eq!(limits.len(), bands + 1, "{limits:?}");
+        let chosen = [0, 1, bands / 2, bands - 1, bands];
+        for &at in &chosen[..if threads == 5 { 1 } else { 5 }] {
+            let options = ConvertOptions {
+                memory: limits[at],
+                ..options.clone()
+            };
+            let what = format!("{threads} threads, limit {at} of {bands} bands");
+            assert_same_files(&first, &converted_within(volume, &options), &what);
+        }
+    }
+    let (again, _) = converted(volume, options);
+    assert_same_files(&first, &files(again.path()), "a second run");
+    first
+}
+
+#[test]
+fn threads_memory_and_repetition_change_no_byte() {
+    let dims = [70, 61, 45];
+    let volume = placed(dims, foam(dims, 1));
+    for primitives in [Primitives::Strips, Primitives::Triangles] {
+        for (ambiguous, cap) in [(Ambiguous::Separate, true), (Ambiguous::Join, false)] {
+            let options = ConvertOptions {
+                primitives,
+                ambiguous,
+                cap,
+                ..options([16, 9, 11])
+            };
+            let files = same_in_every_way(&volume, &options);
+            assert!(files.len() > 100, "{}", files.len());
+        }
+    }
+}
+
+#[test]
+fn wide_integers_and_floats_are_as_deterministic() {
+    let dims = [33, 40, 21];
+    let bytes = foam(dims, 2);
+    let floats = bytes.iter().enumerate().map(|(i, &v)| match i % 97 {
+        0 => f32::NAN,
+        1 => f32::INFINITY,
+        _ => f32::from(v) * 1.1 - 13.0,
+    });
+    same_in_every_way(
+        &placed(dims, floats.collect::<Vec<f32>>()),
+        &options([8; 3]),
+    );
+    let wide = bytes
+        .iter()
+        .map(|&v| i32::from(v) * 1_000_003 - 90_000_000)
+        .collect();
+    let options = ConvertOptions {
+        threshold: 40_000_000.5,
+        ..options([8; 3])
+    };
+    same_in_every_way(&placed(dims, wide), &options);
+}
+
+#[test]
+fn tiles_of_more_than_500_pieces_are_merged_and_as_deterministic() {
+    let dims = [31, 30, 29];
+    // one voxel in ten is above: about a thousand objects in a tile
+    let sparse = noise(dims, 3)
+        .into_iter()
+        .map(|v| if v < 26 { 255 - v } else { v / 2 })
+        .collect();
+    let volume = placed(dims, sparse);
+    for primitives in [Primitives::Strips, Primitives::Triangles] {
+        let options = ConvertOptions {
+            primitives,
+            ..options([64; 3])
+        };
+        let files = same_in_every_way(&volume, &options);
+        let (doc, _) = glb::chunks(&files["tiles/z0000/y0000_x0000.glb"]);
+        assert_eq!(doc["meshes"][0]["name"], "cells");
+        let text = String::from_utf8(files["index/z0000.json"].clone()).unwrap();
+        let shard: serde_json::Value = serde_json::from_str(&text).unwrap();
+        assert!(shard["tiles"][0]["groups"].as_array().unwrap().len() > 500);
+    }
+    same_in_every_way(
+        &volume,
+        &ConvertOptions {
+            cap: true,
+            ..options([31, 15, 14])
+        },
+    );
+}
+
+#[test]
+fn pieces_that_join_in_later_slabs_get_one_id() {
+    let (dims, values) = late_joins();
+    let above: Vec<bool> = values.iter().map(|&v| v >= 128).collect();
+    let volume = placed(dims, values);
+    let size = dims.map(|n| n as usize);
+    for ambiguous in [Ambiguous::Separate, Ambiguous::Join] {
+        let expected = common::reference::components(size, &above, ambiguous);
+        for macrocube in [[5, 4, 3], [64, 64, 2], [7, 64, 10], [64; 3]] {
+            let options = ConvertOptions {
+                ambiguous,
+                ..options(macrocube)
+            };
+            let (dir, report) = converted(&volume, &options);
+            verified(dir.path(), Some(&volume));
+            assert_eq!((report.totals.objects, report.totals.cells), expected);
+        }
+        same_in_every_way(
+            &volume,
+            &ConvertOptions {
+                ambiguous,
+                ..options([9, 6, 4])
+            },
+        );
+    }
+}
+
+#[test]
+fn one_voxel_in_two_of_noise_is_as_deterministic() {
+    let dims = [26, 25, 27];
+    let volume = placed(dims, noise(dims, 4));
+    for ambiguous in [Ambiguous::Separate, Ambiguous::Join] {
+        same_in_every_way(
+            &volume,
+            &ConvertOptions {
+                ambiguous,
+                cap: true,
+                ..options([7, 8, 9])
+            },
+        );
+    }
+}
+
+/// What does not depend on the cut: the welded surface with ids, and the tables.
+struct Result {
+    surface: Surface,
+    tables: [Table; 3],
+}
+
+const TABLES: [&str; 3] = ["cells.csv", "objects.csv", "surfaces.csv"];
+
+fn result<T: Voxel>(volume: &MemoryVolume<T>, options: &ConvertOptions) -> Result {
+    let (dir, report) = converted(volume, options);
+    verified(dir.path(), Some(volume));
+    let surface = weld(dir.path());
+    let m = manifest(dir.path());
+    assert_eq!(m.totals, report.totals);
+    assert_eq!(surface.normals.len() as u64, m.totals.vertices);
+    assert_eq!(surface.euler(), m.totals.euler_characteristic);
+    // tables count the tiles that each id is in
+    let tables = TABLES.map(|name| table(dir.path(), name));
+    for (table, column) in tables.iter().zip([0, 1, 2]) {
+        let mut tiles = vec![0i64; table.rows.len() + 1];
+        for entry in shards(dir.path()).iter().flat_map(|s| &s.tiles) {
+            let ids = entry
+                .groups
+                .iter()
+                .filter(|g| g.cell > 0)
+                .map(|g| [g.cell, g.object, g.surface][column]);
+            let ids: std::collections::BTreeSet<u64> = ids.collect();
+            ids.into_iter().for_each(|id| tiles[id as usize] += 1);
+        }
+        let stated: Vec<i64> = table.column("tiles").map(|v| v.parse().unwrap()).collect();
+        assert_eq!(stated, tiles[1..]);
+    }
+    Result {
+        surface,
+        tables: tables.map(|t| t.without("tiles")),
+    }
+}
+
+fn same_for_every_cut<T: Voxel>(volume: &MemoryVolume<T>, cuts: &[[u32; 3]], cap: bool) {
+    let whole = ConvertOptions {
+        cap,
+        ..options([u32::MAX; 3])
+    };
+    let expected = result(volume, &whole);
+    assert!(expected.surface.triangles.len() > 1000);
+    for &macrocube in cuts {
+        for primitives in [Primitives::Strips, Primitives::Triangles] {
+            let options = ConvertOptions {
+                macrocube,
+                primitives,
+                ..whole.clone()
+            };
+            let found = result(volume, &options);
+            assert!(found.surface == expected.surface, "{macrocube:?}");
+            assert_eq!(found.tables, expected.tables, "{macrocube:?}");
+        }
+    }
+}
+
+#[test]
+fn the_welded_surface_does_not_depend_on_macrocubes() {
+    let small = [11, 9, 12];
+    for cap in [false, true] {
+        same_for_every_cut(
+            &placed(small, foam(small, 5)),
+            &[[1; 3], [5, 7, 3], [2, 1, 11]],
+            cap,
+        );
+        same_for_every_cut(&placed(small, noise(small, 6)), &[[1; 3], [5, 7, 3]], cap);
+    }
+    let large = [90, 70, 66];
+    same_for_every_cut(
+        &placed(large, foam(large, 7)),
+        &[[16; 3], [64; 3], [5, 70, 13]],
+        true,
+    );
+    let (dims, values) = late_joins();
+    same_for_every_cut(&placed(dims, values), &[[5, 7, 3], [16; 3]], false);
+}
+
+#[test]
+fn a_crop_is_a_volume_of_its_own() {
+    let dims = [40, 35, 30];
+    let values = foam(dims, 8);
+    let whole = placed(dims, values.clone());
+    let crop = Crop {
+        x: 3..31,
+        y: 10..35,
+        z: 0..22,
+    };
+    let (start, size) = (crop.start(), crop.dims_in(Dims(dims)).unwrap());
+    let inner = samples(size.0, |p| {
+        let at: [u32; 3] = std::array::from_fn(|a| p[a] + start[a]);
+        values[Dims(dims).linear(at) as usize]
+    });
+    let place = whole.header().placement.shifted(start);
+    let part = MemoryVolume::new(size, place, inner).unwrap();
+    for cap in [false, true] {
+        let plain = ConvertOptions {
+            cap,
+            ..options([10, 12, 9])
+        };
+        let cropped = ConvertOptions {
+            crop: Some(crop.clone()),
+            ..plain.clone()
+        };
+        let (a, _) = converted(&whole, &cropped);
+        let (b, _) = converted(&part, &plain);
+        verified(a.path(), Some(&part));
+        let (mut a, mut b) = (files(a.path()), files(b.path()));
+        let index = |files: &mut BTreeMap<String, Vec<u8>>| -> serde_json::Value {
+            serde_json::from_slice(&files.remove("index.json").unwrap()).unwrap()
+        };
+        let (mut ia, mut ib) = (index(&mut a), index(&mut b));
+        assert_same_files(&a, &b, "a crop");
+        assert_eq!(ia["source"]["dims"], serde_json::json!(dims));
+        assert!(ia["source"].get("crop").is_some() && ib["source"].get("crop").is_none());
+        for i in [&mut ia, &mut ib] {
+            i.as_object_mut().unwrap().remove("source");
+        }
+        assert_eq!(ia, ib);
+    }
+}

@@ -1,0 +1,313 @@
+//! `--memory` is a promise: proved in a memory cgroup of that size where the machine lets the test make
+//! one, by the peak of resident memory everywhere.
+//!
+//! With `ALVIS_BIG=1` a volume of 4 GiB is converted and verified inside 256 MiB as well; that takes
+//! 12 GiB of disk and minutes: `ALVIS_BIG=1 cargo test --release --test memory -- --nocapture`.
+#![cfg(target_os = "linux")]
+
+use serde_json::Value;
+use std::fs::{self, File};
+use std::io::{BufWriter, Write};
+use std::path::{Path, PathBuf};
+use std::process::{Command, Output};
+use std::sync::atomic::{AtomicU32, Ordering};
+
+const MIB: u64 = 1 << 20;
+/// Slices after which [`lattice`] repeats.
+const PITCH: u32 = 32;
+
+/// A memory cgroup of this test, removed when dropped.
+struct Cgroup {
+    dir: PathBuf,
+    peak: &'static str,
+}
+
+impl Cgroup {
+    /// One below the test's own group with a limit in bytes; `None` if the machine has or lets none.
+    fn new(limit: u64) -> Option<Self> {
+        static NUMBER: AtomicU32 = AtomicU32::new(0);
+        let groups = fs::read_to_string("/proc/self/cgroup").ok()?;
+        let own = |line: &str| {
+            line.rsplit(':')
+                .next()
+                .map(|p| p.trim_start_matches('/').to_string())
+        };
+        let (root, own, file, peak) = match groups.lines().find(|l| l.contains(":memory:")) {
+            Some(line) => (
+                "/sys/fs/cgroup/memory",
+                own(line)?,
+                "memory.limit_in_bytes",
+                "memory.max_usage_in_bytes",
+            ),
+            None => {
+                let line = groups.lines().find(|l| l.starts_with("0::"))?;
+                ("/sys/fs/cgroup", own(line)?, "memory.max", "memory.peak")
+            }
+        };
+        let name = format!(
+            "alvis-test-{}-{}",
+            std::process::id(),
+            NUMBER.fetch_add(1, Ordering::Relaxed)
+        );
+        // the group that the process tells of may be out of sight inside a container
+        let parent = [Path::new(root).join(own), root.into()]
+            .into_iter()
+            .find(|p| p.join(file).exists() || p == Path::new(root))?;
+        let dir = parent.join(name);
+        fs::create_dir(&dir).ok()?;
+        let group = Cgroup { dir, peak };
+        fs::write(group.dir.join(file), limit.to_string()).ok()?;
+        // swap would let a process keep more than its resident memory
+        let _ = fs::write(group.dir.join("memory.swap.max"), "0");
+        let _ = fs::write(group.dir.join("memory.swappiness"), "0");
+        Some(group)
+    }
+
+    fn peak(&self) -> u64 {
+        let text = fs::read_to_string(self.dir.join(self.peak)).unwrap_or_default();
+        text.trim().parse().unwrap_or(0)
+    }
+}
+
+impl Drop for Cgroup {
+    fn drop(&mut self) {
+        let _ = fs::remove_dir(&self.dir);
+    }
+}
+
+/// Runs the command, in a cgroup of `limit` bytes if one can be had.
+fn alvis(dir: &Path, limit: Option<u64>, args: &[&str]) -> Output {
+    let program = env!("CARGO_BIN_EXE_alvis");
+    let Some(group) = limit.and_then(Cgroup::new) else {
+        if limit.is_some() {
+            eprintln!(
+                "SKIPPED the cgroup: this machine lets the test make none; resident memory is measured"
+            );
+        }
+        return Command::new(program)
+            .args(args)
+            .current_dir(dir)
+            .output()
+            .unwrap();
+    };
+    let output = Command::new("sh")
+        .args(["-c", "echo $$ > \"$0\" && exec \"$@\""])
+        .arg(group.dir.join("cgroup.procs"))
+        .arg(program)
+        .args(args)
+        .current_dir(dir)
+        .output()
+        .unwrap();
+    println!(
+        "{} in a cgroup of {:?}: peak with file cache {}",
+        args[0],
+        limit,
+        group.peak()
+    );
+    output
+}
+
+/// Runs what must succeed and prints one JSON object.
+fn report(dir: &Path, limit: Option<u64>, args: &[&str]) -> Value {
+    let output = alvis(dir, limit, args);
+    let errors = String::from_utf8_lossy(&output.stderr);
+    assert!(
+        output.status.success(),
+        "{args:?}: {}: {errors}",
+        output.status
+    );
+    let report: Value = serde_json::from_slice(&output.stdout).unwrap();
+    println!(
+        "{}: peak RSS {} MiB in {} s",
+        args[0],
+        report["peak_rss_bytes"].as_u64().unwrap() / MIB,
+        report["seconds"]
+    );
+    report
+}
+
+/// Writes u16 samples slice by slice: balls of pore in metal on a lattice of [`PITCH`] voxels, with
+/// radii that differ, each with a grain of metal inside. `first` is the place of the first slice in the
+/// lattice.
+fn lattice(path: &Path, [nx, ny, nz]: [u32; 3], first: u32) {
+    let file = File::create(path).unwrap();
+    let mut out = BufWriter::with_capacity(1 << 20, file);
+    let mut row = Vec::new();
+    let mut slices = Vec::new();
+    for z in first..first + PITCH.min(nz) {
+        let mut slice = Vec::new();
+        for y in 0..ny {
+            row.clear();
+            for x in 0..nx {
+                let ball = x / PITCH + 3 * (y / PITCH);
+                let off = [x, y, z].map(|v| f64::from(v % PITCH) - f64::from(PITCH) / 2.0);
+                let r = (off[0] * off[0] + off[1] * off[1] + off[2] * off[2]).sqrt();
+                let wall = f64::from(8 + ball % 7) - r;
+                let depth = wall.min(r - 2.5);
+                row.extend_from_slice(
+                    &((32_768.0 - 3000.0 * depth.clamp(-5.0, 5.0)) as u16).to_le_bytes(),
+                );
+            }
+            slice.extend_from_slice(&row);
+        }
+        slices.push(slice);
+    }
+    for z in 0..nz {
+        out.write_all(&slices[(z % PITCH) as usize]).unwrap();
+    }
+    out.flush().unwrap();
+}
+
+fn convert<'a>(input: &'a str, out: &'a str, dims: &'a str, memory: &'a str) -> Vec<&'a str> {
+    let mut args = vec![
+        "convert",
+        input,
+        out,
+        "--threshold",
+        "32768",
+        "--quiet",
+        "--json",
+    ];
+    args.extend([
+        "--dims",
+        dims,
+        "--dtype",
+        "u16",
+        "--memory",
+        memory,
+        "--threads",
+        "2",
+    ]);
+    args
+}
+
+const VERIFY: [&str; 6] = ["verify", "out", "--quiet", "--json", "--threads", "2"];
+
+#[test]
+fn a_volume_larger_than_the_limit_stays_inside_it() {
+    let dir = tempfile::tempdir().unwrap();
+    lattice(&dir.path().join("a.raw"), [512, 512, 160], 0);
+    let limit = 64 * MIB;
+    assert!(fs::metadata(dir.path().join("a.raw")).unwrap().len() > limit);
+    let args = convert("a.raw", "out", "512,512,160", "64MiB");
+    let made = report(dir.path(), Some(limit), &args);
+    assert!(made["peak_rss_bytes"].as_u64().unwrap() <= limit);
+    assert_eq!(made["cells"], 16 * 16 * 5);
+    assert_eq!(made["objects"], 16 * 16 * 5 + 1);
+    let found = report(dir.path(), Some(limit), &VERIFY);
+    assert_eq!(found["ok"], true);
+    let against = [&VERIFY[..], &["--against", "a.raw"]].concat();
+    assert_eq!(report(dir.path(), Some(limit), &against)["ok"], true);
+}
+
+#[test]
+fn ten_times_the_depth_takes_no_more_memory() {
+    let dir = tempfile::tempdir().unwrap();
+    let mut peaks = Vec::new();
+    for dims in [[256, 256, 160], [256, 256, 1600]] {
+        let input = dir.path().join("a.raw");
+        lattice(&input, dims, 0);
+        let text = dims.map(|n| n.to_string()).join(",");
+        let mut args = convert("a.raw", "out", &text, "64MiB");
+        args.push("--force");
+        let made = report(dir.path(), None, &args);
+        assert_eq!(made["cells"].as_u64(), Some(u64::from(dims[2]) / 32 * 64));
+        let found = report(dir.path(), None, &VERIFY);
+        assert_eq!(found["ok"], true);
+        peaks.push([&made, &found].map(|r| r["peak_rss_bytes"].as_u64().unwrap()));
+    }
+    for (stage, name) in ["convert", "verify"].into_iter().enumerate() {
+        let (flat, deep) = (peaks[0][stage], peaks[1][stage]);
+        // two threads do not meet their largest tiles at the same time in every run, and the verifier
+        // sorts the first surfaces, whose number is bounded, in memory
+        let slack = if name == "verify" { 4 * MIB } else { flat / 20 };
+        assert!(
+            deep <= flat + slack,
+            "{name}: {flat} bytes, ten times as deep {deep}"
+        );
+    }
+}
+
+/// The smallest limit as the refusal of a smaller one names it.
+fn named_limit(dir: &Path, args: &[&str]) -> u64 {
+    let output = alvis(dir, None, args);
+    assert_eq!(output.status.code(), Some(2));
+    let message = String::from_utf8(output.stderr).unwrap();
+    let (_, rest) = message
+        .split_once("the smallest limit that works is ")
+        .unwrap_or_else(|| panic!("{message}"));
+    rest.split(' ').next().unwrap().parse().unwrap()
+}
+
+#[test]
+fn one_slice_may_be_larger_than_the_limit_and_the_smallest_limit_works() {
+    let dir = tempfile::tempdir().unwrap();
+    let slice = 6016 * 4000 * 2;
+    lattice(&dir.path().join("a.raw"), [6016, 4000, 3], 15);
+    let run = |memory: u64, then: &dyn Fn(&[&str]) -> Value| {
+        let memory = memory.to_string();
+        let mut args = convert("a.raw", "out", "6016,4000,3", &memory);
+        args.extend(["--macrocube", "64,16,64"]);
+        then(&args)
+    };
+    let named = |memory: u64| {
+        run(memory, &|args| named_limit(dir.path(), args).into())
+            .as_u64()
+            .unwrap()
+    };
+    let smallest = named(MIB);
+    assert!(smallest < slice, "{smallest} of a slice of {slice}");
+    assert_eq!(named(smallest - 1), smallest);
+    assert!(!dir.path().join("out").exists());
+    let made = run(smallest, &|args| report(dir.path(), Some(smallest), args));
+    assert!(made["peak_rss_bytes"].as_u64().unwrap() <= smallest);
+    // a pore through all three slices, and its grain, for each place of the lattice
+    assert_eq!(made["surfaces"], 2 * 188 * 125);
+    assert_eq!(report(dir.path(), None, &VERIFY)["ok"], true);
+}
+
+/// Free bytes of the file system that holds `dir`.
+fn free(dir: &Path) -> u64 {
+    let output = Command::new("df")
+        .args(["--output=avail", "-B1"])
+        .arg(dir)
+        .output()
+        .unwrap();
+    let text = String::from_utf8(output.stdout).unwrap();
+    text.lines()
+        .last()
+        .and_then(|l| l.trim().parse().ok())
+        .unwrap_or(0)
+}
+
+#[test]
+fn four_gibibytes_are_converted_and_verified_inside_256_mebibytes() {
+    if std::env::var_os("ALVIS_BIG").is_none() {
+        eprintln!("SKIPPED the volume of 4 GiB: set ALVIS_BIG=1 to run it");
+        return;
+    }
+    let dir = tempfile::tempdir().unwrap();
+    let needed = 12 << 30;
+    assert!(
+        free(dir.path()) >= needed,
+        "{} has less than {needed} bytes free",
+        dir.path().display()
+    );
+    let dims = [2048, 2048, 512];
+    lattice(&dir.path().join("a.raw"), dims, 0);
+    assert_eq!(
+        fs::metadata(dir.path().join("a.raw")).unwrap().len(),
+        4 << 30
+    );
+    let limit = 256 * MIB;
+    let args = convert("a.raw", "out", "2048,2048,512", "256MiB");
+    let made = report(dir.path(), Some(limit), &args);
+    println!("{made:#}");
+    assert!(made["peak_rss_bytes"].as_u64().unwrap() <= limit);
+    assert_eq!(made["cells"], 64 * 64 * 16);
+    let against = [&VERIFY[..], &["--against", "a.raw"]].concat();
+    let found = report(dir.path(), Some(limit), &against);
+    println!("{found:#}");
+    assert_eq!(found["ok"], true);
+    assert!(found["peak_rss_bytes"].as_u64().unwrap() <= limit);
+}

@@ -1,0 +1,136 @@
+//! The files of real tile sets, and the verifier's reports, against the JSON Schemas in `schema/`.
+
+mod common;
+
+use alvis::grid::{Ambiguous, Crop};
+use alvis::manifest::Primitives;
+use alvis::pipeline::ConvertOptions;
+use alvis::progress::Quiet;
+use alvis::verify::{VerifyOptions, verify};
+use common::volumes::{foam, noise, placed};
+use common::{converted, files, glb};
+use serde_json::Value;
+
+/// A compiled schema of `schema/`.
+struct Schema {
+    schemas: boon::Schemas,
+    index: boon::SchemaIndex,
+}
+
+impl Schema {
+    fn new(name: &str) -> Self {
+        let path = format!("{}/schema/{name}.schema.json", env!("CARGO_MANIFEST_DIR"));
+        let text = std::fs::read(&path).unwrap_or_else(|e| panic!("{path}: {e}"));
+        let mut compiler = boon::Compiler::new();
+        compiler.set_default_draft(boon::Draft::V2020_12);
+        compiler
+            .add_resource(name, serde_json::from_slice(&text).unwrap())
+            .unwrap();
+        let mut schemas = boon::Schemas::new();
+        let index = compiler
+            .compile(name, &mut schemas)
+            .unwrap_or_else(|e| panic!("{path}: {e:#}"));
+        Schema { schemas, index }
+    }
+
+    fn check(&self, value: &Value, what: &str) {
+        if let Err(e) = self.schemas.validate(value, self.index) {
+            panic!("{what}: {e:#}\n{value:#}");
+        }
+    }
+}
+
+/// Checks every JSON of a tile set; returns how many extras there were.
+fn check_set(files: &std::collections::BTreeMap<String, Vec<u8>>) -> usize {
+    let [manifest, shard, extras] = ["manifest", "shard", "extras"].map(Schema::new);
+    let mut count = 0;
+    for (name, bytes) in files {
+        if name == "index.json" {
+            manifest.check(&serde_json::from_slice(bytes).unwrap(), name);
+        } else if name.starts_with("index/") {
+            shard.check(&serde_json::from_slice(bytes).unwrap(), name);
+        } else if name.ends_with(".glb") {
+            for node in glb::chunks(bytes).0["nodes"].as_array().unwrap() {
+                if let Some(found) = node.get("extras") {
+                    extras.check(found, name);
+                    count += 1;
+                }
+            }
+        }
+    }
+    count
+}
+
+#[test]
+fn real_tile_sets_follow_the_schemas() {
+    let dims = [30, 26, 24];
+    let report = Schema::new("report");
+    let base = ConvertOptions {
+        threshold: 128.0,
+        macrocube: [12; 3],
+        ..ConvertOptions::default()
+    };
+    let crop = Crop {
+        x: 1..30,
+        y: 0..20,
+        z: 2..23,
+    };
+    for (what, options) in [
+        ("plain", base.clone()),
+        (
+            "cap",
+            ConvertOptions {
+                cap: true,
+                ambiguous: Ambiguous::Join,
+                ..base.clone()
+            },
+        ),
+        (
+            "lists",
+            ConvertOptions {
+                primitives: Primitives::Triangles,
+                crop: Some(crop),
+                ..base.clone()
+            },
+        ),
+        (
+            "empty",
+            ConvertOptions {
+                threshold: 1000.0,
+                ..base.clone()
+            },
+        ),
+    ] {
+        let volume = placed(dims, foam(dims, 9));
+        let (dir, _) = converted(&volume, &options);
+        let extras = check_set(&files(dir.path()));
+        assert_eq!(extras > 0, what != "empty");
+        let found = verify(dir.path(), &VerifyOptions::default(), &Quiet).unwrap();
+        assert!(found.ok, "{:#?}", found.issues);
+        report.check(&serde_json::to_value(&found).unwrap(), what);
+    }
+}
+
+#[test]
+fn a_merged_tile_set_and_a_report_with_issues_follow_the_schemas() {
+    let dims = [30; 3];
+    let sparse = noise(dims, 3)
+        .into_iter()
+        .map(|v| if v < 26 { 255 - v } else { v / 2 })
+        .collect();
+    let options = ConvertOptions {
+        threshold: 128.0,
+        ..ConvertOptions::default()
+    };
+    let (dir, _) = converted(&placed(dims, sparse), &options);
+    let before = files(dir.path());
+    assert_eq!(check_set(&before), 0, "a merged tile has no extras");
+    let tile = "tiles/z0000/y0000_x0000.glb";
+    let mut bytes = before[tile].clone();
+    let at = bytes.len() / 2;
+    bytes[at] ^= 0x40;
+    std::fs::write(dir.path().join(tile), bytes).unwrap();
+    let found = verify(dir.path(), &VerifyOptions::default(), &Quiet).unwrap();
+    assert!(!found.ok && !found.issues.is_empty());
+    Schema::new("report").check(&serde_json::to_value(&found).unwrap(), "a broken tile");
+}
