@@ -58,6 +58,17 @@ pub struct Manifest {
     pub selection: Option<Selection>,
 }
 
+impl Manifest {
+    /// True if the set lacks components of the whole that it was selected from: then ids have gaps,
+    /// and what a whole surface obeys need not hold. A painted copy of all cells is a whole.
+    pub fn is_part(&self) -> bool {
+        let t = &self.totals;
+        self.selection.as_ref().is_some_and(|s| {
+            (s.of.cells, s.of.objects, s.of.surfaces) != (t.cells, t.objects, t.surfaces)
+        })
+    }
+}
+
 /// What makes a tile set a part of another one, or a painted copy of it: the pieces of some cells.
 ///
 /// Ids are those of the whole, so they have gaps, and the laws of whole surfaces that count

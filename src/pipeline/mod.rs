@@ -16,8 +16,10 @@ mod tilefile;
 mod workspace;
 
 pub use options::{ConvertOptions, ConvertReport};
+pub(crate) use output::Output;
 use plan::{Plan, plan};
 pub use tables::{COMPONENT_COLUMNS, SURFACE_COLUMNS, unit_text};
+pub(crate) use tilefile::write_file;
 
 use crate::error::{Error, Result};
 use crate::grid::{Dims, LATTICE, Tiling};
@@ -29,13 +31,12 @@ use crate::tile::TileHead;
 use crate::volume::{Cropped, Volume};
 use finish::{FinishSettings, finish_layer};
 use forward::{Forward, SlabRecord};
-use output::Output;
 use resolve::{Resolved, resolve};
 use spool::Spool;
 use std::path::Path;
 use std::time::Instant;
 use sweep::Sweep;
-use tilefile::{TileWriter, write_file};
+use tilefile::TileWriter;
 
 /// Converts a volume to a tile set in the directory `out`.
 ///
