@@ -5,8 +5,10 @@
 //! the directory of the manifest, with `/` between its parts.
 
 mod open;
+mod set;
 
-pub use open::{MANIFEST, inside};
+pub use open::{MANIFEST, inside, is_plain};
+pub use set::TileSet;
 
 use crate::grid::{Ambiguous, Crop, Dims, Placement};
 use crate::volume::{Dtype, Endian};
