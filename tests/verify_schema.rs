@@ -2,8 +2,9 @@
 
 use alvis::grid::{Ambiguous, Crop, Dims, Placement, Unit};
 use alvis::manifest::{
-    Bounds, FORMAT, FORMAT_VERSION, Generator, GridInfo, Group, Layer, Manifest, Primitives,
-    Provenance, Shard, Source, Tables, TileEntry, Totals, checksum_text,
+    Bounds, ColourBy, FORMAT, FORMAT_VERSION, Generator, GridInfo, Group, Layer, Manifest, Paint,
+    Primitives, Provenance, Selection, Shard, Source, Tables, TileEntry, Totals, WholeTotals,
+    checksum_text,
 };
 use alvis::verify::{Code, Issue, Report, Severity};
 use alvis::volume::{Dtype, Endian};
@@ -61,7 +62,7 @@ fn manifest() -> Manifest {
         ambiguous: Ambiguous::Join,
         cap: true,
         primitives: Primitives::Triangles,
-        selection: None,
+        dust: None,
         lattice: 256,
         transform: placement.gltf_matrix(),
         totals: Totals {
@@ -81,6 +82,25 @@ fn manifest() -> Manifest {
             objects: "objects.csv".into(),
             surfaces: "surfaces.csv".into(),
         },
+        selection: Some(Selection {
+            condition: Some("volume > 1".into()),
+            omit: true,
+            painted: vec![Paint {
+                condition: "best:3".into(),
+                colour: "#00ff00".into(),
+                cells: 3,
+            }],
+            colour_by: Some(ColourBy {
+                column: "volume".into(),
+                unit: "mm^3".into(),
+                map: "viridis".into(),
+                min: 0.5,
+                max: 2.0,
+                colours: vec!["#440154".into(), "#fde725".into()],
+                legend: "legend.png".into(),
+            }),
+            of: WholeTotals::default(),
+        }),
     }
 }
 

@@ -210,7 +210,7 @@ fn print_table(table: &mut TableReader, query: Query, rows: usize, shown: &[usiz
     let line = |cells: Vec<String>| {
         let padded = columns.iter().zip(cells);
         let cells: Vec<String> = padded.map(|(c, t)| format!("{t:>0$}", width(c))).collect();
-        format!("{}\n", cells.join(" "))
+        format!("{}\n", cells.join(" ").trim_end())
     };
     out.push(&line(columns.iter().map(|c| c.name.clone()).collect()))?;
     let unit = |c: &Column| match c.unit.as_str() {

@@ -66,6 +66,9 @@ pub struct ConvertArgs {
     /// Close the surface half a voxel outside the volume's faces
     #[arg(long)]
     cap: bool,
+    /// Leave out objects and cells of fewer voxels; they are filled with the other phase
+    #[arg(long, value_name = "N", default_value_t = 0)]
+    min_voxels: u64,
     /// Convert this box of voxels only; half-open, a missing bound is the volume's
     #[arg(long, value_name = "X0:X1,Y0:Y1,Z0:Z1", value_parser = parse::crop)]
     crop: Option<CropArg>,
@@ -101,6 +104,7 @@ impl ConvertArgs {
                 AmbiguousArg::Join => Ambiguous::Join,
             },
             cap: self.cap,
+            min_voxels: self.min_voxels,
             crop,
             primitives: self.primitives.into(),
             force: self.force,

@@ -13,7 +13,9 @@ mod info;
 mod output;
 mod parse;
 mod phantom;
+mod preview;
 mod progress;
+mod select;
 mod verify;
 
 use crate::error::Result;
@@ -53,6 +55,8 @@ enum Command {
     Convert(convert::ConvertArgs),
     Verify(verify::VerifyArgs),
     Cells(cells::CellsArgs),
+    Select(select::SelectArgs),
+    Preview(preview::PreviewArgs),
     Phantom(phantom::PhantomArgs),
     Completions(generate::CompletionsArgs),
     Man(generate::ManArgs),
@@ -66,6 +70,8 @@ impl Command {
             Command::Convert(args) => args.run(),
             Command::Verify(args) => args.run(),
             Command::Cells(args) => args.run(),
+            Command::Select(args) => args.run(),
+            Command::Preview(args) => args.run(),
             Command::Phantom(args) => args.run(),
             Command::Completions(args) => args.run(),
             Command::Man(args) => args.run(),

@@ -5,8 +5,10 @@
 //! the directory of the manifest, with `/` between its parts.
 
 mod open;
+mod set;
 
-pub use open::{MANIFEST, inside};
+pub use open::{MANIFEST, inside, is_plain};
+pub use set::TileSet;
 
 use crate::grid::{Ambiguous, Crop, Dims, Placement};
 use crate::volume::{Dtype, Endian};
@@ -39,6 +41,9 @@ pub struct Manifest {
     pub ambiguous: Ambiguous,
     /// True if the surface is closed half a voxel outside the volume's faces.
     pub cap: bool,
+    /// What was left out as dust, if anything was to be.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub dust: Option<Dust>,
     /// Kind of every primitive in every tile.
     pub primitives: Primitives,
     /// Lattice steps per voxel: 256.
@@ -54,6 +59,17 @@ pub struct Manifest {
     /// How the set was chosen from another one; absent if it is a whole.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub selection: Option<Selection>,
+}
+
+impl Manifest {
+    /// True if the set lacks components of the whole that it was selected from: then ids have gaps,
+    /// and what a whole surface obeys need not hold. A painted copy of all cells is a whole.
+    pub fn is_part(&self) -> bool {
+        let t = &self.totals;
+        self.selection.as_ref().is_some_and(|s| {
+            (s.of.cells, s.of.objects, s.of.surfaces) != (t.cells, t.objects, t.surfaces)
+        })
+    }
 }
 
 /// What makes a tile set a part of another one, or a painted copy of it: the pieces of some cells.
@@ -148,6 +164,21 @@ pub struct Source {
     pub crop: Option<Crop>,
     /// Where spacing, unit and origin came from.
     pub provenance: Provenance,
+}
+
+/// Components that were left out and filled with the other phase, since they have few voxels.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+pub struct Dust {
+    /// Components of fewer voxels were left out.
+    pub min_voxels: u64,
+    /// Number of objects left out.
+    pub objects: u64,
+    /// Their voxels.
+    pub object_voxels: u64,
+    /// Number of cells left out, counted after the objects were filled.
+    pub cells: u64,
+    /// Their voxels.
+    pub cell_voxels: u64,
 }
 
 /// Where a value came from.

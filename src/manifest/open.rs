@@ -5,7 +5,7 @@ use crate::error::{Error, Result};
 use crate::grid::{Dims, LATTICE, Tiling};
 use crate::manifest::{FORMAT, FORMAT_VERSION, Layer, Manifest, Shard};
 use serde::de::DeserializeOwned;
-use std::path::{Component, Path, PathBuf};
+use std::path::{Path, PathBuf};
 
 /// The manifest's name in the directory of a tile set.
 pub const MANIFEST: &str = "index.json";
@@ -85,21 +85,28 @@ impl Manifest {
     }
 }
 
-/// The file at a manifest's relative path.
+/// True for a relative path of plain names with `/` between them, which cannot lead outside by
+/// itself, here or on another system: no empty part, no `.` or `..`, no `\`, `:` or NUL.
+pub fn is_plain(relative: &str) -> bool {
+    let strange = |part: &str| {
+        part.is_empty() || part == "." || part == ".." || part.contains(['\\', ':', '\0'])
+    };
+    !relative.split('/').any(strange)
+}
+
+/// The file at a manifest's relative path. Links are not looked at: see [`super::TileSet::path`].
 ///
 /// # Errors
-/// [`Error::Format`] if the path is absolute or leaves the directory.
+/// [`Error::Format`] if the path is not [plain](is_plain).
 pub fn inside(dir: &Path, relative: &str) -> Result<PathBuf> {
-    let path = Path::new(relative);
-    let plain = path.components().all(|c| matches!(c, Component::Normal(_)));
-    if relative.is_empty() || !plain || relative.contains('\\') {
+    if !is_plain(relative) {
         return Err(Error::format(
             dir.join(MANIFEST),
             format!("the path {relative:?}"),
             "a relative path inside the directory",
         ));
     }
-    Ok(dir.join(path))
+    Ok(dir.join(relative))
 }
 
 fn parse<T: DeserializeOwned>(path: &Path, bytes: &[u8]) -> Result<T> {
@@ -118,7 +125,16 @@ mod tests {
             inside(dir, "tiles/z0/a.glb").unwrap(),
             Path::new("set/tiles/z0/a.glb")
         );
-        for bad in ["", "/etc/passwd", "../x", "a/../../x", "a\\..\\b", "./x"] {
+        for bad in [
+            "",
+            "/etc/passwd",
+            "../x",
+            "a/../../x",
+            "a\\..\\b",
+            "./x",
+            "a//b",
+            "c:x",
+        ] {
             assert!(inside(dir, bad).is_err(), "{bad}");
         }
     }

@@ -3,6 +3,7 @@
 use crate::error::Result;
 use crate::grid::{Ambiguous, Dims, Tiling};
 use crate::pipeline::budget::{Budget, Reservation};
+use crate::pipeline::dust::Filter;
 use crate::segment::{
     BandEdges, Labels, LocalComponent, Runs, UnionFind, add_border_euler, label_runs, sum_voxels,
 };
@@ -31,6 +32,22 @@ pub struct Band<T> {
     pub held: Reservation,
 }
 
+impl<T: Default> Band<T> {
+    /// Takes out what the joining of bands needs.
+    pub fn take_components(&mut self) -> Self {
+        let components = std::mem::take(&mut self.labels.components);
+        Band {
+            edges: std::mem::take(&mut self.edges),
+            labels: Labels {
+                of_run: Vec::new(),
+                components,
+            },
+            nan: self.nan,
+            ..Band::default()
+        }
+    }
+}
+
 /// What bands are made from.
 #[derive(Clone, Copy)]
 pub struct BandSource<'a, T> {
@@ -42,6 +59,8 @@ pub struct BandSource<'a, T> {
     pub rule: Ambiguous,
     /// The macrocubes.
     pub tiling: Tiling,
+    /// What to leave out, in this order.
+    pub filters: &'a [Filter],
     /// Where the bands' memory is taken from.
     pub budget: &'a Arc<Budget>,
 }
@@ -87,6 +106,11 @@ impl<T: Voxel> BandSource<'_, T> {
         band.nan = count_nan(&band.voxels, &span);
         band.bits.classify(&band.voxels, span, self.ceil);
         band.runs.number(&band.bits);
+        for filter in self.filters {
+            let (of_run, _) = label_runs(&band.bits, &band.runs, self.rule, &mut band.sets);
+            filter.fill([ty, tz], &mut band.bits, &band.runs, &of_run)?;
+            band.runs.number(&band.bits);
+        }
         // a set and a label for each run, and the labels of the outer rows and slices
         let labels = band.runs.count as u64 * 8 * 11 / 10;
         band.held.grow_to(fixed + labels)?;

@@ -66,6 +66,8 @@ pub struct Forward {
     pub nan: u64,
     /// Sums over all caps.
     pub caps: MeshSums,
+    /// Objects and cells that were left out: how many, and their voxels.
+    pub dust: [(u64, u64); 2],
 }
 
 /// The result of one tile.
@@ -113,6 +115,7 @@ impl State {
             surface_births: births()?,
             nan: 0,
             caps: MeshSums::default(),
+            dust: [(0, 0); 2],
         };
         Ok(State {
             forward,

@@ -2,6 +2,7 @@
 
 mod band;
 mod budget;
+mod dust;
 mod finish;
 mod forward;
 mod options;
@@ -16,26 +17,27 @@ mod tilefile;
 mod workspace;
 
 pub use options::{ConvertOptions, ConvertReport};
+pub(crate) use output::Output;
 use plan::{Plan, plan};
 pub use tables::{COMPONENT_COLUMNS, SURFACE_COLUMNS, unit_text};
+pub(crate) use tilefile::write_file;
 
 use crate::error::{Error, Result};
 use crate::grid::{Dims, LATTICE, Tiling};
 use crate::manifest::{
-    FORMAT, FORMAT_VERSION, Generator, GridInfo, Layer, Manifest, Source, Tables, Totals,
+    Dust, FORMAT, FORMAT_VERSION, Generator, GridInfo, Layer, Manifest, Source, Tables, Totals,
 };
 use crate::progress::Progress;
 use crate::tile::TileHead;
 use crate::volume::{Cropped, Volume};
 use finish::{FinishSettings, finish_layer};
 use forward::{Forward, SlabRecord};
-use output::Output;
 use resolve::{Resolved, resolve};
 use spool::Spool;
 use std::path::Path;
 use std::time::Instant;
 use sweep::Sweep;
-use tilefile::{TileWriter, write_file};
+use tilefile::TileWriter;
 
 /// Converts a volume to a tile set in the directory `out`.
 ///
@@ -155,12 +157,14 @@ fn make(
         threshold: options.threshold,
         rule: options.ambiguous,
         cap: options.cap,
+        min_voxels: options.min_voxels,
         writer: &writer,
         work,
         progress,
     };
     let forward = sweep.run()?;
     let mut totals = forward_totals(&forward);
+    let dust = dust(options, &forward);
     let (slabs, mut spool, mut resolved) = resolve(forward, plan.limit / 8, work)?;
     progress.begin("index", slabs.len() as u64);
     let settings = FinishSettings {
@@ -191,7 +195,10 @@ fn make(
     for warning in &warnings {
         progress.warn(warning);
     }
-    let manifest = manifest(volume, grid, options, plan, totals, layers);
+    let manifest = Manifest {
+        dust,
+        ..manifest(volume, grid, options, plan, totals, layers)
+    };
     let mut json = serde_json::to_vec_pretty(&manifest).expect("plain data serialises");
     json.push(b'\n');
     write_file(&work.join("index.json"), &[&json])?;
@@ -226,6 +233,18 @@ fn remove_empty_layer_directories(work: &Path, tiling: Tiling, layers: &[Layer])
         std::fs::remove_dir(&dir).map_err(|e| Error::io(&dir, "remove the directory", e))?;
     }
     Ok(())
+}
+
+/// What was left out, if that was asked for.
+fn dust(options: &ConvertOptions, forward: &Forward) -> Option<Dust> {
+    let [objects, cells] = forward.dust;
+    (options.min_voxels > 1).then_some(Dust {
+        min_voxels: options.min_voxels,
+        objects: objects.0,
+        object_voxels: objects.1,
+        cells: cells.0,
+        cell_voxels: cells.1,
+    })
 }
 
 /// The totals that the forward sweep knows.
@@ -355,6 +374,7 @@ fn manifest(
         threshold: options.threshold,
         ambiguous: options.ambiguous,
         cap: options.cap,
+        dust: None,
         primitives: options.primitives,
         lattice: LATTICE,
         transform: placement.gltf_matrix(),

@@ -19,6 +19,8 @@ pub struct ConvertOptions {
     pub ambiguous: Ambiguous,
     /// Close the surface half a voxel outside the volume's faces.
     pub cap: bool,
+    /// Leave out objects and cells of fewer voxels, filled with the other phase; 0 or 1 for none.
+    pub min_voxels: u64,
     /// The part of the volume to convert.
     pub crop: Option<Crop>,
     /// Strips or triangle lists.
@@ -42,6 +44,7 @@ impl Default for ConvertOptions {
             threads: 0,
             ambiguous: Ambiguous::Separate,
             cap: false,
+            min_voxels: 0,
             crop: None,
             primitives: Primitives::Strips,
             force: false,

@@ -5,14 +5,16 @@ use std::fs;
 use std::io::ErrorKind;
 use std::path::{Path, PathBuf};
 
-/// What a tile set has at its top level, the manifest first: it goes first and comes last.
-const ENTRIES: [&str; 6] = [
+/// What a tile set may have at its top level, the manifest first: it goes first and comes last. Only
+/// painted sets have a legend.
+const ENTRIES: [&str; 7] = [
     "index.json",
     "index",
     "tiles",
     "cells.csv",
     "objects.csv",
     "surfaces.csv",
+    "legend.png",
 ];
 /// Name of the directory for what is not finished.
 const WORK: &str = ".alvis-partial";
@@ -86,8 +88,10 @@ impl Output {
         }
         for name in ENTRIES.iter().rev() {
             let to = self.out.join(name);
-            fs::rename(self.work.join(name), &to)
-                .map_err(|e| Error::io(&to, "move into place", e))?;
+            match fs::rename(self.work.join(name), &to) {
+                Err(e) if e.kind() == ErrorKind::NotFound && *name == "legend.png" => {}
+                moved => moved.map_err(|e| Error::io(&to, "move into place", e))?,
+            }
         }
         self.done = true;
         remove_if_there(&self.work)

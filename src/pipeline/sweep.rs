@@ -13,13 +13,14 @@ use crate::measure::{AreaScale, MeshSums};
 use crate::mesh::{BandView, MeshSettings, TileBox, tile_bytes};
 use crate::pipeline::band::{Band, BandSource};
 use crate::pipeline::budget::{Budget, Reservation};
+use crate::pipeline::dust::Filter;
 use crate::pipeline::forward::{Forward, State, TileResult};
 use crate::pipeline::plan::Plan;
 use crate::pipeline::surfaces::SurfacePart;
 use crate::pipeline::tilefile::TileWriter;
 use crate::pipeline::workspace::{Workspace, WorkspacePool};
 use crate::progress::Progress;
-use crate::segment::{LocalComponent, SlabClasses};
+use crate::segment::SlabClasses;
 use crate::volume::{Volume, Voxel};
 use rayon::prelude::*;
 use std::path::Path;
@@ -37,6 +38,8 @@ pub struct Sweep<'a> {
     pub rule: Ambiguous,
     /// Close the surface outside the volume.
     pub cap: bool,
+    /// Components of fewer voxels are left out.
+    pub min_voxels: u64,
     /// Writes tiles.
     pub writer: &'a TileWriter,
     /// Directory for temporary files.
@@ -74,9 +77,11 @@ impl Mode {
 }
 
 /// What a typed sweep works with.
-struct Parts<'a, T> {
-    source: BandSource<'a, T>,
-    budget: Arc<Budget>,
+pub struct Parts<'a, T> {
+    /// Makes bands.
+    pub source: BandSource<'a, T>,
+    /// The memory.
+    pub budget: Arc<Budget>,
     pool: WorkspacePool,
     mode: Mode,
 }
@@ -93,28 +98,22 @@ impl Sweep<'_> {
 
     fn run_typed<T: Voxel + Default>(&self) -> Result<Forward> {
         let budget = Budget::new(self.plan.limit, self.plan.fixed);
+        let mut filters = Vec::new();
+        if self.min_voxels > 1 {
+            for above in [true, false] {
+                let filter = self.find_dust::<T>(
+                    &mut self.parts(&budget, &filters),
+                    above,
+                    self.min_voxels,
+                )?;
+                filters.push(filter);
+            }
+        }
         let mut state = State::new(self.work, &budget)?;
-        let source = BandSource {
-            volume: self.volume,
-            ceil: T::ceil_from(self.threshold),
-            rule: self.rule,
-            tiling: self.plan.tiling,
-            budget: &budget,
-        };
-        let Plan {
-            bands_at_once,
-            look_ahead,
-            ..
-        } = *self.plan;
-        let mut parts = Parts {
-            source,
-            budget: budget.clone(),
-            pool: WorkspacePool::new(&budget),
-            mode: Mode {
-                bands_at_once,
-                look_ahead,
-            },
-        };
+        if let [objects, cells] = &filters[..] {
+            state.forward.dust = [objects, cells].map(|f| (f.components, f.voxels));
+        }
+        let mut parts = self.parts::<T>(&budget, &filters);
         let layers = self.plan.tiling.tiles()[2];
         let mut layer = 0;
         self.prefetch(&parts.source, 0);
@@ -126,6 +125,34 @@ impl Sweep<'_> {
             }
         }
         Ok(state.forward)
+    }
+
+    fn parts<'a, T: Voxel>(
+        &'a self,
+        budget: &'a Arc<Budget>,
+        filters: &'a [Filter],
+    ) -> Parts<'a, T> {
+        let Plan {
+            bands_at_once,
+            look_ahead,
+            ..
+        } = *self.plan;
+        Parts {
+            source: BandSource {
+                volume: self.volume,
+                ceil: T::ceil_from(self.threshold),
+                rule: self.rule,
+                tiling: self.plan.tiling,
+                filters,
+                budget,
+            },
+            budget: budget.clone(),
+            pool: WorkspacePool::new(budget),
+            mode: Mode {
+                bands_at_once,
+                look_ahead,
+            },
+        }
     }
 
     /// Sweeps slabs from `layer` on with all their bands in memory. Returns the first layer that is
@@ -206,18 +233,10 @@ impl Sweep<'_> {
         let mut known_held = Reservation::new(&parts.budget);
         self.for_each_part(parts, layer, |_, part, _| {
             for band in part {
-                let components = std::mem::take(&mut band.labels.components);
-                let bytes = components.capacity() * size_of::<LocalComponent>();
-                known_held.grow_to(known_held.bytes() + bytes as u64)?;
-                known.push(Band {
-                    edges: std::mem::take(&mut band.edges),
-                    labels: crate::segment::Labels {
-                        of_run: Vec::new(),
-                        components,
-                    },
-                    nan: band.nan,
-                    ..Band::<T>::default()
-                });
+                let taken = band.take_components();
+                let bytes = size_of_val(&taken.labels.components[..]) as u64;
+                known_held.grow_to(known_held.bytes() + bytes)?;
+                known.push(taken);
             }
             Ok(())
         })?;
@@ -235,7 +254,10 @@ impl Sweep<'_> {
     }
 
     /// Prepares all bands of a layer, as many at a time as fit, and calls `each(bands, first)`.
-    fn for_each_part<T: Voxel + Default>(
+    ///
+    /// # Errors
+    /// Those of [`Sweep::run`], and what `each` returns.
+    pub fn for_each_part<T: Voxel + Default>(
         &self,
         parts: &mut Parts<T>,
         layer: u32,
@@ -373,7 +395,7 @@ impl Sweep<'_> {
     }
 
     /// Gives back the slices that no later slab needs.
-    fn release<T: Voxel>(&self, source: &BandSource<T>, layer: u32) {
+    pub fn release<T: Voxel>(&self, source: &BandSource<T>, layer: u32) {
         let z = source.span(0, layer).z;
         source
             .volume

@@ -162,7 +162,7 @@ pub(super) fn operator(symbol: &str) -> Option<fn(f64, f64) -> f64> {
         ">" => |a, b| truth(a > b),
         ">=" => |a, b| truth(a >= b),
         "==" | "=" => |a, b| truth(a == b),
-        "!=" => |a, b| truth(a < b || a > b),
+        "!=" => |a, b| truth(!a.is_nan() && !b.is_nan() && a != b),
         "and" => |a, b| truth(a == 1.0 && b == 1.0),
         "or" => |a, b| truth(a == 1.0 || b == 1.0),
         "min" => |a, b| {

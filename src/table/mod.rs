@@ -63,6 +63,15 @@ impl Table {
         }
     }
 
+    /// `cells.csv`, `objects.csv` or `surfaces.csv`: its file in tile sets that this program writes.
+    pub fn file(self) -> &'static str {
+        match self {
+            Table::Cells => "cells.csv",
+            Table::Objects => "objects.csv",
+            Table::Surfaces => "surfaces.csv",
+        }
+    }
+
     /// Opens the table of the tile set in `dir`.
     ///
     /// # Errors

@@ -133,7 +133,7 @@ impl Body {
 }
 
 /// Writes a piece's indices in their width, padded to 4 bytes.
-fn write_indices(piece: &BodyPiece, indices: &[u32], out: &mut Vec<u8>) {
+pub(super) fn write_indices(piece: &BodyPiece, indices: &[u32], out: &mut Vec<u8>) {
     let end = out.len() + piece.index_bytes() as usize;
     if piece.wide() {
         out.extend_from_slice(bytemuck::cast_slice(indices));

@@ -101,7 +101,7 @@ pub(crate) fn coordinate(steps: i32) -> f32 {
 }
 
 /// The three accessors of a piece.
-fn accessors(body: &Body, piece: &BodyPiece) -> [Value; 3] {
+pub(super) fn accessors(body: &Body, piece: &BodyPiece) -> [Value; 3] {
     let vertex_bytes = 12 * u64::from(piece.first_vertex);
     let (min, max) = (piece.min.map(coordinate), piece.max.map(coordinate));
     let width = if piece.wide() {

@@ -2,6 +2,10 @@
 
 use super::json::{ClassProperty, Document, Primitive, whole};
 use super::read::{Fault, PieceIds, ReadError, view_bytes};
+use serde_json::{Map, Value};
+
+/// Where the table is, for messages.
+const TABLE: &str = "/extensions/EXT_structural_metadata/propertyTables/0";
 
 fn fail<T>(place: &str, message: impl Into<String>) -> Result<T, ReadError> {
     Err(ReadError {
@@ -65,6 +69,66 @@ pub(super) fn rows(
         triangles: triangles[i],
     };
     Ok((0..cell.len()).map(row).collect())
+}
+
+/// Reads all columns of table 0, one map per row; values that the schema calls missing are left out.
+/// Whether ids and table fit together is checked by [`rows`].
+pub(super) fn extras(doc: &Document, bin: &[u8]) -> Result<Vec<Map<String, Value>>, ReadError> {
+    let found = doc.extensions.structural_metadata.as_ref().and_then(|m| {
+        let table = m.property_tables.first()?;
+        Some((table, m.schema.as_ref()?.classes.get(&table.class)?))
+    });
+    let Some((table, class)) = found else {
+        return fail(TABLE, "expected a table and its class");
+    };
+    let mut rows = Vec::new();
+    for (name, values) in &table.properties {
+        let Some(property) = class.properties.get(name) else {
+            return fail(TABLE, format!("its class has no property {name:?}"));
+        };
+        let bytes = view_bytes(doc, bin, values.values)?;
+        let column = match cells(property, bytes, table.count) {
+            Ok(column) => column,
+            Err(what) => return fail(TABLE, format!("column {name:?}: {what}")),
+        };
+        // the first column's bytes bound the number of rows
+        rows.resize_with(column.len(), Map::new);
+        for (row, value) in rows.iter_mut().zip(column) {
+            if property.no_data.as_ref() != Some(&value) {
+                row.insert(name.clone(), value);
+            }
+        }
+    }
+    Ok(rows)
+}
+
+/// Decodes a column of `count` numbers of any kind.
+fn cells(property: &ClassProperty, bytes: &[u8], count: u64) -> Result<Vec<Value>, String> {
+    let component = property.component_type.as_deref().unwrap_or("");
+    let decode: fn(&[u8]) -> Option<Value> = match component {
+        "UINT8" => |b| Some(u8::from_le_bytes(b.try_into().ok()?).into()),
+        "INT32" => |b| Some(i32::from_le_bytes(b.try_into().ok()?).into()),
+        "UINT32" => |b| Some(u32::from_le_bytes(b.try_into().ok()?).into()),
+        "UINT64" => |b| Some(u64::from_le_bytes(b.try_into().ok()?).into()),
+        "FLOAT64" => |b| Some(f64::from_le_bytes(b.try_into().ok()?).into()),
+        _ => return Err(format!("component type {component:?} is not one of alvis")),
+    };
+    let size = match component {
+        "UINT8" => 1,
+        "INT32" | "UINT32" => 4,
+        _ => 8,
+    };
+    if property.kind != "SCALAR" || count.checked_mul(size) != Some(bytes.len() as u64) {
+        return Err(format!(
+            "found {} and {} bytes for {count} rows, expected SCALAR of {size} bytes",
+            property.kind,
+            bytes.len()
+        ));
+    }
+    bytes
+        .chunks_exact(size as usize)
+        .map(|b| decode(b).ok_or_else(|| "a value cannot be read".to_owned()))
+        .collect()
 }
 
 /// Decodes a column of `count` numbers; the column's bytes bound what is allocated.

@@ -171,6 +171,9 @@ pub(super) struct ClassProperty {
     pub kind: String,
     #[serde(rename = "componentType")]
     pub component_type: Option<String>,
+    /// The value of rows that have none.
+    #[serde(rename = "noData")]
+    pub no_data: Option<serde_json::Value>,
 }
 
 #[derive(Deserialize)]

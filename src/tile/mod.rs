@@ -36,12 +36,18 @@ mod features;
 mod glb;
 mod json;
 mod merged;
+mod mesh;
+pub(crate) mod part;
+pub(crate) mod pieces;
 pub mod read;
 
 pub(crate) use body::{Body, BodyPiece, group_body};
 pub(crate) use document::{Node, TileHead, node_json, write_head};
 pub use extras::Extras;
 pub(crate) use merged::merged_file;
+pub use mesh::{SurfacePiece, TileMesh};
+pub(crate) use part::{Rgb, TilePlace, part};
+pub use read::PieceIds;
 
 /// The most surface pieces that a tile keeps as nodes; with more it takes the merged layout.
 /// Programs load thousands of nodes slowly: MeshLab takes 0.7 s for 500 and 30 s for 2000.

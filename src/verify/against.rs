@@ -152,6 +152,8 @@ pub(super) struct Voxels {
 pub(super) struct Rule {
     pub threshold: f64,
     pub cap: bool,
+    /// Components of the volume may be missing: dust was left out, or the set is a selection.
+    pub partial: bool,
     pub triangles: CubeTriangles,
 }
 
@@ -278,7 +280,10 @@ impl<T: Voxel> View<'_, T> {
             let (below, above) = (mesh.bits[i], mesh.bits[i + strides[axis]]);
             mesh.seen[i] |= 1 << axis;
             if below == above {
-                tally[0].add(p);
+                // where a small cell on the volume's face was filled, its cap is no sign change
+                if !(rule.partial && self.ends(p, axis).is_none()) {
+                    tally[0].add(p);
+                }
                 continue;
             }
             if p[axis] & 255 != self.step(p, axis, rule) {
@@ -304,7 +309,10 @@ impl<T: Voxel> View<'_, T> {
                 }
             }
         }
-        let whole = tally[0].0.count == 0 && missing.0.count == 0;
+        let whole = !rule.partial && tally[0].0.count == 0 && missing.0.count == 0;
+        if rule.partial {
+            missing = Count::new(Code::MissingVertex);
+        }
         flaws.extend(
             [missing]
                 .iter()
@@ -318,6 +326,20 @@ impl<T: Voxel> View<'_, T> {
     /// Where the vertex on a lattice edge belongs: 256 (T - v0) / (v1 - v0), rounded half away from
     /// zero, 1 to 255; 128 if that is not finite or an end lies outside the volume.
     fn step(&self, p: [i32; 3], axis: usize, rule: &Rule) -> i32 {
+        let Some((v, w)) = self.ends(p, axis) else {
+            return 128;
+        };
+        let t = 256.0 * (rule.threshold - v) / (w - v);
+        if t.is_finite() {
+            t.round().clamp(1.0, 255.0) as i32
+        } else {
+            128
+        }
+    }
+
+    /// The samples at the ends of the lattice edge of a vertex; `None` if one lies outside the
+    /// volume.
+    fn ends(&self, p: [i32; 3], axis: usize) -> Option<(f64, f64)> {
         let low = p.map(|c| c >> 8);
         let mut high = low;
         high[axis] += 1;
@@ -329,15 +351,7 @@ impl<T: Voxel> View<'_, T> {
             let fits = rows && start + self.nx <= self.samples.len();
             (fits && 0 <= v[0] && (v[0] as usize) < self.nx).then(|| self.row(v, 1)[0].to_f64())
         };
-        let (Some(v), Some(w)) = (inside(low), inside(high)) else {
-            return 128;
-        };
-        let t = 256.0 * (rule.threshold - v) / (w - v);
-        if t.is_finite() {
-            t.round().clamp(1.0, 255.0) as i32
-        } else {
-            128
-        }
+        inside(low).zip(inside(high))
     }
 }
 

@@ -3,7 +3,7 @@
 use super::code::Code;
 use super::report::Issues;
 use crate::error::{Error, Result};
-use crate::manifest::checksum_text;
+use crate::manifest::{checksum_text, is_plain};
 use std::collections::BTreeSet;
 use std::fs::File;
 use std::io::Read;
@@ -24,10 +24,7 @@ pub(super) struct Expected<'a> {
 /// Reports [`Code::PathOutside`] for a path that leads, or could lead on another system, outside,
 /// and [`Code::MissingFile`] for one that does not exist; then there is nothing to read.
 pub(super) fn resolve(root: &Path, path: &str, at: &str, issues: &mut Issues) -> Option<PathBuf> {
-    let strange = |part: &str| {
-        part.is_empty() || part == "." || part == ".." || part.contains(['\\', ':', '\0'])
-    };
-    if path.split('/').any(strange) {
+    if !is_plain(path) {
         let message = format!("found {path:?}, expected a relative path without .. or empty parts");
         issues.add(Code::PathOutside, at, message);
         return None;

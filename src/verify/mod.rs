@@ -86,7 +86,8 @@ impl Default for VerifyOptions<'_> {
 /// # Errors
 /// [`Error::Io`] if there is no readable `index.json`, or the system refuses to list a directory, to
 /// read the volume or to write temporary files; [`Error::Interrupted`] on request. Everything that
-/// is wrong with the tile set itself is an issue in the report.
+/// is wrong with the tile set itself is an issue in the report. [`Error::Usage`] if a part of a tile
+/// set is to be compared with a volume, which has more surfaces.
 pub fn verify(dir: &Path, options: &VerifyOptions, progress: &dyn Progress) -> Result<Report> {
     let start = Instant::now();
     let root = dir
@@ -99,6 +100,13 @@ pub fn verify(dir: &Path, options: &VerifyOptions, progress: &dyn Progress) -> R
     let mut issues = Issues::new(options.max_issues);
     let mut found = Found::default();
     if let Some(manifest) = index::manifest(&root, &mut issues)? {
+        if options.against.is_some() && manifest.is_part() {
+            return Err(Error::usage(
+                "--against",
+                "a part of a tile set, whose cells were selected",
+                "the whole that it was selected from",
+            ));
+        }
         index::foreign_files(&root, &manifest, &mut issues)?;
         let cx = Context::new(&root, &manifest, options.max_issues);
         let original = Original::new(options.against, &manifest, &mut issues);

@@ -41,6 +41,7 @@ impl<'a> Original<'a> {
             rule: Rule {
                 threshold: manifest.threshold,
                 cap: manifest.cap,
+                partial: manifest.dust.is_some() || manifest.is_part(),
                 triangles: CubeTriangles::new(manifest.ambiguous),
             },
             voxels: Voxels::default(),

@@ -18,6 +18,25 @@ fn help_names_every_option() {
         ("demo", format!("{COMMON} --size --primitives alvis-demo")),
         ("info", format!("{COMMON} {INPUT} --threshold")),
         ("convert", convert),
+        (
+            "cells",
+            format!(
+                "{COMMON} --objects --surfaces --where --sort --descending --top --columns \
+                 --format --summary csv missing"
+            ),
+        ),
+        (
+            "select",
+            format!(
+                "{COMMON} --where --omit --paint --colour-by --map --range --force viridis best"
+            ),
+        ),
+        (
+            "preview",
+            format!(
+                "{COMMON} {INPUT} --axis --at --threshold --tiles --colour-by --map --window --scale"
+            ),
+        ),
         ("verify", format!("{COMMON} {INPUT} --against --max-issues")),
         (
             "phantom",

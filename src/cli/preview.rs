@@ -1,0 +1,121 @@
+//! `alvis preview`: a slice of a volume as a picture.
+
+use super::args::{Common, InputOptions};
+use super::parse::{self, Threshold};
+use super::{Outcome, info, output};
+use crate::error::{Error, Result};
+use crate::preview::{Axis, PreviewOptions, preview};
+use crate::select::Map;
+use clap::{Args, ValueEnum, ValueHint};
+use std::path::PathBuf;
+
+/// An axis, as typed.
+#[derive(Debug, Clone, Copy, ValueEnum)]
+enum AxisArg {
+    X,
+    Y,
+    Z,
+}
+
+/// Draw a slice of a volume as PNG, with the threshold's contour and the cells in colour
+///
+/// Grey values run from the 0.5th to the 99.5th percentile of the slice. A slice across z has x to
+/// the right and y down; across y, x to the right and z down; across x, y to the right and z down.
+#[derive(Debug, Args)]
+#[command(after_help = "Examples:\n  \
+    alvis preview scan.mhd slice.png --threshold otsu\n  \
+    alvis preview scan.mhd slice.png --tiles OUT --colour-by equivalent_diameter")]
+pub struct PreviewArgs {
+    /// The volume: .mhd, .mha, .nrrd, .nhdr, or anything else as raw samples
+    #[arg(value_hint = ValueHint::FilePath)]
+    input: PathBuf,
+    /// The picture to write
+    #[arg(value_name = "PNG", value_hint = ValueHint::FilePath)]
+    png: PathBuf,
+    /// The axis that the slice lies across
+    #[arg(long, value_name = "AXIS", default_value = "z")]
+    axis: AxisArg,
+    /// Its voxel along that axis [default: the middle]
+    #[arg(long, value_name = "N")]
+    at: Option<u32>,
+    /// Draw the contour of this threshold [default: that of the tiles, if given]
+    #[arg(long, value_name = "T|otsu", allow_hyphen_values = true, value_parser = parse::threshold)]
+    threshold: Option<Threshold>,
+    /// Colour the cells of this tile set of the volume
+    #[arg(long, value_name = "OUT", value_hint = ValueHint::DirPath)]
+    tiles: Option<PathBuf>,
+    /// Colour them by a column or an expression instead of their ids
+    #[arg(
+        long,
+        alias = "color-by",
+        value_name = "COLUMN",
+        requires = "tiles",
+        allow_hyphen_values = true
+    )]
+    colour_by: Option<String>,
+    /// Colour map: viridis, magma, plasma, inferno, cividis or turbo
+    #[arg(long, value_name = "NAME", default_value = "viridis", value_parser = super::select::map, requires = "colour_by")]
+    map: Map,
+    /// Samples that are black and white
+    #[arg(long, value_name = "A:B", allow_hyphen_values = true, value_parser = super::select::range)]
+    window: Option<[f64; 2]>,
+    /// Pixels per voxel and axis [default: as many as fit 1024]
+    #[arg(long, value_name = "K", value_parser = clap::value_parser!(u32).range(1..=64))]
+    scale: Option<u32>,
+    #[command(flatten)]
+    options: InputOptions,
+    #[command(flatten)]
+    common: Common,
+}
+
+impl PreviewArgs {
+    pub fn run(self) -> Result<Outcome> {
+        let console = self.common.start();
+        if self
+            .png
+            .extension()
+            .is_none_or(|e| !e.eq_ignore_ascii_case("png"))
+        {
+            let found = self.png.display().to_string();
+            return Err(Error::usage("PNG", found, "a name that ends in .png"));
+        }
+        let opened = self.options.open(&self.input)?;
+        let threshold = match self.threshold {
+            None => None,
+            Some(Threshold::Value(t)) => Some(t),
+            Some(Threshold::Otsu) => Some(info::otsu(&*opened.volume, &self.input, &console)?),
+        };
+        let options = PreviewOptions {
+            axis: match self.axis {
+                AxisArg::X => Axis::X,
+                AxisArg::Y => Axis::Y,
+                AxisArg::Z => Axis::Z,
+            },
+            at: self.at,
+            threshold,
+            tiles: self.tiles,
+            colour_by: self.colour_by,
+            map: self.map,
+            window: self.window,
+            scale: self.scale,
+        };
+        let report = preview(&*opened.volume, &self.png, &options)?;
+        drop(console);
+        if self.common.json {
+            output::print_json(&report)?;
+        } else if self.common.talks() {
+            let cells = report
+                .cells
+                .map_or(String::new(), |n| format!(", {} cells", output::count(n)));
+            output::print(&format!(
+                "{}: slice {} across {}, {} x {} pixels{cells}\n",
+                self.png.display(),
+                report.at,
+                ["x", "y", "z"][report.axis as usize],
+                report.size[0],
+                report.size[1],
+            ))?;
+        }
+        Ok(Outcome::Done)
+    }
+}

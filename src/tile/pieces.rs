@@ -1,0 +1,240 @@
+//! The surface pieces of a tile, each with vertices and indices of its own, from either layout.
+
+use super::glb::{Fault, ReadError, fail};
+use super::read::{PieceIds, Pieces, Primitive, Tile};
+use crate::grid::LATTICE;
+use crate::manifest::Primitives;
+use std::borrow::Cow;
+
+/// A piece with its own geometry.
+#[derive(Debug, Clone)]
+pub struct Piece<'a> {
+    /// Its ids.
+    pub ids: PieceIds,
+    /// Positions in voxel coordinates.
+    pub positions: Vec<[f32; 3]>,
+    /// Normals, as many.
+    pub normals: Vec<[f32; 3]>,
+    /// A list of triangles or a stitched strip; every index is below the number of positions.
+    pub indices: Cow<'a, [u32]>,
+}
+
+/// Takes a tile apart into its pieces, in the order of nodes or rows.
+///
+/// # Errors
+/// [`ReadError`] if modes, indices or feature ids are not those of a tile of this kind.
+pub fn pieces<'a>(tile: &Tile<'a>, kind: Primitives) -> Result<Vec<Piece<'a>>, ReadError> {
+    let mut out = Vec::with_capacity(tile.primitives.len());
+    for primitive in &tile.primitives {
+        let at = format!("/nodes/{}/mesh", primitive.node);
+        let mode = super::document::mode(kind);
+        if primitive.mode != mode {
+            let message = format!("found mode {}, expected {mode}", primitive.mode);
+            return fail(Fault::Structure, at, message);
+        }
+        let mut indices = Vec::new();
+        primitive.indices.read_into(&mut indices);
+        let vertices = primitive.positions.len();
+        if let Some(bad) = indices.iter().find(|&&i| i as usize >= vertices) {
+            let message = format!("found index {bad}, expected one below {vertices}");
+            return fail(Fault::Accessor, at, message);
+        }
+        match &primitive.pieces {
+            Pieces::One(ids) => out.push(Piece {
+                ids: *ids,
+                positions: primitive.positions.iter().collect(),
+                normals: primitive.normals.iter().collect(),
+                indices: indices.into(),
+            }),
+            Pieces::Merged(rows, ids) => split(primitive, rows, ids, &indices, kind, &mut out)
+                .or_else(|message| fail(Fault::Structure, at, message))?,
+        }
+    }
+    Ok(out)
+}
+
+/// Takes a merged primitive apart.
+fn split(
+    primitive: &Primitive,
+    rows: &[[u8; 4]],
+    ids: &[PieceIds],
+    indices: &[u32],
+    kind: Primitives,
+    out: &mut Vec<Piece<'_>>,
+) -> Result<(), String> {
+    let mut own: Vec<Piece> = ids
+        .iter()
+        .map(|&ids| Piece {
+            ids,
+            positions: Vec::new(),
+            normals: Vec::new(),
+            indices: Cow::Owned(Vec::new()),
+        })
+        .collect();
+    // of each vertex: its row, and its number there
+    let mut place = Vec::with_capacity(rows.len());
+    let vertices = primitive.positions.iter().zip(primitive.normals.iter());
+    for (row, (position, normal)) in rows.iter().zip(vertices) {
+        let value = f32::from_le_bytes(*row);
+        let piece = (value >= 0.0 && value.fract() == 0.0)
+            .then(|| own.get_mut(value as usize))
+            .flatten();
+        let Some(piece) = piece else {
+            return Err(format!(
+                "found feature id {value}, expected a row of {}",
+                ids.len()
+            ));
+        };
+        place.push((value as usize, piece.positions.len() as u32));
+        piece.positions.push(position);
+        piece.normals.push(normal);
+    }
+    let owner = |i: u32| place[i as usize];
+    let mixed = || "a triangle has vertices of several features".to_owned();
+    match kind {
+        Primitives::Triangles => {
+            for t in indices.as_chunks::<3>().0 {
+                let [a, b, c] = t.map(owner);
+                if a.0 != b.0 || b.0 != c.0 {
+                    return Err(mixed());
+                }
+                own[a.0].indices.to_mut().extend([a.1, b.1, c.1]);
+            }
+        }
+        Primitives::Strips => {
+            for t in indices.windows(3) {
+                let [a, b, c] = [t[0], t[1], t[2]].map(|i| owner(i).0);
+                let drawn = t[0] != t[1] && t[1] != t[2] && t[0] != t[2];
+                if drawn && (a != b || b != c) {
+                    return Err(mixed());
+                }
+            }
+            let mut start = 0;
+            for run in indices.chunk_by(|&a, &b| owner(a).0 == owner(b).0) {
+                let piece = owner(run[0]).0;
+                if !own[piece].indices.is_empty() {
+                    return Err("a feature's strip is in several places".to_owned());
+                }
+                let strip: Vec<u32> = run.iter().map(|&i| owner(i).1).collect();
+                own[piece].indices = Cow::Owned(trimmed(&strip, start % 2 == 1));
+                start += run.len();
+            }
+        }
+    }
+    out.extend(own);
+    Ok(())
+}
+
+/// A strip without the repeated entries that join it to its neighbours, such that its first entry
+/// counts as even; `odd` says that the first entry given counts as odd.
+fn trimmed(run: &[u32], odd: bool) -> Vec<u32> {
+    let repeats = run.iter().take_while(|&&i| i == run[0]).count();
+    let mut start = repeats - 1;
+    let mut strip = Vec::with_capacity(run.len() + 1);
+    if (start % 2 == 1) != odd {
+        match start {
+            0 => strip.push(run[0]),
+            _ => start -= 1,
+        }
+    }
+    strip.extend_from_slice(&run[start..]);
+    while let [.., a, b] = strip[..]
+        && a == b
+        && strip.len() > 3
+    {
+        strip.pop();
+    }
+    strip
+}
+
+impl Piece<'_> {
+    /// Calls `each` for every triangle that is drawn, oriented.
+    pub fn triangles(&self, kind: Primitives, mut each: impl FnMut([u32; 3])) {
+        match kind {
+            Primitives::Triangles => self
+                .indices
+                .as_chunks::<3>()
+                .0
+                .iter()
+                .for_each(|&t| each(t)),
+            Primitives::Strips => {
+                for (k, w) in self.indices.windows(3).enumerate() {
+                    let (a, b, c) = (w[0], w[1], w[2]);
+                    if a != b && b != c && a != c {
+                        each(if k % 2 == 0 { [a, b, c] } else { [b, a, c] });
+                    }
+                }
+            }
+        }
+    }
+
+    /// The number of strips that are stitched here: within a strip no entry follows itself.
+    pub fn strips(&self) -> u64 {
+        let mut strips = 0;
+        let mut joint = true;
+        for w in self.indices.windows(3) {
+            if w[0] == w[1] || w[1] == w[2] {
+                joint = true;
+            } else if w[0] != w[2] {
+                strips += u64::from(joint);
+                joint = false;
+            }
+        }
+        strips
+    }
+
+    /// The positions in lattice steps.
+    ///
+    /// # Errors
+    /// [`ReadError`] if one is not on the lattice or far outside any grid.
+    pub fn lattice(&self) -> Result<Vec<[i32; 3]>, ReadError> {
+        let limit = (crate::grid::MAX_DIM * LATTICE) as f32;
+        let steps = |v: f32| {
+            let s = v * LATTICE as f32;
+            (s.fract() == 0.0 && s.abs() <= limit).then_some(s as i32)
+        };
+        let point = |p: &[f32; 3]| match p.map(steps) {
+            [Some(x), Some(y), Some(z)] => Ok([x, y, z]),
+            _ => fail(
+                Fault::Accessor,
+                "",
+                format!("found the position {p:?}, expected multiples of 1/{LATTICE} in the grid"),
+            ),
+        };
+        self.positions.iter().map(point).collect()
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::strip::{append_strip, unstrip};
+    use proptest::prelude::*;
+
+    proptest! {
+        /// Strips that were joined come apart into what they were.
+        #[test]
+        fn joined_strips_come_apart(
+            strips in prop::collection::vec(prop::collection::vec(0u32..6, 3..9), 1..6)
+        ) {
+            let strips: Vec<Vec<u32>> = strips
+                .into_iter()
+                .filter(|s| s[0] != s[1] && s[1] != s[2] && s[0] != s[2])
+                .collect();
+            let mut all = Vec::new();
+            for (n, strip) in strips.iter().enumerate() {
+                append_strip(&mut all, strip, 10 * n as u32);
+            }
+            let mut start = 0;
+            for run in all.chunk_by(|a, b| a / 10 == b / 10) {
+                let n = (run[0] / 10) as usize;
+                let own: Vec<u32> = run.iter().map(|i| i % 10).collect();
+                prop_assert_eq!(
+                    unstrip(&trimmed(&own, start % 2 == 1)),
+                    unstrip(&strips[n])
+                );
+                start += run.len();
+            }
+        }
+    }
+}

@@ -1,0 +1,219 @@
+//! `alvis preview`: the picture against the samples, and the cells against a labelling of its own.
+
+mod command;
+
+use command::{fails, foam_tiles, json, ok};
+use image::RgbImage;
+use std::collections::{BTreeMap, BTreeSet};
+use std::path::Path;
+
+const DIMS: [usize; 3] = [40, 36, 32];
+
+fn samples(dir: &Path) -> Vec<u8> {
+    let bytes = std::fs::read(dir.join("foam.raw")).unwrap();
+    assert_eq!(bytes.len(), DIMS.iter().product::<usize>());
+    bytes
+}
+
+fn picture(dir: &Path, args: &[&str]) -> RgbImage {
+    let args = [&["preview", "foam.mhd", "out.png", "--quiet"], args].concat();
+    assert_eq!(ok(dir, &args), "");
+    image::open(dir.join("out.png")).unwrap().to_rgb8()
+}
+
+/// The linear index of a slice's voxel, by the orientation that the help states.
+fn index(axis: usize, at: usize, x: usize, y: usize) -> usize {
+    let [i, j, k] = [[at, x, y], [x, at, y], [x, y, at]][axis];
+    i + DIMS[0] * (j + DIMS[1] * k)
+}
+
+#[test]
+fn grey_values_are_the_samples() {
+    let dir = foam_tiles(&[]);
+    let dir = dir.path();
+    let samples = samples(dir);
+    for (axis, name) in ["x", "y", "z"].into_iter().enumerate() {
+        let args = [
+            "--axis", name, "--at", "5", "--scale", "2", "--window", "0:255",
+        ];
+        let picture = picture(dir, &args);
+        let size = [[36, 32], [40, 32], [40, 36]][axis];
+        assert_eq!(picture.dimensions(), (2 * size[0], 2 * size[1]));
+        for (x, y, pixel) in picture.enumerate_pixels() {
+            let v = samples[index(axis, 5, x as usize / 2, y as usize / 2)];
+            assert_eq!(pixel.0, [v; 3]);
+        }
+    }
+    let report = json(&ok(
+        dir,
+        &[
+            "preview",
+            "foam.mhd",
+            "a.png",
+            "--json",
+            "--threshold",
+            "otsu",
+        ],
+    ));
+    assert_eq!((&report["axis"], &report["at"]), (&"z".into(), &16.into()));
+    assert_eq!(report["size"], serde_json::json!([640, 576]));
+    let drawn = image::open(dir.join("a.png")).unwrap().to_rgb8();
+    assert!(drawn.pixels().any(|p| p.0 == [255, 64, 32]));
+}
+
+/// Labels the below voxels of the volume, 18-connected or 6-connected, ids by the first voxel.
+fn labels(samples: &[u8], threshold: f64, diagonal: bool) -> Vec<u64> {
+    let below = |i: usize| f64::from(samples[i]) < threshold;
+    let mut label = vec![0; samples.len()];
+    let mut next = 0;
+    for start in 0..samples.len() {
+        if !below(start) || label[start] != 0 {
+            continue;
+        }
+        next += 1;
+        label[start] = next;
+        let mut open = vec![start];
+        while let Some(i) = open.pop() {
+            let p = [i % DIMS[0], i / DIMS[0] % DIMS[1], i / DIMS[0] / DIMS[1]];
+            for n in 0..27 {
+                let d = [n % 3, n / 3 % 3, n / 9].map(|v| v as i64 - 1);
+                let steps: i64 = d.iter().map(|v| v.abs()).sum();
+                let q: Vec<i64> = (0..3).map(|a| p[a] as i64 + d[a]).collect();
+                let inside = (0..3).all(|a| q[a] >= 0 && q[a] < DIMS[a] as i64);
+                if !inside || steps == 0 || steps > if diagonal { 2 } else { 1 } {
+                    continue;
+                }
+                let j = q[0] as usize + DIMS[0] * (q[1] as usize + DIMS[1] * q[2] as usize);
+                if below(j) && label[j] == 0 {
+                    label[j] = next;
+                    open.push(j);
+                }
+            }
+        }
+    }
+    label
+}
+
+#[test]
+fn cells_have_the_colours_of_their_labels() {
+    for rule in ["separate", "join"] {
+        let dir = foam_tiles(&["--ambiguous", rule]);
+        let dir = dir.path();
+        let samples = samples(dir);
+        let manifest = std::fs::read_to_string(dir.join("tiles/index.json")).unwrap();
+        let threshold = json(&manifest)["threshold"].as_f64().unwrap();
+        let label = labels(&samples, threshold, rule == "separate");
+        for (axis, name) in ["x", "y", "z"].into_iter().enumerate() {
+            for at in [0, 15, 16, DIMS[axis] - 1] {
+                let at_text = at.to_string();
+                let args = [
+                    "--axis",
+                    name,
+                    "--at",
+                    &at_text,
+                    "--scale",
+                    "1",
+                    "--tiles",
+                    "tiles",
+                    "--threshold",
+                    "1000",
+                    "--window",
+                    "500:501",
+                ];
+                let picture = picture(dir, &args);
+                let mut colour = BTreeMap::new();
+                for (x, y, pixel) in picture.enumerate_pixels() {
+                    let cell = label[index(axis, at, x as usize, y as usize)];
+                    // every sample is black in this window, so only cells have a colour
+                    assert_eq!(cell == 0, pixel.0 == [0; 3], "{name} {at} {x} {y}");
+                    assert_eq!(colour.entry(cell).or_insert(*pixel), pixel, "cell {cell}");
+                }
+                let distinct: BTreeSet<[u8; 3]> = colour.values().map(|p| p.0).collect();
+                assert_eq!(distinct.len(), colour.len());
+            }
+        }
+        let args = [
+            "preview",
+            "foam.mhd",
+            "b.png",
+            "--tiles",
+            "tiles",
+            "--colour-by",
+            "volume",
+            "--json",
+        ];
+        let report = json(&ok(dir, &args));
+        assert_eq!(report["threshold"], threshold);
+        let seen: BTreeSet<u64> = (0..DIMS[0] * DIMS[1])
+            .map(|i| label[i + 16 * DIMS[0] * DIMS[1]])
+            .filter(|&l| l != 0)
+            .collect();
+        assert_eq!(report["cells"], seen.len());
+    }
+}
+
+#[test]
+fn a_crop_is_followed() {
+    let dir = foam_tiles(&["--crop", "4:30,2:,8:"]);
+    let picture = picture(dir.path(), &["--tiles", "tiles", "--scale", "1"]);
+    assert_eq!(picture.dimensions(), (26, 34));
+}
+
+#[test]
+fn refusals_leave_no_picture() {
+    let dir = foam_tiles(&[]);
+    let dir = dir.path();
+    ok(
+        dir,
+        &[
+            "phantom",
+            "sphere",
+            "other.mhd",
+            "--dims",
+            "8,8,8",
+            "--quiet",
+        ],
+    );
+    for (args, part) in [
+        (
+            &["preview", "foam.mhd", "a.png", "--at", "32"][..],
+            "0 to 31",
+        ),
+        (&["preview", "foam.mhd", "a.jpg"], ".png"),
+        (&["preview", "foam.mhd", "no/a.png"], "no/a.png"),
+        (
+            &["preview", "other.mhd", "a.png", "--tiles", "tiles"],
+            "40 x 36 x 32",
+        ),
+        (
+            &["preview", "foam.mhd", "a.png", "--tiles", "nothing"],
+            "nothing",
+        ),
+        (
+            &[
+                "preview",
+                "foam.mhd",
+                "a.png",
+                "--tiles",
+                "tiles",
+                "--colour-by",
+                "volme",
+            ],
+            "column 1",
+        ),
+        (&["preview", "foam.mhd", "a.png", "--scale", "0"], "--scale"),
+        (
+            &["preview", "foam.mhd", "a.png", "--colour-by", "volume"],
+            "--tiles",
+        ),
+    ] {
+        let message = fails(dir, args);
+        assert!(message.contains(part), "{args:?}: {message}");
+    }
+    let left: Vec<_> = std::fs::read_dir(dir)
+        .unwrap()
+        .map(|e| e.unwrap().file_name().into_string().unwrap())
+        .filter(|n| n.contains("png"))
+        .collect();
+    assert!(left.is_empty(), "{left:?}");
+}
