@@ -53,6 +53,8 @@ const FILES: &[Known] = &[
     known!("derived/cement_deflate_pred_tiled.tif", "tiff", [128, 128, 128], U8, 0xaf0e3d37, [1.0; 3], Voxel, Default),
     known!("tiff_slices/LHDL_3155_D_4_bc", "tiff", [200, 200, 200], U8, 0x99bbf631, [1.0; 3], Voxel, Default),
     known!("derived/snow_png16", "png", [100, 100, 100], U16, 0xca083f05, [1.0; 3], Voxel, Default),
+    known!("tiff/ketton.zip", "tiff", [256, 256, 256], U8, 0x6f9cf292, [1.0; 3], Voxel, Default),
+    known!("npy/berea_100_to_300.npz", "numpy", [200, 200, 200], U8, 0x0ebc0e16, [1.0; 3], Voxel, Default),
     known!("nifti/CT_pitch.nii.gz", "nifti", [175, 248, 58], U8, 0x03ab7932, [0.8125, 0.8125, 2.397_049_4], Millimetre, File),
     known!("nifti/engine.nii.gz", "nifti", [256, 256, 128], U8, 0x5db1123a, [1.0; 3], Millimetre, File),
     known!("nifti/mni_icbm152_t1_tal_nlin_sym_09a_converted.nii.gz", "nifti", [197, 233, 189], U8, 0x39d966c3, [1.0; 3], Millimetre, File),

@@ -111,6 +111,11 @@ pub(super) struct Bytes {
 }
 
 impl Bytes {
+    /// The open file, in which these bytes are not all.
+    pub(super) fn file(&self) -> Arc<File> {
+        self.file.clone()
+    }
+
     pub(super) fn path(&self) -> &Path {
         &self.path
     }

@@ -78,6 +78,10 @@ pub(super) enum Encoding {
     Raw,
     Zlib,
     Gzip,
+    /// A bare stream, with the checksum of what it unpacks to: a member of a zip archive.
+    Deflate {
+        crc: u32,
+    },
 }
 
 /// Opens the data files of a volume.

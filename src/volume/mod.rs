@@ -1,5 +1,6 @@
 //! Volumes on disk: what is known of them before reading, and reading any box of voxels.
 
+mod archive;
 mod blob;
 mod crop;
 mod dtype;
@@ -11,6 +12,7 @@ mod map;
 mod memory;
 mod metaimage;
 mod nifti;
+mod npy;
 mod nrrd;
 mod open;
 mod paged;
@@ -88,7 +90,8 @@ impl std::str::FromStr for Endian {
 /// What a volume says of itself, after options have overridden it.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Header {
-    /// Name of the file format: `raw`, `metaimage`, `nrrd`, `tiff`, `png`, `nifti`.
+    /// Name of the file format: `raw`, `metaimage`, `nrrd`, `tiff`, `png`,
+    /// `nifti`, `numpy`.
     pub format: &'static str,
     /// Size in voxels.
     pub dims: Dims,

@@ -5,7 +5,7 @@ use super::file::FileVolume;
 use super::layout::{self, Data, Encoding, Recipe, Samples, Start};
 use super::paged::PagedVolume;
 use super::scaled::{Scaled, value_type};
-use super::{Dtype, Endian, Header, Volume, folder, metaimage, nifti, nrrd, tiff};
+use super::{Dtype, Endian, Header, Volume, archive, folder, metaimage, nifti, npy, nrrd, tiff};
 use crate::error::{Error, Result};
 use crate::grid::{Dims, Placement, Unit};
 use crate::manifest::{Origin, Provenance};
@@ -78,7 +78,7 @@ impl std::fmt::Debug for Opened {
     }
 }
 
-/// Opens a volume. NRRD, MetaImage, TIFF and NIfTI files are recognised by their content, whatever
+/// Opens a volume. NRRD, MetaImage, TIFF, NIfTI, NumPy and zip files are recognised by their content, whatever
 /// their name; everything else is headerless raw (or raw packed by gzip, with a name that ends in
 /// `.gz`), whose size and type the options must give. A folder is a stack of TIFF or PNG slices, or,
 /// if size and type are given, of headerless ones.
@@ -143,6 +143,10 @@ fn recognise(path: &Path, head: &[u8], options: &OpenOptions) -> Result<Recipe> 
         metaimage::parse(path)?
     } else if tiff::is_tiff(head) && options.dims.is_none() {
         tiff::parse(path, vec![Blob::file(path)?])?
+    } else if npy::is_npy(head) && options.dims.is_none() {
+        npy::parse(path, head)?
+    } else if archive::is_zip(head) && options.dims.is_none() {
+        archive::parse(path)?
     } else if options.dims.is_none()
         && let Some(recipe) = nifti::parse(path, head)?
     {
@@ -207,11 +211,12 @@ fn complete(path: &Path, recipe: &mut Recipe, options: &OpenOptions) -> Result<(
 /// Files of other kinds, by their first bytes and how to get their samples into a known one.
 const OTHERS: &[(&[u8], usize, &str)] = &[
     (b"\x89HDF\r\n\x1a\n", 0, "HDF5"),
-    (b"\x89PNG\r\n\x1a\n", 0, "single PNG"),
+    (b"\x89PNG\r\n\x1a\n", 0, "PNG (of one slice)"),
     (b"DICM", 128, "DICOM"),
-    (b"\x93NUMPY", 0, "NumPy"),
-    (b"PK\x03\x04", 0, "zip"),
     (b"# vtk DataFile", 0, "VTK"),
+    (b"<VTKFile", 0, "VTK XML"),
+    (b"<?xml", 0, "XML"),
+    (b"\xff\xd8\xff", 0, "JPEG"),
 ];
 
 /// The name of another format that a file begins as.

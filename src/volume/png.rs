@@ -60,6 +60,11 @@ fn shape(blob: &Blob) -> Result<([u32; 2], Dtype)> {
             "save it as TIFF with small strips",
         ));
     }
+    // Deflate packs 258 bytes into 2 bits at best
+    if bytes > blob.len().saturating_mul(1032) {
+        let found = format!("{} bytes for {bytes} bytes of samples", blob.len());
+        return Err(Error::format(blob.path(), found, "a whole PNG"));
+    }
     Ok((size, dtype))
 }
 

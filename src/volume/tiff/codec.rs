@@ -14,6 +14,20 @@ pub(super) enum Compression {
     PackBits,
 }
 
+impl Compression {
+    /// No byte can unpack to more than this: 128 bytes in 2 for PackBits, 258 in 2 bits for Deflate
+    /// (<https://zlib.net/zlib_tech.html>), a whole table of 4096 in 12 bits for LZW. Sizes beyond it
+    /// are refused before anything is allocated for them.
+    pub(super) fn most(self) -> u64 {
+        match self {
+            Compression::None => 1,
+            Compression::PackBits => 64,
+            Compression::Deflate => 1032,
+            Compression::Lzw => 2731,
+        }
+    }
+}
+
 /// Fills `out` from a packed chunk. A chunk that decodes to more is clipped: some writers pad the
 /// last strip to full height.
 pub(super) fn unpack(how: Compression, from: impl BufRead, out: &mut [u8]) -> Result<()> {

@@ -259,7 +259,7 @@ impl Place<'_> {
                 _ => len,
             };
             let end = position.saturating_add(need);
-            let short = layout.compression == Compression::None && len < need;
+            let short = layout.chunk_bytes(i) > len.saturating_mul(layout.compression.most());
             if end > self.bytes.len() || position == 0 || need == 0 || short {
                 let found = format!("strip {i} of {len} bytes at {position}");
                 let file = self.bytes.len();
