@@ -1,4 +1,4 @@
-//! Small files by other writers (tests/fixtures/make.py: tifffile, nibabel, numpy, Pillow), whole
+//! Small files by other writers (tests/fixtures/make.py: tifffile, nibabel, numpy, VTK, Pillow), whole
 //! and damaged.
 
 mod volume_common;
@@ -73,6 +73,9 @@ const WHOLE: &[(&str, Dtype)] = &[
     ("png16", Dtype::U16),
     ("png16.zip", Dtype::U16),
     ("tiff.zip", Dtype::U16),
+    ("u16.vti", Dtype::U16),
+    ("f32_zlib.vti", Dtype::F32),
+    ("i8_zlib64.vti", Dtype::I8),
 ];
 
 #[test]
@@ -119,6 +122,11 @@ fn places_are_those_that_were_written() {
     }
     let place = read("u16_cm.tif").unwrap().volume.header().placement;
     assert_eq!((place.spacing, place.unit), ([0.0025; 3], Unit::Millimetre));
+    let opened = read("u16.vti").unwrap();
+    let place = opened.volume.header().placement;
+    assert_eq!((place.spacing, place.unit), ([0.5, 0.25, 2.0], Unit::Voxel));
+    assert_eq!(place.origin, [10.0, 20.0, -30.0]);
+    assert_eq!(opened.provenance.unit, Origin::Default);
     for name in ["i16.nii", "f64_2.nii", "u16_be.nii.gz", "u8_pair.hdr"] {
         let opened = read(name).unwrap();
         let place = opened.volume.header().placement;
@@ -156,6 +164,9 @@ fn what_is_not_read_is_named() {
         ("no_fortran.npy", "Fortran"),
         ("no_two.npz", "2 arrays"),
         ("no_shear.nii", "sheared"),
+        ("no_base64.vti", "base64"),
+        ("no_ascii.vti", "without appended"),
+        ("no_lz4.vti", "LZ4"),
         ("png8/s8.png", "PNG"),
     ] {
         let error = read(name).unwrap_err();

@@ -25,6 +25,7 @@ mod statistics;
 mod stream;
 mod text;
 mod tiff;
+mod vti;
 mod walk;
 
 pub use crop::Cropped;
@@ -91,7 +92,7 @@ impl std::str::FromStr for Endian {
 #[derive(Debug, Clone, PartialEq)]
 pub struct Header {
     /// Name of the file format: `raw`, `metaimage`, `nrrd`, `tiff`, `png`,
-    /// `nifti`, `numpy`.
+    /// `nifti`, `numpy`, `vti`.
     pub format: &'static str,
     /// Size in voxels.
     pub dims: Dims,

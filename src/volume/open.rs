@@ -5,7 +5,9 @@ use super::file::FileVolume;
 use super::layout::{self, Data, Encoding, Recipe, Samples, Start};
 use super::paged::PagedVolume;
 use super::scaled::{Scaled, value_type};
-use super::{Dtype, Endian, Header, Volume, archive, folder, metaimage, nifti, npy, nrrd, tiff};
+use super::{
+    Dtype, Endian, Header, Volume, archive, folder, metaimage, nifti, npy, nrrd, tiff, vti,
+};
 use crate::error::{Error, Result};
 use crate::grid::{Dims, Placement, Unit};
 use crate::manifest::{Origin, Provenance};
@@ -78,7 +80,7 @@ impl std::fmt::Debug for Opened {
     }
 }
 
-/// Opens a volume. NRRD, MetaImage, TIFF, NIfTI, NumPy and zip files are recognised by their content, whatever
+/// Opens a volume. NRRD, MetaImage, TIFF, NIfTI, NumPy, VTK image data and zip files are recognised by their content, whatever
 /// their name; everything else is headerless raw (or raw packed by gzip, with a name that ends in
 /// `.gz`), whose size and type the options must give. A folder is a stack of TIFF or PNG slices, or,
 /// if size and type are given, of headerless ones.
@@ -147,6 +149,8 @@ fn recognise(path: &Path, head: &[u8], options: &OpenOptions) -> Result<Recipe> 
         npy::parse(path, head)?
     } else if archive::is_zip(head) && options.dims.is_none() {
         archive::parse(path)?
+    } else if vti::is_vti(head) && options.dims.is_none() {
+        vti::parse(path)?
     } else if options.dims.is_none()
         && let Some(recipe) = nifti::parse(path, head)?
     {
@@ -213,8 +217,7 @@ const OTHERS: &[(&[u8], usize, &str)] = &[
     (b"\x89HDF\r\n\x1a\n", 0, "HDF5"),
     (b"\x89PNG\r\n\x1a\n", 0, "PNG (of one slice)"),
     (b"DICM", 128, "DICOM"),
-    (b"# vtk DataFile", 0, "VTK"),
-    (b"<VTKFile", 0, "VTK XML"),
+    (b"# vtk DataFile", 0, "legacy VTK"),
     (b"<?xml", 0, "XML"),
     (b"\xff\xd8\xff", 0, "JPEG"),
 ];

@@ -214,8 +214,8 @@ impl Volume for PagedVolume {
     }
 
     fn held_bytes(&self) -> u64 {
-        // besides the cache, every thread decodes one chunk and has a buffer of what is packed
+        // besides the cache and tags, every thread decodes one chunk and has a buffer of its own
         let threads = rayon::current_num_threads() as u64;
-        self.budget + threads * (self.chunk + (1 << 20))
+        self.budget + (2 << 20) + threads * (self.chunk + (1 << 20))
     }
 }

@@ -88,7 +88,7 @@ impl Head<'_> {
         let square = b * b + c * c + d * d;
         let origin = [part(3), part(4), part(5)];
         // a little above 1 by rounding stands for half a turn
-        if !(square <= 1.0 + 1e-4) || !origin.iter().all(|v| v.is_finite()) {
+        if square.is_nan() || square > 1.0 + 1e-4 || !origin.iter().all(|v| v.is_finite()) {
             let found = format!("a qform with quaternion {b}, {c}, {d} and origin {origin:?}");
             return Err(Error::format(
                 self.path,
