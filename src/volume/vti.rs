@@ -8,6 +8,7 @@ mod blocks;
 
 use super::blob::{Blob, Bytes};
 use super::layout::{Recipe, Samples};
+use super::source::ByteSource;
 use super::{Dtype, Endian};
 use crate::error::{Error, Result};
 use crate::grid::{Dims, Placement};
@@ -186,6 +187,38 @@ fn dtype(head: &Head, array: &str) -> Result<Dtype> {
     })
 }
 
+/// The `total` bytes of samples of an array.
+fn source(
+    blob: &Blob,
+    place: blocks::Place,
+    total: u64,
+    compressor: Option<&str>,
+) -> Result<Box<dyn ByteSource>> {
+    let (path, start) = (blob.path(), place.at.saturating_add(place.word));
+    let bytes = blob.open()?;
+    Ok(match compressor {
+        None => {
+            let stored = place.number(&bytes, 0)?;
+            let end = start.checked_add(total);
+            if stored != total || end.is_none_or(|end| end > bytes.len()) {
+                let found = format!("{stored} bytes of samples at {start}");
+                let expected = format!("{total} inside the file, as size and type say");
+                return Err(Error::format(path, found, expected));
+            }
+            Box::new(blob.samples(start)?)
+        }
+        Some("vtkZLibDataCompressor") => Box::new(blocks::Blocks::open(bytes, place, total)?),
+        Some(other) => {
+            let hint = "save it with ZLib or without compression";
+            return Err(Error::unsupported(
+                path,
+                format!("the compressor {other}"),
+                hint,
+            ));
+        }
+    })
+}
+
 /// Parses a `.vti` file.
 ///
 /// # Errors
@@ -224,30 +257,9 @@ pub(super) fn parse(path: &Path) -> Result<Recipe> {
         return Err(head.wrong(format!("`{array}`"), "an array with an offset"));
     };
     let total = dims.voxels() * dtype.bytes() as u64;
-    let bytes = blob.open()?;
     let place = blocks::Place { at, word, endian };
-    let source: Box<dyn super::source::ByteSource> = match attribute(file, "compressor") {
-        None => {
-            let stored = place.word(&bytes, 0)?;
-            let start = at + word;
-            let end = start.checked_add(total);
-            if stored != total || end.is_none_or(|end| end > bytes.len()) {
-                let found = format!("{stored} bytes of samples at {start}");
-                let expected = format!("{total} inside the file, as size and type say");
-                return Err(Error::format(path, found, expected));
-            }
-            Box::new(blob.samples(start)?)
-        }
-        Some("vtkZLibDataCompressor") => Box::new(blocks::Blocks::open(bytes, place, total)?),
-        Some(other) => {
-            let hint = "save it with ZLib or without compression";
-            return Err(Error::unsupported(
-                path,
-                format!("the compressor {other}"),
-                hint,
-            ));
-        }
-    };
+    let compressor = attribute(file, "compressor");
+    let source = source(&blob, place, total, compressor)?;
     Ok(Recipe {
         format: "vti",
         dims,

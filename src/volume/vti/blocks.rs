@@ -25,7 +25,7 @@ pub(super) struct Place {
 
 impl Place {
     /// Number `i` of the header.
-    pub(super) fn word(&self, bytes: &Bytes, i: u64) -> Result<u64> {
+    pub(super) fn number(&self, bytes: &Bytes, i: u64) -> Result<u64> {
         let mut word = [0; 8];
         let word = &mut word[..self.word as usize];
         bytes.read_at(self.at.saturating_add(i.saturating_mul(self.word)), word)?;
@@ -55,9 +55,9 @@ impl Blocks {
     /// [`Error::Format`] if it does not fit the file or the `total` bytes of samples.
     pub(super) fn open(bytes: Bytes, place: Place, total: u64) -> Result<Self> {
         let [count, size, last] = [
-            place.word(&bytes, 0)?,
-            place.word(&bytes, 1)?,
-            place.word(&bytes, 2)?,
+            place.number(&bytes, 0)?,
+            place.number(&bytes, 1)?,
+            place.number(&bytes, 2)?,
         ];
         let whole = if last == 0 {
             count
@@ -74,7 +74,7 @@ impl Blocks {
         let mut position = place.at.saturating_add((3 + count) * place.word);
         let mut blocks = Vec::with_capacity(count as usize);
         for i in 0..count {
-            let packed = place.word(&bytes, 3 + i)?;
+            let packed = place.number(&bytes, 3 + i)?;
             blocks.push((position, packed));
             position = position.saturating_add(packed);
         }
