@@ -249,11 +249,7 @@ fn data_files_in_order() {
 
 #[test]
 fn other_formats_are_named() {
-    for (bytes, name) in [
-        (&b"II*\0\x08\0\0\0"[..], "TIFF"),
-        (b"\x89HDF\r\n\x1a\n", "HDF5"),
-        (b"\x93NUMPY\x01\0", "NumPy"),
-    ] {
+    for (bytes, name) in [(&b"\x89HDF\r\n\x1a\n"[..], "HDF5")] {
         let error = read("v.dat", &[bytes]).unwrap_err();
         assert!(matches!(error, Error::Unsupported { .. }), "{error}");
         assert!(error.to_string().contains(name), "{error}");

@@ -38,13 +38,6 @@ pub struct Plan {
     pub fixed: u64,
 }
 
-impl Plan {
-    /// True if every voxel is read once (but for the slices that slabs share), forward.
-    pub fn reads_once(&self) -> bool {
-        self.bands_at_once >= self.tiling.tiles()[1]
-    }
-}
-
 /// Predicts the memory and chooses how to cut.
 ///
 /// # Errors
