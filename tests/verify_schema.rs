@@ -62,7 +62,6 @@ fn manifest() -> Manifest {
         ambiguous: Ambiguous::Join,
         cap: true,
         primitives: Primitives::Triangles,
-        selection: None,
         lattice: 256,
         transform: placement.gltf_matrix(),
         totals: Totals {
