@@ -34,7 +34,8 @@ pub struct Plan {
     pub memory: u64,
     /// The limit asked for, in bytes.
     pub limit: u64,
-    /// Bytes of it that no buffer is counted for: the program itself and what the volume keeps.
+    /// Bytes of it that no buffer is counted for: the program itself, what the volume keeps, and the
+    /// components that are live.
     pub fixed: u64,
 }
 
@@ -60,7 +61,7 @@ pub fn plan(volume: &dyn Volume, dims: Dims, options: &ConvertOptions) -> Result
         threads,
         memory: cost.total(bands_at_once, look_ahead),
         limit: options.memory,
-        fixed: cost.base,
+        fixed: cost.base + cost.front,
     };
     let smallest = make(1, false);
     if smallest.memory > options.memory {

@@ -114,11 +114,6 @@ impl PhaseBirths {
 }
 
 impl Classes {
-    /// Bytes that the state takes between slabs.
-    pub fn bytes(&self) -> u64 {
-        4 * self.last_slice.capacity() as u64 + size_of_val(&self.live[..]) as u64
-    }
-
     /// Joins one slab's bands, given by rising y, to classes and moves on to the next slab.
     ///
     /// # Errors
