@@ -15,6 +15,8 @@ const BAND_BYTES_PER_VOXEL: f64 = 0.19 + 0.06 * 12.0;
 /// Triangles per cube that a tile's buffers are planned for; a foam has 0.3, noise 2.6. A tile that
 /// needs more is checked against the limit when it is met.
 const TILE_TRIANGLES_PER_CUBE: f64 = 0.4;
+/// Bytes planned for a tile at least.
+const SMALLEST_TILE: u64 = 1 << 20;
 /// Bytes of the last slice's labels and of live components per pixel of a slice, for a foam.
 const FRONT_BYTES_PER_PIXEL: f64 = 0.8;
 
@@ -114,7 +116,8 @@ impl Cost {
             base: BASE + volume.held_bytes() + 2 * volume.mapped_bytes(slices),
             front: front as u64,
             band: band as u64,
-            tile: tile as u64,
+            // small tiles differ most from the mean
+            tile: (tile as u64).max(SMALLEST_TILE),
             threads: threads as u64,
         }
     }
