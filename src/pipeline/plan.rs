@@ -17,8 +17,9 @@ const BAND_BYTES_PER_VOXEL: f64 = 0.19 + 0.06 * 12.0;
 const TILE_TRIANGLES_PER_CUBE: f64 = 0.4;
 /// Bytes planned for a tile at least.
 const SMALLEST_TILE: u64 = 1 << 20;
-/// Bytes of the last slice's labels and of live components per pixel of a slice, for a foam.
-const FRONT_BYTES_PER_PIXEL: f64 = 0.8;
+/// Bytes of the last slice's labels, of the components of a slab and of its index, per pixel of a
+/// slice: a foam takes 0.8, a thousand components to a megapixel 2.
+const FRONT_BYTES_PER_PIXEL: f64 = 2.4;
 
 /// What fits.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
