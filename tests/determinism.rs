@@ -59,11 +59,14 @@ fn converted_within<T: Voxel>(
     options: &ConvertOptions,
 ) -> BTreeMap<String, Vec<u8>> {
     let mut options = options.clone();
-    for _ in 0..50 {
+    for _ in 0..400 {
         let dir = tempfile::tempdir().unwrap();
         match convert(volume, &options, dir.path(), &Quiet) {
             Ok(_) => return files(dir.path()),
-            Err(alvis::Error::Memory { limit, needed, .. }) => {
+            Err(
+                alvis::Error::Memory { limit, needed, .. }
+                | alvis::Error::TooDense { limit, needed },
+            ) => {
                 assert!(
                     limit == options.memory && needed > limit,
                     "{limit} {needed}"

@@ -242,12 +242,21 @@ fn named_limit(dir: &Path, args: &[&str]) -> u64 {
 #[test]
 fn one_slice_may_be_larger_than_the_limit_and_the_smallest_limit_works() {
     let dir = tempfile::tempdir().unwrap();
-    let slice = 6016 * 4000 * 2;
-    lattice(&dir.path().join("a.raw"), [6016, 4000, 3], 15);
+    let slice = 6016 * 4000 * 4;
+    let path = dir.path().join("a.raw");
+    lattice(&path, [6016, 4000, 3], 15);
+    let wide: Vec<u8> = std::fs::read(&path)
+        .unwrap()
+        .chunks_exact(2)
+        .flat_map(|v| f32::from(u16::from_le_bytes([v[0], v[1]])).to_le_bytes())
+        .collect();
+    std::fs::write(&path, wide).unwrap();
     let run = |memory: u64, then: &dyn Fn(&[&str]) -> Value| {
         let memory = memory.to_string();
         let mut args = convert("a.raw", "out", "6016,4000,3", &memory);
         args.extend(["--macrocube", "64,16,64"]);
+        let dtype = args.iter().position(|&a| a == "u16").unwrap();
+        args[dtype] = "f32";
         then(&args)
     };
     let named = |memory: u64| {

@@ -249,15 +249,9 @@ fn data_files_in_order() {
 
 #[test]
 fn other_formats_are_named() {
-    for (bytes, name) in [
-        (&b"II*\0\x08\0\0\0"[..], "TIFF"),
-        (b"\x89HDF\r\n\x1a\n", "HDF5"),
-        (b"\x93NUMPY\x01\0", "NumPy"),
-    ] {
-        let error = read("v.dat", &[bytes]).unwrap_err();
-        assert!(matches!(error, Error::Unsupported { .. }), "{error}");
-        assert!(error.to_string().contains(name), "{error}");
-    }
+    let error = read("v.dat", &[&b"\x89HDF\r\n\x1a\n"[..]]).unwrap_err();
+    assert!(matches!(error, Error::Unsupported { .. }), "{error}");
+    assert!(error.to_string().contains("HDF5"), "{error}");
     for name in ["v.nrrd", "v.nhdr", "v.MHA", "v.mhd"] {
         let error = read(name, &[b"\x1f\x8bnot that"]).unwrap_err();
         assert!(matches!(error, Error::Format { .. }), "{error}");

@@ -78,7 +78,11 @@ fn open_against(directory: &Path, path: &Path, input: &InputOptions) -> Result<B
         // 0 is not passed on: it would allow any bytes after the samples
         options.offset = options.offset.or(Some(source.offset).filter(|&n| n > 0));
     }
-    let volume = volume::open(path, &options)?.volume;
+    let mut volume = volume::open(path, &options)?.volume;
+    if !volume.random_access() {
+        // tiles are compared row by row, which a stream would start anew for
+        volume = volume::spool(&*volume, &std::env::temp_dir())?;
+    }
     let dims = volume.header().dims;
     match &source.crop {
         None => Ok(volume),

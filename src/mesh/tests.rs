@@ -168,7 +168,7 @@ impl Case {
             }
             let edges: Vec<_> = bands
                 .iter()
-                .map(|(_, b, r, l)| BandEdges::of(b, r, l))
+                .map(|(_, b, r, l)| BandEdges::of(b, r, l, self.dims.0[2]))
                 .collect();
             let components: Vec<&[LocalComponent]> =
                 bands.iter().map(|b| &b.3.components[..]).collect();

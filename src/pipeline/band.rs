@@ -125,7 +125,7 @@ impl<T: Voxel> BandSource<'_, T> {
             self.rule,
             self.dims(),
         );
-        band.edges = BandEdges::of(&band.bits, &band.runs, &band.labels);
+        band.edges = BandEdges::of(&band.bits, &band.runs, &band.labels, self.dims().0[2]);
         Ok(())
     }
 }

@@ -99,7 +99,7 @@ impl Sweep<'_> {
         min_voxels: u64,
     ) -> Result<Filter> {
         let [_, bands, layers] = self.plan.tiling.tiles();
-        let mut state = State::new(self.work, &parts.budget)?;
+        let mut state = State::new(self.work)?;
         let spool = Spool::new(self.work)?;
         let mut found = Found {
             spool,

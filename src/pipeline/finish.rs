@@ -14,7 +14,8 @@ use crate::tile::{
 };
 use rayon::prelude::*;
 use std::collections::BTreeMap;
-use std::fs::OpenOptions;
+use std::fs::{File, OpenOptions};
+use std::io::{BufWriter, Write};
 use std::os::unix::fs::FileExt;
 use std::path::Path;
 
@@ -294,22 +295,53 @@ fn write_shard(dir: &Path, layer: u32, tiles: Vec<TileEntry>) -> Result<Finished
     }
     let path = format!("index/z{layer:04}.json");
     let count = tiles.len() as u64;
-    let mut json = serde_json::to_vec(&Shard { z: layer, tiles }).expect("plain data serialises");
-    json.push(b'\n');
-    write_file(&dir.join(&path), &[&json])?;
-    let checksum = checksum_text(crc32fast::hash(&json));
+    let (bytes, crc) = write_json(&dir.join(&path), &Shard { z: layer, tiles })?;
     let entry = Layer {
         z: layer,
         path,
         tiles: count,
-        bytes: json.len() as u64,
-        checksum,
+        bytes,
+        checksum: checksum_text(crc),
     };
     Ok(FinishedLayer {
         entry,
         totals,
         tiles_of,
     })
+}
+
+/// Writes a value as a line of JSON, piece by piece, and returns its size and CRC-32.
+fn write_json(path: &Path, value: &impl serde::Serialize) -> Result<(u64, u32)> {
+    /// Counts what it passes on.
+    struct Counted {
+        file: BufWriter<File>,
+        bytes: u64,
+        crc: crc32fast::Hasher,
+    }
+    impl Write for Counted {
+        fn write(&mut self, bytes: &[u8]) -> std::io::Result<usize> {
+            let n = self.file.write(bytes)?;
+            self.bytes += n as u64;
+            self.crc.update(&bytes[..n]);
+            Ok(n)
+        }
+        fn flush(&mut self) -> std::io::Result<()> {
+            self.file.flush()
+        }
+    }
+    let file = File::create(path).map_err(|e| Error::io(path, "create", e))?;
+    let (file, crc) = (BufWriter::new(file), crc32fast::Hasher::new());
+    let mut out = Counted {
+        file,
+        bytes: 0,
+        crc,
+    };
+    serde_json::to_writer(&mut out, value)
+        .map_err(std::io::Error::from)
+        .and_then(|()| out.write_all(b"\n"))
+        .and_then(|()| out.flush())
+        .map_err(|e| Error::io(path, "write", e))?;
+    Ok((out.bytes, out.crc.finalize()))
 }
 
 /// Pieces with the same ids, in the order of their first piece.

@@ -3,14 +3,12 @@
 use crate::error::Result;
 use crate::measure::{MeshSums, VoxelSums};
 use crate::pipeline::band::Band;
-use crate::pipeline::budget::{Budget, Reservation};
 use crate::pipeline::spool::{Place, Spool};
 use crate::pipeline::surfaces::{SlabSurface, SlabSurfaces, SurfacePart, Surfaces};
 use crate::pipeline::tilefile::{TileRecord, WrittenPiece};
 use crate::segment::{Births, Classes, LocalComponent, PhaseBirths, SlabClasses};
 use bytemuck::{Pod, Zeroable};
 use std::path::Path;
-use std::sync::Arc;
 
 /// A component that will not grow any more.
 #[repr(C)]
@@ -88,19 +86,14 @@ pub struct State {
     pub forward: Forward,
     classes: Classes,
     surfaces: Surfaces,
-    /// Memory of the classes of the slab in hand and of what is live.
-    held: Reservation,
 }
-
-/// Bytes per class of a slab: its record and its places in lists.
-const BYTES_PER_CLASS: u64 = size_of::<crate::segment::ClassRecord>() as u64 + 40;
 
 impl State {
     /// Nothing gathered; temporary files are made in `work`.
     ///
     /// # Errors
     /// [`crate::Error::Io`].
-    pub fn new(work: &Path, budget: &Arc<Budget>) -> Result<Self> {
+    pub fn new(work: &Path) -> Result<Self> {
         let spool = || Spool::new(work);
         let births = || Births::new(work);
         let forward = Forward {
@@ -121,28 +114,21 @@ impl State {
             forward,
             classes: Classes::default(),
             surfaces: Surfaces::default(),
-            held: Reservation::new(budget),
         })
     }
 
     /// Joins a slab's bands, by rising y, to classes.
     ///
     /// # Errors
-    /// [`crate::Error::Io`]; [`crate::Error::TooDense`] if the classes pass the budget.
+    /// [`crate::Error::Io`].
     pub fn join<T>(&mut self, bands: &[Band<T>], last_layer: bool) -> Result<SlabClasses> {
         self.forward.nan += bands.iter().map(|b| b.nan).sum::<u64>();
         let edges: Vec<_> = bands.iter().map(|b| &b.edges).collect();
         let components: Vec<&[LocalComponent]> =
             bands.iter().map(|b| &b.labels.components[..]).collect();
-        let locals: usize = components.iter().map(|c| c.len()).sum();
-        self.held
-            .grow_to(12 * locals as u64 + self.classes.bytes())?;
         let mut classes = self
             .classes
             .join(&edges, &components, &mut self.forward.births)?;
-        let records = classes.records.len() as u64 * BYTES_PER_CLASS;
-        self.held
-            .grow_to(12 * locals as u64 + records + self.classes.bytes())?;
         if last_layer {
             classes.live.clear(); // nothing grows beyond the last slice
         }

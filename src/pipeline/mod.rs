@@ -135,7 +135,9 @@ fn make(
         primitives: options.primitives,
     };
     let spooled;
-    let source = if grid.random_access() || plan.reads_once() {
+    // a slab's bands are read one by one, each through all its slices
+    let forward_only = plan.tiling.tiles()[1] == 1 && options.min_voxels < 2;
+    let source = if grid.random_access() || forward_only {
         grid
     } else {
         progress.begin("unpacking", 0);

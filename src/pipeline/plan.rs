@@ -15,8 +15,11 @@ const BAND_BYTES_PER_VOXEL: f64 = 0.19 + 0.06 * 12.0;
 /// Triangles per cube that a tile's buffers are planned for; a foam has 0.3, noise 2.6. A tile that
 /// needs more is checked against the limit when it is met.
 const TILE_TRIANGLES_PER_CUBE: f64 = 0.4;
-/// Bytes of the last slice's labels and of live components per pixel of a slice, for a foam.
-const FRONT_BYTES_PER_PIXEL: f64 = 0.8;
+/// Bytes planned for a tile at least.
+const SMALLEST_TILE: u64 = 1 << 20;
+/// Bytes of the last slice's labels, of the components of a slab and of its index, per pixel of a
+/// slice: a foam takes 0.8, a thousand components to a megapixel 2.
+const FRONT_BYTES_PER_PIXEL: f64 = 2.4;
 
 /// What fits.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -34,15 +37,9 @@ pub struct Plan {
     pub memory: u64,
     /// The limit asked for, in bytes.
     pub limit: u64,
-    /// Bytes of it that no buffer is counted for: the program itself and what the volume keeps.
+    /// Bytes of it that no buffer is counted for: the program itself, what the volume keeps, and the
+    /// components that are live.
     pub fixed: u64,
-}
-
-impl Plan {
-    /// True if every voxel is read once (but for the slices that slabs share), forward.
-    pub fn reads_once(&self) -> bool {
-        self.bands_at_once >= self.tiling.tiles()[1]
-    }
 }
 
 /// Predicts the memory and chooses how to cut.
@@ -67,7 +64,7 @@ pub fn plan(volume: &dyn Volume, dims: Dims, options: &ConvertOptions) -> Result
         threads,
         memory: cost.total(bands_at_once, look_ahead),
         limit: options.memory,
-        fixed: cost.base,
+        fixed: cost.base + cost.front,
     };
     let smallest = make(1, false);
     if smallest.memory > options.memory {
@@ -120,7 +117,8 @@ impl Cost {
             base: BASE + volume.held_bytes() + 2 * volume.mapped_bytes(slices),
             front: front as u64,
             band: band as u64,
-            tile: tile as u64,
+            // small tiles differ most from the mean
+            tile: (tile as u64).max(SMALLEST_TILE),
             threads: threads as u64,
         }
     }

@@ -50,9 +50,14 @@ impl Spool {
     /// [`Error::Io`] if the file cannot be written.
     pub fn push<T: Pod>(&mut self, records: &[T]) -> Result<Place<T>> {
         let offset = self.written + self.buffer.len() as u64;
-        self.buffer.extend_from_slice(bytemuck::cast_slice(records));
-        if self.buffer.len() >= BUFFER {
+        let bytes: &[u8] = bytemuck::cast_slice(records);
+        if self.buffer.len() + bytes.len() > BUFFER {
             self.flush()?;
+        }
+        if bytes.len() > BUFFER {
+            self.write(bytes)?;
+        } else {
+            self.buffer.extend_from_slice(bytes);
         }
         Ok(Place {
             offset,
@@ -62,11 +67,18 @@ impl Spool {
     }
 
     fn flush(&mut self) -> Result<()> {
-        self.file
-            .write_all(&self.buffer)
-            .map_err(|e| Error::io(&self.dir, "write a temporary file", e))?;
-        self.written += self.buffer.len() as u64;
+        let buffer = std::mem::take(&mut self.buffer);
+        self.write(&buffer)?;
+        self.buffer = buffer;
         self.buffer.clear();
+        Ok(())
+    }
+
+    fn write(&mut self, bytes: &[u8]) -> Result<()> {
+        self.file
+            .write_all(bytes)
+            .map_err(|e| Error::io(&self.dir, "write a temporary file", e))?;
+        self.written += bytes.len() as u64;
         Ok(())
     }
 

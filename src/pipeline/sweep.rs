@@ -12,7 +12,7 @@ use crate::grid::Ambiguous;
 use crate::measure::{AreaScale, MeshSums};
 use crate::mesh::{BandView, MeshSettings, TileBox, tile_bytes};
 use crate::pipeline::band::{Band, BandSource};
-use crate::pipeline::budget::{Budget, Reservation};
+use crate::pipeline::budget::Budget;
 use crate::pipeline::dust::Filter;
 use crate::pipeline::forward::{Forward, State, TileResult};
 use crate::pipeline::plan::Plan;
@@ -80,8 +80,6 @@ impl Mode {
 pub struct Parts<'a, T> {
     /// Makes bands.
     pub source: BandSource<'a, T>,
-    /// The memory.
-    pub budget: Arc<Budget>,
     pool: WorkspacePool,
     mode: Mode,
 }
@@ -109,7 +107,7 @@ impl Sweep<'_> {
                 filters.push(filter);
             }
         }
-        let mut state = State::new(self.work, &budget)?;
+        let mut state = State::new(self.work)?;
         if let [objects, cells] = &filters[..] {
             state.forward.dust = [objects, cells].map(|f| (f.components, f.voxels));
         }
@@ -146,7 +144,6 @@ impl Sweep<'_> {
                 filters,
                 budget,
             },
-            budget: budget.clone(),
             pool: WorkspacePool::new(budget),
             mode: Mode {
                 bands_at_once,
@@ -230,18 +227,12 @@ impl Sweep<'_> {
     ) -> Result<()> {
         let last = layer + 1 == self.plan.tiling.tiles()[2];
         let mut known = Vec::new();
-        let mut known_held = Reservation::new(&parts.budget);
         self.for_each_part(parts, layer, |_, part, _| {
-            for band in part {
-                let taken = band.take_components();
-                let bytes = size_of_val(&taken.labels.components[..]) as u64;
-                known_held.grow_to(known_held.bytes() + bytes)?;
-                known.push(taken);
-            }
+            known.extend(part.iter_mut().map(Band::take_components));
             Ok(())
         })?;
         let classes = state.join(&known, last)?;
-        drop((known, known_held));
+        drop(known);
         let mut tiles = Vec::new();
         self.for_each_part(parts, layer, |parts, part, first| {
             take_classes(part, first, &classes);

@@ -30,8 +30,11 @@ pub struct BandEdges {
 }
 
 impl BandEdges {
-    /// Takes the outer rows' and slices' labels of a band.
-    pub fn of(bits: &Bits, runs: &Runs, labels: &Labels) -> Self {
+    /// Takes the outer rows' and slices' labels of a band of a grid of `slices` slices. Slices at the
+    /// grid's ends are shared with no slab, so theirs are left out.
+    pub fn of(bits: &Bits, runs: &Runs, labels: &Labels, grid_slices: u32) -> Self {
+        let shared_first = bits.span.z.start > 0;
+        let shared_last = bits.span.z.end < grid_slices;
         let (rows, slices) = (bits.span.rows(), bits.span.slices());
         let run_of_row = |row: usize| -> usize {
             runs.word_run
@@ -53,10 +56,22 @@ impl BandEdges {
         BandEdges {
             first_row: column(0),
             last_row: column(rows - 1),
-            first_slice: slice_labels(0).to_vec(),
-            last_slice: slice_labels(slices - 1).to_vec(),
+            first_slice: if shared_first {
+                slice_labels(0).to_vec()
+            } else {
+                Vec::new()
+            },
+            last_slice: if shared_last {
+                slice_labels(slices - 1).to_vec()
+            } else {
+                Vec::new()
+            },
             head_runs_first: row_labels(0, 0).len(),
-            head_runs_last: row_labels(slices - 1, 0).len(),
+            head_runs_last: if shared_last {
+                row_labels(slices - 1, 0).len()
+            } else {
+                0
+            },
         }
     }
 }
@@ -114,11 +129,6 @@ impl PhaseBirths {
 }
 
 impl Classes {
-    /// Bytes that the state takes between slabs.
-    pub fn bytes(&self) -> u64 {
-        4 * self.last_slice.capacity() as u64 + size_of_val(&self.live[..]) as u64
-    }
-
     /// Joins one slab's bands, given by rising y, to classes and moves on to the next slab.
     ///
     /// # Errors

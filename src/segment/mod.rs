@@ -16,7 +16,7 @@ mod unionfind;
 
 pub use births::{Births, Ranks};
 pub use border::add_border_euler;
-pub use classes::{BandEdges, ClassRecord, Classes, PhaseBirths, SlabClasses};
+pub use classes::{BandEdges, Classes, PhaseBirths, SlabClasses};
 pub use label::{Labels, LocalComponent, label_runs, sum_voxels};
 pub use runs::{Runs, for_each_run};
 pub use unionfind::UnionFind;

@@ -77,8 +77,9 @@ impl Query {
     ) -> Result<()> {
         if self.sort.is_some() {
             let selected = self.select(table)?;
+            let mut rows = table.reopen()?;
             for offset in selected.offsets {
-                each(&table.row_at(offset)?)?;
+                each(&rows.row_at(offset)?)?;
             }
             return Ok(());
         }

@@ -10,8 +10,9 @@ use std::path::{Path, PathBuf};
 /// bytes in 28 columns.
 const ROW_BYTES: usize = 1 << 16;
 const COLUMNS: usize = 1024;
-/// Bytes read at a time.
+/// Bytes read at a time, forward and for single rows here and there.
 const BUFFER: usize = 1 << 16;
+const ROW_BUFFER: usize = 1 << 10;
 
 /// A column: its name, and its unit or nothing.
 #[derive(Debug, Clone, PartialEq, Eq, serde::Serialize)]
@@ -92,11 +93,23 @@ impl TableReader {
     /// # Errors
     /// [`Error::Io`] if it cannot be read, [`Error::Format`] if its head is not that of a table.
     pub fn open(path: &Path) -> Result<Self> {
+        Self::open_buffered(path, BUFFER)
+    }
+
+    /// The same table again, for [`TableReader::row_at`] in any order.
+    ///
+    /// # Errors
+    /// As [`TableReader::open`].
+    pub fn reopen(&self) -> Result<Self> {
+        Self::open_buffered(&self.path, ROW_BUFFER)
+    }
+
+    fn open_buffered(path: &Path, buffer: usize) -> Result<Self> {
         let file = File::open(path).map_err(|e| Error::io(path, "open the table", e))?;
         let mut reader = TableReader {
             path: path.to_path_buf(),
             columns: Vec::new(),
-            input: BufReader::with_capacity(BUFFER, file),
+            input: BufReader::with_capacity(buffer, file),
             core: csv_core::Reader::new(),
             offset: 0,
             line: 1,

@@ -1,9 +1,10 @@
 //! What a format's parser finds out, and the byte source that follows from it.
 
 use super::map::Map;
+use super::paged::Pages;
 use super::source::{ByteSource, FileSource, MapSource, Part, PartsSource};
 use super::stream::{StreamLayout, StreamSource};
-use super::{Dtype, Endian, Io};
+use super::{Dtype, Endian, Header, Io};
 use crate::error::{Error, Result};
 use crate::grid::{Dims, Placement};
 use crate::manifest::Provenance;
@@ -12,7 +13,6 @@ use std::io::{BufRead, BufReader, Seek, SeekFrom};
 use std::path::{Path, PathBuf};
 
 /// A parsed header.
-#[derive(Debug)]
 pub(super) struct Recipe {
     pub(super) format: &'static str,
     pub(super) dims: Dims,
@@ -21,7 +21,19 @@ pub(super) struct Recipe {
     pub(super) endian: Option<Endian>,
     pub(super) placement: Placement,
     pub(super) provenance: Provenance,
-    pub(super) data: Data,
+    /// Slope and intercept of the values that the samples stand for.
+    pub(super) scale: Option<(f64, f64)>,
+    pub(super) samples: Samples,
+}
+
+/// Where the samples of a volume come from.
+pub(super) enum Samples {
+    /// Files of which the layout is known.
+    Files(Data),
+    /// Bytes that the parser has found already, in the byte order of the recipe.
+    Bytes(Box<dyn ByteSource>),
+    /// Pages that hand out samples in the machine's byte order.
+    Pages(Box<dyn Pages>),
 }
 
 /// Where the samples are.
@@ -66,18 +78,21 @@ pub(super) enum Encoding {
     Raw,
     Zlib,
     Gzip,
+    /// A bare stream, with the checksum of what it unpacks to: a member of a zip archive.
+    Deflate {
+        crc: u32,
+    },
 }
 
-/// Opens the data files of a recipe.
-pub(super) fn source(recipe: &Recipe, io: Io) -> Result<Box<dyn ByteSource>> {
-    let data = &recipe.data;
+/// Opens the data files of a volume.
+pub(super) fn source(header: &Header, data: &Data, io: Io) -> Result<Box<dyn ByteSource>> {
     // at most 2^48 samples of 8 bytes
-    let total = recipe.dims.voxels() * recipe.dtype.bytes() as u64;
+    let total = header.dims.voxels() * header.dtype.bytes() as u64;
     let part_bytes = total / data.files.len() as u64;
     if data.encoding != Encoding::Raw {
-        return compressed(recipe, part_bytes);
+        return compressed(header, data, part_bytes);
     }
-    let what = format!("{} of {}", recipe.dims, recipe.dtype);
+    let what = format!("{} of {}", header.dims, header.dtype);
     let parts = data
         .files
         .iter()
@@ -99,7 +114,7 @@ pub(super) fn source(recipe: &Recipe, io: Io) -> Result<Box<dyn ByteSource>> {
                 part_bytes,
             )?)),
             Io::Read => Box::new(FileSource {
-                file,
+                file: file.into(),
                 path: part.path.clone(),
                 offset: part.offset,
             }),
@@ -108,9 +123,8 @@ pub(super) fn source(recipe: &Recipe, io: Io) -> Result<Box<dyn ByteSource>> {
     Ok(Box::new(PartsSource { parts, part_bytes }))
 }
 
-/// Opens the compressed data files of a recipe.
-fn compressed(recipe: &Recipe, part_bytes: u64) -> Result<Box<dyn ByteSource>> {
-    let data = &recipe.data;
+/// Opens the compressed data files of a header.
+fn compressed(header: &Header, data: &Data, part_bytes: u64) -> Result<Box<dyn ByteSource>> {
     let Start::At {
         base, lines, bytes, ..
     } = data.start
@@ -132,7 +146,7 @@ fn compressed(recipe: &Recipe, part_bytes: u64) -> Result<Box<dyn ByteSource>> {
                 format!("{} compressed bytes", len.saturating_sub(offset)),
                 format!(
                     "enough for {part_bytes} bytes of samples ({} of {})",
-                    recipe.dims, recipe.dtype
+                    header.dims, header.dtype
                 ),
             )
             .with_hint("the file is cut short, or the size or sample type is wrong"));
@@ -147,7 +161,7 @@ fn compressed(recipe: &Recipe, part_bytes: u64) -> Result<Box<dyn ByteSource>> {
         encoding: data.encoding,
         skip: bytes,
         part_bytes,
-        slice_bytes: recipe.dims.slice_voxels() * recipe.dtype.bytes() as u64,
+        slice_bytes: header.dims.slice_voxels() * header.dtype.bytes() as u64,
     })))
 }
 
@@ -172,9 +186,7 @@ pub(super) fn file_len(path: &Path) -> Result<u64> {
     } else {
         "a device or pipe"
     };
-    Err(Error::format(path, found, "a file").with_hint(
-        "a folder of raw slices is read through a .nhdr header with a `data file:` pattern",
-    ))
+    Err(Error::format(path, found, "a file"))
 }
 
 /// The offset of the first sample in a data file that must hold `need` sample bytes.

@@ -4,7 +4,7 @@
 //! silent this reader does what ITK does. `TransformMatrix` lists the direction of the first axis,
 //! then of the second, then of the third.
 
-use super::layout::{Data, Encoding, Recipe, Start};
+use super::layout::{Data, Encoding, Recipe, Samples, Start};
 use super::text::{self, Field, Lines};
 use super::{Dtype, Endian};
 use crate::error::{Error, Result};
@@ -74,7 +74,8 @@ pub(super) fn parse(path: &Path) -> Result<Recipe> {
         endian: head.endian()?,
         placement,
         provenance,
-        data: head.data(dims)?,
+        scale: None,
+        samples: Samples::Files(head.data(dims)?),
     })
 }
 

@@ -1,21 +1,31 @@
 //! Volumes on disk: what is known of them before reading, and reading any box of voxels.
 
+mod archive;
+mod blob;
 mod crop;
 mod dtype;
 mod file;
+mod folder;
 mod layout;
 mod levels;
 mod map;
 mod memory;
 mod metaimage;
+mod nifti;
+mod npy;
 mod nrrd;
 mod open;
+mod paged;
+mod png;
 mod predict;
+mod scaled;
 mod source;
 mod spool;
 mod statistics;
 mod stream;
 mod text;
+mod tiff;
+mod vti;
 mod walk;
 
 pub use crop::Cropped;
@@ -81,7 +91,8 @@ impl std::str::FromStr for Endian {
 /// What a volume says of itself, after options have overridden it.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Header {
-    /// Name of the file format: `raw`, `metaimage`, `nrrd`.
+    /// Name of the file format: `raw`, `metaimage`, `nrrd`, `tiff`, `png`,
+    /// `nifti`, `numpy`, `vti`.
     pub format: &'static str,
     /// Size in voxels.
     pub dims: Dims,

@@ -6,7 +6,7 @@
 
 mod space;
 
-use super::layout::{Data, Encoding, Recipe, Start};
+use super::layout::{Data, Encoding, Recipe, Samples, Start};
 use super::text::{self, Field, Lines};
 use super::{Dtype, Endian};
 use crate::error::{Error, Result};
@@ -101,7 +101,8 @@ pub(super) fn parse(path: &Path) -> Result<Recipe> {
         endian,
         placement,
         provenance,
-        data: head.data(dims)?,
+        scale: None,
+        samples: Samples::Files(head.data(dims)?),
     })
 }
 

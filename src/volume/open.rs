@@ -1,12 +1,16 @@
 //! Opening a volume: the format by its content, the options that complete or override the header.
 
+use super::blob::Blob;
 use super::file::FileVolume;
-use super::layout::{self, Data, Encoding, Recipe, Start};
-use super::{Dtype, Endian, Header, Volume, metaimage, nrrd};
+use super::layout::{self, Data, Encoding, Recipe, Samples, Start};
+use super::paged::PagedVolume;
+use super::scaled::{Scaled, value_type};
+use super::{
+    Dtype, Endian, Header, Volume, archive, folder, metaimage, nifti, npy, nrrd, tiff, vti,
+};
 use crate::error::{Error, Result};
 use crate::grid::{Dims, Placement, Unit};
 use crate::manifest::{Origin, Provenance};
-use std::io::Read;
 use std::path::Path;
 
 /// How uncompressed files are read.
@@ -76,29 +80,34 @@ impl std::fmt::Debug for Opened {
     }
 }
 
-/// Opens a volume. NRRD and MetaImage files are recognised by their content, whatever their name;
-/// everything else is headerless raw (or raw packed by gzip, with a name that ends in `.gz`), whose
-/// size and type the options must give.
+/// Opens a volume. NRRD, MetaImage, TIFF, NIfTI, NumPy, VTK image data and zip files are recognised by their content, whatever
+/// their name; everything else is headerless raw (or raw packed by gzip, with a name that ends in
+/// `.gz`), whose size and type the options must give. A folder is a stack of TIFF or PNG slices, or,
+/// if size and type are given, of headerless ones.
 ///
 /// # Errors
 /// [`Error::Usage`] if an option is missing, impossible or contradicts the file's header;
 /// [`Error::Io`], [`Error::Format`] or [`Error::Unsupported`] if the file or its data files cannot
 /// be read as what they say they are.
 pub fn open(path: &Path, options: &OpenOptions) -> Result<Opened> {
-    layout::file_len(path)?;
-    let mut head = Vec::new();
-    layout::open_file(path)?
-        .take(4096)
-        .read_to_end(&mut head)
-        .map_err(|e| Error::io(path, "read", e))?;
-    let recipe = recognise(path, &head, options)?;
-    let offset = match recipe.data.start {
-        Start::At { bytes, .. } if recipe.format == "raw" => bytes,
+    let recipe = if path.is_dir() {
+        let mut recipe = folder::parse(path, options)?;
+        if recipe.format != "raw" {
+            complete(path, &mut recipe, options)?;
+        }
+        recipe
+    } else {
+        recognise(path, &Blob::file(path)?.head(4096)?, options)?
+    };
+    let offset = match &recipe.samples {
+        Samples::Files(Data {
+            start: Start::At { bytes, .. },
+            ..
+        }) if recipe.format == "raw" => *bytes,
         _ => 0,
     };
     let (placement, provenance) = place(path, &recipe, options)?;
     let endian = recipe.endian.unwrap_or_default();
-    let source = layout::source(&recipe, options.io)?;
     let header = Header {
         format: recipe.format,
         dims: recipe.dims,
@@ -106,9 +115,22 @@ pub fn open(path: &Path, options: &OpenOptions) -> Result<Opened> {
         endian,
         placement,
     };
+    let swap = endian != Endian::NATIVE;
+    let volume: Box<dyn Volume> = match recipe.samples {
+        Samples::Files(data) => {
+            let source = layout::source(&header, &data, options.io)?;
+            Box::new(FileVolume::new(header, source, swap))
+        }
+        Samples::Bytes(source) => Box::new(FileVolume::new(header, source, swap)),
+        Samples::Pages(pages) => Box::new(PagedVolume::new(header, pages)),
+    };
+    let volume = match recipe.scale {
+        Some((slope, intercept)) => Box::new(Scaled::new(volume, slope, intercept)),
+        None => volume,
+    };
     let name = path.file_name().unwrap_or(path.as_os_str());
     Ok(Opened {
-        volume: Box::new(FileVolume::new(header, source, endian != Endian::NATIVE)),
+        volume,
         provenance,
         name: name.to_string_lossy().into_owned(),
         offset,
@@ -121,6 +143,18 @@ fn recognise(path: &Path, head: &[u8], options: &OpenOptions) -> Result<Recipe> 
         nrrd::parse(path)?
     } else if metaimage::is_metaimage(head) {
         metaimage::parse(path)?
+    } else if tiff::is_tiff(head) && options.dims.is_none() {
+        tiff::parse(path, vec![Blob::file(path)?])?
+    } else if npy::is_npy(head) && options.dims.is_none() {
+        npy::parse(path, head)?
+    } else if archive::is_zip(head) && options.dims.is_none() {
+        archive::parse(path)?
+    } else if vti::is_vti(head) && options.dims.is_none() {
+        vti::parse(path)?
+    } else if options.dims.is_none()
+        && let Some(recipe) = nifti::parse(path, head)?
+    {
+        recipe
     } else {
         refuse_known(path, head, options)?;
         return raw(path, head, options);
@@ -145,10 +179,14 @@ fn complete(path: &Path, recipe: &mut Recipe, options: &OpenOptions) -> Result<(
             recipe.dims.to_string(),
         );
     }
+    let values = match recipe.scale {
+        Some(_) => value_type(recipe.dtype),
+        None => recipe.dtype,
+    };
     if let Some(dtype) = options.dtype
-        && dtype != recipe.dtype
+        && dtype != values
     {
-        return differ("--dtype", dtype.to_string(), recipe.dtype.to_string());
+        return differ("--dtype", dtype.to_string(), values.to_string());
     }
     match (options.endian, recipe.endian) {
         (Some(a), Some(b)) if a != b && recipe.dtype.bytes() > 1 => {
@@ -176,18 +214,20 @@ fn complete(path: &Path, recipe: &mut Recipe, options: &OpenOptions) -> Result<(
 
 /// Files of other kinds, by their first bytes and how to get their samples into a known one.
 const OTHERS: &[(&[u8], usize, &str)] = &[
-    (b"II*\0", 0, "TIFF"),
-    (b"MM\0*", 0, "TIFF"),
-    (b"II+\0", 0, "BigTIFF"),
-    (b"MM\0+", 0, "BigTIFF"),
     (b"\x89HDF\r\n\x1a\n", 0, "HDF5"),
-    (b"\x89PNG\r\n\x1a\n", 0, "PNG"),
+    (b"\x89PNG\r\n\x1a\n", 0, "PNG (of one slice)"),
     (b"DICM", 128, "DICOM"),
-    (b"n+1\0", 344, "NIfTI"),
-    (b"\x93NUMPY", 0, "NumPy"),
-    (b"PK\x03\x04", 0, "zip"),
-    (b"# vtk DataFile", 0, "VTK"),
+    (b"# vtk DataFile", 0, "legacy VTK"),
+    (b"<?xml", 0, "XML"),
+    (b"\xff\xd8\xff", 0, "JPEG"),
 ];
+
+/// The name of another format that a file begins as.
+pub(super) fn known_format(head: &[u8]) -> Option<&'static str> {
+    let starts = |magic: &[u8], at: usize| head.get(at..).is_some_and(|h| h.starts_with(magic));
+    let found = OTHERS.iter().find(|(magic, at, _)| starts(magic, *at));
+    found.map(|(_, _, name)| *name)
+}
 
 /// Refuses what is certainly not a headerless file: a header's file name on something else, and,
 /// where no size is given, the formats of [`OTHERS`].
@@ -206,11 +246,8 @@ fn refuse_known(path: &Path, head: &[u8], options: &OpenOptions) -> Result<()> {
             expected,
         ));
     }
-    let known = OTHERS
-        .iter()
-        .find(|(magic, at, _)| head.get(*at..).is_some_and(|h| h.starts_with(magic)));
-    match known {
-        Some((_, _, name)) if options.dims.is_none() => Err(Error::unsupported(
+    match known_format(head) {
+        Some(name) if options.dims.is_none() => Err(Error::unsupported(
             path,
             format!("the {name} format"),
             "convert it to NRRD or MetaImage, or give --dims, --dtype and --offset if its samples \
@@ -278,7 +315,8 @@ fn raw(path: &Path, head: &[u8], options: &OpenOptions) -> Result<Recipe> {
         endian: options.endian,
         placement: Placement::default(),
         provenance: Provenance::default(),
-        data: Data {
+        scale: None,
+        samples: Samples::Files(Data {
             files: vec![path.to_path_buf()],
             start: match options.offset {
                 Some(bytes) => Start::At {
@@ -290,7 +328,7 @@ fn raw(path: &Path, head: &[u8], options: &OpenOptions) -> Result<Recipe> {
                 None => Start::UNSTATED,
             },
             encoding,
-        },
+        }),
     })
 }
 

@@ -8,6 +8,7 @@ use std::fs::File;
 use std::ops::Range;
 use std::os::unix::fs::FileExt;
 use std::path::{Path, PathBuf};
+use std::sync::Arc;
 
 /// Equally long rows of bytes at equal distances.
 #[derive(Debug, Clone, Copy)]
@@ -102,7 +103,7 @@ impl ByteSource for MapSource {
 /// One file, read at positions; the file offset is never moved, so threads need no lock.
 #[derive(Debug)]
 pub(super) struct FileSource {
-    pub(super) file: File,
+    pub(super) file: Arc<File>,
     pub(super) path: PathBuf,
     /// Bytes before the first sample.
     pub(super) offset: u64,

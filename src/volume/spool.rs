@@ -37,7 +37,7 @@ pub fn spool(volume: &dyn Volume, dir: &Path) -> Result<Box<dyn Volume>> {
         volume.release(z);
     }
     let source = FileSource {
-        file,
+        file: file.into(),
         path: dir.join("(temporary copy of the volume)"),
         offset: 0,
     };

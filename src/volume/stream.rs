@@ -3,7 +3,7 @@
 use super::layout::{Encoding, open_file};
 use super::source::{ByteSource, Part, Rows};
 use crate::error::{Error, Result};
-use flate2::bufread::{GzDecoder, ZlibDecoder};
+use flate2::bufread::{DeflateDecoder, GzDecoder, ZlibDecoder};
 use std::collections::VecDeque;
 use std::fs::File;
 use std::io::{BufRead, BufReader, ErrorKind, Read, Seek, SeekFrom};
@@ -175,6 +175,11 @@ fn start(part: &Part, layout: &StreamLayout) -> Result<Box<dyn Read + Send>> {
     let mut decoder: Box<dyn Read + Send> = match layout.encoding {
         Encoding::Zlib => Box::new(ZlibDecoder::new(reader)),
         Encoding::Gzip => Box::new(GzipMembers(Some(GzDecoder::new(reader)))),
+        Encoding::Deflate { crc } => Box::new(Checked {
+            inner: DeflateDecoder::new(reader),
+            hasher: crc32fast::Hasher::new(),
+            crc,
+        }),
         Encoding::Raw => Box::new(reader),
     };
     let skipped = std::io::copy(&mut (&mut decoder).take(layout.skip), &mut std::io::sink())
@@ -187,6 +192,27 @@ fn start(part: &Part, layout: &StreamLayout) -> Result<Box<dyn Read + Send>> {
         ));
     }
     Ok(decoder)
+}
+
+/// A bare stream whose checksum is compared at its end.
+struct Checked {
+    inner: DeflateDecoder<BufReader<File>>,
+    hasher: crc32fast::Hasher,
+    crc: u32,
+}
+
+impl Read for Checked {
+    fn read(&mut self, out: &mut [u8]) -> std::io::Result<usize> {
+        let n = self.inner.read(out)?;
+        self.hasher.update(&out[..n]);
+        if n == 0 && !out.is_empty() && self.hasher.clone().finalize() != self.crc {
+            return Err(std::io::Error::new(
+                ErrorKind::InvalidData,
+                "wrong checksum",
+            ));
+        }
+        Ok(n)
+    }
 }
 
 /// What a failing decoder says of the file.

@@ -1,0 +1,283 @@
+//! A folder of slices: TIFF, PNG, or headerless raw files.
+//!
+//! Slices are in the natural order of their names (9 before 10). Where the names differ by one
+//! number only, these numbers must rise in equal steps: a missing slice is refused rather than
+//! closed over. Other files (notes, logs, previews) are passed by.
+
+use super::blob::Blob;
+use super::layout::{Data, Encoding, Recipe, Samples, Start};
+use super::open::{OpenOptions, known_format};
+use super::{Dtype, png, tiff};
+use crate::error::{Error, Result};
+use crate::grid::{Dims, Placement};
+use crate::manifest::Provenance;
+use std::cmp::Ordering;
+use std::path::{Path, PathBuf};
+
+/// More files than slices can be.
+const MAX_FILES: usize = 1 << 20;
+
+/// Opens the slices in a folder.
+///
+/// # Errors
+/// [`Error::Format`] if slices are missing, damaged or differ, [`Error::Unsupported`] by name for
+/// slices of other formats, [`Error::Usage`] if raw slices lack a size or type.
+pub(super) fn parse(path: &Path, options: &OpenOptions) -> Result<Recipe> {
+    let files = list(path)?;
+    if let (Some(dims), Some(dtype)) = (options.dims, options.dtype) {
+        return raw(path, files, dims, dtype, options);
+    }
+    let (mut images, mut others) = ([Vec::new(), Vec::new()], None);
+    for file in files {
+        let blob = Blob::file(&file)?;
+        let head = blob.head(400)?;
+        let extension = file.extension().unwrap_or_default().to_ascii_lowercase();
+        if tiff::is_tiff(&head) {
+            images[0].push(file);
+        } else if png::is_png(&head) {
+            images[1].push(file);
+        } else if ["tif", "tiff", "png"].iter().any(|e| extension == *e) {
+            let begin = head[..head.len().min(16)].escape_ascii();
+            let found = format!("a file that begins with \"{begin}\"");
+            return Err(
+                Error::format(file, found, "a TIFF or PNG, as its name says").with_hint(
+                    "a slice is damaged: replace it, or take the file out of the folder",
+                ),
+            );
+        } else if let Some(name) = known_format(&head) {
+            others = others.or(Some(name));
+        }
+    }
+    let [tiffs, pngs] = images;
+    match (tiffs.is_empty(), pngs.is_empty()) {
+        (false, true) => {
+            check_sequence(path, &names(&tiffs))?;
+            tiff::parse(path, blobs(&tiffs)?)
+        }
+        (true, false) => {
+            check_sequence(path, &names(&pngs))?;
+            png::parse(path, blobs(&pngs)?)
+        }
+        (false, false) => Err(Error::format(
+            path,
+            format!("{} TIFF and {} PNG files", tiffs.len(), pngs.len()),
+            "slices of one format",
+        )),
+        (true, true) => Err(nothing(path, others)),
+    }
+}
+
+fn nothing(path: &Path, others: Option<&str>) -> Error {
+    if is_zarr(path) {
+        let hint = "convert it to NRRD, MetaImage or TIFF";
+        return Error::unsupported(path, "the Zarr format", hint);
+    }
+    match others {
+        Some(name) => Error::unsupported(
+            path,
+            format!("a folder of {name} files"),
+            "convert them to NRRD, MetaImage or TIFF, or give the one file to read",
+        ),
+        None => Error::format(
+            path,
+            "a folder without TIFF or PNG files",
+            "slices of a volume",
+        )
+        .with_hint("raw slices need --dims and --dtype; a .nhdr header can list them too"),
+    }
+}
+
+/// True for a Zarr array or group, of version 2 or 3.
+fn is_zarr(path: &Path) -> bool {
+    [".zarray", ".zgroup", ".zattrs", "zarr.json"]
+        .iter()
+        .any(|name| path.join(name).exists())
+}
+
+/// The files of a folder, without hidden ones, in natural order.
+fn list(path: &Path) -> Result<Vec<PathBuf>> {
+    let fail = |e| Error::io(path, "list", e);
+    let mut files = Vec::new();
+    for entry in std::fs::read_dir(path).map_err(fail)? {
+        let entry = entry.map_err(fail)?;
+        let hidden = entry.file_name().as_encoded_bytes().starts_with(b".");
+        if !hidden && entry.path().is_file() {
+            files.push(entry.path());
+        }
+        if files.len() > MAX_FILES {
+            let found = format!("a folder of more than {MAX_FILES} files");
+            return Err(Error::format(path, found, "slices of a volume"));
+        }
+    }
+    files.sort_by(|a, b| natural(&name(a), &name(b)));
+    Ok(files)
+}
+
+fn name(path: &Path) -> String {
+    let name = path.file_name().unwrap_or_default();
+    name.to_string_lossy().into_owned()
+}
+
+fn names(files: &[PathBuf]) -> Vec<String> {
+    files.iter().map(|f| name(f)).collect()
+}
+
+fn blobs(files: &[PathBuf]) -> Result<Vec<Blob>> {
+    files.iter().map(|f| Blob::file(f)).collect()
+}
+
+/// Raw slices: the files that have the size of a slice, of which there must be as many as slices.
+fn raw(
+    path: &Path,
+    files: Vec<PathBuf>,
+    dims: [u64; 3],
+    dtype: Dtype,
+    options: &OpenOptions,
+) -> Result<Recipe> {
+    let dims = Dims::new(dims)?;
+    let offset = options.offset.unwrap_or(0);
+    let bytes = dims.slice_voxels() * dtype.bytes() as u64;
+    let whole = offset.saturating_add(bytes);
+    let mut slices = Vec::new();
+    for file in files {
+        let len = Blob::file(&file)?.len();
+        if len == whole {
+            slices.push(file);
+        }
+    }
+    let nz = dims.0[2] as usize;
+    if slices.len() != nz {
+        return Err(Error::format(
+            path,
+            format!("{} files of {whole} bytes", slices.len()),
+            format!("{nz}, one for each slice of {dims} of {dtype}"),
+        )
+        .with_hint(
+            "--dims must give the number of slices last, --offset the header of each file",
+        ));
+    }
+    check_sequence(path, &names(&slices))?;
+    Ok(Recipe {
+        format: "raw",
+        dims,
+        dtype,
+        endian: options.endian,
+        placement: Placement::default(),
+        provenance: Provenance::default(),
+        scale: None,
+        samples: Samples::Files(Data {
+            files: slices,
+            start: Start::At {
+                base: 0,
+                lines: 0,
+                bytes: offset,
+                stated: options.offset.is_some(),
+            },
+            encoding: Encoding::Raw,
+        }),
+    })
+}
+
+/// Splits a name into text and numbers by turns, text first.
+fn parts(name: &str) -> Vec<&str> {
+    let mut parts = Vec::new();
+    let (mut rest, mut digits) = (name, false);
+    while !rest.is_empty() {
+        let end = rest.find(|c: char| c.is_ascii_digit() != digits);
+        let (now, later) = rest.split_at(end.unwrap_or(rest.len()));
+        parts.push(now);
+        (rest, digits) = (later, !digits);
+    }
+    parts
+}
+
+/// The order of names in which numbers count as numbers: 9 before 10.
+pub(super) fn natural(a: &str, b: &str) -> Ordering {
+    let (x, y) = (parts(a), parts(b));
+    for (i, (p, q)) in x.iter().zip(&y).enumerate() {
+        let order = if i % 2 == 1 {
+            let [p, q] = [p, q].map(|n| n.trim_start_matches('0'));
+            p.len().cmp(&q.len()).then(p.cmp(q))
+        } else {
+            p.cmp(q)
+        };
+        if order.is_ne() {
+            return order;
+        }
+    }
+    x.len().cmp(&y.len()).then(a.cmp(b))
+}
+
+/// Refuses names, in natural order, that count with a gap.
+pub(super) fn check_sequence(path: &Path, names: &[String]) -> Result<()> {
+    let split: Vec<_> = names.iter().map(|n| parts(n)).collect();
+    let Some((first, rest)) = split.split_first() else {
+        return Ok(());
+    };
+    // texts that differ, or two numbers that do: no single count to check
+    let mut varies = None;
+    for other in rest {
+        if other.len() != first.len() {
+            return Ok(());
+        }
+        for (i, (a, b)) in first.iter().zip(other).enumerate() {
+            let differ = a != b;
+            if differ && (i % 2 == 0 || varies.is_some_and(|v| v != i)) {
+                return Ok(());
+            }
+            varies = if differ { Some(i) } else { varies };
+        }
+    }
+    let Some(at) = varies else {
+        return Ok(());
+    };
+    let numbers: Option<Vec<u128>> = split.iter().map(|p| p[at].parse().ok()).collect();
+    let Some(numbers) = numbers else {
+        return Ok(());
+    };
+    let step = numbers[1] - numbers[0];
+    for (i, pair) in numbers.windows(2).enumerate() {
+        if pair[1] - pair[0] != step || step == 0 {
+            return Err(Error::format(
+                path,
+                format!("{} after {}", names[i + 1], names[i]),
+                format!(
+                    "numbers that rise by {step}, as from {} to {}",
+                    names[0], names[1]
+                ),
+            )
+            .with_hint(
+                "a slice is missing or comes twice: complete the folder or rename the files",
+            ));
+        }
+    }
+    Ok(())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn names_count_as_people_do() {
+        let mut names = ["s10", "s9", "s1", "s01b", "s2", "10", "9", "t", "s"].map(String::from);
+        names.sort_by(|a, b| natural(a, b));
+        assert_eq!(
+            names,
+            ["9", "10", "s", "s1", "s01b", "s2", "s9", "s10", "t"]
+        );
+    }
+
+    #[test]
+    fn gaps_are_found() {
+        let check = |names: &[&str]| {
+            let names: Vec<_> = names.iter().map(|n| n.to_string()).collect();
+            check_sequence(Path::new("d"), &names).is_ok()
+        };
+        assert!(check(&["a9.tif", "a10.tif", "a11.tif"]));
+        assert!(check(&["7B_000", "7B_010", "7B_020"]));
+        assert!(check(&["x", "y", "z9"]) && check(&[]) && check(&["1"]));
+        assert!(!check(&["a1", "a2", "a4"]));
+        assert!(!check(&["a1.tif", "a01.tif"]), "the same number twice");
+    }
+}

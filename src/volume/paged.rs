@@ -1,0 +1,221 @@
+//! Volumes whose slices are pages that are decoded one by one: TIFF and PNG.
+//!
+//! A page is cut into chunks (strips or tiles), the smallest parts that can be decoded. Threads
+//! decode without a lock; chunks of which only a part was asked for stay in a bounded cache, so that
+//! reading a slab band by band does not decode the same page for every band.
+
+use super::{Header, Volume, check_box};
+use crate::error::Result;
+use rayon::prelude::*;
+use std::collections::{HashMap, VecDeque};
+use std::ops::Range;
+use std::sync::{Arc, Mutex, PoisonError};
+
+/// The cache holds at least this much, or the whole volume.
+const MIN_CACHE: u64 = 16 << 20;
+/// The cache never holds more, unless a single chunk is larger.
+const MAX_CACHE: u64 = 128 << 20;
+/// Chunks of at most this many rows are decoded in any order; pages of larger chunks are rather
+/// unpacked to a temporary file than decoded again for every band of a slab.
+const FINE_ROWS: u32 = 64;
+/// Larger chunks are refused: each is decoded in memory.
+pub(super) const MAX_CHUNK: u64 = 1 << 30;
+
+/// How a page is cut, in voxels.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(super) struct Cut {
+    /// Voxels per row of a chunk: the page's width, or that of a tile.
+    pub(super) width: u32,
+    /// Rows of a chunk, at least 1.
+    pub(super) rows: u32,
+    /// Chunks at the edge are padded to full size (tiles); otherwise the last one is lower.
+    pub(super) padded: bool,
+}
+
+/// The pages of a volume, one per slice.
+pub(super) trait Pages: Send + Sync {
+    /// Finds page `k`.
+    fn page(&self, k: u32) -> Result<Box<dyn Page + '_>>;
+
+    /// Voxels of the largest chunk of any page, and the most rows of one. 0 rows if pages are not
+    /// compressed, so that rows are read as they are.
+    fn largest(&self) -> (u64, u32);
+}
+
+/// A page that can be decoded.
+pub(super) trait Page {
+    /// How it is cut.
+    fn cut(&self) -> Cut;
+
+    /// Decodes chunk `index` (counted along x first) into `out`, in the machine's byte order.
+    fn decode(&self, index: u32, out: &mut [u8]) -> Result<()>;
+
+    /// Reads whole rows if they are stored as they are. Returns false, with `out` untouched, if not.
+    fn rows(&self, _y: Range<u32>, _out: &mut [u8]) -> Result<bool> {
+        Ok(false)
+    }
+}
+
+/// A volume of pages.
+pub(super) struct PagedVolume {
+    header: Header,
+    pages: Box<dyn Pages>,
+    cache: Mutex<Cache>,
+    budget: u64,
+    /// Bytes of the largest chunk.
+    chunk: u64,
+    random: bool,
+}
+
+/// Chunks by page and index; what came first leaves first.
+#[derive(Default)]
+struct Cache {
+    chunks: HashMap<(u32, u32), Arc<Vec<u8>>>,
+    order: VecDeque<(u32, u32)>,
+    bytes: u64,
+}
+
+impl Cache {
+    fn insert(&mut self, key: (u32, u32), chunk: Arc<Vec<u8>>, budget: u64) {
+        let len = chunk.len() as u64;
+        if let Some(old) = self.chunks.insert(key, chunk) {
+            self.bytes -= old.len() as u64;
+        } else {
+            self.order.push_back(key);
+        }
+        self.bytes += len;
+        while self.bytes > budget {
+            let Some(first) = self.order.pop_front() else {
+                return;
+            };
+            if let Some(old) = self.chunks.remove(&first) {
+                self.bytes -= old.len() as u64;
+            }
+        }
+    }
+}
+
+impl PagedVolume {
+    pub(super) fn new(header: Header, pages: Box<dyn Pages>) -> Self {
+        let sample = header.dtype.bytes() as u64;
+        let total = header.dims.voxels() * sample;
+        let (voxels, rows) = pages.largest();
+        let chunk = if rows == 0 { 0 } else { voxels * sample };
+        let budget = (header.dims.slice_voxels() * sample * 4)
+            .clamp(MIN_CACHE, MAX_CACHE)
+            .max(chunk)
+            .min(total.max(chunk));
+        PagedVolume {
+            random: rows <= FINE_ROWS || total <= budget,
+            budget: if rows == 0 { 0 } else { budget },
+            header,
+            pages,
+            cache: Mutex::default(),
+            chunk,
+        }
+    }
+
+    /// Fills the part `x` by `y` of slice `k`.
+    fn read_slice(&self, k: u32, x: &Range<u32>, y: &Range<u32>, out: &mut [u8]) -> Result<()> {
+        let page = self.pages.page(k)?;
+        let [nx, ny, _] = self.header.dims.0;
+        let sample = self.header.dtype.bytes();
+        let whole = *x == (0..nx);
+        if whole && page.rows(y.clone(), out)? {
+            return Ok(());
+        }
+        let row = x.len() * sample;
+        let full_row = nx as usize * sample;
+        if !whole {
+            // as many rows at a time as make up a buffer of a fair size
+            let step = ((1 << 20) / full_row).max(1);
+            let mut buffer = vec![0; full_row * step.min(y.len())];
+            for (i, out) in out.chunks_mut(row * step).enumerate() {
+                let start = y.start + (i * step) as u32;
+                let rows = (out.len() / row) as u32;
+                let buffer = &mut buffer[..rows as usize * full_row];
+                if !page.rows(start..start + rows, buffer)? {
+                    break;
+                }
+                for (out, from) in out.chunks_exact_mut(row).zip(buffer.chunks_exact(full_row)) {
+                    out.copy_from_slice(&from[x.start as usize * sample..][..row]);
+                }
+                if start + rows == y.end {
+                    return Ok(());
+                }
+            }
+        }
+        let cut = page.cut();
+        let across = nx.div_ceil(cut.width);
+        for cy in y.start / cut.rows..=(y.end - 1) / cut.rows {
+            let top = cy * cut.rows;
+            let rows = if cut.padded {
+                cut.rows
+            } else {
+                cut.rows.min(ny - top)
+            };
+            let bytes = rows as usize * cut.width as usize * sample;
+            let own = y.start.max(top)..y.end.min(top.saturating_add(rows));
+            let at = (own.start - y.start) as usize * row;
+            if whole && cut.width == nx && own.len() == rows as usize {
+                page.decode(cy * across, &mut out[at..at + bytes])?;
+                continue;
+            }
+            for cx in x.start / cut.width..=(x.end - 1) / cut.width {
+                let left = cx * cut.width;
+                let chunk = self.chunk(&*page, (k, cy * across + cx), bytes)?;
+                let cols = x.start.max(left)..x.end.min(left.saturating_add(cut.width));
+                let len = cols.len() * sample;
+                for j in own.clone() {
+                    let from = ((j - top) as usize * cut.width as usize
+                        + (cols.start - left) as usize)
+                        * sample;
+                    let to =
+                        (j - y.start) as usize * row + (cols.start - x.start) as usize * sample;
+                    out[to..to + len].copy_from_slice(&chunk[from..from + len]);
+                }
+            }
+        }
+        Ok(())
+    }
+
+    /// A chunk out of the cache, or decoded and put there.
+    fn chunk(&self, page: &dyn Page, key: (u32, u32), bytes: usize) -> Result<Arc<Vec<u8>>> {
+        let cache = || self.cache.lock().unwrap_or_else(PoisonError::into_inner);
+        if let Some(chunk) = cache().chunks.get(&key) {
+            return Ok(chunk.clone());
+        }
+        let mut chunk = vec![0; bytes];
+        page.decode(key.1, &mut chunk)?;
+        let chunk = Arc::new(chunk);
+        cache().insert(key, chunk.clone(), self.budget);
+        Ok(chunk)
+    }
+}
+
+impl Volume for PagedVolume {
+    fn header(&self) -> &Header {
+        &self.header
+    }
+
+    fn read_box(&self, x: Range<u32>, y: Range<u32>, z: Range<u32>, out: &mut [u8]) -> Result<()> {
+        check_box(&self.header, &x, &y, &z, out.len())?;
+        if out.is_empty() {
+            return Ok(());
+        }
+        let slice = out.len() / z.len();
+        out.par_chunks_exact_mut(slice)
+            .enumerate()
+            .try_for_each(|(i, out)| self.read_slice(z.start + i as u32, &x, &y, out))
+    }
+
+    fn random_access(&self) -> bool {
+        self.random
+    }
+
+    fn held_bytes(&self) -> u64 {
+        // besides the cache and tags, every thread decodes one chunk and has a buffer of its own
+        let threads = rayon::current_num_threads() as u64;
+        self.budget + (2 << 20) + threads * (self.chunk + (1 << 20))
+    }
+}

@@ -1,0 +1,292 @@
+//! Small files by other writers (tests/fixtures/make.py: tifffile, nibabel, numpy, VTK, Pillow), whole
+//! and damaged.
+
+mod volume_common;
+
+use alvis::grid::Unit;
+use alvis::manifest::Origin;
+use alvis::volume::{Dtype, Io, OpenOptions, Opened, open};
+use alvis::{Error, Result};
+use std::path::{Path, PathBuf};
+use volume_common::all;
+
+fn fixture(name: &str) -> PathBuf {
+    Path::new(env!("CARGO_MANIFEST_DIR"))
+        .join("tests/fixtures")
+        .join(name)
+}
+
+fn read(name: &str) -> Result<Opened> {
+    open(&fixture(name), &OpenOptions::default())
+}
+
+/// The samples that make.py writes, in the machine's byte order.
+fn expected(dtype: Dtype) -> Vec<u8> {
+    let mut out = Vec::new();
+    for z in 0..3i32 {
+        for y in 0..17 {
+            for x in 0..19 {
+                let v = x * 7 + y * 13 + z * 29;
+                match dtype {
+                    Dtype::U8 => out.push(v as u8),
+                    Dtype::I8 => out.push((v - 100) as u8),
+                    Dtype::U16 => out.extend((v as u16).to_ne_bytes()),
+                    Dtype::I16 => out.extend(((v - 100) as i16).to_ne_bytes()),
+                    Dtype::U32 => out.extend((v as u32).to_ne_bytes()),
+                    Dtype::I32 => out.extend((v - 100).to_ne_bytes()),
+                    Dtype::F32 => out.extend((v as f32 + 0.5).to_ne_bytes()),
+                    Dtype::F64 => out.extend((f64::from(v) + 0.5).to_ne_bytes()),
+                }
+            }
+        }
+    }
+    out
+}
+
+const WHOLE: &[(&str, Dtype)] = &[
+    ("u8.tif", Dtype::U8),
+    ("i8_packbits.tif", Dtype::I8),
+    ("u16_be_strips.tif", Dtype::U16),
+    ("i16_lzw_pred_be.tif", Dtype::I16),
+    ("u16_lzw.tif", Dtype::U16),
+    ("u32_deflate_pred.tif", Dtype::U32),
+    ("i32_big_tiles.tif", Dtype::I32),
+    ("f32_pred3_be_tiles.tif", Dtype::F32),
+    ("f32_pred3.tif", Dtype::F32),
+    ("f64_deflate_big_be.tif", Dtype::F64),
+    ("f64_pred3.tif", Dtype::F64),
+    ("u8_white_is_zero.tif", Dtype::U8),
+    ("u16_cm.tif", Dtype::U16),
+    ("imagej.tif", Dtype::U16),
+    ("imagej_one_ifd.tif", Dtype::F32),
+    ("u16.npy", Dtype::U16),
+    ("i16_be.npy", Dtype::I16),
+    ("f64.npy", Dtype::F64),
+    ("stored.npz", Dtype::I32),
+    ("packed.npz", Dtype::F32),
+    ("i16.nii", Dtype::I16),
+    ("u16_be.nii.gz", Dtype::U16),
+    ("f64_2.nii", Dtype::F64),
+    ("f32_2.nii.gz", Dtype::F32),
+    ("u8_pair.hdr", Dtype::U8),
+    ("png8", Dtype::U8),
+    ("png16", Dtype::U16),
+    ("png16.zip", Dtype::U16),
+    ("tiff.zip", Dtype::U16),
+    ("u16.vti", Dtype::U16),
+    ("f32_zlib.vti", Dtype::F32),
+    ("i8_zlib64.vti", Dtype::I8),
+];
+
+#[test]
+fn samples_are_those_that_were_written() {
+    for &(name, dtype) in WHOLE {
+        for io in [Io::Mmap, Io::Read] {
+            let options = OpenOptions {
+                io,
+                ..OpenOptions::default()
+            };
+            let opened = open(&fixture(name), &options).unwrap_or_else(|e| panic!("{name}: {e}"));
+            let header = opened.volume.header();
+            assert_eq!(
+                (header.dims.0, header.dtype),
+                ([19, 17, 3], dtype),
+                "{name}"
+            );
+            let whole = expected(dtype);
+            assert!(all(&*opened.volume).unwrap() == whole, "{name}");
+            let n = dtype.bytes();
+            let mut out = vec![0; 11 * 9 * 2 * n];
+            opened
+                .volume
+                .read_box(6..17, 5..14, 1..3, &mut out)
+                .unwrap();
+            for (i, row) in out.chunks(11 * n).enumerate() {
+                let at = ((i / 9 + 1) * 17 * 19 + (i % 9 + 5) * 19 + 6) * n;
+                assert!(row == &whole[at..at + 11 * n], "{name} row {i}");
+            }
+        }
+    }
+}
+
+#[test]
+fn places_are_those_that_were_written() {
+    for name in ["imagej.tif", "imagej_one_ifd.tif"] {
+        let opened = read(name).unwrap();
+        let place = opened.volume.header().placement;
+        assert_eq!(
+            (place.spacing, place.unit),
+            ([0.5, 0.25, 2.5], Unit::Micrometre)
+        );
+        assert_eq!(opened.provenance.spacing, Origin::File);
+    }
+    let place = read("u16_cm.tif").unwrap().volume.header().placement;
+    assert_eq!((place.spacing, place.unit), ([0.0025; 3], Unit::Millimetre));
+    let opened = read("u16.vti").unwrap();
+    let place = opened.volume.header().placement;
+    assert_eq!((place.spacing, place.unit), ([0.5, 0.25, 2.0], Unit::Voxel));
+    assert_eq!(place.origin, [10.0, 20.0, -30.0]);
+    assert_eq!(opened.provenance.unit, Origin::Default);
+    for name in ["i16.nii", "f64_2.nii", "u16_be.nii.gz", "u8_pair.hdr"] {
+        let opened = read(name).unwrap();
+        let place = opened.volume.header().placement;
+        assert_eq!(
+            (place.spacing, place.unit),
+            ([0.5, 0.25, 2.0], Unit::Millimetre),
+            "{name}"
+        );
+        assert_eq!(place.origin, [10.0, 20.0, -30.0]);
+        assert_eq!(place.world([2.0, 4.0, 1.0]), [9.0, 21.0, -28.0], "{name}");
+        assert_eq!(opened.provenance.unit, Origin::File);
+    }
+}
+
+#[test]
+fn slope_and_intercept_give_values() {
+    let opened = read("i16_slope.nii").unwrap();
+    assert_eq!(opened.volume.header().dtype, Dtype::F32);
+    let values = all(&*opened.volume).unwrap();
+    let stored = expected(Dtype::I16);
+    for (value, stored) in values.chunks(4).zip(stored.chunks(2)) {
+        let value = f32::from_ne_bytes(value.try_into().unwrap());
+        let stored = i16::from_ne_bytes(stored.try_into().unwrap());
+        assert_eq!(value, f32::from(stored) * 0.5 - 3.0);
+    }
+}
+
+#[test]
+fn what_is_not_read_is_named() {
+    for (name, says) in [
+        ("no_rgb.tif", "RGB"),
+        ("no_f16.tif", "16-bit floating-point"),
+        ("no_zstd.tif", "Zstandard"),
+        ("no_channels.tif", "2 channels"),
+        ("no_fortran.npy", "Fortran"),
+        ("no_two.npz", "2 arrays"),
+        ("no_shear.nii", "sheared"),
+        ("no_base64.vti", "base64"),
+        ("no_ascii.vti", "without appended"),
+        ("no_lz4.vti", "LZ4"),
+        ("png8/s8.png", "PNG"),
+    ] {
+        let error = read(name).unwrap_err();
+        assert!(
+            matches!(error, Error::Unsupported { .. }),
+            "{name}: {error}"
+        );
+        assert!(error.to_string().contains(says), "{name}: {error}");
+    }
+}
+
+#[test]
+fn folders_without_a_slice_or_with_a_damaged_one_are_refused() {
+    let dir = tempfile::tempdir().unwrap();
+    let copy = |from: &str, to: &str| {
+        std::fs::copy(fixture(from), dir.path().join(to)).unwrap();
+    };
+    let try_open = || open(dir.path(), &OpenOptions::default());
+    assert!(try_open().is_err());
+    for (from, to) in [("s8", "a9"), ("s9", "a10"), ("s10", "a11")] {
+        copy(&format!("png16/{from}.png"), &format!("{to}.png"));
+    }
+    std::fs::write(dir.path().join("notes.txt"), "of the scan").unwrap();
+    assert!(all(&*try_open().unwrap().volume).unwrap() == expected(Dtype::U16));
+    std::fs::remove_file(dir.path().join("a10.png")).unwrap();
+    copy("png16/s10.png", "a12.png");
+    let error = try_open().unwrap_err().to_string();
+    assert!(
+        error.contains("a12.png after a11.png") || error.contains("a11.png after"),
+        "{error}"
+    );
+    std::fs::write(dir.path().join("a10.png"), "").unwrap();
+    assert!(try_open().unwrap_err().to_string().contains("a10.png"));
+    copy("png8/s8.png", "a10.png");
+    assert!(
+        try_open()
+            .unwrap_err()
+            .to_string()
+            .contains("as the first slice")
+    );
+}
+
+#[test]
+fn raw_slices_in_a_folder() {
+    let dir = tempfile::tempdir().unwrap();
+    let samples = expected(Dtype::U16);
+    for (k, slice) in samples.chunks(19 * 17 * 2).enumerate() {
+        std::fs::write(dir.path().join(format!("s.{}", k + 9)), slice).unwrap();
+    }
+    std::fs::write(dir.path().join("read.me"), "x").unwrap();
+    let options = |nz| OpenOptions {
+        dims: Some([19, 17, nz]),
+        dtype: Some(Dtype::U16),
+        ..OpenOptions::default()
+    };
+    let volume = open(dir.path(), &options(3)).unwrap().volume;
+    if cfg!(target_endian = "little") {
+        assert!(all(&*volume).unwrap() == samples);
+    }
+    assert!(open(dir.path(), &options(4)).is_err());
+}
+
+/// Damages of every fixture: no panic, no giant allocation, and an error or some samples.
+#[test]
+fn damaged_files_do_no_harm() {
+    let mut seed = 0x2545_f491_4f6c_dd1du64;
+    let mut random = || {
+        seed ^= seed << 13;
+        seed ^= seed >> 7;
+        seed ^= seed << 17;
+        seed as usize
+    };
+    let dir = tempfile::tempdir().unwrap();
+    let names = WHOLE.iter().map(|(name, _)| *name);
+    for name in names.chain(["i16_slope.nii"]) {
+        if fixture(name).is_dir() {
+            continue;
+        }
+        let bytes = std::fs::read(fixture(name)).unwrap();
+        let file = dir.path().join(name);
+        if name.ends_with(".hdr") {
+            std::fs::copy(fixture("u8_pair.img"), file.with_extension("img")).unwrap();
+        }
+        let try_read = |bytes: &[u8]| -> Result<()> {
+            std::fs::write(&file, bytes).unwrap();
+            let volume = open(&file, &OpenOptions::default())?.volume;
+            let voxels = volume.header().dims.voxels();
+            assert!(
+                voxels <= 1 << 36,
+                "{name}: {voxels} voxels of {} bytes",
+                bytes.len()
+            );
+            if voxels <= 1 << 20 {
+                all(&*volume)?;
+            }
+            Ok(())
+        };
+        try_read(&bytes).unwrap();
+        for _ in 0..15 {
+            let _ = try_read(&bytes[..random() % bytes.len()]);
+        }
+        assert!(try_read(&bytes[..bytes.len() / 2]).is_err(), "{name}");
+        for round in 0..60 {
+            let mut bytes = bytes.clone();
+            // headers are at the front, and of TIFF also between the pages
+            let reach = if round % 2 == 0 {
+                bytes.len()
+            } else {
+                bytes.len().min(400)
+            };
+            for _ in 0..1 + round % 3 {
+                let at = random() % reach;
+                bytes[at] ^= 1 << (random() % 8);
+            }
+            let _ = try_read(&bytes);
+        }
+        let noise: Vec<u8> = (0..300).map(|_| random() as u8).collect();
+        for keep in [2, 4, 8, 16] {
+            let head = &bytes[..keep];
+            let _ = try_read(&[head, &noise[..]].concat());
+        }
+    }
+}
