@@ -46,8 +46,6 @@ pub struct SettledBand {
     pub whole: Place<VoxelSums>,
     /// NaN samples.
     pub nan: u64,
-    /// The memory of all this.
-    _held: Reservation,
 }
 
 impl<T> Band<T> {
@@ -55,15 +53,13 @@ impl<T> Band<T> {
     /// for `spool`.
     ///
     /// # Errors
-    /// [`crate::Error::TooDense`], [`crate::Error::Io`].
-    pub fn settle(&mut self, spool: &mut Spool, budget: &Arc<Budget>) -> Result<SettledBand> {
+    /// [`crate::Error::Io`].
+    pub fn settle(&mut self, spool: &mut Spool) -> Result<SettledBand> {
         let all = std::mem::take(&mut self.labels.components);
         let edges = std::mem::take(&mut self.edges);
         let mut whole = spool.here();
         let components =
             BandComponents::split(&all, &edges, |sums| spool.extend(&mut whole, &[*sums]))?;
-        let mut held = Reservation::new(budget);
-        held.grow_to(edges.bytes() + components.bytes())?;
         self.held
             .shrink_to(self.held.bytes() - component_bytes(all.len()));
         Ok(SettledBand {
@@ -71,12 +67,16 @@ impl<T> Band<T> {
             components,
             whole,
             nan: self.nan,
-            _held: held,
         })
     }
 }
 
 impl SettledBand {
+    /// Bytes of memory.
+    pub fn bytes(&self) -> u64 {
+        self.edges.bytes() + self.components.bytes()
+    }
+
     /// As the joining takes it.
     pub fn known(&self) -> KnownBand<'_> {
         KnownBand {

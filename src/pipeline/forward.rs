@@ -66,7 +66,6 @@ pub struct State {
     pub forward: Forward,
     classes: Classes,
     surfaces: Surfaces,
-    budget: Arc<Budget>,
     /// Memory planned for classes, surfaces and tiles of a slab.
     front: u64,
     /// The memory of these.
@@ -100,18 +99,25 @@ impl State {
             forward,
             classes: Classes::default(),
             surfaces: Surfaces::default(),
-            budget: budget.clone(),
             front,
             held,
         })
     }
 
-    /// Takes out of a band what the joining needs.
+    /// Takes out of some bands what the joining needs, and appends it to that of the slab's bands
+    /// before.
     ///
     /// # Errors
     /// [`crate::Error::Io`]; [`crate::Error::TooDense`].
-    pub fn settle<T>(&mut self, band: &mut Band<T>) -> Result<SettledBand> {
-        band.settle(&mut self.forward.spool, &self.budget)
+    pub fn settle<T>(
+        &mut self,
+        bands: &mut [Band<T>],
+        settled: &mut Vec<SettledBand>,
+    ) -> Result<()> {
+        for band in bands {
+            settled.push(band.settle(&mut self.forward.spool)?);
+        }
+        self.held.grow_to(settled_bytes(settled))
     }
 
     /// Joins a slab's bands, by rising y, to classes.
@@ -120,7 +126,8 @@ impl State {
     /// [`crate::Error::TooDense`], and nothing has changed; [`crate::Error::Io`].
     pub fn join(&mut self, bands: &[SettledBand], last_layer: bool) -> Result<SlabClasses> {
         let known: Vec<_> = bands.iter().map(SettledBand::known).collect();
-        self.held.grow_to(self.classes.bytes(&known))?;
+        self.held
+            .grow_to(settled_bytes(bands) + self.classes.bytes(&known))?;
         self.forward.nan += bands.iter().map(|b| b.nan).sum::<u64>();
         let mut classes = self.classes.join(&known, &mut self.forward.births)?;
         if last_layer {
@@ -157,7 +164,7 @@ impl State {
     ///
     /// # Errors
     /// [`crate::Error::Io`].
-    pub fn gather(&mut self, classes: &SlabClasses) -> Result<Gather<'_>> {
+    pub fn gather(&mut self, bands: &[SettledBand], classes: &SlabClasses) -> Result<Gather<'_>> {
         let Forward {
             spool,
             whole,
@@ -171,7 +178,7 @@ impl State {
                 surfaces,
                 caps: MeshSums::default(),
             },
-            fixed: classes.bytes(),
+            fixed: settled_bytes(bands) + classes.bytes(),
             spool,
             whole,
             held: &mut self.held,
@@ -228,6 +235,10 @@ impl State {
     }
 }
 
+fn settled_bytes(bands: &[SettledBand]) -> u64 {
+    bands.iter().map(SettledBand::bytes).sum()
+}
+
 /// The tiles and surfaces of a slab.
 pub struct SlabTiles {
     records: Vec<TileRecord>,
@@ -240,7 +251,7 @@ pub struct Gather<'a>(Mutex<Gathering<'a>>);
 
 struct Gathering<'a> {
     tiles: SlabTiles,
-    /// Bytes of the slab's classes.
+    /// Bytes of the slab's bands and classes.
     fixed: u64,
     spool: &'a mut Spool,
     whole: &'a mut Spool,

@@ -175,7 +175,7 @@ impl Sweep<'_> {
             };
             take_classes(&mut now, 0, &classes);
             self.prefetch(&parts.source, layer + 1);
-            let gather = state.gather(&classes)?;
+            let gather = state.gather(&settled, &classes)?;
             let mesh = || self.mesh_bands(parts, &now, 0, layer, &gather);
             let mut read = None;
             let mut meshed = if parts.mode.look_ahead && !last {
@@ -206,11 +206,11 @@ impl Sweep<'_> {
                 drop(tiles);
                 if parts.mode.bands_at_once < bands {
                     drop(now);
-                    tiles = self.mesh_in_parts(parts, layer, state, &classes)?;
+                    tiles = self.mesh_in_parts(parts, layer, state, (&settled, &classes))?;
                     now = fresh(parts);
                     meshed = Ok(());
                 } else {
-                    let gather = state.gather(&classes)?;
+                    let gather = state.gather(&settled, &classes)?;
                     meshed = self.mesh_bands(parts, &now, 0, layer, &gather);
                     tiles = gather.into_tiles();
                 }
@@ -238,8 +238,8 @@ impl Sweep<'_> {
         if !prepared {
             self.prepare(&parts.source, bands, 0, layer)?;
         }
-        let settled = bands.iter_mut().map(|band| state.settle(band));
-        let settled: Vec<_> = settled.collect::<Result<_>>()?;
+        let mut settled = Vec::new();
+        state.settle(bands, &mut settled)?;
         let last = layer + 1 == self.plan.tiling.tiles()[2];
         let classes = state.join(&settled, last)?;
         Ok((settled, classes))
@@ -255,7 +255,7 @@ impl Sweep<'_> {
         let last = layer + 1 == self.plan.tiling.tiles()[2];
         let settled = self.settle_in_parts(parts, layer, state)?;
         let classes = state.join(&settled, last)?;
-        let tiles = self.mesh_in_parts(parts, layer, state, &classes)?;
+        let tiles = self.mesh_in_parts(parts, layer, state, (&settled, &classes))?;
         state.finish_slab(layer, &settled, &classes, tiles)?;
         self.release(&parts.source, layer);
         Ok(())
@@ -272,12 +272,7 @@ impl Sweep<'_> {
         state: &mut State,
     ) -> Result<Vec<SettledBand>> {
         let mut settled = Vec::new();
-        self.for_each_part(parts, layer, |_, part, _| {
-            for band in part {
-                settled.push(state.settle(band)?);
-            }
-            Ok(())
-        })?;
+        self.for_each_part(parts, layer, |_, part, _| state.settle(part, &mut settled))?;
         Ok(settled)
     }
 
@@ -287,10 +282,10 @@ impl Sweep<'_> {
         parts: &mut Parts<T>,
         layer: u32,
         state: &mut State,
-        classes: &SlabClasses,
+        (settled, classes): (&[SettledBand], &SlabClasses),
     ) -> Result<SlabTiles> {
         loop {
-            let gather = state.gather(classes)?;
+            let gather = state.gather(settled, classes)?;
             let meshed = self.for_each_part(parts, layer, |parts, part, first| {
                 take_classes(part, first, classes);
                 self.mesh_bands(parts, part, first, layer, &gather)

@@ -104,10 +104,10 @@ impl Classes {
         let sum = |get: fn(&KnownBand) -> usize| bands.iter().map(get).sum::<usize>() as u64;
         let components = sum(|b| b.components.len()) + live;
         let open = sum(|b| b.components.open().len()) + live;
-        // growing by doubling, and once more for those that stay live
-        let record = size_of::<(u32, VoxelSums)>() + size_of::<LiveComponent>();
         let last_slice = sum(|b| b.edges.last_slice.len());
-        components * BYTES_PER_COMPONENT + open * 2 * record as u64 + 8 * last_slice
+        let stay_live = open.min(last_slice) * size_of::<LiveComponent>() as u64;
+        let sums = open * size_of::<(u32, VoxelSums)>() as u64;
+        components * BYTES_PER_COMPONENT + sums + stay_live + 4 * last_slice
     }
 
     /// Joins one slab's bands, given by rising y, to classes and moves on to the next slab.
@@ -231,15 +231,26 @@ impl Classes {
         for (i, (class, _)) in slab.open.iter().enumerate() {
             record_of[*class as usize] = i as u32;
         }
+        // growing by doubling would take much more for a moment
+        let mut classes = slab.open.len() as u32;
+        for (band, of_local) in bands.iter().zip(&slab.of_local) {
+            for (local, _) in band.components.open() {
+                let record = &mut record_of[of_local[*local as usize] as usize];
+                if *record == u32::MAX {
+                    *record = classes;
+                    classes += 1;
+                }
+            }
+        }
+        slab.open.reserve_exact(classes as usize - slab.open.len());
         for (band, of_local) in bands.iter().zip(&slab.of_local) {
             for (local, sums) in band.components.open() {
                 let class = of_local[*local as usize];
-                let record = &mut record_of[class as usize];
-                if *record == u32::MAX {
-                    *record = slab.open.len() as u32;
+                let record = record_of[class as usize] as usize;
+                if record == slab.open.len() {
                     slab.open.push((class, *sums));
                 } else {
-                    slab.open[*record as usize].1.merge(sums);
+                    slab.open[record].1.merge(sums);
                 }
             }
         }
