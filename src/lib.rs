@@ -142,6 +142,7 @@
 //! nothing behind under a final name.
 
 pub mod cli;
+mod cpu;
 pub mod error;
 pub mod grid;
 #[doc(hidden)]

@@ -1,5 +1,6 @@
 //! The triangles of a tile's cubes and which of them are neighbours.
 
+use crate::cpu::dispatch;
 use crate::mesh::edges::{EdgeWord, Edges, below};
 use crate::mesh::table::{Across, Case, MAX_TRIANGLES};
 use crate::mesh::tile::TileBox;
@@ -90,6 +91,11 @@ impl Plan {
 impl Triangles {
     /// Makes the triangles of all cubes of a tile; reuses the memory.
     pub fn make(&mut self, edges: &Edges, tile: &TileBox, plans: &Plans) {
+        dispatch!(self.make_inlined(edges, tile, plans));
+    }
+
+    #[inline(always)]
+    fn make_inlined(&mut self, edges: &Edges, tile: &TileBox, plans: &Plans) {
         let [cx, cy, cz] = tile.cubes.map(|c| c as usize);
         self.corners.clear();
         self.mates.clear();
@@ -107,6 +113,7 @@ impl Triangles {
         }
     }
 
+    #[inline(always)]
     fn cube_row(
         &mut self,
         edges: &Edges,
@@ -150,7 +157,7 @@ impl Triangles {
         }
     }
 
-    #[inline]
+    #[inline(always)]
     fn cube(
         &mut self,
         plan: &Plan,
@@ -207,7 +214,7 @@ impl Triangles {
 
 /// Numbers of the 12 edges of the cube at `bit`, whose rows (y, z), (y+1, z), (y, z+1) and
 /// (y+1, z+1) have these words; only those of crossed edges mean anything.
-#[inline]
+#[inline(always)]
 fn numbers(words: [&EdgeWord; 4], bit: u64) -> [u32; 12] {
     let [w00, w10, w01, w11] = words;
     [

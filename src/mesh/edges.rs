@@ -4,6 +4,7 @@
 //! edge's number is the count of those before it: a base per word and a population count. (Flying
 //! Edges, Schroeder et al. 2015, numbers by counting per row too; bits make it 16 times denser.)
 
+use crate::cpu::dispatch;
 use crate::mesh::tile::TileBox;
 use crate::slab::Bits;
 
@@ -18,13 +19,13 @@ pub struct EdgeWord {
 
 impl EdgeWord {
     /// Number of the edge at `bit` (a single bit) along `axis`.
-    #[inline]
+    #[inline(always)]
     pub fn at(&self, axis: usize, bit: u64) -> u32 {
         self.first[axis] + (self.crossed[axis] & (bit - 1)).count_ones()
     }
 
     /// Number of the edge at the voxel after `bit` along `axis`.
-    #[inline]
+    #[inline(always)]
     pub fn after(&self, axis: usize, bit: u64) -> u32 {
         self.first[axis] + (self.crossed[axis] & (bit | (bit - 1))).count_ones()
     }
@@ -48,6 +49,11 @@ pub struct Edges {
 impl Edges {
     /// Finds the crossed edges of a tile; reuses the memory.
     pub fn find(&mut self, bits: &Bits, tile: &TileBox) {
+        dispatch!(self.find_inlined(bits, tile));
+    }
+
+    #[inline(always)]
+    fn find_inlined(&mut self, bits: &Bits, tile: &TileBox) {
         let [cx, cy, cz] = tile.cubes.map(|c| c as usize);
         self.row_words = cx / 64 + 1;
         self.rows = cy + 1;
@@ -85,6 +91,7 @@ impl Edges {
         self.count = next;
     }
 
+    #[inline(always)]
     fn copy_bits(&mut self, bits: &Bits, tile: &TileBox) {
         let [cx, cy, cz] = tile.cubes.map(|c| c as usize);
         let [x0, y0, z0] = tile.first_cube;

@@ -3,6 +3,7 @@
 //! A vertex lies on an edge between an above and a below voxel, so it belongs to one object and one
 //! cell, and so does everything connected to it.
 
+use crate::cpu::dispatch;
 use crate::measure::MeshSums;
 use crate::mesh::edges::Edges;
 use crate::mesh::tile::{BandView, TileBox};
@@ -116,6 +117,18 @@ impl PieceIndex {
 
 /// Assigns every crossed edge its piece, by rising number, and counts the pieces' vertices.
 pub fn assign<T: Voxel>(
+    view: &BandView<T>,
+    tile: &TileBox,
+    edges: &Edges,
+    index: &mut PieceIndex,
+    pieces: &mut Vec<Piece>,
+    piece_of: &mut Vec<u32>,
+) {
+    dispatch!(assign_inlined(view, tile, edges, index, pieces, piece_of));
+}
+
+#[inline(always)]
+fn assign_inlined<T: Voxel>(
     view: &BandView<T>,
     tile: &TileBox,
     edges: &Edges,

@@ -1,5 +1,6 @@
 //! The mesh of one tile, grouped by surface piece.
 
+use crate::cpu::dispatch;
 use crate::grid::{Ambiguous, Dims, LATTICE, Tiling};
 use crate::measure::AreaScale;
 use crate::mesh::cap::add_caps;
@@ -168,13 +169,16 @@ impl TileMesher {
         out: &mut TileMesh,
     ) -> bool {
         out.pieces.clear();
-        out.positions.clear();
-        out.normals.clear();
-        out.triangles.clear();
-        out.mates.clear();
         self.edges.find(view.bits, tile);
+        // all will be overwritten, so what is left of the tile before need not be cleared
+        let vertices = self.edges.count as usize;
+        out.positions.resize(vertices, [0; 3]);
+        out.normals.resize(vertices, [0.0; 3]);
         if self.edges.count > 0 {
             self.mesh_open(view, tile, settings, out);
+        } else {
+            out.triangles.clear();
+            out.mates.clear();
         }
         if settings.cap {
             add_caps(view, tile, settings, out);
@@ -201,10 +205,8 @@ impl TileMesher {
         self.place_vertices(view, tile, settings.threshold, out);
         self.triangles
             .make(&self.edges, tile, Plans::of(settings.rule));
-        self.group_triangles(out);
-        for piece in &mut out.pieces {
-            sum_piece(piece, &out.positions, &out.triangles, &settings.area);
-        }
+        dispatch!(self.group_triangles(out));
+        dispatch!(sum_pieces(out, &settings.area));
     }
 
     /// Computes all vertices and puts each where its piece's vertices lie.
@@ -215,9 +217,6 @@ impl TileMesher {
         threshold: f64,
         out: &mut TileMesh,
     ) {
-        let count = self.edges.count as usize;
-        out.positions.resize(count, [0; 3]);
-        out.normals.resize(count, [0.0; 3]);
         self.vertex_of.clear();
         let mut used = vec![0u32; out.pieces.len()];
         let mut number = 0;
@@ -239,6 +238,7 @@ impl TileMesher {
     }
 
     /// Moves the triangles to their pieces and numbers their corners and mates within them.
+    #[inline(always)]
     fn group_triangles(&mut self, out: &mut TileMesh) {
         let made = &self.triangles;
         let piece_of = |t: usize| self.piece_of[made.corners[t][0] as usize] as usize;
@@ -284,7 +284,15 @@ pub struct MeshSettings {
     pub area: AreaScale,
 }
 
+#[inline(always)]
+fn sum_pieces(mesh: &mut TileMesh, area: &AreaScale) {
+    for piece in &mut mesh.pieces {
+        sum_piece(piece, &mesh.positions, &mesh.triangles, area);
+    }
+}
+
 /// Adds up volume and area of a piece's triangles.
+#[inline(always)]
 pub fn sum_piece(
     piece: &mut Piece,
     positions: &[[i32; 3]],

@@ -1,5 +1,6 @@
 //! Connected components of one band: union-find over runs, with the sums of their voxels.
 
+use crate::cpu::dispatch;
 use crate::grid::{Ambiguous, Dims};
 use crate::measure::VoxelSums;
 use crate::segment::runs::{Runs, for_each_run, inside, transitions};
@@ -37,7 +38,7 @@ pub fn label_runs(
     sets: &mut UnionFind,
 ) -> (Vec<u32>, usize) {
     sets.reset(runs.count);
-    join_rows(bits, runs, rule, sets);
+    dispatch!(join_rows(bits, runs, rule, sets));
     let mut of_run: Vec<u32> = Vec::with_capacity(runs.count);
     let mut next = 0;
     sets.flatten(|run, root| {
@@ -53,6 +54,7 @@ pub fn label_runs(
     (of_run, next as usize)
 }
 
+#[inline(always)]
 fn join_rows(bits: &Bits, runs: &Runs, rule: Ambiguous, sets: &mut UnionFind) {
     let rows = bits.span.rows();
     for s in 0..bits.span.slices() {
@@ -88,6 +90,7 @@ enum Diagonal {
 }
 
 /// Joins the runs of two rows, given by the indices of their first words.
+#[inline(always)]
 fn join_row_pair(
     bits: &Bits,
     runs: &Runs,

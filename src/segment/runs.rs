@@ -48,7 +48,7 @@ impl Runs {
     }
 
     /// The run of voxel `x` in the row whose words start at index `row` of `bits.words`.
-    #[inline]
+    #[inline(always)]
     pub fn at(&self, bits: &Bits, row: usize, x: usize) -> u32 {
         let w = x / 64;
         let before = (w > 0).then(|| bits.words[row + w - 1]);

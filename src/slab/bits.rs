@@ -1,7 +1,9 @@
 //! One bit per voxel: above or below.
 
+use crate::cpu::dispatch;
 use crate::slab::{Span, Voxels};
 use crate::volume::Voxel;
+use std::slice::ChunksExactMut;
 
 /// The bits of a band: bit `x % 64` of word `x / 64` of row (y, z) is set iff voxel (x, y, z) is
 /// above. Bits beyond the row's end are 0.
@@ -28,10 +30,8 @@ impl Bits {
         let Some(ceil) = ceil else { return };
         let mut out = self.words.chunks_exact_mut(self.row_words);
         for z in span.z.clone() {
-            for y in span.y.clone() {
-                let words = out.next().expect("one chunk per row");
-                classify_row(voxels.row(y, z), ceil, words);
-            }
+            let rows = span.y.clone().map(|y| voxels.row(y, z));
+            dispatch!(classify_rows(rows, ceil, &mut out));
         }
     }
 
@@ -42,7 +42,20 @@ impl Bits {
     }
 }
 
+/// Classifies some rows, one chunk of words for each.
+#[inline(always)]
+fn classify_rows<'a, T: Voxel>(
+    rows: impl Iterator<Item = &'a [T]>,
+    ceil: T,
+    out: &mut ChunksExactMut<u64>,
+) {
+    for row in rows {
+        classify_row(row, ceil, out.next().expect("one chunk per row"));
+    }
+}
+
 /// Sets bit x of `out` iff `row[x] >= ceil`; NaN is below. `out` has `row.len().div_ceil(64)` words.
+#[inline(always)]
 pub fn classify_row<T: Voxel>(row: &[T], ceil: T, out: &mut [u64]) {
     let mut chunks = row.chunks_exact(64);
     for (chunk, word) in (&mut chunks).zip(out.iter_mut()) {

@@ -1,0 +1,69 @@
+//! Kernels compiled twice: for any processor, and for those with wide vectors and bit counting.
+//!
+//! The plain x86-64 has neither AVX2 nor a population count, on which the mesher's numbering rests.
+//! [`dispatch!`](crate::cpu::dispatch) compiles a call for both, and takes the faster one where the
+//! processor has it. Results are the same bits: no operation is reordered or contracted.
+//! `ALVIS_PORTABLE=1` in the environment forces the plain way, which is the only one on other
+//! architectures.
+//!
+//! Measured on a foam of 313 x 313 x 380 voxels (one core of an AMD EPYC, both ways compiled whole):
+//! meshing 0.49 s plain, 0.43 s with x86-64-v3; numbering of surfaces 0.074 and 0.061 s; labelling
+//! 0.063 and 0.055 s. AVX-512 was not tried: the kernels are bound by branches and memory by then.
+
+use std::sync::LazyLock;
+
+/// True if the fast way can be taken.
+#[inline]
+pub fn is_fast() -> bool {
+    static FAST: LazyLock<bool> = LazyLock::new(|| {
+        let portable = std::env::var_os("ALVIS_PORTABLE").is_some_and(|v| v == "1");
+        !portable && detected()
+    });
+    *FAST
+}
+
+#[cfg(target_arch = "x86_64")]
+fn detected() -> bool {
+    is_x86_feature_detected!("avx2")
+        && is_x86_feature_detected!("bmi1")
+        && is_x86_feature_detected!("bmi2")
+        && is_x86_feature_detected!("lzcnt")
+        && is_x86_feature_detected!("popcnt")
+}
+
+#[cfg(not(target_arch = "x86_64"))]
+fn detected() -> bool {
+    false
+}
+
+/// Runs `work`, if it is inlined, as compiled for the fast way.
+///
+/// # Panics
+/// If the processor has no fast way, see [`is_fast`].
+#[inline]
+pub fn run_fast<R>(work: impl FnOnce() -> R) -> R {
+    assert!(is_fast(), "asked before");
+    #[cfg(target_arch = "x86_64")]
+    {
+        #[target_feature(enable = "avx2,bmi1,bmi2,lzcnt,popcnt")]
+        fn compiled<R>(work: impl FnOnce() -> R) -> R {
+            work()
+        }
+        // SAFETY: the processor has these features, as was asserted
+        unsafe { compiled(work) }
+    }
+    #[cfg(not(target_arch = "x86_64"))]
+    work()
+}
+
+/// Evaluates a call whose callee is `#[inline(always)]`, compiled for the processor at hand.
+macro_rules! dispatch {
+    ($call:expr) => {
+        if $crate::cpu::is_fast() {
+            $crate::cpu::run_fast(|| $call)
+        } else {
+            $call
+        }
+    };
+}
+pub(crate) use dispatch;
