@@ -156,9 +156,10 @@ impl AreaScale {
     }
 
     /// Twice the area of a triangle with area vector `n` (in squared lattice steps), in steps.
-    #[inline]
+    #[inline(always)]
     pub fn twice_area(&self, n: [i32; 3]) -> u64 {
-        let v: [f64; 3] = std::array::from_fn(|a| f64::from(n[a]) * self.factors[a]);
+        let along = |a: usize| f64::from(n[a]) * self.factors[a];
+        let v = [along(0), along(1), along(2)];
         ((v[0] * v[0] + v[1] * v[1] + v[2] * v[2]).sqrt() * AREA_STEPS + 0.5) as u64
     }
 

@@ -145,7 +145,8 @@ impl Triangles {
                 let x = 64 * w + i as usize;
                 let pair = |r: usize| (here[r] >> i & 1) | (further[r] >> i & 1) << 1;
                 let case = pair(0) | pair(1) << 2 | pair(2) << 4 | pair(3) << 6;
-                let words = starts.map(|s| &edges.words[s + w]);
+                let word = |r: usize| &edges.words[starts[r] + w];
+                let words = [word(0), word(1), word(2), word(3)];
                 self.cube(
                     &plans.0[case as usize],
                     &numbers(words, bit),
@@ -161,23 +162,23 @@ impl Triangles {
     fn cube(
         &mut self,
         plan: &Plan,
-        numbers: &[u32; 12],
+        numbers: &[u32; 16],
         tile: &TileBox,
         [x, y, z]: [usize; 3],
         x_slots: &mut [u32; 2],
     ) {
         let first = self.mates.len() as u32;
         let count = usize::from(plan.triangles);
-        let mut corners = [[0; 3]; MAX_TRIANGLES];
-        let mut inside = [NONE; 3 * MAX_TRIANGLES];
-        for h in 0..3 * count {
-            corners[h / 3][h % 3] = numbers[plan.corners[h / 3][h % 3] as usize];
-            if plan.inside[h] != ABSENT {
-                inside[h] = first + u32::from(plan.inside[h]);
-            }
-        }
-        self.corners.extend_from_slice(&corners[..count]);
-        self.mates.extend_from_slice(&inside[..3 * count]);
+        // the mask says what is so anyway, and saves a check
+        let number = |edge: u8| numbers[usize::from(edge) & 15];
+        let corners = plan.corners[..count].iter();
+        self.corners
+            .extend(corners.map(|&[a, b, c]| [number(a), number(b), number(c)]));
+        let inside = plan.inside[..3 * count].iter();
+        self.mates.extend(inside.map(|&mate| match mate {
+            ABSENT => NONE,
+            mate => first + u32::from(mate),
+        }));
         let (cx, cy) = (tile.cubes[0] as usize, tile.cubes[1] as usize);
         let at = [x, y, z];
         for axis in 0..3 {
@@ -213,9 +214,9 @@ impl Triangles {
 }
 
 /// Numbers of the 12 edges of the cube at `bit`, whose rows (y, z), (y+1, z), (y, z+1) and
-/// (y+1, z+1) have these words; only those of crossed edges mean anything.
+/// (y+1, z+1) have these words; only those of crossed edges mean anything, and the last four never.
 #[inline(always)]
-fn numbers(words: [&EdgeWord; 4], bit: u64) -> [u32; 12] {
+fn numbers(words: [&EdgeWord; 4], bit: u64) -> [u32; 16] {
     let [w00, w10, w01, w11] = words;
     [
         w00.at(0, bit),
@@ -230,5 +231,9 @@ fn numbers(words: [&EdgeWord; 4], bit: u64) -> [u32; 12] {
         w00.after(2, bit),
         w10.at(2, bit),
         w10.after(2, bit),
+        0,
+        0,
+        0,
+        0,
     ]
 }

@@ -41,7 +41,11 @@ impl<'a, T: Voxel> Samples<'a, T> {
         // SAFETY: the largest stride is the reach: all indices lie in p - reach ..= p + 2 reach,
         // which the caller has had checked
         let at = |i: usize| unsafe { *self.samples.get_unchecked(i) };
-        let around = |p: usize| self.strides.map(|s| at(p + s).minus(at(p - s)));
+        let difference = |p: usize, a: usize| {
+            let s = self.strides[a];
+            at(p + s).minus(at(p - s))
+        };
+        let around = |p: usize| [difference(p, 0), difference(p, 1), difference(p, 2)];
         let q = p + self.strides[axis];
         Ends {
             values: [at(p), at(q)],

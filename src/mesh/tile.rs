@@ -259,11 +259,14 @@ impl TileMesher {
         let (made_mates, _) = made.mates.as_chunks::<3>();
         for (t, (corners, old)) in made.corners.iter().zip(made_mates).enumerate() {
             let at = (out.pieces[piece_of(t)].first_triangle + self.triangle_of[t]) as usize;
-            out.triangles[at] = corners.map(|v| self.vertex_of[v as usize]);
-            mates[at] = old.map(|h| match h {
+            // three by three: mapping an array takes a call that is not inlined
+            let corner = |i: usize| self.vertex_of[corners[i] as usize];
+            let mate = |i: usize| match old[i] {
                 NONE => NONE,
                 h => 3 * self.triangle_of[h as usize / 3] + h % 3,
-            });
+            };
+            out.triangles[at] = [corner(0), corner(1), corner(2)];
+            mates[at] = [mate(0), mate(1), mate(2)];
         }
         for &h in &made.border {
             out.pieces[piece_of(h as usize / 3)].sums.border_edges += 1;
@@ -302,18 +305,24 @@ pub fn sum_piece(
     let vertices = &positions[piece.first_vertex as usize..][..piece.vertices as usize];
     let triangles = &triangles[piece.first_triangle as usize..][..piece.triangles as usize];
     let (mut volume6, mut twice_area) = (0i128, 0u128);
-    for t in triangles {
-        let [a, b, c] = t.map(|v| vertices[v as usize]);
-        let u: [i32; 3] = std::array::from_fn(|i| b[i] - a[i]);
-        let v: [i32; 3] = std::array::from_fn(|i| c[i] - a[i]);
+    for &[a, b, c] in triangles {
+        let [a, b, c] = [
+            vertices[a as usize],
+            vertices[b as usize],
+            vertices[c as usize],
+        ];
+        let [u, v] = [
+            [b[0] - a[0], b[1] - a[1], b[2] - a[2]],
+            [c[0] - a[0], c[1] - a[1], c[2] - a[2]],
+        ];
         let n = [
             u[1] * v[2] - u[2] * v[1],
             u[2] * v[0] - u[0] * v[2],
             u[0] * v[1] - u[1] * v[0],
         ];
         // a . (b x c) = a . ((b - a) x (c - a))
-        let dot: i64 = (0..3).map(|i| i64::from(a[i]) * i64::from(n[i])).sum();
-        volume6 += i128::from(dot);
+        let product = |i: usize| i64::from(a[i]) * i64::from(n[i]);
+        volume6 += i128::from(product(0) + product(1) + product(2));
         twice_area += u128::from(area.twice_area(n));
     }
     piece.sums.volume6 = volume6;

@@ -82,7 +82,7 @@ impl Batch {
             let mut position = self.lower[i];
             position[axis] += self.step[i] as i32;
             let n = if ordinary {
-                [0, 1, 2].map(|a| self.normal[a][i])
+                [self.normal[0][i], self.normal[1][i], self.normal[2][i]]
             } else {
                 let gradients = [&self.g0, &self.g1].map(|g| [g[0][i], g[1][i], g[2][i]]);
                 normal(
@@ -140,7 +140,8 @@ fn for_each_inlined<T: Voxel>(
                     crossed &= crossed - 1;
                     let x = tile.first_cube[0] + 64 * w as u32 + bit;
                     let i = batch.len;
-                    batch.lower[i] = [x, row.y, row.z].map(|v| (v * LATTICE) as i32);
+                    let steps = |v: u32| (v * LATTICE) as i32;
+                    batch.lower[i] = [steps(x), steps(row.y), steps(row.z)];
                     batch.axis[i] = axis as u8;
                     batch.lower_above[i] = bits[w] >> bit & 1 == 1;
                     row.push(x, axis, &mut batch);
@@ -213,8 +214,12 @@ impl<'a, T: Voxel> Row<'a, T> {
             // SAFETY: `central` says that the samples cover the row's voxels 1..=nx - 3
             let ends = unsafe { self.samples.ends(p, axis) };
             // halving is exact, so it may come after the conversion
-            let gradients = ends.differences.map(|d| d.map(|v| v * 0.5));
-            batch.push(ends.values.map(T::to_f64), gradients);
+            let half = |d: [f32; 3]| [0.5 * d[0], 0.5 * d[1], 0.5 * d[2]];
+            let gradients = [half(ends.differences[0]), half(ends.differences[1])];
+            batch.push(
+                [ends.values[0].to_f64(), ends.values[1].to_f64()],
+                gradients,
+            );
         } else {
             self.push_at_face(p, x, axis, batch);
         }
