@@ -143,6 +143,7 @@
 
 pub mod cli;
 pub mod error;
+pub mod export;
 pub mod grid;
 pub mod manifest;
 mod measure;

@@ -1,0 +1,296 @@
+//! Fewer triangles, without a hole.
+//!
+//! Every piece of a tile is simplified by itself with meshoptimizer's quadrics, which move no vertex:
+//! what is left lies on the lattice as before. That pieces and tiles still meet is made sure by vertices
+//! that stay, by a ring of triangles that stays, and by a check of the result.
+//!
+//! 1. Vertices at an open edge of a piece and vertices of several pieces (a surface and its cap) are
+//!    locked. So both sides of a plane between tiles keep the border between them, edge by edge, and so
+//!    does the border of the surface at the volume's faces.
+//! 2. A chord between two such vertices could come about on both sides at once, and four triangles would
+//!    meet there. So of two sides one also locks the neighbours of its border vertices, which keeps the
+//!    triangles at them as they are: the tile before the plane, and the cap.
+//! 3. The result must have the same open edges, no edge of more than two triangles, no triangle twice and
+//!    the same Euler characteristic. If not, the piece is simplified less, and at last left as it is.
+
+use super::sheet::Region;
+use crate::error::{Error, Result};
+use crate::grid::{LATTICE, Placement, Unit};
+use crate::tile::SurfacePiece;
+use glam::{DMat3, DVec3};
+use meshopt::{SimplifyOptions, VertexDataAdapter, simplify_with_locks, typed_to_bytes};
+use std::collections::HashMap;
+use std::str::FromStr;
+
+/// Tries before a piece is left as it is.
+const TRIES: u32 = 4;
+
+/// How far a surface is simplified.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub enum Simplify {
+    /// To this share of the triangles of each piece, above 0 and at most 1; more stay at the borders of
+    /// tiles.
+    Ratio(f64),
+    /// As far as the error stays below so many voxels (the smallest spacing); above 0.
+    Voxels(f64),
+    /// As far as the error stays below this length; above 0.
+    Length(f64, Unit),
+}
+
+impl FromStr for Simplify {
+    type Err = Error;
+
+    /// Reads a ratio, as in `0.1` or `10%`, voxels, as in `0.5vx`, or a length, as in `20um`.
+    fn from_str(text: &str) -> Result<Self> {
+        let bad = || {
+            Error::usage(
+                "--simplify",
+                text,
+                "a share of the triangles above 0 and at most 1, as in 0.1, or an error above 0, as in \
+                 0.5vx or 20um",
+            )
+        };
+        let text = text.trim();
+        let split = text
+            .find(|c: char| c.is_alphabetic() && c != 'e' && c != 'E' || c == '%')
+            .unwrap_or(text.len());
+        let (number, unit) = text.split_at(split);
+        let value: f64 = number.trim().parse().map_err(|_| bad())?;
+        if !(value.is_finite() && value > 0.0) {
+            return Err(bad());
+        }
+        let found = match unit.trim() {
+            "" => Simplify::Ratio(value),
+            "%" => Simplify::Ratio(value / 100.0),
+            "vx" => Simplify::Voxels(value),
+            unit => match unit.parse().map_err(|_| bad())? {
+                Unit::Voxel => Simplify::Voxels(value),
+                unit => Simplify::Length(value, unit),
+            },
+        };
+        match found {
+            Simplify::Ratio(ratio) if ratio > 1.0 => Err(bad()),
+            found => Ok(found),
+        }
+    }
+}
+
+/// The same for a grid.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct InGrid {
+    /// Share of the triangles to keep.
+    ratio: f64,
+    /// The largest error in the unit of the set.
+    error: f64,
+    /// From lattice steps to the unit of the set.
+    step: DMat3,
+}
+
+impl Simplify {
+    /// What is asked for, in the unit of a grid.
+    ///
+    /// # Errors
+    /// [`Error::Usage`] for a value out of range, or a length in a grid without a unit.
+    pub(super) fn in_grid(&self, placement: &Placement) -> Result<InGrid> {
+        let spacing = placement.spacing;
+        let (ratio, error) = match *self {
+            Simplify::Ratio(ratio) => (ratio, f64::INFINITY),
+            Simplify::Voxels(voxels) => {
+                (0.0, voxels * spacing.into_iter().fold(f64::INFINITY, f64::min))
+            }
+            Simplify::Length(_, unit) if (placement.unit == Unit::Voxel) != (unit == Unit::Voxel) => {
+                return Err(Error::usage(
+                    "--simplify",
+                    format!("a length in {unit}"),
+                    format!("voxels, as in 0.5vx: the tile set's unit is {}", placement.unit),
+                ));
+            }
+            Simplify::Length(length, unit) => {
+                (0.0, length * unit.metres() / placement.unit.metres())
+            }
+        };
+        if !(0.0..=1.0).contains(&ratio) || ratio + error <= 0.0 || error.is_nan() {
+            return Err(Error::usage(
+                "--simplify",
+                format!("{self:?}"),
+                "a share above 0 and at most 1, or an error above 0",
+            ));
+        }
+        Ok(InGrid {
+            ratio,
+            error,
+            step: DMat3::from_diagonal(DVec3::from(spacing) / f64::from(LATTICE)),
+        })
+    }
+}
+
+/// What simplification did.
+#[derive(Debug, Clone, Copy, Default)]
+pub(super) struct Simplified {
+    /// The largest error that was estimated, in the unit of the set.
+    pub error: f64,
+    /// Pieces that were left as they are, though fewer triangles were found, since those failed the
+    /// check.
+    pub left: u64,
+}
+
+/// Simplifies the pieces of a tile; `points` are their vertices in lattice steps.
+pub(super) fn pieces(
+    pieces: &mut [SurfacePiece],
+    points: &[Vec<[i32; 3]>],
+    region: &Region,
+    how: &InGrid,
+) -> Simplified {
+    let shared = shared(pieces, points);
+    let mut all = Simplified::default();
+    for (piece, points) in pieces.iter_mut().zip(points) {
+        let locks = locks(piece, points, region, &shared);
+        let one = simplify(piece, points, &locks, how);
+        all.error = all.error.max(one.error);
+        all.left += one.left;
+    }
+    all
+}
+
+/// Vertices of several pieces.
+fn shared(pieces: &[SurfacePiece], points: &[Vec<[i32; 3]>]) -> HashMap<[i32; 3], bool> {
+    let mut seen: HashMap<[i32; 3], bool> = HashMap::new();
+    // only caps share vertices with other pieces
+    let caps = pieces.iter().zip(points).filter(|(p, _)| p.is_cap());
+    seen.extend(caps.flat_map(|(_, points)| points.iter().map(|p| (*p, false))));
+    if seen.is_empty() {
+        return seen;
+    }
+    let others = pieces.iter().zip(points).filter(|(p, _)| !p.is_cap());
+    for p in others.flat_map(|(_, points)| points) {
+        if let Some(shared) = seen.get_mut(p) {
+            *shared = true;
+        }
+    }
+    seen.retain(|_, shared| *shared);
+    seen
+}
+
+/// Vertices of a piece that stay.
+fn locks(
+    piece: &SurfacePiece,
+    points: &[[i32; 3]],
+    region: &Region,
+    shared: &HashMap<[i32; 3], bool>,
+) -> Vec<bool> {
+    let with_others: Vec<bool> = points.iter().map(|p| shared.contains_key(p)).collect();
+    let with_ring = |i: u32| {
+        let i = i as usize;
+        region.on_upper(points[i]) || piece.is_cap() && with_others[i]
+    };
+    let mut locked: Vec<bool> = points
+        .iter()
+        .zip(&with_others)
+        .map(|(&p, &other)| other || region.on_lower(p) || region.on_upper(p))
+        .collect();
+    for t in &piece.triangles {
+        if t.iter().any(|&i| with_ring(i)) {
+            t.iter().for_each(|&i| locked[i as usize] = true);
+        }
+    }
+    locked
+}
+
+/// Simplifies one piece.
+fn simplify(
+    piece: &mut SurfacePiece,
+    points: &[[i32; 3]],
+    locks: &[bool],
+    how: &InGrid,
+) -> Simplified {
+    let mut done = Simplified::default();
+    let Some(&origin) = points.first() else {
+        return done;
+    };
+    // near 0, where floats are fine enough
+    let place = |p: &[i32; 3]| -> [f32; 3] {
+        let local: [f64; 3] = std::array::from_fn(|a| f64::from(p[a] - origin[a]));
+        (how.step * DVec3::from(local)).as_vec3().into()
+    };
+    let positions: Vec<[f32; 3]> = points.iter().map(place).collect();
+    let bytes = typed_to_bytes(&positions);
+    let Ok(vertices) = VertexDataAdapter::new(bytes, size_of::<[f32; 3]>(), 0) else {
+        return done;
+    };
+    let before = Shape::of(&piece.triangles);
+    let Some(before) = before else {
+        return done;
+    };
+    let all = piece.triangles.len();
+    let (mut target, mut limit) = ((all as f64 * how.ratio).ceil(), how.error);
+    for _ in 0..TRIES {
+        let mut error = 0.0;
+        let fewer = simplify_with_locks(
+            piece.triangles.as_flattened(),
+            &vertices,
+            locks,
+            3 * target as usize,
+            limit.min(f64::from(f32::MAX)) as f32,
+            SimplifyOptions::ErrorAbsolute | SimplifyOptions::LockBorder,
+            Some(&mut error),
+        );
+        let fewer = fewer.as_chunks::<3>().0;
+        if fewer.len() == all {
+            return done;
+        }
+        if Shape::of(fewer).is_some_and(|shape| shape == before) {
+            piece.triangles = fewer.to_vec();
+            done.error = f64::from(error);
+            return done;
+        }
+        target = (target + all as f64) / 2.0;
+        limit = limit.min(f64::from(error)) / 2.0;
+    }
+    done.left = 1;
+    done
+}
+
+/// What simplification must not change.
+#[derive(Debug, PartialEq, Eq)]
+struct Shape {
+    /// Directed edges without their reverse, sorted.
+    open: Vec<[u32; 2]>,
+    euler: i64,
+}
+
+impl Shape {
+    /// `None` if an edge has more than two triangles or two that run along it the same way, or a triangle
+    /// comes twice, in whatever direction.
+    fn of(triangles: &[[u32; 3]]) -> Option<Shape> {
+        let mut edges = Vec::with_capacity(3 * triangles.len());
+        for &[a, b, c] in triangles {
+            for (a, b) in [(a, b), (b, c), (c, a)] {
+                edges.push(([a.min(b), a.max(b)], a > b));
+            }
+        }
+        edges.sort_unstable();
+        let mut open = Vec::new();
+        let mut count = 0;
+        for same in edges.chunk_by(|a, b| a.0 == b.0) {
+            count += 1;
+            match *same {
+                [([a, b], turned)] => open.push(if turned { [b, a] } else { [a, b] }),
+                [(_, false), (_, true)] => {}
+                _ => return None,
+            }
+        }
+        let mut corners: Vec<[u32; 3]> = triangles.to_vec();
+        corners.iter_mut().for_each(|t| t.sort_unstable());
+        corners.sort_unstable();
+        if corners.windows(2).any(|w| w[0] == w[1]) {
+            return None;
+        }
+        let mut used: Vec<u32> = triangles.as_flattened().to_vec();
+        used.sort_unstable();
+        used.dedup();
+        Some(Shape {
+            open,
+            euler: used.len() as i64 - count + triangles.len() as i64,
+        })
+    }
+}
