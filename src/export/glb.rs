@@ -95,7 +95,11 @@ impl Writer for Glb {
         let mut head = Vec::with_capacity(HEADERS + ROOM);
         let total = (HEADERS + ROOM) as u64 + bytes;
         head.extend(b"glTF");
-        head.extend([2, total as u32, ROOM as u32].map(u32::to_le_bytes).as_flattened());
+        head.extend(
+            [2, total as u32, ROOM as u32]
+                .map(u32::to_le_bytes)
+                .as_flattened(),
+        );
         head.extend(b"JSON");
         head.extend(json.as_bytes());
         debug_assert!(json.len() <= ROOM);

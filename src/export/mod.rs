@@ -23,6 +23,7 @@ mod glb;
 mod obj;
 mod plan;
 mod ply;
+mod shape;
 mod sheet;
 mod simplify;
 mod sink;
@@ -130,7 +131,9 @@ pub fn export(
     let set = TileSet::open(dir)?;
     let manifest = set.manifest();
     let simplify = options.simplify.as_ref();
-    let simplify = simplify.map(|s| s.in_grid(&manifest.placement)).transpose()?;
+    let simplify = simplify
+        .map(|s| s.in_grid(&manifest.placement))
+        .transpose()?;
     let choice = Choice::new(dir, manifest, options.condition.as_deref())?;
     let writer = format.writer(manifest);
     let cost = Cost::new(&*writer, simplify.is_some());

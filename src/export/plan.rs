@@ -37,7 +37,10 @@ impl Plan {
         for entry in set.tiles() {
             let entry = entry?;
             check_place(set, &entry, &mut before)?;
-            let kept = entry.groups.iter().filter(|g| choice.keeps(g.cell, g.object));
+            let kept = entry
+                .groups
+                .iter()
+                .filter(|g| choice.keeps(g.cell, g.object));
             let triangles = kept.map(|g| g.triangles).fold(0, u64::saturating_add);
             if !wanted(choice, &entry) {
                 continue;

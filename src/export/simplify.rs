@@ -10,9 +10,12 @@
 //! 2. A chord between two such vertices could come about on both sides at once, and four triangles would
 //!    meet there. So of two sides one also locks the neighbours of its border vertices, which keeps the
 //!    triangles at them as they are: the tile before the plane, and the cap.
-//! 3. The result must have the same open edges, no edge of more than two triangles, no triangle twice and
-//!    the same Euler characteristic. If not, the piece is simplified less, and at last left as it is.
+//! 3. The result must be the same surface: with the same open edges, no edge of more than two triangles, no
+//!    triangle twice, no two fans of triangles at one vertex, and in each connected part the same Euler
+//!    characteristic. Parts that are not are simplified again with the vertices around the faults locked
+//!    or, where none can be named, to more triangles; after some tries they are left as they are.
 
+use super::shape::Shape;
 use super::sheet::Region;
 use crate::error::{Error, Result};
 use crate::grid::{LATTICE, Placement, Unit};
@@ -22,8 +25,8 @@ use meshopt::{SimplifyOptions, VertexDataAdapter, simplify_with_locks, typed_to_
 use std::collections::HashMap;
 use std::str::FromStr;
 
-/// Tries before a piece is left as it is.
-const TRIES: u32 = 4;
+/// Tries in a step before a part is left as it is.
+const TRIES: u32 = 8;
 
 /// How far a surface is simplified.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -95,14 +98,20 @@ impl Simplify {
         let spacing = placement.spacing;
         let (ratio, error) = match *self {
             Simplify::Ratio(ratio) => (ratio, f64::INFINITY),
-            Simplify::Voxels(voxels) => {
-                (0.0, voxels * spacing.into_iter().fold(f64::INFINITY, f64::min))
-            }
-            Simplify::Length(_, unit) if (placement.unit == Unit::Voxel) != (unit == Unit::Voxel) => {
+            Simplify::Voxels(voxels) => (
+                0.0,
+                voxels * spacing.into_iter().fold(f64::INFINITY, f64::min),
+            ),
+            Simplify::Length(_, unit)
+                if (placement.unit == Unit::Voxel) != (unit == Unit::Voxel) =>
+            {
                 return Err(Error::usage(
                     "--simplify",
                     format!("a length in {unit}"),
-                    format!("voxels, as in 0.5vx: the tile set's unit is {}", placement.unit),
+                    format!(
+                        "voxels, as in 0.5vx: the tile set's unit is {}",
+                        placement.unit
+                    ),
                 ));
             }
             Simplify::Length(length, unit) => {
@@ -129,9 +138,6 @@ impl Simplify {
 pub(super) struct Simplified {
     /// The largest error that was estimated, in the unit of the set.
     pub error: f64,
-    /// Pieces that were left as they are, though fewer triangles were found, since those failed the
-    /// check.
-    pub left: u64,
 }
 
 /// Simplifies the pieces of a tile; `points` are their vertices in lattice steps.
@@ -147,7 +153,6 @@ pub(super) fn pieces(
         let locks = locks(piece, points, region, &shared);
         let one = simplify(piece, points, &locks, how);
         all.error = all.error.max(one.error);
-        all.left += one.left;
     }
     all
 }
@@ -196,7 +201,7 @@ fn locks(
     locked
 }
 
-/// Simplifies one piece.
+/// Simplifies one piece, by steps to half the triangles: what fails in a step is then small.
 fn simplify(
     piece: &mut SurfacePiece,
     points: &[[i32; 3]],
@@ -213,84 +218,101 @@ fn simplify(
         (how.step * DVec3::from(local)).as_vec3().into()
     };
     let positions: Vec<[f32; 3]> = points.iter().map(place).collect();
-    let bytes = typed_to_bytes(&positions);
-    let Ok(vertices) = VertexDataAdapter::new(bytes, size_of::<[f32; 3]>(), 0) else {
-        return done;
-    };
-    let before = Shape::of(&piece.triangles);
-    let Some(before) = before else {
-        return done;
-    };
-    let all = piece.triangles.len();
-    let (mut target, mut limit) = ((all as f64 * how.ratio).ceil(), how.error);
-    for _ in 0..TRIES {
+    // triangles at two locked vertices stay
+    let fixed = |t: &&[u32; 3]| t.iter().filter(|&&v| locks[v as usize]).count() >= 2;
+    let fixed = piece.triangles.iter().filter(fixed).count();
+    let free = piece.triangles.len() - fixed;
+    let goal = fixed + (free as f64 * how.ratio).ceil() as usize;
+    loop {
+        let now = piece.triangles.len();
+        let step = Step {
+            target: goal.max(fixed + (now - fixed.min(now)) / 2),
+            error: how.error - done.error,
+        };
+        if now <= goal || step.error <= 0.0 {
+            return done;
+        }
+        let Some((fewer, error)) = step.run(&piece.triangles, &positions, locks) else {
+            return done;
+        };
+        let won = now - fewer.len();
+        piece.triangles = fewer;
+        // errors of one step after another add up at worst
+        done.error += error;
+        if won < now / 64 + 1 {
+            return done;
+        }
+    }
+}
+
+/// A step of simplification.
+struct Step {
+    /// Triangles to reach.
+    target: usize,
+    /// The largest error in the unit of the set.
+    error: f64,
+}
+
+impl Step {
+    /// Simplifies all connected parts together, and those that fail the check again, with the vertices
+    /// around the faults locked. `None` if the triangles are no surface to begin with.
+    fn run(
+        &self,
+        triangles: &[[u32; 3]],
+        positions: &[[f32; 3]],
+        locks: &[bool],
+    ) -> Option<(Vec<[u32; 3]>, f64)> {
+        let shape = Shape::new(positions.len(), triangles)?;
+        let mut share = self.target as f64 / triangles.len() as f64;
+        let mut locks = locks.to_vec();
+        let mut alive = vec![true; shape.count()];
+        let mut left = triangles.to_vec();
+        let mut kept = Vec::new();
+        let mut largest = 0.0f64;
+        for _ in 0..TRIES {
+            let target = (left.len() as f64 * share).ceil() as usize;
+            let (fewer, error) = self.collapse(&left, positions, &locks, target)?;
+            let faults = shape.faults(&fewer, &alive);
+            let again = |t: &[u32; 3]| faults.parts[shape.part(*t)];
+            let before = kept.len();
+            kept.extend(fewer.iter().filter(|t| !again(t)));
+            if kept.len() > before {
+                largest = largest.max(error);
+            }
+            left.retain(again);
+            if left.is_empty() {
+                break;
+            }
+            shape.lock_around(&faults, &fewer, &mut locks);
+            if faults.unplaced {
+                share = (share + 1.0) / 2.0;
+            }
+            alive = faults.parts;
+        }
+        kept.extend(left);
+        Some((kept, largest))
+    }
+
+    /// Triangles of the same vertices, `target` of them if locks and the error permit, and the error.
+    fn collapse(
+        &self,
+        triangles: &[[u32; 3]],
+        positions: &[[f32; 3]],
+        locks: &[bool],
+        target: usize,
+    ) -> Option<(Vec<[u32; 3]>, f64)> {
+        let bytes = typed_to_bytes(positions);
+        let vertices = VertexDataAdapter::new(bytes, size_of::<[f32; 3]>(), 0).ok()?;
         let mut error = 0.0;
         let fewer = simplify_with_locks(
-            piece.triangles.as_flattened(),
+            triangles.as_flattened(),
             &vertices,
             locks,
-            3 * target as usize,
-            limit.min(f64::from(f32::MAX)) as f32,
-            SimplifyOptions::ErrorAbsolute | SimplifyOptions::LockBorder,
+            3 * target,
+            self.error.min(f64::from(f32::MAX)) as f32,
+            SimplifyOptions::ErrorAbsolute | SimplifyOptions::LockBorder | SimplifyOptions::Sparse,
             Some(&mut error),
         );
-        let fewer = fewer.as_chunks::<3>().0;
-        if fewer.len() == all {
-            return done;
-        }
-        if Shape::of(fewer).is_some_and(|shape| shape == before) {
-            piece.triangles = fewer.to_vec();
-            done.error = f64::from(error);
-            return done;
-        }
-        target = (target + all as f64) / 2.0;
-        limit = limit.min(f64::from(error)) / 2.0;
-    }
-    done.left = 1;
-    done
-}
-
-/// What simplification must not change.
-#[derive(Debug, PartialEq, Eq)]
-struct Shape {
-    /// Directed edges without their reverse, sorted.
-    open: Vec<[u32; 2]>,
-    euler: i64,
-}
-
-impl Shape {
-    /// `None` if an edge has more than two triangles or two that run along it the same way, or a triangle
-    /// comes twice, in whatever direction.
-    fn of(triangles: &[[u32; 3]]) -> Option<Shape> {
-        let mut edges = Vec::with_capacity(3 * triangles.len());
-        for &[a, b, c] in triangles {
-            for (a, b) in [(a, b), (b, c), (c, a)] {
-                edges.push(([a.min(b), a.max(b)], a > b));
-            }
-        }
-        edges.sort_unstable();
-        let mut open = Vec::new();
-        let mut count = 0;
-        for same in edges.chunk_by(|a, b| a.0 == b.0) {
-            count += 1;
-            match *same {
-                [([a, b], turned)] => open.push(if turned { [b, a] } else { [a, b] }),
-                [(_, false), (_, true)] => {}
-                _ => return None,
-            }
-        }
-        let mut corners: Vec<[u32; 3]> = triangles.to_vec();
-        corners.iter_mut().for_each(|t| t.sort_unstable());
-        corners.sort_unstable();
-        if corners.windows(2).any(|w| w[0] == w[1]) {
-            return None;
-        }
-        let mut used: Vec<u32> = triangles.as_flattened().to_vec();
-        used.sort_unstable();
-        used.dedup();
-        Some(Shape {
-            open,
-            euler: used.len() as i64 - count + triangles.len() as i64,
-        })
+        Some((fewer.as_chunks::<3>().0.to_vec(), f64::from(error)))
     }
 }

@@ -86,10 +86,7 @@ impl Sink {
             self.out.flush().map_err(&failed)?;
             std::io::copy(&mut faces, self.out.get_mut().as_file_mut()).map_err(&failed)?;
         }
-        let mut out = self
-            .out
-            .into_inner()
-            .map_err(|e| failed(e.into_error()))?;
+        let mut out = self.out.into_inner().map_err(|e| failed(e.into_error()))?;
         let bytes = out.seek(SeekFrom::End(0)).map_err(&failed)?;
         out.rewind().map_err(&failed)?;
         out.write_all(head).map_err(&failed)?;

@@ -93,8 +93,15 @@ mod tests {
         let world = placement.world([1.0, 0.5, 0.25]);
         assert!(space.position(point).abs_diff_eq(world.into(), 1e-12));
         // the plane x + z = 0 in voxels is 2 x' + z' / 2 = 0 before it is turned
-        let n = DVec3::from(space.normal([0.5f32.sqrt(), 0.0, 0.5f32.sqrt()]).map(f64::from));
-        assert!(n.abs_diff_eq(DVec3::new(0.0, 2.0, 0.5).normalize(), 1e-6), "{n}");
+        let n = DVec3::from(
+            space
+                .normal([0.5f32.sqrt(), 0.0, 0.5f32.sqrt()])
+                .map(f64::from),
+        );
+        assert!(
+            n.abs_diff_eq(DVec3::new(0.0, 2.0, 0.5).normalize(), 1e-6),
+            "{n}"
+        );
         assert_eq!(space.turned([1, 2, 3]), [1, 2, 3]);
     }
 
