@@ -161,6 +161,7 @@ mod strip;
 pub mod table;
 pub mod tile;
 pub mod verify;
+pub mod view;
 pub mod volume;
 
 pub use error::{Error, Result};

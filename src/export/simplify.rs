@@ -96,35 +96,34 @@ impl Simplify {
     /// [`Error::Usage`] for a value out of range, or a length in a grid without a unit.
     pub(super) fn in_grid(&self, placement: &Placement) -> Result<InGrid> {
         let spacing = placement.spacing;
-        let (ratio, error) = match *self {
-            Simplify::Ratio(ratio) => (ratio, f64::INFINITY),
-            Simplify::Voxels(voxels) => (
-                0.0,
-                voxels * spacing.into_iter().fold(f64::INFINITY, f64::min),
-            ),
-            Simplify::Length(_, unit)
-                if (placement.unit == Unit::Voxel) != (unit == Unit::Voxel) =>
-            {
-                return Err(Error::usage(
-                    "--simplify",
-                    format!("a length in {unit}"),
-                    format!(
-                        "voxels, as in 0.5vx: the tile set's unit is {}",
-                        placement.unit
-                    ),
-                ));
-            }
-            Simplify::Length(length, unit) => {
-                (0.0, length * unit.metres() / placement.unit.metres())
-            }
+        let (value, unit) = match *self {
+            Simplify::Ratio(ratio) => (ratio, None),
+            Simplify::Voxels(voxels) => (voxels, Some(Unit::Voxel)),
+            Simplify::Length(length, unit) => (length, Some(unit)),
         };
-        if !(0.0..=1.0).contains(&ratio) || ratio + error <= 0.0 || error.is_nan() {
+        let most = if unit.is_none() { 1.0 } else { f64::MAX };
+        if !(value > 0.0 && value <= most) {
             return Err(Error::usage(
                 "--simplify",
-                format!("{self:?}"),
+                value.to_string(),
                 "a share above 0 and at most 1, or an error above 0",
             ));
         }
+        let (ratio, error) = match unit {
+            None => (value, f64::INFINITY),
+            Some(Unit::Voxel) => (
+                0.0,
+                value * spacing.into_iter().fold(f64::INFINITY, f64::min),
+            ),
+            Some(unit) if placement.unit == Unit::Voxel => {
+                return Err(Error::usage(
+                    "--simplify",
+                    format!("a length in {unit}"),
+                    "voxels, as in 0.5vx: the size of a voxel is not known",
+                ));
+            }
+            Some(unit) => (0.0, value * unit.metres() / placement.unit.metres()),
+        };
         Ok(InGrid {
             ratio,
             error,
