@@ -37,7 +37,12 @@ impl Writer for Obj {
     }
 
     fn encode(&self, sheet: &Sheet, numbers: &Numbers) -> Coded {
-        let mut coded = Coded::default();
+        let [vertex, face] = self.sizes().map(|n| n as usize);
+        // enough from the start: text that outgrows its buffer would be copied
+        let mut coded = Coded {
+            vertices: Vec::with_capacity(sheet.points.len() * vertex),
+            faces: Vec::with_capacity(sheet.triangles.len() * face),
+        };
         let new = (0..sheet.points.len()).filter(|&i| numbers.all[i] >= numbers.first);
         let write = || -> std::io::Result<()> {
             for i in new {

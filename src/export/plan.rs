@@ -8,6 +8,8 @@ use crate::manifest::{MANIFEST, TileEntry, TileSet};
 
 /// Bytes of the program itself and of its buffers.
 const BASE: u64 = 20 << 20;
+/// Bytes that a thread takes before it does anything.
+const THREAD: u64 = 1 << 20;
 /// Bytes that a piece of a tile takes beside its geometry: its extras, some 30 columns by name.
 const PIECE: u64 = 6 << 10;
 
@@ -62,10 +64,11 @@ impl Plan {
             true => 0,
             false => Choice::bytes(set.manifest()),
         };
-        let fixed = [BASE, index.saturating_mul(3), waiting, choosing]
+        let threads = THREAD.saturating_mul(rayon::current_num_threads() as u64);
+        let fixed = [BASE, threads, index.saturating_mul(3), waiting, choosing]
             .into_iter()
             .fold(0, u64::saturating_add);
-        let needed = fixed.saturating_add(largest);
+        let needed = fixed.saturating_add(largest.saturating_mul(3).div_ceil(2));
         if limit < needed {
             return Err(Error::Memory {
                 limit,
@@ -73,7 +76,8 @@ impl Plan {
                 hint: String::new(),
             });
         }
-        plan.room = limit - fixed;
+        // a third for what is freed and not given back to the system, in between what is not freed
+        plan.room = (limit - fixed) / 3 * 2;
         Ok(plan)
     }
 }

@@ -67,7 +67,8 @@ impl View {
             let towards = plane.truncate().cmpge(DVec3::ZERO);
             let farthest = DVec3::select(towards, high, low);
             // a plane that is no number hides nothing
-            !(plane.dot(farthest.extend(1.0)) < 0.0)
+            let ahead = plane.dot(farthest.extend(1.0));
+            ahead >= 0.0 || ahead.is_nan()
         })
     }
 
