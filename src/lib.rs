@@ -149,6 +149,8 @@ pub mod cli;
 pub mod error;
 pub mod export;
 pub mod grid;
+#[doc(hidden)]
+pub mod kernels;
 pub mod manifest;
 mod measure;
 mod memory;
