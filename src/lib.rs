@@ -133,6 +133,10 @@
 //! `sphericity > 0.9 and not touches_border`. [`select`](mod@select) writes the tiles of such cells, or
 //! a copy in colours, and [`preview`](mod@preview) draws a slice of the volume with the cells in it.
 //!
+//! ## Hand the surface on
+//! [`export`](mod@export) sews tiles into one mesh: GLB, PLY, STL or OBJ. [`view`] picks the tiles that a
+//! camera sees, for viewers that draw them.
+//!
 //! # Progress and stopping
 //! Long work takes a [`progress::Progress`], which is told what happens and can ask to stop;
 //! [`progress::Quiet`] says nothing.
@@ -144,6 +148,7 @@
 pub mod cli;
 mod cpu;
 pub mod error;
+pub mod export;
 pub mod grid;
 #[doc(hidden)]
 pub mod kernels;
@@ -163,6 +168,7 @@ mod strip;
 pub mod table;
 pub mod tile;
 pub mod verify;
+pub mod view;
 pub mod volume;
 
 pub use error::{Error, Result};

@@ -5,126 +5,17 @@
 //! 12 GiB of disk and minutes: `ALVIS_BIG=1 cargo test --release --test memory -- --nocapture`.
 #![cfg(target_os = "linux")]
 
+mod cgroup;
+
+use cgroup::{MIB, alvis, report};
 use serde_json::Value;
 use std::fs::{self, File};
 use std::io::{BufWriter, Write};
-use std::path::{Path, PathBuf};
-use std::process::{Command, Output};
-use std::sync::atomic::{AtomicU32, Ordering};
+use std::path::Path;
+use std::process::Command;
 
-const MIB: u64 = 1 << 20;
 /// Slices after which [`lattice`] repeats.
 const PITCH: u32 = 32;
-
-/// A memory cgroup of this test, removed when dropped.
-struct Cgroup {
-    dir: PathBuf,
-    peak: &'static str,
-}
-
-impl Cgroup {
-    /// One below the test's own group with a limit in bytes; `None` if the machine has or lets none.
-    fn new(limit: u64) -> Option<Self> {
-        static NUMBER: AtomicU32 = AtomicU32::new(0);
-        let groups = fs::read_to_string("/proc/self/cgroup").ok()?;
-        let own = |line: &str| {
-            line.rsplit(':')
-                .next()
-                .map(|p| p.trim_start_matches('/').to_string())
-        };
-        let (root, own, file, peak) = match groups.lines().find(|l| l.contains(":memory:")) {
-            Some(line) => (
-                "/sys/fs/cgroup/memory",
-                own(line)?,
-                "memory.limit_in_bytes",
-                "memory.max_usage_in_bytes",
-            ),
-            None => {
-                let line = groups.lines().find(|l| l.starts_with("0::"))?;
-                ("/sys/fs/cgroup", own(line)?, "memory.max", "memory.peak")
-            }
-        };
-        let name = format!(
-            "alvis-test-{}-{}",
-            std::process::id(),
-            NUMBER.fetch_add(1, Ordering::Relaxed)
-        );
-        // the group that the process tells of may be out of sight inside a container
-        let parent = [Path::new(root).join(own), root.into()]
-            .into_iter()
-            .find(|p| p.join(file).exists() || p == Path::new(root))?;
-        let dir = parent.join(name);
-        fs::create_dir(&dir).ok()?;
-        let group = Cgroup { dir, peak };
-        fs::write(group.dir.join(file), limit.to_string()).ok()?;
-        // swap would let a process keep more than its resident memory
-        let _ = fs::write(group.dir.join("memory.swap.max"), "0");
-        let _ = fs::write(group.dir.join("memory.swappiness"), "0");
-        Some(group)
-    }
-
-    fn peak(&self) -> u64 {
-        let text = fs::read_to_string(self.dir.join(self.peak)).unwrap_or_default();
-        text.trim().parse().unwrap_or(0)
-    }
-}
-
-impl Drop for Cgroup {
-    fn drop(&mut self) {
-        let _ = fs::remove_dir(&self.dir);
-    }
-}
-
-/// Runs the command, in a cgroup of `limit` bytes if one can be had.
-fn alvis(dir: &Path, limit: Option<u64>, args: &[&str]) -> Output {
-    let program = env!("CARGO_BIN_EXE_alvis");
-    let Some(group) = limit.and_then(Cgroup::new) else {
-        if limit.is_some() {
-            eprintln!(
-                "SKIPPED the cgroup: this machine lets the test make none; resident memory is measured"
-            );
-        }
-        return Command::new(program)
-            .args(args)
-            .current_dir(dir)
-            .output()
-            .unwrap();
-    };
-    let output = Command::new("sh")
-        .args(["-c", "echo $$ > \"$0\" && exec \"$@\""])
-        .arg(group.dir.join("cgroup.procs"))
-        .arg(program)
-        .args(args)
-        .current_dir(dir)
-        .output()
-        .unwrap();
-    println!(
-        "{} in a cgroup of {:?}: peak with file cache {}",
-        args[0],
-        limit,
-        group.peak()
-    );
-    output
-}
-
-/// Runs what must succeed and prints one JSON object.
-fn report(dir: &Path, limit: Option<u64>, args: &[&str]) -> Value {
-    let output = alvis(dir, limit, args);
-    let errors = String::from_utf8_lossy(&output.stderr);
-    assert!(
-        output.status.success(),
-        "{args:?}: {}: {errors}",
-        output.status
-    );
-    let report: Value = serde_json::from_slice(&output.stdout).unwrap();
-    println!(
-        "{}: peak RSS {} MiB in {} s",
-        args[0],
-        report["peak_rss_bytes"].as_u64().unwrap() / MIB,
-        report["seconds"]
-    );
-    report
-}
 
 /// Writes u16 samples slice by slice: balls of pore in metal on a lattice of [`PITCH`] voxels, with
 /// radii that differ, each with a grain of metal inside. `first` is the place of the first slice in the

@@ -104,7 +104,10 @@ fn every_command_line_can_be_typed() {
 
 #[test]
 fn every_option_exists() {
-    let mut known = help(&[]) + &read("examples/render_tiles.py") + " --release --example --path";
+    let mut known = help(&[])
+        + &read("examples/render_tiles.py")
+        + &read("examples/render_blender.py")
+        + " --release --example --path";
     known += " --open";
     for command in commands().iter().filter(|c| *c != "help") {
         known += &help(&[command]);

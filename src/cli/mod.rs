@@ -8,6 +8,7 @@ mod cells;
 mod chart;
 mod convert;
 mod demo;
+mod export;
 mod generate;
 mod info;
 mod output;
@@ -56,6 +57,7 @@ enum Command {
     Verify(verify::VerifyArgs),
     Cells(cells::CellsArgs),
     Select(select::SelectArgs),
+    Export(export::ExportArgs),
     Preview(preview::PreviewArgs),
     Phantom(phantom::PhantomArgs),
     Completions(generate::CompletionsArgs),
@@ -71,6 +73,7 @@ impl Command {
             Command::Verify(args) => args.run(),
             Command::Cells(args) => args.run(),
             Command::Select(args) => args.run(),
+            Command::Export(args) => args.run(),
             Command::Preview(args) => args.run(),
             Command::Phantom(args) => args.run(),
             Command::Completions(args) => args.run(),

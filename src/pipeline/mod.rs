@@ -9,7 +9,7 @@ mod options;
 mod output;
 mod plan;
 mod resolve;
-mod spool;
+pub(crate) mod spool;
 mod surfaces;
 mod sweep;
 mod tables;

@@ -42,7 +42,7 @@ pub(crate) mod pieces;
 pub mod read;
 
 pub(crate) use body::{Body, BodyPiece, group_body};
-pub(crate) use document::{Node, TileHead, node_json, write_head};
+pub(crate) use document::{Node, TileHead, material, node_json, write_head};
 pub use extras::Extras;
 pub(crate) use merged::merged_file;
 pub use mesh::{SurfacePiece, TileMesh};

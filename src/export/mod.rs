@@ -1,0 +1,307 @@
+//! One mesh of a whole tile set, or of some of its cells, as GLB, PLY, STL or OBJ.
+//!
+//! The tiles are read once, by rising z, y and x, a batch at a time in parallel. Vertices on the planes
+//! between tiles are sewn by their place on the lattice of 1/256 voxel, which is a whole number, never by
+//! a distance; only those on planes whose tiles beyond have yet to come are kept. So memory does not grow
+//! with the surface, and the file is the same to the byte for any limit and number of threads: vertices
+//! are numbered in the order in which tiles, pieces and vertices come.
+//!
+//! If everything is exported, the sewn mesh has exactly as many vertices and triangles as the index
+//! states, which `alvis verify` has proved, or there is an error.
+//!
+//! | format | coordinates | beside the mesh |
+//! |---|---|---|
+//! | GLB | voxels, exact, below a node with the tiles' matrix to metres, Y up | normals, cell of each vertex |
+//! | PLY | in the unit of the set, Z up | normals, cell and object of each triangle |
+//! | STL | in the unit of the set, Z up | |
+//! | OBJ | in the unit of the set, Z up | normals, a group for each cell |
+
+mod choice;
+mod format;
+mod front;
+mod glb;
+mod obj;
+mod plan;
+mod ply;
+mod shape;
+mod sheet;
+mod simplify;
+mod sink;
+mod space;
+mod stl;
+
+pub use format::Format;
+pub use simplify::Simplify;
+
+use crate::error::{Error, Result};
+use crate::grid::Unit;
+use crate::manifest::{MANIFEST, TileEntry, TileSet};
+use crate::memory::peak_rss_bytes;
+use crate::progress::Progress;
+use choice::Choice;
+use format::{Coded, Counts, Writer};
+use front::{Front, Numbers};
+use plan::{Cost, Plan, wanted};
+use rayon::prelude::*;
+use serde::Serialize;
+use sheet::Sheet;
+use sink::Sink;
+use std::iter::Peekable;
+use std::path::Path;
+use std::time::Instant;
+
+/// What to export and how.
+#[derive(Debug, Clone)]
+pub struct ExportOptions {
+    /// The condition on cells; see [`crate::table`] for the language. All cells without one. Caps are
+    /// exported if all surfaces of the objects that these cells border are.
+    pub condition: Option<String>,
+    /// Fewer triangles.
+    pub simplify: Option<Simplify>,
+    /// Limit of peak resident memory in bytes.
+    pub memory: u64,
+}
+
+impl Default for ExportOptions {
+    fn default() -> Self {
+        ExportOptions {
+            condition: None,
+            simplify: None,
+            memory: 1 << 30,
+        }
+    }
+}
+
+/// What was exported; the command prints it with `--json`.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct ExportReport {
+    /// The file's format.
+    pub format: Format,
+    /// Unit of the coordinates.
+    pub unit: Unit,
+    /// Tiles that were read.
+    pub tiles: u64,
+    /// Triangles in the file.
+    pub triangles: u64,
+    /// Vertices in the file; absent for STL, whose triangles share none.
+    pub vertices: Option<u64>,
+    /// Triangles before simplification; absent without it.
+    pub triangles_before: Option<u64>,
+    /// The largest error that simplification estimates, in `unit`; absent without it.
+    pub error: Option<f64>,
+    /// Bytes of the file.
+    pub bytes: u64,
+    /// Wall time.
+    pub seconds: f64,
+    /// Largest resident set of the process so far, in bytes.
+    pub peak_rss_bytes: u64,
+    /// Things the user should know.
+    pub warnings: Vec<String>,
+}
+
+/// Writes the surface of the tile set in `dir`, or of some of its cells, to `file`, whose name says the
+/// format. A file of that name is replaced, once the new one is whole.
+///
+/// # Errors
+/// [`Error::Usage`] for a name, condition or simplification that cannot be, if nothing is left to
+/// export, or if the format has no room for so much; [`Error::Memory`]; [`Error::Format`] if the tile set
+/// is damaged; [`Error::Io`]; [`Error::Interrupted`]. No part of a file is left then.
+///
+/// # Examples
+/// ```no_run
+/// use alvis::export::{ExportOptions, export};
+/// use alvis::progress::Quiet;
+///
+/// let options = ExportOptions {
+///     condition: Some("not touches_border".to_string()),
+///     ..ExportOptions::default()
+/// };
+/// let made = export("foam".as_ref(), "pores.ply".as_ref(), &options, &Quiet)?;
+/// println!("{} triangles", made.triangles);
+/// # Ok::<(), alvis::Error>(())
+/// ```
+pub fn export(
+    dir: &Path,
+    file: &Path,
+    options: &ExportOptions,
+    progress: &dyn Progress,
+) -> Result<ExportReport> {
+    let started = Instant::now();
+    let format = Format::of(file)?;
+    let set = TileSet::open(dir)?;
+    let manifest = set.manifest();
+    let simplify = options.simplify.as_ref();
+    let simplify = simplify
+        .map(|s| s.in_grid(&manifest.placement))
+        .transpose()?;
+    let choice = Choice::new(dir, manifest, options.condition.as_deref())?;
+    let writer = format.writer(manifest);
+    let cost = Cost::new(&*writer, simplify.is_some());
+    let plan = Plan::new(&set, &choice, &cost, options.memory)?;
+    if plan.triangles == 0 {
+        return Err(Error::usage(
+            options.condition.as_ref().map_or("OUT", |_| "--where"),
+            options.condition.as_deref().unwrap_or("no triangle"),
+            "at least one cell with a surface",
+        ));
+    }
+    if simplify.is_none() {
+        writer.check(choice.vertices(manifest), plan.triangles)?;
+    }
+    let run = Run {
+        set: &set,
+        choice: &choice,
+        simplify: simplify.as_ref(),
+        writer: &*writer,
+        progress,
+    };
+    let (counts, simplified, bytes) = run.write(file, &plan, &cost)?;
+    let warnings: Vec<String> = writer.warning().into_iter().collect();
+    warnings.iter().for_each(|w| progress.warn(w));
+    Ok(ExportReport {
+        format,
+        unit: manifest.placement.unit,
+        tiles: plan.tiles,
+        triangles: counts.triangles,
+        vertices: writer.sewn().then_some(counts.vertices),
+        triangles_before: simplify.is_some().then_some(plan.triangles),
+        error: simplify.is_some().then_some(simplified),
+        bytes,
+        seconds: started.elapsed().as_secs_f64(),
+        peak_rss_bytes: peak_rss_bytes(),
+        warnings,
+    })
+}
+
+/// Tiles per thread in a batch, so that threads seldom wait for each other.
+const BATCH: usize = 8;
+
+struct Run<'a> {
+    set: &'a TileSet,
+    choice: &'a Choice,
+    simplify: Option<&'a simplify::InGrid>,
+    writer: &'a dyn Writer,
+    progress: &'a dyn Progress,
+}
+
+impl Run<'_> {
+    /// Writes the file; returns what is in it, the largest error of simplification, and its bytes.
+    fn write(&self, file: &Path, plan: &Plan, cost: &Cost) -> Result<(Counts, f64, u64)> {
+        self.progress.begin("export", plan.tiles);
+        let mut sink = Sink::create(file, self.writer)?;
+        let mut front = Front::new(sink::directory(file));
+        let mut counts = Counts {
+            bounds: [[i32::MAX; 3], [i32::MIN; 3]],
+            ..Counts::default()
+        };
+        let mut error = 0.0f64;
+        let tiles = self.set.tiles();
+        let mut tiles = tiles
+            .filter(|t| !matches!(t, Ok(entry) if !wanted(self.choice, entry)))
+            .peekable();
+        loop {
+            let batch = batch(&mut tiles, cost, plan.room)?;
+            if batch.is_empty() {
+                break;
+            }
+            for (sheet, coded) in self.code(&batch, &mut front)? {
+                counts.add(&sheet);
+                error = error.max(sheet.simplified.error);
+                sink.push(&coded)?;
+            }
+            counts.vertices = front.vertices();
+            self.writer.check(counts.vertices, counts.triangles)?;
+            self.progress.advance(batch.len() as u64);
+            if self.progress.interrupted() {
+                return Err(Error::Interrupted);
+            }
+        }
+        self.check(&counts, plan)?;
+        let bytes = sink.finish(&self.writer.head(&counts))?;
+        Ok((counts, error, bytes))
+    }
+
+    /// Reads tiles, numbers their vertices in order, and makes them ready to be written.
+    fn code(&self, batch: &[TileEntry], front: &mut Front) -> Result<Vec<(Sheet, Coded)>> {
+        let read = |t| Sheet::read(self.set, t, self.choice, self.simplify);
+        let sheets: Vec<Sheet> = batch.par_iter().map(read).collect::<Result<_>>()?;
+        let mut all = Vec::with_capacity(sheets.len());
+        for sheet in sheets {
+            let numbers = match self.writer.sewn() {
+                true => front.add(&sheet)?,
+                false => Numbers {
+                    all: Vec::new(),
+                    first: 0,
+                },
+            };
+            all.push((sheet, numbers));
+        }
+        let code = |(sheet, numbers): (Sheet, Numbers)| {
+            let coded = self.writer.encode(&sheet, &numbers);
+            (sheet, coded)
+        };
+        Ok(all.into_par_iter().map(code).collect())
+    }
+
+    /// What came out must be what the index states.
+    fn check(&self, counts: &Counts, plan: &Plan) -> Result<()> {
+        if self.simplify.is_some() {
+            return Ok(());
+        }
+        let totals = &self.set.manifest().totals;
+        let whole = self.choice.is_whole();
+        let vertices = whole && self.writer.sewn() && counts.vertices != totals.vertices;
+        let triangles = whole && counts.triangles != totals.triangles;
+        if vertices || triangles || counts.triangles != plan.triangles {
+            let expected = match whole {
+                true => format!("{} and {}", totals.triangles, totals.vertices),
+                false => format!("{} triangles", plan.triangles),
+            };
+            return Err(Error::format(
+                self.set.dir().join(MANIFEST),
+                format!(
+                    "tiles with {} triangles and {} vertices",
+                    counts.triangles, counts.vertices
+                ),
+                expected,
+            )
+            .with_hint("`alvis verify` says more"));
+        }
+        Ok(())
+    }
+}
+
+impl Counts {
+    fn add(&mut self, sheet: &Sheet) {
+        self.triangles += sheet.triangles.len() as u64;
+        for p in &sheet.points {
+            for a in 0..3 {
+                self.bounds[0][a] = self.bounds[0][a].min(p[a]);
+                self.bounds[1][a] = self.bounds[1][a].max(p[a]);
+            }
+        }
+    }
+}
+
+/// The next tiles that fit in the room together; at least one, if there is one.
+fn batch<I: Iterator<Item = Result<TileEntry>>>(
+    tiles: &mut Peekable<I>,
+    cost: &Cost,
+    room: u64,
+) -> Result<Vec<TileEntry>> {
+    let most = BATCH * rayon::current_num_threads();
+    let mut batch = Vec::new();
+    let mut used = 0u64;
+    while batch.len() < most
+        && let Some(next) = tiles.peek()
+    {
+        if let Ok(entry) = next {
+            used = used.saturating_add(cost.tile(entry));
+            if used > room && !batch.is_empty() {
+                break;
+            }
+        }
+        batch.extend(tiles.next().transpose()?);
+    }
+    Ok(batch)
+}

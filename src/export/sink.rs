@@ -1,0 +1,104 @@
+//! The file in the making: beside its final name, with triangles aside where vertices come first.
+
+use super::format::{Coded, Counts, Writer};
+use crate::error::{Error, Result};
+use std::fs::{File, Permissions};
+use std::io::{BufWriter, Seek, SeekFrom, Write};
+use std::os::unix::fs::PermissionsExt;
+use std::path::{Path, PathBuf};
+use tempfile::NamedTempFile;
+
+/// Bytes gathered before they are written.
+const BUFFER: usize = 1 << 18;
+
+/// A file in the making; dropped before [`Sink::finish`], it leaves nothing behind.
+pub(super) struct Sink {
+    path: PathBuf,
+    out: BufWriter<NamedTempFile>,
+    faces: Option<BufWriter<File>>,
+}
+
+impl Sink {
+    /// Makes the file with room for its head.
+    ///
+    /// # Errors
+    /// [`Error::Io`] if it cannot be written where `path` is, or `path` is a directory.
+    pub fn create(path: &Path, writer: &dyn Writer) -> Result<Self> {
+        if path.is_dir() {
+            return Err(Error::io(
+                path,
+                "write the file",
+                std::io::ErrorKind::IsADirectory.into(),
+            ));
+        }
+        let dir = directory(path);
+        let failed = |e| Error::io(path, "create", e);
+        let out = tempfile::Builder::new()
+            .prefix(".alvis-")
+            .suffix(".partial")
+            .permissions(Permissions::from_mode(0o666))
+            .tempfile_in(dir)
+            .map_err(failed)?;
+        let faces = match writer.apart() {
+            true => Some(tempfile::tempfile_in(dir).map_err(failed)?),
+            false => None,
+        };
+        let mut sink = Sink {
+            path: path.to_path_buf(),
+            out: BufWriter::with_capacity(BUFFER, out),
+            faces: faces.map(|f| BufWriter::with_capacity(BUFFER, f)),
+        };
+        sink.push(&Coded {
+            vertices: writer.head(&Counts::default()),
+            faces: Vec::new(),
+        })?;
+        Ok(sink)
+    }
+
+    fn failed(&self) -> impl Fn(std::io::Error) -> Error + use<> {
+        let path = self.path.clone();
+        move |e| Error::io(&path, "write", e)
+    }
+
+    /// Adds a tile.
+    ///
+    /// # Errors
+    /// [`Error::Io`].
+    pub fn push(&mut self, coded: &Coded) -> Result<()> {
+        let failed = self.failed();
+        self.out.write_all(&coded.vertices).map_err(&failed)?;
+        match &mut self.faces {
+            Some(faces) => faces.write_all(&coded.faces),
+            None => self.out.write_all(&coded.faces),
+        }
+        .map_err(failed)
+    }
+
+    /// Completes the file and gives it its name; returns its bytes.
+    ///
+    /// # Errors
+    /// [`Error::Io`].
+    pub fn finish(mut self, head: &[u8]) -> Result<u64> {
+        let failed = self.failed();
+        if let Some(faces) = self.faces.take() {
+            let mut faces = faces.into_inner().map_err(|e| failed(e.into_error()))?;
+            faces.rewind().map_err(&failed)?;
+            self.out.flush().map_err(&failed)?;
+            std::io::copy(&mut faces, self.out.get_mut().as_file_mut()).map_err(&failed)?;
+        }
+        let mut out = self.out.into_inner().map_err(|e| failed(e.into_error()))?;
+        let bytes = out.seek(SeekFrom::End(0)).map_err(&failed)?;
+        out.rewind().map_err(&failed)?;
+        out.write_all(head).map_err(&failed)?;
+        out.persist(&self.path).map_err(|e| failed(e.error))?;
+        Ok(bytes)
+    }
+}
+
+/// The directory of a file.
+pub(super) fn directory(path: &Path) -> &Path {
+    match path.parent() {
+        Some(dir) if !dir.as_os_str().is_empty() => dir,
+        _ => Path::new("."),
+    }
+}
