@@ -148,6 +148,7 @@ fn understood(opened: &Opened, options: &ConvertOptions, how: &str) -> Result<St
         ("spacing", info::spacing_text(&header.placement, opened)),
         ("threshold", format!("{}{how}", options.threshold)),
     ];
+    rows.extend(opened.notes.iter().map(|note| ("note", note.clone())));
     if let Some(Crop { x, y, z }) = &options.crop {
         let part = format!(
             "{}:{},{}:{},{}:{}",

@@ -48,6 +48,7 @@ struct Report {
     origin: [f64; 3],
     directions: [[f64; 3]; 3],
     provenance: crate::manifest::Provenance,
+    notes: Vec<String>,
     min: Option<f64>,
     max: Option<f64>,
     nan: u64,
@@ -146,6 +147,7 @@ fn report(opened: &Opened, found: Statistics, predicted: Option<Predicted>) -> R
         origin: header.placement.origin,
         directions: header.placement.directions,
         provenance: opened.provenance,
+        notes: opened.notes.clone(),
         min: found.range.map(|r| r[0]),
         max: found.range.map(|r| r[1]),
         nan: found.nan,
@@ -201,6 +203,7 @@ fn text(opened: &Opened, found: &Statistics, predicted: Option<Predicted>) -> St
         let axis = |a: [f64; 3]| format!("({})", a.map(|v| v.to_string()).join(", "));
         rows.push(("axes", place.directions.map(axis).join(" ")));
     }
+    rows.extend(opened.notes.iter().map(|note| ("note", note.clone())));
     if let Some([min, max]) = found.range {
         rows.push((
             "range",

@@ -3,6 +3,8 @@
 mod archive;
 mod blob;
 mod crop;
+#[cfg(feature = "dicom")]
+mod dicom;
 mod dtype;
 mod file;
 mod folder;
@@ -27,6 +29,10 @@ mod text;
 mod tiff;
 mod vti;
 mod walk;
+mod without;
+
+#[cfg(not(feature = "dicom"))]
+use without::dicom;
 
 pub use crop::Cropped;
 pub(crate) use dtype::with_voxel_type;

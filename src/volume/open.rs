@@ -6,7 +6,7 @@ use super::layout::{self, Data, Encoding, Recipe, Samples, Start};
 use super::paged::PagedVolume;
 use super::scaled::{Scaled, value_type};
 use super::{
-    Dtype, Endian, Header, Volume, archive, folder, metaimage, nifti, npy, nrrd, tiff, vti,
+    Dtype, Endian, Header, Volume, archive, dicom, folder, metaimage, nifti, npy, nrrd, tiff, vti,
 };
 use crate::error::{Error, Result};
 use crate::grid::{Dims, Placement, Unit};
@@ -43,6 +43,14 @@ pub struct OpenOptions {
     pub unit: Option<Unit>,
     /// How uncompressed files are read.
     pub io: Io,
+    /// Which of several DICOM series: its number, description or UID.
+    pub series: Option<String>,
+    /// True if slices that do not make a regular grid are to be interpolated to one (DICOM).
+    pub resample: bool,
+    /// Which array of a file or group of several (HDF5, Zarr), by its path.
+    pub dataset: Option<String>,
+    /// Which level of a pyramid, 0 the finest (OME-Zarr); the finest if absent.
+    pub level: Option<u32>,
 }
 
 /// An opened volume and what the manifest says of its source.
@@ -55,6 +63,8 @@ pub struct Opened {
     pub name: String,
     /// Bytes before the first sample of a headerless raw file; 0 for files with a header.
     pub offset: u64,
+    /// What a user should know of the input that its header does not show.
+    pub notes: Vec<String>,
 }
 
 impl std::str::FromStr for Io {
@@ -76,12 +86,13 @@ impl std::fmt::Debug for Opened {
             .field("provenance", &self.provenance)
             .field("name", &self.name)
             .field("offset", &self.offset)
+            .field("notes", &self.notes)
             .finish()
     }
 }
 
 /// Opens a volume. NRRD, MetaImage, TIFF, NIfTI, NumPy, VTK image data and zip files are recognised by their content, whatever
-/// their name; everything else is headerless raw (or raw packed by gzip, with a name that ends in
+/// their name, as is DICOM; everything else is headerless raw (or raw packed by gzip, with a name that ends in
 /// `.gz`), whose size and type the options must give. A folder is a stack of TIFF or PNG slices, or,
 /// if size and type are given, of headerless ones.
 ///
@@ -99,6 +110,7 @@ pub fn open(path: &Path, options: &OpenOptions) -> Result<Opened> {
     } else {
         recognise(path, &Blob::file(path)?.head(4096)?, options)?
     };
+    refuse_unused(recipe.format, options)?;
     let offset = match &recipe.samples {
         Samples::Files(Data {
             start: Start::At { bytes, .. },
@@ -134,7 +146,25 @@ pub fn open(path: &Path, options: &OpenOptions) -> Result<Opened> {
         provenance,
         name: name.to_string_lossy().into_owned(),
         offset,
+        notes: recipe.notes,
     })
+}
+
+/// Options that choose a part of a file must not be given for formats that have no such parts.
+fn refuse_unused(format: &str, options: &OpenOptions) -> Result<()> {
+    let given = [
+        ("--series", options.series.is_some(), &["dicom"][..]),
+        ("--resample", options.resample, &["dicom"]),
+        ("--dataset", options.dataset.is_some(), &["hdf5", "zarr"]),
+        ("--level", options.level.is_some(), &["zarr"]),
+    ];
+    for (option, given, formats) in given {
+        if given && !formats.contains(&format) {
+            let expected = format!("it with {} alone", formats.join(" or "));
+            return Err(Error::usage(option, format!("it with {format}"), expected));
+        }
+    }
+    Ok(())
 }
 
 /// Parses the header of the format that the file's first bytes show.
@@ -155,6 +185,8 @@ fn recognise(path: &Path, head: &[u8], options: &OpenOptions) -> Result<Recipe> 
         && let Some(recipe) = nifti::parse(path, head)?
     {
         recipe
+    } else if dicom::is_dicom(head) && options.dims.is_none() {
+        dicom::parse(path, vec![Blob::file(path)?], options)?
     } else {
         refuse_known(path, head, options)?;
         return raw(path, head, options);
@@ -309,26 +341,25 @@ fn raw(path: &Path, head: &[u8], options: &OpenOptions) -> Result<Recipe> {
     let gzip = head.starts_with(&[0x1f, 0x8b]) && path.extension().is_some_and(|e| e == "gz");
     let encoding = if gzip { Encoding::Gzip } else { Encoding::Raw };
     Ok(Recipe {
-        format: "raw",
-        dims: Dims::new(dims)?,
-        dtype,
         endian: options.endian,
-        placement: Placement::default(),
-        provenance: Provenance::default(),
-        scale: None,
-        samples: Samples::Files(Data {
-            files: vec![path.to_path_buf()],
-            start: match options.offset {
-                Some(bytes) => Start::At {
-                    base: 0,
-                    lines: 0,
-                    bytes,
-                    stated: true,
+        ..Recipe::new(
+            "raw",
+            Dims::new(dims)?,
+            dtype,
+            Samples::Files(Data {
+                files: vec![path.to_path_buf()],
+                start: match options.offset {
+                    Some(bytes) => Start::At {
+                        base: 0,
+                        lines: 0,
+                        bytes,
+                        stated: true,
+                    },
+                    None => Start::UNSTATED,
                 },
-                None => Start::UNSTATED,
-            },
-            encoding,
-        }),
+                encoding,
+            }),
+        )
     })
 }
 

@@ -261,9 +261,6 @@ pub(super) fn parse(path: &Path) -> Result<Recipe> {
     let compressor = attribute(file, "compressor");
     let source = source(&blob, place, total, compressor)?;
     Ok(Recipe {
-        format: "vti",
-        dims,
-        dtype,
         endian: Some(endian),
         placement: head.placement(extent)?,
         provenance: Provenance {
@@ -271,7 +268,6 @@ pub(super) fn parse(path: &Path) -> Result<Recipe> {
             unit: Origin::Default,
             origin: Origin::File,
         },
-        scale: None,
-        samples: Samples::Bytes(source),
+        ..Recipe::new("vti", dims, dtype, Samples::Bytes(source))
     })
 }

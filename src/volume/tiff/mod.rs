@@ -102,14 +102,10 @@ pub(super) fn parse(path: &Path, mut blobs: Vec<Blob>) -> Result<Recipe> {
         .map_err(|e| Error::format(path, format!("pages with {e}"), "a volume of that size"))?;
     let stack = std::mem::take(&mut found.stack);
     Ok(Recipe {
-        format: "tiff",
-        dims,
-        dtype,
         endian: Some(endian),
         placement: stack.placement,
         provenance: stack.provenance,
-        scale: None,
-        samples: samples(blobs, found, page_bytes)?,
+        ..Recipe::new("tiff", dims, dtype, samples(blobs, found, page_bytes)?)
     })
 }
 
