@@ -7,7 +7,7 @@
 use super::blob::Blob;
 use super::layout::{Data, Encoding, Recipe, Samples, Start};
 use super::open::{OpenOptions, known_format};
-use super::{Dtype, dicom, png, tiff};
+use super::{Dtype, dicom, png, tiff, zarr};
 use crate::error::{Error, Result};
 use crate::grid::Dims;
 use std::cmp::Ordering;
@@ -22,6 +22,9 @@ const MAX_FILES: usize = 1 << 20;
 /// [`Error::Format`] if slices are missing, damaged or differ, [`Error::Unsupported`] by name for
 /// slices of other formats, [`Error::Usage`] if raw slices lack a size or type.
 pub(super) fn parse(path: &Path, options: &OpenOptions) -> Result<Recipe> {
+    if zarr::is_zarr(path) && options.dims.is_none() {
+        return zarr::parse(path, options);
+    }
     let files = list(path)?;
     if let (Some(dims), Some(dtype)) = (options.dims, options.dtype) {
         return raw(path, files, dims, dtype, options);
@@ -110,10 +113,6 @@ fn below(path: &Path, options: &OpenOptions) -> Result<Recipe> {
 }
 
 fn nothing(path: &Path, others: Option<&str>) -> Error {
-    if is_zarr(path) {
-        let hint = "convert it to NRRD, MetaImage or TIFF";
-        return Error::unsupported(path, "the Zarr format", hint);
-    }
     match others {
         Some(name) => Error::unsupported(
             path,
@@ -127,13 +126,6 @@ fn nothing(path: &Path, others: Option<&str>) -> Error {
         )
         .with_hint("raw slices need --dims and --dtype; a .nhdr header can list them too"),
     }
-}
-
-/// True for a Zarr array or group, of version 2 or 3.
-fn is_zarr(path: &Path) -> bool {
-    [".zarray", ".zgroup", ".zattrs", "zarr.json"]
-        .iter()
-        .any(|name| path.join(name).exists())
 }
 
 /// The files of a folder, without hidden ones, in natural order.

@@ -53,6 +53,9 @@ pub(super) enum Samples {
     Bytes(Box<dyn ByteSource>),
     /// Pages that hand out samples in the machine's byte order.
     Pages(Box<dyn Pages>),
+    /// Chunks of all three axes, likewise.
+    #[cfg(any(feature = "hdf5", feature = "zarr"))]
+    Chunks(Box<dyn super::chunked::Chunks>),
 }
 
 /// Where the samples are.

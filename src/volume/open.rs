@@ -6,7 +6,8 @@ use super::layout::{self, Data, Encoding, Recipe, Samples, Start};
 use super::paged::PagedVolume;
 use super::scaled::{Scaled, value_type};
 use super::{
-    Dtype, Endian, Header, Volume, archive, dicom, folder, metaimage, nifti, npy, nrrd, tiff, vti,
+    Dtype, Endian, Header, Volume, archive, dicom, folder, hdf5, metaimage, nifti, npy, nrrd, tiff,
+    vti,
 };
 use crate::error::{Error, Result};
 use crate::grid::{Dims, Placement, Unit};
@@ -92,7 +93,7 @@ impl std::fmt::Debug for Opened {
 }
 
 /// Opens a volume. NRRD, MetaImage, TIFF, NIfTI, NumPy, VTK image data and zip files are recognised by their content, whatever
-/// their name, as is DICOM; everything else is headerless raw (or raw packed by gzip, with a name that ends in
+/// their name, as are DICOM and HDF5; everything else is headerless raw (or raw packed by gzip, with a name that ends in
 /// `.gz`), whose size and type the options must give. A folder is a stack of TIFF or PNG slices, or,
 /// if size and type are given, of headerless ones.
 ///
@@ -135,6 +136,8 @@ pub fn open(path: &Path, options: &OpenOptions) -> Result<Opened> {
         }
         Samples::Bytes(source) => Box::new(FileVolume::new(header, source, swap)),
         Samples::Pages(pages) => Box::new(PagedVolume::new(header, pages)),
+        #[cfg(any(feature = "hdf5", feature = "zarr"))]
+        Samples::Chunks(chunks) => Box::new(super::chunked::ChunkedVolume::new(header, chunks)),
     };
     let volume = match recipe.scale {
         Some((slope, intercept)) => Box::new(Scaled::new(volume, slope, intercept)),
@@ -185,6 +188,8 @@ fn recognise(path: &Path, head: &[u8], options: &OpenOptions) -> Result<Recipe> 
         && let Some(recipe) = nifti::parse(path, head)?
     {
         recipe
+    } else if hdf5::is_hdf5(head) && options.dims.is_none() {
+        hdf5::parse(path, options)?
     } else if dicom::is_dicom(head) && options.dims.is_none() {
         dicom::parse(path, vec![Blob::file(path)?], options)?
     } else {
@@ -246,8 +251,8 @@ fn complete(path: &Path, recipe: &mut Recipe, options: &OpenOptions) -> Result<(
 
 /// Files of other kinds, by their first bytes and how to get their samples into a known one.
 const OTHERS: &[(&[u8], usize, &str)] = &[
-    (b"\x89HDF\r\n\x1a\n", 0, "HDF5"),
     (b"\x89PNG\r\n\x1a\n", 0, "PNG (of one slice)"),
+    (b"\x89HDF\r\n\x1a\n", 0, "HDF5"),
     (b"DICM", 128, "DICOM"),
     (b"# vtk DataFile", 0, "legacy VTK"),
     (b"<?xml", 0, "XML"),

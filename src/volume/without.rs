@@ -29,3 +29,35 @@ pub(super) mod dicom {
         Err(absent(path, "DICOM", "dicom"))
     }
 }
+
+/// HDF5.
+pub(super) mod hdf5 {
+    use super::*;
+
+    /// True if a file begins as HDF5 does.
+    pub(in super::super) fn is_hdf5(head: &[u8]) -> bool {
+        head.starts_with(b"\x89HDF\r\n\x1a\n")
+    }
+
+    /// Refuses it.
+    pub(in super::super) fn parse(path: &Path, _: &OpenOptions) -> Result<Recipe> {
+        Err(absent(path, "HDF5", "hdf5"))
+    }
+}
+
+/// Zarr.
+pub(super) mod zarr {
+    use super::*;
+
+    /// True for a folder that holds an array or group.
+    pub(in super::super) fn is_zarr(path: &Path) -> bool {
+        [".zarray", ".zgroup", "zarr.json"]
+            .iter()
+            .any(|name| path.join(name).is_file())
+    }
+
+    /// Refuses it.
+    pub(in super::super) fn parse(path: &Path, _: &OpenOptions) -> Result<Recipe> {
+        Err(absent(path, "Zarr", "zarr"))
+    }
+}
