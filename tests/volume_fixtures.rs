@@ -120,6 +120,13 @@ const WHOLE: &[(&str, Dtype)] = &[
     ("u16.h5", Dtype::U16),
     ("f32_gzip.h5", Dtype::F32),
     ("i16_be.h5", Dtype::I16),
+    ("u8_lzf.h5", Dtype::U8),
+    ("u16_blosc.h5", Dtype::U16),
+    ("f32_bitshuffle.h5", Dtype::F32),
+    ("i16_bitshuffle.h5", Dtype::I16),
+    ("u32_bitshuffle.h5", Dtype::U32),
+    ("i32_zstd.h5", Dtype::I32),
+    ("f64_lz4.h5", Dtype::F64),
 ];
 
 #[test]
@@ -212,7 +219,7 @@ fn what_is_not_read_is_named() {
         ("dicom/tilted", "11.3 degrees"),
         ("zarr/no_bz2", "bz2"),
         ("zarr/no_i64", "i8"),
-        ("no_lzf.h5", "filter"),
+        ("no_zfp.h5", "ZFP"),
         ("no_virtual.h5", "virtual"),
         ("png8/s8.png", "PNG"),
     ] {

@@ -23,7 +23,11 @@ const UNLIMITED: u64 = 1 << 60;
 /// Show what a volume holds, its histogram, Otsu's threshold and the surface to expect there
 #[derive(Debug, Args)]
 pub struct InfoArgs {
-    /// The volume: .mhd, .mha, .nrrd, .nhdr, or anything else as raw samples
+    /// The volume: a file, a folder of slices, a Zarr, or slices as in `s%04d.tif`
+    ///
+    /// MetaImage, NRRD, NIfTI, TIFF, DICOM, HDF5, NumPy, VTK image data and zip are recognised by
+    /// what is in them. A folder may hold DICOM, TIFF or PNG slices, or a Zarr. Anything else is read
+    /// as raw samples, for which --dims and --dtype are needed.
     #[arg(value_hint = ValueHint::FilePath)]
     input: PathBuf,
     /// Predict for this threshold instead of Otsu's

@@ -7,6 +7,7 @@
 use super::blob::Blob;
 use super::layout::{Data, Encoding, Recipe, Samples, Start};
 use super::open::{OpenOptions, known_format};
+use super::text::Pattern;
 use super::{Dtype, dicom, png, tiff, zarr};
 use crate::error::{Error, Result};
 use crate::grid::Dims;
@@ -25,7 +26,33 @@ pub(super) fn parse(path: &Path, options: &OpenOptions) -> Result<Recipe> {
     if zarr::is_zarr(path) && options.dims.is_none() {
         return zarr::parse(path, options);
     }
-    let files = list(path)?;
+    these(path, list(path)?, options)
+}
+
+/// Opens the slices with the numbers of a name such as `slice_%04d.tif`; `None` if the name is no
+/// such pattern.
+///
+/// # Errors
+/// As for a folder.
+pub(super) fn numbered(path: &Path, options: &OpenOptions) -> Option<Result<Recipe>> {
+    let pattern = Pattern::parse(&name(path))?;
+    let folder = match path.parent() {
+        Some(parent) if parent != Path::new("") => parent,
+        _ => Path::new("."),
+    };
+    Some(list(folder).and_then(|mut files| {
+        files.retain(|file| pattern.matches(&name(file)));
+        if files.is_empty() {
+            let found = format!("no file of that name in {}", folder.display());
+            let expected = "files with numbers in place of the % and what follows it";
+            return Err(Error::format(path, found, expected));
+        }
+        these(path, files, options)
+    }))
+}
+
+/// Opens these files as slices.
+fn these(path: &Path, files: Vec<PathBuf>, options: &OpenOptions) -> Result<Recipe> {
     if let (Some(dims), Some(dtype)) = (options.dims, options.dtype) {
         return raw(path, files, dims, dtype, options);
     }
@@ -72,8 +99,8 @@ pub(super) fn parse(path: &Path, options: &OpenOptions) -> Result<Recipe> {
             "slices of one format",
         )),
         (true, true) => match others {
-            None => below(path, options),
-            Some(_) => Err(nothing(path, others)),
+            None if path.is_dir() => below(path, options),
+            _ => Err(nothing(path, others)),
         },
     }
 }

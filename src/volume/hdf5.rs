@@ -2,7 +2,10 @@
 //!
 //! The dataset is found by itself if there is one; others of more axes count if those in front have
 //! one entry. Spacing is read from the attribute `element_size_um` (z, y, x), which ImageJ, ilastik
-//! and others write. Virtual datasets and filters of plugins are refused by name.
+//! and others write. Filters are those of the library itself and, of plugins, LZF, LZ4, Blosc, bitshuffle
+//! and Zstandard. Virtual datasets and other filters are refused by name.
+
+mod filter;
 
 use super::chunked::Chunks;
 use super::layout::{Recipe, Samples};
@@ -48,7 +51,8 @@ pub(super) fn parse(path: &Path, options: &OpenOptions) -> Result<Recipe> {
     let limits = hdf5_reader::OpenOptions::default()
         .with_chunk_cache_bytes(LIBRARY_CACHE)
         .with_max_chunk_bytes(MAX_CHUNK as usize)
-        .with_max_read_bytes(MAX_CHUNK as usize);
+        .with_max_read_bytes(MAX_CHUNK as usize)
+        .with_filter_registry(filter::registry());
     let file = Hdf5File::from_storage_with_options(Arc::new(storage), limits)
         .map_err(|e| broken(path, "", &e))?;
     let (name, dataset) = match &options.dataset {
@@ -57,6 +61,7 @@ pub(super) fn parse(path: &Path, options: &OpenOptions) -> Result<Recipe> {
                 H5Error::DatasetNotFound(_) | H5Error::GroupNotFound(_) => {
                     absent(path, &file, name)
                 }
+                e if e.to_string().contains("not found") => absent(path, &file, name),
                 e => broken(path, name, &e),
             })?;
             (name.clone(), dataset)
@@ -170,27 +175,43 @@ fn broken(path: &Path, name: &str, error: &H5Error) -> Error {
         _ => format!(" ({name})"),
     };
     let no = |what: String, hint: &str| Error::unsupported(path, what, hint);
-    match error {
-        H5Error::Io(e) => Error::io(path, "read", std::io::Error::new(e.kind(), e.to_string())),
-        H5Error::UnsupportedLayoutClass(3) => no(
+    if let H5Error::Io(e) = error {
+        return Error::io(path, "read", std::io::Error::new(e.kind(), e.to_string()));
+    }
+    // the library wraps the cause in text that says where
+    let text = error.to_string();
+    let has = |part: &str| text.contains(part);
+    if has("unsupported layout class 3") {
+        return no(
             format!("a virtual dataset of HDF5{place}"),
             "copy it to a plain one, as with `h5repack -l CONTI`",
-        ),
-        H5Error::UnsupportedFilter(filter) => no(
-            format!("the HDF5 filter {filter}{place}"),
-            "write it anew with one that HDF5 itself has, as with `h5repack -f GZIP=1`",
-        ),
-        other => {
-            let text = other.to_string();
-            if text.contains("unsupported") {
-                let hint = "write the file anew, as with `h5repack`";
-                return no(format!("HDF5 with {text}{place}"), hint);
-            }
-            Error::format(path, format!("HDF5 with {text}{place}"), "a whole file")
-                .with_hint("the file is cut short or damaged")
-        }
+        );
     }
+    if let Some((_, id)) = text.split_once("filter id ") {
+        let number: String = id.chars().take_while(char::is_ascii_digit).collect();
+        let known = FILTERS.iter().find(|(id, _)| *id == number);
+        let known = known.map_or(String::new(), |(_, name)| format!(" ({name})"));
+        return no(
+            format!("the HDF5 filter {number}{known}{place}"),
+            "write it anew with one that HDF5 itself has, as with `h5repack -f GZIP=1`",
+        );
+    }
+    if has("unsupported") {
+        let hint = "write the file anew, as with `h5repack`";
+        return no(format!("HDF5 with {text}{place}"), hint);
+    }
+    Error::format(path, format!("HDF5 with {text}{place}"), "a whole file")
+        .with_hint("the file is cut short or damaged")
 }
+
+/// Filters of plugins, by their registered numbers
+/// (<https://github.com/HDFGroup/hdf5_plugins/blob/master/docs/RegisteredFilterPlugins.md>).
+const FILTERS: &[(&str, &str)] = &[
+    ("307", "bzip2"),
+    ("32013", "ZFP"),
+    ("32017", "SZ"),
+    ("32026", "Blosc 2"),
+];
 
 /// The last three axes, if those in front of them have one entry.
 fn axes(shape: &[u64]) -> Option<[u64; 3]> {
@@ -244,6 +265,10 @@ fn recipe(path: &Path, name: String, dataset: Dataset) -> Result<Recipe> {
     let (placement, provenance) = place(&dataset);
     let sample = dtype.bytes() as u64;
     let shape = match dataset.chunks() {
+        Some(chunk) if chunk.contains(&0) => {
+            let found = format!("the HDF5 dataset {name} with chunks of {chunk:?}");
+            return Err(Error::format(path, found, "chunks of at least one voxel"));
+        }
         Some(chunk) if chunk.len() == dataset.ndim() => {
             let last = chunk.last_chunk::<3>().copied().unwrap_or([1; 3]);
             grouped([last[2], last[1], last[0]], dims, sample)

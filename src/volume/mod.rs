@@ -3,6 +3,8 @@
 mod archive;
 mod blob;
 #[cfg(any(feature = "hdf5", feature = "zarr"))]
+mod blosc;
+#[cfg(any(feature = "hdf5", feature = "zarr"))]
 mod chunked;
 mod crop;
 #[cfg(feature = "dicom")]

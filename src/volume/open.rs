@@ -94,16 +94,22 @@ impl std::fmt::Debug for Opened {
 
 /// Opens a volume. NRRD, MetaImage, TIFF, NIfTI, NumPy, VTK image data and zip files are recognised by their content, whatever
 /// their name, as are DICOM and HDF5; everything else is headerless raw (or raw packed by gzip, with a name that ends in
-/// `.gz`), whose size and type the options must give. A folder is a stack of TIFF or PNG slices, or,
-/// if size and type are given, of headerless ones.
+/// `.gz`), whose size and type the options must give. A folder is a Zarr, a DICOM series, or a
+/// stack of TIFF or PNG slices, or, if size and type are given, of headerless ones. A name with a
+/// printf number, as `slice_%04d.tif`, stands for the slices of such names.
 ///
 /// # Errors
 /// [`Error::Usage`] if an option is missing, impossible or contradicts the file's header;
 /// [`Error::Io`], [`Error::Format`] or [`Error::Unsupported`] if the file or its data files cannot
 /// be read as what they say they are.
 pub fn open(path: &Path, options: &OpenOptions) -> Result<Opened> {
-    let recipe = if path.is_dir() {
-        let mut recipe = folder::parse(path, options)?;
+    let slices = match path.is_dir() {
+        true => Some(folder::parse(path, options)),
+        false if path.exists() => None,
+        false => folder::numbered(path, options),
+    };
+    let recipe = if let Some(recipe) = slices {
+        let mut recipe = recipe?;
         if recipe.format != "raw" {
             complete(path, &mut recipe, options)?;
         }

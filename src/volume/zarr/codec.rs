@@ -1,7 +1,7 @@
 //! The steps by which a chunk's bytes were packed, undone.
 
+use super::super::blosc::{self, Broken};
 use super::super::zstd;
-use super::blosc;
 use flate2::bufread::{MultiGzDecoder, ZlibDecoder};
 use std::io::Read;
 
@@ -18,15 +18,6 @@ pub(super) enum Packing {
     Crc32c,
     /// Byte planes of items of this size.
     Shuffle(usize),
-}
-
-/// Why a chunk cannot be unpacked.
-#[derive(Debug, PartialEq)]
-pub(super) enum Broken {
-    /// It is damaged.
-    Damaged(String),
-    /// It is of a kind that is not unpacked.
-    Unsupported(String),
 }
 
 impl Packing {
@@ -86,18 +77,15 @@ impl Packing {
 
     /// The size that the packed bytes state, where it is not that of the chunk.
     fn stated(self, from: &[u8], most: usize) -> Result<usize, Broken> {
-        let at = match self {
-            Packing::Lz4 => 0,
-            Packing::Blosc => 4,
+        let word = match self {
+            Packing::Lz4 => from.first_chunk().map(|w| u32::from_le_bytes(*w) as usize),
+            Packing::Blosc => blosc::size(from),
             _ => {
                 let what = "Zstandard before another compressor".to_owned();
                 return Err(Broken::Unsupported(what));
             }
         };
-        let word = from
-            .get(at..at + 4)
-            .map(|w| u32::from_le_bytes([w[0], w[1], w[2], w[3]]));
-        match word.map(|n| n as usize) {
+        match word {
             Some(n) if n <= most => Ok(n),
             _ => Err(Broken::Damaged("a damaged chunk".into())),
         }

@@ -3,11 +3,11 @@
 //! The volume is the last three axes (z, y, x), or those of these names; others must have one entry.
 //! Only the chunks that are asked for are read and unpacked.
 
-mod blosc;
 mod codec;
 mod meta;
 mod ome;
 
+use super::blosc::Broken;
 use super::chunked::Chunks;
 use super::half;
 use super::layout::{Recipe, Samples};
@@ -17,7 +17,6 @@ use super::{Dtype, Endian};
 use crate::error::{Error, Result};
 use crate::grid::{Dims, Placement, Unit};
 use crate::manifest::{Origin, Provenance};
-use codec::Broken;
 use meta::{Array, Meta};
 use ome::{Axis, Level};
 use serde_json::Value;

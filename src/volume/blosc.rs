@@ -1,11 +1,19 @@
-//! Blosc chunks: blocks of bytes or bits that are shuffled and packed.
+//! Blosc chunks: blocks of bytes or bits that are shuffled and packed. Zarr and HDF5 hold them.
 //!
 //! The format is that of c-blosc 1 (<https://github.com/Blosc/c-blosc/blob/main/README_CHUNK_FORMAT.rst>),
 //! which Blosc 2 reads and Zarr writes.
 
-use super::codec::Broken;
 use flate2::bufread::ZlibDecoder;
 use std::io::Read;
+
+/// Why a chunk cannot be unpacked.
+#[derive(Debug, PartialEq)]
+pub(super) enum Broken {
+    /// It is damaged.
+    Damaged(String),
+    /// It is of a kind that is not unpacked.
+    Unsupported(String),
+}
 
 /// Bytes in front of the table of blocks.
 const HEADER: usize = 16;
@@ -17,6 +25,12 @@ enum Packing {
     Lz4,
     Zlib,
     Zstd,
+}
+
+/// The size of what a chunk unpacks to, as it states.
+pub(super) fn size(chunk: &[u8]) -> Option<usize> {
+    let word = chunk.get(4..8)?;
+    Some(u32::from_le_bytes([word[0], word[1], word[2], word[3]]) as usize)
 }
 
 /// Unpacks a chunk of exactly the size of `out`.
@@ -98,7 +112,7 @@ fn unpack(packing: Packing, mut from: &[u8], streams: usize, out: &mut [u8]) -> 
             Packing::BloscLz => blosc_lz(packed, out).is_some(),
             Packing::Lz4 => lz4(packed, out),
             Packing::Zlib => ZlibDecoder::new(packed).read_exact(out).is_ok(),
-            Packing::Zstd => super::super::zstd::decode(packed, out).is_ok(),
+            Packing::Zstd => super::zstd::decode(packed, out).is_ok(),
         };
         if !done {
             return Err(damaged());
@@ -129,7 +143,7 @@ pub(super) fn unshuffle(item: usize, from: &[u8], out: &mut [u8]) {
 
 /// Planes of single bits to items. Only whole groups of 8 items are shuffled: of other numbers all is
 /// as it is, but for bytes beyond the last whole item.
-fn unshuffle_bits(item: usize, from: &[u8], out: &mut [u8]) {
+pub(super) fn unshuffle_bits(item: usize, from: &[u8], out: &mut [u8]) {
     let count = from.len() / item;
     let groups = if count % 8 == 0 { count / 8 } else { 0 };
     let done = groups * 8 * item;
