@@ -145,7 +145,11 @@ pub(super) fn unshuffle(item: usize, from: &[u8], out: &mut [u8]) {
 /// as it is, but for bytes beyond the last whole item.
 pub(super) fn unshuffle_bits(item: usize, from: &[u8], out: &mut [u8]) {
     let count = from.len() / item;
-    let groups = if count % 8 == 0 { count / 8 } else { 0 };
+    let groups = if count.is_multiple_of(8) {
+        count / 8
+    } else {
+        0
+    };
     let done = groups * 8 * item;
     out[..done].fill(0);
     for (plane, bits) in from[..done].chunks_exact(groups.max(1)).enumerate() {

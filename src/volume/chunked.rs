@@ -81,8 +81,11 @@ impl ChunkedVolume {
         let budget = band.clamp(MIN_CACHE, MAX_CACHE).min(total);
         let waste = |a: usize| (66.0 + f64::from(shape[a])).min(f64::from(dims[a])) / 64.0;
         let (y, z) = (waste(1).max(1.0), waste(2).max(1.0));
+        let random = total <= budget || y * z <= MAX_WASTE;
+        // what is unpacked as a whole, in the order of its chunks, is not asked for again
+        let budget = if random { budget } else { MIN_CACHE };
         ChunkedVolume {
-            random: total <= budget || y * z <= MAX_WASTE,
+            random,
             budget,
             header,
             chunks,

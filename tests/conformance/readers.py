@@ -138,7 +138,7 @@ VOLUMES = [
     ("raw/lobster_301x324x56_uint8.raw", by_raw((301, 324, 56), "u1"), 40, LOBSTER),
     ("raw_slices/headsq", by_slices, 1150, HEADSQ),
     ("raw_slices/headsq/quarter.%d", lambda p: by_slices(p.parent), 1150, HEADSQ),
-    ("raw_slices/headsq/quarter.nhdr", by_itk, 1150, []),
+    ("raw_slices/headsq/quarter.nhdr", lambda p: by_slices(p.parent), 1150, []),
     ("npy/berea_100_to_300.npz", by_numpy, 0.5, []),
     ("tiff/cement_128x128x128.tif", by_tifffile, 75, []),
     ("tiff/shell_225x128x128.tif", by_tifffile, 65, []),
@@ -255,7 +255,7 @@ def main() -> int:
             path = data / name
             if reader:
                 attempt(f"voxels of {name}", same_voxels, alvis, dump, path, reader, arguments)
-            if reader in (by_itk, by_itk_series) and not name.endswith("quarter.nhdr"):
+            if reader in (by_itk, by_itk_series):
                 attempt(f"place of {name}", place_of_itk, alvis, path)
             out = work / f"read_{len(results)}"
             attempt(f"surface of {name}", converted, alvis, path, threshold, arguments, out)

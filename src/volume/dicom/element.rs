@@ -454,12 +454,15 @@ impl<'a> Reader<'a> {
     }
 }
 
-/// Position and length of the fragments of the pixels at `position`, without the table of offsets in
-/// front of them, which is returned first.
+/// Position and length of a part of a file.
+pub(super) type Fragment = (u64, u64);
+
+/// The fragments of the pixels at `position`, without the table of offsets in front of them, which is
+/// returned first.
 ///
 /// # Errors
 /// [`Error::Format`] if they are damaged.
-pub(super) fn fragments(bytes: &Bytes, position: u64) -> Result<(Vec<u64>, Vec<(u64, u64)>)> {
+pub(super) fn fragments(bytes: &Bytes, position: u64) -> Result<(Vec<u64>, Vec<Fragment>)> {
     let coding = Coding {
         explicit: true,
         big: false,

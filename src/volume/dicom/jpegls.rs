@@ -122,8 +122,9 @@ impl Frame {
         let t2 = given(2, clamp(least(t2 + 5 * near, 3), t1));
         let t3 = given(3, clamp(least(t3 + 7 * near, 4), t2));
         let reset = given(4, 64);
-        let sound = (1..1 << self.bits).contains(&max) && near <= max / 2 && reset >= 3;
-        if !sound || !(near < t1 && t1 <= t2 && t2 <= t3 && t3 <= max.max(t2)) {
+        let ranges = (1..1 << self.bits).contains(&max) && near <= max / 2 && reset >= 3;
+        let rising = near < t1 && t1 <= t2 && t2 <= t3 && t3 <= max;
+        if !ranges || !rising {
             return Err(format!(
                 "the JPEG-LS parameters {max}, {t1}, {t2}, {t3}, {reset}"
             ));

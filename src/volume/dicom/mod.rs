@@ -25,6 +25,7 @@ use super::paged::MAX_CHUNK;
 use crate::error::{Error, Result};
 use crate::grid::{Dims, Placement, Unit};
 use crate::manifest::{Origin, Provenance};
+use element::Fragment;
 use frame::{Cell, Image, Rescale};
 use order::Stack;
 use pixel::Frames;
@@ -146,7 +147,7 @@ fn frames(
 }
 
 /// The fragments of each frame of a file of many.
-fn split(image: &Image) -> Result<Vec<Vec<(u64, u64)>>> {
+fn split(image: &Image) -> Result<Vec<Vec<Fragment>>> {
     let bytes = image.blob.open()?;
     let (table, fragments) = element::fragments(&bytes, image.pixels.0)?;
     let count = image.frames.len();
@@ -155,7 +156,7 @@ fn split(image: &Image) -> Result<Vec<Vec<(u64, u64)>>> {
     }
     // the table counts from the first fragment's item, which is 8 bytes before what it holds
     let base = fragments.first().map_or(0, |f| f.0 - 8);
-    let mut out: Vec<Vec<(u64, u64)>> = Vec::new();
+    let mut out: Vec<Vec<Fragment>> = Vec::new();
     for fragment in &fragments {
         if table.contains(&(fragment.0 - 8 - base)) {
             out.push(Vec::new());

@@ -3,6 +3,7 @@
 use super::super::blob::Bytes;
 use super::super::paged::{Cut, Page, Pages};
 use super::super::{Dtype, Endian};
+use super::element::Fragment;
 use super::frame::{Cell, Frame, Image, Rescale};
 use super::syntax::Syntax;
 use super::{element, jpeg, jpegls, rle};
@@ -20,7 +21,7 @@ pub(super) struct Frames {
     pub(super) images: Arc<Vec<Image>>,
     pub(super) frames: Vec<Frame>,
     /// For each file of many packed frames, position and bytes of the fragments of each.
-    pub(super) fragments: Vec<Vec<Vec<(u64, u64)>>>,
+    pub(super) fragments: Vec<Vec<Vec<Fragment>>>,
     pub(super) size: [u32; 2],
     pub(super) dtype: Dtype,
 }
