@@ -10,6 +10,7 @@ mod tile;
 mod vertex;
 mod vertices;
 
+pub use pieces::Piece;
 pub use tile::{
     BYTES_PER_CUBE, BYTES_PER_TRIANGLE, BandView, MeshSettings, TileBox, TileMesh, TileMesher,
     tile_bytes,
