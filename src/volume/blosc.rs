@@ -218,9 +218,13 @@ mod tests {
         unshuffle(3, &[1, 4, 2, 5, 3, 6, 9], &mut out);
         assert_eq!(out, [1, 2, 3, 4, 5, 6, 9]);
         // 8 items of one byte with the values 0 to 7: plane b holds bit b of each
+        let planes = [0xaa, 0xcc, 0xf0, 0, 0, 0, 0, 0, 77];
+        let mut out = [0; 8];
+        unshuffle_bits(1, &planes[..8], &mut out);
+        assert_eq!(out, [0, 1, 2, 3, 4, 5, 6, 7]);
         let mut out = [0; 9];
-        unshuffle_bits(1, &[0xaa, 0xcc, 0xf0, 0, 0, 0, 0, 0, 77], &mut out);
-        assert_eq!(out, [0, 1, 2, 3, 4, 5, 6, 7, 77]);
+        unshuffle_bits(1, &planes, &mut out);
+        assert_eq!(out, planes, "9 items are no whole groups");
     }
 
     #[test]

@@ -345,7 +345,7 @@ impl<'a> Groups<'a> {
 }
 
 impl Cell {
-    /// The smallest type that holds every value, and `None` for the rescale if numbers are kept.
+    /// The smallest type that holds every value of these rescales.
     pub(super) fn dtype(self, rescale: &[Rescale]) -> Dtype {
         if self.float {
             return if self.bytes == 4 {

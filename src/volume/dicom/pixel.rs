@@ -51,7 +51,7 @@ impl Pages for Frames {
         }
         let [x, y] = self.size.map(u64::from);
         // besides the frame itself, what it is packed in and what its decoder holds
-        (x * y * 4, self.size[1])
+        (x * y * 6, self.size[1])
     }
 }
 
