@@ -2,6 +2,8 @@
 
 #[path = "../examples/convert_and_verify.rs"]
 mod convert_and_verify;
+#[path = "../examples/dump_voxels.rs"]
+mod dump_voxels;
 #[path = "../examples/read_tiles.rs"]
 mod read_tiles;
 
@@ -35,6 +37,19 @@ fn examples_convert_verify_and_read() {
         );
     }
     assert!(closed > 0);
+}
+
+#[test]
+fn samples_are_written_as_they_are() {
+    let dir = tempfile::tempdir().unwrap();
+    let path = dir.path().join("v.raw");
+    let bytes: Vec<u8> = (0..48).collect();
+    std::fs::write(&path, &bytes).unwrap();
+    let words = ["dims=3,4,2", "dtype=u16"].map(String::from);
+    let mut out = Vec::new();
+    let said = dump_voxels::run(&path, &words, &mut out).unwrap();
+    assert_eq!((out, said.as_str()), (bytes, "3 x 4 x 2 of u16, raw"));
+    assert!(dump_voxels::run(&path, &[], &mut Vec::new()).is_err());
 }
 
 #[test]

@@ -31,7 +31,7 @@ fn try_read(path: &Path, options: &OpenOptions) -> Result<Vec<u8>> {
 #[test]
 fn truncation_at_every_byte() {
     let sample = small();
-    for form in FORMS {
+    for &form in FORMS {
         let dir = tempfile::tempdir().unwrap();
         let path = sample.write(dir.path(), form);
         let file = std::fs::OpenOptions::new().write(true).open(&path).unwrap();
@@ -49,7 +49,7 @@ fn truncation_at_every_byte() {
 #[test]
 fn truncated_data_files() {
     let sample = small();
-    for form in FORMS {
+    for &form in FORMS {
         let dir = tempfile::tempdir().unwrap();
         let head = sample.write(dir.path(), form);
         for file in std::fs::read_dir(dir.path()).unwrap() {

@@ -55,7 +55,7 @@ proptest! {
 
     #[test]
     fn round_trip(sample in sample(), boxes in prop::collection::vec(any::<[[u32; 2]; 3]>(), 6)) {
-        for form in FORMS {
+        for &form in FORMS {
             let dir = tempfile::tempdir().unwrap();
             let path = sample.write(dir.path(), form);
             for io in [Io::Mmap, Io::Read] {
@@ -176,7 +176,7 @@ fn threads_share_a_volume() {
         endian: Endian::Big,
         little: (0..40 * 30 * 24u32).flat_map(u32::to_le_bytes).collect(),
     };
-    for form in FORMS {
+    for &form in FORMS {
         let dir = tempfile::tempdir().unwrap();
         let path = sample.write(dir.path(), form);
         for io in [Io::Mmap, Io::Read] {

@@ -249,8 +249,10 @@ fn data_files_in_order() {
 
 #[test]
 fn other_formats_are_named() {
-    let error = read("v.dat", &[&b"\x89HDF\r\n\x1a\n"[..]]).unwrap_err();
+    let error = read("v.dat", &[&b"# vtk DataFile Version 3.0\n"[..]]).unwrap_err();
     assert!(matches!(error, Error::Unsupported { .. }), "{error}");
+    assert!(error.to_string().contains("legacy VTK"), "{error}");
+    let error = read("v.dat", &[&b"\x89HDF\r\n\x1a\n"[..]]).unwrap_err();
     assert!(error.to_string().contains("HDF5"), "{error}");
     for name in ["v.nrrd", "v.nhdr", "v.MHA", "v.mhd"] {
         let error = read(name, &[b"\x1f\x8bnot that"]).unwrap_err();

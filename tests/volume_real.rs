@@ -8,20 +8,7 @@ use alvis::grid::Unit;
 use alvis::manifest::Origin;
 use alvis::progress::Quiet;
 use alvis::volume::{Dtype, Io, OpenOptions, Opened, open, predict, statistics};
-use std::path::PathBuf;
-
-/// The folder of real volumes, if this machine has it.
-fn data() -> Option<PathBuf> {
-    let dir = std::env::var_os("ALVIS_DATA").map_or_else(|| "../shared/data".into(), PathBuf::from);
-    if dir.is_dir() {
-        return Some(dir);
-    }
-    println!(
-        "SKIPPED: no real volumes in {}; set ALVIS_DATA",
-        dir.display()
-    );
-    None
-}
+use volume_common::data;
 
 struct Known {
     path: &'static str,

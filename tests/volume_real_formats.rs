@@ -1,25 +1,13 @@
-//! Real files of the formats with pages and archives: the samples are those that tifffile 2026,
-//! Pillow (of bone_7H3A_B1.tif, which tifffile refuses), nibabel and numpy read.
+//! Real files of the formats with pages, chunks and archives: the samples are those that tifffile 2026,
+//! Pillow (of bone_7H3A_B1.tif, which tifffile refuses), nibabel, SimpleITK (of DICOM), zarr-python and
+//! numpy read.
 
 mod volume_common;
 
 use alvis::grid::Unit;
 use alvis::manifest::Origin;
 use alvis::volume::{Dtype, Io, OpenOptions, open};
-use std::path::PathBuf;
-
-/// The folder of real volumes, if this machine has it.
-fn data() -> Option<PathBuf> {
-    let dir = std::env::var_os("ALVIS_DATA").map_or_else(|| "../shared/data".into(), PathBuf::from);
-    if dir.is_dir() {
-        return Some(dir);
-    }
-    println!(
-        "SKIPPED: no real volumes in {}; set ALVIS_DATA",
-        dir.display()
-    );
-    None
-}
+use volume_common::data;
 
 struct Known {
     path: &'static str,
@@ -55,6 +43,10 @@ const FILES: &[Known] = &[
     known!("derived/snow_png16", "png", [100, 100, 100], U16, 0xca083f05, [1.0; 3], Voxel, Default),
     known!("tiff/ketton.zip", "tiff", [256, 256, 256], U8, 0x6f9cf292, [1.0; 3], Voxel, Default),
     known!("npy/berea_100_to_300.npz", "numpy", [200, 200, 200], U8, 0x0ebc0e16, [1.0; 3], Voxel, Default),
+    known!("dicom/philips_head_phantom_5mm", "dicom", [512, 512, 28], I16, 0xd4676a93, [0.451_171_875, 0.451_171_875, 5.0], Millimetre, File),
+    known!("derived/snow_v2.zarr", "zarr", [100, 100, 100], U16, 0xca083f05, [1.0; 3], Voxel, Default),
+    known!("derived/snow_v3.zarr", "zarr", [100, 100, 100], U16, 0xca083f05, [1.0; 3], Voxel, Default),
+    known!("derived/cement.ome.zarr", "zarr", [128, 128, 128], U8, 0xaf0e3d37, [1.0; 3], Voxel, File),
     known!("nifti/CT_pitch.nii.gz", "nifti", [175, 248, 58], U8, 0x03ab7932, [0.8125, 0.8125, 2.397_049_4], Millimetre, File),
     known!("nifti/engine.nii.gz", "nifti", [256, 256, 128], U8, 0x5db1123a, [1.0; 3], Millimetre, File),
     known!("nifti/mni_icbm152_t1_tal_nlin_sym_09a_converted.nii.gz", "nifti", [197, 233, 189], U8, 0x39d966c3, [1.0; 3], Millimetre, File),

@@ -89,6 +89,18 @@ pub struct InputOptions {
     /// Unit of the spacing: voxel, m, cm, mm, um or nm; overrides the file
     #[arg(long, value_name = "UNIT", value_parser = parse::unit)]
     pub unit: Option<Unit>,
+    /// Which series, if there are several: number, description or UID (DICOM)
+    #[arg(long, value_name = "NAME")]
+    pub series: Option<String>,
+    /// Interpolate slices at uneven steps, or sheared by a tilt, to a regular grid (DICOM)
+    #[arg(long)]
+    pub resample: bool,
+    /// Which array, if there are several (HDF5, Zarr)
+    #[arg(long, value_name = "PATH")]
+    pub dataset: Option<String>,
+    /// Which level of a pyramid, 0 the finest (OME-Zarr) [default: 0]
+    #[arg(long, value_name = "N")]
+    pub level: Option<u32>,
     /// How the file is read
     #[arg(long, value_name = "WAY", default_value = "read")]
     pub io: IoArg,
@@ -111,6 +123,10 @@ impl InputOptions {
                 IoArg::Mmap => Io::Mmap,
                 IoArg::Read => Io::Read,
             },
+            series: self.series.clone(),
+            resample: self.resample,
+            dataset: self.dataset.clone(),
+            level: self.level,
         }
     }
 
@@ -128,6 +144,10 @@ impl InputOptions {
             ("--offset", self.offset.is_some()),
             ("--spacing", self.spacing.is_some()),
             ("--unit", self.unit.is_some()),
+            ("--series", self.series.is_some()),
+            ("--resample", self.resample),
+            ("--dataset", self.dataset.is_some()),
+            ("--level", self.level.is_some()),
         ];
         match given.into_iter().find(|(_, given)| *given) {
             Some((option, _)) => Err(Error::usage(

@@ -45,7 +45,11 @@ impl From<PrimitivesArg> for Primitives {
 /// macrocube, an index and tables of cells, objects and surfaces.
 #[derive(Debug, Args)]
 pub struct ConvertArgs {
-    /// The volume: .mhd, .mha, .nrrd, .nhdr, or anything else as raw samples
+    /// The volume: a file, a folder of slices, a Zarr, or slices as in `s%04d.tif`
+    ///
+    /// MetaImage, NRRD, NIfTI, TIFF, DICOM, HDF5, NumPy, VTK image data and zip are recognised by
+    /// what is in them. A folder may hold DICOM, TIFF or PNG slices, or a Zarr. Anything else is read
+    /// as raw samples, for which --dims and --dtype are needed.
     #[arg(value_hint = ValueHint::FilePath)]
     input: PathBuf,
     /// The directory to write
@@ -148,6 +152,7 @@ fn understood(opened: &Opened, options: &ConvertOptions, how: &str) -> Result<St
         ("spacing", info::spacing_text(&header.placement, opened)),
         ("threshold", format!("{}{how}", options.threshold)),
     ];
+    rows.extend(opened.notes.iter().map(|note| ("note", note.clone())));
     if let Some(Crop { x, y, z }) = &options.crop {
         let part = format!(
             "{}:{},{}:{},{}:{}",

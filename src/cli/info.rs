@@ -23,7 +23,11 @@ const UNLIMITED: u64 = 1 << 60;
 /// Show what a volume holds, its histogram, Otsu's threshold and the surface to expect there
 #[derive(Debug, Args)]
 pub struct InfoArgs {
-    /// The volume: .mhd, .mha, .nrrd, .nhdr, or anything else as raw samples
+    /// The volume: a file, a folder of slices, a Zarr, or slices as in `s%04d.tif`
+    ///
+    /// MetaImage, NRRD, NIfTI, TIFF, DICOM, HDF5, NumPy, VTK image data and zip are recognised by
+    /// what is in them. A folder may hold DICOM, TIFF or PNG slices, or a Zarr. Anything else is read
+    /// as raw samples, for which --dims and --dtype are needed.
     #[arg(value_hint = ValueHint::FilePath)]
     input: PathBuf,
     /// Predict for this threshold instead of Otsu's
@@ -48,6 +52,7 @@ struct Report {
     origin: [f64; 3],
     directions: [[f64; 3]; 3],
     provenance: crate::manifest::Provenance,
+    notes: Vec<String>,
     min: Option<f64>,
     max: Option<f64>,
     nan: u64,
@@ -146,6 +151,7 @@ fn report(opened: &Opened, found: Statistics, predicted: Option<Predicted>) -> R
         origin: header.placement.origin,
         directions: header.placement.directions,
         provenance: opened.provenance,
+        notes: opened.notes.clone(),
         min: found.range.map(|r| r[0]),
         max: found.range.map(|r| r[1]),
         nan: found.nan,
@@ -201,6 +207,7 @@ fn text(opened: &Opened, found: &Statistics, predicted: Option<Predicted>) -> St
         let axis = |a: [f64; 3]| format!("({})", a.map(|v| v.to_string()).join(", "));
         rows.push(("axes", place.directions.map(axis).join(" ")));
     }
+    rows.extend(opened.notes.iter().map(|note| ("note", note.clone())));
     if let Some([min, max]) = found.range {
         rows.push((
             "range",

@@ -26,7 +26,7 @@ enum AxisArg {
     alvis preview scan.mhd slice.png --threshold otsu\n  \
     alvis preview scan.mhd slice.png --tiles OUT --colour-by equivalent_diameter")]
 pub struct PreviewArgs {
-    /// The volume: .mhd, .mha, .nrrd, .nhdr, or anything else as raw samples
+    /// The volume: a file, a folder of slices, a Zarr, or slices as in `s%04d.tif`
     #[arg(value_hint = ValueHint::FilePath)]
     input: PathBuf,
     /// The picture to write

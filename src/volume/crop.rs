@@ -55,6 +55,10 @@ impl Volume for Cropped<'_> {
         self.volume.random_access()
     }
 
+    fn grain(&self) -> [u32; 3] {
+        self.volume.grain()
+    }
+
     fn held_bytes(&self) -> u64 {
         self.volume.held_bytes()
     }

@@ -1,16 +1,16 @@
-//! A folder of slices: TIFF, PNG, or headerless raw files.
+//! A folder of slices: TIFF, PNG, DICOM, or headerless raw files.
 //!
-//! Slices are in the natural order of their names (9 before 10). Where the names differ by one
+//! Slices of DICOM are in the order of their places. Others are in the natural order of their names (9 before 10). Where the names differ by one
 //! number only, these numbers must rise in equal steps: a missing slice is refused rather than
 //! closed over. Other files (notes, logs, previews) are passed by.
 
 use super::blob::Blob;
 use super::layout::{Data, Encoding, Recipe, Samples, Start};
 use super::open::{OpenOptions, known_format};
-use super::{Dtype, png, tiff};
+use super::text::Pattern;
+use super::{Dtype, dicom, png, tiff, zarr};
 use crate::error::{Error, Result};
-use crate::grid::{Dims, Placement};
-use crate::manifest::Provenance;
+use crate::grid::Dims;
 use std::cmp::Ordering;
 use std::path::{Path, PathBuf};
 
@@ -23,11 +23,40 @@ const MAX_FILES: usize = 1 << 20;
 /// [`Error::Format`] if slices are missing, damaged or differ, [`Error::Unsupported`] by name for
 /// slices of other formats, [`Error::Usage`] if raw slices lack a size or type.
 pub(super) fn parse(path: &Path, options: &OpenOptions) -> Result<Recipe> {
-    let files = list(path)?;
+    if zarr::is_zarr(path) && options.dims.is_none() {
+        return zarr::parse(path, options);
+    }
+    these(path, list(path)?, options)
+}
+
+/// Opens the slices with the numbers of a name such as `slice_%04d.tif`; `None` if the name is no
+/// such pattern.
+///
+/// # Errors
+/// As for a folder.
+pub(super) fn numbered(path: &Path, options: &OpenOptions) -> Option<Result<Recipe>> {
+    let pattern = Pattern::parse(&name(path))?;
+    let folder = match path.parent() {
+        Some(parent) if parent != Path::new("") => parent,
+        _ => Path::new("."),
+    };
+    Some(list(folder).and_then(|mut files| {
+        files.retain(|file| pattern.matches(&name(file)));
+        if files.is_empty() {
+            let found = format!("no file of that name in {}", folder.display());
+            let expected = "files with numbers in place of the % and what follows it";
+            return Err(Error::format(path, found, expected));
+        }
+        these(path, files, options)
+    }))
+}
+
+/// Opens these files as slices.
+fn these(path: &Path, files: Vec<PathBuf>, options: &OpenOptions) -> Result<Recipe> {
     if let (Some(dims), Some(dtype)) = (options.dims, options.dtype) {
         return raw(path, files, dims, dtype, options);
     }
-    let (mut images, mut others) = ([Vec::new(), Vec::new()], None);
+    let (mut images, mut scans, mut others) = ([Vec::new(), Vec::new()], Vec::new(), None);
     for file in files {
         let blob = Blob::file(&file)?;
         let head = blob.head(400)?;
@@ -36,6 +65,8 @@ pub(super) fn parse(path: &Path, options: &OpenOptions) -> Result<Recipe> {
             images[0].push(file);
         } else if png::is_png(&head) {
             images[1].push(file);
+        } else if dicom::is_dicom(&head) {
+            scans.push(blob);
         } else if ["tif", "tiff", "png"].iter().any(|e| extension == *e) {
             let begin = head[..head.len().min(16)].escape_ascii();
             let found = format!("a file that begins with \"{begin}\"");
@@ -49,6 +80,10 @@ pub(super) fn parse(path: &Path, options: &OpenOptions) -> Result<Recipe> {
         }
     }
     let [tiffs, pngs] = images;
+    // pictures beside the slices are previews
+    if scans.len() > tiffs.len() + pngs.len() {
+        return dicom::parse(path, scans, options);
+    }
     match (tiffs.is_empty(), pngs.is_empty()) {
         (false, true) => {
             check_sequence(path, &names(&tiffs))?;
@@ -63,15 +98,48 @@ pub(super) fn parse(path: &Path, options: &OpenOptions) -> Result<Recipe> {
             format!("{} TIFF and {} PNG files", tiffs.len(), pngs.len()),
             "slices of one format",
         )),
-        (true, true) => Err(nothing(path, others)),
+        (true, true) => match others {
+            None if path.is_dir() => below(path, options),
+            _ => Err(nothing(path, others)),
+        },
     }
 }
 
-fn nothing(path: &Path, others: Option<&str>) -> Error {
-    if is_zarr(path) {
-        let hint = "convert it to NRRD, MetaImage or TIFF";
-        return Error::unsupported(path, "the Zarr format", hint);
+/// Folders in folders beyond this are not looked into.
+const MAX_DEPTH: u32 = 8;
+
+/// DICOM in the folders of a folder, as scanners write it to discs.
+fn below(path: &Path, options: &OpenOptions) -> Result<Recipe> {
+    let (mut folders, mut scans) = (vec![(path.to_path_buf(), 0)], Vec::new());
+    while let Some((folder, depth)) = folders.pop() {
+        let fail = |e| Error::io(&folder, "list", e);
+        for entry in std::fs::read_dir(&folder).map_err(fail)? {
+            let entry = entry.map_err(fail)?;
+            let kind = entry.file_type().map_err(fail)?;
+            // links are not followed: they may go round
+            if kind.is_dir() && depth < MAX_DEPTH {
+                folders.push((entry.path(), depth + 1));
+            } else if kind.is_file() && depth > 0 {
+                let blob = Blob::file(&entry.path())?;
+                if dicom::is_dicom(&blob.head(132)?) {
+                    scans.push(blob);
+                }
+            }
+            if scans.len() + folders.len() > MAX_FILES {
+                let found = format!("a folder of more than {MAX_FILES} files");
+                return Err(Error::format(path, found, "slices of a volume"));
+            }
+        }
     }
+    if scans.is_empty() {
+        return Err(nothing(path, None));
+    }
+    // the order in which a folder lists its files must not matter, not even for messages
+    scans.sort_by(|a, b| a.path().cmp(b.path()));
+    dicom::parse(path, scans, options)
+}
+
+fn nothing(path: &Path, others: Option<&str>) -> Error {
     match others {
         Some(name) => Error::unsupported(
             path,
@@ -80,18 +148,11 @@ fn nothing(path: &Path, others: Option<&str>) -> Error {
         ),
         None => Error::format(
             path,
-            "a folder without TIFF or PNG files",
+            "a folder without TIFF, PNG or DICOM files",
             "slices of a volume",
         )
         .with_hint("raw slices need --dims and --dtype; a .nhdr header can list them too"),
     }
-}
-
-/// True for a Zarr array or group, of version 2 or 3.
-fn is_zarr(path: &Path) -> bool {
-    [".zarray", ".zgroup", ".zattrs", "zarr.json"]
-        .iter()
-        .any(|name| path.join(name).exists())
 }
 
 /// The files of a folder, without hidden ones, in natural order.
@@ -158,23 +219,22 @@ fn raw(
     }
     check_sequence(path, &names(&slices))?;
     Ok(Recipe {
-        format: "raw",
-        dims,
-        dtype,
         endian: options.endian,
-        placement: Placement::default(),
-        provenance: Provenance::default(),
-        scale: None,
-        samples: Samples::Files(Data {
-            files: slices,
-            start: Start::At {
-                base: 0,
-                lines: 0,
-                bytes: offset,
-                stated: options.offset.is_some(),
-            },
-            encoding: Encoding::Raw,
-        }),
+        ..Recipe::new(
+            "raw",
+            dims,
+            dtype,
+            Samples::Files(Data {
+                files: slices,
+                start: Start::At {
+                    base: 0,
+                    lines: 0,
+                    bytes: offset,
+                    stated: options.offset.is_some(),
+                },
+                encoding: Encoding::Raw,
+            }),
+        )
     })
 }
 

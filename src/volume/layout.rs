@@ -24,6 +24,25 @@ pub(super) struct Recipe {
     /// Slope and intercept of the values that the samples stand for.
     pub(super) scale: Option<(f64, f64)>,
     pub(super) samples: Samples,
+    /// What a user should know that the header does not show.
+    pub(super) notes: Vec<String>,
+}
+
+impl Recipe {
+    /// A volume of whose byte order and place nothing is known.
+    pub(super) fn new(format: &'static str, dims: Dims, dtype: Dtype, samples: Samples) -> Self {
+        Recipe {
+            format,
+            dims,
+            dtype,
+            endian: None,
+            placement: Placement::default(),
+            provenance: Provenance::default(),
+            scale: None,
+            samples,
+            notes: Vec::new(),
+        }
+    }
 }
 
 /// Where the samples of a volume come from.
@@ -34,6 +53,9 @@ pub(super) enum Samples {
     Bytes(Box<dyn ByteSource>),
     /// Pages that hand out samples in the machine's byte order.
     Pages(Box<dyn Pages>),
+    /// Chunks of all three axes, likewise.
+    #[cfg(any(feature = "hdf5", feature = "zarr"))]
+    Chunks(Box<dyn super::chunked::Chunks>),
 }
 
 /// Where the samples are.

@@ -68,14 +68,15 @@ pub(super) fn parse(path: &Path) -> Result<Recipe> {
         .map_err(|e| Error::format(path, format!("`DimSize` with {e}"), "a volume of that size"))?;
     let (placement, provenance) = head.placement()?;
     Ok(Recipe {
-        format: "metaimage",
-        dims,
-        dtype: head.dtype()?,
         endian: head.endian()?,
         placement,
         provenance,
-        scale: None,
-        samples: Samples::Files(head.data(dims)?),
+        ..Recipe::new(
+            "metaimage",
+            dims,
+            head.dtype()?,
+            Samples::Files(head.data(dims)?),
+        )
     })
 }
 

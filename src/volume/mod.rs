@@ -2,10 +2,19 @@
 
 mod archive;
 mod blob;
+#[cfg(any(feature = "hdf5", feature = "zarr"))]
+mod blosc;
+#[cfg(any(feature = "hdf5", feature = "zarr"))]
+mod chunked;
 mod crop;
+#[cfg(feature = "dicom")]
+mod dicom;
 mod dtype;
 mod file;
 mod folder;
+mod half;
+#[cfg(feature = "hdf5")]
+mod hdf5;
 mod layout;
 mod levels;
 mod map;
@@ -27,6 +36,17 @@ mod text;
 mod tiff;
 mod vti;
 mod walk;
+mod without;
+#[cfg(feature = "zarr")]
+mod zarr;
+mod zstd;
+
+#[cfg(not(feature = "dicom"))]
+use without::dicom;
+#[cfg(not(feature = "hdf5"))]
+use without::hdf5;
+#[cfg(not(feature = "zarr"))]
+use without::zarr;
 
 pub use crop::Cropped;
 pub(crate) use dtype::with_voxel_type;
@@ -91,8 +111,8 @@ impl std::str::FromStr for Endian {
 /// What a volume says of itself, after options have overridden it.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Header {
-    /// Name of the file format: `raw`, `metaimage`, `nrrd`, `tiff`, `png`,
-    /// `nifti`, `numpy`, `vti`.
+    /// Name of the file format: `raw`, `metaimage`, `nrrd`, `tiff`, `png`, `nifti`, `numpy`, `vti`,
+    /// `dicom`, `zarr`, `hdf5`.
     pub format: &'static str,
     /// Size in voxels.
     pub dims: Dims,
@@ -121,6 +141,12 @@ pub trait Volume: Send + Sync {
     /// are spooled to an uncompressed temporary file before a sweep that must read twice.
     fn random_access(&self) -> bool {
         true
+    }
+
+    /// Voxels along x, y and z of the parts that are decoded together: boxes at multiples of it are
+    /// read with the least work.
+    fn grain(&self) -> [u32; 3] {
+        [1; 3]
     }
 
     /// The most memory that the volume keeps for itself besides what it hands out, in bytes: the
@@ -152,6 +178,10 @@ impl<V: Volume + ?Sized> Volume for &V {
 
     fn random_access(&self) -> bool {
         (**self).random_access()
+    }
+
+    fn grain(&self) -> [u32; 3] {
+        (**self).grain()
     }
 
     fn held_bytes(&self) -> u64 {

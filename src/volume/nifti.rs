@@ -143,14 +143,16 @@ impl Head<'_> {
     fn recipe(&self, gzip: bool) -> Result<Recipe> {
         let (placement, provenance) = self.place()?;
         Ok(Recipe {
-            format: "nifti",
-            dims: self.dims()?,
-            dtype: self.dtype()?,
             endian: Some(self.endian),
             placement,
             provenance,
             scale: self.scale()?,
-            samples: Samples::Files(self.data(gzip)?),
+            ..Recipe::new(
+                "nifti",
+                self.dims()?,
+                self.dtype()?,
+                Samples::Files(self.data(gzip)?),
+            )
         })
     }
 

@@ -6,8 +6,7 @@
 use super::layout::{Data, Encoding, Recipe, Samples, Start};
 use super::{Dtype, Endian};
 use crate::error::{Error, Result};
-use crate::grid::{Dims, Placement};
-use crate::manifest::Provenance;
+use crate::grid::Dims;
 use std::path::{Path, PathBuf};
 
 const MAGIC: &[u8] = b"\x93NUMPY";
@@ -137,23 +136,22 @@ impl Array {
         let dims = Dims::new([x, y, z])
             .map_err(|e| Error::format(path, format!("an array with {e}"), "a volume"))?;
         Ok(Recipe {
-            format: "numpy",
-            dims,
-            dtype: self.dtype,
             endian: Some(self.endian),
-            placement: Placement::default(),
-            provenance: Provenance::default(),
-            scale: None,
-            samples: Samples::Files(Data {
-                files: vec![place.file],
-                start: Start::At {
-                    base: place.base,
-                    lines: 0,
-                    bytes: self.head,
-                    stated: true,
-                },
-                encoding: place.encoding,
-            }),
+            ..Recipe::new(
+                "numpy",
+                dims,
+                self.dtype,
+                Samples::Files(Data {
+                    files: vec![place.file],
+                    start: Start::At {
+                        base: place.base,
+                        lines: 0,
+                        bytes: self.head,
+                        stated: true,
+                    },
+                    encoding: place.encoding,
+                }),
+            )
         })
     }
 }

@@ -95,14 +95,10 @@ pub(super) fn parse(path: &Path) -> Result<Recipe> {
     };
     let (placement, provenance) = head.placement()?;
     Ok(Recipe {
-        format: "nrrd",
-        dims,
-        dtype,
         endian,
         placement,
         provenance,
-        scale: None,
-        samples: Samples::Files(head.data(dims)?),
+        ..Recipe::new("nrrd", dims, dtype, Samples::Files(head.data(dims)?))
     })
 }
 

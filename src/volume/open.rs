@@ -6,7 +6,8 @@ use super::layout::{self, Data, Encoding, Recipe, Samples, Start};
 use super::paged::PagedVolume;
 use super::scaled::{Scaled, value_type};
 use super::{
-    Dtype, Endian, Header, Volume, archive, folder, metaimage, nifti, npy, nrrd, tiff, vti,
+    Dtype, Endian, Header, Volume, archive, dicom, folder, hdf5, metaimage, nifti, npy, nrrd, tiff,
+    vti,
 };
 use crate::error::{Error, Result};
 use crate::grid::{Dims, Placement, Unit};
@@ -43,6 +44,14 @@ pub struct OpenOptions {
     pub unit: Option<Unit>,
     /// How uncompressed files are read.
     pub io: Io,
+    /// Which of several DICOM series: its number, description or UID.
+    pub series: Option<String>,
+    /// True if slices that do not make a regular grid are to be interpolated to one (DICOM).
+    pub resample: bool,
+    /// Which array of a file or group of several (HDF5, Zarr), by its path.
+    pub dataset: Option<String>,
+    /// Which level of a pyramid, 0 the finest (OME-Zarr); the finest if absent.
+    pub level: Option<u32>,
 }
 
 /// An opened volume and what the manifest says of its source.
@@ -55,6 +64,8 @@ pub struct Opened {
     pub name: String,
     /// Bytes before the first sample of a headerless raw file; 0 for files with a header.
     pub offset: u64,
+    /// What a user should know of the input that its header does not show.
+    pub notes: Vec<String>,
 }
 
 impl std::str::FromStr for Io {
@@ -76,22 +87,29 @@ impl std::fmt::Debug for Opened {
             .field("provenance", &self.provenance)
             .field("name", &self.name)
             .field("offset", &self.offset)
+            .field("notes", &self.notes)
             .finish()
     }
 }
 
 /// Opens a volume. NRRD, MetaImage, TIFF, NIfTI, NumPy, VTK image data and zip files are recognised by their content, whatever
-/// their name; everything else is headerless raw (or raw packed by gzip, with a name that ends in
-/// `.gz`), whose size and type the options must give. A folder is a stack of TIFF or PNG slices, or,
-/// if size and type are given, of headerless ones.
+/// their name, as are DICOM and HDF5; everything else is headerless raw (or raw packed by gzip, with a name that ends in
+/// `.gz`), whose size and type the options must give. A folder is a Zarr, a DICOM series, or a
+/// stack of TIFF or PNG slices, or, if size and type are given, of headerless ones. A name with a
+/// printf number, as `slice_%04d.tif`, stands for the slices of such names.
 ///
 /// # Errors
 /// [`Error::Usage`] if an option is missing, impossible or contradicts the file's header;
 /// [`Error::Io`], [`Error::Format`] or [`Error::Unsupported`] if the file or its data files cannot
 /// be read as what they say they are.
 pub fn open(path: &Path, options: &OpenOptions) -> Result<Opened> {
-    let recipe = if path.is_dir() {
-        let mut recipe = folder::parse(path, options)?;
+    let slices = match path.is_dir() {
+        true => Some(folder::parse(path, options)),
+        false if path.exists() => None,
+        false => folder::numbered(path, options),
+    };
+    let recipe = if let Some(recipe) = slices {
+        let mut recipe = recipe?;
         if recipe.format != "raw" {
             complete(path, &mut recipe, options)?;
         }
@@ -99,6 +117,7 @@ pub fn open(path: &Path, options: &OpenOptions) -> Result<Opened> {
     } else {
         recognise(path, &Blob::file(path)?.head(4096)?, options)?
     };
+    refuse_unused(recipe.format, options)?;
     let offset = match &recipe.samples {
         Samples::Files(Data {
             start: Start::At { bytes, .. },
@@ -123,6 +142,8 @@ pub fn open(path: &Path, options: &OpenOptions) -> Result<Opened> {
         }
         Samples::Bytes(source) => Box::new(FileVolume::new(header, source, swap)),
         Samples::Pages(pages) => Box::new(PagedVolume::new(header, pages)),
+        #[cfg(any(feature = "hdf5", feature = "zarr"))]
+        Samples::Chunks(chunks) => Box::new(super::chunked::ChunkedVolume::new(header, chunks)),
     };
     let volume = match recipe.scale {
         Some((slope, intercept)) => Box::new(Scaled::new(volume, slope, intercept)),
@@ -134,7 +155,25 @@ pub fn open(path: &Path, options: &OpenOptions) -> Result<Opened> {
         provenance,
         name: name.to_string_lossy().into_owned(),
         offset,
+        notes: recipe.notes,
     })
+}
+
+/// Options that choose a part of a file must not be given for formats that have no such parts.
+fn refuse_unused(format: &str, options: &OpenOptions) -> Result<()> {
+    let given = [
+        ("--series", options.series.is_some(), &["dicom"][..]),
+        ("--resample", options.resample, &["dicom"]),
+        ("--dataset", options.dataset.is_some(), &["hdf5", "zarr"]),
+        ("--level", options.level.is_some(), &["zarr"]),
+    ];
+    for (option, given, formats) in given {
+        if given && !formats.contains(&format) {
+            let expected = format!("it with {} alone", formats.join(" or "));
+            return Err(Error::usage(option, format!("it with {format}"), expected));
+        }
+    }
+    Ok(())
 }
 
 /// Parses the header of the format that the file's first bytes show.
@@ -155,6 +194,10 @@ fn recognise(path: &Path, head: &[u8], options: &OpenOptions) -> Result<Recipe> 
         && let Some(recipe) = nifti::parse(path, head)?
     {
         recipe
+    } else if hdf5::is_hdf5(head) && options.dims.is_none() {
+        hdf5::parse(path, options)?
+    } else if dicom::is_dicom(head) && options.dims.is_none() {
+        dicom::parse(path, vec![Blob::file(path)?], options)?
     } else {
         refuse_known(path, head, options)?;
         return raw(path, head, options);
@@ -214,8 +257,8 @@ fn complete(path: &Path, recipe: &mut Recipe, options: &OpenOptions) -> Result<(
 
 /// Files of other kinds, by their first bytes and how to get their samples into a known one.
 const OTHERS: &[(&[u8], usize, &str)] = &[
-    (b"\x89HDF\r\n\x1a\n", 0, "HDF5"),
     (b"\x89PNG\r\n\x1a\n", 0, "PNG (of one slice)"),
+    (b"\x89HDF\r\n\x1a\n", 0, "HDF5"),
     (b"DICM", 128, "DICOM"),
     (b"# vtk DataFile", 0, "legacy VTK"),
     (b"<?xml", 0, "XML"),
@@ -309,26 +352,25 @@ fn raw(path: &Path, head: &[u8], options: &OpenOptions) -> Result<Recipe> {
     let gzip = head.starts_with(&[0x1f, 0x8b]) && path.extension().is_some_and(|e| e == "gz");
     let encoding = if gzip { Encoding::Gzip } else { Encoding::Raw };
     Ok(Recipe {
-        format: "raw",
-        dims: Dims::new(dims)?,
-        dtype,
         endian: options.endian,
-        placement: Placement::default(),
-        provenance: Provenance::default(),
-        scale: None,
-        samples: Samples::Files(Data {
-            files: vec![path.to_path_buf()],
-            start: match options.offset {
-                Some(bytes) => Start::At {
-                    base: 0,
-                    lines: 0,
-                    bytes,
-                    stated: true,
+        ..Recipe::new(
+            "raw",
+            Dims::new(dims)?,
+            dtype,
+            Samples::Files(Data {
+                files: vec![path.to_path_buf()],
+                start: match options.offset {
+                    Some(bytes) => Start::At {
+                        base: 0,
+                        lines: 0,
+                        bytes,
+                        stated: true,
+                    },
+                    None => Start::UNSTATED,
                 },
-                None => Start::UNSTATED,
-            },
-            encoding,
-        }),
+                encoding,
+            }),
+        )
     })
 }
 

@@ -8,8 +8,7 @@ use super::layout::{Recipe, Samples};
 use super::paged::{Cut, MAX_CHUNK, Page, Pages};
 use super::{Dtype, Endian};
 use crate::error::{Error, Result};
-use crate::grid::{Dims, MAX_DIM, Placement};
-use crate::manifest::Provenance;
+use crate::grid::{Dims, MAX_DIM};
 use std::path::Path;
 
 const MAGIC: &[u8] = b"\x89PNG\r\n\x1a\n";
@@ -91,14 +90,13 @@ pub(super) fn parse(path: &Path, blobs: Vec<Blob>) -> Result<Recipe> {
     let dims = Dims::new([size[0].into(), size[1].into(), blobs.len() as u64])
         .map_err(|e| Error::format(path, format!("slices with {e}"), "a volume of that size"))?;
     Ok(Recipe {
-        format: "png",
-        dims,
-        dtype,
         endian: Some(Endian::Big),
-        placement: Placement::default(),
-        provenance: Provenance::default(),
-        scale: None,
-        samples: Samples::Pages(Box::new(PngPages { blobs, size, dtype })),
+        ..Recipe::new(
+            "png",
+            dims,
+            dtype,
+            Samples::Pages(Box::new(PngPages { blobs, size, dtype })),
+        )
     })
 }
 

@@ -40,9 +40,12 @@ pub fn predict(
     let nz = header.dims.0[2];
     let sampled = nz > max_slices.max(2);
     let walk = if sampled {
-        Walk::sampled(header.dims, header.dtype.bytes(), max_slices / 2)
+        // a slice costs the decoding of the whole layer of chunks that it is in
+        let layers = nz.div_ceil(volume.grain()[2]);
+        let slabs = (max_slices / 2).min(layers.saturating_mul(2));
+        Walk::sampled(header.dims, header.dtype.bytes(), slabs)
     } else {
-        Walk::whole(header.dims, header.dtype.bytes(), 1)
+        Walk::whole(volume, 1)
     };
     progress.begin("prediction", walk.pieces());
     let counts =

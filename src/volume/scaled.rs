@@ -88,6 +88,10 @@ impl Volume for Scaled {
         self.inner.random_access()
     }
 
+    fn grain(&self) -> [u32; 3] {
+        self.inner.grain()
+    }
+
     fn held_bytes(&self) -> u64 {
         let row = u64::from(self.header.dims.0[0]) * 8;
         self.inner.held_bytes() + rayon::current_num_threads() as u64 * row.max(PIECE as u64)

@@ -55,7 +55,7 @@ impl Statistics {
 /// The volume's own; [`crate::Error::Interrupted`].
 pub fn statistics(volume: &dyn Volume, progress: &dyn Progress) -> Result<Statistics> {
     let header = volume.header();
-    let walk = Walk::whole(header.dims, header.dtype.bytes(), 0);
+    let walk = Walk::whole(volume, 0);
     match header.dtype {
         Dtype::U8 => counted::<u8, 256>(volume, &walk, progress, |bits| bits, 0.0),
         Dtype::I8 => counted::<i8, 256>(volume, &walk, progress, |bits| bits ^ 0x80, -128.0),

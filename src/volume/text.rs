@@ -115,7 +115,7 @@ pub(super) fn numbered(
 }
 
 /// A file name with one printf number: `%d`, `%04d`, `%.3d`.
-struct Pattern {
+pub(super) struct Pattern {
     before: String,
     after: String,
     width: usize,
@@ -124,7 +124,8 @@ struct Pattern {
 }
 
 impl Pattern {
-    fn parse(text: &str) -> Option<Self> {
+    /// Reads a name; `None` if it has no such number, or several.
+    pub(super) fn parse(text: &str) -> Option<Self> {
         // a percent sign that stands for itself is written twice
         let text = text.replace("%%", "\0");
         let (before, rest) = text.split_once('%')?;
@@ -147,6 +148,14 @@ impl Pattern {
             digits: number(digits.unwrap_or_default())?,
             zeros: width.starts_with('0') && digits.is_none(),
         })
+    }
+
+    /// True for a name that the pattern gives for some number from 0 up.
+    pub(super) fn matches(&self, name: &str) -> bool {
+        let inside = name.strip_prefix(self.before.as_str());
+        let digits = inside.and_then(|rest| rest.strip_suffix(self.after.as_str()));
+        let number = digits.and_then(|digits| digits.trim_start().parse::<u64>().ok());
+        number.is_some_and(|n| self.name(n.into()) == name)
     }
 
     fn name(&self, n: i128) -> String {
@@ -191,6 +200,17 @@ mod tests {
             ("100%%_%03u", 1, "100%_001"),
         ] {
             assert_eq!(Pattern::parse(pattern).unwrap().name(n), name, "{pattern}");
+        }
+        let pattern = Pattern::parse("s_%04d.raw").unwrap();
+        for (name, fits) in [
+            ("s_0007.raw", true),
+            ("s_12345.raw", true),
+            ("s_7.raw", false),
+            ("s_00007.raw", false),
+            ("s_.raw", false),
+            ("s_0007.tif", false),
+        ] {
+            assert_eq!(pattern.matches(name), fits, "{name}");
         }
         for bad in ["plain", "%s", "%d%d", "%999d", "%-3d", "%ld"] {
             assert!(Pattern::parse(bad).is_none(), "{bad}");

@@ -1,22 +1,26 @@
-//! VTK image data (`.vti`) with appended raw samples, plain or in zlib blocks: what ParaView writes.
+//! VTK image data (`.vti`): samples appended to the header or inside of it, as they are, as base64 or
+//! as text, plain or in blocks of zlib or LZ4: what ParaView and VTK write.
 //!
 //! The format is described at <https://docs.vtk.org/en/latest/vtk_file_formats/vtkxml_file_format.html>.
 //! The volume is the point data's active scalars, or its only array. `Direction` is a matrix by rows;
-//! `Origin` is the place of index 0, from which the extent may start elsewhere.
+//! `Origin` is the place of index 0, from which the extent may start elsewhere. Base64 and text are
+//! first unpacked to an unnamed file in the folder for temporary files (`TMPDIR`).
 
 mod blocks;
+mod tags;
+mod text;
 
 use super::blob::{Blob, Bytes};
 use super::layout::{Recipe, Samples};
-use super::source::ByteSource;
+use super::source::{ByteSource, FileSource};
 use super::{Dtype, Endian};
 use crate::error::{Error, Result};
 use crate::grid::{Dims, Placement};
 use crate::manifest::{Origin, Provenance};
+use blocks::{Packing, Place};
 use std::path::Path;
-
-/// A header in front of the samples is never longer.
-const MAX_HEAD: u64 = 1 << 20;
+use std::sync::Arc;
+use tags::Tag;
 
 /// True if a file begins as one of VTK's XML files.
 pub(super) fn is_vti(head: &[u8]) -> bool {
@@ -24,59 +28,19 @@ pub(super) fn is_vti(head: &[u8]) -> bool {
     text.trim_start().starts_with('<') && text.contains("<VTKFile")
 }
 
-/// The attribute of a tag.
-fn attribute<'a>(tag: &'a str, key: &str) -> Option<&'a str> {
-    let at = tag.find(&format!(" {key}=\""))?;
-    tag[at + key.len() + 3..].split('"').next()
-}
-
-/// The header's text and where the appended samples begin.
+/// The header's tags.
 struct Head<'a> {
     path: &'a Path,
-    text: String,
-    base: u64,
+    tags: Vec<Tag>,
 }
 
 impl<'a> Head<'a> {
-    fn read(path: &'a Path, blob: &Blob) -> Result<Self> {
-        let bytes = blob.head(MAX_HEAD)?;
-        let name = b"<AppendedData";
-        let at = bytes.windows(name.len()).position(|w| w == name);
-        let mark = at.and_then(|at| {
-            let close = at + bytes[at..].iter().position(|&b| b == b'>')?;
-            let mark = close + bytes[close..].iter().position(|&b| b == b'_')?;
-            Some((at, close, mark))
-        });
-        let Some((at, close, mark)) = mark else {
-            let what = "a VTK file without appended samples (inline base64 or text)";
-            let hint = "save it with appended raw data, as ParaView does by default";
-            return Err(Error::unsupported(path, what, hint));
-        };
-        if !bytes[at..close].windows(5).any(|w| w == b"\"raw\"") {
-            let hint = "save it with appended raw data";
-            return Err(Error::unsupported(path, "appended base64 data", hint));
-        }
-        Ok(Head {
-            path,
-            text: String::from_utf8_lossy(&bytes[..at]).replace(['\n', '\r', '\t'], " "),
-            base: mark as u64 + 1,
-        })
-    }
-
-    fn tags(&self, name: &'static str) -> impl Iterator<Item = &str> {
-        let tags = self
-            .text
-            .split('<')
-            .map(|t| t.split('>').next().unwrap_or_default());
-        tags.filter(move |t| t.split_whitespace().next() == Some(name))
-    }
-
     fn wrong(&self, found: impl Into<String>, expected: &str) -> Error {
         Error::format(self.path, found, expected)
     }
 
-    fn one(&self, name: &'static str) -> Result<&str> {
-        let mut tags = self.tags(name);
+    fn one(&self, name: &str) -> Result<&Tag> {
+        let mut tags = self.tags.iter().filter(|t| t.name() == name);
         match (tags.next(), tags.next()) {
             (Some(tag), None) => Ok(tag),
             (None, _) => Err(self.wrong(format!("no {name}"), "image data of one piece")),
@@ -87,8 +51,8 @@ impl<'a> Head<'a> {
         }
     }
 
-    fn numbers<const N: usize>(&self, tag: &str, key: &str) -> Result<Option<[f64; N]>> {
-        let Some(text) = attribute(tag, key) else {
+    fn numbers<const N: usize>(&self, tag: &Tag, key: &str) -> Result<Option<[f64; N]>> {
+        let Some(text) = tag.get(key) else {
             return Ok(None);
         };
         let values: Option<Vec<f64>> = text.split_whitespace().map(|n| n.parse().ok()).collect();
@@ -137,23 +101,21 @@ impl<'a> Head<'a> {
     }
 
     /// The tag of the array that is the volume.
-    fn array(&self) -> Result<&str> {
-        let Some(start) = self.text.find("<PointData") else {
+    fn array(&self) -> Result<&Tag> {
+        let Some(start) = self.tags.iter().position(|t| t.name() == "PointData") else {
             let what = "VTK image data without point data";
             let hint = "use ParaView's filter Cell Data to Point Data";
             return Err(Error::unsupported(self.path, what, hint));
         };
-        let end = self.text[start..].find("</PointData").unwrap_or(0);
-        let inside = &self.text[start..start + end];
-        let scalars = attribute(inside.split('>').next().unwrap_or_default(), "Scalars");
-        let arrays: Vec<&str> = inside
-            .split('<')
-            .filter(|t| t.starts_with("DataArray "))
-            .map(|t| t.split('>').next().unwrap_or_default())
+        let scalars = self.tags[start].get("Scalars");
+        let inside = self.tags[start..].iter();
+        let arrays: Vec<&Tag> = inside
+            .take_while(|t| !t.text.starts_with("/PointData"))
+            .filter(|t| t.name() == "DataArray")
             .collect();
         let active = arrays
             .iter()
-            .find(|t| scalars.is_some() && attribute(t, "Name") == scalars);
+            .find(|t| scalars.is_some() && t.get("Name") == scalars);
         match (active, &arrays[..]) {
             (Some(array), _) | (None, [array]) => Ok(array),
             _ => {
@@ -162,61 +124,98 @@ impl<'a> Head<'a> {
             }
         }
     }
-}
 
-fn dtype(head: &Head, array: &str) -> Result<Dtype> {
-    let components = attribute(array, "NumberOfComponents").unwrap_or("1");
-    let name = attribute(array, "type").unwrap_or_default();
-    let no = |what: String| Error::unsupported(head.path, what, "save one number per point");
-    if components != "1" {
-        return Err(no(format!("a VTK array of {components} components")));
+    fn dtype(&self, array: &Tag) -> Result<Dtype> {
+        let components = array.get("NumberOfComponents").unwrap_or("1");
+        let name = array.get("type").unwrap_or_default();
+        let no = |what: String| Error::unsupported(self.path, what, "save one number per point");
+        if components != "1" {
+            return Err(no(format!("a VTK array of {components} components")));
+        }
+        Ok(match name {
+            "UInt8" => Dtype::U8,
+            "Int8" => Dtype::I8,
+            "UInt16" => Dtype::U16,
+            "Int16" => Dtype::I16,
+            "UInt32" => Dtype::U32,
+            "Int32" => Dtype::I32,
+            "Float32" => Dtype::F32,
+            "Float64" => Dtype::F64,
+            _ => return Err(no(format!("a VTK array of type {name}"))),
+        })
     }
-    if attribute(array, "format") != Some("appended") {
-        return Err(no("a VTK array that is not appended".into()));
+
+    fn packing(&self, file: &Tag) -> Result<Packing> {
+        match file.get("compressor") {
+            None => Ok(Packing::None),
+            Some("vtkZLibDataCompressor") => Ok(Packing::Zlib),
+            Some("vtkLZ4DataCompressor") => Ok(Packing::Lz4),
+            Some(other) => {
+                let what = format!("the compressor {other}");
+                let hint = "save it with LZ4 or ZLib, or without compression";
+                Err(Error::unsupported(self.path, what, hint))
+            }
+        }
     }
-    Ok(match name {
-        "UInt8" => Dtype::U8,
-        "Int8" => Dtype::I8,
-        "UInt16" => Dtype::U16,
-        "Int16" => Dtype::I16,
-        "UInt32" => Dtype::U32,
-        "Int32" => Dtype::I32,
-        "Float32" => Dtype::F32,
-        "Float64" => Dtype::F64,
-        _ => return Err(no(format!("a VTK array of type {name}"))),
-    })
+
+    /// Position and encoding of the appended samples.
+    fn appended(&self, bytes: &Bytes, array: &Tag) -> Result<(u64, bool)> {
+        let tag = self.one("AppendedData")?;
+        let base64 = match tag.get("encoding") {
+            Some("base64") => true,
+            Some("raw") => false,
+            other => return Err(self.wrong(format!("encoding {other:?}"), "raw or base64")),
+        };
+        // an underscore, perhaps after a line end, stands in front
+        let mut gap = [0; 64];
+        let len = bytes.len().saturating_sub(tag.end).min(64) as usize;
+        bytes.read_at(tag.end, &mut gap[..len])?;
+        let mark = gap[..len].iter().position(|&b| b == b'_');
+        let offset = array
+            .get("offset")
+            .and_then(|o| o.trim().parse::<u64>().ok());
+        let place = mark.zip(offset).and_then(|(mark, offset)| {
+            let base = tag.end + mark as u64 + 1;
+            base.checked_add(offset)
+        });
+        match place {
+            Some(place) => Ok((place, base64)),
+            None => Err(self.wrong(format!("`{}`", array.text), "an array with an offset")),
+        }
+    }
 }
 
 /// The `total` bytes of samples of an array.
-fn source(
-    blob: &Blob,
-    place: blocks::Place,
-    total: u64,
-    compressor: Option<&str>,
-) -> Result<Box<dyn ByteSource>> {
-    let (path, start) = (blob.path(), place.at.saturating_add(place.word));
-    let bytes = blob.open()?;
-    Ok(match compressor {
-        None => {
-            let stored = place.number(&bytes, 0)?;
-            let end = start.checked_add(total);
-            if stored != total || end.is_none_or(|end| end > bytes.len()) {
-                let found = format!("{stored} bytes of samples at {start}");
-                let expected = format!("{total} inside the file, as size and type say");
-                return Err(Error::format(path, found, expected));
-            }
-            Box::new(blob.samples(start)?)
-        }
-        Some("vtkZLibDataCompressor") => Box::new(blocks::Blocks::open(bytes, place, total)?),
-        Some(other) => {
-            let hint = "save it with ZLib or without compression";
-            return Err(Error::unsupported(
-                path,
-                format!("the compressor {other}"),
-                hint,
-            ));
-        }
-    })
+fn source(bytes: Bytes, place: Place, total: u64, packing: Packing) -> Result<Box<dyn ByteSource>> {
+    if packing != Packing::None {
+        return Ok(Box::new(blocks::Blocks::open(
+            bytes, place, total, packing,
+        )?));
+    }
+    let start = place.at.saturating_add(place.word);
+    let stored = place.number(&bytes, 0)?;
+    let end = start.checked_add(total);
+    if stored != total || end.is_none_or(|end| end > bytes.len()) {
+        let found = format!("{stored} bytes of samples at {start}");
+        let expected = format!("{total} inside the file, as size and type say");
+        return Err(Error::format(bytes.path(), found, expected));
+    }
+    Ok(Box::new(FileSource {
+        path: bytes.path().to_path_buf(),
+        offset: start,
+        file: bytes.file(),
+    }))
+}
+
+/// Base64 text that holds a header and the samples, as bytes of their own.
+fn decoded(bytes: &Bytes, at: u64, total: u64, packing: Packing) -> Result<Bytes> {
+    // a table of blocks is as long as the smallest blocks make it
+    let most = match packing {
+        Packing::None => total + 8,
+        _ => u64::MAX,
+    };
+    let (file, len) = text::base64(bytes, at, most)?;
+    Blob::part(bytes.path().to_path_buf(), file, 0, len).open()
 }
 
 /// Parses a `.vti` file.
@@ -225,24 +224,24 @@ fn source(
 /// [`Error::Unsupported`] by name for other data sets, encodings and compressors, [`Error::Format`]
 /// for headers that contradict themselves or the file's length.
 pub(super) fn parse(path: &Path) -> Result<Recipe> {
-    let blob = Blob::file(path)?.held()?;
-    let head = Head::read(path, &blob)?;
+    let bytes = Blob::file(path)?.open()?;
+    let head = Head {
+        path,
+        tags: tags::read(&bytes)?,
+    };
     let file = head.one("VTKFile")?;
-    let kind = attribute(file, "type").unwrap_or_default();
+    let kind = file.get("type").unwrap_or_default();
     if kind != "ImageData" {
         let hint = "volumes are ImageData";
-        return Err(Error::unsupported(
-            path,
-            format!("VTK data of type {kind}"),
-            hint,
-        ));
+        let what = format!("VTK data of type {kind}");
+        return Err(Error::unsupported(path, what, hint));
     }
-    let endian = match attribute(file, "byte_order") {
+    let mut endian = match file.get("byte_order") {
         Some("LittleEndian") | None => Endian::Little,
         Some("BigEndian") => Endian::Big,
         Some(other) => return Err(head.wrong(other, "LittleEndian or BigEndian")),
     };
-    let word = match attribute(file, "header_type") {
+    let word = match file.get("header_type") {
         Some("UInt32") | None => 4,
         Some("UInt64") => 8,
         Some(other) => return Err(head.wrong(other, "UInt32 or UInt64")),
@@ -251,19 +250,40 @@ pub(super) fn parse(path: &Path) -> Result<Recipe> {
     let size = [0, 1, 2].map(|a| (extent[2 * a + 1] - extent[2 * a] + 1.0).clamp(0.0, 1e12) as u64);
     let dims = Dims::new(size).map_err(|e| head.wrong(format!("an image with {e}"), "a volume"))?;
     let array = head.array()?;
-    let dtype = dtype(&head, array)?;
-    let offset = attribute(array, "offset").and_then(|o| o.parse::<u64>().ok());
-    let Some(at) = offset.and_then(|o| o.checked_add(head.base)) else {
-        return Err(head.wrong(format!("`{array}`"), "an array with an offset"));
-    };
+    let dtype = head.dtype(array)?;
+    let packing = head.packing(file)?;
     let total = dims.voxels() * dtype.bytes() as u64;
-    let place = blocks::Place { at, word, endian };
-    let compressor = attribute(file, "compressor");
-    let source = source(&blob, place, total, compressor)?;
+    if total > bytes.len().saturating_mul(1032) {
+        let found = format!("{} bytes for {total} bytes of samples", bytes.len());
+        return Err(head.wrong(found, "a whole file"));
+    }
+    let place = |at| Place { at, word, endian };
+    let samples: Box<dyn ByteSource> = match array.get("format") {
+        Some("appended") => match head.appended(&bytes, array)? {
+            (at, false) => source(bytes, place(at), total, packing)?,
+            (at, true) => source(
+                decoded(&bytes, at, total, packing)?,
+                place(0),
+                total,
+                packing,
+            )?,
+        },
+        Some("binary") => {
+            let inside = decoded(&bytes, array.end, total, packing)?;
+            source(inside, place(0), total, packing)?
+        }
+        Some("ascii") => {
+            endian = text::ORDER;
+            let file: Arc<_> = text::decimal(&bytes, array.end, dtype, dims.voxels())?;
+            Box::new(FileSource {
+                file,
+                path: path.to_path_buf(),
+                offset: 0,
+            })
+        }
+        other => return Err(head.wrong(format!("format {other:?}"), "appended, binary or ascii")),
+    };
     Ok(Recipe {
-        format: "vti",
-        dims,
-        dtype,
         endian: Some(endian),
         placement: head.placement(extent)?,
         provenance: Provenance {
@@ -271,7 +291,6 @@ pub(super) fn parse(path: &Path) -> Result<Recipe> {
             unit: Origin::Default,
             origin: Origin::File,
         },
-        scale: None,
-        samples: Samples::Bytes(source),
+        ..Recipe::new("vti", dims, dtype, Samples::Bytes(samples))
     })
 }

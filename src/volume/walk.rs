@@ -1,5 +1,6 @@
 //! One pass over a volume in pieces of bounded size, in parallel where the volume allows it.
 
+use super::spool::multiple;
 use super::{Volume, Voxel};
 use crate::error::{Error, Result};
 use crate::grid::Dims;
@@ -24,6 +25,8 @@ pub(super) struct Walk {
     overlap: u32,
     /// Slabs are one slice thick, spread evenly, with gaps between them.
     sampled: bool,
+    /// Pieces are so large, by the volume's grain, that only one is held at a time.
+    alone: bool,
 }
 
 /// A part of the volume: rows and slices, with all x.
@@ -40,20 +43,27 @@ pub(super) struct Piece {
 }
 
 impl Walk {
-    /// All slices.
-    pub(super) fn whole(dims: Dims, sample_bytes: usize, overlap: u32) -> Self {
-        let [nx, ny, nz] = dims.0.map(u64::from);
-        let row = nx * sample_bytes as u64;
-        let slices = (PIECE / (row * ny)).clamp(1, nz);
-        let thick = slices + u64::from(overlap);
-        let rows = (PIECE / (row * thick)).clamp(1, ny);
+    /// All slices, in pieces that are decoded together.
+    pub(super) fn whole(volume: &dyn Volume, overlap: u32) -> Self {
+        let header = volume.header();
+        Walk::cut(header.dims, header.dtype.bytes(), volume.grain(), overlap)
+    }
+
+    fn cut(dims: Dims, sample_bytes: usize, [_, gy, gz]: [u32; 3], overlap: u32) -> Self {
+        let [nx, ny, nz] = dims.0;
+        let row = u64::from(nx) * sample_bytes as u64;
+        let slices = multiple(PIECE / (row * u64::from(ny)), gz, nz);
+        let thick = u64::from(slices) + u64::from(overlap);
+        let rows = multiple(PIECE / (row * thick), gy, ny);
         Walk {
             dims,
-            rows: rows as u32,
-            slices: slices as u32,
-            slabs: nz.div_ceil(slices),
+            rows,
+            slices,
+            slabs: nz.div_ceil(slices).into(),
             overlap,
             sampled: false,
+            // two rows of two slices are always held
+            alone: gy * gz > 4 && row * thick * u64::from(rows) > 2 * PIECE,
         }
     }
 
@@ -69,6 +79,7 @@ impl Walk {
             slabs: u64::from(slabs.clamp(1, nz - 1)),
             overlap: 1,
             sampled: true,
+            alone: false,
         }
     }
 
@@ -127,7 +138,7 @@ impl Walk {
         };
         let start = || (new(), Vec::new());
         let pieces = 0..self.slabs * self.bands();
-        if !volume.random_access() {
+        if self.alone || !volume.random_access() {
             let sum = { pieces }.try_fold(start(), step)?;
             return Ok(sum.0);
         }
@@ -153,8 +164,8 @@ mod tests {
         for dims in [[2, 2, 2], [1000, 900, 7], [65_536, 40, 3], [3, 3, 1000]] {
             let dims = Dims(dims);
             let [_, ny, nz] = dims.0;
-            for overlap in [0, 1] {
-                let walk = Walk::whole(dims, 4, overlap);
+            for (overlap, grain) in [(0, [1; 3]), (1, [1; 3]), (1, [64, 3, 5])] {
+                let walk = Walk::cut(dims, 4, grain, overlap);
                 let mut owned = vec![0; (ny * nz) as usize];
                 for index in 0..walk.pieces() {
                     let piece = walk.piece(index);

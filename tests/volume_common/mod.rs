@@ -7,6 +7,19 @@ use flate2::write::{GzEncoder, ZlibEncoder};
 use std::io::Write;
 use std::path::{Path, PathBuf};
 
+/// The folder of real volumes, if this machine has it.
+pub fn data() -> Option<PathBuf> {
+    let dir = std::env::var_os("ALVIS_DATA").map_or_else(|| "../shared/data".into(), PathBuf::from);
+    if dir.is_dir() {
+        return Some(dir);
+    }
+    println!(
+        "SKIPPED: no real volumes in {}; set ALVIS_DATA",
+        dir.display()
+    );
+    None
+}
+
 /// A volume as the bytes of its samples, least significant byte first.
 #[derive(Debug, Clone)]
 pub struct Sample {
@@ -16,36 +29,18 @@ pub struct Sample {
     pub little: Vec<u8>,
 }
 
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum Form {
-    Raw,
-    RawGz,
-    Mha,
-    MhaZlib,
-    Mhd,
-    MhdZlib,
-    MhdSkip,
-    MhdEnd,
-    MhdList,
-    MhdPattern,
-    Nrrd,
-    NrrdGz,
-    NrrdMembers,
-    NrrdSkip,
-    NrrdGzSkip,
-    Nhdr,
-    NhdrEnd,
-    NhdrGz,
-    NhdrRows,
-    NhdrSlices,
-    NhdrSlab,
-    NhdrList,
-    NhdrGzSlices,
+macro_rules! forms {
+    ($($name:ident),* $(,)?) => {
+        #[derive(Debug, Clone, Copy, PartialEq, Eq)]
+        pub enum Form {
+            $($name),*
+        }
+
+        pub const FORMS: &[Form] = &[$(Form::$name),*];
+    };
 }
 
-use Form::*;
-
-pub const FORMS: [Form; 23] = [
+forms![
     Raw,
     RawGz,
     Mha,
@@ -70,6 +65,8 @@ pub const FORMS: [Form; 23] = [
     NhdrList,
     NhdrGzSlices,
 ];
+
+use Form::*;
 
 impl Form {
     pub fn compressed(self) -> bool {

@@ -1,6 +1,6 @@
 //! Unpacking a strip or tile, and undoing the predictor.
 
-use super::super::Endian;
+use super::super::{Endian, zstd};
 use flate2::bufread::ZlibDecoder;
 use std::io::{BufRead, Error, ErrorKind, Read, Result};
 use weezl::{BitOrder, LzwStatus, decode::Decoder};
@@ -12,6 +12,7 @@ pub(super) enum Compression {
     Lzw,
     Deflate,
     PackBits,
+    Zstd,
 }
 
 impl Compression {
@@ -24,6 +25,8 @@ impl Compression {
             Compression::PackBits => 64,
             Compression::Deflate => 1032,
             Compression::Lzw => 2731,
+            // a block of 128 KiB of one byte in 4 (RFC 8878, 3.1.1.2)
+            Compression::Zstd => 32_768,
         }
     }
 }
@@ -36,6 +39,7 @@ pub(super) fn unpack(how: Compression, from: impl BufRead, out: &mut [u8]) -> Re
         Compression::Deflate => ZlibDecoder::new(from).read_exact(out),
         Compression::Lzw => lzw(from, out),
         Compression::PackBits => pack_bits(from, out),
+        Compression::Zstd => zstd::decode(from, out),
     }
 }
 

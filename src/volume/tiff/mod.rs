@@ -1,7 +1,8 @@
 //! TIFF and BigTIFF stacks: one file of many pages, or many files in the order of their names.
 //!
 //! Grey values are handed out as they are stored: where 0 is white (WhiteIsZero) they are not
-//! inverted, since a scan's numbers mean more than their display; colour maps are not applied.
+//! inverted, since a scan's numbers mean more than their display, which a note says; colour maps are
+//! not applied. f16 is handed out as f32.
 //! Thumbnails and masks (NewSubfileType 1 and 4) are no slices.
 
 mod codec;
@@ -15,7 +16,6 @@ use super::paged::{Page, Pages};
 use super::{Dtype, Endian};
 use crate::error::{Error, Result};
 use crate::grid::{Dims, MAX_DIM};
-use codec::Compression;
 use page::{Layout, TiffPage};
 use std::collections::{HashMap, HashSet};
 use std::path::Path;
@@ -102,14 +102,11 @@ pub(super) fn parse(path: &Path, mut blobs: Vec<Blob>) -> Result<Recipe> {
         .map_err(|e| Error::format(path, format!("pages with {e}"), "a volume of that size"))?;
     let stack = std::mem::take(&mut found.stack);
     Ok(Recipe {
-        format: "tiff",
-        dims,
-        dtype,
         endian: Some(endian),
         placement: stack.placement,
         provenance: stack.provenance,
-        scale: None,
-        samples: samples(blobs, found, page_bytes)?,
+        notes: stack.notes,
+        ..Recipe::new("tiff", dims, dtype, samples(blobs, found, page_bytes)?)
     })
 }
 
@@ -164,8 +161,7 @@ fn walk(bytes: &Bytes, blob: u32, found: &mut Found) -> Result<()> {
             }
             Some((_, _, endian)) => found.one_order &= endian == layout.endian,
         }
-        let direct = layout.compression == Compression::None && !layout.cut.padded;
-        if !direct {
+        if !layout.is_direct() {
             let voxels = u64::from(layout.cut.width) * u64::from(layout.cut.rows);
             let (most, rows) = found.largest;
             found.largest = (most.max(voxels), rows.max(layout.cut.rows));

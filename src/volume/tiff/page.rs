@@ -2,7 +2,7 @@
 
 use super::super::blob::Bytes;
 use super::super::paged::{Cut, MAX_CHUNK, Page};
-use super::super::{Dtype, Endian};
+use super::super::{Dtype, Endian, half};
 use super::codec::{self, Compression, Predictor};
 use super::ifd::Directory;
 use crate::error::{Error, Result};
@@ -14,6 +14,8 @@ use std::ops::Range;
 pub(super) struct Layout {
     pub(super) size: [u32; 2],
     pub(super) dtype: Dtype,
+    /// Samples are stored as f16, and handed out as f32.
+    half: bool,
     pub(super) endian: Endian,
     pub(super) compression: Compression,
     pub(super) predictor: Predictor,
@@ -26,7 +28,7 @@ impl Layout {
     /// Reads the tags of a page.
     ///
     /// # Errors
-    /// [`Error::Unsupported`] by name for colours, packed bits, f16, 64-bit integers and other
+    /// [`Error::Unsupported`] by name for colours, packed bits, 64-bit integers and other
     /// compressions; [`Error::Format`] for tags that contradict each other or the file's length.
     pub(super) fn parse(bytes: &Bytes, dir: &Directory, endian: Endian) -> Result<Self> {
         let at = Place {
@@ -34,13 +36,14 @@ impl Layout {
             position: dir.position,
         };
         let size = [at.extent(dir, 256)?, at.extent(dir, 257)?];
-        let dtype = at.dtype(dir)?;
+        let (dtype, half) = at.dtype(dir)?;
         let compression = at.compression(dir)?;
         let predictor = at.predictor(dir, dtype, compression)?;
         let cut = at.cut(dir, size)?;
         let mut layout = Layout {
             size,
             dtype,
+            half,
             endian,
             compression,
             predictor,
@@ -56,8 +59,18 @@ impl Layout {
         self.chunks.len()
     }
 
+    /// Bytes of a stored sample.
+    fn sample(&self) -> usize {
+        if self.half { 2 } else { self.dtype.bytes() }
+    }
+
+    /// True if what is stored is what is handed out, but for the byte order.
+    pub(super) fn is_direct(&self) -> bool {
+        self.compression == Compression::None && !self.cut.padded && !self.half
+    }
+
     fn row_bytes(&self) -> u64 {
-        u64::from(self.cut.width) * self.dtype.bytes() as u64
+        u64::from(self.cut.width) * self.sample() as u64
     }
 
     /// Bytes of a chunk with all its rows, or of the lower last strip.
@@ -75,14 +88,13 @@ impl Layout {
     /// Where the samples begin if the page is one uncompressed piece.
     pub(super) fn in_one_piece(&self) -> Option<u64> {
         let (first, _) = *self.chunks.first()?;
-        let plain = self.compression == Compression::None && !self.cut.padded;
         let mut next = first;
         let joined = self.chunks.iter().enumerate().all(|(i, (position, _))| {
             let joined = *position == next;
             next = next.saturating_add(self.chunk_bytes(i));
             joined
         });
-        (plain && joined).then_some(first)
+        (self.is_direct() && joined).then_some(first)
     }
 }
 
@@ -111,7 +123,7 @@ impl Place<'_> {
         Err(self.wrong(format!("a {side} of {n}"), format!("1 to {MAX_DIM}")))
     }
 
-    fn dtype(&self, dir: &Directory) -> Result<Dtype> {
+    fn dtype(&self, dir: &Directory) -> Result<(Dtype, bool)> {
         let samples = dir.number(277, 1)?;
         let photometric = dir.number(262, 1)?;
         let colour = match photometric {
@@ -134,14 +146,14 @@ impl Place<'_> {
             return Err(self.no("a TIFF with reversed bits (FillOrder 2)", "save it again"));
         }
         let (bits, format) = (dir.number(258, 1)?, dir.number(339, 1)?);
-        Ok(match (bits, format) {
+        let dtype = match (bits, format) {
             (8, 1 | 4) => Dtype::U8,
             (8, 2) => Dtype::I8,
             (16, 1 | 4) => Dtype::U16,
             (16, 2) => Dtype::I16,
             (32, 1 | 4) => Dtype::U32,
             (32, 2) => Dtype::I32,
-            (32, 3) => Dtype::F32,
+            (16 | 32, 3) => Dtype::F32,
             (64, 3) => Dtype::F64,
             _ => {
                 let kind = match format {
@@ -153,7 +165,8 @@ impl Place<'_> {
                 let what = format!("a TIFF of {bits}-bit {kind}");
                 return Err(self.no(what, "convert it to 8 or 16 bits, or to f32"));
             }
-        })
+        };
+        Ok((dtype, (bits, format) == (16, 3)))
     }
 
     fn compression(&self, dir: &Directory) -> Result<Compression> {
@@ -162,19 +175,19 @@ impl Place<'_> {
             5 => return Ok(Compression::Lzw),
             8 | 32946 => return Ok(Compression::Deflate),
             32773 => return Ok(Compression::PackBits),
+            50000 | 34926 => return Ok(Compression::Zstd),
             2..=4 => "CCITT fax".to_owned(),
             6 | 7 => "JPEG".to_owned(),
             33003 | 33005 | 34712 => "JPEG 2000".to_owned(),
             34887 => "LERC".to_owned(),
             34925 => "LZMA".to_owned(),
-            50000 => "Zstandard".to_owned(),
             50001 => "WebP".to_owned(),
             50002 | 52546 => "JPEG XL".to_owned(),
             code => format!("number {code}"),
         };
         Err(self.no(
             format!("the TIFF compression {name}"),
-            "save it uncompressed or with Deflate, LZW or PackBits",
+            "save it uncompressed or with Deflate, Zstandard, LZW or PackBits",
         ))
     }
 
@@ -184,7 +197,10 @@ impl Place<'_> {
         dtype: Dtype,
         compression: Compression,
     ) -> Result<Predictor> {
-        let packed = matches!(compression, Compression::Lzw | Compression::Deflate);
+        let packed = matches!(
+            compression,
+            Compression::Lzw | Compression::Deflate | Compression::Zstd
+        );
         match dir.number(317, 1)? {
             1 => Ok(Predictor::None),
             2 if packed => Ok(Predictor::Horizontal),
@@ -284,6 +300,36 @@ impl Page for TiffPage {
     }
 
     fn decode(&self, index: u32, out: &mut [u8]) -> Result<()> {
+        self.stored(out, |out| self.unpack(index, out).map(|()| true))
+            .map(drop)
+    }
+
+    fn rows(&self, y: Range<u32>, out: &mut [u8]) -> Result<bool> {
+        let layout = &self.layout;
+        if layout.compression != Compression::None || layout.cut.padded {
+            return Ok(false);
+        }
+        self.stored(out, |out| self.read(y, out))
+    }
+}
+
+impl TiffPage {
+    /// Fills `out` by `read`, which is given room for samples as they are stored.
+    fn stored(&self, out: &mut [u8], read: impl FnOnce(&mut [u8]) -> Result<bool>) -> Result<bool> {
+        if !self.layout.half {
+            return read(out);
+        }
+        let mut stored = vec![0; out.len() / 2];
+        let done = read(&mut stored)?;
+        let samples = stored.as_chunks::<2>().0.iter();
+        for (out, from) in out.as_chunks_mut::<4>().0.iter_mut().zip(samples) {
+            *out = half::to_f32(u16::from_ne_bytes(*from)).to_ne_bytes();
+        }
+        Ok(done)
+    }
+
+    /// Unpacks a strip or tile.
+    fn unpack(&self, index: u32, out: &mut [u8]) -> Result<()> {
         let layout = &self.layout;
         let (position, len) = layout.chunks[index as usize];
         let len = match layout.compression {
@@ -303,11 +349,9 @@ impl Page for TiffPage {
         Ok(())
     }
 
-    fn rows(&self, y: Range<u32>, out: &mut [u8]) -> Result<bool> {
+    /// Reads rows that are stored as they are.
+    fn read(&self, y: Range<u32>, out: &mut [u8]) -> Result<bool> {
         let layout = &self.layout;
-        if layout.compression != Compression::None || layout.cut.padded {
-            return Ok(false);
-        }
         let row = layout.row_bytes();
         let mut rest = &mut out[..];
         let mut next = y.start;
@@ -324,15 +368,13 @@ impl Page for TiffPage {
         self.restore(out);
         Ok(true)
     }
-}
 
-impl TiffPage {
     fn restore(&self, rows: &mut [u8]) {
         let layout = &self.layout;
         codec::restore(
             rows,
             layout.cut.width as usize,
-            layout.dtype.bytes(),
+            layout.sample(),
             layout.endian,
             layout.predictor,
         );

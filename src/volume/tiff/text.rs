@@ -18,6 +18,7 @@ pub(super) struct Stack {
     pub(super) images: Option<u64>,
     pub(super) placement: Placement,
     pub(super) provenance: Provenance,
+    pub(super) notes: Vec<String>,
 }
 
 /// Reads the description and the resolution of the first page.
@@ -43,6 +44,11 @@ pub(super) fn stack(path: &Path, dir: &Directory) -> Result<Stack> {
     }
     if stack.provenance.spacing == Origin::Default && !text.starts_with("ImageJ=") {
         baseline(dir.number(296, 2)?, resolution, &mut stack);
+    }
+    if dir.number(262, 1)? == 0 {
+        let note =
+            "0 is white in this TIFF (WhiteIsZero): values are as they are stored, not inverted";
+        stack.notes.push(note.into());
     }
     Ok(stack)
 }

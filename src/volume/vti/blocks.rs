@@ -1,4 +1,4 @@
-//! Samples in zlib blocks of equal size, each found by the table in front of them.
+//! Samples in packed blocks of equal size, each found by the table in front of them.
 
 use super::super::Endian;
 use super::super::source::{ByteSource, Rows};
@@ -36,9 +36,19 @@ impl Place {
     }
 }
 
+/// How blocks are packed.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(super) enum Packing {
+    /// There are no blocks.
+    None,
+    Zlib,
+    Lz4,
+}
+
 /// The blocks of an array.
 pub(super) struct Blocks {
     bytes: Bytes,
+    packing: Packing,
     /// Position and packed size of each block.
     blocks: Vec<(u64, u64)>,
     /// Unpacked bytes of each but the last.
@@ -53,7 +63,7 @@ impl Blocks {
     ///
     /// # Errors
     /// [`Error::Format`] if it does not fit the file or the `total` bytes of samples.
-    pub(super) fn open(bytes: Bytes, place: Place, total: u64) -> Result<Self> {
+    pub(super) fn open(bytes: Bytes, place: Place, total: u64, packing: Packing) -> Result<Self> {
         let [count, size, last] = [
             place.number(&bytes, 0)?,
             place.number(&bytes, 1)?,
@@ -85,6 +95,7 @@ impl Blocks {
         }
         Ok(Blocks {
             bytes,
+            packing,
             blocks,
             size,
             total,
@@ -100,14 +111,10 @@ impl Blocks {
         let (position, packed) = self.blocks[index as usize];
         let len = self.size.min(self.total - index * self.size);
         let mut block = vec![0; len as usize];
-        let mut decoder = ZlibDecoder::new(self.bytes.reader(position, packed));
-        decoder
-            .read_exact(&mut block)
-            .and_then(|()| decoder.read(&mut [0]))
-            .map_err(|e| {
-                let found = format!("block {index} at {position} that is damaged ({e})");
-                Error::format(self.bytes.path(), found, format!("{len} bytes of samples"))
-            })?;
+        self.unpack(position, packed, &mut block).map_err(|e| {
+            let found = format!("block {index} at {position} that is damaged ({e})");
+            Error::format(self.bytes.path(), found, format!("{len} bytes of samples"))
+        })?;
         let block = Arc::new(block);
         let mut recent = recent();
         recent.push_back((index, block.clone()));
@@ -115,6 +122,22 @@ impl Blocks {
             recent.pop_front();
         }
         Ok(block)
+    }
+
+    fn unpack(&self, position: u64, packed: u64, out: &mut [u8]) -> std::io::Result<()> {
+        let mut reader = self.bytes.reader(position, packed);
+        if self.packing == Packing::Zlib {
+            let mut decoder = ZlibDecoder::new(reader);
+            return decoder
+                .read_exact(out)
+                .and_then(|()| decoder.read(&mut [0]).map(drop));
+        }
+        let mut from = Vec::new();
+        reader.read_to_end(&mut from)?;
+        match lz4_flex::block::decompress_into(&from, out) {
+            Ok(n) if n == out.len() => Ok(()),
+            _ => Err(std::io::ErrorKind::InvalidData.into()),
+        }
     }
 }
 

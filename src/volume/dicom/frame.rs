@@ -1,0 +1,404 @@
+//! What a DICOM file says of its frames.
+
+use super::super::blob::Blob;
+use super::super::{Dtype, Endian};
+use super::element::{self, Elements, Header, tag};
+use super::syntax::Syntax;
+use crate::error::{Error, Result};
+use crate::grid::MAX_DIM;
+use std::path::Path;
+
+/// How a pixel is stored.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(super) struct Cell {
+    /// Bytes per pixel: 1, 2 or 4, or 4 and 8 for floating-point numbers.
+    pub(super) bytes: usize,
+    /// The low bits that hold the number; those above may hold anything.
+    pub(super) bits: u32,
+    pub(super) signed: bool,
+    pub(super) float: bool,
+    pub(super) endian: Endian,
+}
+
+/// The physical value of a stored number s is slope * s + intercept.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(super) struct Rescale {
+    pub(super) slope: f64,
+    pub(super) intercept: f64,
+}
+
+/// Where a frame lies, in millimetres of the patient's coordinates.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(super) struct Plane {
+    /// Centre of the first pixel.
+    pub(super) position: [f64; 3],
+    /// Unit vectors along a row (x) and along a column (y).
+    pub(super) axes: [[f64; 3]; 2],
+}
+
+/// One slice.
+#[derive(Debug, Clone)]
+pub(super) struct Frame {
+    /// Index of the file.
+    pub(super) file: u32,
+    /// Number of the frame in its file.
+    pub(super) index: u32,
+    pub(super) plane: Option<Plane>,
+    /// Distance of pixels along x and y.
+    pub(super) pixel: Option<[f64; 2]>,
+    pub(super) rescale: Rescale,
+}
+
+/// A file with pixels.
+#[derive(Debug)]
+pub(super) struct Image {
+    pub(super) blob: Blob,
+    pub(super) instance: String,
+    pub(super) series: Series,
+    pub(super) size: [u32; 2],
+    pub(super) cell: Cell,
+    pub(super) syntax: Syntax,
+    /// Position of the pixels in the data set, and their bytes unless in fragments.
+    pub(super) pixels: (u64, Option<u64>),
+    /// Where the packed data set begins, if it is packed as a whole.
+    pub(super) deflated: Option<u64>,
+    /// The stored number of voxels outside of what was scanned.
+    pub(super) padding: Option<i64>,
+    /// Distance of slices where no positions tell it.
+    pub(super) between: Option<f64>,
+    pub(super) frames: Vec<Frame>,
+}
+
+/// What names a series.
+#[derive(Debug, Clone, Default, PartialEq, Eq, PartialOrd, Ord)]
+pub(super) struct Series {
+    pub(super) number: String,
+    pub(super) uid: String,
+    pub(super) description: String,
+    pub(super) modality: String,
+}
+
+/// A header and how its faults are told.
+struct Context<'a> {
+    path: &'a Path,
+    set: &'a Elements,
+}
+
+impl Image {
+    /// Reads a file; `None` if it is sound but has no pixels (a directory, a report).
+    ///
+    /// # Errors
+    /// [`Error::Format`] for damage, [`Error::Unsupported`] by name for colours, odd sizes of pixels
+    /// and encodings that are not decoded.
+    pub(super) fn read(blob: Blob, file: u32) -> Result<Option<Image>> {
+        let header = element::read(&blob)?;
+        let Some((kind, position, len)) = header.pixels else {
+            return Ok(None);
+        };
+        let at = Context {
+            path: blob.path(),
+            set: &header.elements,
+        };
+        let size = [at.extent(tag::COLUMNS)?, at.extent(tag::ROWS)?];
+        let cell = at.cell(kind, header.endian)?;
+        let syntax = Syntax::find(blob.path(), &header.syntax)?;
+        if syntax.is_packed() == len.is_some() {
+            let found = format!("pixels in the transfer syntax {}", header.syntax);
+            let how = ["fragments", "one piece"][usize::from(len.is_none())];
+            return Err(Error::format(blob.path(), found, format!("them in {how}")));
+        }
+        let count = at.count()?;
+        at.check_length(&header, size, cell, count, blob.len())?;
+        let frames = at.frames(file, count)?;
+        let set = &header.elements;
+        let padding = set.short(tag::PADDING).map(|v| match cell.signed {
+            true => i64::from(v as i16),
+            false => i64::from(v),
+        });
+        Ok(Some(Image {
+            instance: set.text(tag::SOP_INSTANCE),
+            series: Series {
+                number: set.text(tag::SERIES_NUMBER),
+                uid: set.text(tag::SERIES_UID),
+                description: set.text(tag::SERIES_DESCRIPTION),
+                modality: set.text(tag::MODALITY),
+            },
+            size,
+            cell,
+            syntax,
+            pixels: (position, len),
+            deflated: header.deflated,
+            padding: padding.filter(|_| !cell.float),
+            between: set.number(tag::SPACING_BETWEEN_SLICES),
+            frames,
+            blob,
+        }))
+    }
+}
+
+impl Context<'_> {
+    fn wrong(&self, found: String, expected: &str) -> Error {
+        Error::format(self.path, found, expected)
+    }
+
+    fn extent(&self, tag: u32) -> Result<u32> {
+        let side = if tag == tag::ROWS { "Rows" } else { "Columns" };
+        match self.set.short(tag) {
+            Some(n) if n > 0 && u32::from(n) <= MAX_DIM => Ok(n.into()),
+            found => Err(self.wrong(format!("{side} of {found:?}"), "a number of pixels")),
+        }
+    }
+
+    fn cell(&self, kind: u32, endian: Endian) -> Result<Cell> {
+        let no = |what: String, hint: &str| Err(Error::unsupported(self.path, what, hint));
+        let samples = self.set.short(tag::SAMPLES).unwrap_or(1);
+        let photometric = self.set.text(tag::PHOTOMETRIC);
+        // MONOCHROME1 shows small numbers bright; the numbers are the same
+        if samples != 1 || !(photometric.is_empty() || photometric.starts_with("MONOCHROME")) {
+            let what = format!("a DICOM image of {samples} samples per pixel, {photometric}");
+            return no(what, "only grey images are volumes");
+        }
+        let allocated = u32::from(self.set.short(tag::BITS_ALLOCATED).unwrap_or(0));
+        let float = kind != tag::PIXELS;
+        let fits = match kind {
+            tag::PIXELS => matches!(allocated, 8 | 16 | 32),
+            tag::FLOAT_PIXELS => allocated == 32,
+            _ => allocated == 64,
+        };
+        if !fits {
+            let what = format!("a DICOM image of {allocated} bits per pixel");
+            return no(what, "convert it to 8, 16 or 32 bits per pixel");
+        }
+        let bits = match self.set.short(tag::BITS_STORED) {
+            Some(bits) if !float => u32::from(bits),
+            _ => allocated,
+        };
+        let high = self
+            .set
+            .short(tag::HIGH_BIT)
+            .map_or(bits, |h| u32::from(h) + 1);
+        if bits == 0 || bits > allocated || (!float && high != bits) {
+            let found = format!("{bits} bits below bit {high} of {allocated}");
+            return Err(self.wrong(found, "pixels in the lowest bits"));
+        }
+        Ok(Cell {
+            bytes: allocated as usize / 8,
+            bits,
+            signed: self.set.short(tag::SIGNED) == Some(1),
+            float,
+            endian,
+        })
+    }
+
+    fn count(&self) -> Result<u32> {
+        let text = self.set.text(tag::FRAMES);
+        match text.trim() {
+            "" => Ok(1),
+            text => match text.parse() {
+                Ok(n @ 1..=MAX_DIM) => Ok(n),
+                _ => Err(self.wrong(format!("\"{text}\" frames"), "1 to 65536")),
+            },
+        }
+    }
+
+    /// Pixels in one piece must be all there.
+    fn check_length(
+        &self,
+        header: &Header,
+        size: [u32; 2],
+        cell: Cell,
+        count: u32,
+        file: u64,
+    ) -> Result<()> {
+        let Some((_, position, Some(len))) = header.pixels else {
+            return Ok(());
+        };
+        let slice = u64::from(size[0]) * u64::from(size[1]) * cell.bytes as u64;
+        let need = slice * u64::from(count);
+        // what is packed is found short when it is unpacked; no byte unpacks to more than 1032
+        let there = match header.deflated {
+            Some(_) => file.saturating_mul(1032),
+            None => file.saturating_sub(position),
+        };
+        if len < need || need > there {
+            let found = format!("{} bytes of pixels", len.min(there));
+            let [x, y] = size;
+            let expected = format!(
+                "{need}, for {count} frames of {x} x {y} of {} bytes",
+                cell.bytes
+            );
+            return Err(Error::format(self.path, found, expected)
+                .with_hint("the file is cut short or damaged"));
+        }
+        Ok(())
+    }
+
+    fn frames(&self, file: u32, count: u32) -> Result<Vec<Frame>> {
+        let shared = self.set.items(tag::SHARED).first();
+        let each = self.set.items(tag::PER_FRAME);
+        if !each.is_empty() && each.len() != count as usize {
+            let found = format!("{count} frames and the places of {}", each.len());
+            return Err(self.wrong(found, "one place for each"));
+        }
+        if self.set.has(tag::LOOKUP) {
+            let what = "a DICOM image with a table of values (Modality LUT)";
+            return Err(Error::unsupported(
+                self.path,
+                what,
+                "convert it to plain values",
+            ));
+        }
+        (0..count)
+            .map(|index| {
+                let groups = Groups {
+                    own: each.get(index as usize),
+                    shared,
+                    top: self.set,
+                };
+                Ok(Frame {
+                    file,
+                    index,
+                    plane: self.plane(&groups)?,
+                    pixel: self.pixel(&groups)?,
+                    rescale: self.rescale(&groups)?,
+                })
+            })
+            .collect()
+    }
+
+    fn plane(&self, groups: &Groups) -> Result<Option<Plane>> {
+        let position = groups.find(tag::PLANE_POSITION, tag::POSITION);
+        let axes = groups.find(tag::PLANE_ORIENTATION, tag::ORIENTATION);
+        let (Some(position), Some(axes)) = (position, axes) else {
+            return Ok(None);
+        };
+        let place = position.numbers::<3>(tag::POSITION);
+        let turn = axes.numbers::<6>(tag::ORIENTATION);
+        let (Some(position), Some([a, b, c, d, e, f])) = (place, turn) else {
+            let found = "a position or orientation of the image that is no numbers";
+            return Err(self.wrong(found.into(), "3 and 6 finite numbers"));
+        };
+        let [row, column] = [glam::DVec3::new(a, b, c), glam::DVec3::new(d, e, f)];
+        let unit = |v: glam::DVec3| (v.length() - 1.0).abs() < 1e-2;
+        if !unit(row) || !unit(column) || row.dot(column).abs() > 1e-3 {
+            let found = format!("the orientation {a}, {b}, {c}, {d}, {e}, {f}");
+            return Err(self.wrong(found, "two unit vectors at right angles"));
+        }
+        let row = row.normalize();
+        let column = (column - row * row.dot(column)).normalize();
+        Ok(Some(Plane {
+            position,
+            axes: [row.into(), column.into()],
+        }))
+    }
+
+    fn pixel(&self, groups: &Groups) -> Result<Option<[f64; 2]>> {
+        let Some(set) = groups.find(tag::PIXEL_MEASURES, tag::PIXEL_SPACING) else {
+            return Ok(None);
+        };
+        match set.numbers::<2>(tag::PIXEL_SPACING) {
+            // from row to row comes first
+            Some([y, x]) if x > 0.0 && y > 0.0 => Ok(Some([x, y])),
+            _ => {
+                let found = format!("PixelSpacing \"{}\"", set.text(tag::PIXEL_SPACING));
+                Err(self.wrong(found, "two numbers above 0"))
+            }
+        }
+    }
+
+    fn rescale(&self, groups: &Groups) -> Result<Rescale> {
+        let get = |tag: u32, default: f64| match groups.find(tag::PIXEL_VALUES, tag) {
+            None => Ok(default),
+            Some(set) if set.text(tag).is_empty() => Ok(default),
+            Some(set) => set.number(tag).ok_or_else(|| {
+                let found = format!("the rescale of \"{}\"", set.text(tag));
+                self.wrong(found, "a finite number")
+            }),
+        };
+        let rescale = Rescale {
+            slope: get(tag::SLOPE, 1.0)?,
+            intercept: get(tag::INTERCEPT, 0.0)?,
+        };
+        if rescale.slope == 0.0 {
+            return Err(self.wrong("a rescale slope of 0".into(), "another number"));
+        }
+        Ok(rescale)
+    }
+}
+
+/// The places in which a frame's properties may stand.
+struct Groups<'a> {
+    own: Option<&'a Elements>,
+    shared: Option<&'a Elements>,
+    top: &'a Elements,
+}
+
+impl<'a> Groups<'a> {
+    /// The set that has `tag`, in the functional group `group` or at the top.
+    fn find(&self, group: u32, tag: u32) -> Option<&'a Elements> {
+        let inside = |set: &'a Elements| set.items(group).first().filter(|s| s.has(tag));
+        let own = self.own.and_then(inside);
+        let shared = || self.shared.and_then(inside);
+        own.or_else(shared)
+            .or(Some(self.top).filter(|s| s.has(tag)))
+    }
+}
+
+impl Cell {
+    /// The smallest type that holds every value of these rescales.
+    pub(super) fn dtype(self, rescale: &[Rescale]) -> Dtype {
+        if self.float {
+            return if self.bytes == 4 {
+                Dtype::F32
+            } else {
+                Dtype::F64
+            };
+        }
+        let (low, high) = self.range();
+        let whole = |v: f64| v.fract() == 0.0 && v.abs() < 1e15;
+        let same = rescale.windows(2).all(|pair| pair[0] == pair[1]);
+        let first = rescale.first().copied().unwrap_or(Rescale::NONE);
+        if !same || !whole(first.slope) || !whole(first.intercept) {
+            return if self.bits <= 16 {
+                Dtype::F32
+            } else {
+                Dtype::F64
+            };
+        }
+        let ends = [low, high].map(|v| first.slope * v as f64 + first.intercept);
+        let (low, high) = (ends[0].min(ends[1]), ends[0].max(ends[1]));
+        let mut types = [
+            (Dtype::U8, 0.0, 255.0),
+            (Dtype::I8, -128.0, 127.0),
+            (Dtype::U16, 0.0, 65_535.0),
+            (Dtype::I16, -32_768.0, 32_767.0),
+            (Dtype::U32, 0.0, f64::from(u32::MAX)),
+            (Dtype::I32, f64::from(i32::MIN), f64::from(i32::MAX)),
+        ]
+        .into_iter()
+        .filter(|(dtype, a, b)| dtype.bytes() >= self.bytes && *a <= low && high <= *b);
+        types.next().map_or(Dtype::F64, |(dtype, ..)| dtype)
+    }
+
+    /// Smallest and largest number of the bits.
+    fn range(self) -> (i64, i64) {
+        if self.signed {
+            (-(1 << (self.bits - 1)), (1 << (self.bits - 1)) - 1)
+        } else {
+            (0, (1 << self.bits) - 1)
+        }
+    }
+}
+
+impl Rescale {
+    /// Numbers are values.
+    pub(super) const NONE: Rescale = Rescale {
+        slope: 1.0,
+        intercept: 0.0,
+    };
+
+    /// The value of a stored number.
+    pub(super) fn value(self, stored: f64) -> f64 {
+        self.slope * stored + self.intercept
+    }
+}

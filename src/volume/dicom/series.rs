@@ -1,0 +1,166 @@
+//! Which of the files' frames are the volume.
+
+use super::frame::{Cell, Frame, Image, Series};
+use crate::error::{Error, Result};
+use std::collections::HashSet;
+use std::fmt::Write;
+use std::path::Path;
+
+/// Frames of one series, size, kind and orientation.
+#[derive(Debug)]
+pub(super) struct Candidate {
+    pub(super) series: Series,
+    /// What `--series` takes: the series' number, with a letter where it falls into several parts.
+    pub(super) key: String,
+    pub(super) size: [u32; 2],
+    pub(super) cell: Cell,
+    pub(super) frames: Vec<Frame>,
+}
+
+/// The most series that a message lists.
+const LISTED: usize = 30;
+
+impl Candidate {
+    /// True if a frame of an image belongs to it.
+    fn takes(&self, image: &Image, frame: &Frame) -> bool {
+        let first = &self.frames[0];
+        let near = |a: f64, b: f64| (a - b).abs() < 1e-3;
+        let axes = match (first.plane, frame.plane) {
+            (None, None) => true,
+            (Some(a), Some(b)) => {
+                let (a, b) = (a.axes.as_flattened(), b.axes.as_flattened());
+                a.iter().zip(b).all(|(a, b)| near(*a, *b))
+            }
+            _ => false,
+        };
+        let pixel = match (first.pixel, frame.pixel) {
+            (Some(a), Some(b)) => (0..2).all(|i| near(a[i] / b[i], 1.0)),
+            (a, b) => a == b,
+        };
+        let same = (self.size, &self.series) == (image.size, &image.series);
+        same && self.cell == image.cell && axes && pixel
+    }
+
+    /// One line of a list.
+    fn line(&self) -> String {
+        let Series {
+            uid,
+            description,
+            modality,
+            ..
+        } = &self.series;
+        let [x, y] = self.size;
+        let mut line = format!("{}: {x} x {y} x {}", self.key, self.frames.len());
+        for text in [modality, description, uid] {
+            if !text.is_empty() {
+                let _ = write!(line, ", {text}");
+            }
+        }
+        line
+    }
+}
+
+/// Sorts frames into candidates, by the series' number. A file that comes twice counts once; the
+/// number of those left out is returned too.
+pub(super) fn candidates(images: &[Image]) -> (Vec<Candidate>, usize) {
+    let mut out: Vec<Candidate> = Vec::new();
+    let (mut seen, mut twice) = (HashSet::new(), 0);
+    for image in images {
+        if !image.instance.is_empty() && !seen.insert(&image.instance) {
+            twice += 1;
+            continue;
+        }
+        for frame in &image.frames {
+            // a series' frames follow each other
+            let found = out.iter_mut().rev().find(|c| c.takes(image, frame));
+            match found {
+                Some(candidate) => candidate.frames.push(frame.clone()),
+                None => out.push(Candidate {
+                    series: image.series.clone(),
+                    key: String::new(),
+                    size: image.size,
+                    cell: image.cell,
+                    frames: vec![frame.clone()],
+                }),
+            }
+        }
+    }
+    let number = |c: &Candidate| c.series.number.parse::<i64>().unwrap_or(i64::MAX);
+    out.sort_by(|a, b| (number(a), &a.series).cmp(&(number(b), &b.series)));
+    name(&mut out);
+    (out, twice)
+}
+
+/// Gives every candidate a key of its own.
+fn name(candidates: &mut [Candidate]) {
+    let names: Vec<String> = candidates
+        .iter()
+        .enumerate()
+        .map(|(i, c)| match c.series.number.as_str() {
+            "" => format!("#{}", i + 1),
+            number => number.to_owned(),
+        })
+        .collect();
+    for (i, candidate) in candidates.iter_mut().enumerate() {
+        let before = names[..i].iter().filter(|n| **n == names[i]).count();
+        let alone = names.iter().filter(|n| **n == names[i]).count() == 1;
+        candidate.key = match alone {
+            true => names[i].clone(),
+            false => format!("{}.{}", names[i], before + 1),
+        };
+    }
+}
+
+/// The candidate that `wanted` names, or the only one of at least two slices.
+///
+/// # Errors
+/// [`Error::Usage`] with the list if there are several or none of that name, [`Error::Format`] if
+/// there is none at all.
+pub(super) fn choose(
+    path: &Path,
+    mut candidates: Vec<Candidate>,
+    wanted: Option<&str>,
+) -> Result<Candidate> {
+    let fits = |c: &Candidate| match wanted {
+        Some(name) => c.key == name || c.series.uid == name || c.series.description == name,
+        None => c.frames.len() > 1,
+    };
+    let mut found: Vec<usize> = (0..candidates.len())
+        .filter(|&i| fits(&candidates[i]))
+        .collect();
+    if found.len() > 1 && wanted.is_some() {
+        // a scout in the same series is not what is meant
+        found.retain(|&i| candidates[i].frames.len() > 1);
+    }
+    match found[..] {
+        [one] if candidates[one].frames.len() > 1 => Ok(candidates.swap_remove(one)),
+        [] if wanted.is_none() => {
+            let found = format!("{} DICOM images of one slice", candidates.len());
+            Err(
+                Error::format(path, found, "at least 2 slices of one series")
+                    .with_hint("give the folder that holds the slices"),
+            )
+        }
+        _ => Err(several(path, &candidates, wanted)),
+    }
+}
+
+fn several(path: &Path, candidates: &[Candidate], wanted: Option<&str>) -> Error {
+    let lines = candidates.iter().filter(|c| c.frames.len() > 1);
+    let lines: Vec<String> = lines.map(|c| format!("\n  {}", c.line())).collect();
+    let count = lines.len();
+    let found = match wanted {
+        Some(name) => format!("\"{name}\""),
+        None => format!("nothing, and {count} series in {}", path.display()),
+    };
+    let more = match count.saturating_sub(LISTED) {
+        0 => String::new(),
+        n => format!("\n  and {n} more"),
+    };
+    let list = lines[..count.min(LISTED)].concat();
+    Error::usage(
+        "--series",
+        found,
+        format!("the number in front, the description or the UID of one of{list}{more}"),
+    )
+}
