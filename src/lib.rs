@@ -153,6 +153,7 @@ mod picture;
 pub mod pipeline;
 pub mod preview;
 pub mod progress;
+pub mod repack;
 mod segment;
 pub mod select;
 mod slab;

@@ -8,6 +8,7 @@ mod cells;
 mod chart;
 mod convert;
 mod demo;
+mod form;
 mod generate;
 mod info;
 mod output;
@@ -15,6 +16,7 @@ mod parse;
 mod phantom;
 mod preview;
 mod progress;
+mod repack;
 mod select;
 mod verify;
 
@@ -56,6 +58,7 @@ enum Command {
     Verify(verify::VerifyArgs),
     Cells(cells::CellsArgs),
     Select(select::SelectArgs),
+    Repack(repack::RepackArgs),
     Preview(preview::PreviewArgs),
     Phantom(phantom::PhantomArgs),
     Completions(generate::CompletionsArgs),
@@ -71,6 +74,7 @@ impl Command {
             Command::Verify(args) => args.run(),
             Command::Cells(args) => args.run(),
             Command::Select(args) => args.run(),
+            Command::Repack(args) => args.run(),
             Command::Preview(args) => args.run(),
             Command::Phantom(args) => args.run(),
             Command::Completions(args) => args.run(),

@@ -29,25 +29,39 @@
 //! triangles; triangle k of a strip is (k, k+1, k+2) for even k and (k+1, k, k+2) for odd k, and
 //! winds counter-clockwise seen from the below side.
 
+mod bin;
 mod body;
+mod buffers;
+mod contents;
 mod document;
 mod extras;
 mod features;
+mod file;
 mod glb;
 mod json;
 mod merged;
 mod mesh;
-pub(crate) mod part;
+mod normals;
+mod paint;
+mod part;
 pub(crate) mod pieces;
 pub mod read;
+mod reader;
+mod recode;
+mod store;
+mod streams;
 
 pub(crate) use body::{Body, BodyPiece, group_body};
+pub(crate) use contents::name;
 pub(crate) use document::{Node, TileHead, node_json, write_head};
 pub use extras::Extras;
-pub(crate) use merged::merged_file;
+pub(crate) use file::{aligned, tile_file};
 pub use mesh::{SurfacePiece, TileMesh};
-pub(crate) use part::{Rgb, TilePlace, part};
+pub(crate) use paint::Rgb;
+pub(crate) use part::{Part, PartPiece, TilePlace, part};
 pub use read::PieceIds;
+pub(crate) use recode::recode;
+pub(crate) use store::Refused;
 
 /// The most surface pieces that a tile keeps as nodes; with more it takes the merged layout.
 /// Programs load thousands of nodes slowly: MeshLab takes 0.7 s for 500 and 30 s for 2000.
