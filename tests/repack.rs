@@ -46,7 +46,7 @@ fn surface(report: &Report) -> impl PartialEq + std::fmt::Debug + use<> {
     let r = report;
     let counts = [r.tiles, r.triangles, r.cap_triangles, r.vertices];
     let more = [r.tile_vertices, r.border_edges, r.surfaces, r.objects];
-    (counts, more, r.cells, r.euler_characteristic)
+    (counts, more, r.cells, r.euler_characteristic, r.volume6)
 }
 
 /// The manifest without what a form may change.

@@ -147,6 +147,7 @@ fn report() -> Report {
         objects: 7,
         cells: 8,
         euler_characteristic: -9,
+        volume6: -(1 << 70),
         bytes: 10,
         issues: Code::ALL
             .iter()

@@ -1,0 +1,107 @@
+import * as Cesium from "cesium";
+import { kept, lit, serve } from "./measure.js";
+
+const widget = new Cesium.CesiumWidget(document.getElementById("view"), {
+  baseLayer: false,
+  globe: false,
+  skyBox: false,
+  skyAtmosphere: false,
+  useDefaultRenderLoop: false,
+  contextOptions: { webgl: { preserveDrawingBuffer: true } },
+});
+const { scene } = widget;
+scene.backgroundColor = Cesium.Color.BLACK;
+scene.sun.show = false;
+scene.moon.show = false;
+scene.light = new Cesium.DirectionalLight({ direction: new Cesium.Cartesian3(0.3, 0.3, -1), intensity: 5 });
+
+function frames(count) {
+  for (let i = 0; i < count; i++) {
+    scene.initializeFrame();
+    scene.render();
+  }
+}
+
+function look({ center, radius }) {
+  const destination = Cesium.Cartesian3.add(center, new Cesium.Cartesian3(0, 0, 2.5 * radius), new Cesium.Cartesian3());
+  const [direction, up] = [new Cesium.Cartesian3(0, 0, -1), new Cesium.Cartesian3(0, 1, 0)];
+  scene.camera.setView({ destination, orientation: { direction, up } });
+  scene.camera.frustum.near = radius / 10;
+  scene.camera.frustum.far = 10 * radius;
+}
+
+// What is on the graphics card: `count` elements of `size` numbers.
+function fetched(attribute, buffer, type, size) {
+  const bytes = new Uint8Array(buffer.sizeInBytes);
+  buffer.getBufferData(bytes);
+  const view = new DataView(bytes.buffer);
+  const width = Cesium.ComponentDatatype.getSizeInBytes(type);
+  const read = {
+    [Cesium.ComponentDatatype.FLOAT]: (at) => view.getFloat32(at, true),
+    [Cesium.ComponentDatatype.UNSIGNED_INT]: (at) => view.getUint32(at, true),
+    [Cesium.ComponentDatatype.UNSIGNED_SHORT]: (at) => view.getUint16(at, true),
+    [Cesium.ComponentDatatype.BYTE]: (at) => view.getInt8(at) / (attribute.normalized ? 127 : 1),
+  }[type];
+  const stride = attribute.byteStride ?? size * width;
+  const out = [];
+  for (let i = 0; i < attribute.count; i++) {
+    for (let k = 0; k < size; k++) out.push(read((attribute.byteOffset ?? 0) + i * stride + k * width));
+  }
+  return out;
+}
+
+function measure(node, sum) {
+  const world = node.computedTransform;
+  const turn = Cesium.Matrix4.inverseTranspose(world, new Cesium.Matrix4());
+  const names = [];
+  for (const { primitive } of node.runtimePrimitives) {
+    const [positions, normals] = ["POSITION", "NORMAL"].map((semantic) => {
+      const attribute = primitive.attributes.find((a) => a.semantic === semantic);
+      return fetched(attribute, attribute.buffer, attribute.componentDatatype, 3);
+    });
+    const { indices } = primitive;
+    const list = fetched(indices, indices.buffer, indices.indexDatatype, 1);
+    const points = [];
+    const turned = [];
+    for (let i = 0; i < positions.length; i += 3) {
+      const v = Cesium.Cartesian3.unpack(positions, i);
+      const n = Cesium.Cartesian3.unpack(normals, i);
+      const p = Cesium.Matrix4.multiplyByPoint(world, v, new Cesium.Cartesian3());
+      const d = Cesium.Matrix4.multiplyByPointAsVector(turn, n, new Cesium.Cartesian3());
+      points.push(p.x, p.y, p.z);
+      turned.push(d.x, d.y, d.z);
+    }
+    sum.add(points, list, turned, primitive.primitiveType === Cesium.PrimitiveType.TRIANGLE_STRIP);
+    names.push(node.node.name);
+  }
+  sum.names.push(...names);
+}
+
+// The numbers of the first cell found under a pixel of a raster.
+function pick() {
+  for (let y = 16; y < 256; y += 16) {
+    for (let x = 16; x < 256; x += 16) {
+      const found = scene.pick(new Cesium.Cartesian2(x, y));
+      const cell = found?.getProperty?.("cell");
+      if (cell) return kept(Object.fromEntries(found.getPropertyIds().map((id) => [id, found.getProperty(id)])));
+    }
+  }
+  return null;
+}
+
+serve(Cesium.VERSION, async (url, sum) => {
+  const model = scene.primitives.add(await Cesium.Model.fromGltfAsync({ url }));
+  await new Promise((resolve, reject) => {
+    model.errorEvent.addEventListener(reject);
+    const wait = () => (model.ready ? resolve() : (frames(1), setTimeout(wait, 5)));
+    wait();
+  });
+  for (const node of model.sceneGraph._runtimeNodes) {
+    if (node?.runtimePrimitives.length > 0) measure(node, sum);
+  }
+  look(model.boundingSphere);
+  frames(3);
+  sum.pixels = Math.max(sum.pixels, lit(scene.context._gl));
+  sum.picked ??= pick();
+  scene.primitives.remove(model);
+});
