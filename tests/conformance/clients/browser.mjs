@@ -69,15 +69,16 @@ try {
   for (const [name, files] of Object.entries(JSON.parse(fs.readFileSync(job, "utf8")))) {
     const tab = await context.newPage();
     const complaints = [];
-    tab.on("pageerror", (error) => complaints.push(error.message));
+    const broken = new Promise((_, reject) => tab.on("pageerror", reject));
+    broken.catch(() => {});
     tab.on("console", (text) => text.type() === "error" && complaints.push(text.text()));
     try {
       await tab.goto(`http://127.0.0.1:${server.address().port}/`);
-      await tab.waitForFunction("window.ready", null, { timeout: 60000 });
+      await Promise.race([broken, tab.waitForFunction("window.ready", null, { timeout: 60000 })]);
       version = await tab.evaluate(() => window.version);
       await tab.evaluate(() => window.begin());
       for (const file of files) {
-        await tab.evaluate((url) => window.add(url), "/" + path.relative(root, file));
+        await Promise.race([broken, tab.evaluate((url) => window.add(url), "/" + path.relative(root, file))]);
       }
       sets[name] = await tab.evaluate(() => window.end());
     } catch (error) {

@@ -54,17 +54,18 @@ export function kept(extras) {
   return Object.fromEntries(KEYS.filter((k) => k in extras).map((k) => [k, Number(extras[k])]));
 }
 
-// How many pixels of the drawing buffer are not black.
+// The pixels of the drawing buffer that are not black, as [x, y] from the upper left corner.
 export function lit(gl) {
   const [width, height] = [gl.drawingBufferWidth, gl.drawingBufferHeight];
   const pixels = new Uint8Array(4 * width * height);
   gl.bindFramebuffer(gl.FRAMEBUFFER, null);
   gl.readPixels(0, 0, width, height, gl.RGBA, gl.UNSIGNED_BYTE, pixels);
-  let count = 0;
-  for (let i = 0; i < pixels.length; i += 4) {
-    if (pixels[i] + pixels[i + 1] + pixels[i + 2] > 12) count += 1;
+  const found = [];
+  for (let i = 0; i < width * height; i++) {
+    const [r, g, b] = pixels.subarray(4 * i, 4 * i + 3);
+    if (r + g + b > 12) found.push([i % width, height - 1 - Math.floor(i / width)]);
   }
-  return count;
+  return found;
 }
 
 // What the harness calls: begin(), add(url) for each tile, end().

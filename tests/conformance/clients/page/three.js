@@ -16,7 +16,7 @@ function draw(root) {
   const camera = new THREE.OrthographicCamera(-r, r, r, -r, 0, 4 * r);
   camera.position.copy(centre).add(new THREE.Vector3(0, 0, 2 * r));
   renderer.render(scene, camera);
-  return lit(renderer.getContext());
+  return lit(renderer.getContext()).length;
 }
 
 serve(`r${THREE.REVISION}`, async (url, sum, tile) => {
