@@ -11,9 +11,10 @@ mod tiles;
 
 use crate::error::{Error, Result};
 use crate::grid::Tiling;
-use crate::manifest::{Form, MANIFEST, TileSet};
+use crate::manifest::{Form, MANIFEST, Manifest, TileSet};
 use crate::pipeline::{Output, check_reach, write_file};
 use crate::progress::Progress;
+use crate::table::Table;
 use serde::Serialize;
 use std::path::Path;
 use std::time::Instant;
@@ -80,7 +81,7 @@ pub fn repack(
     made.primitives = options.form.primitives;
     made.encoding = options.form.encoding;
     made.layout = options.form.layout;
-    copy_tables(&set, work)?;
+    copy_tables(&set, work, &mut made)?;
     tiles::Repacker {
         set: &set,
         to: work,
@@ -105,25 +106,20 @@ pub fn repack(
     })
 }
 
-/// Copies the tables, and the picture of colours if there is one.
-fn copy_tables(set: &TileSet, work: &Path) -> Result<()> {
-    let manifest = set.manifest();
-    let tables = &manifest.tables;
-    let mut files = vec![
-        tables.cells.as_str(),
-        tables.objects.as_str(),
-        tables.surfaces.as_str(),
-    ];
-    let colours = manifest
-        .selection
-        .as_ref()
-        .and_then(|s| s.colour_by.as_ref());
-    files.extend(colours.map(|c| c.legend.as_str()));
-    for name in files {
+/// Copies the tables, and the picture of colours if there is one, under the names of the format.
+fn copy_tables(set: &TileSet, work: &Path, made: &mut Manifest) -> Result<()> {
+    let copy = |name: &mut String, file: &str| {
         let source = set.path(name)?;
-        // the manifest's names are those of the format, or this fails
-        let target = crate::manifest::inside(work, name)?;
-        std::fs::copy(&source, &target).map_err(|e| Error::io(&source, "copy", e))?;
+        *name = file.to_owned();
+        let copied = std::fs::copy(&source, work.join(file));
+        copied.map_err(|e| Error::io(&source, "copy", e))
+    };
+    copy(&mut made.tables.cells, Table::Cells.file())?;
+    copy(&mut made.tables.objects, Table::Objects.file())?;
+    copy(&mut made.tables.surfaces, Table::Surfaces.file())?;
+    let selection = made.selection.as_mut();
+    if let Some(colours) = selection.and_then(|s| s.colour_by.as_mut()) {
+        copy(&mut colours.legend, crate::select::LEGEND)?;
     }
     Ok(())
 }

@@ -65,7 +65,8 @@ impl Repacker<'_> {
         let tiles = tiles?;
         for tile in &tiles {
             totals.bytes += tile.bytes;
-            totals.strips += tile.strips;
+            // as the old index has it, which may say anything
+            totals.strips = totals.strips.saturating_add(tile.strips);
             if tile.strips > 0 {
                 totals.strip_indices += tile.indices;
             }

@@ -187,8 +187,8 @@ def compare(program: str, form: str, found: dict, expected: Set) -> list[str]:
     rounded = form in ("quantized", "web")
     if abs(found["agree"] - expected.agree) > (1e-3 if rounded else 1e-4) * expected.triangles:
         wrong.append(f"{found['agree']} triangles wind as their normals, expected {expected.agree}")
-    # Blender turns Y up by a rounded matrix, which each corner of a tile rounds in its own way
-    exact = expected.exact and not (program == "blender" and rounded)
+    # these turn Y up by a rounded matrix, which the corner of each tile rounds in its own way
+    exact = expected.exact and not (program in ("blender", "babylon") and rounded)
     if exact and found["places"] != expected.vertices:
         wrong.append(f"{found['places']} distinct places, expected {expected.vertices}")
     if program in NAMES and found["names"] != expected.names:
@@ -246,18 +246,20 @@ class Programs:
 
     def check(self, program: str, made: dict[str, dict[str, Set]], tally: Tally) -> None:
         reads, _ = READS[program]
-        job = {f"{name}_{form}": made[name][form].files for name in made for form in reads}
+        # without a graphics card CesiumJS takes long for many nodes: one volume will do
+        few = {"cement"} if program == "cesium" else set(made)
+        cases = [(name, form) for name in made for form in reads if form == "web" or name in few]
+        job = {f"{name}_{form}": made[name][form].files for name, form in cases}
         found = self.load(program, job)
         if found is None:
             tally.check(program, ["it crashed"])
             return
         tally.versions[program] = found["version"]
-        for name in made:
-            for form in reads:
-                expected, got = made[name][form], found["sets"][f"{name}_{form}"]
-                tally.check(f"{program} {name}_{form}", compare(program, form, got, expected))
-                if program == "cesium" and form == "web":
-                    self.check_picked(name, got.get("picked"), tally)
+        for name, form in cases:
+            expected, got = made[name][form], found["sets"][f"{name}_{form}"]
+            tally.check(f"{program} {name}_{form}", compare(program, form, got, expected))
+            if program == "cesium" and form == "web":
+                self.check_picked(name, got.get("picked"), tally)
         # the smallest tile is enough to see that a form is not read
         for form in FORMS.keys() - set(reads):
             file = min(made["cement"][form].files, key=lambda f: Path(f).stat().st_size)
