@@ -145,6 +145,8 @@
 pub mod cli;
 pub mod error;
 pub mod grid;
+#[doc(hidden)]
+pub mod kernels;
 pub mod manifest;
 mod measure;
 mod memory;

@@ -228,6 +228,85 @@ fn ten_times_the_depth_takes_no_more_memory() {
     }
 }
 
+/// Writes u8 samples, 200 where `above(x, y, z)`, else 10.
+fn mask(path: &Path, [nx, ny, nz]: [u32; 3], above: impl Fn([u32; 3]) -> bool) {
+    let mut out = BufWriter::with_capacity(1 << 20, File::create(path).unwrap());
+    for z in 0..nz {
+        for y in 0..ny {
+            let row: Vec<u8> = (0..nx)
+                .map(|x| if above([x, y, z]) { 200 } else { 10 })
+                .collect();
+            out.write_all(&row).unwrap();
+        }
+    }
+    out.flush().unwrap();
+}
+
+/// Converts a volume that has far more components than pixels in a slice, or components that stay open
+/// to the end, inside a limit, and verifies it.
+fn worst_case(dims: [u32; 3], limit: u64, above: impl Fn([u32; 3]) -> bool) -> Value {
+    let dir = tempfile::tempdir().unwrap();
+    mask(&dir.path().join("a.raw"), dims, above);
+    let (text, memory) = (dims.map(|n| n.to_string()).join(","), limit.to_string());
+    let mut args = convert("a.raw", "out", &text, &memory);
+    let dtype = args.iter().position(|&a| a == "u16").unwrap();
+    args[dtype] = "u8";
+    args[3..5].copy_from_slice(&["--threshold", "105"]);
+    let made = report(dir.path(), Some(limit), &args);
+    assert!(made["peak_rss_bytes"].as_u64().unwrap() <= limit);
+    assert_eq!(report(dir.path(), None, &VERIFY)["ok"], true);
+    made
+}
+
+#[test]
+fn a_million_specks_stay_inside_the_limit() {
+    let made = worst_case([401, 401, 402], 160 * MIB, |p| p.iter().all(|v| v % 4 == 1));
+    assert_eq!(made["objects"], 100 * 100 * 101);
+    assert_eq!(made["surfaces"], 100 * 100 * 101);
+}
+
+#[test]
+fn columns_that_join_in_the_last_slice_stay_inside_the_limit() {
+    let last = 140;
+    let made = worst_case([193, 193, last + 2], 128 * MIB, |[x, y, z]| {
+        (x % 4 < 2 && y % 4 < 2) || z == last
+    });
+    assert_eq!(made["objects"], 1);
+    assert_eq!(made["cells"], 2);
+}
+
+/// One path of metal that fills the volume: rows to and fro, joined at alternating ends, layer on layer.
+#[test]
+fn a_serpentine_is_one_object_inside_the_limit() {
+    let n = 129;
+    // its tiles alone have a million triangles each
+    let made = worst_case([n, n, n], 224 * MIB, |[x, y, z]| {
+        // rows and layers at even places, a way to the next row or layer at every odd one
+        let end = |turn: u32| if turn.is_multiple_of(2) { n - 1 } else { 0 };
+        match (y % 2, z % 2) {
+            (0, 0) => true,
+            (1, 0) => x == end((y / 2) + (z / 2)),
+            (0, 1) => y == end(z / 2) && x == end(0),
+            _ => false,
+        }
+    });
+    assert_eq!(made["objects"], 1);
+}
+
+/// Half of all voxels at random: thousands of components to a tile, and one that spans everything.
+#[test]
+fn white_noise_stays_inside_the_limit() {
+    let made = worst_case([320, 320, 70], 256 * MIB, |[x, y, z]| {
+        let mut h = u64::from(x) | u64::from(y) << 20 | u64::from(z) << 40;
+        // the finaliser of MurmurHash3
+        for factor in [0xff51_afd7_ed55_8ccd, 0xc4ce_b9fe_1a85_ec53] {
+            h = (h ^ h >> 33).wrapping_mul(factor);
+        }
+        (h ^ h >> 33) & 1 == 0
+    });
+    assert!(made["objects"].as_u64().unwrap() > 50_000, "{made}");
+}
+
 /// The smallest limit as the refusal of a smaller one names it.
 fn named_limit(dir: &Path, args: &[&str]) -> u64 {
     let output = alvis(dir, None, args);

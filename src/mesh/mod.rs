@@ -10,6 +10,8 @@ mod tile;
 mod vertex;
 mod vertices;
 
+pub use edges::Edges;
+pub use pieces::{Piece, PieceIndex, assign};
 pub use tile::{
     BYTES_PER_CUBE, BYTES_PER_TRIANGLE, BandView, MeshSettings, TileBox, TileMesh, TileMesher,
     tile_bytes,

@@ -3,15 +3,16 @@
 use super::pieces::Piece;
 use super::*;
 use crate::grid::{Ambiguous, Dims, Placement, Tiling};
-use crate::measure::AreaScale;
+use crate::measure::{AreaScale, VoxelSums};
 use crate::segment::{
-    BandEdges, Births, Classes, LocalComponent, PhaseBirths, Runs, UnionFind, add_border_euler,
-    label_runs, sum_voxels,
+    BandComponents, BandEdges, Births, Classes, KnownBand, PhaseBirths, Runs, UnionFind,
+    add_border_euler, label_runs, sum_voxels,
 };
 use crate::slab::{Bits, Span, Voxels};
 use crate::volume::MemoryVolume;
 use proptest::prelude::*;
 use std::collections::{BTreeMap, BTreeSet, HashMap};
+use std::convert::Infallible;
 
 /// A triangle of the whole volume: lattice positions, starting with the smallest.
 type Triangle = [[i32; 3]; 3];
@@ -168,12 +169,18 @@ impl Case {
             }
             let edges: Vec<_> = bands
                 .iter()
-                .map(|(_, b, r, l)| BandEdges::of(b, r, l, self.dims.0[2]))
+                .map(|(_, b, r, l)| {
+                    let edges = BandEdges::of(b, r, l, self.dims);
+                    let whole = |_: &VoxelSums| Ok::<_, Infallible>(());
+                    let components = BandComponents::split(&l.components, &edges, whole);
+                    (edges, components.unwrap())
+                })
                 .collect();
-            let components: Vec<&[LocalComponent]> =
-                bands.iter().map(|b| &b.3.components[..]).collect();
-            let edges: Vec<_> = edges.iter().collect();
-            let slab = classes.join(&edges, &components, &mut births).unwrap();
+            let known: Vec<_> = edges
+                .iter()
+                .map(|(edges, components)| KnownBand { edges, components })
+                .collect();
+            let slab = classes.join(&known, &mut births).unwrap();
             for (ty, (voxels, bits, runs, labels)) in bands.iter().enumerate() {
                 for tx in 0..tiling.tiles()[0] {
                     let tile = TileBox::of(tiling, [tx, ty as u32, tz]);
@@ -201,18 +208,19 @@ impl Case {
         let mut ids: Vec<Vec<u64>> = vec![Vec::new(); slabs.len()];
         for s in (0..slabs.len()).rev() {
             let slab = &slabs[s];
-            let mut live = vec![None; slab.records.len()];
+            let mut live = vec![None; slab.births.len()];
             if let Some(next) = slabs.get(s + 1) {
                 for (i, &class) in slab.live.iter().enumerate() {
                     live[class as usize] = Some(ids[s + 1][next.from_previous[i] as usize]);
                 }
             }
             ids[s] = slab
-                .records
+                .births
                 .iter()
+                .zip(&slab.above)
                 .zip(live)
-                .map(|(r, live)| {
-                    live.unwrap_or_else(|| ranks[usize::from(r.above)].id(r.birth).unwrap())
+                .map(|((&birth, &above), live)| {
+                    live.unwrap_or_else(|| ranks[usize::from(above)].id(birth).unwrap())
                 })
                 .collect();
         }

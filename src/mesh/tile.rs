@@ -1,6 +1,6 @@
 //! The mesh of one tile, grouped by surface piece.
 
-use crate::grid::{Ambiguous, Dims, Tiling};
+use crate::grid::{Ambiguous, Dims, LATTICE, Tiling};
 use crate::measure::AreaScale;
 use crate::mesh::cap::add_caps;
 use crate::mesh::cubes::{NONE, Plans, Triangles};
@@ -78,6 +78,15 @@ impl TileBox {
     #[inline]
     pub fn shares_upper(&self, axis: usize, v: usize) -> bool {
         v == self.cubes[axis] as usize && !self.is_last[axis]
+    }
+
+    /// True if a box in lattice steps meets no side of the tile, so that a surface in it is whole.
+    pub fn is_inside(&self, min: [i32; 3], max: [i32; 3]) -> bool {
+        (0..3).all(|a| {
+            let low = self.first_cube[a] as i32 * LATTICE as i32;
+            let high = low + self.cubes[a] as i32 * LATTICE as i32;
+            low < min[a] && max[a] < high
+        })
     }
 
     /// Linear index of a local voxel in the grid.

@@ -2,10 +2,13 @@
 
 use crate::error::Result;
 use crate::grid::{Ambiguous, Dims, Tiling};
+use crate::measure::VoxelSums;
 use crate::pipeline::budget::{Budget, Reservation};
 use crate::pipeline::dust::Filter;
+use crate::pipeline::spool::{Place, Spool};
 use crate::segment::{
-    BandEdges, Labels, LocalComponent, Runs, UnionFind, add_border_euler, label_runs, sum_voxels,
+    BandComponents, BandEdges, KnownBand, Labels, LocalComponent, Runs, UnionFind,
+    add_border_euler, label_runs, sum_voxels,
 };
 use crate::slab::{Bits, Span, Voxels};
 use crate::volume::{Volume, Voxel};
@@ -32,20 +35,59 @@ pub struct Band<T> {
     pub held: Reservation,
 }
 
-impl<T: Default> Band<T> {
-    /// Takes out what the joining of bands needs.
-    pub fn take_components(&mut self) -> Self {
-        let components = std::mem::take(&mut self.labels.components);
-        Band {
-            edges: std::mem::take(&mut self.edges),
-            labels: Labels {
-                of_run: Vec::new(),
-                components,
-            },
+/// What the joining of bands needs of one.
+#[derive(Debug)]
+pub struct SettledBand {
+    /// What it shares with others.
+    pub edges: BandEdges,
+    /// Its components.
+    pub components: BandComponents,
+    /// Sums of the components that are whole in it.
+    pub whole: Place<VoxelSums>,
+    /// NaN samples.
+    pub nan: u64,
+}
+
+impl<T> Band<T> {
+    /// Takes out what the joining of bands needs. Components that are whole in this band leave memory
+    /// for `spool`.
+    ///
+    /// # Errors
+    /// [`crate::Error::Io`].
+    pub fn settle(&mut self, spool: &mut Spool) -> Result<SettledBand> {
+        let all = std::mem::take(&mut self.labels.components);
+        let edges = std::mem::take(&mut self.edges);
+        let mut whole = spool.here();
+        let components =
+            BandComponents::split(&all, &edges, |sums| spool.extend(&mut whole, &[*sums]))?;
+        self.held
+            .shrink_to(self.held.bytes() - component_bytes(all.len()));
+        Ok(SettledBand {
+            edges,
+            components,
+            whole,
             nan: self.nan,
-            ..Band::default()
+        })
+    }
+}
+
+impl SettledBand {
+    /// Bytes of memory.
+    pub fn bytes(&self) -> u64 {
+        self.edges.bytes() + self.components.bytes()
+    }
+
+    /// As the joining takes it.
+    pub fn known(&self) -> KnownBand<'_> {
+        KnownBand {
+            edges: &self.edges,
+            components: &self.components,
         }
     }
+}
+
+fn component_bytes(count: usize) -> u64 {
+    (count * size_of::<LocalComponent>()) as u64
 }
 
 /// What bands are made from.
@@ -115,8 +157,7 @@ impl<T: Voxel> BandSource<'_, T> {
         let labels = band.runs.count as u64 * 8 * 11 / 10;
         band.held.grow_to(fixed + labels)?;
         let (of_run, count) = label_runs(&band.bits, &band.runs, self.rule, &mut band.sets);
-        let components = (count * size_of::<LocalComponent>()) as u64;
-        band.held.grow_to(fixed + labels + components)?;
+        band.held.grow_to(fixed + labels + component_bytes(count))?;
         band.labels = sum_voxels(&band.bits, of_run, count, self.dims());
         add_border_euler(
             &band.bits,
@@ -125,7 +166,7 @@ impl<T: Voxel> BandSource<'_, T> {
             self.rule,
             self.dims(),
         );
-        band.edges = BandEdges::of(&band.bits, &band.runs, &band.labels, self.dims().0[2]);
+        band.edges = BandEdges::of(&band.bits, &band.runs, &band.labels, self.dims());
         Ok(())
     }
 }

@@ -48,8 +48,8 @@ impl Reservation {
         }
     }
 
-    /// Takes what is missing to `bytes`. Buffers that are reused keep their size, so a reservation
-    /// never shrinks before it is dropped.
+    /// Takes what is missing to `bytes`; takes nothing back, as buffers that are reused keep their
+    /// size.
     ///
     /// # Errors
     /// [`Error::TooDense`] if the budget has not enough left; nothing is taken then.
@@ -62,6 +62,16 @@ impl Reservation {
             self.bytes = bytes;
         }
         Ok(())
+    }
+
+    /// Gives back what is beyond `bytes`, after the buffers have been freed.
+    pub fn shrink_to(&mut self, bytes: u64) {
+        if let Some(budget) = &self.budget
+            && bytes < self.bytes
+        {
+            budget.used.fetch_sub(self.bytes - bytes, Ordering::Relaxed);
+            self.bytes = bytes;
+        }
     }
 
     /// Bytes taken.
@@ -101,6 +111,12 @@ mod tests {
         drop(a);
         b.grow_to(90).unwrap();
         assert_eq!(b.bytes(), 90);
+        let mut c = Reservation::new(&budget);
+        assert!(c.grow_to(20).is_err());
+        b.shrink_to(70);
+        b.shrink_to(80);
+        c.grow_to(20).unwrap();
+        assert!(c.grow_to(21).is_err());
         assert!(b.grow_to(u64::MAX).is_err());
     }
 }

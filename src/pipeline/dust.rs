@@ -7,7 +7,6 @@
 //! of a component is crossed, and all of them go with it.
 
 use crate::error::Result;
-use crate::pipeline::band::Band;
 use crate::pipeline::forward::State;
 use crate::pipeline::spool::{Place, Spool};
 use crate::pipeline::sweep::{Parts, Sweep};
@@ -99,7 +98,7 @@ impl Sweep<'_> {
         min_voxels: u64,
     ) -> Result<Filter> {
         let [_, bands, layers] = self.plan.tiling.tiles();
-        let mut state = State::new(self.work)?;
+        let mut state = State::new(self.work, parts.source.budget, self.plan.front)?;
         let spool = Spool::new(self.work)?;
         let mut found = Found {
             spool,
@@ -108,16 +107,13 @@ impl Sweep<'_> {
         };
         let mut slabs = Vec::new();
         for layer in 0..layers {
-            let mut known: Vec<Band<T>> = Vec::new();
-            self.for_each_part(parts, layer, |_, part, _| {
-                known.extend(part.iter_mut().map(Band::take_components));
-                Ok(())
-            })?;
-            let classes = state.join(&known, layer + 1 == layers)?;
+            let settled = self.settle_in_parts(parts, layer, &mut state)?;
+            let classes = state.join(&settled, layer + 1 == layers)?;
             for of_local in &classes.of_local {
                 found.class_of.push(found.spool.push(of_local)?);
             }
-            slabs.push(Slab::new(&classes, &mut found.spool)?);
+            let voxels = state.class_voxels(&settled, &classes)?;
+            slabs.push(Slab::new(&voxels, &classes, &mut found.spool)?);
             self.release(&parts.source, layer);
         }
         let mut filter = Filter {
@@ -132,12 +128,10 @@ impl Sweep<'_> {
 }
 
 impl Slab {
-    fn new(classes: &SlabClasses, spool: &mut Spool) -> Result<Self> {
-        let voxels: Vec<u64> = classes.records.iter().map(|r| r.sums.voxels).collect();
-        let above: Vec<u8> = classes.records.iter().map(|r| u8::from(r.above)).collect();
+    fn new(voxels: &[u64], classes: &SlabClasses, spool: &mut Spool) -> Result<Self> {
         Ok(Slab {
-            voxels: spool.push(&voxels)?,
-            above: spool.push(&above)?,
+            voxels: spool.push(voxels)?,
+            above: spool.push(&classes.above)?,
             live: spool.push(&classes.live)?,
             from_previous: spool.push(&classes.from_previous)?,
         })

@@ -2,11 +2,12 @@
 
 use crate::error::{Error, Result};
 use crate::grid::{LATTICE, Placement, Tiling};
-use crate::manifest::{Bounds, Group, Layer, Shard, TileEntry, Totals, checksum_text};
+use crate::manifest::{Bounds, Group, Layer, TileEntry, Totals, checksum_text};
 use crate::measure::{ComponentRecord, Measures, RecordTable};
 use crate::pipeline::forward::SlabRecord;
 use crate::pipeline::resolve::Resolved;
-use crate::pipeline::spool::Spool;
+use crate::pipeline::spool::{Place, Spool};
+use crate::pipeline::surfaces::WHOLE;
 use crate::pipeline::tilefile::{TileRecord, WrittenPiece, too_large, too_wide, write_file};
 use crate::tile::{
     Body, BodyPiece, Extras, Node, Refused, TileHead, group_body, name, node_json, tile_file,
@@ -17,7 +18,10 @@ use std::collections::BTreeMap;
 use std::fs::{File, OpenOptions};
 use std::io::{BufWriter, Write};
 use std::os::unix::fs::FileExt;
-use std::path::Path;
+use std::path::{Path, PathBuf};
+
+/// Tiles whose pieces and entries are in memory at once.
+const TILES_AT_ONCE: usize = 64;
 
 /// What finishing needs to know of the whole set.
 #[derive(Clone, Copy)]
@@ -54,11 +58,39 @@ pub struct FinishedLayer {
     pub entry: Layer,
     /// Its part of the totals: tiles, vertices, triangles, strips and bytes.
     pub totals: Totals,
-    /// How many tiles each object, cell and surface has triangles in.
-    pub tiles_of: [BTreeMap<u64, u64>; 3],
 }
 
-/// Finishes the tiles of slab `number` and writes its shard; `None` if it has no tile.
+/// Final ids in terms of a slab.
+struct IdsOfSlab {
+    classes: Vec<u64>,
+    surfaces: Vec<u64>,
+    whole: Vec<u64>,
+}
+
+impl IdsOfSlab {
+    fn of(&self, p: &WrittenPiece) -> Ids {
+        let object = self.classes[p.object as usize];
+        if p.is_cap() {
+            return Ids {
+                object,
+                cell: 0,
+                surface: 0,
+            };
+        }
+        let surface = match p.surface & WHOLE {
+            0 => self.surfaces[p.surface as usize],
+            _ => self.whole[(p.surface & !WHOLE) as usize],
+        };
+        Ids {
+            object,
+            cell: self.classes[p.cell as usize],
+            surface,
+        }
+    }
+}
+
+/// Finishes the tiles of slab `number`, a few at a time, writes its shard, and counts the tiles of
+/// each component; `None` if the slab has no tile.
 ///
 /// # Errors
 /// [`Error::Io`], and [`Error::Usage`] if a tile would pass 4 GiB.
@@ -73,43 +105,57 @@ pub fn finish_layer(
     if tiles.is_empty() {
         return Ok(None);
     }
-    let pieces = spool.get(&slab.pieces)?;
-    let classes = resolved.ids.get(&resolved.slabs[number].classes)?;
-    let surfaces = resolved.ids.get(&resolved.slabs[number].surfaces)?;
-    let mut jobs = Vec::with_capacity(tiles.len());
-    let mut first = 0;
-    for tile in tiles {
-        let pieces = &pieces[first..first + tile.pieces as usize];
-        first += pieces.len();
-        jobs.push((tile, pieces));
+    let places = &resolved.slabs[number];
+    let ids = IdsOfSlab {
+        classes: resolved.ids.get(&places.classes)?,
+        surfaces: resolved.ids.get(&places.surfaces)?,
+        whole: resolved.ids.get(&places.whole)?,
+    };
+    let mut shard = ShardWriter::create(settings.dir, slab.layer)?;
+    for tiles in tiles.chunks(TILES_AT_ONCE) {
+        let mut jobs = Vec::with_capacity(tiles.len());
+        for tile in tiles {
+            let place = Place::new(tile.pieces_at, tile.pieces as usize);
+            jobs.push((tile, spool.get::<WrittenPiece>(&place)?));
+        }
+        let finisher = Finisher {
+            settings: *settings,
+            cells: &resolved.cells,
+        };
+        let entries: Result<Vec<TileEntry>> = jobs
+            .into_par_iter()
+            .map(|(tile, pieces)| {
+                let ids: Vec<Ids> = pieces.iter().map(|p| ids.of(p)).collect();
+                finisher.finish_tile(tile, &pieces, &ids)
+            })
+            .collect();
+        for entry in entries? {
+            count_tile(resolved, &entry)?;
+            shard.write(&entry)?;
+        }
     }
-    let ids_of = |p: &WrittenPiece| {
-        let object = classes[p.object as usize];
-        if p.is_cap() {
-            return Ids {
-                object,
-                cell: 0,
-                surface: 0,
-            };
-        }
-        Ids {
-            object,
-            cell: classes[p.cell as usize],
-            surface: surfaces[p.surface as usize],
-        }
+    shard.finish(slab.layer).map(Some)
+}
+
+/// Adds a tile to the counts of all components in it.
+fn count_tile(resolved: &mut Resolved, tile: &TileEntry) -> Result<()> {
+    let distinct = |get: fn(&Group) -> u64| {
+        let open = tile.groups.iter().filter(|g| g.cell != 0);
+        let mut ids: Vec<u64> = open.map(get).collect();
+        ids.sort_unstable();
+        ids.dedup();
+        ids
     };
-    let finisher = Finisher {
-        settings: *settings,
-        cells: &resolved.cells,
-    };
-    let entries: Result<Vec<TileEntry>> = jobs
-        .par_iter()
-        .map(|(tile, pieces)| {
-            let ids: Vec<Ids> = pieces.iter().map(ids_of).collect();
-            finisher.finish_tile(tile, pieces, &ids)
-        })
-        .collect();
-    write_shard(settings.dir, slab.layer, entries?).map(Some)
+    for id in distinct(|g| g.object) {
+        resolved.objects.update(id - 1, |r| r.tiles += 1)?;
+    }
+    for id in distinct(|g| g.cell) {
+        resolved.cells.update(id - 1, |r| r.tiles += 1)?;
+    }
+    for id in distinct(|g| g.surface) {
+        resolved.surfaces.update(id - 1, |r| r.tiles += 1)?;
+    }
+    Ok(())
 }
 
 impl Finisher<'_> {
@@ -270,77 +316,74 @@ fn entry(
     }
 }
 
-/// Writes a layer's shard and adds up its tiles.
-fn write_shard(dir: &Path, layer: u32, tiles: Vec<TileEntry>) -> Result<FinishedLayer> {
-    let mut totals = Totals::default();
-    let mut tiles_of: [BTreeMap<u64, u64>; 3] = Default::default();
-    for tile in &tiles {
-        totals.tiles += 1;
-        totals.tile_vertices += tile.vertices;
-        totals.triangles += tile.triangles;
-        totals.strips += tile.strips;
-        totals.bytes += tile.bytes;
-        if tile.strips > 0 {
-            totals.strip_indices += tile.indices;
-        }
-        let columns: [fn(&Group) -> u64; 3] = [|g| g.object, |g| g.cell, |g| g.surface];
-        for (counts, get) in tiles_of.iter_mut().zip(columns) {
-            let open = tile.groups.iter().filter(|g| g.cell != 0);
-            let distinct: std::collections::BTreeSet<u64> = open.map(get).collect();
-            for id in distinct {
-                *counts.entry(id).or_default() += 1;
-            }
-        }
-    }
-    let path = format!("index/z{layer:04}.json");
-    let count = tiles.len() as u64;
-    let (bytes, crc) = write_json(&dir.join(&path), &Shard { z: layer, tiles })?;
-    let entry = Layer {
-        z: layer,
-        path,
-        tiles: count,
-        bytes,
-        checksum: checksum_text(crc),
-    };
-    Ok(FinishedLayer {
-        entry,
-        totals,
-        tiles_of,
-    })
+/// Writes a layer's shard, tile by tile, and adds up its tiles.
+struct ShardWriter {
+    path: PathBuf,
+    name: String,
+    file: BufWriter<File>,
+    bytes: u64,
+    crc: crc32fast::Hasher,
+    totals: Totals,
 }
 
-/// Writes a value as a line of JSON, piece by piece, and returns its size and CRC-32.
-fn write_json(path: &Path, value: &impl serde::Serialize) -> Result<(u64, u32)> {
-    /// Counts what it passes on.
-    struct Counted {
-        file: BufWriter<File>,
-        bytes: u64,
-        crc: crc32fast::Hasher,
+impl ShardWriter {
+    fn create(dir: &Path, layer: u32) -> Result<Self> {
+        let name = format!("index/z{layer:04}.json");
+        let path = dir.join(&name);
+        let file = File::create(&path).map_err(|e| Error::io(&path, "create", e))?;
+        let mut shard = ShardWriter {
+            path,
+            name,
+            file: BufWriter::new(file),
+            bytes: 0,
+            crc: crc32fast::Hasher::new(),
+            totals: Totals::default(),
+        };
+        shard.put(format!("{{\"z\":{layer},\"tiles\":[").as_bytes())?;
+        Ok(shard)
     }
-    impl Write for Counted {
-        fn write(&mut self, bytes: &[u8]) -> std::io::Result<usize> {
-            let n = self.file.write(bytes)?;
-            self.bytes += n as u64;
-            self.crc.update(&bytes[..n]);
-            Ok(n)
-        }
-        fn flush(&mut self) -> std::io::Result<()> {
-            self.file.flush()
-        }
+
+    fn put(&mut self, text: &[u8]) -> Result<()> {
+        self.bytes += text.len() as u64;
+        self.crc.update(text);
+        self.file
+            .write_all(text)
+            .map_err(|e| Error::io(&self.path, "write", e))
     }
-    let file = File::create(path).map_err(|e| Error::io(path, "create", e))?;
-    let (file, crc) = (BufWriter::new(file), crc32fast::Hasher::new());
-    let mut out = Counted {
-        file,
-        bytes: 0,
-        crc,
-    };
-    serde_json::to_writer(&mut out, value)
-        .map_err(std::io::Error::from)
-        .and_then(|()| out.write_all(b"\n"))
-        .and_then(|()| out.flush())
-        .map_err(|e| Error::io(path, "write", e))?;
-    Ok((out.bytes, out.crc.finalize()))
+
+    fn write(&mut self, tile: &TileEntry) -> Result<()> {
+        if self.totals.tiles > 0 {
+            self.put(b",")?;
+        }
+        self.put(&serde_json::to_vec(tile).expect("plain data serialises"))?;
+        self.totals.tiles += 1;
+        self.totals.tile_vertices += tile.vertices;
+        self.totals.triangles += tile.triangles;
+        self.totals.strips += tile.strips;
+        self.totals.bytes += tile.bytes;
+        if tile.strips > 0 {
+            self.totals.strip_indices += tile.indices;
+        }
+        Ok(())
+    }
+
+    fn finish(mut self, layer: u32) -> Result<FinishedLayer> {
+        self.put(b"]}\n")?;
+        self.file
+            .flush()
+            .map_err(|e| Error::io(&self.path, "write", e))?;
+        let entry = Layer {
+            z: layer,
+            path: self.name,
+            tiles: self.totals.tiles,
+            bytes: self.bytes,
+            checksum: checksum_text(self.crc.finalize()),
+        };
+        Ok(FinishedLayer {
+            entry,
+            totals: self.totals,
+        })
+    }
 }
 
 /// Pieces with the same ids, in the order of their first piece.

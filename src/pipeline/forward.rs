@@ -2,24 +2,14 @@
 
 use crate::error::Result;
 use crate::measure::{MeshSums, VoxelSums};
-use crate::pipeline::band::Band;
+use crate::pipeline::band::{Band, SettledBand};
+use crate::pipeline::budget::{Budget, Reservation};
 use crate::pipeline::spool::{Place, Spool};
 use crate::pipeline::surfaces::{SlabSurface, SlabSurfaces, SurfacePart, Surfaces};
 use crate::pipeline::tilefile::{TileRecord, WrittenPiece};
-use crate::segment::{Births, Classes, LocalComponent, PhaseBirths, SlabClasses};
-use bytemuck::{Pod, Zeroable};
+use crate::segment::{Births, Classes, PhaseBirths, SlabClasses};
 use std::path::Path;
-
-/// A component that will not grow any more.
-#[repr(C)]
-#[derive(Debug, Clone, Copy, Pod, Zeroable)]
-pub struct FinishedComponent {
-    /// Sums of its voxels.
-    pub sums: VoxelSums,
-    /// Its number.
-    pub birth: u64,
-    reserved: u64,
-}
+use std::sync::{Arc, Mutex};
 
 /// What the sweep leaves of one slab.
 #[derive(Debug)]
@@ -34,16 +24,20 @@ pub struct SlabRecord {
     pub live: Place<u32>,
     /// See [`SlabClasses`].
     pub from_previous: Place<u32>,
-    /// All surfaces.
+    /// Sums of components that end in this slab, some at a time, and their classes.
+    pub finished: Vec<(Place<VoxelSums>, Place<u32>)>,
+    /// Surfaces that are not whole in a tile.
     pub surfaces: Place<SlabSurface>,
     /// See [`SlabSurfaces`].
     pub surfaces_live: Place<u32>,
     /// See [`SlabSurfaces`].
     pub surfaces_from_previous: Place<u32>,
+    /// Surfaces that are, in a spool of their own.
+    pub whole: Place<SlabSurface>,
+    /// Births of these.
+    pub whole_births: Place<u64>,
     /// The tiles, by y, then x.
     pub tiles: Place<TileRecord>,
-    /// Their pieces, tile after tile.
-    pub pieces: Place<WrittenPiece>,
 }
 
 /// What the whole sweep leaves.
@@ -52,10 +46,8 @@ pub struct Forward {
     pub spool: Spool,
     /// By rising z.
     pub slabs: Vec<SlabRecord>,
-    /// Finished objects and cells, in the order of finishing.
-    pub objects: Spool,
-    /// Finished cells.
-    pub cells: Spool,
+    /// Surfaces that are whole in a tile.
+    pub whole: Spool,
     /// Numbers of objects and cells.
     pub births: PhaseBirths,
     /// Numbers of surfaces.
@@ -68,39 +60,30 @@ pub struct Forward {
     pub dust: [(u64, u64); 2],
 }
 
-/// The result of one tile.
-pub struct TileResult {
-    /// The tile.
-    pub record: TileRecord,
-    /// Its pieces.
-    pub pieces: Vec<WrittenPiece>,
-    /// What its pieces add to surfaces.
-    pub parts: Vec<SurfacePart>,
-    /// Sums over its caps.
-    pub caps: MeshSums,
-}
-
 /// The sweep's state between slabs.
 pub struct State {
     /// What has been gathered.
     pub forward: Forward,
     classes: Classes,
     surfaces: Surfaces,
+    /// Memory planned for classes, surfaces and tiles of a slab.
+    front: u64,
+    /// The memory of these.
+    held: Reservation,
 }
 
 impl State {
-    /// Nothing gathered; temporary files are made in `work`.
+    /// Nothing gathered; temporary files are made in `work`. The first `front` bytes of the budget are
+    /// for what a slab has in components, surfaces and tiles.
     ///
     /// # Errors
-    /// [`crate::Error::Io`].
-    pub fn new(work: &Path) -> Result<Self> {
-        let spool = || Spool::new(work);
+    /// [`crate::Error::Io`]; [`crate::Error::TooDense`] if the budget is less than `front`.
+    pub fn new(work: &Path, budget: &Arc<Budget>, front: u64) -> Result<Self> {
         let births = || Births::new(work);
         let forward = Forward {
-            spool: spool()?,
+            spool: Spool::new(work)?,
             slabs: Vec::new(),
-            objects: spool()?,
-            cells: spool()?,
+            whole: Spool::new(work)?,
             births: PhaseBirths {
                 objects: births()?,
                 cells: births()?,
@@ -110,103 +93,208 @@ impl State {
             caps: MeshSums::default(),
             dust: [(0, 0); 2],
         };
+        let mut held = Reservation::new(budget);
+        held.grow_to(front)?;
         Ok(State {
             forward,
             classes: Classes::default(),
             surfaces: Surfaces::default(),
+            front,
+            held,
         })
+    }
+
+    /// Takes out of some bands what the joining needs, and appends it to that of the slab's bands
+    /// before.
+    ///
+    /// # Errors
+    /// [`crate::Error::Io`]; [`crate::Error::TooDense`].
+    pub fn settle<T>(
+        &mut self,
+        bands: &mut [Band<T>],
+        settled: &mut Vec<SettledBand>,
+    ) -> Result<()> {
+        for band in bands {
+            settled.push(band.settle(&mut self.forward.spool)?);
+        }
+        self.held.grow_to(settled_bytes(settled))
     }
 
     /// Joins a slab's bands, by rising y, to classes.
     ///
     /// # Errors
-    /// [`crate::Error::Io`].
-    pub fn join<T>(&mut self, bands: &[Band<T>], last_layer: bool) -> Result<SlabClasses> {
+    /// [`crate::Error::TooDense`], and nothing has changed; [`crate::Error::Io`].
+    pub fn join(&mut self, bands: &[SettledBand], last_layer: bool) -> Result<SlabClasses> {
+        let known: Vec<_> = bands.iter().map(SettledBand::known).collect();
+        self.held
+            .grow_to(settled_bytes(bands) + self.classes.bytes(&known))?;
         self.forward.nan += bands.iter().map(|b| b.nan).sum::<u64>();
-        let edges: Vec<_> = bands.iter().map(|b| &b.edges).collect();
-        let components: Vec<&[LocalComponent]> =
-            bands.iter().map(|b| &b.labels.components[..]).collect();
-        let mut classes = self
-            .classes
-            .join(&edges, &components, &mut self.forward.births)?;
+        let mut classes = self.classes.join(&known, &mut self.forward.births)?;
         if last_layer {
             classes.live.clear(); // nothing grows beyond the last slice
         }
         Ok(classes)
     }
 
-    /// Joins the slab's surfaces, writes off what has finished and spools the rest.
+    /// Voxels so far of each class.
+    ///
+    /// # Errors
+    /// [`crate::Error::Io`].
+    pub fn class_voxels(
+        &mut self,
+        bands: &[SettledBand],
+        classes: &SlabClasses,
+    ) -> Result<Vec<u64>> {
+        let mut voxels = vec![0; classes.births.len()];
+        for (class, sums) in &classes.open {
+            voxels[*class as usize] = sums.voxels;
+        }
+        for (band, of_local) in bands.iter().zip(&classes.of_local) {
+            let mut whole = band.components.whole();
+            self.forward.spool.for_each(&band.whole, |sums| {
+                let local = whole.next().expect("as many as there are sums");
+                voxels[of_local[local as usize] as usize] = sums.voxels;
+                Ok(())
+            })?;
+        }
+        Ok(voxels)
+    }
+
+    /// What will gather a slab's tiles and surfaces. To begin anew, drop it and make another.
+    ///
+    /// # Errors
+    /// [`crate::Error::Io`].
+    pub fn gather(&mut self, bands: &[SettledBand], classes: &SlabClasses) -> Result<Gather<'_>> {
+        let Forward {
+            spool,
+            whole,
+            surface_births,
+            ..
+        } = &mut self.forward;
+        let surfaces = self.surfaces.begin(classes, whole, surface_births)?;
+        Ok(Gather(Mutex::new(Gathering {
+            tiles: SlabTiles {
+                records: Vec::new(),
+                surfaces,
+                caps: MeshSums::default(),
+            },
+            fixed: settled_bytes(bands) + classes.bytes(),
+            spool,
+            whole,
+            held: &mut self.held,
+        })))
+    }
+
+    /// Ends a slab: spools what it has.
     ///
     /// # Errors
     /// [`crate::Error::Io`].
     pub fn finish_slab(
         &mut self,
         layer: u32,
+        bands: &[SettledBand],
         classes: &SlabClasses,
-        tiles: Vec<TileResult>,
+        mut tiles: SlabTiles,
     ) -> Result<()> {
         let forward = &mut self.forward;
-        tiles.iter().for_each(|t| forward.caps.merge(&t.caps));
-        let parts = tiles.iter().flat_map(|t| &t.parts).copied();
-        let surfaces = self
-            .surfaces
-            .join(classes, parts, &mut forward.surface_births)?;
-        let mut live = classes.live.iter().peekable();
-        for (class, record) in classes.records.iter().enumerate() {
-            if live.peek() == Some(&&(class as u32)) {
-                live.next();
-                continue;
-            }
-            let finished = FinishedComponent {
-                sums: record.sums,
-                birth: record.birth,
-                reserved: 0,
-            };
-            let spool = if record.above {
-                &mut forward.objects
-            } else {
-                &mut forward.cells
-            };
-            spool.push(&[finished])?;
+        forward.caps.merge(&tiles.caps);
+        tiles
+            .records
+            .sort_unstable_by_key(|t| (t.grid[1], t.grid[0]));
+        let mut surfaces = tiles.surfaces;
+        self.surfaces
+            .end(&mut surfaces, classes, &mut forward.surface_births)?;
+        let spool = &mut forward.spool;
+        let mut finished = Vec::with_capacity(bands.len() + 1);
+        for (band, of_local) in bands.iter().zip(&classes.of_local) {
+            let whole = band.components.whole();
+            let classes = spool.push_all(whole.map(|local| of_local[local as usize]))?;
+            finished.push((band.whole, classes));
         }
-        let slab = spool_slab(layer, classes, &surfaces, tiles, &mut forward.spool)?;
+        let sums = spool.push_all(classes.finished().map(|(_, sums)| *sums))?;
+        let classes_of = spool.push_all(classes.finished().map(|(class, _)| class))?;
+        finished.push((sums, classes_of));
+        let slab = SlabRecord {
+            layer,
+            births: spool.push(&classes.births)?,
+            above: spool.push(&classes.above)?,
+            live: spool.push(&classes.live)?,
+            from_previous: spool.push(&classes.from_previous)?,
+            finished,
+            surfaces: spool.push(&surfaces.all)?,
+            surfaces_live: spool.push(&surfaces.live)?,
+            surfaces_from_previous: spool.push(&surfaces.from_previous)?,
+            whole: surfaces.whole,
+            whole_births: spool.push(&surfaces.whole_births)?,
+            tiles: spool.push(&tiles.records)?,
+        };
         forward.slabs.push(slab);
+        drop(surfaces.all);
+        self.held.shrink_to(self.front);
         Ok(())
     }
 }
 
-/// Spools a slab; its pieces learn their surfaces.
-fn spool_slab(
-    layer: u32,
-    classes: &SlabClasses,
-    surfaces: &SlabSurfaces,
-    tiles: Vec<TileResult>,
-    spool: &mut Spool,
-) -> Result<SlabRecord> {
-    let births: Vec<u64> = classes.records.iter().map(|r| r.birth).collect();
-    let above: Vec<u8> = classes.records.iter().map(|r| u8::from(r.above)).collect();
-    let mut records = Vec::with_capacity(tiles.len());
-    let mut all_pieces = Vec::new();
-    for TileResult {
-        record, mut pieces, ..
-    } in tiles
-    {
-        records.push(record);
-        for piece in pieces.iter_mut().filter(|p| !p.is_cap()) {
-            piece.surface = surfaces.find(piece.object, piece.cell);
+fn settled_bytes(bands: &[SettledBand]) -> u64 {
+    bands.iter().map(SettledBand::bytes).sum()
+}
+
+/// The tiles and surfaces of a slab.
+pub struct SlabTiles {
+    records: Vec<TileRecord>,
+    surfaces: SlabSurfaces,
+    caps: MeshSums,
+}
+
+/// Gathers a slab's tiles, in any order, from many threads.
+pub struct Gather<'a>(Mutex<Gathering<'a>>);
+
+struct Gathering<'a> {
+    tiles: SlabTiles,
+    /// Bytes of the slab's bands and classes.
+    fixed: u64,
+    spool: &'a mut Spool,
+    whole: &'a mut Spool,
+    held: &'a mut Reservation,
+}
+
+impl<'a> Gather<'a> {
+    /// Adds a tile: its pieces learn their surfaces and leave memory.
+    ///
+    /// `pieces` holds what each adds to a surface, `None` for a cap.
+    ///
+    /// # Errors
+    /// [`crate::Error::Io`]; [`crate::Error::TooDense`].
+    pub fn add(
+        &self,
+        mut record: TileRecord,
+        pieces: impl Iterator<Item = (WrittenPiece, Option<SurfacePart>)>,
+        caps: &MeshSums,
+    ) -> Result<()> {
+        let Gathering {
+            tiles,
+            fixed,
+            spool,
+            whole,
+            held,
+        } = &mut *self.0.lock().expect("no thread panicked");
+        record.pieces_at = spool.here::<WrittenPiece>().offset();
+        let mut place = spool.here();
+        for (mut piece, part) in pieces {
+            if let Some(part) = part {
+                piece.surface = tiles.surfaces.add(&part, whole)?;
+            }
+            spool.extend(&mut place, &[piece])?;
         }
-        all_pieces.extend(pieces);
+        tiles.records.push(record);
+        tiles.caps.merge(caps);
+        let records = tiles.records.capacity() * size_of::<TileRecord>();
+        held.grow_to(*fixed + tiles.surfaces.bytes() + records as u64)
     }
-    Ok(SlabRecord {
-        layer,
-        births: spool.push(&births)?,
-        above: spool.push(&above)?,
-        live: spool.push(&classes.live)?,
-        from_previous: spool.push(&classes.from_previous)?,
-        surfaces: spool.push(&surfaces.all)?,
-        surfaces_live: spool.push(&surfaces.live)?,
-        surfaces_from_previous: spool.push(&surfaces.from_previous)?,
-        tiles: spool.push(&records)?,
-        pieces: spool.push(&all_pieces)?,
-    })
+
+    /// All tiles.
+    pub fn into_tiles(self) -> SlabTiles {
+        let gathering = self.0.into_inner().expect("no thread panicked");
+        gathering.tiles
+    }
 }

@@ -297,16 +297,6 @@ fn finish(
         totals.strips += part.strips;
         totals.strip_indices += part.strip_indices;
         totals.bytes += part.bytes;
-        let [objects, cells, surfaces] = finished.tiles_of;
-        for (id, tiles) in objects {
-            resolved.objects.update(id - 1, |r| r.tiles += tiles)?;
-        }
-        for (id, tiles) in cells {
-            resolved.cells.update(id - 1, |r| r.tiles += tiles)?;
-        }
-        for (id, tiles) in surfaces {
-            resolved.surfaces.update(id - 1, |r| r.tiles += tiles)?;
-        }
         layers.push(finished.entry);
     }
     Ok(layers)

@@ -17,8 +17,9 @@ const BAND_BYTES_PER_VOXEL: f64 = 0.19 + 0.06 * 12.0;
 const TILE_TRIANGLES_PER_CUBE: f64 = 0.4;
 /// Bytes planned for a tile at least.
 const SMALLEST_TILE: u64 = 1 << 20;
-/// Bytes of the last slice's labels, of the components of a slab and of its index, per pixel of a
-/// slice: a foam takes 0.8, a thousand components to a megapixel 2.
+/// Bytes of the last slice's labels, of a slab's components, surfaces and tiles, per pixel of a slice: a
+/// foam takes 0.8, a thousand components to a megapixel 2. A slab that needs more is checked against the
+/// limit when it is met.
 const FRONT_BYTES_PER_PIXEL: f64 = 2.4;
 
 /// What fits.
@@ -37,9 +38,10 @@ pub struct Plan {
     pub memory: u64,
     /// The limit asked for, in bytes.
     pub limit: u64,
-    /// Bytes of it that no buffer is counted for: the program itself, what the volume keeps, and the
-    /// components that are live.
+    /// Bytes of it that no buffer is counted for: the program itself and what the volume keeps.
     pub fixed: u64,
+    /// Bytes of it planned for a slab's components, surfaces and tiles.
+    pub front: u64,
 }
 
 /// Predicts the memory and chooses how to cut.
@@ -66,7 +68,8 @@ pub fn plan(volume: &dyn Volume, dims: Dims, options: &ConvertOptions) -> Result
         threads,
         memory: cost.total(bands_at_once, look_ahead),
         limit: options.memory,
-        fixed: cost.base + cost.front,
+        fixed: cost.base,
+        front: cost.front,
     };
     let smallest = make(1, false);
     if smallest.memory > options.memory {

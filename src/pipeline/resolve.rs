@@ -1,10 +1,10 @@
 //! The reverse sweep over the slabs' class maps: final ids and the sums of whole components.
 
 use crate::error::Result;
-use crate::measure::{ComponentRecord, RecordTable, SurfaceRecord};
-use crate::pipeline::forward::{FinishedComponent, Forward, SlabRecord};
+use crate::measure::{ComponentRecord, RecordTable, SurfaceRecord, VoxelSums};
+use crate::pipeline::forward::{Forward, SlabRecord};
 use crate::pipeline::spool::{Place, Spool};
-use crate::segment::Ranks;
+use crate::pipeline::surfaces::SlabSurface;
 use std::path::Path;
 
 /// Final ids of one slab's classes and surfaces.
@@ -14,6 +14,8 @@ pub struct SlabIds {
     pub classes: Place<u64>,
     /// Id of each surface.
     pub surfaces: Place<u64>,
+    /// Id of each surface that is whole in a tile.
+    pub whole: Place<u64>,
 }
 
 /// Every component and surface of the volume; record i has id i + 1.
@@ -50,9 +52,8 @@ pub fn resolve(
 ) -> Result<(Vec<SlabRecord>, Spool, Resolved)> {
     let Forward {
         mut spool,
+        mut whole,
         slabs,
-        mut objects,
-        mut cells,
         births,
         surface_births,
         ..
@@ -63,8 +64,8 @@ pub fn resolve(
     let mut resolved = Resolved {
         slabs: Vec::with_capacity(slabs.len()),
         ids: Spool::new(work)?,
-        objects: component_table(&mut objects, &mut object_ranks, budget / 3, work)?,
-        cells: component_table(&mut cells, &mut cell_ranks, budget / 3, work)?,
+        objects: RecordTable::new(object_ranks.alive(), budget / 3, work)?,
+        cells: RecordTable::new(cell_ranks.alive(), budget / 3, work)?,
         surfaces: RecordTable::new(surface_ranks.alive(), budget / 3, work)?,
     };
     let mut later = Later::default();
@@ -85,6 +86,10 @@ pub fn resolve(
                 }
             },
         )?;
+        for (sums, class_of) in &slab.finished {
+            resolved.add_components(&mut spool, (sums, class_of), &above, &classes)?;
+        }
+        drop((above, births));
         let surfaces = spool.get(&slab.surfaces)?;
         let births: Vec<u64> = surfaces.iter().map(|s| s.birth).collect();
         let live = spool.get(&slab.surfaces_live)?;
@@ -92,24 +97,29 @@ pub fn resolve(
         let surface_ids = ids(&births, &live, after.0, after.1, |_, birth| {
             surface_ranks.id(birth)
         })?;
-        let mut live = live.iter().peekable();
-        for (i, surface) in surfaces.iter().enumerate() {
-            if live.peek() == Some(&&(i as u32)) {
-                live.next();
-                continue;
-            }
-            let record = SurfaceRecord {
-                mesh: surface.sums,
-                object: classes[surface.object as usize],
-                cell: classes[surface.cell as usize],
-                tiles: 0,
-                touches_border: u64::from(surface.sums.border_edges > 0),
-            };
+        let mut goes_on = vec![false; surfaces.len()];
+        for &i in &live {
+            goes_on[i as usize] = true;
+        }
+        let ended = surfaces.iter().enumerate().filter(|(i, _)| !goes_on[*i]);
+        for (i, surface) in ended {
+            let record = surface_record(surface, &classes);
             resolved.surfaces.set(surface_ids[i] - 1, record)?;
         }
+        let mut whole_ids = spool.get(&slab.whole_births)?;
+        for id in &mut whole_ids {
+            *id = surface_ranks.id(*id)?;
+        }
+        let mut ids_of = whole_ids.iter();
+        whole.for_each(&slab.whole, |surface| {
+            let id = ids_of.next().expect("as many as there are surfaces");
+            let record = surface_record(&surface, &classes);
+            resolved.surfaces.set(id - 1, record)
+        })?;
         resolved.slabs.push(SlabIds {
             classes: resolved.ids.push(&classes)?,
             surfaces: resolved.ids.push(&surface_ids)?,
+            whole: resolved.ids.push(&whole_ids)?,
         });
         later = Later {
             classes,
@@ -123,7 +133,44 @@ pub fn resolve(
     Ok((slabs, spool, resolved))
 }
 
+/// A whole surface, with the ids of what it borders.
+fn surface_record(surface: &SlabSurface, ids: &[u64]) -> SurfaceRecord {
+    SurfaceRecord {
+        mesh: surface.sums,
+        object: ids[surface.object as usize],
+        cell: ids[surface.cell as usize],
+        tiles: 0,
+        touches_border: u64::from(surface.sums.border_edges > 0),
+    }
+}
+
 impl Resolved {
+    /// Enters components that have ended, given their sums and classes, and the phases and ids of all
+    /// classes.
+    fn add_components(
+        &mut self,
+        spool: &mut Spool,
+        (sums, class_of): (&Place<VoxelSums>, &Place<u32>),
+        above: &[u8],
+        ids: &[u64],
+    ) -> Result<()> {
+        let class_of = spool.get(class_of)?;
+        let mut class_of = class_of.iter();
+        spool.for_each(sums, |voxels| {
+            let class = *class_of.next().expect("as many as there are sums") as usize;
+            let table = if above[class] == 1 {
+                &mut self.objects
+            } else {
+                &mut self.cells
+            };
+            let record = ComponentRecord {
+                voxels,
+                ..ComponentRecord::default()
+            };
+            table.set(ids[class] - 1, record)
+        })
+    }
+
     /// Adds every surface's sums to its object and cell.
     fn add_meshes(&mut self) -> Result<()> {
         for i in 0..self.surfaces.len() {
@@ -159,22 +206,4 @@ fn ids(
         *id = own(member, births[member])?;
     }
     Ok(out)
-}
-
-/// The finished components of a phase, by id.
-fn component_table(
-    finished: &mut Spool,
-    ranks: &mut Ranks,
-    budget: u64,
-    work: &Path,
-) -> Result<RecordTable<ComponentRecord>> {
-    let mut table = RecordTable::new(ranks.alive(), budget, work)?;
-    finished.for_each(|component: FinishedComponent| {
-        let record = ComponentRecord {
-            voxels: component.sums,
-            ..ComponentRecord::default()
-        };
-        table.set(ranks.id(component.birth)? - 1, record)
-    })?;
-    Ok(table)
 }

@@ -21,11 +21,31 @@ pub struct Spool {
 }
 
 /// Where an array lies.
-#[derive(Debug)]
+#[derive(Debug, Clone, Copy)]
 pub struct Place<T> {
     offset: u64,
     len: usize,
     kind: PhantomData<T>,
+}
+
+impl<T> Place<T> {
+    /// The place that an array's offset and length tell.
+    pub fn new(offset: u64, len: usize) -> Self {
+        Place {
+            offset,
+            len,
+            kind: PhantomData,
+        }
+    }
+
+    /// Where it begins.
+    pub fn offset(&self) -> u64 {
+        self.offset
+    }
+
+    fn end(&self) -> u64 {
+        self.offset + (self.len * size_of::<T>()) as u64
+    }
 }
 
 impl Spool {
@@ -66,6 +86,38 @@ impl Spool {
         })
     }
 
+    /// An empty array at the end of the spool.
+    pub fn here<T>(&self) -> Place<T> {
+        Place {
+            offset: self.written + self.buffer.len() as u64,
+            len: 0,
+            kind: PhantomData,
+        }
+    }
+
+    /// Appends to the array that was pushed or extended last.
+    ///
+    /// # Errors
+    /// [`Error::Io`] if the file cannot be written.
+    pub fn extend<T: Pod>(&mut self, place: &mut Place<T>, records: &[T]) -> Result<()> {
+        let more = self.push(records)?;
+        assert_eq!(more.offset, place.end(), "only the last array can grow");
+        place.len += more.len;
+        Ok(())
+    }
+
+    /// Appends an array whose records come one by one.
+    ///
+    /// # Errors
+    /// [`Error::Io`] if the file cannot be written.
+    pub fn push_all<T: Pod>(&mut self, records: impl Iterator<Item = T>) -> Result<Place<T>> {
+        let mut place = self.here();
+        for record in records {
+            self.extend(&mut place, &[record])?;
+        }
+        Ok(place)
+    }
+
     fn flush(&mut self) -> Result<()> {
         let buffer = std::mem::take(&mut self.buffer);
         self.write(&buffer)?;
@@ -95,22 +147,21 @@ impl Spool {
         Ok(out)
     }
 
-    /// Calls `each` for all records, if every array pushed held `T`s, a block at a time.
+    /// Calls `each` for the records of an array, a block at a time.
     ///
     /// # Errors
     /// [`Error::Io`] if the file fails, and what `each` returns.
-    pub fn for_each<T: Pod>(&mut self, mut each: impl FnMut(T) -> Result<()>) -> Result<()> {
-        self.flush()?;
-        let size = std::mem::size_of::<T>() as u64;
-        let total = self.written / size;
-        let block = (BUFFER as u64 / size).max(1);
-        for first in (0..total).step_by(block as usize) {
-            let len = block.min(total - first) as usize;
-            for record in self.get::<T>(&Place {
-                offset: first * size,
-                len,
-                kind: PhantomData,
-            })? {
+    pub fn for_each<T: Pod>(
+        &mut self,
+        place: &Place<T>,
+        mut each: impl FnMut(T) -> Result<()>,
+    ) -> Result<()> {
+        let size = size_of::<T>();
+        let block = (BUFFER / size).max(1);
+        for first in (0..place.len).step_by(block) {
+            let len = block.min(place.len - first);
+            let offset = place.offset + (first * size) as u64;
+            for record in self.get::<T>(&Place::new(offset, len))? {
                 each(record)?;
             }
         }
@@ -133,9 +184,14 @@ mod tests {
         for (array, place) in arrays.iter().zip(&places).rev() {
             assert_eq!(&spool.get(place).unwrap(), array);
         }
+        let mut grown = spool.here();
+        for array in &arrays {
+            spool.extend(&mut grown, array).unwrap();
+        }
+        assert_eq!(spool.get(&grown).unwrap(), arrays.concat());
         let mut all = Vec::new();
         spool
-            .for_each(|v: u32| {
+            .for_each(&grown, |v: u32| {
                 all.push(v);
                 Ok(())
             })

@@ -11,13 +11,13 @@ use crate::error::{Error, Result};
 use crate::grid::Ambiguous;
 use crate::measure::{AreaScale, MeshSums};
 use crate::mesh::{BandView, MeshSettings, TileBox, tile_bytes};
-use crate::pipeline::band::{Band, BandSource};
+use crate::pipeline::band::{Band, BandSource, SettledBand};
 use crate::pipeline::budget::Budget;
 use crate::pipeline::dust::Filter;
-use crate::pipeline::forward::{Forward, State, TileResult};
+use crate::pipeline::forward::{Forward, Gather, SlabTiles, State};
 use crate::pipeline::plan::Plan;
 use crate::pipeline::surfaces::SurfacePart;
-use crate::pipeline::tilefile::TileWriter;
+use crate::pipeline::tilefile::{TileWriter, WrittenPiece};
 use crate::pipeline::workspace::{Workspace, WorkspacePool};
 use crate::progress::Progress;
 use crate::segment::SlabClasses;
@@ -95,23 +95,20 @@ impl Sweep<'_> {
     }
 
     fn run_typed<T: Voxel + Default>(&self) -> Result<Forward> {
-        let budget = Budget::new(self.plan.limit, self.plan.fixed);
+        let budget = &Budget::new(self.plan.limit, self.plan.fixed);
         let mut filters = Vec::new();
         if self.min_voxels > 1 {
             for above in [true, false] {
-                let filter = self.find_dust::<T>(
-                    &mut self.parts(&budget, &filters),
-                    above,
-                    self.min_voxels,
-                )?;
+                let filter =
+                    self.find_dust::<T>(&mut self.parts(budget, &filters), above, self.min_voxels)?;
                 filters.push(filter);
             }
         }
-        let mut state = State::new(self.work)?;
+        let mut state = State::new(self.work, budget, self.plan.front)?;
         if let [objects, cells] = &filters[..] {
             state.forward.dust = [objects, cells].map(|f| (f.components, f.voxels));
         }
-        let mut parts = self.parts::<T>(&budget, &filters);
+        let mut parts = self.parts::<T>(budget, &filters);
         let layers = self.plan.tiling.tiles()[2];
         let mut layer = 0;
         self.prefetch(&parts.source, 0);
@@ -166,34 +163,60 @@ impl Sweep<'_> {
         let mut prepared = false;
         while layer < layers && parts.mode.bands_at_once >= bands {
             self.check_interrupt()?;
-            if !prepared && !self.try_prepare(parts, &mut now, layer)? {
-                (now, next) = (fresh(parts), fresh(parts));
-                continue;
-            }
             let last = layer + 1 == layers;
-            let classes = state.join(&now, last)?;
+            let joined = self.prepare_and_join(parts, &mut now, prepared, layer, state);
+            let (settled, classes) = match joined {
+                Err(error @ Error::TooDense { .. }) => {
+                    parts.shrink().map_err(|_| error)?;
+                    (now, next, prepared) = (fresh(parts), fresh(parts), false);
+                    continue;
+                }
+                other => other?,
+            };
             take_classes(&mut now, 0, &classes);
             self.prefetch(&parts.source, layer + 1);
-            let mesh = || self.mesh_bands(parts, &now, 0, layer);
-            let tiles = if parts.mode.look_ahead && !last {
-                let (tiles, read) = rayon::join(mesh, || {
+            let gather = state.gather(&settled, &classes)?;
+            let mesh = || self.mesh_bands(parts, &now, 0, layer, &gather);
+            let mut read = None;
+            let mut meshed = if parts.mode.look_ahead && !last {
+                let (meshed, ahead) = rayon::join(mesh, || {
                     self.prepare(&parts.source, &mut next, 0, layer + 1)
                 });
-                prepared = match read {
-                    Err(Error::TooDense { .. }) => false,
-                    other => other.map(|()| true)?,
-                };
-                if !prepared {
-                    // without looking ahead the slab may still fit
-                    let _ = parts.shrink();
-                    next = fresh(parts);
-                }
-                tiles?
+                read = Some(ahead);
+                meshed
             } else {
-                prepared = false;
-                mesh()?
+                mesh()
             };
-            state.finish_slab(layer, &classes, tiles)?;
+            prepared = match read {
+                Some(Err(Error::TooDense { .. })) => {
+                    let _ = parts.shrink();
+                    false
+                }
+                Some(other) => other.map(|()| true)?,
+                None => false,
+            };
+            if !prepared {
+                next = fresh(parts);
+            }
+            let mut tiles = gather.into_tiles();
+            while let Err(error @ Error::TooDense { .. }) = meshed {
+                // nothing but a smaller mode is left to make room
+                parts.shrink().map_err(|_| error)?;
+                (next, prepared) = (fresh(parts), false);
+                drop(tiles);
+                if parts.mode.bands_at_once < bands {
+                    drop(now);
+                    tiles = self.mesh_in_parts(parts, layer, state, (&settled, &classes))?;
+                    now = fresh(parts);
+                    meshed = Ok(());
+                } else {
+                    let gather = state.gather(&settled, &classes)?;
+                    meshed = self.mesh_bands(parts, &now, 0, layer, &gather);
+                    tiles = gather.into_tiles();
+                }
+            }
+            meshed?;
+            state.finish_slab(layer, &settled, &classes, tiles)?;
             self.release(&parts.source, layer);
             if prepared {
                 std::mem::swap(&mut now, &mut next);
@@ -203,19 +226,23 @@ impl Sweep<'_> {
         Ok(layer)
     }
 
-    /// Prepares all bands of a layer; false, with a smaller mode, if they do not fit.
-    fn try_prepare<T: Voxel>(
+    /// Prepares all bands of a layer, if that has not been done, and joins them.
+    fn prepare_and_join<T: Voxel>(
         &self,
-        parts: &mut Parts<T>,
+        parts: &Parts<T>,
         bands: &mut [Band<T>],
+        prepared: bool,
         layer: u32,
-    ) -> Result<bool> {
-        match self.prepare(&parts.source, bands, 0, layer) {
-            Err(error @ Error::TooDense { .. }) => {
-                parts.shrink().map_err(|_| error).map(|()| false)
-            }
-            other => other.map(|()| true),
+        state: &mut State,
+    ) -> Result<(Vec<SettledBand>, SlabClasses)> {
+        if !prepared {
+            self.prepare(&parts.source, bands, 0, layer)?;
         }
+        let mut settled = Vec::new();
+        state.settle(bands, &mut settled)?;
+        let last = layer + 1 == self.plan.tiling.tiles()[2];
+        let classes = state.join(&settled, last)?;
+        Ok((settled, classes))
     }
 
     /// Sweeps one slab a few bands at a time.
@@ -226,22 +253,49 @@ impl Sweep<'_> {
         state: &mut State,
     ) -> Result<()> {
         let last = layer + 1 == self.plan.tiling.tiles()[2];
-        let mut known = Vec::new();
-        self.for_each_part(parts, layer, |_, part, _| {
-            known.extend(part.iter_mut().map(Band::take_components));
-            Ok(())
-        })?;
-        let classes = state.join(&known, last)?;
-        drop(known);
-        let mut tiles = Vec::new();
-        self.for_each_part(parts, layer, |parts, part, first| {
-            take_classes(part, first, &classes);
-            tiles.extend(self.mesh_bands(parts, part, first, layer)?);
-            Ok(())
-        })?;
-        state.finish_slab(layer, &classes, tiles)?;
+        let settled = self.settle_in_parts(parts, layer, state)?;
+        let classes = state.join(&settled, last)?;
+        let tiles = self.mesh_in_parts(parts, layer, state, (&settled, &classes))?;
+        state.finish_slab(layer, &settled, &classes, tiles)?;
         self.release(&parts.source, layer);
         Ok(())
+    }
+
+    /// Labels all bands of a layer, as many at a time as fit.
+    ///
+    /// # Errors
+    /// Those of [`Sweep::run`].
+    pub fn settle_in_parts<T: Voxel + Default>(
+        &self,
+        parts: &mut Parts<T>,
+        layer: u32,
+        state: &mut State,
+    ) -> Result<Vec<SettledBand>> {
+        let mut settled = Vec::new();
+        self.for_each_part(parts, layer, |_, part, _| state.settle(part, &mut settled))?;
+        Ok(settled)
+    }
+
+    /// Meshes a layer whose classes are known, as many bands at a time as fit.
+    fn mesh_in_parts<T: Voxel + Default>(
+        &self,
+        parts: &mut Parts<T>,
+        layer: u32,
+        state: &mut State,
+        (settled, classes): (&[SettledBand], &SlabClasses),
+    ) -> Result<SlabTiles> {
+        loop {
+            let gather = state.gather(settled, classes)?;
+            let meshed = self.for_each_part(parts, layer, |parts, part, first| {
+                take_classes(part, first, classes);
+                self.mesh_bands(parts, part, first, layer, &gather)
+            });
+            match meshed {
+                // fewer bands leave more for what the slab has in tiles and surfaces
+                Err(error @ Error::TooDense { .. }) => parts.shrink().map_err(|_| error)?,
+                other => return other.map(|()| gather.into_tiles()),
+            }
+        }
     }
 
     /// Prepares all bands of a layer, as many at a time as fit, and calls `each(bands, first)`.
@@ -299,14 +353,15 @@ impl Sweep<'_> {
             .try_for_each(|(i, band)| source.prepare(first + i as u32, layer, band))
     }
 
-    /// Meshes and writes all tiles of some bands; results by rising y, then x.
+    /// Meshes and writes all tiles of some bands.
     fn mesh_bands<T: Voxel>(
         &self,
         parts: &Parts<T>,
         bands: &[Band<T>],
         first: u32,
         layer: u32,
-    ) -> Result<Vec<TileResult>> {
+        gather: &Gather,
+    ) -> Result<()> {
         let tiles_x = self.plan.tiling.tiles()[0] as usize;
         let settings = MeshSettings {
             threshold: self.threshold,
@@ -314,10 +369,10 @@ impl Sweep<'_> {
             cap: self.cap,
             area: AreaScale::new(parts.source.volume.header().placement.spacing),
         };
-        let tiles: Result<Vec<Option<TileResult>>> = (0..bands.len() * tiles_x)
+        (0..bands.len() * tiles_x)
             .into_par_iter()
             .with_max_len(1)
-            .map(|i| {
+            .try_for_each(|i| {
                 let band = &bands[i / tiles_x];
                 let ty = first + (i / tiles_x) as u32;
                 let grid = [(i % tiles_x) as u32, ty, layer];
@@ -330,48 +385,45 @@ impl Sweep<'_> {
                 let tile = TileBox::of(self.plan.tiling, grid);
                 let bytes = tile_bytes(&band.bits, &tile);
                 let result = parts.pool.with(bytes, |workspace| {
-                    self.one_tile(&view, &tile, grid, &settings, workspace)
+                    if workspace
+                        .mesher
+                        .mesh(&view, &tile, &settings, &mut workspace.mesh)
+                    {
+                        self.write_tile(&tile, grid, workspace, gather)?;
+                    }
+                    Ok(())
                 });
                 self.progress.advance(1);
                 result
             })
-            .collect();
-        Ok(tiles?.into_iter().flatten().collect())
     }
 
-    fn one_tile<T: Voxel>(
+    /// Writes the workspace's mesh and tells `gather` of it.
+    fn write_tile(
         &self,
-        view: &BandView<T>,
         tile: &TileBox,
         grid: [u32; 3],
-        settings: &MeshSettings,
         workspace: &mut Workspace,
-    ) -> Result<Option<TileResult>> {
-        let mesh = &mut workspace.mesh;
-        if !workspace.mesher.mesh(view, tile, settings, mesh) {
-            return Ok(None);
-        }
-        let (record, pieces) = self.writer.write(mesh, grid, &mut workspace.writer)?;
-        let open = mesh.pieces.iter().filter(|p| !p.cap);
-        let parts = open
-            .map(|p| SurfacePart {
-                object: p.object,
-                cell: p.cell,
-                key: p.key,
-                sums: p.sums,
-            })
-            .collect();
+        gather: &Gather,
+    ) -> Result<()> {
+        let mesh = &workspace.mesh;
+        let (record, body) = self.writer.write(mesh, grid, &mut workspace.writer)?;
         let mut caps = MeshSums::default();
         mesh.pieces
             .iter()
             .filter(|p| p.cap)
             .for_each(|p| caps.merge(&p.sums));
-        Ok(Some(TileResult {
-            record,
-            pieces,
-            parts,
-            caps,
-        }))
+        let pieces = mesh.pieces.iter().zip(body.pieces).map(|(piece, body)| {
+            let part = (!piece.cap).then(|| SurfacePart {
+                object: piece.object,
+                cell: piece.cell,
+                whole: tile.is_inside(piece.min, piece.max),
+                key: piece.key,
+                sums: piece.sums,
+            });
+            (WrittenPiece::new(piece, body), part)
+        });
+        gather.add(record, pieces, &caps)
     }
 
     fn prefetch<T: Voxel>(&self, source: &BandSource<T>, layer: u32) {

@@ -1,7 +1,7 @@
 //! Tiles on disk during a conversion: written with room for their JSON, filled in at the end.
 
 use crate::error::{Error, Result};
-use crate::mesh::TileMesh;
+use crate::mesh::{Piece, TileMesh};
 use crate::strip::Stripifier;
 use crate::tile::{Body, BodyPiece, Node, TileHead, aligned, node_json, tile_path, write_head};
 use bytemuck::{Pod, Zeroable};
@@ -22,6 +22,8 @@ pub struct TileRecord {
     pub grid: [u32; 3],
     /// Vertices.
     pub vertices: u32,
+    /// Where its pieces lie in the spool.
+    pub pieces_at: u64,
     /// Number of pieces.
     pub pieces: u32,
     /// Bytes of the JSON chunk; 0 if the tile has more pieces than nodes may be or is to be encoded,
@@ -42,7 +44,7 @@ pub struct WrittenPiece {
     pub object: u32,
     /// Class of its cell, or [`CAP`].
     pub cell: u32,
-    /// Its surface in the slab; nothing for caps.
+    /// Its surface in the slab, see [`SlabSurfaces`](super::surfaces::SlabSurfaces); nothing for caps.
     pub surface: u32,
     reserved: u32,
 }
@@ -79,7 +81,7 @@ impl TileWriter {
         mesh: &TileMesh,
         grid: [u32; 3],
         buffers: &mut TileBuffers,
-    ) -> Result<(TileRecord, Vec<WrittenPiece>)> {
+    ) -> Result<(TileRecord, Body)> {
         buffers.body.clear();
         let body = Body::write(
             mesh,
@@ -100,23 +102,26 @@ impl TileWriter {
             body_bytes: body.bytes,
             grid,
             vertices: body.vertices,
+            pieces_at: 0,
             pieces: body.pieces.len() as u32,
             room: room as u32,
             crc,
             reserved: 0,
         };
-        let pieces = mesh
-            .pieces
-            .iter()
-            .zip(&body.pieces)
-            .map(|(p, &body)| WrittenPiece {
-                body,
-                object: p.object,
-                cell: if p.cap { CAP } else { p.cell },
-                surface: u32::MAX,
-                reserved: 0,
-            });
-        Ok((record, pieces.collect()))
+        Ok((record, body))
+    }
+}
+
+impl WrittenPiece {
+    /// A piece and where it lies in the body, not knowing its surface yet.
+    pub fn new(piece: &Piece, body: BodyPiece) -> Self {
+        WrittenPiece {
+            body,
+            object: piece.object,
+            cell: if piece.cap { CAP } else { piece.cell },
+            surface: u32::MAX,
+            reserved: 0,
+        }
     }
 }
 

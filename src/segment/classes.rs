@@ -2,89 +2,27 @@
 //!
 //! Per slab, the local components of all bands and the components that came over from the slab
 //! before are joined to *classes*. Only the labels of the last slice's runs and the records of
-//! components that touch it are kept for the next slab.
+//! components that touch it are kept for the next slab; components inside one band have left memory
+//! before and take some 50 bytes each, for numbering, until the slab is done.
 
 use crate::error::Result;
 use crate::measure::VoxelSums;
+use crate::segment::band::{BandComponents, BandEdges};
 use crate::segment::births::Births;
-use crate::segment::label::Labels;
-use crate::segment::runs::Runs;
 use crate::segment::unionfind::UnionFind;
-use crate::slab::Bits;
 
-/// What the joining of bands needs to know of one band.
-#[derive(Debug, Clone, Default)]
-pub struct BandEdges {
-    /// Local components of the runs of the band's first row, all slices.
-    first_row: Vec<u32>,
-    /// The same of its last row, which is the next band's first.
-    last_row: Vec<u32>,
-    /// Local components of the runs of the first slice, all rows.
-    first_slice: Vec<u32>,
-    /// The same of the last slice, which is the next slab's first.
-    last_slice: Vec<u32>,
-    /// Runs of the first row in the first slice.
-    head_runs_first: usize,
-    /// Runs of the first row in the last slice.
-    head_runs_last: usize,
-}
+/// Bytes of memory per local component while a slab is joined and until it is done: set, class of the
+/// set and of the component, order, number, phase, place of its record and of its live class.
+const BYTES_PER_COMPONENT: u64 = 4 + 4 + 4 + 16 + 8 + 1 + 4 + 4;
 
-impl BandEdges {
-    /// Takes the outer rows' and slices' labels of a band of a grid of `slices` slices. Slices at the
-    /// grid's ends are shared with no slab, so theirs are left out.
-    pub fn of(bits: &Bits, runs: &Runs, labels: &Labels, grid_slices: u32) -> Self {
-        let shared_first = bits.span.z.start > 0;
-        let shared_last = bits.span.z.end < grid_slices;
-        let (rows, slices) = (bits.span.rows(), bits.span.slices());
-        let run_of_row = |row: usize| -> usize {
-            runs.word_run
-                .get(row * bits.row_words)
-                .map_or(runs.count, |&r| r as usize)
-        };
-        let row_labels = |s: usize, r: usize| {
-            let row = s * rows + r;
-            &labels.of_run[run_of_row(row)..run_of_row(row + 1)]
-        };
-        let slice_labels =
-            |s: usize| &labels.of_run[run_of_row(s * rows)..run_of_row((s + 1) * rows)];
-        let column = |r: usize| {
-            (0..slices)
-                .flat_map(|s| row_labels(s, r))
-                .copied()
-                .collect()
-        };
-        BandEdges {
-            first_row: column(0),
-            last_row: column(rows - 1),
-            first_slice: if shared_first {
-                slice_labels(0).to_vec()
-            } else {
-                Vec::new()
-            },
-            last_slice: if shared_last {
-                slice_labels(slices - 1).to_vec()
-            } else {
-                Vec::new()
-            },
-            head_runs_first: row_labels(0, 0).len(),
-            head_runs_last: if shared_last {
-                row_labels(slices - 1, 0).len()
-            } else {
-                0
-            },
-        }
-    }
-}
-
-/// A component that can still grow, or has just finished.
+/// A component that can still grow.
 #[derive(Debug, Clone, Copy)]
-pub struct ClassRecord {
+struct LiveComponent {
     /// Its number, see [`Births`]. Objects and cells are numbered apart.
-    pub birth: u64,
-    /// Phase.
-    pub above: bool,
+    birth: u64,
+    above: bool,
     /// Sums of its voxels so far.
-    pub sums: VoxelSums,
+    sums: VoxelSums,
 }
 
 /// The classes of one slab.
@@ -92,12 +30,34 @@ pub struct ClassRecord {
 pub struct SlabClasses {
     /// Per band, the class of each local component.
     pub of_local: Vec<Vec<u32>>,
-    /// All classes: first those that came over, by birth, then new ones by smallest voxel.
-    pub records: Vec<ClassRecord>,
+    /// Number of each class, see [`Births`]. First come those that came over, by birth, then new ones
+    /// by smallest voxel. Objects and cells are numbered apart.
+    pub births: Vec<u64>,
+    /// 1 for objects, 0 for cells, per class.
+    pub above: Vec<u8>,
+    /// Sums so far of the classes that are not one whole component of a band.
+    pub open: Vec<(u32, VoxelSums)>,
     /// For each component live at the end of the slab before: its class here.
     pub from_previous: Vec<u32>,
     /// Classes that touch the last slice, by rising number: live in the next slab.
     pub live: Vec<u32>,
+}
+
+impl SlabClasses {
+    /// Bytes of memory.
+    pub fn bytes(&self) -> u64 {
+        let locals: usize = self.of_local.iter().map(Vec::len).sum();
+        let labels = locals + self.from_previous.len() + self.live.len();
+        let open = self.open.capacity() * size_of::<(u32, VoxelSums)>();
+        (4 * labels + 9 * self.births.capacity() + open) as u64
+    }
+
+    /// The sums of classes that do not grow beyond this slab, but for those whole in a band.
+    pub fn finished(&self) -> impl Iterator<Item = (u32, &VoxelSums)> {
+        let grows = |class| self.live.binary_search(&class).is_ok();
+        let open = self.open.iter().map(|(class, sums)| (*class, sums));
+        open.filter(move |&(class, _)| !grows(class))
+    }
 }
 
 /// The sweep's state between slabs.
@@ -105,7 +65,7 @@ pub struct SlabClasses {
 pub struct Classes {
     /// Live component (index into `live`) of each run of the last slice, rows in order.
     last_slice: Vec<u32>,
-    live: Vec<ClassRecord>,
+    live: Vec<LiveComponent>,
     sets: UnionFind,
 }
 
@@ -128,50 +88,69 @@ impl PhaseBirths {
     }
 }
 
+/// What is known of one band.
+#[derive(Debug, Clone, Copy)]
+pub struct KnownBand<'a> {
+    /// What it shares with others.
+    pub edges: &'a BandEdges,
+    /// Its components.
+    pub components: &'a BandComponents,
+}
+
 impl Classes {
+    /// Bytes of memory that [`Classes::join`] will take, and its result, at most.
+    pub fn bytes(&self, bands: &[KnownBand]) -> u64 {
+        let live = self.live.len() as u64;
+        let sum = |get: fn(&KnownBand) -> usize| bands.iter().map(get).sum::<usize>() as u64;
+        let components = sum(|b| b.components.len()) + live;
+        let open = sum(|b| b.components.open().len()) + live;
+        let last_slice = sum(|b| b.edges.last_slice.len());
+        let stay_live = open.min(last_slice) * size_of::<LiveComponent>() as u64;
+        let sums = open * size_of::<(u32, VoxelSums)>() as u64;
+        components * BYTES_PER_COMPONENT + sums + stay_live + 4 * last_slice
+    }
+
     /// Joins one slab's bands, given by rising y, to classes and moves on to the next slab.
     ///
     /// # Errors
     /// [`crate::Error::Io`] if the births' file fails.
-    pub fn join(
-        &mut self,
-        edges: &[&BandEdges],
-        labels: &[&[super::LocalComponent]],
-        births: &mut PhaseBirths,
-    ) -> Result<SlabClasses> {
+    pub fn join(&mut self, bands: &[KnownBand], births: &mut PhaseBirths) -> Result<SlabClasses> {
         let mut first_node = vec![self.live.len() as u32];
-        for l in labels {
-            first_node.push(first_node.last().expect("not empty") + l.len() as u32);
+        for band in bands {
+            let next = *first_node.last().expect("not empty") + band.components.len() as u32;
+            first_node.push(next);
         }
         self.sets
             .reset(*first_node.last().expect("not empty") as usize);
-        self.join_bands(edges, &first_node);
-        self.join_previous(edges, &first_node);
-        let mut slab = self.number(labels, &first_node, births)?;
-        self.keep_last_slice(edges, &mut slab);
+        self.join_bands(bands, &first_node);
+        self.join_previous(bands, &first_node);
+        let mut slab = self.number(bands, &first_node, births)?;
+        let record_of = self.add_open(bands, &mut slab);
+        self.keep_last_slice(bands, &record_of, &mut slab);
         Ok(slab)
     }
 
-    fn join_bands(&mut self, edges: &[&BandEdges], first_node: &[u32]) {
-        for (b, pair) in edges.windows(2).enumerate() {
-            debug_assert_eq!(pair[0].last_row.len(), pair[1].first_row.len());
-            for (&low, &high) in pair[0].last_row.iter().zip(&pair[1].first_row) {
+    fn join_bands(&mut self, bands: &[KnownBand], first_node: &[u32]) {
+        for (b, pair) in bands.windows(2).enumerate() {
+            let (low, high) = (&pair[0].edges.last_row, &pair[1].edges.first_row);
+            debug_assert_eq!(low.len(), high.len());
+            for (&low, &high) in low.iter().zip(high) {
                 self.sets
                     .union(first_node[b] + low, first_node[b + 1] + high);
             }
         }
     }
 
-    fn join_previous(&mut self, edges: &[&BandEdges], first_node: &[u32]) {
+    fn join_previous(&mut self, bands: &[KnownBand], first_node: &[u32]) {
         if self.last_slice.is_empty() {
             return;
         }
         let mut at = 0;
-        for (b, band) in edges.iter().enumerate() {
+        for (b, band) in bands.iter().enumerate() {
             if b > 0 {
-                at -= band.head_runs_first; // the shared row once more
+                at -= band.edges.head_runs_first; // the shared row once more
             }
-            for &local in &band.first_slice {
+            for &local in &band.edges.first_slice {
                 self.sets.union(self.last_slice[at], first_node[b] + local);
                 at += 1;
             }
@@ -183,85 +162,111 @@ impl Classes {
     /// smallest voxel, whatever the bands.
     fn number(
         &mut self,
-        labels: &[&[super::LocalComponent]],
+        bands: &[KnownBand],
         first_node: &[u32],
         births: &mut PhaseBirths,
     ) -> Result<SlabClasses> {
         let nodes = *first_node.last().expect("not empty") as usize;
         let carried = self.live.len() as u32;
         let mut class_of_root = vec![u32::MAX; nodes];
-        let mut records: Vec<ClassRecord> = Vec::new();
+        let mut slab = SlabClasses::default();
         // live components are sorted by birth and are the smallest nodes, hence roots of their sets
         for node in 0..carried {
             let root = self.sets.find(node);
-            let record = self.live[node as usize];
+            let live = self.live[node as usize];
             if root == node {
-                class_of_root[node as usize] = records.len() as u32;
-                records.push(record);
+                let class = slab.births.len() as u32;
+                class_of_root[node as usize] = class;
+                slab.births.push(live.birth);
+                slab.above.push(u8::from(live.above));
+                slab.open.push((class, live.sums));
             } else {
-                let into = &mut records[class_of_root[root as usize] as usize];
-                births.of(record.above).kill(record.birth)?;
-                into.sums.merge(&record.sums);
+                births.of(live.above).kill(live.birth)?;
+                let class = class_of_root[root as usize];
+                slab.open[class as usize].1.merge(&live.sums);
             }
         }
         let mut fresh: Vec<(u64, u32)> = Vec::new();
-        let components = labels.iter().flat_map(|l| l.iter());
-        for (node, component) in (carried..).zip(components) {
+        let firsts = bands.iter().flat_map(|b| b.components.first_voxels());
+        for (node, first) in (carried..).zip(firsts) {
             let root = self.sets.find(node);
             if root < carried {
                 continue;
             }
             if root == node {
                 class_of_root[root as usize] = fresh.len() as u32;
-                fresh.push((component.first, root));
+                fresh.push((first, root));
             } else {
                 let entry = &mut fresh[class_of_root[root as usize] as usize];
-                entry.0 = entry.0.min(component.first);
+                entry.0 = entry.0.min(first);
             }
         }
         fresh.sort_unstable();
         for &(_, root) in &fresh {
-            class_of_root[root as usize] = records.len() as u32;
+            class_of_root[root as usize] = slab.births.len() as u32;
             let band = first_node.partition_point(|&f| f <= root) - 1;
-            let above = labels[band][(root - first_node[band]) as usize].above;
-            let birth = births.of(above).give(1)?;
-            records.push(ClassRecord {
-                birth,
-                above,
-                sums: VoxelSums::default(),
-            });
+            let above = bands[band]
+                .components
+                .is_above((root - first_node[band]) as usize);
+            slab.births.push(births.of(above).give(1)?);
+            slab.above.push(u8::from(above));
         }
-        let mut of_local = Vec::with_capacity(labels.len());
-        for (b, components) in labels.iter().enumerate() {
-            let mut classes = Vec::with_capacity(components.len());
-            for (node, component) in (first_node[b]..).zip(components.iter()) {
-                let class = class_of_root[self.sets.find(node) as usize];
-                records[class as usize].sums.merge(&component.sums);
-                classes.push(class);
-            }
-            of_local.push(classes);
-        }
-        let from_previous = (0..carried)
-            .map(|n| class_of_root[self.sets.find(n) as usize])
+        let mut classes = |nodes: std::ops::Range<u32>| {
+            nodes
+                .map(|n| class_of_root[self.sets.find(n) as usize])
+                .collect()
+        };
+        slab.from_previous = classes(0..carried);
+        slab.of_local = first_node
+            .windows(2)
+            .map(|pair| classes(pair[0]..pair[1]))
             .collect();
-        Ok(SlabClasses {
-            of_local,
-            records,
-            from_previous,
-            live: Vec::new(),
-        })
+        Ok(slab)
+    }
+
+    /// Adds the sums of the bands' open components to their classes. Returns where each class's sums
+    /// are in [`SlabClasses::open`].
+    fn add_open(&self, bands: &[KnownBand], slab: &mut SlabClasses) -> Vec<u32> {
+        let mut record_of = vec![u32::MAX; slab.births.len()];
+        for (i, (class, _)) in slab.open.iter().enumerate() {
+            record_of[*class as usize] = i as u32;
+        }
+        // growing by doubling would take much more for a moment
+        let mut classes = slab.open.len() as u32;
+        for (band, of_local) in bands.iter().zip(&slab.of_local) {
+            for (local, _) in band.components.open() {
+                let record = &mut record_of[of_local[*local as usize] as usize];
+                if *record == u32::MAX {
+                    *record = classes;
+                    classes += 1;
+                }
+            }
+        }
+        slab.open.reserve_exact(classes as usize - slab.open.len());
+        for (band, of_local) in bands.iter().zip(&slab.of_local) {
+            for (local, sums) in band.components.open() {
+                let class = of_local[*local as usize];
+                let record = record_of[class as usize] as usize;
+                if record == slab.open.len() {
+                    slab.open.push((class, *sums));
+                } else {
+                    slab.open[record].1.merge(sums);
+                }
+            }
+        }
+        record_of
     }
 
     /// Keeps the classes of the last slice's runs, renumbered among the live ones.
-    fn keep_last_slice(&mut self, edges: &[&BandEdges], slab: &mut SlabClasses) {
+    fn keep_last_slice(&mut self, bands: &[KnownBand], record_of: &[u32], slab: &mut SlabClasses) {
         self.last_slice.clear();
-        for (b, band) in edges.iter().enumerate() {
-            let skip = if b > 0 { band.head_runs_last } else { 0 };
+        for (b, band) in bands.iter().enumerate() {
+            let skip = if b > 0 { band.edges.head_runs_last } else { 0 };
             let classes = &slab.of_local[b];
-            self.last_slice
-                .extend(band.last_slice[skip..].iter().map(|&l| classes[l as usize]));
+            let labels = band.edges.last_slice.iter().skip(skip);
+            self.last_slice.extend(labels.map(|&l| classes[l as usize]));
         }
-        let mut live_index = vec![u32::MAX; slab.records.len()];
+        let mut live_index = vec![u32::MAX; slab.births.len()];
         for &class in &self.last_slice {
             live_index[class as usize] = 0;
         }
@@ -274,10 +279,11 @@ impl Classes {
         for class in &mut self.last_slice {
             *class = live_index[*class as usize];
         }
-        self.live = slab
-            .live
-            .iter()
-            .map(|&c| slab.records[c as usize])
-            .collect();
+        let live = slab.live.iter().map(|&class| LiveComponent {
+            birth: slab.births[class as usize],
+            above: slab.above[class as usize] == 1,
+            sums: slab.open[record_of[class as usize] as usize].1,
+        });
+        self.live = live.collect();
     }
 }

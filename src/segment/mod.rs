@@ -3,10 +3,12 @@
 //! 1. `runs`: rows of bits become runs of equal voxels, numbered so that the run of a voxel
 //!    is a population count away.
 //! 2. `label`: union-find over the runs of one band; local components with their voxel sums.
-//! 3. `classes`: bands of a slab and the slab before it are joined to classes; components that can
+//! 3. `band`: what a band tells its neighbours; components that are whole in it leave memory.
+//! 4. `classes`: bands of a slab and the slab before it are joined to classes; components that can
 //!    no longer grow leave memory.
-//! 4. `births`: which classes are a component of their own in the end, hence the final ids.
+//! 5. `births`: which classes are a component of their own in the end, hence the final ids.
 
+mod band;
 mod births;
 mod border;
 mod classes;
@@ -14,9 +16,10 @@ mod label;
 mod runs;
 mod unionfind;
 
-pub use births::{Births, Ranks};
+pub use band::{BandComponents, BandEdges};
+pub use births::Births;
 pub use border::add_border_euler;
-pub use classes::{BandEdges, Classes, PhaseBirths, SlabClasses};
+pub use classes::{Classes, KnownBand, PhaseBirths, SlabClasses};
 pub use label::{Labels, LocalComponent, label_runs, sum_voxels};
 pub use runs::{Runs, for_each_run};
 pub use unionfind::UnionFind;

@@ -1,10 +1,13 @@
-"""The volumes that other programs are asked about, read with numpy alone."""
+"""The volumes that other programs are asked about, read with numpy, TIFF with Pillow (libtiff)."""
 
 import gzip
+import io
+import zipfile
 import zlib
 from pathlib import Path
 
 import numpy as np
+from PIL import Image, ImageSequence
 
 
 def _after(path: Path, mark: bytes) -> bytes:
@@ -32,6 +35,15 @@ def _headsq(path: Path) -> bytes:
     return b"".join((path.parent / f"quarter.{i}").read_bytes() for i in range(1, 94))
 
 
+def _pages(file) -> bytes:
+    return b"".join(np.asarray(page).tobytes() for page in ImageSequence.Iterator(Image.open(file)))
+
+
+def _zip(path: Path) -> bytes:
+    with zipfile.ZipFile(path) as archive:
+        return _pages(io.BytesIO(archive.read("ketton.tif")))
+
+
 # name: path, how numpy reads it, type, dims (x, y, z), thresholds, what the command has to be told
 VOLUMES = {
     "lobster": ("raw/lobster_301x324x56_uint8.raw", _raw, "u1", (301, 324, 56), [40, 130.5],
@@ -42,6 +54,10 @@ VOLUMES = {
     "fuel": ("metaimage/fuel.mha", _mha, "u1", (68, 68, 68), [15], []),
     "marschnerlobb": ("metaimage/marschnerlobb.mha", _mha, "u1", (43, 43, 43), [128], []),
     "brain1": ("nrrd/brain1_image.nrrd", _nrrd, "<i2", (256, 256, 25), [394], []),
+    # voids in cement, lacunae in bone, pores in limestone: thousands of cells
+    "cement": ("tiff/cement_128x128x128.tif", _pages, "u1", (128, 128, 128), [75], []),
+    "bone": ("tiff/bone_7H3A_B1.tif", _pages, "u1", (350, 250, 600), [64], []),
+    "ketton": ("tiff/ketton.zip", _zip, "u1", (256, 256, 256), [128], []),
     "avf": ("nrrd/avf_float_32.nrrd", _nrrd, "<f4", (74, 93, 20), [740, 100.1], []),
 }
 

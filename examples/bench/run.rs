@@ -1,0 +1,116 @@
+//! Commands in processes of their own, timed.
+
+use serde_json::Value;
+use std::ffi::OsString;
+use std::path::{Path, PathBuf};
+use std::process::{Command, Stdio};
+use std::time::Instant;
+
+/// First argument of a process that stands for the command.
+const COMMAND: &str = "--alvis";
+
+/// The arguments of the command that this process is to be, if it is.
+pub fn command() -> Option<Vec<OsString>> {
+    let mut args: Vec<OsString> = std::env::args_os().collect();
+    (args.get(1)? == COMMAND).then(|| {
+        args.remove(1);
+        args
+    })
+}
+
+/// A finished process.
+pub struct Sample {
+    /// Seconds from start to end.
+    pub wall: f64,
+    report: Value,
+}
+
+impl Sample {
+    /// A number of its JSON report.
+    pub fn number(&self, key: &str) -> f64 {
+        self.report[key].as_f64().unwrap_or(f64::NAN)
+    }
+
+    /// A text of its JSON report.
+    pub fn text(&self, key: &str) -> &str {
+        self.report[key].as_str().unwrap_or("")
+    }
+}
+
+fn timed(mut command: Command) -> Result<Sample, String> {
+    let start = Instant::now();
+    let output = command
+        .stdin(Stdio::null())
+        .stderr(Stdio::inherit())
+        .output()
+        .map_err(|e| format!("{command:?}: {e}"))?;
+    let wall = start.elapsed().as_secs_f64();
+    if !output.status.success() {
+        return Err(format!("{command:?}: {}", output.status));
+    }
+    let report = serde_json::from_slice(&output.stdout).unwrap_or(Value::Null);
+    Ok(Sample { wall, report })
+}
+
+/// The command itself.
+pub struct Alvis;
+
+impl Alvis {
+    /// Runs it with these arguments.
+    pub fn run(args: &[&str]) -> Result<Sample, String> {
+        let program = std::env::current_exe().map_err(|e| e.to_string())?;
+        let mut command = Command::new(program);
+        command.arg(COMMAND).args(args);
+        timed(command)
+    }
+}
+
+/// Other programs, run by `peers.py`.
+pub struct Peer {
+    python: PathBuf,
+}
+
+impl Peer {
+    /// With this interpreter.
+    pub fn new(python: &Path) -> Self {
+        Peer {
+            python: python.to_path_buf(),
+        }
+    }
+
+    /// Runs one of them on a volume.
+    pub fn run(&self, volume: Vec<String>, name: &str) -> Result<Sample, String> {
+        let mut command = Command::new(&self.python);
+        let script = Path::new(env!("CARGO_MANIFEST_DIR")).join("examples/bench/peers.py");
+        command.arg(script).args(volume).arg(name);
+        timed(command)
+    }
+}
+
+/// The one in the middle.
+pub fn median(values: impl Iterator<Item = f64>) -> f64 {
+    let mut values: Vec<f64> = values.collect();
+    values.sort_unstable_by(f64::total_cmp);
+    values[values.len() / 2]
+}
+
+/// Threads that the machine runs at once.
+pub fn cores() -> usize {
+    std::thread::available_parallelism().map_or(1, |n| n.get())
+}
+
+/// A line about the machine and the version.
+pub fn machine() -> String {
+    let info = std::fs::read_to_string("/proc/cpuinfo").unwrap_or_default();
+    let model = info
+        .lines()
+        .find_map(|line| line.strip_prefix("model name"))
+        .map_or("unknown processor", |rest| {
+            rest.trim_start_matches(['\t', ' ', ':'])
+        });
+    format!(
+        "alvis {}, {} threads of {model}",
+        env!("CARGO_PKG_VERSION"),
+        cores()
+    )
+}
