@@ -131,7 +131,8 @@
 //! ## Ask the tables
 //! [`table`] reads the tables of cells, objects and surfaces and answers conditions such as
 //! `sphericity > 0.9 and not touches_border`. [`select`](mod@select) writes the tiles of such cells, or
-//! a copy in colours, and [`preview`](mod@preview) draws a slice of the volume with the cells in it.
+//! a copy in colours, [`repack`](mod@repack) writes the same tiles for other programs, smaller ones for
+//! the web, and [`preview`](mod@preview) draws a slice of the volume with the cells in it.
 //!
 //! ## Hand the surface on
 //! [`export`](mod@export) sews tiles into one mesh: GLB, PLY, STL or OBJ. [`view`] picks the tiles that a
@@ -161,6 +162,7 @@ mod picture;
 pub mod pipeline;
 pub mod preview;
 pub mod progress;
+pub mod repack;
 mod segment;
 pub mod select;
 mod slab;

@@ -439,18 +439,22 @@ fn merged_tiles_are_filtered_and_painted() {
                 &doc["accessors"][primitive["attributes"]["COLOR_0"].as_u64().unwrap() as usize];
             assert_eq!(
                 (&colour["normalized"], &colour["componentType"]),
-                (&true.into(), &5121.into())
+                (&true.into(), &5123.into())
             );
             let view = &doc["bufferViews"][colour["bufferView"].as_u64().unwrap() as usize];
             let mut at = view["byteOffset"].as_u64().unwrap() as usize;
             for group in &found {
                 let expected = match red.contains(&group.cell) {
-                    true => [255, 0, 0, 255],
-                    false => [204, 204, 204, 255],
+                    true => [65_535u16, 0, 0, 65_535],
+                    false => [52_428, 52_428, 52_428, 65_535],
                 };
                 for _ in 0..group.vertices {
-                    assert_eq!(bin[at..at + 4], expected);
-                    at += 4;
+                    let found: Vec<u16> = bin[at..at + 8]
+                        .chunks(2)
+                        .map(|b| u16::from_le_bytes([b[0], b[1]]))
+                        .collect();
+                    assert_eq!(found, expected);
+                    at += 8;
                 }
             }
         }

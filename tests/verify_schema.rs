@@ -2,9 +2,9 @@
 
 use alvis::grid::{Ambiguous, Crop, Dims, Placement, Unit};
 use alvis::manifest::{
-    Bounds, ColourBy, FORMAT, FORMAT_VERSION, Generator, GridInfo, Group, Layer, Manifest, Paint,
-    Primitives, Provenance, Selection, Shard, Source, Tables, TileEntry, Totals, WholeTotals,
-    checksum_text,
+    Bounds, ColourBy, Encoding, FORMAT, FORMAT_VERSION, Generator, GridInfo, Group, Layer, Layout,
+    Manifest, Paint, Primitives, Provenance, Selection, Shard, Source, Tables, TileEntry, Totals,
+    WholeTotals, checksum_text,
 };
 use alvis::verify::{Code, Issue, Report, Severity};
 use alvis::volume::{Dtype, Endian};
@@ -62,6 +62,8 @@ fn manifest() -> Manifest {
         ambiguous: Ambiguous::Join,
         cap: true,
         primitives: Primitives::Triangles,
+        encoding: Encoding::Meshopt,
+        layout: Layout::Merged,
         dust: None,
         lattice: 256,
         transform: placement.gltf_matrix(),
@@ -145,6 +147,7 @@ fn report() -> Report {
         objects: 7,
         cells: 8,
         euler_characteristic: -9,
+        volume6: -(1 << 70),
         bytes: 10,
         issues: Code::ALL
             .iter()

@@ -1,12 +1,13 @@
 //! `alvis convert`: a volume to a tile set.
 
 use super::args::{Common, InputOptions};
+use super::form::FormArgs;
 use super::info;
 use super::parse::{self, CropArg, Threshold};
 use super::{Outcome, output};
 use crate::error::Result;
 use crate::grid::{Ambiguous, Crop};
-use crate::manifest::{Origin, Primitives};
+use crate::manifest::{Form, Origin};
 use crate::pipeline::{self, ConvertOptions, ConvertReport};
 use crate::volume::Opened;
 use clap::{Args, ValueEnum, ValueHint};
@@ -19,24 +20,6 @@ enum AmbiguousArg {
     Separate,
     /// The two above corners are joined: objects are 18-connected, cells 6-connected
     Join,
-}
-
-/// Kind of primitives, as typed.
-#[derive(Debug, Clone, Copy, ValueEnum)]
-pub enum PrimitivesArg {
-    /// Triangle strips: smallest
-    Strips,
-    /// Triangle lists: the only kind that MeshLab reads
-    Triangles,
-}
-
-impl From<PrimitivesArg> for Primitives {
-    fn from(arg: PrimitivesArg) -> Self {
-        match arg {
-            PrimitivesArg::Strips => Primitives::Strips,
-            PrimitivesArg::Triangles => Primitives::Triangles,
-        }
-    }
 }
 
 /// Convert a volume to a directory of glTF tiles
@@ -76,12 +59,11 @@ pub struct ConvertArgs {
     /// Convert this box of voxels only; half-open, a missing bound is the volume's
     #[arg(long, value_name = "X0:X1,Y0:Y1,Z0:Z1", value_parser = parse::crop)]
     crop: Option<CropArg>,
-    /// Strips or triangle lists
-    #[arg(long, value_name = "KIND", default_value = "strips")]
-    primitives: PrimitivesArg,
     /// Replace a tile set that is in the directory
     #[arg(long)]
     force: bool,
+    #[command(flatten)]
+    form: FormArgs,
     #[command(flatten)]
     options: InputOptions,
     #[command(flatten)]
@@ -98,6 +80,7 @@ impl ConvertArgs {
             Threshold::Value(t) => t,
             Threshold::Otsu => info::otsu(&*opened.volume, &self.input, &console)?,
         };
+        let form = self.form.form(Form::default());
         let options = ConvertOptions {
             threshold,
             macrocube: self.macrocube,
@@ -110,7 +93,9 @@ impl ConvertArgs {
             cap: self.cap,
             min_voxels: self.min_voxels,
             crop,
-            primitives: self.primitives.into(),
+            primitives: form.primitives,
+            encoding: form.encoding,
+            layout: form.layout,
             force: self.force,
             source_name: opened.name.clone(),
             source_offset: opened.offset,

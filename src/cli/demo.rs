@@ -1,7 +1,8 @@
 //! `alvis demo`: everything once, on a foam phantom.
 
 use super::args::Common;
-use super::convert::{self, PrimitivesArg};
+use super::convert;
+use super::form::PrimitivesArg;
 use super::progress::Console;
 use super::{Outcome, output, verify};
 use crate::error::{Error, Result};

@@ -9,6 +9,7 @@ mod chart;
 mod convert;
 mod demo;
 mod export;
+mod form;
 mod generate;
 mod info;
 mod output;
@@ -16,6 +17,7 @@ mod parse;
 mod phantom;
 mod preview;
 mod progress;
+mod repack;
 mod select;
 mod verify;
 
@@ -58,6 +60,7 @@ enum Command {
     Cells(cells::CellsArgs),
     Select(select::SelectArgs),
     Export(export::ExportArgs),
+    Repack(repack::RepackArgs),
     Preview(preview::PreviewArgs),
     Phantom(phantom::PhantomArgs),
     Completions(generate::CompletionsArgs),
@@ -74,6 +77,7 @@ impl Command {
             Command::Cells(args) => args.run(),
             Command::Select(args) => args.run(),
             Command::Export(args) => args.run(),
+            Command::Repack(args) => args.run(),
             Command::Preview(args) => args.run(),
             Command::Phantom(args) => args.run(),
             Command::Completions(args) => args.run(),

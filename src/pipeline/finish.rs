@@ -1,16 +1,16 @@
 //! Gives the tiles their ids and measures, and writes the shards.
 
 use crate::error::{Error, Result};
-use crate::grid::{LATTICE, Placement};
+use crate::grid::{LATTICE, Placement, Tiling};
 use crate::manifest::{Bounds, Group, Layer, TileEntry, Totals, checksum_text};
 use crate::measure::{ComponentRecord, Measures, RecordTable};
 use crate::pipeline::forward::SlabRecord;
 use crate::pipeline::resolve::Resolved;
 use crate::pipeline::spool::{Place, Spool};
 use crate::pipeline::surfaces::WHOLE;
-use crate::pipeline::tilefile::{TileRecord, WrittenPiece, aligned, too_large, write_file};
+use crate::pipeline::tilefile::{TileRecord, WrittenPiece, too_large, too_wide, write_file};
 use crate::tile::{
-    Body, BodyPiece, Extras, MAX_NODES, Node, TileHead, group_body, merged_file, node_json,
+    Body, BodyPiece, Extras, Node, Refused, TileHead, group_body, name, node_json, tile_file,
     tile_path, write_head,
 };
 use rayon::prelude::*;
@@ -32,6 +32,8 @@ pub struct FinishSettings<'a> {
     pub head: &'a TileHead,
     /// Spacing and unit of the measures.
     pub placement: &'a Placement,
+    /// The macrocubes.
+    pub tiling: Tiling,
 }
 
 /// The settings with the sums of all components.
@@ -171,7 +173,7 @@ impl Finisher<'_> {
         let (groups, group_ids) = group(ids);
         let grouped = groups.len() < pieces.len();
         let path = self.settings.dir.join(tile_path(tile.grid));
-        if !grouped && groups.len() <= MAX_NODES {
+        if !grouped && self.settings.head.is_plain(groups.len()) {
             let nodes = self.nodes(&body, &group_ids)?;
             let json = node_json(self.settings.head, &body, &nodes);
             let room = tile.room as usize;
@@ -201,8 +203,8 @@ impl Finisher<'_> {
         self.rewrite_tile(tile, &body, (&groups, &group_ids), &path)
     }
 
-    /// Writes a tile anew: pieces that turned out to be one are joined, or the layout is the merged
-    /// one.
+    /// Writes a tile anew: pieces that turned out to be one are joined, the layout is the merged one,
+    /// or numbers are stored in another way.
     fn rewrite_tile(
         &self,
         tile: &TileRecord,
@@ -210,29 +212,29 @@ impl Finisher<'_> {
         (groups, group_ids): (&[Vec<usize>], &[Ids]),
         path: &Path,
     ) -> Result<TileEntry> {
+        let head = self.settings.head;
         let bytes = std::fs::read(path).map_err(|e| Error::io(path, "read back", e))?;
         let start = bytes.len() - body.bytes as usize;
-        let (body, bin) = group_body(body, &bytes[start..], groups, self.settings.head.primitives);
-        let too_large = || too_large(tile.grid);
-        let mut merged_indices = None;
-        let file = if groups.len() <= MAX_NODES {
-            let nodes = self.nodes(&body, group_ids)?;
-            let json = node_json(self.settings.head, &body, &nodes);
-            let mut file =
-                write_head(&json, aligned(json.len()), body.bytes).ok_or_else(too_large)?;
-            file.extend_from_slice(&bin);
-            file
+        let joined;
+        let (body, bin) = if groups.len() < body.pieces.len() {
+            joined = group_body(body, &bytes[start..], groups, head.form.primitives);
+            (&joined.0, &joined.1[..])
         } else {
-            let nodes = self.nodes(&body, group_ids)?;
-            let rows: Vec<Extras> = nodes.into_iter().map(|n| n.extras).collect();
-            let (file, indices) =
-                merged_file(self.settings.head, &body, &bin, &rows).ok_or_else(too_large)?;
-            merged_indices = Some(indices);
-            file
+            (body, &bytes[start..])
         };
-        write_file(path, &[&file])?;
-        let size_and_crc = (file.len() as u64, crc32fast::hash(&file));
-        Ok(entry(tile, &body, group_ids, merged_indices, size_and_crc))
+        let nodes = self.nodes(body, group_ids)?;
+        let low = |a: usize| self.settings.tiling.cubes(a, tile.grid[a]).start;
+        let file =
+            tile_file(head, std::array::from_fn(low), (body, bin), &nodes).map_err(|refused| {
+                match refused {
+                    Refused::TooLarge => too_large(tile.grid),
+                    Refused::TooWide => too_wide(self.settings.tiling.macrocube),
+                }
+            })?;
+        write_file(path, &[&file.bytes])?;
+        let size_and_crc = (file.bytes.len() as u64, crc32fast::hash(&file.bytes));
+        let indices = Some(file.indices);
+        Ok(entry(tile, body, group_ids, indices, size_and_crc))
     }
 
     /// Names and numbers of a tile's pieces.
@@ -252,20 +254,17 @@ impl Finisher<'_> {
                     let extras = Extras::ids(cell, object, surface, u64::from(piece.triangles));
                     if cell == 0 {
                         return Ok(Node {
-                            name: format!("cap_object_{object}"),
+                            name: name(0, object, false),
                             extras,
+                            colour: None,
                         });
                     }
                     let record = self.cells.get(cell - 1)?;
-                    let name = if record.surfaces > 1 {
-                        format!("cell_{cell}_object_{object}")
-                    } else {
-                        format!("cell_{cell}")
-                    };
                     let measures = Measures::of(&record, self.settings.placement, false);
                     Ok(Node {
-                        name,
+                        name: name(cell, object, record.surfaces > 1),
                         extras: extras.with_measures(&measures, unit),
+                        colour: None,
                     })
                 },
             )
@@ -278,7 +277,7 @@ fn entry(
     tile: &TileRecord,
     body: &Body,
     ids: &[Ids],
-    merged_indices: Option<u64>,
+    indices: Option<u64>,
     (bytes, crc): (u64, u32),
 ) -> TileEntry {
     let sum = |get: fn(&BodyPiece) -> u32| body.pieces.iter().map(|p| u64::from(get(p))).sum();
@@ -300,7 +299,7 @@ fn entry(
         vertices: u64::from(body.vertices),
         triangles: sum(|p| p.triangles),
         strips: sum(|p| p.strips),
-        indices: merged_indices.unwrap_or_else(|| sum(|p| p.indices)),
+        indices: indices.unwrap_or_else(|| sum(|p| p.indices)),
         bytes,
         checksum: checksum_text(crc),
         groups: ids

@@ -25,7 +25,8 @@ pub(crate) use tilefile::write_file;
 use crate::error::{Error, Result};
 use crate::grid::{Dims, LATTICE, Tiling};
 use crate::manifest::{
-    Dust, FORMAT, FORMAT_VERSION, Generator, GridInfo, Layer, Manifest, Source, Tables, Totals,
+    Dust, Encoding, FORMAT, FORMAT_VERSION, Generator, GridInfo, Layer, Manifest, Source, Tables,
+    Totals,
 };
 use crate::progress::Progress;
 use crate::tile::TileHead;
@@ -37,7 +38,7 @@ use spool::Spool;
 use std::path::Path;
 use std::time::Instant;
 use sweep::Sweep;
-use tilefile::TileWriter;
+use tilefile::{TileWriter, too_wide};
 
 /// Converts a volume to a tile set in the directory `out`.
 ///
@@ -113,6 +114,20 @@ fn check(options: &ConvertOptions) -> Result<()> {
     Ok(())
 }
 
+/// Refuses macrocubes that reach further than 16-bit positions: 255 cubes are 65,280 steps, and with
+/// caps a tile reaches a voxel and a half further.
+///
+/// # Errors
+/// [`Error::Usage`].
+pub(crate) fn check_reach(encoding: Encoding, tiling: Tiling) -> Result<()> {
+    const MOST: u32 = 254;
+    let cubes = |a: usize| tiling.macrocube[a].min(tiling.dims.0[a] - 1);
+    if encoding != Encoding::Float && (0..3).any(|a| cubes(a) > MOST) {
+        return Err(too_wide(tiling.macrocube));
+    }
+    Ok(())
+}
+
 /// What [`make`] made.
 struct Made {
     totals: Totals,
@@ -132,7 +147,7 @@ fn make(
     let placement = grid.header().placement;
     let head = TileHead {
         matrix: placement.gltf_matrix(),
-        primitives: options.primitives,
+        form: options.form(),
     };
     let spooled;
     // a slab's bands are read one by one, each through all its slices
@@ -173,6 +188,7 @@ fn make(
         dir: work,
         head: &head,
         placement: &placement,
+        tiling: plan.tiling,
     };
     let layers = finish(
         &slabs,
@@ -368,6 +384,8 @@ fn manifest(
         cap: options.cap,
         dust: None,
         primitives: options.primitives,
+        encoding: options.encoding,
+        layout: options.layout,
         lattice: LATTICE,
         transform: placement.gltf_matrix(),
         totals,

@@ -1,7 +1,7 @@
 //! What a conversion is asked for, and what it reports.
 
 use crate::grid::{Ambiguous, Crop};
-use crate::manifest::{Primitives, Provenance, Totals};
+use crate::manifest::{Encoding, Form, Layout, Primitives, Provenance, Totals};
 use serde::Serialize;
 
 /// The options of [`super::convert`].
@@ -25,6 +25,11 @@ pub struct ConvertOptions {
     pub crop: Option<Crop>,
     /// Strips or triangle lists.
     pub primitives: Primitives,
+    /// How tiles store numbers. Other than floats, macrocubes have at most 254 cubes along each axis,
+    /// and tiles are written as floats first and encoded at the end, one by one.
+    pub encoding: Encoding,
+    /// Which tiles have one mesh for all their pieces.
+    pub layout: Layout,
     /// Replace a tile set that is in the output directory.
     pub force: bool,
     /// The input's name for the manifest, without its directory.
@@ -33,6 +38,17 @@ pub struct ConvertOptions {
     pub source_offset: u64,
     /// Where spacing, unit and origin came from, for the manifest.
     pub provenance: Provenance,
+}
+
+impl ConvertOptions {
+    /// Primitives, encoding and layout.
+    pub fn form(&self) -> Form {
+        Form {
+            primitives: self.primitives,
+            encoding: self.encoding,
+            layout: self.layout,
+        }
+    }
 }
 
 impl Default for ConvertOptions {
@@ -47,6 +63,8 @@ impl Default for ConvertOptions {
             min_voxels: 0,
             crop: None,
             primitives: Primitives::Strips,
+            encoding: Encoding::Float,
+            layout: Layout::Auto,
             force: false,
             source_name: String::new(),
             source_offset: 0,

@@ -3,7 +3,7 @@
 use crate::error::{Error, Result};
 use crate::grid::{Dims, Tiling};
 use crate::mesh::{BYTES_PER_CUBE, BYTES_PER_TRIANGLE};
-use crate::pipeline::ConvertOptions;
+use crate::pipeline::{ConvertOptions, check_reach};
 use crate::slab::Span;
 use crate::volume::Volume;
 
@@ -47,7 +47,8 @@ pub struct Plan {
 /// Predicts the memory and chooses how to cut.
 ///
 /// # Errors
-/// [`Error::Memory`] with the smallest limit that works if `options.memory` is below it.
+/// [`Error::Memory`] with the smallest limit that works if `options.memory` is below it;
+/// [`Error::Usage`] if macrocubes are too large for the encoding.
 pub fn plan(volume: &dyn Volume, dims: Dims, options: &ConvertOptions) -> Result<Plan> {
     let threads = match options.threads {
         0 => std::thread::available_parallelism().map_or(1, |n| n.get()),
@@ -57,6 +58,7 @@ pub fn plan(volume: &dyn Volume, dims: Dims, options: &ConvertOptions) -> Result
         dims,
         macrocube: options.macrocube,
     };
+    check_reach(options.encoding, tiling)?;
     let bands = tiling.tiles()[1];
     let cost = Cost::of(volume, tiling, threads);
     let make = |bands_at_once: u32, look_ahead: bool| Plan {

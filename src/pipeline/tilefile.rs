@@ -3,7 +3,7 @@
 use crate::error::{Error, Result};
 use crate::mesh::{Piece, TileMesh};
 use crate::strip::Stripifier;
-use crate::tile::{Body, BodyPiece, MAX_NODES, Node, TileHead, node_json, tile_path, write_head};
+use crate::tile::{Body, BodyPiece, Node, TileHead, aligned, node_json, tile_path, write_head};
 use bytemuck::{Pod, Zeroable};
 use std::fs::File;
 use std::io::Write;
@@ -26,8 +26,8 @@ pub struct TileRecord {
     pub pieces_at: u64,
     /// Number of pieces.
     pub pieces: u32,
-    /// Bytes of the JSON chunk; 0 if the tile has more pieces than nodes may be, and is written
-    /// anew at the end.
+    /// Bytes of the JSON chunk; 0 if the tile has more pieces than nodes may be or is to be encoded,
+    /// and is written anew at the end.
     pub room: u32,
     /// CRC-32 of the BIN chunk's data.
     pub crc: u32,
@@ -85,12 +85,12 @@ impl TileWriter {
         buffers.body.clear();
         let body = Body::write(
             mesh,
-            self.head.primitives,
+            self.head.form.primitives,
             &mut buffers.stripifier,
             &mut buffers.body,
         );
         let crc = crc32fast::hash(&buffers.body);
-        let room = if body.pieces.len() <= MAX_NODES {
+        let room = if self.head.is_plain(body.pieces.len()) {
             json_room(&self.head, &body)
         } else {
             0
@@ -131,12 +131,6 @@ fn json_room(head: &TileHead, body: &Body) -> usize {
     aligned(node_json(head, body, &nodes).len())
 }
 
-/// The next length of a JSON chunk that puts the BIN chunk's data on a multiple of 8 bytes, as
-/// EXT_structural_metadata asks for.
-pub fn aligned(json_bytes: usize) -> usize {
-    (json_bytes + 28).next_multiple_of(8) - 28
-}
-
 /// The error for a tile beyond the size of a GLB.
 pub fn too_large(grid: [u32; 3]) -> Error {
     Error::usage(
@@ -145,6 +139,17 @@ pub fn too_large(grid: [u32; 3]) -> Error {
         "tiles below 4 GiB, the limit of GLB files",
     )
     .with_hint("use smaller macrocubes")
+}
+
+/// The error for tiles beyond the reach of 16-bit positions.
+pub fn too_wide(macrocube: [u32; 3]) -> Error {
+    let [x, y, z] = macrocube;
+    Error::usage(
+        "--macrocube",
+        format!("{x} x {y} x {z} cubes"),
+        "at most 254 along each axis with --encoding quantized or meshopt, whose positions have 16 bits",
+    )
+    .with_hint("use smaller macrocubes, or --encoding float")
 }
 
 /// Writes a new file from parts.

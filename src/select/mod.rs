@@ -13,6 +13,7 @@ mod legend;
 
 pub use choice::{ColourRule, PaintRule};
 pub use colour::{Map, hex, parse_colour};
+pub(crate) use legend::FILE as LEGEND;
 
 use crate::error::{Error, Result};
 use crate::manifest::{MANIFEST, Manifest, Selection, WholeTotals};

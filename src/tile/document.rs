@@ -1,9 +1,11 @@
 //! The JSON chunk of a tile in node layout.
 
 use crate::grid::LATTICE;
-use crate::manifest::Primitives;
-use crate::tile::Extras;
-use crate::tile::body::{Body, BodyPiece};
+use crate::manifest::{Encoding, Form, Layout, Primitives};
+use crate::tile::body::Body;
+use crate::tile::paint::{Paints, Rgb};
+use crate::tile::store::Stored;
+use crate::tile::{Extras, MAX_NODES};
 use serde::Serialize;
 use serde_json::{Value, json};
 
@@ -12,8 +14,38 @@ use serde_json::{Value, json};
 pub struct TileHead {
     /// The root node's matrix.
     pub matrix: [f64; 16],
-    /// Kind of the primitives.
-    pub primitives: Primitives,
+    /// Primitives, encoding and layout.
+    pub form: Form,
+}
+
+impl TileHead {
+    /// True if a tile of so many pieces takes the merged layout.
+    pub fn merges(&self, pieces: usize) -> bool {
+        match self.form.layout {
+            Layout::Auto => pieces > MAX_NODES,
+            Layout::Nodes => false,
+            Layout::Merged => true,
+        }
+    }
+
+    /// True if the body of a tile of so many pieces is in the file as [`Body::write`] makes it.
+    pub fn is_plain(&self, pieces: usize) -> bool {
+        self.form.encoding == Encoding::Float && !self.merges(pieces)
+    }
+
+    /// The extensions that a reader must know, and those used in the layout.
+    pub(super) fn extensions(&self, merged: bool) -> [Vec<&'static str>; 2] {
+        let required = match self.form.encoding {
+            Encoding::Float => vec![],
+            Encoding::Quantized => vec!["KHR_mesh_quantization"],
+            Encoding::Meshopt => vec!["KHR_mesh_quantization", "EXT_meshopt_compression"],
+        };
+        let mut used = required.clone();
+        if merged {
+            used.extend(["EXT_mesh_features", "EXT_structural_metadata"]);
+        }
+        [required, used]
+    }
 }
 
 /// One surface piece as it appears in the file.
@@ -23,6 +55,8 @@ pub struct Node {
     pub name: String,
     /// Its numbers.
     pub extras: Extras,
+    /// Its colour; none is the common grey.
+    pub colour: Option<Rgb>,
 }
 
 impl Node {
@@ -32,6 +66,7 @@ impl Node {
         Node {
             name: format!("cell_{most}_object_{most}"),
             extras: Extras::widest(),
+            colour: None,
         }
     }
 }
@@ -40,6 +75,7 @@ impl Node {
 pub(crate) const GENERATOR: &str = concat!("alvis ", env!("CARGO_PKG_VERSION"));
 
 /// Component types of glTF.
+pub(crate) const BYTE: u32 = 5120;
 pub(crate) const UNSIGNED_SHORT: u32 = 5123;
 pub(crate) const UNSIGNED_INT: u32 = 5125;
 pub(crate) const FLOAT: u32 = 5126;
@@ -50,15 +86,19 @@ pub(crate) const ELEMENT_ARRAY_BUFFER: u32 = 34963;
 #[derive(Serialize)]
 struct Document<'a> {
     asset: Value,
+    #[serde(rename = "extensionsUsed", skip_serializing_if = "Vec::is_empty")]
+    used: Vec<&'static str>,
+    #[serde(rename = "extensionsRequired", skip_serializing_if = "Vec::is_empty")]
+    required: Vec<&'static str>,
     scene: u32,
     scenes: [Value; 1],
     nodes: Vec<DocNode<'a>>,
     meshes: Vec<Value>,
-    materials: [Value; 1],
+    materials: Vec<Value>,
     accessors: Vec<Value>,
     #[serde(rename = "bufferViews")]
     buffer_views: Vec<Value>,
-    buffers: [Value; 1],
+    buffers: Vec<Value>,
 }
 
 #[derive(Serialize)]
@@ -72,6 +112,10 @@ enum DocNode<'a> {
     Piece {
         name: &'a str,
         mesh: u32,
+        #[serde(skip_serializing_if = "Option::is_none")]
+        translation: Option<[i32; 3]>,
+        #[serde(skip_serializing_if = "Option::is_none")]
+        scale: Option<[f64; 3]>,
         extras: &'a Extras,
     },
 }
@@ -100,25 +144,6 @@ pub(crate) fn coordinate(steps: i32) -> f32 {
     steps as f32 / LATTICE as f32
 }
 
-/// The three accessors of a piece.
-pub(super) fn accessors(body: &Body, piece: &BodyPiece) -> [Value; 3] {
-    let vertex_bytes = 12 * u64::from(piece.first_vertex);
-    let (min, max) = (piece.min.map(coordinate), piece.max.map(coordinate));
-    let width = if piece.wide() {
-        UNSIGNED_INT
-    } else {
-        UNSIGNED_SHORT
-    };
-    [
-        json!({"bufferView": 0, "byteOffset": vertex_bytes, "componentType": FLOAT,
-               "count": piece.vertices, "type": "VEC3", "min": min, "max": max}),
-        json!({"bufferView": 1, "byteOffset": vertex_bytes, "componentType": FLOAT,
-               "count": piece.vertices, "type": "VEC3"}),
-        json!({"bufferView": 2, "byteOffset": piece.first_index_byte - body.indices_start(),
-               "componentType": width, "count": piece.indices, "type": "SCALAR"}),
-    ]
-}
-
 /// The buffer views of positions, normals and indices.
 pub(crate) fn geometry_views(body: &Body) -> Vec<Value> {
     let vertex_bytes = 12 * u64::from(body.vertices);
@@ -130,38 +155,57 @@ pub(crate) fn geometry_views(body: &Body) -> Vec<Value> {
     ]
 }
 
-/// The JSON of a tile in node layout, a node per piece of `body`, without padding.
+/// The JSON of a tile in node layout with its body as it is, a node per piece of `body`, without
+/// padding.
 pub fn node_json(head: &TileHead, body: &Body, nodes: &[Node]) -> Vec<u8> {
+    node_document(head, &Stored::float(body), body, nodes)
+}
+
+/// The same for geometry stored in any way.
+pub(super) fn node_document(
+    head: &TileHead,
+    stored: &Stored,
+    body: &Body,
+    nodes: &[Node],
+) -> Vec<u8> {
     debug_assert_eq!(body.pieces.len(), nodes.len());
     let mut all = vec![DocNode::Root {
         name: "alvis",
         matrix: &head.matrix,
         children: (1..=nodes.len() as u32).collect(),
     }];
+    let mut paints = Paints::default();
+    let (translation, scale) = stored.transform().unzip();
     let mut meshes = Vec::with_capacity(nodes.len());
-    let mut all_accessors = Vec::with_capacity(3 * nodes.len());
+    let mut accessors = Vec::with_capacity(3 * nodes.len());
     for (i, (node, piece)) in nodes.iter().zip(&body.pieces).enumerate() {
         all.push(DocNode::Piece {
             name: &node.name,
             mesh: i as u32,
+            translation,
+            scale,
             extras: &node.extras,
         });
         meshes.push(json!({"name": node.name, "primitives": [{
             "attributes": {"POSITION": 3 * i, "NORMAL": 3 * i + 1},
-            "indices": 3 * i + 2, "material": 0, "mode": mode(head.primitives)
+            "indices": 3 * i + 2, "material": paints.index(node.colour),
+            "mode": mode(head.form.primitives)
         }]}));
-        all_accessors.extend(accessors(body, piece));
+        accessors.extend(stored.accessors(piece, stored.indices[i]));
     }
+    let [required, used] = head.extensions(false);
     let document = Document {
         asset: json!({"version": "2.0", "generator": GENERATOR}),
+        used,
+        required,
         scene: 0,
         scenes: [json!({"nodes": [0]})],
         nodes: all,
         meshes,
-        materials: [material()],
-        accessors: all_accessors,
-        buffer_views: geometry_views(body),
-        buffers: [json!({"byteLength": body.bytes})],
+        materials: paints.materials,
+        accessors,
+        buffer_views: stored.views.clone(),
+        buffers: stored.buffers.clone(),
     };
     serde_json::to_vec(&document).expect("plain data serialises")
 }

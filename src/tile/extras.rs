@@ -1,7 +1,11 @@
 //! The numbers that ride on a tile's nodes.
 
+use super::json::whole;
+use super::read::PieceIds;
+use crate::grid::Unit;
 use crate::measure::Measures;
-use serde::{Serialize, Serializer};
+use serde::{Deserialize, Serialize, Serializer};
+use serde_json::{Map, Value};
 
 /// `extras` of a node: ids, the piece's triangles in this tile, and measures of the whole cell, in
 /// the unit named. Quantities without meaning are left out; caps have ids and `triangles` alone.
@@ -85,6 +89,27 @@ impl Extras {
             flatness: None,
             euler_characteristic: None,
             touches_border: None,
+        }
+    }
+
+    /// What a tile's node or table has, with the ids and triangles that were read from there already.
+    pub fn read(ids: &PieceIds, found: &Map<String, Value>) -> Self {
+        let number = |name: &str| found.get(name).and_then(Value::as_f64);
+        let unit = found.get("unit").map(Unit::deserialize);
+        Extras {
+            unit: unit.and_then(Result::ok).map(Unit::name),
+            voxels: number("voxels").and_then(whole),
+            volume: number("volume"),
+            mesh_volume: number("mesh_volume"),
+            area: number("area"),
+            equivalent_diameter: number("equivalent_diameter"),
+            sphericity: number("sphericity"),
+            form_factor: number("form_factor"),
+            elongation: number("elongation"),
+            flatness: number("flatness"),
+            euler_characteristic: found.get("euler_characteristic").and_then(Value::as_i64),
+            touches_border: number("touches_border").map(|v| v as u8),
+            ..Extras::ids(ids.cell, ids.object, ids.surface, ids.triangles)
         }
     }
 

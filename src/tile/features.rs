@@ -1,7 +1,9 @@
 //! The property table of a merged tile (EXT_mesh_features and EXT_structural_metadata).
 
+use super::buffers::Buffers;
+use super::glb::{Fault, ReadError};
 use super::json::{ClassProperty, Document, Primitive, whole};
-use super::read::{Fault, PieceIds, ReadError, view_bytes};
+use super::read::PieceIds;
 use serde_json::{Map, Value};
 
 /// Where the table is, for messages.
@@ -18,7 +20,7 @@ fn fail<T>(place: &str, message: impl Into<String>) -> Result<T, ReadError> {
 /// Reads the id columns of the table that feature id set 0 of `prim` points to, one row per piece.
 pub(super) fn rows(
     doc: &Document,
-    bin: &[u8],
+    buffers: &Buffers,
     prim: &Primitive,
 ) -> Result<Vec<PieceIds>, ReadError> {
     const AT: &str = "/extensions/EXT_structural_metadata";
@@ -57,8 +59,12 @@ pub(super) fn rows(
         let Some((property, values)) = found else {
             return fail(AT, format!("the table has no column {name:?}"));
         };
-        numbers(property, view_bytes(doc, bin, values.values)?, table.count)
-            .map_or_else(|what| fail(AT, format!("column {name:?}: {what}")), Ok)
+        numbers(
+            property,
+            buffers.view(doc, values.values)?.get(),
+            table.count,
+        )
+        .map_or_else(|what| fail(AT, format!("column {name:?}: {what}")), Ok)
     };
     let (cell, object) = (column("cell")?, column("object")?);
     let (surface, triangles) = (column("surface")?, column("triangles")?);
@@ -71,9 +77,13 @@ pub(super) fn rows(
     Ok((0..cell.len()).map(row).collect())
 }
 
-/// Reads all columns of table 0, one map per row; values that the schema calls missing are left out.
-/// Whether ids and table fit together is checked by [`rows`].
-pub(super) fn extras(doc: &Document, bin: &[u8]) -> Result<Vec<Map<String, Value>>, ReadError> {
+/// Reads all columns of table 0, one map per row, as the nodes' `extras` would have them: values
+/// that the schema calls missing are left out, and rows with measures have their `unit`. Whether ids
+/// and table fit together is checked by [`rows`].
+pub(super) fn extras(
+    doc: &Document,
+    buffers: &Buffers,
+) -> Result<Vec<Map<String, Value>>, ReadError> {
     let found = doc.extensions.structural_metadata.as_ref().and_then(|m| {
         let table = m.property_tables.first()?;
         Some((table, m.schema.as_ref()?.classes.get(&table.class)?))
@@ -86,8 +96,8 @@ pub(super) fn extras(doc: &Document, bin: &[u8]) -> Result<Vec<Map<String, Value
         let Some(property) = class.properties.get(name) else {
             return fail(TABLE, format!("its class has no property {name:?}"));
         };
-        let bytes = view_bytes(doc, bin, values.values)?;
-        let column = match cells(property, bytes, table.count) {
+        let bytes = buffers.view(doc, values.values)?;
+        let column = match cells(property, bytes.get(), table.count) {
             Ok(column) => column,
             Err(what) => return fail(TABLE, format!("column {name:?}: {what}")),
         };
@@ -97,6 +107,23 @@ pub(super) fn extras(doc: &Document, bin: &[u8]) -> Result<Vec<Map<String, Value
             if property.no_data.as_ref() != Some(&value) {
                 row.insert(name.clone(), value);
             }
+        }
+    }
+    // a count of voxels is a whole number on nodes, as long as Blender takes it for one
+    for row in &mut rows {
+        let small = |v: &u64| *v <= i32::MAX as u64;
+        if let Some(count) = row
+            .get("voxels")
+            .and_then(Value::as_f64)
+            .and_then(whole)
+            .filter(small)
+        {
+            row.insert("voxels".into(), count.into());
+        }
+    }
+    if let Some(unit) = &class.extras.unit {
+        for row in rows.iter_mut().filter(|r| r.contains_key("voxels")) {
+            row.insert("unit".into(), unit.clone().into());
         }
     }
     Ok(rows)

@@ -13,6 +13,8 @@ pub enum Fault {
     Structure,
     /// An accessor, buffer view or buffer is of the wrong type, misaligned or outside the file.
     Accessor,
+    /// A compressed buffer view is not what it says, or cannot be decoded.
+    Compression,
     /// A node's `extras` are missing, not flat or not whole numbers.
     Extras,
 }

@@ -1,13 +1,16 @@
 //! The part of glTF's JSON that a tile uses, as plain serde types: nothing is checked beyond types.
 //!
 //! Unknown members are ignored, as glTF demands of a reader. See the glTF 2.0 specification,
-//! section 5, and the specifications of EXT_mesh_features and EXT_structural_metadata.
+//! section 5, and the specifications of EXT_mesh_features, EXT_structural_metadata and
+//! EXT_meshopt_compression.
 
 use serde::Deserialize;
 use serde::de::{Deserializer, IgnoredAny, MapAccess, Visitor};
 use std::collections::BTreeMap;
 
-/// glTF component type of 16-bit indices.
+/// glTF component type of normals of 8 bits.
+pub(super) const BYTE: u32 = 5120;
+/// glTF component type of 16-bit indices and positions.
 pub(super) const UNSIGNED_SHORT: u32 = 5123;
 /// glTF component type of 32-bit indices.
 pub(super) const UNSIGNED_INT: u32 = 5125;
@@ -31,11 +34,17 @@ pub(super) struct Document {
     #[serde(default)]
     pub buffers: Vec<Buffer>,
     #[serde(default)]
-    pub materials: Vec<IgnoredAny>,
+    pub materials: Vec<Material>,
     #[serde(default, rename = "extensionsRequired")]
     pub extensions_required: Vec<String>,
     #[serde(default)]
     pub extensions: RootExtensions,
+}
+
+#[derive(Deserialize)]
+pub(super) struct Material {
+    #[serde(default)]
+    pub name: String,
 }
 
 #[derive(Deserialize)]
@@ -54,14 +63,21 @@ pub(super) struct Node {
     #[serde(default)]
     pub name: String,
     pub matrix: Option<[f64; 16]>,
-    pub translation: Option<IgnoredAny>,
+    pub translation: Option<[f64; 3]>,
     pub rotation: Option<IgnoredAny>,
-    pub scale: Option<IgnoredAny>,
+    pub scale: Option<[f64; 3]>,
     #[serde(default)]
     pub children: Vec<usize>,
     pub mesh: Option<usize>,
     #[serde(default)]
     pub extras: Extras,
+}
+
+impl Node {
+    /// True if it has a transform other than a matrix.
+    pub fn has_trs(&self) -> bool {
+        self.translation.is_some() || self.rotation.is_some() || self.scale.is_some()
+    }
 }
 
 #[derive(Deserialize)]
@@ -131,6 +147,29 @@ pub(super) struct BufferView {
     pub byte_length: u64,
     #[serde(rename = "byteStride")]
     pub byte_stride: Option<u64>,
+    #[serde(default)]
+    pub extensions: ViewExtensions,
+}
+
+#[derive(Deserialize, Default)]
+pub(super) struct ViewExtensions {
+    #[serde(rename = "EXT_meshopt_compression")]
+    pub meshopt: Option<Compressed>,
+}
+
+/// EXT_meshopt_compression of a view.
+#[derive(Deserialize)]
+pub(super) struct Compressed {
+    pub buffer: usize,
+    #[serde(default, rename = "byteOffset")]
+    pub byte_offset: u64,
+    #[serde(rename = "byteLength")]
+    pub byte_length: u64,
+    #[serde(rename = "byteStride")]
+    pub byte_stride: u64,
+    pub count: u64,
+    pub mode: String,
+    pub filter: Option<String>,
 }
 
 #[derive(Deserialize)]
@@ -138,6 +177,21 @@ pub(super) struct Buffer {
     #[serde(rename = "byteLength")]
     pub byte_length: u64,
     pub uri: Option<IgnoredAny>,
+    #[serde(default)]
+    pub extensions: BufferExtensions,
+}
+
+#[derive(Deserialize, Default)]
+pub(super) struct BufferExtensions {
+    #[serde(rename = "EXT_meshopt_compression")]
+    pub meshopt: Option<Fallback>,
+}
+
+/// EXT_meshopt_compression of a buffer.
+#[derive(Deserialize)]
+pub(super) struct Fallback {
+    #[serde(default)]
+    pub fallback: bool,
 }
 
 #[derive(Deserialize, Default)]
@@ -163,6 +217,14 @@ pub(super) struct Schema {
 pub(super) struct Class {
     #[serde(default)]
     pub properties: BTreeMap<String, ClassProperty>,
+    #[serde(default)]
+    pub extras: ClassExtras,
+}
+
+#[derive(Deserialize, Default)]
+pub(super) struct ClassExtras {
+    /// Unit of length of the measures.
+    pub unit: Option<String>,
 }
 
 #[derive(Deserialize)]

@@ -1,14 +1,13 @@
 //! The merged layout: one mesh for a tile of very many pieces, whose ids and measures are rows of an
 //! EXT_structural_metadata property table that `_FEATURE_ID_0` points into.
 
-use crate::manifest::Primitives;
-use crate::strip::append_strip;
+use super::bin::Bin;
+use super::body::{Body, BodyPiece};
+use super::document::{FLOAT, GENERATOR, Node, TileHead, UNSIGNED_SHORT, material, mode};
+use super::paint::vertex_colour;
+use super::store::{Geometry, Refused, Stored, joined};
 use crate::tile::Extras;
-use crate::tile::body::Body;
-use crate::tile::document::{
-    ARRAY_BUFFER, ELEMENT_ARRAY_BUFFER, FLOAT, GENERATOR, TileHead, UNSIGNED_INT, UNSIGNED_SHORT,
-    coordinate, material, mode, write_head,
-};
+use bytemuck::Zeroable;
 use serde_json::{Map, Value, json};
 
 /// Value of a measure that is missing in the table; no measure is negative but the Euler
@@ -25,9 +24,9 @@ struct Column {
 }
 
 /// The columns of the property table, the same as the fields of [`Extras`].
-fn columns(rows: &[Extras]) -> Vec<Column> {
+fn columns(rows: &[&Extras]) -> Vec<Column> {
     let id = |name: &'static str, get: &dyn Fn(&Extras) -> u64| {
-        let values: Vec<u64> = rows.iter().map(get).collect();
+        let values: Vec<u64> = rows.iter().map(|r| get(r)).collect();
         let narrow: Option<Vec<u32>> = values.iter().map(|&v| u32::try_from(v).ok()).collect();
         match narrow {
             Some(v) => (name, "UINT32", None, bytemuck::cast_slice(&v).to_vec()),
@@ -87,152 +86,139 @@ fn columns(rows: &[Extras]) -> Vec<Column> {
     .collect()
 }
 
-/// The whole file of a tile in merged layout, with one row of `rows` per piece of `body`. `None` if
-/// it would pass the 4 GiB of a GLB.
-pub fn merged_file(
+/// The JSON and BIN chunk of a tile in merged layout, a row of the table per piece, and the number of
+/// index entries.
+pub(super) fn merged_chunks(
     head: &TileHead,
-    body: &Body,
-    bytes: &[u8],
-    rows: &[Extras],
-) -> Option<(Vec<u8>, u64)> {
-    let (indices, wide) = merged_indices(body, bytes, head.primitives);
-    let mut bin = bytes[..body.indices_start() as usize].to_vec();
-    let mut views = vec![
-        view(
-            0,
-            12 * u64::from(body.vertices),
-            Some(12),
-            Some(ARRAY_BUFFER),
-        ),
-        view(
-            12 * u64::from(body.vertices),
-            12 * u64::from(body.vertices),
-            Some(12),
-            Some(ARRAY_BUFFER),
-        ),
-    ];
-    let mut push = |bin: &mut Vec<u8>, data: &[u8], target: Option<u32>| {
-        views.push(view(bin.len() as u64, data.len() as u64, None, target));
-        bin.extend_from_slice(data);
-        bin.resize(bin.len().next_multiple_of(8), 0);
-        views.len() - 1
-    };
-    bin.resize(bin.len().next_multiple_of(8), 0);
-    if wide {
-        push(
-            &mut bin,
-            bytemuck::cast_slice(&indices),
-            Some(ELEMENT_ARRAY_BUFFER),
-        );
-    } else {
-        let narrow: Vec<u16> = indices.iter().map(|&i| i as u16).collect();
-        push(
-            &mut bin,
-            bytemuck::cast_slice(&narrow),
-            Some(ELEMENT_ARRAY_BUFFER),
-        );
-    }
-    let features: Vec<f32> = body
-        .pieces
-        .iter()
-        .enumerate()
-        .flat_map(|(i, p)| std::iter::repeat_n(i as f32, p.vertices as usize))
+    low: [u32; 3],
+    geometry: Geometry,
+    nodes: &[Node],
+) -> Result<(Vec<u8>, Vec<u8>, u64), Refused> {
+    let body = geometry.body;
+    let indices = joined(geometry, head.form.primitives);
+    let mut whole = BodyPiece::zeroed();
+    whole.vertices = body.vertices;
+    whole.indices = indices.len() as u32;
+    whole.min = fold(body, |p| p.min, i32::min);
+    whole.max = fold(body, |p| p.max, i32::max);
+    let (mut bin, base) = geometry.vertices(head.form.encoding, low)?;
+    let at = bin.indices(&indices, whole.wide(), head.form.primitives, whole.vertices);
+    let per_vertex = |i: usize| body.pieces[i].vertices as usize;
+    let rows: Vec<[u8; 4]> = (0..nodes.len())
+        .flat_map(|i| std::iter::repeat_n((i as f32).to_le_bytes(), per_vertex(i)))
         .collect();
-    push(
-        &mut bin,
-        bytemuck::cast_slice(&features),
-        Some(ARRAY_BUFFER),
+    let rows = bin.vertices(&rows, None);
+    let mut attributes = json!({"POSITION": 0, "NORMAL": 1, "_FEATURE_ID_0": 3});
+    let mut plain = material();
+    let painted = nodes.iter().any(|n| n.colour.is_some()).then(|| {
+        let colours: Vec<[u8; 8]> = nodes
+            .iter()
+            .enumerate()
+            .flat_map(|(i, n)| std::iter::repeat_n(vertex_colour(n.colour), per_vertex(i)))
+            .collect();
+        attributes["COLOR_0"] = 4.into();
+        // vertex colours multiply the factor
+        plain["pbrMetallicRoughness"]["baseColorFactor"] = json!([1.0, 1.0, 1.0, 1.0]);
+        bin.vertices(&colours, None)
+    });
+    let table = Table::new(nodes, &mut bin);
+    let stored = Stored {
+        encoding: head.form.encoding,
+        base,
+        buffers: bin.finish(),
+        views: bin.views,
+        indices: vec![(at, 0)],
+    };
+    let mut accessors = stored.accessors(&whole, stored.indices[0]).to_vec();
+    accessors.push(
+        json!({"bufferView": rows, "componentType": FLOAT, "count": whole.vertices,
+                          "type": "SCALAR"}),
     );
-    let mut classes = Map::new();
-    let mut table = Map::new();
-    for column in columns(rows) {
-        let mut class = json!({"type": "SCALAR", "componentType": column.kind});
-        if let Some(value) = column.no_data {
-            class["noData"] = value;
-        }
-        classes.insert(column.name.into(), class);
-        let at = push(&mut bin, &column.bytes, None);
-        table.insert(column.name.into(), json!({"values": at}));
+    if let Some(view) = painted {
+        accessors.push(json!({"bufferView": view, "componentType": UNSIGNED_SHORT,
+                              "normalized": true, "count": whole.vertices, "type": "VEC4"}));
     }
-    let width = if wide { UNSIGNED_INT } else { UNSIGNED_SHORT };
-    let min = fold(body, |p| p.min, i32::min).map(coordinate);
-    let max = fold(body, |p| p.max, i32::max).map(coordinate);
-    let unit = rows.iter().find_map(|r| r.unit);
-    let accessor = |view: usize, kind: u32, count: u64, shape: &str| json!({"bufferView": view, "byteOffset": 0, "componentType": kind, "count": count, "type": shape});
-    let vertices = u64::from(body.vertices);
-    let mut positions = accessor(0, FLOAT, vertices, "VEC3");
-    positions["min"] = json!(min);
-    positions["max"] = json!(max);
-    let document = json!({
+    let mut node = json!({"name": "cells", "mesh": 0});
+    if let Some((translation, scale)) = stored.transform() {
+        node["translation"] = json!(translation);
+        node["scale"] = json!(scale);
+    }
+    let [required, used] = head.extensions(true);
+    let mut document = json!({
         "asset": {"version": "2.0", "generator": GENERATOR},
-        "extensionsUsed": ["EXT_mesh_features", "EXT_structural_metadata"],
+        "extensionsUsed": used,
         "scene": 0,
         "scenes": [{"nodes": [0]}],
-        "nodes": [
-            {"name": "alvis", "matrix": head.matrix, "children": [1]},
-            {"name": "cells", "mesh": 0}
-        ],
+        "nodes": [{"name": "alvis", "matrix": head.matrix, "children": [1]}, node],
         "meshes": [{"name": "cells", "primitives": [{
-            "attributes": {"POSITION": 0, "NORMAL": 1, "_FEATURE_ID_0": 3},
-            "indices": 2, "material": 0, "mode": mode(head.primitives),
+            "attributes": attributes,
+            "indices": 2, "material": 0, "mode": mode(head.form.primitives),
             "extensions": {"EXT_mesh_features": {"featureIds": [
-                {"featureCount": rows.len(), "attribute": 0, "propertyTable": 0}
+                {"featureCount": nodes.len(), "attribute": 0, "propertyTable": 0}
             ]}}
         }]}],
-        "materials": [material()],
-        "accessors": [
-            positions,
-            accessor(1, FLOAT, vertices, "VEC3"),
-            accessor(2, width, indices.len() as u64, "SCALAR"),
-            accessor(3, FLOAT, vertices, "SCALAR")
-        ],
-        "bufferViews": views,
-        "buffers": [{"byteLength": bin.len()}],
-        "extensions": {"EXT_structural_metadata": {
-            "schema": {"id": "alvis", "classes": {"piece": {
-                "description": format!("Surface pieces; lengths in {}", unit.unwrap_or("voxel")),
-                "properties": classes
-            }}},
-            "propertyTables": [{"name": "pieces", "class": "piece", "count": rows.len(), "properties": table}]
-        }}
+        "materials": [plain],
+        "accessors": accessors,
+        "bufferViews": stored.views,
+        "buffers": stored.buffers,
+        "extensions": {"EXT_structural_metadata": table.extension(nodes)}
     });
+    if !required.is_empty() {
+        document["extensionsRequired"] = json!(required);
+    }
     let json = serde_json::to_vec(&document).expect("plain data serialises");
-    let mut file = write_head(&json, json.len().next_multiple_of(4), bin.len() as u64)?;
-    file.extend_from_slice(&bin);
-    Some((file, indices.len() as u64))
+    Ok((json, bin.bytes, indices.len() as u64))
 }
 
-fn view(offset: u64, length: u64, stride: Option<u32>, target: Option<u32>) -> Value {
-    let mut v = json!({"buffer": 0, "byteOffset": offset, "byteLength": length});
-    if let Some(stride) = stride {
-        v["byteStride"] = json!(stride);
-    }
-    if let Some(target) = target {
-        v["target"] = json!(target);
-    }
-    v
+/// The property table: its columns' kinds and where their values are.
+struct Table {
+    kinds: Map<String, Value>,
+    values: Map<String, Value>,
 }
 
-fn fold(
-    body: &Body,
-    get: impl Fn(&super::BodyPiece) -> [i32; 3],
-    pick: fn(i32, i32) -> i32,
-) -> [i32; 3] {
-    let mut all = body.pieces.iter().map(get);
-    let first = all.next().unwrap_or_default();
-    all.fold(first, |a, b| std::array::from_fn(|i| pick(a[i], b[i])))
-}
-
-/// All pieces' indices as one list or stitched strip over the tile's vertices, and whether they need
-/// 4 bytes.
-fn merged_indices(body: &Body, bytes: &[u8], primitives: Primitives) -> (Vec<u32>, bool) {
-    let mut all = Vec::new();
-    for piece in &body.pieces {
-        let part = body.indices(piece, bytes);
-        match primitives {
-            Primitives::Strips => append_strip(&mut all, &part, piece.first_vertex),
-            Primitives::Triangles => all.extend(part.iter().map(|i| i + piece.first_vertex)),
+impl Table {
+    /// Puts the columns of the pieces into the chunk.
+    fn new(nodes: &[Node], bin: &mut Bin) -> Self {
+        let rows: Vec<&Extras> = nodes.iter().map(|n| &n.extras).collect();
+        let mut table = Table {
+            kinds: Map::new(),
+            values: Map::new(),
+        };
+        for column in columns(&rows) {
+            let mut kind = json!({"type": "SCALAR", "componentType": column.kind});
+            if let Some(value) = column.no_data {
+                kind["noData"] = value;
+            }
+            table.kinds.insert(column.name.into(), kind);
+            let at = bin.plain(&column.bytes, None);
+            table
+                .values
+                .insert(column.name.into(), json!({"values": at}));
         }
+        table
     }
-    (all, body.vertices > 65_535)
+
+    /// EXT_structural_metadata with this one table.
+    fn extension(self, nodes: &[Node]) -> Value {
+        let unit = nodes.iter().find_map(|n| n.extras.unit);
+        let mut class = json!({
+            "description": format!("Surface pieces; lengths in {}", unit.unwrap_or("voxel")),
+            "properties": self.kinds
+        });
+        if let Some(unit) = unit {
+            class["extras"] = json!({"unit": unit});
+        }
+        json!({
+            "schema": {"id": "alvis", "classes": {"piece": class}},
+            "propertyTables": [{
+                "name": "pieces", "class": "piece", "count": nodes.len(), "properties": self.values
+            }]
+        })
+    }
+}
+
+fn fold(body: &Body, get: impl Fn(&BodyPiece) -> [i32; 3], pick: fn(i32, i32) -> i32) -> [i32; 3] {
+    let all = body.pieces.iter().map(get);
+    all.reduce(|a, b| std::array::from_fn(|i| pick(a[i], b[i])))
+        .unwrap_or_default()
 }

@@ -1,12 +1,14 @@
 //! A whole tile as plain vectors, for programs that want its triangles and not its bytes.
 
+use super::buffers::Buffers;
 use super::glb::{Fault, Glb, Result, fail};
 use super::json::{Document, whole};
 use super::read::{PieceIds, Pieces, Primitive, Tile};
 use serde::Deserialize;
 use serde_json::{Map, Value};
 
-/// A tile, copied out of its file: the same for strips and lists, for node and merged layout.
+/// A tile, copied out of its file: the same for strips and lists, for node and merged layout and for
+/// every encoding, but that quantized tiles have rounded normals.
 #[derive(Debug, Clone, PartialEq)]
 pub struct TileMesh {
     /// Voxel coordinates to metres, Y up; column-major, the same in every tile of a set.
@@ -83,13 +85,13 @@ impl TileMesh {
                     ids: *ids,
                     name: primitive.name.clone(),
                     positions: primitive.positions.iter().collect(),
-                    normals: primitive.normals.iter().collect(),
+                    normals: primitive.normals.unit().collect(),
                     triangles,
                     extras: std::mem::take(&mut extras[primitive.node]),
                 }),
                 Pieces::Merged(rows, ids) => {
                     let table = table(&glb)?;
-                    pieces.extend(split(primitive, rows, ids, &triangles)?);
+                    pieces.extend(split(primitive, rows.get(), ids, &triangles)?);
                     for (piece, row) in pieces.iter_mut().zip(table) {
                         piece.extras = row;
                     }
@@ -108,7 +110,7 @@ fn bad_json<T>(error: &serde_json::Error) -> Result<T> {
 }
 
 /// The `extras` of every node, empty where there are none.
-fn node_extras(json: &[u8]) -> Result<Vec<Map<String, Value>>> {
+pub(super) fn node_extras(json: &[u8]) -> Result<Vec<Map<String, Value>>> {
     #[derive(Deserialize)]
     struct Nodes {
         nodes: Vec<Node>,
@@ -176,7 +178,7 @@ fn split(
         })
         .collect();
     let mut place_of = Vec::with_capacity(rows.len());
-    let vertices = primitive.positions.iter().zip(primitive.normals.iter());
+    let vertices = primitive.positions.iter().zip(primitive.normals.unit());
     for (row, (position, normal)) in rows.iter().zip(vertices) {
         let value = f32::from_le_bytes(*row);
         let row = whole(value.into()).and_then(|r| usize::try_from(r).ok());
@@ -200,9 +202,9 @@ fn split(
 }
 
 /// The rows of a merged tile's property table.
-fn table(glb: &Glb) -> Result<Vec<Map<String, Value>>> {
+pub(super) fn table(glb: &Glb) -> Result<Vec<Map<String, Value>>> {
     match serde_json::from_slice::<Document>(glb.json) {
-        Ok(doc) => super::features::extras(&doc, glb.bin),
+        Ok(doc) => super::features::extras(&doc, &Buffers::plain(glb.bin)),
         Err(e) => bad_json(&e),
     }
 }

@@ -19,9 +19,28 @@
 //!   this piece in this tile), and measures of the cell (of the whole cell, not of the piece).
 //! - **Merged layout** (more than [`MAX_NODES`] pieces): one node and mesh `cells`; its primitive also
 //!   has `_FEATURE_ID_0` (float), an index into the rows of an EXT_structural_metadata property
-//!   table with the same columns as `extras`.
+//!   table with the same columns as `extras`; the unit is in the class's own `extras`.
 //! - Three buffer views: positions (stride 12), normals (stride 12), indices; merged tiles have
 //!   more for the features and the table's columns.
+//! - A part that was coloured has a material per colour, named `colour_rrggbb` in sRGB, or in the
+//!   merged layout linear `COLOR_0` of 4 x 16 bits.
+//!
+//! # Encodings
+//! The manifest's `encoding` says how numbers are stored; the layout is free in each.
+//!
+//! - `float`: as above, plain glTF 2.0 without required extensions.
+//! - `quantized` (KHR_mesh_quantization): POSITION is an unsigned short vec3 (stride 8), lattice steps
+//!   from a corner; nodes have that corner as `translation`, in whole voxels, and a `scale` of 1/256.
+//!   It is the macrocube's lowest voxel, a voxel lower along axes where caps lie outside. NORMAL is a
+//!   normalized byte vec3 (stride 4), at most 0.9 degrees off.
+//! - `meshopt` (also EXT_meshopt_compression, version 0 of the codec): the same numbers in compressed
+//!   views of a fallback buffer. Positions, feature ids and colours are ATTRIBUTES, normals ATTRIBUTES
+//!   with the filter OCTAHEDRAL, strips INDICES, lists TRIANGLES, and all pieces' indices of one
+//!   width are one view. The table is not compressed.
+//!
+//! Steps, corner and 1/256 are exact, so two tiles have the same bits for a vertex on their plane in
+//! voxel coordinates. In metres too if the root's matrix is of powers of two; else programs that
+//! round a node's whole matrix to 32 bits differ in the last one.
 //!
 //! Positions are voxel coordinates, multiples of 1/256 and exact in `f32`. A vertex is strictly
 //! inside a lattice edge: exactly one coordinate is not a multiple of 1 (caps apart, whose vertices
@@ -29,25 +48,39 @@
 //! triangles; triangle k of a strip is (k, k+1, k+2) for even k and (k+1, k, k+2) for odd k, and
 //! winds counter-clockwise seen from the below side.
 
+mod bin;
 mod body;
+mod buffers;
+mod contents;
 mod document;
 mod extras;
 mod features;
+mod file;
 mod glb;
 mod json;
 mod merged;
 mod mesh;
-pub(crate) mod part;
+mod normals;
+mod paint;
+mod part;
 pub(crate) mod pieces;
 pub mod read;
+mod reader;
+mod recode;
+mod store;
+mod streams;
 
 pub(crate) use body::{Body, BodyPiece, group_body};
+pub(crate) use contents::name;
 pub(crate) use document::{Node, TileHead, material, node_json, write_head};
 pub use extras::Extras;
-pub(crate) use merged::merged_file;
+pub(crate) use file::{aligned, tile_file};
 pub use mesh::{SurfacePiece, TileMesh};
-pub(crate) use part::{Rgb, TilePlace, part};
+pub(crate) use paint::Rgb;
+pub(crate) use part::{Part, PartPiece, TilePlace, part};
 pub use read::PieceIds;
+pub(crate) use recode::recode;
+pub(crate) use store::Refused;
 
 /// The most surface pieces that a tile keeps as nodes; with more it takes the merged layout.
 /// Programs load thousands of nodes slowly: MeshLab takes 0.7 s for 500 and 30 s for 2000.

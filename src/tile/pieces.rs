@@ -1,29 +1,33 @@
 //! The surface pieces of a tile, each with vertices and indices of its own, from either layout.
 
 use super::glb::{Fault, ReadError, fail};
+use super::paint::{Rgb, named, of_vertex};
 use super::read::{PieceIds, Pieces, Primitive, Tile};
 use crate::grid::LATTICE;
 use crate::manifest::Primitives;
-use std::borrow::Cow;
 
 /// A piece with its own geometry.
 #[derive(Debug, Clone)]
-pub struct Piece<'a> {
+pub struct Piece {
     /// Its ids.
     pub ids: PieceIds,
+    /// Name of its node; empty in the merged layout.
+    pub name: String,
+    /// Its colour; none is the common grey.
+    pub colour: Option<Rgb>,
     /// Positions in voxel coordinates.
     pub positions: Vec<[f32; 3]>,
     /// Normals, as many.
     pub normals: Vec<[f32; 3]>,
     /// A list of triangles or a stitched strip; every index is below the number of positions.
-    pub indices: Cow<'a, [u32]>,
+    pub indices: Vec<u32>,
 }
 
 /// Takes a tile apart into its pieces, in the order of nodes or rows.
 ///
 /// # Errors
 /// [`ReadError`] if modes, indices or feature ids are not those of a tile of this kind.
-pub fn pieces<'a>(tile: &Tile<'a>, kind: Primitives) -> Result<Vec<Piece<'a>>, ReadError> {
+pub fn pieces(tile: &Tile, kind: Primitives) -> Result<Vec<Piece>, ReadError> {
     let mut out = Vec::with_capacity(tile.primitives.len());
     for primitive in &tile.primitives {
         let at = format!("/nodes/{}/mesh", primitive.node);
@@ -42,12 +46,16 @@ pub fn pieces<'a>(tile: &Tile<'a>, kind: Primitives) -> Result<Vec<Piece<'a>>, R
         match &primitive.pieces {
             Pieces::One(ids) => out.push(Piece {
                 ids: *ids,
+                name: primitive.name.clone(),
+                colour: named(&primitive.material),
                 positions: primitive.positions.iter().collect(),
-                normals: primitive.normals.iter().collect(),
-                indices: indices.into(),
+                normals: primitive.normals.unit().collect(),
+                indices,
             }),
-            Pieces::Merged(rows, ids) => split(primitive, rows, ids, &indices, kind, &mut out)
-                .or_else(|message| fail(Fault::Structure, at, message))?,
+            Pieces::Merged(rows, ids) => {
+                split(primitive, rows.get(), ids, &indices, kind, &mut out)
+                    .or_else(|message| fail(Fault::Structure, at, message))?
+            }
         }
     }
     Ok(out)
@@ -60,21 +68,24 @@ fn split(
     ids: &[PieceIds],
     indices: &[u32],
     kind: Primitives,
-    out: &mut Vec<Piece<'_>>,
+    out: &mut Vec<Piece>,
 ) -> Result<(), String> {
     let mut own: Vec<Piece> = ids
         .iter()
         .map(|&ids| Piece {
             ids,
+            name: String::new(),
+            colour: None,
             positions: Vec::new(),
             normals: Vec::new(),
-            indices: Cow::Owned(Vec::new()),
+            indices: Vec::new(),
         })
         .collect();
     // of each vertex: its row, and its number there
     let mut place = Vec::with_capacity(rows.len());
-    let vertices = primitive.positions.iter().zip(primitive.normals.iter());
-    for (row, (position, normal)) in rows.iter().zip(vertices) {
+    let vertices = primitive.positions.iter().zip(primitive.normals.unit());
+    let colours = primitive.colours.as_ref().map(|c| c.chunks::<8>());
+    for (vertex, (row, (position, normal))) in rows.iter().zip(vertices).enumerate() {
         let value = f32::from_le_bytes(*row);
         let piece = (value >= 0.0 && value.fract() == 0.0)
             .then(|| own.get_mut(value as usize))
@@ -85,6 +96,9 @@ fn split(
                 ids.len()
             ));
         };
+        if let (true, Some(colours)) = (piece.positions.is_empty(), colours) {
+            piece.colour = of_vertex(&colours[vertex]);
+        }
         place.push((value as usize, piece.positions.len() as u32));
         piece.positions.push(position);
         piece.normals.push(normal);
@@ -98,7 +112,7 @@ fn split(
                 if a.0 != b.0 || b.0 != c.0 {
                     return Err(mixed());
                 }
-                own[a.0].indices.to_mut().extend([a.1, b.1, c.1]);
+                own[a.0].indices.extend([a.1, b.1, c.1]);
             }
         }
         Primitives::Strips => {
@@ -116,7 +130,7 @@ fn split(
                     return Err("a feature's strip is in several places".to_owned());
                 }
                 let strip: Vec<u32> = run.iter().map(|&i| owner(i).1).collect();
-                own[piece].indices = Cow::Owned(trimmed(&strip, start % 2 == 1));
+                own[piece].indices = trimmed(&strip, start % 2 == 1);
                 start += run.len();
             }
         }
@@ -147,16 +161,40 @@ fn trimmed(run: &[u32], odd: bool) -> Vec<u32> {
     strip
 }
 
-impl Piece<'_> {
+impl Piece {
+    /// The triangles that are drawn, oriented.
+    pub fn list(&self, kind: Primitives) -> Vec<[u32; 3]> {
+        let mut list =
+            Vec::with_capacity(self.ids.triangles.min(self.indices.len() as u64) as usize);
+        self.triangles(kind, |t| list.push(t));
+        list
+    }
+
+    /// Smallest and largest coordinates in lattice steps.
+    ///
+    /// # Errors
+    /// [`ReadError`] if a position is not on the lattice.
+    pub fn bounds(&self) -> Result<[[i32; 3]; 2], ReadError> {
+        let mut bounds = [[i32::MAX; 3], [i32::MIN; 3]];
+        for p in self.lattice()? {
+            for a in 0..3 {
+                bounds[0][a] = bounds[0][a].min(p[a]);
+                bounds[1][a] = bounds[1][a].max(p[a]);
+            }
+        }
+        Ok(bounds)
+    }
+
     /// Calls `each` for every triangle that is drawn, oriented.
     pub fn triangles(&self, kind: Primitives, mut each: impl FnMut([u32; 3])) {
         match kind {
-            Primitives::Triangles => self
-                .indices
-                .as_chunks::<3>()
-                .0
-                .iter()
-                .for_each(|&t| each(t)),
+            Primitives::Triangles => {
+                for &[a, b, c] in self.indices.as_chunks::<3>().0 {
+                    if a != b && b != c && a != c {
+                        each([a, b, c]);
+                    }
+                }
+            }
             Primitives::Strips => {
                 for (k, w) in self.indices.windows(3).enumerate() {
                     let (a, b, c) = (w[0], w[1], w[2]);

@@ -64,6 +64,10 @@ codes! {
     GltfStructure = "GLTF_STRUCTURE", true;
     /// An accessor is of the wrong type, misaligned or outside the buffer.
     GltfAccessor = "GLTF_ACCESSOR", true;
+    /// A compressed buffer view is not what it says, or cannot be decoded.
+    MeshoptBuffer = "MESHOPT_BUFFER", true;
+    /// A tile's encoding or layout is not the manifest's.
+    TileEncoding = "TILE_ENCODING", false;
     /// An accessor's `min` or `max` is not that of its values.
     AccessorBounds = "ACCESSOR_BOUNDS", false;
     /// A primitive's mode is not the manifest's `primitives`.

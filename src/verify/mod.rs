@@ -132,6 +132,7 @@ fn report(found: Found, issues: Issues, options: &VerifyOptions, start: Instant)
         cells: found.ids[1],
         objects: found.ids[2],
         euler_characteristic: found.euler,
+        volume6: c.volume6,
         bytes: c.bytes,
         issues_omitted: issues.omitted,
         issues: issues.list,

@@ -131,6 +131,10 @@ pub struct Report {
     pub cells: u64,
     /// Vertices - edges + triangles of the whole surface.
     pub euler_characteristic: i64,
+    /// 6 times the signed volume that the triangles span with the origin, in lattice units
+    /// (voxel/256)^3: an exact integer, as a decimal string in JSON.
+    #[serde(serialize_with = "decimal")]
+    pub volume6: i128,
     /// Bytes of all tiles.
     pub bytes: u64,
     /// The findings, in the order of the files.
@@ -141,6 +145,10 @@ pub struct Report {
     pub seconds: f64,
     /// Largest resident set of the process so far, in bytes; 0 where the system does not tell.
     pub peak_rss_bytes: u64,
+}
+
+fn decimal<S: serde::Serializer>(value: &i128, s: S) -> Result<S::Ok, S::Error> {
+    s.collect_str(value)
 }
 
 /// The process's largest resident set in bytes, from `/proc/self/status`; 0 if that is missing.

@@ -9,7 +9,7 @@ use super::report::{Issue, Issues};
 use super::seen::Seen;
 use super::sweep::{Component, FaceEdge, TileFront};
 use crate::grid::Tiling;
-use crate::manifest::{Bounds, Manifest, Primitives, TileEntry};
+use crate::manifest::{Bounds, Layout, Manifest, Primitives, TileEntry};
 use crate::tile::read::{Fault, Tile};
 use std::path::Path;
 
@@ -145,6 +145,7 @@ pub(super) fn check(
                     Fault::Json => Code::GltfSyntax,
                     Fault::Structure => Code::GltfStructure,
                     Fault::Accessor => Code::GltfAccessor,
+                    Fault::Compression => Code::MeshoptBuffer,
                     Fault::Extras => Code::NodeExtras,
                 };
                 work.issue(code, &e.place, e.message);
@@ -280,6 +281,7 @@ impl Work<'_, '_> {
         }
         let size: [u64; 3] =
             std::array::from_fn(|a| ((self.region.hi[a] - self.region.lo[a]) / 256) as u64 + 3);
+        self.check_form(tile);
         ws.surface_seen.begin(size);
         ws.cap_seen.begin(size);
         if self.keep_mesh {
@@ -324,6 +326,22 @@ impl Work<'_, '_> {
                 edges.sort_unstable_by_key(|e| (e.a, e.b));
             }
         }
+    }
+
+    /// Compares how the tile stores things with what the manifest states.
+    fn check_form(&mut self, tile: &Tile) {
+        let m = self.cx.manifest;
+        if tile.encoding != m.encoding {
+            let message = format!("found {:?}, expected {:?}", tile.encoding, m.encoding);
+            self.issue(Code::TileEncoding, "/extensionsRequired", message);
+        }
+        let (found, expected) = match (tile.is_merged(), m.layout) {
+            (true, Layout::Nodes) => ("one mesh for all pieces", "a node for each"),
+            (false, Layout::Merged) => ("a node for each piece", "one mesh for all"),
+            _ => return,
+        };
+        let message = format!("found {found}, expected {expected}");
+        self.issue(Code::TileEncoding, "/nodes", message);
     }
 
     /// Counts this tile once for each cell and each object in it, on the first of its components.

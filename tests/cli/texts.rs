@@ -4,6 +4,8 @@ use super::{fails, ok, stderr, temp};
 use std::process::{Command, Stdio};
 
 const COMMON: &str = "--json --quiet --threads";
+const FORM: &str = "--for --primitives --encoding --layout blender meshlab web strips triangles \
+                    float quantized meshopt nodes merged";
 const INPUT: &str = "--dims --dtype --endian --offset --spacing --unit --io";
 
 #[test]
@@ -11,8 +13,8 @@ fn help_names_every_option() {
     let dir = temp();
     let top = ok(dir.path(), &["--help"]);
     let convert = format!(
-        "{COMMON} {INPUT} --threshold --macrocube --memory --ambiguous --cap --crop --primitives \
-         --force separate join strips triangles otsu 1GiB mmap read little big u16 f64"
+        "{COMMON} {INPUT} --threshold --macrocube --memory --ambiguous --cap --crop --force \
+         {FORM} separate join otsu 1GiB mmap read little big u16 f64"
     );
     for (command, words) in [
         ("demo", format!("{COMMON} --size --primitives alvis-demo")),
@@ -46,6 +48,7 @@ fn help_names_every_option() {
                  ellipsoid gyroid noise .mhd .nrrd"
             ),
         ),
+        ("repack", format!("{COMMON} {FORM} --force")),
         ("completions", "bash zsh fish".to_string()),
         ("man", "convert".to_string()),
     ] {

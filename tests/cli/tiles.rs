@@ -163,3 +163,57 @@ fn a_demo_leaves_what_is_not_its_own() {
         1
     );
 }
+
+#[test]
+fn a_tile_set_goes_to_the_web_and_back() {
+    let dir = temp();
+    foam(dir.path(), "f.mhd", &[]);
+    let convert = "convert f.mhd out --threshold otsu --macrocube 16 --quiet";
+    ok(dir.path(), &convert.split(' ').collect::<Vec<_>>());
+    let repack = ["repack", "out", "web", "--for", "web", "--quiet", "--json"];
+    let report = json(&ok(dir.path(), &repack));
+    assert_keys(
+        &report,
+        "tiles triangles bytes bytes_before seconds peak_rss_bytes",
+    );
+    let direct = [
+        &convert.split(' ').collect::<Vec<_>>()[..],
+        &["--for", "web"],
+    ]
+    .concat();
+    let direct: Vec<&str> = direct
+        .into_iter()
+        .map(|word| if word == "out" { "direct" } else { word })
+        .collect();
+    ok(dir.path(), &direct);
+    let tile = "tiles/z0000/y0000_x0000.glb";
+    let [a, b] =
+        ["web", "direct"].map(|set| std::fs::read(dir.path().join(set).join(tile)).unwrap());
+    assert!(a == b, "converting for the web is converting and repacking");
+    let reports = ["out", "web"].map(|set| json(&ok(dir.path(), &["verify", set, "--json"])));
+    for key in [
+        "ok",
+        "triangles",
+        "vertices",
+        "volume6",
+        "surfaces",
+        "cells",
+    ] {
+        assert_eq!(reports[0][key], reports[1][key], "{key}");
+    }
+    // options go before the profile that they are a part of
+    let lists = [
+        "repack", "web", "lists", "--for", "meshlab", "--layout", "merged",
+    ];
+    let said = ok(dir.path(), &lists);
+    assert!(said.contains("bytes each"), "{said}");
+    assert_eq!(
+        json(&std::fs::read_to_string(dir.path().join("lists/index.json")).unwrap())["layout"],
+        "merged"
+    );
+    assert!(fails(dir.path(), &["repack", "out", "x"]).contains("--for, --primitives"));
+    assert!(
+        fails(dir.path(), &["repack", "out", "out", "--for", "web"]).contains("another directory")
+    );
+    assert!(fails(dir.path(), &["repack", "out", "web", "--for", "web"]).contains("--force"));
+}

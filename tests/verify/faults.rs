@@ -12,7 +12,6 @@ use std::fs;
 /// found. `field` is what the set was made from; it is changed where the volume is to differ.
 pub fn break_it(code: Code, set: &Set, field: &mut Field) {
     let big = biggest(set);
-    let tile = set.tile(&big);
     match code {
         Code::ManifestSyntax
         | Code::FormatVersion
@@ -27,6 +26,7 @@ pub fn break_it(code: Code, set: &Set, field: &mut Field) {
         | Code::ShardValue
         | Code::TileCount
         | Code::TileBox
+        | Code::TileEncoding
         | Code::TotalsMismatch => index(code, set, &big),
         Code::GlbContainer
         | Code::GltfSyntax
@@ -42,6 +42,11 @@ pub fn break_it(code: Code, set: &Set, field: &mut Field) {
             surfaces(code, set)
         }
         Code::TableSyntax | Code::TableRows | Code::TableValue => tables(code, set),
+        Code::MeshoptBuffer => set.edit_json(&big, |doc| {
+            let stream = &mut doc["bufferViews"][2]["extensions"]["EXT_meshopt_compression"];
+            let bytes = stream["byteLength"].as_u64().unwrap();
+            stream["byteLength"] = (bytes - 1).into();
+        }),
         Code::Hole => set.drop_tile(&big),
         Code::VolumeMismatch
         | Code::MissingVertex
@@ -49,7 +54,7 @@ pub fn break_it(code: Code, set: &Set, field: &mut Field) {
         | Code::VertexMisplaced
         | Code::TriangleCount
         | Code::BitsDiffer => volume(code, set, field),
-        _ => set.put(&big, &geometry(code, tile)),
+        _ => set.put(&big, &geometry(code, set.tile(&big))),
     }
 }
 
@@ -63,6 +68,7 @@ fn index(code: Code, set: &Set, place: &Place) {
     match code {
         Code::ManifestSyntax => set.manifest(|m| m["totals"]["tiles"] = "many".into()),
         Code::FormatVersion => set.manifest(|m| m["format_version"] = 2.into()),
+        Code::TileEncoding => set.manifest(|m| m["encoding"] = "quantized".into()),
         Code::ManifestValue => set.manifest(|m| m["grid"]["tiles"][1] = 7.into()),
         Code::PathOutside => set.edit_entry(place, |e| e["path"] = "../tile.glb".into()),
         Code::PathName => {

@@ -232,3 +232,92 @@ fn single_phases_and_empty_layers_pass() {
     let missing = tempfile::tempdir().unwrap();
     assert!(verify(missing.path(), &VerifyOptions::default(), &Quiet).is_err());
 }
+
+/// A compressed tile set of the simple producer's, and its one largest tile.
+fn compressed_tile(dir: &Path) -> Vec<u8> {
+    noisy_set(dir);
+    crate::compress(dir);
+    let set = Set(dir);
+    fs::read(set.file(&crate::faults::biggest(&set))).unwrap()
+}
+
+#[test]
+fn damaged_streams_never_panic() {
+    let dir = tempfile::tempdir().unwrap();
+    let sound = compressed_tile(dir.path());
+    let set = Set(dir.path());
+    let place = crate::faults::biggest(&set);
+    let (_, bin) = crate::glb::unwrap(&sound);
+    let start = sound.len() - bin.len();
+    for seed in 0..400 {
+        let mut bytes = sound.clone();
+        for k in 0..1 + seed % 7 {
+            let at = start + pick(seed, 2 * k, bin.len());
+            bytes[at] = (noise(seed, 2 * k + 1) * 256.0) as u8;
+        }
+        // whatever it is now, it is read or refused
+        let _ = alvis::tile::TileMesh::read(&bytes);
+        if seed % 20 == 0 {
+            set.put_bytes(&place, &bytes);
+            check(dir.path());
+        }
+    }
+}
+
+/// Streams that say they are more than their bytes can hold, or use the same bytes twice.
+#[test]
+fn no_stream_makes_more_than_it_can() {
+    let dir = tempfile::tempdir().unwrap();
+    let sound = compressed_tile(dir.path());
+    let (doc, bin) = crate::glb::unwrap(&sound);
+    let extension = "EXT_meshopt_compression";
+    let views = doc["bufferViews"].as_array().unwrap().len();
+    let streams = (0..views).filter(|&v| !doc["bufferViews"][v]["extensions"].is_null());
+    assert_eq!(streams.clone().count(), 4);
+    type Edit = fn(&mut serde_json::Value);
+    let edits: [(&str, Edit); 8] = [
+        ("count", |s| s["count"] = 0.into()),
+        ("huge count", |s| s["count"] = (1u64 << 40).into()),
+        ("overflow", |s| {
+            s["count"] = u64::MAX.into();
+            s["byteStride"] = 8.into();
+        }),
+        ("stride", |s| s["byteStride"] = 3.into()),
+        ("mode", |s| s["mode"] = "QUADS".into()),
+        ("filter", |s| s["filter"] = "EXPONENTIAL".into()),
+        ("offset", |s| s["byteOffset"] = (u64::MAX - 1).into()),
+        ("buffer", |s| s["buffer"] = 1.into()),
+    ];
+    for at in streams {
+        for (what, edit) in edits {
+            let mut broken = doc.clone();
+            edit(&mut broken["bufferViews"][at]["extensions"][extension]);
+            let error = alvis::tile::TileMesh::read(&crate::glb::wrap(&broken, &bin)).unwrap_err();
+            assert_eq!(
+                error.fault,
+                alvis::tile::read::Fault::Compression,
+                "{what}: {error}"
+            );
+        }
+        // consistent, and more than any stream of that length holds
+        let mut broken = doc.clone();
+        let view = &mut broken["bufferViews"][at];
+        let stride = view["extensions"][extension]["byteStride"]
+            .as_u64()
+            .unwrap();
+        let count = (1u64 << 31) / stride / 3 * 3;
+        view["extensions"][extension]["count"] = count.into();
+        view["byteLength"] = (count * stride).into();
+        view["byteOffset"] = 0.into();
+        broken["buffers"][1]["byteLength"] = (1u64 << 31).into();
+        let error = alvis::tile::TileMesh::read(&crate::glb::wrap(&broken, &bin)).unwrap_err();
+        assert!(error.message.contains("expected at least"), "{error}");
+        // the same bytes again and again
+        let mut broken = doc.clone();
+        let view = broken["bufferViews"][at].clone();
+        let list = broken["bufferViews"].as_array_mut().unwrap();
+        list.extend(std::iter::repeat_n(view, 2000));
+        let error = alvis::tile::TileMesh::read(&crate::glb::wrap(&broken, &bin)).unwrap_err();
+        assert!(error.message.contains("other streams use them"), "{error}");
+    }
+}

@@ -1,0 +1,47 @@
+//! A whole tile in any encoding and layout, from pieces whose geometry is floats.
+
+use super::body::Body;
+use super::document::{Node, TileHead, node_document, write_head};
+use super::merged::merged_chunks;
+use super::store::{Geometry, Refused, Stored};
+
+/// A tile's file.
+#[derive(Debug)]
+pub struct TileFile {
+    /// Its bytes.
+    pub bytes: Vec<u8>,
+    /// Index entries in it.
+    pub indices: u64,
+}
+
+/// Writes the file of a tile whose macrocube has its lowest voxel at `low`: pieces as `body` and its
+/// `bytes` have them, with a node each.
+///
+/// # Errors
+/// [`Refused`] if the file would be too large or the vertices reach too far for the encoding.
+pub fn tile_file(
+    head: &TileHead,
+    low: [u32; 3],
+    (body, bytes): (&Body, &[u8]),
+    nodes: &[Node],
+) -> Result<TileFile, Refused> {
+    let geometry = Geometry { body, bytes };
+    let (json, bin, indices) = if head.merges(nodes.len()) {
+        merged_chunks(head, low, geometry, nodes)?
+    } else {
+        let (stored, bin) = Stored::pieces(head, low, geometry)?;
+        let json = node_document(head, &stored, body, nodes);
+        let indices = body.pieces.iter().map(|p| u64::from(p.indices)).sum();
+        (json, bin, indices)
+    };
+    let room = aligned(json.len());
+    let mut bytes = write_head(&json, room, bin.len() as u64).ok_or(Refused::TooLarge)?;
+    bytes.extend_from_slice(&bin);
+    Ok(TileFile { bytes, indices })
+}
+
+/// The next length of a JSON chunk that puts the BIN chunk's data on a multiple of 8 bytes, as
+/// EXT_structural_metadata asks for.
+pub fn aligned(json_bytes: usize) -> usize {
+    (json_bytes + 28).next_multiple_of(8) - 28
+}

@@ -1,0 +1,93 @@
+//! A tile in another form: other primitives, encoding or layout, and the same surface.
+
+use super::contents::Contents;
+use super::file::tile_file;
+use super::glb::ReadError;
+use super::part::{TilePlace, refuse};
+use super::pieces::Piece;
+use crate::manifest::{Form, Primitives};
+use crate::strip::{NONE, Stripifier};
+
+/// What [`recode`] made.
+#[derive(Debug)]
+pub struct Recoded {
+    /// The file.
+    pub file: Vec<u8>,
+    /// Index entries in it.
+    pub indices: u64,
+    /// The number of strips if they were made anew.
+    pub strips: Option<u64>,
+}
+
+/// Writes a tile in the form that is wanted. Vertices, their order, ids, measures and colours stay,
+/// and so does the order of triangles where primitives stay of a kind: strips to the entry, lists
+/// but that compressed ones may begin at another corner. Normals are rounded by the quantized
+/// encodings; rounded ones are not rounded again.
+///
+/// # Errors
+/// [`ReadError`] if the tile cannot be read, or the new one cannot be written.
+pub fn recode(
+    bytes: &[u8],
+    at: &TilePlace,
+    wanted: &Form,
+    several: &dyn Fn(u64) -> bool,
+) -> Result<Recoded, ReadError> {
+    let mut contents = Contents::read(bytes, at.primitives, several)?;
+    let strips = match (at.primitives, wanted.primitives) {
+        (Primitives::Triangles, Primitives::Strips) => Some(strip_all(&mut contents.pieces)),
+        (Primitives::Strips, Primitives::Triangles) => {
+            for piece in &mut contents.pieces {
+                piece.indices = piece.list(at.primitives).into_flattened();
+            }
+            Some(0)
+        }
+        _ => None,
+    };
+    let head = contents.head(wanted);
+    let (body, bin) = contents.body()?;
+    match tile_file(&head, at.low, (&body, &bin), &contents.nodes) {
+        Ok(made) => Ok(Recoded {
+            file: made.bytes,
+            indices: made.indices,
+            strips,
+        }),
+        Err(refused) => refuse(refused),
+    }
+}
+
+/// Turns lists into strips; returns the number of strips.
+fn strip_all(pieces: &mut [Piece]) -> u64 {
+    let mut stripifier = Stripifier::default();
+    let mut strips = 0;
+    for piece in pieces {
+        let list = piece.list(Primitives::Triangles);
+        let mates = mates(&list);
+        piece.indices.clear();
+        strips += stripifier.stripify(&list, &mates, &mut piece.indices) as u64;
+    }
+    strips
+}
+
+/// The half-edge across each half-edge, see [`Stripifier::stripify`].
+fn mates(triangles: &[[u32; 3]]) -> Vec<u32> {
+    let corners = triangles.as_flattened();
+    // half-edges by their ends, the smaller first: mates are neighbours then
+    let mut edges: Vec<([u32; 2], u32)> = (0..corners.len())
+        .map(|h| {
+            let head = if h % 3 == 2 { h - 2 } else { h + 1 };
+            let (a, b) = (corners[h], corners[head]);
+            ([a.min(b), a.max(b)], h as u32)
+        })
+        .collect();
+    edges.sort_unstable();
+    let mut mates = vec![NONE; corners.len()];
+    for pair in edges.chunk_by(|a, b| a.0 == b.0) {
+        if let [(_, a), (_, b)] = *pair
+            && corners[a as usize] != corners[b as usize]
+        {
+            mates[a as usize] = b;
+            mates[b as usize] = a;
+        }
+    }
+    mates
+}
