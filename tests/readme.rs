@@ -107,7 +107,8 @@ fn every_option_exists() {
     let mut known = help(&[])
         + &read("examples/render_tiles.py")
         + &read("examples/render_blender.py")
-        + " --release --example --path";
+        + &read("examples/bench/main.rs")
+        + " --release --example --bench --path";
     known += " --open";
     for command in commands().iter().filter(|c| *c != "help") {
         known += &help(&[command]);
