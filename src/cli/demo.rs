@@ -9,6 +9,7 @@ use crate::error::{Error, Result};
 use crate::grid::{Dims, Placement, Unit};
 use crate::phantom::{Phantom, render, write};
 use crate::pipeline::{self, ConvertOptions, ConvertReport};
+use crate::preview::{PreviewOptions, preview};
 use crate::verify::{Report as VerifyReport, VerifyOptions};
 use crate::volume::{Dtype, OpenOptions, open};
 use clap::{Args, ValueHint};
@@ -19,11 +20,12 @@ use std::path::{Path, PathBuf};
 const VOLUME: &str = "foam.mhd";
 const SAMPLES: &str = "foam.raw";
 const TILES: &str = "foam";
+const SLICE: &str = "slice.png";
 
 /// Make a foam phantom, convert it, verify the result and say what to look at
 ///
-/// The directory gets foam.mhd with foam.raw, and the tile set foam/. An earlier demo in it is
-/// replaced.
+/// The directory gets foam.mhd with foam.raw, the tile set foam/ and slice.png, a slice with its cells
+/// in colour. An earlier demo in it is replaced.
 #[derive(Debug, Args)]
 pub struct DemoArgs {
     /// The directory to write
@@ -44,6 +46,7 @@ pub struct DemoArgs {
 #[derive(Debug, Serialize)]
 struct Report {
     volume: String,
+    slice: String,
     tiles: String,
     threshold: f64,
     convert: ConvertReport,
@@ -100,8 +103,17 @@ impl DemoArgs {
             ..VerifyOptions::default()
         };
         let verify = crate::verify::verify(&tiles, &options, console)?;
+        let slice = self.out.join(SLICE);
+        console.note(&format!("drawing its middle slice to {}", slice.display()));
+        let options = PreviewOptions {
+            tiles: Some(tiles.clone()),
+            colour_by: Some("equivalent_diameter".into()),
+            ..PreviewOptions::default()
+        };
+        preview(&*opened.volume, &slice, &options)?;
         Ok(Report {
             volume: path.display().to_string(),
+            slice: slice.display().to_string(),
             tiles: tiles.display().to_string(),
             threshold: made.threshold(),
             convert,
@@ -116,7 +128,10 @@ fn prepare(out: &Path) -> Result<()> {
     let entries = std::fs::read_dir(out).map_err(|e| Error::io(out, "read", e))?;
     for entry in entries {
         let name = entry.map_err(|e| Error::io(out, "read", e))?.file_name();
-        if ![VOLUME, SAMPLES, TILES].iter().any(|own| name == *own) {
+        if ![VOLUME, SAMPLES, TILES, SLICE]
+            .iter()
+            .any(|own| name == *own)
+        {
             let found = format!("{} with {} in it", out.display(), name.display());
             return Err(Error::usage(
                 "OUT",
@@ -129,7 +144,12 @@ fn prepare(out: &Path) -> Result<()> {
 }
 
 fn text(report: &Report) -> String {
-    let Report { volume, tiles, .. } = report;
+    let Report {
+        volume,
+        slice,
+        tiles,
+        ..
+    } = report;
     let issues = if report.verify.ok {
         String::new()
     } else {
@@ -138,6 +158,7 @@ fn text(report: &Report) -> String {
     format!(
         "{}{}{issues}\n\
          {volume} is the volume, {tiles} the tile set.\n\
+         Look at a slice:      {slice}\n\
          Look at the cells:    {tiles}/cells.csv\n\
          In Blender:           File > Import > glTF 2.0, then choose tiles in {tiles}/tiles\n\
          In any glTF viewer:   open a file of {tiles}/tiles\n\

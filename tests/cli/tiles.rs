@@ -148,7 +148,7 @@ fn a_demo_replaces_an_earlier_one() {
     }
     let demo = dir.path().join("alvis-demo");
     assert!(demo.join("foam/index.json").exists());
-    assert_eq!(std::fs::read_dir(demo).unwrap().count(), 3);
+    assert_eq!(std::fs::read_dir(demo).unwrap().count(), 4);
 }
 
 #[test]
