@@ -8,7 +8,7 @@ use crate::grid::{Ambiguous, Tiling};
 use crate::manifest::Primitives;
 use crate::measure::AreaScale;
 use crate::mesh::{
-    BandView, Edges, MeshSettings, PieceIndex, TileBox, TileMesh, TileMesher, assign,
+    BandView, Edges, MeshSettings, PieceIndex, Sheets, TileBox, TileMesh, TileMesher, assign,
 };
 use crate::segment::{Labels, Runs, UnionFind, label_runs, sum_voxels};
 use crate::slab::{Bits, Span, Voxels};
@@ -84,7 +84,7 @@ impl Kernels {
 
     /// Triangles of the surface.
     pub fn triangles(&self) -> u64 {
-        self.meshes.iter().map(|m| m.triangles.len() as u64).sum()
+        self.meshes.iter().map(TileMesh::triangles).sum()
     }
 
     /// Samples to bits.
@@ -114,11 +114,11 @@ impl Kernels {
     #[inline(never)]
     pub fn surfaces(&mut self) -> usize {
         let (mut edges, mut index) = (Edges::default(), PieceIndex::default());
-        let (mut pieces, mut piece_of) = (Vec::new(), Vec::new());
+        let (mut pieces, mut sheets) = (Vec::new(), Sheets::default());
         let mut count = 0;
         for (view, tile) in tiles(&self.bands, self.tiling) {
             edges.find(view.bits, &tile);
-            assign(&view, &tile, &edges, &mut index, &mut pieces, &mut piece_of);
+            assign(&view, &tile, &edges, &mut index, &mut pieces, &mut sheets);
             count += pieces.len();
         }
         count
@@ -147,12 +147,13 @@ impl Kernels {
         let mut out = Vec::new();
         for mesh in &self.meshes {
             for piece in &mesh.pieces {
-                let range = piece.first_triangle as usize
-                    ..(piece.first_triangle + piece.triangles) as usize;
-                let mates = &mesh.mates[3 * range.start..3 * range.end];
+                let faces = piece.faces();
                 out.clear();
-                self.stripifier
-                    .stripify(&mesh.triangles[range], mates, &mut out);
+                self.stripifier.stripify(
+                    &mesh.corners[faces.clone()],
+                    &mesh.mates[faces],
+                    &mut out,
+                );
                 entries += out.len();
             }
         }

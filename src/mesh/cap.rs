@@ -6,7 +6,7 @@
 //! both with the same bits.
 
 use crate::grid::LATTICE;
-use crate::mesh::cubes::NONE;
+use crate::mesh::connect::connect;
 use crate::mesh::pieces::Piece;
 use crate::mesh::table::{Case, EDGE_LOWER, cases, edge_axis};
 use crate::mesh::tile::{BandView, MeshSettings, TileBox, TileMesh, sum_piece};
@@ -78,20 +78,6 @@ impl CapPiece {
             })
         });
         self.triangles.push(corners);
-    }
-
-    fn mates(&self) -> Vec<u32> {
-        let edge = |h: usize| {
-            let t = self.triangles[h / 3];
-            (t[h % 3], t[(h % 3 + 1) % 3])
-        };
-        let count = 3 * self.triangles.len();
-        let half_edge_of: HashMap<_, _> = (0..count).map(|h| (edge(h), h as u32)).collect();
-        let mate = |h: usize| {
-            let (a, b) = edge(h);
-            half_edge_of.get(&(b, a)).copied().unwrap_or(NONE)
-        };
-        (0..count).map(mate).collect()
     }
 }
 
@@ -233,7 +219,7 @@ impl<T: Voxel> Caps<'_, '_, T> {
         let mut piece = Piece::new(object, u32::MAX, true);
         piece.first_vertex = out.positions.len() as u32;
         piece.vertices = cap.vertices.len() as u32;
-        piece.first_triangle = out.triangles.len() as u32;
+        piece.first_triangle = out.corners.len() as u32;
         piece.triangles = cap.triangles.len() as u32;
         for &key in &cap.vertices {
             let (position, normal) = self.vertex(key);
@@ -245,12 +231,13 @@ impl<T: Voxel> Caps<'_, '_, T> {
             out.positions.push(position);
             out.normals.push(normal);
         }
-        out.triangles.extend_from_slice(&cap.triangles);
-        out.mates.extend(cap.mates());
+        let (corners, mates) = connect(&cap.triangles);
+        out.corners.extend(corners);
+        out.mates.extend(mates);
         sum_piece(
             &mut piece,
             &out.positions,
-            &out.triangles,
+            &out.corners,
             &self.settings.area,
         );
         out.pieces.push(piece);

@@ -1,45 +1,80 @@
 //! The triangles of a tile's cubes and which of them are neighbours.
+//!
+//! Triangles go straight to their surface's piece: a piece has room for as many as its vertices can
+//! have, and its triangles are numbered in the order of their cubes. Nearly all cubes are cut by one
+//! sheet and go a way without branches on the case; the others, and a test for all, take the plain way.
+//!
+//! Counting instructions on a foam, this took 150 per triangle with a popcount for each edge and
+//! 100 more for sorting the triangles by piece afterwards; counters that step from cube to cube
+//! (Flying Edges, Schroeder et al. 2015), kept in one vector, and pieces known beforehand leave 70.
 
 use crate::cpu::dispatch;
-use crate::mesh::edges::{EdgeWord, Edges, below};
-use crate::mesh::table::{Across, Case, MAX_TRIANGLES};
+use crate::mesh::edges::{Edges, below};
+use crate::mesh::pieces::{Piece, Sheets};
+use crate::mesh::table::{Across, Case, EDGE_LOWER, MAX_TRIANGLES, cases, edge_axis};
 use crate::mesh::tile::TileBox;
 use std::sync::LazyLock;
 
-/// No triangle lies across this edge inside the tile.
-pub const NONE: u32 = u32::MAX;
+/// Marks an edge of a triangle across which none lies inside the tile: the first half-edge of triangle
+/// 0, which stands for no triangle.
+pub const NONE: u32 = 0;
 
-/// Triangles in the order of their cubes, by rising z, y, x.
-#[derive(Debug, Default)]
-pub struct Triangles {
-    /// Edge numbers of the corners.
-    pub corners: Vec<[u32; 3]>,
-    /// For half-edge `3 t + e` the half-edge across it, or [`NONE`].
-    pub mates: Vec<u32>,
-    /// Half-edges on the volume's faces.
-    pub border: Vec<u32>,
-    /// Half-edges on the upper y face of the row of cubes before, two slots per x.
-    row_slots: Vec<[u32; 2]>,
-    /// Half-edges on the upper z face of the slice of cubes before, two slots per cube.
-    slice_slots: Vec<[u32; 2]>,
+/// The most triangles that a piece of so many vertices has: at a vertex meet four cubes at most, and
+/// in a cube a loop of n <= 7 vertices has n - 2 triangles, so there are 4 * 5/7 to a vertex.
+pub fn most_triangles(vertices: u32) -> u32 {
+    3 * vertices
 }
 
-/// A case prepared for the loop: half-edges by what lies across.
-#[derive(Debug, Clone, Copy)]
-struct Plan {
-    triangles: u8,
-    corners: [[u8; 3]; MAX_TRIANGLES],
-    /// The mate inside the cube, or 255.
-    inside: [u8; 3 * MAX_TRIANGLES],
-    /// Half-edges on faces 0, 2, 4 and on faces 1, 3, 5, by slot; 255 where there is none.
-    low: [[u8; 2]; 3],
-    high: [[u8; 2]; 3],
+/// Elements of a piece's triangles in the tile's arrays: one that stands for none, and some more
+/// that may be overwritten.
+pub fn room_for(vertices: u32) -> u32 {
+    1 + most_triangles(vertices) + MAX_TRIANGLES as u32
 }
 
+/// Triangles written at once, whether the cube has as many or not.
+const AT_ONCE: u32 = 2;
+
+/// Numbers of edges that a cube's corners can name: eight counters, and the four of them that lie on
+/// the cube's upper x side.
+const NUMBERS: usize = 16;
+
+/// Where the number of each cube edge is found among the counters: x edges, then those along y and z
+/// at the cube's lower x side, then at its upper one.
+const NUMBER_OF_EDGE: [u8; 12] = [0, 1, 2, 3, 4, 8, 5, 9, 6, 10, 7, 11];
+
+/// The edge that each counter stands for.
+const COUNTED: [u8; 8] = [0, 1, 2, 3, 4, 6, 8, 10];
+
+/// No such half-edge.
 const ABSENT: u8 = 255;
 
+/// A half-edge of a triangle that is not one of its three: may be written to and means nothing.
+const UNUSED: u8 = 3;
+
+/// A case prepared for the loop. Half-edges are `4 t + e`, t counted within the cube.
+#[derive(Debug, Clone, Copy)]
+struct Plan {
+    /// By how much each counter rises past the cube.
+    steps: [u32; 8],
+    /// Places of the corners' edges among the counters.
+    corners: [[u8; 4]; MAX_TRIANGLES],
+    /// The mate inside the cube, or [`ABSENT`].
+    inside: [[u8; 4]; MAX_TRIANGLES],
+    /// Half-edge on the lower and the upper face of each axis, or [`UNUSED`].
+    low: [u8; 3],
+    high: [u8; 3],
+    /// All bits where `low` is one.
+    has_low: [u32; 3],
+    triangles: u8,
+    /// One sheet that meets each face once at most.
+    simple: bool,
+}
+
 /// The plans of a rule's 256 cases.
-pub struct Plans(Box<[Plan; 256]>);
+pub struct Plans {
+    plans: Box<[Plan; 256]>,
+    cases: &'static [Case; 256],
+}
 
 impl Plans {
     /// For the table of one rule.
@@ -54,33 +89,45 @@ impl Plans {
     }
 
     fn new(rule: crate::grid::Ambiguous) -> Self {
-        let table = crate::mesh::table::cases(rule);
-        Plans(Box::new(std::array::from_fn(|c| Plan::new(&table[c]))))
+        let cases = cases(rule);
+        let plan = |c| Plan::new(c, &cases[c]);
+        Plans {
+            plans: Box::new(std::array::from_fn(plan)),
+            cases,
+        }
     }
 }
 
 impl Plan {
-    fn new(case: &Case) -> Self {
+    fn new(bits: usize, case: &Case) -> Self {
+        let crossed = |edge: u8| {
+            let lower = EDGE_LOWER[usize::from(edge)];
+            let upper = lower + (1 << edge_axis(edge));
+            (bits >> lower ^ bits >> upper) as u32 & 1
+        };
         let mut plan = Plan {
+            steps: COUNTED.map(crossed),
+            // those without a triangle name an edge that is there, in case they are written
+            corners: [[NUMBER_OF_EDGE[usize::from(case.edges[0][0])]; 4]; MAX_TRIANGLES],
+            inside: [[ABSENT; 4]; MAX_TRIANGLES],
+            low: [UNUSED; 3],
+            high: [UNUSED; 3],
+            has_low: [0; 3],
             triangles: case.triangles,
-            corners: case.edges,
-            inside: [ABSENT; 3 * MAX_TRIANGLES],
-            low: [[ABSENT; 2]; 3],
-            high: [[ABSENT; 2]; 3],
+            simple: is_one_sheet(case),
         };
         for t in 0..usize::from(case.triangles) {
             for e in 0..3 {
-                let half_edge = (3 * t + e) as u8;
+                plan.corners[t][e] = NUMBER_OF_EDGE[usize::from(case.edges[t][e])];
+                let half_edge = (4 * t + e) as u8;
                 match case.across[t][e] {
-                    Across::Inside(mate) => plan.inside[half_edge as usize] = mate,
-                    Across::Face { face, slot } => {
-                        let side = if face % 2 == 0 {
-                            &mut plan.low
-                        } else {
-                            &mut plan.high
-                        };
-                        side[face as usize / 2][slot as usize] = half_edge;
+                    Across::Inside(mate) => plan.inside[t][e] = mate / 3 * 4 + mate % 3,
+                    Across::Face { slot: 1, .. } => plan.simple = false,
+                    Across::Face { face, .. } if face % 2 == 0 => {
+                        plan.low[usize::from(face / 2)] = half_edge;
+                        plan.has_low[usize::from(face / 2)] = !0;
                     }
+                    Across::Face { face, .. } => plan.high[usize::from(face / 2)] = half_edge,
                 }
             }
         }
@@ -88,27 +135,86 @@ impl Plan {
     }
 }
 
-impl Triangles {
-    /// Makes the triangles of all cubes of a tile; reuses the memory.
-    pub fn make(&mut self, edges: &Edges, tile: &TileBox, plans: &Plans) {
-        dispatch!(self.make_inlined(edges, tile, plans));
+/// Whether the triangles hang together.
+fn is_one_sheet(case: &Case) -> bool {
+    let mut reached = [false; MAX_TRIANGLES];
+    let mut waiting = vec![0];
+    while let Some(t) = waiting.pop() {
+        if std::mem::replace(&mut reached[t], true) {
+            continue;
+        }
+        for across in case.across[t] {
+            if let Across::Inside(mate) = across {
+                waiting.push(usize::from(mate / 3));
+            }
+        }
+    }
+    reached[..usize::from(case.triangles)].iter().all(|&r| r)
+}
+
+/// Makes triangles; its buffers are reused from tile to tile.
+#[derive(Debug, Default)]
+pub struct CubeWalk {
+    /// Half-edges on the upper y face of the row of cubes before, two slots per x.
+    row_slots: Vec<[u32; 2]>,
+    /// Half-edges on the upper z face of the slice of cubes before, two slots per cube.
+    slice_slots: Vec<[u32; 2]>,
+    /// Takes the plain way everywhere.
+    #[cfg(test)]
+    pub plain: bool,
+}
+
+/// What the walk reads.
+#[derive(Clone, Copy)]
+pub struct Cut<'a> {
+    /// The crossed edges.
+    pub edges: &'a Edges,
+    /// The cubes.
+    pub tile: &'a TileBox,
+    /// Which piece and vertex lies on each edge.
+    pub sheets: &'a Sheets,
+}
+
+/// What it writes, see [`crate::mesh::TileMesh`].
+pub struct Faces<'a> {
+    /// First element and number of triangles of each are up to date.
+    pub pieces: &'a mut [Piece],
+    /// Four to a triangle, the last of them unused.
+    pub corners: &'a mut [[u32; 4]],
+    /// As many; what is no half-edge's mate holds anything.
+    pub mates: &'a mut [[u32; 4]],
+}
+
+/// A cube's place and what it shares with the ones before.
+struct Cube<'a> {
+    at: [usize; 3],
+    numbers: &'a [u32; NUMBERS],
+    /// By axis: the slots of the faces it shares.
+    slots: [&'a mut [u32; 2]; 3],
+    /// It touches the volume's faces.
+    on_border: bool,
+}
+
+impl CubeWalk {
+    /// Makes the triangles of all cubes of a tile.
+    pub fn make(&mut self, cut: Cut, plans: &Plans, out: &mut Faces) {
+        dispatch!(self.make_inlined(cut, plans, out));
     }
 
     #[inline(always)]
-    fn make_inlined(&mut self, edges: &Edges, tile: &TileBox, plans: &Plans) {
-        let [cx, cy, cz] = tile.cubes.map(|c| c as usize);
-        self.corners.clear();
-        self.mates.clear();
-        self.border.clear();
+    fn make_inlined(&mut self, cut: Cut, plans: &Plans, out: &mut Faces) {
+        let [cx, cy, cz] = cut.tile.cubes.map(|c| c as usize);
         self.row_slots.resize(cx, [NONE; 2]);
+        self.slice_slots.clear();
         self.slice_slots.resize(cx * cy, [NONE; 2]);
-        let row = edges.row_words;
-        let slice = edges.rows * row;
+        let row = cut.edges.row_words;
+        let slice = cut.edges.rows * row;
         for z in 0..cz {
+            self.row_slots.fill([NONE; 2]);
             for y in 0..cy {
                 let start = z * slice + y * row;
                 let starts = [start, start + row, start + slice, start + slice + row];
-                self.cube_row(edges, tile, plans, starts, [y, z]);
+                self.cube_row(cut, plans, starts, [y, z], out);
             }
         }
     }
@@ -116,124 +222,212 @@ impl Triangles {
     #[inline(always)]
     fn cube_row(
         &mut self,
-        edges: &Edges,
-        tile: &TileBox,
+        cut: Cut,
         plans: &Plans,
         starts: [usize; 4],
         [y, z]: [usize; 2],
+        out: &mut Faces,
     ) {
-        let cx = tile.cubes[0] as usize;
+        let edges = cut.edges;
+        let cx = cut.tile.cubes[0] as usize;
+        let first = starts.map(|s| edges.words[s].first);
+        let mut counters = [
+            first[0][0],
+            first[1][0],
+            first[2][0],
+            first[3][0],
+            first[0][1],
+            first[2][1],
+            first[0][2],
+            first[1][2],
+        ];
+        let mut numbers = [0; NUMBERS];
         let mut x_slots = [NONE; 2];
+        let slice_slots = &mut self.slice_slots[y * cx..][..cx];
+        let row_slots = &mut self.row_slots[..cx];
         for w in 0..edges.row_words {
             let here = starts.map(|s| edges.bits[s + w]);
-            // the same rows one voxel further along x
-            let further: [u64; 4] = std::array::from_fn(|i| {
-                let next = if w + 1 < edges.row_words {
-                    edges.bits[starts[i] + w + 1]
-                } else {
-                    0
-                };
-                here[i] >> 1 | next << 63
-            });
-            let any = here.iter().chain(&further).fold(0, |a, &b| a | b);
-            let all = here.iter().chain(&further).fold(!0, |a, &b| a & b);
-            let mut active = any & !all & below(cx, w);
-            while active != 0 {
-                let bit = active & active.wrapping_neg();
-                active ^= bit;
-                let i = bit.trailing_zeros();
-                let x = 64 * w + i as usize;
-                let pair = |r: usize| (here[r] >> i & 1) | (further[r] >> i & 1) << 1;
-                let case = pair(0) | pair(1) << 2 | pair(2) << 4 | pair(3) << 6;
-                let word = |r: usize| &edges.words[starts[r] + w];
-                let words = [word(0), word(1), word(2), word(3)];
-                self.cube(
-                    &plans.0[case as usize],
-                    &numbers(words, bit),
-                    tile,
-                    [x, y, z],
-                    &mut x_slots,
-                );
-            }
-        }
-    }
-
-    #[inline(always)]
-    fn cube(
-        &mut self,
-        plan: &Plan,
-        numbers: &[u32; 16],
-        tile: &TileBox,
-        [x, y, z]: [usize; 3],
-        x_slots: &mut [u32; 2],
-    ) {
-        let first = self.mates.len() as u32;
-        let count = usize::from(plan.triangles);
-        // the mask says what is so anyway, and saves a check
-        let number = |edge: u8| numbers[usize::from(edge) & 15];
-        let corners = plan.corners[..count].iter();
-        self.corners
-            .extend(corners.map(|&[a, b, c]| [number(a), number(b), number(c)]));
-        let inside = plan.inside[..3 * count].iter();
-        self.mates.extend(inside.map(|&mate| match mate {
-            ABSENT => NONE,
-            mate => first + u32::from(mate),
-        }));
-        let (cx, cy) = (tile.cubes[0] as usize, tile.cubes[1] as usize);
-        let at = [x, y, z];
-        for axis in 0..3 {
-            let slots = match axis {
-                0 => &mut *x_slots,
-                1 => &mut self.row_slots[x],
-                _ => &mut self.slice_slots[y * cx + x],
+            let next = match w + 1 < edges.row_words {
+                true => starts.map(|s| edges.bits[s + w + 1]),
+                false => [0; 4],
             };
-            for slot in 0..2 {
-                let low = plan.low[axis][slot];
-                if low != ABSENT {
-                    let half_edge = first + u32::from(low);
-                    if at[axis] > 0 {
-                        let mate = slots[slot];
-                        self.mates[half_edge as usize] = mate;
-                        self.mates[mate as usize] = half_edge;
-                    } else if tile.first_cube[axis] == 0 {
-                        self.border.push(half_edge);
-                    }
+            let active = active(here, next) & below(cx, w);
+            let border = cut.tile.border_cubes(w, [y, z]);
+            let mut left = active;
+            while left != 0 {
+                let i = left.trailing_zeros();
+                left &= left - 1;
+                let x = 64 * w + i as usize;
+                let case = case_at(here, next, i);
+                let plan = &plans.plans[case];
+                numbers[..8].copy_from_slice(&counters);
+                for c in 0..8 {
+                    counters[c] += plan.steps[c];
                 }
-                let high = plan.high[axis][slot];
-                if high != ABSENT {
-                    let half_edge = first + u32::from(high);
-                    slots[slot] = half_edge;
-                    if at[axis] + 1 == tile.cubes[axis] as usize && tile.is_last[axis] {
-                        self.border.push(half_edge);
-                    }
+                numbers[8..12].copy_from_slice(&counters[4..]);
+                let cube = Cube {
+                    at: [x, y, z],
+                    numbers: &numbers,
+                    slots: [&mut x_slots, &mut row_slots[x], &mut slice_slots[x]],
+                    on_border: border >> i & 1 == 1,
+                };
+                #[cfg(test)]
+                let simple = plan.simple && !self.plain;
+                #[cfg(not(test))]
+                let simple = plan.simple;
+                if simple {
+                    cube.write_simple(plan, cut, &plans.cases[case], out);
+                } else {
+                    cube.write(cut, &plans.cases[case], out);
                 }
             }
         }
-        debug_assert!(y < cy);
     }
 }
 
-/// Numbers of the 12 edges of the cube at `bit`, whose rows (y, z), (y+1, z), (y, z+1) and
-/// (y+1, z+1) have these words; only those of crossed edges mean anything, and the last four never.
+/// The cubes of 64 whose corners are not all alike, by the words of their four rows and the next ones.
 #[inline(always)]
-fn numbers(words: [&EdgeWord; 4], bit: u64) -> [u32; 16] {
-    let [w00, w10, w01, w11] = words;
-    [
-        w00.at(0, bit),
-        w10.at(0, bit),
-        w01.at(0, bit),
-        w11.at(0, bit),
-        w00.at(1, bit),
-        w00.after(1, bit),
-        w01.at(1, bit),
-        w01.after(1, bit),
-        w00.at(2, bit),
-        w00.after(2, bit),
-        w10.at(2, bit),
-        w10.after(2, bit),
-        0,
-        0,
-        0,
-        0,
-    ]
+fn active(here: [u64; 4], next: [u64; 4]) -> u64 {
+    let further: [u64; 4] = std::array::from_fn(|r| here[r] >> 1 | next[r] << 63);
+    let any = here.iter().chain(&further).fold(0, |a, &b| a | b);
+    let all = here.iter().chain(&further).fold(!0, |a, &b| a & b);
+    any & !all
+}
+
+/// The case of cube `i` of a word.
+#[inline(always)]
+fn case_at(here: [u64; 4], next: [u64; 4], i: u32) -> usize {
+    let pair = |r: usize| match i {
+        63 => here[r] >> 63 | (next[r] & 1) << 1,
+        i => here[r] >> i & 3,
+    };
+    (pair(0) | pair(1) << 2 | pair(2) << 4 | pair(3) << 6) as usize
+}
+
+impl Cube<'_> {
+    /// The triangles of one sheet that meets each face once at most.
+    #[inline(always)]
+    fn write_simple(self, plan: &Plan, cut: Cut, case: &Case, out: &mut Faces) {
+        // the mask says what is so anyway, and saves a check
+        let number = |place: u8| self.numbers[usize::from(place) % NUMBERS];
+        let piece = cut.sheets.piece_of[number(plan.corners[0][0]) as usize];
+        let piece = &mut out.pieces[piece as usize];
+        let start = piece.first_triangle as usize;
+        let triangle = 1 + piece.triangles;
+        let count = u32::from(plan.triangles);
+        piece.triangles += count;
+        let at = start + triangle as usize;
+        let corners = &mut out.corners[at..at + MAX_TRIANGLES];
+        let mates = &mut out.mates[start..at + MAX_TRIANGLES];
+        let first = 4 * triangle;
+        let vertex = |place: u8| cut.sheets.vertex_of[number(place) as usize];
+        let mut put = |t: usize| {
+            let [a, b, c, _] = plan.corners[t];
+            corners[t] = [vertex(a), vertex(b), vertex(c), 0];
+            let mate = |m: u8| match m {
+                ABSENT => NONE,
+                m => first + u32::from(m),
+            };
+            let [a, b, c, _] = plan.inside[t];
+            mates[triangle as usize + t] = [mate(a), mate(b), mate(c), NONE];
+        };
+        put(0);
+        put(1);
+        for t in AT_ONCE..count {
+            put(t as usize);
+        }
+        let mates = mates.as_flattened_mut();
+        for (axis, slots) in self.slots.into_iter().enumerate() {
+            let low = first + u32::from(plan.low[axis]);
+            mates[low as usize] = slots[0];
+            // where there is none, the mate of triangle 0 is written, which is no triangle
+            mates[(slots[0] & plan.has_low[axis]) as usize] = low;
+            slots[0] = first + u32::from(plan.high[axis]);
+        }
+        if self.on_border {
+            let tile = cut.tile;
+            piece.sums.border_edges += border_edges(tile, self.at, case, 0..plan.triangles.into());
+        }
+    }
+
+    /// The triangles of any case.
+    #[cold]
+    fn write(self, cut: Cut, case: &Case, out: &mut Faces) {
+        let number = |edge: u8| {
+            let place = NUMBER_OF_EDGE[usize::from(edge)];
+            self.numbers[usize::from(place)] as usize
+        };
+        let count = usize::from(case.triangles);
+        let mut pieces = [0; MAX_TRIANGLES];
+        let mut triangles = [0; MAX_TRIANGLES];
+        for t in 0..count {
+            pieces[t] = cut.sheets.piece_of[number(case.edges[t][0])] as usize;
+            let piece = &mut out.pieces[pieces[t]];
+            piece.triangles += 1;
+            triangles[t] = piece.triangles;
+            if self.on_border {
+                piece.sums.border_edges += border_edges(cut.tile, self.at, case, t..t + 1);
+            }
+        }
+        for t in 0..count {
+            let start = out.pieces[pieces[t]].first_triangle as usize;
+            let at = start + triangles[t] as usize;
+            let vertex = |e: usize| cut.sheets.vertex_of[number(case.edges[t][e])];
+            out.corners[at] = [vertex(0), vertex(1), vertex(2), 0];
+            out.mates[at] = [NONE; 4];
+            for e in 0..3 {
+                let half_edge = 4 * triangles[t] + e as u32;
+                let mates = out.mates[start..].as_flattened_mut();
+                match case.across[t][e] {
+                    Across::Inside(mate) => {
+                        let mate = usize::from(mate);
+                        let across = 4 * triangles[mate / 3] + mate as u32 % 3;
+                        mates[half_edge as usize] = across;
+                    }
+                    Across::Face { face, slot } if face % 2 == 0 => {
+                        let held = self.slots[usize::from(face / 2)][usize::from(slot)];
+                        if held != NONE {
+                            mates[half_edge as usize] = held;
+                            mates[held as usize] = half_edge;
+                        }
+                    }
+                    Across::Face { .. } => {}
+                }
+            }
+        }
+        // only now: a slot is read for the lower face before it is written for the upper one
+        for t in 0..count {
+            for e in 0..3 {
+                if let Across::Face { face, slot } = case.across[t][e]
+                    && face % 2 == 1
+                {
+                    let half_edge = 4 * triangles[t] + e as u32;
+                    self.slots[usize::from(face / 2)][usize::from(slot)] = half_edge;
+                }
+            }
+        }
+    }
+}
+
+/// Edges of some of a cube's triangles on the volume's faces.
+#[cold]
+fn border_edges(
+    tile: &TileBox,
+    at: [usize; 3],
+    case: &Case,
+    triangles: std::ops::Range<usize>,
+) -> u64 {
+    let across = case.across[triangles].as_flattened();
+    let on_border = across.iter().filter(|a| match a {
+        Across::Inside(_) => false,
+        Across::Face { face, .. } => {
+            let axis = usize::from(face / 2);
+            if face % 2 == 0 {
+                tile.first_cube[axis] == 0 && at[axis] == 0
+            } else {
+                tile.is_last[axis] && at[axis] + 1 == tile.cubes[axis] as usize
+            }
+        }
+    });
+    on_border.count() as u64
 }

@@ -1,8 +1,8 @@
 //! The lattice edges of a tile that the surface crosses, numbered without a hash.
 //!
 //! For each voxel row of the tile and each axis one word per 64 voxels says which edges cross; an
-//! edge's number is the count of those before it: a base per word and a population count. (Flying
-//! Edges, Schroeder et al. 2015, numbers by counting per row too; bits make it 16 times denser.)
+//! edge's number is the count of those before it, of which each row's first is kept. (Flying Edges,
+//! Schroeder et al. 2015, numbers by counting per row too; bits make it 16 times denser.)
 
 use crate::cpu::dispatch;
 use crate::mesh::tile::TileBox;
@@ -15,20 +15,6 @@ pub struct EdgeWord {
     pub crossed: [u64; 3],
     /// Number of the first crossed edge of this word and axis.
     pub first: [u32; 3],
-}
-
-impl EdgeWord {
-    /// Number of the edge at `bit` (a single bit) along `axis`.
-    #[inline(always)]
-    pub fn at(&self, axis: usize, bit: u64) -> u32 {
-        self.first[axis] + (self.crossed[axis] & (bit - 1)).count_ones()
-    }
-
-    /// Number of the edge at the voxel after `bit` along `axis`.
-    #[inline(always)]
-    pub fn after(&self, axis: usize, bit: u64) -> u32 {
-        self.first[axis] + (self.crossed[axis] & (bit | (bit - 1))).count_ones()
-    }
 }
 
 /// All crossed edges of a tile. Numbers rise by z, y, then axis, then x of the edge's lower voxel.

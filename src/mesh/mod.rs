@@ -1,6 +1,7 @@
 //! Marching cubes on the bits of a band: vertices on the lattice, triangles, neighbours and normals.
 
 mod cap;
+mod connect;
 mod cubes;
 mod edges;
 mod gather;
@@ -10,8 +11,9 @@ mod tile;
 mod vertex;
 mod vertices;
 
+pub use connect::connect;
 pub use edges::Edges;
-pub use pieces::{Piece, PieceIndex, assign};
+pub use pieces::{Piece, PieceIndex, Sheets, assign};
 pub use tile::{
     BYTES_PER_CUBE, BYTES_PER_TRIANGLE, BandView, MeshSettings, TileBox, TileMesh, TileMesher,
     tile_bytes,

@@ -5,6 +5,7 @@
 
 use crate::cpu::dispatch;
 use crate::measure::MeshSums;
+use crate::mesh::cubes::room_for;
 use crate::mesh::edges::Edges;
 use crate::mesh::tile::{BandView, TileBox};
 use crate::volume::Voxel;
@@ -22,7 +23,8 @@ pub struct Piece {
     pub first_vertex: u32,
     /// Number of vertices.
     pub vertices: u32,
-    /// First triangle in the tile's arrays.
+    /// Element of the tile's arrays that stands for no triangle of the piece; those after it are its
+    /// triangles.
     pub first_triangle: u32,
     /// Number of triangles.
     pub triangles: u32,
@@ -37,6 +39,12 @@ pub struct Piece {
 }
 
 impl Piece {
+    /// The elements of its triangles in the tile's arrays, that of none before them.
+    pub fn faces(&self) -> std::ops::Range<usize> {
+        let first = self.first_triangle as usize;
+        first..first + 1 + self.triangles as usize
+    }
+
     /// A piece without vertices.
     pub fn new(object: u32, cell: u32, cap: bool) -> Self {
         Piece {
@@ -115,16 +123,25 @@ impl PieceIndex {
     }
 }
 
-/// Assigns every crossed edge its piece, by rising number, and counts the pieces' vertices.
+/// Which piece and which of its vertices lies on each crossed edge, by the edge's number.
+#[derive(Debug, Default)]
+pub struct Sheets {
+    /// The piece.
+    pub piece_of: Vec<u32>,
+    /// The vertex, numbered within the piece.
+    pub vertex_of: Vec<u32>,
+}
+
+/// Assigns every crossed edge its piece and vertex, and counts the pieces' vertices.
 pub fn assign<T: Voxel>(
     view: &BandView<T>,
     tile: &TileBox,
     edges: &Edges,
     index: &mut PieceIndex,
     pieces: &mut Vec<Piece>,
-    piece_of: &mut Vec<u32>,
+    sheets: &mut Sheets,
 ) {
-    dispatch!(assign_inlined(view, tile, edges, index, pieces, piece_of));
+    dispatch!(assign_inlined(view, tile, edges, index, pieces, sheets));
 }
 
 #[inline(always)]
@@ -134,12 +151,15 @@ fn assign_inlined<T: Voxel>(
     edges: &Edges,
     index: &mut PieceIndex,
     pieces: &mut Vec<Piece>,
-    piece_of: &mut Vec<u32>,
+    sheets: &mut Sheets,
 ) {
     index.reset();
     pieces.clear();
-    piece_of.clear();
-    piece_of.reserve(edges.count as usize);
+    let count = edges.count as usize;
+    sheets.piece_of.resize(count, 0);
+    sheets.vertex_of.resize(count, 0);
+    let (piece_of, vertex_of) = (&mut sheets.piece_of[..], &mut sheets.vertex_of[..]);
+    let mut number = 0;
     let [_, cy, cz] = tile.cubes.map(|c| c as usize);
     let mut words = edges.words.chunks_exact(edges.row_words);
     let mut bits = edges.bits.chunks_exact(edges.row_words);
@@ -183,8 +203,10 @@ fn assign_inlined<T: Voxel>(
                             last = (object, cell, index.find(pieces, object, cell));
                         }
                         let p = last.2;
-                        piece_of.push(p);
                         let piece = &mut pieces[p as usize];
+                        piece_of[number] = p;
+                        vertex_of[number] = piece.vertices;
+                        number += 1;
                         piece.vertices += 1;
                         let shared = shared_row || tile.shares_upper(0, x);
                         piece.sums.vertices += u64::from(!shared);
@@ -194,9 +216,11 @@ fn assign_inlined<T: Voxel>(
             }
         }
     }
-    let mut first = 0;
+    let (mut vertex, mut triangle) = (0, 0);
     for piece in pieces {
-        piece.first_vertex = first;
-        first += piece.vertices;
+        piece.first_vertex = vertex;
+        vertex += piece.vertices;
+        piece.first_triangle = triangle;
+        triangle += room_for(piece.vertices);
     }
 }

@@ -228,8 +228,6 @@ impl Case {
         for (s, mesh) in pieces {
             for piece in &mesh.pieces {
                 let vertex = |v: u32| mesh.positions[(piece.first_vertex + v) as usize];
-                let range = piece.first_triangle as usize
-                    ..(piece.first_triangle + piece.triangles) as usize;
                 out.push(WholePiece {
                     object: ids[s][piece.object as usize],
                     cell: if piece.cap {
@@ -238,8 +236,8 @@ impl Case {
                         ids[s][piece.cell as usize]
                     },
                     piece: *piece,
-                    triangles: mesh.triangles[range]
-                        .iter()
+                    triangles: mesh
+                        .triangles_of(piece)
                         .map(|t| canonical(t.map(vertex)))
                         .collect(),
                 });
@@ -252,18 +250,31 @@ impl Case {
 /// Mates are mutual, run the opposite way, and are missing only where no triangle has the reverse.
 fn check_mates(mesh: &TileMesh) {
     for piece in &mesh.pieces {
-        let first = piece.first_triangle as usize;
-        let triangles = &mesh.triangles[first..first + piece.triangles as usize];
-        let mates = &mesh.mates[3 * first..3 * (first + triangles.len())];
-        let edge = |h: usize| (triangles[h / 3][h % 3], triangles[h / 3][(h % 3 + 1) % 3]);
-        let all: HashMap<_, _> = (0..mates.len()).map(|h| (edge(h), h)).collect();
-        assert_eq!(all.len(), mates.len(), "an edge with three triangles");
-        for (h, &mate) in mates.iter().enumerate() {
-            let (a, b) = edge(h);
-            let expected = all.get(&(b, a)).map_or(u32::MAX, |&m| m as u32);
-            assert_eq!(mate, expected);
+        let triangles: Vec<_> = mesh.triangles_of(piece).collect();
+        let mates = &mesh.mates[piece.faces()][1..];
+        let mut all = HashMap::new();
+        for (t, corners) in triangles.iter().enumerate() {
+            for e in 0..3 {
+                let edge = (corners[e], corners[(e + 1) % 3]);
+                let half_edge = (4 * (t + 1) + e) as u32;
+                assert!(all.insert(edge, half_edge).is_none(), "three at an edge");
+            }
         }
+        for (corners, mates) in triangles.iter().zip(mates) {
+            for e in 0..3 {
+                let reverse = (corners[(e + 1) % 3], corners[e]);
+                assert_eq!(mates[e], all.get(&reverse).copied().unwrap_or(0));
+            }
+        }
+        let (corners, mates) = connect(&triangles);
+        assert_eq!(without_fourth(&corners[1..]), triangles);
+        let made = &mesh.mates[piece.faces()][1..];
+        assert_eq!(without_fourth(&mates[1..]), without_fourth(made));
     }
+}
+
+fn without_fourth(faces: &[[u32; 4]]) -> Vec<[u32; 3]> {
+    faces.iter().map(|&[a, b, c, _]| [a, b, c]).collect()
 }
 
 fn cases() -> impl Strategy<Value = Case> {

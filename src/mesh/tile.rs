@@ -4,9 +4,9 @@ use crate::cpu::dispatch;
 use crate::grid::{Ambiguous, Dims, LATTICE, Tiling};
 use crate::measure::AreaScale;
 use crate::mesh::cap::add_caps;
-use crate::mesh::cubes::{NONE, Plans, Triangles};
+use crate::mesh::cubes::{CubeWalk, Cut, Faces, NONE, Plans, room_for};
 use crate::mesh::edges::Edges;
-use crate::mesh::pieces::{Piece, PieceIndex, assign};
+use crate::mesh::pieces::{Piece, PieceIndex, Sheets, assign};
 use crate::mesh::vertices::for_each_vertex;
 use crate::segment::Runs;
 use crate::slab::{Bits, Voxels};
@@ -90,6 +90,22 @@ impl TileBox {
         })
     }
 
+    /// Which of the cubes 64 w ..= 64 w + 63 of a row touch the volume's faces.
+    #[inline]
+    pub fn border_cubes(&self, w: usize, [y, z]: [usize; 2]) -> u64 {
+        let outer = |axis: usize, v: usize| {
+            v == 0 && self.first_cube[axis] == 0
+                || v + 1 == self.cubes[axis] as usize && self.is_last[axis]
+        };
+        if outer(1, y) || outer(2, z) {
+            return !0;
+        }
+        let last = self.cubes[0] as usize - 1;
+        let low = u64::from(w == 0 && self.first_cube[0] == 0);
+        let high = u64::from(last / 64 == w && self.is_last[0]) << (last % 64);
+        low | high
+    }
+
     /// Linear index of a local voxel in the grid.
     pub fn linear(&self, local: [usize; 3]) -> u64 {
         self.dims.linear(std::array::from_fn(|a| {
@@ -131,6 +147,10 @@ impl<T: Voxel> BandView<'_, T> {
 
 /// The mesh of a tile. Vertices and triangles are grouped by piece, in the pieces' order; within a
 /// piece vertices follow their lattice edges by z, y, axis, x.
+///
+/// A piece's triangles are numbered from 1; number 0 stands for none, and is the element
+/// [`Piece::first_triangle`] of `corners` and `mates`. Half-edge `4 t + e` runs from corner e to the
+/// next of triangle t. Between pieces there may be elements without meaning.
 #[derive(Debug, Default)]
 pub struct TileMesh {
     /// The pieces, by their first vertex in lattice order.
@@ -139,24 +159,34 @@ pub struct TileMesh {
     pub positions: Vec<[i32; 3]>,
     /// Unit normals, one per vertex.
     pub normals: Vec<[f32; 3]>,
-    /// Corners as vertex numbers within the triangle's piece, counter-clockwise seen from below.
-    pub triangles: Vec<[u32; 3]>,
-    /// Per half-edge `3 t + e`, t numbered within the piece, the half-edge across it or `u32::MAX`.
-    pub mates: Vec<u32>,
+    /// Corners as vertex numbers within the triangle's piece, counter-clockwise seen from below; the
+    /// fourth means nothing.
+    pub corners: Vec<[u32; 4]>,
+    /// The half-edge across each, or [`NONE`](crate::mesh::cubes::NONE); the fourth means nothing.
+    pub mates: Vec<[u32; 4]>,
+}
+
+impl TileMesh {
+    /// Number of triangles.
+    pub fn triangles(&self) -> u64 {
+        self.pieces.iter().map(|p| u64::from(p.triangles)).sum()
+    }
+
+    /// The triangles of a piece.
+    pub fn triangles_of(&self, piece: &Piece) -> impl ExactSizeIterator<Item = [u32; 3]> {
+        let faces = &self.corners[piece.faces()][1..];
+        faces.iter().map(|&[a, b, c, _]| [a, b, c])
+    }
 }
 
 /// Makes tile meshes; its buffers are reused from tile to tile.
 #[derive(Debug, Default)]
 pub struct TileMesher {
     edges: Edges,
-    triangles: Triangles,
     index: PieceIndex,
-    /// Piece of each crossed edge.
-    piece_of: Vec<u32>,
-    /// Number of each crossed edge's vertex within its piece.
-    vertex_of: Vec<u32>,
-    /// Number of each triangle within its piece.
-    triangle_of: Vec<u32>,
+    sheets: Sheets,
+    /// The cubes.
+    pub(super) walk: CubeWalk,
 }
 
 impl TileMesher {
@@ -177,7 +207,7 @@ impl TileMesher {
         if self.edges.count > 0 {
             self.mesh_open(view, tile, settings, out);
         } else {
-            out.triangles.clear();
+            out.corners.clear();
             out.mates.clear();
         }
         if settings.cap {
@@ -200,12 +230,26 @@ impl TileMesher {
             &self.edges,
             &mut self.index,
             &mut out.pieces,
-            &mut self.piece_of,
+            &mut self.sheets,
         );
         self.place_vertices(view, tile, settings.threshold, out);
-        self.triangles
-            .make(&self.edges, tile, Plans::of(settings.rule));
-        dispatch!(self.group_triangles(out));
+        let faces = out
+            .pieces
+            .last()
+            .map_or(0, |p| (p.first_triangle + room_for(p.vertices)) as usize);
+        out.corners.resize(faces, [0; 4]);
+        out.mates.resize(faces, [NONE; 4]);
+        let cut = Cut {
+            edges: &self.edges,
+            tile,
+            sheets: &self.sheets,
+        };
+        let mut faces = Faces {
+            pieces: &mut out.pieces,
+            corners: &mut out.corners,
+            mates: &mut out.mates,
+        };
+        self.walk.make(cut, Plans::of(settings.rule), &mut faces);
         dispatch!(sum_pieces(out, &settings.area));
     }
 
@@ -217,17 +261,11 @@ impl TileMesher {
         threshold: f64,
         out: &mut TileMesh,
     ) {
-        self.vertex_of.clear();
-        let mut used = vec![0u32; out.pieces.len()];
-        let mut number = 0;
+        let mut places = self.sheets.piece_of.iter().zip(&self.sheets.vertex_of);
         for_each_vertex(&self.edges, view, tile, threshold, |position, normal| {
-            let p = self.piece_of[number] as usize;
-            number += 1;
-            let piece = &mut out.pieces[p];
-            let local = used[p];
-            used[p] += 1;
-            self.vertex_of.push(local);
-            let at = (piece.first_vertex + local) as usize;
+            let (&p, &vertex) = places.next().expect("one for each crossed edge");
+            let piece = &mut out.pieces[p as usize];
+            let at = (piece.first_vertex + vertex) as usize;
             out.positions[at] = position;
             out.normals[at] = normal;
             for a in 0..3 {
@@ -235,42 +273,6 @@ impl TileMesher {
                 piece.max[a] = piece.max[a].max(position[a]);
             }
         });
-    }
-
-    /// Moves the triangles to their pieces and numbers their corners and mates within them.
-    #[inline(always)]
-    fn group_triangles(&mut self, out: &mut TileMesh) {
-        let made = &self.triangles;
-        let piece_of = |t: usize| self.piece_of[made.corners[t][0] as usize] as usize;
-        self.triangle_of.clear();
-        for t in 0..made.corners.len() {
-            let piece = &mut out.pieces[piece_of(t)];
-            self.triangle_of.push(piece.triangles);
-            piece.triangles += 1;
-        }
-        let mut first = 0;
-        for piece in &mut out.pieces {
-            piece.first_triangle = first;
-            first += piece.triangles;
-        }
-        out.triangles.resize(made.corners.len(), [0; 3]);
-        out.mates.resize(made.mates.len(), NONE);
-        let (mates, _) = out.mates.as_chunks_mut::<3>();
-        let (made_mates, _) = made.mates.as_chunks::<3>();
-        for (t, (corners, old)) in made.corners.iter().zip(made_mates).enumerate() {
-            let at = (out.pieces[piece_of(t)].first_triangle + self.triangle_of[t]) as usize;
-            // three by three: mapping an array takes a call that is not inlined
-            let corner = |i: usize| self.vertex_of[corners[i] as usize];
-            let mate = |i: usize| match old[i] {
-                NONE => NONE,
-                h => 3 * self.triangle_of[h as usize / 3] + h % 3,
-            };
-            out.triangles[at] = [corner(0), corner(1), corner(2)];
-            mates[at] = [mate(0), mate(1), mate(2)];
-        }
-        for &h in &made.border {
-            out.pieces[piece_of(h as usize / 3)].sums.border_edges += 1;
-        }
     }
 }
 
@@ -290,7 +292,7 @@ pub struct MeshSettings {
 #[inline(always)]
 fn sum_pieces(mesh: &mut TileMesh, area: &AreaScale) {
     for piece in &mut mesh.pieces {
-        sum_piece(piece, &mesh.positions, &mesh.triangles, area);
+        sum_piece(piece, &mesh.positions, &mesh.corners, area);
     }
 }
 
@@ -299,13 +301,12 @@ fn sum_pieces(mesh: &mut TileMesh, area: &AreaScale) {
 pub fn sum_piece(
     piece: &mut Piece,
     positions: &[[i32; 3]],
-    triangles: &[[u32; 3]],
+    corners: &[[u32; 4]],
     area: &AreaScale,
 ) {
     let vertices = &positions[piece.first_vertex as usize..][..piece.vertices as usize];
-    let triangles = &triangles[piece.first_triangle as usize..][..piece.triangles as usize];
     let (mut volume6, mut twice_area) = (0i128, 0u128);
-    for &[a, b, c] in triangles {
+    for &[a, b, c, _] in &corners[piece.faces()][1..] {
         let [a, b, c] = [
             vertices[a as usize],
             vertices[b as usize],

@@ -8,8 +8,6 @@
 //! alone. So entries = triangles + 4 per strip + 1 per link with a swap, and the task is to choose
 //! labels with the greatest sum of gains: 4 per link, 3 per link with a swap.
 
-use super::NONE;
-
 /// Rings longer than this are not looked for: they cost four entries each, and are rare.
 const RING_LIMIT: u32 = 64;
 
@@ -17,8 +15,8 @@ const RING_LIMIT: u32 = 64;
 const TRIES: u32 = 3;
 
 /// What crossing the half-edge e of a triangle means, by skipped edge and by e: 0 skipped, 1 the
-/// other crossed edge is e + 1, 2 it is e + 2.
-const CROSSING: [[u8; 3]; 3] = [[0, 1, 2], [2, 0, 1], [1, 2, 0]];
+/// other crossed edge is e + 1, 2 it is e + 2. The fourth of each is no edge.
+pub(super) const CROSSING: [[u8; 4]; 3] = [[0, 1, 2, 0], [2, 0, 1, 0], [1, 2, 0, 0]];
 
 /// The skipped edge by the state of edge 0: the inverse of [`CROSSING`].
 const SKIPPED: [u8; 3] = [0, 2, 1];
@@ -91,50 +89,61 @@ const fn label_gain(label: usize, across: usize) -> i32 {
 /// The next half-edge of the same triangle.
 #[inline(always)]
 pub(super) fn after(h: u32) -> u32 {
-    if h % 3 == 2 { h - 2 } else { h + 1 }
+    if h & 3 == 2 { h - 2 } else { h + 1 }
 }
 
 /// The half-edge before it in the same triangle.
 #[inline(always)]
 pub(super) fn before(h: u32) -> u32 {
-    if h.is_multiple_of(3) { h + 2 } else { h - 1 }
+    if h & 3 == 0 { h + 2 } else { h - 1 }
+}
+
+/// The three half-edges of a triangle.
+#[inline(always)]
+pub(super) fn edges(t: u32) -> std::ops::Range<u32> {
+    4 * t..4 * t + 3
 }
 
 /// The labels of a mesh piece, as states of its half-edges.
 pub(super) struct Crossings<'a> {
     /// The mates as the caller gave them.
     pub mates: &'a [u32],
-    /// Per half-edge 0, 1 or 2 as in [`CROSSING`]; one 0 more at the end, which stands for
-    /// [`NONE`]. A triangle that is in no strip yet, or written already, has three zeros.
-    pub states: &'a mut [u8],
+    /// Per half-edge 0, 1 or 2 as in [`CROSSING`]. A triangle that is in no strip yet, or written
+    /// already, has zeros, as triangle 0 has, which stands for none.
+    pub states: &'a mut [[u8; 4]],
     /// Triangles that may be ends of strips. Some are stale, and an end may be missing after a chain
     /// that saved entries without a merge: writing finds those by itself.
     pub ends: &'a mut Vec<u32>,
 }
 
 impl Crossings<'_> {
-    /// Number of triangles.
-    pub(super) fn triangles(&self) -> u32 {
-        (self.mates.len() / 3) as u32
+    /// The numbers of all triangles.
+    pub(super) fn triangles(&self) -> std::ops::Range<u32> {
+        1..self.states.len() as u32
+    }
+
+    /// State of a half-edge.
+    #[inline(always)]
+    pub(super) fn state(&self, h: u32) -> u8 {
+        self.states.as_flattened()[h as usize]
     }
 
     /// State of the half-edge across `h`; 0 at a border.
     #[inline(always)]
     pub(super) fn across(&self, h: u32) -> u8 {
-        let border = self.states.len() - 1;
-        self.states[(self.mates[h as usize] as usize).min(border)]
+        self.state(self.mates[h as usize])
     }
 
     /// Entries saved across `h`: 0 where it is no link.
     #[inline(always)]
     pub(super) fn gain(&self, h: u32) -> i32 {
-        gain_of(self.states[h as usize], self.across(h))
+        gain_of(self.state(h), self.across(h))
     }
 
     /// The other edge that the strip crosses in the triangle of `h`, which crosses `h`.
     #[inline(always)]
     pub(super) fn other(&self, h: u32) -> u32 {
-        if self.states[h as usize] == 1 {
+        if self.state(h) == 1 {
             after(h)
         } else {
             before(h)
@@ -144,48 +153,45 @@ impl Crossings<'_> {
     /// Whether the strip leaves the triangle that it enters over `h` over the edge after `h`.
     #[inline(always)]
     pub(super) fn turns_after(&self, h: u32) -> bool {
-        self.states[h as usize] == 1
+        self.state(h) == 1
     }
 
     /// Whether the triangle is in no strip yet, or written already.
     #[inline(always)]
     pub(super) fn is_blank(&self, t: u32) -> bool {
-        let h = 3 * t as usize;
-        self.states[h] | self.states[h + 1] == 0
+        self.states[t as usize] == [0; 4]
     }
 
     /// Takes the triangle out of the mesh.
     #[inline(always)]
     pub(super) fn blank(&mut self, t: u32) {
-        let h = 3 * t as usize;
-        self.states[h..h + 3].fill(0);
+        self.states[t as usize] = [0; 4];
     }
 
     /// Number of links of a triangle, and the half-edge of the last of them.
     pub(super) fn links(&self, t: u32) -> (u32, Option<u32>) {
-        let linked = (3 * t..3 * t + 3).filter(|&h| self.gain(h) != 0);
+        let linked = edges(t).filter(|&h| self.gain(h) != 0);
         linked.fold((0, None), |(n, _), h| (n + 1, Some(h)))
     }
 
     /// Makes the triangle of `h` skip that edge.
     #[inline(always)]
     pub(super) fn skip(&mut self, h: u32) {
-        let (t, e) = ((h / 3) as usize, (h % 3) as usize);
-        self.states[3 * t..3 * t + 3].copy_from_slice(&CROSSING[e]);
+        self.states[(h / 4) as usize] = CROSSING[(h % 4) as usize];
     }
 
     /// The half-edge that a triangle skips.
     #[inline(always)]
     fn skipped(&self, t: u32) -> u32 {
-        3 * t + u32::from(SKIPPED[usize::from(self.states[3 * t as usize])])
+        4 * t + u32::from(SKIPPED[usize::from(self.states[t as usize][0])])
     }
 
     /// Gives each triangle in turn the label that is best beside its neighbours' present ones, with
     /// a change on every other tie or so: ends of strips wander then, and merge where they meet.
     pub(super) fn settle(&mut self) {
         let mut noise = 1u32;
-        for t in 0..self.triangles() {
-            let h = 3 * t;
+        for t in self.triangles() {
+            let h = 4 * t;
             let across = self.across(h) | self.across(h + 1) << 2 | self.across(h + 2) << 4;
             let now = self.skipped(t) - h;
             // a linear congruence modulo 2^32; its high bits are random enough
@@ -196,7 +202,7 @@ impl Crossings<'_> {
                 self.skip(h + u32::from(label));
                 let is: [bool; 3] = std::array::from_fn(|e| self.gain(h + e as u32) != 0);
                 for e in (0..3).filter(|&e| was[e] && !is[e]) {
-                    self.ends.push(self.mates[h as usize + e] / 3);
+                    self.ends.push(self.mates[h as usize + e] / 4);
                 }
                 if is.iter().filter(|&&l| l).count() < 2 {
                     self.ends.push(t);
@@ -221,11 +227,11 @@ impl Crossings<'_> {
 
     /// Tries both labels that keep the links of an end, and goes on from each edge they offer.
     fn tunnel_from(&mut self, t: u32, depth: u32) -> bool {
-        let edges = 3 * t..3 * t + 3;
+        let edges = edges(t);
         let sum = |c: &Self| edges.clone().map(|h| c.gain(h)).sum::<i32>();
         let (now, old) = (sum(self), self.skipped(t));
-        let linked: [bool; 3] = std::array::from_fn(|e| self.gain(3 * t + e as u32) != 0);
-        for label in edges.clone().filter(|h| !linked[(h % 3) as usize]) {
+        let linked: [bool; 3] = std::array::from_fn(|e| self.gain(4 * t + e as u32) != 0);
+        for label in edges.clone().filter(|h| !linked[(h % 4) as usize]) {
             self.skip(label);
             let gain = sum(self) - now;
             if gain > 0 && !edges.clone().any(|h| self.closes(h)) {
@@ -247,16 +253,16 @@ impl Crossings<'_> {
     /// `saved` is what the chain saved so far. Leaves everything as it was if it saves nothing.
     fn chain(&mut self, h: u32, saved: i32, depth: u32) -> bool {
         let mate = self.mates[h as usize];
-        if mate == NONE {
+        if mate == super::NONE {
             return false;
         }
-        if self.states[mate as usize] != 0 {
+        if self.state(mate) != 0 {
             return saved > 0 && !self.closes(h);
         }
         // the triangle across crosses its two other sides, in states 1 and 2; to cross `mate` and
         // one of them turns these states round, whichever it is
         let sides = [after(mate), before(mate)];
-        let near = self.states[h as usize];
+        let near = self.state(h);
         let far = sides.map(|side| self.across(side));
         let was = [gain_of(1, far[0]), gain_of(2, far[1])];
         let saved = saved - was[0] - was[1];
@@ -272,7 +278,7 @@ impl Crossings<'_> {
             self.skip(sides[k]);
             let lost = self.mates[sides[k] as usize];
             if options[k] > 0 && !self.closes(h) {
-                self.ends.extend(linked.then_some(lost / 3));
+                self.ends.extend(linked.then_some(lost / 4));
                 return true;
             }
             if depth > 1 && linked && self.pass_on(lost, options[k], depth) {
@@ -286,7 +292,7 @@ impl Crossings<'_> {
     /// The triangle of `lost` lost its link there: skips that edge and offers the one it skipped.
     fn pass_on(&mut self, lost: u32, saved: i32, depth: u32) -> bool {
         let kept = self.other(lost);
-        let was = self.states[kept as usize];
+        let was = self.state(kept);
         let (offered, now) = if was == 1 {
             (before(kept), 2)
         } else {
@@ -296,7 +302,7 @@ impl Crossings<'_> {
         let saved = saved - gain_of(was, far) + gain_of(now, far) + gain_of(3 - now, beyond);
         self.skip(lost);
         if saved > 0 && !self.closes(offered) {
-            self.ends.push(lost / 3);
+            self.ends.push(lost / 4);
             return true;
         }
         if beyond == 0 && self.chain(offered, saved, depth - 1) {

@@ -53,8 +53,8 @@ mod write;
 
 use crossings::Crossings;
 
-/// Marks a triangle edge without a neighbour.
-pub const NONE: u32 = u32::MAX;
+/// Marks a triangle edge without a neighbour: the first half-edge of triangle 0, which is no triangle.
+pub const NONE: u32 = 0;
 
 /// Most exchanges in a row that the end of a strip tries: depth 3 is the least that takes a foam
 /// below 1.30 entries per triangle.
@@ -64,37 +64,45 @@ const TUNNEL_DEPTH: u32 = 3;
 #[derive(Debug, Default)]
 pub struct Stripifier {
     greedy: greedy::Greedy,
-    states: Vec<u8>,
+    states: Vec<[u8; 4]>,
     ends: Vec<u32>,
     queue: write::Queue,
 }
 
 impl Stripifier {
-    /// Appends one stitched strip for `triangles` to `out`; returns the number of strips joined in it.
+    /// Appends one stitched strip for some triangles to `out`; returns the number of strips joined in it.
     ///
     /// The appended part is a whole strip: its first entry counts as even, whatever stands before.
-    /// Edge e of triangle t runs from `triangles[t][e]` to `triangles[t][(e + 1) % 3]`, and
-    /// `mates[3 * t + e]` is the half-edge `3 * u + f` of the triangle u across it, which runs the
-    /// other way, or [`NONE`]. Mates are mutual; the three indices of a triangle differ. Linear in
-    /// time and memory, and always the same for the same input.
+    ///
+    /// Triangles are numbered from 1: the first element of `corners` and `mates` belongs to none and
+    /// is only zeros, and so is each fourth. Edge e of triangle t runs from `corners[t][e]` to
+    /// `corners[t][(e + 1) % 3]`, and `mates[t][e]` is the half-edge `4 * u + f` of the triangle u
+    /// across it, which runs the other way, or [`NONE`]. Four to a triangle, half-edges are found by
+    /// shifts, and a border needs no question: nothing crosses its mate. Mates are mutual; the three
+    /// corners of a triangle differ. Linear in time and memory, and always the same for the same input.
     ///
     /// # Panics
-    /// If `mates` has not three entries per triangle, or one that is out of range.
-    pub fn stripify(&mut self, triangles: &[[u32; 3]], mates: &[u32], out: &mut Vec<u32>) -> usize {
-        assert_eq!(mates.len(), 3 * triangles.len(), "three mates per triangle");
-        assert!(mates.len() < NONE as usize, "half-edges are u32");
+    /// If `corners` and `mates` differ in length, or a mate is out of range.
+    pub fn stripify(
+        &mut self,
+        corners: &[[u32; 4]],
+        mates: &[[u32; 4]],
+        out: &mut Vec<u32>,
+    ) -> usize {
+        assert_eq!(mates.len(), corners.len(), "mates for each triangle");
+        assert!(mates.len() < (1 << 30), "half-edges are u32");
         self.states.clear();
-        self.states.resize(mates.len() + 1, 0);
+        self.states.resize(mates.len(), [0; 4]);
         self.ends.clear();
         let mut crossings = Crossings {
-            mates,
+            mates: mates.as_flattened(),
             states: &mut self.states,
             ends: &mut self.ends,
         };
         self.greedy.label(&mut crossings);
         crossings.settle();
         crossings.tunnel(TUNNEL_DEPTH);
-        write::write_strips(triangles, &mut crossings, &mut self.queue, out)
+        write::write_strips(corners.as_flattened(), &mut crossings, &mut self.queue, out)
     }
 }
 

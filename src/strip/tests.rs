@@ -4,25 +4,34 @@ use super::*;
 use proptest::prelude::*;
 use std::collections::HashMap;
 
-/// Mates by a table of directed edges; an edge that is not there exactly once each way has none.
-fn mates(triangles: &[[u32; 3]]) -> Vec<u32> {
+/// Corners and mates as [`Stripifier::stripify`] wants them, by a table of directed edges; an edge that
+/// is not there exactly once each way has no mate.
+fn connected(triangles: &[[u32; 3]]) -> (Vec<[u32; 4]>, Vec<[u32; 4]>) {
     let mut edges: HashMap<(u32, u32), Vec<u32>> = HashMap::new();
     for (t, v) in triangles.iter().enumerate() {
         for e in 0..3 {
             let edge = (v[e], v[(e + 1) % 3]);
-            edges.entry(edge).or_default().push((3 * t + e) as u32);
+            let half_edge = (4 * (t + 1) + e) as u32;
+            edges.entry(edge).or_default().push(half_edge);
         }
     }
     let single = |a, b| edges.get(&(a, b)).filter(|found| found.len() == 1);
-    let mate = |(a, b)| match (single(a, b), single(b, a)) {
+    let mate = |a, b| match (single(a, b), single(b, a)) {
         (Some(_), Some(there)) => there[0],
         _ => NONE,
     };
-    triangles
-        .iter()
-        .flat_map(|v| [(v[0], v[1]), (v[1], v[2]), (v[2], v[0])])
-        .map(mate)
-        .collect()
+    let (mut corners, mut mates) = (vec![[0; 4]], vec![[0; 4]]);
+    for &[a, b, c] in triangles {
+        corners.push([a, b, c, 0]);
+        mates.push([mate(a, b), mate(b, c), mate(c, a), 0]);
+    }
+    (corners, mates)
+}
+
+/// Makes a strip with new scratch.
+fn strip_of(stripifier: &mut Stripifier, triangles: &[[u32; 3]], out: &mut Vec<u32>) -> usize {
+    let (corners, mates) = connected(triangles);
+    stripifier.stripify(&corners, &mates, out)
 }
 
 fn sorted(triangles: &[[u32; 3]]) -> Vec<[u32; 3]> {
@@ -34,7 +43,7 @@ fn sorted(triangles: &[[u32; 3]]) -> Vec<[u32; 3]> {
 /// Makes the strip and proves it: same triangles, same orientation, no repeat, few entries.
 fn proven(triangles: &[[u32; 3]]) -> Vec<u32> {
     let mut out = Vec::new();
-    let strips = Stripifier::default().stripify(triangles, &mates(triangles), &mut out);
+    let strips = strip_of(&mut Stripifier::default(), triangles, &mut out);
     assert_eq!(sorted(&unstrip(&out)), sorted(triangles));
     assert!(strips <= triangles.len());
     assert_eq!(strips == 0, triangles.is_empty());
@@ -179,10 +188,10 @@ fn saved(crossings: &Crossings) -> i32 {
 fn stages_never_lose() {
     let mut triangles = grid(30, 30, true);
     triangles.retain(|t| (t[0] * 7 + t[1] * 13 + t[2] * 31) % 11 != 0);
-    let mates = mates(&triangles);
-    let (mut states, mut ends) = (vec![0; mates.len() + 1], Vec::new());
+    let (_, mates) = connected(&triangles);
+    let (mut states, mut ends) = (vec![[0; 4]; mates.len()], Vec::new());
     let mut crossings = Crossings {
-        mates: &mates,
+        mates: mates.as_flattened(),
         states: &mut states,
         ends: &mut ends,
     };
@@ -197,12 +206,10 @@ fn stages_never_lose() {
         let now = saved(&crossings);
         assert!(now >= last, "{now} after {last}");
         last = now;
-        for triangle in crossings.states.as_chunks::<3>().0 {
-            assert!(
-                [[0, 1, 2], [2, 0, 1], [1, 2, 0]].contains(triangle),
-                "{triangle:?}"
-            );
+        for triangle in &crossings.states[1..] {
+            assert!(crossings::CROSSING.contains(triangle), "{triangle:?}");
         }
+        assert_eq!(crossings.states[0], [0; 4]);
     }
 }
 
@@ -220,19 +227,19 @@ fn the_strip_is_appended_whole_and_scratch_leaves_no_trace() {
     let big = grid(20, 20, false);
     for before in [vec![], vec![9], vec![9, 9]] {
         let mut out = before.clone();
-        stripifier.stripify(&big, &mates(&big), &mut out);
+        strip_of(&mut stripifier, &big, &mut out);
         assert_eq!(out[..before.len()], before);
         assert_eq!(out[before.len()..], proven(&big));
         let mut small = Vec::new();
-        stripifier.stripify(&big[..3], &mates(&big[..3]), &mut small);
+        strip_of(&mut stripifier, &big[..3], &mut small);
         assert_eq!(small, proven(&big[..3]));
     }
 }
 
 #[test]
-#[should_panic(expected = "three mates per triangle")]
+#[should_panic(expected = "mates for each triangle")]
 fn mates_must_fit() {
-    Stripifier::default().stripify(&[[0, 1, 2]], &[NONE], &mut Vec::new());
+    Stripifier::default().stripify(&[[0; 4], [0, 1, 2, 0]], &[[0; 4]], &mut Vec::new());
 }
 
 #[test]

@@ -16,7 +16,7 @@ impl Queue {
         for &t in crossings.ends.iter().rev() {
             let (links, link) = crossings.links(t);
             if links < 2 {
-                let exit = link.unwrap_or(3 * t);
+                let exit = link.unwrap_or(4 * t);
                 self.ends[parity(crossings, exit)].push(exit);
             }
         }
@@ -26,7 +26,7 @@ impl Queue {
     fn next(&mut self, crossings: &Crossings, parity: usize) -> Option<u32> {
         for stack in [parity, 1 - parity] {
             while let Some(exit) = self.ends[stack].pop() {
-                if !crossings.is_blank(exit / 3) {
+                if !crossings.is_blank(exit / 4) {
                     return Some(exit);
                 }
             }
@@ -47,7 +47,7 @@ fn parity(crossings: &Crossings, exit: u32) -> usize {
 
 /// Writes all strips, joined to one, behind `out`; returns their number. Blanks every triangle.
 pub(super) fn write_strips(
-    triangles: &[[u32; 3]],
+    corners: &[u32],
     crossings: &mut Crossings,
     queue: &mut Queue,
     out: &mut Vec<u32>,
@@ -56,19 +56,19 @@ pub(super) fn write_strips(
     let mut strips = 0;
     let mut write = |exit: u32, crossings: &mut Crossings, out: &mut Vec<u32>| {
         if strips > 0 {
-            let first = triangles[(exit / 3) as usize][(before(exit) % 3) as usize];
+            let first = corners[before(exit) as usize];
             out.extend([out[out.len() - 1], first]);
         }
         strips += 1;
         let even = (out.len() - base).is_multiple_of(2);
-        write_strip(triangles, crossings, (exit, even), out);
+        write_strip(corners, crossings, (exit, even), out);
     };
     queue.fill(crossings);
     while let Some(exit) = queue.next(crossings, (out.len() - base) % 2) {
         write(exit, crossings, out);
     }
     // rings, and strips whose ends were not listed
-    for t in 0..crossings.triangles() {
+    for t in crossings.triangles() {
         if !crossings.is_blank(t) {
             write(opening(crossings, t), crossings, out);
         }
@@ -80,11 +80,11 @@ pub(super) fn write_strips(
 /// ring, past a link with a swap, which is the cheapest to give up.
 fn opening(crossings: &Crossings, t: u32) -> u32 {
     let Some(start) = crossings.links(t).1 else {
-        return 3 * t;
+        return 4 * t;
     };
     let mut swap = start;
     let mut h = start;
-    for _ in 0..crossings.triangles() {
+    for _ in crossings.triangles() {
         let mate = crossings.mates[h as usize];
         let next = crossings.other(mate);
         if crossings.gain(next) == 0 {
@@ -104,12 +104,11 @@ fn opening(crossings: &Crossings, t: u32) -> u32 {
 /// Writes the strip that leaves its first triangle over `exit`, in which the first triangle has an
 /// even number if so told.
 fn write_strip(
-    triangles: &[[u32; 3]],
+    corners: &[u32],
     crossings: &mut Crossings,
     (mut exit, even): (u32, bool),
     out: &mut Vec<u32>,
 ) {
-    let corners = triangles.as_flattened();
     // the first triangle as if it had been entered over the edge from which `exit` needs no swap
     let mut entry = if even { before(exit) } else { after(exit) };
     let mut earlier = corners[before(exit) as usize];
@@ -134,7 +133,7 @@ fn write_strip(
         }
         earlier = if swap { earlier } else { later };
         later = apex;
-        crossings.blank(entry / 3);
+        crossings.blank(entry / 4);
         // an entry more or less turns the parity, so that the next triangle is odd after a turn to
         // the edge after the entry, with a swap or without
         odd = turns_after;
@@ -147,7 +146,7 @@ fn write_strip(
         };
         linked = crossings.across(exit) != 0;
     }
-    crossings.blank(entry / 3);
+    crossings.blank(entry / 4);
     out.extend_from_slice(&block[..filled]);
     out.push(corners[before(entry) as usize]);
 }

@@ -72,24 +72,23 @@ impl Body {
             ..Body::default()
         };
         let start = out.len();
-        out.reserve(24 * mesh.positions.len() + 10 * mesh.triangles.len());
+        out.reserve(24 * mesh.positions.len() + 10 * mesh.triangles() as usize);
         for p in &mesh.positions {
             out.extend_from_slice(bytemuck::bytes_of(&p.map(coordinate)));
         }
         out.extend_from_slice(bytemuck::cast_slice(&mesh.normals));
         let mut indices = Vec::new();
         for piece in &mesh.pieces {
-            let first = piece.first_triangle as usize;
-            let end = first + piece.triangles as usize;
+            let faces = piece.faces();
             indices.clear();
             let strips = match primitives {
                 Primitives::Strips => stripifier.stripify(
-                    &mesh.triangles[first..end],
-                    &mesh.mates[3 * first..3 * end],
+                    &mesh.corners[faces.clone()],
+                    &mesh.mates[faces],
                     &mut indices,
                 ),
                 Primitives::Triangles => {
-                    indices.extend_from_slice(mesh.triangles[first..end].as_flattened());
+                    indices.extend(mesh.triangles_of(piece).flatten());
                     0
                 }
             };

@@ -6,7 +6,8 @@ use super::glb::ReadError;
 use super::part::{TilePlace, refuse};
 use super::pieces::Piece;
 use crate::manifest::{Form, Primitives};
-use crate::strip::{NONE, Stripifier};
+use crate::mesh::connect;
+use crate::strip::Stripifier;
 
 /// What [`recode`] made.
 #[derive(Debug)]
@@ -61,33 +62,9 @@ fn strip_all(pieces: &mut [Piece]) -> u64 {
     let mut strips = 0;
     for piece in pieces {
         let list = piece.list(Primitives::Triangles);
-        let mates = mates(&list);
+        let (corners, mates) = connect(&list);
         piece.indices.clear();
-        strips += stripifier.stripify(&list, &mates, &mut piece.indices) as u64;
+        strips += stripifier.stripify(&corners, &mates, &mut piece.indices) as u64;
     }
     strips
-}
-
-/// The half-edge across each half-edge, see [`Stripifier::stripify`].
-fn mates(triangles: &[[u32; 3]]) -> Vec<u32> {
-    let corners = triangles.as_flattened();
-    // half-edges by their ends, the smaller first: mates are neighbours then
-    let mut edges: Vec<([u32; 2], u32)> = (0..corners.len())
-        .map(|h| {
-            let head = if h % 3 == 2 { h - 2 } else { h + 1 };
-            let (a, b) = (corners[h], corners[head]);
-            ([a.min(b), a.max(b)], h as u32)
-        })
-        .collect();
-    edges.sort_unstable();
-    let mut mates = vec![NONE; corners.len()];
-    for pair in edges.chunk_by(|a, b| a.0 == b.0) {
-        if let [(_, a), (_, b)] = *pair
-            && corners[a as usize] != corners[b as usize]
-        {
-            mates[a as usize] = b;
-            mates[b as usize] = a;
-        }
-    }
-    mates
 }
