@@ -160,7 +160,7 @@ impl AreaScale {
     pub fn twice_area(&self, n: [i32; 3]) -> u64 {
         let along = |a: usize| f64::from(n[a]) * self.factors[a];
         let v = [along(0), along(1), along(2)];
-        ((v[0] * v[0] + v[1] * v[1] + v[2] * v[2]).sqrt() * AREA_STEPS + 0.5) as u64
+        ((v[0] * v[0] + v[1] * v[1] + v[2] * v[2]).sqrt() * AREA_STEPS + 0.5) as i64 as u64
     }
 
     /// The area in squared units of length.

@@ -132,6 +132,47 @@ pub struct Sheets {
     pub vertex_of: Vec<u32>,
 }
 
+/// Vertices of one piece that follow each other.
+#[derive(Debug, Clone, Copy)]
+struct VertexRun {
+    object: u32,
+    cell: u32,
+    piece: u32,
+    /// Vertices of the piece before the run, and up to now.
+    first: u32,
+    next: u32,
+    /// Vertices of the run that the next tile along x counts.
+    shared: u32,
+}
+
+impl Default for VertexRun {
+    /// No vertices, of no piece.
+    fn default() -> Self {
+        VertexRun {
+            object: u32::MAX,
+            cell: u32::MAX,
+            piece: 0,
+            first: 0,
+            next: 0,
+            shared: 0,
+        }
+    }
+}
+
+impl VertexRun {
+    /// Adds the run to its piece; the tile counts its vertices unless the row is `shared` with the next
+    /// tile, which does.
+    #[inline(always)]
+    fn end(self, pieces: &mut [Piece], shared: bool) {
+        if self.next > self.first {
+            let piece = &mut pieces[self.piece as usize];
+            piece.vertices = self.next;
+            let counted = self.next - self.first - self.shared;
+            piece.sums.vertices += u64::from(counted) * u64::from(!shared);
+        }
+    }
+}
+
 /// Assigns every crossed edge its piece and vertex, and counts the pieces' vertices.
 pub fn assign<T: Voxel>(
     view: &BandView<T>,
@@ -185,7 +226,7 @@ fn assign_inlined<T: Voxel>(
             let row_key = 3 * tile.linear([0, y, z]);
             for axis in 0..3 {
                 let step = usize::from(axis == 0);
-                let mut last = (u32::MAX, u32::MAX, 0);
+                let mut run = VertexRun::default();
                 for (w, word) in row_words.iter().enumerate() {
                     let mut crossed = word.crossed[axis];
                     while crossed != 0 {
@@ -199,20 +240,29 @@ fn assign_inlined<T: Voxel>(
                         let lower_above = (row_bits[w] >> bit & 1) as usize;
                         let (object, cell) = (ends[1 - lower_above], ends[lower_above]);
                         // walls are long: the piece is mostly that of the vertex before
-                        if (last.0, last.1) != (object, cell) {
-                            last = (object, cell, index.find(pieces, object, cell));
+                        if (run.object, run.cell) != (object, cell) {
+                            run.end(pieces, shared_row);
+                            let p = index.find(pieces, object, cell);
+                            let piece = &mut pieces[p as usize];
+                            // within a row and axis, keys rise
+                            piece.key = piece.key.min(row_key + (3 * x + axis) as u64);
+                            run = VertexRun {
+                                object,
+                                cell,
+                                piece: p,
+                                first: piece.vertices,
+                                next: piece.vertices,
+                                shared: 0,
+                            };
                         }
-                        let p = last.2;
-                        let piece = &mut pieces[p as usize];
-                        piece_of[number] = p;
-                        vertex_of[number] = piece.vertices;
+                        piece_of[number] = run.piece;
+                        vertex_of[number] = run.next;
                         number += 1;
-                        piece.vertices += 1;
-                        let shared = shared_row || tile.shares_upper(0, x);
-                        piece.sums.vertices += u64::from(!shared);
-                        piece.key = piece.key.min(row_key + (3 * x + axis) as u64);
+                        run.next += 1;
+                        run.shared += u32::from(tile.shares_upper(0, x));
                     }
                 }
+                run.end(pieces, shared_row);
             }
         }
     }

@@ -185,6 +185,8 @@ pub struct TileMesher {
     edges: Edges,
     index: PieceIndex,
     sheets: Sheets,
+    /// Smallest and largest vertex coordinates of each piece.
+    bounds: Vec<([i32; 4], [i32; 4])>,
     /// The cubes.
     pub(super) walk: CubeWalk,
 }
@@ -262,17 +264,27 @@ impl TileMesher {
         out: &mut TileMesh,
     ) {
         let mut places = self.sheets.piece_of.iter().zip(&self.sheets.vertex_of);
+        // four wide, since three take three times as long
+        let bounds = &mut self.bounds;
+        bounds.clear();
+        bounds.resize(out.pieces.len(), ([i32::MAX; 4], [i32::MIN; 4]));
         for_each_vertex(&self.edges, view, tile, threshold, |position, normal| {
             let (&p, &vertex) = places.next().expect("one for each crossed edge");
-            let piece = &mut out.pieces[p as usize];
-            let at = (piece.first_vertex + vertex) as usize;
+            let at = (out.pieces[p as usize].first_vertex + vertex) as usize;
             out.positions[at] = position;
             out.normals[at] = normal;
-            for a in 0..3 {
-                piece.min[a] = piece.min[a].min(position[a]);
-                piece.max[a] = piece.max[a].max(position[a]);
+            let (min, max) = &mut bounds[p as usize];
+            let [x, y, z] = position;
+            let position = [x, y, z, 0];
+            for a in 0..4 {
+                min[a] = min[a].min(position[a]);
+                max[a] = max[a].max(position[a]);
             }
         });
+        for (piece, (min, max)) in out.pieces.iter_mut().zip(bounds) {
+            piece.min = [min[0], min[1], min[2]];
+            piece.max = [max[0], max[1], max[2]];
+        }
     }
 }
 
@@ -306,25 +318,31 @@ pub fn sum_piece(
 ) {
     let vertices = &positions[piece.first_vertex as usize..][..piece.vertices as usize];
     let (mut volume6, mut twice_area) = (0i128, 0u128);
-    for &[a, b, c, _] in &corners[piece.faces()][1..] {
-        let [a, b, c] = [
-            vertices[a as usize],
-            vertices[b as usize],
-            vertices[c as usize],
-        ];
-        let [u, v] = [
-            [b[0] - a[0], b[1] - a[1], b[2] - a[2]],
-            [c[0] - a[0], c[1] - a[1], c[2] - a[2]],
-        ];
-        let n = [
-            u[1] * v[2] - u[2] * v[1],
-            u[2] * v[0] - u[0] * v[2],
-            u[0] * v[1] - u[1] * v[0],
-        ];
-        // a . (b x c) = a . ((b - a) x (c - a))
-        let product = |i: usize| i64::from(a[i]) * i64::from(n[i]);
-        volume6 += i128::from(product(0) + product(1) + product(2));
-        twice_area += u128::from(area.twice_area(n));
+    // so many sums fit 64 bits: a triangle's volume is below 2^43, its area below 2^36
+    for faces in corners[piece.faces()][1..].chunks(1 << 16) {
+        let (mut volumes, mut areas) = (0i64, 0u64);
+        for &[a, b, c, _] in faces {
+            let [a, b, c] = [
+                vertices[a as usize],
+                vertices[b as usize],
+                vertices[c as usize],
+            ];
+            let [u, v] = [
+                [b[0] - a[0], b[1] - a[1], b[2] - a[2]],
+                [c[0] - a[0], c[1] - a[1], c[2] - a[2]],
+            ];
+            let n = [
+                u[1] * v[2] - u[2] * v[1],
+                u[2] * v[0] - u[0] * v[2],
+                u[0] * v[1] - u[1] * v[0],
+            ];
+            // a . (b x c) = a . ((b - a) x (c - a))
+            let product = |i: usize| i64::from(a[i]) * i64::from(n[i]);
+            volumes += product(0) + product(1) + product(2);
+            areas += area.twice_area(n);
+        }
+        volume6 += i128::from(volumes);
+        twice_area += u128::from(areas);
     }
     piece.sums.volume6 = volume6;
     piece.sums.area = twice_area;

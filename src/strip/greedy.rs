@@ -106,27 +106,25 @@ impl Greedy {
         Some(self.cursor as u32)
     }
 
-    /// Counts a neighbour of the triangle `t` across `mate` down, if there is one; returns its count.
+    /// Counts the free neighbours of the triangle of `mate` down, if there is one; returns the count.
     #[inline(always)]
     fn count_down(&mut self, mate: u32) -> u8 {
-        let t = mate / 4;
-        let free = self.free[t as usize] - 1;
-        self.free[t as usize] = free;
+        let free = self.free[(mate / 4) as usize] - 1;
+        self.free[(mate / 4) as usize] = free;
         self.free[0] = NO_TRIANGLE;
-        self.starts.push(free, t);
         free
     }
 
     /// Labels the triangles of one strip from `t` on; returns the last.
     fn path(&mut self, t: u32, crossings: &mut Crossings) -> u32 {
-        let Some(mut exit) = self.leave_first(t, crossings.mates) else {
+        let Some(exit) = self.leave_first(t, crossings.mates) else {
             crossings.skip(4 * t);
             return t;
         };
         crossings.skip(after(exit));
+        let mut entry = crossings.mates[exit as usize];
         let mut turn_left = false;
         loop {
-            let entry = crossings.mates[exit as usize];
             let here = entry / 4;
             self.free[here as usize] |= USED;
             let (left, right) = (after(entry), before(entry));
@@ -136,17 +134,25 @@ impl Greedy {
             } else {
                 [left, right]
             };
-            let [a, b] = [first, second].map(|h| crossings.mates[h as usize]);
-            let a = self.count_down(a);
-            let b = self.count_down(b);
-            // which one it is cannot be foretold, so nothing branches on it
-            let turn = b < a;
-            exit = if turn { second } else { first };
-            let skipped = if turn { first } else { second };
-            if a.min(b) >= USED {
+            let (a, b) = (
+                crossings.mates[first as usize],
+                crossings.mates[second as usize],
+            );
+            let (free_a, free_b) = (self.count_down(a), self.count_down(b));
+            if free_a.min(free_b) >= USED {
                 crossings.states[here as usize] = CROSSING[(left % 4) as usize];
                 return here;
             }
+            // which one it is cannot be foretold, so nothing branches on it
+            let turn = free_b < free_a;
+            let (skipped, beyond, free) = if turn {
+                (first, a, free_a)
+            } else {
+                (second, b, free_b)
+            };
+            // the other one is taken at once
+            self.starts.push(free, beyond / 4);
+            entry = if turn { b } else { a };
             crossings.states[here as usize] = CROSSING[(skipped % 4) as usize];
             turn_left = turn_left == turn;
         }
@@ -158,7 +164,9 @@ impl Greedy {
         self.free[t as usize] |= USED;
         let (mut exit, mut fewest) = (None, USED);
         for h in edges(t) {
-            let free = self.count_down(mates[h as usize]);
+            let mate = mates[h as usize];
+            let free = self.count_down(mate);
+            self.starts.push(free, mate / 4);
             if free < fewest {
                 (exit, fewest) = (Some(h), free);
             }
