@@ -219,7 +219,10 @@ impl<T: Voxel> Caps<'_, '_, T> {
         let mut piece = Piece::new(object, u32::MAX, true);
         piece.first_vertex = out.positions.len() as u32;
         piece.vertices = cap.vertices.len() as u32;
-        piece.first_triangle = out.corners.len() as u32;
+        let faces = out.pieces.last().map_or(0, Piece::end_of_faces);
+        out.corners.truncate(faces as usize);
+        out.mates.truncate(faces as usize);
+        piece.first_triangle = faces;
         piece.triangles = cap.triangles.len() as u32;
         for &key in &cap.vertices {
             let (position, normal) = self.vertex(key);

@@ -12,7 +12,7 @@ use crate::cpu::dispatch;
 use crate::mesh::edges::{Edges, below};
 use crate::mesh::pieces::{Piece, Sheets};
 use crate::mesh::table::{Across, Case, EDGE_LOWER, MAX_TRIANGLES, cases, edge_axis};
-use crate::mesh::tile::TileBox;
+use crate::mesh::tile::{TileBox, TileMesh};
 use std::sync::LazyLock;
 
 /// Marks an edge of a triangle across which none lies inside the tile: the first half-edge of triangle
@@ -45,9 +45,6 @@ const NUMBER_OF_EDGE: [u8; 12] = [0, 1, 2, 3, 4, 8, 5, 9, 6, 10, 7, 11];
 /// The edge that each counter stands for.
 const COUNTED: [u8; 8] = [0, 1, 2, 3, 4, 6, 8, 10];
 
-/// No such half-edge.
-const ABSENT: u8 = 255;
-
 /// A half-edge of a triangle that is not one of its three: may be written to and means nothing.
 const UNUSED: u8 = 3;
 
@@ -56,10 +53,10 @@ const UNUSED: u8 = 3;
 struct Plan {
     /// By how much each counter rises past the cube.
     steps: [u32; 8],
+    /// The mate inside the cube, its triangle counted from 1, or [`NONE`].
+    inside: [[u32; 4]; MAX_TRIANGLES],
     /// Places of the corners' edges among the counters.
     corners: [[u8; 4]; MAX_TRIANGLES],
-    /// The mate inside the cube, or [`ABSENT`].
-    inside: [[u8; 4]; MAX_TRIANGLES],
     /// Half-edge on the lower and the upper face of each axis, or [`UNUSED`].
     low: [u8; 3],
     high: [u8; 3],
@@ -109,7 +106,7 @@ impl Plan {
             steps: COUNTED.map(crossed),
             // those without a triangle name an edge that is there, in case they are written
             corners: [[NUMBER_OF_EDGE[usize::from(case.edges[0][0])]; 4]; MAX_TRIANGLES],
-            inside: [[ABSENT; 4]; MAX_TRIANGLES],
+            inside: [[NONE; 4]; MAX_TRIANGLES],
             low: [UNUSED; 3],
             high: [UNUSED; 3],
             has_low: [0; 3],
@@ -121,7 +118,9 @@ impl Plan {
                 plan.corners[t][e] = NUMBER_OF_EDGE[usize::from(case.edges[t][e])];
                 let half_edge = (4 * t + e) as u8;
                 match case.across[t][e] {
-                    Across::Inside(mate) => plan.inside[t][e] = mate / 3 * 4 + mate % 3,
+                    Across::Inside(mate) => {
+                        plan.inside[t][e] = u32::from((mate / 3 + 1) * 4 + mate % 3)
+                    }
                     Across::Face { slot: 1, .. } => plan.simple = false,
                     Across::Face { face, .. } if face % 2 == 0 => {
                         plan.low[usize::from(face / 2)] = half_edge;
@@ -159,6 +158,7 @@ pub struct CubeWalk {
     row_slots: Vec<[u32; 2]>,
     /// Half-edges on the upper z face of the slice of cubes before, two slots per cube.
     slice_slots: Vec<[u32; 2]>,
+    cursors: Vec<Cursor>,
     /// Takes the plain way everywhere.
     #[cfg(test)]
     pub plain: bool,
@@ -175,14 +175,21 @@ pub struct Cut<'a> {
     pub sheets: &'a Sheets,
 }
 
-/// What it writes, see [`crate::mesh::TileMesh`].
-pub struct Faces<'a> {
-    /// First element and number of triangles of each are up to date.
-    pub pieces: &'a mut [Piece],
-    /// Four to a triangle, the last of them unused.
-    pub corners: &'a mut [[u32; 4]],
-    /// As many; what is no half-edge's mate holds anything.
-    pub mates: &'a mut [[u32; 4]],
+/// What it writes, see [`TileMesh`].
+struct Faces<'a> {
+    pieces: &'a mut [Piece],
+    cursors: &'a mut [Cursor],
+    corners: &'a mut [[u32; 4]],
+    mates: &'a mut [[u32; 4]],
+}
+
+/// Where a piece's triangles go.
+#[derive(Debug, Clone, Copy)]
+struct Cursor {
+    /// Element that stands for none.
+    first: u32,
+    /// Number of the next triangle.
+    next: u32,
 }
 
 /// A cube's place and what it shares with the ones before.
@@ -196,9 +203,26 @@ struct Cube<'a> {
 }
 
 impl CubeWalk {
-    /// Makes the triangles of all cubes of a tile.
-    pub fn make(&mut self, cut: Cut, plans: &Plans, out: &mut Faces) {
-        dispatch!(self.make_inlined(cut, plans, out));
+    /// Makes the triangles of all cubes of a tile, whose pieces have their vertices and the place of
+    /// their triangles.
+    pub fn make(&mut self, cut: Cut, plans: &Plans, mesh: &mut TileMesh) {
+        let mut cursors = std::mem::take(&mut self.cursors);
+        cursors.clear();
+        cursors.extend(mesh.pieces.iter().map(|p| Cursor {
+            first: p.first_triangle,
+            next: 1,
+        }));
+        let mut out = Faces {
+            pieces: &mut mesh.pieces,
+            cursors: &mut cursors,
+            corners: &mut mesh.corners,
+            mates: &mut mesh.mates,
+        };
+        dispatch!(self.make_inlined(cut, plans, &mut out));
+        for (piece, cursor) in mesh.pieces.iter_mut().zip(&cursors) {
+            piece.triangles = cursor.next - 1;
+        }
+        self.cursors = cursors;
     }
 
     #[inline(always)]
@@ -265,19 +289,27 @@ impl CubeWalk {
                     counters[c] += plan.steps[c];
                 }
                 numbers[8..12].copy_from_slice(&counters[4..]);
-                let cube = Cube {
-                    at: [x, y, z],
-                    numbers: &numbers,
-                    slots: [&mut x_slots, &mut row_slots[x], &mut slice_slots[x]],
-                    on_border: border >> i & 1 == 1,
-                };
+                let slots = [&mut x_slots, &mut row_slots[x], &mut slice_slots[x]];
+                let on_border = border >> i & 1 == 1;
                 #[cfg(test)]
                 let simple = plan.simple && !self.plain;
                 #[cfg(not(test))]
                 let simple = plan.simple;
                 if simple {
-                    cube.write_simple(plan, cut, &plans.cases[case], out);
+                    let piece = write_simple(plan, &numbers, cut.sheets, slots, out);
+                    if on_border {
+                        let case = &plans.cases[case];
+                        let all = 0..usize::from(plan.triangles);
+                        let count = border_edges(cut.tile, [x, y, z], case, all);
+                        out.pieces[piece].sums.border_edges += count;
+                    }
                 } else {
+                    let cube = Cube {
+                        at: [x, y, z],
+                        numbers: &numbers,
+                        slots,
+                        on_border,
+                    };
                     cube.write(cut, &plans.cases[case], out);
                 }
             }
@@ -304,52 +336,54 @@ fn case_at(here: [u64; 4], next: [u64; 4], i: u32) -> usize {
     (pair(0) | pair(1) << 2 | pair(2) << 4 | pair(3) << 6) as usize
 }
 
-impl Cube<'_> {
-    /// The triangles of one sheet that meets each face once at most.
-    #[inline(always)]
-    fn write_simple(self, plan: &Plan, cut: Cut, case: &Case, out: &mut Faces) {
-        // the mask says what is so anyway, and saves a check
-        let number = |place: u8| self.numbers[usize::from(place) % NUMBERS];
-        let piece = cut.sheets.piece_of[number(plan.corners[0][0]) as usize];
-        let piece = &mut out.pieces[piece as usize];
-        let start = piece.first_triangle as usize;
-        let triangle = 1 + piece.triangles;
-        let count = u32::from(plan.triangles);
-        piece.triangles += count;
-        let at = start + triangle as usize;
-        let corners = &mut out.corners[at..at + MAX_TRIANGLES];
-        let mates = &mut out.mates[start..at + MAX_TRIANGLES];
-        let first = 4 * triangle;
-        let vertex = |place: u8| cut.sheets.vertex_of[number(place) as usize];
-        let mut put = |t: usize| {
-            let [a, b, c, _] = plan.corners[t];
-            corners[t] = [vertex(a), vertex(b), vertex(c), 0];
-            let mate = |m: u8| match m {
-                ABSENT => NONE,
-                m => first + u32::from(m),
-            };
-            let [a, b, c, _] = plan.inside[t];
-            mates[triangle as usize + t] = [mate(a), mate(b), mate(c), NONE];
-        };
-        put(0);
-        put(1);
-        for t in AT_ONCE..count {
-            put(t as usize);
+/// Writes the triangles of one sheet that meets each face once at most; returns its piece.
+#[inline(always)]
+fn write_simple(
+    plan: &Plan,
+    numbers: &[u32; NUMBERS],
+    sheets: &Sheets,
+    slots: [&mut [u32; 2]; 3],
+    out: &mut Faces,
+) -> usize {
+    // the mask says what is so anyway, and saves a check
+    let number = |place: u8| numbers[usize::from(place) % NUMBERS] as usize;
+    let piece = sheets.piece_of[number(plan.corners[0][0])] as usize;
+    let cursor = &mut out.cursors[piece];
+    let (start, triangle) = (cursor.first as usize, cursor.next);
+    let count = u32::from(plan.triangles);
+    cursor.next += count;
+    let at = start + triangle as usize;
+    let corners = &mut out.corners[at..at + MAX_TRIANGLES];
+    let mates = &mut out.mates[start..at + MAX_TRIANGLES];
+    let before = 4 * (triangle - 1);
+    let vertex = |place: u8| sheets.vertex_of[number(place)];
+    let mut put = |t: usize| {
+        let [a, b, c, _] = plan.corners[t];
+        corners[t] = [vertex(a), vertex(b), vertex(c), 0];
+        let mut across = plan.inside[t];
+        for mate in &mut across {
+            *mate = if *mate == NONE { NONE } else { before + *mate };
         }
-        let mates = mates.as_flattened_mut();
-        for (axis, slots) in self.slots.into_iter().enumerate() {
-            let low = first + u32::from(plan.low[axis]);
-            mates[low as usize] = slots[0];
-            // where there is none, the mate of triangle 0 is written, which is no triangle
-            mates[(slots[0] & plan.has_low[axis]) as usize] = low;
-            slots[0] = first + u32::from(plan.high[axis]);
-        }
-        if self.on_border {
-            let tile = cut.tile;
-            piece.sums.border_edges += border_edges(tile, self.at, case, 0..plan.triangles.into());
-        }
+        mates[triangle as usize + t] = across;
+    };
+    put(0);
+    put(1);
+    for t in AT_ONCE..count {
+        put(t as usize);
     }
+    let first = 4 * triangle;
+    let mates = mates.as_flattened_mut();
+    for (axis, slots) in slots.into_iter().enumerate() {
+        let low = first + u32::from(plan.low[axis]);
+        mates[low as usize] = slots[0];
+        // where there is none, the mate of triangle 0 is written, which is no triangle
+        mates[(slots[0] & plan.has_low[axis]) as usize] = low;
+        slots[0] = first + u32::from(plan.high[axis]);
+    }
+    piece
+}
 
+impl Cube<'_> {
     /// The triangles of any case.
     #[cold]
     fn write(self, cut: Cut, case: &Case, out: &mut Faces) {
@@ -362,15 +396,16 @@ impl Cube<'_> {
         let mut triangles = [0; MAX_TRIANGLES];
         for t in 0..count {
             pieces[t] = cut.sheets.piece_of[number(case.edges[t][0])] as usize;
-            let piece = &mut out.pieces[pieces[t]];
-            piece.triangles += 1;
-            triangles[t] = piece.triangles;
+            let cursor = &mut out.cursors[pieces[t]];
+            triangles[t] = cursor.next;
+            cursor.next += 1;
             if self.on_border {
-                piece.sums.border_edges += border_edges(cut.tile, self.at, case, t..t + 1);
+                let count = border_edges(cut.tile, self.at, case, t..t + 1);
+                out.pieces[pieces[t]].sums.border_edges += count;
             }
         }
         for t in 0..count {
-            let start = out.pieces[pieces[t]].first_triangle as usize;
+            let start = out.cursors[pieces[t]].first as usize;
             let at = start + triangles[t] as usize;
             let vertex = |e: usize| cut.sheets.vertex_of[number(case.edges[t][e])];
             out.corners[at] = [vertex(0), vertex(1), vertex(2), 0];

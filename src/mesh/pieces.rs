@@ -45,6 +45,16 @@ impl Piece {
         first..first + 1 + self.triangles as usize
     }
 
+    /// The first element after those of its triangles and their room.
+    pub fn end_of_faces(&self) -> u32 {
+        let room = if self.cap {
+            1 + self.triangles
+        } else {
+            room_for(self.vertices)
+        };
+        self.first_triangle + room
+    }
+
     /// A piece without vertices.
     pub fn new(object: u32, cell: u32, cap: bool) -> Self {
         Piece {
@@ -271,6 +281,6 @@ fn assign_inlined<T: Voxel>(
         piece.first_vertex = vertex;
         vertex += piece.vertices;
         piece.first_triangle = triangle;
-        triangle += room_for(piece.vertices);
+        triangle = piece.end_of_faces();
     }
 }

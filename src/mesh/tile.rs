@@ -4,7 +4,7 @@ use crate::cpu::dispatch;
 use crate::grid::{Ambiguous, Dims, LATTICE, Tiling};
 use crate::measure::AreaScale;
 use crate::mesh::cap::add_caps;
-use crate::mesh::cubes::{CubeWalk, Cut, Faces, NONE, Plans, room_for};
+use crate::mesh::cubes::{CubeWalk, Cut, NONE, Plans};
 use crate::mesh::edges::Edges;
 use crate::mesh::pieces::{Piece, PieceIndex, Sheets, assign};
 use crate::mesh::vertices::for_each_vertex;
@@ -208,9 +208,6 @@ impl TileMesher {
         out.normals.resize(vertices, [0.0; 3]);
         if self.edges.count > 0 {
             self.mesh_open(view, tile, settings, out);
-        } else {
-            out.corners.clear();
-            out.mates.clear();
         }
         if settings.cap {
             add_caps(view, tile, settings, out);
@@ -235,23 +232,18 @@ impl TileMesher {
             &mut self.sheets,
         );
         self.place_vertices(view, tile, settings.threshold, out);
-        let faces = out
-            .pieces
-            .last()
-            .map_or(0, |p| (p.first_triangle + room_for(p.vertices)) as usize);
-        out.corners.resize(faces, [0; 4]);
-        out.mates.resize(faces, [NONE; 4]);
+        let faces = out.pieces.last().map_or(0, Piece::end_of_faces) as usize;
+        // what is left of a larger tile stays: to cut it off and clear it again costs time
+        if out.corners.len() < faces {
+            out.corners.resize(faces, [0; 4]);
+            out.mates.resize(faces, [NONE; 4]);
+        }
         let cut = Cut {
             edges: &self.edges,
             tile,
             sheets: &self.sheets,
         };
-        let mut faces = Faces {
-            pieces: &mut out.pieces,
-            corners: &mut out.corners,
-            mates: &mut out.mates,
-        };
-        self.walk.make(cut, Plans::of(settings.rule), &mut faces);
+        self.walk.make(cut, Plans::of(settings.rule), out);
         dispatch!(sum_pieces(out, &settings.area));
     }
 

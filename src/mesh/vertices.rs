@@ -24,7 +24,6 @@ struct Batch {
     /// Lattice position of the lower end.
     lower: [[i32; 3]; BATCH],
     axis: [u8; BATCH],
-    lower_above: [bool; BATCH],
     v0: [f64; BATCH],
     v1: [f64; BATCH],
     g0: [[f32; BATCH]; 3],
@@ -39,7 +38,6 @@ impl Batch {
             len: 0,
             lower: [[0; 3]; BATCH],
             axis: [0; BATCH],
-            lower_above: [false; BATCH],
             v0: [0.0; BATCH],
             v1: [1.0; BATCH],
             g0: [[1.0; BATCH]; 3],
@@ -90,7 +88,8 @@ impl Batch {
                     gradients[1],
                     self.step[i],
                     axis,
-                    self.lower_above[i],
+                    // as all samples are classified; NaN is below
+                    self.v0[i] >= threshold,
                 )
             };
             each(position, n);
@@ -131,7 +130,6 @@ fn for_each_inlined<T: Voxel>(
             strides,
             (number % edges.rows, number / edges.rows),
         );
-        let bits = &edges.bits[number * edges.row_words..];
         for axis in 0..3 {
             for (w, word) in words.iter().enumerate() {
                 let mut crossed = word.crossed[axis];
@@ -143,7 +141,6 @@ fn for_each_inlined<T: Voxel>(
                     let steps = |v: u32| (v * LATTICE) as i32;
                     batch.lower[i] = [steps(x), steps(row.y), steps(row.z)];
                     batch.axis[i] = axis as u8;
-                    batch.lower_above[i] = bits[w] >> bit & 1 == 1;
                     row.push(x, axis, &mut batch);
                     if batch.len == BATCH {
                         batch.flush(threshold, &mut each);
