@@ -38,7 +38,9 @@ type Table = Vec<Vec<[usize; 3]>>;
 /// A connected surface within a macrocube.
 struct Piece {
     triangles: Vec<[u32; 3]>,
-    mates: Vec<u32>,
+    /// Both as the strip kernel wants them.
+    corners: Vec<[u32; 4]>,
+    mates: Vec<[u32; 4]>,
     vertices: usize,
 }
 
@@ -144,15 +146,22 @@ fn split(triangles: &[[u64; 3]], out: &mut Vec<Piece>) {
         keys.sort_unstable();
         keys.dedup();
         let index = |key: u64| keys.binary_search(&key).map_or(0, |i| i as u32);
-        let local = |h: usize| (3 * place[h / 3].unwrap_or(0) + h % 3) as u32;
-        let half_edges = members.iter().flat_map(|&t| 3 * t..3 * t + 3);
-        out.push(Piece {
+        let local = |h: usize| (4 * (place[h / 3].unwrap_or(0) + 1) + h % 3) as u32;
+        let across = |h: usize| mate(h).map_or(strip::NONE, local);
+        let mut piece = Piece {
             triangles: members.iter().map(|&t| triangles[t].map(index)).collect(),
-            mates: half_edges
-                .map(|h| mate(h).map_or(strip::NONE, local))
-                .collect(),
+            corners: vec![[0; 4]],
+            mates: vec![[0; 4]],
             vertices: keys.len(),
-        });
+        };
+        for (&t, &[a, b, c]) in members.iter().zip(&piece.triangles) {
+            piece.corners.push([a, b, c, 0]);
+            let h = 3 * t;
+            piece
+                .mates
+                .push([across(h), across(h + 1), across(h + 2), 0]);
+        }
+        out.push(piece);
     }
 }
 
@@ -199,7 +208,7 @@ fn main() {
     );
     let mut stripifier = strip::Stripifier::default();
     measure("alvis", &pieces, |piece, out| {
-        stripifier.stripify(&piece.triangles, &piece.mates, out);
+        stripifier.stripify(&piece.corners, &piece.mates, out);
     });
     // restart index 0 asks for degenerates; the optimised order is what its manual tells to give it
     measure("meshopt stripify", &pieces, |piece, out| {

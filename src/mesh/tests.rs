@@ -198,6 +198,11 @@ impl Case {
                     let mut mesh = TileMesh::default();
                     TileMesher::default().mesh(&view, &tile, &settings, &mut mesh);
                     check_mates(&mesh);
+                    let mut plain = TileMesher::default();
+                    plain.walk.plain = true;
+                    let mut reference = TileMesh::default();
+                    plain.mesh(&view, &tile, &settings, &mut reference);
+                    assert_same(&mesh, &reference);
                     pieces.push((slabs.len(), mesh));
                 }
             }
@@ -270,6 +275,23 @@ fn check_mates(mesh: &TileMesh) {
         assert_eq!(without_fourth(&corners[1..]), triangles);
         let made = &mesh.mates[piece.faces()][1..];
         assert_eq!(without_fourth(&mates[1..]), without_fourth(made));
+    }
+}
+
+/// The way without branches and the plain one make the same triangles in the same order.
+fn assert_same(mesh: &TileMesh, reference: &TileMesh) {
+    assert_eq!(mesh.pieces.len(), reference.pieces.len());
+    for (a, b) in mesh.pieces.iter().zip(&reference.pieces) {
+        assert_eq!(a.faces(), b.faces());
+        assert_eq!(a.sums, b.sums);
+        for (a, b) in [
+            (&mesh.corners, &reference.corners),
+            (&mesh.mates, &reference.mates),
+        ]
+        .map(|(m, r)| (&m[a.faces()][1..], &r[b.faces()][1..]))
+        {
+            assert_eq!(without_fourth(a), without_fourth(b));
+        }
     }
 }
 

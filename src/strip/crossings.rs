@@ -89,13 +89,20 @@ const fn label_gain(label: usize, across: usize) -> i32 {
 /// The next half-edge of the same triangle.
 #[inline(always)]
 pub(super) fn after(h: u32) -> u32 {
-    if h & 3 == 2 { h - 2 } else { h + 1 }
+    around(h, 1)
 }
 
 /// The half-edge before it in the same triangle.
 #[inline(always)]
 pub(super) fn before(h: u32) -> u32 {
-    if h & 3 == 0 { h + 2 } else { h - 1 }
+    around(h, 2)
+}
+
+/// The half-edge so many (1 or 2) steps after it in the same triangle, without a branch: which of them is
+/// wanted cannot be foretold.
+#[inline(always)]
+fn around(h: u32, steps: u32) -> u32 {
+    h + steps - 3 * u32::from((h & 3) + steps > 2)
 }
 
 /// The three half-edges of a triangle.
@@ -143,11 +150,8 @@ impl Crossings<'_> {
     /// The other edge that the strip crosses in the triangle of `h`, which crosses `h`.
     #[inline(always)]
     pub(super) fn other(&self, h: u32) -> u32 {
-        if self.state(h) == 1 {
-            after(h)
-        } else {
-            before(h)
-        }
+        // the states count the steps to it
+        around(h, self.state(h).into())
     }
 
     /// Whether the strip leaves the triangle that it enters over `h` over the edge after `h`.
