@@ -134,9 +134,7 @@ mod tests {
         encoder.number(7).unwrap();
         encoder.array(&[1u32, 2, 3]).unwrap();
         encoder.array::<u128>(&[]).unwrap();
-        encoder
-            .records(2, [9u64, u64::MAX].into_iter())
-            .unwrap();
+        encoder.records(2, [9u64, u64::MAX].into_iter()).unwrap();
         encoder.finish().unwrap();
         std::fs::read(&path).unwrap()
     }

@@ -45,7 +45,9 @@ impl<'a> Anew<'a> {
 
     fn layer_dir(&self, layer: u32) -> PathBuf {
         let tile = self.work.join(anew_path([0, 0, layer]));
-        tile.parent().expect("a tile lies in a directory").to_path_buf()
+        tile.parent()
+            .expect("a tile lies in a directory")
+            .to_path_buf()
     }
 
     /// A layer's tiles have their ids. New tiles take their places at once, or, if there are
@@ -83,7 +85,9 @@ impl<'a> Anew<'a> {
     fn move_first(&mut self, count: usize) -> Result<()> {
         let layers: Vec<u32> = self.waiting.drain(..count).collect();
         self.covered = 0;
-        layers.into_iter().try_for_each(|layer| self.move_layer(layer))
+        layers
+            .into_iter()
+            .try_for_each(|layer| self.move_layer(layer))
     }
 
     /// Puts the new tiles of a layer in the place of the old ones.

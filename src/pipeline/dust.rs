@@ -8,11 +8,11 @@
 
 use crate::error::Result;
 use crate::pipeline::band::SettledBand;
+use crate::pipeline::budget::Budget;
 use crate::pipeline::forward::State;
 use crate::pipeline::keep::{Keeper, Marks, Scratch};
 use crate::pipeline::spool::{Place, Spool};
 use crate::pipeline::sweep::{Parts, Sweep};
-use crate::pipeline::budget::Budget;
 use crate::segment::{Runs, SlabClasses, for_each_run};
 use crate::slab::Bits;
 use crate::volume::Voxel;

@@ -40,8 +40,8 @@ use finish::{FinishSettings, finish_layer, finished_layer};
 use forward::{Forward, SlabRecord};
 use keep::{Identity, Keeper};
 use resolve::{Resolved, resolve};
-use spool::Spool;
 use serde::{Deserialize, Serialize};
+use spool::Spool;
 use std::path::Path;
 use std::time::Instant;
 use sweep::Sweep;
@@ -93,6 +93,7 @@ pub fn convert(
         && let Some(made) = complete(volume, grid, options, &plan, out)
     {
         progress.warn("nothing to resume: the directory holds this tile set already, whole");
+        output::tidy(out)?;
         return Ok(report(made, all));
     }
     let identity = Identity::of(volume, options);
@@ -112,8 +113,7 @@ pub fn convert(
         .build()
         .map_err(|e| Error::usage("--threads", plan.threads.to_string(), e.to_string()))?;
     let work = output.work().to_path_buf();
-    let made =
-        pool.install(|| make(volume, grid, options, &plan, (&work, &mut keeper), progress));
+    let made = pool.install(|| make(volume, grid, options, &plan, (&work, &mut keeper), progress));
     // usage errors come back with the same options
     let usage = matches!(made, Err(Error::Usage { .. }));
     output.keep(keeper.has_any() && !usage);
@@ -183,7 +183,14 @@ fn complete(
     let min_voxels = found.dust.map_or(1, |d| d.min_voxels);
     let same = Manifest {
         dust: found.dust,
-        ..manifest(volume, grid, options, plan, found.totals, found.layers.clone())
+        ..manifest(
+            volume,
+            grid,
+            options,
+            plan,
+            found.totals,
+            found.layers.clone(),
+        )
     };
     let wanted = manifest_bytes(&same);
     if wanted != bytes || min_voxels != options.min_voxels.max(1) {
@@ -191,7 +198,11 @@ fn complete(
     }
     let mut size = found.totals.bytes + bytes.len() as u64;
     size += found.layers.iter().map(|l| l.bytes).sum::<u64>();
-    for table in [&found.tables.cells, &found.tables.objects, &found.tables.surfaces] {
+    for table in [
+        &found.tables.cells,
+        &found.tables.objects,
+        &found.tables.surfaces,
+    ] {
         size += std::fs::metadata(out.join(table)).ok()?.len();
     }
     Some(Made {
@@ -415,11 +426,10 @@ fn finish(
     let before = keeper.finished();
     let mut anew = Anew::begin(settings.dir, before, slabs.len() as u32)?;
     for (i, slab) in slabs.iter().enumerate() {
-        if progress.interrupted() {
-            return Err(Error::Interrupted);
-        }
         let finished = if (i as u32) < before {
             finished_layer(settings, resolved, slab, spool)?
+        } else if progress.interrupted() {
+            return Err(Error::Interrupted);
         } else {
             let finished = finish_layer(settings, resolved, slab, spool, i)?;
             anew.layer_done(slab.layer, keeper)?;

@@ -42,6 +42,19 @@ pub fn interrupted(out: &Path) -> Option<Kept> {
     kept(&out.join(WORK))
 }
 
+/// Removes what a process left that was killed after it had moved everything to its final name.
+///
+/// # Errors
+/// [`Error::OutputBusy`] if somebody writes there; [`Error::Io`].
+pub fn tidy(out: &Path) -> Result<()> {
+    let work = out.join(WORK);
+    let moved = work.join(MOVING).exists() && !work.join(ENTRIES[0]).exists();
+    if work.exists() && (moved || kept(&work).is_none()) {
+        Output::open(out, true, true)?.remove_work()?;
+    }
+    Ok(())
+}
+
 impl Output {
     /// Makes an empty work directory inside `out`.
     ///
@@ -118,11 +131,7 @@ impl Output {
                 remove_if_there(&self.out.join(name))?;
             }
         }
-        // first of all, so that what is half removed is not taken for a state to go on from
-        for name in STATE {
-            remove_if_there(&self.work.join(name))?;
-        }
-        empty_work(&self.work)?;
+        self.empty()?;
         for dir in ["tiles", "index"] {
             let dir = self.work.join(dir);
             fs::create_dir(&dir).map_err(|e| Error::io(&dir, "create the directory", e))?;
@@ -187,8 +196,24 @@ impl Output {
         self.remove_work()
     }
 
+    /// Removes all but the lock from the work directory.
+    fn empty(&self) -> Result<()> {
+        // first of all, so that what is half removed is not taken for a state to go on from
+        for name in STATE {
+            remove_if_there(&self.work.join(name))?;
+        }
+        let fail = |e| Error::io(&self.work, "read the directory", e);
+        for entry in fs::read_dir(&self.work).map_err(fail)? {
+            let entry = entry.map_err(fail)?;
+            if entry.file_name() != LOCK {
+                remove_if_there(&entry.path())?;
+            }
+        }
+        Ok(())
+    }
+
     fn remove_work(&mut self) -> Result<()> {
-        empty_work(&self.work)?;
+        self.empty()?;
         // whoever takes the lock from here on makes a directory of its own
         remove_if_there(&self.work.join(LOCK))?;
         self.lock = None;
@@ -230,23 +255,11 @@ fn take_lock(work: &Path, out: &Path) -> Result<Lock> {
         tries += 1;
         match Lock::take(&work.join(LOCK), out) {
             // somebody else is done and has removed the directory just now
-            Err(Error::Io { source, .. })
-                if source.kind() == ErrorKind::NotFound && tries < 10 => {}
+            Err(Error::Io { source, .. }) if source.kind() == ErrorKind::NotFound && tries < 10 => {
+            }
             taken => return taken,
         }
     }
-}
-
-/// Removes all but the lock.
-fn empty_work(work: &Path) -> Result<()> {
-    let fail = |e| Error::io(work, "read the directory", e);
-    for entry in fs::read_dir(work).map_err(fail)? {
-        let entry = entry.map_err(fail)?;
-        if entry.file_name() != LOCK {
-            remove_if_there(&entry.path())?;
-        }
-    }
-    Ok(())
 }
 
 /// Removes a file, or a directory with all that is in it.

@@ -282,7 +282,10 @@ mod tests {
         let second = again.push(&[5u64]).unwrap();
         assert_eq!(again.get(&first).unwrap(), [1, 2, 3]);
         assert_eq!(again.get(&second).unwrap(), [5]);
-        let all: Vec<u8> = [1u64, 2, 3, 5].iter().flat_map(|v| v.to_le_bytes()).collect();
+        let all: Vec<u8> = [1u64, 2, 3, 5]
+            .iter()
+            .flat_map(|v| v.to_le_bytes())
+            .collect();
         let expected = Mark {
             len: 32,
             crc: crc32fast::hash(&all),

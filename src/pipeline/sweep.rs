@@ -129,9 +129,8 @@ impl Sweep<'_> {
             return Ok((State::new(&files, budget, self.plan.front)?, 0));
         };
         let state = State::load(&files, &at.marks, &mut at.state, budget, self.plan.front)?;
-        let state = state.filter(|s| {
-            at.state.is_empty() && s.forward.slabs.len() == at.layer as usize
-        });
+        let state =
+            state.filter(|s| at.state.is_empty() && s.forward.slabs.len() == at.layer as usize);
         Ok((state.ok_or_else(|| keeper.damaged())?, at.layer))
     }
 

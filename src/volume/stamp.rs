@@ -30,7 +30,9 @@ impl Sums {
         let name = path.file_name().unwrap_or_default();
         let text = format!("{name:?} {} {time:?}", meta.len());
         let crc = u64::from(crc32fast::hash(text.as_bytes()));
-        self.hash = self.hash.wrapping_add(crc.wrapping_mul(0x9E37_79B9_7F4A_7C15));
+        self.hash = self
+            .hash
+            .wrapping_add(crc.wrapping_mul(0x9E37_79B9_7F4A_7C15));
     }
 }
 
@@ -67,7 +69,10 @@ pub fn stamp(path: &Path, opened: &Opened, out: &Path) -> Result<Vec<(String, St
         ),
     ];
     if sums.files > 1 {
-        let files = format!("{} files, {:016x} by name, size and time", sums.files, sums.hash);
+        let files = format!(
+            "{} files, {:016x} by name, size and time",
+            sums.files, sums.hash
+        );
         stamp.push(("files of the input".into(), files));
     }
     Ok(stamp)
@@ -76,7 +81,11 @@ pub fn stamp(path: &Path, opened: &Opened, out: &Path) -> Result<Vec<(String, St
 /// Calls `add` for the files of a folder, or for those that a pattern takes.
 fn walk(path: &Path, out: &Path, add: &mut impl FnMut(&Path) -> Result<()>) -> Result<()> {
     let name = path.file_name().unwrap_or_default().to_string_lossy();
-    let pattern = if path.is_dir() { None } else { Pattern::parse(&name) };
+    let pattern = if path.is_dir() {
+        None
+    } else {
+        Pattern::parse(&name)
+    };
     let first = match (&pattern, path.parent()) {
         (None, _) => path.to_path_buf(),
         (Some(_), Some(parent)) if parent != Path::new("") => parent.to_path_buf(),

@@ -20,7 +20,8 @@ use std::process::{Command, Output};
 use std::sync::OnceLock;
 
 const WORK: &str = ".alvis-partial";
-const CONVERT: &str = "convert foam.raw out --dims 24,22,20 --dtype u8 --threshold 128 --macrocube 13,12,7";
+const CONVERT: &str =
+    "convert foam.raw out --dims 24,22,20 --dtype u8 --threshold 128 --macrocube 13,12,7";
 
 const EINTR: u32 = 4;
 const EIO: u32 = 5;
@@ -95,10 +96,16 @@ fn judge(
         code => panic!("{what}: {code:?}: {errors}"),
     };
     if failed {
-        let messages: Vec<_> = errors.lines().filter(|l| l.starts_with("alvis: ")).collect();
+        let messages: Vec<_> = errors
+            .lines()
+            .filter(|l| l.starts_with("alvis: "))
+            .collect();
         assert_eq!(messages.len(), 1, "{what}: {errors}");
         let named = messages[0].contains("out") || messages[0].contains("foam.raw");
-        assert!(named && messages[0].contains(": cannot "), "{what}: {errors}");
+        assert!(
+            named && messages[0].contains(": cannot "),
+            "{what}: {errors}"
+        );
         assert!(messages[0].contains("(os error"), "{what}: {errors}");
         if out.exists() {
             for (name, bytes) in files(&out) {
@@ -106,7 +113,10 @@ fn judge(
                 assert!(whole, "{what}: {name} is not whole");
             }
         }
-        let again = command::alvis(here, &format!("{line} --resume").split(' ').collect::<Vec<_>>());
+        let again = command::alvis(
+            here,
+            &format!("{line} --resume").split(' ').collect::<Vec<_>>(),
+        );
         assert!(again.status.success(), "{what}: {errors}: {}", text(&again));
     }
     let found = files(&out);
@@ -122,7 +132,10 @@ fn every_operation(test: &str, more: &str) {
     let (_dir, here, expected) = prepared(&line);
     let log = here.with_extension("log");
     let _ = std::fs::remove_file(&log);
-    let counted = shimmed(shim, &here, &line).env("SHIM_LOG", &log).output().unwrap();
+    let counted = shimmed(shim, &here, &line)
+        .env("SHIM_LOG", &log)
+        .output()
+        .unwrap();
     assert!(counted.status.success(), "{}", text(&counted));
     std::fs::remove_dir_all(here.join("out")).unwrap();
     let operations = std::fs::read_to_string(&log).unwrap();
@@ -131,30 +144,39 @@ fn every_operation(test: &str, more: &str) {
     for operation in operations.lines() {
         let mut parts = operation.split(' ');
         let (number, name) = (parts.next().unwrap(), parts.next().unwrap());
-        let ways: &[u32] = match name {
-            "read" => &[EIO, EINTR, SHORT],
-            "write" => &[ENOSPC, EIO, EINTR, SHORT],
-            "open" | "opendir" => &[EACCES, EINTR],
-            "create" | "mkdir" => &[ENOSPC, EACCES],
-            "close" | "syncfs" => &[EIO],
-            _ => &[EIO, EACCES],
+        let turn = |ways: &[u32]| ways[number.parse::<usize>().unwrap() % ways.len()];
+        let ways = match name {
+            "read" => vec![EIO, turn(&[EINTR, SHORT])],
+            "write" => vec![turn(&[ENOSPC, EIO]), turn(&[EINTR, SHORT, SHORT])],
+            "open" => vec![turn(&[EACCES, EIO, EINTR])],
+            "create" | "mkdir" => vec![turn(&[ENOSPC, EACCES])],
+            _ => vec![turn(&[EIO, EACCES])],
         };
-        for &way in ways {
+        for way in ways {
             let output = shimmed(shim, &here, &line)
                 .env("SHIM_AT", number)
                 .env("SHIM_ERRNO", way.to_string())
                 .output()
                 .unwrap();
-            let failed = judge(&here, &line, &output, &expected, &format!("{way}: {operation}"));
+            let failed = judge(
+                &here,
+                &line,
+                &output,
+                &expected,
+                &format!("{way}: {operation}"),
+            );
             let counts = tally.entry((name.to_string(), way)).or_default();
             counts.0 += 1;
             counts.1 += u32::from(failed);
         }
     }
-    eprintln!("{test}: {} operations; (name, errno): (times, of these ended): {tally:?}", operations.lines().count());
+    eprintln!(
+        "{test}: {} operations; (name, errno): (times, of these ended): {tally:?}",
+        operations.lines().count()
+    );
     for ((name, way), (times, failed)) in tally {
         // nobody sees these
-        let harmless = way == SHORT || name == "close" || way == EINTR && name != "opendir";
+        let harmless = way == SHORT || way == EINTR || name == "close";
         if harmless {
             assert_eq!(failed, 0, "{name}, {way}");
         } else if !["opendir", "open", "unlinkat", "rmdir", "unlink"].contains(&&*name) {
@@ -170,7 +192,10 @@ fn every_file_operation_of_a_conversion() {
 
 #[test]
 fn every_file_operation_that_writes_tiles_twice() {
-    every_operation("every_file_operation_that_writes_tiles_twice", " --for web --min-voxels 20");
+    every_operation(
+        "every_file_operation_that_writes_tiles_twice",
+        " --for web --min-voxels 20",
+    );
 }
 
 #[test]
@@ -189,7 +214,13 @@ fn a_disk_that_is_full_from_some_moment_on() {
             .output()
             .unwrap();
         resumable += u32::from(text(&output).contains("--resume goes on"));
-        judge(&here, &line, &output, &expected, &format!("from {number} on"));
+        judge(
+            &here,
+            &line,
+            &output,
+            &expected,
+            &format!("from {number} on"),
+        );
     }
     assert!(resumable > 5);
 }
@@ -215,14 +246,21 @@ fn a_full_disk() {
             let words = words(line);
             command::alvis(here, &words.iter().map(String::as_str).collect::<Vec<_>>())
         };
-        assert!(run("phantom foam foam.mhd --dims 80,80,80 --quiet").status.success());
+        assert!(
+            run("phantom foam foam.mhd --dims 80,80,80 --quiet")
+                .status
+                .success()
+        );
         let line = "convert foam.mhd disk/out --threshold 128 --macrocube 40,40,8";
         let failed = run(line);
         let errors = text(&failed);
         assert_eq!(failed.status.code(), Some(2), "{errors}");
         assert!(errors.contains("No space left on device"), "{errors}");
         assert!(errors.contains("with --resume goes on"), "{errors}");
-        let names: Vec<_> = std::fs::read_dir(disk.join("out")).unwrap().map(|e| e.unwrap().file_name()).collect();
+        let names: Vec<_> = std::fs::read_dir(disk.join("out"))
+            .unwrap()
+            .map(|e| e.unwrap().file_name())
+            .collect();
         assert_eq!(names, [WORK]);
         let still = run(&format!("{line} --resume"));
         assert_eq!(still.status.code(), Some(2), "{}", text(&still));
@@ -231,7 +269,11 @@ fn a_full_disk() {
         assert!(report.status.success(), "{}", text(&report));
         let report = command::json(&String::from_utf8(report.stdout).unwrap());
         assert!(report["resumed_layers"].as_u64().unwrap() > 0);
-        assert!(run("convert foam.mhd whole --threshold 128 --macrocube 40,40,8").status.success());
+        assert!(
+            run("convert foam.mhd whole --threshold 128 --macrocube 40,40,8")
+                .status
+                .success()
+        );
         assert_same_files(&files(&disk.join("out")), &files(&here.join("whole")), TEST);
     });
     let unmounted = Command::new("umount").arg(&disk).status();
@@ -250,7 +292,7 @@ fn an_input_that_is_cut_while_it_is_read() {
         let input = here.join("foam.raw");
         let samples = std::fs::read(&input).unwrap();
         let changed = std::fs::metadata(&input).unwrap().modified().unwrap();
-        let (mut cut, mut resumed) = (0, 0);
+        let (mut cut, mut found, mut resumed) = (0, 0, 0);
         for number in (1..260).step_by(7) {
             let output = shimmed(shim, &here, &line)
                 .env("SHIM_AT", number.to_string())
@@ -265,7 +307,10 @@ fn an_input_that_is_cut_while_it_is_read() {
             if output.status.code() != Some(0) {
                 assert_eq!(output.status.code(), Some(2), "{io}: {number}: {errors}");
                 let message = errors.lines().find(|l| l.starts_with("alvis: ")).unwrap();
-                let early = message.contains("bytes, expected");
+                // before it was mapped
+                let early = message.contains("the file's end inside")
+                    || message.contains("bytes, expected");
+                found += u32::from(message.contains(says));
                 assert!(message.contains("foam.raw"), "{io}: {number}: {errors}");
                 assert!(message.contains(says) || early, "{io}: {number}: {errors}");
                 assert!(!out.join("index.json").exists());
@@ -278,6 +323,6 @@ fn an_input_that_is_cut_while_it_is_read() {
             std::fs::remove_dir_all(&out).unwrap();
         }
         eprintln!("--io {io}: {cut} conversions met the cut, {resumed} went on with layers");
-        assert!(cut > 3 && resumed > 0, "{io}: {cut} {resumed}");
+        assert!(found > 3 && resumed > 0, "{io}: {cut} {found} {resumed}");
     }
 }

@@ -7,7 +7,7 @@
  *   SHIM_ERRNO     how: an errno; 0 for a transfer that comes short (half, at least 1 byte)
  *   SHIM_STICKY    all later operations of that name go wrong, too
  *   SHIM_CUT       a file that is cut to nothing before operation SHIM_AT; nothing fails then
- *   SHIM_SYNCED    a directory; syncfs copies SHIM_OUT there: that is what the disk holds
+ *   SHIM_SYNCED    a link; syncfs copies SHIM_OUT and lets it lead there: that is what the disk holds
  *   SHIM_OUT       see above
  *   SHIM_BOOT      a file that stands for the system's boot id
  *   SHIM_HURRY     the clock runs faster: 3 seconds at each look
@@ -214,13 +214,15 @@ int syncfs(int fd) {
   char buffer[4096];
   if (verdict("syncfs", path_of(fd, buffer)) != GO) return -1;
   if (synced) {
-    char command[16384];
+    static int snapshots;
+    char command[16384], to[4096];
     pthread_rwlock_wrlock(&world);
     inside = 1;
+    /* the link changes in one step: whoever is killed leaves the old snapshot or the new one */
+    snprintf(to, sizeof to, "%s.%d.%d", synced, getpid(), ++snapshots);
     snprintf(command, sizeof command,
-             "env -u LD_PRELOAD sh -c 'rm -rf \"%s.new\" && cp -a \"%s\" \"%s.new\" && rm -rf \"%s\" && "
-             "mv \"%s.new\" \"%s\"'",
-             synced, out, synced, synced, synced, synced);
+             "unset LD_PRELOAD; cp -a '%s' '%s' && ln -s '%s' '%s.link' && mv -T '%s.link' '%s'",
+             out, to, to, to, to, synced);
     int status = system(command);
     inside = 0;
     pthread_rwlock_unlock(&world);

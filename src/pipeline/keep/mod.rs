@@ -100,8 +100,7 @@ impl Keeper {
         let path = work.join(CONVERSION);
         std::fs::write(&path, identity.to_bytes()).map_err(|e| Error::io(&path, "write", e))?;
         let spools = work.join(SPOOLS);
-        std::fs::create_dir(&spools)
-            .map_err(|e| Error::io(&spools, "create the directory", e))?;
+        std::fs::create_dir(&spools).map_err(|e| Error::io(&spools, "create the directory", e))?;
         Ok(Self::empty(work, identity, dust, layers))
     }
 
