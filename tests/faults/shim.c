@@ -1,7 +1,7 @@
 /* Stands between a program and the C library (LD_PRELOAD): counts the file operations below a
  * directory, makes one of them fail, and models a power failure.
  *
- *   SHIM_DIR       operations on paths below it count
+ *   SHIM_DIR       operations on paths below it count, and on relative ones
  *   SHIM_LOG       a file that gets a line for each: its number, name and path
  *   SHIM_AT        number of the operation that goes wrong, from 1
  *   SHIM_ERRNO     how: an errno; 0 for a transfer that comes short (half, at least 1 byte)
@@ -65,7 +65,7 @@ __attribute__((constructor)) static void begin(void) {
 }
 
 static int ours(const char *path) {
-  return dir && path && strncmp(path, dir, strlen(dir)) == 0;
+  return dir && path && (*path != '/' || strncmp(path, dir, strlen(dir)) == 0);
 }
 
 /* What is to become of an operation. */
@@ -215,7 +215,7 @@ int syncfs(int fd) {
   if (verdict("syncfs", path_of(fd, buffer)) != GO) return -1;
   if (synced) {
     static int snapshots;
-    char command[16384], to[4096];
+    char command[32768], to[4096];
     pthread_rwlock_wrlock(&world);
     inside = 1;
     /* the link changes in one step: whoever is killed leaves the old snapshot or the new one */

@@ -8,7 +8,14 @@ use std::path::Path;
 
 /// Held while a conversion works.
 #[derive(Debug)]
-pub struct Lock(#[allow(dead_code)] File);
+pub struct Lock(File);
+
+impl Drop for Lock {
+    fn drop(&mut self) {
+        // closing is not enough: a process that is just being started may still hold the file
+        let _ = self.0.unlock();
+    }
+}
 
 impl Lock {
     /// Takes the lock at `path`, making the file. `out` is what the user calls the directory.
