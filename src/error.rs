@@ -87,6 +87,40 @@ pub enum Error {
         /// The directory.
         path: PathBuf,
     },
+    /// Another conversion writes into the output directory.
+    #[error("{}: another conversion is writing there: wait until it is done, or give another directory", path.display())]
+    OutputBusy {
+        /// The directory.
+        path: PathBuf,
+    },
+    /// The conversion that was interrupted is not the one that is asked for.
+    #[error(
+        "{}: the interrupted conversion there differs from this one: {differences}: give input and \
+         options as they were, or leave out --resume to begin anew",
+        path.display()
+    )]
+    OtherConversion {
+        /// The output directory.
+        path: PathBuf,
+        /// What differs, with the old and the new value each.
+        differences: String,
+    },
+    /// A conversion failed after it had finished layers; these are kept.
+    #[error(
+        "{error}: {done} of {of} layers are done and kept in {}: once the cause is removed, the same \
+         command with --resume goes on",
+        path.display()
+    )]
+    Resumable {
+        /// What went wrong.
+        error: Box<Error>,
+        /// The output directory.
+        path: PathBuf,
+        /// Layers that need not be done again.
+        done: u64,
+        /// Layers in all; a conversion with `min_voxels` counts three times as many.
+        of: u64,
+    },
     /// The caller asked to stop.
     #[error("stopped on request")]
     Interrupted,

@@ -146,6 +146,7 @@
 //! [`Error`] says where, what was found, what was expected and what to do. Work that fails leaves
 //! nothing behind under a final name.
 
+mod checkpoint;
 pub mod cli;
 mod cpu;
 pub mod error;
@@ -163,6 +164,7 @@ pub mod pipeline;
 pub mod preview;
 pub mod progress;
 pub mod repack;
+mod scratch;
 mod segment;
 pub mod select;
 mod slab;

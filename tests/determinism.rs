@@ -71,7 +71,9 @@ fn converted_within<T: Voxel>(
                     limit == options.memory && needed > limit,
                     "{limit} {needed}"
                 );
-                assert_eq!(files(dir.path()).len(), 0);
+                // what is kept of layers that fitted lies apart
+                let kept = |name: &String| name.starts_with(".alvis-partial/");
+                assert!(files(dir.path()).keys().all(kept));
                 options.memory = needed;
             }
             Err(e) => panic!("{e}"),

@@ -60,7 +60,7 @@ pub enum EndianArg {
 /// Way of reading, as typed.
 #[derive(Debug, Clone, Copy, ValueEnum)]
 pub enum IoArg {
-    /// Map the file: it must not be cut while it is read, and its pages count as memory
+    /// Map the file: if it is cut while it is read, the command ends; its pages count as memory
     Mmap,
     /// Read with system calls: safe on network drives and for files that others may change
     Read,
@@ -132,6 +132,9 @@ impl InputOptions {
 
     /// Opens the volume at `path`.
     pub fn open(&self, path: &Path) -> Result<Opened> {
+        if let IoArg::Mmap = self.io {
+            super::sigbus::guard(path);
+        }
         volume::open(path, &self.options())
     }
 

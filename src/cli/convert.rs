@@ -5,13 +5,13 @@ use super::form::FormArgs;
 use super::info;
 use super::parse::{self, CropArg, Threshold};
 use super::{Outcome, output};
-use crate::error::Result;
+use crate::error::{Error, Result};
 use crate::grid::{Ambiguous, Crop};
 use crate::manifest::{Form, Origin};
 use crate::pipeline::{self, ConvertOptions, ConvertReport};
 use crate::volume::Opened;
 use clap::{Args, ValueEnum, ValueHint};
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 
 /// Rule for ambiguous faces, as typed.
 #[derive(Debug, Clone, Copy, ValueEnum)]
@@ -62,6 +62,13 @@ pub struct ConvertArgs {
     /// Replace a tile set that is in the directory
     #[arg(long)]
     force: bool,
+    /// Go on with a conversion that was interrupted: finished layers are not done again
+    ///
+    /// Input and options must be those of the interrupted conversion; --memory, --threads, --io,
+    /// --force, --quiet and --json may change. If there is nothing to go on with, the conversion begins
+    /// at the beginning; if the directory holds this tile set already, whole, nothing is done.
+    #[arg(long)]
+    resume: bool,
     #[command(flatten)]
     form: FormArgs,
     #[command(flatten)]
@@ -97,6 +104,8 @@ impl ConvertArgs {
             encoding: form.encoding,
             layout: form.layout,
             force: self.force,
+            resume: self.resume,
+            input: crate::volume::stamp(&self.input, &opened, &self.out)?,
             source_name: opened.name.clone(),
             source_offset: opened.offset,
             provenance: opened.provenance,
@@ -106,7 +115,8 @@ impl ConvertArgs {
             Threshold::Value(_) => "",
         };
         console.note(&understood(&opened, &options, how)?);
-        let report = pipeline::convert(&*opened.volume, &options, &self.out, &console)?;
+        let report = pipeline::convert(&*opened.volume, &options, &self.out, &console)
+            .map_err(|e| resumable(e, &self.out))?;
         drop(console);
         if self.common.json {
             output::print_json(&report)?;
@@ -114,6 +124,23 @@ impl ConvertArgs {
             output::print(&summary(&report))?;
         }
         Ok(Outcome::Done)
+    }
+}
+
+/// Adds to an error that a part of the work is kept, if that is so.
+pub fn resumable(error: Error, out: &Path) -> Error {
+    let refused = matches!(
+        error,
+        Error::OutputBusy { .. } | Error::OutputExists { .. } | Error::OtherConversion { .. }
+    );
+    match pipeline::interrupted(out).filter(|_| !refused) {
+        Some(kept) => Error::Resumable {
+            error: Box::new(error),
+            path: out.to_path_buf(),
+            done: kept.done,
+            of: kept.of,
+        },
+        None => error,
     }
 }
 

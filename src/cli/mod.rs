@@ -19,6 +19,7 @@ mod preview;
 mod progress;
 mod repack;
 mod select;
+mod sigbus;
 mod verify;
 
 use crate::error::Result;

@@ -98,8 +98,8 @@ struct Slot<T> {
 
 impl<T: Pod> Blocks<T> {
     fn new(len: u64, budget: u64, dir: &Path) -> Result<Self> {
-        let file =
-            tempfile::tempfile_in(dir).map_err(|e| Error::io(dir, "create a temporary file", e))?;
+        let file = crate::scratch::unnamed(dir)
+            .map_err(|e| Error::io(dir, "create a temporary file", e))?;
         let bytes = len
             .checked_next_multiple_of(BLOCK)
             .and_then(|len| len.checked_mul(size_of::<T>()))

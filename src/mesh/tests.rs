@@ -128,10 +128,10 @@ impl Case {
             macrocube: self.macrocube,
         };
         let dir = tempfile::tempdir().unwrap();
-        let new = || Births::new(dir.path()).unwrap();
+        let new = |name| Births::new(&dir.path().join(name)).unwrap();
         let mut births = PhaseBirths {
-            objects: new(),
-            cells: new(),
+            objects: new("objects"),
+            cells: new("cells"),
         };
         let mut classes = Classes::default();
         let volume =

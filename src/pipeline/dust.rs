@@ -7,13 +7,16 @@
 //! of a component is crossed, and all of them go with it.
 
 use crate::error::Result;
+use crate::pipeline::band::SettledBand;
+use crate::pipeline::budget::Budget;
 use crate::pipeline::forward::State;
+use crate::pipeline::keep::{Keeper, Marks, Scratch};
 use crate::pipeline::spool::{Place, Spool};
 use crate::pipeline::sweep::{Parts, Sweep};
 use crate::segment::{Runs, SlabClasses, for_each_run};
 use crate::slab::Bits;
 use crate::volume::Voxel;
-use std::sync::Mutex;
+use std::sync::{Arc, Mutex};
 
 /// Knows which components of one phase are to be filled.
 #[derive(Debug)]
@@ -87,43 +90,162 @@ impl Filter {
 }
 
 impl Sweep<'_> {
-    /// Finds the objects (`above`) or cells of fewer than `min_voxels` voxels.
+    /// Finds the objects (`above`) or cells of fewer than `min_voxels` voxels, as sweep number `sweep`.
     ///
     /// # Errors
     /// Those of [`Sweep::run`].
     pub fn find_dust<T: Voxel + Default>(
         &self,
         parts: &mut Parts<T>,
-        above: bool,
-        min_voxels: u64,
+        (sweep, above): (usize, bool),
+        keeper: &mut Keeper,
     ) -> Result<Filter> {
         let [_, bands, layers] = self.plan.tiling.tiles();
-        let mut state = State::new(self.work, parts.source.budget, self.plan.front)?;
-        let spool = Spool::new(self.work)?;
-        let mut found = Found {
-            spool,
-            class_of: Vec::new(),
-            small: Vec::new(),
-        };
-        let mut slabs = Vec::new();
-        for layer in 0..layers {
-            let settled = self.settle_in_parts(parts, layer, &mut state)?;
-            let classes = state.join(&settled, layer + 1 == layers)?;
-            for of_local in &classes.of_local {
-                found.class_of.push(found.spool.push(of_local)?);
+        let files = keeper.files(sweep);
+        let marks = match keeper.over(sweep) {
+            Some(marks) => marks,
+            None => {
+                let budget = parts.source.budget;
+                let begun = Search::begin(&files, sweep, keeper, (budget, self.plan.front))?;
+                let (mut search, first) = begun;
+                for layer in first..layers {
+                    let settled = self.settle_in_parts(parts, layer, &mut search.state)?;
+                    let classes = search.state.join(&settled, layer + 1 == layers)?;
+                    search.add(&settled, &classes)?;
+                    if layer + 1 < layers {
+                        search.save(&files, (sweep, layer + 1), keeper)?;
+                    }
+                    self.release(&parts.source, layer);
+                }
+                let marks = search.marks(&files)?;
+                drop(search);
+                keeper.close_sweep(sweep, &marks)?;
+                marks
             }
-            let voxels = state.class_voxels(&settled, &classes)?;
-            slabs.push(Slab::new(&voxels, &classes, &mut found.spool)?);
-            self.release(&parts.source, layer);
-        }
+        };
+        keeper.end_sweep(&marks);
+        let read = Found::read(&files, &marks, bands, layers)?;
+        let (found, slabs) = read.ok_or_else(|| keeper.damaged())?;
         let mut filter = Filter {
             bands,
             found: Mutex::new(found),
             components: 0,
             voxels: 0,
         };
-        filter.resolve(&slabs, above, min_voxels)?;
+        filter.resolve(&slabs, above, self.min_voxels)?;
         Ok(filter)
+    }
+}
+
+/// Names of the files of a search.
+const FOUND: &str = "found";
+const PLACES: &str = "places";
+
+/// A search for dust under way.
+struct Search {
+    state: State,
+    spool: Spool,
+    /// Where the arrays of each layer lie in `spool`: the classes of the local components of each
+    /// band, then those of [`Slab`]. Two numbers for each.
+    places: Spool,
+}
+
+impl Search {
+    /// Begins, or goes on where an interrupted conversion stopped. Returns the first layer, too.
+    fn begin(
+        files: &Scratch,
+        sweep: usize,
+        keeper: &mut Keeper,
+        (budget, front): (&Arc<Budget>, u64),
+    ) -> Result<(Self, u32)> {
+        let Some(mut at) = keeper.take(sweep) else {
+            let search = Search {
+                state: State::new(files, budget, front)?,
+                spool: Spool::create(&files.path(FOUND))?,
+                places: Spool::create(&files.path(PLACES))?,
+            };
+            return Ok((search, 0));
+        };
+        let state = State::load(files, &at.marks, &mut at.state, budget, front)?;
+        let spool = at.marks.reopen(files, FOUND)?;
+        let places = at.marks.reopen(files, PLACES)?;
+        match (state, spool, places) {
+            (Some(state), Some(spool), Some(places)) if at.state.is_empty() => {
+                let search = Search {
+                    state,
+                    spool,
+                    places,
+                };
+                Ok((search, at.layer))
+            }
+            _ => Err(keeper.damaged()),
+        }
+    }
+
+    /// Adds a layer.
+    fn add(&mut self, settled: &[SettledBand], classes: &SlabClasses) -> Result<()> {
+        for of_local in &classes.of_local {
+            let place = self.spool.push(of_local)?;
+            self.places.push(&place.numbers())?;
+        }
+        let voxels = self.state.class_voxels(settled, classes)?;
+        let slab = Slab::new(&voxels, classes, &mut self.spool)?;
+        self.places.push(&slab.numbers())?;
+        Ok(())
+    }
+
+    /// Marks what is needed once the search is over.
+    fn marks(&mut self, files: &Scratch) -> Result<Marks> {
+        let mut marks = Marks::default();
+        marks.add(files, FOUND, self.spool.mark()?);
+        marks.add(files, PLACES, self.places.mark()?);
+        Ok(marks)
+    }
+
+    fn save(
+        &mut self,
+        files: &Scratch,
+        (sweep, layer): (usize, u32),
+        keeper: &mut Keeper,
+    ) -> Result<()> {
+        let mut marks = self.marks(files)?;
+        self.state.mark(files, &mut marks)?;
+        keeper.save(sweep, layer, &marks, |out| self.state.save(out))
+    }
+}
+
+impl Found {
+    /// Reads what a search has found; `None` if the files hold something else.
+    fn read(
+        files: &Scratch,
+        marks: &Marks,
+        bands: u32,
+        layers: u32,
+    ) -> Result<Option<(Self, Vec<Slab>)>> {
+        let (spool, places) = (marks.reopen(files, FOUND)?, marks.reopen(files, PLACES)?);
+        let (Some(spool), Some(mut places)) = (spool, places) else {
+            return Ok(None);
+        };
+        let numbers = places.all::<u64>()?;
+        let of_layer = 2 * (bands as usize + 4);
+        if numbers.len() != of_layer * layers as usize {
+            return Ok(None);
+        }
+        let mut found = Found {
+            spool,
+            class_of: Vec::new(),
+            small: Vec::new(),
+        };
+        let mut slabs = Vec::new();
+        for layer in numbers.chunks_exact(of_layer) {
+            let (class_of, slab) = layer.split_at(2 * bands as usize);
+            let class_of = class_of.chunks_exact(2);
+            found
+                .class_of
+                .extend(class_of.map(|p| Place::new(p[0], p[1] as usize)));
+            slabs.push(Slab::from_numbers(slab));
+        }
+        Ok(Some((found, slabs)))
     }
 }
 
@@ -135,6 +257,25 @@ impl Slab {
             live: spool.push(&classes.live)?,
             from_previous: spool.push(&classes.from_previous)?,
         })
+    }
+
+    fn numbers(&self) -> [u64; 8] {
+        let places = [
+            self.voxels.numbers(),
+            self.above.numbers(),
+            self.live.numbers(),
+            self.from_previous.numbers(),
+        ];
+        std::array::from_fn(|i| places[i / 2][i % 2])
+    }
+
+    fn from_numbers(n: &[u64]) -> Self {
+        Slab {
+            voxels: Place::new(n[0], n[1] as usize),
+            above: Place::new(n[2], n[3] as usize),
+            live: Place::new(n[4], n[5] as usize),
+            from_previous: Place::new(n[6], n[7] as usize),
+        }
     }
 }
 

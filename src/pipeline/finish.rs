@@ -2,8 +2,9 @@
 
 use crate::error::{Error, Result};
 use crate::grid::{LATTICE, Placement, Tiling};
-use crate::manifest::{Bounds, Group, Layer, TileEntry, Totals, checksum_text};
+use crate::manifest::{Bounds, Group, Layer, Shard, TileEntry, Totals, checksum_text};
 use crate::measure::{ComponentRecord, Measures, RecordTable};
+use crate::pipeline::anew::anew_path;
 use crate::pipeline::forward::SlabRecord;
 use crate::pipeline::resolve::Resolved;
 use crate::pipeline::spool::{Place, Spool};
@@ -15,7 +16,7 @@ use crate::tile::{
 };
 use rayon::prelude::*;
 use std::collections::BTreeMap;
-use std::fs::{File, OpenOptions};
+use std::fs::{File, OpenOptions, create_dir_all};
 use std::io::{BufWriter, Write};
 use std::os::unix::fs::FileExt;
 use std::path::{Path, PathBuf};
@@ -137,6 +138,58 @@ pub fn finish_layer(
     shard.finish(slab.layer).map(Some)
 }
 
+/// What [`finish_layer`] made of a slab in a process before this one; counts the tiles of each
+/// component.
+///
+/// # Errors
+/// [`Error::Io`]; [`Error::Format`] if the shard is not as it was written.
+pub fn finished_layer(
+    settings: &FinishSettings,
+    resolved: &mut Resolved,
+    slab: &SlabRecord,
+    spool: &mut Spool,
+) -> Result<Option<FinishedLayer>> {
+    let tiles = spool.get(&slab.tiles)?;
+    if tiles.is_empty() {
+        return Ok(None);
+    }
+    let name = shard_path(slab.layer);
+    let path = settings.dir.join(&name);
+    let bytes = std::fs::read(&path).map_err(|e| Error::io(&path, "read", e))?;
+    let shard = serde_json::from_slice::<Shard>(&bytes).ok().filter(|s| {
+        let grids = s.tiles.iter().map(|t| t.grid);
+        s.z == slab.layer && grids.eq(tiles.iter().map(|t| t.grid))
+    });
+    let Some(shard) = shard else {
+        return Err(changed(&path, bytes.len() as u64, bytes.len() as u64));
+    };
+    let mut totals = Totals::default();
+    for tile in &shard.tiles {
+        count_tile(resolved, tile)?;
+        add_tile(&mut totals, tile);
+    }
+    let entry = Layer {
+        z: slab.layer,
+        path: name,
+        tiles: totals.tiles,
+        bytes: bytes.len() as u64,
+        checksum: checksum_text(crc32fast::hash(&bytes)),
+    };
+    Ok(Some(FinishedLayer { entry, totals }))
+}
+
+/// Adds a tile to the totals.
+fn add_tile(totals: &mut Totals, tile: &TileEntry) {
+    totals.tiles += 1;
+    totals.tile_vertices += tile.vertices;
+    totals.triangles += tile.triangles;
+    totals.strips += tile.strips;
+    totals.bytes += tile.bytes;
+    if tile.strips > 0 {
+        totals.strip_indices += tile.indices;
+    }
+}
+
 /// Adds a tile to the counts of all components in it.
 fn count_tile(resolved: &mut Resolved, tile: &TileEntry) -> Result<()> {
     let distinct = |get: fn(&Group) -> u64| {
@@ -179,10 +232,15 @@ impl Finisher<'_> {
             let room = tile.room as usize;
             let head =
                 write_head(&json, room, tile.body_bytes).ok_or_else(|| too_large(tile.grid))?;
+            let bytes = head.len() as u64 + tile.body_bytes;
             let file = OpenOptions::new()
                 .write(true)
                 .open(&path)
                 .map_err(|e| Error::io(&path, "open", e))?;
+            let found = file.metadata().map_err(|e| Error::io(&path, "stat", e))?;
+            if found.len() != bytes {
+                return Err(changed(&path, found.len(), bytes));
+            }
             file.write_all_at(&head, 0)
                 .map_err(|e| Error::io(&path, "write", e))?;
             let mut crc = crc32fast::Hasher::new();
@@ -191,7 +249,6 @@ impl Finisher<'_> {
                 tile.crc,
                 tile.body_bytes,
             ));
-            let bytes = head.len() as u64 + tile.body_bytes;
             return Ok(entry(
                 tile,
                 &body,
@@ -203,8 +260,8 @@ impl Finisher<'_> {
         self.rewrite_tile(tile, &body, (&groups, &group_ids), &path)
     }
 
-    /// Writes a tile anew: pieces that turned out to be one are joined, the layout is the merged one,
-    /// or numbers are stored in another way.
+    /// Writes a tile anew, beside the old one: pieces that turned out to be one are joined, the layout
+    /// is the merged one, or numbers are stored in another way.
     fn rewrite_tile(
         &self,
         tile: &TileRecord,
@@ -214,7 +271,11 @@ impl Finisher<'_> {
     ) -> Result<TileEntry> {
         let head = self.settings.head;
         let bytes = std::fs::read(path).map_err(|e| Error::io(path, "read back", e))?;
-        let start = bytes.len() - body.bytes as usize;
+        let start = bytes.len().saturating_sub(body.bytes as usize);
+        if crc32fast::hash(&bytes[start..]) != tile.crc {
+            let len = bytes.len() as u64;
+            return Err(changed(path, len, len.max(body.bytes)));
+        }
         let joined;
         let (body, bin) = if groups.len() < body.pieces.len() {
             joined = group_body(body, &bytes[start..], groups, head.form.primitives);
@@ -231,7 +292,11 @@ impl Finisher<'_> {
                     Refused::TooWide => too_wide(self.settings.tiling.macrocube),
                 }
             })?;
-        write_file(path, &[&file.bytes])?;
+        let anew = self.settings.dir.join(anew_path(tile.grid));
+        if let Some(dir) = anew.parent() {
+            create_dir_all(dir).map_err(|e| Error::io(dir, "create the directory", e))?;
+        }
+        write_file(&anew, &[&file.bytes])?;
         let size_and_crc = (file.bytes.len() as u64, crc32fast::hash(&file.bytes));
         let indices = Some(file.indices);
         Ok(entry(tile, body, group_ids, indices, size_and_crc))
@@ -270,6 +335,13 @@ impl Finisher<'_> {
             )
             .collect()
     }
+}
+
+/// The error for a tile that is not as this program has written it.
+fn changed(path: &Path, found: u64, expected: u64) -> Error {
+    let expected = format!("{expected} bytes as the conversion wrote them");
+    Error::format(path, format!("{found} bytes"), expected)
+        .with_hint("something else has changed the file: convert again without --resume")
 }
 
 /// The shard's entry of a tile.
@@ -316,8 +388,13 @@ fn entry(
     }
 }
 
-/// Writes a layer's shard, tile by tile, and adds up its tiles.
+fn shard_path(layer: u32) -> String {
+    format!("index/z{layer:04}.json")
+}
+
+/// Writes a layer's shard, tile by tile, and adds up its tiles. It gets its name when it is whole.
 struct ShardWriter {
+    dir: PathBuf,
     path: PathBuf,
     name: String,
     file: BufWriter<File>,
@@ -328,10 +405,11 @@ struct ShardWriter {
 
 impl ShardWriter {
     fn create(dir: &Path, layer: u32) -> Result<Self> {
-        let name = format!("index/z{layer:04}.json");
-        let path = dir.join(&name);
+        let name = shard_path(layer);
+        let path = dir.join("shard.new");
         let file = File::create(&path).map_err(|e| Error::io(&path, "create", e))?;
         let mut shard = ShardWriter {
+            dir: dir.to_path_buf(),
             path,
             name,
             file: BufWriter::new(file),
@@ -356,14 +434,7 @@ impl ShardWriter {
             self.put(b",")?;
         }
         self.put(&serde_json::to_vec(tile).expect("plain data serialises"))?;
-        self.totals.tiles += 1;
-        self.totals.tile_vertices += tile.vertices;
-        self.totals.triangles += tile.triangles;
-        self.totals.strips += tile.strips;
-        self.totals.bytes += tile.bytes;
-        if tile.strips > 0 {
-            self.totals.strip_indices += tile.indices;
-        }
+        add_tile(&mut self.totals, tile);
         Ok(())
     }
 
@@ -372,6 +443,8 @@ impl ShardWriter {
         self.file
             .flush()
             .map_err(|e| Error::io(&self.path, "write", e))?;
+        let to = self.dir.join(&self.name);
+        std::fs::rename(&self.path, &to).map_err(|e| Error::io(&to, "move into place", e))?;
         let entry = Layer {
             z: layer,
             path: self.name,

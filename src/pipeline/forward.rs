@@ -1,15 +1,24 @@
 //! What the forward sweep gathers: components, surfaces and tiles in terms of each slab's classes.
 
+use crate::checkpoint::{Decoder, Encoder};
 use crate::error::Result;
 use crate::measure::{MeshSums, VoxelSums};
 use crate::pipeline::band::{Band, SettledBand};
 use crate::pipeline::budget::{Budget, Reservation};
+use crate::pipeline::keep::{Marks, Scratch};
 use crate::pipeline::spool::{Place, Spool};
 use crate::pipeline::surfaces::{SlabSurface, SlabSurfaces, SurfacePart, Surfaces};
 use crate::pipeline::tilefile::{TileRecord, WrittenPiece};
 use crate::segment::{Births, Classes, PhaseBirths, SlabClasses};
-use std::path::Path;
 use std::sync::{Arc, Mutex};
+
+/// Names of the files of a sweep.
+const SLABS: &str = "slabs";
+const WHOLE_SURFACES: &str = "whole-surfaces";
+const RECORDS: &str = "records";
+const OBJECTS: &str = "objects";
+const CELLS: &str = "cells";
+const SURFACES: &str = "surfaces";
 
 /// What the sweep leaves of one slab.
 #[derive(Debug)]
@@ -40,6 +49,57 @@ pub struct SlabRecord {
     pub tiles: Place<TileRecord>,
 }
 
+impl SlabRecord {
+    /// All of it as numbers.
+    fn numbers(&self) -> Vec<u64> {
+        let places = [
+            self.births.numbers(),
+            self.above.numbers(),
+            self.live.numbers(),
+            self.from_previous.numbers(),
+            self.surfaces.numbers(),
+            self.surfaces_live.numbers(),
+            self.surfaces_from_previous.numbers(),
+            self.whole.numbers(),
+            self.whole_births.numbers(),
+            self.tiles.numbers(),
+        ];
+        let finished = self.finished.iter();
+        let finished = finished.flat_map(|(sums, of)| [sums.numbers(), of.numbers()]);
+        let head = [u64::from(self.layer), self.finished.len() as u64];
+        let places = places.into_iter().chain(finished).flatten();
+        head.into_iter().chain(places).collect()
+    }
+
+    /// Takes a slab out of numbers; `None` if these are not enough.
+    fn take(numbers: &mut impl Iterator<Item = u64>) -> Option<Self> {
+        fn place<T>(numbers: &mut impl Iterator<Item = u64>) -> Option<Place<T>> {
+            let (offset, len) = (numbers.next()?, numbers.next()?);
+            Some(Place::new(offset, len.try_into().ok()?))
+        }
+        let layer = numbers.next()?.try_into().ok()?;
+        let parts = numbers.next()?;
+        let mut slab = SlabRecord {
+            layer,
+            births: place(numbers)?,
+            above: place(numbers)?,
+            live: place(numbers)?,
+            from_previous: place(numbers)?,
+            finished: Vec::new(),
+            surfaces: place(numbers)?,
+            surfaces_live: place(numbers)?,
+            surfaces_from_previous: place(numbers)?,
+            whole: place(numbers)?,
+            whole_births: place(numbers)?,
+            tiles: place(numbers)?,
+        };
+        for _ in 0..parts {
+            slab.finished.push((place(numbers)?, place(numbers)?));
+        }
+        Some(slab)
+    }
+}
+
 /// What the whole sweep leaves.
 pub struct Forward {
     /// The arrays of all slabs.
@@ -64,6 +124,8 @@ pub struct Forward {
 pub struct State {
     /// What has been gathered.
     pub forward: Forward,
+    /// The slab records, for a resume.
+    records: Spool,
     classes: Classes,
     surfaces: Surfaces,
     /// Memory planned for classes, surfaces and tiles of a slab.
@@ -73,22 +135,23 @@ pub struct State {
 }
 
 impl State {
-    /// Nothing gathered; temporary files are made in `work`. The first `front` bytes of the budget are
-    /// for what a slab has in components, surfaces and tiles.
+    /// Nothing gathered yet. The first `front` bytes of the budget are for what a slab has in
+    /// components, surfaces and tiles.
     ///
     /// # Errors
     /// [`crate::Error::Io`]; [`crate::Error::TooDense`] if the budget is less than `front`.
-    pub fn new(work: &Path, budget: &Arc<Budget>, front: u64) -> Result<Self> {
-        let births = || Births::new(work);
+    pub fn new(files: &Scratch, budget: &Arc<Budget>, front: u64) -> Result<Self> {
+        let spool = |what| Spool::create(&files.path(what));
+        let births = |what| Births::new(&files.path(what));
         let forward = Forward {
-            spool: Spool::new(work)?,
+            spool: spool(SLABS)?,
             slabs: Vec::new(),
-            whole: Spool::new(work)?,
+            whole: spool(WHOLE_SURFACES)?,
             births: PhaseBirths {
-                objects: births()?,
-                cells: births()?,
+                objects: births(OBJECTS)?,
+                cells: births(CELLS)?,
             },
-            surface_births: births()?,
+            surface_births: births(SURFACES)?,
             nan: 0,
             caps: MeshSums::default(),
             dust: [(0, 0); 2],
@@ -97,11 +160,105 @@ impl State {
         held.grow_to(front)?;
         Ok(State {
             forward,
+            records: spool(RECORDS)?,
             classes: Classes::default(),
             surfaces: Surfaces::default(),
             front,
             held,
         })
+    }
+
+    /// Writes out what is in memory of the files, and adds how much they hold to `marks`.
+    ///
+    /// # Errors
+    /// [`crate::Error::Io`].
+    pub fn mark(&mut self, files: &Scratch, marks: &mut Marks) -> Result<()> {
+        let forward = &mut self.forward;
+        marks.add(files, SLABS, forward.spool.mark()?);
+        marks.add(files, WHOLE_SURFACES, forward.whole.mark()?);
+        marks.add(files, RECORDS, self.records.mark()?);
+        for (what, births) in [
+            (OBJECTS, &forward.births.objects),
+            (CELLS, &forward.births.cells),
+            (SURFACES, &forward.surface_births),
+        ] {
+            marks.add_length(files, what, births.filed_bytes());
+        }
+        Ok(())
+    }
+
+    /// Writes the state between two slabs, apart from what [`State::mark`] has brought to files.
+    ///
+    /// # Errors
+    /// [`crate::Error::Io`].
+    pub fn save(&self, out: &mut Encoder) -> Result<()> {
+        let forward = &self.forward;
+        out.number(forward.nan)?;
+        out.array(&[forward.caps])?;
+        forward.births.objects.save(out)?;
+        forward.births.cells.save(out)?;
+        forward.surface_births.save(out)?;
+        self.classes.save(out)?;
+        self.surfaces.save(out)
+    }
+
+    /// The state that was written, on the files as they were then; `None` if this is none.
+    ///
+    /// # Errors
+    /// [`crate::Error::Io`]; [`crate::Error::TooDense`] if the budget is less than `front`.
+    pub fn load(
+        files: &Scratch,
+        marks: &Marks,
+        input: &mut Decoder,
+        budget: &Arc<Budget>,
+        front: u64,
+    ) -> Result<Option<Self>> {
+        let head = (input.number(), input.array::<MeshSums>());
+        let objects = Births::load(&files.path(OBJECTS), input)?;
+        let cells = Births::load(&files.path(CELLS), input)?;
+        let surface_births = Births::load(&files.path(SURFACES), input)?;
+        let (Some(objects), Some(cells), Some(surface_births)) = (objects, cells, surface_births)
+        else {
+            return Ok(None);
+        };
+        let (Some(nan), Some(caps)) = head else {
+            return Ok(None);
+        };
+        let classes = Classes::load(input);
+        let known = classes.as_ref().map_or(0, Classes::live_len);
+        let surfaces = Surfaces::load(input, known);
+        let (Some(classes), Some(surfaces), [caps]) = (classes, surfaces, &caps[..]) else {
+            return Ok(None);
+        };
+        let open = |what| marks.reopen(files, what);
+        let (Some(spool), Some(whole), Some(mut records)) =
+            (open(SLABS)?, open(WHOLE_SURFACES)?, open(RECORDS)?)
+        else {
+            return Ok(None);
+        };
+        let Some(slabs) = read_slabs(&mut records)? else {
+            return Ok(None);
+        };
+        let forward = Forward {
+            spool,
+            slabs,
+            whole,
+            births: PhaseBirths { objects, cells },
+            surface_births,
+            nan,
+            caps: *caps,
+            dust: [(0, 0); 2],
+        };
+        let mut held = Reservation::new(budget);
+        held.grow_to(front)?;
+        Ok(Some(State {
+            forward,
+            records,
+            classes,
+            surfaces,
+            front,
+            held,
+        }))
     }
 
     /// Takes out of some bands what the joining needs, and appends it to that of the slab's bands
@@ -228,11 +385,25 @@ impl State {
             whole_births: spool.push(&surfaces.whole_births)?,
             tiles: spool.push(&tiles.records)?,
         };
+        self.records.push(&slab.numbers())?;
         forward.slabs.push(slab);
         drop(surfaces.all);
         self.held.shrink_to(self.front);
         Ok(())
     }
+}
+
+/// All slabs of a spool of records; `None` if it holds anything else.
+fn read_slabs(records: &mut Spool) -> Result<Option<Vec<SlabRecord>>> {
+    let mut numbers = records.all::<u64>()?.into_iter().peekable();
+    let mut slabs = Vec::new();
+    while numbers.peek().is_some() {
+        match SlabRecord::take(&mut numbers) {
+            Some(slab) if slab.layer as usize == slabs.len() => slabs.push(slab),
+            _ => return Ok(None),
+        }
+    }
+    Ok(Some(slabs))
 }
 
 fn settled_bytes(bands: &[SettledBand]) -> u64 {

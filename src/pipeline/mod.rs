@@ -1,12 +1,14 @@
 //! The conversion, in the order of its stages.
 
+mod anew;
 mod band;
 mod budget;
 mod dust;
 mod finish;
 mod forward;
+pub(crate) mod keep;
 mod options;
-mod output;
+pub(crate) mod output;
 mod plan;
 mod resolve;
 pub(crate) mod spool;
@@ -16,8 +18,10 @@ mod tables;
 mod tilefile;
 mod workspace;
 
+pub use keep::Kept;
 pub use options::{ConvertOptions, ConvertReport};
 pub(crate) use output::Output;
+pub use output::interrupted;
 use plan::{Plan, plan};
 pub use tables::{COMPONENT_COLUMNS, SURFACE_COLUMNS, unit_text};
 pub(crate) use tilefile::write_file;
@@ -31,9 +35,12 @@ use crate::manifest::{
 use crate::progress::Progress;
 use crate::tile::TileHead;
 use crate::volume::{Cropped, Volume};
-use finish::{FinishSettings, finish_layer};
+use anew::Anew;
+use finish::{FinishSettings, finish_layer, finished_layer};
 use forward::{Forward, SlabRecord};
+use keep::{Identity, Keeper};
 use resolve::{Resolved, resolve};
+use serde::{Deserialize, Serialize};
 use spool::Spool;
 use std::path::Path;
 use std::time::Instant;
@@ -46,10 +53,13 @@ use tilefile::{TileWriter, too_wide};
 /// resolve ids in reverse; give the tiles their ids and measures; write the tables; write the
 /// manifest and move everything into place.
 ///
+/// What is done of a layer is kept: see [`ConvertOptions::resume`].
+///
 /// # Errors
 /// [`Error::Usage`] for impossible options, [`Error::Memory`] with the smallest limit that works,
-/// [`Error::OutputExists`], [`Error::Io`], [`Error::Interrupted`], and what reading the volume
-/// returns. Nothing is left under a final name then.
+/// [`Error::OutputExists`], [`Error::OutputBusy`], [`Error::OtherConversion`] if the one to resume is
+/// another, [`Error::Io`], [`Error::Interrupted`], and what reading the volume returns. Nothing is
+/// left under a final name then; [`interrupted`] tells whether finished layers are kept.
 pub fn convert(
     volume: &dyn Volume,
     options: &ConvertOptions,
@@ -67,19 +77,138 @@ pub fn convert(
         None => volume,
     };
     let plan = plan(grid, grid.header().dims, options)?;
-    let output = Output::create(out, options.force)?;
-    let pool = rayon::ThreadPoolBuilder::new()
-        .num_threads(plan.threads)
-        .build()
-        .map_err(|e| Error::usage("--threads", plan.threads.to_string(), e.to_string()))?;
-    let made = pool.install(|| make(volume, grid, options, &plan, output.work(), progress))?;
-    output.commit()?;
-    Ok(ConvertReport {
+    let report = |made: Made, (sweep, index): (u64, u32)| ConvertReport {
         totals: made.totals,
         bytes_written: made.bytes,
         seconds: start.elapsed().as_secs_f64(),
         peak_rss_bytes: crate::memory::peak_rss_bytes(),
+        resumed_layers: sweep,
+        resumed_index_layers: index,
         warnings: made.warnings,
+    };
+    let layers = plan.tiling.tiles()[2];
+    let sweeps = if options.min_voxels > 1 { 3 } else { 1 };
+    let all = (sweeps * u64::from(layers), layers);
+    if options.resume
+        && let Some(made) = complete(volume, grid, options, &plan, out)
+    {
+        progress.warn("nothing to resume: the directory holds this tile set already, whole");
+        output::tidy(out)?;
+        return Ok(report(made, all));
+    }
+    let identity = Identity::of(volume, options);
+    let mut output = Output::open(out, options.force, options.resume)?;
+    if options.resume
+        && let Some(made) = announced(&output, &identity)
+    {
+        progress.warn(&format!("resuming: all {} layers were done", all.0));
+        output.keep(true);
+        output.commit()?;
+        return Ok(report(made, all));
+    }
+    let mut keeper = begin(&mut output, out, options, &identity, layers, progress)?;
+    let resumed = (keeper.kept(), keeper.finished());
+    let pool = rayon::ThreadPoolBuilder::new()
+        .num_threads(plan.threads)
+        .build()
+        .map_err(|e| Error::usage("--threads", plan.threads.to_string(), e.to_string()))?;
+    let work = output.work().to_path_buf();
+    let made = pool.install(|| make(volume, grid, options, &plan, (&work, &mut keeper), progress));
+    // usage errors come back with the same options
+    let usage = matches!(made, Err(Error::Usage { .. }));
+    output.keep(keeper.has_any() && !usage);
+    let made = made?;
+    let note = serde_json::to_vec(&made).expect("plain data serialises");
+    output.announce(&note)?;
+    keeper.disk().finish()?;
+    drop(keeper);
+    output.commit()?;
+    Ok(report(made, resumed))
+}
+
+/// Goes on with what an interrupted conversion left, if that is asked for and there is any, or makes
+/// the work directory empty.
+fn begin(
+    output: &mut Output,
+    out: &Path,
+    options: &ConvertOptions,
+    identity: &Identity,
+    layers: u32,
+    progress: &dyn Progress,
+) -> Result<Keeper> {
+    let dust = options.min_voxels > 1;
+    let work = output.work().to_path_buf();
+    // whatever happens now, what is there is not to be lost
+    output.keep(true);
+    let before = keep::kept(&work);
+    if options.resume {
+        if let Some(keeper) = Keeper::resume(&work, out, identity, dust, layers)? {
+            let (kept, finished) = (keeper.kept(), keeper.finished());
+            let of = before.map_or(0, |b| b.of);
+            let index = match finished {
+                0 => String::new(),
+                n => format!(", and {n} in the index"),
+            };
+            progress.warn(&format!("resuming: {kept} of {of} layers were done{index}"));
+            return Ok(keeper);
+        }
+    } else if let Some(keep::Kept { done, of }) = before {
+        progress.warn(&format!(
+            "dropping {done} of {of} layers of an interrupted conversion: --resume would have gone \
+             on with them"
+        ));
+    }
+    output.clear()?;
+    output.keep(false);
+    Keeper::new(&work, identity, dust, layers)
+}
+
+/// What was made, if it was being moved into place.
+fn announced(output: &Output, identity: &Identity) -> Option<Made> {
+    let made = serde_json::from_slice(&output.moving()?).ok()?;
+    let same = Keeper::differences(output.work(), identity)?.is_empty();
+    same.then_some(made)
+}
+
+/// What was made, if `out` holds the tile set that is asked for.
+fn complete(
+    volume: &dyn Volume,
+    grid: &dyn Volume,
+    options: &ConvertOptions,
+    plan: &Plan,
+    out: &Path,
+) -> Option<Made> {
+    let bytes = std::fs::read(out.join("index.json")).ok()?;
+    let found: Manifest = serde_json::from_slice(&bytes).ok()?;
+    let min_voxels = found.dust.map_or(1, |d| d.min_voxels);
+    let same = Manifest {
+        dust: found.dust,
+        ..manifest(
+            volume,
+            grid,
+            options,
+            plan,
+            found.totals,
+            found.layers.clone(),
+        )
+    };
+    let wanted = manifest_bytes(&same);
+    if wanted != bytes || min_voxels != options.min_voxels.max(1) {
+        return None;
+    }
+    let mut size = found.totals.bytes + bytes.len() as u64;
+    size += found.layers.iter().map(|l| l.bytes).sum::<u64>();
+    for table in [
+        &found.tables.cells,
+        &found.tables.objects,
+        &found.tables.surfaces,
+    ] {
+        size += std::fs::metadata(out.join(table)).ok()?.len();
+    }
+    Some(Made {
+        totals: found.totals,
+        bytes: size,
+        warnings: warnings(&found.totals, grid.header().dims, options.threshold),
     })
 }
 
@@ -129,6 +258,7 @@ pub(crate) fn check_reach(encoding: Encoding, tiling: Tiling) -> Result<()> {
 }
 
 /// What [`make`] made.
+#[derive(Serialize, Deserialize)]
 struct Made {
     totals: Totals,
     bytes: u64,
@@ -141,7 +271,7 @@ fn make(
     grid: &dyn Volume,
     options: &ConvertOptions,
     plan: &Plan,
-    work: &Path,
+    (work, keeper): (&Path, &mut Keeper),
     progress: &dyn Progress,
 ) -> Result<Made> {
     let placement = grid.header().placement;
@@ -163,7 +293,8 @@ fn make(
         dir: work.to_path_buf(),
         head: head.clone(),
     };
-    make_layer_directories(work, plan.tiling)?;
+    let layers = plan.tiling.tiles()[2];
+    make_layer_directories(work, keeper.swept()..layers)?;
     progress.begin(
         "tiles",
         plan.tiling.tiles().iter().map(|&t| u64::from(t)).product(),
@@ -176,10 +307,9 @@ fn make(
         cap: options.cap,
         min_voxels: options.min_voxels,
         writer: &writer,
-        work,
         progress,
     };
-    let forward = sweep.run()?;
+    let forward = sweep.run(keeper)?;
     let mut totals = forward_totals(&forward);
     let dust = dust(options, &forward);
     let (slabs, mut spool, mut resolved) = resolve(forward, plan.limit / 8, work)?;
@@ -194,7 +324,7 @@ fn make(
         &slabs,
         &mut spool,
         &mut resolved,
-        &settings,
+        (&settings, keeper),
         &mut totals,
         progress,
     )?;
@@ -217,8 +347,7 @@ fn make(
         dust,
         ..manifest(volume, grid, options, plan, totals, layers)
     };
-    let mut json = serde_json::to_vec_pretty(&manifest).expect("plain data serialises");
-    json.push(b'\n');
+    let json = manifest_bytes(&manifest);
     write_file(&work.join("index.json"), &[&json])?;
     Ok(Made {
         totals,
@@ -231,9 +360,17 @@ fn layer_directory(z: u32) -> String {
     format!("tiles/z{z:04}")
 }
 
-fn make_layer_directories(work: &Path, tiling: Tiling) -> Result<()> {
-    for z in 0..tiling.tiles()[2] {
+fn manifest_bytes(manifest: &Manifest) -> Vec<u8> {
+    let mut json = serde_json::to_vec_pretty(manifest).expect("plain data serialises");
+    json.push(b'\n');
+    json
+}
+
+/// Makes the directories of layers to sweep, empty.
+fn make_layer_directories(work: &Path, layers: std::ops::Range<u32>) -> Result<()> {
+    for z in layers {
         let dir = work.join(layer_directory(z));
+        output::remove_if_there(&dir)?;
         std::fs::create_dir(&dir).map_err(|e| Error::io(&dir, "create the directory", e))?;
     }
     Ok(())
@@ -248,7 +385,7 @@ fn remove_empty_layer_directories(work: &Path, tiling: Tiling, layers: &[Layer])
             continue;
         }
         let dir = work.join(layer_directory(z));
-        std::fs::remove_dir(&dir).map_err(|e| Error::io(&dir, "remove the directory", e))?;
+        output::remove_if_there(&dir)?;
     }
     Ok(())
 }
@@ -281,13 +418,23 @@ fn finish(
     slabs: &[SlabRecord],
     spool: &mut Spool,
     resolved: &mut Resolved,
-    settings: &FinishSettings,
+    (settings, keeper): (&FinishSettings, &mut Keeper),
     totals: &mut Totals,
     progress: &dyn Progress,
 ) -> Result<Vec<Layer>> {
     let mut layers = Vec::new();
+    let before = keeper.finished();
+    let mut anew = Anew::begin(settings.dir, before, slabs.len() as u32)?;
     for (i, slab) in slabs.iter().enumerate() {
-        let finished = finish_layer(settings, resolved, slab, spool, i)?;
+        let finished = if (i as u32) < before {
+            finished_layer(settings, resolved, slab, spool)?
+        } else if progress.interrupted() {
+            return Err(Error::Interrupted);
+        } else {
+            let finished = finish_layer(settings, resolved, slab, spool, i)?;
+            anew.layer_done(slab.layer, keeper)?;
+            finished
+        };
         progress.advance(1);
         let Some(finished) = finished else { continue };
         let part = finished.totals;
@@ -299,6 +446,7 @@ fn finish(
         totals.bytes += part.bytes;
         layers.push(finished.entry);
     }
+    anew.end(keeper)?;
     Ok(layers)
 }
 

@@ -32,6 +32,14 @@ pub struct ConvertOptions {
     pub layout: Layout,
     /// Replace a tile set that is in the output directory.
     pub force: bool,
+    /// Go on with a conversion into the output directory that was interrupted, if there is one: it
+    /// must have had the same input and options, but for `memory`, `threads` and `force`. If the
+    /// directory holds the tile set that is asked for, whole, nothing is done. Without this an
+    /// interrupted conversion is begun anew.
+    pub resume: bool,
+    /// Names and values that tell the input from any other, such as its size and the time of its last
+    /// change, see [`crate::volume::stamp`]. They do not go into the output: `resume` compares them.
+    pub input: Vec<(String, String)>,
     /// The input's name for the manifest, without its directory.
     pub source_name: String,
     /// Bytes before the first sample of a raw file, for the manifest.
@@ -66,6 +74,8 @@ impl Default for ConvertOptions {
             encoding: Encoding::Float,
             layout: Layout::Auto,
             force: false,
+            resume: false,
+            input: Vec::new(),
             source_name: String::new(),
             source_offset: 0,
             provenance: Provenance::default(),
@@ -85,6 +95,11 @@ pub struct ConvertReport {
     pub seconds: f64,
     /// Largest resident set of the process so far, in bytes.
     pub peak_rss_bytes: u64,
+    /// Layers that were swept before, in a conversion that was resumed; those of each of the three
+    /// sweeps if `min_voxels` is above 1.
+    pub resumed_layers: u64,
+    /// Layers of the index that were done before, in a conversion that was resumed.
+    pub resumed_index_layers: u32,
     /// Things the user should know, such as a threshold outside the data's range.
     pub warnings: Vec<String>,
 }

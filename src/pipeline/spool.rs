@@ -1,9 +1,8 @@
-//! Temporary files without a name: what the forward sweep leaves for the reverse one.
+//! Temporary files: what the forward sweep leaves for the reverse one.
 
 use crate::error::{Error, Result};
 use bytemuck::Pod;
-use std::fs::File;
-use std::io::Write;
+use std::fs::{File, OpenOptions};
 use std::marker::PhantomData;
 use std::os::unix::fs::FileExt;
 use std::path::{Path, PathBuf};
@@ -15,9 +14,20 @@ const BUFFER: usize = 1 << 16;
 #[derive(Debug)]
 pub struct Spool {
     file: File,
-    dir: PathBuf,
+    /// The file, or the directory of one without a name.
+    path: PathBuf,
     written: u64,
+    crc: crc32fast::Hasher,
     buffer: Vec<u8>,
+}
+
+/// How much a file holds.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct Mark {
+    /// Bytes.
+    pub len: u64,
+    /// CRC-32 of them.
+    pub crc: u32,
 }
 
 /// Where an array lies.
@@ -43,24 +53,73 @@ impl<T> Place<T> {
         self.offset
     }
 
+    /// Its offset and length, see [`Place::new`].
+    pub fn numbers(&self) -> [u64; 2] {
+        [self.offset, self.len as u64]
+    }
+
     fn end(&self) -> u64 {
         self.offset + (self.len * size_of::<T>()) as u64
     }
 }
 
 impl Spool {
-    /// An empty spool in `dir`.
+    /// An empty spool in `dir`, in a file without a name.
     ///
     /// # Errors
     /// [`Error::Io`] if the file cannot be made.
     pub fn new(dir: &Path) -> Result<Self> {
-        let file =
-            tempfile::tempfile_in(dir).map_err(|e| Error::io(dir, "create a temporary file", e))?;
-        Ok(Spool {
+        let file = crate::scratch::unnamed(dir)
+            .map_err(|e| Error::io(dir, "create a temporary file", e))?;
+        Ok(Spool::on(file, dir))
+    }
+
+    /// An empty spool at `path`.
+    ///
+    /// # Errors
+    /// [`Error::Io`] if the file cannot be made.
+    pub fn create(path: &Path) -> Result<Self> {
+        let mut options = OpenOptions::new();
+        let made = options.read(true).write(true).create(true).truncate(true);
+        let file = made.open(path).map_err(|e| Error::io(path, "create", e))?;
+        Ok(Spool::on(file, path))
+    }
+
+    /// The spool at `path` as it was at `mark`; what came after is dropped.
+    ///
+    /// # Errors
+    /// [`Error::Io`] if the file cannot be opened or cut.
+    pub fn reopen(path: &Path, mark: Mark) -> Result<Self> {
+        let mut options = OpenOptions::new();
+        let opened = options.read(true).write(true).open(path);
+        let file = opened.map_err(|e| Error::io(path, "open", e))?;
+        file.set_len(mark.len)
+            .map_err(|e| Error::io(path, "shorten", e))?;
+        let mut spool = Spool::on(file, path);
+        spool.written = mark.len;
+        spool.crc = crc32fast::Hasher::new_with_initial_len(mark.crc, mark.len);
+        Ok(spool)
+    }
+
+    fn on(file: File, path: &Path) -> Self {
+        Spool {
             file,
-            dir: dir.to_path_buf(),
+            path: path.to_path_buf(),
             written: 0,
+            crc: crc32fast::Hasher::new(),
             buffer: Vec::new(),
+        }
+    }
+
+    /// Writes out what is in memory and tells how much that makes.
+    ///
+    /// # Errors
+    /// [`Error::Io`] if the file cannot be written.
+    pub fn mark(&mut self) -> Result<Mark> {
+        self.flush()?;
+        Ok(Mark {
+            len: self.written,
+            crc: self.crc.clone().finalize(),
         })
     }
 
@@ -128,8 +187,9 @@ impl Spool {
 
     fn write(&mut self, bytes: &[u8]) -> Result<()> {
         self.file
-            .write_all(bytes)
-            .map_err(|e| Error::io(&self.dir, "write a temporary file", e))?;
+            .write_all_at(bytes, self.written)
+            .map_err(|e| Error::io(&self.path, "write", e))?;
+        self.crc.update(bytes);
         self.written += bytes.len() as u64;
         Ok(())
     }
@@ -143,8 +203,17 @@ impl Spool {
         let mut out = vec![T::zeroed(); place.len];
         self.file
             .read_exact_at(bytemuck::cast_slice_mut(&mut out), place.offset)
-            .map_err(|e| Error::io(&self.dir, "read back a temporary file", e))?;
+            .map_err(|e| Error::io(&self.path, "read back", e))?;
         Ok(out)
+    }
+
+    /// Reads all of a spool of records of one type.
+    ///
+    /// # Errors
+    /// [`Error::Io`] if the file fails.
+    pub fn all<T: Pod>(&mut self) -> Result<Vec<T>> {
+        let len = self.here::<T>().offset / size_of::<T>() as u64;
+        self.get(&Place::new(0, len as usize))
     }
 
     /// Calls `each` for the records of an array, a block at a time.
@@ -197,5 +266,31 @@ mod tests {
             })
             .unwrap();
         assert_eq!(all, arrays.concat());
+    }
+
+    #[test]
+    fn a_spool_goes_on_where_it_was_marked() {
+        let dir = tempfile::tempdir().unwrap();
+        let path = dir.path().join("spool");
+        let mut spool = Spool::create(&path).unwrap();
+        let first = spool.push(&[1u64, 2, 3]).unwrap();
+        let mark = spool.mark().unwrap();
+        assert_eq!(mark.len, 24);
+        spool.push(&[4u64; 100_000]).unwrap();
+        spool.mark().unwrap();
+        let mut again = Spool::reopen(&path, mark).unwrap();
+        let second = again.push(&[5u64]).unwrap();
+        assert_eq!(again.get(&first).unwrap(), [1, 2, 3]);
+        assert_eq!(again.get(&second).unwrap(), [5]);
+        let all: Vec<u8> = [1u64, 2, 3, 5]
+            .iter()
+            .flat_map(|v| v.to_le_bytes())
+            .collect();
+        let expected = Mark {
+            len: 32,
+            crc: crc32fast::hash(&all),
+        };
+        assert_eq!(again.mark().unwrap(), expected);
+        assert_eq!(std::fs::read(&path).unwrap(), all);
     }
 }

@@ -3,6 +3,7 @@
 //! Most surfaces of dense volumes are closed within one tile. They go to a temporary file at once; only
 //! a number and a key each stay in memory until the slab is done.
 
+use crate::checkpoint::{Decoder, Encoder};
 use crate::error::Result;
 use crate::measure::MeshSums;
 use crate::pipeline::spool::{Place, Spool};
@@ -69,6 +70,22 @@ pub struct Surfaces {
 }
 
 impl Surfaces {
+    /// Writes the state.
+    ///
+    /// # Errors
+    /// [`crate::Error::Io`].
+    pub fn save(&self, out: &mut Encoder) -> Result<()> {
+        out.array(&self.live)
+    }
+
+    /// The state that was written, of surfaces between so many components; `None` if this is none.
+    pub fn load(input: &mut Decoder, components: usize) -> Option<Self> {
+        let live: Vec<SlabSurface> = input.array()?;
+        let known = |class: u32| (class as usize) < components;
+        let sound = live.iter().all(|s| known(s.object) && known(s.cell));
+        sound.then_some(Surfaces { live })
+    }
+
     /// Begins a slab with the surfaces that come over. May be called again to begin anew.
     ///
     /// # Errors

@@ -15,6 +15,7 @@ use crate::pipeline::band::{Band, BandSource, SettledBand};
 use crate::pipeline::budget::Budget;
 use crate::pipeline::dust::Filter;
 use crate::pipeline::forward::{Forward, Gather, SlabTiles, State};
+use crate::pipeline::keep::{Keeper, Marks, TILES};
 use crate::pipeline::plan::Plan;
 use crate::pipeline::surfaces::SurfacePart;
 use crate::pipeline::tilefile::{TileWriter, WrittenPiece};
@@ -23,7 +24,6 @@ use crate::progress::Progress;
 use crate::segment::SlabClasses;
 use crate::volume::{Volume, Voxel};
 use rayon::prelude::*;
-use std::path::Path;
 use std::sync::Arc;
 
 /// What stays the same during a sweep.
@@ -42,8 +42,6 @@ pub struct Sweep<'a> {
     pub min_voxels: u64,
     /// Writes tiles.
     pub writer: &'a TileWriter,
-    /// Directory for temporary files.
-    pub work: &'a Path,
     /// Hears of every layer.
     pub progress: &'a dyn Progress,
 }
@@ -85,41 +83,70 @@ pub struct Parts<'a, T> {
 }
 
 impl Sweep<'_> {
-    /// Runs the sweep for the volume's sample type.
+    /// Runs the sweep for the volume's sample type, from where `keeper` says on.
     ///
     /// # Errors
     /// [`Error::Io`], [`Error::TooDense`] if the volume is too dense for the limit,
     /// [`Error::Interrupted`], and those of [`Volume::read_box`].
-    pub fn run(&self) -> Result<Forward> {
-        crate::volume::with_voxel_type!(self.volume.header().dtype, T => self.run_typed::<T>())
+    pub fn run(&self, keeper: &mut Keeper) -> Result<Forward> {
+        crate::volume::with_voxel_type!(
+            self.volume.header().dtype, T => self.run_typed::<T>(keeper))
     }
 
-    fn run_typed<T: Voxel + Default>(&self) -> Result<Forward> {
+    fn run_typed<T: Voxel + Default>(&self, keeper: &mut Keeper) -> Result<Forward> {
         let budget = &Budget::new(self.plan.limit, self.plan.fixed);
         let mut filters = Vec::new();
         if self.min_voxels > 1 {
-            for above in [true, false] {
-                let filter =
-                    self.find_dust::<T>(&mut self.parts(budget, &filters), above, self.min_voxels)?;
+            for (sweep, above) in [true, false].into_iter().enumerate() {
+                let parts = &mut self.parts(budget, &filters);
+                let filter = self.find_dust::<T>(parts, (sweep, above), keeper)?;
                 filters.push(filter);
             }
         }
-        let mut state = State::new(self.work, budget, self.plan.front)?;
+        let (mut state, mut layer) = self.begin(keeper, budget)?;
         if let [objects, cells] = &filters[..] {
             state.forward.dust = [objects, cells].map(|f| (f.components, f.voxels));
         }
         let mut parts = self.parts::<T>(budget, &filters);
         let layers = self.plan.tiling.tiles()[2];
-        let mut layer = 0;
-        self.prefetch(&parts.source, 0);
+        let [x, y, _] = self.plan.tiling.tiles().map(u64::from);
+        self.progress.advance(u64::from(layer) * x * y);
+        self.prefetch(&parts.source, layer);
         while layer < layers {
-            layer = self.sweep_whole_slabs(&mut parts, layer, &mut state)?;
+            layer = self.sweep_whole_slabs(&mut parts, layer, &mut state, keeper)?;
             if layer < layers {
-                self.sweep_slab_in_parts(&mut parts, layer, &mut state)?;
+                self.sweep_slab_in_parts(&mut parts, layer, &mut state, keeper)?;
                 layer += 1;
             }
         }
         Ok(state.forward)
+    }
+
+    /// The state before the first layer to do, and that layer.
+    fn begin(&self, keeper: &mut Keeper, budget: &Arc<Budget>) -> Result<(State, u32)> {
+        let files = keeper.files(TILES);
+        let Some(mut at) = keeper.take(TILES) else {
+            return Ok((State::new(&files, budget, self.plan.front)?, 0));
+        };
+        let state = State::load(&files, &at.marks, &mut at.state, budget, self.plan.front)?;
+        let state =
+            state.filter(|s| at.state.is_empty() && s.forward.slabs.len() == at.layer as usize);
+        Ok((state.ok_or_else(|| keeper.damaged())?, at.layer))
+    }
+
+    /// Ends a layer: its slab is done, and what comes can be gone on from here.
+    fn end_layer<T: Voxel>(
+        &self,
+        source: &BandSource<T>,
+        layer: u32,
+        state: &mut State,
+        keeper: &mut Keeper,
+    ) -> Result<()> {
+        let (files, mut marks) = (keeper.files(TILES), Marks::default());
+        state.mark(&files, &mut marks)?;
+        keeper.save(TILES, layer + 1, &marks, |out| state.save(out))?;
+        self.release(source, layer);
+        Ok(())
     }
 
     fn parts<'a, T: Voxel>(
@@ -156,6 +183,7 @@ impl Sweep<'_> {
         parts: &mut Parts<T>,
         mut layer: u32,
         state: &mut State,
+        keeper: &mut Keeper,
     ) -> Result<u32> {
         let [_, bands, layers] = self.plan.tiling.tiles();
         let fresh = |parts: &Parts<T>| (0..bands).map(|_| parts.source.band()).collect::<Vec<_>>();
@@ -217,7 +245,7 @@ impl Sweep<'_> {
             }
             meshed?;
             state.finish_slab(layer, &settled, &classes, tiles)?;
-            self.release(&parts.source, layer);
+            self.end_layer(&parts.source, layer, state, keeper)?;
             if prepared {
                 std::mem::swap(&mut now, &mut next);
             }
@@ -251,14 +279,14 @@ impl Sweep<'_> {
         parts: &mut Parts<T>,
         layer: u32,
         state: &mut State,
+        keeper: &mut Keeper,
     ) -> Result<()> {
         let last = layer + 1 == self.plan.tiling.tiles()[2];
         let settled = self.settle_in_parts(parts, layer, state)?;
         let classes = state.join(&settled, last)?;
         let tiles = self.mesh_in_parts(parts, layer, state, (&settled, &classes))?;
         state.finish_slab(layer, &settled, &classes, tiles)?;
-        self.release(&parts.source, layer);
-        Ok(())
+        self.end_layer(&parts.source, layer, state, keeper)
     }
 
     /// Labels all bands of a layer, as many at a time as fit.

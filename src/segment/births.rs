@@ -4,9 +4,13 @@
 //! (or lattice vertex). Where two meet, the younger number dies. What is left at the end, counted
 //! from 1, are the final ids: the same whatever the slabs, bands and threads. One bit per birth is
 //! kept, in a temporary file but for the newest, so memory does not grow with the volume.
+//!
+//! The file survives the process: what is done after a checkpoint is done again after a resume, and
+//! then kills the same births again. So bits that have been cleared too early do no harm.
 
+use crate::checkpoint::{Decoder, Encoder};
 use crate::error::{Error, Result};
-use std::fs::File;
+use std::fs::{File, OpenOptions};
 use std::os::unix::fs::FileExt;
 use std::path::{Path, PathBuf};
 
@@ -28,20 +32,63 @@ pub struct Births {
 }
 
 impl Births {
-    /// No births yet; the temporary file is made in `dir` and has no name.
+    /// No births yet; the temporary file is made at `path`.
     ///
     /// # Errors
     /// [`Error::Io`] if the file cannot be made.
-    pub fn new(dir: &Path) -> Result<Self> {
-        let file =
-            tempfile::tempfile_in(dir).map_err(|e| Error::io(dir, "create a temporary file", e))?;
+    pub fn new(path: &Path) -> Result<Self> {
+        let file = OpenOptions::new()
+            .read(true)
+            .write(true)
+            .create(true)
+            .truncate(true)
+            .open(path)
+            .map_err(|e| Error::io(path, "create", e))?;
         Ok(Births {
             file,
-            path: dir.to_path_buf(),
+            path: path.to_path_buf(),
             filed: 0,
             tail: Vec::new(),
             count: 0,
         })
+    }
+
+    /// Writes what the file does not hold.
+    ///
+    /// # Errors
+    /// [`Error::Io`].
+    pub fn save(&self, out: &mut Encoder) -> Result<()> {
+        out.number(self.count)?;
+        out.number(self.filed as u64)?;
+        out.array(&self.tail)
+    }
+
+    /// Goes on with the file at `path` as it was saved; `None` if these are no births.
+    ///
+    /// # Errors
+    /// [`Error::Io`] if the file cannot be opened.
+    pub fn load(path: &Path, input: &mut Decoder) -> Result<Option<Self>> {
+        let mut numbers = || Some((input.number()?, input.index()?, input.array()?));
+        let Some((count, filed, tail)) = numbers() else {
+            return Ok(None);
+        };
+        let tail: Vec<u64> = tail;
+        if Some(count.div_ceil(64)) != (tail.len() as u64).checked_add(filed as u64) {
+            return Ok(None);
+        }
+        let opened = OpenOptions::new().read(true).write(true).open(path);
+        Ok(Some(Births {
+            file: opened.map_err(|e| Error::io(path, "open", e))?,
+            path: path.to_path_buf(),
+            filed,
+            tail,
+            count,
+        }))
+    }
+
+    /// Bytes of the file that count.
+    pub fn filed_bytes(&self) -> u64 {
+        8 * self.filed as u64
     }
 
     /// Gives out `n` new numbers and returns the first.
@@ -110,13 +157,13 @@ impl Births {
     fn read(&self, word: usize, out: &mut [u64]) -> Result<()> {
         self.file
             .read_exact_at(bytemuck::cast_slice_mut(out), 8 * word as u64)
-            .map_err(|e| Error::io(&self.path, "read back a temporary file", e))
+            .map_err(|e| Error::io(&self.path, "read back", e))
     }
 
     fn write(&self, word: usize, words: &[u64]) -> Result<()> {
         self.file
             .write_all_at(bytemuck::cast_slice(words), 8 * word as u64)
-            .map_err(|e| Error::io(&self.path, "write a temporary file", e))
+            .map_err(|e| Error::io(&self.path, "write", e))
     }
 }
 
@@ -164,7 +211,8 @@ mod tests {
     #[test]
     fn ids_are_ranks_among_survivors_also_when_bits_are_on_disk() {
         let dir = tempfile::tempdir().unwrap();
-        let mut births = Births::new(dir.path()).unwrap();
+        let path = dir.path().join("births");
+        let mut births = Births::new(&path).unwrap();
         let n = 64 * RESIDENT as u64 * 2 + 77;
         for _ in 0..8 {
             births.give((n / 8) as usize).unwrap();
@@ -172,6 +220,16 @@ mod tests {
         let rest = (n % 8) as usize;
         assert_eq!(births.give(rest).unwrap(), n - rest as u64);
         assert!(births.filed > 0);
+        let saved = dir.path().join("saved");
+        let mut out = Encoder::create(&saved).unwrap();
+        births.save(&mut out).unwrap();
+        out.finish().unwrap();
+        // what comes after is lost, but for the bits that it cleared in the file
+        births.give(64 * RESIDENT).unwrap();
+        births.kill(1).unwrap();
+        let mut input = Decoder::new(std::fs::read(&saved).unwrap()).unwrap();
+        let mut births = Births::load(&path, &mut input).unwrap().unwrap();
+        assert!(input.is_empty());
         // every third dies, in no particular order
         for b in (0..n)
             .rev()

@@ -5,6 +5,7 @@
 //! components that touch it are kept for the next slab; components inside one band have left memory
 //! before and take some 50 bytes each, for numbering, until the slab is done.
 
+use crate::checkpoint::{Decoder, Encoder};
 use crate::error::Result;
 use crate::measure::VoxelSums;
 use crate::segment::band::{BandComponents, BandEdges};
@@ -98,6 +99,46 @@ pub struct KnownBand<'a> {
 }
 
 impl Classes {
+    /// Writes the state.
+    ///
+    /// # Errors
+    /// [`crate::Error::Io`].
+    pub fn save(&self, out: &mut Encoder) -> Result<()> {
+        let live = || self.live.iter();
+        out.array(&self.last_slice)?;
+        out.records(live().len(), live().map(|l| l.birth))?;
+        out.records(live().len(), live().map(|l| u8::from(l.above)))?;
+        out.records(live().len(), live().map(|l| l.sums))
+    }
+
+    /// The state that was written; `None` if this is none.
+    pub fn load(input: &mut Decoder) -> Option<Self> {
+        let last_slice: Vec<u32> = input.array()?;
+        let births: Vec<u64> = input.array()?;
+        let above: Vec<u8> = input.array()?;
+        let sums: Vec<VoxelSums> = input.array()?;
+        let n = births.len();
+        let sound = above.len() == n
+            && sums.len() == n
+            && last_slice.iter().all(|&live| (live as usize) < n);
+        let live = births.into_iter().zip(above).zip(sums);
+        let live = live.map(|((birth, above), sums)| LiveComponent {
+            birth,
+            above: above == 1,
+            sums,
+        });
+        sound.then(|| Classes {
+            last_slice,
+            live: live.collect(),
+            sets: UnionFind::default(),
+        })
+    }
+
+    /// Number of components that can still grow.
+    pub fn live_len(&self) -> usize {
+        self.live.len()
+    }
+
     /// Bytes of memory that [`Classes::join`] will take, and its result, at most.
     pub fn bytes(&self, bands: &[KnownBand]) -> u64 {
         let live = self.live.len() as u64;

@@ -1,8 +1,8 @@
 //! The memory map: the only `unsafe` code of the volume readers.
 //!
-//! A mapped file that another program shortens while it is read ends this process with SIGBUS; the
-//! length is checked when the map is made, and the reader with positioned reads is the way out for
-//! files that may change.
+//! A mapped file that another program shortens while it is read ends this process with SIGBUS (the
+//! command has a handler that says so); the length is checked when the map is made, and the reader
+//! with positioned reads is the way out for files that may change.
 
 use crate::error::{Error, Result};
 use memmap2::{Advice, Mmap, MmapOptions, UncheckedAdvice};

@@ -30,6 +30,7 @@ mod predict;
 mod scaled;
 mod source;
 mod spool;
+mod stamp;
 mod statistics;
 mod stream;
 mod text;
@@ -55,6 +56,7 @@ pub use memory::MemoryVolume;
 pub use open::{Io, OpenOptions, Opened, open};
 pub use predict::{Prediction, predict};
 pub use spool::spool;
+pub use stamp::stamp;
 pub use statistics::{Statistics, statistics};
 
 use crate::error::{Error, Result};

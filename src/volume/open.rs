@@ -12,7 +12,7 @@ use super::{
 use crate::error::{Error, Result};
 use crate::grid::{Dims, Placement, Unit};
 use crate::manifest::{Origin, Provenance};
-use std::path::Path;
+use std::path::{Path, PathBuf};
 
 /// How uncompressed files are read.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
@@ -64,6 +64,9 @@ pub struct Opened {
     pub name: String,
     /// Bytes before the first sample of a headerless raw file; 0 for files with a header.
     pub offset: u64,
+    /// Files that the samples lie in, where these are others than the one that was opened, or of a
+    /// folder those that were taken; may be empty if what was opened says it all.
+    pub files: Vec<PathBuf>,
     /// What a user should know of the input that its header does not show.
     pub notes: Vec<String>,
 }
@@ -125,6 +128,10 @@ pub fn open(path: &Path, options: &OpenOptions) -> Result<Opened> {
         }) if recipe.format == "raw" => *bytes,
         _ => 0,
     };
+    let files = match &recipe.samples {
+        Samples::Files(data) => data.files.clone(),
+        _ => Vec::new(),
+    };
     let (placement, provenance) = place(path, &recipe, options)?;
     let endian = recipe.endian.unwrap_or_default();
     let header = Header {
@@ -155,6 +162,7 @@ pub fn open(path: &Path, options: &OpenOptions) -> Result<Opened> {
         provenance,
         name: name.to_string_lossy().into_owned(),
         offset,
+        files,
         notes: recipe.notes,
     })
 }

@@ -23,7 +23,7 @@ const MAX_PIECE: u64 = 64 << 20;
 /// [`Error::Io`] if the file cannot be made or the disk is full; the volume's own errors.
 pub fn spool(volume: &dyn Volume, dir: &Path) -> Result<Box<dyn Volume>> {
     let fail = |e| Error::io(dir, "write a temporary copy of the volume", e);
-    let file = tempfile::tempfile_in(dir).map_err(fail)?;
+    let file = crate::scratch::unnamed(dir).map_err(fail)?;
     let header = volume.header().clone();
     let [nx, ny, nz] = header.dims.0;
     let [gx, gy, gz] = volume.grain();

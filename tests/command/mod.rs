@@ -1,4 +1,5 @@
 //! Running the command, and tile sets to run it on.
+#![allow(dead_code)] // each test binary uses a part
 
 use serde_json::Value;
 use std::path::Path;

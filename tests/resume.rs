@@ -1,0 +1,556 @@
+//! A conversion that was interrupted goes on where it was, and ends as if nothing had happened.
+
+mod command;
+mod common;
+
+use alvis::grid::{Ambiguous, Crop};
+use alvis::manifest::{Encoding, Layout};
+use alvis::pipeline::{ConvertOptions, convert, interrupted};
+use alvis::progress::{Progress, Quiet};
+use alvis::volume::{OpenOptions, Volume, open};
+use command::{fails, ok};
+use common::volumes::{Random, foam, late_joins, noise, placed};
+use common::{assert_same_files, files};
+use std::path::Path;
+use std::process::{Command, Stdio};
+use std::sync::Mutex;
+use std::sync::atomic::{AtomicU64, Ordering};
+use std::time::{Duration, Instant};
+
+const WORK: &str = ".alvis-partial";
+
+/// Asks to stop after so many looks, and remembers what was said.
+struct StopAfter {
+    looks: AtomicU64,
+    said: Mutex<Vec<String>>,
+}
+
+impl StopAfter {
+    fn new(looks: u64) -> Self {
+        StopAfter {
+            looks: AtomicU64::new(looks),
+            said: Mutex::default(),
+        }
+    }
+}
+
+impl Progress for StopAfter {
+    fn interrupted(&self) -> bool {
+        let step = |n: u64| n.checked_sub(1);
+        self.looks
+            .fetch_update(Ordering::Relaxed, Ordering::Relaxed, step)
+            .is_err()
+    }
+
+    fn warn(&self, message: &str) {
+        self.said.lock().unwrap().push(message.to_string());
+    }
+}
+
+/// Stops at every place where a conversion can be stopped, and goes on, once or again and again.
+fn stop_everywhere(what: &str, volume: &dyn Volume, options: &ConvertOptions) {
+    let dir = tempfile::tempdir().unwrap();
+    let whole = dir.path().join("whole");
+    let counting = StopAfter::new(u64::MAX);
+    let report = convert(volume, options, &whole, &counting).unwrap();
+    let looks = u64::MAX - counting.looks.load(Ordering::Relaxed);
+    let expected = files(&whole);
+    let resume = ConvertOptions {
+        resume: true,
+        // what changes no byte may change
+        memory: options.memory + 1_000_000,
+        threads: 3 - options.threads.min(2),
+        ..options.clone()
+    };
+    let mut kept = 0;
+    for stop in 0..looks {
+        let out = dir.path().join(format!("stop{stop}"));
+        let stopped = convert(volume, options, &out, &StopAfter::new(stop));
+        assert!(
+            matches!(stopped, Err(alvis::Error::Interrupted)),
+            "{what}: {stop}"
+        );
+        assert!(!out.join("index.json").exists());
+        let at = interrupted(&out);
+        assert_eq!(at.is_some(), out.exists(), "{what}: {stop}");
+        let again = convert(volume, &resume, &out, &Quiet).unwrap();
+        assert_eq!(
+            again.resumed_layers,
+            at.map_or(0, |k| k.done),
+            "{what}: {stop}"
+        );
+        assert!(again.resumed_layers >= kept, "{what}: {stop}");
+        kept = again.resumed_layers;
+        assert_eq!(
+            (again.totals, again.bytes_written),
+            (report.totals, report.bytes_written)
+        );
+        assert_same_files(&files(&out), &expected, &format!("{what}: {stop}"));
+        std::fs::remove_dir_all(&out).unwrap();
+    }
+    assert!(kept > 0, "{what}");
+    // again and again, each time a little further
+    let out = dir.path().join("steps");
+    let mut times = 0;
+    while convert(volume, &resume, &out, &StopAfter::new(looks / 6 + 2)).is_err() {
+        times += 1;
+        assert!(times < looks, "{what}: it does not come to an end");
+    }
+    assert!(times > 1, "{what}");
+    assert_same_files(&files(&out), &expected, what);
+    eprintln!("{what}: stopped at {looks} places, and {times} times in a row");
+}
+
+fn options(macrocube: [u32; 3]) -> ConvertOptions {
+    ConvertOptions {
+        threshold: 128.0,
+        macrocube,
+        threads: 1,
+        ..ConvertOptions::default()
+    }
+}
+
+#[test]
+fn every_layer_of_every_kind() {
+    let dims = [30, 26, 29];
+    let foam = placed(dims, foam(dims, 5));
+    let base = options([9, 8, 3]);
+    stop_everywhere("foam", &foam, &base);
+    let crop = Crop {
+        x: 1..29,
+        y: 2..26,
+        z: 3..20,
+    };
+    let cut = ConvertOptions {
+        cap: true,
+        crop: Some(crop),
+        ambiguous: Ambiguous::Join,
+        ..base.clone()
+    };
+    stop_everywhere("cut", &foam, &cut);
+    let dust = ConvertOptions {
+        min_voxels: 20,
+        macrocube: [9, 8, 6],
+        ..base.clone()
+    };
+    stop_everywhere("dust", &foam, &dust);
+    let web = ConvertOptions {
+        encoding: Encoding::Meshopt,
+        layout: Layout::Merged,
+        ..base.clone()
+    };
+    stop_everywhere("web", &foam, &web);
+    let (dims, values) = late_joins();
+    let joins = placed(dims, values);
+    stop_everywhere("late joins", &joins, &options([16, 8, 4]));
+    let dims = [20, 19, 18];
+    let noise = placed(dims, noise(dims, 3));
+    stop_everywhere("noise", &noise, &options([7, 6, 5]));
+}
+
+#[test]
+fn inputs_that_are_read_forwards_only() {
+    let dir = tempfile::tempdir().unwrap();
+    let here = dir.path();
+    let foam = "phantom foam v.raw --dims 24,22,20 --pitch 9 --force --quiet";
+    // one band is read in one go; with several the input is unpacked first
+    for macrocube in [[64, 64, 4], [10, 10, 5]] {
+        ok(here, &words(foam));
+        let raw = std::fs::read(here.join("v.raw")).unwrap();
+        let mut packed = flate2::write::GzEncoder::new(Vec::new(), flate2::Compression::fast());
+        std::io::Write::write_all(&mut packed, &raw).unwrap();
+        std::fs::write(here.join("v.raw.gz"), packed.finish().unwrap()).unwrap();
+        let open_options = OpenOptions {
+            dims: Some([24, 22, 20]),
+            dtype: Some(alvis::volume::Dtype::U8),
+            ..OpenOptions::default()
+        };
+        let opened = open(&here.join("v.raw.gz"), &open_options).unwrap();
+        assert!(!opened.volume.random_access());
+        stop_everywhere("gzip", &*opened.volume, &options(macrocube));
+    }
+}
+
+/// A foam on disk, of which a conversion takes some tenths of a second.
+const FOAM: &str = "phantom foam foam.mhd --dims 96,96,96 --pitch 14 --quiet";
+const CONVERT: &str = "convert foam.mhd out --threshold 128 --macrocube 48,48,2 --threads 2";
+const LAYERS: u64 = 48;
+
+fn words(line: &str) -> Vec<&str> {
+    line.split(' ').collect()
+}
+
+/// What a killed conversion has left on the disk.
+#[derive(Debug)]
+struct Left {
+    stage: &'static str,
+    /// Layers of which a tile, or the shard, has been begun.
+    tiles: u64,
+    shards: u64,
+}
+
+fn left(out: &Path) -> Left {
+    let work = out.join(WORK);
+    let count = |dir: &str| std::fs::read_dir(work.join(dir)).map_or(0, |d| d.count() as u64);
+    let has_tile = |z: u64| count(&format!("tiles/z{z:04}")) > 0;
+    let tiles = (0..LAYERS)
+        .rev()
+        .find(|&z| has_tile(z))
+        .map_or(0, |z| z + 1);
+    let shards = count("index") + u64::from(work.join("shard.new").exists());
+    let stage = match (
+        out.join("index.json").exists(),
+        work.join("moving").exists(),
+    ) {
+        (true, _) => "after the manifest",
+        (_, true) => "moving in",
+        _ if shards == LAYERS => "tables",
+        _ if shards > 0 => "index",
+        _ if tiles == LAYERS && interrupted(out).is_some_and(|k| k.done == k.of) => "resolving ids",
+        _ if tiles > 0 => "tiles",
+        _ => "before the first tile",
+    };
+    Left {
+        stage,
+        tiles,
+        shards,
+    }
+}
+
+/// Numbers of layers of the sweeps and of the index that a conversion said it goes on with.
+fn said(errors: &str) -> Option<(u64, u64)> {
+    let line = errors
+        .lines()
+        .find_map(|l| l.strip_prefix("warning: resuming: "))?;
+    if let Some(all) = line.strip_prefix("all ") {
+        let n = all.split(' ').next()?.parse().ok()?;
+        return Some((n, LAYERS));
+    }
+    let done = line.split(' ').next()?.parse().ok()?;
+    let index = line.split(", and ").nth(1);
+    let index = index.and_then(|t| t.split(' ').next()?.parse().ok());
+    Some((done, index.unwrap_or(0)))
+}
+
+/// Runs conversions that are killed at random moments until `kills` have hit, each going on with what
+/// the one before has left, and compares every one that comes to its end.
+fn kill_at_random(more: &str, kills: u64, seed: u64) {
+    let dir = tempfile::tempdir().unwrap();
+    let here = dir.path();
+    ok(here, &words(FOAM));
+    let line = format!("{CONVERT}{more}");
+    let start = Instant::now();
+    ok(here, &words(&line));
+    let time = start.elapsed();
+    let out = here.join("out");
+    let expected = files(&out);
+    std::fs::remove_dir_all(&out).unwrap();
+    let sweeps = if more.contains("--min-voxels") { 3 } else { 1 };
+    let mut random = Random(seed);
+    let mut stages = std::collections::BTreeMap::<&str, u64>::new();
+    let (mut hits, mut ends, mut redone) = (0, 0, [0u64; 2]);
+    let mut before: Option<Left> = None;
+    while hits < kills {
+        let errors = std::fs::File::create(here.join("errors")).unwrap();
+        let mut child = Command::new(env!("CARGO_BIN_EXE_alvis"))
+            .args(words(&line))
+            .arg("--resume")
+            .current_dir(here)
+            .stdout(Stdio::null())
+            .stderr(errors)
+            .spawn()
+            .unwrap();
+        std::thread::sleep(Duration::from_secs_f64(
+            time.as_secs_f64() * 0.7 * random.unit(),
+        ));
+        let ended = child.try_wait().unwrap();
+        child.kill().unwrap();
+        let status = ended.unwrap_or(child.wait().unwrap());
+        let text = std::fs::read_to_string(here.join("errors")).unwrap();
+        if let (Some(left), Some((swept, index))) = (&before, said(&text)) {
+            let swept = swept.saturating_sub((sweeps - 1) * LAYERS);
+            let lost = [
+                left.tiles.saturating_sub(swept),
+                left.shards.saturating_sub(index),
+            ];
+            assert!(lost[0] <= 1 && lost[1] <= 1, "{left:?}: {text}");
+            redone[0] += lost[0];
+            redone[1] += lost[1];
+        } else if let Some(left) = &before
+            && ended.is_some()
+            && !text.contains("nothing to resume")
+        {
+            assert!(left.tiles <= 1, "{left:?}: {text}");
+        }
+        if status.success() {
+            assert_same_files(&files(&out), &expected, more);
+            std::fs::remove_dir_all(&out).unwrap();
+            (before, ends) = (None, ends + 1);
+            continue;
+        }
+        assert_eq!(status.code(), None, "{text}");
+        hits += 1;
+        let now = left(&out);
+        *stages.entry(now.stage).or_default() += 1;
+        before = Some(now);
+    }
+    eprintln!(
+        "{hits} kills, {ends} conversions came to their end; of the layers begun {} of the sweep and {} of \
+         the index were done again: {stages:?}",
+        redone[0], redone[1]
+    );
+    ok(here, &words(&format!("{line} --resume")));
+    assert_same_files(&files(&out), &expected, more);
+    assert!(ends > 0 && stages.len() > 1);
+}
+
+#[test]
+fn kills_at_any_moment() {
+    kill_at_random("", 140, 1);
+}
+
+#[test]
+fn kills_of_conversions_that_write_tiles_twice() {
+    kill_at_random(" --for web", 40, 2);
+}
+
+#[test]
+fn kills_of_conversions_that_sweep_three_times() {
+    kill_at_random(" --min-voxels 30", 40, 3);
+}
+
+/// Runs a conversion until it has finished some layers, and kills it.
+fn half_done(here: &Path, line: &str) {
+    for _ in 0..20 {
+        let mut child = Command::new(env!("CARGO_BIN_EXE_alvis"))
+            .args(words(line))
+            .arg("--quiet")
+            .current_dir(here)
+            .stdout(Stdio::null())
+            .spawn()
+            .unwrap();
+        let out = here.join("out");
+        let kept = || interrupted(&out).map_or(0, |k| k.done);
+        while child.try_wait().unwrap().is_none() && kept() < 4 {
+            std::thread::sleep(Duration::from_millis(1));
+        }
+        child.kill().unwrap();
+        if child.wait().unwrap().code().is_none() && kept() > 0 {
+            return;
+        }
+        let _ = std::fs::remove_dir_all(&out);
+    }
+    panic!("the conversion ends too fast");
+}
+
+#[test]
+fn another_conversion_is_refused_with_what_differs() {
+    let dir = tempfile::tempdir().unwrap();
+    let here = dir.path();
+    ok(here, &words(FOAM));
+    half_done(here, CONVERT);
+    let kept = interrupted(&here.join("out"));
+    for (option, was, is) in [
+        ("--cap", "was false", "is true"),
+        ("--ambiguous join", "was separate", "is join"),
+        ("--min-voxels 9", "was 1", "is 9"),
+        ("--crop :,:,0:50", "was none", "is 0..96,0..96,0..50"),
+        ("--primitives triangles", "was strips", "is triangles"),
+        ("--encoding quantized", "was float", "is quantized"),
+        ("--layout merged", "was auto", "is merged"),
+        ("--spacing 2", "was [1.0, 1.0, 1.0]", "is [2.0, 2.0, 2.0]"),
+        ("--unit mm", "was voxel", "is mm"),
+    ] {
+        let message = fails(here, &words(&format!("{CONVERT} --resume {option}")));
+        let name = option.split(' ').next().unwrap();
+        for part in [name, was, is, "without --resume", "out: "] {
+            let part = part.replace("without --resume", "leave out --resume");
+            assert!(message.contains(&part), "{option}: {part}: {message}");
+        }
+    }
+    for (old, new) in [
+        ("--threshold 128", "--threshold 127"),
+        ("--macrocube 48,48,2", "--macrocube 48,48,3"),
+    ] {
+        let message = fails(
+            here,
+            &words(&format!("{} --resume", CONVERT.replace(old, new))),
+        );
+        assert!(
+            message.contains(old.split(' ').next().unwrap()),
+            "{message}"
+        );
+    }
+    let raw = here.join("foam.raw");
+    let before = std::fs::metadata(&raw).unwrap().modified().unwrap();
+    let file = std::fs::File::options().write(true).open(&raw).unwrap();
+    file.set_modified(before + Duration::from_secs(1)).unwrap();
+    let message = fails(here, &words(&format!("{CONVERT} --resume")));
+    assert!(
+        message.contains("last change of the input was"),
+        "{message}"
+    );
+    file.set_modified(before).unwrap();
+    assert_eq!(
+        interrupted(&here.join("out")),
+        kept,
+        "a refusal leaves all as it was"
+    );
+    // these change nothing
+    let other = "--memory 300MB --io mmap --json --quiet --force --resume";
+    let line = format!("{} {other}", CONVERT.replace("--threads 2", "--threads 1"));
+    let report = command::json(&ok(here, &words(&line)));
+    assert_eq!(report["resumed_layers"], kept.unwrap().done);
+    ok(here, &words(&CONVERT.replace(" out ", " whole ")));
+    assert_same_files(
+        &files(&here.join("out")),
+        &files(&here.join("whole")),
+        "options",
+    );
+}
+
+#[test]
+fn without_resume_it_begins_anew_and_says_what_is_dropped() {
+    let dir = tempfile::tempdir().unwrap();
+    let here = dir.path();
+    ok(here, &words(FOAM));
+    half_done(here, CONVERT);
+    let kept = interrupted(&here.join("out")).unwrap();
+    // nobody else takes the directory
+    ok(here, &words(&CONVERT.replace(" out ", " whole ")));
+    let message = fails(here, &words("select whole out --where volume>0"));
+    assert!(message.contains("--force"), "{message}");
+    let output = command::alvis(here, &words(CONVERT));
+    let errors = String::from_utf8(output.stderr).unwrap();
+    assert!(output.status.success(), "{errors}");
+    let line = format!("dropping {} of {LAYERS} layers", kept.done);
+    assert!(errors.contains(&line), "{errors}");
+    let expected = files(&here.join("out"));
+
+    // all is there: nothing is done
+    let report = command::json(&ok(
+        here,
+        &words(&format!("{CONVERT} --resume --json --quiet")),
+    ));
+    assert_eq!(report["resumed_layers"], LAYERS);
+    let plain = fails(here, &words(CONVERT));
+    assert!(plain.contains("--force"), "{plain}");
+    let other = fails(here, &words(&format!("{CONVERT} --cap --resume")));
+    assert!(other.contains("--force"), "{other}");
+    assert_same_files(&files(&here.join("out")), &expected, "complete");
+
+    // nothing is there: it converts
+    std::fs::remove_dir_all(here.join("out")).unwrap();
+    let fresh = command::json(&ok(
+        here,
+        &words(&format!("{CONVERT} --resume --json --quiet")),
+    ));
+    assert_eq!(fresh["resumed_layers"], 0);
+    assert_same_files(&files(&here.join("out")), &expected, "fresh");
+    for key in ["tiles", "triangles", "bytes_written", "surfaces"] {
+        assert_eq!(fresh[key], report[key], "{key}");
+    }
+}
+
+#[test]
+fn damaged_states_are_never_gone_on_with() {
+    let dir = tempfile::tempdir().unwrap();
+    let here = dir.path();
+    ok(here, &words(FOAM));
+    ok(here, &words(&CONVERT.replace(" out ", " whole ")));
+    let expected = files(&here.join("whole"));
+    half_done(here, CONVERT);
+    let out = here.join("out");
+    let state = files(&out);
+    let mut tried = 0;
+    for (name, bytes) in &state {
+        let part = name.strip_prefix(&format!("{WORK}/")).unwrap();
+        if !(part.starts_with("spools/") || part == "checkpoint" || part == "conversion.json") {
+            continue;
+        }
+        for damage in 0..3 {
+            let mut bad = bytes.clone();
+            match damage {
+                0 => bad.truncate(bytes.len() / 2),
+                1 => bad
+                    .iter_mut()
+                    .skip(bytes.len() / 3)
+                    .take(1)
+                    .for_each(|b| *b ^= 4),
+                _ => bad.fill(0),
+            }
+            if bad == *bytes {
+                continue;
+            }
+            let _ = std::fs::remove_dir_all(&out);
+            for (name, bytes) in &state {
+                let path = out.join(name);
+                std::fs::create_dir_all(path.parent().unwrap()).unwrap();
+                std::fs::write(path, bytes).unwrap();
+            }
+            std::fs::write(out.join(name), bad).unwrap();
+            let report = ok(here, &words(&format!("{CONVERT} --resume --json --quiet")));
+            assert_eq!(
+                command::json(&report)["resumed_layers"],
+                0,
+                "{name}: {damage}"
+            );
+            assert_same_files(&files(&out), &expected, name);
+            tried += 1;
+        }
+    }
+    assert!(tried > 9, "{tried}");
+}
+
+#[test]
+fn a_second_conversion_is_refused_while_the_first_lives() {
+    let dir = tempfile::tempdir().unwrap();
+    let here = dir.path();
+    ok(here, &words(FOAM));
+    let out = here.join("out");
+    let mut first = Command::new(env!("CARGO_BIN_EXE_alvis"))
+        .args(words(CONVERT))
+        .arg("--quiet")
+        .current_dir(here)
+        .stdout(Stdio::null())
+        .spawn()
+        .unwrap();
+    while interrupted(&out).is_none() {
+        assert!(first.try_wait().unwrap().is_none(), "it ended too fast");
+        std::thread::sleep(Duration::from_millis(1));
+    }
+    let signal = |name: &str| {
+        let id = first.id().to_string();
+        assert!(
+            Command::new("kill")
+                .args([name, &id])
+                .status()
+                .unwrap()
+                .success()
+        );
+    };
+    // stopped, but alive
+    signal("-STOP");
+    let kept = interrupted(&out);
+    for more in ["", " --resume", " --force"] {
+        let message = fails(here, &words(&format!("{CONVERT}{more}")));
+        assert!(
+            message.contains("another conversion is writing there"),
+            "{message}"
+        );
+    }
+    assert_eq!(interrupted(&out), kept);
+    first.kill().unwrap();
+    first.wait().unwrap();
+    let report = command::json(&ok(
+        here,
+        &words(&format!("{CONVERT} --resume --json --quiet")),
+    ));
+    assert_eq!(report["resumed_layers"], kept.unwrap().done);
+    ok(here, &words(&CONVERT.replace(" out ", " whole ")));
+    assert_same_files(
+        &files(&out),
+        &files(&here.join("whole")),
+        "after the first died",
+    );
+}
