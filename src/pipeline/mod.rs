@@ -217,8 +217,7 @@ fn make(
         dust,
         ..manifest(volume, grid, options, plan, totals, layers)
     };
-    let mut json = serde_json::to_vec_pretty(&manifest).expect("plain data serialises");
-    json.push(b'\n');
+    let json = manifest.sealed(work)?;
     write_file(&work.join("index.json"), &[&json])?;
     Ok(Made {
         totals,
@@ -394,7 +393,9 @@ fn manifest(
             cells: "cells.csv".into(),
             objects: "objects.csv".into(),
             surfaces: "surfaces.csv".into(),
+            checksums: None,
         },
         selection: None,
+        checksum: None,
     }
 }
