@@ -191,16 +191,23 @@ impl<'a> Solids<'a> {
 
     /// The box of voxels that the row states, if it is the surfaces' box, or reaches from there to
     /// faces of the volume.
-    fn place(&self, row: &Row, span: &Span, touches: bool) -> Option<Span> {
+    fn place(&self, row: &Row, own: &Span, touches: bool) -> Option<Span> {
         let end = self.manifest.grid.dims.0.map(|n| (n - 1) as u16);
-        let bare = span.lo[0] > span.hi[0];
+        let bare = own.lo[0] > own.hi[0];
         let choices = if touches { 0..64u32 } else { 0..1 };
         choices.filter(|c| !bare || *c == 63).find_map(|c| {
             let pick = |bit: usize, own: u16, face: u16| if c >> bit & 1 == 1 { face } else { own };
             let span = Span {
-                lo: std::array::from_fn(|a| pick(a, span.lo[a], 0)),
-                hi: std::array::from_fn(|a| pick(3 + a, span.hi[a], end[a])),
+                lo: std::array::from_fn(|a| pick(a, own.lo[a], 0)),
+                hi: std::array::from_fn(|a| pick(3 + a, own.hi[a], end[a])),
             };
+            // without a vertex near it, a face is reached only where it is covered from edge to edge
+            let spans = |a: usize| span.lo[a] == 0 && span.hi[a] == end[a];
+            let moved = |a: usize| (span.lo[a], span.hi[a]) != (own.lo[a], own.hi[a]);
+            let covers = |a: usize| (0..3).all(|b| b == a || spans(b));
+            if !(0..3).all(|a| !moved(a) || covers(a)) {
+                return None;
+            }
             let [min, max] = world_box(&self.manifest.placement, &span);
             let near = |a: usize, at: usize, found: [f64; 3]| {
                 row[at + a].is_some_and(|v| (v - found[a]).abs() <= self.error(found[a]))

@@ -30,7 +30,7 @@ const FAULTS: u64 = 10_240;
 
 /// Metal with pores: inside, cut by faces and corners, and one with a grain of metal in it. Only the
 /// metal reaches both faces across x.
-fn volume(grow: f32) -> MemoryVolume {
+fn volume(grow: f32) -> MemoryVolume<u8> {
     let [nx, ny, nz] = [14, 12, 11];
     let pores = [
         [4.1, 4.3, 3.9, 2.7],
