@@ -55,6 +55,7 @@ fn essence(dir: &Path) -> Manifest {
     m.primitives = Primitives::default();
     m.encoding = Encoding::default();
     m.layout = Layout::default();
+    m.checksum = None;
     m.totals.strips = 0;
     m.totals.strip_indices = 0;
     m.totals.bytes = 0;

@@ -3,8 +3,8 @@
 use alvis::grid::{Ambiguous, Crop, Dims, Placement, Unit};
 use alvis::manifest::{
     Bounds, ColourBy, Encoding, FORMAT, FORMAT_VERSION, Generator, GridInfo, Group, Layer, Layout,
-    Manifest, Paint, Primitives, Provenance, Selection, Shard, Source, Tables, TileEntry, Totals,
-    WholeTotals, checksum_text,
+    Manifest, Paint, Primitives, Provenance, Selection, Shard, Source, TableChecksums, Tables,
+    TileEntry, Totals, WholeTotals, checksum_text,
 };
 use alvis::verify::{Code, Issue, Report, Severity};
 use alvis::volume::{Dtype, Endian};
@@ -83,6 +83,11 @@ fn manifest() -> Manifest {
             cells: "cells.csv".into(),
             objects: "objects.csv".into(),
             surfaces: "surfaces.csv".into(),
+            checksums: Some(TableChecksums {
+                cells: "crc32:00000001".into(),
+                objects: "crc32:00000002".into(),
+                surfaces: "crc32:00000003".into(),
+            }),
         },
         selection: Some(Selection {
             condition: Some("volume > 1".into()),
@@ -103,6 +108,7 @@ fn manifest() -> Manifest {
             }),
             of: WholeTotals::default(),
         }),
+        checksum: Some("crc32:0123abcd".into()),
     }
 }
 

@@ -64,9 +64,7 @@ impl VerifyArgs {
 /// not say is taken from the manifest unless the options say it.
 fn open_against(directory: &Path, path: &Path, input: &InputOptions) -> Result<Box<dyn Volume>> {
     // an index that cannot be read is for the verifier to report
-    let manifest: Option<Manifest> = std::fs::read(directory.join("index.json"))
-        .ok()
-        .and_then(|bytes| serde_json::from_slice(&bytes).ok());
+    let manifest = Manifest::open(directory).ok();
     let Some(Manifest { source, .. }) = manifest else {
         return input.open(path).map(|o| o.volume);
     };

@@ -5,9 +5,11 @@
 //! the directory of the manifest, with `/` between its parts.
 
 mod open;
+mod seal;
 mod set;
 
-pub use open::{MANIFEST, inside, is_plain};
+pub use open::{MANIFEST, file_inside, inside, is_plain};
+pub(crate) use seal::{checksum_of, own_checksum};
 pub use set::TileSet;
 
 use crate::grid::{Ambiguous, Crop, Dims, Placement};
@@ -65,6 +67,10 @@ pub struct Manifest {
     /// How the set was chosen from another one; absent if it is a whole.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub selection: Option<Selection>,
+    /// Checksum of this file, as [`TileEntry::checksum`], with its own eight digits as zeros. Whoever
+    /// changes the file on purpose leaves the member out; older sets lack it.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub checksum: Option<String>,
 }
 
 impl Manifest {
@@ -363,6 +369,20 @@ pub struct Tables {
     /// `objects.csv`.
     pub objects: String,
     /// `surfaces.csv`.
+    pub surfaces: String,
+    /// Checksums of the three files; older sets lack them.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub checksums: Option<TableChecksums>,
+}
+
+/// Checksums of the tables, see [`TileEntry::checksum`].
+#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
+pub struct TableChecksums {
+    /// Of the table of cells.
+    pub cells: String,
+    /// Of the table of objects.
+    pub objects: String,
+    /// Of the table of surfaces.
     pub surfaces: String,
 }
 

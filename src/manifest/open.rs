@@ -18,7 +18,8 @@ impl Manifest {
     /// [`Error::Io`] if it cannot be read, [`Error::Format`] if it is not a manifest of this format.
     pub fn open(dir: &Path) -> Result<Manifest> {
         let path = dir.join(MANIFEST);
-        let bytes = std::fs::read(&path).map_err(|e| Error::io(&path, "read the index", e))?;
+        let real = file_inside(dir, MANIFEST, "read the index")?;
+        let bytes = std::fs::read(real).map_err(|e| Error::io(&path, "read the index", e))?;
         let value: serde_json::Value = parse(&path, &bytes)?;
         let (format, version) = (&value["format"], &value["format_version"]);
         if *format != FORMAT || *version != FORMAT_VERSION {
@@ -71,7 +72,7 @@ impl Manifest {
     /// # Errors
     /// [`Error::Io`], or [`Error::Format`] if it is not the shard of that layer.
     pub fn shard(&self, dir: &Path, layer: &Layer) -> Result<Shard> {
-        let path = inside(dir, &layer.path)?;
+        let path = file_inside(dir, &layer.path, "read the shard")?;
         let bytes = std::fs::read(&path).map_err(|e| Error::io(&path, "read the shard", e))?;
         let shard: Shard = parse(&path, &bytes)?;
         if shard.z != layer.z {
@@ -94,7 +95,7 @@ pub fn is_plain(relative: &str) -> bool {
     !relative.split('/').any(strange)
 }
 
-/// The file at a manifest's relative path. Links are not looked at: see [`super::TileSet::path`].
+/// The file at a manifest's relative path. Links are not looked at: see [`file_inside`].
 ///
 /// # Errors
 /// [`Error::Format`] if the path is not [plain](is_plain).
@@ -107,6 +108,26 @@ pub fn inside(dir: &Path, relative: &str) -> Result<PathBuf> {
         ));
     }
     Ok(dir.join(relative))
+}
+
+/// The regular file at a manifest's relative path, with links resolved: it lies below `dir`, and
+/// opening it does not wait, as opening a pipe may. `action` is for messages.
+///
+/// # Errors
+/// [`Error::Format`] if the path is not [plain](is_plain), leads outside by a link, or is no regular
+/// file; [`Error::Io`] if there is nothing.
+pub fn file_inside(dir: &Path, relative: &str, action: &'static str) -> Result<PathBuf> {
+    let path = inside(dir, relative)?;
+    let failed = |e| Error::io(&path, action, e);
+    let real = path.canonicalize().map_err(failed)?;
+    let found = if !real.starts_with(dir.canonicalize().map_err(failed)?) {
+        format!("a link to {}", real.display())
+    } else if !real.metadata().map_err(failed)?.is_file() {
+        "a folder, pipe or device".to_owned()
+    } else {
+        return Ok(real);
+    };
+    Err(Error::format(&path, found, "a file inside the tile set"))
 }
 
 fn parse<T: DeserializeOwned>(path: &Path, bytes: &[u8]) -> Result<T> {

@@ -1,6 +1,6 @@
 //! A tile set for its readers: the manifest, then shards and tiles one after another.
 
-use super::{Manifest, Shard, TileEntry, checksum_text, inside};
+use super::{Manifest, Shard, TileEntry, checksum_text, file_inside};
 use crate::error::{Error, Result};
 use crate::tile::TileMesh;
 use std::path::{Path, PathBuf};
@@ -22,8 +22,6 @@ use std::path::{Path, PathBuf};
 #[derive(Debug, Clone)]
 pub struct TileSet {
     dir: PathBuf,
-    /// `dir` with its links resolved, which no file may leave.
-    root: PathBuf,
     manifest: Manifest,
 }
 
@@ -35,13 +33,9 @@ impl TileSet {
     /// that this version reads.
     pub fn open(dir: impl AsRef<Path>) -> Result<Self> {
         let dir = dir.as_ref();
-        let root = dir
-            .canonicalize()
-            .map_err(|e| Error::io(dir, "open the tile set", e))?;
         Ok(TileSet {
             dir: dir.to_path_buf(),
             manifest: Manifest::open(dir)?,
-            root,
         })
     }
 
@@ -59,21 +53,9 @@ impl TileSet {
     /// elsewhere cannot make this program read other files.
     ///
     /// # Errors
-    /// [`Error::Format`] if the path is not relative and plain, or leads outside by a link;
-    /// [`Error::Io`] if there is no such file.
+    /// Those of [`file_inside`].
     pub fn path(&self, relative: &str) -> Result<PathBuf> {
-        let path = inside(&self.dir, relative)?;
-        let real = path
-            .canonicalize()
-            .map_err(|e| Error::io(&path, "open the file", e))?;
-        if real.starts_with(&self.root) {
-            return Ok(real);
-        }
-        Err(Error::format(
-            &path,
-            format!("a link to {}", real.display()),
-            "a file inside the tile set",
-        ))
+        file_inside(&self.dir, relative, "open the file")
     }
 
     /// The shards by rising z, each read when it is asked for.
@@ -81,10 +63,8 @@ impl TileSet {
     /// # Errors
     /// An item is an error if its file is missing, lies outside or is damaged; the next may be sound.
     pub fn shards(&self) -> impl Iterator<Item = Result<Shard>> + '_ {
-        self.manifest.layers.iter().map(|layer| {
-            self.path(&layer.path)?;
-            self.manifest.shard(&self.dir, layer)
-        })
+        let layers = self.manifest.layers.iter();
+        layers.map(|layer| self.manifest.shard(&self.dir, layer))
     }
 
     /// The entries of all tiles, by rising z, then y, then x. One shard is in memory at a time.

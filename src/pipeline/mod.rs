@@ -192,7 +192,7 @@ fn complete(
             found.layers.clone(),
         )
     };
-    let wanted = manifest_bytes(&same);
+    let wanted = same.sealed(out).ok()?;
     if wanted != bytes || min_voxels != options.min_voxels.max(1) {
         return None;
     }
@@ -347,7 +347,7 @@ fn make(
         dust,
         ..manifest(volume, grid, options, plan, totals, layers)
     };
-    let json = manifest_bytes(&manifest);
+    let json = manifest.sealed(work)?;
     write_file(&work.join("index.json"), &[&json])?;
     Ok(Made {
         totals,
@@ -358,12 +358,6 @@ fn make(
 
 fn layer_directory(z: u32) -> String {
     format!("tiles/z{z:04}")
-}
-
-fn manifest_bytes(manifest: &Manifest) -> Vec<u8> {
-    let mut json = serde_json::to_vec_pretty(manifest).expect("plain data serialises");
-    json.push(b'\n');
-    json
 }
 
 /// Makes the directories of layers to sweep, empty.
@@ -542,7 +536,9 @@ fn manifest(
             cells: "cells.csv".into(),
             objects: "objects.csv".into(),
             surfaces: "surfaces.csv".into(),
+            checksums: None,
         },
         selection: None,
+        checksum: None,
     }
 }

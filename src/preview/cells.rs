@@ -4,7 +4,7 @@ use super::PreviewOptions;
 use super::slice::Slice;
 use crate::error::{Error, Result};
 use crate::grid::{Ambiguous, LATTICE, Tiling};
-use crate::manifest::{Manifest, TileEntry, inside};
+use crate::manifest::{Manifest, TileEntry, file_inside};
 use crate::table::{Expr, Table};
 use crate::tile::pieces::pieces;
 use crate::tile::read::{ReadError, Tile};
@@ -77,7 +77,7 @@ fn seeds(
     entry: &TileEntry,
     cells: &mut [u64],
 ) -> Result<()> {
-    let path = inside(dir, &entry.path)?;
+    let path = file_inside(dir, &entry.path, "read the tile")?;
     let bytes = std::fs::read(&path).map_err(|e| Error::io(&path, "read the tile", e))?;
     let bad = |e: ReadError| Error::format(&path, e.to_string(), "a tile");
     let tile = Tile::read(&bytes).map_err(bad)?;

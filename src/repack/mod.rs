@@ -91,15 +91,13 @@ pub fn repack(
         progress,
     }
     .run(&mut made)?;
-    let mut json = serde_json::to_vec_pretty(&made)
-        .map_err(|e| Error::io(work.join(MANIFEST), "write", e.into()))?;
-    json.push(b'\n');
-    write_file(&work.join(MANIFEST), &[&json])?;
+    let totals = made.totals;
+    write_file(&work.join(MANIFEST), &[&made.sealed(work)?])?;
     output.commit()?;
     Ok(RepackReport {
-        tiles: made.totals.tiles,
-        triangles: made.totals.triangles,
-        bytes: made.totals.bytes,
+        tiles: totals.tiles,
+        triangles: totals.triangles,
+        bytes: totals.bytes,
         bytes_before: manifest.totals.bytes,
         seconds: start.elapsed().as_secs_f64(),
         peak_rss_bytes: crate::memory::peak_rss_bytes(),

@@ -4,7 +4,7 @@ use super::choice::Choice;
 use crate::error::{Error, Result};
 use crate::grid::{LATTICE, Tiling};
 use crate::manifest::{Bounds, Group, Layer, Manifest, Primitives, Shard, TileEntry, Totals};
-use crate::manifest::{checksum_text, inside};
+use crate::manifest::{checksum_text, file_inside};
 use crate::pipeline::write_file;
 use crate::progress::Progress;
 use crate::table::{Row, Table};
@@ -211,7 +211,7 @@ impl Copier<'_> {
 
     /// Copies a tile's kept pieces; the file's bytes are dropped once written.
     fn tile(&self, entry: &TileEntry, z: u32) -> Result<Option<(TileEntry, Part)>> {
-        let path = inside(self.from, &entry.path)?;
+        let path = file_inside(self.from, &entry.path, "read the tile")?;
         let bad = |found: String, expected: &str| Err(Error::format(&path, found, expected));
         let grid = self.manifest.grid;
         let tiling = Tiling {

@@ -98,24 +98,23 @@ pub fn select(
         cells: Table::Cells.file().into(),
         objects: Table::Objects.file().into(),
         surfaces: Table::Surfaces.file().into(),
+        checksums: None,
     };
-    let mut json = serde_json::to_vec_pretty(&made)
-        .map_err(|e| Error::io(work.join(MANIFEST), "write", e.into()))?;
-    json.push(b'\n');
-    write_file(&work.join(MANIFEST), &[&json])?;
+    let totals = made.totals;
+    write_file(&work.join(MANIFEST), &[&made.sealed(work)?])?;
     output.commit()?;
     let mut warnings = Vec::new();
-    if made.totals.surfaces == 0 {
+    if totals.surfaces == 0 {
         warnings.push("no cell with a surface is left: the tile set is empty".to_string());
     }
     warnings.iter().for_each(|w| progress.warn(w));
     Ok(SelectReport {
-        tiles: made.totals.tiles,
-        triangles: made.totals.triangles,
-        cells: made.totals.cells,
-        objects: made.totals.objects,
-        surfaces: made.totals.surfaces,
-        bytes: made.totals.bytes,
+        tiles: totals.tiles,
+        triangles: totals.triangles,
+        cells: totals.cells,
+        objects: totals.objects,
+        surfaces: totals.surfaces,
+        bytes: totals.bytes,
         selection,
         warnings,
     })

@@ -38,7 +38,7 @@ pub use reader::{Column, Row, TableReader};
 pub use summary::{Border, Distribution, Histogram, Spread, Summary, summarise};
 
 use crate::error::Result;
-use crate::manifest::{Manifest, inside};
+use crate::manifest::{Manifest, file_inside};
 use std::path::Path;
 
 /// One of the tables of a tile set.
@@ -83,6 +83,6 @@ impl Table {
             Table::Objects => &tables.objects,
             Table::Surfaces => &tables.surfaces,
         };
-        TableReader::open(&inside(dir, path)?)
+        TableReader::open(&file_inside(dir, path, "open the table")?)
     }
 }

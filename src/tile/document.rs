@@ -231,3 +231,20 @@ pub fn write_head(json: &[u8], room: usize, bin_bytes: u64) -> Option<Vec<u8>> {
     out.extend(b"BIN\0");
     Some(out)
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_file_of_4_gib_is_refused_before_it_is_written() {
+        // 28 bytes are headers; the file's length has 32 bits
+        let most = u64::from(u32::MAX) / 4 * 4 - 28 - 8;
+        let head = write_head(b"{}", 8, most).expect("it fits");
+        assert_eq!(head.len(), 36);
+        assert_eq!(head[8..12], (most as u32 + 36).to_le_bytes());
+        for more in [4, 1 << 20, 1 << 40] {
+            assert!(write_head(b"{}", 8, most + more).is_none(), "{more}");
+        }
+    }
+}

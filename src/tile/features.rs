@@ -3,7 +3,9 @@
 use super::buffers::Buffers;
 use super::glb::{Fault, ReadError};
 use super::json::{ClassProperty, Document, Primitive, whole};
-use super::read::PieceIds;
+use super::read::{MEASURES, Measured, PieceIds};
+use crate::grid::Unit;
+use serde::Deserialize;
 use serde_json::{Map, Value};
 
 /// Where the table is, for messages.
@@ -75,6 +77,47 @@ pub(super) fn rows(
         triangles: triangles[i],
     };
     Ok((0..cell.len()).map(row).collect())
+}
+
+/// The measures in table 0 for each of `count` rows; a column that is not there or not as it should be
+/// has no values.
+pub(super) fn measured(doc: &Document, buffers: &Buffers, count: usize) -> Vec<Measured> {
+    let mut out = vec![Measured::default(); count];
+    let found = doc.extensions.structural_metadata.as_ref().and_then(|m| {
+        let table = m.property_tables.first()?;
+        Some((table, m.schema.as_ref()?.classes.get(&table.class)?))
+    });
+    let Some((table, class)) = found else {
+        return out;
+    };
+    for (i, name) in MEASURES.into_iter().enumerate() {
+        let column = class.properties.get(name).zip(table.properties.get(name));
+        let column = column.and_then(|(property, values)| {
+            let bytes = buffers.view(doc, values.values).ok()?;
+            let cells = cells(property, bytes.get(), table.count).ok()?;
+            Some((property, cells))
+        });
+        let Some((property, cells)) = column else {
+            continue;
+        };
+        for (row, value) in out.iter_mut().zip(cells) {
+            if property.no_data.as_ref() != Some(&value) {
+                row.values[i] = value.as_f64().unwrap_or(f64::NAN);
+            }
+        }
+    }
+    let unit = class.extras.unit.as_deref().and_then(unit_name);
+    let voxels = |row: &Measured| !row.values[0].is_nan();
+    for row in out.iter_mut().filter(|r| voxels(r)) {
+        row.unit = unit;
+    }
+    out
+}
+
+/// The unit of this short name.
+pub(super) fn unit_name(text: &str) -> Option<&'static str> {
+    let text = serde::de::value::StrDeserializer::<serde::de::value::Error>::new(text);
+    Unit::deserialize(text).ok().map(Unit::name)
 }
 
 /// Reads all columns of table 0, one map per row, as the nodes' `extras` would have them: values

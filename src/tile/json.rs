@@ -4,6 +4,8 @@
 //! section 5, and the specifications of EXT_mesh_features, EXT_structural_metadata and
 //! EXT_meshopt_compression.
 
+use super::features::unit_name;
+use super::read::{MEASURES, Measured};
 use serde::Deserialize;
 use serde::de::{Deserializer, IgnoredAny, MapAccess, Visitor};
 use std::collections::BTreeMap;
@@ -251,13 +253,14 @@ pub(super) struct PropertyValues {
     pub values: usize,
 }
 
-/// The ids of a node's `extras`; measures are skipped, but their kind is noted.
+/// The ids and measures of a node's `extras`.
 #[derive(Default)]
 pub(super) struct Extras {
     pub cell: Option<u64>,
     pub object: Option<u64>,
     pub surface: Option<u64>,
     pub triangles: Option<u64>,
+    pub measured: Measured,
     /// What is wrong: a nested member, which programs would lose, or an id that is no whole number.
     pub bad: Option<String>,
 }
@@ -286,11 +289,20 @@ impl<'de> Visitor<'de> for ExtrasVisitor {
                 "object" => &mut out.object,
                 "surface" => &mut out.surface,
                 "triangles" => &mut out.triangles,
-                _ => {
-                    if matches!(value, Flat::Nested) {
-                        out.bad = Some(format!(
-                            "{key} is nested or null, expected numbers and strings only"
-                        ));
+                name => {
+                    match value {
+                        Flat::Number(n) => {
+                            if let Some(i) = MEASURES.iter().position(|m| *m == name) {
+                                out.measured.values[i] = n;
+                            }
+                        }
+                        Flat::Unit(unit) if name == "unit" => out.measured.unit = Some(unit),
+                        Flat::Unit(_) | Flat::Other => {}
+                        Flat::Nested => {
+                            out.bad = Some(format!(
+                                "{key} is nested or null, expected numbers and strings only"
+                            ));
+                        }
                     }
                     continue;
                 }
@@ -315,6 +327,8 @@ pub(super) fn whole(n: f64) -> Option<u64> {
 
 enum Flat {
     Number(f64),
+    /// A string that is the short name of a unit.
+    Unit(&'static str),
     Other,
     Nested,
 }
@@ -336,8 +350,8 @@ impl<'de> Deserialize<'de> for Flat {
             fn visit_f64<E>(self, v: f64) -> Result<Flat, E> {
                 Ok(Flat::Number(v))
             }
-            fn visit_str<E>(self, _: &str) -> Result<Flat, E> {
-                Ok(Flat::Other)
+            fn visit_str<E>(self, text: &str) -> Result<Flat, E> {
+                Ok(unit_name(text).map_or(Flat::Other, Flat::Unit))
             }
             fn visit_bool<E>(self, _: bool) -> Result<Flat, E> {
                 Ok(Flat::Other)

@@ -26,6 +26,39 @@ pub struct PieceIds {
     pub triangles: u64,
 }
 
+/// Names of the measures that a piece carries, as in the table of cells.
+pub const MEASURES: [&str; 11] = [
+    "voxels",
+    "volume",
+    "mesh_volume",
+    "area",
+    "equivalent_diameter",
+    "sphericity",
+    "form_factor",
+    "elongation",
+    "flatness",
+    "euler_characteristic",
+    "touches_border",
+];
+
+/// What a piece says of its cell.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Measured {
+    /// Unit of length.
+    pub unit: Option<&'static str>,
+    /// In the order of [`MEASURES`]; not a number where there is none.
+    pub values: [f64; MEASURES.len()],
+}
+
+impl Default for Measured {
+    fn default() -> Self {
+        Measured {
+            unit: None,
+            values: [f64::NAN; MEASURES.len()],
+        }
+    }
+}
+
 /// One primitive with the node that shows it.
 #[derive(Debug, Clone)]
 pub struct Primitive<'a> {
@@ -51,6 +84,8 @@ pub struct Primitive<'a> {
     pub indices: Indices<'a>,
     /// The piece or pieces that the primitive holds.
     pub pieces: Pieces<'a>,
+    /// What each piece says of its cell.
+    pub measured: Vec<Measured>,
     /// Vertex colours, linear, 4 x 16 bits each.
     pub(super) colours: Option<Bytes<'a>>,
 }

@@ -109,8 +109,11 @@ impl<'a> Reader<'_, 'a> {
                 ),
             );
         }
-        let pieces = match attribute("_FEATURE_ID_0") {
-            None => Pieces::One(self.extras(node_index)?),
+        let (pieces, measured) = match attribute("_FEATURE_ID_0") {
+            None => {
+                let ids = self.extras(node_index)?;
+                (Pieces::One(ids), vec![node.extras.measured])
+            }
             Some(ids) => {
                 let at = take("_FEATURE_ID_0", Some(ids))?;
                 let rows = Rows(self.accessor(at, &SCALAR)?);
@@ -121,7 +124,9 @@ impl<'a> Reader<'_, 'a> {
                         "a merged tile has one mesh with a feature id for each vertex",
                     );
                 }
-                Pieces::Merged(rows, super::features::rows(self.doc, self.buffers, prim)?)
+                let ids = super::features::rows(self.doc, self.buffers, prim)?;
+                let measured = super::features::measured(self.doc, self.buffers, ids.len());
+                (Pieces::Merged(rows, ids), measured)
             }
         };
         let colours = match attribute("COLOR_0") {
@@ -150,6 +155,7 @@ impl<'a> Reader<'_, 'a> {
             normals,
             indices: self.indices(indices_at)?,
             pieces,
+            measured,
             colours,
         })
     }

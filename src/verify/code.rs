@@ -131,6 +131,8 @@ codes! {
     TableRows = "TABLE_ROWS", false;
     /// A value in a table is not that of the rebuilt surface.
     TableValue = "TABLE_VALUE", false;
+    /// The measures that tiles carry on a cell's pieces are not those of its row in the table.
+    CarriedMeasure = "CARRIED_MEASURE", false;
     /// The volume has another size than the tiles' grid.
     VolumeMismatch = "VOLUME_MISMATCH", true;
     /// The volume has a sign change where the tile has no vertex.

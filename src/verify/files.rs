@@ -79,12 +79,17 @@ pub(super) fn read(root: &Path, file: &Expected, out: &mut Vec<u8>, issues: &mut
     true
 }
 
-fn fill(path: &Path, out: &mut Vec<u8>) -> std::io::Result<()> {
-    let mut file = File::open(path)?;
-    let meta = file.metadata()?;
-    if !meta.is_file() {
+/// Opens a regular file; opening a pipe would wait.
+pub(super) fn open(path: &Path) -> std::io::Result<File> {
+    if !path.metadata()?.is_file() {
         return Err(std::io::Error::other("it is no regular file"));
     }
+    File::open(path)
+}
+
+fn fill(path: &Path, out: &mut Vec<u8>) -> std::io::Result<()> {
+    let mut file = open(path)?;
+    let meta = file.metadata()?;
     // a GLB's length has 32 bits; anything longer is not ours
     let limit = u64::from(u32::MAX);
     if meta.len() > limit {
@@ -108,6 +113,11 @@ pub(super) fn foreign(
     issues: &mut Issues,
 ) -> Result<()> {
     let dir = root.join(path);
+    if dir.canonicalize().is_ok_and(|real| !real.starts_with(root)) {
+        let message = "found a link to a folder outside the tile set";
+        issues.add(Code::PathOutside, path, message);
+        return Ok(());
+    }
     let entries = match std::fs::read_dir(&dir) {
         Ok(entries) => entries,
         Err(e) if e.kind() == std::io::ErrorKind::NotFound => return Ok(()),

@@ -2,6 +2,7 @@
 
 use super::code::Code;
 use super::edges::Edges;
+use super::inside::Inside;
 use super::piece::{Flaw, Piece, Sums};
 use super::report::Issue;
 use super::seen::Seen;
@@ -16,6 +17,8 @@ pub(super) struct Label {
     pub node: usize,
     /// As [`Component::names`].
     pub names: u8,
+    /// As [`Component::measures`].
+    pub measures: u64,
 }
 
 /// Marks [`FaceEdge::part`] as a component's number rather than a vertex's.
@@ -138,6 +141,9 @@ impl Work<'_, '_> {
             return;
         }
         sums.edges = matched.pairs;
+        if !piece.cap {
+            sums.inside = Inside::of(piece, &self.region);
+        }
         if self.keep_mesh {
             ws.mesh.add(piece);
         }
@@ -215,6 +221,8 @@ impl Work<'_, '_> {
                 cell_tiles: 0,
                 object_tiles: 0,
                 names: label.names,
+                measures: label.measures,
+                mixed: false,
             };
             self.components.push((component, false));
         }

@@ -6,6 +6,7 @@ use super::report::Issues;
 use crate::error::{Error, Result};
 use crate::grid::{Dims, LATTICE, Tiling};
 use crate::manifest::{FORMAT, FORMAT_VERSION, Layer, Manifest, Shard, TileEntry};
+use crate::manifest::{file_inside, own_checksum};
 use serde::Deserialize;
 use std::collections::BTreeSet;
 use std::path::Path;
@@ -23,7 +24,7 @@ pub(super) fn manifest(root: &Path, issues: &mut Issues) -> Result<Option<Manife
         format: Option<serde_json::Value>,
         format_version: Option<serde_json::Value>,
     }
-    let path = root.join(MANIFEST);
+    let path = file_inside(root, MANIFEST, "read the manifest")?;
     let bytes = std::fs::read(&path).map_err(|e| Error::io(&path, "read the manifest", e))?;
     let syntax = |e: serde_json::Error, issues: &mut Issues| {
         issues.add(Code::ManifestSyntax, MANIFEST, e.to_string());
@@ -45,12 +46,29 @@ pub(super) fn manifest(root: &Path, issues: &mut Issues) -> Result<Option<Manife
         return Ok(None);
     }
     match serde_json::from_slice::<Manifest>(&bytes) {
-        Ok(manifest) if check(&manifest, issues) => Ok(Some(manifest)),
-        Ok(_) => Ok(None),
+        Ok(manifest) => {
+            check_own(&manifest, &bytes, issues);
+            Ok(check(&manifest, issues).then_some(manifest))
+        }
         Err(e) => {
             syntax(e, issues);
             Ok(None)
         }
+    }
+}
+
+/// Compares the manifest's checksum with what it states itself, if it does.
+fn check_own(m: &Manifest, bytes: &[u8], issues: &mut Issues) {
+    let Some(stated) = &m.checksum else {
+        return;
+    };
+    let found = own_checksum(bytes, stated);
+    if found != *stated {
+        let message = format!(
+            "found {found}, expected {stated} as it states: the file was changed (leave out the \
+             member `checksum` if that was on purpose)"
+        );
+        issues.add(Code::Checksum, MANIFEST, message);
     }
 }
 

@@ -2,8 +2,9 @@
 
 use super::against::Voxels;
 use super::code::Code;
-use super::ledger::{Kind, Laws, Ledger};
+use super::ledger::{Group, Kind, Laws, Ledger};
 use super::report::Issues;
+use super::solids::Solids;
 use super::tables::Table;
 use super::tile::{Context, Counts};
 use crate::error::Result;
@@ -40,6 +41,7 @@ pub(super) fn check(
     let mut own = Issues::new(cx.max_issues);
     let [mut unopened, mut values] = [0; 2].map(|_| Issues::new(cx.max_issues));
     let stated = &cx.manifest.totals;
+    let mut solids = Solids::new(cx.manifest);
     let rows_alone = [0, stated.cells, stated.objects].map(|n| if surfaces == 0 { n } else { 0 });
     for ((mut rows, laws), alone) in ledger
         .into_sorted()?
@@ -51,14 +53,21 @@ pub(super) fn check(
         while let Some(group) = rows.next_group()? {
             laws.add(&group, &mut own);
             if let Some(table) = &mut table {
-                table.check(&group, &mut values);
+                table.check(&group, &mut solids, &mut values);
             }
         }
         if let Some(table) = &mut table {
-            table.finish(alone, &mut values);
+            // a volume of one phase: its one cell or object is the whole grid
+            let whole = alone == 1 && !cx.manifest.is_part();
+            if whole {
+                table.check(&Group::alone(), &mut solids, &mut values);
+            }
+            table.finish(alone - u64::from(whole), &mut values);
         }
     }
     found.ids = [surfaces, all[1].count, all[2].count];
+    let mut sums = Issues::new(cx.max_issues);
+    solids.finish(&mut values, &mut sums);
     if !issues.broken() {
         issues.append(own);
     }
@@ -76,6 +85,7 @@ pub(super) fn check(
     }
     if !issues.broken() {
         totals(cx.manifest, found, issues);
+        issues.append(sums);
         issues.append(values);
     }
     issues.append(unopened);
@@ -131,6 +141,16 @@ fn totals(manifest: &Manifest, found: &Found, issues: &mut Issues) {
             pairs.push(("voxels_above", wide(t.voxels_above), wide(voxels.above)));
         }
         pairs.push(("voxels_nan", wide(t.voxels_nan), wide(voxels.nan)));
+    } else {
+        // by the tiles alone there is a limit only
+        let below = wide(manifest.grid.dims.voxels()) - wide(t.voxels_above);
+        let most = if manifest.source.dtype.is_float() {
+            below.max(0)
+        } else {
+            0
+        };
+        let nan = wide(t.voxels_nan);
+        pairs.push(("voxels_nan", nan, nan.min(most)));
     }
     for (name, stated, sum) in pairs {
         if stated != sum {

@@ -1,5 +1,6 @@
 //! A tile's primitives: modes, indices, normals, names and bounds, and their surface pieces.
 
+use super::carried;
 use super::code::Code;
 use super::geometry::Label;
 use super::report::Issue;
@@ -43,6 +44,7 @@ impl Work<'_, '_> {
                     ids: *ids,
                     node,
                     names: self.check_name(p, ids),
+                    measures: carried::hash(&p.measured[0]),
                 };
                 std::mem::swap(&mut ws.piece.triangles, &mut ws.list);
                 self.piece(p.positions.iter(), &label, group, ws);
@@ -53,7 +55,7 @@ impl Work<'_, '_> {
                         format!("found {:?} and {:?}, expected cells", p.name, p.mesh_name);
                     self.issue(Code::NodeName, &at("/name"), message);
                 }
-                self.merged(p, rows.get(), ids, group, ws);
+                self.merged(p, (rows.get(), ids), group, ws);
             }
         }
         if self.sound {
@@ -143,8 +145,7 @@ impl Work<'_, '_> {
     fn merged(
         &mut self,
         p: &Primitive,
-        rows: &[[u8; 4]],
-        ids: &[PieceIds],
+        (rows, ids): (&[[u8; 4]], &[PieceIds]),
         group: &mut usize,
         ws: &mut Workspace,
     ) {
@@ -165,7 +166,7 @@ impl Work<'_, '_> {
         let points: Vec<[f32; 3]> = p.positions.iter().collect();
         let mut local = vec![0u32; points.len()];
         let (mut triangles, mut vertices) = (&by_feature[..], &order[..]);
-        for (row, ids) in ids.iter().enumerate() {
+        for (row, (ids, measured)) in ids.iter().zip(&p.measured).enumerate() {
             let row = row as u32;
             let v = vertices.partition_point(|&v| feature[v as usize] == row);
             let t = triangles.partition_point(|&t| of(&list[t as usize]) == row);
@@ -185,6 +186,7 @@ impl Work<'_, '_> {
                 ids: *ids,
                 node: p.node,
                 names: 0,
+                measures: carried::hash(measured),
             };
             self.piece(own.iter().map(|&v| points[v as usize]), &label, group, ws);
             if !self.sound {

@@ -4,14 +4,18 @@
 //! three times: by surface, by cell and by object.
 
 use super::code::Code;
+use super::inside::{self, Inside};
 use super::piece::Sums;
 use super::report::Issues;
-use super::spill::{Merge, Record, Spill};
+use super::spill::{Merge, RECORD_WORDS, Record, Spill};
 use super::sweep::{Component, Ids};
 use crate::error::Result;
 
 /// Records that each of the three sorts keeps in memory: 24 MiB.
-const IN_MEMORY: usize = 1 << 18;
+const IN_MEMORY: usize = 1 << 16;
+
+/// Words of a record before those of [`Inside`].
+const OWN_WORDS: usize = RECORD_WORDS - inside::WORDS;
 
 /// Collects finished surfaces.
 pub(super) struct Ledger {
@@ -64,8 +68,8 @@ fn pack(key: [u64; 3], c: &Component) -> Record {
     let s = &c.sums;
     let volume = s.volume6 as u128;
     // the record has room for either count of tiles only, and each sort needs only its own
-    let tiles = c.tiles << 2 | u64::from(c.names);
-    [
+    let tiles = c.tiles << 3 | u64::from(c.mixed) << 2 | u64::from(c.names);
+    let words = [
         key[0],
         key[1],
         key[2],
@@ -78,7 +82,12 @@ fn pack(key: [u64; 3], c: &Component) -> Record {
         volume as u64,
         tiles,
         c.cell_tiles << 32 | c.object_tiles & 0xFFFF_FFFF,
-    ]
+        c.measures,
+    ];
+    let mut record = [0; RECORD_WORDS];
+    record[..OWN_WORDS].copy_from_slice(&words);
+    record[OWN_WORDS..].copy_from_slice(&s.inside.pack());
+    record
 }
 
 fn unpack(r: &Record, order: fn([u64; 3]) -> [u64; 3]) -> Component {
@@ -96,9 +105,12 @@ fn unpack(r: &Record, order: fn([u64; 3]) -> [u64; 3]) -> Component {
             border: r[6],
             area: f64::from_bits(r[7]),
             volume6: (u128::from(r[8]) << 64 | u128::from(r[9])) as i128,
+            inside: Inside::unpack(&r[OWN_WORDS..]),
         },
-        tiles: r[10] >> 2,
+        tiles: r[10] >> 3,
+        mixed: r[10] & 4 != 0,
         names: (r[10] & 3) as u8,
+        measures: r[12],
         cell_tiles: r[11] >> 32,
         object_tiles: r[11] & 0xFFFF_FFFF,
     }
@@ -160,6 +172,19 @@ pub(super) struct Group {
     several_objects: bool,
     /// Two surfaces between one cell and one object.
     twins: Option<[Ids; 2]>,
+}
+
+impl Group {
+    /// The one cell or object of a volume without a surface.
+    pub fn alone() -> Self {
+        Group {
+            id: 1,
+            total: Component::default(),
+            parts: 0,
+            several_objects: false,
+            twins: None,
+        }
+    }
 }
 
 /// What goes by an id, for messages: `surface`, `cell`, `object`.

@@ -15,10 +15,13 @@
 //!    is left. Everything is compared as integers in units of voxel / 256.
 //! 4. Surfaces are the connected components: each carries one surface, cell and object, no two share
 //!    a (cell, object) pair, ids are 1 to n, and surfaces + 1 = objects + cells.
-//! 5. The manifest's sums and the tables' measures are those of the rebuilt surface.
+//! 5. The manifest's sums and the tables' measures are those of the rebuilt surface: areas and volumes of
+//!    its triangles; boxes, numbers of voxels and their moments from the ends of runs, which are its
+//!    vertices; the rest by the formulas. Tiles carry the measures of the table.
 //!
-//! It cannot see by the tiles alone that a whole component is missing, if the sums were made from what
-//! is left. With the volume it proves in addition:
+//! By the tiles alone, several bodies that each reach both faces of the volume across x are proven as a
+//! sum only, normals but for their length, and the threshold not at all; and a set that was made for
+//! another volume, with numbers to match, is sound. With the volume it proves in addition:
 //! 6. Every lattice edge with a sign change has exactly one vertex, at the place that its two samples
 //!    give it, no other has one, and each cube has the triangles that its eight bits ask for. Triangles
 //!    face from above to below at every vertex, so the bits that the mesh implies are the volume's.
@@ -29,11 +32,13 @@
 //! sorted on disk. With the volume, a row of macrocubes along x is in memory as well.
 
 mod against;
+mod carried;
 mod code;
 mod edges;
 mod files;
 mod geometry;
 mod index;
+mod inside;
 mod laws;
 mod layout;
 mod ledger;
@@ -41,6 +46,7 @@ mod piece;
 mod report;
 mod run;
 mod seen;
+mod solids;
 mod spill;
 mod sweep;
 mod tables;

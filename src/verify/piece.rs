@@ -6,6 +6,7 @@
 
 use super::code::Code;
 use super::edges::Matched;
+use super::inside::Inside;
 
 /// Where a tile lies, in lattice units.
 #[derive(Debug, Clone, Copy)]
@@ -43,7 +44,7 @@ impl Region {
     }
 
     /// True if this tile is the first of those that share the vertex, in the order of tiles.
-    fn owns(&self, p: [i32; 3]) -> bool {
+    pub fn owns(&self, p: [i32; 3]) -> bool {
         (0..3).all(|a| p[a] != self.lo[a] || self.lo[a] == 0)
     }
 
@@ -165,6 +166,8 @@ pub(super) struct Sums {
     pub area: f64,
     /// Six times the signed volume spanned with the origin.
     pub volume6: i128,
+    /// What the vertices say of the voxels on both sides.
+    pub inside: Inside,
 }
 
 impl Sums {
@@ -175,6 +178,7 @@ impl Sums {
         self.border += other.border;
         self.area += other.area;
         self.volume6 += other.volume6;
+        self.inside.add(&other.inside);
     }
 }
 

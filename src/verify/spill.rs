@@ -7,7 +7,10 @@ use std::fs::File;
 use std::io::{BufReader, BufWriter, Read, Seek, Write};
 
 /// A record: compared word by word from the left.
-pub(super) type Record = [u64; 12];
+pub(super) type Record = [u64; RECORD_WORDS];
+
+/// Words of a record.
+pub(super) const RECORD_WORDS: usize = 13 + super::inside::WORDS;
 
 const RECORD_BYTES: usize = size_of::<Record>();
 
@@ -133,7 +136,7 @@ mod tests {
     #[test]
     fn runs_merge_to_what_a_sort_gives() {
         let record = |i: u64| {
-            let mut r = [0; 12];
+            let mut r = [0; RECORD_WORDS];
             r[0] = i.wrapping_mul(0x9E37_79B9_7F4A_7C15) >> 56;
             r[1] = i;
             r

@@ -21,7 +21,7 @@ pub(super) struct Ids {
 }
 
 /// A connected part of a surface, with the sums over its pieces.
-#[derive(Debug, Clone, Copy)]
+#[derive(Debug, Clone, Copy, Default)]
 pub(super) struct Component {
     pub ids: Ids,
     pub sums: Sums,
@@ -33,6 +33,10 @@ pub(super) struct Component {
     pub object_tiles: u64,
     /// Bit 0: a node is named after the cell alone. Bit 1: after cell and object.
     pub names: u8,
+    /// A hash of the measures that its pieces carry, see [`super::carried`].
+    pub measures: u64,
+    /// True if pieces carry different ones.
+    pub mixed: bool,
 }
 
 impl Component {
@@ -42,6 +46,7 @@ impl Component {
         self.cell_tiles += other.cell_tiles;
         self.object_tiles += other.object_tiles;
         self.names |= other.names;
+        self.mixed |= other.mixed || self.measures != other.measures;
     }
 }
 

@@ -1,11 +1,14 @@
 //! The tables, row by row beside the rebuilt surface.
 
+use super::carried;
 use super::code::Code;
 use super::files;
 use super::ledger::{Group, Kind};
 use super::piece::Sums;
 use super::report::Issues;
-use crate::manifest::Manifest;
+use super::solids::{self, AREA, BORDER, MESH_VOLUME, Solids, TILES, Wrong, compare};
+use crate::manifest::{Manifest, checksum_of};
+use crate::tile::read::{MEASURES, Measured};
 use std::fs::File;
 use std::io::{BufRead, BufReader, Read};
 use std::path::Path;
@@ -20,20 +23,34 @@ const TRIANGLE_ERROR: f64 = 1.0 / (4.0 * 65_536.0 * 65_536.0);
 /// Relative error that volumes, exact up to their decimal form, may have.
 const VOLUME_ERROR: f64 = 1e-9;
 
-/// The columns that are compared, by kind of table.
-fn columns(kind: Kind) -> &'static [&'static str] {
+/// The columns of the table of surfaces, with the power of the unit of length that each has.
+const SURFACE: [(&str, u32); 10] = [
+    ("id", 0),
+    ("cell", 0),
+    ("object", 0),
+    ("triangles", 0),
+    ("vertices", 0),
+    ("area", 2),
+    ("euler_characteristic", 0),
+    ("border_edges", 0),
+    ("touches_border", 0),
+    ("tiles", 0),
+];
+
+/// The columns of a table.
+fn columns(kind: Kind) -> &'static [(&'static str, u32)] {
     match kind {
-        Kind::Surface => &[
-            "id",
-            "cell",
-            "object",
-            "triangles",
-            "vertices",
-            "area",
-            "euler_characteristic",
-            "touches_border",
-        ],
-        _ => &["id", "area", "mesh_volume", "touches_border", "tiles"],
+        Kind::Surface => &SURFACE,
+        _ => &solids::COLUMNS,
+    }
+}
+
+/// A column's name with its unit, as a header has it.
+fn title(&(name, power): &(&str, u32), unit: &str) -> String {
+    match power {
+        0 => name.to_owned(),
+        1 => format!("{name} [{unit}]"),
+        p => format!("{name} [{unit}^{p}]"),
     }
 }
 
@@ -45,6 +62,8 @@ pub(super) struct Table {
     /// Where in a row each of [`columns`] stands.
     places: Vec<usize>,
     line: u64,
+    /// Unit of length.
+    unit: &'static str,
     /// Physical volume of a lattice cell, over 6.
     sixth: f64,
     /// True for objects of a part: they may have lost surfaces, their measures are those of the whole.
@@ -64,7 +83,20 @@ impl Table {
         };
         let at = format!("index.json#/tables/{}", kind.plural());
         let real = files::resolve(root, path, &at, issues)?;
-        let file = match File::open(&real) {
+        if let Some(all) = &manifest.tables.checksums {
+            let stated = match kind {
+                Kind::Surface => &all.surfaces,
+                Kind::Cell => &all.cells,
+                Kind::Object => &all.objects,
+            };
+            if let Ok(found) = files::open(&real).and_then(checksum_of)
+                && found != *stated
+            {
+                let message = format!("found {found}, expected {stated} as in index.json#/tables");
+                issues.add(Code::Checksum, path, message);
+            }
+        }
+        let file = match files::open(&real) {
             Ok(file) => file,
             Err(e) => {
                 issues.add(Code::MissingFile, path, format!("cannot be read: {e}"));
@@ -80,18 +112,17 @@ impl Table {
             lines: BufReader::new(file),
             places: Vec::new(),
             line: 0,
+            unit: manifest.placement.unit.name(),
             sixth: voxel / 6.0 / f64::from(1 << 24),
             partial: kind == Kind::Object && manifest.is_part(),
             triangle_error: voxel / thinnest * TRIANGLE_ERROR,
             done: false,
         };
         let header = table.next_line(issues)?;
-        let names: Vec<&str> = header
-            .split(',')
-            .map(|f| f.split_once(" [").map_or(f, |(name, _)| name).trim())
-            .collect();
+        let names: Vec<&str> = header.split(',').map(str::trim).collect();
         for wanted in columns(kind) {
-            match names.iter().position(|n| n == wanted) {
+            let wanted = title(wanted, table.unit);
+            match names.iter().position(|n| *n == wanted) {
                 Some(place) => table.places.push(place),
                 None => {
                     let message =
@@ -137,7 +168,7 @@ impl Table {
     }
 
     /// Compares the next row with the surfaces of the next id.
-    pub fn check(&mut self, group: &Group, issues: &mut Issues) {
+    pub fn check(&mut self, group: &Group, solids: &mut Solids, issues: &mut Issues) {
         if self.done {
             return;
         }
@@ -153,7 +184,7 @@ impl Table {
             values: Vec::new(),
             bad: None,
         };
-        for (&place, name) in self.places.iter().zip(columns(self.kind)) {
+        for (&place, (name, _)) in self.places.iter().zip(columns(self.kind)) {
             row.take(fields.get(place).copied(), name);
         }
         if let Some(message) = row.bad {
@@ -173,22 +204,53 @@ impl Table {
             return;
         }
         let mut wrong = Vec::new();
+        let path = format!("{}:{}", self.path, self.line);
         match self.kind {
-            Kind::Surface => self.surface(&row, group, &mut wrong),
-            kind => self.region(&row, group, kind, &mut wrong),
+            Kind::Surface => self.surface(&row.values, group, &mut wrong),
+            kind => {
+                self.region(&row.values, group, kind, &mut wrong);
+                solids.check((kind, &row.values, &path), group, self.partial, &mut wrong);
+            }
+        }
+        if self.kind == Kind::Cell && group.parts > 0 {
+            self.carried(&row.values, group, issues);
         }
         if !wrong.is_empty() {
-            let path = format!("{}:{}", self.path, self.line);
             let message = format!("{} {}: {}", self.kind.name(), group.id, wrong.join("; "));
             issues.add(Code::TableValue, path, message);
         }
     }
 
-    /// A row of cells or objects.
-    fn region(&self, row: &Row, group: &Group, kind: Kind, wrong: &mut Vec<String>) {
-        let [_, area, volume, border, tiles] = row.values[..] else {
-            return;
+    /// Compares a row with what the tiles carry on the cell's pieces.
+    fn carried(&self, row: &solids::Row, group: &Group, issues: &mut Issues) {
+        let mut stated = Measured {
+            unit: Some(self.unit),
+            ..Measured::default()
         };
+        for (value, name) in stated.values.iter_mut().zip(MEASURES) {
+            let at = solids::COLUMNS.iter().position(|c| c.0 == name);
+            *value = at.and_then(|at| row[at]).unwrap_or(f64::NAN);
+        }
+        let found = &group.total;
+        if found.mixed || found.measures != carried::hash(&stated) {
+            let message = if found.mixed {
+                format!(
+                    "the measures on pieces of cell {} differ from piece to piece",
+                    group.id
+                )
+            } else {
+                format!(
+                    "the measures on pieces of cell {} are not those of {}:{}",
+                    group.id, self.path, self.line
+                )
+            };
+            issues.add(Code::CarriedMeasure, "tiles", message);
+        }
+    }
+
+    /// A row of cells or objects.
+    fn region(&self, row: &solids::Row, group: &Group, kind: Kind, wrong: &mut Wrong) {
+        let [area, volume, border, tiles] = [AREA, MESH_VOLUME, BORDER, TILES].map(|i| row[i]);
         let total = &group.total;
         let open = border == Some(1.0);
         if !open && total.sums.border > 0 {
@@ -225,11 +287,10 @@ impl Table {
     }
 
     /// A row of surfaces.
-    fn surface(&self, row: &Row, group: &Group, wrong: &mut Vec<String>) {
+    fn surface(&self, row: &solids::Row, group: &Group, wrong: &mut Wrong) {
         let sums = &group.total.sums;
         let ids = group.total.ids;
-        let euler =
-            sums.vertices as f64 - (sums.edges + sums.border) as f64 + sums.triangles as f64;
+        let euler = solids::euler_of(sums) as f64;
         let found = [
             ("cell", ids.cell as f64, 0.0),
             ("object", ids.object as f64, 0.0),
@@ -237,9 +298,11 @@ impl Table {
             ("vertices", sums.vertices as f64, 0.0),
             ("area", sums.area, self.area_error(sums)),
             ("euler_characteristic", euler, 0.0),
+            ("border_edges", sums.border as f64, 0.0),
             ("touches_border", f64::from(u8::from(sums.border > 0)), 0.0),
+            ("tiles", group.total.tiles as f64, 0.0),
         ];
-        for ((name, value, error), stated) in found.into_iter().zip(&row.values[1..]) {
+        for ((name, value, error), stated) in found.into_iter().zip(&row[1..]) {
             compare(name, *stated, value, error, wrong);
         }
     }
@@ -260,15 +323,7 @@ impl Table {
     }
 }
 
-fn compare(name: &str, stated: Option<f64>, found: f64, error: f64, wrong: &mut Vec<String>) {
-    let close = |s: f64| (s - found).abs() <= error;
-    if !stated.is_some_and(close) {
-        let stated = stated.map_or("nothing".to_owned(), |s| s.to_string());
-        wrong.push(format!("{name} {stated}, the surface has {found}"));
-    }
-}
-
-/// The compared fields of a row; an empty one is `None`, true is 1.
+/// The fields of a row, in the order of [`columns`]; an empty one is `None`, true is 1.
 struct Row {
     values: Vec<Option<f64>>,
     bad: Option<String>,

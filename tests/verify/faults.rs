@@ -37,6 +37,7 @@ pub fn break_it(code: Code, set: &Set, field: &mut Field) {
         | Code::RootMatrix
         | Code::NodeName
         | Code::NodeExtras
+        | Code::CarriedMeasure
         | Code::GroupMismatch => layout(code, set, &big),
         Code::SurfaceMixed | Code::SurfaceSplit | Code::PairRepeated | Code::IdGap | Code::Law => {
             surfaces(code, set)
@@ -116,6 +117,9 @@ fn layout(code: Code, set: &Set, place: &Place) {
         }
         Code::RootMatrix => set.edit_json(place, |j| j["nodes"][0]["matrix"][12] = json!(0.5)),
         Code::NodeName => set.edit_json(place, |j| j["nodes"][1]["name"] = json!("Cube.001")),
+        Code::CarriedMeasure => {
+            set.edit_json(place, |j| j["nodes"][1]["extras"]["volume"] = json!(77.5))
+        }
         Code::NodeExtras => set.edit_json(place, |j| j["nodes"][1]["extras"]["area"] = json!([1])),
         _ => set.edit_json(place, |j| {
             let cell = j["nodes"][1]["extras"]["cell"].as_u64().unwrap() + 1;
@@ -173,7 +177,7 @@ fn tables(code: Code, set: &Set) {
     let text = fs::read_to_string(&path).unwrap();
     let new = match code {
         Code::TableSyntax => text.replacen("euler", "eulre", 1),
-        Code::TableRows => text + "99,1,1,1,1,1,1,true\n",
+        Code::TableRows => text + "99,1,1,1,1,1,1,0,true,1\n",
         _ => {
             let mut lines: Vec<&str> = text.lines().collect();
             let mut fields: Vec<&str> = lines[2].split(',').collect();

@@ -304,12 +304,27 @@ impl Tile {
             properties[key] = json!({"type": "SCALAR", "componentType": kind});
             columns[key] = json!({"values": at});
         }
+        let measured: std::collections::BTreeSet<&String> = (self.pieces.iter())
+            .flat_map(|p| p.extras.as_object().unwrap())
+            .filter(|(key, value)| value.is_f64() && columns.get(key).is_none())
+            .map(|(key, _)| key)
+            .collect();
+        for key in measured {
+            // no measure of a body is so small
+            let value = |p: &Piece| p.extras[key].as_f64().unwrap_or(-1e300);
+            let bytes = self.pieces.iter().flat_map(|p| value(p).to_le_bytes());
+            let at = view(&mut doc, bytes.collect());
+            properties[key] =
+                json!({"type": "SCALAR", "componentType": "FLOAT64", "noData": -1e300});
+            columns[key] = json!({"values": at});
+        }
         let primitive = &mut doc["meshes"][0]["primitives"][0];
         primitive["attributes"]["_FEATURE_ID_0"] = accessor.into();
         primitive["extensions"] = json!({"EXT_mesh_features": {"featureIds":
             [{"featureCount": n, "attribute": 0, "propertyTable": 0}]}});
         doc["extensions"] = json!({"EXT_structural_metadata": {
-            "schema": {"id": "alvis", "classes": {"piece": {"properties": properties}}},
+            "schema": {"id": "alvis", "classes": {"piece":
+                {"properties": properties, "extras": {"unit": "mm"}}}},
             "propertyTables": [{"class": "piece", "count": n, "properties": columns}]}});
         doc["extensionsUsed"] = json!(["EXT_mesh_features", "EXT_structural_metadata"]);
         doc["buffers"][0]["byteLength"] = bin.len().into();

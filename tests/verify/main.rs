@@ -1,5 +1,6 @@
 //! The verifier against tile sets of a simple producer, sound ones and broken ones.
 
+mod bodies;
 mod cubes;
 mod edit;
 mod faults;

@@ -1,5 +1,6 @@
 //! A simple and slow producer of tile sets for tests.
 
+use crate::bodies::{Body, HEADER};
 use crate::cubes::{Field, Key, Table, cross, cube};
 use crate::glb::{Piece, Tile, crc32, write_json};
 use alvis::grid::{Ambiguous, Placement, Unit};
@@ -168,10 +169,14 @@ impl Set<'_> {
                 (_, true) => format!("cell_{cell}_object_{object}"),
             };
             let surface = self.surfaces.get(&(cell, object)).copied().unwrap_or(0);
+            let mut extras = json!({"cell": cell, "object": object, "surface": surface,
+                "triangles": triangles.len(), "kind": "pore"});
+            if cell != 0 {
+                extras.as_object_mut().unwrap().extend(self.carried(cell));
+            }
             Piece {
                 name,
-                extras: json!({"cell": cell, "object": object, "surface": surface,
-                    "triangles": triangles.len(), "area": 1.5, "kind": "pore"}),
+                extras,
                 positions: keys.iter().map(|k| k.map(|c| c as f32 / 256.0)).collect(),
                 normals: keys
                     .iter()
@@ -241,59 +246,81 @@ impl Set<'_> {
         write_json(&dir.join("index.json"), &manifest);
     }
 
-    fn tables(&self, dir: &Path) {
+    /// A cell (phase 0) or an object.
+    fn body(&self, phase: usize, id: u64) -> Body {
+        let own = |c: u64, o: u64| c != 0 && [c, o][phase] == id;
+        let triangles = self.all(own);
+        let [nx, ny, _] = self.field.dims;
+        let place = |i: usize| [i % nx, i / nx % ny, i / nx / ny].map(|c| c as i64);
+        let six = triangles.iter().map(volume6).sum::<i128>() as f64;
+        let sign = if phase == 0 { -1.0 } else { 1.0 };
         let cube = SPACING.iter().product::<f64>();
+        let voxels = (0..self.labels[phase].len()).filter(|&i| self.labels[phase][i] == id);
+        Body {
+            voxels: voxels.map(place).collect(),
+            dims: self.field.dims,
+            mesh_volume: sign * six / 6.0 / f64::from(1 << 24) * cube,
+            area: triangles.iter().map(area).sum(),
+            tiles: self
+                .tiles
+                .values()
+                .filter(|p| p.keys().any(|k| own(k.0, k.1)))
+                .count(),
+            by_edges: (phase == 0) == (self.style.rule == Ambiguous::Separate),
+        }
+    }
+
+    /// The measures that tiles carry, as JSON.
+    fn carried(&self, cell: u64) -> serde_json::Map<String, Value> {
+        const NAMES: [&str; 11] = [
+            "voxels",
+            "volume",
+            "mesh_volume",
+            "area",
+            "equivalent_diameter",
+            "sphericity",
+            "form_factor",
+            "elongation",
+            "flatness",
+            "euler_characteristic",
+            "touches_border",
+        ];
+        let row = self.body(0, cell).row(cell);
+        let mut out = serde_json::Map::new();
+        out.insert("unit".into(), "mm".into());
+        for (title, value) in HEADER.split(',').zip(row) {
+            let name = title.split(' ').next().unwrap();
+            if NAMES.contains(&name) && !value.is_empty() {
+                out.insert(name.into(), value.parse::<f64>().unwrap().into());
+            }
+        }
+        out
+    }
+
+    fn tables(&self, dir: &Path) {
         for (phase, name) in [(0, "cells"), (1, "objects")] {
-            let mut out = String::from(
-                "id,voxels,volume [mm^3],mesh_volume [mm^3],area [mm^2],touches_border,tiles\n",
-            );
+            let mut out = format!("{HEADER}\n");
             for id in 1..=self.labels[phase].iter().max().copied().unwrap_or(0) {
-                let own = |c: u64, o: u64| {
-                    if phase == 0 {
-                        c == id
-                    } else {
-                        c != 0 && o == id
-                    }
-                };
-                let triangles = self.all(own);
-                let voxels: Vec<usize> = (0..self.labels[phase].len())
-                    .filter(|&i| self.labels[phase][i] == id)
-                    .collect();
-                let border = voxels.iter().any(|&i| {
-                    let [nx, ny, nz] = self.field.dims;
-                    let p = [i % nx, i / nx % ny, i / nx / ny];
-                    (0..3).any(|a| p[a] == 0 || p[a] + 1 == [nx, ny, nz][a])
-                });
-                let six = triangles.iter().map(volume6).sum::<i128>() as f64;
-                let sign = if phase == 0 { -1.0 } else { 1.0 };
-                let volume = sign * six / 6.0 / f64::from(1 << 24) * cube;
-                let area: f64 = triangles.iter().map(area).sum();
-                let tiles = self
-                    .tiles
-                    .values()
-                    .filter(|p| p.keys().any(|k| own(k.0, k.1)))
-                    .count();
-                let mesh = if border {
-                    String::new()
-                } else {
-                    volume.to_string()
-                };
-                let n = voxels.len();
-                let v = n as f64 * cube;
-                out += &format!("{id},{n},{v},{mesh},{area},{border},{tiles}\n");
+                out += &format!("{}\n", self.body(phase, id).row(id).join(","));
             }
             fs::write(dir.join(format!("{name}.csv")), out).unwrap();
         }
         let mut out = String::from(
-            "id,cell,object,triangles,vertices,area [mm^2],euler_characteristic,touches_border\n",
+            "id,cell,object,triangles,vertices,area [mm^2],euler_characteristic,border_edges,\
+             touches_border,tiles\n",
         );
         for (&(cell, object), id) in &self.surfaces {
             let triangles = self.all(|c, o| (c, o) == (cell, object));
             let (vertices, open, euler) = topology(&triangles);
             let area: f64 = triangles.iter().map(area).sum();
             let n = triangles.len();
+            let tiles = self
+                .tiles
+                .values()
+                .filter(|p| p.contains_key(&(cell, object)))
+                .count();
             out += &format!(
-                "{id},{cell},{object},{n},{vertices},{area},{euler},{}\n",
+                "{id},{cell},{object},{n},{vertices},{area},{euler},{open},{},{tiles}\n",
                 open > 0
             );
         }

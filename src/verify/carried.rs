@@ -1,0 +1,22 @@
+//! The measures that tiles carry on their pieces, to be held against the table of cells.
+//!
+//! Tiles come before tables and cells are too many to be kept, so only a hash of the measures goes
+//! along with each surface.
+
+use crate::tile::read::Measured;
+use std::hash::{DefaultHasher, Hasher};
+
+/// The hash of what a piece, or a row of the table, states.
+pub(super) fn hash(m: &Measured) -> u64 {
+    let mut hasher = DefaultHasher::new();
+    hasher.write(m.unit.unwrap_or("").as_bytes());
+    for v in m.values {
+        // no value and -0 have one form each
+        hasher.write_u64(if v.is_nan() {
+            u64::MAX
+        } else {
+            (v + 0.0).to_bits()
+        });
+    }
+    hasher.finish()
+}

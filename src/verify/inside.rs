@@ -1,0 +1,300 @@
+//! What a surface says of the voxels on both of its sides.
+//!
+//! A vertex on a lattice edge along x is where a run of voxels of a cell ends and one of an object
+//! begins, or the other way round. So the number of a cell's voxels, and every moment of them, is a sum
+//! over such vertices: what lies before the run's end less what lies before its start. Only runs that
+//! end at the volume's own faces across x have no vertex there; where a cell reaches one of the two
+//! faces, sums are taken from that face, and where it reaches both they are not known by themselves.
+
+use super::piece::{DOWN, Piece, Region, UP};
+
+/// Sums over the ends of runs along x, those of the cell counted up and those of the object down: of
+/// each of [1, y, z, yy, zz, yz] times the number of voxels before the end at b, of [1, y, z] times the
+/// sum of their x, of the sum of their xx; then of the first six alone.
+const SUMS: usize = 16;
+
+/// A box of voxels; empty at first.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(super) struct Span {
+    pub lo: [u16; 3],
+    pub hi: [u16; 3],
+}
+
+impl Default for Span {
+    fn default() -> Self {
+        Span {
+            lo: [u16::MAX; 3],
+            hi: [0; 3],
+        }
+    }
+}
+
+impl Span {
+    pub fn add(&mut self, other: &Span) {
+        for a in 0..3 {
+            self.lo[a] = self.lo[a].min(other.lo[a]);
+            self.hi[a] = self.hi[a].max(other.hi[a]);
+        }
+    }
+
+    fn take(&mut self, voxel: [i32; 3]) {
+        let v = voxel.map(|c| c.clamp(0, i32::from(u16::MAX)) as u16);
+        self.add(&Span { lo: v, hi: v });
+    }
+
+    fn words(&self) -> [u16; 6] {
+        let ([a, b, c], [d, e, f]) = (self.lo, self.hi);
+        [a, b, c, d, e, f]
+    }
+}
+
+/// What is known of the voxels beside a surface, or beside several.
+#[derive(Debug, Clone, Copy, Default, PartialEq)]
+pub(super) struct Inside {
+    /// Around the voxels of the cell that the surface touches.
+    pub below: Span,
+    /// The same of the object.
+    pub above: Span,
+    sums: [i128; SUMS],
+}
+
+/// Words that [`Inside::pack`] takes.
+pub(super) const WORDS: usize = 3 + 2 * SUMS;
+
+impl Inside {
+    /// From the vertices that are the tile's own, of a piece whose triangles have been summed.
+    pub fn of(piece: &Piece, region: &Region) -> Self {
+        let mut out = Inside::default();
+        for (&p, &state) in piece.points.iter().zip(&piece.state) {
+            let axis = usize::from(state & 3);
+            let low = p.map(|c| c >> 8);
+            let mut high = low;
+            high[axis] += 1;
+            let cell_is_low = state & (UP | DOWN) == DOWN;
+            let (cell, object) = if cell_is_low {
+                (low, high)
+            } else {
+                (high, low)
+            };
+            out.below.take(cell);
+            out.above.take(object);
+            if axis == 0 && region.owns(p) {
+                out.end_run(high.map(i64::from), if cell_is_low { 1 } else { -1 });
+            }
+        }
+        out
+    }
+
+    /// Adds the end of a run of voxels before x = b.
+    fn end_run(&mut self, [b, y, z]: [i64; 3], sign: i64) {
+        let weights = [1, y, z, y * y, z * z, y * z];
+        let [x, xx] = power_sums(b);
+        for (i, w) in weights.into_iter().enumerate() {
+            self.sums[i] += i128::from(sign * w * b);
+            self.sums[10 + i] += i128::from(sign * w);
+        }
+        for i in 0..3 {
+            self.sums[6 + i] += i128::from(sign) * i128::from(x) * i128::from(weights[i]);
+        }
+        self.sums[9] += i128::from(sign) * i128::from(xx);
+    }
+
+    pub fn add(&mut self, other: &Inside) {
+        self.below.add(&other.below);
+        self.above.add(&other.above);
+        for (a, b) in self.sums.iter_mut().zip(other.sums) {
+            *a = a.wrapping_add(b);
+        }
+    }
+
+    /// As words of a record.
+    pub fn pack(&self) -> [u64; WORDS] {
+        let mut out = [0; WORDS];
+        let boxes = self.below.words().into_iter().chain(self.above.words());
+        for (i, v) in boxes.enumerate() {
+            out[i / 4] |= u64::from(v) << (16 * (i % 4));
+        }
+        for (i, s) in self.sums.iter().enumerate() {
+            let s = *s as u128;
+            out[3 + 2 * i] = (s >> 64) as u64;
+            out[4 + 2 * i] = s as u64;
+        }
+        out
+    }
+
+    /// What [`Inside::pack`] made; `words` has [`WORDS`] of them.
+    pub fn unpack(words: &[u64]) -> Self {
+        let v = |i: usize| (words[i / 4] >> (16 * (i % 4))) as u16;
+        let span = |i: usize| Span {
+            lo: std::array::from_fn(|a| v(i + a)),
+            hi: std::array::from_fn(|a| v(i + 3 + a)),
+        };
+        let sum = |i: usize| u128::from(words[3 + 2 * i]) << 64 | u128::from(words[4 + 2 * i]);
+        Inside {
+            below: span(0),
+            above: span(6),
+            sums: std::array::from_fn(|i| sum(i) as i128),
+        }
+    }
+
+    /// The moments of the cell's voxels, or of the object's, if they do not reach the volume's upper
+    /// face across x (`far` is `None`) or not the lower one (`far` is the volume's length).
+    pub fn moments(&self, cell: bool, far: Option<u32>) -> Moments {
+        let sign = if cell { 1 } else { -1 };
+        let b = far.map_or(0, i64::from);
+        let [x, xx] = power_sums(b).map(i128::from);
+        let b = i128::from(b);
+        let s = |i: usize, before: i128, weight: usize| {
+            let beyond = before.wrapping_mul(self.sums[10 + weight]);
+            self.sums[i].wrapping_sub(beyond).wrapping_mul(sign)
+        };
+        Moments {
+            voxels: s(0, b, 0),
+            first: [s(6, x, 0), s(1, b, 1), s(2, b, 2)],
+            second: [
+                s(9, xx, 0),
+                s(3, b, 3),
+                s(4, b, 4),
+                s(7, x, 1),
+                s(8, x, 2),
+                s(5, b, 5),
+            ],
+        }
+    }
+}
+
+/// The sums of k and of k^2 for k in 0..n.
+fn power_sums(n: i64) -> [i64; 2] {
+    [n * (n - 1) / 2, (n - 1) * n * (2 * n - 1) / 6]
+}
+
+/// Number of voxels, sums of x, y, z, and of xx, yy, zz, xy, xz, yz.
+#[derive(Debug, Clone, Copy, Default, PartialEq)]
+pub(super) struct Moments {
+    pub voxels: i128,
+    pub first: [i128; 3],
+    pub second: [i128; 6],
+}
+
+impl Moments {
+    /// Of a whole grid.
+    pub fn of_grid(dims: [u32; 3]) -> Self {
+        let n = dims.map(i128::from);
+        let sums = dims.map(|n| power_sums(i64::from(n)).map(i128::from));
+        let [x, y, z] = [sums[0][0], sums[1][0], sums[2][0]];
+        Moments {
+            voxels: n[0] * n[1] * n[2],
+            first: [x * n[1] * n[2], y * n[0] * n[2], z * n[0] * n[1]],
+            second: [
+                sums[0][1] * n[1] * n[2],
+                sums[1][1] * n[0] * n[2],
+                sums[2][1] * n[0] * n[1],
+                x * y * n[2],
+                x * z * n[1],
+                y * z * n[0],
+            ],
+        }
+    }
+
+    /// Without a part.
+    pub fn without(&self, part: &Moments) -> Self {
+        Moments {
+            voxels: self.voxels.wrapping_sub(part.voxels),
+            first: std::array::from_fn(|i| self.first[i].wrapping_sub(part.first[i])),
+            second: std::array::from_fn(|i| self.second[i].wrapping_sub(part.second[i])),
+        }
+    }
+
+    /// Mean voxel coordinates.
+    pub fn mean(&self) -> [f64; 3] {
+        self.first.map(|s| s as f64 / self.voxels as f64)
+    }
+
+    /// Covariance in voxel coordinates; a voxel is a box with a second moment of 1/12 of its own.
+    pub fn covariance(&self) -> [[f64; 3]; 3] {
+        let n = self.voxels;
+        let mut out = [[0.0; 3]; 3];
+        let pairs = [(0, 0), (1, 1), (2, 2), (0, 1), (0, 2), (1, 2)];
+        for (&second, (a, b)) in self.second.iter().zip(pairs) {
+            let product = self.first[a].checked_mul(self.first[b]);
+            let exact = n
+                .checked_mul(second)
+                .zip(product)
+                .and_then(|(l, r)| l.checked_sub(r));
+            let n = n as f64;
+            let value = match exact {
+                Some(v) => v as f64 / n / n,
+                None => second as f64 / n - self.first[a] as f64 / n * (self.first[b] as f64 / n),
+            };
+            out[a][b] = value + if a == b { 1.0 / 12.0 } else { 0.0 };
+            out[b][a] = out[a][b];
+        }
+        out
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// The moments of a set of voxels of a row along x, added up one by one.
+    fn plain(voxels: &[[i128; 3]]) -> Moments {
+        let mut m = Moments::default();
+        for &[x, y, z] in voxels {
+            m.voxels += 1;
+            for (s, v) in m.first.iter_mut().zip([x, y, z]) {
+                *s += v;
+            }
+            for (s, v) in m
+                .second
+                .iter_mut()
+                .zip([x * x, y * y, z * z, x * y, x * z, y * z])
+            {
+                *s += v;
+            }
+        }
+        m
+    }
+
+    #[test]
+    fn ends_of_runs_give_the_moments_of_what_lies_between() {
+        let mut inside = Inside::default();
+        let mut voxels = Vec::new();
+        for (start, end, y, z) in [(2, 7, 3, 5), (9, 10, 3, 5), (1, 4, 6, 0)] {
+            inside.end_run([start, y, z], -1);
+            inside.end_run([end, y, z], 1);
+            voxels.extend((start..end).map(|x| [x, y, z].map(i128::from)));
+        }
+        assert_eq!(inside.moments(true, None), plain(&voxels));
+        assert_eq!(inside.moments(true, Some(12)), plain(&voxels));
+        assert_eq!(Inside::unpack(&inside.pack()), inside);
+    }
+
+    #[test]
+    fn runs_that_reach_a_face_are_counted_from_the_other_one() {
+        let (mut low, mut high) = (Inside::default(), Inside::default());
+        low.end_run([4, 2, 9], 1);
+        high.end_run([4, 2, 9], -1);
+        let voxels = |range: std::ops::Range<i128>| range.map(|x| [x, 2, 9]).collect::<Vec<_>>();
+        assert_eq!(low.moments(true, None), plain(&voxels(0..4)));
+        assert_eq!(high.moments(true, Some(11)), plain(&voxels(4..11)));
+        assert_eq!(low.moments(false, Some(11)), plain(&voxels(4..11)));
+    }
+
+    #[test]
+    fn a_grid_has_the_moments_of_its_voxels() {
+        let mut voxels = Vec::new();
+        for z in 0..3 {
+            for y in 0..4 {
+                voxels.extend((0..5).map(|x| [x, y, z]));
+            }
+        }
+        let grid = Moments::of_grid([5, 4, 3]);
+        assert_eq!(grid, plain(&voxels));
+        let rest = grid.without(&plain(&voxels[..7]));
+        assert_eq!(rest, plain(&voxels[7..]));
+        assert_eq!(grid.mean(), [2.0, 1.5, 1.0]);
+        assert!((grid.covariance()[0][0] - (2.0 + 1.0 / 12.0)).abs() < 1e-12);
+        assert_eq!(grid.covariance()[0][1], 0.0);
+    }
+}

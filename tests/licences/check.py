@@ -1,0 +1,77 @@
+"""Checks the licence and the source of every crate that alvis is built from.
+
+    python3 tests/licences/check.py [Cargo.toml]
+
+Licences are SPDX expressions, of which one choice must be allowed in full; sources are the registry of
+crates and this directory. What is allowed is read from deny.toml, so that this and `cargo deny check
+licenses sources bans` agree. Ends with `N passed, N failed`.
+"""
+
+import json
+import pathlib
+import re
+import subprocess
+import sys
+import tomllib
+
+ROOT = pathlib.Path(__file__).resolve().parents[2]
+
+
+def allows(expression: str, allowed: set[str]) -> bool:
+    """True if a choice of the expression needs allowed licences only."""
+    tokens = re.findall(r"[()]|[^\s()]+", expression.replace("/", " OR "))
+
+    def alternatives(at: int) -> tuple[bool, int]:
+        value, at = together(at)
+        while at < len(tokens) and tokens[at] == "OR":
+            other, at = together(at + 1)
+            value = value or other
+        return value, at
+
+    def together(at: int) -> tuple[bool, int]:
+        value, at = single(at)
+        while at < len(tokens) and tokens[at] == "AND":
+            other, at = single(at + 1)
+            value = value and other
+        return value, at
+
+    def single(at: int) -> tuple[bool, int]:
+        if tokens[at] == "(":
+            value, at = alternatives(at + 1)
+            assert tokens[at] == ")", expression
+            return value, at + 1
+        name, at = tokens[at], at + 1
+        if at < len(tokens) and tokens[at] == "WITH":
+            name, at = f"{name} WITH {tokens[at + 1]}", at + 2
+        return name in allowed, at
+
+    value, at = alternatives(0)
+    assert at == len(tokens), expression
+    return value
+
+
+def main() -> int:
+    manifest = sys.argv[1] if len(sys.argv) > 1 else str(ROOT / "Cargo.toml")
+    rules = tomllib.loads((ROOT / "deny.toml").read_text())
+    allowed = set(rules["licenses"]["allow"])
+    registries = set(rules["sources"]["allow-registry"])
+    command = ["cargo", "metadata", "--locked", "--format-version", "1", "--manifest-path", manifest]
+    packages = json.loads(subprocess.run(command, check=True, stdout=subprocess.PIPE).stdout)["packages"]
+    wrong = []
+    for package in packages:
+        name = f"{package['name']} {package['version']}"
+        source = package["source"]
+        if source is not None and source.removeprefix("registry+") not in registries:
+            wrong.append(f"{name}: found source {source}, expected one of {sorted(registries)}")
+        elif not package["license"] or not allows(package["license"], allowed):
+            wrong.append(f"{name}: found licence {package['license']}, expected one of {sorted(allowed)}")
+    # a check that allows everything would pass as well
+    assert not allows("GPL-3.0-only", allowed) and not allows("MIT AND GPL-3.0-only", allowed)
+    assert allows("GPL-3.0-only OR (MIT AND Zlib)", allowed)
+    print("\n".join(wrong))
+    print(f"licences and sources: {len(packages) - len(wrong)} passed, {len(wrong)} failed")
+    return 1 if wrong else 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())
