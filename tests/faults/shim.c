@@ -95,7 +95,7 @@ static const char *path_of(int fd, char *buffer) {
   ssize_t n = readlink(link, buffer, 4095);
   if (n < 0) return NULL;
   buffer[n] = 0;
-  return buffer;
+  return *buffer == '/' ? buffer : NULL; /* else a pipe or the like */
 }
 
 #define SHARED(type, call) \
