@@ -1,7 +1,6 @@
 //! The limits that the README states, at their edges.
 
 // other programs use the rest
-#[allow(dead_code)]
 mod command;
 
 use alvis::grid::Dims;
