@@ -4,9 +4,10 @@
 //! have, and its triangles are numbered in the order of their cubes. Nearly all cubes are cut by one
 //! sheet and go a way without branches on the case; the others, and a test for all, take the plain way.
 //!
-//! Counting instructions on a foam, this took 150 per triangle with a popcount for each edge and
-//! 100 more for sorting the triangles by piece afterwards; counters that step from cube to cube
-//! (Flying Edges, Schroeder et al. 2015), kept in one vector, and pieces known beforehand leave 70.
+//! Instructions of all of meshing, per triangle, on a foam of 130^3 voxels, compiled for AVX2: 766 with a
+//! population count for each edge of a cube and the triangles sorted by piece afterwards; 500, of which
+//! cubes take 163, with counters that step from cube to cube (Flying Edges, Schroeder et al. 2015), kept
+//! in one vector, and pieces known beforehand.
 
 use crate::cpu::dispatch;
 use crate::mesh::edges::{Edges, below};
