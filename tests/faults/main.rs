@@ -125,8 +125,8 @@ fn judge(
     failed
 }
 
-/// Lets every operation go wrong, each in the ways that it can.
-fn every_operation(test: &str, more: &str) {
+/// Lets every `step`th operation go wrong, each in the ways that it can.
+fn every_operation(test: &str, more: &str, step: usize) {
     let Some(shim) = shim(test) else { return };
     let line = format!("{CONVERT} --threads 1{more}");
     let (_dir, here, expected) = prepared(&line);
@@ -141,7 +141,7 @@ fn every_operation(test: &str, more: &str) {
     let operations = std::fs::read_to_string(&log).unwrap();
     std::fs::remove_file(&log).unwrap();
     let mut tally = BTreeMap::<(String, u32), (u32, u32)>::new();
-    for operation in operations.lines() {
+    for operation in operations.lines().step_by(step) {
         let mut parts = operation.split(' ');
         let (number, name) = (parts.next().unwrap(), parts.next().unwrap());
         let turn = |ways: &[u32]| ways[number.parse::<usize>().unwrap() % ways.len()];
@@ -187,14 +187,15 @@ fn every_operation(test: &str, more: &str) {
 
 #[test]
 fn every_file_operation_of_a_conversion() {
-    every_operation("every_file_operation_of_a_conversion", "");
+    every_operation("every_file_operation_of_a_conversion", "", 1);
 }
 
 #[test]
-fn every_file_operation_that_writes_tiles_twice() {
+fn file_operations_that_write_tiles_twice() {
     every_operation(
-        "every_file_operation_that_writes_tiles_twice",
+        "file_operations_that_write_tiles_twice",
         " --for web --min-voxels 20",
+        5,
     );
 }
 

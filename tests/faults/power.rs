@@ -176,7 +176,7 @@ fn power_fails(test: &str, more: &str, failures: u32, seed: u64) {
 
 #[test]
 fn the_power_fails_at_any_moment() {
-    power_fails("the_power_fails_at_any_moment", "", 40, 1);
+    power_fails("the_power_fails_at_any_moment", "", 20, 1);
 }
 
 #[test]
@@ -184,7 +184,7 @@ fn the_power_fails_while_tiles_are_written_twice() {
     power_fails(
         "the_power_fails_while_tiles_are_written_twice",
         " --for web --min-voxels 20",
-        40,
+        20,
         2,
     );
 }
