@@ -11,8 +11,8 @@ use super::spill::{Merge, RECORD_WORDS, Record, Spill};
 use super::sweep::{Component, Ids};
 use crate::error::Result;
 
-/// Records that each of the three sorts keeps in memory: 24 MiB.
-const IN_MEMORY: usize = 1 << 16;
+/// Records that each of the three sorts keeps in memory: 0.8 MiB.
+const IN_MEMORY: usize = 1 << 11;
 
 /// Words of a record before those of [`Inside`].
 const OWN_WORDS: usize = RECORD_WORDS - inside::WORDS;

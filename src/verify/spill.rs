@@ -14,14 +14,16 @@ pub(super) const RECORD_WORDS: usize = 13 + super::inside::WORDS;
 
 const RECORD_BYTES: usize = size_of::<Record>();
 
-/// Runs that are open at a time, far below the files that a process may open.
-const MAX_RUNS: usize = 64;
+/// Runs of about the same length that are merged to one. A record is written once for each power of
+/// this, and as many files are open for each: far fewer than a process may open.
+const FAN_IN: usize = 32;
 
 /// Collects records and hands them out sorted; keeps at most `limit` of them in memory.
 pub(super) struct Spill {
     buffer: Vec<Record>,
     limit: usize,
-    runs: Vec<File>,
+    /// Runs of `limit` records, of [`FAN_IN`] times as many, and so on.
+    runs: Vec<Vec<File>>,
 }
 
 impl Spill {
@@ -44,12 +46,18 @@ impl Spill {
     fn write_run(&mut self) -> Result<()> {
         self.buffer.sort_unstable();
         let mut records = self.buffer.iter().copied();
-        let run = write(|| Ok(records.next()))?;
-        self.runs.push(run);
+        let mut run = write(|| Ok(records.next()))?;
         self.buffer.clear();
-        if self.runs.len() == MAX_RUNS {
-            let mut all = Merge::new(Vec::new(), self.runs.drain(..))?;
-            self.runs.push(write(|| all.next())?);
+        for level in 0.. {
+            if level == self.runs.len() {
+                self.runs.push(Vec::new());
+            }
+            self.runs[level].push(run);
+            if self.runs[level].len() < FAN_IN {
+                break;
+            }
+            let mut all = Merge::new(Vec::new(), self.runs[level].drain(..))?;
+            run = write(|| all.next())?;
         }
         Ok(())
     }
@@ -57,7 +65,10 @@ impl Spill {
     /// The records in order.
     pub fn into_sorted(mut self) -> Result<Merge> {
         self.buffer.sort_unstable();
-        Merge::new(std::mem::take(&mut self.buffer), self.runs.drain(..))
+        Merge::new(
+            std::mem::take(&mut self.buffer),
+            self.runs.drain(..).flatten(),
+        )
     }
 }
 
@@ -143,7 +154,7 @@ mod tests {
         };
         for limit in [1, 7, 64, 1000] {
             let mut spill = Spill::new(limit);
-            let mut expected: Vec<Record> = (0..200).map(record).collect();
+            let mut expected: Vec<Record> = (0..1200).map(record).collect();
             for r in &expected {
                 spill.push(*r).unwrap();
             }
