@@ -5,6 +5,14 @@ use std::fs::{File, OpenOptions, TryLockError};
 use std::io::ErrorKind;
 use std::os::unix::fs::MetadataExt;
 use std::path::Path;
+use std::time::{Duration, Instant};
+
+/// How long to wait for a lock: a process that was killed holds it until the system has taken its memory
+/// back.
+const PATIENCE: Duration = Duration::from_secs(2);
+
+/// Between two tries.
+const PAUSE: Duration = Duration::from_millis(20);
 
 /// Held while a conversion works.
 #[derive(Debug)]
@@ -21,8 +29,10 @@ impl Lock {
     /// Takes the lock at `path`, making the file. `out` is what the user calls the directory.
     ///
     /// # Errors
-    /// [`Error::OutputBusy`] if somebody else holds it; [`Error::Io`].
+    /// [`Error::OutputBusy`] if somebody else holds it for longer than a process takes to die;
+    /// [`Error::Io`].
     pub fn take(path: &Path, out: &Path) -> Result<Self> {
+        let start = Instant::now();
         loop {
             let file = OpenOptions::new()
                 .write(true)
@@ -32,6 +42,10 @@ impl Lock {
                 .map_err(|e| Error::io(path, "create", e))?;
             match file.try_lock() {
                 Ok(()) => {}
+                Err(TryLockError::WouldBlock) if start.elapsed() < PATIENCE => {
+                    std::thread::sleep(PAUSE);
+                    continue;
+                }
                 Err(TryLockError::WouldBlock) => {
                     return Err(Error::OutputBusy {
                         path: out.to_path_buf(),
@@ -56,7 +70,20 @@ mod tests {
     use super::*;
 
     #[test]
-    fn the_second_waits_for_nobody_and_is_refused() {
+    fn a_holder_that_ends_soon_is_waited_for() {
+        let dir = tempfile::tempdir().unwrap();
+        let path = dir.path().join("lock");
+        let first = Lock::take(&path, dir.path()).unwrap();
+        let dying = std::thread::spawn(move || {
+            std::thread::sleep(5 * PAUSE);
+            drop(first);
+        });
+        assert!(Lock::take(&path, dir.path()).is_ok());
+        dying.join().unwrap();
+    }
+
+    #[test]
+    fn the_second_is_refused_while_the_first_lives() {
         let dir = tempfile::tempdir().unwrap();
         let path = dir.path().join("lock");
         let first = Lock::take(&path, dir.path()).unwrap();
