@@ -11,17 +11,8 @@ use alvis::volume::{MemoryVolume, Volume, Voxel};
 use common::glb;
 use common::set::{Surface, Table, manifest, shards, table, weld};
 use common::volumes::{foam, late_joins, noise, placed, samples};
-use common::{assert_same_files, converted, files, verified};
+use common::{assert_same_files, converted, files, options, verified};
 use std::collections::BTreeMap;
-
-fn options(macrocube: [u32; 3]) -> ConvertOptions {
-    ConvertOptions {
-        threshold: 128.0,
-        macrocube,
-        threads: 1,
-        ..ConvertOptions::default()
-    }
-}
 
 /// The smallest memory limit of every plan: one band of a slab at once, two, ... all, and all with the
 /// next slab read ahead.

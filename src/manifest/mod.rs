@@ -346,6 +346,20 @@ pub struct Totals {
     pub volume6: i128,
 }
 
+impl Totals {
+    /// Adds what a tile's entry says of the tile.
+    pub(crate) fn add_tile(&mut self, tile: &TileEntry) {
+        self.tiles += 1;
+        self.tile_vertices += tile.vertices;
+        self.triangles += tile.triangles;
+        self.strips += tile.strips;
+        self.bytes += tile.bytes;
+        if tile.strips > 0 {
+            self.strip_indices += tile.indices;
+        }
+    }
+}
+
 /// One layer of macrocubes.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Layer {

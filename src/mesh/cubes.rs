@@ -20,16 +20,11 @@ use std::sync::LazyLock;
 /// 0, which stands for no triangle.
 pub const NONE: u32 = 0;
 
-/// The most triangles that a piece of so many vertices has: at a vertex meet four cubes at most, and
-/// in a cube a loop of n <= 7 vertices has n - 2 triangles, so there are 4 * 5/7 to a vertex.
-pub fn most_triangles(vertices: u32) -> u32 {
-    3 * vertices
-}
-
-/// Elements of a piece's triangles in the tile's arrays: one that stands for none, and some more
-/// that may be overwritten.
+/// Elements for the triangles of a piece of so many vertices in the tile's arrays: one that stands for
+/// none, and some more that may be overwritten. At a vertex meet four cubes at most, and in a cube a loop
+/// of n <= 7 vertices has n - 2 triangles, so there are 4 * 5/7 < 3 to a vertex.
 pub fn room_for(vertices: u32) -> u32 {
-    1 + most_triangles(vertices) + MAX_TRIANGLES as u32
+    1 + 3 * vertices + MAX_TRIANGLES as u32
 }
 
 /// Triangles written at once, whether the cube has as many or not.

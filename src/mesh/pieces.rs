@@ -148,8 +148,7 @@ struct VertexRun {
     object: u32,
     cell: u32,
     piece: u32,
-    /// Vertices of the piece before the run, and up to now.
-    first: u32,
+    /// Vertices of the piece up to now; 0 if the run has none.
     next: u32,
     /// Vertices of the run that the next tile along x counts.
     shared: u32,
@@ -162,7 +161,6 @@ impl Default for VertexRun {
             object: u32::MAX,
             cell: u32::MAX,
             piece: 0,
-            first: 0,
             next: 0,
             shared: 0,
         }
@@ -174,10 +172,10 @@ impl VertexRun {
     /// tile, which does.
     #[inline(always)]
     fn end(self, pieces: &mut [Piece], shared: bool) {
-        if self.next > self.first {
+        if self.next > 0 {
             let piece = &mut pieces[self.piece as usize];
+            let counted = self.next - piece.vertices - self.shared;
             piece.vertices = self.next;
-            let counted = self.next - self.first - self.shared;
             piece.sums.vertices += u64::from(counted) * u64::from(!shared);
         }
     }
@@ -260,7 +258,6 @@ fn assign_inlined<T: Voxel>(
                                 object,
                                 cell,
                                 piece: p,
-                                first: piece.vertices,
                                 next: piece.vertices,
                                 shared: 0,
                             };

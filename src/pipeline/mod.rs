@@ -11,6 +11,7 @@ mod options;
 pub(crate) mod output;
 mod plan;
 mod resolve;
+mod resume;
 pub(crate) mod spool;
 mod surfaces;
 mod sweep;
@@ -40,6 +41,7 @@ use finish::{FinishSettings, finish_layer, finished_layer};
 use forward::{Forward, SlabRecord};
 use keep::{Identity, Keeper};
 use resolve::{Resolved, resolve};
+use resume::{announced, begin, complete};
 use serde::{Deserialize, Serialize};
 use spool::Spool;
 use std::path::Path;
@@ -124,92 +126,6 @@ pub fn convert(
     drop(keeper);
     output.commit()?;
     Ok(report(made, resumed))
-}
-
-/// Goes on with what an interrupted conversion left, if that is asked for and there is any, or makes
-/// the work directory empty.
-fn begin(
-    output: &mut Output,
-    out: &Path,
-    options: &ConvertOptions,
-    identity: &Identity,
-    layers: u32,
-    progress: &dyn Progress,
-) -> Result<Keeper> {
-    let dust = options.min_voxels > 1;
-    let work = output.work().to_path_buf();
-    // whatever happens now, what is there is not to be lost
-    output.keep(true);
-    let before = keep::kept(&work);
-    if options.resume {
-        if let Some(keeper) = Keeper::resume(&work, out, identity, dust, layers)? {
-            let (kept, finished) = (keeper.kept(), keeper.finished());
-            let of = before.map_or(0, |b| b.of);
-            let index = match finished {
-                0 => String::new(),
-                n => format!(", and {n} in the index"),
-            };
-            progress.warn(&format!("resuming: {kept} of {of} layers were done{index}"));
-            return Ok(keeper);
-        }
-    } else if let Some(keep::Kept { done, of }) = before {
-        progress.warn(&format!(
-            "dropping {done} of {of} layers of an interrupted conversion: --resume would have gone \
-             on with them"
-        ));
-    }
-    output.clear()?;
-    output.keep(false);
-    Keeper::new(&work, identity, dust, layers)
-}
-
-/// What was made, if it was being moved into place.
-fn announced(output: &Output, identity: &Identity) -> Option<Made> {
-    let made = serde_json::from_slice(&output.moving()?).ok()?;
-    let same = Keeper::differences(output.work(), identity)?.is_empty();
-    same.then_some(made)
-}
-
-/// What was made, if `out` holds the tile set that is asked for.
-fn complete(
-    volume: &dyn Volume,
-    grid: &dyn Volume,
-    options: &ConvertOptions,
-    plan: &Plan,
-    out: &Path,
-) -> Option<Made> {
-    let bytes = std::fs::read(out.join("index.json")).ok()?;
-    let found: Manifest = serde_json::from_slice(&bytes).ok()?;
-    let min_voxels = found.dust.map_or(1, |d| d.min_voxels);
-    let same = Manifest {
-        dust: found.dust,
-        ..manifest(
-            volume,
-            grid,
-            options,
-            plan,
-            found.totals,
-            found.layers.clone(),
-        )
-    };
-    let wanted = same.sealed(out).ok()?;
-    if wanted != bytes || min_voxels != options.min_voxels.max(1) {
-        return None;
-    }
-    let mut size = found.totals.bytes + bytes.len() as u64;
-    size += found.layers.iter().map(|l| l.bytes).sum::<u64>();
-    for table in [
-        &found.tables.cells,
-        &found.tables.objects,
-        &found.tables.surfaces,
-    ] {
-        size += std::fs::metadata(out.join(table)).ok()?.len();
-    }
-    Some(Made {
-        totals: found.totals,
-        bytes: size,
-        warnings: warnings(&found.totals, grid.header().dims, options.threshold),
-    })
 }
 
 /// The peak of resident memory, in bytes, that a conversion is predicted to have.

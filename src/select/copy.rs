@@ -304,14 +304,7 @@ fn described(grid: [u32; 3], primitives: Primitives, part: &Part) -> TileEntry {
 
 /// Adds a tile to the sums.
 fn add(totals: &mut Totals, entry: &TileEntry, pieces: &[PartPiece]) {
-    totals.tiles += 1;
-    totals.tile_vertices += entry.vertices;
-    totals.triangles += entry.triangles;
-    totals.strips += entry.strips;
-    totals.bytes += entry.bytes;
-    if entry.strips > 0 {
-        totals.strip_indices += entry.indices;
-    }
+    totals.add_tile(entry);
     for piece in pieces {
         totals.volume6 += piece.volume6;
         totals.vertices += piece.outside;

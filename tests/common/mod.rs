@@ -54,6 +54,16 @@ pub fn verified(dir: &Path, against: Option<&dyn Volume>) -> Report {
     report
 }
 
+/// One thread and a threshold in the middle of 8 bits.
+pub fn options(macrocube: [u32; 3]) -> ConvertOptions {
+    ConvertOptions {
+        threshold: 128.0,
+        macrocube,
+        threads: 1,
+        ..ConvertOptions::default()
+    }
+}
+
 /// All files below a directory by relative path.
 pub fn files(dir: &Path) -> BTreeMap<String, Vec<u8>> {
     fn walk(root: &Path, dir: &Path, out: &mut BTreeMap<String, Vec<u8>>) {

@@ -6,6 +6,8 @@
 //! checksums, so that the laws alone can find them. Those compare numbers up to a millionth, and say
 //! nothing of normals.
 
+#[path = "../common/mod.rs"]
+mod common;
 mod faults;
 mod judge;
 mod random;
@@ -120,34 +122,12 @@ fn subjects(dir: &Path) -> Vec<Subject> {
         ];
         Subject {
             name,
-            files: read_all(&own),
-            others: replays.map(|d| read_all(&d)),
+            files: common::files(&own),
+            others: replays.map(|d| common::files(&d)),
             essence: Essence::read(&own).unwrap(),
         }
     };
     all.into_iter().map(one).collect()
-}
-
-fn read_all(root: &Path) -> Files {
-    let mut out = Files::new();
-    let mut left = vec![root.to_path_buf()];
-    while let Some(dir) = left.pop() {
-        for entry in std::fs::read_dir(dir).unwrap() {
-            let path = entry.unwrap().path();
-            if path.is_dir() {
-                left.push(path);
-            } else {
-                let name = path
-                    .strip_prefix(root)
-                    .unwrap()
-                    .to_str()
-                    .unwrap()
-                    .to_owned();
-                out.insert(name, std::fs::read(&path).unwrap());
-            }
-        }
-    }
-    out
 }
 
 /// A directory that holds some files, and knows which, so that few are written.

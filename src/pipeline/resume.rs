@@ -1,0 +1,96 @@
+//! What a conversion finds in its output directory: nothing, a part of itself, or all of it.
+
+use super::keep::{Identity, Keeper, Kept, kept};
+use super::plan::Plan;
+use super::{ConvertOptions, Made, Output, manifest, warnings};
+use crate::error::Result;
+use crate::manifest::Manifest;
+use crate::progress::Progress;
+use crate::volume::Volume;
+use std::path::Path;
+
+/// Goes on with what an interrupted conversion left, if that is asked for and there is any, or makes
+/// the work directory empty.
+pub fn begin(
+    output: &mut Output,
+    out: &Path,
+    options: &ConvertOptions,
+    identity: &Identity,
+    layers: u32,
+    progress: &dyn Progress,
+) -> Result<Keeper> {
+    let dust = options.min_voxels > 1;
+    let work = output.work().to_path_buf();
+    // whatever happens now, what is there is not to be lost
+    output.keep(true);
+    let before = kept(&work);
+    if options.resume {
+        if let Some(keeper) = Keeper::resume(&work, out, identity, dust, layers)? {
+            let (kept, finished) = (keeper.kept(), keeper.finished());
+            let of = before.map_or(0, |b| b.of);
+            let index = match finished {
+                0 => String::new(),
+                n => format!(", and {n} in the index"),
+            };
+            progress.warn(&format!("resuming: {kept} of {of} layers were done{index}"));
+            return Ok(keeper);
+        }
+    } else if let Some(Kept { done, of }) = before {
+        progress.warn(&format!(
+            "dropping {done} of {of} layers of an interrupted conversion: --resume would have gone \
+             on with them"
+        ));
+    }
+    output.clear()?;
+    output.keep(false);
+    Keeper::new(&work, identity, dust, layers)
+}
+
+/// What was made, if it was being moved into place.
+pub fn announced(output: &Output, identity: &Identity) -> Option<Made> {
+    let made = serde_json::from_slice(&output.moving()?).ok()?;
+    let same = Keeper::differences(output.work(), identity)?.is_empty();
+    same.then_some(made)
+}
+
+/// What was made, if `out` holds the tile set that is asked for.
+pub fn complete(
+    volume: &dyn Volume,
+    grid: &dyn Volume,
+    options: &ConvertOptions,
+    plan: &Plan,
+    out: &Path,
+) -> Option<Made> {
+    let bytes = std::fs::read(out.join("index.json")).ok()?;
+    let found: Manifest = serde_json::from_slice(&bytes).ok()?;
+    let min_voxels = found.dust.map_or(1, |d| d.min_voxels);
+    let same = Manifest {
+        dust: found.dust,
+        ..manifest(
+            volume,
+            grid,
+            options,
+            plan,
+            found.totals,
+            found.layers.clone(),
+        )
+    };
+    let wanted = same.sealed(out).ok()?;
+    if wanted != bytes || min_voxels != options.min_voxels.max(1) {
+        return None;
+    }
+    let mut size = found.totals.bytes + bytes.len() as u64;
+    size += found.layers.iter().map(|l| l.bytes).sum::<u64>();
+    for table in [
+        &found.tables.cells,
+        &found.tables.objects,
+        &found.tables.surfaces,
+    ] {
+        size += std::fs::metadata(out.join(table)).ok()?.len();
+    }
+    Some(Made {
+        totals: found.totals,
+        bytes: size,
+        warnings: warnings(&found.totals, grid.header().dims, options.threshold),
+    })
+}
