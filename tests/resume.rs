@@ -10,9 +10,9 @@ use alvis::progress::{Progress, Quiet};
 use alvis::volume::{OpenOptions, Volume, open};
 use command::{fails, ok};
 use common::volumes::{Random, foam, late_joins, noise, placed};
-use common::{assert_same_files, files};
+use common::{assert_same_files, files, options};
 use std::path::Path;
-use std::process::{Command, Stdio};
+use std::process::{Child, Command, Stdio};
 use std::sync::Mutex;
 use std::sync::atomic::{AtomicU64, Ordering};
 use std::time::{Duration, Instant};
@@ -99,15 +99,6 @@ fn stop_everywhere(what: &str, volume: &dyn Volume, options: &ConvertOptions) {
     assert!(times > 1, "{what}");
     assert_same_files(&files(&out), &expected, what);
     eprintln!("{what}: stopped at {looks} places, and {times} times in a row");
-}
-
-fn options(macrocube: [u32; 3]) -> ConvertOptions {
-    ConvertOptions {
-        threshold: 128.0,
-        macrocube,
-        threads: 1,
-        ..ConvertOptions::default()
-    }
 }
 
 #[test]
@@ -197,7 +188,12 @@ fn left(out: &Path) -> Left {
         .rev()
         .find(|&z| has_tile(z))
         .map_or(0, |z| z + 1);
-    let shards = count("index") + u64::from(work.join("shard.new").exists());
+    // the shard of a layer that is done again lies beside the one from before
+    let begun = |z: &u64| {
+        let shard = work.join(format!("index/z{z:04}.json"));
+        shard.exists() || shard.with_extension("json.new").exists()
+    };
+    let shards = (0..LAYERS).filter(begun).count() as u64;
     let stage = match (
         out.join("index.json").exists(),
         work.join("moving").exists(),
@@ -502,35 +498,49 @@ fn damaged_states_are_never_gone_on_with() {
     assert!(tried > 9, "{tried}");
 }
 
+/// A process that does not outlive the test, however that ends.
+struct Owned(Child);
+
+impl Drop for Owned {
+    fn drop(&mut self) {
+        let _ = self.0.kill();
+        let _ = self.0.wait();
+    }
+}
+
+impl Owned {
+    /// Stops all threads of the process, and returns when they have stopped.
+    fn stop(&self) {
+        let id = self.0.id() as libc::pid_t;
+        let mut status = 0;
+        // SAFETY: the process is this one's child and has not been waited for; `status` outlives the call.
+        unsafe {
+            assert_eq!(libc::kill(id, libc::SIGSTOP), 0);
+            assert_eq!(libc::waitpid(id, &mut status, libc::WUNTRACED), id);
+        }
+        assert!(libc::WIFSTOPPED(status), "it ended too fast");
+    }
+}
+
 #[test]
 fn a_second_conversion_is_refused_while_the_first_lives() {
     let dir = tempfile::tempdir().unwrap();
     let here = dir.path();
     ok(here, &words(FOAM));
     let out = here.join("out");
-    let mut first = Command::new(env!("CARGO_BIN_EXE_alvis"))
+    let first = Command::new(env!("CARGO_BIN_EXE_alvis"))
         .args(words(CONVERT))
         .arg("--quiet")
         .current_dir(here)
         .stdout(Stdio::null())
-        .spawn()
-        .unwrap();
+        .spawn();
+    let mut first = Owned(first.unwrap());
     while interrupted(&out).is_none() {
-        assert!(first.try_wait().unwrap().is_none(), "it ended too fast");
+        assert!(first.0.try_wait().unwrap().is_none(), "it ended too fast");
         std::thread::sleep(Duration::from_millis(1));
     }
-    let signal = |name: &str| {
-        let id = first.id().to_string();
-        assert!(
-            Command::new("kill")
-                .args([name, &id])
-                .status()
-                .unwrap()
-                .success()
-        );
-    };
     // stopped, but alive
-    signal("-STOP");
+    first.stop();
     let kept = interrupted(&out);
     for more in ["", " --resume", " --force"] {
         let message = fails(here, &words(&format!("{CONVERT}{more}")));
@@ -540,8 +550,7 @@ fn a_second_conversion_is_refused_while_the_first_lives() {
         );
     }
     assert_eq!(interrupted(&out), kept);
-    first.kill().unwrap();
-    first.wait().unwrap();
+    drop(first);
     let report = command::json(&ok(
         here,
         &words(&format!("{CONVERT} --resume --json --quiet")),

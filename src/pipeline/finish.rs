@@ -166,7 +166,7 @@ pub fn finished_layer(
     let mut totals = Totals::default();
     for tile in &shard.tiles {
         count_tile(resolved, tile)?;
-        add_tile(&mut totals, tile);
+        totals.add_tile(tile);
     }
     let entry = Layer {
         z: slab.layer,
@@ -176,18 +176,6 @@ pub fn finished_layer(
         checksum: checksum_text(crc32fast::hash(&bytes)),
     };
     Ok(Some(FinishedLayer { entry, totals }))
-}
-
-/// Adds a tile to the totals.
-fn add_tile(totals: &mut Totals, tile: &TileEntry) {
-    totals.tiles += 1;
-    totals.tile_vertices += tile.vertices;
-    totals.triangles += tile.triangles;
-    totals.strips += tile.strips;
-    totals.bytes += tile.bytes;
-    if tile.strips > 0 {
-        totals.strip_indices += tile.indices;
-    }
 }
 
 /// Adds a tile to the counts of all components in it.
@@ -406,7 +394,7 @@ struct ShardWriter {
 impl ShardWriter {
     fn create(dir: &Path, layer: u32) -> Result<Self> {
         let name = shard_path(layer);
-        let path = dir.join("shard.new");
+        let path = dir.join(format!("{name}.new"));
         let file = File::create(&path).map_err(|e| Error::io(&path, "create", e))?;
         let mut shard = ShardWriter {
             dir: dir.to_path_buf(),
@@ -434,7 +422,7 @@ impl ShardWriter {
             self.put(b",")?;
         }
         self.put(&serde_json::to_vec(tile).expect("plain data serialises"))?;
-        add_tile(&mut self.totals, tile);
+        self.totals.add_tile(tile);
         Ok(())
     }
 
