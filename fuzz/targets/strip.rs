@@ -22,7 +22,5 @@ fuzz_target!(|data: &[u8]| {
     let from = glb.len().saturating_sub(tail.len()).max(*bin);
     let len = glb.len() - from;
     glb[from..].copy_from_slice(&tail[..len]);
-    read_tile(&glb);
-    set.put_tile(&glb);
-    set.read();
+    read_tile(&glb, set);
 });

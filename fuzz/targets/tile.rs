@@ -8,8 +8,5 @@ static SETS: LazyLock<[Set; 4]> = LazyLock::new(forms);
 
 fuzz_target!(|data: &[u8]| {
     let Some((first, glb)) = data.split_first() else { return };
-    read_tile(glb);
-    let set = &SETS[usize::from(first % 4)];
-    set.put_tile(glb);
-    set.read();
+    read_tile(glb, &SETS[usize::from(first % 4)]);
 });
