@@ -67,3 +67,22 @@ macro_rules! dispatch {
     };
 }
 pub(crate) use dispatch;
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[inline(always)]
+    fn bits_and_sum(words: &[u64]) -> (u32, f32) {
+        let bits = words.iter().map(|w| w.count_ones() + w.leading_zeros());
+        (bits.sum(), words.iter().map(|&w| w as f32 * 0.1).sum())
+    }
+
+    #[test]
+    fn both_ways_give_the_same_bits() {
+        let words: Vec<u64> = (1..=100u64).map(|i| i.pow(7)).collect();
+        let (bits, sum) = dispatch!(bits_and_sum(&words));
+        let plain = bits_and_sum(&words);
+        assert_eq!((bits, sum.to_bits()), (plain.0, plain.1.to_bits()));
+    }
+}

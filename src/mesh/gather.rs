@@ -78,3 +78,45 @@ fn prefetch_line(at: *const u8) {
 #[cfg(not(target_arch = "x86_64"))]
 #[inline(always)]
 fn prefetch_line(_at: *const u8) {}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn is_unchecked_equal<T: Voxel>(strides: [usize; 3], all: &[T], [first, last]: [usize; 2]) {
+        let samples = Samples::new(all, strides);
+        assert!(samples.covers(first, last));
+        assert!(!samples.covers(first - 1, last) && !samples.covers(first, last + 1));
+        assert!(!samples.covers(last, first) || first == last);
+        let value = |p: usize| all[p].to_f64();
+        for p in first..=last {
+            for axis in 0..3 {
+                // SAFETY: covered, as was asserted
+                let ends = unsafe { samples.ends(p, axis) };
+                for (end, at) in [p, p + strides[axis]].into_iter().enumerate() {
+                    assert_eq!(ends.values[end].to_f64(), value(at));
+                    for (a, s) in strides.into_iter().enumerate() {
+                        let expected = (value(at + s) - value(at - s)) as f32;
+                        assert_eq!(ends.differences[end][a], expected);
+                    }
+                }
+            }
+        }
+        for (from, count) in [(0, all.len()), (1, 0), (last, 3), (0, usize::MAX / 4)] {
+            samples.prefetch(from, count);
+        }
+    }
+
+    #[test]
+    fn what_is_read_unchecked_is_what_lies_there_up_to_both_ends() {
+        // the first and the last sample with all that is read of it inside
+        let (strides, len) = ([1, 4, 12], 60);
+        let ends = [strides[2], len - 1 - 2 * strides[2]];
+        let bytes: Vec<u8> = (0..len).map(|i| (i * i * 7 % 251) as u8).collect();
+        is_unchecked_equal(strides, &bytes, ends);
+        let floats: Vec<f32> = bytes.iter().map(|&b| f32::from(b) - 100.5).collect();
+        is_unchecked_equal(strides, &floats, ends);
+        // a volume of one row: all strides are the same
+        is_unchecked_equal([1, 1, 1], &bytes[..4], [1, 1]);
+    }
+}
