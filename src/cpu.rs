@@ -70,8 +70,6 @@ pub(crate) use dispatch;
 
 #[cfg(test)]
 mod tests {
-    use super::*;
-
     #[inline(always)]
     fn bits_and_sum(words: &[u64]) -> (u32, f32) {
         let bits = words.iter().map(|w| w.count_ones() + w.leading_zeros());

@@ -353,19 +353,23 @@ fn write_simple(
     let mates = &mut out.mates[start..at + MAX_TRIANGLES];
     let before = 4 * (triangle - 1);
     let vertex = |place: u8| sheets.vertex_of[number(place)];
-    let mut put = |t: usize| {
-        let [a, b, c, _] = plan.corners[t];
-        corners[t] = [vertex(a), vertex(b), vertex(c), 0];
-        let mut across = plan.inside[t];
-        for mate in &mut across {
-            *mate = if *mate == NONE { NONE } else { before + *mate };
-        }
-        mates[triangle as usize + t] = across;
-    };
-    put(0);
-    put(1);
+    // spelled out, since a closure that is called three times is not compiled into the loop
+    macro_rules! put {
+        ($t:expr) => {{
+            let t: usize = $t;
+            let [a, b, c, _] = plan.corners[t];
+            corners[t] = [vertex(a), vertex(b), vertex(c), 0];
+            let mut across = plan.inside[t];
+            for mate in &mut across {
+                *mate = if *mate == NONE { NONE } else { before + *mate };
+            }
+            mates[triangle as usize + t] = across;
+        }};
+    }
+    put!(0);
+    put!(1);
     for t in AT_ONCE..count {
-        put(t as usize);
+        put!(t as usize);
     }
     let first = 4 * triangle;
     let mates = mates.as_flattened_mut();

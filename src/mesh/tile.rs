@@ -23,10 +23,11 @@ pub const BYTES_PER_CUBE: f64 = 1.5;
 /// crossed edge.
 pub fn tile_bytes(bits: &Bits, tile: &TileBox) -> u64 {
     let cubes: f64 = tile.cubes.iter().map(|&c| f64::from(c)).product();
-    2 * count_crossed(bits, tile) * BYTES_PER_TRIANGLE + (cubes * BYTES_PER_CUBE) as u64
+    2 * dispatch!(count_crossed(bits, tile)) * BYTES_PER_TRIANGLE + (cubes * BYTES_PER_CUBE) as u64
 }
 
 /// Crossed edges in the words of the band that a tile touches; a few beyond its sides included.
+#[inline(always)]
 fn count_crossed(bits: &Bits, tile: &TileBox) -> u64 {
     let words = tile.first_cube[0] as usize / 64
         ..((tile.first_cube[0] + tile.cubes[0]) as usize / 64 + 1).min(bits.row_words);

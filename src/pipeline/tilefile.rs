@@ -3,7 +3,7 @@
 use crate::error::{Error, Result};
 use crate::mesh::{Piece, TileMesh};
 use crate::strip::Stripifier;
-use crate::tile::{Body, BodyPiece, Node, TileHead, aligned, node_json, tile_path, write_head};
+use crate::tile::{Body, BodyPiece, TileHead, aligned, tile_path, widest_json, write_head};
 use bytemuck::{Pod, Zeroable};
 use std::fs::File;
 use std::io::Write;
@@ -91,7 +91,7 @@ impl TileWriter {
         );
         let crc = crc32fast::hash(&buffers.body);
         let room = if self.head.is_plain(body.pieces.len()) {
-            json_room(&self.head, &body)
+            aligned(widest_json(&self.head, &body))
         } else {
             0
         };
@@ -123,12 +123,6 @@ impl WrittenPiece {
             reserved: 0,
         }
     }
-}
-
-/// Room for the widest JSON that a body can get.
-fn json_room(head: &TileHead, body: &Body) -> usize {
-    let nodes = vec![Node::widest(); body.pieces.len()];
-    aligned(node_json(head, body, &nodes).len())
 }
 
 /// The error for a tile beyond the size of a GLB.

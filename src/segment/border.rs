@@ -9,7 +9,7 @@
 
 use crate::grid::{Ambiguous, Dims};
 use crate::segment::label::Labels;
-use crate::segment::runs::Runs;
+use crate::segment::runs::{Runs, inside, transitions};
 use crate::slab::Bits;
 
 /// Adds the patches' characteristics of the voxels, edges and quads that this band owns (those whose
@@ -108,14 +108,24 @@ impl Patch<'_> {
             }
             return;
         }
-        let nx = self.bits.span.nx as usize;
-        for x in 0..nx {
-            let same = self.above(a, x) == self.above(b, x);
-            if same {
-                self.add(a, x, -1);
-            }
-            if x > 0 {
-                self.quad([(a, x - 1), (a, x), (b, x - 1), (b, x)]);
+        // between two transitions of either row there is one edge more than quads, both whole or
+        // neither; so only the places where a stretch begins have to be looked at
+        let bits = self.bits;
+        let (row_a, row_b) = (bits.row(a.0, a.1), bits.row(b.0, b.1));
+        let mut before = [None; 2];
+        for (w, (&word_a, &word_b)) in row_a.iter().zip(row_b).enumerate() {
+            let either = transitions(word_a, before[0]) | transitions(word_b, before[1]);
+            before = [Some(word_a), Some(word_b)];
+            let mut starts = either & inside(w, bits.span.nx) | u64::from(w == 0);
+            while starts != 0 {
+                let x = 64 * w + starts.trailing_zeros() as usize;
+                starts &= starts - 1;
+                if self.above(a, x) == self.above(b, x) {
+                    self.add(a, x, -1);
+                }
+                if x > 0 {
+                    self.quad([(a, x - 1), (a, x), (b, x - 1), (b, x)]);
+                }
             }
         }
     }

@@ -4,10 +4,11 @@ use crate::grid::LATTICE;
 use crate::manifest::{Encoding, Form, Layout, Primitives};
 use crate::tile::body::Body;
 use crate::tile::paint::{Paints, Rgb};
-use crate::tile::store::Stored;
+use crate::tile::store::{Accessor, Stored};
 use crate::tile::{Extras, MAX_NODES};
 use serde::Serialize;
 use serde_json::{Value, json};
+use std::sync::LazyLock;
 
 /// What all tiles of a set have in common.
 #[derive(Debug, Clone)]
@@ -93,9 +94,9 @@ struct Document<'a> {
     scene: u32,
     scenes: [Value; 1],
     nodes: Vec<DocNode<'a>>,
-    meshes: Vec<Value>,
+    meshes: Vec<Mesh<'a>>,
     materials: Vec<Value>,
-    accessors: Vec<Value>,
+    accessors: Vec<Accessor>,
     #[serde(rename = "bufferViews")]
     buffer_views: Vec<Value>,
     buffers: Vec<Value>,
@@ -118,6 +119,28 @@ enum DocNode<'a> {
         scale: Option<[f64; 3]>,
         extras: &'a Extras,
     },
+}
+
+#[derive(Serialize)]
+struct Mesh<'a> {
+    name: &'a str,
+    primitives: [Primitive; 1],
+}
+
+#[derive(Serialize)]
+struct Primitive {
+    attributes: Attributes,
+    indices: usize,
+    material: usize,
+    mode: u32,
+}
+
+/// The accessors of a primitive's attributes.
+#[derive(Serialize)]
+#[serde(rename_all = "UPPERCASE")]
+struct Attributes {
+    normal: usize,
+    position: usize,
 }
 
 /// The material of every primitive: a rough light grey that shows both sides.
@@ -161,7 +184,22 @@ pub fn node_json(head: &TileHead, body: &Body, nodes: &[Node]) -> Vec<u8> {
     node_document(head, &Stored::float(body), body, nodes)
 }
 
-/// The same for geometry stored in any way.
+/// Bytes of the widest JSON that a tile of this body can get, see [`Node::widest`].
+pub fn widest_json(head: &TileHead, body: &Body) -> usize {
+    // all that is wide in the extras is the same for each piece, and slow to write
+    static MORE: LazyLock<usize> = LazyLock::new(|| {
+        let bytes = |e: &Extras| serde_json::to_vec(e).expect("plain data").len();
+        bytes(&Extras::widest()) - bytes(&Extras::ids(0, 0, 0, 0))
+    });
+    let node = Node {
+        extras: Extras::ids(0, 0, 0, 0),
+        ..Node::widest()
+    };
+    let nodes = vec![node; body.pieces.len()];
+    node_json(head, body, &nodes).len() + nodes.len() * *MORE
+}
+
+/// As [`node_json`] for geometry stored in any way.
 pub(super) fn node_document(
     head: &TileHead,
     stored: &Stored,
@@ -186,11 +224,18 @@ pub(super) fn node_document(
             scale,
             extras: &node.extras,
         });
-        meshes.push(json!({"name": node.name, "primitives": [{
-            "attributes": {"POSITION": 3 * i, "NORMAL": 3 * i + 1},
-            "indices": 3 * i + 2, "material": paints.index(node.colour),
-            "mode": mode(head.form.primitives)
-        }]}));
+        meshes.push(Mesh {
+            name: &node.name,
+            primitives: [Primitive {
+                attributes: Attributes {
+                    normal: 3 * i + 1,
+                    position: 3 * i,
+                },
+                indices: 3 * i + 2,
+                material: paints.index(node.colour),
+                mode: mode(head.form.primitives),
+            }],
+        });
         accessors.extend(stored.accessors(piece, stored.indices[i]));
     }
     let [required, used] = head.extensions(false);
@@ -235,6 +280,30 @@ pub fn write_head(json: &[u8], room: usize, bin_bytes: u64) -> Option<Vec<u8>> {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::tile::BodyPiece;
+    use bytemuck::Zeroable;
+
+    #[test]
+    fn the_widest_json_is_that_of_the_widest_nodes() {
+        let head = TileHead {
+            matrix: [0.1; 16],
+            form: Form::default(),
+        };
+        for pieces in [0, 1, 7, 100] {
+            let mut body = Body {
+                pieces: vec![BodyPiece::zeroed(); pieces],
+                vertices: 9,
+                bytes: 1000,
+            };
+            let start = body.indices_start();
+            body.pieces
+                .iter_mut()
+                .for_each(|p| p.first_index_byte = start);
+            let nodes = vec![Node::widest(); pieces];
+            let expected = node_json(&head, &body, &nodes).len();
+            assert_eq!(widest_json(&head, &body), expected, "{pieces}");
+        }
+    }
 
     #[test]
     fn a_file_of_4_gib_is_refused_before_it_is_written() {

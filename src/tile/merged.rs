@@ -5,7 +5,7 @@ use super::bin::Bin;
 use super::body::{Body, BodyPiece};
 use super::document::{FLOAT, GENERATOR, Node, TileHead, UNSIGNED_SHORT, material, mode};
 use super::paint::vertex_colour;
-use super::store::{Geometry, Refused, Stored, joined};
+use super::store::{Accessor, Geometry, Refused, Stored, joined};
 use crate::tile::Extras;
 use bytemuck::Zeroable;
 use serde_json::{Map, Value, json};
@@ -130,14 +130,24 @@ pub(super) fn merged_chunks(
         indices: vec![(at, 0)],
     };
     let mut accessors = stored.accessors(&whole, stored.indices[0]).to_vec();
-    accessors.push(
-        json!({"bufferView": rows, "componentType": FLOAT, "count": whole.vertices,
-                          "type": "SCALAR"}),
-    );
-    if let Some(view) = painted {
-        accessors.push(json!({"bufferView": view, "componentType": UNSIGNED_SHORT,
-                              "normalized": true, "count": whole.vertices, "type": "VEC4"}));
-    }
+    let of_vertices = Accessor {
+        buffer_view: rows,
+        byte_offset: None,
+        component_type: FLOAT,
+        count: whole.vertices,
+        max: None,
+        min: None,
+        normalized: None,
+        kind: "SCALAR",
+    };
+    accessors.push(of_vertices);
+    accessors.extend(painted.map(|view| Accessor {
+        buffer_view: view,
+        component_type: UNSIGNED_SHORT,
+        normalized: Some(true),
+        kind: "VEC4",
+        ..of_vertices
+    }));
     let mut node = json!({"name": "cells", "mesh": 0});
     if let Some((translation, scale)) = stored.transform() {
         node["translation"] = json!(translation);
