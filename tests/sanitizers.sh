@@ -1,0 +1,35 @@
+#!/usr/bin/env bash
+# Runs tests where undefined behaviour is an error. Needs a nightly toolchain.
+#
+#   tests/sanitizers.sh miri              the unsafe code of the mesher in Miri (component miri), compiled for
+#                                         any processor and for one with wide vectors; some minutes
+#   tests/sanitizers.sh address [ARG...]  the test suite, or what ARG says to cargo test, under
+#                                         AddressSanitizer; half an hour
+#
+# Miri has no memory maps of files, signals or syncfs: src/volume/map.rs, src/cli/sigbus.rs and
+# src/pipeline/keep/disk.rs run under AddressSanitizer alone.
+set -euo pipefail
+cd "$(dirname "$0")/.."
+host=x86_64-unknown-linux-gnu
+
+case ${1:-} in
+  miri)
+    for features in "" "+avx2,+bmi1,+bmi2,+lzcnt,+popcnt"; do
+      RUSTFLAGS="-Ctarget-feature=$features" MIRIFLAGS=-Zmiri-disable-isolation \
+        CARGO_TARGET_DIR=target/miri-tests \
+        cargo +nightly miri test --locked --no-default-features --lib -- \
+        gather:: cpu:: steps_follow normals_are_unit
+    done
+    ;;
+  address)
+    shift
+    # what takes memory by the shadow's account, not by its own, is told apart by the tests' own limits
+    RUSTFLAGS=-Zsanitizer=address ASAN_OPTIONS=detect_leaks=0:detect_odr_violation=0 \
+      CARGO_TARGET_DIR=target/address-tests \
+      cargo +nightly test --locked --no-fail-fast --target "$host" "$@"
+    ;;
+  *)
+    sed -n '2,/^set/s/^# \{0,1\}//p' "$0" >&2
+    exit 2
+    ;;
+esac
