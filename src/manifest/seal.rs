@@ -1,6 +1,6 @@
-//! Checksums that the manifest states: of the tables, and of itself.
+//! Checksums that the manifest states: of shards, of the tables, and of itself.
 
-use super::{Manifest, TableChecksums, checksum_text};
+use super::{Layer, Manifest, Shard, TableChecksums, checksum_text};
 use crate::error::{Error, Result};
 use std::fs::File;
 use std::io::{ErrorKind, Read};
@@ -35,6 +35,28 @@ impl Manifest {
             json[at..at + own.len()].copy_from_slice(own.as_bytes());
         }
         Ok(json)
+    }
+}
+
+impl Shard {
+    /// Writes the shard to its place in the tile set in `dir`; returns its layer's entry.
+    ///
+    /// # Errors
+    /// [`Error::Io`].
+    pub(crate) fn write(&self, dir: &Path) -> Result<Layer> {
+        let path = format!("index/z{:04}.json", self.z);
+        let file = dir.join(&path);
+        let failed = |e: std::io::Error| Error::io(&file, "write", e);
+        let mut json = serde_json::to_vec(self).map_err(|e| failed(e.into()))?;
+        json.push(b'\n');
+        std::fs::write(&file, &json).map_err(failed)?;
+        Ok(Layer {
+            z: self.z,
+            path,
+            tiles: self.tiles.len() as u64,
+            bytes: json.len() as u64,
+            checksum: checksum_text(crc32fast::hash(&json)),
+        })
     }
 }
 

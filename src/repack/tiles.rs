@@ -71,20 +71,7 @@ impl Repacker<'_> {
                 totals.strip_indices += tile.indices;
             }
         }
-        let count = tiles.len() as u64;
-        let path = format!("index/z{:04}.json", layer.z);
-        let file = self.to.join(&path);
-        let mut json = serde_json::to_vec(&Shard { z: layer.z, tiles })
-            .map_err(|e| Error::io(&file, "write", e.into()))?;
-        json.push(b'\n');
-        write_file(&file, &[&json])?;
-        Ok(Layer {
-            z: layer.z,
-            path,
-            tiles: count,
-            bytes: json.len() as u64,
-            checksum: checksum_text(crc32fast::hash(&json)),
-        })
+        Shard { z: layer.z, tiles }.write(self.to)
     }
 
     fn tile(&self, entry: TileEntry, z: u32) -> Result<TileEntry> {

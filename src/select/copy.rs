@@ -193,20 +193,7 @@ impl Copier<'_> {
             std::fs::remove_dir(&dir).map_err(|e| Error::io(&dir, "remove the directory", e))?;
             return Ok(None);
         }
-        let count = tiles.len() as u64;
-        let path = format!("index/z{:04}.json", layer.z);
-        let file = self.to.join(&path);
-        let mut json = serde_json::to_vec(&Shard { z: layer.z, tiles })
-            .map_err(|e| Error::io(&file, "write", e.into()))?;
-        json.push(b'\n');
-        write_file(&file, &[&json])?;
-        Ok(Some(Layer {
-            z: layer.z,
-            path,
-            tiles: count,
-            bytes: json.len() as u64,
-            checksum: checksum_text(crc32fast::hash(&json)),
-        }))
+        Shard { z: layer.z, tiles }.write(self.to).map(Some)
     }
 
     /// Copies a tile's kept pieces; the file's bytes are dropped once written.
