@@ -24,6 +24,7 @@
 #include <stdlib.h>
 #include <string.h>
 #include <sys/stat.h>
+#include <sys/syscall.h>
 #include <sys/uio.h>
 #include <time.h>
 #include <unistd.h>
@@ -233,8 +234,8 @@ int syncfs(int fd) {
 }
 
 int clock_gettime(clockid_t id, struct timespec *t) {
-  REAL(int, "clock_gettime", clockid_t, struct timespec *);
-  int result = real(id, t);
+  /* not by dlsym: allocators look at the clock, and dlsym allocates */
+  int result = syscall(SYS_clock_gettime, id, t);
   if (hurry && id == CLOCK_MONOTONIC) t->tv_sec += 3 * ++looks;
   return result;
 }
