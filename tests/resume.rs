@@ -405,6 +405,60 @@ fn another_conversion_is_refused_with_what_differs() {
     );
 }
 
+/// The foam as a folder of slices and as a Zarr array of many chunks.
+fn in_many_files(here: &Path) {
+    let raw = std::fs::read(here.join("foam.raw")).unwrap();
+    std::fs::create_dir(here.join("slices")).unwrap();
+    for (z, slice) in raw.chunks(96 * 96).enumerate() {
+        std::fs::write(here.join(format!("slices/s{z:03}.raw")), slice).unwrap();
+    }
+    std::fs::create_dir(here.join("foam.zarr")).unwrap();
+    let meta = r#"{"zarr_format":2,"shape":[96,96,96],"chunks":[8,96,96],"dtype":"|u1","order":"C",
+        "compressor":null,"filters":null,"fill_value":0}"#;
+    std::fs::write(here.join("foam.zarr/.zarray"), meta).unwrap();
+    for (z, chunk) in raw.chunks(8 * 96 * 96).enumerate() {
+        std::fs::write(here.join(format!("foam.zarr/{z}.0.0")), chunk).unwrap();
+    }
+}
+
+#[test]
+fn inputs_of_many_files() {
+    let dir = tempfile::tempdir().unwrap();
+    let here = dir.path();
+    ok(here, &words(FOAM));
+    in_many_files(here);
+    for (input, part) in [
+        ("slices --dims 96,96,96 --dtype u8", "slices/s070.raw"),
+        ("foam.zarr", "foam.zarr/7.0.0"),
+    ] {
+        let line = CONVERT.replace("foam.mhd out", &format!("{input} out"));
+        half_done(here, &line);
+        let kept = interrupted(&here.join("out")).unwrap();
+        let path = here.join(part);
+        let file = std::fs::File::options().write(true).open(&path).unwrap();
+        let before = file.metadata().unwrap().modified().unwrap();
+        // one that is not the last to have changed
+        for moment in [
+            before - Duration::from_secs(9),
+            before + Duration::from_secs(9),
+        ] {
+            file.set_modified(moment).unwrap();
+            let message = fails(here, &words(&format!("{line} --resume")));
+            assert!(message.contains("files of the input was"), "{message}");
+        }
+        file.set_modified(before).unwrap();
+        let resume = format!("{line} --resume --json --quiet");
+        let report = command::json(&ok(here, &words(&resume)));
+        assert_eq!(report["resumed_layers"], kept.done, "{input}");
+        ok(here, &words(&line.replace(" out ", " whole ")));
+        let whole = files(&here.join("whole"));
+        assert_same_files(&files(&here.join("out")), &whole, input);
+        for made in ["out", "whole"] {
+            std::fs::remove_dir_all(here.join(made)).unwrap();
+        }
+    }
+}
+
 #[test]
 fn without_resume_it_begins_anew_and_says_what_is_dropped() {
     let dir = tempfile::tempdir().unwrap();
