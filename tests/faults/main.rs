@@ -26,7 +26,9 @@ const CONVERT: &str =
 const EINTR: u32 = 4;
 const EIO: u32 = 5;
 const EACCES: u32 = 13;
+const EINVAL: u32 = 22;
 const ENOSPC: u32 = 28;
+const ENOSYS: u32 = 38;
 /// Not an errno: half of what was asked for.
 const SHORT: u32 = 0;
 
@@ -188,6 +190,35 @@ fn every_operation(test: &str, more: &str, step: usize) {
 #[test]
 fn every_file_operation_of_a_conversion() {
     every_operation("every_file_operation_of_a_conversion", "", 1);
+}
+
+#[test]
+fn a_sync_behind_the_work_that_fails() {
+    let Some(shim) = shim("a_sync_behind_the_work_that_fails") else {
+        return;
+    };
+    let line = CONVERT.replace("13,12,7", "13,12,2");
+    let (_dir, here, expected) = prepared(&line);
+    // the last two say that the file system cannot do it, which is no failure
+    for (error, ends) in [
+        (EIO, true),
+        (ENOSPC, true),
+        (EINVAL, false),
+        (ENOSYS, false),
+    ] {
+        for number in ["1", "2"] {
+            let output = shimmed(shim, &here, &line)
+                .env("SHIM_HURRY", "1")
+                .env("SHIM_NAME", "syncfs")
+                .env("SHIM_AT", number)
+                .env("SHIM_ERRNO", error.to_string())
+                .output()
+                .unwrap();
+            let what = format!("sync {number}, {error}");
+            assert_eq!(ends, text(&output).contains(": cannot sync: "), "{what}");
+            assert_eq!(ends, judge(&here, &line, &output, &expected, &what));
+        }
+    }
 }
 
 #[test]

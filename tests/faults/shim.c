@@ -3,6 +3,7 @@
  *
  *   SHIM_DIR       operations on paths below it count, and on relative ones
  *   SHIM_LOG       a file that gets a line for each: its number, name and path
+ *   SHIM_NAME      only operations of this name count
  *   SHIM_AT        number of the operation that goes wrong, from 1
  *   SHIM_ERRNO     how: an errno; 0 for a transfer that comes short (half, at least 1 byte)
  *   SHIM_STICKY    all later operations of that name go wrong, too
@@ -35,7 +36,7 @@
 
 enum { GO, FAIL, SHORT };
 
-static const char *dir, *cut, *synced, *out, *boot;
+static const char *dir, *only, *cut, *synced, *out, *boot;
 static int log_fd = -1, code, sticky, hurry;
 static long at;
 static char sticky_name[32];
@@ -50,6 +51,7 @@ __attribute__((constructor)) static void begin(void) {
   const char *v;
   inside = 1;
   dir = getenv("SHIM_DIR");
+  only = getenv("SHIM_NAME");
   cut = getenv("SHIM_CUT");
   synced = getenv("SHIM_SYNCED");
   out = getenv("SHIM_OUT");
@@ -71,7 +73,7 @@ static int ours(const char *path) {
 
 /* What is to become of an operation. */
 static int verdict(const char *name, const char *path) {
-  if (inside || !ours(path)) return GO;
+  if (inside || !ours(path) || (only && strcmp(only, name) != 0)) return GO;
   inside = 1;
   pthread_mutex_lock(&lock);
   long n = ++count;
