@@ -3,6 +3,8 @@
 //! The plain x86-64 has neither AVX2 nor a population count, on which the mesher's numbering rests.
 //! [`dispatch!`](crate::cpu::dispatch) compiles a call for both, and takes the faster one where the
 //! processor has it. Results are the same bits: no operation is reordered or contracted.
+//! What is called must be compiled in the same unit as the call, or it stays as it is for any processor:
+//! classification did so unnoticed until instructions were counted both ways.
 //! `ALVIS_PORTABLE=1` in the environment forces the plain way, which is the only one on other
 //! architectures.
 //!
