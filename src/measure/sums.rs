@@ -130,6 +130,16 @@ impl MeshSums {
     }
 }
 
+/// Rounds a number from 0 to 2^51 half up, by steps that any processor takes for several at a time.
+#[inline(always)]
+fn round(v: f64) -> f64 {
+    // from here on up, neighbouring numbers are 1 apart
+    const WHOLE: f64 = (1u64 << 52) as f64;
+    let up = v + 0.5;
+    let near = (up + WHOLE) - WHOLE;
+    if near > up { near - 1.0 } else { near }
+}
+
 /// Turns area vectors in lattice steps into fixed-point areas under anisotropic spacing.
 ///
 /// An area vector's x component lies in the y-z plane and scales with sy * sz, and so on. The
@@ -155,12 +165,13 @@ impl AreaScale {
         }
     }
 
-    /// Twice the area of a triangle with area vector `n` (in squared lattice steps), in steps.
+    /// Twice the area of a triangle with area vector `n` (in squared lattice steps), in steps: a whole
+    /// number, rounded half up.
     #[inline(always)]
-    pub fn twice_area(&self, n: [i32; 3]) -> u64 {
+    pub fn twice_area(&self, n: [i32; 3]) -> f64 {
         let along = |a: usize| f64::from(n[a]) * self.factors[a];
         let v = [along(0), along(1), along(2)];
-        ((v[0] * v[0] + v[1] * v[1] + v[2] * v[2]).sqrt() * AREA_STEPS + 0.5) as i64 as u64
+        round((v[0] * v[0] + v[1] * v[1] + v[2] * v[2]).sqrt() * AREA_STEPS)
     }
 
     /// The area in squared units of length.

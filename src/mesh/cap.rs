@@ -8,10 +8,11 @@
 use crate::grid::LATTICE;
 use crate::mesh::connect::connect;
 use crate::mesh::pieces::Piece;
+use crate::mesh::sums::sum_pieces;
 use crate::mesh::table::{Case, EDGE_LOWER, cases, edge_axis};
-use crate::mesh::tile::{BandView, MeshSettings, TileBox, TileMesh, sum_piece};
+use crate::mesh::tile::{BandView, MeshSettings, TileBox, TileMesh};
 use crate::mesh::vertex::{Stencil, normal, step_on_edge};
-use crate::volume::Voxel;
+use crate::volume::{Slope, Voxel};
 use std::collections::HashMap;
 
 /// A lattice edge by its lower voxel, which may lie outside, and axis.
@@ -162,11 +163,7 @@ impl<T: Voxel> Caps<'_, '_, T> {
         };
         let local: [usize; 3] =
             std::array::from_fn(|a| (v[a] - self.tile.first_cube[a] as i32) as usize);
-        self.view.class_at(
-            self.view.label_row(self.tile, local[1], local[2]),
-            self.tile,
-            local[0],
-        )
+        self.view.class_at(self.tile, local)
     }
 
     fn leads_out(&self, key: EdgeKey) -> bool {
@@ -196,7 +193,9 @@ impl<T: Voxel> Caps<'_, '_, T> {
             let stencil = Stencil::new([y, z], [ny, nz], [strides[1], strides[2]]);
             (
                 voxels.samples[p].to_f64(),
-                stencil.gradient(&voxels.samples, p, x, nx),
+                stencil
+                    .gradient(&voxels.samples, p, x, nx)
+                    .map(Slope::to_f32),
             )
         };
         let ((v0, g0), (v1, g1)) = (gradient(lower), gradient(self.upper(key)));
@@ -226,10 +225,6 @@ impl<T: Voxel> Caps<'_, '_, T> {
         piece.triangles = cap.triangles.len() as u32;
         for &key in &cap.vertices {
             let (position, normal) = self.vertex(key);
-            for a in 0..3 {
-                piece.min[a] = piece.min[a].min(position[a]);
-                piece.max[a] = piece.max[a].max(position[a]);
-            }
             piece.sums.vertices += u64::from(self.counts(key));
             out.positions.push(position);
             out.normals.push(normal);
@@ -237,8 +232,8 @@ impl<T: Voxel> Caps<'_, '_, T> {
         let (corners, mates) = connect(&cap.triangles);
         out.corners.extend(corners);
         out.mates.extend(mates);
-        sum_piece(
-            &mut piece,
+        sum_pieces(
+            std::slice::from_mut(&mut piece),
             &out.positions,
             &out.corners,
             &self.settings.area,

@@ -4,11 +4,11 @@ use crate::volume::Voxel;
 
 /// The two ends of a crossed edge.
 #[derive(Debug, Clone, Copy)]
-pub struct Ends<T> {
+pub struct Ends<T: Voxel> {
     /// Samples at the lower and the upper end.
     pub values: [T; 2],
-    /// Central differences (not halved) at the lower and the upper end.
-    pub differences: [[f32; 3]; 2],
+    /// Gradients from central differences at the lower and the upper end.
+    pub slopes: [[T::Slope; 3]; 2],
 }
 
 /// Samples of a band with the strides of its grid.
@@ -32,24 +32,23 @@ impl<'a, T: Voxel> Samples<'a, T> {
         first <= last && first >= reach && last + 2 * reach < self.samples.len()
     }
 
-    /// The ends of the edge from sample `p` along `axis`, both of them inside the volume by a voxel.
+    /// The ends of the edge from sample `p` along `AXIS`, both of them inside the volume by a voxel.
+    /// The axis is known when this is compiled, so that samples which both ends need are read once.
     ///
     /// # Safety
-    /// `covers(first, last)` was true for some `first <= p <= last`, and `axis` is 0, 1 or 2.
+    /// `covers(first, last)` was true for some `first <= p <= last`, and `AXIS` is 0, 1 or 2.
     #[inline(always)]
-    pub unsafe fn ends(&self, p: usize, axis: usize) -> Ends<T> {
+    pub unsafe fn ends<const AXIS: usize>(&self, p: usize) -> Ends<T> {
         // SAFETY: the largest stride is the reach: all indices lie in p - reach ..= p + 2 reach,
         // which the caller has had checked
         let at = |i: usize| unsafe { *self.samples.get_unchecked(i) };
-        let difference = |p: usize, a: usize| {
-            let s = self.strides[a];
-            at(p + s).minus(at(p - s))
-        };
-        let around = |p: usize| [difference(p, 0), difference(p, 1), difference(p, 2)];
-        let q = p + self.strides[axis];
+        let [_, y, z] = self.strides;
+        let slope = |p: usize, s: usize| at(p + s).central_slope(at(p - s));
+        let around = |p: usize| [slope(p, 1), slope(p, y), slope(p, z)];
+        let q = p + [1, y, z][AXIS];
         Ends {
             values: [at(p), at(q)],
-            differences: [around(p), around(q)],
+            slopes: [around(p), around(q)],
         }
     }
 
@@ -82,6 +81,7 @@ fn prefetch_line(_at: *const u8) {}
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::volume::Slope;
 
     fn is_unchecked_equal<T: Voxel>(strides: [usize; 3], all: &[T], [first, last]: [usize; 2]) {
         let samples = Samples::new(all, strides);
@@ -90,14 +90,20 @@ mod tests {
         assert!(!samples.covers(last, first) || first == last);
         let value = |p: usize| all[p].to_f64();
         for p in first..=last {
-            for axis in 0..3 {
-                // SAFETY: covered, as was asserted
-                let ends = unsafe { samples.ends(p, axis) };
+            // SAFETY: covered, as was asserted
+            let of_axis = unsafe {
+                [
+                    samples.ends::<0>(p),
+                    samples.ends::<1>(p),
+                    samples.ends::<2>(p),
+                ]
+            };
+            for (axis, ends) in of_axis.iter().enumerate() {
                 for (end, at) in [p, p + strides[axis]].into_iter().enumerate() {
                     assert_eq!(ends.values[end].to_f64(), value(at));
                     for (a, s) in strides.into_iter().enumerate() {
-                        let expected = (value(at + s) - value(at - s)) as f32;
-                        assert_eq!(ends.differences[end][a], expected);
+                        let expected = (value(at + s) - value(at - s)) as f32 / 2.0;
+                        assert_eq!(ends.slopes[end][a].to_f32(), expected);
                     }
                 }
             }

@@ -6,6 +6,7 @@ mod cubes;
 mod edges;
 mod gather;
 mod pieces;
+mod sums;
 pub mod table;
 mod tile;
 mod vertex;

@@ -6,8 +6,9 @@
 use crate::cpu::dispatch;
 use crate::measure::MeshSums;
 use crate::mesh::cubes::room_for;
-use crate::mesh::edges::Edges;
+use crate::mesh::edges::{EdgeWord, Edges};
 use crate::mesh::tile::{BandView, TileBox};
+use crate::segment::transitions;
 use crate::volume::Voxel;
 
 /// The surface of a tile between one object and one cell.
@@ -73,28 +74,42 @@ impl Piece {
     }
 }
 
+/// A piece while its vertices are counted.
+#[derive(Debug, Clone, Copy)]
+struct Count {
+    object: u32,
+    cell: u32,
+    vertices: u32,
+    /// Those that the next tile counts.
+    shared: u32,
+    /// See [`Piece::key`].
+    key: u64,
+}
+
 /// Finds pieces by (object, cell): open addressing.
 #[derive(Debug, Default)]
 pub struct PieceIndex {
     /// Open addressing: piece + 1, or 0.
     slots: Vec<u32>,
+    counts: Vec<Count>,
 }
 
 impl PieceIndex {
     fn reset(&mut self) {
         self.slots.clear();
         self.slots.resize(256, 0);
+        self.counts.clear();
     }
 
-    #[inline]
-    fn find(&mut self, pieces: &mut Vec<Piece>, object: u32, cell: u32) -> u32 {
+    #[inline(always)]
+    fn find(&mut self, object: u32, cell: u32) -> u32 {
         let mut at = Self::hash(object, cell) & (self.slots.len() - 1);
         loop {
             match self.slots[at] {
-                0 => return self.insert(pieces, object, cell),
+                0 => return self.insert(object, cell),
                 found => {
-                    let piece = &pieces[found as usize - 1];
-                    if piece.object == object && piece.cell == cell {
+                    let count = &self.counts[found as usize - 1];
+                    if count.object == object && count.cell == cell {
                         return found - 1;
                     }
                 }
@@ -109,31 +124,37 @@ impl PieceIndex {
     }
 
     #[cold]
-    fn insert(&mut self, pieces: &mut Vec<Piece>, object: u32, cell: u32) -> u32 {
-        pieces.push(Piece::new(object, cell, false));
-        if 2 * pieces.len() > self.slots.len() {
+    fn insert(&mut self, object: u32, cell: u32) -> u32 {
+        self.counts.push(Count {
+            object,
+            cell,
+            vertices: 0,
+            shared: 0,
+            key: u64::MAX,
+        });
+        let count = self.counts.len();
+        if 2 * count > self.slots.len() {
             self.slots = vec![0; 2 * self.slots.len()];
-            for (i, piece) in pieces.iter().enumerate() {
-                self.place(i as u32 + 1, piece);
-            }
+            (0..count).for_each(|i| self.place(i));
         } else {
-            let piece = pieces[pieces.len() - 1];
-            self.place(pieces.len() as u32, &piece);
+            self.place(count - 1);
         }
-        pieces.len() as u32 - 1
+        count as u32 - 1
     }
 
-    fn place(&mut self, number: u32, piece: &Piece) {
+    fn place(&mut self, piece: usize) {
+        let Count { object, cell, .. } = self.counts[piece];
         let mask = self.slots.len() - 1;
-        let mut at = Self::hash(piece.object, piece.cell) & mask;
+        let mut at = Self::hash(object, cell) & mask;
         while self.slots[at] != 0 {
             at = (at + 1) & mask;
         }
-        self.slots[at] = number;
+        self.slots[at] = piece as u32 + 1;
     }
 }
 
-/// Which piece and which of its vertices lies on each crossed edge, by the edge's number.
+/// Which piece and which of its vertices lies on each crossed edge, by the edge's number. Some elements
+/// more mean nothing.
 #[derive(Debug, Default)]
 pub struct Sheets {
     /// The piece.
@@ -142,44 +163,8 @@ pub struct Sheets {
     pub vertex_of: Vec<u32>,
 }
 
-/// Vertices of one piece that follow each other.
-#[derive(Debug, Clone, Copy)]
-struct VertexRun {
-    object: u32,
-    cell: u32,
-    piece: u32,
-    /// Vertices of the piece up to now; 0 if the run has none.
-    next: u32,
-    /// Vertices of the run that the next tile along x counts.
-    shared: u32,
-}
-
-impl Default for VertexRun {
-    /// No vertices, of no piece.
-    fn default() -> Self {
-        VertexRun {
-            object: u32::MAX,
-            cell: u32::MAX,
-            piece: 0,
-            next: 0,
-            shared: 0,
-        }
-    }
-}
-
-impl VertexRun {
-    /// Adds the run to its piece; the tile counts its vertices unless the row is `shared` with the next
-    /// tile, which does.
-    #[inline(always)]
-    fn end(self, pieces: &mut [Piece], shared: bool) {
-        if self.next > 0 {
-            let piece = &mut pieces[self.piece as usize];
-            let counted = self.next - piece.vertices - self.shared;
-            piece.vertices = self.next;
-            piece.sums.vertices += u64::from(counted) * u64::from(!shared);
-        }
-    }
-}
+/// Vertices written at once, whether a stretch has as many or not.
+const AT_ONCE: usize = 8;
 
 /// Assigns every crossed edge its piece and vertex, and counts the pieces' vertices.
 pub fn assign<T: Voxel>(
@@ -190,7 +175,31 @@ pub fn assign<T: Voxel>(
     pieces: &mut Vec<Piece>,
     sheets: &mut Sheets,
 ) {
-    dispatch!(assign_inlined(view, tile, edges, index, pieces, sheets));
+    index.reset();
+    sheets.piece_of.resize(edges.count as usize + AT_ONCE, 0);
+    sheets.vertex_of.resize(edges.count as usize + AT_ONCE, 0);
+    let mut assigner = Assigner {
+        class_of_run: view.class_of_run,
+        index,
+        piece_of: &mut sheets.piece_of,
+        vertex_of: &mut sheets.vertex_of,
+        number: 0,
+        last: [u32::MAX; 3],
+    };
+    dispatch!(assign_inlined(view, tile, edges, &mut assigner));
+    pieces.clear();
+    let (mut vertex, mut triangle) = (0, 0);
+    for count in &index.counts {
+        let mut piece = Piece::new(count.object, count.cell, false);
+        piece.key = count.key;
+        piece.vertices = count.vertices;
+        piece.sums.vertices = u64::from(count.vertices - count.shared);
+        piece.first_vertex = vertex;
+        vertex += piece.vertices;
+        piece.first_triangle = triangle;
+        triangle = piece.end_of_faces();
+        pieces.push(piece);
+    }
 }
 
 #[inline(always)]
@@ -198,86 +207,158 @@ fn assign_inlined<T: Voxel>(
     view: &BandView<T>,
     tile: &TileBox,
     edges: &Edges,
-    index: &mut PieceIndex,
-    pieces: &mut Vec<Piece>,
-    sheets: &mut Sheets,
+    assigner: &mut Assigner,
 ) {
-    index.reset();
-    pieces.clear();
-    let count = edges.count as usize;
-    sheets.piece_of.resize(count, 0);
-    sheets.vertex_of.resize(count, 0);
-    let (piece_of, vertex_of) = (&mut sheets.piece_of[..], &mut sheets.vertex_of[..]);
-    let mut number = 0;
     let [_, cy, cz] = tile.cubes.map(|c| c as usize);
+    let row = |y: usize, z: usize| {
+        let start = (z * edges.rows + y) * edges.row_words;
+        Row {
+            bits: &edges.bits[start..][..edges.row_words],
+            first_run: view.run_at(tile, [0, y, z]),
+        }
+    };
     let mut words = edges.words.chunks_exact(edges.row_words);
-    let mut bits = edges.bits.chunks_exact(edges.row_words);
-    for z in 0..=cz {
-        for y in 0..=cy {
-            let row_words = words.next().expect("one chunk per row");
-            let row_bits = bits.next().expect("one chunk per row");
-            let lower = view.label_row(tile, y, z);
-            let upper = [
-                lower,
-                if y < cy {
-                    view.label_row(tile, y + 1, z)
-                } else {
-                    lower
-                },
-                if z < cz {
-                    view.label_row(tile, y, z + 1)
-                } else {
-                    lower
-                },
-            ];
-            let shared_row = tile.shares_upper(1, y) || tile.shares_upper(2, z);
-            let row_key = 3 * tile.linear([0, y, z]);
-            for axis in 0..3 {
-                let step = usize::from(axis == 0);
-                let mut run = VertexRun::default();
-                for (w, word) in row_words.iter().enumerate() {
-                    let mut crossed = word.crossed[axis];
-                    while crossed != 0 {
-                        let bit = crossed.trailing_zeros() as usize;
-                        crossed &= crossed - 1;
-                        let x = 64 * w + bit;
-                        let ends = [
-                            view.class_at(lower, tile, x),
-                            view.class_at(upper[axis], tile, x + step),
-                        ];
-                        let lower_above = (row_bits[w] >> bit & 1) as usize;
-                        let (object, cell) = (ends[1 - lower_above], ends[lower_above]);
-                        // walls are long: the piece is mostly that of the vertex before
-                        if (run.object, run.cell) != (object, cell) {
-                            run.end(pieces, shared_row);
-                            let p = index.find(pieces, object, cell);
-                            let piece = &mut pieces[p as usize];
-                            // within a row and axis, keys rise
-                            piece.key = piece.key.min(row_key + (3 * x + axis) as u64);
-                            run = VertexRun {
-                                object,
-                                cell,
-                                piece: p,
-                                next: piece.vertices,
-                                shared: 0,
-                            };
-                        }
-                        piece_of[number] = run.piece;
-                        vertex_of[number] = run.next;
-                        number += 1;
-                        run.next += 1;
-                        run.shared += u32::from(tile.shares_upper(0, x));
-                    }
-                }
-                run.end(pieces, shared_row);
+    for (z, y) in (0..=cz).flat_map(|z| (0..=cy).map(move |y| (z, y))) {
+        let words = words.next().expect("one chunk per row");
+        let crossed = |axis: usize| words.iter().any(|w| w.crossed[axis] != 0);
+        let crossed = [crossed(0), crossed(1), crossed(2)];
+        if crossed == [false; 3] {
+            continue;
+        }
+        let ends = Ends {
+            key: 3 * tile.linear([0, y, z]),
+            shared_row: tile.shares_upper(1, y) || tile.shares_upper(2, z),
+            shared_x: (!tile.is_last[0]).then_some(tile.cubes[0] as usize),
+        };
+        let here = row(y, z);
+        if crossed[0] {
+            assigner.along_row(words, &here, &ends);
+        }
+        if crossed[1] {
+            assigner.across_rows(words, 1, [&here, &row(y + 1, z)], &ends);
+        }
+        if crossed[2] {
+            assigner.across_rows(words, 2, [&here, &row(y, z + 1)], &ends);
+        }
+    }
+}
+
+/// A voxel row of the tile.
+struct Row<'a> {
+    /// Its bits, aligned to the tile's first voxel.
+    bits: &'a [u64],
+    /// Run of its first voxel.
+    first_run: u32,
+}
+
+/// What the vertices of a row have in common.
+struct Ends {
+    /// Key of its first edge.
+    key: u64,
+    /// The next tile counts the vertices.
+    shared_row: bool,
+    /// The next tile counts the vertices at this x.
+    shared_x: Option<usize>,
+}
+
+/// Gives the crossed edges their pieces in the order of their numbers.
+struct Assigner<'a> {
+    class_of_run: &'a [u32],
+    index: &'a mut PieceIndex,
+    piece_of: &'a mut [u32],
+    vertex_of: &'a mut [u32],
+    /// Of the next edge.
+    number: usize,
+    /// Object, cell and piece of the edge before: walls are long.
+    last: [u32; 3],
+}
+
+impl Assigner<'_> {
+    /// The edges along a row: each lies between a run and the next.
+    #[inline(always)]
+    fn along_row(&mut self, words: &[EdgeWord], row: &Row, ends: &Ends) {
+        let mut run = row.first_run;
+        for (w, word) in words.iter().enumerate() {
+            let mut crossed = word.crossed[0];
+            while crossed != 0 {
+                let bit = crossed.trailing_zeros() as usize;
+                crossed &= crossed - 1;
+                let is_above = row.bits[w] >> bit & 1 == 1;
+                self.put([run, run + 1], is_above, (64 * w + bit, 1), 0, ends);
+                run += 1;
             }
         }
     }
-    let (mut vertex, mut triangle) = (0, 0);
-    for piece in pieces {
-        piece.first_vertex = vertex;
-        vertex += piece.vertices;
-        piece.first_triangle = triangle;
-        triangle = piece.end_of_faces();
+
+    /// The edges from a row to the next along `axis`: those of one stretch lie between the same two
+    /// runs. A stretch can only begin where one of the runs does.
+    #[inline(always)]
+    fn across_rows(&mut self, words: &[EdgeWord], axis: usize, rows: [&Row; 2], ends: &Ends) {
+        let mut first_run = rows.map(|r| r.first_run);
+        let mut before = [None; 2];
+        for (w, word) in words.iter().enumerate() {
+            let bits = rows.map(|r| r.bits[w]);
+            let starts = [0, 1].map(|i| transitions(bits[i], before[i]));
+            let crossed = word.crossed[axis];
+            let no_more = !crossed | starts[0] | starts[1];
+            let mut left = crossed;
+            while left != 0 {
+                let start = left.trailing_zeros();
+                let upto = !0 >> (63 - start);
+                let past = no_more & !upto;
+                let end = past.trailing_zeros();
+                // the bits from the end on, none if it is the word's
+                left &= (past & past.wrapping_neg()).wrapping_neg();
+                let run = [0, 1].map(|i| first_run[i] + (starts[i] & upto).count_ones());
+                let is_above = bits[0] >> start & 1 == 1;
+                let stretch = (64 * w + start as usize, (end - start) as usize);
+                self.put(run, is_above, stretch, axis, ends);
+            }
+            first_run = [0, 1].map(|i| first_run[i] + starts[i].count_ones());
+            before = bits.map(Some);
+        }
+    }
+
+    /// The next edges, `count` of them from voxel x on, between two runs, of which the first is above
+    /// or the second.
+    #[inline(always)]
+    fn put(
+        &mut self,
+        runs: [u32; 2],
+        is_above: bool,
+        (x, count): (usize, usize),
+        axis: usize,
+        ends: &Ends,
+    ) {
+        let classes = runs.map(|r| self.class_of_run[r as usize]);
+        let (object, cell) = (
+            classes[usize::from(!is_above)],
+            classes[usize::from(is_above)],
+        );
+        if self.last[..2] != [object, cell] {
+            self.last = [object, cell, self.index.find(object, cell)];
+        }
+        let piece = self.last[2];
+        let of = &mut self.index.counts[piece as usize];
+        let first = of.vertices;
+        of.vertices += count as u32;
+        of.key = of.key.min(ends.key + (3 * x + axis) as u64);
+        if ends.shared_row {
+            of.shared += count as u32;
+        } else {
+            of.shared += u32::from(ends.shared_x == Some(x + count - 1));
+        }
+        let (pieces, vertices) = (
+            &mut self.piece_of[self.number..],
+            &mut self.vertex_of[self.number..],
+        );
+        self.number += count;
+        pieces[..AT_ONCE].fill(piece);
+        for (i, vertex) in vertices[..AT_ONCE].iter_mut().enumerate() {
+            *vertex = first + i as u32;
+        }
+        for i in AT_ONCE..count {
+            (pieces[i], vertices[i]) = (piece, first + i as u32);
+        }
     }
 }

@@ -7,7 +7,8 @@ use crate::mesh::cap::add_caps;
 use crate::mesh::cubes::{CubeWalk, Cut, NONE, Plans};
 use crate::mesh::edges::Edges;
 use crate::mesh::pieces::{Piece, PieceIndex, Sheets, assign};
-use crate::mesh::vertices::for_each_vertex;
+use crate::mesh::sums::sum_pieces;
+use crate::mesh::vertices::{Places, place_vertices};
 use crate::segment::Runs;
 use crate::slab::{Bits, Voxels};
 use crate::volume::Voxel;
@@ -129,20 +130,19 @@ pub struct BandView<'a, T> {
 }
 
 impl<T: Voxel> BandView<'_, T> {
-    /// Index of the first word of local voxel row (y, z) of a tile.
-    pub fn label_row(&self, tile: &TileBox, y: usize, z: usize) -> usize {
+    /// Run of a tile's local voxel.
+    #[inline(always)]
+    pub fn run_at(&self, tile: &TileBox, [x, y, z]: [usize; 3]) -> u32 {
         let s = z + (tile.first_cube[2] - self.bits.span.z.start) as usize;
         let r = y + (tile.first_cube[1] - self.bits.span.y.start) as usize;
-        (s * self.bits.span.rows() + r) * self.bits.row_words
+        let row = (s * self.bits.span.rows() + r) * self.bits.row_words;
+        self.runs
+            .at(self.bits, row, x + tile.first_cube[0] as usize)
     }
 
-    /// Class of the tile's local voxel x in the row whose words start at `row`.
-    #[inline]
-    pub fn class_at(&self, row: usize, tile: &TileBox, x: usize) -> u32 {
-        let run = self
-            .runs
-            .at(self.bits, row, x + tile.first_cube[0] as usize);
-        self.class_of_run[run as usize]
+    /// Class of a tile's local voxel.
+    pub fn class_at(&self, tile: &TileBox, local: [usize; 3]) -> u32 {
+        self.class_of_run[self.run_at(tile, local) as usize]
     }
 }
 
@@ -186,8 +186,6 @@ pub struct TileMesher {
     edges: Edges,
     index: PieceIndex,
     sheets: Sheets,
-    /// Smallest and largest vertex coordinates of each piece.
-    bounds: Vec<([i32; 4], [i32; 4])>,
     /// The cubes.
     pub(super) walk: CubeWalk,
 }
@@ -232,7 +230,13 @@ impl TileMesher {
             &mut out.pieces,
             &mut self.sheets,
         );
-        self.place_vertices(view, tile, settings.threshold, out);
+        let mut places = Places {
+            sheets: &self.sheets,
+            pieces: &out.pieces,
+            positions: &mut out.positions,
+            normals: &mut out.normals,
+        };
+        place_vertices(&self.edges, view, tile, settings.threshold, &mut places);
         let faces = out.pieces.last().map_or(0, Piece::end_of_faces) as usize;
         // what is left of a larger tile stays: to cut it off and clear it again costs time
         if out.corners.len() < faces {
@@ -245,39 +249,12 @@ impl TileMesher {
             sheets: &self.sheets,
         };
         self.walk.make(cut, Plans::of(settings.rule), out);
-        dispatch!(sum_pieces(out, &settings.area));
-    }
-
-    /// Computes all vertices and puts each where its piece's vertices lie.
-    fn place_vertices<T: Voxel>(
-        &mut self,
-        view: &BandView<T>,
-        tile: &TileBox,
-        threshold: f64,
-        out: &mut TileMesh,
-    ) {
-        let mut places = self.sheets.piece_of.iter().zip(&self.sheets.vertex_of);
-        // four wide, since three take three times as long
-        let bounds = &mut self.bounds;
-        bounds.clear();
-        bounds.resize(out.pieces.len(), ([i32::MAX; 4], [i32::MIN; 4]));
-        for_each_vertex(&self.edges, view, tile, threshold, |position, normal| {
-            let (&p, &vertex) = places.next().expect("one for each crossed edge");
-            let at = (out.pieces[p as usize].first_vertex + vertex) as usize;
-            out.positions[at] = position;
-            out.normals[at] = normal;
-            let (min, max) = &mut bounds[p as usize];
-            let [x, y, z] = position;
-            let position = [x, y, z, 0];
-            for a in 0..4 {
-                min[a] = min[a].min(position[a]);
-                max[a] = max[a].max(position[a]);
-            }
-        });
-        for (piece, (min, max)) in out.pieces.iter_mut().zip(bounds) {
-            piece.min = [min[0], min[1], min[2]];
-            piece.max = [max[0], max[1], max[2]];
-        }
+        sum_pieces(
+            &mut out.pieces,
+            &out.positions,
+            &out.corners,
+            &settings.area,
+        );
     }
 }
 
@@ -292,52 +269,4 @@ pub struct MeshSettings {
     pub cap: bool,
     /// Scale of areas.
     pub area: AreaScale,
-}
-
-#[inline(always)]
-fn sum_pieces(mesh: &mut TileMesh, area: &AreaScale) {
-    for piece in &mut mesh.pieces {
-        sum_piece(piece, &mesh.positions, &mesh.corners, area);
-    }
-}
-
-/// Adds up volume and area of a piece's triangles.
-#[inline(always)]
-pub fn sum_piece(
-    piece: &mut Piece,
-    positions: &[[i32; 3]],
-    corners: &[[u32; 4]],
-    area: &AreaScale,
-) {
-    let vertices = &positions[piece.first_vertex as usize..][..piece.vertices as usize];
-    let (mut volume6, mut twice_area) = (0i128, 0u128);
-    // so many sums fit 64 bits: a triangle's volume is below 2^43, its area below 2^36
-    for faces in corners[piece.faces()][1..].chunks(1 << 16) {
-        let (mut volumes, mut areas) = (0i64, 0u64);
-        for &[a, b, c, _] in faces {
-            let [a, b, c] = [
-                vertices[a as usize],
-                vertices[b as usize],
-                vertices[c as usize],
-            ];
-            let [u, v] = [
-                [b[0] - a[0], b[1] - a[1], b[2] - a[2]],
-                [c[0] - a[0], c[1] - a[1], c[2] - a[2]],
-            ];
-            let n = [
-                u[1] * v[2] - u[2] * v[1],
-                u[2] * v[0] - u[0] * v[2],
-                u[0] * v[1] - u[1] * v[0],
-            ];
-            // a . (b x c) = a . ((b - a) x (c - a))
-            let product = |i: usize| i64::from(a[i]) * i64::from(n[i]);
-            volumes += product(0) + product(1) + product(2);
-            areas += area.twice_area(n);
-        }
-        volume6 += i128::from(volumes);
-        twice_area += u128::from(areas);
-    }
-    piece.sums.volume6 = volume6;
-    piece.sums.area = twice_area;
-    piece.sums.triangles = u64::from(piece.triangles);
 }

@@ -15,7 +15,8 @@ pub fn step_on_edge(v0: f64, v1: f64, threshold: f64) -> u32 {
         return LATTICE / 2;
     }
     // adding a half before truncation rounds half up; t is positive wherever rounding matters
-    (t.clamp(1.0, f64::from(LATTICE - 1)) + 0.5) as u32
+    // the signed type is one that processors make of several numbers at a time
+    (t.clamp(1.0, f64::from(LATTICE - 1)) + 0.5) as i32 as u32
 }
 
 /// How to take differences around the voxels of one row.
@@ -23,8 +24,8 @@ pub fn step_on_edge(v0: f64, v1: f64, threshold: f64) -> u32 {
 pub struct Stencil {
     /// Sample offsets back and forth along y and z; 0 at the volume's faces.
     offsets: [[usize; 2]; 2],
-    /// 1/2 for central differences, 1 for one-sided ones.
-    factors: [f32; 2],
+    /// Whether differences along y and z are central or one-sided.
+    central: [bool; 2],
 }
 
 impl Stencil {
@@ -34,27 +35,33 @@ impl Stencil {
         let one = |v: u32, n: u32, stride: usize| {
             let back = if v > 0 { stride } else { 0 };
             let forth = if v + 1 < n { stride } else { 0 };
-            ([back, forth], if back > 0 && forth > 0 { 0.5 } else { 1.0 })
+            ([back, forth], back > 0 && forth > 0)
         };
-        let (oy, fy) = one(y, n[0], strides[0]);
-        let (oz, fz) = one(z, n[1], strides[1]);
+        let (y, central_y) = one(y, n[0], strides[0]);
+        let (z, central_z) = one(z, n[1], strides[1]);
         Stencil {
-            offsets: [oy, oz],
-            factors: [fy, fz],
+            offsets: [y, z],
+            central: [central_y, central_z],
         }
     }
 
-    /// The gradient in samples per voxel step at sample `p`, which is voxel `x` of `nx` of its row.
+    /// The gradient at sample `p`, which is voxel `x` of `nx` of its row.
     #[inline]
-    pub fn gradient<T: Voxel>(&self, samples: &[T], p: usize, x: u32, nx: u32) -> [f32; 3] {
-        let back = usize::from(x > 0);
-        let forth = usize::from(x + 1 < nx);
-        let factor = if back + forth == 2 { 0.5 } else { 1.0 };
-        let [oy, oz] = self.offsets;
+    pub fn gradient<T: Voxel>(&self, samples: &[T], p: usize, x: u32, nx: u32) -> [T::Slope; 3] {
+        let slope = |[back, forth]: [usize; 2], central: bool| {
+            let (before, after) = (samples[p - back], samples[p + forth]);
+            if central {
+                after.central_slope(before)
+            } else {
+                after.one_sided_slope(before)
+            }
+        };
+        let [y, z] = self.offsets;
+        let x = [usize::from(x > 0), usize::from(x + 1 < nx)];
         [
-            samples[p + forth].minus(samples[p - back]) * factor,
-            samples[p + oy[1]].minus(samples[p - oy[0]]) * self.factors[0],
-            samples[p + oz[1]].minus(samples[p - oz[0]]) * self.factors[1],
+            slope(x, x == [1, 1]),
+            slope(y, self.central[0]),
+            slope(z, self.central[1]),
         ]
     }
 }

@@ -7,10 +7,11 @@
 use crate::cpu::dispatch;
 use crate::grid::LATTICE;
 use crate::mesh::edges::Edges;
-use crate::mesh::gather::Samples;
+use crate::mesh::gather::{Ends, Samples};
+use crate::mesh::pieces::{Piece, Sheets};
 use crate::mesh::tile::{BandView, TileBox};
 use crate::mesh::vertex::{NORMAL_RANGE, Stencil, normal, step_on_edge};
-use crate::volume::Voxel;
+use crate::volume::{Slope, Voxel};
 
 /// Vertices per batch.
 const BATCH: usize = 64;
@@ -19,103 +20,140 @@ const BATCH: usize = 64;
 const AHEAD: usize = 4;
 
 /// Vertices on their way.
-struct Batch {
+struct Batch<T: Voxel> {
+    /// Number of the first edge.
+    first: usize,
     len: usize,
-    /// Lattice position of the lower end.
-    lower: [[i32; 3]; BATCH],
+    /// Lattice position of the lower end, then of the vertex.
+    positions: [[i32; 3]; BATCH],
     axis: [u8; BATCH],
-    v0: [f64; BATCH],
-    v1: [f64; BATCH],
-    g0: [[f32; BATCH]; 3],
-    g1: [[f32; BATCH]; 3],
-    step: [u32; BATCH],
-    normal: [[f32; BATCH]; 3],
+    /// Samples at the lower and the upper end.
+    values: [[T; BATCH]; 2],
+    /// Gradients at the lower and the upper end.
+    slopes: [[[T::Slope; BATCH]; 3]; 2],
+    /// Components of the normals.
+    normals: [[f32; BATCH]; 3],
 }
 
-impl Batch {
+impl<T: Voxel> Batch<T> {
     fn new() -> Self {
         Batch {
+            first: 0,
             len: 0,
-            lower: [[0; 3]; BATCH],
+            positions: [[0; 3]; BATCH],
             axis: [0; BATCH],
-            v0: [0.0; BATCH],
-            v1: [1.0; BATCH],
-            g0: [[1.0; BATCH]; 3],
-            g1: [[1.0; BATCH]; 3],
-            step: [0; BATCH],
-            normal: [[0.0; BATCH]; 3],
+            values: [[T::zeroed(); BATCH]; 2],
+            // what is not overwritten has ordinary normals
+            slopes: [[[T::Slope::ONE; BATCH]; 3]; 2],
+            normals: [[0.0; BATCH]; 3],
         }
     }
 
-    fn push(&mut self, values: [f64; 2], gradients: [[f32; 3]; 2]) {
+    #[inline(always)]
+    fn push(&mut self, ends: &Ends<T>) {
         let i = self.len;
-        [self.v0[i], self.v1[i]] = values;
-        for a in 0..3 {
-            self.g0[a][i] = gradients[0][a];
-            self.g1[a][i] = gradients[1][a];
+        for end in 0..2 {
+            self.values[end][i] = ends.values[end];
+            for a in 0..3 {
+                self.slopes[end][a][i] = ends.slopes[end][a];
+            }
         }
         self.len += 1;
     }
 
-    /// Computes steps and normals of the whole batch and hands them out.
+    /// Computes positions and normals of the whole batch and hands them out.
     #[inline(always)]
-    fn flush(&mut self, threshold: f64, each: &mut impl FnMut([i32; 3], [f32; 3])) {
-        for i in 0..BATCH {
-            self.step[i] = step_on_edge(self.v0[i], self.v1[i], threshold);
+    fn flush(&mut self, threshold: f64, places: &mut Places) {
+        let mut steps = [0; BATCH];
+        for (i, step) in steps.iter_mut().enumerate() {
+            let [v0, v1] = [self.values[0][i].to_f64(), self.values[1][i].to_f64()];
+            *step = step_on_edge(v0, v1, threshold);
         }
         let mut ordinary = true;
-        for i in 0..BATCH {
-            let t = self.step[i] as f32 / LATTICE as f32;
-            let n: [f32; 3] =
-                std::array::from_fn(|a| -(self.g0[a][i] + (self.g1[a][i] - self.g0[a][i]) * t));
+        for (i, &step) in steps.iter().enumerate() {
+            let t = step as f32 / LATTICE as f32;
+            let n: [f32; 3] = std::array::from_fn(|a| {
+                let [g0, g1] = [self.slopes[0][a][i].to_f32(), self.slopes[1][a][i].to_f32()];
+                -(g0 + (g1 - g0) * t)
+            });
             let square = n[0] * n[0] + n[1] * n[1] + n[2] * n[2];
             let length = square.sqrt();
             ordinary &= NORMAL_RANGE.contains(&square);
             for a in 0..3 {
-                self.normal[a][i] = n[a] / length;
+                self.normals[a][i] = n[a] / length;
             }
         }
-        for i in 0..self.len {
-            let axis = usize::from(self.axis[i]);
-            let mut position = self.lower[i];
-            position[axis] += self.step[i] as i32;
-            let n = if ordinary {
-                [self.normal[0][i], self.normal[1][i], self.normal[2][i]]
-            } else {
-                let gradients = [&self.g0, &self.g1].map(|g| [g[0][i], g[1][i], g[2][i]]);
-                normal(
-                    gradients[0],
-                    gradients[1],
-                    self.step[i],
-                    axis,
-                    // as all samples are classified; NaN is below
-                    self.v0[i] >= threshold,
-                )
-            };
-            each(position, n);
+        if !ordinary {
+            self.extraordinary_normals(&steps, threshold);
         }
+        let moved = self.positions.iter_mut().zip(&self.axis).zip(&steps);
+        moved.for_each(|((p, &axis), &step)| p[usize::from(axis)] += step as i32);
+        places.put(self.first, &self.positions[..self.len], &self.normals);
+        self.first += self.len;
         self.len = 0;
+    }
+
+    /// The normals one by one, with what to do about gradients that are zero, huge or no numbers.
+    #[cold]
+    fn extraordinary_normals(&mut self, steps: &[u32; BATCH], threshold: f64) {
+        for i in 0..self.len {
+            let gradient = |end: usize| [0, 1, 2].map(|a| self.slopes[end][a][i].to_f32());
+            // as all samples are classified; NaN is below
+            let lower_above = self.values[0][i].to_f64() >= threshold;
+            let axis = usize::from(self.axis[i]);
+            let n = normal(gradient(0), gradient(1), steps[i], axis, lower_above);
+            for a in 0..3 {
+                self.normals[a][i] = n[a];
+            }
+        }
     }
 }
 
-/// Calls `each(position in lattice steps, normal)` for every crossed edge by rising number.
-pub fn for_each_vertex<T: Voxel>(
+/// Where the vertices go: each into its piece's part of the tile's arrays.
+pub struct Places<'a> {
+    /// Piece and vertex by the number of the edge.
+    pub sheets: &'a Sheets,
+    /// The pieces with their first vertices.
+    pub pieces: &'a [Piece],
+    /// Positions in lattice steps.
+    pub positions: &'a mut [[i32; 3]],
+    /// Unit normals.
+    pub normals: &'a mut [[f32; 3]],
+}
+
+impl Places<'_> {
+    /// Takes the vertices of edges `first` and following.
+    #[inline(always)]
+    fn put(&mut self, first: usize, positions: &[[i32; 3]], normals: &[[f32; BATCH]; 3]) {
+        let edges = first..first + positions.len();
+        let pieces = &self.sheets.piece_of[edges.clone()];
+        let vertices = &self.sheets.vertex_of[edges];
+        for (i, &position) in positions.iter().enumerate().take(BATCH) {
+            let at = (self.pieces[pieces[i] as usize].first_vertex + vertices[i]) as usize;
+            self.positions[at] = position;
+            self.normals[at] = [normals[0][i], normals[1][i], normals[2][i]];
+        }
+    }
+}
+
+/// Computes the vertices on all crossed edges.
+pub fn place_vertices<T: Voxel>(
     edges: &Edges,
     view: &BandView<T>,
     tile: &TileBox,
     threshold: f64,
-    each: impl FnMut([i32; 3], [f32; 3]),
+    places: &mut Places,
 ) {
-    dispatch!(for_each_inlined(edges, view, tile, threshold, each));
+    dispatch!(place_inlined(edges, view, tile, threshold, places));
 }
 
 #[inline(always)]
-fn for_each_inlined<T: Voxel>(
+fn place_inlined<T: Voxel>(
     edges: &Edges,
     view: &BandView<T>,
     tile: &TileBox,
     threshold: f64,
-    mut each: impl FnMut([i32; 3], [f32; 3]),
+    places: &mut Places,
 ) {
     let span = &view.voxels.span;
     let strides = [1, span.nx as usize, span.nx as usize * span.rows()];
@@ -123,13 +161,8 @@ fn for_each_inlined<T: Voxel>(
     let mut batch = Batch::new();
     let chunks = edges.words.chunks_exact(edges.row_words);
     for (number, words) in chunks.enumerate() {
-        let row = Row::new(
-            view,
-            tile,
-            &samples,
-            strides,
-            (number % edges.rows, number / edges.rows),
-        );
+        let place = (number % edges.rows, number / edges.rows);
+        let row = Row::new(view, tile, &samples, strides, place);
         for axis in 0..3 {
             for (w, word) in words.iter().enumerate() {
                 let mut crossed = word.crossed[axis];
@@ -137,23 +170,19 @@ fn for_each_inlined<T: Voxel>(
                     let bit = crossed.trailing_zeros();
                     crossed &= crossed - 1;
                     let x = tile.first_cube[0] + 64 * w as u32 + bit;
-                    let i = batch.len;
-                    let steps = |v: u32| (v * LATTICE) as i32;
-                    batch.lower[i] = [steps(x), steps(row.y), steps(row.z)];
-                    batch.axis[i] = axis as u8;
-                    row.push(x, axis, &mut batch);
+                    row.gather(x, axis, &mut batch);
                     if batch.len == BATCH {
-                        batch.flush(threshold, &mut each);
+                        batch.flush(threshold, places);
                     }
                 }
             }
         }
     }
-    batch.flush(threshold, &mut each);
+    batch.flush(threshold, places);
 }
 
 /// A voxel row of the tile.
-struct Row<'a, T> {
+struct Row<'a, T: Voxel> {
     samples: &'a Samples<'a, T>,
     all: &'a [T],
     strides: [usize; 3],
@@ -205,25 +234,27 @@ impl<'a, T: Voxel> Row<'a, T> {
 
     /// Gathers the ends of the edge from voxel `x` along `axis`.
     #[inline(always)]
-    fn push(&self, x: u32, axis: usize, batch: &mut Batch) {
+    fn gather(&self, x: u32, axis: usize, batch: &mut Batch<T>) {
+        let steps = |v: u32| (v * LATTICE) as i32;
+        batch.positions[batch.len] = [steps(x), steps(self.y), steps(self.z)];
+        batch.axis[batch.len] = axis as u8;
         let p = self.start + x as usize;
         if self.central && x >= 1 && x + 2 < self.dims[0] {
             // SAFETY: `central` says that the samples cover the row's voxels 1..=nx - 3
-            let ends = unsafe { self.samples.ends(p, axis) };
-            // halving is exact, so it may come after the conversion
-            let half = |d: [f32; 3]| [0.5 * d[0], 0.5 * d[1], 0.5 * d[2]];
-            let gradients = [half(ends.differences[0]), half(ends.differences[1])];
-            batch.push(
-                [ends.values[0].to_f64(), ends.values[1].to_f64()],
-                gradients,
-            );
+            batch.push(&unsafe {
+                match axis {
+                    0 => self.samples.ends::<0>(p),
+                    1 => self.samples.ends::<1>(p),
+                    _ => self.samples.ends::<2>(p),
+                }
+            });
         } else {
-            self.push_at_face(p, x, axis, batch);
+            batch.push(&self.ends_at_face(p, x, axis));
         }
     }
 
     #[cold]
-    fn push_at_face(&self, p: usize, x: u32, axis: usize, batch: &mut Batch) {
+    fn ends_at_face(&self, p: usize, x: u32, axis: usize) -> Ends<T> {
         let [nx, ny, nz] = self.dims;
         let q = p + self.strides[axis];
         let gradient = |p: usize, step: [u32; 3]| {
@@ -233,7 +264,9 @@ impl<'a, T: Voxel> Row<'a, T> {
         };
         let mut step = [0; 3];
         step[axis] = 1;
-        let values = [self.all[p], self.all[q]].map(T::to_f64);
-        batch.push(values, [gradient(p, [0; 3]), gradient(q, step)]);
+        Ends {
+            values: [self.all[p], self.all[q]],
+            slopes: [gradient(p, [0; 3]), gradient(q, step)],
+        }
     }
 }

@@ -14,18 +14,47 @@ const RING_LIMIT: u32 = 64;
 /// Most merges tried at one end.
 const TRIES: u32 = 3;
 
-/// What crossing the half-edge e of a triangle means, by skipped edge and by e: 0 skipped, 1 the
-/// other crossed edge is e + 1, 2 it is e + 2. The fourth of each is no edge.
-pub(super) const CROSSING: [[u8; 4]; 3] = [[0, 1, 2, 0], [2, 0, 1, 0], [1, 2, 0, 0]];
+/// The state of each half-edge e of a triangle, by skipped edge. The fourth of each is no edge.
+///
+/// Its low two bits are its *turn*: 0 skipped, 1 the other crossed edge is the one after e, 2 it is the
+/// one before. The rest is a signed number, by how much the other half-edge's number is greater: the walk
+/// along a strip adds it, where working it out from the turn would take three times as long.
+pub(super) const CROSSING: [[u8; 4]; 3] = [
+    [0, crossed(1, 1), crossed(2, -1), 0],
+    [crossed(2, 2), 0, crossed(1, -2), 0],
+    [crossed(1, 1), crossed(2, -1), 0, 0],
+];
 
-/// The skipped edge by the state of edge 0: the inverse of [`CROSSING`].
+const fn crossed(turn: u8, steps: i8) -> u8 {
+    turn | (steps << 2) as u8
+}
+
+/// The turn of a state.
+#[inline(always)]
+const fn turn(state: u8) -> u8 {
+    state & 3
+}
+
+/// Whether a strip that enters a triangle over a half-edge in this state leaves it over the one after.
+#[inline(always)]
+pub(super) fn turns_after(state: u8) -> bool {
+    state & 1 == 1
+}
+
+/// The other half-edge that a strip crosses in the triangle of `h`, which it crosses in this state.
+#[inline(always)]
+pub(super) fn other(h: u32, state: u8) -> u32 {
+    h.wrapping_add_signed((state as i8 >> 2).into())
+}
+
+/// The skipped edge by the turn of edge 0: the inverse of [`CROSSING`].
 const SKIPPED: [u8; 3] = [0, 2, 1];
 
 /// Entries that a link saves against two strips.
 const LINK: i32 = 4;
 
-/// Entries saved by a link between two states: strips turn to alternating sides where both states are
-/// alike, since each is seen from its own side of the edge.
+/// Entries saved by a link between two turns: strips turn to alternating sides where both are alike,
+/// since each is seen from its own side of the edge.
 const fn gain(a: u8, b: u8) -> i32 {
     if a == 0 || b == 0 {
         0
@@ -47,12 +76,13 @@ const GAIN: [i32; 16] = {
     table
 };
 
+/// Entries saved by a link between two turns or states.
 #[inline(always)]
 fn gain_of(a: u8, b: u8) -> i32 {
-    GAIN[usize::from((a | b << 2) & 15)]
+    GAIN[usize::from(turn(a) | turn(b) << 2)]
 }
 
-/// The best skipped edge of a triangle, by the states across its edges (two bits each): two bits for
+/// The best skipped edge of a triangle, by the turns across its edges (two bits each): two bits for
 /// each edge that is skipped now. `[0]` changes only for a gain, `[1]` for a tie too.
 static BEST: [[u8; 64]; 2] = [best_labels(false), best_labels(true)];
 
@@ -81,28 +111,21 @@ const fn best_labels(move_on_tie: bool) -> [u8; 64] {
 }
 
 const fn label_gain(label: usize, across: usize) -> i32 {
-    gain(CROSSING[label][0], (across & 3) as u8)
-        + gain(CROSSING[label][1], (across >> 2 & 3) as u8)
-        + gain(CROSSING[label][2], (across >> 4) as u8)
+    gain(turn(CROSSING[label][0]), (across & 3) as u8)
+        + gain(turn(CROSSING[label][1]), (across >> 2 & 3) as u8)
+        + gain(turn(CROSSING[label][2]), (across >> 4) as u8)
 }
 
 /// The next half-edge of the same triangle.
 #[inline(always)]
 pub(super) fn after(h: u32) -> u32 {
-    around(h, 1)
+    h + 1 - 3 * u32::from(h & 3 == 2)
 }
 
 /// The half-edge before it in the same triangle.
 #[inline(always)]
 pub(super) fn before(h: u32) -> u32 {
-    around(h, 2)
-}
-
-/// The half-edge so many (1 or 2) steps after it in the same triangle, without a branch: which of them is
-/// wanted cannot be foretold.
-#[inline(always)]
-fn around(h: u32, steps: u32) -> u32 {
-    h + steps - 3 * u32::from((h & 3) + steps > 2)
+    h + 2 - 3 * u32::from(h & 3 != 0)
 }
 
 /// The three half-edges of a triangle.
@@ -115,10 +138,10 @@ pub(super) fn edges(t: u32) -> std::ops::Range<u32> {
 pub(super) struct Crossings<'a> {
     /// The mates as the caller gave them.
     pub mates: &'a [u32],
-    /// Per half-edge 0, 1 or 2 as in [`CROSSING`]. A triangle that is in no strip yet, or written
+    /// Per half-edge as in [`CROSSING`]. A triangle that is in no strip yet, or written
     /// already, has zeros, as triangle 0 has, which stands for none.
     pub states: &'a mut [[u8; 4]],
-    /// Triangles that may be ends of strips. Some are stale, and an end may be missing after a chain
+    /// Triangles that may be ends of strips. Some are stale, and an end may be missing after an exchange
     /// that saved entries without a merge: writing finds those by itself.
     pub ends: &'a mut Vec<u32>,
 }
@@ -150,14 +173,7 @@ impl Crossings<'_> {
     /// The other edge that the strip crosses in the triangle of `h`, which crosses `h`.
     #[inline(always)]
     pub(super) fn other(&self, h: u32) -> u32 {
-        // the states count the steps to it
-        around(h, self.state(h).into())
-    }
-
-    /// Whether the strip leaves the triangle that it enters over `h` over the edge after `h`.
-    #[inline(always)]
-    pub(super) fn turns_after(&self, h: u32) -> bool {
-        self.state(h) == 1
+        other(h, self.state(h))
     }
 
     /// Whether the triangle is in no strip yet, or written already.
@@ -187,7 +203,7 @@ impl Crossings<'_> {
     /// The half-edge that a triangle skips.
     #[inline(always)]
     fn skipped(&self, t: u32) -> u32 {
-        4 * t + u32::from(SKIPPED[usize::from(self.states[t as usize][0])])
+        4 * t + u32::from(SKIPPED[usize::from(turn(self.states[t as usize][0]))])
     }
 
     /// Gives each triangle in turn the label that is best beside its neighbours' present ones, with
@@ -196,7 +212,8 @@ impl Crossings<'_> {
         let mut noise = 1u32;
         for t in self.triangles() {
             let h = 4 * t;
-            let across = self.across(h) | self.across(h + 1) << 2 | self.across(h + 2) << 4;
+            let across = |e: u32| turn(self.across(h + e)) << (2 * e);
+            let across = across(0) | across(1) | across(2);
             let now = self.skipped(t) - h;
             // a linear congruence modulo 2^32; its high bits are random enough
             noise = noise.wrapping_mul(0x915f_77f5).wrapping_add(0x1_2345);
@@ -215,22 +232,22 @@ impl Crossings<'_> {
         }
     }
 
-    /// Tries to merge each end of a strip with another strip by a chain of at most `depth`
-    /// exchanges (see [`Self::chain`]).
-    pub(super) fn tunnel(&mut self, depth: u32) {
+    /// Tries to merge each end of a strip with another strip, over an edge that both may cross or by an
+    /// [exchange](Self::exchange).
+    pub(super) fn merge_ends(&mut self) {
         let listed = self.ends.len();
         for i in 0..listed {
             let t = self.ends[i];
             for _ in 0..TRIES {
-                if self.links(t).0 == 2 || !self.tunnel_from(t, depth) {
+                if self.links(t).0 == 2 || !self.merge(t) {
                     break;
                 }
             }
         }
     }
 
-    /// Tries both labels that keep the links of an end, and goes on from each edge they offer.
-    fn tunnel_from(&mut self, t: u32, depth: u32) -> bool {
+    /// Tries both labels that keep the links of an end, and each edge that they offer.
+    fn merge(&mut self, t: u32) -> bool {
         let edges = edges(t);
         let sum = |c: &Self| edges.clone().map(|h| c.gain(h)).sum::<i32>();
         let (now, old) = (sum(self), self.skipped(t));
@@ -242,7 +259,7 @@ impl Crossings<'_> {
                 return true;
             }
             for h in edges.clone().filter(|&h| h != label) {
-                if self.gain(h) == 0 && self.chain(h, gain, depth) {
+                if self.gain(h) == 0 && self.exchange(h, gain) {
                     return true;
                 }
             }
@@ -252,10 +269,9 @@ impl Crossings<'_> {
     }
 
     /// The triangle of `h` crosses `h` but the one across does not. Lets that one cross too and skip
-    /// one of its other edges in turn; who was linked there becomes an end, turns to its third edge,
-    /// and so on: the end moves on until it meets another end or saves entries on its way.
-    /// `saved` is what the chain saved so far. Leaves everything as it was if it saves nothing.
-    fn chain(&mut self, h: u32, saved: i32, depth: u32) -> bool {
+    /// one of its other edges in turn; who was linked there becomes an end. `saved` is what was saved so
+    /// far. Leaves everything as it was if it saves nothing.
+    fn exchange(&mut self, h: u32, saved: i32) -> bool {
         let mate = self.mates[h as usize];
         if mate == super::NONE {
             return false;
@@ -263,8 +279,8 @@ impl Crossings<'_> {
         if self.state(mate) != 0 {
             return saved > 0 && !self.closes(h);
         }
-        // the triangle across crosses its two other sides, in states 1 and 2; to cross `mate` and
-        // one of them turns these states round, whichever it is
+        // the triangle across crosses its two other sides, in turns 1 and 2; to cross `mate` and
+        // one of them changes these round, whichever it is
         let sides = [after(mate), before(mate)];
         let near = self.state(h);
         let far = sides.map(|side| self.across(side));
@@ -275,50 +291,22 @@ impl Crossings<'_> {
             saved + gain_of(1, near) + gain_of(2, far[0]),
         ];
         for k in 0..2 {
-            let linked = was[k] != 0;
-            if options[k] <= 0 && (depth == 1 || !linked) {
-                continue;
+            if options[k] > 0 {
+                self.skip(sides[k]);
+                if !self.closes(h) {
+                    let lost = self.mates[sides[k] as usize];
+                    self.ends.extend((was[k] != 0).then_some(lost / 4));
+                    return true;
+                }
+                self.skip(mate);
             }
-            self.skip(sides[k]);
-            let lost = self.mates[sides[k] as usize];
-            if options[k] > 0 && !self.closes(h) {
-                self.ends.extend(linked.then_some(lost / 4));
-                return true;
-            }
-            if depth > 1 && linked && self.pass_on(lost, options[k], depth) {
-                return true;
-            }
-            self.skip(mate);
         }
-        false
-    }
-
-    /// The triangle of `lost` lost its link there: skips that edge and offers the one it skipped.
-    fn pass_on(&mut self, lost: u32, saved: i32, depth: u32) -> bool {
-        let kept = self.other(lost);
-        let was = self.state(kept);
-        let (offered, now) = if was == 1 {
-            (before(kept), 2)
-        } else {
-            (after(kept), 1)
-        };
-        let (far, beyond) = (self.across(kept), self.across(offered));
-        let saved = saved - gain_of(was, far) + gain_of(now, far) + gain_of(3 - now, beyond);
-        self.skip(lost);
-        if saved > 0 && !self.closes(offered) {
-            self.ends.push(lost / 4);
-            return true;
-        }
-        if beyond == 0 && self.chain(offered, saved, depth - 1) {
-            return true;
-        }
-        self.skip(offered);
         false
     }
 
     /// Whether the strip that leaves a triangle over `h` comes back to it within
     /// [`RING_LIMIT`] triangles: a ring saves nothing, since it must be cut open again. Looks at the link made
-    /// last only; rings left elsewhere on a chain are few.
+    /// last only; rings left elsewhere are few.
     fn closes(&self, start: u32) -> bool {
         let mut h = start;
         let mut linked = self.gain(h) != 0;

@@ -5,7 +5,7 @@ use super::crossings::{CROSSING, Crossings, after, before, edges};
 /// Bit of a count that says the triangle is in a strip already.
 const USED: u8 = 0x80;
 
-/// Count of triangle 0, which stands for none: it stays used when it is counted down once.
+/// Count of triangle 0, which stands for none: it stays used when it is counted down twice.
 const NO_TRIANGLE: u8 = 0xC0;
 
 /// Scratch of the greedy stage.
@@ -29,36 +29,52 @@ struct Starts {
     entries: Vec<u32>,
     /// Where each stack begins: all have the same room.
     room: usize,
-    len: [usize; 4],
+    /// Where each stack ends.
+    end: [usize; 4],
 }
 
 impl Starts {
     fn reset(&mut self, triangles: usize) {
         self.room = triangles;
         self.entries.resize(3 * triangles + 1, 0);
-        self.len = [0; 4];
+        self.end = [0, triangles, 2 * triangles, 3 * triangles];
     }
 
     #[inline(always)]
     fn push(&mut self, free: u8, t: u32) {
         let stack = usize::from(free.min(3));
-        self.entries[stack * self.room + self.len[stack]] = t;
-        self.len[stack] += usize::from(stack != 3);
+        let end = &mut self.end[stack];
+        self.entries[*end] = t;
+        *end += usize::from(stack != 3);
     }
 
     /// The triangle pushed last that still has as few free neighbours as when it was pushed.
     fn pop(&mut self, free: &[u8]) -> Option<u32> {
-        for (stack, len) in self.len.iter_mut().enumerate() {
-            let entries = &self.entries[stack * self.room..][..*len];
+        for (stack, end) in self.end[..3].iter_mut().enumerate() {
+            let start = stack * self.room;
+            let entries = &self.entries[start..*end];
             let live = |t: &u32| usize::from(free[*t as usize]) == stack;
             let found = entries.iter().rposition(live);
-            *len = found.unwrap_or(0);
+            *end = start + found.unwrap_or(0);
             if let Some(at) = found {
                 return Some(entries[at]);
             }
         }
         None
     }
+}
+
+/// Number of mates of a triangle; the fourth means nothing.
+#[inline(always)]
+fn neighbours(m: &[u32; 4]) -> u8 {
+    // two at a time: bit 31 of a half is set by the sum where any lower bit of it is
+    const LOWER: u64 = 0x7fff_ffff_7fff_ffff;
+    let some = |a: u32, b: u32| {
+        let pair = u64::from(a) | u64::from(b) << 32;
+        ((pair & LOWER) + LOWER | pair) >> 31 & 0x1_0000_0001
+    };
+    let count = some(m[0], m[1]) + some(m[2], 0);
+    (count + (count >> 32)) as u8
 }
 
 impl Greedy {
@@ -79,19 +95,18 @@ impl Greedy {
         let (mates, _) = mates.as_chunks::<4>();
         self.starts.reset(mates.len());
         self.free.clear();
-        let neighbours = |m: &[u32; 4]| {
-            m[..3]
-                .iter()
-                .map(|&h| u8::from(h != super::NONE))
-                .sum::<u8>()
-        };
         self.free.extend(mates.iter().map(neighbours));
         if let Some(first) = self.free.first_mut() {
             *first = NO_TRIANGLE;
         }
-        for (t, &free) in self.free.iter().enumerate().rev() {
-            if free < 3 {
-                self.starts.push(free, t as u32);
+        for (i, eight) in self.free.chunks(8).enumerate().rev() {
+            if eight == [3; 8] {
+                continue; // inside the piece, as nearly all are
+            }
+            for (t, &free) in eight.iter().enumerate().rev() {
+                if free < 3 {
+                    self.starts.push(free, (8 * i + t) as u32);
+                }
             }
         }
         self.cursor = 0;
@@ -106,12 +121,12 @@ impl Greedy {
         Some(self.cursor as u32)
     }
 
-    /// Counts the free neighbours of the triangle of `mate` down, if there is one; returns the count.
+    /// Counts the free neighbours of the triangle of `mate` down; returns the count. That of triangle 0
+    /// must be set again after two at most.
     #[inline(always)]
     fn count_down(&mut self, mate: u32) -> u8 {
         let free = self.free[(mate / 4) as usize] - 1;
         self.free[(mate / 4) as usize] = free;
-        self.free[0] = NO_TRIANGLE;
         free
     }
 
@@ -123,38 +138,31 @@ impl Greedy {
         };
         crossings.skip(after(exit));
         let mut entry = crossings.mates[exit as usize];
-        let mut turn_left = false;
+        let mut turned_left = false;
         loop {
             let here = entry / 4;
             self.free[here as usize] |= USED;
-            let (left, right) = (after(entry), before(entry));
-            // the side it did turn to is the one to avoid next
-            let [first, second] = if turn_left {
-                [right, left]
-            } else {
-                [left, right]
-            };
-            let (a, b) = (
-                crossings.mates[first as usize],
-                crossings.mates[second as usize],
-            );
-            let (free_a, free_b) = (self.count_down(a), self.count_down(b));
-            if free_a.min(free_b) >= USED {
-                crossings.states[here as usize] = CROSSING[(left % 4) as usize];
+            let edges = [after(entry), before(entry)];
+            let [left, right] = edges.map(|h| crossings.mates[h as usize]);
+            let (free_left, free_right) = (self.count_down(left), self.count_down(right));
+            self.free[0] = NO_TRIANGLE;
+            if free_left.min(free_right) >= USED {
+                crossings.states[here as usize] = CROSSING[(edges[0] % 4) as usize];
                 return here;
             }
-            // which one it is cannot be foretold, so nothing branches on it
-            let turn = free_b < free_a;
-            let (skipped, beyond, free) = if turn {
-                (first, a, free_a)
+            // On a tie not to the side it did turn to. Which one it is cannot be foretold, so nothing
+            // branches on it.
+            let turn_right = free_right < free_left + u8::from(turned_left);
+            let (skipped, other, free) = if turn_right {
+                (edges[0], left, free_left)
             } else {
-                (second, b, free_b)
+                (edges[1], right, free_right)
             };
-            // the other one is taken at once
-            self.starts.push(free, beyond / 4);
-            entry = if turn { b } else { a };
+            // the other one may be a start
+            self.starts.push(free, other / 4);
+            entry = if turn_right { right } else { left };
             crossings.states[here as usize] = CROSSING[(skipped % 4) as usize];
-            turn_left = turn_left == turn;
+            turned_left = !turn_right;
         }
     }
 
@@ -166,6 +174,7 @@ impl Greedy {
         for h in edges(t) {
             let mate = mates[h as usize];
             let free = self.count_down(mate);
+            self.free[0] = NO_TRIANGLE;
             self.starts.push(free, mate / 4);
             if free < fewest {
                 (exit, fewest) = (Some(h), free);

@@ -18,8 +18,8 @@
 //! # Stages
 //! 1. `greedy`: fewest free neighbours first, ties without a swap.
 //! 2. `settle`: one pass that gives each triangle its best label beside its neighbours' labels.
-//! 3. `tunnel`: from each end of a strip a chain of exchanges with its neighbours, at most
-//!    [`TUNNEL_DEPTH`] long, until it meets another end or saves entries otherwise.
+//! 3. `merge_ends`: from each end of a strip one exchange with a neighbour, where it meets another end
+//!    or saves entries otherwise.
 //! 4. `write`: the strips one after the other.
 //!
 //! # What was tried
@@ -32,25 +32,30 @@
 //! | greedy, starts in index order, every start even | 1.402 | | 1.436 | 22 |
 //! | greedy, fewest free neighbours start too, every start even | 1.340 | 1.352 | 1.379 | 24 |
 //! | the same, starts of either parity, next to the last vertex if free | 1.327 | 1.338 | 1.365 | 25 |
-//! | stages 1 to 4, tunnels of depth 1 | 1.302 | | 1.336 | |
-//! | depth 2 (chosen) | 1.292 | 1.302 | 1.325 | 40 |
-//! | depth 3 | 1.286 | 1.295 | 1.319 | 46 |
-//! | depth 4 | 1.283 | | 1.316 | |
-//! | depth 5 | 1.281 | | 1.314 | |
+//! | stages 1 to 4 (chosen) | 1.302 | | 1.336 | |
+//! | chains of exchanges, at most two long | 1.292 | 1.302 | 1.325 | 40 |
+//! | three long | 1.286 | 1.295 | 1.319 | 46 |
+//! | four long | 1.283 | | 1.316 | |
+//! | five long | 1.281 | | 1.314 | |
 //! | annealing, 1000 passes: about the optimum | 1.22 | | 1.26 | |
 //!
-//! Not worth it: a second `settle` before (-0.001) or tunnels, settle, tunnels (-0.005, +11 ns);
+//! Not worth it: a second `settle` before (-0.001) or settle and exchanges once more (-0.005, +11 ns);
 //! choosing the neighbour by a table over the free exits of both (1.363 to 1.356 for greedy alone, by
 //! hill climbing over all 256 contexts, so greedy ends there); sequential message passing from
-//! nothing (1.44 after seven passes); starts in index order before the tunnels (+0.005); joins round
-//! the last vertex after the tunnels, for they leave hardly a free end there.
+//! nothing (1.44 after seven passes); starts in index order before the exchanges (+0.005); joins round
+//! the last vertex after them, for they leave hardly a free end there.
 //!
-//! The times above are from before these, at depth 2 on 193^3 voxels with noise 0.1, Mtriangles per
-//! second beside meshopt's stripify (44 to 46) in the same run: four words to a triangle,
+//! The times above are from before these, with chains of two on 193^3 voxels with noise 0.1,
+//! Mtriangles per second beside meshopt's stripify (44 to 46) in the same run: four words to a triangle,
 //! a first half-edge that stands for none, and a greedy stage without branches on its choices 24.7;
 //! corners read in order before strips need them, and no branch on the side to turn to 31.3. State and
 //! mate in one word (21.7) and the greedy count beside them (21.0) were slower: a wide store waits for
 //! narrow ones. Without bounds checks it would be 3 % faster.
+//!
+//! Since then, on the foam of the same size that a conversion cuts to pieces of 1,700 triangles on
+//! average, ns per triangle in the same run: 30.2 before, at 1.276 entries; 27.6 with the steps to the
+//! other edge in the state; 23.6 with one exchange instead of two, at 1.286 entries. Fetching the mates of
+//! both neighbours ahead changed nothing: pieces of this size stay in the first cache.
 
 mod crossings;
 mod greedy;
@@ -62,10 +67,6 @@ use crossings::Crossings;
 
 /// Marks a triangle edge without a neighbour: the first half-edge of triangle 0, which is no triangle.
 pub const NONE: u32 = 0;
-
-/// Most exchanges in a row that the end of a strip tries: one more saves 0.5 % of the entries and costs
-/// an eighth of the time.
-const TUNNEL_DEPTH: u32 = 2;
 
 /// Makes strips; holds scratch that is cleared for each piece and never given back.
 #[derive(Debug, Default)]
@@ -108,7 +109,7 @@ impl Stripifier {
         };
         self.greedy.label(&mut crossings);
         crossings.settle();
-        crossings.tunnel(TUNNEL_DEPTH);
+        crossings.merge_ends();
         write::write_strips(corners.as_flattened(), &mut crossings, &mut self.queue, out)
     }
 }

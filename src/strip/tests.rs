@@ -197,12 +197,8 @@ fn stages_never_lose() {
     };
     greedy::Greedy::default().label(&mut crossings);
     let mut last = saved(&crossings);
-    for depth in [0, 1, 2, 0, 3, 8] {
-        if depth == 0 {
-            crossings.settle();
-        } else {
-            crossings.tunnel(depth);
-        }
+    for stage in [Crossings::settle, Crossings::merge_ends].repeat(3) {
+        stage(&mut crossings);
         let now = saved(&crossings);
         assert!(now >= last, "{now} after {last}");
         last = now;
@@ -210,6 +206,22 @@ fn stages_never_lose() {
             assert!(crossings::CROSSING.contains(triangle), "{triangle:?}");
         }
         assert_eq!(crossings.states[0], [0; 4]);
+    }
+}
+
+#[test]
+fn a_state_leads_to_the_other_crossed_edge() {
+    use crossings::{CROSSING, after, before, other, turns_after};
+    for (skipped, states) in (0..3).zip(CROSSING) {
+        for (e, state) in (0..3).zip(states) {
+            assert_eq!(state == 0, e == skipped);
+            if state != 0 {
+                let (h, left) = (4 * 7 + e, 4 * 7 + 3 - e - skipped);
+                assert_eq!(other(h, state), left);
+                let side = if turns_after(state) { after } else { before };
+                assert_eq!(side(h), left);
+            }
+        }
     }
 }
 

@@ -1,6 +1,6 @@
 //! Writes labelled triangles as one stitched strip.
 
-use super::crossings::{Crossings, after, before};
+use super::crossings::{Crossings, after, before, other, turns_after};
 
 /// Ends of strips that are to be written, by the parity that the first triangle should have so that
 /// the strip's first turn needs no swap.
@@ -115,7 +115,7 @@ fn opening(crossings: &Crossings, t: u32) -> u32 {
 fn write_strip(
     corners: &[u32],
     crossings: &mut Crossings,
-    (mut exit, even): (u32, bool),
+    (exit, even): (u32, bool),
     out: &mut Vec<u32>,
 ) {
     // the first triangle as if it had been entered over the edge from which `exit` needs no swap
@@ -124,15 +124,20 @@ fn write_strip(
     let mut later = corners[(if even { exit } else { after(exit) }) as usize];
     out.extend([earlier, later]);
     let mut odd = !even;
-    let mut turns_after = even;
-    let mut linked = crossings.gain(exit) != 0;
+    let mut turns = even;
+    // where the strip goes on and how
+    let mut next = crossings.mates[exit as usize];
+    let mut state = match crossings.state(exit) {
+        0 => 0,
+        _ => crossings.state(next),
+    };
     // Entries gather here, two written and one or two kept: a branch would be mispredicted at
     // every second swap.
     let mut block = [0; 64];
     let mut filled = 0;
-    while linked {
+    while state != 0 {
         let apex = corners[before(entry) as usize];
-        let swap = turns_after == odd;
+        let swap = turns == odd;
         block[filled] = if swap { earlier } else { apex };
         block[filled + 1] = apex;
         filled += 1 + usize::from(swap);
@@ -145,11 +150,11 @@ fn write_strip(
         crossings.blank(entry / 4);
         // an entry more or less turns the parity, so that the next triangle is odd after a turn to
         // the edge after the entry, with a swap or without
-        odd = turns_after;
-        entry = crossings.mates[exit as usize];
-        turns_after = crossings.turns_after(entry);
-        exit = crossings.other(entry);
-        linked = crossings.across(exit) != 0;
+        odd = turns;
+        entry = next;
+        turns = turns_after(state);
+        next = crossings.mates[other(entry, state) as usize];
+        state = crossings.state(next);
     }
     crossings.blank(entry / 4);
     out.extend_from_slice(&block[..filled]);

@@ -85,6 +85,33 @@ impl std::str::FromStr for Dtype {
     }
 }
 
+/// One component of a gradient, in samples per voxel step.
+pub trait Slope: Copy + Send + Sync + std::fmt::Debug + 'static {
+    /// A slope of 1.
+    const ONE: Self;
+
+    /// The slope as a number.
+    fn to_f32(self) -> f32;
+}
+
+/// In halves, so that differences of small integers stay exact and numbers are made of many at once.
+impl Slope for i32 {
+    const ONE: Self = 2;
+    #[inline(always)]
+    fn to_f32(self) -> f32 {
+        0.5 * self as f32
+    }
+}
+
+/// The slope itself, from a difference that was rounded once.
+impl Slope for f32 {
+    const ONE: Self = 1.0;
+    #[inline(always)]
+    fn to_f32(self) -> f32 {
+        self
+    }
+}
+
 /// A sample type that the kernels are compiled for.
 pub trait Voxel: Pod + PartialOrd + Send + Sync + std::fmt::Debug + 'static {
     /// The run-time name of this type.
@@ -93,8 +120,14 @@ pub trait Voxel: Pod + PartialOrd + Send + Sync + std::fmt::Debug + 'static {
     /// The exact value; every type here fits an `f64`.
     fn to_f64(self) -> f64;
 
-    /// The difference `self - other`, rounded once to `f32`.
-    fn minus(self, other: Self) -> f32;
+    /// What slopes between such samples are kept in.
+    type Slope: Slope;
+
+    /// The slope between this sample and the one two voxels before it.
+    fn central_slope(self, before: Self) -> Self::Slope;
+
+    /// The slope between this sample and the one next before it.
+    fn one_sided_slope(self, before: Self) -> Self::Slope;
 
     /// The smallest sample s with s >= t, so that `v >= t` can be decided in this type. `None` if
     /// no sample reaches t (t is above the type's largest value, or NaN).
@@ -105,14 +138,20 @@ pub trait Voxel: Pod + PartialOrd + Send + Sync + std::fmt::Debug + 'static {
 }
 
 macro_rules! integer_voxel {
-    ($($t:ty => $dtype:ident, $wide:ty;)*) => {$(
+    ($($t:ty => $dtype:ident, $slope:ty, $slope_of:ident;)*) => {$(
         impl Voxel for $t {
             const DTYPE: Dtype = Dtype::$dtype;
             fn to_f64(self) -> f64 {
                 f64::from(self)
             }
-            fn minus(self, other: Self) -> f32 {
-                (<$wide>::from(self) - <$wide>::from(other)) as f32
+            type Slope = $slope;
+            #[inline(always)]
+            fn central_slope(self, before: Self) -> $slope {
+                $slope_of(self.into(), before.into(), 1)
+            }
+            #[inline(always)]
+            fn one_sided_slope(self, before: Self) -> $slope {
+                $slope_of(self.into(), before.into(), 2)
             }
             fn ceil_from(t: f64) -> Option<Self> {
                 let c = t.ceil();
@@ -126,13 +165,25 @@ macro_rules! integer_voxel {
     )*};
 }
 
+/// Half of so many times the difference, in halves.
+#[inline(always)]
+fn halves(value: i32, before: i32, times: i32) -> i32 {
+    times * (value - before)
+}
+
+/// Half of so many times the difference.
+#[inline(always)]
+fn rounded(value: i64, before: i64, times: u8) -> f32 {
+    0.5 * f32::from(times) * (value - before) as f32
+}
+
 integer_voxel! {
-    u8 => U8, i32;
-    i8 => I8, i32;
-    u16 => U16, i32;
-    i16 => I16, i32;
-    u32 => U32, i64;
-    i32 => I32, i64;
+    u8 => U8, i32, halves;
+    i8 => I8, i32, halves;
+    u16 => U16, i32, halves;
+    i16 => I16, i32, halves;
+    u32 => U32, f32, rounded;
+    i32 => I32, f32, rounded;
 }
 
 impl Voxel for f32 {
@@ -140,8 +191,14 @@ impl Voxel for f32 {
     fn to_f64(self) -> f64 {
         f64::from(self)
     }
-    fn minus(self, other: Self) -> f32 {
-        self - other
+    type Slope = f32;
+    #[inline(always)]
+    fn central_slope(self, before: Self) -> f32 {
+        0.5 * (self - before)
+    }
+    #[inline(always)]
+    fn one_sided_slope(self, before: Self) -> f32 {
+        self - before
     }
     fn ceil_from(t: f64) -> Option<Self> {
         let near = t as f32;
@@ -163,8 +220,14 @@ impl Voxel for f64 {
     fn to_f64(self) -> f64 {
         self
     }
-    fn minus(self, other: Self) -> f32 {
-        (self - other) as f32
+    type Slope = f32;
+    #[inline(always)]
+    fn central_slope(self, before: Self) -> f32 {
+        0.5 * (self - before) as f32
+    }
+    #[inline(always)]
+    fn one_sided_slope(self, before: Self) -> f32 {
+        (self - before) as f32
     }
     fn ceil_from(t: f64) -> Option<Self> {
         (!t.is_nan()).then_some(t)

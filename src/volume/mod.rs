@@ -51,7 +51,7 @@ use without::zarr;
 
 pub use crop::Cropped;
 pub(crate) use dtype::with_voxel_type;
-pub use dtype::{Dtype, Voxel};
+pub use dtype::{Dtype, Slope, Voxel};
 pub use memory::MemoryVolume;
 pub use open::{Io, OpenOptions, Opened, open};
 pub use predict::{Prediction, predict};

@@ -1,0 +1,184 @@
+//! Volume, area and bounds of the surface pieces, eight triangles at a time: corners are gathered one by one,
+//! arithmetic runs over arrays.
+//!
+//! 74 instructions per triangle one at a time, 45 so (AVX2).
+
+use crate::cpu::dispatch;
+use crate::measure::AreaScale;
+use crate::mesh::pieces::Piece;
+
+/// Triangles at once.
+const LANES: usize = 32;
+
+/// One value for each of them.
+type Lanes<T> = [T; LANES];
+
+/// Triangles whose sums are exact: six times a triangle's volume is below 2^43, twice its area in
+/// fixed-point steps below 2^36, and floating-point numbers hold all whole numbers up to 2^53.
+const AT_ONCE: usize = LANES << 9;
+
+/// Adds up volume and area of each piece's triangles, and finds its bounds; `positions` and `corners` are those of the whole
+/// tile.
+pub fn sum_pieces(
+    pieces: &mut [Piece],
+    positions: &[[i32; 3]],
+    corners: &[[u32; 4]],
+    area: &AreaScale,
+) {
+    dispatch!(sum_inlined(pieces, positions, corners, area));
+}
+
+#[inline(always)]
+fn sum_inlined(
+    pieces: &mut [Piece],
+    positions: &[[i32; 3]],
+    corners: &[[u32; 4]],
+    area: &AreaScale,
+) {
+    for piece in pieces {
+        let vertices = &positions[piece.first_vertex as usize..][..piece.vertices as usize];
+        let (mut volume6, mut twice_area) = (0, 0);
+        for faces in corners[piece.faces()][1..].chunks(AT_ONCE) {
+            let mut sums = Sums::default();
+            let (eights, rest) = faces.as_chunks();
+            for eight in eights {
+                sums.add(eight, vertices, area);
+            }
+            if !rest.is_empty() {
+                // three times the same corner have neither volume nor area
+                let mut eight = [[0; 4]; LANES];
+                eight[..rest.len()].copy_from_slice(rest);
+                sums.add(&eight, vertices, area);
+            }
+            volume6 += sums.volume6.iter().map(|&v| v as i128).sum::<i128>();
+            twice_area += sums.twice_area.iter().map(|&a| a as u128).sum::<u128>();
+        }
+        (piece.min, piece.max) = bounds(vertices);
+        piece.sums.volume6 = volume6;
+        piece.sums.area = twice_area;
+        piece.sums.triangles = u64::from(piece.triangles);
+    }
+}
+
+#[inline(always)]
+fn widen(min: &mut Lanes<[i32; 3]>, max: &mut Lanes<[i32; 3]>, positions: &[[i32; 3]]) {
+    let (min, max) = (min.as_flattened_mut(), max.as_flattened_mut());
+    for ((min, max), &v) in min.iter_mut().zip(max).zip(positions.as_flattened()) {
+        *min = v.min(*min);
+        *max = v.max(*max);
+    }
+}
+
+/// Smallest and largest coordinates; `i32::MAX` and `i32::MIN` of none.
+#[inline(always)]
+fn bounds(positions: &[[i32; 3]]) -> ([i32; 3], [i32; 3]) {
+    let (mut min, mut max) = ([[i32::MAX; 3]; LANES], [[i32::MIN; 3]; LANES]);
+    let (eights, rest) = positions.as_chunks::<LANES>();
+    for eight in eights {
+        widen(&mut min, &mut max, eight);
+    }
+    widen(&mut min, &mut max, rest);
+    let fold = |all: [[i32; 3]; LANES], pick: fn(i32, i32) -> i32| {
+        all.into_iter().fold(all[0], |a, b| {
+            [pick(a[0], b[0]), pick(a[1], b[1]), pick(a[2], b[2])]
+        })
+    };
+    (fold(min, i32::min), fold(max, i32::max))
+}
+
+/// Sums of every eighth triangle: whole numbers.
+#[derive(Default)]
+struct Sums {
+    volume6: Lanes<f64>,
+    twice_area: Lanes<f64>,
+}
+
+impl Sums {
+    #[inline(always)]
+    fn add(&mut self, faces: &Lanes<[u32; 4]>, vertices: &[[i32; 3]], area: &AreaScale) {
+        let [mut a, mut b, mut c] = [[[0; LANES]; 3]; 3];
+        for (i, &[p, q, r, _]) in faces.iter().enumerate() {
+            for (corner, vertex) in [(&mut a, p), (&mut b, q), (&mut c, r)] {
+                let [x, y, z] = vertices[vertex as usize];
+                (corner[0][i], corner[1][i], corner[2][i]) = (x, y, z);
+            }
+        }
+        let [mut u, mut v, mut n] = [[[0; LANES]; 3]; 3];
+        for k in 0..3 {
+            for i in 0..LANES {
+                u[k][i] = b[k][i] - a[k][i];
+                v[k][i] = c[k][i] - a[k][i];
+            }
+        }
+        for k in 0..3 {
+            let (l, m) = ((k + 1) % 3, (k + 2) % 3);
+            for i in 0..LANES {
+                n[k][i] = u[l][i] * v[m][i] - u[m][i] * v[l][i];
+            }
+        }
+        for i in 0..LANES {
+            // a . (b x c) = a . ((b - a) x (c - a))
+            let product = |k: usize| f64::from(a[k][i]) * f64::from(n[k][i]);
+            self.volume6[i] += product(0) + product(1) + product(2);
+        }
+        for i in 0..LANES {
+            self.twice_area[i] += area.twice_area([n[0][i], n[1][i], n[2][i]]);
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use proptest::prelude::*;
+
+    proptest! {
+        /// Against one triangle after the other, in whole numbers.
+        #[test]
+        fn sums_are_those_of_each_triangle(
+            positions in prop::collection::vec([-40_000..16_777_216i32, 0..300, 7_000..7_300], 3..50),
+            picks in prop::collection::vec(any::<[prop::sample::Index; 3]>(), 0..60),
+            spacing in [0.1..10.0f64, 0.1..10.0, 0.1..10.0],
+        ) {
+            // as close together as the corners of a cube are
+            let positions: Vec<[i32; 3]> = positions
+                .iter()
+                .map(|p| [positions[0][0] + (p[0] & 0x1ff), p[1], p[2]])
+                .collect();
+            let (first, skipped) = (1, 5);
+            let mut piece = Piece::new(0, 0, false);
+            piece.first_vertex = first as u32;
+            piece.vertices = (positions.len() - first) as u32;
+            piece.first_triangle = skipped as u32;
+            piece.triangles = picks.len() as u32;
+            let mut corners = vec![[u32::MAX; 4]; skipped + 1];
+            corners.extend(picks.iter().map(|p| {
+                let [a, b, c] = p.map(|i| i.index(positions.len() - first) as u32);
+                [a, b, c, u32::MAX]
+            }));
+            let area = AreaScale::new(spacing);
+            sum_pieces(std::slice::from_mut(&mut piece), &positions, &corners, &area);
+            let (mut volume6, mut twice_area) = (0i128, 0u128);
+            for &[a, b, c, _] in &corners[skipped + 1..] {
+                let [a, b, c] = [a, b, c].map(|i| glam::I64Vec3::from(positions[first + i as usize].map(i64::from)));
+                volume6 += i128::from(a.dot(b.cross(c)));
+                let n = (b - a).cross(c - a).to_array().map(|v| v as i32);
+                twice_area += area.twice_area(n) as u128;
+            }
+            prop_assert_eq!(piece.sums.volume6, volume6);
+            prop_assert_eq!(piece.sums.area, twice_area);
+            prop_assert_eq!(piece.sums.triangles, picks.len() as u64);
+        }
+    }
+
+    #[test]
+    fn areas_are_rounded_to_steps() {
+        let area = AreaScale::new([1.0, 1.0, 1.0]);
+        assert_eq!(area.twice_area([0, 0, 0]), 0.0);
+        assert_eq!(area.twice_area([3, 4, 0]), 5.0 * 65_536.0);
+        for n in [[1, 1, 0], [1, 2, 3], [131_072, -131_072, 77], [0, -1, 1]] {
+            let exact = n.map(f64::from).iter().map(|v| v * v).sum::<f64>().sqrt() * 65_536.0;
+            assert_eq!(area.twice_area(n), (exact + 0.5) as i64 as f64);
+        }
+    }
+}
