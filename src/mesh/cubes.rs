@@ -250,7 +250,11 @@ impl CubeWalk {
     ) {
         let edges = cut.edges;
         let cx = cut.tile.cubes[0] as usize;
-        let first = starts.map(|s| edges.words[s].first);
+        let rows = starts.map(|s| s / edges.row_words);
+        if rows.iter().all(|&row| edges.is_empty(row)) {
+            return;
+        }
+        let first = rows.map(|row| edges.first[row]);
         let mut counters = [
             first[0][0],
             first[1][0],

@@ -2,20 +2,15 @@
 //!
 //! For each voxel row of the tile and each axis one word per 64 voxels says which edges cross; an
 //! edge's number is the count of those before it, of which each row's first is kept. (Flying Edges,
-//! Schroeder et al. 2015, numbers by counting per row too; bits make it 16 times denser.)
+//! Schroeder et al. 2015, numbers by counting per row too; bits make it 16 times denser.) From the first
+//! numbers it is also seen which rows have none, so that empty parts of a tile cost little.
 
 use crate::cpu::dispatch;
 use crate::mesh::tile::TileBox;
 use crate::slab::Bits;
 
-/// Crossed edges of 64 voxels of a row, per axis, and the numbers of the first of each.
-#[derive(Debug, Clone, Copy, Default)]
-pub struct EdgeWord {
-    /// Bit x: the edge from voxel x along the axis is crossed.
-    pub crossed: [u64; 3],
-    /// Number of the first crossed edge of this word and axis.
-    pub first: [u32; 3],
-}
+/// Crossed edges of 64 voxels of a row, per axis. Bit x: the edge from voxel x along the axis is crossed.
+pub type EdgeWord = [u64; 3];
 
 /// All crossed edges of a tile. Numbers rise by z, y, then axis, then x of the edge's lower voxel.
 #[derive(Debug, Default)]
@@ -28,6 +23,9 @@ pub struct Edges {
     pub bits: Vec<u64>,
     /// By slice, row and word.
     pub words: Vec<EdgeWord>,
+    /// By slice and row, and one more for the end: number of the first crossed edge per axis, there or
+    /// later.
+    pub first: Vec<[u32; 3]>,
     /// Number of crossed edges.
     pub count: u32,
 }
@@ -46,6 +44,8 @@ impl Edges {
         self.copy_bits(bits, tile);
         self.words.clear();
         self.words.reserve(self.bits.len());
+        self.first.clear();
+        self.first.reserve(self.rows * (cz + 1) + 1);
         let (slice, row) = (self.rows * self.row_words, self.row_words);
         let mut next = 0u32;
         for z in 0..=cz {
@@ -56,25 +56,29 @@ impl Edges {
                 // past the last row or slice an edge would leave the tile: compare with itself
                 let next_y = &self.bits[start + zeros(y < cy, row)..][..row];
                 let next_z = &self.bits[start + zeros(z < cz, slice)..][..row];
-                let first_word = self.words.len();
+                let mut counts = [0; 3];
                 for w in 0..row {
                     let after = here.get(w + 1).map_or(0, |&n| n << 63);
                     let along_x = (here[w] ^ (here[w] >> 1 | after)) & below(cx, w);
                     let crossed = [along_x, here[w] ^ next_y[w], here[w] ^ next_z[w]];
-                    self.words.push(EdgeWord {
-                        crossed,
-                        first: [0; 3],
-                    });
-                }
-                for axis in 0..3 {
-                    for word in &mut self.words[first_word..] {
-                        word.first[axis] = next;
-                        next += word.crossed[axis].count_ones();
+                    self.words.push(crossed);
+                    for axis in 0..3 {
+                        counts[axis] += crossed[axis].count_ones();
                     }
                 }
+                let [x, y, z] = counts;
+                self.first.push([next, next + x, next + x + y]);
+                next += x + y + z;
             }
         }
+        self.first.push([next; 3]);
         self.count = next;
+    }
+
+    /// True if no edge of the row, counted through all slices, is crossed.
+    #[inline(always)]
+    pub fn is_empty(&self, row: usize) -> bool {
+        self.first[row][0] == self.first[row + 1][0]
     }
 
     #[inline(always)]
@@ -88,11 +92,17 @@ impl Edges {
                 let s = z + (z0 - bits.span.z.start) as usize;
                 let r = y + (y0 - bits.span.y.start) as usize;
                 let row = bits.row(s, r);
+                if shift == 0 {
+                    self.bits.extend_from_slice(&row[word0..][..self.row_words]);
+                    let last = self.bits.len() - 1;
+                    self.bits[last] &= below(cx + 1, self.row_words - 1);
+                    continue;
+                }
                 for w in 0..self.row_words {
                     let low = row.get(word0 + w).map_or(0, |&b| b >> shift);
                     let high = match row.get(word0 + w + 1) {
-                        Some(&b) if shift > 0 => b << (64 - shift),
-                        _ => 0,
+                        Some(&b) => b << (64 - shift),
+                        None => 0,
                     };
                     self.bits.push((low | high) & below(cx + 1, w));
                 }

@@ -217,27 +217,26 @@ fn assign_inlined<T: Voxel>(
             first_run: view.run_at(tile, [0, y, z]),
         }
     };
-    let mut words = edges.words.chunks_exact(edges.row_words);
-    for (z, y) in (0..=cz).flat_map(|z| (0..=cy).map(move |y| (z, y))) {
-        let words = words.next().expect("one chunk per row");
-        let crossed = |axis: usize| words.iter().any(|w| w.crossed[axis] != 0);
-        let crossed = [crossed(0), crossed(1), crossed(2)];
-        if crossed == [false; 3] {
+    let words = edges.words.chunks_exact(edges.row_words);
+    let rows = (0..=cz).flat_map(|z| (0..=cy).map(move |y| (z, y)));
+    for ((number, words), (z, y)) in words.enumerate().zip(rows) {
+        if edges.is_empty(number) {
             continue;
         }
+        let [first_x, first_y, first_z] = edges.first[number];
         let ends = Ends {
             key: 3 * tile.linear([0, y, z]),
             shared_row: tile.shares_upper(1, y) || tile.shares_upper(2, z),
             shared_x: (!tile.is_last[0]).then_some(tile.cubes[0] as usize),
         };
         let here = row(y, z);
-        if crossed[0] {
+        if first_x < first_y {
             assigner.along_row(words, &here, &ends);
         }
-        if crossed[1] {
+        if first_y < first_z {
             assigner.across_rows(words, 1, [&here, &row(y + 1, z)], &ends);
         }
-        if crossed[2] {
+        if first_z < edges.first[number + 1][0] {
             assigner.across_rows(words, 2, [&here, &row(y, z + 1)], &ends);
         }
     }
@@ -279,7 +278,7 @@ impl Assigner<'_> {
     fn along_row(&mut self, words: &[EdgeWord], row: &Row, ends: &Ends) {
         let mut run = row.first_run;
         for (w, word) in words.iter().enumerate() {
-            let mut crossed = word.crossed[0];
+            let mut crossed = word[0];
             while crossed != 0 {
                 let bit = crossed.trailing_zeros() as usize;
                 crossed &= crossed - 1;
@@ -299,7 +298,7 @@ impl Assigner<'_> {
         for (w, word) in words.iter().enumerate() {
             let bits = rows.map(|r| r.bits[w]);
             let starts = [0, 1].map(|i| transitions(bits[i], before[i]));
-            let crossed = word.crossed[axis];
+            let crossed = word[axis];
             let no_more = !crossed | starts[0] | starts[1];
             let mut left = crossed;
             while left != 0 {

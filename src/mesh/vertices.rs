@@ -161,11 +161,14 @@ fn place_inlined<T: Voxel>(
     let mut batch = Batch::new();
     let chunks = edges.words.chunks_exact(edges.row_words);
     for (number, words) in chunks.enumerate() {
+        if edges.is_empty(number) {
+            continue;
+        }
         let place = (number % edges.rows, number / edges.rows);
         let row = Row::new(view, tile, &samples, strides, place);
         for axis in 0..3 {
             for (w, word) in words.iter().enumerate() {
-                let mut crossed = word.crossed[axis];
+                let mut crossed = word[axis];
                 while crossed != 0 {
                     let bit = crossed.trailing_zeros();
                     crossed &= crossed - 1;

@@ -33,6 +33,9 @@ pub fn add_border_euler(
         for (r, y) in span.y.clone().enumerate() {
             let (own_y, own_z) = (r > 0 || y == 0, s > 0 || z == 0);
             let (face_y, face_z) = (on_face(y, 1), on_face(z, 2));
+            if s > 0 && r > 0 && !face_y && !face_z && patch.ends_are_alike(s, r) {
+                continue; // one vertex, two edges and one quad on either side
+            }
             if own_y && own_z {
                 if face_y || face_z {
                     patch.whole_row(s, r);
@@ -91,6 +94,16 @@ impl Patch<'_> {
         for x in self.end_columns() {
             self.add((s, r), x, 1);
         }
+    }
+
+    /// Whether at both ends this row, the one before in y and those before in z are alike.
+    fn ends_are_alike(&self, s: usize, r: usize) -> bool {
+        let rows = [(s, r), (s, r - 1), (s - 1, r), (s - 1, r - 1)];
+        self.end_columns().into_iter().all(|x| {
+            rows[1..]
+                .iter()
+                .all(|&row| self.above(row, x) == self.above(rows[0], x))
+        })
     }
 
     /// The x of the two faces across x.

@@ -101,11 +101,22 @@ fn join_row_pair(
 ) {
     // flips bits so that the 18-connected phase is 1
     let wide = if rule == Ambiguous::Separate { !0 } else { 0 };
+    if let [Some(run_a), Some(run_b)] = [a, b].map(|row| runs.only_run(row, bits.row_words)) {
+        // the most common pair in a volume with much of nothing
+        let (word_a, word_b) = (bits.words[a] & 1, bits.words[b] & 1);
+        if word_a == word_b && (diagonal == Diagonal::AlongX || (word_a ^ wide) & 1 == 1) {
+            sets.union(run_a, run_b);
+        }
+        return;
+    }
     let (mut last_a, mut last_b) = (None, None);
     // bit 63 of the previous word of: both rows equal and wide, equal and narrow, row a, row b
     let mut carry = [0u64; 4];
     for w in 0..bits.row_words {
         let (word_a, word_b) = (bits.words[a + w], bits.words[b + w]);
+        if continues(word_a, last_a) && continues(word_b, last_b) {
+            continue; // whatever touches here did so before
+        }
         let mask = inside(w, bits.span.nx);
         let (flip_a, flip_b) = (word_a ^ wide, word_b ^ wide);
         let both_wide = flip_a & flip_b & mask;
@@ -138,6 +149,12 @@ fn join_row_pair(
         ];
         (last_a, last_b) = (Some(word_a), Some(word_b));
     }
+}
+
+/// Whether all voxels of a word are like the one before them.
+#[inline(always)]
+fn continues(word: u64, before: Option<u64>) -> bool {
+    before.is_some_and(|before| word as i64 == before as i64 >> 63)
 }
 
 /// Calls `each` for every set bit with the mask of all bits up to it, itself included.

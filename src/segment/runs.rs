@@ -47,6 +47,18 @@ impl Runs {
         self.count = run as usize;
     }
 
+    /// The run of the row whose words start at index `row` of `bits.words`, if it has no other.
+    #[inline(always)]
+    pub fn only_run(&self, row: usize, row_words: usize) -> Option<u32> {
+        let first = self.word_run[row];
+        let next_row = row + row_words;
+        let end = self
+            .word_run
+            .get(next_row)
+            .map_or(self.count, |&run| run as usize);
+        (first as usize + 1 == end).then_some(first)
+    }
+
     /// The run of voxel `x` in the row whose words start at index `row` of `bits.words`.
     #[inline(always)]
     pub fn at(&self, bits: &Bits, row: usize, x: usize) -> u32 {
