@@ -8,9 +8,11 @@
 //! `ALVIS_PORTABLE=1` in the environment forces the plain way, which is the only one on other
 //! architectures.
 //!
-//! Measured on a foam of 313 x 313 x 380 voxels (one core of an AMD EPYC, both ways compiled whole):
-//! meshing 0.49 s plain, 0.43 s with x86-64-v3; numbering of surfaces 0.074 and 0.061 s; labelling
-//! 0.063 and 0.055 s. AVX-512 was not tried: the kernels are bound by branches and memory by then.
+//! Instructions for any processor and for wide vectors, in millions, on a foam of 130^3 voxels
+//! (`tests/instructions/limits.json`): meshing 605 and 515, numbering of surfaces 68 and 58, labelling 152
+//! and 132; strips, which are walks from triangle to triangle, gain nothing and are compiled once. On a foam
+//! of 313 x 313 x 380 voxels meshing took 0.49 s plain and 0.43 s with x86-64-v3 as a whole. AVX-512 was not
+//! tried: the kernels are bound by branches and memory by then.
 
 use std::sync::LazyLock;
 

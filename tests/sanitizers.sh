@@ -1,7 +1,7 @@
 #!/usr/bin/env bash
 # Runs tests where undefined behaviour is an error. Needs a nightly toolchain.
 #
-#   tests/sanitizers.sh miri              the unsafe code of the mesher in Miri (component miri), compiled for
+#   tests/sanitizers.sh miri              the unsafe code of the kernels in Miri (component miri), compiled for
 #                                         any processor and for one with wide vectors; some minutes
 #   tests/sanitizers.sh address [TEST...] the tests of the crate and of tests/, or those of tests/ that are
 #                                         named, under AddressSanitizer; half an hour
@@ -15,10 +15,10 @@ host=x86_64-unknown-linux-gnu
 case ${1:-} in
   miri)
     for features in "" "+avx2,+bmi1,+bmi2,+lzcnt,+popcnt"; do
-      RUSTFLAGS="-Ctarget-feature=$features" MIRIFLAGS=-Zmiri-disable-isolation \
+      RUSTFLAGS="-Ctarget-feature=$features" MIRIFLAGS=-Zmiri-disable-isolation PROPTEST_CASES=8 \
         CARGO_TARGET_DIR=target/miri-tests \
         cargo +nightly miri test --locked --no-default-features --lib -- \
-        gather:: cpu:: steps_follow normals_are_unit
+        gather:: cpu:: slab::bits:: steps_follow normals_are_unit
     done
     ;;
   address)
