@@ -71,7 +71,8 @@ fn neighbours(m: &[u32; 4]) -> u8 {
     const LOWER: u64 = 0x7fff_ffff_7fff_ffff;
     let some = |a: u32, b: u32| {
         let pair = u64::from(a) | u64::from(b) << 32;
-        ((pair & LOWER) + LOWER | pair) >> 31 & 0x1_0000_0001
+        let some = ((pair & LOWER) + LOWER) | pair;
+        (some >> 31) & 0x1_0000_0001
     };
     let count = some(m[0], m[1]) + some(m[2], 0);
     (count + (count >> 32)) as u8
