@@ -228,14 +228,13 @@ impl CubeWalk {
         self.row_slots.resize(cx, [NONE; 2]);
         self.slice_slots.clear();
         self.slice_slots.resize(cx * cy, [NONE; 2]);
-        let row = cut.edges.row_words;
-        let slice = cut.edges.rows * row;
+        let rows = cut.edges.rows;
         for z in 0..cz {
             self.row_slots.fill([NONE; 2]);
             for y in 0..cy {
-                let start = z * slice + y * row;
-                let starts = [start, start + row, start + slice, start + slice + row];
-                self.cube_row(cut, plans, starts, [y, z], out);
+                let row = z * rows + y;
+                let rows = [row, row + 1, row + rows, row + rows + 1];
+                self.cube_row(cut, plans, rows, [y, z], out);
             }
         }
     }
@@ -245,16 +244,16 @@ impl CubeWalk {
         &mut self,
         cut: Cut,
         plans: &Plans,
-        starts: [usize; 4],
+        rows: [usize; 4],
         [y, z]: [usize; 2],
         out: &mut Faces,
     ) {
         let edges = cut.edges;
         let cx = cut.tile.cubes[0] as usize;
-        let rows = starts.map(|s| s / edges.row_words);
         if rows.iter().all(|&row| edges.is_empty(row)) {
             return;
         }
+        let starts = rows.map(|row| row * edges.row_words);
         let first = rows.map(|row| edges.first[row]);
         let mut counters = [
             first[0][0],

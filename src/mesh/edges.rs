@@ -26,8 +26,6 @@ pub struct Edges {
     /// By slice and row, and one more for the end: number of the first crossed edge per axis, there or
     /// later.
     pub first: Vec<[u32; 3]>,
-    /// Number of crossed edges.
-    pub count: u32,
 }
 
 impl Edges {
@@ -72,7 +70,11 @@ impl Edges {
             }
         }
         self.first.push([next; 3]);
-        self.count = next;
+    }
+
+    /// Number of crossed edges.
+    pub fn count(&self) -> usize {
+        self.first.last().map_or(0, |&[end, ..]| end as usize)
     }
 
     /// True if no edge of the row, counted through all slices, is crossed.

@@ -176,8 +176,8 @@ pub fn assign<T: Voxel>(
     sheets: &mut Sheets,
 ) {
     index.reset();
-    sheets.piece_of.resize(edges.count as usize + AT_ONCE, 0);
-    sheets.vertex_of.resize(edges.count as usize + AT_ONCE, 0);
+    sheets.piece_of.resize(edges.count() + AT_ONCE, 0);
+    sheets.vertex_of.resize(edges.count() + AT_ONCE, 0);
     let mut assigner = Assigner {
         class_of_run: view.class_of_run,
         index,
@@ -224,20 +224,20 @@ fn assign_inlined<T: Voxel>(
             continue;
         }
         let [first_x, first_y, first_z] = edges.first[number];
-        let ends = Ends {
+        let of_row = OfRow {
             key: 3 * tile.linear([0, y, z]),
             shared_row: tile.shares_upper(1, y) || tile.shares_upper(2, z),
             shared_x: (!tile.is_last[0]).then_some(tile.cubes[0] as usize),
         };
         let here = row(y, z);
         if first_x < first_y {
-            assigner.along_row(words, &here, &ends);
+            assigner.along_row(words, &here, &of_row);
         }
         if first_y < first_z {
-            assigner.across_rows(words, 1, [&here, &row(y + 1, z)], &ends);
+            assigner.across_rows(words, 1, [&here, &row(y + 1, z)], &of_row);
         }
         if first_z < edges.first[number + 1][0] {
-            assigner.across_rows(words, 2, [&here, &row(y, z + 1)], &ends);
+            assigner.across_rows(words, 2, [&here, &row(y, z + 1)], &of_row);
         }
     }
 }
@@ -251,7 +251,7 @@ struct Row<'a> {
 }
 
 /// What the vertices of a row have in common.
-struct Ends {
+struct OfRow {
     /// Key of its first edge.
     key: u64,
     /// The next tile counts the vertices.
@@ -275,7 +275,7 @@ struct Assigner<'a> {
 impl Assigner<'_> {
     /// The edges along a row: each lies between a run and the next.
     #[inline(always)]
-    fn along_row(&mut self, words: &[EdgeWord], row: &Row, ends: &Ends) {
+    fn along_row(&mut self, words: &[EdgeWord], row: &Row, of_row: &OfRow) {
         let mut run = row.first_run;
         for (w, word) in words.iter().enumerate() {
             let mut crossed = word[0];
@@ -283,7 +283,7 @@ impl Assigner<'_> {
                 let bit = crossed.trailing_zeros() as usize;
                 crossed &= crossed - 1;
                 let is_above = row.bits[w] >> bit & 1 == 1;
-                self.put([run, run + 1], is_above, (64 * w + bit, 1), 0, ends);
+                self.put([run, run + 1], is_above, (64 * w + bit, 1), 0, of_row);
                 run += 1;
             }
         }
@@ -292,7 +292,7 @@ impl Assigner<'_> {
     /// The edges from a row to the next along `axis`: those of one stretch lie between the same two
     /// runs. A stretch can only begin where one of the runs does.
     #[inline(always)]
-    fn across_rows(&mut self, words: &[EdgeWord], axis: usize, rows: [&Row; 2], ends: &Ends) {
+    fn across_rows(&mut self, words: &[EdgeWord], axis: usize, rows: [&Row; 2], of_row: &OfRow) {
         let mut first_run = rows.map(|r| r.first_run);
         let mut before = [None; 2];
         for (w, word) in words.iter().enumerate() {
@@ -311,7 +311,7 @@ impl Assigner<'_> {
                 let run = [0, 1].map(|i| first_run[i] + (starts[i] & upto).count_ones());
                 let is_above = bits[0] >> start & 1 == 1;
                 let stretch = (64 * w + start as usize, (end - start) as usize);
-                self.put(run, is_above, stretch, axis, ends);
+                self.put(run, is_above, stretch, axis, of_row);
             }
             first_run = [0, 1].map(|i| first_run[i] + starts[i].count_ones());
             before = bits.map(Some);
@@ -327,7 +327,7 @@ impl Assigner<'_> {
         is_above: bool,
         (x, count): (usize, usize),
         axis: usize,
-        ends: &Ends,
+        of_row: &OfRow,
     ) {
         let classes = runs.map(|r| self.class_of_run[r as usize]);
         let (object, cell) = (
@@ -341,11 +341,11 @@ impl Assigner<'_> {
         let of = &mut self.index.counts[piece as usize];
         let first = of.vertices;
         of.vertices += count as u32;
-        of.key = of.key.min(ends.key + (3 * x + axis) as u64);
-        if ends.shared_row {
+        of.key = of.key.min(of_row.key + (3 * x + axis) as u64);
+        if of_row.shared_row {
             of.shared += count as u32;
         } else {
-            of.shared += u32::from(ends.shared_x == Some(x + count - 1));
+            of.shared += u32::from(of_row.shared_x == Some(x + count - 1));
         }
         let (pieces, vertices) = (
             &mut self.piece_of[self.number..],

@@ -1,13 +1,14 @@
-//! Volume, area and bounds of the surface pieces, eight triangles at a time: corners are gathered one by one,
-//! arithmetic runs over arrays.
+//! Volume, area and bounds of the surface pieces, many triangles at a time: corners are gathered one by
+//! one, arithmetic runs over arrays.
 //!
-//! 74 instructions per triangle one at a time, 45 so (AVX2).
+//! Instructions per triangle, compiled for AVX2: 74 for sums one at a time, without bounds; 51 so, with them.
 
 use crate::cpu::dispatch;
 use crate::measure::AreaScale;
 use crate::mesh::pieces::Piece;
 
-/// Triangles at once.
+/// Triangles or positions at once. With eight, compilers keep the gathered corners in registers, and the
+/// arithmetic on them one by one.
 const LANES: usize = 32;
 
 /// One value for each of them.
@@ -17,8 +18,8 @@ type Lanes<T> = [T; LANES];
 /// fixed-point steps below 2^36, and floating-point numbers hold all whole numbers up to 2^53.
 const AT_ONCE: usize = LANES << 9;
 
-/// Adds up volume and area of each piece's triangles, and finds its bounds; `positions` and `corners` are those of the whole
-/// tile.
+/// Adds up volume and area of each piece's triangles, and finds its bounds; `positions` and `corners` are
+/// those of the whole tile.
 pub fn sum_pieces(
     pieces: &mut [Piece],
     positions: &[[i32; 3]],
@@ -40,15 +41,15 @@ fn sum_inlined(
         let (mut volume6, mut twice_area) = (0, 0);
         for faces in corners[piece.faces()][1..].chunks(AT_ONCE) {
             let mut sums = Sums::default();
-            let (eights, rest) = faces.as_chunks();
-            for eight in eights {
-                sums.add(eight, vertices, area);
+            let (batches, rest) = faces.as_chunks();
+            for batch in batches {
+                sums.add(batch, vertices, area);
             }
             if !rest.is_empty() {
                 // three times the same corner have neither volume nor area
-                let mut eight = [[0; 4]; LANES];
-                eight[..rest.len()].copy_from_slice(rest);
-                sums.add(&eight, vertices, area);
+                let mut batch = [[0; 4]; LANES];
+                batch[..rest.len()].copy_from_slice(rest);
+                sums.add(&batch, vertices, area);
             }
             volume6 += sums.volume6.iter().map(|&v| v as i128).sum::<i128>();
             twice_area += sums.twice_area.iter().map(|&a| a as u128).sum::<u128>();
@@ -73,9 +74,9 @@ fn widen(min: &mut Lanes<[i32; 3]>, max: &mut Lanes<[i32; 3]>, positions: &[[i32
 #[inline(always)]
 fn bounds(positions: &[[i32; 3]]) -> ([i32; 3], [i32; 3]) {
     let (mut min, mut max) = ([[i32::MAX; 3]; LANES], [[i32::MIN; 3]; LANES]);
-    let (eights, rest) = positions.as_chunks::<LANES>();
-    for eight in eights {
-        widen(&mut min, &mut max, eight);
+    let (batches, rest) = positions.as_chunks::<LANES>();
+    for batch in batches {
+        widen(&mut min, &mut max, batch);
     }
     widen(&mut min, &mut max, rest);
     let fold = |all: [[i32; 3]; LANES], pick: fn(i32, i32) -> i32| {
@@ -86,7 +87,7 @@ fn bounds(positions: &[[i32; 3]]) -> ([i32; 3], [i32; 3]) {
     (fold(min, i32::min), fold(max, i32::max))
 }
 
-/// Sums of every eighth triangle: whole numbers.
+/// Sums by the triangles' places in their batches: whole numbers.
 #[derive(Default)]
 struct Sums {
     volume6: Lanes<f64>,

@@ -202,10 +202,10 @@ impl TileMesher {
         out.pieces.clear();
         self.edges.find(view.bits, tile);
         // all will be overwritten, so what is left of the tile before need not be cleared
-        let vertices = self.edges.count as usize;
+        let vertices = self.edges.count();
         out.positions.resize(vertices, [0; 3]);
         out.normals.resize(vertices, [0.0; 3]);
-        if self.edges.count > 0 {
+        if vertices > 0 {
             self.mesh_open(view, tile, settings, out);
         }
         if settings.cap {

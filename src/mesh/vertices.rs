@@ -128,6 +128,7 @@ impl Places<'_> {
         let edges = first..first + positions.len();
         let pieces = &self.sheets.piece_of[edges.clone()];
         let vertices = &self.sheets.vertex_of[edges];
+        // never more than a batch: said again, it spares a check of the components' bounds
         for (i, &position) in positions.iter().enumerate().take(BATCH) {
             let at = (self.pieces[pieces[i] as usize].first_vertex + vertices[i]) as usize;
             self.positions[at] = position;
