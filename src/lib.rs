@@ -149,6 +149,7 @@
 mod checkpoint;
 pub mod cli;
 mod cpu;
+mod direct;
 pub mod error;
 pub mod export;
 pub mod grid;

@@ -18,6 +18,7 @@ mod sweep;
 mod tables;
 mod tilefile;
 mod workspace;
+mod writers;
 
 pub use keep::Kept;
 pub use options::{ConvertOptions, ConvertReport};
@@ -48,6 +49,7 @@ use std::path::Path;
 use std::time::Instant;
 use sweep::Sweep;
 use tilefile::{TileWriter, too_wide};
+use writers::Writers;
 
 /// Converts a volume to a tile set in the directory `out`.
 ///
@@ -208,6 +210,7 @@ fn make(
     let writer = TileWriter {
         dir: work.to_path_buf(),
         head: head.clone(),
+        writers: Writers::new(plan.threads, plan.body as usize),
     };
     let layers = plan.tiling.tiles()[2];
     make_layer_directories(work, keeper.swept()..layers)?;
@@ -226,6 +229,7 @@ fn make(
         progress,
     };
     let forward = sweep.run(keeper)?;
+    drop(writer);
     let mut totals = forward_totals(&forward);
     let dust = dust(options, &forward);
     let (slabs, mut spool, mut resolved) = resolve(forward, plan.limit / 8, work)?;

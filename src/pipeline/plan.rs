@@ -3,6 +3,7 @@
 use crate::error::{Error, Result};
 use crate::grid::{Dims, Tiling};
 use crate::mesh::{BYTES_PER_CUBE, BYTES_PER_TRIANGLE};
+use crate::pipeline::writers::in_flight;
 use crate::pipeline::{ConvertOptions, check_reach};
 use crate::slab::Span;
 use crate::volume::Volume;
@@ -15,6 +16,8 @@ const BAND_BYTES_PER_VOXEL: f64 = 0.19 + 0.06 * 12.0;
 /// Triangles per cube that a tile's buffers are planned for; a foam has 0.3, noise 2.6. A tile that
 /// needs more is checked against the limit when it is met.
 const TILE_TRIANGLES_PER_CUBE: f64 = 0.4;
+/// Bytes of a tile's geometry per triangle: 12 for half a vertex, and room for 10 of indices.
+const BODY_BYTES_PER_TRIANGLE: f64 = 22.0;
 /// Bytes planned for a tile at least.
 const SMALLEST_TILE: u64 = 1 << 20;
 /// Bytes of the last slice's labels, of a slab's components, surfaces and tiles, per pixel of a slice: a
@@ -42,6 +45,8 @@ pub struct Plan {
     pub fixed: u64,
     /// Bytes of it planned for a slab's components, surfaces and tiles.
     pub front: u64,
+    /// Bytes that the geometry of a tile on its way to the disk may have.
+    pub body: u64,
 }
 
 /// Predicts the memory and chooses how to cut.
@@ -70,6 +75,7 @@ pub fn plan(volume: &dyn Volume, dims: Dims, options: &ConvertOptions) -> Result
         limit: options.memory,
         fixed: cost.base,
         front: cost.front,
+        body: cost.body,
     };
     let smallest = make(1, false);
     if smallest.memory > options.memory {
@@ -96,6 +102,7 @@ pub fn plan(volume: &dyn Volume, dims: Dims, options: &ConvertOptions) -> Result
 struct Cost {
     base: u64,
     front: u64,
+    body: u64,
     band: u64,
     tile: u64,
     threads: u64,
@@ -116,11 +123,16 @@ impl Cost {
         let cubes: f64 = (0..3).map(|a| f64::from(tiling.cubes(a, 0).end)).product();
         let tile =
             cubes * TILE_TRIANGLES_PER_CUBE * BYTES_PER_TRIANGLE as f64 + cubes * BYTES_PER_CUBE;
+        let body = (cubes * TILE_TRIANGLES_PER_CUBE * BODY_BYTES_PER_TRIANGLE) as u64;
         let slices = span.with_neighbours(tiling.dims).z;
         let front = f64::from(nx) * f64::from(ny) * FRONT_BYTES_PER_PIXEL;
         Cost {
-            base: BASE + volume.held_bytes() + 2 * volume.mapped_bytes(slices),
+            base: BASE
+                + volume.held_bytes()
+                + 2 * volume.mapped_bytes(slices)
+                + in_flight(threads) as u64 * body,
             front: front as u64,
+            body,
             band: band as u64,
             // small tiles differ most from the mean
             tile: (tile as u64).max(SMALLEST_TILE),

@@ -397,7 +397,7 @@ impl Sweep<'_> {
             cap: self.cap,
             area: AreaScale::new(parts.source.volume.header().placement.spacing),
         };
-        (0..bands.len() * tiles_x)
+        let made = (0..bands.len() * tiles_x)
             .into_par_iter()
             .with_max_len(1)
             .try_for_each(|i| {
@@ -423,7 +423,10 @@ impl Sweep<'_> {
                 });
                 self.progress.advance(1);
                 result
-            })
+            });
+        // tiles that are on their way may have to be made again
+        let written = self.writer.writers.wait();
+        made.and(written)
     }
 
     /// Writes the workspace's mesh and tells `gather` of it.

@@ -1,7 +1,9 @@
 //! Tiles on disk during a conversion: written with room for their JSON, filled in at the end.
 
+use crate::direct::{self, Buffer};
 use crate::error::{Error, Result};
 use crate::mesh::{Piece, TileMesh};
+use crate::pipeline::writers::{Job, Writers};
 use crate::strip::Stripifier;
 use crate::tile::{Body, BodyPiece, TileHead, aligned, tile_path, widest_json, write_head};
 use bytemuck::{Pod, Zeroable};
@@ -60,7 +62,7 @@ impl WrittenPiece {
 #[derive(Default)]
 pub struct TileBuffers {
     stripifier: Stripifier,
-    body: Vec<u8>,
+    body: Buffer,
 }
 
 /// Writes the geometry of tiles.
@@ -69,10 +71,12 @@ pub struct TileWriter {
     pub dir: PathBuf,
     /// What all tiles have in common.
     pub head: TileHead,
+    /// Brings long tiles to the disk.
+    pub writers: Writers,
 }
 
 impl TileWriter {
-    /// Writes one tile's geometry with room for its JSON.
+    /// Writes one tile's geometry with room for its JSON, long ones by the writers.
     ///
     /// # Errors
     /// [`Error::Io`]; [`Error::Usage`] if the tile would pass 4 GiB.
@@ -82,22 +86,31 @@ impl TileWriter {
         grid: [u32; 3],
         buffers: &mut TileBuffers,
     ) -> Result<(TileRecord, Body)> {
-        buffers.body.clear();
-        let body = Body::write(
-            mesh,
-            self.head.form.primitives,
-            &mut buffers.stripifier,
-            &mut buffers.body,
-        );
-        let crc = crc32fast::hash(&buffers.body);
-        let room = if self.head.is_plain(body.pieces.len()) {
-            aligned(widest_json(&self.head, &body))
-        } else {
-            0
+        let TileBuffers {
+            stripifier,
+            body: buffer,
+        } = buffers;
+        let body = buffer.fill(Body::bytes_of(mesh), |out| {
+            Body::write(mesh, self.head.form.primitives, stripifier, out)
+        });
+        let bytes = buffer.get();
+        let crc = crc32fast::hash(bytes);
+        let plain = self.head.is_plain(body.pieces.len());
+        let long = bytes.len() >= direct::WORTH;
+        let room = match (plain, long) {
+            (true, true) => aligned(widest_json(&self.head, &body), direct::SECTOR),
+            (true, false) => aligned(widest_json(&self.head, &body), 8),
+            (false, _) => 0,
         };
         let path = self.dir.join(tile_path(grid));
-        let head = write_head(b"", aligned(room), body.bytes).ok_or_else(|| too_large(grid))?;
-        write_file(&path, &[&head, &buffers.body])?;
+        let head = write_head(b"", aligned(room, 8), body.bytes).ok_or_else(|| too_large(grid))?;
+        // what is written anew soon is best read back from the cache
+        if plain && long {
+            let body = std::mem::take(buffer);
+            *buffer = self.writers.put(Job { path, head, body })?;
+        } else {
+            write_file(&path, &[&head, bytes])?;
+        }
         let record = TileRecord {
             body_bytes: body.bytes,
             grid,

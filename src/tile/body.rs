@@ -60,6 +60,11 @@ impl Body {
         24 * u64::from(self.vertices)
     }
 
+    /// About the bytes that the body of a mesh takes, seldom less than that.
+    pub fn bytes_of(mesh: &TileMesh) -> usize {
+        24 * mesh.positions.len() + 10 * mesh.triangles() as usize
+    }
+
     /// Writes the body of a mesh behind what `out` holds.
     pub fn write(
         mesh: &TileMesh,
@@ -72,7 +77,7 @@ impl Body {
             ..Body::default()
         };
         let start = out.len();
-        out.reserve(24 * mesh.positions.len() + 10 * mesh.triangles() as usize);
+        out.reserve(Body::bytes_of(mesh));
         for p in &mesh.positions {
             out.extend_from_slice(bytemuck::bytes_of(&p.map(coordinate)));
         }

@@ -34,14 +34,15 @@ pub fn tile_file(
         let indices = body.pieces.iter().map(|p| u64::from(p.indices)).sum();
         (json, bin, indices)
     };
-    let room = aligned(json.len());
+    let room = aligned(json.len(), 8);
     let mut bytes = write_head(&json, room, bin.len() as u64).ok_or(Refused::TooLarge)?;
     bytes.extend_from_slice(&bin);
     Ok(TileFile { bytes, indices })
 }
 
-/// The next length of a JSON chunk that puts the BIN chunk's data on a multiple of 8 bytes, as
-/// EXT_structural_metadata asks for.
-pub fn aligned(json_bytes: usize) -> usize {
-    (json_bytes + 28).next_multiple_of(8) - 28
+/// The next length of a JSON chunk that puts the BIN chunk's data on a multiple of `step` bytes, in turn
+/// one of 8, which EXT_structural_metadata asks for.
+pub fn aligned(json_bytes: usize, step: usize) -> usize {
+    debug_assert!(step.is_multiple_of(8));
+    (json_bytes + 28).next_multiple_of(step) - 28
 }

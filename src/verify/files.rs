@@ -2,11 +2,12 @@
 
 use super::code::Code;
 use super::report::Issues;
+use crate::direct::Buffer;
 use crate::error::{Error, Result};
-use crate::manifest::{checksum_text, is_plain};
+use crate::manifest::{TileEntry, checksum_text, is_plain};
 use std::collections::BTreeSet;
 use std::fs::File;
-use std::io::Read;
+use std::io::ErrorKind;
 use std::path::{Path, PathBuf};
 
 /// A file that the index names.
@@ -47,10 +48,20 @@ pub(super) fn resolve(root: &Path, path: &str, at: &str, issues: &mut Issues) ->
     }
 }
 
-/// Reads a file into `out` and compares size and checksum. False if it cannot be read; a file of
-/// the wrong size or checksum is read all the same, so that what is wrong with it can be named.
-pub(super) fn read(root: &Path, file: &Expected, out: &mut Vec<u8>, issues: &mut Issues) -> bool {
-    out.clear();
+impl<'a> Expected<'a> {
+    /// The file of a tile, whose entry is at `at`.
+    pub fn tile(entry: &'a TileEntry, at: &'a str) -> Self {
+        Expected {
+            path: &entry.path,
+            bytes: entry.bytes,
+            checksum: &entry.checksum,
+            at,
+        }
+    }
+}
+
+/// Reads a file into `out`, whatever its size. False, and an issue, if it cannot be read.
+pub(super) fn fetch(root: &Path, file: &Expected, out: &mut Buffer, issues: &mut Issues) -> bool {
     let Some(real) = resolve(root, file.path, file.at, issues) else {
         return false;
     };
@@ -58,25 +69,30 @@ pub(super) fn read(root: &Path, file: &Expected, out: &mut Vec<u8>, issues: &mut
         issues.add(Code::MissingFile, file.path, format!("cannot be read: {e}"));
         return false;
     }
-    if out.len() as u64 != file.bytes {
+    true
+}
+
+/// Compares size and checksum of what was read. A file of the wrong ones is looked at all the same, so
+/// that what is wrong with it can be named.
+pub(super) fn compare(file: &Expected, bytes: &[u8], issues: &mut Issues) {
+    if bytes.len() as u64 != file.bytes {
         let message = format!(
             "found {} bytes, expected {} as in {}",
-            out.len(),
+            bytes.len(),
             file.bytes,
             file.at
         );
         issues.add(Code::FileSize, file.path, message);
-    } else {
-        let found = checksum_text(crc32fast::hash(out));
-        if found != file.checksum {
-            let message = format!(
-                "found {found}, expected {} as in {}",
-                file.checksum, file.at
-            );
-            issues.add(Code::Checksum, file.path, message);
-        }
+        return;
     }
-    true
+    let found = checksum_text(crc32fast::hash(bytes));
+    if found != file.checksum {
+        let message = format!(
+            "found {found}, expected {} as in {}",
+            file.checksum, file.at
+        );
+        issues.add(Code::Checksum, file.path, message);
+    }
 }
 
 /// Opens a regular file; opening a pipe would wait.
@@ -87,18 +103,17 @@ pub(super) fn open(path: &Path) -> std::io::Result<File> {
     File::open(path)
 }
 
-fn fill(path: &Path, out: &mut Vec<u8>) -> std::io::Result<()> {
-    let mut file = open(path)?;
-    let meta = file.metadata()?;
+fn fill(path: &Path, out: &mut Buffer) -> std::io::Result<()> {
+    let file = open(path)?;
+    let len = file.metadata()?.len();
     // a GLB's length has 32 bits; anything longer is not ours
-    let limit = u64::from(u32::MAX);
-    if meta.len() > limit {
+    if len > u64::from(u32::MAX) {
         return Err(std::io::Error::other("it is larger than 4 GiB"));
     }
-    out.try_reserve_exact(meta.len() as usize)
-        .map_err(|_| std::io::Error::other("it does not fit into memory"))?;
-    file.by_ref().take(limit).read_to_end(out)?;
-    Ok(())
+    out.read(&file, len as usize).map_err(|e| match e.kind() {
+        ErrorKind::OutOfMemory => std::io::Error::other("it does not fit into memory"),
+        _ => e,
+    })
 }
 
 /// Reports everything in the directory `path` whose name is not in `known`; a missing directory

@@ -3,6 +3,7 @@
 use super::code::Code;
 use super::files::{self, Expected};
 use super::report::Issues;
+use crate::direct::Buffer;
 use crate::error::{Error, Result};
 use crate::grid::{Dims, LATTICE, Tiling};
 use crate::manifest::{FORMAT, FORMAT_VERSION, Layer, Manifest, Shard, TileEntry};
@@ -194,17 +195,18 @@ pub(super) fn shard(
         checksum: &layer.checksum,
         at: &at,
     };
-    let mut bytes = Vec::new();
-    if !files::read(root, &expected, &mut bytes, issues) {
+    let mut bytes = Buffer::default();
+    if !files::fetch(root, &expected, &mut bytes, issues) {
         return None;
     }
+    files::compare(&expected, bytes.get(), issues);
     let named = shard_path(layer.z);
     if layer.path != named {
         let message = format!("found {}, expected {named}", layer.path);
         issues.add(Code::PathName, format!("{at}/path"), message);
         return None;
     }
-    let shard: Shard = match serde_json::from_slice(&bytes) {
+    let shard: Shard = match serde_json::from_slice(bytes.get()) {
         Ok(shard) => shard,
         Err(e) => {
             issues.add(Code::ShardSyntax, &layer.path, e.to_string());

@@ -28,10 +28,11 @@
 //!
 //! # Memory
 //! Tiles are streamed. What is kept: the open edges on the planes of one layer of macrocubes, the
-//! surfaces that reach them, the shard of a layer, and for each thread a tile. Finished surfaces are
-//! sorted on disk. With the volume, a row of macrocubes along x is in memory as well.
+//! surfaces that reach them, the shard of a layer, for each thread a tile, and some that were read
+//! ahead. Finished surfaces are sorted on disk. With the volume, a row of macrocubes along x is in memory as well.
 
 mod against;
+mod ahead;
 mod carried;
 mod code;
 mod edges;

@@ -1,6 +1,7 @@
 //! The sweep over the tiles: layer by layer, a batch of tiles at a time in parallel.
 
 use super::against::{Band, CubeTriangles, Rule, Voxels};
+use super::ahead::{self, Fetched, Spare};
 use super::code::Code;
 use super::laws::Found;
 use super::ledger::Ledger;
@@ -57,6 +58,7 @@ pub(super) struct Run<'a> {
     cx: &'a Context<'a>,
     pool: &'a rayon::ThreadPool,
     workspaces: Vec<Mutex<Workspace>>,
+    spare: Spare,
     progress: &'a dyn Progress,
 }
 
@@ -75,6 +77,7 @@ impl<'a> Run<'a> {
             cx,
             pool,
             workspaces: (0..pool.current_num_threads()).map(one).collect(),
+            spare: Spare::default(),
             progress,
         }
     }
@@ -140,10 +143,11 @@ impl<'a> Run<'a> {
             }
         } else {
             for batch in tiles.chunks(BATCH * self.workspaces.len()) {
-                let check = |(i, t): (usize, &TileEntry)| self.check(t, first + i, None);
-                let outcomes = self
-                    .pool
-                    .install(|| batch.par_iter().enumerate().map(check).collect());
+                let check = |entry: &TileEntry, fetched: &mut Fetched| {
+                    tile::check(self.cx, entry, fetched, None, &mut self.workspace())
+                };
+                let tiles = (batch, first);
+                let outcomes = ahead::each(self.cx, self.pool, tiles, &self.spare, check);
                 self.join(outcomes, state)?;
                 first += batch.len();
             }
@@ -169,7 +173,7 @@ impl<'a> Run<'a> {
         let original = &*original;
         let [nx, _, _] = self.cx.tiling.tiles();
         let macrocube = |x| match tiles.binary_search_by_key(&x, |t| t.grid[0]) {
-            Ok(i) => self.check(&tiles[i], first + i, Some(original)),
+            Ok(i) => self.check(&tiles[i], first + i, original),
             Err(_) => self.empty([x, y, z], original),
         };
         Ok(self
@@ -206,10 +210,13 @@ impl<'a> Run<'a> {
             .unwrap_or_else(PoisonError::into_inner)
     }
 
-    fn check(&self, entry: &TileEntry, index: usize, original: Option<&Original>) -> Outcome {
-        let at = format!("{}#/tiles/{index}", index::shard_path(entry.grid[2]));
-        let original = original.map(|o| (&o.band, &o.rule));
-        tile::check(self.cx, entry, &at, original, &mut self.workspace())
+    fn check(&self, entry: &TileEntry, index: usize, original: &Original) -> Outcome {
+        let mut fetched = ahead::fetch(self.cx, entry, (0, index), &self.spare);
+        let original = Some((&original.band, &original.rule));
+        let workspace = &mut self.workspace();
+        let outcome = tile::check(self.cx, entry, &mut fetched, original, workspace);
+        self.spare.put(fetched.file);
+        outcome
     }
 
     fn empty(&self, grid: [u32; 3], original: &Original) -> Outcome {

@@ -1,9 +1,10 @@
 //! One tile: its file, its layout against the shard's entry, and its geometry piece by piece.
 
 use super::against::{Band, Mesh, Rule, Voxels};
+use super::ahead::Fetched;
 use super::code::Code;
 use super::edges::Edges;
-use super::files;
+use super::files::{self, Expected};
 use super::piece::{Flaw, Piece, Region};
 use super::report::{Issue, Issues};
 use super::seen::Seen;
@@ -90,7 +91,6 @@ pub(super) struct Outcome {
 /// Buffers that a thread keeps from tile to tile.
 #[derive(Default)]
 pub(super) struct Workspace {
-    pub file: Vec<u8>,
     pub indices: Vec<u32>,
     pub list: Vec<[u32; 3]>,
     pub piece: Piece,
@@ -103,16 +103,16 @@ pub(super) struct Workspace {
 /// The samples to compare a tile with, and how.
 pub(super) type Original<'a> = (&'a Band<'a>, &'a Rule);
 
-/// Reads and checks a tile.
+/// Checks a tile that has been read.
 pub(super) fn check(
     cx: &Context,
     entry: &TileEntry,
-    at: &str,
+    fetched: &mut Fetched,
     original: Option<Original>,
     ws: &mut Workspace,
 ) -> Outcome {
-    let mut issues = Issues::new(cx.max_issues);
-    let mut file = std::mem::take(&mut ws.file);
+    let mut issues = std::mem::replace(&mut fetched.issues, Issues::new(0));
+    let (at, bytes) = (fetched.at.as_str(), fetched.file.get());
     let region = cx.region(entry.grid);
     let mut work = Work {
         cx,
@@ -129,15 +129,10 @@ pub(super) fn check(
         keep_mesh: original.is_some(),
         issues: &mut issues,
     };
-    let expected = files::Expected {
-        path: &entry.path,
-        bytes: entry.bytes,
-        checksum: &entry.checksum,
-        at,
-    };
-    if files::read(cx.root, &expected, &mut file, work.issues) {
-        work.counts.bytes = file.len() as u64;
-        match Tile::read(&file) {
+    if fetched.found {
+        files::compare(&Expected::tile(entry, at), bytes, work.issues);
+        work.counts.bytes = bytes.len() as u64;
+        match Tile::read(bytes) {
             Ok(tile) => work.tile(&tile, ws),
             Err(e) => {
                 let code = match e.fault {
@@ -154,7 +149,6 @@ pub(super) fn check(
     }
     let (counts, faces) = (work.counts, work.sound.then_some(work.faces));
     let components = work.components;
-    ws.file = file;
     let mut voxels = Voxels::default();
     if let Some((band, rule)) = original {
         let mut flaws = Vec::new();

@@ -1,0 +1,289 @@
+//! Long files past the page cache.
+//!
+//! What is written once, or read once, gains nothing by a copy in the page cache, and pays for it: the
+//! system has to find a free page for every 4 KiB, and to copy. On a virtual machine whose host gives
+//! memory when it is touched first, a page took 12 us, and a third of a conversion's time went there. So
+//! whole blocks of long files go between our buffers and the disk (`O_DIRECT`), where the file system
+//! can do that; the rest goes through the cache.
+
+use std::fs::File;
+use std::io::{ErrorKind, Result};
+use std::ops::Range;
+use std::os::unix::fs::FileExt;
+use std::path::Path;
+
+/// What offsets in files are multiples of: the block of most file systems.
+const BLOCK: usize = 4096;
+/// What addresses in memory are multiples of: the sector, which is all that devices ask for.
+pub const SECTOR: usize = 512;
+/// Less than this is faster through the cache, since each transfer waits for the disk.
+pub const WORTH: usize = 128 << 10;
+
+/// Bytes in memory that begin where transfers past the cache can begin.
+#[derive(Debug, Default)]
+pub struct Buffer {
+    bytes: Vec<u8>,
+    /// Where they are; what is behind them is kept from before.
+    range: Range<usize>,
+}
+
+impl Buffer {
+    /// The bytes.
+    pub fn get(&self) -> &[u8] {
+        &self.bytes[self.range.clone()]
+    }
+
+    /// Bytes of memory that it holds.
+    pub fn capacity(&self) -> usize {
+        self.bytes.capacity()
+    }
+
+    /// Replaces the bytes by what `fill` appends to what it is given, about `bytes` of them. If there
+    /// are more, they may begin anywhere.
+    pub fn fill<R>(&mut self, bytes: usize, fill: impl FnOnce(&mut Vec<u8>) -> R) -> R {
+        self.bytes.clear();
+        self.bytes.reserve_exact(BLOCK + bytes);
+        let start = self.bytes.as_ptr().align_offset(BLOCK);
+        self.bytes.resize(start, 0);
+        let result = fill(&mut self.bytes);
+        self.range = start..self.bytes.len();
+        result
+    }
+
+    /// Replaces the bytes by the first `len` of a file, or by fewer if it ends before. What is in the
+    /// page cache already comes from there.
+    ///
+    /// # Errors
+    /// [`ErrorKind::OutOfMemory`]; the system's.
+    pub fn read(&mut self, file: &File, len: usize) -> Result<()> {
+        let room = len + BLOCK;
+        if self.bytes.len() < room {
+            let more = room - self.bytes.len();
+            self.bytes.try_reserve_exact(more)?;
+            self.bytes.resize(room, 0);
+        }
+        let start = self.bytes.as_ptr().align_offset(BLOCK);
+        let out = &mut self.bytes[start..start + len];
+        let absent = absent(file, len);
+        let first = absent.start;
+        let past = read_past_cache(file, &mut out[absent], first);
+        let (before, rest) = out.split_at_mut(first);
+        let mut found = read_at(file, before, 0)?;
+        if found == first {
+            found += past + read_at(file, &mut rest[past..], first + past)?;
+        }
+        self.range = start..start + found;
+        Ok(())
+    }
+}
+
+/// Reads up to the end of `out` or of the file.
+fn read_at(file: &File, out: &mut [u8], at: usize) -> Result<usize> {
+    let mut done = 0;
+    while done < out.len() {
+        match file.read_at(&mut out[done..], (at + done) as u64) {
+            Ok(0) => break,
+            Ok(n) => done += n,
+            Err(e) if e.kind() == ErrorKind::Interrupted => {}
+            Err(e) => return Err(e),
+        }
+    }
+    Ok(done)
+}
+
+/// Writes a new file of two parts, whole blocks of the second one past the cache.
+///
+/// For that, the second part begins at a multiple of [`SECTOR`] in the file, and in a [`Buffer`].
+///
+/// # Errors
+/// The system's, with what could not be done.
+pub fn write(
+    path: &Path,
+    head: &[u8],
+    body: &[u8],
+) -> std::result::Result<(), (&'static str, std::io::Error)> {
+    let file = File::create(path).map_err(|e| ("create", e))?;
+    put(&file, head, body).map_err(|e| ("write", e))
+}
+
+fn put(file: &File, head: &[u8], body: &[u8]) -> Result<()> {
+    let start = head.len();
+    let first = start.next_multiple_of(BLOCK);
+    let last = (start + body.len()) / BLOCK * BLOCK;
+    let mut done = start..start;
+    if last > first {
+        let blocks = &body[first - start..last - start];
+        done = first..first + write_past_cache(file, blocks, first);
+    }
+    file.write_all_at(head, 0)?;
+    file.write_all_at(&body[..done.start - start], start as u64)?;
+    file.write_all_at(&body[done.end - start..], done.end as u64)
+}
+
+/// Writes whole blocks past the cache, as many as that works for. What is wrong with the others, the
+/// system says when they are written in the usual way.
+fn write_past_cache(file: &File, blocks: &[u8], at: usize) -> usize {
+    let step = |done: usize| file.write_at(&blocks[done..], (at + done) as u64);
+    past_cache(file, (blocks.as_ptr().addr(), blocks.len()), step)
+}
+
+/// Reads whole blocks past the cache, as many as that works for.
+fn read_past_cache(file: &File, blocks: &mut [u8], at: usize) -> usize {
+    let memory = (blocks.as_ptr().addr(), blocks.len());
+    past_cache(file, memory, |done| {
+        file.read_at(&mut blocks[done..], (at + done) as u64)
+    })
+}
+
+/// Transfers `length` bytes of whole blocks from or to `address` while the file's mode is direct.
+#[cfg(target_os = "linux")]
+fn past_cache(
+    file: &File,
+    (address, length): (usize, usize),
+    mut step: impl FnMut(usize) -> Result<usize>,
+) -> usize {
+    use rustix::fs::{OFlags, fcntl_getfl, fcntl_setfl};
+    if length == 0 || !address.is_multiple_of(SECTOR) {
+        return 0;
+    }
+    let Ok(flags) = fcntl_getfl(file) else {
+        return 0;
+    };
+    if fcntl_setfl(file, flags | OFlags::DIRECT).is_err() {
+        return 0;
+    }
+    let mut done = 0;
+    while done < length {
+        match step(done) {
+            Ok(n) if n > 0 && n.is_multiple_of(BLOCK) => done += n,
+            _ => break,
+        }
+    }
+    match fcntl_setfl(file, flags) {
+        Ok(()) => done,
+        // the usual way is shut now, so whoever goes on hears of it
+        Err(_) => 0,
+    }
+}
+
+#[cfg(not(target_os = "linux"))]
+fn past_cache(
+    _file: &File,
+    _memory: (usize, usize),
+    _step: impl FnMut(usize) -> Result<usize>,
+) -> usize {
+    0
+}
+
+/// The longest stretch of whole blocks in the first `len` bytes of a file that the page cache does not
+/// hold; empty if it is not worth a transfer of its own, or nobody knows.
+#[cfg(target_os = "linux")]
+fn absent(file: &File, len: usize) -> Range<usize> {
+    if len < WORTH {
+        return 0..0;
+    }
+    // SAFETY: the mapped bytes are never looked at, so it does not matter who changes them.
+    let Ok(map) = (unsafe { memmap2::MmapOptions::new().len(len).map(file) }) else {
+        return 0..0;
+    };
+    let page = rustix::param::page_size().max(BLOCK);
+    let mut held = vec![0u8; len.div_ceil(page)];
+    // SAFETY: the range is that of the map, and `held` has a byte for each of its pages.
+    let told = unsafe { libc::mincore(map.as_ptr() as *mut _, len, held.as_mut_ptr()) };
+    if told != 0 {
+        return 0..0;
+    }
+    let (mut longest, mut first) = (0..0, 0);
+    for stretch in held.chunk_by(|a, b| a & 1 == b & 1) {
+        let bytes = first * page..((first + stretch.len()) * page).min(len) / BLOCK * BLOCK;
+        if stretch[0] & 1 == 0 && bytes.len() > longest.len() {
+            longest = bytes;
+        }
+        first += stretch.len();
+    }
+    if longest.len() < WORTH {
+        return 0..0;
+    }
+    longest
+}
+
+#[cfg(not(target_os = "linux"))]
+fn absent(_file: &File, _len: usize) -> Range<usize> {
+    0..0
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use proptest::prelude::*;
+
+    /// Bytes that differ from block to block.
+    fn bytes(len: usize) -> Vec<u8> {
+        (0..len).map(|i| (i * 7 + i / BLOCK) as u8).collect()
+    }
+
+    /// A directory beside the build, which is more often on a disk than the temporary one.
+    fn dir() -> tempfile::TempDir {
+        tempfile::tempdir_in(env!("CARGO_MANIFEST_DIR")).unwrap()
+    }
+
+    proptest! {
+        #![proptest_config(ProptestConfig { cases: 64, ..ProptestConfig::default() })]
+
+        /// What is written is read, however its parts lie to the blocks, and whatever is cached.
+        #[test]
+        fn files_come_back(sectors in 0usize..20, odd in 0usize..600, len in 0usize..700_000) {
+            let (dir, head) = (dir(), sectors * SECTOR + odd / 599 * 100);
+            let path = dir.path().join("file");
+            let all = bytes(head + len);
+            let mut body = Buffer::default();
+            body.fill(len, |out| out.extend_from_slice(&all[head..]));
+            write(&path, &all[..head], body.get()).unwrap();
+            prop_assert!(std::fs::read(&path).unwrap() == all);
+            write(&path, &all[..head], body.get()).unwrap();
+            let file = File::open(&path).unwrap();
+            for (len, expected) in [(all.len(), all.len()), (all.len() / 3, all.len() / 3),
+                (all.len() + 100_000, all.len())] {
+                body.read(&file, len).unwrap();
+                prop_assert!(body.get() == &all[..expected]);
+            }
+        }
+    }
+
+    #[test]
+    fn blocks_go_past_the_cache_where_the_file_system_can() {
+        let dir = dir();
+        let path = dir.path().join("file");
+        let all = bytes(1 << 20);
+        let mut body = Buffer::default();
+        body.fill(all.len(), |out| out.extend_from_slice(&all));
+        write(&path, &[1; SECTOR], body.get()).unwrap();
+        let file = File::open(&path).unwrap();
+        let absent = absent(&file, all.len() + SECTOR);
+        if absent.is_empty() {
+            eprintln!("SKIPPED: {} holds files in memory", dir.path().display());
+            return;
+        }
+        assert_eq!(absent, BLOCK..(1 << 20));
+        body.read(&file, all.len() + SECTOR).unwrap();
+        assert_eq!(body.get()[SECTOR..], all);
+        assert_eq!(super::absent(&file, all.len()), BLOCK..(1 << 20));
+        // read in the usual way, it is in the cache
+        assert_eq!(std::fs::read(&path).unwrap().len(), all.len() + SECTOR);
+        assert_eq!(super::absent(&file, all.len()), 0..0);
+        body.read(&file, all.len() + SECTOR).unwrap();
+        assert_eq!(body.get()[SECTOR..], all);
+    }
+
+    #[test]
+    fn bytes_that_lie_badly_are_written_all_the_same() {
+        let dir = dir();
+        let path = dir.path().join("file");
+        let all = bytes(400_000);
+        for start in [1, 8, 256] {
+            write(&path, &all[..SECTOR], &all[SECTOR + start..]).unwrap();
+            let expected = [&all[..SECTOR], &all[SECTOR + start..]].concat();
+            assert!(std::fs::read(&path).unwrap() == expected);
+        }
+    }
+}
