@@ -14,8 +14,8 @@ use common::volumes::{foam, late_joins, noise, placed, samples};
 use common::{assert_same_files, converted, files, options, verified};
 use std::collections::BTreeMap;
 
-/// The smallest memory limit of every plan: one band of a slab at once, two, ... all, and all with the
-/// next slab read ahead.
+/// The smallest memory limit of every plan: one band of a slab at once, two, ... all, all with the next
+/// slab read ahead, and that with tiles on their way to the disk meanwhile.
 fn limits(volume: &dyn Volume, options: &ConvertOptions) -> Vec<u64> {
     let with = |memory: u64| {
         predicted_memory(
@@ -90,10 +90,10 @@ fn same_in_every_way<T: Voxel>(
             ..options.clone()
         };
         let limits = limits(volume, &options);
-        // each number of bands at once, and all with a look ahead
-        assert_eq!(limits.len(), bands + 1, "{limits:?}");
-        let chosen = [0, 1, bands / 2, bands - 1, bands];
-        for &at in &chosen[..if threads == 5 { 1 } else { 5 }] {
+        // each number of bands at once, and all with a look ahead, without tiles on their way and with
+        assert_eq!(limits.len(), bands + 2, "{limits:?}");
+        let chosen = [0, 1, bands / 2, bands - 1, bands, bands + 1];
+        for &at in &chosen[..if threads == 5 { 1 } else { 6 }] {
             let options = ConvertOptions {
                 memory: limits[at],
                 ..options.clone()
@@ -147,6 +147,15 @@ fn wide_integers_and_floats_are_as_deterministic() {
         ..options([8; 3])
     };
     same_in_every_way(&placed(dims, wide), &options);
+}
+
+#[test]
+fn tiles_that_go_past_the_page_cache_are_as_deterministic() {
+    let dims = [101, 61, 81];
+    let volume = placed(dims, foam(dims, 5));
+    let files = same_in_every_way(&volume, &options([50, 60, 40]));
+    let long = |name: &&String| name.ends_with(".glb") && files[*name].len() > 256 << 10;
+    assert_eq!(files.keys().filter(long).count(), 4);
 }
 
 #[test]

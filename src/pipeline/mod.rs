@@ -9,6 +9,7 @@ mod forward;
 pub(crate) mod keep;
 mod options;
 pub(crate) mod output;
+mod parts;
 mod plan;
 mod resolve;
 mod resume;
@@ -49,7 +50,6 @@ use std::path::Path;
 use std::time::Instant;
 use sweep::Sweep;
 use tilefile::{TileWriter, too_wide};
-use writers::Writers;
 
 /// Converts a volume to a tile set in the directory `out`.
 ///
@@ -210,7 +210,6 @@ fn make(
     let writer = TileWriter {
         dir: work.to_path_buf(),
         head: head.clone(),
-        writers: Writers::new(plan.threads, plan.body as usize),
     };
     let layers = plan.tiling.tiles()[2];
     make_layer_directories(work, keeper.swept()..layers)?;
@@ -229,7 +228,6 @@ fn make(
         progress,
     };
     let forward = sweep.run(keeper)?;
-    drop(writer);
     let mut totals = forward_totals(&forward);
     let dust = dust(options, &forward);
     let (slabs, mut spool, mut resolved) = resolve(forward, plan.limit / 8, work)?;

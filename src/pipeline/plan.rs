@@ -45,7 +45,9 @@ pub struct Plan {
     pub fixed: u64,
     /// Bytes of it planned for a slab's components, surfaces and tiles.
     pub front: u64,
-    /// Bytes that the geometry of a tile on its way to the disk may have.
+    /// Tiles that may be on their way to the disk while others are made.
+    pub in_flight: usize,
+    /// Bytes that the geometry of each of them may have.
     pub body: u64,
 }
 
@@ -75,6 +77,7 @@ pub fn plan(volume: &dyn Volume, dims: Dims, options: &ConvertOptions) -> Result
         limit: options.memory,
         fixed: cost.base,
         front: cost.front,
+        in_flight: 0,
         body: cost.body,
     };
     let smallest = make(1, false);
@@ -94,6 +97,12 @@ pub fn plan(volume: &dyn Volume, dims: Dims, options: &ConvertOptions) -> Result
         .find(|p| p.memory <= options.memory)
     {
         best = fits;
+    }
+    // after all else, tiles may be on their way
+    let bytes = in_flight(threads) as u64 * cost.body;
+    if best.look_ahead && best.memory + bytes <= options.memory {
+        best.memory += bytes;
+        best.in_flight = in_flight(threads);
     }
     Ok(best)
 }
@@ -127,10 +136,7 @@ impl Cost {
         let slices = span.with_neighbours(tiling.dims).z;
         let front = f64::from(nx) * f64::from(ny) * FRONT_BYTES_PER_PIXEL;
         Cost {
-            base: BASE
-                + volume.held_bytes()
-                + 2 * volume.mapped_bytes(slices)
-                + in_flight(threads) as u64 * body,
+            base: BASE + volume.held_bytes() + 2 * volume.mapped_bytes(slices),
             front: front as u64,
             body,
             band: band as u64,

@@ -16,10 +16,12 @@ use crate::pipeline::budget::Budget;
 use crate::pipeline::dust::Filter;
 use crate::pipeline::forward::{Forward, Gather, SlabTiles, State};
 use crate::pipeline::keep::{Keeper, Marks, TILES};
+use crate::pipeline::parts::{Mode, Parts};
 use crate::pipeline::plan::Plan;
 use crate::pipeline::surfaces::SurfacePart;
 use crate::pipeline::tilefile::{TileWriter, WrittenPiece};
 use crate::pipeline::workspace::{Workspace, WorkspacePool};
+use crate::pipeline::writers::Writers;
 use crate::progress::Progress;
 use crate::segment::SlabClasses;
 use crate::volume::{Volume, Voxel};
@@ -44,42 +46,6 @@ pub struct Sweep<'a> {
     pub writer: &'a TileWriter,
     /// Hears of every layer.
     pub progress: &'a dyn Progress,
-}
-
-/// How much of a slab is in memory at once.
-#[derive(Debug, Clone, Copy)]
-struct Mode {
-    bands_at_once: u32,
-    look_ahead: bool,
-}
-
-impl Mode {
-    /// The next one that needs less memory, if there is any.
-    fn smaller(self) -> Option<Mode> {
-        match self {
-            Mode {
-                look_ahead: true, ..
-            } => Some(Mode {
-                look_ahead: false,
-                ..self
-            }),
-            Mode {
-                bands_at_once: 1, ..
-            } => None,
-            Mode { bands_at_once, .. } => Some(Mode {
-                bands_at_once: bands_at_once / 2,
-                ..self
-            }),
-        }
-    }
-}
-
-/// What a typed sweep works with.
-pub struct Parts<'a, T> {
-    /// Makes bands.
-    pub source: BandSource<'a, T>,
-    pool: WorkspacePool,
-    mode: Mode,
 }
 
 impl Sweep<'_> {
@@ -108,6 +74,7 @@ impl Sweep<'_> {
             state.forward.dust = [objects, cells].map(|f| (f.components, f.voxels));
         }
         let mut parts = self.parts::<T>(budget, &filters);
+        parts.writers = Writers::new(self.plan.in_flight, self.plan.body, budget);
         let layers = self.plan.tiling.tiles()[2];
         let [x, y, _] = self.plan.tiling.tiles().map(u64::from);
         self.progress.advance(u64::from(layer) * x * y);
@@ -173,6 +140,7 @@ impl Sweep<'_> {
                 bands_at_once,
                 look_ahead,
             },
+            writers: None,
         }
     }
 
@@ -417,15 +385,16 @@ impl Sweep<'_> {
                         .mesher
                         .mesh(&view, &tile, &settings, &mut workspace.mesh)
                     {
-                        self.write_tile(&tile, grid, workspace, gather)?;
+                        let writers = parts.writers.as_ref();
+                        self.write_tile(&tile, grid, workspace, (writers, gather))?;
                     }
                     Ok(())
                 });
                 self.progress.advance(1);
                 result
             });
-        // tiles that are on their way may have to be made again
-        let written = self.writer.writers.wait();
+        // before anybody relies on them, or makes them again
+        let written = parts.writers.as_ref().map_or(Ok(()), Writers::wait);
         made.and(written)
     }
 
@@ -435,10 +404,11 @@ impl Sweep<'_> {
         tile: &TileBox,
         grid: [u32; 3],
         workspace: &mut Workspace,
-        gather: &Gather,
+        (writers, gather): (Option<&Writers>, &Gather),
     ) -> Result<()> {
         let mesh = &workspace.mesh;
-        let (record, body) = self.writer.write(mesh, grid, &mut workspace.writer)?;
+        let buffers = &mut workspace.writer;
+        let (record, body) = self.writer.write(mesh, grid, buffers, writers)?;
         let mut caps = MeshSums::default();
         mesh.pieces
             .iter()
@@ -474,14 +444,6 @@ impl Sweep<'_> {
         source
             .volume
             .release(z.start.saturating_sub(1)..z.end.saturating_sub(2).max(z.start));
-    }
-}
-
-impl<T> Parts<'_, T> {
-    /// Takes the next smaller mode.
-    fn shrink(&mut self) -> Result<(), ()> {
-        self.mode = self.mode.smaller().ok_or(())?;
-        Ok(())
     }
 }
 

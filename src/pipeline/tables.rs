@@ -3,6 +3,7 @@
 use crate::error::{Error, Result};
 use crate::grid::{Placement, Unit};
 use crate::measure::{AreaScale, ComponentRecord, Measures, RecordTable, SurfaceRecord};
+use rayon::prelude::*;
 use std::fs::File;
 use std::io::{BufWriter, Write};
 use std::path::Path;
@@ -95,7 +96,7 @@ pub fn write_components(
         &header(&COMPONENT_COLUMNS, place.unit),
         table,
         |id, record| {
-            let m = Measures::of(&record, place, above);
+            let m = Measures::of(record, place, above);
             let mut row = vec![id.to_string(), m.voxels.to_string()];
             row.extend(
                 [
@@ -152,21 +153,40 @@ pub fn write_surfaces(
     )
 }
 
-fn write_rows<T: bytemuck::Pod>(
+/// Rows that are formatted at once, and by each thread in turn.
+const ROWS: (u64, usize) = (4096, 128);
+
+fn write_rows<T: bytemuck::Pod + Sync>(
     path: &Path,
     header: &str,
     table: &RecordTable<T>,
-    row: impl Fn(u64, T) -> Vec<String>,
+    row: impl Fn(u64, &T) -> Vec<String> + Sync,
 ) -> Result<u64> {
     let failed = |e| Error::io(path, "write", e);
     let file = File::create(path).map_err(|e| Error::io(path, "create", e))?;
     let mut out = BufWriter::new(file);
     writeln!(out, "{header}").map_err(failed)?;
     let mut bytes = header.len() as u64 + 1;
-    for i in 0..table.len() {
-        let line = row(i + 1, table.get(i)?).join(",");
-        bytes += line.len() as u64 + 1;
-        writeln!(out, "{line}").map_err(failed)?;
+    let mut first = 0;
+    while first < table.len() {
+        let end = table.len().min(first + ROWS.0);
+        let records: Vec<T> = (first..end).map(|i| table.get(i)).collect::<Result<_>>()?;
+        let parts = records
+            .par_chunks(ROWS.1)
+            .enumerate()
+            .map(|(part, records)| {
+                let id = first + (part * ROWS.1) as u64 + 1;
+                let lines = records
+                    .iter()
+                    .zip(id..)
+                    .map(|(r, id)| row(id, r).join(",") + "\n");
+                lines.collect::<String>()
+            });
+        for part in parts.collect::<Vec<_>>() {
+            bytes += part.len() as u64;
+            out.write_all(part.as_bytes()).map_err(failed)?;
+        }
+        first = end;
     }
     out.flush().map_err(failed)?;
     Ok(bytes)

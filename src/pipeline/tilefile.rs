@@ -71,12 +71,10 @@ pub struct TileWriter {
     pub dir: PathBuf,
     /// What all tiles have in common.
     pub head: TileHead,
-    /// Brings long tiles to the disk.
-    pub writers: Writers,
 }
 
 impl TileWriter {
-    /// Writes one tile's geometry with room for its JSON, long ones by the writers.
+    /// Writes one tile's geometry with room for its JSON, long ones by the writers if there are any.
     ///
     /// # Errors
     /// [`Error::Io`]; [`Error::Usage`] if the tile would pass 4 GiB.
@@ -85,6 +83,7 @@ impl TileWriter {
         mesh: &TileMesh,
         grid: [u32; 3],
         buffers: &mut TileBuffers,
+        writers: Option<&Writers>,
     ) -> Result<(TileRecord, Body)> {
         let TileBuffers {
             stripifier,
@@ -105,11 +104,12 @@ impl TileWriter {
         let path = self.dir.join(tile_path(grid));
         let head = write_head(b"", aligned(room, 8), body.bytes).ok_or_else(|| too_large(grid))?;
         // what is written anew soon is best read back from the cache
-        if plain && long {
-            let body = std::mem::take(buffer);
-            *buffer = self.writers.put(Job { path, head, body })?;
-        } else {
-            write_file(&path, &[&head, bytes])?;
+        match writers.filter(|_| plain && long) {
+            Some(writers) => {
+                let body = std::mem::take(buffer);
+                *buffer = writers.put(Job { path, head, body })?;
+            }
+            None => write_file(&path, &[&head, bytes])?,
         }
         let record = TileRecord {
             body_bytes: body.bytes,

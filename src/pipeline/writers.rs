@@ -2,23 +2,20 @@
 
 use crate::direct::{self, Buffer};
 use crate::error::{Error, Result};
+use crate::pipeline::budget::{Budget, Reservation};
 use std::collections::VecDeque;
 use std::path::PathBuf;
 use std::sync::{Arc, Condvar, Mutex, MutexGuard};
 use std::thread::JoinHandle;
 
-/// Threads that make tiles for each that writes them: a core makes about 150 MB/s, and a writer waits
-/// twice for a core that is busy with making.
+/// Threads that make tiles for each that writes them: a core makes about 150 MB/s.
 const MAKERS: usize = 4;
+/// Tiles that a writer has at hand and to come.
+const EACH: usize = 2;
 
-/// Threads that write for `threads` that make tiles.
-const fn writers(threads: usize) -> usize {
-    threads.div_ceil(MAKERS)
-}
-
-/// Tiles that are on their way at most: each writer has one at hand and one to come.
+/// Tiles that are on their way at most where `threads` make them.
 pub const fn in_flight(threads: usize) -> usize {
-    2 * writers(threads)
+    EACH * threads.div_ceil(MAKERS)
 }
 
 /// A tile to write.
@@ -37,7 +34,9 @@ pub struct Writers {
     shared: Arc<Shared>,
     threads: Vec<JoinHandle<()>>,
     /// Bytes that a buffer on its way may have.
-    limit: usize,
+    limit: u64,
+    /// The memory of these buffers.
+    _held: Reservation,
 }
 
 #[derive(Default)]
@@ -51,28 +50,34 @@ struct State {
     queue: VecDeque<Job>,
     /// Jobs in hands.
     writing: usize,
-    /// Buffers of jobs that are done.
-    spare: Vec<Buffer>,
+    /// Buffers that wait for use. With those on their way there are always as many, and all are used in
+    /// turn: how much memory they take does not hang on who is faster.
+    spare: VecDeque<Buffer>,
     failed: Option<Error>,
     closed: bool,
 }
 
 impl Writers {
-    /// Writers for `threads` that make tiles, whose buffers have `limit` bytes at most.
-    pub fn new(threads: usize, limit: usize) -> Self {
+    /// Writers that have `in_flight` tiles on their way at most, whose buffers have `limit` bytes at
+    /// most; `None` for no tiles, or without room for them.
+    pub fn new(in_flight: usize, limit: u64, budget: &Arc<Budget>) -> Option<Self> {
+        let mut held = Reservation::new(budget);
+        held.grow_to(in_flight as u64 * limit).ok()?;
         let shared = Arc::new(Shared::default());
         let one = |i: usize| {
             let shared = shared.clone();
             let named = std::thread::Builder::new().name(format!("write {i}"));
             named.spawn(move || shared.run()).ok()
         };
-        // where no thread can be had, there is one less to wait for
-        let threads = (0..writers(threads)).filter_map(one).collect();
-        Writers {
+        let threads: Vec<_> = (0..in_flight / EACH).filter_map(one).collect();
+        let buffers = EACH * threads.len();
+        shared.lock().spare = (0..buffers).map(|_| Buffer::default()).collect();
+        (buffers > 0).then_some(Writers {
             shared,
             threads,
             limit,
-        }
+            _held: held,
+        })
     }
 
     /// Writes a tile now or later. Returns a buffer for the next one.
@@ -80,11 +85,10 @@ impl Writers {
     /// # Errors
     /// [`Error::Io`].
     pub fn put(&self, job: Job) -> Result<Buffer> {
-        if job.body.capacity() <= self.limit {
+        if job.body.capacity() as u64 <= self.limit {
             let mut state = self.shared.lock();
-            if state.queue.len() + state.writing < 2 * self.threads.len() {
+            if let Some(spare) = state.spare.pop_front() {
                 state.queue.push_back(job);
-                let spare = state.spare.pop().unwrap_or_default();
                 drop(state);
                 self.shared.changed.notify_all();
                 return Ok(spare);
@@ -139,7 +143,7 @@ impl Shared {
         let written = direct::write(&job.path, &job.head, job.body.get());
         let mut state = self.lock();
         state.writing -= 1;
-        state.spare.push(job.body);
+        state.spare.push_back(job.body);
         if let Err((what, error)) = written {
             let error = Error::io(&job.path, what, error);
             state.failed.get_or_insert(error);
@@ -160,5 +164,75 @@ impl Shared {
                 state = self.sleep(state);
             }
         }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn job(path: PathBuf, body: &[u8], mut buffer: Buffer) -> Job {
+        buffer.fill(body.len(), |out| out.extend_from_slice(body));
+        Job {
+            path,
+            head: vec![b' '; direct::SECTOR],
+            body: buffer,
+        }
+    }
+
+    #[test]
+    fn every_tile_is_written_whole_whoever_writes_it() {
+        let dir = tempfile::tempdir().unwrap();
+        let budget = Budget::new(4_000_000, 0);
+        let writers = Writers::new(4, 500_000, &budget).unwrap();
+        let body = |i: usize| vec![i as u8; 1 + i * 12_345 % 700_000];
+        std::thread::scope(|scope| {
+            for thread in 0..3 {
+                let (writers, dir) = (&writers, dir.path());
+                scope.spawn(move || {
+                    let mut buffer = Buffer::default();
+                    for i in (thread..60).step_by(3) {
+                        let job = job(dir.join(i.to_string()), &body(i), buffer);
+                        buffer = writers.put(job).unwrap();
+                    }
+                });
+            }
+        });
+        writers.wait().unwrap();
+        assert_eq!(writers.shared.lock().spare.len(), 4);
+        for i in 0..60 {
+            let found = std::fs::read(dir.path().join(i.to_string())).unwrap();
+            assert!(
+                found == [vec![b' '; direct::SECTOR], body(i)].concat(),
+                "{i}"
+            );
+        }
+    }
+
+    #[test]
+    fn a_tile_that_cannot_be_written_is_told_of_when_waited_for() {
+        let dir = tempfile::tempdir().unwrap();
+        let budget = Budget::new(1_000_000, 0);
+        let writers = Writers::new(2, 400_000, &budget).unwrap();
+        let missing = dir.path().join("missing").join("tile");
+        let buffer = Buffer::default();
+        writers
+            .put(job(missing.clone(), &[1; 200_000], buffer))
+            .unwrap();
+        match writers.wait() {
+            Err(Error::Io { path, .. }) => assert_eq!(path, missing),
+            other => panic!("{other:?}"),
+        }
+        writers.wait().unwrap();
+    }
+
+    #[test]
+    fn without_room_there_are_none() {
+        let budget = Budget::new(1_000_000, 0);
+        assert!(Writers::new(2, 600_000, &budget).is_none());
+        assert!(Writers::new(0, 1, &budget).is_none());
+        drop(Writers::new(2, 500_000, &budget).unwrap());
+        let mut all = Reservation::new(&budget);
+        all.grow_to(1_000_000).unwrap();
     }
 }

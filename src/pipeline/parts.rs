@@ -1,0 +1,61 @@
+//! What a sweep holds in memory, and how it gets by with less.
+
+use crate::pipeline::band::BandSource;
+use crate::pipeline::workspace::WorkspacePool;
+use crate::pipeline::writers::Writers;
+
+/// How much of a slab is in memory at once.
+#[derive(Debug, Clone, Copy)]
+pub struct Mode {
+    /// Bands of it.
+    pub bands_at_once: u32,
+    /// With those of the next slab.
+    pub look_ahead: bool,
+}
+
+impl Mode {
+    /// The next one that needs less memory, if there is any.
+    fn smaller(self) -> Option<Mode> {
+        match self {
+            Mode {
+                look_ahead: true, ..
+            } => Some(Mode {
+                look_ahead: false,
+                ..self
+            }),
+            Mode {
+                bands_at_once: 1, ..
+            } => None,
+            Mode { bands_at_once, .. } => Some(Mode {
+                bands_at_once: bands_at_once / 2,
+                ..self
+            }),
+        }
+    }
+}
+
+/// What a typed sweep works with.
+pub struct Parts<'a, T> {
+    /// Makes bands.
+    pub source: BandSource<'a, T>,
+    /// Buffers for making tiles.
+    pub pool: WorkspacePool,
+    /// What of a slab is in memory.
+    pub mode: Mode,
+    /// Bring tiles to the disk, while there is memory for that.
+    pub writers: Option<Writers>,
+}
+
+impl<T> Parts<'_, T> {
+    /// Takes the next way that needs less memory.
+    ///
+    /// # Errors
+    /// If there is none.
+    pub fn shrink(&mut self) -> Result<(), ()> {
+        if self.writers.take().is_some() {
+            return Ok(());
+        }
+        self.mode = self.mode.smaller().ok_or(())?;
+        Ok(())
+    }
+}
