@@ -66,7 +66,7 @@ impl Buffer {
         let out = &mut self.bytes[start..start + len];
         let absent = absent(file, len);
         let first = absent.start;
-        let past = read_past_cache(file, &mut out[absent], first);
+        let past = read_past_cache(file, &mut out[absent], first)?;
         let (before, rest) = out.split_at_mut(first);
         let mut found = read_at(file, before, 0)?;
         if found == first {
@@ -113,57 +113,59 @@ fn put(file: &File, head: &[u8], body: &[u8]) -> Result<()> {
     let mut done = start..start;
     if last > first {
         let blocks = &body[first - start..last - start];
-        done = first..first + write_past_cache(file, blocks, first);
+        done = first..first + write_past_cache(file, blocks, first)?;
     }
     file.write_all_at(head, 0)?;
     file.write_all_at(&body[..done.start - start], start as u64)?;
     file.write_all_at(&body[done.end - start..], done.end as u64)
 }
 
-/// Writes whole blocks past the cache, as many as that works for. What is wrong with the others, the
-/// system says when they are written in the usual way.
-fn write_past_cache(file: &File, blocks: &[u8], at: usize) -> usize {
+/// Writes whole blocks past the cache, as many as that works for.
+fn write_past_cache(file: &File, blocks: &[u8], at: usize) -> Result<usize> {
     let step = |done: usize| file.write_at(&blocks[done..], (at + done) as u64);
     past_cache(file, (blocks.as_ptr().addr(), blocks.len()), step)
 }
 
 /// Reads whole blocks past the cache, as many as that works for.
-fn read_past_cache(file: &File, blocks: &mut [u8], at: usize) -> usize {
+fn read_past_cache(file: &File, blocks: &mut [u8], at: usize) -> Result<usize> {
     let memory = (blocks.as_ptr().addr(), blocks.len());
     past_cache(file, memory, |done| {
         file.read_at(&mut blocks[done..], (at + done) as u64)
     })
 }
 
-/// Transfers `length` bytes of whole blocks from or to `address` while the file's mode is direct.
+/// Transfers `length` bytes of whole blocks from or to `address` while the file's mode is direct; fewer,
+/// or none, where the system cannot do that. Errors of the disk are errors: the cache would hide them.
 #[cfg(target_os = "linux")]
 fn past_cache(
     file: &File,
     (address, length): (usize, usize),
     mut step: impl FnMut(usize) -> Result<usize>,
-) -> usize {
+) -> Result<usize> {
     use rustix::fs::{OFlags, fcntl_getfl, fcntl_setfl};
     if length == 0 || !address.is_multiple_of(SECTOR) {
-        return 0;
+        return Ok(0);
     }
-    let Ok(flags) = fcntl_getfl(file) else {
-        return 0;
-    };
+    let flags = fcntl_getfl(file)?;
     if fcntl_setfl(file, flags | OFlags::DIRECT).is_err() {
-        return 0;
+        return Ok(0);
     }
-    let mut done = 0;
-    while done < length {
-        match step(done) {
-            Ok(n) if n > 0 && n.is_multiple_of(BLOCK) => done += n,
-            _ => break,
+    let mut done = Ok(0);
+    while let Ok(bytes) = done
+        && bytes < length
+    {
+        match step(bytes) {
+            Ok(n) if n > 0 && n.is_multiple_of(BLOCK) => done = Ok(bytes + n),
+            Ok(_) => break,
+            Err(e) => match e.kind() {
+                ErrorKind::Interrupted => {}
+                ErrorKind::InvalidInput | ErrorKind::Unsupported => break,
+                _ => done = Err(e),
+            },
         }
     }
-    match fcntl_setfl(file, flags) {
-        Ok(()) => done,
-        // the usual way is shut now, so whoever goes on hears of it
-        Err(_) => 0,
-    }
+    fcntl_setfl(file, flags)?;
+    done
 }
 
 #[cfg(not(target_os = "linux"))]
@@ -171,8 +173,8 @@ fn past_cache(
     _file: &File,
     _memory: (usize, usize),
     _step: impl FnMut(usize) -> Result<usize>,
-) -> usize {
-    0
+) -> Result<usize> {
+    Ok(0)
 }
 
 /// The longest stretch of whole blocks in the first `len` bytes of a file that the page cache does not

@@ -68,9 +68,14 @@ fn shimmed(shim: &Path, here: &Path, line: &str) -> Command {
 
 /// A directory with a small foam, by its real path, and the files of its conversion by this line.
 fn prepared(line: &str) -> (tempfile::TempDir, PathBuf, BTreeMap<String, Vec<u8>>) {
+    prepared_of("24,22,20", line)
+}
+
+/// The same of a foam of this size.
+fn prepared_of(dims: &str, line: &str) -> (tempfile::TempDir, PathBuf, BTreeMap<String, Vec<u8>>) {
     let dir = tempfile::tempdir().unwrap();
     let here = dir.path().canonicalize().unwrap();
-    let phantom = "phantom foam foam.raw --dims 24,22,20 --pitch 9 --quiet";
+    let phantom = format!("phantom foam foam.raw --dims {dims} --pitch 9 --quiet");
     ok(&here, &phantom.split(' ').collect::<Vec<_>>());
     ok(&here, &line.split(' ').collect::<Vec<_>>());
     let expected = files(&here.join("out"));
@@ -228,6 +233,44 @@ fn file_operations_that_write_tiles_twice() {
         " --for web --min-voxels 20",
         5,
     );
+}
+
+#[test]
+fn writes_of_tiles_that_go_past_the_page_cache() {
+    let Some(shim) = shim("writes_of_tiles_that_go_past_the_page_cache") else {
+        return;
+    };
+    let line = CONVERT
+        .replace("24,22,20", "66,60,33")
+        .replace("13,12,7", "33,60,16");
+    let (_dir, here, expected) = prepared_of("66,60,33", &line);
+    let long = |bytes: &&Vec<u8>| bytes.len() > 256 << 10;
+    assert_eq!(expected.values().filter(long).count(), 4);
+    let with = |at: Option<usize>, way: u32, log: &Path| {
+        let mut command = shimmed(shim, &here, &line);
+        command.env("SHIM_NAME", "write").env("SHIM_LOG", log);
+        if let Some(at) = at {
+            command.env("SHIM_AT", at.to_string());
+        }
+        command.env("SHIM_ERRNO", way.to_string()).output().unwrap()
+    };
+    let log = here.with_extension("log");
+    assert!(with(None, EIO, &log).status.success());
+    std::fs::remove_dir_all(here.join("out")).unwrap();
+    let writes = std::fs::read_to_string(&log).unwrap();
+    std::fs::remove_file(&log).unwrap();
+    // those of tiles begin early; threads write, so a number does not always stand for the same one
+    for number in 1..=writes.lines().count().min(40) {
+        for (way, ends) in [(EIO, true), (ENOSPC, true), (EINTR, false), (SHORT, false)] {
+            let output = with(Some(number), way, Path::new("/dev/null"));
+            let what = format!("{way}: write {number}");
+            assert_eq!(
+                judge(&here, &line, &output, &expected, &what),
+                ends,
+                "{what}"
+            );
+        }
+    }
 }
 
 #[test]
