@@ -6,8 +6,8 @@
 #   tests/sanitizers.sh address [TEST...] the tests of the crate and of tests/, or those of tests/ that are
 #                                         named, under AddressSanitizer; half an hour
 #
-# Miri has no memory maps of files, signals or syncfs: src/volume/map.rs, src/cli/sigbus.rs and
-# src/pipeline/keep/disk.rs run under AddressSanitizer alone.
+# Miri has no memory maps of files, signals or syncfs: src/volume/map.rs, src/direct.rs, src/cli/sigbus.rs
+# and src/pipeline/keep/disk.rs run under AddressSanitizer alone.
 set -euo pipefail
 cd "$(dirname "$0")/.."
 host=x86_64-unknown-linux-gnu
