@@ -1,11 +1,14 @@
 //! Tiles that are written a second time. The new ones lie beside the old ones, layer by layer, until
 //! a checkpoint says that the layer is done: a tile that is half written can then be made again.
 
+use crate::direct::{self, Buffer};
 use crate::error::{Error, Result};
 use crate::pipeline::keep::Keeper;
 use crate::pipeline::output::remove_if_there;
+use crate::pipeline::tilefile::write_file;
+use crate::pipeline::writers::{Job, Writers};
 use crate::tile::tile_path;
-use std::fs;
+use std::fs::{self, File};
 use std::io::ErrorKind;
 use std::path::{Path, PathBuf};
 
@@ -106,4 +109,48 @@ impl<'a> Anew<'a> {
         }
         fs::remove_dir(&from).map_err(|e| Error::io(&from, "remove", e))
     }
+}
+
+/// Files of a tile that is written anew.
+#[derive(Default)]
+pub struct Buffers {
+    /// As it was.
+    pub old: Buffer,
+    /// As it is to be.
+    pub new: Buffer,
+}
+
+/// Reads a tile that this conversion wrote.
+///
+/// # Errors
+/// [`Error::Io`].
+pub fn read_back<'b>(path: &Path, buffer: &'b mut Buffer) -> Result<&'b [u8]> {
+    let read = |buffer: &mut Buffer| {
+        let file = File::open(path)?;
+        let len = file.metadata()?.len();
+        buffer.read(&file, len as usize)
+    };
+    read(buffer).map_err(|e| Error::io(path, "read back", e))?;
+    Ok(buffer.get())
+}
+
+/// Writes a whole tile, long ones by the writers if there are any.
+///
+/// # Errors
+/// [`Error::Io`].
+pub fn write_anew(
+    path: PathBuf,
+    bytes: &[u8],
+    (writers, buffer): (Option<&Writers>, &mut Buffer),
+) -> Result<()> {
+    let Some(writers) = writers.filter(|_| bytes.len() >= direct::WORTH) else {
+        return write_file(&path, &[bytes]);
+    };
+    buffer.fill(bytes.len(), |out| out.extend_from_slice(bytes));
+    *buffer = writers.put(Job {
+        path,
+        head: Vec::new(),
+        body: std::mem::take(buffer),
+    })?;
+    Ok(())
 }

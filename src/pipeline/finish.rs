@@ -4,12 +4,13 @@ use crate::error::{Error, Result};
 use crate::grid::{LATTICE, Placement, Tiling};
 use crate::manifest::{Bounds, Group, Layer, Shard, TileEntry, Totals, checksum_text};
 use crate::measure::{ComponentRecord, Measures, RecordTable};
-use crate::pipeline::anew::anew_path;
+use crate::pipeline::anew::{Buffers, anew_path, read_back, write_anew};
 use crate::pipeline::forward::SlabRecord;
 use crate::pipeline::resolve::Resolved;
 use crate::pipeline::spool::{Place, Spool};
 use crate::pipeline::surfaces::WHOLE;
-use crate::pipeline::tilefile::{TileRecord, WrittenPiece, too_large, too_wide, write_file};
+use crate::pipeline::tilefile::{TileRecord, WrittenPiece, too_large, too_wide};
+use crate::pipeline::writers::Writers;
 use crate::tile::{
     Body, BodyPiece, Extras, Node, Refused, TileHead, group_body, name, node_json, tile_file,
     tile_path, write_head,
@@ -35,6 +36,8 @@ pub struct FinishSettings<'a> {
     pub placement: &'a Placement,
     /// The macrocubes.
     pub tiling: Tiling,
+    /// Bring tiles that are written anew to the disk.
+    pub writers: Option<&'a Writers>,
 }
 
 /// The settings with the sums of all components.
@@ -125,9 +128,9 @@ pub fn finish_layer(
         };
         let entries: Result<Vec<TileEntry>> = jobs
             .into_par_iter()
-            .map(|(tile, pieces)| {
+            .map_init(Buffers::default, |buffers, (tile, pieces)| {
                 let ids: Vec<Ids> = pieces.iter().map(|p| ids.of(p)).collect();
-                finisher.finish_tile(tile, &pieces, &ids)
+                finisher.finish_tile(tile, &pieces, &ids, buffers)
             })
             .collect();
         for entry in entries? {
@@ -135,6 +138,7 @@ pub fn finish_layer(
             shard.write(&entry)?;
         }
     }
+    settings.writers.map_or(Ok(()), Writers::wait)?;
     shard.finish(slab.layer).map(Some)
 }
 
@@ -205,6 +209,7 @@ impl Finisher<'_> {
         tile: &TileRecord,
         pieces: &[WrittenPiece],
         ids: &[Ids],
+        buffers: &mut Buffers,
     ) -> Result<TileEntry> {
         let body = Body {
             pieces: pieces.iter().map(|p| p.body).collect(),
@@ -245,7 +250,7 @@ impl Finisher<'_> {
                 (bytes, crc.finalize()),
             ));
         }
-        self.rewrite_tile(tile, &body, (&groups, &group_ids), &path)
+        self.rewrite_tile(tile, &body, (&groups, &group_ids), (&path, buffers))
     }
 
     /// Writes a tile anew, beside the old one: pieces that turned out to be one are joined, the layout
@@ -255,10 +260,10 @@ impl Finisher<'_> {
         tile: &TileRecord,
         body: &Body,
         (groups, group_ids): (&[Vec<usize>], &[Ids]),
-        path: &Path,
+        (path, buffers): (&Path, &mut Buffers),
     ) -> Result<TileEntry> {
         let head = self.settings.head;
-        let bytes = std::fs::read(path).map_err(|e| Error::io(path, "read back", e))?;
+        let bytes = read_back(path, &mut buffers.old)?;
         let start = bytes.len().saturating_sub(body.bytes as usize);
         if crc32fast::hash(&bytes[start..]) != tile.crc {
             let len = bytes.len() as u64;
@@ -284,8 +289,8 @@ impl Finisher<'_> {
         if let Some(dir) = anew.parent() {
             create_dir_all(dir).map_err(|e| Error::io(dir, "create the directory", e))?;
         }
-        write_file(&anew, &[&file.bytes])?;
         let size_and_crc = (file.bytes.len() as u64, crc32fast::hash(&file.bytes));
+        write_anew(anew, &file.bytes, (self.settings.writers, &mut buffers.new))?;
         let indices = Some(file.indices);
         Ok(entry(tile, body, group_ids, indices, size_and_crc))
     }

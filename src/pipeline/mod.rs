@@ -39,6 +39,7 @@ use crate::progress::Progress;
 use crate::tile::TileHead;
 use crate::volume::{Cropped, Volume};
 use anew::Anew;
+use budget::Budget;
 use finish::{FinishSettings, finish_layer, finished_layer};
 use forward::{Forward, SlabRecord};
 use keep::{Identity, Keeper};
@@ -50,6 +51,7 @@ use std::path::Path;
 use std::time::Instant;
 use sweep::Sweep;
 use tilefile::{TileWriter, too_wide};
+use writers::Writers;
 
 /// Converts a volume to a tile set in the directory `out`.
 ///
@@ -232,11 +234,14 @@ fn make(
     let dust = dust(options, &forward);
     let (slabs, mut spool, mut resolved) = resolve(forward, plan.limit / 8, work)?;
     progress.begin("index", slabs.len() as u64);
+    let budget = Budget::new(plan.limit, plan.fixed);
+    let writers = Writers::new(plan.in_flight, plan.body, &budget);
     let settings = FinishSettings {
         dir: work,
         head: &head,
         placement: &placement,
         tiling: plan.tiling,
+        writers: writers.as_ref(),
     };
     let layers = finish(
         &slabs,
