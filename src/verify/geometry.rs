@@ -147,7 +147,7 @@ impl Work<'_, '_> {
         if self.keep_mesh {
             ws.mesh.add(piece);
         }
-        ws.edges.connect(piece.points.len(), &piece.triangles);
+        ws.edges.connect(&piece.triangles);
         self.place_open_edges(piece, &mut ws.edges, &mut sums, flaws);
         self.counts.triangles += sums.triangles;
         self.counts.vertices += sums.vertices;
