@@ -48,6 +48,15 @@ impl<T, A: Iterator<Item = T>, B: Iterator<Item = T>> Iterator for Either<A, B> 
             Either::Right(b) => b.size_hint(),
         }
     }
+
+    // asks which it is once, not for each item
+    #[inline]
+    fn fold<Acc, F: FnMut(Acc, T) -> Acc>(self, first: Acc, f: F) -> Acc {
+        match self {
+            Either::Left(a) => a.fold(first, f),
+            Either::Right(b) => b.fold(first, f),
+        }
+    }
 }
 
 impl<T, A, B> ExactSizeIterator for Either<A, B>

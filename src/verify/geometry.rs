@@ -4,10 +4,12 @@ use super::code::Code;
 use super::edges::Edges;
 use super::inside::Inside;
 use super::piece::{Flaw, Piece, Sums};
+use super::places::bounds;
 use super::report::Issue;
 use super::seen::Seen;
 use super::sweep::{CAP, Component, FaceEdge, Ids};
 use super::tile::{Work, Workspace};
+use crate::cpu::dispatch;
 use crate::manifest::Group;
 use crate::tile::read::PieceIds;
 
@@ -115,16 +117,18 @@ impl Work<'_, '_> {
         } else {
             &mut ws.surface_seen
         };
-        let [mut lo, mut hi] = self.box_seen.unwrap_or([[i32::MAX; 3], [i32::MIN; 3]]);
         for (p, state) in piece.points.iter().zip(&piece.state) {
             let cell = std::array::from_fn(|a| (((p[a] - self.region.lo[a]) >> 8) + 1) as u64);
             seen.insert(cell, state & 3);
-            for a in 0..3 {
-                lo[a] = lo[a].min(p[a]);
-                hi[a] = hi[a].max(p[a]);
-            }
         }
-        self.box_seen = Some([lo, hi]);
+        let own = dispatch!(bounds(&piece.points));
+        for span in [&mut ws.span, &mut self.box_seen] {
+            let [lo, hi] = span.unwrap_or(own);
+            *span = Some([
+                std::array::from_fn(|a| lo[a].min(own[0][a])),
+                std::array::from_fn(|a| hi[a].max(own[1][a])),
+            ]);
+        }
         flaws.extend(self.repeated(seen, false));
     }
 

@@ -7,6 +7,7 @@
 //! faces, sums are taken from that face, and where it reaches both they are not known by themselves.
 
 use super::piece::{DOWN, Piece, Region, UP};
+use crate::cpu::dispatch;
 
 /// Sums over the ends of runs along x, those of the cell counted up and those of the object down: of
 /// each of [1, y, z, yy, zz, yz] times the number of voxels before the end at b, of [1, y, z] times the
@@ -37,9 +38,11 @@ impl Span {
         }
     }
 
-    fn take(&mut self, voxel: [i32; 3]) {
-        let v = voxel.map(|c| c.clamp(0, i32::from(u16::MAX)) as u16);
-        self.add(&Span { lo: v, hi: v });
+    /// Of a box that may reach beyond the volume.
+    fn clamped([lo, hi]: [[i32; 3]; 2]) -> Self {
+        let clamp = |v: [i32; 3]| v.map(|c| c.clamp(0, i32::from(u16::MAX)) as u16);
+        let (lo, hi) = (clamp(lo), clamp(hi));
+        Span { lo, hi }
     }
 
     fn words(&self) -> [u16; 6] {
@@ -64,39 +67,24 @@ pub(super) const WORDS: usize = 3 + 2 * SUMS;
 impl Inside {
     /// From the vertices that are the tile's own, of a piece whose triangles have been summed.
     pub fn of(piece: &Piece, region: &Region) -> Self {
-        let mut out = Inside::default();
-        for (&p, &state) in piece.points.iter().zip(&piece.state) {
-            let axis = usize::from(state & 3);
-            let low = p.map(|c| c >> 8);
-            let mut high = low;
-            high[axis] += 1;
-            let cell_is_low = state & (UP | DOWN) == DOWN;
-            let (cell, object) = if cell_is_low {
-                (low, high)
-            } else {
-                (high, low)
-            };
-            out.below.take(cell);
-            out.above.take(object);
-            if axis == 0 && region.owns(p) {
-                out.end_run(high.map(i64::from), if cell_is_low { 1 } else { -1 });
-            }
-        }
-        out
+        dispatch!(Self::of_vertices(&piece.points, &piece.state, region))
     }
 
-    /// Adds the end of a run of voxels before x = b.
-    fn end_run(&mut self, [b, y, z]: [i64; 3], sign: i64) {
-        let weights = [1, y, z, y * y, z * z, y * z];
-        let [x, xx] = power_sums(b);
-        for (i, w) in weights.into_iter().enumerate() {
-            self.sums[i] += i128::from(sign * w * b);
-            self.sums[10 + i] += i128::from(sign * w);
+    #[inline(always)]
+    fn of_vertices(points: &[[i32; 3]], state: &[u8], region: &Region) -> Self {
+        let mut out = Inside::default();
+        for (points, state) in points.chunks(CHUNK).zip(state.chunks(CHUNK)) {
+            let mut sums = [0; SUMS];
+            let mut ends = [([0; 3], 0); CHUNK];
+            for (at, sign) in run_ends(points, state, region, &mut ends) {
+                end_run(&mut sums, at.map(i64::from), i64::from(*sign));
+            }
+            for (sum, part) in out.sums.iter_mut().zip(sums) {
+                *sum += i128::from(part);
+            }
         }
-        for i in 0..3 {
-            self.sums[6 + i] += i128::from(sign) * i128::from(x) * i128::from(weights[i]);
-        }
-        self.sums[9] += i128::from(sign) * i128::from(xx);
+        [out.below, out.above] = spans(points, state);
+        out
     }
 
     pub fn add(&mut self, other: &Inside) {
@@ -161,6 +149,83 @@ impl Inside {
             ],
         }
     }
+}
+
+/// The boxes of the voxels of the cell, and of the object, at the ends of the vertices' lattice edges.
+#[inline(always)]
+fn spans(points: &[[i32; 3]], state: &[u8]) -> [Span; 2] {
+    const LANES: usize = 8;
+    // per side and axis; of a vertex that fills up the last lanes, the box is the same
+    let mut lo = [[[i32::MAX; LANES]; 3]; 2];
+    let mut hi = [[[i32::MIN; LANES]; 3]; 2];
+    for start in (0..points.len()).step_by(LANES) {
+        let mut low = [[0; LANES]; 3];
+        let mut axis = [0; LANES];
+        let mut cell_is_low = [0; LANES];
+        let end = points.len().min(start + LANES);
+        let (points, state) = (&points[start..end], &state[start..end]);
+        for i in 0..LANES {
+            let j = i.min(points.len() - 1);
+            for a in 0..3 {
+                low[a][i] = points[j][a] >> 8;
+            }
+            axis[i] = i32::from(state[j] & 3);
+            cell_is_low[i] = i32::from(state[j] & (UP | DOWN) == DOWN);
+        }
+        for a in 0..3 {
+            for i in 0..LANES {
+                let along = i32::from(axis[i] == a as i32);
+                let object = low[a][i] + (along & cell_is_low[i]);
+                let cell = low[a][i] + (along & !cell_is_low[i]);
+                lo[0][a][i] = lo[0][a][i].min(cell);
+                hi[0][a][i] = hi[0][a][i].max(cell);
+                lo[1][a][i] = lo[1][a][i].min(object);
+                hi[1][a][i] = hi[1][a][i].max(object);
+            }
+        }
+    }
+    let min = |lanes: [i32; LANES]| lanes.iter().fold(i32::MAX, |l, &c| l.min(c));
+    let max = |lanes: [i32; LANES]| lanes.iter().fold(i32::MIN, |h, &c| h.max(c));
+    std::array::from_fn(|side| Span::clamped([lo[side].map(min), hi[side].map(max)]))
+}
+
+/// Vertices whose run ends are added up in 64 bits: each adds less than 2^48 to a sum.
+const CHUNK: usize = 256;
+
+/// The ends of runs among at most [`CHUNK`] vertices: the first voxel behind it, and 1 if the cell ends
+/// there, else -1. The tile owns them all.
+#[inline(always)]
+fn run_ends<'a>(
+    points: &[[i32; 3]],
+    state: &[u8],
+    region: &Region,
+    ends: &'a mut [([i32; 3], i32); CHUNK],
+) -> &'a [([i32; 3], i32)] {
+    let first = region.first_owned();
+    let mut count = 0;
+    for (&[x, y, z], &state) in points.iter().zip(state) {
+        let sign = i32::from(state & (UP | DOWN) == DOWN) * 2 - 1;
+        // written without asking whether it is one: else the next one takes its place
+        ends[count] = ([(x >> 8) + 1, y >> 8, z >> 8], sign);
+        let owned = (x >= first[0]) & (y >= first[1]) & (z >= first[2]);
+        count += usize::from(owned & (state & 3 == 0));
+    }
+    &ends[..count]
+}
+
+/// Adds the end of a run of voxels before x = b.
+#[inline(always)]
+fn end_run(sums: &mut [i64; SUMS], [b, y, z]: [i64; 3], sign: i64) {
+    let weights = [1, y, z, y * y, z * z, y * z];
+    let [x, xx] = power_sums(b);
+    for (i, w) in weights.into_iter().enumerate() {
+        sums[i] += sign * w * b;
+        sums[10 + i] += sign * w;
+    }
+    for i in 0..3 {
+        sums[6 + i] += sign * x * weights[i];
+    }
+    sums[9] += sign * xx;
 }
 
 /// The sums of k and of k^2 for k in 0..n.
@@ -236,6 +301,65 @@ impl Moments {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use proptest::prelude::*;
+
+    /// What [`Inside::of_vertices`] finds, vertex by vertex.
+    fn slow_of(points: &[[i32; 3]], state: &[u8], region: &Region) -> Inside {
+        let mut out = Inside::default();
+        for (&p, &state) in points.iter().zip(state) {
+            let axis = usize::from(state & 3);
+            let low = p.map(|c| c >> 8);
+            let mut high = low;
+            high[axis] += 1;
+            let cell_is_low = state & (UP | DOWN) == DOWN;
+            let (cell, object) = if cell_is_low {
+                (low, high)
+            } else {
+                (high, low)
+            };
+            out.below.add(&Span::clamped([cell; 2]));
+            out.above.add(&Span::clamped([object; 2]));
+            if axis == 0 && region.owns(p) {
+                let at = high.map(i64::from);
+                run_end(&mut out, at, if cell_is_low { 1 } else { -1 });
+            }
+        }
+        out
+    }
+
+    proptest! {
+        #[test]
+        fn vertices_say_the_same_all_at_once(
+            vertices in prop::collection::vec(
+                ([0..4i32, 0..3, 0..3], 0..3u8, prop::sample::select(vec![0, UP, DOWN, UP | DOWN])),
+                0..600,
+            ),
+            corner in prop::array::uniform3(prop_oneof![Just(0), Just(64), 0..65_532]),
+        ) {
+            let region = Region {
+                lo: corner.map(|c| c * 256),
+                hi: corner.map(|c| (c + 4) * 256),
+                end: [65_535 * 256; 3],
+            };
+            let place = |(voxel, axis, _): &([i32; 3], u8, u8)| -> [i32; 3] {
+                let along = |a| if a == usize::from(*axis) { 77 } else { 0 };
+                std::array::from_fn(|a| (corner[a] + voxel[a]) * 256 + along(a))
+            };
+            let points: Vec<_> = vertices.iter().map(place).collect();
+            let state: Vec<_> = vertices.iter().map(|v| v.1 | v.2).collect();
+            let slow = slow_of(&points, &state, &region);
+            prop_assert_eq!(Inside::of_vertices(&points, &state, &region), slow);
+            prop_assert_eq!(dispatch!(Inside::of_vertices(&points, &state, &region)), slow);
+        }
+    }
+
+    fn run_end(inside: &mut Inside, at: [i64; 3], sign: i64) {
+        let mut sums = [0; SUMS];
+        end_run(&mut sums, at, sign);
+        for (sum, part) in inside.sums.iter_mut().zip(sums) {
+            *sum += i128::from(part);
+        }
+    }
 
     /// The moments of a set of voxels of a row along x, added up one by one.
     fn plain(voxels: &[[i128; 3]]) -> Moments {
@@ -261,8 +385,8 @@ mod tests {
         let mut inside = Inside::default();
         let mut voxels = Vec::new();
         for (start, end, y, z) in [(2, 7, 3, 5), (9, 10, 3, 5), (1, 4, 6, 0)] {
-            inside.end_run([start, y, z], -1);
-            inside.end_run([end, y, z], 1);
+            run_end(&mut inside, [start, y, z], -1);
+            run_end(&mut inside, [end, y, z], 1);
             voxels.extend((start..end).map(|x| [x, y, z].map(i128::from)));
         }
         assert_eq!(inside.moments(true, None), plain(&voxels));
@@ -273,8 +397,8 @@ mod tests {
     #[test]
     fn runs_that_reach_a_face_are_counted_from_the_other_one() {
         let (mut low, mut high) = (Inside::default(), Inside::default());
-        low.end_run([4, 2, 9], 1);
-        high.end_run([4, 2, 9], -1);
+        run_end(&mut low, [4, 2, 9], 1);
+        run_end(&mut high, [4, 2, 9], -1);
         let voxels = |range: std::ops::Range<i128>| range.map(|x| [x, 2, 9]).collect::<Vec<_>>();
         assert_eq!(low.moments(true, None), plain(&voxels(0..4)));
         assert_eq!(high.moments(true, Some(11)), plain(&voxels(4..11)));

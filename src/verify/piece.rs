@@ -6,7 +6,10 @@
 
 use super::code::Code;
 use super::edges::Matched;
+use super::facets::{BATCH, facets};
 use super::inside::Inside;
+use super::places::places;
+use crate::cpu::dispatch;
 
 /// Where a tile lies, in lattice units.
 #[derive(Debug, Clone, Copy)]
@@ -46,6 +49,11 @@ impl Region {
     /// True if this tile is the first of those that share the vertex, in the order of tiles.
     pub fn owns(&self, p: [i32; 3]) -> bool {
         (0..3).all(|a| p[a] != self.lo[a] || self.lo[a] == 0)
+    }
+
+    /// The smallest coordinates of vertices inside the region that [`Region::owns`] holds for.
+    pub fn first_owned(&self) -> [i32; 3] {
+        self.lo.map(|lo| lo + i32::from(lo != 0))
     }
 
     /// True if the vertex lies half a voxel outside the volume.
@@ -103,6 +111,8 @@ impl Region {
 pub(super) struct Piece {
     /// True for a cap.
     pub cap: bool,
+    /// Positions as read, in voxels.
+    positions: Vec<[f32; 3]>,
     /// Positions in lattice units.
     pub points: Vec<[i32; 3]>,
     /// Per vertex: bits 0-1 the axis of its lattice edge, and what triangles say of it, see below.
@@ -192,11 +202,51 @@ impl Piece {
         region: &Region,
         flaws: &mut Vec<Flaw>,
     ) -> u64 {
+        self.positions.clear();
+        // as a whole, so that it is asked once how they are stored
+        positions.for_each(|p| self.positions.push(p));
         self.points.clear();
         self.state.clear();
         let mut bad = [Tally::default(), Tally::default(), Tally::default()];
+        let owned = dispatch!(self.locate_batches(region, &mut bad));
+        bad[0].report(Code::PositionNotFinite, flaws);
+        bad[1].report(Code::PositionOffLattice, flaws);
+        bad[2].report(Code::PositionOutsideTile, flaws);
+        owned
+    }
+
+    /// Locates positions in batches, caps and those of a batch with a flaw one by one; see
+    /// [`Piece::read_points`].
+    #[inline(always)]
+    fn locate_batches(&mut self, region: &Region, bad: &mut [Tally; 3]) -> u64 {
         let mut owned = 0;
-        for p in positions {
+        let all = std::mem::take(&mut self.positions);
+        let (batches, rest) = all.as_chunks();
+        for batch in batches {
+            match places(batch, region) {
+                Some(places) if !self.cap => {
+                    self.points.extend_from_slice(&places.points);
+                    self.state.extend_from_slice(&places.axes);
+                    owned += places.owned;
+                }
+                _ => owned += self.locate_each(batch, region, bad),
+            }
+        }
+        owned += self.locate_each(rest, region, bad);
+        self.positions = all;
+        owned
+    }
+
+    /// Locates positions one by one and returns how many of them the tile owns.
+    #[inline(never)]
+    fn locate_each(
+        &mut self,
+        positions: &[[f32; 3]],
+        region: &Region,
+        bad: &mut [Tally; 3],
+    ) -> u64 {
+        let mut owned = 0;
+        for &p in positions {
             let (q, axis) = region.locate(p, self.cap).unwrap_or_else(|code| {
                 let kind = match code {
                     Code::PositionNotFinite => 0,
@@ -212,9 +262,6 @@ impl Piece {
             self.points.push(q);
             self.state.push(axis);
         }
-        bad[0].report(Code::PositionNotFinite, flaws);
-        bad[1].report(Code::PositionOffLattice, flaws);
-        bad[2].report(Code::PositionOutsideTile, flaws);
         owned
     }
 
@@ -255,37 +302,80 @@ impl Piece {
             triangles: self.triangles.len() as u64,
             ..Sums::default()
         };
-        let (mut outside, mut flat) = (Tally::default(), Tally::default());
-        for &t in &self.triangles {
-            let Some(n) = self.area_vector(t) else {
-                outside.add(self.points[t[0] as usize]);
-                continue;
-            };
-            if n == [0; 3] {
-                flat.add(self.points[t[0] as usize]);
-            }
-            for i in t {
-                let state = &mut self.state[i as usize];
-                let along = n[usize::from(*state & 3)];
-                *state |= USED | (u8::from(along > 0) << 3) | (u8::from(along < 0) << 4);
-            }
-            let p = self.points[t[0] as usize];
-            let six: i64 = (0..3).map(|a| i64::from(p[a]) * i64::from(n[a])).sum();
-            sums.volume6 += i128::from(six);
-            let [x, y, z] = [0, 1, 2].map(|a| f64::from(n[a]) * scale[a]);
-            sums.area += (x * x + y * y + z * z).sqrt();
-        }
+        let mut bad = [Tally::default(), Tally::default()];
+        dispatch!(self.sum_batches(scale, &mut sums, &mut bad));
+        let [outside, flat] = bad;
         sums.area *= 0.5;
         let mut unused = Tally::default();
-        for (state, p) in self.state.iter().zip(&self.points) {
-            if state & USED == 0 && outside.count == 0 {
-                unused.add(*p);
+        let all_used = self.state.iter().fold(USED, |all, s| all & s) != 0;
+        if !all_used && outside.count == 0 {
+            for (state, p) in self.state.iter().zip(&self.points) {
+                if state & USED == 0 {
+                    unused.add(*p);
+                }
             }
         }
         outside.report(Code::TriangleOutsideCube, flaws);
         flat.report(Code::DegenerateTriangle, flaws);
         unused.report(Code::UnusedVertex, flaws);
         sums
+    }
+
+    /// Sums up triangles in batches, those of a batch with a flaw one by one; see
+    /// [`Piece::sum_triangles`] and [`Piece::sum_triangle`].
+    #[inline(always)]
+    fn sum_batches(&mut self, scale: [f64; 3], sums: &mut Sums, bad: &mut [Tally; 2]) {
+        let all = std::mem::take(&mut self.triangles);
+        let (batches, rest) = all.as_chunks::<BATCH>();
+        for batch in batches {
+            let Some(facets) = facets(&self.points, batch, scale) else {
+                for &t in batch {
+                    self.sum_triangle(t, scale, sums, bad);
+                }
+                continue;
+            };
+            for (t, says) in batch.iter().zip(facets.says) {
+                for &i in t {
+                    let state = &mut self.state[i as usize];
+                    *state |= (says >> (8 * (*state & 3))) as u8;
+                }
+            }
+            sums.volume6 += i128::from(facets.volume6);
+            // one after the other, as they are rounded
+            sums.area = facets.areas.iter().fold(sums.area, |sum, area| sum + area);
+        }
+        for &t in rest {
+            self.sum_triangle(t, scale, sums, bad);
+        }
+        self.triangles = all;
+    }
+
+    /// Adds a triangle to the sums, or to those that are `bad`: outside a cube, or without area.
+    #[inline(never)]
+    fn sum_triangle(
+        &mut self,
+        t: [u32; 3],
+        scale: [f64; 3],
+        sums: &mut Sums,
+        [outside, flat]: &mut [Tally; 2],
+    ) {
+        let Some(n) = self.area_vector(t) else {
+            outside.add(self.points[t[0] as usize]);
+            return;
+        };
+        if n == [0; 3] {
+            flat.add(self.points[t[0] as usize]);
+        }
+        for i in t {
+            let state = &mut self.state[i as usize];
+            let along = n[usize::from(*state & 3)];
+            *state |= USED | (u8::from(along > 0) << 3) | (u8::from(along < 0) << 4);
+        }
+        let p = self.points[t[0] as usize];
+        let six: i64 = (0..3).map(|a| i64::from(p[a]) * i64::from(n[a])).sum();
+        sums.volume6 += i128::from(six);
+        let [x, y, z] = [0, 1, 2].map(|a| f64::from(n[a]) * scale[a]);
+        sums.area += (x * x + y * y + z * z).sqrt();
     }
 
     /// Names what makes edges or vertex states contradict each other: triangles that occur twice,
@@ -354,6 +444,11 @@ impl Piece {
 
     /// True if triangles contradict each other at a vertex.
     pub fn contradicts(&self) -> bool {
-        self.state.iter().any(|s| s & (UP | DOWN) == UP | DOWN)
+        // UP where both are set
+        let both = |any: u8, s: &u8| any | (s & (s >> 1));
+        self.state.iter().fold(0, both) & UP != 0
     }
 }
+
+#[cfg(test)]
+mod tests;

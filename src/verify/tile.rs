@@ -94,6 +94,8 @@ pub(super) struct Workspace {
     pub indices: Vec<u32>,
     pub list: Vec<[u32; 3]>,
     pub piece: Piece,
+    /// Around the vertices of the primitive at hand, in lattice units, if its pieces are sound.
+    pub span: Option<[[i32; 3]; 2]>,
     pub edges: Edges,
     pub surface_seen: Seen,
     pub cap_seen: Seen,
