@@ -7,7 +7,7 @@
 //! walked, which finds what is wrong with them.
 //!
 //! Counting, sorting and walking all buckets was 28 % of the time of verifying a foam, with a mispredicted
-//! branch or two for each; entering and comparing is 16 % of that time. Looking up falling edges among
+//! branch or two for each; entering and comparing is 14 % of that time. Looking up falling edges among
 //! rising ones was no faster than sorting: its branches cannot be predicted either.
 
 use crate::cpu::dispatch;
