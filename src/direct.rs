@@ -5,6 +5,10 @@
 //! memory when it is touched first, a page took 12 us, and a third of a conversion's time went there. So
 //! whole blocks of long files go between our buffers and the disk (`O_DIRECT`), where the file system
 //! can do that; the rest goes through the cache.
+//!
+//! There, a foam of 10 million triangles was converted in 0.54 s instead of 0.75 s (means of four, in turns
+//! with others that fill memory). Files are verified in the same time from the disk as from the cache, if
+//! they are read ahead; if each was waited for, that took 0.71 s instead of 0.54 s.
 
 use std::fs::File;
 use std::io::{ErrorKind, Result};

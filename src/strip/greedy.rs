@@ -151,8 +151,8 @@ impl Greedy {
                 crossings.states[here as usize] = CROSSING[(edges[0] % 4) as usize];
                 return here;
             }
-            // On a tie not to the side it did turn to. Which one it is cannot be foretold, so nothing
-            // branches on it.
+            // On a tie not to the side it did turn to. A branch, as compiled: most turns can be foretold,
+            // and choosing without one took 23 clocks a step for 16.
             let turn_right = free_right < free_left + u8::from(turned_left);
             let (skipped, other, free) = if turn_right {
                 (edges[0], left, free_left)

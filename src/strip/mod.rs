@@ -56,6 +56,11 @@
 //! average, ns per triangle in the same run: 30.2 before, at 1.276 entries; 27.6 with the steps to the
 //! other edge in the state; 23.6 with one exchange instead of two, at 1.286 entries. Fetching the mates of
 //! both neighbours ahead changed nothing: pieces of this size stay in the first cache.
+//!
+//! Of these 24 ns, in clocks of 2.6 GHz a triangle: greedy 25 (of them 16 to walk and 6 to read the mates
+//! for the first time), settle 9, exchanges 10, writing 19. Two pieces walked in turns, so that one need
+//! not wait for the other's loads, took as long as one after the other. Without `settle` the exchanges take
+//! its time, at 1.291 entries; one try for each end instead of three saves nothing.
 
 mod crossings;
 mod greedy;

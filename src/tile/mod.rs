@@ -1,8 +1,8 @@
 //! The tile: one GLB per macrocube.
 //!
 //! # The file
-//! A tile is a GLB (glTF 2.0 binary): 12 bytes of header, the JSON chunk (padded with spaces), the
-//! BIN chunk. All numbers in it are little endian.
+//! A tile is a GLB (glTF 2.0 binary): 12 bytes of header, the JSON chunk (padded with spaces, in long
+//! tiles up to a sector of the disk), the BIN chunk. All numbers in it are little endian.
 //!
 //! - `asset.generator` names this program; `scene` 0 has one root node, node 0, named `alvis`, the
 //!   same in every tile of a set: its `matrix` is the manifest's `transform` (voxel coordinates to
