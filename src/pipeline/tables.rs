@@ -153,8 +153,10 @@ pub fn write_surfaces(
     )
 }
 
-/// Rows that are formatted at once, and by each thread in turn.
-const ROWS: (u64, usize) = (4096, 128);
+/// Rows that are in memory at once.
+const AT_ONCE: u64 = 4096;
+/// Rows that a thread formats in turn.
+const EACH: usize = 128;
 
 fn write_rows<T: bytemuck::Pod + Sync>(
     path: &Path,
@@ -169,19 +171,16 @@ fn write_rows<T: bytemuck::Pod + Sync>(
     let mut bytes = header.len() as u64 + 1;
     let mut first = 0;
     while first < table.len() {
-        let end = table.len().min(first + ROWS.0);
+        let end = table.len().min(first + AT_ONCE);
         let records: Vec<T> = (first..end).map(|i| table.get(i)).collect::<Result<_>>()?;
-        let parts = records
-            .par_chunks(ROWS.1)
-            .enumerate()
-            .map(|(part, records)| {
-                let id = first + (part * ROWS.1) as u64 + 1;
-                let lines = records
-                    .iter()
-                    .zip(id..)
-                    .map(|(r, id)| row(id, r).join(",") + "\n");
-                lines.collect::<String>()
-            });
+        let parts = records.par_chunks(EACH).enumerate().map(|(part, records)| {
+            let id = first + (part * EACH) as u64 + 1;
+            let lines = records
+                .iter()
+                .zip(id..)
+                .map(|(r, id)| row(id, r).join(",") + "\n");
+            lines.collect::<String>()
+        });
         for part in parts.collect::<Vec<_>>() {
             bytes += part.len() as u64;
             out.write_all(part.as_bytes()).map_err(failed)?;

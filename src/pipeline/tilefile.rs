@@ -96,10 +96,11 @@ impl TileWriter {
         let crc = crc32fast::hash(bytes);
         let plain = self.head.is_plain(body.pieces.len());
         let long = bytes.len() >= direct::WORTH;
-        let room = match (plain, long) {
-            (true, true) => aligned(widest_json(&self.head, &body), direct::SECTOR),
-            (true, false) => aligned(widest_json(&self.head, &body), 8),
-            (false, _) => 0,
+        let room = if plain {
+            let step = if long { direct::SECTOR } else { 8 };
+            aligned(widest_json(&self.head, &body), step)
+        } else {
+            0
         };
         let path = self.dir.join(tile_path(grid));
         let head = write_head(b"", aligned(room, 8), body.bytes).ok_or_else(|| too_large(grid))?;

@@ -14,8 +14,6 @@ const CHECKERS: usize = 4;
 
 /// A tile's file as it was read.
 pub(super) struct Fetched {
-    /// Number of the tile in its batch.
-    pub number: usize,
     /// The entry's place in the shard, for messages.
     pub at: String,
     pub file: Buffer,
@@ -25,7 +23,7 @@ pub(super) struct Fetched {
 }
 
 /// Tiles of a layer that are read in order, by threads of their own and by those who check them.
-pub(super) struct Ahead<'a> {
+struct Ahead<'a> {
     cx: &'a Context<'a>,
     tiles: &'a [TileEntry],
     /// Place of the first one in the shard.
@@ -43,7 +41,8 @@ struct State {
     next: usize,
     /// Tiles that readers have at hand.
     reading: usize,
-    ready: VecDeque<Fetched>,
+    /// Tiles by their numbers, to be checked.
+    ready: VecDeque<(usize, Fetched)>,
 }
 
 /// Buffers for files that nobody uses now.
@@ -95,8 +94,8 @@ pub(super) fn each<R: Send>(
     };
     let work = || {
         let mut done = Vec::new();
-        while let Some(mut fetched) = ahead.take() {
-            done.push((fetched.number, check(&tiles[fetched.number], &mut fetched)));
+        while let Some((number, mut fetched)) = ahead.take() {
+            done.push((number, check(&tiles[number], &mut fetched)));
             spare.put(fetched.file);
         }
         done
@@ -139,8 +138,8 @@ impl Ahead<'_> {
         }
     }
 
-    /// A tile that is read but not checked; `None` after the last one.
-    fn take(&self) -> Option<Fetched> {
+    /// A tile that is read but not checked, and its number; `None` after the last one.
+    fn take(&self) -> Option<(usize, Fetched)> {
         let mut state = self.lock();
         loop {
             if let Some(fetched) = state.ready.pop_front() {
@@ -158,29 +157,24 @@ impl Ahead<'_> {
     }
 
     /// Reads the next tile, while others have the state.
-    fn fetch_next(&self, mut state: MutexGuard<State>) -> Fetched {
+    fn fetch_next(&self, mut state: MutexGuard<State>) -> (usize, Fetched) {
         let number = state.next;
         state.next += 1;
         drop(state);
         let place = self.first + number;
-        fetch(self.cx, &self.tiles[number], (number, place), self.spare)
+        let fetched = fetch(self.cx, &self.tiles[number], place, self.spare);
+        (number, fetched)
     }
 }
 
-/// Reads one tile, whose place in the shard is `place`, and whose number in its batch is `number`.
-pub(super) fn fetch(
-    cx: &Context,
-    entry: &TileEntry,
-    (number, place): (usize, usize),
-    spare: &Spare,
-) -> Fetched {
+/// Reads one tile, whose place in the shard is `place`.
+pub(super) fn fetch(cx: &Context, entry: &TileEntry, place: usize, spare: &Spare) -> Fetched {
     let at = format!("{}#/tiles/{place}", index::shard_path(entry.grid[2]));
     let mut issues = Issues::new(cx.max_issues);
     let mut file = spare.take();
     let expected = Expected::tile(entry, &at);
     let found = files::fetch(cx.root, &expected, &mut file, &mut issues);
     Fetched {
-        number,
         at,
         file,
         found,

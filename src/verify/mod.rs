@@ -29,7 +29,8 @@
 //! # Memory
 //! Tiles are streamed. What is kept: the open edges on the planes of one layer of macrocubes, the
 //! surfaces that reach them, the shard of a layer, for each thread a tile, and some that were read
-//! ahead. Finished surfaces are sorted on disk. With the volume, a row of macrocubes along x is in memory as well.
+//! ahead. Finished surfaces are sorted on disk. With the volume, a row of macrocubes along x is in memory
+//! as well.
 
 mod against;
 mod ahead;

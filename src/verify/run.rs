@@ -211,7 +211,7 @@ impl<'a> Run<'a> {
     }
 
     fn check(&self, entry: &TileEntry, index: usize, original: &Original) -> Outcome {
-        let mut fetched = ahead::fetch(self.cx, entry, (0, index), &self.spare);
+        let mut fetched = ahead::fetch(self.cx, entry, index, &self.spare);
         let original = Some((&original.band, &original.rule));
         let workspace = &mut self.workspace();
         let outcome = tile::check(self.cx, entry, &mut fetched, original, workspace);
