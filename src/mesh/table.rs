@@ -41,6 +41,17 @@ const FACE_CORNERS: [[u8; 4]; 6] = [
     [4, 5, 7, 6],
 ];
 
+/// Cases that take the last of equally short triangulations, not the first. A quadrilateral's two
+/// diagonals are always equally short, and which of them neighbouring cubes draw decides how often strips
+/// must turn. Found one case at a time, as long as any change saved index entries, on foams without and
+/// with noise and a scan of a lobster at two thresholds: 1.313 entries per triangle fell to 1.306 on
+/// average, and from 1.303 to 1.295 on the foam without noise.
+const LAST_OF_TIES: [u8; 42] = [
+    15, 23, 28, 38, 51, 52, 53, 67, 71, 74, 77, 78, 85, 90, 100, 102, 109, 113, 114, 121, 125, 131,
+    133, 137, 141, 142, 145, 158, 163, 178, 183, 190, 195, 197, 204, 214, 216, 228, 233, 235, 240,
+    246,
+];
+
 /// What lies across one edge of a triangle.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Across {
@@ -199,7 +210,8 @@ fn faces_below(case: u8, triangle: [u8; 3]) -> bool {
 }
 
 /// The triangulation of a loop of cube edges with no chord inside a face and no triangle that could
-/// face the wrong way, and of those the one whose chords are shortest.
+/// face the wrong way, and of those the one whose chords are shortest: the first or the last, where
+/// several are ([`LAST_OF_TIES`]).
 fn triangulate(case: u8, edges: &[u8]) -> Vec<[u8; 3]> {
     let n = edges.len();
     let cost_of = |t: &Vec<[usize; 3]>| -> Option<i32> {
@@ -221,12 +233,16 @@ fn triangulate(case: u8, edges: &[u8]) -> Vec<[u8; 3]> {
         }
         Some(cost)
     };
-    let best = triangulations(0, n - 1)
+    let mut all = triangulations(0, n - 1);
+    if LAST_OF_TIES.contains(&case) {
+        all.reverse();
+    }
+    let (_, best) = all
         .into_iter()
         .filter_map(|t| cost_of(&t).map(|cost| (cost, t)))
         .min_by_key(|&(cost, _)| cost)
         .expect("every loop has such a triangulation");
-    best.1.into_iter().map(|t| t.map(|i| edges[i])).collect()
+    best.into_iter().map(|t| t.map(|i| edges[i])).collect()
 }
 
 /// The triangles of a case. Joining is separating the complement and turning each triangle round:

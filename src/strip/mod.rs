@@ -3,7 +3,7 @@
 //! Triangle k of a strip is (k, k+1, k+2) for even k and (k+1, k, k+2) for odd k. Entries that make
 //! a triangle with two equal indices (a *degenerate*) draw nothing: they turn a strip (a *swap*,
 //! one entry) or join two strips. Strips are the ALVIS paper's and SGI's idea; the aim here is the
-//! fewest entries of the joined strip, not the fewest strips.
+//! fewest entries of the joined strip for the time, not the fewest strips.
 //!
 //! # Entries
 //! - A strip may start at an even or an odd triangle: of (b, c, d) with the exit edge (c, d), write
@@ -11,75 +11,52 @@
 //!   next strip's own two first entries, a strip costs 4 over one entry per triangle. Joins that keep
 //!   every start even cost 4.5.
 //! - Two turns to the same side in a row need a swap; left and right in turn need none. The place's
-//!   parity says which first turn is free, so strips are taken from two stacks by their first turn.
-//! - So the entries follow from which edge each triangle skips (see `crossings`), which makes strips
-//!   a labelling problem in which triangles can be improved one at a time.
+//!   parity says which first turn is free, so each strip is made for the parity it likes best, and the
+//!   strips are put in an order in which all stand where they should (`write::Stitcher`).
 //!
 //! # Stages
-//! 1. `greedy`: fewest free neighbours first, ties without a swap.
-//! 2. `settle`: one pass that gives each triangle its best label beside its neighbours' labels.
-//! 3. `merge_ends`: from each end of a strip one exchange with a neighbour, where it meets another end
-//!    or saves entries otherwise.
-//! 4. `write`: the strips one after the other.
+//! 1. `greedy`: paths from triangles with fewest free neighbours, on to the neighbour with fewest, on
+//!    ties without a swap, and from the start to its other side.
+//! 2. `write`: each path to a strip, and the strips to one.
 //!
 //! # What was tried
-//! Marching cubes of a closed-cell foam (257^3 voxels, pitch 40, 0.35 triangles per voxel, 64^3-cube
-//! macrocubes, pieces by connected surface; entries per triangle without and with two levels of
-//! noise; ns per triangle on one core of a busy 2-core AMD EPYC, each piece's best of 15):
+//! Marching cubes of the default foam, 193^3 voxels, 2.0 million triangles in pieces of 1,700 on average
+//! (one core of a 2-core AMD EPYC with 2.6 GHz, each the best of 15 runs that read all pieces from main
+//! memory):
 //!
-//! | way | smooth | noise 0.1 | noise 0.3 | ns |
-//! |---|---|---|---|---|
-//! | greedy, starts in index order, every start even | 1.402 | | 1.436 | 22 |
-//! | greedy, fewest free neighbours start too, every start even | 1.340 | 1.352 | 1.379 | 24 |
-//! | the same, starts of either parity, next to the last vertex if free | 1.327 | 1.338 | 1.365 | 25 |
-//! | stages 1 to 4 (chosen) | 1.302 | | 1.336 | |
-//! | chains of exchanges, at most two long | 1.292 | 1.302 | 1.325 | 40 |
-//! | three long | 1.286 | 1.295 | 1.319 | 46 |
-//! | four long | 1.283 | | 1.316 | |
-//! | five long | 1.281 | | 1.314 | |
-//! | annealing, 1000 passes: about the optimum | 1.22 | | 1.26 | |
+//! | way | entries per triangle | ns per triangle |
+//! |---|---|---|
+//! | paths as labels (which edge each triangle skips), a pass that betters each label beside its neighbours' and an exchange at the end of each strip, strips by parity of their first turn | 1.286 | 24 |
+//! | the same without exchanges | 1.294 | 20 |
+//! | paths alone, as labels that are followed a second time | 1.305 | 16 |
+//! | paths alone, written at once, each from the place that is next | 1.314 | 12 |
+//! | and put where their first turn is free | 1.306 | 12 |
+//! | and from the start to its other side, too | 1.303 | 12 |
+//! | and quadrilaterals cut the other way in some cases, see `mesh::table` (chosen) | 1.295 | 12 |
 //!
-//! Not worth it: a second `settle` before (-0.001) or settle and exchanges once more (-0.005, +11 ns);
-//! choosing the neighbour by a table over the free exits of both (1.363 to 1.356 for greedy alone, by
-//! hill climbing over all 256 contexts, so greedy ends there); sequential message passing from
-//! nothing (1.44 after seven passes); starts in index order before the exchanges (+0.005); joins round
-//! the last vertex after them, for they leave hardly a free end there.
+//! With those diagonals the first way has 1.279. Bettering takes as long again as all the rest for 1.2 %
+//! of the entries, or 0.1 % of a tile's bytes, most of which are vertices; so it was given up. Annealing
+//! of labels gets to about 1.22 on a similar foam, and longer chains of exchanges to 1.281 for twice the time.
 //!
-//! The times above are from before these, with chains of two on 193^3 voxels with noise 0.1,
-//! Mtriangles per second beside meshopt's stripify (44 to 46) in the same run: four words to a triangle,
-//! a first half-edge that stands for none, and a greedy stage without branches on its choices 24.7;
-//! corners read in order before strips need them, and no branch on the side to turn to 31.3. State and
-//! mate in one word (21.7) and the greedy count beside them (21.0) were slower: a wide store waits for
-//! narrow ones. Without bounds checks it would be 3 % faster.
+//! Not worth it: a swap only where the other neighbour has two free ones (-0.001); strips that start at the
+//! vertex where the one before ends, for hardly a triangle is free there (-0.0004); choosing the neighbour by
+//! a table over the free exits of both (-0.007 after hill climbing over all 256 contexts). Several pieces
+//! walked in turns, with and without branches, took longer than one after the other. Writing entries
+//! while walking, without steps between, took the same time.
 //!
-//! Since then, on the foam of the same size that a conversion cuts to pieces of 1,700 triangles on
-//! average, ns per triangle in the same run: 30.2 before, at 1.276 entries; 27.6 with the steps to the
-//! other edge in the state; 23.6 with one exchange instead of two, at 1.286 entries. Fetching the mates of
-//! both neighbours ahead changed nothing: pieces of this size stay in the first cache.
-//!
-//! Of these 24 ns, in clocks of 2.6 GHz a triangle: greedy 25 (of them 16 to walk and 6 to read the mates
-//! for the first time), settle 9, exchanges 10, writing 19. Two pieces walked in turns, so that one need
-//! not wait for the other's loads, took as long as one after the other. Without `settle` the exchanges take
-//! its time, at 1.291 entries; one try for each end instead of three saves nothing.
+//! Corners are read in order before strips need them here and there: without that, it takes 20 ns.
 
-mod crossings;
 mod greedy;
 #[cfg(test)]
 mod tests;
 mod write;
 
-use crossings::Crossings;
-
-/// Marks a triangle edge without a neighbour: the first half-edge of triangle 0, which is no triangle.
-pub const NONE: u32 = 0;
-
 /// Makes strips; holds scratch that is cleared for each piece and never given back.
 #[derive(Debug, Default)]
 pub struct Stripifier {
     greedy: greedy::Greedy,
-    states: Vec<[u8; 4]>,
-    ends: Vec<u32>,
-    queue: write::Queue,
+    strip: write::Strip,
+    stitcher: write::Stitcher,
 }
 
 impl Stripifier {
@@ -90,9 +67,10 @@ impl Stripifier {
     /// Triangles are numbered from 1: the first element of `corners` and `mates` belongs to none and
     /// is only zeros, and so is each fourth. Edge e of triangle t runs from `corners[t][e]` to
     /// `corners[t][(e + 1) % 3]`, and `mates[t][e]` is the half-edge `4 * u + f` of the triangle u
-    /// across it, which runs the other way, or [`NONE`]. Four to a triangle, half-edges are found by
-    /// shifts, and a border needs no question: nothing crosses its mate. Mates are mutual; the three
-    /// corners of a triangle differ. Linear in time and memory, and always the same for the same input.
+    /// across it, which runs the other way, or 0 where there is none. Four to a triangle, half-edges are found by
+    /// shifts, and a border needs no question: triangle 0 is never free. Mates are mutual; the three
+    /// corners of a triangle differ and are less than 2^31. Linear in time and memory, and always the same
+    /// for the same input.
     ///
     /// # Panics
     /// If `corners` and `mates` differ in length, or a mate is out of range.
@@ -104,18 +82,49 @@ impl Stripifier {
     ) -> usize {
         assert_eq!(mates.len(), corners.len(), "mates for each triangle");
         assert!(mates.len() < (1 << 30), "half-edges are u32");
-        self.states.clear();
-        self.states.resize(mates.len(), [0; 4]);
-        self.ends.clear();
-        let mut crossings = Crossings {
+        let mesh = greedy::Mesh {
+            corners: corners.as_flattened(),
             mates: mates.as_flattened(),
-            states: &mut self.states,
-            ends: &mut self.ends,
         };
-        self.greedy.label(&mut crossings);
-        crossings.settle();
-        crossings.merge_ends();
-        write::write_strips(corners.as_flattened(), &mut crossings, &mut self.queue, out)
+        touch(mesh.corners);
+        self.greedy.reset(mates);
+        self.stitcher.clear();
+        let mut strips = 0;
+        while let Some(path) = self.greedy.next(mesh) {
+            self.strip.write(mesh, path);
+            self.stitcher.push(&self.strip);
+            strips += 1;
+        }
+        self.stitcher.write(out);
+        strips
+    }
+}
+
+/// Reads a value of each cache line in order, which the processor does ahead of time; strips come along
+/// here and there, and would wait for each.
+fn touch(corners: &[u32]) {
+    const LINE: usize = 64 / size_of::<u32>();
+    let lines = corners.iter().step_by(LINE);
+    std::hint::black_box(lines.fold(0, |all, &corner| all ^ corner));
+}
+
+/// The next half-edge of the same triangle.
+#[inline(always)]
+fn after(h: u32) -> u32 {
+    h + 1 - 3 * u32::from(h & 3 == 2)
+}
+
+/// The half-edge before it in the same triangle.
+#[inline(always)]
+fn before(h: u32) -> u32 {
+    h + 2 - 3 * u32::from(h & 3 != 0)
+}
+
+/// Joins what `out` holds to what begins with `first` and comes next: by two entries, which leaves the
+/// parity of the place as it is.
+fn join(out: &mut Vec<u32>, first: u32) {
+    if let Some(&last) = out.last() {
+        out.extend([last, first]);
     }
 }
 
@@ -126,13 +135,11 @@ impl Stripifier {
 pub fn append_strip(out: &mut Vec<u32>, strip: &[u32], offset: u32) {
     let Some(&first) = strip.first() else { return };
     let first = first + offset;
-    if let Some(&last) = out.last() {
-        if last != first {
-            out.extend([last, first]);
-        }
-        if out.len() % 2 == 1 {
-            out.push(first);
-        }
+    if out.last() != Some(&first) {
+        join(out, first);
+    }
+    if out.len() % 2 == 1 {
+        out.push(first);
     }
     out.extend(strip.iter().map(|&v| v + offset));
 }

@@ -18,7 +18,7 @@ fn connected(triangles: &[[u32; 3]]) -> (Vec<[u32; 4]>, Vec<[u32; 4]>) {
     let single = |a, b| edges.get(&(a, b)).filter(|found| found.len() == 1);
     let mate = |a, b| match (single(a, b), single(b, a)) {
         (Some(_), Some(there)) => there[0],
-        _ => NONE,
+        _ => 0,
     };
     let (mut corners, mut mates) = (vec![[0; 4]], vec![[0; 4]]);
     for &[a, b, c] in triangles {
@@ -175,54 +175,101 @@ fn rings_are_cut_open_once() {
     }
 }
 
-/// Entries that all links together save, from the definition.
-fn saved(crossings: &Crossings) -> i32 {
-    (0..crossings.mates.len() as u32)
-        .map(|h| crossings.gain(h))
-        .sum::<i32>()
-        / 2
-}
-
-/// Every stage saves entries or leaves the labels alone, and every triangle skips one edge.
-#[test]
-fn stages_never_lose() {
-    let mut triangles = grid(30, 30, true);
-    triangles.retain(|t| (t[0] * 7 + t[1] * 13 + t[2] * 31) % 11 != 0);
-    let (_, mates) = connected(&triangles);
-    let (mut states, mut ends) = (vec![[0; 4]; mates.len()], Vec::new());
-    let mut crossings = Crossings {
+/// Walks all paths of a mesh by its mates, step by step; returns their number and how often they turn
+/// to the same side twice.
+fn walked(corners: &[[u32; 4]], mates: &[[u32; 4]]) -> (usize, usize) {
+    let mesh = greedy::Mesh {
+        corners: corners.as_flattened(),
         mates: mates.as_flattened(),
-        states: &mut states,
-        ends: &mut ends,
     };
-    greedy::Greedy::default().label(&mut crossings);
-    let mut last = saved(&crossings);
-    for stage in [Crossings::settle, Crossings::merge_ends].repeat(3) {
-        stage(&mut crossings);
-        let now = saved(&crossings);
-        assert!(now >= last, "{now} after {last}");
-        last = now;
-        for triangle in &crossings.states[1..] {
-            assert!(crossings::CROSSING.contains(triangle), "{triangle:?}");
+    let mut greedy = greedy::Greedy::default();
+    greedy.reset(mates);
+    let mut taken = vec![false; mates.len()];
+    let mut take = |h: u32| {
+        let t = (h / 4) as usize;
+        assert!(t > 0 && h % 4 < 3 && !std::mem::replace(&mut taken[t], true));
+    };
+    let (mut paths, mut swaps) = (0, 0);
+    while let Some(path) = greedy.next(mesh) {
+        paths += 1;
+        take(path.exit);
+        let Some(end) = path.end else {
+            assert!(path.steps.is_empty());
+            continue;
+        };
+        let mut entry = mesh.mates[path.exit as usize];
+        for step in path.steps {
+            take(entry);
+            assert_eq!(step.apex(), mesh.apex(entry));
+            let exit = if step.left() {
+                after(entry)
+            } else {
+                before(entry)
+            };
+            entry = mesh.mates[exit as usize];
         }
-        assert_eq!(crossings.states[0], [0; 4]);
+        take(entry);
+        assert_eq!(entry, end);
+        let turns = path.steps.windows(2);
+        swaps += turns.filter(|two| two[0].left() == two[1].left()).count();
     }
+    assert!(taken[1..].iter().all(|&t| t), "a triangle is in no path");
+    (paths, swaps)
+}
+
+/// Every path leads over neighbours, every triangle is in one, and all strips but one at most stand where
+/// their first turn needs no swap.
+fn entries_are_those_of_the_paths(triangles: &[[u32; 3]]) {
+    let (corners, mates) = connected(triangles);
+    let (paths, swaps) = walked(&corners, &mates);
+    let mut out = Vec::new();
+    let strips = Stripifier::default().stripify(&corners, &mates, &mut out);
+    assert_eq!(strips, paths);
+    let fewest = (triangles.len() + 4 * strips + swaps).saturating_sub(2);
+    assert!(
+        [0, 1].contains(&(out.len() - fewest)),
+        "{} for {fewest}",
+        out.len()
+    );
 }
 
 #[test]
-fn a_state_leads_to_the_other_crossed_edge() {
-    use crossings::{CROSSING, after, before, other, turns_after};
-    for (skipped, states) in (0..3).zip(CROSSING) {
-        for (e, state) in (0..3).zip(states) {
-            assert_eq!(state == 0, e == skipped);
-            if state != 0 {
-                let (h, left) = (4 * 7 + e, 4 * 7 + 3 - e - skipped);
-                assert_eq!(other(h, state), left);
-                let side = if turns_after(state) { after } else { before };
-                assert_eq!(side(h), left);
-            }
+fn strips_follow_paths_over_neighbours() {
+    entries_are_those_of_the_paths(&[]);
+    entries_are_those_of_the_paths(&[[0, 1, 2], [3, 4, 5]]);
+    entries_are_those_of_the_paths(&sphere(4));
+    let mut holes = grid(30, 30, true);
+    holes.retain(|t| (t[0] * 7 + t[1] * 13 + t[2] * 31) % 11 != 0);
+    entries_are_those_of_the_paths(&holes);
+}
+
+#[test]
+fn a_path_goes_on_from_its_start_to_the_other_side() {
+    // two rings and a bridge, on whose middle is the first triangle: none has fewer than two neighbours
+    let bridge = [(6, 4), (4, 2), (2, 1), (1, 3), (3, 5), (5, 10)];
+    let rings = [
+        (6, 7),
+        (7, 8),
+        (8, 9),
+        (9, 6),
+        (10, 11),
+        (11, 12),
+        (12, 13),
+        (13, 10),
+    ];
+    let mut mates = vec![[0; 4]; 14];
+    let mut edges = [0; 14];
+    for (a, b) in bridge.into_iter().chain(rings) {
+        let half_edges = [a, b].map(|t: usize| {
+            edges[t] += 1;
+            (4 * t + edges[t] - 1) as u32
+        });
+        for (here, there) in [(0, 1), (1, 0)] {
+            mates.as_flattened_mut()[half_edges[here] as usize] = half_edges[there];
         }
     }
+    let corners: Vec<[u32; 4]> = (0..14).map(|t| [3 * t, 3 * t + 1, 3 * t + 2, 0]).collect();
+    assert_eq!(walked(&corners, &mates).0, 1);
 }
 
 #[test]
@@ -275,6 +322,7 @@ proptest! {
             (state >> 11) as f64 / (1u64 << 53) as f64 <= keep
         });
         proven(&part);
+        entries_are_those_of_the_paths(&part);
     }
 
     #[test]
@@ -291,7 +339,9 @@ proptest! {
 
     #[test]
     fn voxel_blocks(solid in prop::collection::vec(prop::bool::weighted(0.4), 216)) {
-        proven(&blocks(&solid));
+        let triangles = blocks(&solid);
+        proven(&triangles);
+        entries_are_those_of_the_paths(&triangles);
     }
 
     #[test]
