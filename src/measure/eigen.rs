@@ -26,8 +26,10 @@ fn rotate(m: &mut [[f64; 3]; 3], v: &mut [[f64; 3]; 3], p: usize, q: usize) {
         return;
     }
     let theta = (m[q][q] - m[p][p]) / (2.0 * m[p][q]);
-    let t = theta.signum() / (theta.abs() + theta.hypot(1.0));
-    let c = 1.0 / t.hypot(1.0);
+    // Square roots round alike everywhere, which a library's hypot does not. A theta whose square is
+    // infinite means no rotation, for the matrix is diagonal but for rounding.
+    let t = theta.signum() / (theta.abs() + (theta * theta + 1.0).sqrt());
+    let c = 1.0 / (t * t + 1.0).sqrt();
     let s = t * c;
     for k in 0..3 {
         let (a, b) = (m[k][p], m[k][q]);

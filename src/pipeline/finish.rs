@@ -126,16 +126,18 @@ pub fn finish_layer(
             settings: *settings,
             cells: &resolved.cells,
         };
-        let entries: Result<Vec<TileEntry>> = jobs
+        let entries: Result<Vec<(TileEntry, Vec<u8>)>> = jobs
             .into_par_iter()
             .map_init(Buffers::default, |buffers, (tile, pieces)| {
                 let ids: Vec<Ids> = pieces.iter().map(|p| ids.of(p)).collect();
-                finisher.finish_tile(tile, &pieces, &ids, buffers)
+                let entry = finisher.finish_tile(tile, &pieces, &ids, buffers)?;
+                let text = serde_json::to_vec(&entry).expect("plain data serialises");
+                Ok((entry, text))
             })
             .collect();
-        for entry in entries? {
+        for (entry, text) in entries? {
             count_tile(resolved, &entry)?;
-            shard.write(&entry)?;
+            shard.write(&entry, &text)?;
         }
     }
     settings.writers.map_or(Ok(()), Writers::wait)?;
@@ -422,11 +424,12 @@ impl ShardWriter {
             .map_err(|e| Error::io(&self.path, "write", e))
     }
 
-    fn write(&mut self, tile: &TileEntry) -> Result<()> {
+    /// Adds a tile, `text` in JSON.
+    fn write(&mut self, tile: &TileEntry, text: &[u8]) -> Result<()> {
         if self.totals.tiles > 0 {
             self.put(b",")?;
         }
-        self.put(&serde_json::to_vec(tile).expect("plain data serialises"))?;
+        self.put(text)?;
         self.totals.add_tile(tile);
         Ok(())
     }

@@ -4,6 +4,7 @@ use crate::error::{Error, Result};
 use crate::grid::{Placement, Unit};
 use crate::measure::{AreaScale, ComponentRecord, Measures, RecordTable, SurfaceRecord};
 use rayon::prelude::*;
+use std::fmt::{Display, Write as _};
 use std::fs::File;
 use std::io::{BufWriter, Write};
 use std::path::Path;
@@ -74,11 +75,27 @@ fn header(columns: &[(&str, u32)], unit: Unit) -> String {
     names.join(",")
 }
 
-/// A number as CSV has it: empty if it has no meaning.
-fn number(value: Option<f64>) -> String {
-    value
-        .filter(|v| v.is_finite())
-        .map_or(String::new(), |v| format!("{v}"))
+/// Writes the fields of a row.
+struct Row<'a> {
+    text: &'a mut String,
+    started: bool,
+}
+
+impl Row<'_> {
+    fn put(&mut self, value: impl Display) {
+        if std::mem::replace(&mut self.started, true) {
+            self.text.push(',');
+        }
+        write!(self.text, "{value}").expect("a string takes all");
+    }
+
+    /// A number as CSV has it: empty if it has no meaning.
+    fn number(&mut self, value: Option<f64>) {
+        match value.filter(|v| v.is_finite()) {
+            Some(v) => self.put(v),
+            None => self.put(""),
+        }
+    }
 }
 
 /// Writes `cells.csv` or `objects.csv` and returns its size.
@@ -95,29 +112,27 @@ pub fn write_components(
         path,
         &header(&COMPONENT_COLUMNS, place.unit),
         table,
-        |id, record| {
+        |id, record, row| {
             let m = Measures::of(record, place, above);
-            let mut row = vec![id.to_string(), m.voxels.to_string()];
-            row.extend(
-                [
-                    Some(m.volume),
-                    m.mesh_volume,
-                    Some(m.area),
-                    Some(m.equivalent_diameter),
-                    m.sphericity,
-                    m.form_factor,
-                ]
-                .map(number),
-            );
-            for triple in [m.centroid, m.min, m.max, m.axes] {
-                row.extend(triple.map(|v| number(Some(v))));
+            row.put(id);
+            row.put(m.voxels);
+            row.number(Some(m.volume));
+            row.number(m.mesh_volume);
+            row.number(Some(m.area));
+            row.number(Some(m.equivalent_diameter));
+            row.number(m.sphericity);
+            row.number(m.form_factor);
+            for &v in [m.centroid, m.min, m.max, m.axes].as_flattened() {
+                row.number(Some(v));
             }
-            row.extend([m.elongation, m.flatness].map(|v| number(Some(v))));
-            row.extend(m.orientation.map(|v| number(Some(v))));
-            row.push(m.euler_characteristic.to_string());
-            row.push(u8::from(m.touches_border).to_string());
-            row.push(m.tiles.to_string());
-            row
+            row.number(Some(m.elongation));
+            row.number(Some(m.flatness));
+            for v in m.orientation {
+                row.number(Some(v));
+            }
+            row.put(m.euler_characteristic);
+            row.put(u8::from(m.touches_border));
+            row.put(m.tiles);
         },
     )
 }
@@ -136,19 +151,17 @@ pub fn write_surfaces(
         path,
         &header(&SURFACE_COLUMNS, place.unit),
         table,
-        |id, record| {
-            vec![
-                id.to_string(),
-                record.cell.to_string(),
-                record.object.to_string(),
-                record.mesh.triangles.to_string(),
-                record.mesh.vertices.to_string(),
-                number(Some(scale.area(record.mesh.area))),
-                record.mesh.euler_characteristic().to_string(),
-                record.mesh.border_edges.to_string(),
-                record.touches_border.to_string(),
-                record.tiles.to_string(),
-            ]
+        |id, record, row| {
+            row.put(id);
+            row.put(record.cell);
+            row.put(record.object);
+            row.put(record.mesh.triangles);
+            row.put(record.mesh.vertices);
+            row.number(Some(scale.area(record.mesh.area)));
+            row.put(record.mesh.euler_characteristic());
+            row.put(record.mesh.border_edges);
+            row.put(record.touches_border);
+            row.put(record.tiles);
         },
     )
 }
@@ -162,7 +175,7 @@ fn write_rows<T: bytemuck::Pod + Sync>(
     path: &Path,
     header: &str,
     table: &RecordTable<T>,
-    row: impl Fn(u64, &T) -> Vec<String> + Sync,
+    fill: impl Fn(u64, &T, &mut Row) + Sync,
 ) -> Result<u64> {
     let failed = |e| Error::io(path, "write", e);
     let file = File::create(path).map_err(|e| Error::io(path, "create", e))?;
@@ -175,11 +188,14 @@ fn write_rows<T: bytemuck::Pod + Sync>(
         let records: Vec<T> = (first..end).map(|i| table.get(i)).collect::<Result<_>>()?;
         let parts = records.par_chunks(EACH).enumerate().map(|(part, records)| {
             let id = first + (part * EACH) as u64 + 1;
-            let lines = records
-                .iter()
-                .zip(id..)
-                .map(|(r, id)| row(id, r).join(",") + "\n");
-            lines.collect::<String>()
+            let mut text = String::new();
+            for (record, id) in records.iter().zip(id..) {
+                let started = false;
+                let text = &mut text;
+                fill(id, record, &mut Row { text, started });
+                text.push('\n');
+            }
+            text
         });
         for part in parts.collect::<Vec<_>>() {
             bytes += part.len() as u64;
