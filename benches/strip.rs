@@ -147,7 +147,7 @@ fn split(triangles: &[[u64; 3]], out: &mut Vec<Piece>) {
         keys.dedup();
         let index = |key: u64| keys.binary_search(&key).map_or(0, |i| i as u32);
         let local = |h: usize| (4 * (place[h / 3].unwrap_or(0) + 1) + h % 3) as u32;
-        let across = |h: usize| mate(h).map_or(strip::NONE, local);
+        let across = |h: usize| mate(h).map_or(0, local);
         let mut piece = Piece {
             triangles: members.iter().map(|&t| triangles[t].map(index)).collect(),
             corners: vec![[0; 4]],

@@ -30,7 +30,7 @@ pub use tables::{COMPONENT_COLUMNS, SURFACE_COLUMNS, unit_text};
 pub(crate) use tilefile::write_file;
 
 use crate::error::{Error, Result};
-use crate::grid::{Dims, LATTICE, Tiling};
+use crate::grid::{Dims, LATTICE, Placement, Tiling};
 use crate::manifest::{
     Dust, Encoding, FORMAT, FORMAT_VERSION, Generator, GridInfo, Layer, Manifest, Source, Tables,
     Totals,
@@ -254,14 +254,7 @@ fn make(
     remove_empty_layer_directories(work, plan.tiling, &layers)?;
     sum_components(&resolved, options.cap, &mut totals)?;
     let mut bytes = totals.bytes + layers.iter().map(|l| l.bytes).sum::<u64>();
-    bytes += tables::write_components(&work.join("cells.csv"), &resolved.cells, &placement, false)?;
-    bytes += tables::write_components(
-        &work.join("objects.csv"),
-        &resolved.objects,
-        &placement,
-        true,
-    )?;
-    bytes += tables::write_surfaces(&work.join("surfaces.csv"), &resolved.surfaces, &placement)?;
+    bytes += write_tables(work, &resolved, &placement)?;
     let warnings = warnings(&totals, grid.header().dims, options.threshold);
     for warning in &warnings {
         progress.warn(warning);
@@ -365,6 +358,23 @@ fn finish(
     }
     anew.end(keeper)?;
     Ok(layers)
+}
+
+/// Writes the tables of cells, objects and surfaces side by side; returns their bytes.
+fn write_tables(work: &Path, resolved: &Resolved, placement: &Placement) -> Result<u64> {
+    let components = |name: &str, table, above| {
+        tables::write_components(&work.join(name), table, placement, above)
+    };
+    let (cells, (objects, surfaces)) = rayon::join(
+        || components("cells.csv", &resolved.cells, false),
+        || {
+            let objects = components("objects.csv", &resolved.objects, true);
+            let path = work.join("surfaces.csv");
+            let surfaces = tables::write_surfaces(&path, &resolved.surfaces, placement);
+            (objects, surfaces)
+        },
+    );
+    Ok(cells? + objects? + surfaces?)
 }
 
 /// Adds what follows from the components: their numbers, and the sums of their surfaces.

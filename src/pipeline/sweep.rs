@@ -219,6 +219,8 @@ impl Sweep<'_> {
             }
             layer += 1;
         }
+        // it takes the system some milliseconds to have so much back
+        rayon::join(|| drop(now), || drop(next));
         Ok(layer)
     }
 

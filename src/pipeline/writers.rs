@@ -10,8 +10,9 @@ use std::thread::JoinHandle;
 
 /// Threads that make tiles for each that writes them: a core makes about 150 MB/s.
 const MAKERS: usize = 4;
-/// Tiles that a writer has at hand and to come.
-const EACH: usize = 2;
+/// Tiles that a writer has at hand and to come. With two of them, one in six of a foam's tiles found it
+/// busy.
+const EACH: usize = 4;
 
 /// Tiles that are on their way at most where `threads` make them.
 pub const fn in_flight(threads: usize) -> usize {
@@ -184,7 +185,7 @@ mod tests {
     fn every_tile_is_written_whole_whoever_writes_it() {
         let dir = tempfile::tempdir().unwrap();
         let budget = Budget::new(4_000_000, 0);
-        let writers = Writers::new(4, 500_000, &budget).unwrap();
+        let writers = Writers::new(2 * EACH, 500_000, &budget).unwrap();
         let body = |i: usize| vec![i as u8; 1 + i * 12_345 % 700_000];
         std::thread::scope(|scope| {
             for thread in 0..3 {
@@ -199,7 +200,7 @@ mod tests {
             }
         });
         writers.wait().unwrap();
-        assert_eq!(writers.shared.lock().spare.len(), 4);
+        assert_eq!(writers.shared.lock().spare.len(), 2 * EACH);
         for i in 0..60 {
             let found = std::fs::read(dir.path().join(i.to_string())).unwrap();
             assert!(
@@ -213,7 +214,7 @@ mod tests {
     fn a_tile_that_cannot_be_written_is_told_of_when_waited_for() {
         let dir = tempfile::tempdir().unwrap();
         let budget = Budget::new(1_000_000, 0);
-        let writers = Writers::new(2, 400_000, &budget).unwrap();
+        let writers = Writers::new(EACH, 240_000, &budget).unwrap();
         let missing = dir.path().join("missing").join("tile");
         let buffer = Buffer::default();
         writers
@@ -229,9 +230,9 @@ mod tests {
     #[test]
     fn without_room_there_are_none() {
         let budget = Budget::new(1_000_000, 0);
-        assert!(Writers::new(2, 600_000, &budget).is_none());
+        assert!(Writers::new(EACH, 300_000, &budget).is_none());
         assert!(Writers::new(0, 1, &budget).is_none());
-        drop(Writers::new(2, 500_000, &budget).unwrap());
+        drop(Writers::new(EACH, 250_000, &budget).unwrap());
         let mut all = Reservation::new(&budget);
         all.grow_to(1_000_000).unwrap();
     }
