@@ -64,6 +64,10 @@ impl Input {
     /// moved aside until the end, since ext4 looks long for room for a file right after others were
     /// deleted (half a conversion of thousands of small tiles).
     fn convert(&self, out: &Path, more: &[&str]) -> Result<Sample, String> {
+        self.convert_by(Alvis::run, out, more)
+    }
+
+    fn convert_by(&self, run: Run, out: &Path, more: &[&str]) -> Result<Sample, String> {
         let fail = |e: std::io::Error| format!("{}: {e}", out.display());
         if out.exists() {
             let aside = aside(out);
@@ -87,9 +91,12 @@ impl Input {
             "--json",
             "--quiet",
         ];
-        Alvis::run(&[&args[..], more].concat())
+        run(&[&args[..], more].concat())
     }
 }
+
+/// A way to run the command.
+type Run = fn(&[&str]) -> Result<Sample, String>;
 
 /// Where earlier results wait for their end.
 fn aside(out: &Path) -> PathBuf {
@@ -119,87 +126,122 @@ fn mib(bytes: f64) -> f64 {
     bytes / (1 << 20) as f64
 }
 
+/// What was run on one volume.
+#[derive(Default)]
+struct Race {
+    /// Conversions by as many threads as there are cores.
+    all: Vec<Sample>,
+    /// By one thread, which has its tiles written beside it.
+    one_thread: Vec<Sample>,
+    /// On one core.
+    one_core: Vec<Sample>,
+    verify: Vec<Sample>,
+    surface: Vec<Sample>,
+    script: Vec<Sample>,
+}
+
+fn seconds(samples: &[Sample]) -> f64 {
+    median(samples.iter().map(|s| s.wall))
+}
+
+fn peak(samples: &[Sample]) -> f64 {
+    median(samples.iter().map(|s| s.number("peak_rss_bytes")))
+}
+
 /// Conversion, verification and others on one volume.
 fn race(input: &Input, out: &Path, peers: Option<&Peer>, table: &mut Table) -> Result<(), String> {
-    let (mut two, mut one, mut proof) = (Vec::new(), Vec::new(), Vec::new());
-    let (mut surface, mut script) = (Vec::new(), Vec::new());
+    let mut race = Race::default();
     let set = out.display().to_string();
     for run in 0..RUNS {
-        two.push(input.convert(out, &[])?);
-        proof.push(Alvis::run(&["verify", &set, "--json", "--quiet"])?);
+        race.all.push(input.convert(out, &[])?);
+        let verify = Alvis::run(&["verify", &set, "--json", "--quiet"])?;
+        race.verify.push(verify);
         if let Some(peer) = peers {
-            surface.push(peer.run(input_args(input), "vtk")?);
+            race.surface.push(peer.run(input_args(input), "vtk")?);
             if run == 0 {
-                script.push(peer.run(input_args(input), "script")?);
+                race.script.push(peer.run(input_args(input), "script")?);
             }
         }
-        one.push(input.convert(out, &["--threads", "1"])?);
+        race.one_thread
+            .push(input.convert(out, &["--threads", "1"])?);
+        race.one_core
+            .push(input.convert_by(Alvis::run_on_one_core, out, &[])?);
     }
-    let name = input.name();
-    let seconds = |samples: &[Sample]| median(samples.iter().map(|s| s.wall));
-    let peak = |samples: &[Sample]| median(samples.iter().map(|s| s.number("peak_rss_bytes")));
-    let (ours, triangles) = (seconds(&two), two[0].number("triangles"));
-    table.row(
-        format!("{name}: convert"),
-        format!("{ours:.2} s"),
-        format!(
-            "{:.1} M triangles, {:.0} Mvoxel/s, {:.1} Mtriangle/s",
-            triangles / 1e6,
-            input.voxels() / ours / 1e6,
-            triangles / ours / 1e6
-        ),
-    );
-    if !surface.is_empty() {
-        let found = surface[0].number("triangles");
+    race.own_rows(input, table);
+    if peers.is_some() {
+        race.peer_rows(&input.name(), table)?;
+    }
+    Ok(())
+}
+
+impl Race {
+    fn own_rows(&self, input: &Input, table: &mut Table) {
+        let name = input.name();
+        let (ours, triangles) = (seconds(&self.all), self.all[0].number("triangles"));
+        table.row(
+            format!("{name}: convert"),
+            format!("{ours:.2} s"),
+            format!(
+                "{:.1} M triangles, {:.0} Mvoxel/s, {:.1} Mtriangle/s",
+                triangles / 1e6,
+                input.voxels() / ours / 1e6,
+                triangles / ours / 1e6
+            ),
+        );
+        table.row(
+            format!("{name}: peak memory of convert"),
+            format!("{:.0} MiB", mib(peak(&self.all))),
+            "default settings".into(),
+        );
+        for (what, samples) in [("threads", &self.one_thread), ("cores", &self.one_core)] {
+            table.row(
+                format!("{name}: 1 -> {} {what}", run::cores()),
+                format!("{:.2} x", seconds(samples) / ours),
+                format!("{:.2} s with one", seconds(samples)),
+            );
+        }
+        let proof = seconds(&self.verify);
+        table.row(
+            format!("{name}: verify / convert"),
+            format!("{:.2}", proof / ours),
+            format!("{proof:.2} s, {:.0} MiB", mib(peak(&self.verify))),
+        );
+        table.row(
+            format!("{name}: index entries per triangle"),
+            format!("{:.3}", self.all[0].number("strip_indices") / triangles),
+            "stitches included".into(),
+        );
+    }
+
+    /// # Errors
+    /// If the surface has another number of triangles.
+    fn peer_rows(&self, name: &str, table: &mut Table) -> Result<(), String> {
+        let (ours, triangles) = (seconds(&self.all), self.all[0].number("triangles"));
+        let found = self.surface[0].number("triangles");
         if found != triangles {
             return Err(format!("{name}: {triangles} triangles, VTK has {found}"));
         }
-        let vtk = median(surface.iter().map(|s| s.number("seconds")));
+        let vtk = median(self.surface.iter().map(|s| s.number("seconds")));
+        let version = self.surface[0].text("version");
         table.row(
-            format!(
-                "{name}: convert / {} Flying Edges",
-                surface[0].text("version")
-            ),
+            format!("{name}: convert / {version} Flying Edges"),
             format!("{:.2}", ours / vtk),
             format!("{vtk:.2} s for the surface in memory"),
         );
-        let theirs = median(script.iter().map(|s| s.number("seconds")));
+        let theirs = median(self.script.iter().map(|s| s.number("seconds")));
         table.row(
             format!("{name}: script / convert"),
             format!("{:.1}", theirs / ours),
             format!("{theirs:.1} s for cc3d, scikit-image and trimesh"),
         );
+        let (vtk, ours) = (peak(&self.surface), peak(&self.all));
         table.row(
             format!("{name}: peak memory, Flying Edges / convert"),
-            format!("{:.0}", peak(&surface) / peak(&two)),
-            format!(
-                "{:.0} MiB / {:.0} MiB",
-                mib(peak(&surface)),
-                mib(peak(&two))
-            ),
+            format!("{:.0}", vtk / ours),
+            format!("{:.0} MiB / {:.0} MiB", mib(vtk), mib(ours)),
         );
+        Ok(())
     }
-    table.row(
-        format!("{name}: peak memory of convert"),
-        format!("{:.0} MiB", mib(peak(&two))),
-        "default settings".into(),
-    );
-    table.row(
-        format!("{name}: 1 -> {} threads", run::cores()),
-        format!("{:.2} x", seconds(&one) / ours),
-        format!("{:.2} s with one", seconds(&one)),
-    );
-    table.row(
-        format!("{name}: verify / convert"),
-        format!("{:.2}", seconds(&proof) / ours),
-        format!("{:.2} s, {:.0} MiB", seconds(&proof), mib(peak(&proof))),
-    );
-    table.row(
-        format!("{name}: index entries per triangle"),
-        format!("{:.3}", two[0].number("strip_indices") / triangles),
-        "stitches included".into(),
-    );
-    Ok(())
 }
 
 fn input_args(input: &Input) -> Vec<String> {
@@ -216,14 +258,14 @@ fn flatness(inputs: &[Input], out: &Path, table: &mut Table) -> Result<(), Strin
         let samples: Vec<_> = (0..runs)
             .map(|_| input.convert(out, &[]))
             .collect::<Result<_, _>>()?;
-        let seconds = median(samples.iter().map(|s| s.wall));
+        let seconds = seconds(&samples);
         table.row(
             format!("{}: cost per voxel", input.name()),
             format!("{:.1} ns", seconds / input.voxels() * 1e9),
             format!(
                 "{:.2} triangles per voxel, {:.0} MiB",
                 samples[0].number("triangles") / input.voxels(),
-                mib(samples[0].number("peak_rss_bytes"))
+                mib(peak(&samples))
             ),
         );
     }
@@ -248,7 +290,7 @@ fn sparse(file: &Path, dir: &Path, out: &Path, table: &mut Table) -> Result<(), 
         let runs: Vec<_> = (0..3)
             .map(|_| input.convert(out, &[]))
             .collect::<Result<_, _>>()?;
-        let seconds = median(runs.iter().map(|s| s.wall));
+        let seconds = seconds(&runs);
         table.row(
             format!("lobster, {times} times, threshold {threshold}"),
             format!("{:.0} Mvoxel/s", input.voxels() / seconds / 1e6),

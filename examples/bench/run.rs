@@ -58,10 +58,21 @@ pub struct Alvis;
 impl Alvis {
     /// Runs it with these arguments.
     pub fn run(args: &[&str]) -> Result<Sample, String> {
-        let program = std::env::current_exe().map_err(|e| e.to_string())?;
-        let mut command = Command::new(program);
+        let mut command = Command::new(Alvis::program()?);
         command.arg(COMMAND).args(args);
         timed(command)
+    }
+
+    /// Runs it on one core: threads that write beside those that make tiles share it, too.
+    pub fn run_on_one_core(args: &[&str]) -> Result<Sample, String> {
+        let mut command = Command::new("taskset");
+        command.args(["--cpu-list", "0"]).arg(Alvis::program()?);
+        command.arg(COMMAND).args(args);
+        timed(command)
+    }
+
+    fn program() -> Result<PathBuf, String> {
+        std::env::current_exe().map_err(|e| e.to_string())
     }
 }
 
