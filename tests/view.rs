@@ -16,8 +16,16 @@ use glam::{DMat4, DVec3};
 use proptest::prelude::*;
 use std::sync::LazyLock;
 
+/// The index of a set that has been read; its files are gone, since nothing removes what a static keeps.
+static SET: LazyLock<(TileSet, TileIndex)> = LazyLock::new(|| {
+    let dir = made();
+    let set = TileSet::open(dir.path()).unwrap();
+    let index = TileIndex::read(&set).unwrap();
+    (set, index)
+});
+
 /// A foam in millimetres, turned and mirrored, in 216 tiles.
-static SET: LazyLock<(tempfile::TempDir, TileSet, TileIndex)> = LazyLock::new(|| {
+fn made() -> tempfile::TempDir {
     let dims = [37, 37, 37];
     let placement = Placement {
         spacing: [0.5, 0.75, 1.25],
@@ -31,15 +39,12 @@ static SET: LazyLock<(tempfile::TempDir, TileSet, TileIndex)> = LazyLock::new(||
         macrocube: [6; 3],
         ..ConvertOptions::default()
     };
-    let (dir, _) = common::converted(&volume, &options);
-    let set = TileSet::open(dir.path()).unwrap();
-    let index = TileIndex::read(&set).unwrap();
-    (dir, set, index)
-});
+    common::converted(&volume, &options).0
+}
 
 /// Voxel coordinates to the space of loaded tiles.
 fn place() -> DMat4 {
-    DMat4::from_cols_array(&SET.1.manifest().transform)
+    DMat4::from_cols_array(&SET.0.manifest().transform)
 }
 
 /// A camera at a place in voxel coordinates, looking at another.
@@ -52,7 +57,7 @@ fn camera(from: [f64; 3], to: [f64; 3], angle: f64, depth: Depth) -> (DMat4, Vie
         Depth::MinusOneToOne => opengl::perspective(angle, 1.5, near, far),
     };
     let all = lens * camera;
-    (all, View::new(all, depth, SET.1.manifest()))
+    (all, View::new(all, depth, SET.0.manifest()))
 }
 
 /// True if a voxel position is drawn, by the definition of clip space.
@@ -99,7 +104,7 @@ proptest! {
         let (all, view) = camera(from, to, angle, depth);
         let eye = view.eye().unwrap();
         prop_assert!((0..3).all(|a| (eye[a] - from[a]).abs() < 1e-4), "{:?} {:?}", eye, from);
-        let index = &SET.2;
+        let index = &SET.1;
         let picked: Vec<&TileEntry> = index.completion(&view, 1, u64::MAX).collect();
         let found = paths(picked.iter().copied());
         let (mut must, mut may) = (0, 0);
@@ -140,7 +145,7 @@ proptest! {
     fn phases_and_budgets(from in place_in(4.0), to in place_in(0.0), reach in 0u32..4, share in 0.0..1.2f64) {
         prop_assume!((0..3).map(|a| (from[a] - to[a]).abs()).sum::<f64>() > 1.0);
         let (_, view) = camera(from, to, 1.2, Depth::ZeroToOne);
-        let index = &SET.2;
+        let index = &SET.1;
         let around = paths(index.interactive(&view, reach, u64::MAX));
         let all: Vec<&TileEntry> = index.completion(&view, reach, u64::MAX).collect();
         prop_assert!(paths(all.iter().copied()).starts_with(&around));
@@ -166,7 +171,7 @@ proptest! {
 
 #[test]
 fn a_parallel_view_is_sorted_by_depth_and_strange_views_do_not_fail() {
-    let (_, set, index) = &*SET;
+    let (set, index) = &*SET;
     let eye = look_to_mat4(DVec3::new(0.0, 0.0, 0.1), DVec3::NEG_Z, DVec3::Y);
     let lens = directx::orthographic(-1.0, 1.0, -1.0, 1.0, 0.0, 1.0);
     let view = View::new(lens * eye, Depth::ZeroToOne, set.manifest());
@@ -184,7 +189,8 @@ fn a_parallel_view_is_sorted_by_depth_and_strange_views_do_not_fail() {
 
 #[test]
 fn the_example_feeds_a_viewer() {
-    let frames = feed_viewer::run(SET.0.path()).unwrap();
+    let dir = made();
+    let frames = feed_viewer::run(dir.path()).unwrap();
     let last = frames.last().unwrap();
     assert!(last.tiles > 0 && last.missing == 0, "{frames:?}");
     assert!(frames.iter().any(|f| f.read < f.tiles), "{frames:?}");
