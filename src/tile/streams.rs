@@ -71,6 +71,11 @@ fn float3(e: &[u8; 12]) -> [f32; 3] {
     [at(0), at(4), at(8)]
 }
 
+fn stepped(e: &[u8; 8], base: [f32; 3]) -> [f32; 3] {
+    let steps = |a: usize| u16::from_le_bytes([e[2 * a], e[2 * a + 1]]);
+    std::array::from_fn(|a| base[a] + f32::from(steps(a)) / LATTICE as f32)
+}
+
 impl Positions<'_> {
     /// Number of positions.
     pub fn len(&self) -> usize {
@@ -86,10 +91,22 @@ impl Positions<'_> {
     pub fn iter(&self) -> impl ExactSizeIterator<Item = [f32; 3]> + '_ {
         match self.base {
             None => Either::Left(self.bytes.chunks::<12>().iter().map(float3)),
-            Some(base) => Either::Right(self.bytes.chunks::<8>().iter().map(move |e| {
-                let steps = |a: usize| u16::from_le_bytes([e[2 * a], e[2 * a + 1]]);
-                std::array::from_fn(|a| base[a] + f32::from(steps(a)) / LATTICE as f32)
-            })),
+            Some(base) => {
+                let all = self.bytes.chunks::<8>();
+                Either::Right(all.iter().map(move |e| stepped(e, base)))
+            }
+        }
+    }
+
+    /// Replaces the contents of `out` by the positions, see [`Positions::iter`].
+    pub fn read_into(&self, out: &mut Vec<[f32; 3]>) {
+        out.clear();
+        match self.base {
+            None => out.extend(self.bytes.chunks::<12>().iter().map(float3)),
+            Some(base) => {
+                let all = self.bytes.chunks::<8>();
+                out.extend(all.iter().map(|e| stepped(e, base)));
+            }
         }
     }
 }

@@ -6,7 +6,7 @@
 //! The components are counted as the rule for ambiguous faces joins them.
 
 use super::code::Code;
-use super::piece::{DOWN, Flaw, Piece, Region, UP};
+use super::piece::{DOWN, Flaw, Piece, Region, UP, position};
 use crate::error::{Error, Result};
 use crate::grid::Ambiguous;
 use crate::volume::{Volume, Voxel, with_voxel_type};
@@ -121,7 +121,8 @@ impl Mesh {
 
     /// Adds a piece whose vertices and triangles have been found sound.
     pub fn add(&mut self, piece: &Piece) {
-        self.points.extend_from_slice(&piece.points);
+        self.points
+            .extend(piece.points.iter().map(|p| position(*p)));
         self.state.extend_from_slice(&piece.state);
         for t in &piece.triangles {
             let corners = t.map(|i| piece.points[i as usize]);

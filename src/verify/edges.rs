@@ -1,57 +1,35 @@
 //! Matching of a piece's directed edges, and its connected parts.
 //!
-//! Edges are bucketed by their smaller vertex. A bucket holds four entries on the average and has eight
-//! slots, so that nothing is counted before it is filled; what does not fit is spilled. Whether the
-//! entries of a bucket pair up is asked of eight buckets at once and without a branch, by comparing each
-//! slot with each other. Only buckets that do not pair up, those of the tile's border, are sorted and
-//! walked, which finds what is wrong with them.
+//! Edges are bits of their vertices' words, see [`super::marks`], from which it is counted how many lack
+//! their reverse. Those of a sound piece all lie on the planes of the tile's faces, so they are looked
+//! for among the triangles there. If they are not all there, or an edge occurs twice, all edges are
+//! sorted and walked, which finds what is wrong.
 //!
-//! Counting, sorting and walking all buckets was 28 % of the time of verifying a foam, with a mispredicted
-//! branch or two for each; entering and comparing is 14 % of that time. Looking up falling edges among
-//! rising ones was no faster than sorting: its branches cannot be predicted either.
+//! Counting, sorting and walking all edges was 28 % of the time of verifying a foam. Buckets of eight slots
+//! for each vertex, compared slot by slot without a branch, were 14 % of that time; looking up falling
+//! edges among rising ones was no faster than sorting: its branches cannot be predicted.
 
+use super::facets::{BATCH, Facets};
+use super::marks::{self, Balance, has_reverse};
+use super::piece::{Piece, Vertex};
 use crate::cpu::dispatch;
 
-/// Entries that a bucket holds before it spills, and buckets that lie side by side.
-const SLOTS: usize = 8;
-
-/// Eight buckets: the first slot of each, the second of each, and so on.
-type Block = [[u32; SLOTS]; SLOTS];
-
-/// What an entry says of its edge, in the two bits below its larger vertex: it runs up to the larger
-/// vertex, down from it, or both ways, in two triangles; or the slot is free.
-const RISES: u32 = 0;
-const FALLS: u32 = 1;
-const BOTH: u32 = 2;
-const FREE: u32 = 3;
-
-/// A block without entries: no two slots name the same vertex.
-const EMPTY: Block = {
-    let mut block = [[0; SLOTS]; SLOTS];
-    let mut slot = 0;
-    while slot < SLOTS {
-        block[slot] = [((MAX_VERTICES + slot as u32) << 2) | FREE; SLOTS];
-        slot += 1;
-    }
-    block
-};
-
-/// Vertices that an entry can tell from a free slot's: more than a GLB of 4 GiB has.
-const MAX_VERTICES: u32 = (1 << 30) - SLOTS as u32;
+/// What an entry of the sorted edges says in the lowest bit, below its larger vertex: the edge runs down
+/// from it.
+const FALLS: u64 = 1;
 
 /// Buffers that are kept from piece to piece.
 #[derive(Default)]
 pub(super) struct Edges {
-    blocks: Vec<Block>,
-    /// Entries of each bucket, spilled ones aside.
-    counts: Vec<u8>,
-    /// Entries for which there was no slot, with the bucket.
-    spilled: Vec<(u32, u32)>,
-    /// The buckets that do not pair up at sight.
-    doubtful: Vec<u32>,
-    bucket: Vec<u32>,
+    /// For each vertex the bits of its edges, and what triangles say of it.
+    words: Vec<u64>,
+    balance: Balance,
     parent: Vec<u32>,
-    /// The edges without a mate, as (tail, head).
+    /// Triangles that touch the planes of the tile's faces.
+    rim: Vec<[u32; 3]>,
+    /// All edges, sorted, if something is wrong with them.
+    sorted: Vec<(u32, u64)>,
+    /// The edges without a mate, as (tail, head), by their smaller and then their larger vertex.
     pub open: Vec<[u32; 2]>,
 }
 
@@ -67,90 +45,141 @@ pub(super) struct Matched {
 }
 
 impl Edges {
-    /// Matches the directed edges of `triangles` over `vertices` vertices with their reverses.
-    ///
-    /// Every index is below `vertices`, no triangle names a vertex twice; `vertices` is below
-    /// 2^30 - 8, which a GLB of at most 4 GiB guarantees.
-    pub fn match_up(&mut self, vertices: usize, triangles: &[[u32; 3]]) -> Matched {
-        debug_assert!(vertices <= MAX_VERTICES as usize);
-        self.fill(vertices, triangles);
-        self.doubtful.clear();
-        let (blocks, doubtful) = (&self.blocks, &mut self.doubtful);
-        dispatch!(find_doubtful(blocks, doubtful));
-        if !self.spilled.is_empty() {
-            self.spilled.sort_unstable();
-            doubtful.extend(self.spilled.iter().map(|s| s.0));
-            doubtful.sort_unstable();
-            doubtful.dedup();
+    /// Forgets the last piece; vertices are below `vertices` from now on.
+    pub fn begin(&mut self, vertices: usize) {
+        self.words.clear();
+        self.words.resize(vertices, 0);
+        self.parent.clear();
+        self.parent.extend(0..vertices as u32);
+        self.rim.clear();
+    }
+
+    /// Enters the triangles of a batch; see [`Edges::enter`].
+    #[inline(always)]
+    pub fn enter_batch(&mut self, triangles: &[[u32; 3]; BATCH], facets: &Facets) {
+        let mut ranked = [[0; BATCH]; 3];
+        for (i, &[a, b, c]) in triangles.iter().enumerate() {
+            let (low, high) = (a.min(b).min(c), a.max(b).max(c));
+            ranked[0][i] = low;
+            ranked[1][i] = a ^ b ^ c ^ low ^ high;
+            ranked[2][i] = high;
         }
+        for (i, t) in triangles.iter().enumerate() {
+            for k in 0..3 {
+                self.words[t[k] as usize] |= facets.marks[k][i];
+            }
+            let [low, middle, high] = [0, 1, 2].map(|k| ranked[k][i]);
+            self.parent[middle as usize] = low;
+            self.parent[high as usize] = low;
+        }
+        if facets.rim.iter().fold(0, |any, r| any | r) < 0 {
+            let touches = |&(_, r): &(_, &i32)| *r < 0;
+            let rim = triangles.iter().zip(&facets.rim).filter(touches);
+            self.rim.extend(rim.map(|(t, _)| *t));
+        }
+    }
+
+    /// Enters a triangle: what it says of its corners, see [`marks::mark`], and that the larger two have
+    /// a smaller neighbour, which becomes the parent of both.
+    pub fn enter(&mut self, t: [u32; 3], marks: [u64; 3]) {
+        for k in 0..3 {
+            self.words[t[k] as usize] |= marks[k];
+        }
+        let mut ranked = t;
+        ranked.sort_unstable();
+        let [low, middle, high] = ranked;
+        self.parent[middle as usize] = low;
+        self.parent[high as usize] = low;
+        self.rim.push(t);
+    }
+
+    /// What was entered: the words and the parents.
+    #[cfg(test)]
+    pub fn entered(&self) -> (&[u64], &[u32]) {
+        (&self.words, &self.parent)
+    }
+
+    /// Adds what was entered of vertices to their states, and counts edges.
+    pub fn settle(&mut self, states: &mut [u8]) {
+        self.balance = dispatch!(marks::settle(&self.words, states));
+    }
+
+    /// Matches the directed edges of the piece whose triangles were entered with their reverses.
+    ///
+    /// Each triangle lies in one cube and names no vertex twice. `distinct` is true if no two vertices are
+    /// known to lie on one lattice edge.
+    pub fn match_up(&mut self, piece: &Piece, distinct: bool) -> Matched {
+        let edges = 3 * piece.triangles.len() as u64;
+        if distinct && self.balance.directed == edges {
+            self.find_open(&piece.points);
+            let open = self.open.len() as u64;
+            if open == self.balance.open {
+                return Matched {
+                    pairs: (edges - open) / 2,
+                    ..Matched::default()
+                };
+            }
+        }
+        self.sort_and_walk(&piece.triangles)
+    }
+
+    /// Finds the edges at the rim that lack their reverse, if none was entered twice.
+    fn find_open(&mut self, points: &[Vertex]) {
         self.open.clear();
-        let mut out = Matched::default();
-        let (mut spoilt, mut spilled) = (0, &self.spilled[..]);
-        for &low in &self.doubtful {
-            let own = spilled.partition_point(|s| s.0 == low);
-            let (own, rest) = spilled.split_at(own);
-            spilled = rest;
-            let block = &self.blocks[low as usize / SLOTS];
-            let slots = block.iter().map(|slot| slot[low as usize % SLOTS]);
-            self.bucket.clear();
-            for e in slots.chain(own.iter().map(|s| s.1)) {
-                match e & 3 {
-                    FREE => {}
-                    BOTH => self.bucket.extend([e ^ BOTH | RISES, e ^ BOTH | FALLS]),
-                    _ => self.bucket.push(e),
+        let end = |v: u32| (self.words[v as usize], points[v as usize][3]);
+        for t in &self.rim {
+            let ends = t.map(end);
+            for k in 0..3 {
+                let next = (k + 1) % 3;
+                if !has_reverse([ends[k], ends[next]]) {
+                    self.open.push([t[k], t[next]]);
                 }
             }
-            self.bucket.sort_unstable();
-            spoilt += walk(low, &self.bucket, &mut self.open, &mut out);
+        }
+        let by_vertices = |&[a, b]: &[u32; 2]| (a.min(b), a.max(b));
+        self.open.sort_unstable_by_key(by_vertices);
+    }
+
+    /// What [`Edges::match_up`] finds, whatever the triangles are.
+    fn sort_and_walk(&mut self, triangles: &[[u32; 3]]) -> Matched {
+        self.sorted.clear();
+        for &[a, b, c] in triangles {
+            for (tail, head) in [(a, b), (b, c), (c, a)] {
+                let entry = u64::from(tail.max(head)) << 1 | u64::from(tail > head);
+                self.sorted.push((tail.min(head), entry));
+            }
+        }
+        self.sorted.sort_unstable();
+        self.open.clear();
+        let mut out = Matched::default();
+        let mut spoilt = 0;
+        for same in self
+            .sorted
+            .chunk_by(|e, f| (e.0, e.1 >> 1) == (f.0, f.1 >> 1))
+        {
+            let (low, entry) = same[0];
+            let high = (entry >> 1) as u32;
+            let edge = if entry & FALLS == 0 {
+                [low, high]
+            } else {
+                [high, low]
+            };
+            match same {
+                [_] => self.open.push(edge),
+                [first, second] if first != second => {}
+                [_, _] => _ = out.same_way.get_or_insert(edge),
+                _ => _ = out.crowded.get_or_insert(edge),
+            }
+            if same.len() > 2 || (same.len() == 2 && same[0] == same[1]) {
+                spoilt += same.len();
+            }
         }
         out.pairs = (3 * triangles.len() - self.open.len() - spoilt) as u64 / 2;
         out
     }
 
-    /// Enters all edges in their buckets, and lets [`Edges::parent`] of every vertex with a smaller
-    /// neighbour be one of those.
-    ///
-    /// A triangle of a strip shares its first edge with the one before: such an edge is entered once.
-    fn fill(&mut self, vertices: usize, triangles: &[[u32; 3]]) {
-        self.blocks.clear();
-        self.blocks.resize(vertices.div_ceil(SLOTS), EMPTY);
-        self.counts.clear();
-        self.counts.resize(vertices, 0);
-        self.spilled.clear();
-        self.parent.clear();
-        self.parent.extend(0..vertices as u32);
-        let nexts = triangles.iter().skip(1).chain([&[u32::MAX; 3]]);
-        let mut entered = false;
-        for (&[a, b, c], &[d, e, _]) in triangles.iter().zip(nexts) {
-            let (second, third) = ((d, e) == (c, b), (d, e) == (a, c));
-            self.enter(a, b, false, !entered);
-            self.enter(b, c, second, true);
-            self.enter(c, a, third, true);
-            entered = second | third;
-        }
-    }
-
-    /// Enters the edge from `tail` to `head`, or both ways; does nothing unless `wanted`.
-    #[inline(always)]
-    fn enter(&mut self, tail: u32, head: u32, both: bool, wanted: bool) {
-        let (low, high) = (tail.min(head), tail.max(head));
-        let kind = if both { BOTH } else { u32::from(tail > head) };
-        let entry = high << 2 | kind;
-        self.parent[high as usize] = low;
-        let count = &mut self.counts[low as usize];
-        let slot = usize::from(*count);
-        if slot < SLOTS {
-            // written without asking, as what was there if it is not wanted
-            let place = &mut self.blocks[low as usize / SLOTS][slot][low as usize % SLOTS];
-            *place = if wanted { entry } else { *place };
-            *count += u8::from(wanted);
-        } else if wanted {
-            self.spilled.push((low, entry));
-        }
-    }
-
-    /// Finds the connected parts of the triangles that were matched up last; afterwards
-    /// [`Edges::part`] tells a vertex's part.
+    /// Finds the connected parts of the triangles that were entered; afterwards [`Edges::part`] tells a
+    /// vertex's part.
     ///
     /// Every vertex is joined to a smaller neighbour already, so only the smallest vertices of each
     /// neighbourhood are left to be joined where their neighbourhoods meet.
@@ -163,19 +192,20 @@ impl Edges {
             parent[v] = root;
             roots += usize::from(root as usize == v);
         }
-        if roots < 2 {
-            return;
-        }
         for &[a, b, c] in triangles {
+            if roots < 2 {
+                return;
+            }
             let of = |v: u32| self.parent[v as usize];
             if of(a) == of(b) && of(b) == of(c) {
                 continue;
             }
             let (a, b, c) = (self.part(a), self.part(b), self.part(c));
             let root = a.min(b).min(c);
-            self.parent[a as usize] = root;
-            self.parent[b as usize] = root;
-            self.parent[c as usize] = root;
+            for part in [a, b, c] {
+                roots -= usize::from(self.parent[part as usize] != root);
+                self.parent[part as usize] = root;
+            }
         }
     }
 
@@ -195,71 +225,6 @@ impl Edges {
         let own = |&(i, &p): &(usize, &u32)| i as u32 == p;
         self.parent.iter().enumerate().filter(own).map(|(_, &p)| p)
     }
-}
-
-/// Appends the buckets of which an entry lacks its mate, or occurs more than once, rising.
-#[inline(always)]
-fn find_doubtful(blocks: &[Block], out: &mut Vec<u32>) {
-    for (i, block) in blocks.iter().enumerate() {
-        let bad = unpaired(block);
-        if bad == [0; SLOTS] {
-            continue;
-        }
-        let lanes = (0..SLOTS).filter(|&lane| bad[lane] != 0);
-        out.extend(lanes.map(|lane| (i * SLOTS + lane) as u32));
-    }
-}
-
-/// For each bucket of a block, 0 if its entries pair up: no edge occurs twice in the same direction,
-/// and each occurs in both.
-///
-/// No two entries may name the same vertex but a rising and a falling edge; so an entry has one mate
-/// at most, and if there are as many mates as edges that run one way, each has its own.
-#[inline(always)]
-fn unpaired(block: &Block) -> [u32; SLOTS] {
-    let (mut same, mut mates) = ([0u32; SLOTS], [0u32; SLOTS]);
-    for i in 0..SLOTS {
-        for j in 0..i {
-            for lane in 0..SLOTS {
-                let differ = block[i][lane] ^ block[j][lane];
-                same[lane] += u32::from(differ >> 2 == 0);
-                mates[lane] += u32::from(differ == RISES ^ FALLS);
-            }
-        }
-    }
-    let mut one_way = [0u32; SLOTS];
-    for slot in block {
-        for lane in 0..SLOTS {
-            one_way[lane] += u32::from(slot[lane] & BOTH == 0);
-        }
-    }
-    std::array::from_fn(|l| (same[l] ^ mates[l]) | (one_way[l] ^ (2 * mates[l])))
-}
-
-/// Goes through a sorted bucket of edges that run one way each, and returns how many directed edges
-/// lie neither alone nor beside their reverse.
-fn walk(low: u32, mut rest: &[u32], open: &mut Vec<[u32; 2]>, out: &mut Matched) -> usize {
-    let mut spoilt = 0;
-    while let Some(&first) = rest.first() {
-        let same = |e: &u32| e >> 2 == first >> 2;
-        let count = rest.iter().take_while(|e| same(e)).count();
-        let edge = if first & FALLS == 0 {
-            [low, first >> 2]
-        } else {
-            [first >> 2, low]
-        };
-        match count {
-            1 => open.push(edge),
-            2 if rest[0] != rest[1] => {}
-            2 => _ = out.same_way.get_or_insert(edge),
-            _ => _ = out.crowded.get_or_insert(edge),
-        }
-        if count > 2 || (count == 2 && rest[0] == rest[1]) {
-            spoilt += count;
-        }
-        rest = &rest[count..];
-    }
-    spoilt
 }
 
 #[cfg(test)]
@@ -324,6 +289,39 @@ mod tests {
         ]
     }
 
+    /// Enters triangles, of which only the numbers of their vertices are looked at.
+    fn entered(vertices: usize, triangles: &[[u32; 3]]) -> Edges {
+        let mut edges = Edges::default();
+        edges.begin(vertices);
+        triangles.iter().for_each(|t| edges.enter(*t, [0; 3]));
+        edges
+    }
+
+    /// The lattice edges of 3 x 2 x 2 cubes as vertices, those of each cube.
+    fn lattice() -> (Vec<Vertex>, Vec<Vec<u32>>) {
+        let mut vertices: Vec<Vertex> = Vec::new();
+        let cubes = (0..12).map(|i| [i % 3, i / 3 % 2, i / 6]);
+        let edges_of = |cube: [i32; 3]| {
+            (0..12)
+                .map(|i| {
+                    let (axis, mut at) = (i / 4, cube);
+                    at[(axis + 1) % 3] += i as i32 & 1;
+                    at[(axis + 2) % 3] += i as i32 >> 1 & 1;
+                    let along: [i32; 3] = std::array::from_fn(|a| i32::from(a == axis));
+                    let [x, y, z] = std::array::from_fn(|a| at[a] * 256 + 100 * along[a]);
+                    let vertex = [x, y, z, marks::code(at, along)];
+                    let known = vertices.iter().position(|v| *v == vertex);
+                    known.unwrap_or_else(|| {
+                        vertices.push(vertex);
+                        vertices.len() - 1
+                    }) as u32
+                })
+                .collect::<Vec<_>>()
+        };
+        let cubes = cubes.map(edges_of).collect();
+        (vertices, cubes)
+    }
+
     proptest! {
         #[test]
         fn edges_and_parts_are_those_of_the_slow_way(
@@ -333,8 +331,8 @@ mod tests {
             let mut triangles = shapes.concat();
             triangles.retain(|t| BTreeSet::from(*t).len() == 3);
             triangles.iter_mut().step_by(7).for_each(|t| t.rotate_left(turn));
-            let mut edges = Edges::default();
-            let matched = edges.match_up(40, &triangles);
+            let mut edges = entered(40, &triangles);
+            let matched = edges.sort_and_walk(&triangles);
             prop_assert_eq!((matched, edges.open.clone()), slow_match(&triangles));
             edges.connect(&triangles);
             let parts = slow_parts(40, &triangles);
@@ -344,35 +342,44 @@ mod tests {
         }
 
         #[test]
-        fn blocks_pair_up_as_sorted_buckets_do(
-            entries in prop::collection::vec((0..8usize, 0..4u32, 0..3u32), 0..24),
-            mates in any::<bool>(),
+        fn bits_match_what_sorted_edges_do(
+            shapes in prop::collection::vec((0..12usize, prop::sample::subsequence((0..12usize).collect::<Vec<_>>(), 4), any::<bool>()), 0..12),
+            keep in prop_oneof![Just(100), 0..40usize],
+            rim in any::<bool>(),
         ) {
-            let mut block = EMPTY;
-            let mut buckets = [const { Vec::new() }; SLOTS];
-            for (lane, vertex, kind) in entries {
-                let kinds = if mates && kind != BOTH { vec![RISES, FALLS] } else { vec![kind] };
-                for kind in kinds {
-                    if buckets[lane].len() < SLOTS {
-                        block[buckets[lane].len()][lane] = vertex << 2 | kind;
-                        buckets[lane].push(vertex << 2 | kind);
-                    }
+            let (points, cubes) = lattice();
+            let mut triangles = Vec::new();
+            for (cube, picks, whole) in shapes {
+                let [a, b, c, d] = [0, 1, 2, 3].map(|i| cubes[cube][picks[i]]);
+                triangles.push([a, b, c]);
+                if whole {
+                    triangles.extend([[a, d, b], [b, d, c], [c, d, a]]);
                 }
             }
-            let paired = |bucket: &Vec<u32>| (0..4).all(|v| {
-                let mut kinds: Vec<u32> = bucket.iter().filter(|e| *e >> 2 == v).map(|e| e & 3).collect();
-                kinds.sort_unstable();
-                matches!(kinds[..], [] | [RISES, FALLS] | [BOTH])
-            });
-            let slow = buckets.each_ref().map(paired);
-            prop_assert_eq!(unpaired(&block).map(|bad| bad == 0), slow);
-            prop_assert_eq!(dispatch!(unpaired(&block)).map(|bad| bad == 0), slow);
+            triangles.truncate(keep);
+            let mut edges = Edges::default();
+            edges.begin(points.len());
+            for t in &triangles {
+                let codes = t.map(|i| points[i as usize][3]);
+                edges.enter(*t, std::array::from_fn(|k| {
+                    marks::mark(codes[k], codes[(k + 1) % 3], codes[(k + 2) % 3], 0)
+                }));
+            }
+            if !rim {
+                edges.rim.clear();
+            }
+            edges.settle(&mut vec![0; points.len()]);
+            let piece = Piece { points, triangles: triangles.clone(), ..Piece::default() };
+            for distinct in [true, false] {
+                let matched = edges.match_up(&piece, distinct);
+                prop_assert_eq!((matched, edges.open.clone()), slow_match(&triangles));
+            }
         }
     }
 
     fn run(vertices: usize, triangles: &[[u32; 3]]) -> (Matched, Vec<[u32; 2]>) {
-        let mut edges = Edges::default();
-        let m = edges.match_up(vertices, triangles);
+        let mut edges = entered(vertices, triangles);
+        let m = edges.sort_and_walk(triangles);
         (m, edges.open.clone())
     }
 
@@ -400,8 +407,7 @@ mod tests {
     #[test]
     fn parts_are_those_of_a_slow_flood() {
         let triangles = [[5, 3, 4], [0, 1, 2], [2, 6, 1], [7, 8, 9], [9, 3, 7]];
-        let mut edges = Edges::default();
-        edges.match_up(10, &triangles);
+        let mut edges = entered(10, &triangles);
         edges.connect(&triangles);
         assert_eq!(edges.parts().collect::<Vec<_>>(), [0, 3]);
         assert_eq!((edges.part(6), edges.part(8)), (0, 3));

@@ -3,7 +3,7 @@
 use super::code::Code;
 use super::edges::Edges;
 use super::inside::Inside;
-use super::piece::{Flaw, Piece, Sums};
+use super::piece::{Flaw, Piece, Sums, position};
 use super::places::bounds;
 use super::report::Issue;
 use super::seen::Seen;
@@ -27,21 +27,15 @@ pub(super) struct Label {
 const PLACED: u32 = 1 << 31;
 
 impl Work<'_, '_> {
-    /// Checks one piece; its triangles are in `ws.piece`, its positions in `points`.
-    pub(super) fn piece(
-        &mut self,
-        points: impl Iterator<Item = [f32; 3]>,
-        label: &Label,
-        group: &mut usize,
-        ws: &mut Workspace,
-    ) {
+    /// Checks one piece, whose triangles and positions are in `ws.piece`.
+    pub(super) fn piece(&mut self, label: &Label, group: &mut usize, ws: &mut Workspace) {
         let (ids, node) = (label.ids, label.node);
         let index = *group;
         *group += 1;
         let mut flaws = Vec::new();
         let piece = &mut ws.piece;
         piece.cap = ids.cell == 0;
-        let owned = piece.read_points(points, &self.region, &mut flaws);
+        let owned = piece.read_points(&self.region, &mut flaws);
         let found = Group {
             cell: ids.cell,
             object: ids.object,
@@ -53,11 +47,9 @@ impl Work<'_, '_> {
             self.sound = false;
             return;
         }
+        let distinct = flaws.is_empty() && self.mark_seen(ws, &mut flaws);
         if flaws.is_empty() {
-            self.mark_seen(ws, &mut flaws);
-        }
-        if flaws.is_empty() {
-            self.geometry(label, owned, &mut flaws, ws);
+            self.geometry(label, (owned, distinct), &mut flaws, ws);
         }
         if !flaws.is_empty() {
             self.flaws(node, &flaws);
@@ -110,17 +102,15 @@ impl Work<'_, '_> {
         })
     }
 
-    fn mark_seen(&mut self, ws: &mut Workspace, flaws: &mut Vec<Flaw>) {
+    /// Marks the lattice edges of the piece's vertices; false if two are known to be the same.
+    fn mark_seen(&mut self, ws: &mut Workspace, flaws: &mut Vec<Flaw>) -> bool {
         let piece = &ws.piece;
         let seen = if piece.cap {
             &mut ws.cap_seen
         } else {
             &mut ws.surface_seen
         };
-        for (p, state) in piece.points.iter().zip(&piece.state) {
-            let cell = std::array::from_fn(|a| (((p[a] - self.region.lo[a]) >> 8) + 1) as u64);
-            seen.insert(cell, state & 3);
-        }
+        let distinct = seen.insert(&piece.points, self.region.lo);
         let own = dispatch!(bounds(&piece.points));
         for span in [&mut ws.span, &mut self.box_seen] {
             let [lo, hi] = span.unwrap_or(own);
@@ -130,16 +120,26 @@ impl Work<'_, '_> {
             ]);
         }
         flaws.extend(self.repeated(seen, false));
+        distinct
     }
 
-    fn geometry(&mut self, label: &Label, owned: u64, flaws: &mut Vec<Flaw>, ws: &mut Workspace) {
+    /// Checks triangles and edges. The tile is the first to have `owned` of the vertices, which lie on
+    /// `distinct` lattice edges.
+    fn geometry(
+        &mut self,
+        label: &Label,
+        (owned, distinct): (u64, bool),
+        flaws: &mut Vec<Flaw>,
+        ws: &mut Workspace,
+    ) {
         let piece = &mut ws.piece;
-        let mut sums = piece.sum_triangles(self.cx.scale, flaws);
+        let place = (self.cx.scale, &self.region);
+        let mut sums = piece.sum_triangles(place, &mut ws.edges, flaws);
         sums.vertices = owned;
         if !flaws.is_empty() {
             return;
         }
-        let matched = ws.edges.match_up(piece.points.len(), &piece.triangles);
+        let matched = ws.edges.match_up(piece, distinct);
         if matched.same_way.or(matched.crowded).is_some() || piece.contradicts() {
             piece.diagnose(&matched, flaws);
             return;
@@ -177,7 +177,7 @@ impl Work<'_, '_> {
         let mut first = [0; 3];
         for i in 0..edges.open.len() {
             let [tail, head] = edges.open[i];
-            let [a, b] = [tail, head].map(|v| piece.points[v as usize]);
+            let [a, b] = [tail, head].map(|v| position(piece.points[v as usize]));
             let on = |&f: &usize| a[f / 2] == b[f / 2] && a[f / 2] == self.region.plane(f);
             let Some(face) = (0..6).find(on) else {
                 if holes == 0 {

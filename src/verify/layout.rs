@@ -5,8 +5,9 @@ use super::code::Code;
 use super::geometry::Label;
 use super::report::Issue;
 use super::tile::{Work, Workspace};
+use crate::cpu::dispatch;
 use crate::manifest::Primitives;
-use crate::tile::read::{PieceIds, Pieces, Primitive};
+use crate::tile::read::{Normals, PieceIds, Pieces, Primitive};
 
 impl Work<'_, '_> {
     pub(super) fn primitive(&mut self, p: &Primitive, group: &mut usize, ws: &mut Workspace) {
@@ -25,7 +26,7 @@ impl Work<'_, '_> {
         self.counts.indices += ws.indices.len() as u64;
         let vertices = p.positions.len();
         let beyond = |i: &&u32| **i as usize >= vertices;
-        let largest = ws.indices.iter().fold(0, |most, &i| most.max(i));
+        let largest = dispatch!(largest(&ws.indices));
         if beyond(&&largest)
             && let Some(bad) = ws.indices.iter().find(beyond)
         {
@@ -52,7 +53,8 @@ impl Work<'_, '_> {
                     measures: carried::hash(&p.measured[0]),
                 };
                 std::mem::swap(&mut ws.piece.triangles, &mut ws.list);
-                self.piece(p.positions.iter(), &label, group, ws);
+                p.positions.read_into(&mut ws.piece.positions);
+                self.piece(&label, group, ws);
             }
             Pieces::Merged(rows, ids) => {
                 if p.name != "cells" || p.mesh_name != "cells" {
@@ -87,17 +89,12 @@ impl Work<'_, '_> {
         } else {
             2e-3
         };
-        let unit = |[x, y, z]: [f32; 3]| {
-            let square = x * x + y * y + z * z;
-            // a NaN compares false
-            (square - 1.0).abs() <= slack
-        };
         // counted first: a search that may end early asks of each normal whether it ends
-        let count = p.normals.iter().filter(|n| !unit(*n)).count();
+        let count = dispatch!(count_odd(&p.normals, slack));
         if count == 0 {
             return;
         }
-        if let Some(i) = p.normals.iter().position(|n| !unit(n)) {
+        if let Some(i) = p.normals.iter().position(|n| !is_unit(n, slack)) {
             let n = p.normals.iter().nth(i).unwrap_or_default();
             let v = p.positions.iter().nth(i).unwrap_or_default();
             let path = format!("{}#/nodes/{}", self.entry.path, p.node);
@@ -202,7 +199,10 @@ impl Work<'_, '_> {
                 names: 0,
                 measures: carried::hash(measured),
             };
-            self.piece(own.iter().map(|&v| points[v as usize]), &label, group, ws);
+            ws.piece.positions.clear();
+            let positions = own.iter().map(|&v| points[v as usize]);
+            ws.piece.positions.extend(positions);
+            self.piece(&label, group, ws);
             if !self.sound {
                 break;
             }
@@ -248,25 +248,61 @@ fn name_form(name: &str, ids: &PieceIds) -> Option<u8> {
     }
 }
 
+/// The largest index; 0 if there is none.
+#[inline(always)]
+fn largest(indices: &[u32]) -> u32 {
+    indices.iter().fold(0, |most, &i| most.max(i))
+}
+
+/// True if the square of a normal's length is 1, give or take `slack`.
+#[inline(always)]
+fn is_unit([x, y, z]: [f32; 3], slack: f32) -> bool {
+    let square = x * x + y * y + z * z;
+    // a NaN compares false
+    (square - 1.0).abs() <= slack
+}
+
+/// How many normals are not of length 1.
+#[inline(always)]
+fn count_odd(normals: &Normals, slack: f32) -> usize {
+    let add = |count, n| count + usize::from(!is_unit(n, slack));
+    normals.iter().fold(0, add)
+}
+
+/// Triangles of a strip that are decoded at once.
+const BLOCK: usize = 64;
+
 /// Decodes strips, or a list, to triangles. False if a list has indices left over or names a vertex
 /// twice in a triangle; in a strip such triangles are joints.
 fn decode(indices: &[u32], strips: bool, out: &mut Vec<[u32; 3]>) -> bool {
-    let joint = |t: &[u32; 3]| (t[0] == t[1]) | (t[1] == t[2]) | (t[0] == t[2]);
     if !strips {
         let (triangles, rest) = indices.as_chunks::<3>();
         out.extend_from_slice(triangles);
+        let joint = |t: &[u32; 3]| (t[0] == t[1]) | (t[1] == t[2]) | (t[0] == t[2]);
         return rest.is_empty() && !out.iter().any(joint);
     }
-    // written without asking whether it is a joint: then the next one takes its place
-    out.resize(indices.len().saturating_sub(2), [0; 3]);
-    let mut count = 0;
-    for (k, w) in indices.windows(3).enumerate() {
-        let odd = k & 1;
-        let t = [w[odd], w[odd ^ 1], w[2]];
-        out[count] = t;
-        count += usize::from(!joint(&t));
+    let &[mut a, mut b, ref rest @ ..] = indices else {
+        return true;
+    };
+    let (pairs, last) = rest.as_chunks::<2>();
+    let mut block = [[0; 3]; BLOCK];
+    for pairs in pairs.chunks(BLOCK / 2) {
+        let mut count = 0;
+        // written without asking whether it is a joint: then the next one takes its place
+        for &[c, d] in pairs {
+            block[count] = [a, b, c];
+            count += usize::from((a != b) & (b != c) & (a != c));
+            block[count] = [c, b, d];
+            count += usize::from((b != c) & (c != d) & (b != d));
+            (a, b) = (c, d);
+        }
+        out.extend_from_slice(&block[..count]);
     }
-    out.truncate(count);
+    if let &[c] = last
+        && (a != b) & (b != c) & (a != c)
+    {
+        out.push([a, b, c]);
+    }
     true
 }
 
@@ -277,7 +313,7 @@ mod tests {
 
     proptest! {
         #[test]
-        fn strips_are_decoded_as_by_definition(indices in prop::collection::vec(0..6u32, 0..50)) {
+        fn strips_are_decoded_as_by_definition(indices in prop::collection::vec(0..6u32, 0..250)) {
             let mut expected = Vec::new();
             for k in 2..indices.len() {
                 let [a, b, c] = [indices[k - 2], indices[k - 1], indices[k]];

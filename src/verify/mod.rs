@@ -45,6 +45,7 @@ mod inside;
 mod laws;
 mod layout;
 mod ledger;
+mod marks;
 mod piece;
 mod places;
 mod report;

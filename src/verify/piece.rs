@@ -5,10 +5,11 @@
 //! the origin is summed in an `i128`.
 
 use super::code::Code;
-use super::edges::Matched;
+use super::edges::{Edges, Matched};
 use super::facets::{BATCH, facets};
 use super::inside::Inside;
-use super::places::places;
+use super::marks::{self, code, mark};
+use super::places::{Limits, places};
 use crate::cpu::dispatch;
 
 /// Where a tile lies, in lattice units.
@@ -106,15 +107,23 @@ impl Region {
     }
 }
 
+/// A vertex: its position in lattice units, and the code of its lattice edge, see [`super::marks`].
+pub(super) type Vertex = [i32; 4];
+
+/// The position of a vertex.
+#[inline(always)]
+pub(super) fn position([x, y, z, _]: Vertex) -> [i32; 3] {
+    [x, y, z]
+}
+
 /// A piece's vertices and triangles; a workspace that is cleared, not rebuilt.
 #[derive(Default)]
 pub(super) struct Piece {
     /// True for a cap.
     pub cap: bool,
     /// Positions as read, in voxels.
-    positions: Vec<[f32; 3]>,
-    /// Positions in lattice units.
-    pub points: Vec<[i32; 3]>,
+    pub positions: Vec<[f32; 3]>,
+    pub points: Vec<Vertex>,
     /// Per vertex: bits 0-1 the axis of its lattice edge, and what triangles say of it, see below.
     pub state: Vec<u8>,
     /// Triangles as indices into `points`, all of them in range.
@@ -126,7 +135,7 @@ pub(super) const USED: u8 = 4;
 /// A triangle's area vector points up along the vertex's lattice edge: below is at the upper end.
 pub(super) const UP: u8 = 8;
 /// A triangle's area vector points down along it.
-pub(super) const DOWN: u8 = 16;
+pub(super) const DOWN: u8 = 128;
 
 /// A finding inside a piece: its kind, how often, and where first.
 #[derive(Debug, Clone, Copy)]
@@ -193,18 +202,10 @@ impl Sums {
 }
 
 impl Piece {
-    /// Replaces the vertices by `positions` and returns how many of them the tile owns.
+    /// Replaces the vertices by those at [`Piece::positions`] and returns how many of them the tile owns.
     ///
     /// Findings: a position that is not finite, off the lattice or outside the tile.
-    pub fn read_points(
-        &mut self,
-        positions: impl Iterator<Item = [f32; 3]>,
-        region: &Region,
-        flaws: &mut Vec<Flaw>,
-    ) -> u64 {
-        self.positions.clear();
-        // as a whole, so that it is asked once how they are stored
-        positions.for_each(|p| self.positions.push(p));
+    pub fn read_points(&mut self, region: &Region, flaws: &mut Vec<Flaw>) -> u64 {
         self.points.clear();
         self.state.clear();
         let mut bad = [Tally::default(), Tally::default(), Tally::default()];
@@ -222,8 +223,9 @@ impl Piece {
         let mut owned = 0;
         let all = std::mem::take(&mut self.positions);
         let (batches, rest) = all.as_chunks();
+        let limits = Limits::new(region);
         for batch in batches {
-            match places(batch, region) {
+            match places(batch, &limits) {
                 Some(places) if !self.cap => {
                     self.points.extend_from_slice(&places.points);
                     self.state.extend_from_slice(&places.axes);
@@ -259,14 +261,21 @@ impl Piece {
             });
             let counts = !self.cap || region.outside_volume(q);
             owned += u64::from(counts && region.owns(q));
-            self.points.push(q);
+            let along = std::array::from_fn(|a| i32::from(a == usize::from(axis)));
+            let code = code(q.map(|c| c >> 8), along);
+            self.points.push([q[0], q[1], q[2], code]);
             self.state.push(axis);
         }
         owned
     }
 
-    fn corners(&self, t: [u32; 3]) -> [[i32; 3]; 3] {
+    fn corners(&self, t: [u32; 3]) -> [Vertex; 3] {
         t.map(|i| self.points[i as usize])
+    }
+
+    /// The place of a triangle, for messages.
+    fn place(&self, t: [u32; 3]) -> [i32; 3] {
+        position(self.points[t[0] as usize])
     }
 
     /// The area vector (twice the area, along the normal) of a triangle, or `None` if the triangle
@@ -293,17 +302,24 @@ impl Piece {
         ])
     }
 
-    /// Sums up triangles and notes in `state` which way they face at each vertex.
+    /// Sums up triangles, notes in `state` which way they face at each vertex, and enters their edges.
     ///
     /// `scale` turns the components of an area vector into twice the physical area. Findings:
     /// triangles without area or outside a cube, unused vertices.
-    pub fn sum_triangles(&mut self, scale: [f64; 3], flaws: &mut Vec<Flaw>) -> Sums {
+    pub fn sum_triangles(
+        &mut self,
+        (scale, region): ([f64; 3], &Region),
+        edges: &mut Edges,
+        flaws: &mut Vec<Flaw>,
+    ) -> Sums {
         let mut sums = Sums {
             triangles: self.triangles.len() as u64,
             ..Sums::default()
         };
         let mut bad = [Tally::default(), Tally::default()];
-        dispatch!(self.sum_batches(scale, &mut sums, &mut bad));
+        edges.begin(self.points.len());
+        dispatch!(self.sum_batches((scale, region), edges, &mut sums, &mut bad));
+        edges.settle(&mut self.state);
         let [outside, flat] = bad;
         sums.area *= 0.5;
         let mut unused = Tally::default();
@@ -311,7 +327,7 @@ impl Piece {
         if !all_used && outside.count == 0 {
             for (state, p) in self.state.iter().zip(&self.points) {
                 if state & USED == 0 {
-                    unused.add(*p);
+                    unused.add(position(*p));
                 }
             }
         }
@@ -324,28 +340,29 @@ impl Piece {
     /// Sums up triangles in batches, those of a batch with a flaw one by one; see
     /// [`Piece::sum_triangles`] and [`Piece::sum_triangle`].
     #[inline(always)]
-    fn sum_batches(&mut self, scale: [f64; 3], sums: &mut Sums, bad: &mut [Tally; 2]) {
+    fn sum_batches(
+        &mut self,
+        (scale, region): ([f64; 3], &Region),
+        edges: &mut Edges,
+        sums: &mut Sums,
+        bad: &mut [Tally; 2],
+    ) {
         let all = std::mem::take(&mut self.triangles);
         let (batches, rest) = all.as_chunks::<BATCH>();
         for batch in batches {
-            let Some(facets) = facets(&self.points, batch, scale) else {
+            let Some(facets) = facets(&self.points, batch, scale, region) else {
                 for &t in batch {
-                    self.sum_triangle(t, scale, sums, bad);
+                    self.sum_triangle(t, scale, edges, sums, bad);
                 }
                 continue;
             };
-            for (t, says) in batch.iter().zip(facets.says) {
-                for &i in t {
-                    let state = &mut self.state[i as usize];
-                    *state |= (says >> (8 * (*state & 3))) as u8;
-                }
-            }
+            edges.enter_batch(batch, &facets);
             sums.volume6 += i128::from(facets.volume6);
             // one after the other, as they are rounded
             sums.area = facets.areas.iter().fold(sums.area, |sum, area| sum + area);
         }
         for &t in rest {
-            self.sum_triangle(t, scale, sums, bad);
+            self.sum_triangle(t, scale, edges, sums, bad);
         }
         self.triangles = all;
     }
@@ -356,23 +373,27 @@ impl Piece {
         &mut self,
         t: [u32; 3],
         scale: [f64; 3],
+        edges: &mut Edges,
         sums: &mut Sums,
         [outside, flat]: &mut [Tally; 2],
     ) {
         let Some(n) = self.area_vector(t) else {
-            outside.add(self.points[t[0] as usize]);
+            outside.add(self.place(t));
             return;
         };
         if n == [0; 3] {
-            flat.add(self.points[t[0] as usize]);
+            flat.add(self.place(t));
         }
-        for i in t {
-            let state = &mut self.state[i as usize];
-            let along = n[usize::from(*state & 3)];
-            *state |= USED | (u8::from(along > 0) << 3) | (u8::from(along < 0) << 4);
-        }
-        let p = self.points[t[0] as usize];
-        let six: i64 = (0..3).map(|a| i64::from(p[a]) * i64::from(n[a])).sum();
+        let corners = self.corners(t);
+        let codes = corners.map(|p| p[3]);
+        let marks = std::array::from_fn(|k| {
+            let along = n[usize::from(marks::axis(codes[k]))];
+            mark(codes[k], codes[(k + 1) % 3], codes[(k + 2) % 3], along)
+        });
+        edges.enter(t, marks);
+        let six: i64 = (0..3)
+            .map(|a| i64::from(corners[0][a]) * i64::from(n[a]))
+            .sum();
         sums.volume6 += i128::from(six);
         let [x, y, z] = [0, 1, 2].map(|a| f64::from(n[a]) * scale[a]);
         sums.area += (x * x + y * y + z * z).sqrt();
@@ -390,7 +411,7 @@ impl Piece {
         all.sort_unstable();
         let mut twice = Tally::default();
         for pair in all.windows(2).filter(|w| w[0] == w[1]) {
-            twice.add(self.points[pair[0][0] as usize]);
+            twice.add(self.place(pair[0]));
         }
         twice.report(Code::DuplicateTriangle, flaws);
         if twice.count > 0 {
@@ -398,13 +419,13 @@ impl Piece {
         }
         if let Some([tail, _]) = matched.crowded {
             let mut crowded = Tally::default();
-            crowded.add(self.points[tail as usize]);
+            crowded.add(position(self.points[tail as usize]));
             crowded.report(Code::EdgeRepeated, flaws);
             return;
         }
         let mut flipped = self.flipped();
         if let (0, Some([tail, _])) = (flipped.count, matched.same_way) {
-            flipped.add(self.points[tail as usize]);
+            flipped.add(position(self.points[tail as usize]));
         }
         flipped.report(Code::FlippedTriangle, flaws);
     }
@@ -429,14 +450,14 @@ impl Piece {
                 .filter(|&(&i, way)| way * votes[i as usize] < 0)
                 .count();
             if against > 0 {
-                tally.add(self.points[t[0] as usize]);
+                tally.add(self.place(*t));
             }
         }
         if tally.count == 0 {
             // as many triangles face one way as the other: name the first vertex
             let both = |s: &u8| s & (UP | DOWN) == UP | DOWN;
             for (_, p) in self.state.iter().zip(&self.points).filter(|(s, _)| both(s)) {
-                tally.add(*p);
+                tally.add(position(*p));
             }
         }
         tally
@@ -445,7 +466,7 @@ impl Piece {
     /// True if triangles contradict each other at a vertex.
     pub fn contradicts(&self) -> bool {
         // UP where both are set
-        let both = |any: u8, s: &u8| any | (s & (s >> 1));
+        let both = |any: u8, s: &u8| any | (s & (s >> (DOWN / UP).trailing_zeros()));
         self.state.iter().fold(0, both) & UP != 0
     }
 }

@@ -48,28 +48,36 @@ fn points() -> impl Strategy<Value = Vec<([i32; 3], u8)>> {
     prop::collection::vec((point, 0..3u8), 3..40)
 }
 
+fn vertex(&(p, axis): &([i32; 3], u8)) -> Vertex {
+    let along = std::array::from_fn(|a| i32::from(a == usize::from(axis)));
+    [p[0], p[1], p[2], code(p.map(|c| c >> 8), along)]
+}
+
 /// Takes triangles in batches, and one by one.
 fn sum_both_ways(
     points: &[([i32; 3], u8)],
     triangles: &[[u32; 3]],
-) -> [(Piece, Sums, [Tally; 2]); 2] {
+) -> [(Piece, Edges, Sums, [Tally; 2]); 2] {
     let scale = [0.3, 1.0, 1.7];
     [true, false].map(|batched| {
         let mut piece = Piece {
-            points: points.iter().map(|p| p.0).collect(),
+            points: points.iter().map(vertex).collect(),
             state: points.iter().map(|p| p.1).collect(),
             triangles: triangles.to_vec(),
             ..Piece::default()
         };
         let (mut sums, mut bad) = (Sums::default(), Default::default());
+        let mut edges = Edges::default();
+        edges.begin(points.len());
         if batched {
-            dispatch!(piece.sum_batches(scale, &mut sums, &mut bad));
+            dispatch!(piece.sum_batches((scale, &REGION), &mut edges, &mut sums, &mut bad));
         } else {
             for &t in triangles {
-                piece.sum_triangle(t, scale, &mut sums, &mut bad);
+                piece.sum_triangle(t, scale, &mut edges, &mut sums, &mut bad);
             }
         }
-        (piece, sums, bad)
+        edges.settle(&mut piece.state);
+        (piece, edges, sums, bad)
     })
 }
 
@@ -115,10 +123,11 @@ proptest! {
             };
             triangles.retain(has_area);
         }
-        let [(fast, sums, found), (slow, expected, flaws)] = sum_both_ways(&points, &triangles);
+        let [(fast, edges, sums, found), (slow, slow_edges, expected, flaws)] = sum_both_ways(&points, &triangles);
         prop_assert_eq!(sums.area.to_bits(), expected.area.to_bits());
         prop_assert_eq!(sums.volume6, expected.volume6);
         prop_assert_eq!(findings(&found), findings(&flaws));
+        prop_assert_eq!(edges.entered(), slow_edges.entered());
         prop_assert_eq!(&fast.state, &slow.state);
         let both = |s: &u8| s & (UP | DOWN) == UP | DOWN;
         prop_assert_eq!(fast.contradicts(), slow.state.iter().any(both));
