@@ -1,16 +1,24 @@
-//! Reads tiles ahead of their checks, so that nobody waits for the disk.
+//! Reads tiles ahead of their checks, so that nobody waits for the disk, and takes them from one layer to
+//! the next without a stop.
+//!
+//! When the tiles of each layer were waited for, two threads were busy for 85 % of the time of verifying a
+//! foam of 10 million triangles; since the next layer follows at once, and tiles are joined while others
+//! are checked, for 93 %.
 
 use super::files::{self, Expected};
 use super::index;
 use super::report::Issues;
 use super::tile::Context;
 use crate::direct::Buffer;
-use crate::manifest::TileEntry;
-use std::collections::VecDeque;
-use std::sync::{Condvar, Mutex, MutexGuard};
+use crate::manifest::{Shard, TileEntry};
+use std::collections::{BTreeMap, VecDeque};
+use std::sync::{Arc, Condvar, Mutex, MutexGuard, PoisonError};
 
 /// Threads that check tiles for each that reads them: a core checks about 150 MB/s.
 const CHECKERS: usize = 4;
+
+/// Tiles per thread that may be read before the result of the first is taken, so that threads seldom wait.
+const OPEN: usize = 32;
 
 /// A tile's file as it was read.
 pub(super) struct Fetched {
@@ -22,27 +30,42 @@ pub(super) struct Fetched {
     pub issues: Issues,
 }
 
-/// Tiles of a layer that are read in order, by threads of their own and by those who check them.
-struct Ahead<'a> {
-    cx: &'a Context<'a>,
-    tiles: &'a [TileEntry],
-    /// Place of the first one in the shard.
-    first: usize,
-    /// Tiles that may wait for their check.
-    most: usize,
-    spare: &'a Spare,
-    state: Mutex<State>,
-    changed: Condvar,
+/// A tile that is to be checked.
+struct Task {
+    layer: Arc<Shard>,
+    place: usize,
 }
 
-#[derive(Default)]
-struct State {
-    /// The next tile to read.
-    next: usize,
+/// Tiles that are read in order, by threads of their own and by those who check them, and what these make
+/// of them.
+pub(super) struct Stream<'a, R> {
+    cx: &'a Context<'a>,
+    spare: &'a Spare,
+    /// Tiles that may wait for their check.
+    most: usize,
+    /// Tiles that may have been read, or be read now, whose results were not taken.
+    most_open: usize,
+    state: Mutex<State<R>>,
+    /// There is something else to read or to check.
+    changed: Condvar,
+    /// There is a result.
+    finished: Condvar,
+}
+
+struct State<R> {
+    tasks: VecDeque<Task>,
+    /// Number of the first task, and of the first result that was not taken.
+    next: u64,
+    taken: u64,
     /// Tiles that readers have at hand.
     reading: usize,
     /// Tiles by their numbers, to be checked.
-    ready: VecDeque<(usize, Fetched)>,
+    ready: VecDeque<(u64, Task, Fetched)>,
+    results: BTreeMap<u64, R>,
+    /// No tile will be added.
+    closed: bool,
+    /// A check panicked.
+    lost: bool,
 }
 
 /// Buffers for files that nobody uses now.
@@ -63,69 +86,112 @@ impl Spare {
     }
 }
 
-/// Lets readers end, also when a check panics.
-struct Close<'a>(&'a Ahead<'a>);
+/// Lets all threads end when there is nothing more to do, or one panics.
+struct Close<'s, 'a, R>(&'s Stream<'a, R>);
 
-impl Drop for Close<'_> {
+impl<R> Drop for Close<'_, '_, R> {
     fn drop(&mut self) {
-        self.0.lock().next = self.0.tiles.len();
+        let mut state = self.0.lock();
+        state.closed = true;
+        state.lost |= std::thread::panicking();
+        state.tasks.clear();
+        drop(state);
         self.0.changed.notify_all();
+        self.0.finished.notify_all();
     }
 }
 
-/// Has `check` called with all tiles, in each thread of `pool`, and returns what it makes of them in
-/// the order of the tiles. `first` is the place of the first one in the shard.
-pub(super) fn each<R: Send>(
+/// Has `check` called, in all threads of `pool`, with the tiles that `body` pushes, while that takes the
+/// results.
+pub(super) fn stream<R: Send, T>(
     cx: &Context,
     pool: &rayon::ThreadPool,
-    (tiles, first): (&[TileEntry], usize),
     spare: &Spare,
     check: impl Fn(&TileEntry, &mut Fetched) -> R + Sync,
-) -> Vec<R> {
-    let readers = pool.current_num_threads().div_ceil(CHECKERS);
-    let ahead = Ahead {
+    body: impl FnOnce(&Stream<R>) -> T,
+) -> T {
+    let threads = pool.current_num_threads();
+    let readers = threads.div_ceil(CHECKERS);
+    let stream = Stream {
         cx,
-        tiles,
-        first,
-        most: 2 * readers,
         spare,
-        state: Mutex::default(),
+        most: 2 * readers,
+        most_open: OPEN * threads,
+        state: Mutex::new(State {
+            tasks: VecDeque::new(),
+            next: 0,
+            taken: 0,
+            reading: 0,
+            ready: VecDeque::new(),
+            results: BTreeMap::new(),
+            closed: false,
+            lost: false,
+        }),
         changed: Condvar::new(),
+        finished: Condvar::new(),
     };
-    let work = || {
-        let mut done = Vec::new();
-        while let Some((number, mut fetched)) = ahead.take() {
-            done.push((number, check(&tiles[number], &mut fetched)));
-            spare.put(fetched.file);
-        }
-        done
-    };
-    let mut done: Vec<(usize, R)> = std::thread::scope(|scope| {
+    let (stream, check) = (&stream, &check);
+    std::thread::scope(|threads| {
         for _ in 0..readers {
             // without it, those who check read more themselves
-            let _ = std::thread::Builder::new().spawn_scoped(scope, || ahead.read());
+            let _ = std::thread::Builder::new().spawn_scoped(threads, || stream.read());
         }
-        let _close = Close(&ahead);
-        pool.broadcast(|_| work()).into_iter().flatten().collect()
-    });
-    done.sort_unstable_by_key(|&(number, _)| number);
-    done.into_iter().map(|(_, result)| result).collect()
+        pool.in_place_scope(|scope| {
+            scope.spawn_broadcast(|_, _| stream.work(check));
+            let _close = Close(stream);
+            body(stream)
+        })
+    })
 }
 
-impl Ahead<'_> {
-    fn lock(&self) -> MutexGuard<'_, State> {
-        self.state.lock().expect("no thread panicked")
+impl<R> Stream<'_, R> {
+    fn lock(&self) -> MutexGuard<'_, State<R>> {
+        // nothing that is done under the lock panics half way
+        self.state.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
-    fn sleep<'s>(&self, state: MutexGuard<'s, State>) -> MutexGuard<'s, State> {
-        self.changed.wait(state).expect("no thread panicked")
+    fn sleep<'s>(&self, state: MutexGuard<'s, State<R>>) -> MutexGuard<'s, State<R>> {
+        let woken = self.changed.wait(state);
+        woken.unwrap_or_else(PoisonError::into_inner)
+    }
+
+    /// Adds the tiles of a layer.
+    pub fn push(&self, layer: &Arc<Shard>) {
+        let task = |place| Task {
+            layer: layer.clone(),
+            place,
+        };
+        let tasks = (0..layer.tiles.len()).map(task);
+        self.lock().tasks.extend(tasks);
+        self.changed.notify_all();
+    }
+
+    /// The result of the next tile, which has been pushed; `None` if there will be none, since a check
+    /// panicked.
+    pub fn result(&self) -> Option<R> {
+        let mut state = self.lock();
+        loop {
+            let number = state.taken;
+            if let Some(result) = state.results.remove(&number) {
+                state.taken += 1;
+                self.changed.notify_all();
+                return Some(result);
+            }
+            if state.lost {
+                return None;
+            }
+            let woken = self.finished.wait(state);
+            state = woken.unwrap_or_else(PoisonError::into_inner);
+        }
     }
 
     /// What a reader does until all tiles have been read.
     fn read(&self) {
+        let _close = Close(self);
         let mut state = self.lock();
-        while state.next < self.tiles.len() {
-            if state.ready.len() + state.reading >= self.most {
+        while !state.closed {
+            let full = state.ready.len() + state.reading >= self.most;
+            if full || !self.has_task(&state) {
                 state = self.sleep(state);
                 continue;
             }
@@ -133,37 +199,54 @@ impl Ahead<'_> {
             let fetched = self.fetch_next(state);
             state = self.lock();
             state.reading -= 1;
-            state.ready.push_back(fetched);
+            state.ready.extend(fetched);
             self.changed.notify_all();
         }
     }
 
+    /// What a thread that checks tiles does until there is none.
+    fn work(&self, check: &(impl Fn(&TileEntry, &mut Fetched) -> R + Sync)) {
+        let _close = Close(self);
+        while let Some((number, task, mut fetched)) = self.take() {
+            let result = check(&task.layer.tiles[task.place], &mut fetched);
+            self.spare.put(fetched.file);
+            self.lock().results.insert(number, result);
+            self.finished.notify_one();
+        }
+    }
+
     /// A tile that is read but not checked, and its number; `None` after the last one.
-    fn take(&self) -> Option<(usize, Fetched)> {
+    fn take(&self) -> Option<(u64, Task, Fetched)> {
         let mut state = self.lock();
         loop {
             if let Some(fetched) = state.ready.pop_front() {
                 self.changed.notify_all();
                 return Some(fetched);
             }
-            if state.next < self.tiles.len() {
-                return Some(self.fetch_next(state));
+            if self.has_task(&state) {
+                return self.fetch_next(state);
             }
-            if state.reading == 0 {
+            if state.closed && (state.reading == 0 || state.lost) {
                 return None;
             }
             state = self.sleep(state);
         }
     }
 
+    /// True if there is a tile that may be read.
+    fn has_task(&self, state: &State<R>) -> bool {
+        !state.tasks.is_empty() && state.next - state.taken < self.most_open as u64
+    }
+
     /// Reads the next tile, while others have the state.
-    fn fetch_next(&self, mut state: MutexGuard<State>) -> (usize, Fetched) {
+    fn fetch_next(&self, mut state: MutexGuard<State<R>>) -> Option<(u64, Task, Fetched)> {
+        let task = state.tasks.pop_front()?;
         let number = state.next;
         state.next += 1;
         drop(state);
-        let place = self.first + number;
-        let fetched = fetch(self.cx, &self.tiles[number], place, self.spare);
-        (number, fetched)
+        let entry = &task.layer.tiles[task.place];
+        let fetched = fetch(self.cx, entry, task.place, self.spare);
+        Some((number, task, fetched))
     }
 }
 

@@ -28,9 +28,9 @@
 //!
 //! # Memory
 //! Tiles are streamed. What is kept: the open edges on the planes of one layer of macrocubes, the
-//! surfaces that reach them, the shard of a layer, for each thread a tile, and some that were read
-//! ahead. Finished surfaces are sorted on disk. With the volume, a row of macrocubes along x is in memory
-//! as well.
+//! surfaces that reach them, the shards of two layers, for each thread a tile, some that were read ahead,
+//! and the open edges of those that wait for the ones before them. Finished surfaces are sorted on disk.
+//! With the volume, a row of macrocubes along x is in memory as well.
 
 mod against;
 mod ahead;

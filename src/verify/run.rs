@@ -1,7 +1,7 @@
-//! The sweep over the tiles: layer by layer, a batch of tiles at a time in parallel.
+//! The sweep over the tiles: layer by layer, while other threads check the tiles ahead of it.
 
 use super::against::{Band, CubeTriangles, Rule, Voxels};
-use super::ahead::{self, Fetched, Spare};
+use super::ahead::{self, Fetched, Spare, Stream};
 use super::code::Code;
 use super::laws::Found;
 use super::ledger::Ledger;
@@ -10,11 +10,11 @@ use super::sweep::Sweep;
 use super::tile::{self, Context, Outcome, Workspace};
 use super::{files, index};
 use crate::error::{Error, Result};
-use crate::manifest::{Manifest, TileEntry};
+use crate::manifest::{Manifest, Shard, TileEntry};
 use crate::progress::Progress;
 use crate::volume::Volume;
 use rayon::prelude::*;
-use std::sync::{Mutex, MutexGuard, PoisonError};
+use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 
 /// The volume that the tiles are compared with.
 pub(super) struct Original<'a> {
@@ -50,8 +50,14 @@ impl<'a> Original<'a> {
     }
 }
 
-/// Tiles per thread in a batch, so that threads seldom wait for each other.
-const BATCH: usize = 32;
+/// A layer's shard, `None` if it cannot be used, and what was found in it.
+struct Loaded {
+    shard: Option<Arc<Shard>>,
+    issues: Issues,
+}
+
+/// The checks of tiles, if they need no volume.
+type Checks<'s, 'c> = Option<&'s Stream<'c, Outcome>>;
 
 /// Runs the sweep.
 pub(super) struct Run<'a> {
@@ -101,19 +107,42 @@ impl<'a> Run<'a> {
             found,
             issues,
         };
+        if state.original.is_some() {
+            self.layers(None, &mut state)?;
+        } else {
+            let check = |entry: &TileEntry, fetched: &mut Fetched| {
+                tile::check(self.cx, entry, fetched, None, &mut self.workspace())
+            };
+            ahead::stream(self.cx, self.pool, &self.spare, check, |stream| {
+                self.layers(Some(stream), &mut state)
+            })?;
+        }
+        state.found.voxels = state.original.map(|o| o.voxels);
+        Ok(state.sweep)
+    }
+
+    /// Goes through all layers. The next one is read before the tiles of one are joined, so that there is
+    /// always something to check.
+    fn layers(&self, checks: Checks, state: &mut State) -> Result<()> {
+        let layers = &self.cx.manifest.layers;
+        let mut loaded = self.load(0, checks);
         let mut next = 0;
-        for layer in layers.iter().enumerate() {
-            let z = layer.1.z;
+        for (i, layer) in layers.iter().enumerate() {
+            let z = layer.z;
             for empty in next..z {
-                self.layer(empty, &[], &mut state)?;
+                self.layer(empty, &[], checks, state)?;
             }
             next = z + 1;
-            let Some(shard) = index::shard(self.cx.root, self.cx.tiling, layer, state.issues)
-            else {
+            let Some(Loaded { shard, issues }) = loaded.take() else {
+                break;
+            };
+            loaded = self.load(i + 1, checks);
+            state.issues.append(issues);
+            let Some(shard) = shard else {
                 state.sweep.lose_layer(z);
                 continue;
             };
-            self.layer(z, &shard.tiles, &mut state)?;
+            self.layer(z, &shard.tiles, checks, state)?;
             let names = shard
                 .tiles
                 .iter()
@@ -123,33 +152,40 @@ impl<'a> Run<'a> {
             files::foreign(self.cx.root, &dir, &names, state.issues)?;
         }
         for empty in next..self.cx.tiling.tiles()[2] {
-            self.layer(empty, &[], &mut state)?;
+            self.layer(empty, &[], checks, state)?;
         }
-        state.found.voxels = state.original.map(|o| o.voxels);
-        Ok(state.sweep)
+        Ok(())
     }
 
-    /// Checks the tiles of a layer and joins them in order.
-    fn layer(&self, z: u32, tiles: &[TileEntry], state: &mut State) -> Result<()> {
+    /// Reads the shard of layer number `index`, if there is one, and has its tiles checked.
+    fn load(&self, index: usize, checks: Checks) -> Option<Loaded> {
+        let layer = self.cx.manifest.layers.get(index)?;
+        let mut issues = Issues::new(self.cx.max_issues);
+        let shard = index::shard(self.cx.root, self.cx.tiling, (index, layer), &mut issues);
+        let shard = shard.map(Arc::new);
+        if let (Some(shard), Some(checks)) = (&shard, checks) {
+            checks.push(shard);
+        }
+        Some(Loaded { shard, issues })
+    }
+
+    /// Joins the tiles of a layer in order; compares them with the volume first, if there is one.
+    fn layer(&self, z: u32, tiles: &[TileEntry], checks: Checks, state: &mut State) -> Result<()> {
         let [_, rows, _] = self.cx.tiling.tiles();
         let mut first = 0;
-        if state.original.is_some() {
+        if let Some(checks) = checks {
+            // a check that panicked goes on doing so where the pool is left
+            for outcome in tiles.iter().map_while(|_| checks.result()) {
+                self.join(outcome, state)?;
+            }
+        } else {
             for row in 0..rows {
                 let count = tiles[first..].partition_point(|t| t.grid[1] == row);
                 let batch = &tiles[first..first + count];
-                let outcomes = self.compare_row([row, z], batch, first, state)?;
-                self.join(outcomes, state)?;
+                for outcome in self.compare_row([row, z], batch, first, state)? {
+                    self.join(outcome, state)?;
+                }
                 first += count;
-            }
-        } else {
-            for batch in tiles.chunks(BATCH * self.workspaces.len()) {
-                let check = |entry: &TileEntry, fetched: &mut Fetched| {
-                    tile::check(self.cx, entry, fetched, None, &mut self.workspace())
-                };
-                let tiles = (batch, first);
-                let outcomes = ahead::each(self.cx, self.pool, tiles, &self.spare, check);
-                self.join(outcomes, state)?;
-                first += batch.len();
             }
         }
         let strips = tiles.iter().map(|t| t.strips);
@@ -181,23 +217,21 @@ impl<'a> Run<'a> {
             .install(|| (0..nx).into_par_iter().map(macrocube).collect()))
     }
 
-    /// Adds what was found in tiles, in their order.
-    fn join(&self, outcomes: Vec<Outcome>, state: &mut State) -> Result<()> {
+    /// Adds what was found in the next tile.
+    fn join(&self, outcome: Outcome, state: &mut State) -> Result<()> {
         if self.progress.interrupted() {
             return Err(Error::Interrupted);
         }
-        for outcome in outcomes {
-            state.found.counts.add(&outcome.counts);
-            state.issues.append(outcome.issues);
-            if let Some(original) = &mut state.original {
-                original.voxels.above += outcome.voxels.above;
-                original.voxels.nan += outcome.voxels.nan;
-            }
-            if let Some(front) = outcome.front {
-                state.found.tiles += 1;
-                self.progress.advance(1);
-                state.sweep.add(front, state.issues)?;
-            }
+        state.found.counts.add(&outcome.counts);
+        state.issues.append(outcome.issues);
+        if let Some(original) = &mut state.original {
+            original.voxels.above += outcome.voxels.above;
+            original.voxels.nan += outcome.voxels.nan;
+        }
+        if let Some(front) = outcome.front {
+            state.found.tiles += 1;
+            self.progress.advance(1);
+            state.sweep.add(front, state.issues)?;
         }
         Ok(())
     }
