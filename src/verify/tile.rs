@@ -105,7 +105,8 @@ pub(super) struct Workspace {
 /// The samples to compare a tile with, and how.
 pub(super) type Original<'a> = (&'a Band<'a>, &'a Rule);
 
-/// Checks a tile that has been read.
+/// Checks a tile that has been read. Called as it is named, for the counts of its instructions.
+#[inline(never)]
 pub(super) fn check(
     cx: &Context,
     entry: &TileEntry,
@@ -279,7 +280,10 @@ impl Work<'_, '_> {
             std::array::from_fn(|a| ((self.region.hi[a] - self.region.lo[a]) / 256) as u64 + 3);
         self.check_form(tile);
         ws.surface_seen.begin(size);
-        ws.cap_seen.begin(size);
+        if self.cx.manifest.cap {
+            // else no cap gets as far as this
+            ws.cap_seen.begin(size);
+        }
         if self.keep_mesh {
             ws.mesh.begin(&self.region, self.cx.manifest.cap);
         }
