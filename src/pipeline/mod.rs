@@ -42,7 +42,7 @@ use anew::Anew;
 use budget::Budget;
 use finish::{FinishSettings, finish_layer, finished_layer};
 use forward::{Forward, SlabRecord};
-use keep::{Identity, Keeper};
+use keep::{Identity, Keeper, boot};
 use resolve::{Resolved, resolve};
 use resume::{announced, begin, complete};
 use serde::{Deserialize, Serialize};
@@ -123,7 +123,10 @@ pub fn convert(
     // usage errors come back with the same options
     let usage = matches!(made, Err(Error::Usage { .. }));
     output.keep(keeper.has_any() && !usage);
-    let made = made?;
+    let mut made = made?;
+    // first what the note tells of, then the note: it may outlive a power failure
+    keeper.disk().finish()?;
+    made.boot = (!keeper.disk().is_used()).then(boot);
     let note = serde_json::to_vec(&made).expect("plain data serialises");
     output.announce(&note)?;
     keeper.disk().finish()?;
@@ -183,6 +186,9 @@ struct Made {
     totals: Totals,
     bytes: u64,
     warnings: Vec<String>,
+    /// The boot of the system until whose end this counts, if it is not known to be on the disk.
+    #[serde(default)]
+    boot: Option<Vec<u8>>,
 }
 
 /// All stages between planning and moving into place.
@@ -269,6 +275,7 @@ fn make(
         totals,
         bytes: bytes + json.len() as u64,
         warnings,
+        boot: None,
     })
 }
 

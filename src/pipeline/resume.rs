@@ -1,6 +1,6 @@
 //! What a conversion finds in its output directory: nothing, a part of itself, or all of it.
 
-use super::keep::{Identity, Keeper, Kept, kept};
+use super::keep::{Identity, Keeper, Kept, boot, kept};
 use super::plan::Plan;
 use super::{ConvertOptions, Made, Output, manifest, warnings};
 use crate::error::Result;
@@ -48,9 +48,10 @@ pub fn begin(
 
 /// What was made, if it was being moved into place.
 pub fn announced(output: &Output, identity: &Identity) -> Option<Made> {
-    let made = serde_json::from_slice(&output.moving()?).ok()?;
+    let made: Made = serde_json::from_slice(&output.moving()?).ok()?;
     let same = Keeper::differences(output.work(), identity)?.is_empty();
-    same.then_some(made)
+    let counts = made.boot.as_ref().is_none_or(|then| *then == boot());
+    (same && counts).then_some(made)
 }
 
 /// What was made, if `out` holds the tile set that is asked for.
@@ -92,5 +93,6 @@ pub fn complete(
         totals: found.totals,
         bytes: size,
         warnings: warnings(&found.totals, grid.header().dims, options.threshold),
+        boot: None,
     })
 }

@@ -337,6 +337,6 @@ fn open(path: &Path, crc: u32, boot: &[u8], safe: bool) -> Option<Decoder> {
 }
 
 /// What tells one run of the system from the next; empty if it does not say.
-fn boot() -> Vec<u8> {
+pub fn boot() -> Vec<u8> {
     std::fs::read("/proc/sys/kernel/random/boot_id").unwrap_or_default()
 }
