@@ -172,6 +172,7 @@ mod slab;
 mod strip;
 pub mod table;
 pub mod tile;
+mod unchecked;
 pub mod verify;
 pub mod view;
 pub mod volume;

@@ -15,6 +15,7 @@ use crate::mesh::edges::{Edges, below};
 use crate::mesh::pieces::{Piece, Sheets};
 use crate::mesh::table::{Across, Case, EDGE_LOWER, MAX_TRIANGLES, cases, edge_axis};
 use crate::mesh::tile::{TileBox, TileMesh};
+use crate::unchecked::{Unchecked, UncheckedMut};
 use std::sync::LazyLock;
 
 /// Marks an edge of a triangle across which none lies inside the tile: the first half-edge of triangle
@@ -27,9 +28,6 @@ pub const NONE: u32 = 0;
 pub fn room_for(vertices: u32) -> u32 {
     1 + 3 * vertices + MAX_TRIANGLES as u32
 }
-
-/// Triangles written at once, whether the cube has as many or not.
-const AT_ONCE: u32 = 2;
 
 /// Numbers of edges that a cube's corners can name: eight counters, and the four of them that lie on
 /// the cube's upper x side.
@@ -175,9 +173,17 @@ pub struct Cut<'a> {
 /// What it writes, see [`TileMesh`].
 struct Faces<'a> {
     pieces: &'a mut [Piece],
-    cursors: &'a mut [Cursor],
-    corners: &'a mut [[u32; 4]],
-    mates: &'a mut [[u32; 4]],
+    cursors: UncheckedMut<'a, Cursor>,
+    corners: UncheckedMut<'a, [u32; 4]>,
+    /// By half-edge of the tile.
+    mates: UncheckedMut<'a, u32>,
+}
+
+/// The pieces and vertices of [`Sheets`].
+#[derive(Clone, Copy)]
+struct Numbered<'a> {
+    piece_of: Unchecked<'a, u32>,
+    vertex_of: Unchecked<'a, u32>,
 }
 
 /// Where a piece's triangles go.
@@ -209,13 +215,23 @@ impl CubeWalk {
             first: p.first_triangle,
             next: 1,
         }));
-        let mut out = Faces {
-            pieces: &mut mesh.pieces,
-            cursors: &mut cursors,
-            corners: &mut mesh.corners,
-            mates: &mut mesh.mates,
+        // SAFETY: an edge's number counts the crossed edges before it, all of which have a piece and a
+        // vertex; a piece's triangles are as many as `room_for` its vertices at most; and a half-edge is
+        // one of a triangle before, in the same piece, since the two share vertices
+        let (numbered, mut out) = unsafe {
+            let numbered = Numbered {
+                piece_of: Unchecked::new(&cut.sheets.piece_of),
+                vertex_of: Unchecked::new(&cut.sheets.vertex_of),
+            };
+            let out = Faces {
+                pieces: &mut mesh.pieces,
+                cursors: UncheckedMut::new(&mut cursors),
+                corners: UncheckedMut::new(&mut mesh.corners),
+                mates: UncheckedMut::new(mesh.mates.as_flattened_mut()),
+            };
+            (numbered, out)
         };
-        dispatch!(self.make_inlined(cut, plans, &mut out));
+        dispatch!(self.make_inlined(cut, plans, numbered, &mut out));
         for (piece, cursor) in mesh.pieces.iter_mut().zip(&cursors) {
             piece.triangles = cursor.next - 1;
         }
@@ -223,7 +239,7 @@ impl CubeWalk {
     }
 
     #[inline(always)]
-    fn make_inlined(&mut self, cut: Cut, plans: &Plans, out: &mut Faces) {
+    fn make_inlined(&mut self, cut: Cut, plans: &Plans, numbered: Numbered, out: &mut Faces) {
         let [cx, cy, cz] = cut.tile.cubes.map(|c| c as usize);
         self.row_slots.resize(cx, [NONE; 2]);
         self.slice_slots.clear();
@@ -234,7 +250,9 @@ impl CubeWalk {
             for y in 0..cy {
                 let row = z * rows + y;
                 let rows = [row, row + 1, row + rows, row + rows + 1];
-                self.cube_row(cut, plans, rows, [y, z], out);
+                if rows.iter().any(|&row| !cut.edges.is_empty(row)) {
+                    self.cube_row((cut, numbered), plans, rows, [y, z], out);
+                }
             }
         }
     }
@@ -242,7 +260,7 @@ impl CubeWalk {
     #[inline(always)]
     fn cube_row(
         &mut self,
-        cut: Cut,
+        (cut, numbered): (Cut, Numbered),
         plans: &Plans,
         rows: [usize; 4],
         [y, z]: [usize; 2],
@@ -250,59 +268,42 @@ impl CubeWalk {
     ) {
         let edges = cut.edges;
         let cx = cut.tile.cubes[0] as usize;
-        if rows.iter().all(|&row| edges.is_empty(row)) {
-            return;
-        }
         let starts = rows.map(|row| row * edges.row_words);
         let first = rows.map(|row| edges.first[row]);
-        let mut counters = [
-            first[0][0],
-            first[1][0],
-            first[2][0],
-            first[3][0],
-            first[0][1],
-            first[2][1],
-            first[0][2],
-            first[1][2],
-        ];
+        let [x_edges, y_edges, z_edges] = [0, 1, 2].map(|axis| first.map(|row| row[axis]));
         let mut numbers = [0; NUMBERS];
+        numbers[..4].copy_from_slice(&x_edges);
+        numbers[4..8].copy_from_slice(&[y_edges[0], y_edges[2], z_edges[0], z_edges[1]]);
         let mut x_slots = [NONE; 2];
-        let slice_slots = &mut self.slice_slots[y * cx..][..cx];
-        let row_slots = &mut self.row_slots[..cx];
+        // SAFETY: a row's active cubes lie below `cx`
+        let (mut row_slots, mut slice_slots) = unsafe {
+            let slice_slots = &mut self.slice_slots[y * cx..][..cx];
+            let row_slots = UncheckedMut::new(&mut self.row_slots[..cx]);
+            (row_slots, UncheckedMut::new(slice_slots))
+        };
         for w in 0..edges.row_words {
             let here = starts.map(|s| edges.bits[s + w]);
             let next = match w + 1 < edges.row_words {
                 true => starts.map(|s| edges.bits[s + w + 1]),
                 false => [0; 4],
             };
-            let active = active(here, next) & below(cx, w);
             let border = cut.tile.border_cubes(w, [y, z]);
-            let mut left = active;
+            let mut left = active(here, next) & below(cx, w);
             while left != 0 {
                 let i = left.trailing_zeros();
                 left &= left - 1;
                 let x = 64 * w + i as usize;
                 let case = case_at(here, next, i);
                 let plan = &plans.plans[case];
-                numbers[..8].copy_from_slice(&counters);
-                for c in 0..8 {
-                    counters[c] += plan.steps[c];
-                }
-                numbers[8..12].copy_from_slice(&counters[4..]);
-                let slots = [&mut x_slots, &mut row_slots[x], &mut slice_slots[x]];
+                // all in memory, where they are looked up: a sum over eight in two halves, not one by one
+                let after: [u32; 8] = std::array::from_fn(|c| numbers[c] + plan.steps[c]);
+                numbers[8..12].copy_from_slice(&after[4..]);
+                let slots = [&mut x_slots, row_slots.at_mut(x), slice_slots.at_mut(x)];
                 let on_border = border >> i & 1 == 1;
                 #[cfg(test)]
-                let simple = plan.simple && !self.plain;
-                #[cfg(not(test))]
-                let simple = plan.simple;
-                if simple {
-                    let piece = write_simple(plan, &numbers, cut.sheets, slots, out);
-                    if on_border {
-                        let case = &plans.cases[case];
-                        let all = 0..usize::from(plan.triangles);
-                        let count = border_edges(cut.tile, [x, y, z], case, all);
-                        out.pieces[piece].sums.border_edges += count;
-                    }
+                let on_border = on_border || self.plain;
+                if plan.simple && !on_border {
+                    write_simple(plan, &numbers, numbered, slots, out);
                 } else {
                     let cube = Cube {
                         at: [x, y, z],
@@ -310,8 +311,9 @@ impl CubeWalk {
                         slots,
                         on_border,
                     };
-                    cube.write(cut, &plans.cases[case], out);
+                    cube.write((cut.tile, numbered), &plans.cases[case], out);
                 }
+                numbers[..8].copy_from_slice(&after);
             }
         }
     }
@@ -336,61 +338,60 @@ fn case_at(here: [u64; 4], next: [u64; 4], i: u32) -> usize {
     (pair(0) | pair(1) << 2 | pair(2) << 4 | pair(3) << 6) as usize
 }
 
-/// Writes the triangles of one sheet that meets each face once at most; returns its piece.
+/// Writes the triangles of one sheet that meets each face once at most.
 #[inline(always)]
 fn write_simple(
     plan: &Plan,
     numbers: &[u32; NUMBERS],
-    sheets: &Sheets,
+    sheets: Numbered,
     slots: [&mut [u32; 2]; 3],
     out: &mut Faces,
-) -> usize {
-    // the mask says what is so anyway, and saves a check
-    let number = |place: u8| numbers[usize::from(place) % NUMBERS] as usize;
-    let piece = sheets.piece_of[number(plan.corners[0][0])] as usize;
-    let cursor = &mut out.cursors[piece];
+) {
+    // SAFETY: the plan's places are below `NUMBERS`
+    let numbers = unsafe { Unchecked::new(numbers) };
+    let number = |place: u8| numbers.at(usize::from(place)) as usize;
+    let piece = sheets.piece_of.at(number(plan.corners[0][0])) as usize;
+    let cursor = out.cursors.at_mut(piece);
     let (start, triangle) = (cursor.first as usize, cursor.next);
-    let count = u32::from(plan.triangles);
-    cursor.next += count;
+    cursor.next += u32::from(plan.triangles);
     let at = start + triangle as usize;
-    let corners = &mut out.corners[at..at + MAX_TRIANGLES];
-    let mates = &mut out.mates[start..at + MAX_TRIANGLES];
     let before = 4 * (triangle - 1);
-    let vertex = |place: u8| sheets.vertex_of[number(place)];
+    let vertex = |place: u8| sheets.vertex_of.at(number(place));
     // spelled out, since a closure that is called three times is not compiled into the loop
     macro_rules! put {
         ($t:expr) => {{
             let t: usize = $t;
             let [a, b, c, _] = plan.corners[t];
-            corners[t] = [vertex(a), vertex(b), vertex(c), 0];
+            *out.corners.at_mut(at + t) = [vertex(a), vertex(b), vertex(c), 0];
             let mut across = plan.inside[t];
             for mate in &mut across {
                 *mate = if *mate == NONE { NONE } else { before + *mate };
             }
-            mates[triangle as usize + t] = across;
+            out.mates.put(4 * (at + t), across);
         }};
     }
     put!(0);
     put!(1);
-    for t in AT_ONCE..count {
-        put!(t as usize);
+    if plan.triangles > 2 {
+        put!(2);
+        put!(3);
+        put!(4);
     }
-    let first = 4 * triangle;
-    let mates = mates.as_flattened_mut();
+    let (start, first) = (4 * start, 4 * triangle);
     for (axis, slots) in slots.into_iter().enumerate() {
         let low = first + u32::from(plan.low[axis]);
-        mates[low as usize] = slots[0];
+        *out.mates.at_mut(start + low as usize) = slots[0];
         // where there is none, the mate of triangle 0 is written, which is no triangle
-        mates[(slots[0] & plan.has_low[axis]) as usize] = low;
+        let across = slots[0] & plan.has_low[axis];
+        *out.mates.at_mut(start + across as usize) = low;
         slots[0] = first + u32::from(plan.high[axis]);
     }
-    piece
 }
 
 impl Cube<'_> {
     /// The triangles of any case.
     #[cold]
-    fn write(self, cut: Cut, case: &Case, out: &mut Faces) {
+    fn write(self, (tile, sheets): (&TileBox, Numbered), case: &Case, out: &mut Faces) {
         let number = |edge: u8| {
             let place = NUMBER_OF_EDGE[usize::from(edge)];
             self.numbers[usize::from(place)] as usize
@@ -399,35 +400,37 @@ impl Cube<'_> {
         let mut pieces = [0; MAX_TRIANGLES];
         let mut triangles = [0; MAX_TRIANGLES];
         for t in 0..count {
-            pieces[t] = cut.sheets.piece_of[number(case.edges[t][0])] as usize;
-            let cursor = &mut out.cursors[pieces[t]];
+            pieces[t] = sheets.piece_of.at(number(case.edges[t][0])) as usize;
+            let cursor = out.cursors.at_mut(pieces[t]);
             triangles[t] = cursor.next;
             cursor.next += 1;
             if self.on_border {
-                let count = border_edges(cut.tile, self.at, case, t..t + 1);
+                let count = border_edges(tile, self.at, case, t..t + 1);
                 out.pieces[pieces[t]].sums.border_edges += count;
             }
         }
         for t in 0..count {
-            let start = out.cursors[pieces[t]].first as usize;
+            let start = out.cursors.at(pieces[t]).first as usize;
             let at = start + triangles[t] as usize;
-            let vertex = |e: usize| cut.sheets.vertex_of[number(case.edges[t][e])];
-            out.corners[at] = [vertex(0), vertex(1), vertex(2), 0];
-            out.mates[at] = [NONE; 4];
+            let vertex = |e: usize| sheets.vertex_of.at(number(case.edges[t][e]));
+            *out.corners.at_mut(at) = [vertex(0), vertex(1), vertex(2), 0];
+            out.mates.put(4 * at, [NONE; 4]);
             for e in 0..3 {
                 let half_edge = 4 * triangles[t] + e as u32;
-                let mates = out.mates[start..].as_flattened_mut();
+                let mut link = |from: u32, to: u32| {
+                    *out.mates.at_mut(4 * start + from as usize) = to;
+                };
                 match case.across[t][e] {
                     Across::Inside(mate) => {
                         let mate = usize::from(mate);
                         let across = 4 * triangles[mate / 3] + mate as u32 % 3;
-                        mates[half_edge as usize] = across;
+                        link(half_edge, across);
                     }
                     Across::Face { face, slot } if face % 2 == 0 => {
                         let held = self.slots[usize::from(face / 2)][usize::from(slot)];
                         if held != NONE {
-                            mates[half_edge as usize] = held;
-                            mates[held as usize] = half_edge;
+                            link(half_edge, held);
+                            link(held, half_edge);
                         }
                     }
                     Across::Face { .. } => {}

@@ -1,4 +1,4 @@
-//! Samples around crossed edges, without a bounds check for each: the only `unsafe` of the mesher.
+//! Samples around crossed edges, without a bounds check for each.
 
 use crate::volume::Voxel;
 

@@ -2,6 +2,9 @@
 //!
 //! A vertex lies on an edge between an above and a below voxel, so it belongs to one object and one
 //! cell, and so does everything connected to it.
+//!
+//! The piece is looked up for every stretch of edges: to ask first whether it is that of the edge before
+//! saves the lookup for half of them and cannot be foretold, which cost a tenth of the time.
 
 use crate::cpu::dispatch;
 use crate::measure::MeshSums;
@@ -77,8 +80,8 @@ impl Piece {
 /// A piece while its vertices are counted.
 #[derive(Debug, Clone, Copy)]
 struct Count {
-    object: u32,
-    cell: u32,
+    /// Its object, then its cell.
+    pair: u64,
     vertices: u32,
     /// Those that the next tile counts.
     shared: u32,
@@ -86,55 +89,67 @@ struct Count {
     key: u64,
 }
 
-/// Finds pieces by (object, cell): open addressing.
+/// Finds pieces by object and cell: open addressing.
 #[derive(Debug, Default)]
 pub struct PieceIndex {
-    /// Open addressing: piece + 1, or 0.
-    slots: Vec<u32>,
+    slots: Vec<Slot>,
     counts: Vec<Count>,
+}
+
+/// A piece by its object and cell.
+#[derive(Debug, Clone, Copy)]
+struct Slot {
+    pair: u64,
+    piece: u32,
+}
+
+impl Slot {
+    /// No class has this number, so no piece is between two of them.
+    const EMPTY: Slot = Slot {
+        pair: u64::MAX,
+        piece: u32::MAX,
+    };
 }
 
 impl PieceIndex {
     fn reset(&mut self) {
         self.slots.clear();
-        self.slots.resize(256, 0);
+        self.slots.resize(256, Slot::EMPTY);
         self.counts.clear();
     }
 
     #[inline(always)]
     fn find(&mut self, object: u32, cell: u32) -> u32 {
-        let mut at = Self::hash(object, cell) & (self.slots.len() - 1);
+        let pair = u64::from(object) << 32 | u64::from(cell);
+        let mut at = Self::hash(pair);
         loop {
-            match self.slots[at] {
-                0 => return self.insert(object, cell),
-                found => {
-                    let count = &self.counts[found as usize - 1];
-                    if count.object == object && count.cell == cell {
-                        return found - 1;
-                    }
-                }
+            let slot = self.slots[at & (self.slots.len() - 1)];
+            if slot.pair == pair {
+                return slot.piece;
             }
-            at = (at + 1) & (self.slots.len() - 1);
+            if slot.pair == Slot::EMPTY.pair {
+                return self.insert(pair);
+            }
+            at += 1;
         }
     }
 
-    fn hash(object: u32, cell: u32) -> usize {
-        let mixed = (u64::from(object) << 32 | u64::from(cell)).wrapping_mul(0x9E37_79B9_7F4A_7C15);
-        (mixed >> 40) as usize
+    #[inline(always)]
+    fn hash(pair: u64) -> usize {
+        (pair.wrapping_mul(0x9E37_79B9_7F4A_7C15) >> 40) as usize
     }
 
     #[cold]
-    fn insert(&mut self, object: u32, cell: u32) -> u32 {
+    fn insert(&mut self, pair: u64) -> u32 {
         self.counts.push(Count {
-            object,
-            cell,
+            pair,
             vertices: 0,
             shared: 0,
             key: u64::MAX,
         });
         let count = self.counts.len();
         if 2 * count > self.slots.len() {
-            self.slots = vec![0; 2 * self.slots.len()];
+            self.slots = vec![Slot::EMPTY; 2 * self.slots.len()];
             (0..count).for_each(|i| self.place(i));
         } else {
             self.place(count - 1);
@@ -143,25 +158,33 @@ impl PieceIndex {
     }
 
     fn place(&mut self, piece: usize) {
-        let Count { object, cell, .. } = self.counts[piece];
+        let pair = self.counts[piece].pair;
         let mask = self.slots.len() - 1;
-        let mut at = Self::hash(object, cell) & mask;
-        while self.slots[at] != 0 {
+        let mut at = Self::hash(pair) & mask;
+        while self.slots[at].pair != Slot::EMPTY.pair {
             at = (at + 1) & mask;
         }
-        self.slots[at] = piece as u32 + 1;
+        let piece = piece as u32;
+        self.slots[at] = Slot { pair, piece };
     }
 }
 
 /// Which piece and which of its vertices lies on each crossed edge, by the edge's number. Some elements
-/// more mean nothing.
+/// more mean nothing. Pieces have their vertices one behind the other.
 #[derive(Debug, Default)]
 pub struct Sheets {
     /// The piece.
     pub piece_of: Vec<u32>,
     /// The vertex, numbered within the piece.
     pub vertex_of: Vec<u32>,
+    /// The first vertex of each piece in the tile's arrays.
+    pub first_of: Vec<u32>,
+    /// The run in which each voxel row begins, where it has been asked for, or [`UNKNOWN`].
+    first_run: Vec<u32>,
 }
+
+/// No run has this number.
+const UNKNOWN: u32 = u32::MAX;
 
 /// Vertices written at once, whether a stretch has as many or not.
 const AT_ONCE: usize = 8;
@@ -178,23 +201,28 @@ pub fn assign<T: Voxel>(
     index.reset();
     sheets.piece_of.resize(edges.count() + AT_ONCE, 0);
     sheets.vertex_of.resize(edges.count() + AT_ONCE, 0);
+    sheets.first_run.clear();
+    sheets.first_run.resize(edges.first.len(), UNKNOWN);
     let mut assigner = Assigner {
         class_of_run: view.class_of_run,
         index,
         piece_of: &mut sheets.piece_of,
         vertex_of: &mut sheets.vertex_of,
         number: 0,
-        last: [u32::MAX; 3],
+        last: 0,
     };
-    dispatch!(assign_inlined(view, tile, edges, &mut assigner));
+    let first_run = &mut sheets.first_run;
+    dispatch!(assign_inlined(view, tile, edges, first_run, &mut assigner));
     pieces.clear();
+    sheets.first_of.clear();
     let (mut vertex, mut triangle) = (0, 0);
     for count in &index.counts {
-        let mut piece = Piece::new(count.object, count.cell, false);
+        let mut piece = Piece::new((count.pair >> 32) as u32, count.pair as u32, false);
         piece.key = count.key;
         piece.vertices = count.vertices;
         piece.sums.vertices = u64::from(count.vertices - count.shared);
         piece.first_vertex = vertex;
+        sheets.first_of.push(vertex);
         vertex += piece.vertices;
         piece.first_triangle = triangle;
         triangle = piece.end_of_faces();
@@ -207,14 +235,20 @@ fn assign_inlined<T: Voxel>(
     view: &BandView<T>,
     tile: &TileBox,
     edges: &Edges,
+    first_run: &mut [u32],
     assigner: &mut Assigner,
 ) {
-    let [_, cy, cz] = tile.cubes.map(|c| c as usize);
-    let row = |y: usize, z: usize| {
-        let start = (z * edges.rows + y) * edges.row_words;
+    let [cx, cy, cz] = tile.cubes.map(|c| c as usize);
+    // three rows ask for each
+    let mut row = |y: usize, z: usize| {
+        let number = z * edges.rows + y;
+        let first = &mut first_run[number];
+        if *first == UNKNOWN {
+            *first = view.run_at(tile, [0, y, z]);
+        }
         Row {
-            bits: &edges.bits[start..][..edges.row_words],
-            first_run: view.run_at(tile, [0, y, z]),
+            bits: &edges.bits[number * edges.row_words..][..edges.row_words],
+            first_run: *first,
         }
     };
     let words = edges.words.chunks_exact(edges.row_words);
@@ -226,18 +260,22 @@ fn assign_inlined<T: Voxel>(
         let [first_x, first_y, first_z] = edges.first[number];
         let of_row = OfRow {
             key: 3 * tile.linear([0, y, z]),
-            shared_row: tile.shares_upper(1, y) || tile.shares_upper(2, z),
-            shared_x: (!tile.is_last[0]).then_some(tile.cubes[0] as usize),
+            shared: tile.shares_upper(1, y) || tile.shares_upper(2, z),
         };
+        // the next tile counts the vertices on the last voxel's edges, of which none goes along the row
+        let shares_last = !of_row.shared && !tile.is_last[0];
+        let shared = words[cx / 64].map(|word| shares_last && word >> (cx % 64) & 1 == 1);
         let here = row(y, z);
         if first_x < first_y {
             assigner.along_row(words, &here, &of_row);
         }
         if first_y < first_z {
             assigner.across_rows(words, 1, [&here, &row(y + 1, z)], &of_row);
+            assigner.index.counts[assigner.last].shared += u32::from(shared[1]);
         }
         if first_z < edges.first[number + 1][0] {
             assigner.across_rows(words, 2, [&here, &row(y, z + 1)], &of_row);
+            assigner.index.counts[assigner.last].shared += u32::from(shared[2]);
         }
     }
 }
@@ -255,9 +293,7 @@ struct OfRow {
     /// Key of its first edge.
     key: u64,
     /// The next tile counts the vertices.
-    shared_row: bool,
-    /// The next tile counts the vertices at this x.
-    shared_x: Option<usize>,
+    shared: bool,
 }
 
 /// Gives the crossed edges their pieces in the order of their numbers.
@@ -268,8 +304,8 @@ struct Assigner<'a> {
     vertex_of: &'a mut [u32],
     /// Of the next edge.
     number: usize,
-    /// Object, cell and piece of the edge before: walls are long.
-    last: [u32; 3],
+    /// Piece of the edge before.
+    last: usize,
 }
 
 impl Assigner<'_> {
@@ -283,7 +319,11 @@ impl Assigner<'_> {
                 let bit = crossed.trailing_zeros() as usize;
                 crossed &= crossed - 1;
                 let is_above = row.bits[w] >> bit & 1 == 1;
-                self.put([run, run + 1], is_above, (64 * w + bit, 1), 0, of_row);
+                let key = of_row.key + 3 * (64 * w + bit) as u64;
+                let (piece, vertex) = self.count([run, run + 1], is_above, (1, key), of_row);
+                self.piece_of[self.number] = piece;
+                self.vertex_of[self.number] = vertex;
+                self.number += 1;
                 run += 1;
             }
         }
@@ -308,56 +348,56 @@ impl Assigner<'_> {
                 let end = past.trailing_zeros();
                 // the bits from the end on, none if it is the word's
                 left &= (past & past.wrapping_neg()).wrapping_neg();
-                let run = [0, 1].map(|i| first_run[i] + (starts[i] & upto).count_ones());
+                let runs = [0, 1].map(|i| first_run[i] + (starts[i] & upto).count_ones());
                 let is_above = bits[0] >> start & 1 == 1;
-                let stretch = (64 * w + start as usize, (end - start) as usize);
-                self.put(run, is_above, stretch, axis, of_row);
+                let key = of_row.key + 3 * (64 * w as u64 + u64::from(start)) + axis as u64;
+                let (piece, vertex) = self.count(runs, is_above, (end - start, key), of_row);
+                self.put(piece, vertex, (end - start) as usize);
             }
             first_run = [0, 1].map(|i| first_run[i] + starts[i].count_ones());
             before = bits.map(Some);
         }
     }
 
-    /// The next edges, `count` of them from voxel x on, between two runs, of which the first is above
-    /// or the second.
+    /// Counts edges between two runs, of which the first is above or the second; returns their piece
+    /// and the first one's vertex.
     #[inline(always)]
-    fn put(
+    fn count(
         &mut self,
         runs: [u32; 2],
         is_above: bool,
-        (x, count): (usize, usize),
-        axis: usize,
+        (count, key): (u32, u64),
         of_row: &OfRow,
-    ) {
+    ) -> (u32, u32) {
         let classes = runs.map(|r| self.class_of_run[r as usize]);
         let (object, cell) = (
             classes[usize::from(!is_above)],
             classes[usize::from(is_above)],
         );
-        if self.last[..2] != [object, cell] {
-            self.last = [object, cell, self.index.find(object, cell)];
-        }
-        let piece = self.last[2];
+        let piece = self.index.find(object, cell);
+        self.last = piece as usize;
         let of = &mut self.index.counts[piece as usize];
         let first = of.vertices;
-        of.vertices += count as u32;
-        of.key = of.key.min(of_row.key + (3 * x + axis) as u64);
-        if of_row.shared_row {
-            of.shared += count as u32;
-        } else {
-            of.shared += u32::from(of_row.shared_x == Some(x + count - 1));
+        of.vertices += count;
+        of.key = of.key.min(key);
+        if of_row.shared {
+            of.shared += count;
         }
-        let (pieces, vertices) = (
-            &mut self.piece_of[self.number..],
-            &mut self.vertex_of[self.number..],
-        );
-        self.number += count;
+        (piece, first)
+    }
+
+    /// Gives the next `count` edges their vertices, the first of which is `vertex`.
+    #[inline(always)]
+    fn put(&mut self, piece: u32, vertex: u32, count: usize) {
+        let pieces = &mut self.piece_of[self.number..];
+        let vertices = &mut self.vertex_of[self.number..];
         pieces[..AT_ONCE].fill(piece);
-        for (i, vertex) in vertices[..AT_ONCE].iter_mut().enumerate() {
-            *vertex = first + i as u32;
+        for (i, place) in vertices[..AT_ONCE].iter_mut().enumerate() {
+            *place = vertex + i as u32;
         }
         for i in AT_ONCE..count {
-            (pieces[i], vertices[i]) = (piece, first + i as u32);
+            (pieces[i], vertices[i]) = (piece, vertex + i as u32);
         }
+        self.number += count;
     }
 }

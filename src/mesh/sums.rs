@@ -6,6 +6,7 @@
 use crate::cpu::dispatch;
 use crate::measure::AreaScale;
 use crate::mesh::pieces::Piece;
+use crate::unchecked::Unchecked;
 
 /// Triangles or positions at once. With eight, compilers keep the gathered corners in registers, and the
 /// arithmetic on them one by one.
@@ -38,18 +39,20 @@ fn sum_inlined(
 ) {
     for piece in pieces {
         let vertices = &positions[piece.first_vertex as usize..][..piece.vertices as usize];
+        // SAFETY: corners are vertices of their piece, and a piece with triangles has some
+        let places = unsafe { Unchecked::new(vertices) };
         let (mut volume6, mut twice_area) = (0, 0);
         for faces in corners[piece.faces()][1..].chunks(AT_ONCE) {
             let mut sums = Sums::default();
             let (batches, rest) = faces.as_chunks();
             for batch in batches {
-                sums.add(batch, vertices, area);
+                sums.add(batch, places, area);
             }
             if !rest.is_empty() {
                 // three times the same corner have neither volume nor area
                 let mut batch = [[0; 4]; LANES];
                 batch[..rest.len()].copy_from_slice(rest);
-                sums.add(&batch, vertices, area);
+                sums.add(&batch, places, area);
             }
             volume6 += sums.volume6.iter().map(|&v| v as i128).sum::<i128>();
             twice_area += sums.twice_area.iter().map(|&a| a as u128).sum::<u128>();
@@ -96,11 +99,11 @@ struct Sums {
 
 impl Sums {
     #[inline(always)]
-    fn add(&mut self, faces: &Lanes<[u32; 4]>, vertices: &[[i32; 3]], area: &AreaScale) {
+    fn add(&mut self, faces: &Lanes<[u32; 4]>, vertices: Unchecked<[i32; 3]>, area: &AreaScale) {
         let [mut a, mut b, mut c] = [[[0; LANES]; 3]; 3];
         for (i, &[p, q, r, _]) in faces.iter().enumerate() {
             for (corner, vertex) in [(&mut a, p), (&mut b, q), (&mut c, r)] {
-                let [x, y, z] = vertices[vertex as usize];
+                let [x, y, z] = vertices.at(vertex as usize);
                 (corner[0][i], corner[1][i], corner[2][i]) = (x, y, z);
             }
         }

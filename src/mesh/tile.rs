@@ -230,13 +230,12 @@ impl TileMesher {
             &mut out.pieces,
             &mut self.sheets,
         );
-        let mut places = Places {
-            sheets: &self.sheets,
-            pieces: &out.pieces,
+        let places = Places {
             positions: &mut out.positions,
             normals: &mut out.normals,
         };
-        place_vertices(&self.edges, view, tile, settings.threshold, &mut places);
+        let to = (&self.sheets, places);
+        place_vertices(&self.edges, view, tile, settings.threshold, to);
         let faces = out.pieces.last().map_or(0, Piece::end_of_faces) as usize;
         // what is left of a larger tile stays: to cut it off and clear it again costs time
         if out.corners.len() < faces {

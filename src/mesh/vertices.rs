@@ -9,9 +9,10 @@ use crate::cpu::dispatch;
 use crate::grid::LATTICE;
 use crate::mesh::edges::Edges;
 use crate::mesh::gather::{Ends, Samples};
-use crate::mesh::pieces::{Piece, Sheets};
+use crate::mesh::pieces::Sheets;
 use crate::mesh::tile::{BandView, TileBox};
 use crate::mesh::vertex::{NORMAL_RANGE, Stencil, normal, step_on_edge};
+use crate::unchecked::{Unchecked, UncheckedMut};
 use crate::volume::{Slope, Voxel};
 
 /// Vertices per batch.
@@ -51,8 +52,11 @@ impl<T: Voxel> Batch<T> {
     }
 
     #[inline(always)]
-    fn push(&mut self, ends: &Ends<T>) {
-        let i = self.len;
+    fn push(&mut self, position: [i32; 3], axis: usize, ends: &Ends<T>) {
+        // a full batch is handed out at once; the remainder spares a check for each array
+        let i = self.len % BATCH;
+        self.positions[i] = position;
+        self.axis[i] = axis as u8;
         for end in 0..2 {
             self.values[end][i] = ends.values[end];
             for a in 0..3 {
@@ -64,7 +68,7 @@ impl<T: Voxel> Batch<T> {
 
     /// Computes positions and normals of the whole batch and hands them out.
     #[inline(always)]
-    fn flush(&mut self, threshold: f64, places: &mut Places) {
+    fn flush(&mut self, threshold: f64, places: &mut Unsorted) {
         let mut steps = [0; BATCH];
         for (i, step) in steps.iter_mut().enumerate() {
             let [v0, v1] = [self.values[0][i].to_f64(), self.values[1][i].to_f64()];
@@ -112,41 +116,57 @@ impl<T: Voxel> Batch<T> {
 
 /// Where the vertices go: each into its piece's part of the tile's arrays.
 pub struct Places<'a> {
-    /// Piece and vertex by the number of the edge.
-    pub sheets: &'a Sheets,
-    /// The pieces with their first vertices.
-    pub pieces: &'a [Piece],
     /// Positions in lattice steps.
     pub positions: &'a mut [[i32; 3]],
     /// Unit normals.
     pub normals: &'a mut [[f32; 3]],
 }
 
-impl Places<'_> {
-    /// Takes the vertices of edges `first` and following.
+/// Takes vertices in the order of their edges.
+struct Unsorted<'a> {
+    /// Piece and vertex by the number of the edge.
+    piece_of: Unchecked<'a, u32>,
+    vertex_of: Unchecked<'a, u32>,
+    /// First vertex by piece.
+    first_of: Unchecked<'a, u32>,
+    positions: UncheckedMut<'a, [i32; 3]>,
+    normals: UncheckedMut<'a, [f32; 3]>,
+}
+
+impl Unsorted<'_> {
+    /// Takes the vertices of edges `first` and following, a batch at most.
     #[inline(always)]
     fn put(&mut self, first: usize, positions: &[[i32; 3]], normals: &[[f32; BATCH]; 3]) {
-        let edges = first..first + positions.len();
-        let pieces = &self.sheets.piece_of[edges.clone()];
-        let vertices = &self.sheets.vertex_of[edges];
-        // never more than a batch: said again, it spares a check of the components' bounds
         for (i, &position) in positions.iter().enumerate().take(BATCH) {
-            let at = (self.pieces[pieces[i] as usize].first_vertex + vertices[i]) as usize;
-            self.positions[at] = position;
-            self.normals[at] = [normals[0][i], normals[1][i], normals[2][i]];
+            let piece = self.piece_of.at(first + i) as usize;
+            let vertex = (self.first_of.at(piece) + self.vertex_of.at(first + i)) as usize;
+            *self.positions.at_mut(vertex) = position;
+            *self.normals.at_mut(vertex) = [normals[0][i], normals[1][i], normals[2][i]];
         }
     }
 }
 
-/// Computes the vertices on all crossed edges.
+/// Computes the vertices on all crossed edges, which `sheets` assigns to pieces.
 pub fn place_vertices<T: Voxel>(
     edges: &Edges,
     view: &BandView<T>,
     tile: &TileBox,
     threshold: f64,
-    places: &mut Places,
+    (sheets, places): (&Sheets, Places),
 ) {
-    dispatch!(place_inlined(edges, view, tile, threshold, places));
+    assert!(places.positions.len() >= edges.count() && places.normals.len() >= edges.count());
+    // SAFETY: every edge has a piece, and a vertex of it: pieces have their vertices one behind the
+    // other, as many as there are edges
+    let mut places = unsafe {
+        Unsorted {
+            piece_of: Unchecked::new(&sheets.piece_of),
+            vertex_of: Unchecked::new(&sheets.vertex_of),
+            first_of: Unchecked::new(&sheets.first_of),
+            positions: UncheckedMut::new(places.positions),
+            normals: UncheckedMut::new(places.normals),
+        }
+    };
+    dispatch!(place_inlined(edges, view, tile, threshold, &mut places));
 }
 
 #[inline(always)]
@@ -155,7 +175,7 @@ fn place_inlined<T: Voxel>(
     view: &BandView<T>,
     tile: &TileBox,
     threshold: f64,
-    places: &mut Places,
+    places: &mut Unsorted,
 ) {
     let span = &view.voxels.span;
     let strides = [1, span.nx as usize, span.nx as usize * span.rows()];
@@ -241,20 +261,20 @@ impl<'a, T: Voxel> Row<'a, T> {
     #[inline(always)]
     fn gather(&self, x: u32, axis: usize, batch: &mut Batch<T>) {
         let steps = |v: u32| (v * LATTICE) as i32;
-        batch.positions[batch.len] = [steps(x), steps(self.y), steps(self.z)];
-        batch.axis[batch.len] = axis as u8;
+        let position = [steps(x), steps(self.y), steps(self.z)];
         let p = self.start + x as usize;
         if self.central && x >= 1 && x + 2 < self.dims[0] {
             // SAFETY: `central` says that the samples cover the row's voxels 1..=nx - 3
-            batch.push(&unsafe {
+            let ends = unsafe {
                 match axis {
                     0 => self.samples.ends::<0>(p),
                     1 => self.samples.ends::<1>(p),
                     _ => self.samples.ends::<2>(p),
                 }
-            });
+            };
+            batch.push(position, axis, &ends);
         } else {
-            batch.push(&self.ends_at_face(p, x, axis));
+            batch.push(position, axis, &self.ends_at_face(p, x, axis));
         }
     }
 
