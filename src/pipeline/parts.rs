@@ -1,5 +1,6 @@
 //! What a sweep holds in memory, and how it gets by with less.
 
+use crate::error::{Error, Result};
 use crate::pipeline::band::BandSource;
 use crate::pipeline::workspace::WorkspacePool;
 use crate::pipeline::writers::Writers;
@@ -47,15 +48,15 @@ pub struct Parts<'a, T> {
 }
 
 impl<T> Parts<'_, T> {
-    /// Takes the next way that needs less memory.
+    /// Takes the next way that needs less memory, after `error` said that there is not enough.
     ///
     /// # Errors
-    /// If there is none.
-    pub fn shrink(&mut self) -> Result<(), ()> {
-        if self.writers.take().is_some() {
-            return Ok(());
+    /// `error` if there is none; [`Error::Io`] of a tile that was on its way to the disk.
+    pub fn shrink(&mut self, error: Error) -> Result<()> {
+        if let Some(writers) = self.writers.take() {
+            return writers.wait();
         }
-        self.mode = self.mode.smaller().ok_or(())?;
+        self.mode = self.mode.smaller().ok_or(error)?;
         Ok(())
     }
 }

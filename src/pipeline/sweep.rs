@@ -7,6 +7,8 @@
 //! read and labelled while this one is meshed. If not, or where a slab turns out denser than planned,
 //! a slab is done in parts: read once to label it and once more to mesh it. The result is the same.
 
+mod whole;
+
 use crate::error::{Error, Result};
 use crate::grid::Ambiguous;
 use crate::measure::{AreaScale, MeshSums};
@@ -46,6 +48,12 @@ pub struct Sweep<'a> {
     pub writer: &'a TileWriter,
     /// Hears of every layer.
     pub progress: &'a dyn Progress,
+}
+
+/// What joining the bands of a slab has found.
+struct Known {
+    settled: Vec<SettledBand>,
+    classes: SlabClasses,
 }
 
 impl Sweep<'_> {
@@ -101,21 +109,6 @@ impl Sweep<'_> {
         Ok((state.ok_or_else(|| keeper.damaged())?, at.layer))
     }
 
-    /// Ends a layer: its slab is done, and what comes can be gone on from here.
-    fn end_layer<T: Voxel>(
-        &self,
-        source: &BandSource<T>,
-        layer: u32,
-        state: &mut State,
-        keeper: &mut Keeper,
-    ) -> Result<()> {
-        let (files, mut marks) = (keeper.files(TILES), Marks::default());
-        state.mark(&files, &mut marks)?;
-        keeper.save(TILES, layer + 1, &marks, |out| state.save(out))?;
-        self.release(source, layer);
-        Ok(())
-    }
-
     fn parts<'a, T: Voxel>(
         &'a self,
         budget: &'a Arc<Budget>,
@@ -144,103 +137,34 @@ impl Sweep<'_> {
         }
     }
 
-    /// Sweeps slabs from `layer` on with all their bands in memory. Returns the first layer that is
-    /// left because it does not fit.
-    fn sweep_whole_slabs<T: Voxel + Default>(
-        &self,
-        parts: &mut Parts<T>,
-        mut layer: u32,
-        state: &mut State,
-        keeper: &mut Keeper,
-    ) -> Result<u32> {
-        let [_, bands, layers] = self.plan.tiling.tiles();
-        let fresh = |parts: &Parts<T>| (0..bands).map(|_| parts.source.band()).collect::<Vec<_>>();
-        let (mut now, mut next) = (fresh(parts), fresh(parts));
-        let mut prepared = false;
-        while layer < layers && parts.mode.bands_at_once >= bands {
-            self.check_interrupt()?;
-            let last = layer + 1 == layers;
-            let joined = self.prepare_and_join(parts, &mut now, prepared, layer, state);
-            let (settled, classes) = match joined {
-                Err(error @ Error::TooDense { .. }) => {
-                    parts.shrink().map_err(|_| error)?;
-                    (now, next, prepared) = (fresh(parts), fresh(parts), false);
-                    continue;
-                }
-                other => other?,
-            };
-            take_classes(&mut now, 0, &classes);
-            self.prefetch(&parts.source, layer + 1);
-            let gather = state.gather(&settled, &classes)?;
-            let mesh = || self.mesh_bands(parts, &now, 0, layer, &gather);
-            let mut read = None;
-            let mut meshed = if parts.mode.look_ahead && !last {
-                let (meshed, ahead) = rayon::join(mesh, || {
-                    self.prepare(&parts.source, &mut next, 0, layer + 1)
-                });
-                read = Some(ahead);
-                meshed
-            } else {
-                mesh()
-            };
-            prepared = match read {
-                Some(Err(Error::TooDense { .. })) => {
-                    let _ = parts.shrink();
-                    false
-                }
-                Some(other) => other.map(|()| true)?,
-                None => false,
-            };
-            if !prepared {
-                next = fresh(parts);
-            }
-            let mut tiles = gather.into_tiles();
-            while let Err(error @ Error::TooDense { .. }) = meshed {
-                // nothing but a smaller mode is left to make room
-                parts.shrink().map_err(|_| error)?;
-                (next, prepared) = (fresh(parts), false);
-                drop(tiles);
-                if parts.mode.bands_at_once < bands {
-                    drop(now);
-                    tiles = self.mesh_in_parts(parts, layer, state, (&settled, &classes))?;
-                    now = fresh(parts);
-                    meshed = Ok(());
-                } else {
-                    let gather = state.gather(&settled, &classes)?;
-                    meshed = self.mesh_bands(parts, &now, 0, layer, &gather);
-                    tiles = gather.into_tiles();
-                }
-            }
-            meshed?;
-            state.finish_slab(layer, &settled, &classes, tiles)?;
-            self.end_layer(&parts.source, layer, state, keeper)?;
-            if prepared {
-                std::mem::swap(&mut now, &mut next);
-            }
-            layer += 1;
-        }
-        // it takes the system some milliseconds to have so much back
-        rayon::join(|| drop(now), || drop(next));
-        Ok(layer)
-    }
-
-    /// Prepares all bands of a layer, if that has not been done, and joins them.
-    fn prepare_and_join<T: Voxel>(
-        &self,
-        parts: &Parts<T>,
-        bands: &mut [Band<T>],
-        prepared: bool,
-        layer: u32,
-        state: &mut State,
-    ) -> Result<(Vec<SettledBand>, SlabClasses)> {
-        if !prepared {
-            self.prepare(&parts.source, bands, 0, layer)?;
-        }
+    /// Joins the bands of a layer.
+    fn join<T>(&self, bands: &mut [Band<T>], layer: u32, state: &mut State) -> Result<Known> {
         let mut settled = Vec::new();
         state.settle(bands, &mut settled)?;
         let last = layer + 1 == self.plan.tiling.tiles()[2];
         let classes = state.join(&settled, last)?;
-        Ok((settled, classes))
+        Ok(Known { settled, classes })
+    }
+
+    /// Ends a slab whose tiles are made, if there is one.
+    fn end_slab<T: Voxel>(
+        &self,
+        parts: &Parts<T>,
+        slab: Option<(u32, Known, SlabTiles)>,
+        state: &mut State,
+        keeper: &mut Keeper,
+    ) -> Result<()> {
+        let Some((layer, known, tiles)) = slab else {
+            return Ok(());
+        };
+        // before anybody relies on its tiles
+        parts.writers.as_ref().map_or(Ok(()), Writers::wait)?;
+        state.finish_slab(layer, &known.settled, &known.classes, tiles)?;
+        let (files, mut marks) = (keeper.files(TILES), Marks::default());
+        state.mark(&files, &mut marks)?;
+        keeper.save(TILES, layer + 1, &marks, |out| state.save(out))?;
+        self.release(&parts.source, layer);
+        Ok(())
     }
 
     /// Sweeps one slab a few bands at a time.
@@ -254,9 +178,9 @@ impl Sweep<'_> {
         let last = layer + 1 == self.plan.tiling.tiles()[2];
         let settled = self.settle_in_parts(parts, layer, state)?;
         let classes = state.join(&settled, last)?;
-        let tiles = self.mesh_in_parts(parts, layer, state, (&settled, &classes))?;
-        state.finish_slab(layer, &settled, &classes, tiles)?;
-        self.end_layer(&parts.source, layer, state, keeper)
+        let known = Known { settled, classes };
+        let tiles = self.mesh_in_parts(parts, layer, state, &known)?;
+        self.end_slab(parts, Some((layer, known, tiles)), state, keeper)
     }
 
     /// Labels all bands of a layer, as many at a time as fit.
@@ -280,17 +204,17 @@ impl Sweep<'_> {
         parts: &mut Parts<T>,
         layer: u32,
         state: &mut State,
-        (settled, classes): (&[SettledBand], &SlabClasses),
+        known: &Known,
     ) -> Result<SlabTiles> {
         loop {
-            let gather = state.gather(settled, classes)?;
+            let gather = state.gather(&known.settled, &known.classes)?;
             let meshed = self.for_each_part(parts, layer, |parts, part, first| {
-                take_classes(part, first, classes);
+                take_classes(part, first, &known.classes);
                 self.mesh_bands(parts, part, first, layer, &gather)
             });
             match meshed {
                 // fewer bands leave more for what the slab has in tiles and surfaces
-                Err(error @ Error::TooDense { .. }) => parts.shrink().map_err(|_| error)?,
+                Err(error @ Error::TooDense { .. }) => parts.shrink(error)?,
                 other => return other.map(|()| gather.into_tiles()),
             }
         }
@@ -317,7 +241,7 @@ impl Sweep<'_> {
             match self.prepare(&parts.source, &mut part, first, layer) {
                 Err(error @ Error::TooDense { .. }) => {
                     part.clear();
-                    parts.shrink().map_err(|_| error)?;
+                    parts.shrink(error)?;
                 }
                 other => {
                     other?;
@@ -351,7 +275,7 @@ impl Sweep<'_> {
             .try_for_each(|(i, band)| source.prepare(first + i as u32, layer, band))
     }
 
-    /// Meshes and writes all tiles of some bands.
+    /// Meshes all tiles of some bands and writes them, or hands them to the writers.
     fn mesh_bands<T: Voxel>(
         &self,
         parts: &Parts<T>,
@@ -367,7 +291,7 @@ impl Sweep<'_> {
             cap: self.cap,
             area: AreaScale::new(parts.source.volume.header().placement.spacing),
         };
-        let made = (0..bands.len() * tiles_x)
+        (0..bands.len() * tiles_x)
             .into_par_iter()
             .with_max_len(1)
             .try_for_each(|i| {
@@ -394,10 +318,7 @@ impl Sweep<'_> {
                 });
                 self.progress.advance(1);
                 result
-            });
-        // before anybody relies on them, or makes them again
-        let written = parts.writers.as_ref().map_or(Ok(()), Writers::wait);
-        made.and(written)
+            })
     }
 
     /// Writes the workspace's mesh and tells `gather` of it.
