@@ -43,20 +43,21 @@ const COUNTED: [u8; 8] = [0, 1, 2, 3, 4, 6, 8, 10];
 /// A half-edge of a triangle that is not one of its three: may be written to and means nothing.
 const UNUSED: u8 = 3;
 
-/// A case prepared for the loop. Half-edges are `4 t + e`, t counted within the cube.
+/// A case prepared for the loop, in one cache line. Half-edges are `4 t + e`, t counted within the cube.
 #[derive(Debug, Clone, Copy)]
+#[repr(align(64))]
 struct Plan {
     /// By how much each counter rises past the cube.
-    steps: [u32; 8],
-    /// The mate inside the cube, its triangle counted from 1, or [`NONE`].
-    inside: [[u32; 4]; MAX_TRIANGLES],
+    steps: [u8; 8],
     /// Places of the corners' edges among the counters.
     corners: [[u8; 4]; MAX_TRIANGLES],
+    /// The mate inside the cube, its triangle counted from 1, or 0.
+    inside: [[u8; 4]; MAX_TRIANGLES],
     /// Half-edge on the lower and the upper face of each axis, or [`UNUSED`].
     low: [u8; 3],
     high: [u8; 3],
-    /// All bits where `low` is one.
-    has_low: [u32; 3],
+    /// -1, all bits, where `low` is one.
+    has_low: [i8; 3],
     triangles: u8,
     /// One sheet that meets each face once at most.
     simple: bool,
@@ -95,13 +96,13 @@ impl Plan {
         let crossed = |edge: u8| {
             let lower = EDGE_LOWER[usize::from(edge)];
             let upper = lower + (1 << edge_axis(edge));
-            (bits >> lower ^ bits >> upper) as u32 & 1
+            (bits >> lower ^ bits >> upper) as u8 & 1
         };
         let mut plan = Plan {
             steps: COUNTED.map(crossed),
             // those without a triangle name an edge that is there, in case they are written
             corners: [[NUMBER_OF_EDGE[usize::from(case.edges[0][0])]; 4]; MAX_TRIANGLES],
-            inside: [[NONE; 4]; MAX_TRIANGLES],
+            inside: [[0; 4]; MAX_TRIANGLES],
             low: [UNUSED; 3],
             high: [UNUSED; 3],
             has_low: [0; 3],
@@ -113,13 +114,11 @@ impl Plan {
                 plan.corners[t][e] = NUMBER_OF_EDGE[usize::from(case.edges[t][e])];
                 let half_edge = (4 * t + e) as u8;
                 match case.across[t][e] {
-                    Across::Inside(mate) => {
-                        plan.inside[t][e] = u32::from((mate / 3 + 1) * 4 + mate % 3)
-                    }
+                    Across::Inside(mate) => plan.inside[t][e] = (mate / 3 + 1) * 4 + mate % 3,
                     Across::Face { slot: 1, .. } => plan.simple = false,
                     Across::Face { face, .. } if face % 2 == 0 => {
                         plan.low[usize::from(face / 2)] = half_edge;
-                        plan.has_low[usize::from(face / 2)] = !0;
+                        plan.has_low[usize::from(face / 2)] = -1;
                     }
                     Across::Face { face, .. } => plan.high[usize::from(face / 2)] = half_edge,
                 }
@@ -296,7 +295,8 @@ impl CubeWalk {
                 let case = case_at(here, next, i);
                 let plan = &plans.plans[case];
                 // all in memory, where they are looked up: a sum over eight in two halves, not one by one
-                let after: [u32; 8] = std::array::from_fn(|c| numbers[c] + plan.steps[c]);
+                let after: [u32; 8] =
+                    std::array::from_fn(|c| numbers[c] + u32::from(plan.steps[c]));
                 numbers[8..12].copy_from_slice(&after[4..]);
                 let slots = [&mut x_slots, row_slots.at_mut(x), slice_slots.at_mut(x)];
                 let on_border = border >> i & 1 == 1;
@@ -362,11 +362,12 @@ fn write_simple(
         ($t:expr) => {{
             let t: usize = $t;
             let [a, b, c, _] = plan.corners[t];
-            *out.corners.at_mut(at + t) = [vertex(a), vertex(b), vertex(c), 0];
-            let mut across = plan.inside[t];
-            for mate in &mut across {
-                *mate = if *mate == NONE { NONE } else { before + *mate };
-            }
+            let corners = [vertex(a), vertex(b), vertex(c)];
+            out.corners.at_mut(at + t)[..3].copy_from_slice(&corners);
+            let across = plan.inside[t].map(|mate| match u32::from(mate) {
+                0 => NONE,
+                mate => before + mate,
+            });
             out.mates.put(4 * (at + t), across);
         }};
     }
@@ -382,7 +383,7 @@ fn write_simple(
         let low = first + u32::from(plan.low[axis]);
         *out.mates.at_mut(start + low as usize) = slots[0];
         // where there is none, the mate of triangle 0 is written, which is no triangle
-        let across = slots[0] & plan.has_low[axis];
+        let across = slots[0] & i32::from(plan.has_low[axis]) as u32;
         *out.mates.at_mut(start + across as usize) = low;
         slots[0] = first + u32::from(plan.high[axis]);
     }

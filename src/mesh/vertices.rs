@@ -181,12 +181,13 @@ fn place_inlined<T: Voxel>(
     let strides = [1, span.nx as usize, span.nx as usize * span.rows()];
     let samples = Samples::new(&view.voxels.samples, strides);
     let mut batch = Batch::new();
-    let chunks = edges.words.chunks_exact(edges.row_words);
-    for (number, words) in chunks.enumerate() {
+    let words = edges.words.chunks_exact(edges.row_words);
+    let [_, cy, cz] = tile.cubes.map(|c| c as usize);
+    let rows = (0..=cz).flat_map(|z| (0..=cy).map(move |y| (y, z)));
+    for ((number, place), words) in rows.enumerate().zip(words) {
         if edges.is_empty(number) {
             continue;
         }
-        let place = (number % edges.rows, number / edges.rows);
         let row = Row::new(view, tile, &samples, strides, place);
         for axis in 0..3 {
             for (w, word) in words.iter().enumerate() {
