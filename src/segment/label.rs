@@ -56,55 +56,59 @@ pub fn label_runs(
 
 #[inline(always)]
 fn join_rows(bits: &Bits, runs: &Runs, rule: Ambiguous, sets: &mut UnionFind) {
+    // flips bits so that the 18-connected phase is 1
+    let wide = if rule == Ambiguous::Separate { !0 } else { 0 };
     let rows = bits.span.rows();
     for s in 0..bits.span.slices() {
         for r in 0..rows {
             let row = |s: usize, r: usize| (s * rows + r) * bits.row_words;
-            let a = row(s, r);
-            let mut pair = |b: usize, diagonal: Diagonal| {
-                join_row_pair(bits, runs, [a, b], rule, diagonal, sets);
-            };
+            let here = row(s, r);
             if r > 0 {
-                pair(row(s, r - 1), Diagonal::AlongX);
+                join_row_pair(bits, runs, [here, row(s, r - 1)], wide, sets);
             }
             if s > 0 {
-                pair(row(s - 1, r), Diagonal::AlongX);
+                let below = row(s - 1, r);
+                join_row_pair(bits, runs, [here, below], wide, sets);
                 if r > 0 {
-                    pair(row(s - 1, r - 1), Diagonal::AcrossRows);
+                    let corner = [here, row(s - 1, r - 1), below, row(s, r - 1)];
+                    join_across(bits, runs, corner, wide, sets);
                 }
                 if r + 1 < rows {
-                    pair(row(s - 1, r + 1), Diagonal::AcrossRows);
+                    let corner = [here, row(s - 1, r + 1), below, row(s, r + 1)];
+                    join_across(bits, runs, corner, wide, sets);
                 }
             }
         }
     }
 }
 
-/// How two rows are neighbours.
-#[derive(Clone, Copy, PartialEq)]
-enum Diagonal {
-    /// They differ by one step: both phases touch at equal x, the 18-connected one also at x +- 1.
-    AlongX,
-    /// They differ by a step in y and one in z: only the 18-connected phase touches, at equal x.
-    AcrossRows,
+/// Joins the runs of two rows a step in y and one in z apart, the first two of four given by the indices
+/// of their first words. Only the 18-connected phase touches there, and only where neither of the two rows
+/// between has joined them already is there anything to do.
+#[inline(always)]
+fn join_across(bits: &Bits, runs: &Runs, rows: [usize; 4], wide: u64, sets: &mut UnionFind) {
+    for w in 0..bits.row_words {
+        let [a, b, c, d] = rows.map(|row| bits.words[row + w] ^ wide);
+        let touch = a & b & !c & !d & inside(w, bits.span.nx);
+        // the others of a stretch lie in the same runs
+        let mut starts = touch & !(touch << 1);
+        while starts != 0 {
+            let x = 64 * w + starts.trailing_zeros() as usize;
+            let [a, b] = [rows[0], rows[1]].map(|row| runs.at(bits, row, x));
+            sets.union(a, b);
+            starts &= starts - 1;
+        }
+    }
 }
 
-/// Joins the runs of two rows, given by the indices of their first words.
+/// Joins the runs of two rows one step apart, given by the indices of their first words: both phases touch
+/// at equal x, the 18-connected one also at x +- 1.
 #[inline(always)]
-fn join_row_pair(
-    bits: &Bits,
-    runs: &Runs,
-    [a, b]: [usize; 2],
-    rule: Ambiguous,
-    diagonal: Diagonal,
-    sets: &mut UnionFind,
-) {
-    // flips bits so that the 18-connected phase is 1
-    let wide = if rule == Ambiguous::Separate { !0 } else { 0 };
+fn join_row_pair(bits: &Bits, runs: &Runs, [a, b]: [usize; 2], wide: u64, sets: &mut UnionFind) {
     if let [Some(run_a), Some(run_b)] = [a, b].map(|row| runs.only_run(row, bits.row_words)) {
         // the most common pair in a volume with much of nothing
         let (word_a, word_b) = (bits.words[a] & 1, bits.words[b] & 1);
-        if word_a == word_b && (diagonal == Diagonal::AlongX || (word_a ^ wide) & 1 == 1) {
+        if word_a == word_b {
             sets.union(run_a, run_b);
         }
         return;
@@ -128,19 +132,17 @@ fn join_row_pair(
         let (first_a, first_b) = (runs.word_run[a + w], runs.word_run[b + w]);
         let run_a = |upto: u64| first_a + (trans_a & upto).count_ones();
         let run_b = |upto: u64| first_b + (trans_b & upto).count_ones();
-        let mut starts = starts_wide;
-        if diagonal == Diagonal::AlongX {
-            starts |= starts_narrow;
-            // a at x meets b at x - 1 where no equal-x contact joins them already, and mirrored
-            let known = if w == 0 { mask & !1 } else { mask };
-            for_each_bit(flip_a & left_b & !flip_b & !left_a & known, |upto| {
-                sets.union(run_a(upto), run_b(upto) - 1);
-            });
-            for_each_bit(flip_b & left_a & !flip_a & !left_b & known, |upto| {
-                sets.union(run_a(upto) - 1, run_b(upto));
-            });
-        }
-        for_each_bit(starts, |upto| sets.union(run_a(upto), run_b(upto)));
+        // a at x meets b at x - 1 where no equal-x contact joins them already, and mirrored
+        let known = if w == 0 { mask & !1 } else { mask };
+        for_each_bit(flip_a & left_b & !flip_b & !left_a & known, |upto| {
+            sets.union(run_a(upto), run_b(upto) - 1);
+        });
+        for_each_bit(flip_b & left_a & !flip_a & !left_b & known, |upto| {
+            sets.union(run_a(upto) - 1, run_b(upto));
+        });
+        for_each_bit(starts_wide | starts_narrow, |upto| {
+            sets.union(run_a(upto), run_b(upto));
+        });
         carry = [
             both_wide >> 63,
             both_narrow >> 63,
