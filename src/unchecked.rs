@@ -61,3 +61,29 @@ impl<'a, T: Copy> UncheckedMut<'a, T> {
         unsafe { self.0.as_mut_ptr().add(i).cast::<[T; N]>().write(values) }
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn elements_are_those_of_the_slice() {
+        let mut numbers: Vec<u32> = (0..100).collect();
+        // SAFETY: below 100
+        let mut unchecked = unsafe { UncheckedMut::new(&mut numbers) };
+        unchecked.put(96, [1, 2, 3, 4]);
+        *unchecked.at_mut(0) = unchecked.at(99) + 1;
+        // SAFETY: below 100
+        let read = unsafe { Unchecked::new(&numbers) };
+        assert_eq!([0, 1, 95, 96, 99].map(|i| read.at(i)), [5, 1, 95, 1, 4]);
+    }
+
+    #[test]
+    #[cfg(debug_assertions)]
+    #[should_panic = "99 + 2 of 100"]
+    fn tests_compare_indices() {
+        let mut numbers = [0; 100];
+        // SAFETY: not kept, which is what is to be seen
+        unsafe { UncheckedMut::new(&mut numbers) }.put(99, [1, 2]);
+    }
+}

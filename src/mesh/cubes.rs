@@ -8,7 +8,9 @@
 //! population count for each edge of a cube and the triangles sorted by piece afterwards; 511, of which
 //! cubes take 163, with counters that step from cube to cube (Flying Edges, Schroeder et al. 2015), kept
 //! in one vector, and pieces known beforehand; 434 with sums, bounds and slopes of many at a time and
-//! pieces found once for a stretch of edges.
+//! pieces found once for a stretch of edges; 385, of which cubes take 104, without bounds checks in the walk,
+//! with all counters in memory and each case's plan in one cache line. The last step took 8 % of the time
+//! away: by now much of it waits for branches and memory.
 
 use crate::cpu::dispatch;
 use crate::mesh::edges::{Edges, below};
