@@ -216,6 +216,9 @@ impl CubeWalk {
             first: p.first_triangle,
             next: 1,
         }));
+        let faces = mesh.pieces.last().map_or(0, Piece::end_of_faces) as usize;
+        assert!(mesh.corners.len() >= faces && mesh.mates.len() >= faces);
+        assert!(cut.sheets.are_of(cut.edges));
         // SAFETY: an edge's number counts the crossed edges before it, all of which have a piece and a
         // vertex; a piece's triangles are as many as `room_for` its vertices at most; and a half-edge is
         // one of a triangle before, in the same piece, since the two share vertices
@@ -296,7 +299,8 @@ impl CubeWalk {
                 let x = 64 * w + i as usize;
                 let case = case_at(here, next, i);
                 let plan = &plans.plans[case];
-                // all in memory, where they are looked up: a sum over eight in two halves, not one by one
+                // both in memory, from where one of them is looked up: in registers, the sums would be
+                // taken apart for that, one by one
                 let after: [u32; 8] =
                     std::array::from_fn(|c| numbers[c] + u32::from(plan.steps[c]));
                 numbers[8..12].copy_from_slice(&after[4..]);

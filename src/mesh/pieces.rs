@@ -183,6 +183,13 @@ pub struct Sheets {
     first_run: Vec<u32>,
 }
 
+impl Sheets {
+    /// Whether there is an element for each crossed edge.
+    pub fn are_of(&self, edges: &Edges) -> bool {
+        self.piece_of.len().min(self.vertex_of.len()) >= edges.count()
+    }
+}
+
 /// No run has this number.
 const UNKNOWN: u32 = u32::MAX;
 

@@ -155,7 +155,9 @@ pub fn place_vertices<T: Voxel>(
     threshold: f64,
     (sheets, places): (&Sheets, Places),
 ) {
-    assert!(places.positions.len() >= edges.count() && places.normals.len() >= edges.count());
+    let count = edges.count();
+    assert!(places.positions.len() >= count && places.normals.len() >= count);
+    assert!(sheets.are_of(edges));
     // SAFETY: every edge has a piece, and a vertex of it: pieces have their vertices one behind the
     // other, as many as there are edges
     let mut places = unsafe {
