@@ -98,9 +98,9 @@ pub fn plan(volume: &dyn Volume, dims: Dims, options: &ConvertOptions) -> Result
     {
         best = fits;
     }
-    // after all else, tiles may be on their way
+    // after all else, tiles may be on their way: a few of them, next to a slab
     let bytes = in_flight(threads) as u64 * cost.body;
-    if best.look_ahead && best.memory + bytes <= options.memory {
+    if best.memory + bytes <= options.memory {
         best.memory += bytes;
         best.in_flight = in_flight(threads);
     }
