@@ -4,7 +4,7 @@
 //! cargo run --release --example bench -- [DIRECTORY] [--python PYTHON] [--deep] [--lobster FILE]
 //! ```
 //!
-//! Makes foams in DIRECTORY (by default `target/bench`; with what comes of them 25 GiB, with `--deep` 80 GiB), and prints a table
+//! Makes foams in DIRECTORY (by default `target/bench`; with what comes of them 25 GiB, with `--deep` 90 GiB), and prints a table
 //! of medians as Markdown. With the PYTHON of an environment that has the packages that `peers.py`
 //! beside this file names, others race along. `--deep` adds the volumes of ten times the depth and of
 //! eight times the voxels; `--lobster` adds a real scan (301 x 324 x 56, u8) repeated to 1 GB.
@@ -254,7 +254,11 @@ fn input_args(input: &Input) -> Vec<String> {
 /// Nanoseconds per voxel of foams of rising size.
 fn flatness(inputs: &[Input], out: &Path, table: &mut Table) -> Result<(), String> {
     for input in inputs {
-        let runs = if input.voxels() < 1e9 { RUNS } else { 2 };
+        let runs = match input.voxels() {
+            ..1e9 => RUNS,
+            ..5e9 => 2,
+            _ => 1,
+        };
         let samples: Vec<_> = (0..runs)
             .map(|_| input.convert(out, &[]))
             .collect::<Result<_, _>>()?;
@@ -344,7 +348,7 @@ fn bench(args: &Args) -> Result<(), String> {
         )?;
     }
     let mut sizes = vec![256, 512, 1024];
-    sizes.extend(args.deep.then_some(1536));
+    sizes.extend(args.deep.then_some(2048));
     let sizes: Vec<_> = sizes
         .iter()
         .map(|&n| Input::foam(&dir, [n; 3], "u8"))

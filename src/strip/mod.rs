@@ -42,7 +42,8 @@
 //! vertex where the one before ends, for hardly a triangle is free there (-0.0004); choosing the neighbour by
 //! a table over the free exits of both (-0.007 after hill climbing over all 256 contexts). Several pieces
 //! walked in turns, with and without branches, took longer than one after the other. Writing entries
-//! while walking, without steps between, took the same time.
+//! while walking, without steps between, took the same time, and so did corners and mates of 16 bits, and no
+//! bounds checks: what counts is how often a turn is not foretold.
 //!
 //! Corners are read in order before strips need them here and there: without that, it takes 20 ns.
 
