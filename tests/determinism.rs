@@ -90,10 +90,23 @@ fn same_in_every_way<T: Voxel>(
             ..options.clone()
         };
         let limits = limits(volume, &options);
-        // each number of bands at once, and all with a look ahead, without tiles on their way and with
-        assert_eq!(limits.len(), bands + 2, "{limits:?}");
-        let chosen = [0, 1, bands / 2, bands - 1, bands, bands + 1];
-        for &at in &chosen[..if threads == 5 { 1 } else { 6 }] {
+        // each number of bands at once, and all with a look ahead, without tiles on their way and with; if
+        // these take less than a look ahead, all bands with them come before
+        let [.., ahead, most] = limits[..] else {
+            panic!("{limits:?}");
+        };
+        let before = usize::from(most - ahead < ahead - limits[bands - 1]);
+        assert_eq!(limits.len(), bands + before + 2, "{limits:?}");
+        let chosen = [
+            0,
+            1,
+            bands / 2,
+            bands - 1,
+            bands,
+            bands + 1,
+            bands + before + 1,
+        ];
+        for &at in &chosen[..if threads == 5 { 1 } else { 7 }] {
             let options = ConvertOptions {
                 memory: limits[at],
                 ..options.clone()
