@@ -137,10 +137,8 @@ impl Sweep<'_> {
         }
     }
 
-    /// Joins the bands of a layer.
-    fn join<T>(&self, bands: &mut [Band<T>], layer: u32, state: &mut State) -> Result<Known> {
-        let mut settled = Vec::new();
-        state.settle(bands, &mut settled)?;
+    /// Joins the settled bands of a layer.
+    fn join(&self, settled: Vec<SettledBand>, layer: u32, state: &mut State) -> Result<Known> {
         let last = layer + 1 == self.plan.tiling.tiles()[2];
         let classes = state.join(&settled, last)?;
         Ok(Known { settled, classes })
@@ -175,10 +173,8 @@ impl Sweep<'_> {
         state: &mut State,
         keeper: &mut Keeper,
     ) -> Result<()> {
-        let last = layer + 1 == self.plan.tiling.tiles()[2];
         let settled = self.settle_in_parts(parts, layer, state)?;
-        let classes = state.join(&settled, last)?;
-        let known = Known { settled, classes };
+        let known = self.join(settled, layer, state)?;
         let tiles = self.mesh_in_parts(parts, layer, state, &known)?;
         self.end_slab(parts, Some((layer, known, tiles)), state, keeper)
     }

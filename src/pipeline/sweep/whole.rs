@@ -48,7 +48,9 @@ impl Sweep<'_> {
             let before = meshed.take();
             let work = || {
                 self.end_slab(parts, before, state, keeper)?;
-                let known = known.insert(self.join(&mut now, layer, state)?);
+                let mut settled = Vec::new();
+                state.settle(&mut now, &mut settled)?;
+                let known = known.insert(self.join(settled, layer, state)?);
                 take_classes(&mut now, 0, &known.classes);
                 self.mesh_slab(parts, &now, layer, state, known)
             };
