@@ -1,4 +1,4 @@
-//! Gives the tiles their ids and measures, and writes the shards.
+//! Gives the tiles their ids and measures.
 
 use crate::error::{Error, Result};
 use crate::grid::{LATTICE, Placement, Tiling};
@@ -6,21 +6,23 @@ use crate::manifest::{Bounds, Group, Layer, Shard, TileEntry, Totals, checksum_t
 use crate::measure::{ComponentRecord, Measures, RecordTable};
 use crate::pipeline::anew::{Buffers, anew_path, read_back, write_anew};
 use crate::pipeline::forward::SlabRecord;
+use crate::pipeline::keep::Keeper;
 use crate::pipeline::resolve::Resolved;
+use crate::pipeline::shards::{Ends, FinishedLayer, Part, shard_path};
 use crate::pipeline::spool::{Place, Spool};
 use crate::pipeline::surfaces::WHOLE;
 use crate::pipeline::tilefile::{TileRecord, WrittenPiece, too_large, too_wide};
 use crate::pipeline::writers::Writers;
+use crate::progress::Progress;
 use crate::tile::{
     Body, BodyPiece, Extras, Node, Refused, TileHead, group_body, name, node_json, tile_file,
     tile_path, write_head,
 };
 use rayon::prelude::*;
 use std::collections::BTreeMap;
-use std::fs::{File, OpenOptions, create_dir_all};
-use std::io::{BufWriter, Write};
+use std::fs::{OpenOptions, create_dir_all};
 use std::os::unix::fs::FileExt;
-use std::path::{Path, PathBuf};
+use std::path::Path;
 
 /// Tiles whose pieces and entries are in memory at once.
 const TILES_AT_ONCE: usize = 64;
@@ -46,6 +48,17 @@ struct Finisher<'a> {
     cells: &'a RecordTable<ComponentRecord>,
 }
 
+/// What the nodes of a cell say.
+#[derive(Clone, Copy)]
+struct Cell {
+    id: u64,
+    measures: Measures,
+    has_surfaces: bool,
+}
+
+/// Pieces of some tiles whose cells are measured once for all of them, at most: 5 MB of measures.
+const KNOWN_PIECES: usize = 1 << 14;
+
 /// The ids of a piece.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, PartialOrd, Ord)]
 struct Ids {
@@ -54,14 +67,6 @@ struct Ids {
     cell: u64,
     /// 0 for a cap.
     surface: u64,
-}
-
-/// A finished layer.
-pub struct FinishedLayer {
-    /// Its entry in the manifest.
-    pub entry: Layer,
-    /// Its part of the totals: tiles, vertices, triangles, strips and bytes.
-    pub totals: Totals,
 }
 
 /// Final ids in terms of a slab.
@@ -93,30 +98,65 @@ impl IdsOfSlab {
     }
 }
 
-/// Finishes the tiles of slab `number`, a few at a time, writes its shard, and counts the tiles of
-/// each component; `None` if the slab has no tile.
+/// Gives all tiles their ids, layer by layer, and counts in how many tiles each component is. Returns the
+/// layers that have tiles.
 ///
 /// # Errors
-/// [`Error::Io`], and [`Error::Usage`] if a tile would pass 4 GiB.
-pub fn finish_layer(
+/// [`Error::Interrupted`], [`Error::Io`], [`Error::Usage`] if a tile would pass 4 GiB, and [`Error::Format`]
+/// if a shard from before is not as it was written.
+pub fn finish(
+    slabs: &[SlabRecord],
+    spool: &mut Spool,
+    resolved: &mut Resolved,
+    (settings, keeper): (&FinishSettings, &mut Keeper),
+    totals: &mut Totals,
+    progress: &dyn Progress,
+) -> Result<Vec<Layer>> {
+    let before = keeper.finished();
+    let mut ends = Ends::begin(settings, keeper, slabs.len(), totals, progress)?;
+    let mut behind = None;
+    for (i, slab) in slabs.iter().enumerate() {
+        if (i as u32) < before {
+            let finished = finished_layer(settings, resolved, slab, spool)?;
+            ends.add(finished);
+        } else if progress.interrupted() {
+            behind.map_or(Ok(()), |part| ends.take(part))?;
+            return Err(Error::Interrupted);
+        } else {
+            let take = |part| ends.take(part);
+            let slab = (slab, i);
+            behind = Some(finish_tiles(settings, resolved, slab, spool, behind, take)?);
+        }
+    }
+    behind.map_or(Ok(()), |part| ends.take(part))?;
+    ends.end()
+}
+
+/// Finishes the tiles of slab `number`, a few at a time, and counts those of each component.
+///
+/// `take` is called with the part `behind` and each of the layer's, but beside the making of the part after
+/// it: what it does to files need not be waited for. The last part is returned.
+///
+/// # Errors
+/// [`Error::Io`], [`Error::Usage`] if a tile would pass 4 GiB, and those of `take`.
+fn finish_tiles(
     settings: &FinishSettings,
     resolved: &mut Resolved,
-    slab: &SlabRecord,
+    (slab, number): (&SlabRecord, usize),
     spool: &mut Spool,
-    number: usize,
-) -> Result<Option<FinishedLayer>> {
+    mut behind: Option<Part>,
+    mut take: impl FnMut(Part) -> Result<()> + Send,
+) -> Result<Part> {
     let tiles = spool.get(&slab.tiles)?;
-    if tiles.is_empty() {
-        return Ok(None);
-    }
     let places = &resolved.slabs[number];
     let ids = IdsOfSlab {
         classes: resolved.ids.get(&places.classes)?,
         surfaces: resolved.ids.get(&places.surfaces)?,
         whole: resolved.ids.get(&places.whole)?,
     };
-    let mut shard = ShardWriter::create(settings.dir, slab.layer)?;
-    for tiles in tiles.chunks(TILES_AT_ONCE) {
+    let mut parts = tiles.chunks(TILES_AT_ONCE).peekable();
+    loop {
+        let tiles = parts.next().unwrap_or_default();
         let mut jobs = Vec::with_capacity(tiles.len());
         for tile in tiles {
             let place = Place::new(tile.pieces_at, tile.pieces as usize);
@@ -126,30 +166,33 @@ pub fn finish_layer(
             settings: *settings,
             cells: &resolved.cells,
         };
-        let entries: Result<Vec<(TileEntry, Vec<u8>)>> = jobs
-            .into_par_iter()
-            .map_init(Buffers::default, |buffers, (tile, pieces)| {
-                let ids: Vec<Ids> = pieces.iter().map(|p| ids.of(p)).collect();
-                let entry = finisher.finish_tile(tile, &pieces, &ids, buffers)?;
-                let text = serde_json::to_vec(&entry).expect("plain data serialises");
-                Ok((entry, text))
-            })
-            .collect();
-        for (entry, text) in entries? {
-            count_tile(resolved, &entry)?;
-            shard.write(&entry, &text)?;
+        let (taken, made) = rayon::join(
+            || behind.take().map_or(Ok(()), &mut take),
+            || finisher.finish_all(&jobs, &ids),
+        );
+        taken?;
+        let tiles = made?;
+        for (tile, _) in &tiles {
+            count_tile(resolved, tile)?;
         }
+        let last = parts.peek().is_none();
+        let part = Part {
+            layer: slab.layer,
+            tiles,
+            last,
+        };
+        if last {
+            return Ok(part);
+        }
+        behind = Some(part);
     }
-    settings.writers.map_or(Ok(()), Writers::wait)?;
-    shard.finish(slab.layer).map(Some)
 }
 
-/// What [`finish_layer`] made of a slab in a process before this one; counts the tiles of each
-/// component.
+/// What was made of a slab in a process before this one; counts the tiles of each component.
 ///
 /// # Errors
 /// [`Error::Io`]; [`Error::Format`] if the shard is not as it was written.
-pub fn finished_layer(
+fn finished_layer(
     settings: &FinishSettings,
     resolved: &mut Resolved,
     slab: &SlabRecord,
@@ -206,11 +249,53 @@ fn count_tile(resolved: &mut Resolved, tile: &TileEntry) -> Result<()> {
 }
 
 impl Finisher<'_> {
+    fn finish_all(
+        &self,
+        tiles: &[(&TileRecord, Vec<WrittenPiece>)],
+        ids: &IdsOfSlab,
+    ) -> Result<Vec<(TileEntry, Vec<u8>)>> {
+        let known = self.cells_of(tiles, ids)?;
+        tiles
+            .par_iter()
+            .map_init(Buffers::default, |buffers, (tile, pieces)| {
+                let ids: Vec<Ids> = pieces.iter().map(|p| ids.of(p)).collect();
+                let entry = self.finish_tile(tile, (pieces, &ids, &known), buffers)?;
+                let text = serde_json::to_vec(&entry).expect("plain data serialises");
+                Ok((entry, text))
+            })
+            .collect()
+    }
+
+    /// The cells of some tiles by rising id, unless there are too many pieces. Most lie in several tiles.
+    fn cells_of(
+        &self,
+        tiles: &[(&TileRecord, Vec<WrittenPiece>)],
+        ids: &IdsOfSlab,
+    ) -> Result<Vec<Cell>> {
+        if tiles.iter().map(|(_, pieces)| pieces.len()).sum::<usize>() > KNOWN_PIECES {
+            return Ok(Vec::new());
+        }
+        let pieces = tiles.iter().flat_map(|(_, pieces)| pieces);
+        let all = pieces.map(|p| ids.of(p).cell);
+        let mut cells: Vec<u64> = all.filter(|&cell| cell != 0).collect();
+        cells.sort_unstable();
+        cells.dedup();
+        cells.into_par_iter().map(|id| self.cell(id)).collect()
+    }
+
+    fn cell(&self, id: u64) -> Result<Cell> {
+        let record = self.cells.get(id - 1)?;
+        Ok(Cell {
+            id,
+            measures: Measures::of(&record, self.settings.placement, false),
+            has_surfaces: record.surfaces > 1,
+        })
+    }
+
     fn finish_tile(
         &self,
         tile: &TileRecord,
-        pieces: &[WrittenPiece],
-        ids: &[Ids],
+        (pieces, ids, known): (&[WrittenPiece], &[Ids], &[Cell]),
         buffers: &mut Buffers,
     ) -> Result<TileEntry> {
         let body = Body {
@@ -222,7 +307,7 @@ impl Finisher<'_> {
         let grouped = groups.len() < pieces.len();
         let path = self.settings.dir.join(tile_path(tile.grid));
         if !grouped && self.settings.head.is_plain(groups.len()) {
-            let nodes = self.nodes(&body, &group_ids)?;
+            let nodes = self.nodes(&body, &group_ids, known)?;
             let json = node_json(self.settings.head, &body, &nodes);
             let room = tile.room as usize;
             let head =
@@ -252,7 +337,7 @@ impl Finisher<'_> {
                 (bytes, crc.finalize()),
             ));
         }
-        self.rewrite_tile(tile, &body, (&groups, &group_ids), (&path, buffers))
+        self.rewrite_tile(tile, &body, (&groups, &group_ids, known), (&path, buffers))
     }
 
     /// Writes a tile anew, beside the old one: pieces that turned out to be one are joined, the layout
@@ -261,7 +346,7 @@ impl Finisher<'_> {
         &self,
         tile: &TileRecord,
         body: &Body,
-        (groups, group_ids): (&[Vec<usize>], &[Ids]),
+        (groups, group_ids, known): (&[Vec<usize>], &[Ids], &[Cell]),
         (path, buffers): (&Path, &mut Buffers),
     ) -> Result<TileEntry> {
         let head = self.settings.head;
@@ -278,7 +363,7 @@ impl Finisher<'_> {
         } else {
             (body, &bytes[start..])
         };
-        let nodes = self.nodes(body, group_ids)?;
+        let nodes = self.nodes(body, group_ids, known)?;
         let low = |a: usize| self.settings.tiling.cubes(a, tile.grid[a]).start;
         let file =
             tile_file(head, std::array::from_fn(low), (body, bin), &nodes).map_err(|refused| {
@@ -298,7 +383,7 @@ impl Finisher<'_> {
     }
 
     /// Names and numbers of a tile's pieces.
-    fn nodes(&self, body: &Body, ids: &[Ids]) -> Result<Vec<Node>> {
+    fn nodes(&self, body: &Body, ids: &[Ids], known: &[Cell]) -> Result<Vec<Node>> {
         let unit = self.settings.placement.unit.name();
         ids.iter()
             .zip(&body.pieces)
@@ -319,11 +404,13 @@ impl Finisher<'_> {
                             colour: None,
                         });
                     }
-                    let record = self.cells.get(cell - 1)?;
-                    let measures = Measures::of(&record, self.settings.placement, false);
+                    let of_cell = match known.binary_search_by_key(&cell, |c| c.id) {
+                        Ok(at) => known[at],
+                        Err(_) => self.cell(cell)?,
+                    };
                     Ok(Node {
-                        name: name(cell, object, record.surfaces > 1),
-                        extras: extras.with_measures(&measures, unit),
+                        name: name(cell, object, of_cell.has_surfaces),
+                        extras: extras.with_measures(&of_cell.measures, unit),
                         colour: None,
                     })
                 },
@@ -380,78 +467,6 @@ fn entry(
                 triangles: u64::from(p.triangles),
             })
             .collect(),
-    }
-}
-
-fn shard_path(layer: u32) -> String {
-    format!("index/z{layer:04}.json")
-}
-
-/// Writes a layer's shard, tile by tile, and adds up its tiles. It gets its name when it is whole.
-struct ShardWriter {
-    dir: PathBuf,
-    path: PathBuf,
-    name: String,
-    file: BufWriter<File>,
-    bytes: u64,
-    crc: crc32fast::Hasher,
-    totals: Totals,
-}
-
-impl ShardWriter {
-    fn create(dir: &Path, layer: u32) -> Result<Self> {
-        let name = shard_path(layer);
-        let path = dir.join(format!("{name}.new"));
-        let file = File::create(&path).map_err(|e| Error::io(&path, "create", e))?;
-        let mut shard = ShardWriter {
-            dir: dir.to_path_buf(),
-            path,
-            name,
-            file: BufWriter::new(file),
-            bytes: 0,
-            crc: crc32fast::Hasher::new(),
-            totals: Totals::default(),
-        };
-        shard.put(format!("{{\"z\":{layer},\"tiles\":[").as_bytes())?;
-        Ok(shard)
-    }
-
-    fn put(&mut self, text: &[u8]) -> Result<()> {
-        self.bytes += text.len() as u64;
-        self.crc.update(text);
-        self.file
-            .write_all(text)
-            .map_err(|e| Error::io(&self.path, "write", e))
-    }
-
-    /// Adds a tile, `text` in JSON.
-    fn write(&mut self, tile: &TileEntry, text: &[u8]) -> Result<()> {
-        if self.totals.tiles > 0 {
-            self.put(b",")?;
-        }
-        self.put(text)?;
-        self.totals.add_tile(tile);
-        Ok(())
-    }
-
-    fn finish(mut self, layer: u32) -> Result<FinishedLayer> {
-        self.put(b"]}\n")?;
-        self.file
-            .flush()
-            .map_err(|e| Error::io(&self.path, "write", e))?;
-        let to = self.dir.join(&self.name);
-        std::fs::rename(&self.path, &to).map_err(|e| Error::io(&to, "move into place", e))?;
-        let entry = Layer {
-            z: layer,
-            path: self.name,
-            tiles: self.totals.tiles,
-            bytes: self.bytes,
-            checksum: checksum_text(self.crc.finalize()),
-        };
-        Ok(FinishedLayer {
-            entry,
-            totals: self.totals,
-        })
     }
 }
 

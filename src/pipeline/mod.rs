@@ -13,6 +13,7 @@ mod parts;
 mod plan;
 mod resolve;
 mod resume;
+mod shards;
 pub(crate) mod spool;
 mod surfaces;
 mod sweep;
@@ -38,15 +39,13 @@ use crate::manifest::{
 use crate::progress::Progress;
 use crate::tile::TileHead;
 use crate::volume::{Cropped, Volume};
-use anew::Anew;
 use budget::Budget;
-use finish::{FinishSettings, finish_layer, finished_layer};
-use forward::{Forward, SlabRecord};
+use finish::{FinishSettings, finish};
+use forward::Forward;
 use keep::{Identity, Keeper, boot};
 use resolve::{Resolved, resolve};
 use resume::{announced, begin, complete};
 use serde::{Deserialize, Serialize};
-use spool::Spool;
 use std::path::Path;
 use std::time::Instant;
 use sweep::Sweep;
@@ -328,43 +327,6 @@ fn forward_totals(forward: &Forward) -> Totals {
         voxels_nan: forward.nan,
         ..Totals::default()
     }
-}
-
-/// Gives all tiles their ids, layer by layer, and counts in how many tiles each component is.
-fn finish(
-    slabs: &[SlabRecord],
-    spool: &mut Spool,
-    resolved: &mut Resolved,
-    (settings, keeper): (&FinishSettings, &mut Keeper),
-    totals: &mut Totals,
-    progress: &dyn Progress,
-) -> Result<Vec<Layer>> {
-    let mut layers = Vec::new();
-    let before = keeper.finished();
-    let mut anew = Anew::begin(settings.dir, before, slabs.len() as u32)?;
-    for (i, slab) in slabs.iter().enumerate() {
-        let finished = if (i as u32) < before {
-            finished_layer(settings, resolved, slab, spool)?
-        } else if progress.interrupted() {
-            return Err(Error::Interrupted);
-        } else {
-            let finished = finish_layer(settings, resolved, slab, spool, i)?;
-            anew.layer_done(slab.layer, keeper)?;
-            finished
-        };
-        progress.advance(1);
-        let Some(finished) = finished else { continue };
-        let part = finished.totals;
-        totals.tiles += part.tiles;
-        totals.tile_vertices += part.tile_vertices;
-        totals.triangles += part.triangles;
-        totals.strips += part.strips;
-        totals.strip_indices += part.strip_indices;
-        totals.bytes += part.bytes;
-        layers.push(finished.entry);
-    }
-    anew.end(keeper)?;
-    Ok(layers)
 }
 
 /// Writes the tables of cells, objects and surfaces side by side; returns their bytes.

@@ -83,19 +83,38 @@ struct Row<'a> {
 
 impl Row<'_> {
     fn put(&mut self, value: impl Display) {
+        self.separate();
+        write!(self.text, "{value}").expect("a string takes all");
+    }
+
+    fn put_text(&mut self, text: &str) {
+        self.separate();
+        self.text.push_str(text);
+    }
+
+    fn separate(&mut self) {
         if std::mem::replace(&mut self.started, true) {
             self.text.push(',');
         }
-        write!(self.text, "{value}").expect("a string takes all");
     }
 
     /// A number as CSV has it: empty if it has no meaning.
     fn number(&mut self, value: Option<f64>) {
         match value.filter(|v| v.is_finite()) {
-            Some(v) => self.put(v),
-            None => self.put(""),
+            Some(v) => match plain(v, &mut zmij::Buffer::new()) {
+                Some(digits) => self.put_text(digits),
+                None => self.put(v),
+            },
+            None => self.put_text(""),
         }
     }
+}
+
+/// The shortest text of a finite number, as the tiles' JSON has it, in a third of the time that [`Display`]
+/// takes; `None` if it is so large or small that it would get an exponent.
+fn plain(value: f64, buffer: &mut zmij::Buffer) -> Option<&str> {
+    let digits = buffer.format_finite(value);
+    (!digits.contains('e')).then(|| digits.strip_suffix(".0").unwrap_or(digits))
 }
 
 /// Writes `cells.csv` or `objects.csv` and returns its size.
@@ -205,4 +224,38 @@ fn write_rows<T: bytemuck::Pod + Sync>(
     }
     out.flush().map_err(failed)?;
     Ok(bytes)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use proptest::prelude::*;
+
+    fn is_shortest(value: f64) {
+        if let Some(text) = plain(value, &mut zmij::Buffer::new()) {
+            assert_eq!(text.parse::<f64>().unwrap().to_bits(), value.to_bits());
+            // of two that are as short and as near, it may be the other one
+            assert_eq!(text.len(), value.to_string().len());
+        }
+    }
+
+    proptest! {
+        #[test]
+        fn numbers_are_read_as_they_were_and_as_short_as_displayed(bits in any::<u64>(), value in -1e6..1e6f64, whole in any::<i32>()) {
+            for v in [f64::from_bits(bits), value, value * 1e-5, value * 1e6, whole.into(), f64::from(whole) / 256.0] {
+                if v.is_finite() {
+                    is_shortest(v);
+                }
+            }
+        }
+    }
+
+    #[test]
+    fn numbers_of_usual_sizes_are_written_fast() {
+        for v in [0.0, -0.0, 1.0, -1.5, 0.1, 1e-4, 123_456.789, 1e15] {
+            is_shortest(v);
+            assert!(plain(v, &mut zmij::Buffer::new()).is_some(), "{v}");
+        }
+        assert_eq!(plain(1e300, &mut zmij::Buffer::new()), None);
+    }
 }
