@@ -9,11 +9,11 @@
 //! architectures.
 //!
 //! Instructions for any processor and for wide vectors, in millions, on a foam of 130^3 voxels
-//! (`tests/instructions/limits.json`): meshing 593 and 457, numbering of surfaces 63 and 54, labelling 129
+//! (`tests/instructions/limits.json`): meshing 597 and 450, numbering of surfaces 65 and 56, labelling 129
 //! and 115; strips, which are walks from triangle to triangle, gain nothing and are compiled once. On a foam
 //! of 313 x 313 x 380 voxels meshing took 0.49 s plain and 0.43 s with x86-64-v3 as a whole. With x86-64-v4,
-//! AVX-512 that is, a conversion took 4 % less processor time on an AMD Zen 5 and verifying a quarter more:
-//! the kernels are bound by branches and memory by then.
+//! AVX-512 that is, a conversion took 4 % less processor time on an AMD Zen 5 and verifying a quarter more.
+//! Kernels compiled for AVX-512 alone gain nothing: they are bound by branches and memory by then.
 
 use std::sync::LazyLock;
 
@@ -72,6 +72,23 @@ macro_rules! dispatch {
     };
 }
 pub(crate) use dispatch;
+
+/// Asks for the cache line of an element, which need not be in the slice; a hint that changes speed alone.
+///
+/// Processors foresee what is read or written in order, but not in the dozens of orders of a tile's pieces:
+/// with this, meshing a foam of 512^3 voxels took 15 % less, its walk over cubes 19 %.
+#[inline(always)]
+pub fn prefetch<T>(slice: &[T], element: usize) {
+    #[cfg(target_arch = "x86_64")]
+    {
+        use std::arch::x86_64::{_MM_HINT_T0, _mm_prefetch};
+        let at = slice.as_ptr().wrapping_add(element);
+        // SAFETY: a prefetch reads nothing into the program and faults at no address
+        unsafe { _mm_prefetch::<_MM_HINT_T0>(at.cast()) }
+    }
+    #[cfg(not(target_arch = "x86_64"))]
+    let _ = (slice, element);
+}
 
 #[cfg(test)]
 mod tests {

@@ -165,6 +165,7 @@ pub mod pipeline;
 pub mod preview;
 pub mod progress;
 pub mod repack;
+mod rounding;
 mod scratch;
 mod segment;
 pub mod select;

@@ -4,6 +4,8 @@
 //! fifth of its instructions, and 7 % of the time of meshing. With debug assertions, as all tests are built,
 //! every index is compared.
 
+use crate::cpu::prefetch;
+
 /// Elements that are read.
 #[derive(Debug, Clone, Copy)]
 pub struct Unchecked<'a, T>(&'a [T]);
@@ -37,6 +39,12 @@ impl<'a, T: Copy> UncheckedMut<'a, T> {
         UncheckedMut(slice)
     }
 
+    /// The same elements, under the same promise.
+    #[inline(always)]
+    pub fn again(&mut self) -> UncheckedMut<'_, T> {
+        UncheckedMut(self.0)
+    }
+
     /// Element `i`.
     #[inline(always)]
     pub fn at(&self, i: usize) -> T {
@@ -51,6 +59,12 @@ impl<'a, T: Copy> UncheckedMut<'a, T> {
         debug_assert!(i < self.0.len(), "{i} of {}", self.0.len());
         // SAFETY: as promised to `new`
         unsafe { self.0.get_unchecked_mut(i) }
+    }
+
+    /// Asks for the cache line of element `i`, which need not be there.
+    #[inline(always)]
+    pub fn prefetch(&self, i: usize) {
+        prefetch(self.0, i);
     }
 
     /// Writes `N` elements from `i` on.

@@ -102,7 +102,7 @@ impl Measures {
             .then(|| signed as f64 / 6.0 / lattice_cube * voxel_size);
         let form_factor = mesh_volume.map(|v| 36.0 * PI * v * v / (area * area * area));
         let shape = Shape::of(sums, place);
-        let corners = [sums.min, sums.max].map(|v| v.map(f64::from));
+        let corners = sums.bounds().map(|v| v.map(f64::from));
         let (min, max) = world_box(place, corners);
         Measures {
             voxels: sums.voxels,

@@ -42,6 +42,9 @@ const NUMBER_OF_EDGE: [u8; 12] = [0, 1, 2, 3, 4, 8, 5, 9, 6, 10, 7, 11];
 /// The edge that each counter stands for.
 const COUNTED: [u8; 8] = [0, 1, 2, 3, 4, 6, 8, 10];
 
+/// Triangles by which the room for those of a piece is fetched ahead.
+const AHEAD: usize = 24;
+
 /// A half-edge of a triangle that is not one of its three: may be written to and means nothing.
 const UNUSED: u8 = 3;
 
@@ -362,6 +365,8 @@ fn write_simple(
     cursor.next += u32::from(plan.triangles);
     let at = start + triangle as usize;
     let before = 4 * (triangle - 1);
+    out.corners.prefetch(at + AHEAD);
+    out.mates.prefetch(4 * (at + AHEAD));
     let vertex = |place: u8| sheets.vertex_of.at(number(place));
     // spelled out, since a closure that is called three times is not compiled into the loop
     macro_rules! put {

@@ -83,6 +83,22 @@ impl Edges {
         self.first[row][0] == self.first[row + 1][0]
     }
 
+    /// The rows with crossed edges by rising number: number, row and slice, and words.
+    #[inline(always)]
+    pub fn crossed_rows(&self) -> impl Iterator<Item = (usize, [usize; 2], &[EdgeWord])> {
+        let [mut y, mut z] = [0, 0];
+        let rows = self.words.chunks_exact(self.row_words).enumerate();
+        rows.map(move |(number, words)| {
+            let place = [y, z];
+            y += 1;
+            if y == self.rows {
+                [y, z] = [0, z + 1];
+            }
+            (number, place, words)
+        })
+        .filter(|&(number, ..)| !self.is_empty(number))
+    }
+
     #[inline(always)]
     fn copy_bits(&mut self, bits: &Bits, tile: &TileBox) {
         let [cx, cy, cz] = tile.cubes.map(|c| c as usize);

@@ -1,5 +1,6 @@
 //! Samples around crossed edges, without a bounds check for each.
 
+use crate::cpu::prefetch;
 use crate::volume::Voxel;
 
 /// The two ends of a crossed edge.
@@ -59,24 +60,12 @@ impl<'a, T: Voxel> Samples<'a, T> {
             return;
         };
         for line in samples.chunks((CACHE_LINE / size_of::<T>()).max(1)) {
-            prefetch_line(line.as_ptr().cast());
+            prefetch(line, 0);
         }
     }
 }
 
 const CACHE_LINE: usize = 64;
-
-#[cfg(target_arch = "x86_64")]
-#[inline(always)]
-fn prefetch_line(at: *const u8) {
-    use std::arch::x86_64::{_MM_HINT_T0, _mm_prefetch};
-    // SAFETY: a prefetch reads nothing into the program and faults at no address
-    unsafe { _mm_prefetch::<_MM_HINT_T0>(at.cast()) }
-}
-
-#[cfg(not(target_arch = "x86_64"))]
-#[inline(always)]
-fn prefetch_line(_at: *const u8) {}
 
 #[cfg(test)]
 mod tests {

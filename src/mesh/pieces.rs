@@ -6,7 +6,7 @@
 //! The piece is looked up for every stretch of edges: to ask first whether it is that of the edge before
 //! saves the lookup for half of them and cannot be foretold, which cost a tenth of the time.
 
-use crate::cpu::dispatch;
+use crate::cpu::{dispatch, prefetch};
 use crate::measure::MeshSums;
 use crate::mesh::cubes::room_for;
 use crate::mesh::edges::{EdgeWord, Edges};
@@ -196,6 +196,9 @@ const UNKNOWN: u32 = u32::MAX;
 /// Vertices written at once, whether a stretch has as many or not.
 const AT_ONCE: usize = 8;
 
+/// Rows by which classes are fetched ahead: each row of a tile has them elsewhere.
+const ROWS_AHEAD: usize = 4;
+
 /// Assigns every crossed edge its piece and vertex, and counts the pieces' vertices.
 pub fn assign<T: Voxel>(
     view: &BandView<T>,
@@ -258,12 +261,7 @@ fn assign_inlined<T: Voxel>(
             first_run: *first,
         }
     };
-    let words = edges.words.chunks_exact(edges.row_words);
-    let rows = (0..=cz).flat_map(|z| (0..=cy).map(move |y| (z, y)));
-    for ((number, words), (z, y)) in words.enumerate().zip(rows) {
-        if edges.is_empty(number) {
-            continue;
-        }
+    for (number, [y, z], words) in edges.crossed_rows() {
         let [first_x, first_y, first_z] = edges.first[number];
         let of_row = OfRow {
             key: 3 * tile.linear([0, y, z]),
@@ -272,6 +270,10 @@ fn assign_inlined<T: Voxel>(
         // the next tile counts the vertices on the last voxel's edges, of which none goes along the row
         let shares_last = !of_row.shared && !tile.is_last[0];
         let shared = words[cx / 64].map(|word| shares_last && word >> (cx % 64) & 1 == 1);
+        if y + ROWS_AHEAD <= cy && z < cz {
+            let run = row(y + ROWS_AHEAD, z + 1).first_run as usize;
+            prefetch(assigner.class_of_run, run);
+        }
         let here = row(y, z);
         if first_x < first_y {
             assigner.along_row(words, &here, &of_row);

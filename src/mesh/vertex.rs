@@ -1,6 +1,7 @@
 //! Place and normal of a vertex on a crossed lattice edge.
 
 use crate::grid::LATTICE;
+use crate::rounding::{integer, round};
 use crate::volume::Voxel;
 
 /// Lattice steps from the edge's lower voxel `v0` to the surface: 256 (T - v0) / (v1 - v0) rounded
@@ -11,12 +12,13 @@ use crate::volume::Voxel;
 #[inline]
 pub fn step_on_edge(v0: f64, v1: f64, threshold: f64) -> u32 {
     let t = f64::from(LATTICE) * (threshold - v0) / (v1 - v0);
-    if !t.is_finite() {
-        return LATTICE / 2;
+    // half up is away from zero: it is positive by then
+    let step = round(t.clamp(1.0, f64::from(LATTICE - 1)));
+    if t.is_finite() {
+        integer(step)
+    } else {
+        LATTICE / 2
     }
-    // adding a half before truncation rounds half up; t is positive wherever rounding matters
-    // the signed type is one that processors make of several numbers at a time
-    (t.clamp(1.0, f64::from(LATTICE - 1)) + 0.5) as i32 as u32
 }
 
 /// How to take differences around the voxels of one row.

@@ -58,6 +58,10 @@ impl<T: Voxel> Voxels<T> {
     /// # Errors
     /// Those of [`Volume::read_box`].
     pub fn load(&mut self, volume: &dyn Volume, span: Span) -> Result<()> {
+        if self.samples.is_empty() {
+            // as the system has it, zero before it is touched
+            self.samples = vec![T::zeroed(); span.voxels()];
+        }
         self.samples.resize(span.voxels(), T::zeroed());
         let bytes = bytemuck::cast_slice_mut(&mut self.samples);
         volume.read_box(0..span.nx, span.y.clone(), span.z.clone(), bytes)?;

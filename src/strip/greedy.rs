@@ -257,8 +257,8 @@ impl Greedy {
             if free_left.min(free_right) >= USED {
                 return entry;
             }
-            // On a tie not to the side it did turn to. A branch, as compiled: most turns can be foretold,
-            // and choosing without one took 23 clocks a step for 16.
+            // On a tie not to the side it did turn to. Compiled without a branch; with one that is forced it
+            // takes as long, since half of the turns cannot be foretold.
             let turn_right = free_right < free_left + u8::from(turned_left);
             let (other, free) = if turn_right {
                 (left, free_left)

@@ -78,9 +78,9 @@ impl Body {
         };
         let start = out.len();
         out.reserve(Body::bytes_of(mesh));
-        for p in &mesh.positions {
-            out.extend_from_slice(bytemuck::bytes_of(&p.map(coordinate)));
-        }
+        append(out, mesh.positions.as_flattened(), |steps| {
+            coordinate(steps).to_le_bytes()
+        });
         out.extend_from_slice(bytemuck::cast_slice(&mesh.normals));
         let mut indices = Vec::new();
         for piece in &mesh.pieces {
@@ -142,9 +142,19 @@ pub(super) fn write_indices(piece: &BodyPiece, indices: &[u32], out: &mut Vec<u8
     if piece.wide() {
         out.extend_from_slice(bytemuck::cast_slice(indices));
     } else {
-        out.extend(indices.iter().flat_map(|&i| (i as u16).to_le_bytes()));
+        append(out, indices, |i| (i as u16).to_le_bytes());
     }
     out.resize(end, 0);
+}
+
+/// Appends the bytes of each value: room for all is made at once, so that many are converted at a time.
+fn append<T: Copy, const N: usize>(out: &mut Vec<u8>, values: &[T], bytes: impl Fn(T) -> [u8; N]) {
+    let start = out.len();
+    out.resize(start + N * values.len(), 0);
+    let (places, _) = out[start..].as_chunks_mut();
+    for (place, &value) in places.iter_mut().zip(values) {
+        *place = bytes(value);
+    }
 }
 
 /// Joins pieces of a body to groups: `groups[g]` lists the pieces of the new piece g, in the order
