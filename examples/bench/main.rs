@@ -281,7 +281,13 @@ fn sparse(file: &Path, dir: &Path, out: &Path, table: &mut Table) -> Result<(), 
     let (x, y, slices) = (301u32, 324u32, 56u32);
     let one = std::fs::read(file).map_err(|e| format!("{}: {e}", file.display()))?;
     let [bytes, times] = [u64::from(x * y * slices), 190];
-    let samples = &one[..bytes as usize];
+    let Some(samples) = one.get(..bytes as usize) else {
+        return Err(format!(
+            "{}: {} bytes, expected {x} x {y} x {slices} samples of u8",
+            file.display(),
+            one.len()
+        ));
+    };
     let path = dir.join("lobsters.raw");
     std::fs::write(&path, samples.repeat(times as usize)).map_err(|e| e.to_string())?;
     for threshold in [40.0, 130.0] {
