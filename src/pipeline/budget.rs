@@ -20,6 +20,11 @@ impl Budget {
         })
     }
 
+    /// Bytes that can be taken.
+    pub fn left(&self) -> u64 {
+        self.limit.saturating_sub(self.used.load(Ordering::Relaxed))
+    }
+
     fn take(&self, bytes: u64) -> Result<()> {
         let fits = |used: u64| used.checked_add(bytes).filter(|&sum| sum <= self.limit);
         self.used
@@ -110,7 +115,7 @@ mod tests {
         b.grow_to(30).unwrap();
         drop(a);
         b.grow_to(90).unwrap();
-        assert_eq!(b.bytes(), 90);
+        assert_eq!((b.bytes(), budget.left()), (90, 0));
         let mut c = Reservation::new(&budget);
         assert!(c.grow_to(20).is_err());
         b.shrink_to(70);

@@ -7,6 +7,7 @@ use crate::measure::{ComponentRecord, Measures, RecordTable};
 use crate::pipeline::anew::{Buffers, anew_path, read_back, write_anew};
 use crate::pipeline::forward::SlabRecord;
 use crate::pipeline::keep::Keeper;
+use crate::pipeline::ration::{at_once, parts};
 use crate::pipeline::resolve::Resolved;
 use crate::pipeline::shards::{Ends, FinishedLayer, Part, shard_path};
 use crate::pipeline::spool::{Place, Spool};
@@ -19,13 +20,11 @@ use crate::tile::{
     tile_path, write_head,
 };
 use rayon::prelude::*;
+use std::borrow::Cow;
 use std::collections::BTreeMap;
 use std::fs::{OpenOptions, create_dir_all};
 use std::os::unix::fs::FileExt;
 use std::path::Path;
-
-/// Tiles whose pieces and entries are in memory at once.
-const TILES_AT_ONCE: usize = 64;
 
 /// What finishing needs to know of the whole set.
 #[derive(Clone, Copy)]
@@ -40,6 +39,8 @@ pub struct FinishSettings<'a> {
     pub tiling: Tiling,
     /// Bring tiles that are written anew to the disk.
     pub writers: Option<&'a Writers>,
+    /// Bytes that tiles may take while they are finished.
+    pub memory: u64,
 }
 
 /// The settings with the sums of all components.
@@ -154,7 +155,7 @@ fn finish_tiles(
         surfaces: resolved.ids.get(&places.surfaces)?,
         whole: resolved.ids.get(&places.whole)?,
     };
-    let mut parts = tiles.chunks(TILES_AT_ONCE).peekable();
+    let mut parts = parts(&tiles, settings.memory).into_iter().peekable();
     loop {
         let tiles = parts.next().unwrap_or_default();
         let mut jobs = Vec::with_capacity(tiles.len());
@@ -255,15 +256,26 @@ impl Finisher<'_> {
         ids: &IdsOfSlab,
     ) -> Result<Vec<(TileEntry, Vec<u8>)>> {
         let known = self.cells_of(tiles, ids)?;
-        tiles
-            .par_iter()
-            .map_init(Buffers::default, |buffers, (tile, pieces)| {
-                let ids: Vec<Ids> = pieces.iter().map(|p| ids.of(p)).collect();
-                let entry = self.finish_tile(tile, (pieces, &ids, &known), buffers)?;
-                let text = serde_json::to_vec(&entry).expect("plain data serialises");
-                Ok((entry, text))
-            })
-            .collect()
+        let finish = |buffers: &mut Buffers, (tile, pieces): &(&TileRecord, Vec<WrittenPiece>)| {
+            let ids: Vec<Ids> = pieces.iter().map(|p| ids.of(p)).collect();
+            let entry = self.finish_tile(tile, (pieces, &ids, &known), buffers)?;
+            let text = serde_json::to_vec(&entry).expect("plain data serialises");
+            Ok((entry, text))
+        };
+        let threads = rayon::current_num_threads();
+        let few = at_once(tiles.iter().map(|(t, _)| *t), self.settings.memory, threads);
+        if few == threads {
+            let all = tiles.par_iter().map_init(Buffers::default, finish);
+            return all.collect();
+        }
+        let mut finished = Vec::with_capacity(tiles.len());
+        let mut buffers: Vec<_> = (0..few).map(|_| Buffers::default()).collect();
+        for few in tiles.chunks(few) {
+            let each = few.par_iter().zip(&mut buffers);
+            let made: Result<Vec<_>> = each.map(|(tile, buffers)| finish(buffers, tile)).collect();
+            finished.extend(made?);
+        }
+        Ok(finished)
     }
 
     /// The cells of some tiles by rising id, unless there are too many pieces. Most lie in several tiles.
@@ -356,22 +368,21 @@ impl Finisher<'_> {
             let len = bytes.len() as u64;
             return Err(changed(path, len, len.max(body.bytes)));
         }
-        let joined;
         let (body, bin) = if groups.len() < body.pieces.len() {
-            joined = group_body(body, &bytes[start..], groups, head.form.primitives);
-            (&joined.0, &joined.1[..])
+            let (body, bin) = group_body(body, &bytes[start..], groups, head.form.primitives);
+            (Cow::Owned(body), Cow::Owned(bin))
         } else {
-            (body, &bytes[start..])
+            (Cow::Borrowed(body), Cow::Borrowed(&bytes[start..]))
         };
-        let nodes = self.nodes(body, group_ids, known)?;
+        let nodes = self.nodes(&body, group_ids, known)?;
         let low = |a: usize| self.settings.tiling.cubes(a, tile.grid[a]).start;
-        let file =
-            tile_file(head, std::array::from_fn(low), (body, bin), &nodes).map_err(|refused| {
-                match refused {
-                    Refused::TooLarge => too_large(tile.grid),
-                    Refused::TooWide => too_wide(self.settings.tiling.macrocube),
-                }
-            })?;
+        let file = tile_file(head, std::array::from_fn(low), (&body, &bin), &nodes).map_err(
+            |refused| match refused {
+                Refused::TooLarge => too_large(tile.grid),
+                Refused::TooWide => too_wide(self.settings.tiling.macrocube),
+            },
+        )?;
+        drop(bin);
         let anew = self.settings.dir.join(anew_path(tile.grid));
         if let Some(dir) = anew.parent() {
             create_dir_all(dir).map_err(|e| Error::io(dir, "create the directory", e))?;
@@ -379,7 +390,7 @@ impl Finisher<'_> {
         let size_and_crc = (file.bytes.len() as u64, crc32fast::hash(&file.bytes));
         write_anew(anew, &file.bytes, (self.settings.writers, &mut buffers.new))?;
         let indices = Some(file.indices);
-        Ok(entry(tile, body, group_ids, indices, size_and_crc))
+        Ok(entry(tile, &body, group_ids, indices, size_and_crc))
     }
 
     /// Names and numbers of a tile's pieces.

@@ -11,6 +11,7 @@ mod options;
 pub(crate) mod output;
 mod parts;
 mod plan;
+mod ration;
 mod resolve;
 mod resume;
 mod shards;
@@ -237,7 +238,8 @@ fn make(
     let forward = sweep.run(keeper)?;
     let mut totals = forward_totals(&forward);
     let dust = dust(options, &forward);
-    let (slabs, mut spool, mut resolved) = resolve(forward, plan.limit / 8, work)?;
+    let tables = plan.limit / 8;
+    let (slabs, mut spool, mut resolved) = resolve(forward, tables, work)?;
     progress.begin("index", slabs.len() as u64);
     let budget = Budget::new(plan.limit, plan.fixed);
     let writers = Writers::new(plan.in_flight, plan.body, &budget);
@@ -247,6 +249,7 @@ fn make(
         placement: &placement,
         tiling: plan.tiling,
         writers: writers.as_ref(),
+        memory: budget.left().saturating_sub(tables),
     };
     let layers = finish(
         &slabs,

@@ -27,7 +27,8 @@ pub fn tile_file(
 ) -> Result<TileFile, Refused> {
     let geometry = Geometry { body, bytes };
     let (json, bin, indices) = if head.merges(nodes.len()) {
-        merged_chunks(head, low, geometry, nodes)?
+        let (json, bin, indices) = merged_chunks(head, low, geometry, nodes)?;
+        (json, bin.into(), indices)
     } else {
         let (stored, bin) = Stored::pieces(head, low, geometry)?;
         let json = node_document(head, &stored, body, nodes);

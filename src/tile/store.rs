@@ -10,6 +10,7 @@ use crate::grid::LATTICE;
 use crate::manifest::{Encoding, Primitives};
 use serde::Serialize;
 use serde_json::{Value, json};
+use std::borrow::Cow;
 
 /// An accessor of glTF. There are three to a piece, so they are no [`Value`]s, which took a tenth of the
 /// time of a sparse scan.
@@ -86,14 +87,14 @@ impl Stored {
 
     /// The body's pieces one by one, each with its indices, and the BIN chunk. `low` is the lowest
     /// voxel of the macrocube.
-    pub fn pieces(
+    pub fn pieces<'a>(
         head: &TileHead,
         low: [u32; 3],
-        geometry: Geometry,
-    ) -> Result<(Self, Vec<u8>), Refused> {
+        geometry: Geometry<'a>,
+    ) -> Result<(Self, Cow<'a, [u8]>), Refused> {
         let Geometry { body, bytes } = geometry;
         if head.form.encoding == Encoding::Float {
-            return Ok((Stored::float(body), bytes.to_vec()));
+            return Ok((Stored::float(body), bytes.into()));
         }
         let (mut bin, base) = geometry.vertices(head.form.encoding, low)?;
         let mut streams: [Vec<u32>; 2] = Default::default();
@@ -122,7 +123,7 @@ impl Stored {
             buffers,
             indices: places.into_iter().map(at).collect(),
         };
-        Ok((stored, bin.bytes))
+        Ok((stored, bin.bytes.into()))
     }
 
     /// The three accessors of vertices `first..first + vertices` with bounds `[min, max]` in lattice
@@ -212,6 +213,8 @@ impl Geometry<'_> {
         let (positions, _) = self.bytes[..n].as_chunks::<12>();
         let (normals, _) = self.bytes[n..2 * n].as_chunks::<12>();
         let mut bin = Bin::new(encoding == Encoding::Meshopt);
+        // as much as it may become with a row number to each vertex
+        bin.bytes.reserve_exact(self.bytes.len() + n);
         if encoding == Encoding::Float {
             bin.vertices(positions, None);
             bin.vertices(normals, None);
