@@ -4,10 +4,17 @@
 //! ALVIS_DATA (default `../shared/data`).
 
 #[allow(dead_code)]
+#[path = "../src/cpu.rs"]
+mod cpu;
+#[allow(dead_code)]
 #[path = "../src/strip/mod.rs"]
 mod strip;
+#[allow(dead_code, unused_imports)]
+#[path = "../src/unchecked.rs"]
+mod unchecked;
 
 use std::collections::HashMap;
+use std::ops::Range;
 use std::time::Instant;
 
 /// Cubes along a macrocube's edge.
@@ -42,6 +49,15 @@ struct Piece {
     corners: Vec<[u32; 4]>,
     mates: Vec<[u32; 4]>,
     vertices: usize,
+}
+
+impl Piece {
+    fn faces(&self) -> strip::Faces<'_> {
+        strip::Faces {
+            corners: &self.corners,
+            mates: &self.mates,
+        }
+    }
 }
 
 /// A number in 0..1 that depends on `x` alone (the finaliser of splitmix64).
@@ -89,8 +105,8 @@ fn read_table() -> Option<Table> {
     serde_json::from_value(json["tris"].clone()).ok()
 }
 
-/// The pieces of all macrocubes; a triangle is given by its vertices' lattice edges.
-fn pieces(volume: &[f32], n: usize, table: &Table) -> Vec<Piece> {
+/// The pieces of each macrocube; a triangle is given by its vertices' lattice edges.
+fn pieces(volume: &[f32], n: usize, table: &Table) -> Vec<Vec<Piece>> {
     let tiles = (n - 1).div_ceil(MACROCUBE);
     let range = |t: usize| t * MACROCUBE..((t + 1) * MACROCUBE).min(n - 1);
     let mut out = Vec::new();
@@ -110,7 +126,9 @@ fn pieces(volume: &[f32], n: usize, table: &Table) -> Vec<Piece> {
                 }
             }
         }
-        split(&triangles, &mut out);
+        let mut tile = Vec::new();
+        split(&triangles, &mut tile);
+        out.push(tile);
     }
     out
 }
@@ -165,22 +183,28 @@ fn split(triangles: &[[u64; 3]], out: &mut Vec<Piece>) {
     }
 }
 
-/// Runs one way over all pieces and prints what it makes of them. Every run goes through all pieces,
-/// so that neither caches nor branch predictors know a piece from its last run.
-fn measure(name: &str, pieces: &[Piece], mut way: impl FnMut(&Piece, &mut Vec<u32>)) {
+/// Runs one way over all tiles and prints what it makes of them: entries, and where those of each piece are.
+/// Every run goes through all tiles, so that neither caches nor branch predictors know one from its last run.
+fn measure(
+    name: &str,
+    tiles: &[Vec<Piece>],
+    mut way: impl FnMut(&[Piece], &mut Vec<u32>) -> Vec<Range<usize>>,
+) {
     let mut out = Vec::new();
-    let mut best = vec![f64::MAX; pieces.len()];
+    let mut best = vec![f64::MAX; tiles.len()];
     let (mut entries, mut triangles) = (0, 0);
     for run in 0..RUNS {
-        for (piece, best) in pieces.iter().zip(&mut best) {
+        for (tile, best) in tiles.iter().zip(&mut best) {
             out.clear();
             let start = Instant::now();
-            way(piece, &mut out);
+            let strips = way(tile, &mut out);
             *best = best.min(start.elapsed().as_secs_f64());
             if run == 0 {
-                assert_eq!(strip::unstrip(&out).len(), piece.triangles.len());
+                for (piece, strip) in tile.iter().zip(strips) {
+                    assert_eq!(strip::unstrip(&out[strip]).len(), piece.triangles.len());
+                    triangles += piece.triangles.len();
+                }
                 entries += out.len();
-                triangles += piece.triangles.len();
             }
         }
     }
@@ -192,6 +216,18 @@ fn measure(name: &str, pieces: &[Piece], mut way: impl FnMut(&Piece, &mut Vec<u3
     );
 }
 
+/// The same for a way that takes one piece.
+fn measure_single(name: &str, tiles: &[Vec<Piece>], mut way: impl FnMut(&Piece, &mut Vec<u32>)) {
+    measure(name, tiles, |tile, out| {
+        let strip = |piece| {
+            let start = out.len();
+            way(piece, out);
+            start..out.len()
+        };
+        tile.iter().map(strip).collect()
+    });
+}
+
 fn main() {
     let numbers: Vec<f32> = std::env::args().filter_map(|a| a.parse().ok()).collect();
     let n = numbers.first().map_or(193, |&n| n as usize).max(2);
@@ -200,22 +236,27 @@ fn main() {
         println!("skipped: no topology/mc_table_sep_6_18.json below ALVIS_DATA");
         return;
     };
-    let pieces = pieces(&foam(n, noise), n, &table);
-    let triangles: usize = pieces.iter().map(|p| p.triangles.len()).sum();
+    let tiles = pieces(&foam(n, noise), n, &table);
+    let triangles: usize = tiles.iter().flatten().map(|p| p.triangles.len()).sum();
     println!(
         "{n}^3 voxels, noise {noise}: {triangles} triangles in {} pieces",
-        pieces.len()
+        tiles.iter().flatten().count()
     );
     let mut stripifier = strip::Stripifier::default();
-    measure("alvis", &pieces, |piece, out| {
-        stripifier.stripify(&piece.corners, &piece.mates, out);
+    measure("alvis", &tiles, |tile, out| {
+        let pieces: Vec<_> = tile.iter().map(Piece::faces).collect();
+        let stitched = stripifier.stripify_all(&pieces, out);
+        stitched.into_iter().map(|s| s.entries).collect()
+    });
+    measure_single("alvis, piece by piece", &tiles, |piece, out| {
+        stripifier.stripify(piece.faces(), out);
     });
     // restart index 0 asks for degenerates; the optimised order is what its manual tells to give it
-    measure("meshopt stripify", &pieces, |piece, out| {
+    measure_single("meshopt stripify", &tiles, |piece, out| {
         let indices = piece.triangles.as_flattened();
         out.extend(meshopt::stripify(indices, piece.vertices, 0).expect("a strip"));
     });
-    measure("meshopt vertex cache + stripify", &pieces, |piece, out| {
+    measure_single("meshopt vertex cache + stripify", &tiles, |piece, out| {
         let indices = piece.triangles.as_flattened();
         let ordered = meshopt::optimize_vertex_cache_strip(indices, piece.vertices);
         out.extend(meshopt::stripify(&ordered, piece.vertices, 0).expect("a strip"));

@@ -146,16 +146,10 @@ impl Kernels {
         let mut entries = 0;
         let mut out = Vec::new();
         for mesh in &self.meshes {
-            for piece in &mesh.pieces {
-                let faces = piece.faces();
-                out.clear();
-                self.stripifier.stripify(
-                    &mesh.corners[faces.clone()],
-                    &mesh.mates[faces],
-                    &mut out,
-                );
-                entries += out.len();
-            }
+            out.clear();
+            let pieces: Vec<_> = mesh.pieces.iter().map(|p| mesh.faces_of(p)).collect();
+            self.stripifier.stripify_all(&pieces, &mut out);
+            entries += out.len();
         }
         entries
     }

@@ -11,6 +11,7 @@ use crate::mesh::sums::sum_pieces;
 use crate::mesh::vertices::{Places, place_vertices};
 use crate::segment::Runs;
 use crate::slab::{Bits, Voxels};
+use crate::strip::Faces;
 use crate::volume::Voxel;
 
 /// Bytes of buffers per triangle of a tile while it is made: about 110 are used, and buffers grow
@@ -171,6 +172,14 @@ impl TileMesh {
     /// Number of triangles.
     pub fn triangles(&self) -> u64 {
         self.pieces.iter().map(|p| u64::from(p.triangles)).sum()
+    }
+
+    /// The triangles of a piece and their neighbours.
+    pub fn faces_of(&self, piece: &Piece) -> Faces<'_> {
+        Faces {
+            corners: &self.corners[piece.faces()],
+            mates: &self.mates[piece.faces()],
+        }
     }
 
     /// The triangles of a piece.

@@ -1,113 +1,128 @@
 //! Paths over neighbouring triangles.
+//!
+//! A path begins at a triangle with fewest free neighbours, goes to the neighbour with fewest free ones and
+//! so on, to the one without a swap on a tie; then on from the first triangle's other side.
 
-use super::{after, before};
-
-/// Bit of a count that says the triangle is in a strip already.
-const USED: u8 = 0x80;
-
-/// Count of triangle 0, which stands for none: it stays used when it is counted down twice.
-const NO_TRIANGLE: u8 = 0xC0;
-
-/// What is to be made into strips, half-edge by half-edge; see [`stripify`](super::Stripifier::stripify).
-#[derive(Clone, Copy)]
-pub(super) struct Mesh<'a> {
-    /// The vertex at which each half-edge begins.
-    pub corners: &'a [u32],
-    /// The half-edge across each.
-    pub mates: &'a [u32],
-}
-
-impl Mesh<'_> {
-    /// The corner of a half-edge's triangle that does not lie on it.
-    #[inline(always)]
-    pub(super) fn apex(&self, h: u32) -> u32 {
-        self.corners[before(h) as usize]
-    }
-}
-
-/// A strip enters a triangle over an edge, and leaves it: the corner that is new to the strip, and the
-/// side to which it turns.
-#[derive(Debug, Clone, Copy)]
-pub(super) struct Step(u32);
-
-impl Step {
-    #[inline(always)]
-    fn new(apex: u32, left: bool) -> Self {
-        Step(apex << 1 | u32::from(left))
-    }
-
-    /// The corner off the edge by which the strip enters.
-    #[inline(always)]
-    pub(super) fn apex(self) -> u32 {
-        self.0 >> 1
-    }
-
-    /// Whether the strip leaves over the edge after the one by which it enters, or over the one before.
-    #[inline(always)]
-    pub(super) fn left(self) -> bool {
-        self.0 & 1 == 1
-    }
-}
+use super::Faces;
+use super::rows::{Rows, after, half_edge, triangle};
+use super::walk::{At, Ground, NO_TRIANGLE, Turn, USED};
 
 /// A path over triangles.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Path<'a> {
+    /// The triangles of the piece.
+    pub rows: &'a Rows,
     /// Half-edge over which the first triangle is left; one of its three if it is the only one.
     pub exit: u32,
-    /// The triangles between the first and the last.
-    pub steps: &'a [Step],
+    /// Turns of the walk that ended at the first triangle, and the half-edge over which it began, where
+    /// there was one.
+    back: (&'a [Turn], Option<u32>),
+    /// Turns of the walk that ended at the last triangle.
+    ahead: &'a [Turn],
+    /// The half-edge over which that one began.
+    from: u32,
     /// Half-edge by which the last triangle is entered, if it is not the first.
     pub end: Option<u32>,
+}
+
+impl Path<'_> {
+    /// The number of triangles between the first and the last.
+    pub(super) fn turns(&self) -> usize {
+        self.back.0.len() + usize::from(self.back.1.is_some()) + self.ahead.len()
+    }
+
+    /// The triangles between the first and the last: the corner off the edge over which each is entered, and
+    /// whether it is left over the edge after that or over the one before.
+    #[inline(always)]
+    pub(super) fn steps(&self) -> impl Iterator<Item = (u32, bool)> {
+        let rows = self.rows;
+        let (back, start) = self.back;
+        // on the way back it is entered over the edge by which it is left, and turned the other way
+        let back = back.iter().rev().map(move |turn| match turn.left() {
+            true => (rows.first(turn.entry()), false),
+            false => (rows.last(turn.entry()), true),
+        });
+        let start = start.map(|h| (rows.apex(h), after(h) == self.from));
+        let ahead = self.ahead.iter();
+        let ahead = ahead.map(move |turn| (rows.apex(turn.entry()), turn.left()));
+        back.chain(start).chain(ahead)
+    }
 }
 
 /// Finds the paths of a piece, one after the other.
 #[derive(Debug, Default)]
 pub(super) struct Greedy {
+    rows: Rows,
     /// Per triangle the number of neighbours not yet in a strip, with [`USED`] once it is in one.
     free: Vec<u8>,
     starts: Starts,
     /// Triangles before this one are used.
     cursor: usize,
-    /// Steps from a strip's start on.
-    ahead: Vec<Step>,
-    /// Steps of the whole path, where it goes on behind its start, too.
-    whole: Vec<Step>,
+    /// Turns from a path's start on, then those back from it.
+    turns: Vec<Turn>,
+    /// Where its walk is.
+    at: At,
+    path: Open,
+}
+
+/// A path in the making.
+#[derive(Debug, Clone, Copy, Default)]
+struct Open {
+    /// Half-edge over which the walk ahead left the first triangle.
+    exit: u32,
+    /// Another one to a neighbour that was free.
+    back: Option<u32>,
+    /// Once the walk ahead has ended: its turns, and the half-edge by which its last triangle is entered.
+    ahead: Option<(usize, u32)>,
 }
 
 /// Stacks of triangles with 0, 1 and 2 free neighbours. Entries go stale when the number falls; every
 /// unused triangle with that number is in its stack.
 ///
-/// One array holds them: a number only falls, so no triangle is twice in a stack. A fourth stack takes
+/// One array holds them: a number only falls, so no triangle is twice in a stack. Its first element takes
 /// what belongs to none, each on top of the one before, since whether there is anything to push cannot
 /// be foretold and a branch on it costs more than the push.
-#[derive(Debug, Default)]
-struct Starts {
+#[derive(Debug)]
+pub(super) struct Starts {
     entries: Vec<u32>,
-    /// Where each stack begins: all have the same room.
+    /// Where each stack begins behind that element: all have the same room.
     room: usize,
-    /// Where each stack ends.
-    end: [usize; 4],
+    /// By number where its stack ends; the first element for those without one.
+    end: [usize; 256],
+}
+
+impl Default for Starts {
+    fn default() -> Self {
+        Starts {
+            entries: Vec::new(),
+            room: 0,
+            end: [0; 256],
+        }
+    }
 }
 
 impl Starts {
     fn reset(&mut self, triangles: usize) {
         self.room = triangles;
-        self.entries.resize(3 * triangles + 1, 0);
-        self.end = [0, triangles, 2 * triangles, 3 * triangles];
+        if self.entries.len() < 3 * triangles + 1 {
+            self.entries.resize(3 * triangles + 1, 0);
+        }
+        for stack in 0..3 {
+            self.end[stack] = 1 + stack * triangles;
+        }
     }
 
     #[inline(always)]
-    fn push(&mut self, free: u8, t: u32) {
-        let stack = usize::from(free.min(3));
-        let end = &mut self.end[stack];
+    pub(super) fn push(&mut self, free: u8, t: u32) {
+        let end = &mut self.end[usize::from(free)];
         self.entries[*end] = t;
-        *end += usize::from(stack != 3);
+        *end += usize::from(free < 3);
     }
 
     /// The triangle pushed last that still has as few free neighbours as when it was pushed.
     fn pop(&mut self, free: &[u8]) -> Option<u32> {
         for (stack, end) in self.end[..3].iter_mut().enumerate() {
-            let start = stack * self.room;
+            let start = 1 + stack * self.room;
             let entries = &self.entries[start..*end];
             let live = |t: &u32| usize::from(free[*t as usize]) == stack;
             let found = entries.iter().rposition(live);
@@ -120,26 +135,12 @@ impl Starts {
     }
 }
 
-/// Number of mates of a triangle; the fourth means nothing.
-#[inline(always)]
-fn neighbours(m: &[u32; 4]) -> u8 {
-    // two at a time: bit 31 of a half is set by the sum where any lower bit of it is
-    const LOWER: u64 = 0x7fff_ffff_7fff_ffff;
-    let some = |a: u32, b: u32| {
-        let pair = u64::from(a) | u64::from(b) << 32;
-        let some = ((pair & LOWER) + LOWER) | pair;
-        (some >> 31) & 0x1_0000_0001
-    };
-    let count = some(m[0], m[1]) + some(m[2], 0);
-    (count + (count >> 32)) as u8
-}
-
 impl Greedy {
     /// Begins with a piece.
-    pub(super) fn reset(&mut self, mates: &[[u32; 4]]) {
-        self.starts.reset(mates.len());
-        self.free.clear();
-        self.free.extend(mates.iter().map(neighbours));
+    pub(super) fn take(&mut self, faces: Faces) {
+        let triangles = faces.corners.len();
+        self.rows.fill(faces, &mut self.free);
+        self.starts.reset(triangles);
         if let Some(first) = self.free.first_mut() {
             *first = NO_TRIANGLE;
         }
@@ -154,44 +155,72 @@ impl Greedy {
             }
         }
         self.cursor = 0;
+        if self.turns.len() < triangles {
+            self.turns.resize(triangles, Turn::default());
+        }
     }
 
-    /// The next path: from a triangle with fewest free neighbours to the neighbour with fewest free
-    /// ones and so on, to the one without a swap on a tie; then on from the first triangle's other side.
-    pub(super) fn next(&mut self, mesh: Mesh) -> Option<Path<'_>> {
+    /// Begins the next path; returns whether it has more than one triangle, and so is to be walked.
+    pub(super) fn begin(&mut self) -> Option<bool> {
         let t = self.start()?;
-        self.ahead.clear();
-        let [exit, back] = self.exits(t, mesh.mates);
-        let Some(exit) = exit else {
-            return Some(Path {
-                exit: 4 * t,
-                steps: &[],
-                end: None,
-            });
+        let [exit, back] = self.exits(t);
+        self.path = Open {
+            exit: exit.unwrap_or(half_edge(t)),
+            back,
+            ahead: None,
         };
-        let mut steps = std::mem::take(&mut self.ahead);
-        let end = self.walk::<false>(mesh, exit, false, &mut steps);
-        self.ahead = steps;
-        let entry_of = |h: u32| mesh.mates[h as usize];
-        let Some(back) = back.filter(|&h| self.is_free(entry_of(h))) else {
-            return Some(Path {
-                exit,
-                steps: &self.ahead,
-                end: Some(end),
-            });
+        self.at = At {
+            entry: self.rows.mate(self.path.exit),
+            turned_left: 0,
+            turns: 0,
         };
-        let mut steps = std::mem::take(&mut self.whole);
-        steps.clear();
-        let start = self.walk::<true>(mesh, back, after(exit) == back, &mut steps);
-        steps.reverse();
-        steps.push(Step::new(mesh.apex(back), after(back) == exit));
-        steps.extend_from_slice(&self.ahead);
-        self.whole = steps;
-        Some(Path {
-            exit: start,
-            steps: &self.whole,
-            end: Some(end),
-        })
+        Some(exit.is_some())
+    }
+
+    /// What the walk goes over, and where it is.
+    pub(super) fn ground(&mut self) -> (Ground<'_>, &mut At) {
+        let triangles = self.free.len();
+        // SAFETY: the rows of this piece, a count for each; every walk begins at the mate of a half-edge
+        let ground = unsafe {
+            Ground::new(
+                self.rows.numbers(),
+                &mut self.free,
+                &mut self.starts,
+                &mut self.turns[..triangles],
+            )
+        };
+        (ground, &mut self.at)
+    }
+
+    /// After the end of a walk: begins the one from the first triangle's other side, if there is one.
+    pub(super) fn turn_back(&mut self) -> bool {
+        if self.path.ahead.is_some() {
+            return false;
+        }
+        self.path.ahead = Some((self.at.turns, self.at.entry));
+        let is_free = |&h: &u32| self.free[triangle(self.rows.mate(h)) as usize] < USED;
+        self.path.back = self.path.back.filter(is_free);
+        let Some(back) = self.path.back else {
+            return false;
+        };
+        self.at.entry = self.rows.mate(back);
+        self.at.turned_left = u8::from(after(self.path.exit) == back);
+        true
+    }
+
+    /// The path, after its walks.
+    pub(super) fn path(&self) -> Path<'_> {
+        let Open { exit, back, ahead } = self.path;
+        let (turns, end) = ahead.unzip();
+        let (ahead, rest) = self.turns.split_at(turns.unwrap_or(0));
+        Path {
+            rows: &self.rows,
+            exit: if back.is_some() { self.at.entry } else { exit },
+            back: (&rest[..self.at.turns - ahead.len()], back),
+            ahead,
+            from: exit,
+            end,
+        }
     }
 
     fn start(&mut self) -> Option<u32> {
@@ -203,29 +232,17 @@ impl Greedy {
         Some(self.cursor as u32)
     }
 
-    /// Whether the triangle of a half-edge is in no strip yet.
-    fn is_free(&self, h: u32) -> bool {
-        self.free[(h / 4) as usize] < USED
-    }
-
-    /// Counts the free neighbours of the triangle of `mate` down; returns the count. That of triangle 0
-    /// must be set again after three at most.
-    #[inline(always)]
-    fn count_down(&mut self, mate: u32) -> u8 {
-        let free = self.free[(mate / 4) as usize] - 1;
-        self.free[(mate / 4) as usize] = free;
-        free
-    }
-
     /// Takes the first triangle of a strip; returns its half-edges to free neighbours, that with fewest
     /// free ones first, and no more than two.
-    fn exits(&mut self, t: u32, mates: &[u32]) -> [Option<u32>; 2] {
+    fn exits(&mut self, t: u32) -> [Option<u32>; 2] {
         self.free[t as usize] |= USED;
         let mut exits = [(USED, None); 2];
-        for h in 4 * t..4 * t + 3 {
-            let mate = mates[h as usize];
-            let free = self.count_down(mate);
-            self.starts.push(free, mate / 4);
+        for h in half_edge(t)..half_edge(t) + 3 {
+            let neighbour = triangle(self.rows.mate(h));
+            let count = &mut self.free[neighbour as usize];
+            *count = count.wrapping_sub(1);
+            let free = *count;
+            self.starts.push(free, neighbour);
             if free < exits[0].0 {
                 exits = [(free, Some(h)), exits[0]];
             } else if free < exits[1].0 {
@@ -234,47 +251,5 @@ impl Greedy {
         }
         self.free[0] = NO_TRIANGLE;
         exits.map(|(_, h)| h)
-    }
-
-    /// Takes the triangles of a path from the one across `exit` on, until there is no free neighbour;
-    /// returns the half-edge by which the last one is entered. Steps are those of the way there, or, if
-    /// `BACK`, of the way back.
-    #[inline(always)]
-    fn walk<const BACK: bool>(
-        &mut self,
-        mesh: Mesh,
-        exit: u32,
-        mut turned_left: bool,
-        steps: &mut Vec<Step>,
-    ) -> u32 {
-        let mut entry = mesh.mates[exit as usize];
-        loop {
-            self.free[(entry / 4) as usize] |= USED;
-            let edges = [after(entry), before(entry)];
-            let [left, right] = edges.map(|h| mesh.mates[h as usize]);
-            let (free_left, free_right) = (self.count_down(left), self.count_down(right));
-            self.free[0] = NO_TRIANGLE;
-            if free_left.min(free_right) >= USED {
-                return entry;
-            }
-            // On a tie not to the side it did turn to. Compiled without a branch; with one that is forced it
-            // takes as long, since half of the turns cannot be foretold.
-            let turn_right = free_right < free_left + u8::from(turned_left);
-            let (other, free) = if turn_right {
-                (left, free_left)
-            } else {
-                (right, free_right)
-            };
-            // the other one may be a start
-            self.starts.push(free, other / 4);
-            steps.push(match (BACK, turn_right) {
-                (false, _) => Step::new(mesh.corners[edges[1] as usize], !turn_right),
-                // on the way back it is entered over the edge by which it is left, and turned the other way
-                (true, false) => Step::new(mesh.corners[entry as usize], false),
-                (true, true) => Step::new(mesh.corners[edges[0] as usize], true),
-            });
-            entry = if turn_right { right } else { left };
-            turned_left = !turn_right;
-        }
     }
 }

@@ -28,10 +28,14 @@ fn connected(triangles: &[[u32; 3]]) -> (Vec<[u32; 4]>, Vec<[u32; 4]>) {
     (corners, mates)
 }
 
+fn faces<'a>(corners: &'a [[u32; 4]], mates: &'a [[u32; 4]]) -> Faces<'a> {
+    Faces { corners, mates }
+}
+
 /// Makes a strip with new scratch.
 fn strip_of(stripifier: &mut Stripifier, triangles: &[[u32; 3]], out: &mut Vec<u32>) -> usize {
     let (corners, mates) = connected(triangles);
-    stripifier.stripify(&corners, &mates, out)
+    stripifier.stripify(faces(&corners, &mates), out)
 }
 
 fn sorted(triangles: &[[u32; 3]]) -> Vec<[u32; 3]> {
@@ -178,40 +182,44 @@ fn rings_are_cut_open_once() {
 /// Walks all paths of a mesh by its mates, step by step; returns their number and how often they turn
 /// to the same side twice.
 fn walked(corners: &[[u32; 4]], mates: &[[u32; 4]]) -> (usize, usize) {
-    let mesh = greedy::Mesh {
-        corners: corners.as_flattened(),
-        mates: mates.as_flattened(),
-    };
     let mut greedy = greedy::Greedy::default();
-    greedy.reset(mates);
+    greedy.take(faces(corners, mates));
     let mut taken = vec![false; mates.len()];
     let mut take = |h: u32| {
-        let t = (h / 4) as usize;
-        assert!(t > 0 && h % 4 < 3 && !std::mem::replace(&mut taken[t], true));
+        let t = rows::triangle(h) as usize;
+        let edge = h - rows::half_edge(t as u32);
+        assert!(t > 0 && edge < 3 && !std::mem::replace(&mut taken[t], true));
     };
     let (mut paths, mut swaps) = (0, 0);
-    while let Some(path) = greedy.next(mesh) {
+    while let Some(mut walks) = greedy.begin() {
         paths += 1;
+        while walks {
+            let (ground, at) = greedy.ground();
+            walk::walk(ground, at);
+            walks = greedy.turn_back();
+        }
+        let path = greedy.path();
         take(path.exit);
         let Some(end) = path.end else {
-            assert!(path.steps.is_empty());
+            assert_eq!(path.steps().count(), 0);
             continue;
         };
-        let mut entry = mesh.mates[path.exit as usize];
-        for step in path.steps {
+        let mut entry = path.rows.mate(path.exit);
+        for (apex, left) in path.steps() {
             take(entry);
-            assert_eq!(step.apex(), mesh.apex(entry));
-            let exit = if step.left() {
-                after(entry)
+            assert_eq!(apex, path.rows.apex(entry));
+            let exit = if left {
+                rows::after(entry)
             } else {
-                before(entry)
+                rows::before(entry)
             };
-            entry = mesh.mates[exit as usize];
+            entry = path.rows.mate(exit);
         }
         take(entry);
         assert_eq!(entry, end);
-        let turns = path.steps.windows(2);
-        swaps += turns.filter(|two| two[0].left() == two[1].left()).count();
+        let turns: Vec<bool> = path.steps().map(|(_, left)| left).collect();
+        assert_eq!(turns.len(), path.turns());
+        swaps += turns.windows(2).filter(|two| two[0] == two[1]).count();
     }
     assert!(taken[1..].iter().all(|&t| t), "a triangle is in no path");
     (paths, swaps)
@@ -223,7 +231,7 @@ fn entries_are_those_of_the_paths(triangles: &[[u32; 3]]) {
     let (corners, mates) = connected(triangles);
     let (paths, swaps) = walked(&corners, &mates);
     let mut out = Vec::new();
-    let strips = Stripifier::default().stripify(&corners, &mates, &mut out);
+    let strips = Stripifier::default().stripify(faces(&corners, &mates), &mut out);
     assert_eq!(strips, paths);
     let fewest = (triangles.len() + 4 * strips + swaps).saturating_sub(2);
     assert!(
@@ -298,7 +306,49 @@ fn the_strip_is_appended_whole_and_scratch_leaves_no_trace() {
 #[test]
 #[should_panic(expected = "mates for each triangle")]
 fn mates_must_fit() {
-    Stripifier::default().stripify(&[[0; 4], [0, 1, 2, 0]], &[[0; 4]], &mut Vec::new());
+    let corners = [[0; 4], [0, 1, 2, 0]];
+    Stripifier::default().stripify(faces(&corners, &[[0; 4]]), &mut Vec::new());
+}
+
+#[test]
+fn mates_must_be_half_edges() {
+    let corners = [[0; 4], [0, 1, 2, 0], [2, 1, 3, 0]];
+    let strip = |mates: [[u32; 4]; 2]| {
+        let mates = [[u32::MAX; 4], mates[0], mates[1]];
+        let mut out = Vec::new();
+        Stripifier::default().stripify(faces(&corners, &mates), &mut out);
+        out
+    };
+    assert_eq!(strip([[0, 8, 0, 99], [5, 0, 0, 0]]).len(), 4);
+    for wrong in [12, 7, 11, u32::MAX, u32::MAX - 3] {
+        for edge in 0..3 {
+            let mut mates = [[0; 4]; 2];
+            mates[1][edge] = wrong;
+            let caught = std::panic::catch_unwind(|| strip(mates));
+            assert!(caught.is_err(), "{wrong}");
+        }
+    }
+}
+
+/// Whatever mates are, if they are half-edges, nothing beyond the piece is touched: tests check all indices.
+fn strip_of_wrong_mates(picks: &[[u16; 3]]) {
+    let triangles = picks.len() as u32;
+    let mate = |pick: u16| {
+        let pick = u32::from(pick);
+        4 * (1 + pick / 3 % triangles) + pick % 3
+    };
+    let mut mates = vec![[0; 4]];
+    mates.extend(
+        picks
+            .iter()
+            .map(|p| [mate(p[0]), mate(p[1]), mate(p[2]), 0]),
+    );
+    let corners: Vec<[u32; 4]> = (0..=triangles).map(|t| [t, t + 1, t + 2, 0]).collect();
+    // it may panic, or end with some strip
+    let strip = || Stripifier::default().stripify(faces(&corners, &mates), &mut Vec::new());
+    let caught = std::panic::catch_unwind(strip);
+    let told = caught.err().and_then(|told| told.downcast::<String>().ok());
+    assert!(!told.is_some_and(|told| told.contains(" of ") && !told.contains("index")));
 }
 
 #[test]
@@ -342,6 +392,42 @@ proptest! {
         let triangles = blocks(&solid);
         proven(&triangles);
         entries_are_those_of_the_paths(&triangles);
+    }
+
+    /// Pieces that are walked over in turns have the strips that each has by itself.
+    #[test]
+    fn pieces_together_are_as_they_are_alone(
+        parts in prop::collection::vec((1u32..9, 1u32..9, any::<bool>(), 0.3..1.0f64), 0..9),
+    ) {
+        let pieces: Vec<_> = parts
+            .iter()
+            .map(|&(w, h, torus, keep)| {
+                let (w, h) = if torus { (w + 2, h + 2) } else { (w, h) };
+                let mut part = grid(w, h, torus);
+                part.retain(|t| f64::from((t[0] * 7 + t[1] * 13 + t[2] * 31) % 101) <= 101.0 * keep);
+                connected(&part)
+            })
+            .collect();
+        let all: Vec<_> = pieces.iter().map(|(corners, mates)| faces(corners, mates)).collect();
+        let mut out = vec![7];
+        let stitched = Stripifier::default().stripify_all(&all, &mut out);
+        prop_assert_eq!(stitched.len(), all.len());
+        let mut entries = 1;
+        for (stitched, &piece) in stitched.iter().zip(&all) {
+            let mut alone = Vec::new();
+            let strips = Stripifier::default().stripify(piece, &mut alone);
+            prop_assert_eq!(&out[stitched.entries.clone()], &alone[..]);
+            prop_assert_eq!(stitched.strips, strips);
+            entries += alone.len();
+        }
+        prop_assert_eq!(out.len(), entries);
+    }
+
+    #[test]
+    fn mates_that_are_not_mutual_do_no_harm(
+        picks in prop::collection::vec(any::<[u16; 3]>(), 1..60),
+    ) {
+        strip_of_wrong_mates(&picks);
     }
 
     #[test]

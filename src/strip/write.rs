@@ -1,7 +1,7 @@
 //! Writes paths as strips, and strips as one stitched strip.
 
-use super::greedy::{Mesh, Path};
-use super::{after, join};
+use super::greedy::Path;
+use super::join;
 
 /// The entries of one strip, and where they may stand.
 #[derive(Debug, Default)]
@@ -14,35 +14,40 @@ pub(super) struct Strip {
 
 impl Strip {
     /// Writes a path, from that place on from which its first turn needs no swap.
-    pub(super) fn write(&mut self, mesh: Mesh, path: Path) {
-        self.odd = path.steps.first().is_some_and(|step| step.left());
+    pub(super) fn write(&mut self, path: &Path) {
+        self.odd = path.steps().next().is_some_and(|(_, left)| left);
         // so many, if each step needs a swap; what is behind them means nothing
-        let room = 2 * path.steps.len() + 4;
+        let room = 2 * path.turns() + 4;
         if self.entries.len() < room {
             self.entries.resize(room, 0);
         }
-        let exit = [path.exit, after(path.exit)].map(|h| mesh.corners[h as usize]);
-        let [mut earlier, mut later] = if self.odd { [exit[1], exit[0]] } else { exit };
-        self.entries[..3].copy_from_slice(&[mesh.apex(path.exit), earlier, later]);
+        let (rows, exit) = (path.rows, path.exit);
+        let (first, last) = (rows.first(exit), rows.last(exit));
+        let [mut earlier, mut later] = if self.odd {
+            [last, first]
+        } else {
+            [first, last]
+        };
+        let entries = &mut self.entries[..room];
+        entries[..3].copy_from_slice(&[rows.apex(exit), earlier, later]);
         let mut len = 3;
         let mut odd = !self.odd;
-        for step in path.steps {
-            let (apex, left) = (step.apex(), step.left());
+        path.steps().for_each(|(apex, left)| {
             // Triangles at odd places go on to the side before the edge of entry without a swap, those at
             // even ones to the side after it. Two entries are written and one or two kept: a branch would
             // be mispredicted at every second swap.
             let swap = left == odd;
-            self.entries[len] = if swap { earlier } else { apex };
-            self.entries[len + 1] = apex;
+            entries[len] = if swap { earlier } else { apex };
+            entries[len + 1] = apex;
             len += 1 + usize::from(swap);
             earlier = if swap { earlier } else { later };
             later = apex;
             // an entry more or less turns the parity, so that the next triangle is odd after a turn to
             // the left, with a swap or without
             odd = left;
-        }
+        });
         if let Some(entry) = path.end {
-            self.entries[len] = mesh.apex(entry);
+            entries[len] = rows.apex(entry);
             len += 1;
         }
         self.len = len;

@@ -2,7 +2,7 @@
 
 use crate::manifest::Primitives;
 use crate::mesh::TileMesh;
-use crate::strip::{Stripifier, append_strip};
+use crate::strip::{Stitched, Stripifier, append_strip};
 use crate::tile::document::coordinate;
 use bytemuck::{Pod, Zeroable};
 
@@ -82,21 +82,33 @@ impl Body {
             coordinate(steps).to_le_bytes()
         });
         out.extend_from_slice(bytemuck::cast_slice(&mesh.normals));
-        let mut indices = Vec::new();
-        for piece in &mesh.pieces {
-            let faces = piece.faces();
-            indices.clear();
-            let strips = match primitives {
-                Primitives::Strips => stripifier.stripify(
-                    &mesh.corners[faces.clone()],
-                    &mesh.mates[faces],
-                    &mut indices,
-                ),
-                Primitives::Triangles => {
-                    indices.extend(mesh.triangles_of(piece).flatten());
-                    0
-                }
-            };
+        let mut entries = Vec::new();
+        let made = match primitives {
+            Primitives::Strips => {
+                let pieces: Vec<_> = mesh.pieces.iter().map(|p| mesh.faces_of(p)).collect();
+                stripifier.stripify_all(&pieces, &mut entries)
+            }
+            Primitives::Triangles => {
+                let list = |piece| {
+                    let start = entries.len();
+                    entries.extend(mesh.triangles_of(piece).flatten());
+                    Stitched {
+                        entries: start..entries.len(),
+                        strips: 0,
+                    }
+                };
+                mesh.pieces.iter().map(list).collect()
+            }
+        };
+        for (
+            piece,
+            Stitched {
+                entries: at,
+                strips,
+            },
+        ) in mesh.pieces.iter().zip(made)
+        {
+            let indices = &entries[at];
             let piece = BodyPiece {
                 first_index_byte: (out.len() - start) as u64,
                 first_vertex: piece.first_vertex,
@@ -108,7 +120,7 @@ impl Body {
                 max: piece.max,
                 reserved: 0,
             };
-            write_indices(&piece, &indices, out);
+            write_indices(&piece, indices, out);
             body.pieces.push(piece);
         }
         body.bytes = (out.len() - start) as u64;

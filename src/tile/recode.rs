@@ -7,7 +7,7 @@ use super::part::{TilePlace, refuse};
 use super::pieces::Piece;
 use crate::manifest::{Form, Primitives};
 use crate::mesh::connect;
-use crate::strip::Stripifier;
+use crate::strip::{Faces, Stripifier};
 
 /// What [`recode`] made.
 #[derive(Debug)]
@@ -64,7 +64,8 @@ fn strip_all(pieces: &mut [Piece]) -> u64 {
         let list = piece.list(Primitives::Triangles);
         let (corners, mates) = connect(&list);
         piece.indices.clear();
-        strips += stripifier.stripify(&corners, &mates, &mut piece.indices) as u64;
+        let (corners, mates) = (&corners[..], &mates[..]);
+        strips += stripifier.stripify(Faces { corners, mates }, &mut piece.indices) as u64;
     }
     strips
 }
