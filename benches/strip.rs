@@ -16,6 +16,7 @@ mod unchecked;
 use std::collections::HashMap;
 use std::ops::Range;
 use std::time::Instant;
+use strip::{STRIDE, Triangle};
 
 /// Cubes along a macrocube's edge.
 const MACROCUBE: usize = 64;
@@ -45,19 +46,9 @@ type Table = Vec<Vec<[usize; 3]>>;
 /// A connected surface within a macrocube.
 struct Piece {
     triangles: Vec<[u32; 3]>,
-    /// Both as the strip kernel wants them.
-    corners: Vec<[u32; 4]>,
-    mates: Vec<[u32; 4]>,
+    /// As the strip kernel wants them.
+    connected: Vec<Triangle>,
     vertices: usize,
-}
-
-impl Piece {
-    fn faces(&self) -> strip::Faces<'_> {
-        strip::Faces {
-            corners: &self.corners,
-            mates: &self.mates,
-        }
-    }
 }
 
 /// A number in 0..1 that depends on `x` alone (the finaliser of splitmix64).
@@ -164,20 +155,19 @@ fn split(triangles: &[[u64; 3]], out: &mut Vec<Piece>) {
         keys.sort_unstable();
         keys.dedup();
         let index = |key: u64| keys.binary_search(&key).map_or(0, |i| i as u32);
-        let local = |h: usize| (4 * (place[h / 3].unwrap_or(0) + 1) + h % 3) as u32;
-        let across = |h: usize| mate(h).map_or(0, local);
+        let local = |h: usize| STRIDE * (place[h / 3].unwrap_or(0) as u32 + 1) + (h % 3) as u32;
+        let across = |h: usize| mate(h).map_or(strip::NONE, local);
         let mut piece = Piece {
             triangles: members.iter().map(|&t| triangles[t].map(index)).collect(),
-            corners: vec![[0; 4]],
-            mates: vec![[0; 4]],
+            connected: vec![Triangle::default()],
             vertices: keys.len(),
         };
         for (&t, &[a, b, c]) in members.iter().zip(&piece.triangles) {
-            piece.corners.push([a, b, c, 0]);
             let h = 3 * t;
-            piece
-                .mates
-                .push([across(h), across(h + 1), across(h + 2), 0]);
+            piece.connected.push(Triangle {
+                mates: [across(h), across(h + 1), across(h + 2), 0],
+                corners: [a, b, c, 0],
+            });
         }
         out.push(piece);
     }
@@ -244,12 +234,13 @@ fn main() {
     );
     let mut stripifier = strip::Stripifier::default();
     measure("alvis", &tiles, |tile, out| {
-        let pieces: Vec<_> = tile.iter().map(Piece::faces).collect();
-        let stitched = stripifier.stripify_all(&pieces, out);
+        let pieces: Vec<_> = tile.iter().map(|p| &p.connected[..]).collect();
+        let (stitched, entries) = stripifier.stripify_all(&pieces);
+        out.extend_from_slice(entries);
         stitched.into_iter().map(|s| s.entries).collect()
     });
     measure_single("alvis, piece by piece", &tiles, |piece, out| {
-        stripifier.stripify(piece.faces(), out);
+        stripifier.stripify(&piece.connected, out);
     });
     // restart index 0 asks for degenerates; the optimised order is what its manual tells to give it
     measure_single("meshopt stripify", &tiles, |piece, out| {

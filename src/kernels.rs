@@ -84,7 +84,7 @@ impl Kernels {
 
     /// Triangles of the surface.
     pub fn triangles(&self) -> u64 {
-        self.meshes.iter().map(TileMesh::triangles).sum()
+        self.meshes.iter().map(TileMesh::triangle_count).sum()
     }
 
     /// Samples to bits.
@@ -144,12 +144,9 @@ impl Kernels {
     #[inline(never)]
     pub fn strips(&mut self) -> usize {
         let mut entries = 0;
-        let mut out = Vec::new();
         for mesh in &self.meshes {
-            out.clear();
-            let pieces: Vec<_> = mesh.pieces.iter().map(|p| mesh.faces_of(p)).collect();
-            self.stripifier.stripify_all(&pieces, &mut out);
-            entries += out.len();
+            let pieces: Vec<_> = mesh.pieces.iter().map(|p| mesh.piece(p)).collect();
+            entries += self.stripifier.stripify_all(&pieces).1.len();
         }
         entries
     }

@@ -219,8 +219,7 @@ impl<T: Voxel> Caps<'_, '_, T> {
         piece.first_vertex = out.positions.len() as u32;
         piece.vertices = cap.vertices.len() as u32;
         let faces = out.pieces.last().map_or(0, Piece::end_of_faces);
-        out.corners.truncate(faces as usize);
-        out.mates.truncate(faces as usize);
+        out.triangles.truncate(faces as usize);
         piece.first_triangle = faces;
         piece.triangles = cap.triangles.len() as u32;
         for &key in &cap.vertices {
@@ -229,13 +228,11 @@ impl<T: Voxel> Caps<'_, '_, T> {
             out.positions.push(position);
             out.normals.push(normal);
         }
-        let (corners, mates) = connect(&cap.triangles);
-        out.corners.extend(corners);
-        out.mates.extend(mates);
+        out.triangles.extend(connect(&cap.triangles));
         sum_pieces(
             std::slice::from_mut(&mut piece),
             &out.positions,
-            &out.corners,
+            &out.triangles,
             &self.settings.area,
         );
         out.pieces.push(piece);

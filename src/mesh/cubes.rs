@@ -17,12 +17,9 @@ use crate::mesh::edges::{Edges, below};
 use crate::mesh::pieces::{Piece, Sheets};
 use crate::mesh::table::{Across, Case, EDGE_LOWER, MAX_TRIANGLES, cases, edge_axis};
 use crate::mesh::tile::{TileBox, TileMesh};
+use crate::strip::{NONE, STRIDE};
 use crate::unchecked::{Unchecked, UncheckedMut};
 use std::sync::LazyLock;
-
-/// Marks an edge of a triangle across which none lies inside the tile: the first half-edge of triangle
-/// 0, which stands for no triangle.
-pub const NONE: u32 = 0;
 
 /// Elements for the triangles of a piece of so many vertices in the tile's arrays: one that stands for
 /// none, and some more that may be overwritten. At a vertex meet four cubes at most, and in a cube a loop
@@ -42,13 +39,16 @@ const NUMBER_OF_EDGE: [u8; 12] = [0, 1, 2, 3, 4, 8, 5, 9, 6, 10, 7, 11];
 /// The edge that each counter stands for.
 const COUNTED: [u8; 8] = [0, 1, 2, 3, 4, 6, 8, 10];
 
+/// Numbers to a triangle.
+const N: usize = STRIDE as usize;
+
 /// Triangles by which the room for those of a piece is fetched ahead.
 const AHEAD: usize = 24;
 
 /// A half-edge of a triangle that is not one of its three: may be written to and means nothing.
 const UNUSED: u8 = 3;
 
-/// A case prepared for the loop, in one cache line. Half-edges are `4 t + e`, t counted within the cube.
+/// A case prepared for the loop, in one cache line. Half-edges are `8 t + e`, t counted within the cube.
 #[derive(Debug, Clone, Copy)]
 #[repr(align(64))]
 struct Plan {
@@ -117,9 +117,9 @@ impl Plan {
         for t in 0..usize::from(case.triangles) {
             for e in 0..3 {
                 plan.corners[t][e] = NUMBER_OF_EDGE[usize::from(case.edges[t][e])];
-                let half_edge = (4 * t + e) as u8;
+                let half_edge = (N * t + e) as u8;
                 match case.across[t][e] {
-                    Across::Inside(mate) => plan.inside[t][e] = (mate / 3 + 1) * 4 + mate % 3,
+                    Across::Inside(mate) => plan.inside[t][e] = (mate / 3 + 1) * N as u8 + mate % 3,
                     Across::Face { slot: 1, .. } => plan.simple = false,
                     Across::Face { face, .. } if face % 2 == 0 => {
                         plan.low[usize::from(face / 2)] = half_edge;
@@ -178,9 +178,8 @@ pub struct Cut<'a> {
 struct Faces<'a> {
     pieces: &'a mut [Piece],
     cursors: UncheckedMut<'a, Cursor>,
-    corners: UncheckedMut<'a, [u32; 4]>,
-    /// By half-edge of the tile.
-    mates: UncheckedMut<'a, u32>,
+    /// The triangles' numbers: by half-edge of the tile its mate, and behind it its first corner.
+    triangles: UncheckedMut<'a, u32>,
 }
 
 /// The pieces and vertices of [`Sheets`].
@@ -220,7 +219,7 @@ impl CubeWalk {
             next: 1,
         }));
         let faces = mesh.pieces.last().map_or(0, Piece::end_of_faces) as usize;
-        assert!(mesh.corners.len() >= faces && mesh.mates.len() >= faces);
+        assert!(mesh.triangles.len() >= faces);
         assert!(cut.sheets.are_of(cut.edges));
         // SAFETY: an edge's number counts the crossed edges before it, all of which have a piece and a
         // vertex; a piece's triangles are as many as `room_for` its vertices at most; and a half-edge is
@@ -233,8 +232,7 @@ impl CubeWalk {
             let out = Faces {
                 pieces: &mut mesh.pieces,
                 cursors: UncheckedMut::new(&mut cursors),
-                corners: UncheckedMut::new(&mut mesh.corners),
-                mates: UncheckedMut::new(mesh.mates.as_flattened_mut()),
+                triangles: UncheckedMut::new(bytemuck::cast_slice_mut(&mut mesh.triangles)),
             };
             (numbered, out)
         };
@@ -364,9 +362,8 @@ fn write_simple(
     let (start, triangle) = (cursor.first as usize, cursor.next);
     cursor.next += u32::from(plan.triangles);
     let at = start + triangle as usize;
-    let before = 4 * (triangle - 1);
-    out.corners.prefetch(at + AHEAD);
-    out.mates.prefetch(4 * (at + AHEAD));
+    let before = STRIDE * (triangle - 1);
+    out.triangles.prefetch(N * (at + AHEAD));
     let vertex = |place: u8| sheets.vertex_of.at(number(place));
     // spelled out, since a closure that is called three times is not compiled into the loop
     macro_rules! put {
@@ -374,12 +371,12 @@ fn write_simple(
             let t: usize = $t;
             let [a, b, c, _] = plan.corners[t];
             let corners = [vertex(a), vertex(b), vertex(c)];
-            out.corners.at_mut(at + t)[..3].copy_from_slice(&corners);
+            out.triangles.put(N * (at + t) + 4, corners);
             let across = plan.inside[t].map(|mate| match u32::from(mate) {
                 0 => NONE,
                 mate => before + mate,
             });
-            out.mates.put(4 * (at + t), across);
+            out.triangles.put(N * (at + t), across);
         }};
     }
     put!(0);
@@ -389,13 +386,13 @@ fn write_simple(
         put!(3);
         put!(4);
     }
-    let (start, first) = (4 * start, 4 * triangle);
+    let (start, first) = (N * start, STRIDE * triangle);
     for (axis, slots) in slots.into_iter().enumerate() {
         let low = first + u32::from(plan.low[axis]);
-        *out.mates.at_mut(start + low as usize) = slots[0];
+        *out.triangles.at_mut(start + low as usize) = slots[0];
         // where there is none, the mate of triangle 0 is written, which is no triangle
         let across = slots[0] & i32::from(plan.has_low[axis]) as u32;
-        *out.mates.at_mut(start + across as usize) = low;
+        *out.triangles.at_mut(start + across as usize) = low;
         slots[0] = first + u32::from(plan.high[axis]);
     }
 }
@@ -425,17 +422,18 @@ impl Cube<'_> {
             let start = out.cursors.at(pieces[t]).first as usize;
             let at = start + triangles[t] as usize;
             let vertex = |e: usize| sheets.vertex_of.at(number(case.edges[t][e]));
-            *out.corners.at_mut(at) = [vertex(0), vertex(1), vertex(2), 0];
-            out.mates.put(4 * at, [NONE; 4]);
+            let [a, b, c] = [0, 1, 2].map(vertex);
+            out.triangles
+                .put(N * at, [NONE, NONE, NONE, NONE, a, b, c, 0]);
             for e in 0..3 {
-                let half_edge = 4 * triangles[t] + e as u32;
+                let half_edge = STRIDE * triangles[t] + e as u32;
                 let mut link = |from: u32, to: u32| {
-                    *out.mates.at_mut(4 * start + from as usize) = to;
+                    *out.triangles.at_mut(N * start + from as usize) = to;
                 };
                 match case.across[t][e] {
                     Across::Inside(mate) => {
                         let mate = usize::from(mate);
-                        let across = 4 * triangles[mate / 3] + mate as u32 % 3;
+                        let across = STRIDE * triangles[mate / 3] + mate as u32 % 3;
                         link(half_edge, across);
                     }
                     Across::Face { face, slot } if face % 2 == 0 => {
@@ -455,7 +453,7 @@ impl Cube<'_> {
                 if let Across::Face { face, slot } = case.across[t][e]
                     && face % 2 == 1
                 {
-                    let half_edge = 4 * triangles[t] + e as u32;
+                    let half_edge = STRIDE * triangles[t] + e as u32;
                     self.slots[usize::from(face / 2)][usize::from(slot)] = half_edge;
                 }
             }

@@ -7,6 +7,7 @@
 use crate::cpu::dispatch;
 use crate::measure::AreaScale;
 use crate::mesh::pieces::Piece;
+use crate::strip::Triangle;
 use crate::unchecked::Unchecked;
 
 /// Triangles or positions at once. With eight, compilers keep the gathered corners in registers, and the
@@ -20,22 +21,22 @@ type Lanes<T> = [T; LANES];
 /// fixed-point steps below 2^36, and floating-point numbers hold all whole numbers up to 2^53.
 const AT_ONCE: usize = LANES << 9;
 
-/// Adds up volume and area of each piece's triangles, and finds its bounds; `positions` and `corners` are
+/// Adds up volume and area of each piece's triangles, and finds its bounds; `positions` and `triangles` are
 /// those of the whole tile.
 pub fn sum_pieces(
     pieces: &mut [Piece],
     positions: &[[i32; 3]],
-    corners: &[[u32; 4]],
+    triangles: &[Triangle],
     area: &AreaScale,
 ) {
-    dispatch!(sum_inlined(pieces, positions, corners, area));
+    dispatch!(sum_inlined(pieces, positions, triangles, area));
 }
 
 #[inline(always)]
 fn sum_inlined(
     pieces: &mut [Piece],
     positions: &[[i32; 3]],
-    corners: &[[u32; 4]],
+    triangles: &[Triangle],
     area: &AreaScale,
 ) {
     for piece in pieces {
@@ -43,7 +44,7 @@ fn sum_inlined(
         // SAFETY: corners are vertices of their piece, and a piece with triangles has some
         let places = unsafe { Unchecked::new(vertices) };
         let (mut volume6, mut twice_area) = (0, 0);
-        for faces in corners[piece.faces()][1..].chunks(AT_ONCE) {
+        for faces in triangles[piece.faces()][1..].chunks(AT_ONCE) {
             let mut sums = Sums::default();
             let (batches, rest) = faces.as_chunks();
             for batch in batches {
@@ -51,7 +52,7 @@ fn sum_inlined(
             }
             if !rest.is_empty() {
                 // three times the same corner have neither volume nor area
-                let mut batch = [[0; 4]; LANES];
+                let mut batch = [Triangle::default(); LANES];
                 batch[..rest.len()].copy_from_slice(rest);
                 sums.add(&batch, places, area);
             }
@@ -100,9 +101,10 @@ struct Sums {
 
 impl Sums {
     #[inline(always)]
-    fn add(&mut self, faces: &Lanes<[u32; 4]>, vertices: Unchecked<[i32; 3]>, area: &AreaScale) {
+    fn add(&mut self, faces: &Lanes<Triangle>, vertices: Unchecked<[i32; 3]>, area: &AreaScale) {
         let [mut a, mut b, mut c] = [[[0; LANES]; 3]; 3];
-        for (i, &[p, q, r, _]) in faces.iter().enumerate() {
+        for (i, face) in faces.iter().enumerate() {
+            let [p, q, r, _] = face.corners;
             for (corner, vertex) in [(&mut a, p), (&mut b, q), (&mut c, r)] {
                 let [x, y, z] = vertices.at(vertex as usize);
                 (corner[0][i], corner[1][i], corner[2][i]) = (x, y, z);
@@ -156,16 +158,17 @@ mod tests {
             piece.vertices = (positions.len() - first) as u32;
             piece.first_triangle = skipped as u32;
             piece.triangles = picks.len() as u32;
-            let mut corners = vec![[u32::MAX; 4]; skipped + 1];
-            corners.extend(picks.iter().map(|p| {
+            let none = Triangle { mates: [u32::MAX; 4], corners: [u32::MAX; 4] };
+            let mut triangles = vec![none; skipped + 1];
+            triangles.extend(picks.iter().map(|p| {
                 let [a, b, c] = p.map(|i| i.index(positions.len() - first) as u32);
-                [a, b, c, u32::MAX]
+                Triangle { corners: [a, b, c, u32::MAX], ..none }
             }));
             let area = AreaScale::new(spacing);
-            sum_pieces(std::slice::from_mut(&mut piece), &positions, &corners, &area);
+            sum_pieces(std::slice::from_mut(&mut piece), &positions, &triangles, &area);
             let (mut volume6, mut twice_area) = (0i128, 0u128);
-            for &[a, b, c, _] in &corners[skipped + 1..] {
-                let [a, b, c] = [a, b, c].map(|i| glam::I64Vec3::from(positions[first + i as usize].map(i64::from)));
+            for Triangle { corners: [a, b, c, _], .. } in &triangles[skipped + 1..] {
+                let [a, b, c] = [a, b, c].map(|&i| glam::I64Vec3::from(positions[first + i as usize].map(i64::from)));
                 volume6 += i128::from(a.dot(b.cross(c)));
                 let n = (b - a).cross(c - a).to_array().map(|v| v as i32);
                 twice_area += area.twice_area(n) as u128;

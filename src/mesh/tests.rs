@@ -9,6 +9,7 @@ use crate::segment::{
     add_border_euler, label_runs, sum_voxels,
 };
 use crate::slab::{Bits, Span, Voxels};
+use crate::strip::{NONE, STRIDE, Triangle as Numbered};
 use crate::volume::MemoryVolume;
 use proptest::prelude::*;
 use std::collections::{BTreeMap, BTreeSet, HashMap};
@@ -256,25 +257,25 @@ impl Case {
 fn check_mates(mesh: &TileMesh) {
     for piece in &mesh.pieces {
         let triangles: Vec<_> = mesh.triangles_of(piece).collect();
-        let mates = &mesh.mates[piece.faces()][1..];
+        let made = &mesh.piece(piece)[1..];
         let mut all = HashMap::new();
         for (t, corners) in triangles.iter().enumerate() {
             for e in 0..3 {
                 let edge = (corners[e], corners[(e + 1) % 3]);
-                let half_edge = (4 * (t + 1) + e) as u32;
+                let half_edge = STRIDE * (t as u32 + 1) + e as u32;
                 assert!(all.insert(edge, half_edge).is_none(), "three at an edge");
             }
         }
-        for (corners, mates) in triangles.iter().zip(mates) {
+        for (corners, made) in triangles.iter().zip(made) {
             for e in 0..3 {
                 let reverse = (corners[(e + 1) % 3], corners[e]);
-                assert_eq!(mates[e], all.get(&reverse).copied().unwrap_or(0));
+                assert_eq!(made.mates[e], all.get(&reverse).copied().unwrap_or(NONE));
             }
         }
-        let (corners, mates) = connect(&triangles);
-        assert_eq!(without_fourth(&corners[1..]), triangles);
-        let made = &mesh.mates[piece.faces()][1..];
-        assert_eq!(without_fourth(&mates[1..]), without_fourth(made));
+        assert_eq!(
+            without_fourth(&connect(&triangles)[1..]),
+            without_fourth(made)
+        );
     }
 }
 
@@ -284,19 +285,16 @@ fn assert_same(mesh: &TileMesh, reference: &TileMesh) {
     for (a, b) in mesh.pieces.iter().zip(&reference.pieces) {
         assert_eq!(a.faces(), b.faces());
         assert_eq!(a.sums, b.sums);
-        for (a, b) in [
-            (&mesh.corners, &reference.corners),
-            (&mesh.mates, &reference.mates),
-        ]
-        .map(|(m, r)| (&m[a.faces()][1..], &r[b.faces()][1..]))
-        {
-            assert_eq!(without_fourth(a), without_fourth(b));
-        }
+        let [a, b] = [mesh.piece(a), reference.piece(b)];
+        assert_eq!(without_fourth(&a[1..]), without_fourth(&b[1..]));
     }
 }
 
-fn without_fourth(faces: &[[u32; 4]]) -> Vec<[u32; 3]> {
-    faces.iter().map(|&[a, b, c, _]| [a, b, c]).collect()
+/// Corners and mates.
+fn without_fourth(triangles: &[Numbered]) -> Vec<[[u32; 3]; 2]> {
+    let both = triangles.iter().map(|t| [t.corners, t.mates]);
+    both.map(|numbers| numbers.map(|[a, b, c, _]| [a, b, c]))
+        .collect()
 }
 
 fn cases() -> impl Strategy<Value = Case> {

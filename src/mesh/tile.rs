@@ -4,14 +4,14 @@ use crate::cpu::dispatch;
 use crate::grid::{Ambiguous, Dims, LATTICE, Tiling};
 use crate::measure::AreaScale;
 use crate::mesh::cap::add_caps;
-use crate::mesh::cubes::{CubeWalk, Cut, NONE, Plans};
+use crate::mesh::cubes::{CubeWalk, Cut, Plans};
 use crate::mesh::edges::Edges;
 use crate::mesh::pieces::{Piece, PieceIndex, Sheets, assign};
 use crate::mesh::sums::sum_pieces;
 use crate::mesh::vertices::{Places, place_vertices};
 use crate::segment::Runs;
 use crate::slab::{Bits, Voxels};
-use crate::strip::Faces;
+use crate::strip::Triangle;
 use crate::volume::Voxel;
 
 /// Bytes of buffers per triangle of a tile while it is made: about 110 are used, and buffers grow
@@ -151,8 +151,7 @@ impl<T: Voxel> BandView<'_, T> {
 /// piece vertices follow their lattice edges by z, y, axis, x.
 ///
 /// A piece's triangles are numbered from 1; number 0 stands for none, and is the element
-/// [`Piece::first_triangle`] of `corners` and `mates`. Half-edge `4 t + e` runs from corner e to the
-/// next of triangle t. Between pieces there may be elements without meaning.
+/// [`Piece::first_triangle`] of `triangles`. Between pieces there may be elements without meaning.
 #[derive(Debug, Default)]
 pub struct TileMesh {
     /// The pieces, by their first vertex in lattice order.
@@ -161,31 +160,28 @@ pub struct TileMesh {
     pub positions: Vec<[i32; 3]>,
     /// Unit normals, one per vertex.
     pub normals: Vec<[f32; 3]>,
-    /// Corners as vertex numbers within the triangle's piece, counter-clockwise seen from below; the
-    /// fourth means nothing.
-    pub corners: Vec<[u32; 4]>,
-    /// The half-edge across each, or [`NONE`](crate::mesh::cubes::NONE); the fourth means nothing.
-    pub mates: Vec<[u32; 4]>,
+    /// Triangles: corners are vertex numbers within the piece, counter-clockwise seen from below; mates are
+    /// within the piece, too.
+    pub triangles: Vec<Triangle>,
 }
 
 impl TileMesh {
     /// Number of triangles.
-    pub fn triangles(&self) -> u64 {
+    pub fn triangle_count(&self) -> u64 {
         self.pieces.iter().map(|p| u64::from(p.triangles)).sum()
     }
 
-    /// The triangles of a piece and their neighbours.
-    pub fn faces_of(&self, piece: &Piece) -> Faces<'_> {
-        Faces {
-            corners: &self.corners[piece.faces()],
-            mates: &self.mates[piece.faces()],
-        }
+    /// The triangles of a piece behind the one that stands for none.
+    pub fn piece(&self, piece: &Piece) -> &[Triangle] {
+        &self.triangles[piece.faces()]
     }
 
-    /// The triangles of a piece.
+    /// The corners of a piece's triangles.
     pub fn triangles_of(&self, piece: &Piece) -> impl ExactSizeIterator<Item = [u32; 3]> {
-        let faces = &self.corners[piece.faces()][1..];
-        faces.iter().map(|&[a, b, c, _]| [a, b, c])
+        let triangles = &self.piece(piece)[1..];
+        triangles
+            .iter()
+            .map(|t| [t.corners[0], t.corners[1], t.corners[2]])
     }
 }
 
@@ -247,9 +243,8 @@ impl TileMesher {
         place_vertices(&self.edges, view, tile, settings.threshold, to);
         let faces = out.pieces.last().map_or(0, Piece::end_of_faces) as usize;
         // what is left of a larger tile stays: to cut it off and clear it again costs time
-        if out.corners.len() < faces {
-            out.corners.resize(faces, [0; 4]);
-            out.mates.resize(faces, [NONE; 4]);
+        if out.triangles.len() < faces {
+            out.triangles.resize(faces, Triangle::default());
         }
         let cut = Cut {
             edges: &self.edges,
@@ -260,7 +255,7 @@ impl TileMesher {
         sum_pieces(
             &mut out.pieces,
             &out.positions,
-            &out.corners,
+            &out.triangles,
             &settings.area,
         );
     }

@@ -3,15 +3,14 @@
 //! A path begins at a triangle with fewest free neighbours, goes to the neighbour with fewest free ones and
 //! so on, to the one without a swap on a tie; then on from the first triangle's other side.
 
-use super::Faces;
-use super::rows::{Rows, after, half_edge, triangle};
+use super::triangle::{Triangle, Triangles, after, count_mates, half_edge, triangle};
 use super::walk::{At, Ground, NO_TRIANGLE, Turn, USED};
 
 /// A path over triangles.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Path<'a> {
     /// The triangles of the piece.
-    pub rows: &'a Rows,
+    pub triangles: Triangles<'a>,
     /// Half-edge over which the first triangle is left; one of its three if it is the only one.
     pub exit: u32,
     /// Turns of the walk that ended at the first triangle, and the half-edge over which it began, where
@@ -35,16 +34,16 @@ impl Path<'_> {
     /// whether it is left over the edge after that or over the one before.
     #[inline(always)]
     pub(super) fn steps(&self) -> impl Iterator<Item = (u32, bool)> {
-        let rows = self.rows;
+        let all = self.triangles;
         let (back, start) = self.back;
         // on the way back it is entered over the edge by which it is left, and turned the other way
         let back = back.iter().rev().map(move |turn| match turn.left() {
-            true => (rows.first(turn.entry()), false),
-            false => (rows.last(turn.entry()), true),
+            true => (all.first(turn.entry()), false),
+            false => (all.last(turn.entry()), true),
         });
-        let start = start.map(|h| (rows.apex(h), after(h) == self.from));
+        let start = start.map(|h| (all.apex(h), after(h) == self.from));
         let ahead = self.ahead.iter();
-        let ahead = ahead.map(move |turn| (rows.apex(turn.entry()), turn.left()));
+        let ahead = ahead.map(move |turn| (all.apex(turn.entry()), turn.left()));
         back.chain(start).chain(ahead)
     }
 }
@@ -52,7 +51,6 @@ impl Path<'_> {
 /// Finds the paths of a piece, one after the other.
 #[derive(Debug, Default)]
 pub(super) struct Greedy {
-    rows: Rows,
     /// Per triangle the number of neighbours not yet in a strip, with [`USED`] once it is in one.
     free: Vec<u8>,
     starts: Starts,
@@ -137,9 +135,9 @@ impl Starts {
 
 impl Greedy {
     /// Begins with a piece.
-    pub(super) fn take(&mut self, faces: Faces) {
-        let triangles = faces.corners.len();
-        self.rows.fill(faces, &mut self.free);
+    pub(super) fn take(&mut self, piece: &[Triangle]) {
+        let triangles = piece.len();
+        count_mates(piece, &mut self.free);
         self.starts.reset(triangles);
         if let Some(first) = self.free.first_mut() {
             *first = NO_TRIANGLE;
@@ -161,16 +159,16 @@ impl Greedy {
     }
 
     /// Begins the next path; returns whether it has more than one triangle, and so is to be walked.
-    pub(super) fn begin(&mut self) -> Option<bool> {
+    pub(super) fn begin(&mut self, piece: Triangles) -> Option<bool> {
         let t = self.start()?;
-        let [exit, back] = self.exits(t);
+        let [exit, back] = self.exits(t, piece);
         self.path = Open {
             exit: exit.unwrap_or(half_edge(t)),
             back,
             ahead: None,
         };
         self.at = At {
-            entry: self.rows.mate(self.path.exit),
+            entry: piece.mate(self.path.exit),
             turned_left: 0,
             turns: 0,
         };
@@ -178,43 +176,43 @@ impl Greedy {
     }
 
     /// What the walk goes over, and where it is.
-    pub(super) fn ground(&mut self) -> (Ground<'_>, &mut At) {
-        let triangles = self.free.len();
-        // SAFETY: the rows of this piece, a count for each; every walk begins at the mate of a half-edge
-        let ground = unsafe {
-            Ground::new(
-                self.rows.numbers(),
-                &mut self.free,
-                &mut self.starts,
-                &mut self.turns[..triangles],
-            )
-        };
+    ///
+    /// # Safety
+    /// `piece` is the one that was taken.
+    pub(super) unsafe fn ground<'a>(
+        &'a mut self,
+        piece: Triangles<'a>,
+    ) -> (Ground<'a>, &'a mut At) {
+        let turns = &mut self.turns[..self.free.len()];
+        // SAFETY: mates are half-edges of the piece, as was asserted when it was taken, so their triangles are
+        // inside, and have a count; and every walk begins at a mate
+        let ground = unsafe { Ground::new(piece.0, &mut self.free, &mut self.starts, turns) };
         (ground, &mut self.at)
     }
 
     /// After the end of a walk: begins the one from the first triangle's other side, if there is one.
-    pub(super) fn turn_back(&mut self) -> bool {
+    pub(super) fn turn_back(&mut self, piece: Triangles) -> bool {
         if self.path.ahead.is_some() {
             return false;
         }
         self.path.ahead = Some((self.at.turns, self.at.entry));
-        let is_free = |&h: &u32| self.free[triangle(self.rows.mate(h)) as usize] < USED;
+        let is_free = |&h: &u32| self.free[triangle(piece.mate(h)) as usize] < USED;
         self.path.back = self.path.back.filter(is_free);
         let Some(back) = self.path.back else {
             return false;
         };
-        self.at.entry = self.rows.mate(back);
+        self.at.entry = piece.mate(back);
         self.at.turned_left = u8::from(after(self.path.exit) == back);
         true
     }
 
     /// The path, after its walks.
-    pub(super) fn path(&self) -> Path<'_> {
+    pub(super) fn path<'a>(&'a self, triangles: Triangles<'a>) -> Path<'a> {
         let Open { exit, back, ahead } = self.path;
         let (turns, end) = ahead.unzip();
         let (ahead, rest) = self.turns.split_at(turns.unwrap_or(0));
         Path {
-            rows: &self.rows,
+            triangles,
             exit: if back.is_some() { self.at.entry } else { exit },
             back: (&rest[..self.at.turns - ahead.len()], back),
             ahead,
@@ -234,11 +232,11 @@ impl Greedy {
 
     /// Takes the first triangle of a strip; returns its half-edges to free neighbours, that with fewest
     /// free ones first, and no more than two.
-    fn exits(&mut self, t: u32) -> [Option<u32>; 2] {
+    fn exits(&mut self, t: u32, piece: Triangles) -> [Option<u32>; 2] {
         self.free[t as usize] |= USED;
         let mut exits = [(USED, None); 2];
         for h in half_edge(t)..half_edge(t) + 3 {
-            let neighbour = triangle(self.rows.mate(h));
+            let neighbour = triangle(piece.mate(h));
             let count = &mut self.free[neighbour as usize];
             *count = count.wrapping_sub(1);
             let free = *count;

@@ -15,7 +15,7 @@
 //!   strips are put in an order in which all stand where they should (`write::Stitcher`).
 //!
 //! # Stages
-//! 1. `rows`: what a walk needs of each triangle, side by side.
+//! 1. `triangle`: what a walk needs of each triangle, side by side.
 //! 2. `greedy`: paths from triangles with fewest free neighbours, on to the neighbour with fewest, on
 //!    ties without a swap, and from the start to its other side.
 //! 3. `walk`: the steps of that, for two pieces in turns.
@@ -41,48 +41,35 @@
 //! of labels gets to about 1.22 on a similar foam, and longer chains of exchanges to 1.281 for twice the time.
 //!
 //! A step of a walk waits for what the one before has loaded: the mates of its triangle, then their counts,
-//! then which is less. On an AMD Zen 5 with 3.7 GHz, with the pieces in the cache, per triangle of the same
-//! foam without those diagonals:
+//! then which is less. `cargo bench --bench strip`, on an AMD Zen 5 with 3.7 GHz:
 //!
 //! | way | ns per triangle |
 //! |---|---|
-//! | corners and mates by four | 10.7 |
-//! | rows that are made first, so that the next edge and the one before need no counting; no branch but at the end, for half of the turns cannot be foretold | 10.7 |
-//! | and two pieces in turns, large ones first (chosen) | 9.4 |
+//! | corners and mates apart, piece by piece | 11.8 |
+//! | side by side, and no branch but at the end, for half of the turns cannot be foretold | 12.3 |
+//! | and two pieces in turns, large ones first (chosen) | 10.3 |
 //!
-//! Rows take 0.9 of that. A whole conversion, where memory is slower, takes 6 % less processor time.
+//! A whole conversion, where memory is slower than in the benchmark, takes about 5 % less.
 //!
 //! Not worth it: a swap only where the other neighbour has two free ones (-0.001); strips that start at the
 //! vertex where the one before ends, for hardly a triangle is free there (-0.0004); choosing the neighbour by
 //! a table over the free exits of both (-0.007 after hill climbing over all 256 contexts). Writing entries
-//! while walking, without turns between, and rows of 16 bits took the same time.
+//! while walking, without turns between, took the same time, and so did triangles copied to numbers of 16 bits,
+//! and mates that stand twice, so that the next edge and the one before need no counting in threes.
 
 mod greedy;
 mod lane;
-mod rows;
 #[cfg(test)]
 mod tests;
+mod triangle;
 mod walk;
 mod write;
 
-use lane::Lane;
+pub use triangle::{NONE, STRIDE, Triangle};
+
+use lane::{Lane, Scratch};
 use std::cmp::Reverse;
 use std::ops::Range;
-
-/// The triangles of a piece and which of them are neighbours.
-///
-/// Triangles are numbered from 1: the first element of `corners` and `mates` belongs to none, and means
-/// nothing, nor does each fourth. Edge e of triangle t runs from `corners[t][e]` to
-/// `corners[t][(e + 1) % 3]`, and `mates[t][e]` is the half-edge `4 * u + f` of the triangle u across it,
-/// which runs the other way, or 0 where there is none. Mates are mutual; the three corners of a triangle
-/// differ and are less than 2^31.
-#[derive(Debug, Clone, Copy)]
-pub struct Faces<'a> {
-    /// Corners by triangle.
-    pub corners: &'a [[u32; 4]],
-    /// Mates by triangle.
-    pub mates: &'a [[u32; 4]],
-}
 
 /// A stitched strip.
 #[derive(Debug, Clone, Default, PartialEq, Eq)]
@@ -96,68 +83,72 @@ pub struct Stitched {
 /// Makes strips; holds scratch that is cleared for each piece and never given back.
 #[derive(Debug, Default)]
 pub struct Stripifier {
-    lanes: [Lane; 2],
+    lanes: [Scratch; 2],
+    entries: Vec<u32>,
 }
 
 impl Stripifier {
-    /// Appends one stitched strip for some triangles to `out`; returns the number of strips joined in it.
+    /// Appends one stitched strip for a piece to `out`; returns the number of strips joined in it.
     ///
     /// The appended part is a whole strip: its first entry counts as even, whatever stands before. Linear in
     /// time and memory, and always the same for the same triangles.
     ///
     /// # Panics
-    /// If `corners` and `mates` differ in length, or a mate is no half-edge.
-    pub fn stripify(&mut self, faces: Faces, out: &mut Vec<u32>) -> usize {
-        self.stripify_all(&[faces], out)[0].strips
+    /// If a mate is no half-edge of the piece.
+    pub fn stripify(&mut self, piece: &[Triangle], out: &mut Vec<u32>) -> usize {
+        let (stitched, entries) = self.stripify_all(&[piece]);
+        out.extend_from_slice(entries);
+        stitched[0].strips
     }
 
-    /// Does that for several pieces, in less time than for one after the other. Tells where each has its
-    /// strip: they lie in another order than the pieces.
+    /// Makes a stitched strip for each of several pieces, in less time than for one after the other. Returns
+    /// all entries, and where each piece has its own: they lie in another order than the pieces.
     ///
     /// # Panics
     /// As [`Stripifier::stripify`].
-    pub fn stripify_all(&mut self, pieces: &[Faces], out: &mut Vec<u32>) -> Vec<Stitched> {
+    pub fn stripify_all(&mut self, pieces: &[&[Triangle]]) -> (Vec<Stitched>, &[u32]) {
+        self.entries.clear();
         let mut order: Vec<usize> = (0..pieces.len()).collect();
         // the last piece is walked over alone: a small one
-        order.sort_by_key(|&i| Reverse(pieces[i].corners.len()));
+        order.sort_by_key(|&i| Reverse(pieces[i].len()));
         let mut work = Work {
             pieces,
             order: order.into_iter(),
             stitched: vec![Stitched::default(); pieces.len()],
-            out,
+            out: &mut self.entries,
         };
-        let [a, b] = &mut self.lanes;
-        let (mut of_a, mut of_b) = (work.give(a), work.give(b));
+        let [mut a, mut b] = self.lanes.each_mut().map(Lane::new);
+        let (mut of_a, mut of_b) = (work.give(&mut a), work.give(&mut b));
         while of_a && of_b {
-            if lane::walk_both(a, b) {
-                of_a = work.go_on(a);
+            if lane::walk_both(&mut a, &mut b) {
+                of_a = work.go_on(&mut a);
             } else {
-                of_b = work.go_on(b);
+                of_b = work.go_on(&mut b);
             }
         }
-        for (lane, mut walks) in [(a, of_a), (b, of_b)] {
+        for (lane, mut walks) in [(&mut a, of_a), (&mut b, of_b)] {
             while walks {
                 lane.walk();
                 walks = work.go_on(lane);
             }
         }
-        work.stitched
+        (work.stitched, &self.entries)
     }
 }
 
 /// Pieces to do and their strips.
 struct Work<'a> {
-    pieces: &'a [Faces<'a>],
+    pieces: &'a [&'a [Triangle]],
     order: std::vec::IntoIter<usize>,
     stitched: Vec<Stitched>,
     out: &'a mut Vec<u32>,
 }
 
-impl Work<'_> {
+impl<'a> Work<'a> {
     /// Gives a lane the next piece that is to be walked over; false if there is none left.
-    fn give(&mut self, lane: &mut Lane) -> bool {
-        while let Some(piece) = self.order.next() {
-            if lane.take(piece, self.pieces[piece]) {
+    fn give(&mut self, lane: &mut Lane<'a>) -> bool {
+        while let Some(number) = self.order.next() {
+            if lane.take(number, self.pieces[number]) {
                 return true;
             }
             self.finish(lane);
@@ -166,7 +157,7 @@ impl Work<'_> {
     }
 
     /// After the end of a lane's walk: false if it has no other one.
-    fn go_on(&mut self, lane: &mut Lane) -> bool {
+    fn go_on(&mut self, lane: &mut Lane<'a>) -> bool {
         lane.go_on() || {
             self.finish(lane);
             self.give(lane)
@@ -176,7 +167,7 @@ impl Work<'_> {
     fn finish(&mut self, lane: &Lane) {
         let start = self.out.len();
         lane.write(self.out);
-        self.stitched[lane.piece] = Stitched {
+        self.stitched[lane.number] = Stitched {
             entries: start..self.out.len(),
             strips: lane.strips,
         };

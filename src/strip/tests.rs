@@ -4,38 +4,40 @@ use super::*;
 use proptest::prelude::*;
 use std::collections::HashMap;
 
-/// Corners and mates as [`Stripifier::stripify`] wants them, by a table of directed edges; an edge that
-/// is not there exactly once each way has no mate.
-fn connected(triangles: &[[u32; 3]]) -> (Vec<[u32; 4]>, Vec<[u32; 4]>) {
+/// A piece as [`Stripifier::stripify`] wants it, by a table of directed edges; an edge that is not there
+/// exactly once each way has no mate.
+fn connected(triangles: &[[u32; 3]]) -> Vec<Triangle> {
     let mut edges: HashMap<(u32, u32), Vec<u32>> = HashMap::new();
     for (t, v) in triangles.iter().enumerate() {
         for e in 0..3 {
             let edge = (v[e], v[(e + 1) % 3]);
-            let half_edge = (4 * (t + 1) + e) as u32;
+            let half_edge = STRIDE * (t as u32 + 1) + e as u32;
             edges.entry(edge).or_default().push(half_edge);
         }
     }
     let single = |a, b| edges.get(&(a, b)).filter(|found| found.len() == 1);
     let mate = |a, b| match (single(a, b), single(b, a)) {
         (Some(_), Some(there)) => there[0],
-        _ => 0,
+        _ => NONE,
     };
-    let (mut corners, mut mates) = (vec![[0; 4]], vec![[0; 4]]);
-    for &[a, b, c] in triangles {
-        corners.push([a, b, c, 0]);
-        mates.push([mate(a, b), mate(b, c), mate(c, a), 0]);
-    }
-    (corners, mates)
+    piece(triangles.iter().map(|&[a, b, c]| Triangle {
+        mates: [mate(a, b), mate(b, c), mate(c, a), 99],
+        corners: [a, b, c, 99],
+    }))
 }
 
-fn faces<'a>(corners: &'a [[u32; 4]], mates: &'a [[u32; 4]]) -> Faces<'a> {
-    Faces { corners, mates }
+/// Triangles behind the first, which may be anything.
+fn piece(triangles: impl IntoIterator<Item = Triangle>) -> Vec<Triangle> {
+    let none = Triangle {
+        mates: [u32::MAX; 4],
+        corners: [u32::MAX; 4],
+    };
+    [none].into_iter().chain(triangles).collect()
 }
 
 /// Makes a strip with new scratch.
 fn strip_of(stripifier: &mut Stripifier, triangles: &[[u32; 3]], out: &mut Vec<u32>) -> usize {
-    let (corners, mates) = connected(triangles);
-    stripifier.stripify(faces(&corners, &mates), out)
+    stripifier.stripify(&connected(triangles), out)
 }
 
 fn sorted(triangles: &[[u32; 3]]) -> Vec<[u32; 3]> {
@@ -181,39 +183,41 @@ fn rings_are_cut_open_once() {
 
 /// Walks all paths of a mesh by its mates, step by step; returns their number and how often they turn
 /// to the same side twice.
-fn walked(corners: &[[u32; 4]], mates: &[[u32; 4]]) -> (usize, usize) {
+fn walked(piece: &[Triangle]) -> (usize, usize) {
     let mut greedy = greedy::Greedy::default();
-    greedy.take(faces(corners, mates));
-    let mut taken = vec![false; mates.len()];
+    greedy.take(piece);
+    let mut taken = vec![false; piece.len()];
+    let triangles = triangle::Triangles::new(piece);
     let mut take = |h: u32| {
-        let t = rows::triangle(h) as usize;
-        let edge = h - rows::half_edge(t as u32);
+        let t = triangle::triangle(h) as usize;
+        let edge = h - triangle::half_edge(t as u32);
         assert!(t > 0 && edge < 3 && !std::mem::replace(&mut taken[t], true));
     };
     let (mut paths, mut swaps) = (0, 0);
-    while let Some(mut walks) = greedy.begin() {
+    while let Some(mut walks) = greedy.begin(triangles) {
         paths += 1;
         while walks {
-            let (ground, at) = greedy.ground();
+            // SAFETY: the piece that was taken
+            let (ground, at) = unsafe { greedy.ground(triangles) };
             walk::walk(ground, at);
-            walks = greedy.turn_back();
+            walks = greedy.turn_back(triangles);
         }
-        let path = greedy.path();
+        let path = greedy.path(triangles);
         take(path.exit);
         let Some(end) = path.end else {
             assert_eq!(path.steps().count(), 0);
             continue;
         };
-        let mut entry = path.rows.mate(path.exit);
+        let mut entry = triangles.mate(path.exit);
         for (apex, left) in path.steps() {
             take(entry);
-            assert_eq!(apex, path.rows.apex(entry));
+            assert_eq!(apex, triangles.apex(entry));
             let exit = if left {
-                rows::after(entry)
+                triangle::after(entry)
             } else {
-                rows::before(entry)
+                triangle::before(entry)
             };
-            entry = path.rows.mate(exit);
+            entry = triangles.mate(exit);
         }
         take(entry);
         assert_eq!(entry, end);
@@ -228,10 +232,10 @@ fn walked(corners: &[[u32; 4]], mates: &[[u32; 4]]) -> (usize, usize) {
 /// Every path leads over neighbours, every triangle is in one, and all strips but one at most stand where
 /// their first turn needs no swap.
 fn entries_are_those_of_the_paths(triangles: &[[u32; 3]]) {
-    let (corners, mates) = connected(triangles);
-    let (paths, swaps) = walked(&corners, &mates);
+    let piece = connected(triangles);
+    let (paths, swaps) = walked(&piece);
     let mut out = Vec::new();
-    let strips = Stripifier::default().stripify(faces(&corners, &mates), &mut out);
+    let strips = Stripifier::default().stripify(&piece, &mut out);
     assert_eq!(strips, paths);
     let fewest = (triangles.len() + 4 * strips + swaps).saturating_sub(2);
     assert!(
@@ -265,19 +269,22 @@ fn a_path_goes_on_from_its_start_to_the_other_side() {
         (12, 13),
         (13, 10),
     ];
-    let mut mates = vec![[0; 4]; 14];
-    let mut edges = [0; 14];
+    let mut all = vec![Triangle::default(); 14];
+    let mut edges = [0usize; 14];
     for (a, b) in bridge.into_iter().chain(rings) {
-        let half_edges = [a, b].map(|t: usize| {
+        let edges = [a, b].map(|t: usize| {
             edges[t] += 1;
-            (4 * t + edges[t] - 1) as u32
+            (t, edges[t] - 1)
         });
-        for (here, there) in [(0, 1), (1, 0)] {
-            mates.as_flattened_mut()[half_edges[here] as usize] = half_edges[there];
+        for ((t, e), (u, f)) in [(edges[0], edges[1]), (edges[1], edges[0])] {
+            all[t].mates[e] = STRIDE * u as u32 + f as u32;
         }
     }
-    let corners: Vec<[u32; 4]> = (0..14).map(|t| [3 * t, 3 * t + 1, 3 * t + 2, 0]).collect();
-    assert_eq!(walked(&corners, &mates).0, 1);
+    for (t, triangle) in all.iter_mut().enumerate() {
+        let first = 3 * t as u32;
+        triangle.corners = [first, first + 1, first + 2, 0];
+    }
+    assert_eq!(walked(&all).0, 1);
 }
 
 #[test]
@@ -304,51 +311,45 @@ fn the_strip_is_appended_whole_and_scratch_leaves_no_trace() {
 }
 
 #[test]
-#[should_panic(expected = "mates for each triangle")]
-fn mates_must_fit() {
-    let corners = [[0; 4], [0, 1, 2, 0]];
-    Stripifier::default().stripify(faces(&corners, &[[0; 4]]), &mut Vec::new());
-}
-
-#[test]
 fn mates_must_be_half_edges() {
-    let corners = [[0; 4], [0, 1, 2, 0], [2, 1, 3, 0]];
-    let strip = |mates: [[u32; 4]; 2]| {
-        let mates = [[u32::MAX; 4], mates[0], mates[1]];
+    let strip = |[a, b]: [[u32; 4]; 2]| {
         let mut out = Vec::new();
-        Stripifier::default().stripify(faces(&corners, &mates), &mut out);
+        let corners = [[0, 1, 2, 0], [2, 1, 3, 0]];
+        let both = [a, b].into_iter().zip(corners);
+        let both = both.map(|(mates, corners)| Triangle { mates, corners });
+        Stripifier::default().stripify(&piece(both), &mut out);
         out
     };
-    assert_eq!(strip([[0, 8, 0, 99], [5, 0, 0, 0]]).len(), 4);
-    for wrong in [12, 7, 11, u32::MAX, u32::MAX - 3] {
+    assert_eq!(strip([[0, 16, 0, 99], [9, 0, 0, 0]]).len(), 4);
+    for wrong in [24, 11, 15, 7, u32::MAX, u32::MAX - 7] {
         for edge in 0..3 {
             let mut mates = [[0; 4]; 2];
             mates[1][edge] = wrong;
             let caught = std::panic::catch_unwind(|| strip(mates));
-            assert!(caught.is_err(), "{wrong}");
+            let told = *caught.unwrap_err().downcast::<&str>().unwrap();
+            assert_eq!(told, "mates are half-edges of the piece", "{wrong}");
         }
     }
 }
 
-/// Whatever mates are, if they are half-edges, nothing beyond the piece is touched: tests check all indices.
+/// Whatever mates are, if they are half-edges, nothing beyond the piece is touched: tests compare all
+/// indices.
 fn strip_of_wrong_mates(picks: &[[u16; 3]]) {
     let triangles = picks.len() as u32;
     let mate = |pick: u16| {
         let pick = u32::from(pick);
-        4 * (1 + pick / 3 % triangles) + pick % 3
+        STRIDE * (1 + pick / 3 % triangles) + pick % 3
     };
-    let mut mates = vec![[0; 4]];
-    mates.extend(
-        picks
-            .iter()
-            .map(|p| [mate(p[0]), mate(p[1]), mate(p[2]), 0]),
-    );
-    let corners: Vec<[u32; 4]> = (0..=triangles).map(|t| [t, t + 1, t + 2, 0]).collect();
+    let wrong = picks.iter().zip(0..).map(|(p, t)| Triangle {
+        mates: [mate(p[0]), mate(p[1]), mate(p[2]), 0],
+        corners: [t, t + 1, t + 2, 0],
+    });
+    let wrong = piece(wrong);
     // it may panic, or end with some strip
-    let strip = || Stripifier::default().stripify(faces(&corners, &mates), &mut Vec::new());
+    let strip = || Stripifier::default().stripify(&wrong, &mut Vec::new());
     let caught = std::panic::catch_unwind(strip);
     let told = caught.err().and_then(|told| told.downcast::<String>().ok());
-    assert!(!told.is_some_and(|told| told.contains(" of ") && !told.contains("index")));
+    assert!(told.is_none_or(|told| told.starts_with("index out of bounds")));
 }
 
 #[test]
@@ -408,19 +409,19 @@ proptest! {
                 connected(&part)
             })
             .collect();
-        let all: Vec<_> = pieces.iter().map(|(corners, mates)| faces(corners, mates)).collect();
-        let mut out = vec![7];
-        let stitched = Stripifier::default().stripify_all(&all, &mut out);
+        let all: Vec<&[Triangle]> = pieces.iter().map(|piece| &piece[..]).collect();
+        let mut together = Stripifier::default();
+        let (stitched, entries) = together.stripify_all(&all);
         prop_assert_eq!(stitched.len(), all.len());
-        let mut entries = 1;
+        let mut sum = 0;
         for (stitched, &piece) in stitched.iter().zip(&all) {
             let mut alone = Vec::new();
             let strips = Stripifier::default().stripify(piece, &mut alone);
-            prop_assert_eq!(&out[stitched.entries.clone()], &alone[..]);
+            prop_assert_eq!(&entries[stitched.entries.clone()], &alone[..]);
             prop_assert_eq!(stitched.strips, strips);
-            entries += alone.len();
+            sum += alone.len();
         }
-        prop_assert_eq!(out.len(), entries);
+        prop_assert_eq!(entries.len(), sum);
     }
 
     #[test]

@@ -1,7 +1,7 @@
 //! Walks over free triangles, one at a time or two in turns.
 
 use super::greedy::Starts;
-use super::rows::triangle;
+use super::triangle::{after, before, triangle};
 use crate::unchecked::{Unchecked, UncheckedMut};
 use std::hint::select_unpredictable as select;
 
@@ -46,8 +46,8 @@ pub(super) struct At {
 
 /// What a walk goes over.
 pub(super) struct Ground<'a> {
-    /// By half-edge: see [`Rows`](super::rows::Rows).
-    rows: Unchecked<'a, u32>,
+    /// By half-edge its mate, see [`Triangles`](super::triangle::Triangles).
+    mates: Unchecked<'a, u32>,
     /// By triangle the number of free neighbours, or [`USED`].
     free: UncheckedMut<'a, u8>,
     starts: &'a mut Starts,
@@ -56,20 +56,19 @@ pub(super) struct Ground<'a> {
 
 impl<'a> Ground<'a> {
     /// # Safety
-    /// `rows` are those of [`Rows`](super::rows::Rows), and `free` has an element for each. The walk begins
-    /// at one of their mates.
+    /// The numbers at all half-edges of triangles of which `free` has an element are such half-edges. The
+    /// walk begins at one of them.
     #[inline(always)]
     pub(super) unsafe fn new(
-        rows: &'a [u32],
+        mates: &'a [u32],
         free: &'a mut [u8],
         starts: &'a mut Starts,
         turns: &'a mut [Turn],
     ) -> Self {
-        // SAFETY: mates are half-edges of the rows, as was asserted when they were filled: their
-        // triangles are inside, and so are the two numbers behind them
-        let (rows, free) = unsafe { (Unchecked::new(rows), UncheckedMut::new(free)) };
+        // SAFETY: as the caller promises
+        let (mates, free) = unsafe { (Unchecked::new(mates), UncheckedMut::new(free)) };
         Ground {
-            rows,
+            mates,
             free,
             starts,
             turns,
@@ -93,10 +92,7 @@ impl<'a> Ground<'a> {
     fn step(&mut self, at: &mut At) -> bool {
         let entry = at.entry;
         *self.free.at_mut(triangle(entry) as usize) |= USED;
-        let (left, right) = (
-            self.rows.at(entry as usize + 1),
-            self.rows.at(entry as usize + 2),
-        );
+        let [left, right] = [after(entry), before(entry)].map(|h| self.mates.at(h as usize));
         let (free_left, free_right) = (self.count_down(left), self.count_down(right));
         *self.free.at_mut(0) = NO_TRIANGLE;
         if free_left & free_right >= USED {

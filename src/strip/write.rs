@@ -21,15 +21,15 @@ impl Strip {
         if self.entries.len() < room {
             self.entries.resize(room, 0);
         }
-        let (rows, exit) = (path.rows, path.exit);
-        let (first, last) = (rows.first(exit), rows.last(exit));
+        let (triangles, exit) = (path.triangles, path.exit);
+        let (first, last) = (triangles.first(exit), triangles.last(exit));
         let [mut earlier, mut later] = if self.odd {
             [last, first]
         } else {
             [first, last]
         };
         let entries = &mut self.entries[..room];
-        entries[..3].copy_from_slice(&[rows.apex(exit), earlier, later]);
+        entries[..3].copy_from_slice(&[triangles.apex(exit), earlier, later]);
         let mut len = 3;
         let mut odd = !self.odd;
         path.steps().for_each(|(apex, left)| {
@@ -47,7 +47,7 @@ impl Strip {
             odd = left;
         });
         if let Some(entry) = path.end {
-            entries[len] = rows.apex(entry);
+            entries[len] = triangles.apex(entry);
             len += 1;
         }
         self.len = len;

@@ -62,7 +62,7 @@ impl Body {
 
     /// About the bytes that the body of a mesh takes, seldom less than that.
     pub fn bytes_of(mesh: &TileMesh) -> usize {
-        24 * mesh.positions.len() + 10 * mesh.triangles() as usize
+        24 * mesh.positions.len() + 10 * mesh.triangle_count() as usize
     }
 
     /// Writes the body of a mesh behind what `out` holds.
@@ -82,23 +82,13 @@ impl Body {
             coordinate(steps).to_le_bytes()
         });
         out.extend_from_slice(bytemuck::cast_slice(&mesh.normals));
-        let mut entries = Vec::new();
-        let made = match primitives {
+        let mut lists = Vec::new();
+        let (made, entries) = match primitives {
             Primitives::Strips => {
-                let pieces: Vec<_> = mesh.pieces.iter().map(|p| mesh.faces_of(p)).collect();
-                stripifier.stripify_all(&pieces, &mut entries)
+                let pieces: Vec<_> = mesh.pieces.iter().map(|p| mesh.piece(p)).collect();
+                stripifier.stripify_all(&pieces)
             }
-            Primitives::Triangles => {
-                let list = |piece| {
-                    let start = entries.len();
-                    entries.extend(mesh.triangles_of(piece).flatten());
-                    Stitched {
-                        entries: start..entries.len(),
-                        strips: 0,
-                    }
-                };
-                mesh.pieces.iter().map(list).collect()
-            }
+            Primitives::Triangles => (list_all(mesh, &mut lists), &lists[..]),
         };
         for (
             piece,
@@ -146,6 +136,19 @@ impl Body {
                 .collect()
         }
     }
+}
+
+/// Appends the triangles of all pieces.
+fn list_all(mesh: &TileMesh, out: &mut Vec<u32>) -> Vec<Stitched> {
+    let list = |piece| {
+        let start = out.len();
+        out.extend(mesh.triangles_of(piece).flatten());
+        Stitched {
+            entries: start..out.len(),
+            strips: 0,
+        }
+    };
+    mesh.pieces.iter().map(list).collect()
 }
 
 /// Writes a piece's indices in their width, padded to 4 bytes.

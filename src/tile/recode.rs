@@ -7,7 +7,7 @@ use super::part::{TilePlace, refuse};
 use super::pieces::Piece;
 use crate::manifest::{Form, Primitives};
 use crate::mesh::connect;
-use crate::strip::{Faces, Stripifier};
+use crate::strip::Stripifier;
 
 /// What [`recode`] made.
 #[derive(Debug)]
@@ -62,10 +62,8 @@ fn strip_all(pieces: &mut [Piece]) -> u64 {
     let mut strips = 0;
     for piece in pieces {
         let list = piece.list(Primitives::Triangles);
-        let (corners, mates) = connect(&list);
         piece.indices.clear();
-        let (corners, mates) = (&corners[..], &mates[..]);
-        strips += stripifier.stripify(Faces { corners, mates }, &mut piece.indices) as u64;
+        strips += stripifier.stripify(&connect(&list), &mut piece.indices) as u64;
     }
     strips
 }
