@@ -18,7 +18,7 @@ case ${1:-} in
       RUSTFLAGS="-Ctarget-feature=$features" MIRIFLAGS=-Zmiri-disable-isolation PROPTEST_CASES=8 \
         CARGO_TARGET_DIR=target/miri-tests \
         cargo +nightly miri test --locked --no-default-features --lib -- \
-        gather:: cpu:: slab::bits:: unchecked:: sums:: steps_follow normals_are_unit
+        gather:: cpu:: slab::bits:: unchecked:: sums:: strip:: steps_follow normals_are_unit
     done
     ;;
   address)
