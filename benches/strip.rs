@@ -6,7 +6,7 @@
 #[allow(dead_code)]
 #[path = "../src/cpu.rs"]
 mod cpu;
-#[allow(dead_code)]
+#[allow(dead_code, unused_imports)]
 #[path = "../src/strip/mod.rs"]
 mod strip;
 #[allow(dead_code, unused_imports)]

@@ -17,7 +17,7 @@ use crate::mesh::edges::{Edges, below};
 use crate::mesh::pieces::{Piece, Sheets};
 use crate::mesh::table::{Across, Case, EDGE_LOWER, MAX_TRIANGLES, cases, edge_axis};
 use crate::mesh::tile::{TileBox, TileMesh};
-use crate::strip::{NONE, STRIDE};
+use crate::strip::{CORNERS, NONE, STRIDE};
 use crate::unchecked::{Unchecked, UncheckedMut};
 use std::sync::LazyLock;
 
@@ -371,7 +371,7 @@ fn write_simple(
             let t: usize = $t;
             let [a, b, c, _] = plan.corners[t];
             let corners = [vertex(a), vertex(b), vertex(c)];
-            out.triangles.put(N * (at + t) + 4, corners);
+            out.triangles.put(N * (at + t) + CORNERS as usize, corners);
             let across = plan.inside[t].map(|mate| match u32::from(mate) {
                 0 => NONE,
                 mate => before + mate,

@@ -263,17 +263,15 @@ impl Finisher<'_> {
             Ok((entry, text))
         };
         let threads = rayon::current_num_threads();
-        let few = at_once(tiles.iter().map(|(t, _)| *t), self.settings.memory, threads);
-        if few == threads {
-            let all = tiles.par_iter().map_init(Buffers::default, finish);
-            return all.collect();
-        }
+        let records = tiles.iter().map(|(tile, _)| *tile);
+        let together = match at_once(records, self.settings.memory, threads) {
+            few if few < threads => few,
+            _ => tiles.len().max(1),
+        };
         let mut finished = Vec::with_capacity(tiles.len());
-        let mut buffers: Vec<_> = (0..few).map(|_| Buffers::default()).collect();
-        for few in tiles.chunks(few) {
-            let each = few.par_iter().zip(&mut buffers);
-            let made: Result<Vec<_>> = each.map(|(tile, buffers)| finish(buffers, tile)).collect();
-            finished.extend(made?);
+        for tiles in tiles.chunks(together) {
+            let made = tiles.par_iter().map_init(Buffers::default, finish);
+            finished.extend(made.collect::<Result<Vec<_>>>()?);
         }
         Ok(finished)
     }

@@ -4,7 +4,7 @@
 //! so on, to the one without a swap on a tie; then on from the first triangle's other side.
 
 use super::triangle::{Triangle, Triangles, after, count_mates, half_edge, triangle};
-use super::walk::{At, Ground, NO_TRIANGLE, Turn, USED};
+use super::walk::{At, Ground, NO_TRIANGLE, Turn, USED, count_down};
 
 /// A path over triangles.
 #[derive(Debug, Clone, Copy)]
@@ -237,9 +237,7 @@ impl Greedy {
         let mut exits = [(USED, None); 2];
         for h in half_edge(t)..half_edge(t) + 3 {
             let neighbour = triangle(piece.mate(h));
-            let count = &mut self.free[neighbour as usize];
-            *count = count.wrapping_sub(1);
-            let free = *count;
+            let free = count_down(&mut self.free[neighbour as usize]);
             self.starts.push(free, neighbour);
             if free < exits[0].0 {
                 exits = [(free, Some(h)), exits[0]];

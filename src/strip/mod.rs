@@ -65,7 +65,7 @@ mod triangle;
 mod walk;
 mod write;
 
-pub use triangle::{NONE, STRIDE, Triangle};
+pub use triangle::{CORNERS, NONE, STRIDE, Triangle};
 
 use lane::{Lane, Scratch};
 use std::cmp::Reverse;

@@ -6,8 +6,8 @@ use bytemuck::{Pod, Zeroable};
 /// Numbers to a triangle, so its half-edges are `8 t`, `8 t + 1` and `8 t + 2`.
 pub const STRIDE: u32 = 8;
 
-/// Where the corners are among them.
-const CORNERS: u32 = 4;
+/// Where the corners are among them, the mates being first.
+pub const CORNERS: u32 = 4;
 
 /// Stands for no half-edge: the first one of triangle 0, which is none.
 pub const NONE: u32 = 0;

@@ -11,6 +11,14 @@ pub(super) const USED: u8 = 0x80;
 /// Count of triangle 0, which stands for none: it stays used when it is counted down twice.
 pub(super) const NO_TRIANGLE: u8 = 0xC0;
 
+/// Counts a triangle's free neighbours down; returns the count. That of triangle 0 must be set again after
+/// three at most.
+#[inline(always)]
+pub(super) fn count_down(count: &mut u8) -> u8 {
+    *count = count.wrapping_sub(1);
+    *count
+}
+
 /// A triangle of a walk between its ends: the half-edge over which it is entered, and whether it is left
 /// over the edge after that or over the one before.
 #[derive(Debug, Clone, Copy, Default)]
@@ -75,13 +83,10 @@ impl<'a> Ground<'a> {
         }
     }
 
-    /// Counts the free neighbours of the triangle of `mate` down; returns the count. That of triangle 0
-    /// must be set again after three at most.
+    /// Counts the free neighbours of the triangle of `mate` down.
     #[inline(always)]
     fn count_down(&mut self, mate: u32) -> u8 {
-        let count = self.free.at_mut(triangle(mate) as usize);
-        *count = count.wrapping_sub(1);
-        *count
+        count_down(self.free.at_mut(triangle(mate) as usize))
     }
 
     /// Takes the triangle and goes to the neighbour with fewest free ones, if there is a free one, on a

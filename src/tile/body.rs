@@ -90,22 +90,15 @@ impl Body {
             }
             Primitives::Triangles => (list_all(mesh, &mut lists), &lists[..]),
         };
-        for (
-            piece,
-            Stitched {
-                entries: at,
-                strips,
-            },
-        ) in mesh.pieces.iter().zip(made)
-        {
-            let indices = &entries[at];
+        for (piece, strip) in mesh.pieces.iter().zip(made) {
+            let indices = &entries[strip.entries];
             let piece = BodyPiece {
                 first_index_byte: (out.len() - start) as u64,
                 first_vertex: piece.first_vertex,
                 vertices: piece.vertices,
                 triangles: piece.triangles,
                 indices: indices.len() as u32,
-                strips: strips as u32,
+                strips: strip.strips as u32,
                 min: piece.min,
                 max: piece.max,
                 reserved: 0,
