@@ -42,16 +42,43 @@ impl Buffer {
         self.bytes.capacity()
     }
 
+    /// The bytes, to be changed.
+    pub fn get_mut(&mut self) -> &mut [u8] {
+        &mut self.bytes[self.range.clone()]
+    }
+
+    /// Replaces the bytes by `len` others, whose values mean nothing, with room for `bytes` in all. They
+    /// begin at a multiple of [`SECTOR`] in memory.
+    pub fn begin(&mut self, len: usize, bytes: usize) {
+        let room = BLOCK + bytes.max(len);
+        if self.bytes.capacity() < room {
+            // nothing is to be moved; and the next ones may be a little longer
+            self.bytes.clear();
+            self.bytes.reserve_exact(room + room / 8);
+        }
+        let start = self.bytes.as_ptr().align_offset(BLOCK);
+        self.bytes.resize(start + len, 0);
+        self.range = start..start + len;
+    }
+
+    /// Drops all but the first `len` bytes.
+    pub fn truncate(&mut self, len: usize) {
+        self.range.end = self.range.end.min(self.range.start + len);
+    }
+
+    /// Adds what `fill` appends to what it is given. If there is more than room, all may begin anywhere.
+    pub fn append<R>(&mut self, fill: impl FnOnce(&mut Vec<u8>) -> R) -> R {
+        self.bytes.truncate(self.range.end);
+        let result = fill(&mut self.bytes);
+        self.range.end = self.bytes.len();
+        result
+    }
+
     /// Replaces the bytes by what `fill` appends to what it is given, about `bytes` of them. If there
     /// are more, they may begin anywhere.
     pub fn fill<R>(&mut self, bytes: usize, fill: impl FnOnce(&mut Vec<u8>) -> R) -> R {
-        self.bytes.clear();
-        self.bytes.reserve_exact(BLOCK + bytes);
-        let start = self.bytes.as_ptr().align_offset(BLOCK);
-        self.bytes.resize(start, 0);
-        let result = fill(&mut self.bytes);
-        self.range = start..self.bytes.len();
-        result
+        self.begin(0, bytes);
+        self.append(fill)
     }
 
     /// Replaces the bytes by the first `len` of a file, or by fewer if it ends before. What is in the

@@ -11,6 +11,11 @@ use std::ops::Range;
 /// Vertices lie on a lattice of this many steps per voxel.
 pub const LATTICE: u32 = 256;
 
+/// A coordinate in lattice steps as the `f32` of files, in voxels: exact.
+pub fn coordinate(steps: i32) -> f32 {
+    steps as f32 / LATTICE as f32
+}
+
 /// The most voxels per axis: 65,536 x 256 lattice steps still fit an `f32` exactly.
 pub const MAX_DIM: u32 = 65_536;
 

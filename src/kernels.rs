@@ -154,11 +154,9 @@ impl Kernels {
     /// Meshes to the bytes of tiles; returns their number.
     #[inline(never)]
     pub fn bodies(&mut self, primitives: Primitives) -> u64 {
-        let mut out = Vec::new();
         let mut bytes = 0;
-        for mesh in &self.meshes {
-            out.clear();
-            bytes += Body::write(mesh, primitives, &mut self.stripifier, &mut out).bytes;
+        for mesh in &mut self.meshes {
+            bytes += Body::write(mesh, primitives, &mut self.stripifier).bytes;
         }
         bytes
     }

@@ -167,10 +167,10 @@ impl AreaScale {
         }
     }
 
-    /// Twice the area of a triangle with area vector `n` (in squared lattice steps), in steps: a whole
-    /// number, rounded half up.
+    /// Twice the area of a triangle with area vector `n` (in squared lattice steps, whole numbers), in
+    /// steps: a whole number, rounded half up.
     #[inline(always)]
-    pub fn twice_area(&self, n: [i32; 3]) -> f64 {
+    pub fn twice_area(&self, n: [f32; 3]) -> f64 {
         let along = |a: usize| f64::from(n[a]) * self.factors[a];
         let v = [along(0), along(1), along(2)];
         round((v[0] * v[0] + v[1] * v[1] + v[2] * v[2]).sqrt() * AREA_STEPS)

@@ -18,6 +18,9 @@ use std::collections::HashMap;
 /// A lattice edge by its lower voxel, which may lie outside, and axis.
 type EdgeKey = ([i32; 3], usize);
 
+/// Position in lattice steps and unit normal.
+type Vertex = ([i32; 3], [f32; 3]);
+
 /// One cap piece while it is made.
 #[derive(Default)]
 struct CapPiece {
@@ -56,9 +59,18 @@ pub fn add_caps<T: Voxel>(
             made[at].1.add(keys);
         }
     });
+    let first = out.pieces.len();
+    let mut vertices = Vec::new();
     for (object, piece) in &made {
-        caps.append(*object, piece, out);
+        caps.append(*object, piece, &mut vertices, out);
     }
+    out.chunk.extend(&vertices);
+    sum_pieces(
+        &mut out.pieces[first..],
+        out.chunk.positions(),
+        &out.triangles,
+        &settings.area,
+    );
 }
 
 fn edge_key(cube: [i32; 3], e: u8) -> EdgeKey {
@@ -170,8 +182,7 @@ impl<T: Voxel> Caps<'_, '_, T> {
         !(self.inside(key.0) && self.inside(self.upper(key)))
     }
 
-    /// Position in lattice steps and normal of a vertex.
-    fn vertex(&self, key: EdgeKey) -> ([i32; 3], [f32; 3]) {
+    fn vertex(&self, key: EdgeKey) -> Vertex {
         let (lower, axis) = key;
         let mut position = lower.map(|v| v * LATTICE as i32);
         if self.leads_out(key) {
@@ -214,27 +225,19 @@ impl<T: Voxel> Caps<'_, '_, T> {
         self.leads_out(key) && !(0..3).any(shared)
     }
 
-    fn append(&self, object: u32, cap: &CapPiece, out: &mut TileMesh) {
+    /// Adds a piece to the mesh, but for its vertices, which are added to `vertices`, and its sums.
+    fn append(&self, object: u32, cap: &CapPiece, vertices: &mut Vec<Vertex>, out: &mut TileMesh) {
         let mut piece = Piece::new(object, u32::MAX, true);
-        piece.first_vertex = out.positions.len() as u32;
+        piece.first_vertex = (out.chunk.vertices() + vertices.len()) as u32;
         piece.vertices = cap.vertices.len() as u32;
         let faces = out.pieces.last().map_or(0, Piece::end_of_faces);
         out.triangles.truncate(faces as usize);
         piece.first_triangle = faces;
         piece.triangles = cap.triangles.len() as u32;
-        for &key in &cap.vertices {
-            let (position, normal) = self.vertex(key);
-            piece.sums.vertices += u64::from(self.counts(key));
-            out.positions.push(position);
-            out.normals.push(normal);
-        }
+        let counted = cap.vertices.iter().filter(|&&key| self.counts(key));
+        piece.sums.vertices = counted.count() as u64;
+        vertices.extend(cap.vertices.iter().map(|&key| self.vertex(key)));
         out.triangles.extend(connect(&cap.triangles));
-        sum_pieces(
-            std::slice::from_mut(&mut piece),
-            &out.positions,
-            &out.triangles,
-            &self.settings.area,
-        );
         out.pieces.push(piece);
     }
 }

@@ -1,6 +1,7 @@
 //! Marching cubes on the bits of a band: vertices on the lattice, triangles, neighbours and normals.
 
 mod cap;
+mod chunk;
 mod connect;
 mod cubes;
 mod edges;

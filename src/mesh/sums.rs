@@ -5,6 +5,7 @@
 //! 40 without checks of the corners. One triangle at a time with its coordinates as a vector took longer.
 
 use crate::cpu::dispatch;
+use crate::grid::LATTICE;
 use crate::measure::AreaScale;
 use crate::mesh::pieces::Piece;
 use crate::strip::Triangle;
@@ -13,6 +14,9 @@ use crate::unchecked::Unchecked;
 /// Triangles or positions at once. With eight, compilers keep the gathered corners in registers, and the
 /// arithmetic on them one by one.
 const LANES: usize = 32;
+
+/// Lattice steps per voxel.
+const STEPS: f32 = LATTICE as f32;
 
 /// One value for each of them.
 type Lanes<T> = [T; LANES];
@@ -25,7 +29,7 @@ const AT_ONCE: usize = LANES << 9;
 /// those of the whole tile.
 pub fn sum_pieces(
     pieces: &mut [Piece],
-    positions: &[[i32; 3]],
+    positions: &[[f32; 3]],
     triangles: &[Triangle],
     area: &AreaScale,
 ) {
@@ -35,7 +39,7 @@ pub fn sum_pieces(
 #[inline(always)]
 fn sum_inlined(
     pieces: &mut [Piece],
-    positions: &[[i32; 3]],
+    positions: &[[f32; 3]],
     triangles: &[Triangle],
     area: &AreaScale,
 ) {
@@ -67,32 +71,38 @@ fn sum_inlined(
 }
 
 #[inline(always)]
-fn widen(min: &mut Lanes<[i32; 3]>, max: &mut Lanes<[i32; 3]>, positions: &[[i32; 3]]) {
+fn widen(min: &mut Lanes<[f32; 3]>, max: &mut Lanes<[f32; 3]>, positions: &[[f32; 3]]) {
     let (min, max) = (min.as_flattened_mut(), max.as_flattened_mut());
     for ((min, max), &v) in min.iter_mut().zip(max).zip(positions.as_flattened()) {
-        *min = v.min(*min);
-        *max = v.max(*max);
+        // no number is NaN
+        *min = if v < *min { v } else { *min };
+        *max = if v > *max { v } else { *max };
     }
 }
 
-/// Smallest and largest coordinates; `i32::MAX` and `i32::MIN` of none.
+/// Smallest and largest coordinates in lattice steps; `i32::MAX` and `i32::MIN` of none.
 #[inline(always)]
-fn bounds(positions: &[[i32; 3]]) -> ([i32; 3], [i32; 3]) {
-    let (mut min, mut max) = ([[i32::MAX; 3]; LANES], [[i32::MIN; 3]; LANES]);
+fn bounds(positions: &[[f32; 3]]) -> ([i32; 3], [i32; 3]) {
+    let mut min = [[f32::INFINITY; 3]; LANES];
+    let mut max = [[f32::NEG_INFINITY; 3]; LANES];
     let (batches, rest) = positions.as_chunks::<LANES>();
     for batch in batches {
         widen(&mut min, &mut max, batch);
     }
     widen(&mut min, &mut max, rest);
-    let fold = |all: [[i32; 3]; LANES], pick: fn(i32, i32) -> i32| {
-        all.into_iter().fold(all[0], |a, b| {
-            [pick(a[0], b[0]), pick(a[1], b[1]), pick(a[2], b[2])]
-        })
+    let fold = |all: [[f32; 3]; LANES], pick: fn(f32, f32) -> f32| {
+        let one = all
+            .into_iter()
+            .reduce(|a, b| [pick(a[0], b[0]), pick(a[1], b[1]), pick(a[2], b[2])]);
+        one.unwrap_or_default().map(|v| (v * LATTICE as f32) as i32)
     };
-    (fold(min, i32::min), fold(max, i32::max))
+    (fold(min, f32::min), fold(max, f32::max))
 }
 
-/// Sums by the triangles' places in their batches: whole numbers.
+/// Sums by the triangles' places in their batches: whole numbers of cubed or squared lattice steps.
+///
+/// Coordinates are in voxels, and differences and area vectors are so, too, and exact: a triangle's corners
+/// are a voxel apart at most, and 32-bit floating-point numbers have 24 bits.
 #[derive(Default)]
 struct Sums {
     volume6: Lanes<f64>,
@@ -101,8 +111,8 @@ struct Sums {
 
 impl Sums {
     #[inline(always)]
-    fn add(&mut self, faces: &Lanes<Triangle>, vertices: Unchecked<[i32; 3]>, area: &AreaScale) {
-        let [mut a, mut b, mut c] = [[[0; LANES]; 3]; 3];
+    fn add(&mut self, faces: &Lanes<Triangle>, vertices: Unchecked<[f32; 3]>, area: &AreaScale) {
+        let [mut a, mut b, mut c] = [[[0.0; LANES]; 3]; 3];
         for (i, face) in faces.iter().enumerate() {
             let [p, q, r, _] = face.corners;
             for (corner, vertex) in [(&mut a, p), (&mut b, q), (&mut c, r)] {
@@ -110,7 +120,7 @@ impl Sums {
                 (corner[0][i], corner[1][i], corner[2][i]) = (x, y, z);
             }
         }
-        let [mut u, mut v, mut n] = [[[0; LANES]; 3]; 3];
+        let [mut u, mut v, mut n] = [[[0.0; LANES]; 3]; 3];
         for k in 0..3 {
             for i in 0..LANES {
                 u[k][i] = b[k][i] - a[k][i];
@@ -120,12 +130,12 @@ impl Sums {
         for k in 0..3 {
             let (l, m) = ((k + 1) % 3, (k + 2) % 3);
             for i in 0..LANES {
-                n[k][i] = u[l][i] * v[m][i] - u[m][i] * v[l][i];
+                n[k][i] = (u[l][i] * v[m][i] - u[m][i] * v[l][i]) * STEPS * STEPS;
             }
         }
         for i in 0..LANES {
             // a . (b x c) = a . ((b - a) x (c - a))
-            let product = |k: usize| f64::from(a[k][i]) * f64::from(n[k][i]);
+            let product = |k: usize| f64::from(a[k][i] * STEPS) * f64::from(n[k][i]);
             self.volume6[i] += product(0) + product(1) + product(2);
         }
         for i in 0..LANES {
@@ -137,6 +147,7 @@ impl Sums {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::grid::coordinate;
     use proptest::prelude::*;
 
     proptest! {
@@ -152,6 +163,7 @@ mod tests {
                 .iter()
                 .map(|p| [positions[0][0] + (p[0] & 0x1ff), p[1], p[2]])
                 .collect();
+            let voxels: Vec<_> = positions.iter().map(|p| p.map(coordinate)).collect();
             let (first, skipped) = (1, 5);
             let mut piece = Piece::new(0, 0, false);
             piece.first_vertex = first as u32;
@@ -165,12 +177,12 @@ mod tests {
                 Triangle { corners: [a, b, c, u32::MAX], ..none }
             }));
             let area = AreaScale::new(spacing);
-            sum_pieces(std::slice::from_mut(&mut piece), &positions, &triangles, &area);
+            sum_pieces(std::slice::from_mut(&mut piece), &voxels, &triangles, &area);
             let (mut volume6, mut twice_area) = (0i128, 0u128);
             for Triangle { corners: [a, b, c, _], .. } in &triangles[skipped + 1..] {
                 let [a, b, c] = [a, b, c].map(|&i| glam::I64Vec3::from(positions[first + i as usize].map(i64::from)));
                 volume6 += i128::from(a.dot(b.cross(c)));
-                let n = (b - a).cross(c - a).to_array().map(|v| v as i32);
+                let n = (b - a).cross(c - a).to_array().map(|v| v as f32);
                 twice_area += area.twice_area(n) as u128;
             }
             prop_assert_eq!(piece.sums.volume6, volume6);
@@ -182,9 +194,14 @@ mod tests {
     #[test]
     fn areas_are_rounded_to_steps() {
         let area = AreaScale::new([1.0, 1.0, 1.0]);
-        assert_eq!(area.twice_area([0, 0, 0]), 0.0);
-        assert_eq!(area.twice_area([3, 4, 0]), 5.0 * 65_536.0);
-        for n in [[1, 1, 0], [1, 2, 3], [131_072, -131_072, 77], [0, -1, 1]] {
+        assert_eq!(area.twice_area([0.0, 0.0, 0.0]), 0.0);
+        assert_eq!(area.twice_area([3.0, 4.0, 0.0]), 5.0 * 65_536.0);
+        for n in [
+            [1.0, 1.0, 0.0],
+            [1.0, 2.0, 3.0],
+            [131_072.0, -131_072.0, 77.0],
+            [0.0, -1.0, 1.0],
+        ] {
             let exact = n.map(f64::from).iter().map(|v| v * v).sum::<f64>().sqrt() * 65_536.0;
             assert_eq!(area.twice_area(n), (exact + 0.5) as i64 as f64);
         }

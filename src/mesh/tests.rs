@@ -2,7 +2,7 @@
 
 use super::pieces::Piece;
 use super::*;
-use crate::grid::{Ambiguous, Dims, Placement, Tiling};
+use crate::grid::{Ambiguous, Dims, LATTICE, Placement, Tiling};
 use crate::measure::{AreaScale, VoxelSums};
 use crate::segment::{
     BandComponents, BandEdges, Births, Classes, KnownBand, PhaseBirths, Runs, UnionFind,
@@ -233,7 +233,10 @@ impl Case {
         let mut out = Vec::new();
         for (s, mesh) in pieces {
             for piece in &mesh.pieces {
-                let vertex = |v: u32| mesh.positions[(piece.first_vertex + v) as usize];
+                let vertex = |v: u32| {
+                    let position = mesh.chunk.positions()[(piece.first_vertex + v) as usize];
+                    position.map(|c| (c * LATTICE as f32) as i32)
+                };
                 out.push(WholePiece {
                     object: ids[s][piece.object as usize],
                     cell: if piece.cap {
@@ -242,9 +245,9 @@ impl Case {
                         ids[s][piece.cell as usize]
                     },
                     piece: *piece,
-                    triangles: mesh
-                        .triangles_of(piece)
-                        .map(|t| canonical(t.map(vertex)))
+                    triangles: mesh.piece(piece)[1..]
+                        .iter()
+                        .map(|t| canonical(t.three().map(vertex)))
                         .collect(),
                 });
             }
@@ -256,8 +259,8 @@ impl Case {
 /// Mates are mutual, run the opposite way, and are missing only where no triangle has the reverse.
 fn check_mates(mesh: &TileMesh) {
     for piece in &mesh.pieces {
-        let triangles: Vec<_> = mesh.triangles_of(piece).collect();
         let made = &mesh.piece(piece)[1..];
+        let triangles: Vec<_> = made.iter().map(Numbered::three).collect();
         let mut all = HashMap::new();
         for (t, corners) in triangles.iter().enumerate() {
             for e in 0..3 {

@@ -4,19 +4,20 @@ use crate::cpu::dispatch;
 use crate::grid::{Ambiguous, Dims, LATTICE, Tiling};
 use crate::measure::AreaScale;
 use crate::mesh::cap::add_caps;
+use crate::mesh::chunk::Chunk;
 use crate::mesh::cubes::{CubeWalk, Cut, Plans};
 use crate::mesh::edges::Edges;
 use crate::mesh::pieces::{Piece, PieceIndex, Sheets, assign};
 use crate::mesh::sums::sum_pieces;
-use crate::mesh::vertices::{Places, place_vertices};
+use crate::mesh::vertices::place_vertices;
 use crate::segment::Runs;
 use crate::slab::{Bits, Voxels};
 use crate::strip::Triangle;
 use crate::volume::Voxel;
 
-/// Bytes of buffers per triangle of a tile while it is made: about 110 are used, and buffers grow
+/// Bytes of buffers per triangle of a tile while it is made: about 100 are used, and buffers grow
 /// in steps.
-pub const BYTES_PER_TRIANGLE: u64 = 140;
+pub const BYTES_PER_TRIANGLE: u64 = 130;
 
 /// Bytes of buffers for each cube of a tile, surface or not.
 pub const BYTES_PER_CUBE: f64 = 1.5;
@@ -156,10 +157,8 @@ impl<T: Voxel> BandView<'_, T> {
 pub struct TileMesh {
     /// The pieces, by their first vertex in lattice order.
     pub pieces: Vec<Piece>,
-    /// Vertex positions in lattice steps.
-    pub positions: Vec<[i32; 3]>,
-    /// Unit normals, one per vertex.
-    pub normals: Vec<[f32; 3]>,
+    /// Vertices.
+    pub chunk: Chunk,
     /// Triangles: corners are vertex numbers within the piece, counter-clockwise seen from below; mates are
     /// within the piece, too.
     pub triangles: Vec<Triangle>,
@@ -174,14 +173,6 @@ impl TileMesh {
     /// The triangles of a piece behind the one that stands for none.
     pub fn piece(&self, piece: &Piece) -> &[Triangle] {
         &self.triangles[piece.faces()]
-    }
-
-    /// The corners of a piece's triangles.
-    pub fn triangles_of(&self, piece: &Piece) -> impl ExactSizeIterator<Item = [u32; 3]> {
-        let triangles = &self.piece(piece)[1..];
-        triangles
-            .iter()
-            .map(|t| [t.corners[0], t.corners[1], t.corners[2]])
     }
 }
 
@@ -206,10 +197,8 @@ impl TileMesher {
     ) -> bool {
         out.pieces.clear();
         self.edges.find(view.bits, tile);
-        // all will be overwritten, so what is left of the tile before need not be cleared
         let vertices = self.edges.count();
-        out.positions.resize(vertices, [0; 3]);
-        out.normals.resize(vertices, [0.0; 3]);
+        out.chunk.begin(vertices);
         if vertices > 0 {
             self.mesh_open(view, tile, settings, out);
         }
@@ -235,11 +224,7 @@ impl TileMesher {
             &mut out.pieces,
             &mut self.sheets,
         );
-        let places = Places {
-            positions: &mut out.positions,
-            normals: &mut out.normals,
-        };
-        let to = (&self.sheets, places);
+        let to = (&self.sheets, &mut out.chunk);
         place_vertices(&self.edges, view, tile, settings.threshold, to);
         let faces = out.pieces.last().map_or(0, Piece::end_of_faces) as usize;
         // what is left of a larger tile stays: to cut it off and clear it again costs time
@@ -254,7 +239,7 @@ impl TileMesher {
         self.walk.make(cut, Plans::of(settings.rule), out);
         sum_pieces(
             &mut out.pieces,
-            &out.positions,
+            out.chunk.positions(),
             &out.triangles,
             &settings.area,
         );

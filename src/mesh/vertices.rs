@@ -9,6 +9,7 @@
 
 use crate::cpu::dispatch;
 use crate::grid::LATTICE;
+use crate::mesh::chunk::Chunk;
 use crate::mesh::edges::Edges;
 use crate::mesh::gather::{Ends, Samples};
 use crate::mesh::pieces::Sheets;
@@ -31,8 +32,8 @@ struct Batch<T: Voxel> {
     /// Number of the first edge.
     first: usize,
     len: usize,
-    /// Lattice position of the lower end, then of the vertex.
-    positions: [[i32; 3]; BATCH],
+    /// Position of the lower end, then of the vertex.
+    positions: [[f32; 3]; BATCH],
     axis: [u8; BATCH],
     /// Samples at the lower and the upper end.
     values: [[T; BATCH]; 2],
@@ -47,7 +48,7 @@ impl<T: Voxel> Batch<T> {
         Batch {
             first: 0,
             len: 0,
-            positions: [[0; 3]; BATCH],
+            positions: [[0.0; 3]; BATCH],
             axis: [0; BATCH],
             values: [[T::zeroed(); BATCH]; 2],
             // what is not overwritten has ordinary normals
@@ -57,7 +58,7 @@ impl<T: Voxel> Batch<T> {
     }
 
     #[inline(always)]
-    fn push(&mut self, position: [i32; 3], axis: usize, ends: &Ends<T>) {
+    fn push(&mut self, position: [f32; 3], axis: usize, ends: &Ends<T>) {
         // a full batch is handed out at once; the remainder spares a check for each array
         let i = self.len % BATCH;
         self.positions[i] = position;
@@ -79,9 +80,9 @@ impl<T: Voxel> Batch<T> {
             let [v0, v1] = [self.values[0][i].to_f64(), self.values[1][i].to_f64()];
             *step = step_on_edge(v0, v1, threshold);
         }
+        let along = steps.map(|step| step as f32 / LATTICE as f32);
         let mut ordinary = true;
-        for (i, &step) in steps.iter().enumerate() {
-            let t = step as f32 / LATTICE as f32;
+        for (i, &t) in along.iter().enumerate() {
             let n: [f32; 3] = std::array::from_fn(|a| {
                 let [g0, g1] = [self.slopes[0][a][i].to_f32(), self.slopes[1][a][i].to_f32()];
                 -(g0 + (g1 - g0) * t)
@@ -96,8 +97,8 @@ impl<T: Voxel> Batch<T> {
         if !ordinary {
             self.extraordinary_normals(&steps, threshold);
         }
-        let moved = self.positions.iter_mut().zip(&self.axis).zip(&steps);
-        moved.for_each(|((p, &axis), &step)| p[usize::from(axis)] += step as i32);
+        let moved = self.positions.iter_mut().zip(&self.axis).zip(&along);
+        moved.for_each(|((p, &axis), &t)| p[usize::from(axis)] += t);
         places.put(self.first, &self.positions[..self.len], &self.normals);
         self.first += self.len;
         self.len = 0;
@@ -119,29 +120,21 @@ impl<T: Voxel> Batch<T> {
     }
 }
 
-/// Where the vertices go: each into its piece's part of the tile's arrays.
-pub struct Places<'a> {
-    /// Positions in lattice steps.
-    pub positions: &'a mut [[i32; 3]],
-    /// Unit normals.
-    pub normals: &'a mut [[f32; 3]],
-}
-
-/// Takes vertices in the order of their edges.
+/// Takes vertices in the order of their edges, each into its piece's part of the tile's arrays.
 struct Unsorted<'a> {
     /// Piece and vertex by the number of the edge.
     piece_of: Unchecked<'a, u32>,
     vertex_of: Unchecked<'a, u32>,
     /// First vertex by piece.
     first_of: Unchecked<'a, u32>,
-    positions: UncheckedMut<'a, [i32; 3]>,
+    positions: UncheckedMut<'a, [f32; 3]>,
     normals: UncheckedMut<'a, [f32; 3]>,
 }
 
 impl Unsorted<'_> {
     /// Takes the vertices of edges `first` and following, a batch at most.
     #[inline(always)]
-    fn put(&mut self, first: usize, positions: &[[i32; 3]], normals: &[[f32; BATCH]; 3]) {
+    fn put(&mut self, first: usize, positions: &[[f32; 3]], normals: &[[f32; BATCH]; 3]) {
         // apart, or where they lie would be looked up again after each write
         let (piece_of, vertex_of, first_of) = (self.piece_of, self.vertex_of, self.first_of);
         let (mut to_positions, mut to_normals) = (self.positions.again(), self.normals.again());
@@ -156,17 +149,16 @@ impl Unsorted<'_> {
     }
 }
 
-/// Computes the vertices on all crossed edges, which `sheets` assigns to pieces.
+/// Computes the vertices on all crossed edges, which `sheets` assigns to pieces, as many as `chunk` has.
 pub fn place_vertices<T: Voxel>(
     edges: &Edges,
     view: &BandView<T>,
     tile: &TileBox,
     threshold: f64,
-    (sheets, places): (&Sheets, Places),
+    (sheets, chunk): (&Sheets, &mut Chunk),
 ) {
-    let count = edges.count();
-    assert!(places.positions.len() >= count && places.normals.len() >= count);
-    assert!(sheets.are_of(edges));
+    assert!(chunk.vertices() == edges.count() && sheets.are_of(edges));
+    let [positions, normals] = chunk.vectors_mut();
     // SAFETY: every edge has a piece, and a vertex of it: pieces have their vertices one behind the
     // other, as many as there are edges
     let mut places = unsafe {
@@ -174,8 +166,8 @@ pub fn place_vertices<T: Voxel>(
             piece_of: Unchecked::new(&sheets.piece_of),
             vertex_of: Unchecked::new(&sheets.vertex_of),
             first_of: Unchecked::new(&sheets.first_of),
-            positions: UncheckedMut::new(places.positions),
-            normals: UncheckedMut::new(places.normals),
+            positions: UncheckedMut::new(positions),
+            normals: UncheckedMut::new(normals),
         }
     };
     dispatch!(place_inlined(edges, view, tile, threshold, &mut places));
@@ -267,8 +259,7 @@ impl<'a, T: Voxel> Row<'a, T> {
     /// Gathers the ends of the edge from voxel `x` along `axis`.
     #[inline(always)]
     fn gather(&self, x: u32, axis: usize, batch: &mut Batch<T>) {
-        let steps = |v: u32| (v * LATTICE) as i32;
-        let position = [steps(x), steps(self.y), steps(self.z)];
+        let position = [x, self.y, self.z].map(|v| v as f32);
         let p = self.start + x as usize;
         if self.central && x >= 1 && x + 2 < self.dims[0] {
             // SAFETY: `central` says that the samples cover the row's voxels 1..=nx - 3

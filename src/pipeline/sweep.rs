@@ -325,9 +325,10 @@ impl Sweep<'_> {
         workspace: &mut Workspace,
         (writers, gather): (Option<&Writers>, &Gather),
     ) -> Result<()> {
-        let mesh = &workspace.mesh;
-        let buffers = &mut workspace.writer;
-        let (record, body) = self.writer.write(mesh, grid, buffers, writers)?;
+        let Workspace {
+            mesh, stripifier, ..
+        } = workspace;
+        let (record, body) = self.writer.write(mesh, grid, stripifier, writers)?;
         let mut caps = MeshSums::default();
         mesh.pieces
             .iter()

@@ -1,6 +1,6 @@
 //! Tiles on disk during a conversion: written with room for their JSON, filled in at the end.
 
-use crate::direct::{self, Buffer};
+use crate::direct;
 use crate::error::{Error, Result};
 use crate::mesh::{Piece, TileMesh};
 use crate::pipeline::writers::{Job, Writers};
@@ -58,13 +58,6 @@ impl WrittenPiece {
     }
 }
 
-/// Buffers for writing a tile.
-#[derive(Default)]
-pub struct TileBuffers {
-    stripifier: Stripifier,
-    body: Buffer,
-}
-
 /// Writes the geometry of tiles.
 pub struct TileWriter {
     /// Directory that will become the tile set.
@@ -80,19 +73,13 @@ impl TileWriter {
     /// [`Error::Io`]; [`Error::Usage`] if the tile would pass 4 GiB.
     pub fn write(
         &self,
-        mesh: &TileMesh,
+        mesh: &mut TileMesh,
         grid: [u32; 3],
-        buffers: &mut TileBuffers,
+        stripifier: &mut Stripifier,
         writers: Option<&Writers>,
     ) -> Result<(TileRecord, Body)> {
-        let TileBuffers {
-            stripifier,
-            body: buffer,
-        } = buffers;
-        let body = buffer.fill(Body::bytes_of(mesh), |out| {
-            Body::write(mesh, self.head.form.primitives, stripifier, out)
-        });
-        let bytes = buffer.get();
+        let body = Body::write(mesh, self.head.form.primitives, stripifier);
+        let bytes = mesh.chunk.bytes();
         let crc = crc32fast::hash(bytes);
         let plain = self.head.is_plain(body.pieces.len());
         let long = bytes.len() >= direct::WORTH;
@@ -107,8 +94,8 @@ impl TileWriter {
         // what is written anew soon is best read back from the cache
         match writers.filter(|_| plain && long) {
             Some(writers) => {
-                let body = std::mem::take(buffer);
-                *buffer = writers.put(Job { path, head, body })?;
+                let body = mesh.chunk.take();
+                mesh.chunk.give(writers.put(Job { path, head, body })?);
             }
             None => write_file(&path, &[&head, bytes])?,
         }

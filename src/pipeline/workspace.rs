@@ -3,7 +3,7 @@
 use crate::error::Result;
 use crate::mesh::{TileMesh, TileMesher};
 use crate::pipeline::budget::{Budget, Reservation};
-use crate::pipeline::tilefile::TileBuffers;
+use crate::strip::Stripifier;
 use std::sync::{Arc, Condvar, Mutex, MutexGuard};
 
 /// Everything that making one tile needs.
@@ -13,8 +13,8 @@ pub struct Workspace {
     pub mesher: TileMesher,
     /// The mesh.
     pub mesh: TileMesh,
-    /// Scratch of the writer.
-    pub writer: TileBuffers,
+    /// Makes strips of it.
+    pub stripifier: Stripifier,
     held: Reservation,
 }
 

@@ -26,6 +26,14 @@ pub struct Triangle {
     pub corners: [u32; 4],
 }
 
+impl Triangle {
+    /// Its three corners.
+    pub fn three(&self) -> [u32; 3] {
+        let [a, b, c, _] = self.corners;
+        [a, b, c]
+    }
+}
+
 /// The triangles of a piece, number by number.
 #[derive(Debug, Clone, Copy, Default)]
 pub(super) struct Triangles<'a>(pub &'a [u32]);

@@ -1,9 +1,8 @@
 //! The binary chunk of a tile: positions, normals and indices, piece by piece.
 
 use crate::manifest::Primitives;
-use crate::mesh::TileMesh;
-use crate::strip::{Stitched, Stripifier, append_strip};
-use crate::tile::document::coordinate;
+use crate::mesh::{Piece, TileMesh};
+use crate::strip::{Stitched, Stripifier, Triangle, append_strip};
 use bytemuck::{Pod, Zeroable};
 
 /// Where a piece lies in the body and what it counts.
@@ -60,38 +59,33 @@ impl Body {
         24 * u64::from(self.vertices)
     }
 
-    /// About the bytes that the body of a mesh takes, seldom less than that.
-    pub fn bytes_of(mesh: &TileMesh) -> usize {
-        24 * mesh.positions.len() + 10 * mesh.triangle_count() as usize
-    }
-
-    /// Writes the body of a mesh behind what `out` holds.
-    pub fn write(
-        mesh: &TileMesh,
-        primitives: Primitives,
-        stripifier: &mut Stripifier,
-        out: &mut Vec<u8>,
-    ) -> Body {
+    /// Writes the body of a mesh: the indices, behind the vertices in its chunk.
+    pub fn write(mesh: &mut TileMesh, primitives: Primitives, stripifier: &mut Stripifier) -> Body {
+        let mut lists = Vec::new();
+        let pieces: Vec<_> = mesh.pieces.iter().map(|p| mesh.piece(p)).collect();
+        let (made, entries) = match primitives {
+            Primitives::Strips => stripifier.stripify_all(&pieces),
+            Primitives::Triangles => (list_all(&pieces, &mut lists), &lists[..]),
+        };
         let mut body = Body {
-            vertices: mesh.positions.len() as u32,
+            vertices: mesh.chunk.vertices() as u32,
             ..Body::default()
         };
-        let start = out.len();
-        out.reserve(Body::bytes_of(mesh));
-        append(out, mesh.positions.as_flattened(), |steps| {
-            coordinate(steps).to_le_bytes()
-        });
-        out.extend_from_slice(bytemuck::cast_slice(&mesh.normals));
-        let mut lists = Vec::new();
-        let (made, entries) = match primitives {
-            Primitives::Strips => {
-                let pieces: Vec<_> = mesh.pieces.iter().map(|p| mesh.piece(p)).collect();
-                stripifier.stripify_all(&pieces)
-            }
-            Primitives::Triangles => (list_all(mesh, &mut lists), &lists[..]),
-        };
-        for (piece, strip) in mesh.pieces.iter().zip(made) {
-            let indices = &entries[strip.entries];
+        let TileMesh { pieces, chunk, .. } = mesh;
+        chunk.end(|out| body.write_pieces(pieces, (&made, entries), out));
+        body
+    }
+
+    /// Writes the indices of all pieces behind the vertices, which are the last in `out`.
+    fn write_pieces(
+        &mut self,
+        pieces: &[Piece],
+        (made, entries): (&[Stitched], &[u32]),
+        out: &mut Vec<u8>,
+    ) {
+        let start = out.len() - self.indices_start() as usize;
+        for (piece, strip) in pieces.iter().zip(made) {
+            let indices = &entries[strip.entries.clone()];
             let piece = BodyPiece {
                 first_index_byte: (out.len() - start) as u64,
                 first_vertex: piece.first_vertex,
@@ -104,10 +98,9 @@ impl Body {
                 reserved: 0,
             };
             write_indices(&piece, indices, out);
-            body.pieces.push(piece);
+            self.pieces.push(piece);
         }
-        body.bytes = (out.len() - start) as u64;
-        body
+        self.bytes = (out.len() - start) as u64;
     }
 
     /// The indices of a piece, read from the body's bytes.
@@ -131,17 +124,18 @@ impl Body {
     }
 }
 
-/// Appends the triangles of all pieces.
-fn list_all(mesh: &TileMesh, out: &mut Vec<u32>) -> Vec<Stitched> {
-    let list = |piece| {
+/// Appends the triangles of all pieces, the first element of each being none.
+fn list_all(pieces: &[&[Triangle]], out: &mut Vec<u32>) -> Vec<Stitched> {
+    let list = |piece: &&[Triangle]| {
         let start = out.len();
-        out.extend(mesh.triangles_of(piece).flatten());
+        let corners = piece[1..].iter().map(Triangle::three);
+        out.extend(corners.flatten());
         Stitched {
             entries: start..out.len(),
             strips: 0,
         }
     };
-    mesh.pieces.iter().map(list).collect()
+    pieces.iter().map(list).collect()
 }
 
 /// Writes a piece's indices in their width, padded to 4 bytes.

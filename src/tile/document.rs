@@ -1,6 +1,5 @@
 //! The JSON chunk of a tile in node layout.
 
-use crate::grid::LATTICE;
 use crate::manifest::{Encoding, Form, Layout, Primitives};
 use crate::tile::body::Body;
 use crate::tile::paint::{Paints, Rgb};
@@ -160,11 +159,6 @@ pub(crate) fn mode(primitives: Primitives) -> u32 {
         Primitives::Strips => 5,
         Primitives::Triangles => 4,
     }
-}
-
-/// A coordinate in lattice steps as the `f32` of the file.
-pub(crate) fn coordinate(steps: i32) -> f32 {
-    steps as f32 / LATTICE as f32
 }
 
 /// The buffer views of positions, normals and indices.

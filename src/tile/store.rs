@@ -2,11 +2,9 @@
 
 use super::bin::Bin;
 use super::body::{Body, BodyPiece};
-use super::document::{
-    BYTE, FLOAT, TileHead, UNSIGNED_INT, UNSIGNED_SHORT, coordinate, geometry_views,
-};
+use super::document::{BYTE, FLOAT, TileHead, UNSIGNED_INT, UNSIGNED_SHORT, geometry_views};
 use super::normals::quantize;
-use crate::grid::LATTICE;
+use crate::grid::{LATTICE, coordinate};
 use crate::manifest::{Encoding, Primitives};
 use serde::Serialize;
 use serde_json::{Value, json};
