@@ -1,5 +1,6 @@
 //! The binary chunk of a tile: positions, normals and indices, piece by piece.
 
+use crate::grid::LATTICE;
 use crate::manifest::Primitives;
 use crate::mesh::{Piece, TileMesh};
 use crate::strip::{Stitched, Stripifier, Triangle, append_strip};
@@ -101,6 +102,25 @@ impl Body {
             self.pieces.push(piece);
         }
         self.bytes = (out.len() - start) as u64;
+    }
+
+    /// A piece whose numbers have at least as many digits as those of any of the body.
+    pub fn widest_piece(&self) -> BodyPiece {
+        let far = |a: usize| {
+            let all = self.pieces.iter().map(|p| p.min[a].max(p.max[a]));
+            // a voxel's last step has the longest fraction; two digits before it make up for a sign
+            all.fold(10 * LATTICE as i32, i32::max) | (LATTICE as i32 - 1)
+        };
+        let far = std::array::from_fn(far);
+        BodyPiece {
+            first_index_byte: self.bytes,
+            first_vertex: self.vertices,
+            vertices: self.vertices,
+            indices: u32::try_from(self.bytes).unwrap_or(u32::MAX),
+            min: far,
+            max: far,
+            ..BodyPiece::zeroed()
+        }
     }
 
     /// The indices of a piece, read from the body's bytes.
