@@ -60,7 +60,11 @@ fn sum_inlined(
                 batch[..rest.len()].copy_from_slice(rest);
                 sums.add(&batch, places, area);
             }
-            volume6 += sums.volume6.iter().map(|&v| v as i128).sum::<i128>();
+            volume6 += sums
+                .volume6
+                .iter()
+                .map(|&v| (v * f64::from(STEPS)) as i128)
+                .sum::<i128>();
             twice_area += sums.twice_area.iter().map(|&a| a as u128).sum::<u128>();
         }
         (piece.min, piece.max) = bounds(vertices);
@@ -99,10 +103,11 @@ fn bounds(positions: &[[f32; 3]]) -> ([i32; 3], [i32; 3]) {
     (fold(min, f32::min), fold(max, f32::max))
 }
 
-/// Sums by the triangles' places in their batches: whole numbers of cubed or squared lattice steps.
+/// Sums by the triangles' places in their batches, exact: areas are whole numbers, and volumes, in voxels times
+/// squared lattice steps, multiples of 1/256.
 ///
-/// Coordinates are in voxels, and differences and area vectors are so, too, and exact: a triangle's corners
-/// are a voxel apart at most, and 32-bit floating-point numbers have 24 bits.
+/// Differences of corners and area vectors are exact, too, since the corners of a triangle are a voxel apart at
+/// most, and 32-bit floating-point numbers have 24 bits.
 #[derive(Default)]
 struct Sums {
     volume6: Lanes<f64>,
@@ -130,12 +135,12 @@ impl Sums {
         for k in 0..3 {
             let (l, m) = ((k + 1) % 3, (k + 2) % 3);
             for i in 0..LANES {
-                n[k][i] = (u[l][i] * v[m][i] - u[m][i] * v[l][i]) * STEPS * STEPS;
+                n[k][i] = (u[l][i] * v[m][i] - u[m][i] * v[l][i]) * (STEPS * STEPS);
             }
         }
         for i in 0..LANES {
             // a . (b x c) = a . ((b - a) x (c - a))
-            let product = |k: usize| f64::from(a[k][i] * STEPS) * f64::from(n[k][i]);
+            let product = |k: usize| f64::from(a[k][i]) * f64::from(n[k][i]);
             self.volume6[i] += product(0) + product(1) + product(2);
         }
         for i in 0..LANES {
