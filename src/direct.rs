@@ -53,7 +53,7 @@ impl Buffer {
         let room = BLOCK + bytes.max(len);
         if self.bytes.capacity() < room {
             // nothing is to be moved; and the next ones may be a little longer
-            self.bytes.clear();
+            self.bytes = Vec::new();
             self.bytes.reserve_exact(room + room / 8);
         }
         let start = self.bytes.as_ptr().align_offset(BLOCK);

@@ -85,3 +85,57 @@ impl Chunk {
         self.bytes = buffer;
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::grid::LATTICE;
+
+    #[test]
+    fn vertices_stay_where_they_are_and_what_is_behind_them_is_replaced() {
+        let mut chunk = Chunk::default();
+        chunk.begin(2);
+        let [positions, normals] = chunk.vectors_mut();
+        positions.copy_from_slice(&[[1.0, 2.0, 3.0], [4.0, 5.0, 6.0]]);
+        normals.copy_from_slice(&[[0.0, 0.0, 1.0], [0.0, 1.0, 0.0]]);
+        chunk.end(|out| out.extend([7; 100]));
+        assert_eq!(chunk.bytes().len(), 48 + 100);
+        // more vertices come behind the last one, and what was behind them is gone
+        let half = LATTICE as i32 / 2;
+        chunk.extend(&[([-half, 0, 3 * half], [1.0, 0.0, 0.0])]);
+        chunk.extend(&[]);
+        assert_eq!(chunk.vertices(), 3);
+        chunk.end(|out| out.extend([8; 5]));
+        chunk.end(|out| out.extend([9; 3]));
+        let all: [[f32; 3]; 6] = [
+            [1.0, 2.0, 3.0],
+            [4.0, 5.0, 6.0],
+            [-0.5, 0.0, 1.5],
+            [0.0, 0.0, 1.0],
+            [0.0, 1.0, 0.0],
+            [1.0, 0.0, 0.0],
+        ];
+        assert_eq!(chunk.positions(), &all[..3]);
+        let (vertices, behind) = chunk.bytes().split_at(72);
+        assert_eq!(vertices, bytemuck::cast_slice::<_, u8>(&all));
+        assert_eq!(behind, [9; 3]);
+        // a tile without vertices may get all of them from its caps
+        chunk.begin(0);
+        chunk.extend(&[([0; 3], [1.0, 0.0, 0.0])]);
+        assert_eq!((chunk.vertices(), chunk.bytes().len()), (1, 24));
+        assert_eq!(chunk.take().get().len(), 24);
+        assert_eq!((chunk.vertices(), chunk.bytes().len()), (0, 0));
+    }
+
+    #[test]
+    fn bytes_begin_where_transfers_can_however_many_there_are() {
+        let mut chunk = Chunk::default();
+        for vertices in [1, 1000, 10, 100_000, 3] {
+            chunk.begin(vertices);
+            let address = chunk.bytes().as_ptr().addr();
+            assert!(address.is_multiple_of(crate::direct::SECTOR));
+            chunk.end(|out| out.resize(out.len() + 20 * vertices, 0));
+            assert_eq!(chunk.bytes().as_ptr().addr(), address, "{vertices}");
+        }
+    }
+}

@@ -227,6 +227,11 @@ impl TileMesher {
         let to = (&self.sheets, &mut out.chunk);
         place_vertices(&self.edges, view, tile, settings.threshold, to);
         let faces = out.pieces.last().map_or(0, Piece::end_of_faces) as usize;
+        if out.triangles.capacity() < faces {
+            // nothing is to be moved; room that no tile comes to use takes no memory
+            out.triangles = Vec::new();
+            out.triangles.reserve_exact(faces + faces / 2);
+        }
         // what is left of a larger tile stays: to cut it off and clear it again costs time
         if out.triangles.len() < faces {
             out.triangles.resize(faces, Triangle::default());
