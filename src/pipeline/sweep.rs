@@ -28,6 +28,7 @@ use crate::progress::Progress;
 use crate::segment::SlabClasses;
 use crate::volume::{Volume, Voxel};
 use rayon::prelude::*;
+use std::cmp::Reverse;
 use std::sync::Arc;
 
 /// What stays the same during a sweep.
@@ -48,6 +49,15 @@ pub struct Sweep<'a> {
     pub writer: &'a TileWriter,
     /// Hears of every layer.
     pub progress: &'a dyn Progress,
+}
+
+/// A tile to mesh.
+struct TileJob<'a, T> {
+    /// Memory that this takes.
+    bytes: u64,
+    band: &'a Band<T>,
+    grid: [u32; 3],
+    tile: TileBox,
 }
 
 /// What joining the bands of a slab has found.
@@ -280,41 +290,58 @@ impl Sweep<'_> {
         layer: u32,
         gather: &Gather,
     ) -> Result<()> {
-        let tiles_x = self.plan.tiling.tiles()[0] as usize;
         let settings = MeshSettings {
             threshold: self.threshold,
             rule: self.rule,
             cap: self.cap,
             area: AreaScale::new(parts.source.volume.header().placement.spacing),
         };
-        (0..bands.len() * tiles_x)
-            .into_par_iter()
-            .with_max_len(1)
-            .try_for_each(|i| {
-                let band = &bands[i / tiles_x];
-                let ty = first + (i / tiles_x) as u32;
-                let grid = [(i % tiles_x) as u32, ty, layer];
-                let view = BandView {
-                    voxels: &band.voxels,
-                    bits: &band.bits,
-                    runs: &band.runs,
-                    class_of_run: &band.labels.of_run,
-                };
-                let tile = TileBox::of(self.plan.tiling, grid);
-                let bytes = tile_bytes(&band.bits, &tile);
-                let result = parts.pool.with(bytes, |workspace| {
-                    if workspace
-                        .mesher
-                        .mesh(&view, &tile, &settings, &mut workspace.mesh)
-                    {
-                        let writers = parts.writers.as_ref();
-                        self.write_tile(&tile, grid, workspace, (writers, gather))?;
-                    }
-                    Ok(())
-                });
-                self.progress.advance(1);
-                result
-            })
+        let tiles_x = self.plan.tiling.tiles()[0] as usize;
+        let job = |i: usize| {
+            let band = &bands[i / tiles_x];
+            let grid = [(i % tiles_x) as u32, first + (i / tiles_x) as u32, layer];
+            let tile = TileBox::of(self.plan.tiling, grid);
+            TileJob {
+                bytes: tile_bytes(&band.bits, &tile),
+                band,
+                grid,
+                tile,
+            }
+        };
+        let tiles = (0..bands.len() * tiles_x).into_par_iter();
+        let mut jobs: Vec<TileJob<T>> = tiles.map(job).collect();
+        // small ones last, so that no thread is left with a large one when the others have none; those of
+        // about the same size stay beside their neighbours
+        jobs.sort_by_key(|job| Reverse(job.bytes.checked_ilog2()));
+        jobs.into_iter().par_bridge().try_for_each(|job| {
+            let done = self.mesh_tile(parts, &job, &settings, gather);
+            self.progress.advance(1);
+            done
+        })
+    }
+
+    /// Meshes a tile and writes it, if it has any surface.
+    fn mesh_tile<T: Voxel>(
+        &self,
+        parts: &Parts<T>,
+        job: &TileJob<T>,
+        settings: &MeshSettings,
+        gather: &Gather,
+    ) -> Result<()> {
+        let view = BandView {
+            voxels: &job.band.voxels,
+            bits: &job.band.bits,
+            runs: &job.band.runs,
+            class_of_run: &job.band.labels.of_run,
+        };
+        parts.pool.with(job.bytes, |workspace| {
+            let Workspace { mesher, mesh, .. } = workspace;
+            if mesher.mesh(&view, &job.tile, settings, mesh) {
+                let writers = parts.writers.as_ref();
+                self.write_tile(&job.tile, job.grid, workspace, (writers, gather))?;
+            }
+            Ok(())
+        })
     }
 
     /// Writes the workspace's mesh and tells `gather` of it.
