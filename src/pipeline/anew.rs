@@ -134,19 +134,22 @@ pub fn read_back<'b>(path: &Path, buffer: &'b mut Buffer) -> Result<&'b [u8]> {
     Ok(buffer.get())
 }
 
-/// Writes a whole tile, long ones by the writers if there are any.
+/// Writes a whole tile from its parts, long ones by the writers if there are any.
 ///
 /// # Errors
 /// [`Error::Io`].
 pub fn write_anew(
     path: PathBuf,
-    bytes: &[u8],
+    parts: [&[u8]; 2],
     (writers, buffer): (Option<&Writers>, &mut Buffer),
 ) -> Result<()> {
-    let Some(writers) = writers.filter(|_| bytes.len() >= direct::WORTH) else {
-        return write_file(&path, &[bytes]);
+    let bytes = parts.iter().map(|part| part.len()).sum();
+    let Some(writers) = writers.filter(|_| bytes >= direct::WORTH) else {
+        return write_file(&path, &parts);
     };
-    buffer.fill(bytes.len(), |out| out.extend_from_slice(bytes));
+    buffer.fill(bytes, |out| {
+        parts.iter().for_each(|part| out.extend_from_slice(part))
+    });
     *buffer = writers.put(Job {
         path,
         head: Vec::new(),

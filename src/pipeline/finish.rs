@@ -5,14 +5,14 @@ use crate::grid::{LATTICE, Placement, Tiling};
 use crate::manifest::{Bounds, Group, Layer, Shard, TileEntry, Totals, checksum_text};
 use crate::measure::{ComponentRecord, Measures, RecordTable};
 use crate::pipeline::anew::{Buffers, anew_path, read_back, write_anew};
+use crate::pipeline::batch::{Batch, Ids, Job, KNOWN_PIECES, group};
 use crate::pipeline::forward::SlabRecord;
 use crate::pipeline::keep::Keeper;
 use crate::pipeline::ration::{at_once, parts};
 use crate::pipeline::resolve::Resolved;
 use crate::pipeline::shards::{Ends, FinishedLayer, Part, shard_path};
-use crate::pipeline::spool::{Place, Spool};
-use crate::pipeline::surfaces::WHOLE;
-use crate::pipeline::tilefile::{TileRecord, WrittenPiece, too_large, too_wide};
+use crate::pipeline::spool::Spool;
+use crate::pipeline::tilefile::{TileRecord, too_large, too_wide};
 use crate::pipeline::writers::Writers;
 use crate::progress::Progress;
 use crate::tile::{
@@ -21,10 +21,10 @@ use crate::tile::{
 };
 use rayon::prelude::*;
 use std::borrow::Cow;
-use std::collections::BTreeMap;
 use std::fs::{OpenOptions, create_dir_all};
 use std::os::unix::fs::FileExt;
 use std::path::Path;
+use std::sync::Mutex;
 
 /// What finishing needs to know of the whole set.
 #[derive(Clone, Copy)]
@@ -43,11 +43,17 @@ pub struct FinishSettings<'a> {
     pub memory: u64,
 }
 
-/// The settings with the sums of all components.
+/// Finishes tiles, batch by batch.
 struct Finisher<'a> {
     settings: FinishSettings<'a>,
-    cells: &'a RecordTable<ComponentRecord>,
+    /// Of each thread.
+    buffers: Vec<Mutex<Buffers>>,
+    /// What was made of the batch before.
+    behind: Vec<Part>,
 }
+
+/// The cells of a batch by rising id, as far as they are known, and the sums of all cells.
+type Cells<'a> = (&'a [Cell], &'a RecordTable<ComponentRecord>);
 
 /// What the nodes of a cell say.
 #[derive(Clone, Copy)]
@@ -55,48 +61,6 @@ struct Cell {
     id: u64,
     measures: Measures,
     has_surfaces: bool,
-}
-
-/// Pieces of some tiles whose cells are measured once for all of them, at most: 5 MB of measures.
-const KNOWN_PIECES: usize = 1 << 14;
-
-/// The ids of a piece.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, PartialOrd, Ord)]
-struct Ids {
-    object: u64,
-    /// 0 for a cap.
-    cell: u64,
-    /// 0 for a cap.
-    surface: u64,
-}
-
-/// Final ids in terms of a slab.
-struct IdsOfSlab {
-    classes: Vec<u64>,
-    surfaces: Vec<u64>,
-    whole: Vec<u64>,
-}
-
-impl IdsOfSlab {
-    fn of(&self, p: &WrittenPiece) -> Ids {
-        let object = self.classes[p.object as usize];
-        if p.is_cap() {
-            return Ids {
-                object,
-                cell: 0,
-                surface: 0,
-            };
-        }
-        let surface = match p.surface & WHOLE {
-            0 => self.surfaces[p.surface as usize],
-            _ => self.whole[(p.surface & !WHOLE) as usize],
-        };
-        Ids {
-            object,
-            cell: self.classes[p.cell as usize],
-            surface,
-        }
-    }
 }
 
 /// Gives all tiles their ids, layer by layer, and counts in how many tiles each component is. Returns the
@@ -115,78 +79,42 @@ pub fn finish(
 ) -> Result<Vec<Layer>> {
     let before = keeper.finished();
     let mut ends = Ends::begin(settings, keeper, slabs.len(), totals, progress)?;
-    let mut behind = None;
+    let mut finisher = Finisher {
+        settings: *settings,
+        buffers: (0..rayon::current_num_threads())
+            .map(|_| Mutex::default())
+            .collect(),
+        behind: Vec::new(),
+    };
+    let mut batch = Batch::default();
     for (i, slab) in slabs.iter().enumerate() {
         if (i as u32) < before {
             let finished = finished_layer(settings, resolved, slab, spool)?;
             ends.add(finished);
-        } else if progress.interrupted() {
-            behind.map_or(Ok(()), |part| ends.take(part))?;
+            continue;
+        }
+        if progress.interrupted() {
+            // what is at hand takes less time than to come back to it
+            finisher.finish(batch, resolved, &mut ends)?;
+            finisher.end(&mut ends)?;
             return Err(Error::Interrupted);
-        } else {
-            let take = |part| ends.take(part);
-            let slab = (slab, i);
-            behind = Some(finish_tiles(settings, resolved, slab, spool, behind, take)?);
+        }
+        let tiles = spool.get(&slab.tiles)?;
+        let ids = resolved.ids_of(i)?;
+        let parts = parts(&tiles, settings.memory);
+        let last = parts.len().saturating_sub(1);
+        // a layer without tiles ends, too
+        for part in 0..=last {
+            let tiles = parts.get(part).copied().unwrap_or_default();
+            if !batch.has_room(tiles, settings.memory) {
+                finisher.finish(std::mem::take(&mut batch), resolved, &mut ends)?;
+            }
+            batch.add((slab.layer, part == last), tiles, (&ids, spool))?;
         }
     }
-    behind.map_or(Ok(()), |part| ends.take(part))?;
+    finisher.finish(batch, resolved, &mut ends)?;
+    finisher.end(&mut ends)?;
     ends.end()
-}
-
-/// Finishes the tiles of slab `number`, a few at a time, and counts those of each component.
-///
-/// `take` is called with the part `behind` and each of the layer's, but beside the making of the part after
-/// it: what it does to files need not be waited for. The last part is returned.
-///
-/// # Errors
-/// [`Error::Io`], [`Error::Usage`] if a tile would pass 4 GiB, and those of `take`.
-fn finish_tiles(
-    settings: &FinishSettings,
-    resolved: &mut Resolved,
-    (slab, number): (&SlabRecord, usize),
-    spool: &mut Spool,
-    mut behind: Option<Part>,
-    mut take: impl FnMut(Part) -> Result<()> + Send,
-) -> Result<Part> {
-    let tiles = spool.get(&slab.tiles)?;
-    let places = &resolved.slabs[number];
-    let ids = IdsOfSlab {
-        classes: resolved.ids.get(&places.classes)?,
-        surfaces: resolved.ids.get(&places.surfaces)?,
-        whole: resolved.ids.get(&places.whole)?,
-    };
-    let mut parts = parts(&tiles, settings.memory).into_iter().peekable();
-    loop {
-        let tiles = parts.next().unwrap_or_default();
-        let mut jobs = Vec::with_capacity(tiles.len());
-        for tile in tiles {
-            let place = Place::new(tile.pieces_at, tile.pieces as usize);
-            jobs.push((tile, spool.get::<WrittenPiece>(&place)?));
-        }
-        let finisher = Finisher {
-            settings: *settings,
-            cells: &resolved.cells,
-        };
-        let (taken, made) = rayon::join(
-            || behind.take().map_or(Ok(()), &mut take),
-            || finisher.finish_all(&jobs, &ids),
-        );
-        taken?;
-        let tiles = made?;
-        for (tile, _) in &tiles {
-            count_tile(resolved, tile)?;
-        }
-        let last = parts.peek().is_none();
-        let part = Part {
-            layer: slab.layer,
-            tiles,
-            last,
-        };
-        if last {
-            return Ok(part);
-        }
-        behind = Some(part);
-    }
 }
 
 /// What was made of a slab in a process before this one; counts the tiles of each component.
@@ -250,51 +178,80 @@ fn count_tile(resolved: &mut Resolved, tile: &TileEntry) -> Result<()> {
 }
 
 impl Finisher<'_> {
+    /// Finishes the tiles of a batch, a few at a time, and counts those of each component. What is to be done
+    /// to files for the batch before goes on beside that.
+    ///
+    /// # Errors
+    /// [`Error::Io`], [`Error::Usage`] if a tile would pass 4 GiB.
+    fn finish(&mut self, batch: Batch, resolved: &mut Resolved, ends: &mut Ends) -> Result<()> {
+        let behind = std::mem::take(&mut self.behind);
+        let (taken, made) = rayon::join(
+            || behind.into_iter().try_for_each(|part| ends.take(part)),
+            || self.finish_all(&batch.jobs, &resolved.cells),
+        );
+        taken?;
+        let tiles = made?;
+        for (tile, _) in &tiles {
+            count_tile(resolved, tile)?;
+        }
+        self.behind = batch.into_parts(tiles);
+        Ok(())
+    }
+
+    /// Does what is left to be done to files.
+    fn end(&mut self, ends: &mut Ends) -> Result<()> {
+        let behind = std::mem::take(&mut self.behind);
+        behind.into_iter().try_for_each(|part| ends.take(part))
+    }
+
     fn finish_all(
         &self,
-        tiles: &[(&TileRecord, Vec<WrittenPiece>)],
-        ids: &IdsOfSlab,
+        jobs: &[Job],
+        cells: &RecordTable<ComponentRecord>,
     ) -> Result<Vec<(TileEntry, Vec<u8>)>> {
-        let known = self.cells_of(tiles, ids)?;
-        let finish = |buffers: &mut Buffers, (tile, pieces): &(&TileRecord, Vec<WrittenPiece>)| {
-            let ids: Vec<Ids> = pieces.iter().map(|p| ids.of(p)).collect();
-            let entry = self.finish_tile(tile, (pieces, &ids, &known), buffers)?;
+        let known = self.cells_of(jobs, cells)?;
+        let finish = |job: &Job| {
+            let thread = rayon::current_thread_index().unwrap_or_default();
+            let mut buffers = self.buffers[thread].lock().expect("no thread panicked");
+            let entry = self.finish_tile(job, (&known, cells), &mut buffers)?;
             let text = serde_json::to_vec(&entry).expect("plain data serialises");
             Ok((entry, text))
         };
         let threads = rayon::current_num_threads();
-        let records = tiles.iter().map(|(tile, _)| *tile);
+        let records = jobs.iter().map(|job| &job.tile);
         let together = match at_once(records, self.settings.memory, threads) {
             few if few < threads => few,
-            _ => tiles.len().max(1),
+            _ => jobs.len().max(1),
         };
-        let mut finished = Vec::with_capacity(tiles.len());
-        for tiles in tiles.chunks(together) {
-            let made = tiles.par_iter().map_init(Buffers::default, finish);
+        let mut finished = Vec::with_capacity(jobs.len());
+        for jobs in jobs.chunks(together) {
+            let made = jobs.par_iter().map(finish);
             finished.extend(made.collect::<Result<Vec<_>>>()?);
+            if together < threads {
+                // there is no memory for what each thread keeps
+                for buffers in &self.buffers {
+                    *buffers.lock().expect("no thread panicked") = Buffers::default();
+                }
+            }
         }
         Ok(finished)
     }
 
     /// The cells of some tiles by rising id, unless there are too many pieces. Most lie in several tiles.
-    fn cells_of(
-        &self,
-        tiles: &[(&TileRecord, Vec<WrittenPiece>)],
-        ids: &IdsOfSlab,
-    ) -> Result<Vec<Cell>> {
-        if tiles.iter().map(|(_, pieces)| pieces.len()).sum::<usize>() > KNOWN_PIECES {
+    fn cells_of(&self, jobs: &[Job], cells: &RecordTable<ComponentRecord>) -> Result<Vec<Cell>> {
+        if jobs.iter().map(|job| job.ids.len()).sum::<usize>() > KNOWN_PIECES {
             return Ok(Vec::new());
         }
-        let pieces = tiles.iter().flat_map(|(_, pieces)| pieces);
-        let all = pieces.map(|p| ids.of(p).cell);
-        let mut cells: Vec<u64> = all.filter(|&cell| cell != 0).collect();
-        cells.sort_unstable();
-        cells.dedup();
-        cells.into_par_iter().map(|id| self.cell(id)).collect()
+        let all = jobs.iter().flat_map(|job| &job.ids).map(|ids| ids.cell);
+        let mut all: Vec<u64> = all.filter(|&cell| cell != 0).collect();
+        all.sort_unstable();
+        all.dedup();
+        let all = all.into_par_iter();
+        all.map(|id| self.cell(cells, id)).collect()
     }
 
-    fn cell(&self, id: u64) -> Result<Cell> {
-        let record = self.cells.get(id - 1)?;
+    fn cell(&self, cells: &RecordTable<ComponentRecord>, id: u64) -> Result<Cell> {
+        let record = cells.get(id - 1)?;
         Ok(Cell {
             id,
             measures: Measures::of(&record, self.settings.placement, false),
@@ -304,8 +261,8 @@ impl Finisher<'_> {
 
     fn finish_tile(
         &self,
-        tile: &TileRecord,
-        (pieces, ids, known): (&[WrittenPiece], &[Ids], &[Cell]),
+        Job { tile, pieces, ids }: &Job,
+        cells: Cells,
         buffers: &mut Buffers,
     ) -> Result<TileEntry> {
         let body = Body {
@@ -317,7 +274,7 @@ impl Finisher<'_> {
         let grouped = groups.len() < pieces.len();
         let path = self.settings.dir.join(tile_path(tile.grid));
         if !grouped && self.settings.head.is_plain(groups.len()) {
-            let nodes = self.nodes(&body, &group_ids, known)?;
+            let nodes = self.nodes(&body, &group_ids, cells)?;
             let json = node_json(self.settings.head, &body, &nodes);
             let room = tile.room as usize;
             let head =
@@ -347,7 +304,7 @@ impl Finisher<'_> {
                 (bytes, crc.finalize()),
             ));
         }
-        self.rewrite_tile(tile, &body, (&groups, &group_ids, known), (&path, buffers))
+        self.rewrite_tile(tile, &body, (&groups, &group_ids, cells), (&path, buffers))
     }
 
     /// Writes a tile anew, beside the old one: pieces that turned out to be one are joined, the layout
@@ -356,7 +313,7 @@ impl Finisher<'_> {
         &self,
         tile: &TileRecord,
         body: &Body,
-        (groups, group_ids, known): (&[Vec<usize>], &[Ids], &[Cell]),
+        (groups, group_ids, cells): (&[Vec<usize>], &[Ids], Cells),
         (path, buffers): (&Path, &mut Buffers),
     ) -> Result<TileEntry> {
         let head = self.settings.head;
@@ -372,7 +329,7 @@ impl Finisher<'_> {
         } else {
             (Cow::Borrowed(body), Cow::Borrowed(&bytes[start..]))
         };
-        let nodes = self.nodes(&body, group_ids, known)?;
+        let nodes = self.nodes(&body, group_ids, cells)?;
         let low = |a: usize| self.settings.tiling.cubes(a, tile.grid[a]).start;
         let file = tile_file(head, std::array::from_fn(low), (&body, &bin), &nodes).map_err(
             |refused| match refused {
@@ -380,19 +337,22 @@ impl Finisher<'_> {
                 Refused::TooWide => too_wide(self.settings.tiling.macrocube),
             },
         )?;
-        drop(bin);
         let anew = self.settings.dir.join(anew_path(tile.grid));
         if let Some(dir) = anew.parent() {
             create_dir_all(dir).map_err(|e| Error::io(dir, "create the directory", e))?;
         }
-        let size_and_crc = (file.bytes.len() as u64, crc32fast::hash(&file.bytes));
-        write_anew(anew, &file.bytes, (self.settings.writers, &mut buffers.new))?;
+        let parts = [&file.head[..], &file.bin];
+        let mut crc = crc32fast::Hasher::new();
+        parts.iter().for_each(|part| crc.update(part));
+        let bytes = parts.iter().map(|part| part.len() as u64).sum();
+        let size_and_crc = (bytes, crc.finalize());
+        write_anew(anew, parts, (self.settings.writers, &mut buffers.new))?;
         let indices = Some(file.indices);
         Ok(entry(tile, &body, group_ids, indices, size_and_crc))
     }
 
     /// Names and numbers of a tile's pieces.
-    fn nodes(&self, body: &Body, ids: &[Ids], known: &[Cell]) -> Result<Vec<Node>> {
+    fn nodes(&self, body: &Body, ids: &[Ids], (known, cells): Cells) -> Result<Vec<Node>> {
         let unit = self.settings.placement.unit.name();
         ids.iter()
             .zip(&body.pieces)
@@ -415,7 +375,7 @@ impl Finisher<'_> {
                     }
                     let of_cell = match known.binary_search_by_key(&cell, |c| c.id) {
                         Ok(at) => known[at],
-                        Err(_) => self.cell(cell)?,
+                        Err(_) => self.cell(cells, cell)?,
                     };
                     Ok(Node {
                         name: name(cell, object, of_cell.has_surfaces),
@@ -477,21 +437,4 @@ fn entry(
             })
             .collect(),
     }
-}
-
-/// Pieces with the same ids, in the order of their first piece.
-fn group(ids: &[Ids]) -> (Vec<Vec<usize>>, Vec<Ids>) {
-    let mut groups: Vec<Vec<usize>> = Vec::new();
-    let mut group_ids = Vec::new();
-    let mut known: BTreeMap<Ids, usize> = BTreeMap::new();
-    for (piece, &id) in ids.iter().enumerate() {
-        let next = groups.len();
-        let at = *known.entry(id).or_insert(next);
-        if at == next {
-            groups.push(Vec::new());
-            group_ids.push(id);
-        }
-        groups[at].push(piece);
-    }
-    (groups, group_ids)
 }

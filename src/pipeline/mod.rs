@@ -2,6 +2,7 @@
 
 mod anew;
 mod band;
+mod batch;
 mod budget;
 mod dust;
 mod finish;

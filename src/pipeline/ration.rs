@@ -2,8 +2,8 @@
 
 use crate::pipeline::tilefile::TileRecord;
 
-/// Tiles whose pieces and entries are in memory at once.
-const TILES: usize = 64;
+/// Tiles that are finished together, so that their pieces and entries are in memory at once.
+const TILES: usize = 128;
 
 /// Bytes for each piece of these: as the sweep wrote it, its ids, and its group, also as JSON.
 const BYTES_PER_ENTRY: u64 = 400;
@@ -31,6 +31,12 @@ pub fn parts(tiles: &[TileRecord], memory: u64) -> Vec<&[TileRecord]> {
         rest = after;
     }
     parts
+}
+
+/// True if the entries of all these tiles take as much as those of a part may.
+pub fn fit_together<'a>(tiles: impl Iterator<Item = &'a TileRecord>, memory: u64) -> bool {
+    let (count, pieces) = tiles.fold((0, 0), |(n, p), t| (n + 1, p + u64::from(t.pieces)));
+    count <= TILES && pieces * BYTES_PER_ENTRY <= memory / 8
 }
 
 /// How many of these tiles, 1 to `threads`, can be finished at once in three quarters of `memory` bytes.
@@ -82,6 +88,7 @@ mod tests {
                 let bytes = |p: &[TileRecord]| of(p).iter().map(|&p| u64::from(p) * BYTES_PER_ENTRY).sum::<u64>();
                 prop_assert!((1..=TILES).contains(&part.len()));
                 prop_assert!(part.len() == 1 || bytes(part) <= memory / 8);
+                prop_assert_eq!(fit_together(part.iter(), memory), bytes(part) <= memory / 8);
                 // and none is smaller than it must be
                 if let Some(next) = parts.get(i + 1) {
                     prop_assert!(part.len() == TILES || bytes(part) + bytes(&next[..1]) > memory / 8);

@@ -2,6 +2,7 @@
 
 use crate::error::Result;
 use crate::measure::{ComponentRecord, RecordTable, SurfaceRecord, VoxelSums};
+use crate::pipeline::batch::IdsOfSlab;
 use crate::pipeline::forward::{Forward, SlabRecord};
 use crate::pipeline::spool::{Place, Spool};
 use crate::pipeline::surfaces::SlabSurface;
@@ -30,6 +31,21 @@ pub struct Resolved {
     pub cells: RecordTable<ComponentRecord>,
     /// Surfaces.
     pub surfaces: RecordTable<SurfaceRecord>,
+}
+
+impl Resolved {
+    /// The ids of a slab by its number.
+    ///
+    /// # Errors
+    /// [`crate::Error::Io`].
+    pub fn ids_of(&mut self, slab: usize) -> Result<IdsOfSlab> {
+        let places = &self.slabs[slab];
+        Ok(IdsOfSlab {
+            classes: self.ids.get(&places.classes)?,
+            surfaces: self.ids.get(&places.surfaces)?,
+            whole: self.ids.get(&places.whole)?,
+        })
+    }
 }
 
 /// The ids of the slab after the one in hand.

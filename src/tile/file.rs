@@ -4,14 +4,26 @@ use super::body::Body;
 use super::document::{Node, TileHead, node_document, write_head};
 use super::merged::merged_chunks;
 use super::store::{Geometry, Refused, Stored};
+use std::borrow::Cow;
 
 /// A tile's file.
 #[derive(Debug)]
-pub struct TileFile {
-    /// Its bytes.
-    pub bytes: Vec<u8>,
+pub struct TileFile<'a> {
+    /// What comes before the BIN chunk's data.
+    pub head: Vec<u8>,
+    /// That data.
+    pub bin: Cow<'a, [u8]>,
     /// Index entries in it.
     pub indices: u64,
+}
+
+impl TileFile<'_> {
+    /// Its bytes.
+    pub fn into_bytes(self) -> Vec<u8> {
+        let mut bytes = self.head;
+        bytes.extend_from_slice(&self.bin);
+        bytes
+    }
 }
 
 /// Writes the file of a tile whose macrocube has its lowest voxel at `low`: pieces as `body` and its
@@ -19,12 +31,12 @@ pub struct TileFile {
 ///
 /// # Errors
 /// [`Refused`] if the file would be too large or the vertices reach too far for the encoding.
-pub fn tile_file(
+pub fn tile_file<'a>(
     head: &TileHead,
     low: [u32; 3],
-    (body, bytes): (&Body, &[u8]),
+    (body, bytes): (&'a Body, &'a [u8]),
     nodes: &[Node],
-) -> Result<TileFile, Refused> {
+) -> Result<TileFile<'a>, Refused> {
     let geometry = Geometry { body, bytes };
     let (json, bin, indices) = if head.merges(nodes.len()) {
         let (json, bin, indices) = merged_chunks(head, low, geometry, nodes)?;
@@ -36,9 +48,8 @@ pub fn tile_file(
         (json, bin, indices)
     };
     let room = aligned(json.len(), 8);
-    let mut bytes = write_head(&json, room, bin.len() as u64).ok_or(Refused::TooLarge)?;
-    bytes.extend_from_slice(&bin);
-    Ok(TileFile { bytes, indices })
+    let head = write_head(&json, room, bin.len() as u64).ok_or(Refused::TooLarge)?;
+    Ok(TileFile { head, bin, indices })
 }
 
 /// The next length of a JSON chunk that puts the BIN chunk's data on a multiple of `step` bytes, in turn

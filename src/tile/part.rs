@@ -70,9 +70,9 @@ pub fn part(
     let (body, bin) = contents.body()?;
     match tile_file(&head, tile_at.low, (&body, &bin), &contents.nodes) {
         Ok(made) => Ok(Some(Part {
-            file: made.bytes,
-            pieces: measured,
             indices: made.indices,
+            file: made.into_bytes(),
+            pieces: measured,
         })),
         Err(refused) => refuse(refused),
     }

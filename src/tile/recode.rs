@@ -48,8 +48,8 @@ pub fn recode(
     let (body, bin) = contents.body()?;
     match tile_file(&head, at.low, (&body, &bin), &contents.nodes) {
         Ok(made) => Ok(Recoded {
-            file: made.bytes,
             indices: made.indices,
+            file: made.into_bytes(),
             strips,
         }),
         Err(refused) => refuse(refused),

@@ -1,0 +1,135 @@
+//! Tiles that are finished together, of a part of a layer or of several layers.
+
+use crate::error::Result;
+use crate::manifest::TileEntry;
+use crate::pipeline::ration::fit_together;
+use crate::pipeline::shards::Part;
+use crate::pipeline::spool::{Place, Spool};
+use crate::pipeline::surfaces::WHOLE;
+use crate::pipeline::tilefile::{TileRecord, WrittenPiece};
+use std::collections::BTreeMap;
+
+/// Pieces of some tiles whose cells are measured once for all of them, at most: 5 MB of measures.
+pub const KNOWN_PIECES: usize = 1 << 14;
+
+/// The ids of a piece.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, PartialOrd, Ord)]
+pub struct Ids {
+    /// The object.
+    pub object: u64,
+    /// The cell; 0 for a cap.
+    pub cell: u64,
+    /// The surface; 0 for a cap.
+    pub surface: u64,
+}
+
+/// Final ids in terms of a slab.
+pub struct IdsOfSlab {
+    /// See [`SlabIds`](crate::pipeline::resolve::SlabIds).
+    pub classes: Vec<u64>,
+    /// See there.
+    pub surfaces: Vec<u64>,
+    /// See there.
+    pub whole: Vec<u64>,
+}
+
+impl IdsOfSlab {
+    fn of(&self, p: &WrittenPiece) -> Ids {
+        let object = self.classes[p.object as usize];
+        if p.is_cap() {
+            return Ids {
+                object,
+                cell: 0,
+                surface: 0,
+            };
+        }
+        let surface = match p.surface & WHOLE {
+            0 => self.surfaces[p.surface as usize],
+            _ => self.whole[(p.surface & !WHOLE) as usize],
+        };
+        Ids {
+            object,
+            cell: self.classes[p.cell as usize],
+            surface,
+        }
+    }
+}
+
+/// A tile to finish.
+pub struct Job {
+    /// The tile.
+    pub tile: TileRecord,
+    /// Its pieces.
+    pub pieces: Vec<WrittenPiece>,
+    /// The ids of each.
+    pub ids: Vec<Ids>,
+}
+
+/// Some tiles, layer by layer.
+#[derive(Default)]
+pub struct Batch {
+    /// The tiles.
+    pub jobs: Vec<Job>,
+    /// Layers, how many tiles of each, and whether none is left.
+    layers: Vec<(u32, usize, bool)>,
+}
+
+impl Batch {
+    /// True if these tiles can be added: a batch may have any others if it has none.
+    pub fn has_room(&self, tiles: &[TileRecord], memory: u64) -> bool {
+        if self.jobs.is_empty() {
+            return true;
+        }
+        let all = || self.jobs.iter().map(|job| &job.tile).chain(tiles);
+        let pieces = all().map(|tile| tile.pieces as usize).sum::<usize>();
+        pieces <= KNOWN_PIECES && fit_together(all(), memory)
+    }
+
+    /// Adds tiles of a layer, `last` if these are the last ones of it.
+    ///
+    /// # Errors
+    /// [`crate::Error::Io`].
+    pub fn add(
+        &mut self,
+        (layer, last): (u32, bool),
+        tiles: &[TileRecord],
+        (ids, spool): (&IdsOfSlab, &mut Spool),
+    ) -> Result<()> {
+        for &tile in tiles {
+            let place = Place::new(tile.pieces_at, tile.pieces as usize);
+            let pieces = spool.get::<WrittenPiece>(&place)?;
+            let ids = pieces.iter().map(|p| ids.of(p)).collect();
+            self.jobs.push(Job { tile, pieces, ids });
+        }
+        self.layers.push((layer, tiles.len(), last));
+        Ok(())
+    }
+
+    /// What was made of the tiles, in their order, layer by layer.
+    pub fn into_parts(self, tiles: Vec<(TileEntry, Vec<u8>)>) -> Vec<Part> {
+        let mut tiles = tiles.into_iter();
+        let part = |(layer, count, last)| Part {
+            layer,
+            tiles: tiles.by_ref().take(count).collect(),
+            last,
+        };
+        self.layers.into_iter().map(part).collect()
+    }
+}
+
+/// Pieces with the same ids, in the order of their first piece.
+pub fn group(ids: &[Ids]) -> (Vec<Vec<usize>>, Vec<Ids>) {
+    let mut groups: Vec<Vec<usize>> = Vec::new();
+    let mut group_ids = Vec::new();
+    let mut known: BTreeMap<Ids, usize> = BTreeMap::new();
+    for (piece, &id) in ids.iter().enumerate() {
+        let next = groups.len();
+        let at = *known.entry(id).or_insert(next);
+        if at == next {
+            groups.push(Vec::new());
+            group_ids.push(id);
+        }
+        groups[at].push(piece);
+    }
+    (groups, group_ids)
+}
