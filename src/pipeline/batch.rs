@@ -133,3 +133,98 @@ pub fn group(ids: &[Ids]) -> (Vec<Vec<usize>>, Vec<Ids>) {
     }
     (groups, group_ids)
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::manifest::Bounds;
+    use bytemuck::Zeroable;
+
+    fn tiles(count: u32, pieces: u32) -> Vec<TileRecord> {
+        let tile = |x| {
+            let mut tile = TileRecord::zeroed();
+            (tile.grid[0], tile.pieces) = (x, pieces);
+            tile
+        };
+        (0..count).map(tile).collect()
+    }
+
+    fn batch(parts: &[(u32, bool, &[TileRecord])]) -> Batch {
+        let dir = tempfile::tempdir().unwrap();
+        let mut spool = Spool::new(dir.path()).unwrap();
+        spool.push(&[WrittenPiece::zeroed(); 64]).unwrap();
+        let ids = IdsOfSlab {
+            classes: vec![3],
+            surfaces: vec![5],
+            whole: Vec::new(),
+        };
+        let mut batch = Batch::default();
+        for &(layer, last, tiles) in parts {
+            batch.add((layer, last), tiles, (&ids, &mut spool)).unwrap();
+        }
+        batch
+    }
+
+    #[test]
+    fn layers_get_back_what_was_made_of_their_tiles() {
+        let (some, others) = (tiles(3, 2), tiles(2, 1));
+        let all: [(u32, bool, &[TileRecord]); 4] = [
+            (4, true, &some[2..]),
+            (5, true, &[]),
+            (6, false, &others),
+            (6, true, &some[..1]),
+        ];
+        let batch = batch(&all);
+        let ids = Ids {
+            object: 3,
+            cell: 3,
+            surface: 5,
+        };
+        assert!(batch.jobs.iter().all(|job| {
+            job.pieces.len() == job.tile.pieces as usize && job.ids == vec![ids; job.pieces.len()]
+        }));
+        let made = batch.jobs.iter().enumerate().map(|(i, job)| {
+            let entry = TileEntry {
+                path: String::new(),
+                grid: job.tile.grid,
+                bounds: Bounds {
+                    min: [0.0; 3],
+                    max: [0.0; 3],
+                },
+                vertices: 0,
+                triangles: 0,
+                strips: 0,
+                indices: 0,
+                bytes: 0,
+                checksum: String::new(),
+                groups: Vec::new(),
+            };
+            (entry, vec![i as u8])
+        });
+        let parts = made.collect();
+        let parts = batch.into_parts(parts);
+        assert_eq!(parts.len(), all.len());
+        let mut next = 0;
+        for (part, (layer, last, tiles)) in parts.iter().zip(all) {
+            assert_eq!((part.layer, part.last), (layer, last));
+            assert_eq!(part.tiles.len(), tiles.len());
+            for ((entry, text), tile) in part.tiles.iter().zip(tiles) {
+                assert_eq!((entry.grid, text), (tile.grid, &vec![next]));
+                next += 1;
+            }
+        }
+    }
+
+    #[test]
+    fn a_batch_takes_what_fits_and_whatever_comes_first() {
+        let large = tiles(1, KNOWN_PIECES as u32 + 1);
+        let small = tiles(100, 1);
+        let empty = batch(&[(0, true, &[])]);
+        assert!(empty.has_room(&large, 0));
+        let begun = batch(&[(0, true, &small[..1])]);
+        assert!(begun.has_room(&small, 1 << 30));
+        assert!(!begun.has_room(&small, 1 << 10));
+        assert!(!begun.has_room(&large, 1 << 30));
+        assert!(!begun.has_room(&tiles(128, 1), 1 << 30));
+    }
+}
