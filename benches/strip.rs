@@ -14,7 +14,6 @@ mod strip;
 mod unchecked;
 
 use std::collections::HashMap;
-use std::ops::Range;
 use std::time::Instant;
 use strip::{STRIDE, Triangle};
 
@@ -96,8 +95,8 @@ fn read_table() -> Option<Table> {
     serde_json::from_value(json["tris"].clone()).ok()
 }
 
-/// The pieces of each macrocube; a triangle is given by its vertices' lattice edges.
-fn pieces(volume: &[f32], n: usize, table: &Table) -> Vec<Vec<Piece>> {
+/// The pieces of all macrocubes; a triangle is given by its vertices' lattice edges.
+fn pieces(volume: &[f32], n: usize, table: &Table) -> Vec<Piece> {
     let tiles = (n - 1).div_ceil(MACROCUBE);
     let range = |t: usize| t * MACROCUBE..((t + 1) * MACROCUBE).min(n - 1);
     let mut out = Vec::new();
@@ -117,9 +116,7 @@ fn pieces(volume: &[f32], n: usize, table: &Table) -> Vec<Vec<Piece>> {
                 }
             }
         }
-        let mut tile = Vec::new();
-        split(&triangles, &mut tile);
-        out.push(tile);
+        split(&triangles, &mut out);
     }
     out
 }
@@ -164,36 +161,28 @@ fn split(triangles: &[[u64; 3]], out: &mut Vec<Piece>) {
         };
         for (&t, &[a, b, c]) in members.iter().zip(&piece.triangles) {
             let h = 3 * t;
-            piece.connected.push(Triangle {
-                mates: [across(h), across(h + 1), across(h + 2), 0],
-                corners: [a, b, c, 0],
-            });
+            let mates = [across(h), across(h + 1), across(h + 2)];
+            piece.connected.push(Triangle::new([a, b, c], mates));
         }
         out.push(piece);
     }
 }
 
-/// Runs one way over all tiles and prints what it makes of them: entries, and where those of each piece are.
-/// Every run goes through all tiles, so that neither caches nor branch predictors know one from its last run.
-fn measure(
-    name: &str,
-    tiles: &[Vec<Piece>],
-    mut way: impl FnMut(&[Piece], &mut Vec<u32>) -> Vec<Range<usize>>,
-) {
+/// Runs one way over all pieces and prints what it makes of them. Every run goes through all pieces, so that
+/// neither caches nor branch predictors know one from its last run.
+fn measure(name: &str, pieces: &mut [Piece], mut way: impl FnMut(&mut Piece, &mut Vec<u32>)) {
     let mut out = Vec::new();
-    let mut best = vec![f64::MAX; tiles.len()];
+    let mut best = vec![f64::MAX; pieces.len()];
     let (mut entries, mut triangles) = (0, 0);
     for run in 0..RUNS {
-        for (tile, best) in tiles.iter().zip(&mut best) {
+        for (piece, best) in pieces.iter_mut().zip(&mut best) {
             out.clear();
             let start = Instant::now();
-            let strips = way(tile, &mut out);
+            way(piece, &mut out);
             *best = best.min(start.elapsed().as_secs_f64());
             if run == 0 {
-                for (piece, strip) in tile.iter().zip(strips) {
-                    assert_eq!(strip::unstrip(&out[strip]).len(), piece.triangles.len());
-                    triangles += piece.triangles.len();
-                }
+                assert_eq!(strip::unstrip(&out).len(), piece.triangles.len());
+                triangles += piece.triangles.len();
                 entries += out.len();
             }
         }
@@ -206,18 +195,6 @@ fn measure(
     );
 }
 
-/// The same for a way that takes one piece.
-fn measure_single(name: &str, tiles: &[Vec<Piece>], mut way: impl FnMut(&Piece, &mut Vec<u32>)) {
-    measure(name, tiles, |tile, out| {
-        let strip = |piece| {
-            let start = out.len();
-            way(piece, out);
-            start..out.len()
-        };
-        tile.iter().map(strip).collect()
-    });
-}
-
 fn main() {
     let numbers: Vec<f32> = std::env::args().filter_map(|a| a.parse().ok()).collect();
     let n = numbers.first().map_or(193, |&n| n as usize).max(2);
@@ -226,28 +203,23 @@ fn main() {
         println!("skipped: no topology/mc_table_sep_6_18.json below ALVIS_DATA");
         return;
     };
-    let tiles = pieces(&foam(n, noise), n, &table);
-    let triangles: usize = tiles.iter().flatten().map(|p| p.triangles.len()).sum();
+    let mut pieces = pieces(&foam(n, noise), n, &table);
+    let triangles: usize = pieces.iter().map(|p| p.triangles.len()).sum();
     println!(
         "{n}^3 voxels, noise {noise}: {triangles} triangles in {} pieces",
-        tiles.iter().flatten().count()
+        pieces.len()
     );
     let mut stripifier = strip::Stripifier::default();
-    measure("alvis", &tiles, |tile, out| {
-        let pieces: Vec<_> = tile.iter().map(|p| &p.connected[..]).collect();
-        let (stitched, entries) = stripifier.stripify_all(&pieces);
-        out.extend_from_slice(entries);
-        stitched.into_iter().map(|s| s.entries).collect()
-    });
-    measure_single("alvis, piece by piece", &tiles, |piece, out| {
-        stripifier.stripify(&piece.connected, out);
+    measure("alvis", &mut pieces, |piece, out| {
+        stripifier.stripify(&mut piece.connected, out);
     });
     // restart index 0 asks for degenerates; the optimised order is what its manual tells to give it
-    measure_single("meshopt stripify", &tiles, |piece, out| {
+    measure("meshopt stripify", &mut pieces, |piece, out| {
         let indices = piece.triangles.as_flattened();
         out.extend(meshopt::stripify(indices, piece.vertices, 0).expect("a strip"));
     });
-    measure_single("meshopt vertex cache + stripify", &tiles, |piece, out| {
+    let name = "meshopt vertex cache + stripify";
+    measure(name, &mut pieces, |piece, out| {
         let indices = piece.triangles.as_flattened();
         let ordered = meshopt::optimize_vertex_cache_strip(indices, piece.vertices);
         out.extend(meshopt::stripify(&ordered, piece.vertices, 0).expect("a strip"));

@@ -143,10 +143,17 @@ impl Kernels {
     /// Triangles to strips; returns the number of index entries.
     #[inline(never)]
     pub fn strips(&mut self) -> usize {
-        let mut entries = 0;
-        for mesh in &self.meshes {
-            let pieces: Vec<_> = mesh.pieces.iter().map(|p| mesh.piece(p)).collect();
-            entries += self.stripifier.stripify_all(&pieces).1.len();
+        let (mut entries, mut strip) = (0, Vec::new());
+        for TileMesh {
+            pieces, triangles, ..
+        } in &mut self.meshes
+        {
+            for piece in pieces {
+                strip.clear();
+                self.stripifier
+                    .stripify(&mut triangles[piece.faces()], &mut strip);
+                entries += strip.len();
+            }
         }
         entries
     }

@@ -1,6 +1,6 @@
 //! The neighbours of triangles that come as a plain list.
 
-use crate::strip::{STRIDE, Triangle};
+use crate::strip::{NONE, STRIDE, Triangle};
 
 /// Listed triangles as those of a piece, behind the element that stands for none. Edges are neighbours
 /// where exactly two run between the same vertices, and run opposite ways.
@@ -9,7 +9,7 @@ pub fn connect(triangles: &[[u32; 3]]) -> Vec<Triangle> {
     // half-edges by their ends, the smaller first: mates are neighbours then
     let mut edges: Vec<([u32; 2], bool, u32)> = Vec::with_capacity(3 * triangles.len());
     for (t, corners) in triangles.iter().enumerate() {
-        piece[t + 1].corners[..3].copy_from_slice(corners);
+        piece[t + 1] = Triangle::new(*corners, [NONE; 3]);
         for e in 0..3 {
             let (a, b) = (corners[e], corners[(e + 1) % 3]);
             let half_edge = STRIDE * (t as u32 + 1) + e as u32;

@@ -17,7 +17,7 @@ use crate::mesh::edges::{Edges, below};
 use crate::mesh::pieces::{Piece, Sheets};
 use crate::mesh::table::{Across, Case, EDGE_LOWER, MAX_TRIANGLES, cases, edge_axis};
 use crate::mesh::tile::{TileBox, TileMesh};
-use crate::strip::{CORNERS, NONE, STRIDE};
+use crate::strip::{APEXES, NONE, STRIDE};
 use crate::unchecked::{Unchecked, UncheckedMut};
 use std::sync::LazyLock;
 
@@ -178,7 +178,7 @@ pub struct Cut<'a> {
 struct Faces<'a> {
     pieces: &'a mut [Piece],
     cursors: UncheckedMut<'a, Cursor>,
-    /// The triangles' numbers: by half-edge of the tile its mate, and behind it its first corner.
+    /// The triangles' numbers: by half-edge of the tile its mate, and [`APEXES`] behind it the corner off it.
     triangles: UncheckedMut<'a, u32>,
 }
 
@@ -370,8 +370,8 @@ fn write_simple(
         ($t:expr) => {{
             let t: usize = $t;
             let [a, b, c, _] = plan.corners[t];
-            let corners = [vertex(a), vertex(b), vertex(c)];
-            out.triangles.put(N * (at + t) + CORNERS as usize, corners);
+            let apexes = [vertex(c), vertex(a), vertex(b)];
+            out.triangles.put(N * (at + t) + APEXES as usize, apexes);
             let across = plan.inside[t].map(|mate| match u32::from(mate) {
                 0 => NONE,
                 mate => before + mate,
@@ -424,7 +424,7 @@ impl Cube<'_> {
             let vertex = |e: usize| sheets.vertex_of.at(number(case.edges[t][e]));
             let [a, b, c] = [0, 1, 2].map(vertex);
             out.triangles
-                .put(N * at, [NONE, NONE, NONE, NONE, a, b, c, 0]);
+                .put(N * at, [NONE, NONE, NONE, NONE, NONE, c, a, b]);
             for e in 0..3 {
                 let half_edge = STRIDE * triangles[t] + e as u32;
                 let mut link = |from: u32, to: u32| {

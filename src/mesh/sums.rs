@@ -119,7 +119,7 @@ impl Sums {
     fn add(&mut self, faces: &Lanes<Triangle>, vertices: Unchecked<[f32; 3]>, area: &AreaScale) {
         let [mut a, mut b, mut c] = [[[0.0; LANES]; 3]; 3];
         for (i, face) in faces.iter().enumerate() {
-            let [p, q, r, _] = face.corners;
+            let [p, q, r] = face.corners();
             for (corner, vertex) in [(&mut a, p), (&mut b, q), (&mut c, r)] {
                 let [x, y, z] = vertices.at(vertex as usize);
                 (corner[0][i], corner[1][i], corner[2][i]) = (x, y, z);
@@ -175,17 +175,17 @@ mod tests {
             piece.vertices = (positions.len() - first) as u32;
             piece.first_triangle = skipped as u32;
             piece.triangles = picks.len() as u32;
-            let none = Triangle { mates: [u32::MAX; 4], corners: [u32::MAX; 4] };
-            let mut triangles = vec![none; skipped + 1];
+            let none = [u32::MAX; 3];
+            let mut triangles = vec![Triangle::new(none, none); skipped + 1];
             triangles.extend(picks.iter().map(|p| {
                 let [a, b, c] = p.map(|i| i.index(positions.len() - first) as u32);
-                Triangle { corners: [a, b, c, u32::MAX], ..none }
+                Triangle::new([a, b, c], none)
             }));
             let area = AreaScale::new(spacing);
             sum_pieces(std::slice::from_mut(&mut piece), &voxels, &triangles, &area);
             let (mut volume6, mut twice_area) = (0i128, 0u128);
-            for Triangle { corners: [a, b, c, _], .. } in &triangles[skipped + 1..] {
-                let [a, b, c] = [a, b, c].map(|&i| glam::I64Vec3::from(positions[first + i as usize].map(i64::from)));
+            for triangle in &triangles[skipped + 1..] {
+                let [a, b, c] = triangle.corners().map(|i| glam::I64Vec3::from(positions[first + i as usize].map(i64::from)));
                 volume6 += i128::from(a.dot(b.cross(c)));
                 let n = (b - a).cross(c - a).to_array().map(|v| v as f32);
                 twice_area += area.twice_area(n) as u128;

@@ -247,7 +247,7 @@ impl Case {
                     piece: *piece,
                     triangles: mesh.piece(piece)[1..]
                         .iter()
-                        .map(|t| canonical(t.three().map(vertex)))
+                        .map(|t| canonical(t.corners().map(vertex)))
                         .collect(),
                 });
             }
@@ -260,7 +260,7 @@ impl Case {
 fn check_mates(mesh: &TileMesh) {
     for piece in &mesh.pieces {
         let made = &mesh.piece(piece)[1..];
-        let triangles: Vec<_> = made.iter().map(Numbered::three).collect();
+        let triangles: Vec<_> = made.iter().map(Numbered::corners).collect();
         let mut all = HashMap::new();
         for (t, corners) in triangles.iter().enumerate() {
             for e in 0..3 {
@@ -275,10 +275,7 @@ fn check_mates(mesh: &TileMesh) {
                 assert_eq!(made.mates[e], all.get(&reverse).copied().unwrap_or(NONE));
             }
         }
-        assert_eq!(
-            without_fourth(&connect(&triangles)[1..]),
-            without_fourth(made)
-        );
+        assert_eq!(numbers(&connect(&triangles)[1..]), numbers(made));
     }
 }
 
@@ -289,15 +286,13 @@ fn assert_same(mesh: &TileMesh, reference: &TileMesh) {
         assert_eq!(a.faces(), b.faces());
         assert_eq!(a.sums, b.sums);
         let [a, b] = [mesh.piece(a), reference.piece(b)];
-        assert_eq!(without_fourth(&a[1..]), without_fourth(&b[1..]));
+        assert_eq!(numbers(&a[1..]), numbers(&b[1..]));
     }
 }
 
 /// Corners and mates.
-fn without_fourth(triangles: &[Numbered]) -> Vec<[[u32; 3]; 2]> {
-    let both = triangles.iter().map(|t| [t.corners, t.mates]);
-    both.map(|numbers| numbers.map(|[a, b, c, _]| [a, b, c]))
-        .collect()
+fn numbers(triangles: &[Numbered]) -> Vec<[[u32; 3]; 2]> {
+    triangles.iter().map(|t| [t.corners(), t.mates]).collect()
 }
 
 fn cases() -> impl Strategy<Value = Case> {

@@ -171,6 +171,7 @@ impl TileMesh {
     }
 
     /// The triangles of a piece behind the one that stands for none.
+    #[cfg(test)]
     pub fn piece(&self, piece: &Piece) -> &[Triangle] {
         &self.triangles[piece.faces()]
     }

@@ -3,8 +3,10 @@
 //! A path begins at a triangle with fewest free neighbours, goes to the neighbour with fewest free ones and
 //! so on, to the one without a swap on a tie; then on from the first triangle's other side.
 
+use super::starts::Starts;
 use super::triangle::{Triangle, Triangles, after, count_mates, half_edge, triangle};
-use super::walk::{At, Ground, NO_TRIANGLE, Turn, USED, count_down};
+use super::walk::{Ground, NO_TRIANGLE, Turn, USED, count_down};
+use crate::unchecked::UncheckedMut;
 
 /// A path over triangles.
 #[derive(Debug, Clone, Copy)]
@@ -33,7 +35,7 @@ impl Path<'_> {
     /// The triangles between the first and the last: the corner off the edge over which each is entered, and
     /// whether it is left over the edge after that or over the one before.
     #[inline(always)]
-    pub(super) fn steps(&self) -> impl Iterator<Item = (u32, bool)> {
+    pub(super) fn steps(&self) -> impl DoubleEndedIterator<Item = (u32, bool)> {
         let all = self.triangles;
         let (back, start) = self.back;
         // on the way back it is entered over the edge by which it is left, and turned the other way
@@ -48,7 +50,7 @@ impl Path<'_> {
     }
 }
 
-/// Finds the paths of a piece, one after the other.
+/// Finds paths; holds scratch that is kept from piece to piece.
 #[derive(Debug, Default)]
 pub(super) struct Greedy {
     /// Per triangle the number of neighbours not yet in a strip, with [`USED`] once it is in one.
@@ -58,84 +60,20 @@ pub(super) struct Greedy {
     cursor: usize,
     /// Turns from a path's start on, then those back from it.
     turns: Vec<Turn>,
-    /// Where its walk is.
-    at: At,
-    path: Open,
 }
 
-/// A path in the making.
-#[derive(Debug, Clone, Copy, Default)]
-struct Open {
-    /// Half-edge over which the walk ahead left the first triangle.
-    exit: u32,
-    /// Another one to a neighbour that was free.
-    back: Option<u32>,
-    /// Once the walk ahead has ended: its turns, and the half-edge by which its last triangle is entered.
-    ahead: Option<(usize, u32)>,
-}
-
-/// Stacks of triangles with 0, 1 and 2 free neighbours. Entries go stale when the number falls; every
-/// unused triangle with that number is in its stack.
-///
-/// One array holds them: a number only falls, so no triangle is twice in a stack. Its first element takes
-/// what belongs to none, each on top of the one before, since whether there is anything to push cannot
-/// be foretold and a branch on it costs more than the push.
-#[derive(Debug)]
-pub(super) struct Starts {
-    entries: Vec<u32>,
-    /// Where each stack begins behind that element: all have the same room.
-    room: usize,
-    /// By number where its stack ends; the first element for those without one.
-    end: [usize; 256],
-}
-
-impl Default for Starts {
-    fn default() -> Self {
-        Starts {
-            entries: Vec::new(),
-            room: 0,
-            end: [0; 256],
-        }
-    }
-}
-
-impl Starts {
-    fn reset(&mut self, triangles: usize) {
-        self.room = triangles;
-        if self.entries.len() < 3 * triangles + 1 {
-            self.entries.resize(3 * triangles + 1, 0);
-        }
-        for stack in 0..3 {
-            self.end[stack] = 1 + stack * triangles;
-        }
-    }
-
-    #[inline(always)]
-    pub(super) fn push(&mut self, free: u8, t: u32) {
-        let end = &mut self.end[usize::from(free)];
-        self.entries[*end] = t;
-        *end += usize::from(free < 3);
-    }
-
-    /// The triangle pushed last that still has as few free neighbours as when it was pushed.
-    fn pop(&mut self, free: &[u8]) -> Option<u32> {
-        for (stack, end) in self.end[..3].iter_mut().enumerate() {
-            let start = 1 + stack * self.room;
-            let entries = &self.entries[start..*end];
-            let live = |t: &u32| usize::from(free[*t as usize]) == stack;
-            let found = entries.iter().rposition(live);
-            *end = start + found.unwrap_or(0);
-            if let Some(at) = found {
-                return Some(entries[at]);
-            }
-        }
-        None
-    }
+/// The paths of a piece, one after the other.
+pub(super) struct Paths<'a> {
+    triangles: Triangles<'a>,
+    greedy: &'a mut Greedy,
 }
 
 impl Greedy {
-    /// Begins with a piece.
-    pub(super) fn take(&mut self, piece: &[Triangle]) {
+    /// The paths of a piece, whose mates it repeats.
+    ///
+    /// # Panics
+    /// If a mate is no half-edge of the piece.
+    pub(super) fn paths<'a>(&'a mut self, piece: &'a mut [Triangle]) -> Paths<'a> {
         let triangles = piece.len();
         count_mates(piece, &mut self.free);
         self.starts.reset(triangles);
@@ -156,68 +94,11 @@ impl Greedy {
         if self.turns.len() < triangles {
             self.turns.resize(triangles, Turn::default());
         }
-    }
-
-    /// Begins the next path; returns whether it has more than one triangle, and so is to be walked.
-    pub(super) fn begin(&mut self, piece: Triangles) -> Option<bool> {
-        let t = self.start()?;
-        let [exit, back] = self.exits(t, piece);
-        self.path = Open {
-            exit: exit.unwrap_or(half_edge(t)),
-            back,
-            ahead: None,
-        };
-        self.at = At {
-            entry: piece.mate(self.path.exit),
-            turned_left: 0,
-            turns: 0,
-        };
-        Some(exit.is_some())
-    }
-
-    /// What the walk goes over, and where it is.
-    ///
-    /// # Safety
-    /// `piece` is the one that was taken.
-    pub(super) unsafe fn ground<'a>(
-        &'a mut self,
-        piece: Triangles<'a>,
-    ) -> (Ground<'a>, &'a mut At) {
-        let turns = &mut self.turns[..self.free.len()];
-        // SAFETY: mates are half-edges of the piece, as was asserted when it was taken, so their triangles are
-        // inside, and have a count; and every walk begins at a mate
-        let ground = unsafe { Ground::new(piece.0, &mut self.free, &mut self.starts, turns) };
-        (ground, &mut self.at)
-    }
-
-    /// After the end of a walk: begins the one from the first triangle's other side, if there is one.
-    pub(super) fn turn_back(&mut self, piece: Triangles) -> bool {
-        if self.path.ahead.is_some() {
-            return false;
-        }
-        self.path.ahead = Some((self.at.turns, self.at.entry));
-        let is_free = |&h: &u32| self.free[triangle(piece.mate(h)) as usize] < USED;
-        self.path.back = self.path.back.filter(is_free);
-        let Some(back) = self.path.back else {
-            return false;
-        };
-        self.at.entry = piece.mate(back);
-        self.at.turned_left = u8::from(after(self.path.exit) == back);
-        true
-    }
-
-    /// The path, after its walks.
-    pub(super) fn path<'a>(&'a self, triangles: Triangles<'a>) -> Path<'a> {
-        let Open { exit, back, ahead } = self.path;
-        let (turns, end) = ahead.unzip();
-        let (ahead, rest) = self.turns.split_at(turns.unwrap_or(0));
-        Path {
-            triangles,
-            exit: if back.is_some() { self.at.entry } else { exit },
-            back: (&rest[..self.at.turns - ahead.len()], back),
-            ahead,
-            from: exit,
-            end,
+        Paths {
+            // SAFETY: mates are half-edges of the piece, as was asserted, and nothing is asked for but at
+            // these and at those of triangles that have a count
+            triangles: unsafe { Triangles::new(piece) },
+            greedy: self,
         }
     }
 
@@ -225,8 +106,13 @@ impl Greedy {
         if let Some(t) = self.starts.pop(&self.free) {
             return Some(t);
         }
-        let unused = self.free[self.cursor..].iter().position(|f| f & USED == 0);
-        self.cursor += unused?;
+        let all_used = u64::from_ne_bytes([USED; 8]);
+        let (eights, _) = self.free[self.cursor..].as_chunks();
+        let is_free = |&eight: &[u8; 8]| u64::from_ne_bytes(eight) & all_used != all_used;
+        let used = eights.iter().position(is_free);
+        self.cursor += 8 * used.unwrap_or(eights.len());
+        let used = self.free[self.cursor..].iter().position(|&f| f < USED);
+        self.cursor += used?;
         Some(self.cursor as u32)
     }
 
@@ -247,5 +133,52 @@ impl Greedy {
         }
         self.free[0] = NO_TRIANGLE;
         exits.map(|(_, h)| h)
+    }
+}
+
+impl Paths<'_> {
+    /// Finds the next one.
+    pub(super) fn next(&mut self) -> Option<Path<'_>> {
+        let triangles = self.triangles;
+        let t = self.greedy.start()?;
+        let [exit, back] = self.greedy.exits(t, triangles);
+        let Some(exit) = exit else {
+            return Some(Path {
+                triangles,
+                exit: half_edge(t),
+                back: (&[], None),
+                ahead: &[],
+                from: half_edge(t),
+                end: None,
+            });
+        };
+        let (ahead, end) = self.ground().walk(triangles.mate(exit), false, 0);
+        let is_free = |&h: &u32| self.greedy.free[triangle(triangles.mate(h)) as usize] < USED;
+        let back = back.filter(is_free);
+        let other_end = back.map(|back| {
+            let turned_left = after(exit) == back;
+            self.ground().walk(triangles.mate(back), turned_left, ahead)
+        });
+        let (turns, first) = other_end.unwrap_or((ahead, exit));
+        let (ahead, rest) = self.greedy.turns.split_at(ahead);
+        Some(Path {
+            triangles,
+            exit: first,
+            back: (&rest[..turns - ahead.len()], back),
+            ahead,
+            from: exit,
+            end: Some(end),
+        })
+    }
+
+    fn ground(&mut self) -> Ground<'_> {
+        let greedy = &mut *self.greedy;
+        Ground {
+            triangles: self.triangles,
+            // SAFETY: every triangle has a count
+            free: unsafe { UncheckedMut::new(&mut greedy.free) },
+            starts: &mut greedy.starts,
+            turns: &mut greedy.turns,
+        }
     }
 }

@@ -18,7 +18,7 @@
 //! 1. `triangle`: what a walk needs of each triangle, side by side.
 //! 2. `greedy`: paths from triangles with fewest free neighbours, on to the neighbour with fewest, on
 //!    ties without a swap, and from the start to its other side.
-//! 3. `walk`: the steps of that, for two pieces in turns.
+//! 3. `walk`: the steps of that.
 //! 4. `write`: each path to a strip, and the strips to one.
 //!
 //! # What was tried
@@ -47,130 +47,56 @@
 //! |---|---|
 //! | corners and mates apart, piece by piece | 11.8 |
 //! | side by side, and no branch but at the end, for half of the turns cannot be foretold | 12.3 |
-//! | and two pieces in turns, large ones first (chosen) | 10.3 |
+//! | and two pieces in turns, large ones first | 10.0 |
+//! | piece by piece, what is across both neighbours loaded before the choice, places by adding (chosen) | 8.6 |
 //!
-//! A whole conversion, where memory is slower than in the benchmark, takes about 5 % less.
+//! To load for both pays only with the first two mates repeated, so that places need no counting in threes;
+//! with that, two pieces in turns take 2 % less, which is not worth it.
 //!
 //! Not worth it: a swap only where the other neighbour has two free ones (-0.001); strips that start at the
 //! vertex where the one before ends, for hardly a triangle is free there (-0.0004); choosing the neighbour by
 //! a table over the free exits of both (-0.007 after hill climbing over all 256 contexts). Writing entries
-//! while walking, without turns between, took the same time, and so did triangles copied to numbers of 16 bits,
-//! and mates that stand twice, so that the next edge and the one before need no counting in threes.
+//! while walking, without turns between, took the same time, and so did triangles copied to numbers of 16 bits.
 
 mod greedy;
-mod lane;
+mod starts;
 #[cfg(test)]
 mod tests;
 mod triangle;
 mod walk;
 mod write;
 
-pub use triangle::{CORNERS, NONE, STRIDE, Triangle};
+pub use triangle::{APEXES, NONE, STRIDE, Triangle};
 
-use lane::{Lane, Scratch};
-use std::cmp::Reverse;
-use std::ops::Range;
-
-/// A stitched strip.
-#[derive(Debug, Clone, Default, PartialEq, Eq)]
-pub struct Stitched {
-    /// Where its entries are.
-    pub entries: Range<usize>,
-    /// The number of strips joined in it.
-    pub strips: usize,
-}
+use greedy::Greedy;
+use write::Stitcher;
 
 /// Makes strips; holds scratch that is cleared for each piece and never given back.
 #[derive(Debug, Default)]
 pub struct Stripifier {
-    lanes: [Scratch; 2],
-    entries: Vec<u32>,
+    greedy: Greedy,
+    stitcher: Stitcher,
 }
 
 impl Stripifier {
     /// Appends one stitched strip for a piece to `out`; returns the number of strips joined in it.
     ///
     /// The appended part is a whole strip: its first entry counts as even, whatever stands before. Linear in
-    /// time and memory, and always the same for the same triangles.
+    /// time and memory, and always the same for the same triangles. What is written to the piece is of no
+    /// meaning to others.
     ///
     /// # Panics
     /// If a mate is no half-edge of the piece.
-    pub fn stripify(&mut self, piece: &[Triangle], out: &mut Vec<u32>) -> usize {
-        let (stitched, entries) = self.stripify_all(&[piece]);
-        out.extend_from_slice(entries);
-        stitched[0].strips
-    }
-
-    /// Makes a stitched strip for each of several pieces, in less time than for one after the other. Returns
-    /// all entries, and where each piece has its own: they lie in another order than the pieces.
-    ///
-    /// # Panics
-    /// As [`Stripifier::stripify`].
-    pub fn stripify_all(&mut self, pieces: &[&[Triangle]]) -> (Vec<Stitched>, &[u32]) {
-        self.entries.clear();
-        let mut order: Vec<usize> = (0..pieces.len()).collect();
-        // the last piece is walked over alone: a small one
-        order.sort_by_key(|&i| Reverse(pieces[i].len()));
-        let mut work = Work {
-            pieces,
-            order: order.into_iter(),
-            stitched: vec![Stitched::default(); pieces.len()],
-            out: &mut self.entries,
-        };
-        let [mut a, mut b] = self.lanes.each_mut().map(Lane::new);
-        let (mut of_a, mut of_b) = (work.give(&mut a), work.give(&mut b));
-        while of_a && of_b {
-            if lane::walk_both(&mut a, &mut b) {
-                of_a = work.go_on(&mut a);
-            } else {
-                of_b = work.go_on(&mut b);
-            }
+    pub fn stripify(&mut self, piece: &mut [Triangle], out: &mut Vec<u32>) -> usize {
+        self.stitcher.clear();
+        let mut paths = self.greedy.paths(piece);
+        let mut strips = 0;
+        while let Some(path) = paths.next() {
+            self.stitcher.push(&path);
+            strips += 1;
         }
-        for (lane, mut walks) in [(&mut a, of_a), (&mut b, of_b)] {
-            while walks {
-                lane.walk();
-                walks = work.go_on(lane);
-            }
-        }
-        (work.stitched, &self.entries)
-    }
-}
-
-/// Pieces to do and their strips.
-struct Work<'a> {
-    pieces: &'a [&'a [Triangle]],
-    order: std::vec::IntoIter<usize>,
-    stitched: Vec<Stitched>,
-    out: &'a mut Vec<u32>,
-}
-
-impl<'a> Work<'a> {
-    /// Gives a lane the next piece that is to be walked over; false if there is none left.
-    fn give(&mut self, lane: &mut Lane<'a>) -> bool {
-        while let Some(number) = self.order.next() {
-            if lane.take(number, self.pieces[number]) {
-                return true;
-            }
-            self.finish(lane);
-        }
-        false
-    }
-
-    /// After the end of a lane's walk: false if it has no other one.
-    fn go_on(&mut self, lane: &mut Lane<'a>) -> bool {
-        lane.go_on() || {
-            self.finish(lane);
-            self.give(lane)
-        }
-    }
-
-    fn finish(&mut self, lane: &Lane) {
-        let start = self.out.len();
-        lane.write(self.out);
-        self.stitched[lane.number] = Stitched {
-            entries: start..self.out.len(),
-            strips: lane.strips,
-        };
+        self.stitcher.write(out);
+        strips
     }
 }
 

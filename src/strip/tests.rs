@@ -20,24 +20,22 @@ fn connected(triangles: &[[u32; 3]]) -> Vec<Triangle> {
         (Some(_), Some(there)) => there[0],
         _ => NONE,
     };
-    piece(triangles.iter().map(|&[a, b, c]| Triangle {
-        mates: [mate(a, b), mate(b, c), mate(c, a), 99],
-        corners: [a, b, c, 99],
+    piece(triangles.iter().map(|&[a, b, c]| {
+        let mates = [mate(a, b), mate(b, c), mate(c, a)];
+        Triangle::new([a, b, c], mates)
     }))
 }
 
 /// Triangles behind the first, which may be anything.
 fn piece(triangles: impl IntoIterator<Item = Triangle>) -> Vec<Triangle> {
-    let none = Triangle {
-        mates: [u32::MAX; 4],
-        corners: [u32::MAX; 4],
-    };
+    let none = [u32::MAX; 3];
+    let none = Triangle::new(none, none);
     [none].into_iter().chain(triangles).collect()
 }
 
 /// Makes a strip with new scratch.
 fn strip_of(stripifier: &mut Stripifier, triangles: &[[u32; 3]], out: &mut Vec<u32>) -> usize {
-    stripifier.stripify(&connected(triangles), out)
+    stripifier.stripify(&mut connected(triangles), out)
 }
 
 fn sorted(triangles: &[[u32; 3]]) -> Vec<[u32; 3]> {
@@ -184,40 +182,31 @@ fn rings_are_cut_open_once() {
 /// Walks all paths of a mesh by its mates, step by step; returns their number and how often they turn
 /// to the same side twice.
 fn walked(piece: &[Triangle]) -> (usize, usize) {
-    let mut greedy = greedy::Greedy::default();
-    greedy.take(piece);
+    let (mut greedy, mut repeated) = (greedy::Greedy::default(), piece.to_vec());
+    let mut found = greedy.paths(&mut repeated);
     let mut taken = vec![false; piece.len()];
-    let triangles = triangle::Triangles::new(piece);
     let mut take = |h: u32| {
         let t = triangle::triangle(h) as usize;
         let edge = h - triangle::half_edge(t as u32);
         assert!(t > 0 && edge < 3 && !std::mem::replace(&mut taken[t], true));
     };
+    let numbers: &[u32] = bytemuck::cast_slice(piece);
+    let mate = |h: u32| numbers[h as usize];
     let (mut paths, mut swaps) = (0, 0);
-    while let Some(mut walks) = greedy.begin(triangles) {
+    while let Some(path) = found.next() {
         paths += 1;
-        while walks {
-            // SAFETY: the piece that was taken
-            let (ground, at) = unsafe { greedy.ground(triangles) };
-            walk::walk(ground, at);
-            walks = greedy.turn_back(triangles);
-        }
-        let path = greedy.path(triangles);
         take(path.exit);
         let Some(end) = path.end else {
             assert_eq!(path.steps().count(), 0);
             continue;
         };
-        let mut entry = triangles.mate(path.exit);
+        let mut entry = mate(path.exit);
         for (apex, left) in path.steps() {
             take(entry);
-            assert_eq!(apex, triangles.apex(entry));
-            let exit = if left {
-                triangle::after(entry)
-            } else {
-                triangle::before(entry)
-            };
-            entry = triangles.mate(exit);
+            let [t, e] = [entry / STRIDE, entry % STRIDE].map(|n| n as usize);
+            assert_eq!(apex, piece[t].corners()[(e + 2) % 3]);
+            let step = if left { 1 } else { 2 };
+            entry = mate(triangle::half_edge(t as u32) + (e as u32 + step) % 3);
         }
         take(entry);
         assert_eq!(entry, end);
@@ -232,10 +221,10 @@ fn walked(piece: &[Triangle]) -> (usize, usize) {
 /// Every path leads over neighbours, every triangle is in one, and all strips but one at most stand where
 /// their first turn needs no swap.
 fn entries_are_those_of_the_paths(triangles: &[[u32; 3]]) {
-    let piece = connected(triangles);
+    let mut piece = connected(triangles);
     let (paths, swaps) = walked(&piece);
     let mut out = Vec::new();
-    let strips = Stripifier::default().stripify(&piece, &mut out);
+    let strips = Stripifier::default().stripify(&mut piece, &mut out);
     assert_eq!(strips, paths);
     let fewest = (triangles.len() + 4 * strips + swaps).saturating_sub(2);
     assert!(
@@ -282,7 +271,7 @@ fn a_path_goes_on_from_its_start_to_the_other_side() {
     }
     for (t, triangle) in all.iter_mut().enumerate() {
         let first = 3 * t as u32;
-        triangle.corners = [first, first + 1, first + 2, 0];
+        *triangle = Triangle::new([first, first + 1, first + 2], triangle.mates);
     }
     assert_eq!(walked(&all).0, 1);
 }
@@ -312,18 +301,17 @@ fn the_strip_is_appended_whole_and_scratch_leaves_no_trace() {
 
 #[test]
 fn mates_must_be_half_edges() {
-    let strip = |[a, b]: [[u32; 4]; 2]| {
+    let strip = |[a, b]: [[u32; 3]; 2]| {
         let mut out = Vec::new();
-        let corners = [[0, 1, 2, 0], [2, 1, 3, 0]];
-        let both = [a, b].into_iter().zip(corners);
-        let both = both.map(|(mates, corners)| Triangle { mates, corners });
-        Stripifier::default().stripify(&piece(both), &mut out);
+        let both = [([0, 1, 2], a), ([2, 1, 3], b)];
+        let both = both.map(|(corners, mates)| Triangle::new(corners, mates));
+        Stripifier::default().stripify(&mut piece(both), &mut out);
         out
     };
-    assert_eq!(strip([[0, 16, 0, 99], [9, 0, 0, 0]]).len(), 4);
+    assert_eq!(strip([[0, 16, 0], [9, 0, 0]]).len(), 4);
     for wrong in [24, 11, 15, 7, u32::MAX, u32::MAX - 7] {
         for edge in 0..3 {
-            let mut mates = [[0; 4]; 2];
+            let mut mates = [[0; 3]; 2];
             mates[1][edge] = wrong;
             let caught = std::panic::catch_unwind(|| strip(mates));
             let told = *caught.unwrap_err().downcast::<&str>().unwrap();
@@ -340,13 +328,10 @@ fn strip_of_wrong_mates(picks: &[[u16; 3]]) {
         let pick = u32::from(pick);
         STRIDE * (1 + pick / 3 % triangles) + pick % 3
     };
-    let wrong = picks.iter().zip(0..).map(|(p, t)| Triangle {
-        mates: [mate(p[0]), mate(p[1]), mate(p[2]), 0],
-        corners: [t, t + 1, t + 2, 0],
-    });
-    let wrong = piece(wrong);
+    let wrong = picks.iter().zip(0..);
+    let wrong = piece(wrong.map(|(p, t)| Triangle::new([t, t + 1, t + 2], p.map(mate))));
     // it may panic, or end with some strip
-    let strip = || Stripifier::default().stripify(&wrong, &mut Vec::new());
+    let strip = || Stripifier::default().stripify(&mut wrong.clone(), &mut Vec::new());
     let caught = std::panic::catch_unwind(strip);
     let told = caught.err().and_then(|told| told.downcast::<String>().ok());
     assert!(told.is_none_or(|told| told.starts_with("index out of bounds")));
@@ -395,33 +380,19 @@ proptest! {
         entries_are_those_of_the_paths(&triangles);
     }
 
-    /// Pieces that are walked over in turns have the strips that each has by itself.
     #[test]
-    fn pieces_together_are_as_they_are_alone(
+    fn a_piece_has_the_same_strips_whatever_came_before(
         parts in prop::collection::vec((1u32..9, 1u32..9, any::<bool>(), 0.3..1.0f64), 0..9),
     ) {
-        let pieces: Vec<_> = parts
-            .iter()
-            .map(|&(w, h, torus, keep)| {
-                let (w, h) = if torus { (w + 2, h + 2) } else { (w, h) };
-                let mut part = grid(w, h, torus);
-                part.retain(|t| f64::from((t[0] * 7 + t[1] * 13 + t[2] * 31) % 101) <= 101.0 * keep);
-                connected(&part)
-            })
-            .collect();
-        let all: Vec<&[Triangle]> = pieces.iter().map(|piece| &piece[..]).collect();
-        let mut together = Stripifier::default();
-        let (stitched, entries) = together.stripify_all(&all);
-        prop_assert_eq!(stitched.len(), all.len());
-        let mut sum = 0;
-        for (stitched, &piece) in stitched.iter().zip(&all) {
-            let mut alone = Vec::new();
-            let strips = Stripifier::default().stripify(piece, &mut alone);
-            prop_assert_eq!(&entries[stitched.entries.clone()], &alone[..]);
-            prop_assert_eq!(stitched.strips, strips);
-            sum += alone.len();
+        let mut stripifier = Stripifier::default();
+        for (w, h, torus, keep) in parts {
+            let (w, h) = if torus { (w + 2, h + 2) } else { (w, h) };
+            let mut part = grid(w, h, torus);
+            part.retain(|t| f64::from((t[0] * 7 + t[1] * 13 + t[2] * 31) % 101) <= 101.0 * keep);
+            let mut out = Vec::new();
+            strip_of(&mut stripifier, &part, &mut out);
+            prop_assert_eq!(out, proven(&part));
         }
-        prop_assert_eq!(entries.len(), sum);
     }
 
     #[test]

@@ -1,8 +1,8 @@
-//! Walks over free triangles, one at a time or two in turns.
+//! Walks over free triangles.
 
-use super::greedy::Starts;
-use super::triangle::{after, before, triangle};
-use crate::unchecked::{Unchecked, UncheckedMut};
+use super::starts::Starts;
+use super::triangle::{Triangles, triangle};
+use crate::unchecked::UncheckedMut;
 use std::hint::select_unpredictable as select;
 
 /// Bit of a count that says the triangle is in a strip already.
@@ -41,104 +41,78 @@ impl Turn {
     }
 }
 
-/// Where a walk is.
-#[derive(Debug, Clone, Copy, Default)]
-pub(super) struct At {
-    /// The half-edge over which its triangle, not in a strip yet, is entered.
-    pub entry: u32,
-    /// 1 if the last turn was to the left.
-    pub turned_left: u8,
-    /// Turns so far.
-    pub turns: usize,
-}
-
 /// What a walk goes over.
 pub(super) struct Ground<'a> {
-    /// By half-edge its mate, see [`Triangles`](super::triangle::Triangles).
-    mates: Unchecked<'a, u32>,
+    pub triangles: Triangles<'a>,
     /// By triangle the number of free neighbours, or [`USED`].
-    free: UncheckedMut<'a, u8>,
-    starts: &'a mut Starts,
-    turns: &'a mut [Turn],
+    pub free: UncheckedMut<'a, u8>,
+    pub starts: &'a mut Starts,
+    /// Room for those of all triangles.
+    pub turns: &'a mut [Turn],
 }
 
-impl<'a> Ground<'a> {
-    /// # Safety
-    /// The numbers at all half-edges of triangles of which `free` has an element are such half-edges. The
-    /// walk begins at one of them.
-    #[inline(always)]
-    pub(super) unsafe fn new(
-        mates: &'a [u32],
-        free: &'a mut [u8],
-        starts: &'a mut Starts,
-        turns: &'a mut [Turn],
-    ) -> Self {
-        // SAFETY: as the caller promises
-        let (mates, free) = unsafe { (Unchecked::new(mates), UncheckedMut::new(free)) };
-        Ground {
-            mates,
-            free,
-            starts,
-            turns,
-        }
-    }
+/// Where a walk is.
+#[derive(Clone, Copy)]
+struct At {
+    /// The half-edge over which its triangle, not in a strip yet, is entered.
+    entry: u32,
+    /// The half-edges across the edge after that and the one before it.
+    across: [u32; 2],
+    /// 1 if the last turn was to the left.
+    turned_left: u32,
+    /// Turns so far.
+    turns: usize,
+}
 
-    /// Counts the free neighbours of the triangle of `mate` down.
+impl Ground<'_> {
+    /// Counts the free neighbours of a triangle down.
     #[inline(always)]
-    fn count_down(&mut self, mate: u32) -> u8 {
-        count_down(self.free.at_mut(triangle(mate) as usize))
+    fn count_down(&mut self, triangle: u32) -> u32 {
+        u32::from(count_down(self.free.at_mut(triangle as usize)))
     }
 
     /// Takes the triangle and goes to the neighbour with fewest free ones, if there is a free one, on a
     /// tie not to the side to which it did turn.
     ///
-    /// Nothing hangs on a branch but the end: half of the turns cannot be foretold.
+    /// Nothing hangs on a branch but the end: half of the turns cannot be foretold. And nothing waits for
+    /// the choice but to be chosen: what is across the next triangle is loaded for both neighbours.
     #[inline(always)]
     fn step(&mut self, at: &mut At) -> bool {
-        let entry = at.entry;
-        *self.free.at_mut(triangle(entry) as usize) |= USED;
-        let [left, right] = [after(entry), before(entry)].map(|h| self.mates.at(h as usize));
-        let (free_left, free_right) = (self.count_down(left), self.count_down(right));
+        let [left, right] = at.across;
+        *self.free.at_mut(triangle(at.entry) as usize) |= USED;
+        let (to_left, to_right) = (triangle(left), triangle(right));
+        let (free_left, free_right) = (self.count_down(to_left), self.count_down(to_right));
         *self.free.at_mut(0) = NO_TRIANGLE;
-        if free_left & free_right >= USED {
+        if free_left & free_right >= u32::from(USED) {
             return false;
         }
-        let turn_right = free_right < free_left.wrapping_add(at.turned_left);
+        let turn_right = free_right < free_left + at.turned_left;
+        let beyond = [left, right].map(|entry| self.triangles.across(entry));
         // the other one may be a start
-        let other = select(turn_right, triangle(left), triangle(right));
-        self.starts
-            .push(select(turn_right, free_left, free_right), other);
-        self.turns[at.turns] = Turn::new(entry, !turn_right);
+        let other = select(turn_right, to_left, to_right);
+        let free = select(turn_right, free_left, free_right);
+        self.starts.push(free as u8, other);
+        self.turns[at.turns] = Turn::new(at.entry, !turn_right);
         *at = At {
             entry: select(turn_right, right, left),
-            turned_left: u8::from(!turn_right),
+            across: [0, 1].map(|i| select(turn_right, beyond[1][i], beyond[0][i])),
+            turned_left: u32::from(!turn_right),
             turns: at.turns + 1,
         };
         true
     }
-}
 
-/// Walks until there is no free neighbour.
-pub(super) fn walk(mut ground: Ground, at: &mut At) {
-    let mut here = *at;
-    while ground.step(&mut here) {}
-    *at = here;
-}
-
-/// Walks over two pieces in turns until one of them has no free neighbour; returns whether it is the first.
-///
-/// Each step of a walk waits for what the one before has loaded, but not for those of the other walk.
-pub(super) fn walk_both(mut grounds: [Ground; 2], [at, other]: [&mut At; 2]) -> bool {
-    let [ground, second] = &mut grounds;
-    let (mut here, mut there) = (*at, *other);
-    let first = loop {
-        if !ground.step(&mut here) {
-            break true;
-        }
-        if !second.step(&mut there) {
-            break false;
-        }
-    };
-    (*at, *other) = (here, there);
-    first
+    /// Walks from the triangle that is entered over a half-edge, after a turn to the left or to the right, until
+    /// there is no free neighbour. Its turns are written from `turns` on; returns where they end, and the
+    /// half-edge over which the last triangle is entered.
+    pub(super) fn walk(&mut self, entry: u32, turned_left: bool, turns: usize) -> (usize, u32) {
+        let mut at = At {
+            entry,
+            across: self.triangles.across(entry),
+            turned_left: u32::from(turned_left),
+            turns,
+        };
+        while self.step(&mut at) {}
+        (at.turns, at.entry)
+    }
 }

@@ -2,55 +2,28 @@
 
 use super::greedy::Path;
 use super::join;
+use crate::unchecked::UncheckedMut;
+use std::hint::select_unpredictable as select;
 
-/// The entries of one strip, and where they may stand.
+/// Entries; behind them is room that means nothing.
 #[derive(Debug, Default)]
-pub(super) struct Strip {
+struct Part {
     entries: Vec<u32>,
     len: usize,
-    /// Whether the first triangle is made for an odd place.
-    odd: bool,
 }
 
-impl Strip {
-    /// Writes a path, from that place on from which its first turn needs no swap.
-    pub(super) fn write(&mut self, path: &Path) {
-        self.odd = path.steps().next().is_some_and(|(_, left)| left);
-        // so many, if each step needs a swap; what is behind them means nothing
-        let room = 2 * path.turns() + 4;
-        if self.entries.len() < room {
-            self.entries.resize(room, 0);
+impl Part {
+    fn get(&self) -> &[u32] {
+        &self.entries[..self.len]
+    }
+
+    /// Room for so many entries behind the last one.
+    fn room(&mut self, more: usize) -> &mut [u32] {
+        let end = self.len + more;
+        if self.entries.len() < end {
+            self.entries.resize(end.max(2 * self.entries.len()), 0);
         }
-        let (triangles, exit) = (path.triangles, path.exit);
-        let (first, last) = (triangles.first(exit), triangles.last(exit));
-        let [mut earlier, mut later] = if self.odd {
-            [last, first]
-        } else {
-            [first, last]
-        };
-        let entries = &mut self.entries[..room];
-        entries[..3].copy_from_slice(&[triangles.apex(exit), earlier, later]);
-        let mut len = 3;
-        let mut odd = !self.odd;
-        path.steps().for_each(|(apex, left)| {
-            // Triangles at odd places go on to the side before the edge of entry without a swap, those at
-            // even ones to the side after it. Two entries are written and one or two kept: a branch would
-            // be mispredicted at every second swap.
-            let swap = left == odd;
-            entries[len] = if swap { earlier } else { apex };
-            entries[len + 1] = apex;
-            len += 1 + usize::from(swap);
-            earlier = if swap { earlier } else { later };
-            later = apex;
-            // an entry more or less turns the parity, so that the next triangle is odd after a turn to
-            // the left, with a swap or without
-            odd = left;
-        });
-        if let Some(entry) = path.end {
-            entries[len] = triangles.apex(entry);
-            len += 1;
-        }
-        self.len = len;
+        &mut self.entries[self.len..end]
     }
 }
 
@@ -63,39 +36,46 @@ impl Strip {
 #[derive(Debug, Default)]
 pub(super) struct Stitcher {
     /// Strips of even length for even places.
-    even: Vec<u32>,
+    even: Part,
     /// Strips of odd length.
-    between: Vec<u32>,
+    between: Part,
     /// Strips of even length for odd places.
-    odd: Vec<u32>,
+    odd: Part,
 }
 
 impl Stitcher {
     /// Forgets all strips.
     pub(super) fn clear(&mut self) {
         for part in [&mut self.even, &mut self.between, &mut self.odd] {
-            part.clear();
+            part.len = 0;
         }
     }
 
-    /// Takes a strip.
-    pub(super) fn push(&mut self, strip: &Strip) {
-        let entries = &strip.entries[..strip.len];
-        if strip.len.is_multiple_of(2) {
-            let part = if strip.odd {
-                &mut self.odd
-            } else {
-                &mut self.even
-            };
-            join(part, entries[0]);
-            part.extend_from_slice(entries);
-        } else if strip.odd == (self.between.len() % 2 == 1) {
-            join(&mut self.between, entries[0]);
-            self.between.extend_from_slice(entries);
-        } else {
-            join(&mut self.between, entries[strip.len - 1]);
-            self.between.extend(entries.iter().rev());
+    /// Takes a path as a strip, made for places from which its first turn needs no swap.
+    pub(super) fn push(&mut self, path: &Path) {
+        let left = |turn: Option<(u32, bool)>| turn.map(|(_, left)| left);
+        let odd = left(path.steps().next()).unwrap_or(false);
+        // where another triangle would stand, see `write`
+        let next = left(path.steps().next_back()).unwrap_or(!odd) ^ path.end.is_some();
+        let part = match (odd, next) {
+            (false, false) => &mut self.even,
+            (true, true) => &mut self.odd,
+            _ => &mut self.between,
+        };
+        let backwards = odd != next && odd == part.len.is_multiple_of(2);
+        let last = part.get().last().copied();
+        let join = if last.is_some() { 2 } else { 0 };
+        let room = part.room(join + most_entries(path));
+        let len = write(path, odd, &mut room[join..]);
+        let strip = &mut room[join..join + len];
+        if backwards {
+            strip.reverse();
         }
+        let first = strip[0];
+        if let Some(last) = last {
+            room[..2].copy_from_slice(&[last, first]);
+        }
+        part.len += join + len;
     }
 
     /// Appends all strips as one to `out`, where its first entry counts as even.
@@ -106,14 +86,54 @@ impl Stitcher {
             (&self.between, false),
             (&self.odd, true),
         ] {
-            let Some(&first) = part.first() else { continue };
+            let Some(&first) = part.get().first() else {
+                continue;
+            };
             if out.len() > base {
                 join(out, first);
             }
             if is_odd && (out.len() - base).is_multiple_of(2) {
                 out.push(first);
             }
-            out.extend_from_slice(part);
+            out.extend_from_slice(part.get());
         }
     }
+}
+
+/// Entries of a path, if each step needs a swap.
+fn most_entries(path: &Path) -> usize {
+    2 * path.turns() + 4
+}
+
+/// Writes a path as a strip whose first triangle stands at an odd place, or at an even one; returns the number of
+/// entries, [`most_entries`] at most. What is behind them means nothing.
+fn write(path: &Path, odd: bool, entries: &mut [u32]) -> usize {
+    let (triangles, exit) = (path.triangles, path.exit);
+    let (first, last) = (triangles.first(exit), triangles.last(exit));
+    let [mut earlier, mut later] = if odd { [last, first] } else { [first, last] };
+    entries[..3].copy_from_slice(&[triangles.apex(exit), earlier, later]);
+    assert!(entries.len() >= most_entries(path));
+    // SAFETY: these are two for each step and 4
+    let mut entries = unsafe { UncheckedMut::new(entries) };
+    let mut len = 3;
+    let mut odd = !odd;
+    path.steps().for_each(|(apex, left)| {
+        // Triangles at odd places go on to the side before the edge of entry without a swap, those at
+        // even ones to the side after it. Two entries are written and one or two kept: a branch would
+        // be mispredicted at every second swap.
+        let swap = left == odd;
+        *entries.at_mut(len) = select(swap, earlier, apex);
+        *entries.at_mut(len + 1) = apex;
+        len += 1 + usize::from(swap);
+        earlier = select(swap, earlier, later);
+        later = apex;
+        // an entry more or less turns the parity, so that the next triangle is odd after a turn to
+        // the left, with a swap or without
+        odd = left;
+    });
+    if let Some(entry) = path.end {
+        *entries.at_mut(len) = triangles.apex(entry);
+        len += 1;
+    }
+    len
 }

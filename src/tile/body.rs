@@ -2,8 +2,8 @@
 
 use crate::grid::LATTICE;
 use crate::manifest::Primitives;
-use crate::mesh::{Piece, TileMesh};
-use crate::strip::{Stitched, Stripifier, Triangle, append_strip};
+use crate::mesh::TileMesh;
+use crate::strip::{Stripifier, Triangle, append_strip};
 use bytemuck::{Pod, Zeroable};
 
 /// Where a piece lies in the body and what it counts.
@@ -62,46 +62,45 @@ impl Body {
 
     /// Writes the body of a mesh: the indices, behind the vertices in its chunk.
     pub fn write(mesh: &mut TileMesh, primitives: Primitives, stripifier: &mut Stripifier) -> Body {
-        let mut lists = Vec::new();
-        let pieces: Vec<_> = mesh.pieces.iter().map(|p| mesh.piece(p)).collect();
-        let (made, entries) = match primitives {
-            Primitives::Strips => stripifier.stripify_all(&pieces),
-            Primitives::Triangles => (list_all(&pieces, &mut lists), &lists[..]),
-        };
         let mut body = Body {
             vertices: mesh.chunk.vertices() as u32,
             ..Body::default()
         };
-        let TileMesh { pieces, chunk, .. } = mesh;
-        chunk.end(|out| body.write_pieces(pieces, (&made, entries), out));
+        let TileMesh {
+            pieces,
+            chunk,
+            triangles,
+        } = mesh;
+        chunk.end(|out| {
+            let start = out.len() - body.indices_start() as usize;
+            let mut indices = Vec::new();
+            for piece in pieces {
+                let faces = &mut triangles[piece.faces()];
+                indices.clear();
+                let strips = match primitives {
+                    Primitives::Strips => stripifier.stripify(faces, &mut indices),
+                    Primitives::Triangles => {
+                        list(faces, &mut indices);
+                        0
+                    }
+                };
+                let piece = BodyPiece {
+                    first_index_byte: (out.len() - start) as u64,
+                    first_vertex: piece.first_vertex,
+                    vertices: piece.vertices,
+                    triangles: piece.triangles,
+                    indices: indices.len() as u32,
+                    strips: strips as u32,
+                    min: piece.min,
+                    max: piece.max,
+                    reserved: 0,
+                };
+                write_indices(&piece, &indices, out);
+                body.pieces.push(piece);
+            }
+            body.bytes = (out.len() - start) as u64;
+        });
         body
-    }
-
-    /// Writes the indices of all pieces behind the vertices, which are the last in `out`.
-    fn write_pieces(
-        &mut self,
-        pieces: &[Piece],
-        (made, entries): (&[Stitched], &[u32]),
-        out: &mut Vec<u8>,
-    ) {
-        let start = out.len() - self.indices_start() as usize;
-        for (piece, strip) in pieces.iter().zip(made) {
-            let indices = &entries[strip.entries.clone()];
-            let piece = BodyPiece {
-                first_index_byte: (out.len() - start) as u64,
-                first_vertex: piece.first_vertex,
-                vertices: piece.vertices,
-                triangles: piece.triangles,
-                indices: indices.len() as u32,
-                strips: strip.strips as u32,
-                min: piece.min,
-                max: piece.max,
-                reserved: 0,
-            };
-            write_indices(&piece, indices, out);
-            self.pieces.push(piece);
-        }
-        self.bytes = (out.len() - start) as u64;
     }
 
     /// A piece whose numbers have at least as many digits as those of any of the body.
@@ -144,18 +143,9 @@ impl Body {
     }
 }
 
-/// Appends the triangles of all pieces, the first element of each being none.
-fn list_all(pieces: &[&[Triangle]], out: &mut Vec<u32>) -> Vec<Stitched> {
-    let list = |piece: &&[Triangle]| {
-        let start = out.len();
-        let corners = piece[1..].iter().map(Triangle::three);
-        out.extend(corners.flatten());
-        Stitched {
-            entries: start..out.len(),
-            strips: 0,
-        }
-    };
-    pieces.iter().map(list).collect()
+/// Appends the triangles of a piece, whose first element is none.
+fn list(piece: &[Triangle], out: &mut Vec<u32>) {
+    out.extend(piece[1..].iter().flat_map(Triangle::corners));
 }
 
 /// Writes a piece's indices in their width, padded to 4 bytes.

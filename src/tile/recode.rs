@@ -63,7 +63,7 @@ fn strip_all(pieces: &mut [Piece]) -> u64 {
     for piece in pieces {
         let list = piece.list(Primitives::Triangles);
         piece.indices.clear();
-        strips += stripifier.stripify(&connect(&list), &mut piece.indices) as u64;
+        strips += stripifier.stripify(&mut connect(&list), &mut piece.indices) as u64;
     }
     strips
 }
