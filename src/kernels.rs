@@ -103,7 +103,8 @@ impl Kernels {
         for band in &mut self.bands {
             band.runs.number(&band.bits);
             let rule = Ambiguous::Separate;
-            let (of_run, count) = label_runs(&band.bits, &band.runs, rule, &mut self.sets);
+            let old = std::mem::take(&mut band.labels.of_run);
+            let (of_run, count) = label_runs(&band.bits, &band.runs, rule, &mut self.sets, old);
             band.labels = sum_voxels(&band.bits, of_run, count, self.tiling.dims);
             components += count;
         }

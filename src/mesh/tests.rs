@@ -162,8 +162,13 @@ impl Case {
                 bits.classify(&voxels, span, Some(100));
                 let mut runs = Runs::default();
                 runs.number(&bits);
-                let (of_run, count) =
-                    label_runs(&bits, &runs, self.rule, &mut UnionFind::default());
+                let (of_run, count) = label_runs(
+                    &bits,
+                    &runs,
+                    self.rule,
+                    &mut UnionFind::default(),
+                    Vec::new(),
+                );
                 let mut labels = sum_voxels(&bits, of_run, count, self.dims);
                 add_border_euler(&bits, &runs, &mut labels, self.rule, self.dims);
                 bands.push((voxels, bits, runs, labels));

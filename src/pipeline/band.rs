@@ -148,15 +148,16 @@ impl<T: Voxel> BandSource<'_, T> {
         band.nan = count_nan(&band.voxels, &span);
         band.bits.classify(&band.voxels, span, self.ceil);
         band.runs.number(&band.bits);
+        let mut of_run = std::mem::take(&mut band.labels.of_run);
         for filter in self.filters {
-            let (of_run, _) = label_runs(&band.bits, &band.runs, self.rule, &mut band.sets);
+            (of_run, _) = label_runs(&band.bits, &band.runs, self.rule, &mut band.sets, of_run);
             filter.fill([ty, tz], &mut band.bits, &band.runs, &of_run)?;
             band.runs.number(&band.bits);
         }
         // a set and a label for each run, and the labels of the outer rows and slices
         let labels = band.runs.count as u64 * 8 * 11 / 10;
         band.held.grow_to(fixed + labels)?;
-        let (of_run, count) = label_runs(&band.bits, &band.runs, self.rule, &mut band.sets);
+        let (of_run, count) = label_runs(&band.bits, &band.runs, self.rule, &mut band.sets, of_run);
         band.held.grow_to(fixed + labels + component_bytes(count))?;
         band.labels = sum_voxels(&band.bits, of_run, count, self.dims());
         add_border_euler(

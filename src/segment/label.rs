@@ -7,7 +7,7 @@ use crate::cpu::dispatch;
 use crate::grid::{Ambiguous, Dims};
 use crate::measure::VoxelSums;
 use crate::segment::runs::{Runs, for_each_run, inside, transitions};
-use crate::segment::unionfind::UnionFind;
+use crate::segment::unionfind::{UnionFind, make_room};
 use crate::slab::Bits;
 
 /// The local components of a band.
@@ -33,16 +33,18 @@ pub struct LocalComponent {
 
 /// Labels the runs of a band: above voxels 6-connected and below voxels 18-connected for
 /// [`Ambiguous::Separate`], the other way round for [`Ambiguous::Join`]. Returns the label of each
-/// run and the number of labels.
+/// run, in the memory of `of_run`, and the number of labels.
 pub fn label_runs(
     bits: &Bits,
     runs: &Runs,
     rule: Ambiguous,
     sets: &mut UnionFind,
+    mut of_run: Vec<u32>,
 ) -> (Vec<u32>, usize) {
     sets.reset(runs.count);
     dispatch!(join_rows(bits, runs, rule, sets));
-    let mut of_run: Vec<u32> = Vec::with_capacity(runs.count);
+    of_run.clear();
+    make_room(&mut of_run, runs.count);
     let mut next = 0;
     sets.flatten(|run, root| {
         // roots are the smallest runs of their sets, so they come first
