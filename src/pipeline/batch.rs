@@ -85,7 +85,7 @@ impl Batch {
         pieces <= KNOWN_PIECES && fit_together(all(), memory)
     }
 
-    /// Adds tiles of a layer, `last` if these are the last ones of it.
+    /// Adds tiles of a layer, `last` if these are the last ones of it; returns their jobs.
     ///
     /// # Errors
     /// [`crate::Error::Io`].
@@ -94,7 +94,8 @@ impl Batch {
         (layer, last): (u32, bool),
         tiles: &[TileRecord],
         (ids, spool): (&IdsOfSlab, &mut Spool),
-    ) -> Result<()> {
+    ) -> Result<&[Job]> {
+        let before = self.jobs.len();
         for &tile in tiles {
             let place = Place::new(tile.pieces_at, tile.pieces as usize);
             let pieces = spool.get::<WrittenPiece>(&place)?;
@@ -102,7 +103,7 @@ impl Batch {
             self.jobs.push(Job { tile, pieces, ids });
         }
         self.layers.push((layer, tiles.len(), last));
-        Ok(())
+        Ok(&self.jobs[before..])
     }
 
     /// What was made of the tiles, in their order, layer by layer.

@@ -64,19 +64,20 @@ struct Cell {
 }
 
 /// Gives all tiles their ids, layer by layer, and counts in how many tiles each component is. Returns the
-/// layers that have tiles.
+/// layers that have tiles, and what `beside` makes of the components while the last tiles are finished.
 ///
 /// # Errors
 /// [`Error::Interrupted`], [`Error::Io`], [`Error::Usage`] if a tile would pass 4 GiB, and [`Error::Format`]
 /// if a shard from before is not as it was written.
-pub fn finish(
+pub fn finish<R: Send>(
     slabs: &[SlabRecord],
     spool: &mut Spool,
     resolved: &mut Resolved,
     (settings, keeper): (&FinishSettings, &mut Keeper),
     totals: &mut Totals,
     progress: &dyn Progress,
-) -> Result<Vec<Layer>> {
+    beside: impl FnOnce(&Resolved) -> Result<R> + Send,
+) -> Result<(Vec<Layer>, R)> {
     let before = keeper.finished();
     let mut ends = Ends::begin(settings, keeper, slabs.len(), totals, progress)?;
     let mut finisher = Finisher {
@@ -95,7 +96,7 @@ pub fn finish(
         }
         if progress.interrupted() {
             // what is at hand takes less time than to come back to it
-            finisher.finish(batch, resolved, &mut ends)?;
+            finisher.finish(batch, &resolved.cells, &mut ends)?;
             finisher.end(&mut ends)?;
             return Err(Error::Interrupted);
         }
@@ -107,14 +108,22 @@ pub fn finish(
         for part in 0..=last {
             let tiles = parts.get(part).copied().unwrap_or_default();
             if !batch.has_room(tiles, settings.memory) {
-                finisher.finish(std::mem::take(&mut batch), resolved, &mut ends)?;
+                let batch = std::mem::take(&mut batch);
+                finisher.finish(batch, &resolved.cells, &mut ends)?;
             }
-            batch.add((slab.layer, part == last), tiles, (&ids, spool))?;
+            for job in batch.add((slab.layer, part == last), tiles, (&ids, spool))? {
+                count_tile(resolved, job.ids.iter().copied())?;
+            }
         }
     }
-    finisher.finish(batch, resolved, &mut ends)?;
-    finisher.end(&mut ends)?;
-    ends.end()
+    let resolved = &*resolved;
+    let finish = || {
+        finisher.finish(batch, &resolved.cells, &mut ends)?;
+        finisher.end(&mut ends)
+    };
+    let (finished, made) = rayon::join(finish, || beside(resolved));
+    finished?;
+    Ok((ends.end()?, made?))
 }
 
 /// What was made of a slab in a process before this one; counts the tiles of each component.
@@ -143,7 +152,12 @@ fn finished_layer(
     };
     let mut totals = Totals::default();
     for tile in &shard.tiles {
-        count_tile(resolved, tile)?;
+        let ids = tile.groups.iter().map(|g| Ids {
+            object: g.object,
+            cell: g.cell,
+            surface: g.surface,
+        });
+        count_tile(resolved, ids)?;
         totals.add_tile(tile);
     }
     let entry = Layer {
@@ -156,45 +170,46 @@ fn finished_layer(
     Ok(Some(FinishedLayer { entry, totals }))
 }
 
-/// Adds a tile to the counts of all components in it.
-fn count_tile(resolved: &mut Resolved, tile: &TileEntry) -> Result<()> {
-    let distinct = |get: fn(&Group) -> u64| {
-        let open = tile.groups.iter().filter(|g| g.cell != 0);
+/// Adds a tile to the counts of all components in it, which its pieces name.
+fn count_tile(resolved: &mut Resolved, pieces: impl Iterator<Item = Ids> + Clone) -> Result<()> {
+    let distinct = |get: fn(Ids) -> u64| {
+        let open = pieces.clone().filter(|ids| ids.cell != 0);
         let mut ids: Vec<u64> = open.map(get).collect();
         ids.sort_unstable();
         ids.dedup();
         ids
     };
-    for id in distinct(|g| g.object) {
+    for id in distinct(|ids| ids.object) {
         resolved.objects.update(id - 1, |r| r.tiles += 1)?;
     }
-    for id in distinct(|g| g.cell) {
+    for id in distinct(|ids| ids.cell) {
         resolved.cells.update(id - 1, |r| r.tiles += 1)?;
     }
-    for id in distinct(|g| g.surface) {
+    for id in distinct(|ids| ids.surface) {
         resolved.surfaces.update(id - 1, |r| r.tiles += 1)?;
     }
     Ok(())
 }
 
 impl Finisher<'_> {
-    /// Finishes the tiles of a batch, a few at a time, and counts those of each component. What is to be done
-    /// to files for the batch before goes on beside that.
+    /// Finishes the tiles of a batch, a few at a time. What is to be done to files for the batch before goes on
+    /// beside that.
     ///
     /// # Errors
     /// [`Error::Io`], [`Error::Usage`] if a tile would pass 4 GiB.
-    fn finish(&mut self, batch: Batch, resolved: &mut Resolved, ends: &mut Ends) -> Result<()> {
+    fn finish(
+        &mut self,
+        batch: Batch,
+        cells: &RecordTable<ComponentRecord>,
+        ends: &mut Ends,
+    ) -> Result<()> {
         let behind = std::mem::take(&mut self.behind);
         let (taken, made) = rayon::join(
             || behind.into_iter().try_for_each(|part| ends.take(part)),
-            || self.finish_all(&batch.jobs, &resolved.cells),
+            || self.finish_all(&batch.jobs, cells),
         );
         taken?;
-        let tiles = made?;
-        for (tile, _) in &tiles {
-            count_tile(resolved, tile)?;
-        }
-        self.behind = batch.into_parts(tiles);
+        self.behind = batch.into_parts(made?);
         Ok(())
     }
 

@@ -252,18 +252,18 @@ fn make(
         writers: writers.as_ref(),
         memory: budget.left().saturating_sub(tables),
     };
-    let layers = finish(
+    let (layers, tables_bytes) = finish(
         &slabs,
         &mut spool,
         &mut resolved,
         (&settings, keeper),
         &mut totals,
         progress,
+        |resolved| write_tables(work, resolved, &placement),
     )?;
     remove_empty_layer_directories(work, plan.tiling, &layers)?;
     sum_components(&resolved, options.cap, &mut totals)?;
-    let mut bytes = totals.bytes + layers.iter().map(|l| l.bytes).sum::<u64>();
-    bytes += write_tables(work, &resolved, &placement)?;
+    let bytes = totals.bytes + layers.iter().map(|l| l.bytes).sum::<u64>() + tables_bytes;
     let warnings = warnings(&totals, grid.header().dims, options.threshold);
     for warning in &warnings {
         progress.warn(warning);
