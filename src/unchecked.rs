@@ -25,6 +25,12 @@ impl<'a, T: Copy> Unchecked<'a, T> {
         // SAFETY: as promised to `new`
         unsafe { *self.0.get_unchecked(i) }
     }
+
+    /// Asks for the cache line of element `i`, which need not be there.
+    #[inline(always)]
+    pub fn prefetch(self, i: usize) {
+        prefetch(self.0, i);
+    }
 }
 
 /// Elements that are read and written.
