@@ -9,11 +9,10 @@
 //! architectures.
 //!
 //! Instructions for any processor and for wide vectors, in millions, on a foam of 130^3 voxels
-//! (`tests/instructions/limits.json`): meshing 560 and 433, numbering of surfaces 65 and 56, labelling 129
-//! and 115, strips 73 and 68: their walks from triangle to triangle gain nothing and are compiled once. On a foam
-//! of 313 x 313 x 380 voxels meshing took 0.49 s plain and 0.43 s with x86-64-v3 as a whole. With x86-64-v4,
-//! AVX-512 that is, a conversion took 4 % less processor time on an AMD Zen 5 and verifying a quarter more.
-//! Kernels compiled for AVX-512 alone gain nothing: they are bound by branches and memory by then.
+//! (`tests/instructions/limits.json`): meshing 533 and 409, numbering of surfaces 52 and 43, labelling 130
+//! and 116, strips 73 and 67: their walks from triangle to triangle gain nothing and are compiled once. The
+//! whole program compiled for x86-64-v3 or v4, with AVX-512 that is, took within 1 % the same processor time on an
+//! AMD Zen 5 for a conversion.
 
 use std::sync::LazyLock;
 
