@@ -10,5 +10,5 @@ mod sums;
 mod table;
 
 pub use component::{ComponentRecord, Measures, SurfaceRecord};
-pub use sums::{AreaScale, MeshSums, VoxelSums};
+pub use sums::{AREA_STEPS, AreaScale, MeshSums, VoxelSums};
 pub use table::RecordTable;

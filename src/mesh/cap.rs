@@ -67,7 +67,7 @@ pub fn add_caps<T: Voxel>(
     out.chunk.extend(&vertices);
     sum_pieces(
         &mut out.pieces[first..],
-        out.chunk.positions(),
+        out.chunk.numbers(),
         &out.triangles,
         &settings.area,
     );

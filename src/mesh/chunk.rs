@@ -31,9 +31,9 @@ impl Chunk {
         self.vertices
     }
 
-    /// Positions: multiples of 1/256 voxel, exact.
-    pub fn positions(&self) -> &[[f32; 3]] {
-        bytemuck::cast_slice(&self.bytes.get()[..VECTOR * self.vertices])
+    /// The numbers of all positions, multiples of 1/256 voxel, and then those of all normals.
+    pub fn numbers(&self) -> &[f32] {
+        bytemuck::cast_slice(&self.bytes.get()[..2 * VECTOR * self.vertices])
     }
 
     /// Positions and normals, to be written.
@@ -115,7 +115,7 @@ mod tests {
             [0.0, 1.0, 0.0],
             [1.0, 0.0, 0.0],
         ];
-        assert_eq!(chunk.positions(), &all[..3]);
+        assert_eq!(chunk.numbers()[..9], *all[..3].as_flattened());
         let (vertices, behind) = chunk.bytes().split_at(72);
         assert_eq!(vertices, bytemuck::cast_slice::<_, u8>(&all));
         assert_eq!(behind, [9; 3]);

@@ -239,7 +239,8 @@ impl Case {
         for (s, mesh) in pieces {
             for piece in &mesh.pieces {
                 let vertex = |v: u32| {
-                    let position = mesh.chunk.positions()[(piece.first_vertex + v) as usize];
+                    let position =
+                        mesh.chunk.numbers().as_chunks::<3>().0[(piece.first_vertex + v) as usize];
                     position.map(|c| (c * LATTICE as f32) as i32)
                 };
                 out.push(WholePiece {

@@ -245,7 +245,7 @@ impl TileMesher {
         self.walk.make(cut, Plans::of(settings.rule), out);
         sum_pieces(
             &mut out.pieces,
-            out.chunk.positions(),
+            out.chunk.numbers(),
             &out.triangles,
             &settings.area,
         );
