@@ -13,6 +13,7 @@ use super::facets::{BATCH, Facets};
 use super::marks::{self, Balance, has_reverse};
 use super::piece::{Piece, Vertex};
 use crate::cpu::dispatch;
+use crate::unchecked::UncheckedMut;
 
 /// What an entry of the sorted edges says in the lowest bit, below its larger vertex: the edge runs down
 /// from it.
@@ -64,13 +65,20 @@ impl Edges {
             ranked[1][i] = a ^ b ^ c ^ low ^ high;
             ranked[2][i] = high;
         }
+        let largest = ranked[2].iter().fold(0, |a, &b| a.max(b)) as usize;
+        assert!(largest < self.words.len().min(self.parent.len()));
+        // SAFETY: no corner is larger
+        let (mut words, mut parent) = unsafe {
+            let words = UncheckedMut::new(&mut self.words);
+            (words, UncheckedMut::new(&mut self.parent))
+        };
         for (i, t) in triangles.iter().enumerate() {
             for k in 0..3 {
-                self.words[t[k] as usize] |= facets.marks[k][i];
+                *words.at_mut(t[k] as usize) |= facets.marks[k][i];
             }
             let [low, middle, high] = [0, 1, 2].map(|k| ranked[k][i]);
-            self.parent[middle as usize] = low;
-            self.parent[high as usize] = low;
+            *parent.at_mut(middle as usize) = low;
+            *parent.at_mut(high as usize) = low;
         }
         if facets.rim.iter().fold(0, |any, r| any | r) < 0 {
             let touches = |&(_, r): &(_, &i32)| *r < 0;
