@@ -63,7 +63,8 @@ const FOREIGN: u32 = 16;
 /// question has its bits, and the three of a vertex are added up.
 #[inline(always)]
 pub(super) fn places(positions: &[[f32; 3]; BATCH], limits: &Limits) -> Option<Places> {
-    let (mut q, mut parts) = ([0; 3 * BATCH], [0; 3 * BATCH]);
+    // one more, so that four can be taken of every vertex
+    let (mut q, mut parts) = ([0; 3 * BATCH + 1], [0; 3 * BATCH]);
     let mut wrong = [0; 3 * BATCH];
     let all = positions.as_flattened();
     for i in 0..3 * BATCH {
@@ -85,17 +86,23 @@ pub(super) fn places(positions: &[[f32; 3]; BATCH], limits: &Limits) -> Option<P
         axes: [0; BATCH],
         owned: 0,
     };
-    let mut single = true;
+    let (mut codes, mut owned) = ([0; BATCH], 0);
+    // 0 if each has one
+    let mut counts = 0;
     for i in 0..BATCH {
-        let [x, y, z] = [q[3 * i], q[3 * i + 1], q[3 * i + 2]];
         let sum = parts[3 * i] + parts[3 * i + 1] + parts[3 * i + 2];
-        single &= sum >> COUNT & 3 == 1;
+        counts |= (sum >> COUNT & 3) ^ 1;
         let axis = sum >> AXIS & 3;
-        out.points[i] = [x, y, z, axis << BITS | sum & 63];
+        codes[i] = axis << BITS | sum & 63;
         out.axes[i] = axis as u8;
-        out.owned += u64::from(sum >> FOREIGN == 0);
+        owned += i32::from(sum >> FOREIGN == 0);
     }
-    single.then_some(out)
+    out.owned = owned as u64;
+    for (i, point) in out.points.iter_mut().enumerate() {
+        *point = [q[3 * i], q[3 * i + 1], q[3 * i + 2], q[3 * i + 3]];
+        point[3] = codes[i];
+    }
+    (counts == 0).then_some(out)
 }
 
 /// The smallest and the largest coordinates; those of `i32` turned round if there is no point.
