@@ -16,7 +16,7 @@ use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 
 /// Runs of each command, in turns.
-const RUNS: usize = 5;
+const RUNS: usize = 9;
 
 /// A volume on disk.
 struct Input {
@@ -138,6 +138,8 @@ struct Race {
     verify: Vec<Sample>,
     surface: Vec<Sample>,
     script: Vec<Sample>,
+    /// What the machine gave meanwhile, see [`run::work_of_all_cores`].
+    cores: Vec<f64>,
 }
 
 fn seconds(samples: &[Sample]) -> f64 {
@@ -153,6 +155,7 @@ fn race(input: &Input, out: &Path, peers: Option<&Peer>, table: &mut Table) -> R
     let mut race = Race::default();
     let set = out.display().to_string();
     for run in 0..RUNS {
+        race.cores.push(run::work_of_all_cores());
         race.all.push(input.convert(out, &[])?);
         let verify = Alvis::run(&["verify", &set, "--json", "--quiet"])?;
         race.verify.push(verify);
@@ -200,6 +203,12 @@ impl Race {
                 format!("{:.2} s with one", seconds(samples)),
             );
         }
+        let least = self.cores.iter().copied().fold(f64::INFINITY, f64::min);
+        table.row(
+            format!("{name}: arithmetic of {} threads / of one", run::cores()),
+            format!("{:.2} x", median(self.cores.iter().copied())),
+            format!("what the machine gave meanwhile; {least:.2} at least"),
+        );
         let proof = seconds(&self.verify);
         table.row(
             format!("{name}: verify / convert"),

@@ -110,6 +110,30 @@ pub fn cores() -> usize {
     std::thread::available_parallelism().map_or(1, |n| n.get())
 }
 
+/// How much more arithmetic threads on all cores do than one thread does alone.
+///
+/// Cores of a virtual machine may be two threads of one core, or become so for a while: then this falls to 1, and
+/// no program can gain much by a second thread.
+pub fn work_of_all_cores() -> f64 {
+    const ROUNDS: u64 = 2_000_000;
+    let rate = || {
+        let start = Instant::now();
+        let mut lanes: [u64; 32] = std::array::from_fn(|i| i as u64);
+        for round in 0..ROUNDS {
+            lanes.iter_mut().for_each(|v| *v = (*v << 1) ^ (*v + round));
+        }
+        std::hint::black_box(lanes);
+        1.0 / start.elapsed().as_secs_f64()
+    };
+    let one = rate();
+    let all: f64 = std::thread::scope(|scope| {
+        let threads: Vec<_> = (0..cores()).map(|_| scope.spawn(rate)).collect();
+        let rates = threads.into_iter().map(|t| t.join().expect("no panic"));
+        rates.sum()
+    });
+    all / one
+}
+
 /// A line about the machine and the version.
 pub fn machine() -> String {
     let info = std::fs::read_to_string("/proc/cpuinfo").unwrap_or_default();
