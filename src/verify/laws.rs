@@ -2,13 +2,14 @@
 
 use super::against::Voxels;
 use super::code::Code;
-use super::ledger::{Group, Kind, Laws, Ledger};
+use super::ledger::{Group, Kind, Laws, Ledger, Rows};
 use super::report::Issues;
 use super::solids::Solids;
 use super::tables::Table;
 use super::tile::{Context, Counts};
 use crate::error::Result;
 use crate::manifest::{Manifest, Primitives};
+use rayon::ThreadPool;
 
 /// What was counted.
 #[derive(Default)]
@@ -29,7 +30,7 @@ pub(super) struct Found {
 /// If the ledger's temporary files cannot be read back.
 pub(super) fn check(
     ledger: Ledger,
-    cx: &Context,
+    (cx, pool): (&Context, &ThreadPool),
     found: &mut Found,
     issues: &mut Issues,
 ) -> Result<()> {
@@ -37,35 +38,30 @@ pub(super) fn check(
     found.euler = c.vertices as i64 - c.edges as i64 + c.triangles as i64;
     found.ids[0] = ledger.surfaces;
     let surfaces = ledger.surfaces;
-    let mut all = Kind::ALL.map(Laws::new);
-    let mut own = Issues::new(cx.max_issues);
-    let [mut unopened, mut values] = [0; 2].map(|_| Issues::new(cx.max_issues));
+    let [mut of_surfaces, mut of_cells, mut of_objects] =
+        Kind::ALL.map(|kind| Listed::new(kind, cx));
     let stated = &cx.manifest.totals;
     let mut solids = Solids::new(cx.manifest);
-    let rows_alone = [0, stated.cells, stated.objects].map(|n| if surfaces == 0 { n } else { 0 });
-    for ((mut rows, laws), alone) in ledger
-        .into_sorted()?
-        .into_iter()
-        .zip(&mut all)
-        .zip(rows_alone)
-    {
-        let mut table = Table::open(cx.root, cx.manifest, laws.kind, &mut unopened);
-        while let Some(group) = rows.next_group()? {
-            laws.add(&group, &mut own);
-            if let Some(table) = &mut table {
-                table.check(&group, &mut solids, &mut values);
-            }
-        }
-        if let Some(table) = &mut table {
-            // a volume of one phase: its one cell or object is the whole grid
-            let whole = alone == 1 && !cx.manifest.is_part();
-            if whole {
-                table.check(&Group::alone(), &mut solids, &mut values);
-            }
-            table.finish(alone - u64::from(whole), &mut values);
-        }
-    }
-    found.ids = [surfaces, all[1].count, all[2].count];
+    let [cells, objects] =
+        [stated.cells, stated.objects].map(|n| if surfaces == 0 { n } else { 0 });
+    let [by_surface, by_cell, by_object] = ledger.into_sorted()?;
+    // beside the others, which count bodies together: there are about as many
+    let (first, others) = pool.join(
+        || of_surfaces.check(by_surface, cx, 0, &mut Solids::new(cx.manifest)),
+        || {
+            of_cells.check(by_cell, cx, cells, &mut solids)?;
+            of_objects.check(by_object, cx, objects, &mut solids)
+        },
+    );
+    first.and(others)?;
+    found.ids = [surfaces, of_cells.laws.count, of_objects.laws.count];
+    let [mut own, mut values, mut unopened] = [0; 3].map(|_| Issues::new(cx.max_issues));
+    let all = [of_surfaces, of_cells, of_objects].map(|listed| {
+        own.append(listed.own);
+        values.append(listed.values);
+        unopened.append(listed.unopened);
+        listed.laws
+    });
     let mut sums = Issues::new(cx.max_issues);
     solids.finish(&mut values, &mut sums);
     if !issues.broken() {
@@ -90,6 +86,53 @@ pub(super) fn check(
     }
     issues.append(unopened);
     Ok(())
+}
+
+/// What is found of all surfaces, cells or objects, and of their table.
+struct Listed {
+    laws: Laws,
+    own: Issues,
+    values: Issues,
+    /// Why the table could not be opened.
+    unopened: Issues,
+}
+
+impl Listed {
+    fn new(kind: Kind, cx: &Context) -> Self {
+        let none = || Issues::new(cx.max_issues);
+        Listed {
+            laws: Laws::new(kind),
+            own: none(),
+            values: none(),
+            unopened: none(),
+        }
+    }
+
+    /// Checks what the surfaces say and the table's rows, of which `alone` are of no surface.
+    fn check(
+        &mut self,
+        mut rows: Rows,
+        cx: &Context,
+        alone: u64,
+        solids: &mut Solids,
+    ) -> Result<()> {
+        let mut table = Table::open(cx.root, cx.manifest, self.laws.kind, &mut self.unopened);
+        while let Some(group) = rows.next_group()? {
+            self.laws.add(&group, &mut self.own);
+            if let Some(table) = &mut table {
+                table.check(&group, solids, &mut self.values);
+            }
+        }
+        if let Some(table) = &mut table {
+            // a volume of one phase: its one cell or object is the whole grid
+            let whole = alone == 1 && !cx.manifest.is_part();
+            if whole {
+                table.check(&Group::alone(), solids, &mut self.values);
+            }
+            table.finish(alone - u64::from(whole), &mut self.values);
+        }
+        Ok(())
+    }
 }
 
 /// Compares the manifest's sums with those of the tiles.

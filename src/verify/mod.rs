@@ -123,7 +123,7 @@ pub fn verify(dir: &Path, options: &VerifyOptions, progress: &dyn Progress) -> R
         let original = Original::new(options.against, &manifest, &mut issues);
         let sweep = Run::new(&cx, &pool, progress).tiles(original, &mut found, &mut issues)?;
         found.counts.edges += sweep.matched;
-        laws::check(sweep.ledger, &cx, &mut found, &mut issues)?;
+        laws::check(sweep.ledger, (&cx, &pool), &mut found, &mut issues)?;
     }
     Ok(report(found, issues, options, start))
 }
