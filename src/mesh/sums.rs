@@ -18,9 +18,9 @@ use crate::strip::Triangle;
 /// Lattice steps per voxel.
 const STEPS: f64 = LATTICE as f64;
 
-/// Triangles that are summed in floating-point numbers. Each of these gets at most one in eight: six times a
-/// triangle's volume is below 2^43 cubed lattice steps, twice its area in fixed-point steps below 2^36, and
-/// numbers hold all whole ones up to 2^53.
+/// Triangles that are added up in floating-point numbers before these are added up as integers. Each number gets
+/// one in eight of them at most, 512, and stays exact: six times a triangle's volume is below 2^43 cubed lattice
+/// steps, twice its area in fixed-point steps below 2^36, and 64 bits hold all whole numbers up to 2^53.
 const AT_ONCE: usize = 8 << 9;
 
 /// Sums by the triangles' places in batches of them, exact: multiples of 2^-24 and whole numbers.

@@ -114,7 +114,8 @@ pub(super) fn stream<R: Send, T>(
     let stream = Stream {
         cx,
         spare,
-        most: 2 * readers,
+        // as many as are read at once, and two more: they take memory
+        most: readers + 2,
         most_open: OPEN * threads,
         state: Mutex::new(State {
             tasks: VecDeque::new(),
