@@ -14,6 +14,7 @@ mod disk;
 mod identity;
 mod lock;
 mod marks;
+mod replace;
 
 pub use identity::Identity;
 pub use lock::Lock;
@@ -294,7 +295,8 @@ impl Keeper {
         out.array(&self.boot)?;
         body(&mut out)?;
         out.finish()?;
-        std::fs::rename(&new, &path).map_err(|e| Error::io(&path, "move into place", e))
+        // what counts after a power failure is a copy that a sync covers
+        replace::replace(&new, &path).map_err(|e| Error::io(&path, "move into place", e))
     }
 }
 

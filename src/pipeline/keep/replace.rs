@@ -1,0 +1,81 @@
+//! Gives a new file the name of the one before.
+//!
+//! ext4 writes a file's data out before a rename lets it take the place of another (`auto_da_alloc` in the
+//! kernel's description of ext4), for programs that rely on that after a power failure. That took 0.4 ms for
+//! each file here, twice for a layer. What needs no such promise swaps the names and removes the old file.
+
+use std::io::Result;
+use std::path::Path;
+
+/// Renames `new` to `path`. Whoever looks there meanwhile finds the old file or the new one, whole; after a
+/// power failure there may be neither.
+///
+/// # Errors
+/// The system's.
+pub fn replace(new: &Path, path: &Path) -> Result<()> {
+    if swap(new, path) {
+        return std::fs::remove_file(new);
+    }
+    std::fs::rename(new, path)
+}
+
+/// Swaps the names of two files; false if there are not two, or the system cannot do that.
+#[cfg(target_os = "linux")]
+fn swap(a: &Path, b: &Path) -> bool {
+    use std::ffi::CString;
+    use std::os::unix::ffi::OsStrExt;
+    let name = |path: &Path| CString::new(path.as_os_str().as_bytes());
+    let (Ok(a), Ok(b)) = (name(a), name(b)) else {
+        return false;
+    };
+    // SAFETY: both names end with a zero byte and live until the call is over.
+    let swapped = unsafe {
+        libc::syscall(
+            libc::SYS_renameat2,
+            libc::AT_FDCWD,
+            a.as_ptr(),
+            libc::AT_FDCWD,
+            b.as_ptr(),
+            libc::RENAME_EXCHANGE,
+        )
+    };
+    swapped == 0
+}
+
+#[cfg(not(target_os = "linux"))]
+fn swap(_: &Path, _: &Path) -> bool {
+    false
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use std::fs;
+
+    #[test]
+    fn the_new_file_has_the_name_and_nothing_else_is_left() {
+        let dir = tempfile::tempdir().unwrap();
+        let (new, path) = (dir.path().join("new"), dir.path().join("file"));
+        for text in ["first", "second", ""] {
+            fs::write(&new, text).unwrap();
+            replace(&new, &path).unwrap();
+            assert_eq!(fs::read_to_string(&path).unwrap(), text);
+            assert!(!new.exists());
+        }
+        assert!(replace(&new, &path).is_err(), "there is no new one");
+        assert!(path.exists());
+    }
+
+    #[cfg(target_os = "linux")]
+    #[test]
+    fn names_are_swapped_where_there_are_two_files() {
+        let dir = tempfile::tempdir().unwrap();
+        let [a, b] = ["a", "b"].map(|name| dir.path().join(name));
+        fs::write(&a, "a").unwrap();
+        assert!(!swap(&a, &b));
+        fs::write(&b, "b").unwrap();
+        assert!(swap(&a, &b));
+        assert_eq!(fs::read_to_string(&a).unwrap(), "b");
+        assert_eq!(fs::read_to_string(&b).unwrap(), "a");
+    }
+}
