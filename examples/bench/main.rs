@@ -4,10 +4,10 @@
 //! cargo run --release --example bench -- [DIRECTORY] [--python PYTHON] [--deep] [--lobster FILE]
 //! ```
 //!
-//! Makes foams in DIRECTORY (by default `target/bench`; with what comes of them 25 GiB, with `--deep` 90 GiB), and prints a table
-//! of medians as Markdown. With the PYTHON of an environment that has the packages that `peers.py`
-//! beside this file names, others race along. `--deep` adds the volumes of ten times the depth and of
-//! eight times the voxels; `--lobster` adds a real scan (301 x 324 x 56, u8) repeated to 1 GB.
+//! Makes foams in DIRECTORY (by default `target/bench`; with what comes of them 25 GiB, with `--deep` 60 GiB),
+//! and prints a table of medians as Markdown. With the PYTHON of an environment that has the packages that
+//! `peers.py` beside this file names, others race along. `--deep` adds the volumes of ten times the depth and
+//! of eight times the voxels; `--lobster` adds a real scan (301 x 324 x 56, u8) repeated to 1 GB.
 
 mod run;
 
@@ -260,28 +260,88 @@ fn input_args(input: &Input) -> Vec<String> {
     args
 }
 
-/// Nanoseconds per voxel of foams of rising size.
+/// True if a volume is converted in this of [`RUNS`] rounds: large ones in three of them, or in one.
+fn takes_part(input: &Input, round: usize) -> bool {
+    match input.voxels() {
+        ..1e9 => true,
+        ..5e9 => round % 3 == 1,
+        _ => round == RUNS / 2,
+    }
+}
+
+/// Nanoseconds per voxel of foams of rising size, in turns.
 fn flatness(inputs: &[Input], out: &Path, table: &mut Table) -> Result<(), String> {
-    for input in inputs {
-        let runs = match input.voxels() {
-            ..1e9 => RUNS,
-            ..5e9 => 2,
-            _ => 1,
-        };
-        let samples: Vec<_> = (0..runs)
-            .map(|_| input.convert(out, &[]))
-            .collect::<Result<_, _>>()?;
-        let seconds = seconds(&samples);
+    let mut samples: Vec<Vec<Sample>> = inputs.iter().map(|_| Vec::new()).collect();
+    for round in 0..RUNS {
+        for (input, samples) in inputs.iter().zip(&mut samples) {
+            if takes_part(input, round) {
+                samples.push(input.convert(out, &[])?);
+                if input.voxels() > 1e9 {
+                    empty(out).map_err(|e| format!("{}: {e}", out.display()))?;
+                }
+            }
+        }
+    }
+    let mut costs = Vec::new();
+    for (input, samples) in inputs.iter().zip(&samples) {
+        let cost = seconds(samples) / input.voxels() * 1e9;
+        costs.push(cost);
         table.row(
             format!("{}: cost per voxel", input.name()),
-            format!("{:.1} ns", seconds / input.voxels() * 1e9),
+            format!("{cost:.1} ns"),
             format!(
-                "{:.2} triangles per voxel, {:.0} MiB",
+                "{:.2} triangles per voxel, {:.0} MiB, {} runs",
                 samples[0].number("triangles") / input.voxels(),
-                mib(peak(&samples))
+                mib(peak(samples)),
+                samples.len()
             ),
         );
     }
+    let most = costs.iter().copied().fold(0.0, f64::max);
+    let least = costs.iter().copied().fold(f64::INFINITY, f64::min);
+    table.row(
+        "cost per voxel: most / least",
+        format!("{:.2}", most / least),
+        "of the volumes above".into(),
+    );
+    Ok(())
+}
+
+/// Ten times as deep as the larger volume of the race.
+fn deep(input: &Input, out: &Path, table: &mut Table) -> Result<(), String> {
+    let set = out.display().to_string();
+    let (mut made, mut proofs) = (Vec::new(), Vec::new());
+    for _ in 0..3 {
+        made.push(input.convert(out, &[])?);
+        proofs.push(Alvis::run(&["verify", &set, "--json", "--quiet"])?);
+        empty(out).map_err(|e| format!("{set}: {e}"))?;
+    }
+    for (what, samples) in [("convert", &made), ("verify", &proofs)] {
+        table.row(
+            format!("{}: {what}", input.name()),
+            format!("{:.1} s", seconds(samples)),
+            format!("{:.0} MiB, 3 runs", mib(peak(samples))),
+        );
+    }
+    Ok(())
+}
+
+/// Gives back the room on disk that the files of tile sets take, and waits until the system is done with that.
+/// The names stay, see [`Input::convert`].
+fn empty(sets: &Path) -> std::io::Result<()> {
+    fn each(dir: &Path) -> std::io::Result<()> {
+        for entry in std::fs::read_dir(dir)? {
+            let entry = entry?;
+            if entry.file_type()?.is_dir() {
+                each(&entry.path())?;
+            } else {
+                std::fs::File::create(entry.path())?;
+            }
+        }
+        Ok(())
+    }
+    each(sets)?;
+    std::thread::sleep(std::time::Duration::from_secs(2));
     Ok(())
 }
 
@@ -368,13 +428,11 @@ fn bench(args: &Args) -> Result<(), String> {
         .iter()
         .map(|&n| Input::foam(&dir, [n; 3], "u8"))
         .collect::<Result<_, _>>()?;
+    empty(&aside(&out)).map_err(|e| format!("{}: {e}", aside(&out).display()))?;
     flatness(&sizes, &out, &mut table)?;
     if args.deep {
-        flatness(
-            &[Input::foam(&dir, [512, 512, 5120], "u16")?],
-            &out,
-            &mut table,
-        )?;
+        let input = Input::foam(&dir, [512, 512, 5120], "u16")?;
+        deep(&input, &out, &mut table)?;
     }
     if let Some(file) = &args.lobster {
         sparse(file, &dir, &out, &mut table)?;
