@@ -17,6 +17,8 @@ use std::process::ExitCode;
 
 /// Runs of each command, in turns.
 const RUNS: usize = 9;
+/// Voxels from which on a volume is converted less often, and its tiles are not kept until the end.
+const LARGE: f64 = 1e9;
 
 /// A volume on disk.
 struct Input {
@@ -263,7 +265,7 @@ fn input_args(input: &Input) -> Vec<String> {
 /// True if a volume is converted in this of [`RUNS`] rounds: large ones in three of them, or in one.
 fn takes_part(input: &Input, round: usize) -> bool {
     match input.voxels() {
-        ..1e9 => true,
+        ..LARGE => true,
         ..5e9 => round % 3 == 1,
         _ => round == RUNS / 2,
     }
@@ -276,8 +278,8 @@ fn flatness(inputs: &[Input], out: &Path, table: &mut Table) -> Result<(), Strin
         for (input, samples) in inputs.iter().zip(&mut samples) {
             if takes_part(input, round) {
                 samples.push(input.convert(out, &[])?);
-                if input.voxels() > 1e9 {
-                    empty(out).map_err(|e| format!("{}: {e}", out.display()))?;
+                if input.voxels() >= LARGE {
+                    empty(out)?;
                 }
             }
         }
@@ -314,13 +316,13 @@ fn deep(input: &Input, out: &Path, table: &mut Table) -> Result<(), String> {
     for _ in 0..3 {
         made.push(input.convert(out, &[])?);
         proofs.push(Alvis::run(&["verify", &set, "--json", "--quiet"])?);
-        empty(out).map_err(|e| format!("{set}: {e}"))?;
+        empty(out)?;
     }
     for (what, samples) in [("convert", &made), ("verify", &proofs)] {
         table.row(
             format!("{}: {what}", input.name()),
             format!("{:.1} s", seconds(samples)),
-            format!("{:.0} MiB, 3 runs", mib(peak(samples))),
+            format!("{:.0} MiB, {} runs", mib(peak(samples)), samples.len()),
         );
     }
     Ok(())
@@ -328,7 +330,7 @@ fn deep(input: &Input, out: &Path, table: &mut Table) -> Result<(), String> {
 
 /// Gives back the room on disk that the files of tile sets take, and waits until the system is done with that.
 /// The names stay, see [`Input::convert`].
-fn empty(sets: &Path) -> std::io::Result<()> {
+fn empty(sets: &Path) -> Result<(), String> {
     fn each(dir: &Path) -> std::io::Result<()> {
         for entry in std::fs::read_dir(dir)? {
             let entry = entry?;
@@ -340,7 +342,7 @@ fn empty(sets: &Path) -> std::io::Result<()> {
         }
         Ok(())
     }
-    each(sets)?;
+    each(sets).map_err(|e| format!("{}: {e}", sets.display()))?;
     std::thread::sleep(std::time::Duration::from_secs(2));
     Ok(())
 }
@@ -428,7 +430,7 @@ fn bench(args: &Args) -> Result<(), String> {
         .iter()
         .map(|&n| Input::foam(&dir, [n; 3], "u8"))
         .collect::<Result<_, _>>()?;
-    empty(&aside(&out)).map_err(|e| format!("{}: {e}", aside(&out).display()))?;
+    empty(&aside(&out))?;
     flatness(&sizes, &out, &mut table)?;
     if args.deep {
         let input = Input::foam(&dir, [512, 512, 5120], "u16")?;
