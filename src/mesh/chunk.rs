@@ -20,10 +20,15 @@ pub struct Chunk {
 impl Chunk {
     /// Begins anew with `vertices`, which are all to be written yet.
     pub fn begin(&mut self, vertices: usize) {
-        // two triangles to a vertex, and 10 bytes to a triangle: seldom more
-        let bytes = vertices * (2 * VECTOR + 20);
-        self.bytes.begin(2 * VECTOR * vertices, bytes);
+        let [bytes, all] = bytes_of(vertices);
+        self.bytes.begin(bytes, all);
         self.vertices = vertices;
+    }
+
+    /// Bytes of memory that [`Chunk::begin`] takes beyond those of vertices and indices.
+    pub fn rest_of_page(vertices: usize) -> usize {
+        let [bytes, all] = bytes_of(vertices);
+        Buffer::rest_of_page(bytes, all)
     }
 
     /// Number of vertices.
@@ -62,10 +67,14 @@ impl Chunk {
         }
     }
 
-    /// Puts what `write` appends behind the vertices, and nothing else.
-    pub fn end<R>(&mut self, write: impl FnOnce(&mut Vec<u8>) -> R) -> R {
+    /// Drops what is behind the vertices.
+    pub fn truncate(&mut self) {
         self.bytes.truncate(2 * VECTOR * self.vertices);
-        self.bytes.append(write)
+    }
+
+    /// Adds bytes behind the last one.
+    pub fn extend_from_slice(&mut self, more: &[u8]) {
+        self.bytes.extend_from_slice(more);
     }
 
     /// All bytes.
@@ -86,6 +95,12 @@ impl Chunk {
     }
 }
 
+/// Bytes of so many vertices, and with the indices behind them; seldom more.
+fn bytes_of(vertices: usize) -> [usize; 2] {
+    // two triangles to a vertex, and 10 bytes to a triangle
+    [2 * VECTOR, 2 * VECTOR + 20].map(|each| each * vertices)
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -98,15 +113,16 @@ mod tests {
         let [positions, normals] = chunk.vectors_mut();
         positions.copy_from_slice(&[[1.0, 2.0, 3.0], [4.0, 5.0, 6.0]]);
         normals.copy_from_slice(&[[0.0, 0.0, 1.0], [0.0, 1.0, 0.0]]);
-        chunk.end(|out| out.extend([7; 100]));
+        chunk.extend_from_slice(&[7; 100]);
         assert_eq!(chunk.bytes().len(), 48 + 100);
         // more vertices come behind the last one, and what was behind them is gone
         let half = LATTICE as i32 / 2;
         chunk.extend(&[([-half, 0, 3 * half], [1.0, 0.0, 0.0])]);
         chunk.extend(&[]);
         assert_eq!(chunk.vertices(), 3);
-        chunk.end(|out| out.extend([8; 5]));
-        chunk.end(|out| out.extend([9; 3]));
+        chunk.extend_from_slice(&[8; 5]);
+        chunk.truncate();
+        chunk.extend_from_slice(&[9; 3]);
         let all: [[f32; 3]; 6] = [
             [1.0, 2.0, 3.0],
             [4.0, 5.0, 6.0],
@@ -134,7 +150,7 @@ mod tests {
             chunk.begin(vertices);
             let address = chunk.bytes().as_ptr().addr();
             assert!(address.is_multiple_of(crate::direct::SECTOR));
-            chunk.end(|out| out.resize(out.len() + 20 * vertices, 0));
+            chunk.extend_from_slice(&vec![0; 20 * vertices]);
             assert_eq!(chunk.bytes().as_ptr().addr(), address, "{vertices}");
         }
     }

@@ -26,7 +26,9 @@ pub const BYTES_PER_CUBE: f64 = 1.5;
 /// crossed edge.
 pub fn tile_bytes(bits: &Bits, tile: &TileBox) -> u64 {
     let cubes: f64 = tile.cubes.iter().map(|&c| f64::from(c)).product();
-    2 * dispatch!(count_crossed(bits, tile)) * BYTES_PER_TRIANGLE + (cubes * BYTES_PER_CUBE) as u64
+    let vertices = dispatch!(count_crossed(bits, tile));
+    let rest_of_page = Chunk::rest_of_page(vertices as usize) as u64;
+    2 * vertices * BYTES_PER_TRIANGLE + (cubes * BYTES_PER_CUBE) as u64 + rest_of_page
 }
 
 /// Crossed edges in the words of the band that a tile touches; a few beyond its sides included.

@@ -150,9 +150,10 @@ pub fn write_anew(
     let Some(writers) = writers.filter(|_| bytes >= direct::WORTH) else {
         return write_file(&path, &parts);
     };
-    buffer.fill(bytes, |out| {
-        parts.iter().for_each(|part| out.extend_from_slice(part))
-    });
+    buffer.begin(bytes, bytes);
+    let (head, bin) = buffer.get_mut().split_at_mut(parts[0].len());
+    head.copy_from_slice(parts[0]);
+    bin.copy_from_slice(parts[1]);
     *buffer = writers.put(Job {
         path,
         head: Vec::new(),

@@ -3,6 +3,7 @@
 use crate::error::{Error, Result};
 use crate::grid::{Dims, Tiling};
 use crate::mesh::{BYTES_PER_CUBE, BYTES_PER_TRIANGLE};
+use crate::pages::held;
 use crate::pipeline::writers::in_flight;
 use crate::pipeline::{ConvertOptions, check_reach};
 use crate::slab::Span;
@@ -132,16 +133,17 @@ impl Cost {
         let cubes: f64 = (0..3).map(|a| f64::from(tiling.cubes(a, 0).end)).product();
         let tile =
             cubes * TILE_TRIANGLES_PER_CUBE * BYTES_PER_TRIANGLE as f64 + cubes * BYTES_PER_CUBE;
-        let body = (cubes * TILE_TRIANGLES_PER_CUBE * BODY_BYTES_PER_TRIANGLE) as u64;
+        let body = (cubes * TILE_TRIANGLES_PER_CUBE * BODY_BYTES_PER_TRIANGLE) as usize;
+        let held = held(body, body);
         let slices = span.with_neighbours(tiling.dims).z;
         let front = f64::from(nx) * f64::from(ny) * FRONT_BYTES_PER_PIXEL;
         Cost {
             base: BASE + volume.held_bytes() + 2 * volume.mapped_bytes(slices),
             front: front as u64,
-            body,
+            body: held as u64,
             band: band as u64,
             // small tiles differ most from the mean
-            tile: (tile as u64).max(SMALLEST_TILE),
+            tile: (tile as u64).max(SMALLEST_TILE) + (held - body) as u64,
             threads: threads as u64,
         }
     }

@@ -1,5 +1,6 @@
 //! How many tiles are finished together, so that the limit of memory holds then, too.
 
+use crate::pages::held;
 use crate::pipeline::tilefile::TileRecord;
 
 /// Tiles that are finished together, so that their pieces and entries are in memory at once.
@@ -45,7 +46,8 @@ pub fn at_once<'a>(
     memory: u64,
     threads: usize,
 ) -> usize {
-    let bytes = |t: &TileRecord| COPIES * t.body_bytes + u64::from(t.pieces) * BYTES_PER_NODE;
+    let copy = |t: &TileRecord| held(t.body_bytes as usize, t.body_bytes as usize) as u64;
+    let bytes = |t: &TileRecord| COPIES * copy(t) + u64::from(t.pieces) * BYTES_PER_NODE;
     let mut all: Vec<u64> = tiles.map(bytes).collect();
     all.sort_unstable_by(|a, b| b.cmp(a));
     let mut sum = 0;
@@ -107,7 +109,8 @@ mod tests {
             prop_assert!((1..=threads).contains(&n));
             let mut sorted = bytes;
             sorted.sort_unstable_by(|a, b| b.cmp(a));
-            let needed = |n: usize| sorted.iter().take(n).sum::<u64>() * COPIES;
+            let held = |&bytes: &u64| held(bytes as usize, bytes as usize) as u64;
+            let needed = |n: usize| sorted.iter().map(held).take(n).sum::<u64>() * COPIES;
             prop_assert!(n == 1 || needed(n) <= memory / 4 * 3);
             prop_assert!(n == threads || needed(n + 1) > memory / 4 * 3);
         }

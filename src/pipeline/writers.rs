@@ -173,7 +173,8 @@ mod tests {
     use super::*;
 
     fn job(path: PathBuf, body: &[u8], mut buffer: Buffer) -> Job {
-        buffer.fill(body.len(), |out| out.extend_from_slice(body));
+        buffer.begin(0, body.len());
+        buffer.extend_from_slice(body);
         Job {
             path,
             head: vec![b' '; direct::SECTOR],

@@ -71,35 +71,33 @@ impl Body {
             chunk,
             triangles,
         } = mesh;
-        chunk.end(|out| {
-            let start = out.len() - body.indices_start() as usize;
-            let mut indices = Vec::new();
-            for piece in pieces {
-                let faces = &mut triangles[piece.faces()];
-                indices.clear();
-                let strips = match primitives {
-                    Primitives::Strips => stripifier.stripify(faces, &mut indices),
-                    Primitives::Triangles => {
-                        list(faces, &mut indices);
-                        0
-                    }
-                };
-                let piece = BodyPiece {
-                    first_index_byte: (out.len() - start) as u64,
-                    first_vertex: piece.first_vertex,
-                    vertices: piece.vertices,
-                    triangles: piece.triangles,
-                    indices: indices.len() as u32,
-                    strips: strips as u32,
-                    min: piece.min,
-                    max: piece.max,
-                    reserved: 0,
-                };
-                write_indices(&piece, &indices, out);
-                body.pieces.push(piece);
-            }
-            body.bytes = (out.len() - start) as u64;
-        });
+        chunk.truncate();
+        let mut indices = Vec::new();
+        for piece in pieces {
+            let faces = &mut triangles[piece.faces()];
+            indices.clear();
+            let strips = match primitives {
+                Primitives::Strips => stripifier.stripify(faces, &mut indices),
+                Primitives::Triangles => {
+                    list(faces, &mut indices);
+                    0
+                }
+            };
+            let piece = BodyPiece {
+                first_index_byte: chunk.bytes().len() as u64,
+                first_vertex: piece.first_vertex,
+                vertices: piece.vertices,
+                triangles: piece.triangles,
+                indices: indices.len() as u32,
+                strips: strips as u32,
+                min: piece.min,
+                max: piece.max,
+                reserved: 0,
+            };
+            write_indices(&piece, &indices, |bytes| chunk.extend_from_slice(bytes));
+            body.pieces.push(piece);
+        }
+        body.bytes = chunk.bytes().len() as u64;
         body
     }
 
@@ -148,25 +146,20 @@ fn list(piece: &[Triangle], out: &mut Vec<u32>) {
     out.extend(piece[1..].iter().flat_map(Triangle::corners));
 }
 
-/// Writes a piece's indices in their width, padded to 4 bytes.
-pub(super) fn write_indices(piece: &BodyPiece, indices: &[u32], out: &mut Vec<u8>) {
-    let end = out.len() + piece.index_bytes() as usize;
+/// Hands out a piece's indices in their width, padded to 4 bytes, a few hundred at a time.
+pub(super) fn write_indices(piece: &BodyPiece, indices: &[u32], mut put: impl FnMut(&[u8])) {
     if piece.wide() {
-        out.extend_from_slice(bytemuck::cast_slice(indices));
-    } else {
-        append_low(out, indices);
+        return put(bytemuck::cast_slice(indices));
     }
-    out.resize(end, 0);
-}
-
-/// Appends 16 bits of each value, a few hundred at a time: that takes no clearing of the room for them.
-fn append_low(out: &mut Vec<u8>, values: &[u32]) {
     let mut low = [0u16; 512];
-    for values in values.chunks(low.len()) {
-        for (low, &value) in low.iter_mut().zip(values) {
-            *low = (value as u16).to_le();
+    for indices in indices.chunks(low.len()) {
+        for (low, &index) in low.iter_mut().zip(indices) {
+            *low = (index as u16).to_le();
         }
-        out.extend_from_slice(bytemuck::cast_slice(&low[..values.len()]));
+        put(bytemuck::cast_slice(&low[..indices.len()]));
+    }
+    if !indices.len().is_multiple_of(2) {
+        put(&[0; 2]);
     }
 }
 
@@ -200,7 +193,7 @@ pub fn group_body(
             ..piece
         };
         first_vertex += piece.vertices;
-        write_indices(&piece, &indices, &mut out);
+        write_indices(&piece, &indices, |bytes| out.extend_from_slice(bytes));
         made.pieces.push(piece);
     }
     made.bytes = out.len() as u64;

@@ -127,7 +127,7 @@ impl Contents {
             piece.indices = p.indices.len() as u32;
             [piece.min, piece.max] = p.bounds()?;
             body.vertices += piece.vertices;
-            write_indices(&piece, &p.indices, &mut bin);
+            write_indices(&piece, &p.indices, |bytes| bin.extend_from_slice(bytes));
             body.pieces.push(piece);
         }
         body.bytes = bin.len() as u64;
