@@ -7,6 +7,7 @@ use crate::pipeline::shards::Part;
 use crate::pipeline::spool::{Place, Spool};
 use crate::pipeline::surfaces::WHOLE;
 use crate::pipeline::tilefile::{TileRecord, WrittenPiece};
+use crate::tile::Body;
 use std::collections::BTreeMap;
 
 /// Pieces of some tiles whose cells are measured once for all of them, at most: 5 MB of measures.
@@ -65,6 +66,17 @@ pub struct Job {
     pub ids: Vec<Ids>,
 }
 
+impl Job {
+    /// The tile's geometry as the sweep wrote it.
+    pub fn body(&self) -> Body {
+        Body {
+            pieces: self.pieces.iter().map(|p| p.body).collect(),
+            vertices: self.tile.vertices,
+            bytes: self.tile.body_bytes,
+        }
+    }
+}
+
 /// Some tiles, layer by layer.
 #[derive(Default)]
 pub struct Batch {
@@ -118,6 +130,14 @@ impl Batch {
     }
 }
 
+/// How many groups [`group`] would make.
+pub fn count_distinct(ids: &[Ids]) -> usize {
+    let mut ids = ids.to_vec();
+    ids.sort_unstable();
+    ids.dedup();
+    ids.len()
+}
+
 /// Pieces with the same ids, in the order of their first piece.
 pub fn group(ids: &[Ids]) -> (Vec<Vec<usize>>, Vec<Ids>) {
     let mut groups: Vec<Vec<usize>> = Vec::new();
@@ -140,6 +160,7 @@ mod tests {
     use super::*;
     use crate::manifest::Bounds;
     use bytemuck::Zeroable;
+    use proptest::prelude::*;
 
     fn tiles(count: u32, pieces: u32) -> Vec<TileRecord> {
         let tile = |x| {
@@ -213,6 +234,21 @@ mod tests {
                 assert_eq!((entry.grid, text), (tile.grid, &vec![next]));
                 next += 1;
             }
+        }
+    }
+
+    proptest! {
+        #[test]
+        fn groups_are_the_pieces_with_the_same_ids(cells in prop::collection::vec(0..20u64, 0..40)) {
+            let id = |&cell: &u64| Ids { object: 1 + cell % 2, cell, surface: cell };
+            let ids: Vec<Ids> = cells.iter().map(id).collect();
+            let (groups, group_ids) = group(&ids);
+            prop_assert_eq!(count_distinct(&ids), groups.len());
+            prop_assert_eq!(groups.concat().len(), ids.len());
+            for (group, id) in groups.iter().zip(&group_ids) {
+                prop_assert!(group.is_sorted() && group.iter().all(|&piece| ids[piece] == *id));
+            }
+            prop_assert!(groups.is_sorted_by_key(|group| group[0]));
         }
     }
 

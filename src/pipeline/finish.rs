@@ -5,7 +5,7 @@ use crate::grid::{LATTICE, Placement, Tiling};
 use crate::manifest::{Bounds, Group, Layer, Shard, TileEntry, Totals, checksum_text};
 use crate::measure::{ComponentRecord, Measures, RecordTable};
 use crate::pipeline::anew::{Buffers, anew_path, read_back, write_anew};
-use crate::pipeline::batch::{Batch, Ids, Job, KNOWN_PIECES, group};
+use crate::pipeline::batch::{Batch, Ids, Job, KNOWN_PIECES, count_distinct, group};
 use crate::pipeline::forward::SlabRecord;
 use crate::pipeline::keep::Keeper;
 use crate::pipeline::ration::{at_once, parts};
@@ -225,12 +225,18 @@ impl Finisher<'_> {
         cells: &RecordTable<ComponentRecord>,
     ) -> Result<Vec<(TileEntry, Vec<u8>)>> {
         let known = self.cells_of(jobs, cells)?;
-        let finish = |job: &Job| {
+        let anew = jobs.par_iter().map(|job| self.is_anew(job));
+        let anew: Vec<bool> = anew.collect();
+        let finish = |&at: &usize| {
             let thread = rayon::current_thread_index().unwrap_or_default();
             let mut buffers = self.buffers[thread].lock().expect("no thread panicked");
-            let entry = self.finish_tile(job, (&known, cells), &mut buffers)?;
+            let (job, cells) = (&jobs[at], (&known[..], cells));
+            let entry = match anew[at] {
+                true => self.rewrite_tile(job, cells, &mut buffers),
+                false => self.finish_tile(job, cells),
+            }?;
             let text = serde_json::to_vec(&entry).expect("plain data serialises");
-            Ok((entry, text))
+            Ok((at, (entry, text)))
         };
         let threads = rayon::current_num_threads();
         let records = jobs.iter().map(|job| &job.tile);
@@ -238,9 +244,12 @@ impl Finisher<'_> {
             few if few < threads => few,
             _ => jobs.len().max(1),
         };
+        // those that are written anew take longest: no thread is left with one when the others have none
+        let mut order: Vec<usize> = (0..jobs.len()).collect();
+        order.sort_by_key(|&at| !anew[at]);
         let mut finished = Vec::with_capacity(jobs.len());
-        for jobs in jobs.chunks(together) {
-            let made = jobs.par_iter().map(finish);
+        for some in order.chunks(together) {
+            let made = some.par_iter().with_max_len(1).map(finish);
             finished.extend(made.collect::<Result<Vec<_>>>()?);
             if together < threads {
                 // there is no memory for what each thread keeps
@@ -249,7 +258,15 @@ impl Finisher<'_> {
                 }
             }
         }
-        Ok(finished)
+        finished.sort_unstable_by_key(|&(at, _)| at);
+        Ok(finished.into_iter().map(|(_, made)| made).collect())
+    }
+
+    /// Whether a tile has to be written anew: pieces turned out to be one, the layout is the merged one, or
+    /// numbers are stored in another way.
+    fn is_anew(&self, job: &Job) -> bool {
+        let pieces = count_distinct(&job.ids);
+        pieces < job.ids.len() || !self.settings.head.is_plain(pieces)
     }
 
     /// The cells of some tiles by rising id, unless there are too many pieces. Most lie in several tiles.
@@ -274,77 +291,54 @@ impl Finisher<'_> {
         })
     }
 
-    fn finish_tile(
-        &self,
-        Job { tile, pieces, ids }: &Job,
-        cells: Cells,
-        buffers: &mut Buffers,
-    ) -> Result<TileEntry> {
-        let body = Body {
-            pieces: pieces.iter().map(|p| p.body).collect(),
-            vertices: tile.vertices,
-            bytes: tile.body_bytes,
-        };
-        let (groups, group_ids) = group(ids);
-        let grouped = groups.len() < pieces.len();
+    /// Writes the JSON of a tile that is as it is to be.
+    fn finish_tile(&self, job: &Job, cells: Cells) -> Result<TileEntry> {
+        let (tile, body) = (&job.tile, job.body());
+        let nodes = self.nodes(&body, &job.ids, cells)?;
+        let json = node_json(self.settings.head, &body, &nodes);
+        let head = write_head(&json, tile.room as usize, tile.body_bytes)
+            .ok_or_else(|| too_large(tile.grid))?;
+        let bytes = head.len() as u64 + tile.body_bytes;
         let path = self.settings.dir.join(tile_path(tile.grid));
-        if !grouped && self.settings.head.is_plain(groups.len()) {
-            let nodes = self.nodes(&body, &group_ids, cells)?;
-            let json = node_json(self.settings.head, &body, &nodes);
-            let room = tile.room as usize;
-            let head =
-                write_head(&json, room, tile.body_bytes).ok_or_else(|| too_large(tile.grid))?;
-            let bytes = head.len() as u64 + tile.body_bytes;
-            let file = OpenOptions::new()
-                .write(true)
-                .open(&path)
-                .map_err(|e| Error::io(&path, "open", e))?;
-            let found = file.metadata().map_err(|e| Error::io(&path, "stat", e))?;
-            if found.len() != bytes {
-                return Err(changed(&path, found.len(), bytes));
-            }
-            file.write_all_at(&head, 0)
-                .map_err(|e| Error::io(&path, "write", e))?;
-            let mut crc = crc32fast::Hasher::new();
-            crc.update(&head);
-            crc.combine(&crc32fast::Hasher::new_with_initial_len(
-                tile.crc,
-                tile.body_bytes,
-            ));
-            return Ok(entry(
-                tile,
-                &body,
-                &group_ids,
-                None,
-                (bytes, crc.finalize()),
-            ));
+        let file = OpenOptions::new()
+            .write(true)
+            .open(&path)
+            .map_err(|e| Error::io(&path, "open", e))?;
+        let found = file.metadata().map_err(|e| Error::io(&path, "stat", e))?;
+        if found.len() != bytes {
+            return Err(changed(&path, found.len(), bytes));
         }
-        self.rewrite_tile(tile, &body, (&groups, &group_ids, cells), (&path, buffers))
+        file.write_all_at(&head, 0)
+            .map_err(|e| Error::io(&path, "write", e))?;
+        let mut crc = crc32fast::Hasher::new();
+        crc.update(&head);
+        crc.combine(&crc32fast::Hasher::new_with_initial_len(
+            tile.crc,
+            tile.body_bytes,
+        ));
+        let size_and_crc = (bytes, crc.finalize());
+        Ok(entry(tile, &body, &job.ids, None, size_and_crc))
     }
 
-    /// Writes a tile anew, beside the old one: pieces that turned out to be one are joined, the layout
-    /// is the merged one, or numbers are stored in another way.
-    fn rewrite_tile(
-        &self,
-        tile: &TileRecord,
-        body: &Body,
-        (groups, group_ids, cells): (&[Vec<usize>], &[Ids], Cells),
-        (path, buffers): (&Path, &mut Buffers),
-    ) -> Result<TileEntry> {
+    /// Writes a tile anew, beside the old one.
+    fn rewrite_tile(&self, job: &Job, cells: Cells, buffers: &mut Buffers) -> Result<TileEntry> {
+        let (tile, body) = (&job.tile, job.body());
+        let (groups, group_ids) = group(&job.ids);
         let head = self.settings.head;
-        let bytes = read_back(path, &mut buffers.old)?;
+        let path = self.settings.dir.join(tile_path(tile.grid));
+        let bytes = read_back(&path, &mut buffers.old)?;
         let start = bytes.len().saturating_sub(body.bytes as usize);
         if crc32fast::hash(&bytes[start..]) != tile.crc {
             let len = bytes.len() as u64;
-            return Err(changed(path, len, len.max(body.bytes)));
+            return Err(changed(&path, len, len.max(body.bytes)));
         }
         let (body, bin) = if groups.len() < body.pieces.len() {
-            let (body, bin) = group_body(body, &bytes[start..], groups, head.form.primitives);
-            (Cow::Owned(body), Cow::Owned(bin))
+            let (body, bin) = group_body(&body, &bytes[start..], &groups, head.form.primitives);
+            (body, Cow::Owned(bin))
         } else {
-            (Cow::Borrowed(body), Cow::Borrowed(&bytes[start..]))
+            (body, Cow::Borrowed(&bytes[start..]))
         };
-        let nodes = self.nodes(&body, group_ids, cells)?;
+        let nodes = self.nodes(&body, &group_ids, cells)?;
         let low = |a: usize| self.settings.tiling.cubes(a, tile.grid[a]).start;
         let file = tile_file(head, std::array::from_fn(low), (&body, &bin), &nodes).map_err(
             |refused| match refused {
@@ -363,7 +357,7 @@ impl Finisher<'_> {
         let size_and_crc = (bytes, crc.finalize());
         write_anew(anew, parts, (self.settings.writers, &mut buffers.new))?;
         let indices = Some(file.indices);
-        Ok(entry(tile, &body, group_ids, indices, size_and_crc))
+        Ok(entry(tile, &body, &group_ids, indices, size_and_crc))
     }
 
     /// Names and numbers of a tile's pieces.
