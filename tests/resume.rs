@@ -406,6 +406,31 @@ fn another_conversion_is_refused_with_what_differs() {
 }
 
 /// The foam as a folder of slices and as a Zarr array of many chunks.
+#[test]
+#[cfg(feature = "zarr")]
+fn another_array_of_the_same_input_is_another_conversion() {
+    let dir = tempfile::tempdir().unwrap();
+    let here = dir.path();
+    for (name, seed) in [("a", 1), ("b", 2)] {
+        let array = here.join("two.zarr").join(name);
+        std::fs::create_dir_all(&array).unwrap();
+        let meta = r#"{"zarr_format": 2, "shape": [8, 8, 8], "chunks": [8, 8, 8], "dtype": "|u1",
+            "compressor": null, "fill_value": 0, "order": "C", "filters": null}"#;
+        std::fs::write(array.join(".zarray"), meta).unwrap();
+        std::fs::write(array.join("0.0.0"), noise([8; 3], seed)).unwrap();
+    }
+    let group = here.join("two.zarr").join(".zgroup");
+    std::fs::write(group, r#"{"zarr_format": 2}"#).unwrap();
+    let line = "convert two.zarr out --threshold 128 --quiet --dataset";
+    ok(here, &words(&format!("{line} a")));
+    let before = files(&here.join("out"));
+    let index = command::json(std::str::from_utf8(&before["index.json"]).unwrap());
+    assert_eq!(index["source"]["dataset"], "a");
+    ok(here, &words(&format!("{line} a --resume")));
+    fails(here, &words(&format!("{line} b --resume")));
+    assert_same_files(&files(&here.join("out")), &before, "a refusal");
+}
+
 fn in_many_files(here: &Path) {
     let raw = std::fs::read(here.join("foam.raw")).unwrap();
     std::fs::create_dir(here.join("slices")).unwrap();

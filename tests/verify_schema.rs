@@ -3,8 +3,8 @@
 use alvis::grid::{Ambiguous, Crop, Dims, Placement, Unit};
 use alvis::manifest::{
     Bounds, ColourBy, Encoding, FORMAT, FORMAT_VERSION, Generator, GridInfo, Group, Layer, Layout,
-    Manifest, Paint, Primitives, Provenance, Selection, Shard, Source, TableChecksums, Tables,
-    TileEntry, Totals, WholeTotals, checksum_text,
+    Manifest, Paint, Part, Primitives, Provenance, Selection, Shard, Source, TableChecksums,
+    Tables, TileEntry, Totals, WholeTotals, checksum_text,
 };
 use alvis::verify::{Code, Issue, Report, Severity};
 use alvis::volume::{Dtype, Endian};
@@ -50,6 +50,10 @@ fn manifest() -> Manifest {
                 y: 0..200,
                 z: 10..90,
             }),
+            part: Part {
+                dataset: Some("entry/data".into()),
+                ..Part::default()
+            },
             provenance: Provenance::default(),
         },
         grid: GridInfo {

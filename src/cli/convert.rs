@@ -108,6 +108,7 @@ impl ConvertArgs {
             input: crate::volume::stamp(&self.input, &opened, &self.out)?,
             source_name: opened.name.clone(),
             source_offset: opened.offset,
+            source_part: opened.part.clone(),
             provenance: opened.provenance,
         };
         let how = match self.threshold {

@@ -92,6 +92,7 @@ impl DemoArgs {
             primitives: self.primitives.into(),
             force: true,
             source_name: opened.name.clone(),
+            source_part: opened.part.clone(),
             provenance: opened.provenance,
             ..ConvertOptions::default()
         };

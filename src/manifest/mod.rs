@@ -174,8 +174,28 @@ pub struct Source {
     /// The part that was converted, in voxels of the whole volume; absent if all of it.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub crop: Option<Crop>,
+    /// What was asked for of an input that may hold several volumes.
+    #[serde(flatten)]
+    pub part: Part,
     /// Where spacing, unit and origin came from.
     pub provenance: Provenance,
+}
+
+/// What was asked for of an input that may hold several volumes; absent what was not.
+#[derive(Debug, Clone, PartialEq, Eq, Default, Serialize, Deserialize)]
+pub struct Part {
+    /// The series of a DICOM folder: its number, description or UID.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub series: Option<String>,
+    /// True if slices that do not make a regular grid were interpolated to one (DICOM).
+    #[serde(default, skip_serializing_if = "std::ops::Not::not")]
+    pub resample: bool,
+    /// The array, by its path (HDF5, Zarr).
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub dataset: Option<String>,
+    /// The level of a pyramid, 0 the finest (OME-Zarr).
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub level: Option<u32>,
 }
 
 /// Components that were left out and filled with the other phase, since they have few voxels.

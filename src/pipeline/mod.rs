@@ -419,6 +419,7 @@ fn manifest(
             endian: source.endian,
             offset: options.source_offset,
             crop: options.crop.clone(),
+            part: options.source_part.clone(),
             provenance: options.provenance,
         },
         grid: GridInfo {

@@ -1,7 +1,7 @@
 //! What a conversion is asked for, and what it reports.
 
 use crate::grid::{Ambiguous, Crop};
-use crate::manifest::{Encoding, Form, Layout, Primitives, Provenance, Totals};
+use crate::manifest::{Encoding, Form, Layout, Part, Primitives, Provenance, Totals};
 use serde::Serialize;
 
 /// The options of [`super::convert`].
@@ -44,6 +44,8 @@ pub struct ConvertOptions {
     pub source_name: String,
     /// Bytes before the first sample of a raw file, for the manifest.
     pub source_offset: u64,
+    /// What was asked for of an input that may hold several volumes, for the manifest.
+    pub source_part: Part,
     /// Where spacing, unit and origin came from, for the manifest.
     pub provenance: Provenance,
 }
@@ -78,6 +80,7 @@ impl Default for ConvertOptions {
             input: Vec::new(),
             source_name: String::new(),
             source_offset: 0,
+            source_part: Part::default(),
             provenance: Provenance::default(),
         }
     }

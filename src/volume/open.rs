@@ -11,7 +11,7 @@ use super::{
 };
 use crate::error::{Error, Result};
 use crate::grid::{Dims, Placement, Unit};
-use crate::manifest::{Origin, Provenance};
+use crate::manifest::{Origin, Part, Provenance};
 use std::path::{Path, PathBuf};
 
 /// How uncompressed files are read.
@@ -64,6 +64,8 @@ pub struct Opened {
     pub name: String,
     /// Bytes before the first sample of a headerless raw file; 0 for files with a header.
     pub offset: u64,
+    /// What was asked for of an input that may hold several volumes.
+    pub part: Part,
     /// Files that the samples lie in, where these are others than the one that was opened, or of a
     /// folder those that were taken; may be empty if what was opened says it all.
     pub files: Vec<PathBuf>,
@@ -162,6 +164,12 @@ pub fn open(path: &Path, options: &OpenOptions) -> Result<Opened> {
         provenance,
         name: name.to_string_lossy().into_owned(),
         offset,
+        part: Part {
+            series: options.series.clone(),
+            resample: options.resample,
+            dataset: options.dataset.clone(),
+            level: options.level,
+        },
         files,
         notes: recipe.notes,
     })

@@ -48,6 +48,15 @@ impl Identity {
             ("--layout", text(&options.layout)),
         ];
         list.extend(more.map(|(name, value)| (name.to_string(), value.replace('"', ""))));
+        let part = &options.source_part;
+        let asked_for = [
+            ("--series", part.series.clone()),
+            ("--resample", part.resample.then(|| "given".into())),
+            ("--dataset", part.dataset.clone()),
+            ("--level", part.level.map(|level| level.to_string())),
+        ];
+        let given = asked_for.map(|(name, value)| value.map(|value| (name.to_string(), value)));
+        list.extend(given.into_iter().flatten());
         Identity(list)
     }
 
@@ -92,6 +101,7 @@ impl Identity {
 mod tests {
     use super::*;
     use crate::grid::{Dims, Placement};
+    use crate::manifest::Part;
     use crate::volume::MemoryVolume;
 
     #[test]
@@ -103,6 +113,10 @@ mod tests {
         let other = ConvertOptions {
             threshold: 1.5,
             cap: true,
+            source_part: Part {
+                dataset: Some("b".into()),
+                ..Part::default()
+            },
             input: vec![("input".into(), "b.raw".into())],
             // these change nothing
             memory: 7,
@@ -115,6 +129,7 @@ mod tests {
             "input was nothing and is b.raw",
             "--threshold was 0 and is 1.5",
             "--cap was false and is true",
+            "--dataset was nothing and is b",
         ];
         assert_eq!(new.differences(&old), expected);
         assert!(new.differences(&new).is_empty() && new.crc() != old.crc());
