@@ -407,6 +407,29 @@ fn another_conversion_is_refused_with_what_differs() {
 
 /// The foam as a folder of slices and as a Zarr array of many chunks.
 #[test]
+fn a_whole_set_of_an_input_that_changed_since_is_not_taken_for_its_own() {
+    let dir = tempfile::tempdir().unwrap();
+    let here = dir.path();
+    std::fs::write(here.join("a.raw"), noise([8; 3], 1)).unwrap();
+    let line = "convert a.raw out --dims 8,8,8 --dtype u8 --threshold 128 --quiet";
+    ok(here, &words(line));
+    let before = files(&here.join("out"));
+    ok(here, &words(&format!("{line} --resume")));
+    std::fs::write(here.join("a.raw"), noise([8; 3], 2)).unwrap();
+    let made = std::fs::metadata(here.join("out/index.json")).unwrap();
+    let file = std::fs::File::options()
+        .write(true)
+        .open(here.join("a.raw"));
+    let later = made.modified().unwrap() + Duration::from_nanos(1);
+    file.unwrap().set_modified(later).unwrap();
+    let message = fails(here, &words(&format!("{line} --resume")));
+    assert!(message.contains("--force"), "{message}");
+    assert_same_files(&files(&here.join("out")), &before, "a refusal");
+    ok(here, &words(&format!("{line} --resume --force")));
+    assert!(files(&here.join("out")) != before);
+}
+
+#[test]
 #[cfg(feature = "zarr")]
 fn another_array_of_the_same_input_is_another_conversion() {
     let dir = tempfile::tempdir().unwrap();

@@ -66,7 +66,8 @@ pub struct ConvertArgs {
     ///
     /// Input and options must be those of the interrupted conversion; --memory, --threads, --io,
     /// --force, --quiet and --json may change. If there is nothing to go on with, the conversion begins
-    /// at the beginning; if the directory holds this tile set already, whole, nothing is done.
+    /// at the beginning; if the directory holds this tile set already, whole and younger than the input,
+    /// nothing is done.
     #[arg(long)]
     resume: bool,
     #[command(flatten)]

@@ -2,6 +2,7 @@
 
 use crate::grid::{Ambiguous, Crop};
 use crate::manifest::{Encoding, Form, Layout, Part, Primitives, Provenance, Totals};
+use crate::volume::Stamp;
 use serde::Serialize;
 
 /// The options of [`super::convert`].
@@ -34,12 +35,13 @@ pub struct ConvertOptions {
     pub force: bool,
     /// Go on with a conversion into the output directory that was interrupted, if there is one: it
     /// must have had the same input and options, but for `memory`, `threads` and `force`. If the
-    /// directory holds the tile set that is asked for, whole, nothing is done. Without this an
-    /// interrupted conversion is begun anew.
+    /// directory holds the tile set that is asked for, whole and younger than the input, nothing is done.
+    /// Without this an interrupted conversion is begun anew.
     pub resume: bool,
-    /// Names and values that tell the input from any other, such as its size and the time of its last
-    /// change, see [`crate::volume::stamp`]. They do not go into the output: `resume` compares them.
-    pub input: Vec<(String, String)>,
+    /// What tells the input from any other, such as its size and the time of its last change, see
+    /// [`crate::volume::stamp`]. It does not go into the output: `resume` compares it with what an interrupted
+    /// conversion kept, and takes no tile set for whole that is older than the input.
+    pub input: Stamp,
     /// The input's name for the manifest, without its directory.
     pub source_name: String,
     /// Bytes before the first sample of a raw file, for the manifest.
@@ -77,7 +79,7 @@ impl Default for ConvertOptions {
             layout: Layout::Auto,
             force: false,
             resume: false,
-            input: Vec::new(),
+            input: Stamp::default(),
             source_name: String::new(),
             source_offset: 0,
             source_part: Part::default(),

@@ -54,15 +54,16 @@ pub fn announced(output: &Output, identity: &Identity) -> Option<Made> {
     (same && counts).then_some(made)
 }
 
-/// What was made, if `out` holds the tile set that is asked for.
+/// What was made, if `out` holds the tile set that is asked for, and the input did not change since.
 pub fn complete(
     volume: &dyn Volume,
     grid: &dyn Volume,
     options: &ConvertOptions,
     plan: &Plan,
-    out: &Path,
+    (out, progress): (&Path, &dyn Progress),
 ) -> Option<Made> {
-    let bytes = std::fs::read(out.join("index.json")).ok()?;
+    let index = out.join("index.json");
+    let bytes = std::fs::read(&index).ok()?;
     let found: Manifest = serde_json::from_slice(&bytes).ok()?;
     let min_voxels = found.dust.map_or(1, |d| d.min_voxels);
     let same = Manifest {
@@ -78,6 +79,15 @@ pub fn complete(
     };
     let wanted = same.sealed(out).ok()?;
     if wanted != bytes || min_voxels != options.min_voxels.max(1) {
+        return None;
+    }
+    let made = std::fs::metadata(&index).and_then(|m| m.modified()).ok()?;
+    if options
+        .input
+        .last_change
+        .is_some_and(|change| change > made)
+    {
+        progress.warn("the input has changed since the tile set in the directory was made");
         return None;
     }
     let mut size = found.totals.bytes + bytes.len() as u64;

@@ -56,7 +56,7 @@ pub use memory::MemoryVolume;
 pub use open::{Io, OpenOptions, Opened, open};
 pub use predict::{Prediction, predict};
 pub use spool::spool;
-pub use stamp::stamp;
+pub use stamp::{Stamp, stamp};
 pub use statistics::{Statistics, statistics};
 
 use crate::error::{Error, Result};

@@ -6,6 +6,7 @@ use crate::error::{Error, Result};
 use std::fs::Metadata;
 use std::os::unix::fs::MetadataExt;
 use std::path::{Path, PathBuf};
+use std::time::{Duration, SystemTime, UNIX_EPOCH};
 
 /// Folders in folders beyond this are not looked into.
 const MAX_DEPTH: u32 = 8;
@@ -36,13 +37,22 @@ impl Sums {
     }
 }
 
+/// What tells an input from any other.
+#[derive(Debug, Clone, PartialEq, Eq, Default)]
+pub struct Stamp {
+    /// Names and values, as a user knows them.
+    pub values: Vec<(String, String)>,
+    /// When it changed last, as far as the system tells.
+    pub last_change: Option<SystemTime>,
+}
+
 /// Names and values that change if the input at `path`, which was opened as `opened`, is exchanged or
 /// written to: its place, the size of its files, and the times of their last changes. What lies in the
 /// directory `out` is no part of it.
 ///
 /// # Errors
 /// [`Error::Io`] if a file or folder cannot be looked at.
-pub fn stamp(path: &Path, opened: &Opened, out: &Path) -> Result<Vec<(String, String)>> {
+pub fn stamp(path: &Path, opened: &Opened, out: &Path) -> Result<Stamp> {
     let mut sums = Sums::default();
     let mut add = |file: &Path| -> Result<()> {
         let meta = std::fs::metadata(file).map_err(|e| Error::io(file, "stat", e))?;
@@ -60,7 +70,7 @@ pub fn stamp(path: &Path, opened: &Opened, out: &Path) -> Result<Vec<(String, St
     let place = std::path::absolute(path).unwrap_or_else(|_| path.to_path_buf());
     let place = place.canonicalize().unwrap_or(place);
     let (seconds, nanoseconds) = sums.last_change;
-    let mut stamp = vec![
+    let mut values = vec![
         ("input".to_string(), place.display().to_string()),
         ("size of the input".into(), format!("{} bytes", sums.bytes)),
         (
@@ -73,9 +83,15 @@ pub fn stamp(path: &Path, opened: &Opened, out: &Path) -> Result<Vec<(String, St
             "{} files, {:016x} by name, size and time",
             sums.files, sums.hash
         );
-        stamp.push(("files of the input".into(), files));
+        values.push(("files of the input".into(), files));
     }
-    Ok(stamp)
+    let after_1970 = u64::try_from(seconds).ok();
+    let last_change =
+        after_1970.and_then(|s| UNIX_EPOCH.checked_add(Duration::new(s, nanoseconds as u32)));
+    Ok(Stamp {
+        values,
+        last_change,
+    })
 }
 
 /// Calls `add` for the files of a folder, or for those that a pattern takes.

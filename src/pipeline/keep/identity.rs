@@ -19,7 +19,7 @@ impl Identity {
         let header = volume.header();
         let place = header.placement;
         let mut list = vec![("version".to_string(), env!("CARGO_PKG_VERSION").to_string())];
-        list.extend(options.input.iter().cloned());
+        list.extend(options.input.values.iter().cloned());
         let crop = match &options.crop {
             Some(c) => format!("{:?},{:?},{:?}", c.x, c.y, c.z),
             None => "none".into(),
@@ -102,7 +102,7 @@ mod tests {
     use super::*;
     use crate::grid::{Dims, Placement};
     use crate::manifest::Part;
-    use crate::volume::MemoryVolume;
+    use crate::volume::{MemoryVolume, Stamp};
 
     #[test]
     fn differences_name_the_old_and_the_new_value() {
@@ -117,7 +117,10 @@ mod tests {
                 dataset: Some("b".into()),
                 ..Part::default()
             },
-            input: vec![("input".into(), "b.raw".into())],
+            input: Stamp {
+                values: vec![("input".into(), "b.raw".into())],
+                ..Stamp::default()
+            },
             // these change nothing
             memory: 7,
             threads: 3,
