@@ -50,8 +50,10 @@ impl Buffer {
 
     /// Replaces the bytes by `len` others, whose values mean nothing, with room for `bytes` in all.
     pub fn begin(&mut self, len: usize, bytes: usize) {
-        let [used, room] = [len, bytes.max(len)].map(and_more);
-        self.memory.grow(room, used, 0);
+        let room = bytes.max(len);
+        if self.memory.len() < room {
+            self.memory.grow(and_more(room), and_more(len), 0);
+        }
         self.len = len;
     }
 
@@ -278,6 +280,19 @@ mod tests {
                 (all.len() + 100_000, all.len())] {
                 body.read(&file, len).unwrap();
                 prop_assert!(body.get() == &all[..expected]);
+            }
+        }
+    }
+
+    #[test]
+    fn what_is_a_little_longer_or_shorter_takes_no_other_memory() {
+        for len in [200_000, 1_000_000, 3_000_000] {
+            let mut buffer = Buffer::default();
+            buffer.begin(len, len + len / 4);
+            let held = (buffer.get().as_ptr(), buffer.capacity());
+            for next in [len + len / 16, len / 2, len] {
+                buffer.begin(next, next + next / 4);
+                assert_eq!((buffer.get().as_ptr(), buffer.capacity()), held);
             }
         }
     }

@@ -405,7 +405,6 @@ fn another_conversion_is_refused_with_what_differs() {
     );
 }
 
-/// The foam as a folder of slices and as a Zarr array of many chunks.
 #[test]
 fn a_whole_set_of_an_input_that_changed_since_is_not_taken_for_its_own() {
     let dir = tempfile::tempdir().unwrap();
@@ -454,6 +453,7 @@ fn another_array_of_the_same_input_is_another_conversion() {
     assert_same_files(&files(&here.join("out")), &before, "a refusal");
 }
 
+/// The foam as a folder of slices and as a Zarr array of many chunks.
 fn in_many_files(here: &Path) {
     let raw = std::fs::read(here.join("foam.raw")).unwrap();
     std::fs::create_dir(here.join("slices")).unwrap();

@@ -97,7 +97,7 @@ pub fn convert(
     let sweeps = if options.min_voxels > 1 { 3 } else { 1 };
     let all = (sweeps * u64::from(layers), layers);
     if options.resume
-        && let Some(made) = complete(volume, grid, options, &plan, (out, progress))
+        && let Some(made) = complete(volume, grid, options, &plan, out, progress)
     {
         progress.warn("nothing to resume: the directory holds this tile set already, whole");
         output::tidy(out)?;

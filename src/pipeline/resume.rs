@@ -60,7 +60,8 @@ pub fn complete(
     grid: &dyn Volume,
     options: &ConvertOptions,
     plan: &Plan,
-    (out, progress): (&Path, &dyn Progress),
+    out: &Path,
+    progress: &dyn Progress,
 ) -> Option<Made> {
     let index = out.join("index.json");
     let bytes = std::fs::read(&index).ok()?;
