@@ -10,7 +10,7 @@ use crate::measure::AreaScale;
 use crate::mesh::{
     BandView, Edges, MeshSettings, PieceIndex, Sheets, TileBox, TileMesh, TileMesher, assign,
 };
-use crate::segment::{Labels, Runs, UnionFind, label_runs, sum_voxels};
+use crate::segment::{Labels, Runs, label_runs, sum_voxels};
 use crate::slab::{Bits, Span, Voxels};
 use crate::strip::Stripifier;
 use crate::tile::Body;
@@ -30,7 +30,6 @@ pub struct Kernels {
     tiling: Tiling,
     threshold: u8,
     bands: Vec<Band>,
-    sets: UnionFind,
     mesher: TileMesher,
     meshes: Vec<TileMesh>,
     stripifier: Stripifier,
@@ -66,7 +65,6 @@ impl Kernels {
             tiling,
             threshold,
             bands,
-            sets: UnionFind::default(),
             mesher: TileMesher::default(),
             meshes: Vec::new(),
             stripifier: Stripifier::default(),
@@ -104,7 +102,7 @@ impl Kernels {
             band.runs.number(&band.bits);
             let rule = Ambiguous::Separate;
             let old = std::mem::take(&mut band.labels.of_run);
-            let (of_run, count) = label_runs(&band.bits, &band.runs, rule, &mut self.sets, old);
+            let (of_run, count) = label_runs(&band.bits, &band.runs, rule, old);
             band.labels = sum_voxels(&band.bits, of_run, count, self.tiling.dims);
             components += count;
         }

@@ -5,8 +5,8 @@ use super::*;
 use crate::grid::{Ambiguous, Dims, LATTICE, Placement, Tiling};
 use crate::measure::{AreaScale, VoxelSums};
 use crate::segment::{
-    BandComponents, BandEdges, Births, Classes, KnownBand, PhaseBirths, Runs, UnionFind,
-    add_border_euler, label_runs, sum_voxels,
+    BandComponents, BandEdges, Births, Classes, KnownBand, PhaseBirths, Runs, add_border_euler,
+    label_runs, sum_voxels,
 };
 use crate::slab::{Bits, Span, Voxels};
 use crate::strip::{NONE, STRIDE, Triangle as Numbered};
@@ -162,13 +162,7 @@ impl Case {
                 bits.classify(&voxels, span, Some(100));
                 let mut runs = Runs::default();
                 runs.number(&bits);
-                let (of_run, count) = label_runs(
-                    &bits,
-                    &runs,
-                    self.rule,
-                    &mut UnionFind::default(),
-                    Vec::new(),
-                );
+                let (of_run, count) = label_runs(&bits, &runs, self.rule, Vec::new());
                 let mut labels = sum_voxels(&bits, of_run, count, self.dims);
                 add_border_euler(&bits, &runs, &mut labels, self.rule, self.dims);
                 bands.push((voxels, bits, runs, labels));

@@ -7,8 +7,8 @@ use crate::pipeline::budget::{Budget, Reservation};
 use crate::pipeline::dust::Filter;
 use crate::pipeline::spool::{Place, Spool};
 use crate::segment::{
-    BandComponents, BandEdges, KnownBand, Labels, LocalComponent, Runs, UnionFind,
-    add_border_euler, label_runs, sum_voxels,
+    BandComponents, BandEdges, KnownBand, Labels, LocalComponent, Runs, add_border_euler,
+    label_runs, sum_voxels,
 };
 use crate::slab::{Bits, Span, Voxels};
 use crate::volume::{Volume, Voxel};
@@ -29,8 +29,6 @@ pub struct Band<T> {
     pub edges: BandEdges,
     /// NaN samples among the voxels that the band owns.
     pub nan: u64,
-    /// Scratch of the labelling.
-    pub sets: UnionFind,
     /// The memory of all this.
     pub held: Reservation,
 }
@@ -146,18 +144,20 @@ impl<T: Voxel> BandSource<'_, T> {
         band.held.grow_to(fixed)?;
         band.voxels.load(self.volume, samples)?;
         band.nan = count_nan(&band.voxels, &span);
-        band.bits.classify(&band.voxels, span, self.ceil);
+        band.bits.classify(&band.voxels, span.clone(), self.ceil);
         band.runs.number(&band.bits);
         let mut of_run = std::mem::take(&mut band.labels.of_run);
         for filter in self.filters {
-            (of_run, _) = label_runs(&band.bits, &band.runs, self.rule, &mut band.sets, of_run);
+            (of_run, _) = label_runs(&band.bits, &band.runs, self.rule, of_run);
             filter.fill([ty, tz], &mut band.bits, &band.runs, &of_run)?;
             band.runs.number(&band.bits);
         }
-        // a set and a label for each run, and the labels of the outer rows and slices
-        let labels = band.runs.count as u64 * 8 * 11 / 10;
+        // a label for each run with room for a few more, and again those of the outer rows and slices
+        let (runs, rows) = (band.runs.count, span.rows() * span.slices());
+        let outer = 2 * (span.rows() + span.slices());
+        let labels = 4 * (runs + runs / 16 + runs.div_ceil(rows) * outer) as u64;
         band.held.grow_to(fixed + labels)?;
-        let (of_run, count) = label_runs(&band.bits, &band.runs, self.rule, &mut band.sets, of_run);
+        let (of_run, count) = label_runs(&band.bits, &band.runs, self.rule, of_run);
         band.held.grow_to(fixed + labels + component_bytes(count))?;
         band.labels = sum_voxels(&band.bits, of_run, count, self.dims());
         add_border_euler(

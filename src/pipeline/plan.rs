@@ -11,9 +11,9 @@ use crate::volume::Volume;
 
 /// Resident memory of the program itself with its threads' stacks and allocator slack.
 const BASE: u64 = 20 << 20;
-/// Bytes per voxel of a band's bits, run numbers and labels: 1/8 + 1/16, and 12 bytes for each of
+/// Bytes per voxel of a band's bits, run numbers and labels: 1/8 + 1/16, and 8 bytes for each of
 /// about 0.06 runs a voxel (a foam has 0.05, both phases together).
-const BAND_BYTES_PER_VOXEL: f64 = 0.19 + 0.06 * 12.0;
+const BAND_BYTES_PER_VOXEL: f64 = 0.19 + 0.06 * 8.0;
 /// Triangles per cube that a tile's buffers are planned for; a foam has 0.3, noise 2.6. A tile that
 /// needs more is checked against the limit when it is met.
 const TILE_TRIANGLES_PER_CUBE: f64 = 0.4;
@@ -34,7 +34,7 @@ pub struct Plan {
     /// Bands of a slab that are in memory at once. If it is all of them, voxels are read once; else
     /// a slab is read twice, first to label it and then to mesh it.
     pub bands_at_once: u32,
-    /// True if the next slab is read and labelled while this one is meshed.
+    /// True if the next slab is read and labelled while this one is meshed, see [`Plan::bands_ahead`].
     pub look_ahead: bool,
     /// Worker threads.
     pub threads: usize,
@@ -50,6 +50,20 @@ pub struct Plan {
     pub in_flight: usize,
     /// Bytes that the geometry of each of them may have.
     pub body: u64,
+}
+
+impl Plan {
+    /// Bands of the next slab for which there is memory besides that of a slab: one for each thread.
+    pub fn bands_ahead(&self) -> u32 {
+        bands_ahead(self.tiling, self.threads as u64)
+    }
+}
+
+fn bands_ahead(tiling: Tiling, threads: u64) -> u32 {
+    let bands = tiling.tiles()[1];
+    threads
+        .try_into()
+        .map_or(bands, |threads| bands.min(threads))
 }
 
 /// Predicts the memory and chooses how to cut.
@@ -116,6 +130,7 @@ struct Cost {
     band: u64,
     tile: u64,
     threads: u64,
+    ahead: u32,
 }
 
 impl Cost {
@@ -145,12 +160,13 @@ impl Cost {
             // small tiles differ most from the mean
             tile: (tile as u64).max(SMALLEST_TILE) + (held - body) as u64,
             threads: threads as u64,
+            ahead: bands_ahead(tiling, threads as u64),
         }
     }
 
     fn total(&self, bands_at_once: u32, look_ahead: bool) -> u64 {
-        let generations = if look_ahead { 2 } else { 1 };
-        let slab = u64::from(bands_at_once) * self.band;
-        self.base + self.front + generations * slab + self.threads * self.tile
+        let ahead = if look_ahead { self.ahead } else { 0 };
+        let bands = u64::from(bands_at_once) + u64::from(ahead);
+        self.base + self.front + bands * self.band + self.threads * self.tile
     }
 }

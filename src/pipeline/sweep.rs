@@ -7,6 +7,7 @@
 //! read and labelled while this one is meshed. If not, or where a slab turns out denser than planned,
 //! a slab is done in parts: read once to label it and once more to mesh it. The result is the same.
 
+mod ahead;
 mod whole;
 
 use crate::error::{Error, Result};
@@ -29,6 +30,7 @@ use crate::segment::SlabClasses;
 use crate::volume::{Volume, Voxel};
 use rayon::prelude::*;
 use std::cmp::Reverse;
+use std::ops::Deref;
 use std::sync::Arc;
 
 /// What stays the same during a sweep.
@@ -52,10 +54,11 @@ pub struct Sweep<'a> {
 }
 
 /// A tile to mesh.
-struct TileJob<'a, T> {
+struct TileJob<B> {
     /// Memory that this takes.
     bytes: u64,
-    band: &'a Band<T>,
+    /// The band that it lies in.
+    band: B,
     grid: [u32; 3],
     tile: TileBox,
 }
@@ -216,7 +219,8 @@ impl Sweep<'_> {
             let gather = state.gather(&known.settled, &known.classes)?;
             let meshed = self.for_each_part(parts, layer, |parts, part, first| {
                 take_classes(part, first, &known.classes);
-                self.mesh_bands(parts, part, first, layer, &gather)
+                let bands = part.iter().collect();
+                self.mesh_bands::<T, &Band<T>>(parts, bands, (first, layer), &gather, |_| ())
             });
             match meshed {
                 // fewer bands leave more for what the slab has in tiles and surfaces
@@ -281,14 +285,15 @@ impl Sweep<'_> {
             .try_for_each(|(i, band)| source.prepare(first + i as u32, layer, band))
     }
 
-    /// Meshes all tiles of some bands and writes them, or hands them to the writers.
-    fn mesh_bands<T: Voxel>(
+    /// Meshes all tiles of some bands of a layer, from band `first` on, and writes them, or hands them to the
+    /// writers. Hands each tile's band to `done` then.
+    fn mesh_bands<T: Voxel, B: Deref<Target = Band<T>> + Clone + Send + Sync>(
         &self,
         parts: &Parts<T>,
-        bands: &[Band<T>],
-        first: u32,
-        layer: u32,
+        bands: Vec<B>,
+        (first, layer): (u32, u32),
         gather: &Gather,
+        done: impl Fn(B) + Sync,
     ) -> Result<()> {
         let settings = MeshSettings {
             threshold: self.threshold,
@@ -303,28 +308,30 @@ impl Sweep<'_> {
             let tile = TileBox::of(self.plan.tiling, grid);
             TileJob {
                 bytes: tile_bytes(&band.bits, &tile),
-                band,
+                band: band.clone(),
                 grid,
                 tile,
             }
         };
         let tiles = (0..bands.len() * tiles_x).into_par_iter();
-        let mut jobs: Vec<TileJob<T>> = tiles.map(job).collect();
+        let mut jobs: Vec<TileJob<B>> = tiles.map(job).collect();
+        drop(bands);
         // small ones last, so that no thread is left with a large one when the others have none; those of
         // about the same size stay beside their neighbours
         jobs.sort_by_key(|job| Reverse(job.bytes.checked_ilog2()));
         jobs.into_iter().par_bridge().try_for_each(|job| {
-            let done = self.mesh_tile(parts, &job, &settings, gather);
+            self.mesh_tile(parts, &job, &settings, gather)?;
             self.progress.advance(1);
-            done
+            done(job.band);
+            Ok(())
         })
     }
 
     /// Meshes a tile and writes it, if it has any surface.
-    fn mesh_tile<T: Voxel>(
+    fn mesh_tile<T: Voxel, B: Deref<Target = Band<T>>>(
         &self,
         parts: &Parts<T>,
-        job: &TileJob<T>,
+        job: &TileJob<B>,
         settings: &MeshSettings,
         gather: &Gather,
     ) -> Result<()> {

@@ -7,7 +7,7 @@ use crate::cpu::dispatch;
 use crate::grid::{Ambiguous, Dims};
 use crate::measure::VoxelSums;
 use crate::segment::runs::{Runs, for_each_run, inside, transitions};
-use crate::segment::unionfind::{UnionFind, make_room};
+use crate::segment::unionfind::UnionFind;
 use crate::slab::Bits;
 
 /// The local components of a band.
@@ -33,30 +33,17 @@ pub struct LocalComponent {
 
 /// Labels the runs of a band: above voxels 6-connected and below voxels 18-connected for
 /// [`Ambiguous::Separate`], the other way round for [`Ambiguous::Join`]. Returns the label of each
-/// run, in the memory of `of_run`, and the number of labels.
+/// run, in the `memory` of others, and the number of labels.
 pub fn label_runs(
     bits: &Bits,
     runs: &Runs,
     rule: Ambiguous,
-    sets: &mut UnionFind,
-    mut of_run: Vec<u32>,
+    memory: Vec<u32>,
 ) -> (Vec<u32>, usize) {
-    sets.reset(runs.count);
-    dispatch!(join_rows(bits, runs, rule, sets));
-    of_run.clear();
-    make_room(&mut of_run, runs.count);
-    let mut next = 0;
-    sets.flatten(|run, root| {
-        // roots are the smallest runs of their sets, so they come first
-        let label = if run == root {
-            next += 1;
-            next - 1
-        } else {
-            of_run[root as usize]
-        };
-        of_run.push(label);
-    });
-    (of_run, next as usize)
+    let mut sets = UnionFind::new_in(memory, runs.count);
+    dispatch!(join_rows(bits, runs, rule, &mut sets));
+    // runs follow their first voxels, so sets do
+    sets.into_numbers()
 }
 
 #[inline(always)]

@@ -22,4 +22,3 @@ pub use border::add_border_euler;
 pub use classes::{Classes, KnownBand, PhaseBirths, SlabClasses};
 pub use label::{Labels, LocalComponent, label_runs, sum_voxels};
 pub use runs::{Runs, for_each_run};
-pub use unionfind::UnionFind;
