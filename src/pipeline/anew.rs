@@ -156,7 +156,7 @@ pub fn write_anew(
     bin.copy_from_slice(parts[1]);
     *buffer = writers.put(Job {
         path,
-        head: Vec::new(),
+        start: 0,
         body: std::mem::take(buffer),
     })?;
     Ok(())

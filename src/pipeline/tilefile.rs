@@ -1,14 +1,15 @@
-//! Tiles on disk during a conversion: written with room for their JSON, filled in at the end.
+//! Tiles on disk during a conversion: their geometry first, what comes before it at the end.
 
 use crate::direct;
 use crate::error::{Error, Result};
 use crate::mesh::{Piece, TileMesh};
 use crate::pipeline::writers::{Job, Writers};
 use crate::strip::Stripifier;
-use crate::tile::{Body, BodyPiece, TileHead, aligned, tile_path, widest_json, write_head};
+use crate::tile::{Body, BodyPiece, TileHead, aligned, head_bytes, tile_path, widest_json};
 use bytemuck::{Pod, Zeroable};
 use std::fs::File;
 use std::io::Write;
+use std::os::unix::fs::FileExt;
 use std::path::{Path, PathBuf};
 
 /// Class of a cap piece's cell.
@@ -67,7 +68,8 @@ pub struct TileWriter {
 }
 
 impl TileWriter {
-    /// Writes one tile's geometry with room for its JSON, long ones by the writers if there are any.
+    /// Writes one tile's geometry and leaves room for what comes before it, whose ids are not known yet; long
+    /// ones by the writers if there are any.
     ///
     /// # Errors
     /// [`Error::Io`]; [`Error::Usage`] if the tile would pass 4 GiB.
@@ -90,14 +92,14 @@ impl TileWriter {
             0
         };
         let path = self.dir.join(tile_path(grid));
-        let head = write_head(b"", aligned(room, 8), body.bytes).ok_or_else(|| too_large(grid))?;
+        let start = head_bytes(aligned(room, 8), body.bytes).ok_or_else(|| too_large(grid))?;
         // what is written anew soon is best read back from the cache
         match writers.filter(|_| plain && long) {
             Some(writers) => {
                 let body = mesh.chunk.take();
-                mesh.chunk.give(writers.put(Job { path, head, body })?);
+                mesh.chunk.give(writers.put(Job { path, start, body })?);
             }
-            None => write_file(&path, &[&head, bytes])?,
+            None => write_body(&path, start, bytes)?,
         }
         let record = TileRecord {
             body_bytes: body.bytes,
@@ -145,6 +147,16 @@ pub fn too_wide(macrocube: [u32; 3]) -> Error {
         "at most 254 along each axis with --encoding quantized or meshopt, whose positions have 16 bits",
     )
     .with_hint("use smaller macrocubes, or --encoding float")
+}
+
+/// Writes a new file from byte `start` on.
+///
+/// # Errors
+/// [`Error::Io`].
+pub fn write_body(path: &Path, start: usize, body: &[u8]) -> Result<()> {
+    let file = File::create(path).map_err(|e| Error::io(path, "create", e))?;
+    file.write_all_at(body, start as u64)
+        .map_err(|e| Error::io(path, "write", e))
 }
 
 /// Writes a new file from parts.

@@ -3,6 +3,7 @@
 use crate::direct::{self, Buffer};
 use crate::error::{Error, Result};
 use crate::pipeline::budget::{Budget, Reservation};
+use crate::pipeline::tilefile::write_body;
 use std::collections::VecDeque;
 use std::path::PathBuf;
 use std::sync::{Arc, Condvar, Mutex, MutexGuard};
@@ -23,9 +24,9 @@ pub const fn in_flight(threads: usize) -> usize {
 pub struct Job {
     /// Where to.
     pub path: PathBuf,
-    /// What comes before the BIN chunk's data.
-    pub head: Vec<u8>,
-    /// The BIN chunk's data.
+    /// Where in the file the body begins; what comes before it is written later.
+    pub start: usize,
+    /// Its bytes from there to its end.
     pub body: Buffer,
 }
 
@@ -95,7 +96,7 @@ impl Writers {
                 return Ok(spare);
             }
         }
-        super::write_file(&job.path, &[&job.head, job.body.get()])?;
+        write_body(&job.path, job.start, job.body.get())?;
         Ok(job.body)
     }
 
@@ -141,7 +142,7 @@ impl Shared {
     fn write<'a>(&'a self, job: Job, mut state: MutexGuard<'a, State>) -> MutexGuard<'a, State> {
         state.writing += 1;
         drop(state);
-        let written = direct::write(&job.path, &job.head, job.body.get());
+        let written = direct::write(&job.path, job.start, job.body.get());
         let mut state = self.lock();
         state.writing -= 1;
         state.spare.push_back(job.body);
@@ -177,7 +178,7 @@ mod tests {
         buffer.extend_from_slice(body);
         Job {
             path,
-            head: vec![b' '; direct::SECTOR],
+            start: direct::SECTOR,
             body: buffer,
         }
     }
@@ -204,10 +205,7 @@ mod tests {
         assert_eq!(writers.shared.lock().spare.len(), 2 * EACH);
         for i in 0..60 {
             let found = std::fs::read(dir.path().join(i.to_string())).unwrap();
-            assert!(
-                found == [vec![b' '; direct::SECTOR], body(i)].concat(),
-                "{i}"
-            );
+            assert!(found == [vec![0; direct::SECTOR], body(i)].concat(), "{i}");
         }
     }
 

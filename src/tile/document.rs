@@ -254,15 +254,20 @@ pub(super) fn node_document(
     serde_json::to_vec(&document).expect("plain data serialises")
 }
 
-/// The file's bytes before the BIN chunk's data: both headers and the JSON, padded with spaces to
-/// `room` bytes. `None` if the JSON does not fit.
-pub fn write_head(json: &[u8], room: usize, bin_bytes: u64) -> Option<Vec<u8>> {
+/// How many bytes a file has before the BIN chunk's data, with `room` for the JSON. `None` if the file would
+/// pass 4 GiB.
+pub fn head_bytes(room: usize, bin_bytes: u64) -> Option<usize> {
     debug_assert!(room.is_multiple_of(4) && bin_bytes.is_multiple_of(4));
-    let total = 12 + 8 + room as u64 + 8 + bin_bytes;
-    if json.len() > room || total > u64::from(u32::MAX) {
-        return None;
-    }
-    let mut out = Vec::with_capacity(28 + room);
+    let bytes = 12 + 8 + room + 8;
+    (bytes as u64 + bin_bytes <= u64::from(u32::MAX)).then_some(bytes)
+}
+
+/// The file's bytes before the BIN chunk's data: both headers and the JSON, padded with spaces to
+/// `room` bytes. `None` if the JSON does not fit, or the file would pass 4 GiB.
+pub fn write_head(json: &[u8], room: usize, bin_bytes: u64) -> Option<Vec<u8>> {
+    let start = head_bytes(room, bin_bytes).filter(|_| json.len() <= room)?;
+    let total = start as u64 + bin_bytes;
+    let mut out = Vec::with_capacity(start);
     let word = |out: &mut Vec<u8>, v: u32| out.extend(v.to_le_bytes());
     out.extend(b"glTF");
     word(&mut out, 2);

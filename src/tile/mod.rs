@@ -72,7 +72,9 @@ mod streams;
 
 pub(crate) use body::{Body, BodyPiece, group_body};
 pub(crate) use contents::name;
-pub(crate) use document::{Node, TileHead, material, node_json, widest_json, write_head};
+pub(crate) use document::{
+    Node, TileHead, head_bytes, material, node_json, widest_json, write_head,
+};
 pub use extras::Extras;
 pub(crate) use file::{aligned, tile_file};
 pub use mesh::{SurfacePiece, TileMesh};
