@@ -112,3 +112,62 @@ impl<'a, T: Voxel + Default> Ahead<'a, T> {
         Ok((all.then(|| bands.collect()), spare))
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::grid::{Ambiguous, Dims, Tiling};
+    use crate::pipeline::budget::Budget;
+    use crate::volume::MemoryVolume;
+
+    #[test]
+    fn each_band_is_prepared_once_and_the_rest_is_memory() {
+        let dims = Dims([20, 50, 30]);
+        let samples = (0..dims.voxels()).map(|i| (i * i % 251) as u8).collect();
+        let volume = MemoryVolume::new(dims, Default::default(), samples).unwrap();
+        let source = |budget| BandSource {
+            volume: &volume,
+            ceil: Some(100u8),
+            rule: Ambiguous::Separate,
+            tiling: Tiling {
+                dims,
+                macrocube: [8; 3],
+            },
+            filters: &[],
+            budget,
+        };
+        let enough = Budget::new(1 << 30, 0);
+        let source_of_all = source(&enough);
+        let bands = source_of_all.tiling.tiles()[1];
+        for (keep, begun) in [(false, 0), (true, 2), (true, 100)] {
+            let ahead = Ahead::new(&source_of_all, (1, bands), Vec::new(), keep);
+            ahead.begin(begun);
+            let rest = bands - begun.min(bands) + 3;
+            (0..rest).for_each(|_| ahead.prepare_in(source_of_all.band()));
+            let (prepared, spare) = ahead.finish().unwrap();
+            assert_eq!(spare.len(), if keep { 3 } else { 0 });
+            let prepared = prepared.unwrap();
+            assert_eq!(prepared.len(), bands as usize);
+            for (ty, band) in (0..).zip(&prepared) {
+                let mut alone = source_of_all.band();
+                source_of_all.prepare(ty, 1, &mut alone).unwrap();
+                assert_eq!(band.bits.words, alone.bits.words);
+                assert_eq!(band.labels.of_run, alone.labels.of_run);
+            }
+            // too few for all of them
+            let ahead = Ahead::new(&source_of_all, (1, bands), prepared, keep);
+            ahead.begin(bands - 1);
+            assert!(ahead.finish().unwrap().0.is_none());
+        }
+        // memory for two bands, not for more
+        let mut two = [source_of_all.band(), source_of_all.band()];
+        for (ty, band) in (0..).zip(&mut two) {
+            source_of_all.prepare(ty, 1, band).unwrap();
+        }
+        let little = Budget::new(two.iter().map(|band| band.held.bytes()).sum(), 0);
+        let source_of_two = source(&little);
+        let ahead = Ahead::new(&source_of_two, (1, bands), Vec::new(), true);
+        ahead.begin(bands);
+        assert!(matches!(ahead.finish(), Err(Error::TooDense { .. })));
+    }
+}
