@@ -5,7 +5,7 @@ use super::ahead::Ahead;
 use super::{Known, Sweep, take_classes};
 use crate::error::{Error, Result};
 use crate::pipeline::band::Band;
-use crate::pipeline::forward::State;
+use crate::pipeline::forward::{Gather, State};
 use crate::pipeline::keep::Keeper;
 use crate::pipeline::parts::Parts;
 use crate::volume::Voxel;
@@ -38,24 +38,14 @@ impl Sweep<'_> {
                 None => {
                     self.end_slab(parts, meshed.take(), state, keeper)?;
                     self.check_interrupt()?;
-                    let mut slab = std::mem::take(&mut spare);
-                    slab.resize_with(bands as usize, || parts.source.band());
-                    match self.prepare(&parts.source, &mut slab, 0, layer) {
-                        Err(error @ Error::TooDense { .. }) => {
-                            drop(slab);
-                            parts.shrink(error)?;
-                            continue;
-                        }
-                        other => other?,
-                    }
+                    let memory = std::mem::take(&mut spare);
+                    let Some(slab) = self.prepare_slab(parts, layer, memory)? else {
+                        continue;
+                    };
                     slab
                 }
             };
-            self.prefetch(&parts.source, layer + 1);
-            let look_ahead = parts.mode.look_ahead && layer + 1 < layers;
-            let next = (layer + 1, if look_ahead { bands } else { 0 });
-            let keep = layer + 1 + u32::from(look_ahead) < layers;
-            let ahead = Ahead::new(&parts.source, next, std::mem::take(&mut spare), keep);
+            let ahead = self.look_ahead(parts, layer, std::mem::take(&mut spare));
             let mut known = None;
             let before = meshed.take();
             let work = || {
@@ -65,13 +55,7 @@ impl Sweep<'_> {
                 let known = known.insert(self.join(settled, layer, state)?);
                 take_classes(&mut slab, 0, &known.classes);
                 let gather = state.gather(&known.settled, &known.classes)?;
-                let shared = slab.into_iter().map(Arc::new).collect();
-                let done = |band| {
-                    if let Some(band) = Arc::into_inner(band) {
-                        ahead.prepare_in(band);
-                    }
-                };
-                self.mesh_bands(parts, shared, (0, layer), &gather, done)?;
+                self.mesh_slab(parts, slab, layer, &gather, &ahead)?;
                 Ok(gather.into_tiles())
             };
             let (made, ()) = rayon::join(work, || ahead.begin(self.plan.bands_ahead()));
@@ -94,5 +78,56 @@ impl Sweep<'_> {
         }
         self.end_slab(parts, meshed, state, keeper)?;
         Ok(layer)
+    }
+
+    /// Prepares all bands of a layer, in the memory of `spare` first. `None` if they do not fit; then
+    /// `parts` has a smaller mode.
+    fn prepare_slab<T: Voxel + Default>(
+        &self,
+        parts: &mut Parts<T>,
+        layer: u32,
+        spare: Vec<Band<T>>,
+    ) -> Result<Option<Vec<Band<T>>>> {
+        let mut slab = spare;
+        slab.resize_with(self.plan.tiling.tiles()[1] as usize, || parts.source.band());
+        match self.prepare(&parts.source, &mut slab, 0, layer) {
+            Err(error @ Error::TooDense { .. }) => {
+                drop(slab);
+                parts.shrink(error).map(|()| None)
+            }
+            other => other.map(|()| Some(slab)),
+        }
+    }
+
+    /// What prepares the slab after that of `layer`, if there is one and memory for it.
+    fn look_ahead<'a, T: Voxel + Default>(
+        &self,
+        parts: &'a Parts<'a, T>,
+        layer: u32,
+        spare: Vec<Band<T>>,
+    ) -> Ahead<'a, T> {
+        let [_, bands, layers] = self.plan.tiling.tiles();
+        self.prefetch(&parts.source, layer + 1);
+        let look_ahead = parts.mode.look_ahead && layer + 1 < layers;
+        let next = (layer + 1, if look_ahead { bands } else { 0 });
+        let keep = layer + 1 + u32::from(look_ahead) < layers;
+        Ahead::new(&parts.source, next, spare, keep)
+    }
+
+    /// Meshes a layer whose classes the bands have, and hands each one to `ahead` when its tiles are made.
+    fn mesh_slab<T: Voxel + Default>(
+        &self,
+        parts: &Parts<T>,
+        slab: Vec<Band<T>>,
+        layer: u32,
+        gather: &Gather,
+        ahead: &Ahead<T>,
+    ) -> Result<()> {
+        let slab = slab.into_iter().map(Arc::new).collect();
+        self.mesh_bands(parts, slab, (0, layer), gather, |band| {
+            if let Some(band) = Arc::into_inner(band) {
+                ahead.prepare_in(band);
+            }
+        })
     }
 }
