@@ -5,9 +5,10 @@
 //! ```
 //!
 //! Makes foams in DIRECTORY (by default `target/bench`; with what comes of them 25 GiB, with `--deep` 60 GiB),
-//! and prints a table of medians as Markdown. With the PYTHON of an environment that has the packages that
-//! `peers.py` beside this file names, others race along. `--deep` adds the volumes of ten times the depth and
-//! of eight times the voxels; `--lobster` adds a real scan (301 x 324 x 56, u8) repeated to 1 GB.
+//! and prints a table of medians as Markdown. Volumes are in the file cache, as far as memory has room. With
+//! the PYTHON of an environment that has the packages that `peers.py` beside this file names, others race
+//! along. `--deep` adds the volumes of ten times the depth and of eight times the voxels; `--lobster` adds a
+//! real scan (301 x 324 x 56, u8) repeated to 1 GB.
 
 mod run;
 
@@ -64,7 +65,8 @@ impl Input {
 
     /// Converts into a directory that is not there: removing an old one is no part of it. That one is
     /// moved aside until the end, since ext4 looks long for room for a file right after others were
-    /// deleted (half a conversion of thousands of small tiles).
+    /// deleted (half a conversion of thousands of small tiles). The volume is read once before, since others
+    /// may have driven it out of the file cache: large ones would be measured from the disk, small ones not.
     fn convert(&self, out: &Path, more: &[&str]) -> Result<Sample, String> {
         self.convert_by(Alvis::run, out, more)
     }
@@ -77,6 +79,9 @@ impl Input {
             let count = std::fs::read_dir(&aside).map_err(fail)?.count();
             std::fs::rename(out, aside.join(count.to_string())).map_err(fail)?;
         }
+        std::fs::File::open(&self.path)
+            .and_then(|mut file| std::io::copy(&mut file, &mut std::io::sink()))
+            .map_err(|e| format!("{}: {e}", self.path.display()))?;
         let [x, y, z] = self.dims;
         let (dims, threshold) = (format!("{x},{y},{z}"), self.threshold.to_string());
         let (input, out) = (self.path.display().to_string(), out.display().to_string());

@@ -5,8 +5,8 @@ use super::*;
 use crate::grid::{Ambiguous, Dims, LATTICE, Placement, Tiling};
 use crate::measure::{AreaScale, VoxelSums};
 use crate::segment::{
-    BandComponents, BandEdges, Births, Classes, KnownBand, PhaseBirths, Runs, add_border_euler,
-    label_runs, sum_voxels,
+    BandComponents, BandEdges, Births, Classes, KnownBand, PhaseBirths, Runs, SlabClasses,
+    add_border_euler, label_runs, sum_voxels,
 };
 use crate::slab::{Bits, Span, Voxels};
 use crate::strip::{NONE, STRIDE, Triangle as Numbered};
@@ -229,8 +229,10 @@ impl Case {
                 })
                 .collect();
         }
+        check_often(&slabs);
         let mut out = Vec::new();
         for (s, mesh) in pieces {
+            check_foreseen(&slabs[s], &ids[s], &mesh.pieces);
             for piece in &mesh.pieces {
                 let vertex = |v: u32| {
                     let position =
@@ -254,6 +256,39 @@ impl Case {
         }
         out
     }
+}
+
+/// Components of a slab before have merged often when one in eight of those that came over has so far.
+fn check_often(slabs: &[SlabClasses]) {
+    let (mut carried, mut merged) = (0, 0);
+    for slab in slabs {
+        let distinct: BTreeSet<u32> = slab.from_previous.iter().copied().collect();
+        carried += slab.from_previous.len();
+        merged += slab.from_previous.len() - distinct.len();
+        assert_eq!(slab.merge_often, 8 * merged > carried);
+    }
+}
+
+/// Pieces that turn out to be one were foreseen to, and those are foreseen whose classes are the same or both
+/// go on.
+fn check_foreseen(slab: &SlabClasses, ids: &[u64], pieces: &[Piece]) {
+    let goes_on = |class: u32| slab.live.contains(&class);
+    let cell = |p: &Piece| (!p.cap).then_some(p.cell);
+    let may = |a: u32, b: u32| a == b || goes_on(a) && goes_on(b);
+    let id = |class: u32| ids[class as usize];
+    let pairs = || (0..pieces.len()).flat_map(|j| (0..j).map(move |i| (&pieces[i], &pieces[j])));
+    let foreseen = pairs().any(|(a, b)| {
+        let cells = match (cell(a), cell(b)) {
+            (Some(a), Some(b)) => may(a, b),
+            (a, b) => a == b,
+        };
+        may(a.object, b.object) && cells
+    });
+    let one =
+        pairs().any(|(a, b)| id(a.object) == id(b.object) && cell(a).map(id) == cell(b).map(id));
+    assert!(foreseen || !one);
+    let classes = |p: &Piece| [p.object, cell(p).unwrap_or(u32::MAX)];
+    assert_eq!(slab.may_become_one(pieces.iter().map(classes)), foreseen);
 }
 
 /// Mates are mutual, run the opposite way, and are missing only where no triangle has the reverse.

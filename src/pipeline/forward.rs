@@ -3,12 +3,13 @@
 use crate::checkpoint::{Decoder, Encoder};
 use crate::error::Result;
 use crate::measure::{MeshSums, VoxelSums};
+use crate::mesh::Piece;
 use crate::pipeline::band::{Band, SettledBand};
 use crate::pipeline::budget::{Budget, Reservation};
 use crate::pipeline::keep::{Marks, Scratch};
 use crate::pipeline::spool::{Place, Spool};
 use crate::pipeline::surfaces::{SlabSurface, SlabSurfaces, SurfacePart, Surfaces};
-use crate::pipeline::tilefile::{TileRecord, WrittenPiece};
+use crate::pipeline::tilefile::{CAP, TileRecord, WrittenPiece};
 use crate::segment::{Births, Classes, PhaseBirths, SlabClasses};
 use std::sync::{Arc, Mutex};
 
@@ -321,7 +322,11 @@ impl State {
     ///
     /// # Errors
     /// [`crate::Error::Io`].
-    pub fn gather(&mut self, bands: &[SettledBand], classes: &SlabClasses) -> Result<Gather<'_>> {
+    pub fn gather<'a>(
+        &'a mut self,
+        bands: &[SettledBand],
+        classes: &'a SlabClasses,
+    ) -> Result<Gather<'a>> {
         let Forward {
             spool,
             whole,
@@ -329,7 +334,7 @@ impl State {
             ..
         } = &mut self.forward;
         let surfaces = self.surfaces.begin(classes, whole, surface_births)?;
-        Ok(Gather(Mutex::new(Gathering {
+        let gathering = Gathering {
             tiles: SlabTiles {
                 records: Vec::new(),
                 surfaces,
@@ -339,7 +344,11 @@ impl State {
             spool,
             whole,
             held: &mut self.held,
-        })))
+        };
+        Ok(Gather {
+            classes,
+            gathering: Mutex::new(gathering),
+        })
     }
 
     /// Ends a slab: spools what it has.
@@ -418,7 +427,10 @@ pub struct SlabTiles {
 }
 
 /// Gathers a slab's tiles, in any order, from many threads.
-pub struct Gather<'a>(Mutex<Gathering<'a>>);
+pub struct Gather<'a> {
+    classes: &'a SlabClasses,
+    gathering: Mutex<Gathering<'a>>,
+}
 
 struct Gathering<'a> {
     tiles: SlabTiles,
@@ -448,7 +460,7 @@ impl<'a> Gather<'a> {
             spool,
             whole,
             held,
-        } = &mut *self.0.lock().expect("no thread panicked");
+        } = &mut *self.gathering.lock().expect("no thread panicked");
         record.pieces_at = spool.here::<WrittenPiece>().offset();
         let mut place = spool.here();
         for (mut piece, part) in pieces {
@@ -463,9 +475,16 @@ impl<'a> Gather<'a> {
         held.grow_to(*fixed + tiles.surfaces.bytes() + records as u64)
     }
 
+    /// True if some of a tile's pieces are likely to turn out to be one. The tile is then written anew, and is
+    /// best read back from the page cache.
+    pub fn is_provisional(&self, pieces: &[Piece]) -> bool {
+        let pair = |p: &Piece| [p.object, if p.cap { CAP } else { p.cell }];
+        self.classes.merge_often && self.classes.may_become_one(pieces.iter().map(pair))
+    }
+
     /// All tiles.
     pub fn into_tiles(self) -> SlabTiles {
-        let gathering = self.0.into_inner().expect("no thread panicked");
-        gathering.tiles
+        let gathering = self.gathering.into_inner();
+        gathering.expect("no thread panicked").tiles
     }
 }

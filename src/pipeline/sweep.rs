@@ -362,6 +362,7 @@ impl Sweep<'_> {
         let Workspace {
             mesh, stripifier, ..
         } = workspace;
+        let writers = writers.filter(|_| !gather.is_provisional(&mesh.pieces));
         let (record, body) = self.writer.write(mesh, grid, stripifier, writers)?;
         let mut caps = MeshSums::default();
         mesh.pieces

@@ -93,7 +93,7 @@ impl TileWriter {
         };
         let path = self.dir.join(tile_path(grid));
         let start = head_bytes(aligned(room, 8), body.bytes).ok_or_else(|| too_large(grid))?;
-        // what is written anew soon is best read back from the cache
+        // what is sure to be written anew is best read back from the cache
         match writers.filter(|_| plain && long) {
             Some(writers) => {
                 let body = mesh.chunk.take();

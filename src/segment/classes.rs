@@ -11,10 +11,15 @@ use crate::measure::VoxelSums;
 use crate::segment::band::{BandComponents, BandEdges};
 use crate::segment::births::Births;
 use crate::segment::unionfind::UnionFind;
+use std::collections::BTreeSet;
 
 /// Bytes of memory per local component while a slab is joined and until it is done: set, class of the
 /// set and of the component, order, number, phase, place of its record and of its live class.
 const BYTES_PER_COMPONENT: u64 = 4 + 4 + 4 + 16 + 8 + 1 + 4 + 4;
+
+/// One in so many is often. Of a lobster, sandstone, trabecular bone and an electrode it was one in 1.4 to 3.4,
+/// of cortical bone one in 23, of foams one in 800 or none.
+const OFTEN: u64 = 8;
 
 /// A component that can still grow.
 #[derive(Debug, Clone, Copy)]
@@ -42,6 +47,9 @@ pub struct SlabClasses {
     pub from_previous: Vec<u32>,
     /// Classes that touch the last slice, by rising number: live in the next slab.
     pub live: Vec<u32>,
+    /// True if components that came over from one slab to the next have often turned out to be one so
+    /// far, as those of a porous rock do and those of a closed foam do not.
+    pub merge_often: bool,
 }
 
 impl SlabClasses {
@@ -59,6 +67,15 @@ impl SlabClasses {
         let open = self.open.iter().map(|(class, sums)| (*class, sums));
         open.filter(move |&(class, _)| !grows(class))
     }
+
+    /// True if two of these pairs of classes may turn out to be of the same components, in slabs to come.
+    pub fn may_become_one(&self, pairs: impl Iterator<Item = [u32; 2]>) -> bool {
+        // of the classes that go on, each may become one with each
+        let goes_on = |class: &u32| self.live.binary_search(class).is_ok();
+        let fate = |class: u32| Some(class).filter(|class| !goes_on(class));
+        let mut fates = BTreeSet::new();
+        !pairs.into_iter().all(|pair| fates.insert(pair.map(fate)))
+    }
 }
 
 /// The sweep's state between slabs.
@@ -68,6 +85,10 @@ pub struct Classes {
     last_slice: Vec<u32>,
     live: Vec<LiveComponent>,
     sets: UnionFind,
+    /// Components that came over, in this process.
+    carried: u64,
+    /// Of these, those that turned out to be part of an older one.
+    merged: u64,
 }
 
 /// The numbers of objects and of cells.
@@ -130,7 +151,7 @@ impl Classes {
         sound.then(|| Classes {
             last_slice,
             live: live.collect(),
-            sets: UnionFind::default(),
+            ..Classes::default()
         })
     }
 
@@ -223,10 +244,13 @@ impl Classes {
                 slab.open.push((class, live.sums));
             } else {
                 births.of(live.above).kill(live.birth)?;
+                self.merged += 1;
                 let class = class_of_root[root as usize];
                 slab.open[class as usize].1.merge(&live.sums);
             }
         }
+        self.carried += u64::from(carried);
+        slab.merge_often = self.merged * OFTEN > self.carried;
         let mut fresh: Vec<(u64, u32)> = Vec::new();
         let firsts = bands.iter().flat_map(|b| b.components.first_voxels());
         for (node, first) in (carried..).zip(firsts) {
