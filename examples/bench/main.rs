@@ -163,7 +163,20 @@ fn race(input: &Input, out: &Path, peers: Option<&Peer>, table: &mut Table) -> R
     let set = out.display().to_string();
     for run in 0..RUNS {
         race.cores.push(run::work_of_all_cores());
-        race.all.push(input.convert(out, &[])?);
+        // the process before leaves cores awake or asleep: to and fro, none always runs behind the same one
+        for turn in 0..3 {
+            match if run % 2 == 0 { turn } else { 2 - turn } {
+                0 => race.all.push(input.convert(out, &[])?),
+                1 => {
+                    let one = input.convert(out, &["--threads", "1"])?;
+                    race.one_thread.push(one);
+                }
+                _ => {
+                    let one = input.convert_by(Alvis::run_on_one_core, out, &[])?;
+                    race.one_core.push(one);
+                }
+            }
+        }
         let verify = Alvis::run(&["verify", &set, "--json", "--quiet"])?;
         race.verify.push(verify);
         if let Some(peer) = peers {
@@ -172,10 +185,6 @@ fn race(input: &Input, out: &Path, peers: Option<&Peer>, table: &mut Table) -> R
                 race.script.push(peer.run(input_args(input), "script")?);
             }
         }
-        race.one_thread
-            .push(input.convert(out, &["--threads", "1"])?);
-        race.one_core
-            .push(input.convert_by(Alvis::run_on_one_core, out, &[])?);
     }
     race.own_rows(input, table);
     if peers.is_some() {
