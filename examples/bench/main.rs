@@ -164,8 +164,9 @@ fn race(input: &Input, out: &Path, peers: Option<&Peer>, table: &mut Table) -> R
     for run in 0..RUNS {
         race.cores.push(run::work_of_all_cores());
         // the process before leaves cores awake or asleep: to and fro, none always runs behind the same one
-        for turn in 0..3 {
-            match if run % 2 == 0 { turn } else { 2 - turn } {
+        let order = if run % 2 == 0 { [0, 1, 2] } else { [2, 1, 0] };
+        for who in order {
+            match who {
                 0 => race.all.push(input.convert(out, &[])?),
                 1 => {
                     let one = input.convert(out, &["--threads", "1"])?;

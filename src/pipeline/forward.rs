@@ -9,7 +9,7 @@ use crate::pipeline::budget::{Budget, Reservation};
 use crate::pipeline::keep::{Marks, Scratch};
 use crate::pipeline::spool::{Place, Spool};
 use crate::pipeline::surfaces::{SlabSurface, SlabSurfaces, SurfacePart, Surfaces};
-use crate::pipeline::tilefile::{CAP, TileRecord, WrittenPiece};
+use crate::pipeline::tilefile::{TileRecord, WrittenPiece, cell_of};
 use crate::segment::{Births, Classes, PhaseBirths, SlabClasses};
 use std::sync::{Arc, Mutex};
 
@@ -478,7 +478,7 @@ impl<'a> Gather<'a> {
     /// True if some of a tile's pieces are likely to turn out to be one. The tile is then written anew, and is
     /// best read back from the page cache.
     pub fn is_provisional(&self, pieces: &[Piece]) -> bool {
-        let pair = |p: &Piece| [p.object, if p.cap { CAP } else { p.cell }];
+        let pair = |p: &Piece| [p.object, cell_of(p)];
         self.classes.merge_often && self.classes.may_become_one(pieces.iter().map(pair))
     }
 

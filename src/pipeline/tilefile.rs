@@ -121,11 +121,16 @@ impl WrittenPiece {
         WrittenPiece {
             body,
             object: piece.object,
-            cell: if piece.cap { CAP } else { piece.cell },
+            cell: cell_of(piece),
             surface: u32::MAX,
             reserved: 0,
         }
     }
+}
+
+/// Class of a piece's cell, or [`CAP`].
+pub fn cell_of(piece: &Piece) -> u32 {
+    if piece.cap { CAP } else { piece.cell }
 }
 
 /// The error for a tile beyond the size of a GLB.

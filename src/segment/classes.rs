@@ -63,18 +63,23 @@ impl SlabClasses {
 
     /// The sums of classes that do not grow beyond this slab, but for those whole in a band.
     pub fn finished(&self) -> impl Iterator<Item = (u32, &VoxelSums)> {
-        let grows = |class| self.live.binary_search(&class).is_ok();
         let open = self.open.iter().map(|(class, sums)| (*class, sums));
-        open.filter(move |&(class, _)| !grows(class))
+        open.filter(|&(class, _)| !self.grows(class))
     }
 
     /// True if two of these pairs of classes may turn out to be of the same components, in slabs to come.
     pub fn may_become_one(&self, pairs: impl Iterator<Item = [u32; 2]>) -> bool {
-        // of the classes that go on, each may become one with each
-        let goes_on = |class: &u32| self.live.binary_search(class).is_ok();
-        let fate = |class: u32| Some(class).filter(|class| !goes_on(class));
+        // of the classes that grow, each may become one with each
+        let fate = |class: u32| (!self.grows(class)).then_some(class);
         let mut fates = BTreeSet::new();
-        !pairs.into_iter().all(|pair| fates.insert(pair.map(fate)))
+        !pairs
+            .map(|pair| pair.map(fate))
+            .all(|pair| fates.insert(pair))
+    }
+
+    /// True if a class is live in the next slab.
+    fn grows(&self, class: u32) -> bool {
+        self.live.binary_search(&class).is_ok()
     }
 }
 
