@@ -3,7 +3,7 @@
 use super::bin::Bin;
 use super::body::{Body, BodyPiece};
 use super::document::{BYTE, FLOAT, TileHead, UNSIGNED_INT, UNSIGNED_SHORT, geometry_views};
-use super::normals::quantize;
+use super::normals::{Kind, quantize};
 use crate::grid::{LATTICE, coordinate};
 use crate::manifest::{Encoding, Primitives};
 use serde::Serialize;
@@ -233,21 +233,11 @@ impl Geometry<'_> {
             })
             .collect();
         bin.vertices(&steps, None);
-        let compressed = encoding == Encoding::Meshopt;
-        let small: Vec<[u8; 4]> = normals
-            .iter()
-            .map(|e| {
-                let at = |i: usize| f32::from_le_bytes([e[i], e[i + 1], e[i + 2], e[i + 3]]);
-                let q = quantize([at(0), at(4), at(8)]);
-                let [x, y, z] = if compressed {
-                    [q.code[0], q.code[1], 127]
-                } else {
-                    q.vector
-                };
-                [x, y, z, 0].map(|v| v as u8)
-            })
-            .collect();
-        bin.vertices(&small, Some("OCTAHEDRAL"));
+        let kind = match encoding {
+            Encoding::Meshopt => Kind::Code,
+            _ => Kind::Vector,
+        };
+        bin.vertices(&quantize(normals, kind), Some("OCTAHEDRAL"));
         Ok((bin, base))
     }
 
