@@ -307,6 +307,11 @@ impl Tiling {
         let at = |t: u64| (t * m).min(end) as u32;
         at(u64::from(t))..at(u64::from(t) + 1)
     }
+
+    /// Lowest voxel of a macrocube.
+    pub fn lowest(self, grid: [u32; 3]) -> [u32; 3] {
+        std::array::from_fn(|a| self.cubes(a, grid[a]).start)
+    }
 }
 
 #[cfg(test)]

@@ -4,7 +4,7 @@
 mod common;
 
 use alvis::grid::{Ambiguous, Crop, Dims};
-use alvis::manifest::Primitives;
+use alvis::manifest::{Encoding, Layout, Primitives};
 use alvis::pipeline::{ConvertOptions, convert, predicted_memory};
 use alvis::progress::Quiet;
 use alvis::volume::{MemoryVolume, Volume, Voxel};
@@ -199,6 +199,34 @@ fn tiles_of_more_than_500_pieces_are_merged_and_as_deterministic() {
             ..options([31, 15, 14])
         },
     );
+}
+
+#[test]
+fn tiles_that_are_encoded_are_as_deterministic() {
+    let dims = [70, 61, 45];
+    let foam = placed(dims, foam(dims, 6));
+    let (dims, values) = late_joins();
+    let joins = placed(dims, values);
+    let dims = [25, 24, 26];
+    let noise = placed(dims, noise(dims, 7));
+    for (encoding, layout, primitives) in [
+        (Encoding::Meshopt, Layout::Merged, Primitives::Strips),
+        (Encoding::Meshopt, Layout::Auto, Primitives::Triangles),
+        (Encoding::Quantized, Layout::Nodes, Primitives::Strips),
+        (Encoding::Float, Layout::Merged, Primitives::Triangles),
+    ] {
+        let options = |macrocube| ConvertOptions {
+            encoding,
+            layout,
+            primitives,
+            cap: true,
+            ..options(macrocube)
+        };
+        same_in_every_way(&foam, &options([40, 30, 11]));
+        // tiles are written anew, as often as they are expected to be and more seldom
+        same_in_every_way(&joins, &options([9, 6, 4]));
+        same_in_every_way(&noise, &options([8, 8, 9]));
+    }
 }
 
 #[test]

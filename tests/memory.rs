@@ -91,6 +91,31 @@ fn a_volume_larger_than_the_limit_stays_inside_it() {
     assert_eq!(report(dir.path(), Some(limit), &against)["ok"], true);
 }
 
+/// Tiles are encoded while others are made.
+#[test]
+fn tiles_for_the_web_stay_inside_the_limit() {
+    let dir = tempfile::tempdir().unwrap();
+    lattice(&dir.path().join("a.raw"), [512, 512, 160], 0);
+    let limit = 72 * MIB;
+    assert!(fs::metadata(dir.path().join("a.raw")).unwrap().len() > limit);
+    for form in [
+        ["--for", "web"],
+        ["--encoding", "quantized"],
+        ["--layout", "merged"],
+    ] {
+        let mut args = convert("a.raw", "out", "512,512,160", "72MiB");
+        args.extend(form);
+        args.push("--force");
+        let made = report(dir.path(), Some(limit), &args);
+        assert!(
+            made["peak_rss_bytes"].as_u64().unwrap() <= limit,
+            "{form:?} {made}"
+        );
+        assert_eq!(made["cells"], 16 * 16 * 5);
+        assert_eq!(report(dir.path(), Some(limit), &VERIFY)["ok"], true);
+    }
+}
+
 #[test]
 fn ten_times_the_depth_takes_no_more_memory() {
     let dir = tempfile::tempdir().unwrap();
@@ -136,6 +161,16 @@ fn mask(path: &Path, [nx, ny, nz]: [u32; 3], above: impl Fn([u32; 3]) -> bool) {
 /// Converts a volume that has far more components than pixels in a slice, or components that stay open
 /// to the end, inside a limit, and verifies it.
 fn worst_case(dims: [u32; 3], limit: u64, above: impl Fn([u32; 3]) -> bool) -> Value {
+    worst_case_as(&[], dims, limit, above)
+}
+
+/// The same in another form.
+fn worst_case_as(
+    form: &[&str],
+    dims: [u32; 3],
+    limit: u64,
+    above: impl Fn([u32; 3]) -> bool,
+) -> Value {
     let dir = tempfile::tempdir().unwrap();
     mask(&dir.path().join("a.raw"), dims, above);
     let (text, memory) = (dims.map(|n| n.to_string()).join(","), limit.to_string());
@@ -143,6 +178,7 @@ fn worst_case(dims: [u32; 3], limit: u64, above: impl Fn([u32; 3]) -> bool) -> V
     let dtype = args.iter().position(|&a| a == "u16").unwrap();
     args[dtype] = "u8";
     args[3..5].copy_from_slice(&["--threshold", "105"]);
+    args.extend(form);
     let made = report(dir.path(), Some(limit), &args);
     assert!(made["peak_rss_bytes"].as_u64().unwrap() <= limit);
     assert_eq!(report(dir.path(), None, &VERIFY)["ok"], true);
@@ -184,18 +220,28 @@ fn a_serpentine_is_one_object_inside_the_limit() {
     assert_eq!(made["objects"], 1);
 }
 
-/// Half of all voxels at random: thousands of components to a tile, and one that spans everything.
+/// True for half of all voxels, at random.
+fn is_noise([x, y, z]: [u32; 3]) -> bool {
+    let mut h = u64::from(x) | u64::from(y) << 20 | u64::from(z) << 40;
+    // the finaliser of MurmurHash3
+    for factor in [0xff51_afd7_ed55_8ccd, 0xc4ce_b9fe_1a85_ec53] {
+        h = (h ^ h >> 33).wrapping_mul(factor);
+    }
+    (h ^ h >> 33) & 1 == 0
+}
+
+/// Thousands of components to a tile, and one that spans everything.
 #[test]
 fn white_noise_stays_inside_the_limit() {
-    let made = worst_case([320, 320, 70], 256 * MIB, |[x, y, z]| {
-        let mut h = u64::from(x) | u64::from(y) << 20 | u64::from(z) << 40;
-        // the finaliser of MurmurHash3
-        for factor in [0xff51_afd7_ed55_8ccd, 0xc4ce_b9fe_1a85_ec53] {
-            h = (h ^ h >> 33).wrapping_mul(factor);
-        }
-        (h ^ h >> 33) & 1 == 0
-    });
+    let made = worst_case([320, 320, 70], 256 * MIB, is_noise);
     assert!(made["objects"].as_u64().unwrap() > 50_000, "{made}");
+}
+
+/// The same in tiles that are encoded, some before their pieces are known to be one, some after.
+#[test]
+fn white_noise_for_the_web_stays_inside_the_limit() {
+    let made = worst_case_as(&["--for", "web"], [192, 192, 134], 320 * MIB, is_noise);
+    assert!(made["objects"].as_u64().unwrap() > 30_000, "{made}");
 }
 
 /// The smallest limit as the refusal of a smaller one names it.

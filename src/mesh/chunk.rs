@@ -77,6 +77,13 @@ impl Chunk {
         self.bytes.extend_from_slice(more);
     }
 
+    /// Replaces all bytes; no vertex is left.
+    pub fn replace(&mut self, bytes: &[u8]) {
+        self.vertices = 0;
+        self.bytes.truncate(0);
+        self.bytes.extend_from_slice(bytes);
+    }
+
     /// All bytes.
     pub fn bytes(&self) -> &[u8] {
         self.bytes.get()

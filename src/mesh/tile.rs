@@ -22,13 +22,13 @@ pub const BYTES_PER_TRIANGLE: u64 = 130;
 /// Bytes of buffers for each cube of a tile, surface or not.
 pub const BYTES_PER_CUBE: f64 = 1.5;
 
-/// Bytes of buffers for making a tile, from its bits alone: there are about two triangles to a
+/// Bytes of buffers for making a tile, from its bits alone, with so many for each triangle: there are about two to a
 /// crossed edge.
-pub fn tile_bytes(bits: &Bits, tile: &TileBox) -> u64 {
+pub fn tile_bytes(bits: &Bits, tile: &TileBox, per_triangle: u64) -> u64 {
     let cubes: f64 = tile.cubes.iter().map(|&c| f64::from(c)).product();
     let vertices = dispatch!(count_crossed(bits, tile));
     let rest_of_page = Chunk::rest_of_page(vertices as usize) as u64;
-    2 * vertices * BYTES_PER_TRIANGLE + (cubes * BYTES_PER_CUBE) as u64 + rest_of_page
+    2 * vertices * per_triangle + (cubes * BYTES_PER_CUBE) as u64 + rest_of_page
 }
 
 /// Crossed edges in the words of the band that a tile touches; a few beyond its sides included.

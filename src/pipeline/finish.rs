@@ -12,12 +12,12 @@ use crate::pipeline::ration::{at_once, parts};
 use crate::pipeline::resolve::Resolved;
 use crate::pipeline::shards::{Ends, FinishedLayer, Part, shard_path};
 use crate::pipeline::spool::Spool;
-use crate::pipeline::tilefile::{TileRecord, too_large, too_wide};
+use crate::pipeline::tilefile::{TileRecord, refused, too_large};
 use crate::pipeline::writers::Writers;
 use crate::progress::Progress;
 use crate::tile::{
-    Body, BodyPiece, Extras, Node, Refused, TileHead, group_body, name, node_json, tile_file,
-    tile_path, write_head,
+    Body, BodyPiece, Extras, Node, TileHead, decode, describe, group_body, name, node_json,
+    tile_file, tile_path, write_head,
 };
 use rayon::prelude::*;
 use std::borrow::Cow;
@@ -262,11 +262,9 @@ impl Finisher<'_> {
         Ok(finished.into_iter().map(|(_, made)| made).collect())
     }
 
-    /// Whether a tile has to be written anew: pieces turned out to be one, the layout is the merged one, or
-    /// numbers are stored in another way.
+    /// Whether a tile has to be written anew: pieces turned out to be one, or it is not in the form that is wanted.
     fn is_anew(&self, job: &Job) -> bool {
-        let pieces = count_distinct(&job.ids);
-        pieces < job.ids.len() || !self.settings.head.is_plain(pieces)
+        job.tile.room == 0 || count_distinct(&job.ids) < job.ids.len()
     }
 
     /// The cells of some tiles by rising id, unless there are too many pieces. Most lie in several tiles.
@@ -291,61 +289,70 @@ impl Finisher<'_> {
         })
     }
 
-    /// Writes the JSON of a tile that is as it is to be.
+    /// Writes what comes before the geometry of a tile, and behind it, where that is as it is to be.
     fn finish_tile(&self, job: &Job, cells: Cells) -> Result<TileEntry> {
         let (tile, body) = (&job.tile, job.body());
         let nodes = self.nodes(&body, &job.ids, cells)?;
-        let json = node_json(self.settings.head, &body, &nodes);
-        let head = write_head(&json, tile.room as usize, tile.body_bytes)
+        let (head, low) = (self.settings.head, self.settings.tiling.lowest(tile.grid));
+        let plain = head.is_plain(nodes.len());
+        let (json, table) = match plain {
+            true => (node_json(head, &body, &nodes), Vec::new()),
+            false => describe(head, low, (&body, &tile.recipe), &nodes)
+                .map_err(|e| refused(e, tile.grid, self.settings.tiling))?,
+        };
+        let more = table.len() as u64;
+        let head = write_head(&json, tile.room as usize, tile.bin_bytes + more)
             .ok_or_else(|| too_large(tile.grid))?;
-        let bytes = head.len() as u64 + tile.body_bytes;
+        let bytes = head.len() as u64 + tile.bin_bytes;
         let path = self.settings.dir.join(tile_path(tile.grid));
         let file = OpenOptions::new()
             .write(true)
             .open(&path)
             .map_err(|e| Error::io(&path, "open", e))?;
         let found = file.metadata().map_err(|e| Error::io(&path, "stat", e))?;
-        if found.len() != bytes {
+        // an interrupted conversion may have written the table already
+        if ![bytes, bytes + more].contains(&found.len()) {
             return Err(changed(&path, found.len(), bytes));
         }
-        file.write_all_at(&head, 0)
-            .map_err(|e| Error::io(&path, "write", e))?;
+        for (part, at) in [(&head, 0), (&table, bytes)] {
+            file.write_all_at(part, at)
+                .map_err(|e| Error::io(&path, "write", e))?;
+        }
         let mut crc = crc32fast::Hasher::new();
         crc.update(&head);
         crc.combine(&crc32fast::Hasher::new_with_initial_len(
             tile.crc,
-            tile.body_bytes,
+            tile.bin_bytes,
         ));
-        let size_and_crc = (bytes, crc.finalize());
-        Ok(entry(tile, &body, &job.ids, None, size_and_crc))
+        crc.update(&table);
+        let size_and_crc = (bytes + more, crc.finalize());
+        let indices = (!plain).then_some(tile.recipe.indices.into());
+        Ok(entry(tile, &body, &job.ids, indices, size_and_crc))
     }
 
     /// Writes a tile anew, beside the old one.
     fn rewrite_tile(&self, job: &Job, cells: Cells, buffers: &mut Buffers) -> Result<TileEntry> {
-        let (tile, body) = (&job.tile, job.body());
+        let tile = &job.tile;
         let (groups, group_ids) = group(&job.ids);
-        let head = self.settings.head;
+        let (head, low) = (self.settings.head, self.settings.tiling.lowest(tile.grid));
         let path = self.settings.dir.join(tile_path(tile.grid));
         let bytes = read_back(&path, &mut buffers.old)?;
-        let start = bytes.len().saturating_sub(body.bytes as usize);
-        if crc32fast::hash(&bytes[start..]) != tile.crc {
-            let len = bytes.len() as u64;
-            return Err(changed(&path, len, len.max(body.bytes)));
+        let place = tile.start()..tile.start() + tile.bin_bytes as usize;
+        let not_ours = || changed(&path, bytes.len() as u64, place.end as u64);
+        let bytes = bytes.get(place.clone()).ok_or_else(not_ours)?;
+        if crc32fast::hash(bytes) != tile.crc {
+            return Err(not_ours());
         }
+        let (body, bytes) = self.as_floats(job, bytes).ok_or_else(not_ours)?;
         let (body, bin) = if groups.len() < body.pieces.len() {
-            let (body, bin) = group_body(&body, &bytes[start..], &groups, head.form.primitives);
+            let (body, bin) = group_body(&body, &bytes, &groups, head.form.primitives);
             (body, Cow::Owned(bin))
         } else {
-            (body, Cow::Borrowed(&bytes[start..]))
+            (body, bytes)
         };
         let nodes = self.nodes(&body, &group_ids, cells)?;
-        let low = |a: usize| self.settings.tiling.cubes(a, tile.grid[a]).start;
-        let file = tile_file(head, std::array::from_fn(low), (&body, &bin), &nodes).map_err(
-            |refused| match refused {
-                Refused::TooLarge => too_large(tile.grid),
-                Refused::TooWide => too_wide(self.settings.tiling.macrocube),
-            },
-        )?;
+        let file = tile_file(head, low, (&body, &bin), &nodes)
+            .map_err(|e| refused(e, tile.grid, self.settings.tiling))?;
         let anew = self.settings.dir.join(anew_path(tile.grid));
         if let Some(dir) = anew.parent() {
             create_dir_all(dir).map_err(|e| Error::io(dir, "create the directory", e))?;
@@ -358,6 +365,17 @@ impl Finisher<'_> {
         write_anew(anew, parts, (self.settings.writers, &mut buffers.new))?;
         let indices = Some(file.indices);
         Ok(entry(tile, &body, &group_ids, indices, size_and_crc))
+    }
+
+    /// The geometry of a tile as floats, as the sweep had it before it was encoded; `None` if this is none.
+    fn as_floats<'b>(&self, job: &Job, bytes: &'b [u8]) -> Option<(Body, Cow<'b, [u8]>)> {
+        let (tile, body, head) = (&job.tile, job.body(), self.settings.head);
+        if tile.room == 0 || head.is_plain(body.pieces.len()) {
+            return Some((body, Cow::Borrowed(bytes)));
+        }
+        let low = self.settings.tiling.lowest(tile.grid);
+        let (body, bytes) = decode(head, low, (&body, &tile.recipe), bytes).ok()?;
+        Some((body, Cow::Owned(bytes)))
     }
 
     /// Names and numbers of a tile's pieces.

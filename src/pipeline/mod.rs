@@ -219,6 +219,7 @@ fn make(
     let writer = TileWriter {
         dir: work.to_path_buf(),
         head: head.clone(),
+        tiling: plan.tiling,
     };
     let layers = plan.tiling.tiles()[2];
     make_layer_directories(work, keeper.swept()..layers)?;

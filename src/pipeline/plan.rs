@@ -17,6 +17,9 @@ const BAND_BYTES_PER_VOXEL: f64 = 0.19 + 0.06 * 8.0;
 /// Triangles per cube that a tile's buffers are planned for; a foam has 0.3, noise 2.6. A tile that
 /// needs more is checked against the limit when it is met.
 const TILE_TRIANGLES_PER_CUBE: f64 = 0.4;
+/// Bytes of buffers per triangle while a tile is encoded: for half a vertex, and up to 1.5 index entries, parts of the
+/// BIN chunk before they are compressed and after.
+const ENCODING_BYTES_PER_TRIANGLE: u64 = 30;
 /// Bytes of a tile's geometry per triangle: 12 for half a vertex, and room for 10 of indices.
 const BODY_BYTES_PER_TRIANGLE: f64 = 22.0;
 /// Bytes planned for a tile at least.
@@ -50,6 +53,8 @@ pub struct Plan {
     pub in_flight: usize,
     /// Bytes that the geometry of each of them may have.
     pub body: u64,
+    /// Bytes of buffers for each triangle of a tile while it is made.
+    pub per_triangle: u64,
 }
 
 impl Plan {
@@ -57,6 +62,15 @@ impl Plan {
     pub fn bands_ahead(&self) -> u32 {
         bands_ahead(self.tiling, self.threads as u64)
     }
+}
+
+fn per_triangle(options: &ConvertOptions) -> u64 {
+    let encoding = if options.form().is_encoded_early() {
+        ENCODING_BYTES_PER_TRIANGLE
+    } else {
+        0
+    };
+    BYTES_PER_TRIANGLE + encoding
 }
 
 fn bands_ahead(tiling: Tiling, threads: u64) -> u32 {
@@ -82,7 +96,7 @@ pub fn plan(volume: &dyn Volume, dims: Dims, options: &ConvertOptions) -> Result
     };
     check_reach(options.encoding, tiling)?;
     let bands = tiling.tiles()[1];
-    let cost = Cost::of(volume, tiling, threads);
+    let cost = Cost::of(volume, tiling, threads, per_triangle(options));
     let make = |bands_at_once: u32, look_ahead: bool| Plan {
         tiling,
         bands_at_once,
@@ -94,6 +108,7 @@ pub fn plan(volume: &dyn Volume, dims: Dims, options: &ConvertOptions) -> Result
         front: cost.front,
         in_flight: 0,
         body: cost.body,
+        per_triangle: per_triangle(options),
     };
     let smallest = make(1, false);
     if smallest.memory > options.memory {
@@ -134,7 +149,7 @@ struct Cost {
 }
 
 impl Cost {
-    fn of(volume: &dyn Volume, tiling: Tiling, threads: usize) -> Self {
+    fn of(volume: &dyn Volume, tiling: Tiling, threads: usize, per_triangle: u64) -> Self {
         let [nx, ny, nz] = tiling.dims.0;
         let (y, z) = (tiling.cubes(1, 0), tiling.cubes(2, 0));
         let span = Span {
@@ -146,8 +161,7 @@ impl Cost {
         let bytes = volume.header().dtype.bytes() as f64;
         let band = samples * bytes + span.voxels() as f64 * BAND_BYTES_PER_VOXEL;
         let cubes: f64 = (0..3).map(|a| f64::from(tiling.cubes(a, 0).end)).product();
-        let tile =
-            cubes * TILE_TRIANGLES_PER_CUBE * BYTES_PER_TRIANGLE as f64 + cubes * BYTES_PER_CUBE;
+        let tile = cubes * TILE_TRIANGLES_PER_CUBE * per_triangle as f64 + cubes * BYTES_PER_CUBE;
         let body = (cubes * TILE_TRIANGLES_PER_CUBE * BODY_BYTES_PER_TRIANGLE) as usize;
         let held = held(body, body);
         let slices = span.with_neighbours(tiling.dims).z;

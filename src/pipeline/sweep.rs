@@ -307,7 +307,7 @@ impl Sweep<'_> {
             let grid = [(i % tiles_x) as u32, first + (i / tiles_x) as u32, layer];
             let tile = TileBox::of(self.plan.tiling, grid);
             TileJob {
-                bytes: tile_bytes(&band.bits, &tile),
+                bytes: tile_bytes(&band.bits, &tile, self.plan.per_triangle),
                 band: band.clone(),
                 grid,
                 tile,
@@ -362,8 +362,8 @@ impl Sweep<'_> {
         let Workspace {
             mesh, stripifier, ..
         } = workspace;
-        let writers = writers.filter(|_| !gather.is_provisional(&mesh.pieces));
-        let (record, body) = self.writer.write(mesh, grid, stripifier, writers)?;
+        let how = (writers, gather.is_provisional(&mesh.pieces));
+        let (record, body) = self.writer.write(mesh, grid, stripifier, how)?;
         let mut caps = MeshSums::default();
         mesh.pieces
             .iter()

@@ -2,10 +2,14 @@
 
 use crate::direct;
 use crate::error::{Error, Result};
+use crate::grid::Tiling;
 use crate::mesh::{Piece, TileMesh};
 use crate::pipeline::writers::{Job, Writers};
 use crate::strip::Stripifier;
-use crate::tile::{Body, BodyPiece, TileHead, aligned, head_bytes, tile_path, widest_json};
+use crate::tile::{
+    Body, BodyPiece, Recipe, Refused, TileHead, aligned, encode, head_bytes, tile_path,
+    widest_description, widest_json,
+};
 use bytemuck::{Pod, Zeroable};
 use std::fs::File;
 use std::io::Write;
@@ -19,8 +23,10 @@ pub const CAP: u32 = u32::MAX;
 #[repr(C)]
 #[derive(Debug, Clone, Copy, Pod, Zeroable)]
 pub struct TileRecord {
-    /// Bytes of the BIN chunk.
+    /// Bytes of its geometry as floats.
     pub body_bytes: u64,
+    /// Bytes of its geometry in the file.
+    pub bin_bytes: u64,
     /// Macrocube index.
     pub grid: [u32; 3],
     /// Vertices.
@@ -29,12 +35,25 @@ pub struct TileRecord {
     pub pieces_at: u64,
     /// Number of pieces.
     pub pieces: u32,
-    /// Bytes of the JSON chunk; 0 if the tile has more pieces than nodes may be or is to be encoded,
-    /// and is written anew at the end.
+    /// Bytes of the JSON chunk; 0 if the geometry is in the file as floats that are not to stay, and the tile is
+    /// written anew at the end.
     pub room: u32,
-    /// CRC-32 of the BIN chunk's data.
+    /// CRC-32 of the geometry in the file.
     pub crc: u32,
+    /// How it is encoded, if the tile is not plain.
+    pub recipe: Recipe,
     reserved: u32,
+}
+
+impl TileRecord {
+    /// Byte of the file at which the geometry begins.
+    pub fn start(&self) -> usize {
+        start(self.room as usize)
+    }
+}
+
+fn start(room: usize) -> usize {
+    head_bytes(aligned(room, 8), 0).expect("a head is no 4 GiB")
 }
 
 /// A piece of a tile in terms of its slab.
@@ -65,36 +84,46 @@ pub struct TileWriter {
     pub dir: PathBuf,
     /// What all tiles have in common.
     pub head: TileHead,
+    /// The macrocubes.
+    pub tiling: Tiling,
 }
 
 impl TileWriter {
     /// Writes one tile's geometry and leaves room for what comes before it, whose ids are not known yet; long
     /// ones by the writers if there are any.
     ///
+    /// In forms that are encoded early, this one is, unless it is `provisional`: likely to be written anew. Then it
+    /// stays in the page cache.
+    ///
     /// # Errors
-    /// [`Error::Io`]; [`Error::Usage`] if the tile would pass 4 GiB.
+    /// [`Error::Io`]; [`Error::Usage`] if the tile would pass 4 GiB or reaches too far.
     pub fn write(
         &self,
         mesh: &mut TileMesh,
         grid: [u32; 3],
         stripifier: &mut Stripifier,
-        writers: Option<&Writers>,
+        (writers, provisional): (Option<&Writers>, bool),
     ) -> Result<(TileRecord, Body)> {
         let body = Body::write(mesh, self.head.form.primitives, stripifier);
-        let bytes = mesh.chunk.bytes();
-        let crc = crc32fast::hash(bytes);
         let plain = self.head.is_plain(body.pieces.len());
-        let long = bytes.len() >= direct::WORTH;
-        let room = if plain {
-            let step = if long { direct::SECTOR } else { 8 };
-            aligned(widest_json(&self.head, &body), step)
+        let encoded = !plain && !provisional && self.head.form.is_encoded_early();
+        let mut recipe = Recipe::default();
+        let widest = if encoded {
+            let widest = self.encode(mesh, grid, &body, &mut recipe);
+            Some(widest.map_err(|e| refused(e, grid, self.tiling))?)
         } else {
-            0
+            plain.then(|| widest_json(&self.head, &body))
         };
+        let bytes = mesh.chunk.bytes();
+        let (crc, bin_bytes) = (crc32fast::hash(bytes), bytes.len() as u64);
+        let long = bytes.len() >= direct::WORTH;
+        let step = if long { direct::SECTOR } else { 8 };
+        let room = widest.map_or(0, |widest| aligned(widest, step));
         let path = self.dir.join(tile_path(grid));
-        let start = head_bytes(aligned(room, 8), body.bytes).ok_or_else(|| too_large(grid))?;
-        // what is sure to be written anew is best read back from the cache
-        match writers.filter(|_| plain && long) {
+        let start = start(room);
+        head_bytes(aligned(room, 8), bin_bytes).ok_or_else(|| too_large(grid))?;
+        // what is to be written anew is best read back from the cache
+        match writers.filter(|_| room > 0 && long && !provisional) {
             Some(writers) => {
                 let body = mesh.chunk.take();
                 mesh.chunk.give(writers.put(Job { path, start, body })?);
@@ -103,15 +132,41 @@ impl TileWriter {
         }
         let record = TileRecord {
             body_bytes: body.bytes,
+            bin_bytes,
             grid,
             vertices: body.vertices,
             pieces_at: 0,
             pieces: body.pieces.len() as u32,
             room: room as u32,
             crc,
+            recipe,
             reserved: 0,
         };
         Ok((record, body))
+    }
+
+    /// Encodes the geometry in its place; returns how long the JSON can become.
+    fn encode(
+        &self,
+        mesh: &mut TileMesh,
+        grid: [u32; 3],
+        body: &Body,
+        recipe: &mut Recipe,
+    ) -> std::result::Result<usize, Refused> {
+        let (head, low) = (&self.head, self.tiling.lowest(grid));
+        let merged = head.merges(body.pieces.len());
+        let encoded = encode(head, low, (body, mesh.chunk.bytes()), (merged, None))?;
+        mesh.chunk.replace(&encoded.bytes);
+        *recipe = encoded.recipe;
+        widest_description(head, low, (body, recipe))
+    }
+}
+
+/// The error for a tile that cannot be written as asked.
+pub fn refused(why: Refused, grid: [u32; 3], tiling: Tiling) -> Error {
+    match why {
+        Refused::TooLarge => too_large(grid),
+        Refused::TooWide => too_wide(tiling.macrocube),
     }
 }
 

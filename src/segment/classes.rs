@@ -90,7 +90,7 @@ pub struct Classes {
     last_slice: Vec<u32>,
     live: Vec<LiveComponent>,
     sets: UnionFind,
-    /// Components that came over, in this process.
+    /// Components that came over.
     carried: u64,
     /// Of these, those that turned out to be part of an older one.
     merged: u64,
@@ -134,7 +134,8 @@ impl Classes {
         out.array(&self.last_slice)?;
         out.records(live().len(), live().map(|l| l.birth))?;
         out.records(live().len(), live().map(|l| u8::from(l.above)))?;
-        out.records(live().len(), live().map(|l| l.sums))
+        out.records(live().len(), live().map(|l| l.sums))?;
+        out.array(&[self.carried, self.merged])
     }
 
     /// The state that was written; `None` if this is none.
@@ -143,6 +144,10 @@ impl Classes {
         let births: Vec<u64> = input.array()?;
         let above: Vec<u8> = input.array()?;
         let sums: Vec<VoxelSums> = input.array()?;
+        let counts: Vec<u64> = input.array()?;
+        let &[carried, merged] = &counts[..] else {
+            return None;
+        };
         let n = births.len();
         let sound = above.len() == n
             && sums.len() == n
@@ -156,7 +161,9 @@ impl Classes {
         sound.then(|| Classes {
             last_slice,
             live: live.collect(),
-            ..Classes::default()
+            sets: UnionFind::default(),
+            carried,
+            merged,
         })
     }
 

@@ -1,18 +1,61 @@
-//! A BIN chunk in the making with its buffer views, plain or compressed.
+//! The parts of a BIN chunk: their data, plain or compressed, and the buffer views that say where they lie.
 
 use super::document::{ARRAY_BUFFER, ELEMENT_ARRAY_BUFFER};
 use crate::manifest::Primitives;
 use serde_json::{Value, json};
 
-/// The BIN chunk and the views into it.
+/// A part of the chunk.
+#[derive(Debug, Clone, Copy)]
+pub(super) enum Part {
+    /// Vertex data, and the filter that compressed ones have to be decoded with.
+    Vertices {
+        count: usize,
+        stride: usize,
+        filter: Option<&'static str>,
+    },
+    /// Indices in 16 or 32 bits.
+    Indices {
+        count: usize,
+        wide: bool,
+        kind: Primitives,
+    },
+    /// So many bytes of a table's column, which is never compressed.
+    Column(usize),
+}
+
+impl Part {
+    /// Its bytes before it is compressed.
+    pub fn bytes(&self) -> usize {
+        match *self {
+            Part::Vertices { count, stride, .. } => count * stride,
+            Part::Indices { count, wide, .. } => count * if wide { 4 } else { 2 },
+            Part::Column(bytes) => bytes,
+        }
+    }
+
+    fn target(&self) -> Option<u32> {
+        match self {
+            Part::Vertices { .. } => Some(ARRAY_BUFFER),
+            Part::Indices { .. } => Some(ELEMENT_ARRAY_BUFFER),
+            Part::Column(_) => None,
+        }
+    }
+}
+
+/// Where a part that is not compressed begins behind what has so many bytes, on a multiple of 8 bytes as
+/// EXT_structural_metadata asks for.
+fn start_of_plain(end: usize) -> usize {
+    end.next_multiple_of(8)
+}
+
+/// The data of a chunk in the making.
 #[derive(Default)]
 pub(super) struct Bin {
     pub bytes: Vec<u8>,
-    pub views: Vec<Value>,
+    /// Bytes of each part that was compressed, in order.
+    pub lengths: Vec<u32>,
     /// True to compress vertices and indices (EXT_meshopt_compression).
     compress: bool,
-    /// Bytes that compressed views decode to.
-    decoded: u64,
 }
 
 impl Bin {
@@ -24,96 +67,122 @@ impl Bin {
         }
     }
 
-    /// Adds a view that is never compressed, on a multiple of 8 bytes as EXT_structural_metadata
-    /// asks for; returns its number.
-    pub fn plain(&mut self, data: &[u8], target: Option<u32>) -> usize {
-        self.bytes.resize(self.bytes.len().next_multiple_of(8), 0);
-        let start = self.bytes.len();
+    /// Adds a part that is not compressed.
+    pub fn plain(&mut self, data: &[u8]) {
+        self.bytes.resize(start_of_plain(self.bytes.len()), 0);
         self.bytes.extend_from_slice(data);
-        let mut view = json!({"buffer": 0, "byteOffset": start, "byteLength": data.len()});
-        if let Some(target) = target {
+    }
+
+    /// Adds vertex data, N bytes to a vertex.
+    pub fn vertices<const N: usize>(&mut self, data: &[[u8; N]]) {
+        if !self.compress {
+            return self.plain(data.as_flattened());
+        }
+        // the extension has version 0 of the codec, which knows no levels
+        let stream = meshopt::encode_vertex_buffer_level(data, 0, Some(0)).expect("cannot fail");
+        self.compressed(&stream);
+    }
+
+    /// Adds indices in 16 or 32 bits, all below `vertices`.
+    pub fn indices(&mut self, indices: &[u32], wide: bool, kind: Primitives, vertices: u32) {
+        if self.compress {
+            let stream = match kind {
+                Primitives::Strips => meshopt::encode_index_sequence(indices, vertices as usize),
+                Primitives::Triangles => meshopt::encode_index_buffer(indices, vertices as usize),
+            };
+            return self.compressed(&stream.expect("cannot fail"));
+        }
+        self.plain(&[]);
+        let all = indices.iter();
+        if wide {
+            self.bytes.extend(all.flat_map(|i| i.to_le_bytes()));
+        } else {
+            self.bytes
+                .extend(all.flat_map(|&i| (i as u16).to_le_bytes()));
+        }
+    }
+
+    fn compressed(&mut self, stream: &[u8]) {
+        self.bytes.extend_from_slice(stream);
+        self.lengths.push(stream.len() as u32);
+    }
+
+    /// Pads the chunk to a multiple of so many bytes.
+    pub fn pad(&mut self, step: usize) {
+        self.bytes
+            .resize(self.bytes.len().next_multiple_of(step), 0);
+    }
+}
+
+/// The buffer views of a chunk's parts.
+#[derive(Default)]
+pub(super) struct Views {
+    pub views: Vec<Value>,
+    /// Bytes of the chunk up to the end of its last part.
+    pub end: usize,
+    /// Bytes that compressed parts decode to.
+    decoded: u64,
+}
+
+impl Views {
+    /// Adds a part that is in the chunk as it is, or compressed to so many bytes. Returns the number of its view.
+    pub fn add(&mut self, part: Part, compressed: Option<u32>) -> usize {
+        let mut view = match compressed {
+            None => self.plain(part.bytes()),
+            Some(bytes) => self.compressed(part, bytes as usize),
+        };
+        if let Some(target) = part.target() {
             view["target"] = target.into();
+        }
+        if let Part::Vertices { stride, .. } = part {
+            view["byteStride"] = stride.into();
         }
         self.views.push(view);
         self.views.len() - 1
     }
 
-    /// Adds a view of vertex data, N bytes to a vertex; `filter` is what a compressed view has to
-    /// be decoded with.
-    pub fn vertices<const N: usize>(&mut self, data: &[[u8; N]], filter: Option<&str>) -> usize {
-        if !self.compress {
-            let view = self.plain(data.as_flattened(), Some(ARRAY_BUFFER));
-            self.views[view]["byteStride"] = N.into();
-            return view;
-        }
-        // the extension has version 0 of the codec, which knows no levels
-        let stream = meshopt::encode_vertex_buffer_level(data, 0, Some(0)).expect("cannot fail");
-        let view = self.compressed(&stream, [data.len(), N], "ATTRIBUTES", ARRAY_BUFFER);
-        self.views[view]["byteStride"] = N.into();
+    fn plain(&mut self, bytes: usize) -> Value {
+        let start = start_of_plain(self.end);
+        self.end = start + bytes;
+        json!({"buffer": 0, "byteOffset": start, "byteLength": bytes})
+    }
+
+    fn compressed(&mut self, part: Part, bytes: usize) -> Value {
+        let (count, stride, mode, filter) = match part {
+            Part::Vertices {
+                count,
+                stride,
+                filter,
+            } => (count, stride, "ATTRIBUTES", filter),
+            Part::Indices { count, wide, kind } => {
+                let mode = match kind {
+                    Primitives::Strips => "INDICES",
+                    Primitives::Triangles => "TRIANGLES",
+                };
+                (count, if wide { 4 } else { 2 }, mode, None)
+            }
+            Part::Column(_) => unreachable!("columns are never compressed"),
+        };
+        let mut stream = json!({
+            "buffer": 0, "byteOffset": self.end, "byteLength": bytes,
+            "byteStride": stride, "count": count, "mode": mode
+        });
         if let Some(filter) = filter {
-            self.views[view]["extensions"][EXTENSION]["filter"] = filter.into();
+            stream["filter"] = filter.into();
         }
+        let length = part.bytes() as u64;
+        let view = json!({
+            "buffer": 1, "byteOffset": self.decoded, "byteLength": length,
+            "extensions": {EXTENSION: stream}
+        });
+        self.end += bytes;
+        self.decoded += length.next_multiple_of(4);
         view
     }
 
-    /// Adds a view of indices in 16 or 32 bits, all below `vertices`.
-    pub fn indices(
-        &mut self,
-        indices: &[u32],
-        wide: bool,
-        kind: Primitives,
-        vertices: u32,
-    ) -> usize {
-        let size = if wide { 4 } else { 2 };
-        if !self.compress {
-            let mut data = Vec::with_capacity(size * indices.len());
-            if wide {
-                data.extend(indices.iter().flat_map(|i| i.to_le_bytes()));
-            } else {
-                data.extend(indices.iter().flat_map(|&i| (i as u16).to_le_bytes()));
-            }
-            return self.plain(&data, Some(ELEMENT_ARRAY_BUFFER));
-        }
-        let (stream, mode) = match kind {
-            Primitives::Strips => (
-                meshopt::encode_index_sequence(indices, vertices as usize),
-                "INDICES",
-            ),
-            Primitives::Triangles => (
-                meshopt::encode_index_buffer(indices, vertices as usize),
-                "TRIANGLES",
-            ),
-        };
-        let stream = stream.expect("cannot fail");
-        self.compressed(&stream, [indices.len(), size], mode, ELEMENT_ARRAY_BUFFER)
-    }
-
-    fn compressed(
-        &mut self,
-        stream: &[u8],
-        [count, stride]: [usize; 2],
-        mode: &str,
-        target: u32,
-    ) -> usize {
-        let start = self.bytes.len();
-        self.bytes.extend_from_slice(stream);
-        let length = (count * stride) as u64;
-        self.views.push(json!({
-            "buffer": 1, "byteOffset": self.decoded, "byteLength": length, "target": target,
-            "extensions": {EXTENSION: {
-                "buffer": 0, "byteOffset": start, "byteLength": stream.len(),
-                "byteStride": stride, "count": count, "mode": mode
-            }}
-        }));
-        self.decoded += length.next_multiple_of(4);
-        self.views.len() - 1
-    }
-
-    /// Pads the chunk to its end and returns the list of buffers: the chunk, and for compressed views
-    /// the one that they would be in.
-    pub fn finish(&mut self) -> Vec<Value> {
-        self.bytes.resize(self.bytes.len().next_multiple_of(4), 0);
-        let mut buffers = vec![json!({"byteLength": self.bytes.len()})];
+    /// The list of buffers: the chunk, and for compressed views the one that they would be in.
+    pub fn buffers(&self) -> Vec<Value> {
+        let mut buffers = vec![json!({"byteLength": self.end.next_multiple_of(4)})];
         if self.decoded > 0 {
             buffers.push(json!({
                 "byteLength": self.decoded, "extensions": {EXTENSION: {"fallback": true}}

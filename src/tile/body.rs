@@ -29,10 +29,15 @@ pub struct BodyPiece {
     reserved: u32,
 }
 
+/// True if indices of so many vertices are of 4 bytes: 65,535 stays free, for glTF forbids it.
+pub(super) fn is_wide(vertices: u32) -> bool {
+    vertices > 65_535
+}
+
 impl BodyPiece {
-    /// True if its indices are of 4 bytes: 65,535 stays free, for glTF forbids it.
+    /// True if its indices are of 4 bytes.
     pub fn wide(&self) -> bool {
-        self.vertices > 65_535
+        is_wide(self.vertices)
     }
 
     /// Bytes of its indices, padding included.
@@ -99,6 +104,16 @@ impl Body {
         }
         body.bytes = chunk.bytes().len() as u64;
         body
+    }
+
+    /// Smallest and largest vertex coordinates of all pieces in lattice steps; nothing if there is none.
+    pub fn bounds(&self) -> [[i32; 3]; 2] {
+        let bound = |get: fn(&BodyPiece) -> [i32; 3], pick: fn(i32, i32) -> i32| {
+            let all = self.pieces.iter().map(get);
+            all.reduce(|a, b| std::array::from_fn(|i| pick(a[i], b[i])))
+                .unwrap_or_default()
+        };
+        [bound(|p| p.min, i32::min), bound(|p| p.max, i32::max)]
     }
 
     /// A piece whose numbers have at least as many digits as those of any of the body.

@@ -1,9 +1,10 @@
 //! A whole tile in any encoding and layout, from pieces whose geometry is floats.
 
 use super::body::Body;
-use super::document::{Node, TileHead, node_document, write_head};
-use super::merged::merged_chunks;
-use super::store::{Geometry, Refused, Stored};
+use super::document::{Node, TileHead, node_json, write_head};
+use super::encoded::{Encoded, describe, encode};
+use super::merged::colours;
+use super::store::Refused;
 use std::borrow::Cow;
 
 /// A tile's file.
@@ -37,18 +38,23 @@ pub fn tile_file<'a>(
     (body, bytes): (&'a Body, &'a [u8]),
     nodes: &[Node],
 ) -> Result<TileFile<'a>, Refused> {
-    let geometry = Geometry { body, bytes };
-    let (json, bin, indices) = if head.merges(nodes.len()) {
-        let (json, bin, indices) = merged_chunks(head, low, geometry, nodes)?;
-        (json, bin.into(), indices)
-    } else {
-        let (stored, bin) = Stored::pieces(head, low, geometry)?;
-        let json = node_document(head, &stored, body, nodes);
+    if head.is_plain(nodes.len()) {
+        let json = node_json(head, body, nodes);
         let indices = body.pieces.iter().map(|p| u64::from(p.indices)).sum();
-        (json, bin, indices)
-    };
+        return whole(&json, bytes.into(), indices);
+    }
+    let merged = head.merges(nodes.len());
+    let colours = colours(nodes).filter(|_| merged);
+    let Encoded { mut bytes, recipe } =
+        encode(head, low, (body, bytes), (merged, colours.as_deref()))?;
+    let (json, table) = describe(head, low, (body, &recipe), nodes)?;
+    bytes.extend_from_slice(&table);
+    whole(&json, bytes.into(), recipe.indices.into())
+}
+
+fn whole<'a>(json: &[u8], bin: Cow<'a, [u8]>, indices: u64) -> Result<TileFile<'a>, Refused> {
     let room = aligned(json.len(), 8);
-    let head = write_head(&json, room, bin.len() as u64).ok_or(Refused::TooLarge)?;
+    let head = write_head(json, room, bin.len() as u64).ok_or(Refused::TooLarge)?;
     Ok(TileFile { head, bin, indices })
 }
 

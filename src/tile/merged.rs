@@ -1,11 +1,12 @@
 //! The merged layout: one mesh for a tile of very many pieces, whose ids and measures are rows of an
 //! EXT_structural_metadata property table that `_FEATURE_ID_0` points into.
 
-use super::bin::Bin;
+use super::bin::{Part, Views};
 use super::body::{Body, BodyPiece};
 use super::document::{FLOAT, GENERATOR, Node, TileHead, UNSIGNED_SHORT, material, mode};
+use super::encoded::Recipe;
 use super::paint::vertex_colour;
-use super::store::{Accessor, Geometry, Refused, Stored, joined};
+use super::store::{Accessor, Refused, Stored, base};
 use crate::tile::Extras;
 use bytemuck::Zeroable;
 use serde_json::{Map, Value, json};
@@ -86,52 +87,41 @@ fn columns(rows: &[&Extras]) -> Vec<Column> {
     .collect()
 }
 
-/// The JSON and BIN chunk of a tile in merged layout, a row of the table per piece, and the number of
-/// index entries.
-pub(super) fn merged_chunks(
+/// The JSON of a tile in merged layout whose geometry is encoded, a row of the table per piece, and the table, which
+/// comes behind the geometry in the BIN chunk.
+///
+/// # Errors
+/// [`Refused::TooWide`].
+pub(super) fn merged_document(
     head: &TileHead,
     low: [u32; 3],
-    geometry: Geometry,
+    (body, recipe): (&Body, &Recipe),
     nodes: &[Node],
-) -> Result<(Vec<u8>, Vec<u8>, u64), Refused> {
-    let body = geometry.body;
-    let indices = joined(geometry, head.form.primitives);
+) -> Result<(Vec<u8>, Vec<u8>), Refused> {
     let mut whole = BodyPiece::zeroed();
     whole.vertices = body.vertices;
-    whole.indices = indices.len() as u32;
-    whole.min = fold(body, |p| p.min, i32::min);
-    whole.max = fold(body, |p| p.max, i32::max);
-    let (mut bin, base) = geometry.vertices(head.form.encoding, low)?;
-    let at = bin.indices(&indices, whole.wide(), head.form.primitives, whole.vertices);
-    let per_vertex = |i: usize| body.pieces[i].vertices as usize;
-    let rows: Vec<[u8; 4]> = (0..nodes.len())
-        .flat_map(|i| std::iter::repeat_n((i as f32).to_le_bytes(), per_vertex(i)))
-        .collect();
-    let rows = bin.vertices(&rows, None);
+    whole.indices = recipe.indices;
+    [whole.min, whole.max] = body.bounds();
+    let painted = is_painted(nodes);
+    let mut views = recipe.views(head, body, (true, painted));
     let mut attributes = json!({"POSITION": 0, "NORMAL": 1, "_FEATURE_ID_0": 3});
     let mut plain = material();
-    let painted = nodes.iter().any(|n| n.colour.is_some()).then(|| {
-        let colours: Vec<[u8; 8]> = nodes
-            .iter()
-            .enumerate()
-            .flat_map(|(i, n)| std::iter::repeat_n(vertex_colour(n.colour), per_vertex(i)))
-            .collect();
+    if painted {
         attributes["COLOR_0"] = 4.into();
         // vertex colours multiply the factor
         plain["pbrMetallicRoughness"]["baseColorFactor"] = json!([1.0, 1.0, 1.0, 1.0]);
-        bin.vertices(&colours, None)
-    });
-    let table = Table::new(nodes, &mut bin);
+    }
+    let table = Table::new(nodes, &mut views);
     let stored = Stored {
         encoding: head.form.encoding,
-        base,
-        buffers: bin.finish(),
-        views: bin.views,
-        indices: vec![(at, 0)],
+        base: base(head.form.encoding, body, low)?,
+        buffers: views.buffers(),
+        views: views.views,
+        indices: Vec::new(),
     };
-    let mut accessors = stored.accessors(&whole, stored.indices[0]).to_vec();
+    let mut accessors = stored.accessors(&whole, (INDICES, 0)).to_vec();
     let of_vertices = Accessor {
-        buffer_view: rows,
+        buffer_view: ROWS,
         byte_offset: None,
         component_type: FLOAT,
         count: whole.vertices,
@@ -141,8 +131,8 @@ pub(super) fn merged_chunks(
         kind: "SCALAR",
     };
     accessors.push(of_vertices);
-    accessors.extend(painted.map(|view| Accessor {
-        buffer_view: view,
+    accessors.extend(painted.then_some(Accessor {
+        buffer_view: COLOURS,
         component_type: UNSIGNED_SHORT,
         normalized: Some(true),
         kind: "VEC4",
@@ -177,39 +167,64 @@ pub(super) fn merged_chunks(
         document["extensionsRequired"] = json!(required);
     }
     let json = serde_json::to_vec(&document).expect("plain data serialises");
-    Ok((json, bin.bytes, indices.len() as u64))
+    Ok((json, table.bytes))
 }
 
-/// The property table: its columns' kinds and where their values are.
+/// The views behind those of positions and normals.
+const INDICES: usize = 2;
+const ROWS: usize = 3;
+const COLOURS: usize = 4;
+
+/// True if some of the pieces have a colour.
+fn is_painted(nodes: &[Node]) -> bool {
+    nodes.iter().any(|n| n.colour.is_some())
+}
+
+/// The vertex colours of the pieces, if any has one.
+pub(super) fn colours(nodes: &[Node]) -> Option<Vec<[u8; 8]>> {
+    let all = nodes.iter().map(|n| vertex_colour(n.colour));
+    is_painted(nodes).then(|| all.collect())
+}
+
+/// The property table: its columns' kinds, where their values are, and these.
 struct Table {
     kinds: Map<String, Value>,
     values: Map<String, Value>,
+    /// From where the geometry ends.
+    bytes: Vec<u8>,
 }
 
 impl Table {
-    /// Puts the columns of the pieces into the chunk.
-    fn new(nodes: &[Node], bin: &mut Bin) -> Self {
+    /// Puts the columns of the pieces behind the geometry.
+    fn new(nodes: &[Node], views: &mut Views) -> Self {
         let rows: Vec<&Extras> = nodes.iter().map(|n| &n.extras).collect();
         let mut table = Table {
             kinds: Map::new(),
             values: Map::new(),
+            bytes: Vec::new(),
         };
+        // the geometry ends on a multiple of 8 bytes
+        let geometry = views.end.next_multiple_of(8);
         for column in columns(&rows) {
             let mut kind = json!({"type": "SCALAR", "componentType": column.kind});
             if let Some(value) = column.no_data {
                 kind["noData"] = value;
             }
             table.kinds.insert(column.name.into(), kind);
-            let at = bin.plain(&column.bytes, None);
+            let at = views.add(Part::Column(column.bytes.len()), None);
+            let start = views.end - geometry - column.bytes.len();
+            table.bytes.resize(start, 0);
+            table.bytes.extend_from_slice(&column.bytes);
             table
                 .values
                 .insert(column.name.into(), json!({"values": at}));
         }
+        table.bytes.resize(table.bytes.len().next_multiple_of(4), 0);
         table
     }
 
     /// EXT_structural_metadata with this one table.
-    fn extension(self, nodes: &[Node]) -> Value {
+    fn extension(&self, nodes: &[Node]) -> Value {
         let unit = nodes.iter().find_map(|n| n.extras.unit);
         let mut class = json!({
             "description": format!("Surface pieces; lengths in {}", unit.unwrap_or("voxel")),
@@ -225,10 +240,4 @@ impl Table {
             }]
         })
     }
-}
-
-fn fold(body: &Body, get: impl Fn(&BodyPiece) -> [i32; 3], pick: fn(i32, i32) -> i32) -> [i32; 3] {
-    let all = body.pieces.iter().map(get);
-    all.reduce(|a, b| std::array::from_fn(|i| pick(a[i], b[i])))
-        .unwrap_or_default()
 }

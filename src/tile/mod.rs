@@ -53,6 +53,7 @@ mod body;
 mod buffers;
 mod contents;
 mod document;
+mod encoded;
 mod extras;
 mod features;
 mod file;
@@ -75,6 +76,7 @@ pub(crate) use contents::name;
 pub(crate) use document::{
     Node, TileHead, head_bytes, material, node_json, widest_json, write_head,
 };
+pub(crate) use encoded::{Recipe, decode, describe, encode, widest_description};
 pub use extras::Extras;
 pub(crate) use file::{aligned, tile_file};
 pub use mesh::{SurfacePiece, TileMesh};

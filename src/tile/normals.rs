@@ -27,7 +27,7 @@ pub(super) enum Kind {
 }
 
 impl Kind {
-    /// What is stored for each code that may be nearest to a vector, by [`slot`].
+    /// What is stored for each of the [`codes`] that may be nearest to a vector.
     fn table(self) -> &'static [[u8; 4]] {
         static VECTORS: LazyLock<Vec<[u8; 4]>> = LazyLock::new(|| table(decode));
         static CODES: LazyLock<Vec<[u8; 4]>> = LazyLock::new(|| table(|[x, y]| [x, y, 127]));
@@ -56,19 +56,14 @@ pub(super) fn quantize(normals: &[[u8; 12]], kind: Kind) -> Vec<[u8; 4]> {
     out
 }
 
-/// The place of a code in a table of all of them.
-fn slot([x, y]: Code) -> usize {
-    (i32::from(x) + 127) as usize * 255 + (i32::from(y) + 127) as usize
-}
-
-/// All codes, by [`slot`].
+/// All codes, by x, then y.
 fn codes() -> impl Iterator<Item = Code> {
     let all = -127..=127i8;
     all.clone()
         .flat_map(move |x| all.clone().map(move |y| [x, y]))
 }
 
-/// For each code what `store` makes of the one that is nearest to its own vector.
+/// For each of the [`codes`] what `store` makes of the one that is nearest to its own vector.
 fn table(store: fn(Code) -> [i8; 3]) -> Vec<[u8; 4]> {
     let codes: Vec<Code> = codes().collect();
     let mut first = Vec::with_capacity(codes.len());
@@ -88,7 +83,7 @@ fn table(store: fn(Code) -> [i8; 3]) -> Vec<[u8; 4]> {
     stored.collect()
 }
 
-/// The places of the codes whose vectors are nearest to unit vectors, of which there are x, y and z one after the
+/// The places among the [`codes`] of those whose vectors are nearest to unit vectors, of which there are x, y and z one after the
 /// other, among the nine round their place on the octahedron; the first of several.
 fn slots_of_nearest(normals: &[[f32; TOGETHER]; 3]) -> [u32; TOGETHER] {
     dispatch!(find_nearest(normals))
@@ -240,7 +235,6 @@ mod tests {
             let vector = decode(code);
             assert_eq!(stored[i], vector, "{code:?}");
             assert_eq!(found[i], [first(code)[0], first(code)[1], 127], "{code:?}");
-            assert_eq!(slot(code), i);
         }
         // and it stays so
         let again: Vec<_> = found

@@ -3,12 +3,12 @@
 use super::bin::Bin;
 use super::body::{Body, BodyPiece};
 use super::document::{BYTE, FLOAT, TileHead, UNSIGNED_INT, UNSIGNED_SHORT, geometry_views};
+use super::encoded::Recipe;
 use super::normals::{Kind, quantize};
 use crate::grid::{LATTICE, coordinate};
-use crate::manifest::{Encoding, Primitives};
+use crate::manifest::Encoding;
 use serde::Serialize;
 use serde_json::{Value, json};
-use std::borrow::Cow;
 
 /// An accessor of glTF. There are three to a piece, so they are no [`Value`]s, which took a tenth of the
 /// time of a sparse scan.
@@ -83,45 +83,34 @@ impl Stored {
         }
     }
 
-    /// The body's pieces one by one, each with its indices, and the BIN chunk. `low` is the lowest
-    /// voxel of the macrocube.
-    pub fn pieces<'a>(
+    /// Encoded pieces one by one, each with its indices.
+    ///
+    /// # Errors
+    /// [`Refused::TooWide`].
+    pub fn encoded(
         head: &TileHead,
         low: [u32; 3],
-        geometry: Geometry<'a>,
-    ) -> Result<(Self, Cow<'a, [u8]>), Refused> {
-        let Geometry { body, bytes } = geometry;
-        if head.form.encoding == Encoding::Float {
-            return Ok((Stored::float(body), bytes.into()));
-        }
-        let (mut bin, base) = geometry.vertices(head.form.encoding, low)?;
-        let mut streams: [Vec<u32>; 2] = Default::default();
-        let mut places = Vec::with_capacity(body.pieces.len());
-        for piece in &body.pieces {
-            let stream = &mut streams[usize::from(piece.wide())];
-            places.push((piece.wide(), stream.len() as u64));
-            stream.extend(body.indices(piece, bytes));
-        }
-        let vertices = body.pieces.iter().map(|p| p.vertices).max().unwrap_or(0);
-        let mut views = [0; 2];
-        for (wide, stream) in [false, true].into_iter().zip(&streams) {
-            if !stream.is_empty() {
-                views[usize::from(wide)] =
-                    bin.indices(stream, wide, head.form.primitives, vertices);
-            }
-        }
-        let at = |(wide, first): (bool, u64)| {
-            (views[usize::from(wide)], first * if wide { 4 } else { 2 })
+        body: &Body,
+        recipe: &Recipe,
+    ) -> Result<Self, Refused> {
+        let views = recipe.views(head, body, (false, false));
+        // positions and normals come first, then narrow indices if there are any, then wide ones
+        let any_narrow = body.pieces.iter().any(|p| !p.wide() && p.indices > 0);
+        let view = |wide: bool| 2 + usize::from(wide && any_narrow);
+        let mut before = [0; 2];
+        let place = |piece: &BodyPiece| {
+            let wide = piece.wide();
+            let before = &mut before[usize::from(wide)];
+            let first = std::mem::replace(before, *before + u64::from(piece.indices));
+            (view(wide), first * if wide { 4 } else { 2 })
         };
-        let buffers = bin.finish();
-        let stored = Stored {
+        Ok(Stored {
             encoding: head.form.encoding,
-            base,
-            views: bin.views,
-            buffers,
-            indices: places.into_iter().map(at).collect(),
-        };
-        Ok((stored, bin.bytes.into()))
+            base: base(head.form.encoding, body, low)?,
+            buffers: views.buffers(),
+            indices: body.pieces.iter().map(place).collect(),
+            views: views.views,
+        })
     }
 
     /// The three accessors of vertices `first..first + vertices` with bounds `[min, max]` in lattice
@@ -205,82 +194,70 @@ impl Stored {
 }
 
 impl Geometry<'_> {
-    /// A BIN chunk with views 0 and 1, positions and normals, and the corner of 16-bit positions.
-    pub fn vertices(&self, encoding: Encoding, low: [u32; 3]) -> Result<(Bin, [i32; 3]), Refused> {
+    /// Adds positions and normals to a chunk.
+    ///
+    /// # Errors
+    /// [`Refused::TooWide`].
+    pub fn put_vertices(
+        &self,
+        bin: &mut Bin,
+        encoding: Encoding,
+        low: [u32; 3],
+    ) -> Result<(), Refused> {
         let n = 12 * self.body.vertices as usize;
         let (positions, _) = self.bytes[..n].as_chunks::<12>();
         let (normals, _) = self.bytes[n..2 * n].as_chunks::<12>();
-        let mut bin = Bin::new(encoding == Encoding::Meshopt);
-        // as much as it may become with a row number to each vertex
-        bin.bytes.reserve_exact(self.bytes.len() + n);
-        if encoding == Encoding::Float {
-            bin.vertices(positions, None);
-            bin.vertices(normals, None);
-            return Ok((bin, [0; 3]));
-        }
-        let base = self.base(low)?;
-        let corner = base.map(|b| b * LATTICE as i32);
+        let corner = base(encoding, self.body, low)?.map(|b| b * LATTICE as i32);
+        let kind = match encoding {
+            Encoding::Float => {
+                bin.vertices(positions);
+                bin.vertices(normals);
+                return Ok(());
+            }
+            Encoding::Quantized => Kind::Vector,
+            Encoding::Meshopt => Kind::Code,
+        };
         let step = |e: &[u8; 12], a: usize| {
             let at = 4 * a;
             let v = f32::from_le_bytes([e[at], e[at + 1], e[at + 2], e[at + 3]]);
             ((v * LATTICE as f32) as i32 - corner[a]) as u16
         };
-        let steps: Vec<[u8; 8]> = positions
-            .iter()
-            .map(|e| {
-                let [x, y, z] = [0, 1, 2].map(|a| step(e, a));
-                bytemuck::cast([x, y, z, 0].map(u16::to_le_bytes))
-            })
-            .collect();
-        bin.vertices(&steps, None);
-        let kind = match encoding {
-            Encoding::Meshopt => Kind::Code,
-            _ => Kind::Vector,
-        };
-        bin.vertices(&quantize(normals, kind), Some("OCTAHEDRAL"));
-        Ok((bin, base))
-    }
-
-    /// The macrocube's corner, a voxel lower along axes where caps lie outside of it; all vertices
-    /// are at most 65,535 steps above it.
-    fn base(&self, low: [u32; 3]) -> Result<[i32; 3], Refused> {
-        let bound = |get: fn(&BodyPiece) -> [i32; 3], pick: fn(i32, i32) -> i32| {
-            let all = self.body.pieces.iter().map(get);
-            all.reduce(|a, b| std::array::from_fn(|i| pick(a[i], b[i])))
-                .unwrap_or_default()
-        };
-        let (min, max) = (bound(|p| p.min, i32::min), bound(|p| p.max, i32::max));
-        let corner = |a: usize| {
-            let low = low[a] as i32;
-            if min[a] < low * LATTICE as i32 {
-                low - 1
-            } else {
-                low
-            }
-        };
-        let base: [i32; 3] = std::array::from_fn(corner);
-        let fits = |a: usize| {
-            let corner = base[a] * LATTICE as i32;
-            min[a] >= corner && max[a] - corner <= i32::from(u16::MAX)
-        };
-        if (0..3).all(fits) {
-            Ok(base)
-        } else {
-            Err(Refused::TooWide)
-        }
+        let steps = positions.iter().map(|e| {
+            let [x, y, z] = [0, 1, 2].map(|a| step(e, a));
+            bytemuck::cast([x, y, z, 0].map(u16::to_le_bytes))
+        });
+        bin.vertices::<8>(&steps.collect::<Vec<_>>());
+        bin.vertices(&quantize(normals, kind));
+        Ok(())
     }
 }
 
-/// All pieces' indices as one list or stitched strip over the tile's vertices.
-pub(super) fn joined(geometry: Geometry, primitives: Primitives) -> Vec<u32> {
-    let Geometry { body, bytes } = geometry;
-    let mut all = Vec::new();
-    for piece in &body.pieces {
-        let part = body.indices(piece, bytes);
-        match primitives {
-            Primitives::Strips => crate::strip::append_strip(&mut all, &part, piece.first_vertex),
-            Primitives::Triangles => all.extend(part.iter().map(|i| i + piece.first_vertex)),
-        }
+/// The corner that 16-bit positions count from: the macrocube's, a voxel lower along axes where caps lie outside of
+/// it. All vertices are at most 65,535 steps above it.
+///
+/// # Errors
+/// [`Refused::TooWide`] if they are not.
+pub(super) fn base(encoding: Encoding, body: &Body, low: [u32; 3]) -> Result<[i32; 3], Refused> {
+    if encoding == Encoding::Float {
+        return Ok([0; 3]);
     }
-    all
+    let [min, max] = body.bounds();
+    let corner = |a: usize| {
+        let low = low[a] as i32;
+        if min[a] < low * LATTICE as i32 {
+            low - 1
+        } else {
+            low
+        }
+    };
+    let base: [i32; 3] = std::array::from_fn(corner);
+    let fits = |a: usize| {
+        let corner = base[a] * LATTICE as i32;
+        min[a] >= corner && max[a] - corner <= i32::from(u16::MAX)
+    };
+    if (0..3).all(fits) {
+        Ok(base)
+    } else {
+        Err(Refused::TooWide)
+    }
 }

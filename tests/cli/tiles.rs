@@ -186,9 +186,12 @@ fn a_tile_set_goes_to_the_web_and_back() {
         .map(|word| if word == "out" { "direct" } else { word })
         .collect();
     ok(dir.path(), &direct);
+    // a conversion leaves room in the JSON, which repacking takes out
+    let again = ["repack", "direct", "again", "--for", "web", "--quiet"];
+    ok(dir.path(), &again);
     let tile = "tiles/z0000/y0000_x0000.glb";
     let [a, b] =
-        ["web", "direct"].map(|set| std::fs::read(dir.path().join(set).join(tile)).unwrap());
+        ["web", "again"].map(|set| std::fs::read(dir.path().join(set).join(tile)).unwrap());
     assert!(a == b, "converting for the web is converting and repacking");
     let reports = ["out", "web"].map(|set| json(&ok(dir.path(), &["verify", set, "--json"])));
     for key in [
