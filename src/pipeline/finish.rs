@@ -310,8 +310,8 @@ impl Finisher<'_> {
             .open(&path)
             .map_err(|e| Error::io(&path, "open", e))?;
         let found = file.metadata().map_err(|e| Error::io(&path, "stat", e))?;
-        // an interrupted conversion may have written the table already
-        if ![bytes, bytes + more].contains(&found.len()) {
+        // an interrupted conversion may have written the table already, or some of it
+        if !(bytes..=bytes + more).contains(&found.len()) {
             return Err(changed(&path, found.len(), bytes));
         }
         for (part, at) in [(&head, 0), (&table, bytes)] {

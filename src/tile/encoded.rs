@@ -7,7 +7,7 @@ use super::contents::{Contents, name};
 use super::document::{Node, TileHead, node_document, widest_document, write_head};
 use super::file::aligned;
 use super::glb::ReadError;
-use super::merged::merged_document;
+use super::merged::{merged_document, widest_merged};
 use super::part::refuse;
 use super::store::{Geometry, Refused, Stored};
 use crate::manifest::{Encoding, Primitives};
@@ -83,10 +83,8 @@ pub fn widest_description(
     low: [u32; 3],
     (body, recipe): (&Body, &Recipe),
 ) -> Result<usize, Refused> {
-    let pieces = body.pieces.len();
-    if head.merges(pieces) {
-        let nodes = vec![Node::widest(); pieces];
-        return Ok(merged_document(head, low, (body, recipe), &nodes)?.0.len());
+    if head.merges(body.pieces.len()) {
+        return widest_merged(head, low, (body, recipe));
     }
     let stored = Stored::encoded(head, low, body, recipe)?;
     Ok(widest_document(head, &stored, body))

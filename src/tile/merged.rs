@@ -170,6 +170,22 @@ pub(super) fn merged_document(
     Ok((json, table.bytes))
 }
 
+/// Bytes of the JSON of [`merged_document`] at most, whatever the nodes.
+///
+/// # Errors
+/// [`Refused::TooWide`].
+pub(super) fn widest_merged(
+    head: &TileHead,
+    low: [u32; 3],
+    what: (&Body, &Recipe),
+) -> Result<usize, Refused> {
+    let (json, _) = merged_document(head, low, what, &[Node::widest()])?;
+    // more pieces make numbers longer, which have ten digits at most: where each column begins and how long it is,
+    // how many features and rows there are, and how long the buffer is
+    let numbers = 2 * columns(&[]).len() + 3;
+    Ok(json.len() + 9 * numbers)
+}
+
 /// The views behind those of positions and normals.
 const INDICES: usize = 2;
 const ROWS: usize = 3;
