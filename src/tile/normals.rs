@@ -83,8 +83,8 @@ fn table(store: fn(Code) -> [i8; 3]) -> Vec<[u8; 4]> {
     stored.collect()
 }
 
-/// The places among the [`codes`] of those whose vectors are nearest to unit vectors, of which there are x, y and z one after the
-/// other, among the nine round their place on the octahedron; the first of several.
+/// The places among the [`codes`] of those whose vectors are nearest to unit vectors, of the nine round their place on
+/// the octahedron; the first of several. The unit vectors' x come first, then y, then z.
 fn slots_of_nearest(normals: &[[f32; TOGETHER]; 3]) -> [u32; TOGETHER] {
     dispatch!(find_nearest(normals))
 }
