@@ -16,8 +16,8 @@ use crate::pipeline::tilefile::{TileRecord, refused, too_large};
 use crate::pipeline::writers::Writers;
 use crate::progress::Progress;
 use crate::tile::{
-    Body, BodyPiece, Extras, Node, TileHead, decode, describe, group_body, name, node_json,
-    tile_file, tile_path, write_head,
+    Body, BodyPiece, Extras, Node, TileHead, decode, describe, group_body, name, tile_file,
+    tile_path, write_head,
 };
 use rayon::prelude::*;
 use std::borrow::Cow;
@@ -294,12 +294,8 @@ impl Finisher<'_> {
         let (tile, body) = (&job.tile, job.body());
         let nodes = self.nodes(&body, &job.ids, cells)?;
         let (head, low) = (self.settings.head, self.settings.tiling.lowest(tile.grid));
-        let plain = head.is_plain(nodes.len());
-        let (json, table) = match plain {
-            true => (node_json(head, &body, &nodes), Vec::new()),
-            false => describe(head, low, (&body, &tile.recipe), &nodes)
-                .map_err(|e| refused(e, tile.grid, self.settings.tiling))?,
-        };
+        let (json, table) = describe(head, low, (&body, &tile.recipe), &nodes)
+            .map_err(|e| refused(e, tile.grid, self.settings.tiling))?;
         let more = table.len() as u64;
         let head = write_head(&json, tile.room as usize, tile.bin_bytes + more)
             .ok_or_else(|| too_large(tile.grid))?;
@@ -326,7 +322,7 @@ impl Finisher<'_> {
         ));
         crc.update(&table);
         let size_and_crc = (bytes + more, crc.finalize());
-        let indices = (!plain).then_some(tile.recipe.indices.into());
+        let indices = tile.recipe.indices.into();
         Ok(entry(tile, &body, &job.ids, indices, size_and_crc))
     }
 
@@ -343,7 +339,11 @@ impl Finisher<'_> {
         if crc32fast::hash(bytes) != tile.crc {
             return Err(not_ours());
         }
-        let (body, bytes) = self.as_floats(job, bytes).ok_or_else(not_ours)?;
+        // as the sweep had it before it was encoded
+        let (body, bytes) = match tile.room {
+            0 => (job.body(), Cow::Borrowed(bytes)),
+            _ => decode(head, low, (&job.body(), &tile.recipe), bytes).map_err(|_| not_ours())?,
+        };
         let (body, bin) = if groups.len() < body.pieces.len() {
             let (body, bin) = group_body(&body, &bytes, &groups, head.form.primitives);
             (body, Cow::Owned(bin))
@@ -363,19 +363,7 @@ impl Finisher<'_> {
         let bytes = parts.iter().map(|part| part.len() as u64).sum();
         let size_and_crc = (bytes, crc.finalize());
         write_anew(anew, parts, (self.settings.writers, &mut buffers.new))?;
-        let indices = Some(file.indices);
-        Ok(entry(tile, &body, &group_ids, indices, size_and_crc))
-    }
-
-    /// The geometry of a tile as floats, as the sweep had it before it was encoded; `None` if this is none.
-    fn as_floats<'b>(&self, job: &Job, bytes: &'b [u8]) -> Option<(Body, Cow<'b, [u8]>)> {
-        let (tile, body, head) = (&job.tile, job.body(), self.settings.head);
-        if tile.room == 0 || head.is_plain(body.pieces.len()) {
-            return Some((body, Cow::Borrowed(bytes)));
-        }
-        let low = self.settings.tiling.lowest(tile.grid);
-        let (body, bytes) = decode(head, low, (&body, &tile.recipe), bytes).ok()?;
-        Some((body, Cow::Owned(bytes)))
+        Ok(entry(tile, &body, &group_ids, file.indices, size_and_crc))
     }
 
     /// Names and numbers of a tile's pieces.
@@ -427,29 +415,21 @@ fn entry(
     tile: &TileRecord,
     body: &Body,
     ids: &[Ids],
-    indices: Option<u64>,
+    indices: u64,
     (bytes, crc): (u64, u32),
 ) -> TileEntry {
     let sum = |get: fn(&BodyPiece) -> u32| body.pieces.iter().map(|p| u64::from(get(p))).sum();
-    let bound = |start: i32, get: fn(&BodyPiece) -> [i32; 3], pick: fn(i32, i32) -> i32| {
-        let steps = body
-            .pieces
-            .iter()
-            .map(get)
-            .fold([start; 3], |a, b| std::array::from_fn(|i| pick(a[i], b[i])));
-        steps.map(|v| f64::from(v) / f64::from(LATTICE))
-    };
+    let [min, max] = body
+        .bounds()
+        .map(|steps| steps.map(|v| f64::from(v) / f64::from(LATTICE)));
     TileEntry {
         path: tile_path(tile.grid),
         grid: tile.grid,
-        bounds: Bounds {
-            min: bound(i32::MAX, |p| p.min, i32::min),
-            max: bound(i32::MIN, |p| p.max, i32::max),
-        },
+        bounds: Bounds { min, max },
         vertices: u64::from(body.vertices),
         triangles: sum(|p| p.triangles),
         strips: sum(|p| p.strips),
-        indices: indices.unwrap_or_else(|| sum(|p| p.indices)),
+        indices,
         bytes,
         checksum: checksum_text(crc),
         groups: ids

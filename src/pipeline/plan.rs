@@ -108,7 +108,7 @@ pub fn plan(volume: &dyn Volume, dims: Dims, options: &ConvertOptions) -> Result
         front: cost.front,
         in_flight: 0,
         body: cost.body,
-        per_triangle: per_triangle(options),
+        per_triangle: cost.per_triangle,
     };
     let smallest = make(1, false);
     if smallest.memory > options.memory {
@@ -144,6 +144,7 @@ struct Cost {
     body: u64,
     band: u64,
     tile: u64,
+    per_triangle: u64,
     threads: u64,
     ahead: u32,
 }
@@ -172,6 +173,7 @@ impl Cost {
             body: held as u64,
             band: band as u64,
             // small tiles differ most from the mean
+            per_triangle,
             tile: (tile as u64).max(SMALLEST_TILE) + (held - body) as u64,
             threads: threads as u64,
             ahead: bands_ahead(tiling, threads as u64),

@@ -7,10 +7,11 @@ use crate::mesh::{Piece, TileMesh};
 use crate::pipeline::writers::{Job, Writers};
 use crate::strip::Stripifier;
 use crate::tile::{
-    Body, BodyPiece, Recipe, Refused, TileHead, aligned, encode, head_bytes, tile_path,
-    widest_description, widest_json,
+    Body, BodyPiece, Encoded, Recipe, Refused, TileHead, aligned, encode, head_bytes, tile_path,
+    widest_description,
 };
 use bytemuck::{Pod, Zeroable};
+use std::borrow::Cow;
 use std::fs::File;
 use std::io::Write;
 use std::os::unix::fs::FileExt;
@@ -40,7 +41,7 @@ pub struct TileRecord {
     pub room: u32,
     /// CRC-32 of the geometry in the file.
     pub crc: u32,
-    /// How it is encoded, if the tile is not plain.
+    /// How it is encoded.
     pub recipe: Recipe,
     reserved: u32,
 }
@@ -48,12 +49,8 @@ pub struct TileRecord {
 impl TileRecord {
     /// Byte of the file at which the geometry begins.
     pub fn start(&self) -> usize {
-        start(self.room as usize)
+        head_bytes(aligned(self.room as usize, 8), 0).expect("a head is no 4 GiB")
     }
-}
-
-fn start(room: usize) -> usize {
-    head_bytes(aligned(room, 8), 0).expect("a head is no 4 GiB")
 }
 
 /// A piece of a tile in terms of its slab.
@@ -106,24 +103,22 @@ impl TileWriter {
     ) -> Result<(TileRecord, Body)> {
         let body = Body::write(mesh, self.head.form.primitives, stripifier);
         let plain = self.head.is_plain(body.pieces.len());
-        let encoded = !plain && !provisional && self.head.form.is_encoded_early();
-        let mut recipe = Recipe::default();
-        let widest = if encoded {
-            let widest = self.encode(mesh, grid, &body, &mut recipe);
-            Some(widest.map_err(|e| refused(e, grid, self.tiling))?)
-        } else {
-            plain.then(|| widest_json(&self.head, &body))
-        };
+        let stays = plain || !provisional && self.head.form.is_encoded_early();
+        let (mut recipe, mut widest) = (Recipe::default(), 0);
+        if stays {
+            (recipe, widest) = self
+                .encode(mesh, grid, &body)
+                .map_err(|e| refused(e, grid, self.tiling))?;
+        }
         let bytes = mesh.chunk.bytes();
         let (crc, bin_bytes) = (crc32fast::hash(bytes), bytes.len() as u64);
         let long = bytes.len() >= direct::WORTH;
         let step = if long { direct::SECTOR } else { 8 };
-        let room = widest.map_or(0, |widest| aligned(widest, step));
+        let room = if stays { aligned(widest, step) } else { 0 };
         let path = self.dir.join(tile_path(grid));
-        let start = start(room);
-        head_bytes(aligned(room, 8), bin_bytes).ok_or_else(|| too_large(grid))?;
+        let start = head_bytes(aligned(room, 8), bin_bytes).ok_or_else(|| too_large(grid))?;
         // what is to be written anew is best read back from the cache
-        match writers.filter(|_| room > 0 && long && !provisional) {
+        match writers.filter(|_| stays && long && !provisional) {
             Some(writers) => {
                 let body = mesh.chunk.take();
                 mesh.chunk.give(writers.put(Job { path, start, body })?);
@@ -145,20 +140,20 @@ impl TileWriter {
         Ok((record, body))
     }
 
-    /// Encodes the geometry in its place; returns how long the JSON can become.
+    /// Encodes the geometry in its place; returns how, and how long the JSON can become.
     fn encode(
         &self,
         mesh: &mut TileMesh,
         grid: [u32; 3],
         body: &Body,
-        recipe: &mut Recipe,
-    ) -> std::result::Result<usize, Refused> {
+    ) -> std::result::Result<(Recipe, usize), Refused> {
         let (head, low) = (&self.head, self.tiling.lowest(grid));
-        let merged = head.merges(body.pieces.len());
-        let encoded = encode(head, low, (body, mesh.chunk.bytes()), (merged, None))?;
-        mesh.chunk.replace(&encoded.bytes);
-        *recipe = encoded.recipe;
-        widest_description(head, low, (body, recipe))
+        let Encoded { bytes, recipe } = encode(head, low, (body, mesh.chunk.bytes()), None)?;
+        if let Cow::Owned(bytes) = bytes {
+            mesh.chunk.replace(&bytes);
+        }
+        let widest = widest_description(head, low, (body, &recipe))?;
+        Ok((recipe, widest))
     }
 }
 

@@ -87,7 +87,7 @@ impl Repacker<'_> {
         let bytes = self.set.tile_bytes(&entry)?;
         let place = TilePlace {
             primitives: self.set.manifest().primitives,
-            low: std::array::from_fn(|a| self.tiling.cubes(a, entry.grid[a]).start),
+            low: self.tiling.lowest(entry.grid),
             dims: self.tiling.dims.0,
         };
         let made = recode(&bytes, &place, &self.form, &|cell| {

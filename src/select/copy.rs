@@ -228,7 +228,7 @@ impl Copier<'_> {
         }
         let place = TilePlace {
             primitives: self.manifest.primitives,
-            low: std::array::from_fn(|a| tiling.cubes(a, entry.grid[a]).start),
+            low: tiling.lowest(entry.grid),
             dims: grid.dims.0,
         };
         let style = |ids: &crate::tile::read::PieceIds| match ids.cell {

@@ -6,7 +6,7 @@ use serde_json::{Value, json};
 
 /// A part of the chunk.
 #[derive(Debug, Clone, Copy)]
-pub(super) enum Part {
+pub(super) enum Section {
     /// Vertex data, and the filter that compressed ones have to be decoded with.
     Vertices {
         count: usize,
@@ -23,21 +23,21 @@ pub(super) enum Part {
     Column(usize),
 }
 
-impl Part {
+impl Section {
     /// Its bytes before it is compressed.
     pub fn bytes(&self) -> usize {
         match *self {
-            Part::Vertices { count, stride, .. } => count * stride,
-            Part::Indices { count, wide, .. } => count * if wide { 4 } else { 2 },
-            Part::Column(bytes) => bytes,
+            Section::Vertices { count, stride, .. } => count * stride,
+            Section::Indices { count, wide, .. } => count * if wide { 4 } else { 2 },
+            Section::Column(bytes) => bytes,
         }
     }
 
     fn target(&self) -> Option<u32> {
         match self {
-            Part::Vertices { .. } => Some(ARRAY_BUFFER),
-            Part::Indices { .. } => Some(ELEMENT_ARRAY_BUFFER),
-            Part::Column(_) => None,
+            Section::Vertices { .. } => Some(ARRAY_BUFFER),
+            Section::Indices { .. } => Some(ELEMENT_ARRAY_BUFFER),
+            Section::Column(_) => None,
         }
     }
 }
@@ -126,7 +126,7 @@ pub(super) struct Views {
 
 impl Views {
     /// Adds a part that is in the chunk as it is, or compressed to so many bytes. Returns the number of its view.
-    pub fn add(&mut self, part: Part, compressed: Option<u32>) -> usize {
+    pub fn add(&mut self, part: Section, compressed: Option<u32>) -> usize {
         let mut view = match compressed {
             None => self.plain(part.bytes()),
             Some(bytes) => self.compressed(part, bytes as usize),
@@ -134,7 +134,7 @@ impl Views {
         if let Some(target) = part.target() {
             view["target"] = target.into();
         }
-        if let Part::Vertices { stride, .. } = part {
+        if let Section::Vertices { stride, .. } = part {
             view["byteStride"] = stride.into();
         }
         self.views.push(view);
@@ -147,21 +147,21 @@ impl Views {
         json!({"buffer": 0, "byteOffset": start, "byteLength": bytes})
     }
 
-    fn compressed(&mut self, part: Part, bytes: usize) -> Value {
+    fn compressed(&mut self, part: Section, bytes: usize) -> Value {
         let (count, stride, mode, filter) = match part {
-            Part::Vertices {
+            Section::Vertices {
                 count,
                 stride,
                 filter,
             } => (count, stride, "ATTRIBUTES", filter),
-            Part::Indices { count, wide, kind } => {
+            Section::Indices { count, wide, kind } => {
                 let mode = match kind {
                     Primitives::Strips => "INDICES",
                     Primitives::Triangles => "TRIANGLES",
                 };
                 (count, if wide { 4 } else { 2 }, mode, None)
             }
-            Part::Column(_) => unreachable!("columns are never compressed"),
+            Section::Column(_) => unreachable!("columns are never compressed"),
         };
         let mut stream = json!({
             "buffer": 0, "byteOffset": self.end, "byteLength": bytes,

@@ -178,6 +178,19 @@ pub(super) fn write_indices(piece: &BodyPiece, indices: &[u32], mut put: impl Fn
     }
 }
 
+/// Adds the indices of a piece, plus `offset`, to those of others.
+pub(super) fn append_indices(
+    all: &mut Vec<u32>,
+    piece: &[u32],
+    offset: u32,
+    primitives: Primitives,
+) {
+    match primitives {
+        Primitives::Strips => append_strip(all, piece, offset),
+        Primitives::Triangles => all.extend(piece.iter().map(|i| i + offset)),
+    }
+}
+
 /// Joins pieces of a body to groups: `groups[g]` lists the pieces of the new piece g, in the order
 /// in which their vertices, triangles and strips follow each other there.
 pub fn group_body(
@@ -231,10 +244,7 @@ fn join_pieces(
     for &p in group {
         let piece = &body.pieces[p];
         let part = body.indices(piece, bytes);
-        match primitives {
-            Primitives::Strips => append_strip(&mut indices, &part, joined.vertices),
-            Primitives::Triangles => indices.extend(part.iter().map(|i| i + joined.vertices)),
-        }
+        append_indices(&mut indices, &part, joined.vertices, primitives);
         joined.vertices += piece.vertices;
         joined.triangles += piece.triangles;
         joined.strips += piece.strips;

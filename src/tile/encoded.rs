@@ -1,10 +1,12 @@
 //! A tile's geometry in the form of its set, without what hangs on ids: so it can be written before these are known.
 
 use super::Extras;
-use super::bin::{Bin, Part, Views};
-use super::body::{Body, BodyPiece, is_wide};
+use super::bin::{Bin, Section, Views};
+use super::body::{Body, BodyPiece, append_indices, is_wide};
 use super::contents::{Contents, name};
-use super::document::{Node, TileHead, node_document, widest_document, write_head};
+use super::document::{
+    Node, TileHead, node_document, node_json, widest_document, widest_json, write_head,
+};
 use super::file::aligned;
 use super::glb::ReadError;
 use super::merged::{merged_document, widest_merged};
@@ -12,6 +14,7 @@ use super::part::refuse;
 use super::store::{Geometry, Refused, Stored};
 use crate::manifest::{Encoding, Primitives};
 use bytemuck::{Pod, Zeroable};
+use std::borrow::Cow;
 
 /// Parts of a BIN chunk that can be compressed, at most: positions, normals, indices, and rows and colours or
 /// other indices.
@@ -29,29 +32,39 @@ pub struct Recipe {
 
 /// Encoded geometry.
 #[derive(Debug)]
-pub struct Encoded {
+pub struct Encoded<'a> {
     /// The beginning of the BIN chunk, or all of it.
-    pub bytes: Vec<u8>,
+    pub bytes: Cow<'a, [u8]>,
     /// What tells its parts.
     pub recipe: Recipe,
 }
 
 /// Encodes pieces whose geometry is floats: `body` and its `bytes`, of a tile whose macrocube has its lowest voxel at
-/// `low`. If they are `merged`, they may have a colour each.
+/// `low`. In a plain tile they stay as they are. The pieces have `colours` if all have one, which the merged layout
+/// stores with the vertices.
 ///
 /// # Errors
 /// [`Refused::TooWide`] if the vertices reach too far for the encoding.
-pub fn encode(
+pub fn encode<'a>(
     head: &TileHead,
     low: [u32; 3],
-    (body, bytes): (&Body, &[u8]),
-    (merged, colours): (bool, Option<&[[u8; 8]]>),
-) -> Result<Encoded, Refused> {
+    (body, bytes): (&Body, &'a [u8]),
+    colours: Option<&[[u8; 8]]>,
+) -> Result<Encoded<'a>, Refused> {
+    let of_pieces = || body.pieces.iter().map(|p| p.indices).sum();
+    if head.is_plain(body.pieces.len()) {
+        let recipe = Recipe {
+            indices: of_pieces(),
+            ..Recipe::default()
+        };
+        let bytes = Cow::Borrowed(bytes);
+        return Ok(Encoded { bytes, recipe });
+    }
     let encoding = head.form.encoding;
     let geometry = Geometry { body, bytes };
     let mut bin = Bin::new(encoding == Encoding::Meshopt);
     geometry.put_vertices(&mut bin, encoding, low)?;
-    let indices = if merged {
+    let indices = if head.merges(body.pieces.len()) {
         let indices = geometry.put_joined(&mut bin, head.form.primitives);
         let row = |i: usize| (i as f32).to_le_bytes();
         bin.vertices(&per_vertex(body, row));
@@ -64,12 +77,12 @@ pub fn encode(
     } else {
         geometry.put_pieces(&mut bin, head.form.primitives);
         bin.pad(4);
-        body.pieces.iter().map(|p| p.indices).sum()
+        of_pieces()
     };
     let mut lengths = [0; PARTS];
     lengths[..bin.lengths.len()].copy_from_slice(&bin.lengths);
     Ok(Encoded {
-        bytes: bin.bytes,
+        bytes: Cow::Owned(bin.bytes),
         recipe: Recipe { lengths, indices },
     })
 }
@@ -83,6 +96,9 @@ pub fn widest_description(
     low: [u32; 3],
     (body, recipe): (&Body, &Recipe),
 ) -> Result<usize, Refused> {
+    if head.is_plain(body.pieces.len()) {
+        return Ok(widest_json(head, body));
+    }
     if head.merges(body.pieces.len()) {
         return widest_merged(head, low, (body, recipe));
     }
@@ -101,6 +117,9 @@ pub fn describe(
     (body, recipe): (&Body, &Recipe),
     nodes: &[Node],
 ) -> Result<(Vec<u8>, Vec<u8>), Refused> {
+    if head.is_plain(nodes.len()) {
+        return Ok((node_json(head, body, nodes), Vec::new()));
+    }
     if head.merges(nodes.len()) {
         return merged_document(head, low, (body, recipe), nodes);
     }
@@ -113,12 +132,15 @@ pub fn describe(
 ///
 /// # Errors
 /// [`ReadError`] if these are others.
-pub fn decode(
+pub fn decode<'a>(
     head: &TileHead,
     low: [u32; 3],
     (body, recipe): (&Body, &Recipe),
-    bytes: &[u8],
-) -> Result<(Body, Vec<u8>), ReadError> {
+    bytes: &'a [u8],
+) -> Result<(Body, Cow<'a, [u8]>), ReadError> {
+    if head.is_plain(body.pieces.len()) {
+        return Ok((body.clone(), Cow::Borrowed(bytes)));
+    }
     // as a tile whose pieces have any ids
     let node = |(i, piece): (u64, &BodyPiece)| Node {
         name: name(i, i, true),
@@ -138,7 +160,7 @@ pub fn decode(
     for (piece, was) in decoded.pieces.iter_mut().zip(&body.pieces) {
         piece.strips = was.strips;
     }
-    Ok((decoded, bytes))
+    Ok((decoded, Cow::Owned(bytes)))
 }
 
 /// The same of each vertex of a piece.
@@ -152,19 +174,14 @@ fn per_vertex<const N: usize>(body: &Body, of_piece: impl Fn(usize) -> [u8; N]) 
 impl Recipe {
     /// The views of the geometry. Merged, these are of positions, normals, indices, rows, and colours if it is
     /// `painted`; else of positions, normals, and indices of either width that there are.
-    pub(super) fn views(
-        &self,
-        head: &TileHead,
-        body: &Body,
-        (merged, painted): (bool, bool),
-    ) -> Views {
+    pub(super) fn views(&self, head: &TileHead, body: &Body, painted: bool) -> Views {
         let encoding = head.form.encoding;
-        let vertices = |stride, filter| Part::Vertices {
+        let vertices = |stride, filter| Section::Vertices {
             count: body.vertices as usize,
             stride,
             filter,
         };
-        let indices = |count, wide| Part::Indices {
+        let indices = |count, wide| Section::Indices {
             count,
             wide,
             kind: head.form.primitives,
@@ -177,7 +194,7 @@ impl Recipe {
             vertices(position, None),
             vertices(normal, Some("OCTAHEDRAL")),
         ];
-        if merged {
+        if head.merges(body.pieces.len()) {
             parts.push(indices(self.indices as usize, is_wide(body.vertices)));
             parts.push(vertices(4, None));
             parts.extend(painted.then(|| vertices(8, None)));
@@ -224,12 +241,7 @@ impl Geometry<'_> {
         let mut all = Vec::with_capacity(count + joints);
         for piece in &body.pieces {
             let part = body.indices(piece, bytes);
-            match primitives {
-                Primitives::Strips => {
-                    crate::strip::append_strip(&mut all, &part, piece.first_vertex);
-                }
-                Primitives::Triangles => all.extend(part.iter().map(|i| i + piece.first_vertex)),
-            }
+            append_indices(&mut all, &part, piece.first_vertex, primitives);
         }
         bin.indices(&all, is_wide(body.vertices), primitives, body.vertices);
         all.len() as u32
@@ -358,8 +370,7 @@ mod tests {
                 let contents = contents(&pieces, form.primitives);
                 let (body, bytes) = contents.body().unwrap();
                 let head = TileHead { matrix: contents.matrix, form };
-                let merged = form.layout == Layout::Merged;
-                let encoded = encode(&head, low, (&body, &bytes), (merged, None)).unwrap();
+                let encoded = encode(&head, low, (&body, &bytes), None).unwrap();
                 let what = (&body, &encoded.recipe);
                 let file = tile_file(&head, low, (&body, &bytes), &contents.nodes).unwrap();
                 let (json, table) = describe(&head, low, what, &contents.nodes).unwrap();
@@ -379,7 +390,7 @@ mod tests {
                     triangles(&body, &bytes, form.primitives)
                 );
                 // normals are rounded once
-                let again = encode(&head, low, (&back, &floats), (merged, None)).unwrap();
+                let again = encode(&head, low, (&back, &floats), None).unwrap();
                 let (_, twice) = decode(&head, low, (&back, &again.recipe), &again.bytes).unwrap();
                 prop_assert!(floats[..2 * positions] == twice[..2 * positions]);
             }
@@ -400,7 +411,7 @@ mod tests {
                 matrix: contents.matrix,
                 form,
             };
-            let encoded = encode(&head, [0; 3], (&body, &bytes), (false, None));
+            let encoded = encode(&head, [0; 3], (&body, &bytes), None);
             match form.encoding {
                 Encoding::Float => assert!(encoded.is_ok()),
                 _ => assert_eq!(encoded.unwrap_err(), Refused::TooWide),

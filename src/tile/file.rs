@@ -1,8 +1,8 @@
 //! A whole tile in any encoding and layout, from pieces whose geometry is floats.
 
 use super::body::Body;
-use super::document::{Node, TileHead, node_json, write_head};
-use super::encoded::{Encoded, describe, encode};
+use super::document::{Node, TileHead, write_head};
+use super::encoded::{describe, encode};
 use super::merged::colours;
 use super::store::Refused;
 use std::borrow::Cow;
@@ -38,23 +38,16 @@ pub fn tile_file<'a>(
     (body, bytes): (&'a Body, &'a [u8]),
     nodes: &[Node],
 ) -> Result<TileFile<'a>, Refused> {
-    if head.is_plain(nodes.len()) {
-        let json = node_json(head, body, nodes);
-        let indices = body.pieces.iter().map(|p| u64::from(p.indices)).sum();
-        return whole(&json, bytes.into(), indices);
-    }
-    let merged = head.merges(nodes.len());
-    let colours = colours(nodes).filter(|_| merged);
-    let Encoded { mut bytes, recipe } =
-        encode(head, low, (body, bytes), (merged, colours.as_deref()))?;
+    let colours = colours(nodes);
+    let encoded = encode(head, low, (body, bytes), colours.as_deref())?;
+    let (mut bin, recipe) = (encoded.bytes, encoded.recipe);
     let (json, table) = describe(head, low, (body, &recipe), nodes)?;
-    bytes.extend_from_slice(&table);
-    whole(&json, bytes.into(), recipe.indices.into())
-}
-
-fn whole<'a>(json: &[u8], bin: Cow<'a, [u8]>, indices: u64) -> Result<TileFile<'a>, Refused> {
+    if !table.is_empty() {
+        bin.to_mut().extend_from_slice(&table);
+    }
     let room = aligned(json.len(), 8);
-    let head = write_head(json, room, bin.len() as u64).ok_or(Refused::TooLarge)?;
+    let head = write_head(&json, room, bin.len() as u64).ok_or(Refused::TooLarge)?;
+    let indices = recipe.indices.into();
     Ok(TileFile { head, bin, indices })
 }
 

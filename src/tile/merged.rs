@@ -1,7 +1,7 @@
 //! The merged layout: one mesh for a tile of very many pieces, whose ids and measures are rows of an
 //! EXT_structural_metadata property table that `_FEATURE_ID_0` points into.
 
-use super::bin::{Part, Views};
+use super::bin::{Section, Views};
 use super::body::{Body, BodyPiece};
 use super::document::{FLOAT, GENERATOR, Node, TileHead, UNSIGNED_SHORT, material, mode};
 use super::encoded::Recipe;
@@ -103,7 +103,7 @@ pub(super) fn merged_document(
     whole.indices = recipe.indices;
     [whole.min, whole.max] = body.bounds();
     let painted = is_painted(nodes);
-    let mut views = recipe.views(head, body, (true, painted));
+    let mut views = recipe.views(head, body, painted);
     let mut attributes = json!({"POSITION": 0, "NORMAL": 1, "_FEATURE_ID_0": 3});
     let mut plain = material();
     if painted {
@@ -227,7 +227,7 @@ impl Table {
                 kind["noData"] = value;
             }
             table.kinds.insert(column.name.into(), kind);
-            let at = views.add(Part::Column(column.bytes.len()), None);
+            let at = views.add(Section::Column(column.bytes.len()), None);
             let start = views.end - geometry - column.bytes.len();
             table.bytes.resize(start, 0);
             table.bytes.extend_from_slice(&column.bytes);

@@ -5,6 +5,7 @@ use super::body::{Body, BodyPiece};
 use super::document::{BYTE, FLOAT, TileHead, UNSIGNED_INT, UNSIGNED_SHORT, geometry_views};
 use super::encoded::Recipe;
 use super::normals::{Kind, quantize};
+use super::streams::float3;
 use crate::grid::{LATTICE, coordinate};
 use crate::manifest::Encoding;
 use serde::Serialize;
@@ -93,7 +94,7 @@ impl Stored {
         body: &Body,
         recipe: &Recipe,
     ) -> Result<Self, Refused> {
-        let views = recipe.views(head, body, (false, false));
+        let views = recipe.views(head, body, false);
         // positions and normals come first, then narrow indices if there are any, then wide ones
         let any_narrow = body.pieces.iter().any(|p| !p.wide() && p.indices > 0);
         let view = |wide: bool| 2 + usize::from(wide && any_narrow);
@@ -217,14 +218,10 @@ impl Geometry<'_> {
             Encoding::Quantized => Kind::Vector,
             Encoding::Meshopt => Kind::Code,
         };
-        let step = |e: &[u8; 12], a: usize| {
-            let at = 4 * a;
-            let v = f32::from_le_bytes([e[at], e[at + 1], e[at + 2], e[at + 3]]);
-            ((v * LATTICE as f32) as i32 - corner[a]) as u16
-        };
         let steps = positions.iter().map(|e| {
-            let [x, y, z] = [0, 1, 2].map(|a| step(e, a));
-            bytemuck::cast([x, y, z, 0].map(u16::to_le_bytes))
+            let position = float3(e);
+            let step = |a: usize| ((position[a] * LATTICE as f32) as i32 - corner[a]) as u16;
+            bytemuck::cast([step(0), step(1), step(2), 0].map(u16::to_le_bytes))
         });
         bin.vertices::<8>(&steps.collect::<Vec<_>>());
         bin.vertices(&quantize(normals, kind));

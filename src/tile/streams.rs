@@ -66,7 +66,8 @@ where
 {
 }
 
-fn float3(e: &[u8; 12]) -> [f32; 3] {
+/// Three little-endian floats.
+pub(super) fn float3(e: &[u8; 12]) -> [f32; 3] {
     let at = |i: usize| f32::from_le_bytes([e[i], e[i + 1], e[i + 2], e[i + 3]]);
     [at(0), at(4), at(8)]
 }
