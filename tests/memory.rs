@@ -111,6 +111,62 @@ fn tiles_for_the_web_stay_inside_the_limit() {
     }
 }
 
+/// Cuts raw u16 samples into compressed chunks of 64 x 64 x 64.
+#[cfg(feature = "zarr")]
+fn to_zarr(raw: &Path, array: &Path, dims: [usize; 3]) {
+    const N: usize = 64;
+    let samples = fs::read(raw).unwrap();
+    fs::create_dir(array).unwrap();
+    let [nx, ny, nz] = dims;
+    let meta = serde_json::json!({
+        "zarr_format": 2, "shape": [nz, ny, nx], "chunks": [N, N, N], "dtype": "<u2", "order": "C",
+        "compressor": {"id": "zlib", "level": 1}, "fill_value": 0, "filters": null,
+    });
+    fs::write(array.join(".zarray"), meta.to_string()).unwrap();
+    for place in 0..(nx / N) * (ny / N) * (nz / N) {
+        let (i, j, k) = (
+            place % (nx / N),
+            place / (nx / N) % (ny / N),
+            place / (nx / N) / (ny / N),
+        );
+        let file = File::create(array.join(format!("{k}.{j}.{i}"))).unwrap();
+        let mut chunk = flate2::write::ZlibEncoder::new(file, flate2::Compression::fast());
+        for row in 0..N * N {
+            let at = i * N + nx * (j * N + row % N + ny * (k * N + row / N));
+            chunk.write_all(&samples[2 * at..2 * (at + N)]).unwrap();
+        }
+        chunk.finish().unwrap();
+    }
+}
+
+/// Chunks of all three axes are kept in a file, where bands and slabs share them, and not in memory.
+#[cfg(feature = "zarr")]
+#[test]
+fn chunks_of_a_volume_larger_than_the_limit_stay_inside_it() {
+    let limit = 112 * MIB;
+    let dir = tempfile::tempdir().unwrap();
+    let raw = dir.path().join("a.raw");
+    lattice(&raw, [512, 512, 256], 0);
+    assert!(fs::metadata(&raw).unwrap().len() > limit);
+    to_zarr(&raw, &dir.path().join("a.zarr"), [512, 512, 256]);
+    let memory = limit.to_string();
+    let args = convert("a.raw", "plain", "512,512,256", &memory);
+    report(dir.path(), Some(limit), &args);
+    let mut args = convert("a.zarr", "out", "512,512,256", &memory);
+    let dims = args.iter().position(|&a| a == "--dims").unwrap();
+    args.drain(dims..dims + 4);
+    let made = report(dir.path(), Some(limit), &args);
+    assert!(made["peak_rss_bytes"].as_u64().unwrap() <= limit, "{made}");
+    let against = [&VERIFY[..], &["--against", "a.zarr"]].concat();
+    assert_eq!(report(dir.path(), Some(limit), &against)["ok"], true);
+    let bytes = |set: &str, name: &str| fs::read(dir.path().join(set).join(name)).unwrap();
+    assert!(bytes("out", "cells.csv") == bytes("plain", "cells.csv"));
+    for (x, y, z) in [(0, 0, 0), (3, 2, 1), (7, 7, 3)] {
+        let name = format!("tiles/z{z:04}/y{y:04}_x{x:04}.glb");
+        assert!(bytes("out", &name) == bytes("plain", &name), "{name}");
+    }
+}
+
 #[test]
 fn ten_times_the_depth_takes_no_more_memory() {
     let dir = tempfile::tempdir().unwrap();

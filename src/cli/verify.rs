@@ -40,8 +40,13 @@ impl VerifyArgs {
                 None
             }
         };
+        // rows of macrocubes share chunks
+        let once = match &against {
+            Some(volume) => volume.decoded_once(&std::env::temp_dir())?,
+            None => None,
+        };
         let options = VerifyOptions {
-            against: against.as_deref(),
+            against: once.as_deref().or(against.as_deref()),
             threads: self.common.threads.map_or(0, usize::from),
             max_issues: self.max_issues,
         };

@@ -206,16 +206,16 @@ fn make(
         matrix: placement.gltf_matrix(),
         form: options.form(),
     };
-    let spooled;
+    let mut source = None;
     // a slab's bands are read one by one, each through all its slices
     let forward_only = plan.tiling.tiles()[1] == 1 && options.min_voxels < 2;
-    let source = if grid.random_access() || forward_only {
-        grid
-    } else {
+    if !grid.random_access() && !forward_only {
         progress.begin("unpacking", 0);
-        spooled = crate::volume::spool(grid, work)?;
-        spooled.as_ref()
-    };
+        source = Some(crate::volume::spool(grid, work)?);
+    } else if let Some(once) = grid.decoded_once(work)? {
+        source = Some(once);
+    }
+    let source = source.as_deref().unwrap_or(grid);
     let writer = TileWriter {
         dir: work.to_path_buf(),
         head: head.clone(),

@@ -193,6 +193,13 @@ impl<'a> Band<'a> {
             .read_box(x, self.rows.clone(), self.slices.clone(), out)
     }
 
+    /// Says that no later layer of macrocubes needs the slices before its own first one.
+    pub fn release(&self) {
+        let z = &self.slices;
+        self.volume
+            .release(z.start..z.end.saturating_sub(1).max(z.start));
+    }
+
     /// Compares a tile with the samples; without `mesh` there must be no sign change.
     pub fn compare(
         &self,

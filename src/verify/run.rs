@@ -187,6 +187,9 @@ impl<'a> Run<'a> {
                 }
                 first += count;
             }
+            if let Some(original) = &state.original {
+                original.band.release();
+            }
         }
         let strips = tiles.iter().map(|t| t.strips);
         state.found.strips = strips.fold(state.found.strips, u64::saturating_add);

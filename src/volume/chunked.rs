@@ -1,22 +1,22 @@
 //! Volumes in chunks of all three axes, each decoded as a whole: Zarr and HDF5.
 //!
 //! What is read is decoded in parallel; chunks of which only a part was asked for stay in a bounded
-//! cache for the next band or slab. Volumes whose chunks are so large that most of what is decoded
-//! would not be asked for are rather unpacked once to a temporary file.
+//! cache for the next box. A sweep reads boxes that share more chunks than that holds: it has each of them
+//! decoded once, see [`Unpacked`].
 
+use super::unpacked::Unpacked;
 use super::{Header, Volume, check_box};
 use crate::error::Result;
 use rayon::prelude::*;
 use std::collections::{HashMap, VecDeque};
 use std::ops::Range;
-use std::sync::{Arc, Mutex, PoisonError};
+use std::path::Path;
+use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 
 /// The cache holds at least this much, or the whole volume.
 const MIN_CACHE: u64 = 16 << 20;
 /// The cache never holds more.
 const MAX_CACHE: u64 = 128 << 20;
-/// Voxels that may be decoded for each one of a tile of 64 cubes before unpacking is better.
-const MAX_WASTE: f64 = 10.0;
 
 /// The chunks of a volume, in a regular grid from its first voxel on.
 pub(super) trait Chunks: Send + Sync {
@@ -24,7 +24,7 @@ pub(super) trait Chunks: Send + Sync {
     fn shape(&self) -> [u32; 3];
 
     /// Decodes the chunk at `index` of the grid into `out`: the voxels of it that lie inside the
-    /// volume, x fastest, in the machine's byte order.
+    /// volume, x fastest, in the machine's byte order. Does so in the calling thread alone.
     fn decode(&self, index: [u32; 3], out: &mut [u8]) -> Result<()>;
 
     /// Bytes that decoding a chunk takes besides the chunk.
@@ -38,7 +38,6 @@ pub(super) struct ChunkedVolume {
     shape: [u32; 3],
     cache: Mutex<Cache>,
     budget: u64,
-    random: bool,
 }
 
 /// Decoded chunks; what came first leaves first.
@@ -79,13 +78,7 @@ impl ChunkedVolume {
         let layers = u64::from((66 + shape[2]) / shape[2] * shape[2]).min(u64::from(dims[2]));
         let band = u64::from(dims[0]) * u64::from(shape[1]) * layers * sample;
         let budget = band.clamp(MIN_CACHE, MAX_CACHE).min(total);
-        let waste = |a: usize| (66.0 + f64::from(shape[a])).min(f64::from(dims[a])) / 64.0;
-        let (y, z) = (waste(1).max(1.0), waste(2).max(1.0));
-        let random = total <= budget || y * z <= MAX_WASTE;
-        // what is unpacked as a whole, in the order of its chunks, is not asked for again
-        let budget = if random { budget } else { MIN_CACHE };
         ChunkedVolume {
-            random,
             budget,
             header,
             chunks,
@@ -95,7 +88,7 @@ impl ChunkedVolume {
     }
 
     /// The voxels of a chunk inside the volume.
-    fn part(&self, index: [u32; 3]) -> [Range<u32>; 3] {
+    pub(super) fn part(&self, index: [u32; 3]) -> [Range<u32>; 3] {
         [0, 1, 2].map(|a| {
             let start = index[a] * self.shape[a];
             start
@@ -105,7 +98,8 @@ impl ChunkedVolume {
         })
     }
 
-    fn chunk_bytes(&self) -> u64 {
+    /// Bytes of a chunk, unless it is at the volume's edge.
+    pub(super) fn chunk_bytes(&self) -> u64 {
         let voxels: u64 = self.shape.iter().map(|&n| u64::from(n)).product();
         voxels * self.header.dtype.bytes() as u64
     }
@@ -116,18 +110,53 @@ impl ChunkedVolume {
         (fit as usize).clamp(1, 4 * rayon::current_num_threads())
     }
 
+    /// Bytes of a chunk inside the volume.
+    pub(super) fn bytes(&self, shared: &Shared) -> usize {
+        let voxels: usize = shared.part.iter().map(|r| r.len()).product();
+        voxels * self.header.dtype.bytes()
+    }
+
+    /// Fills `out` with a chunk.
+    pub(super) fn decode(&self, shared: &Shared, out: &mut [u8]) -> Result<()> {
+        self.chunks.decode(shared.index, out)
+    }
+
+    /// The chunks that a box meets.
+    pub(super) fn chunks_of(&self, asked: &[Range<u32>; 3]) -> Vec<Shared> {
+        let span = |a: usize| {
+            let n = self.shape[a];
+            asked[a].start / n..(asked[a].end - 1) / n + 1
+        };
+        let shared = |index| {
+            let part = self.part(index);
+            let both =
+                [0, 1, 2].map(|a| part[a].start.max(asked[a].start)..part[a].end.min(asked[a].end));
+            Shared { index, part, both }
+        };
+        let mut all = Vec::new();
+        for k in span(2) {
+            for j in span(1) {
+                all.extend(span(0).map(|i| shared([i, j, k])));
+            }
+        }
+        all
+    }
+
+    fn cache(&self) -> MutexGuard<'_, Cache> {
+        self.cache.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+
     /// A chunk out of the cache, or decoded and, if only a part of it is asked for, put there.
-    fn chunk(&self, index: [u32; 3], keep: bool) -> Result<Arc<Vec<u8>>> {
-        let cache = || self.cache.lock().unwrap_or_else(PoisonError::into_inner);
-        if let Some(chunk) = cache().chunks.get(&index) {
+    fn chunk(&self, shared: &Shared) -> Result<Arc<Vec<u8>>> {
+        if let Some(chunk) = self.cache().chunks.get(&shared.index) {
             return Ok(chunk.clone());
         }
-        let voxels: usize = self.part(index).iter().map(|r| r.len()).product();
-        let mut chunk = vec![0; voxels * self.header.dtype.bytes()];
-        self.chunks.decode(index, &mut chunk)?;
+        let mut chunk = vec![0; self.bytes(shared)];
+        self.decode(shared, &mut chunk)?;
         let chunk = Arc::new(chunk);
-        if keep {
-            cache().insert(index, chunk.clone(), self.budget);
+        if shared.part != shared.both {
+            self.cache()
+                .insert(shared.index, chunk.clone(), self.budget);
         }
         Ok(chunk)
     }
@@ -135,7 +164,7 @@ impl ChunkedVolume {
     /// Copies what the box and the chunk share into slice `k` of the box.
     fn copy(&self, asked: &[Range<u32>; 3], k: u32, of: &(Shared, Arc<Vec<u8>>), out: &mut [u8]) {
         let (shared, chunk) = of;
-        let (part, both) = (&shared.part, &shared.both);
+        let Shared { part, both, .. } = shared;
         if !both[2].contains(&k) {
             return;
         }
@@ -152,10 +181,14 @@ impl ChunkedVolume {
     }
 }
 
-/// The voxels of a chunk, and those of them that are asked for.
-struct Shared {
-    part: [Range<u32>; 3],
-    both: [Range<u32>; 3],
+/// A chunk that a box meets.
+pub(super) struct Shared {
+    /// Its place in the grid of chunks.
+    pub(super) index: [u32; 3],
+    /// Its voxels inside the volume.
+    pub(super) part: [Range<u32>; 3],
+    /// Those of them that are asked for.
+    pub(super) both: [Range<u32>; 3],
 }
 
 impl Volume for ChunkedVolume {
@@ -170,27 +203,14 @@ impl Volume for ChunkedVolume {
         }
         let asked = [x, y, z];
         let slice = out.len() / asked[2].len();
-        let span = |a: usize| {
-            let n = self.shape[a];
-            asked[a].start / n..(asked[a].end - 1) / n + 1
-        };
-        let mut indices = Vec::new();
-        for k in span(2) {
-            for j in span(1) {
-                indices.extend(span(0).map(|i| [i, j, k]));
-            }
-        }
-        for batch in indices.chunks(self.batch()) {
-            let found: Vec<(Shared, Arc<Vec<u8>>)> = batch
-                .par_iter()
-                .map(|&index| {
-                    let part = self.part(index);
-                    let both = [0, 1, 2]
-                        .map(|a| part[a].start.max(asked[a].start)..part[a].end.min(asked[a].end));
-                    let chunk = self.chunk(index, part != both)?;
-                    Ok((Shared { part, both }, chunk))
-                })
-                .collect::<Result<_>>()?;
+        let mut chunks = self.chunks_of(&asked).into_iter().peekable();
+        while chunks.peek().is_some() {
+            let batch: Vec<Shared> = chunks.by_ref().take(self.batch()).collect();
+            let found = batch.into_par_iter().map(|shared| {
+                let chunk = self.chunk(&shared)?;
+                Ok((shared, chunk))
+            });
+            let found: Vec<(Shared, Arc<Vec<u8>>)> = found.collect::<Result<_>>()?;
             out.par_chunks_exact_mut(slice)
                 .zip(asked[2].clone())
                 .for_each(|(out, k)| found.iter().for_each(|of| self.copy(&asked, k, of, out)));
@@ -198,8 +218,13 @@ impl Volume for ChunkedVolume {
         Ok(())
     }
 
-    fn random_access(&self) -> bool {
-        self.random
+    fn decoded_once(&self, dir: &Path) -> Result<Option<Box<dyn Volume + '_>>> {
+        let total = self.header.dims.voxels() * self.header.dtype.bytes() as u64;
+        if total <= self.budget {
+            return Ok(None);
+        }
+        *self.cache() = Cache::default();
+        Ok(Some(Box::new(Unpacked::new(self, dir)?)))
     }
 
     fn held_bytes(&self) -> u64 {
@@ -214,24 +239,57 @@ impl Volume for ChunkedVolume {
 }
 
 #[cfg(test)]
-mod tests {
+pub(super) mod tests {
     use super::*;
     use crate::grid::{Dims, Placement};
     use crate::volume::{Dtype, Endian};
     use proptest::prelude::*;
+    use std::sync::atomic::{AtomicUsize, Ordering};
 
     /// Chunks of which voxel (x, y, z) has the value x + 10 y + 100 z.
-    struct Counting([u32; 3], Dims);
+    pub(in crate::volume) struct Counting {
+        shape: [u32; 3],
+        dims: [u32; 3],
+        /// How many were decoded.
+        pub(in crate::volume) decoded: Arc<AtomicUsize>,
+    }
+
+    impl Counting {
+        pub(in crate::volume) fn new(shape: [u32; 3], dims: [u32; 3]) -> Self {
+            Counting {
+                shape: [0, 1, 2].map(|a| shape[a].min(dims[a])),
+                dims,
+                decoded: Arc::default(),
+            }
+        }
+
+        pub(in crate::volume) fn header(&self) -> Header {
+            Header {
+                format: "test",
+                dims: Dims(self.dims),
+                dtype: Dtype::U32,
+                endian: Endian::NATIVE,
+                placement: Placement::default(),
+            }
+        }
+    }
+
+    /// A volume of them.
+    pub(in crate::volume) fn counted(dims: [u32; 3], shape: [u32; 3]) -> ChunkedVolume {
+        let chunks = Counting::new(shape, dims);
+        ChunkedVolume::new(chunks.header(), Box::new(chunks))
+    }
 
     impl Chunks for Counting {
         fn shape(&self) -> [u32; 3] {
-            self.0
+            self.shape
         }
 
         fn decode(&self, index: [u32; 3], out: &mut [u8]) -> Result<()> {
+            self.decoded.fetch_add(1, Ordering::Relaxed);
             let part = [0, 1, 2].map(|a| {
-                let start = index[a] * self.0[a];
-                start..(start + self.0[a]).min(self.1.0[a])
+                let start = index[a] * self.shape[a];
+                start..(start + self.shape[a]).min(self.dims[a])
             });
             let mut values = out.as_chunks_mut::<4>().0.iter_mut();
             for k in part[2].clone() {
@@ -257,15 +315,7 @@ mod tests {
             shape in [1u32..11, 1u32..11, 1u32..11],
             ends in [(0.0..1.0, 0.0..1.0), (0.0..1.0, 0.0..1.0), (0.0..1.0, 0.0..1.0)],
         ) {
-            let header = Header {
-                format: "test",
-                dims: Dims(dims),
-                dtype: Dtype::U32,
-                endian: Endian::NATIVE,
-                placement: Placement::default(),
-            };
-            let own = [0, 1, 2].map(|a| shape[a].min(dims[a]));
-            let volume = ChunkedVolume::new(header, Box::new(Counting(own, Dims(dims))));
+            let volume = counted(dims, shape);
             let asked = [0, 1, 2].map(|a| {
                 let (p, q): (f64, f64) = ends[a];
                 let at = |v: f64| (v * f64::from(dims[a] + 1)) as u32;

@@ -4,6 +4,7 @@ use super::{Header, Volume, check_box};
 use crate::error::Result;
 use crate::grid::Crop;
 use std::ops::Range;
+use std::path::Path;
 
 /// A box of another volume: its voxel (0, 0, 0) is the crop's first voxel, and its origin the place
 /// of that voxel.
@@ -53,6 +54,17 @@ impl Volume for Cropped<'_> {
 
     fn random_access(&self) -> bool {
         self.volume.random_access()
+    }
+
+    fn decoded_once(&self, dir: &Path) -> Result<Option<Box<dyn Volume + '_>>> {
+        let once = self.volume.decoded_once(dir)?;
+        Ok(once.map(|volume| -> Box<dyn Volume + '_> {
+            Box::new(Cropped {
+                volume,
+                header: self.header.clone(),
+                start: self.start,
+            })
+        }))
     }
 
     fn grain(&self) -> [u32; 3] {

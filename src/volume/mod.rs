@@ -35,6 +35,8 @@ mod statistics;
 mod stream;
 mod text;
 mod tiff;
+#[cfg(any(feature = "hdf5", feature = "zarr"))]
+mod unpacked;
 mod vti;
 mod walk;
 mod without;
@@ -63,6 +65,7 @@ use crate::error::{Error, Result};
 use crate::grid::{Dims, Placement};
 use serde::{Deserialize, Serialize};
 use std::ops::Range;
+use std::path::Path;
 
 /// Byte order of samples of more than one byte.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
@@ -145,6 +148,16 @@ pub trait Volume: Send + Sync {
         true
     }
 
+    /// The same volume for a sweep forward through boxes that overlap: chunks of all three axes are decoded
+    /// once and kept, until they are released, in an unnamed file in `dir`. `None` if boxes that overlap cost
+    /// little more than others.
+    ///
+    /// # Errors
+    /// [`crate::Error::Io`] if the file cannot be made.
+    fn decoded_once(&self, _dir: &Path) -> Result<Option<Box<dyn Volume + '_>>> {
+        Ok(None)
+    }
+
     /// Voxels along x, y and z of the parts that are decoded together: boxes at multiples of it are
     /// read with the least work.
     fn grain(&self) -> [u32; 3] {
@@ -180,6 +193,10 @@ impl<V: Volume + ?Sized> Volume for &V {
 
     fn random_access(&self) -> bool {
         (**self).random_access()
+    }
+
+    fn decoded_once(&self, dir: &Path) -> Result<Option<Box<dyn Volume + '_>>> {
+        (**self).decoded_once(dir)
     }
 
     fn grain(&self) -> [u32; 3] {

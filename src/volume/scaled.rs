@@ -3,22 +3,23 @@
 use super::{Dtype, Header, Volume, Voxel, check_box, with_voxel_type};
 use crate::error::Result;
 use std::ops::Range;
+use std::path::Path;
 
 /// Stored bytes that a thread holds while it converts, unless a row has more.
 const PIECE: usize = 1 << 20;
 
 /// A volume of stored samples that hands out physical values.
-pub(super) struct Scaled {
-    inner: Box<dyn Volume>,
+pub(super) struct Scaled<'a> {
+    inner: Box<dyn Volume + 'a>,
     header: Header,
     slope: f64,
     intercept: f64,
 }
 
-impl Scaled {
+impl<'a> Scaled<'a> {
     /// The values are f32 where the stored type has at most 16 bits or is f32, else f64, so that
     /// stored numbers that differ keep apart.
-    pub(super) fn new(inner: Box<dyn Volume>, slope: f64, intercept: f64) -> Self {
+    pub(super) fn new(inner: Box<dyn Volume + 'a>, slope: f64, intercept: f64) -> Self {
         let mut header = inner.header().clone();
         header.dtype = value_type(header.dtype);
         Scaled {
@@ -58,7 +59,7 @@ pub(super) fn value_type(stored: Dtype) -> Dtype {
     }
 }
 
-impl Volume for Scaled {
+impl Volume for Scaled<'_> {
     fn header(&self) -> &Header {
         &self.header
     }
@@ -86,6 +87,13 @@ impl Volume for Scaled {
 
     fn random_access(&self) -> bool {
         self.inner.random_access()
+    }
+
+    fn decoded_once(&self, dir: &Path) -> Result<Option<Box<dyn Volume + '_>>> {
+        let once = self.inner.decoded_once(dir)?;
+        Ok(once.map(|inner| -> Box<dyn Volume + '_> {
+            Box::new(Scaled::new(inner, self.slope, self.intercept))
+        }))
     }
 
     fn grain(&self) -> [u32; 3] {
