@@ -7,12 +7,15 @@ use alvis::grid::{Ambiguous, Crop, Dims};
 use alvis::manifest::{Encoding, Layout, Primitives};
 use alvis::pipeline::{ConvertOptions, convert, predicted_memory};
 use alvis::progress::Quiet;
-use alvis::volume::{MemoryVolume, Volume, Voxel};
+use alvis::volume::{MemoryVolume, OpenOptions, Volume, Voxel, open};
 use common::glb;
 use common::set::{Surface, Table, manifest, shards, table, weld};
 use common::volumes::{foam, late_joins, noise, placed, samples};
 use common::{assert_same_files, converted, files, options, verified};
 use std::collections::BTreeMap;
+use std::fs::File;
+use std::io::Write;
+use std::path::{Path, PathBuf};
 
 /// The smallest memory limit of every plan: one band of a slab at once, two, ... all, all with the next
 /// slab read ahead, and that with tiles on their way to the disk meanwhile.
@@ -400,6 +403,104 @@ fn a_crop_is_a_volume_of_its_own() {
 }
 
 /// Processors without wide vectors and bit counting take other instructions, to the same bytes.
+/// Writes u16 samples as PNG slices, as a compressed stream, and in compressed chunks.
+fn packed(dir: &Path, [nx, ny, nz]: [usize; 3], samples: &[u16]) -> Vec<PathBuf> {
+    let slices = dir.join("slices");
+    std::fs::create_dir(&slices).unwrap();
+    for (k, slice) in samples.chunks_exact(nx * ny).enumerate() {
+        let path = slices.join(format!("{k:03}.png"));
+        let slice = bytemuck::cast_slice(slice);
+        let (w, h) = (nx as u32, ny as u32);
+        image::save_buffer(path, slice, w, h, image::ExtendedColorType::L16).unwrap();
+    }
+    let bytes: Vec<u8> = samples.iter().flat_map(|v| v.to_le_bytes()).collect();
+    let stream = dir.join("a.nrrd");
+    let mut file = File::create(&stream).unwrap();
+    let head = format!(
+        "NRRD0004\ntype: uint16\ndimension: 3\nsizes: {nx} {ny} {nz}\nendian: little\nencoding: gzip\n\n"
+    );
+    file.write_all(head.as_bytes()).unwrap();
+    let mut gzip = flate2::write::GzEncoder::new(file, flate2::Compression::fast());
+    gzip.write_all(&bytes).unwrap();
+    gzip.finish().unwrap();
+    let mut all = vec![slices, stream];
+    if cfg!(feature = "zarr") {
+        let array = dir.join("a.zarr");
+        std::fs::create_dir(&array).unwrap();
+        let shape = [20, 30, 100];
+        let meta = serde_json::json!({
+            "zarr_format": 2, "shape": [nz, ny, nx], "chunks": shape, "dtype": "<u2", "order": "C",
+            "compressor": {"id": "zlib", "level": 1}, "fill_value": 0, "filters": null,
+        });
+        std::fs::write(array.join(".zarray"), meta.to_string()).unwrap();
+        let [cz, cy, cx] = shape;
+        for (k, j, i) in (0..nz.div_ceil(cz)).flat_map(|k| {
+            (0..ny.div_ceil(cy)).flat_map(move |j| (0..nx.div_ceil(cx)).map(move |i| (k, j, i)))
+        }) {
+            let file = File::create(array.join(format!("{k}.{j}.{i}"))).unwrap();
+            let mut chunk = flate2::write::ZlibEncoder::new(file, flate2::Compression::fast());
+            for row in 0..cz * cy {
+                let (y, z) = (j * cy + row % cy, k * cz + row / cy);
+                let mut line = vec![0; 2 * cx];
+                if y < ny && z < nz {
+                    let at = 2 * (i * cx + nx * (y + ny * z));
+                    let len = 2 * cx.min(nx - i * cx);
+                    line[..len].copy_from_slice(&bytes[at..at + len]);
+                }
+                chunk.write_all(&line).unwrap();
+            }
+            chunk.finish().unwrap();
+        }
+        all.push(array);
+    }
+    all
+}
+
+/// Larger than what is kept in memory of packed volumes, so that they are unpacked into files: pages and chunks
+/// as the sweep comes to them, streams ahead of it.
+#[test]
+fn the_tiles_do_not_depend_on_how_the_volume_is_packed() {
+    let dims = [384, 170, 140];
+    let ball = |[x, y, z]: [u32; 3]| {
+        let off = [x, y, z].map(|v| f64::from(v % 20) - 9.3);
+        let r = off.iter().map(|v| v * v).sum::<f64>().sqrt();
+        let radius = f64::from(2 + (x / 20 + 3 * (y / 20) + 5 * (z / 20)) % 9);
+        (30_000.0 + 2_000.0 * (r - radius).clamp(-6.0, 6.0)) as u16
+    };
+    let samples = samples(dims, ball);
+    assert!(2 * samples.len() > 17 << 20);
+    let dir = tempfile::tempdir().unwrap();
+    let inputs = packed(dir.path(), dims.map(|n| n as usize), &samples);
+    let plain = common::volumes::volume(dims, samples);
+    let part = Crop {
+        x: 5..300,
+        y: 3..160,
+        z: 7..133,
+    };
+    for (threads, min_voxels, crop) in [(1, 0, None), (3, 200, None), (2, 0, Some(part))] {
+        let options = ConvertOptions {
+            threshold: 30_000.0,
+            threads,
+            min_voxels,
+            crop,
+            ..options([64; 3])
+        };
+        let of = |volume: &dyn Volume| {
+            let (dir, report) = converted(volume, &options);
+            assert!(report.totals.cells > 50, "{}", report.totals.cells);
+            let mut files = files(dir.path());
+            files.remove("index.json");
+            files
+        };
+        let known = of(&plain);
+        assert!(known.len() > 30);
+        for input in &inputs {
+            let opened = open(input, &OpenOptions::default()).unwrap();
+            assert_same_files(&known, &of(&*opened.volume), &input.display().to_string());
+        }
+    }
+}
+
 #[test]
 fn the_portable_way_makes_the_same_bytes() {
     let dir = tempfile::tempdir().unwrap();

@@ -40,9 +40,8 @@ impl VerifyArgs {
                 None
             }
         };
-        // rows of macrocubes share chunks
         let once = match &against {
-            Some(volume) => volume.decoded_once(&std::env::temp_dir())?,
+            Some(volume) => copied(volume.as_ref(), &std::env::temp_dir())?,
             None => None,
         };
         let options = VerifyOptions {
@@ -65,6 +64,14 @@ impl VerifyArgs {
     }
 }
 
+/// A copy in a temporary file that is read instead, where rows of macrocubes would decode the same again.
+fn copied<'a>(volume: &'a dyn Volume, dir: &Path) -> Result<Option<Box<dyn Volume + 'a>>> {
+    match volume.decoded_once(dir)? {
+        None if !volume.random_access() => volume::spool(volume, dir).map(Some),
+        once => Ok(once),
+    }
+}
+
 /// Opens the volume that a tile set is compared with, cut as the manifest says. What a raw file does
 /// not say is taken from the manifest unless the options say it.
 fn open_against(directory: &Path, path: &Path, input: &InputOptions) -> Result<Box<dyn Volume>> {
@@ -81,11 +88,7 @@ fn open_against(directory: &Path, path: &Path, input: &InputOptions) -> Result<B
         // 0 is not passed on: it would allow any bytes after the samples
         options.offset = options.offset.or(Some(source.offset).filter(|&n| n > 0));
     }
-    let mut volume = volume::open(path, &options)?.volume;
-    if !volume.random_access() {
-        // tiles are compared row by row, which a stream would start anew for
-        volume = volume::spool(&*volume, &std::env::temp_dir())?;
-    }
+    let volume = volume::open(path, &options)?.volume;
     let dims = volume.header().dims;
     match &source.crop {
         None => Ok(volume),

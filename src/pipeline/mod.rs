@@ -40,7 +40,7 @@ use crate::manifest::{
 };
 use crate::progress::Progress;
 use crate::tile::TileHead;
-use crate::volume::{Cropped, Volume};
+use crate::volume::{Cropped, Volume, spool_beside};
 use budget::Budget;
 use finish::{FinishSettings, finish};
 use forward::Forward;
@@ -206,16 +206,6 @@ fn make(
         matrix: placement.gltf_matrix(),
         form: options.form(),
     };
-    let mut source = None;
-    // a slab's bands are read one by one, each through all its slices
-    let forward_only = plan.tiling.tiles()[1] == 1 && options.min_voxels < 2;
-    if !grid.random_access() && !forward_only {
-        progress.begin("unpacking", 0);
-        source = Some(crate::volume::spool(grid, work)?);
-    } else if let Some(once) = grid.decoded_once(work)? {
-        source = Some(once);
-    }
-    let source = source.as_deref().unwrap_or(grid);
     let writer = TileWriter {
         dir: work.to_path_buf(),
         head: head.clone(),
@@ -227,17 +217,26 @@ fn make(
         "tiles",
         plan.tiling.tiles().iter().map(|&t| u64::from(t)).product(),
     );
-    let sweep = Sweep {
-        volume: source,
-        plan,
-        threshold: options.threshold,
-        rule: options.ambiguous,
-        cap: options.cap,
-        min_voxels: options.min_voxels,
-        writer: &writer,
-        progress,
+    let mut sweep = |volume: &dyn Volume| {
+        let sweep = Sweep {
+            volume,
+            plan,
+            threshold: options.threshold,
+            rule: options.ambiguous,
+            cap: options.cap,
+            min_voxels: options.min_voxels,
+            writer: &writer,
+            progress,
+        };
+        sweep.run(keeper)
     };
-    let forward = sweep.run(keeper)?;
+    // a slab's bands are read one by one, each through all its slices
+    let forward_only = plan.tiling.tiles()[1] == 1 && options.min_voxels < 2;
+    let forward = match grid.decoded_once(work)? {
+        Some(once) => sweep(&*once),
+        None if grid.random_access() || forward_only => sweep(grid),
+        None => spool_beside(grid, work, sweep),
+    }?;
     let mut totals = forward_totals(&forward);
     let dust = dust(options, &forward);
     let tables = plan.limit / 8;

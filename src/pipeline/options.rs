@@ -26,8 +26,7 @@ pub struct ConvertOptions {
     pub crop: Option<Crop>,
     /// Strips or triangle lists.
     pub primitives: Primitives,
-    /// How tiles store numbers. Other than floats, macrocubes have at most 254 cubes along each axis,
-    /// and tiles are written as floats first and encoded at the end, one by one.
+    /// How tiles store numbers. Other than floats, macrocubes have at most 254 cubes along each axis.
     pub encoding: Encoding,
     /// Which tiles have one mesh for all their pieces.
     pub layout: Layout,

@@ -7,7 +7,7 @@ use crate::pages::held;
 use crate::pipeline::writers::in_flight;
 use crate::pipeline::{ConvertOptions, check_reach};
 use crate::slab::Span;
-use crate::volume::Volume;
+use crate::volume::{SPOOL_PIECE, Volume};
 
 /// Resident memory of the program itself with its threads' stacks and allocator slack.
 const BASE: u64 = 20 << 20;
@@ -166,9 +166,15 @@ impl Cost {
         let body = (cubes * TILE_TRIANGLES_PER_CUBE * BODY_BYTES_PER_TRIANGLE) as usize;
         let held = held(body, body);
         let slices = span.with_neighbours(tiling.dims).z;
+        // streams are unpacked while tiles are made
+        let unpacking = if volume.random_access() {
+            0
+        } else {
+            SPOOL_PIECE
+        };
         let front = f64::from(nx) * f64::from(ny) * FRONT_BYTES_PER_PIXEL;
         Cost {
-            base: BASE + volume.held_bytes() + 2 * volume.mapped_bytes(slices),
+            base: BASE + volume.held_bytes() + unpacking + 2 * volume.mapped_bytes(slices),
             front: front as u64,
             body: held as u64,
             band: band as u64,

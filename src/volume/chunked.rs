@@ -4,7 +4,7 @@
 //! cache for the next box. A sweep reads boxes that share more chunks than that holds: it has each of them
 //! decoded once, see [`Unpacked`].
 
-use super::unpacked::Unpacked;
+use super::unpacked::{Parts, Shared, Unpacked};
 use super::{Header, Volume, check_box};
 use crate::error::Result;
 use rayon::prelude::*;
@@ -88,7 +88,7 @@ impl ChunkedVolume {
     }
 
     /// The voxels of a chunk inside the volume.
-    pub(super) fn part(&self, index: [u32; 3]) -> [Range<u32>; 3] {
+    fn part(&self, index: [u32; 3]) -> [Range<u32>; 3] {
         [0, 1, 2].map(|a| {
             let start = index[a] * self.shape[a];
             start
@@ -98,8 +98,7 @@ impl ChunkedVolume {
         })
     }
 
-    /// Bytes of a chunk, unless it is at the volume's edge.
-    pub(super) fn chunk_bytes(&self) -> u64 {
+    fn chunk_bytes(&self) -> u64 {
         let voxels: u64 = self.shape.iter().map(|&n| u64::from(n)).product();
         voxels * self.header.dtype.bytes() as u64
     }
@@ -110,33 +109,17 @@ impl ChunkedVolume {
         (fit as usize).clamp(1, 4 * rayon::current_num_threads())
     }
 
-    /// Bytes of a chunk inside the volume.
-    pub(super) fn bytes(&self, shared: &Shared) -> usize {
-        let voxels: usize = shared.part.iter().map(|r| r.len()).product();
-        voxels * self.header.dtype.bytes()
-    }
-
-    /// Fills `out` with a chunk.
-    pub(super) fn decode(&self, shared: &Shared, out: &mut [u8]) -> Result<()> {
-        self.chunks.decode(shared.index, out)
-    }
-
     /// The chunks that a box meets.
-    pub(super) fn chunks_of(&self, asked: &[Range<u32>; 3]) -> Vec<Shared> {
+    fn chunks_of(&self, asked: &[Range<u32>; 3]) -> Vec<Shared> {
         let span = |a: usize| {
             let n = self.shape[a];
             asked[a].start / n..(asked[a].end - 1) / n + 1
         };
-        let shared = |index| {
-            let part = self.part(index);
-            let both =
-                [0, 1, 2].map(|a| part[a].start.max(asked[a].start)..part[a].end.min(asked[a].end));
-            Shared { index, part, both }
-        };
         let mut all = Vec::new();
         for k in span(2) {
             for j in span(1) {
-                all.extend(span(0).map(|i| shared([i, j, k])));
+                let row = span(0).map(|i| [i, j, k]);
+                all.extend(row.map(|index| Shared::new(index, self.part(index), asked)));
             }
         }
         all
@@ -151,7 +134,7 @@ impl ChunkedVolume {
         if let Some(chunk) = self.cache().chunks.get(&shared.index) {
             return Ok(chunk.clone());
         }
-        let mut chunk = vec![0; self.bytes(shared)];
+        let mut chunk = vec![0; shared.samples() * self.header.dtype.bytes()];
         self.decode(shared, &mut chunk)?;
         let chunk = Arc::new(chunk);
         if shared.part != shared.both {
@@ -181,14 +164,22 @@ impl ChunkedVolume {
     }
 }
 
-/// A chunk that a box meets.
-pub(super) struct Shared {
-    /// Its place in the grid of chunks.
-    pub(super) index: [u32; 3],
-    /// Its voxels inside the volume.
-    pub(super) part: [Range<u32>; 3],
-    /// Those of them that are asked for.
-    pub(super) both: [Range<u32>; 3],
+impl Parts for ChunkedVolume {
+    fn largest(&self) -> u64 {
+        self.chunk_bytes()
+    }
+
+    fn parts_of(&self, asked: &[Range<u32>; 3]) -> Result<Vec<Shared>> {
+        Ok(self.chunks_of(asked))
+    }
+
+    fn decode(&self, shared: &Shared, out: &mut [u8]) -> Result<()> {
+        self.chunks.decode(shared.index, out)
+    }
+
+    fn end(&self, index: [u32; 3]) -> u32 {
+        self.part(index)[2].end
+    }
 }
 
 impl Volume for ChunkedVolume {

@@ -35,7 +35,6 @@ mod statistics;
 mod stream;
 mod text;
 mod tiff;
-#[cfg(any(feature = "hdf5", feature = "zarr"))]
 mod unpacked;
 mod vti;
 mod walk;
@@ -58,6 +57,7 @@ pub use memory::MemoryVolume;
 pub use open::{Io, OpenOptions, Opened, open};
 pub use predict::{Prediction, predict};
 pub use spool::spool;
+pub(crate) use spool::{PIECE as SPOOL_PIECE, spool_beside};
 pub use stamp::{Stamp, stamp};
 pub use statistics::{Statistics, statistics};
 
@@ -143,13 +143,12 @@ pub trait Volume: Send + Sync {
     fn read_box(&self, x: Range<u32>, y: Range<u32>, z: Range<u32>, out: &mut [u8]) -> Result<()>;
 
     /// False for compressed streams, which read slices forward fast and anything else slowly; they
-    /// are spooled to an uncompressed temporary file before a sweep that must read twice.
+    /// are spooled to an uncompressed temporary file for a sweep that must read twice.
     fn random_access(&self) -> bool {
         true
     }
 
-    /// The same volume for a sweep forward through boxes that overlap: chunks of all three axes are decoded
-    /// once and kept, until they are released, in an unnamed file in `dir`. `None` if boxes that overlap cost
+    /// The same volume for a sweep forward through boxes that overlap: chunks and pages are decoded once and kept, until they are released, in an unnamed file in `dir`. `None` if boxes that overlap cost
     /// little more than others.
     ///
     /// # Errors

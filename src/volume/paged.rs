@@ -1,22 +1,23 @@
 //! Volumes whose slices are pages that are decoded one by one: TIFF and PNG.
 //!
 //! A page is cut into chunks (strips or tiles), the smallest parts that can be decoded. Threads
-//! decode without a lock; chunks of which only a part was asked for stay in a bounded cache, so that
-//! reading a slab band by band does not decode the same page for every band.
+//! decode without a lock; chunks of which only a part was asked for stay in a bounded cache. A sweep, which
+//! reads a slab band by band, has them decoded once, see [`Unpacked`].
 
+use super::unpacked::{Parts, Shared, Unpacked};
 use super::{Header, Volume, check_box};
 use crate::error::Result;
 use rayon::prelude::*;
 use std::collections::{HashMap, VecDeque};
 use std::ops::Range;
+use std::path::Path;
 use std::sync::{Arc, Mutex, PoisonError};
 
 /// The cache holds at least this much, or the whole volume.
 const MIN_CACHE: u64 = 16 << 20;
 /// The cache never holds more, unless a single chunk is larger.
 const MAX_CACHE: u64 = 128 << 20;
-/// Chunks of at most this many rows are decoded in any order; pages of larger chunks are rather
-/// unpacked to a temporary file than decoded again for every band of a slab.
+/// Chunks of at most this many rows are decoded in any order; larger ones take turns.
 const FINE_ROWS: u32 = 64;
 /// Larger chunks are refused: each is decoded in memory.
 pub(super) const MAX_CHUNK: u64 = 1 << 30;
@@ -193,6 +194,45 @@ impl PagedVolume {
     }
 }
 
+impl Parts for PagedVolume {
+    fn largest(&self) -> u64 {
+        self.chunk
+    }
+
+    fn parts_of(&self, asked: &[Range<u32>; 3]) -> Result<Vec<Shared>> {
+        let [nx, ny, _] = self.header.dims.0;
+        let mut all = Vec::new();
+        for k in asked[2].clone() {
+            let Cut {
+                width,
+                rows,
+                padded,
+            } = self.pages.page(k)?.cut();
+            let span = |a: usize, n: u32| asked[a].start / n..(asked[a].end - 1) / n + 1;
+            for cy in span(1, rows) {
+                let top = cy * rows;
+                let end = top.saturating_add(rows);
+                let y = top..if padded { end } else { end.min(ny) };
+                for cx in span(0, width) {
+                    let x = cx * width..(cx * width).saturating_add(width);
+                    let index = [cy * nx.div_ceil(width) + cx, 0, k];
+                    all.push(Shared::new(index, [x, y.clone(), k..k + 1], asked));
+                }
+            }
+        }
+        Ok(all)
+    }
+
+    fn decode(&self, shared: &Shared, out: &mut [u8]) -> Result<()> {
+        let [index, _, k] = shared.index;
+        self.pages.page(k)?.decode(index, out)
+    }
+
+    fn end(&self, [_, _, k]: [u32; 3]) -> u32 {
+        k + 1
+    }
+}
+
 impl Volume for PagedVolume {
     fn header(&self) -> &Header {
         &self.header
@@ -213,9 +253,151 @@ impl Volume for PagedVolume {
         self.random
     }
 
+    fn decoded_once(&self, dir: &Path) -> Result<Option<Box<dyn Volume + '_>>> {
+        let total = self.header.dims.voxels() * self.header.dtype.bytes() as u64;
+        // pages that are not packed are read as they are
+        if self.chunk == 0 || total <= self.budget {
+            return Ok(None);
+        }
+        *self.cache.lock().unwrap_or_else(PoisonError::into_inner) = Cache::default();
+        Ok(Some(Box::new(Unpacked::new(self, dir)?)))
+    }
+
     fn held_bytes(&self) -> u64 {
         // besides the cache and tags, every thread decodes one chunk and has a buffer of its own
         let threads = rayon::current_num_threads() as u64;
         self.budget + (2 << 20) + threads * (self.chunk + (1 << 20))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::grid::{Dims, Placement};
+    use crate::volume::{Dtype, Endian};
+    use proptest::prelude::*;
+    use std::sync::atomic::{AtomicUsize, Ordering};
+
+    /// Pages of which voxel (x, y, z) has the value x + 10 y + 100 z, cut in ways that take turns.
+    struct Counting {
+        size: [u32; 2],
+        cuts: Vec<Cut>,
+        decoded: Arc<AtomicUsize>,
+    }
+
+    struct CountingPage<'a>(&'a Counting, u32);
+
+    impl Pages for Counting {
+        fn page(&self, k: u32) -> Result<Box<dyn Page + '_>> {
+            Ok(Box::new(CountingPage(self, k)))
+        }
+
+        fn largest(&self) -> (u64, u32) {
+            let voxels = |c: &Cut| u64::from(c.width) * u64::from(c.rows);
+            let most = self.cuts.iter().map(voxels).max();
+            (
+                most.unwrap(),
+                self.cuts.iter().map(|c| c.rows).max().unwrap(),
+            )
+        }
+    }
+
+    impl Page for CountingPage<'_> {
+        fn cut(&self) -> Cut {
+            self.0.cuts[self.1 as usize % self.0.cuts.len()]
+        }
+
+        fn decode(&self, index: u32, out: &mut [u8]) -> Result<()> {
+            self.0.decoded.fetch_add(1, Ordering::Relaxed);
+            let Cut {
+                width,
+                rows,
+                padded,
+            } = self.cut();
+            let across = self.0.size[0].div_ceil(width);
+            let (left, top) = (index % across * width, index / across * rows);
+            let mut values = out.as_chunks_mut::<4>().0.iter_mut();
+            for j in top..top + rows {
+                if !padded && j >= self.0.size[1] {
+                    break;
+                }
+                for i in left..left + width {
+                    *values.next().unwrap() = (i + 10 * j + 100 * self.1).to_ne_bytes();
+                }
+            }
+            assert!(values.next().is_none());
+            Ok(())
+        }
+    }
+
+    fn counting(
+        [nx, ny, nz]: [u32; 3],
+        cuts: &[(u32, u32, bool)],
+    ) -> (PagedVolume, Arc<AtomicUsize>) {
+        let cut = |&(width, rows, padded): &(u32, u32, bool)| Cut {
+            // strips are as wide as the page, and no higher
+            width: if padded { width } else { nx },
+            rows: if padded { rows } else { rows.min(ny) },
+            padded,
+        };
+        let pages = Counting {
+            size: [nx, ny],
+            cuts: cuts.iter().map(cut).collect(),
+            decoded: Arc::default(),
+        };
+        let header = Header {
+            format: "test",
+            dims: Dims([nx, ny, nz]),
+            dtype: Dtype::U32,
+            endian: Endian::NATIVE,
+            placement: Placement::default(),
+        };
+        let decoded = pages.decoded.clone();
+        (PagedVolume::new(header, Box::new(pages)), decoded)
+    }
+
+    proptest! {
+        #[test]
+        fn any_box_of_any_pages(
+            dims in [2u32..9, 2u32..9, 2u32..9],
+            cuts in prop::collection::vec((1u32..11, 1u32..11, any::<bool>()), 1..4),
+            ends in [(0.0..1.0, 0.0..1.0), (0.0..1.0, 0.0..1.0), (0.0..1.0, 0.0..1.0)],
+        ) {
+            let (volume, _) = counting(dims, &cuts);
+            let dir = tempfile::tempdir().unwrap();
+            let once = Unpacked::new(&volume, dir.path()).unwrap();
+            let [x, y, z] = [0, 1, 2].map(|a| {
+                let (p, q): (f64, f64) = ends[a];
+                let at = |v: f64| (v * f64::from(dims[a] + 1)) as u32;
+                at(p.min(q))..at(p.max(q))
+            });
+            let mut known = Vec::new();
+            for k in z.clone() {
+                for j in y.clone() {
+                    known.extend(x.clone().flat_map(|i| (i + 10 * j + 100 * k).to_ne_bytes()));
+                }
+            }
+            for volume in [&volume as &dyn Volume, &once, &volume, &once] {
+                let mut found = vec![0; known.len()];
+                volume.read_box(x.clone(), y.clone(), z.clone(), &mut found).unwrap();
+                prop_assert_eq!(&found, &known);
+            }
+        }
+    }
+
+    #[test]
+    fn a_sweep_decodes_pages_once() {
+        let (volume, decoded) = counting([6, 90, 40], &[(6, 30, false)]);
+        let dir = tempfile::tempdir().unwrap();
+        let once = Unpacked::new(&volume, dir.path()).unwrap();
+        for slab in 0..4 {
+            let z = 10 * slab..(10 * slab + 12).min(40);
+            for y in [0..40, 20..60, 40..90] {
+                let mut out = vec![0; 4 * 6 * y.len() * z.len()];
+                once.read_box(0..6, y, z.clone(), &mut out).unwrap();
+            }
+            once.release(z.start..z.end - 2);
+        }
+        assert_eq!(decoded.load(Ordering::Relaxed), 3 * 40);
     }
 }

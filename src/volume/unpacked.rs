@@ -1,10 +1,9 @@
-//! Volumes in chunks, each of which is decoded once, into a temporary file.
+//! Volumes in chunks or pages, each of which is decoded once, into a temporary file.
 //!
 //! Bands of a slab share chunks with the bands beside them and with the next slab, so chunks of 128^3 would be
 //! decoded a dozen times over, and memory has no room for a slab of them. In a file they stay until the sweep
 //! has passed them; then others take their place.
 
-use super::chunked::{ChunkedVolume, Shared};
 use super::{Header, Volume, check_box};
 use crate::error::{Error, Result};
 use rayon::prelude::*;
@@ -18,26 +17,65 @@ use std::sync::{Arc, Condvar, Mutex, MutexGuard, PoisonError};
 /// Places in the file begin at multiples of this.
 const PAGE: u64 = 4096;
 
-/// A volume whose chunks are kept as they are decoded, until they are released.
+/// The parts of a volume that are decoded as a whole.
+pub(super) trait Parts: Volume {
+    /// Bytes of the largest.
+    fn largest(&self) -> u64;
+
+    /// Those that a box of at least one voxel meets.
+    fn parts_of(&self, asked: &[Range<u32>; 3]) -> Result<Vec<Shared>>;
+
+    /// Fills `out` with a part. Does so in the calling thread alone.
+    fn decode(&self, shared: &Shared, out: &mut [u8]) -> Result<()>;
+
+    /// The first slice behind a part.
+    fn end(&self, index: [u32; 3]) -> u32;
+}
+
+/// A part that a box meets.
+pub(super) struct Shared {
+    /// Its own number among the parts, whichever box meets it.
+    pub(super) index: [u32; 3],
+    /// Its voxels, x fastest; padded ones may lie outside the volume.
+    pub(super) part: [Range<u32>; 3],
+    /// Those of them that are asked for.
+    pub(super) both: [Range<u32>; 3],
+}
+
+impl Shared {
+    /// What a part and a box share.
+    pub(super) fn new(index: [u32; 3], part: [Range<u32>; 3], asked: &[Range<u32>; 3]) -> Self {
+        let both =
+            [0, 1, 2].map(|a| part[a].start.max(asked[a].start)..part[a].end.min(asked[a].end));
+        Shared { index, part, both }
+    }
+
+    /// Samples of the whole part.
+    pub(super) fn samples(&self) -> usize {
+        self.part.iter().map(|r| r.len()).product()
+    }
+}
+
+/// A volume whose parts are kept as they are decoded, until they are released.
 pub(super) struct Unpacked<'a> {
-    volume: &'a ChunkedVolume,
+    volume: &'a dyn Parts,
     store: Store,
 }
 
 impl<'a> Unpacked<'a> {
-    /// Will keep chunks in an unnamed file in `dir`, which goes away with this, also if the process dies.
+    /// Will keep parts in an unnamed file in `dir`, which goes away with this, also if the process dies.
     ///
     /// # Errors
     /// [`Error::Io`] if the file cannot be made.
-    pub(super) fn new(volume: &'a ChunkedVolume, dir: &Path) -> Result<Self> {
-        let store = Store::new(dir, volume.chunk_bytes())?;
+    pub(super) fn new(volume: &'a dyn Parts, dir: &Path) -> Result<Self> {
+        let store = Store::new(dir, volume.largest())?;
         Ok(Unpacked { volume, store })
     }
 
-    /// Where chunks are in the file, once they are.
-    fn chunks(&self, all: Vec<Shared>) -> Result<Vec<(Shared, Arc<Slot>)>> {
+    /// Where parts are in the file, once they are.
+    fn slots(&self, all: Vec<Shared>) -> Result<Vec<(Shared, Arc<Slot>)>> {
         let slot = |shared: &Shared, wait| {
-            let bytes = self.volume.bytes(shared);
+            let bytes = shared.samples() * self.header().dtype.bytes();
             let decode = |out: &mut [u8]| self.volume.decode(shared, out);
             self.store.get(shared.index, (bytes, wait), decode)
         };
@@ -47,17 +85,17 @@ impl<'a> Unpacked<'a> {
             .with_max_len(1)
             .map(|shared| slot(shared, false));
         let begun: Vec<Option<Arc<Slot>>> = begun.collect::<Result<_>>()?;
-        let chunks = all.into_iter().zip(begun).map(|(shared, begun)| {
+        let slots = all.into_iter().zip(begun).map(|(shared, begun)| {
             let found = match begun {
                 Some(slot) => slot,
                 None => slot(&shared, true)?.expect("waited for"),
             };
             Ok((shared, found))
         });
-        chunks.collect()
+        slots.collect()
     }
 
-    /// Copies what of slice `k` the box and a chunk share to that slice of the box.
+    /// Copies what of slice `k` the box and a part share to that slice of the box.
     fn copy(
         &self,
         asked: &[Range<u32>; 3],
@@ -101,11 +139,11 @@ impl Volume for Unpacked<'_> {
             return Ok(());
         }
         let asked = [x, y, z];
-        let chunks = self.chunks(self.volume.chunks_of(&asked))?;
+        let parts = self.slots(self.volume.parts_of(&asked)?)?;
         let slice = out.len() / asked[2].len();
         let mut rows = Vec::new();
         for (k, out) in asked[2].clone().zip(out.chunks_exact_mut(slice)) {
-            for of in chunks.iter().filter(|of| of.0.both[2].contains(&k)) {
+            for of in parts.iter().filter(|of| of.0.both[2].contains(&k)) {
                 self.copy(&asked, k, of, (&mut rows, out))?;
             }
         }
@@ -121,8 +159,7 @@ impl Volume for Unpacked<'_> {
     }
 
     fn release(&self, z: Range<u32>) {
-        self.store
-            .forget(|index| self.volume.part(index)[2].end <= z.end);
+        self.store.forget(|index| self.volume.end(index) <= z.end);
     }
 }
 
@@ -275,9 +312,10 @@ impl Drop for Decoding<'_> {
     }
 }
 
-#[cfg(test)]
+#[cfg(all(test, any(feature = "hdf5", feature = "zarr")))]
 mod tests {
     use super::*;
+    use crate::volume::chunked::ChunkedVolume;
     use crate::volume::chunked::tests::{Counting, counted};
     use proptest::prelude::*;
     use std::sync::atomic::{AtomicUsize, Ordering};
