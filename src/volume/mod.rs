@@ -1,6 +1,7 @@
 //! Volumes on disk: what is known of them before reading, and reading any box of voxels.
 
 mod archive;
+mod beside;
 mod blob;
 #[cfg(any(feature = "hdf5", feature = "zarr"))]
 mod blosc;
@@ -50,14 +51,15 @@ use without::hdf5;
 #[cfg(not(feature = "zarr"))]
 use without::zarr;
 
+pub(crate) use beside::spool_beside;
 pub use crop::Cropped;
 pub(crate) use dtype::with_voxel_type;
 pub use dtype::{Dtype, Slope, Voxel};
 pub use memory::MemoryVolume;
 pub use open::{Io, OpenOptions, Opened, open};
 pub use predict::{Prediction, predict};
+pub(crate) use spool::PIECE as SPOOL_PIECE;
 pub use spool::spool;
-pub(crate) use spool::{PIECE as SPOOL_PIECE, spool_beside};
 pub use stamp::{Stamp, stamp};
 pub use statistics::{Statistics, statistics};
 
@@ -148,7 +150,8 @@ pub trait Volume: Send + Sync {
         true
     }
 
-    /// The same volume for a sweep forward through boxes that overlap: chunks and pages are decoded once and kept, until they are released, in an unnamed file in `dir`. `None` if boxes that overlap cost
+    /// The same volume for a sweep forward through boxes that overlap: chunks and pages are decoded once
+    /// and kept, until they are released, in an unnamed file in `dir`. `None` if boxes that overlap cost
     /// little more than others.
     ///
     /// # Errors
