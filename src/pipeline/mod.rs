@@ -206,37 +206,7 @@ fn make(
         matrix: placement.gltf_matrix(),
         form: options.form(),
     };
-    let writer = TileWriter {
-        dir: work.to_path_buf(),
-        head: head.clone(),
-        tiling: plan.tiling,
-    };
-    let layers = plan.tiling.tiles()[2];
-    make_layer_directories(work, keeper.swept()..layers)?;
-    progress.begin(
-        "tiles",
-        plan.tiling.tiles().iter().map(|&t| u64::from(t)).product(),
-    );
-    let mut sweep = |volume: &dyn Volume| {
-        let sweep = Sweep {
-            volume,
-            plan,
-            threshold: options.threshold,
-            rule: options.ambiguous,
-            cap: options.cap,
-            min_voxels: options.min_voxels,
-            writer: &writer,
-            progress,
-        };
-        sweep.run(keeper)
-    };
-    // a slab's bands are read one by one, each through all its slices
-    let forward_only = plan.tiling.tiles()[1] == 1 && options.min_voxels < 2;
-    let forward = match grid.decoded_once(work)? {
-        Some(once) => sweep(&*once),
-        None if grid.random_access() || forward_only => sweep(grid),
-        None => spool_beside(grid, work, sweep),
-    }?;
+    let forward = swept(grid, options, plan, &head, (work, &mut *keeper), progress)?;
     let mut totals = forward_totals(&forward);
     let dust = dust(options, &forward);
     let tables = plan.limit / 8;
@@ -280,6 +250,45 @@ fn make(
         warnings,
         boot: None,
     })
+}
+
+/// The sweep over the volume: all tiles but those that are made again, and what is known of pieces.
+fn swept(
+    grid: &dyn Volume,
+    options: &ConvertOptions,
+    plan: &Plan,
+    head: &TileHead,
+    (work, keeper): (&Path, &mut Keeper),
+    progress: &dyn Progress,
+) -> Result<Forward> {
+    let writer = TileWriter {
+        dir: work.to_path_buf(),
+        head: head.clone(),
+        tiling: plan.tiling,
+    };
+    let [x, y, layers] = plan.tiling.tiles();
+    make_layer_directories(work, keeper.swept()..layers)?;
+    progress.begin("tiles", [x, y, layers].map(u64::from).iter().product());
+    let mut sweep = |volume: &dyn Volume| {
+        let sweep = Sweep {
+            volume,
+            plan,
+            threshold: options.threshold,
+            rule: options.ambiguous,
+            cap: options.cap,
+            min_voxels: options.min_voxels,
+            writer: &writer,
+            progress,
+        };
+        sweep.run(keeper)
+    };
+    // a slab's bands are read one by one, each through all its slices
+    let forward_only = y == 1 && options.min_voxels < 2;
+    match grid.decoded_once(work)? {
+        Some(once) => sweep(&*once),
+        None if grid.random_access() || forward_only => sweep(grid),
+        None => spool_beside(grid, work, sweep),
+    }
 }
 
 fn layer_directory(z: u32) -> String {

@@ -15,10 +15,12 @@ missing), WORK a directory for tile sets, which stay there for the glTF validato
 """
 
 import json
+import os
 import subprocess
 import sys
-from collections.abc import Callable
+from concurrent.futures import ProcessPoolExecutor
 from dataclasses import dataclass
+from itertools import repeat
 from pathlib import Path
 
 import numpy as np
@@ -221,13 +223,11 @@ def cases_of_noise(work: Path) -> list[Case]:
     return cases
 
 
-def attempt(title: str, what: Callable[[], str]) -> bool:
+def attempt(alvis: Path, case: Case, work: Path) -> tuple[bool, str]:
     try:
-        print(f"ok {title}: {what()}", flush=True)
-        return True
+        return True, f"ok {case.title()}: {check(alvis, case, work)}"
     except Exception as error:  # each case reports, whatever it meets
-        print(f"FAILED {title}: {type(error).__name__}: {error}", flush=True)
-        return False
+        return False, f"FAILED {case.title()}: {type(error).__name__}: {error}"
 
 
 def main() -> int:
@@ -238,9 +238,14 @@ def main() -> int:
         cases += cases_of_data(data)
     else:
         print(f"SKIPPED volumes of the shared data: {data} is missing")
-    results = [attempt(c.title(), lambda c=c: check(alvis, c, work)) for c in cases]
-    print(f"{sum(results)} passed, {len(results) - sum(results)} failed")
-    return 0 if all(results) else 1
+    passed = 0
+    # most of the time goes into Python, which fills one processor
+    with ProcessPoolExecutor(os.cpu_count()) as pool:
+        for ok, line in pool.map(attempt, repeat(alvis), cases, repeat(work)):
+            print(line, flush=True)
+            passed += ok
+    print(f"{passed} passed, {len(cases) - passed} failed")
+    return 0 if passed == len(cases) else 1
 
 
 if __name__ == "__main__":
