@@ -5,7 +5,7 @@ use super::progress::Console;
 use crate::error::{Error, Result};
 use crate::grid::Unit;
 use crate::volume::{self, Dtype, Endian, Io, OpenOptions, Opened};
-use clap::builder::{PossibleValuesParser, TypedValueParser};
+use clap::builder::{PossibleValue, PossibleValuesParser, TypedValueParser};
 use clap::{Args, ValueEnum};
 use std::path::Path;
 
@@ -43,9 +43,10 @@ impl Common {
     }
 }
 
-/// The parser of `--dtype`.
+/// The parser of `--dtype`. NumPy's names do as well.
 pub fn dtype_parser() -> impl TypedValueParser<Value = Dtype> {
-    PossibleValuesParser::new(Dtype::ALL.map(Dtype::name)).try_map(|name| name.parse::<Dtype>())
+    let names = Dtype::ALL.map(|d| PossibleValue::new(d.name()).alias(d.numpy_name()));
+    PossibleValuesParser::new(names).try_map(|name| name.parse::<Dtype>())
 }
 
 /// Byte order, as typed.

@@ -5,10 +5,11 @@ use crate::grid::{Crop, Dims, Unit};
 use bytesize::ByteSize;
 use std::str::FromStr;
 
-/// Three items with commas between them.
+/// Three items with commas between them, or an `x`, as names of files often have it.
 fn three<T: FromStr>(text: &str, expected: &str) -> Result<[T; 3], String> {
+    let between = if text.contains(',') { ',' } else { 'x' };
     let items: Vec<T> = text
-        .split(',')
+        .split(between)
         .map(|item| item.trim().parse().map_err(|_| expected.to_string()))
         .collect::<Result<_, _>>()?;
     items.try_into().map_err(|_| expected.to_string())
@@ -139,7 +140,9 @@ mod tests {
     #[test]
     fn values_are_read() {
         assert_eq!(dims("512,512, 300"), Ok([512, 512, 300]));
+        assert_eq!(dims("512x512 x 300"), Ok([512, 512, 300]));
         assert_eq!(spacing("0.5"), Ok([0.5; 3]));
+        assert_eq!(spacing("0.5x0.5x2"), Ok([0.5, 0.5, 2.0]));
         assert_eq!(spacing("1,2,3e-1"), Ok([1.0, 2.0, 0.3]));
         assert_eq!(macrocube("64"), Ok([64; 3]));
         assert_eq!(macrocube("64,32,16"), Ok([64, 32, 16]));
@@ -153,7 +156,9 @@ mod tests {
 
     #[test]
     fn nonsense_is_refused() {
-        for bad in ["", "1,2", "1,2,3,4", "a,b,c", "-1,2,3", "1;2;3"] {
+        for bad in [
+            "", "1,2", "1,2,3,4", "a,b,c", "-1,2,3", "1;2;3", "1x2", "x", "1x2,3", "0x10x1x2",
+        ] {
             assert!(dims(bad).is_err(), "{bad}");
             assert!(macrocube(bad).is_err(), "{bad}");
         }

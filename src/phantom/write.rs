@@ -243,14 +243,9 @@ fn metaimage(header: &Header, data_file: &str) -> String {
 /// The text of a NRRD header; see <https://teem.sourceforge.net/nrrd/format.html>.
 fn nrrd(header: &Header) -> String {
     let kind = match header.dtype {
-        Dtype::U8 => "uint8",
-        Dtype::I8 => "int8",
-        Dtype::U16 => "uint16",
-        Dtype::I16 => "int16",
-        Dtype::U32 => "uint32",
-        Dtype::I32 => "int32",
         Dtype::F32 => "float",
         Dtype::F64 => "double",
+        whole => whole.numpy_name(),
     };
     let [nx, ny, nz] = header.dims.0;
     let mut text = format!("NRRD0004\ntype: {kind}\ndimension: 3\nsizes: {nx} {ny} {nz}\n");

@@ -56,6 +56,20 @@ impl Dtype {
         }
     }
 
+    /// The name that NumPy gives it: `uint16`.
+    pub fn numpy_name(self) -> &'static str {
+        match self {
+            Dtype::U8 => "uint8",
+            Dtype::I8 => "int8",
+            Dtype::U16 => "uint16",
+            Dtype::I16 => "int16",
+            Dtype::U32 => "uint32",
+            Dtype::I32 => "int32",
+            Dtype::F32 => "float32",
+            Dtype::F64 => "float64",
+        }
+    }
+
     /// True for f32 and f64, which can hold NaN.
     pub fn is_float(self) -> bool {
         matches!(self, Dtype::F32 | Dtype::F64)
@@ -74,7 +88,7 @@ impl std::str::FromStr for Dtype {
     fn from_str(text: &str) -> Result<Self> {
         Dtype::ALL
             .into_iter()
-            .find(|d| d.name() == text)
+            .find(|d| [d.name(), d.numpy_name()].contains(&text))
             .ok_or_else(|| {
                 Error::usage(
                     "--dtype",
@@ -323,7 +337,9 @@ mod tests {
     #[test]
     fn names_parse_back() {
         for d in Dtype::ALL {
-            assert_eq!(d.name().parse::<Dtype>().unwrap(), d);
+            for name in [d.name(), d.numpy_name()] {
+                assert_eq!(name.parse::<Dtype>().unwrap(), d);
+            }
         }
         assert!("u64".parse::<Dtype>().is_err());
     }
