@@ -104,25 +104,30 @@ impl Edges {
         let [cx, cy, cz] = tile.cubes.map(|c| c as usize);
         let [x0, y0, z0] = tile.first_cube;
         let (word0, shift) = (x0 as usize / 64, x0 % 64);
-        self.bits.clear();
+        self.bits.resize(self.rows * (cz + 1) * self.row_words, 0);
+        let mut out = self.bits.chunks_exact_mut(self.row_words);
         for z in 0..=cz {
             for y in 0..=cy {
+                let out = out.next().expect("one for each row");
                 let s = z + (z0 - bits.span.z.start) as usize;
                 let r = y + (y0 - bits.span.y.start) as usize;
                 let row = bits.row(s, r);
                 if shift == 0 {
-                    self.bits.extend_from_slice(&row[word0..][..self.row_words]);
-                    let last = self.bits.len() - 1;
-                    self.bits[last] &= below(cx + 1, self.row_words - 1);
+                    // one by one: most tiles have two, and a call of the system's copying function for each row
+                    // took 1.5 % of a conversion's processor time
+                    let row = &row[word0..][..self.row_words];
+                    for (w, (out, &word)) in out.iter_mut().zip(row).enumerate() {
+                        *out = word & below(cx + 1, w);
+                    }
                     continue;
                 }
-                for w in 0..self.row_words {
+                for (w, out) in out.iter_mut().enumerate() {
                     let low = row.get(word0 + w).map_or(0, |&b| b >> shift);
                     let high = match row.get(word0 + w + 1) {
                         Some(&b) => b << (64 - shift),
                         None => 0,
                     };
-                    self.bits.push((low | high) & below(cx + 1, w));
+                    *out = (low | high) & below(cx + 1, w);
                 }
             }
         }
