@@ -9,6 +9,9 @@ use std::sync::{Mutex, MutexGuard};
 /// Prepares the bands of a slab one by one, in the memory of bands that are done with: so there is room for
 /// one slab and a few bands instead of two slabs. Besides, each page of memory that is touched first costs
 /// time.
+///
+/// To prepare the others only when no tile is left, so that a thread that has none does not wait for another's,
+/// took 0.5 to 0.9 % less: threads wait little there.
 pub struct Ahead<'a, T> {
     source: &'a BandSource<'a, T>,
     layer: u32,
