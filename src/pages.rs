@@ -2,9 +2,8 @@
 //!
 //! For each transfer past the page cache the system looks up and holds every page of the buffer. With huge
 //! ones, converting a foam of 10 million triangles took 3 to 6 % less time (medians of four series of 13 to 21 runs
-//! in turns), and verifying one of 26 million 2 %. Huge pages for a tile's triangles, which stay in memory, gained
-//! nothing: to clear them takes the system as long as to find small ones more often. Nor did they for the voxels of
-//! bands.
+//! in turns), and verifying one of 26 million 2 %. Huge pages for what stays in memory, a tile's triangles or
+//! a band's voxels, gained nothing: to clear them takes the system as long as to find small ones more often.
 
 use memmap2::{MmapMut, MmapOptions};
 use std::io::Result;
