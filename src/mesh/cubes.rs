@@ -10,13 +10,15 @@
 //! in one vector, and pieces known beforehand; 434 with sums, bounds and slopes of many at a time and
 //! pieces found once for a stretch of edges; 385, of which cubes take 104, without bounds checks in the walk,
 //! with all counters in memory and each case's plan in one cache line. The last step took 8 % of the time
-//! away: by now much of it waits for branches and memory. With AVX2 spelled out, each triangle one vector that picks
-//! its corners by a permutation, took as many instructions and as long.
+//! away: by then much of it waited for branches and memory, so cubes are listed first, see `mesh::active`. With
+//! AVX2 spelled out, each triangle one vector that picks its corners by a permutation, took as many instructions
+//! and as long.
 
 use crate::cpu::dispatch;
-use crate::mesh::edges::{Edges, below};
+use crate::mesh::active::{ActiveCube, Batch, CubeRow, NUMBER_OF_EDGE, NUMBERS};
+use crate::mesh::edges::Edges;
 use crate::mesh::pieces::{Piece, Sheets};
-use crate::mesh::table::{Across, Case, EDGE_LOWER, MAX_TRIANGLES, cases, edge_axis};
+use crate::mesh::table::{Across, Case, MAX_TRIANGLES, cases};
 use crate::mesh::tile::{TileBox, TileMesh};
 use crate::strip::{APEXES, NONE, STRIDE};
 use crate::unchecked::{Unchecked, UncheckedMut};
@@ -28,17 +30,6 @@ use std::sync::LazyLock;
 pub fn room_for(vertices: u32) -> u32 {
     1 + 3 * vertices + MAX_TRIANGLES as u32
 }
-
-/// Numbers of edges that a cube's corners can name: eight counters, and the four of them that lie on
-/// the cube's upper x side.
-const NUMBERS: usize = 16;
-
-/// Where the number of each cube edge is found among the counters: x edges, then those along y and z
-/// at the cube's lower x side, then at its upper one.
-const NUMBER_OF_EDGE: [u8; 12] = [0, 1, 2, 3, 4, 8, 5, 9, 6, 10, 7, 11];
-
-/// The edge that each counter stands for.
-const COUNTED: [u8; 8] = [0, 1, 2, 3, 4, 6, 8, 10];
 
 /// Numbers to a triangle.
 const N: usize = STRIDE as usize;
@@ -53,9 +44,7 @@ const UNUSED: u8 = 3;
 #[derive(Debug, Clone, Copy)]
 #[repr(align(64))]
 struct Plan {
-    /// By how much each counter rises past the cube.
-    steps: [u8; 8],
-    /// Places of the corners' edges among the counters.
+    /// Places of the corners' edges among the cube's numbers.
     corners: [[u8; 4]; MAX_TRIANGLES],
     /// The mate inside the cube, its triangle counted from 1, or 0.
     inside: [[u8; 4]; MAX_TRIANGLES],
@@ -89,7 +78,7 @@ impl Plans {
 
     fn new(rule: crate::grid::Ambiguous) -> Self {
         let cases = cases(rule);
-        let plan = |c| Plan::new(c, &cases[c]);
+        let plan = |c: usize| Plan::new(&cases[c]);
         Plans {
             plans: Box::new(std::array::from_fn(plan)),
             cases,
@@ -98,14 +87,8 @@ impl Plans {
 }
 
 impl Plan {
-    fn new(bits: usize, case: &Case) -> Self {
-        let crossed = |edge: u8| {
-            let lower = EDGE_LOWER[usize::from(edge)];
-            let upper = lower + (1 << edge_axis(edge));
-            (bits >> lower ^ bits >> upper) as u8 & 1
-        };
+    fn new(case: &Case) -> Self {
         let mut plan = Plan {
-            steps: COUNTED.map(crossed),
             // those without a triangle name an edge that is there, in case they are written
             corners: [[NUMBER_OF_EDGE[usize::from(case.edges[0][0])]; 4]; MAX_TRIANGLES],
             inside: [[0; 4]; MAX_TRIANGLES],
@@ -199,14 +182,12 @@ struct Cursor {
     next: u32,
 }
 
-/// A cube's place and what it shares with the ones before.
+/// A cube and what it shares with the ones before.
 struct Cube<'a> {
+    active: &'a ActiveCube,
     at: [usize; 3],
-    numbers: &'a [u32; NUMBERS],
     /// By axis: the slots of the faces it shares.
     slots: [&'a mut [u32; 2]; 3],
-    /// It touches the volume's faces.
-    on_border: bool,
 }
 
 impl CubeWalk {
@@ -250,100 +231,67 @@ impl CubeWalk {
         self.row_slots.resize(cx, [NONE; 2]);
         self.slice_slots.clear();
         self.slice_slots.resize(cx * cy, [NONE; 2]);
-        let rows = cut.edges.rows;
+        let mut batch = Batch::new();
         for z in 0..cz {
             self.row_slots.fill([NONE; 2]);
+            let mut x_slots = [NONE; 2];
+            // not by a closure: what is handed to others may be compiled apart, for any processor
             for y in 0..cy {
-                let row = z * rows + y;
-                let rows = [row, row + 1, row + rows, row + rows + 1];
-                if rows.iter().any(|&row| !cut.edges.is_empty(row)) {
-                    self.cube_row((cut, numbered), plans, rows, [y, z], out);
+                let mut row = CubeRow::new(cut.edges, [y, z]);
+                while batch.list(&mut row, cut.edges, cut.tile) {
+                    let cubes = (batch.take(), z);
+                    self.write_all((cut.tile, numbered), plans, cubes, &mut x_slots, out);
                 }
             }
+            let cubes = (batch.take(), z);
+            self.write_all((cut.tile, numbered), plans, cubes, &mut x_slots, out);
         }
     }
 
+    /// Writes the triangles of active cubes of slice `z`.
     #[inline(always)]
-    fn cube_row(
+    fn write_all(
         &mut self,
-        (cut, numbered): (Cut, Numbered),
+        (tile, numbered): (&TileBox, Numbered),
         plans: &Plans,
-        rows: [usize; 4],
-        [y, z]: [usize; 2],
+        (cubes, z): (&[ActiveCube], usize),
+        x_slots: &mut [u32; 2],
         out: &mut Faces,
     ) {
-        let edges = cut.edges;
-        let cx = cut.tile.cubes[0] as usize;
-        let starts = rows.map(|row| row * edges.row_words);
-        let first = rows.map(|row| edges.first[row]);
-        let [x_edges, y_edges, z_edges] = [0, 1, 2].map(|axis| first.map(|row| row[axis]));
-        let mut numbers = [0; NUMBERS];
-        numbers[..4].copy_from_slice(&x_edges);
-        numbers[4..8].copy_from_slice(&[y_edges[0], y_edges[2], z_edges[0], z_edges[1]]);
-        let mut x_slots = [NONE; 2];
-        // SAFETY: a row's active cubes lie below `cx`
+        let cx = tile.cubes[0] as usize;
+        // SAFETY: a row's active cubes lie below `cx`, and those of a slice below that times its rows
         let (mut row_slots, mut slice_slots) = unsafe {
-            let slice_slots = &mut self.slice_slots[y * cx..][..cx];
-            let row_slots = UncheckedMut::new(&mut self.row_slots[..cx]);
-            (row_slots, UncheckedMut::new(slice_slots))
+            let row_slots = UncheckedMut::new(&mut self.row_slots);
+            (row_slots, UncheckedMut::new(&mut self.slice_slots))
         };
-        for w in 0..edges.row_words {
-            let here = starts.map(|s| edges.bits[s + w]);
-            let next = match w + 1 < edges.row_words {
-                true => starts.map(|s| edges.bits[s + w + 1]),
-                false => [0; 4],
-            };
-            let border = cut.tile.border_cubes(w, [y, z]);
-            let mut left = active(here, next) & below(cx, w);
-            while left != 0 {
-                let i = left.trailing_zeros();
-                left &= left - 1;
-                let x = 64 * w + i as usize;
-                let case = case_at(here, next, i);
-                let plan = &plans.plans[case];
-                // both in memory, from where one of them is looked up: in registers, the sums would be
-                // taken apart for that, one by one
-                let after: [u32; 8] =
-                    std::array::from_fn(|c| numbers[c] + u32::from(plan.steps[c]));
-                numbers[8..12].copy_from_slice(&after[4..]);
-                let slots = [&mut x_slots, row_slots.at_mut(x), slice_slots.at_mut(x)];
-                let on_border = border >> i & 1 == 1;
-                #[cfg(test)]
-                let on_border = on_border || self.plain;
-                if plan.simple && !on_border {
-                    write_simple(plan, &numbers, numbered, slots, out);
-                } else {
-                    let cube = Cube {
-                        at: [x, y, z],
-                        numbers: &numbers,
-                        slots,
-                        on_border,
-                    };
-                    cube.write((cut.tile, numbered), &plans.cases[case], out);
-                }
-                numbers[..8].copy_from_slice(&after);
+        for cube in cubes {
+            let plan = &plans.plans[usize::from(cube.case)];
+            let (x, column) = (cube.x as usize, cube.column as usize);
+            if x == 0 {
+                // what the row before ended with is no neighbour
+                *x_slots = [NONE; 2];
+            }
+            let slots = [
+                &mut *x_slots,
+                row_slots.at_mut(x),
+                slice_slots.at_mut(column),
+            ];
+            let on_border = cube.on_border;
+            #[cfg(test)]
+            let on_border = on_border || self.plain;
+            if plan.simple && !on_border {
+                write_simple(plan, &cube.numbers, numbered, slots, out);
+            } else {
+                let cube = Cube {
+                    active: cube,
+                    at: [x, column / cx, z],
+                    slots,
+                };
+                let case = &plans.cases[usize::from(cube.active.case)];
+                cube.write((tile, numbered), case, out);
             }
         }
     }
-}
-
-/// The cubes of 64 whose corners are not all alike, by the words of their four rows and the next ones.
-#[inline(always)]
-fn active(here: [u64; 4], next: [u64; 4]) -> u64 {
-    let further: [u64; 4] = std::array::from_fn(|r| here[r] >> 1 | next[r] << 63);
-    let any = here.iter().chain(&further).fold(0, |a, &b| a | b);
-    let all = here.iter().chain(&further).fold(!0, |a, &b| a & b);
-    any & !all
-}
-
-/// The case of cube `i` of a word.
-#[inline(always)]
-fn case_at(here: [u64; 4], next: [u64; 4], i: u32) -> usize {
-    let pair = |r: usize| match i {
-        63 => here[r] >> 63 | (next[r] & 1) << 1,
-        i => here[r] >> i & 3,
-    };
-    (pair(0) | pair(1) << 2 | pair(2) << 4 | pair(3) << 6) as usize
 }
 
 /// Writes the triangles of one sheet that meets each face once at most.
@@ -404,7 +352,7 @@ impl Cube<'_> {
     fn write(self, (tile, sheets): (&TileBox, Numbered), case: &Case, out: &mut Faces) {
         let number = |edge: u8| {
             let place = NUMBER_OF_EDGE[usize::from(edge)];
-            self.numbers[usize::from(place)] as usize
+            self.active.numbers[usize::from(place)] as usize
         };
         let count = usize::from(case.triangles);
         let mut pieces = [0; MAX_TRIANGLES];
@@ -414,7 +362,7 @@ impl Cube<'_> {
             let cursor = out.cursors.at_mut(pieces[t]);
             triangles[t] = cursor.next;
             cursor.next += 1;
-            if self.on_border {
+            if self.active.on_border {
                 let count = border_edges(tile, self.at, case, t..t + 1);
                 out.pieces[pieces[t]].sums.border_edges += count;
             }

@@ -1,5 +1,6 @@
 //! Marching cubes on the bits of a band: vertices on the lattice, triangles, neighbours and normals.
 
+mod active;
 mod cap;
 mod chunk;
 mod connect;
