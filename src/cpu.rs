@@ -91,6 +91,27 @@ pub fn prefetch<T>(slice: &[T], element: usize) {
     let _ = (slice, element);
 }
 
+/// The same for a line that is to be written: other cores are to give it up, which takes longest for memory that a
+/// device has just read, as it does that of tiles.
+///
+/// On a virtual machine whose tiles went past the page cache, a conversion took 2 to 4 % less time so than with
+/// [`prefetch`]; where they went to a file system in memory, none.
+#[inline(always)]
+pub fn prefetch_to_write<T>(slice: &[T], element: usize) {
+    #[cfg(all(target_arch = "x86_64", not(miri)))]
+    {
+        let at = slice.as_ptr().wrapping_add(element);
+        // spelled out, for the compiler makes it of its own hint only for processors that are said to have it; to
+        // others it is no operation
+        // SAFETY: a prefetch reads nothing into the program and faults at no address
+        unsafe {
+            std::arch::asm!("prefetchw [{}]", in(reg) at, options(nostack, preserves_flags, readonly));
+        }
+    }
+    #[cfg(not(all(target_arch = "x86_64", not(miri))))]
+    let _ = (slice, element);
+}
+
 #[cfg(test)]
 mod tests {
     #[inline(always)]

@@ -4,7 +4,7 @@
 //! fifth of its instructions, and 7 % of the time of meshing. With debug assertions, as all tests are built,
 //! every index is compared.
 
-use crate::cpu::prefetch;
+use crate::cpu::{prefetch, prefetch_to_write};
 
 /// Elements that are read.
 #[derive(Debug, Clone, Copy)]
@@ -67,10 +67,10 @@ impl<'a, T: Copy> UncheckedMut<'a, T> {
         unsafe { self.0.get_unchecked_mut(i) }
     }
 
-    /// Asks for the cache line of element `i`, which need not be there.
+    /// Asks for the cache line of element `i`, which need not be there, to write to it.
     #[inline(always)]
     pub fn prefetch(&self, i: usize) {
-        prefetch(self.0, i);
+        prefetch_to_write(self.0, i);
     }
 
     /// Writes `N` elements from `i` on.
