@@ -10,8 +10,8 @@
 //! along. `--deep` adds the volumes of ten times the depth and of eight times the voxels; `--lobster` adds a
 //! real scan (301 x 324 x 56, u8) repeated to 1 GB.
 //!
-//! Its results are deleted in the end, and ext4 without a journal is slow to make files for five minutes after
-//! that: run it again later.
+//! Its results are deleted in the end, and ext4 without a journal is slow to make files for six minutes after
+//! others were deleted, a build's too: run it again later.
 
 mod run;
 
