@@ -53,7 +53,8 @@ struct State {
     /// Jobs in hands.
     writing: usize,
     /// Buffers that wait for use. With those on their way there are always as many, and all are used in
-    /// turn: how much memory they take does not hang on who is faster.
+    /// turn: how much memory they take does not hang on who is faster. To use the one first that came back last
+    /// took as long.
     spare: VecDeque<Buffer>,
     failed: Option<Error>,
     closed: bool,

@@ -1,7 +1,8 @@
 //! Connected components of one band: union-find over runs, with the sums of their voxels.
 //!
-//! Not worth it: to leave out contacts of slices that those of rows imply (no time), and to add sums up in 64
-//! bits in the band's own coordinates (8 % of labelling, 0.6 % of a conversion, for a hundred lines).
+//! Not worth it: to leave out contacts of slices that those of rows imply (no time), to ask first whether two runs
+//! have the same parent (half a hundredth of labelling), and to add sums up in 64 bits in the band's own coordinates
+//! (8 % of labelling, 0.6 % of a conversion, for a hundred lines).
 
 use crate::cpu::dispatch;
 use crate::grid::{Ambiguous, Dims};
