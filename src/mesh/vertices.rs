@@ -189,7 +189,10 @@ fn place_inlined<T: Voxel>(
     let strides = [1, span.nx as usize, span.nx as usize * span.rows()];
     let samples = Samples::new(&view.voxels.samples, strides);
     let mut batch = Batch::new();
-    let mut ahead = Ahead::new(view, tile, edges.rows, &samples);
+    let start = view
+        .voxels
+        .row_start(tile.first_cube[1], tile.first_cube[2]);
+    let mut ahead = Ahead::new(start, strides, tile, &samples);
     for (number, place, words) in edges.crossed_rows() {
         ahead.fetch(number + ROWS_AHEAD, &samples);
         let row = Row::new(view, tile, &samples, strides, place);
@@ -229,37 +232,31 @@ struct Ahead {
 }
 
 impl Ahead {
-    /// Fetches what the first slice needs but for what is two slices on.
+    /// Fetches what the first slice needs but for what is two slices on. Voxel 0 of the band in the tile's first row
+    /// is sample `start`.
     #[inline(always)]
     fn new<T: Voxel>(
-        view: &BandView<T>,
+        start: usize,
+        [_, y, z]: [usize; 3],
         tile: &TileBox,
-        rows: usize,
         samples: &Samples<T>,
     ) -> Self {
-        let span = &view.voxels.span;
-        let strides = [span.nx as usize, span.nx as usize * span.rows()];
-        let [x, y, z] = tile.first_cube;
+        let [width, rows, _] = tile.cubes.map(|c| c as usize);
+        let (width, rows) = (width + 3, rows + 1);
         // where there is no voxel before the tile, others are fetched, or none
-        let first = (view.voxels.row_start(y, z) + x as usize).wrapping_sub(1);
-        let width = tile.cubes[0] as usize + 3;
+        let first = (start + tile.first_cube[0] as usize).wrapping_sub(1);
         for slice in 0..3 {
-            let slice = first
-                .wrapping_add(slice * strides[1])
-                .wrapping_sub(strides[1]);
+            let slice = first.wrapping_add(slice * z).wrapping_sub(z);
             for row in 0..rows.min(ROWS_AHEAD) + 2 {
-                let row = slice
-                    .wrapping_add(row * strides[0])
-                    .wrapping_sub(strides[0]);
-                samples.prefetch(row, width);
+                samples.prefetch(slice.wrapping_add(row * y).wrapping_sub(y), width);
             }
         }
         Ahead {
             number: 0,
             row: 0,
-            sample: first.wrapping_add(2 * strides[1]),
+            sample: first.wrapping_add(2 * z),
             rows,
-            strides,
+            strides: [y, z],
             width,
         }
     }
