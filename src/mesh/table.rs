@@ -100,46 +100,50 @@ struct Segment {
     to: u8,
     face: u8,
     slot: u8,
+    /// The corner that it goes round, on an ambiguous face.
+    corner: u8,
 }
 
-/// The segments of one case on one face. Going round counter-clockwise seen from outside, a segment
+/// The segments of one case on all faces.
+fn segments_of(case: u8, rule: Ambiguous) -> Vec<Segment> {
+    let mut all = Vec::with_capacity(12);
+    (0..6).for_each(|face| add_segments(case, face, rule, &mut all));
+    all
+}
+
+/// Adds the segments of one case on one face. Going round counter-clockwise seen from outside, a segment
 /// starts where the walk enters above corners and ends where it leaves them.
-fn face_segments(case: u8, face: u8, rule: Ambiguous) -> Vec<Segment> {
+fn add_segments(case: u8, face: u8, rule: Ambiguous, all: &mut Vec<Segment>) {
     let corners = FACE_CORNERS[face as usize];
     let above = |i: usize| case >> corners[i % 4] & 1 == 1;
     let crossing = |i: usize| edge_between(corners[i % 4], corners[(i + 1) % 4]);
-    let enters: Vec<usize> = (0..4).filter(|&i| !above(i) && above(i + 1)).collect();
-    let mut found: Vec<(u8, Segment)> = Vec::new();
-    for &enter in &enters {
+    let first = all.len();
+    for enter in (0..4).filter(|&i| !above(i) && above(i + 1)) {
         // the run of above corners entered here, or for Join the run of below corners left here
-        let leave = match rule {
-            Ambiguous::Separate => (1..4)
-                .map(|s| enter + s)
-                .find(|&i| above(i) && !above(i + 1)),
-            Ambiguous::Join => (1..4)
-                .map(|s| enter + 4 - s)
-                .find(|&i| above(i) && !above(i + 1)),
-        };
-        let leave = leave.expect("a walk that enters also leaves");
-        let isolated = match rule {
-            Ambiguous::Separate => corners[(enter + 1) % 4],
-            Ambiguous::Join => corners[enter % 4],
-        };
-        let segment = Segment {
+        let leave = (1..4)
+            .map(|s| match rule {
+                Ambiguous::Separate => enter + s,
+                Ambiguous::Join => enter + 4 - s,
+            })
+            .find(|&i| above(i) && !above(i + 1));
+        all.push(Segment {
             from: crossing(enter),
-            to: crossing(leave),
+            to: crossing(leave.expect("a walk that enters also leaves")),
             face,
             slot: 0,
-        };
-        found.push((isolated, segment));
+            corner: match rule {
+                Ambiguous::Separate => corners[(enter + 1) % 4],
+                Ambiguous::Join => corners[enter % 4],
+            },
+        });
     }
     // corner numbers of opposite faces differ by a constant, so both cubes sort alike
-    found.sort_by_key(|&(corner, _)| corner);
+    let found = &mut all[first..];
+    found.sort_by_key(|s| s.corner);
     found
-        .iter()
+        .iter_mut()
         .zip(0..)
-        .map(|(&(_, s), slot)| Segment { slot, ..s })
-        .collect()
+        .for_each(|(s, slot)| s.slot = slot);
 }
 
 /// True if both cube edges lie on one face of the cube.
@@ -209,81 +213,110 @@ fn faces_below(case: u8, triangle: [u8; 3]) -> bool {
     })
 }
 
-/// The triangulation of a loop of cube edges with no chord inside a face and no triangle that could
-/// face the wrong way, and of those the one whose chords are shortest: the first or the last, where
-/// several are ([`LAST_OF_TIES`]).
-fn triangulate(case: u8, edges: &[u8]) -> Vec<[u8; 3]> {
-    let n = edges.len();
-    let cost_of = |t: &Vec<[usize; 3]>| -> Option<i32> {
+/// What building a table needs again and again.
+struct Builder {
+    /// [`triangulations`] of polygons by their corners.
+    polygons: [Vec<Vec<[usize; 3]>>; 8],
+    /// Four times the squared length of the chord between two cube edges' middles; `None` if it lies in a face.
+    chords: [[Option<i32>; 12]; 12],
+}
+
+impl Builder {
+    fn new() -> Self {
+        let chord = |a: u8, b: u8| {
+            let (m, k) = (middle(a), middle(b));
+            (!share_face(a, b)).then(|| (0..3).map(|i| (m[i] - k[i]).pow(2)).sum())
+        };
+        let polygon = |corners: usize| match corners {
+            3.. => triangulations(0, corners - 1),
+            _ => Vec::new(),
+        };
+        Builder {
+            polygons: std::array::from_fn(polygon),
+            chords: std::array::from_fn(|a| std::array::from_fn(|b| chord(a as u8, b as u8))),
+        }
+    }
+
+    /// The lengths of a triangulation's chords together; `None` if one lies in a face.
+    fn cost(&self, edges: &[u8], triangles: &[[usize; 3]]) -> Option<i32> {
+        let is_side = |p: usize, q: usize| q - p == 1 || (p == 0 && q == edges.len() - 1);
         let mut cost = 0;
-        for &[a, b, c] in t {
-            if !faces_below(case, [a, b, c].map(|i| edges[i])) {
-                return None;
-            }
+        for &[a, b, c] in triangles {
             for (p, q) in [(a, b), (b, c), (a, c)] {
-                if q - p == 1 || (p == 0 && q == n - 1) {
-                    continue; // a side of the polygon
+                if !is_side(p, q) {
+                    cost += self.chords[edges[p] as usize][edges[q] as usize]?;
                 }
-                if share_face(edges[p], edges[q]) {
-                    return None;
-                }
-                let (m, k) = (middle(edges[p]), middle(edges[q]));
-                cost += (0..3).map(|a| (m[a] - k[a]).pow(2)).sum::<i32>();
             }
         }
         Some(cost)
-    };
-    let mut all = triangulations(0, n - 1);
-    if LAST_OF_TIES.contains(&case) {
-        all.reverse();
     }
-    let (_, best) = all
-        .into_iter()
-        .filter_map(|t| cost_of(&t).map(|cost| (cost, t)))
-        .min_by_key(|&(cost, _)| cost)
-        .expect("every loop has such a triangulation");
-    best.into_iter().map(|t| t.map(|i| edges[i])).collect()
-}
 
-/// The triangles of a case. Joining is separating the complement and turning each triangle round:
-/// so a volume and its negative have the same surface, down to where quadrilaterals are cut.
-fn triangles_of(case: u8, rule: Ambiguous) -> Vec<[u8; 3]> {
-    if rule == Ambiguous::Join {
-        let turned = triangles_of(!case, Ambiguous::Separate).into_iter();
-        return turned.map(|[a, b, c]| [a, c, b]).collect();
+    /// The triangulation of a loop of cube edges with no chord inside a face and no triangle that could
+    /// face the wrong way, and of those the one whose chords are shortest: the first or the last, where
+    /// several are ([`LAST_OF_TIES`]).
+    fn triangulate(&self, case: u8, edges: &[u8]) -> Vec<[u8; 3]> {
+        let all = &self.polygons[edges.len()];
+        let last_first = LAST_OF_TIES.contains(&case);
+        let rank = |i: usize| if last_first { all.len() - i } else { i };
+        let ranked = all.iter().enumerate().filter_map(|(i, triangles)| {
+            let cost = self.cost(edges, triangles)?;
+            Some((cost, rank(i), triangles))
+        });
+        let mut ranked: Vec<_> = ranked.collect();
+        ranked.sort_unstable();
+        ranked
+            .iter()
+            .map(|(.., triangles)| triangles.iter().map(|t| t.map(|i| edges[i])))
+            .find(|triangles| triangles.clone().all(|t| faces_below(case, t)))
+            .expect("every loop has such a triangulation")
+            .collect()
     }
-    let segments: Vec<Segment> = (0..6).flat_map(|f| face_segments(case, f, rule)).collect();
-    let mut triangles: Vec<[u8; 3]> = Vec::new();
-    let mut used = vec![false; segments.len()];
-    while let Some(first) = used.iter().position(|u| !u) {
-        let mut edges = Vec::new();
-        let mut at = first;
-        while !used[at] {
-            used[at] = true;
-            edges.push(segments[at].from);
-            let next = segments.iter().position(|s| s.from == segments[at].to);
-            at = next.expect("every crossed edge starts one segment and ends one");
-        }
-        triangles.extend(triangulate(case, &edges));
-    }
-    triangles
-}
 
-fn build_case(case: u8, rule: Ambiguous) -> Case {
-    let segments: Vec<Segment> = (0..6).flat_map(|f| face_segments(case, f, rule)).collect();
-    let triangles = triangles_of(case, rule);
-    let mut out = Case {
-        triangles: triangles.len() as u8,
-        edges: [[0; 3]; MAX_TRIANGLES],
-        across: [[Across::Inside(0); 3]; MAX_TRIANGLES],
-    };
-    for (t, &corners) in triangles.iter().enumerate() {
-        out.edges[t] = corners;
-        for e in 0..3 {
-            out.across[t][e] = across(&triangles, &segments, corners[e], corners[(e + 1) % 3]);
+    /// The triangles of a case. Joining is separating the complement and turning each triangle round:
+    /// so a volume and its negative have the same surface, down to where quadrilaterals are cut.
+    fn triangles(&self, case: u8, rule: Ambiguous) -> Vec<[u8; 3]> {
+        if rule == Ambiguous::Join {
+            let turned = self.triangles(!case, Ambiguous::Separate).into_iter();
+            return turned.map(|[a, b, c]| [a, c, b]).collect();
         }
+        let segments = segments_of(case, rule);
+        let mut triangles: Vec<[u8; 3]> = Vec::with_capacity(MAX_TRIANGLES);
+        let mut used = vec![false; segments.len()];
+        while let Some(first) = used.iter().position(|u| !u) {
+            let mut edges = Vec::with_capacity(segments.len());
+            let mut at = first;
+            while !used[at] {
+                used[at] = true;
+                edges.push(segments[at].from);
+                let next = segments.iter().position(|s| s.from == segments[at].to);
+                at = next.expect("every crossed edge starts one segment and ends one");
+            }
+            triangles.extend(self.triangulate(case, &edges));
+        }
+        triangles
     }
-    out
+
+    fn case(&self, case: u8, rule: Ambiguous) -> Case {
+        let segments = segments_of(case, rule);
+        let triangles = self.triangles(case, rule);
+        let mut out = Case {
+            triangles: triangles.len() as u8,
+            edges: [[0; 3]; MAX_TRIANGLES],
+            across: [[Across::Inside(0); 3]; MAX_TRIANGLES],
+        };
+        for (t, &corners) in triangles.iter().enumerate() {
+            out.edges[t] = corners;
+            for e in 0..3 {
+                out.across[t][e] = across(&triangles, &segments, corners[e], corners[(e + 1) % 3]);
+            }
+        }
+        out
+    }
+
+    fn table(rule: Ambiguous) -> Box<[Case; 256]> {
+        let builder = Builder::new();
+        Box::new(std::array::from_fn(|c| builder.case(c as u8, rule)))
+    }
 }
 
 fn across(triangles: &[[u8; 3]], segments: &[Segment], from: u8, to: u8) -> Across {
@@ -304,16 +337,9 @@ fn across(triangles: &[[u8; 3]], segments: &[Segment], from: u8, to: u8) -> Acro
 /// The table of a rule, built from it on first use.
 pub fn cases(rule: Ambiguous) -> &'static [Case; 256] {
     use std::sync::LazyLock;
-    static SEPARATE: LazyLock<Box<[Case; 256]>> = LazyLock::new(|| {
-        Box::new(std::array::from_fn(|c| {
-            build_case(c as u8, Ambiguous::Separate)
-        }))
-    });
-    static JOIN: LazyLock<Box<[Case; 256]>> = LazyLock::new(|| {
-        Box::new(std::array::from_fn(|c| {
-            build_case(c as u8, Ambiguous::Join)
-        }))
-    });
+    static SEPARATE: LazyLock<Box<[Case; 256]>> =
+        LazyLock::new(|| Builder::table(Ambiguous::Separate));
+    static JOIN: LazyLock<Box<[Case; 256]>> = LazyLock::new(|| Builder::table(Ambiguous::Join));
     match rule {
         Ambiguous::Separate => &SEPARATE,
         Ambiguous::Join => &JOIN,
