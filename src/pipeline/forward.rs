@@ -11,7 +11,7 @@ use crate::pipeline::spool::{Place, Spool};
 use crate::pipeline::surfaces::{SlabSurface, SlabSurfaces, SurfacePart, Surfaces};
 use crate::pipeline::tilefile::{TileRecord, WrittenPiece, cell_of};
 use crate::segment::{Births, Classes, PhaseBirths, SlabClasses};
-use std::sync::{Arc, Mutex};
+use std::sync::{Arc, Mutex, MutexGuard};
 
 /// Names of the files of a sweep.
 const SLABS: &str = "slabs";
@@ -318,39 +318,6 @@ impl State {
         Ok(voxels)
     }
 
-    /// What will gather a slab's tiles and surfaces. To begin anew, drop it and make another.
-    ///
-    /// # Errors
-    /// [`crate::Error::Io`].
-    pub fn gather<'a>(
-        &'a mut self,
-        bands: &[SettledBand],
-        classes: &'a SlabClasses,
-    ) -> Result<Gather<'a>> {
-        let Forward {
-            spool,
-            whole,
-            surface_births,
-            ..
-        } = &mut self.forward;
-        let surfaces = self.surfaces.begin(classes, whole, surface_births)?;
-        let gathering = Gathering {
-            tiles: SlabTiles {
-                records: Vec::new(),
-                surfaces,
-                caps: MeshSums::default(),
-            },
-            fixed: settled_bytes(bands) + classes.bytes(),
-            spool,
-            whole,
-            held: &mut self.held,
-        };
-        Ok(Gather {
-            classes,
-            gathering: Mutex::new(gathering),
-        })
-    }
-
     /// Ends a slab: spools what it has.
     ///
     /// # Errors
@@ -420,28 +387,54 @@ fn settled_bytes(bands: &[SettledBand]) -> u64 {
 }
 
 /// The tiles and surfaces of a slab.
+#[derive(Debug)]
 pub struct SlabTiles {
     records: Vec<TileRecord>,
     surfaces: SlabSurfaces,
     caps: MeshSums,
-}
-
-/// Gathers a slab's tiles, in any order, from many threads.
-pub struct Gather<'a> {
-    classes: &'a SlabClasses,
-    gathering: Mutex<Gathering<'a>>,
-}
-
-struct Gathering<'a> {
-    tiles: SlabTiles,
     /// Bytes of the slab's bands and classes.
     fixed: u64,
-    spool: &'a mut Spool,
-    whole: &'a mut Spool,
-    held: &'a mut Reservation,
+}
+
+/// The state while tiles of a slab are gathered, in any order, from many threads.
+pub struct Gather<'a>(Mutex<Gathering<'a>>);
+
+struct Gathering<'a> {
+    state: &'a mut State,
+    slab: Option<SlabTiles>,
 }
 
 impl<'a> Gather<'a> {
+    /// Has no tile yet.
+    pub fn new(state: &'a mut State) -> Self {
+        Gather(Mutex::new(Gathering { state, slab: None }))
+    }
+
+    fn lock(&self) -> MutexGuard<'_, Gathering<'a>> {
+        self.0.lock().expect("no thread panicked")
+    }
+
+    /// Does what needs the state between two slabs.
+    pub fn between<R>(&self, work: impl FnOnce(&mut State) -> R) -> R {
+        work(self.lock().state)
+    }
+
+    /// Begins a slab, or begins it anew: drops what was gathered of it.
+    ///
+    /// # Errors
+    /// [`crate::Error::Io`].
+    pub fn begin(&self, bands: &[SettledBand], classes: &SlabClasses) -> Result<()> {
+        let Gathering { state, slab } = &mut *self.lock();
+        let (whole, births) = (&state.forward.whole, &mut state.forward.surface_births);
+        *slab = Some(SlabTiles {
+            records: Vec::new(),
+            surfaces: state.surfaces.begin(classes, whole, births)?,
+            caps: MeshSums::default(),
+            fixed: settled_bytes(bands) + classes.bytes(),
+        });
+        Ok(())
+    }
+
     /// Adds a tile: its pieces learn their surfaces and leave memory.
     ///
     /// `pieces` holds what each adds to a surface, `None` for a cap.
@@ -454,37 +447,33 @@ impl<'a> Gather<'a> {
         pieces: impl Iterator<Item = (WrittenPiece, Option<SurfacePart>)>,
         caps: &MeshSums,
     ) -> Result<()> {
-        let Gathering {
-            tiles,
-            fixed,
-            spool,
-            whole,
-            held,
-        } = &mut *self.gathering.lock().expect("no thread panicked");
+        let Gathering { state, slab } = &mut *self.lock();
+        let slab = slab.as_mut().expect("a slab has begun");
+        let Forward { spool, whole, .. } = &mut state.forward;
         record.pieces_at = spool.here::<WrittenPiece>().offset();
         let mut place = spool.here();
         for (mut piece, part) in pieces {
             if let Some(part) = part {
-                piece.surface = tiles.surfaces.add(&part, whole)?;
+                piece.surface = slab.surfaces.add(&part, whole)?;
             }
             spool.extend(&mut place, &[piece])?;
         }
-        tiles.records.push(record);
-        tiles.caps.merge(caps);
-        let records = tiles.records.capacity() * size_of::<TileRecord>();
-        held.grow_to(*fixed + tiles.surfaces.bytes() + records as u64)
+        slab.records.push(record);
+        slab.caps.merge(caps);
+        let records = slab.records.capacity() * size_of::<TileRecord>();
+        let bytes = slab.fixed + slab.surfaces.bytes() + records as u64;
+        state.held.grow_to(bytes)
     }
 
-    /// True if some of a tile's pieces are likely to turn out to be one. The tile is then written anew, and is
-    /// best read back from the page cache.
-    pub fn is_provisional(&self, pieces: &[Piece]) -> bool {
-        let pair = |p: &Piece| [p.object, cell_of(p)];
-        self.classes.merge_often && self.classes.may_become_one(pieces.iter().map(pair))
+    /// All tiles of the slab that has begun.
+    pub fn take(&self) -> SlabTiles {
+        self.lock().slab.take().expect("a slab has begun")
     }
+}
 
-    /// All tiles.
-    pub fn into_tiles(self) -> SlabTiles {
-        let gathering = self.gathering.into_inner();
-        gathering.expect("no thread panicked").tiles
-    }
+/// True if some of a tile's pieces are likely to turn out to be one. The tile is then written anew, and is
+/// best read back from the page cache.
+pub fn is_provisional(classes: &SlabClasses, pieces: &[Piece]) -> bool {
+    let pair = |p: &Piece| [p.object, cell_of(p)];
+    classes.merge_often && classes.may_become_one(pieces.iter().map(pair))
 }

@@ -4,10 +4,12 @@
 //! chunk is only room.
 //!
 //! While memory allows, all bands of a slab are in memory, voxels are read once, and the next slab is
-//! read and labelled while this one is meshed. If not, or where a slab turns out denser than planned,
-//! a slab is done in parts: read once to label it and once more to mesh it. The result is the same.
+//! read and labelled as soon as threads find no tile of this one to make. If not, or where a slab turns out
+//! denser than planned, a slab is done in parts: read once to label it and once more to mesh it. The result
+//! is the same.
 
-mod ahead;
+mod line;
+mod queue;
 mod whole;
 
 use crate::error::{Error, Result};
@@ -17,7 +19,7 @@ use crate::mesh::{BandView, MeshSettings, TileBox, tile_bytes};
 use crate::pipeline::band::{Band, BandSource, SettledBand};
 use crate::pipeline::budget::Budget;
 use crate::pipeline::dust::Filter;
-use crate::pipeline::forward::{Forward, Gather, SlabTiles, State};
+use crate::pipeline::forward::{Forward, Gather, SlabTiles, State, is_provisional};
 use crate::pipeline::keep::{Keeper, Marks, TILES};
 use crate::pipeline::parts::{Mode, Parts};
 use crate::pipeline::plan::Plan;
@@ -61,6 +63,15 @@ struct TileJob<B> {
     band: B,
     grid: [u32; 3],
     tile: TileBox,
+}
+
+impl<B> TileJob<B> {
+    /// The order in which tiles of a slab are made: small ones last, so that no thread is left with a large one
+    /// when the others have none; those of about the same size beside their neighbours.
+    fn turn(&self) -> (Reverse<Option<u32>>, [u32; 2]) {
+        let [x, y, _] = self.grid;
+        (Reverse(self.bytes.checked_ilog2()), [y, x])
+    }
 }
 
 /// What joining the bands of a slab has found.
@@ -157,17 +168,14 @@ impl Sweep<'_> {
         Ok(Known { settled, classes })
     }
 
-    /// Ends a slab whose tiles are made, if there is one.
+    /// Ends a slab whose tiles are made.
     fn end_slab<T: Voxel>(
         &self,
         parts: &Parts<T>,
-        slab: Option<(u32, Known, SlabTiles)>,
+        (layer, known, tiles): (u32, &Known, SlabTiles),
         state: &mut State,
         keeper: &mut Keeper,
     ) -> Result<()> {
-        let Some((layer, known, tiles)) = slab else {
-            return Ok(());
-        };
         // before anybody relies on its tiles
         parts.writers.as_ref().map_or(Ok(()), Writers::wait)?;
         state.finish_slab(layer, &known.settled, &known.classes, tiles)?;
@@ -189,7 +197,7 @@ impl Sweep<'_> {
         let settled = self.settle_in_parts(parts, layer, state)?;
         let known = self.join(settled, layer, state)?;
         let tiles = self.mesh_in_parts(parts, layer, state, &known)?;
-        self.end_slab(parts, Some((layer, known, tiles)), state, keeper)
+        self.end_slab(parts, (layer, &known, tiles), state, keeper)
     }
 
     /// Labels all bands of a layer, as many at a time as fit.
@@ -216,16 +224,18 @@ impl Sweep<'_> {
         known: &Known,
     ) -> Result<SlabTiles> {
         loop {
-            let gather = state.gather(&known.settled, &known.classes)?;
+            let gather = Gather::new(state);
+            gather.begin(&known.settled, &known.classes)?;
             let meshed = self.for_each_part(parts, layer, |parts, part, first| {
-                take_classes(part, first, &known.classes);
-                let bands = part.iter().collect();
-                self.mesh_bands::<T, &Band<T>>(parts, bands, (first, layer), &gather, |_| ())
+                let of_local = &known.classes.of_local[first as usize..];
+                let bands = part.par_iter_mut().zip(of_local);
+                bands.for_each(|(band, class_of)| take_classes(band, class_of));
+                self.mesh_bands(parts, part, (first, layer), (&known.classes, &gather))
             });
             match meshed {
                 // fewer bands leave more for what the slab has in tiles and surfaces
                 Err(error @ Error::TooDense { .. }) => parts.shrink(error)?,
-                other => return other.map(|()| gather.into_tiles()),
+                other => return other.map(|()| gather.take()),
             }
         }
     }
@@ -286,25 +296,30 @@ impl Sweep<'_> {
     }
 
     /// Meshes all tiles of some bands of a layer, from band `first` on, and writes them, or hands them to the
-    /// writers. Hands each tile's band to `done` then.
-    fn mesh_bands<T: Voxel, B: Deref<Target = Band<T>> + Clone + Send + Sync>(
+    /// writers.
+    fn mesh_bands<T: Voxel>(
         &self,
         parts: &Parts<T>,
-        bands: Vec<B>,
+        bands: &[Band<T>],
         (first, layer): (u32, u32),
-        gather: &Gather,
-        done: impl Fn(B) + Sync,
+        gathering: (&SlabClasses, &Gather),
     ) -> Result<()> {
-        let settings = MeshSettings {
-            threshold: self.threshold,
-            rule: self.rule,
-            cap: self.cap,
-            area: AreaScale::new(parts.source.volume.header().placement.spacing),
-        };
-        let tiles_x = self.plan.tiling.tiles()[0] as usize;
-        let job = |i: usize| {
-            let band = &bands[i / tiles_x];
-            let grid = [(i % tiles_x) as u32, first + (i / tiles_x) as u32, layer];
+        let bands = bands.par_iter().enumerate();
+        let jobs = bands.flat_map_iter(|(i, band)| self.tiles_of(band, [first + i as u32, layer]));
+        let mut jobs: Vec<TileJob<&Band<T>>> = jobs.collect();
+        jobs.sort_unstable_by_key(TileJob::turn);
+        let jobs = jobs.into_iter().par_bridge();
+        jobs.try_for_each(|job| self.mesh_tile(parts, &job, gathering))
+    }
+
+    /// The tiles of a band.
+    fn tiles_of<T: Voxel, B: Deref<Target = Band<T>> + Clone>(
+        &self,
+        band: B,
+        [ty, layer]: [u32; 2],
+    ) -> impl Iterator<Item = TileJob<B>> {
+        (0..self.plan.tiling.tiles()[0]).map(move |tx| {
+            let grid = [tx, ty, layer];
             let tile = TileBox::of(self.plan.tiling, grid);
             TileJob {
                 bytes: tile_bytes(&band.bits, &tile, self.plan.per_triangle),
@@ -312,18 +327,6 @@ impl Sweep<'_> {
                 grid,
                 tile,
             }
-        };
-        let tiles = (0..bands.len() * tiles_x).into_par_iter();
-        let mut jobs: Vec<TileJob<B>> = tiles.map(job).collect();
-        drop(bands);
-        // small ones last, so that no thread is left with a large one when the others have none; those of
-        // about the same size stay beside their neighbours
-        jobs.sort_by_key(|job| Reverse(job.bytes.checked_ilog2()));
-        jobs.into_iter().par_bridge().try_for_each(|job| {
-            self.mesh_tile(parts, &job, &settings, gather)?;
-            self.progress.advance(1);
-            done(job.band);
-            Ok(())
         })
     }
 
@@ -332,9 +335,14 @@ impl Sweep<'_> {
         &self,
         parts: &Parts<T>,
         job: &TileJob<B>,
-        settings: &MeshSettings,
-        gather: &Gather,
+        gathering: (&SlabClasses, &Gather),
     ) -> Result<()> {
+        let settings = MeshSettings {
+            threshold: self.threshold,
+            rule: self.rule,
+            cap: self.cap,
+            area: AreaScale::new(parts.source.volume.header().placement.spacing),
+        };
         let view = BandView {
             voxels: &job.band.voxels,
             bits: &job.band.bits,
@@ -343,26 +351,28 @@ impl Sweep<'_> {
         };
         parts.pool.with(job.bytes, |workspace| {
             let Workspace { mesher, mesh, .. } = workspace;
-            if mesher.mesh(&view, &job.tile, settings, mesh) {
+            if mesher.mesh(&view, &job.tile, &settings, mesh) {
                 let writers = parts.writers.as_ref();
-                self.write_tile(&job.tile, job.grid, workspace, (writers, gather))?;
+                self.write_tile((&job.tile, job.grid), workspace, writers, gathering)?;
             }
             Ok(())
-        })
+        })?;
+        self.progress.advance(1);
+        Ok(())
     }
 
     /// Writes the workspace's mesh and tells `gather` of it.
     fn write_tile(
         &self,
-        tile: &TileBox,
-        grid: [u32; 3],
+        (tile, grid): (&TileBox, [u32; 3]),
         workspace: &mut Workspace,
-        (writers, gather): (Option<&Writers>, &Gather),
+        writers: Option<&Writers>,
+        (classes, gather): (&SlabClasses, &Gather),
     ) -> Result<()> {
         let Workspace {
             mesh, stripifier, ..
         } = workspace;
-        let how = (writers, gather.is_provisional(&mesh.pieces));
+        let how = (writers, is_provisional(classes, &mesh.pieces));
         let (record, body) = self.writer.write(mesh, grid, stripifier, how)?;
         let mut caps = MeshSums::default();
         mesh.pieces
@@ -402,13 +412,8 @@ impl Sweep<'_> {
     }
 }
 
-/// Turns the bands' labels of runs from local components into classes of the slab.
-fn take_classes<T: Voxel>(bands: &mut [Band<T>], first: u32, classes: &SlabClasses) {
-    bands.par_iter_mut().enumerate().for_each(|(i, band)| {
-        let class_of = &classes.of_local[first as usize + i];
-        band.labels
-            .of_run
-            .iter_mut()
-            .for_each(|label| *label = class_of[*label as usize]);
-    });
+/// Turns a band's labels of runs from local components into classes of the slab.
+fn take_classes<T>(band: &mut Band<T>, class_of: &[u32]) {
+    let labels = band.labels.of_run.iter_mut();
+    labels.for_each(|label| *label = class_of[*label as usize]);
 }

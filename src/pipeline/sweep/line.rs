@@ -1,0 +1,157 @@
+//! Threads that do what is next, each by itself, from slab to slab.
+
+use super::queue::{Limits, Queue, Step, Stop};
+use super::{Known, Sweep, TileJob, take_classes};
+use crate::error::{Error, Result};
+use crate::pipeline::band::Band;
+use crate::pipeline::forward::{Gather, State};
+use crate::pipeline::keep::Keeper;
+use crate::pipeline::parts::Parts;
+use crate::volume::Voxel;
+use std::sync::{Arc, Condvar, Mutex, MutexGuard};
+
+/// All that the threads of a sweep share.
+pub struct Line<'a, T> {
+    sweep: &'a Sweep<'a>,
+    parts: &'a Parts<'a, T>,
+    gather: Gather<'a>,
+    keeper: Mutex<&'a mut Keeper>,
+    queue: Mutex<Queue<T>>,
+    changed: Condvar,
+}
+
+impl<'a, T: Voxel + Default> Line<'a, T> {
+    /// Will sweep from `layer` on.
+    pub fn new(
+        sweep: &'a Sweep<'a>,
+        parts: &'a Parts<'a, T>,
+        layer: u32,
+        (state, keeper): (&'a mut State, &'a mut Keeper),
+    ) -> Self {
+        let [_, bands, layers] = sweep.plan.tiling.tiles();
+        let look_ahead = parts.mode.look_ahead;
+        let limits = Limits {
+            bands,
+            layers,
+            ahead: look_ahead.then(|| sweep.plan.bands_ahead()),
+            in_order: !parts.source.volume.random_access(),
+        };
+        Line {
+            sweep,
+            parts,
+            gather: Gather::new(state),
+            keeper: Mutex::new(keeper),
+            queue: Mutex::new(Queue::new(limits, layer)),
+            changed: Condvar::new(),
+        }
+    }
+
+    /// Sweeps with all threads. Returns where it had to stop for want of memory, or `None`.
+    ///
+    /// # Errors
+    /// Those of [`Sweep::run`].
+    pub fn run(self) -> Result<Option<Stop>> {
+        rayon::broadcast(|_| self.work());
+        let queue = self.queue.into_inner().expect("no thread panicked");
+        queue.outcome()
+    }
+
+    fn lock(&self) -> MutexGuard<'_, Queue<T>> {
+        self.queue.lock().expect("no thread panicked")
+    }
+
+    /// What each thread does.
+    fn work(&self) {
+        let _guard = WakeOnPanic(self);
+        let mut queue = self.lock();
+        loop {
+            let step = queue.next(self.sweep.progress.interrupted());
+            queue = match step {
+                Step::Over => break,
+                Step::Wait => self.changed.wait(queue).expect("no thread panicked"),
+                step => {
+                    drop(queue);
+                    self.take(step);
+                    self.changed.notify_all();
+                    self.lock()
+                }
+            };
+        }
+        self.changed.notify_all();
+    }
+
+    /// Does it and tells so.
+    fn take(&self, step: Step<T>) {
+        let done = match step {
+            Step::Prepare(place, memory) => self.prepare(place, memory),
+            Step::Begin(layer, bands) => self.begin(layer, bands),
+            Step::Label(place, band, known) => self.label(place, band, &known),
+            Step::Tile(job, known) => self.tile(job, &known),
+            Step::End(layer, known) => self.end(layer, &known),
+            Step::Wait | Step::Over => Ok(()),
+        };
+        if let Err(error) = done {
+            self.lock().fail(error);
+        }
+    }
+
+    fn prepare(&self, place: [u32; 2], memory: Option<Band<T>>) -> Result<()> {
+        let source = &self.parts.source;
+        let mut band = memory.unwrap_or_else(|| source.band());
+        let [ty, layer] = place;
+        let prepared = source.prepare(ty, layer, &mut band);
+        self.lock().prepared(place, prepared.map(|()| band));
+        Ok(())
+    }
+
+    fn begin(&self, layer: u32, mut bands: Vec<Band<T>>) -> Result<()> {
+        let known = self.gather.between(|state| -> Result<Known> {
+            let mut settled = Vec::new();
+            state.settle(&mut bands, &mut settled)?;
+            self.sweep.join(settled, layer, state)
+        })?;
+        self.gather.begin(&known.settled, &known.classes)?;
+        self.sweep.prefetch(&self.parts.source, layer + 1);
+        self.lock().begun(bands, known);
+        Ok(())
+    }
+
+    fn label(&self, place: [u32; 2], mut band: Band<T>, known: &Known) -> Result<()> {
+        take_classes(&mut band, &known.classes.of_local[place[0] as usize]);
+        let tiles: Vec<_> = self.sweep.tiles_of(Arc::new(band), place).collect();
+        self.lock().labelled(tiles.into_iter());
+        Ok(())
+    }
+
+    fn tile(&self, job: TileJob<Arc<Band<T>>>, known: &Known) -> Result<()> {
+        let gathering = (&known.classes, &self.gather);
+        let made = self.sweep.mesh_tile(self.parts, &job, gathering);
+        let unused = self.lock().made(made, Arc::into_inner(job.band));
+        // it takes the system a while to have it back
+        drop(unused);
+        Ok(())
+    }
+
+    fn end(&self, layer: u32, known: &Known) -> Result<()> {
+        let slab = (layer, known, self.gather.take());
+        let keeper = &mut *self.keeper.lock().expect("no thread panicked");
+        self.gather
+            .between(|state| self.sweep.end_slab(self.parts, slab, state, keeper))?;
+        self.lock().ended();
+        Ok(())
+    }
+}
+
+/// Lets threads that wait see that another one has panicked.
+struct WakeOnPanic<'a, 'b, T>(&'a Line<'b, T>);
+
+impl<T> Drop for WakeOnPanic<'_, '_, T> {
+    fn drop(&mut self) {
+        if std::thread::panicking() {
+            if let Ok(mut queue) = self.0.queue.lock() {
+                queue.fail(Error::Interrupted);
+            }
+            self.0.changed.notify_all();
+        }
+    }
+}
