@@ -118,6 +118,9 @@ impl Sweep<'_> {
                 layer += 1;
             }
         }
+        // it takes the system a while to have their memory back
+        let Parts { pool, writers, .. } = parts;
+        rayon::join(|| drop(pool), || drop(writers));
         Ok(state.forward)
     }
 
