@@ -37,7 +37,8 @@ pub struct Plan {
     /// Bands of a slab that are in memory at once. If it is all of them, voxels are read once; else
     /// a slab is read twice, first to label it and then to mesh it.
     pub bands_at_once: u32,
-    /// True if the next slab is read and labelled while this one is meshed, see [`Plan::bands_ahead`].
+    /// True if threads that find no tile of a slab to make read and label the next one, see
+    /// [`Plan::bands_ahead`].
     pub look_ahead: bool,
     /// Worker threads.
     pub threads: usize,
