@@ -55,7 +55,8 @@ pub struct Stop {
 /// instead of two slabs, and no memory is touched first that need not be.
 ///
 /// Tiles come before bands. When bands were prepared as soon as there was memory, threads waited for the last
-/// tiles of each slab: half a tile each on average.
+/// tiles of each slab, half a tile each on average, and two of them took 3 % longer for a foam of
+/// 313 x 313 x 380 voxels.
 pub struct Queue<T> {
     limits: Limits,
     /// The layer in hand, or the next one to begin.
