@@ -59,7 +59,8 @@ pub struct Plan {
 }
 
 impl Plan {
-    /// Bands of the next slab for which there is memory besides that of a slab: one for each thread.
+    /// Bands of the next slabs for which there is memory besides that of a slab: one for two threads. Most are
+    /// prepared in the memory of bands whose tiles are made; one for each thread was no faster.
     pub fn bands_ahead(&self) -> u32 {
         bands_ahead(self.tiling, self.threads as u64)
     }
@@ -77,6 +78,7 @@ fn per_triangle(options: &ConvertOptions) -> u64 {
 fn bands_ahead(tiling: Tiling, threads: u64) -> u32 {
     let bands = tiling.tiles()[1];
     threads
+        .div_ceil(2)
         .try_into()
         .map_or(bands, |threads| bands.min(threads))
 }

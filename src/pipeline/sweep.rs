@@ -65,10 +65,13 @@ struct TileJob<B> {
     tile: TileBox,
 }
 
+/// Places of tiles in their order.
+type Turn = (Reverse<Option<u32>>, [u32; 2]);
+
 impl<B> TileJob<B> {
     /// The order in which tiles of a slab are made: small ones last, so that no thread is left with a large one
     /// when the others have none; those of about the same size beside their neighbours.
-    fn turn(&self) -> (Reverse<Option<u32>>, [u32; 2]) {
+    fn turn(&self) -> Turn {
         let [x, y, _] = self.grid;
         (Reverse(self.bytes.checked_ilog2()), [y, x])
     }
@@ -307,30 +310,27 @@ impl Sweep<'_> {
         (first, layer): (u32, u32),
         gathering: (&SlabClasses, &Gather),
     ) -> Result<()> {
-        let bands = bands.par_iter().enumerate();
-        let jobs = bands.flat_map_iter(|(i, band)| self.tiles_of(band, [first + i as u32, layer]));
+        let tiles_x = self.plan.tiling.tiles()[0];
+        let places = (0..bands.len() as u32 * tiles_x).into_par_iter();
+        let jobs = places.map(|i| {
+            let (ty, tx) = (i / tiles_x, i % tiles_x);
+            self.tile_of(&bands[ty as usize], [tx, first + ty, layer])
+        });
         let mut jobs: Vec<TileJob<&Band<T>>> = jobs.collect();
         jobs.sort_unstable_by_key(TileJob::turn);
         let jobs = jobs.into_iter().par_bridge();
         jobs.try_for_each(|job| self.mesh_tile(parts, &job, gathering))
     }
 
-    /// The tiles of a band.
-    fn tiles_of<T: Voxel, B: Deref<Target = Band<T>> + Clone>(
-        &self,
-        band: B,
-        [ty, layer]: [u32; 2],
-    ) -> impl Iterator<Item = TileJob<B>> {
-        (0..self.plan.tiling.tiles()[0]).map(move |tx| {
-            let grid = [tx, ty, layer];
-            let tile = TileBox::of(self.plan.tiling, grid);
-            TileJob {
-                bytes: tile_bytes(&band.bits, &tile, self.plan.per_triangle),
-                band: band.clone(),
-                grid,
-                tile,
-            }
-        })
+    /// A tile of a band.
+    fn tile_of<T: Voxel, B: Deref<Target = Band<T>>>(&self, band: B, grid: [u32; 3]) -> TileJob<B> {
+        let tile = TileBox::of(self.plan.tiling, grid);
+        TileJob {
+            bytes: tile_bytes(&band.bits, &tile, self.plan.per_triangle),
+            band,
+            grid,
+            tile,
+        }
     }
 
     /// Meshes a tile and writes it, if it has any surface.

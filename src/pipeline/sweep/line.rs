@@ -118,8 +118,12 @@ impl<'a, T: Voxel + Default> Line<'a, T> {
 
     fn label(&self, place: [u32; 2], mut band: Band<T>, known: &Known) -> Result<()> {
         take_classes(&mut band, &known.classes.of_local[place[0] as usize]);
-        let tiles: Vec<_> = self.sweep.tiles_of(Arc::new(band), place).collect();
-        self.lock().labelled(tiles.into_iter());
+        let (band, [ty, layer]) = (Arc::new(band), place);
+        let tile = |tx| self.sweep.tile_of(band.clone(), [tx, ty, layer]);
+        let tiles: Vec<_> = (0..self.sweep.plan.tiling.tiles()[0]).map(tile).collect();
+        // whoever makes the last of them gets the band's memory
+        drop(band);
+        self.lock().labelled(tiles);
         Ok(())
     }
 

@@ -1,9 +1,8 @@
 //! What is to be done next where all bands of a slab are in memory.
 
-use super::{Known, TileJob};
+use super::{Known, TileJob, Turn};
 use crate::error::{Error, Result};
 use crate::pipeline::band::Band;
-use std::cmp::Reverse;
 use std::collections::BTreeMap;
 use std::sync::Arc;
 
@@ -83,9 +82,6 @@ pub struct Queue<T> {
     full: Option<Error>,
     failed: Option<Error>,
 }
-
-/// See [`TileJob::turn`].
-type Turn = (Reverse<Option<u32>>, [u32; 2]);
 
 impl<T> Queue<T> {
     /// Begins with `layer`.
@@ -210,8 +206,9 @@ impl<T> Queue<T> {
     }
 
     /// A band has classes and these tiles.
-    pub fn labelled(&mut self, tiles: impl Iterator<Item = TileJob<Arc<Band<T>>>>) {
+    pub fn labelled(&mut self, tiles: Vec<TileJob<Arc<Band<T>>>>) {
         self.in_hand -= 1;
+        let tiles = tiles.into_iter();
         self.tiles.extend(tiles.map(|job| (job.turn(), job)));
     }
 
@@ -384,7 +381,7 @@ mod tests {
                 }
                 Step::Label(place, band, _) => {
                     let tiles = tiles_of(Arc::new(band), place);
-                    self.queue.labelled(tiles.into_iter());
+                    self.queue.labelled(tiles);
                 }
                 Step::Tile(job, _) => {
                     let made = unless(fails, ());
