@@ -272,14 +272,8 @@ impl Builder {
             .collect()
     }
 
-    /// The triangles of a case. Joining is separating the complement and turning each triangle round:
-    /// so a volume and its negative have the same surface, down to where quadrilaterals are cut.
-    fn triangles(&self, case: u8, rule: Ambiguous) -> Vec<[u8; 3]> {
-        if rule == Ambiguous::Join {
-            let turned = self.triangles(!case, Ambiguous::Separate).into_iter();
-            return turned.map(|[a, b, c]| [a, c, b]).collect();
-        }
-        let segments = segments_of(case, rule);
+    /// The triangles of a case from its segments for [`Ambiguous::Separate`].
+    fn triangles(&self, case: u8, segments: &[Segment]) -> Vec<[u8; 3]> {
         let mut triangles: Vec<[u8; 3]> = Vec::with_capacity(MAX_TRIANGLES);
         let mut used = vec![false; segments.len()];
         while let Some(first) = used.iter().position(|u| !u) {
@@ -298,7 +292,16 @@ impl Builder {
 
     fn case(&self, case: u8, rule: Ambiguous) -> Case {
         let segments = segments_of(case, rule);
-        let triangles = self.triangles(case, rule);
+        // joining is separating the complement and turning each triangle round: so a volume and its negative
+        // have the same surface, down to where quadrilaterals are cut
+        let triangles: Vec<[u8; 3]> = match rule {
+            Ambiguous::Separate => self.triangles(case, &segments),
+            Ambiguous::Join => self
+                .triangles(!case, &segments_of(!case, Ambiguous::Separate))
+                .into_iter()
+                .map(|[a, b, c]| [a, c, b])
+                .collect(),
+        };
         let mut out = Case {
             triangles: triangles.len() as u8,
             edges: [[0; 3]; MAX_TRIANGLES],

@@ -82,41 +82,41 @@ impl<'a, T: Voxel + Default> Line<'a, T> {
 
     /// Does it and tells so.
     fn take(&self, step: Step<T>) {
-        let done = match step {
+        match step {
             Step::Prepare(place, memory) => self.prepare(place, memory),
             Step::Begin(layer, bands) => self.begin(layer, bands),
             Step::Label(place, band, known) => self.label(place, band, &known),
             Step::Tile(job, known) => self.tile(job, &known),
             Step::End(layer, known) => self.end(layer, &known),
-            Step::Wait | Step::Over => Ok(()),
-        };
-        if let Err(error) = done {
-            self.lock().fail(error);
+            Step::Wait | Step::Over => {}
         }
     }
 
-    fn prepare(&self, place: [u32; 2], memory: Option<Band<T>>) -> Result<()> {
+    fn prepare(&self, place: [u32; 2], memory: Option<Band<T>>) {
         let source = &self.parts.source;
         let mut band = memory.unwrap_or_else(|| source.band());
         let [ty, layer] = place;
         let prepared = source.prepare(ty, layer, &mut band);
         self.lock().prepared(place, prepared.map(|()| band));
-        Ok(())
     }
 
-    fn begin(&self, layer: u32, mut bands: Vec<Band<T>>) -> Result<()> {
-        let known = self.gather.between(|state| -> Result<Known> {
+    fn begin(&self, layer: u32, mut bands: Vec<Band<T>>) {
+        let joined = self.join(layer, &mut bands);
+        self.lock().begun(joined.map(|known| (bands, known)));
+    }
+
+    fn join(&self, layer: u32, bands: &mut [Band<T>]) -> Result<Known> {
+        let known = self.gather.between(|state| {
             let mut settled = Vec::new();
-            state.settle(&mut bands, &mut settled)?;
+            state.settle(bands, &mut settled)?;
             self.sweep.join(settled, layer, state)
         })?;
         self.gather.begin(&known.settled, &known.classes)?;
         self.sweep.prefetch(&self.parts.source, layer + 1);
-        self.lock().begun(bands, known);
-        Ok(())
+        Ok(known)
     }
 
-    fn label(&self, place: [u32; 2], mut band: Band<T>, known: &Known) -> Result<()> {
+    fn label(&self, place: [u32; 2], mut band: Band<T>, known: &Known) {
         take_classes(&mut band, &known.classes.of_local[place[0] as usize]);
         let (band, [ty, layer]) = (Arc::new(band), place);
         let tile = |tx| self.sweep.tile_of(band.clone(), [tx, ty, layer]);
@@ -124,25 +124,23 @@ impl<'a, T: Voxel + Default> Line<'a, T> {
         // whoever makes the last of them gets the band's memory
         drop(band);
         self.lock().labelled(tiles);
-        Ok(())
     }
 
-    fn tile(&self, job: TileJob<Arc<Band<T>>>, known: &Known) -> Result<()> {
+    fn tile(&self, job: TileJob<Arc<Band<T>>>, known: &Known) {
         let gathering = (&known.classes, &self.gather);
         let made = self.sweep.mesh_tile(self.parts, &job, gathering);
         let unused = self.lock().made(made, Arc::into_inner(job.band));
         // it takes the system a while to have it back
         drop(unused);
-        Ok(())
     }
 
-    fn end(&self, layer: u32, known: &Known) -> Result<()> {
+    fn end(&self, layer: u32, known: &Known) {
         let slab = (layer, known, self.gather.take());
         let keeper = &mut *self.keeper.lock().expect("no thread panicked");
-        self.gather
-            .between(|state| self.sweep.end_slab(self.parts, slab, state, keeper))?;
-        self.lock().ended();
-        Ok(())
+        let ended = self
+            .gather
+            .between(|state| self.sweep.end_slab(self.parts, slab, state, keeper));
+        self.lock().ended(ended);
     }
 }
 

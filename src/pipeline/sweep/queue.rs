@@ -3,7 +3,7 @@
 use super::{Known, TileJob, Turn};
 use crate::error::{Error, Result};
 use crate::pipeline::band::Band;
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, VecDeque};
 use std::sync::Arc;
 
 /// How much there is to do, and in how much memory.
@@ -62,8 +62,8 @@ pub struct Queue<T> {
     layer: u32,
     /// What is known of it, from its beginning to its end.
     open: Option<Arc<Known>>,
-    /// Its bands whose labels are no classes yet, the first one last.
-    unlabelled: Vec<(u32, Band<T>)>,
+    /// Its bands whose labels are no classes yet.
+    unlabelled: VecDeque<(u32, Band<T>)>,
     tiles: BTreeMap<Turn, TileJob<Arc<Band<T>>>>,
     /// Tiles and bands of it that threads have in hand.
     in_hand: u32,
@@ -90,7 +90,7 @@ impl<T> Queue<T> {
             limits,
             layer,
             open: None,
-            unlabelled: Vec::new(),
+            unlabelled: VecDeque::new(),
             tiles: BTreeMap::new(),
             in_hand: 0,
             turning: false,
@@ -112,7 +112,7 @@ impl<T> Queue<T> {
         }
         if let Some(open) = &self.open {
             let known = open.clone();
-            if let Some((ty, band)) = self.unlabelled.pop() {
+            if let Some((ty, band)) = self.unlabelled.pop_front() {
                 self.in_hand += 1;
                 return Step::Label([ty, self.layer], band, known);
             }
@@ -197,12 +197,16 @@ impl<T> Queue<T> {
         }
     }
 
-    /// The layer has begun with these bands.
-    pub fn begun(&mut self, bands: Vec<Band<T>>, known: Known) {
+    /// The layer has begun with these bands, or that has failed.
+    pub fn begun(&mut self, slab: Result<(Vec<Band<T>>, Known)>) {
         self.turning = false;
-        self.open = Some(Arc::new(known));
-        self.unlabelled = (0..).zip(bands).collect();
-        self.unlabelled.reverse();
+        match slab {
+            Ok((bands, known)) => {
+                self.open = Some(Arc::new(known));
+                self.unlabelled = (0..).zip(bands).collect();
+            }
+            Err(error) => self.fail(error),
+        }
     }
 
     /// A band has classes and these tiles.
@@ -231,11 +235,16 @@ impl<T> Queue<T> {
         Some(band)
     }
 
-    /// The layer has ended.
-    pub fn ended(&mut self) {
+    /// The layer has ended, or that has failed.
+    pub fn ended(&mut self, slab: Result<()>) {
         self.turning = false;
-        self.open = None;
-        self.layer += 1;
+        match slab {
+            Ok(()) => {
+                self.open = None;
+                self.layer += 1;
+            }
+            Err(error) => self.fail(error),
+        }
     }
 
     /// Something has failed; nothing new is begun.
@@ -262,247 +271,4 @@ impl<T> Queue<T> {
 }
 
 #[cfg(test)]
-mod tests {
-    use super::*;
-    use crate::grid::{Dims, Tiling};
-    use crate::mesh::TileBox;
-    use proptest::prelude::*;
-
-    const TILES: u32 = 3;
-
-    fn tiles_of(band: Arc<Band<u8>>, [ty, layer]: [u32; 2]) -> Vec<TileJob<Arc<Band<u8>>>> {
-        let tiling = Tiling {
-            dims: Dims([100; 3]),
-            macrocube: [8; 3],
-        };
-        let tile = |tx| TileJob {
-            bytes: u64::from(tx * ty),
-            band: band.clone(),
-            grid: [tx, ty, layer],
-            tile: TileBox::of(tiling, [0; 3]),
-        };
-        (0..TILES).map(tile).collect()
-    }
-
-    fn too_dense() -> Error {
-        Error::TooDense {
-            limit: 1,
-            needed: 2,
-        }
-    }
-
-    /// What a step does at last.
-    #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
-    enum Did {
-        Prepare([u32; 2]),
-        Begin(u32),
-        Label([u32; 2]),
-        Tile([u32; 3]),
-        End(u32),
-    }
-
-    /// Threads that take steps from a queue, one of them at a time, in an order that is given.
-    struct Threads {
-        queue: Queue<u8>,
-        /// What each has in hand.
-        hands: Vec<Option<Step<u8>>>,
-        did: Vec<Did>,
-        /// The step that fails for want of memory.
-        fails: Option<Did>,
-    }
-
-    impl Threads {
-        fn new(limits: Limits, threads: usize, fails: Option<Did>) -> Self {
-            Threads {
-                queue: Queue::new(limits, 0),
-                hands: (0..threads).map(|_| None).collect(),
-                did: Vec::new(),
-                fails,
-            }
-        }
-
-        /// Runs to the end; `choices` say who goes on.
-        fn run(&mut self, mut choices: impl Iterator<Item = usize>) {
-            let mut idle = vec![false; self.hands.len()];
-            while !(idle.iter().all(|&i| i) && self.hands.iter().all(Option::is_none)) {
-                let thread = choices.next().expect("endless") % self.hands.len();
-                if let Some(step) = self.hands[thread].take() {
-                    self.end(step);
-                    idle.fill(false);
-                } else if !idle[thread] {
-                    match self.queue.next(false) {
-                        Step::Wait | Step::Over => idle[thread] = true,
-                        step => self.hands[thread] = Some(step),
-                    }
-                    let Limits { bands, ahead, .. } = self.queue.limits;
-                    assert!(self.queue.exist <= bands + ahead.unwrap_or(0));
-                }
-                self.check_hands();
-            }
-            assert!(matches!(self.queue.next(false), Step::Over), "all wait");
-        }
-
-        fn check_hands(&self) {
-            let hands = || self.hands.iter().flatten();
-            let prepares = hands().filter(|s| matches!(s, Step::Prepare(..))).count();
-            let of_slab = |s: &&Step<u8>| matches!(s, Step::Label(..) | Step::Tile(..));
-            let turns = |s: &&Step<u8>| matches!(s, Step::Begin(..) | Step::End(..));
-            let (of_slab, turns) = (
-                hands().filter(of_slab).count(),
-                hands().filter(turns).count(),
-            );
-            assert!(turns == 0 || (turns == 1 && of_slab == 0));
-            assert!(prepares <= 1 || !self.queue.limits.in_order);
-        }
-
-        fn end(&mut self, step: Step<u8>) {
-            let did = match &step {
-                Step::Prepare(place, _) => Did::Prepare(*place),
-                Step::Begin(layer, _) => Did::Begin(*layer),
-                Step::Label(place, ..) => Did::Label(*place),
-                Step::Tile(job, _) => Did::Tile(job.grid),
-                Step::End(layer, _) => Did::End(*layer),
-                Step::Wait | Step::Over => unreachable!("nothing in hand"),
-            };
-            let fails = self.fails == Some(did);
-            match step {
-                Step::Prepare(place, band) => {
-                    let band = unless(fails, band.unwrap_or_default());
-                    self.queue.prepared(place, band);
-                }
-                Step::Begin(..) | Step::End(..) if fails => self.queue.fail(too_dense()),
-                Step::Begin(_, bands) => {
-                    assert_eq!(bands.len(), self.queue.limits.bands as usize);
-                    let known = Known {
-                        settled: Vec::new(),
-                        classes: Default::default(),
-                    };
-                    self.queue.begun(bands, known);
-                }
-                Step::Label(place, band, _) => {
-                    let tiles = tiles_of(Arc::new(band), place);
-                    self.queue.labelled(tiles);
-                }
-                Step::Tile(job, _) => {
-                    let made = unless(fails, ());
-                    self.queue.made(made, Arc::into_inner(job.band));
-                }
-                _ => self.queue.ended(),
-            }
-            if !fails {
-                self.did.push(did);
-            }
-        }
-    }
-
-    fn unless<T>(fails: bool, value: T) -> Result<T> {
-        if fails { Err(too_dense()) } else { Ok(value) }
-    }
-
-    fn limits() -> impl Strategy<Value = Limits> {
-        (1..5u32, 1..5u32, prop::option::of(1..4u32), any::<bool>()).prop_map(
-            |(bands, layers, ahead, in_order)| Limits {
-                bands,
-                layers,
-                ahead,
-                in_order,
-            },
-        )
-    }
-
-    fn all(limits: Limits) -> Vec<Did> {
-        let mut all = Vec::new();
-        for layer in 0..limits.layers {
-            all.extend([Did::Begin(layer), Did::End(layer)]);
-            for ty in 0..limits.bands {
-                all.extend([Did::Prepare([ty, layer]), Did::Label([ty, layer])]);
-                all.extend((0..TILES).map(|tx| Did::Tile([tx, ty, layer])));
-            }
-        }
-        all.sort_unstable();
-        all
-    }
-
-    proptest! {
-        /// Whoever is faster, everything is done once and in its turn, in the memory there is, and nobody waits
-        /// for ever.
-        #[test]
-        fn all_is_done_once_and_in_turn(limits in limits(), threads in 1..5usize, seed in any::<u64>()) {
-            let mut threads = Threads::new(limits, threads, None);
-            threads.run(random(seed));
-            let Threads { did, queue, .. } = threads;
-            let mut sorted = did.clone();
-            sorted.sort_unstable();
-            prop_assert_eq!(sorted, all(limits));
-            let at = |what| did.iter().position(|&d| d == what).unwrap();
-            for layer in 0..limits.layers {
-                let (begin, end) = (at(Did::Begin(layer)), at(Did::End(layer)));
-                prop_assert!(layer == 0 || at(Did::End(layer - 1)) < begin);
-                for ty in 0..limits.bands {
-                    prop_assert!(at(Did::Prepare([ty, layer])) < begin);
-                    let early = layer > 0 && at(Did::Prepare([ty, layer])) < at(Did::End(layer - 1));
-                    prop_assert!(!early || limits.ahead.is_some());
-                    for tx in 0..TILES {
-                        let tile = at(Did::Tile([tx, ty, layer]));
-                        prop_assert!(begin < at(Did::Label([ty, layer])));
-                        prop_assert!(at(Did::Label([ty, layer])) < tile && tile < end);
-                    }
-                }
-            }
-            prop_assert!(queue.outcome().unwrap().is_none());
-        }
-
-        /// Without memory for one step, all layers before end, and what is known of the one in hand comes back.
-        #[test]
-        fn it_stops_where_memory_ends(
-            limits in limits(), threads in 1..5usize, seed in any::<u64>(), which in any::<prop::sample::Index>(),
-        ) {
-            let steps: Vec<Did> = all(limits).into_iter().filter(|d| !matches!(d, Did::Label(_))).collect();
-            let fails = *which.get(&steps);
-            let mut threads = Threads::new(limits, threads, Some(fails));
-            threads.run(random(seed));
-            let Threads { did, queue, .. } = threads;
-            let stop = queue.outcome().unwrap().expect("it failed");
-            let (layer, known) = match fails {
-                Did::Prepare([_, layer]) | Did::Begin(layer) => (layer, false),
-                Did::Tile([_, _, layer]) | Did::End(layer) => (layer, true),
-                Did::Label(_) => unreachable!("never fails"),
-            };
-            prop_assert_eq!((stop.layer, stop.known.is_some()), (layer, known));
-            let ended = did.iter().filter(|d| matches!(d, Did::End(_))).count();
-            prop_assert_eq!(ended, layer as usize);
-            prop_assert!(matches!(stop.error, Error::TooDense { .. }), "{}", stop.error);
-        }
-    }
-
-    /// Who goes on, again and again.
-    fn random(seed: u64) -> impl Iterator<Item = usize> {
-        std::iter::successors(Some(seed), |x| {
-            Some(x.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1))
-        })
-        .map(|x| (x >> 33) as usize)
-    }
-
-    #[test]
-    fn an_interruption_ends_the_slab_in_hand_and_begins_no_other() {
-        let limits = Limits {
-            bands: 2,
-            layers: 2,
-            ahead: Some(1),
-            in_order: false,
-        };
-        let mut threads = Threads::new(limits, 1, None);
-        while !threads.did.contains(&Did::Label([1, 0])) {
-            let step = threads.queue.next(false);
-            threads.end(step);
-        }
-        loop {
-            match threads.queue.next(true) {
-                Step::Over => break,
-                step => threads.end(step),
-            }
-        }
-        assert_eq!(threads.did.last(), Some(&Did::End(0)));
-        assert!(matches!(threads.queue.outcome(), Err(Error::Interrupted)));
-    }
-}
+mod tests;
