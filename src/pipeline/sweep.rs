@@ -77,6 +77,13 @@ impl<B> TileJob<B> {
     }
 }
 
+/// Memory that nobody needs any more. It takes the system a while to have it back, so that goes on beside
+/// something else.
+pub struct Unused {
+    _pool: WorkspacePool,
+    _writers: Option<Writers>,
+}
+
 /// What joining the bands of a slab has found.
 struct Known {
     settled: Vec<SettledBand>,
@@ -89,12 +96,12 @@ impl Sweep<'_> {
     /// # Errors
     /// [`Error::Io`], [`Error::TooDense`] if the volume is too dense for the limit,
     /// [`Error::Interrupted`], and those of [`Volume::read_box`].
-    pub fn run(&self, keeper: &mut Keeper) -> Result<Forward> {
+    pub fn run(&self, keeper: &mut Keeper) -> Result<(Forward, Unused)> {
         crate::volume::with_voxel_type!(
             self.volume.header().dtype, T => self.run_typed::<T>(keeper))
     }
 
-    fn run_typed<T: Voxel + Default>(&self, keeper: &mut Keeper) -> Result<Forward> {
+    fn run_typed<T: Voxel + Default>(&self, keeper: &mut Keeper) -> Result<(Forward, Unused)> {
         let budget = &Budget::new(self.plan.limit, self.plan.fixed);
         let mut filters = Vec::new();
         if self.min_voxels > 1 {
@@ -121,10 +128,11 @@ impl Sweep<'_> {
                 layer += 1;
             }
         }
-        // it takes the system a while to have their memory back
-        let Parts { pool, writers, .. } = parts;
-        rayon::join(|| drop(pool), || drop(writers));
-        Ok(state.forward)
+        let unused = Unused {
+            _pool: parts.pool,
+            _writers: parts.writers,
+        };
+        Ok((state.forward, unused))
     }
 
     /// The state before the first layer to do, and that layer.
@@ -182,9 +190,9 @@ impl Sweep<'_> {
         state: &mut State,
         keeper: &mut Keeper,
     ) -> Result<()> {
+        state.finish_slab(layer, &known.settled, &known.classes, tiles)?;
         // before anybody relies on its tiles
         parts.writers.as_ref().map_or(Ok(()), Writers::wait)?;
-        state.finish_slab(layer, &known.settled, &known.classes, tiles)?;
         let (files, mut marks) = (keeper.files(TILES), Marks::default());
         state.mark(&files, &mut marks)?;
         keeper.save(TILES, layer + 1, &marks, |out| state.save(out))?;

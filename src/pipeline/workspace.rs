@@ -61,6 +61,12 @@ impl WorkspacePool {
         result
     }
 
+    /// Gives back the memory of those that nobody uses.
+    pub fn give_back(&self) {
+        let unused = std::mem::take(&mut self.lock().idle);
+        drop(unused);
+    }
+
     fn take(&self, bytes: u64) -> Result<Workspace> {
         let mut state = self.lock();
         loop {

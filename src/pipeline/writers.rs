@@ -101,6 +101,12 @@ impl Writers {
         Ok(job.body)
     }
 
+    /// True if all tiles are written, or have failed.
+    pub fn is_idle(&self) -> bool {
+        let state = self.shared.lock();
+        state.queue.is_empty() && state.writing == 0
+    }
+
     /// Waits until all tiles are written; helps meanwhile.
     ///
     /// # Errors

@@ -7,6 +7,7 @@ use crate::pipeline::band::Band;
 use crate::pipeline::forward::{Gather, State};
 use crate::pipeline::keep::Keeper;
 use crate::pipeline::parts::Parts;
+use crate::pipeline::writers::Writers;
 use crate::volume::Voxel;
 use std::sync::{Arc, Condvar, Mutex, MutexGuard};
 
@@ -65,7 +66,8 @@ impl<'a, T: Voxel + Default> Line<'a, T> {
         let _guard = WakeOnPanic(self);
         let mut queue = self.lock();
         loop {
-            let step = queue.next(self.sweep.progress.interrupted());
+            let on_disk = self.parts.writers.as_ref().is_none_or(Writers::is_idle);
+            let step = queue.next(self.sweep.progress.interrupted(), on_disk);
             queue = match step {
                 Step::Over => break,
                 Step::Wait => self.changed.wait(queue).expect("no thread panicked"),
@@ -77,7 +79,13 @@ impl<'a, T: Voxel + Default> Line<'a, T> {
                 }
             };
         }
+        let others_go_on = !queue.has_ended();
+        drop(queue);
         self.changed.notify_all();
+        if others_go_on {
+            // it takes the system a while to have it back
+            self.parts.pool.give_back();
+        }
     }
 
     /// Does it and tells so.

@@ -65,8 +65,10 @@ pub struct Queue<T> {
     /// Its bands whose labels are no classes yet.
     unlabelled: VecDeque<(u32, Band<T>)>,
     tiles: BTreeMap<Turn, TileJob<Arc<Band<T>>>>,
-    /// Tiles and bands of it that threads have in hand.
-    in_hand: u32,
+    /// Bands of it that threads list the tiles of.
+    labelling: u32,
+    /// Tiles of it that threads make.
+    making: u32,
     /// True while a thread begins or ends a slab.
     turning: bool,
     /// The next band (layer, y) to prepare.
@@ -92,7 +94,8 @@ impl<T> Queue<T> {
             open: None,
             unlabelled: VecDeque::new(),
             tiles: BTreeMap::new(),
-            in_hand: 0,
+            labelling: 0,
+            making: 0,
             turning: false,
             next: (layer, 0),
             preparing: 0,
@@ -105,27 +108,34 @@ impl<T> Queue<T> {
     }
 
     /// What the thread that asks is to do. If that is anything but to wait or to end, it tells so when it has
-    /// done it, and wakes those that wait.
-    pub fn next(&mut self, interrupted: bool) -> Step<T> {
+    /// done it, and wakes those that wait. `on_disk` says that all tiles made so far are: a layer ends when
+    /// they are, so until then bands are prepared.
+    pub fn next(&mut self, interrupted: bool, on_disk: bool) -> Step<T> {
         if self.failed.is_some() {
             return Step::Over;
         }
         if let Some(open) = &self.open {
             let known = open.clone();
             if let Some((ty, band)) = self.unlabelled.pop_front() {
-                self.in_hand += 1;
+                self.labelling += 1;
                 return Step::Label([ty, self.layer], band, known);
             }
             if let Some((_, job)) = self.tiles.pop_first() {
-                self.in_hand += 1;
+                self.making += 1;
                 return Step::Tile(job, known);
             }
-            if self.in_hand == 0 && !self.turning {
+            let no_tile_left = self.labelling == 0 && !self.turning;
+            let wait_for_disk = !on_disk && self.may_prepare() && !interrupted;
+            if no_tile_left && self.making == 0 && !wait_for_disk {
                 self.turning = true;
                 return Step::End(self.layer, known);
             }
+            if no_tile_left && self.layer + 1 == self.limits.layers {
+                // whoever makes the last tile ends the last layer, too
+                return Step::Over;
+            }
         } else if !self.turning {
-            if self.layer == self.limits.layers {
+            if self.has_ended() {
                 return Step::Over;
             }
             if interrupted {
@@ -211,7 +221,7 @@ impl<T> Queue<T> {
 
     /// A band has classes and these tiles.
     pub fn labelled(&mut self, tiles: Vec<TileJob<Arc<Band<T>>>>) {
-        self.in_hand -= 1;
+        self.labelling -= 1;
         let tiles = tiles.into_iter();
         self.tiles.extend(tiles.map(|job| (job.turn(), job)));
     }
@@ -219,7 +229,7 @@ impl<T> Queue<T> {
     /// A tile is made, or has failed. When its band is done with, that comes back: it is returned if nothing needs
     /// its memory.
     pub fn made(&mut self, tile: Result<()>, band: Option<Band<T>>) -> Option<Band<T>> {
-        self.in_hand -= 1;
+        self.making -= 1;
         if let Err(error) = tile {
             self.fail(error);
         }
@@ -250,6 +260,11 @@ impl<T> Queue<T> {
     /// Something has failed; nothing new is begun.
     pub fn fail(&mut self, error: Error) {
         self.failed.get_or_insert(error);
+    }
+
+    /// True if all layers have ended.
+    pub fn has_ended(&self) -> bool {
+        self.layer == self.limits.layers
     }
 
     /// How it came out, when no thread has anything in hand; `None` if all layers have ended.

@@ -67,7 +67,8 @@ impl Threads {
                 self.end(step);
                 idle.fill(false);
             } else if !idle[thread] {
-                match self.queue.next(false) {
+                let on_disk = choices.next().expect("endless").is_multiple_of(2);
+                match self.queue.next(false, on_disk) {
                     Step::Wait | Step::Over => idle[thread] = true,
                     step => self.hands[thread] = Some(step),
                 }
@@ -76,7 +77,10 @@ impl Threads {
             }
             self.check_hands();
         }
-        assert!(matches!(self.queue.next(false), Step::Over), "all wait");
+        assert!(
+            matches!(self.queue.next(false, true), Step::Over),
+            "all wait"
+        );
     }
 
     fn check_hands(&self) {
@@ -229,15 +233,63 @@ fn an_interruption_ends_the_slab_in_hand_and_begins_no_other() {
     };
     let mut threads = Threads::new(limits, 1, None);
     while !threads.did.contains(&Did::Label([1, 0])) {
-        let step = threads.queue.next(false);
+        let step = threads.queue.next(false, true);
         threads.end(step);
     }
     loop {
-        match threads.queue.next(true) {
+        match threads.queue.next(true, false) {
             Step::Over => break,
             step => threads.end(step),
         }
     }
     assert_eq!(threads.did.last(), Some(&Did::End(0)));
     assert!(matches!(threads.queue.outcome(), Err(Error::Interrupted)));
+}
+
+#[test]
+fn bands_are_prepared_while_a_layer_waits_for_the_disk_and_it_ends_when_there_is_none_to_prepare() {
+    let limits = Limits {
+        bands: 2,
+        layers: 2,
+        ahead: Some(1),
+        in_order: false,
+    };
+    let mut threads = Threads::new(limits, 1, None);
+    while !matches!(threads.did.last(), Some(Did::End(1))) {
+        let step = threads.queue.next(false, false);
+        threads.end(step);
+    }
+    let at = |what| threads.did.iter().position(|&did| did == what);
+    assert!(at(Did::Prepare([1, 1])) < at(Did::End(0)));
+    let mut threads = Threads::new(limits, 1, None);
+    while !matches!(threads.did.last(), Some(Did::End(0))) {
+        let step = threads.queue.next(false, true);
+        threads.end(step);
+    }
+    assert!(!threads.did.contains(&Did::Prepare([1, 1])));
+}
+
+#[test]
+fn threads_go_when_others_make_the_last_tiles() {
+    let limits = Limits {
+        bands: 1,
+        layers: 1,
+        ahead: None,
+        in_order: false,
+    };
+    let mut threads = Threads::new(limits, 1, None);
+    while threads.did.len() < 2 {
+        let step = threads.queue.next(false, true);
+        threads.end(step);
+    }
+    let label = threads.queue.next(false, true);
+    // its tiles are to come
+    assert!(matches!(threads.queue.next(false, true), Step::Wait));
+    threads.end(label);
+    let tiles = [(); TILES as usize].map(|()| threads.queue.next(false, true));
+    assert!(matches!(threads.queue.next(false, true), Step::Over));
+    for tile in tiles {
+        threads.end(tile);
+    }
+    assert!(matches!(threads.queue.next(false, true), Step::End(..)));
 }
