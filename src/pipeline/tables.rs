@@ -185,12 +185,12 @@ pub fn write_surfaces(
     )
 }
 
-/// Rows that are in memory at once.
-const AT_ONCE: u64 = 4096;
 /// Rows that a thread formats in turn.
-const EACH: usize = 128;
+const EACH: usize = 64;
+/// Texts of as many rows that are in memory at once.
+const PARTS: usize = 32;
 
-fn write_rows<T: bytemuck::Pod + Sync>(
+fn write_rows<T: bytemuck::Pod + Send + Sync>(
     path: &Path,
     header: &str,
     table: &RecordTable<T>,
@@ -201,26 +201,22 @@ fn write_rows<T: bytemuck::Pod + Sync>(
     let mut out = BufWriter::new(file);
     writeln!(out, "{header}").map_err(failed)?;
     let mut bytes = header.len() as u64 + 1;
-    let mut first = 0;
-    while first < table.len() {
-        let end = table.len().min(first + AT_ONCE);
-        let records: Vec<T> = (first..end).map(|i| table.get(i)).collect::<Result<_>>()?;
-        let parts = records.par_chunks(EACH).enumerate().map(|(part, records)| {
-            let id = first + (part * EACH) as u64 + 1;
+    let rows = table.len();
+    for first in (0..rows).step_by(PARTS * EACH) {
+        let parts: Vec<u64> = (first..rows).step_by(EACH).take(PARTS).collect();
+        let texts = parts.into_par_iter().map(|first| {
             let mut text = String::new();
-            for (record, id) in records.iter().zip(id..) {
-                let started = false;
-                let text = &mut text;
-                fill(id, record, &mut Row { text, started });
+            for i in first..rows.min(first + EACH as u64) {
+                let (text, started) = (&mut text, false);
+                fill(i + 1, &table.get(i)?, &mut Row { text, started });
                 text.push('\n');
             }
-            text
+            Ok(text)
         });
-        for part in parts.collect::<Vec<_>>() {
-            bytes += part.len() as u64;
-            out.write_all(part.as_bytes()).map_err(failed)?;
+        for text in texts.collect::<Result<Vec<_>>>()? {
+            bytes += text.len() as u64;
+            out.write_all(text.as_bytes()).map_err(failed)?;
         }
-        first = end;
     }
     out.flush().map_err(failed)?;
     Ok(bytes)
