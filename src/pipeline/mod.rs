@@ -50,7 +50,7 @@ use resume::{announced, begin, complete};
 use serde::{Deserialize, Serialize};
 use std::path::Path;
 use std::time::Instant;
-use sweep::{Sweep, Unused};
+use sweep::Sweep;
 use tilefile::{TileWriter, too_wide};
 use writers::Writers;
 
@@ -206,13 +206,11 @@ fn make(
         matrix: placement.gltf_matrix(),
         form: options.form(),
     };
-    let sweeping = (work, &mut *keeper);
-    let (forward, unused) = swept(grid, options, plan, &head, sweeping, progress)?;
+    let forward = swept(grid, options, plan, &head, (work, &mut *keeper), progress)?;
     let mut totals = forward_totals(&forward);
     let dust = dust(options, &forward);
     let tables = plan.limit / 8;
-    let (resolved, ()) = rayon::join(|| resolve(forward, tables, work), || drop(unused));
-    let (slabs, mut spool, mut resolved) = resolved?;
+    let (slabs, mut spool, mut resolved) = resolve(forward, tables, work)?;
     progress.begin("index", slabs.len() as u64);
     let budget = Budget::new(plan.limit, plan.fixed);
     let writers = Writers::new(plan.in_flight, plan.body, &budget);
@@ -262,7 +260,7 @@ fn swept(
     head: &TileHead,
     (work, keeper): (&Path, &mut Keeper),
     progress: &dyn Progress,
-) -> Result<(Forward, Unused)> {
+) -> Result<Forward> {
     let writer = TileWriter {
         dir: work.to_path_buf(),
         head: head.clone(),

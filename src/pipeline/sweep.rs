@@ -77,13 +77,6 @@ impl<B> TileJob<B> {
     }
 }
 
-/// Memory that nobody needs any more. It takes the system a while to have it back, so that goes on beside
-/// something else.
-pub struct Unused {
-    _pool: WorkspacePool,
-    _writers: Option<Writers>,
-}
-
 /// What joining the bands of a slab has found.
 struct Known {
     settled: Vec<SettledBand>,
@@ -96,12 +89,12 @@ impl Sweep<'_> {
     /// # Errors
     /// [`Error::Io`], [`Error::TooDense`] if the volume is too dense for the limit,
     /// [`Error::Interrupted`], and those of [`Volume::read_box`].
-    pub fn run(&self, keeper: &mut Keeper) -> Result<(Forward, Unused)> {
+    pub fn run(&self, keeper: &mut Keeper) -> Result<Forward> {
         crate::volume::with_voxel_type!(
             self.volume.header().dtype, T => self.run_typed::<T>(keeper))
     }
 
-    fn run_typed<T: Voxel + Default>(&self, keeper: &mut Keeper) -> Result<(Forward, Unused)> {
+    fn run_typed<T: Voxel + Default>(&self, keeper: &mut Keeper) -> Result<Forward> {
         let budget = &Budget::new(self.plan.limit, self.plan.fixed);
         let mut filters = Vec::new();
         if self.min_voxels > 1 {
@@ -128,11 +121,10 @@ impl Sweep<'_> {
                 layer += 1;
             }
         }
-        let unused = Unused {
-            _pool: parts.pool,
-            _writers: parts.writers,
-        };
-        Ok((state.forward, unused))
+        // it takes the system a while to have their memory back
+        let Parts { pool, writers, .. } = parts;
+        rayon::join(|| drop(pool), || drop(writers));
+        Ok(state.forward)
     }
 
     /// The state before the first layer to do, and that layer.

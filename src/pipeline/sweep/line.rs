@@ -83,7 +83,7 @@ impl<'a, T: Voxel + Default> Line<'a, T> {
         drop(queue);
         self.changed.notify_all();
         if others_go_on {
-            // it takes the system a while to have it back
+            // it takes the system a while to have their memory back
             self.parts.pool.give_back();
         }
     }
