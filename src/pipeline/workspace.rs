@@ -64,6 +64,7 @@ impl WorkspacePool {
     /// Gives back the memory of those that nobody uses.
     pub fn give_back(&self) {
         let unused = std::mem::take(&mut self.lock().idle);
+        // without the lock, since it takes a while
         drop(unused);
     }
 

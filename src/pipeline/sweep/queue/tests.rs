@@ -83,6 +83,14 @@ impl Threads {
         );
     }
 
+    /// One thread takes step after step until it has done `last`.
+    fn run_until(&mut self, last: Did, on_disk: bool) {
+        while self.did.last() != Some(&last) {
+            let step = self.queue.next(false, on_disk);
+            self.end(step);
+        }
+    }
+
     fn check_hands(&self) {
         let hands = || self.hands.iter().flatten();
         let prepares = hands().filter(|s| matches!(s, Step::Prepare(..))).count();
@@ -223,19 +231,18 @@ fn random(seed: u64) -> impl Iterator<Item = usize> {
     .map(|x| (x >> 33) as usize)
 }
 
+/// Two bands in each of two layers.
+const SMALL: Limits = Limits {
+    bands: 2,
+    layers: 2,
+    ahead: Some(1),
+    in_order: false,
+};
+
 #[test]
 fn an_interruption_ends_the_slab_in_hand_and_begins_no_other() {
-    let limits = Limits {
-        bands: 2,
-        layers: 2,
-        ahead: Some(1),
-        in_order: false,
-    };
-    let mut threads = Threads::new(limits, 1, None);
-    while !threads.did.contains(&Did::Label([1, 0])) {
-        let step = threads.queue.next(false, true);
-        threads.end(step);
-    }
+    let mut threads = Threads::new(SMALL, 1, None);
+    threads.run_until(Did::Label([1, 0]), true);
     loop {
         match threads.queue.next(true, false) {
             Step::Over => break,
@@ -248,24 +255,12 @@ fn an_interruption_ends_the_slab_in_hand_and_begins_no_other() {
 
 #[test]
 fn bands_are_prepared_while_a_layer_waits_for_the_disk_and_it_ends_when_there_is_none_to_prepare() {
-    let limits = Limits {
-        bands: 2,
-        layers: 2,
-        ahead: Some(1),
-        in_order: false,
-    };
-    let mut threads = Threads::new(limits, 1, None);
-    while !matches!(threads.did.last(), Some(Did::End(1))) {
-        let step = threads.queue.next(false, false);
-        threads.end(step);
-    }
+    let mut threads = Threads::new(SMALL, 1, None);
+    threads.run_until(Did::End(1), false);
     let at = |what| threads.did.iter().position(|&did| did == what);
     assert!(at(Did::Prepare([1, 1])) < at(Did::End(0)));
-    let mut threads = Threads::new(limits, 1, None);
-    while !matches!(threads.did.last(), Some(Did::End(0))) {
-        let step = threads.queue.next(false, true);
-        threads.end(step);
-    }
+    let mut threads = Threads::new(SMALL, 1, None);
+    threads.run_until(Did::End(0), true);
     assert!(!threads.did.contains(&Did::Prepare([1, 1])));
 }
 
@@ -278,10 +273,7 @@ fn threads_go_when_others_make_the_last_tiles() {
         in_order: false,
     };
     let mut threads = Threads::new(limits, 1, None);
-    while threads.did.len() < 2 {
-        let step = threads.queue.next(false, true);
-        threads.end(step);
-    }
+    threads.run_until(Did::Begin(0), true);
     let label = threads.queue.next(false, true);
     // its tiles are to come
     assert!(matches!(threads.queue.next(false, true), Step::Wait));
