@@ -159,7 +159,7 @@ impl Array {
 /// Parses a `.npy` file.
 ///
 /// # Errors
-/// Those of [`array`] and [`Array::recipe`].
+/// Those of [`array()`] and [`Array::recipe`].
 pub(super) fn parse(path: &Path, head: &[u8]) -> Result<Recipe> {
     array(path, head)?.recipe(
         path,
