@@ -15,7 +15,7 @@
 
 mod run;
 
-use run::{Alvis, Peer, Sample, median};
+use run::{Alvis, Peer, Sample, least, median};
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 
@@ -158,8 +158,7 @@ fn seconds(samples: &[Sample]) -> f64 {
 
 /// Of the fastest run: the one that a shared machine disturbed least.
 fn least_seconds(samples: &[Sample]) -> f64 {
-    let walls = samples.iter().map(|s| s.wall);
-    walls.fold(f64::INFINITY, f64::min)
+    least(samples.iter().map(|s| s.wall))
 }
 
 fn peak(samples: &[Sample]) -> f64 {
@@ -222,18 +221,16 @@ impl Race {
             format!("{:.0} MiB", mib(peak(&self.all))),
             "default settings".into(),
         );
-        for (what, one) in [("threads", &self.one_thread), ("cores", &self.one_core)] {
-            let fastest = least_seconds(one) / least_seconds(&self.all);
+        for (what, samples) in [("threads", &self.one_thread), ("cores", &self.one_core)] {
+            let one = seconds(samples);
+            let fastest = least_seconds(samples) / least_seconds(&self.all);
             table.row(
                 format!("{name}: 1 -> {} {what}", run::cores()),
-                format!("{:.2} x", seconds(one) / ours),
-                format!(
-                    "{:.2} s with one; {fastest:.2} x between the fastest runs",
-                    seconds(one)
-                ),
+                format!("{:.2} x", one / ours),
+                format!("{one:.2} s with one; {fastest:.2} x between the fastest runs"),
             );
         }
-        let least = self.cores.iter().copied().fold(f64::INFINITY, f64::min);
+        let least = least(self.cores.iter().copied());
         table.row(
             format!("{name}: arithmetic of {} threads / of one", run::cores()),
             format!("{:.2} x", median(self.cores.iter().copied())),
@@ -328,7 +325,7 @@ fn flatness(inputs: &[Input], out: &Path, table: &mut Table) -> Result<(), Strin
         );
     }
     let most = costs.iter().copied().fold(0.0, f64::max);
-    let least = costs.iter().copied().fold(f64::INFINITY, f64::min);
+    let least = least(costs.iter().copied());
     table.row(
         "cost per voxel: most / least",
         format!("{:.2}", most / least),
