@@ -1,4 +1,4 @@
-//! How much memory the process has used.
+//! How much memory the process has used, and what it gives back.
 
 /// Largest resident set of this process so far, in bytes; 0 where the system does not tell.
 pub fn peak_rss_bytes() -> u64 {
@@ -9,4 +9,22 @@ pub fn peak_rss_bytes() -> u64 {
         .and_then(|rest| rest.trim().strip_suffix("kB"))
         .and_then(|number| number.trim().parse::<u64>().ok());
     kibibytes.map_or(0, |k| k << 10)
+}
+
+/// Buffers of so many bytes go back to the system when they are freed.
+#[cfg(all(target_os = "linux", target_env = "gnu"))]
+const LARGE: libc::c_int = 1 << 20;
+
+/// From now on the allocator gives large buffers back to the system when they are freed.
+///
+/// By itself glibc raises that limit to what was freed last, up to 32 MiB, and each thread's arena keeps twice as
+/// much: memory that no budget knows of. Noise of 129^3 voxels took 97 MiB of 85 MiB allowed with two threads, and
+/// takes 61 MiB so. Time is the same: what is used again and again is kept by those who use it.
+pub fn give_back_large_buffers() {
+    #[cfg(all(target_os = "linux", target_env = "gnu"))]
+    // SAFETY: the call only sets numbers of the allocator, under its own lock.
+    unsafe {
+        libc::mallopt(libc::M_MMAP_THRESHOLD, LARGE);
+        libc::mallopt(libc::M_TRIM_THRESHOLD, 2 * LARGE);
+    }
 }

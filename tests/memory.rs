@@ -295,6 +295,37 @@ fn white_noise_for_the_web_stays_inside_the_limit() {
     assert!(made["objects"].as_u64().unwrap() > 30_000, "{made}");
 }
 
+/// Tiles full of specks, under limits from far too little to enough: what is not refused stays inside.
+#[test]
+fn a_limit_that_is_not_refused_holds() {
+    let dir = tempfile::tempdir().unwrap();
+    let above = |p| is_noise(p) && is_noise([p[1], p[2], p[0]]) && is_noise([p[2], p[0], p[1]]);
+    mask(&dir.path().join("a.raw"), [129; 3], above);
+    for form in [&[][..], &["--layout", "merged"], &["--for", "web"]] {
+        let mut done = 0;
+        for limit in (56..=120).step_by(16) {
+            let limit = limit * MIB;
+            let memory = limit.to_string();
+            let mut args = convert("a.raw", "out", "129,129,129", &memory);
+            let dtype = args.iter().position(|&a| a == "u16").unwrap();
+            args[dtype] = "u8";
+            args[3..5].copy_from_slice(&["--threshold", "105"]);
+            args.extend(form);
+            args.push("--force");
+            let output = alvis(dir.path(), Some(limit), &args);
+            if output.status.success() {
+                let made: Value = serde_json::from_slice(&output.stdout).unwrap();
+                assert!(made["peak_rss_bytes"].as_u64().unwrap() <= limit, "{made}");
+                done += 1;
+            } else {
+                let message = String::from_utf8(output.stderr).unwrap();
+                assert!(message.contains("denser than planned"), "{message}");
+            }
+        }
+        assert!((1..5).contains(&done), "{form:?}: {done} of 5 limits");
+    }
+}
+
 /// The smallest limit as the refusal of a smaller one names it.
 fn named_limit(dir: &Path, args: &[&str]) -> u64 {
     let output = alvis(dir, None, args);

@@ -198,6 +198,12 @@ impl Case {
                     let mut mesh = TileMesh::default();
                     TileMesher::default().mesh(&view, &tile, &settings, &mut mesh);
                     check_mates(&mesh);
+                    if !self.cap {
+                        let made: u32 = mesh.pieces.iter().map(|p| p.vertices).sum();
+                        let sizes = super::tile::sizes(bits, &tile);
+                        assert_eq!(sizes.vertices, u64::from(made));
+                        assert!(sizes.pieces >= mesh.pieces.len() as u64);
+                    }
                     let mut plain = TileMesher::default();
                     plain.walk.plain = true;
                     let mut reference = TileMesh::default();

@@ -22,38 +22,72 @@ pub const BYTES_PER_TRIANGLE: u64 = 130;
 /// Bytes of buffers for each cube of a tile, surface or not.
 pub const BYTES_PER_CUBE: f64 = 1.5;
 
+/// Bytes of buffers for each surface piece of a tile.
+const BYTES_PER_PIECE: u64 = 256;
+
 /// Bytes of buffers for making a tile, from its bits alone, with so many for each triangle: there are about two to a
 /// crossed edge.
 pub fn tile_bytes(bits: &Bits, tile: &TileBox, per_triangle: u64) -> u64 {
     let cubes: f64 = tile.cubes.iter().map(|&c| f64::from(c)).product();
-    let vertices = dispatch!(count_crossed(bits, tile));
+    let Sizes { vertices, pieces } = dispatch!(sizes(bits, tile));
     let rest_of_page = Chunk::rest_of_page(vertices as usize) as u64;
-    2 * vertices * per_triangle + (cubes * BYTES_PER_CUBE) as u64 + rest_of_page
+    2 * vertices * per_triangle
+        + pieces * BYTES_PER_PIECE
+        + (cubes * BYTES_PER_CUBE) as u64
+        + rest_of_page
 }
 
-/// Crossed edges in the words of the band that a tile touches; a few beyond its sides included.
+/// How large the mesh of a tile is.
+pub struct Sizes {
+    /// Edges that the surface crosses.
+    pub vertices: u64,
+    /// No more surface pieces than this.
+    pub pieces: u64,
+}
+
+/// What the bits of a tile tell of its mesh.
+///
+/// Every part of it that hangs together has a first voxel, before which there is none of its kind along any axis.
+/// Surfaces in a box are one fewer than such parts, above and below.
 #[inline(always)]
-fn count_crossed(bits: &Bits, tile: &TileBox) -> u64 {
-    let words = tile.first_cube[0] as usize / 64
-        ..((tile.first_cube[0] + tile.cubes[0]) as usize / 64 + 1).min(bits.row_words);
+pub fn sizes(bits: &Bits, tile: &TileBox) -> Sizes {
+    let [first, last] = [0, tile.cubes[0]].map(|x| (tile.first_cube[0] + x) as usize);
+    let words = first / 64..last / 64 + 1;
     let y0 = (tile.first_cube[1] - bits.span.y.start) as usize;
     let z0 = (tile.first_cube[2] - bits.span.z.start) as usize;
-    let mut count = 0;
-    for z in z0..=z0 + tile.cubes[2] as usize {
-        for y in y0..=y0 + tile.cubes[1] as usize {
+    let (y1, z1) = (y0 + tile.cubes[1] as usize, z0 + tile.cubes[2] as usize);
+    let (mut vertices, mut parts) = (0, 0);
+    for z in z0..=z1 {
+        for y in y0..=y1 {
             let row = &bits.row(z, y)[words.clone()];
-            let next_y = &bits.row(z, (y + 1).min(bits.span.rows() - 1))[words.clone()];
-            let next_z = &bits.row((z + 1).min(bits.span.slices() - 1), y)[words.clone()];
+            let before_y = &bits.row(z, y.max(y0 + 1) - 1)[words.clone()];
+            let before_z = &bits.row(z.max(z0 + 1) - 1, y)[words.clone()];
+            let [no_y, no_z] = [y == y0, z == z0].map(|none| if none { !0 } else { 0 });
+            let mut left = 0;
             for (w, &word) in row.iter().enumerate() {
-                let crossed = [word ^ (word >> 1), word ^ next_y[w], word ^ next_z[w]];
-                count += crossed
-                    .iter()
-                    .map(|c| u64::from(c.count_ones()))
-                    .sum::<u64>();
+                let mut here = !0;
+                if w + 1 == row.len() {
+                    here >>= 63 - last % 64;
+                }
+                let mut outer = 0;
+                if w == 0 {
+                    here &= !0 << (first % 64);
+                    outer = 1 << (first % 64);
+                }
+                let along_x = (word ^ (word << 1 | left)) & here;
+                let [along_y, along_z] = [before_y[w], before_z[w]].map(|b| (word ^ b) & here);
+                let crossed = [along_x & !outer, along_y, along_z].map(u64::count_ones);
+                vertices += u64::from(crossed[0] + crossed[1] + crossed[2]);
+                let begins = here & (along_x | outer) & (along_y | no_y) & (along_z | no_z);
+                parts += u64::from(begins.count_ones());
+                left = word >> 63;
             }
         }
     }
-    count
+    Sizes {
+        vertices,
+        pieces: parts - 1,
+    }
 }
 
 /// The cubes of one tile.
