@@ -72,8 +72,8 @@ pub enum Error {
     /// cannot be kept.
     #[error(
         "--memory: the volume is denser than planned: {limit} bytes are too few, at least {needed} \
-         bytes are needed: raise the limit, or use fewer --threads, smaller --macrocubes or a \
-         smoother volume"
+         bytes are needed: raise the limit beyond that, since what follows may be denser still, or use \
+         smaller --macrocubes or a smoother volume"
     )]
     TooDense {
         /// The limit that was asked for, in bytes.
@@ -86,6 +86,14 @@ pub enum Error {
     OutputExists {
         /// The directory.
         path: PathBuf,
+    },
+    /// The output directory holds what no tile set has, so that nothing in it is replaced.
+    #[error("{}: the directory holds {}, which is no part of a tile set: give another directory", path.display(), entry.display())]
+    OutputForeign {
+        /// The directory.
+        path: PathBuf,
+        /// The name of what is in it.
+        entry: std::ffi::OsString,
     },
     /// Another conversion writes into the output directory.
     #[error("{}: another conversion is writing there: wait until it is done, or give another directory", path.display())]

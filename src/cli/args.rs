@@ -85,7 +85,7 @@ pub struct InputOptions {
     #[arg(long, value_name = "N")]
     pub offset: Option<u64>,
     /// Size of a voxel, one number or three; overrides the file
-    #[arg(long, value_name = "X,Y,Z", value_parser = parse::spacing)]
+    #[arg(long, value_name = "X,Y,Z", value_parser = parse::spacing, allow_negative_numbers = true)]
     pub spacing: Option<[f64; 3]>,
     /// Unit of the spacing: voxel, m, cm, mm, um or nm; overrides the file
     #[arg(long, value_name = "UNIT", value_parser = parse::unit)]
@@ -118,6 +118,7 @@ impl InputOptions {
                 EndianArg::Big => Endian::Big,
             }),
             offset: self.offset,
+            headerless: None,
             spacing: self.spacing,
             unit: self.unit,
             io: match self.io {

@@ -68,7 +68,7 @@ pub struct CellsArgs {
     #[arg(long, requires = "sort")]
     descending: bool,
     /// At most this many rows
-    #[arg(long, value_name = "N")]
+    #[arg(long, value_name = "N", allow_negative_numbers = true)]
     top: Option<usize>,
     /// These columns only, with commas between them
     #[arg(long, value_name = "NAMES", value_delimiter = ',')]

@@ -84,13 +84,8 @@ impl ConvertArgs {
         let opened = self.options.open(&self.input)?;
         let dims = opened.volume.header().dims;
         let crop = self.crop.as_ref().map(|c| c.resolve(dims)).transpose()?;
-        let threshold = match self.threshold {
-            Threshold::Value(t) => t,
-            Threshold::Otsu => info::otsu(&*opened.volume, &self.input, &console)?,
-        };
         let form = self.form.form(Form::default());
-        let options = ConvertOptions {
-            threshold,
+        let mut options = ConvertOptions {
             macrocube: self.macrocube,
             memory: self.memory,
             threads: self.common.threads.map_or(0, usize::from),
@@ -111,10 +106,19 @@ impl ConvertArgs {
             source_offset: opened.offset,
             source_part: opened.part.clone(),
             provenance: opened.provenance,
+            ..ConvertOptions::default()
         };
         let how = match self.threshold {
-            Threshold::Otsu => " (Otsu's method)",
-            Threshold::Value(_) => "",
+            Threshold::Value(t) => {
+                options.threshold = t;
+                ""
+            }
+            Threshold::Otsu => {
+                // this reads all of the volume: not for a conversion that is refused then
+                pipeline::check_before(&*opened.volume, &options, &self.out)?;
+                options.threshold = info::otsu(&*opened.volume, &self.input, &console)?;
+                " (Otsu's method)"
+            }
         };
         console.note(&understood(&opened, &options, how)?);
         let report = pipeline::convert(&*opened.volume, &options, &self.out, &console)
@@ -133,7 +137,10 @@ impl ConvertArgs {
 pub fn resumable(error: Error, out: &Path) -> Error {
     let refused = matches!(
         error,
-        Error::OutputBusy { .. } | Error::OutputExists { .. } | Error::OtherConversion { .. }
+        Error::OutputBusy { .. }
+            | Error::OutputExists { .. }
+            | Error::OutputForeign { .. }
+            | Error::OtherConversion { .. }
     );
     match pipeline::interrupted(out).filter(|_| !refused) {
         Some(kept) => Error::Resumable {

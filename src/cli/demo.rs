@@ -21,6 +21,8 @@ const VOLUME: &str = "foam.mhd";
 const SAMPLES: &str = "foam.raw";
 const TILES: &str = "foam";
 const SLICE: &str = "slice.png";
+/// Size of its voxels in mm.
+const SPACING: f64 = 0.05;
 
 /// Make a foam phantom, convert it, verify the result and say what to look at
 ///
@@ -79,7 +81,7 @@ impl DemoArgs {
             ..Phantom::default()
         };
         let made = render(&phantom, dims, Dtype::U8)?.with_placement(Placement {
-            spacing: [0.05; 3],
+            spacing: [SPACING; 3],
             unit: Unit::Millimetre,
             ..Placement::default()
         })?;
@@ -126,22 +128,34 @@ impl DemoArgs {
 /// Makes the directory; refuses one in which something else lives.
 fn prepare(out: &Path) -> Result<()> {
     std::fs::create_dir_all(out).map_err(|e| Error::io(out, "create the directory", e))?;
+    let earlier = is_demo(out);
     let entries = std::fs::read_dir(out).map_err(|e| Error::io(out, "read", e))?;
     for entry in entries {
         let name = entry.map_err(|e| Error::io(out, "read", e))?.file_name();
-        if ![VOLUME, SAMPLES, TILES, SLICE]
-            .iter()
-            .any(|own| name == *own)
-        {
+        let own = [VOLUME, SAMPLES, TILES, SLICE].iter().any(|&n| name == n);
+        if !own || !earlier {
             let found = format!("{} with {} in it", out.display(), name.display());
-            return Err(Error::usage(
-                "OUT",
-                found,
-                "a new directory or an earlier demo",
-            ));
+            let expected = "a new directory or an earlier demo";
+            return Err(Error::usage("OUT", found, expected));
         }
     }
+    if earlier {
+        pipeline::check_output(&out.join(TILES), true)?;
+    }
     Ok(())
+}
+
+/// True if a demo has made the volume in this directory, of whatever size.
+fn is_demo(out: &Path) -> bool {
+    let opened = open(&out.join(VOLUME), &OpenOptions::default());
+    opened.is_ok_and(|opened| {
+        let header = opened.volume.header();
+        let size = header.dims.0[0];
+        header.dims.0 == [size; 3]
+            && header.dtype == Dtype::U8
+            && header.placement.spacing == [SPACING; 3]
+            && header.placement.unit == Unit::Millimetre
+    })
 }
 
 fn text(report: &Report) -> String {
@@ -156,6 +170,11 @@ fn text(report: &Report) -> String {
     } else {
         format!("To see the issues:    alvis verify {tiles} --against {volume}\n")
     };
+    let meshlab = if report.convert.totals.strips > 0 {
+        "run the demo with --primitives triangles first"
+    } else {
+        "File > Import Mesh, then choose a tile"
+    };
     format!(
         "{}{}{issues}\n\
          {volume} is the volume, {tiles} the tile set.\n\
@@ -163,7 +182,7 @@ fn text(report: &Report) -> String {
          Look at the cells:    {tiles}/cells.csv\n\
          In Blender:           File > Import > glTF 2.0, then choose tiles in {tiles}/tiles\n\
          In any glTF viewer:   open a file of {tiles}/tiles\n\
-         In MeshLab:           run the demo with --primitives triangles first\n\
+         In MeshLab:           {meshlab}\n\
          With your own scan:   alvis info SCAN; alvis convert SCAN OUT --threshold otsu\n",
         convert::summary(&report.convert),
         verify::verdict(&report.verify),

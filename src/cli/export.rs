@@ -32,7 +32,7 @@ pub struct ExportArgs {
     condition: Option<String>,
     /// Fewer triangles: a share of them to keep, as in 0.1, or the largest error, as in 0.5vx (voxels)
     /// or 20um. The mesh stays without holes: what lies at a border of tiles is kept
-    #[arg(long, value_name = "RATIO|ERROR")]
+    #[arg(long, value_name = "RATIO|ERROR", allow_hyphen_values = true)]
     simplify: Option<Simplify>,
     /// Limit of resident memory; 2g is 2 * 10^9 bytes, 2GiB is 2 * 2^30
     #[arg(long, value_name = "SIZE", default_value = "1GiB", value_parser = parse::bytes)]
@@ -74,7 +74,10 @@ fn summary(file: &str, report: &ExportReport) -> String {
         rows.push(("vertices", output::count(vertices)));
     }
     if let Some(error) = report.error {
-        rows.push(("error", format!("{error:.3} {} at most", report.unit)));
+        rows.push((
+            "error",
+            format!("about {} {} at most", short(error), report.unit),
+        ));
     }
     rows.push((
         "took",
@@ -85,4 +88,10 @@ fn summary(file: &str, report: &ExportReport) -> String {
         ),
     ));
     output::table(&rows)
+}
+
+/// Three digits that say something.
+fn short(value: f64) -> String {
+    let digits = 2 - value.abs().max(f64::MIN_POSITIVE).log10().floor() as i32;
+    format!("{value:.*}", digits.clamp(0, 12) as usize)
 }

@@ -107,12 +107,15 @@ impl InfoArgs {
 /// Otsu's threshold of a volume.
 ///
 /// # Errors
-/// The volume's own, or [`Error::Usage`] if all samples are the same.
+/// The volume's own, or [`Error::Usage`] if no two finite samples differ.
 pub fn otsu(volume: &dyn Volume, path: &Path, progress: &dyn Progress) -> Result<f64> {
     statistics(volume, progress)?.otsu.ok_or_else(|| {
         Error::usage(
             "--threshold",
-            format!("otsu, but all samples of {} are the same", path.display()),
+            format!(
+                "otsu, but no two finite samples of {} differ",
+                path.display()
+            ),
             "a number",
         )
     })
@@ -222,7 +225,7 @@ fn text(opened: &Opened, found: &Statistics, predicted: Option<Predicted>) -> St
     }
     let otsu = match found.otsu {
         Some(t) => format!("{} by Otsu's method", chart::number(t)),
-        None => "none: all samples are the same".to_string(),
+        None => "none: no two finite samples differ".to_string(),
     };
     rows.push(("threshold", otsu));
     let histogram = match found.range {

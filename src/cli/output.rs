@@ -50,6 +50,16 @@ pub fn print_json(value: &impl Serialize) -> Result<()> {
     print(&text)
 }
 
+/// A path as a shell takes it.
+pub fn shell(path: &std::path::Path) -> String {
+    let text = path.display().to_string();
+    let plain = |c: char| c.is_alphanumeric() || "/._-+=:,@%".contains(c);
+    if !text.is_empty() && text.chars().all(plain) && !text.starts_with('-') {
+        return text;
+    }
+    format!("'{}'", text.replace('\'', r"'\''"))
+}
+
 /// Writes a line to stderr; if that fails there is nobody to tell.
 pub fn note(line: &str) {
     let _ = writeln!(std::io::stderr().lock(), "{line}");

@@ -224,7 +224,8 @@ fn summary(volume: &PhantomVolume, written: &Written, seconds: f64) -> String {
     let header = volume.header();
     let path = written.path.display();
     let mut next = format!(
-        "alvis convert {path} OUT --threshold {}",
+        "alvis convert {} OUT --threshold {}",
+        output::shell(&written.path),
         volume.threshold()
     );
     let is_raw = written.data.is_none()

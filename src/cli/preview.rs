@@ -20,7 +20,8 @@ enum AxisArg {
 /// Draw a slice of a volume as PNG, with the threshold's contour and the cells in colour
 ///
 /// Grey values run from the 0.5th to the 99.5th percentile of the slice. A slice across z has x to
-/// the right and y down; across y, x to the right and z down; across x, y to the right and z down.
+/// the right and y down; across y, x to the right and z down; across x, y to the right and z down. Each
+/// voxel is a square, whatever the spacing.
 #[derive(Debug, Args)]
 #[command(after_help = "Examples:\n  \
     alvis preview scan.mhd slice.png --threshold otsu\n  \
@@ -35,8 +36,8 @@ pub struct PreviewArgs {
     /// The axis that the slice lies across
     #[arg(long, value_name = "AXIS", default_value = "z")]
     axis: AxisArg,
-    /// Its voxel along that axis [default: the middle]
-    #[arg(long, value_name = "N")]
+    /// Its voxel along that axis; with --tiles of a crop, counted from the crop [default: the middle]
+    #[arg(long, value_name = "N", allow_negative_numbers = true)]
     at: Option<u32>,
     /// Draw the contour of this threshold [default: that of the tiles, if given]
     #[arg(long, value_name = "T|otsu", allow_hyphen_values = true, value_parser = parse::threshold)]

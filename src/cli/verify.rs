@@ -5,7 +5,7 @@ use super::{Outcome, output};
 use crate::error::{Error, Result};
 use crate::manifest::Manifest;
 use crate::verify::{self, Issue, Report, Severity, VerifyOptions};
-use crate::volume::{self, Cropped, Volume};
+use crate::volume::{self, Cropped, Headerless, Volume};
 use clap::{Args, ValueHint};
 use std::fmt::Write;
 use std::path::{Path, PathBuf};
@@ -22,7 +22,12 @@ pub struct VerifyArgs {
     #[arg(long, value_name = "INPUT", value_hint = ValueHint::FilePath)]
     against: Option<PathBuf>,
     /// Issues to print; the rest are counted
-    #[arg(long, value_name = "N", default_value = "1000")]
+    #[arg(
+        long,
+        value_name = "N",
+        default_value = "1000",
+        allow_negative_numbers = true
+    )]
     max_issues: usize,
     #[command(flatten)]
     input: InputOptions,
@@ -73,7 +78,8 @@ fn copied<'a>(volume: &'a dyn Volume, dir: &Path) -> Result<Option<Box<dyn Volum
 }
 
 /// Opens the volume that a tile set is compared with, cut as the manifest says. What a raw file does
-/// not say is taken from the manifest unless the options say it.
+/// not say is taken from the manifest unless the options say it. A file of the name that was converted
+/// is raw even if it begins as one with a header does.
 fn open_against(directory: &Path, path: &Path, input: &InputOptions) -> Result<Box<dyn Volume>> {
     // an index that cannot be read is for the verifier to report
     let manifest = Manifest::open(directory).ok();
@@ -82,11 +88,15 @@ fn open_against(directory: &Path, path: &Path, input: &InputOptions) -> Result<B
     };
     let mut options = input.options();
     if source.format == "raw" {
-        options.dims = options.dims.or(Some(source.dims.0.map(u64::from)));
-        options.dtype = options.dtype.or(Some(source.dtype));
-        options.endian = options.endian.or(Some(source.endian));
-        // 0 is not passed on: it would allow any bytes after the samples
-        options.offset = options.offset.or(Some(source.offset).filter(|&n| n > 0));
+        options.headerless = Some(Headerless {
+            dims: source.dims.0.map(u64::from),
+            dtype: source.dtype,
+            endian: source.endian,
+            offset: source.offset,
+        });
+        if path.file_name() == Some(source.name.as_ref()) {
+            options = options.of_headerless();
+        }
     }
     let volume = volume::open(path, &options)?.volume;
     let dims = volume.header().dims;

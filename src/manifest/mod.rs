@@ -10,7 +10,7 @@ mod seal;
 mod set;
 
 pub use form::{Encoding, Form, Layout, Primitives};
-pub use open::{MANIFEST, file_inside, inside, is_plain};
+pub use open::{MANIFEST, PARTIAL, file_inside, inside, is_plain, manifest_file};
 pub(crate) use seal::{checksum_of, own_checksum};
 pub use set::TileSet;
 
@@ -400,6 +400,16 @@ pub struct Group {
     pub vertices: u64,
     /// Triangles of the piece, degenerates not counted.
     pub triangles: u64,
+}
+
+impl std::fmt::Display for Group {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        write!(
+            f,
+            "cell {}, object {}, surface {} with {} vertices and {} triangles",
+            self.cell, self.object, self.surface, self.vertices, self.triangles
+        )
+    }
 }
 
 /// `i128` as a decimal string.

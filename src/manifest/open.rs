@@ -5,10 +5,30 @@ use crate::error::{Error, Result};
 use crate::grid::{Dims, LATTICE, Tiling};
 use crate::manifest::{FORMAT, FORMAT_VERSION, Layer, Manifest, Shard};
 use serde::de::DeserializeOwned;
+use std::io::ErrorKind;
 use std::path::{Path, PathBuf};
 
 /// The manifest's name in the directory of a tile set.
 pub const MANIFEST: &str = "index.json";
+/// Name of the directory in it for what is not finished.
+pub const PARTIAL: &str = ".alvis-partial";
+
+/// The manifest's file in the directory of a tile set.
+///
+/// # Errors
+/// As of [`file_inside`]; [`Error::Format`] if a conversion into the directory is not finished.
+pub fn manifest_file(dir: &Path, action: &'static str) -> Result<PathBuf> {
+    file_inside(dir, MANIFEST, action).map_err(|error| match error {
+        Error::Io { ref source, .. }
+            if source.kind() == ErrorKind::NotFound && dir.join(PARTIAL).is_dir() =>
+        {
+            let found = "a conversion that is not finished";
+            Error::format(dir, found, "a tile set")
+                .with_hint("if it was interrupted, the same with --resume goes on with it")
+        }
+        error => error,
+    })
+}
 
 impl Manifest {
     /// Reads the manifest of the tile set in `dir` and checks what its readers rely on: format,
@@ -18,7 +38,7 @@ impl Manifest {
     /// [`Error::Io`] if it cannot be read, [`Error::Format`] if it is not a manifest of this format.
     pub fn open(dir: &Path) -> Result<Manifest> {
         let path = dir.join(MANIFEST);
-        let real = file_inside(dir, MANIFEST, "read the index")?;
+        let real = manifest_file(dir, "read the index")?;
         let bytes = std::fs::read(real).map_err(|e| Error::io(&path, "read the index", e))?;
         let value: serde_json::Value = parse(&path, &bytes)?;
         let (format, version) = (&value["format"], &value["format_version"]);

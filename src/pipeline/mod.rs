@@ -27,7 +27,7 @@ mod writers;
 pub use keep::Kept;
 pub use options::{ConvertOptions, ConvertReport};
 pub(crate) use output::Output;
-pub use output::interrupted;
+pub use output::{check_output, interrupted};
 use plan::{Plan, plan};
 pub use tables::{COMPONENT_COLUMNS, SURFACE_COLUMNS, unit_text};
 pub(crate) use tilefile::write_file;
@@ -64,7 +64,7 @@ use writers::Writers;
 ///
 /// # Errors
 /// [`Error::Usage`] for impossible options, [`Error::Memory`] with the smallest limit that works,
-/// [`Error::OutputExists`], [`Error::OutputBusy`], [`Error::OtherConversion`] if the one to resume is
+/// those of [`check_output`], [`Error::OtherConversion`] if the one to resume is
 /// another, [`Error::Io`], [`Error::Interrupted`], and what reading the volume returns. Nothing is
 /// left under a final name then; [`interrupted`] tells whether finished layers are kept.
 pub fn convert(
@@ -147,6 +147,18 @@ pub fn predicted_memory(volume: &dyn Volume, options: &ConvertOptions) -> Result
         None => volume.header().dims,
     };
     Ok(plan(volume, dims, options)?.memory)
+}
+
+/// Refuses a conversion that [`convert`] would refuse before it reads any sample, whatever the threshold.
+///
+/// # Errors
+/// As of [`predicted_memory`] and, unless something is to be resumed, of [`check_output`].
+pub fn check_before(volume: &dyn Volume, options: &ConvertOptions, out: &Path) -> Result<()> {
+    predicted_memory(volume, options)?;
+    if options.resume {
+        return Ok(());
+    }
+    check_output(out, options.force)
 }
 
 fn check(options: &ConvertOptions) -> Result<()> {
@@ -234,7 +246,7 @@ fn make(
     remove_empty_layer_directories(work, plan.tiling, &layers)?;
     sum_components(&resolved, options.cap, &mut totals)?;
     let bytes = totals.bytes + layers.iter().map(|l| l.bytes).sum::<u64>() + tables_bytes;
-    let warnings = warnings(&totals, grid.header().dims, options.threshold);
+    let warnings = warnings(&totals, grid.header().dims, (options.threshold, dust));
     for warning in &warnings {
         progress.warn(warning);
     }
@@ -381,9 +393,19 @@ fn sum_components(resolved: &Resolved, cap: bool, totals: &mut Totals) -> Result
     Ok(())
 }
 
-fn warnings(totals: &Totals, dims: Dims, threshold: f64) -> Vec<String> {
+fn warnings(totals: &Totals, dims: Dims, (threshold, dust): (f64, Option<Dust>)) -> Vec<String> {
     let mut warnings = Vec::new();
-    if totals.voxels_above == 0 {
+    let filled = dust.filter(|dust| match totals.voxels_above {
+        0 => dust.objects > 0,
+        above => dust.cells > 0 && above == dims.voxels(),
+    });
+    if let Some(dust) = filled {
+        warnings.push(format!(
+            "all that one side of the threshold {threshold} has is of fewer than {} voxels and was \
+             left out (--min-voxels): there is no surface",
+            dust.min_voxels
+        ));
+    } else if totals.voxels_above == 0 {
         warnings.push(format!(
             "no voxel reaches the threshold {threshold}: the tile set is empty (`alvis info` shows \
              the range of the data)"

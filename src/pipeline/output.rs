@@ -1,7 +1,9 @@
 //! The output directory: everything is made beside and moved in at the end, the manifest last.
 
 use crate::error::{Error, Result};
+use crate::manifest::PARTIAL as WORK;
 use crate::pipeline::keep::{Kept, Lock, STATE, kept};
+use std::ffi::OsString;
 use std::fs;
 use std::io::ErrorKind;
 use std::path::{Path, PathBuf};
@@ -17,8 +19,6 @@ const ENTRIES: [&str; 7] = [
     "surfaces.csv",
     "legend.png",
 ];
-/// Name of the directory for what is not finished.
-const WORK: &str = ".alvis-partial";
 /// The file in it that says who works there.
 const LOCK: &str = "lock";
 /// The file in it that says that all is made and is being moved in.
@@ -42,6 +42,19 @@ pub fn interrupted(out: &Path) -> Option<Kept> {
     kept(&out.join(WORK))
 }
 
+/// Refuses a directory in which no tile set can be made, and leaves it as it is. What an interrupted conversion
+/// left there is no hindrance.
+///
+/// # Errors
+/// [`Error::OutputExists`] if it holds a tile set and `force` is not set; [`Error::OutputForeign`] if it holds
+/// anything else; [`Error::OutputBusy`] if somebody writes there; [`Error::Io`] if it cannot be written.
+pub fn check_output(out: &Path, force: bool) -> Result<()> {
+    let before = out.join(WORK).exists();
+    let mut output = Output::open(out, force, false)?;
+    output.keep(before);
+    Ok(())
+}
+
 /// Removes what a process left that was killed after it had moved everything to its final name.
 ///
 /// # Errors
@@ -59,9 +72,9 @@ impl Output {
     /// Makes an empty work directory inside `out`.
     ///
     /// # Errors
-    /// [`Error::OutputExists`] if `out` holds anything, be it an interrupted conversion, and `force`
-    /// is not set, or holds anything but a tile set; [`Error::OutputBusy`] if somebody else writes
-    /// there; [`Error::Io`] if it cannot be written.
+    /// [`Error::OutputExists`] if `out` holds a tile set, be it an interrupted conversion, and `force`
+    /// is not set; [`Error::OutputForeign`] if it holds anything else; [`Error::OutputBusy`] if somebody else
+    /// writes there; [`Error::Io`] if it cannot be written.
     pub fn create(out: &Path, force: bool) -> Result<Self> {
         if !force && interrupted(out).is_some() {
             return Err(exists(out));
@@ -87,14 +100,19 @@ impl Output {
             };
         let made_out = match fs::read_dir(out) {
             Ok(entries) => {
-                for entry in entries {
-                    let name = entry
-                        .map_err(|e| Error::io(out, "read the directory", e))?
-                        .file_name();
-                    let ours = ENTRIES.iter().any(|&e| name == e);
-                    if name != WORK && !((force || moving) && ours) {
-                        return Err(exists(out));
-                    }
+                let names = entries.map(|entry| entry.map(|e| e.file_name()));
+                let names: std::io::Result<Vec<_>> = names.collect();
+                let names = names.map_err(|e| Error::io(out, "read the directory", e))?;
+                let ours = |name: &&OsString| ENTRIES.iter().any(|&e| *name == e);
+                let foreign = |name: &&OsString| *name != WORK && !ours(name);
+                if let Some(entry) = names.iter().filter(foreign).min() {
+                    return Err(Error::OutputForeign {
+                        path: out.to_path_buf(),
+                        entry: entry.clone(),
+                    });
+                }
+                if !force && !moving && names.iter().any(|name| ours(&name)) {
+                    return Err(exists(out));
                 }
                 false
             }

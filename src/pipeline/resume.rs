@@ -103,7 +103,11 @@ pub fn complete(
     Some(Made {
         totals: found.totals,
         bytes: size,
-        warnings: warnings(&found.totals, grid.header().dims, options.threshold),
+        warnings: warnings(
+            &found.totals,
+            grid.header().dims,
+            (options.threshold, found.dust),
+        ),
         boot: None,
     })
 }

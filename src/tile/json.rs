@@ -298,9 +298,9 @@ impl<'de> Visitor<'de> for ExtrasVisitor {
                         }
                         Flat::Unit(unit) if name == "unit" => out.measured.unit = Some(unit),
                         Flat::Unit(_) | Flat::Other => {}
-                        Flat::Nested => {
+                        Flat::Bad => {
                             out.bad = Some(format!(
-                                "{key} is nested or null, expected numbers and strings only"
+                                "{key} is nested, null or a boolean, expected numbers and strings only"
                             ));
                         }
                     }
@@ -330,7 +330,8 @@ enum Flat {
     /// A string that is the short name of a unit.
     Unit(&'static str),
     Other,
-    Nested,
+    /// What extras may not have.
+    Bad,
 }
 
 impl<'de> Deserialize<'de> for Flat {
@@ -354,18 +355,18 @@ impl<'de> Deserialize<'de> for Flat {
                 Ok(unit_name(text).map_or(Flat::Other, Flat::Unit))
             }
             fn visit_bool<E>(self, _: bool) -> Result<Flat, E> {
-                Ok(Flat::Other)
+                Ok(Flat::Bad)
             }
             fn visit_unit<E>(self) -> Result<Flat, E> {
-                Ok(Flat::Nested)
+                Ok(Flat::Bad)
             }
             fn visit_seq<A: serde::de::SeqAccess<'de>>(self, mut s: A) -> Result<Flat, A::Error> {
                 while s.next_element::<IgnoredAny>()?.is_some() {}
-                Ok(Flat::Nested)
+                Ok(Flat::Bad)
             }
             fn visit_map<A: MapAccess<'de>>(self, mut m: A) -> Result<Flat, A::Error> {
                 while m.next_entry::<IgnoredAny, IgnoredAny>()?.is_some() {}
-                Ok(Flat::Nested)
+                Ok(Flat::Bad)
             }
         }
         d.deserialize_any(Kind)

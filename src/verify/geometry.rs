@@ -71,17 +71,9 @@ impl Work<'_, '_> {
             return true;
         }
         let message = format!(
-            "found cell {}, object {}, surface {} with {} vertices and {} triangles ({} stated), expected {}",
-            found.cell,
-            found.object,
-            found.surface,
-            found.vertices,
-            found.triangles,
+            "found {found} ({} stated), expected {}",
             ids.triangles,
-            expected.map_or("no group".to_owned(), |g| format!(
-                "{g:?} as in {}",
-                self.at
-            ))
+            expected.map_or("no group".to_owned(), |g| format!("{g} as in {}", self.at))
         );
         self.issue(
             Code::GroupMismatch,

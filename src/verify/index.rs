@@ -7,7 +7,7 @@ use crate::direct::Buffer;
 use crate::error::{Error, Result};
 use crate::grid::{Dims, LATTICE, Tiling};
 use crate::manifest::{FORMAT, FORMAT_VERSION, Layer, Manifest, Shard, TileEntry};
-use crate::manifest::{file_inside, own_checksum};
+use crate::manifest::{manifest_file, own_checksum};
 use serde::Deserialize;
 use std::collections::BTreeSet;
 use std::path::Path;
@@ -25,7 +25,7 @@ pub(super) fn manifest(root: &Path, issues: &mut Issues) -> Result<Option<Manife
         format: Option<serde_json::Value>,
         format_version: Option<serde_json::Value>,
     }
-    let path = file_inside(root, MANIFEST, "read the manifest")?;
+    let path = manifest_file(root, "read the manifest")?;
     let bytes = std::fs::read(&path).map_err(|e| Error::io(&path, "read the manifest", e))?;
     let syntax = |e: serde_json::Error, issues: &mut Issues| {
         issues.add(Code::ManifestSyntax, MANIFEST, e.to_string());

@@ -1,8 +1,9 @@
 //! A folder of slices: TIFF, PNG, DICOM, or headerless raw files.
 //!
-//! Slices of DICOM are in the order of their places. Others are in the natural order of their names (9 before 10). Where the names differ by one
-//! number only, these numbers must rise in equal steps: a missing slice is refused rather than
-//! closed over. Other files (notes, logs, previews) are passed by.
+//! Slices of DICOM are in the order of their places. Others are in the natural order of their names (9
+//! before 10). Where the names differ by one number only, these numbers must rise in equal steps: a missing
+//! slice is refused rather than closed over, and so are the slices of several stacks, or a picture beside
+//! them. Other files (notes, logs) are passed by.
 
 use super::blob::Blob;
 use super::layout::{Data, Encoding, Recipe, Samples, Start};
@@ -12,6 +13,7 @@ use super::{Dtype, dicom, png, tiff, zarr};
 use crate::error::{Error, Result};
 use crate::grid::Dims;
 use std::cmp::Ordering;
+use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 
 /// More files than slices can be.
@@ -57,7 +59,7 @@ fn these(path: &Path, files: Vec<PathBuf>, options: &OpenOptions) -> Result<Reci
         return raw(path, files, dims, dtype, options);
     }
     let (mut images, mut scans, mut others) = ([Vec::new(), Vec::new()], Vec::new(), None);
-    for file in files {
+    for file in files.clone() {
         let blob = Blob::file(&file)?;
         let head = blob.head(400)?;
         let extension = file.extension().unwrap_or_default().to_ascii_lowercase();
@@ -99,7 +101,16 @@ fn these(path: &Path, files: Vec<PathBuf>, options: &OpenOptions) -> Result<Reci
             "slices of one format",
         )),
         (true, true) => match others {
-            None if path.is_dir() => below(path, options),
+            None => {
+                let options = options.of_headerless();
+                match (options.dims, options.dtype) {
+                    (Some(dims), Some(dtype)) if !files.is_empty() => {
+                        raw(path, files, dims, dtype, &options)
+                    }
+                    _ if path.is_dir() => below(path, &options),
+                    _ => Err(nothing(path, None)),
+                }
+            }
             _ => Err(nothing(path, others)),
         },
     }
@@ -268,30 +279,70 @@ pub(super) fn natural(a: &str, b: &str) -> Ordering {
     x.len().cmp(&y.len()).then(a.cmp(b))
 }
 
-/// Refuses names, in natural order, that count with a gap.
+/// Refuses names, in natural order, that are not those of one stack, or that count with a gap.
+///
+/// Names that share nothing are taken as they are, and so are those in which several numbers differ, as a date and
+/// a time do: there is no single count to check.
 pub(super) fn check_sequence(path: &Path, names: &[String]) -> Result<()> {
     let split: Vec<_> = names.iter().map(|n| parts(n)).collect();
-    let Some((first, rest)) = split.split_first() else {
+    let mut kinds: BTreeMap<Vec<&str>, Vec<usize>> = BTreeMap::new();
+    for (i, parts) in split.iter().enumerate() {
+        kinds.entry(texts(parts)).or_default().push(i);
+    }
+    if kinds.len() > 1 && kinds.len() < names.len() {
+        let mut kinds: Vec<_> = kinds.into_values().collect();
+        kinds.sort_by_key(|of| std::cmp::Reverse(of.len()));
+        let like = |of: &[usize]| format!("{} like {}", of.len(), names[of[0]]);
+        return Err(stacks(path, &like(&kinds[0]), &like(&kinds[1])));
+    }
+    let Some(first) = split.first().filter(|_| kinds.len() == 1) else {
         return Ok(());
     };
-    // texts that differ, or two numbers that do: no single count to check
-    let mut varies = None;
-    for other in rest {
-        if other.len() != first.len() {
-            return Ok(());
-        }
-        for (i, (a, b)) in first.iter().zip(other).enumerate() {
-            let differ = a != b;
-            if differ && (i % 2 == 0 || varies.is_some_and(|v| v != i)) {
-                return Ok(());
+    let counts = (1..first.len()).step_by(2);
+    let varying: Vec<_> = counts
+        .filter(|&at| split.iter().any(|parts| parts[at] != first[at]))
+        .collect();
+    match varying[..] {
+        [] => Ok(()),
+        [at] => check_count(path, names, split.iter().map(|parts| parts[at])),
+        [.., a, b] if b == a + 2 && first[a + 1] == "." => Ok(()),
+        [.., at] => {
+            let mut seen = BTreeMap::new();
+            for (name, parts) in names.iter().zip(&split) {
+                if let Some(other) = seen.insert(parts[at], name) {
+                    return Err(stacks(path, other, name));
+                }
             }
-            varies = if differ { Some(i) } else { varies };
+            Ok(())
         }
     }
-    let Some(at) = varies else {
-        return Ok(());
-    };
-    let numbers: Option<Vec<u128>> = split.iter().map(|p| p[at].parse().ok()).collect();
+}
+
+/// The texts of a name, without what follows its last number as extensions do.
+fn texts<'a>(parts: &[&'a str]) -> Vec<&'a str> {
+    let texts = parts.iter().copied().step_by(2);
+    let mut texts: Vec<_> = texts.collect();
+    if texts.len() > 1 && texts.last().is_some_and(|last| last.starts_with('.')) {
+        texts.pop();
+    }
+    texts
+}
+
+fn stacks(path: &Path, one: &str, other: &str) -> Error {
+    let found = format!("files of several stacks: {one}, {other}");
+    let expected = "slices of one, whose names differ by a number that counts them";
+    Error::format(path, found, expected).with_hint(
+        "take the others out; of a folder, the slices of one can be given as FOLDER/slice_%04d.tif",
+    )
+}
+
+/// Refuses numbers, in rising order, that do not rise in equal steps.
+fn check_count<'a>(
+    path: &Path,
+    names: &[String],
+    numbers: impl Iterator<Item = &'a str>,
+) -> Result<()> {
+    let numbers: Option<Vec<u128>> = numbers.map(|n| n.parse().ok()).collect();
     let Some(numbers) = numbers else {
         return Ok(());
     };
@@ -339,5 +390,36 @@ mod tests {
         assert!(check(&["x", "y", "z9"]) && check(&[]) && check(&["1"]));
         assert!(!check(&["a1", "a2", "a4"]));
         assert!(!check(&["a1.tif", "a01.tif"]), "the same number twice");
+        assert!(check(&["a1.tif", "a2.TIFF"]) && !check(&["a1.tif", "a3.TIFF", "a4.tif"]));
+    }
+
+    #[test]
+    fn slices_are_those_of_one_stack() {
+        let check = |names: &[&str]| {
+            let mut names: Vec<_> = names.iter().map(|n| n.to_string()).collect();
+            names.sort_by(|a, b| natural(a, b));
+            check_sequence(Path::new("d"), &names)
+        };
+        for names in [
+            &["top_1.tif", "top_2.tif", "bot_1.tif", "bot_2.tif"][..],
+            &["a_0001.tif", "a_0002.tif", "overview.tif"],
+            &["1_0001.tif", "1_0002.tif", "2_0001.tif", "2_0002.tif"],
+            &["a/1.png", "a/2.png", "b/1.png", "whole.png"],
+        ] {
+            let error = check(names).unwrap_err().to_string();
+            assert!(error.contains("several stacks"), "{error}");
+        }
+        for names in [
+            &["front.tif", "middle.tif", "rear.tif"][..],
+            &["z0.00.tif", "z0.25.tif", "z0.75.tif", "z1.00.tif"],
+            &[
+                "20240131_235958.tif",
+                "20240131_235959.tif",
+                "20240201_000001.tif",
+            ],
+            &["a_1_of_9.tif"],
+        ] {
+            check(names).unwrap();
+        }
     }
 }

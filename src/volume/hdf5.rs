@@ -250,12 +250,24 @@ fn kind(dtype: &Datatype) -> Option<(Dtype, ByteOrder)> {
     })
 }
 
+/// A type in words.
+fn type_text(dtype: &Datatype) -> String {
+    match *dtype {
+        Datatype::FixedPoint { size, signed, .. } => {
+            let sign = if signed { "signed" } else { "unsigned" };
+            format!("{sign} integers of {} bits", 8 * u64::from(size))
+        }
+        Datatype::FloatingPoint { size, .. } => format!("floats of {} bits", 8 * u64::from(size)),
+        _ => "which are no plain numbers".into(),
+    }
+}
+
 fn recipe(path: &Path, name: String, dataset: Dataset) -> Result<Recipe> {
     let shape = dataset.shape();
     let (Some(size), Some((dtype, order))) = (axes(shape), kind(dataset.dtype())) else {
         let what = format!(
-            "the HDF5 dataset {name} of {shape:?}, {:?}",
-            dataset.dtype()
+            "the HDF5 dataset {name} of {shape:?}, {}",
+            type_text(dataset.dtype())
         );
         let hint = "volumes have 3 axes (z, y, x) of numbers of at most 32 bits or f64";
         return Err(Error::unsupported(path, what, hint));

@@ -211,6 +211,30 @@ pub(super) fn file_len(path: &Path) -> Result<u64> {
     Err(Error::format(path, found, "a file"))
 }
 
+/// What a user should know of a file whose header describes less than there is: whole slices more.
+pub(super) fn more_than_described(header: &Header, data: &Data) -> Result<Option<String>> {
+    let (
+        [path],
+        Encoding::Raw,
+        &Start::At {
+            base, lines, bytes, ..
+        },
+    ) = (&data.files[..], &data.encoding, &data.start)
+    else {
+        return Ok(None);
+    };
+    let slice = header.dims.slice_voxels() * header.dtype.bytes() as u64;
+    let begin = skip_lines(path, base, lines)?.saturating_add(bytes);
+    let end = begin.saturating_add(slice * u64::from(header.dims.0[2]));
+    let spare = file_len(path)?.saturating_sub(end);
+    Ok((spare >= slice).then(|| {
+        format!(
+            "{spare} bytes behind the samples are not read: are {} of {} right?",
+            header.dims, header.dtype
+        )
+    }))
+}
+
 /// The offset of the first sample in a data file that must hold `need` sample bytes.
 fn locate(path: &Path, data: &Data, need: u64, what: &str) -> Result<u64> {
     let len = file_len(path)?;

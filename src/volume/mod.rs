@@ -56,7 +56,7 @@ pub use crop::Cropped;
 pub(crate) use dtype::with_voxel_type;
 pub use dtype::{Dtype, Slope, Voxel};
 pub use memory::MemoryVolume;
-pub use open::{Io, OpenOptions, Opened, open};
+pub use open::{Headerless, Io, OpenOptions, Opened, open};
 pub use predict::{Prediction, predict};
 pub(crate) use spool::PIECE as SPOOL_PIECE;
 pub use spool::spool;

@@ -26,6 +26,34 @@ pub enum Io {
     Read,
 }
 
+/// What a file without a header does not say of itself.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct Headerless {
+    /// Size in voxels, x first.
+    pub dims: [u64; 3],
+    /// Sample type.
+    pub dtype: Dtype,
+    /// Byte order.
+    pub endian: Endian,
+    /// Bytes before the first sample; 0 if the samples are all there is.
+    pub offset: u64,
+}
+
+impl OpenOptions {
+    /// The same for an input that has no header.
+    pub fn of_headerless(&self) -> OpenOptions {
+        let mut options = self.clone();
+        if let Some(raw) = self.headerless {
+            options.dims = options.dims.or(Some(raw.dims));
+            options.dtype = options.dtype.or(Some(raw.dtype));
+            options.endian = options.endian.or(Some(raw.endian));
+            // 0 is not passed on: it would allow any bytes after the samples
+            options.offset = options.offset.or(Some(raw.offset).filter(|&n| n > 0));
+        }
+        options
+    }
+}
+
 /// What the user says of the input.
 #[derive(Debug, Clone, Default)]
 pub struct OpenOptions {
@@ -38,6 +66,8 @@ pub struct OpenOptions {
     /// Bytes before the first sample of a headerless raw file. If given, even as 0, bytes behind the
     /// samples are ignored; otherwise the file's length must be exact.
     pub offset: Option<u64>,
+    /// What an input without a header is, where the options above do not say.
+    pub headerless: Option<Headerless>,
     /// Overrides the spacing of the file.
     pub spacing: Option<[f64; 3]>,
     /// Overrides the unit of the file; numbers are kept, not converted.
@@ -144,6 +174,12 @@ pub fn open(path: &Path, options: &OpenOptions) -> Result<Opened> {
         placement,
     };
     let swap = endian != Endian::NATIVE;
+    let mut notes = recipe.notes;
+    if recipe.format != "raw"
+        && let Samples::Files(data) = &recipe.samples
+    {
+        notes.extend(layout::more_than_described(&header, data)?);
+    }
     let volume: Box<dyn Volume> = match recipe.samples {
         Samples::Files(data) => {
             let source = layout::source(&header, &data, options.io)?;
@@ -171,7 +207,7 @@ pub fn open(path: &Path, options: &OpenOptions) -> Result<Opened> {
             level: options.level,
         },
         files,
-        notes: recipe.notes,
+        notes,
     })
 }
 
@@ -194,29 +230,30 @@ fn refuse_unused(format: &str, options: &OpenOptions) -> Result<()> {
 
 /// Parses the header of the format that the file's first bytes show.
 fn recognise(path: &Path, head: &[u8], options: &OpenOptions) -> Result<Recipe> {
+    // with both, the samples of a file that is not read otherwise can be picked out of it
+    let by_options = options.dims.is_some() && options.dtype.is_some();
     let mut recipe = if nrrd::is_nrrd(head) {
         nrrd::parse(path)?
     } else if metaimage::is_metaimage(head) {
         metaimage::parse(path)?
-    } else if tiff::is_tiff(head) && options.dims.is_none() {
+    } else if tiff::is_tiff(head) && !by_options {
         tiff::parse(path, vec![Blob::file(path)?])?
-    } else if npy::is_npy(head) && options.dims.is_none() {
+    } else if npy::is_npy(head) && !by_options {
         npy::parse(path, head)?
-    } else if archive::is_zip(head) && options.dims.is_none() {
+    } else if archive::is_zip(head) && !by_options {
         archive::parse(path)?
-    } else if vti::is_vti(head) && options.dims.is_none() {
+    } else if vti::is_vti(head) && !by_options {
         vti::parse(path)?
-    } else if options.dims.is_none()
-        && let Some(recipe) = nifti::parse(path, head)?
-    {
+    } else if !by_options && let Some(recipe) = nifti::parse(path, head)? {
         recipe
-    } else if hdf5::is_hdf5(head) && options.dims.is_none() {
+    } else if hdf5::is_hdf5(head) && !by_options {
         hdf5::parse(path, options)?
-    } else if dicom::is_dicom(head) && options.dims.is_none() {
+    } else if dicom::is_dicom(head) && !by_options {
         dicom::parse(path, vec![Blob::file(path)?], options)?
     } else {
-        refuse_known(path, head, options)?;
-        return raw(path, head, options);
+        let options = options.of_headerless();
+        refuse_known(path, head, &options)?;
+        return raw(path, head, &options);
     };
     complete(path, &mut recipe, options)?;
     Ok(recipe)
@@ -306,7 +343,7 @@ fn refuse_known(path: &Path, head: &[u8], options: &OpenOptions) -> Result<()> {
         ));
     }
     match known_format(head) {
-        Some(name) if options.dims.is_none() => Err(Error::unsupported(
+        Some(name) if options.dims.is_none() || options.dtype.is_none() => Err(Error::unsupported(
             path,
             format!("the {name} format"),
             "convert it to NRRD or MetaImage, or give --dims, --dtype and --offset if its samples \

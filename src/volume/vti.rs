@@ -71,7 +71,10 @@ impl<'a> Head<'a> {
             (Some(whole), Some(part)) if whole == part => Ok(whole),
             (Some(whole), None) => Ok(whole),
             (a, b) => {
-                let found = format!("the extents {a:?} and {b:?}");
+                let text = |extent: Option<[f64; 6]>| {
+                    extent.map_or("none".into(), |e| e.map(|v| v.to_string()).join(" "))
+                };
+                let found = format!("WholeExtent {}, Extent {}", text(a), text(b));
                 Err(self.wrong(found, "one piece that is the whole image"))
             }
         }

@@ -136,6 +136,71 @@ fn verify_tells_a_sound_set_from_a_damaged_one() {
 }
 
 #[test]
+fn a_set_made_from_raw_is_compared_with_the_volume_in_any_container() {
+    let dir = temp();
+    let at = |name: &str| dir.path().join(name);
+    let raw = ["--dims", "24,20,16", "--dtype", "u16"];
+    foam(dir.path(), "a.mha", &raw);
+    foam(dir.path(), "a.raw", &raw);
+    let mut samples = std::fs::read(at("a.raw")).unwrap();
+    samples.chunks_exact_mut(2).for_each(<[u8]>::reverse);
+    std::fs::write(at("a.raw"), &samples).unwrap();
+    let convert = ["convert", "a.raw", "out", "--threshold", "32767.5", "-q"];
+    let big = ["--endian", "big"];
+    ok(dir.path(), &[&convert[..], &raw, &big].concat());
+    let verify = |volume| alvis(dir.path(), &["verify", "out", "--against", volume]);
+    for same in ["a.raw", "a.mha"] {
+        let output = verify(same);
+        assert_eq!(
+            output.status.code(),
+            Some(0),
+            "{}{}",
+            stdout(&output),
+            stderr(&output)
+        );
+    }
+    // the same samples as slices, then one of them missing
+    std::fs::create_dir(at("slices")).unwrap();
+    for (z, slice) in samples.chunks(24 * 20 * 2).enumerate() {
+        std::fs::write(at("slices").join(format!("{z:02}")), slice).unwrap();
+    }
+    assert_eq!(verify("slices").status.code(), Some(0));
+    std::fs::remove_file(at("slices/03")).unwrap();
+    let message = fails(dir.path(), &["verify", "out", "--against", "slices"]);
+    assert!(message.contains("15 files"), "{message}");
+    foam(dir.path(), "other.mha", &["--dims", "16,16,16"]);
+    let output = verify("other.mha");
+    assert_eq!(output.status.code(), Some(1), "{}", stderr(&output));
+    assert!(stdout(&output).contains("VOLUME_MISMATCH"));
+}
+
+#[test]
+fn a_conversion_that_is_not_finished_is_no_tile_set_yet() {
+    let dir = temp();
+    std::fs::create_dir_all(dir.path().join("out/.alvis-partial")).unwrap();
+    for command in [
+        &["verify", "out"][..],
+        &["cells", "out"],
+        &["export", "out", "a.ply"],
+    ] {
+        let message = fails(dir.path(), command);
+        assert!(message.contains("--resume"), "{message}");
+    }
+}
+
+#[test]
+fn a_surface_that_was_filled_away_is_said_to_be() {
+    let dir = temp();
+    foam(dir.path(), "a.mha", &[]);
+    let convert = "convert a.mha out --threshold 127.5 --min-voxels 1000000";
+    let output = alvis(dir.path(), &convert.split(' ').collect::<Vec<_>>());
+    assert_eq!(output.status.code(), Some(0));
+    let said = stderr(&output);
+    assert!(said.contains("fewer than 1000000 voxels"), "{said}");
+    assert!(!said.contains("reaches the threshold"), "{said}");
+}
+
+#[test]
 fn a_demo_replaces_an_earlier_one() {
     let dir = temp();
     for _ in 0..2 {
@@ -156,12 +221,45 @@ fn a_demo_leaves_what_is_not_its_own() {
     let dir = temp();
     std::fs::create_dir(dir.path().join("mine")).unwrap();
     std::fs::write(dir.path().join("mine/thesis.tex"), "precious").unwrap();
-    let message = fails(dir.path(), &["demo", "mine", "--size", "16"]);
+    let refused = |name: &str| {
+        let message = fails(dir.path(), &["demo", "mine", "--size", "16"]);
+        assert!(message.contains(name), "{message}");
+    };
+    refused("thesis.tex");
+    let mine = dir.path().join("mine");
+    assert_eq!(std::fs::read_dir(&mine).unwrap().count(), 1);
+    // what has the name of a demo's file need not be one
+    std::fs::rename(mine.join("thesis.tex"), mine.join("foam.raw")).unwrap();
+    refused("foam.raw");
+    assert_eq!(std::fs::read(mine.join("foam.raw")).unwrap(), b"precious");
+    std::fs::remove_file(mine.join("foam.raw")).unwrap();
+    ok(dir.path(), &["demo", "mine", "--size", "16", "--quiet"]);
+    let volume = std::fs::read(mine.join("foam.raw")).unwrap();
+    std::fs::write(mine.join("foam/thesis.tex"), "precious").unwrap();
+    let message = fails(dir.path(), &["demo", "mine", "--size", "20"]);
     assert!(message.contains("thesis.tex"), "{message}");
-    assert_eq!(
-        std::fs::read_dir(dir.path().join("mine")).unwrap().count(),
-        1
-    );
+    assert!(!message.contains("--force"), "{message}");
+    assert_eq!(std::fs::read(mine.join("foam.raw")).unwrap(), volume);
+}
+
+#[test]
+fn what_needs_no_sample_is_refused_before_samples_are_read() {
+    let dir = temp();
+    // no two samples differ: Otsu's method would fail
+    std::fs::write(dir.path().join("flat.raw"), [7; 8 * 8 * 8]).unwrap();
+    std::fs::create_dir(dir.path().join("mine")).unwrap();
+    std::fs::write(dir.path().join("mine/thesis.tex"), "precious").unwrap();
+    let convert = "convert flat.raw OUT --dims 8,8,8 --dtype u8 --threshold otsu";
+    let fails = |out: &str, more: &[&str]| {
+        let convert = convert.replace("OUT", out);
+        let args: Vec<_> = convert.split(' ').chain(more.iter().copied()).collect();
+        fails(dir.path(), &args)
+    };
+    assert!(fails("mine", &["--force"]).contains("thesis.tex"));
+    assert!(fails("flat.raw", &[]).contains("use as the output directory"));
+    assert!(fails("new", &["--memory", "1MiB"]).contains("smallest limit"));
+    assert!(fails("new", &[]).contains("no two finite samples"));
+    assert!(!dir.path().join("new").exists());
 }
 
 #[test]

@@ -1,6 +1,6 @@
 //! `phantom` and `info`.
 
-use super::{fails, foam, json, ok, temp};
+use super::{alvis, fails, foam, json, ok, temp};
 use serde_json::Value;
 
 #[test]
@@ -111,6 +111,73 @@ fn threads_do_not_change_a_file() {
 }
 
 #[test]
+fn more_slices_than_the_header_says_are_told_of() {
+    let dir = temp();
+    foam(dir.path(), "a.nrrd", &["--dims", "20,20,20"]);
+    let bytes = std::fs::read(dir.path().join("a.nrrd")).unwrap();
+    assert!(!ok(dir.path(), &["info", "a.nrrd"]).contains("not read"));
+    let at = bytes
+        .windows(15)
+        .position(|w| w == b"sizes: 20 20 20")
+        .unwrap();
+    let mut shorter = bytes.clone();
+    shorter[at + 13..at + 15].copy_from_slice(b"10");
+    std::fs::write(dir.path().join("a.nrrd"), shorter).unwrap();
+    let said = ok(dir.path(), &["info", "a.nrrd"]);
+    assert!(
+        said.contains("4000 bytes behind the samples are not read"),
+        "{said}"
+    );
+}
+
+#[test]
+fn what_a_header_says_need_not_be_typed_but_may() {
+    let dir = temp();
+    foam(dir.path(), "a.mha", &["--dims", "20,20,20"]);
+    std::fs::write(dir.path().join("a.npy"), npy([20, 20, 20])).unwrap();
+    for name in ["a.mha", "a.npy"] {
+        ok(dir.path(), &["info", name, "--dims", "20,20,20"]);
+        let message = fails(dir.path(), &["info", name, "--dims", "5,5,5"]);
+        assert!(message.contains("leave the option out"), "{message}");
+    }
+}
+
+/// An array of u8 in NumPy's form.
+fn npy([x, y, z]: [usize; 3]) -> Vec<u8> {
+    let head = format!("{{'descr': '|u1', 'fortran_order': False, 'shape': ({z}, {y}, {x}), }}");
+    let mut bytes = b"\x93NUMPY\x01\x00".to_vec();
+    bytes.extend((head.len() as u16).to_le_bytes());
+    bytes.extend(head.as_bytes());
+    bytes.extend((0..x * y * z).map(|i| i as u8));
+    bytes
+}
+
+#[test]
+fn the_command_that_is_proposed_can_be_pasted() {
+    let dir = temp();
+    let args = ["phantom", "sphere", "my scan.mhd", "--dims", "16,16,16"];
+    assert!(ok(dir.path(), &args).contains("alvis convert 'my scan.mhd' OUT"));
+}
+
+#[test]
+fn numbers_below_zero_are_refused_by_the_option() {
+    let dir = temp();
+    for args in [
+        &["info", "a.raw", "--spacing", "-1"][..],
+        &["cells", "out", "--top", "-1"],
+        &["preview", "a", "b.png", "--at", "-1"],
+        &["verify", "out", "--max-issues", "-1"],
+        &["export", "out", "a.ply", "--simplify", "-1"],
+    ] {
+        let output = alvis(dir.path(), args);
+        assert_eq!(output.status.code(), Some(2));
+        let message = String::from_utf8(output.stderr).unwrap();
+        assert!(message.contains("invalid value '-1'"), "{message}");
+        assert!(message.contains(args[args.len() - 2]), "{message}");
+    }
+}
+
+#[test]
 fn the_threshold_of_info_may_be_negative_or_missing() {
     let dir = temp();
     foam(dir.path(), "a.mhd", &["--dtype", "i16"]);
@@ -126,10 +193,10 @@ fn the_threshold_of_info_may_be_negative_or_missing() {
         (&info["otsu_threshold"], &info["predicted"]),
         (&Value::Null, &Value::Null)
     );
-    assert!(ok(dir.path(), &args).contains("all samples are the same"));
+    assert!(ok(dir.path(), &args).contains("no two finite samples differ"));
     let args = [
         "convert", "flat.raw", "out", "--dims", "4,4,4", "--dtype", "u8",
     ];
     let message = fails(dir.path(), &[&args[..], &["--threshold", "otsu"]].concat());
-    assert!(message.contains("are the same"), "{message}");
+    assert!(message.contains("no two finite samples"), "{message}");
 }
