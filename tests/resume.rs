@@ -105,7 +105,7 @@ fn stop_everywhere(what: &str, volume: &dyn Volume, options: &ConvertOptions) {
 fn every_layer_of_every_kind() {
     let dims = [30, 26, 29];
     let foam = placed(dims, foam(dims, 5));
-    let base = options([9, 8, 3]);
+    let base = options([15, 13, 3]);
     stop_everywhere("foam", &foam, &base);
     let crop = Crop {
         x: 1..29,
@@ -121,7 +121,7 @@ fn every_layer_of_every_kind() {
     stop_everywhere("cut", &foam, &cut);
     let dust = ConvertOptions {
         min_voxels: 20,
-        macrocube: [9, 8, 6],
+        macrocube: [15, 13, 6],
         ..base.clone()
     };
     stop_everywhere("dust", &foam, &dust);

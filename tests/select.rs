@@ -552,7 +552,8 @@ fn refusals_leave_nothing_behind() {
     std::fs::write(dir.join("full/mine.txt"), "x").unwrap();
     for force in [&[][..], &["--force"]] {
         let args = [&["select", "tiles", "full", "--where", "true"], force].concat();
-        assert!(fails(dir, &args).contains("not empty"));
+        let message = fails(dir, &args);
+        assert!(message.contains("holds mine.txt"), "{args:?}: {message}");
     }
     // a damaged tile is refused by its checksum
     let path = groups(&dir.join("tiles")).into_keys().next().unwrap();

@@ -401,8 +401,8 @@ fn warnings(totals: &Totals, dims: Dims, (threshold, dust): (f64, Option<Dust>))
     });
     if let Some(dust) = filled {
         warnings.push(format!(
-            "all that one side of the threshold {threshold} has is of fewer than {} voxels and was \
-             left out (--min-voxels): there is no surface",
+            "every part on one side of the threshold {threshold} has fewer than {} voxels and was left \
+             out (--min-voxels): there is no surface",
             dust.min_voxels
         ));
     } else if totals.voxels_above == 0 {
