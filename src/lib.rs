@@ -159,6 +159,7 @@ pub mod manifest;
 mod measure;
 mod memory;
 mod mesh;
+mod newfile;
 mod pages;
 pub mod phantom;
 mod picture;

@@ -1,5 +1,6 @@
 //! Small pictures with text, written as PNG.
 
+use crate::newfile::NewFile;
 use font8x8::UnicodeFonts;
 use image::{ImageFormat, Rgb, RgbImage};
 use std::io::{Error, Result};
@@ -56,22 +57,13 @@ impl Picture {
     /// # Errors
     /// The system's.
     pub fn save(&self, path: &Path) -> Result<()> {
-        let dir = match path.parent() {
-            Some(dir) if !dir.as_os_str().is_empty() => dir,
-            _ => Path::new("."),
-        };
-        let mut file = tempfile::Builder::new()
-            .prefix(".alvis-")
-            .suffix(".png")
-            .permissions(std::os::unix::fs::PermissionsExt::from_mode(0o644))
-            .tempfile_in(dir)?;
+        let mut file = NewFile::create(path)?;
         let mut bytes = std::io::Cursor::new(Vec::new());
         self.pixels
             .write_to(&mut bytes, ImageFormat::Png)
             .map_err(Error::other)?;
         std::io::Write::write_all(&mut file, bytes.get_ref())?;
-        file.persist(path).map_err(|e| e.error)?;
-        Ok(())
+        file.keep(true)
     }
 }
 

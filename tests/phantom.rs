@@ -427,3 +427,36 @@ fn files_are_replaced_only_on_request() {
     }
     assert_eq!(std::fs::read_dir(dir.path()).unwrap().count(), 2);
 }
+
+#[cfg(target_os = "linux")]
+#[test]
+fn a_killed_command_leaves_no_file() {
+    use std::os::unix::fs::OpenOptionsExt;
+    let dir = tempfile::tempdir().unwrap();
+    let nameless = std::fs::File::options()
+        .write(true)
+        .custom_flags(libc::O_TMPFILE)
+        .open(dir.path());
+    if let Err(e) = nameless {
+        eprintln!("SKIPPED: no files without a name in the temporary directory: {e}");
+        return;
+    }
+    let mut child = std::process::Command::new(env!("CARGO_BIN_EXE_alvis"))
+        .args(["phantom", "noise", "v.mhd", "--dims", "2000,2000,2000"])
+        .arg("--quiet")
+        .current_dir(dir.path())
+        .spawn()
+        .unwrap();
+    // bytes that it has handed to the system
+    let written = || {
+        let io = std::fs::read_to_string(format!("/proc/{}/io", child.id())).unwrap();
+        let line = io.lines().find_map(|l| l.strip_prefix("wchar: "));
+        line.unwrap().parse::<u64>().unwrap()
+    };
+    while written() < 1_000_000 {
+        std::thread::sleep(std::time::Duration::from_millis(1));
+    }
+    child.kill().unwrap();
+    assert_eq!(child.wait().unwrap().code(), None);
+    assert_eq!(std::fs::read_dir(dir.path()).unwrap().count(), 0);
+}

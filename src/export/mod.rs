@@ -189,7 +189,7 @@ impl Run<'_> {
     fn write(&self, file: &Path, plan: &Plan, cost: &Cost) -> Result<(Counts, f64, u64)> {
         self.progress.begin("export", plan.tiles);
         let mut sink = Sink::create(file, self.writer)?;
-        let mut front = Front::new(sink::directory(file));
+        let mut front = Front::new(crate::newfile::directory(file));
         let mut counts = Counts {
             bounds: [[i32::MAX; 3], [i32::MIN; 3]],
             ..Counts::default()

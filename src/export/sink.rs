@@ -2,11 +2,10 @@
 
 use super::format::{Coded, Counts, Writer};
 use crate::error::{Error, Result};
-use std::fs::{File, Permissions};
+use crate::newfile::{NewFile, directory};
+use std::fs::File;
 use std::io::{BufWriter, Seek, SeekFrom, Write};
-use std::os::unix::fs::PermissionsExt;
 use std::path::{Path, PathBuf};
-use tempfile::NamedTempFile;
 
 /// Bytes gathered before they are written.
 const BUFFER: usize = 1 << 18;
@@ -14,7 +13,7 @@ const BUFFER: usize = 1 << 18;
 /// A file in the making; dropped before [`Sink::finish`], it leaves nothing behind.
 pub(super) struct Sink {
     path: PathBuf,
-    out: BufWriter<NamedTempFile>,
+    out: BufWriter<NewFile>,
     faces: Option<BufWriter<File>>,
 }
 
@@ -24,23 +23,10 @@ impl Sink {
     /// # Errors
     /// [`Error::Io`] if it cannot be written where `path` is, or `path` is a directory.
     pub fn create(path: &Path, writer: &dyn Writer) -> Result<Self> {
-        if path.is_dir() {
-            return Err(Error::io(
-                path,
-                "write the file",
-                std::io::ErrorKind::IsADirectory.into(),
-            ));
-        }
-        let dir = directory(path);
         let failed = |e| Error::io(path, "create", e);
-        let out = tempfile::Builder::new()
-            .prefix(".alvis-")
-            .suffix(".partial")
-            .permissions(Permissions::from_mode(0o666))
-            .tempfile_in(dir)
-            .map_err(failed)?;
+        let out = NewFile::create(path).map_err(failed)?;
         let faces = match writer.apart() {
-            true => Some(tempfile::tempfile_in(dir).map_err(failed)?),
+            true => Some(crate::scratch::unnamed(directory(path)).map_err(failed)?),
             false => None,
         };
         let mut sink = Sink {
@@ -84,21 +70,13 @@ impl Sink {
             let mut faces = faces.into_inner().map_err(|e| failed(e.into_error()))?;
             faces.rewind().map_err(&failed)?;
             self.out.flush().map_err(&failed)?;
-            std::io::copy(&mut faces, self.out.get_mut().as_file_mut()).map_err(&failed)?;
+            std::io::copy(&mut faces, self.out.get_mut()).map_err(&failed)?;
         }
         let mut out = self.out.into_inner().map_err(|e| failed(e.into_error()))?;
         let bytes = out.seek(SeekFrom::End(0)).map_err(&failed)?;
         out.rewind().map_err(&failed)?;
         out.write_all(head).map_err(&failed)?;
-        out.persist(&self.path).map_err(|e| failed(e.error))?;
+        out.keep(true).map_err(failed)?;
         Ok(bytes)
-    }
-}
-
-/// The directory of a file.
-pub(super) fn directory(path: &Path) -> &Path {
-    match path.parent() {
-        Some(dir) if !dir.as_os_str().is_empty() => dir,
-        _ => Path::new("."),
     }
 }

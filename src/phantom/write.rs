@@ -3,14 +3,13 @@
 use super::PhantomVolume;
 use crate::error::{Error, Result};
 use crate::grid::{Placement, Unit};
+use crate::newfile::NewFile;
 use crate::progress::Progress;
 use crate::volume::{Dtype, Endian, Header, Volume};
 use std::fmt::Write as _;
-use std::fs::File;
-use std::io::Write as _;
+use std::io::{ErrorKind, Write as _};
 use std::ops::Range;
 use std::path::{Path, PathBuf};
-use tempfile::NamedTempFile;
 
 /// Bytes that are made at once; twice as many are in memory, as one part is written while the next
 /// is made. At least one row is made at once, whatever its size.
@@ -116,41 +115,18 @@ fn exists(path: &Path) -> Error {
     .with_hint("give --force to replace it")
 }
 
-fn temporary(path: &Path) -> Result<NamedTempFile> {
-    let directory = match path.parent() {
-        Some(parent) if parent != Path::new("") => parent,
-        _ => Path::new("."),
-    };
-    let mut builder = tempfile::Builder::new();
-    builder.prefix(".alvis-").suffix(".partial");
-    #[cfg(unix)]
-    {
-        use std::os::unix::fs::PermissionsExt;
-        // the default, 0600, would stay with the finished file
-        builder.permissions(std::fs::Permissions::from_mode(0o666));
-    }
-    builder
-        .tempfile_in(directory)
-        .map_err(|e| Error::io(path, "create the file", e))
+fn temporary(path: &Path) -> Result<NewFile> {
+    NewFile::create(path).map_err(|e| Error::io(path, "create the file", e))
 }
 
-fn keep(file: NamedTempFile, path: &Path, force: bool) -> Result<()> {
-    let kept = if force {
-        file.persist(path)
-    } else {
-        file.persist_noclobber(path)
-    };
-    match kept {
-        Ok(_) => Ok(()),
-        Err(e) if !force && e.error.kind() == std::io::ErrorKind::AlreadyExists => {
-            Err(exists(path))
-        }
-        Err(e) => Err(Error::io(path, "rename the finished file to it", e.error)),
-    }
+fn keep(file: NewFile, path: &Path, force: bool) -> Result<()> {
+    file.keep(force).map_err(|e| match e.kind() {
+        ErrorKind::AlreadyExists if !force => exists(path),
+        _ => Error::io(path, "give its name to the finished file", e),
+    })
 }
 
-fn put(file: &mut NamedTempFile, path: &Path, bytes: &[u8]) -> Result<()> {
-    let file: &mut File = file.as_file_mut();
+fn put(file: &mut NewFile, path: &Path, bytes: &[u8]) -> Result<()> {
     file.write_all(bytes)
         .map_err(|e| Error::io(path, "write", e))
 }
@@ -173,7 +149,7 @@ fn parts(header: &Header) -> impl Iterator<Item = (Range<u32>, Range<u32>)> {
 
 fn write_samples(
     volume: &PhantomVolume,
-    file: &mut NamedTempFile,
+    file: &mut NewFile,
     path: &Path,
     progress: &dyn Progress,
 ) -> Result<()> {
