@@ -4,7 +4,7 @@
 //! cargo run --release --example bench -- [DIRECTORY] [--python PYTHON] [--deep] [--lobster FILE]
 //! ```
 //!
-//! Makes foams in DIRECTORY (by default `target/bench`; with what comes of them 25 GiB, with `--deep` 60 GiB),
+//! Makes foams in DIRECTORY (by default `target/bench`; with what comes of them 12 GiB, with `--deep` 60 GiB),
 //! and prints a table of medians as Markdown. Volumes are in the file cache, as far as memory has room. With
 //! the PYTHON of an environment that has the packages that `peers.py` beside this file names, others race
 //! along. `--deep` adds the volumes of ten times the depth and of eight times the voxels; `--lobster` adds a
@@ -13,8 +13,10 @@
 //! Its results are deleted in the end, and ext4 without a journal is slow to make files for six minutes after
 //! others were deleted, a build's too: run it again later.
 
+mod input;
 mod run;
 
+use input::{Input, Sets};
 use run::{Alvis, Peer, Sample, least, median};
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
@@ -23,95 +25,6 @@ use std::process::ExitCode;
 const RUNS: usize = 9;
 /// Voxels from which on a volume is converted less often, and its tiles are not kept until the end.
 const LARGE: f64 = 1e9;
-
-/// A volume on disk.
-struct Input {
-    path: PathBuf,
-    dims: [u32; 3],
-    dtype: &'static str,
-    threshold: f64,
-}
-
-impl Input {
-    fn voxels(&self) -> f64 {
-        self.dims.iter().map(|&n| f64::from(n)).product()
-    }
-
-    fn name(&self) -> String {
-        let [x, y, z] = self.dims;
-        format!("{x} x {y} x {z} {}", self.dtype)
-    }
-
-    /// Makes a foam, unless a file of that size is there.
-    fn foam(dir: &Path, dims: [u32; 3], dtype: &'static str) -> Result<Input, String> {
-        let [x, y, z] = dims;
-        let path = dir.join(format!("foam_{x}x{y}x{z}_{dtype}.raw"));
-        let (bytes, threshold) = match dtype {
-            "u8" => (1, 127.5),
-            _ => (2, 32_767.5),
-        };
-        let input = Input {
-            path,
-            dims,
-            dtype,
-            threshold,
-        };
-        let size = input.voxels() as u64 * bytes;
-        if std::fs::metadata(&input.path).map_or(0, |m| m.len()) != size {
-            let text = format!("{x},{y},{z}");
-            let path = input.path.display().to_string();
-            let args = ["phantom", "foam", &path, "--dims", &text, "--dtype", dtype];
-            Alvis::run(&[&args[..], &["--force", "--quiet"]].concat())?;
-        }
-        Ok(input)
-    }
-
-    /// Converts into a directory that is not there: removing an old one is no part of it. That one is
-    /// moved aside until the end, since ext4 looks long for room for a file right after others were
-    /// deleted (half a conversion of thousands of small tiles). The volume is read once before, since others
-    /// may have driven it out of the file cache: large ones would be measured from the disk, small ones not.
-    fn convert(&self, out: &Path, more: &[&str]) -> Result<Sample, String> {
-        self.convert_by(Alvis::run, out, more)
-    }
-
-    fn convert_by(&self, run: Run, out: &Path, more: &[&str]) -> Result<Sample, String> {
-        let fail = |e: std::io::Error| format!("{}: {e}", out.display());
-        if out.exists() {
-            let aside = aside(out);
-            std::fs::create_dir_all(&aside).map_err(fail)?;
-            let count = std::fs::read_dir(&aside).map_err(fail)?.count();
-            std::fs::rename(out, aside.join(count.to_string())).map_err(fail)?;
-        }
-        std::fs::File::open(&self.path)
-            .and_then(|mut file| std::io::copy(&mut file, &mut std::io::sink()))
-            .map_err(|e| format!("{}: {e}", self.path.display()))?;
-        let [x, y, z] = self.dims;
-        let (dims, threshold) = (format!("{x},{y},{z}"), self.threshold.to_string());
-        let (input, out) = (self.path.display().to_string(), out.display().to_string());
-        let args = [
-            "convert",
-            &input,
-            &out,
-            "--dims",
-            &dims,
-            "--dtype",
-            self.dtype,
-            "--threshold",
-            &threshold,
-            "--json",
-            "--quiet",
-        ];
-        run(&[&args[..], more].concat())
-    }
-}
-
-/// A way to run the command.
-type Run = fn(&[&str]) -> Result<Sample, String>;
-
-/// Where earlier results wait for their end.
-fn aside(out: &Path) -> PathBuf {
-    out.with_extension("old")
-}
 
 /// Rows of the table.
 #[derive(Default)]
@@ -145,6 +58,8 @@ struct Race {
     one_thread: Vec<Sample>,
     /// On one core.
     one_core: Vec<Sample>,
+    /// Seconds of as many of one thread as there are cores, at once.
+    side_by_side: Vec<f64>,
     verify: Vec<Sample>,
     surface: Vec<Sample>,
     script: Vec<Sample>,
@@ -166,34 +81,39 @@ fn peak(samples: &[Sample]) -> f64 {
 }
 
 /// Conversion, verification and others on one volume.
-fn race(input: &Input, out: &Path, peers: Option<&Peer>, table: &mut Table) -> Result<(), String> {
+fn race(
+    input: &Input,
+    sets: &mut Sets,
+    peers: Option<&Peer>,
+    table: &mut Table,
+) -> Result<(), String> {
     let mut race = Race::default();
-    let set = out.display().to_string();
     for run in 0..RUNS {
         race.cores.push(run::work_of_all_cores());
         // the process before leaves cores awake or asleep: to and fro, none always runs behind the same one
-        let order = if run % 2 == 0 { [0, 1, 2] } else { [2, 1, 0] };
+        let order = if run % 2 == 0 {
+            [0, 1, 2, 3]
+        } else {
+            [3, 2, 1, 0]
+        };
         for who in order {
             match who {
-                0 => race.all.push(input.convert(out, &[])?),
-                1 => {
-                    let one = input.convert(out, &["--threads", "1"])?;
-                    race.one_thread.push(one);
-                }
-                _ => {
-                    let one = input.convert_by(Alvis::run_on_one_core, out, &[])?;
-                    race.one_core.push(one);
-                }
+                0 => race.side_by_side.push(input.convert_side_by_side(sets)?),
+                1 => race
+                    .one_thread
+                    .push(input.convert(sets, &["--threads", "1"])?),
+                2 => race.all.push(input.convert(sets, &[])?),
+                _ => race.one_core.push(input.convert_on_one_core(sets)?),
             }
         }
-        let verify = Alvis::run(&["verify", &set, "--json", "--quiet"])?;
-        race.verify.push(verify);
+        race.verify.push(Alvis::verify(&sets.last())?);
         if let Some(peer) = peers {
             race.surface.push(peer.run(input_args(input), "vtk")?);
             if run == 0 {
                 race.script.push(peer.run(input_args(input), "script")?);
             }
         }
+        sets.empty()?;
     }
     race.own_rows(input, table);
     if peers.is_some() {
@@ -230,12 +150,7 @@ impl Race {
                 format!("{one:.2} s with one; {fastest:.2} x between the fastest runs"),
             );
         }
-        let least = least(self.cores.iter().copied());
-        table.row(
-            format!("{name}: arithmetic of {} threads / of one", run::cores()),
-            format!("{:.2} x", median(self.cores.iter().copied())),
-            format!("what the machine gave meanwhile; {least:.2} at least"),
-        );
+        self.machine_rows(&name, table);
         let proof = seconds(&self.verify);
         table.row(
             format!("{name}: verify / convert"),
@@ -246,6 +161,27 @@ impl Race {
             format!("{name}: index entries per triangle"),
             format!("{:.3}", self.all[0].number("strip_indices") / triangles),
             "stitches included".into(),
+        );
+    }
+
+    /// What the machine gave to all its cores meanwhile: threads can hardly gain more than that.
+    fn machine_rows(&self, name: &str, table: &mut Table) {
+        let (cores, ours) = (run::cores(), seconds(&self.all));
+        let beside = median(self.side_by_side.iter().copied());
+        let gain = cores as f64 * seconds(&self.one_thread) / beside;
+        table.row(
+            format!("{name}: 1 -> {cores} conversions of one thread each"),
+            format!("{gain:.2} x"),
+            format!(
+                "at once, sharing nothing but the machine; threads of one gain {:.2} times that",
+                beside / cores as f64 / ours
+            ),
+        );
+        let least = least(self.cores.iter().copied());
+        table.row(
+            format!("{name}: arithmetic of {cores} threads / of one"),
+            format!("{:.2} x", median(self.cores.iter().copied())),
+            format!("what the machine gave meanwhile; {least:.2} at least"),
         );
     }
 
@@ -297,14 +233,14 @@ fn takes_part(input: &Input, round: usize) -> bool {
 }
 
 /// Nanoseconds per voxel of foams of rising size, in turns.
-fn flatness(inputs: &[Input], out: &Path, table: &mut Table) -> Result<(), String> {
+fn flatness(inputs: &[Input], sets: &mut Sets, table: &mut Table) -> Result<(), String> {
     let mut samples: Vec<Vec<Sample>> = inputs.iter().map(|_| Vec::new()).collect();
     for round in 0..RUNS {
         for (input, samples) in inputs.iter().zip(&mut samples) {
             if takes_part(input, round) {
-                samples.push(input.convert(out, &[])?);
+                samples.push(input.convert(sets, &[])?);
                 if input.voxels() >= LARGE {
-                    empty(out)?;
+                    sets.empty()?;
                 }
             }
         }
@@ -335,13 +271,12 @@ fn flatness(inputs: &[Input], out: &Path, table: &mut Table) -> Result<(), Strin
 }
 
 /// Ten times as deep as the larger volume of the race.
-fn deep(input: &Input, out: &Path, table: &mut Table) -> Result<(), String> {
-    let set = out.display().to_string();
+fn deep(input: &Input, sets: &mut Sets, table: &mut Table) -> Result<(), String> {
     let (mut made, mut proofs) = (Vec::new(), Vec::new());
     for _ in 0..3 {
-        made.push(input.convert(out, &[])?);
-        proofs.push(Alvis::run(&["verify", &set, "--json", "--quiet"])?);
-        empty(out)?;
+        made.push(input.convert(sets, &[])?);
+        proofs.push(Alvis::verify(&sets.last())?);
+        sets.empty()?;
     }
     for (what, samples) in [("convert", &made), ("verify", &proofs)] {
         table.row(
@@ -353,27 +288,8 @@ fn deep(input: &Input, out: &Path, table: &mut Table) -> Result<(), String> {
     Ok(())
 }
 
-/// Gives back the room on disk that the files of tile sets take, and waits until the system is done with that.
-/// The names stay, see [`Input::convert`].
-fn empty(sets: &Path) -> Result<(), String> {
-    fn each(dir: &Path) -> std::io::Result<()> {
-        for entry in std::fs::read_dir(dir)? {
-            let entry = entry?;
-            if entry.file_type()?.is_dir() {
-                each(&entry.path())?;
-            } else {
-                std::fs::File::create(entry.path())?;
-            }
-        }
-        Ok(())
-    }
-    each(sets).map_err(|e| format!("{}: {e}", sets.display()))?;
-    std::thread::sleep(std::time::Duration::from_secs(2));
-    Ok(())
-}
-
 /// A real scan, repeated along z to 1 GB.
-fn sparse(file: &Path, dir: &Path, out: &Path, table: &mut Table) -> Result<(), String> {
+fn sparse(file: &Path, dir: &Path, sets: &mut Sets, table: &mut Table) -> Result<(), String> {
     let (x, y, slices) = (301u32, 324u32, 56u32);
     let one = std::fs::read(file).map_err(|e| format!("{}: {e}", file.display()))?;
     let [bytes, times] = [u64::from(x * y * slices), 190];
@@ -394,7 +310,7 @@ fn sparse(file: &Path, dir: &Path, out: &Path, table: &mut Table) -> Result<(), 
             threshold,
         };
         let runs: Vec<_> = (0..3)
-            .map(|_| input.convert(out, &[]))
+            .map(|_| input.convert(sets, &[]))
             .collect::<Result<_, _>>()?;
         let seconds = seconds(&runs);
         table.row(
@@ -437,14 +353,14 @@ fn args() -> Result<Args, String> {
 fn bench(args: &Args) -> Result<(), String> {
     let dir = args.dir.clone().unwrap_or_else(|| "target/bench".into());
     std::fs::create_dir_all(&dir).map_err(|e| format!("{}: {e}", dir.display()))?;
-    let out = dir.join("tiles");
+    let mut sets = Sets::new(dir.join("sets"))?;
     let peers = args.python.as_deref().map(Peer::new);
     let mut table = Table::default();
     println!("{}", run::machine());
     for (dims, dtype) in [([313, 313, 380], "u8"), ([512; 3], "u16")] {
         race(
             &Input::foam(&dir, dims, dtype)?,
-            &out,
+            &mut sets,
             peers.as_ref(),
             &mut table,
         )?;
@@ -455,20 +371,16 @@ fn bench(args: &Args) -> Result<(), String> {
         .iter()
         .map(|&n| Input::foam(&dir, [n; 3], "u8"))
         .collect::<Result<_, _>>()?;
-    empty(&aside(&out))?;
-    flatness(&sizes, &out, &mut table)?;
+    flatness(&sizes, &mut sets, &mut table)?;
     if args.deep {
         let input = Input::foam(&dir, [512, 512, 5120], "u16")?;
-        deep(&input, &out, &mut table)?;
+        deep(&input, &mut sets, &mut table)?;
     }
     if let Some(file) = &args.lobster {
-        sparse(file, &dir, &out, &mut table)?;
+        sparse(file, &dir, &mut sets, &mut table)?;
     }
     table.print();
-    for directory in [aside(&out), out] {
-        std::fs::remove_dir_all(&directory).map_err(|e| format!("{}: {e}", directory.display()))?;
-    }
-    Ok(())
+    sets.delete()
 }
 
 fn main() -> ExitCode {

@@ -1,7 +1,7 @@
 //! Commands in processes of their own, timed.
 
 use serde_json::Value;
-use std::ffi::OsString;
+use std::ffi::{OsStr, OsString};
 use std::path::{Path, PathBuf};
 use std::process::{Command, Stdio};
 use std::time::Instant;
@@ -37,7 +37,8 @@ impl Sample {
     }
 }
 
-fn timed(mut command: Command) -> Result<Sample, String> {
+/// Runs a command to its end.
+pub fn timed(mut command: Command) -> Result<Sample, String> {
     let start = Instant::now();
     let output = command
         .stdin(Stdio::null())
@@ -52,23 +53,50 @@ fn timed(mut command: Command) -> Result<Sample, String> {
     Ok(Sample { wall, report })
 }
 
+/// Runs commands at once; seconds until the last one has ended.
+pub fn timed_at_once(mut commands: Vec<Command>) -> Result<f64, String> {
+    let start = Instant::now();
+    let children: Vec<_> = commands
+        .iter_mut()
+        .map(|command| command.stdin(Stdio::null()).stdout(Stdio::null()).spawn())
+        .collect();
+    let ends: Vec<_> = children
+        .into_iter()
+        .map(|child| child.and_then(|mut child| child.wait()))
+        .collect();
+    let wall = start.elapsed().as_secs_f64();
+    for (command, end) in commands.iter().zip(ends) {
+        match end {
+            Ok(status) if status.success() => (),
+            Ok(status) => return Err(format!("{command:?}: {status}")),
+            Err(e) => return Err(format!("{command:?}: {e}")),
+        }
+    }
+    Ok(wall)
+}
+
 /// The command itself.
 pub struct Alvis;
 
 impl Alvis {
-    /// Runs it with these arguments.
-    pub fn run(args: &[&str]) -> Result<Sample, String> {
+    /// With these arguments.
+    pub fn command<S: AsRef<OsStr>>(args: &[S]) -> Result<Command, String> {
         let mut command = Command::new(Alvis::program()?);
         command.arg(COMMAND).args(args);
-        timed(command)
+        Ok(command)
     }
 
-    /// Runs it on one core: threads that write beside those that make tiles share it, too.
-    pub fn run_on_one_core(args: &[&str]) -> Result<Sample, String> {
+    /// On one core.
+    pub fn command_on_one_core<S: AsRef<OsStr>>(args: &[S]) -> Result<Command, String> {
         let mut command = Command::new("taskset");
         command.args(["--cpu-list", "0"]).arg(Alvis::program()?);
         command.arg(COMMAND).args(args);
-        timed(command)
+        Ok(command)
+    }
+
+    /// Verifies a set.
+    pub fn verify(set: &str) -> Result<Sample, String> {
+        timed(Alvis::command(&["verify", set, "--json", "--quiet"])?)
     }
 
     fn program() -> Result<PathBuf, String> {
