@@ -283,13 +283,10 @@ fn text(summary: &Summary, which: Table) -> String {
     };
     let spread = |s: &Spread| [s.min, s.q1, s.median, s.q3, s.max, s.mean, s.sd].map(number);
     let h = &d.histogram;
-    let doubled: Vec<u64> = h.bins.iter().flat_map(|&n| [n, n]).collect();
-    let bars = chart::draw(
-        &doubled,
-        [h.min, h.max],
-        Some(d.number.median),
-        output::width(),
-    );
+    let doubled: Vec<f64> = h.bins.iter().flat_map(|&n| [n as f64; 2]).collect();
+    let ends = [h.min, h.max];
+    let mark = chart::place(ends, d.number.median);
+    let bars = chart::draw(&doubled, ends, Some(mark), output::width());
     format!(
         "{}\n{name}\n{}{}{}\nnumber of {} by equivalent diameter (log scale, median marked)\n{bars}",
         output::table(&rows),

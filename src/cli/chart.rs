@@ -4,20 +4,25 @@
 const ROWS: usize = 8;
 const STEPS: [char; 9] = [' ', '▁', '▂', '▃', '▄', '▅', '▆', '▇', '█'];
 
-/// Draws counts of equal bins over `range` as bars on a logarithmic scale, in at most `width`
-/// columns, with the threshold marked below. No bins give an empty text.
-pub fn draw(bins: &[u64], range: [f64; 2], threshold: Option<f64>, width: usize) -> String {
-    let columns = bins.len().min(width.saturating_sub(2)).min(128);
+/// The most columns that bars have in so many columns of text.
+pub fn columns(width: usize) -> usize {
+    width.saturating_sub(2).min(128)
+}
+
+/// Draws counts of equal bins as bars on a logarithmic scale, in at most `width` columns, with the ends of their
+/// range below and a mark: 0 is the left end of the bars and 1 the right one. No bins give an empty text.
+pub fn draw(bins: &[f64], range: [f64; 2], mark: Option<f64>, width: usize) -> String {
+    let columns = bins.len().min(columns(width));
     if columns == 0 {
         return String::new();
     }
-    let sums: Vec<u64> = (0..columns)
+    let sums: Vec<f64> = (0..columns)
         .map(|c| {
             let at = |c: usize| c * bins.len() / columns;
             bins[at(c)..at(c + 1)].iter().sum()
         })
         .collect();
-    let tallest = sums.iter().copied().max().unwrap_or(0);
+    let tallest = sums.iter().copied().fold(0.0, f64::max);
     let heights: Vec<usize> = sums.iter().map(|&n| height(n, tallest)).collect();
     let mut text = String::new();
     for row in (0..ROWS).rev() {
@@ -27,27 +32,30 @@ pub fn draw(bins: &[u64], range: [f64; 2], threshold: Option<f64>, width: usize)
             .collect();
         text += &format!("  {}\n", line.trim_end());
     }
-    let [low, high] = range;
-    if let Some(t) = threshold.filter(|t| low <= *t && *t <= high) {
-        let share = if high > low {
-            (t - low) / (high - low)
-        } else {
-            0.0
-        };
-        let column = ((share * columns as f64) as usize).min(columns - 1);
+    if let Some(mark) = mark.filter(|mark| (0.0..=1.0).contains(mark)) {
+        let column = ((mark * columns as f64) as usize).min(columns - 1);
         text += &format!("  {:column$}▲\n", "");
     }
-    let (low, high) = (number(low), number(high));
+    let [low, high] = range.map(number);
     let gap = columns.saturating_sub(low.len() + high.len()).max(1);
     text + &format!("  {low}{:gap$}{high}\n", "")
 }
 
+/// Where a value lies on an axis: 0 is `low` and 1 is `high`. 0 if these are the same.
+pub fn place([low, high]: [f64; 2], value: f64) -> f64 {
+    // halves, since the distance of two finite numbers may not be finite
+    match high > low {
+        true => (value / 2.0 - low / 2.0) / (high / 2.0 - low / 2.0),
+        false => 0.0,
+    }
+}
+
 /// Eighths of a row; something that occurs is always seen.
-fn height(n: u64, tallest: u64) -> usize {
-    if n == 0 {
+fn height(n: f64, tallest: f64) -> usize {
+    if n == 0.0 {
         return 0;
     }
-    let share = (n as f64).ln_1p() / (tallest as f64).ln_1p();
+    let share = n.ln_1p() / tallest.ln_1p();
     ((share * (ROWS * 8) as f64).round() as usize).max(1)
 }
 
@@ -69,11 +77,11 @@ mod tests {
 
     #[test]
     fn bars_are_logarithmic_and_fit() {
-        let mut bins = vec![0; 256];
-        bins[0] = 1_000_000;
-        bins[128] = 1000;
-        bins[255] = 1;
-        let text = draw(&bins, [0.0, 255.0], Some(127.5), 66);
+        let mut bins = vec![0.0; 256];
+        bins[0] = 1e6;
+        bins[128] = 1e3;
+        bins[255] = 1.0;
+        let text = draw(&bins, [0.0, 255.0], Some(place([0.0, 255.0], 127.5)), 66);
         let lines: Vec<Vec<char>> = text.lines().map(|l| l.chars().collect()).collect();
         assert_eq!(lines.len(), ROWS + 2);
         assert!(lines.iter().all(|l| l.len() <= 66), "{text}");
@@ -90,11 +98,14 @@ mod tests {
     #[test]
     fn odd_histograms_are_drawn() {
         assert_eq!(draw(&[], [0.0, 1.0], None, 80), "");
-        assert_eq!(draw(&[1, 2], [0.0, 1.0], None, 1), "");
+        assert_eq!(draw(&[1.0, 2.0], [0.0, 1.0], None, 1), "");
         for width in [3, 10, 1000] {
-            let one = draw(&[5], [3.0, 3.0], Some(3.0), width);
+            let one = draw(&[5.0], [3.0, 3.0], Some(place([3.0, 3.0], 3.0)), width);
             assert!(one.contains('█') && one.contains('▲'));
-            draw(&[0; 256], [f64::MIN, f64::MAX], Some(f64::NAN), width);
+            let ends = [f64::MIN, f64::MAX];
+            for value in [f64::NAN, 0.0, f64::INFINITY] {
+                draw(&[0.0; 256], ends, Some(place(ends, value)), width);
+            }
         }
     }
 

@@ -228,13 +228,14 @@ fn text(opened: &Opened, found: &Statistics, predicted: Option<Predicted>) -> St
         None => "none: no two finite samples differ".to_string(),
     };
     rows.push(("threshold", otsu));
-    let histogram = match found.range {
-        Some(range) => {
-            let mark = predicted.map(|p| p.threshold);
-            let bars = chart::draw(&found.histogram, range, mark, output::width());
+    let width = output::width();
+    let histogram = match (found.range, found.columns(chart::columns(width))) {
+        (Some(range), Some((bars, edges))) => {
+            let mark = predicted.map(|p| chart::place(edges, p.threshold));
+            let bars = chart::draw(&bars, range, mark, width);
             format!("histogram (log scale)\n{bars}")
         }
-        None => String::new(),
+        _ => String::new(),
     };
     let surface = predicted.map_or_else(String::new, |p| expected(header, p));
     output::table(&rows) + &histogram + &surface

@@ -3,7 +3,8 @@
 use super::args::{Common, InputOptions};
 use super::{Outcome, output};
 use crate::error::{Error, Result};
-use crate::manifest::Manifest;
+use crate::manifest::{Manifest, PARTIAL};
+use crate::progress::Progress;
 use crate::verify::{self, Issue, Report, Severity, VerifyOptions};
 use crate::volume::{self, Cropped, Headerless, Volume};
 use clap::{Args, ValueHint};
@@ -55,6 +56,13 @@ impl VerifyArgs {
             max_issues: self.max_issues,
         };
         let report = verify::verify(&self.out, &options, &console)?;
+        if self.out.join(PARTIAL).is_dir() {
+            console.warn(&format!(
+                "{}: beside this set lies a conversion that is not finished ({PARTIAL}): the same `alvis convert` \
+                 with --resume goes on with it",
+                self.out.display()
+            ));
+        }
         drop(console);
         if self.common.json {
             output::print_json(&report)?;

@@ -80,6 +80,27 @@ impl Levels {
         }
         out
     }
+
+    /// Counts in `bins` equal columns to draw, and the values where the first one begins and the last one ends.
+    ///
+    /// Integers reach half a step to either side, and a column shows the mean of those that begin in it, or the one
+    /// that it is a part of, times what columns have on average: in plain counts, columns of four integers would
+    /// tower above those of three, and there would be gaps if there are more columns than integers.
+    pub(super) fn columns(&self, [min, max]: [f64; 2], bins: usize) -> (Vec<f64>, [f64; 2]) {
+        if !self.exact {
+            let counts = self.rebin([min, max], bins);
+            return (counts.iter().map(|&n| n as f64).collect(), [min, max]);
+        }
+        let integers = (max - min) as usize + 1;
+        let average = integers as f64 / bins as f64;
+        let heights = (0..bins).map(|column| {
+            let first = column * integers / bins;
+            let end = ((column + 1) * integers / bins).max(first + 1);
+            let sum: u64 = self.counts[first..end].iter().sum();
+            sum as f64 / (end - first) as f64 * average
+        });
+        (heights.collect(), [min - 0.5, max + 0.5])
+    }
 }
 
 #[cfg(test)]
@@ -165,5 +186,28 @@ mod tests {
         for (t, n) in [(-1.0, 6.0), (0.5, 5.5), (2.0, 3.0), (2.5, 1.5), (9.0, 0.0)] {
             assert_eq!(bins.above(t), n, "{t}");
         }
+    }
+
+    #[test]
+    fn columns_are_as_even_as_the_counts() {
+        for (integers, bins) in [(256, 78), (100, 78), (41, 78), (2, 78), (78, 78), (1, 5)] {
+            let levels = exact(vec![7; integers]);
+            let ends = [0.0, integers as f64 - 1.0];
+            let (columns, edges) = levels.columns(ends, bins);
+            assert_eq!(edges, [-0.5, integers as f64 - 0.5]);
+            let mean = 7.0 * integers as f64 / bins as f64;
+            assert_eq!(columns.len(), bins);
+            assert!(columns.iter().all(|c| (c - mean).abs() < 1e-9));
+        }
+        // a mask is two halves
+        let (columns, _) = exact(vec![10, 30]).columns([0.0, 1.0], 4);
+        assert_eq!(columns, [5.0, 5.0, 15.0, 15.0]);
+        let counts = vec![1, 0, 2, 5];
+        let spread = Levels {
+            exact: false,
+            ..exact(counts)
+        };
+        let (columns, edges) = spread.columns([0.0, 4.0], 4);
+        assert_eq!((columns, edges), (vec![1.0, 0.0, 2.0, 5.0], [0.0, 4.0]));
     }
 }

@@ -31,6 +31,12 @@ pub struct Statistics {
 }
 
 impl Statistics {
+    /// The histogram in so many columns to draw, without the gaps that integers make in bins of any other width, and
+    /// the values where the first one begins and the last one ends. `None` if no sample is finite.
+    pub(crate) fn columns(&self, columns: usize) -> Option<(Vec<f64>, [f64; 2])> {
+        Some(self.levels.as_ref()?.columns(self.range?, columns))
+    }
+
     /// Number of samples v with `v >= threshold`: exact where `otsu` is, otherwise an estimate.
     pub fn voxels_above(&self, threshold: f64) -> u64 {
         let finite = self.levels.as_ref().map_or(0.0, |l| l.above(threshold));
