@@ -67,7 +67,8 @@ impl NewFile {
         }
     }
 
-    fn file(&mut self) -> &mut File {
+    /// What it holds so far.
+    pub fn file(&mut self) -> &mut File {
         match &mut self.inner {
             Inner::Nameless(file) => file,
             Inner::Named(file) => file.as_file_mut(),

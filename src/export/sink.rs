@@ -26,7 +26,7 @@ impl Sink {
         let failed = |e| Error::io(path, "create", e);
         let out = NewFile::create(path).map_err(failed)?;
         let faces = match writer.apart() {
-            true => Some(crate::scratch::unnamed(directory(path)).map_err(failed)?),
+            true => Some(tempfile::tempfile_in(directory(path)).map_err(failed)?),
             false => None,
         };
         let mut sink = Sink {
@@ -70,7 +70,8 @@ impl Sink {
             let mut faces = faces.into_inner().map_err(|e| failed(e.into_error()))?;
             faces.rewind().map_err(&failed)?;
             self.out.flush().map_err(&failed)?;
-            std::io::copy(&mut faces, self.out.get_mut()).map_err(&failed)?;
+            // between two files the system copies by itself
+            std::io::copy(&mut faces, self.out.get_mut().file()).map_err(&failed)?;
         }
         let mut out = self.out.into_inner().map_err(|e| failed(e.into_error()))?;
         let bytes = out.seek(SeekFrom::End(0)).map_err(&failed)?;

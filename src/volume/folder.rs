@@ -12,6 +12,7 @@ use super::text::Pattern;
 use super::{Dtype, dicom, png, tiff, zarr};
 use crate::error::{Error, Result};
 use crate::grid::Dims;
+use crate::newfile::directory;
 use std::cmp::Ordering;
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
@@ -38,10 +39,7 @@ pub(super) fn parse(path: &Path, options: &OpenOptions) -> Result<Recipe> {
 /// As for a folder.
 pub(super) fn numbered(path: &Path, options: &OpenOptions) -> Option<Result<Recipe>> {
     let pattern = Pattern::parse(&name(path))?;
-    let folder = match path.parent() {
-        Some(parent) if parent != Path::new("") => parent,
-        _ => Path::new("."),
-    };
+    let folder = directory(path);
     Some(list(folder).and_then(|mut files| {
         files.retain(|file| pattern.matches(&name(file)));
         if files.is_empty() {
