@@ -174,7 +174,7 @@ impl Sweep<'_> {
         Ok(Known { settled, classes })
     }
 
-    /// Ends a slab whose tiles are made.
+    /// Ends a slab whose tiles are made. What follows of it is ready to be kept once they are written, too.
     fn end_slab<T: Voxel>(
         &self,
         parts: &Parts<T>,
@@ -183,11 +183,9 @@ impl Sweep<'_> {
         keeper: &mut Keeper,
     ) -> Result<()> {
         state.finish_slab(layer, &known.settled, &known.classes, tiles)?;
-        // before anybody relies on its tiles
-        parts.writers.as_ref().map_or(Ok(()), Writers::wait)?;
         let (files, mut marks) = (keeper.files(TILES), Marks::default());
         state.mark(&files, &mut marks)?;
-        keeper.save(TILES, layer + 1, &marks, |out| state.save(out))?;
+        keeper.make_ready(TILES, layer + 1, &marks, |out| state.save(out))?;
         self.release(&parts.source, layer);
         Ok(())
     }
@@ -202,8 +200,22 @@ impl Sweep<'_> {
     ) -> Result<()> {
         let settled = self.settle_in_parts(parts, layer, state)?;
         let known = self.join(settled, layer, state)?;
-        let tiles = self.mesh_in_parts(parts, layer, state, &known)?;
-        self.end_slab(parts, (layer, &known, tiles), state, keeper)
+        self.mesh_and_end(parts, layer, state, (&known, keeper))
+    }
+
+    /// Makes the tiles of a layer whose classes are known, and keeps it.
+    fn mesh_and_end<T: Voxel + Default>(
+        &self,
+        parts: &mut Parts<T>,
+        layer: u32,
+        state: &mut State,
+        (known, keeper): (&Known, &mut Keeper),
+    ) -> Result<()> {
+        let tiles = self.mesh_in_parts(parts, layer, state, known)?;
+        self.end_slab(parts, (layer, known, tiles), state, keeper)?;
+        // before anybody relies on its tiles
+        parts.writers.as_ref().map_or(Ok(()), Writers::wait)?;
+        keeper.keep()
     }
 
     /// Labels all bands of a layer, as many at a time as fit.

@@ -49,9 +49,12 @@ struct Shared {
 
 #[derive(Default)]
 struct State {
-    queue: VecDeque<Job>,
-    /// Jobs in hands.
-    writing: usize,
+    /// Jobs and their numbers, which count them.
+    queue: VecDeque<(u64, Job)>,
+    /// Numbers of the jobs in hands.
+    writing: Vec<u64>,
+    /// Jobs that were put in the queue so far.
+    handed: u64,
     /// Buffers that wait for use. With those on their way there are always as many, and all are used in
     /// turn: how much memory they take does not hang on who is faster. To use the one first that came back last
     /// took as long.
@@ -91,7 +94,9 @@ impl Writers {
         if job.body.capacity() as u64 <= self.limit {
             let mut state = self.shared.lock();
             if let Some(spare) = state.spare.pop_front() {
-                state.queue.push_back(job);
+                let number = state.handed;
+                state.queue.push_back((number, job));
+                state.handed += 1;
                 drop(state);
                 self.shared.changed.notify_all();
                 return Ok(spare);
@@ -101,28 +106,41 @@ impl Writers {
         Ok(job.body)
     }
 
-    /// True if all tiles are written, or have failed.
-    pub fn is_idle(&self) -> bool {
-        let state = self.shared.lock();
-        state.queue.is_empty() && state.writing == 0
+    /// Tiles that were left to be written later, so far.
+    pub fn handed(&self) -> u64 {
+        self.shared.lock().handed
     }
 
-    /// Waits until all tiles are written; helps meanwhile.
+    /// True if the first `count` of these are written, or have failed.
+    pub fn is_done(&self, count: u64) -> bool {
+        self.shared.lock().done() >= count
+    }
+
+    /// Waits until the first `count` of these are written; helps meanwhile.
     ///
     /// # Errors
-    /// [`Error::Io`] of the first that could not be.
-    pub fn wait(&self) -> Result<()> {
+    /// [`Error::Io`] of the first of all that could not be.
+    pub fn wait_for(&self, count: u64) -> Result<()> {
         let mut state = self.shared.lock();
-        loop {
-            if let Some(job) = state.queue.pop_front() {
-                state = self.shared.write(job, state);
-            } else if state.writing > 0 {
-                state = self.shared.sleep(state);
-            } else {
-                break;
-            }
+        while state.done() < count {
+            let first = state.queue.front().map(|(number, _)| *number);
+            let job = first
+                .filter(|&number| number < count)
+                .and(state.queue.pop_front());
+            state = match job {
+                Some(job) => self.shared.write(job, state),
+                None => self.shared.sleep(state),
+            };
         }
         state.failed.take().map_or(Ok(()), Err)
+    }
+
+    /// Waits until all are.
+    ///
+    /// # Errors
+    /// As of [`Writers::wait_for`].
+    pub fn wait(&self) -> Result<()> {
+        self.wait_for(self.handed())
     }
 }
 
@@ -136,6 +154,15 @@ impl Drop for Writers {
     }
 }
 
+impl State {
+    /// The number of the first job that is not done: it counts those before.
+    fn done(&self) -> u64 {
+        let waiting = self.queue.front().map(|(number, _)| number);
+        let open = self.writing.iter().chain(waiting).min();
+        open.copied().unwrap_or(self.handed)
+    }
+}
+
 impl Shared {
     fn lock(&self) -> MutexGuard<'_, State> {
         self.state.lock().expect("no thread panicked")
@@ -146,12 +173,16 @@ impl Shared {
     }
 
     /// Writes a tile while others have the state.
-    fn write<'a>(&'a self, job: Job, mut state: MutexGuard<'a, State>) -> MutexGuard<'a, State> {
-        state.writing += 1;
+    fn write<'a>(
+        &'a self,
+        (number, job): (u64, Job),
+        mut state: MutexGuard<'a, State>,
+    ) -> MutexGuard<'a, State> {
+        state.writing.push(number);
         drop(state);
         let written = direct::write(&job.path, job.start, job.body.get());
         let mut state = self.lock();
-        state.writing -= 1;
+        state.writing.retain(|&other| other != number);
         state.spare.push_back(job.body);
         if let Err((what, error)) = written {
             let error = Error::io(&job.path, what, error);
@@ -231,6 +262,33 @@ mod tests {
             other => panic!("{other:?}"),
         }
         writers.wait().unwrap();
+    }
+
+    #[test]
+    fn those_before_are_waited_for_and_no_others() {
+        let dir = tempfile::tempdir().unwrap();
+        let (pipe, file) = (dir.path().join("pipe"), dir.path().join("file"));
+        let made = std::process::Command::new("mkfifo").arg(&pipe).status();
+        assert!(made.unwrap().success());
+        let budget = Budget::new(1_000_000, 0);
+        let writers = Writers::new(EACH, 240_000, &budget).unwrap();
+        // nobody gets further with a pipe until somebody reads from it, and then no bytes can be placed in it
+        for path in [&pipe, &file] {
+            let job = job(path.clone(), &[1; 200_000], Buffer::default());
+            writers.put(job).unwrap();
+        }
+        assert_eq!(writers.handed(), 2);
+        writers.wait_for(0).unwrap();
+        assert!(writers.is_done(0) && !writers.is_done(1) && !writers.is_done(2));
+        std::thread::scope(|scope| {
+            scope.spawn(|| std::fs::File::open(&pipe).unwrap());
+            match writers.wait_for(1) {
+                Err(Error::Io { path, .. }) => assert_eq!(path, pipe),
+                other => panic!("{other:?}"),
+            }
+        });
+        writers.wait().unwrap();
+        assert!(writers.is_done(2) && file.exists());
     }
 
     #[test]

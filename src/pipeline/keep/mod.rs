@@ -1,7 +1,8 @@
 //! What is kept of a conversion while it runs, so that one that was interrupted can go on.
 //!
 //! After each layer the state between two layers is written to `checkpoint`, with the lengths and
-//! checksums of the temporary files. That needs no sync: what a process has written stays with the
+//! checksums of the temporary files. It gets that name once the layer's tiles are written, too, which
+//! may be while the next one is swept. That needs no sync: what a process has written stays with the
 //! system when it is killed. Such a checkpoint names the boot of the system and counts only until the
 //! next one. Once a conversion has run for some seconds, a thread behind it syncs the file system
 //! and then publishes what the checkpoint was before the sync as `checkpoint.safe`, which counts
@@ -252,18 +253,43 @@ impl Keeper {
         marks: &Marks,
         state: impl FnOnce(&mut Encoder) -> Result<()>,
     ) -> Result<()> {
+        self.make_ready(sweep, layer, marks, state)?;
+        self.keep()
+    }
+
+    /// As [`Keeper::save`], but what is written counts only from [`Keeper::keep`] on: what it relies on may be
+    /// on its way until then, while the sweep goes on. It takes the place of one that was not kept.
+    ///
+    /// # Errors
+    /// [`Error::Io`].
+    pub fn make_ready(
+        &mut self,
+        sweep: usize,
+        layer: u32,
+        marks: &Marks,
+        state: impl FnOnce(&mut Encoder) -> Result<()>,
+    ) -> Result<()> {
         let sweeps_before = self.sweeps - (SWEEPS.len() - sweep) as u64;
         let of = self.sweeps * u64::from(self.layers);
         let done = sweeps_before * u64::from(self.layers) + u64::from(layer);
         let mut all = self.over.clone();
         all.extend(marks);
-        self.replace(CHECKPOINT, |out| {
+        self.write(CHECKPOINT, |out| {
             for number in [done, of, sweep as u64, u64::from(layer)] {
                 out.number(number)?;
             }
             all.save(out)?;
             state(out)
         })?;
+        Ok(())
+    }
+
+    /// Keeps what is ready.
+    ///
+    /// # Errors
+    /// [`Error::Io`], also if an earlier sync failed.
+    pub fn keep(&mut self) -> Result<()> {
+        self.give_name(CHECKPOINT)?;
         self.any = true;
         self.disk.begin().map(|_| ())
     }
@@ -273,7 +299,8 @@ impl Keeper {
     /// # Errors
     /// [`Error::Io`], also if an earlier sync failed.
     pub fn save_finished(&mut self, layers: u32) -> Result<()> {
-        self.replace(FINISHED, |out| out.number(u64::from(layers)))
+        self.write(FINISHED, |out| out.number(u64::from(layers)))?;
+        self.give_name(FINISHED)
     }
 
     /// The disk under the work directory.
@@ -287,17 +314,26 @@ impl Keeper {
         input.index().filter(|_| input.is_empty())
     }
 
-    /// Writes a file of this conversion and boot under a temporary name, then gives it its own.
-    fn replace(&self, name: &str, body: impl FnOnce(&mut Encoder) -> Result<()>) -> Result<()> {
-        let (path, new) = (self.work.join(name), self.work.join(format!("{name}.new")));
-        let mut out = Encoder::create(&new)?;
+    /// Writes a file of this conversion and boot under a temporary name.
+    fn write(&self, name: &str, body: impl FnOnce(&mut Encoder) -> Result<()>) -> Result<()> {
+        let mut out = Encoder::create(&self.work.join(new_name(name)))?;
         out.number(u64::from(self.crc))?;
         out.array(&self.boot)?;
         body(&mut out)?;
-        out.finish()?;
+        out.finish()
+    }
+
+    /// Gives such a file its name.
+    fn give_name(&self, name: &str) -> Result<()> {
+        let (path, new) = (self.work.join(name), self.work.join(new_name(name)));
         // what counts after a power failure is a copy that a sync covers
         replace::replace(&new, &path).map_err(|e| Error::io(&path, "move into place", e))
     }
+}
+
+/// The name of a file until it is whole, and all that it relies on.
+fn new_name(name: &str) -> String {
+    format!("{name}.new")
 }
 
 /// What a work directory keeps; `None` if nothing.
@@ -329,7 +365,7 @@ fn load(work: &Path, crc: u32, boot: &[u8]) -> Option<Checkpoint> {
     })
 }
 
-/// Opens a file that was written by [`Keeper::replace`] in the same conversion, and in the same boot
+/// Opens a file that was written by [`Keeper::write`] in the same conversion, and in the same boot
 /// unless it is safe.
 fn open(path: &Path, crc: u32, boot: &[u8], safe: bool) -> Option<Decoder> {
     let mut input = Decoder::new(std::fs::read(path).ok()?)?;
@@ -341,4 +377,35 @@ fn open(path: &Path, crc: u32, boot: &[u8], safe: bool) -> Option<Decoder> {
 /// What tells one run of the system from the next; empty if it does not say.
 pub fn boot() -> Vec<u8> {
     std::fs::read("/proc/sys/kernel/random/boot_id").unwrap_or_default()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::grid::{Dims, Placement};
+    use crate::pipeline::ConvertOptions;
+    use crate::volume::MemoryVolume;
+
+    #[test]
+    fn what_is_ready_counts_when_it_is_kept() {
+        let volume = MemoryVolume::new(Dims([2; 3]), Placement::default(), vec![0u8; 8]).unwrap();
+        let identity = Identity::of(&volume, &ConvertOptions::default());
+        let dir = tempfile::tempdir().unwrap();
+        let done = || kept(dir.path()).map(|k| k.done);
+        let mut keeper = Keeper::new(dir.path(), &identity, false, 9).unwrap();
+        let ready = |keeper: &mut Keeper, layer| {
+            let state = |out: &mut Encoder| out.number(5);
+            keeper.make_ready(TILES, layer, &Marks::default(), state)
+        };
+        ready(&mut keeper, 1).unwrap();
+        assert_eq!((done(), keeper.has_any()), (None, false));
+        keeper.keep().unwrap();
+        assert_eq!((done(), keeper.has_any()), (Some(1), true));
+        // one that was never kept is as if it had not been
+        ready(&mut keeper, 2).unwrap();
+        assert_eq!(done(), Some(1));
+        ready(&mut keeper, 3).unwrap();
+        keeper.keep().unwrap();
+        assert_eq!(done(), Some(3));
+    }
 }

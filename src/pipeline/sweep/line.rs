@@ -16,9 +16,44 @@ pub struct Line<'a, T> {
     sweep: &'a Sweep<'a>,
     parts: &'a Parts<'a, T>,
     gather: Gather<'a>,
-    keeper: Mutex<&'a mut Keeper>,
+    behind: Mutex<Behind<'a>>,
     queue: Mutex<Queue<T>>,
     changed: Condvar,
+}
+
+/// Keeps layers that have ended when their tiles are on the disk, while the next one is swept. If a layer waited
+/// for its own, 16 threads took a fifth longer for a foam of 512 x 512 x 512 voxels.
+struct Behind<'a> {
+    keeper: &'a mut Keeper,
+    writers: Option<&'a Writers>,
+    /// Tiles that have to be written before what the keeper has ready is kept; `None` if it has nothing.
+    tiles: Option<u64>,
+}
+
+impl Behind<'_> {
+    /// True if there is something to keep whose tiles are written.
+    fn is_written(&self) -> bool {
+        let written = |tiles| self.writers.is_none_or(|w| w.is_done(tiles));
+        self.tiles.is_some_and(written)
+    }
+
+    /// Keeps what is ready, after its tiles. If they cannot be written, it never is.
+    fn keep(&mut self) -> Result<()> {
+        let Some(tiles) = self.tiles.take() else {
+            return Ok(());
+        };
+        self.writers.map_or(Ok(()), |w| w.wait_for(tiles))?;
+        self.keeper.keep()
+    }
+
+    /// Ends a layer: keeps the one before, and has this one ready. `end` does the latter.
+    fn end(&mut self, end: impl FnOnce(&mut Keeper) -> Result<()>) -> Result<()> {
+        self.keep()?;
+        end(self.keeper)?;
+        // its tiles are among them
+        self.tiles = Some(self.writers.map_or(0, Writers::handed));
+        Ok(())
+    }
 }
 
 impl<'a, T: Voxel + Default> Line<'a, T> {
@@ -41,7 +76,11 @@ impl<'a, T: Voxel + Default> Line<'a, T> {
             sweep,
             parts,
             gather: Gather::new(state),
-            keeper: Mutex::new(keeper),
+            behind: Mutex::new(Behind {
+                keeper,
+                writers: parts.writers.as_ref(),
+                tiles: None,
+            }),
             queue: Mutex::new(Queue::new(limits, layer)),
             changed: Condvar::new(),
         }
@@ -53,6 +92,8 @@ impl<'a, T: Voxel + Default> Line<'a, T> {
     /// Those of [`Sweep::run`].
     pub fn run(self) -> Result<Option<Stop>> {
         rayon::broadcast(|_| self.work());
+        let mut behind = self.behind.into_inner().expect("no thread panicked");
+        behind.keep()?;
         let queue = self.queue.into_inner().expect("no thread panicked");
         queue.outcome()
     }
@@ -66,8 +107,7 @@ impl<'a, T: Voxel + Default> Line<'a, T> {
         let _guard = WakeOnPanic(self);
         let mut queue = self.lock();
         loop {
-            let on_disk = self.parts.writers.as_ref().is_none_or(Writers::is_idle);
-            let step = queue.next(self.sweep.progress.interrupted(), on_disk);
+            let step = queue.next(self.sweep.progress.interrupted());
             queue = match step {
                 Step::Over => break,
                 Step::Wait => self.changed.wait(queue).expect("no thread panicked"),
@@ -75,6 +115,7 @@ impl<'a, T: Voxel + Default> Line<'a, T> {
                     drop(queue);
                     self.take(step);
                     self.changed.notify_all();
+                    self.keep_if_written();
                     self.lock()
                 }
             };
@@ -144,11 +185,23 @@ impl<'a, T: Voxel + Default> Line<'a, T> {
 
     fn end(&self, layer: u32, known: &Known) {
         let slab = (layer, known, self.gather.take());
-        let keeper = &mut *self.keeper.lock().expect("no thread panicked");
-        let ended = self
-            .gather
-            .between(|state| self.sweep.end_slab(self.parts, slab, state, keeper));
+        let mut behind = self.behind.lock().expect("no thread panicked");
+        let ended = behind.end(|keeper| {
+            let gather = &self.gather;
+            gather.between(|state| self.sweep.end_slab(self.parts, slab, state, keeper))
+        });
+        drop(behind);
         self.lock().ended(ended);
+    }
+
+    /// Keeps the layer that ended last, if its tiles are written by now and nobody else is about it.
+    fn keep_if_written(&self) {
+        if let Ok(mut behind) = self.behind.try_lock()
+            && behind.is_written()
+            && let Err(error) = behind.keep()
+        {
+            self.lock().fail(error);
+        }
     }
 }
 

@@ -108,9 +108,8 @@ impl<T> Queue<T> {
     }
 
     /// What the thread that asks is to do. If that is anything but to wait or to end, it tells so when it has
-    /// done it, and wakes those that wait. `on_disk` says that all tiles made so far are: a layer ends when
-    /// they are, so until then bands are prepared.
-    pub fn next(&mut self, interrupted: bool, on_disk: bool) -> Step<T> {
+    /// done it, and wakes those that wait.
+    pub fn next(&mut self, interrupted: bool) -> Step<T> {
         if self.failed.is_some() {
             return Step::Over;
         }
@@ -125,8 +124,7 @@ impl<T> Queue<T> {
                 return Step::Tile(job, known);
             }
             let no_tile_left = self.labelling == 0 && !self.turning;
-            let wait_for_disk = !on_disk && self.may_prepare() && !interrupted;
-            if no_tile_left && self.making == 0 && !wait_for_disk {
+            if no_tile_left && self.making == 0 {
                 self.turning = true;
                 return Step::End(self.layer, known);
             }

@@ -33,8 +33,7 @@ impl Sweep<'_> {
             parts.shrink(error)?;
             layer = stop.layer;
             if let Some(known) = known {
-                let tiles = self.mesh_in_parts(parts, layer, state, &known)?;
-                self.end_slab(parts, (layer, &known, tiles), state, keeper)?;
+                self.mesh_and_end(parts, layer, state, (&known, keeper))?;
                 layer += 1;
             }
         }

@@ -67,8 +67,7 @@ impl Threads {
                 self.end(step);
                 idle.fill(false);
             } else if !idle[thread] {
-                let on_disk = choices.next().expect("endless").is_multiple_of(2);
-                match self.queue.next(false, on_disk) {
+                match self.queue.next(false) {
                     Step::Wait | Step::Over => idle[thread] = true,
                     step => self.hands[thread] = Some(step),
                 }
@@ -77,16 +76,13 @@ impl Threads {
             }
             self.check_hands();
         }
-        assert!(
-            matches!(self.queue.next(false, true), Step::Over),
-            "all wait"
-        );
+        assert!(matches!(self.queue.next(false), Step::Over), "all wait");
     }
 
     /// One thread takes step after step until it has done `last`.
-    fn run_until(&mut self, last: Did, on_disk: bool) {
+    fn run_until(&mut self, last: Did) {
         while self.did.last() != Some(&last) {
-            let step = self.queue.next(false, on_disk);
+            let step = self.queue.next(false);
             self.end(step);
         }
     }
@@ -242,26 +238,15 @@ const SMALL: Limits = Limits {
 #[test]
 fn an_interruption_ends_the_slab_in_hand_and_begins_no_other() {
     let mut threads = Threads::new(SMALL, 1, None);
-    threads.run_until(Did::Label([1, 0]), true);
+    threads.run_until(Did::Label([1, 0]));
     loop {
-        match threads.queue.next(true, false) {
+        match threads.queue.next(true) {
             Step::Over => break,
             step => threads.end(step),
         }
     }
     assert_eq!(threads.did.last(), Some(&Did::End(0)));
     assert!(matches!(threads.queue.outcome(), Err(Error::Interrupted)));
-}
-
-#[test]
-fn bands_are_prepared_while_a_layer_waits_for_the_disk_and_it_ends_when_there_is_none_to_prepare() {
-    let mut threads = Threads::new(SMALL, 1, None);
-    threads.run_until(Did::End(1), false);
-    let at = |what| threads.did.iter().position(|&did| did == what);
-    assert!(at(Did::Prepare([1, 1])) < at(Did::End(0)));
-    let mut threads = Threads::new(SMALL, 1, None);
-    threads.run_until(Did::End(0), true);
-    assert!(!threads.did.contains(&Did::Prepare([1, 1])));
 }
 
 #[test]
@@ -273,15 +258,15 @@ fn threads_go_when_others_make_the_last_tiles() {
         in_order: false,
     };
     let mut threads = Threads::new(limits, 1, None);
-    threads.run_until(Did::Begin(0), true);
-    let label = threads.queue.next(false, true);
+    threads.run_until(Did::Begin(0));
+    let label = threads.queue.next(false);
     // its tiles are to come
-    assert!(matches!(threads.queue.next(false, true), Step::Wait));
+    assert!(matches!(threads.queue.next(false), Step::Wait));
     threads.end(label);
-    let tiles = [(); TILES as usize].map(|()| threads.queue.next(false, true));
-    assert!(matches!(threads.queue.next(false, true), Step::Over));
+    let tiles = [(); TILES as usize].map(|()| threads.queue.next(false));
+    assert!(matches!(threads.queue.next(false), Step::Over));
     for tile in tiles {
         threads.end(tile);
     }
-    assert!(matches!(threads.queue.next(false, true), Step::End(..)));
+    assert!(matches!(threads.queue.next(false), Step::End(..)));
 }
