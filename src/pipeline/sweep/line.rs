@@ -21,8 +21,9 @@ pub struct Line<'a, T> {
     changed: Condvar,
 }
 
-/// Keeps layers that have ended when their tiles are on the disk, while the next one is swept. If a layer waited
-/// for its own, 16 threads took a fifth longer for a foam of 512 x 512 x 512 voxels.
+/// Keeps layers that have ended when their tiles are on the disk, while the next one is swept. When each layer
+/// waited for its own, 16 threads took 0.29 s instead of 0.26 s for a foam of 512 x 512 x 512 voxels (medians of
+/// nine, in turns).
 struct Behind<'a> {
     keeper: &'a mut Keeper,
     writers: Option<&'a Writers>,
