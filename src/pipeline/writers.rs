@@ -49,12 +49,11 @@ struct Shared {
 
 #[derive(Default)]
 struct State {
-    /// Jobs and their numbers, which count them.
-    queue: VecDeque<(u64, Job)>,
+    queue: VecDeque<Job>,
+    /// Jobs that were put in the queue so far, which numbers them.
+    handed: u64,
     /// Numbers of the jobs in hands.
     writing: Vec<u64>,
-    /// Jobs that were put in the queue so far.
-    handed: u64,
     /// Buffers that wait for use. With those on their way there are always as many, and all are used in
     /// turn: how much memory they take does not hang on who is faster. To use the one first that came back last
     /// took as long.
@@ -94,8 +93,7 @@ impl Writers {
         if job.body.capacity() as u64 <= self.limit {
             let mut state = self.shared.lock();
             if let Some(spare) = state.spare.pop_front() {
-                let number = state.handed;
-                state.queue.push_back((number, job));
+                state.queue.push_back(job);
                 state.handed += 1;
                 drop(state);
                 self.shared.changed.notify_all();
@@ -123,11 +121,7 @@ impl Writers {
     pub fn wait_for(&self, count: u64) -> Result<()> {
         let mut state = self.shared.lock();
         while state.done() < count {
-            let first = state.queue.front().map(|(number, _)| *number);
-            let job = first
-                .filter(|&number| number < count)
-                .and(state.queue.pop_front());
-            state = match job {
+            state = match state.take(count) {
                 Some(job) => self.shared.write(job, state),
                 None => self.shared.sleep(state),
             };
@@ -155,11 +149,26 @@ impl Drop for Writers {
 }
 
 impl State {
-    /// The number of the first job that is not done: it counts those before.
+    /// Jobs that were taken out of the queue so far, hence the number of the first one in it.
+    fn taken(&self) -> u64 {
+        self.handed - self.queue.len() as u64
+    }
+
+    /// Jobs that are done before the first one that is not.
     fn done(&self) -> u64 {
-        let waiting = self.queue.front().map(|(number, _)| number);
-        let open = self.writing.iter().chain(waiting).min();
-        open.copied().unwrap_or(self.handed)
+        let in_hands = self.writing.iter().min();
+        in_hands.copied().unwrap_or(self.taken())
+    }
+
+    /// The next job in the queue if it is one of the first `count`, and its number.
+    fn take(&mut self, count: u64) -> Option<(u64, Job)> {
+        let number = self.taken();
+        if number >= count {
+            return None;
+        }
+        let job = self.queue.pop_front()?;
+        self.writing.push(number);
+        Some((number, job))
     }
 }
 
@@ -172,13 +181,12 @@ impl Shared {
         self.changed.wait(state).expect("no thread panicked")
     }
 
-    /// Writes a tile while others have the state.
+    /// Writes a tile that was taken while others have the state.
     fn write<'a>(
         &'a self,
         (number, job): (u64, Job),
-        mut state: MutexGuard<'a, State>,
+        state: MutexGuard<'a, State>,
     ) -> MutexGuard<'a, State> {
-        state.writing.push(number);
         drop(state);
         let written = direct::write(&job.path, job.start, job.body.get());
         let mut state = self.lock();
@@ -196,7 +204,7 @@ impl Shared {
     fn run(&self) {
         let mut state = self.lock();
         loop {
-            if let Some(job) = state.queue.pop_front() {
+            if let Some(job) = state.take(u64::MAX) {
                 state = self.write(job, state);
             } else if state.closed {
                 return;
@@ -278,6 +286,9 @@ mod tests {
             writers.put(job).unwrap();
         }
         assert_eq!(writers.handed(), 2);
+        while writers.shared.lock().writing != [0] {
+            std::thread::yield_now();
+        }
         writers.wait_for(0).unwrap();
         assert!(writers.is_done(0) && !writers.is_done(1) && !writers.is_done(2));
         std::thread::scope(|scope| {

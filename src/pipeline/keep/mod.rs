@@ -280,8 +280,7 @@ impl Keeper {
             }
             all.save(out)?;
             state(out)
-        })?;
-        Ok(())
+        })
     }
 
     /// Keeps what is ready.
