@@ -18,8 +18,8 @@ pub use connect::connect;
 pub use edges::Edges;
 pub use pieces::{Piece, PieceIndex, Sheets, assign};
 pub use tile::{
-    BYTES_PER_CUBE, BYTES_PER_TRIANGLE, BandView, MeshSettings, TileBox, TileMesh, TileMesher,
-    tile_bytes,
+    BYTES_PER_CUBE, BYTES_PER_TRIANGLE, BandView, MeshSettings, Sizes, TileBox, TileMesh,
+    TileMesher,
 };
 
 #[cfg(test)]

@@ -6,7 +6,7 @@ use crate::measure::AreaScale;
 use crate::mesh::cap::add_caps;
 use crate::mesh::chunk::Chunk;
 use crate::mesh::cubes::{CubeWalk, Cut, Plans};
-use crate::mesh::edges::Edges;
+use crate::mesh::edges::{Edges, known_or};
 use crate::mesh::pieces::{Piece, PieceIndex, Sheets, assign};
 use crate::mesh::sums::sum_pieces;
 use crate::mesh::vertices::place_vertices;
@@ -14,6 +14,7 @@ use crate::segment::Runs;
 use crate::slab::{Bits, Voxels};
 use crate::strip::Triangle;
 use crate::volume::Voxel;
+use std::ops::Range;
 
 /// Bytes of buffers per triangle of a tile while it is made: about 100 are used, and buffers grow
 /// in steps.
@@ -25,18 +26,6 @@ pub const BYTES_PER_CUBE: f64 = 1.5;
 /// Bytes of buffers for each surface piece of a tile.
 const BYTES_PER_PIECE: u64 = 256;
 
-/// Bytes of buffers for making a tile, from its bits alone, with so many for each triangle: there are about two to a
-/// crossed edge.
-pub fn tile_bytes(bits: &Bits, tile: &TileBox, per_triangle: u64) -> u64 {
-    let cubes: f64 = tile.cubes.iter().map(|&c| f64::from(c)).product();
-    let Sizes { vertices, pieces } = dispatch!(sizes(bits, tile));
-    let rest_of_page = Chunk::rest_of_page(vertices as usize) as u64;
-    2 * vertices * per_triangle
-        + pieces * BYTES_PER_PIECE
-        + (cubes * BYTES_PER_CUBE) as u64
-        + rest_of_page
-}
-
 /// How large the mesh of a tile is.
 pub struct Sizes {
     /// Edges that the surface crosses.
@@ -45,44 +34,66 @@ pub struct Sizes {
     pub pieces: u64,
 }
 
-/// What the bits of a tile tell of its mesh.
-///
-/// Every part of it that hangs together has a first voxel, before which there is none of its kind along any axis.
-/// Surfaces in a box are one fewer than such parts, above and below.
+impl Sizes {
+    /// What the bits of a tile tell of its mesh.
+    ///
+    /// Every part of it that hangs together has a first voxel, before which there is none of its kind along any
+    /// axis. Surfaces in a box are one fewer than such parts, above and below.
+    pub fn of(bits: &Bits, tile: &TileBox) -> Sizes {
+        dispatch!(sizes(bits, tile))
+    }
+
+    /// Bytes of buffers for making the tile, with so many for each triangle: there are about two to a crossed edge.
+    pub fn bytes(&self, tile: &TileBox, per_triangle: u64) -> u64 {
+        let cubes: f64 = tile.cubes.iter().map(|&c| f64::from(c)).product();
+        let rest_of_page = Chunk::rest_of_page(self.vertices as usize) as u64;
+        2 * self.vertices * per_triangle
+            + self.pieces * BYTES_PER_PIECE
+            + (cubes * BYTES_PER_CUBE) as u64
+            + rest_of_page
+    }
+}
+
 #[inline(always)]
-pub fn sizes(bits: &Bits, tile: &TileBox) -> Sizes {
-    let [first, last] = [0, tile.cubes[0]].map(|x| (tile.first_cube[0] + x) as usize);
-    let words = first / 64..last / 64 + 1;
-    let y0 = (tile.first_cube[1] - bits.span.y.start) as usize;
-    let z0 = (tile.first_cube[2] - bits.span.z.start) as usize;
-    let (y1, z1) = (y0 + tile.cubes[1] as usize, z0 + tile.cubes[2] as usize);
+fn sizes(bits: &Bits, tile: &TileBox) -> Sizes {
+    // nearly every tile has one or two words to a row
+    match tile.words().len() {
+        1 => sizes_in_rows::<1>(bits, tile),
+        2 => sizes_in_rows::<2>(bits, tile),
+        _ => sizes_in_rows::<0>(bits, tile),
+    }
+}
+
+/// The same for a tile of `WORDS` words to a row, or of any number for 0.
+#[inline(always)]
+fn sizes_in_rows<const WORDS: usize>(bits: &Bits, tile: &TileBox) -> Sizes {
+    let Range { start: word, end } = tile.words();
+    let words = known_or::<WORDS>(end - word);
+    let [low, high] = tile.ends_of_words();
+    let outer_x = low & low.wrapping_neg();
     let (mut vertices, mut parts) = (0, 0);
-    for z in z0..=z1 {
-        for y in y0..=y1 {
-            let row = &bits.row(z, y)[words.clone()];
-            let before_y = &bits.row(z, y.max(y0 + 1) - 1)[words.clone()];
-            let before_z = &bits.row(z.max(z0 + 1) - 1, y)[words.clone()];
-            let [no_y, no_z] = [y == y0, z == z0].map(|none| if none { !0 } else { 0 });
+    let (mut before_z, mut outer_z) = (None, !0);
+    for slice in tile.slices_of(bits) {
+        let rows = slice.chunks_exact(bits.row_words);
+        let rows_z = before_z.unwrap_or(slice).chunks_exact(bits.row_words);
+        let (mut before_y, mut outer_y) = (&slice[word..][..words], !0);
+        for (row, row_z) in rows.zip(rows_z) {
+            let [row, row_z] = [row, row_z].map(|row| &row[word..][..words]);
             let mut left = 0;
-            for (w, &word) in row.iter().enumerate() {
-                let mut here = !0;
-                if w + 1 == row.len() {
-                    here >>= 63 - last % 64;
-                }
-                let mut outer = 0;
-                if w == 0 {
-                    here &= !0 << (first % 64);
-                    outer = 1 << (first % 64);
-                }
-                let along_x = (word ^ (word << 1 | left)) & here;
-                let [along_y, along_z] = [before_y[w], before_z[w]].map(|b| (word ^ b) & here);
+            for w in 0..words {
+                let here = if w == 0 { low } else { !0 } & if w + 1 == words { high } else { !0 };
+                let outer = if w == 0 { outer_x } else { 0 };
+                let along_x = (row[w] ^ (row[w] << 1 | left)) & here;
+                let [along_y, along_z] = [before_y[w], row_z[w]].map(|b| (row[w] ^ b) & here);
                 let crossed = [along_x & !outer, along_y, along_z].map(u64::count_ones);
-                vertices += u64::from(crossed[0] + crossed[1] + crossed[2]);
-                let begins = here & (along_x | outer) & (along_y | no_y) & (along_z | no_z);
+                vertices += u64::from(crossed.iter().sum::<u32>());
+                let begins = here & (along_x | outer) & (along_y | outer_y) & (along_z | outer_z);
                 parts += u64::from(begins.count_ones());
-                left = word >> 63;
+                left = row[w] >> 63;
             }
+            (before_y, outer_y) = (row, 0);
         }
+        (before_z, outer_z) = (Some(slice), 0);
     }
     Sizes {
         vertices,
@@ -113,6 +124,33 @@ impl TileBox {
             cubes: ranges.clone().map(|r| r.end - r.start),
             is_last: std::array::from_fn(|a| ranges[a].end + 1 == tiling.dims.0[a]),
         }
+    }
+
+    /// The words of a row of bits that have its voxels.
+    #[inline(always)]
+    fn words(&self) -> Range<usize> {
+        let [first, last] = [0, self.cubes[0]].map(|x| (self.first_cube[0] + x) as usize);
+        first / 64..last / 64 + 1
+    }
+
+    /// Those bits of the first and of the last of these words that are of its voxels, if the others are.
+    #[inline(always)]
+    fn ends_of_words(&self) -> [u64; 2] {
+        let [first, last] = [0, self.cubes[0]].map(|x| self.first_cube[0] + x);
+        [!0 << (first % 64), !0 >> (63 - last % 64)]
+    }
+
+    /// The words of the rows that have its voxels, whole rows, by slice.
+    #[inline(always)]
+    pub fn slices_of<'a>(&self, bits: &'a Bits) -> impl Iterator<Item = &'a [u64]> {
+        let row = (self.first_cube[1] - bits.span.y.start) as usize;
+        let slice = (self.first_cube[2] - bits.span.z.start) as usize;
+        let [rows, slices] = [1, 2].map(|axis| self.cubes[axis] as usize + 1);
+        let (row_words, band_rows) = (bits.row_words, bits.span.rows());
+        (slice..slice + slices).map(move |slice| {
+            let first = (slice * band_rows + row) * row_words;
+            &bits.words[first..][..rows * row_words]
+        })
     }
 
     /// True if local voxel `v` lies on the upper plane along `axis` and the next tile counts it.

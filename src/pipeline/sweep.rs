@@ -15,7 +15,7 @@ mod whole;
 use crate::error::{Error, Result};
 use crate::grid::Ambiguous;
 use crate::measure::{AreaScale, MeshSums};
-use crate::mesh::{BandView, MeshSettings, TileBox, tile_bytes};
+use crate::mesh::{BandView, MeshSettings, Sizes, TileBox};
 use crate::pipeline::band::{Band, BandSource, SettledBand};
 use crate::pipeline::budget::Budget;
 use crate::pipeline::dust::Filter;
@@ -63,6 +63,8 @@ struct TileJob<B> {
     band: B,
     grid: [u32; 3],
     tile: TileBox,
+    /// There is something to mesh.
+    has_surface: bool,
 }
 
 /// Places of tiles in their order.
@@ -337,8 +339,10 @@ impl Sweep<'_> {
     /// A tile of a band.
     fn tile_of<T: Voxel, B: Deref<Target = Band<T>>>(&self, band: B, grid: [u32; 3]) -> TileJob<B> {
         let tile = TileBox::of(self.plan.tiling, grid);
+        let sizes = Sizes::of(&band.bits, &tile);
         TileJob {
-            bytes: tile_bytes(&band.bits, &tile, self.plan.per_triangle),
+            bytes: sizes.bytes(&tile, self.plan.per_triangle),
+            has_surface: sizes.vertices > 0 || self.cap,
             band,
             grid,
             tile,
@@ -352,6 +356,10 @@ impl Sweep<'_> {
         job: &TileJob<B>,
         gathering: (&SlabClasses, &Gather),
     ) -> Result<()> {
+        if !job.has_surface {
+            self.progress.advance(1);
+            return Ok(());
+        }
         let settings = MeshSettings {
             threshold: self.threshold,
             rule: self.rule,

@@ -62,6 +62,9 @@ fn join_rows(bits: &Bits, runs: &Runs, rule: Ambiguous, sets: &mut UnionFind) {
             if s > 0 {
                 let below = row(s - 1, r);
                 join_row_pair(bits, runs, [here, below], wide, sets);
+                if !is_wide_over_narrow(bits, [here, below], wide) {
+                    continue; // the row below has joined all that touches across it
+                }
                 if r > 0 {
                     let corner = [here, row(s - 1, r - 1), below, row(s, r - 1)];
                     join_across(bits, runs, corner, wide, sets);
@@ -75,14 +78,24 @@ fn join_rows(bits: &Bits, runs: &Runs, rule: Ambiguous, sets: &mut UnionFind) {
     }
 }
 
+/// Whether any voxel of the first of two rows is of the 18-connected phase where the second is not.
+#[inline(always)]
+fn is_wide_over_narrow(bits: &Bits, rows: [usize; 2], wide: u64) -> bool {
+    let [a, b] = rows.map(|row| &bits.words[row..][..bits.row_words]);
+    let over = a.iter().zip(b).map(|(a, b)| (a ^ wide) & !(b ^ wide));
+    over.fold(0, |any, word| any | word) != 0
+}
+
 /// Joins the runs of two rows a step in y and one in z apart, the first two of four given by the indices
 /// of their first words. Only the 18-connected phase touches there, and only where neither of the two rows
 /// between has joined them already is there anything to do.
 #[inline(always)]
 fn join_across(bits: &Bits, runs: &Runs, rows: [usize; 4], wide: u64, sets: &mut UnionFind) {
+    let words = rows.map(|row| &bits.words[row..][..bits.row_words]);
     for w in 0..bits.row_words {
-        let [a, b, c, d] = rows.map(|row| bits.words[row + w] ^ wide);
-        let touch = a & b & !c & !d & inside(w, bits.span.nx);
+        // bits beyond a row's end are all alike
+        let [a, b, c, d] = words.map(|words| words[w] ^ wide);
+        let touch = a & b & !c & !d;
         // the others of a stretch lie in the same runs
         let mut starts = touch & !(touch << 1);
         while starts != 0 {

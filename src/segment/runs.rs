@@ -1,5 +1,6 @@
 //! Runs of equal voxels in the rows of a band.
 
+use crate::cpu::dispatch;
 use crate::slab::Bits;
 
 /// Numbers the runs of a band: rows in order, runs by rising x; phases alternate within a row.
@@ -32,17 +33,26 @@ pub fn inside(word: usize, nx: u32) -> u64 {
 impl Runs {
     /// Numbers the runs of `bits`; reuses the memory.
     pub fn number(&mut self, bits: &Bits) {
-        self.word_run.clear();
-        self.word_run.reserve(bits.words.len());
+        dispatch!(self.number_inlined(bits));
+    }
+
+    #[inline(always)]
+    fn number_inlined(&mut self, bits: &Bits) {
+        // what is left of another band is written over
+        self.word_run.resize(bits.words.len(), 0);
+        let row_words = bits.row_words;
+        let beyond = !inside(row_words - 1, bits.span.nx);
+        let rows = bits.words.chunks_exact(row_words);
         let mut run = 0u32;
-        for row in bits.words.chunks_exact(bits.row_words) {
-            let mut before = None;
-            for (w, &word) in row.iter().enumerate() {
-                self.word_run.push(run);
-                run += (transitions(word, before) & inside(w, bits.span.nx)).count_ones();
-                before = Some(word);
+        for (row, first) in rows.zip(self.word_run.chunks_exact_mut(row_words)) {
+            let mut before = row[0] << 63;
+            for (first, &word) in first.iter_mut().zip(row) {
+                *first = run;
+                run += (word ^ (word << 1 | before >> 63)).count_ones();
+                before = word;
             }
-            run += 1;
+            // a row that ends above has a transition to the 0 beyond
+            run += 1 - (before << 1 & beyond).count_ones();
         }
         self.count = run as usize;
     }

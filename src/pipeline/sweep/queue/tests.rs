@@ -17,6 +17,7 @@ fn tiles_of(band: Arc<Band<u8>>, [ty, layer]: [u32; 2]) -> Vec<TileJob<Arc<Band<
         band: band.clone(),
         grid: [tx, ty, layer],
         tile: TileBox::of(tiling, [0; 3]),
+        has_surface: true,
     };
     (0..TILES).map(tile).collect()
 }
