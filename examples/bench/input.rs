@@ -49,7 +49,8 @@ impl Input {
     }
 
     /// Converts into a new set. The volume is read once before, since others may have driven it out of the file
-    /// cache: large ones would be measured from the disk, small ones not.
+    /// cache: large ones would be measured from the disk, small ones not. One that was just made is on the disk by
+    /// then, or the system would write it beside the conversion.
     pub fn convert(&self, sets: &mut Sets, more: &[&str]) -> Result<Sample, String> {
         self.read()?;
         run::timed(Alvis::command(&self.words(&sets.fresh(), more))?)
@@ -74,7 +75,10 @@ impl Input {
 
     fn read(&self) -> Result<(), String> {
         std::fs::File::open(&self.path)
-            .and_then(|mut file| std::io::copy(&mut file, &mut std::io::sink()))
+            .and_then(|mut file| {
+                file.sync_all()?;
+                std::io::copy(&mut file, &mut std::io::sink())
+            })
             .map_err(|e| format!("{}: {e}", self.path.display()))?;
         Ok(())
     }
@@ -138,6 +142,9 @@ impl Sets {
 
     /// Gives back the room on disk that their files take, and waits until the system is done with that. The names
     /// stay.
+    ///
+    /// Else it would write them to the disk while others are made, on the core that one thread leaves idle and two
+    /// do not.
     pub fn empty(&mut self) -> Result<(), String> {
         fn each(dir: &Path) -> std::io::Result<()> {
             for entry in std::fs::read_dir(dir)? {
@@ -155,7 +162,7 @@ impl Sets {
             each(&set).map_err(|e| format!("{}: {e}", set.display()))?;
             self.emptied += 1;
         }
-        std::thread::sleep(std::time::Duration::from_secs(2));
+        std::thread::sleep(std::time::Duration::from_secs(1));
         Ok(())
     }
 

@@ -102,18 +102,20 @@ fn race(
                 1 => race
                     .one_thread
                     .push(input.convert(sets, &["--threads", "1"])?),
-                2 => race.all.push(input.convert(sets, &[])?),
+                2 => {
+                    race.all.push(input.convert(sets, &[])?);
+                    race.verify.push(Alvis::verify(&sets.last())?);
+                }
                 _ => race.one_core.push(input.convert_on_one_core(sets)?),
             }
+            sets.empty()?;
         }
-        race.verify.push(Alvis::verify(&sets.last())?);
         if let Some(peer) = peers {
             race.surface.push(peer.run(input_args(input), "vtk")?);
             if run == 0 {
                 race.script.push(peer.run(input_args(input), "script")?);
             }
         }
-        sets.empty()?;
     }
     race.own_rows(input, table);
     if peers.is_some() {
@@ -239,9 +241,7 @@ fn flatness(inputs: &[Input], sets: &mut Sets, table: &mut Table) -> Result<(), 
         for (input, samples) in inputs.iter().zip(&mut samples) {
             if takes_part(input, round) {
                 samples.push(input.convert(sets, &[])?);
-                if input.voxels() >= LARGE {
-                    sets.empty()?;
-                }
+                sets.empty()?;
             }
         }
     }
@@ -309,9 +309,11 @@ fn sparse(file: &Path, dir: &Path, sets: &mut Sets, table: &mut Table) -> Result
             dtype: "u8",
             threshold,
         };
-        let runs: Vec<_> = (0..3)
-            .map(|_| input.convert(sets, &[]))
-            .collect::<Result<_, _>>()?;
+        let mut runs = Vec::new();
+        for _ in 0..3 {
+            runs.push(input.convert(sets, &[])?);
+            sets.empty()?;
+        }
         let seconds = seconds(&runs);
         table.row(
             format!("lobster, {times} times, threshold {threshold}"),
