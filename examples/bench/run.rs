@@ -37,8 +37,9 @@ impl Sample {
     }
 }
 
-/// Runs a command to its end.
+/// Runs a command to its end, begun with all cores awake.
 pub fn timed(mut command: Command) -> Result<Sample, String> {
+    wake_all_cores();
     let start = Instant::now();
     let output = command
         .stdin(Stdio::null())
@@ -53,8 +54,9 @@ pub fn timed(mut command: Command) -> Result<Sample, String> {
     Ok(Sample { wall, report })
 }
 
-/// Runs commands at once; seconds until the last one has ended.
+/// Runs commands at once, begun with all cores awake; seconds until the last one has ended.
 pub fn timed_at_once(mut commands: Vec<Command>) -> Result<f64, String> {
+    wake_all_cores();
     let start = Instant::now();
     let children: Vec<_> = commands
         .iter_mut()
@@ -148,23 +150,37 @@ pub fn cores() -> usize {
 /// Cores of a virtual machine may be two threads of one core, or become so for a while: then this falls to 1, and
 /// no program can gain much by a second thread.
 pub fn work_of_all_cores() -> f64 {
-    const ROUNDS: u64 = 2_000_000;
-    let rate = || {
-        let start = Instant::now();
-        let mut lanes: [u64; 32] = std::array::from_fn(|i| i as u64);
-        for round in 0..ROUNDS {
-            lanes.iter_mut().for_each(|v| *v = (*v << 1) ^ (*v + round));
-        }
-        std::hint::black_box(lanes);
-        1.0 / start.elapsed().as_secs_f64()
-    };
+    wake_all_cores();
     let before = rate();
-    let all: f64 = std::thread::scope(|scope| {
+    let all: f64 = rates_of_all_cores().into_iter().sum();
+    all / before.max(rate())
+}
+
+/// Lets all cores work for a moment. Those that sleep take a while to wake, and those of a virtual machine to be
+/// given to it again, which would be measured with whatever runs next.
+pub fn wake_all_cores() {
+    rates_of_all_cores();
+}
+
+/// Rounds of arithmetic per second of a thread on each core, all at once.
+fn rates_of_all_cores() -> Vec<f64> {
+    std::thread::scope(|scope| {
         let threads: Vec<_> = (0..cores()).map(|_| scope.spawn(rate)).collect();
         let rates = threads.into_iter().map(|t| t.join().expect("no panic"));
-        rates.sum()
-    });
-    all / before.max(rate())
+        rates.collect()
+    })
+}
+
+/// Rounds of arithmetic per second of this thread, measured for some hundredths of one.
+fn rate() -> f64 {
+    const ROUNDS: u64 = 2_000_000;
+    let start = Instant::now();
+    let mut lanes: [u64; 32] = std::array::from_fn(|i| i as u64);
+    for round in 0..ROUNDS {
+        lanes.iter_mut().for_each(|v| *v = (*v << 1) ^ (*v + round));
+    }
+    std::hint::black_box(lanes);
+    ROUNDS as f64 / start.elapsed().as_secs_f64()
 }
 
 /// A line about the machine and the version.
