@@ -143,8 +143,7 @@ impl Sets {
     /// Gives back the room on disk that their files take, and waits until the system is done with that. The names
     /// stay.
     ///
-    /// Else it would write them to the disk while others are made, on the core that one thread leaves idle and two
-    /// do not.
+    /// Else it may write them to the disk while others are made, and take time from whichever of them it meets.
     pub fn empty(&mut self) -> Result<(), String> {
         fn each(dir: &Path) -> std::io::Result<()> {
             for entry in std::fs::read_dir(dir)? {

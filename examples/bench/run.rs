@@ -156,8 +156,8 @@ pub fn work_of_all_cores() -> f64 {
     all / before.max(rate())
 }
 
-/// Lets all cores work for a moment. Those that sleep take a while to wake, and those of a virtual machine to be
-/// given to it again, which would be measured with whatever runs next.
+/// Lets all cores work for a moment. Those that sleep may take a while to wake, and those of a virtual machine to
+/// be given to it again, which would be measured with whatever runs next.
 pub fn wake_all_cores() {
     rates_of_all_cores();
 }
