@@ -48,17 +48,15 @@ impl Input {
         Ok(input)
     }
 
-    /// Converts into a new set. The volume is read once before, since others may have driven it out of the file
-    /// cache: large ones would be measured from the disk, small ones not. One that was just made is on the disk by
-    /// then, or the system would write it beside the conversion.
+    /// Converts into a new set.
     pub fn convert(&self, sets: &mut Sets, more: &[&str]) -> Result<Sample, String> {
-        self.read()?;
+        self.prepare(sets)?;
         run::timed(Alvis::command(&self.words(&sets.fresh(), more))?)
     }
 
     /// The same on one core: the threads that write beside those that make tiles share it, too.
     pub fn convert_on_one_core(&self, sets: &mut Sets) -> Result<Sample, String> {
-        self.read()?;
+        self.prepare(sets)?;
         run::timed(Alvis::command_on_one_core(&self.words(&sets.fresh(), &[]))?)
     }
 
@@ -66,14 +64,18 @@ impl Input {
     ///
     /// They share nothing but the machine: what it gives to them is what threads of one can expect of it.
     pub fn convert_side_by_side(&self, sets: &mut Sets) -> Result<f64, String> {
-        self.read()?;
+        self.prepare(sets)?;
         let commands: Vec<Command> = (0..run::cores())
             .map(|_| Alvis::command(&self.words(&sets.fresh(), &["--threads", "1"])))
             .collect::<Result<_, _>>()?;
         run::timed_at_once(commands)
     }
 
-    fn read(&self) -> Result<(), String> {
+    /// Makes all conversions begin alike: those before have nothing left to be written, nor has the volume, which is
+    /// read once, since others may have driven it out of the file cache: large ones would be measured from the disk,
+    /// small ones not.
+    fn prepare(&self, sets: &mut Sets) -> Result<(), String> {
+        sets.empty()?;
         std::fs::File::open(&self.path)
             .and_then(|mut file| {
                 file.sync_all()?;
@@ -155,6 +157,9 @@ impl Sets {
                 }
             }
             Ok(())
+        }
+        if self.emptied == self.count {
+            return Ok(());
         }
         while self.emptied < self.count {
             let set = self.path(self.emptied);

@@ -23,7 +23,7 @@ use std::process::ExitCode;
 
 /// Runs of each command, in turns.
 const RUNS: usize = 9;
-/// Voxels from which on a volume is converted less often, and its tiles are not kept until the end.
+/// Voxels from which on a volume is converted less often.
 const LARGE: f64 = 1e9;
 
 /// Rows of the table.
@@ -108,9 +108,9 @@ fn race(
                 }
                 _ => race.one_core.push(input.convert_on_one_core(sets)?),
             }
-            sets.empty()?;
         }
         if let Some(peer) = peers {
+            sets.empty()?;
             race.surface.push(peer.run(input_args(input), "vtk")?);
             if run == 0 {
                 race.script.push(peer.run(input_args(input), "script")?);
@@ -241,7 +241,6 @@ fn flatness(inputs: &[Input], sets: &mut Sets, table: &mut Table) -> Result<(), 
         for (input, samples) in inputs.iter().zip(&mut samples) {
             if takes_part(input, round) {
                 samples.push(input.convert(sets, &[])?);
-                sets.empty()?;
             }
         }
     }
@@ -276,7 +275,6 @@ fn deep(input: &Input, sets: &mut Sets, table: &mut Table) -> Result<(), String>
     for _ in 0..3 {
         made.push(input.convert(sets, &[])?);
         proofs.push(Alvis::verify(&sets.last())?);
-        sets.empty()?;
     }
     for (what, samples) in [("convert", &made), ("verify", &proofs)] {
         table.row(
@@ -309,11 +307,9 @@ fn sparse(file: &Path, dir: &Path, sets: &mut Sets, table: &mut Table) -> Result
             dtype: "u8",
             threshold,
         };
-        let mut runs = Vec::new();
-        for _ in 0..3 {
-            runs.push(input.convert(sets, &[])?);
-            sets.empty()?;
-        }
+        let runs: Vec<_> = (0..3)
+            .map(|_| input.convert(sets, &[]))
+            .collect::<Result<_, _>>()?;
         let seconds = seconds(&runs);
         table.row(
             format!("lobster, {times} times, threshold {threshold}"),

@@ -356,10 +356,6 @@ impl Sweep<'_> {
         job: &TileJob<B>,
         gathering: (&SlabClasses, &Gather),
     ) -> Result<()> {
-        if !job.has_surface {
-            self.progress.advance(1);
-            return Ok(());
-        }
         let settings = MeshSettings {
             threshold: self.threshold,
             rule: self.rule,
@@ -372,14 +368,16 @@ impl Sweep<'_> {
             runs: &job.band.runs,
             class_of_run: &job.band.labels.of_run,
         };
-        parts.pool.with(job.bytes, |workspace| {
-            let Workspace { mesher, mesh, .. } = workspace;
-            if mesher.mesh(&view, &job.tile, &settings, mesh) {
-                let writers = parts.writers.as_ref();
-                self.write_tile((&job.tile, job.grid), workspace, writers, gathering)?;
-            }
-            Ok(())
-        })?;
+        if job.has_surface {
+            parts.pool.with(job.bytes, |workspace| {
+                let Workspace { mesher, mesh, .. } = workspace;
+                if mesher.mesh(&view, &job.tile, &settings, mesh) {
+                    let writers = parts.writers.as_ref();
+                    self.write_tile((&job.tile, job.grid), workspace, writers, gathering)?;
+                }
+                Ok(())
+            })?;
+        }
         self.progress.advance(1);
         Ok(())
     }

@@ -45,10 +45,11 @@ impl Runs {
         let rows = bits.words.chunks_exact(row_words);
         let mut run = 0u32;
         for (row, first) in rows.zip(self.word_run.chunks_exact_mut(row_words)) {
+            // as if the first voxel had one like it before it
             let mut before = row[0] << 63;
             for (first, &word) in first.iter_mut().zip(row) {
                 *first = run;
-                run += (word ^ (word << 1 | before >> 63)).count_ones();
+                run += transitions(word, Some(before)).count_ones();
                 before = word;
             }
             // a row that ends above has a transition to the 0 beyond
