@@ -193,7 +193,7 @@ fn count_tile(resolved: &mut Resolved, pieces: impl Iterator<Item = Ids> + Clone
 
 impl Finisher<'_> {
     /// Finishes the tiles of a batch, a few at a time. What is to be done to files for the batch before goes on
-    /// beside that.
+    /// beside that, if there is memory for both.
     ///
     /// # Errors
     /// [`Error::Io`], [`Error::Usage`] if a tile would pass 4 GiB.
@@ -203,14 +203,26 @@ impl Finisher<'_> {
         cells: &RecordTable<ComponentRecord>,
         ends: &mut Ends,
     ) -> Result<()> {
+        let few = self.few_at_once(&batch.jobs);
+        if few.is_some() {
+            // nor is there memory for what was made of the batch before
+            self.end(ends)?;
+        }
         let behind = std::mem::take(&mut self.behind);
         let (taken, made) = rayon::join(
             || behind.into_iter().try_for_each(|part| ends.take(part)),
-            || self.finish_all(&batch.jobs, cells),
+            || self.finish_all(&batch.jobs, cells, few),
         );
         taken?;
         self.behind = batch.into_parts(made?);
         Ok(())
+    }
+
+    /// How many of these tiles are finished at once, if there is no memory for one of them in each thread.
+    fn few_at_once(&self, jobs: &[Job]) -> Option<usize> {
+        let threads = rayon::current_num_threads();
+        let records = jobs.iter().map(|job| &job.tile);
+        Some(at_once(records, self.settings.memory, threads)).filter(|&few| few < threads)
     }
 
     /// Does what is left to be done to files.
@@ -223,6 +235,7 @@ impl Finisher<'_> {
         &self,
         jobs: &[Job],
         cells: &RecordTable<ComponentRecord>,
+        few: Option<usize>,
     ) -> Result<Vec<(TileEntry, Vec<u8>)>> {
         let known = self.cells_of(jobs, cells)?;
         let anew = jobs.par_iter().map(|job| self.is_anew(job));
@@ -238,12 +251,7 @@ impl Finisher<'_> {
             let text = serde_json::to_vec(&entry).expect("plain data serialises");
             Ok((at, (entry, text)))
         };
-        let threads = rayon::current_num_threads();
-        let records = jobs.iter().map(|job| &job.tile);
-        let together = match at_once(records, self.settings.memory, threads) {
-            few if few < threads => few,
-            _ => jobs.len().max(1),
-        };
+        let together = few.unwrap_or(jobs.len().max(1));
         // those that are written anew take longest: no thread is left with one when the others have none
         let mut order: Vec<usize> = (0..jobs.len()).collect();
         order.sort_by_key(|&at| !anew[at]);
@@ -251,7 +259,7 @@ impl Finisher<'_> {
         for some in order.chunks(together) {
             let made = some.par_iter().with_max_len(1).map(finish);
             finished.extend(made.collect::<Result<Vec<_>>>()?);
-            if together < threads {
+            if few.is_some() {
                 // there is no memory for what each thread keeps
                 for buffers in &self.buffers {
                     *buffers.lock().expect("no thread panicked") = Buffers::default();
