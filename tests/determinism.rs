@@ -17,8 +17,8 @@ use std::fs::File;
 use std::io::Write;
 use std::path::{Path, PathBuf};
 
-/// The smallest memory limit of every plan: one band of a slab at once, two, ... all, all with the next
-/// slab read ahead, and that with tiles on their way to the disk meanwhile.
+/// The smallest memory limit of every plan: one band of a slab at once, two, ... all, all with some of the next
+/// slab read ahead, that with tiles on their way to the disk meanwhile, and that with more read ahead.
 fn limits(volume: &dyn Volume, options: &ConvertOptions) -> Vec<u64> {
     let with = |memory: u64| {
         predicted_memory(
@@ -84,9 +84,11 @@ fn same_in_every_way<T: Voxel>(
     let (dir, _) = converted(volume, options);
     verified(dir.path(), Some(volume));
     let first = files(dir.path());
-    let bands = volume.header().dims.0[1]
-        .saturating_sub(1)
-        .div_ceil(options.macrocube[1]) as usize;
+    let tiles = |axis: usize| {
+        let cubes = volume.header().dims.0[axis].saturating_sub(1);
+        cubes.div_ceil(options.macrocube[axis]) as usize
+    };
+    let (bands, layers) = (tiles(1), tiles(2));
     for threads in [1, 2, 5] {
         let options = ConvertOptions {
             threads,
@@ -95,21 +97,28 @@ fn same_in_every_way<T: Voxel>(
         let limits = limits(volume, &options);
         // each number of bands at once, and all with a look ahead, without tiles on their way and with; if
         // these take less than a look ahead, all bands with them come before
-        let [.., ahead, most] = limits[..] else {
+        let few = threads.div_ceil(2).min(bands);
+        let others = bands * (layers - 1);
+        let more = (threads - 1).min(others).saturating_sub(few);
+        let [.., ahead, most] = limits[..limits.len() - more] else {
             panic!("{limits:?}");
         };
         let before = usize::from(most - ahead < ahead - limits[bands - 1]);
-        assert_eq!(limits.len(), bands + before + 2, "{limits:?}");
-        let chosen = [
+        assert_eq!(limits.len(), bands + before + 2 + more, "{limits:?}");
+        let mut chosen = vec![
             0,
             1,
             bands / 2,
             bands - 1,
             bands,
             bands + 1,
-            bands + before + 1,
+            limits.len() - 1,
         ];
-        for &at in &chosen[..if threads == 5 { 1 } else { 7 }] {
+        if threads == 5 {
+            // they take as long as all others
+            chosen.drain(1..6);
+        }
+        for at in chosen {
             let options = ConvertOptions {
                 memory: limits[at],
                 ..options.clone()

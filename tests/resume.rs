@@ -281,14 +281,15 @@ fn kill_at_random(convert: &str, more: &str, kills: u64, seed: u64) {
                 left.tiles.saturating_sub(swept),
                 left.shards.saturating_sub(index),
             ];
-            assert!(lost[0] <= 1 && lost[1] <= 1, "{left:?}: {text}");
+            // two layers of a sweep may be open at once
+            assert!(lost[0] <= 2 && lost[1] <= 1, "{left:?}: {text}");
             redone[0] += lost[0];
             redone[1] += lost[1];
         } else if let Some(left) = &before
             && ended.is_some()
             && !text.contains("nothing to resume")
         {
-            assert!(left.tiles <= 1, "{left:?}: {text}");
+            assert!(left.tiles <= 2, "{left:?}: {text}");
         }
         if status.success() {
             assert_same_files(&files(&out), &expected, more);

@@ -2,13 +2,15 @@
 
 use crate::error::Result;
 use crate::manifest::TileEntry;
-use crate::pipeline::ration::fit_together;
+use crate::pipeline::forward::SlabRecord;
+use crate::pipeline::ration::{fit_together, parts};
+use crate::pipeline::resolve::SpooledIds;
 use crate::pipeline::shards::Part;
-use crate::pipeline::spool::{Place, Spool};
+use crate::pipeline::spool::Spool;
 use crate::pipeline::surfaces::WHOLE;
 use crate::pipeline::tilefile::{TileRecord, WrittenPiece};
 use crate::tile::Body;
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, VecDeque};
 
 /// Pieces of some tiles whose cells are measured once for all of them, at most: 5 MB of measures.
 pub const KNOWN_PIECES: usize = 1 << 14;
@@ -26,16 +28,17 @@ pub struct Ids {
 
 /// Final ids in terms of a slab.
 pub struct IdsOfSlab {
-    /// See [`SlabIds`](crate::pipeline::resolve::SlabIds).
+    /// Object or cell id of each class.
     pub classes: Vec<u64>,
-    /// See there.
+    /// Id of each surface that is not whole in a tile.
     pub surfaces: Vec<u64>,
-    /// See there.
+    /// Id of each surface that is.
     pub whole: Vec<u64>,
 }
 
 impl IdsOfSlab {
-    fn of(&self, p: &WrittenPiece) -> Ids {
+    /// Of a piece.
+    pub fn of(&self, p: &WrittenPiece) -> Ids {
         let object = self.classes[p.object as usize];
         if p.is_cap() {
             return Ids {
@@ -97,7 +100,7 @@ impl Batch {
         pieces <= KNOWN_PIECES && fit_together(all(), memory)
     }
 
-    /// Adds tiles of a layer, `last` if these are the last ones of it; returns their jobs.
+    /// Adds tiles of a layer, `last` if these are the last ones of it.
     ///
     /// # Errors
     /// [`crate::Error::Io`].
@@ -106,16 +109,14 @@ impl Batch {
         (layer, last): (u32, bool),
         tiles: &[TileRecord],
         (ids, spool): (&IdsOfSlab, &mut Spool),
-    ) -> Result<&[Job]> {
-        let before = self.jobs.len();
+    ) -> Result<()> {
         for &tile in tiles {
-            let place = Place::new(tile.pieces_at, tile.pieces as usize);
-            let pieces = spool.get::<WrittenPiece>(&place)?;
+            let pieces = tile.pieces(spool)?;
             let ids = pieces.iter().map(|p| ids.of(p)).collect();
             self.jobs.push(Job { tile, pieces, ids });
         }
         self.layers.push((layer, tiles.len(), last));
-        Ok(&self.jobs[before..])
+        Ok(())
     }
 
     /// What was made of the tiles, in their order, layer by layer.
@@ -127,6 +128,73 @@ impl Batch {
             last,
         };
         self.layers.into_iter().map(part).collect()
+    }
+}
+
+/// Puts the tiles of all layers together to batches.
+pub struct Batches<'a> {
+    slabs: std::iter::Enumerate<std::slice::Iter<'a, SlabRecord>>,
+    spool: &'a mut Spool,
+    ids: &'a mut SpooledIds,
+    /// Bytes that tiles may take while they are finished.
+    memory: u64,
+    /// Parts of a layer that are in no batch yet, `true` for its last one.
+    rest: VecDeque<(Vec<TileRecord>, bool)>,
+    /// That layer and its ids.
+    layer: Option<(u32, IdsOfSlab)>,
+}
+
+impl<'a> Batches<'a> {
+    /// Of all layers but the first ones.
+    pub fn new(
+        slabs: &'a [SlabRecord],
+        skip: usize,
+        (spool, ids): (&'a mut Spool, &'a mut SpooledIds),
+        memory: u64,
+    ) -> Self {
+        let mut slabs = slabs.iter().enumerate();
+        if let Some(last) = skip.checked_sub(1) {
+            slabs.nth(last);
+        }
+        Batches {
+            slabs,
+            spool,
+            ids,
+            memory,
+            rest: VecDeque::new(),
+            layer: None,
+        }
+    }
+
+    /// The next tiles; `None` after all of them.
+    ///
+    /// # Errors
+    /// [`crate::Error::Io`].
+    pub fn next(&mut self) -> Result<Option<Batch>> {
+        let mut batch = Batch::default();
+        loop {
+            if let Some((layer, ids)) = &self.layer {
+                while let Some((tiles, last)) = self.rest.pop_front() {
+                    if !batch.has_room(&tiles, self.memory) {
+                        self.rest.push_front((tiles, last));
+                        return Ok(Some(batch));
+                    }
+                    batch.add((*layer, last), &tiles, (ids, self.spool))?;
+                }
+            }
+            let Some((i, slab)) = self.slabs.next() else {
+                return Ok(Some(batch).filter(|batch| !batch.layers.is_empty()));
+            };
+            let tiles = self.spool.get(&slab.tiles)?;
+            let parts = parts(&tiles, self.memory);
+            self.rest = parts.into_iter().map(|p| (p.to_vec(), false)).collect();
+            match self.rest.back_mut() {
+                Some((_, last)) => *last = true,
+                // a layer without tiles ends, too
+                None => self.rest.push_back((Vec::new(), true)),
+            }
+            self.layer = Some((slab.layer, self.ids.of(i)?));
+        }
     }
 }
 
@@ -161,6 +229,7 @@ mod tests {
     use crate::manifest::Bounds;
     use bytemuck::Zeroable;
     use proptest::prelude::*;
+    use std::path::Path;
 
     fn tiles(count: u32, pieces: u32) -> Vec<TileRecord> {
         let tile = |x| {
@@ -249,6 +318,60 @@ mod tests {
                 prop_assert!(group.is_sorted() && group.iter().all(|&piece| ids[piece] == *id));
             }
             prop_assert!(groups.is_sorted_by_key(|group| group[0]));
+        }
+    }
+
+    /// Slabs with these tiles, one piece each, and their ids.
+    fn slabs(tiles: &[usize], dir: &Path) -> (Vec<SlabRecord>, Spool, SpooledIds) {
+        let (mut spool, mut ids) = (Spool::new(dir).unwrap(), SpooledIds::new(dir).unwrap());
+        let slab = |(layer, &count): (u32, &usize)| {
+            let pieces_at = spool.push(&[WrittenPiece::zeroed()]).unwrap().offset();
+            let tile = |x| {
+                let mut tile = TileRecord::zeroed();
+                (tile.grid, tile.pieces, tile.pieces_at) = ([x, 0, layer], 1, pieces_at);
+                tile
+            };
+            let tiles: Vec<TileRecord> = (0..count as u32).map(tile).collect();
+            let class = u64::from(layer);
+            let of_slab = IdsOfSlab {
+                classes: vec![class],
+                surfaces: vec![class],
+                whole: Vec::new(),
+            };
+            ids.push(&of_slab).unwrap();
+            SlabRecord::with_tiles(layer, spool.push(&tiles).unwrap())
+        };
+        let slabs = (0..).zip(tiles).map(slab).collect();
+        (slabs, spool, ids)
+    }
+
+    proptest! {
+        #[test]
+        fn batches_are_all_tiles_layer_by_layer(
+            tiles in prop::collection::vec(0..200usize, 0..8), skip in 0..4usize, memory in 0..100_000u64,
+        ) {
+            let dir = tempfile::tempdir().unwrap();
+            let (slabs, mut spool, mut ids) = slabs(&tiles, dir.path());
+            let skip = skip.min(slabs.len());
+            let mut batches = Batches::new(&slabs, skip, (&mut spool, &mut ids), memory);
+            let (mut jobs, mut layers) = (Vec::new(), vec![(0, false); tiles.len()]);
+            while let Some(batch) = batches.next().unwrap() {
+                let records = batch.jobs.iter().map(|job| &job.tile);
+                prop_assert!(batch.jobs.len() <= 1 || fit_together(records, memory));
+                for &(layer, count, last) in &batch.layers {
+                    let (tiles, over) = &mut layers[layer as usize];
+                    prop_assert!(!*over);
+                    (*tiles, *over) = (*tiles + count, last);
+                }
+                jobs.extend(batch.jobs);
+            }
+            for (layer, &count) in tiles.iter().enumerate().skip(skip) {
+                prop_assert_eq!(layers[layer], (count, true));
+            }
+            let expected = (0u32..).zip(&tiles).skip(skip);
+            let expected = expected.flat_map(|(z, &count)| (0..count as u32).map(move |x| [x, 0, z]));
+            prop_assert!(jobs.iter().map(|job| job.tile.grid).eq(expected));
+            prop_assert!(jobs.iter().all(|job| job.ids[0].object == u64::from(job.tile.grid[2])));
         }
     }
 

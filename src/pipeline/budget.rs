@@ -69,6 +69,12 @@ impl Reservation {
         Ok(())
     }
 
+    /// Bytes that it has, and half of what it could take: others may need the rest.
+    pub fn at_hand(&self) -> u64 {
+        let left = self.budget.as_ref().map_or(u64::MAX, |b| b.left());
+        self.bytes.saturating_add(left / 2)
+    }
+
     /// Gives back what is beyond `bytes`, after the buffers have been freed.
     pub fn shrink_to(&mut self, bytes: u64) {
         if let Some(budget) = &self.budget
@@ -116,10 +122,12 @@ mod tests {
         drop(a);
         b.grow_to(90).unwrap();
         assert_eq!((b.bytes(), budget.left()), (90, 0));
+        assert_eq!(b.at_hand(), 90);
         let mut c = Reservation::new(&budget);
         assert!(c.grow_to(20).is_err());
         b.shrink_to(70);
         b.shrink_to(80);
+        assert_eq!((b.at_hand(), c.at_hand()), (80, 10));
         c.grow_to(20).unwrap();
         assert!(c.grow_to(21).is_err());
         assert!(b.grow_to(u64::MAX).is_err());

@@ -7,9 +7,8 @@
 //! of a component is crossed, and all of them go with it.
 
 use crate::error::Result;
-use crate::pipeline::band::SettledBand;
 use crate::pipeline::budget::Budget;
-use crate::pipeline::forward::State;
+use crate::pipeline::forward::{Known, State};
 use crate::pipeline::keep::{Keeper, Marks, Scratch};
 use crate::pipeline::parts::Parts;
 use crate::pipeline::spool::{Place, Spool};
@@ -111,11 +110,12 @@ impl Sweep<'_> {
                 let (mut search, first) = begun;
                 for layer in first..layers {
                     let settled = self.settle_in_parts(parts, layer, &mut search.state)?;
-                    let classes = search.state.join(&settled, layer + 1 == layers)?;
-                    search.add(&settled, &classes)?;
+                    let known = search.state.join(layer, settled, layer + 1 == layers)?;
+                    search.add(&known)?;
                     if layer + 1 < layers {
-                        search.save(&files, (sweep, layer + 1), keeper)?;
+                        search.save(&files, (sweep, layer + 1), &known, keeper)?;
                     }
+                    search.state.let_go(layer);
                     self.release(&parts.source, layer);
                 }
                 let marks = search.marks(&files)?;
@@ -184,12 +184,13 @@ impl Search {
     }
 
     /// Adds a layer.
-    fn add(&mut self, settled: &[SettledBand], classes: &SlabClasses) -> Result<()> {
+    fn add(&mut self, known: &Known) -> Result<()> {
+        let classes = &known.classes;
         for of_local in &classes.of_local {
             let place = self.spool.push(of_local)?;
             self.places.push(&place.numbers())?;
         }
-        let voxels = self.state.class_voxels(settled, classes)?;
+        let voxels = self.state.class_voxels(known)?;
         let slab = Slab::new(&voxels, classes, &mut self.spool)?;
         self.places.push(&slab.numbers())?;
         Ok(())
@@ -207,11 +208,14 @@ impl Search {
         &mut self,
         files: &Scratch,
         (sweep, layer): (usize, u32),
+        known: &Known,
         keeper: &mut Keeper,
     ) -> Result<()> {
         let mut marks = self.marks(files)?;
-        self.state.mark(files, &mut marks)?;
-        keeper.save(sweep, layer, &marks, |out| self.state.save(out))
+        self.state.mark(files, &mut marks, &known.after)?;
+        keeper.save(sweep, layer, &marks, |out| {
+            self.state.save(out, &known.after)
+        })
     }
 }
 

@@ -5,11 +5,11 @@ use crate::grid::{LATTICE, Placement, Tiling};
 use crate::manifest::{Bounds, Group, Layer, Shard, TileEntry, Totals, checksum_text};
 use crate::measure::{ComponentRecord, Measures, RecordTable};
 use crate::pipeline::anew::{Buffers, anew_path, read_back, write_anew};
-use crate::pipeline::batch::{Batch, Ids, Job, KNOWN_PIECES, count_distinct, group};
+use crate::pipeline::batch::{Batch, Batches, Ids, Job, KNOWN_PIECES, count_distinct, group};
 use crate::pipeline::forward::SlabRecord;
 use crate::pipeline::keep::Keeper;
-use crate::pipeline::ration::{at_once, parts};
-use crate::pipeline::resolve::Resolved;
+use crate::pipeline::ration::at_once;
+use crate::pipeline::resolve::{Components, SpooledIds};
 use crate::pipeline::shards::{Ends, FinishedLayer, Part, shard_path};
 use crate::pipeline::spool::Spool;
 use crate::pipeline::tilefile::{TileRecord, refused, too_large};
@@ -25,6 +25,7 @@ use std::fs::{OpenOptions, create_dir_all};
 use std::os::unix::fs::FileExt;
 use std::path::Path;
 use std::sync::Mutex;
+use std::sync::atomic::{AtomicBool, Ordering};
 
 /// What finishing needs to know of the whole set.
 #[derive(Clone, Copy)]
@@ -43,17 +44,29 @@ pub struct FinishSettings<'a> {
     pub memory: u64,
 }
 
+/// Bytes of memory with which the next batch is made ready beside one: ten times what it takes.
+const ROOM: u64 = 64 << 20;
+
 /// Finishes tiles, batch by batch.
 struct Finisher<'a> {
     settings: FinishSettings<'a>,
+    /// The sums of all cells.
+    cells: &'a RecordTable<ComponentRecord>,
     /// Of each thread.
     buffers: Vec<Mutex<Buffers>>,
     /// What was made of the batch before.
     behind: Vec<Part>,
 }
 
-/// The cells of a batch by rising id, as far as they are known, and the sums of all cells.
-type Cells<'a> = (&'a [Cell], &'a RecordTable<ComponentRecord>);
+/// True once what goes on beside the finishing is to stop, too.
+pub type Stop<'a> = dyn Fn() -> bool + Sync + 'a;
+
+/// Tiles to finish.
+struct Ready {
+    batch: Batch,
+    /// Their cells by rising id, unless there are too many.
+    known: Vec<Cell>,
+}
 
 /// What the nodes of a cell say.
 #[derive(Clone, Copy)]
@@ -63,8 +76,8 @@ struct Cell {
     has_surfaces: bool,
 }
 
-/// Gives all tiles their ids, layer by layer, and counts in how many tiles each component is. Returns the
-/// layers that have tiles, and what `beside` makes of the components while the last tiles are finished.
+/// Gives all tiles their ids, layer by layer. Returns the layers that have tiles, and what `beside` makes of the
+/// components meanwhile, as long as nothing stops that: it is told what would.
 ///
 /// # Errors
 /// [`Error::Interrupted`], [`Error::Io`], [`Error::Usage`] if a tile would pass 4 GiB, and [`Error::Format`]
@@ -72,67 +85,73 @@ struct Cell {
 pub fn finish<R: Send>(
     slabs: &[SlabRecord],
     spool: &mut Spool,
-    resolved: &mut Resolved,
+    (ids, components): (&mut SpooledIds, &Components),
     (settings, keeper): (&FinishSettings, &mut Keeper),
     totals: &mut Totals,
     progress: &dyn Progress,
-    beside: impl FnOnce(&Resolved) -> Result<R> + Send,
+    beside: impl FnOnce(&Components, &Stop) -> Result<R> + Send,
 ) -> Result<(Vec<Layer>, R)> {
-    let before = keeper.finished();
     let mut ends = Ends::begin(settings, keeper, slabs.len(), totals, progress)?;
+    let failed = AtomicBool::new(false);
+    let finish = || {
+        let finished = finish_tiles(
+            slabs,
+            (spool, ids),
+            &components.cells,
+            settings,
+            &mut ends,
+            progress,
+        );
+        failed.store(finished.is_err(), Ordering::Relaxed);
+        finished
+    };
+    let stop = || failed.load(Ordering::Relaxed) || progress.interrupted();
+    let (finished, made) = rayon::join(finish, || beside(components, &stop));
+    finished?;
+    Ok((ends.end()?, made?))
+}
+
+/// Finishes the tiles of all slabs.
+fn finish_tiles(
+    slabs: &[SlabRecord],
+    (spool, ids): (&mut Spool, &mut SpooledIds),
+    cells: &RecordTable<ComponentRecord>,
+    settings: &FinishSettings,
+    ends: &mut Ends,
+    progress: &dyn Progress,
+) -> Result<()> {
+    let before = ends.finished() as usize;
+    for slab in &slabs[..before] {
+        ends.add(finished_layer(settings, slab, spool)?);
+    }
     let mut finisher = Finisher {
         settings: *settings,
+        cells,
         buffers: (0..rayon::current_num_threads())
             .map(|_| Mutex::default())
             .collect(),
         behind: Vec::new(),
     };
-    let mut batch = Batch::default();
-    for (i, slab) in slabs.iter().enumerate() {
-        if (i as u32) < before {
-            let finished = finished_layer(settings, resolved, slab, spool)?;
-            ends.add(finished);
-            continue;
-        }
-        if progress.interrupted() {
-            // what is at hand takes less time than to come back to it
-            finisher.finish(batch, &resolved.cells, &mut ends)?;
-            finisher.end(&mut ends)?;
+    let mut batches = Batches::new(slabs, before, (spool, ids), settings.memory);
+    let mut at_hand = finisher.next(&mut batches)?;
+    while let Some(ready) = at_hand {
+        // to finish what is at hand takes less time than to come back to it
+        let over = progress.interrupted();
+        at_hand = finisher.finish(ready, ends, &mut batches)?;
+        if over {
+            finisher.end(ends)?;
             return Err(Error::Interrupted);
         }
-        let tiles = spool.get(&slab.tiles)?;
-        let ids = resolved.ids_of(i)?;
-        let parts = parts(&tiles, settings.memory);
-        let last = parts.len().saturating_sub(1);
-        // a layer without tiles ends, too
-        for part in 0..=last {
-            let tiles = parts.get(part).copied().unwrap_or_default();
-            if !batch.has_room(tiles, settings.memory) {
-                let batch = std::mem::take(&mut batch);
-                finisher.finish(batch, &resolved.cells, &mut ends)?;
-            }
-            for job in batch.add((slab.layer, part == last), tiles, (&ids, spool))? {
-                count_tile(resolved, job.ids.iter().copied())?;
-            }
-        }
     }
-    let resolved = &*resolved;
-    let finish = || {
-        finisher.finish(batch, &resolved.cells, &mut ends)?;
-        finisher.end(&mut ends)
-    };
-    let (finished, made) = rayon::join(finish, || beside(resolved));
-    finished?;
-    Ok((ends.end()?, made?))
+    finisher.end(ends)
 }
 
-/// What was made of a slab in a process before this one; counts the tiles of each component.
+/// What was made of a slab in a process before this one.
 ///
 /// # Errors
 /// [`Error::Io`]; [`Error::Format`] if the shard is not as it was written.
 fn finished_layer(
     settings: &FinishSettings,
-    resolved: &mut Resolved,
     slab: &SlabRecord,
     spool: &mut Spool,
 ) -> Result<Option<FinishedLayer>> {
@@ -152,12 +171,6 @@ fn finished_layer(
     };
     let mut totals = Totals::default();
     for tile in &shard.tiles {
-        let ids = tile.groups.iter().map(|g| Ids {
-            object: g.object,
-            cell: g.cell,
-            surface: g.surface,
-        });
-        count_tile(resolved, ids)?;
         totals.add_tile(tile);
     }
     let entry = Layer {
@@ -170,52 +183,45 @@ fn finished_layer(
     Ok(Some(FinishedLayer { entry, totals }))
 }
 
-/// Adds a tile to the counts of all components in it, which its pieces name.
-fn count_tile(resolved: &mut Resolved, pieces: impl Iterator<Item = Ids> + Clone) -> Result<()> {
-    let distinct = |get: fn(Ids) -> u64| {
-        let open = pieces.clone().filter(|ids| ids.cell != 0);
-        let mut ids: Vec<u64> = open.map(get).collect();
-        ids.sort_unstable();
-        ids.dedup();
-        ids
-    };
-    for id in distinct(|ids| ids.object) {
-        resolved.objects.update(id - 1, |r| r.tiles += 1)?;
-    }
-    for id in distinct(|ids| ids.cell) {
-        resolved.cells.update(id - 1, |r| r.tiles += 1)?;
-    }
-    for id in distinct(|ids| ids.surface) {
-        resolved.surfaces.update(id - 1, |r| r.tiles += 1)?;
-    }
-    Ok(())
-}
-
 impl Finisher<'_> {
-    /// Finishes the tiles of a batch, a few at a time. What is to be done to files for the batch before goes on
-    /// beside that, if there is memory for both.
+    /// The next batch, with what is to be known of it.
+    ///
+    /// # Errors
+    /// [`Error::Io`].
+    fn next(&self, batches: &mut Batches) -> Result<Option<Ready>> {
+        let Some(batch) = batches.next()? else {
+            return Ok(None);
+        };
+        let known = self.cells_of(&batch.jobs)?;
+        Ok(Some(Ready { batch, known }))
+    }
+
+    /// Finishes the tiles of a batch, a few at a time, and returns the next one. That is made ready, and what is to
+    /// be done to files for the batch before goes on, beside that, if there is memory for all.
     ///
     /// # Errors
     /// [`Error::Io`], [`Error::Usage`] if a tile would pass 4 GiB.
     fn finish(
         &mut self,
-        batch: Batch,
-        cells: &RecordTable<ComponentRecord>,
+        ready: Ready,
         ends: &mut Ends,
-    ) -> Result<()> {
-        let few = self.few_at_once(&batch.jobs);
+        batches: &mut Batches,
+    ) -> Result<Option<Ready>> {
+        let few = self.few_at_once(&ready.batch.jobs);
         if few.is_some() {
             // nor is there memory for what was made of the batch before
             self.end(ends)?;
         }
+        let beside = few.is_none() && self.settings.memory >= ROOM;
         let behind = std::mem::take(&mut self.behind);
-        let (taken, made) = rayon::join(
+        let next = || beside.then(|| self.next(batches));
+        let (taken, (made, next)) = rayon::join(
             || behind.into_iter().try_for_each(|part| ends.take(part)),
-            || self.finish_all(&batch.jobs, cells, few),
+            || rayon::join(|| self.finish_all(&ready, few), next),
         );
         taken?;
-        self.behind = batch.into_parts(made?);
-        Ok(())
+        self.behind = ready.batch.into_parts(made?);
+        next.unwrap_or_else(|| self.next(batches))
     }
 
     /// How many of these tiles are finished at once, if there is no memory for one of them in each thread.
@@ -233,20 +239,19 @@ impl Finisher<'_> {
 
     fn finish_all(
         &self,
-        jobs: &[Job],
-        cells: &RecordTable<ComponentRecord>,
+        Ready { batch, known }: &Ready,
         few: Option<usize>,
     ) -> Result<Vec<(TileEntry, Vec<u8>)>> {
-        let known = self.cells_of(jobs, cells)?;
+        let jobs = &batch.jobs[..];
         let anew = jobs.par_iter().map(|job| self.is_anew(job));
         let anew: Vec<bool> = anew.collect();
         let finish = |&at: &usize| {
             let thread = rayon::current_thread_index().unwrap_or_default();
             let mut buffers = self.buffers[thread].lock().expect("no thread panicked");
-            let (job, cells) = (&jobs[at], (&known[..], cells));
+            let job = &jobs[at];
             let entry = match anew[at] {
-                true => self.rewrite_tile(job, cells, &mut buffers),
-                false => self.finish_tile(job, cells),
+                true => self.rewrite_tile(job, known, &mut buffers),
+                false => self.finish_tile(job, known),
             }?;
             let text = serde_json::to_vec(&entry).expect("plain data serialises");
             Ok((at, (entry, text)))
@@ -276,20 +281,20 @@ impl Finisher<'_> {
     }
 
     /// The cells of some tiles by rising id, unless there are too many pieces. Most lie in several tiles.
-    fn cells_of(&self, jobs: &[Job], cells: &RecordTable<ComponentRecord>) -> Result<Vec<Cell>> {
+    fn cells_of(&self, jobs: &[Job]) -> Result<Vec<Cell>> {
         if jobs.iter().map(|job| job.ids.len()).sum::<usize>() > KNOWN_PIECES {
             return Ok(Vec::new());
         }
         let all = jobs.iter().flat_map(|job| &job.ids).map(|ids| ids.cell);
         let mut all: Vec<u64> = all.filter(|&cell| cell != 0).collect();
-        all.sort_unstable();
+        all.par_sort_unstable();
         all.dedup();
         let all = all.into_par_iter();
-        all.map(|id| self.cell(cells, id)).collect()
+        all.map(|id| self.cell(id)).collect()
     }
 
-    fn cell(&self, cells: &RecordTable<ComponentRecord>, id: u64) -> Result<Cell> {
-        let record = cells.get(id - 1)?;
+    fn cell(&self, id: u64) -> Result<Cell> {
+        let record = self.cells.get(id - 1)?;
         Ok(Cell {
             id,
             measures: Measures::of(&record, self.settings.placement, false),
@@ -298,9 +303,9 @@ impl Finisher<'_> {
     }
 
     /// Writes what comes before the geometry of a tile, and behind it, where that is as it is to be.
-    fn finish_tile(&self, job: &Job, cells: Cells) -> Result<TileEntry> {
+    fn finish_tile(&self, job: &Job, known: &[Cell]) -> Result<TileEntry> {
         let (tile, body) = (&job.tile, job.body());
-        let nodes = self.nodes(&body, &job.ids, cells)?;
+        let nodes = self.nodes(&body, &job.ids, known)?;
         let (head, low) = (self.settings.head, self.settings.tiling.lowest(tile.grid));
         let (json, table) = describe(head, low, (&body, &tile.recipe), &nodes)
             .map_err(|e| refused(e, tile.grid, self.settings.tiling))?;
@@ -335,7 +340,7 @@ impl Finisher<'_> {
     }
 
     /// Writes a tile anew, beside the old one.
-    fn rewrite_tile(&self, job: &Job, cells: Cells, buffers: &mut Buffers) -> Result<TileEntry> {
+    fn rewrite_tile(&self, job: &Job, known: &[Cell], buffers: &mut Buffers) -> Result<TileEntry> {
         let tile = &job.tile;
         let (groups, group_ids) = group(&job.ids);
         let (head, low) = (self.settings.head, self.settings.tiling.lowest(tile.grid));
@@ -358,7 +363,7 @@ impl Finisher<'_> {
         } else {
             (body, bytes)
         };
-        let nodes = self.nodes(&body, &group_ids, cells)?;
+        let nodes = self.nodes(&body, &group_ids, known)?;
         let file = tile_file(head, low, (&body, &bin), &nodes)
             .map_err(|e| refused(e, tile.grid, self.settings.tiling))?;
         let anew = self.settings.dir.join(anew_path(tile.grid));
@@ -375,7 +380,7 @@ impl Finisher<'_> {
     }
 
     /// Names and numbers of a tile's pieces.
-    fn nodes(&self, body: &Body, ids: &[Ids], (known, cells): Cells) -> Result<Vec<Node>> {
+    fn nodes(&self, body: &Body, ids: &[Ids], known: &[Cell]) -> Result<Vec<Node>> {
         let unit = self.settings.placement.unit.name();
         ids.iter()
             .zip(&body.pieces)
@@ -398,7 +403,7 @@ impl Finisher<'_> {
                     }
                     let of_cell = match known.binary_search_by_key(&cell, |c| c.id) {
                         Ok(at) => known[at],
-                        Err(_) => self.cell(cells, cell)?,
+                        Err(_) => self.cell(cell)?,
                     };
                     Ok(Node {
                         name: name(cell, object, of_cell.has_surfaces),

@@ -6,12 +6,14 @@ use crate::measure::{MeshSums, VoxelSums};
 use crate::mesh::Piece;
 use crate::pipeline::band::{Band, SettledBand};
 use crate::pipeline::budget::{Budget, Reservation};
+use crate::pipeline::gather::SlabTiles;
 use crate::pipeline::keep::{Marks, Scratch};
 use crate::pipeline::spool::{Place, Spool};
-use crate::pipeline::surfaces::{SlabSurface, SlabSurfaces, SurfacePart, Surfaces};
-use crate::pipeline::tilefile::{TileRecord, WrittenPiece, cell_of};
-use crate::segment::{Births, Classes, PhaseBirths, SlabClasses};
-use std::sync::{Arc, Mutex, MutexGuard};
+use crate::pipeline::surfaces::{SlabSurface, Surfaces};
+use crate::pipeline::tilefile::{TileRecord, cell_of};
+use crate::segment::{Births, Classes, PhaseBirths, SlabClasses, Unfiled};
+use std::collections::BTreeMap;
+use std::sync::Arc;
 
 /// Names of the files of a sweep.
 const SLABS: &str = "slabs";
@@ -51,6 +53,14 @@ pub struct SlabRecord {
 }
 
 impl SlabRecord {
+    /// One that has nothing but these tiles.
+    #[cfg(test)]
+    pub fn with_tiles(layer: u32, tiles: Place<TileRecord>) -> Self {
+        let mut slab = Self::take(&mut std::iter::repeat(0)).expect("no end");
+        (slab.layer, slab.tiles) = (layer, tiles);
+        slab
+    }
+
     /// All of it as numbers.
     fn numbers(&self) -> Vec<u64> {
         let places = [
@@ -121,16 +131,55 @@ pub struct Forward {
     pub dust: [(u64, u64); 2],
 }
 
-/// The sweep's state between slabs.
+/// What joining the bands of a slab has found.
+#[derive(Debug, Default)]
+pub struct Known {
+    /// The bands, by rising y.
+    pub settled: Vec<SettledBand>,
+    /// Their classes.
+    pub classes: SlabClasses,
+    /// What is known of components behind the slab, to be kept when it ends: others may be joined by then.
+    pub after: Between,
+}
+
+impl Known {
+    /// Bytes of memory.
+    pub fn bytes(&self) -> u64 {
+        settled_bytes(&self.settled) + self.classes.bytes() + self.after.bytes()
+    }
+}
+
+/// What is known of components between two slabs.
+#[derive(Debug, Default)]
+pub struct Between {
+    nan: u64,
+    objects: Unfiled,
+    cells: Unfiled,
+    classes: Classes,
+}
+
+impl Between {
+    /// Bytes of memory.
+    fn bytes(&self) -> u64 {
+        self.objects.bytes() + self.cells.bytes() + self.classes.snapshot_bytes()
+    }
+}
+
+/// The sweep's state between slabs. Components may be a slab ahead of surfaces and tiles.
 pub struct State {
     /// What has been gathered.
     pub forward: Forward,
+    /// Surfaces that go on.
+    pub surfaces: Surfaces,
     /// The slab records, for a resume.
     records: Spool,
     classes: Classes,
-    surfaces: Surfaces,
     /// Memory planned for classes, surfaces and tiles of a slab.
     front: u64,
+    /// Bytes of these, of each slab that has not ended.
+    slabs: BTreeMap<u32, u64>,
+    /// The most that a slab has taken so far.
+    most: u64,
     /// The memory of these.
     held: Reservation,
 }
@@ -161,45 +210,60 @@ impl State {
         held.grow_to(front)?;
         Ok(State {
             forward,
+            surfaces: Surfaces::default(),
             records: spool(RECORDS)?,
             classes: Classes::default(),
-            surfaces: Surfaces::default(),
             front,
+            slabs: BTreeMap::new(),
+            most: 0,
             held,
         })
     }
 
-    /// Writes out what is in memory of the files, and adds how much they hold to `marks`.
+    /// What is known of components.
+    fn components(&self) -> Between {
+        let births = &self.forward.births;
+        Between {
+            nan: self.forward.nan,
+            objects: births.objects.unfiled(),
+            cells: births.cells.unfiled(),
+            classes: self.classes.snapshot(),
+        }
+    }
+
+    /// Writes out what is in memory of the files, and adds how much they hold to `marks`: what they held when
+    /// components were like this, or more.
     ///
     /// # Errors
     /// [`crate::Error::Io`].
-    pub fn mark(&mut self, files: &Scratch, marks: &mut Marks) -> Result<()> {
+    pub fn mark(&mut self, files: &Scratch, marks: &mut Marks, components: &Between) -> Result<()> {
         let forward = &mut self.forward;
         marks.add(files, SLABS, forward.spool.mark()?);
         marks.add(files, WHOLE_SURFACES, forward.whole.mark()?);
         marks.add(files, RECORDS, self.records.mark()?);
         for (what, births) in [
-            (OBJECTS, &forward.births.objects),
-            (CELLS, &forward.births.cells),
-            (SURFACES, &forward.surface_births),
+            (OBJECTS, &components.objects),
+            (CELLS, &components.cells),
+            (SURFACES, &forward.surface_births.unfiled()),
         ] {
             marks.add_length(files, what, births.filed_bytes());
         }
         Ok(())
     }
 
-    /// Writes the state between two slabs, apart from what [`State::mark`] has brought to files.
+    /// Writes the state between two slabs with components as they were there, apart from what [`State::mark`]
+    /// has brought to files.
     ///
     /// # Errors
     /// [`crate::Error::Io`].
-    pub fn save(&self, out: &mut Encoder) -> Result<()> {
+    pub fn save(&self, out: &mut Encoder, components: &Between) -> Result<()> {
         let forward = &self.forward;
-        out.number(forward.nan)?;
+        out.number(components.nan)?;
         out.array(&[forward.caps])?;
-        forward.births.objects.save(out)?;
-        forward.births.cells.save(out)?;
-        forward.surface_births.save(out)?;
-        self.classes.save(out)?;
+        components.objects.save(out)?;
+        components.cells.save(out)?;
+        forward.surface_births.unfiled().save(out)?;
+        components.classes.save(out)?;
         self.surfaces.save(out)
     }
 
@@ -254,60 +318,103 @@ impl State {
         held.grow_to(front)?;
         Ok(Some(State {
             forward,
+            surfaces,
             records,
             classes,
-            surfaces,
             front,
+            slabs: BTreeMap::new(),
+            most: 0,
             held,
         }))
     }
 
-    /// Takes out of some bands what the joining needs, and appends it to that of the slab's bands
+    /// Notes how many bytes of memory a slab takes.
+    ///
+    /// # Errors
+    /// [`crate::Error::TooDense`]; it is the old number then.
+    pub fn hold(&mut self, layer: u32, bytes: u64) -> Result<()> {
+        let before = self.slabs.insert(layer, bytes);
+        let held = self.held.grow_to(self.slabs.values().sum());
+        if held.is_err() {
+            self.slabs.insert(layer, before.unwrap_or(0));
+        }
+        held
+    }
+
+    /// Bytes of memory that a slab takes.
+    pub fn held(&self, layer: u32) -> u64 {
+        self.slabs.get(&layer).copied().unwrap_or(0)
+    }
+
+    /// Gives back the memory of a slab that has left it.
+    pub fn let_go(&mut self, layer: u32) {
+        let bytes = self.slabs.remove(&layer).unwrap_or(0);
+        self.most = self.most.max(bytes);
+        let left = self.slabs.values().sum();
+        self.held.shrink_to(self.front.max(left));
+    }
+
+    /// True if the next slab is likely to have room beside those that have not ended, which may grow by half.
+    pub fn has_room_for_another(&self) -> bool {
+        let most = self.slabs.values().map(|bytes| bytes + bytes / 2).max();
+        let most = self.most.max(most.unwrap_or(0));
+        most * (self.slabs.len() as u64 + 1) <= self.held.at_hand()
+    }
+
+    /// Takes out of some bands of a layer what the joining needs, and appends it to that of the slab's bands
     /// before.
     ///
     /// # Errors
     /// [`crate::Error::Io`]; [`crate::Error::TooDense`].
     pub fn settle<T>(
         &mut self,
+        layer: u32,
         bands: &mut [Band<T>],
         settled: &mut Vec<SettledBand>,
     ) -> Result<()> {
         for band in bands {
             settled.push(band.settle(&mut self.forward.spool)?);
         }
-        self.held.grow_to(settled_bytes(settled))
+        self.hold(layer, settled_bytes(settled))
     }
 
-    /// Joins a slab's bands, by rising y, to classes.
+    /// Joins a layer's bands, by rising y, to classes.
     ///
     /// # Errors
     /// [`crate::Error::TooDense`], and nothing has changed; [`crate::Error::Io`].
-    pub fn join(&mut self, bands: &[SettledBand], last_layer: bool) -> Result<SlabClasses> {
-        let known: Vec<_> = bands.iter().map(SettledBand::known).collect();
-        self.held
-            .grow_to(settled_bytes(bands) + self.classes.bytes(&known))?;
-        self.forward.nan += bands.iter().map(|b| b.nan).sum::<u64>();
+    pub fn join(
+        &mut self,
+        layer: u32,
+        settled: Vec<SettledBand>,
+        last_layer: bool,
+    ) -> Result<Known> {
+        let known: Vec<_> = settled.iter().map(SettledBand::known).collect();
+        self.hold(layer, settled_bytes(&settled) + self.classes.bytes(&known))?;
+        self.forward.nan += settled.iter().map(|b| b.nan).sum::<u64>();
         let mut classes = self.classes.join(&known, &mut self.forward.births)?;
         if last_layer {
             classes.live.clear(); // nothing grows beyond the last slice
         }
-        Ok(classes)
+        Ok(Known {
+            settled,
+            classes,
+            after: self.components(),
+        })
     }
 
-    /// Voxels so far of each class.
+    /// Voxels so far of each class of a slab.
     ///
     /// # Errors
     /// [`crate::Error::Io`].
-    pub fn class_voxels(
-        &mut self,
-        bands: &[SettledBand],
-        classes: &SlabClasses,
-    ) -> Result<Vec<u64>> {
+    pub fn class_voxels(&mut self, known: &Known) -> Result<Vec<u64>> {
+        let Known {
+            settled, classes, ..
+        } = known;
         let mut voxels = vec![0; classes.births.len()];
         for (class, sums) in &classes.open {
             voxels[*class as usize] = sums.voxels;
         }
-        for (band, of_local) in bands.iter().zip(&classes.of_local) {
+        for (band, of_local) in settled.iter().zip(&classes.of_local) {
             let mut whole = band.components.whole();
             self.forward.spool.for_each(&band.whole, |sums| {
                 let local = whole.next().expect("as many as there are sums");
@@ -322,13 +429,10 @@ impl State {
     ///
     /// # Errors
     /// [`crate::Error::Io`].
-    pub fn finish_slab(
-        &mut self,
-        layer: u32,
-        bands: &[SettledBand],
-        classes: &SlabClasses,
-        mut tiles: SlabTiles,
-    ) -> Result<()> {
+    pub fn finish_slab(&mut self, layer: u32, known: &Known, mut tiles: SlabTiles) -> Result<()> {
+        let Known {
+            settled, classes, ..
+        } = known;
         let forward = &mut self.forward;
         forward.caps.merge(&tiles.caps);
         tiles
@@ -338,8 +442,8 @@ impl State {
         self.surfaces
             .end(&mut surfaces, classes, &mut forward.surface_births)?;
         let spool = &mut forward.spool;
-        let mut finished = Vec::with_capacity(bands.len() + 1);
-        for (band, of_local) in bands.iter().zip(&classes.of_local) {
+        let mut finished = Vec::with_capacity(settled.len() + 1);
+        for (band, of_local) in settled.iter().zip(&classes.of_local) {
             let whole = band.components.whole();
             let classes = spool.push_all(whole.map(|local| of_local[local as usize]))?;
             finished.push((band.whole, classes));
@@ -364,7 +468,7 @@ impl State {
         self.records.push(&slab.numbers())?;
         forward.slabs.push(slab);
         drop(surfaces.all);
-        self.held.shrink_to(self.front);
+        self.let_go(layer);
         Ok(())
     }
 }
@@ -384,91 +488,6 @@ fn read_slabs(records: &mut Spool) -> Result<Option<Vec<SlabRecord>>> {
 
 fn settled_bytes(bands: &[SettledBand]) -> u64 {
     bands.iter().map(SettledBand::bytes).sum()
-}
-
-/// The tiles and surfaces of a slab.
-#[derive(Debug)]
-pub struct SlabTiles {
-    records: Vec<TileRecord>,
-    surfaces: SlabSurfaces,
-    caps: MeshSums,
-    /// Bytes of the slab's bands and classes.
-    fixed: u64,
-}
-
-/// The state while tiles of a slab are gathered, in any order, from many threads.
-pub struct Gather<'a>(Mutex<Gathering<'a>>);
-
-struct Gathering<'a> {
-    state: &'a mut State,
-    slab: Option<SlabTiles>,
-}
-
-impl<'a> Gather<'a> {
-    /// Has no tile yet.
-    pub fn new(state: &'a mut State) -> Self {
-        Gather(Mutex::new(Gathering { state, slab: None }))
-    }
-
-    fn lock(&self) -> MutexGuard<'_, Gathering<'a>> {
-        self.0.lock().expect("no thread panicked")
-    }
-
-    /// Does what needs the state between two slabs.
-    pub fn between<R>(&self, work: impl FnOnce(&mut State) -> R) -> R {
-        work(self.lock().state)
-    }
-
-    /// Begins a slab, or begins it anew: drops what was gathered of it.
-    ///
-    /// # Errors
-    /// [`crate::Error::Io`].
-    pub fn begin(&self, bands: &[SettledBand], classes: &SlabClasses) -> Result<()> {
-        let Gathering { state, slab } = &mut *self.lock();
-        let (whole, births) = (&state.forward.whole, &mut state.forward.surface_births);
-        *slab = Some(SlabTiles {
-            records: Vec::new(),
-            surfaces: state.surfaces.begin(classes, whole, births)?,
-            caps: MeshSums::default(),
-            fixed: settled_bytes(bands) + classes.bytes(),
-        });
-        Ok(())
-    }
-
-    /// Adds a tile: its pieces learn their surfaces and leave memory.
-    ///
-    /// `pieces` holds what each adds to a surface, `None` for a cap.
-    ///
-    /// # Errors
-    /// [`crate::Error::Io`]; [`crate::Error::TooDense`].
-    pub fn add(
-        &self,
-        mut record: TileRecord,
-        pieces: impl Iterator<Item = (WrittenPiece, Option<SurfacePart>)>,
-        caps: &MeshSums,
-    ) -> Result<()> {
-        let Gathering { state, slab } = &mut *self.lock();
-        let slab = slab.as_mut().expect("a slab has begun");
-        let Forward { spool, whole, .. } = &mut state.forward;
-        record.pieces_at = spool.here::<WrittenPiece>().offset();
-        let mut place = spool.here();
-        for (mut piece, part) in pieces {
-            if let Some(part) = part {
-                piece.surface = slab.surfaces.add(&part, whole)?;
-            }
-            spool.extend(&mut place, &[piece])?;
-        }
-        slab.records.push(record);
-        slab.caps.merge(caps);
-        let records = slab.records.capacity() * size_of::<TileRecord>();
-        let bytes = slab.fixed + slab.surfaces.bytes() + records as u64;
-        state.held.grow_to(bytes)
-    }
-
-    /// All tiles of the slab that has begun.
-    pub fn take(&self) -> SlabTiles {
-        self.lock().slab.take().expect("a slab has begun")
-    }
 }
 
 /// True if some of a tile's pieces are likely to turn out to be one. The tile is then written anew, and is

@@ -7,6 +7,7 @@ mod budget;
 mod dust;
 mod finish;
 mod forward;
+mod gather;
 pub(crate) mod keep;
 mod options;
 pub(crate) mod output;
@@ -42,15 +43,15 @@ use crate::progress::Progress;
 use crate::tile::TileHead;
 use crate::volume::{Cropped, Volume, spool_beside};
 use budget::Budget;
-use finish::{FinishSettings, finish};
+use finish::{FinishSettings, Stop, finish};
 use forward::Forward;
 use keep::{Identity, Keeper, boot};
-use resolve::{Resolved, resolve};
+use resolve::{Components, resolve};
 use resume::{announced, begin, complete};
 use serde::{Deserialize, Serialize};
 use std::path::Path;
 use std::time::Instant;
-use sweep::Sweep;
+use sweep::{Sweep, Unkept};
 use tilefile::{TileWriter, too_wide};
 use writers::Writers;
 
@@ -218,11 +219,14 @@ fn make(
         matrix: placement.gltf_matrix(),
         form: options.form(),
     };
-    let forward = swept(grid, options, plan, &head, (work, &mut *keeper), progress)?;
+    let (forward, unkept) = swept(grid, options, plan, &head, (work, &mut *keeper), progress)?;
     let mut totals = forward_totals(&forward);
     let dust = dust(options, &forward);
     let tables = plan.limit / 8;
-    let (slabs, mut spool, mut resolved) = resolve(forward, tables, work)?;
+    let resolve = || resolve(forward, tables, work);
+    let (kept, resolved) = rayon::join(|| unkept.keep(keeper), resolve);
+    kept?;
+    let (slabs, mut spool, mut ids, components) = resolved?;
     progress.begin("index", slabs.len() as u64);
     let budget = Budget::new(plan.limit, plan.fixed);
     let writers = Writers::new(plan.in_flight, plan.body, &budget);
@@ -237,14 +241,14 @@ fn make(
     let (layers, tables_bytes) = finish(
         &slabs,
         &mut spool,
-        &mut resolved,
+        (&mut ids, &components),
         (&settings, keeper),
         &mut totals,
         progress,
-        |resolved| write_tables(work, resolved, &placement),
+        |components, stop| write_tables(work, components, (&placement, stop)),
     )?;
     remove_empty_layer_directories(work, plan.tiling, &layers)?;
-    sum_components(&resolved, options.cap, &mut totals)?;
+    sum_components(&components, options.cap, &mut totals)?;
     let bytes = totals.bytes + layers.iter().map(|l| l.bytes).sum::<u64>() + tables_bytes;
     let warnings = warnings(&totals, grid.header().dims, (options.threshold, dust));
     for warning in &warnings {
@@ -272,7 +276,7 @@ fn swept(
     head: &TileHead,
     (work, keeper): (&Path, &mut Keeper),
     progress: &dyn Progress,
-) -> Result<Forward> {
+) -> Result<(Forward, Unkept)> {
     let writer = TileWriter {
         dir: work.to_path_buf(),
         head: head.clone(),
@@ -355,16 +359,20 @@ fn forward_totals(forward: &Forward) -> Totals {
 }
 
 /// Writes the tables of cells, objects and surfaces side by side; returns their bytes.
-fn write_tables(work: &Path, resolved: &Resolved, placement: &Placement) -> Result<u64> {
-    let components = |name: &str, table, above| {
-        tables::write_components(&work.join(name), table, placement, above)
+fn write_tables(
+    work: &Path,
+    components: &Components,
+    (placement, stop): (&Placement, &Stop),
+) -> Result<u64> {
+    let write = |name: &str, table, above| {
+        tables::write_components(&work.join(name), table, (placement, above), stop)
     };
     let (cells, (objects, surfaces)) = rayon::join(
-        || components("cells.csv", &resolved.cells, false),
+        || write("cells.csv", &components.cells, false),
         || {
-            let objects = components("objects.csv", &resolved.objects, true);
+            let objects = write("objects.csv", &components.objects, true);
             let path = work.join("surfaces.csv");
-            let surfaces = tables::write_surfaces(&path, &resolved.surfaces, placement);
+            let surfaces = tables::write_surfaces(&path, &components.surfaces, placement, stop);
             (objects, surfaces)
         },
     );
@@ -372,15 +380,15 @@ fn write_tables(work: &Path, resolved: &Resolved, placement: &Placement) -> Resu
 }
 
 /// Adds what follows from the components: their numbers, and the sums of their surfaces.
-fn sum_components(resolved: &Resolved, cap: bool, totals: &mut Totals) -> Result<()> {
-    totals.objects = resolved.objects.len();
-    totals.cells = resolved.cells.len();
-    totals.surfaces = resolved.surfaces.len();
-    for i in 0..resolved.objects.len() {
-        totals.voxels_above += resolved.objects.get(i)?.voxels.voxels;
+fn sum_components(components: &Components, cap: bool, totals: &mut Totals) -> Result<()> {
+    totals.objects = components.objects.len();
+    totals.cells = components.cells.len();
+    totals.surfaces = components.surfaces.len();
+    for i in 0..components.objects.len() {
+        totals.voxels_above += components.objects.get(i)?.voxels.voxels;
     }
-    for i in 0..resolved.surfaces.len() {
-        let mesh = resolved.surfaces.get(i)?.mesh;
+    for i in 0..components.surfaces.len() {
+        let mesh = components.surfaces.get(i)?.mesh;
         totals.vertices += mesh.vertices;
         totals.volume6 += mesh.volume6;
         totals.border_edges += mesh.border_edges;

@@ -10,20 +10,15 @@ use crate::pipeline::writers::Writers;
 pub struct Mode {
     /// Bands of it.
     pub bands_at_once: u32,
-    /// With those of the next slab.
-    pub look_ahead: bool,
+    /// Bands of the next slabs besides.
+    pub ahead: u32,
 }
 
 impl Mode {
     /// The next one that needs less memory, if there is any.
     fn smaller(self) -> Option<Mode> {
         match self {
-            Mode {
-                look_ahead: true, ..
-            } => Some(Mode {
-                look_ahead: false,
-                ..self
-            }),
+            Mode { ahead: 1.., .. } => Some(Mode { ahead: 0, ..self }),
             Mode {
                 bands_at_once: 1, ..
             } => None,

@@ -37,9 +37,9 @@ pub struct Plan {
     /// Bands of a slab that are in memory at once. If it is all of them, voxels are read once; else
     /// a slab is read twice, first to label it and then to mesh it.
     pub bands_at_once: u32,
-    /// True if threads that find no tile of a slab to make read and label the next one, see
-    /// [`Plan::bands_ahead`].
-    pub look_ahead: bool,
+    /// Bands of the next slabs for which there is memory besides that of a slab; 0 if none of them is read before the
+    /// slab in hand has ended. Most are prepared in the memory of bands whose tiles are made.
+    pub ahead: u32,
     /// Worker threads.
     pub threads: usize,
     /// Predicted peak resident memory, in bytes.
@@ -58,14 +58,6 @@ pub struct Plan {
     pub per_triangle: u64,
 }
 
-impl Plan {
-    /// Bands of the next slabs for which there is memory besides that of a slab: one for two threads. Most are
-    /// prepared in the memory of bands whose tiles are made; one for each thread was no faster.
-    pub fn bands_ahead(&self) -> u32 {
-        bands_ahead(self.tiling, self.threads as u64)
-    }
-}
-
 fn per_triangle(options: &ConvertOptions) -> u64 {
     let encoding = if options.form().is_encoded_early() {
         ENCODING_BYTES_PER_TRIANGLE
@@ -73,14 +65,6 @@ fn per_triangle(options: &ConvertOptions) -> u64 {
         0
     };
     BYTES_PER_TRIANGLE + encoding
-}
-
-fn bands_ahead(tiling: Tiling, threads: u64) -> u32 {
-    let bands = tiling.tiles()[1];
-    threads
-        .div_ceil(2)
-        .try_into()
-        .map_or(bands, |threads| bands.min(threads))
 }
 
 /// Predicts the memory and chooses how to cut.
@@ -100,12 +84,12 @@ pub fn plan(volume: &dyn Volume, dims: Dims, options: &ConvertOptions) -> Result
     check_reach(options.encoding, tiling)?;
     let bands = tiling.tiles()[1];
     let cost = Cost::of(volume, tiling, threads, per_triangle(options));
-    let make = |bands_at_once: u32, look_ahead: bool| Plan {
+    let make = |bands_at_once: u32, ahead: u32| Plan {
         tiling,
         bands_at_once,
-        look_ahead,
+        ahead,
         threads,
-        memory: cost.total(bands_at_once, look_ahead),
+        memory: cost.total(bands_at_once, ahead),
         limit: options.memory,
         fixed: cost.base,
         front: cost.front,
@@ -113,7 +97,7 @@ pub fn plan(volume: &dyn Volume, dims: Dims, options: &ConvertOptions) -> Result
         body: cost.body,
         per_triangle: cost.per_triangle,
     };
-    let smallest = make(1, false);
+    let smallest = make(1, 0);
     if smallest.memory > options.memory {
         return Err(Error::Memory {
             limit: options.memory,
@@ -122,8 +106,10 @@ pub fn plan(volume: &dyn Volume, dims: Dims, options: &ConvertOptions) -> Result
         });
     }
     let mut best = smallest;
-    let whole = [make(bands, true), make(bands, false)];
-    let parts = (2..bands).rev().map(|b| make(b, false));
+    // a band for two threads at least: so one thread goes on while the other one makes the last tile of a slab
+    let few = (threads as u64).div_ceil(2).min(bands.into()) as u32;
+    let whole = [make(bands, few), make(bands, 0)];
+    let parts = (2..bands).rev().map(|b| make(b, 0));
     if let Some(fits) = whole
         .into_iter()
         .chain(parts)
@@ -137,6 +123,16 @@ pub fn plan(volume: &dyn Volume, dims: Dims, options: &ConvertOptions) -> Result
         best.memory += bytes;
         best.in_flight = in_flight(threads);
     }
+    // then a band for each other thread, which may be in the middle of the last tile of one
+    let others = u64::from(bands) * u64::from(tiling.tiles()[2] - 1);
+    let each = others
+        .min(threads as u64 - 1)
+        .saturating_sub(best.ahead.into());
+    if best.ahead > 0 && best.in_flight > 0 {
+        let more = each.min((options.memory - best.memory) / cost.band);
+        best.memory += more * cost.band;
+        best.ahead += more as u32;
+    }
     Ok(best)
 }
 
@@ -149,7 +145,6 @@ struct Cost {
     tile: u64,
     per_triangle: u64,
     threads: u64,
-    ahead: u32,
 }
 
 impl Cost {
@@ -185,12 +180,10 @@ impl Cost {
             per_triangle,
             tile: (tile as u64).max(SMALLEST_TILE) + (held - body) as u64,
             threads: threads as u64,
-            ahead: bands_ahead(tiling, threads as u64),
         }
     }
 
-    fn total(&self, bands_at_once: u32, look_ahead: bool) -> u64 {
-        let ahead = if look_ahead { self.ahead } else { 0 };
+    fn total(&self, bands_at_once: u32, ahead: u32) -> u64 {
         let bands = u64::from(bands_at_once) + u64::from(ahead);
         self.base + self.front + bands * self.band + self.threads * self.tile
     }

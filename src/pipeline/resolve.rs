@@ -2,29 +2,21 @@
 
 use crate::error::Result;
 use crate::measure::{ComponentRecord, RecordTable, SurfaceRecord, VoxelSums};
-use crate::pipeline::batch::IdsOfSlab;
+use crate::pipeline::batch::{Ids, IdsOfSlab};
 use crate::pipeline::forward::{Forward, SlabRecord};
 use crate::pipeline::spool::{Place, Spool};
 use crate::pipeline::surfaces::SlabSurface;
+use crate::pipeline::tilefile::WrittenPiece;
 use std::path::Path;
 
-/// Final ids of one slab's classes and surfaces.
-#[derive(Debug)]
-pub struct SlabIds {
-    /// Object or cell id of each class.
-    pub classes: Place<u64>,
-    /// Id of each surface.
-    pub surfaces: Place<u64>,
-    /// Id of each surface that is whole in a tile.
-    pub whole: Place<u64>,
+/// Final ids of all slabs, in their order, see [`IdsOfSlab`].
+pub struct SpooledIds {
+    slabs: Vec<[Place<u64>; 3]>,
+    spool: Spool,
 }
 
 /// Every component and surface of the volume; record i has id i + 1.
-pub struct Resolved {
-    /// Ids per slab, in the order of the slabs.
-    pub slabs: Vec<SlabIds>,
-    /// Where they lie.
-    pub ids: Spool,
+pub struct Components {
     /// Objects.
     pub objects: RecordTable<ComponentRecord>,
     /// Cells.
@@ -33,20 +25,47 @@ pub struct Resolved {
     pub surfaces: RecordTable<SurfaceRecord>,
 }
 
-impl Resolved {
+impl SpooledIds {
+    /// None yet; they will be in a temporary file in `dir`.
+    ///
+    /// # Errors
+    /// [`crate::Error::Io`].
+    pub fn new(dir: &Path) -> Result<Self> {
+        Ok(SpooledIds {
+            slabs: Vec::new(),
+            spool: Spool::new(dir)?,
+        })
+    }
+
     /// The ids of a slab by its number.
     ///
     /// # Errors
     /// [`crate::Error::Io`].
-    pub fn ids_of(&mut self, slab: usize) -> Result<IdsOfSlab> {
-        let places = &self.slabs[slab];
+    pub fn of(&mut self, slab: usize) -> Result<IdsOfSlab> {
+        let [classes, surfaces, whole] = &self.slabs[slab];
         Ok(IdsOfSlab {
-            classes: self.ids.get(&places.classes)?,
-            surfaces: self.ids.get(&places.surfaces)?,
-            whole: self.ids.get(&places.whole)?,
+            classes: self.spool.get(classes)?,
+            surfaces: self.spool.get(surfaces)?,
+            whole: self.spool.get(whole)?,
         })
     }
+
+    /// Adds those of another slab.
+    ///
+    /// # Errors
+    /// [`crate::Error::Io`].
+    pub fn push(&mut self, ids: &IdsOfSlab) -> Result<()> {
+        self.slabs.push([
+            self.spool.push(&ids.classes)?,
+            self.spool.push(&ids.surfaces)?,
+            self.spool.push(&ids.whole)?,
+        ]);
+        Ok(())
+    }
 }
+
+/// What [`resolve`] makes of the sweep: slabs and their spool as they were, ids, and what has them.
+pub type Resolved = (Vec<SlabRecord>, Spool, SpooledIds, Components);
 
 /// The ids of the slab after the one in hand.
 #[derive(Default)]
@@ -57,15 +76,12 @@ struct Later {
     surfaces_from_previous: Vec<u32>,
 }
 
-/// Resolves all ids; tables larger than `budget` bytes go to temporary files in `work`.
+/// Resolves all ids, and counts in how many tiles each component is; tables larger than `budget` bytes go to
+/// temporary files in `work`.
 ///
 /// # Errors
 /// [`crate::Error::Io`] if a temporary file fails.
-pub fn resolve(
-    forward: Forward,
-    budget: u64,
-    work: &Path,
-) -> Result<(Vec<SlabRecord>, Spool, Resolved)> {
+pub fn resolve(forward: Forward, budget: u64, work: &Path) -> Result<Resolved> {
     let Forward {
         mut spool,
         mut whole,
@@ -77,9 +93,8 @@ pub fn resolve(
     let mut object_ranks = births.objects.rank()?;
     let mut cell_ranks = births.cells.rank()?;
     let mut surface_ranks = surface_births.rank()?;
-    let mut resolved = Resolved {
-        slabs: Vec::with_capacity(slabs.len()),
-        ids: Spool::new(work)?,
+    let mut spooled = SpooledIds::new(work)?;
+    let mut resolved = Components {
         objects: RecordTable::new(object_ranks.alive(), budget / 3, work)?,
         cells: RecordTable::new(cell_ranks.alive(), budget / 3, work)?,
         surfaces: RecordTable::new(surface_ranks.alive(), budget / 3, work)?,
@@ -132,21 +147,25 @@ pub fn resolve(
             let record = surface_record(&surface, &classes);
             resolved.surfaces.set(id - 1, record)
         })?;
-        resolved.slabs.push(SlabIds {
-            classes: resolved.ids.push(&classes)?,
-            surfaces: resolved.ids.push(&surface_ids)?,
-            whole: resolved.ids.push(&whole_ids)?,
-        });
-        later = Later {
+        let ids = IdsOfSlab {
             classes,
-            from_previous: spool.get(&slab.from_previous)?,
             surfaces: surface_ids,
+            whole: whole_ids,
+        };
+        spooled.push(&ids)?;
+        for tile in spool.get(&slab.tiles)? {
+            resolved.count_tile(&tile.pieces(&mut spool)?, &ids)?;
+        }
+        later = Later {
+            classes: ids.classes,
+            from_previous: spool.get(&slab.from_previous)?,
+            surfaces: ids.surfaces,
             surfaces_from_previous: spool.get(&slab.surfaces_from_previous)?,
         };
     }
-    resolved.slabs.reverse();
+    spooled.slabs.reverse();
     resolved.add_meshes()?;
-    Ok((slabs, spool, resolved))
+    Ok((slabs, spool, spooled, resolved))
 }
 
 /// A whole surface, with the ids of what it borders.
@@ -160,7 +179,7 @@ fn surface_record(surface: &SlabSurface, ids: &[u64]) -> SurfaceRecord {
     }
 }
 
-impl Resolved {
+impl Components {
     /// Enters components that have ended, given their sums and classes, and the phases and ids of all
     /// classes.
     fn add_components(
@@ -185,6 +204,28 @@ impl Resolved {
             };
             table.set(ids[class] - 1, record)
         })
+    }
+
+    /// Adds a tile to the counts of all components in it, which its pieces name.
+    fn count_tile(&mut self, pieces: &[WrittenPiece], ids: &IdsOfSlab) -> Result<()> {
+        let open = pieces.iter().filter(|piece| !piece.is_cap());
+        let open: Vec<Ids> = open.map(|piece| ids.of(piece)).collect();
+        let distinct = |get: fn(&Ids) -> u64| {
+            let mut ids: Vec<u64> = open.iter().map(get).collect();
+            ids.sort_unstable();
+            ids.dedup();
+            ids
+        };
+        for id in distinct(|ids| ids.object) {
+            self.objects.update(id - 1, |r| r.tiles += 1)?;
+        }
+        for id in distinct(|ids| ids.cell) {
+            self.cells.update(id - 1, |r| r.tiles += 1)?;
+        }
+        for id in distinct(|ids| ids.surface) {
+            self.surfaces.update(id - 1, |r| r.tiles += 1)?;
+        }
+        Ok(())
     }
 
     /// Adds every surface's sums to its object and cell.

@@ -64,6 +64,11 @@ impl<'a> Ends<'a> {
         })
     }
 
+    /// Layers that were finished before.
+    pub fn finished(&self) -> u32 {
+        self.keeper.finished()
+    }
+
     /// Takes the next part of a layer. When that was its last one, all its tiles are at their places.
     ///
     /// # Errors

@@ -19,7 +19,8 @@ use crate::mesh::{BandView, MeshSettings, Sizes, TileBox};
 use crate::pipeline::band::{Band, BandSource, SettledBand};
 use crate::pipeline::budget::Budget;
 use crate::pipeline::dust::Filter;
-use crate::pipeline::forward::{Forward, Gather, SlabTiles, State, is_provisional};
+use crate::pipeline::forward::{Forward, Known, State, is_provisional};
+use crate::pipeline::gather::{Gather, SlabTiles};
 use crate::pipeline::keep::{Keeper, Marks, TILES};
 use crate::pipeline::parts::{Mode, Parts};
 use crate::pipeline::plan::Plan;
@@ -55,6 +56,27 @@ pub struct Sweep<'a> {
     pub progress: &'a dyn Progress,
 }
 
+/// The last layer of a sweep, some of whose tiles may be on their way to the disk.
+pub struct Unkept {
+    writers: Option<Writers>,
+    /// Tiles that have to be written before it is kept; `None` if it is.
+    tiles: Option<u64>,
+}
+
+impl Unkept {
+    /// Keeps it.
+    ///
+    /// # Errors
+    /// [`Error::Io`].
+    pub fn keep(self, keeper: &mut Keeper) -> Result<()> {
+        let Some(tiles) = self.tiles else {
+            return Ok(());
+        };
+        self.writers.map_or(Ok(()), |w| w.wait_for(tiles))?;
+        keeper.keep()
+    }
+}
+
 /// A tile to mesh.
 struct TileJob<B> {
     /// Memory that this takes.
@@ -79,24 +101,18 @@ impl<B> TileJob<B> {
     }
 }
 
-/// What joining the bands of a slab has found.
-struct Known {
-    settled: Vec<SettledBand>,
-    classes: SlabClasses,
-}
-
 impl Sweep<'_> {
-    /// Runs the sweep for the volume's sample type, from where `keeper` says on.
+    /// Runs the sweep for the volume's sample type, from where `keeper` says on. The last layer is still to be kept.
     ///
     /// # Errors
     /// [`Error::Io`], [`Error::TooDense`] if the volume is too dense for the limit,
     /// [`Error::Interrupted`], and those of [`Volume::read_box`].
-    pub fn run(&self, keeper: &mut Keeper) -> Result<Forward> {
+    pub fn run(&self, keeper: &mut Keeper) -> Result<(Forward, Unkept)> {
         crate::volume::with_voxel_type!(
             self.volume.header().dtype, T => self.run_typed::<T>(keeper))
     }
 
-    fn run_typed<T: Voxel + Default>(&self, keeper: &mut Keeper) -> Result<Forward> {
+    fn run_typed<T: Voxel + Default>(&self, keeper: &mut Keeper) -> Result<(Forward, Unkept)> {
         let budget = &Budget::new(self.plan.limit, self.plan.fixed);
         let mut filters = Vec::new();
         if self.min_voxels > 1 {
@@ -116,17 +132,16 @@ impl Sweep<'_> {
         let [x, y, _] = self.plan.tiling.tiles().map(u64::from);
         self.progress.advance(u64::from(layer) * x * y);
         self.prefetch(&parts.source, layer);
+        let mut tiles = None;
         while layer < layers {
-            layer = self.sweep_whole_slabs(&mut parts, layer, &mut state, keeper)?;
+            (layer, tiles) = self.sweep_whole_slabs(&mut parts, layer, &mut state, keeper)?;
             if layer < layers {
                 self.sweep_slab_in_parts(&mut parts, layer, &mut state, keeper)?;
                 layer += 1;
             }
         }
-        // it takes the system a while to have their memory back
-        let Parts { pool, writers, .. } = parts;
-        rayon::join(|| drop(pool), || drop(writers));
-        Ok(state.forward)
+        let writers = parts.writers;
+        Ok((state.forward, Unkept { writers, tiles }))
     }
 
     /// The state before the first layer to do, and that layer.
@@ -148,7 +163,7 @@ impl Sweep<'_> {
     ) -> Parts<'a, T> {
         let Plan {
             bands_at_once,
-            look_ahead,
+            ahead,
             ..
         } = *self.plan;
         Parts {
@@ -163,7 +178,7 @@ impl Sweep<'_> {
             pool: WorkspacePool::new(budget),
             mode: Mode {
                 bands_at_once,
-                look_ahead,
+                ahead,
             },
             writers: None,
         }
@@ -172,8 +187,7 @@ impl Sweep<'_> {
     /// Joins the settled bands of a layer.
     fn join(&self, settled: Vec<SettledBand>, layer: u32, state: &mut State) -> Result<Known> {
         let last = layer + 1 == self.plan.tiling.tiles()[2];
-        let classes = state.join(&settled, last)?;
-        Ok(Known { settled, classes })
+        state.join(layer, settled, last)
     }
 
     /// Ends a slab whose tiles are made. What follows of it is ready to be kept once they are written, too.
@@ -184,10 +198,12 @@ impl Sweep<'_> {
         state: &mut State,
         keeper: &mut Keeper,
     ) -> Result<()> {
-        state.finish_slab(layer, &known.settled, &known.classes, tiles)?;
+        state.finish_slab(layer, known, tiles)?;
         let (files, mut marks) = (keeper.files(TILES), Marks::default());
-        state.mark(&files, &mut marks)?;
-        keeper.make_ready(TILES, layer + 1, &marks, |out| state.save(out))?;
+        state.mark(&files, &mut marks, &known.after)?;
+        keeper.make_ready(TILES, layer + 1, &marks, |out| {
+            state.save(out, &known.after)
+        })?;
         self.release(&parts.source, layer);
         Ok(())
     }
@@ -205,7 +221,7 @@ impl Sweep<'_> {
         self.mesh_and_end(parts, layer, state, (&known, keeper))
     }
 
-    /// Makes the tiles of a layer whose classes are known, and keeps it.
+    /// Makes the tiles of a layer whose classes are known, and keeps it. What comes before it has ended.
     fn mesh_and_end<T: Voxel + Default>(
         &self,
         parts: &mut Parts<T>,
@@ -231,7 +247,9 @@ impl Sweep<'_> {
         state: &mut State,
     ) -> Result<Vec<SettledBand>> {
         let mut settled = Vec::new();
-        self.for_each_part(parts, layer, |_, part, _| state.settle(part, &mut settled))?;
+        self.for_each_part(parts, layer, |_, part, _| {
+            state.settle(layer, part, &mut settled)
+        })?;
         Ok(settled)
     }
 
@@ -245,7 +263,7 @@ impl Sweep<'_> {
     ) -> Result<SlabTiles> {
         loop {
             let gather = Gather::new(state);
-            gather.begin(&known.settled, &known.classes)?;
+            gather.begin(layer, known)?;
             let meshed = self.for_each_part(parts, layer, |parts, part, first| {
                 let of_local = &known.classes.of_local[first as usize..];
                 let bands = part.par_iter_mut().zip(of_local);

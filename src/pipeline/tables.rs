@@ -3,6 +3,7 @@
 use crate::error::{Error, Result};
 use crate::grid::{Placement, Unit};
 use crate::measure::{AreaScale, ComponentRecord, Measures, RecordTable, SurfaceRecord};
+use crate::pipeline::finish::Stop;
 use rayon::prelude::*;
 use std::fmt::{Display, Write as _};
 use std::fs::File;
@@ -120,15 +121,15 @@ fn plain(value: f64, buffer: &mut zmij::Buffer) -> Option<&str> {
 /// Writes `cells.csv` or `objects.csv` and returns its size.
 ///
 /// # Errors
-/// [`Error::Io`].
+/// [`Error::Io`]; [`Error::Interrupted`] if it is to stop.
 pub fn write_components(
     path: &Path,
     table: &RecordTable<ComponentRecord>,
-    place: &Placement,
-    above: bool,
+    (place, above): (&Placement, bool),
+    stop: &Stop,
 ) -> Result<u64> {
     write_rows(
-        path,
+        (path, stop),
         &header(&COMPONENT_COLUMNS, place.unit),
         table,
         |id, record, row| {
@@ -159,15 +160,16 @@ pub fn write_components(
 /// Writes `surfaces.csv` and returns its size.
 ///
 /// # Errors
-/// [`Error::Io`].
+/// [`Error::Io`]; [`Error::Interrupted`] if it is to stop.
 pub fn write_surfaces(
     path: &Path,
     table: &RecordTable<SurfaceRecord>,
     place: &Placement,
+    stop: &Stop,
 ) -> Result<u64> {
     let scale = AreaScale::new(place.spacing);
     write_rows(
-        path,
+        (path, stop),
         &header(&SURFACE_COLUMNS, place.unit),
         table,
         |id, record, row| {
@@ -187,11 +189,11 @@ pub fn write_surfaces(
 
 /// Rows that a thread formats in turn.
 const EACH: usize = 64;
-/// Texts of as many rows that are in memory at once.
+/// Texts of as many rows that are formatted beside the writing of as many before.
 const PARTS: usize = 32;
 
 fn write_rows<T: bytemuck::Pod + Send + Sync>(
-    path: &Path,
+    (path, stop): (&Path, &Stop),
     header: &str,
     table: &RecordTable<T>,
     fill: impl Fn(u64, &T, &mut Row) + Sync,
@@ -202,22 +204,38 @@ fn write_rows<T: bytemuck::Pod + Send + Sync>(
     writeln!(out, "{header}").map_err(failed)?;
     let mut bytes = header.len() as u64 + 1;
     let rows = table.len();
-    for first in (0..rows).step_by(PARTS * EACH) {
-        let parts: Vec<u64> = (first..rows).step_by(EACH).take(PARTS).collect();
-        let texts = parts.into_par_iter().map(|first| {
-            let mut text = String::new();
-            for i in first..rows.min(first + EACH as u64) {
-                let (text, started) = (&mut text, false);
-                fill(i + 1, &table.get(i)?, &mut Row { text, started });
-                text.push('\n');
-            }
-            Ok(text)
-        });
-        for text in texts.collect::<Result<Vec<_>>>()? {
-            bytes += text.len() as u64;
-            out.write_all(text.as_bytes()).map_err(failed)?;
+    let format = |first: u64| {
+        let mut text = String::new();
+        for i in first..rows.min(first + EACH as u64) {
+            let (text, started) = (&mut text, false);
+            fill(i + 1, &table.get(i)?, &mut Row { text, started });
+            text.push('\n');
         }
+        Ok(text)
+    };
+    let mut write = |texts: Vec<String>| {
+        texts.iter().try_for_each(|text| {
+            bytes += text.len() as u64;
+            out.write_all(text.as_bytes()).map_err(failed)
+        })
+    };
+    let mut behind = Vec::new();
+    for first in (0..rows).step_by(PARTS * EACH) {
+        if stop() {
+            return Err(Error::Interrupted);
+        }
+        let parts: Vec<u64> = (first..rows).step_by(EACH).take(PARTS).collect();
+        let formatted = || {
+            parts
+                .into_par_iter()
+                .map(format)
+                .collect::<Result<Vec<_>>>()
+        };
+        let (written, texts) = rayon::join(|| write(behind), formatted);
+        written?;
+        behind = texts?;
     }
+    write(behind)?;
     out.flush().map_err(failed)?;
     Ok(bytes)
 }

@@ -4,6 +4,7 @@ use crate::direct;
 use crate::error::{Error, Result};
 use crate::grid::Tiling;
 use crate::mesh::{Piece, TileMesh};
+use crate::pipeline::spool::{Place, Spool};
 use crate::pipeline::writers::{Job, Writers};
 use crate::strip::Stripifier;
 use crate::tile::{
@@ -47,6 +48,14 @@ pub struct TileRecord {
 }
 
 impl TileRecord {
+    /// Its pieces, from the spool that the sweep left.
+    ///
+    /// # Errors
+    /// [`Error::Io`].
+    pub fn pieces(&self, spool: &mut Spool) -> Result<Vec<WrittenPiece>> {
+        spool.get(&Place::new(self.pieces_at, self.pieces as usize))
+    }
+
     /// Byte of the file at which the geometry begins.
     pub fn start(&self) -> usize {
         head_bytes(aligned(self.room as usize, 8), 0).expect("a head is no 4 GiB")

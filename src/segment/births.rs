@@ -53,14 +53,13 @@ impl Births {
         })
     }
 
-    /// Writes what the file does not hold.
-    ///
-    /// # Errors
-    /// [`Error::Io`].
-    pub fn save(&self, out: &mut Encoder) -> Result<()> {
-        out.number(self.count)?;
-        out.number(self.filed as u64)?;
-        out.array(&self.tail)
+    /// What the file does not hold, as it is now.
+    pub fn unfiled(&self) -> Unfiled {
+        Unfiled {
+            count: self.count,
+            filed: self.filed,
+            tail: self.tail.clone(),
+        }
     }
 
     /// Goes on with the file at `path` as it was saved; `None` if these are no births.
@@ -84,11 +83,6 @@ impl Births {
             tail,
             count,
         }))
-    }
-
-    /// Bytes of the file that count.
-    pub fn filed_bytes(&self) -> u64 {
-        8 * self.filed as u64
     }
 
     /// Gives out `n` new numbers and returns the first.
@@ -151,6 +145,7 @@ impl Births {
             alive,
             cached: None,
             block,
+            ones: Vec::with_capacity(BLOCK),
         })
     }
 
@@ -167,6 +162,36 @@ impl Births {
     }
 }
 
+/// Births at some moment, but for the bits in the file.
+#[derive(Debug, Default)]
+pub struct Unfiled {
+    count: u64,
+    filed: usize,
+    tail: Vec<u64>,
+}
+
+impl Unfiled {
+    /// Writes it, for [`Births::load`].
+    ///
+    /// # Errors
+    /// [`Error::Io`].
+    pub fn save(&self, out: &mut Encoder) -> Result<()> {
+        out.number(self.count)?;
+        out.number(self.filed as u64)?;
+        out.array(&self.tail)
+    }
+
+    /// Bytes of the file that count.
+    pub fn filed_bytes(&self) -> u64 {
+        8 * self.filed as u64
+    }
+
+    /// Bytes of memory.
+    pub fn bytes(&self) -> u64 {
+        8 * self.tail.len() as u64
+    }
+}
+
 /// Final ids of births.
 #[derive(Debug)]
 pub struct Ranks {
@@ -174,8 +199,11 @@ pub struct Ranks {
     /// Births alive before each block.
     before: Vec<u64>,
     alive: u64,
+    /// The block that is in memory.
     cached: Option<usize>,
     block: Vec<u64>,
+    /// Births alive in it before each of its words.
+    ones: Vec<u32>,
 }
 
 impl Ranks {
@@ -196,11 +224,16 @@ impl Ranks {
             let len = BLOCK.min(self.births.filed - start);
             self.births.read(start, &mut self.block[..len])?;
             self.cached = Some(block);
+            self.ones.clear();
+            self.ones.extend(self.block[..len].iter().scan(0, |sum, w| {
+                let before = *sum;
+                *sum += w.count_ones();
+                Some(before)
+            }));
         }
         let within = word % BLOCK;
-        let ones = |words: &[u64]| words.iter().map(|w| u64::from(w.count_ones())).sum::<u64>();
         let bits = self.block[within] & (!0 >> (63 - birth % 64));
-        Ok(self.before[block] + ones(&self.block[..within]) + u64::from(bits.count_ones()))
+        Ok(self.before[block] + u64::from(self.ones[within] + bits.count_ones()))
     }
 }
 
@@ -222,7 +255,7 @@ mod tests {
         assert!(births.filed > 0);
         let saved = dir.path().join("saved");
         let mut out = Encoder::create(&saved).unwrap();
-        births.save(&mut out).unwrap();
+        births.unfiled().save(&mut out).unwrap();
         out.finish().unwrap();
         // what comes after is lost, but for the bits that it cleared in the file
         births.give(64 * RESIDENT).unwrap();

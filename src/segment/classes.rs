@@ -125,6 +125,21 @@ pub struct KnownBand<'a> {
 }
 
 impl Classes {
+    /// The state as it is now.
+    pub fn snapshot(&self) -> Self {
+        Classes {
+            last_slice: self.last_slice.clone(),
+            live: self.live.clone(),
+            sets: UnionFind::default(),
+            ..*self
+        }
+    }
+
+    /// Bytes of memory of a snapshot.
+    pub fn snapshot_bytes(&self) -> u64 {
+        (4 * self.last_slice.len() + size_of::<LiveComponent>() * self.live.len()) as u64
+    }
+
     /// Writes the state.
     ///
     /// # Errors

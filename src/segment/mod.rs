@@ -17,7 +17,7 @@ mod runs;
 mod unionfind;
 
 pub use band::{BandComponents, BandEdges};
-pub use births::Births;
+pub use births::{Births, Unfiled};
 pub use border::add_border_euler;
 pub use classes::{Classes, KnownBand, PhaseBirths, SlabClasses};
 pub use label::{Labels, LocalComponent, label_runs, sum_voxels};

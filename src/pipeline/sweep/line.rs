@@ -1,10 +1,11 @@
 //! Threads that do what is next, each by itself, from slab to slab.
 
 use super::queue::{Limits, Queue, Step, Stop};
-use super::{Known, Sweep, TileJob, take_classes};
+use super::{Sweep, TileJob, take_classes};
 use crate::error::{Error, Result};
 use crate::pipeline::band::Band;
-use crate::pipeline::forward::{Gather, State};
+use crate::pipeline::forward::{Known, State};
+use crate::pipeline::gather::Gather;
 use crate::pipeline::keep::Keeper;
 use crate::pipeline::parts::Parts;
 use crate::pipeline::writers::Writers;
@@ -47,13 +48,21 @@ impl Behind<'_> {
         self.keeper.keep()
     }
 
-    /// Ends a layer: keeps the one before, and has this one ready. `end` does the latter.
+    /// Ends a layer: keeps the one before, has this one ready, which `end` does, and keeps it if its tiles are
+    /// written.
     fn end(&mut self, end: impl FnOnce(&mut Keeper) -> Result<()>) -> Result<()> {
         self.keep()?;
         end(self.keeper)?;
         // its tiles are among them
         self.tiles = Some(self.writers.map_or(0, Writers::handed));
-        Ok(())
+        self.keep_if_written()
+    }
+
+    fn keep_if_written(&mut self) -> Result<()> {
+        match self.is_written() {
+            true => self.keep(),
+            false => Ok(()),
+        }
     }
 }
 
@@ -66,11 +75,10 @@ impl<'a, T: Voxel + Default> Line<'a, T> {
         (state, keeper): (&'a mut State, &'a mut Keeper),
     ) -> Self {
         let [_, bands, layers] = sweep.plan.tiling.tiles();
-        let look_ahead = parts.mode.look_ahead;
         let limits = Limits {
             bands,
             layers,
-            ahead: look_ahead.then(|| sweep.plan.bands_ahead()),
+            ahead: parts.mode.ahead,
             in_order: !parts.source.volume.random_access(),
         };
         Line {
@@ -87,16 +95,22 @@ impl<'a, T: Voxel + Default> Line<'a, T> {
         }
     }
 
-    /// Sweeps with all threads. Returns where it had to stop for want of memory, or `None`.
+    /// Sweeps with all threads. Returns where it had to stop for want of memory, or else how many tiles have to be
+    /// written before the last layer is kept.
     ///
     /// # Errors
     /// Those of [`Sweep::run`].
-    pub fn run(self) -> Result<Option<Stop>> {
+    pub fn run(self) -> Result<Result<Option<u64>, Stop>> {
         rayon::broadcast(|_| self.work());
         let mut behind = self.behind.into_inner().expect("no thread panicked");
-        behind.keep()?;
         let queue = self.queue.into_inner().expect("no thread panicked");
-        queue.outcome()
+        if !queue.has_ended() {
+            behind.keep()?;
+        }
+        Ok(match queue.outcome()? {
+            Some(stop) => Err(stop),
+            None => Ok(behind.tiles),
+        })
     }
 
     fn lock(&self) -> MutexGuard<'_, Queue<T>> {
@@ -134,10 +148,10 @@ impl<'a, T: Voxel + Default> Line<'a, T> {
     fn take(&self, step: Step<T>) {
         match step {
             Step::Prepare(place, memory) => self.prepare(place, memory),
-            Step::Begin(layer, bands) => self.begin(layer, bands),
+            Step::Begin(layer, bands, alone) => self.begin(layer, bands, alone),
             Step::Label(place, band, known) => self.label(place, band, &known),
             Step::Tile(job, known) => self.tile(job, &known),
-            Step::End(layer, known) => self.end(layer, &known),
+            Step::End(layer, known, next) => self.end(layer, &known, next.as_deref()),
             Step::Wait | Step::Over => {}
         }
     }
@@ -150,18 +164,24 @@ impl<'a, T: Voxel + Default> Line<'a, T> {
         self.lock().prepared(place, prepared.map(|()| band));
     }
 
-    fn begin(&self, layer: u32, mut bands: Vec<Band<T>>) {
-        let joined = self.join(layer, &mut bands);
+    fn begin(&self, layer: u32, mut bands: Vec<Band<T>>, alone: bool) {
+        if !alone && !self.gather.with(|state| state.has_room_for_another()) {
+            return self.lock().not_yet(bands);
+        }
+        let joined = self.join(layer, &mut bands, alone);
         self.lock().begun(joined.map(|known| (bands, known)));
     }
 
-    fn join(&self, layer: u32, bands: &mut [Band<T>]) -> Result<Known> {
-        let known = self.gather.between(|state| {
+    /// Joins the bands of a layer, `alone` if the one before has ended.
+    fn join(&self, layer: u32, bands: &mut [Band<T>], alone: bool) -> Result<Known> {
+        let known = self.gather.with(|state| {
             let mut settled = Vec::new();
-            state.settle(bands, &mut settled)?;
+            state.settle(layer, bands, &mut settled)?;
             self.sweep.join(settled, layer, state)
         })?;
-        self.gather.begin(&known.settled, &known.classes)?;
+        if alone {
+            self.gather.begin(layer, &known)?;
+        }
         self.sweep.prefetch(&self.parts.source, layer + 1);
         Ok(known)
     }
@@ -173,33 +193,42 @@ impl<'a, T: Voxel + Default> Line<'a, T> {
         let tiles: Vec<_> = (0..self.sweep.plan.tiling.tiles()[0]).map(tile).collect();
         // whoever makes the last of them gets the band's memory
         drop(band);
-        self.lock().labelled(tiles);
+        self.lock().labelled(layer, tiles);
     }
 
     fn tile(&self, job: TileJob<Arc<Band<T>>>, known: &Known) {
         let gathering = (&known.classes, &self.gather);
         let made = self.sweep.mesh_tile(self.parts, &job, gathering);
-        let unused = self.lock().made(made, Arc::into_inner(job.band));
+        let [_, _, layer] = job.grid;
+        let unused = self.lock().made(layer, made, Arc::into_inner(job.band));
         // it takes the system a while to have it back
         drop(unused);
     }
 
-    fn end(&self, layer: u32, known: &Known) {
-        let slab = (layer, known, self.gather.take());
+    /// Ends a layer. The next one may have begun.
+    fn end(&self, layer: u32, known: &Known, next: Option<&Known>) {
+        let gather = &self.gather;
+        let slab = (layer, known, gather.take());
         let mut behind = self.behind.lock().expect("no thread panicked");
         let ended = behind.end(|keeper| {
-            let gather = &self.gather;
-            gather.between(|state| self.sweep.end_slab(self.parts, slab, state, keeper))
+            gather.with(|state| self.sweep.end_slab(self.parts, slab, state, keeper))
         });
         drop(behind);
-        self.lock().ended(ended);
+        let begun = match next {
+            Some(next) if ended.is_ok() => gather.begin(layer + 1, next),
+            _ => Ok(()),
+        };
+        let mut queue = self.lock();
+        queue.ended(ended);
+        if let Err(error) = begun {
+            queue.fail(error);
+        }
     }
 
     /// Keeps the layer that ended last, if its tiles are written by now and nobody else is about it.
     fn keep_if_written(&self) {
         if let Ok(mut behind) = self.behind.try_lock()
-            && behind.is_written()
-            && let Err(error) = behind.keep()
+            && let Err(error) = behind.keep_if_written()
         {
             self.lock().fail(error);
         }

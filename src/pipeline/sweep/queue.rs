@@ -1,8 +1,9 @@
 //! What is to be done next where all bands of a slab are in memory.
 
-use super::{Known, TileJob, Turn};
+use super::{TileJob, Turn};
 use crate::error::{Error, Result};
 use crate::pipeline::band::Band;
+use crate::pipeline::forward::Known;
 use std::collections::{BTreeMap, VecDeque};
 use std::sync::Arc;
 
@@ -13,9 +14,9 @@ pub struct Limits {
     pub bands: u32,
     /// Layers of the volume.
     pub layers: u32,
-    /// Bands beyond those of a slab for which there is memory; `None` if no band may be prepared before the slab
-    /// in hand has ended.
-    pub ahead: Option<u32>,
+    /// Bands beyond those of a slab for which there is memory; with 0, none is prepared before the slab in hand has
+    /// ended.
+    pub ahead: u32,
     /// Bands are prepared one by one, as a stream is read.
     pub in_order: bool,
 }
@@ -24,14 +25,14 @@ pub struct Limits {
 pub enum Step<T> {
     /// Prepare a band (y, layer), in this memory if there is some.
     Prepare([u32; 2], Option<Band<T>>),
-    /// Begin a layer with all its bands.
-    Begin(u32, Vec<Band<T>>),
-    /// Turn the labels of band y to classes, and list its tiles.
+    /// Begin a layer with all its bands; true if the one before has ended.
+    Begin(u32, Vec<Band<T>>, bool),
+    /// Turn the labels of a band (y, layer) to classes, and list its tiles.
     Label([u32; 2], Band<T>, Arc<Known>),
     /// Make a tile.
     Tile(TileJob<Arc<Band<T>>>, Arc<Known>),
-    /// End a layer whose tiles are made.
-    End(u32, Arc<Known>),
+    /// End a layer whose tiles are made. What is known of the next one, if that has begun.
+    End(u32, Arc<Known>, Option<Arc<Known>>),
     /// Wait until something changes.
     Wait,
     /// Nothing is left, or something failed.
@@ -42,26 +43,16 @@ pub enum Step<T> {
 pub struct Stop {
     /// The first layer that has not ended.
     pub layer: u32,
-    /// What is known of it, if it had begun.
-    pub known: Option<Arc<Known>>,
+    /// What is known of it and of the next one, as far as they had begun.
+    pub known: Vec<Arc<Known>>,
     /// [`Error::TooDense`].
     pub error: Error,
 }
 
-/// Slabs in turn: the bands of one are prepared, then it begins, its tiles are made, and it ends. Beside its last
-/// tiles, its end and the next one's beginning, which only one thread can do, bands of the next slabs are
-/// prepared, each in the memory of a band whose tiles are all made: so there is room for one slab and a few bands
-/// instead of two slabs, and no memory is touched first that need not be.
-///
-/// Tiles come before bands. When bands were prepared as soon as there was memory, threads waited for the last
-/// tiles of each slab, half a tile each on average, and two of them took 3 % longer for a foam of
-/// 313 x 313 x 380 voxels.
-pub struct Queue<T> {
-    limits: Limits,
-    /// The layer in hand, or the next one to begin.
+/// A slab that has begun and not ended.
+struct Open<T> {
     layer: u32,
-    /// What is known of it, from its beginning to its end.
-    open: Option<Arc<Known>>,
+    known: Arc<Known>,
     /// Its bands whose labels are no classes yet.
     unlabelled: VecDeque<(u32, Band<T>)>,
     tiles: BTreeMap<Turn, TileJob<Arc<Band<T>>>>,
@@ -69,6 +60,40 @@ pub struct Queue<T> {
     labelling: u32,
     /// Tiles of it that threads make.
     making: u32,
+}
+
+impl<T> Open<T> {
+    /// True if threads have all of its tiles in hand, or have made them.
+    fn is_taken(&self) -> bool {
+        self.unlabelled.is_empty() && self.labelling == 0 && self.tiles.is_empty()
+    }
+
+    fn label(&mut self) -> Option<Step<T>> {
+        let (ty, band) = self.unlabelled.pop_front()?;
+        self.labelling += 1;
+        Some(Step::Label([ty, self.layer], band, self.known.clone()))
+    }
+
+    fn tile(&mut self) -> Option<Step<T>> {
+        let (_, job) = self.tiles.pop_first()?;
+        self.making += 1;
+        Some(Step::Tile(job, self.known.clone()))
+    }
+}
+
+/// Slabs in turn: the bands of one are prepared, then it begins, its tiles are made, and it ends. A slab may begin
+/// while the last tiles of the one before are made, so that no thread waits for these; then two are open. Bands are
+/// prepared each in the memory of a band whose tiles are all made: so there is room for one slab and a few bands
+/// instead of two slabs, and no memory is touched first that need not be. They come before tiles: when the last tile
+/// of a slab is in hand, the next one should be there.
+pub struct Queue<T> {
+    limits: Limits,
+    /// Two slabs at most, by rising layer.
+    open: VecDeque<Open<T>>,
+    /// The next layer to begin.
+    layer: u32,
+    /// Slabs begin only when the one before has ended: there is no memory for more.
+    one_by_one: bool,
     /// True while a thread begins or ends a slab.
     turning: bool,
     /// The next band (layer, y) to prepare.
@@ -78,11 +103,13 @@ pub struct Queue<T> {
     prepared: BTreeMap<(u32, u32), Band<T>>,
     /// Memory for others.
     spare: Vec<Band<T>>,
-    /// Bands that there are: of the slab in hand, prepared, being prepared, spare.
+    /// Bands that there are: of open slabs, prepared, being prepared, spare.
     exist: u32,
-    /// There was no memory to prepare a band.
+    /// There was no memory to prepare a band, or to join those of a slab.
     full: Option<Error>,
     failed: Option<Error>,
+    /// The layer in hand when the sweep was interrupted.
+    last: Option<u32>,
 }
 
 impl<T> Queue<T> {
@@ -90,12 +117,9 @@ impl<T> Queue<T> {
     pub fn new(limits: Limits, layer: u32) -> Self {
         Queue {
             limits,
+            open: VecDeque::new(),
             layer,
-            open: None,
-            unlabelled: VecDeque::new(),
-            tiles: BTreeMap::new(),
-            labelling: 0,
-            making: 0,
+            one_by_one: false,
             turning: false,
             next: (layer, 0),
             preparing: 0,
@@ -104,62 +128,86 @@ impl<T> Queue<T> {
             exist: 0,
             full: None,
             failed: None,
+            last: None,
         }
     }
 
     /// What the thread that asks is to do. If that is anything but to wait or to end, it tells so when it has
     /// done it, and wakes those that wait.
     pub fn next(&mut self, interrupted: bool) -> Step<T> {
-        if self.failed.is_some() {
+        if interrupted {
+            self.interrupt();
+        }
+        if self.failed.is_some() || self.has_ended() {
             return Step::Over;
         }
-        if let Some(open) = &self.open {
-            let known = open.clone();
-            if let Some((ty, band)) = self.unlabelled.pop_front() {
-                self.labelling += 1;
-                return Step::Label([ty, self.layer], band, known);
+        if !self.turning {
+            if let Some(step) = self.turn() {
+                return step;
             }
-            if let Some((_, job)) = self.tiles.pop_first() {
-                self.making += 1;
-                return Step::Tile(job, known);
-            }
-            let no_tile_left = self.labelling == 0 && !self.turning;
-            if no_tile_left && self.making == 0 {
-                self.turning = true;
-                return Step::End(self.layer, known);
-            }
-            if no_tile_left && self.layer + 1 == self.limits.layers {
-                // whoever makes the last tile ends the last layer, too
-                return Step::Over;
-            }
-        } else if !self.turning {
-            if self.has_ended() {
-                return Step::Over;
-            }
-            if interrupted {
-                self.failed = Some(Error::Interrupted);
-                return Step::Over;
-            }
-            if self.is_prepared() {
-                self.turning = true;
-                let after = self.prepared.split_off(&(self.layer + 1, 0));
-                let slab = std::mem::replace(&mut self.prepared, after);
-                return Step::Begin(self.layer, slab.into_values().collect());
-            }
-            if self.full.is_some() && self.preparing == 0 {
+            if self.open.is_empty() && self.full.is_some() && self.preparing == 0 {
                 return Step::Over;
             }
         }
-        if self.may_prepare() && !interrupted {
+        let open = match self.last {
+            Some(_) => 1,
+            None => self.open.len(),
+        };
+        let mut slabs = self.open.iter_mut().take(open);
+        if let Some(step) = slabs.find_map(Open::label) {
+            return step;
+        }
+        if self.may_prepare() {
             return self.prepare();
+        }
+        let mut slabs = self.open.iter_mut().take(open);
+        if let Some(step) = slabs.find_map(Open::tile) {
+            return step;
+        }
+        let all_begun = self.layer == self.limits.layers && !self.open.is_empty();
+        if all_begun && self.open.iter().all(Open::is_taken) {
+            // whoever makes the last tile ends the last layer, too
+            return Step::Over;
         }
         Step::Wait
     }
 
-    /// True if all bands of the next slab are prepared.
-    fn is_prepared(&self) -> bool {
+    /// Nothing new is begun. The slab in hand is brought to its end: that takes less time than to come back to it.
+    fn interrupt(&mut self) {
+        match self.open.front() {
+            Some(slab) => {
+                self.last.get_or_insert(slab.layer);
+            }
+            None if !self.turning && !self.has_ended() => self.fail(Error::Interrupted),
+            None => {}
+        }
+    }
+
+    /// Ends a slab or begins the next one, if it is time.
+    fn turn(&mut self) -> Option<Step<T>> {
+        if let Some(slab) = self.open.front()
+            && slab.is_taken()
+            && slab.making == 0
+        {
+            let next = self.open.get(1).map(|slab| slab.known.clone());
+            self.turning = true;
+            return Some(Step::End(slab.layer, slab.known.clone(), next));
+        }
+        if !self.may_begin() {
+            return None;
+        }
+        self.turning = true;
+        let after = self.prepared.split_off(&(self.layer + 1, 0));
+        let slab = std::mem::replace(&mut self.prepared, after);
+        let bands = slab.into_values().collect();
+        Some(Step::Begin(self.layer, bands, self.open.is_empty()))
+    }
+
+    /// True if all bands of the next slab are prepared, and it may be open beside those that are.
+    fn may_begin(&self) -> bool {
+        let most = if self.one_by_one { 1 } else { 2 };
         let slab = self.prepared.range(..(self.layer + 1, 0));
-        slab.count() == self.limits.bands as usize
+        self.open.len() < most && self.last.is_none() && slab.count() == self.limits.bands as usize
     }
 
     fn may_prepare(&self) -> bool {
@@ -171,11 +219,12 @@ impl<T> Queue<T> {
         } = self.limits;
         let (layer, _) = self.next;
         let in_turn = match ahead {
-            Some(_) => layer < layers,
-            None => layer == self.layer && self.open.is_none(),
+            1.. => layer < layers,
+            0 => layer == self.layer && self.open.is_empty(),
         };
-        let room = !self.spare.is_empty() || self.exist < bands + ahead.unwrap_or(0);
-        in_turn && room && self.full.is_none() && !(in_order && self.preparing > 0)
+        let room = !self.spare.is_empty() || self.exist < bands.saturating_add(ahead);
+        let goes_on = self.full.is_none() && self.last.is_none();
+        in_turn && room && goes_on && !(in_order && self.preparing > 0)
     }
 
     fn prepare(&mut self) -> Step<T> {
@@ -205,29 +254,54 @@ impl<T> Queue<T> {
         }
     }
 
-    /// The layer has begun with these bands, or that has failed.
+    /// The next layer has begun with these bands, or that has failed.
     pub fn begun(&mut self, slab: Result<(Vec<Band<T>>, Known)>) {
         self.turning = false;
         match slab {
             Ok((bands, known)) => {
-                self.open = Some(Arc::new(known));
-                self.unlabelled = (0..).zip(bands).collect();
+                self.open.push_back(Open {
+                    layer: self.layer,
+                    known: Arc::new(known),
+                    unlabelled: (0..).zip(bands).collect(),
+                    tiles: BTreeMap::new(),
+                    labelling: 0,
+                    making: 0,
+                });
+                self.layer += 1;
+            }
+            // the slab that is open may come to its end
+            Err(error @ Error::TooDense { .. }) if !self.open.is_empty() => {
+                self.full.get_or_insert(error);
             }
             Err(error) => self.fail(error),
         }
     }
 
-    /// A band has classes and these tiles.
-    pub fn labelled(&mut self, tiles: Vec<TileJob<Arc<Band<T>>>>) {
-        self.labelling -= 1;
-        let tiles = tiles.into_iter();
-        self.tiles.extend(tiles.map(|job| (job.turn(), job)));
+    /// The next layer was not begun with these bands, as there is no memory for two at once.
+    pub fn not_yet(&mut self, bands: Vec<Band<T>>) {
+        self.turning = false;
+        self.one_by_one = true;
+        let places = (0..).map(|ty| (self.layer, ty));
+        self.prepared.extend(places.zip(bands));
     }
 
-    /// A tile is made, or has failed. When its band is done with, that comes back: it is returned if nothing needs
-    /// its memory.
-    pub fn made(&mut self, tile: Result<()>, band: Option<Band<T>>) -> Option<Band<T>> {
-        self.making -= 1;
+    fn slab(&mut self, layer: u32) -> &mut Open<T> {
+        let slab = self.open.iter_mut().find(|slab| slab.layer == layer);
+        slab.expect("it is open until its tiles are made")
+    }
+
+    /// A band of a layer has classes and these tiles.
+    pub fn labelled(&mut self, layer: u32, tiles: Vec<TileJob<Arc<Band<T>>>>) {
+        let slab = self.slab(layer);
+        slab.labelling -= 1;
+        let tiles = tiles.into_iter();
+        slab.tiles.extend(tiles.map(|job| (job.turn(), job)));
+    }
+
+    /// A tile of a layer is made, or has failed. When its band is done with, that comes back: it is returned if
+    /// nothing needs its memory.
+    pub fn made(&mut self, layer: u32, tile: Result<()>, band: Option<Band<T>>) -> Option<Band<T>> {
+        self.slab(layer).making -= 1;
         if let Err(error) = tile {
             self.fail(error);
         }
@@ -243,15 +317,15 @@ impl<T> Queue<T> {
         Some(band)
     }
 
-    /// The layer has ended, or that has failed.
+    /// The first layer that was open has ended, or that has failed.
     pub fn ended(&mut self, slab: Result<()>) {
         self.turning = false;
-        match slab {
-            Ok(()) => {
-                self.open = None;
-                self.layer += 1;
-            }
-            Err(error) => self.fail(error),
+        if let Err(error) = slab {
+            return self.fail(error);
+        }
+        let ended = self.open.pop_front().map(|slab| slab.layer);
+        if self.last.is_some() && self.last == ended && !self.has_ended() {
+            self.fail(Error::Interrupted);
         }
     }
 
@@ -262,7 +336,7 @@ impl<T> Queue<T> {
 
     /// True if all layers have ended.
     pub fn has_ended(&self) -> bool {
-        self.layer == self.limits.layers
+        self.open.is_empty() && self.layer == self.limits.layers
     }
 
     /// How it came out, when no thread has anything in hand; `None` if all layers have ended.
@@ -275,9 +349,10 @@ impl<T> Queue<T> {
             Some(error) => return Err(error),
             None => return Ok(None),
         };
-        Ok((self.layer < self.limits.layers).then_some(Stop {
-            layer: self.layer,
-            known: self.open,
+        let layer = self.open.front().map_or(self.layer, |slab| slab.layer);
+        Ok((layer < self.limits.layers).then(|| Stop {
+            layer,
+            known: self.open.into_iter().map(|slab| slab.known).collect(),
             error,
         }))
     }

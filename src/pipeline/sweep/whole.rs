@@ -12,7 +12,7 @@ use crate::volume::Voxel;
 
 impl Sweep<'_> {
     /// Sweeps slabs from `layer` on with all their bands in memory. Returns the first layer that is
-    /// left because it does not fit.
+    /// left because it does not fit, and, if none is, how many tiles have to be written before the last one is kept.
     ///
     /// # Errors
     /// Those of [`Sweep::run`].
@@ -22,21 +22,22 @@ impl Sweep<'_> {
         mut layer: u32,
         state: &mut State,
         keeper: &mut Keeper,
-    ) -> Result<u32> {
+    ) -> Result<(u32, Option<u64>)> {
         let [_, bands, layers] = self.plan.tiling.tiles();
         while layer < layers && parts.mode.bands_at_once >= bands {
             let line = Line::new(self, parts, layer, (state, keeper));
-            let Some(stop) = line.run()? else {
-                return Ok(layers);
+            let stop = match line.run()? {
+                Ok(unkept) => return Ok((layers, unkept)),
+                Err(stop) => stop,
             };
             let Stop { known, error, .. } = stop;
             parts.shrink(error)?;
             layer = stop.layer;
-            if let Some(known) = known {
+            for known in known {
                 self.mesh_and_end(parts, layer, state, (&known, keeper))?;
                 layer += 1;
             }
         }
-        Ok(layer)
+        Ok((layer, None))
     }
 }

@@ -47,6 +47,8 @@ struct Threads {
     did: Vec<Did>,
     /// The step that fails for want of memory.
     fails: Option<Did>,
+    /// There is memory for one open slab only.
+    one_by_one: bool,
 }
 
 impl Threads {
@@ -56,6 +58,7 @@ impl Threads {
             hands: (0..threads).map(|_| None).collect(),
             did: Vec::new(),
             fails,
+            one_by_one: false,
         }
     }
 
@@ -73,7 +76,7 @@ impl Threads {
                     step => self.hands[thread] = Some(step),
                 }
                 let Limits { bands, ahead, .. } = self.queue.limits;
-                assert!(self.queue.exist <= bands + ahead.unwrap_or(0));
+                assert!(self.queue.exist <= bands + ahead);
             }
             self.check_hands();
         }
@@ -91,23 +94,18 @@ impl Threads {
     fn check_hands(&self) {
         let hands = || self.hands.iter().flatten();
         let prepares = hands().filter(|s| matches!(s, Step::Prepare(..))).count();
-        let of_slab = |s: &&Step<u8>| matches!(s, Step::Label(..) | Step::Tile(..));
-        let turns = |s: &&Step<u8>| matches!(s, Step::Begin(..) | Step::End(..));
-        let (of_slab, turns) = (
-            hands().filter(of_slab).count(),
-            hands().filter(turns).count(),
-        );
-        assert!(turns == 0 || (turns == 1 && of_slab == 0));
+        let turns = hands().filter(|s| matches!(s, Step::Begin(..) | Step::End(..)));
+        assert!(turns.count() <= 1);
         assert!(prepares <= 1 || !self.queue.limits.in_order);
     }
 
     fn end(&mut self, step: Step<u8>) {
         let did = match &step {
             Step::Prepare(place, _) => Did::Prepare(*place),
-            Step::Begin(layer, _) => Did::Begin(*layer),
+            Step::Begin(layer, ..) => Did::Begin(*layer),
             Step::Label(place, ..) => Did::Label(*place),
             Step::Tile(job, _) => Did::Tile(job.grid),
-            Step::End(layer, _) => Did::End(*layer),
+            Step::End(layer, ..) => Did::End(*layer),
             Step::Wait | Step::Over => unreachable!("nothing in hand"),
         };
         let fails = self.fails == Some(did);
@@ -116,23 +114,30 @@ impl Threads {
                 let band = unless(fails, band.unwrap_or_default());
                 self.queue.prepared(place, band);
             }
-            Step::Begin(_, bands) => {
+            Step::Begin(layer, bands, alone) => {
                 assert_eq!(bands.len(), self.queue.limits.bands as usize);
-                let known = Known {
-                    settled: Vec::new(),
-                    classes: Default::default(),
-                };
-                self.queue.begun(unless(fails, (bands, known)));
+                let ended = layer.checked_sub(1).map(Did::End);
+                assert_eq!(alone, ended.is_none_or(|end| self.did.contains(&end)));
+                if self.one_by_one && !alone {
+                    return self.queue.not_yet(bands);
+                }
+                self.queue.begun(unless(fails, (bands, Known::default())));
             }
             Step::Label(place, band, _) => {
                 let tiles = tiles_of(Arc::new(band), place);
-                self.queue.labelled(tiles);
+                self.queue.labelled(place[1], tiles);
             }
             Step::Tile(job, _) => {
                 let made = unless(fails, ());
-                self.queue.made(made, Arc::into_inner(job.band));
+                self.queue
+                    .made(job.grid[2], made, Arc::into_inner(job.band));
             }
-            _ => self.queue.ended(unless(fails, ())),
+            Step::End(layer, _, next) => {
+                let begun = self.did.contains(&Did::Begin(layer + 1));
+                assert_eq!(next.is_some(), begun);
+                self.queue.ended(unless(fails, ()));
+            }
+            Step::Wait | Step::Over => unreachable!("nothing in hand"),
         }
         if !fails {
             self.did.push(did);
@@ -145,14 +150,12 @@ fn unless<T>(fails: bool, value: T) -> Result<T> {
 }
 
 fn limits() -> impl Strategy<Value = Limits> {
-    (1..5u32, 1..5u32, prop::option::of(1..4u32), any::<bool>()).prop_map(
-        |(bands, layers, ahead, in_order)| Limits {
-            bands,
-            layers,
-            ahead,
-            in_order,
-        },
-    )
+    (1..5u32, 1..5u32, 0..4u32, any::<bool>()).prop_map(|(bands, layers, ahead, in_order)| Limits {
+        bands,
+        layers,
+        ahead,
+        in_order,
+    })
 }
 
 fn all(limits: Limits) -> Vec<Did> {
@@ -172,8 +175,10 @@ proptest! {
     /// Whoever is faster, everything is done once and in its turn, in the memory there is, and nobody waits
     /// for ever.
     #[test]
-    fn all_is_done_once_and_in_turn(limits in limits(), threads in 1..5usize, seed in any::<u64>()) {
-        let mut threads = Threads::new(limits, threads, None);
+    fn all_is_done_once_and_in_turn(
+        limits in limits(), threads in 1..5usize, one_by_one in any::<bool>(), seed in any::<u64>(),
+    ) {
+        let mut threads = Threads { one_by_one, ..Threads::new(limits, threads, None) };
         threads.run(random(seed));
         let Threads { did, queue, .. } = threads;
         let mut sorted = did.clone();
@@ -182,11 +187,15 @@ proptest! {
         let at = |what| did.iter().position(|&d| d == what).unwrap();
         for layer in 0..limits.layers {
             let (begin, end) = (at(Did::Begin(layer)), at(Did::End(layer)));
-            prop_assert!(layer == 0 || at(Did::End(layer - 1)) < begin);
+            let open = if one_by_one || limits.ahead == 0 { 1 } else { 2 };
+            if let Some(before) = layer.checked_sub(open) {
+                prop_assert!(at(Did::End(before)) < begin);
+            }
+            prop_assert!(layer == 0 || at(Did::End(layer - 1)) < end);
             for ty in 0..limits.bands {
                 prop_assert!(at(Did::Prepare([ty, layer])) < begin);
                 let early = layer > 0 && at(Did::Prepare([ty, layer])) < at(Did::End(layer - 1));
-                prop_assert!(!early || limits.ahead.is_some());
+                prop_assert!(!early || limits.ahead > 0);
                 for tx in 0..TILES {
                     let tile = at(Did::Tile([tx, ty, layer]));
                     prop_assert!(begin < at(Did::Label([ty, layer])));
@@ -208,14 +217,19 @@ proptest! {
         threads.run(random(seed));
         let Threads { did, queue, .. } = threads;
         let stop = queue.outcome().unwrap().expect("it failed");
-        let (layer, known) = match fails {
-            Did::Prepare([_, layer]) | Did::Begin(layer) => (layer, false),
-            Did::Tile([_, _, layer]) | Did::End(layer) => (layer, true),
+        let layers = |begun: fn(&Did) -> bool| did.iter().filter(|&d| begun(d)).count() as u32;
+        let (begun, ended) = (
+            layers(|d| matches!(d, Did::Begin(_))),
+            layers(|d| matches!(d, Did::End(_))),
+        );
+        prop_assert_eq!((stop.layer, stop.known.len() as u32), (ended, begun - ended));
+        match fails {
+            // nothing that is open is left behind
+            Did::Prepare([_, layer]) | Did::Begin(layer) => prop_assert_eq!((ended, begun), (layer, layer)),
+            Did::Tile([_, _, layer]) => prop_assert!(ended <= layer && layer < begun),
+            Did::End(layer) => prop_assert!(ended == layer && layer < begun),
             Did::Label(_) => unreachable!("never fails"),
-        };
-        prop_assert_eq!((stop.layer, stop.known.is_some()), (layer, known));
-        let ended = did.iter().filter(|d| matches!(d, Did::End(_))).count();
-        prop_assert_eq!(ended, layer as usize);
+        }
         prop_assert!(matches!(stop.error, Error::TooDense { .. }), "{}", stop.error);
     }
 }
@@ -232,7 +246,7 @@ fn random(seed: u64) -> impl Iterator<Item = usize> {
 const SMALL: Limits = Limits {
     bands: 2,
     layers: 2,
-    ahead: Some(1),
+    ahead: 1,
     in_order: false,
 };
 
@@ -255,7 +269,7 @@ fn threads_go_when_others_make_the_last_tiles() {
     let limits = Limits {
         bands: 1,
         layers: 1,
-        ahead: None,
+        ahead: 0,
         in_order: false,
     };
     let mut threads = Threads::new(limits, 1, None);
@@ -270,4 +284,54 @@ fn threads_go_when_others_make_the_last_tiles() {
         threads.end(tile);
     }
     assert!(matches!(threads.queue.next(false), Step::End(..)));
+}
+
+#[test]
+fn a_slab_begins_beside_the_last_tile_of_the_one_before() {
+    let mut threads = Threads::new(SMALL, 1, None);
+    threads.run_until(Did::Prepare([0, 1]));
+    let slow = threads.queue.next(false);
+    assert!(matches!(slow, Step::Tile(..)));
+    // all but the last step of the next slab, the last one of the volume
+    let of_next = |did: &Did| match did {
+        Did::Prepare([_, layer]) | Did::Begin(layer) | Did::Label([_, layer]) => *layer == 1,
+        Did::Tile([_, _, layer]) => *layer == 1,
+        Did::End(_) => false,
+    };
+    let others: Vec<Did> = all(SMALL).into_iter().filter(of_next).collect();
+    loop {
+        match threads.queue.next(false) {
+            Step::Over => break,
+            step => threads.end(step),
+        }
+    }
+    assert!(others.iter().all(|step| threads.did.contains(step)));
+    threads.end(slow);
+    for layer in [0, 1] {
+        let end = threads.queue.next(false);
+        threads.end(end);
+        assert_eq!(threads.did.last(), Some(&Did::End(layer)));
+    }
+    assert!(threads.queue.outcome().unwrap().is_none());
+}
+
+#[test]
+fn an_interruption_leaves_the_second_of_two_open_slabs() {
+    let mut threads = Threads::new(SMALL, 1, None);
+    threads.run_until(Did::Prepare([0, 1]));
+    let slow = threads.queue.next(false);
+    threads.run_until(Did::Begin(1));
+    loop {
+        match threads.queue.next(true) {
+            Step::Wait => break,
+            step => threads.end(step),
+        }
+        assert!(matches!(threads.did.last(), Some(Did::Tile([_, _, 0]))));
+    }
+    threads.end(slow);
+    let end = threads.queue.next(true);
+    threads.end(end);
+    assert_eq!(threads.did.last(), Some(&Did::End(0)));
+    assert!(matches!(threads.queue.next(true), Step::Over));
+    assert!(matches!(threads.queue.outcome(), Err(Error::Interrupted)));
 }
