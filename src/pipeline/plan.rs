@@ -124,12 +124,12 @@ pub fn plan(volume: &dyn Volume, dims: Dims, options: &ConvertOptions) -> Result
         best.in_flight = in_flight(threads);
     }
     // then a band for each other thread, which may be in the middle of the last tile of one
-    let others = u64::from(bands) * u64::from(tiling.tiles()[2] - 1);
+    let others = u64::from(bands) * u64::from(tiling.tiles()[2].saturating_sub(1));
     let each = others
         .min(threads as u64 - 1)
         .saturating_sub(best.ahead.into());
     if best.ahead > 0 && best.in_flight > 0 {
-        let more = each.min((options.memory - best.memory) / cost.band);
+        let more = each.min((options.memory - best.memory) / cost.band.max(1));
         best.memory += more * cost.band;
         best.ahead += more as u32;
     }

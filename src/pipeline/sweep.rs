@@ -64,7 +64,7 @@ pub struct Unkept {
 }
 
 impl Unkept {
-    /// Keeps it.
+    /// Keeps it, when threads that have nothing else to do have helped to write its tiles.
     ///
     /// # Errors
     /// [`Error::Io`].
@@ -72,7 +72,10 @@ impl Unkept {
         let Some(tiles) = self.tiles else {
             return Ok(());
         };
-        self.writers.map_or(Ok(()), |w| w.wait_for(tiles))?;
+        if let Some(writers) = &self.writers {
+            let written = rayon::broadcast(|_| writers.wait_for(tiles));
+            written.into_iter().collect::<Result<()>>()?;
+        }
         keeper.keep()
     }
 }
