@@ -11,6 +11,8 @@ use crate::pipeline::surfaces::WHOLE;
 use crate::pipeline::tilefile::{TileRecord, WrittenPiece};
 use crate::tile::Body;
 use std::collections::{BTreeMap, VecDeque};
+use std::iter::{Enumerate, Skip};
+use std::slice::Iter;
 
 /// Pieces of some tiles whose cells are measured once for all of them, at most: 5 MB of measures.
 pub const KNOWN_PIECES: usize = 1 << 14;
@@ -133,7 +135,7 @@ impl Batch {
 
 /// Puts the tiles of all layers together to batches.
 pub struct Batches<'a> {
-    slabs: std::iter::Enumerate<std::slice::Iter<'a, SlabRecord>>,
+    slabs: Skip<Enumerate<Iter<'a, SlabRecord>>>,
     spool: &'a mut Spool,
     ids: &'a mut SpooledIds,
     /// Bytes that tiles may take while they are finished.
@@ -152,12 +154,8 @@ impl<'a> Batches<'a> {
         (spool, ids): (&'a mut Spool, &'a mut SpooledIds),
         memory: u64,
     ) -> Self {
-        let mut slabs = slabs.iter().enumerate();
-        if let Some(last) = skip.checked_sub(1) {
-            slabs.nth(last);
-        }
         Batches {
-            slabs,
+            slabs: slabs.iter().enumerate().skip(skip),
             spool,
             ids,
             memory,
@@ -174,12 +172,12 @@ impl<'a> Batches<'a> {
         let mut batch = Batch::default();
         loop {
             if let Some((layer, ids)) = &self.layer {
-                while let Some((tiles, last)) = self.rest.pop_front() {
-                    if !batch.has_room(&tiles, self.memory) {
-                        self.rest.push_front((tiles, last));
+                while let Some((tiles, last)) = self.rest.front() {
+                    if !batch.has_room(tiles, self.memory) {
                         return Ok(Some(batch));
                     }
-                    batch.add((*layer, last), &tiles, (ids, self.spool))?;
+                    batch.add((*layer, *last), tiles, (ids, self.spool))?;
+                    self.rest.pop_front();
                 }
             }
             let Some((i, slab)) = self.slabs.next() else {

@@ -110,7 +110,7 @@ impl Sweep<'_> {
                 let (mut search, first) = begun;
                 for layer in first..layers {
                     let settled = self.settle_in_parts(parts, layer, &mut search.state)?;
-                    let known = search.state.join(layer, settled, layer + 1 == layers)?;
+                    let known = self.join(settled, layer, &mut search.state)?;
                     search.add(&known)?;
                     if layer + 1 < layers {
                         search.save(&files, (sweep, layer + 1), &known, keeper)?;

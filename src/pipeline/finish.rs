@@ -9,7 +9,7 @@ use crate::pipeline::batch::{Batch, Batches, Ids, Job, KNOWN_PIECES, count_disti
 use crate::pipeline::forward::SlabRecord;
 use crate::pipeline::keep::Keeper;
 use crate::pipeline::ration::at_once;
-use crate::pipeline::resolve::{Components, SpooledIds};
+use crate::pipeline::resolve::SpooledIds;
 use crate::pipeline::shards::{Ends, FinishedLayer, Part, shard_path};
 use crate::pipeline::spool::Spool;
 use crate::pipeline::tilefile::{TileRecord, refused, too_large};
@@ -76,8 +76,8 @@ struct Cell {
     has_surfaces: bool,
 }
 
-/// Gives all tiles their ids, layer by layer. Returns the layers that have tiles, and what `beside` makes of the
-/// components meanwhile, as long as nothing stops that: it is told what would.
+/// Gives all tiles their ids, layer by layer. Returns the layers that have tiles, and what `beside` makes
+/// meanwhile, as long as nothing stops that: it is told what would.
 ///
 /// # Errors
 /// [`Error::Interrupted`], [`Error::Io`], [`Error::Usage`] if a tile would pass 4 GiB, and [`Error::Format`]
@@ -85,28 +85,21 @@ struct Cell {
 pub fn finish<R: Send>(
     slabs: &[SlabRecord],
     spool: &mut Spool,
-    (ids, components): (&mut SpooledIds, &Components),
+    (ids, cells): (&mut SpooledIds, &RecordTable<ComponentRecord>),
     (settings, keeper): (&FinishSettings, &mut Keeper),
     totals: &mut Totals,
     progress: &dyn Progress,
-    beside: impl FnOnce(&Components, &Stop) -> Result<R> + Send,
+    beside: impl FnOnce(&Stop) -> Result<R> + Send,
 ) -> Result<(Vec<Layer>, R)> {
     let mut ends = Ends::begin(settings, keeper, slabs.len(), totals, progress)?;
     let failed = AtomicBool::new(false);
     let finish = || {
-        let finished = finish_tiles(
-            slabs,
-            (spool, ids),
-            &components.cells,
-            settings,
-            &mut ends,
-            progress,
-        );
+        let finished = finish_tiles(slabs, (spool, ids), cells, settings, &mut ends, progress);
         failed.store(finished.is_err(), Ordering::Relaxed);
         finished
     };
     let stop = || failed.load(Ordering::Relaxed) || progress.interrupted();
-    let (finished, made) = rayon::join(finish, || beside(components, &stop));
+    let (finished, made) = rayon::join(finish, || beside(&stop));
     finished?;
     Ok((ends.end()?, made?))
 }

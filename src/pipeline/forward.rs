@@ -225,8 +225,8 @@ impl State {
         let births = &self.forward.births;
         Between {
             nan: self.forward.nan,
-            objects: births.objects.unfiled(),
-            cells: births.cells.unfiled(),
+            objects: births.objects.unfiled().clone(),
+            cells: births.cells.unfiled().clone(),
             classes: self.classes.snapshot(),
         }
     }
@@ -244,7 +244,7 @@ impl State {
         for (what, births) in [
             (OBJECTS, &components.objects),
             (CELLS, &components.cells),
-            (SURFACES, &forward.surface_births.unfiled()),
+            (SURFACES, forward.surface_births.unfiled()),
         ] {
             marks.add_length(files, what, births.filed_bytes());
         }

@@ -241,11 +241,11 @@ fn make(
     let (layers, tables_bytes) = finish(
         &slabs,
         &mut spool,
-        (&mut ids, &components),
+        (&mut ids, &components.cells),
         (&settings, keeper),
         &mut totals,
         progress,
-        |components, stop| write_tables(work, components, (&placement, stop)),
+        |stop| write_tables(work, &components, (&placement, stop)),
     )?;
     remove_empty_layer_directories(work, plan.tiling, &layers)?;
     sum_components(&components, options.cap, &mut totals)?;

@@ -188,7 +188,10 @@ impl Sweep<'_> {
     }
 
     /// Joins the settled bands of a layer.
-    fn join(&self, settled: Vec<SettledBand>, layer: u32, state: &mut State) -> Result<Known> {
+    ///
+    /// # Errors
+    /// As of [`State::join`].
+    pub fn join(&self, settled: Vec<SettledBand>, layer: u32, state: &mut State) -> Result<Known> {
         let last = layer + 1 == self.plan.tiling.tiles()[2];
         state.join(layer, settled, last)
     }

@@ -24,11 +24,7 @@ const RESIDENT: usize = 1 << 17;
 pub struct Births {
     file: File,
     path: PathBuf,
-    /// Words in the file.
-    filed: usize,
-    /// The words after those in the file.
-    tail: Vec<u64>,
-    count: u64,
+    state: Unfiled,
 }
 
 impl Births {
@@ -47,19 +43,13 @@ impl Births {
         Ok(Births {
             file,
             path: path.to_path_buf(),
-            filed: 0,
-            tail: Vec::new(),
-            count: 0,
+            state: Unfiled::default(),
         })
     }
 
-    /// What the file does not hold, as it is now.
-    pub fn unfiled(&self) -> Unfiled {
-        Unfiled {
-            count: self.count,
-            filed: self.filed,
-            tail: self.tail.clone(),
-        }
+    /// What the file does not hold.
+    pub fn unfiled(&self) -> &Unfiled {
+        &self.state
     }
 
     /// Goes on with the file at `path` as it was saved; `None` if these are no births.
@@ -79,9 +69,7 @@ impl Births {
         Ok(Some(Births {
             file: opened.map_err(|e| Error::io(path, "open", e))?,
             path: path.to_path_buf(),
-            filed,
-            tail,
-            count,
+            state: Unfiled { count, filed, tail },
         }))
     }
 
@@ -90,18 +78,18 @@ impl Births {
     /// # Errors
     /// [`Error::Io`] if older bits cannot be written.
     pub fn give(&mut self, n: usize) -> Result<u64> {
-        let first = self.count;
+        let first = self.state.count;
         for _ in 0..n {
-            if self.count.is_multiple_of(64) {
-                self.tail.push(0);
+            if self.state.count.is_multiple_of(64) {
+                self.state.tail.push(0);
             }
-            *self.tail.last_mut().expect("just pushed") |= 1 << (self.count % 64);
-            self.count += 1;
+            *self.state.tail.last_mut().expect("just pushed") |= 1 << (self.state.count % 64);
+            self.state.count += 1;
         }
-        while self.tail.len() > RESIDENT {
-            let old: Vec<u64> = self.tail.drain(..RESIDENT / 2).collect();
-            self.write(self.filed, &old)?;
-            self.filed += old.len();
+        while self.state.tail.len() > RESIDENT {
+            let old: Vec<u64> = self.state.tail.drain(..RESIDENT / 2).collect();
+            self.write(self.state.filed, &old)?;
+            self.state.filed += old.len();
         }
         Ok(first)
     }
@@ -112,8 +100,8 @@ impl Births {
     /// [`Error::Io`] if the file fails.
     pub fn kill(&mut self, birth: u64) -> Result<()> {
         let (word, bit) = ((birth / 64) as usize, 1u64 << (birth % 64));
-        if word >= self.filed {
-            self.tail[word - self.filed] &= !bit;
+        if word >= self.state.filed {
+            self.state.tail[word - self.state.filed] &= !bit;
             return Ok(());
         }
         let mut buffer = [0u64];
@@ -126,16 +114,16 @@ impl Births {
     /// # Errors
     /// [`Error::Io`] if the file fails.
     pub fn rank(mut self) -> Result<Ranks> {
-        let tail = std::mem::take(&mut self.tail);
-        self.write(self.filed, &tail)?;
-        self.filed += tail.len();
+        let tail = std::mem::take(&mut self.state.tail);
+        self.write(self.state.filed, &tail)?;
+        self.state.filed += tail.len();
         drop(tail);
-        let mut before = Vec::with_capacity(self.filed.div_ceil(BLOCK) + 1);
+        let mut before = Vec::with_capacity(self.state.filed.div_ceil(BLOCK) + 1);
         let mut alive = 0u64;
         let mut block = vec![0u64; BLOCK];
-        for start in (0..self.filed).step_by(BLOCK) {
+        for start in (0..self.state.filed).step_by(BLOCK) {
             before.push(alive);
-            let words = &mut block[..BLOCK.min(self.filed - start)];
+            let words = &mut block[..BLOCK.min(self.state.filed - start)];
             self.read(start, words)?;
             alive += words.iter().map(|w| u64::from(w.count_ones())).sum::<u64>();
         }
@@ -162,11 +150,13 @@ impl Births {
     }
 }
 
-/// Births at some moment, but for the bits in the file.
-#[derive(Debug, Default)]
+/// Births but for the bits in the file.
+#[derive(Debug, Clone, Default)]
 pub struct Unfiled {
     count: u64,
+    /// Words in the file.
     filed: usize,
+    /// The words after those in the file.
     tail: Vec<u64>,
 }
 
@@ -221,7 +211,7 @@ impl Ranks {
         let block = word / BLOCK;
         if self.cached != Some(block) {
             let start = block * BLOCK;
-            let len = BLOCK.min(self.births.filed - start);
+            let len = BLOCK.min(self.births.state.filed - start);
             self.births.read(start, &mut self.block[..len])?;
             self.cached = Some(block);
             self.ones.clear();
@@ -252,7 +242,7 @@ mod tests {
         }
         let rest = (n % 8) as usize;
         assert_eq!(births.give(rest).unwrap(), n - rest as u64);
-        assert!(births.filed > 0);
+        assert!(births.state.filed > 0);
         let saved = dir.path().join("saved");
         let mut out = Encoder::create(&saved).unwrap();
         births.unfiled().save(&mut out).unwrap();
