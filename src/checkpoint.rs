@@ -3,7 +3,7 @@
 use crate::error::{Error, Result};
 use bytemuck::Pod;
 use std::fs::File;
-use std::io::{BufWriter, Write};
+use std::io::{BufWriter, Seek, Write};
 use std::path::{Path, PathBuf};
 
 /// First bytes of a checkpoint; the last one counts the versions of what follows.
@@ -17,12 +17,18 @@ pub struct Encoder {
 }
 
 impl Encoder {
-    /// Begins a file.
+    /// Begins a file, or writes over one that is there: making one and removing one cost more.
     ///
     /// # Errors
     /// [`Error::Io`], here and below.
     pub fn create(path: &Path) -> Result<Self> {
-        let file = File::create(path).map_err(|e| Error::io(path, "create", e))?;
+        // what is left of a longer one is cut off in the end: ext4 writes out at once what is written to a file
+        // that was emptied (`auto_da_alloc`)
+        let mut options = File::options();
+        let options = options.write(true).create(true).truncate(false);
+        let file = options
+            .open(path)
+            .map_err(|e| Error::io(path, "create", e))?;
         let mut encoder = Encoder {
             path: path.to_path_buf(),
             file: BufWriter::with_capacity(1 << 16, file),
@@ -64,8 +70,18 @@ impl Encoder {
         let written = self.file.write_all(&crc.to_le_bytes());
         written
             .and_then(|()| self.file.flush())
+            .and_then(|()| cut_off_the_rest(self.file.get_mut()))
             .map_err(|e| Error::io(&self.path, "write", e))
     }
+}
+
+/// Ends a file where it was written last.
+fn cut_off_the_rest(file: &mut File) -> std::io::Result<()> {
+    let end = file.stream_position()?;
+    if file.metadata()?.len() > end {
+        file.set_len(end)?;
+    }
+    Ok(())
 }
 
 /// Takes values out of a checkpoint in the order in which they were written. `None` means that the
@@ -127,15 +143,19 @@ impl Decoder {
 mod tests {
     use super::*;
 
-    fn sample() -> Vec<u8> {
-        let dir = tempfile::tempdir().unwrap();
-        let path = dir.path().join("c");
-        let mut encoder = Encoder::create(&path).unwrap();
+    fn write_sample(path: &Path) {
+        let mut encoder = Encoder::create(path).unwrap();
         encoder.number(7).unwrap();
         encoder.array(&[1u32, 2, 3]).unwrap();
         encoder.array::<u128>(&[]).unwrap();
         encoder.records(2, [9u64, u64::MAX].into_iter()).unwrap();
         encoder.finish().unwrap();
+    }
+
+    fn sample() -> Vec<u8> {
+        let dir = tempfile::tempdir().unwrap();
+        let path = dir.path().join("c");
+        write_sample(&path);
         std::fs::read(&path).unwrap()
     }
 
@@ -149,6 +169,17 @@ mod tests {
         assert_eq!(decoder.array::<u64>(), Some(vec![9, u64::MAX]));
         assert!(decoder.is_empty());
         assert_eq!(decoder.number(), None);
+    }
+
+    #[test]
+    fn a_file_is_written_over_one_of_any_length() {
+        let (dir, whole) = (tempfile::tempdir().unwrap(), sample());
+        let path = dir.path().join("c");
+        for len in [0, 1, whole.len() - 1, whole.len(), whole.len() + 1, 1 << 20] {
+            std::fs::write(&path, vec![0xff; len]).unwrap();
+            write_sample(&path);
+            assert_eq!(std::fs::read(&path).unwrap(), whole, "{len}");
+        }
     }
 
     #[test]

@@ -322,11 +322,17 @@ impl Keeper {
         out.finish()
     }
 
-    /// Gives such a file its name.
+    /// Gives such a file its name. The one before may stay under the temporary name, to be written over.
     fn give_name(&self, name: &str) -> Result<()> {
         let (path, new) = (self.work.join(name), self.work.join(new_name(name)));
         // what counts after a power failure is a copy that a sync covers
-        replace::replace(&new, &path).map_err(|e| Error::io(&path, "move into place", e))
+        let swapped =
+            replace::replace(&new, &path).map_err(|e| Error::io(&path, "move into place", e))?;
+        // the thread that syncs may be copying the one before
+        if swapped && self.disk.is_used() {
+            std::fs::remove_file(&new).map_err(|e| Error::io(&new, "remove", e))?;
+        }
+        Ok(())
     }
 }
 
