@@ -4,7 +4,7 @@
 
 mod cgroup;
 
-use cgroup::{MIB, alvis, report};
+use cgroup::{MIB, alvis, on_disk, report};
 use std::path::Path;
 
 /// A gyroid with much surface, and its tiles.
@@ -39,7 +39,7 @@ fn args<'a>(file: &'a str, memory: &'a str) -> Vec<&'a str> {
 
 #[test]
 fn a_surface_larger_than_the_limit_stays_inside_it() {
-    let dir = tempfile::tempdir().unwrap();
+    let dir = on_disk();
     gyroid(dir.path(), "240,240,160", "32");
     let limit = 40 * MIB;
     for (file, more) in [
@@ -81,7 +81,7 @@ fn a_surface_larger_than_the_limit_stays_inside_it() {
 
 #[test]
 fn the_smallest_limit_is_named_and_works() {
-    let dir = tempfile::tempdir().unwrap();
+    let dir = on_disk();
     gyroid(dir.path(), "100,100,100", "64");
     let refused = alvis(dir.path(), None, &args("a.obj", "4MiB"));
     assert_eq!(refused.status.code(), Some(2));

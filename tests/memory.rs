@@ -7,7 +7,7 @@
 
 mod cgroup;
 
-use cgroup::{MIB, alvis, report};
+use cgroup::{MIB, alvis, on_disk, report};
 use serde_json::Value;
 use std::fs::{self, File};
 use std::io::{BufWriter, Write};
@@ -76,7 +76,7 @@ const VERIFY: [&str; 6] = ["verify", "out", "--quiet", "--json", "--threads", "2
 
 /// Converts a volume that is larger than the limit in a form, and verifies it; returns where it is.
 fn larger_than(limit: u64, form: &[&str]) -> tempfile::TempDir {
-    let dir = tempfile::tempdir().unwrap();
+    let dir = on_disk();
     lattice(&dir.path().join("a.raw"), [512, 512, 160], 0);
     assert!(fs::metadata(dir.path().join("a.raw")).unwrap().len() > limit);
     let memory = limit.to_string();
@@ -144,7 +144,7 @@ fn to_zarr(raw: &Path, array: &Path, dims: [usize; 3]) {
 #[test]
 fn chunks_of_a_volume_larger_than_the_limit_stay_inside_it() {
     let limit = 112 * MIB;
-    let dir = tempfile::tempdir().unwrap();
+    let dir = on_disk();
     let raw = dir.path().join("a.raw");
     lattice(&raw, [512, 512, 256], 0);
     assert!(fs::metadata(&raw).unwrap().len() > limit);
@@ -169,7 +169,7 @@ fn chunks_of_a_volume_larger_than_the_limit_stay_inside_it() {
 
 #[test]
 fn ten_times_the_depth_takes_no_more_memory() {
-    let dir = tempfile::tempdir().unwrap();
+    let dir = on_disk();
     let mut peaks = Vec::new();
     for dims in [[256, 256, 160], [256, 256, 1600]] {
         let input = dir.path().join("a.raw");
@@ -222,7 +222,7 @@ fn worst_case_as(
     limit: u64,
     above: impl Fn([u32; 3]) -> bool,
 ) -> Value {
-    let dir = tempfile::tempdir().unwrap();
+    let dir = on_disk();
     mask(&dir.path().join("a.raw"), dims, above);
     let (text, memory) = (dims.map(|n| n.to_string()).join(","), limit.to_string());
     let mut args = convert("a.raw", "out", &text, &memory);
@@ -298,7 +298,7 @@ fn white_noise_for_the_web_stays_inside_the_limit() {
 /// Tiles full of specks, under limits from far too little to enough: what is not refused stays inside.
 #[test]
 fn a_limit_that_is_not_refused_holds() {
-    let dir = tempfile::tempdir().unwrap();
+    let dir = on_disk();
     let above = |p| is_noise(p) && is_noise([p[1], p[2], p[0]]) && is_noise([p[2], p[0], p[1]]);
     mask(&dir.path().join("a.raw"), [129; 3], above);
     for form in [&[][..], &["--layout", "merged"], &["--for", "web"]] {
@@ -339,7 +339,7 @@ fn named_limit(dir: &Path, args: &[&str]) -> u64 {
 
 #[test]
 fn one_slice_may_be_larger_than_the_limit_and_the_smallest_limit_works() {
-    let dir = tempfile::tempdir().unwrap();
+    let dir = on_disk();
     let slice = 6016 * 4000 * 4;
     let path = dir.path().join("a.raw");
     lattice(&path, [6016, 4000, 3], 15);
@@ -393,7 +393,7 @@ fn four_gibibytes_are_converted_and_verified_inside_256_mebibytes() {
         eprintln!("SKIPPED the volume of 4 GiB: set ALVIS_BIG=1 to run it");
         return;
     }
-    let dir = tempfile::tempdir().unwrap();
+    let dir = on_disk();
     let needed = 12 << 30;
     assert!(
         free(dir.path()) >= needed,

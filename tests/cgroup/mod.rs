@@ -68,7 +68,13 @@ impl Drop for Cgroup {
     }
 }
 
-/// Runs the command, in a cgroup of `limit` bytes if one can be had.
+/// A directory on the disk, as far as what lies beside the build does: a cgroup counts files that are held in memory,
+/// as those of many a directory for temporary files are.
+pub fn on_disk() -> tempfile::TempDir {
+    tempfile::tempdir_in(env!("CARGO_TARGET_TMPDIR")).unwrap()
+}
+
+/// Runs the command in `dir`, see [`on_disk`], in a cgroup of `limit` bytes if one can be had.
 pub fn alvis(dir: &Path, limit: Option<u64>, args: &[&str]) -> Output {
     let program = env!("CARGO_BIN_EXE_alvis");
     let Some(group) = limit.and_then(Cgroup::new) else {
@@ -80,6 +86,7 @@ pub fn alvis(dir: &Path, limit: Option<u64>, args: &[&str]) -> Output {
         return Command::new(program)
             .args(args)
             .current_dir(dir)
+            .env("TMPDIR", dir)
             .output()
             .unwrap();
     };
@@ -89,6 +96,7 @@ pub fn alvis(dir: &Path, limit: Option<u64>, args: &[&str]) -> Output {
         .arg(program)
         .args(args)
         .current_dir(dir)
+        .env("TMPDIR", dir)
         .output()
         .unwrap();
     println!(
