@@ -77,34 +77,32 @@ pub fn on_disk() -> tempfile::TempDir {
 /// Runs the command in `dir`, see [`on_disk`], in a cgroup of `limit` bytes if one can be had.
 pub fn alvis(dir: &Path, limit: Option<u64>, args: &[&str]) -> Output {
     let program = env!("CARGO_BIN_EXE_alvis");
-    let Some(group) = limit.and_then(Cgroup::new) else {
-        if limit.is_some() {
-            eprintln!(
-                "SKIPPED the cgroup: this machine lets the test make none; resident memory is measured"
-            );
+    let group = limit.and_then(Cgroup::new);
+    let mut command = match &group {
+        Some(group) => {
+            let mut shell = Command::new("sh");
+            shell
+                .args(["-c", "echo $$ > \"$0\" && exec \"$@\""])
+                .arg(group.dir.join("cgroup.procs"))
+                .arg(program);
+            shell
         }
-        return Command::new(program)
-            .args(args)
-            .current_dir(dir)
-            .env("TMPDIR", dir)
-            .output()
-            .unwrap();
+        None => Command::new(program),
     };
-    let output = Command::new("sh")
-        .args(["-c", "echo $$ > \"$0\" && exec \"$@\""])
-        .arg(group.dir.join("cgroup.procs"))
-        .arg(program)
-        .args(args)
-        .current_dir(dir)
-        .env("TMPDIR", dir)
-        .output()
-        .unwrap();
-    println!(
-        "{} in a cgroup of {:?}: peak with file cache {}",
-        args[0],
-        limit,
-        group.peak()
-    );
+    command.args(args).current_dir(dir).env("TMPDIR", dir);
+    let output = command.output().unwrap();
+    match group {
+        Some(group) => println!(
+            "{} in a cgroup of {:?}: peak with file cache {}",
+            args[0],
+            limit,
+            group.peak()
+        ),
+        None if limit.is_some() => eprintln!(
+            "SKIPPED the cgroup: this machine lets the test make none; resident memory is measured"
+        ),
+        None => {}
+    }
     output
 }
 
