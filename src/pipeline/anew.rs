@@ -11,6 +11,8 @@ use crate::tile::tile_path;
 use std::fs::{self, File};
 use std::io::ErrorKind;
 use std::path::{Path, PathBuf};
+use std::sync::mpsc::{Receiver, Sender, channel};
+use std::thread::JoinHandle;
 
 /// Directory of the new ones.
 const ANEW: &str = "anew";
@@ -20,47 +22,59 @@ pub fn anew_path(grid: [u32; 3]) -> PathBuf {
     Path::new(ANEW).join(tile_path(grid))
 }
 
+/// Where the new tiles of a layer are.
+fn layer_dir(work: &Path, layer: u32) -> PathBuf {
+    let mut tile = work.join(anew_path([0, 0, layer]));
+    tile.pop();
+    tile
+}
+
+/// Makes the directory for the new tiles of a layer, if it is not there.
+///
+/// # Errors
+/// [`Error::Io`].
+pub fn make_layer_dir(work: &Path, layer: u32) -> Result<()> {
+    let dir = layer_dir(work, layer);
+    fs::create_dir_all(&dir).map_err(|e| Error::io(&dir, "create the directory", e))
+}
+
 /// Layers whose new tiles wait to take the place of the old ones.
-pub struct Anew<'a> {
-    work: &'a Path,
+pub struct Anew {
+    work: PathBuf,
     waiting: Vec<u32>,
     /// How many of them the sync covers that began last.
     covered: usize,
+    mover: Option<Mover>,
 }
 
-impl<'a> Anew<'a> {
+impl Anew {
     /// Begins after `done` layers: moves what waits of these, and drops the others.
     ///
     /// # Errors
     /// [`Error::Io`].
-    pub fn begin(work: &'a Path, done: u32, layers: u32) -> Result<Self> {
-        let anew = Anew {
-            work,
+    pub fn begin(work: &Path, done: u32, layers: u32) -> Result<Self> {
+        if work.join(ANEW).exists() {
+            (0..done).try_for_each(|layer| move_layer(work, layer))?;
+            (done..layers).try_for_each(|layer| remove_if_there(&layer_dir(work, layer)))?;
+        }
+        Ok(Anew {
+            work: work.to_path_buf(),
             waiting: Vec::new(),
             covered: 0,
-        };
-        if work.join(ANEW).exists() {
-            (0..done).try_for_each(|layer| anew.move_layer(layer))?;
-            (done..layers).try_for_each(|layer| remove_if_there(&anew.layer_dir(layer)))?;
-        }
-        Ok(anew)
+            mover: None,
+        })
     }
 
-    fn layer_dir(&self, layer: u32) -> PathBuf {
-        let tile = self.work.join(anew_path([0, 0, layer]));
-        tile.parent()
-            .expect("a tile lies in a directory")
-            .to_path_buf()
-    }
-
-    /// A layer's tiles have their ids. New tiles take their places at once, or, if there are
+    /// A layer's tiles have their ids. New tiles take their places from now on, or, if there are
     /// checkpoints that count after a power failure, once they are on the disk.
     ///
     /// # Errors
-    /// [`Error::Io`].
+    /// [`Error::Io`], also if an earlier layer's tiles could not take their places.
     pub fn layer_done(&mut self, layer: u32, keeper: &mut Keeper) -> Result<()> {
         keeper.save_finished(layer + 1)?;
-        self.waiting.push(layer);
+        if layer_dir(&self.work, layer).exists() {
+            self.waiting.push(layer);
+        }
         let begun = keeper.disk().begin()?;
         if !keeper.disk().is_used() {
             return self.move_first(self.waiting.len());
@@ -78,40 +92,103 @@ impl<'a> Anew<'a> {
     /// # Errors
     /// [`Error::Io`].
     pub fn end(mut self, keeper: &mut Keeper) -> Result<()> {
-        if self.work.join(ANEW).exists() {
+        if !self.waiting.is_empty() {
             keeper.disk().finish()?;
             self.move_first(self.waiting.len())?;
         }
-        Ok(())
+        self.mover.take().map_or(Ok(()), Mover::end)
     }
 
     fn move_first(&mut self, count: usize) -> Result<()> {
-        let layers: Vec<u32> = self.waiting.drain(..count).collect();
         self.covered = 0;
-        layers
-            .into_iter()
-            .try_for_each(|layer| self.move_layer(layer))
+        for layer in self.waiting.drain(..count) {
+            let mover = match self.mover.take() {
+                Some(mover) => mover,
+                None => Mover::begin(&self.work)?,
+            };
+            self.mover = Some(mover.put(layer)?);
+        }
+        Ok(())
+    }
+}
+
+/// A thread that moves new tiles into the places of old ones. To remove these takes little work, but the
+/// disk may be waited for: on ext4 with `discard` and without a journal, until it has forgotten their blocks.
+struct Mover {
+    layers: Option<Sender<u32>>,
+    thread: Option<JoinHandle<Result<()>>>,
+}
+
+impl Mover {
+    /// # Errors
+    /// [`Error::Io`].
+    fn begin(work: &Path) -> Result<Self> {
+        let (layers, queue): (_, Receiver<u32>) = channel();
+        let dir = work.to_path_buf();
+        let run = move || queue.iter().try_for_each(|layer| move_layer(&dir, layer));
+        let named = std::thread::Builder::new().name("move".into());
+        let thread = named
+            .spawn(run)
+            .map_err(|e| Error::io(work, "begin a thread for", e))?;
+        Ok(Mover {
+            layers: Some(layers),
+            thread: Some(thread),
+        })
     }
 
-    /// Puts the new tiles of a layer in the place of the old ones.
-    fn move_layer(&self, layer: u32) -> Result<()> {
-        let from = self.layer_dir(layer);
-        let fail = |e| Error::io(&from, "list", e);
-        let entries = match fs::read_dir(&from) {
-            Err(e) if e.kind() == ErrorKind::NotFound => return Ok(()),
-            entries => entries.map_err(fail)?,
-        };
-        let tile = self.work.join(tile_path([0, 0, layer]));
-        for entry in entries {
-            let entry = entry.map_err(fail)?;
-            let to = tile.with_file_name(entry.file_name());
-            // ext4 writes out first what is to replace another file, which takes a third longer; if this ends
-            // here, the new tile still waits, and takes its place when the conversion goes on
-            remove_if_there(&to)?;
-            fs::rename(entry.path(), &to).map_err(|e| Error::io(&to, "move into place", e))?;
+    /// Has a layer's tiles moved after those before.
+    ///
+    /// # Errors
+    /// [`Error::Io`] if one of these could not be.
+    fn put(self, layer: u32) -> Result<Self> {
+        let layers = self.layers.as_ref().expect("it has not ended");
+        match layers.send(layer) {
+            Ok(()) => Ok(self),
+            // nobody receives it any more
+            Err(_) => Err(self.end().expect_err("it goes on until something fails")),
         }
-        fs::remove_dir(&from).map_err(|e| Error::io(&from, "remove", e))
     }
+
+    /// Waits until all are moved.
+    ///
+    /// # Errors
+    /// [`Error::Io`].
+    fn end(mut self) -> Result<()> {
+        self.join()
+    }
+
+    fn join(&mut self) -> Result<()> {
+        self.layers = None;
+        let thread = self.thread.take();
+        thread.map_or(Ok(()), |t| t.join().expect("it does not panic"))
+    }
+}
+
+impl Drop for Mover {
+    fn drop(&mut self) {
+        // something else has failed before
+        let _ = self.join();
+    }
+}
+
+/// Puts the new tiles of a layer in the place of the old ones.
+fn move_layer(work: &Path, layer: u32) -> Result<()> {
+    let from = layer_dir(work, layer);
+    let fail = |e| Error::io(&from, "list", e);
+    let entries = match fs::read_dir(&from) {
+        Err(e) if e.kind() == ErrorKind::NotFound => return Ok(()),
+        entries => entries.map_err(fail)?,
+    };
+    let tile = work.join(tile_path([0, 0, layer]));
+    for entry in entries {
+        let entry = entry.map_err(fail)?;
+        let to = tile.with_file_name(entry.file_name());
+        // ext4 writes out first what is to replace another file, which takes a third longer; if this ends
+        // here, the new tile still waits, and takes its place when the conversion goes on
+        remove_if_there(&to)?;
+        fs::rename(entry.path(), &to).map_err(|e| Error::io(&to, "move into place", e))?;
+    }
+    fs::remove_dir(&from).map_err(|e| Error::io(&from, "remove", e))
 }
 
 /// Files of a tile that is written anew.

@@ -4,13 +4,13 @@ use crate::error::{Error, Result};
 use crate::grid::{LATTICE, Placement, Tiling};
 use crate::manifest::{Bounds, Group, Layer, Shard, TileEntry, Totals, checksum_text};
 use crate::measure::{ComponentRecord, Measures, RecordTable};
-use crate::pipeline::anew::{Buffers, anew_path, read_back, write_anew};
+use crate::pipeline::anew::{Buffers, anew_path, make_layer_dir, read_back, write_anew};
 use crate::pipeline::batch::{Batch, Batches, Ids, Job, KNOWN_PIECES, count_distinct, group};
 use crate::pipeline::forward::SlabRecord;
 use crate::pipeline::keep::Keeper;
 use crate::pipeline::ration::at_once;
 use crate::pipeline::resolve::SpooledIds;
-use crate::pipeline::shards::{Ends, FinishedLayer, Part, shard_path};
+use crate::pipeline::shards::{Ends, FinishedBatch, FinishedLayer, shard_path};
 use crate::pipeline::spool::Spool;
 use crate::pipeline::tilefile::{TileRecord, refused, too_large};
 use crate::pipeline::writers::Writers;
@@ -21,7 +21,7 @@ use crate::tile::{
 };
 use rayon::prelude::*;
 use std::borrow::Cow;
-use std::fs::{OpenOptions, create_dir_all};
+use std::fs::OpenOptions;
 use std::os::unix::fs::FileExt;
 use std::path::Path;
 use std::sync::Mutex;
@@ -55,7 +55,7 @@ struct Finisher<'a> {
     /// Of each thread.
     buffers: Vec<Mutex<Buffers>>,
     /// What was made of the batch before.
-    behind: Vec<Part>,
+    behind: FinishedBatch,
 }
 
 /// True once what goes on beside the finishing is to stop, too.
@@ -123,7 +123,7 @@ fn finish_tiles(
         buffers: (0..rayon::current_num_threads())
             .map(|_| Mutex::default())
             .collect(),
-        behind: Vec::new(),
+        behind: FinishedBatch::default(),
     };
     let mut batches = Batches::new(slabs, before, (spool, ids), settings.memory);
     let mut at_hand = finisher.next(&mut batches)?;
@@ -209,11 +209,14 @@ impl Finisher<'_> {
         let behind = std::mem::take(&mut self.behind);
         let next = || beside.then(|| self.next(batches));
         let (taken, (made, next)) = rayon::join(
-            || behind.into_iter().try_for_each(|part| ends.take(part)),
+            || ends.take(behind),
             || rayon::join(|| self.finish_all(&ready, few), next),
         );
         taken?;
-        self.behind = ready.batch.into_parts(made?);
+        self.behind = FinishedBatch {
+            parts: ready.batch.into_parts(made?),
+            handed: self.settings.writers.map_or(0, Writers::handed),
+        };
         next.unwrap_or_else(|| self.next(batches))
     }
 
@@ -226,8 +229,7 @@ impl Finisher<'_> {
 
     /// Does what is left to be done to files.
     fn end(&mut self, ends: &mut Ends) -> Result<()> {
-        let behind = std::mem::take(&mut self.behind);
-        behind.into_iter().try_for_each(|part| ends.take(part))
+        ends.take(std::mem::take(&mut self.behind))
     }
 
     fn finish_all(
@@ -238,6 +240,7 @@ impl Finisher<'_> {
         let jobs = &batch.jobs[..];
         let anew = jobs.par_iter().map(|job| self.is_anew(job));
         let anew: Vec<bool> = anew.collect();
+        self.make_layer_dirs(jobs, &anew)?;
         let finish = |&at: &usize| {
             let thread = rayon::current_thread_index().unwrap_or_default();
             let mut buffers = self.buffers[thread].lock().expect("no thread panicked");
@@ -266,6 +269,15 @@ impl Finisher<'_> {
         }
         finished.sort_unstable_by_key(|&(at, _)| at);
         Ok(finished.into_iter().map(|(_, made)| made).collect())
+    }
+
+    /// Makes the directories for those that are written anew.
+    fn make_layer_dirs(&self, jobs: &[Job], anew: &[bool]) -> Result<()> {
+        let layers = jobs.iter().zip(anew).filter(|&(_, &anew)| anew);
+        let mut layers: Vec<u32> = layers.map(|(job, _)| job.tile.grid[2]).collect();
+        layers.dedup();
+        let mut layers = layers.into_iter();
+        layers.try_for_each(|layer| make_layer_dir(self.settings.dir, layer))
     }
 
     /// Whether a tile has to be written anew: pieces turned out to be one, or it is not in the form that is wanted.
@@ -360,9 +372,6 @@ impl Finisher<'_> {
         let file = tile_file(head, low, (&body, &bin), &nodes)
             .map_err(|e| refused(e, tile.grid, self.settings.tiling))?;
         let anew = self.settings.dir.join(anew_path(tile.grid));
-        if let Some(dir) = anew.parent() {
-            create_dir_all(dir).map_err(|e| Error::io(dir, "create the directory", e))?;
-        }
         let parts = [&file.head[..], &file.bin];
         let mut crc = crc32fast::Hasher::new();
         parts.iter().for_each(|part| crc.update(part));

@@ -5,7 +5,6 @@ use crate::manifest::{Layer, TileEntry, Totals, checksum_text};
 use crate::pipeline::anew::Anew;
 use crate::pipeline::finish::FinishSettings;
 use crate::pipeline::keep::Keeper;
-use crate::pipeline::writers::Writers;
 use crate::progress::Progress;
 use std::fs::File;
 use std::io::{BufWriter, Write};
@@ -29,12 +28,21 @@ pub struct Part {
     pub last: bool,
 }
 
+/// What was made of a batch of tiles.
+#[derive(Default)]
+pub struct FinishedBatch {
+    /// Parts of layers.
+    pub parts: Vec<Part>,
+    /// Tiles that the writers had got by then: all of these parts' are among them.
+    pub handed: u64,
+}
+
 /// Ends layers, part by part.
 pub struct Ends<'a> {
     settings: FinishSettings<'a>,
     /// The shard of the layer at hand.
     open: Option<ShardWriter>,
-    anew: Anew<'a>,
+    anew: Anew,
     layers: Vec<Layer>,
     keeper: &'a mut Keeper,
     totals: &'a mut Totals,
@@ -69,11 +77,16 @@ impl<'a> Ends<'a> {
         self.keeper.finished()
     }
 
-    /// Takes the next part of a layer. When that was its last one, all its tiles are at their places.
+    /// Takes the next parts of layers. When one was the last of a layer, all tiles of that are written.
     ///
     /// # Errors
     /// [`Error::Io`].
-    pub fn take(&mut self, part: Part) -> Result<()> {
+    pub fn take(&mut self, made: FinishedBatch) -> Result<()> {
+        let mut parts = made.parts.into_iter();
+        parts.try_for_each(|part| self.take_part(part, made.handed))
+    }
+
+    fn take_part(&mut self, part: Part, handed: u64) -> Result<()> {
         for (tile, text) in &part.tiles {
             let shard = match &mut self.open {
                 Some(shard) => shard,
@@ -86,7 +99,9 @@ impl<'a> Ends<'a> {
         if !part.last {
             return Ok(());
         }
-        self.settings.writers.map_or(Ok(()), Writers::wait)?;
+        if let Some(writers) = self.settings.writers {
+            writers.wait_for(handed)?;
+        }
         let shard = self.open.take();
         let finished = shard.map(|s| s.finish(part.layer)).transpose()?;
         self.anew.layer_done(part.layer, self.keeper)?;

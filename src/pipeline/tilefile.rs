@@ -8,8 +8,8 @@ use crate::pipeline::spool::{Place, Spool};
 use crate::pipeline::writers::{Job, Writers};
 use crate::strip::Stripifier;
 use crate::tile::{
-    Body, BodyPiece, Encoded, Recipe, Refused, TileHead, aligned, encode, head_bytes, tile_path,
-    widest_description,
+    Body, BodyPiece, Encoded, Recipe, Refused, TileHead, Widest, aligned, encode, head_bytes,
+    tile_path,
 };
 use bytemuck::{Pod, Zeroable};
 use std::borrow::Cow;
@@ -90,6 +90,8 @@ pub struct TileWriter {
     pub dir: PathBuf,
     /// What all tiles have in common.
     pub head: TileHead,
+    /// How wide their JSON can become.
+    pub widest: Widest,
     /// The macrocubes.
     pub tiling: Tiling,
 }
@@ -161,7 +163,7 @@ impl TileWriter {
         if let Cow::Owned(bytes) = bytes {
             mesh.chunk.replace(&bytes);
         }
-        let widest = widest_description(head, low, (body, &recipe))?;
+        let widest = self.widest.room(low, (body, &recipe))?;
         Ok((recipe, widest))
     }
 }

@@ -4,9 +4,7 @@ use super::Extras;
 use super::bin::{Bin, Section, Views};
 use super::body::{Body, BodyPiece, append_indices, is_wide};
 use super::contents::{Contents, name};
-use super::document::{
-    Node, TileHead, node_document, node_json, widest_document, widest_json, write_head,
-};
+use super::document::{Node, TileHead, WidestNodes, node_document, node_json, write_head};
 use super::file::aligned;
 use super::glb::ReadError;
 use super::merged::{merged_document, widest_merged};
@@ -87,23 +85,37 @@ pub fn encode<'a>(
     })
 }
 
-/// Bytes of the JSON of a tile with this geometry at most, whatever its nodes.
-///
-/// # Errors
-/// [`Refused::TooWide`].
-pub fn widest_description(
-    head: &TileHead,
-    low: [u32; 3],
-    (body, recipe): (&Body, &Recipe),
-) -> Result<usize, Refused> {
-    if head.is_plain(body.pieces.len()) {
-        return Ok(widest_json(head, body));
+/// Room for the JSON of tiles whose ids are not known yet.
+#[derive(Debug)]
+pub struct Widest {
+    head: TileHead,
+    nodes: WidestNodes,
+}
+
+impl Widest {
+    /// Of the tiles of a set.
+    pub fn new(head: &TileHead) -> Self {
+        Widest {
+            head: head.clone(),
+            nodes: WidestNodes::new(head),
+        }
     }
-    if head.merges(body.pieces.len()) {
-        return widest_merged(head, low, (body, recipe));
+
+    /// Bytes of the JSON of a tile with this geometry at most, whatever its nodes.
+    ///
+    /// # Errors
+    /// [`Refused::TooWide`].
+    pub fn room(&self, low: [u32; 3], (body, recipe): (&Body, &Recipe)) -> Result<usize, Refused> {
+        let head = &self.head;
+        if head.is_plain(body.pieces.len()) {
+            return Ok(self.nodes.room(&Stored::float(body), body));
+        }
+        if head.merges(body.pieces.len()) {
+            return widest_merged(head, low, (body, recipe));
+        }
+        let stored = Stored::encoded(head, low, body, recipe)?;
+        Ok(self.nodes.room(&stored, body))
     }
-    let stored = Stored::encoded(head, low, body, recipe)?;
-    Ok(widest_document(head, &stored, body))
 }
 
 /// The JSON of a tile with this geometry, without padding, and what comes behind the geometry in the BIN chunk: in
@@ -377,7 +389,7 @@ mod tests {
                 prop_assert!([&encoded.bytes[..], &table].concat() == *file.bin);
                 prop_assert_eq!(file.indices, u64::from(encoded.recipe.indices));
                 prop_assert!(file.head[20..].starts_with(&json));
-                let widest = widest_description(&head, low, what).unwrap();
+                let widest = Widest::new(&head).room(low, what).unwrap();
                 let nodes = vec![Node::widest(); body.pieces.len()];
                 let long = describe(&head, low, what, &nodes).unwrap().0.len();
                 prop_assert!(json.len() <= long && long <= widest, "{} {long} {widest}", json.len());

@@ -74,7 +74,7 @@ mod streams;
 pub(crate) use body::{Body, BodyPiece, group_body};
 pub(crate) use contents::name;
 pub(crate) use document::{Node, TileHead, head_bytes, material, write_head};
-pub(crate) use encoded::{Encoded, Recipe, decode, describe, encode, widest_description};
+pub(crate) use encoded::{Encoded, Recipe, Widest, decode, describe, encode};
 pub use extras::Extras;
 pub(crate) use file::{aligned, tile_file};
 pub use mesh::{SurfacePiece, TileMesh};
