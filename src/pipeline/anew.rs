@@ -238,3 +238,59 @@ pub fn write_anew(
     })?;
     Ok(())
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// A work directory with new tiles, one in each of some layers.
+    fn work(layers: &[u32]) -> tempfile::TempDir {
+        let dir = tempfile::tempdir().unwrap();
+        for &layer in layers {
+            make_layer_dir(dir.path(), layer).unwrap();
+            fs::write(dir.path().join(anew_path([1, 2, layer])), "new").unwrap();
+        }
+        dir
+    }
+
+    #[test]
+    fn new_tiles_take_the_places_of_old_ones_and_of_none() {
+        let dir = work(&[0, 2]);
+        let tiles = [0, 2].map(|layer| dir.path().join(tile_path([1, 2, layer])));
+        for tile in &tiles {
+            fs::create_dir_all(tile.parent().unwrap()).unwrap();
+        }
+        fs::write(&tiles[0], "old").unwrap();
+        let mover = Mover::begin(dir.path()).unwrap();
+        // layer 1 has no new tiles
+        let mover = [0, 1, 2].into_iter().try_fold(mover, Mover::put).unwrap();
+        mover.end().unwrap();
+        for (tile, layer) in tiles.iter().zip([0, 2]) {
+            assert_eq!(fs::read_to_string(tile).unwrap(), "new");
+            assert!(!layer_dir(dir.path(), layer).exists());
+        }
+    }
+
+    #[test]
+    fn what_cannot_be_moved_is_told_of_and_waits() {
+        let dir = work(&[0, 1]);
+        let mover = Mover::begin(dir.path()).unwrap();
+        // there is no directory for the layer's tiles
+        let told = mover.put(0).and_then(Mover::end);
+        match told {
+            Err(Error::Io { path, .. }) => {
+                assert_eq!(path, dir.path().join(tile_path([1, 2, 0])));
+            }
+            other => panic!("{other:?}"),
+        }
+        assert!(dir.path().join(anew_path([1, 2, 0])).exists());
+        let mut mover = Mover::begin(dir.path()).unwrap();
+        let failed = loop {
+            match mover.put(1) {
+                Ok(again) => mover = again,
+                Err(e) => break e,
+            }
+        };
+        assert!(matches!(failed, Error::Io { .. }));
+    }
+}
