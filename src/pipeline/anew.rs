@@ -11,9 +11,11 @@ use crate::tile::tile_path;
 use std::fs::{self, File};
 use std::io::ErrorKind;
 use std::path::{Path, PathBuf};
-use std::sync::mpsc::{Receiver, Sender, channel};
+use std::sync::mpsc::{Receiver, SyncSender, sync_channel};
 use std::thread::JoinHandle;
 
+/// Layers that wait to be moved at most: they lie on the disk twice.
+const LAYERS: usize = 8;
 /// Directory of the new ones.
 const ANEW: &str = "anew";
 
@@ -115,7 +117,7 @@ impl Anew {
 /// A thread that moves new tiles into the places of old ones. To remove these takes little work, but the
 /// disk may be waited for: on ext4 with `discard` and without a journal, until it has forgotten their blocks.
 struct Mover {
-    layers: Option<Sender<u32>>,
+    layers: Option<SyncSender<u32>>,
     thread: Option<JoinHandle<Result<()>>>,
 }
 
@@ -123,7 +125,7 @@ impl Mover {
     /// # Errors
     /// [`Error::Io`].
     fn begin(work: &Path) -> Result<Self> {
-        let (layers, queue): (_, Receiver<u32>) = channel();
+        let (layers, queue): (_, Receiver<u32>) = sync_channel(LAYERS);
         let dir = work.to_path_buf();
         let run = move || queue.iter().try_for_each(|layer| move_layer(&dir, layer));
         let named = std::thread::Builder::new().name("move".into());
@@ -136,7 +138,7 @@ impl Mover {
         })
     }
 
-    /// Has a layer's tiles moved after those before.
+    /// Has a layer's tiles moved after those before; waits while there are too many of these.
     ///
     /// # Errors
     /// [`Error::Io`] if one of these could not be.
