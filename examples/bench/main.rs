@@ -234,8 +234,12 @@ fn takes_part(input: &Input, round: usize) -> bool {
     }
 }
 
-/// Nanoseconds per voxel of foams of rising size, in turns.
-fn flatness(inputs: &[Input], sets: &mut Sets, table: &mut Table) -> Result<(), String> {
+/// Conversions of each volume in those of [`RUNS`] rounds in which it takes part.
+fn convert_in_turns(
+    inputs: &[Input],
+    sets: &mut Sets,
+    takes_part: impl Fn(&Input, usize) -> bool,
+) -> Result<Vec<Vec<Sample>>, String> {
     let mut samples: Vec<Vec<Sample>> = inputs.iter().map(|_| Vec::new()).collect();
     for round in 0..RUNS {
         for (input, samples) in inputs.iter().zip(&mut samples) {
@@ -244,6 +248,12 @@ fn flatness(inputs: &[Input], sets: &mut Sets, table: &mut Table) -> Result<(), 
             }
         }
     }
+    Ok(samples)
+}
+
+/// Nanoseconds per voxel of foams of rising size, in turns.
+fn flatness(inputs: &[Input], sets: &mut Sets, table: &mut Table) -> Result<(), String> {
+    let samples = convert_in_turns(inputs, sets, takes_part)?;
     let mut costs = Vec::new();
     for (input, samples) in inputs.iter().zip(&samples) {
         let cost = seconds(samples) / input.voxels() * 1e9;
@@ -306,12 +316,7 @@ fn sparse(file: &Path, dir: &Path, sets: &mut Sets, table: &mut Table) -> Result
         dtype: "u8",
         threshold,
     });
-    let mut samples = [Vec::new(), Vec::new()];
-    for _ in 0..RUNS {
-        for (input, samples) in inputs.iter().zip(&mut samples) {
-            samples.push(input.convert(sets, &[])?);
-        }
-    }
+    let samples = convert_in_turns(&inputs, sets, |_, _| true)?;
     for (input, samples) in inputs.iter().zip(&samples) {
         table.row(
             format!("lobster, {times} times, threshold {}", input.threshold),

@@ -4,6 +4,7 @@
 use crate::direct::{self, Buffer};
 use crate::error::{Error, Result};
 use crate::pipeline::keep::Keeper;
+use crate::pipeline::layer_directory;
 use crate::pipeline::output::remove_if_there;
 use crate::pipeline::tilefile::write_file;
 use crate::pipeline::writers::{Job, Writers};
@@ -11,7 +12,7 @@ use crate::tile::tile_path;
 use std::fs::{self, File};
 use std::io::ErrorKind;
 use std::path::{Path, PathBuf};
-use std::sync::mpsc::{Receiver, SyncSender, sync_channel};
+use std::sync::mpsc::{SyncSender, sync_channel};
 use std::thread::JoinHandle;
 
 /// Layers that wait to be moved at most: they lie on the disk twice.
@@ -26,9 +27,7 @@ pub fn anew_path(grid: [u32; 3]) -> PathBuf {
 
 /// Where the new tiles of a layer are.
 fn layer_dir(work: &Path, layer: u32) -> PathBuf {
-    let mut tile = work.join(anew_path([0, 0, layer]));
-    tile.pop();
-    tile
+    work.join(ANEW).join(layer_directory(layer))
 }
 
 /// Makes the directory for the new tiles of a layer, if it is not there.
@@ -98,17 +97,17 @@ impl Anew {
             keeper.disk().finish()?;
             self.move_first(self.waiting.len())?;
         }
-        self.mover.take().map_or(Ok(()), Mover::end)
+        self.mover.as_mut().map_or(Ok(()), Mover::end)
     }
 
     fn move_first(&mut self, count: usize) -> Result<()> {
         self.covered = 0;
         for layer in self.waiting.drain(..count) {
-            let mover = match self.mover.take() {
+            let mover = match &mut self.mover {
                 Some(mover) => mover,
-                None => Mover::begin(&self.work)?,
+                None => self.mover.insert(Mover::begin(&self.work)?),
             };
-            self.mover = Some(mover.put(layer)?);
+            mover.put(layer)?;
         }
         Ok(())
     }
@@ -117,6 +116,7 @@ impl Anew {
 /// A thread that moves new tiles into the places of old ones. To remove these takes little work, but the
 /// disk may be waited for: on ext4 with `discard` and without a journal, until it has forgotten their blocks.
 struct Mover {
+    /// None once it has ended.
     layers: Option<SyncSender<u32>>,
     thread: Option<JoinHandle<Result<()>>>,
 }
@@ -125,13 +125,12 @@ impl Mover {
     /// # Errors
     /// [`Error::Io`].
     fn begin(work: &Path) -> Result<Self> {
-        let (layers, queue): (_, Receiver<u32>) = sync_channel(LAYERS);
+        let (layers, queue) = sync_channel(LAYERS);
         let dir = work.to_path_buf();
         let run = move || queue.iter().try_for_each(|layer| move_layer(&dir, layer));
-        let named = std::thread::Builder::new().name("move".into());
-        let thread = named
-            .spawn(run)
-            .map_err(|e| Error::io(work, "begin a thread for", e))?;
+        let thread = std::thread::Builder::new().name("move".into()).spawn(run);
+        let thread =
+            thread.map_err(|e| Error::io(work, "start a thread for moving tiles in", e))?;
         Ok(Mover {
             layers: Some(layers),
             thread: Some(thread),
@@ -142,12 +141,12 @@ impl Mover {
     ///
     /// # Errors
     /// [`Error::Io`] if one of these could not be.
-    fn put(self, layer: u32) -> Result<Self> {
+    fn put(&mut self, layer: u32) -> Result<()> {
         let layers = self.layers.as_ref().expect("it has not ended");
         match layers.send(layer) {
-            Ok(()) => Ok(self),
-            // nobody receives it any more
-            Err(_) => Err(self.end().expect_err("it goes on until something fails")),
+            Ok(()) => Ok(()),
+            // nobody receives it any more, since something failed
+            Err(_) => self.end(),
         }
     }
 
@@ -155,11 +154,7 @@ impl Mover {
     ///
     /// # Errors
     /// [`Error::Io`].
-    fn end(mut self) -> Result<()> {
-        self.join()
-    }
-
-    fn join(&mut self) -> Result<()> {
+    fn end(&mut self) -> Result<()> {
         self.layers = None;
         let thread = self.thread.take();
         thread.map_or(Ok(()), |t| t.join().expect("it does not panic"))
@@ -169,7 +164,7 @@ impl Mover {
 impl Drop for Mover {
     fn drop(&mut self) {
         // something else has failed before
-        let _ = self.join();
+        let _ = self.end();
     }
 }
 
@@ -181,10 +176,10 @@ fn move_layer(work: &Path, layer: u32) -> Result<()> {
         Err(e) if e.kind() == ErrorKind::NotFound => return Ok(()),
         entries => entries.map_err(fail)?,
     };
-    let tile = work.join(tile_path([0, 0, layer]));
+    let tiles = work.join(layer_directory(layer));
     for entry in entries {
         let entry = entry.map_err(fail)?;
-        let to = tile.with_file_name(entry.file_name());
+        let to = tiles.join(entry.file_name());
         // ext4 writes out first what is to replace another file, which takes a third longer; if this ends
         // here, the new tile still waits, and takes its place when the conversion goes on
         remove_if_there(&to)?;
@@ -263,9 +258,9 @@ mod tests {
             fs::create_dir_all(tile.parent().unwrap()).unwrap();
         }
         fs::write(&tiles[0], "old").unwrap();
-        let mover = Mover::begin(dir.path()).unwrap();
+        let mut mover = Mover::begin(dir.path()).unwrap();
         // layer 1 has no new tiles
-        let mover = [0, 1, 2].into_iter().try_fold(mover, Mover::put).unwrap();
+        (0..3).try_for_each(|layer| mover.put(layer)).unwrap();
         mover.end().unwrap();
         for (tile, layer) in tiles.iter().zip([0, 2]) {
             assert_eq!(fs::read_to_string(tile).unwrap(), "new");
@@ -276,9 +271,9 @@ mod tests {
     #[test]
     fn what_cannot_be_moved_is_told_of_and_waits() {
         let dir = work(&[0, 1]);
-        let mover = Mover::begin(dir.path()).unwrap();
+        let mut mover = Mover::begin(dir.path()).unwrap();
         // there is no directory for the layer's tiles
-        let told = mover.put(0).and_then(Mover::end);
+        let told = mover.put(0).and_then(|()| mover.end());
         match told {
             Err(Error::Io { path, .. }) => {
                 assert_eq!(path, dir.path().join(tile_path([1, 2, 0])));
@@ -288,9 +283,8 @@ mod tests {
         assert!(dir.path().join(anew_path([1, 2, 0])).exists());
         let mut mover = Mover::begin(dir.path()).unwrap();
         let failed = loop {
-            match mover.put(1) {
-                Ok(again) => mover = again,
-                Err(e) => break e,
+            if let Err(e) = mover.put(1) {
+                break e;
             }
         };
         assert!(matches!(failed, Error::Io { .. }));

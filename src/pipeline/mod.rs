@@ -40,7 +40,7 @@ use crate::manifest::{
     Totals,
 };
 use crate::progress::Progress;
-use crate::tile::{TileHead, Widest};
+use crate::tile::{TileHead, WidestNodes};
 use crate::volume::{Cropped, Volume, spool_beside};
 use budget::Budget;
 use finish::{FinishSettings, Stop, finish};
@@ -280,7 +280,7 @@ fn swept(
     let writer = TileWriter {
         dir: work.to_path_buf(),
         head: head.clone(),
-        widest: Widest::new(head),
+        widest: WidestNodes::new(head),
         tiling: plan.tiling,
     };
     let [x, y, layers] = plan.tiling.tiles();

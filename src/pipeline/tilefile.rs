@@ -8,8 +8,8 @@ use crate::pipeline::spool::{Place, Spool};
 use crate::pipeline::writers::{Job, Writers};
 use crate::strip::Stripifier;
 use crate::tile::{
-    Body, BodyPiece, Encoded, Recipe, Refused, TileHead, Widest, aligned, encode, head_bytes,
-    tile_path,
+    Body, BodyPiece, Encoded, Recipe, Refused, TileHead, WidestNodes, aligned, encode, head_bytes,
+    tile_path, widest_description,
 };
 use bytemuck::{Pod, Zeroable};
 use std::borrow::Cow;
@@ -91,7 +91,7 @@ pub struct TileWriter {
     /// What all tiles have in common.
     pub head: TileHead,
     /// How wide their JSON can become.
-    pub widest: Widest,
+    pub widest: WidestNodes,
     /// The macrocubes.
     pub tiling: Tiling,
 }
@@ -163,7 +163,7 @@ impl TileWriter {
         if let Cow::Owned(bytes) = bytes {
             mesh.chunk.replace(&bytes);
         }
-        let widest = self.widest.room(low, (body, &recipe))?;
+        let widest = widest_description((head, &self.widest), low, (body, &recipe))?;
         Ok((recipe, widest))
     }
 }

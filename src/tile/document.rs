@@ -180,7 +180,7 @@ pub fn node_json(head: &TileHead, body: &Body, nodes: &[Node]) -> Vec<u8> {
 /// Room that the JSON of tiles in node layout takes at most, whatever the nodes. To write out the widest nodes of
 /// each tile took 1 % of the time of a sparse scan, so this is done once, without the numbers that are a tile's own.
 #[derive(Debug)]
-pub(super) struct WidestNodes {
+pub struct WidestNodes {
     /// Bytes without pieces.
     none: usize,
     /// For one piece.
@@ -211,7 +211,7 @@ impl WidestNodes {
 
     /// At least as many bytes as [`node_document`] can return for this body: a few more, since all pieces are
     /// taken for the widest.
-    pub fn room(&self, stored: &Stored, body: &Body) -> usize {
+    pub(super) fn room(&self, stored: &Stored, body: &Body) -> usize {
         let (own, pieces) = (OwnNumbers::of(stored, body), body.pieces.len());
         let Some(others) = pieces.checked_sub(1) else {
             return self.none + own.tile;

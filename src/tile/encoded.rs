@@ -85,37 +85,24 @@ pub fn encode<'a>(
     })
 }
 
-/// Room for the JSON of tiles whose ids are not known yet.
-#[derive(Debug)]
-pub struct Widest {
-    head: TileHead,
-    nodes: WidestNodes,
-}
-
-impl Widest {
-    /// Of the tiles of a set.
-    pub fn new(head: &TileHead) -> Self {
-        Widest {
-            head: head.clone(),
-            nodes: WidestNodes::new(head),
-        }
+/// Bytes of the JSON of a tile with this geometry at most, whatever its nodes, the widest of which take `nodes` in
+/// its set.
+///
+/// # Errors
+/// [`Refused::TooWide`].
+pub fn widest_description(
+    (head, nodes): (&TileHead, &WidestNodes),
+    low: [u32; 3],
+    (body, recipe): (&Body, &Recipe),
+) -> Result<usize, Refused> {
+    if head.is_plain(body.pieces.len()) {
+        return Ok(nodes.room(&Stored::float(body), body));
     }
-
-    /// Bytes of the JSON of a tile with this geometry at most, whatever its nodes.
-    ///
-    /// # Errors
-    /// [`Refused::TooWide`].
-    pub fn room(&self, low: [u32; 3], (body, recipe): (&Body, &Recipe)) -> Result<usize, Refused> {
-        let head = &self.head;
-        if head.is_plain(body.pieces.len()) {
-            return Ok(self.nodes.room(&Stored::float(body), body));
-        }
-        if head.merges(body.pieces.len()) {
-            return widest_merged(head, low, (body, recipe));
-        }
-        let stored = Stored::encoded(head, low, body, recipe)?;
-        Ok(self.nodes.room(&stored, body))
+    if head.merges(body.pieces.len()) {
+        return widest_merged(head, low, (body, recipe));
     }
+    let stored = Stored::encoded(head, low, body, recipe)?;
+    Ok(nodes.room(&stored, body))
 }
 
 /// The JSON of a tile with this geometry, without padding, and what comes behind the geometry in the BIN chunk: in
@@ -389,7 +376,8 @@ mod tests {
                 prop_assert!([&encoded.bytes[..], &table].concat() == *file.bin);
                 prop_assert_eq!(file.indices, u64::from(encoded.recipe.indices));
                 prop_assert!(file.head[20..].starts_with(&json));
-                let widest = Widest::new(&head).room(low, what).unwrap();
+                let widest = (&head, &WidestNodes::new(&head));
+                let widest = widest_description(widest, low, what).unwrap();
                 let nodes = vec![Node::widest(); body.pieces.len()];
                 let long = describe(&head, low, what, &nodes).unwrap().0.len();
                 prop_assert!(json.len() <= long && long <= widest, "{} {long} {widest}", json.len());

@@ -73,8 +73,8 @@ mod streams;
 
 pub(crate) use body::{Body, BodyPiece, group_body};
 pub(crate) use contents::name;
-pub(crate) use document::{Node, TileHead, head_bytes, material, write_head};
-pub(crate) use encoded::{Encoded, Recipe, Widest, decode, describe, encode};
+pub(crate) use document::{Node, TileHead, WidestNodes, head_bytes, material, write_head};
+pub(crate) use encoded::{Encoded, Recipe, decode, describe, encode, widest_description};
 pub use extras::Extras;
 pub(crate) use file::{aligned, tile_file};
 pub use mesh::{SurfacePiece, TileMesh};
