@@ -11,6 +11,7 @@ slice), nibabel for NIfTI, tifffile and Pillow for TIFF and PNG, zarr-python, h5
 """
 
 import json
+import shutil
 import subprocess
 import sys
 import zipfile
@@ -223,6 +224,7 @@ def converted(alvis: Path, path: Path, threshold: float, arguments: list[str], o
     if not found["ok"] or found["triangles"] != report["triangles"] or report["triangles"] == 0:
         raise AssertionError(f"{found['issues'][:3]}, {report['triangles']} triangles")
     manifest = json.loads((out / "index.json").read_text())
+    shutil.rmtree(out)  # what failed stays, to be looked at
     return f"{report['triangles']} triangles, spacing from {manifest['source']['provenance']['spacing']}"
 
 
