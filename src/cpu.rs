@@ -9,8 +9,8 @@
 //! architectures.
 //!
 //! Instructions for any processor and for wide vectors, in millions, on a foam of 130^3 voxels
-//! (`tests/instructions/limits.json`): meshing 526 and 372, numbering of surfaces 44 and 37, labelling 121
-//! and 106, strips 73 and 67: their walks from triangle to triangle gain nothing and are compiled once. What is
+//! (`tests/instructions/limits.json`): meshing 526 and 372, numbering of surfaces 44 and 37, labelling 107
+//! and 91, strips 73 and 67: their walks from triangle to triangle gain nothing and are compiled once. What is
 //! fetched from many places is put across by compilers number by number, so there AVX2 is spelled out, see
 //! `mesh::sums` and `verify::facets`. The
 //! whole program compiled for x86-64-v3 or v4, with AVX-512 that is, took within 1 % the same processor time on an

@@ -202,6 +202,7 @@ fn centred(n: u64, second: u128, a: u64, b: u64) -> f64 {
 mod tests {
     use super::*;
     use crate::grid::{Dims, Unit};
+    use crate::measure::Row;
 
     #[test]
     fn a_box_has_the_moments_of_a_box() {
@@ -209,9 +210,11 @@ mod tests {
         let mut sums = VoxelSums::default();
         for z in 50..58 {
             for y in 20..24 {
-                sums.add_run(10..30, y, z, dims);
+                let run = [20, 390, 8270];
+                sums.add_run(10..30, run, &Row::new(y, z));
             }
         }
+        sums.note_border(dims);
         let place = Placement {
             spacing: [1.0, 2.0, 0.5],
             unit: Unit::Millimetre,

@@ -10,5 +10,5 @@ mod sums;
 mod table;
 
 pub use component::{ComponentRecord, Measures, SurfaceRecord};
-pub use sums::{AREA_STEPS, AreaScale, MeshSums, VoxelSums};
+pub use sums::{AREA_STEPS, AreaScale, MeshSums, Row, VoxelSums, power_sums};
 pub use table::RecordTable;

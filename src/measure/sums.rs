@@ -38,43 +38,61 @@ impl Default for VoxelSums {
     }
 }
 
-/// Sum of k for k in 0..n, and of k^2.
-fn power_sums(n: u64) -> (u64, u64) {
-    if n == 0 {
-        return (0, 0);
+/// Sums of 1, k and k^2 for k in 0..n, with n up to 65,536.
+#[inline(always)]
+pub fn power_sums(n: u32) -> [u64; 3] {
+    let n = u64::from(n);
+    // 0 is multiplied by 0, whatever the other factor is
+    let product = n * n.wrapping_sub(1);
+    let squares = product.wrapping_mul((2 * n).wrapping_sub(1)) / 6;
+    [n, product / 2, squares]
+}
+
+/// What the sums of runs in a row of voxels have in common.
+#[derive(Debug, Clone, Copy)]
+pub struct Row {
+    y: u64,
+    z: u64,
+    /// yy, zz and yz.
+    second: [u64; 3],
+}
+
+impl Row {
+    /// Row (y, z).
+    #[inline(always)]
+    pub fn new(y: u32, z: u32) -> Self {
+        let (y, z) = (u64::from(y), u64::from(z));
+        let second = [y * y, z * z, y * z];
+        Row { y, z, second }
     }
-    (n * (n - 1) / 2, (n - 1) * n * (2 * n - 1) / 6)
 }
 
 impl VoxelSums {
-    /// Adds the voxels `x` of row (y, z).
-    #[inline]
-    pub fn add_run(&mut self, x: Range<u32>, y: u32, z: u32, dims: Dims) {
-        let n = u64::from(x.end - x.start);
-        let (end, start) = (power_sums(u64::from(x.end)), power_sums(u64::from(x.start)));
-        let (sx, sxx) = (end.0 - start.0, end.1 - start.1);
-        let (y64, z64) = (u64::from(y), u64::from(z));
+    /// Adds the voxels `x`, at least one, of a row. [`power_sums`] tells the sums of what lies before its end
+    /// and before its start, `run` is their difference: where one run of a row starts, another has ended.
+    ///
+    /// Whether the border is touched is left to [`VoxelSums::note_border`].
+    #[inline(always)]
+    pub fn add_run(&mut self, x: Range<u32>, run: [u64; 3], row: &Row) {
+        let [n, sx, sxx] = run;
         self.voxels += n;
         self.first[0] += sx;
-        self.first[1] += n * y64;
-        self.first[2] += n * z64;
-        let second = [
-            sxx,
-            n * y64 * y64,
-            n * z64 * z64,
-            sx * y64,
-            sx * z64,
-            n * y64 * z64,
-        ];
+        self.first[1] += n * row.y;
+        self.first[2] += n * row.z;
+        let [yy, zz, yz] = row.second;
+        let second = [sxx, n * yy, n * zz, sx * row.y, sx * row.z, n * yz];
         for (sum, add) in self.second.iter_mut().zip(second) {
             *sum += u128::from(add);
         }
-        let low = [x.start, y, z, z].map(|v| v as u16);
-        let high = [x.end - 1, y, z, z].map(|v| v as u16);
-        self.widen(low, high);
-        let [nx, ny, nz] = dims.0;
-        let border = x.start == 0 || x.end == nx || y == 0 || y + 1 == ny || z == 0 || z + 1 == nz;
-        self.touches_border |= u64::from(border);
+        let corner = |x: u32| [x as u16, row.y as u16, row.z as u16, row.z as u16];
+        self.widen(corner(x.start), corner(x.end - 1));
+    }
+
+    /// Notes whether a voxel lies on the outer faces of a grid of `dims` voxels, which the bounds tell.
+    pub fn note_border(&mut self, dims: Dims) {
+        let last = |a: usize| u32::from(self.max[a]) + 1 == dims.0[a];
+        let border = (0..3).any(|a| self.min[a] == 0 || last(a));
+        self.touches_border = u64::from(self.voxels > 0 && border);
     }
 
     #[inline(always)]
@@ -179,5 +197,70 @@ impl AreaScale {
     /// The area in squared units of length.
     pub fn area(&self, steps: u128) -> f64 {
         steps as f64 * self.unit_area
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use proptest::prelude::*;
+
+    /// Voxel by voxel.
+    fn slow(runs: &[(Range<u32>, u32, u32)], dims: Dims) -> VoxelSums {
+        let mut sums = VoxelSums::default();
+        for (x, y, z) in runs {
+            for x in x.clone() {
+                let v = [x, *y, *z];
+                let [x, y, z] = v.map(u128::from);
+                for (sum, add) in
+                    sums.second
+                        .iter_mut()
+                        .zip([x * x, y * y, z * z, x * y, x * z, y * z])
+                {
+                    *sum += add;
+                }
+                for a in 0..3 {
+                    sums.first[a] += u64::from(v[a]);
+                    if v[a] == 0 || v[a] + 1 == dims.0[a] {
+                        sums.touches_border = 1;
+                    }
+                }
+                sums.voxels += 1;
+                let corner = [v[0], v[1], v[2], v[2]].map(|c| c as u16);
+                sums.widen(corner, corner);
+            }
+        }
+        sums
+    }
+
+    fn fast(runs: &[(Range<u32>, u32, u32)], dims: Dims) -> VoxelSums {
+        let mut sums = VoxelSums::default();
+        for (x, y, z) in runs {
+            let [before, upto] = [x.start, x.end].map(power_sums);
+            let run = [0, 1, 2].map(|k| upto[k] - before[k]);
+            sums.add_run(x.clone(), run, &Row::new(*y, *z));
+        }
+        sums.note_border(dims);
+        sums
+    }
+
+    proptest! {
+        #[test]
+        fn sums_of_runs_are_those_of_their_voxels(
+            runs in prop::collection::vec(([0u32..40, 0u32..9, 0u32..9], 1u32..30), 0..12),
+            from in prop::sample::select(vec![0u32, 1, 65_460]), beyond in 0u32..3,
+        ) {
+            let place = |&([x, y, z], n): &([u32; 3], u32)| (from + x..from + x + n, from + y, from + z);
+            let runs: Vec<_> = runs.iter().map(place).collect();
+            let dims = Dims([from + 69 + beyond, from + 9 + beyond, from + 9]);
+            prop_assert_eq!(fast(&runs, dims), slow(&runs, dims));
+        }
+    }
+
+    #[test]
+    fn the_longest_row_is_summed() {
+        let runs = [(0..65_536, 65_535, 65_535)];
+        let dims = Dims([65_536; 3]);
+        assert_eq!(fast(&runs, dims), slow(&runs, dims));
     }
 }

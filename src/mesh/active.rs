@@ -228,10 +228,7 @@ mod tests {
         };
         let all = (0..nz).flat_map(|z| (0..ny).flat_map(move |y| (0..nx).map(move |x| [x, y, z])));
         let samples = all.map(|at| u8::from(above(at))).collect();
-        let voxels = Voxels {
-            span: span.clone(),
-            samples,
-        };
+        let voxels = Voxels::of(span.clone(), samples);
         let mut bits = Bits::default();
         bits.classify(&voxels, span, Some(1));
         bits

@@ -192,6 +192,7 @@ impl<T: Voxel> Caps<'_, '_, T> {
             return (position, out);
         }
         let voxels = self.view.voxels;
+        let samples = voxels.samples();
         let strides = [
             1,
             voxels.span.nx as usize,
@@ -203,10 +204,8 @@ impl<T: Voxel> Caps<'_, '_, T> {
             let p = voxels.row_start(y, z) + x as usize;
             let stencil = Stencil::new([y, z], [ny, nz], [strides[1], strides[2]]);
             (
-                voxels.samples[p].to_f64(),
-                stencil
-                    .gradient(&voxels.samples, p, x, nx)
-                    .map(Slope::to_f32),
+                samples[p].to_f64(),
+                stencil.gradient(samples, p, x, nx).map(Slope::to_f32),
             )
         };
         let ((v0, g0), (v1, g1)) = (gradient(lower), gradient(self.upper(key)));

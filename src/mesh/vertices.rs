@@ -187,7 +187,7 @@ fn place_inlined<T: Voxel>(
 ) {
     let span = &view.voxels.span;
     let strides = [1, span.nx as usize, span.nx as usize * span.rows()];
-    let samples = Samples::new(&view.voxels.samples, strides);
+    let samples = Samples::new(view.voxels.samples(), strides);
     let mut batch = Batch::new();
     let start = view
         .voxels
@@ -315,7 +315,7 @@ impl<'a, T: Voxel> Row<'a, T> {
             && samples.covers(start + 1, start + nx as usize - 3);
         Row {
             samples,
-            all: &view.voxels.samples,
+            all: view.voxels.samples(),
             strides,
             dims: tile.dims.0,
             y,

@@ -211,27 +211,18 @@ pub fn read_back<'b>(path: &Path, buffer: &'b mut Buffer) -> Result<&'b [u8]> {
     Ok(buffer.get())
 }
 
-/// Writes a whole tile from its parts, long ones by the writers if there are any.
+/// Writes a whole tile, a long one by the writers if there are any, who leave other memory for it.
 ///
 /// # Errors
 /// [`Error::Io`].
-pub fn write_anew(
-    path: PathBuf,
-    parts: [&[u8]; 2],
-    (writers, buffer): (Option<&Writers>, &mut Buffer),
-) -> Result<()> {
-    let bytes = parts.iter().map(|part| part.len()).sum();
-    let Some(writers) = writers.filter(|_| bytes >= direct::WORTH) else {
-        return write_file(&path, &parts);
+pub fn write_anew(path: PathBuf, tile: &mut Buffer, writers: Option<&Writers>) -> Result<()> {
+    let Some(writers) = writers.filter(|_| tile.get().len() >= direct::WORTH) else {
+        return write_file(&path, &[tile.get()]);
     };
-    buffer.begin(bytes, bytes);
-    let (head, bin) = buffer.get_mut().split_at_mut(parts[0].len());
-    head.copy_from_slice(parts[0]);
-    bin.copy_from_slice(parts[1]);
-    *buffer = writers.put(Job {
+    *tile = writers.put(Job {
         path,
         start: 0,
-        body: std::mem::take(buffer),
+        body: std::mem::take(tile),
     })?;
     Ok(())
 }

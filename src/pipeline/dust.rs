@@ -13,7 +13,7 @@ use crate::pipeline::keep::{Keeper, Marks, Scratch};
 use crate::pipeline::parts::Parts;
 use crate::pipeline::spool::{Place, Spool};
 use crate::pipeline::sweep::Sweep;
-use crate::segment::{Runs, SlabClasses, for_each_run};
+use crate::segment::{RowRuns, Run, Runs, SlabClasses};
 use crate::slab::Bits;
 use crate::volume::Voxel;
 use std::sync::{Arc, Mutex};
@@ -71,16 +71,16 @@ impl Filter {
         };
         let nx = bits.span.nx;
         let mut run = 0;
-        let mut flips: Vec<(u32, u32)> = Vec::new();
+        let mut flips: Vec<Run> = Vec::new();
         for row in bits.words.chunks_exact_mut(bits.row_words) {
-            for_each_run(row, nx, |start, end, _| {
+            for found in RowRuns::new(row, nx) {
                 if small[class_of[of_run[run] as usize] as usize] == 1 {
-                    flips.push((start, end));
+                    flips.push(found);
                 }
                 run += 1;
-            });
-            for (start, end) in flips.drain(..) {
-                for x in start..end {
+            }
+            for flip in flips.drain(..) {
+                for x in flip.start..flip.end {
                     row[x as usize / 64] ^= 1 << (x % 64);
                 }
             }

@@ -1,5 +1,6 @@
 //! Gives the tiles their ids and measures.
 
+use crate::direct::Buffer;
 use crate::error::{Error, Result};
 use crate::grid::{LATTICE, Placement, Tiling};
 use crate::manifest::{Bounds, Group, Layer, Shard, TileEntry, Totals, checksum_text};
@@ -16,12 +17,13 @@ use crate::pipeline::tilefile::{TileRecord, refused, too_large};
 use crate::pipeline::writers::Writers;
 use crate::progress::Progress;
 use crate::tile::{
-    Body, BodyPiece, Extras, Node, TileHead, decode, describe, group_body, name, tile_file,
-    tile_path, write_head,
+    Body, BodyPiece, Extras, Grouped, Node, Refused, TileHead, decode, describe, name, plain_head,
+    tile_file, tile_path, write_head,
 };
 use rayon::prelude::*;
 use std::borrow::Cow;
 use std::fs::OpenOptions;
+use std::io::Write;
 use std::os::unix::fs::FileExt;
 use std::path::Path;
 use std::sync::Mutex;
@@ -362,23 +364,15 @@ impl Finisher<'_> {
             0 => (job.body(), Cow::Borrowed(bytes)),
             _ => decode(head, low, (&job.body(), &tile.recipe), bytes).map_err(|_| not_ours())?,
         };
-        let (body, bin) = if groups.len() < body.pieces.len() {
-            let (body, bin) = group_body(&body, &bytes, &groups, head.form.primitives);
-            (body, Cow::Owned(bin))
-        } else {
-            (body, bytes)
-        };
-        let nodes = self.nodes(&body, &group_ids, known)?;
-        let file = tile_file(head, low, (&body, &bin), &nodes)
+        let made = Grouped::new(&body, &bytes, &groups, head.form.primitives);
+        let nodes = self.nodes(&made.body, &group_ids, known)?;
+        let indices = fill(&mut buffers.new, (head, low), &made, &nodes)
             .map_err(|e| refused(e, tile.grid, self.settings.tiling))?;
+        let file = buffers.new.get();
+        let size_and_crc = (file.len() as u64, crc32fast::hash(file));
         let anew = self.settings.dir.join(anew_path(tile.grid));
-        let parts = [&file.head[..], &file.bin];
-        let mut crc = crc32fast::Hasher::new();
-        parts.iter().for_each(|part| crc.update(part));
-        let bytes = parts.iter().map(|part| part.len() as u64).sum();
-        let size_and_crc = (bytes, crc.finalize());
-        write_anew(anew, parts, (self.settings.writers, &mut buffers.new))?;
-        Ok(entry(tile, &body, &group_ids, file.indices, size_and_crc))
+        write_anew(anew, &mut buffers.new, self.settings.writers)?;
+        Ok(entry(tile, &made.body, &group_ids, indices, size_and_crc))
     }
 
     /// Names and numbers of a tile's pieces.
@@ -416,6 +410,34 @@ impl Finisher<'_> {
             )
             .collect()
     }
+}
+
+/// Fills `out` with the file of a tile whose macrocube has its lowest voxel at `low`; returns its index entries.
+fn fill(
+    out: &mut Buffer,
+    (head, low): (&TileHead, [u32; 3]),
+    made: &Grouped,
+    nodes: &[Node],
+) -> std::result::Result<u64, Refused> {
+    if !head.is_plain(nodes.len()) {
+        let bin = made.bytes();
+        let file = tile_file(head, low, (&made.body, &bin), nodes)?;
+        let bytes = file.head.len() + file.bin.len();
+        out.begin(bytes, bytes);
+        let (before, bin) = out.get_mut().split_at_mut(file.head.len());
+        before.copy_from_slice(&file.head);
+        bin.copy_from_slice(&file.bin);
+        return Ok(file.indices);
+    }
+    // as it is made, and copied no more: a hundredth of the time of a sparse scan
+    let before = plain_head(head, &made.body, nodes)?;
+    let bytes = before.len() + made.body.bytes as usize;
+    out.begin(bytes, bytes);
+    let mut rest = out.get_mut();
+    let mut put = |part: &[u8]| rest.write_all(part).expect("as long as its parts are");
+    put(&before);
+    made.write(put);
+    Ok(made.body.pieces.iter().map(|p| u64::from(p.indices)).sum())
 }
 
 /// The error for a tile that is not as this program has written it.

@@ -9,7 +9,7 @@
 
 use crate::grid::{Ambiguous, Dims};
 use crate::segment::label::Labels;
-use crate::segment::runs::{Runs, inside, transitions};
+use crate::segment::runs::{RowRuns, Runs, inside, transitions};
 use crate::slab::Bits;
 
 /// Adds the patches' characteristics of the voxels, edges and quads that this band owns (those whose
@@ -80,13 +80,10 @@ impl Patch<'_> {
 
     /// A row that lies in a face: each of its runs has one vertex more than edges.
     fn whole_row(&mut self, s: usize, r: usize) {
-        let mut x = 0;
-        let words = self.bits.row(s, r).to_vec();
-        super::runs::for_each_run(&words, self.bits.span.nx, |start, end, _| {
-            debug_assert_eq!(start, x);
-            x = end;
-            self.add((s, r), start as usize, 1);
-        });
+        let bits = self.bits;
+        for run in RowRuns::new(bits.row(s, r), bits.span.nx) {
+            self.add((s, r), run.start as usize, 1);
+        }
     }
 
     /// A row that only its ends are on faces of.

@@ -6,8 +6,8 @@
 
 use crate::cpu::dispatch;
 use crate::grid::{Ambiguous, Dims};
-use crate::measure::VoxelSums;
-use crate::segment::runs::{Runs, for_each_run, inside, transitions};
+use crate::measure::{Row, VoxelSums, power_sums};
+use crate::segment::runs::{RowRuns, Run, Runs, inside, transitions};
 use crate::segment::unionfind::UnionFind;
 use crate::slab::Bits;
 
@@ -174,28 +174,39 @@ pub fn sum_voxels(bits: &Bits, of_run: Vec<u32>, count: usize, dims: Dims) -> La
         of_run,
         components: Vec::with_capacity(count),
     };
+    dispatch!(sum_rows(bits, &mut labels, dims));
+    for component in &mut labels.components {
+        component.sums.note_border(dims);
+    }
+    labels
+}
+
+#[inline(always)]
+fn sum_rows(bits: &Bits, labels: &mut Labels, dims: Dims) {
+    let Labels { of_run, components } = labels;
     let span = &bits.span;
-    let mut run = 0;
+    let mut labels = of_run.iter();
     for (s, z) in span.z.clone().enumerate() {
         for (r, y) in span.y.clone().enumerate() {
             let owned = (r > 0 || y == 0) && (s > 0 || z == 0);
-            for_each_run(bits.row(s, r), span.nx, |start, end, above| {
-                let label = labels.of_run[run] as usize;
-                run += 1;
-                if label == labels.components.len() {
-                    let first = dims.linear([start, y, z]);
-                    let sums = VoxelSums::default();
-                    labels
-                        .components
-                        .push(LocalComponent { above, first, sums });
+            let row = Row::new(y, z);
+            let mut before = [0; 3];
+            for Run { start, end, above } in RowRuns::new(bits.row(s, r), span.nx) {
+                let label = *labels.next().expect("a label for each run") as usize;
+                if label == components.len() {
+                    components.push(LocalComponent {
+                        above,
+                        first: dims.linear([start, y, z]),
+                        sums: VoxelSums::default(),
+                    });
                 }
+                let upto = power_sums(end);
                 if owned {
-                    labels.components[label]
-                        .sums
-                        .add_run(start..end, y, z, dims);
+                    let run = [0, 1, 2].map(|k| upto[k] - before[k]);
+                    components[label].sums.add_run(start..end, run, &row);
                 }
-            });
+                before = upto;
+            }
         }
     }
-    labels
 }

@@ -21,4 +21,4 @@ pub use births::{Births, Unfiled};
 pub use border::add_border_euler;
 pub use classes::{Classes, KnownBand, PhaseBirths, SlabClasses};
 pub use label::{Labels, LocalComponent, label_runs, sum_voxels};
-pub use runs::{Runs, for_each_run};
+pub use runs::{RowRuns, Run, Runs};

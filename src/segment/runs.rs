@@ -80,20 +80,93 @@ impl Runs {
     }
 }
 
-/// Calls `each(start, end, above)` for every run of a row of `nx` voxels, by rising x.
-pub fn for_each_run(words: &[u64], nx: u32, mut each: impl FnMut(u32, u32, bool)) {
-    let mut start = 0;
-    let mut above = words[0] & 1 == 1;
-    let mut before = None;
-    for (w, &word) in words.iter().enumerate() {
-        let mut t = transitions(word, before) & inside(w, nx);
-        while t != 0 {
-            let x = 64 * w as u32 + t.trailing_zeros();
-            each(start, x, above);
-            (start, above) = (x, !above);
-            t &= t - 1;
+/// A run of a row.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct Run {
+    /// Its first voxel.
+    pub start: u32,
+    /// What follows its last voxel.
+    pub end: u32,
+    /// Phase.
+    pub above: bool,
+}
+
+/// The runs of a row, by rising x.
+pub struct RowRuns<'a> {
+    words: &'a [u64],
+    nx: u32,
+    /// The run that comes next starts here; there is none at the row's end.
+    start: u32,
+    above: bool,
+    /// Transitions of word `word` that no run has ended at.
+    left: u64,
+    word: usize,
+}
+
+impl<'a> RowRuns<'a> {
+    /// Those of a row of `nx` voxels.
+    #[inline(always)]
+    pub fn new(words: &'a [u64], nx: u32) -> Self {
+        RowRuns {
+            words,
+            nx,
+            start: 0,
+            above: words[0] & 1 == 1,
+            left: transitions(words[0], None) & inside(0, nx),
+            word: 0,
         }
-        before = Some(word);
     }
-    each(start, nx, above);
+}
+
+impl Iterator for RowRuns<'_> {
+    type Item = Run;
+
+    #[inline(always)]
+    fn next(&mut self) -> Option<Run> {
+        if self.start == self.nx {
+            return None;
+        }
+        while self.left == 0 && self.word + 1 < self.words.len() {
+            let before = Some(self.words[self.word]);
+            self.word += 1;
+            self.left = transitions(self.words[self.word], before) & inside(self.word, self.nx);
+        }
+        let end = if self.left == 0 {
+            self.nx
+        } else {
+            64 * self.word as u32 + self.left.trailing_zeros()
+        };
+        let (start, above) = (self.start, self.above);
+        (self.start, self.above) = (end, !above);
+        self.left &= self.left.wrapping_sub(1);
+        Some(Run { start, end, above })
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use proptest::prelude::*;
+
+    proptest! {
+        #[test]
+        fn runs_are_the_longest_stretches_of_equal_voxels(
+            stretches in prop::collection::vec(1usize..90, 1..9), first in any::<bool>(),
+        ) {
+            let phase = |i: usize| first ^ (i % 2 == 1);
+            let row: Vec<bool> = stretches.iter().enumerate().flat_map(|(i, &n)| vec![phase(i); n]).collect();
+            let words: Vec<u64> = row
+                .chunks(64)
+                .map(|chunk| chunk.iter().rev().fold(0, |word, &v| word << 1 | u64::from(v)))
+                .collect();
+            let mut start = 0;
+            let expected: Vec<Run> = stretches.iter().enumerate().map(|(i, &n)| {
+                let run = Run { start, end: start + n as u32, above: phase(i) };
+                start = run.end;
+                run
+            }).collect();
+            let found: Vec<Run> = RowRuns::new(&words, row.len() as u32).collect();
+            prop_assert_eq!(found, expected);
+        }
+    }
 }

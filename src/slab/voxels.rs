@@ -47,13 +47,13 @@ impl Span {
     }
 }
 
-/// Samples of a span, x fastest.
+/// Samples of a span.
 #[derive(Debug, Clone, Default)]
 pub struct Voxels<T> {
     /// What is covered.
     pub span: Span,
-    /// The samples.
-    pub samples: Vec<T>,
+    /// The samples, and what is left of a larger span before.
+    memory: Vec<T>,
 }
 
 impl<T: Voxel> Voxels<T> {
@@ -62,15 +62,30 @@ impl<T: Voxel> Voxels<T> {
     /// # Errors
     /// Those of [`Volume::read_box`].
     pub fn load(&mut self, volume: &dyn Volume, span: Span) -> Result<()> {
-        if self.samples.is_empty() {
+        let count = span.voxels();
+        if self.memory.is_empty() {
             // as the system has it, zero before it is touched
-            self.samples = vec![T::zeroed(); span.voxels()];
+            self.memory = vec![T::zeroed(); count];
+        } else if self.memory.len() < count {
+            self.memory.resize(count, T::zeroed());
         }
-        self.samples.resize(span.voxels(), T::zeroed());
-        let bytes = bytemuck::cast_slice_mut(&mut self.samples);
+        let bytes = bytemuck::cast_slice_mut(&mut self.memory[..count]);
         volume.read_box(0..span.nx, span.y.clone(), span.z.clone(), bytes)?;
         self.span = span;
         Ok(())
+    }
+
+    /// The samples of a span, x fastest.
+    #[cfg(test)]
+    pub fn of(span: Span, samples: Vec<T>) -> Self {
+        assert_eq!(samples.len(), span.voxels());
+        let memory = samples;
+        Voxels { span, memory }
+    }
+
+    /// The samples, x fastest.
+    pub fn samples(&self) -> &[T] {
+        &self.memory[..self.span.voxels()]
     }
 
     /// Index of voxel (0, y, z), which must be inside the span.
@@ -83,6 +98,6 @@ impl<T: Voxel> Voxels<T> {
     /// Row (y, z) in grid coordinates.
     pub fn row(&self, y: u32, z: u32) -> &[T] {
         let start = self.row_start(y, z);
-        &self.samples[start..start + self.span.nx as usize]
+        &self.samples()[start..start + self.span.nx as usize]
     }
 }

@@ -191,41 +191,75 @@ pub(super) fn append_indices(
     }
 }
 
-/// Joins pieces of a body to groups: `groups[g]` lists the pieces of the new piece g, in the order
-/// in which their vertices, triangles and strips follow each other there.
-pub fn group_body(
-    body: &Body,
-    bytes: &[u8],
-    groups: &[Vec<usize>],
-    primitives: Primitives,
-) -> (Body, Vec<u8>) {
-    let mut out = Vec::with_capacity(bytes.len() + 16 * groups.len());
-    for attribute in 0..2 {
-        let base = 12 * body.vertices as usize * attribute;
-        for &p in groups.iter().flatten() {
-            let piece = &body.pieces[p];
-            let first = base + 12 * piece.first_vertex as usize;
-            out.extend_from_slice(&bytes[first..first + 12 * piece.vertices as usize]);
+/// Pieces of a body joined to groups, which are the pieces of another body.
+pub struct Grouped<'a> {
+    /// That body.
+    pub body: Body,
+    /// Its pieces' indices.
+    indices: Vec<Vec<u32>>,
+    from: &'a Body,
+    bytes: &'a [u8],
+    groups: &'a [Vec<usize>],
+}
+
+impl<'a> Grouped<'a> {
+    /// Joins pieces: `groups[g]` lists those of the new piece g, in the order in which their vertices, triangles and
+    /// strips follow each other there.
+    pub fn new(
+        from: &'a Body,
+        bytes: &'a [u8],
+        groups: &'a [Vec<usize>],
+        primitives: Primitives,
+    ) -> Self {
+        let mut body = Body {
+            vertices: from.vertices,
+            ..Body::default()
+        };
+        body.bytes = body.indices_start();
+        let mut first_vertex = 0;
+        let mut indices = Vec::with_capacity(groups.len());
+        for group in groups {
+            let (piece, of_piece) = join_pieces(from, bytes, group, primitives);
+            let piece = BodyPiece {
+                first_vertex,
+                first_index_byte: body.bytes,
+                ..piece
+            };
+            first_vertex += piece.vertices;
+            body.bytes += piece.index_bytes();
+            body.pieces.push(piece);
+            indices.push(of_piece);
+        }
+        Grouped {
+            body,
+            indices,
+            from,
+            bytes,
+            groups,
         }
     }
-    let mut made = Body {
-        vertices: body.vertices,
-        ..Body::default()
-    };
-    let mut first_vertex = 0;
-    for group in groups {
-        let (piece, indices) = join_pieces(body, bytes, group, primitives);
-        let piece = BodyPiece {
-            first_vertex,
-            first_index_byte: out.len() as u64,
-            ..piece
-        };
-        first_vertex += piece.vertices;
-        write_indices(&piece, &indices, |bytes| out.extend_from_slice(bytes));
-        made.pieces.push(piece);
+
+    /// Hands out the bytes of the new body in their order, part by part.
+    pub fn write(&self, mut put: impl FnMut(&[u8])) {
+        for attribute in 0..2 {
+            let base = 12 * self.from.vertices as usize * attribute;
+            for &p in self.groups.iter().flatten() {
+                let piece = &self.from.pieces[p];
+                let first = base + 12 * piece.first_vertex as usize;
+                put(&self.bytes[first..first + 12 * piece.vertices as usize]);
+            }
+        }
+        for (piece, indices) in self.body.pieces.iter().zip(&self.indices) {
+            write_indices(piece, indices, &mut put);
+        }
     }
-    made.bytes = out.len() as u64;
-    (made, out)
+
+    /// The bytes of the new body.
+    pub fn bytes(&self) -> Vec<u8> {
+        let mut bytes = Vec::with_capacity(self.body.bytes as usize);
+        self.write(|part| bytes.extend_from_slice(part));
+        bytes
+    }
 }
 
 /// The counts and indices of several pieces as one.

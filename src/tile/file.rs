@@ -1,7 +1,7 @@
 //! A whole tile in any encoding and layout, from pieces whose geometry is floats.
 
 use super::body::Body;
-use super::document::{Node, TileHead, write_head};
+use super::document::{Node, TileHead, node_json, write_head};
 use super::encoded::{describe, encode};
 use super::merged::colours;
 use super::store::Refused;
@@ -45,10 +45,23 @@ pub fn tile_file<'a>(
     if !table.is_empty() {
         bin.to_mut().extend_from_slice(&table);
     }
-    let room = aligned(json.len(), 8);
-    let head = write_head(&json, room, bin.len() as u64).ok_or(Refused::TooLarge)?;
+    let head = head_of(&json, bin.len() as u64)?;
     let indices = recipe.indices.into();
     Ok(TileFile { head, bin, indices })
+}
+
+/// What comes before the BIN chunk's data in the file of a plain tile, see [`TileHead::is_plain`].
+///
+/// # Errors
+/// [`Refused::TooLarge`].
+pub fn plain_head(head: &TileHead, body: &Body, nodes: &[Node]) -> Result<Vec<u8>, Refused> {
+    debug_assert!(head.is_plain(nodes.len()));
+    head_of(&node_json(head, body, nodes), body.bytes)
+}
+
+/// A file's head with no more room than the JSON takes.
+fn head_of(json: &[u8], bin_bytes: u64) -> Result<Vec<u8>, Refused> {
+    write_head(json, aligned(json.len(), 8), bin_bytes).ok_or(Refused::TooLarge)
 }
 
 /// The next length of a JSON chunk that puts the BIN chunk's data on a multiple of `step` bytes, in turn

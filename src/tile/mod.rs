@@ -71,12 +71,12 @@ mod recode;
 mod store;
 mod streams;
 
-pub(crate) use body::{Body, BodyPiece, group_body};
+pub(crate) use body::{Body, BodyPiece, Grouped};
 pub(crate) use contents::name;
 pub(crate) use document::{Node, TileHead, WidestNodes, head_bytes, material, write_head};
 pub(crate) use encoded::{Encoded, Recipe, decode, describe, encode, widest_description};
 pub use extras::Extras;
-pub(crate) use file::{aligned, tile_file};
+pub(crate) use file::{aligned, plain_head, tile_file};
 pub use mesh::{SurfacePiece, TileMesh};
 pub(crate) use paint::Rgb;
 pub(crate) use part::{Part, PartPiece, TilePlace, part};
