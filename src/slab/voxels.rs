@@ -54,6 +54,8 @@ pub struct Voxels<T> {
     pub span: Span,
     /// The samples, and what is left of a larger span before.
     memory: Vec<T>,
+    /// Number of samples.
+    count: usize,
 }
 
 impl<T: Voxel> Voxels<T> {
@@ -71,7 +73,7 @@ impl<T: Voxel> Voxels<T> {
         }
         let bytes = bytemuck::cast_slice_mut(&mut self.memory[..count]);
         volume.read_box(0..span.nx, span.y.clone(), span.z.clone(), bytes)?;
-        self.span = span;
+        (self.span, self.count) = (span, count);
         Ok(())
     }
 
@@ -79,13 +81,17 @@ impl<T: Voxel> Voxels<T> {
     #[cfg(test)]
     pub fn of(span: Span, samples: Vec<T>) -> Self {
         assert_eq!(samples.len(), span.voxels());
-        let memory = samples;
-        Voxels { span, memory }
+        let (memory, count) = (samples, span.voxels());
+        Voxels {
+            span,
+            memory,
+            count,
+        }
     }
 
     /// The samples, x fastest.
     pub fn samples(&self) -> &[T] {
-        &self.memory[..self.span.voxels()]
+        &self.memory[..self.count]
     }
 
     /// Index of voxel (0, y, z), which must be inside the span.
