@@ -7,13 +7,14 @@
 
 use crate::grid::LATTICE;
 use crate::mesh::connect::connect;
-use crate::mesh::pieces::Piece;
+use crate::mesh::pieces::{CAP, Piece};
 use crate::mesh::sums::sum_pieces;
 use crate::mesh::table::{Case, EDGE_LOWER, cases, edge_axis};
 use crate::mesh::tile::{BandView, MeshSettings, TileBox, TileMesh};
 use crate::mesh::vertex::{Stencil, normal, step_on_edge};
+use crate::segment::firsts;
 use crate::volume::{Slope, Voxel};
-use std::collections::HashMap;
+use std::collections::{BTreeMap, HashMap};
 
 /// A lattice edge by its lower voxel, which may lie outside, and axis.
 type EdgeKey = ([i32; 3], usize);
@@ -61,8 +62,11 @@ pub fn add_caps<T: Voxel>(
     });
     let first = out.pieces.len();
     let mut vertices = Vec::new();
-    for (object, piece) in &made {
-        caps.append(*object, piece, &mut vertices, out);
+    for surface in caps.by_surface(&made) {
+        let number = out.pieces.len() as u32;
+        for (object, piece) in surface {
+            caps.append((*object, number), piece, &mut vertices, out);
+        }
     }
     out.chunk.extend(&vertices);
     sum_pieces(
@@ -224,9 +228,30 @@ impl<T: Voxel> Caps<'_, '_, T> {
         self.leads_out(key) && !(0..3).any(shared)
     }
 
-    /// Adds a piece to the mesh, but for its vertices, which are added to `vertices`, and its sums.
-    fn append(&self, object: u32, cap: &CapPiece, vertices: &mut Vec<Vertex>, out: &mut TileMesh) {
-        let mut piece = Piece::new(object, u32::MAX, true);
+    /// Pieces whose objects turn out to be one together, by their first ones.
+    fn by_surface<'m>(&self, made: &'m [(u32, CapPiece)]) -> Vec<Vec<&'m (u32, CapPiece)>> {
+        let mut surfaces: BTreeMap<usize, Vec<_>> = BTreeMap::new();
+        let first = match &self.view.fates {
+            Some(fates) => firsts(&made.iter().map(|(o, _)| fates.of(*o)).collect::<Vec<_>>()),
+            None => (0..made.len()).collect(),
+        };
+        for (piece, first) in made.iter().zip(first) {
+            surfaces.entry(first).or_default().push(piece);
+        }
+        surfaces.into_values().collect()
+    }
+
+    /// Adds a piece to the mesh, but for its vertices, which are added to `vertices`, and its sums: of an object, of
+    /// the surface whose first piece has this number.
+    fn append(
+        &self,
+        (object, first): (u32, u32),
+        cap: &CapPiece,
+        vertices: &mut Vec<Vertex>,
+        out: &mut TileMesh,
+    ) {
+        let mut piece = Piece::new(object, CAP, true);
+        piece.first = first;
         piece.first_vertex = (out.chunk.vertices() + vertices.len()) as u32;
         piece.vertices = cap.vertices.len() as u32;
         let faces = out.pieces.last().map_or(0, Piece::end_of_faces);

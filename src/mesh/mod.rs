@@ -16,7 +16,7 @@ mod vertices;
 
 pub use connect::connect;
 pub use edges::Edges;
-pub use pieces::{Piece, PieceIndex, Sheets, assign};
+pub use pieces::{CAP, Piece, PieceIndex, Sheets, assign, by_surface};
 pub use tile::{
     BYTES_PER_CUBE, BYTES_PER_TRIANGLE, BandView, MeshSettings, Sizes, TileBox, TileMesh,
     TileMesher,

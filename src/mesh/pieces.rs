@@ -14,16 +14,20 @@ use crate::measure::MeshSums;
 use crate::mesh::cubes::room_for;
 use crate::mesh::edges::Edges;
 use crate::mesh::tile::{BandView, TileBox};
+use crate::segment::{Fate, Fates, firsts};
 use crate::unchecked::{Unchecked, UncheckedMut};
 use crate::volume::Voxel;
 use std::hint::select_unpredictable as select;
+
+/// Class of a cap's cell.
+pub const CAP: u32 = u32::MAX;
 
 /// The surface of a tile between one object and one cell.
 #[derive(Debug, Clone, Copy)]
 pub struct Piece {
     /// Class of the object.
     pub object: u32,
-    /// Class of the cell.
+    /// Class of the cell, or [`CAP`].
     pub cell: u32,
     /// True for the triangles that close the surface outside the volume.
     pub cap: bool,
@@ -44,6 +48,8 @@ pub struct Piece {
     pub min: [i32; 3],
     /// Largest vertex coordinates in lattice steps.
     pub max: [i32; 3],
+    /// Number of the first piece of the same surface, as far as that is known; its own if it is the first.
+    pub first: u32,
 }
 
 impl Piece {
@@ -63,6 +69,11 @@ impl Piece {
         self.first_triangle + room
     }
 
+    /// What its object and its cell become.
+    pub fn fates(&self, fates: &Fates) -> [Fate; 2] {
+        [self.object, self.cell].map(|class| fates.of(class))
+    }
+
     /// A piece without vertices.
     pub fn new(object: u32, cell: u32, cap: bool) -> Self {
         Piece {
@@ -77,6 +88,7 @@ impl Piece {
             sums: MeshSums::default(),
             min: [i32::MAX; 3],
             max: [i32::MIN; 3],
+            first: 0,
         }
     }
 }
@@ -231,20 +243,41 @@ pub fn assign<T: Voxel>(
     let first_run = &sheets.first_run;
     dispatch!(assign_inlined(tile, edges, first_run, &mut assigner));
     pieces.clear();
-    sheets.first_of.clear();
-    let (mut vertex, mut triangle) = (0, 0);
-    for count in index.counts() {
+    let mut triangle = 0;
+    for (number, count) in (0..).zip(index.counts()) {
         let mut piece = Piece::new((count.pair >> 32) as u32, count.pair as u32, false);
         piece.key = count.key;
         piece.vertices = count.vertices;
         piece.sums.vertices = u64::from(count.vertices - count.shared);
-        piece.first_vertex = vertex;
-        sheets.first_of.push(vertex);
-        vertex += piece.vertices;
         piece.first_triangle = triangle;
+        piece.first = number;
         triangle = piece.end_of_faces();
         pieces.push(piece);
     }
+    if let Some(fates) = &view.fates {
+        let pairs: Vec<_> = pieces.iter().map(|p| p.fates(fates)).collect();
+        for (piece, first) in pieces.iter_mut().zip(firsts(&pairs)) {
+            piece.first = first as u32;
+        }
+    }
+    let mut vertex = 0;
+    for number in by_surface(pieces) {
+        let piece = &mut pieces[number];
+        piece.first_vertex = vertex;
+        vertex += piece.vertices;
+    }
+    sheets.first_of.clear();
+    sheets
+        .first_of
+        .extend(pieces.iter().map(|p| p.first_vertex));
+}
+
+/// Numbers of pieces in the order of their vertices: those of a surface, as far as that is known, together, and
+/// surfaces by their first pieces.
+pub fn by_surface(pieces: &[Piece]) -> Vec<usize> {
+    let mut order: Vec<usize> = (0..pieces.len()).collect();
+    order.sort_by_key(|&number| pieces[number].first);
+    order
 }
 
 /// Finds the run of each row's first voxel; returns the last run of all rows.

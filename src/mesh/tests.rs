@@ -3,13 +3,15 @@
 use super::pieces::Piece;
 use super::*;
 use crate::grid::{Ambiguous, Dims, LATTICE, Placement, Tiling};
+use crate::manifest::Primitives;
 use crate::measure::{AreaScale, VoxelSums};
 use crate::segment::{
-    BandComponents, BandEdges, Births, Classes, KnownBand, PhaseBirths, Runs, SlabClasses,
-    add_border_euler, label_runs, sum_voxels,
+    BandComponents, BandEdges, Births, Classes, Fates, KnownBand, PhaseBirths, Runs, SlabClasses,
+    add_border_euler, firsts, label_runs, sum_voxels,
 };
 use crate::slab::{Bits, Span, Voxels};
-use crate::strip::{NONE, STRIDE, Triangle as Numbered};
+use crate::strip::{NONE, STRIDE, Stripifier, Triangle as Numbered};
+use crate::tile::{Body, Grouped};
 use crate::volume::MemoryVolume;
 use proptest::prelude::*;
 use std::collections::{BTreeMap, BTreeSet, HashMap};
@@ -143,7 +145,7 @@ impl Case {
             cap: self.cap,
             area: AreaScale::new([1.0; 3]),
         };
-        let mut slabs = Vec::new();
+        let (mut slabs, mut bands_of) = (Vec::new(), Vec::new());
         let mut pieces = Vec::new();
         for tz in 0..tiling.tiles()[2] {
             let mut bands = Vec::new();
@@ -194,6 +196,7 @@ impl Case {
                         bits,
                         runs,
                         class_of_run: &class_of_run,
+                        fates: None,
                     };
                     let mut mesh = TileMesh::default();
                     TileMesher::default().mesh(&view, &tile, &settings, &mut mesh);
@@ -213,6 +216,24 @@ impl Case {
                 }
             }
             slabs.push(slab);
+            bands_of.push(bands);
+        }
+        for (tz, pair) in slabs.windows(2).enumerate() {
+            for (ty, (voxels, bits, runs, labels)) in bands_of[tz].iter().enumerate() {
+                let class = |&label: &u32| pair[0].of_local[ty][label as usize];
+                let class_of_run: Vec<u32> = labels.of_run.iter().map(class).collect();
+                let view = BandView {
+                    voxels,
+                    bits,
+                    runs,
+                    class_of_run: &class_of_run,
+                    fates: Some(Fates::between(&pair[0], &pair[1])),
+                };
+                for tx in 0..tiling.tiles()[0] {
+                    let tile = TileBox::of(tiling, [tx, ty as u32, tz as u32]);
+                    check_joined(&view, &tile, &settings);
+                }
+            }
         }
         // resolve classes from the last slab back to the first
         let mut ranks = [births.cells.rank().unwrap(), births.objects.rank().unwrap()];
@@ -238,7 +259,14 @@ impl Case {
         check_often(&slabs);
         let mut out = Vec::new();
         for (s, mesh) in pieces {
-            check_foreseen(&slabs[s], &ids[s], &mesh.pieces);
+            check_foreseen(&slabs[s], None, &ids[s], &mesh.pieces);
+            if let Some(next) = slabs.get(s + 1) {
+                let fates = Fates::between(&slabs[s], next);
+                let pairs: Vec<_> = mesh.pieces.iter().map(|p| p.fates(&fates)).collect();
+                let firsts: BTreeSet<usize> = firsts(&pairs).into_iter().collect();
+                let firsts: Vec<Piece> = firsts.into_iter().map(|p| mesh.pieces[p]).collect();
+                check_foreseen(&slabs[s], Some(next), &ids[s], &firsts);
+            }
             for piece in &mesh.pieces {
                 let vertex = |v: u32| {
                     let position =
@@ -277,8 +305,11 @@ fn check_often(slabs: &[SlabClasses]) {
 
 /// Pieces that turn out to be one were foreseen to, and those are foreseen whose classes are the same or both
 /// go on.
-fn check_foreseen(slab: &SlabClasses, ids: &[u64], pieces: &[Piece]) {
-    let goes_on = |class: u32| slab.live.contains(&class);
+fn check_foreseen(slab: &SlabClasses, next: Option<&SlabClasses>, ids: &[u64], pieces: &[Piece]) {
+    let goes_on = |class: u32| {
+        let live = slab.live.iter().position(|&c| c == class);
+        live.is_some_and(|at| next.is_none_or(|next| next.live.contains(&next.from_previous[at])))
+    };
     let cell = |p: &Piece| (!p.cap).then_some(p.cell);
     let may = |a: u32, b: u32| a == b || goes_on(a) && goes_on(b);
     let id = |class: u32| ids[class as usize];
@@ -294,7 +325,36 @@ fn check_foreseen(slab: &SlabClasses, ids: &[u64], pieces: &[Piece]) {
         pairs().any(|(a, b)| id(a.object) == id(b.object) && cell(a).map(id) == cell(b).map(id));
     assert!(foreseen || !one);
     let classes = |p: &Piece| [p.object, cell(p).unwrap_or(u32::MAX)];
-    assert_eq!(slab.may_become_one(pieces.iter().map(classes)), foreseen);
+    assert_eq!(
+        slab.may_become_one(next, pieces.iter().map(classes)),
+        foreseen
+    );
+}
+
+/// A tile whose pieces are joined while it is made has the bytes of one whose pieces are joined afterwards.
+fn check_joined(view: &BandView<u8>, tile: &TileBox, settings: &MeshSettings) {
+    let write = |fates, primitives| {
+        let mut mesh = TileMesh::default();
+        let view = BandView { fates, ..*view };
+        TileMesher::default().mesh(&view, tile, settings, &mut mesh);
+        let body = Body::write(&mut mesh, primitives, &mut Stripifier::default());
+        (body, mesh)
+    };
+    let fates = view.fates.expect("the next slab is known");
+    for primitives in [Primitives::Strips, Primitives::Triangles] {
+        let (apart, mesh) = write(None, primitives);
+        let pairs: Vec<_> = mesh.pieces.iter().map(|p| p.fates(&fates)).collect();
+        let mut groups: BTreeMap<usize, Vec<usize>> = BTreeMap::new();
+        for (piece, first) in firsts(&pairs).into_iter().enumerate() {
+            groups.entry(first).or_default().push(piece);
+        }
+        let groups: Vec<Vec<usize>> = groups.into_values().collect();
+        let expected = Grouped::new(&apart, mesh.chunk.bytes(), &groups, primitives);
+        let (joined, mesh) = write(Some(fates), primitives);
+        assert_eq!(joined.pieces, expected.body.pieces);
+        assert_eq!(joined.bytes, expected.body.bytes);
+        assert!(mesh.chunk.bytes() == expected.bytes());
+    }
 }
 
 /// Mates are mutual, run the opposite way, and are missing only where no triangle has the reverse.

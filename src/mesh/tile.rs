@@ -10,7 +10,7 @@ use crate::mesh::edges::{Edges, known_or};
 use crate::mesh::pieces::{Piece, PieceIndex, Sheets, assign};
 use crate::mesh::sums::sum_pieces;
 use crate::mesh::vertices::place_vertices;
-use crate::segment::Runs;
+use crate::segment::{Fates, Runs};
 use crate::slab::{Bits, Voxels};
 use crate::strip::Triangle;
 use crate::volume::Voxel;
@@ -203,6 +203,9 @@ pub struct BandView<'a, T> {
     pub runs: &'a Runs,
     /// Class of each run.
     pub class_of_run: &'a [u32],
+    /// What the classes become in the next slab, if that is known: pieces that turn out to be of one surface there
+    /// have their vertices one behind the other.
+    pub fates: Option<Fates<'a>>,
 }
 
 impl<T: Voxel> BandView<'_, T> {
@@ -222,14 +225,14 @@ impl<T: Voxel> BandView<'_, T> {
     }
 }
 
-/// The mesh of a tile. Vertices and triangles are grouped by piece, in the pieces' order; within a
-/// piece vertices follow their lattice edges by z, y, axis, x.
+/// The mesh of a tile. Vertices and triangles are grouped by piece, triangles in the pieces' order, vertices in that
+/// of [`by_surface`](super::by_surface); within a piece vertices follow their lattice edges by z, y, axis, x.
 ///
 /// A piece's triangles are numbered from 1; number 0 stands for none, and is the element
 /// [`Piece::first_triangle`] of `triangles`. Between pieces there may be elements without meaning.
 #[derive(Debug, Default)]
 pub struct TileMesh {
-    /// The pieces, by their first vertex in lattice order.
+    /// The pieces, by their first vertex in lattice order; then caps.
     pub pieces: Vec<Piece>,
     /// Vertices.
     pub chunk: Chunk,

@@ -6,11 +6,14 @@ use crate::error::{Error, Result};
 use crate::pipeline::keep::Keeper;
 use crate::pipeline::layer_directory;
 use crate::pipeline::output::remove_if_there;
-use crate::pipeline::tilefile::write_file;
+use crate::pipeline::tilefile::{room_for, write_file};
 use crate::pipeline::writers::{Job, Writers};
-use crate::tile::tile_path;
+use crate::tile::{
+    Grouped, Node, Recipe, Refused, TileHead, WidestNodes, plain_head, tile_file, tile_file_with,
+    tile_path, widest_description,
+};
 use std::fs::{self, File};
-use std::io::ErrorKind;
+use std::io::{ErrorKind, Write};
 use std::path::{Path, PathBuf};
 use std::sync::mpsc::{SyncSender, sync_channel};
 use std::thread::JoinHandle;
@@ -195,6 +198,51 @@ pub struct Buffers {
     pub old: Buffer,
     /// As it is to be.
     pub new: Buffer,
+}
+
+/// Fills `out` with the file of a tile whose macrocube has its lowest voxel at `low`; returns its index entries.
+///
+/// What the sweep would have written with the same pieces looks the same: it leaves room for their widest JSON.
+///
+/// # Errors
+/// [`Refused`].
+pub fn fill(
+    out: &mut Buffer,
+    (head, widest): (&TileHead, &WidestNodes),
+    low: [u32; 3],
+    (made, nodes): (&Grouped, &[Node]),
+) -> std::result::Result<u64, Refused> {
+    let room = |recipe: &Recipe, bytes: usize| {
+        let widest = widest_description((head, widest), low, (&made.body, recipe))?;
+        Ok(room_for(widest, bytes))
+    };
+    if !head.is_plain(nodes.len()) {
+        let bin = made.bytes();
+        let body = (&made.body, &bin[..]);
+        let file = match head.form.is_encoded_early() {
+            true => tile_file_with(head, low, body, nodes, |_, recipe, bytes| {
+                room(recipe, bytes)
+            }),
+            false => tile_file(head, low, body, nodes),
+        }?;
+        let bytes = file.head.len() + file.bin.len();
+        out.begin(bytes, bytes);
+        let (before, bin) = out.get_mut().split_at_mut(file.head.len());
+        before.copy_from_slice(&file.head);
+        bin.copy_from_slice(&file.bin);
+        return Ok(file.indices);
+    }
+    // as it is made, and copied no more: a hundredth of the time of a sparse scan
+    let body_bytes = made.body.bytes as usize;
+    let room = room(&Recipe::default(), body_bytes)?;
+    let before = plain_head(head, &made.body, nodes, room)?;
+    let bytes = before.len() + body_bytes;
+    out.begin(bytes, bytes);
+    let mut rest = out.get_mut();
+    let mut put = |part: &[u8]| rest.write_all(part).expect("as long as its parts are");
+    put(&before);
+    made.write(put);
+    Ok(made.body.pieces.iter().map(|p| u64::from(p.indices)).sum())
 }
 
 /// Reads a tile that this conversion wrote.

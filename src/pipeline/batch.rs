@@ -9,10 +9,9 @@ use crate::pipeline::shards::Part;
 use crate::pipeline::spool::Spool;
 use crate::pipeline::surfaces::WHOLE;
 use crate::pipeline::tilefile::{TileRecord, WrittenPiece};
+use crate::segment::{Fate, Fates, firsts};
 use crate::tile::Body;
 use std::collections::{BTreeMap, VecDeque};
-use std::iter::{Enumerate, Skip};
-use std::slice::Iter;
 
 /// Pieces of some tiles whose cells are measured once for all of them, at most: 5 MB of measures.
 pub const KNOWN_PIECES: usize = 1 << 14;
@@ -69,6 +68,8 @@ pub struct Job {
     pub pieces: Vec<WrittenPiece>,
     /// The ids of each.
     pub ids: Vec<Ids>,
+    /// What becomes of the object and the cell of each in the next slab.
+    pub fates: Vec<[Fate; 2]>,
 }
 
 impl Job {
@@ -110,12 +111,20 @@ impl Batch {
         &mut self,
         (layer, last): (u32, bool),
         tiles: &[TileRecord],
-        (ids, spool): (&IdsOfSlab, &mut Spool),
+        (ids, fates): (&IdsOfSlab, &Fates),
+        spool: &mut Spool,
     ) -> Result<()> {
         for &tile in tiles {
             let pieces = tile.pieces(spool)?;
             let ids = pieces.iter().map(|p| ids.of(p)).collect();
-            self.jobs.push(Job { tile, pieces, ids });
+            let fate = |p: &WrittenPiece| [p.object, p.cell].map(|class| fates.of(class));
+            let fates = pieces.iter().map(fate).collect();
+            self.jobs.push(Job {
+                tile,
+                pieces,
+                ids,
+                fates,
+            });
         }
         self.layers.push((layer, tiles.len(), last));
         Ok(())
@@ -135,15 +144,51 @@ impl Batch {
 
 /// Puts the tiles of all layers together to batches.
 pub struct Batches<'a> {
-    slabs: Skip<Enumerate<Iter<'a, SlabRecord>>>,
+    slabs: &'a [SlabRecord],
+    /// The next slab.
+    next: usize,
     spool: &'a mut Spool,
     ids: &'a mut SpooledIds,
     /// Bytes that tiles may take while they are finished.
     memory: u64,
     /// Parts of a layer that are in no batch yet, `true` for its last one.
     rest: VecDeque<(Vec<TileRecord>, bool)>,
-    /// That layer and its ids.
-    layer: Option<(u32, IdsOfSlab)>,
+    at_hand: Option<AtHand>,
+}
+
+/// What is to be known of the layer that they are of.
+struct AtHand {
+    layer: u32,
+    ids: IdsOfSlab,
+    /// See [`Fates`].
+    live: Vec<u32>,
+    /// What these are in the next one.
+    there: Vec<u32>,
+}
+
+impl AtHand {
+    /// Of a slab, its ids, and the slab behind it, if there is one.
+    ///
+    /// # Errors
+    /// [`crate::Error::Io`].
+    fn of(
+        slab: &SlabRecord,
+        ids: IdsOfSlab,
+        next: Option<&SlabRecord>,
+        spool: &mut Spool,
+    ) -> Result<Self> {
+        let (mut live, mut there) = (Vec::new(), Vec::new());
+        if let Some(next) = next {
+            live = spool.get(&slab.live)?;
+            there = spool.get(&next.from_previous)?;
+        }
+        Ok(AtHand {
+            layer: slab.layer,
+            ids,
+            live,
+            there,
+        })
+    }
 }
 
 impl<'a> Batches<'a> {
@@ -155,12 +200,13 @@ impl<'a> Batches<'a> {
         memory: u64,
     ) -> Self {
         Batches {
-            slabs: slabs.iter().enumerate().skip(skip),
+            slabs,
+            next: skip,
             spool,
             ids,
             memory,
             rest: VecDeque::new(),
-            layer: None,
+            at_hand: None,
         }
     }
 
@@ -171,16 +217,18 @@ impl<'a> Batches<'a> {
     pub fn next(&mut self) -> Result<Option<Batch>> {
         let mut batch = Batch::default();
         loop {
-            if let Some((layer, ids)) = &self.layer {
+            if let Some(slab) = &self.at_hand {
+                let fates = Fates::new(&slab.live, &slab.there);
                 while let Some((tiles, last)) = self.rest.front() {
                     if !batch.has_room(tiles, self.memory) {
                         return Ok(Some(batch));
                     }
-                    batch.add((*layer, *last), tiles, (ids, self.spool))?;
+                    let known = (&slab.ids, &fates);
+                    batch.add((slab.layer, *last), tiles, known, self.spool)?;
                     self.rest.pop_front();
                 }
             }
-            let Some((i, slab)) = self.slabs.next() else {
+            let Some(slab) = self.slabs.get(self.next) else {
                 return Ok(Some(batch).filter(|batch| !batch.layers.is_empty()));
             };
             let tiles = self.spool.get(&slab.tiles)?;
@@ -191,7 +239,10 @@ impl<'a> Batches<'a> {
                 // a layer without tiles ends, too
                 None => self.rest.push_back((Vec::new(), true)),
             }
-            self.layer = Some((slab.layer, self.ids.of(i)?));
+            let ids = self.ids.of(self.next)?;
+            self.next += 1;
+            let behind = self.slabs.get(self.next);
+            self.at_hand = Some(AtHand::of(slab, ids, behind, self.spool)?);
         }
     }
 }
@@ -204,19 +255,18 @@ pub fn count_distinct(ids: &[Ids]) -> usize {
     ids.len()
 }
 
-/// Pieces with the same ids, in the order of their first piece.
-pub fn group(ids: &[Ids]) -> (Vec<Vec<usize>>, Vec<Ids>) {
-    let mut groups: Vec<Vec<usize>> = Vec::new();
-    let mut group_ids = Vec::new();
-    let mut known: BTreeMap<Ids, usize> = BTreeMap::new();
-    for (piece, &id) in ids.iter().enumerate() {
-        let next = groups.len();
-        let at = *known.entry(id).or_insert(next);
-        if at == next {
-            groups.push(Vec::new());
-            group_ids.push(id);
-        }
-        groups[at].push(piece);
+/// Pieces with the same ids, in the order of their first piece, and these ids. Of a group, pieces that are one in the
+/// next slab come one behind the other: so those that were written as one are where they are if they were not.
+pub fn group(ids: &[Ids], fates: &[[Fate; 2]]) -> (Vec<Vec<usize>>, Vec<Ids>) {
+    let one_next = firsts(fates);
+    let mut groups: BTreeMap<usize, Vec<usize>> = BTreeMap::new();
+    for (piece, first) in firsts(ids).into_iter().enumerate() {
+        groups.entry(first).or_default().push(piece);
+    }
+    let group_ids = groups.keys().map(|&first| ids[first]).collect();
+    let mut groups: Vec<Vec<usize>> = groups.into_values().collect();
+    for group in &mut groups {
+        group.sort_by_key(|&piece| one_next[piece]);
     }
     (groups, group_ids)
 }
@@ -249,7 +299,10 @@ mod tests {
         };
         let mut batch = Batch::default();
         for &(layer, last, tiles) in parts {
-            batch.add((layer, last), tiles, (&ids, &mut spool)).unwrap();
+            let fates = Fates::new(&[], &[]);
+            batch
+                .add((layer, last), tiles, (&ids, &fates), &mut spool)
+                .unwrap();
         }
         batch
     }
@@ -309,13 +362,38 @@ mod tests {
         fn groups_are_the_pieces_with_the_same_ids(cells in prop::collection::vec(0..20u64, 0..40)) {
             let id = |&cell: &u64| Ids { object: 1 + cell % 2, cell, surface: cell };
             let ids: Vec<Ids> = cells.iter().map(id).collect();
-            let (groups, group_ids) = group(&ids);
+            let ended: Vec<_> = (0..ids.len() as u32).map(|class| [Fate::Ended(class); 2]).collect();
+            let (groups, group_ids) = group(&ids, &ended);
             prop_assert_eq!(count_distinct(&ids), groups.len());
             prop_assert_eq!(groups.concat().len(), ids.len());
             for (group, id) in groups.iter().zip(&group_ids) {
                 prop_assert!(group.is_sorted() && group.iter().all(|&piece| ids[piece] == *id));
             }
             prop_assert!(groups.is_sorted_by_key(|group| group[0]));
+        }
+
+        /// Pieces come in the same order, whether those that are one in the next slab were joined before or not.
+        #[test]
+        fn what_was_one_before_is_where_it_is_anyway(classes in prop::collection::vec(0..12u32, 0..40)) {
+            let fates: Vec<_> = classes.iter().map(|&class| [Fate::Next(class); 2]).collect();
+            let id = |class: u32| u64::from(class % 4);
+            let id = |&class: &u32| Ids { object: id(class), cell: id(class), surface: id(class) };
+            let ids: Vec<Ids> = classes.iter().map(id).collect();
+            let (at_once, of_all) = group(&ids, &fates);
+            // as they are written: those of a class together, by its first piece
+            let mut joined: Vec<Vec<usize>> = Vec::new();
+            for (piece, first) in firsts(&fates).into_iter().enumerate() {
+                match joined.iter_mut().find(|pieces| pieces[0] == first) {
+                    Some(pieces) => pieces.push(piece),
+                    None => joined.push(vec![piece]),
+                }
+            }
+            let of_joined: Vec<Ids> = joined.iter().map(|pieces| ids[pieces[0]]).collect();
+            let fates: Vec<_> = joined.iter().map(|pieces| fates[pieces[0]]).collect();
+            let (groups, same) = group(&of_joined, &fates);
+            let flat = |group: &Vec<usize>| group.iter().flat_map(|&at| joined[at].clone()).collect();
+            let later: Vec<Vec<usize>> = groups.iter().map(flat).collect();
+            prop_assert_eq!((later, same), (at_once, of_all));
         }
     }
 

@@ -1,11 +1,10 @@
 //! Gives the tiles their ids and measures.
 
-use crate::direct::Buffer;
 use crate::error::{Error, Result};
 use crate::grid::{LATTICE, Placement, Tiling};
 use crate::manifest::{Bounds, Group, Layer, Shard, TileEntry, Totals, checksum_text};
 use crate::measure::{ComponentRecord, Measures, RecordTable};
-use crate::pipeline::anew::{Buffers, anew_path, make_layer_dir, read_back, write_anew};
+use crate::pipeline::anew::{Buffers, anew_path, fill, make_layer_dir, read_back, write_anew};
 use crate::pipeline::batch::{Batch, Batches, Ids, Job, KNOWN_PIECES, count_distinct, group};
 use crate::pipeline::forward::SlabRecord;
 use crate::pipeline::keep::Keeper;
@@ -17,13 +16,12 @@ use crate::pipeline::tilefile::{TileRecord, refused, too_large};
 use crate::pipeline::writers::Writers;
 use crate::progress::Progress;
 use crate::tile::{
-    Body, BodyPiece, Extras, Grouped, Node, Refused, TileHead, decode, describe, name, plain_head,
-    tile_file, tile_path, write_head,
+    Body, BodyPiece, Extras, Grouped, Node, TileHead, WidestNodes, decode, describe, name,
+    tile_path, write_head,
 };
 use rayon::prelude::*;
 use std::borrow::Cow;
 use std::fs::OpenOptions;
-use std::io::Write;
 use std::os::unix::fs::FileExt;
 use std::path::Path;
 use std::sync::Mutex;
@@ -36,6 +34,8 @@ pub struct FinishSettings<'a> {
     pub dir: &'a Path,
     /// What all tiles have in common.
     pub head: &'a TileHead,
+    /// How wide their JSON can become.
+    pub widest: &'a WidestNodes,
     /// Spacing and unit of the measures.
     pub placement: &'a Placement,
     /// The macrocubes.
@@ -349,7 +349,7 @@ impl Finisher<'_> {
     /// Writes a tile anew, beside the old one.
     fn rewrite_tile(&self, job: &Job, known: &[Cell], buffers: &mut Buffers) -> Result<TileEntry> {
         let tile = &job.tile;
-        let (groups, group_ids) = group(&job.ids);
+        let (groups, group_ids) = group(&job.ids, &job.fates);
         let (head, low) = (self.settings.head, self.settings.tiling.lowest(tile.grid));
         let path = self.settings.dir.join(tile_path(tile.grid));
         let bytes = read_back(&path, &mut buffers.old)?;
@@ -366,7 +366,8 @@ impl Finisher<'_> {
         };
         let made = Grouped::new(&body, &bytes, &groups, head.form.primitives);
         let nodes = self.nodes(&made.body, &group_ids, known)?;
-        let indices = fill(&mut buffers.new, (head, low), &made, &nodes)
+        let what = (head, self.settings.widest);
+        let indices = fill(&mut buffers.new, what, low, (&made, &nodes))
             .map_err(|e| refused(e, tile.grid, self.settings.tiling))?;
         let file = buffers.new.get();
         let size_and_crc = (file.len() as u64, crc32fast::hash(file));
@@ -410,34 +411,6 @@ impl Finisher<'_> {
             )
             .collect()
     }
-}
-
-/// Fills `out` with the file of a tile whose macrocube has its lowest voxel at `low`; returns its index entries.
-fn fill(
-    out: &mut Buffer,
-    (head, low): (&TileHead, [u32; 3]),
-    made: &Grouped,
-    nodes: &[Node],
-) -> std::result::Result<u64, Refused> {
-    if !head.is_plain(nodes.len()) {
-        let bin = made.bytes();
-        let file = tile_file(head, low, (&made.body, &bin), nodes)?;
-        let bytes = file.head.len() + file.bin.len();
-        out.begin(bytes, bytes);
-        let (before, bin) = out.get_mut().split_at_mut(file.head.len());
-        before.copy_from_slice(&file.head);
-        bin.copy_from_slice(&file.bin);
-        return Ok(file.indices);
-    }
-    // as it is made, and copied no more: a hundredth of the time of a sparse scan
-    let before = plain_head(head, &made.body, nodes)?;
-    let bytes = before.len() + made.body.bytes as usize;
-    out.begin(bytes, bytes);
-    let mut rest = out.get_mut();
-    let mut put = |part: &[u8]| rest.write_all(part).expect("as long as its parts are");
-    put(&before);
-    made.write(put);
-    Ok(made.body.pieces.iter().map(|p| u64::from(p.indices)).sum())
 }
 
 /// The error for a tile that is not as this program has written it.

@@ -3,14 +3,13 @@
 use crate::checkpoint::{Decoder, Encoder};
 use crate::error::Result;
 use crate::measure::{MeshSums, VoxelSums};
-use crate::mesh::Piece;
 use crate::pipeline::band::{Band, SettledBand};
 use crate::pipeline::budget::{Budget, Reservation};
 use crate::pipeline::gather::SlabTiles;
 use crate::pipeline::keep::{Marks, Scratch};
 use crate::pipeline::spool::{Place, Spool};
 use crate::pipeline::surfaces::{SlabSurface, Surfaces};
-use crate::pipeline::tilefile::{TileRecord, cell_of};
+use crate::pipeline::tilefile::TileRecord;
 use crate::segment::{Births, Classes, PhaseBirths, SlabClasses, Unfiled};
 use std::collections::BTreeMap;
 use std::sync::Arc;
@@ -488,11 +487,4 @@ fn read_slabs(records: &mut Spool) -> Result<Option<Vec<SlabRecord>>> {
 
 fn settled_bytes(bands: &[SettledBand]) -> u64 {
     bands.iter().map(SettledBand::bytes).sum()
-}
-
-/// True if some of a tile's pieces are likely to turn out to be one. The tile is then written anew, and is
-/// best read back from the page cache.
-pub fn is_provisional(classes: &SlabClasses, pieces: &[Piece]) -> bool {
-    let pair = |p: &Piece| [p.object, cell_of(p)];
-    classes.merge_often && classes.may_become_one(pieces.iter().map(pair))
 }

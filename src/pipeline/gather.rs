@@ -21,8 +21,8 @@ pub struct SlabTiles {
     fixed: u64,
 }
 
-/// A piece, and what it adds to a surface, `None` for a cap.
-type Part = (WrittenPiece, Option<SurfacePart>);
+/// A piece, `None` if it was written as one with the piece before, and what it adds to a surface, `None` for a cap.
+pub type Part = (Option<WrittenPiece>, Option<SurfacePart>);
 
 /// A tile that came before its slab had begun, its pieces, and sums over its caps.
 type EarlyTile = (TileRecord, Vec<Part>, MeshSums);
@@ -96,10 +96,11 @@ impl<'a> Gather<'a> {
         if gathering.slab.as_ref().is_some_and(|s| s.layer == layer) {
             return gathering.add(record, pieces, caps);
         }
-        let bytes = size_of::<EarlyTile>() + record.pieces as usize * size_of::<Part>();
+        let pieces: Vec<Part> = pieces.collect();
+        let bytes = size_of::<EarlyTile>() + pieces.len() * size_of::<Part>();
         let held = gathering.state.held(layer);
         gathering.state.hold(layer, held + bytes as u64)?;
-        gathering.early.push((record, pieces.collect(), *caps));
+        gathering.early.push((record, pieces, *caps));
         Ok(())
     }
 
@@ -122,11 +123,13 @@ impl Gathering<'_> {
         let Forward { spool, whole, .. } = &mut state.forward;
         record.pieces_at = spool.here::<WrittenPiece>().offset();
         let mut place = spool.here();
-        for (mut piece, part) in pieces {
-            if let Some(part) = part {
-                piece.surface = slab.surfaces.add(&part, whole)?;
+        for (piece, part) in pieces {
+            let part = part.map(|part| slab.surfaces.add(&part, whole));
+            let surface = part.transpose()?.unwrap_or(u32::MAX);
+            if let Some(mut piece) = piece {
+                piece.surface = surface;
+                spool.extend(&mut place, &[piece])?;
             }
-            spool.extend(&mut place, &[piece])?;
         }
         slab.records.push(record);
         slab.caps.merge(caps);

@@ -233,6 +233,7 @@ fn make(
     let settings = FinishSettings {
         dir: work,
         head: &head,
+        widest: &WidestNodes::new(&head),
         placement: &placement,
         tiling: plan.tiling,
         writers: writers.as_ref(),

@@ -12,12 +12,20 @@ pub struct Mode {
     pub bands_at_once: u32,
     /// Bands of the next slabs besides.
     pub ahead: u32,
+    /// All bands of the next slab besides those, where components often turn out to be one.
+    pub next_slab: bool,
 }
 
 impl Mode {
     /// The next one that needs less memory, if there is any.
     fn smaller(self) -> Option<Mode> {
         match self {
+            Mode {
+                next_slab: true, ..
+            } => Some(Mode {
+                next_slab: false,
+                ..self
+            }),
             Mode { ahead: 1.., .. } => Some(Mode { ahead: 0, ..self }),
             Mode {
                 bands_at_once: 1, ..
@@ -48,7 +56,9 @@ impl<T> Parts<'_, T> {
     /// # Errors
     /// `error` if there is none; [`Error::Io`] of a tile that was on its way to the disk.
     pub fn shrink(&mut self, error: Error) -> Result<()> {
-        if let Some(writers) = self.writers.take() {
+        if !self.mode.next_slab
+            && let Some(writers) = self.writers.take()
+        {
             return writers.wait();
         }
         self.mode = self.mode.smaller().ok_or(error)?;

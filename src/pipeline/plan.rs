@@ -40,9 +40,11 @@ pub struct Plan {
     /// Bands of the next slabs for which there is memory besides that of a slab; 0 if none of them is read before the
     /// slab in hand has ended. Most are prepared in the memory of bands whose tiles are made.
     pub ahead: u32,
+    /// There is memory for all bands of the next slab, too, where components often turn out to be one.
+    pub next_slab: bool,
     /// Worker threads.
     pub threads: usize,
-    /// Predicted peak resident memory, in bytes.
+    /// Predicted peak resident memory, in bytes, without the next slab.
     pub memory: u64,
     /// The limit asked for, in bytes.
     pub limit: u64,
@@ -88,6 +90,7 @@ pub fn plan(volume: &dyn Volume, dims: Dims, options: &ConvertOptions) -> Result
         tiling,
         bands_at_once,
         ahead,
+        next_slab: false,
         threads,
         memory: cost.total(bands_at_once, ahead),
         limit: options.memory,
@@ -132,6 +135,8 @@ pub fn plan(volume: &dyn Volume, dims: Dims, options: &ConvertOptions) -> Result
         let more = each.min((options.memory - best.memory) / cost.band.max(1));
         best.memory += more * cost.band;
         best.ahead += more as u32;
+        // at last all bands of another slab, which few volumes come to take
+        best.next_slab = best.memory + u64::from(bands) * cost.band <= options.memory;
     }
     Ok(best)
 }

@@ -3,7 +3,7 @@
 use crate::direct;
 use crate::error::{Error, Result};
 use crate::grid::Tiling;
-use crate::mesh::{Piece, TileMesh};
+use crate::mesh::{CAP, Piece, TileMesh};
 use crate::pipeline::spool::{Place, Spool};
 use crate::pipeline::writers::{Job, Writers};
 use crate::strip::Stripifier;
@@ -17,9 +17,6 @@ use std::fs::File;
 use std::io::Write;
 use std::os::unix::fs::FileExt;
 use std::path::{Path, PathBuf};
-
-/// Class of a cap piece's cell.
-pub const CAP: u32 = u32::MAX;
 
 /// A tile as the forward sweep left it.
 #[repr(C)]
@@ -124,8 +121,11 @@ impl TileWriter {
         let bytes = mesh.chunk.bytes();
         let (crc, bin_bytes) = (crc32fast::hash(bytes), bytes.len() as u64);
         let long = bytes.len() >= direct::WORTH;
-        let step = if long { direct::SECTOR } else { 8 };
-        let room = if stays { aligned(widest, step) } else { 0 };
+        let room = if stays {
+            room_for(widest, bytes.len())
+        } else {
+            0
+        };
         let path = self.dir.join(tile_path(grid));
         let start = head_bytes(aligned(room, 8), bin_bytes).ok_or_else(|| too_large(grid))?;
         // what is to be written anew is best read back from the cache
@@ -168,6 +168,17 @@ impl TileWriter {
     }
 }
 
+/// Bytes of the JSON chunk, if it takes up to `widest` before geometry of so many bytes, which may go past the page
+/// cache.
+pub fn room_for(widest: usize, bytes: usize) -> usize {
+    let step = if bytes >= direct::WORTH {
+        direct::SECTOR
+    } else {
+        8
+    };
+    aligned(widest, step)
+}
+
 /// The error for a tile that cannot be written as asked.
 pub fn refused(why: Refused, grid: [u32; 3], tiling: Tiling) -> Error {
     match why {
@@ -177,21 +188,16 @@ pub fn refused(why: Refused, grid: [u32; 3], tiling: Tiling) -> Error {
 }
 
 impl WrittenPiece {
-    /// A piece and where it lies in the body, not knowing its surface yet.
+    /// A piece and where it lies in the body with those that are one with it, not knowing its surface yet.
     pub fn new(piece: &Piece, body: BodyPiece) -> Self {
         WrittenPiece {
             body,
             object: piece.object,
-            cell: cell_of(piece),
+            cell: piece.cell,
             surface: u32::MAX,
             reserved: 0,
         }
     }
-}
-
-/// Class of a piece's cell, or [`CAP`].
-pub fn cell_of(piece: &Piece) -> u32 {
-    if piece.cap { CAP } else { piece.cell }
 }
 
 /// The error for a tile beyond the size of a GLB.

@@ -10,6 +10,7 @@ use crate::error::Result;
 use crate::measure::VoxelSums;
 use crate::segment::band::{BandComponents, BandEdges};
 use crate::segment::births::Births;
+use crate::segment::next::{Fate, Fates};
 use crate::segment::unionfind::UnionFind;
 use std::collections::BTreeSet;
 
@@ -67,14 +68,25 @@ impl SlabClasses {
         open.filter(|&(class, _)| !self.grows(class))
     }
 
-    /// True if two of these pairs of classes may turn out to be of the same components, in slabs to come.
-    pub fn may_become_one(&self, pairs: impl Iterator<Item = [u32; 2]>) -> bool {
+    /// True if two of these pairs of classes may turn out to be of the same components, in slabs to come: behind
+    /// the `next` one, if that is known.
+    pub fn may_become_one(
+        &self,
+        next: Option<&SlabClasses>,
+        pairs: impl Iterator<Item = [u32; 2]>,
+    ) -> bool {
         // of the classes that grow, each may become one with each
-        let fate = |class: u32| (!self.grows(class)).then_some(class);
-        let mut fates = BTreeSet::new();
+        let known = |class: u32| match next.map(|next| (Fates::between(self, next).of(class), next))
+        {
+            Some((Fate::Next(class), next)) if next.grows(class) => None,
+            Some((fate, _)) => Some(fate),
+            None if self.grows(class) => None,
+            None => Some(Fate::Ended(class)),
+        };
+        let mut all = BTreeSet::new();
         !pairs
-            .map(|pair| pair.map(fate))
-            .all(|pair| fates.insert(pair))
+            .map(|pair| pair.map(known))
+            .all(|pair| all.insert(pair))
     }
 
     /// True if a class is live in the next slab.

@@ -6,13 +6,15 @@
 //! 3. `band`: what a band tells its neighbours; components that are whole in it leave memory.
 //! 4. `classes`: bands of a slab and the slab before it are joined to classes; components that can
 //!    no longer grow leave memory.
-//! 5. `births`: which classes are a component of their own in the end, hence the final ids.
+//! 5. `next`: classes that turn out to be one in the next slab.
+//! 6. `births`: which classes are a component of their own in the end, hence the final ids.
 
 mod band;
 mod births;
 mod border;
 mod classes;
 mod label;
+mod next;
 mod runs;
 mod unionfind;
 
@@ -21,4 +23,5 @@ pub use births::{Births, Unfiled};
 pub use border::add_border_euler;
 pub use classes::{Classes, KnownBand, PhaseBirths, SlabClasses};
 pub use label::{Labels, LocalComponent, label_runs, sum_voxels};
+pub use next::{Fate, Fates, firsts};
 pub use runs::{RowRuns, Run, Runs};

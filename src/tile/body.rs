@@ -2,7 +2,7 @@
 
 use crate::grid::LATTICE;
 use crate::manifest::Primitives;
-use crate::mesh::TileMesh;
+use crate::mesh::{TileMesh, by_surface};
 use crate::strip::{Stripifier, Triangle, append_strip};
 use bytemuck::{Pod, Zeroable};
 
@@ -35,6 +35,30 @@ pub(super) fn is_wide(vertices: u32) -> bool {
 }
 
 impl BodyPiece {
+    /// Of no vertices, at the beginning.
+    const NONE: BodyPiece = BodyPiece {
+        first_index_byte: 0,
+        first_vertex: 0,
+        vertices: 0,
+        triangles: 0,
+        indices: 0,
+        strips: 0,
+        min: [i32::MAX; 3],
+        max: [i32::MIN; 3],
+        reserved: 0,
+    };
+
+    /// Adds the counts of another piece, but for its indices, which are to be joined first.
+    fn add(&mut self, other: &BodyPiece) {
+        self.vertices += other.vertices;
+        self.triangles += other.triangles;
+        self.strips += other.strips;
+        for a in 0..3 {
+            self.min[a] = self.min[a].min(other.min[a]);
+            self.max[a] = self.max[a].max(other.max[a]);
+        }
+    }
+
     /// True if its indices are of 4 bytes.
     pub fn wide(&self) -> bool {
         is_wide(self.vertices)
@@ -65,7 +89,8 @@ impl Body {
         24 * u64::from(self.vertices)
     }
 
-    /// Writes the body of a mesh: the indices, behind the vertices in its chunk.
+    /// Writes the body of a mesh: the indices, behind the vertices in its chunk. Pieces that are known to be of one
+    /// surface are one.
     pub fn write(mesh: &mut TileMesh, primitives: Primitives, stripifier: &mut Stripifier) -> Body {
         let mut body = Body {
             vertices: mesh.chunk.vertices() as u32,
@@ -77,30 +102,42 @@ impl Body {
             triangles,
         } = mesh;
         chunk.truncate();
-        let mut indices = Vec::new();
-        for piece in pieces {
-            let faces = &mut triangles[piece.faces()];
+        let (mut indices, mut part) = (Vec::new(), Vec::new());
+        for surface in by_surface(pieces).chunk_by(|&a, &b| pieces[a].first == pieces[b].first) {
             indices.clear();
-            let strips = match primitives {
-                Primitives::Strips => stripifier.stripify(faces, &mut indices),
-                Primitives::Triangles => {
-                    list(faces, &mut indices);
-                    0
-                }
-            };
-            let piece = BodyPiece {
+            let mut joined = BodyPiece {
                 first_index_byte: chunk.bytes().len() as u64,
-                first_vertex: piece.first_vertex,
-                vertices: piece.vertices,
-                triangles: piece.triangles,
-                indices: indices.len() as u32,
-                strips: strips as u32,
-                min: piece.min,
-                max: piece.max,
-                reserved: 0,
+                first_vertex: pieces[surface[0]].first_vertex,
+                ..BodyPiece::NONE
             };
-            write_indices(&piece, &indices, |bytes| chunk.extend_from_slice(bytes));
-            body.pieces.push(piece);
+            for &number in surface {
+                let piece = &pieces[number];
+                let faces = &mut triangles[piece.faces()];
+                let mut make = |out: &mut Vec<u32>| match primitives {
+                    Primitives::Strips => stripifier.stripify(faces, out) as u32,
+                    Primitives::Triangles => list(faces, out),
+                };
+                // most surfaces are of one piece
+                let strips = if joined.vertices == 0 {
+                    make(&mut indices)
+                } else {
+                    part.clear();
+                    let strips = make(&mut part);
+                    append_indices(&mut indices, &part, joined.vertices, primitives);
+                    strips
+                };
+                joined.add(&BodyPiece {
+                    vertices: piece.vertices,
+                    triangles: piece.triangles,
+                    strips,
+                    min: piece.min,
+                    max: piece.max,
+                    ..BodyPiece::NONE
+                });
+            }
+            joined.indices = indices.len() as u32;
+            write_indices(&joined, &indices, |bytes| chunk.extend_from_slice(bytes));
+            body.pieces.push(joined);
         }
         body.bytes = chunk.bytes().len() as u64;
         body
@@ -156,9 +193,10 @@ impl Body {
     }
 }
 
-/// Appends the triangles of a piece, whose first element is none.
-fn list(piece: &[Triangle], out: &mut Vec<u32>) {
+/// Appends the triangles of a piece, whose first element is none; returns that these are no strips.
+fn list(piece: &[Triangle], out: &mut Vec<u32>) -> u32 {
     out.extend(piece[1..].iter().flat_map(Triangle::corners));
+    0
 }
 
 /// Hands out a piece's indices in their width, padded to 4 bytes, a few hundred at a time.
@@ -269,23 +307,13 @@ fn join_pieces(
     group: &[usize],
     primitives: Primitives,
 ) -> (BodyPiece, Vec<u32>) {
-    let mut joined = BodyPiece {
-        min: [i32::MAX; 3],
-        max: [i32::MIN; 3],
-        ..BodyPiece::zeroed()
-    };
+    let mut joined = BodyPiece::NONE;
     let mut indices = Vec::new();
     for &p in group {
         let piece = &body.pieces[p];
         let part = body.indices(piece, bytes);
         append_indices(&mut indices, &part, joined.vertices, primitives);
-        joined.vertices += piece.vertices;
-        joined.triangles += piece.triangles;
-        joined.strips += piece.strips;
-        for a in 0..3 {
-            joined.min[a] = joined.min[a].min(piece.min[a]);
-            joined.max[a] = joined.max[a].max(piece.max[a]);
-        }
+        joined.add(piece);
     }
     joined.indices = indices.len() as u32;
     (joined, indices)

@@ -2,7 +2,7 @@
 
 use super::body::Body;
 use super::document::{Node, TileHead, node_json, write_head};
-use super::encoded::{describe, encode};
+use super::encoded::{Recipe, describe, encode};
 use super::merged::colours;
 use super::store::Refused;
 use std::borrow::Cow;
@@ -38,30 +38,49 @@ pub fn tile_file<'a>(
     (body, bytes): (&'a Body, &'a [u8]),
     nodes: &[Node],
 ) -> Result<TileFile<'a>, Refused> {
+    let no_more = |json: usize, _: &Recipe, _: usize| Ok(aligned(json, 8));
+    tile_file_with(head, low, (body, bytes), nodes, no_more)
+}
+
+/// The same with a JSON chunk of the bytes that `room` says, not fewer than its JSON has: it is told how many these
+/// are, what tells the geometry's parts, and how long that is.
+///
+/// # Errors
+/// As of [`tile_file`], and what `room` returns.
+pub fn tile_file_with<'a>(
+    head: &TileHead,
+    low: [u32; 3],
+    (body, bytes): (&'a Body, &'a [u8]),
+    nodes: &[Node],
+    room: impl FnOnce(usize, &Recipe, usize) -> Result<usize, Refused>,
+) -> Result<TileFile<'a>, Refused> {
     let colours = colours(nodes);
     let encoded = encode(head, low, (body, bytes), colours.as_deref())?;
     let (mut bin, recipe) = (encoded.bytes, encoded.recipe);
     let (json, table) = describe(head, low, (body, &recipe), nodes)?;
+    let room = room(json.len(), &recipe, bin.len())?;
     if !table.is_empty() {
         bin.to_mut().extend_from_slice(&table);
     }
-    let head = head_of(&json, bin.len() as u64)?;
+    let head = write_head(&json, room, bin.len() as u64).ok_or(Refused::TooLarge)?;
     let indices = recipe.indices.into();
     Ok(TileFile { head, bin, indices })
 }
 
-/// What comes before the BIN chunk's data in the file of a plain tile, see [`TileHead::is_plain`].
+/// What comes before the BIN chunk's data in the file of a plain tile, see [`TileHead::is_plain`], with `room` for
+/// the JSON.
 ///
 /// # Errors
 /// [`Refused::TooLarge`].
-pub fn plain_head(head: &TileHead, body: &Body, nodes: &[Node]) -> Result<Vec<u8>, Refused> {
+pub fn plain_head(
+    head: &TileHead,
+    body: &Body,
+    nodes: &[Node],
+    room: usize,
+) -> Result<Vec<u8>, Refused> {
     debug_assert!(head.is_plain(nodes.len()));
-    head_of(&node_json(head, body, nodes), body.bytes)
-}
-
-/// A file's head with no more room than the JSON takes.
-fn head_of(json: &[u8], bin_bytes: u64) -> Result<Vec<u8>, Refused> {
-    write_head(json, aligned(json.len(), 8), bin_bytes).ok_or(Refused::TooLarge)
+    let json = node_json(head, body, nodes);
+    write_head(&json, room, body.bytes).ok_or(Refused::TooLarge)
 }
 
 /// The next length of a JSON chunk that puts the BIN chunk's data on a multiple of `step` bytes, in turn

@@ -76,7 +76,7 @@ pub(crate) use contents::name;
 pub(crate) use document::{Node, TileHead, WidestNodes, head_bytes, material, write_head};
 pub(crate) use encoded::{Encoded, Recipe, decode, describe, encode, widest_description};
 pub use extras::Extras;
-pub(crate) use file::{aligned, plain_head, tile_file};
+pub(crate) use file::{aligned, plain_head, tile_file, tile_file_with};
 pub use mesh::{SurfacePiece, TileMesh};
 pub(crate) use paint::Rgb;
 pub(crate) use part::{Part, PartPiece, TilePlace, part};

@@ -1,7 +1,7 @@
 //! Threads that do what is next, each by itself, from slab to slab.
 
 use super::queue::{Limits, Queue, Step, Stop};
-use super::{Sweep, TileJob, take_classes};
+use super::{Slab, Sweep, TileJob, take_classes};
 use crate::error::{Error, Result};
 use crate::pipeline::band::Band;
 use crate::pipeline::forward::{Known, State};
@@ -79,6 +79,7 @@ impl<'a, T: Voxel + Default> Line<'a, T> {
             bands,
             layers,
             ahead: parts.mode.ahead,
+            next_slab: parts.mode.next_slab,
             in_order: !parts.source.volume.random_access(),
         };
         Line {
@@ -150,7 +151,7 @@ impl<'a, T: Voxel + Default> Line<'a, T> {
             Step::Prepare(place, memory) => self.prepare(place, memory),
             Step::Begin(layer, bands, alone) => self.begin(layer, bands, alone),
             Step::Label(place, band, known) => self.label(place, band, &known),
-            Step::Tile(job, known) => self.tile(job, &known),
+            Step::Tile(job, known, next) => self.tile(job, &known, next.as_deref()),
             Step::End(layer, known, next) => self.end(layer, &known, next.as_deref()),
             Step::Wait | Step::Over => {}
         }
@@ -196,9 +197,14 @@ impl<'a, T: Voxel + Default> Line<'a, T> {
         self.lock().labelled(layer, tiles);
     }
 
-    fn tile(&self, job: TileJob<Arc<Band<T>>>, known: &Known) {
-        let gathering = (&known.classes, &self.gather);
-        let made = self.sweep.mesh_tile(self.parts, &job, gathering);
+    /// Makes a tile of a layer; what is known of the next one, if it has waited for that.
+    fn tile(&self, job: TileJob<Arc<Band<T>>>, known: &Known, next: Option<&Known>) {
+        let slab = Slab {
+            classes: &known.classes,
+            next: next.map(|next| &next.classes),
+            gather: &self.gather,
+        };
+        let made = self.sweep.mesh_tile(self.parts, &job, &slab);
         let [_, _, layer] = job.grid;
         let unused = self.lock().made(layer, made, Arc::into_inner(job.band));
         // it takes the system a while to have it back

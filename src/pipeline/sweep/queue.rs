@@ -17,6 +17,9 @@ pub struct Limits {
     /// Bands beyond those of a slab for which there is memory; with 0, none is prepared before the slab in hand has
     /// ended.
     pub ahead: u32,
+    /// There is memory for the bands of one more slab: where components often turn out to be one, tiles wait until
+    /// the next slab has begun, which tells which of them do.
+    pub next_slab: bool,
     /// Bands are prepared one by one, as a stream is read.
     pub in_order: bool,
 }
@@ -29,8 +32,8 @@ pub enum Step<T> {
     Begin(u32, Vec<Band<T>>, bool),
     /// Turn the labels of a band (y, layer) to classes, and list its tiles.
     Label([u32; 2], Band<T>, Arc<Known>),
-    /// Make a tile.
-    Tile(TileJob<Arc<Band<T>>>, Arc<Known>),
+    /// Make a tile. What is known of the next layer, if the tile has waited for that.
+    Tile(TileJob<Arc<Band<T>>>, Arc<Known>, Option<Arc<Known>>),
     /// End a layer whose tiles are made. What is known of the next one, if that has begun.
     End(u32, Arc<Known>, Option<Arc<Known>>),
     /// Wait until something changes.
@@ -60,6 +63,10 @@ struct Open<T> {
     labelling: u32,
     /// Tiles of it that threads make.
     making: u32,
+    /// Its tiles wait for the next slab.
+    waits: bool,
+    /// What is known of that, once it has begun, if they have waited for it.
+    next: Option<Arc<Known>>,
 }
 
 impl<T> Open<T> {
@@ -75,9 +82,12 @@ impl<T> Open<T> {
     }
 
     fn tile(&mut self) -> Option<Step<T>> {
+        if self.waits {
+            return None;
+        }
         let (_, job) = self.tiles.pop_first()?;
         self.making += 1;
-        Some(Step::Tile(job, self.known.clone()))
+        Some(Step::Tile(job, self.known.clone(), self.next.clone()))
     }
 }
 
@@ -90,9 +100,11 @@ impl<T> Open<T> {
 /// When a slab began only after the one before had ended, 16 threads that converted a foam of 512 x 512 x 512 voxels
 /// waited for 11 to 12 % of the sweep, which took 237 to 250 ms; now they wait for 3 to 6 %, most of it at the ends.
 /// Two threads waited for less than 1 % before, too.
+///
+/// If tiles of the second open slab wait for a third one, that begins as soon as all tiles of the first are in hand.
 pub struct Queue<T> {
     limits: Limits,
-    /// Two slabs at most, by rising layer.
+    /// Two slabs at most, by rising layer, or three if tiles wait.
     open: VecDeque<Open<T>>,
     /// The next layer to begin.
     layer: u32,
@@ -153,9 +165,10 @@ impl<T> Queue<T> {
                 return Step::Over;
             }
         }
-        let open = match self.last {
-            Some(_) => 1,
-            None => self.open.len(),
+        // tiles that come before their slab are gathered of one slab, the second
+        let (open, gathered) = match self.last {
+            Some(_) => (1, 1),
+            None => (self.open.len(), 2),
         };
         let mut slabs = self.open.iter_mut().take(open);
         if let Some(step) = slabs.find_map(Open::label) {
@@ -164,7 +177,7 @@ impl<T> Queue<T> {
         if self.may_prepare() {
             return self.prepare();
         }
-        let mut slabs = self.open.iter_mut().take(open);
+        let mut slabs = self.open.iter_mut().take(gathered);
         if let Some(step) = slabs.find_map(Open::tile) {
             return step;
         }
@@ -181,6 +194,7 @@ impl<T> Queue<T> {
         match self.open.front() {
             Some(slab) => {
                 self.last.get_or_insert(slab.layer);
+                self.wait_no_more();
             }
             None if !self.turning && !self.has_ended() => self.fail(Error::Interrupted),
             None => {}
@@ -209,9 +223,18 @@ impl<T> Queue<T> {
 
     /// True if all bands of the next slab are prepared, and it may be open beside those that are.
     fn may_begin(&self) -> bool {
-        let most = if self.one_by_one { 1 } else { 2 };
+        let most = match (&self.open.front(), self.open.get(1)) {
+            _ if self.one_by_one => 1,
+            (Some(first), Some(second)) if second.waits && first.is_taken() => 3,
+            _ => 2,
+        };
         let slab = self.prepared.range(..(self.layer + 1, 0));
         self.open.len() < most && self.last.is_none() && slab.count() == self.limits.bands as usize
+    }
+
+    /// No next slab will begin in time for tiles that wait for it.
+    fn wait_no_more(&mut self) {
+        self.open.iter_mut().for_each(|slab| slab.waits = false);
     }
 
     fn may_prepare(&self) -> bool {
@@ -220,13 +243,20 @@ impl<T> Queue<T> {
             layers,
             ahead,
             in_order,
+            ..
         } = self.limits;
         let (layer, _) = self.next;
         let in_turn = match ahead {
             1.. => layer < layers,
             0 => layer == self.layer && self.open.is_empty(),
         };
-        let room = !self.spare.is_empty() || self.exist < bands.saturating_add(ahead);
+        let slabs = if self.open.iter().any(|slab| slab.waits) {
+            2
+        } else {
+            1
+        };
+        let most = (slabs * bands).saturating_add(ahead);
+        let room = !self.spare.is_empty() || self.exist < most;
         let goes_on = self.full.is_none() && self.last.is_none();
         in_turn && room && goes_on && !(in_order && self.preparing > 0)
     }
@@ -253,6 +283,7 @@ impl<T> Queue<T> {
             Err(error @ Error::TooDense { .. }) => {
                 self.exist -= 1;
                 self.full.get_or_insert(error);
+                self.wait_no_more();
             }
             Err(error) => self.fail(error),
         }
@@ -262,29 +293,44 @@ impl<T> Queue<T> {
     pub fn begun(&mut self, slab: Result<(Vec<Band<T>>, Known)>) {
         self.turning = false;
         match slab {
-            Ok((bands, known)) => {
-                self.open.push_back(Open {
-                    layer: self.layer,
-                    known: Arc::new(known),
-                    unlabelled: (0..).zip(bands).collect(),
-                    tiles: BTreeMap::new(),
-                    labelling: 0,
-                    making: 0,
-                });
-                self.layer += 1;
-            }
+            Ok((bands, known)) => self.open(bands, Arc::new(known)),
             // the slab that is open may come to its end
             Err(error @ Error::TooDense { .. }) if !self.open.is_empty() => {
                 self.full.get_or_insert(error);
+                self.wait_no_more();
             }
             Err(error) => self.fail(error),
         }
+    }
+
+    /// The next layer is open; tiles that have waited for it no longer do.
+    fn open(&mut self, bands: Vec<Band<T>>, known: Arc<Known>) {
+        if let Some(before) = self.open.back_mut().filter(|slab| slab.waits) {
+            before.waits = false;
+            before.next = Some(known.clone());
+        }
+        self.layer += 1;
+        let Limits {
+            layers, next_slab, ..
+        } = self.limits;
+        let goes_on = self.layer < layers && self.full.is_none() && self.last.is_none();
+        self.open.push_back(Open {
+            layer: self.layer - 1,
+            waits: next_slab && known.classes.merge_often && goes_on && !self.one_by_one,
+            next: None,
+            known,
+            unlabelled: (0..).zip(bands).collect(),
+            tiles: BTreeMap::new(),
+            labelling: 0,
+            making: 0,
+        });
     }
 
     /// The next layer was not begun with these bands, as there is no memory for two at once.
     pub fn not_yet(&mut self, bands: Vec<Band<T>>) {
         self.turning = false;
         self.one_by_one = true;
+        self.wait_no_more();
         let places = (0..).map(|ty| (self.layer, ty));
         self.prepared.extend(places.zip(bands));
     }

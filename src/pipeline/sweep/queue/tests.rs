@@ -49,6 +49,8 @@ struct Threads {
     fails: Option<Did>,
     /// There is memory for one open slab only.
     one_by_one: bool,
+    /// Whether components of each layer often turn out to be one, a bit each.
+    often: u8,
 }
 
 impl Threads {
@@ -59,6 +61,7 @@ impl Threads {
             did: Vec::new(),
             fails,
             one_by_one: false,
+            often: 0,
         }
     }
 
@@ -75,8 +78,14 @@ impl Threads {
                     Step::Wait | Step::Over => idle[thread] = true,
                     step => self.hands[thread] = Some(step),
                 }
-                let Limits { bands, ahead, .. } = self.queue.limits;
-                assert!(self.queue.exist <= bands + ahead);
+                let Limits {
+                    bands,
+                    ahead,
+                    next_slab,
+                    ..
+                } = self.queue.limits;
+                let slabs = 1 + u32::from(next_slab && self.often > 0);
+                assert!(self.queue.exist <= slabs * bands + ahead);
             }
             self.check_hands();
         }
@@ -89,6 +98,18 @@ impl Threads {
             let step = self.queue.next(false);
             self.end(step);
         }
+    }
+
+    fn is_often(&self, layer: u32) -> bool {
+        self.often >> layer & 1 == 1
+    }
+
+    /// True if tiles of a layer wait for the next one, while there is memory.
+    fn waits(&self, layer: u32) -> bool {
+        let Limits {
+            layers, next_slab, ..
+        } = self.queue.limits;
+        next_slab && self.is_often(layer) && layer + 1 < layers && !self.one_by_one
     }
 
     fn check_hands(&self) {
@@ -104,7 +125,7 @@ impl Threads {
             Step::Prepare(place, _) => Did::Prepare(*place),
             Step::Begin(layer, ..) => Did::Begin(*layer),
             Step::Label(place, ..) => Did::Label(*place),
-            Step::Tile(job, _) => Did::Tile(job.grid),
+            Step::Tile(job, ..) => Did::Tile(job.grid),
             Step::End(layer, ..) => Did::End(*layer),
             Step::Wait | Step::Over => unreachable!("nothing in hand"),
         };
@@ -121,13 +142,20 @@ impl Threads {
                 if self.one_by_one && !alone {
                     return self.queue.not_yet(bands);
                 }
-                self.queue.begun(unless(fails, (bands, Known::default())));
+                let mut known = Known::default();
+                known.classes.merge_often = self.is_often(layer);
+                self.queue.begun(unless(fails, (bands, known)));
             }
             Step::Label(place, band, _) => {
                 let tiles = tiles_of(Arc::new(band), place);
                 self.queue.labelled(place[1], tiles);
             }
-            Step::Tile(job, _) => {
+            Step::Tile(job, _, next) => {
+                let layer = job.grid[2];
+                assert!(next.is_none() || self.did.contains(&Did::Begin(layer + 1)));
+                let waits = self.waits(layer);
+                assert!(waits || next.is_none());
+                assert!(!waits || next.is_some() || self.queue.full.is_some());
                 let made = unless(fails, ());
                 self.queue
                     .made(job.grid[2], made, Arc::into_inner(job.band));
@@ -150,11 +178,15 @@ fn unless<T>(fails: bool, value: T) -> Result<T> {
 }
 
 fn limits() -> impl Strategy<Value = Limits> {
-    (1..5u32, 1..5u32, 0..4u32, any::<bool>()).prop_map(|(bands, layers, ahead, in_order)| Limits {
-        bands,
-        layers,
-        ahead,
-        in_order,
+    let numbers = (1..5u32, 1..6u32, 0..4u32);
+    (numbers, any::<[bool; 2]>()).prop_map(|((bands, layers, ahead), [next_slab, in_order])| {
+        Limits {
+            bands,
+            layers,
+            ahead,
+            next_slab: next_slab && ahead > 0,
+            in_order,
+        }
     })
 }
 
@@ -176,10 +208,12 @@ proptest! {
     /// for ever.
     #[test]
     fn all_is_done_once_and_in_turn(
-        limits in limits(), threads in 1..5usize, one_by_one in any::<bool>(), seed in any::<u64>(),
+        limits in limits(), threads in 1..5usize, one_by_one in any::<bool>(), often in any::<u8>(),
+        seed in any::<u64>(),
     ) {
-        let mut threads = Threads { one_by_one, ..Threads::new(limits, threads, None) };
+        let mut threads = Threads { one_by_one, often, ..Threads::new(limits, threads, None) };
         threads.run(random(seed));
+        let waits: Vec<bool> = (0..limits.layers).map(|layer| threads.waits(layer)).collect();
         let Threads { did, queue, .. } = threads;
         let mut sorted = did.clone();
         sorted.sort_unstable();
@@ -187,7 +221,11 @@ proptest! {
         let at = |what| did.iter().position(|&d| d == what).unwrap();
         for layer in 0..limits.layers {
             let (begin, end) = (at(Did::Begin(layer)), at(Did::End(layer)));
-            let open = if one_by_one || limits.ahead == 0 { 1 } else { 2 };
+            let open = match layer.checked_sub(1) {
+                _ if one_by_one || limits.ahead == 0 => 1,
+                Some(before) if waits[before as usize] => 3,
+                _ => 2,
+            };
             if let Some(before) = layer.checked_sub(open) {
                 prop_assert!(at(Did::End(before)) < begin);
             }
@@ -200,6 +238,9 @@ proptest! {
                     let tile = at(Did::Tile([tx, ty, layer]));
                     prop_assert!(begin < at(Did::Label([ty, layer])));
                     prop_assert!(at(Did::Label([ty, layer])) < tile && tile < end);
+                    prop_assert!(!waits[layer as usize] || at(Did::Begin(layer + 1)) < tile);
+                    // two slabs are gathered at once
+                    prop_assert!(layer < 2 || at(Did::End(layer - 2)) < tile);
                 }
             }
         }
@@ -209,11 +250,12 @@ proptest! {
     /// Without memory for one step, all layers before end, and what is known of the one in hand comes back.
     #[test]
     fn it_stops_where_memory_ends(
-        limits in limits(), threads in 1..5usize, seed in any::<u64>(), which in any::<prop::sample::Index>(),
+        limits in limits(), threads in 1..5usize, seed in any::<u64>(), often in any::<u8>(),
+        which in any::<prop::sample::Index>(),
     ) {
         let steps: Vec<Did> = all(limits).into_iter().filter(|d| !matches!(d, Did::Label(_))).collect();
         let fails = *which.get(&steps);
-        let mut threads = Threads::new(limits, threads, Some(fails));
+        let mut threads = Threads { often, ..Threads::new(limits, threads, Some(fails)) };
         threads.run(random(seed));
         let Threads { did, queue, .. } = threads;
         let stop = queue.outcome().unwrap().expect("it failed");
@@ -247,6 +289,7 @@ const SMALL: Limits = Limits {
     bands: 2,
     layers: 2,
     ahead: 1,
+    next_slab: false,
     in_order: false,
 };
 
@@ -270,6 +313,7 @@ fn threads_go_when_others_make_the_last_tiles() {
         bands: 1,
         layers: 1,
         ahead: 0,
+        next_slab: false,
         in_order: false,
     };
     let mut threads = Threads::new(limits, 1, None);
