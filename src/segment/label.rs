@@ -1,8 +1,9 @@
 //! Connected components of one band: union-find over runs, with the sums of their voxels.
 //!
 //! Not worth it: to leave out contacts of slices that those of rows imply (no time), to ask first whether two runs
-//! have the same parent (half a hundredth of labelling), and to add sums up in 64 bits in the band's own coordinates
-//! (8 % of labelling, 0.6 % of a conversion, for a hundred lines).
+//! have the same parent (half a hundredth of labelling), sets without bounds checks (3 % of its instructions, no
+//! time), and to add sums up in 64 bits, be it in the band's own coordinates (8 % of labelling, 0.6 % of a
+//! conversion, for a hundred lines) or slice by slice for the components met last (3 % of its instructions, no time).
 
 use crate::cpu::dispatch;
 use crate::grid::{Ambiguous, Dims};
@@ -119,11 +120,13 @@ fn join_row_pair(bits: &Bits, runs: &Runs, [a, b]: [usize; 2], wide: u64, sets: 
         }
         return;
     }
+    let words = [a, b].map(|row| &bits.words[row..][..bits.row_words]);
+    let firsts = [a, b].map(|row| &runs.word_run[row..][..bits.row_words]);
     let (mut last_a, mut last_b) = (None, None);
     // bit 63 of the previous word of: both rows equal and wide, equal and narrow, row a, row b
     let mut carry = [0u64; 4];
     for w in 0..bits.row_words {
-        let (word_a, word_b) = (bits.words[a + w], bits.words[b + w]);
+        let (word_a, word_b) = (words[0][w], words[1][w]);
         let (trans_a, trans_b) = (transitions(word_a, last_a), transitions(word_b, last_b));
         if w > 0 && trans_a | trans_b == 0 {
             continue; // whatever touches here did so before
@@ -135,7 +138,7 @@ fn join_row_pair(bits: &Bits, runs: &Runs, [a, b]: [usize; 2], wide: u64, sets: 
         let starts_wide = both_wide & !(both_wide << 1 | carry[0]);
         let starts_narrow = both_narrow & !(both_narrow << 1 | carry[1]);
         let (left_a, left_b) = (flip_a << 1 | carry[2], flip_b << 1 | carry[3]);
-        let (first_a, first_b) = (runs.word_run[a + w], runs.word_run[b + w]);
+        let (first_a, first_b) = (firsts[0][w], firsts[1][w]);
         let run_a = |upto: u64| first_a + (trans_a & upto).count_ones();
         let run_b = |upto: u64| first_b + (trans_b & upto).count_ones();
         // a at x meets b at x - 1 where no equal-x contact joins them already, and mirrored

@@ -25,13 +25,17 @@ impl UnionFind {
 
     /// The smallest member of the set of `a`.
     pub fn find(&mut self, mut a: u32) -> u32 {
-        // path halving
-        while self.parent[a as usize] != a {
-            let grand = self.parent[self.parent[a as usize] as usize];
+        loop {
+            let parent = self.parent[a as usize];
+            let grand = self.parent[parent as usize];
+            // a root, or one below it, as most are
+            if grand == parent {
+                return parent;
+            }
+            // path halving
             self.parent[a as usize] = grand;
             a = grand;
         }
-        a
     }
 
     /// Joins the sets of `a` and `b`.
