@@ -27,6 +27,12 @@ for target in "${targets[@]}"; do bins+=(--bin "$target"); done
 cargo +nightly build --release --locked --quiet --target "$host" \
   ${FUZZ_FEATURES:+--features "$FUZZ_FEATURES"} "${bins[@]}"
 
+# a target ends without tidying up; what it writes is best in memory
+[ -d /dev/shm ] && place=/dev/shm || place=${TMPDIR:-/tmp}
+TMPDIR=$(mktemp -d "$place/alvis-fuzz.XXXXXX")
+export TMPDIR
+trap 'rm -rf "$TMPDIR"' EXIT
+
 passed=0
 failed=0
 for target in "${targets[@]}"; do

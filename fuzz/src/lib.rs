@@ -10,7 +10,7 @@ use alvis::tile::TileMesh;
 use alvis::verify::{VerifyOptions, verify};
 use alvis::volume::Dtype;
 use serde_json::Value;
-use std::path::{Path, PathBuf};
+use std::path::PathBuf;
 
 /// A tile set that lives as long as the process.
 pub struct Set {
@@ -28,8 +28,7 @@ pub struct Set {
 impl Set {
     /// Converts a small body in the given form.
     pub fn new(form: Form, cap: bool) -> Self {
-        let place = if Path::new("/dev/shm").is_dir() { "/dev/shm".into() } else { std::env::temp_dir() };
-        let temporary = tempfile::tempdir_in(place).expect("a temporary directory");
+        let temporary = tempfile::tempdir().expect("a temporary directory");
         let dir = temporary.path().join("set");
         let phantom = Phantom::new(Shape::Sphere { radius: 4.0 });
         let volume = render(&phantom, Dims::new([10, 9, 8]).unwrap(), Dtype::U8).unwrap();
