@@ -146,6 +146,7 @@
 //! [`Error`] says where, what was found, what was expected and what to do. Work that fails leaves
 //! nothing behind under a final name.
 
+mod alike;
 mod checkpoint;
 pub mod cli;
 mod cpu;

@@ -7,14 +7,13 @@
 
 use crate::grid::LATTICE;
 use crate::mesh::connect::connect;
-use crate::mesh::pieces::{CAP, Piece};
+use crate::mesh::pieces::{CAP, Piece, lay_out};
 use crate::mesh::sums::sum_pieces;
 use crate::mesh::table::{Case, EDGE_LOWER, cases, edge_axis};
 use crate::mesh::tile::{BandView, MeshSettings, TileBox, TileMesh};
 use crate::mesh::vertex::{Stencil, normal, step_on_edge};
-use crate::segment::firsts;
 use crate::volume::{Slope, Voxel};
-use std::collections::{BTreeMap, HashMap};
+use std::collections::HashMap;
 
 /// A lattice edge by its lower voxel, which may lie outside, and axis.
 type EdgeKey = ([i32; 3], usize);
@@ -61,13 +60,14 @@ pub fn add_caps<T: Voxel>(
         }
     });
     let first = out.pieces.len();
-    let mut vertices = Vec::new();
-    for surface in caps.by_surface(&made) {
-        let number = out.pieces.len() as u32;
-        for (object, piece) in surface {
-            caps.append((*object, number), piece, &mut vertices, out);
-        }
+    for (object, piece) in &made {
+        caps.append(*object, piece, out);
     }
+    let order = lay_out(&mut out.pieces, first, view.fates.as_ref());
+    let keys = order[first..]
+        .iter()
+        .flat_map(|&p| &made[p - first].1.vertices);
+    let vertices: Vec<Vertex> = keys.map(|&key| caps.vertex(key)).collect();
     out.chunk.extend(&vertices);
     sum_pieces(
         &mut out.pieces[first..],
@@ -228,31 +228,9 @@ impl<T: Voxel> Caps<'_, '_, T> {
         self.leads_out(key) && !(0..3).any(shared)
     }
 
-    /// Pieces whose objects turn out to be one together, by their first ones.
-    fn by_surface<'m>(&self, made: &'m [(u32, CapPiece)]) -> Vec<Vec<&'m (u32, CapPiece)>> {
-        let mut surfaces: BTreeMap<usize, Vec<_>> = BTreeMap::new();
-        let first = match &self.view.fates {
-            Some(fates) => firsts(&made.iter().map(|(o, _)| fates.of(*o)).collect::<Vec<_>>()),
-            None => (0..made.len()).collect(),
-        };
-        for (piece, first) in made.iter().zip(first) {
-            surfaces.entry(first).or_default().push(piece);
-        }
-        surfaces.into_values().collect()
-    }
-
-    /// Adds a piece to the mesh, but for its vertices, which are added to `vertices`, and its sums: of an object, of
-    /// the surface whose first piece has this number.
-    fn append(
-        &self,
-        (object, first): (u32, u32),
-        cap: &CapPiece,
-        vertices: &mut Vec<Vertex>,
-        out: &mut TileMesh,
-    ) {
-        let mut piece = Piece::new(object, CAP, true);
-        piece.first = first;
-        piece.first_vertex = (out.chunk.vertices() + vertices.len()) as u32;
+    /// Adds a piece to the mesh, but for its vertices and sums.
+    fn append(&self, object: u32, cap: &CapPiece, out: &mut TileMesh) {
+        let mut piece = Piece::new(object, CAP);
         piece.vertices = cap.vertices.len() as u32;
         let faces = out.pieces.last().map_or(0, Piece::end_of_faces);
         out.triangles.truncate(faces as usize);
@@ -260,7 +238,6 @@ impl<T: Voxel> Caps<'_, '_, T> {
         piece.triangles = cap.triangles.len() as u32;
         let counted = cap.vertices.iter().filter(|&&key| self.counts(key));
         piece.sums.vertices = counted.count() as u64;
-        vertices.extend(cap.vertices.iter().map(|&key| self.vertex(key)));
         out.triangles.extend(connect(&cap.triangles));
         out.pieces.push(piece);
     }

@@ -9,12 +9,13 @@
 //! 130^3 voxels with each row's first run looked up where it is needed, 31 with all of them found first, words
 //! behind a row's last edge left out, and counts where the piece is looked up; a quarter less time.
 
+use crate::alike::firsts;
 use crate::cpu::dispatch;
 use crate::measure::MeshSums;
 use crate::mesh::cubes::room_for;
 use crate::mesh::edges::Edges;
 use crate::mesh::tile::{BandView, TileBox};
-use crate::segment::{Fate, Fates, firsts};
+use crate::segment::Fates;
 use crate::unchecked::{Unchecked, UncheckedMut};
 use crate::volume::Voxel;
 use std::hint::select_unpredictable as select;
@@ -29,8 +30,6 @@ pub struct Piece {
     pub object: u32,
     /// Class of the cell, or [`CAP`].
     pub cell: u32,
-    /// True for the triangles that close the surface outside the volume.
-    pub cap: bool,
     /// First vertex in the tile's arrays.
     pub first_vertex: u32,
     /// Number of vertices.
@@ -61,7 +60,7 @@ impl Piece {
 
     /// The first element after those of its triangles and their room.
     pub fn end_of_faces(&self) -> u32 {
-        let room = if self.cap {
+        let room = if self.is_cap() {
             1 + self.triangles
         } else {
             room_for(self.vertices)
@@ -69,17 +68,21 @@ impl Piece {
         self.first_triangle + room
     }
 
-    /// What its object and its cell become.
-    pub fn fates(&self, fates: &Fates) -> [Fate; 2] {
-        [self.object, self.cell].map(|class| fates.of(class))
+    /// Its object and its cell.
+    pub fn pair(&self) -> [u32; 2] {
+        [self.object, self.cell]
+    }
+
+    /// True for the triangles that close the surface outside the volume.
+    pub fn is_cap(&self) -> bool {
+        self.cell == CAP
     }
 
     /// A piece without vertices.
-    pub fn new(object: u32, cell: u32, cap: bool) -> Self {
+    pub fn new(object: u32, cell: u32) -> Self {
         Piece {
             object,
             cell,
-            cap,
             first_vertex: 0,
             vertices: 0,
             first_triangle: 0,
@@ -244,32 +247,44 @@ pub fn assign<T: Voxel>(
     dispatch!(assign_inlined(tile, edges, first_run, &mut assigner));
     pieces.clear();
     let mut triangle = 0;
-    for (number, count) in (0..).zip(index.counts()) {
-        let mut piece = Piece::new((count.pair >> 32) as u32, count.pair as u32, false);
+    for count in index.counts() {
+        let mut piece = Piece::new((count.pair >> 32) as u32, count.pair as u32);
         piece.key = count.key;
         piece.vertices = count.vertices;
         piece.sums.vertices = u64::from(count.vertices - count.shared);
         piece.first_triangle = triangle;
-        piece.first = number;
         triangle = piece.end_of_faces();
         pieces.push(piece);
     }
-    if let Some(fates) = &view.fates {
-        let pairs: Vec<_> = pieces.iter().map(|p| p.fates(fates)).collect();
-        for (piece, first) in pieces.iter_mut().zip(firsts(&pairs)) {
-            piece.first = first as u32;
-        }
-    }
-    let mut vertex = 0;
-    for number in by_surface(pieces) {
-        let piece = &mut pieces[number];
-        piece.first_vertex = vertex;
-        vertex += piece.vertices;
-    }
+    lay_out(pieces, 0, view.fates.as_ref());
     sheets.first_of.clear();
     sheets
         .first_of
         .extend(pieces.iter().map(|p| p.first_vertex));
+}
+
+/// Finds which of the pieces from number `from` on are of one surface, as far as `fates` tell, and gives them the
+/// vertices behind those of the others. Returns the order of all, see [`by_surface`].
+pub fn lay_out(pieces: &mut [Piece], from: usize, fates: Option<&Fates>) -> Vec<usize> {
+    let new = &mut pieces[from..];
+    let first = match fates {
+        Some(fates) => firsts(
+            &new.iter()
+                .map(|p| fates.of_both(p.pair()))
+                .collect::<Vec<_>>(),
+        ),
+        None => (0..new.len()).collect(),
+    };
+    for (piece, first) in new.iter_mut().zip(first) {
+        piece.first = (from + first) as u32;
+    }
+    let order = by_surface(pieces);
+    let mut vertex = 0;
+    for &number in &order {
+        pieces[number].first_vertex = vertex;
+        vertex += pieces[number].vertices;
+    }
+    order
 }
 
 /// Numbers of pieces in the order of their vertices: those of a surface, as far as that is known, together, and

@@ -140,7 +140,7 @@ mod tests {
                 .collect();
             let voxels: Vec<_> = positions.iter().map(|p| p.map(coordinate)).collect();
             let (first, skipped) = (1, 5);
-            let mut piece = Piece::new(0, 0, false);
+            let mut piece = Piece::new(0, 0);
             piece.first_vertex = first as u32;
             piece.vertices = (positions.len() - first) as u32;
             piece.first_triangle = skipped as u32;

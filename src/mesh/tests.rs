@@ -1,20 +1,20 @@
 //! Labels and meshes of random volumes against slow references and the laws of the rule.
 
+mod checks;
+
 use super::pieces::Piece;
 use super::*;
 use crate::grid::{Ambiguous, Dims, LATTICE, Placement, Tiling};
-use crate::manifest::Primitives;
 use crate::measure::{AreaScale, VoxelSums};
 use crate::segment::{
-    BandComponents, BandEdges, Births, Classes, Fates, KnownBand, PhaseBirths, Runs, SlabClasses,
-    add_border_euler, firsts, label_runs, sum_voxels,
+    BandComponents, BandEdges, Births, Classes, Fates, KnownBand, PhaseBirths, Runs,
+    add_border_euler, label_runs, sum_voxels,
 };
 use crate::slab::{Bits, Span, Voxels};
-use crate::strip::{NONE, STRIDE, Stripifier, Triangle as Numbered};
-use crate::tile::{Body, Grouped};
 use crate::volume::MemoryVolume;
+use checks::{assert_same, check_foreseen, check_joined, check_mates, check_often, one_next};
 use proptest::prelude::*;
-use std::collections::{BTreeMap, BTreeSet, HashMap};
+use std::collections::{BTreeMap, BTreeSet};
 use std::convert::Infallible;
 
 /// A triangle of the whole volume: lattice positions, starting with the smallest.
@@ -261,10 +261,8 @@ impl Case {
         for (s, mesh) in pieces {
             check_foreseen(&slabs[s], None, &ids[s], &mesh.pieces);
             if let Some(next) = slabs.get(s + 1) {
-                let fates = Fates::between(&slabs[s], next);
-                let pairs: Vec<_> = mesh.pieces.iter().map(|p| p.fates(&fates)).collect();
-                let firsts: BTreeSet<usize> = firsts(&pairs).into_iter().collect();
-                let firsts: Vec<Piece> = firsts.into_iter().map(|p| mesh.pieces[p]).collect();
+                let groups = one_next(&Fates::between(&slabs[s], next), &mesh.pieces);
+                let firsts: Vec<Piece> = groups.iter().map(|g| mesh.pieces[g[0]]).collect();
                 check_foreseen(&slabs[s], Some(next), &ids[s], &firsts);
             }
             for piece in &mesh.pieces {
@@ -275,7 +273,7 @@ impl Case {
                 };
                 out.push(WholePiece {
                     object: ids[s][piece.object as usize],
-                    cell: if piece.cap {
+                    cell: if piece.is_cap() {
                         0
                     } else {
                         ids[s][piece.cell as usize]
@@ -290,110 +288,6 @@ impl Case {
         }
         out
     }
-}
-
-/// Components of a slab before have merged often when one in eight of those that came over has so far.
-fn check_often(slabs: &[SlabClasses]) {
-    let (mut carried, mut merged) = (0, 0);
-    for slab in slabs {
-        let distinct: BTreeSet<u32> = slab.from_previous.iter().copied().collect();
-        carried += slab.from_previous.len();
-        merged += slab.from_previous.len() - distinct.len();
-        assert_eq!(slab.merge_often, 8 * merged > carried);
-    }
-}
-
-/// Pieces that turn out to be one were foreseen to, and those are foreseen whose classes are the same or both
-/// go on.
-fn check_foreseen(slab: &SlabClasses, next: Option<&SlabClasses>, ids: &[u64], pieces: &[Piece]) {
-    let goes_on = |class: u32| {
-        let live = slab.live.iter().position(|&c| c == class);
-        live.is_some_and(|at| next.is_none_or(|next| next.live.contains(&next.from_previous[at])))
-    };
-    let cell = |p: &Piece| (!p.cap).then_some(p.cell);
-    let may = |a: u32, b: u32| a == b || goes_on(a) && goes_on(b);
-    let id = |class: u32| ids[class as usize];
-    let pairs = || (0..pieces.len()).flat_map(|j| (0..j).map(move |i| (&pieces[i], &pieces[j])));
-    let foreseen = pairs().any(|(a, b)| {
-        let cells = match (cell(a), cell(b)) {
-            (Some(a), Some(b)) => may(a, b),
-            (a, b) => a == b,
-        };
-        may(a.object, b.object) && cells
-    });
-    let one =
-        pairs().any(|(a, b)| id(a.object) == id(b.object) && cell(a).map(id) == cell(b).map(id));
-    assert!(foreseen || !one);
-    let classes = |p: &Piece| [p.object, cell(p).unwrap_or(u32::MAX)];
-    assert_eq!(
-        slab.may_become_one(next, pieces.iter().map(classes)),
-        foreseen
-    );
-}
-
-/// A tile whose pieces are joined while it is made has the bytes of one whose pieces are joined afterwards.
-fn check_joined(view: &BandView<u8>, tile: &TileBox, settings: &MeshSettings) {
-    let write = |fates, primitives| {
-        let mut mesh = TileMesh::default();
-        let view = BandView { fates, ..*view };
-        TileMesher::default().mesh(&view, tile, settings, &mut mesh);
-        let body = Body::write(&mut mesh, primitives, &mut Stripifier::default());
-        (body, mesh)
-    };
-    let fates = view.fates.expect("the next slab is known");
-    for primitives in [Primitives::Strips, Primitives::Triangles] {
-        let (apart, mesh) = write(None, primitives);
-        let pairs: Vec<_> = mesh.pieces.iter().map(|p| p.fates(&fates)).collect();
-        let mut groups: BTreeMap<usize, Vec<usize>> = BTreeMap::new();
-        for (piece, first) in firsts(&pairs).into_iter().enumerate() {
-            groups.entry(first).or_default().push(piece);
-        }
-        let groups: Vec<Vec<usize>> = groups.into_values().collect();
-        let expected = Grouped::new(&apart, mesh.chunk.bytes(), &groups, primitives);
-        let (joined, mesh) = write(Some(fates), primitives);
-        assert_eq!(joined.pieces, expected.body.pieces);
-        assert_eq!(joined.bytes, expected.body.bytes);
-        assert!(mesh.chunk.bytes() == expected.bytes());
-    }
-}
-
-/// Mates are mutual, run the opposite way, and are missing only where no triangle has the reverse.
-fn check_mates(mesh: &TileMesh) {
-    for piece in &mesh.pieces {
-        let made = &mesh.piece(piece)[1..];
-        let triangles: Vec<_> = made.iter().map(Numbered::corners).collect();
-        let mut all = HashMap::new();
-        for (t, corners) in triangles.iter().enumerate() {
-            for e in 0..3 {
-                let edge = (corners[e], corners[(e + 1) % 3]);
-                let half_edge = STRIDE * (t as u32 + 1) + e as u32;
-                assert!(all.insert(edge, half_edge).is_none(), "three at an edge");
-            }
-        }
-        for (corners, made) in triangles.iter().zip(made) {
-            for e in 0..3 {
-                let reverse = (corners[(e + 1) % 3], corners[e]);
-                assert_eq!(made.mates[e], all.get(&reverse).copied().unwrap_or(NONE));
-            }
-        }
-        assert_eq!(numbers(&connect(&triangles)[1..]), numbers(made));
-    }
-}
-
-/// The way without branches and the plain one make the same triangles in the same order.
-fn assert_same(mesh: &TileMesh, reference: &TileMesh) {
-    assert_eq!(mesh.pieces.len(), reference.pieces.len());
-    for (a, b) in mesh.pieces.iter().zip(&reference.pieces) {
-        assert_eq!(a.faces(), b.faces());
-        assert_eq!(a.sums, b.sums);
-        let [a, b] = [mesh.piece(a), reference.piece(b)];
-        assert_eq!(numbers(&a[1..]), numbers(&b[1..]));
-    }
-}
-
-/// Corners and mates.
-fn numbers(triangles: &[Numbered]) -> Vec<[[u32; 3]; 2]> {
-    triangles.iter().map(|t| [t.corners(), t.mates]).collect()
 }
 
 fn cases() -> impl Strategy<Value = Case> {
@@ -497,7 +391,7 @@ proptest! {
         prop_assert!(volume6.values().all(|&v| v > 0));
         let open = Case { cap: false, ..case.clone() }.run();
         let open_triangles: usize = open.iter().map(|w| w.triangles.len()).sum();
-        let caps: usize = pieces.iter().filter(|w| w.piece.cap).map(|w| w.triangles.len()).sum();
+        let caps: usize = pieces.iter().filter(|w| w.piece.is_cap()).map(|w| w.triangles.len()).sum();
         prop_assert_eq!(open_triangles + caps, triangles);
     }
 }

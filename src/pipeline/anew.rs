@@ -10,7 +10,7 @@ use crate::pipeline::tilefile::{room_for, write_file};
 use crate::pipeline::writers::{Job, Writers};
 use crate::tile::{
     Grouped, Node, Recipe, Refused, TileHead, WidestNodes, plain_head, tile_file, tile_file_with,
-    tile_path, widest_description,
+    tile_path,
 };
 use std::fs::{self, File};
 use std::io::{ErrorKind, Write};
@@ -212,17 +212,12 @@ pub fn fill(
     low: [u32; 3],
     (made, nodes): (&Grouped, &[Node]),
 ) -> std::result::Result<u64, Refused> {
-    let room = |recipe: &Recipe, bytes: usize| {
-        let widest = widest_description((head, widest), low, (&made.body, recipe))?;
-        Ok(room_for(widest, bytes))
-    };
+    let room = |recipe: &Recipe, bytes| room_for((head, widest), low, (&made.body, recipe), bytes);
     if !head.is_plain(nodes.len()) {
         let bin = made.bytes();
         let body = (&made.body, &bin[..]);
         let file = match head.form.is_encoded_early() {
-            true => tile_file_with(head, low, body, nodes, |_, recipe, bytes| {
-                room(recipe, bytes)
-            }),
+            true => tile_file_with(head, low, body, nodes, room),
             false => tile_file(head, low, body, nodes),
         }?;
         let bytes = file.head.len() + file.bin.len();

@@ -1,5 +1,6 @@
 //! Tiles that are finished together, of a part of a layer or of several layers.
 
+use crate::alike::{firsts, groups};
 use crate::error::Result;
 use crate::manifest::TileEntry;
 use crate::pipeline::forward::SlabRecord;
@@ -9,9 +10,9 @@ use crate::pipeline::shards::Part;
 use crate::pipeline::spool::Spool;
 use crate::pipeline::surfaces::WHOLE;
 use crate::pipeline::tilefile::{TileRecord, WrittenPiece};
-use crate::segment::{Fate, Fates, firsts};
+use crate::segment::{Fate, Fates};
 use crate::tile::Body;
-use std::collections::{BTreeMap, VecDeque};
+use std::collections::VecDeque;
 
 /// Pieces of some tiles whose cells are measured once for all of them, at most: 5 MB of measures.
 pub const KNOWN_PIECES: usize = 1 << 14;
@@ -117,8 +118,8 @@ impl Batch {
         for &tile in tiles {
             let pieces = tile.pieces(spool)?;
             let ids = pieces.iter().map(|p| ids.of(p)).collect();
-            let fate = |p: &WrittenPiece| [p.object, p.cell].map(|class| fates.of(class));
-            let fates = pieces.iter().map(fate).collect();
+            let fates = pieces.iter().map(|p| fates.of_both([p.object, p.cell]));
+            let fates = fates.collect();
             self.jobs.push(Job {
                 tile,
                 pieces,
@@ -259,12 +260,8 @@ pub fn count_distinct(ids: &[Ids]) -> usize {
 /// next slab come one behind the other: so those that were written as one are where they are if they were not.
 pub fn group(ids: &[Ids], fates: &[[Fate; 2]]) -> (Vec<Vec<usize>>, Vec<Ids>) {
     let one_next = firsts(fates);
-    let mut groups: BTreeMap<usize, Vec<usize>> = BTreeMap::new();
-    for (piece, first) in firsts(ids).into_iter().enumerate() {
-        groups.entry(first).or_default().push(piece);
-    }
-    let group_ids = groups.keys().map(|&first| ids[first]).collect();
-    let mut groups: Vec<Vec<usize>> = groups.into_values().collect();
+    let mut groups = groups(ids);
+    let group_ids = groups.iter().map(|group| ids[group[0]]).collect();
     for group in &mut groups {
         group.sort_by_key(|&piece| one_next[piece]);
     }
@@ -381,13 +378,7 @@ mod tests {
             let ids: Vec<Ids> = classes.iter().map(id).collect();
             let (at_once, of_all) = group(&ids, &fates);
             // as they are written: those of a class together, by its first piece
-            let mut joined: Vec<Vec<usize>> = Vec::new();
-            for (piece, first) in firsts(&fates).into_iter().enumerate() {
-                match joined.iter_mut().find(|pieces| pieces[0] == first) {
-                    Some(pieces) => pieces.push(piece),
-                    None => joined.push(vec![piece]),
-                }
-            }
+            let joined = super::groups(&fates);
             let of_joined: Vec<Ids> = joined.iter().map(|pieces| ids[pieces[0]]).collect();
             let fates: Vec<_> = joined.iter().map(|pieces| fates[pieces[0]]).collect();
             let (groups, same) = group(&of_joined, &fates);

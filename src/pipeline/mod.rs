@@ -219,7 +219,13 @@ fn make(
         matrix: placement.gltf_matrix(),
         form: options.form(),
     };
-    let (forward, unkept) = swept(grid, options, plan, &head, (work, &mut *keeper), progress)?;
+    let writer = TileWriter {
+        dir: work.to_path_buf(),
+        widest: WidestNodes::new(&head),
+        head: head.clone(),
+        tiling: plan.tiling,
+    };
+    let (forward, unkept) = swept(grid, options, plan, (&writer, &mut *keeper), progress)?;
     let mut totals = forward_totals(&forward);
     let dust = dust(options, &forward);
     let tables = plan.limit / 8;
@@ -233,7 +239,7 @@ fn make(
     let settings = FinishSettings {
         dir: work,
         head: &head,
-        widest: &WidestNodes::new(&head),
+        widest: &writer.widest,
         placement: &placement,
         tiling: plan.tiling,
         writers: writers.as_ref(),
@@ -274,16 +280,10 @@ fn swept(
     grid: &dyn Volume,
     options: &ConvertOptions,
     plan: &Plan,
-    head: &TileHead,
-    (work, keeper): (&Path, &mut Keeper),
+    (writer, keeper): (&TileWriter, &mut Keeper),
     progress: &dyn Progress,
 ) -> Result<(Forward, Unkept)> {
-    let writer = TileWriter {
-        dir: work.to_path_buf(),
-        head: head.clone(),
-        widest: WidestNodes::new(head),
-        tiling: plan.tiling,
-    };
+    let work = &writer.dir;
     let [x, y, layers] = plan.tiling.tiles();
     make_layer_directories(work, keeper.swept()..layers)?;
     progress.begin("tiles", [x, y, layers].map(u64::from).iter().product());
@@ -295,7 +295,7 @@ fn swept(
             rule: options.ambiguous,
             cap: options.cap,
             min_voxels: options.min_voxels,
-            writer: &writer,
+            writer,
             progress,
         };
         sweep.run(keeper)

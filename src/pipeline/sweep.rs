@@ -436,7 +436,7 @@ impl Sweep<'_> {
         let mut caps = MeshSums::default();
         mesh.pieces
             .iter()
-            .filter(|p| p.cap)
+            .filter(|p| p.is_cap())
             .for_each(|p| caps.merge(&p.sums));
         let mut bodies = body.pieces.into_iter();
         let order = by_surface(&mesh.pieces).into_iter();
@@ -447,7 +447,7 @@ impl Sweep<'_> {
                 let body = bodies.next().expect("one for each surface");
                 WrittenPiece::new(piece, body)
             });
-            let part = (!piece.cap).then(|| SurfacePart {
+            let part = (!piece.is_cap()).then(|| SurfacePart {
                 object: piece.object,
                 cell: piece.cell,
                 whole: tile.is_inside(piece.min, piece.max),

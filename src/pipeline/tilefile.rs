@@ -112,20 +112,15 @@ impl TileWriter {
         let body = Body::write(mesh, self.head.form.primitives, stripifier);
         let plain = self.head.is_plain(body.pieces.len());
         let stays = plain || !provisional && self.head.form.is_encoded_early();
-        let (mut recipe, mut widest) = (Recipe::default(), 0);
+        let (mut recipe, mut room) = (Recipe::default(), 0);
         if stays {
-            (recipe, widest) = self
+            (recipe, room) = self
                 .encode(mesh, grid, &body)
                 .map_err(|e| refused(e, grid, self.tiling))?;
         }
         let bytes = mesh.chunk.bytes();
         let (crc, bin_bytes) = (crc32fast::hash(bytes), bytes.len() as u64);
         let long = bytes.len() >= direct::WORTH;
-        let room = if stays {
-            room_for(widest, bytes.len())
-        } else {
-            0
-        };
         let path = self.dir.join(tile_path(grid));
         let start = head_bytes(aligned(room, 8), bin_bytes).ok_or_else(|| too_large(grid))?;
         // what is to be written anew is best read back from the cache
@@ -151,7 +146,7 @@ impl TileWriter {
         Ok((record, body))
     }
 
-    /// Encodes the geometry in its place; returns how, and how long the JSON can become.
+    /// Encodes the geometry in its place; returns how, and the bytes of the JSON chunk.
     fn encode(
         &self,
         mesh: &mut TileMesh,
@@ -163,20 +158,30 @@ impl TileWriter {
         if let Cow::Owned(bytes) = bytes {
             mesh.chunk.replace(&bytes);
         }
-        let widest = widest_description((head, &self.widest), low, (body, &recipe))?;
-        Ok((recipe, widest))
+        let bytes = mesh.chunk.bytes().len();
+        let room = room_for((head, &self.widest), low, (body, &recipe), bytes)?;
+        Ok((recipe, room))
     }
 }
 
-/// Bytes of the JSON chunk, if it takes up to `widest` before geometry of so many bytes, which may go past the page
-/// cache.
-pub fn room_for(widest: usize, bytes: usize) -> usize {
+/// Bytes of the JSON chunk of a tile whose geometry, as its `recipe` says, takes so many `bytes`: room for any nodes,
+/// before what may go past the page cache.
+///
+/// # Errors
+/// [`Refused::TooWide`].
+pub fn room_for(
+    head: (&TileHead, &WidestNodes),
+    low: [u32; 3],
+    (body, recipe): (&Body, &Recipe),
+    bytes: usize,
+) -> std::result::Result<usize, Refused> {
+    let widest = widest_description(head, low, (body, recipe))?;
     let step = if bytes >= direct::WORTH {
         direct::SECTOR
     } else {
         8
     };
-    aligned(widest, step)
+    Ok(aligned(widest, step))
 }
 
 /// The error for a tile that cannot be written as asked.

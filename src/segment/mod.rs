@@ -23,5 +23,5 @@ pub use births::{Births, Unfiled};
 pub use border::add_border_euler;
 pub use classes::{Classes, KnownBand, PhaseBirths, SlabClasses};
 pub use label::{Labels, LocalComponent, label_runs, sum_voxels};
-pub use next::{Fate, Fates, firsts};
+pub use next::{Fate, Fates};
 pub use runs::{RowRuns, Run, Runs};

@@ -35,6 +35,11 @@ impl<'a> Fates<'a> {
         Fates::new(&slab.live, &next.from_previous)
     }
 
+    /// Of an object and a cell.
+    pub fn of_both(&self, pair: [u32; 2]) -> [Fate; 2] {
+        pair.map(|class| self.of(class))
+    }
+
     /// Of a class, or of a number that no class has, which ended.
     pub fn of(&self, class: u32) -> Fate {
         match self.live.binary_search(&class) {
@@ -44,22 +49,9 @@ impl<'a> Fates<'a> {
     }
 }
 
-/// The first of those that are equal to each: `firsts(&['a', 'b', 'a'])` is 0, 1, 0.
-pub fn firsts<K: Ord>(keys: &[K]) -> Vec<usize> {
-    let mut order: Vec<usize> = (0..keys.len()).collect();
-    order.sort_by(|&a, &b| keys[a].cmp(&keys[b]));
-    let mut firsts = vec![0; keys.len()];
-    for equal in order.chunk_by(|&a, &b| keys[a] == keys[b]) {
-        // sorting keeps the order of equal ones
-        equal.iter().for_each(|&i| firsts[i] = equal[0]);
-    }
-    firsts
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
-    use proptest::prelude::*;
 
     #[test]
     fn classes_go_on_or_end() {
@@ -75,14 +67,5 @@ mod tests {
             ended(u32::MAX),
         ];
         assert_eq!(found, expected);
-    }
-
-    proptest! {
-        #[test]
-        fn each_finds_the_first_that_is_equal(keys in prop::collection::vec(0..9u8, 0..40)) {
-            for (key, first) in keys.iter().zip(firsts(&keys)) {
-                prop_assert_eq!(keys.iter().position(|k| k == key), Some(first));
-            }
-        }
     }
 }

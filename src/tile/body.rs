@@ -8,7 +8,7 @@ use bytemuck::{Pod, Zeroable};
 
 /// Where a piece lies in the body and what it counts.
 #[repr(C)]
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Pod, Zeroable)]
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Pod, Zeroable)]
 pub struct BodyPiece {
     /// Byte of its first index in the body.
     pub first_index_byte: u64,
@@ -35,30 +35,6 @@ pub(super) fn is_wide(vertices: u32) -> bool {
 }
 
 impl BodyPiece {
-    /// Of no vertices, at the beginning.
-    const NONE: BodyPiece = BodyPiece {
-        first_index_byte: 0,
-        first_vertex: 0,
-        vertices: 0,
-        triangles: 0,
-        indices: 0,
-        strips: 0,
-        min: [i32::MAX; 3],
-        max: [i32::MIN; 3],
-        reserved: 0,
-    };
-
-    /// Adds the counts of another piece, but for its indices, which are to be joined first.
-    fn add(&mut self, other: &BodyPiece) {
-        self.vertices += other.vertices;
-        self.triangles += other.triangles;
-        self.strips += other.strips;
-        for a in 0..3 {
-            self.min[a] = self.min[a].min(other.min[a]);
-            self.max[a] = self.max[a].max(other.max[a]);
-        }
-    }
-
     /// True if its indices are of 4 bytes.
     pub fn wide(&self) -> bool {
         is_wide(self.vertices)
@@ -102,42 +78,39 @@ impl Body {
             triangles,
         } = mesh;
         chunk.truncate();
-        let (mut indices, mut part) = (Vec::new(), Vec::new());
+        let mut joined = Joined::default();
         for surface in by_surface(pieces).chunk_by(|&a, &b| pieces[a].first == pieces[b].first) {
-            indices.clear();
-            let mut joined = BodyPiece {
-                first_index_byte: chunk.bytes().len() as u64,
-                first_vertex: pieces[surface[0]].first_vertex,
-                ..BodyPiece::NONE
-            };
+            joined.clear();
             for &number in surface {
                 let piece = &pieces[number];
                 let faces = &mut triangles[piece.faces()];
-                let mut make = |out: &mut Vec<u32>| match primitives {
-                    Primitives::Strips => stripifier.stripify(faces, out) as u32,
-                    Primitives::Triangles => list(faces, out),
-                };
-                // most surfaces are of one piece
-                let strips = if joined.vertices == 0 {
-                    make(&mut indices)
-                } else {
-                    part.clear();
-                    let strips = make(&mut part);
-                    append_indices(&mut indices, &part, joined.vertices, primitives);
-                    strips
-                };
-                joined.add(&BodyPiece {
-                    vertices: piece.vertices,
-                    triangles: piece.triangles,
-                    strips,
-                    min: piece.min,
-                    max: piece.max,
-                    ..BodyPiece::NONE
+                joined.add(primitives, |indices| {
+                    let strips = match primitives {
+                        Primitives::Strips => stripifier.stripify(faces, indices),
+                        Primitives::Triangles => {
+                            list(faces, indices);
+                            0
+                        }
+                    };
+                    BodyPiece {
+                        vertices: piece.vertices,
+                        triangles: piece.triangles,
+                        strips: strips as u32,
+                        min: piece.min,
+                        max: piece.max,
+                        ..BodyPiece::default()
+                    }
                 });
             }
-            joined.indices = indices.len() as u32;
-            write_indices(&joined, &indices, |bytes| chunk.extend_from_slice(bytes));
-            body.pieces.push(joined);
+            let piece = BodyPiece {
+                first_index_byte: chunk.bytes().len() as u64,
+                first_vertex: pieces[surface[0]].first_vertex,
+                ..joined.counts
+            };
+            write_indices(&piece, &joined.indices, |bytes| {
+                chunk.extend_from_slice(bytes)
+            });
+            body.pieces.push(piece);
         }
         body.bytes = chunk.bytes().len() as u64;
         body
@@ -168,7 +141,7 @@ impl Body {
             indices: u32::try_from(self.bytes).unwrap_or(u32::MAX),
             min: far,
             max: far,
-            ..BodyPiece::zeroed()
+            ..BodyPiece::default()
         }
     }
 
@@ -193,10 +166,9 @@ impl Body {
     }
 }
 
-/// Appends the triangles of a piece, whose first element is none; returns that these are no strips.
-fn list(piece: &[Triangle], out: &mut Vec<u32>) -> u32 {
+/// Appends the triangles of a piece, whose first element is none.
+fn list(piece: &[Triangle], out: &mut Vec<u32>) {
     out.extend(piece[1..].iter().flat_map(Triangle::corners));
-    0
 }
 
 /// Hands out a piece's indices in their width, padded to 4 bytes, a few hundred at a time.
@@ -257,16 +229,23 @@ impl<'a> Grouped<'a> {
         let mut first_vertex = 0;
         let mut indices = Vec::with_capacity(groups.len());
         for group in groups {
-            let (piece, of_piece) = join_pieces(from, bytes, group, primitives);
+            let mut joined = Joined::default();
+            for &p in group {
+                let piece = &from.pieces[p];
+                joined.add(primitives, |indices| {
+                    *indices = from.indices(piece, bytes);
+                    *piece
+                });
+            }
             let piece = BodyPiece {
                 first_vertex,
                 first_index_byte: body.bytes,
-                ..piece
+                ..joined.counts
             };
             first_vertex += piece.vertices;
             body.bytes += piece.index_bytes();
             body.pieces.push(piece);
-            indices.push(of_piece);
+            indices.push(joined.indices);
         }
         Grouped {
             body,
@@ -300,21 +279,41 @@ impl<'a> Grouped<'a> {
     }
 }
 
-/// The counts and indices of several pieces as one.
-fn join_pieces(
-    body: &Body,
-    bytes: &[u8],
-    group: &[usize],
-    primitives: Primitives,
-) -> (BodyPiece, Vec<u32>) {
-    let mut joined = BodyPiece::NONE;
-    let mut indices = Vec::new();
-    for &p in group {
-        let piece = &body.pieces[p];
-        let part = body.indices(piece, bytes);
-        append_indices(&mut indices, &part, joined.vertices, primitives);
-        joined.add(piece);
+/// Several pieces as one.
+#[derive(Default)]
+struct Joined {
+    /// All but where it lies; without pieces, of no meaning but for the number of vertices.
+    counts: BodyPiece,
+    indices: Vec<u32>,
+    /// Of the piece that is added.
+    part: Vec<u32>,
+}
+
+impl Joined {
+    /// Begins anew.
+    fn clear(&mut self) {
+        self.counts = BodyPiece::default();
+        self.indices.clear();
     }
-    joined.indices = indices.len() as u32;
-    (joined, indices)
+
+    /// Adds the piece that `make` makes, with its indices in the empty memory that it is handed.
+    fn add(&mut self, primitives: Primitives, make: impl FnOnce(&mut Vec<u32>) -> BodyPiece) {
+        let all = &mut self.counts;
+        if all.vertices == 0 {
+            // most have no other
+            *all = make(&mut self.indices);
+        } else {
+            self.part.clear();
+            let piece = make(&mut self.part);
+            append_indices(&mut self.indices, &self.part, all.vertices, primitives);
+            all.vertices += piece.vertices;
+            all.triangles += piece.triangles;
+            all.strips += piece.strips;
+            for a in 0..3 {
+                all.min[a] = all.min[a].min(piece.min[a]);
+                all.max[a] = all.max[a].max(piece.max[a]);
+            }
+        }
+        all.indices = self.indices.len() as u32;
+    }
 }

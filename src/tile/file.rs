@@ -38,12 +38,11 @@ pub fn tile_file<'a>(
     (body, bytes): (&'a Body, &'a [u8]),
     nodes: &[Node],
 ) -> Result<TileFile<'a>, Refused> {
-    let no_more = |json: usize, _: &Recipe, _: usize| Ok(aligned(json, 8));
-    tile_file_with(head, low, (body, bytes), nodes, no_more)
+    tile_file_with(head, low, (body, bytes), nodes, |_, _| Ok(0))
 }
 
-/// The same with a JSON chunk of the bytes that `room` says, not fewer than its JSON has: it is told how many these
-/// are, what tells the geometry's parts, and how long that is.
+/// The same with a JSON chunk of as many bytes as `room` says, or more: it is told what tells the geometry's parts, and
+/// how long that is.
 ///
 /// # Errors
 /// As of [`tile_file`], and what `room` returns.
@@ -52,13 +51,13 @@ pub fn tile_file_with<'a>(
     low: [u32; 3],
     (body, bytes): (&'a Body, &'a [u8]),
     nodes: &[Node],
-    room: impl FnOnce(usize, &Recipe, usize) -> Result<usize, Refused>,
+    room: impl FnOnce(&Recipe, usize) -> Result<usize, Refused>,
 ) -> Result<TileFile<'a>, Refused> {
     let colours = colours(nodes);
     let encoded = encode(head, low, (body, bytes), colours.as_deref())?;
     let (mut bin, recipe) = (encoded.bytes, encoded.recipe);
     let (json, table) = describe(head, low, (body, &recipe), nodes)?;
-    let room = room(json.len(), &recipe, bin.len())?;
+    let room = room(&recipe, bin.len())?.max(aligned(json.len(), 8));
     if !table.is_empty() {
         bin.to_mut().extend_from_slice(&table);
     }

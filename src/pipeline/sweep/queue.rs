@@ -223,7 +223,7 @@ impl<T> Queue<T> {
 
     /// True if all bands of the next slab are prepared, and it may be open beside those that are.
     fn may_begin(&self) -> bool {
-        let most = match (&self.open.front(), self.open.get(1)) {
+        let most = match (self.open.front(), self.open.get(1)) {
             _ if self.one_by_one => 1,
             (Some(first), Some(second)) if second.waits && first.is_taken() => 3,
             _ => 2,
@@ -309,14 +309,14 @@ impl<T> Queue<T> {
             before.waits = false;
             before.next = Some(known.clone());
         }
-        self.layer += 1;
         let Limits {
             layers, next_slab, ..
         } = self.limits;
-        let goes_on = self.layer < layers && self.full.is_none() && self.last.is_none();
+        let may_wait = next_slab && self.layer + 1 < layers && !self.one_by_one;
+        let goes_on = self.full.is_none() && self.last.is_none();
         self.open.push_back(Open {
-            layer: self.layer - 1,
-            waits: next_slab && known.classes.merge_often && goes_on && !self.one_by_one,
+            layer: self.layer,
+            waits: may_wait && goes_on && known.classes.merge_often,
             next: None,
             known,
             unlabelled: (0..).zip(bands).collect(),
@@ -324,6 +324,7 @@ impl<T> Queue<T> {
             labelling: 0,
             making: 0,
         });
+        self.layer += 1;
     }
 
     /// The next layer was not begun with these bands, as there is no memory for two at once.

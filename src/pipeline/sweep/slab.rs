@@ -25,7 +25,7 @@ impl Slab<'_, '_> {
     /// tile is then written anew, and is best read back from the page cache.
     pub fn is_provisional(&self, pieces: &[Piece]) -> bool {
         let firsts = (0..).zip(pieces).filter(|&(number, p)| p.first == number);
-        let pairs = firsts.map(|(_, p)| [p.object, p.cell]);
+        let pairs = firsts.map(|(_, p)| p.pair());
         self.classes.merge_often && self.classes.may_become_one(self.next, pairs)
     }
 }

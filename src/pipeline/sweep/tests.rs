@@ -6,9 +6,10 @@ use crate::pipeline::batch::count_distinct;
 use crate::pipeline::keep::{Identity, Keeper};
 use crate::pipeline::plan::plan;
 use crate::pipeline::resolve::resolve;
+use crate::pipeline::tilefile::TileWriter;
 use crate::pipeline::{ConvertOptions, predicted_memory, swept};
 use crate::progress::Quiet;
-use crate::tile::TileHead;
+use crate::tile::{TileHead, WidestNodes};
 use crate::volume::{MemoryVolume, Volume};
 use std::path::Path;
 
@@ -47,9 +48,15 @@ fn to_write_anew(volume: &MemoryVolume<u8>, memory: u64, work: &Path) -> Vec<usi
         matrix: Placement::default().gltf_matrix(),
         form: options.form(),
     };
+    let writer = TileWriter {
+        dir: work.to_path_buf(),
+        widest: WidestNodes::new(&head),
+        head,
+        tiling: plan.tiling,
+    };
     std::fs::create_dir(work.join("tiles")).unwrap();
-    let files = (work, &mut keeper);
-    let (forward, _) = swept(volume, &options, &plan, &head, files, &Quiet).unwrap();
+    let files = (&writer, &mut keeper);
+    let (forward, _) = swept(volume, &options, &plan, files, &Quiet).unwrap();
     let (slabs, mut spool, mut ids, _) = resolve(forward, 1 << 20, work).unwrap();
     let mut anew = Vec::new();
     for (i, slab) in slabs.iter().enumerate() {
