@@ -202,6 +202,19 @@ impl Placement {
         (DVec3::from(self.origin) + axes * (DVec3::from(self.spacing) * DVec3::from(voxel))).into()
     }
 
+    /// The box in world coordinates, lower and upper ends, around a box of voxels: of its eight corners.
+    pub fn box_around(&self, ends: [[f64; 3]; 2]) -> [[f64; 3]; 2] {
+        let mut out = [[f64::INFINITY; 3], [f64::NEG_INFINITY; 3]];
+        for corner in 0..8usize {
+            let p = self.world(std::array::from_fn(|a| ends[corner >> a & 1][a]));
+            for r in 0..3 {
+                out[0][r] = out[0][r].min(p[r]);
+                out[1][r] = out[1][r].max(p[r]);
+            }
+        }
+        out
+    }
+
     /// The matrix from voxel coordinates to glTF's metres with Y up, column-major as glTF has it:
     /// world (x, y, z) becomes (x, z, -y).
     pub fn gltf_matrix(&self) -> [f64; 16] {

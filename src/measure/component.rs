@@ -103,7 +103,7 @@ impl Measures {
         let form_factor = mesh_volume.map(|v| 36.0 * PI * v * v / (area * area * area));
         let shape = Shape::of(sums, place);
         let corners = sums.bounds().map(|v| v.map(f64::from));
-        let (min, max) = world_box(place, corners);
+        let [min, max] = place.box_around(corners);
         Measures {
             voxels: sums.voxels,
             volume,
@@ -124,20 +124,6 @@ impl Measures {
             tiles: record.tiles,
         }
     }
-}
-
-/// The world-aligned box around a box of the grid.
-fn world_box(place: &Placement, corners: [[f64; 3]; 2]) -> ([f64; 3], [f64; 3]) {
-    let mut min = [f64::INFINITY; 3];
-    let mut max = [f64::NEG_INFINITY; 3];
-    for c in 0..8 {
-        let p = place.world(std::array::from_fn(|a| corners[c >> a & 1][a]));
-        for a in 0..3 {
-            min[a] = min[a].min(p[a]);
-            max[a] = max[a].max(p[a]);
-        }
-    }
-    (min, max)
 }
 
 /// What follows from the moments.

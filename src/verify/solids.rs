@@ -208,7 +208,8 @@ impl<'a> Solids<'a> {
             if !(0..3).all(|a| !moved(a) || covers(a)) {
                 return None;
             }
-            let [min, max] = world_box(&self.manifest.placement, &span);
+            let ends = [span.lo, span.hi].map(|end| end.map(f64::from));
+            let [min, max] = self.manifest.placement.box_around(ends);
             let near = |a: usize, at: usize, found: [f64; 3]| {
                 row[at + a].is_some_and(|v| (v - found[a]).abs() <= self.error(found[a]))
             };
@@ -402,20 +403,6 @@ impl<'a> Solids<'a> {
 /// Vertices - edges + triangles.
 pub(super) fn euler_of(sums: &Sums) -> i64 {
     sums.vertices as i64 - (sums.edges + sums.border) as i64 + sums.triangles as i64
-}
-
-/// The box in world coordinates around a box of voxels.
-fn world_box(place: &Placement, span: &Span) -> [[f64; 3]; 2] {
-    let ends = [span.lo, span.hi];
-    let mut out = [[f64::INFINITY; 3], [f64::NEG_INFINITY; 3]];
-    for corner in 0..8usize {
-        let p = place.world(std::array::from_fn(|a| f64::from(ends[corner >> a & 1][a])));
-        for a in 0..3 {
-            out[0][a] = out[0][a].min(p[a]);
-            out[1][a] = out[1][a].max(p[a]);
-        }
-    }
-    out
 }
 
 /// A matrix of second moments in voxels, turned to world coordinates.
