@@ -240,12 +240,12 @@ impl<'a> Solids<'a> {
         };
         let volume = row[VOXELS].map(|n| n * size);
         follows(VOLUME, volume);
-        follows(DIAMETER, volume.map(|v| (6.0 * v / PI).cbrt()));
+        follows(DIAMETER, volume.map(|v| libm::cbrt(6.0 * v / PI)));
         let form = row[MESH_VOLUME]
             .zip(row[AREA])
             .map(|(v, a)| 36.0 * PI * v * v / (a * a * a));
         follows(FORM_FACTOR, form);
-        follows(SPHERICITY, form.map(f64::cbrt));
+        follows(SPHERICITY, form.map(libm::cbrt));
         let ratio = |i: usize| row[i].zip(row[i + 1]).map(|(a, b)| b / a);
         follows(ELONGATION, ratio(AXES));
         follows(FLATNESS, ratio(AXES + 1));
