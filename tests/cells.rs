@@ -436,3 +436,100 @@ fn refusals_are_one_message() {
     assert!(fails(dir.path(), &["cells", "tiles"]).contains("inside the directory"));
     assert_eq!(alvis(dir.path(), &["cells"]).status.code(), Some(2));
 }
+
+/// Every reader of tables takes and says the unit that tables are in; coordinates stay in that of the volume.
+#[test]
+fn tables_may_be_in_another_unit_than_the_volume() {
+    let own = foam_tiles(&[]);
+    let other = foam_tiles(&["--table-unit", "um"]);
+    let dir = other.path();
+    let listed = |dir: &Path, condition: &str| {
+        let args = ["cells", "tiles", "--json", "--where", condition];
+        let value = json(&ok(dir, &args));
+        let volume = value["columns"].as_array().unwrap().iter();
+        let unit = volume.clone().find(|c| c["name"] == "volume").unwrap()["unit"].clone();
+        (ids(&value, "cells"), unit)
+    };
+    let (expected, unit) = listed(own.path(), "volume > 0.03");
+    assert_eq!(unit, "mm^3");
+    let (found, unit) = listed(dir, "volume > 0.03e9");
+    assert_eq!(unit, "um^3");
+    assert!(!found.is_empty() && found == expected);
+    assert!(ok(dir, &["cells", "tiles"]).contains("[um^3]"));
+    let (value, _) = summary(dir, "tiles", "none");
+    assert_eq!(value["equivalent_diameter"]["unit"], "um");
+    let (plain, _) = summary(own.path(), "tiles", "none");
+    let mean = |v: &Value| v["equivalent_diameter"]["mean"].as_f64().unwrap();
+    assert!((mean(&value) / mean(&plain) - 1e3).abs() < 1e-6);
+    for args in [
+        &["verify", "tiles"][..],
+        &["verify", "tiles", "--against", "foam.mhd"],
+        &[
+            "select",
+            "tiles",
+            "part",
+            "--where",
+            "volume > 0.03e9",
+            "--colour-by",
+            "area",
+        ],
+        &["verify", "part"],
+        &["repack", "tiles", "packed", "--encoding", "meshopt"],
+        &["verify", "packed"],
+        &["repack", "part", "merged", "--layout", "merged"],
+        &["verify", "merged"],
+    ] {
+        ok(dir, args);
+    }
+    for set in ["tiles", "part", "packed", "merged"] {
+        let index = std::fs::read_to_string(dir.join(set).join("index.json")).unwrap();
+        let index = json(&index);
+        assert_eq!(
+            (&index["unit"], &index["table_unit"]),
+            (&"mm".into(), &"um".into())
+        );
+    }
+    let index = json(&std::fs::read_to_string(dir.join("part/index.json")).unwrap());
+    assert_eq!(index["selection"]["colour_by"]["unit"], "um^2");
+    // coordinates of one mesh are in the unit of the volume
+    for dir in [own.path(), dir] {
+        ok(dir, &["export", "tiles", "all.obj", "--where", "id > 3"]);
+    }
+    let [a, b] = [own.path(), dir].map(|dir| std::fs::read(dir.join("all.obj")).unwrap());
+    assert!(a == b && a.starts_with(b"# alvis"));
+    let picture = [
+        "preview",
+        "foam.mhd",
+        "a.png",
+        "--tiles",
+        "tiles",
+        "--colour-by",
+        "volume",
+    ];
+    ok(dir, &picture);
+    let refused = [
+        "convert",
+        "foam.mhd",
+        "x",
+        "--threshold",
+        "9",
+        "--table-unit",
+    ];
+    for unit in ["voxel", "inch"] {
+        let message = fails(dir, &[&refused[..], &[unit]].concat());
+        assert!(message.contains("m, cm, mm, um or nm"), "{message}");
+    }
+    ok(dir, &["phantom", "sphere", "bare.mhd", "--dims", "9,9,9"]);
+    let args = [
+        "convert",
+        "bare.mhd",
+        "x",
+        "--threshold",
+        "9",
+        "--table-unit",
+        "um",
+    ];
+    let message = fails(dir, &args);
+    assert!(message.contains("--spacing and --unit"), "{message}");
+    assert!(!dir.join("x").exists());
+}

@@ -63,7 +63,7 @@ pub struct Measures {
     pub form_factor: Option<f64>,
     /// Mean position of the voxels, in world coordinates.
     pub centroid: [f64; 3],
-    /// Smallest world coordinates of the voxels' centres along the grid's axes' box.
+    /// Smallest world coordinates of the voxels' centres.
     pub min: [f64; 3],
     /// Largest ones.
     pub max: [f64; 3],
@@ -102,8 +102,7 @@ impl Measures {
             .then(|| signed as f64 / 6.0 / lattice_cube * voxel_size);
         let form_factor = mesh_volume.map(|v| 36.0 * PI * v * v / (area * area * area));
         let shape = Shape::of(sums, place);
-        let corners = sums.bounds().map(|v| v.map(f64::from));
-        let [min, max] = place.box_around(corners);
+        let [min, max] = sums.world_box(place);
         Measures {
             voxels: sums.voxels,
             volume,

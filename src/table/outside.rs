@@ -42,7 +42,7 @@ impl Reach {
     /// # Errors
     /// [`Error::Usage`] if the table has no boxes.
     pub fn new(table: &TableReader, manifest: &Manifest) -> Result<Self> {
-        let place = &manifest.placement;
+        let place = &manifest.measured();
         let last = manifest.grid.dims.0.map(|n| f64::from(n - 1));
         let grid = place.box_around([[0.0; 3], last]);
         let names = [["min_x", "min_y", "min_z"], ["max_x", "max_y", "max_z"]];
