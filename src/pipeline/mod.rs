@@ -66,7 +66,7 @@ use writers::Writers;
 /// # Errors
 /// [`Error::Usage`] for impossible options, [`Error::Memory`] with the smallest limit that works,
 /// those of [`check_output`], [`Error::OtherConversion`] if the one to resume is
-/// another, [`Error::Io`], [`Error::Interrupted`], and what reading the volume returns. Nothing is
+/// another, [`Error::InputChanged`], [`Error::Io`], [`Error::Interrupted`], and what reading the volume returns. Nothing is
 /// left under a final name then; [`interrupted`] tells whether finished layers are kept.
 pub fn convert(
     volume: &dyn Volume,
@@ -126,6 +126,12 @@ pub fn convert(
     let usage = matches!(made, Err(Error::Usage { .. }));
     output.keep(keeper.has_any() && !usage);
     let mut made = made?;
+    // nothing that was made of a changed input is of use
+    let touched = options.input.check().inspect_err(|_| output.keep(false))?;
+    if let Some(warning) = touched {
+        progress.warn(&warning);
+        made.warnings.push(warning);
+    }
     // first what the note tells of, then the note: it may outlive a power failure
     keeper.disk().finish()?;
     made.boot = (!keeper.disk().is_used()).then(boot);
@@ -228,7 +234,7 @@ fn make(
     let (forward, unkept) = swept(grid, options, plan, (&writer, &mut *keeper), progress)?;
     let mut totals = forward_totals(&forward);
     let dust = dust(options, &forward);
-    let tables = plan.limit / 8;
+    let tables = plan.tables();
     let resolve = || resolve(forward, tables, work);
     let (kept, resolved) = rayon::join(|| unkept.keep(keeper), resolve);
     kept?;
