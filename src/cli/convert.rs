@@ -6,7 +6,7 @@ use super::info;
 use super::parse::{self, CropArg, Threshold};
 use super::{Outcome, output};
 use crate::error::{Error, Result};
-use crate::grid::{Ambiguous, Crop};
+use crate::grid::{Ambiguous, Crop, Unit};
 use crate::manifest::{Form, Origin};
 use crate::pipeline::{self, ConvertOptions, ConvertReport};
 use crate::volume::Opened;
@@ -59,6 +59,9 @@ pub struct ConvertArgs {
     /// Convert this box of voxels only; half-open, a missing bound is the volume's
     #[arg(long, value_name = "X0:X1,Y0:Y1,Z0:Z1", value_parser = parse::crop)]
     crop: Option<CropArg>,
+    /// Unit of lengths in tables and in the measures that tiles carry: m, cm, mm, um or nm [default: the volume's]
+    #[arg(long, value_name = "UNIT", value_parser = parse::length_unit)]
+    table_unit: Option<Unit>,
     /// Replace a tile set that is in the directory
     #[arg(long)]
     force: bool,
@@ -99,12 +102,14 @@ impl ConvertArgs {
             primitives: form.primitives,
             encoding: form.encoding,
             layout: form.layout,
+            table_unit: self.table_unit,
             force: self.force,
             resume: self.resume,
             input: stamp,
             source_name: opened.name.clone(),
             source_offset: opened.offset,
             source_part: opened.part.clone(),
+            source_values: opened.values.clone(),
             provenance: opened.provenance,
             ..ConvertOptions::default()
         };
@@ -121,10 +126,11 @@ impl ConvertArgs {
             }
         };
         console.note(&understood(&opened, &options, how)?);
-        let report = pipeline::convert(&*opened.volume, &options, &self.out, &console)
+        let mut report = pipeline::convert(&*opened.volume, &options, &self.out, &console)
             .map_err(|e| resumable(e, &self.out))?;
         drop(console);
         if self.common.json {
+            report.warnings = [opened.warnings, report.warnings].concat();
             output::print_json(&report)?;
         } else if self.common.talks() {
             output::print(&summary(&report))?;
@@ -174,7 +180,10 @@ fn understood(opened: &Opened, options: &ConvertOptions, how: &str) -> Result<St
         ("spacing", info::spacing_text(&header.placement, opened)),
         ("threshold", format!("{}{how}", options.threshold)),
     ];
-    rows.extend(opened.notes.iter().map(|note| ("note", note.clone())));
+    if let Some(unit) = options.table_unit {
+        rows.push(("tables", format!("lengths in {unit}")));
+    }
+    rows.extend(info::remarks(opened));
     if let Some(Crop { x, y, z }) = &options.crop {
         let part = format!(
             "{}:{},{}:{},{}:{}",
@@ -200,6 +209,7 @@ pub fn from(origin: Origin) -> &'static str {
         Origin::Default => "not stated",
         Origin::File => "from the file",
         Origin::Option => "from the options",
+        Origin::Assumed => "assumed",
     }
 }
 

@@ -3,7 +3,7 @@
 use super::args::{Common, InputOptions};
 use super::{Outcome, output};
 use crate::error::{Error, Result};
-use crate::manifest::{Manifest, PARTIAL};
+use crate::manifest::{Manifest, Origin, PARTIAL};
 use crate::progress::Progress;
 use crate::verify::{self, Issue, Report, Severity, VerifyOptions};
 use crate::volume::{self, Before, Cropped, Headerless, Stamp, Volume};
@@ -93,8 +93,9 @@ fn copied<'a>(volume: &'a dyn Volume, dir: &Path) -> Result<Option<Box<dyn Volum
 }
 
 /// Opens the volume that a tile set is compared with, cut as the manifest says, and tells what shows a change to it.
-/// What a raw file does not say is taken from the manifest unless the options say it. A file of the name that was
-/// converted is raw even if it begins as one with a header does.
+/// What a raw file does not say is taken from the manifest unless the options say it, as is what was asked for of a
+/// file of the name that was converted. A file of the name that was converted is raw even if it begins as one with
+/// a header does.
 fn open_against(
     directory: &Path,
     path: &Path,
@@ -102,11 +103,23 @@ fn open_against(
 ) -> Result<(Box<dyn Volume>, Stamp)> {
     // an index that cannot be read is for the verifier to report
     let manifest = Manifest::open(directory).ok();
-    let Some(Manifest { source, .. }) = manifest else {
+    let Some(Manifest {
+        source, placement, ..
+    }) = manifest
+    else {
         let (opened, stamp) = input.open_stamped(path, directory)?;
         return Ok((opened.volume, stamp));
     };
     let mut options = input.options();
+    let same_name = path.file_name() == Some(source.name.as_ref());
+    if same_name {
+        options = options.or_part(&source.part);
+        // what the file does not state had to be said to open it
+        if source.provenance.spacing.contains(&Origin::Option) && options.spacing.is_none() {
+            options.spacing = Some(placement.spacing);
+            options.unit = options.unit.or(Some(placement.unit));
+        }
+    }
     if source.format == "raw" {
         options.headerless = Some(Headerless {
             dims: source.dims.0.map(u64::from),
@@ -114,7 +127,7 @@ fn open_against(
             endian: source.endian,
             offset: source.offset,
         });
-        if path.file_name() == Some(source.name.as_ref()) {
+        if same_name {
             options = options.of_headerless();
         }
     }
