@@ -49,7 +49,9 @@ fn found_bytes(entry: &TileEntry) -> u64 {
 
 /// Bytes that a tile takes while it is read and checked.
 fn checked_bytes(entry: &TileEntry) -> u64 {
-    let pieces = entry.groups.len() as u64 * PIECE_READ;
+    // nodes take twice the text that they are read from; pieces of merged tiles have none
+    let nodes = entry.groups.len() as u64 * PIECE_READ;
+    let pieces = nodes.min(entry.bytes.saturating_mul(2));
     entry.bytes.saturating_add(pieces)
 }
 
