@@ -17,6 +17,7 @@ mod ration;
 mod resolve;
 mod resume;
 mod shards;
+mod slabs;
 pub(crate) mod spool;
 mod surfaces;
 mod sweep;
