@@ -256,6 +256,55 @@ fn binary_masks_inflate_areas_by_8_percent() {
     assert!((1.07..1.09).contains(&share), "{share}");
 }
 
+/// What `info` and `convert` say of masks: of balls with a radius of 10 voxels, as bodies and as pores, with a threshold
+/// half-way and with one at the upper value.
+#[test]
+fn masks_are_as_far_off_as_users_are_told() {
+    let (r, n) = (10.0, 27);
+    let [volume, area] = [4.0 / 3.0 * PI * r * r * r, 4.0 * PI * r * r];
+    for centre in centres(n) {
+        for body in [true, false] {
+            let samples = sampled(n, |p| {
+                f64::from(u8::from((distance(p, centre) <= r) == body))
+            });
+            let grid = MemoryVolume::new(Dims([n; 3]), Placement::default(), samples).unwrap();
+            for (threshold, volume_off, area_off) in [
+                (0.5, 0.0, 0.08),
+                (
+                    1.0,
+                    if body { -0.12 } else { 0.12 },
+                    if body { 0.01 } else { 0.18 },
+                ),
+            ] {
+                let options = ConvertOptions {
+                    threshold,
+                    threads: 1,
+                    ..ConvertOptions::default()
+                };
+                let (dir, report) = converted(&grid, &options);
+                let name = if body { "objects.csv" } else { "cells.csv" };
+                let ball = &table(dir.path(), name)[0];
+                let found = [
+                    ball["mesh_volume"] / volume - 1.0,
+                    ball["area"] / area - 1.0,
+                ];
+                let near = |found: f64, expected: f64| (found - expected).abs() < 0.012;
+                assert!(
+                    near(found[0], volume_off) && near(found[1], area_off),
+                    "{body} {threshold} {found:?}"
+                );
+                let [warning] = &report.warnings[..] else {
+                    panic!("{:?}", report.warnings);
+                };
+                assert!(
+                    warning.contains("two values, 0 and 1,") && warning.contains("(0.5)"),
+                    "{warning}"
+                );
+            }
+        }
+    }
+}
+
 /// One period of a gyroid of n voxels: area 3.0917 n^2, half of the volume on each side.
 #[test]
 fn a_gyroid_has_the_area_of_its_period() {

@@ -84,7 +84,8 @@ pub struct ConvertArgs {
 impl ConvertArgs {
     pub fn run(self) -> Result<Outcome> {
         let console = self.common.start();
-        let opened = self.options.open(&self.input)?;
+        let mut opened = self.options.open(&self.input)?;
+        opened.doubt_size()?;
         let dims = opened.volume.header().dims;
         let crop = self.crop.as_ref().map(|c| c.resolve(dims)).transpose()?;
         let form = self.form.form(Form::default());

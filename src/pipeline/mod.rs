@@ -41,7 +41,7 @@ use crate::manifest::{
 };
 use crate::progress::Progress;
 use crate::tile::{TileHead, WidestNodes};
-use crate::volume::{Cropped, Volume, spool_beside};
+use crate::volume::{Cropped, Volume, Watch, Watched, spool_beside};
 use budget::Budget;
 use finish::{FinishSettings, Stop, finish};
 use forward::Forward;
@@ -76,6 +76,9 @@ pub fn convert(
 ) -> Result<ConvertReport> {
     let start = Instant::now();
     check(volume, options)?;
+    let watch = Watch::new(volume.header());
+    let watched = Watched::new(Box::new(volume), &watch);
+    let volume: &dyn Volume = &watched;
     let cropped;
     let grid: &dyn Volume = match &options.crop {
         Some(crop) => {
@@ -121,6 +124,7 @@ pub fn convert(
         .build()
         .map_err(|e| Error::usage("--threads", plan.threads.to_string(), e.to_string()))?;
     let work = output.work().to_path_buf();
+    let progress = (progress, &watch);
     let made = pool.install(|| make(volume, grid, options, &plan, (&work, &mut keeper), progress));
     // usage errors come back with the same options
     let usage = matches!(made, Err(Error::Usage { .. }));
@@ -213,8 +217,10 @@ fn make(
     options: &ConvertOptions,
     plan: &Plan,
     (work, keeper): (&Path, &mut Keeper),
-    progress: &dyn Progress,
+    (progress, watch): (&dyn Progress, &Watch),
 ) -> Result<Made> {
+    // of what was swept before, nothing was seen
+    let watch = Some(watch).filter(|_| keeper.kept() == 0);
     let measured = options.measured(&grid.header().placement)?;
     let head = TileHead {
         matrix: grid.header().placement.gltf_matrix(),
@@ -258,7 +264,9 @@ fn make(
     remove_empty_layer_directories(work, plan.tiling, &layers)?;
     sum_components(&components, options.cap, &mut totals)?;
     let bytes = totals.bytes + layers.iter().map(|l| l.bytes).sum::<u64>() + tables_bytes;
-    let warnings = warnings(&totals, grid.header().dims, (options.threshold, dust));
+    let mut warnings = warnings(&totals, grid.header().dims, (options.threshold, dust));
+    let kind = watch.and_then(Watch::kind);
+    warnings.extend(kind.map(|kind| kind.warning()));
     for warning in &warnings {
         progress.warn(warning);
     }
