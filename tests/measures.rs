@@ -548,3 +548,55 @@ fn every_bubble_of_a_closed_foam_is_found() {
     assert!(errors.iter().all(|&e| e < 0.015), "{errors:?}");
     assert!(sphericity > 0.97, "{sphericity}");
 }
+
+/// A table with another box than that of the voxels is found, wherever the grid lies: above all with the box around a
+/// box of the grid.
+#[test]
+fn wrong_boxes_of_rotated_grids_are_found() {
+    let dims = [19, 17, 23];
+    let place = Placement {
+        spacing: [0.3, 0.7, 0.45],
+        directions: ways_to_lie()[1],
+        ..Placement::default()
+    };
+    let volume = MemoryVolume::new(Dims(dims), place, volumes::foam(dims, 5)).unwrap();
+    let (dir, _) = converted(&volume, &common::options([8; 3]));
+    let index = dir.path().join("index.json");
+    let mut manifest = common::set::manifest(dir.path());
+    // older sets have neither, so that tables may be edited
+    manifest.tables.checksums = None;
+    manifest.checksum = None;
+    std::fs::write(&index, serde_json::to_vec(&manifest).unwrap()).unwrap();
+    verified(dir.path(), None);
+    let path = dir.path().join("cells.csv");
+    let good = std::fs::read_to_string(&path).unwrap();
+    let head: Vec<&str> = good.lines().next().unwrap().split(',').collect();
+    let rows = table(dir.path(), "cells.csv");
+    let border = rows
+        .iter()
+        .position(|r| r["touches_border"] == 1.0)
+        .unwrap();
+    let closed = rows
+        .iter()
+        .position(|r| r["touches_border"] == 0.0)
+        .unwrap();
+    for (row, name, away) in [
+        (closed, "min_x [voxel]", -0.5),
+        (closed, "max_y [voxel]", 1e-6),
+        (closed, "max_z [voxel]", -1e-6),
+        (border, "min_z [voxel]", -0.25),
+        (border, "max_x [voxel]", 0.25),
+    ] {
+        let at = head.iter().position(|h| *h == name).unwrap();
+        let mut lines: Vec<String> = good.lines().map(String::from).collect();
+        let mut fields: Vec<String> = lines[row + 1].split(',').map(String::from).collect();
+        let value: f64 = fields[at].parse().unwrap();
+        fields[at] = (value + away).to_string();
+        lines[row + 1] = fields.join(",");
+        std::fs::write(&path, lines.join("\n") + "\n").unwrap();
+        let found = alvis::verify::verify(dir.path(), &Default::default(), &alvis::progress::Quiet);
+        let issues = found.unwrap().issues;
+        assert_eq!(issues.len(), 1, "{name}: {issues:#?}");
+        assert!(issues[0].message.contains("box"), "{issues:#?}");
+    }
+}

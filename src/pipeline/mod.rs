@@ -219,8 +219,8 @@ fn make(
     (work, keeper): (&Path, &mut Keeper),
     (progress, watch): (&dyn Progress, &Watch),
 ) -> Result<Made> {
-    // of what was swept before, nothing was seen
-    let watch = Some(watch).filter(|_| keeper.kept() == 0);
+    // what was swept before was not seen
+    let all_seen = keeper.kept() == 0;
     let measured = options.measured(&grid.header().placement)?;
     let head = TileHead {
         matrix: grid.header().placement.gltf_matrix(),
@@ -265,8 +265,9 @@ fn make(
     sum_components(&components, options.cap, &mut totals)?;
     let bytes = totals.bytes + layers.iter().map(|l| l.bytes).sum::<u64>() + tables_bytes;
     let mut warnings = warnings(&totals, grid.header().dims, (options.threshold, dust));
-    let kind = watch.and_then(Watch::kind);
-    warnings.extend(kind.map(|kind| kind.warning()));
+    if all_seen && totals.surfaces > 0 {
+        warnings.extend(watch.kind().map(|kind| kind.warning()));
+    }
     for warning in &warnings {
         progress.warn(warning);
     }

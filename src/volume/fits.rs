@@ -26,13 +26,19 @@ const LESS: f64 = 0.1;
 const LEAST: u64 = 16;
 
 impl Opened {
-    /// Adds a warning if the volume is raw and another size than the one given fits its samples better.
+    /// Adds a warning if the volume's size was typed by somebody, with the command or in a header of text, and another
+    /// one fits its samples better.
     ///
     /// # Errors
     /// Those of [`Volume::read_box`].
     pub fn doubt_size(&mut self) -> Result<()> {
         let header = self.volume.header();
-        if header.format != "raw" || !self.volume.random_access() {
+        let remedy = match header.format {
+            "raw" => "--dims",
+            "metaimage" | "nrrd" => "correct the header",
+            _ => return Ok(()),
+        };
+        if !self.volume.random_access() {
             return Ok(());
         }
         // of a folder of slices, each is a file
@@ -42,7 +48,7 @@ impl Opened {
             let [a, b, c] = better.0;
             self.warnings.push(format!(
                 "the size {x},{y},{z} looks wrong: voxels that are neighbours with it differ as if they were none; \
-                 {a},{b},{c} fits better (--dims)"
+                 {a},{b},{c} fits better ({remedy})"
             ));
         }
         Ok(())

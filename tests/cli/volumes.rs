@@ -317,5 +317,14 @@ fn a_size_with_exchanged_axes_is_doubted() {
             doubted,
             "{dims}: {warnings}"
         );
+        // a header may be wrong as well
+        let header = format!(
+            "ObjectType = Image\nNDims = 3\nDimSize = {}\nElementType = MET_USHORT\nElementDataFile = s.raw\n",
+            dims.replace(',', " ")
+        );
+        std::fs::write(dir.path().join("s.mhd"), header).unwrap();
+        let info = ok(dir.path(), &["info", "s.mhd"]);
+        let better = "96,72,60 fits better (correct the header)";
+        assert_eq!(info.contains(better), doubted, "{dims}: {info}");
     }
 }
