@@ -80,7 +80,7 @@ struct Predicted {
 impl InfoArgs {
     pub fn run(self) -> Result<Outcome> {
         let console = self.common.start();
-        let mut opened = self.options.open(&self.input)?;
+        let (mut opened, stamp) = self.options.open_stamped(&self.input, Path::new(""))?;
         opened.doubt_size()?;
         let watch = Watch::new(opened.volume.header());
         let found = statistics(&Watched::new(Box::new(&*opened.volume), &watch), &console)?;
@@ -100,6 +100,9 @@ impl InfoArgs {
             }
             None => None,
         };
+        if let Some(warning) = stamp.check()? {
+            console.warn(&warning);
+        }
         drop(console);
         if self.common.json {
             output::print_json(&report(&opened, found, predicted))?;
