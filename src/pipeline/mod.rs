@@ -22,6 +22,7 @@ mod surfaces;
 mod sweep;
 mod tables;
 mod tilefile;
+mod warnings;
 mod workspace;
 mod writers;
 
@@ -34,7 +35,7 @@ pub use tables::{COMPONENT_COLUMNS, SURFACE_COLUMNS, unit_text};
 pub(crate) use tilefile::write_file;
 
 use crate::error::{Error, Result};
-use crate::grid::{Dims, LATTICE, Placement, Tiling};
+use crate::grid::{LATTICE, Placement, Tiling};
 use crate::manifest::{
     Dust, Encoding, FORMAT, FORMAT_VERSION, Generator, GridInfo, Manifest, Source, Tables, Totals,
 };
@@ -53,6 +54,7 @@ use std::path::Path;
 use std::time::Instant;
 use sweep::{Sweep, Unkept};
 use tilefile::{TileWriter, too_wide};
+use warnings::warnings;
 use writers::Writers;
 
 /// Converts a volume to a tile set in the directory `out`.
@@ -429,38 +431,6 @@ fn sum_components(components: &Components, cap: bool, totals: &mut Totals) -> Re
     let edges = (3 * totals.triangles + totals.border_edges) / 2;
     totals.euler_characteristic = totals.vertices as i64 - edges as i64 + totals.triangles as i64;
     Ok(())
-}
-
-fn warnings(totals: &Totals, dims: Dims, (threshold, dust): (f64, Option<Dust>)) -> Vec<String> {
-    let mut warnings = Vec::new();
-    let filled = dust.filter(|dust| match totals.voxels_above {
-        0 => dust.objects > 0,
-        above => dust.cells > 0 && above == dims.voxels(),
-    });
-    if let Some(dust) = filled {
-        warnings.push(format!(
-            "every part on one side of the threshold {threshold} has fewer than {} voxels and was left \
-             out (--min-voxels): there is no surface",
-            dust.min_voxels
-        ));
-    } else if totals.voxels_above == 0 {
-        warnings.push(format!(
-            "no voxel reaches the threshold {threshold}: the tile set is empty (`alvis info` shows \
-             the range of the data)"
-        ));
-    } else if totals.voxels_above == dims.voxels() {
-        warnings.push(format!(
-            "every voxel reaches the threshold {threshold}: there is no surface inside the volume \
-             (`alvis info` shows the range of the data)"
-        ));
-    }
-    if totals.voxels_nan > 0 {
-        warnings.push(format!(
-            "{} samples are NaN; they count as below",
-            totals.voxels_nan
-        ));
-    }
-    warnings
 }
 
 /// What the manifest says, but for its layers.
