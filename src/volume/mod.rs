@@ -12,10 +12,12 @@ mod crop;
 mod dicom;
 mod dtype;
 mod file;
+mod fits;
 mod folder;
 mod half;
 #[cfg(feature = "hdf5")]
 mod hdf5;
+mod kind;
 mod layout;
 mod levels;
 mod map;
@@ -57,6 +59,8 @@ pub(crate) use beside::spool_beside;
 pub use crop::Cropped;
 pub(crate) use dtype::with_voxel_type;
 pub use dtype::{Dtype, Slope, Voxel};
+
+pub(crate) use kind::{Watch, Watched};
 pub use memory::MemoryVolume;
 pub use open::{Headerless, Io, OpenOptions, Opened, open};
 pub use predict::{Prediction, predict};
