@@ -119,7 +119,7 @@ pub(super) fn voxel_size(steps: [Option<Step>; 3]) -> VoxelSize {
 }
 
 /// What to say where a format has no distance of slices.
-fn assumed_z() -> String {
+pub(super) fn assumed_z() -> String {
     "the file does not state the distance of slices, assumed to be the size of a pixel: give --spacing X,Y,Z and \
      --unit if it is another"
         .into()
