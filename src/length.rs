@@ -106,7 +106,11 @@ pub(crate) fn shortest(value: f32) -> f64 {
 /// A number of a text, where it is a single-precision one written out in full: 0.05 for 0.05000000074505806.
 pub(crate) fn tidy(value: f64) -> f64 {
     let single = value as f32;
-    if f64::from(single) == value { shortest(single) } else { value }
+    if f64::from(single) == value {
+        shortest(single)
+    } else {
+        value
+    }
 }
 
 #[cfg(test)]

@@ -123,15 +123,23 @@ fn pictures(
     all: &[PathBuf],
     parse: impl FnOnce(Vec<Blob>) -> Result<Recipe>,
 ) -> Result<Recipe> {
-    let (previews, slices): (Vec<_>, Vec<_>) =
-        files.into_iter().partition(|file| skyscan::is_preview(&name(file)));
+    let (previews, slices): (Vec<_>, Vec<_>) = files
+        .into_iter()
+        .partition(|file| skyscan::is_preview(&name(file)));
     // a folder of nothing else is of slices that have such names
-    let (previews, files) = if slices.is_empty() { (slices, previews) } else { (previews, slices) };
+    let (previews, files) = if slices.is_empty() {
+        (slices, previews)
+    } else {
+        (previews, slices)
+    };
     let names = names(&files);
     check_sequence(path, &names)?;
     let mut recipe = parse(blobs(&files)?)?;
     for preview in &previews {
-        let note = format!("{} is taken for a preview of the scan and passed by", name(preview));
+        let note = format!(
+            "{} is taken for a preview of the scan and passed by",
+            name(preview)
+        );
         recipe.notes.push(note);
     }
     if let Some(log) = skyscan::find(all, &names)? {

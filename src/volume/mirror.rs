@@ -62,9 +62,8 @@ impl Volume for Mirrored<'_> {
 
     fn decoded_once(&self, dir: &Path) -> Result<Option<Box<dyn Volume + '_>>> {
         let once = self.inner.decoded_once(dir)?;
-        Ok(once.map(|inner| -> Box<dyn Volume + '_> {
-            Box::new(Mirrored::new(inner, self.turned))
-        }))
+        Ok(once
+            .map(|inner| -> Box<dyn Volume + '_> { Box::new(Mirrored::new(inner, self.turned)) }))
     }
 
     fn grain(&self) -> [u32; 3] {

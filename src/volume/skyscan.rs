@@ -39,7 +39,10 @@ pub(super) fn find(files: &[PathBuf], names: &[String]) -> Result<Option<Log>> {
         return Ok(None);
     };
     let mut found = Vec::new();
-    let logs = files.iter().filter(|file| file.extension().is_some_and(|e| e.eq_ignore_ascii_case("log")));
+    let logs = files.iter().filter(|file| {
+        file.extension()
+            .is_some_and(|e| e.eq_ignore_ascii_case("log"))
+    });
     for file in logs.take(100) {
         let fail = |e| Error::io(file, "read", e);
         let mut text = Vec::new();
@@ -47,7 +50,11 @@ pub(super) fn find(files: &[PathBuf], names: &[String]) -> Result<Option<Log>> {
         log.take(MAX_LOG).read_to_end(&mut text).map_err(fail)?;
         let name = file.file_name().unwrap_or_default().to_string_lossy();
         if let Some(log) = Log::parse(&name, &String::from_utf8_lossy(&text)) {
-            let stem = file.file_stem().unwrap_or_default().to_string_lossy().into_owned();
+            let stem = file
+                .file_stem()
+                .unwrap_or_default()
+                .to_string_lossy()
+                .into_owned();
             found.push((first.starts_with(&stem), log));
         }
     }
@@ -83,20 +90,35 @@ impl Log {
                 values.push((key.trim(), value.trim()));
             }
         }
-        let get = |key: &str| values.iter().find(|(k, _)| *k == key).map(|(_, value)| *value);
-        let number = |key: &str| get(key)?.parse::<f64>().ok().filter(|n| n.is_finite() && *n > 0.0);
+        let get = |key: &str| {
+            values
+                .iter()
+                .find(|(k, _)| *k == key)
+                .map(|(_, value)| *value)
+        };
+        let number = |key: &str| {
+            get(key)?
+                .parse::<f64>()
+                .ok()
+                .filter(|n| n.is_finite() && *n > 0.0)
+        };
         let whole = |key: &str| get(key)?.parse().ok();
         Some(Log {
             name: name.to_owned(),
             pixel: number("Pixel Size (um)")?,
             step: number("Section to Section Step").unwrap_or(1.0),
-            size: [whole("Result Image Width (pixels)"), whole("Result Image Height (pixels)")],
+            size: [
+                whole("Result Image Width (pixels)"),
+                whole("Result Image Height (pixels)"),
+            ],
         })
     }
 
     /// Takes the size of a voxel from the log.
     pub(super) fn apply(&self, recipe: &mut Recipe) {
-        let Log { name, pixel, step, .. } = self;
+        let Log {
+            name, pixel, step, ..
+        } = self;
         let of_slices = [recipe.dims.0[0], recipe.dims.0[1]].map(u64::from);
         let same = (0..2).all(|a| self.size[a].is_none_or(|n| n == of_slices[a]));
         if let ([Some(x), Some(y)], false) = (self.size, same) {
@@ -110,10 +132,15 @@ impl Log {
         let steps = [*pixel, *pixel, pixel * step].map(|size| Some(Step::new(size, "um")));
         let by_log = size::voxel_size(steps);
         let own = recipe.placement;
-        let stated = recipe.provenance.spacing[0] == Origin::File && recipe.provenance.unit == Origin::File;
-        recipe.warnings.retain(|warning| *warning != size::assumed_z());
+        let stated =
+            recipe.provenance.spacing[0] == Origin::File && recipe.provenance.unit == Origin::File;
+        recipe
+            .warnings
+            .retain(|warning| *warning != size::assumed_z());
         by_log.apply(&mut recipe.placement, &mut recipe.provenance);
-        recipe.notes.push(format!("the size of a voxel is that of {name}: {pixel} um"));
+        recipe
+            .notes
+            .push(format!("the size of a voxel is that of {name}: {pixel} um"));
         if stated {
             let length = crate::length::Length::from(own.unit);
             let slices = length.convert(own.spacing[0], recipe.placement.unit);
@@ -136,8 +163,16 @@ mod tests {
         let text = "[Acquisition]\r\nImage Pixel Size (um)=   9.00\r\nPixel Size (um)=8\r\n[Reconstruction]\r\n\
                     Section to Section Step=2\r\nResult Image Width (pixels)=28\r\nPixel Size (um)=17.51000\r\n";
         let log = Log::parse("a.log", text).unwrap();
-        assert_eq!((log.pixel, log.step, log.size), (17.51, 2.0, [Some(28), None]));
-        for other in ["", "Pixel Size (um)=3\n", "[Reconstruction]\nPixel Size (um)=0\n", "[Reconstruction]\nx\n"] {
+        assert_eq!(
+            (log.pixel, log.step, log.size),
+            (17.51, 2.0, [Some(28), None])
+        );
+        for other in [
+            "",
+            "Pixel Size (um)=3\n",
+            "[Reconstruction]\nPixel Size (um)=0\n",
+            "[Reconstruction]\nx\n",
+        ] {
             assert_eq!(Log::parse("a.log", other), None, "{other}");
         }
         assert_eq!(section("foam__rec0100.tif"), Some(100));

@@ -50,7 +50,10 @@ fn slices(opened: &Opened) -> Vec<u32> {
         let slice = &values[12 * z as usize..][..12];
         let number = u32::from(slice[0]) / 100;
         let known: Vec<u16> = bytemuck::pod_collect_to_vec(&page(number).samples);
-        assert_eq!(slice, known.iter().map(|v| u16::from_le(*v)).collect::<Vec<_>>());
+        assert_eq!(
+            slice,
+            known.iter().map(|v| u16::from_le(*v)).collect::<Vec<_>>()
+        );
         found.push(number);
     }
     found
@@ -70,21 +73,36 @@ fn imagej(slices: u32, more: &str) -> Vec<Page> {
 fn directories_behind_the_samples_are_no_cause_for_a_note() {
     let opened = plain(&(0..40).map(page).collect::<Vec<_>>()).unwrap();
     assert_eq!(slices(&opened), (0..40).collect::<Vec<_>>());
-    assert!(opened.notes.is_empty() && opened.warnings.is_empty(), "{opened:?}");
+    assert!(
+        opened.notes.is_empty() && opened.warnings.is_empty(),
+        "{opened:?}"
+    );
 }
 
 #[test]
 fn shapes_by_tifffile() {
     let of = |shape: &str, axes: &str| {
-        let axes = if axes.is_empty() { String::new() } else { format!(", \"axes\": \"{axes}\"") };
+        let axes = if axes.is_empty() {
+            String::new()
+        } else {
+            format!(", \"axes\": \"{axes}\"")
+        };
         described(0..6, &format!("{{\"shape\": {shape}{axes}}}"))
     };
-    for (shape, axes) in [("[6, 3, 4]", ""), ("[6, 3, 4]", "ZYX"), ("[1, 6, 1, 3, 4, 1]", "TZCYXS"), ("[6, 3, 4]", "IYX")] {
+    for (shape, axes) in [
+        ("[6, 3, 4]", ""),
+        ("[6, 3, 4]", "ZYX"),
+        ("[1, 6, 1, 3, 4, 1]", "TZCYXS"),
+        ("[6, 3, 4]", "IYX"),
+    ] {
         let opened = plain(&of(shape, axes)).unwrap();
         assert_eq!(slices(&opened), [0, 1, 2, 3, 4, 5], "{shape}");
         assert!(opened.notes.is_empty(), "{opened:?}");
     }
-    assert_eq!(slices(&plain(&described(0..6, "shape=(6, 3, 4)")).unwrap()).len(), 6);
+    assert_eq!(
+        slices(&plain(&described(0..6, "shape=(6, 3, 4)")).unwrap()).len(),
+        6
+    );
     let movie = plain(&of("[6, 3, 4]", "TYX")).unwrap();
     assert_eq!(slices(&movie).len(), 6);
     assert!(movie.notes[0].contains("6 times"), "{movie:?}");
@@ -97,7 +115,10 @@ fn shapes_by_tifffile() {
         let opened = read(&pages, &asking(None, channel, time)).unwrap();
         assert_eq!(slices(&opened), expected, "{axes}");
         let error = refusal(plain(&pages));
-        assert!(error.contains("and 2 ") && error.contains("0 to 1"), "{error}");
+        assert!(
+            error.contains("and 2 ") && error.contains("0 to 1"),
+            "{error}"
+        );
     }
     let opened = read(&of("[3, 2, 3, 4]", "ZCYX"), &asking(None, Some(1), None)).unwrap();
     assert_eq!(slices(&opened), [1, 3, 5]);
@@ -121,15 +142,24 @@ fn series_by_tifffile() {
     let json = "{\"shape\": [3, 3, 4]}";
     let two = [described(0..3, json), described(3..6, json)].concat();
     let error = refusal(plain(&two));
-    assert!(error.contains("2 series") && error.contains("1: 4 x 3 x 3"), "{error}");
-    assert_eq!(slices(&read(&two, &asking(Some("1"), None, None)).unwrap()), [3, 4, 5]);
+    assert!(
+        error.contains("2 series") && error.contains("1: 4 x 3 x 3"),
+        "{error}"
+    );
+    assert_eq!(
+        slices(&read(&two, &asking(Some("1"), None, None)).unwrap()),
+        [3, 4, 5]
+    );
     assert!(read(&two, &asking(Some("2"), None, None)).is_err());
     // slices that were written one by one are a series each
     let single = "{\"shape\": [3, 4]}";
     let loose: Vec<Page> = (0..5).flat_map(|z| described([z], single)).collect();
     assert_eq!(slices(&plain(&loose).unwrap()), [0, 1, 2, 3, 4]);
     let error = refusal(plain(&[two, loose].concat()));
-    assert!(error.contains("3 series") && error.contains("2: 4 x 3 x 5"), "{error}");
+    assert!(
+        error.contains("3 series") && error.contains("2: 4 x 3 x 5"),
+        "{error}"
+    );
     // one directory for all, the samples behind it
     let mut one = described([0], "{\"shape\": [3, 3, 4], \"truncated\": true}");
     one[0].tags.push((273, Tag::Long(8)));
@@ -146,8 +176,14 @@ fn pages_of_several_sizes_are_several_stacks() {
     let mut pages: Vec<Page> = (0..3).map(page).collect();
     pages.insert(1, small.clone());
     let error = refusal(plain(&pages));
-    assert!(error.contains("0: 4 x 3 x 3") && error.contains("1: 3 x 4 x 1"), "{error}");
-    assert_eq!(slices(&read(&pages, &asking(Some("0"), None, None)).unwrap()), [0, 1, 2]);
+    assert!(
+        error.contains("0: 4 x 3 x 3") && error.contains("1: 3 x 4 x 1"),
+        "{error}"
+    );
+    assert_eq!(
+        slices(&read(&pages, &asking(Some("0"), None, None)).unwrap()),
+        [0, 1, 2]
+    );
     // a reduced image, in both ways to say it, is no slice
     for tag in [(254, Tag::Long(1)), (255, Tag::Short(2))] {
         pages[1] = small.clone();
@@ -165,8 +201,15 @@ fn hyperstacks_by_imagej() {
     let opened = read(&pages, &asking(None, Some(1), Some(1))).unwrap();
     assert_eq!(slices(&opened), [7, 9, 11]);
     let error = refusal(read(&pages, &asking(None, None, Some(1))));
-    assert!(error.contains("--channel") && error.contains("2 channels"), "{error}");
-    let opened = read(&of("order=zct\nchannels=2\nslices=6\n"), &asking(None, Some(1), None)).unwrap();
+    assert!(
+        error.contains("--channel") && error.contains("2 channels"),
+        "{error}"
+    );
+    let opened = read(
+        &of("order=zct\nchannels=2\nslices=6\n"),
+        &asking(None, Some(1), None),
+    )
+    .unwrap();
     assert_eq!(slices(&opened), [6, 7, 8, 9, 10, 11]);
     let movie = plain(&of("frames=12\n")).unwrap();
     assert_eq!(slices(&movie).len(), 12);
@@ -188,7 +231,11 @@ fn hyperstacks_by_imagej() {
 #[test]
 fn options_that_name_nothing_are_refused() {
     let pages: Vec<Page> = (0..3).map(page).collect();
-    for options in [asking(Some("1"), None, None), asking(None, Some(1), None), asking(None, None, Some(1))] {
+    for options in [
+        asking(Some("1"), None, None),
+        asking(None, Some(1), None),
+        asking(None, None, Some(1)),
+    ] {
         assert!(read(&pages, &options).is_err());
     }
     assert!(read(&pages, &asking(Some("0"), Some(0), Some(0))).is_ok());
@@ -199,13 +246,24 @@ fn calibrations_by_imagej() {
     let line = "unit=mm\nspacing=0.5\ncf=0\nc0=-32768.0\nc1=2.0\nvunit=Gray Value\n";
     let opened = plain(&imagej(3, line)).unwrap();
     let values = floats(&opened);
-    assert_eq!(values[..5], [-32768.0, -32766.0, -32764.0, -32762.0, -32748.0]);
+    assert_eq!(
+        values[..5],
+        [-32768.0, -32766.0, -32764.0, -32762.0, -32748.0]
+    );
     assert!(opened.values.unwrap().contains("2 * stored - 32768"));
     // signed numbers are unsigned ones, 32768 larger, to ImageJ
     let signed = with(imagej(3, line), 339, Tag::Short(2));
     assert_eq!(floats(&plain(&signed).unwrap())[..2], [32768.0, 32770.0]);
-    for none in ["cf=20\nvunit=x\n", "cf=0\nc0=0\nc1=1\nvunit=x\n", "vunit=x\n"] {
-        assert_eq!(slices(&plain(&imagej(3, none)).unwrap()), [0, 1, 2], "{none}");
+    for none in [
+        "cf=20\nvunit=x\n",
+        "cf=0\nc0=0\nc1=1\nvunit=x\n",
+        "vunit=x\n",
+    ] {
+        assert_eq!(
+            slices(&plain(&imagej(3, none)).unwrap()),
+            [0, 1, 2],
+            "{none}"
+        );
     }
     for (text, says) in [
         ("cf=1\nc0=1\nc1=2\nc2=3\nvunit=x\n", "polynomial"),
@@ -232,14 +290,27 @@ fn scales_by_gdal() {
     let mut other = pages;
     other[1].tags = vec![(42112, text(&items.replace("0.5", "0.25")))];
     assert!(refusal(plain(&other)).contains("another for some slices"));
-    assert!(plain(&with((0..3).map(page).collect(), 42113, text("nan"))).unwrap().values.is_none());
+    assert!(
+        plain(&with((0..3).map(page).collect(), 42113, text("nan")))
+            .unwrap()
+            .values
+            .is_none()
+    );
 }
 
 #[test]
 fn orientations() {
     let turned = |orientation, turn: fn(u16, u16) -> [u16; 2]| {
-        let opened = plain(&with((0..3).map(page).collect(), 274, Tag::Short(orientation))).unwrap();
-        assert!(opened.notes[0].contains(&format!("Orientation {orientation}")), "{opened:?}");
+        let opened = plain(&with(
+            (0..3).map(page).collect(),
+            274,
+            Tag::Short(orientation),
+        ))
+        .unwrap();
+        assert!(
+            opened.notes[0].contains(&format!("Orientation {orientation}")),
+            "{opened:?}"
+        );
         let values: Vec<u16> = bytemuck::pod_collect_to_vec(&all(&*opened.volume).unwrap());
         for (i, value) in (0u16..).zip(values) {
             let [x, y] = turn(i % 4, i / 4 % 3);
@@ -249,7 +320,12 @@ fn orientations() {
     turned(2, |x, y| [3 - x, y]);
     turned(3, |x, y| [3 - x, 2 - y]);
     turned(4, |x, y| [x, 2 - y]);
-    assert!(plain(&with((0..3).map(page).collect(), 274, Tag::Short(1))).unwrap().notes.is_empty());
+    assert!(
+        plain(&with((0..3).map(page).collect(), 274, Tag::Short(1)))
+            .unwrap()
+            .notes
+            .is_empty()
+    );
     for orientation in 5..=8 {
         let pages = with((0..3).map(page).collect(), 274, Tag::Short(orientation));
         assert!(refusal(plain(&pages)).contains("rows are columns"));
@@ -272,14 +348,21 @@ fn other_formats_in_tiff_are_named() {
         (34361, text("head"), "FluoView"),
         (65420, Tag::Long(1), "NDPI"),
         (33445, Tag::Long(2), "square roots"),
-        (270, text("<?xml version=\"1.0\"?><scn xmlns=\"x\"/>"), "SCN"),
+        (
+            270,
+            text("<?xml version=\"1.0\"?><scn xmlns=\"x\"/>"),
+            "SCN",
+        ),
         (305, text("SI.VERSION_MAJOR = 2016"), "ScanImage"),
     ] {
         let error = refusal(plain(&with((0..3).map(page).collect(), tag, value)));
         assert!(error.contains(says), "{error}");
     }
     let lsm = |times: u32| {
-        let head: Vec<u8> = [0x0040_0494, 512, 4, 3, 3, 1, times].into_iter().flat_map(u32::to_le_bytes).collect();
+        let head: Vec<u8> = [0x0040_0494, 512, 4, 3, 3, 1, times]
+            .into_iter()
+            .flat_map(u32::to_le_bytes)
+            .collect();
         with((0..3).map(page).collect(), 34412, Tag::Text(head))
     };
     assert_eq!(slices(&plain(&lsm(1)).unwrap()), [0, 1, 2]);
@@ -296,7 +379,10 @@ fn folders_hold_one_volume() {
     put(dir.path(), "a1.tif", &(0..3).map(page).collect::<Vec<_>>());
     put(dir.path(), "a2.tif", &(3..6).map(page).collect::<Vec<_>>());
     let error = refusal(open(dir.path(), &OpenOptions::default()));
-    assert!(error.contains("2 files, of which one holds 3 pages"), "{error}");
+    assert!(
+        error.contains("2 files, of which one holds 3 pages"),
+        "{error}"
+    );
 }
 
 /// Slices and the log of NRecon, in a folder.
@@ -319,20 +405,36 @@ fn logs_of_nrecon() {
     let opened = scan(dir.path(), same).unwrap();
     assert_eq!(slices(&opened), [0, 1, 2]);
     let place = opened.volume.header().placement;
-    assert_eq!((place.spacing, place.unit), ([17.51; 3], alvis::grid::Unit::Micrometre));
-    assert_eq!(opened.provenance.spacing, [alvis::manifest::Origin::File; 3]);
+    assert_eq!(
+        (place.spacing, place.unit),
+        ([17.51; 3], alvis::grid::Unit::Micrometre)
+    );
+    assert_eq!(
+        opened.provenance.spacing,
+        [alvis::manifest::Origin::File; 3]
+    );
     assert!(opened.warnings.is_empty(), "{opened:?}");
     let notes = opened.notes.join("\n");
-    assert!(notes.contains("foam__rec_spr.tif") && notes.contains("foam__rec.log"), "{notes}");
+    assert!(
+        notes.contains("foam__rec_spr.tif") && notes.contains("foam__rec.log"),
+        "{notes}"
+    );
     // every second section was kept
     let opened = scan(dir.path(), &format!("{same}Section to Section Step=2\r\n")).unwrap();
-    assert_eq!(opened.volume.header().placement.spacing, [17.51, 17.51, 35.02]);
+    assert_eq!(
+        opened.volume.header().placement.spacing,
+        [17.51, 17.51, 35.02]
+    );
     // other slices than those of the log
     let opened = scan(dir.path(), &same.replace("=4", "=8")).unwrap();
     assert_eq!(opened.volume.header().placement.spacing, [1.0; 3]);
     assert!(opened.warnings[0].contains("17.51"), "{opened:?}");
     // by a pattern, the log is found too
     scan(dir.path(), same).unwrap();
-    let opened = open(&dir.path().join("foam__rec%04d.tif"), &OpenOptions::default()).unwrap();
+    let opened = open(
+        &dir.path().join("foam__rec%04d.tif"),
+        &OpenOptions::default(),
+    )
+    .unwrap();
     assert_eq!(opened.volume.header().placement.spacing, [17.51; 3]);
 }

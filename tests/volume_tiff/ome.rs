@@ -1,6 +1,6 @@
 //! OME-TIFF.
 
-use super::writer::{Page, described, file, page};
+use super::writer::{Page, described, file};
 use super::{asking, plain, put, read, refusal, slices};
 use alvis::grid::Unit;
 use alvis::manifest::Origin;
@@ -48,10 +48,17 @@ fn planes_are_where_the_metadata_say() {
         (0..6).map(one).collect::<String>()
     };
     let backward = image(0, "XYZCT", [6, 1, 1], "", &data(&|z| 5 - z));
-    assert_eq!(slices(&plain(&stack(6, &backward)).unwrap()), [5, 4, 3, 2, 1, 0]);
-    let parts = "<TiffData IFD=\"3\" PlaneCount=\"3\"/><TiffData IFD=\"0\" FirstZ=\"3\" PlaneCount=\"3\"/>";
+    assert_eq!(
+        slices(&plain(&stack(6, &backward)).unwrap()),
+        [5, 4, 3, 2, 1, 0]
+    );
+    let parts =
+        "<TiffData IFD=\"3\" PlaneCount=\"3\"/><TiffData IFD=\"0\" FirstZ=\"3\" PlaneCount=\"3\"/>";
     let parts = image(0, "XYZCT", [6, 1, 1], "", parts);
-    assert_eq!(slices(&plain(&stack(6, &parts)).unwrap()), [3, 4, 5, 0, 1, 2]);
+    assert_eq!(
+        slices(&plain(&stack(6, &parts)).unwrap()),
+        [3, 4, 5, 0, 1, 2]
+    );
     let movie = plain(&stack(6, &image(0, "XYZCT", [1, 1, 6], "", all))).unwrap();
     assert_eq!(slices(&movie).len(), 6);
     assert!(movie.notes[0].contains("6 times"), "{movie:?}");
@@ -59,13 +66,30 @@ fn planes_are_where_the_metadata_say() {
 
 #[test]
 fn images_are_chosen_by_number_name_or_id() {
-    let inside = image(0, "XYZCT", [3, 1, 1], "", "<TiffData IFD=\"0\" PlaneCount=\"3\"/>")
-        + &image(1, "XYZCT", [3, 1, 1], "", "<TiffData IFD=\"3\" PlaneCount=\"3\"/>");
+    let inside = image(
+        0,
+        "XYZCT",
+        [3, 1, 1],
+        "",
+        "<TiffData IFD=\"0\" PlaneCount=\"3\"/>",
+    ) + &image(
+        1,
+        "XYZCT",
+        [3, 1, 1],
+        "",
+        "<TiffData IFD=\"3\" PlaneCount=\"3\"/>",
+    );
     let pages = stack(6, &inside);
     let error = refusal(plain(&pages));
-    assert!(error.contains("2 series") && error.contains("1: 4 x 3 x 3, scan 1, Image:1"), "{error}");
+    assert!(
+        error.contains("2 series") && error.contains("1: 4 x 3 x 3, scan 1, Image:1"),
+        "{error}"
+    );
     for name in ["1", "scan 1", "Image:1"] {
-        assert_eq!(slices(&read(&pages, &asking(Some(name), None, None)).unwrap()), [3, 4, 5]);
+        assert_eq!(
+            slices(&read(&pages, &asking(Some(name), None, None)).unwrap()),
+            [3, 4, 5]
+        );
     }
     assert!(read(&pages, &asking(Some("scan 2"), None, None)).is_err());
 }
@@ -76,18 +100,68 @@ fn metadata_that_do_not_fit_are_refused() {
     for (pages, inside, says) in [
         (5, image(0, "XYZCT", [6, 1, 1], "", all), "5 pages"),
         (7, image(0, "XYZCT", [6, 1, 1], "", all), "7 pages"),
-        (6, image(0, "XYZCT", [6, 1, 1], "", "<TiffData IFD=\"1\" PlaneCount=\"6\"/>"), "a page 6"),
-        (6, image(0, "XYZCT", [6, 1, 1], "", "<TiffData IFD=\"0\" PlaneCount=\"4\"/>"), "without a page for 2"),
-        (6, image(0, "XYZCT", [6, 1, 1], "", "<TiffData IFD=\"0\"/><TiffData IFD=\"1\"/>"), "two pages for slice 0"),
-        (6, image(0, "XYZCT", [6, 1, 1], "", ""), "without a page for 6"),
+        (
+            6,
+            image(
+                0,
+                "XYZCT",
+                [6, 1, 1],
+                "",
+                "<TiffData IFD=\"1\" PlaneCount=\"6\"/>",
+            ),
+            "a page 6",
+        ),
+        (
+            6,
+            image(
+                0,
+                "XYZCT",
+                [6, 1, 1],
+                "",
+                "<TiffData IFD=\"0\" PlaneCount=\"4\"/>",
+            ),
+            "without a page for 2",
+        ),
+        (
+            6,
+            image(
+                0,
+                "XYZCT",
+                [6, 1, 1],
+                "",
+                "<TiffData IFD=\"0\"/><TiffData IFD=\"1\"/>",
+            ),
+            "two pages for slice 0",
+        ),
+        (
+            6,
+            image(0, "XYZCT", [6, 1, 1], "", ""),
+            "without a page for 6",
+        ),
         (6, image(0, "ZXYCT", [6, 1, 1], "", all), "ZXYCT"),
         (6, image(0, "XYZCT", [0, 1, 1], "", all), "SizeZ=\"0\""),
-        (6, image(0, "XYZCT", [6, 1, 1], "", all).replace("SizeX=\"4\"", "SizeX=\"5\""), "pages of 4 x 3"),
+        (
+            6,
+            image(0, "XYZCT", [6, 1, 1], "", all).replace("SizeX=\"4\"", "SizeX=\"5\""),
+            "pages of 4 x 3",
+        ),
         (6, "<Image/>".into(), "without an image"),
-        (6, "<BinaryOnly MetadataFile=\"a.companion.ome\"/>".into(), "a.companion.ome"),
-        (6, image(0, "XYZCT", [6, 1, 1], "", all) + "<ModuloAlongZ Type=\"phase\"/>", "phase"),
+        (
+            6,
+            "<BinaryOnly MetadataFile=\"a.companion.ome\"/>".into(),
+            "a.companion.ome",
+        ),
+        (
+            6,
+            image(0, "XYZCT", [6, 1, 1], "", all) + "<ModuloAlongZ Type=\"phase\"/>",
+            "phase",
+        ),
         (6, "<Image>".into(), "damaged XML"),
-        (6, image(0, "XYZCT", [6, 1, 1], "PhysicalSizeX=\"&foo;\"", all), "damaged XML"),
+        (
+            6,
+            image(0, "XYZCT", [6, 1, 1], "PhysicalSizeX=\"&foo;\"", all),
+            "damaged XML",
+        ),
     ] {
         let error = refusal(plain(&stack(pages, &inside)));
         assert!(error.contains(says), "{inside}: {error}");
@@ -111,7 +185,11 @@ fn pages_in_several_files() {
         text.replace("UUID=\"urn:uuid:1\"", &format!("UUID=\"urn:uuid:{uuid}\""))
     };
     for uuid in 0..2 {
-        put(dir.path(), &format!("p{uuid}.tif"), &described(3 * uuid..3 * uuid + 3, &text(uuid)));
+        put(
+            dir.path(),
+            &format!("p{uuid}.tif"),
+            &described(3 * uuid..3 * uuid + 3, &text(uuid)),
+        );
     }
     let read = |name: &str| open(&dir.path().join(name), &OpenOptions::default());
     assert_eq!(slices(&read("p0.tif").unwrap()), [0, 1, 2, 3, 4, 5]);
@@ -131,7 +209,11 @@ fn a_folder_of_slices_that_describe_themselves() {
     let sizes = "PhysicalSizeX=\"0.5\" PhysicalSizeY=\"0.5\" PhysicalSizeZ=\"2\"";
     for z in 0..3 {
         let text = document(&image(0, "XYZCT", [1, 1, 1], sizes, "<TiffData/>"));
-        std::fs::write(dir.path().join(format!("s{z}.tif")), file(&described([z], &text))).unwrap();
+        std::fs::write(
+            dir.path().join(format!("s{z}.tif")),
+            file(&described([z], &text)),
+        )
+        .unwrap();
     }
     let opened = open(dir.path(), &OpenOptions::default()).unwrap();
     assert_eq!(slices(&opened), [0, 1, 2]);
@@ -145,18 +227,63 @@ fn sizes_of_voxels() {
         _ => format!(" PhysicalSize{axis}=\"{size}\" PhysicalSize{axis}Unit=\"{unit}\""),
     };
     for (x, y, z, spacing, unit) in [
-        (("5.0", "&#181;m"), ("5.0", "&#xB5;m"), ("10.0", "µm"), [5.0, 5.0, 10.0], Unit::Micrometre),
-        (("5", ""), ("5", "um"), ("0.010", "mm"), [5.0, 5.0, 10.0], Unit::Micrometre),
-        (("5000", "Å"), ("5000", "Å"), ("1e4", "Å"), [500.0, 500.0, 1000.0], Unit::Nanometre),
-        (("500000", "pm"), ("500", "nm"), ("1000", "nm"), [500.0, 500.0, 1000.0], Unit::Nanometre),
-        (("0.001", "in"), ("0.001", "in"), ("1", "mm"), [0.0254, 0.0254, 1.0], Unit::Millimetre),
-        (("0.05000000074505806", "mm"), ("50", "µm"), ("0.1", "mm"), [0.05, 0.05, 0.1], Unit::Millimetre),
-        (("2", "pixel"), ("2", "pixel"), ("3", "pixel"), [2.0, 2.0, 3.0], Unit::Voxel),
+        (
+            ("5.0", "&#181;m"),
+            ("5.0", "&#xB5;m"),
+            ("10.0", "µm"),
+            [5.0, 5.0, 10.0],
+            Unit::Micrometre,
+        ),
+        (
+            ("5", ""),
+            ("5", "um"),
+            ("0.010", "mm"),
+            [5.0, 5.0, 10.0],
+            Unit::Micrometre,
+        ),
+        (
+            ("5000", "Å"),
+            ("5000", "Å"),
+            ("1e4", "Å"),
+            [500.0, 500.0, 1000.0],
+            Unit::Nanometre,
+        ),
+        (
+            ("500000", "pm"),
+            ("500", "nm"),
+            ("1000", "nm"),
+            [500.0, 500.0, 1000.0],
+            Unit::Nanometre,
+        ),
+        (
+            ("0.001", "in"),
+            ("0.001", "in"),
+            ("1", "mm"),
+            [0.0254, 0.0254, 1.0],
+            Unit::Millimetre,
+        ),
+        (
+            ("0.05000000074505806", "mm"),
+            ("50", "µm"),
+            ("0.1", "mm"),
+            [0.05, 0.05, 0.1],
+            Unit::Millimetre,
+        ),
+        (
+            ("2", "pixel"),
+            ("2", "pixel"),
+            ("3", "pixel"),
+            [2.0, 2.0, 3.0],
+            Unit::Voxel,
+        ),
     ] {
         let more = size('X', x.0, x.1) + &size('Y', y.0, y.1) + &size('Z', z.0, z.1);
         let text = document(&image(0, "XYZCT", [3, 1, 1], &more, "<TiffData/>"));
         let quoted = text.replace('"', "'");
-        let prefixed = text.replace('<', "<ome:").replace("<ome:/", "</ome:").replace("xmlns=", "xmlns:ome=");
+        let prefixed = text
+            .replace('<', "<ome:")
+            .replace("<ome:/", "</ome:")
+            .replace("xmlns=", "xmlns:ome=");
         let prefixed = prefixed.replace("<ome:?", "<?").replace("<ome:!", "<!");
         for text in [text, quoted, prefixed] {
             let opened = plain(&described(0..3, &text)).unwrap();
@@ -167,9 +294,16 @@ fn sizes_of_voxels() {
         }
     }
     let flat = size('X', "5", "") + &size('Y', "5", "");
-    let opened = plain(&stack(3, &image(0, "XYZCT", [3, 1, 1], &flat, "<TiffData/>"))).unwrap();
+    let opened = plain(&stack(
+        3,
+        &image(0, "XYZCT", [3, 1, 1], &flat, "<TiffData/>"),
+    ))
+    .unwrap();
     assert_eq!(opened.volume.header().placement.spacing, [5.0; 3]);
-    assert_eq!(opened.provenance.spacing, [Origin::File, Origin::File, Origin::Assumed]);
+    assert_eq!(
+        opened.provenance.spacing,
+        [Origin::File, Origin::File, Origin::Assumed]
+    );
     assert!(opened.warnings[0].contains("--spacing"), "{opened:?}");
     for unclear in [
         size('X', "5", "reference frame") + &size('Y', "5", "reference frame"),
@@ -177,7 +311,11 @@ fn sizes_of_voxels() {
         size('X', "0", "") + &size('Y', "0", ""),
         size('X', "a", "") + &size('Y', "5", ""),
     ] {
-        let opened = plain(&stack(3, &image(0, "XYZCT", [3, 1, 1], &unclear, "<TiffData/>"))).unwrap();
+        let opened = plain(&stack(
+            3,
+            &image(0, "XYZCT", [3, 1, 1], &unclear, "<TiffData/>"),
+        ))
+        .unwrap();
         assert_eq!(opened.provenance.spacing, [Origin::Default; 3], "{unclear}");
         assert!(opened.warnings[0].contains("--spacing"), "{opened:?}");
     }

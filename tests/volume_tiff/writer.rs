@@ -40,7 +40,9 @@ pub fn described(slices: impl IntoIterator<Item = u32>, description: &str) -> Ve
 
 /// The same tag for every page.
 pub fn with(mut pages: Vec<Page>, tag: u16, value: Tag) -> Vec<Page> {
-    pages.iter_mut().for_each(|page| page.tags.push((tag, value.clone())));
+    pages
+        .iter_mut()
+        .for_each(|page| page.tags.push((tag, value.clone())));
     pages
 }
 
@@ -68,7 +70,10 @@ pub fn file(pages: &[Page]) -> Vec<u8> {
         let mut tags = vec![
             (256, Tag::Long(width)),
             (257, Tag::Long(height)),
-            (258, Tag::Short(8 * (page.samples.len() as u32 / (width * height)) as u16)),
+            (
+                258,
+                Tag::Short(8 * (page.samples.len() as u32 / (width * height)) as u16),
+            ),
             (259, Tag::Short(1)),
             (262, Tag::Short(1)),
             (273, Tag::Long(start)),

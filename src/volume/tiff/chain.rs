@@ -194,7 +194,11 @@ fn shaped(path: &Path, dir: &Directory, begin: &str) -> Result<Option<Shaped>> {
     let shaped = Shaped::parse(text.trim_end_matches('\0'));
     if shaped.is_none() && begin.starts_with("{\"shape\"") {
         let found = "a description that begins as tifffile's does, and is damaged";
-        return Err(Error::format(path, found, "sound JSON with the shape of the series"));
+        return Err(Error::format(
+            path,
+            found,
+            "sound JSON with the shape of the series",
+        ));
     }
     Ok(shaped)
 }

@@ -51,10 +51,12 @@ fn lsm(path: &Path, dir: &Directory, hint: &str) -> Result<()> {
         return Ok(());
     };
     // LSM is always little-endian: magic, length, x, y, z, channels, times
-    let number = |at: usize| u32::from_le_bytes([head[at], head[at + 1], head[at + 2], head[at + 3]]);
+    let number =
+        |at: usize| u32::from_le_bytes([head[at], head[at + 1], head[at + 2], head[at + 3]]);
     let [slices, channels, times] = [number(16), number(20), number(24)];
     if channels > 1 || times > 1 {
-        let what = format!("Zeiss' LSM format of {slices} slices, {channels} channels and {times} times");
+        let what =
+            format!("Zeiss' LSM format of {slices} slices, {channels} channels and {times} times");
         return Err(Error::unsupported(path, what, hint));
     }
     Ok(())

@@ -24,7 +24,12 @@ impl<'a> Text<'a> {
     /// The value of a key; as Java's properties, the last of several counts.
     pub(super) fn get(&self, key: &str) -> Option<&'a str> {
         let lines = self.0.lines().rev();
-        let mut values = lines.filter_map(|line| line.trim().strip_prefix(key)?.trim_start().strip_prefix('='));
+        let mut values = lines.filter_map(|line| {
+            line.trim()
+                .strip_prefix(key)?
+                .trim_start()
+                .strip_prefix('=')
+        });
         values.next().map(str::trim)
     }
 
@@ -75,7 +80,10 @@ impl<'a> Text<'a> {
         let length = Length::parse(unit);
         let depth = self.number("spacing").map(f64::abs).filter(|d| *d > 0.0);
         if length == Length::parse("inch") && length.is_some() {
-            let as_inch = Resolution { unit: 2, ..*resolution };
+            let as_inch = Resolution {
+                unit: 2,
+                ..*resolution
+            };
             if let Some(dpi) = as_inch.of_paper() {
                 about.notes.push(format!(
                     "a resolution of {dpi} dots per inch is taken for that of a screen or printer, not of the scan: \
@@ -90,11 +98,7 @@ impl<'a> Text<'a> {
         let um = Length::parse("um");
         match resolution.unit {
             // centimetres in the tags and um in the text: ImageJ converts
-            3 if length == um => {
-                if let Some([x, y]) = resolution.millimetres() {
-                    steps = [Some(Step::new(x, "mm")), Some(Step::new(y, "mm"))];
-                }
-            }
+            3 if length == um => steps = resolution.in_unit("um"),
             tag @ (2 | 3) if length.is_some() => {
                 let of_tag = if tag == 2 { "inch" } else { "cm" };
                 if length != Length::parse(of_tag) {
@@ -107,7 +111,13 @@ impl<'a> Text<'a> {
             _ => {}
         }
         let named = |step: Option<Step>, name: &str| {
-            step.map(|s| if s.unit == unit { Step::new(s.size, name) } else { s })
+            step.map(|s| {
+                if s.unit == unit {
+                    Step::new(s.size, name)
+                } else {
+                    s
+                }
+            })
         };
         let [x, y] = steps;
         let (mut x, mut y) = (named(x, units[0]), named(y, units[1]));
@@ -120,7 +130,9 @@ impl<'a> Text<'a> {
             x = x.or(Some(Step::new(1.0, unit)));
             y = y.or(Some(Step::new(1.0, unit)));
         }
-        let cube = [&x, &y].iter().all(|s| s.as_ref().is_some_and(|s| s.size == 1.0 && s.unit == unit));
+        let cube = [&x, &y]
+            .iter()
+            .all(|s| s.as_ref().is_some_and(|s| s.size == 1.0 && s.unit == unit));
         let z = match depth {
             Some(depth) => Some(Step::new(depth, units[2])),
             // 1 is what ImageJ does not write

@@ -12,6 +12,7 @@ mod foreign;
 mod ifd;
 mod imagej;
 mod ome;
+mod ome_pages;
 mod page;
 mod pages;
 mod plan;

@@ -39,6 +39,8 @@ pub(super) struct Planes {
     pub(super) files: Vec<String>,
     /// All pages of the file are meant, in their order.
     pub(super) all: bool,
+    /// Some image has pages in the file that was opened.
+    pub(super) own: bool,
 }
 
 /// True for a text that may be OME-XML.
@@ -63,17 +65,29 @@ pub(super) fn read(path: &Path, dir: &Directory) -> Result<Option<Document>> {
                 root = Some(element.name == "OME");
                 document.uuid = element.get("UUID").unwrap_or_default().to_owned();
             }
-            "Image" => names = ["Name", "ID"].map(|key| element.get(key).unwrap_or_default().to_owned()).to_vec(),
+            "Image" => {
+                names = ["Name", "ID"]
+                    .map(|key| element.get(key).unwrap_or_default().to_owned())
+                    .to_vec()
+            }
             "Pixels" if document.images.len() == MAX_IMAGES => {
                 let found = format!("OME-XML of more than {MAX_IMAGES} images");
                 return Err(Error::format(path, found, "fewer"));
             }
-            "Pixels" => document.images.push(Image::read(path, element, names.clone())?),
+            "Pixels" => document
+                .images
+                .push(Image::read(path, element, names.clone())?),
             "BinaryOnly" => binary_only = element.get("MetadataFile").map(str::to_owned),
             "ModuloAlongZ" => {
                 let kind = element.get("Type").unwrap_or("another axis");
-                let what = format!("an OME-TIFF of which the slices are also those of {kind} (ModuloAlongZ)");
-                return Err(Error::unsupported(path, what, "save the one volume as a stack of slices"));
+                let what = format!(
+                    "an OME-TIFF of which the slices are also those of {kind} (ModuloAlongZ)"
+                );
+                return Err(Error::unsupported(
+                    path,
+                    what,
+                    "save the one volume as a stack of slices",
+                ));
             }
             _ => {}
         }
@@ -86,7 +100,11 @@ pub(super) fn read(path: &Path, dir: &Directory) -> Result<Option<Document>> {
     }
     match (root, document.images.is_empty()) {
         (Some(true), false) => Ok(Some(document)),
-        (Some(true), true) => Err(Error::format(path, "OME-XML without an image", "an element Pixels")),
+        (Some(true), true) => Err(Error::format(
+            path,
+            "OME-XML without an image",
+            "an element Pixels",
+        )),
         _ => Ok(None),
     }
 }
@@ -103,31 +121,54 @@ impl Image {
         let side = |key: &str| match pixels.whole(key) {
             Some(n) if (1..=u64::from(MAX_DIM)).contains(&n) => Ok(n),
             _ => {
-                let found = format!("OME-XML with {key}=\"{}\"", pixels.get(key).unwrap_or_default());
-                Err(Error::format(path, found, format!("a number from 1 to {MAX_DIM}")))
+                let found = format!(
+                    "OME-XML with {key}=\"{}\"",
+                    pixels.get(key).unwrap_or_default()
+                );
+                Err(Error::format(
+                    path,
+                    found,
+                    format!("a number from 1 to {MAX_DIM}"),
+                ))
             }
         };
         let text = pixels.get("DimensionOrder").unwrap_or("XYZCT");
         let stack = text.strip_prefix("XY").and_then(|order| {
-            let counts = [side("SizeZ").ok()?, side("SizeC").ok()?, side("SizeT").ok()?];
+            let counts = [
+                side("SizeZ").ok()?,
+                side("SizeC").ok()?,
+                side("SizeT").ok()?,
+            ];
             Stack::new(counts, order)
         });
         // an error of a size says more than one of the order
         let sizes = ["SizeX", "SizeY", "SizeZ", "SizeC", "SizeT"];
         let [x, y, ..] = sizes.map(side);
         let size = [x? as u32, y? as u32];
-        sizes.iter().skip(2).try_for_each(|key| side(key).map(drop))?;
+        sizes
+            .iter()
+            .skip(2)
+            .try_for_each(|key| side(key).map(drop))?;
         let Some(mut stack) = stack else {
             let found = format!("OME-XML with the DimensionOrder {text}");
-            return Err(Error::format(path, found, "XY and then Z, C and T in any order"));
+            return Err(Error::format(
+                path,
+                found,
+                "XY and then Z, C and T in any order",
+            ));
         };
         stack.names = names;
         stack.size = Some(size);
-        let order = text.bytes().skip(2).filter_map(|axis| b"ZCT".iter().position(|a| *a == axis));
+        let order = text
+            .bytes()
+            .skip(2)
+            .filter_map(|axis| b"ZCT".iter().position(|a| *a == axis));
         let steps = ["X", "Y", "Z"].map(|axis| {
             let text = pixels.get(&format!("PhysicalSize{axis}"))?;
             let size = text.trim().parse().unwrap_or(f64::NAN);
-            let unit = pixels.get(&format!("PhysicalSize{axis}Unit")).unwrap_or("um");
+            let unit = pixels
+                .get(&format!("PhysicalSize{axis}Unit"))
+                .unwrap_or("um");
             Some(Step::new(tidy(size), unit))
         });
         Ok(Image {
@@ -213,7 +254,10 @@ impl Finder<'_> {
         }
         let start = self.image.index(data.first);
         let most = total - start;
-        let count = data.count.unwrap_or(if data.ifd.is_some() { 1 } else { most }).min(most);
+        let count = data
+            .count
+            .unwrap_or(if data.ifd.is_some() { 1 } else { most })
+            .min(most);
         self.all |= data.ifd.is_none() && data.count.is_none();
         let ifd = data.ifd.unwrap_or(0);
         let slices = self.chosen.slices;
@@ -228,7 +272,11 @@ impl Finder<'_> {
         }
         for slice in 0..slices {
             let (c, t) = (self.chosen.channel, self.chosen.time);
-            let zct = if self.chosen.movie { [0, c, slice] } else { [slice, c, t] };
+            let zct = if self.chosen.movie {
+                [0, c, slice]
+            } else {
+                [slice, c, t]
+            };
             let index = self.image.index(zct);
             if (start..start + count).contains(&index) {
                 self.put(slice, (file, ifd.saturating_add(index - start)));
@@ -252,15 +300,19 @@ impl Document {
             all: false,
         };
         let (mut files, mut known) = (vec![String::new()], HashMap::new());
-        let (mut pixels, mut data) = (0usize, TiffData::default());
+        let (mut pixels, mut data, mut any_own) = (0usize, TiffData::default(), false);
         each(path, dir, |element| {
             match (element.name, element.text) {
                 ("Pixels", None) => pixels += 1,
                 ("TiffData", None) => data = TiffData::read(element),
-                ("UUID", None) => data.file = element.get("FileName").unwrap_or_default().to_owned(),
+                ("UUID", None) => {
+                    data.file = element.get("FileName").unwrap_or_default().to_owned()
+                }
                 ("UUID", Some(text)) => data.uuid = text.to_owned(),
                 ("TiffData", Some(_)) => {
-                    let own = data.file.is_empty() || (!self.uuid.is_empty() && data.uuid == self.uuid);
+                    let own =
+                        data.file.is_empty() || (!self.uuid.is_empty() && data.uuid == self.uuid);
+                    any_own |= own;
                     let file = match own {
                         true => 0,
                         false => *known.entry(data.file.clone()).or_insert_with(|| {
@@ -286,12 +338,15 @@ impl Document {
         let missing = finder.pages.iter().filter(|page| page.is_none()).count();
         if missing > 0 {
             let first = finder.pages.iter().position(Option::is_none).unwrap_or(0);
-            return Err(wrong(format!("OME-XML without a page for {missing} slices, the first of them {first}")));
+            return Err(wrong(format!(
+                "OME-XML without a page for {missing} slices, the first of them {first}"
+            )));
         }
         Ok(Planes {
             pages: finder.pages.into_iter().flatten().collect(),
             files,
             all: finder.all,
+            own: any_own,
         })
     }
 }

@@ -70,7 +70,11 @@ impl Pages for TiffPages {
 
     fn files(&self) -> Vec<PathBuf> {
         match self.named {
-            true => self.blobs.iter().map(|blob| blob.path().to_path_buf()).collect(),
+            true => self
+                .blobs
+                .iter()
+                .map(|blob| blob.path().to_path_buf())
+                .collect(),
             false => Vec::new(),
         }
     }

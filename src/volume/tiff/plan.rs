@@ -3,13 +3,13 @@
 use super::super::blob::{Blob, Bytes};
 use super::super::open::OpenOptions;
 use super::chain::{Chain, Group, Kind, PageAt, THUMBNAIL, UNREADABLE};
-use super::ifd::{Directory, File};
+use super::ifd::File;
 use super::imagej::Text;
-use super::ome;
 use super::stack::{About, Chosen, Stack, choose};
+use super::{ome, ome_pages};
 use crate::error::{Error, Result};
 use crate::grid::MAX_DIM;
-use std::path::{Path, PathBuf};
+use std::path::Path;
 
 /// The slices that are asked for.
 pub(super) struct Plan {
@@ -40,7 +40,7 @@ impl Plan {
         if ome::is_ome(&text)
             && let Some(document) = ome::read(path, &dir)?
         {
-            return of_ome(path, blobs, &dir, &document, options);
+            return ome_pages::plan(path, blobs, &dir, &document, options);
         }
         let mut chain = Chain::default();
         for (i, blob) in blobs.iter().enumerate() {
@@ -58,7 +58,7 @@ impl Plan {
         of_pages(path, blobs, chain, &slices, &text, options)
     }
 
-    fn new(blobs: Vec<Blob>, pages: Vec<PageAt>, chain: Chain) -> Plan {
+    pub(super) fn new(blobs: Vec<Blob>, pages: Vec<PageAt>, chain: Chain) -> Plan {
         Plan {
             blobs,
             pages,
@@ -70,7 +70,7 @@ impl Plan {
     }
 
     /// The group of the first slice.
-    fn group(&self) -> Option<&Group> {
+    pub(super) fn group(&self) -> Option<&Group> {
         self.chain.groups.get(self.pages.first()?.kind as usize)
     }
 
@@ -97,7 +97,10 @@ impl Plan {
                     format!("{nx} x {ny} of {}, as the first slice is", of.dtype),
                 ));
             }
-            let says = [(kind.orientation, of.orientation), (kind.white_is_zero.into(), of.white_is_zero.into())];
+            let says = [
+                (kind.orientation, of.orientation),
+                (kind.white_is_zero.into(), of.white_is_zero.into()),
+            ];
             for ((own, first), tag) in says.into_iter().zip(["Orientation", "WhiteIsZero"]) {
                 if own != first {
                     return Err(Error::format(
@@ -118,9 +121,14 @@ impl Plan {
 
     /// Slices that state sizes or values must state the same.
     fn agree(&mut self, path: &Path) -> Result<()> {
-        let used: Vec<_> = self.chain.groups.iter().enumerate().filter(|(i, _)| {
-            self.pages.iter().any(|page| page.kind as usize == *i)
-        }).map(|(_, group)| group).collect();
+        let used: Vec<_> = self
+            .chain
+            .groups
+            .iter()
+            .enumerate()
+            .filter(|(i, _)| self.pages.iter().any(|page| page.kind as usize == *i))
+            .map(|(_, group)| group)
+            .collect();
         let Some(first) = self.group() else {
             return Ok(());
         };
@@ -129,10 +137,17 @@ impl Plan {
             found.or(used.iter().any(|g| !same(g)).then_some(self.pages.len()))
         };
         let values = other(&|g| g.other_values, &|g| g.values == first.values);
-        let resolution = other(&|g| g.other_resolution, &|g| g.resolution == first.resolution);
+        let resolution = other(&|g| g.other_resolution, &|g| {
+            g.resolution == first.resolution
+        });
         if let Some(page) = values {
-            let what = format!("a scale of grey values that is another for some slices (as page {page})");
-            return Err(Error::unsupported(path, what, "save the slices as 32-bit numbers, with their scales applied"));
+            let what =
+                format!("a scale of grey values that is another for some slices (as page {page})");
+            return Err(Error::unsupported(
+                path,
+                what,
+                "save the slices as 32-bit numbers, with their scales applied",
+            ));
         }
         self.about.values = first.values.clone();
         if let Some(page) = resolution
@@ -156,10 +171,14 @@ impl Plan {
     pub(super) fn orientation(&mut self, path: &Path, orientation: u64) -> Result<[bool; 2]> {
         let (mirrored, how) = match orientation {
             2 => ([true, false], "the first column is on the right"),
-            3 => ([true, true], "the first row is at the bottom, its first pixel on the right"),
+            3 => (
+                [true, true],
+                "the first row is at the bottom, its first pixel on the right",
+            ),
             4 => ([false, true], "the first row is at the bottom"),
             5..=8 => {
-                let what = format!("TIFF with Orientation {orientation}, of which the rows are columns,");
+                let what =
+                    format!("TIFF with Orientation {orientation}, of which the rows are columns,");
                 let hint = "save it anew with Orientation 1 (top left)";
                 return Err(Error::unsupported(path, what, hint));
             }
@@ -172,7 +191,7 @@ impl Plan {
 }
 
 /// Files of a folder, one slice each.
-fn of_files(
+pub(super) fn of_files(
     path: &Path,
     blobs: Vec<Blob>,
     chain: Chain,
@@ -228,15 +247,22 @@ fn of_pages(
         one_directory(&bytes, &chain, slices[0], total, &chosen)?
     } else if wrong_count {
         let told = format!("{total}, as its description says");
-        return Err(Error::format(path, format!("a TIFF of {count} pages"), told)
-            .with_hint("the file was cut short or changed"));
+        return Err(
+            Error::format(path, format!("a TIFF of {count} pages"), told)
+                .with_hint("the file was cut short or changed"),
+        );
     } else {
         let page = |z| slices[(starts[chosen.stack] + chosen.page(z)) as usize];
         (0..chosen.slices).map(|z| chain.pages[page(z)]).collect()
     };
     let mut plan = Plan::new(blobs, pages, chain);
     plan.movie(&chosen);
-    match plan.chain.shaped.iter().rfind(|(at, _)| *at <= slices[starts[chosen.stack] as usize]) {
+    match plan
+        .chain
+        .shaped
+        .iter()
+        .rfind(|(at, _)| *at <= slices[starts[chosen.stack] as usize])
+    {
         Some((_, shaped)) if !Text::is(text) => {
             let (shaped, group) = (shaped.clone(), plan.group());
             if let Some(resolution) = group.map(|g| g.resolution) {
@@ -250,13 +276,21 @@ fn of_pages(
 }
 
 /// The series that tifffile describes, and the page that each begins at, counted without thumbnails.
-fn of_shapes(path: &Path, chain: &Chain, slices: &[usize], first: Kind) -> Result<(Vec<Stack>, Vec<u64>)> {
+fn of_shapes(
+    path: &Path,
+    chain: &Chain,
+    slices: &[usize],
+    first: Kind,
+) -> Result<(Vec<Stack>, Vec<u64>)> {
     let (mut stacks, mut starts) = (Vec::new(), Vec::new());
     let at = |page: usize| slices.partition_point(|&i| i < page) as u64;
     let ends = chain.shaped.iter().skip(1).map(|(page, _)| at(*page));
     for ((page, shaped), end) in chain.shaped.iter().zip(ends.chain([slices.len() as u64])) {
         let start = at(*page);
-        let kind = chain.groups.get(chain.pages[*page].kind as usize).map_or(first, |g| g.kind);
+        let kind = chain
+            .groups
+            .get(chain.pages[*page].kind as usize)
+            .map_or(first, |g| g.kind);
         let mut stack = shaped.stack(path, kind.size)?;
         let (planes, pages) = (stack.pages(), end - start);
         let truncated = shaped.truncated && slices.len() == 1;
@@ -266,7 +300,9 @@ fn of_shapes(path: &Path, chain: &Chain, slices: &[usize], first: Kind) -> Resul
         } else if planes != pages && !truncated {
             let found = format!("{pages} pages of a shape of {:?}", shaped.shape);
             let expected = format!("{planes}, as tifffile's description says");
-            return Err(Error::format(path, found, expected).with_hint("the file was cut short or changed"));
+            return Err(
+                Error::format(path, found, expected).with_hint("the file was cut short or changed")
+            );
         }
         stacks.push(stack);
         starts.push(start);
@@ -299,12 +335,20 @@ fn of_kinds(
             kinds.push(kind);
         }
     }
-    let taken = |kind| slices.iter().map(|&i| chain.pages[i]).filter(move |page| of(page) == Some(kind));
-    let stacks: Vec<Stack> = kinds.iter().map(|&kind| {
-        let mut stack = Stack::slices(taken(kind).count() as u64, kind.0);
-        stack.names.push(kind.1.to_string());
-        stack
-    }).collect();
+    let taken = |kind| {
+        slices
+            .iter()
+            .map(|&i| chain.pages[i])
+            .filter(move |page| of(page) == Some(kind))
+    };
+    let stacks: Vec<Stack> = kinds
+        .iter()
+        .map(|&kind| {
+            let mut stack = Stack::slices(taken(kind).count() as u64, kind.0);
+            stack.names.push(kind.1.to_string());
+            stack
+        })
+        .collect();
     let chosen = choose(path, &stacks, options)?;
     let pages = taken(kinds[chosen.stack]).collect();
     let mut plan = Plan::new(blobs, pages, chain);
@@ -314,15 +358,17 @@ fn of_kinds(
 
 impl Plan {
     /// Says that times are taken as slices.
-    fn movie(&mut self, chosen: &Chosen) {
+    pub(super) fn movie(&mut self, chosen: &Chosen) {
         if chosen.movie {
             let slices = chosen.slices;
-            self.about.notes.push(format!("a sequence of {slices} times of one slice is taken as {slices} slices"));
+            self.about.notes.push(format!(
+                "a sequence of {slices} times of one slice is taken as {slices} slices"
+            ));
         }
     }
 
     /// Sizes by ImageJ's description, or by TIFF's own tags.
-    fn sizes(&mut self, text: &str, one_slice: bool) {
+    pub(super) fn sizes(&mut self, text: &str, one_slice: bool) {
         let Some(resolution) = self.group().map(|group| group.resolution) else {
             return;
         };
@@ -354,7 +400,9 @@ fn one_directory(
     };
     let [x, y] = group.kind.size.map(u64::from);
     let page_bytes = x * y * group.kind.dtype.bytes() as u64;
-    let end = total.checked_mul(page_bytes).and_then(|n| n.checked_add(first));
+    let end = total
+        .checked_mul(page_bytes)
+        .and_then(|n| n.checked_add(first));
     if chosen.slices > u64::from(MAX_DIM) || end.is_none_or(|end| end > bytes.len()) {
         let found = format!("{} bytes", bytes.len());
         let need = format!("{total} images of {page_bytes} bytes from position {first} on");
@@ -362,127 +410,11 @@ fn one_directory(
             .with_hint("the file is cut short, or lost its pages when it was saved"));
     }
     let shifts = (0..chosen.slices).map(|z| chosen.page(z) * page_bytes);
-    Ok(shifts.map(|shift| PageAt { piece: Some(first + shift), shift, ..at }).collect())
-}
-
-/// The image that OME-XML describes.
-fn of_ome(
-    path: &Path,
-    blobs: Vec<Blob>,
-    dir: &Directory,
-    document: &ome::Document,
-    options: &OpenOptions,
-) -> Result<Plan> {
-    let stacks: Vec<Stack> = document.images.iter().map(|image| image.stack.clone()).collect();
-    let mut plan = if blobs.len() > 1 && stacks.len() == 1 && stacks[0].pages() == 1 {
-        // slices that describe themselves, each alone
-        let mut chain = Chain::default();
-        for (i, blob) in blobs.iter().enumerate() {
-            chain.walk(&blob.open()?, i as u32)?;
-        }
-        let slices: Vec<usize> = (0..chain.pages.len()).filter(|&i| chain.pages[i].kind != THUMBNAIL).collect();
-        let mut plan = of_files(path, blobs, chain, &slices, "", options)?;
-        plan.about.steps = document.images[0].steps.clone();
-        plan
-    } else {
-        let chosen = choose(path, &stacks, options)?;
-        let planes = document.planes(path, dir, &chosen)?;
-        let image = &document.images[chosen.stack];
-        let alone = blobs.len() == 1 && blobs[0].is_whole();
-        let (blobs, chain, pages) = ome_pages(path, blobs, &planes, stacks.len() == 1, &image.stack)?;
-        let mut plan = Plan::new(blobs, pages, chain);
-        plan.named = alone && plan.blobs.iter().any(|blob| blob.path() != path);
-        plan.movie(&chosen);
-        plan.about.steps = image.steps.clone();
-        plan.check_size(path, image.stack.size)?;
-        plan
-    };
-    plan.about.of_tags = false;
-    if plan.about.steps.iter().all(Option::is_none) {
-        plan.sizes("", false);
-    }
-    Ok(plan)
-}
-
-/// The pages that OME-XML names, in this file and others.
-fn ome_pages(
-    path: &Path,
-    given: Vec<Blob>,
-    planes: &ome::Planes,
-    alone: bool,
-    stack: &Stack,
-) -> Result<(Vec<Blob>, Chain, Vec<PageAt>)> {
-    let mut used: Vec<u32> = planes.pages.iter().map(|(file, _)| *file).collect();
-    used.sort_unstable();
-    used.dedup();
-    let (mut chain, mut blobs, mut bases) = (Chain::default(), Vec::new(), Vec::new());
-    for &file in &used {
-        let blob = named(path, &given, &planes.files, file)?;
-        bases.push(chain.pages.len());
-        chain.walk(&blob.open()?, blobs.len() as u32)?;
-        blobs.push(blob);
-    }
-    bases.push(chain.pages.len());
-    if given.len() > 1 && planes.files.len() < given.len() {
-        let found = format!("{} files, of which OME-XML of the first names {}", given.len(), planes.files.len());
-        return Err(Error::format(path, found, "files of one OME-TIFF"));
-    }
-    let count = chain.pages.iter().filter(|page| page.kind != THUMBNAIL).count() as u64;
-    if alone && planes.all && used.len() == 1 && count != stack.pages() {
-        let told = format!("{}, as its OME-XML says", stack.pages());
-        return Err(Error::format(path, format!("a TIFF of {count} pages"), told)
-            .with_hint("the file was cut short or changed"));
-    }
-    let page = |&(file, ifd): &(u32, u64)| {
-        let at = used.partition_point(|&f| f < file);
-        let number = usize::try_from(ifd).ok().and_then(|ifd| bases[at].checked_add(ifd));
-        let number = number.filter(|n| *n < bases[at + 1]).ok_or_else(|| {
-            let (blob, pages): (&Blob, usize) = (&blobs[at], bases[at + 1] - bases[at]);
-            let found = format!("a TIFF of {pages} pages");
-            let expected = format!("a page {ifd} (from 0 on), as its OME-XML says");
-            Error::format(blob.path(), found, expected).with_hint("the file was cut short or changed")
-        });
-        number.map(|n| chain.pages[n])
-    };
-    let pages = planes.pages.iter().map(page).collect::<Result<_>>()?;
-    Ok((blobs, chain, pages))
-}
-
-/// The file of this number in OME-XML.
-fn named(path: &Path, given: &[Blob], files: &[String], file: u32) -> Result<Blob> {
-    let name = Path::new(&files[file as usize]).file_name();
-    let Some(name) = name else {
-        return Ok(given[0].clone());
-    };
-    let like = |blob: &&Blob| blob.path().file_name() == Some(name);
-    if let Some(blob) = given.iter().find(like) {
-        return Ok(blob.clone());
-    }
-    let beside: PathBuf = match given[0].is_whole() {
-        true => given[0].path().with_file_name(name),
-        false => PathBuf::new(),
-    };
-    if beside.is_file() {
-        return Blob::file(&beside);
-    }
-    // the only file that is named is this one, by the name that it had
-    if files.len() == 2 && given.len() == 1 {
-        return Ok(given[0].clone());
-    }
-    let found = format!("OME-XML that names the file {}, which is not there", name.display());
-    Err(Error::format(path, found, "all files of the OME-TIFF beside each other"))
-}
-
-impl Plan {
-    fn check_size(&self, path: &Path, stated: Option<[u32; 2]>) -> Result<()> {
-        let (Some(kind), Some([x, y])) = (self.group().map(|group| group.kind), stated) else {
-            return Ok(());
-        };
-        if kind.size != [x, y] {
-            let [nx, ny] = kind.size;
-            let expected = format!("{x} x {y}, as OME-XML says");
-            return Err(Error::format(path, format!("pages of {nx} x {ny}"), expected));
-        }
-        Ok(())
-    }
+    Ok(shifts
+        .map(|shift| PageAt {
+            piece: Some(first + shift),
+            shift,
+            ..at
+        })
+        .collect())
 }

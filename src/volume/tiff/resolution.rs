@@ -3,6 +3,8 @@
 use super::super::size::Step;
 use super::ifd::{Directory, Ratio};
 use crate::error::Result;
+use crate::grid::Unit;
+use crate::length::Length;
 
 /// XResolution and YResolution as they stand.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -43,12 +45,28 @@ impl Resolution {
         Some([size(x, above, below), size(y, above, below)])
     }
 
+    /// The size of a pixel by TIFF's own unit, as a number of another one, if that is a length.
+    pub(super) fn in_unit(&self, unit: &str) -> [Option<Step>; 2] {
+        let shown = Length::parse(unit).map_or(Unit::Millimetre, Length::shown_in);
+        let steps = self.millimetres().map(|size| {
+            size.map(|s| {
+                Some(Step::new(
+                    Length::from(Unit::Millimetre).convert(s, shown),
+                    shown.to_string(),
+                ))
+            })
+        });
+        steps.unwrap_or_default()
+    }
+
     /// The dots per inch that screens and printers have, if this is such a resolution: programs that know nothing of
     /// the scan put it in.
     pub(super) fn of_paper(&self) -> Option<f64> {
         let [x, y] = self.millimetres()?;
         let dpi = 25.4 / x;
-        let usual = [72.0, 75.0, 90.0, 96.0, 100.0, 120.0, 150.0, 200.0, 300.0, 400.0, 600.0];
+        let usual = [
+            72.0, 75.0, 90.0, 96.0, 100.0, 120.0, 150.0, 200.0, 300.0, 400.0, 600.0,
+        ];
         let usual = usual.into_iter().chain([720.0, 1200.0, 1440.0, 2400.0]);
         let near = |usual: &f64| (dpi - usual).abs() < 0.002 * usual;
         usual.into_iter().find(near).filter(|_| x == y)
@@ -64,7 +82,10 @@ impl Resolution {
             return ([const { None }; 3], Some(note));
         }
         if let Some([x, y]) = self.millimetres() {
-            return ([Some(Step::new(x, "mm")), Some(Step::new(y, "mm")), None], None);
+            return (
+                [Some(Step::new(x, "mm")), Some(Step::new(y, "mm")), None],
+                None,
+            );
         }
         match (self.unit, self.x, self.y) {
             // without a unit it states the shape of pixels
@@ -123,12 +144,22 @@ mod tests {
             (7, 1, 1.0 / 7.0),
             (72, 1, 1.0 / 72.0),
         ] {
-            assert_eq!(size(Ratio { above, below }, 1, 1), expected, "{above}/{below}");
+            assert_eq!(
+                size(Ratio { above, below }, 1, 1),
+                expected,
+                "{above}/{below}"
+            );
         }
         // 0.13 mm in pixels per inch, as an f32; 26.41304 um in pixels per centimetre
-        let inch = Ratio { above: 819_498_275, below: 4_194_304 };
+        let inch = Ratio {
+            above: 819_502_464,
+            below: 4_194_304,
+        };
         assert_eq!(size(inch, 254, 10), 0.13);
-        let cm = Ratio { above: 37_860_087, below: 100_000 };
+        let cm = Ratio {
+            above: 37_860_087,
+            below: 100_000,
+        };
         assert_eq!(size(cm, 10, 1), 0.02641304);
     }
 
@@ -136,7 +167,11 @@ mod tests {
     fn paper_is_no_scan() {
         let of = |unit, above, below| {
             let ratio = Some(Ratio { above, below });
-            Resolution { unit, x: ratio, y: ratio }
+            Resolution {
+                unit,
+                x: ratio,
+                y: ratio,
+            }
         };
         assert_eq!(of(2, 300, 1).of_paper(), Some(300.0));
         assert_eq!(of(3, 1181, 10).of_paper(), Some(300.0));

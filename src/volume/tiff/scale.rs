@@ -73,7 +73,10 @@ fn calibration(path: &Path, text: &imagej::Text, dtype: Dtype) -> Result<Option<
         return no("ImageJ's calibration of grey values with zeroclip=true".into());
     }
     let (Some(intercept), Some(slope)) = (text.number("c0"), text.number("c1")) else {
-        return no("ImageJ's calibration of grey values by a straight line (cf=0) without c0 and c1".into());
+        return no(
+            "ImageJ's calibration of grey values by a straight line (cf=0) without c0 and c1"
+                .into(),
+        );
     };
     // ImageJ holds signed numbers of 16 bits as unsigned ones that are larger by 32768
     let intercept = match dtype {
@@ -96,10 +99,12 @@ fn gdal(path: &Path, dir: &Directory, dtype: Dtype) -> Result<Option<Values>> {
         return Ok(None);
     }
     let number = |text: &str| text.trim().parse::<f64>().ok();
-    let nothing = number(&nothing).filter(|n| !n.is_nan()).map(|n| match dtype {
-        Dtype::F32 => f64::from(n as f32),
-        _ => n,
-    });
+    let nothing = number(&nothing)
+        .filter(|n| !n.is_nan())
+        .map(|n| match dtype {
+            Dtype::F32 => f64::from(n as f32),
+            _ => n,
+        });
     let mut linear = Linear::SAME;
     let bad = |name: &str, text: &str| {
         let found = format!("GDAL's {name} of \"{text}\"");
@@ -109,7 +114,11 @@ fn gdal(path: &Path, dir: &Directory, dtype: Dtype) -> Result<Option<Values>> {
         let Some(text) = element.text.filter(|_| element.name == "Item") else {
             return Ok(());
         };
-        match element.get("name").map(|name| name.to_ascii_lowercase()).as_deref() {
+        match element
+            .get("name")
+            .map(|name| name.to_ascii_lowercase())
+            .as_deref()
+        {
             Some("scale") => linear.slope = number(text).ok_or_else(|| bad("scale", text))?,
             Some("offset") => linear.intercept = number(text).ok_or_else(|| bad("offset", text))?,
             _ => {}

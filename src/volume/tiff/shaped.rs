@@ -41,7 +41,9 @@ impl Shaped {
         let mut json: Map<String, Value> = serde_json::from_str(text).ok()?;
         let shape = json.remove("shape")?;
         let shape = shape.as_array()?.iter().map(Value::as_u64);
-        let axes = json.remove("axes").and_then(|v| v.as_str().map(str::to_uppercase));
+        let axes = json
+            .remove("axes")
+            .and_then(|v| v.as_str().map(str::to_uppercase));
         Some(Shaped {
             shape: shape.collect::<Option<_>>()?,
             axes: axes.unwrap_or_default(),
@@ -53,14 +55,21 @@ impl Shaped {
     /// The shape of all pages together, without samples of one entry behind x.
     fn leading(&self) -> &[u64] {
         let all = &self.shape[..];
-        let samples = self.axes.ends_with('S') || (all.len() > 2 && all.last() == Some(&1) && !self.axes.ends_with('X'));
-        let end = if samples { all.len().saturating_sub(3) } else { all.len().saturating_sub(2) };
+        let samples = self.axes.ends_with('S')
+            || (all.len() > 2 && all.last() == Some(&1) && !self.axes.ends_with('X'));
+        let end = if samples {
+            all.len().saturating_sub(3)
+        } else {
+            all.len().saturating_sub(2)
+        };
         &all[..end]
     }
 
     /// Number of pages.
     pub(super) fn planes(&self) -> u64 {
-        self.leading().iter().fold(1, |n, len| n.saturating_mul(*len))
+        self.leading()
+            .iter()
+            .fold(1, |n, len| n.saturating_mul(*len))
     }
 
     /// What the shape says of pages of this size.
@@ -69,7 +78,10 @@ impl Shaped {
     /// [`Error::Format`] if the shape and the pages, or the shape and its axes, contradict each other;
     /// [`Error::Unsupported`] for pages that are not planes of y and x.
     pub(super) fn stack(&self, path: &Path, size: [u32; 2]) -> Result<Stack> {
-        let text = format!("a shape of {:?} with the axes \"{}\"", self.shape, self.axes);
+        let text = format!(
+            "a shape of {:?} with the axes \"{}\"",
+            self.shape, self.axes
+        );
         let leading = self.leading();
         let plane = &self.shape[leading.len()..];
         let rows = plane.first().copied().unwrap_or(0);
@@ -77,8 +89,12 @@ impl Shaped {
         if [columns, rows] != size.map(u64::from) {
             let [x, y] = size;
             let expected = format!("one of pages of {x} x {y}, as they are");
-            return Err(Error::format(path, format!("{text} in the description by tifffile"), expected)
-                .with_hint("the file was changed: save it again"));
+            return Err(Error::format(
+                path,
+                format!("{text} in the description by tifffile"),
+                expected,
+            )
+            .with_hint("the file was changed: save it again"));
         }
         let count = self.axes.chars().count();
         if count != 0 && count != self.shape.len() {
@@ -90,14 +106,23 @@ impl Shaped {
         };
         if count != 0 && axes[leading.len()..leading.len() + 2] != ['Y', 'X'] {
             let hint = "save it with the axes ZYX, slices first";
-            return Err(Error::unsupported(path, format!("{text}, of which pages are not y by x,"), hint));
+            return Err(Error::unsupported(
+                path,
+                format!("{text}, of which pages are not y by x,"),
+                hint,
+            ));
         }
         Ok(stack(&axes, leading, size))
     }
 
     /// Sizes that the description states.
     pub(super) fn sizes(&self, resolution: &Resolution, about: &mut About) {
-        let text = |key: &str| self.json.get(key).and_then(Value::as_str).unwrap_or_default();
+        let text = |key: &str| {
+            self.json
+                .get(key)
+                .and_then(Value::as_str)
+                .unwrap_or_default()
+        };
         let number = |key: &str| self.json.get(key).and_then(Value::as_f64).map(tidy);
         let physical = ["X", "Y", "Z"].map(|axis| {
             let unit = self.json.get(&format!("PhysicalSize{axis}Unit"));
@@ -121,10 +146,7 @@ impl Shaped {
             // tifffile puts 1 where it is given none
             _ if one(resolution.x) && one(resolution.y) => [None, None],
             2 => self.inches(resolution, unit, depth, about),
-            3 => {
-                let [x, y] = resolution.millimetres().map_or([None; 2], |s| s.map(Some));
-                [x, y].map(|size| size.map(|s| Step::new(s, "mm")))
-            }
+            3 => resolution.in_unit(unit),
             _ => resolution.per(unit),
         };
         about.steps = [x, y, depth.map(|size| Step::new(size, unit))];
@@ -139,12 +161,13 @@ impl Shaped {
         depth: Option<f64>,
         about: &mut About,
     ) -> [Option<Step>; 2] {
-        let in_mm = resolution.millimetres().map(|s| s.map(|s| Some(Step::new(s, "mm"))));
-        let in_unit = resolution.per(unit);
+        let (by_inch, in_unit) = (resolution.in_unit(unit), resolution.per(unit));
         let Some(length) = Length::parse(unit) else {
-            return in_mm.unwrap_or_default();
+            return by_inch;
         };
-        let of = |name: &str, size: f64| Length::parse(name).map(|l| l.convert(size, crate::grid::Unit::Nanometre));
+        let of = |name: &str, size: f64| {
+            Length::parse(name).map(|l| l.convert(size, crate::grid::Unit::Nanometre))
+        };
         let near = |steps: &[Option<Step>; 2]| {
             let x = steps[0].as_ref().and_then(|s| of(&s.unit, s.size));
             let z = depth.and_then(|d| of(unit, d));
@@ -153,9 +176,8 @@ impl Shaped {
         if Some(length) == Length::parse("inch") {
             return in_unit;
         }
-        let in_mm = in_mm.unwrap_or_default();
-        match (near(&in_mm), near(&in_unit)) {
-            (true, false) => in_mm,
+        match (near(&by_inch), near(&in_unit)) {
+            (true, false) => by_inch,
             (false, true) => {
                 about.warnings.push(format!(
                     "TIFF's resolution is in inch, tifffile's description in {unit}: its numbers are taken as {unit}, \
@@ -178,7 +200,11 @@ impl Shaped {
 fn stack(axes: &[char], leading: &[u64], size: [u32; 2]) -> Stack {
     let mut counts = [1; 3];
     let (mut order, mut other) = (String::new(), None);
-    let long: Vec<_> = axes.iter().zip(leading).filter(|(_, len)| **len != 1).collect();
+    let long: Vec<_> = axes
+        .iter()
+        .zip(leading)
+        .filter(|(_, len)| **len != 1)
+        .collect();
     let named = |axis: char| long.iter().any(|(a, _)| **a == axis);
     for (axis, len) in long.iter().rev() {
         let at = match axis {

@@ -30,11 +30,11 @@ impl About {
         let [x, y, z] = std::mem::take(&mut self.steps);
         let assumed = self.z_if_none.take().filter(|_| z.is_none());
         let mut size = size::voxel_size([x, y, z.or_else(|| assumed.clone())]);
-        if let (Some(step), Some([_, _, z])) = (assumed, size.spacing) {
+        if let (true, Some([_, _, z])) = (assumed.is_some(), size.spacing) {
             size.from[2] = Origin::Assumed;
-            let unit = size.unit.map_or(step.unit, |unit| unit.to_string());
+            let unit = size.unit.map_or(String::new(), |unit| format!(" {unit}"));
             size.warning = Some(format!(
-                "the file does not state the distance of slices, assumed to be {z} {unit} as ImageJ does: give \
+                "the file does not state the distance of slices, assumed to be {z}{unit} as ImageJ does: give \
                  --spacing X,Y,Z and --unit if it is another"
             ));
         }
@@ -85,7 +85,9 @@ impl Stack {
         let mut strides = [0; 3];
         let mut pages = 1u64;
         for axis in order.bytes() {
-            let axis = b"zct".iter().position(|a| *a == axis.to_ascii_lowercase())?;
+            let axis = b"zct"
+                .iter()
+                .position(|a| *a == axis.to_ascii_lowercase())?;
             if strides[axis] != 0 {
                 return None;
             }
@@ -151,7 +153,11 @@ pub(super) fn choose(path: &Path, stacks: &[Stack], options: &OpenOptions) -> Re
     let stack = &stacks[number];
     if let Some((name, count)) = &stack.other {
         let what = format!("a stack of {} slices with {count} {name}", stack.counts[0]);
-        return Err(Error::unsupported(path, what, "save the one volume as a stack of slices"));
+        return Err(Error::unsupported(
+            path,
+            what,
+            "save the one volume as a stack of slices",
+        ));
     }
     let [mut slices, channels, times] = stack.counts;
     let [mut stride, of_channel, of_time] = stack.strides;
@@ -181,7 +187,8 @@ fn one_of(path: &Path, stacks: &[Stack], wanted: Option<&str>) -> Result<usize> 
         None => format!("nothing, and {} series in {}", stacks.len(), path.display()),
         Some(wanted) => {
             let number = wanted.parse::<usize>().ok().filter(|n| *n < stacks.len());
-            let mut named = (0..stacks.len()).filter(|&i| stacks[i].names.iter().any(|n| n == wanted));
+            let mut named =
+                (0..stacks.len()).filter(|&i| stacks[i].names.iter().any(|n| n == wanted));
             match (number, named.next(), named.next()) {
                 (Some(number), _, _) | (None, Some(number), None) => return Ok(number),
                 _ => format!("\"{wanted}\""),
@@ -201,12 +208,20 @@ fn one_of(path: &Path, stacks: &[Stack], wanted: Option<&str>) -> Result<usize> 
 /// Which of `count` channels or times.
 fn index(path: &Path, option: &str, wanted: Option<u32>, count: u64, name: &str) -> Result<u64> {
     let found = match wanted.map(u64::from) {
+        Some(wanted) if count == 1 && wanted > 0 => {
+            let expected = format!("0 or nothing: {} has no several {name}", path.display());
+            return Err(Error::usage(option, wanted.to_string(), expected));
+        }
         None if count == 1 => return Ok(0),
         Some(wanted) if wanted < count => return Ok(wanted),
         None => format!("nothing, and {count} {name} in {}", path.display()),
         Some(wanted) => format!("{wanted}, and {count} {name} in {}", path.display()),
     };
-    Err(Error::usage(option, found, format!("one of 0 to {}", count - 1)))
+    Err(Error::usage(
+        option,
+        found,
+        format!("one of 0 to {}", count - 1),
+    ))
 }
 
 #[cfg(test)]
@@ -215,9 +230,17 @@ mod tests {
 
     #[test]
     fn orders_of_pages() {
-        for (order, page) in [("czt", 1 + 2 * 3 + 8), ("zct", 3 + 4 + 8), ("tzc", 1 + 3 * 3 + 12)] {
+        for (order, page) in [
+            ("czt", 1 + 2 * 3 + 8),
+            ("zct", 3 + 4 + 8),
+            ("tzc", 1 + 3 * 3 + 12),
+        ] {
             let stack = Stack::new([4, 2, 3], order).unwrap();
-            let options = OpenOptions { channel: Some(1), time: Some(1), ..OpenOptions::default() };
+            let options = OpenOptions {
+                channel: Some(1),
+                time: Some(1),
+                ..OpenOptions::default()
+            };
             let chosen = choose(Path::new("f"), &[stack], &options).unwrap();
             assert_eq!((chosen.slices, chosen.page(3)), (4, page), "{order}");
         }
@@ -229,22 +252,50 @@ mod tests {
 
     #[test]
     fn what_is_not_asked_for_is_listed() {
-        let mut stacks = vec![Stack::slices(4, [3, 2]), Stack::new([4, 2, 3], "zct").unwrap()];
+        let mut stacks = vec![
+            Stack::slices(4, [3, 2]),
+            Stack::new([4, 2, 3], "zct").unwrap(),
+        ];
         stacks[1].names = vec!["the scan".into(), "Image:1".into()];
         let ask = |series: Option<&str>, channel, time| {
-            let options = OpenOptions { series: series.map(String::from), channel, time, ..OpenOptions::default() };
+            let options = OpenOptions {
+                series: series.map(String::from),
+                channel,
+                time,
+                ..OpenOptions::default()
+            };
             choose(Path::new("f"), &stacks, &options).map_err(|e| e.to_string())
         };
         let error = ask(None, None, None).unwrap_err();
-        assert!(error.contains("0: 3 x 2 x 4") && error.contains("1: 4, 2 channels, 3 times, the scan"), "{error}");
+        assert!(
+            error.contains("0: 3 x 2 x 4") && error.contains("1: 4, 2 channels, 3 times, the scan"),
+            "{error}"
+        );
         assert_eq!(ask(Some("0"), None, None).unwrap().stack, 0);
         for name in ["1", "the scan", "Image:1"] {
             assert_eq!(ask(Some(name), Some(1), Some(2)).unwrap().stack, 1);
-            assert!(ask(Some(name), None, Some(2)).unwrap_err().contains("2 channels"));
-            assert!(ask(Some(name), Some(0), None).unwrap_err().contains("3 times"));
-            assert!(ask(Some(name), Some(2), Some(0)).unwrap_err().contains("0 to 1"));
+            assert!(
+                ask(Some(name), None, Some(2))
+                    .unwrap_err()
+                    .contains("2 channels")
+            );
+            assert!(
+                ask(Some(name), Some(0), None)
+                    .unwrap_err()
+                    .contains("3 times")
+            );
+            assert!(
+                ask(Some(name), Some(2), Some(0))
+                    .unwrap_err()
+                    .contains("0 to 1")
+            );
         }
-        for (series, channel, time) in [("2", None, None), ("x", None, None), ("0", Some(1), None), ("0", None, Some(1))] {
+        for (series, channel, time) in [
+            ("2", None, None),
+            ("x", None, None),
+            ("0", Some(1), None),
+            ("0", None, Some(1)),
+        ] {
             assert!(ask(Some(series), channel, time).is_err());
         }
     }

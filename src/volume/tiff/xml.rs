@@ -21,7 +21,8 @@ impl Element<'_> {
     /// The value of an attribute.
     pub(super) fn get(&self, name: &str) -> Option<&str> {
         let mut all = self.attributes.iter();
-        all.find(|(key, _)| key == name).map(|(_, value)| value.as_str())
+        all.find(|(key, _)| key == name)
+            .map(|(_, value)| value.as_str())
     }
 
     /// A number from 0 up.
@@ -47,7 +48,11 @@ pub(super) fn elements(
     mut see: impl FnMut(&Element) -> Result<()>,
 ) -> Result<()> {
     let wrong = |reason: String| {
-        Error::format(path, format!("damaged XML in a tag ({reason})"), "sound XML")
+        Error::format(
+            path,
+            format!("damaged XML in a tag ({reason})"),
+            "sound XML",
+        )
     };
     let mut reader = Reader::from_reader(from);
     let (mut buffer, mut open) = (Vec::new(), Vec::<Begun>::new());
@@ -59,7 +64,9 @@ pub(super) fn elements(
             Event::Start(start) => {
                 open.push(begin(&start).map_err(&wrong)?);
                 if open.len() > MAX_DEPTH {
-                    return Err(wrong(format!("more than {MAX_DEPTH} elements in one another")));
+                    return Err(wrong(format!(
+                        "more than {MAX_DEPTH} elements in one another"
+                    )));
                 }
                 tell(&open[open.len() - 1], false, &mut see)?;
             }
