@@ -152,8 +152,8 @@ fn series_by_tifffile() {
     );
     assert!(read(&two, &asking(Some("2"), None, None)).is_err());
     // slices that were written one by one are a series each
-    let single = "{\"shape\": [3, 4]}";
-    let loose: Vec<Page> = (0..5).flat_map(|z| described([z], single)).collect();
+    let single = |z: u32| format!("{{\"shape\": [3, 4], \"slice\": {z}}}");
+    let loose: Vec<Page> = (0..5).flat_map(|z| described([z], &single(z))).collect();
     assert_eq!(slices(&plain(&loose).unwrap()), [0, 1, 2, 3, 4]);
     let error = refusal(plain(&[two, loose].concat()));
     assert!(

@@ -1,6 +1,6 @@
 //! OME-TIFF.
 
-use super::writer::{Page, described, file};
+use super::writer::{Page, described};
 use super::{asking, plain, put, read, refusal, slices};
 use alvis::grid::Unit;
 use alvis::manifest::Origin;
@@ -207,17 +207,18 @@ fn pages_in_several_files() {
 fn a_folder_of_slices_that_describe_themselves() {
     let dir = tempfile::tempdir().unwrap();
     let sizes = "PhysicalSizeX=\"0.5\" PhysicalSizeY=\"0.5\" PhysicalSizeZ=\"2\"";
-    for z in 0..3 {
+    let write = |z: u32, sizes: &str| {
         let text = document(&image(0, "XYZCT", [1, 1, 1], sizes, "<TiffData/>"));
-        std::fs::write(
-            dir.path().join(format!("s{z}.tif")),
-            file(&described([z], &text)),
-        )
-        .unwrap();
-    }
+        put(dir.path(), &format!("s{z}.tif"), &described([z], &text));
+    };
+    (0..3).for_each(|z| write(z, sizes));
     let opened = open(dir.path(), &OpenOptions::default()).unwrap();
     assert_eq!(slices(&opened), [0, 1, 2]);
     assert_eq!(opened.volume.header().placement.spacing, [0.5, 0.5, 2.0]);
+    write(1, &sizes.replace("0.5", "0.25"));
+    let opened = open(dir.path(), &OpenOptions::default()).unwrap();
+    assert_eq!(opened.volume.header().placement.spacing, [1.0; 3]);
+    assert!(opened.warnings[0].contains("s1.tif"), "{opened:?}");
 }
 
 #[test]

@@ -92,6 +92,40 @@ fn slices_that_contradict_each_other() {
 }
 
 #[test]
+fn slices_that_describe_themselves() {
+    let dir = tempfile::tempdir().unwrap();
+    let write = |texts: [&str; 3]| {
+        for (z, text) in (0..).zip(texts) {
+            let pages = resolved(described([z], text), 2, [100, 13], [100, 13]);
+            put(dir.path(), &format!("s{z}.tif"), &pages);
+        }
+        open(dir.path(), &OpenOptions::default()).unwrap()
+    };
+    // pixels per inch by tifffile's default, and another unit: a distance of slices would tell
+    let um = "{\"shape\": [3, 4], \"unit\": \"um\"}";
+    let opened = write([um; 3]);
+    assert_eq!(size(&opened), NOT_STATED);
+    assert!(opened.warnings[0].contains("inch"), "{opened:?}");
+    let spaced = "{\"shape\": [3, 4], \"unit\": \"um\", \"spacing\": 0.2, \"slice\": 1}";
+    assert_eq!(size(&write([spaced; 3])).0, [0.13, 0.13, 0.2]);
+    let imagej = "ImageJ=1.53t\nunit=um\n";
+    let opened = write([imagej; 3]);
+    assert_eq!(size(&opened), ([0.13; 3], Unit::Micrometre, FLAT));
+    for texts in [
+        [imagej, imagej, "ImageJ=1.53t\nunit=mm\n"],
+        [imagej, "", imagej],
+        [spaced, um, spaced],
+    ] {
+        let opened = write(texts);
+        assert_eq!(size(&opened), NOT_STATED, "{texts:?}");
+        assert!(
+            opened.warnings.iter().any(|w| w.contains("differ")),
+            "{opened:?}"
+        );
+    }
+}
+
+#[test]
 fn units_by_imagej() {
     let of = |text: &str, per: u32| {
         plain(&resolved(imagej(3, text), 1, [per, 1], [2 * per, 1])).unwrap()

@@ -52,6 +52,8 @@ pub(super) struct Group {
     /// The first page has a description by ImageJ, which is one of all that follow in its file.
     imagej: bool,
     pub(super) resolution: Resolution,
+    /// What its description says of sizes.
+    sizes: String,
     pub(super) values: Option<Values>,
     /// The number of a page that says something else.
     pub(super) other_resolution: Option<usize>,
@@ -136,12 +138,17 @@ impl Chain {
         }
         let number = self.pages.len();
         let begin = dir.text_begin(270)?;
-        if Shaped::is_shaped(&begin)
+        let imagej = imagej::Text::is(&begin);
+        let mut sizes = String::new();
+        if imagej {
+            sizes = imagej::Text::new(&dir.text(270)?).all_of_sizes();
+        } else if Shaped::is_shaped(&begin)
             && let Some(shaped) = shaped(bytes.path(), dir, &begin)?
         {
-            // slices that were written one by one say the same of themselves
-            let same = |(_, last): &(usize, Shaped)| last.planes() == 1 && *last == shaped;
-            if !self.shaped.last().is_some_and(same) {
+            sizes = shaped.all_of_sizes();
+            // slices that were written one by one are a stack
+            let last = self.shaped.last();
+            if !last.is_some_and(|(_, last)| last.planes() == 1 && last.shape == shaped.shape) {
                 self.shaped.push((number, shaped));
             }
         }
@@ -152,7 +159,6 @@ impl Chain {
             orientation: dir.number(274, 1)?,
             white_is_zero: dir.number(262, 1)? == 0,
         };
-        let imagej = imagej::Text::is(&begin);
         let resolution = Resolution::read(dir)?;
         let values = scale::values(bytes.path(), dir, layout.dtype, imagej)?;
         // pages are most often like the one before
@@ -166,6 +172,7 @@ impl Chain {
                 blob,
                 imagej,
                 resolution,
+                sizes,
                 values,
                 other_resolution: None,
                 other_values: None,
@@ -173,7 +180,8 @@ impl Chain {
             return Ok(self.groups.len() as u16 - 1);
         };
         let group = &mut self.groups[index];
-        if group.resolution != resolution {
+        let described = !sizes.is_empty() || group.blob != blob;
+        if group.resolution != resolution || (described && group.sizes != sizes) {
             group.other_resolution.get_or_insert(number);
         }
         let by_first = group.imagej && group.blob == blob && !imagej && values.is_none();

@@ -43,6 +43,12 @@ impl<'a> Text<'a> {
         number.map(|n| n as u64)
     }
 
+    /// All that the text says of sizes, to be compared.
+    pub(super) fn all_of_sizes(&self) -> String {
+        let keys = ["unit", "yunit", "zunit", "spacing"];
+        keys.map(|key| self.get(key).unwrap_or_default()).join("\n")
+    }
+
     /// What the text says of `pages` pages of `first`.
     ///
     /// # Errors

@@ -3,7 +3,7 @@
 use super::super::blob::Blob;
 use super::super::open::OpenOptions;
 use super::chain::{Chain, PageAt, THUMBNAIL};
-use super::ifd::Directory;
+use super::ifd::{Directory, File};
 use super::ome;
 use super::plan::{Plan, of_files};
 use super::stack::{Stack, choose};
@@ -34,8 +34,15 @@ pub(super) fn plan(
         let slices: Vec<usize> = (0..chain.pages.len())
             .filter(|&i| chain.pages[i].kind != THUMBNAIL)
             .collect();
+        let other = other_steps(&blobs, document)?;
         let mut plan = of_files(path, blobs, chain, &slices, "", options)?;
-        plan.about.steps = document.images[0].steps.clone();
+        match other {
+            None => plan.about.steps = document.images[0].steps.clone(),
+            Some(name) => plan.about.warnings.push(format!(
+                "OME-XML of {name} states sizes that are not those of the first slice: none is taken, give \
+                 --spacing and --unit"
+            )),
+        }
         plan
     } else {
         let chosen = choose(path, &stacks, options)?;
@@ -52,12 +59,31 @@ pub(super) fn plan(
         plan
     };
     plan.about.of_tags = false;
-    if plan.about.steps.iter().all(Option::is_none) {
-        plan.sizes("", false);
-    } else {
+    if plan.about.steps.iter().any(Option::is_some) {
         plan.compare();
+    } else if plan.about.warnings.is_empty() {
+        plan.sizes("", None, false);
     }
     Ok(plan)
+}
+
+/// The name of a file whose OME-XML states other sizes than that of the first, or of more than a slice.
+fn other_steps(blobs: &[Blob], document: &ome::Document) -> Result<Option<String>> {
+    for blob in &blobs[1..] {
+        let bytes = blob.open()?;
+        let (file, first) = File::open(&bytes)?;
+        let dir = file.directory(first)?;
+        let own = match ome::is_ome(&dir.text(270)?) {
+            true => ome::read(blob.path(), &dir)?,
+            false => None,
+        };
+        let steps = |document: &ome::Document| document.images[0].steps.clone();
+        if own.as_ref().map(steps).as_ref() != Some(&document.images[0].steps) {
+            let name = blob.path().file_name().unwrap_or_default();
+            return Ok(Some(name.to_string_lossy().into_owned()));
+        }
+    }
+    Ok(None)
 }
 
 /// The pages that OME-XML names, in this file and others.

@@ -5,6 +5,7 @@ use super::super::open::OpenOptions;
 use super::chain::{Chain, Group, Kind, PageAt, THUMBNAIL, UNREADABLE};
 use super::ifd::File;
 use super::imagej::Text;
+use super::shaped::Shaped;
 use super::stack::{About, Chosen, Stack, choose};
 use super::{ome, ome_pages};
 use crate::error::{Error, Result};
@@ -209,8 +210,9 @@ pub(super) fn of_files(
         ));
     }
     choose(path, &[Stack::slices(pages.len() as u64, [0; 2])], options)?;
+    let series = chain.shaped.first().map(|(_, shaped)| shaped.clone());
     let mut plan = Plan::new(blobs, pages, chain);
-    plan.sizes(text, true);
+    plan.sizes(text, series.as_ref(), true);
     Ok(plan)
 }
 
@@ -255,23 +257,12 @@ fn of_pages(
         let page = |z| slices[(starts[chosen.stack] + chosen.page(z)) as usize];
         (0..chosen.slices).map(|z| chain.pages[page(z)]).collect()
     };
+    let start = slices[starts[chosen.stack] as usize];
+    let series = chain.shaped.iter().rfind(|(page, _)| *page <= start);
+    let series = series.map(|(_, shaped)| shaped.clone());
     let mut plan = Plan::new(blobs, pages, chain);
     plan.movie(&chosen);
-    match plan
-        .chain
-        .shaped
-        .iter()
-        .rfind(|(at, _)| *at <= slices[starts[chosen.stack] as usize])
-    {
-        Some((_, shaped)) if !Text::is(text) => {
-            let (shaped, group) = (shaped.clone(), plan.group());
-            if let Some(resolution) = group.map(|g| g.resolution) {
-                shaped.sizes(&resolution, &mut plan.about);
-                plan.about.of_tags = true;
-            }
-        }
-        _ => plan.sizes(text, false),
-    }
+    plan.sizes(text, series.as_ref(), false);
     Ok(plan)
 }
 
@@ -352,7 +343,7 @@ fn of_kinds(
     let chosen = choose(path, &stacks, options)?;
     let pages = taken(kinds[chosen.stack]).collect();
     let mut plan = Plan::new(blobs, pages, chain);
-    plan.sizes(text, false);
+    plan.sizes(text, None, false);
     Ok(plan)
 }
 
@@ -367,14 +358,16 @@ impl Plan {
         }
     }
 
-    /// Sizes by ImageJ's description, or by TIFF's own tags.
-    pub(super) fn sizes(&mut self, text: &str, one_slice: bool) {
+    /// Sizes by ImageJ's or tifffile's description, or by TIFF's own tags.
+    pub(super) fn sizes(&mut self, text: &str, series: Option<&Shaped>, one_slice: bool) {
         let Some(resolution) = self.group().map(|group| group.resolution) else {
             return;
         };
         self.about.of_tags = true;
         if Text::is(text) {
             Text::new(text).sizes(&resolution, one_slice, &mut self.about);
+        } else if let Some(shaped) = series {
+            shaped.sizes(&resolution, &mut self.about);
         } else {
             let (steps, note) = resolution.steps();
             self.about.steps = steps;

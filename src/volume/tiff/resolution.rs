@@ -157,8 +157,8 @@ mod tests {
         };
         assert_eq!(size(inch, 254, 10), 0.13);
         let cm = Ratio {
-            above: 37_860_087,
-            below: 100_000,
+            above: 125_000_000,
+            below: 330_163,
         };
         assert_eq!(size(cm, 10, 1), 0.02641304);
     }

@@ -115,6 +115,14 @@ impl Shaped {
         Ok(stack(&axes, leading, size))
     }
 
+    /// All that the description says of sizes, to be compared.
+    pub(super) fn all_of_sizes(&self) -> String {
+        let of_size =
+            |key: &str| ["unit", "spacing"].contains(&key) || key.starts_with("PhysicalSize");
+        let all = self.json.iter().filter(|(key, _)| of_size(key));
+        all.map(|(key, value)| format!("{key}={value}\n")).collect()
+    }
+
     /// Sizes that the description states.
     pub(super) fn sizes(&self, resolution: &Resolution, about: &mut About) {
         let text = |key: &str| {
