@@ -13,6 +13,8 @@ use std::path::Path;
 
 /// More pages in one file are not looked at.
 const MAX_PAGES: usize = 1 << 20;
+/// Nor are more bytes of their descriptions, which may all be the same ones.
+const MAX_TEXTS: u64 = 1 << 29;
 /// Kinds beyond this are not told apart.
 const MAX_KINDS: usize = 64;
 
@@ -71,6 +73,8 @@ pub(super) struct Chain {
     pub(super) shaped: Vec<(usize, Shaped)>,
     /// Voxels of the largest chunk that must be decoded, and the most rows of one.
     pub(super) largest: (u64, u32),
+    /// Bytes of descriptions.
+    texts: u64,
 }
 
 impl Chain {
@@ -137,6 +141,11 @@ impl Chain {
             self.largest = (most.max(voxels), rows.max(layout.cut.rows));
         }
         let number = self.pages.len();
+        self.texts += dir.count(270).min(bytes.len());
+        if self.texts > MAX_TEXTS {
+            let found = format!("more than {MAX_TEXTS} bytes of descriptions of pages");
+            return Err(Error::format(bytes.path(), found, "fewer"));
+        }
         let begin = dir.text_begin(270)?;
         let imagej = imagej::Text::is(&begin);
         let mut sizes = String::new();

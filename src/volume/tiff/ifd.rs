@@ -16,6 +16,9 @@ const MAX_VALUES: u64 = 1 << 20;
 /// Text beyond this is not looked at.
 const MAX_TEXT: u64 = 64 << 10;
 
+/// Text that is read piece by piece is cut here.
+const MAX_XML: u64 = 256 << 20;
+
 /// A TIFF file and what its first bytes say.
 pub(super) struct File<'a> {
     pub(super) bytes: &'a Bytes,
@@ -224,10 +227,11 @@ impl Directory<'_> {
         self.raw(entry, most)
     }
 
-    /// A reader of a text of any length; `None` if the tag is missing.
+    /// A reader of a text that may be long; `None` if the tag is missing.
     pub(super) fn text_reader(&self, tag: u16) -> Option<BufReader<Section>> {
         let entry = self.find(tag).filter(|e| matches!(e.kind, 1 | 2 | 7))?;
-        Some(self.file.bytes.reader(entry.position, entry.count))
+        let len = entry.count.min(MAX_XML);
+        Some(self.file.bytes.reader(entry.position, len))
     }
 
     /// The first characters of a text; empty if the tag is missing.

@@ -11,6 +11,8 @@ use crate::length::tidy;
 use std::collections::HashMap;
 use std::path::Path;
 
+/// Planes that are put in their places; more are the same ones again and again.
+const MAX_PLANES: u64 = 1 << 26;
 /// More images in one file are not looked at.
 const MAX_IMAGES: usize = 1 << 16;
 
@@ -226,6 +228,8 @@ struct Finder<'a> {
     image: &'a Image,
     chosen: &'a Chosen,
     pages: Vec<Option<(u32, u64)>>,
+    /// Planes that were looked at.
+    steps: u64,
     /// Pages that lie elsewhere than where another element puts them.
     twice: Option<u64>,
     all: bool,
@@ -261,6 +265,10 @@ impl Finder<'_> {
         self.all |= data.ifd.is_none() && data.count.is_none();
         let ifd = data.ifd.unwrap_or(0);
         let slices = self.chosen.slices;
+        self.steps = self.steps.saturating_add(count.min(slices));
+        if self.steps > MAX_PLANES {
+            return;
+        }
         // whichever is less to go through
         if count <= slices {
             for i in 0..count {
@@ -296,6 +304,7 @@ impl Document {
             image,
             chosen,
             pages: vec![None; chosen.slices as usize],
+            steps: 0,
             twice: None,
             all: false,
         };
@@ -332,6 +341,11 @@ impl Document {
             let expected = format!("a page for each of {} slices", chosen.slices);
             Error::format(path, found, expected).with_hint("save it anew with Bio-Formats")
         };
+        if finder.steps > MAX_PLANES {
+            return Err(wrong(format!(
+                "OME-XML that names more than {MAX_PLANES} pages"
+            )));
+        }
         if let Some(slice) = finder.twice {
             return Err(wrong(format!("OME-XML with two pages for slice {slice}")));
         }
