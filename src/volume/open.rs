@@ -8,7 +8,7 @@ use super::paged::PagedVolume;
 use super::values::Valued;
 use super::{
     Dtype, Endian, Header, Volume, archive, dicom, folder, hdf5, metaimage, nifti, npy, nrrd,
-    place, tiff, vti,
+    place, size, tiff, vti,
 };
 use crate::error::{Error, Result};
 use crate::grid::{Dims, Unit};
@@ -198,7 +198,11 @@ pub fn open(path: &Path, options: &OpenOptions) -> Result<Opened> {
         placement,
     };
     let swap = endian != Endian::NATIVE;
-    let mut notes = recipe.notes;
+    let (mut notes, mut warnings) = (recipe.notes, recipe.warnings);
+    if options.spacing.is_some() {
+        notes.retain(|note| !note.contains(size::ADVICE));
+        warnings.retain(|warning| !warning.contains(size::ADVICE));
+    }
     // behind the samples of a TIFF are its directories
     if !matches!(recipe.format, "raw" | "tiff")
         && let Samples::Files(data) = &recipe.samples
@@ -241,7 +245,7 @@ pub fn open(path: &Path, options: &OpenOptions) -> Result<Opened> {
         files,
         values,
         notes,
-        warnings: recipe.warnings,
+        warnings,
     })
 }
 

@@ -4,6 +4,9 @@ use crate::grid::{Placement, Unit};
 use crate::length::Length;
 use crate::manifest::{Origin, Provenance};
 
+/// What every warning and note on sizes advises: where it was followed they have no cause any more.
+pub(super) const ADVICE: &str = "give --spacing";
+
 /// What a file states of the step along one axis.
 #[derive(Debug, Clone, PartialEq)]
 pub(super) struct Step {

@@ -229,7 +229,7 @@ def several(path: Path, **more) -> None:
 
 # name, how it is written, reader or array, spacing and unit as info gives them, what the command has to be told
 WRITTEN = [
-    ("json.tif", lambda p: tifffile.imwrite(p, BODY, resolution=(1 / 0.13,) * 2, metadata=JSON), by_tifffile, ([0.13, 0.13, 0.2], "um"), []),
+    ("json.tif", lambda p: tifffile.imwrite(p, BODY, photometric="minisblack", resolution=(1 / 0.13,) * 2, metadata=JSON), by_tifffile, ([0.13, 0.13, 0.2], "um"), []),
     ("itk.tif", itk_tiff, by_itk, ([0.13] * 3, "mm"), []),
     ("top.tif", lambda p: turned(p, 1), by_itk, None, []),
     ("bottom.tif", lambda p: turned(p, 4), by_itk, None, []),

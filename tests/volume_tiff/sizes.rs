@@ -1,7 +1,7 @@
 //! Sizes of voxels by TIFF's own tags, ImageJ and tifffile.
 
 use super::writer::{Page, Tag, described, page, resolved, with};
-use super::{imagej, plain, put};
+use super::{imagej, plain, put, read};
 use alvis::grid::Unit;
 use alvis::manifest::Origin;
 use alvis::volume::{OpenOptions, Opened, open};
@@ -41,6 +41,17 @@ fn tiff_has_no_distance_of_slices() {
             warning.contains("distance of slices") && warning.contains("--spacing"),
             "{warning}"
         );
+    }
+    // what was asked for is given
+    let options = OpenOptions {
+        spacing: Some([0.1, 0.1, 0.5]),
+        unit: Some(Unit::Millimetre),
+        ..OpenOptions::default()
+    };
+    for pixels in [254, 300] {
+        let opened = read(&resolved(pages(), 2, [pixels, 1], [pixels, 1]), &options).unwrap();
+        assert_eq!(size(&opened).2, [Origin::Option; 3]);
+        assert!(opened.warnings.is_empty() && opened.notes.is_empty());
     }
     // without a unit it is the shape of pixels alone
     let opened = plain(&resolved(pages(), 1, [2, 1], [4, 1])).unwrap();
