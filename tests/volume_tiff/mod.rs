@@ -155,6 +155,15 @@ fn series_by_tifffile() {
     let single = |z: u32| format!("{{\"shape\": [3, 4], \"slice\": {z}}}");
     let loose: Vec<Page> = (0..5).flat_map(|z| described([z], &single(z))).collect();
     assert_eq!(slices(&plain(&loose).unwrap()), [0, 1, 2, 3, 4]);
+    // a picture in colours behind a volume
+    let mut colours = described([9], "{\"shape\": [3, 4, 3]}");
+    colours[0].tags.push((262, Tag::Short(2)));
+    let both = [described(0..3, json), colours].concat();
+    let error = refusal(plain(&both));
+    assert!(error.contains("1: 1, not of grey values"), "{error}");
+    let first = read(&both, &asking(Some("0"), None, None)).unwrap();
+    assert_eq!(slices(&first), [0, 1, 2]);
+    assert!(refusal(read(&both, &asking(Some("1"), None, None))).contains("RGB"));
     let error = refusal(plain(&[two, loose].concat()));
     assert!(
         error.contains("3 series") && error.contains("2: 4 x 3 x 5"),

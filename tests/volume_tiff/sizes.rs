@@ -253,6 +253,9 @@ fn units_by_tifffile() {
         ([0.1; 3], Unit::Millimetre, FLAT)
     );
     assert_eq!(size(&of(1, [1, 1], "")), NOT_STATED);
+    let inch = of(2, [254, 1], "");
+    assert_eq!(size(&inch), ([0.1; 3], Unit::Millimetre, FLAT));
+    assert!(inch.warnings[0].contains("told no unit"), "{inch:?}");
     let single = with(
         described(0..3, "{\"shape\": [3, 3, 4]}"),
         296,

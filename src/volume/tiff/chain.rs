@@ -123,6 +123,7 @@ impl Chain {
                     at.kind = self.slice(bytes, blob, dir, &layout)?;
                 }
                 Err(error @ Error::Unsupported { .. }) => {
+                    self.describe(bytes, dir, &dir.text_begin(270)?)?;
                     at.kind = UNREADABLE;
                     self.unreadable.get_or_insert(error);
                 }
@@ -133,6 +134,31 @@ impl Chain {
         Ok(())
     }
 
+    /// Looks at the description of a page, which begins like that; returns all that it says of sizes.
+    fn describe(&mut self, bytes: &Bytes, dir: &Directory, begin: &str) -> Result<String> {
+        self.texts += dir.count(270).min(bytes.len());
+        if self.texts > MAX_TEXTS {
+            let found = format!("more than {MAX_TEXTS} bytes of descriptions of pages");
+            return Err(Error::format(bytes.path(), found, "fewer"));
+        }
+        if imagej::Text::is(begin) {
+            return Ok(imagej::Text::new(&dir.text(270)?).all_of_sizes());
+        }
+        if !Shaped::is_shaped(begin) {
+            return Ok(String::new());
+        }
+        let Some(shaped) = shaped(bytes.path(), dir, begin)? else {
+            return Ok(String::new());
+        };
+        let sizes = shaped.all_of_sizes();
+        // slices that were written one by one are a stack
+        let last = self.shaped.last();
+        if !last.is_some_and(|(_, last)| last.planes() == 1 && last.shape == shaped.shape) {
+            self.shaped.push((self.pages.len(), shaped));
+        }
+        Ok(sizes)
+    }
+
     /// Takes a slice into account, and returns the index of its kind.
     fn slice(&mut self, bytes: &Bytes, blob: u32, dir: &Directory, layout: &Layout) -> Result<u16> {
         if !layout.is_direct() {
@@ -141,26 +167,9 @@ impl Chain {
             self.largest = (most.max(voxels), rows.max(layout.cut.rows));
         }
         let number = self.pages.len();
-        self.texts += dir.count(270).min(bytes.len());
-        if self.texts > MAX_TEXTS {
-            let found = format!("more than {MAX_TEXTS} bytes of descriptions of pages");
-            return Err(Error::format(bytes.path(), found, "fewer"));
-        }
         let begin = dir.text_begin(270)?;
         let imagej = imagej::Text::is(&begin);
-        let mut sizes = String::new();
-        if imagej {
-            sizes = imagej::Text::new(&dir.text(270)?).all_of_sizes();
-        } else if Shaped::is_shaped(&begin)
-            && let Some(shaped) = shaped(bytes.path(), dir, &begin)?
-        {
-            sizes = shaped.all_of_sizes();
-            // slices that were written one by one are a stack
-            let last = self.shaped.last();
-            if !last.is_some_and(|(_, last)| last.planes() == 1 && last.shape == shaped.shape) {
-                self.shaped.push((number, shaped));
-            }
-        }
+        let sizes = self.describe(bytes, dir, &begin)?;
         let kind = Kind {
             size: layout.size,
             dtype: layout.dtype,

@@ -278,10 +278,15 @@ fn of_shapes(
     let ends = chain.shaped.iter().skip(1).map(|(page, _)| at(*page));
     for ((page, shaped), end) in chain.shaped.iter().zip(ends.chain([slices.len() as u64])) {
         let start = at(*page);
-        let kind = chain
-            .groups
-            .get(chain.pages[*page].kind as usize)
-            .map_or(first, |g| g.kind);
+        let kind = chain.pages[*page].kind;
+        if kind == UNREADABLE {
+            let mut stack = Stack::slices(end - start, [0; 2]);
+            (stack.size, stack.names) = (None, vec!["not of grey values".into()]);
+            stacks.push(stack);
+            starts.push(start);
+            continue;
+        }
+        let kind = chain.groups.get(kind as usize).map_or(first, |g| g.kind);
         let mut stack = shaped.stack(path, kind.size)?;
         let (planes, pages) = (stack.pages(), end - start);
         let truncated = shaped.truncated && slices.len() == 1;

@@ -145,6 +145,13 @@ impl Shaped {
         let (unit, depth) = (text("unit"), number("spacing"));
         if unit.is_empty() && depth.is_none() {
             let (steps, note) = resolution.steps();
+            if resolution.unit == 2 && steps[0].is_some() {
+                about.warnings.push(
+                    "TIFF's resolution is in inch, which tifffile also puts where it is told no unit: give --spacing \
+                     and --unit if that is wrong"
+                        .into(),
+                );
+            }
             about.steps = steps;
             about.notes.extend(note);
             return;

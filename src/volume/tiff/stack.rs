@@ -161,6 +161,12 @@ pub(super) fn choose(path: &Path, stacks: &[Stack], options: &OpenOptions) -> Re
     }
     let [mut slices, channels, times] = stack.counts;
     let [mut stride, of_channel, of_time] = stack.strides;
+    if slices == 1 && times == 1 && channels > 1 {
+        let what = format!("a stack of {channels} channels of one slice");
+        let hint = "if these are slices, write them as such: in ImageJ by Image > Properties, with tifffile as the \
+                    axes ZYX";
+        return Err(Error::unsupported(path, what, hint));
+    }
     let channel = index(path, "--channel", options.channel, channels, "channels")?;
     // a stack that was opened as a sequence of times
     let movie = slices == 1 && times > 1 && options.time.is_none();
