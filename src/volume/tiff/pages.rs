@@ -31,6 +31,9 @@ pub(super) struct Recent {
 
 /// Chunks whose positions are kept, at 16 bytes each.
 const RECENT: usize = 128 << 10;
+/// Pages of so few chunks are as fast to look at anew, and thousands of small things that are kept leave holes in
+/// memory.
+const FEW: usize = 16;
 
 impl Recent {
     fn insert(&mut self, k: u32, layout: Arc<Layout>) {
@@ -57,7 +60,9 @@ impl Pages for TiffPages {
                 let dir = file.directory(at.directory)?;
                 let layout = Layout::parse(&bytes, &dir, file.endian)?.shifted(at.shift);
                 let layout = Arc::new(layout);
-                recent().insert(k, layout.clone());
+                if layout.chunks() > FEW {
+                    recent().insert(k, layout.clone());
+                }
                 layout
             }
         };
