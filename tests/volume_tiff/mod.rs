@@ -385,13 +385,22 @@ fn put(dir: &Path, name: &str, pages: &[Page]) {
 #[test]
 fn folders_hold_one_volume() {
     let dir = tempfile::tempdir().unwrap();
-    put(dir.path(), "a1.tif", &(0..3).map(page).collect::<Vec<_>>());
-    put(dir.path(), "a2.tif", &(3..6).map(page).collect::<Vec<_>>());
+    let write = |name: &str, z: [u32; 3], text: &str| put(dir.path(), name, &described(z, text));
+    write("a1.tif", [0, 1, 2], "");
+    write("a2.tif", [3, 4, 5], "");
     let error = refusal(open(dir.path(), &OpenOptions::default()));
     assert!(
         error.contains("2 files, of which one holds 3 pages"),
         "{error}"
     );
+    assert!(error.contains("%d.tif"), "{error}");
+    // the way out
+    let parts = dir.path().join("a%d.tif");
+    let opened = open(&parts, &OpenOptions::default()).unwrap();
+    assert_eq!(slices(&opened), [0, 1, 2, 3, 4, 5]);
+    assert!(opened.notes[0].contains("2 files"), "{opened:?}");
+    write("a2.tif", [3, 4, 5], "ImageJ=1.53t\nimages=3\nchannels=3\n");
+    assert!(refusal(open(&parts, &OpenOptions::default())).contains("3 channels"));
 }
 
 /// Slices and the log of NRecon, in a folder.

@@ -10,6 +10,7 @@ use super::stack::{About, Chosen, Stack, choose};
 use super::{ome, ome_pages};
 use crate::error::{Error, Result};
 use crate::grid::MAX_DIM;
+use std::collections::HashMap;
 use std::path::Path;
 
 /// The slices that are asked for.
@@ -202,17 +203,60 @@ pub(super) fn of_files(
 ) -> Result<Plan> {
     let pages: Vec<PageAt> = slices.iter().map(|&i| chain.pages[i]).collect();
     if let Some(pair) = pages.windows(2).find(|pair| pair[0].blob == pair[1].blob) {
+        // a pattern, which is no file by itself, names the parts of one volume
+        if path.file_name().is_some() && !path.exists() {
+            return of_parts(path, blobs, chain, text, options);
+        }
         let blob = pair[0].blob;
         let count = pages.iter().filter(|page| page.blob == blob).count();
         let found = format!("{} files, of which one holds {count} pages", blobs.len());
         return Err(Error::format(blobs[blob as usize].path(), found, "one slice in each file").with_hint(
-            "give the one file to read; if the files are parts of one volume, save it as one stack",
+            "give the one file to read; if the files are parts of one volume, name them by a pattern, as in \
+             FOLDER/part_%d.tif",
         ));
     }
     choose(path, &[Stack::slices(pages.len() as u64, [0; 2])], options)?;
     let series = chain.shaped.first().map(|(_, shaped)| shaped.clone());
     let mut plan = Plan::new(blobs, pages, chain);
     plan.sizes(text, series.as_ref(), true);
+    Ok(plan)
+}
+
+/// Files of several slices, one after the other.
+fn of_parts(
+    path: &Path,
+    blobs: Vec<Blob>,
+    chain: Chain,
+    text: &str,
+    options: &OpenOptions,
+) -> Result<Plan> {
+    let mut pages = Vec::new();
+    for (i, blob) in (0..).zip(&blobs) {
+        // each by what it says of itself
+        let part = Plan::make(blob.path(), vec![blob.clone()], options)?;
+        let own = chain.pages.iter().filter(|page| page.blob == i);
+        let kinds: HashMap<u64, u16> = own.map(|page| (page.directory, page.kind)).collect();
+        pages.extend(part.pages.iter().map(|page| PageAt {
+            blob: i,
+            kind: kinds.get(&page.directory).copied().unwrap_or(UNREADABLE),
+            ..*page
+        }));
+    }
+    let slices = pages.len();
+    if slices > MAX_DIM as usize {
+        return Err(Error::format(
+            path,
+            format!("{slices} pages"),
+            format!("at most {MAX_DIM}"),
+        ));
+    }
+    let series = chain.shaped.first().map(|(_, shaped)| shaped.clone());
+    let mut plan = Plan::new(blobs, pages, chain);
+    plan.sizes(text, series.as_ref(), false);
+    plan.about.notes.push(format!(
+        "the pages of {} files, {slices} together, are taken as slices of one volume",
+        plan.blobs.len()
+    ));
     Ok(plan)
 }
 
