@@ -399,6 +399,14 @@ fn folders_hold_one_volume() {
     let opened = open(&parts, &OpenOptions::default()).unwrap();
     assert_eq!(slices(&opened), [0, 1, 2, 3, 4, 5]);
     assert!(opened.notes[0].contains("2 files"), "{opened:?}");
+    let scaled =
+        "ImageJ=1.53t\nimages=3\nslices=3\nunit=mm\nspacing=2\ncf=0\nc0=1\nc1=2\nvunit=x\n";
+    write("a1.tif", [0, 1, 2], scaled);
+    assert!(refusal(open(&parts, &OpenOptions::default())).contains("another for some slices"));
+    write("a2.tif", [3, 4, 5], scaled);
+    let opened = open(&parts, &OpenOptions::default()).unwrap();
+    assert_eq!(floats(&opened)[..2], [1.0, 3.0]);
+    assert!(opened.values.is_some() && opened.volume.header().dims.0[2] == 6);
     write("a2.tif", [3, 4, 5], "ImageJ=1.53t\nimages=3\nchannels=3\n");
     assert!(refusal(open(&parts, &OpenOptions::default())).contains("3 channels"));
 }

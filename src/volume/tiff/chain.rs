@@ -50,11 +50,8 @@ pub(super) struct Kind {
 /// Pages of a kind, and what the first of them says of its size and values.
 pub(super) struct Group {
     pub(super) kind: Kind,
-    blob: u32,
-    /// The first page has a description by ImageJ, which is one of all that follow in its file.
-    imagej: bool,
     pub(super) resolution: Resolution,
-    /// What its description says of sizes.
+    /// What the description says of sizes.
     sizes: String,
     pub(super) values: Option<Values>,
     /// The number of a page that says something else.
@@ -73,6 +70,8 @@ pub(super) struct Chain {
     pub(super) shaped: Vec<(usize, Shaped)>,
     /// Voxels of the largest chunk that must be decoded, and the most rows of one.
     pub(super) largest: (u64, u32),
+    /// What ImageJ or tifffile say of sizes and values on the first page of a file, for all that follow there.
+    of_file: (Option<u32>, String, Option<Values>),
     /// Bytes of descriptions.
     texts: u64,
 }
@@ -169,7 +168,7 @@ impl Chain {
         let number = self.pages.len();
         let begin = dir.text_begin(270)?;
         let imagej = imagej::Text::is(&begin);
-        let sizes = self.describe(bytes, dir, &begin)?;
+        let mut sizes = self.describe(bytes, dir, &begin)?;
         let kind = Kind {
             size: layout.size,
             dtype: layout.dtype,
@@ -178,7 +177,14 @@ impl Chain {
             white_is_zero: dir.number(262, 1)? == 0,
         };
         let resolution = Resolution::read(dir)?;
-        let values = scale::values(bytes.path(), dir, layout.dtype, imagej)?;
+        let mut values = scale::values(bytes.path(), dir, layout.dtype, imagej)?;
+        if self.of_file.0 != Some(blob) {
+            let by_imagej = values.clone().filter(|_| imagej);
+            self.of_file = (Some(blob), sizes.clone(), by_imagej);
+        } else if sizes.is_empty() {
+            sizes.clone_from(&self.of_file.1);
+            values = values.or_else(|| self.of_file.2.clone());
+        }
         // pages are most often like the one before
         let found = self.groups.iter().rposition(|group| group.kind == kind);
         let Some(index) = found else {
@@ -187,8 +193,6 @@ impl Chain {
             }
             self.groups.push(Group {
                 kind,
-                blob,
-                imagej,
                 resolution,
                 sizes,
                 values,
@@ -198,12 +202,10 @@ impl Chain {
             return Ok(self.groups.len() as u16 - 1);
         };
         let group = &mut self.groups[index];
-        let described = !sizes.is_empty() || group.blob != blob;
-        if group.resolution != resolution || (described && group.sizes != sizes) {
+        if group.resolution != resolution || group.sizes != sizes {
             group.other_resolution.get_or_insert(number);
         }
-        let by_first = group.imagej && group.blob == blob && !imagej && values.is_none();
-        if group.values != values && !by_first {
+        if group.values != values {
             group.other_values.get_or_insert(number);
         }
         Ok(index as u16)
