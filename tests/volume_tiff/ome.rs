@@ -59,6 +59,9 @@ fn planes_are_where_the_metadata_say() {
         slices(&plain(&stack(6, &parts)).unwrap()),
         [3, 4, 5, 0, 1, 2]
     );
+    let more = plain(&stack(7, &parts)).unwrap();
+    assert_eq!(slices(&more), [3, 4, 5, 0, 1, 2]);
+    assert!(more.notes[0].contains("of the 7 pages"), "{more:?}");
     let movie = plain(&stack(6, &image(0, "XYZCT", [1, 1, 6], "", all))).unwrap();
     assert_eq!(slices(&movie).len(), 6);
     assert!(movie.notes[0].contains("6 times"), "{movie:?}");

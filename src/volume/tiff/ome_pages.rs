@@ -56,6 +56,18 @@ pub(super) fn plan(
         plan.movie(&chosen);
         plan.about.steps = image.steps.clone();
         plan.check_size(path, image.stack.size)?;
+        let named = image.stack.pages();
+        let pages = plan
+            .chain
+            .pages
+            .iter()
+            .filter(|page| page.kind != THUMBNAIL);
+        let pages = pages.count() as u64;
+        if stacks.len() == 1 && plan.blobs.len() == 1 && pages > named {
+            plan.about.notes.push(format!(
+                "of the {pages} pages of this TIFF, OME-XML names {named}, which are read"
+            ));
+        }
         plan
     };
     plan.about.of_tags = false;
