@@ -209,7 +209,6 @@ fn slope_and_intercept_give_values() {
 fn what_is_not_read_is_named() {
     for (name, says) in [
         ("no_rgb.tif", "RGB"),
-        ("no_channels.tif", "2 channels"),
         ("no_fortran.npy", "Fortran"),
         ("no_two.npz", "2 arrays"),
         ("no_shear.nii", "sheared"),
@@ -229,6 +228,21 @@ fn what_is_not_read_is_named() {
             "{name}: {error}"
         );
         assert!(error.to_string().contains(says), "{name}: {error}");
+    }
+}
+
+#[test]
+fn channels_are_asked_for() {
+    let error = read("no_channels.tif").unwrap_err();
+    assert!(matches!(error, Error::Usage { .. }), "{error}");
+    assert!(error.to_string().contains("2 channels"), "{error}");
+    for (channel, fits) in [(0, true), (1, true), (2, false)] {
+        let options = OpenOptions {
+            channel: Some(channel),
+            ..OpenOptions::default()
+        };
+        let opened = open(&fixture("no_channels.tif"), &options);
+        assert_eq!(opened.is_ok(), fits, "{channel}");
     }
 }
 

@@ -104,7 +104,7 @@ fn one_of_several_series_is_chosen() {
     for name in ["9", "foam"] {
         assert!(read("dicom/two", &with(name)).is_err(), "{name}");
     }
-    let error = read("u8.tif", &with("7")).unwrap_err().to_string();
+    let error = read("u16.npy", &with("7")).unwrap_err().to_string();
     assert!(
         error.contains("--series") && error.contains("dicom"),
         "{error}"

@@ -24,6 +24,8 @@ pub(super) struct Recipe {
     pub(super) provenance: Provenance,
     /// The values that the samples stand for; `None` if these are the samples.
     pub(super) values: Option<Values>,
+    /// True along x or y if the samples are stored the other way round.
+    pub(super) mirrored: [bool; 2],
     pub(super) samples: Samples,
     /// What a user should know that the header does not show.
     pub(super) notes: Vec<String>,
@@ -42,6 +44,7 @@ impl Recipe {
             placement: Placement::default(),
             provenance: Provenance::default(),
             values: None,
+            mirrored: [false; 2],
             samples,
             notes: Vec::new(),
             warnings: Vec::new(),

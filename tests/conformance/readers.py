@@ -206,6 +206,51 @@ def same_voxels(alvis: Path, dump: Path, path: Path, reader, arguments: list[str
     return f"{info['format']}, {found.size} voxels of {info['dtype']}"
 
 
+BODY = np.add.outer(100 * np.arange(4), np.add.outer(10 * np.arange(5), np.arange(6))).astype("u2")
+JSON = {"axes": "ZYX", "spacing": 0.2, "unit": "um"}
+XYZ = {f"PhysicalSize{a}": s for a, s in zip("XYZ", (0.5, 0.25, 2.0))}
+
+
+def turned(path: Path, orientation: int) -> None:
+    with tifffile.TiffWriter(path) as file:
+        for page in BODY:
+            file.write(page, metadata=None, contiguous=False, extratags=[(274, "H", 1, orientation, True)])
+
+
+def itk_tiff(path: Path) -> None:
+    image = sitk.GetImageFromArray(BODY)
+    image.SetSpacing([0.13, 0.13, 0.5])
+    sitk.WriteImage(image, str(path))
+
+
+def several(path: Path, **more) -> None:
+    tifffile.imwrite(path, np.stack([BODY, BODY + 7]), photometric="minisblack", **more)
+
+
+# name, how it is written, reader or array, spacing and unit as info gives them, what the command has to be told
+WRITTEN = [
+    ("json.tif", lambda p: tifffile.imwrite(p, BODY, photometric="minisblack", resolution=(1 / 0.13,) * 2, metadata=JSON), by_tifffile, ([0.13, 0.13, 0.2], "um"), []),
+    ("itk.tif", itk_tiff, by_itk, ([0.13] * 3, "mm"), []),
+    ("top.tif", lambda p: turned(p, 1), by_itk, None, []),
+    ("bottom.tif", lambda p: turned(p, 4), by_itk, None, []),
+    ("right.tif", lambda p: turned(p, 2), lambda p: tifffile.imread(p)[:, :, ::-1], None, []),
+    ("times.tif", lambda p: several(p, metadata={"axes": "TZYX"}), lambda p: tifffile.imread(p)[1], None, ["--time", "1"]),
+    ("channels.ome.tif", lambda p: several(p, metadata={"axes": "CZYX", **XYZ}), lambda p: tifffile.imread(p)[1], ([0.5, 0.25, 2], "um"), ["--channel", "1"]),
+    ("imagej.tif", lambda p: several(p, imagej=True, metadata={"axes": "TZYX"}), lambda p: tifffile.imread(p)[0], None, ["--time", "0"]),
+]
+
+
+def written(alvis: Path, dump: Path, work: Path, name: str, write, reader, size, arguments: list[str]) -> str:
+    """What a library writes is read as that library, or the one that is asked, reads it."""
+    path = work / name
+    write(path)
+    found = same_voxels(alvis, dump, path, reader, arguments)
+    info = json.loads(run(alvis, "info", path, "--json", "--quiet", *arguments))
+    if size and (info["spacing"], info["unit"]) != size:
+        raise AssertionError(f"{info['spacing']} {info['unit']}, expected {size}")
+    return found
+
+
 def place_of_itk(alvis: Path, path: Path) -> str:
     """Spacing, origin and directions are those of SimpleITK."""
     series = sitk.ImageSeriesReader.GetGDCMSeriesFileNames(str(path)) if path.is_dir() else str(path)
@@ -250,6 +295,8 @@ def main() -> int:
 
     for path, reader in fixtures(folder):
         attempt(f"fixture {path.name}", same_voxels, alvis, dump, path, reader, [])
+    for name, *rest in WRITTEN:
+        attempt(f"written {name}", written, alvis, dump, work, name, *rest)
     if not (data / "raw").is_dir():
         print(f"SKIPPED volumes of the shared data: {data} is missing")
     else:
