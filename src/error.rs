@@ -193,7 +193,7 @@ impl Error {
         }
     }
 
-    /// Adds advice to a [`Error::Format`] or [`Error::Usage`]; leaves the others as they are.
+    /// Adds advice to a [`Error::Format`], [`Error::Usage`] or [`Error::Unsupported`]; leaves the others as they are.
     pub fn with_hint(mut self, text: impl Into<String>) -> Self {
         if let Error::Format { hint, .. }
         | Error::Usage { hint, .. }

@@ -14,8 +14,11 @@ pub(super) struct ZarrChunks {
     dims: Dims,
     /// Axes of the array that are x, y and z.
     axes: [usize; 3],
-    /// The entry of every other axis.
-    at: Vec<u64>,
+    /// The chunk of every other axis.
+    place: Vec<u64>,
+    /// Where in it the voxel 0 of a chunk is, and samples from one to the next along x, y and z.
+    start: usize,
+    strides: [usize; 3],
     /// A sample of chunks that are not there, in the machine's order.
     fill: Vec<u8>,
     /// Voxels of a chunk.
@@ -63,16 +66,27 @@ impl ZarrChunks {
         files: Files,
         dims: Dims,
         axes: [usize; 3],
-        at: Vec<u64>,
+        at: &[u64],
         dtype: Dtype,
     ) -> Self {
         let array = &files.array;
         let chunk = axes.map(|a| array.chunk[a].min(u64::from(crate::grid::MAX_DIM)) as u32);
         let fill = array.fill.unwrap_or(0.0);
+        // samples from one to the next along each axis of the array
+        let mut strides = vec![0; array.chunk.len()];
+        let mut stride = 1;
+        for &axis in array.coding.order.iter().rev() {
+            strides[axis] = stride;
+            stride *= array.chunk[axis] as usize;
+        }
+        let others = at.iter().zip(&array.chunk);
+        let inside = others.clone().zip(&strides);
         ZarrChunks {
             dims,
             axes,
-            at,
+            place: others.map(|(at, n)| at / n).collect(),
+            start: inside.map(|((at, n), s)| (at % n) as usize * s).sum(),
+            strides: axes.map(|a| strides[a]),
             fill: sample(array.kind.dtype().unwrap_or(dtype), fill),
             chunk,
             shape: grouped(chunk, dims, dtype.bytes() as u64),
@@ -88,13 +102,7 @@ impl ZarrChunks {
         part: &[Range<u32>; 3],
         out: &mut [u8],
     ) -> Result<()> {
-        let array = &self.files.array;
-        let mut place: Vec<u64> = self
-            .at
-            .iter()
-            .zip(&array.chunk)
-            .map(|(at, n)| at / n)
-            .collect();
+        let mut place = self.place.clone();
         for (axis, i) in self.axes.iter().zip(index) {
             place[*axis] = i.into();
         }
@@ -144,19 +152,11 @@ impl ZarrChunks {
     /// Fills a row with the samples of a chunk from voxel `from` of it on.
     fn put(&self, stored: &[u8], from: [u32; 3], row: &mut [u8]) {
         let array = &self.files.array;
-        // samples from one to the next along each axis of the array
-        let mut strides = vec![0; array.chunk.len()];
-        let mut stride = 1;
-        for &axis in array.coding.order.iter().rev() {
-            strides[axis] = stride;
-            stride *= array.chunk[axis] as usize;
-        }
-        let others = self.at.iter().zip(&array.chunk).zip(&strides);
-        let start: usize = others.map(|((at, n), s)| (at % n) as usize * s).sum();
-        let start = [0, 1, 2].into_iter().fold(start, |start, a| {
-            start + from[a] as usize * strides[self.axes[a]]
+        let steps = from.iter().zip(self.strides);
+        let start = steps.fold(self.start, |start, (from, stride)| {
+            start + *from as usize * stride
         });
-        let step = strides[self.axes[0]];
+        let step = self.strides[0];
         let (sample, size) = (array.kind.size, self.fill.len());
         if step == 1 && sample == size {
             row.copy_from_slice(&stored[start * size..][..row.len()]);

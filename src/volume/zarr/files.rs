@@ -78,12 +78,16 @@ impl Files {
     pub(super) fn open(&self, path: &Path) -> Result<Option<(File, u64)>> {
         let size = match layout::file_len(path) {
             Ok(size) => size,
-            Err(Error::Io { source, .. }) if source.kind() == ErrorKind::NotFound => {
+            // unless all of it is gone
+            Err(Error::Io { source, .. })
+                if source.kind() == ErrorKind::NotFound && self.folder.is_dir() =>
+            {
                 return Ok(None);
             }
             Err(e) => return Err(e),
         };
-        Ok(Some((layout::open_file(path)?, size)))
+        let file = File::open(path).map_err(|e| Error::io(path, "open", e))?;
+        Ok(Some((file, size)))
     }
 
     /// A chunk as stored, unpacked; `None` if it is not there.

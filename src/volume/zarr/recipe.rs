@@ -61,7 +61,7 @@ impl Source {
             })),
             _ => {}
         }
-        let chunks = ZarrChunks::new(files, dims, axes, at, packed.dtype);
+        let chunks = ZarrChunks::new(files, dims, axes, &at, packed.dtype);
         Ok(Recipe {
             endian: Some(endian),
             placement,

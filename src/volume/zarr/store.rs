@@ -14,9 +14,17 @@ pub(super) const MAX_DEPTH: usize = 6;
 
 /// True for a folder that holds an array or group.
 pub(in super::super) fn is_zarr(path: &Path) -> bool {
-    [".zarray", ".zgroup", ".zmetadata", "zarr.json"]
-        .iter()
-        .any(|name| path.join(name).exists())
+    let has = |folder: &Path, names: &[&str]| names.iter().any(|name| folder.join(name).exists());
+    if has(path, &[".zarray", ".zgroup", ".zmetadata", "zarr.json"]) {
+        return true;
+    }
+    // perhaps a group above has its metadata
+    let Ok(path) = absolute(path) else {
+        return false;
+    };
+    let mut above = path.ancestors().skip(1).take(MAX_DEPTH);
+    above.any(|group| has(group, &[".zmetadata", "zarr.json"]))
+        && !matches!(node(&path), Ok(Node::Nothing))
 }
 
 /// What a folder holds.
