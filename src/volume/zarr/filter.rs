@@ -86,6 +86,12 @@ impl Filter {
         self.stored
     }
 
+    /// The same with numbers in one byte order, whatever its settings say: in Zarr 3 that is a step of its own.
+    pub(super) fn in_order(mut self, order: Endian) -> Filter {
+        (self.plain.1, self.stored.1) = (order, order);
+        self
+    }
+
     /// True if what is stored depends on the order of the numbers.
     pub(super) fn ordered(&self) -> bool {
         self.op == Op::Delta

@@ -285,7 +285,11 @@ impl Meta<'_> {
                 }
                 ("bytes", None) => endian = Some(stated),
                 _ => {
-                    let step = self.step(&name, set, &mut plain)?;
+                    let mut step = self.step(&name, set, &mut plain)?;
+                    if let Packing::Filter(filter) = &mut step {
+                        *filter = filter.in_order(stated);
+                        plain.1 = stated;
+                    }
                     // numbers come before bytes
                     if matches!(step, Packing::Filter(_)) == endian.is_some() {
                         return Err(
