@@ -170,3 +170,33 @@ fn kin_of_zarr_are_named() {
     let result: Result<()> = Err(error);
     assert!(matches!(result, Err(Error::Unsupported { .. })));
 }
+
+#[test]
+fn metadata_that_are_not_understood_are_refused() {
+    for (more, says) in [
+        (json!({"extra": {"must_understand": true}}), "`extra`"),
+        (
+            json!({"dimension_names": ["y", "x"]}),
+            "a name for each axis",
+        ),
+        (json!({"data_type": "complex64"}), "complex64"),
+        (
+            json!({"data_type": {"name": "numpy.datetime64"}}),
+            "numpy.datetime64",
+        ),
+        (
+            json!({"chunk_grid": {"name": "rectilinear"}}),
+            "rectilinear",
+        ),
+        (json!({"codecs": ["vlen-utf8"]}), "vlen-utf8"),
+    ] {
+        let dir = tempdir().unwrap();
+        version_3(dir.path(), [&ZYX, &CHUNK], more, &zyx);
+        let error = refusal(dir.path(), &OpenOptions::default()).to_string();
+        assert!(error.contains(says), "{error}");
+    }
+    let dir = tempdir().unwrap();
+    let more = json!({"extra": {"must_understand": false}});
+    version_3(dir.path(), [&ZYX, &CHUNK], more, &zyx);
+    assert_plain(&read(dir.path()));
+}

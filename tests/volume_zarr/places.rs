@@ -335,3 +335,55 @@ fn levels_and_images_have_their_sizes_by_any_path() {
     );
     sized(dir.path(), &dataset("1"));
 }
+
+#[test]
+fn several_pyramids_of_a_group_are_listed() {
+    let dir = ome(["um"; 3], json!([scale(1.0, 1.0, 1.0)]), json!({}));
+    let text = fs::read_to_string(dir.path().join(".zattrs")).unwrap();
+    let mut attributes: Value = serde_json::from_str(&text).unwrap();
+    let mut second = attributes["multiscales"][0].clone();
+    second["datasets"][0]["path"] = json!("other");
+    second["datasets"][0]["coordinateTransformations"] = json!([scale(3.0, 2.0, 2.0)]);
+    attributes["multiscales"]
+        .as_array_mut()
+        .unwrap()
+        .push(second);
+    put(&dir.path().join(".zattrs"), &attributes.to_string());
+    version_2(&dir.path().join("other"), [&ZYX, &CHUNK], json!({}), &zyx);
+    let error = refusal(dir.path(), &OpenOptions::default()).to_string();
+    assert!(
+        error.contains("2 pyramids") && error.contains("0, other"),
+        "{error}"
+    );
+    let options = OpenOptions {
+        dataset: Some("other".into()),
+        ..OpenOptions::default()
+    };
+    let opened = open(dir.path(), &options).unwrap();
+    assert_eq!(opened.volume.header().placement.spacing, [2.0, 2.0, 3.0]);
+}
+
+/// Of the first versions: five axes if nothing is said, and what other writers have called so.
+#[test]
+fn pyramids_without_axes() {
+    let dir = tempdir().unwrap();
+    version_2(&dir.path().join("0"), [&ZYX, &CHUNK], json!({}), &zyx);
+    pyramid(dir.path(), "0.4", Value::Null, json!([]), json!({}));
+    let opened = read(dir.path());
+    assert_plain(&opened);
+    assert_eq!(opened.provenance.spacing, [Origin::Default; 3]);
+    let five = tempdir().unwrap();
+    let last = |at: &[u64]| zyx(&at[2..]);
+    version_2(
+        &five.path().join("0"),
+        [&[1, 2, 4, 5, 6], &[1, 1, 2, 3, 4]],
+        json!({}),
+        &last,
+    );
+    pyramid(five.path(), "0.4", Value::Null, json!([]), json!({}));
+    let options = OpenOptions {
+        channel: Some(1),
+        ..OpenOptions::default()
+    };
+    assert_plain(&open(five.path(), &options).unwrap());
+}

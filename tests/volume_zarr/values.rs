@@ -29,7 +29,9 @@ fn scales_are_applied() {
         r#"{"_ARRAY_DIMENSIONS": ["z", "y", "x"]}"#,
         json!({"fill_value": 0}),
     );
-    assert_plain(&read(zero.path()));
+    let opened = read(zero.path());
+    assert_plain(&opened);
+    assert!(opened.notes[0].contains("stored 0"), "{:?}", opened.notes);
     let error = refusal(
         plain(r#"{"scale_factor": "half"}"#, json!({})).path(),
         &OpenOptions::default(),

@@ -1,5 +1,6 @@
 //! Coordinate arrays beside an array, one for each axis and of its name, as xarray writes them.
 
+use super::super::cf::Attribute;
 use super::meta::Array;
 use super::place::Line;
 use super::small;
@@ -113,8 +114,7 @@ fn step(first: f64, last: f64, size: u64, single: bool) -> f64 {
 }
 
 /// The attributes that xarray's scales are in, by name: what [`super::super::cf::values`] asks for.
-pub(super) fn attribute(array: &Array, name: &str) -> Option<super::super::cf::Attribute> {
-    use super::super::cf::Attribute;
+pub(super) fn attribute(array: &Array, name: &str) -> Option<Attribute> {
     let json = &array.attributes[name];
     if name == "_FillValue" && json.is_null() {
         return own_fill(array);
@@ -148,17 +148,56 @@ pub(super) fn attribute(array: &Array, name: &str) -> Option<super::super::cf::A
 
 /// In Zarr 2, xarray takes the value of chunks that are not there for the `_FillValue`. That of other writers is 0,
 /// which is a value like others, unless samples are packed.
-fn own_fill(array: &Array) -> Option<super::super::cf::Attribute> {
+fn own_fill(array: &Array) -> Option<Attribute> {
     let packed = ["scale_factor", "add_offset", "missing_value"];
     let packed = packed.iter().any(|name| !array.attributes[name].is_null());
-    let xarrays = array.version == 2 && array.attributes["_ARRAY_DIMENSIONS"].is_array();
-    let fill = array
-        .fill
-        .filter(|fill| xarrays && (*fill != 0.0 || packed))?;
-    Some(super::super::cf::Attribute::Numbers {
+    let fill = xarrays_fill(array).filter(|fill| *fill != 0.0 || packed)?;
+    Some(Attribute::Numbers {
         values: vec![fill],
         float: false,
     })
+}
+
+/// The value that xarray takes for the `_FillValue` though no attribute says so.
+fn xarrays_fill(array: &Array) -> Option<f64> {
+    let xarrays = array.version == 2 && array.attributes["_ARRAY_DIMENSIONS"].is_array();
+    let stated = !array.attributes["_FillValue"].is_null();
+    array
+        .fill
+        .filter(|fill| xarrays && !stated && !fill.is_nan())
+}
+
+/// What is done with the value that xarray takes for the `_FillValue`.
+pub(super) fn fill_note(array: &Array) -> Option<String> {
+    let fill = xarrays_fill(array)?;
+    Some(match own_fill(array) {
+        Some(_) => {
+            format!("stored {fill}, the fill_value of the array, is no value, as xarray reads it")
+        }
+        None => format!(
+            "stored {fill}, the fill_value of the array, is read as it is; xarray takes it for no value"
+        ),
+    })
+}
+
+/// Attributes of some writers that may state the size of a voxel, and are not read.
+pub(super) fn size_note(array: &Array) -> Option<String> {
+    const NAMES: [&str; 8] = [
+        "resolution",
+        "voxel_size",
+        "voxel_spacing",
+        "spacing",
+        "pixelResolution",
+        "element_size_um",
+        "transform",
+        "scale",
+    ];
+    let name = NAMES
+        .into_iter()
+        .find(|name| !array.attributes[name].is_null())?;
+    Some(format!(
+        "the attribute `{name}` is not read: give --spacing and --unit if it is the size of a voxel"
+    ))
 }
 
 /// A number in text: a word of JSON's, or eight bytes in base64, as xarray writes `_FillValue` in Zarr 3.

@@ -123,10 +123,6 @@ impl Files {
             .zip(counts.clone())
             .map(|(p, n)| p / n)
             .collect();
-        let at = place
-            .iter()
-            .zip(counts)
-            .fold(0, |at, (p, n)| at * n + p % n);
         let path = self.file(&outer);
         if cursor.shard.as_ref().is_none_or(|shard| shard.path != path) {
             let open = match (self.table(&path)?, self.open(&path)?) {
@@ -140,6 +136,11 @@ impl Files {
         let Some((file, size, table)) = open else {
             return Ok(None);
         };
+        // a table of that many is there
+        let at = place
+            .iter()
+            .zip(counts)
+            .fold(0, |at, (p, n)| at * n + p % n);
         let [start, len] = table[at as usize];
         if [start, len] == NONE {
             return Ok(None);

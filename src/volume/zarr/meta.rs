@@ -51,14 +51,6 @@ pub(super) struct Array {
     pub(super) version: u8,
 }
 
-/// Names in a list of names.
-pub(super) fn names(json: &Value) -> Vec<String> {
-    let names = json.as_array().into_iter().flatten();
-    names
-        .map(|n| n.as_str().unwrap_or_default().to_owned())
-        .collect()
-}
-
 /// Reads metadata with messages that say where.
 pub(super) struct Meta<'a> {
     pub(super) path: &'a Path,
@@ -83,6 +75,19 @@ impl Meta<'_> {
             Some(sizes) if sizes.iter().all(|&n| n <= limit) => Ok(sizes),
             _ => Err(self.wrong(format!("`{name}` of {json}"), "1 to 8 whole numbers")),
         }
+    }
+
+    /// Names of axes, one for each, if there is a list of them.
+    fn names(&self, json: &Value, axes: usize) -> Result<Vec<String>> {
+        let Some(list) = json.as_array() else {
+            return Ok(Vec::new());
+        };
+        if list.len() != axes {
+            let found = format!("the names {json} of {axes} axes");
+            return Err(self.wrong(found, "a name for each axis"));
+        }
+        let name = |n: &Value| n.as_str().unwrap_or_default().to_owned();
+        Ok(list.iter().map(name).collect())
     }
 
     fn chunks(&self, json: &Value, shape: &[u64]) -> Result<Vec<u64>> {
@@ -123,6 +128,7 @@ impl Meta<'_> {
         };
         Ok(Array {
             fill: self.fill(&json["fill_value"], kind)?,
+            names: self.names(&attributes["_ARRAY_DIMENSIONS"], shape.len())?,
             shape,
             chunk,
             kind,
@@ -133,7 +139,6 @@ impl Meta<'_> {
             },
             shards: None,
             key: ("", separator),
-            names: names(&attributes["_ARRAY_DIMENSIONS"]),
             attributes,
             version: 2,
         })
@@ -159,6 +164,7 @@ impl Meta<'_> {
     pub(super) fn version_3(&self) -> Result<Array> {
         let json = self.json;
         let shape = self.sizes(&json["shape"], "shape")?;
+        self.understood()?;
         let grid = &json["chunk_grid"];
         if grid["name"] != "regular" {
             return Err(self.no(format!("the Zarr chunk grid {}", grid["name"])));
@@ -182,16 +188,42 @@ impl Meta<'_> {
         let (coding, shards, chunk) = self.codecs(&json["codecs"], outer, kind)?;
         Ok(Array {
             fill: self.fill(&json["fill_value"], kind)?,
+            names: self.names(&json["dimension_names"], shape.len())?,
             shape,
             chunk,
             kind,
             coding,
             shards,
             key,
-            names: names(&json["dimension_names"]),
             attributes: json["attributes"].clone(),
             version: 3,
         })
+    }
+
+    /// Refuses members that are not of version 3, unless they say that they may be passed over.
+    fn understood(&self) -> Result<()> {
+        const KNOWN: [&str; 12] = [
+            "zarr_format",
+            "node_type",
+            "shape",
+            "data_type",
+            "chunk_grid",
+            "chunk_key_encoding",
+            "fill_value",
+            "codecs",
+            "attributes",
+            "storage_transformers",
+            "dimension_names",
+            "consolidated_metadata",
+        ];
+        let members = self.json.as_object().into_iter().flatten();
+        let mut others = members.filter(|(name, value)| {
+            !KNOWN.contains(&name.as_str()) && value["must_understand"] != false
+        });
+        match others.next() {
+            Some((name, _)) => Err(self.no(format!("a Zarr array with `{name}`"))),
+            None => Ok(()),
+        }
     }
 
     /// The steps of version 3, and the chunks inside of shards of this size.

@@ -33,6 +33,8 @@ pub(super) struct Level {
 pub(super) struct Stated {
     /// Axes of the coordinates that indices are turned into; those of the array if nothing turns them.
     pub(super) axes: Vec<OmeAxis>,
+    /// Nothing is said of the axes: they are those of the first versions.
+    pub(super) usual: bool,
     /// From indices to coordinates; none if that is not stated.
     pub(super) affine: Result<Option<Affine>>,
 }
@@ -147,6 +149,7 @@ impl Multiscale<'_> {
             self.of_all_axes(first.then(&second), &axes)
         };
         Stated {
+            usual: self.json["axes"].is_null(),
             affine: if stated { affine().map(Some) } else { Ok(None) },
             axes,
         }
@@ -177,6 +180,7 @@ impl Multiscale<'_> {
             );
             let stated = Stated {
                 axes: Vec::new(),
+                usual: false,
                 affine: Err(self.wrong(found)),
             };
             return (stated, target);
@@ -196,7 +200,12 @@ impl Multiscale<'_> {
                 .map(Some),
             _ => Err(self.wrong(format!("{} transformations of a level", list.len()))),
         };
-        (Stated { axes, affine }, name)
+        let stated = Stated {
+            axes,
+            usual: false,
+            affine,
+        };
+        (stated, name)
     }
 
     /// Transformations from the system of the levels to others, in words. These are other places of the same

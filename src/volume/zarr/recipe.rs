@@ -15,7 +15,7 @@ use super::ome::{OmeAxis, Stated};
 use super::place::{self, Placed};
 use crate::error::{Error, Result};
 use crate::grid::{Dims, Placement};
-use crate::manifest::Provenance;
+use crate::manifest::{Origin, Provenance};
 use std::path::{Path, PathBuf};
 
 /// An array that was found.
@@ -35,6 +35,10 @@ impl Source {
     /// See [`super::parse`].
     pub(super) fn recipe(mut self, path: &Path, options: &OpenOptions) -> Result<Recipe> {
         let stored = self.dtype()?;
+        let usual = |stated: &Stated| stated.usual && matches!(stated.affine, Ok(None));
+        if self.array.shape.len() != 5 && self.stated.as_ref().is_some_and(usual) {
+            self.stated = None;
+        }
         let labels = match &self.stated {
             Some(stated) => place::labels(stated, self.array.shape.len()),
             None => Vec::new(),
@@ -46,6 +50,10 @@ impl Source {
             .map_err(|e| Error::format(path, format!("an array with {e}"), "a volume"))?;
         let (placement, provenance) = self.place(&labels, axes, options)?;
         let attribute = |name: &str| Ok(coordinates::attribute(&self.array, name));
+        self.notes.extend(coordinates::fill_note(&self.array));
+        if provenance.spacing == [Origin::Default; 3] && options.spacing.is_none() {
+            self.notes.extend(coordinates::size_note(&self.array));
+        }
         let packed = cf::values(&self.folder, stored, attribute)?;
         let bytes = self.chunk_bytes(path)?;
         let (endian, fill) = (self.array.coding.endian, self.array.fill.unwrap_or(0.0));
@@ -142,6 +150,7 @@ impl Source {
             Some(Stated {
                 axes: coordinates,
                 affine: Ok(Some(affine)),
+                ..
             }) => place::turned(&self.folder, (affine, coordinates), labels, axes),
             Some(Stated { affine: Err(_), .. }) => match self.stated.take() {
                 Some(Stated { affine: Err(e), .. }) => Err(e),

@@ -8,7 +8,7 @@ use std::io::Read;
 use std::path::{Component, Path, PathBuf};
 
 /// Longer metadata are damaged.
-const MAX_JSON: u64 = 64 << 20;
+const MAX_JSON: u64 = 16 << 20;
 /// Groups in groups beyond this are not looked into.
 pub(super) const MAX_DEPTH: usize = 6;
 
@@ -24,7 +24,7 @@ pub(in super::super) fn is_zarr(path: &Path) -> bool {
     };
     let mut above = path.ancestors().skip(1).take(MAX_DEPTH);
     above.any(|group| has(group, &[".zmetadata", "zarr.json"]))
-        && !matches!(node(&path), Ok(Node::Nothing))
+        && matches!(node(&path), Ok(Node::Array(_) | Node::Group(_)))
 }
 
 /// What a folder holds.

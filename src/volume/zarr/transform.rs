@@ -83,7 +83,10 @@ impl Reader<'_> {
     /// [`Error::Unsupported`] with the type of a transformation that is no matrix, [`Error::Format`] if one is
     /// damaged or of another number of coordinates.
     pub(super) fn list(&self, json: &Value, n: usize) -> Result<Affine> {
-        self.steps(json, n, 0)
+        match n <= MAX_AXES {
+            true => self.steps(json, n, 0),
+            false => Err(self.wrong(format!("{n} axes"), "at most 8")),
+        }
     }
 
     fn steps(&self, json: &Value, n: usize, depth: u32) -> Result<Affine> {
