@@ -361,11 +361,11 @@ impl Meta<'_> {
         let Some(value) = value else {
             return Err(self.wrong(format!("`fill_value` {json}"), "a number"));
         };
-        let bits = kind.size as i32 * 8;
+        let span = (1u128 << (8 * kind.size)) as f64;
         let kept = match kind.class {
             Class::Float => true,
-            Class::Unsigned => value >= 0.0 && value < 2f64.powi(bits),
-            Class::Signed => value.abs() < 2f64.powi(bits - 1) || value == -2f64.powi(bits - 1),
+            Class::Unsigned => value >= 0.0 && value < span,
+            Class::Signed => -span / 2.0 <= value && value < span / 2.0,
         };
         match kept && (float || value.fract() == 0.0) {
             true => Ok(Some(value)),

@@ -89,7 +89,7 @@ impl Multiscale<'_> {
             let rest = version.strip_prefix(*v);
             rest.is_some_and(|r| !r.starts_with(|c: char| c.is_ascii_digit()))
         };
-        if !version.is_empty() && !VERSIONS.iter().any(|v| known(&v)) {
+        if !version.is_empty() && !VERSIONS.iter().any(known) {
             warnings.push(format!(
                 "the version {version} of OME-Zarr is not known: sizes are read as those of {}",
                 VERSIONS[VERSIONS.len() - 1]
