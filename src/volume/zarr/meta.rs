@@ -299,21 +299,8 @@ impl Meta<'_> {
             let (name, set) = (name(step), &step["configuration"]);
             match (&name[..], endian) {
                 ("transpose", None) => {
-                    let given = self.sizes(&set["order"], "order")?;
-                    let mut sorted = given.clone();
-                    sorted.sort_unstable();
-                    if !sorted.iter().copied().eq(0..axes as u64) {
-                        let found = format!("the order {given:?}");
-                        return Err(self.wrong(found, "every axis once"));
-                    }
-                    let turned = packing.iter().any(|step: &Packing| match step {
-                        Packing::Filter(filter) => filter.ordered(),
-                        _ => false,
-                    });
-                    if turned {
-                        return Err(self.no("the Zarr codec `transpose` behind `delta`"));
-                    }
-                    order = given.iter().map(|&g| order[g as usize]).collect();
+                    let next = self.order(&set["order"], axes, &packing)?;
+                    order = next.into_iter().map(|axis| order[axis]).collect();
                 }
                 ("bytes", None) => endian = Some(stated),
                 _ => {
@@ -337,6 +324,22 @@ impl Meta<'_> {
             order,
             packing,
         })
+    }
+
+    /// The order of axes that a step of that kind states, behind the steps so far.
+    fn order(&self, json: &Value, axes: usize, before: &[Packing]) -> Result<Vec<usize>> {
+        let given = self.sizes(json, "order")?;
+        let mut sorted = given.clone();
+        sorted.sort_unstable();
+        if !sorted.iter().copied().eq(0..axes as u64) {
+            let found = format!("the order {given:?}");
+            return Err(self.wrong(found, "every axis once"));
+        }
+        let ordered = |step: &Packing| matches!(step, Packing::Filter(filter) if filter.ordered());
+        if before.iter().any(ordered) {
+            return Err(self.no("the Zarr codec `transpose` behind `delta`"));
+        }
+        Ok(given.iter().map(|&g| g as usize).collect())
     }
 
     /// The value of chunks that are not there.
