@@ -318,6 +318,10 @@ fn damaged_zarrs_do_no_harm() {
         "i8_lz4",
         "u8_3_shards",
         "i16_3_transposed_be",
+        "u16_delta_zstd",
+        "f32_3_scaled",
+        "u16_ome",
+        "xarray_2",
     ] {
         let mut files = Vec::new();
         let mut folders = vec![fixture("zarr").join(name)];

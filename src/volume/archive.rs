@@ -100,6 +100,13 @@ fn members(path: &Path, archive: &Bytes) -> Result<Vec<Member>> {
         let file = zip.by_index_raw(i).map_err(wrong)?;
         let name = file.name().map_err(wrong)?.into_owned();
         let last = name.rsplit('/').next().unwrap_or_default();
+        if [".zarray", ".zgroup", "zarr.json"].contains(&last) {
+            return Err(Error::unsupported(
+                path,
+                "a Zarr in a zip file",
+                "unpack it",
+            ));
+        }
         if last.is_empty() || last.starts_with('.') || name.starts_with("__MACOSX/") {
             continue;
         }

@@ -29,8 +29,23 @@ pub(super) fn parse(path: &Path, options: &OpenOptions) -> Result<Recipe> {
     if zarr::is_zarr(path) && options.dims.is_none() {
         return zarr::parse(path, options);
     }
+    if is_n5(path)? && options.dims.is_none() {
+        let hint = "convert it to Zarr, or save the array as NRRD, MetaImage or TIFF";
+        return Err(Error::unsupported(path, "the N5 format", hint));
+    }
     let files = list(path)?;
     these(path, files.clone(), &files, options)
+}
+
+/// True for a folder of N5: its metadata name its version, or the blocks of an array.
+fn is_n5(path: &Path) -> Result<bool> {
+    let file = path.join("attributes.json");
+    if !file.is_file() {
+        return Ok(false);
+    }
+    let text = Blob::file(&file)?.head(1 << 16)?;
+    let text = String::from_utf8_lossy(&text);
+    Ok(text.contains("\"n5\"") || text.contains("\"blockSize\""))
 }
 
 /// Opens the slices with the numbers of a name such as `slice_%04d.tif`; `None` if the name is no

@@ -7,7 +7,7 @@
 
 mod filter;
 
-use super::chunked::Chunks;
+use super::chunked::{Chunks, grouped};
 use super::layout::{Recipe, Samples};
 use super::open::OpenOptions;
 use super::paged::MAX_CHUNK;
@@ -31,8 +31,6 @@ const MAX_DATASETS: usize = 10_000;
 const LISTED: usize = 30;
 /// The library keeps this of unpacked chunks; the volume has a cache of its own.
 const LIBRARY_CACHE: usize = 1 << 20;
-/// Smaller chunks are read several at a time.
-const LEAST: u64 = 512 << 10;
 /// Datasets without chunks are read in pieces of at most this size, unless a row has more.
 const PIECE: u64 = 4 << 20;
 
@@ -323,22 +321,6 @@ fn recipe(path: &Path, name: String, dataset: Dataset) -> Result<Recipe> {
         notes: vec![chunks.note.clone()],
         ..Recipe::new("hdf5", dims, dtype, Samples::Chunks(Box::new(chunks)))
     })
-}
-
-/// A chunk, or several small ones.
-fn grouped(chunk: [u32; 3], dims: Dims, sample: u64) -> [u32; 3] {
-    let mut shape = [0, 1, 2].map(|a| chunk[a].clamp(1, dims.0[a]));
-    let bytes = |shape: [u32; 3]| shape.iter().fold(sample, |n, &s| n * u64::from(s));
-    for a in 0..3 {
-        while shape[a] < dims.0[a] && bytes(shape) < LEAST {
-            // whole chunks, until the volume ends
-            shape[a] = shape[a].saturating_mul(2).min(dims.0[a]);
-            if shape[a] < dims.0[a] {
-                shape[a] = shape[a] / chunk[a] * chunk[a];
-            }
-        }
-    }
-    shape
 }
 
 /// The spacing of ImageJ's and ilastik's attribute.

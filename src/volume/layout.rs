@@ -198,8 +198,9 @@ fn compressed(header: &Header, data: &Data, part_bytes: u64) -> Result<Box<dyn B
 /// that claims more is refused before anything is allocated for it.
 const MAX_RATIO: u64 = 1032;
 
-/// Opens a file for reading.
+/// Opens a regular file for reading; anything else is refused, see [`file_len`].
 pub(super) fn open_file(path: &Path) -> Result<File> {
+    file_len(path)?;
     File::open(path).map_err(|e| Error::io(path, "open", e))
 }
 
