@@ -6,6 +6,8 @@ mod blob;
 #[cfg(any(feature = "hdf5", feature = "zarr"))]
 mod blosc;
 #[cfg(any(feature = "hdf5", feature = "zarr"))]
+mod cf;
+#[cfg(any(feature = "hdf5", feature = "zarr"))]
 mod chunked;
 mod crop;
 #[cfg(feature = "dicom")]
