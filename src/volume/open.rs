@@ -244,7 +244,7 @@ fn refuse_unused(format: &str, options: &OpenOptions) -> Result<()> {
         ("--series", options.series.is_some(), &["dicom"][..]),
         ("--resample", options.resample, &["dicom"]),
         ("--dataset", options.dataset.is_some(), &["hdf5", "zarr"]),
-        ("--level", options.level.is_some(), &["zarr"]),
+        ("--level", options.level.is_some(), &["hdf5", "zarr"]),
         (
             "--channel",
             options.channel.is_some(),
