@@ -18,6 +18,7 @@ mod scale;
 mod series;
 mod tree;
 
+use super::blob::Blob;
 use super::chunked::Chunks;
 use super::layout::{Recipe, Samples};
 use super::open::OpenOptions;
@@ -43,16 +44,22 @@ const LIBRARY_CACHE: usize = 1 << 20;
 /// The first piece is unpacked at once, to see whether that goes, unless it is larger than this.
 const TRIED: u64 = 4 << 20;
 /// What a file begins with, at 0 or behind a block of the user's own of 512 bytes, or 1024, and so on.
-const SIGNATURE: &[u8] = b"\x89HDF\r\n\x1a\n";
+const SIGNATURE: [u8; 8] = *b"\x89HDF\r\n\x1a\n";
 
-/// True if the first bytes of a file are those of HDF5.
-pub(super) fn is_hdf5(head: &[u8]) -> bool {
-    let behind = (9..64)
-        .map(|n| 1usize << n)
-        .take_while(|&at| at < head.len());
-    std::iter::once(0)
-        .chain(behind)
-        .any(|at| head[at..].starts_with(SIGNATURE))
+/// True for a file that begins as HDF5 does, perhaps behind a block of the user's own, as in MATLAB's files.
+pub(super) fn is_hdf5(path: &Path, head: &[u8]) -> bool {
+    if head.starts_with(&SIGNATURE) {
+        return true;
+    }
+    let Ok(bytes) = Blob::file(path).and_then(|blob| blob.open()) else {
+        return false;
+    };
+    let places = (9..63).map(|n| 1u64 << n);
+    let mut inside = places.take_while(|at| at + SIGNATURE.len() as u64 <= bytes.len());
+    inside.any(|at| {
+        let mut found = [0; SIGNATURE.len()];
+        bytes.read_at(at, &mut found).is_ok() && found == SIGNATURE
+    })
 }
 
 /// Opens the dataset that the options name, or the only one that is a volume.

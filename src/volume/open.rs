@@ -279,7 +279,7 @@ fn recognise(path: &Path, head: &[u8], options: &OpenOptions) -> Result<Recipe> 
         vti::parse(path)?
     } else if !by_options && let Some(recipe) = nifti::parse(path, head)? {
         recipe
-    } else if hdf5::is_hdf5(head) && !by_options {
+    } else if !by_options && hdf5::is_hdf5(path, head) {
         hdf5::parse(path, options)?
     } else if dicom::is_dicom(head) && !by_options {
         dicom::parse(path, vec![Blob::file(path)?], options)?

@@ -193,7 +193,7 @@ impl Chunks for H5Chunks {
         let piece: u64 = self.shape.iter().map(|&n| u64::from(n)).product();
         let chunk = self.dataset.chunks().unwrap_or_default();
         let chunk: u64 = chunk.iter().map(|&n| u64::from(n)).product();
-        // the piece as an array; of one chunk what is packed and what two filters make of it
-        (piece + 3 * chunk) * self.number.size as u64 + LIBRARY_CACHE as u64
+        // the piece as an array, one chunk before and after a filter, and what packing adds to noise
+        (piece + 2 * chunk + chunk / 16) * self.number.size as u64 + LIBRARY_CACHE as u64
     }
 }

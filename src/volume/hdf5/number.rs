@@ -2,7 +2,7 @@
 
 use super::super::{Dtype, half};
 use hdf5_reader::error::Error as H5Error;
-use hdf5_reader::{ByteOrder, Datatype, H5Type};
+use hdf5_reader::{ByteOrder, Datatype, H5Type, VarLenKind};
 
 /// The bytes of an element, as they are stored.
 #[derive(Clone, Copy)]
@@ -75,7 +75,7 @@ impl Number {
                 Self::of(base, raw.get(8..).unwrap_or_default()).map_err(|_| type_text(dtype))
             }
             Datatype::FloatingPoint { size, byte_order } => float(*size, *byte_order, raw),
-            _ => Err(type_text(dtype)),
+            _ => Err(format!("its elements are {}", type_text(dtype))),
         }
     }
 
@@ -204,10 +204,11 @@ impl Number {
                     0 => String::new(),
                     n => format!(" from bit {n} on"),
                 };
-                let of = 8 * self.size;
-                Some(format!(
-                    "stored as {sign} integers of {bits} of {of} bits{at}"
-                ))
+                let of = match 8 * self.size as u32 {
+                    all if all == bits => String::new(),
+                    all => format!(" of {all}"),
+                };
+                Some(format!("stored as {sign} integers of {bits}{of} bits{at}"))
             }
         }
     }
@@ -321,6 +322,10 @@ pub(super) fn type_text(dtype: &Datatype) -> String {
             format!("arrays of {} {}", dims.join(" x "), type_text(base))
         }
         Datatype::String { .. } => "text".into(),
+        Datatype::VarLen {
+            kind: VarLenKind::String,
+            ..
+        } => "text".into(),
         Datatype::VarLen { .. } => "lists of any length".into(),
         Datatype::Reference { .. } => "references".into(),
         Datatype::Opaque { .. } => "bytes without a meaning".into(),
