@@ -162,6 +162,10 @@ fn axes_are_those_of_the_names() {
 fn axes_that_cannot_be_told_are_refused() {
     for (name, part) in [
         ("no_theta.h5", "projections"),
+        (
+            "no_tomo.nxs",
+            "projections and no volume: there is one image_key",
+        ),
         ("no_order.h5", "DimensionOrder"),
         ("no_two_orders.h5", "DIMENSION_LABELS"),
         ("no_four.h5", "3 x 17 x 19 x 2 of u8"),
@@ -175,6 +179,17 @@ fn axes_that_cannot_be_told_are_refused() {
             "{name}: {error}"
         );
         assert!(error.to_string().contains(part), "{name}: {error}");
+    }
+}
+
+#[test]
+fn projections_are_not_the_volume_of_a_file() {
+    let error = refused("no_projections.h5", &OpenOptions::default());
+    for line in [
+        "/exchange/data: 3 x 17 x 19 of u16, no volume: these are projections",
+        "/exchange/data_white: 3 x 17 x 19 of u16, no volume: these are images without the sample or",
+    ] {
+        assert!(error.contains(line), "{error}");
     }
 }
 

@@ -4,7 +4,7 @@ use super::attributes::Attributes;
 use super::axes::Axes;
 use super::geometry::Place;
 use super::number::Number;
-use super::series::{self, Member};
+use super::series;
 use super::tree::{Item, Tree};
 use super::{broken, described, judged, meaning};
 use crate::error::{Error, Result};
@@ -271,16 +271,23 @@ impl<'a> Place<'a> {
         }
     }
 
-    /// Why an array of the Data Exchange format is one of projections: an angle beside it for each.
+    /// Why an array of the Data Exchange format or of NXtomo is no volume: beside it is an angle, or a kind, of each
+    /// image, or it is one of their images for correction.
     pub(super) fn projections(&self) -> Option<String> {
-        let folder = self.name.rsplit_once('/')?.0;
-        let theta = self.file.dataset(&format!("{folder}/theta")).ok()?;
+        let (folder, own) = self.name.rsplit_once('/')?;
+        if matches!(own, "data_white" | "data_dark") {
+            return Some("these are images without the sample or without the beam".into());
+        }
         let shape = self.dataset.shape();
         let many = shape.first().filter(|&&n| n > 1 && shape.len() >= 3)?;
-        (theta.shape() == [*many] && Member::of(self.name).is_none()).then(|| {
-            format!(
-                "these are projections and no volume: there are {many} angles beside it (theta)"
-            )
-        })
+        let beside = |name: &&&str| {
+            let found = self.file.dataset(&format!("{folder}/{name}"));
+            found.is_ok_and(|found| found.shape() == [*many])
+        };
+        let name = ["theta", "rotation_angle", "image_key"]
+            .iter()
+            .find(beside)?;
+        let text = "these are projections and no volume: there is one";
+        Some(format!("{text} {name} beside them for each of {many}"))
     }
 }

@@ -68,7 +68,12 @@ impl Geometry {
         }
         let axes = self.directions.unwrap_or(Placement::default().directions);
         for (i, origin) in place.origin.iter_mut().enumerate() {
-            *origin = (0..3).map(|a| starts[a] * axes[a][i]).sum::<f64>() + 0.0;
+            let parts = [0, 1, 2].map(|a| starts[a] * axes[a][i]);
+            let most = parts
+                .iter()
+                .fold(0.0, |most: f64, part| most.max(part.abs()));
+            let sum = parts.iter().sum::<f64>() + 0.0;
+            *origin = shortest_near(sum, 4.0 * f64::EPSILON * most);
         }
         if starts != [0.0; 3] {
             from.origin = Origin::File;
@@ -287,7 +292,7 @@ impl Place<'_> {
             let start = offset.as_ref().map_or(0.0, |o| o[a] * factor);
             Some(Along {
                 start,
-                ..Along::of(round(spacing[a] * factor), "m")
+                ..Along::of(shortest_near(spacing[a] * factor, 0.0), "m")
             })
         });
         geometry
@@ -474,14 +479,18 @@ fn even(values: &[f64], n: u64, single: bool) -> Option<(f64, f64)> {
     };
     let slack = 1e-3 * step.abs() + rounding;
     let near = |(i, v): (usize, &f64)| (v - (first + i as f64 * step)).abs() <= slack;
-    let step = round(step);
+    let doubt = rounding.max(4.0 * f64::EPSILON * most) / (values.len() - 1) as f64;
+    let step = shortest_near(step, doubt);
     let start = if edges { first + step / 2.0 } else { first };
     (step.is_finite() && values.iter().enumerate().all(near)).then_some((start, step))
 }
 
-/// A quotient without the rounding of the division.
-pub(super) fn round(value: f64) -> f64 {
-    format!("{value:.12e}").parse().unwrap_or(value)
+/// The decimal with fewest digits that is no farther from a number than `doubt`, and its own rounding.
+pub(super) fn shortest_near(value: f64, doubt: f64) -> f64 {
+    let doubt = doubt + 2.0 * f64::EPSILON * value.abs();
+    let decimals = (0..17).map(|digits| format!("{value:.digits$e}").parse().unwrap_or(value));
+    let mut near = decimals.filter(|decimal: &f64| (decimal - value).abs() <= doubt);
+    near.next().unwrap_or(value)
 }
 
 #[cfg(test)]
@@ -502,11 +511,10 @@ mod tests {
         let far: Vec<f64> = (0..9)
             .map(|i| crate::length::shortest(1000.0 + 0.01 * i as f32))
             .collect();
-        assert_eq!(even(&far, 9, false), None);
-        assert_eq!(
-            even(&far, 9, true),
-            Some((1000.0, round((far[8] - 1000.0) / 8.0)))
-        );
+        assert_eq!(even(&far, 9, false), Some((1000.0, 0.01)));
+        assert_eq!(even(&far, 9, true), Some((1000.0, 0.01)));
+        assert_eq!(shortest_near(0.1 + 0.2, 0.0), 0.3);
+        assert_eq!(shortest_near(1.0 / 3.0, 0.0), 1.0 / 3.0);
     }
 
     #[test]

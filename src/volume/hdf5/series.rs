@@ -1,7 +1,7 @@
 //! Files that hold one image as many datasets: levels, times and channels of Imaris, BigDataViewer and MINC.
 
 use super::attributes::Attributes;
-use super::geometry::{Along, Geometry, Place, round};
+use super::geometry::{Along, Geometry, Place, shortest_near};
 use super::minc;
 use super::tree::{Item, Tree};
 use crate::error::{Error, Result};
@@ -131,10 +131,11 @@ pub(super) fn extent(file: &Hdf5File, size: [u64; 3]) -> Geometry {
         else {
             continue;
         };
-        let step = round((high - low) / size[a] as f64);
+        let doubt = 4.0 * f64::EPSILON * low.abs().max(high.abs());
+        let step = shortest_near((high - low) / size[a] as f64, doubt);
         // the extent is from edge to edge
         *along = Some(Along {
-            start: round(low + step / 2.0),
+            start: shortest_near(low + step / 2.0, doubt),
             ..Along::of(step, &unit)
         });
     }
