@@ -2,7 +2,7 @@
 
 mod common;
 
-use alvis::grid::{Ambiguous, Crop};
+use alvis::grid::{Ambiguous, Crop, Unit};
 use alvis::manifest::Primitives;
 use alvis::pipeline::ConvertOptions;
 use alvis::progress::Quiet;
@@ -90,6 +90,13 @@ fn real_tile_sets_follow_the_schemas() {
             ConvertOptions {
                 primitives: Primitives::Triangles,
                 crop: Some(crop),
+                ..base.clone()
+            },
+        ),
+        (
+            "tables in another unit",
+            ConvertOptions {
+                table_unit: Some(Unit::Micrometre),
                 ..base.clone()
             },
         ),

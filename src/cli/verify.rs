@@ -6,7 +6,7 @@ use crate::error::{Error, Result};
 use crate::manifest::{Manifest, Origin, PARTIAL};
 use crate::progress::Progress;
 use crate::verify::{self, Issue, Report, Severity, VerifyOptions};
-use crate::volume::{self, Cropped, Headerless, Volume};
+use crate::volume::{self, Before, Cropped, Headerless, Stamp, Volume};
 use clap::{Args, ValueHint};
 use std::fmt::Write;
 use std::path::{Path, PathBuf};
@@ -47,15 +47,22 @@ impl VerifyArgs {
             }
         };
         let once = match &against {
-            Some(volume) => copied(volume.as_ref(), &std::env::temp_dir())?,
+            Some((volume, _)) => copied(volume.as_ref(), &std::env::temp_dir())?,
             None => None,
         };
         let options = VerifyOptions {
-            against: once.as_deref().or(against.as_deref()),
+            against: once
+                .as_deref()
+                .or(against.as_ref().map(|(volume, _)| &**volume)),
             threads: self.common.threads.map_or(0, usize::from),
             max_issues: self.max_issues,
         };
         let report = verify::verify(&self.out, &options, &console)?;
+        if let Some((_, stamp)) = &against
+            && let Some(warning) = stamp.check()?
+        {
+            console.warn(&warning);
+        }
         if self.out.join(PARTIAL).is_dir() {
             console.warn(&format!(
                 "{}: beside this set lies a conversion that is not finished ({PARTIAL}): the same `alvis convert` \
@@ -85,18 +92,22 @@ fn copied<'a>(volume: &'a dyn Volume, dir: &Path) -> Result<Option<Box<dyn Volum
     }
 }
 
-/// Opens the volume that a tile set is compared with, cut as the manifest says. What a raw file does
-/// not say is taken from the manifest unless the options say it, as is what was asked for of a file of the name
-/// that was converted. A file of the name that was converted
-/// is raw even if it begins as one with a header does.
-fn open_against(directory: &Path, path: &Path, input: &InputOptions) -> Result<Box<dyn Volume>> {
+/// Opens the volume that a tile set is compared with, cut as the manifest says, and tells what shows a change to it.
+/// What a raw file does not say is taken from the manifest unless the options say it, as is what was asked for of a
+/// file of the name that was converted. Such a file is raw even if it begins as one with a header does.
+fn open_against(
+    directory: &Path,
+    path: &Path,
+    input: &InputOptions,
+) -> Result<(Box<dyn Volume>, Stamp)> {
     // an index that cannot be read is for the verifier to report
     let manifest = Manifest::open(directory).ok();
     let Some(Manifest {
         source, placement, ..
     }) = manifest
     else {
-        return input.open(path).map(|o| o.volume);
+        let (opened, stamp) = input.open_stamped(path, directory)?;
+        return Ok((opened.volume, stamp));
     };
     let mut options = input.options();
     let same_name = path.file_name() == Some(source.name.as_ref());
@@ -119,10 +130,13 @@ fn open_against(directory: &Path, path: &Path, input: &InputOptions) -> Result<B
             options = options.of_headerless();
         }
     }
-    let volume = volume::open(path, &options)?.volume;
+    let before = Before::of(path, directory);
+    let opened = volume::open(path, &options)?;
+    let stamp = volume::stamp(&before, &opened)?;
+    let volume = opened.volume;
     let dims = volume.header().dims;
     match &source.crop {
-        None => Ok(volume),
+        None => Ok((volume, stamp)),
         Some(crop) if crop.dims_in(dims).is_err() => Err(Error::usage(
             "--against",
             format!("{} of {dims} voxels", path.display()),
@@ -131,7 +145,7 @@ fn open_against(directory: &Path, path: &Path, input: &InputOptions) -> Result<B
                 source.dims
             ),
         )),
-        Some(crop) => Ok(Box::new(Cropped::new(volume, crop)?)),
+        Some(crop) => Ok((Box::new(Cropped::new(volume, crop)?), stamp)),
     }
 }
 

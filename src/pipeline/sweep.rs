@@ -19,7 +19,7 @@ mod slab;
 mod whole;
 
 use crate::error::{Error, Result};
-use crate::grid::Ambiguous;
+use crate::grid::{Ambiguous, Placement};
 use crate::measure::{AreaScale, MeshSums};
 use crate::mesh::{BandView, MeshSettings, Sizes, TileBox, by_surface};
 use crate::pipeline::band::{Band, BandSource, SettledBand};
@@ -30,6 +30,7 @@ use crate::pipeline::gather::{Gather, SlabTiles};
 use crate::pipeline::keep::{Keeper, Marks, TILES};
 use crate::pipeline::parts::{Mode, Parts};
 use crate::pipeline::plan::Plan;
+use crate::pipeline::ration::nodes_bytes;
 use crate::pipeline::surfaces::SurfacePart;
 use crate::pipeline::tilefile::{TileWriter, WrittenPiece};
 use crate::pipeline::workspace::{Workspace, WorkspacePool};
@@ -52,6 +53,8 @@ pub struct Sweep<'a> {
     pub threshold: f64,
     /// Which voxels an ambiguous face joins.
     pub rule: Ambiguous,
+    /// Where the grid lies, in the unit of measures.
+    pub measured: Placement,
     /// Close the surface outside the volume.
     pub cap: bool,
     /// Components of fewer voxels are left out.
@@ -182,6 +185,7 @@ impl Sweep<'_> {
                 ceil: T::ceil_from(self.threshold),
                 rule: self.rule,
                 tiling: self.plan.tiling,
+                measured: self.measured,
                 filters,
                 budget,
             },
@@ -433,6 +437,10 @@ impl Sweep<'_> {
         } = workspace;
         let how = (writers, slab.is_provisional(&mesh.pieces));
         let (record, body) = self.writer.write(mesh, grid, stripifier, how)?;
+        // now, and not when all of the volume has been swept
+        if !self.writer.head.merges(body.pieces.len()) {
+            self.plan.check_finishing(nodes_bytes(&record))?;
+        }
         let mut caps = MeshSums::default();
         mesh.pieces
             .iter()

@@ -9,9 +9,10 @@
 //! Ends of runs are picked out and added up one by one. Adding up all vertices side by side in 32 bits, as
 //! they lie to the macrocube's corner, and moving the sums afterwards, took a third more instructions for that.
 
-use super::marks::BITS;
+use super::marks::{BITS, axis};
 use super::piece::{DOWN, Piece, Region, UP, Vertex};
 use crate::cpu::dispatch;
+use crate::grid::{Extent, Placement};
 
 /// Sums over the ends of runs along x, those of the cell counted up and those of the object down: of
 /// each of [1, y, z, yy, zz, yz] times the number of voxels before the end at b, of [1, y, z] times the
@@ -65,16 +66,27 @@ pub(super) struct Inside {
     pub below: Span,
     /// The same of the object.
     pub above: Span,
+    /// How far the voxels of the cell and of the object at the ends of vertices' lattice edges reach along the axes
+    /// of the world, if these are not the grid's.
+    pub far: [Extent; 2],
     sums: [i128; SUMS],
 }
 
 /// Words that [`Inside::pack`] takes.
-pub(super) const WORDS: usize = 3 + 2 * SUMS;
+pub(super) const WORDS: usize = FAR + 12;
+
+/// Words before those of [`Inside::far`].
+const FAR: usize = 3 + 2 * SUMS;
 
 impl Inside {
-    /// From the vertices that are the tile's own, of a piece whose triangles have been summed.
-    pub fn of(piece: &Piece, region: &Region) -> Self {
-        dispatch!(Self::of_vertices(&piece.points, &piece.state, region))
+    /// From the vertices that are the tile's own, of a piece whose triangles have been summed. `rotated` is where the
+    /// grid lies, if its axes are not those of the world.
+    pub fn of(piece: &Piece, region: &Region, rotated: Option<&Placement>) -> Self {
+        let mut out = dispatch!(Self::of_vertices(&piece.points, &piece.state, region));
+        if let Some(place) = rotated {
+            out.far = far(&piece.points, &piece.state, place);
+        }
+        out
     }
 
     #[inline(always)]
@@ -97,6 +109,9 @@ impl Inside {
     pub fn add(&mut self, other: &Inside) {
         self.below.add(&other.below);
         self.above.add(&other.above);
+        for (a, b) in self.far.iter_mut().zip(&other.far) {
+            a.merge(b);
+        }
         for (a, b) in self.sums.iter_mut().zip(other.sums) {
             *a = a.wrapping_add(b);
         }
@@ -114,6 +129,8 @@ impl Inside {
             out[3 + 2 * i] = (s >> 64) as u64;
             out[4 + 2 * i] = s as u64;
         }
+        let far = self.far.iter().flat_map(Extent::words);
+        out[FAR..].iter_mut().zip(far).for_each(|(o, w)| *o = w);
         out
     }
 
@@ -128,6 +145,7 @@ impl Inside {
         Inside {
             below: span(0),
             above: span(6),
+            far: [0, 6].map(|i| Extent::from_words(std::array::from_fn(|w| words[FAR + i + w]))),
             sums: std::array::from_fn(|i| sum(i) as i128),
         }
     }
@@ -156,6 +174,27 @@ impl Inside {
             ],
         }
     }
+}
+
+/// How far the voxels of the cell, and of the object, at the ends of the vertices' lattice edges reach along the axes of
+/// the world.
+fn far(points: &[Vertex], state: &[u8], place: &Placement) -> [Extent; 2] {
+    let mut far = [Extent::default(); 2];
+    for (&[x, y, z, code], &state) in points.iter().zip(state) {
+        let low = [x, y, z].map(|c| c >> 8);
+        let mut high = low;
+        high[usize::from(axis(code))] += 1;
+        let cell_is_low = state & (UP | DOWN) == DOWN;
+        let ends = if cell_is_low {
+            [low, high]
+        } else {
+            [high, low]
+        };
+        for (far, end) in far.iter_mut().zip(ends) {
+            far.add(place.step(end.map(f64::from)));
+        }
+    }
+    far
 }
 
 /// The boxes of the voxels of the cell, and of the object, at the ends of the vertices' lattice edges.
@@ -309,7 +348,7 @@ impl Moments {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::verify::marks::{self, axis};
+    use crate::verify::marks;
     use proptest::prelude::*;
 
     /// What [`Inside::of_vertices`] finds, vertex by vertex.

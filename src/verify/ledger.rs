@@ -11,7 +11,7 @@ use super::spill::{Merge, RECORD_WORDS, Record, Spill};
 use super::sweep::{Component, Ids};
 use crate::error::Result;
 
-/// Records that each of the three sorts keeps in memory: 0.8 MiB.
+/// Records that each of the three sorts keeps in memory: 0.9 MiB.
 const IN_MEMORY: usize = 1 << 11;
 
 /// Words of a record before those of [`Inside`].

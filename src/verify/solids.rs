@@ -9,7 +9,7 @@ use super::inside::{Moments, Span};
 use super::ledger::{Group, Kind};
 use super::piece::Sums;
 use super::report::Issues;
-use crate::grid::Placement;
+use crate::grid::{Extent, Placement};
 use crate::manifest::Manifest;
 use std::f64::consts::PI;
 
@@ -93,6 +93,8 @@ struct Open {
 /// Checks the rows of cells and objects, and what all of them are together.
 pub(super) struct Solids<'a> {
     manifest: &'a Manifest,
+    /// Where the grid lies, in the tables' unit.
+    grid: Placement,
     /// Of all bodies that are known.
     known: Moments,
     /// The first body that is not.
@@ -113,6 +115,7 @@ impl<'a> Solids<'a> {
     pub fn new(manifest: &'a Manifest) -> Self {
         Solids {
             manifest,
+            grid: manifest.measured(),
             known: Moments::default(),
             open: None,
             opens: 0,
@@ -152,7 +155,11 @@ impl<'a> Solids<'a> {
             compare("euler_characteristic", row[EULER], euler, 0.0, wrong);
         }
         let span = if cell { &inside.below } else { &inside.above };
-        let Some(span) = self.place(row, span, touches) else {
+        let place = match self.grid.is_rotated() {
+            true => self.place_rotated(row, (span, &inside.far[usize::from(!cell)]), touches),
+            false => self.place(row, span, touches),
+        };
+        let Some(span) = place else {
             wrong.push("its box is not that of its surfaces".to_owned());
             return;
         };
@@ -201,14 +208,11 @@ impl<'a> Solids<'a> {
                 lo: std::array::from_fn(|a| pick(a, own.lo[a], 0)),
                 hi: std::array::from_fn(|a| pick(3 + a, own.hi[a], end[a])),
             };
-            // without a vertex near it, a face is reached only where it is covered from edge to edge
-            let spans = |a: usize| span.lo[a] == 0 && span.hi[a] == end[a];
-            let moved = |a: usize| (span.lo[a], span.hi[a]) != (own.lo[a], own.hi[a]);
-            let covers = |a: usize| (0..3).all(|b| b == a || spans(b));
-            if !(0..3).all(|a| !moved(a) || covers(a)) {
+            if !self.covers(own, &span) {
                 return None;
             }
-            let [min, max] = world_box(&self.manifest.placement, &span);
+            let ends = [span.lo, span.hi].map(|end| end.map(f64::from));
+            let [min, max] = self.grid.box_around(ends);
             let near = |a: usize, at: usize, found: [f64; 3]| {
                 row[at + a].is_some_and(|v| (v - found[a]).abs() <= self.error(found[a]))
             };
@@ -218,15 +222,62 @@ impl<'a> Solids<'a> {
         })
     }
 
+    /// The same where a box of voxels is no box in the world. The outermost voxel of a body along an axis of the world
+    /// is at the end of a vertex's lattice edge, or the body reaches as far as the grid does.
+    fn place_rotated(
+        &self,
+        row: &Row,
+        (own, far): (&Span, &Extent),
+        touches: bool,
+    ) -> Option<Span> {
+        let end = self.manifest.grid.dims.0.map(|n| (n - 1) as u16);
+        let [around, ends] = [
+            far.world(&self.grid),
+            self.grid.box_around([[0.0; 3], end.map(f64::from)]),
+        ];
+        let bare = own.lo[0] > own.hi[0];
+        let mut span = *own;
+        for side in 0..2 {
+            for r in 0..3 {
+                let stated = row[[MIN, MAX][side] + r]?;
+                let near = |found: f64| (stated - found).abs() <= self.error(found);
+                if !bare && near(around[side][r]) {
+                    continue;
+                }
+                if !touches || !near(ends[side][r]) {
+                    return None;
+                }
+                // where the grid ends along this axis of the world, it ends along each of its own that lead there
+                for a in 0..3 {
+                    let rises = self.grid.directions[a][r];
+                    if rises != 0.0 && (rises > 0.0) == (side == 1) {
+                        span.hi[a] = end[a];
+                    } else if rises != 0.0 {
+                        span.lo[a] = 0;
+                    }
+                }
+            }
+        }
+        self.covers(own, &span).then_some(span)
+    }
+
+    /// Without a vertex near it, a face of the volume is reached only where it is covered from edge to edge.
+    fn covers(&self, own: &Span, span: &Span) -> bool {
+        let dims = self.manifest.grid.dims.0;
+        let spans = |a: usize| span.lo[a] == 0 && u32::from(span.hi[a]) + 1 == dims[a];
+        let moved = |a: usize| (span.lo[a], span.hi[a]) != (own.lo[a], own.hi[a]);
+        (0..3).all(|a| !moved(a) || (0..3).all(|b| b == a || spans(b)))
+    }
+
     /// The error that a coordinate may have.
     fn error(&self, found: f64) -> f64 {
-        let steps = self.manifest.placement.spacing;
+        let steps = self.grid.spacing;
         ROUNDING * (found.abs() + steps.into_iter().fold(0.0, f64::max))
     }
 
     /// What follows from other fields of the row.
     fn formulas(&self, row: &Row, wrong: &mut Wrong) {
-        let size: f64 = self.manifest.placement.spacing.iter().product();
+        let size: f64 = self.grid.spacing.iter().product();
         let mut follows = |at: usize, found: Option<f64>| {
             let name = COLUMNS[at].0;
             match found.filter(|f| f.is_finite()) {
@@ -239,12 +290,12 @@ impl<'a> Solids<'a> {
         };
         let volume = row[VOXELS].map(|n| n * size);
         follows(VOLUME, volume);
-        follows(DIAMETER, volume.map(|v| (6.0 * v / PI).cbrt()));
+        follows(DIAMETER, volume.map(|v| libm::cbrt(6.0 * v / PI)));
         let form = row[MESH_VOLUME]
             .zip(row[AREA])
             .map(|(v, a)| 36.0 * PI * v * v / (a * a * a));
         follows(FORM_FACTOR, form);
-        follows(SPHERICITY, form.map(f64::cbrt));
+        follows(SPHERICITY, form.map(libm::cbrt));
         let ratio = |i: usize| row[i].zip(row[i + 1]).map(|(a, b)| b / a);
         follows(ELONGATION, ratio(AXES));
         follows(FLATNESS, ratio(AXES + 1));
@@ -285,7 +336,7 @@ impl<'a> Solids<'a> {
         if moments.voxels <= 0 {
             return;
         }
-        let place = &self.manifest.placement;
+        let place = &self.grid;
         let mean = place.world(moments.mean());
         for a in 0..3 {
             let at = CENTROID + a;
@@ -375,7 +426,7 @@ impl<'a> Solids<'a> {
         let mut wrong = Vec::new();
         compare("voxels", Some(self.open_voxels), count, 0.0, &mut wrong);
         if self.opens > 0 && rest.voxels > 0 {
-            let mean = self.manifest.placement.world(rest.mean());
+            let mean = self.grid.world(rest.mean());
             for a in 0..3 {
                 let stated = Some(self.open_first[a] / self.open_voxels);
                 let name = COLUMNS[CENTROID + a].0;
@@ -402,20 +453,6 @@ impl<'a> Solids<'a> {
 /// Vertices - edges + triangles.
 pub(super) fn euler_of(sums: &Sums) -> i64 {
     sums.vertices as i64 - (sums.edges + sums.border) as i64 + sums.triangles as i64
-}
-
-/// The box in world coordinates around a box of voxels.
-fn world_box(place: &Placement, span: &Span) -> [[f64; 3]; 2] {
-    let ends = [span.lo, span.hi];
-    let mut out = [[f64::INFINITY; 3], [f64::NEG_INFINITY; 3]];
-    for corner in 0..8usize {
-        let p = place.world(std::array::from_fn(|a| f64::from(ends[corner >> a & 1][a])));
-        for a in 0..3 {
-            out[0][a] = out[0][a].min(p[a]);
-            out[1][a] = out[1][a].max(p[a]);
-        }
-    }
-    out
 }
 
 /// A matrix of second moments in voxels, turned to world coordinates.

@@ -103,7 +103,8 @@ impl Table {
                 return None;
             }
         };
-        let spacing = manifest.placement.spacing;
+        let measured = manifest.measured();
+        let spacing = measured.spacing;
         let voxel: f64 = spacing.iter().product();
         let thinnest = spacing.into_iter().fold(f64::INFINITY, f64::min);
         let mut table = Table {
@@ -112,7 +113,7 @@ impl Table {
             lines: BufReader::new(file),
             places: Vec::new(),
             line: 0,
-            unit: manifest.placement.unit.name(),
+            unit: measured.unit.name(),
             sixth: voxel / 6.0 / f64::from(1 << 24),
             partial: kind == Kind::Object && manifest.is_part(),
             triangle_error: voxel / thinnest * TRIANGLE_ERROR,
