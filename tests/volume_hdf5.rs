@@ -358,6 +358,25 @@ fn images_of_minc_have_their_values_and_places() {
     check(name, &plain(name), Dtype::F32, |x, y, z| {
         of_minc(sample(x, y, z), 10.0, [0.0, 65_535.0])
     });
+    let name = "times.mnc";
+    let error = refused(name, &OpenOptions::default());
+    assert!(
+        error.contains("--time: found nothing, and 2 times"),
+        "{error}"
+    );
+    let time = |time| OpenOptions {
+        time: Some(time),
+        ..OpenOptions::default()
+    };
+    for at in [0, 1] {
+        let twice = 1.0 + f64::from(at);
+        check(
+            name,
+            &read(name, &time(at)).unwrap(),
+            Dtype::F32,
+            |x, y, z| of_minc(sample(x, y, z), twice * (1.0 + z as f64), usual),
+        );
+    }
     let name = "range.mnc";
     let range = [50.0, 300.0];
     check(name, &plain(name), Dtype::F32, |x, y, z| {

@@ -14,6 +14,7 @@ mod geometry;
 mod minc;
 mod missing;
 mod number;
+mod place;
 mod scale;
 mod series;
 mod tree;
@@ -30,11 +31,12 @@ use crate::grid::Dims;
 use axes::{Axes, shape_text};
 use choose::{Chosen, chosen};
 use chunks::{H5Chunks, pieces};
-use geometry::{Geometry, Place};
+use geometry::Geometry;
 use hdf5_reader::error::Error as H5Error;
 use hdf5_reader::{ByteOrder, FileStorage, Hdf5File};
 use missing::{Missing, Stored, missing};
 use number::{Number, type_text};
+use place::Place;
 use series::{Kind, Member};
 use std::path::Path;
 use std::sync::Arc;
@@ -253,14 +255,7 @@ impl Draft<'_> {
                 Error::unsupported(path, what, "write it anew with other chunks")
             })?;
         self.stored(size, &number)?;
-        self.notes.insert(0, format!("dataset {name}"));
-        self.notes.extend(self.axes.note.clone());
-        self.notes.extend(number.note());
-        if self.place.attributes.has("MATLAB_class") {
-            let note =
-                "an array of MATLAB: A(i, j, k) is the voxel x = i - 1, y = j - 1, z = k - 1";
-            self.notes.push(note.into());
-        }
+        self.describe(&number);
         self.notes.extend(notes);
         self.warnings.extend(warnings);
         let chunks = H5Chunks {
@@ -295,6 +290,18 @@ impl Draft<'_> {
                 Samples::Chunks(Box::new(chunks)),
             )
         })
+    }
+
+    /// What a user should know of the array.
+    fn describe(&mut self, number: &Number) {
+        self.notes.insert(0, format!("dataset {}", self.place.name));
+        self.notes.extend(self.axes.note.clone());
+        self.notes.extend(number.note());
+        if self.place.attributes.has("MATLAB_class") {
+            let note =
+                "an array of MATLAB: A(i, j, k) is the voxel x = i - 1, y = j - 1, z = k - 1";
+            self.notes.push(note.into());
+        }
     }
 
     fn no(&self, what: impl std::fmt::Display, hint: &str) -> Error {

@@ -2,9 +2,9 @@
 
 use super::attributes::Attributes;
 use super::axes::Axes;
-use super::geometry::Place;
 use super::number::Number;
-use super::series;
+use super::place::Place;
+use super::series::{self, Kind, Member};
 use super::tree::{Item, Tree};
 use super::{broken, described, judged, meaning};
 use crate::error::{Error, Result};
@@ -21,7 +21,7 @@ pub(super) struct Chosen {
     pub(super) name: String,
     pub(super) dataset: Dataset,
     pub(super) how: (Number, Axes),
-    /// Level, time and channel were chosen with the dataset.
+    /// Time and channel were chosen with the dataset.
     pub(super) by_parts: bool,
     pub(super) notes: Vec<String>,
 }
@@ -43,7 +43,8 @@ pub(super) fn chosen(
     }
     if let Some((name, notes)) = series::choose(path, tree, options)? {
         let mut found = named(path, file, tree, &name)?;
-        (found.notes, found.by_parts) = (notes, true);
+        found.notes = notes;
+        found.by_parts = Member::of(&name).is_some_and(|m| m.kind != Kind::Minc);
         return Ok(found);
     }
     no_level(options)?;
@@ -250,44 +251,4 @@ fn lines(file: &Hdf5File, tree: &Tree) -> String {
         );
     }
     text
-}
-
-impl<'a> Place<'a> {
-    pub(super) fn of(
-        file: &'a Hdf5File,
-        tree: &'a Tree,
-        name: &'a str,
-        dataset: &'a Dataset,
-    ) -> Place<'a> {
-        let folder = name.rsplit_once('/').map_or("", |(folder, _)| folder);
-        let group = file.group(folder).and_then(|group| group.attributes());
-        Place {
-            file,
-            tree,
-            name,
-            dataset,
-            attributes: Attributes(dataset.attributes()),
-            group: Attributes(group.unwrap_or_default()),
-        }
-    }
-
-    /// Why an array of the Data Exchange format or of NXtomo is no volume: beside it is an angle, or a kind, of each
-    /// image, or it is one of their images for correction.
-    pub(super) fn projections(&self) -> Option<String> {
-        let (folder, own) = self.name.rsplit_once('/')?;
-        if matches!(own, "data_white" | "data_dark") {
-            return Some("these are images without the sample or without the beam".into());
-        }
-        let shape = self.dataset.shape();
-        let many = shape.first().filter(|&&n| n > 1 && shape.len() >= 3)?;
-        let beside = |name: &&&str| {
-            let found = self.file.dataset(&format!("{folder}/{name}"));
-            found.is_ok_and(|found| found.shape() == [*many])
-        };
-        let name = ["theta", "rotation_angle", "image_key"]
-            .iter()
-            .find(beside)?;
-        let text = "these are projections and no volume: there is one";
-        Some(format!("{text} {name} beside them for each of {many}"))
-    }
 }

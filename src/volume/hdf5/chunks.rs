@@ -137,8 +137,12 @@ impl H5Chunks {
         let mut rows = out.chunks_exact_mut(nx * sample);
         for k in 0..nz {
             for (j, row) in (&mut rows).take(ny).enumerate() {
-                let elements = stored[k * sz + j * sy..].iter().step_by(sx);
-                self.row(elements, row).map_err(|Inexact(value)| {
+                let elements = &stored[k * sz + j * sy..];
+                let done = match sx {
+                    1 => self.row(elements.iter(), row),
+                    _ => self.row(elements.iter().step_by(sx), row),
+                };
+                done.map_err(|Inexact(value)| {
                     Error::format(
                         &self.path,
                         format!("the number {value} in the dataset {}", self.name),
@@ -156,16 +160,17 @@ impl H5Chunks {
         elements: impl Iterator<Item = &'a Raw<N>>,
         row: &mut [u8],
     ) -> Result<(), Inexact> {
-        let sample = self.number.dtype.bytes();
-        let native = self.number.is_native();
-        for (Raw(element), out) in elements.zip(row.chunks_exact_mut(sample)) {
-            if native {
-                out.copy_from_slice(element);
-            } else {
-                let mut bytes = [0; 8];
-                bytes[..N].copy_from_slice(element);
-                self.number.put(bytes, out)?;
+        if self.number.is_native() {
+            for (Raw(element), out) in elements.zip(row.as_chunks_mut::<N>().0) {
+                *out = *element;
             }
+            return Ok(());
+        }
+        let sample = self.number.dtype.bytes();
+        for (Raw(element), out) in elements.zip(row.chunks_exact_mut(sample)) {
+            let mut bytes = [0; 8];
+            bytes[..N].copy_from_slice(element);
+            self.number.put(bytes, out)?;
         }
         Ok(())
     }

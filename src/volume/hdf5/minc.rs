@@ -5,8 +5,9 @@
 //! of its own with its step, start and direction.
 
 use super::attributes::{Attributes, numbers_of};
-use super::geometry::{Along, Geometry, Place};
+use super::geometry::{Along, Geometry};
 use super::number::Number;
+use super::place::Place;
 use crate::volume::values::{Linear, Scale, Values};
 use hdf5_reader::Dataset;
 

@@ -1,8 +1,8 @@
 //! The values that stored samples stand for, by the attributes of CF, NeXus and others.
 
 use super::attributes::{Attributes, numbers_of};
-use super::geometry::Place;
 use super::number::Number;
+use super::place::Place;
 use crate::error::{Error, Result};
 use crate::volume::cf::{self, Attribute};
 use crate::volume::values::{Linear, Scale, Values};

@@ -1,8 +1,9 @@
 //! Files that hold one image as many datasets: levels, times and channels of Imaris, BigDataViewer and MINC.
 
 use super::attributes::Attributes;
-use super::geometry::{Along, Geometry, Place, shortest_near};
+use super::geometry::{Along, Geometry, shortest_near};
 use super::minc;
+use super::place::Place;
 use super::tree::{Item, Tree};
 use crate::error::{Error, Result};
 use crate::volume::open::OpenOptions;
@@ -82,7 +83,12 @@ pub(super) fn choose(
         ("--channel", "channel", options.channel, |m| m.channel),
         ("--level", "level", options.level, |m| m.level),
     ];
+    // times and channels of MINC are axes of its arrays
+    let of_arrays = left.iter().all(|(_, m)| m.kind == Kind::Minc);
     for (option, word, wanted, of) in parts {
+        if of_arrays && option != "--level" {
+            continue;
+        }
         let there: BTreeSet<u32> = left.iter().map(|(_, m)| of(m)).collect();
         let numbers: Vec<String> = there.iter().map(u32::to_string).collect();
         let list = || {
