@@ -568,6 +568,37 @@ fn a_node_for_each_of_many_pieces_is_refused_or_stays_inside_the_limit() {
     assert_eq!(report(dir.path(), Some(limit), &VERIFY)["ok"], true);
 }
 
+/// A chunk of 64 MiB in a file of HDF5: too large a chunk is refused before it is unpacked, and the limit that is
+/// named instead works.
+#[cfg(feature = "hdf5")]
+#[test]
+fn a_chunk_is_unpacked_only_inside_the_limit() {
+    let dir = on_disk();
+    let fixture = Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/fixtures/hdf5/one_chunk.h5");
+    fs::copy(fixture, dir.path().join("a.h5")).unwrap();
+    let args = |memory: &'static str| {
+        let mut args = vec!["convert", "a.h5", "out", "--threshold", "100", "--quiet"];
+        args.extend(["--json", "--threads", "2", "--memory", memory]);
+        args
+    };
+    let limit = 64 * MIB;
+    let refused = alvis(dir.path(), Some(limit), &args("64MiB"));
+    let message = String::from_utf8(refused.stderr).unwrap();
+    assert_eq!(refused.status.code(), Some(2), "{message}");
+    let smallest = named_limit(dir.path(), &args("64MiB"));
+    // the chunk as it is kept, as an array, and before and after a filter
+    assert!(smallest < 7 * 64 * MIB, "{smallest}");
+    let memory = smallest.to_string();
+    let mut all = args("64MiB");
+    *all.last_mut().unwrap() = &memory;
+    let made = report(dir.path(), Some(smallest), &all);
+    assert!(
+        made["peak_rss_bytes"].as_u64().unwrap() <= smallest,
+        "{made}"
+    );
+    assert_eq!((&made["objects"], &made["cells"]), (&1.into(), &1.into()));
+}
+
 /// Free bytes of the file system that holds `dir`.
 fn free(dir: &Path) -> u64 {
     let output = Command::new("df")

@@ -244,7 +244,9 @@ impl Volume for ChunkedVolume {
     }
 
     fn held_bytes(&self) -> u64 {
-        let threads = rayon::current_num_threads() as u64;
+        let grid = [0, 1, 2].map(|a| u64::from(self.header.dims.0[a].div_ceil(self.shape[a])));
+        // no more are decoded at a time than there are
+        let threads = (rayon::current_num_threads() as u64).min(grid.iter().product());
         let batch = self.batch() as u64 * self.chunk_bytes();
         self.budget + batch + threads * self.chunks.scratch() + self.chunks.kept()
     }

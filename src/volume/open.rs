@@ -255,7 +255,7 @@ fn refuse_unused(format: &str, options: &OpenOptions) -> Result<()> {
         ("--series", options.series.is_some(), &["dicom", "tiff"][..]),
         ("--resample", options.resample, &["dicom"]),
         ("--dataset", options.dataset.is_some(), &["hdf5", "zarr"]),
-        ("--level", options.level.is_some(), &["zarr"]),
+        ("--level", options.level.is_some(), &["hdf5", "zarr"]),
         (
             "--channel",
             options.channel.is_some(),
@@ -290,7 +290,7 @@ fn recognise(path: &Path, head: &[u8], options: &OpenOptions) -> Result<Recipe> 
         vti::parse(path)?
     } else if !by_options && let Some(recipe) = nifti::parse(path, head)? {
         recipe
-    } else if hdf5::is_hdf5(head) && !by_options {
+    } else if !by_options && hdf5::is_hdf5(path, head) {
         hdf5::parse(path, options)?
     } else if dicom::is_dicom(head) && !by_options {
         dicom::parse(path, vec![Blob::file(path)?], options)?

@@ -7,7 +7,7 @@ directory for tile sets. Every volume of DATA is also converted at a threshold a
 DATA the fixtures alone are compared, and that is said. Ends with a line `N passed, N failed`.
 
 Readers: SimpleITK for MetaImage, NRRD, NIfTI and DICOM (and pydicom, which orders nothing, for the numbers of a
-slice), nibabel for NIfTI, tifffile and Pillow for TIFF and PNG, zarr-python, h5py, VTK and numpy.
+slice), nibabel for NIfTI and MINC, tifffile and Pillow for TIFF and PNG, zarr-python, h5py, netCDF4, VTK and numpy.
 """
 
 import json
@@ -19,6 +19,7 @@ from io import BytesIO
 from pathlib import Path
 
 import h5py
+import hdf5_readers
 import hdf5plugin  # noqa: F401, h5py finds the filters by it
 import nibabel
 import numpy as np
@@ -197,6 +198,8 @@ def same_voxels(alvis: Path, dump: Path, path: Path, reader, arguments: list[str
     expected = reader(path)
     expected = expected.reshape(expected.shape[-3:])
     kind = np.dtype(next(k for k, v in NAMES.items() if v == info["dtype"]))
+    if kind.kind == expected.dtype.kind == "f":
+        expected = expected.astype(kind)
     found = np.frombuffer(run(dump, path, *words), kind).reshape(info["dims"][::-1])
     if found.shape != expected.shape:
         raise AssertionError(f"shape {found.shape}, expected {expected.shape}")
@@ -252,6 +255,10 @@ def written(alvis: Path, dump: Path, work: Path, name: str, write, reader, size,
     return found
 
 
+def place_of_minc(alvis: Path, path: Path) -> str:
+    return hdf5_readers.place_of_minc(json.loads(run(alvis, "info", path, "--json", "--quiet")), path)
+
+
 def place_of_itk(alvis: Path, path: Path) -> str:
     """Spacing, origin and directions are those of SimpleITK."""
     series = sitk.ImageSeriesReader.GetGDCMSeriesFileNames(str(path)) if path.is_dir() else str(path)
@@ -298,6 +305,11 @@ def main() -> int:
         attempt(f"fixture {path.name}", same_voxels, alvis, dump, path, reader, [])
     for name, *rest in WRITTEN:
         attempt(f"written {name}", written, alvis, dump, work, name, *rest)
+    for name, reader, arguments in hdf5_readers.FIXTURES:
+        path = folder / "hdf5" / name
+        attempt(f"fixture {name}", same_voxels, alvis, dump, path, reader, arguments)
+        if path.suffix == ".mnc":
+            attempt(f"place of {name}", place_of_minc, alvis, path)
     if not (data / "raw").is_dir():
         print(f"SKIPPED volumes of the shared data: {data} is missing")
     else:
