@@ -1,6 +1,6 @@
 //! The chunks of a dataset, or pieces of one without, as parts of a volume.
 
-use super::super::chunked::Chunks;
+use super::super::chunked::{Chunks, grouped};
 use super::super::paged::MAX_CHUNK;
 use super::number::{Inexact, Number, Raw};
 use super::{LIBRARY_CACHE, broken};
@@ -9,8 +9,6 @@ use crate::grid::Dims;
 use hdf5_reader::{Dataset, SliceInfo, SliceInfoElem};
 use std::path::PathBuf;
 
-/// Smaller chunks are read several at a time.
-const LEAST: u64 = 512 << 10;
 /// Datasets without chunks are read in pieces of at most this size, unless a row has more.
 const PIECE: u64 = 4 << 20;
 
@@ -74,22 +72,6 @@ pub(super) fn pieces(
         bytes if bytes > MAX_CHUNK => Err(format!("chunks of {bytes} bytes")),
         _ => Ok(shape),
     }
-}
-
-/// A chunk, or several small ones.
-fn grouped(chunk: [u32; 3], dims: Dims, sample: u64) -> [u32; 3] {
-    let mut shape = [0, 1, 2].map(|a| chunk[a].clamp(1, dims.0[a]));
-    let bytes = |shape: [u32; 3]| shape.iter().fold(sample, |n, &s| n * u64::from(s));
-    for a in 0..3 {
-        while shape[a] < dims.0[a] && bytes(shape) < LEAST {
-            // whole chunks, until the volume ends
-            shape[a] = shape[a].saturating_mul(2).min(dims.0[a]);
-            if shape[a] < dims.0[a] {
-                shape[a] = shape[a] / chunk[a] * chunk[a];
-            }
-        }
-    }
-    shape
 }
 
 impl H5Chunks {
