@@ -559,7 +559,7 @@ fn wrong_boxes_of_rotated_grids_are_found() {
         directions: ways_to_lie()[1],
         ..Placement::default()
     };
-    let volume = MemoryVolume::new(Dims(dims), place, volumes::foam(dims, 5)).unwrap();
+    let volume = MemoryVolume::new(Dims(dims), place, volumes::noise(dims, 8)).unwrap();
     let (dir, _) = converted(&volume, &common::options([8; 3]));
     let index = dir.path().join("index.json");
     let mut manifest = common::set::manifest(dir.path());
@@ -568,10 +568,10 @@ fn wrong_boxes_of_rotated_grids_are_found() {
     manifest.checksum = None;
     std::fs::write(&index, serde_json::to_vec(&manifest).unwrap()).unwrap();
     verified(dir.path(), None);
-    let path = dir.path().join("cells.csv");
+    let path = dir.path().join("objects.csv");
     let good = std::fs::read_to_string(&path).unwrap();
     let head: Vec<&str> = good.lines().next().unwrap().split(',').collect();
-    let rows = table(dir.path(), "cells.csv");
+    let rows = table(dir.path(), "objects.csv");
     let border = rows
         .iter()
         .position(|r| r["touches_border"] == 1.0)
