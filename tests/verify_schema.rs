@@ -43,6 +43,7 @@ fn manifest() -> Manifest {
             format: "raw".into(),
             dims: Dims([300, 200, 100]),
             dtype: Dtype::U16,
+            values: None,
             endian: Endian::Big,
             offset: 512,
             crop: Some(Crop {
@@ -62,6 +63,7 @@ fn manifest() -> Manifest {
             tiles: [5, 4, 2],
         },
         placement,
+        table_unit: Some(Unit::Millimetre),
         threshold: -0.5,
         ambiguous: Ambiguous::Join,
         cap: true,

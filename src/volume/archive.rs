@@ -7,6 +7,7 @@
 use super::blob::{Blob, Bytes};
 use super::folder::{check_sequence, natural};
 use super::layout::{Encoding, Recipe};
+use super::open::OpenOptions;
 use super::{npy, png, tiff};
 use crate::error::{Error, Result};
 use flate2::bufread::DeflateDecoder;
@@ -42,7 +43,7 @@ struct Member {
 /// # Errors
 /// [`Error::Unsupported`] if it holds none or several, or is encrypted or packed in another way than
 /// by Deflate; [`Error::Format`] if it is damaged; [`Error::Io`] if there is no room to unpack it.
-pub(super) fn parse(path: &Path) -> Result<Recipe> {
+pub(super) fn parse(path: &Path, options: &OpenOptions) -> Result<Recipe> {
     let archive = Blob::file(path)?.open()?;
     let members = members(path, &archive)?;
     let (mut images, mut arrays) = ([Vec::new(), Vec::new()], Vec::new());
@@ -64,7 +65,7 @@ pub(super) fn parse(path: &Path) -> Result<Recipe> {
     match (tiffs.len(), pngs.len(), arrays.len()) {
         (1.., 0, 0) => {
             check_sequence(path, &names(&tiffs))?;
-            tiff::parse(path, unpack(path, &archive, tiffs)?)
+            tiff::parse(path, unpack(path, &archive, tiffs)?, options)
         }
         (0, 1.., 0) => {
             check_sequence(path, &names(&pngs))?;
@@ -99,6 +100,13 @@ fn members(path: &Path, archive: &Bytes) -> Result<Vec<Member>> {
         let file = zip.by_index_raw(i).map_err(wrong)?;
         let name = file.name().map_err(wrong)?.into_owned();
         let last = name.rsplit('/').next().unwrap_or_default();
+        if [".zarray", ".zgroup", "zarr.json"].contains(&last) {
+            return Err(Error::unsupported(
+                path,
+                "a Zarr in a zip file",
+                "unpack it",
+            ));
+        }
         if last.is_empty() || last.starts_with('.') || name.starts_with("__MACOSX/") {
             continue;
         }

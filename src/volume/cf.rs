@@ -215,8 +215,7 @@ impl Stated<'_> {
 
 /// A stored number as it reads among samples of a type: `None` if none of them can be equal to it.
 fn as_stored(value: f64, stored: Dtype, read_as: Dtype) -> Option<f64> {
-    let bits = 8 * stored.bytes() as u32;
-    let span = 2f64.powi(bits as i32);
+    let span = (1u128 << (8 * stored.bytes())) as f64;
     let range = |dtype: Dtype| match dtype {
         Dtype::U8 | Dtype::U16 | Dtype::U32 => [0.0, span - 1.0],
         _ => [-span / 2.0, span / 2.0 - 1.0],

@@ -9,7 +9,7 @@ use super::blob::Blob;
 use super::layout::{Data, Encoding, Recipe, Samples, Start};
 use super::open::{OpenOptions, known_format};
 use super::text::Pattern;
-use super::{Dtype, dicom, png, tiff, zarr};
+use super::{Dtype, dicom, png, skyscan, tiff, zarr};
 use crate::error::{Error, Result};
 use crate::grid::Dims;
 use crate::newfile::directory;
@@ -29,7 +29,23 @@ pub(super) fn parse(path: &Path, options: &OpenOptions) -> Result<Recipe> {
     if zarr::is_zarr(path) && options.dims.is_none() {
         return zarr::parse(path, options);
     }
-    these(path, list(path)?, options)
+    if is_n5(path)? && options.dims.is_none() {
+        let hint = "convert it to Zarr, or save the array as NRRD, MetaImage or TIFF";
+        return Err(Error::unsupported(path, "the N5 format", hint));
+    }
+    let files = list(path)?;
+    these(path, files.clone(), &files, options)
+}
+
+/// True for a folder of N5: its metadata name its version, or the blocks of an array.
+fn is_n5(path: &Path) -> Result<bool> {
+    let file = path.join("attributes.json");
+    if !file.is_file() {
+        return Ok(false);
+    }
+    let text = Blob::file(&file)?.head(1 << 16)?;
+    let text = String::from_utf8_lossy(&text);
+    Ok(text.contains("\"n5\"") || text.contains("\"blockSize\""))
 }
 
 /// Opens the slices with the numbers of a name such as `slice_%04d.tif`; `None` if the name is no
@@ -40,19 +56,25 @@ pub(super) fn parse(path: &Path, options: &OpenOptions) -> Result<Recipe> {
 pub(super) fn numbered(path: &Path, options: &OpenOptions) -> Option<Result<Recipe>> {
     let pattern = Pattern::parse(&name(path))?;
     let folder = directory(path);
-    Some(list(folder).and_then(|mut files| {
-        files.retain(|file| pattern.matches(&name(file)));
+    Some(list(folder).and_then(|all| {
+        let matching = all.iter().filter(|file| pattern.matches(&name(file)));
+        let files: Vec<_> = matching.cloned().collect();
         if files.is_empty() {
             let found = format!("no file of that name in {}", folder.display());
             let expected = "files with numbers in place of the % and what follows it";
             return Err(Error::format(path, found, expected));
         }
-        these(path, files, options)
+        these(path, files, &all, options)
     }))
 }
 
-/// Opens these files as slices.
-fn these(path: &Path, files: Vec<PathBuf>, options: &OpenOptions) -> Result<Recipe> {
+/// Opens these of all files of a folder as slices.
+fn these(
+    path: &Path,
+    files: Vec<PathBuf>,
+    all: &[PathBuf],
+    options: &OpenOptions,
+) -> Result<Recipe> {
     if let (Some(dims), Some(dtype)) = (options.dims, options.dtype) {
         return raw(path, files, dims, dtype, options);
     }
@@ -85,14 +107,8 @@ fn these(path: &Path, files: Vec<PathBuf>, options: &OpenOptions) -> Result<Reci
         return dicom::parse(path, scans, options);
     }
     match (tiffs.is_empty(), pngs.is_empty()) {
-        (false, true) => {
-            check_sequence(path, &names(&tiffs))?;
-            tiff::parse(path, blobs(&tiffs)?)
-        }
-        (true, false) => {
-            check_sequence(path, &names(&pngs))?;
-            png::parse(path, blobs(&pngs)?)
-        }
+        (false, true) => pictures(path, tiffs, all, |blobs| tiff::parse(path, blobs, options)),
+        (true, false) => pictures(path, pngs, all, |blobs| png::parse(path, blobs)),
         (false, false) => Err(Error::format(
             path,
             format!("{} TIFF and {} PNG files", tiffs.len(), pngs.len()),
@@ -112,6 +128,39 @@ fn these(path: &Path, files: Vec<PathBuf>, options: &OpenOptions) -> Result<Reci
             _ => Err(nothing(path, others)),
         },
     }
+}
+
+/// Slices of one format, with what NRecon puts beside them: a picture of the whole scan, and a log with the size of a
+/// voxel.
+fn pictures(
+    path: &Path,
+    files: Vec<PathBuf>,
+    all: &[PathBuf],
+    parse: impl FnOnce(Vec<Blob>) -> Result<Recipe>,
+) -> Result<Recipe> {
+    let (previews, slices): (Vec<_>, Vec<_>) = files
+        .into_iter()
+        .partition(|file| skyscan::is_preview(&name(file)));
+    // a folder of nothing else is of slices that have such names
+    let (previews, files) = if slices.is_empty() {
+        (slices, previews)
+    } else {
+        (previews, slices)
+    };
+    let names = names(&files);
+    check_sequence(path, &names)?;
+    let mut recipe = parse(blobs(&files)?)?;
+    for preview in &previews {
+        let note = format!(
+            "{} is taken for a preview of the scan and passed by",
+            name(preview)
+        );
+        recipe.notes.push(note);
+    }
+    if let Some(log) = skyscan::find(all, &names)? {
+        log.apply(&mut recipe);
+    }
+    Ok(recipe)
 }
 
 /// True for a folder of which every file may be a part of the volume.

@@ -3,11 +3,12 @@
 use super::blob::Blob;
 use super::file::FileVolume;
 use super::layout::{self, Data, Encoding, Recipe, Samples, Start};
+use super::mirror::Mirrored;
 use super::paged::PagedVolume;
 use super::values::Valued;
 use super::{
     Dtype, Endian, Header, Volume, archive, dicom, folder, hdf5, metaimage, nifti, npy, nrrd,
-    place, tiff, vti,
+    place, size, tiff, vti,
 };
 use crate::error::{Error, Result};
 use crate::grid::{Dims, Unit};
@@ -184,6 +185,7 @@ pub fn open(path: &Path, options: &OpenOptions) -> Result<Opened> {
     };
     let files = match &recipe.samples {
         Samples::Files(data) => data.files.clone(),
+        Samples::Pages(pages) => pages.files(),
         _ => Vec::new(),
     };
     let (placement, provenance) = place::place(path, &recipe, options)?;
@@ -196,8 +198,13 @@ pub fn open(path: &Path, options: &OpenOptions) -> Result<Opened> {
         placement,
     };
     let swap = endian != Endian::NATIVE;
-    let mut notes = recipe.notes;
-    if recipe.format != "raw"
+    let (mut notes, mut warnings) = (recipe.notes, recipe.warnings);
+    if options.spacing.is_some() {
+        notes.retain(|note| !note.contains(size::ADVICE));
+        warnings.retain(|warning| !warning.contains(size::ADVICE));
+    }
+    // behind the samples of a TIFF are its directories
+    if !matches!(recipe.format, "raw" | "tiff")
         && let Samples::Files(data) = &recipe.samples
     {
         notes.extend(layout::more_than_described(&header, data)?);
@@ -211,6 +218,10 @@ pub fn open(path: &Path, options: &OpenOptions) -> Result<Opened> {
         Samples::Pages(pages) => Box::new(PagedVolume::new(header, pages)),
         #[cfg(any(feature = "hdf5", feature = "zarr"))]
         Samples::Chunks(chunks) => Box::new(super::chunked::ChunkedVolume::new(header, chunks)),
+    };
+    let volume = match recipe.mirrored {
+        [false, false] => volume,
+        turned => Box::new(Mirrored::new(volume, turned)),
     };
     let values = recipe.values.as_ref().map(|values| values.to_string());
     let volume = match recipe.values {
@@ -234,14 +245,14 @@ pub fn open(path: &Path, options: &OpenOptions) -> Result<Opened> {
         files,
         values,
         notes,
-        warnings: recipe.warnings,
+        warnings,
     })
 }
 
 /// Options that choose a part of a file must not be given for formats that have no such parts.
 fn refuse_unused(format: &str, options: &OpenOptions) -> Result<()> {
     let given = [
-        ("--series", options.series.is_some(), &["dicom"][..]),
+        ("--series", options.series.is_some(), &["dicom", "tiff"][..]),
         ("--resample", options.resample, &["dicom"]),
         ("--dataset", options.dataset.is_some(), &["hdf5", "zarr"]),
         ("--level", options.level.is_some(), &["hdf5", "zarr"]),
@@ -270,11 +281,11 @@ fn recognise(path: &Path, head: &[u8], options: &OpenOptions) -> Result<Recipe> 
     } else if metaimage::is_metaimage(head) {
         metaimage::parse(path)?
     } else if tiff::is_tiff(head) && !by_options {
-        tiff::parse(path, vec![Blob::file(path)?])?
+        tiff::parse(path, vec![Blob::file(path)?], options)?
     } else if npy::is_npy(head) && !by_options {
         npy::parse(path, head)?
     } else if archive::is_zip(head) && !by_options {
-        archive::parse(path)?
+        archive::parse(path, options)?
     } else if vti::is_vti(head) && !by_options {
         vti::parse(path)?
     } else if !by_options && let Some(recipe) = nifti::parse(path, head)? {

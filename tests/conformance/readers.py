@@ -187,7 +187,8 @@ def fixtures(folder: Path):
         if reader and not path.name.startswith("no_") and path.name not in ("u8_two.h5",):
             yield path, reader
     for path in sorted((folder / "zarr").iterdir()):
-        if not path.name.startswith("no_"):
+        # what xarray writes is a group of arrays that are packed
+        if not path.name.startswith(("no_", "xarray")):
             yield path, by_pyramid if "ome" in path.name else by_zarr
 
 
@@ -207,6 +208,51 @@ def same_voxels(alvis: Path, dump: Path, path: Path, reader, arguments: list[str
         at = tuple(int(i) for i in np.argwhere(wrong)[0])
         raise AssertionError(f"{int(wrong.sum())} voxels differ, the first at {at}: {found[at]}, expected {expected[at]}")
     return f"{info['format']}, {found.size} voxels of {info['dtype']}"
+
+
+BODY = np.add.outer(100 * np.arange(4), np.add.outer(10 * np.arange(5), np.arange(6))).astype("u2")
+JSON = {"axes": "ZYX", "spacing": 0.2, "unit": "um"}
+XYZ = {f"PhysicalSize{a}": s for a, s in zip("XYZ", (0.5, 0.25, 2.0))}
+
+
+def turned(path: Path, orientation: int) -> None:
+    with tifffile.TiffWriter(path) as file:
+        for page in BODY:
+            file.write(page, metadata=None, contiguous=False, extratags=[(274, "H", 1, orientation, True)])
+
+
+def itk_tiff(path: Path) -> None:
+    image = sitk.GetImageFromArray(BODY)
+    image.SetSpacing([0.13, 0.13, 0.5])
+    sitk.WriteImage(image, str(path))
+
+
+def several(path: Path, **more) -> None:
+    tifffile.imwrite(path, np.stack([BODY, BODY + 7]), photometric="minisblack", **more)
+
+
+# name, how it is written, reader or array, spacing and unit as info gives them, what the command has to be told
+WRITTEN = [
+    ("json.tif", lambda p: tifffile.imwrite(p, BODY, photometric="minisblack", resolution=(1 / 0.13,) * 2, metadata=JSON), by_tifffile, ([0.13, 0.13, 0.2], "um"), []),
+    ("itk.tif", itk_tiff, by_itk, ([0.13] * 3, "mm"), []),
+    ("top.tif", lambda p: turned(p, 1), by_itk, None, []),
+    ("bottom.tif", lambda p: turned(p, 4), by_itk, None, []),
+    ("right.tif", lambda p: turned(p, 2), lambda p: tifffile.imread(p)[:, :, ::-1], None, []),
+    ("times.tif", lambda p: several(p, metadata={"axes": "TZYX"}), lambda p: tifffile.imread(p)[1], None, ["--time", "1"]),
+    ("channels.ome.tif", lambda p: several(p, metadata={"axes": "CZYX", **XYZ}), lambda p: tifffile.imread(p)[1], ([0.5, 0.25, 2], "um"), ["--channel", "1"]),
+    ("imagej.tif", lambda p: several(p, imagej=True, metadata={"axes": "TZYX"}), lambda p: tifffile.imread(p)[0], None, ["--time", "0"]),
+]
+
+
+def written(alvis: Path, dump: Path, work: Path, name: str, write, reader, size, arguments: list[str]) -> str:
+    """What a library writes is read as that library, or the one that is asked, reads it."""
+    path = work / name
+    write(path)
+    found = same_voxels(alvis, dump, path, reader, arguments)
+    info = json.loads(run(alvis, "info", path, "--json", "--quiet", *arguments))
+    if size and (info["spacing"], info["unit"]) != size:
+        raise AssertionError(f"{info['spacing']} {info['unit']}, expected {size}")
+    return found
 
 
 def place_of_minc(alvis: Path, path: Path) -> str:
@@ -257,6 +303,8 @@ def main() -> int:
 
     for path, reader in fixtures(folder):
         attempt(f"fixture {path.name}", same_voxels, alvis, dump, path, reader, [])
+    for name, *rest in WRITTEN:
+        attempt(f"written {name}", written, alvis, dump, work, name, *rest)
     for name, reader, arguments in hdf5_readers.FIXTURES:
         path = folder / "hdf5" / name
         attempt(f"fixture {name}", same_voxels, alvis, dump, path, reader, arguments)
