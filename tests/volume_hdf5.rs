@@ -162,10 +162,6 @@ fn axes_are_those_of_the_names() {
 fn axes_that_cannot_be_told_are_refused() {
     for (name, part) in [
         ("no_theta.h5", "projections"),
-        (
-            "no_tomo.nxs",
-            "projections and no volume: there is one image_key",
-        ),
         ("no_order.h5", "DimensionOrder"),
         ("no_two_orders.h5", "DIMENSION_LABELS"),
         ("no_four.h5", "3 x 17 x 19 x 2 of u8"),
@@ -191,6 +187,13 @@ fn projections_are_not_the_volume_of_a_file() {
     ] {
         assert!(error.contains(line), "{error}");
     }
+}
+
+#[test]
+fn projections_of_nxtomo_are_no_volume() {
+    let error = refused("no_tomo.nxs", &OpenOptions::default());
+    let reason = "these are projections: there is one image_key beside them for each of 3";
+    assert!(error.contains(reason), "{error}");
 }
 
 #[test]

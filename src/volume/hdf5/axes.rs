@@ -163,7 +163,7 @@ impl Axes {
                 Role::Channel => &mut axes.channel,
                 Role::Time => &mut axes.time,
                 Role::Angle => {
-                    return Err(format!("these are projections and no volume: {}", says()));
+                    return Err(format!("these are projections: {}", says()));
                 }
                 Role::Other => {
                     unknown.push(at);

@@ -52,7 +52,7 @@ impl<'a> Place<'a> {
         let name = ["theta", "rotation_angle", "image_key"]
             .iter()
             .find(beside)?;
-        let text = "these are projections and no volume: there is one";
+        let text = "these are projections: there is one";
         Some(format!("{text} {name} beside them for each of {many}"))
     }
 
