@@ -1,5 +1,6 @@
 //! The manifest and its shards: read, and checked for what they say by themselves.
 
+use super::closed::{self, Schema};
 use super::code::Code;
 use super::files::{self, Expected};
 use super::report::Issues;
@@ -49,12 +50,21 @@ pub(super) fn manifest(root: &Path, issues: &mut Issues) -> Result<Option<Manife
     match serde_json::from_slice::<Manifest>(&bytes) {
         Ok(manifest) => {
             check_own(&manifest, &bytes, issues);
+            check_members(&closed::MANIFEST, &bytes, MANIFEST, issues);
             Ok(check(&manifest, issues).then_some(manifest))
         }
         Err(e) => {
             syntax(e, issues);
             Ok(None)
         }
+    }
+}
+
+/// Reports members that the format does not have.
+fn check_members(schema: &Schema, json: &[u8], path: &str, issues: &mut Issues) {
+    // what is no JSON has been reported
+    for (pointer, message) in schema.walk(json).unwrap_or_default() {
+        issues.add(Code::ForeignMember, format!("{path}#{pointer}"), message);
     }
 }
 
@@ -127,6 +137,7 @@ fn check(m: &Manifest, issues: &mut Issues) -> bool {
         wrong("transform", message);
     }
     check_crop(m, &mut wrong);
+    check_counts(m, &mut wrong);
     let rising = m.layers.windows(2).all(|w| w[0].z < w[1].z);
     if !rising
         || m.layers
@@ -152,6 +163,34 @@ fn check_crop(m: &Manifest, wrong: &mut impl FnMut(&str, String)) {
             wrong("grid/dims", message);
         }
         Err(e) => wrong("source/crop", e.to_string()),
+    }
+}
+
+/// Checks counts that the tiles do not show.
+fn check_counts(m: &Manifest, wrong: &mut impl FnMut(&str, String)) {
+    let t = &m.totals;
+    if let Some(of) = m.selection.as_ref().map(|s| s.of) {
+        let all = [of.cells, of.objects, of.surfaces, of.voxels_above];
+        let own = [t.cells, t.objects, t.surfaces, t.voxels_above];
+        if own.iter().zip(all).any(|(own, all)| *own > all) {
+            let message = format!("found {all:?} of the whole, and {own:?} of the part");
+            wrong("selection/of", message);
+        }
+    }
+    if let Some(d) = &m.dust {
+        let fits = |(count, voxels): (u64, u64)| {
+            let most = count.saturating_mul(d.min_voxels.saturating_sub(1));
+            (count..=most.max(count)).contains(&voxels)
+        };
+        let all = [(d.objects, d.object_voxels), (d.cells, d.cell_voxels)];
+        if d.min_voxels < 2 || !all.into_iter().all(fits) {
+            let message = format!("found {d:?}, expected components of fewer voxels than the size");
+            wrong("dust", message);
+        }
+    }
+    if m.source.offset != 0 && m.source.format != "raw" {
+        let message = format!("found {} for {}", m.source.offset, m.source.format);
+        wrong("source/offset", message);
     }
 }
 
@@ -213,6 +252,7 @@ pub(super) fn shard(
             return None;
         }
     };
+    check_members(&closed::SHARD, bytes.get(), &layer.path, issues);
     if shard.z != layer.z || shard.tiles.len() as u64 != layer.tiles {
         let message = format!(
             "found z {} with {} tiles, expected z {} with {} tiles as in {at}",

@@ -3,6 +3,7 @@
 use super::carried;
 use super::code::Code;
 use super::geometry::Label;
+use super::paint::{self, Colour, MIXED};
 use super::report::Issue;
 use super::tile::{Work, Workspace};
 use crate::cpu::dispatch;
@@ -51,6 +52,7 @@ impl Work<'_, '_> {
                     node,
                     names: self.check_name(p, ids),
                     measures: carried::hash(&p.measured[0]),
+                    colour: p.colour(0).map_or(MIXED, paint::colour),
                 };
                 std::mem::swap(&mut ws.piece.triangles, &mut ws.list);
                 p.positions.read_into(&mut ws.piece.positions);
@@ -198,6 +200,7 @@ impl Work<'_, '_> {
                 node: p.node,
                 names: 0,
                 measures: carried::hash(measured),
+                colour: colour_of(p, own),
             };
             ws.piece.positions.clear();
             let positions = own.iter().map(|&v| points[v as usize]);
@@ -208,6 +211,15 @@ impl Work<'_, '_> {
             }
         }
         ws.list = list;
+    }
+}
+
+/// The colour of a merged piece with these vertices.
+fn colour_of(p: &Primitive, vertices: &[u32]) -> Colour {
+    let first = vertices.first().and_then(|v| p.colour(*v as usize));
+    match first {
+        Some(colour) if p.are_one_colour(vertices) => paint::colour(colour),
+        _ => MIXED,
     }
 }
 

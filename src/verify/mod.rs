@@ -34,7 +34,9 @@
 
 mod against;
 mod ahead;
+mod bodies;
 mod carried;
+mod closed;
 mod code;
 mod edges;
 mod facets;
@@ -46,9 +48,11 @@ mod laws;
 mod layout;
 mod ledger;
 mod marks;
+mod paint;
 mod piece;
 mod places;
 mod report;
+mod rim;
 mod run;
 mod seen;
 mod solids;

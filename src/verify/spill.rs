@@ -10,9 +10,7 @@ use std::io::{BufReader, BufWriter, Read, Seek, Write};
 pub(super) type Record = [u64; RECORD_WORDS];
 
 /// Words of a record.
-pub(super) const RECORD_WORDS: usize = 13 + super::inside::WORDS;
-
-const RECORD_BYTES: usize = size_of::<Record>();
+pub(super) const RECORD_WORDS: usize = 14 + super::inside::WORDS;
 
 /// Runs of about the same length that are merged to one. A record is written once for each power of
 /// this, and as many files are open for each: far fewer than a process may open.
@@ -78,7 +76,7 @@ fn write(mut next: impl FnMut() -> Result<Option<Record>>) -> Result<File> {
     let file = tempfile::tempfile().map_err(|e| io(e, ACTION))?;
     let mut out = BufWriter::new(file);
     while let Some(record) = next()? {
-        out.write_all(bytemuck::bytes_of(&record))
+        out.write_all(bytemuck::cast_slice(&record))
             .map_err(|e| io(e, ACTION))?;
     }
     let mut file = out.into_inner().map_err(|e| io(e.into_error(), ACTION))?;
@@ -121,9 +119,9 @@ impl Merge {
         let next = match self.files.get_mut(source) {
             None => self.memory.next(),
             Some(file) => {
-                let mut bytes = [0; RECORD_BYTES];
-                match file.read_exact(&mut bytes) {
-                    Ok(()) => Some(bytemuck::pod_read_unaligned(&bytes)),
+                let mut record = [0; RECORD_WORDS];
+                match file.read_exact(bytemuck::cast_slice_mut(&mut record)) {
+                    Ok(()) => Some(record),
                     Err(e) if e.kind() == std::io::ErrorKind::UnexpectedEof => None,
                     Err(e) => return Err(io(e, "read back a temporary file in")),
                 }

@@ -2,6 +2,7 @@
 
 use super::against::{Band, Mesh, Rule, Voxels};
 use super::ahead::Fetched;
+use super::closed::TILES;
 use super::code::Code;
 use super::edges::Edges;
 use super::files::{self, Expected};
@@ -136,7 +137,10 @@ pub(super) fn check(
         files::compare(&Expected::tile(entry, at), bytes, work.issues);
         work.counts.bytes = bytes.len() as u64;
         match Tile::read(bytes) {
-            Ok(tile) => work.tile(&tile, ws),
+            Ok(tile) => {
+                work.tile(&tile, ws);
+                work.check_closed(&tile);
+            }
             Err(e) => {
                 let code = match e.fault {
                     Fault::Container => Code::GlbContainer,
@@ -325,6 +329,21 @@ impl Work<'_, '_> {
             } else {
                 edges.sort_unstable_by_key(|e| (e.a, e.b));
             }
+        }
+    }
+
+    /// Looks for what no tile of the format has, though the surface can be read in spite of it.
+    fn check_closed(&mut self, tile: &Tile) {
+        match TILES[usize::from(tile.is_merged())].walk(tile.json()) {
+            Ok(found) => {
+                for (pointer, message) in found {
+                    self.issue(Code::ForeignMember, &pointer, message);
+                }
+            }
+            Err(e) => self.issue(Code::GltfSyntax, "", e.to_string()),
+        }
+        for (pointer, message) in tile.unusual() {
+            self.issue(Code::GltfUnused, &pointer, message);
         }
     }
 
