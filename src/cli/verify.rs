@@ -6,7 +6,7 @@ use crate::error::{Error, Result};
 use crate::manifest::{Manifest, PARTIAL};
 use crate::progress::Progress;
 use crate::verify::{self, Issue, Report, Severity, VerifyOptions};
-use crate::volume::{self, Cropped, Headerless, Volume};
+use crate::volume::{self, Cropped, Header, Headerless, Volume};
 use clap::{Args, ValueHint};
 use std::fmt::Write;
 use std::path::{Path, PathBuf};
@@ -47,11 +47,12 @@ impl VerifyArgs {
             }
         };
         let once = match &against {
-            Some(volume) => copied(volume.as_ref(), &std::env::temp_dir())?,
+            Some(against) => copied(against.volume.as_ref(), &std::env::temp_dir())?,
             None => None,
         };
         let options = VerifyOptions {
-            against: once.as_deref().or(against.as_deref()),
+            against: once.as_deref().or(against.as_ref().map(|a| a.volume.as_ref())),
+            source: against.as_ref().map(|a| &a.header),
             threads: self.common.threads.map_or(0, usize::from),
             max_issues: self.max_issues,
         };
@@ -85,14 +86,22 @@ fn copied<'a>(volume: &'a dyn Volume, dir: &Path) -> Result<Option<Box<dyn Volum
     }
 }
 
+/// The volume that a tile set is compared with, and what it says of itself as a whole.
+struct Against {
+    volume: Box<dyn Volume>,
+    header: Header,
+}
+
 /// Opens the volume that a tile set is compared with, cut as the manifest says. What a raw file does
 /// not say is taken from the manifest unless the options say it. A file of the name that was converted
 /// is raw even if it begins as one with a header does.
-fn open_against(directory: &Path, path: &Path, input: &InputOptions) -> Result<Box<dyn Volume>> {
+fn open_against(directory: &Path, path: &Path, input: &InputOptions) -> Result<Against> {
     // an index that cannot be read is for the verifier to report
     let manifest = Manifest::open(directory).ok();
     let Some(Manifest { source, .. }) = manifest else {
-        return input.open(path).map(|o| o.volume);
+        let volume = input.open(path)?.volume;
+        let header = volume.header().clone();
+        return Ok(Against { volume, header });
     };
     let mut options = input.options();
     if source.format == "raw" {
@@ -107,8 +116,9 @@ fn open_against(directory: &Path, path: &Path, input: &InputOptions) -> Result<B
         }
     }
     let volume = volume::open(path, &options)?.volume;
-    let dims = volume.header().dims;
-    match &source.crop {
+    let header = volume.header().clone();
+    let dims = header.dims;
+    let volume = match &source.crop {
         None => Ok(volume),
         Some(crop) if crop.dims_in(dims).is_err() => Err(Error::usage(
             "--against",
@@ -118,8 +128,12 @@ fn open_against(directory: &Path, path: &Path, input: &InputOptions) -> Result<B
                 source.dims
             ),
         )),
-        Some(crop) => Ok(Box::new(Cropped::new(volume, crop)?)),
-    }
+        Some(crop) => Ok(Box::new(Cropped::new(volume, crop)?) as Box<dyn Volume>),
+    };
+    Ok(Against {
+        volume: volume?,
+        header,
+    })
 }
 
 fn text(report: &Report) -> String {

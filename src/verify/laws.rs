@@ -226,9 +226,7 @@ fn totals(manifest: &Manifest, found: &Found, issues: &mut Issues) {
         pairs.push(("objects", regions, 1));
     }
     if let Some(voxels) = &found.voxels {
-        if manifest.dust.is_none() {
-            pairs.push(("voxels_above", wide(t.voxels_above), wide(voxels.above)));
-        }
+        pairs.push(("voxels_above", wide(t.voxels_above), wide(voxels.above)));
         pairs.push(("voxels_nan", wide(t.voxels_nan), wide(voxels.nan)));
     } else {
         // by the tiles alone there is a limit only

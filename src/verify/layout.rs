@@ -56,6 +56,10 @@ impl Work<'_, '_> {
                 };
                 std::mem::swap(&mut ws.piece.triangles, &mut ws.list);
                 p.positions.read_into(&mut ws.piece.positions);
+                if self.keep_mesh {
+                    ws.piece.normals.clear();
+                    ws.piece.normals.extend(p.normals.iter());
+                }
                 self.piece(&label, group, ws);
             }
             Pieces::Merged(rows, ids) => {
@@ -177,6 +181,10 @@ impl Work<'_, '_> {
         let mut order: Vec<u32> = (0..feature.len() as u32).collect();
         order.sort_by_key(|&v| feature[v as usize]);
         let points: Vec<[f32; 3]> = p.positions.iter().collect();
+        let normals: Vec<[f32; 3]> = match self.keep_mesh {
+            true => p.normals.iter().collect(),
+            false => Vec::new(),
+        };
         let mut local = vec![0u32; points.len()];
         let (mut triangles, mut vertices) = (&by_feature[..], &order[..]);
         for (row, (ids, measured)) in ids.iter().zip(&p.measured).enumerate() {
@@ -205,6 +213,11 @@ impl Work<'_, '_> {
             ws.piece.positions.clear();
             let positions = own.iter().map(|&v| points[v as usize]);
             ws.piece.positions.extend(positions);
+            ws.piece.normals.clear();
+            if self.keep_mesh {
+                let own = own.iter().map(|&v| normals[v as usize]);
+                ws.piece.normals.extend(own);
+            }
             self.piece(&label, group, ws);
             if !self.sound {
                 break;

@@ -8,21 +8,24 @@ use super::code::Code;
 use super::inside::{self, Inside};
 use super::piece::Sums;
 use super::report::Issues;
-use super::spill::{Merge, RECORD_WORDS, Record, Spill};
+use super::spill::{Merge, Spill};
 use super::sweep::{Component, Ids};
 use crate::error::Result;
 
 /// Records that each of the three sorts keeps in memory: 0.9 MiB.
 const IN_MEMORY: usize = 1 << 11;
 
-/// Words of a record before those of [`Inside`].
-const OWN_WORDS: usize = RECORD_WORDS - inside::WORDS;
+/// Words of a record before those of [`Inside`], and in all.
+const OWN_WORDS: usize = 14;
+const RECORD_WORDS: usize = OWN_WORDS + inside::WORDS;
+
+type Record = [u64; RECORD_WORDS];
 
 /// Collects finished surfaces.
 pub(super) struct Ledger {
-    by_surface: Spill,
-    by_cell: Spill,
-    by_object: Spill,
+    by_surface: Spill<RECORD_WORDS>,
+    by_cell: Spill<RECORD_WORDS>,
+    by_object: Spill<RECORD_WORDS>,
     pub surfaces: u64,
 }
 
@@ -121,13 +124,13 @@ fn unpack(r: &Record, order: fn([u64; 3]) -> [u64; 3]) -> Component {
 
 /// Components in order of their first id.
 pub(super) struct Rows {
-    merge: Merge,
+    merge: Merge<RECORD_WORDS>,
     order: fn([u64; 3]) -> [u64; 3],
     next: Option<Record>,
 }
 
 impl Rows {
-    fn new(mut merge: Merge, order: fn([u64; 3]) -> [u64; 3]) -> Result<Self> {
+    fn new(mut merge: Merge<RECORD_WORDS>, order: fn([u64; 3]) -> [u64; 3]) -> Result<Self> {
         let next = merge.next()?;
         Ok(Rows { merge, order, next })
     }

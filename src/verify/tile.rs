@@ -209,6 +209,7 @@ fn differences(path: &str, flaws: &[Flaw], issues: &mut Issues) {
             Code::MissingVertex => "sign changes of the volume have no vertex",
             Code::ExtraVertex => "vertices lie where the volume has no sign change",
             Code::VertexMisplaced => "vertices are not where the samples put them",
+            Code::NormalDiffers => "normals are not those of the volume's gradient",
             Code::BitsDiffer => "vertices have above where the volume has below",
             _ => "cubes have more or fewer triangles than their bits ask for",
         };
