@@ -196,6 +196,17 @@ impl Placement {
         Ok(())
     }
 
+    /// The cosines between the axes x and y, x and z, y and z if these are not at right angles but for rounding.
+    /// Measures hold for axes at right angles only.
+    pub fn shear(&self) -> Option<[f64; 3]> {
+        let axes = self.directions.map(DVec3::from);
+        let cosines = [(0, 1), (0, 2), (1, 2)].map(|(a, b)| axes[a].dot(axes[b]));
+        cosines
+            .iter()
+            .any(|c| c.abs() > MAX_SHEAR)
+            .then_some(cosines)
+    }
+
     /// World position of a point in voxel coordinates, in `unit`, Z up.
     pub fn world(&self, voxel: [f64; 3]) -> [f64; 3] {
         let axes = DMat3::from_cols_array_2d(&self.directions);
@@ -225,6 +236,9 @@ impl Placement {
         }
     }
 }
+
+/// The most that the cosine between two axes may differ from 0: rounding in single precision stays below.
+const MAX_SHEAR: f64 = 1e-4;
 
 /// Which voxels an ambiguous face joins.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]

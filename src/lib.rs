@@ -156,6 +156,7 @@ pub mod export;
 pub mod grid;
 #[doc(hidden)]
 pub mod kernels;
+mod length;
 pub mod manifest;
 mod measure;
 mod memory;

@@ -169,7 +169,7 @@ fn places_are_those_that_were_written() {
             (place.spacing, place.unit),
             ([0.5, 0.25, 2.5], Unit::Micrometre)
         );
-        assert_eq!(opened.provenance.spacing, Origin::File);
+        assert_eq!(opened.provenance.spacing, [Origin::File; 3]);
     }
     let place = read("u16_cm.tif").unwrap().volume.header().placement;
     assert_eq!((place.spacing, place.unit), ([0.0025; 3], Unit::Millimetre));

@@ -2,7 +2,7 @@
 
 mod volume_common;
 
-use alvis::grid::Crop;
+use alvis::grid::{Crop, Unit};
 use alvis::volume::{Cropped, Dtype, Endian, Io, OpenOptions, Volume, open, spool};
 use proptest::prelude::*;
 use rayon::prelude::*;
@@ -80,7 +80,7 @@ proptest! {
         let dir = tempfile::tempdir().unwrap();
         let form = volume_common::Form::Mha;
         let path = sample.write(dir.path(), form);
-        let options = OpenOptions { spacing: Some([1.0, 2.0, 3.0]), ..OpenOptions::default() };
+        let options = OpenOptions { spacing: Some([1.0, 2.0, 3.0]), unit: Some(Unit::Voxel), ..OpenOptions::default() };
         let volume = open(&path, &options).unwrap().volume;
         let [x, y, z] = std::array::from_fn(|a| range(sample.dims[a], ends[a]));
         let fits = [&x, &y, &z].iter().all(|r| r.len() >= 2);

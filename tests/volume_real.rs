@@ -179,7 +179,7 @@ fn placements_are_those_of_itk() {
             (unit, unit_from),
             "{name}"
         );
-        assert_eq!(opened.provenance.spacing, Origin::File);
+        assert_eq!(opened.provenance.spacing, [Origin::File; 3]);
         let options = OpenOptions {
             spacing: Some([1.0, 2.0, 3.0]),
             unit: Some(Unit::Micrometre),
@@ -191,7 +191,10 @@ fn placements_are_those_of_itk() {
             (placement.spacing, placement.unit),
             ([1.0, 2.0, 3.0], Unit::Micrometre)
         );
-        assert_eq!(opened.provenance.spacing, Origin::Option);
-        near(&placement.origin, &origin);
+        assert_eq!(opened.provenance.spacing, [Origin::Option; 3]);
+        // the origin goes with the unit
+        let um = unit.metres() / Unit::Micrometre.metres();
+        let moved = origin.map(|v| if unit == Unit::Voxel { v } else { v * um });
+        near(&placement.origin, &moved);
     }
 }

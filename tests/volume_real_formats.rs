@@ -81,7 +81,7 @@ fn samples_and_places_are_those_of_other_readers() {
             );
             assert_eq!(
                 (place.unit, opened.provenance.spacing),
-                (file.unit, file.from),
+                (file.unit, [file.from; 3]),
                 "{}",
                 file.path
             );

@@ -56,7 +56,7 @@ fn dicom_lies_where_it_says() {
         );
         let [x, y, z] = place.directions.map(glam::DVec3::from);
         assert!((x.cross(y) - z).length() < 1e-9, "{name}");
-        assert_eq!(opened.provenance.spacing, Origin::File);
+        assert_eq!(opened.provenance.spacing, [Origin::File; 3]);
         assert!(opened.notes[0].contains("series 7"), "{:?}", opened.notes);
     }
 }

@@ -84,13 +84,13 @@ pub struct InputOptions {
     /// Bytes before the first sample (raw input); bytes after the last one are then ignored
     #[arg(long, value_name = "N")]
     pub offset: Option<u64>,
-    /// Size of a voxel, one number or three; overrides the file
+    /// Size of a voxel, one number or three; overrides the file. Needs --unit where the file states none
     #[arg(long, value_name = "X,Y,Z", value_parser = parse::spacing, allow_negative_numbers = true)]
     pub spacing: Option<[f64; 3]>,
-    /// Unit of the spacing: voxel, m, cm, mm, um or nm; overrides the file
+    /// Unit of --spacing: voxel, m, cm, mm, um or nm; without --spacing the file's sizes are converted to it
     #[arg(long, value_name = "UNIT", value_parser = parse::unit)]
     pub unit: Option<Unit>,
-    /// Which series, if there are several: number, description or UID (DICOM)
+    /// Which series, if there are several: number, description or UID (DICOM), number or name (TIFF)
     #[arg(long, value_name = "NAME")]
     pub series: Option<String>,
     /// Interpolate slices at uneven steps, or sheared by a tilt, to a regular grid (DICOM)
@@ -102,6 +102,12 @@ pub struct InputOptions {
     /// Which level of a pyramid, 0 the finest (OME-Zarr) [default: 0]
     #[arg(long, value_name = "N")]
     pub level: Option<u32>,
+    /// Which channel, if there are several, from 0 on (TIFF, Zarr, HDF5)
+    #[arg(long, value_name = "N")]
+    pub channel: Option<u32>,
+    /// Which time, if there are several, from 0 on (TIFF, Zarr, HDF5)
+    #[arg(long, value_name = "N")]
+    pub time: Option<u32>,
     /// How the file is read
     #[arg(long, value_name = "WAY", default_value = "read")]
     pub io: IoArg,
@@ -129,6 +135,8 @@ impl InputOptions {
             resample: self.resample,
             dataset: self.dataset.clone(),
             level: self.level,
+            channel: self.channel,
+            time: self.time,
         }
     }
 
@@ -153,6 +161,8 @@ impl InputOptions {
             ("--resample", self.resample),
             ("--dataset", self.dataset.is_some()),
             ("--level", self.level.is_some()),
+            ("--channel", self.channel.is_some()),
+            ("--time", self.time.is_some()),
         ];
         match given.into_iter().find(|(_, given)| *given) {
             Some((option, _)) => Err(Error::usage(

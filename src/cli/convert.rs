@@ -11,6 +11,7 @@ use crate::manifest::{Form, Origin};
 use crate::pipeline::{self, ConvertOptions, ConvertReport};
 use crate::volume::Opened;
 use clap::{Args, ValueEnum, ValueHint};
+use serde::Serialize;
 use std::path::{Path, PathBuf};
 
 /// Rule for ambiguous faces, as typed.
@@ -78,6 +79,15 @@ pub struct ConvertArgs {
     common: Common,
 }
 
+/// What `--json` prints.
+#[derive(Serialize)]
+struct Printed<'a> {
+    #[serde(flatten)]
+    report: ConvertReport,
+    /// Of the input.
+    warnings: &'a [String],
+}
+
 impl ConvertArgs {
     pub fn run(self) -> Result<Outcome> {
         let console = self.common.start();
@@ -105,6 +115,7 @@ impl ConvertArgs {
             source_name: opened.name.clone(),
             source_offset: opened.offset,
             source_part: opened.part.clone(),
+            source_values: opened.values.clone(),
             provenance: opened.provenance,
             ..ConvertOptions::default()
         };
@@ -125,7 +136,8 @@ impl ConvertArgs {
             .map_err(|e| resumable(e, &self.out))?;
         drop(console);
         if self.common.json {
-            output::print_json(&report)?;
+            let warnings = opened.warnings.as_slice();
+            output::print_json(&Printed { report, warnings })?;
         } else if self.common.talks() {
             output::print(&summary(&report))?;
         }
@@ -173,7 +185,7 @@ fn understood(opened: &Opened, options: &ConvertOptions, how: &str) -> Result<St
         ("spacing", info::spacing_text(&header.placement, opened)),
         ("threshold", format!("{}{how}", options.threshold)),
     ];
-    rows.extend(opened.notes.iter().map(|note| ("note", note.clone())));
+    rows.extend(info::remarks(opened));
     if let Some(Crop { x, y, z }) = &options.crop {
         let part = format!(
             "{}:{},{}:{},{}:{}",
@@ -199,6 +211,7 @@ pub fn from(origin: Origin) -> &'static str {
         Origin::Default => "not stated",
         Origin::File => "from the file",
         Origin::Option => "from the options",
+        Origin::Assumed => "assumed",
     }
 }
 

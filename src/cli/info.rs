@@ -52,7 +52,9 @@ struct Report {
     origin: [f64; 3],
     directions: [[f64; 3]; 3],
     provenance: crate::manifest::Provenance,
+    values: Option<String>,
     notes: Vec<String>,
+    warnings: Vec<String>,
     min: Option<f64>,
     max: Option<f64>,
     nan: u64,
@@ -154,7 +156,9 @@ fn report(opened: &Opened, found: Statistics, predicted: Option<Predicted>) -> R
         origin: header.placement.origin,
         directions: header.placement.directions,
         provenance: opened.provenance,
+        values: opened.values.clone(),
         notes: opened.notes.clone(),
+        warnings: opened.warnings.clone(),
         min: found.range.map(|r| r[0]),
         max: found.range.map(|r| r[1]),
         nan: found.nan,
@@ -177,13 +181,27 @@ pub fn sample_text(header: &Header) -> String {
 /// Spacing and unit, and where they came from.
 pub fn spacing_text(placement: &Placement, opened: &Opened) -> String {
     let Placement { spacing, unit, .. } = placement;
-    let (s, u) = (opened.provenance.spacing, opened.provenance.unit);
-    let source = if s == u {
+    let (axes, u) = (opened.provenance.spacing, opened.provenance.unit);
+    let s = axes[0];
+    let source = if axes != [s; 3] {
+        let each = ["x", "y", "z"].into_iter().zip(axes);
+        let each: Vec<_> = each.map(|(a, s)| format!("{a} {}", from(s))).collect();
+        format!("{}; unit {}", each.join(", "), from(u))
+    } else if s == u {
         from(s).to_string()
     } else {
         format!("{}; unit {}", from(s), from(u))
     };
     format!("{} {unit} ({source})", output::times(*spacing))
+}
+
+/// What else is to be known of a volume, as rows: how values are made, notes and warnings.
+pub fn remarks(opened: &Opened) -> Vec<(&'static str, String)> {
+    let row = |name: &'static str| move |text: &String| (name, text.clone());
+    let values = opened.values.iter().map(row("values"));
+    let notes = opened.notes.iter().map(row("note"));
+    let warnings = opened.warnings.iter().map(row("warning"));
+    values.chain(notes).chain(warnings).collect()
 }
 
 fn text(opened: &Opened, found: &Statistics, predicted: Option<Predicted>) -> String {
@@ -210,7 +228,7 @@ fn text(opened: &Opened, found: &Statistics, predicted: Option<Predicted>) -> St
         let axis = |a: [f64; 3]| format!("({})", a.map(|v| v.to_string()).join(", "));
         rows.push(("axes", place.directions.map(axis).join(" ")));
     }
-    rows.extend(opened.notes.iter().map(|note| ("note", note.clone())));
+    rows.extend(remarks(opened));
     if let Some([min, max]) = found.range {
         rows.push((
             "range",

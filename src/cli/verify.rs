@@ -3,10 +3,10 @@
 use super::args::{Common, InputOptions};
 use super::{Outcome, output};
 use crate::error::{Error, Result};
-use crate::manifest::{Manifest, PARTIAL};
+use crate::manifest::{Manifest, Origin, PARTIAL};
 use crate::progress::Progress;
-use crate::verify::{self, Issue, Report, Severity, VerifyOptions};
-use crate::volume::{self, Cropped, Header, Headerless, Volume};
+use crate::verify::{self, Issue, Report, Severity, SourceVolume, VerifyOptions};
+use crate::volume::{self, Cropped, Headerless, Volume};
 use clap::{Args, ValueHint};
 use std::fmt::Write;
 use std::path::{Path, PathBuf};
@@ -52,7 +52,7 @@ impl VerifyArgs {
         };
         let options = VerifyOptions {
             against: once.as_deref().or(against.as_ref().map(|a| a.volume.as_ref())),
-            source: against.as_ref().map(|a| &a.header),
+            source: against.as_ref().map(|a| &a.source),
             threads: self.common.threads.map_or(0, usize::from),
             max_issues: self.max_issues,
         };
@@ -89,21 +89,35 @@ fn copied<'a>(volume: &'a dyn Volume, dir: &Path) -> Result<Option<Box<dyn Volum
 /// The volume that a tile set is compared with, and what it says of itself as a whole.
 struct Against {
     volume: Box<dyn Volume>,
-    header: Header,
+    source: SourceVolume,
 }
 
 /// Opens the volume that a tile set is compared with, cut as the manifest says. What a raw file does
-/// not say is taken from the manifest unless the options say it. A file of the name that was converted
+/// not say is taken from the manifest unless the options say it, as is what was asked for of a file of the name
+/// that was converted. A file of the name that was converted
 /// is raw even if it begins as one with a header does.
 fn open_against(directory: &Path, path: &Path, input: &InputOptions) -> Result<Against> {
     // an index that cannot be read is for the verifier to report
     let manifest = Manifest::open(directory).ok();
-    let Some(Manifest { source, .. }) = manifest else {
-        let volume = input.open(path)?.volume;
-        let header = volume.header().clone();
-        return Ok(Against { volume, header });
+    let Some(Manifest {
+        source, placement, ..
+    }) = manifest
+    else {
+        let opened = input.open(path)?;
+        let source = SourceVolume::of(&opened);
+        let volume = opened.volume;
+        return Ok(Against { volume, source });
     };
     let mut options = input.options();
+    let same_name = path.file_name() == Some(source.name.as_ref());
+    if same_name {
+        options = options.or_part(&source.part);
+        // what the file does not state had to be said to open it
+        if source.provenance.spacing.contains(&Origin::Option) && options.spacing.is_none() {
+            options.spacing = Some(placement.spacing);
+            options.unit = options.unit.or(Some(placement.unit));
+        }
+    }
     if source.format == "raw" {
         options.headerless = Some(Headerless {
             dims: source.dims.0.map(u64::from),
@@ -111,13 +125,13 @@ fn open_against(directory: &Path, path: &Path, input: &InputOptions) -> Result<A
             endian: source.endian,
             offset: source.offset,
         });
-        if path.file_name() == Some(source.name.as_ref()) {
+        if same_name {
             options = options.of_headerless();
         }
     }
-    let volume = volume::open(path, &options)?.volume;
-    let header = volume.header().clone();
-    let dims = header.dims;
+    let opened = volume::open(path, &options)?;
+    let (whole, volume) = (SourceVolume::of(&opened), opened.volume);
+    let dims = whole.header.dims;
     let volume = match &source.crop {
         None => Ok(volume),
         Some(crop) if crop.dims_in(dims).is_err() => Err(Error::usage(
@@ -132,7 +146,7 @@ fn open_against(directory: &Path, path: &Path, input: &InputOptions) -> Result<A
     };
     Ok(Against {
         volume: volume?,
-        header,
+        source: whole,
     })
 }
 

@@ -169,6 +169,9 @@ pub struct Source {
     pub dims: Dims,
     /// Sample type.
     pub dtype: Dtype,
+    /// How the values follow from what the file stores, as it states; absent if they are what it stores.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub values: Option<String>,
     /// Byte order in the file.
     pub endian: Endian,
     /// Bytes before the first sample of a headerless raw file; 0 for other formats.
@@ -186,7 +189,7 @@ pub struct Source {
 /// What was asked for of an input that may hold several volumes; absent what was not.
 #[derive(Debug, Clone, PartialEq, Eq, Default, Serialize, Deserialize)]
 pub struct Part {
-    /// The series of a DICOM folder: its number, description or UID.
+    /// The series of a DICOM folder (its number, description or UID), of a TIFF or OME-TIFF (its number or name).
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub series: Option<String>,
     /// True if slices that do not make a regular grid were interpolated to one (DICOM).
@@ -198,6 +201,12 @@ pub struct Part {
     /// The level of a pyramid, 0 the finest (OME-Zarr).
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub level: Option<u32>,
+    /// The channel, from 0 on.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub channel: Option<u32>,
+    /// The time, from 0 on.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub time: Option<u32>,
 }
 
 /// Components that were left out and filled with the other phase, since they have few voxels.
@@ -226,17 +235,34 @@ pub enum Origin {
     File,
     /// An option overrides the file.
     Option,
+    /// The file states it for other axes alone, and this one is taken to be like them.
+    Assumed,
 }
 
 /// Where the placement's parts came from.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
 pub struct Provenance {
-    /// Of `spacing`.
-    pub spacing: Origin,
+    /// Of `spacing`, for each axis. Older sets have one word for all three.
+    #[serde(deserialize_with = "each_axis")]
+    pub spacing: [Origin; 3],
     /// Of `unit`.
     pub unit: Origin,
     /// Of `origin` and `directions`.
     pub origin: Origin,
+}
+
+/// One word for all axes, or three.
+fn each_axis<'de, D: serde::Deserializer<'de>>(from: D) -> Result<[Origin; 3], D::Error> {
+    #[derive(Deserialize)]
+    #[serde(untagged)]
+    enum Words {
+        One(Origin),
+        Three([Origin; 3]),
+    }
+    Ok(match Words::deserialize(from)? {
+        Words::One(word) => [word; 3],
+        Words::Three(words) => words,
+    })
 }
 
 /// The grid that tiles cover.

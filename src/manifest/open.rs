@@ -82,6 +82,10 @@ impl Manifest {
                 "layers by rising z inside the grid",
             );
         }
+        if self.placement.shear().is_some() {
+            let directions = format!("directions {:?}", self.placement.directions);
+            return bad(directions, "axes at right angles");
+        }
         self.placement
             .check()
             .or_else(|e| bad(e.to_string(), "a placement that can be"))

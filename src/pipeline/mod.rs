@@ -457,6 +457,7 @@ fn manifest(
             format: source.format.into(),
             dims: source.dims,
             dtype: source.dtype,
+            values: options.source_values.clone(),
             endian: source.endian,
             offset: options.source_offset,
             crop: options.crop.clone(),

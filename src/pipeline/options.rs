@@ -47,6 +47,8 @@ pub struct ConvertOptions {
     pub source_offset: u64,
     /// What was asked for of an input that may hold several volumes, for the manifest.
     pub source_part: Part,
+    /// How the values follow from what the file stores, for the manifest.
+    pub source_values: Option<String>,
     /// Where spacing, unit and origin came from, for the manifest.
     pub provenance: Provenance,
 }
@@ -82,6 +84,7 @@ impl Default for ConvertOptions {
             source_name: String::new(),
             source_offset: 0,
             source_part: Part::default(),
+            source_values: None,
             provenance: Provenance::default(),
         }
     }

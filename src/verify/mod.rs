@@ -75,10 +75,11 @@ mod tile;
 
 pub use code::Code;
 pub use report::{Issue, Report, Severity};
+pub use source::SourceVolume;
 
 use crate::error::{Error, Result};
 use crate::progress::Progress;
-use crate::volume::{Header, Volume};
+use crate::volume::Volume;
 use laws::Found;
 use report::Issues;
 use run::{Original, Run};
@@ -91,9 +92,9 @@ use tile::Context;
 pub struct VerifyOptions<'a> {
     /// The volume that the tiles were made from, already cropped as the manifest says.
     pub against: Option<&'a dyn Volume>,
-    /// What that volume says of itself before it was cropped, to be compared with what the manifest states of
+    /// What that volume says of itself before it is cropped, to be compared with what the manifest states of
     /// the source.
-    pub source: Option<&'a Header>,
+    pub source: Option<&'a SourceVolume>,
     /// Worker threads; 0 for one per core.
     pub threads: usize,
     /// Findings to keep; the report says how many were left out.
@@ -138,8 +139,8 @@ pub fn verify(dir: &Path, options: &VerifyOptions, progress: &dyn Progress) -> R
                 "the whole that it was selected from",
             ));
         }
-        if let Some(header) = options.source {
-            source::check(&manifest, header, &mut issues);
+        if let (Some(source), Some(volume)) = (options.source, options.against) {
+            source::check(&manifest, source, &volume.header().placement, &mut issues);
         }
         index::foreign_files(&root, &manifest, &mut issues)?;
         let cx = Context::new(&root, &manifest, options.max_issues);

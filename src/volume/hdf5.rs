@@ -358,7 +358,7 @@ fn place(dataset: &Dataset) -> (Placement, Provenance) {
     {
         place.spacing = [*x, *y, *z];
         place.unit = Unit::Micrometre;
-        (from.spacing, from.unit) = (Origin::File, Origin::File);
+        (from.spacing, from.unit) = ([Origin::File; 3], Origin::File);
     }
     (place, from)
 }

@@ -4,6 +4,7 @@ use super::map::Map;
 use super::paged::Pages;
 use super::source::{ByteSource, FileSource, MapSource, Part, PartsSource};
 use super::stream::{StreamLayout, StreamSource};
+use super::values::Values;
 use super::{Dtype, Endian, Header, Io};
 use crate::error::{Error, Result};
 use crate::grid::{Dims, Placement};
@@ -21,11 +22,13 @@ pub(super) struct Recipe {
     pub(super) endian: Option<Endian>,
     pub(super) placement: Placement,
     pub(super) provenance: Provenance,
-    /// Slope and intercept of the values that the samples stand for.
-    pub(super) scale: Option<(f64, f64)>,
+    /// The values that the samples stand for; `None` if these are the samples.
+    pub(super) values: Option<Values>,
     pub(super) samples: Samples,
     /// What a user should know that the header does not show.
     pub(super) notes: Vec<String>,
+    /// What may make numbers wrong unless the user does something about it.
+    pub(super) warnings: Vec<String>,
 }
 
 impl Recipe {
@@ -38,9 +41,10 @@ impl Recipe {
             endian: None,
             placement: Placement::default(),
             provenance: Provenance::default(),
-            scale: None,
+            values: None,
             samples,
             notes: Vec::new(),
+            warnings: Vec::new(),
         }
     }
 }

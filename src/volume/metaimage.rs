@@ -238,7 +238,7 @@ impl<'a> Head<'a> {
                     place.directions[axis] = place.directions[axis].map(|v| -v);
                 }
             }
-            from.spacing = Origin::File;
+            from.spacing = [Origin::File; 3];
             // the format has no unit of old; ITK means millimetres
             place.unit = Unit::Millimetre;
         }

@@ -9,6 +9,7 @@
 mod place;
 
 use super::layout::{self, Data, Encoding, Recipe, Samples, Start};
+use super::values::Values;
 use super::{Dtype, Endian};
 use crate::error::{Error, Result};
 use crate::grid::Dims;
@@ -146,7 +147,7 @@ impl Head<'_> {
             endian: Some(self.endian),
             placement,
             provenance,
-            scale: self.scale()?,
+            values: self.values()?,
             ..Recipe::new(
                 "nifti",
                 self.dims()?,
@@ -205,18 +206,18 @@ impl Head<'_> {
         Ok(dtype)
     }
 
-    /// Slope and intercept; `None` if the samples are the values.
-    fn scale(&self) -> Result<Option<(f64, f64)>> {
+    /// The scale of samples; `None` if they are the values.
+    fn values(&self) -> Result<Option<Values>> {
         let (slope, inter) = (self.real(112, 176), self.real(116, 184));
         // 0 says that nothing was set; some programs leave NaN
-        if slope == 0.0 || slope.is_nan() || (slope == 1.0 && inter == 0.0) {
+        if slope == 0.0 || slope.is_nan() {
             return Ok(None);
         }
         if !slope.is_finite() || !inter.is_finite() {
             let found = format!("scl_slope {slope} and scl_inter {inter}");
             return Err(self.wrong(found, "finite numbers"));
         }
-        Ok(Some((slope, inter)))
+        Ok(Values::linear(slope, inter, "scl_slope and scl_inter"))
     }
 
     fn data(&self, gzip: bool) -> Result<Data> {

@@ -280,7 +280,7 @@ impl<'a> Head<'a> {
         if let Some(field) = self.get("space directions") {
             let vectors = vectors(field)?;
             (place.spacing, place.directions) = text::axes(field, vectors)?;
-            from.spacing = Origin::File;
+            from.spacing = [Origin::File; 3];
             from.origin = Origin::File;
         } else if let Some(field) = self.get("spacings") {
             let spacings: [f64; 3] = field.values()?;
@@ -290,7 +290,7 @@ impl<'a> Head<'a> {
                     place.spacing[axis] = s.abs();
                     place.directions[axis][axis] = if s < 0.0 { -1.0 } else { 1.0 };
                 }
-                from.spacing = Origin::File;
+                from.spacing = [Origin::File; 3];
             }
         }
         if let Some(field) = self.get("space origin") {

@@ -4,14 +4,14 @@ use super::blob::Blob;
 use super::file::FileVolume;
 use super::layout::{self, Data, Encoding, Recipe, Samples, Start};
 use super::paged::PagedVolume;
-use super::scaled::{Scaled, value_type};
+use super::values::Valued;
 use super::{
-    Dtype, Endian, Header, Volume, archive, dicom, folder, hdf5, metaimage, nifti, npy, nrrd, tiff,
-    vti,
+    Dtype, Endian, Header, Volume, archive, dicom, folder, hdf5, metaimage, nifti, npy, nrrd,
+    place, tiff, vti,
 };
 use crate::error::{Error, Result};
-use crate::grid::{Dims, Placement, Unit};
-use crate::manifest::{Origin, Part, Provenance};
+use crate::grid::{Dims, Unit};
+use crate::manifest::{Part, Provenance};
 use std::path::{Path, PathBuf};
 
 /// How uncompressed files are read.
@@ -40,6 +40,17 @@ pub struct Headerless {
 }
 
 impl OpenOptions {
+    /// The same, with what these options do not ask for as `part` has it.
+    pub fn or_part(mut self, part: &Part) -> OpenOptions {
+        self.series = self.series.or_else(|| part.series.clone());
+        self.resample |= part.resample;
+        self.dataset = self.dataset.or_else(|| part.dataset.clone());
+        self.level = self.level.or(part.level);
+        self.channel = self.channel.or(part.channel);
+        self.time = self.time.or(part.time);
+        self
+    }
+
     /// The same for an input that has no header.
     pub fn of_headerless(&self) -> OpenOptions {
         let mut options = self.clone();
@@ -68,13 +79,15 @@ pub struct OpenOptions {
     pub offset: Option<u64>,
     /// What an input without a header is, where the options above do not say.
     pub headerless: Option<Headerless>,
-    /// Overrides the spacing of the file.
+    /// Overrides the spacing of the file. Needs `unit` where the file states none.
     pub spacing: Option<[f64; 3]>,
-    /// Overrides the unit of the file; numbers are kept, not converted.
+    /// The unit of `spacing`. Without that, what the file states is converted to it; where the file states a
+    /// spacing without a unit, this is its unit.
     pub unit: Option<Unit>,
     /// How uncompressed files are read.
     pub io: Io,
-    /// Which of several DICOM series: its number, description or UID.
+    /// Which of several series: its number, description or UID (DICOM), its number from 0 on or its name (TIFF,
+    /// OME-TIFF).
     pub series: Option<String>,
     /// True if slices that do not make a regular grid are to be interpolated to one (DICOM).
     pub resample: bool,
@@ -82,6 +95,10 @@ pub struct OpenOptions {
     pub dataset: Option<String>,
     /// Which level of a pyramid, 0 the finest (OME-Zarr); the finest if absent.
     pub level: Option<u32>,
+    /// Which of several channels, from 0 on.
+    pub channel: Option<u32>,
+    /// Which of several times, from 0 on.
+    pub time: Option<u32>,
 }
 
 /// An opened volume and what the manifest says of its source.
@@ -99,8 +116,12 @@ pub struct Opened {
     /// Files that the samples lie in, where these are others than the one that was opened, or of a
     /// folder those that were taken; may be empty if what was opened says it all.
     pub files: Vec<PathBuf>,
+    /// How the values follow from what the file stores, where it states a scale or samples that stand for nothing.
+    pub values: Option<String>,
     /// What a user should know of the input that its header does not show.
     pub notes: Vec<String>,
+    /// What may make numbers wrong unless the user does something about it.
+    pub warnings: Vec<String>,
 }
 
 impl std::str::FromStr for Io {
@@ -123,6 +144,7 @@ impl std::fmt::Debug for Opened {
             .field("name", &self.name)
             .field("offset", &self.offset)
             .field("notes", &self.notes)
+            .field("warnings", &self.warnings)
             .finish()
     }
 }
@@ -164,7 +186,7 @@ pub fn open(path: &Path, options: &OpenOptions) -> Result<Opened> {
         Samples::Files(data) => data.files.clone(),
         _ => Vec::new(),
     };
-    let (placement, provenance) = place(path, &recipe, options)?;
+    let (placement, provenance) = place::place(path, &recipe, options)?;
     let endian = recipe.endian.unwrap_or_default();
     let header = Header {
         format: recipe.format,
@@ -190,8 +212,9 @@ pub fn open(path: &Path, options: &OpenOptions) -> Result<Opened> {
         #[cfg(any(feature = "hdf5", feature = "zarr"))]
         Samples::Chunks(chunks) => Box::new(super::chunked::ChunkedVolume::new(header, chunks)),
     };
-    let volume = match recipe.scale {
-        Some((slope, intercept)) => Box::new(Scaled::new(volume, slope, intercept)),
+    let values = recipe.values.as_ref().map(|values| values.to_string());
+    let volume = match recipe.values {
+        Some(values) => Box::new(Valued::new(volume, values)),
         None => volume,
     };
     let name = path.file_name().unwrap_or(path.as_os_str());
@@ -205,9 +228,13 @@ pub fn open(path: &Path, options: &OpenOptions) -> Result<Opened> {
             resample: options.resample,
             dataset: options.dataset.clone(),
             level: options.level,
+            channel: options.channel,
+            time: options.time,
         },
         files,
+        values,
         notes,
+        warnings: recipe.warnings,
     })
 }
 
@@ -218,6 +245,12 @@ fn refuse_unused(format: &str, options: &OpenOptions) -> Result<()> {
         ("--resample", options.resample, &["dicom"]),
         ("--dataset", options.dataset.is_some(), &["hdf5", "zarr"]),
         ("--level", options.level.is_some(), &["zarr"]),
+        (
+            "--channel",
+            options.channel.is_some(),
+            &["hdf5", "tiff", "zarr"],
+        ),
+        ("--time", options.time.is_some(), &["hdf5", "tiff", "zarr"]),
     ];
     for (option, given, formats) in given {
         if given && !formats.contains(&format) {
@@ -275,14 +308,14 @@ fn complete(path: &Path, recipe: &mut Recipe, options: &OpenOptions) -> Result<(
             recipe.dims.to_string(),
         );
     }
-    let values = match recipe.scale {
-        Some(_) => value_type(recipe.dtype),
+    let dtype = match &recipe.values {
+        Some(values) => values.dtype(recipe.dtype),
         None => recipe.dtype,
     };
-    if let Some(dtype) = options.dtype
-        && dtype != values
+    if let Some(given) = options.dtype
+        && given != dtype
     {
-        return differ("--dtype", dtype.to_string(), values.to_string());
+        return differ("--dtype", given.to_string(), dtype.to_string());
     }
     match (options.endian, recipe.endian) {
         (Some(a), Some(b)) if a != b && recipe.dtype.bytes() > 1 => {
@@ -350,38 +383,6 @@ fn refuse_known(path: &Path, head: &[u8], options: &OpenOptions) -> Result<()> {
              lie in one uncompressed piece",
         )),
         _ => Ok(()),
-    }
-}
-
-/// The placement after the options, checked.
-fn place(path: &Path, recipe: &Recipe, options: &OpenOptions) -> Result<(Placement, Provenance)> {
-    let mut placement = recipe.placement;
-    let mut provenance = recipe.provenance;
-    if let Some(spacing) = options.spacing {
-        let valid = spacing.iter().all(|s| s.is_finite() && *s > 0.0);
-        if !valid {
-            let expected = "three finite numbers above 0";
-            return Err(Error::usage("--spacing", format!("{spacing:?}"), expected));
-        }
-        placement.spacing = spacing;
-        provenance.spacing = Origin::Option;
-    }
-    if let Some(unit) = options.unit {
-        placement.unit = unit;
-        provenance.unit = Origin::Option;
-    }
-    match placement.check() {
-        // what is wrong now is the file's own
-        Err(Error::Usage {
-            option,
-            found,
-            expected,
-            ..
-        }) => {
-            let found = format!("{option} {found}");
-            Err(Error::format(path, found, expected).with_hint("give --spacing if it is that"))
-        }
-        other => other.map(|()| (placement, provenance)),
     }
 }
 

@@ -290,7 +290,7 @@ pub(super) fn parse(path: &Path) -> Result<Recipe> {
         endian: Some(endian),
         placement: head.placement(extent)?,
         provenance: Provenance {
-            spacing: Origin::File,
+            spacing: [Origin::File; 3],
             unit: Origin::Default,
             origin: Origin::File,
         },

@@ -54,6 +54,9 @@ impl Identity {
             ("--resample", part.resample.then(|| "given".into())),
             ("--dataset", part.dataset.clone()),
             ("--level", part.level.map(|level| level.to_string())),
+            ("--channel", part.channel.map(|channel| channel.to_string())),
+            ("--time", part.time.map(|time| time.to_string())),
+            ("values", options.source_values.clone()),
         ];
         let given = asked_for.map(|(name, value)| value.map(|value| (name.to_string(), value)));
         list.extend(given.into_iter().flatten());

@@ -193,7 +193,7 @@ fn placed(
     let padding = images[candidate.frames[0].file as usize].padding;
     let mut stack = order::stack(path, candidate.frames)?;
     let provenance = Provenance {
-        spacing: Origin::File,
+        spacing: [Origin::File; 3],
         unit: Origin::File,
         origin: Origin::File,
     };
@@ -279,7 +279,7 @@ fn unplaced(
         (Some([x, y]), Some(z)) if z > 0.0 => {
             placement.spacing = [x, y, z];
             placement.unit = Unit::Millimetre;
-            (provenance.spacing, provenance.unit) = (Origin::File, Origin::File);
+            (provenance.spacing, provenance.unit) = ([Origin::File; 3], Origin::File);
         }
         _ if options.spacing.is_some() => {}
         _ => {

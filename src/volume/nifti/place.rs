@@ -6,15 +6,11 @@ use crate::grid::{Placement, Unit};
 use crate::manifest::{Origin, Provenance};
 use glam::DVec3;
 
-/// The most that the cosine between two axes may differ from 0. Rounding in f32 stays below.
-const MAX_SHEAR: f64 = 1e-4;
-
 impl Head<'_> {
     /// Spacing, directions, origin and unit.
     ///
     /// # Errors
-    /// [`Error::Unsupported`] if the axes are not at right angles, [`Error::Format`] if a form is no
-    /// map at all.
+    /// [`Error::Format`] if a form is no map at all.
     pub(super) fn place(&self) -> Result<(Placement, Provenance)> {
         let mut place = Placement::default();
         let mut from = Provenance::default();
@@ -35,10 +31,10 @@ impl Head<'_> {
         let spacing = [1, 2, 3].map(|i| self.pixdim(i).abs());
         if spacing.iter().all(|s| s.is_finite() && *s > 0.0) {
             place.spacing = spacing;
-            from.spacing = Origin::File;
+            from.spacing = [Origin::File; 3];
         }
         if self.code(254, 348) > 0 {
-            (from.spacing, from.origin) = (Origin::File, Origin::File);
+            (from.spacing, from.origin) = ([Origin::File; 3], Origin::File);
             let row = |i: usize| {
                 [0, 1, 2, 3].map(|c| self.real(280 + 16 * i + 4 * c, 400 + 32 * i + 8 * c))
             };
@@ -65,15 +61,6 @@ impl Head<'_> {
             ));
         }
         let unit = [0, 1, 2].map(|a| axes[a] / lengths[a]);
-        let cosines = [(0, 1), (0, 2), (1, 2)].map(|(a, b)| unit[a].dot(unit[b]));
-        if cosines.iter().any(|c| c.abs() > MAX_SHEAR) {
-            let what = format!(
-                "a sheared grid (cosines of {:.6}, {:.6} and {:.6} between the axes of the sform)",
-                cosines[0], cosines[1], cosines[2]
-            );
-            let hint = "resample it to axes at right angles";
-            return Err(Error::unsupported(self.path, what, hint));
-        }
         place.spacing = lengths;
         place.directions = unit.map(<[f64; 3]>::from);
         place.origin = column(3).into();

@@ -42,7 +42,7 @@ pub(super) fn stack(path: &Path, dir: &Directory) -> Result<Stack> {
             hint,
         ));
     }
-    if stack.provenance.spacing == Origin::Default && !text.starts_with("ImageJ=") {
+    if stack.provenance.spacing == [Origin::Default; 3] && !text.starts_with("ImageJ=") {
         baseline(dir.number(296, 2)?, resolution, &mut stack);
     }
     if dir.number(262, 1)? == 0 {
@@ -86,12 +86,12 @@ fn imagej(path: &Path, text: &str, resolution: [Option<f64>; 2], stack: &mut Sta
             // 1 is the value that ImageJ does not write
             stack.placement.spacing = [x, y, depth.unwrap_or(1.0)];
             stack.provenance.unit = Origin::File;
-            stack.provenance.spacing = Origin::File;
+            stack.provenance.spacing = [Origin::File; 3];
         }
         _ => {
             if let Some(depth) = depth.filter(|_| get("unit").is_none_or(is_pixel)) {
                 stack.placement.spacing[2] = depth;
-                stack.provenance.spacing = Origin::File;
+                stack.provenance.spacing = [Origin::File; 3];
             }
         }
     }
@@ -144,7 +144,7 @@ fn baseline(unit: u64, resolution: [Option<f64>; 2], stack: &mut Stack) {
     stack.placement.unit = Unit::Millimetre;
     stack.placement.spacing = [x * scale, y * scale, x * scale];
     stack.provenance.unit = Origin::File;
-    stack.provenance.spacing = Origin::File;
+    stack.provenance.spacing = [Origin::File; 3];
 }
 
 fn ome(path: &Path, pixels: &str, stack: &mut Stack) -> Result<()> {
@@ -168,7 +168,7 @@ fn ome(path: &Path, pixels: &str, stack: &mut Stack) -> Result<()> {
     {
         stack.placement.spacing = [x, y, z];
         stack.placement.unit = ux;
-        stack.provenance.spacing = Origin::File;
+        stack.provenance.spacing = [Origin::File; 3];
         stack.provenance.unit = Origin::File;
     }
     Ok(())

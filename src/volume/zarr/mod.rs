@@ -280,7 +280,7 @@ fn place(axes: Option<&[Axis]>, volume: [usize; 3]) -> (Placement, Provenance) {
     let units = axes.map(|a| a.unit.filter(|u| *u != Unit::Voxel));
     place.spacing = axes.map(|a| a.step);
     place.origin = axes.map(|a| a.start);
-    (from.spacing, from.origin) = (Origin::File, Origin::File);
+    (from.spacing, from.origin) = ([Origin::File; 3], Origin::File);
     if let [Some(unit), b, c] = units
         && (b, c) == (Some(unit), Some(unit))
     {
