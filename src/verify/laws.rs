@@ -73,9 +73,6 @@ pub(super) fn check(
     if whole && !issues.broken() {
         all.iter().for_each(|l| l.finish(issues));
     }
-    if !issues.broken() {
-        all.iter().for_each(|l| l.check_order(issues));
-    }
     let [_, cells, objects] = found.ids;
     if whole && !issues.broken() && surfaces > 0 && surfaces + 1 != cells + objects {
         let message = format!(
@@ -84,6 +81,7 @@ pub(super) fn check(
         issues.add(Code::Law, "index.json#/totals", message);
     }
     if !issues.broken() {
+        all.iter().for_each(|l| l.check_order(issues));
         totals(cx.manifest, found, issues);
         issues.append(sums);
         issues.append(values);
