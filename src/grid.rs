@@ -3,7 +3,12 @@
 //! Voxel (i, j, k) is a sample at integer coordinates, x fastest. A *cube* (i, j, k) has the 8
 //! voxels (i..i+1, j..j+1, k..k+1) as corners. A *macrocube* is a block of cubes; its file is a tile.
 
+mod extent;
+
+pub use extent::Extent;
+
 use crate::error::{Error, Result};
+use crate::length::Length;
 use glam::{DMat3, DMat4, DVec3};
 use serde::{Deserialize, Serialize};
 use std::ops::Range;
@@ -209,8 +214,33 @@ impl Placement {
 
     /// World position of a point in voxel coordinates, in `unit`, Z up.
     pub fn world(&self, voxel: [f64; 3]) -> [f64; 3] {
+        (DVec3::from(self.origin) + DVec3::from(self.step(voxel))).into()
+    }
+
+    /// The way from voxel (0, 0, 0) to a point in voxel coordinates, in `unit`, Z up. Along each axis of the grid
+    /// every component rises, falls or stays, whatever is rounded.
+    pub fn step(&self, voxel: [f64; 3]) -> [f64; 3] {
         let axes = DMat3::from_cols_array_2d(&self.directions);
-        (DVec3::from(self.origin) + axes * (DVec3::from(self.spacing) * DVec3::from(voxel))).into()
+        (axes * (DVec3::from(self.spacing) * DVec3::from(voxel))).into()
+    }
+
+    /// True if an axis of the world runs along two axes of the grid or more: a box of voxels is then no box in the
+    /// world.
+    pub fn is_rotated(&self) -> bool {
+        (0..3).any(|r| self.directions.iter().filter(|axis| axis[r] != 0.0).count() > 1)
+    }
+
+    /// The box in world coordinates, lower and upper ends, around a box of voxels: of its eight corners.
+    pub fn box_around(&self, ends: [[f64; 3]; 2]) -> [[f64; 3]; 2] {
+        let mut out = [[f64::INFINITY; 3], [f64::NEG_INFINITY; 3]];
+        for corner in 0..8usize {
+            let p = self.world(std::array::from_fn(|a| ends[corner >> a & 1][a]));
+            for r in 0..3 {
+                out[0][r] = out[0][r].min(p[r]);
+                out[1][r] = out[1][r].max(p[r]);
+            }
+        }
+        out
     }
 
     /// The matrix from voxel coordinates to glTF's metres with Y up, column-major as glTF has it:
@@ -226,6 +256,29 @@ impl Placement {
         out.w_axis = shift.extend(1.0);
         // adding 0 turns -0 into 0, which reads better in JSON
         out.to_cols_array().map(|v| v + 0.0)
+    }
+
+    /// The same place with its lengths in another unit.
+    ///
+    /// # Errors
+    /// [`Error::Usage`] if one of the two units is [`Unit::Voxel`], which is no length, and the other is one.
+    pub fn in_unit(&self, unit: Unit) -> Result<Self> {
+        if (unit == Unit::Voxel) != (self.unit == Unit::Voxel) {
+            return Err(Error::usage(
+                "--table-unit",
+                format!("{unit} for a volume in {}", self.unit),
+                "a unit of length, for a volume whose voxels have a size: give --spacing and --unit",
+            ));
+        }
+        let convert = |v: f64| Length::from(self.unit).convert(v, unit);
+        let place = Placement {
+            spacing: self.spacing.map(convert),
+            unit,
+            origin: self.origin.map(convert),
+            ..*self
+        };
+        place.check()?;
+        Ok(place)
     }
 
     /// The placement of the part of the grid that starts at voxel `start`.

@@ -4,7 +4,7 @@
 //! of it on the calling thread.
 
 use crate::error::Result;
-use crate::grid::{Ambiguous, Tiling};
+use crate::grid::{Ambiguous, Placement, Tiling};
 use crate::manifest::Primitives;
 use crate::measure::AreaScale;
 use crate::mesh::{
@@ -103,7 +103,8 @@ impl Kernels {
             let rule = Ambiguous::Separate;
             let old = std::mem::take(&mut band.labels.of_run);
             let (of_run, count) = label_runs(&band.bits, &band.runs, rule, old);
-            band.labels = sum_voxels(&band.bits, of_run, count, self.tiling.dims);
+            let grid = (self.tiling.dims, &Placement::default());
+            band.labels = sum_voxels(&band.bits, of_run, count, grid);
             components += count;
         }
         components

@@ -146,6 +146,9 @@
 //! [`Error`] says where, what was found, what was expected and what to do. Work that fails leaves
 //! nothing behind under a final name.
 
+// what a table, a tile or a picture says must not depend on how the program was linked: see clippy.toml
+#![warn(clippy::disallowed_methods)]
+
 mod alike;
 mod checkpoint;
 pub mod cli;

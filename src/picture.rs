@@ -72,7 +72,7 @@ pub fn number(v: f64) -> String {
     if v == 0.0 {
         return "0".to_string();
     }
-    let size = v.abs().log10().floor();
+    let size = libm::log10(v.abs()).floor();
     if !(-4.0..6.0).contains(&size) {
         return format!("{v:.2e}");
     }

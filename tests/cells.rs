@@ -193,17 +193,35 @@ fn a_summary_agrees_with_the_table_and_the_manifest() {
         &value["border"]["share"],
         column("touches_border").iter().sum::<f64>() / n,
     );
-    let mut d = column("equivalent_diameter");
+    let border = column("touches_border");
+    // what the grid cuts is smaller than it is: it counts, but is in no distribution
+    let whole = |name: &str| -> Vec<f64> {
+        let values = column(name).into_iter().zip(&border);
+        values.filter(|(_, b)| **b == 0.0).map(|(v, _)| v).collect()
+    };
+    assert_eq!(value["cells"], rows.len());
+    assert_eq!(value["cells_whole"], whole("id").len());
+    assert_eq!(value["cells_border"], rows.len() - whole("id").len());
+    let mut d = whole("equivalent_diameter");
+    let (all, n) = (n, d.len() as f64);
+    assert!(n > 3.0 && n < all);
     let mean = d.iter().sum::<f64>() / n;
     let sd = (d.iter().map(|v| (v - mean).powi(2)).sum::<f64>() / n).sqrt();
     let spread = &value["equivalent_diameter"]["number"];
     near(&spread["mean"], mean);
     near(&spread["sd"], sd);
-    let v = column("volume");
+    near(&value["equivalent_diameter"]["mean"], mean);
+    near(&value["equivalent_diameter"]["sd"], sd);
+    let v = whole("volume");
     let weighted = d.iter().zip(&v).map(|(d, v)| d * v).sum::<f64>() / v.iter().sum::<f64>();
     near(&value["equivalent_diameter"]["volume"]["mean"], weighted);
     d.sort_by(f64::total_cmp);
     near(&spread["min"], d[0]);
+    let middle = (d[(d.len() - 1) / 2] + d[d.len() / 2]) / 2.0;
+    near(&value["equivalent_diameter"]["median"], middle);
+    near(&spread["median"], middle);
+    let by_volume = &value["equivalent_diameter"]["by_volume_median"];
+    assert_eq!(*by_volume, value["equivalent_diameter"]["volume"]["median"]);
     near(&spread["max"], d[d.len() - 1]);
     assert_eq!(value["equivalent_diameter"]["unit"], "mm");
     let text = ok(dir.path(), &["cells", "tiles", "--summary"]);
@@ -214,7 +232,171 @@ fn a_summary_agrees_with_the_table_and_the_manifest() {
     assert!(ok(dir.path(), &none).contains("0 of "));
     let none = json(&ok(dir.path(), &[&none[..], &["--json"]].concat()));
     assert_eq!(none["equivalent_diameter"], Value::Null);
-    ok(dir.path(), &["cells", "tiles", "--summary", "--objects"]);
+    let objects = ["cells", "tiles", "--summary", "--objects", "--json"];
+    let objects = json(&ok(dir.path(), &objects));
+    let [all, whole, cut] =
+        ["objects", "objects_whole", "objects_border"].map(|name| objects[name].as_u64().unwrap());
+    assert_eq!(all, whole + cut);
+}
+
+/// A body of 200 in air of 50, with three pores of 5 x 5 x 5 voxels inside and one that the grid cuts at its
+/// lower face: bytes of a cube of `n` voxels. The body is where `solid` says, x and y from the middle.
+fn sample_in_air(n: i32, solid: impl Fn(f64, f64) -> bool) -> Vec<u8> {
+    let pores = [[-8, 0, 10], [7, 3, 20], [0, -9, 27], [0, 0, 1]];
+    let value = |i: i32| {
+        let [x, y, z] = [i % n, i / n % n, i / n / n];
+        let middle = |c: i32| f64::from(c) - f64::from(n - 1) / 2.0;
+        let in_pore = pores.iter().any(|p| {
+            let away = [x - n / 2 - p[0], y - n / 2 - p[1], z - p[2]];
+            away.iter().all(|d| d.abs() <= 2)
+        });
+        if solid(middle(x), middle(y)) && !in_pore {
+            200
+        } else {
+            50
+        }
+    };
+    (0..n * n * n).map(value).collect()
+}
+
+fn summary(dir: &Path, name: &str, outside: &str) -> (Value, String) {
+    let args = ["cells", name, "--summary", "--json", "--outside", outside];
+    let out = alvis(dir, &args);
+    assert!(out.status.success());
+    let text = String::from_utf8(out.stderr).unwrap();
+    (serde_json::from_slice(&out.stdout).unwrap(), text)
+}
+
+#[test]
+fn porosity_of_a_sample_in_air_leaves_the_air_out() {
+    let dir = tempfile::tempdir().unwrap();
+    let dir = dir.path();
+    let n = 40;
+    let convert = |bytes: Vec<u8>, name: &str, more: &[&str]| {
+        std::fs::write(dir.join("s.raw"), bytes).unwrap();
+        let args = ["convert", "s.raw", name, "--threshold", "125", "--quiet"];
+        let raw = ["--dims", "40,40,40", "--dtype", "u8"];
+        ok(dir, &[&args[..], &raw, more].concat());
+    };
+    // three whole pores, and one of which 4 slices of 5 are in the grid
+    let pores = (3 * 125 + 100) as f64;
+    let bodies: [(&str, u64, &dyn Fn(f64, f64) -> bool); 3] = [
+        ("cylinder", 1, &|x, y| x * x + y * y < 300.0),
+        // as wide as the grid: air in four wedges
+        ("touching", 4, &|x, y| x * x + y * y < 390.0),
+        ("slab", 2, &|_, y| y.abs() < 16.0),
+    ];
+    for (name, cells, solid) in bodies {
+        let bytes = sample_in_air(n, solid);
+        let metal = bytes.iter().filter(|v| **v == 200).count() as f64;
+        let all = f64::from(n * n * n);
+        convert(bytes, name, &[]);
+        let near = |v: &Value, expected: f64| {
+            assert!(
+                (v.as_f64().unwrap() - expected).abs() < 1e-12,
+                "{name}: {v}"
+            );
+        };
+        let (with, said) = summary(dir, name, "none");
+        near(&with["porosity"], 1.0 - metal / all);
+        assert_eq!(with["porosity_of"], "grid");
+        assert_eq!(with["outside"], "none");
+        assert_eq!(with["cells"], 4 + cells);
+        assert_eq!(with["cells_whole"], 3);
+        assert_eq!(with["cells_border"], 1 + cells);
+        // one cell around the sample is told of
+        assert_eq!(said.contains("--outside border-cell"), cells == 1, "{said}");
+        assert_eq!(
+            with["warnings"].as_array().unwrap().len(),
+            usize::from(cells == 1)
+        );
+        let (without, said) = summary(dir, name, "border-cell");
+        near(&without["porosity"], pores / (metal + pores));
+        near(&without["volume_fraction"], pores / (metal + pores));
+        assert_eq!(without["porosity_of"], "grid without outside");
+        assert_eq!(without["outside"], "border-cell");
+        assert_eq!(without["outside_cells"], cells);
+        near(&without["outside_voxels"], all - metal - pores);
+        // the pore that is cut stays one
+        assert_eq!(without["cells"], 4);
+        assert_eq!(without["cells_border"], 1);
+        assert_eq!(said, "");
+        // half of the cells' diameters are no smaller than those of the whole pores
+        for summary in [&with, &without] {
+            near(&summary["equivalent_diameter"]["sd"], 0.0);
+        }
+        let text = ok(
+            dir,
+            &["cells", name, "--summary", "--outside", "border-cell"],
+        );
+        assert!(
+            text.contains("of the grid without what is outside"),
+            "{text}"
+        );
+    }
+    // nothing to leave out
+    let whole = sample_in_air(n, |_, _| true);
+    convert(whole, "whole", &[]);
+    let (value, said) = summary(dir, "whole", "border-cell");
+    assert_eq!(value["outside_cells"], 0);
+    assert!(said.contains("four faces"), "{said}");
+    ok(
+        dir,
+        &[
+            "select",
+            "cylinder",
+            "part",
+            "--where",
+            "not touches_border",
+            "--quiet",
+        ],
+    );
+    let message = fails(
+        dir,
+        &["cells", "part", "--summary", "--outside", "border-cell"],
+    );
+    assert!(message.contains("3 of 5 cells"), "{message}");
+}
+
+#[test]
+fn the_air_around_a_sample_is_found_however_its_axes_lie() {
+    let dir = tempfile::tempdir().unwrap();
+    let dir = dir.path();
+    std::fs::write(
+        dir.join("s.raw"),
+        sample_in_air(40, |x, y| x * x + y * y < 300.0),
+    )
+    .unwrap();
+    for axes in [
+        "(0.6,0.8,0) (-0.8,0.6,0) (0,0,1)",
+        "(0,0,2) (3,0,0) (0,-1,0)",
+        "(0.36,0.48,-0.8) (-0.8,0.6,0) (0.48,0.64,0.6)",
+    ] {
+        let header = format!(
+            "NRRD0004\ntype: uint8\ndimension: 3\nsizes: 40 40 40\nspace dimension: 3\nspace directions: {axes}\n\
+             space origin: (100,-7,1e3)\nencoding: raw\ndata file: s.raw\n"
+        );
+        std::fs::write(dir.join("s.nhdr"), header).unwrap();
+        let args = [
+            "convert",
+            "s.nhdr",
+            "set",
+            "--threshold",
+            "125",
+            "--quiet",
+            "--force",
+        ];
+        ok(dir, &args);
+        let (value, said) = summary(dir, "set", "none");
+        assert_eq!(value["cells_border"], 2);
+        assert!(said.contains("all four sides"), "{axes}: {said}");
+        let (value, _) = summary(dir, "set", "border-cell");
+        assert_eq!(
+            (&value["outside_cells"], &value["cells"]),
+            (&1.into(), &4.into()),
+            "{axes}"
+        );
+    }
 }
 
 #[test]
@@ -231,6 +413,7 @@ fn refusals_are_one_message() {
         (&["cells", "tiles", "--objects", "--surfaces"], "--surfaces"),
         (&["cells", "tiles", "--summary", "--surfaces"], "--surfaces"),
         (&["cells", "tiles", "--summary", "--format", "csv"], "csv"),
+        (&["cells", "tiles", "--outside", "none"], "--summary"),
     ] {
         let message = fails(dir.path(), args);
         assert!(message.contains(part), "{args:?}: {message}");
@@ -252,4 +435,101 @@ fn refusals_are_one_message() {
     std::fs::write(&manifest, text.replace("\"cells.csv\"", "\"../cells.csv\"")).unwrap();
     assert!(fails(dir.path(), &["cells", "tiles"]).contains("inside the directory"));
     assert_eq!(alvis(dir.path(), &["cells"]).status.code(), Some(2));
+}
+
+/// Every reader of tables takes and says the unit that tables are in; coordinates stay in that of the volume.
+#[test]
+fn tables_may_be_in_another_unit_than_the_volume() {
+    let own = foam_tiles(&[]);
+    let other = foam_tiles(&["--table-unit", "um"]);
+    let dir = other.path();
+    let listed = |dir: &Path, condition: &str| {
+        let args = ["cells", "tiles", "--json", "--where", condition];
+        let value = json(&ok(dir, &args));
+        let volume = value["columns"].as_array().unwrap().iter();
+        let unit = volume.clone().find(|c| c["name"] == "volume").unwrap()["unit"].clone();
+        (ids(&value, "cells"), unit)
+    };
+    let (expected, unit) = listed(own.path(), "volume > 0.03");
+    assert_eq!(unit, "mm^3");
+    let (found, unit) = listed(dir, "volume > 0.03e9");
+    assert_eq!(unit, "um^3");
+    assert!(!found.is_empty() && found == expected);
+    assert!(ok(dir, &["cells", "tiles"]).contains("[um^3]"));
+    let (value, _) = summary(dir, "tiles", "none");
+    assert_eq!(value["equivalent_diameter"]["unit"], "um");
+    let (plain, _) = summary(own.path(), "tiles", "none");
+    let mean = |v: &Value| v["equivalent_diameter"]["mean"].as_f64().unwrap();
+    assert!((mean(&value) / mean(&plain) - 1e3).abs() < 1e-6);
+    for args in [
+        &["verify", "tiles"][..],
+        &["verify", "tiles", "--against", "foam.mhd"],
+        &[
+            "select",
+            "tiles",
+            "part",
+            "--where",
+            "volume > 0.03e9",
+            "--colour-by",
+            "area",
+        ],
+        &["verify", "part"],
+        &["repack", "tiles", "packed", "--encoding", "meshopt"],
+        &["verify", "packed"],
+        &["repack", "part", "merged", "--layout", "merged"],
+        &["verify", "merged"],
+    ] {
+        ok(dir, args);
+    }
+    for set in ["tiles", "part", "packed", "merged"] {
+        let index = std::fs::read_to_string(dir.join(set).join("index.json")).unwrap();
+        let index = json(&index);
+        assert_eq!(
+            (&index["unit"], &index["table_unit"]),
+            (&"mm".into(), &"um".into())
+        );
+    }
+    let index = json(&std::fs::read_to_string(dir.join("part/index.json")).unwrap());
+    assert_eq!(index["selection"]["colour_by"]["unit"], "um^2");
+    // coordinates of one mesh are in the unit of the volume
+    for dir in [own.path(), dir] {
+        ok(dir, &["export", "tiles", "all.obj", "--where", "id > 3"]);
+    }
+    let [a, b] = [own.path(), dir].map(|dir| std::fs::read(dir.join("all.obj")).unwrap());
+    assert!(a == b && a.starts_with(b"# alvis"));
+    let picture = [
+        "preview",
+        "foam.mhd",
+        "a.png",
+        "--tiles",
+        "tiles",
+        "--colour-by",
+        "volume",
+    ];
+    ok(dir, &picture);
+    let refused = [
+        "convert",
+        "foam.mhd",
+        "x",
+        "--threshold",
+        "9",
+        "--table-unit",
+    ];
+    for unit in ["voxel", "inch"] {
+        let message = fails(dir, &[&refused[..], &[unit]].concat());
+        assert!(message.contains("m, cm, mm, um or nm"), "{message}");
+    }
+    ok(dir, &["phantom", "sphere", "bare.mhd", "--dims", "9,9,9"]);
+    let args = [
+        "convert",
+        "bare.mhd",
+        "x",
+        "--threshold",
+        "9",
+        "--table-unit",
+        "um",
+    ];
+    let message = fails(dir, &args);
+    assert!(message.contains("--spacing and --unit"), "{message}");
+    assert!(!dir.join("x").exists());
 }

@@ -5,10 +5,10 @@
 
 mod common;
 
-use alvis::grid::{Ambiguous, Dims, Placement};
+use alvis::grid::{Ambiguous, Dims, Placement, Unit};
 use alvis::pipeline::ConvertOptions;
 use alvis::volume::MemoryVolume;
-use common::{converted, data, verified};
+use common::{converted, data, reference, verified, volumes};
 use std::collections::HashMap;
 use std::f64::consts::PI;
 use std::io::Read;
@@ -272,6 +272,178 @@ fn a_gyroid_has_the_area_of_its_period() {
     near("area of the cells", area(&cells), area(&objects), 1e-12);
     let voxels: f64 = objects.iter().map(|r| r["voxels"]).sum();
     near("share", voxels / f64::from(n + 1).powi(3), 0.5, 0.02);
+}
+
+/// Axes of a grid: turned about z by 45 degrees, about all axes, about x and mirrored, hardly at all; and along those of
+/// the world in another order, one of them backwards.
+fn ways_to_lie() -> [[[f64; 3]; 3]; 5] {
+    let c = 0.5f64.sqrt();
+    let tiny = 1e-9;
+    [
+        [[c, c, 0.0], [-c, c, 0.0], [0.0, 0.0, 1.0]],
+        [[0.36, 0.48, -0.8], [-0.8, 0.6, 0.0], [0.48, 0.64, 0.6]],
+        [[-1.0, 0.0, 0.0], [0.0, 0.8, 0.6], [0.0, -0.6, 0.8]],
+        [[1.0, tiny, 0.0], [-tiny, 1.0, 0.0], [0.0, 0.0, 1.0]],
+        [[0.0, 0.0, 1.0], [-1.0, 0.0, 0.0], [0.0, 1.0, 0.0]],
+    ]
+}
+
+/// The ends of boxes are those of voxels' centres to the last bit, however the grid lies, with tiles and slabs that cut
+/// most bodies.
+#[test]
+fn boxes_are_those_of_the_voxels_however_the_grid_lies() {
+    let dims = [19, 17, 23];
+    let mut smaller = 0;
+    for (samples, rule) in [
+        (volumes::foam(dims, 5), Ambiguous::Separate),
+        (volumes::noise(dims, 8), Ambiguous::Join),
+    ] {
+        let above: Vec<bool> = samples.iter().map(|&v| v >= 128).collect();
+        let ids = reference::ids(dims.map(|n| n as usize), &above, rule);
+        for directions in ways_to_lie() {
+            let placement = Placement {
+                spacing: [0.3, 0.7, 0.45],
+                unit: Unit::Millimetre,
+                origin: [-103.1, 0.0, 7.7],
+                directions,
+            };
+            let volume = MemoryVolume::new(Dims(dims), placement, samples.clone()).unwrap();
+            let options = ConvertOptions {
+                ambiguous: rule,
+                ..common::options([6, 5, 4])
+            };
+            let (dir, _) = converted(&volume, &options);
+            for against in [None, Some(&volume as _)] {
+                verified(dir.path(), against);
+            }
+            for (name, phase) in [("objects.csv", true), ("cells.csv", false)] {
+                let rows = table(dir.path(), name);
+                let none = ([f64::INFINITY; 3], [f64::NEG_INFINITY; 3]);
+                let mut found = vec![none; rows.len()];
+                let mut voxels = found.clone();
+                for (at, (&id, _)) in ids
+                    .iter()
+                    .zip(&above)
+                    .enumerate()
+                    .filter(|v| *v.1.1 == phase)
+                {
+                    let [nx, ny] = [dims[0] as usize, dims[1] as usize];
+                    let voxel = [at % nx, at / nx % ny, at / nx / ny].map(|c| c as f64);
+                    let world = placement.world(voxel);
+                    for (ends, at) in [(&mut found, world), (&mut voxels, voxel)] {
+                        let (low, high) = &mut ends[id as usize - 1];
+                        for a in 0..3 {
+                            low[a] = low[a].min(at[a]);
+                            high[a] = high[a].max(at[a]);
+                        }
+                    }
+                }
+                for (row, ((low, high), voxels)) in rows.iter().zip(found.iter().zip(voxels)) {
+                    let of = |end: &str| ["x", "y", "z"].map(|a| row[&format!("{end}_{a}")]);
+                    assert_eq!(
+                        (of("min"), of("max")),
+                        (*low, *high),
+                        "{directions:?} {name}"
+                    );
+                    let [around, _] = placement.box_around([voxels.0, voxels.1]);
+                    smaller += usize::from((0..3).any(|a| around[a] < low[a] - 0.1));
+                }
+            }
+        }
+    }
+    // boxes around boxes would have been larger
+    assert!(smaller > 10, "{smaller}");
+}
+
+/// Tables in another unit have the same lengths; tiles stay where they are.
+#[test]
+fn tables_in_another_unit_say_the_same() {
+    let dims = [19, 17, 23];
+    let tilted = Placement {
+        spacing: [0.05, 0.07, 0.1],
+        unit: Unit::Millimetre,
+        origin: [-3.3, 10.0, 0.7],
+        directions: ways_to_lie()[1],
+    };
+    let straight = Placement {
+        directions: Placement::default().directions,
+        ..tilted
+    };
+    for place in [tilted, straight] {
+        let volume = MemoryVolume::new(Dims(dims), place, volumes::foam(dims, 3)).unwrap();
+        let plain = common::options([8; 3]);
+        let (own, _) = converted(&volume, &plain);
+        for (unit, factor) in [
+            (Unit::Micrometre, 1e3),
+            (Unit::Metre, 1e-3),
+            (Unit::Millimetre, 1.0),
+        ] {
+            let options = ConvertOptions {
+                table_unit: Some(unit),
+                ..plain.clone()
+            };
+            let (dir, _) = converted(&volume, &options);
+            for against in [None, Some(&volume as _)] {
+                verified(dir.path(), against);
+            }
+            let manifest = common::set::manifest(dir.path());
+            assert_eq!(
+                (manifest.placement, manifest.table_unit),
+                (place, Some(unit))
+            );
+            let (there, here) = (common::set::weld(own.path()), common::set::weld(dir.path()));
+            assert_eq!(there.triangles, here.triangles);
+            for name in ["cells.csv", "objects.csv", "surfaces.csv"] {
+                same_lengths([own.path(), dir.path()], name, (unit, factor));
+            }
+        }
+        let options = ConvertOptions {
+            table_unit: Some(Unit::Micrometre),
+            ..plain
+        };
+        let bare = volumes::volume(dims, volumes::foam(dims, 3));
+        let dir = tempfile::tempdir().unwrap();
+        let refused =
+            alvis::pipeline::convert(&bare, &options, dir.path(), &alvis::progress::Quiet);
+        let message = refused.unwrap_err().to_string();
+        assert!(
+            message.contains("--table-unit") && message.contains("--spacing"),
+            "{message}"
+        );
+    }
+}
+
+/// Fails unless the second table has the numbers of the first one, which is in mm, by its own unit's factor.
+fn same_lengths(dirs: [&Path; 2], name: &str, (unit, factor): (Unit, f64)) {
+    let [own, other] = dirs.map(|dir| std::fs::read_to_string(dir.join(name)).unwrap());
+    let [mut own, mut other] = [own.lines(), other.lines()];
+    let head: Vec<&str> = own.next().unwrap().split(',').collect();
+    let expected = own_unit(&head.join(","), unit);
+    assert_eq!(other.next(), Some(expected.as_str()));
+    let powers: Vec<i32> = head
+        .iter()
+        .map(|title| match title.split_once(" [mm") {
+            Some((_, "]")) => 1,
+            Some((_, power)) => power.trim_matches(['^', ']']).parse().unwrap(),
+            None => 0,
+        })
+        .collect();
+    assert!(powers.contains(&2));
+    for (own, other) in own.zip(other) {
+        for ((a, b), power) in own.split(',').zip(other.split(',')).zip(&powers) {
+            if let (Ok(a), Ok(b)) = (a.parse::<f64>(), b.parse::<f64>()) {
+                let factor = factor.powi(*power);
+                assert!((b / factor - a).abs() <= 1e-9 * a.abs().max(1.0), "{a} {b}");
+            } else {
+                assert_eq!(a, b);
+            }
+        }
+    }
+}
+
+/// A header in mm in another unit.
+fn own_unit(head: &str, unit: Unit) -> String {
+    head.replace("[mm", &format!("[{unit}"))
 }
 
 fn median(mut values: Vec<f64>) -> f64 {

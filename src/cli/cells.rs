@@ -6,7 +6,10 @@ use super::output::LongText;
 use super::{Outcome, output};
 use crate::error::{Error, Result};
 use crate::manifest::Manifest;
-use crate::table::{Column, Query, Row, Spread, Summary, Table, TableReader, summarise};
+use crate::progress::Progress;
+use crate::table::{
+    Column, Outside, PorosityOf, Query, Row, Spread, Summary, Table, TableReader, summarise,
+};
 use clap::{Args, ValueEnum, ValueHint};
 use serde_json::json;
 use std::path::PathBuf;
@@ -38,6 +41,15 @@ enum FormatArg {
     Json,
 }
 
+/// Which cells are air around the sample, as typed.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
+enum OutsideArg {
+    /// Cells that reach four or more of the grid's six faces; a pore that the grid cuts reaches three at most
+    BorderCell,
+    /// No cell
+    None,
+}
+
 /// List the cells of a tile set, or sum them up
 ///
 /// Conditions and keys are expressions over the columns: comparisons (< <= > >= == !=), and, or,
@@ -47,7 +59,7 @@ enum FormatArg {
 #[command(after_help = "Examples:\n  \
     alvis cells OUT --where 'not touches_border' --sort -volume --top 10\n  \
     alvis cells OUT --where 'sphericity > 0.9 and volume > 0.01' --format csv\n  \
-    alvis cells OUT --summary")]
+    alvis cells OUT --summary --outside border-cell")]
 pub struct CellsArgs {
     /// The directory of the tile set
     #[arg(value_hint = ValueHint::DirPath)]
@@ -77,8 +89,22 @@ pub struct CellsArgs {
     #[arg(long, value_name = "FORM", conflicts_with = "json")]
     format: Option<FormatArg>,
     /// Sum the rows up: porosity, distribution of diameters, sphericity
+    ///
+    /// Rows at the border of the grid are cut by it and smaller than they are: they count in the numbers of rows and
+    /// in porosity, but in no distribution.
     #[arg(long, conflicts_with_all = ["sort", "top", "columns", "surfaces"])]
     summary: bool,
+    /// Which cells are air around the sample, not pores: left out of porosity and of the rows
+    ///
+    /// Pores that are open to that air are part of it. A pore network that runs through the whole grid reaches its
+    /// faces, too: do not leave out that.
+    #[arg(
+        long,
+        value_name = "RULE",
+        default_value = "none",
+        requires = "summary"
+    )]
+    outside: OutsideArg,
     #[command(flatten)]
     common: Common,
 }
@@ -98,7 +124,7 @@ impl CellsArgs {
             None => FormatArg::Table,
         };
         if self.summary {
-            self.print_summary(&mut table, &query, &manifest, format)?;
+            self.print_summary(&query, &manifest, format)?;
             return Ok(Outcome::Done);
         }
         let shown = self.shown(&columns, format)?;
@@ -136,13 +162,7 @@ impl CellsArgs {
         wanted.collect()
     }
 
-    fn print_summary(
-        &self,
-        table: &mut TableReader,
-        query: &Query,
-        manifest: &Manifest,
-        format: FormatArg,
-    ) -> Result<()> {
+    fn print_summary(&self, query: &Query, manifest: &Manifest, format: FormatArg) -> Result<()> {
         if format == FormatArg::Csv {
             return Err(Error::usage(
                 "--format",
@@ -150,7 +170,13 @@ impl CellsArgs {
                 "table or json",
             ));
         }
-        let summary = summarise(table, query, manifest)?;
+        let outside = match self.outside {
+            OutsideArg::BorderCell => Outside::BorderCell,
+            OutsideArg::None => Outside::None,
+        };
+        let summary = summarise(&self.out, manifest, (self.table(), query), outside)?;
+        let console = self.common.start();
+        summary.warnings.iter().for_each(|w| console.warn(w));
         match format {
             FormatArg::Json => output::print_json(&summary),
             _ => output::print(&text(&summary, self.table())),
@@ -245,10 +271,26 @@ fn print_table(table: &mut TableReader, query: Query, rows: usize, shown: &[usiz
     out.finish()
 }
 
+/// Which cells are taken as air around the sample.
+fn outside_text(summary: &Summary) -> String {
+    match summary.outside {
+        Outside::None => "no cell (border-cell takes air around a sample)".to_string(),
+        Outside::BorderCell => format!(
+            "{} cells with {} voxels",
+            output::count(summary.outside_cells),
+            output::count(summary.outside_voxels)
+        ),
+    }
+}
+
 /// A summary for people.
 fn text(summary: &Summary, which: Table) -> String {
     let percent = |share: f64| format!("{:.2} %", 100.0 * share);
     let count = output::count(summary.count);
+    let base = match summary.porosity_of {
+        PorosityOf::Grid => "the grid",
+        PorosityOf::GridWithoutOutside => "the grid without what is outside",
+    };
     let mut rows = vec![
         (
             which.name(),
@@ -261,13 +303,20 @@ fn text(summary: &Summary, which: Table) -> String {
         (
             "at the border",
             format!(
-                "{} ({})",
+                "{} ({}), in no distribution: the grid cuts them",
                 output::count(summary.border.count),
                 percent(summary.border.share)
             ),
         ),
-        ("share of grid", percent(summary.volume_fraction)),
-        ("porosity", percent(summary.porosity)),
+        ("outside", outside_text(summary)),
+        (
+            "volume",
+            format!("{} of {base}", percent(summary.volume_fraction)),
+        ),
+        (
+            "porosity",
+            format!("{} of {base}", percent(summary.porosity)),
+        ),
     ];
     if let Some(median) = summary.sphericity_median {
         rows.push(("sphericity", format!("{} (median)", number(median))));
@@ -288,8 +337,9 @@ fn text(summary: &Summary, which: Table) -> String {
     let mark = chart::place(ends, d.number.median);
     let bars = chart::draw(&doubled, ends, Some(mark), output::width());
     format!(
-        "{}\n{name}\n{}{}{}\nnumber of {} by equivalent diameter (log scale, median marked)\n{bars}",
+        "{}\n{name} of whole {}\n{}{}{}\nnumber of whole {} by equivalent diameter (log scale, median marked)\n{bars}",
         output::table(&rows),
+        which.name(),
         line("", head.map(String::from)),
         line("by number", spread(&d.number)),
         line("by volume", spread(&d.volume)),

@@ -55,7 +55,7 @@ fn height(n: f64, tallest: f64) -> usize {
     if n == 0.0 {
         return 0;
     }
-    let share = n.ln_1p() / tallest.ln_1p();
+    let share = libm::log1p(n) / libm::log1p(tallest);
     ((share * (ROWS * 8) as f64).round() as usize).max(1)
 }
 

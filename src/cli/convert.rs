@@ -6,12 +6,11 @@ use super::info;
 use super::parse::{self, CropArg, Threshold};
 use super::{Outcome, output};
 use crate::error::{Error, Result};
-use crate::grid::{Ambiguous, Crop};
+use crate::grid::{Ambiguous, Crop, Unit};
 use crate::manifest::{Form, Origin};
 use crate::pipeline::{self, ConvertOptions, ConvertReport};
 use crate::volume::Opened;
 use clap::{Args, ValueEnum, ValueHint};
-use serde::Serialize;
 use std::path::{Path, PathBuf};
 
 /// Rule for ambiguous faces, as typed.
@@ -60,6 +59,9 @@ pub struct ConvertArgs {
     /// Convert this box of voxels only; half-open, a missing bound is the volume's
     #[arg(long, value_name = "X0:X1,Y0:Y1,Z0:Z1", value_parser = parse::crop)]
     crop: Option<CropArg>,
+    /// Unit of lengths in tables and in the measures that tiles carry: m, cm, mm, um or nm [default: the volume's]
+    #[arg(long, value_name = "UNIT", value_parser = parse::length_unit)]
+    table_unit: Option<Unit>,
     /// Replace a tile set that is in the directory
     #[arg(long)]
     force: bool,
@@ -77,15 +79,6 @@ pub struct ConvertArgs {
     options: InputOptions,
     #[command(flatten)]
     common: Common,
-}
-
-/// What `--json` prints.
-#[derive(Serialize)]
-struct Printed<'a> {
-    #[serde(flatten)]
-    report: ConvertReport,
-    /// Of the input.
-    warnings: &'a [String],
 }
 
 impl ConvertArgs {
@@ -109,6 +102,7 @@ impl ConvertArgs {
             primitives: form.primitives,
             encoding: form.encoding,
             layout: form.layout,
+            table_unit: self.table_unit,
             force: self.force,
             resume: self.resume,
             input: crate::volume::stamp(&self.input, &opened, &self.out)?,
@@ -132,12 +126,12 @@ impl ConvertArgs {
             }
         };
         console.note(&understood(&opened, &options, how)?);
-        let report = pipeline::convert(&*opened.volume, &options, &self.out, &console)
+        let mut report = pipeline::convert(&*opened.volume, &options, &self.out, &console)
             .map_err(|e| resumable(e, &self.out))?;
         drop(console);
         if self.common.json {
-            let warnings = opened.warnings.as_slice();
-            output::print_json(&Printed { report, warnings })?;
+            report.warnings = [opened.warnings, report.warnings].concat();
+            output::print_json(&report)?;
         } else if self.common.talks() {
             output::print(&summary(&report))?;
         }
@@ -185,6 +179,9 @@ fn understood(opened: &Opened, options: &ConvertOptions, how: &str) -> Result<St
         ("spacing", info::spacing_text(&header.placement, opened)),
         ("threshold", format!("{}{how}", options.threshold)),
     ];
+    if let Some(unit) = options.table_unit {
+        rows.push(("tables", format!("lengths in {unit}")));
+    }
     rows.extend(info::remarks(opened));
     if let Some(Crop { x, y, z }) = &options.crop {
         let part = format!(

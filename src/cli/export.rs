@@ -92,6 +92,6 @@ fn summary(file: &str, report: &ExportReport) -> String {
 
 /// Three digits that say something.
 fn short(value: f64) -> String {
-    let digits = 2 - value.abs().max(f64::MIN_POSITIVE).log10().floor() as i32;
+    let digits = 2 - libm::log10(value.abs().max(f64::MIN_POSITIVE)).floor() as i32;
     format!("{value:.*}", digits.clamp(0, 12) as usize)
 }

@@ -53,6 +53,12 @@ pub fn macrocube(text: &str) -> Result<[u32; 3], String> {
     }
 }
 
+/// A unit of length by its short name or English word.
+pub fn length_unit(text: &str) -> Result<Unit, String> {
+    let unit = text.parse().ok().filter(|unit| *unit != Unit::Voxel);
+    unit.ok_or_else(|| "expected m, cm, mm, um or nm".to_string())
+}
+
 /// A unit's short name or English word.
 pub fn unit(text: &str) -> Result<Unit, String> {
     text.parse()

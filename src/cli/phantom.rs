@@ -55,10 +55,10 @@ pub struct PhantomArgs {
     #[arg(long, value_name = "N", default_value = "1")]
     seed: u64,
     /// Size of a voxel to write into the header, one number or three
-    #[arg(long, value_name = "X,Y,Z", value_parser = parse::spacing)]
+    #[arg(long, value_name = "X,Y,Z", value_parser = parse::spacing, requires = "unit")]
     spacing: Option<[f64; 3]>,
     /// Unit of the spacing: voxel, m, cm, mm, um or nm
-    #[arg(long, value_name = "UNIT", value_parser = parse::unit)]
+    #[arg(long, value_name = "UNIT", value_parser = parse::unit, requires = "spacing")]
     unit: Option<Unit>,
     /// Replace files that exist
     #[arg(long)]

@@ -14,7 +14,7 @@ pub use open::{MANIFEST, PARTIAL, file_inside, inside, is_plain, manifest_file};
 pub(crate) use seal::{checksum_of, own_checksum};
 pub use set::TileSet;
 
-use crate::grid::{Ambiguous, Crop, Dims, Placement};
+use crate::grid::{Ambiguous, Crop, Dims, Placement, Unit};
 use crate::volume::{Dtype, Endian};
 use serde::{Deserialize, Serialize};
 
@@ -39,6 +39,9 @@ pub struct Manifest {
     /// Spacing, unit, origin and directions of `grid`, flat: see [`Placement`].
     #[serde(flatten)]
     pub placement: Placement,
+    /// Unit of lengths in tables and in the measures that tiles carry; that of the placement if absent.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub table_unit: Option<Unit>,
     /// The iso value T: a voxel v is above iff v >= T.
     pub threshold: f64,
     /// Which voxels an ambiguous face joins.

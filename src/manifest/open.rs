@@ -2,7 +2,7 @@
 //! first thing that is.
 
 use crate::error::{Error, Result};
-use crate::grid::{Dims, LATTICE, Tiling};
+use crate::grid::{Dims, LATTICE, Placement, Tiling};
 use crate::manifest::{FORMAT, FORMAT_VERSION, Layer, Manifest, Shard};
 use serde::de::DeserializeOwned;
 use std::io::ErrorKind;
@@ -86,9 +86,22 @@ impl Manifest {
             let directions = format!("directions {:?}", self.placement.directions);
             return bad(directions, "axes at right angles");
         }
+        if let Some(unit) = self.table_unit
+            && self.placement.in_unit(unit).is_err()
+        {
+            let found = format!("tables in {unit} of a grid in {}", self.placement.unit);
+            return bad(found, "tables in a unit of length of a grid in one");
+        }
         self.placement
             .check()
             .or_else(|e| bad(e.to_string(), "a placement that can be"))
+    }
+
+    /// The placement in the unit of tables and measures.
+    pub fn measured(&self) -> Placement {
+        let unit = self.table_unit.unwrap_or(self.placement.unit);
+        // another unit has been checked where the manifest was opened
+        self.placement.in_unit(unit).unwrap_or(self.placement)
     }
 
     /// Reads the shard of a layer of the tile set in `dir`.

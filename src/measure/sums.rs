@@ -1,7 +1,7 @@
 //! Exact sums over voxels and triangles. They are integers, so the order of adding, and with it
 //! threads, tiles and bands, cannot change a result.
 
-use crate::grid::{Dims, LATTICE};
+use crate::grid::{Dims, Extent, LATTICE, Placement};
 use crate::rounding::round;
 use bytemuck::{Pod, Zeroable};
 use std::ops::Range;
@@ -20,6 +20,8 @@ pub struct VoxelSums {
     pub border_euler: i64,
     min: Corner,
     max: Corner,
+    /// Ends along the axes of the world, of a rotated grid only; see [`VoxelSums::widen_in_world`].
+    extent: Extent,
     /// 1 if a voxel lies on the grid's outer faces.
     pub touches_border: u64,
 }
@@ -33,6 +35,7 @@ impl Default for VoxelSums {
     fn default() -> Self {
         VoxelSums {
             min: [u16::MAX; 4],
+            extent: Extent::default(),
             ..VoxelSums::zeroed()
         }
     }
@@ -103,8 +106,23 @@ impl VoxelSums {
         }
     }
 
+    /// Adds the voxels `x`, at least one, of row (y, z) to the ends along the axes of the world.
+    pub fn widen_in_world(&mut self, x: Range<u32>, [y, z]: [u32; 2], place: &Placement) {
+        for x in [x.start, x.end - 1] {
+            self.extent.add(place.step([x, y, z].map(f64::from)));
+        }
+    }
+
+    /// The box around the voxels' centres in world coordinates, lower and upper ends.
+    pub fn world_box(&self, place: &Placement) -> [[f64; 3]; 2] {
+        match place.is_rotated() {
+            true => self.extent.world(place),
+            false => place.box_around(self.bounds().map(|v| v.map(f64::from))),
+        }
+    }
+
     /// Smallest and largest coordinates; the latter are below the former if there is no voxel.
-    pub fn bounds(&self) -> [[u16; 3]; 2] {
+    fn bounds(&self) -> [[u16; 3]; 2] {
         [self.min, self.max].map(|[x, y, z, _]| [x, y, z])
     }
 
@@ -117,6 +135,7 @@ impl VoxelSums {
             *a += b;
         }
         self.widen(other.min, other.max);
+        self.extent.merge(&other.extent);
         self.voxels += other.voxels;
         self.border_euler += other.border_euler;
         self.touches_border |= other.touches_border;

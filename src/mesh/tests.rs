@@ -165,7 +165,10 @@ impl Case {
                 let mut runs = Runs::default();
                 runs.number(&bits);
                 let (of_run, count) = label_runs(&bits, &runs, self.rule, Vec::new());
-                let mut labels = sum_voxels(&bits, of_run, count, self.dims);
+                let mut labels = {
+                    let grid = (self.dims, &Placement::default());
+                    sum_voxels(&bits, of_run, count, grid)
+                };
                 add_border_euler(&bits, &runs, &mut labels, self.rule, self.dims);
                 bands.push((voxels, bits, runs, labels));
             }

@@ -64,7 +64,7 @@ struct Cell {
 impl FoamField {
     /// The parameters must have been checked.
     pub fn new(foam: Foam, seed: u64) -> Self {
-        let half = foam.pitch * 2f64.cbrt() / 2.0;
+        let half = foam.pitch * libm::cbrt(2.0) / 2.0;
         let mut field = FoamField {
             foam,
             seed,
@@ -94,7 +94,8 @@ impl FoamField {
     /// The distance d of two centres from which on their plane cannot touch either's sphere. The
     /// plane is at d/2 - gap/d from the smaller one's centre, which rises with d.
     fn plane_reach(&self) -> f64 {
-        let gap = 2.0 * SPREAD * (self.foam.pitch * WEIGHT_RADIUS).powi(2);
+        let radius = self.foam.pitch * WEIGHT_RADIUS;
+        let gap = 2.0 * SPREAD * (radius * radius);
         let height = self.largest_radius() + self.foam.wall / 2.0 + 2.0 * f64::from(HALF_RAMP);
         height + (height * height + 2.0 * gap).sqrt()
     }
@@ -120,7 +121,10 @@ impl FoamField {
         let radius = self.foam.pitch * self.foam.bubble * scale;
         let origin = centre.map(|c| c.round() as i64);
         let local: [f64; 3] = std::array::from_fn(|a| centre[a] - origin[a] as f64);
-        let weight = |scale: f64| (self.foam.pitch * WEIGHT_RADIUS * scale).powi(2);
+        let weight = |scale: f64| {
+            let radius = self.foam.pitch * WEIGHT_RADIUS * scale;
+            radius * radius
+        };
         let mut planes = Vec::with_capacity(16);
         for offset in &self.neighbours {
             let other = self.site(std::array::from_fn(|a| index[a] + offset[a]));
@@ -217,7 +221,8 @@ impl Cell {
     /// order: each voxel keeps the darkest value.
     fn draw(&self, [dy, dz]: [f32; 2], x: &Range<u32>, grey: &mut [f32], depth: &mut Vec<f32>) {
         let r = self.radius;
-        let q = (dy - self.centre[1]).powi(2) + (dz - self.centre[2]).powi(2);
+        let [y, z] = [dy - self.centre[1], dz - self.centre[2]];
+        let q = y * y + z * z;
         let chord = r * r + 2.0 * HALF_RAMP * r - q;
         if chord <= 0.0 {
             return;

@@ -36,13 +36,19 @@ impl Body {
             }
             Body::Cube(half) => {
                 let d = [x.abs() - half, y.abs() - half, z.abs() - half];
-                let outside = d.iter().map(|v| v.max(0.0).powi(2)).sum::<f64>().sqrt();
+                let outside = d
+                    .map(|v| v.max(0.0))
+                    .iter()
+                    .map(|v| v * v)
+                    .sum::<f64>()
+                    .sqrt();
                 -(outside + d[0].max(d[1]).max(d[2]).min(0.0))
             }
             Body::Ellipsoid([a, b, c]) => {
                 // the function k0 - 1 over the length of its gradient, k1 / k0
-                let k0 = ((x / a).powi(2) + (y / b).powi(2) + (z / c).powi(2)).sqrt();
-                let k1 = ((x / a / a).powi(2) + (y / b / b).powi(2) + (z / c / c).powi(2)).sqrt();
+                let length = |v: [f64; 3]| v.iter().map(|v| v * v).sum::<f64>().sqrt();
+                let k0 = length([x / a, y / b, z / c]);
+                let k1 = length([x / a / a, y / b / b, z / c / c]);
                 if k0 < 0.5 {
                     0.5 * a.min(b).min(c)
                 } else {
@@ -94,7 +100,7 @@ impl GyroidRows {
 
 fn sin_cos(i: u32, period: f64) -> [f32; 2] {
     // reduced first, so that the far end of a long volume is as exact as the near one
-    let (s, c) = (TAU * (f64::from(i) % period) / period).sin_cos();
+    let (s, c) = libm::sincos(TAU * (f64::from(i) % period) / period);
     [s as f32, c as f32]
 }
 

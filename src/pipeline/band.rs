@@ -1,7 +1,7 @@
 //! One band of a slab, read, classified and labelled.
 
 use crate::error::Result;
-use crate::grid::{Ambiguous, Dims, Tiling};
+use crate::grid::{Ambiguous, Dims, Placement, Tiling};
 use crate::measure::VoxelSums;
 use crate::pipeline::budget::{Budget, Reservation};
 use crate::pipeline::dust::Filter;
@@ -99,6 +99,8 @@ pub struct BandSource<'a, T> {
     pub rule: Ambiguous,
     /// The macrocubes.
     pub tiling: Tiling,
+    /// Where the grid lies, in the unit of measures.
+    pub measured: Placement,
     /// What to leave out, in this order.
     pub filters: &'a [Filter],
     /// Where the bands' memory is taken from.
@@ -159,7 +161,7 @@ impl<T: Voxel> BandSource<'_, T> {
         band.held.grow_to(fixed + labels)?;
         let (of_run, count) = label_runs(&band.bits, &band.runs, self.rule, of_run);
         band.held.grow_to(fixed + labels + component_bytes(count))?;
-        band.labels = sum_voxels(&band.bits, of_run, count, self.dims());
+        band.labels = sum_voxels(&band.bits, of_run, count, (self.dims(), &self.measured));
         add_border_euler(
             &band.bits,
             &band.runs,

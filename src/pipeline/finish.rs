@@ -36,7 +36,7 @@ pub struct FinishSettings<'a> {
     pub head: &'a TileHead,
     /// How wide their JSON can become.
     pub widest: &'a WidestNodes,
-    /// Spacing and unit of the measures.
+    /// Where the grid lies, in the unit of the measures.
     pub placement: &'a Placement,
     /// The macrocubes.
     pub tiling: Tiling,

@@ -75,7 +75,7 @@ pub fn convert(
     progress: &dyn Progress,
 ) -> Result<ConvertReport> {
     let start = Instant::now();
-    check(options)?;
+    check(volume, options)?;
     let cropped;
     let grid: &dyn Volume = match &options.crop {
         Some(crop) => {
@@ -142,7 +142,7 @@ pub fn convert(
 /// # Errors
 /// [`Error::Memory`] if `options.memory` is too small, [`Error::Usage`] for impossible options.
 pub fn predicted_memory(volume: &dyn Volume, options: &ConvertOptions) -> Result<u64> {
-    check(options)?;
+    check(volume, options)?;
     let dims = match &options.crop {
         Some(crop) => crop.dims_in(volume.header().dims)?,
         None => volume.header().dims,
@@ -162,7 +162,8 @@ pub fn check_before(volume: &dyn Volume, options: &ConvertOptions, out: &Path) -
     check_output(out, options.force)
 }
 
-fn check(options: &ConvertOptions) -> Result<()> {
+fn check(volume: &dyn Volume, options: &ConvertOptions) -> Result<()> {
+    options.measured(&volume.header().placement)?;
     if !options.threshold.is_finite() {
         return Err(Error::usage(
             "--threshold",
@@ -214,9 +215,9 @@ fn make(
     (work, keeper): (&Path, &mut Keeper),
     progress: &dyn Progress,
 ) -> Result<Made> {
-    let placement = grid.header().placement;
+    let measured = options.measured(&grid.header().placement)?;
     let head = TileHead {
-        matrix: placement.gltf_matrix(),
+        matrix: grid.header().placement.gltf_matrix(),
         form: options.form(),
     };
     let writer = TileWriter {
@@ -240,7 +241,7 @@ fn make(
         dir: work,
         head: &head,
         widest: &writer.widest,
-        placement: &placement,
+        placement: &measured,
         tiling: plan.tiling,
         writers: writers.as_ref(),
         memory: budget.left().saturating_sub(tables),
@@ -252,7 +253,7 @@ fn make(
         (&settings, keeper),
         &mut totals,
         progress,
-        |stop| write_tables(work, &components, (&placement, stop)),
+        |stop| write_tables(work, &components, (&measured, stop)),
     )?;
     remove_empty_layer_directories(work, plan.tiling, &layers)?;
     sum_components(&components, options.cap, &mut totals)?;
@@ -286,6 +287,7 @@ fn swept(
     let work = &writer.dir;
     let [x, y, layers] = plan.tiling.tiles();
     make_layer_directories(work, keeper.swept()..layers)?;
+    let measured = options.measured(&grid.header().placement)?;
     progress.begin("tiles", [x, y, layers].map(u64::from).iter().product());
     let mut sweep = |volume: &dyn Volume| {
         let sweep = Sweep {
@@ -293,6 +295,7 @@ fn swept(
             plan,
             threshold: options.threshold,
             rule: options.ambiguous,
+            measured,
             cap: options.cap,
             min_voxels: options.min_voxels,
             writer,
@@ -470,6 +473,7 @@ fn manifest(
             tiles: plan.tiling.tiles(),
         },
         placement,
+        table_unit: options.table_unit,
         threshold: options.threshold,
         ambiguous: options.ambiguous,
         cap: options.cap,

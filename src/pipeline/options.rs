@@ -1,6 +1,7 @@
 //! What a conversion is asked for, and what it reports.
 
-use crate::grid::{Ambiguous, Crop};
+use crate::error::Result;
+use crate::grid::{Ambiguous, Crop, Placement, Unit};
 use crate::manifest::{Encoding, Form, Layout, Part, Primitives, Provenance, Totals};
 use crate::volume::Stamp;
 use serde::Serialize;
@@ -30,6 +31,9 @@ pub struct ConvertOptions {
     pub encoding: Encoding,
     /// Which tiles have one mesh for all their pieces.
     pub layout: Layout,
+    /// Unit of lengths in tables and in the measures that tiles carry; that of the volume if absent. The volume must
+    /// be in a unit of length then.
+    pub table_unit: Option<Unit>,
     /// Replace a tile set that is in the output directory.
     pub force: bool,
     /// Go on with a conversion into the output directory that was interrupted, if there is one: it
@@ -54,6 +58,14 @@ pub struct ConvertOptions {
 }
 
 impl ConvertOptions {
+    /// The placement of a volume in the unit of tables and measures.
+    ///
+    /// # Errors
+    /// [`crate::Error::Usage`] if the volume is in no unit of length and they are to be, or the other way round.
+    pub fn measured(&self, place: &Placement) -> Result<Placement> {
+        place.in_unit(self.table_unit.unwrap_or(place.unit))
+    }
+
     /// Primitives, encoding and layout.
     pub fn form(&self) -> Form {
         Form {
@@ -78,6 +90,7 @@ impl Default for ConvertOptions {
             primitives: Primitives::Strips,
             encoding: Encoding::Float,
             layout: Layout::Auto,
+            table_unit: None,
             force: false,
             resume: false,
             input: Stamp::default(),

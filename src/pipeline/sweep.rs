@@ -19,7 +19,7 @@ mod slab;
 mod whole;
 
 use crate::error::{Error, Result};
-use crate::grid::Ambiguous;
+use crate::grid::{Ambiguous, Placement};
 use crate::measure::{AreaScale, MeshSums};
 use crate::mesh::{BandView, MeshSettings, Sizes, TileBox, by_surface};
 use crate::pipeline::band::{Band, BandSource, SettledBand};
@@ -52,6 +52,8 @@ pub struct Sweep<'a> {
     pub threshold: f64,
     /// Which voxels an ambiguous face joins.
     pub rule: Ambiguous,
+    /// Where the grid lies, in the unit of measures.
+    pub measured: Placement,
     /// Close the surface outside the volume.
     pub cap: bool,
     /// Components of fewer voxels are left out.
@@ -182,6 +184,7 @@ impl Sweep<'_> {
                 ceil: T::ceil_from(self.threshold),
                 rule: self.rule,
                 tiling: self.plan.tiling,
+                measured: self.measured,
                 filters,
                 budget,
             },

@@ -9,6 +9,7 @@ use crate::table::{Expr, Table};
 use crate::tile::pieces::pieces;
 use crate::tile::read::{ReadError, Tile};
 use std::collections::{BTreeMap, BTreeSet};
+use std::f64::consts::PI;
 use std::path::Path;
 
 /// The colours of a slice.
@@ -144,11 +145,14 @@ fn flood(manifest: &Manifest, slice: &Slice, cells: &mut [u64]) {
     }
 }
 
-/// A colour that differs much from those of the next ids: hues in steps of the golden ratio.
+/// A colour that differs much from those of the next ids: hues in steps of the golden ratio, on the circle of
+/// colours whose channels are squares of sines a third of a turn apart (the "sinebow").
 fn by_id(id: u64) -> [u8; 3] {
     let turn = (id as f64 * 0.618_033_988_749_894_9).fract();
-    let c = colorous::SINEBOW.eval_continuous(turn);
-    [c.r, c.g, c.b]
+    [0.0, 1.0, 2.0].map(|third| {
+        let sine = libm::sin(PI * (0.5 - turn + third / 3.0));
+        (255.0 * sine * sine) as u8
+    })
 }
 
 /// Colours by value; the map spans the values of all cells, so that slices compare.

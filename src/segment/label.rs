@@ -6,7 +6,7 @@
 //! conversion, for a hundred lines) or slice by slice for the components met last (3 % of its instructions, no time).
 
 use crate::cpu::dispatch;
-use crate::grid::{Ambiguous, Dims};
+use crate::grid::{Ambiguous, Dims, Placement};
 use crate::measure::{Row, VoxelSums, power_sums};
 use crate::segment::runs::{RowRuns, Run, Runs, inside, transitions};
 use crate::segment::unionfind::UnionFind;
@@ -171,17 +171,42 @@ fn for_each_bit(mut word: u64, mut each: impl FnMut(u64)) {
     }
 }
 
-/// The components of labelled runs with the sums of their voxels.
-pub fn sum_voxels(bits: &Bits, of_run: Vec<u32>, count: usize, dims: Dims) -> Labels {
+/// The components of labelled runs with the sums of their voxels, in a grid that lies so in the world.
+pub fn sum_voxels(
+    bits: &Bits,
+    of_run: Vec<u32>,
+    count: usize,
+    (dims, place): (Dims, &Placement),
+) -> Labels {
     let mut labels = Labels {
         of_run,
         components: Vec::with_capacity(count),
     };
     dispatch!(sum_rows(bits, &mut labels, dims));
+    if place.is_rotated() {
+        widen_in_world(bits, &mut labels, place);
+    }
     for component in &mut labels.components {
         component.sums.note_border(dims);
     }
     labels
+}
+
+/// Finds the ends of components along the axes of the world. Voxels of rows that other bands own are of the same
+/// components, so they count, too.
+fn widen_in_world(bits: &Bits, labels: &mut Labels, place: &Placement) {
+    let Labels { of_run, components } = labels;
+    let span = &bits.span;
+    let mut labels = of_run.iter();
+    for (s, z) in span.z.clone().enumerate() {
+        for (r, y) in span.y.clone().enumerate() {
+            for Run { start, end, .. } in RowRuns::new(bits.row(s, r), span.nx) {
+                let label = *labels.next().expect("a label for each run") as usize;
+                let sums = &mut components[label].sums;
+                sums.widen_in_world(start..end, [y, z], place);
+            }
+        }
+    }
 }
 
 #[inline(always)]

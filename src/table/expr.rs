@@ -149,12 +149,12 @@ pub(super) fn operator(symbol: &str) -> Option<fn(f64, f64) -> f64> {
         "-" => |a, b| finite(a - b),
         "*" => |a, b| finite(a * b),
         "/" => |a, b| finite(a / b),
-        // powf(NaN, 0) and powf(1, NaN) are 1, but what is missing stays so
+        // pow(NaN, 0) and pow(1, NaN) are 1, but what is missing stays so
         "^" => |a, b| {
             if a.is_nan() || b.is_nan() {
                 f64::NAN
             } else {
-                finite(a.powf(b))
+                finite(libm::pow(a, b))
             }
         },
         "<" => |a, b| truth(a < b),
@@ -188,10 +188,10 @@ pub(super) fn function(name: &str) -> Option<fn(f64) -> f64> {
     Some(match name {
         "abs" => f64::abs,
         "sqrt" => f64::sqrt,
-        "cbrt" => f64::cbrt,
-        "exp" => f64::exp,
-        "log" => f64::ln,
-        "log10" => f64::log10,
+        "cbrt" => libm::cbrt,
+        "exp" => libm::exp,
+        "log" => libm::log,
+        "log10" => libm::log10,
         _ => return None,
     })
 }

@@ -27,15 +27,19 @@
 
 mod expr;
 mod lex;
+mod outside;
 mod parse;
 mod query;
 mod reader;
 mod summary;
 
 pub use expr::{Expr, Kind};
+pub use outside::Outside;
 pub use query::{Query, Selected};
 pub use reader::{Column, Row, TableReader};
-pub use summary::{Border, Distribution, Histogram, Spread, Summary, summarise};
+pub use summary::{
+    Border, Counts, Distribution, Histogram, PorosityOf, Spread, Summary, summarise,
+};
 
 use crate::error::Result;
 use crate::manifest::{Manifest, file_inside};

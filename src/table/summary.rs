@@ -1,31 +1,80 @@
 //! What a table of cells or objects sums up to.
 
+use super::Table;
+use super::outside::{Air, Outside, Reach, find};
 use super::query::Query;
 use super::reader::TableReader;
 use crate::error::{Error, Result};
 use crate::manifest::Manifest;
 use serde::Serialize;
+use std::path::Path;
 
 /// Bins of a histogram.
 const BINS: usize = 32;
 
-/// Sums over the chosen rows of a table of cells or objects.
+/// Sums over the chosen rows of a table of cells or objects. Cells that count as air around the sample, see
+/// [`Outside`], are no rows here.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct Summary {
     /// Rows chosen.
     pub count: u64,
     /// Rows of the table.
     pub of: u64,
-    /// Share of below voxels in the grid, 0 to 1; for a part of a tile set that of the whole.
+    /// The rows chosen, by the name of the table.
+    #[serde(flatten)]
+    pub counts: Counts,
+    /// Share of below voxels, 0 to 1, in what [`Summary::porosity_of`] says; for a part of a tile set that of the
+    /// whole.
     pub porosity: f64,
-    /// Share of the chosen rows' voxels in the grid, 0 to 1.
+    /// What porosity and volume fraction are shares of.
+    pub porosity_of: PorosityOf,
+    /// Which cells count as air around the sample.
+    pub outside: Outside,
+    /// How many these are.
+    pub outside_cells: u64,
+    /// Their voxels.
+    pub outside_voxels: u64,
+    /// Share of the chosen rows' voxels, 0 to 1.
     pub volume_fraction: f64,
     /// Rows that touch the grid's outer faces and may go on outside.
     pub border: Border,
-    /// Distribution of the diameter of the ball with the same volume; absent if no row is chosen.
+    /// Distribution of the diameter of the ball with the same volume, of rows that do not touch the border;
+    /// absent if there is none.
     pub equivalent_diameter: Option<Distribution>,
-    /// Median of Wadell's sphericity of the rows that have one.
+    /// Median of Wadell's sphericity of the rows that have one; those at the border have none.
     pub sphericity_median: Option<f64>,
+    /// What makes the numbers doubtful.
+    pub warnings: Vec<String>,
+}
+
+/// What a porosity is a share of.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
+pub enum PorosityOf {
+    /// All voxels of the grid.
+    #[serde(rename = "grid")]
+    Grid,
+    /// The voxels of the grid but those of the cells that count as outside.
+    #[serde(rename = "grid without outside")]
+    GridWithoutOutside,
+}
+
+/// Rows chosen: all, those that do not touch the grid's outer faces, and those that do.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
+#[serde(untagged)]
+#[allow(missing_docs)]
+pub enum Counts {
+    /// Of cells.
+    Cells {
+        cells: u64,
+        cells_whole: u64,
+        cells_border: u64,
+    },
+    /// Of objects.
+    Objects {
+        objects: u64,
+        objects_whole: u64,
+        objects_border: u64,
+    },
 }
 
 /// Rows at the border.
@@ -42,6 +91,14 @@ pub struct Border {
 pub struct Distribution {
     /// Unit of the values.
     pub unit: String,
+    /// Mean by number.
+    pub mean: f64,
+    /// Standard deviation by number.
+    pub sd: f64,
+    /// Median by number.
+    pub median: f64,
+    /// Median by volume.
+    pub by_volume_median: f64,
     /// Every row counts the same. Quantiles are interpolated between neighbours.
     pub number: Spread,
     /// Every row counts by its volume. A quantile is the smallest value up to which the rows make
@@ -81,59 +138,148 @@ pub struct Spread {
     pub sd: f64,
 }
 
-/// Sums up the rows that `query` keeps, whatever its order. Memory: 24 bytes per row.
+/// Sums up the rows of cells or objects that `query` keeps, whatever its order. Memory: 24 bytes per row that does
+/// not touch the border.
 ///
 /// # Errors
-/// [`Error::Usage`] for a table without `voxels` and `equivalent_diameter`, such as that of
-/// surfaces; what reading returns.
-pub fn summarise(table: &mut TableReader, query: &Query, manifest: &Manifest) -> Result<Summary> {
-    let column = |name: &str| {
-        table.column(name).ok_or_else(|| {
-            Error::usage(
-                "--summary",
-                format!("a table without the column {name}"),
-                "the table of cells or objects",
-            )
-        })
+/// [`Error::Usage`] for the table of surfaces, or if cells that count as outside may be missing in a part of a tile
+/// set; what reading returns.
+pub fn summarise(
+    dir: &Path,
+    manifest: &Manifest,
+    (which, query): (Table, &Query),
+    outside: Outside,
+) -> Result<Summary> {
+    let (above, all_cells) = match &manifest.selection {
+        Some(part) => (part.of.voxels_above, part.of.cells),
+        None => (manifest.totals.voxels_above, manifest.totals.cells),
     };
-    let (voxels, volume) = (column("voxels")?, column("volume")?);
-    let (diameter, border) = (column("equivalent_diameter")?, column("touches_border")?);
-    let sphericity = column("sphericity")?;
-    let unit = table.columns()[diameter].unit.clone();
-    let mut sizes: Vec<(f64, f64)> = Vec::new();
-    let mut round: Vec<f64> = Vec::new();
-    let (mut count, mut of, mut at_border, mut voxel_sum) = (0u64, 0u64, 0u64, 0.0);
-    while let Some(row) = table.next_row()? {
-        of += 1;
-        if !query.keeps(&row)? {
-            continue;
-        }
-        count += 1;
-        voxel_sum += row.number(voxels)?.unwrap_or(0.0);
-        at_border += u64::from(row.number(border)?.is_some_and(|v| v != 0.0));
-        if let (Some(d), Some(v)) = (row.number(diameter)?, row.number(volume)?) {
-            sizes.push((d, v.max(0.0)));
-        }
-        round.extend(row.number(sphericity)?);
+    if outside != Outside::None && manifest.totals.cells != all_cells {
+        let found = format!(
+            "border-cell for a part of a tile set, with {} of {all_cells} cells",
+            manifest.totals.cells
+        );
+        return Err(Error::usage("--outside", found, "the whole tile set"));
     }
-    round.sort_by(f64::total_cmp);
     let all = manifest.grid.dims.voxels() as f64;
-    let above = match &manifest.selection {
-        Some(part) => part.of.voxels_above,
-        None => manifest.totals.voxels_above,
-    };
+    let below = all - above as f64;
+    let air = Air::find(
+        &mut Table::Cells.open(dir, manifest)?,
+        manifest,
+        (outside, below),
+    )?;
+    let left_out = which == Table::Cells && outside != Outside::None;
+    let rows = Rows::read(&mut which.open(dir, manifest)?, query, (manifest, left_out))?;
+    let rest = all - air.voxels;
+    let share = |voxels: f64| if rest > 0.0 { voxels / rest } else { 0.0 };
     Ok(Summary {
-        count,
-        of,
-        porosity: 1.0 - above as f64 / all,
-        volume_fraction: voxel_sum / all,
-        border: Border {
-            count: at_border,
-            share: at_border as f64 / (count.max(1)) as f64,
+        count: rows.count,
+        of: rows.of,
+        counts: rows.counts(which),
+        porosity: share(below - air.voxels),
+        porosity_of: match outside {
+            Outside::None => PorosityOf::Grid,
+            Outside::BorderCell => PorosityOf::GridWithoutOutside,
         },
-        equivalent_diameter: distribution(sizes, unit),
-        sphericity_median: quantile(&round, 0.5),
+        outside,
+        outside_cells: air.cells,
+        outside_voxels: air.voxels as u64,
+        volume_fraction: share(rows.voxels),
+        border: Border {
+            count: rows.border,
+            share: rows.border as f64 / (rows.count.max(1)) as f64,
+        },
+        sphericity_median: quantile(&rows.round, 0.5),
+        equivalent_diameter: distribution(rows.sizes, rows.unit),
+        warnings: warnings(&air, outside),
     })
+}
+
+/// What a user should know of the porosity.
+fn warnings(air: &Air, outside: Outside) -> Vec<String> {
+    match (outside, air.likely) {
+        (Outside::None, Some((id, share))) => vec![format!(
+            "cell {id} has {:.1} % of the air and reaches all four sides of the grid: if it is the air around a \
+             sample, leave it out of porosity and volumes by --outside border-cell",
+            100.0 * share
+        )],
+        (Outside::BorderCell, _) if air.cells == 0 => vec![
+            "no cell reaches four faces of the grid: none was taken as the air around a sample"
+                .to_string(),
+        ],
+        _ => Vec::new(),
+    }
+}
+
+/// What is gathered from rows.
+#[derive(Default)]
+struct Rows {
+    count: u64,
+    of: u64,
+    border: u64,
+    voxels: f64,
+    /// Diameters and volumes of those that do not touch the border.
+    sizes: Vec<(f64, f64)>,
+    unit: String,
+    /// Their sphericities, rising.
+    round: Vec<f64>,
+}
+
+impl Rows {
+    /// Reads a table; air around the sample may be left out.
+    fn read(
+        table: &mut TableReader,
+        query: &Query,
+        (manifest, without_outside): (&Manifest, bool),
+    ) -> Result<Self> {
+        let (voxels, volume) = (find(table, "voxels")?, find(table, "volume")?);
+        let diameter = find(table, "equivalent_diameter")?;
+        let border = find(table, "touches_border")?;
+        let sphericity = find(table, "sphericity")?;
+        let reach = Reach::new(table, manifest)?;
+        let mut rows = Rows {
+            unit: table.columns()[diameter].unit.clone(),
+            ..Rows::default()
+        };
+        while let Some(row) = table.next_row()? {
+            if without_outside && reach.is_outside(&row)? {
+                continue;
+            }
+            rows.of += 1;
+            if !query.keeps(&row)? {
+                continue;
+            }
+            rows.count += 1;
+            rows.voxels += row.number(voxels)?.unwrap_or(0.0);
+            // what the grid cuts is smaller here than it is
+            if row.number(border)?.is_some_and(|v| v != 0.0) {
+                rows.border += 1;
+                continue;
+            }
+            if let (Some(d), Some(v)) = (row.number(diameter)?, row.number(volume)?) {
+                rows.sizes.push((d, v.max(0.0)));
+            }
+            rows.round.extend(row.number(sphericity)?);
+        }
+        rows.round.sort_by(f64::total_cmp);
+        Ok(rows)
+    }
+
+    fn counts(&self, which: Table) -> Counts {
+        let (all, whole, border) = (self.count, self.count - self.border, self.border);
+        match which {
+            Table::Objects => Counts::Objects {
+                objects: all,
+                objects_whole: whole,
+                objects_border: border,
+            },
+            _ => Counts::Cells {
+                cells: all,
+                cells_whole: whole,
+                cells_border: border,
+            },
+        }
+    }
 }
 
 /// The distribution of values with their weights.
@@ -174,6 +320,10 @@ fn distribution(mut sizes: Vec<(f64, f64)>, unit: String) -> Option<Distribution
     }
     Some(Distribution {
         unit,
+        mean: number.mean,
+        sd: number.sd,
+        median: number.median,
+        by_volume_median: volume.median,
         number,
         volume,
         histogram: Histogram { min, max, bins },

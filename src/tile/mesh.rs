@@ -289,7 +289,7 @@ mod tests {
             let centre = glam::DVec3::new(12.5, 12.0, 11.5);
             volume += (a - centre).dot((b - centre).cross(c - centre)) / 6.0;
         }
-        let ball = 4.0 / 3.0 * std::f64::consts::PI * 9f64.powi(3);
+        let ball = 4.0 / 3.0 * std::f64::consts::PI * (9.0 * 9.0 * 9.0);
         assert!((volume / ball - 1.0).abs() < 0.02, "{volume} {ball}");
         assert_eq!(piece.measure("cell"), Some(1.0));
         assert_eq!(piece.measure("touches_border"), Some(1.0));

@@ -49,7 +49,7 @@ pub fn linear(channel: u8) -> f64 {
     if v <= 0.040_45 {
         v / 12.92
     } else {
-        ((v + 0.055) / 1.055).powf(2.4)
+        libm::pow((v + 0.055) / 1.055, 2.4)
     }
 }
 

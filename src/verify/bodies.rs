@@ -5,6 +5,7 @@
 
 use super::inside::{Moments, Span};
 use super::piece::Sums;
+use crate::grid::{Extent, Placement};
 
 /// A body.
 #[derive(Debug, Clone, PartialEq)]
@@ -13,6 +14,8 @@ pub(super) struct Body {
     pub moments: Moments,
     /// The box of its voxels.
     pub span: Span,
+    /// How far they reach along the axes of the world, if these are not the grid's.
+    pub far: Extent,
     /// True if it has a voxel on one of the volume's faces.
     pub touches: bool,
     /// Its Euler characteristic.
@@ -23,8 +26,14 @@ pub(super) struct Body {
 
 impl Body {
     /// The cell, or the object, that all its surfaces are summed up of, in a volume of this size. `None` if
-    /// they bound none: some are missing.
-    pub fn of(sums: &Sums, cell: bool, dims: [u32; 3]) -> Option<Self> {
+    /// they bound none: some are missing. `rotated` is where the grid lies, if its axes are not those of the
+    /// world.
+    pub fn of(
+        sums: &Sums,
+        cell: bool,
+        dims: [u32; 3],
+        rotated: Option<&Placement>,
+    ) -> Option<Self> {
         let inside = &sums.inside;
         let rim = inside.rim.seen_by(cell);
         let all: i128 = dims.map(i128::from).iter().product();
@@ -35,10 +44,15 @@ impl Body {
             return None;
         }
         let corners = rim.corners(far)?;
+        // along each axis of either kind, one of the outermost voxels is beside a vertex or a corner of the volume
         let mut span = if cell { inside.below } else { inside.above };
+        let mut far_ends = inside.far[usize::from(!cell)];
         for corner in (0..8usize).filter(|c| corners >> c & 1 == 1) {
-            let voxel = std::array::from_fn(|a| ((dims[a] - 1) as usize * (corner >> a & 1)) as u16);
+            let voxel: [u16; 3] = std::array::from_fn(|a| ((dims[a] - 1) as usize * (corner >> a & 1)) as u16);
             span.add(&Span { lo: voxel, hi: voxel });
+            if let Some(place) = rotated {
+                far_ends.add(place.step(voxel.map(f64::from)));
+            }
         }
         let reaches = |a: usize| span.lo[a] == 0 || u32::from(span.hi[a]) + 1 == dims[a];
         // the surfaces, closed by the part of the volume's faces that the body covers, bound it
@@ -47,6 +61,7 @@ impl Body {
         Some(Body {
             moments,
             span,
+            far: far_ends,
             touches: (0..3).any(reaches),
             euler: (euler_of(sums) as f64 + covered) / 2.0,
             first: if corners & 1 == 1 { 0 } else { first },
@@ -136,7 +151,7 @@ mod tests {
                 if voxels.is_empty() {
                     continue;
                 }
-                let body = Body::of(&sums, cell, dims).expect("a body");
+                let body = Body::of(&sums, cell, dims, None).expect("a body");
                 let (moments, span, first) = plain(voxels);
                 prop_assert_eq!(&body.moments, &moments);
                 prop_assert_eq!(body.span, span);

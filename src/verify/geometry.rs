@@ -142,7 +142,7 @@ impl Work<'_, '_> {
         }
         sums.edges = matched.pairs;
         if !piece.cap {
-            sums.inside = Inside::of(piece, &self.region);
+            sums.inside = Inside::of(piece, &self.region, self.cx.rotated.as_ref());
         }
         if self.keep_mesh {
             ws.mesh.add(piece);

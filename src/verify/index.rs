@@ -126,6 +126,10 @@ fn check(m: &Manifest, issues: &mut Issues) -> bool {
         wrong("spacing", e.to_string());
         return false;
     }
+    if let Some(Err(e)) = m.table_unit.map(|unit| m.placement.in_unit(unit)) {
+        wrong("table_unit", e.to_string());
+        return false;
+    }
     let expected = m.placement.gltf_matrix();
     let scale = expected.iter().fold(0f64, |s, v| s.max(v.abs()));
     let same = |(a, b): (&f64, &f64)| (a - b).abs() <= 1e-12 * scale;

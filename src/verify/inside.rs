@@ -9,10 +9,11 @@
 //! Ends of runs are picked out and added up one by one. Adding up all vertices side by side in 32 bits, as
 //! they lie to the macrocube's corner, and moving the sums afterwards, took a third more instructions for that.
 
-use super::marks::BITS;
+use super::marks::{BITS, axis};
 use super::piece::{DOWN, Piece, Region, UP, Vertex};
 use super::rim::{self, Rim, cell_is_low};
 use crate::cpu::dispatch;
+use crate::grid::{Extent, Placement};
 
 /// Sums over the ends of runs along x, those of the cell counted up and those of the object down: of
 /// each of [1, y, z, yy, zz, yz] times the number of voxels before the end at b, of [1, y, z] times the
@@ -70,11 +71,17 @@ pub(super) struct Inside {
     pub first: First,
     /// What it says of the volume's faces.
     pub rim: Rim,
+    /// How far the voxels of the cell and of the object at the ends of vertices' lattice edges reach along the axes
+    /// of the world, if these are not the grid's.
+    pub far: [Extent; 2],
     sums: [i128; SUMS],
 }
 
 /// Words that [`Inside::pack`] takes.
-pub(super) const WORDS: usize = 3 + 3 + rim::WORDS + 2 * SUMS;
+pub(super) const WORDS: usize = FAR + 12;
+
+/// Words before those of [`Inside::far`].
+const FAR: usize = 3 + 3 + rim::WORDS + 2 * SUMS;
 
 /// What comes first, by z, then y, then x; the largest number if there is nothing.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -136,9 +143,14 @@ impl First {
 }
 
 impl Inside {
-    /// From the vertices that are the tile's own, of a piece whose triangles have been summed.
-    pub fn of(piece: &Piece, region: &Region) -> Self {
-        dispatch!(Self::of_vertices(&piece.points, &piece.state, region))
+    /// From the vertices that are the tile's own, of a piece whose triangles have been summed. `rotated` is where the
+    /// grid lies, if its axes are not those of the world.
+    pub fn of(piece: &Piece, region: &Region, rotated: Option<&Placement>) -> Self {
+        let mut out = dispatch!(Self::of_vertices(&piece.points, &piece.state, region));
+        if let Some(place) = rotated {
+            out.far = far(&piece.points, &piece.state, place);
+        }
+        out
     }
 
     #[inline(always)]
@@ -165,6 +177,9 @@ impl Inside {
         self.above.add(&other.above);
         self.first.add(&other.first);
         self.rim.add(&other.rim);
+        for (a, b) in self.far.iter_mut().zip(&other.far) {
+            a.merge(b);
+        }
         for (a, b) in self.sums.iter_mut().zip(other.sums) {
             *a = a.wrapping_add(b);
         }
@@ -187,6 +202,8 @@ impl Inside {
         let sums = sums.flat_map(|s| [(s >> 64) as u64, s as u64]);
         let rest = self.rim.words().into_iter().map(|w| w as u64).chain(sums);
         out[6..].iter_mut().zip(rest).for_each(|(to, w)| *to = w);
+        let far = self.far.iter().flat_map(Extent::words);
+        out[FAR..].iter_mut().zip(far).for_each(|(o, w)| *o = w);
         out
     }
 
@@ -197,7 +214,7 @@ impl Inside {
             lo: std::array::from_fn(|a| v(i + a)),
             hi: std::array::from_fn(|a| v(i + 3 + a)),
         };
-        let sums = &words[6 + rim::WORDS..];
+        let sums = &words[6 + rim::WORDS..FAR];
         let sum = |i: usize| u128::from(sums[2 * i]) << 64 | u128::from(sums[2 * i + 1]);
         Inside {
             below: span(0),
@@ -208,6 +225,7 @@ impl Inside {
                 above: words[5],
             },
             rim: Rim::from_words(std::array::from_fn(|i| words[6 + i] as i64)),
+            far: [0, 6].map(|i| Extent::from_words(std::array::from_fn(|w| words[FAR + i + w]))),
             sums: std::array::from_fn(|i| sum(i) as i128),
         }
     }
@@ -237,6 +255,27 @@ impl Inside {
             ],
         }
     }
+}
+
+/// How far the voxels of the cell, and of the object, at the ends of the vertices' lattice edges reach along the axes of
+/// the world.
+fn far(points: &[Vertex], state: &[u8], place: &Placement) -> [Extent; 2] {
+    let mut far = [Extent::default(); 2];
+    for (&[x, y, z, code], &state) in points.iter().zip(state) {
+        let low = [x, y, z].map(|c| c >> 8);
+        let mut high = low;
+        high[usize::from(axis(code))] += 1;
+        let cell_is_low = state & (UP | DOWN) == DOWN;
+        let ends = if cell_is_low {
+            [low, high]
+        } else {
+            [high, low]
+        };
+        for (far, end) in far.iter_mut().zip(ends) {
+            far.add(place.step(end.map(f64::from)));
+        }
+    }
+    far
 }
 
 /// The boxes of the voxels of the cell, and of the object, at the ends of the vertices' lattice edges.
@@ -361,7 +400,7 @@ impl Moments {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::verify::marks::{self, axis};
+    use crate::verify::marks;
     use proptest::prelude::*;
 
     /// What [`Inside::of_vertices`] finds, vertex by vertex.

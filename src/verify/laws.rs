@@ -119,13 +119,13 @@ impl Listed {
         solids: &mut Solids,
     ) -> Result<()> {
         let mut table = Table::open(cx.root, cx.manifest, self.laws.kind, &mut self.unopened);
-        let (kind, dims) = (self.laws.kind, cx.manifest.grid.dims.0);
+        let kind = self.laws.kind;
         let mut paints = match kind {
             Kind::Cell => Paints::open(cx.root, cx.manifest, &mut self.unopened),
             _ => None,
         };
         while let Some(group) = rows.next_group()? {
-            let body = group.body(kind, dims);
+            let body = group.body(kind, cx);
             // an object of a part may have lost surfaces, and seem to be any other body
             let known = body.as_ref().filter(|_| !may_be_cut(cx.manifest, kind));
             self.laws.add(&group, known, &mut self.own);
@@ -141,7 +141,7 @@ impl Listed {
             let whole = alone == 1 && !cx.manifest.is_part();
             if whole {
                 let group = Group::alone();
-                let body = group.body(kind, dims);
+                let body = group.body(kind, cx);
                 table.check((&group, body.as_ref()), solids, &mut self.values);
             }
             table.finish(alone - u64::from(whole), &mut self.values);

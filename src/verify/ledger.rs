@@ -10,6 +10,7 @@ use super::piece::Sums;
 use super::report::Issues;
 use super::spill::{Merge, Spill};
 use super::sweep::{Component, Ids};
+use super::tile::Context;
 use crate::error::Result;
 
 /// Records that each of the three sorts keeps in memory: 0.9 MiB.
@@ -181,9 +182,11 @@ pub(super) struct Group {
 }
 
 impl Group {
-    /// The body that the surfaces bound, in a volume of this size; `None` if they bound none.
-    pub fn body(&self, kind: Kind, dims: [u32; 3]) -> Option<Body> {
-        (kind != Kind::Surface).then(|| Body::of(&self.total.sums, kind == Kind::Cell, dims))?
+    /// The body that the surfaces bound; `None` if they bound none.
+    pub fn body(&self, kind: Kind, cx: &Context) -> Option<Body> {
+        let (cell, dims) = (kind == Kind::Cell, cx.tiling.dims.0);
+        let body = || Body::of(&self.total.sums, cell, dims, cx.rotated.as_ref());
+        (kind != Kind::Surface).then(body)?
     }
 
     /// The one cell or object of a volume without a surface.

@@ -2,10 +2,10 @@
 
 use super::bodies::Body;
 use super::code::Code;
-use super::inside::{Moments, Span};
+use super::inside::{Inside, Moments, Span};
 use super::ledger::Kind;
 use super::report::Issues;
-use crate::grid::Placement;
+use crate::grid::{Extent, Placement};
 use crate::manifest::Manifest;
 use std::f64::consts::PI;
 
@@ -81,6 +81,8 @@ pub(super) fn compare(name: &str, stated: Option<f64>, found: f64, error: f64, w
 /// Checks the rows of cells and objects, and what all of them are together.
 pub(super) struct Solids<'a> {
     manifest: &'a Manifest,
+    /// Where the grid lies, in the tables' unit.
+    grid: Placement,
     /// Rows of cells and of objects.
     rows: [u64; 2],
     /// Voxels of objects, as stated.
@@ -91,6 +93,7 @@ impl<'a> Solids<'a> {
     pub fn new(manifest: &'a Manifest) -> Self {
         Solids {
             manifest,
+            grid: manifest.measured(),
             rows: [0; 2],
             above: 0.0,
         }
@@ -105,6 +108,8 @@ impl<'a> Solids<'a> {
         self.formulas(row, wrong);
         if let Some(dust) = &self.manifest.dust
             && row[VOXELS].is_none_or(|v| v < dust.min_voxels as f64)
+            // what is all of the volume stays
+            && row[VOXELS] != Some(self.manifest.grid.dims.voxels() as f64)
         {
             let least = dust.min_voxels;
             wrong.push(format!("it has fewer voxels than the {least} of what was left out as dust"));
@@ -116,39 +121,48 @@ impl<'a> Solids<'a> {
         compare("euler_characteristic", row[EULER], body.euler, 0.0, wrong);
         let touches = f64::from(u8::from(body.touches));
         compare("touches_border", row[BORDER], touches, 0.0, wrong);
-        let (min, max) = self.stated_box(row);
-        let found = world_box(&self.manifest.placement, &body.span);
-        let near = |(stated, found): (&f64, &f64)| (stated - found).abs() <= self.error(*found);
-        if !min.iter().zip(&found[0]).all(near) || !max.iter().zip(&found[1]).all(near) {
+        let stated = stated_box(row);
+        let found = self.box_of(&body.span, body.far);
+        let near = |side: usize, a: usize| {
+            (stated[side][a] - found[side][a]).abs() <= self.error(found[side][a])
+        };
+        if !(0..3).all(|a| near(0, a) && near(1, a)) {
             wrong.push("its box is not that of its surfaces".to_owned());
         }
         self.moments(row, &body.moments, wrong);
     }
 
-    /// True if the row's box holds what is known of the body.
-    pub fn holds(&self, row: &Row, span: &Span) -> bool {
-        let (min, max) = self.stated_box(row);
-        let found = world_box(&self.manifest.placement, span);
+    /// True if the row's box holds the voxels of an object beside its surfaces, which may be some of all.
+    pub fn holds(&self, row: &Row, inside: &Inside) -> bool {
+        let stated = stated_box(row);
+        let found = self.box_of(&inside.above, inside.far[1]);
         (0..3).all(|a| {
-            min[a] <= found[0][a] + self.error(found[0][a])
-                && max[a] >= found[1][a] - self.error(found[1][a])
+            stated[0][a] <= found[0][a] + self.error(found[0][a])
+                && stated[1][a] >= found[1][a] - self.error(found[1][a])
         })
     }
 
-    fn stated_box(&self, row: &Row) -> ([f64; 3], [f64; 3]) {
-        let corner = |at: usize| std::array::from_fn(|a| row[at + a].unwrap_or(f64::NAN));
-        (corner(MIN), corner(MAX))
+    /// The box in world coordinates around voxels, given that around them in the grid, and how far they reach along
+    /// the axes of the world if these are others.
+    fn box_of(&self, span: &Span, far: Extent) -> [[f64; 3]; 2] {
+        match self.grid.is_rotated() {
+            true => far.world(&self.grid),
+            false => {
+                let ends = [span.lo, span.hi];
+                self.grid.box_around(ends.map(|end| end.map(f64::from)))
+            }
+        }
     }
 
     /// The error that a coordinate may have.
     fn error(&self, found: f64) -> f64 {
-        let steps = self.manifest.placement.spacing;
+        let steps = self.grid.spacing;
         ROUNDING * (found.abs() + steps.into_iter().fold(0.0, f64::max))
     }
 
     /// What follows from other fields of the row.
     fn formulas(&self, row: &Row, wrong: &mut Wrong) {
-        let size: f64 = self.manifest.placement.spacing.iter().product();
+        let size: f64 = self.grid.spacing.iter().product();
         let mut follows = |at: usize, found: Option<f64>| {
             let name = COLUMNS[at].0;
             match found.filter(|f| f.is_finite()) {
@@ -161,12 +175,12 @@ impl<'a> Solids<'a> {
         };
         let volume = row[VOXELS].map(|n| n * size);
         follows(VOLUME, volume);
-        follows(DIAMETER, volume.map(|v| (6.0 * v / PI).cbrt()));
+        follows(DIAMETER, volume.map(|v| libm::cbrt(6.0 * v / PI)));
         let form = row[MESH_VOLUME]
             .zip(row[AREA])
             .map(|(v, a)| 36.0 * PI * v * v / (a * a * a));
         follows(FORM_FACTOR, form);
-        follows(SPHERICITY, form.map(f64::cbrt));
+        follows(SPHERICITY, form.map(libm::cbrt));
         let ratio = |i: usize| row[i].zip(row[i + 1]).map(|(a, b)| b / a);
         follows(ELONGATION, ratio(AXES));
         follows(FLATNESS, ratio(AXES + 1));
@@ -204,7 +218,7 @@ impl<'a> Solids<'a> {
     fn moments(&self, row: &Row, moments: &Moments, wrong: &mut Wrong) {
         let count = moments.voxels as f64;
         compare("voxels", row[VOXELS], count, 0.0, wrong);
-        let place = &self.manifest.placement;
+        let place = &self.grid;
         let mean = place.world(moments.mean());
         for a in 0..3 {
             let at = CENTROID + a;
@@ -259,18 +273,9 @@ impl<'a> Solids<'a> {
     }
 }
 
-/// The box in world coordinates around a box of voxels.
-fn world_box(place: &Placement, span: &Span) -> [[f64; 3]; 2] {
-    let ends = [span.lo, span.hi];
-    let mut out = [[f64::INFINITY; 3], [f64::NEG_INFINITY; 3]];
-    for corner in 0..8usize {
-        let p = place.world(std::array::from_fn(|a| f64::from(ends[corner >> a & 1][a])));
-        for a in 0..3 {
-            out[0][a] = out[0][a].min(p[a]);
-            out[1][a] = out[1][a].max(p[a]);
-        }
-    }
-    out
+/// The lower and upper ends of the box that a row states.
+fn stated_box(row: &Row) -> [[f64; 3]; 2] {
+    [MIN, MAX].map(|at| std::array::from_fn(|a| row[at + a].unwrap_or(f64::NAN)))
 }
 
 /// A matrix of second moments in voxels, turned to world coordinates.

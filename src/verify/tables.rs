@@ -103,7 +103,8 @@ impl Table {
                 return None;
             }
         };
-        let spacing = manifest.placement.spacing;
+        let measured = manifest.measured();
+        let spacing = measured.spacing;
         let voxel: f64 = spacing.iter().product();
         let thinnest = spacing.into_iter().fold(f64::INFINITY, f64::min);
         let mut table = Table {
@@ -111,7 +112,7 @@ impl Table {
             path: path.clone(),
             lines: BufReader::new(file),
             line: 0,
-            unit: manifest.placement.unit.name(),
+            unit: measured.unit.name(),
             sixth: voxel / 6.0 / f64::from(1 << 24),
             partial: may_be_cut(manifest, kind),
             triangle_error: voxel / thinnest * TRIANGLE_ERROR,
@@ -254,11 +255,10 @@ impl Table {
         };
         if self.partial && self.is_cut(row, group, body) {
             let least = |at: usize, found: f64| row[at].is_some_and(|v| v >= found);
-            let inside = &total.sums.inside;
             if !least(AREA, total.sums.area) || !least(TILES, own_tiles as f64) {
                 wrong.push("its surfaces have more area, or lie in more tiles".to_owned());
             }
-            if !solids.holds(row, &inside.above) {
+            if !solids.holds(row, &total.sums.inside) {
                 wrong.push("its surfaces reach beyond its box".to_owned());
             }
             return;

@@ -10,7 +10,7 @@ use super::piece::{Flaw, Piece, Region};
 use super::report::{Issue, Issues};
 use super::seen::Seen;
 use super::sweep::{Component, FaceEdge, TileFront};
-use crate::grid::Tiling;
+use crate::grid::{Placement, Tiling};
 use crate::manifest::{Bounds, Layout, Manifest, Primitives, TileEntry};
 use crate::tile::read::{Fault, Tile};
 use std::path::Path;
@@ -21,14 +21,17 @@ pub(super) struct Context<'a> {
     pub manifest: &'a Manifest,
     pub tiling: Tiling,
     pub max_issues: usize,
-    /// Turns the components of an area vector in lattice units into physical area.
+    /// Turns the components of an area vector in lattice units into physical area, in the tables' unit.
     pub scale: [f64; 3],
+    /// Where the grid lies, in the tables' unit, if its axes are not those of the world.
+    pub rotated: Option<Placement>,
 }
 
 impl<'a> Context<'a> {
     /// `manifest` has been checked; `root` is the directory with symbolic links resolved.
     pub fn new(root: &'a Path, manifest: &'a Manifest, max_issues: usize) -> Self {
-        let [x, y, z] = manifest.placement.spacing.map(|s| s / 256.0);
+        let measured = manifest.measured();
+        let [x, y, z] = measured.spacing.map(|s| s / 256.0);
         Context {
             root,
             manifest,
@@ -38,6 +41,7 @@ impl<'a> Context<'a> {
             },
             max_issues,
             scale: [y * z, z * x, x * y],
+            rotated: measured.is_rotated().then_some(measured),
         }
     }
 

@@ -130,7 +130,7 @@ mod tests {
         };
         let (n0, m0) = stats(&counts[..split], 0);
         let (n1, m1) = stats(&counts[split..], split);
-        n0 * n1 * (m0 - m1).powi(2)
+        n0 * n1 * ((m0 - m1) * (m0 - m1))
     }
 
     proptest! {

@@ -2,19 +2,32 @@
 
 use alvis::grid::Ambiguous;
 
-/// Number of connected objects and cells by plain flood fill, with the rule's neighbourhoods.
+/// Number of connected objects and cells.
 pub fn components(dims: [usize; 3], above: &[bool], rule: Ambiguous) -> (u64, u64) {
+    let ids = ids(dims, above, rule);
+    let most = |phase: bool| {
+        let ids = ids.iter().zip(above).filter(|(_, a)| **a == phase);
+        ids.map(|(id, _)| *id).max().unwrap_or(0)
+    };
+    (most(true), most(false))
+}
+
+/// The id of each voxel's object or cell, by plain flood fill with the rule's neighbourhoods: 1, 2, ... by the
+/// smallest voxel, objects and cells each for themselves.
+pub fn ids(dims: [usize; 3], above: &[bool], rule: Ambiguous) -> Vec<u64> {
     let [nx, ny, nz] = dims;
-    let mut seen = vec![false; above.len()];
+    let mut ids = vec![0; above.len()];
     let mut counts = [0, 0];
     for start in 0..above.len() {
-        if seen[start] {
+        if ids[start] > 0 {
             continue;
         }
         let wide = above[start] == (rule == Ambiguous::Join);
-        counts[usize::from(above[start])] += 1;
+        let count = &mut counts[usize::from(above[start])];
+        *count += 1;
+        let id = *count;
         let mut stack = vec![start];
-        seen[start] = true;
+        ids[start] = id;
         while let Some(v) = stack.pop() {
             let at = [v % nx, v / nx % ny, v / nx / ny];
             for d in 0..27usize {
@@ -26,13 +39,13 @@ pub fn components(dims: [usize; 3], above: &[bool], rule: Ambiguous) -> (u64, u6
                 }
                 let [x, y, z]: [usize; 3] = std::array::from_fn(|a| at[a] + step[a] - 1);
                 let n = x + nx * (y + ny * z);
-                if above[n] == above[v] && !seen[n] {
-                    seen[n] = true;
+                if above[n] == above[v] && ids[n] == 0 {
+                    ids[n] = id;
                     stack.push(n);
                 }
             }
         }
     }
     debug_assert_eq!(above.len(), nx * ny * nz);
-    (counts[1], counts[0])
+    ids
 }

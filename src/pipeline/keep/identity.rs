@@ -57,6 +57,10 @@ impl Identity {
             ("--channel", part.channel.map(|channel| channel.to_string())),
             ("--time", part.time.map(|time| time.to_string())),
             ("values", options.source_values.clone()),
+            (
+                "--table-unit",
+                options.table_unit.map(|unit| unit.name().to_string()),
+            ),
         ];
         let given = asked_for.map(|(name, value)| value.map(|value| (name.to_string(), value)));
         list.extend(given.into_iter().flatten());

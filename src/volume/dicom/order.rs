@@ -114,10 +114,10 @@ impl Stack {
                 .max_by(|a, b| aside(a).total_cmp(&aside(b)));
             let [u, v] = last.map_or([0.0; 2], |p| [p.aside[0] * sx, p.aside[1] * sy]);
             let depth = last.map_or(1.0, |p| p.depth);
-            let angle = u.hypot(v).atan2(depth).to_degrees();
+            let angle = libm::atan2(libm::hypot(u, v), depth).to_degrees();
             parts.push(format!(
                 "slices shifted sideways by up to {:.2} mm (a gantry tilt of {angle:.1} degrees)",
-                u.hypot(v)
+                libm::hypot(u, v)
             ));
         }
         (!parts.is_empty()).then(|| parts.join(" and "))

@@ -1,0 +1,161 @@
+//! The air around a sample among the cells of a tile set.
+
+use super::reader::{Row, TableReader};
+use crate::error::{Error, Result};
+use crate::grid::Placement;
+use crate::manifest::Manifest;
+use serde::Serialize;
+
+/// Which cells count as the air around the sample, and not as its pores.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum Outside {
+    /// No cell: all air in the grid is that of pores.
+    #[default]
+    None,
+    /// Cells that reach four or more of the grid's six faces. A pore that the grid cuts reaches three at most,
+    /// unless it is as long as the grid; air around a sample that touches some faces still reaches four.
+    BorderCell,
+}
+
+/// Faces of the grid that a cell reaches to count as air around the sample.
+const FACES: usize = 4;
+
+/// Tells by a row's box which ends of the grid's own box it reaches. A row of a rotated grid reaches the box only
+/// at the grid's corners, so it never seems to reach more faces than it does.
+#[derive(Debug, Clone)]
+pub(super) struct Reach {
+    /// Where a row has the lower and the upper ends of its box, and whether it touches the border.
+    columns: [[usize; 3]; 2],
+    border: usize,
+    /// The box of the grid's voxels.
+    grid: [[f64; 3]; 2],
+    /// What two ends may differ by and be the same.
+    slack: f64,
+    /// World axes along which the grid's x and y run, even if only in part.
+    sides: [bool; 3],
+}
+
+impl Reach {
+    /// For a table of cells or objects.
+    ///
+    /// # Errors
+    /// [`Error::Usage`] if the table has no boxes.
+    pub fn new(table: &TableReader, manifest: &Manifest) -> Result<Self> {
+        let place = &manifest.measured();
+        let last = manifest.grid.dims.0.map(|n| f64::from(n - 1));
+        let grid = place.box_around([[0.0; 3], last]);
+        let names = [["min_x", "min_y", "min_z"], ["max_x", "max_y", "max_z"]];
+        let mut columns = [[0; 3]; 2];
+        for (columns, names) in columns.iter_mut().zip(names) {
+            for (column, name) in columns.iter_mut().zip(names) {
+                *column = find(table, name)?;
+            }
+        }
+        Ok(Reach {
+            columns,
+            border: find(table, "touches_border")?,
+            grid,
+            slack: slack(place, &grid),
+            sides: std::array::from_fn(|r| (0..2).any(|a| place.directions[a][r] != 0.0)),
+        })
+    }
+
+    /// Which of the grid's ends along x, y and z, lower and upper, a row's box reaches; none unless it touches the
+    /// border.
+    fn ends(&self, row: &Row) -> Result<[[bool; 3]; 2]> {
+        let mut reached = [[false; 3]; 2];
+        if row.number(self.border)?.is_none_or(|v| v == 0.0) {
+            return Ok(reached);
+        }
+        for side in 0..2 {
+            for r in 0..3 {
+                let value = row.number(self.columns[side][r])?;
+                reached[side][r] =
+                    value.is_some_and(|v| (v - self.grid[side][r]).abs() <= self.slack);
+            }
+        }
+        Ok(reached)
+    }
+
+    /// True if a row is air around the sample by the rule [`Outside::BorderCell`].
+    ///
+    /// # Errors
+    /// What reading returns.
+    pub fn is_outside(&self, row: &Row) -> Result<bool> {
+        let reached = self.ends(row)?;
+        Ok(reached.as_flattened().iter().filter(|r| **r).count() >= FACES)
+    }
+
+    /// True if a row reaches all four sides of the grid, across x and y.
+    fn reaches_all_sides(&self, row: &Row) -> Result<bool> {
+        let reached = self.ends(row)?;
+        Ok((0..3).all(|r| !self.sides[r] || (reached[0][r] && reached[1][r])))
+    }
+}
+
+/// Rounding of a number that was written and read again, and a part of a voxel that is none.
+fn slack(place: &Placement, grid: &[[f64; 3]; 2]) -> f64 {
+    let largest = grid
+        .as_flattened()
+        .iter()
+        .fold(0.0, |l: f64, v| l.max(v.abs()));
+    let step = place
+        .spacing
+        .iter()
+        .fold(f64::INFINITY, |s: f64, &v| s.min(v));
+    1e-12 * largest + 1e-6 * step
+}
+
+/// The position of a column that a summary needs.
+///
+/// # Errors
+/// [`Error::Usage`].
+pub(super) fn find(table: &TableReader, name: &str) -> Result<usize> {
+    table.column(name).ok_or_else(|| {
+        Error::usage(
+            "--summary",
+            format!("a table without the column {name}"),
+            "the table of cells or objects",
+        )
+    })
+}
+
+/// What is known of the air around the sample.
+#[derive(Debug, Clone, Copy, Default)]
+pub(super) struct Air {
+    /// Cells that count as such.
+    pub cells: u64,
+    /// Their voxels.
+    pub voxels: f64,
+    /// A cell that looks like it, whether it counts or not: it reaches all four sides and has most of all below
+    /// voxels. With its share of those.
+    pub likely: Option<(u64, f64)>,
+}
+
+impl Air {
+    /// Reads the table of all cells of a grid with `below` voxels below the threshold.
+    ///
+    /// # Errors
+    /// What reading returns.
+    pub fn find(
+        cells: &mut TableReader,
+        manifest: &Manifest,
+        (outside, below): (Outside, f64),
+    ) -> Result<Self> {
+        let reach = Reach::new(cells, manifest)?;
+        let (id, voxels) = (find(cells, "id")?, find(cells, "voxels")?);
+        let mut air = Air::default();
+        while let Some(row) = cells.next_row()? {
+            let of_row = row.number(voxels)?.unwrap_or(0.0);
+            if outside == Outside::BorderCell && reach.is_outside(&row)? {
+                air.cells += 1;
+                air.voxels += of_row;
+            }
+            if 2.0 * of_row > below && reach.reaches_all_sides(&row)? {
+                air.likely = Some((row.whole(id)?, of_row / below));
+            }
+        }
+        Ok(air)
+    }
+}
