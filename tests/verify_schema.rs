@@ -63,6 +63,7 @@ fn manifest() -> Manifest {
             tiles: [5, 4, 2],
         },
         placement,
+        table_unit: Some(Unit::Millimetre),
         threshold: -0.5,
         ambiguous: Ambiguous::Join,
         cap: true,
@@ -239,7 +240,9 @@ fn members_that_are_not_of_the_format_do_not_pass() {
         match value {
             Value::Object(members) => {
                 let name = |key: &str| format!("{at}/{key}");
-                members.iter().for_each(|(key, v)| objects(v, name(key), out));
+                members
+                    .iter()
+                    .for_each(|(key, v)| objects(v, name(key), out));
                 out.push(at);
             }
             Value::Array(items) => {

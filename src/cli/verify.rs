@@ -51,7 +51,9 @@ impl VerifyArgs {
             None => None,
         };
         let options = VerifyOptions {
-            against: once.as_deref().or(against.as_ref().map(|a| a.volume.as_ref())),
+            against: once
+                .as_deref()
+                .or(against.as_ref().map(|a| a.volume.as_ref())),
             source: against.as_ref().map(|a| &a.source),
             threads: self.common.threads.map_or(0, usize::from),
             max_issues: self.max_issues,

@@ -33,7 +33,10 @@ impl Tile<'_> {
         };
         let views = &self.document.buffer_views;
         let used = views.iter().map(bytes).fold(0, u64::saturating_add);
-        let (most, bin) = (used.saturating_add(8 * views.len() as u64), self.glb.bin.len());
+        let (most, bin) = (
+            used.saturating_add(8 * views.len() as u64),
+            self.glb.bin.len(),
+        );
         if bin as u64 > most {
             let message = format!("the BIN chunk has {bin} bytes, and views of {used}");
             found.push(("/buffers/0".into(), message));
@@ -64,7 +67,10 @@ fn accessors(doc: &Document, found: &mut Found) {
     // of each accessor whether it is used, and whether for positions
     let mut uses = vec![(false, false); doc.accessors.len()];
     for prim in primitives(doc) {
-        let named = prim.attributes.iter().map(|(name, at)| (name == "POSITION", at));
+        let named = prim
+            .attributes
+            .iter()
+            .map(|(name, at)| (name == "POSITION", at));
         for (position, &at) in named.chain(prim.indices.iter().map(|at| (false, at))) {
             if let Some(used) = uses.get_mut(at) {
                 *used = (true, used.1 || position);
@@ -104,7 +110,11 @@ fn views(doc: &Document, found: &mut Found) {
             is_for(view_of(indices), (Some(ELEMENT_ARRAY_BUFFER), false), found);
         }
     }
-    let tables = doc.extensions.structural_metadata.iter().flat_map(|m| &m.property_tables);
+    let tables = doc
+        .extensions
+        .structural_metadata
+        .iter()
+        .flat_map(|m| &m.property_tables);
     for column in tables.flat_map(|t| t.properties.values()) {
         is_for(Some(column.values), (None, false), found);
     }
@@ -126,7 +136,10 @@ fn views(doc: &Document, found: &mut Found) {
         found.push((format!("/bufferViews/{i}"), message));
     }
     if doc.buffers.len() != 1 + usize::from(compressed) {
-        let message = format!("found {}, with compressed views: {compressed}", doc.buffers.len());
+        let message = format!(
+            "found {}, with compressed views: {compressed}",
+            doc.buffers.len()
+        );
         found.push(("/buffers".into(), message));
     }
 }
@@ -158,7 +171,10 @@ fn materials(doc: &Document, found: &mut Found) {
         } else if !names.insert(&material.name) {
             format!("a second one is named {}", material.name)
         } else if named(&material.name).is_none() && material.name != "surface" {
-            format!("found the name {:?}, expected surface or colour_rrggbb", material.name)
+            format!(
+                "found the name {:?}, expected surface or colour_rrggbb",
+                material.name
+            )
         } else if !factor.iter().zip(&expected).all(near) {
             format!("found the factor {factor:?}, expected {expected:?} by its name")
         } else {
@@ -170,7 +186,11 @@ fn materials(doc: &Document, found: &mut Found) {
 
 fn description(doc: &Document, found: &mut Found) {
     const AT: &str = "/extensions/EXT_structural_metadata/schema/classes/piece/description";
-    let schema = doc.extensions.structural_metadata.iter().filter_map(|m| m.schema.as_ref());
+    let schema = doc
+        .extensions
+        .structural_metadata
+        .iter()
+        .filter_map(|m| m.schema.as_ref());
     for class in schema.flat_map(|s| s.classes.values()) {
         let unit = class.extras.unit.as_deref().unwrap_or("voxel");
         let expected = format!("Surface pieces; lengths in {unit}");

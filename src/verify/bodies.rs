@@ -48,8 +48,12 @@ impl Body {
         let mut span = if cell { inside.below } else { inside.above };
         let mut far_ends = inside.far[usize::from(!cell)];
         for corner in (0..8usize).filter(|c| corners >> c & 1 == 1) {
-            let voxel: [u16; 3] = std::array::from_fn(|a| ((dims[a] - 1) as usize * (corner >> a & 1)) as u16);
-            span.add(&Span { lo: voxel, hi: voxel });
+            let voxel: [u16; 3] =
+                std::array::from_fn(|a| ((dims[a] - 1) as usize * (corner >> a & 1)) as u16);
+            span.add(&Span {
+                lo: voxel,
+                hi: voxel,
+            });
             if let Some(place) = rotated {
                 far_ends.add(place.step(voxel.map(f64::from)));
             }
@@ -57,7 +61,11 @@ impl Body {
         let reaches = |a: usize| span.lo[a] == 0 || u32::from(span.hi[a]) + 1 == dims[a];
         // the surfaces, closed by the part of the volume's faces that the body covers, bound it
         let covered = (rim.turns + i64::from(corners.count_ones())) as f64 / 4.0;
-        let first = if cell { inside.first.below } else { inside.first.above };
+        let first = if cell {
+            inside.first.below
+        } else {
+            inside.first.above
+        };
         Some(Body {
             moments,
             span,

@@ -241,10 +241,19 @@ impl<'s> Place<'_, 's> {
     fn check(&mut self, is: Type, value: Option<Value>) {
         let shape = self.shape();
         let fits = |t: &Type| *t == is || (*t == Type::Number && is == Type::Integer);
-        let name = |t: &Type| TYPES.iter().find(|(_, other)| other == t).map_or("", |n| n.0);
+        let name = |t: &Type| {
+            TYPES
+                .iter()
+                .find(|(_, other)| other == t)
+                .map_or("", |n| n.0)
+        };
         if !(shape.types.is_empty() || shape.types.iter().any(fits)) {
             let expected: Vec<&str> = shape.types.iter().map(name).collect();
-            let message = format!("found a value of type {}, expected {}", name(&is), expected.join(" or "));
+            let message = format!(
+                "found a value of type {}, expected {}",
+                name(&is),
+                expected.join(" or ")
+            );
             self.walk.report(message);
         } else if let (Some(value), false) = (value, shape.values.is_empty())
             && !shape.values.iter().any(|v| same(v, &value))
@@ -302,7 +311,11 @@ impl<'de> Visitor<'de> for Place<'_, '_> {
     }
 
     fn visit_f64<E>(self, v: f64) -> Result<(), E> {
-        let is = if v.fract() == 0.0 { Type::Integer } else { Type::Number };
+        let is = if v.fract() == 0.0 {
+            Type::Integer
+        } else {
+            Type::Number
+        };
         self.scalar(is, || v.into());
         Ok(())
     }
@@ -336,7 +349,8 @@ impl<'de> Visitor<'de> for Place<'_, '_> {
         if least.is_some_and(|n| count < n) || most.is_some_and(|n| count > n) {
             let limit = |n: Option<u64>, none: &str| n.map_or(none.to_owned(), |n| n.to_string());
             let (least, most) = (limit(least, "0"), limit(most, "any"));
-            self.walk.report(format!("found {count} items, expected {least} to {most}"));
+            self.walk
+                .report(format!("found {count} items, expected {least} to {most}"));
         }
         Ok(())
     }
@@ -349,7 +363,8 @@ impl<'de> Visitor<'de> for Place<'_, '_> {
             let at = match key {
                 Ok(at) => at,
                 Err(name) => {
-                    let message = format!("found a member {name:?}, which the format does not have");
+                    let message =
+                        format!("found a member {name:?}, which the format does not have");
                     self.walk.report(message);
                     map.next_value::<IgnoredAny>()?;
                     continue;
@@ -368,7 +383,8 @@ impl<'de> Visitor<'de> for Place<'_, '_> {
         }
         for (member, seen) in shape.members.iter().zip(seen) {
             if member.required && !seen {
-                self.walk.report(format!("found no member {:?}", member.name));
+                self.walk
+                    .report(format!("found no member {:?}", member.name));
             }
         }
         Ok(())
@@ -405,7 +421,10 @@ mod tests {
 
     fn found(schema: &Schema, json: &str) -> Vec<String> {
         let found = schema.walk(json.as_bytes()).unwrap();
-        found.into_iter().map(|(path, what)| format!("{path}: {what}")).collect()
+        found
+            .into_iter()
+            .map(|(path, what)| format!("{path}: {what}"))
+            .collect()
     }
 
     #[test]
@@ -415,14 +434,42 @@ mod tests {
             "checksum": "c", "groups": [{"cell": 1, "object": 1, "surface": 1, "vertices": 3, "triangles": 1}]}]}"#;
         assert!(found(&SHARD, shard).is_empty());
         for (from, to, at) in [
-            (r#""z": 1,"#, r#""z": 1, "more": {"z": 1},"#, ": found a member \"more\""),
-            (r#""z": 1,"#, r#""z": 1, "z": 1,"#, "/z: the member is there twice"),
+            (
+                r#""z": 1,"#,
+                r#""z": 1, "more": {"z": 1},"#,
+                ": found a member \"more\"",
+            ),
+            (
+                r#""z": 1,"#,
+                r#""z": 1, "z": 1,"#,
+                "/z: the member is there twice",
+            ),
             (r#""z": 1,"#, "", ": found no member \"z\""),
-            (r#""z": 1,"#, r#""z": "1","#, "/z: found a value of type string"),
-            (r#""min": [0,"#, r#""min": [true,"#, "/tiles/0/box/min/0: found a value of type boolean"),
-            (r#""cell": 1,"#, r#""cell": 1, "cell": 2,"#, "/tiles/0/groups/0/cell: the member is there twice"),
-            (r#""cell": 1,"#, r#""cell": 1.5,"#, "/tiles/0/groups/0/cell: found a value of type number"),
-            (r#""bytes": 9"#, r#""bytes": 9, "byte\u0073": 9"#, "/tiles/0/bytes: the member is there twice"),
+            (
+                r#""z": 1,"#,
+                r#""z": "1","#,
+                "/z: found a value of type string",
+            ),
+            (
+                r#""min": [0,"#,
+                r#""min": [true,"#,
+                "/tiles/0/box/min/0: found a value of type boolean",
+            ),
+            (
+                r#""cell": 1,"#,
+                r#""cell": 1, "cell": 2,"#,
+                "/tiles/0/groups/0/cell: the member is there twice",
+            ),
+            (
+                r#""cell": 1,"#,
+                r#""cell": 1.5,"#,
+                "/tiles/0/groups/0/cell: found a value of type number",
+            ),
+            (
+                r#""bytes": 9"#,
+                r#""bytes": 9, "byte\u0073": 9"#,
+                "/tiles/0/bytes: the member is there twice",
+            ),
         ] {
             let changed = shard.replacen(from, to, 1);
             let all = found(&SHARD, &changed);
@@ -439,6 +486,11 @@ mod tests {
             assert!(constants.count() > 5);
         }
         let empty = found(&TILES[1], "{}");
-        assert!(empty.iter().any(|f| f == ": found no member \"extensions\""), "{empty:?}");
+        assert!(
+            empty
+                .iter()
+                .any(|f| f == ": found no member \"extensions\""),
+            "{empty:?}"
+        );
     }
 }

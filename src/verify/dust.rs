@@ -95,7 +95,10 @@ impl Filled {
         slices.next = small.next()?;
         slices.filled = Some(small);
         let cells = find_small(&mut slices, (false, manifest, dust), progress, &mut keep)?;
-        let stated = [(dust.objects, dust.object_voxels), (dust.cells, dust.cell_voxels)];
+        let stated = [
+            (dust.objects, dust.object_voxels),
+            (dust.cells, dust.cell_voxels),
+        ];
         let names = [("objects", objects), ("cells", cells)];
         for ((name, found), stated) in names.into_iter().zip(stated) {
             if (found.components, found.voxels) != stated {
@@ -133,12 +136,16 @@ impl Filled {
     /// Turns the bits of a row's voxels from `first` on that were filled.
     pub fn apply(&self, [y, z]: [u32; 2], first: usize, bits: &mut [u8]) {
         let at = |x: u32| self.runs.partition_point(|r| *r < run([y, z], [x, 0]));
-        let end = self.runs.partition_point(|r| *r <= run([y, z], [0xFFFF; 2]));
+        let end = self
+            .runs
+            .partition_point(|r| *r <= run([y, z], [0xFFFF; 2]));
         for ends in self.runs[at(0)..end].iter().map(|r| ends_of(*r)) {
             let from = (ends[0] as usize).max(first);
             let to = (ends[1] as usize + 1).min(first + bits.len());
             if from < to {
-                bits[from - first..to - first].iter_mut().for_each(|b| *b ^= 1);
+                bits[from - first..to - first]
+                    .iter_mut()
+                    .for_each(|b| *b ^= 1);
             }
         }
     }
@@ -149,7 +156,11 @@ fn rows_with(tiling: &Tiling, axis: usize, voxel: u32) -> std::ops::RangeInclusi
     let size = tiling.macrocube[axis];
     let last = tiling.tiles()[axis] - 1;
     let upper = voxel / size;
-    let lower = if voxel.is_multiple_of(size) { upper.saturating_sub(1) } else { upper };
+    let lower = if voxel.is_multiple_of(size) {
+        upper.saturating_sub(1)
+    } else {
+        upper
+    };
     lower.min(last)..=upper.min(last)
 }
 
@@ -345,8 +356,17 @@ impl Labels {
             return;
         }
         // the shorter list of runs goes to the longer one
-        let length = |v: u32| self.components[v as usize].runs.as_ref().map_or(0, Vec::len);
-        let (keep, gone) = if length(a) >= length(b) { (a, b) } else { (b, a) };
+        let length = |v: u32| {
+            self.components[v as usize]
+                .runs
+                .as_ref()
+                .map_or(0, Vec::len)
+        };
+        let (keep, gone) = if length(a) >= length(b) {
+            (a, b)
+        } else {
+            (b, a)
+        };
         self.parent[gone as usize] = keep;
         let runs = self.components[gone as usize].runs.take();
         let voxels = self.components[gone as usize].voxels;

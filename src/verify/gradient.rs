@@ -19,12 +19,7 @@ const LARGEST: f64 = 1e37;
 const SMALLEST: f64 = 1e-36;
 
 /// Compares the normals of a tile whose vertices are all where they belong.
-pub(super) fn normals<T: Voxel>(
-    view: &View<T>,
-    mesh: &Mesh,
-    rule: &Rule,
-    flaws: &mut Vec<Flaw>,
-) {
+pub(super) fn normals<T: Voxel>(view: &View<T>, mesh: &Mesh, rule: &Rule, flaws: &mut Vec<Flaw>) {
     let mut odd = Count::new(Code::NormalDiffers);
     for ((&p, &state), &found) in mesh.points.iter().zip(&mesh.state).zip(&mesh.normals) {
         let axis = usize::from(state & 3);
@@ -39,7 +34,9 @@ pub(super) fn normals<T: Voxel>(
         if !(0.9..1.1).contains(&length) {
             continue;
         }
-        let off = (0..3).map(|a| (found[a] / length - expected[a]).powi(2)).sum::<f64>();
+        let off = (0..3)
+            .map(|a| (found[a] / length - expected[a]).powi(2))
+            .sum::<f64>();
         if off.sqrt() > slack {
             odd.add(p);
         }

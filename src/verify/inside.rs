@@ -125,7 +125,11 @@ impl First {
             let mut ends = [[x >> 8, y >> 8, z >> 8]; 2];
             ends[1][axis as usize] += 1;
             let [low, high] = ends.map(voxel_key);
-            let (below, above) = if cell_is_low(state) { (low, high) } else { (high, low) };
+            let (below, above) = if cell_is_low(state) {
+                (low, high)
+            } else {
+                (high, low)
+            };
             out.add(&First {
                 vertex: low << 2 | axis as u64,
                 below,

@@ -163,7 +163,10 @@ impl Listed {
         match expected {
             Some(expected) if expected != found => {
                 let (found, expected) = (paint::name(found), paint::name(expected));
-                let message = format!("pieces of cell {} have {found}, expected {expected}", group.id);
+                let message = format!(
+                    "pieces of cell {} have {found}, expected {expected}",
+                    group.id
+                );
                 self.values.add(Code::Paint, "tiles", message);
             }
             // the rows that follow are none of those that are looked for

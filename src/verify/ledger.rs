@@ -293,7 +293,11 @@ impl Laws {
                 "the first {first} of {name} {next} comes before that of {name} {last}, expected {plural} numbered \
                  by their first {first}: by z, then y, then x"
             );
-            issues.add(Code::IdOrder, format!("index.json#/totals/{plural}"), message);
+            issues.add(
+                Code::IdOrder,
+                format!("index.json#/totals/{plural}"),
+                message,
+            );
         }
     }
 

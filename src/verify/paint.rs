@@ -108,7 +108,10 @@ impl<'a> Paints<'a> {
         let id = table.column("id").unwrap_or(0);
         let condition = selection.condition.as_deref();
         let condition = condition.map(|text| Expr::condition("where", text, columns));
-        let scale = selection.colour_by.as_ref().map(|by| Scale::new(by, columns));
+        let scale = selection
+            .colour_by
+            .as_ref()
+            .map(|by| Scale::new(by, columns));
         let rule = |paint: &crate::manifest::Paint| {
             let who = match rank(&paint.condition) {
                 None => Who::Where(Expr::condition("where", &paint.condition, columns)?),
@@ -118,7 +121,11 @@ impl<'a> Paints<'a> {
                 }
             };
             let colour = colour(Some(hex(&paint.colour)?));
-            Ok(Rule { who, colour, cells: 0 })
+            Ok(Rule {
+                who,
+                colour,
+                cells: 0,
+            })
         };
         let rules: Result<Vec<Rule>> = selection.painted.iter().map(rule).collect();
         Ok(Paints {
@@ -161,8 +168,13 @@ impl<'a> Paints<'a> {
     /// Says what does not fit, once all rows have been seen.
     pub fn finish(&self, issues: &mut Issues) {
         if let Some(cell) = self.stray {
-            let holds = if self.selection.omit { "holds" } else { "does not hold" };
-            let message = format!("cell {cell} is in the part, though the condition {holds} for it");
+            let holds = if self.selection.omit {
+                "holds"
+            } else {
+                "does not hold"
+            };
+            let message =
+                format!("cell {cell} is in the part, though the condition {holds} for it");
             issues.add(Code::Selection, "index.json#/selection/where", message);
         }
         for (i, (rule, paint)) in self.rules.iter().zip(&self.selection.painted).enumerate() {
@@ -222,7 +234,13 @@ impl Scale {
     /// The colour of a row; none if it has no value.
     fn colour(&self, row: &Row) -> Result<Option<[u8; 3]>> {
         let wide = self.max - self.min;
-        let share = |v: f64| if wide == 0.0 { 0.5 } else { (v - self.min) / wide };
+        let share = |v: f64| {
+            if wide == 0.0 {
+                0.5
+            } else {
+                (v - self.min) / wide
+            }
+        };
         Ok(self.value.value(row)?.map(|v| self.at(share(v))))
     }
 }
@@ -261,7 +279,11 @@ fn ranked(mut table: TableReader, n: usize, best: bool) -> Result<BTreeSet<u64>>
         };
         // rises as the number does
         let bits = (if best { -v } else { v }).to_bits();
-        let key = if bits >> 63 == 1 { !bits } else { bits | 1 << 63 };
+        let key = if bits >> 63 == 1 {
+            !bits
+        } else {
+            bits | 1 << 63
+        };
         heap.push((key, row.whole(id)?));
         if heap.len() > n {
             heap.pop();

@@ -57,7 +57,8 @@ impl Rim {
     fn add_vertex(&mut self, point: Vertex, state: u8, region: &Region) {
         let p = position(point);
         let end = region.end;
-        let [near, far] = [0, 1].map(|far| [0, 1, 2].map(|a| p[a] == if far == 1 { end[a] } else { 0 }));
+        let [near, far] =
+            [0, 1].map(|far| [0, 1, 2].map(|a| p[a] == if far == 1 { end[a] } else { 0 }));
         let sign = if cell_is_low(state) { 1 } else { -1 };
         let [x, y] = [0, 1].map(|a| usize::from(far[a]));
         match axis(point[3]) {
@@ -82,7 +83,11 @@ impl Rim {
 
     /// Adds the end of a run whose last voxel is (y, z).
     fn end_on_face(&mut self, [y, z]: [i64; 2], sign: i64) {
-        for (sum, value) in self.face.iter_mut().zip(Self::face_sums([1, z, z * z], y + 1)) {
+        for (sum, value) in self
+            .face
+            .iter_mut()
+            .zip(Self::face_sums([1, z, z * z], y + 1))
+        {
             *sum = sum.wrapping_add(sign * value);
         }
     }
@@ -116,7 +121,11 @@ impl Rim {
         }
         let along = usize::from(along);
         let voxel_is_low = b[along] >> 8 == a[along] >> 8;
-        self.turns += if voxel_is_low == cell_is_low(state) { 1 } else { -1 };
+        self.turns += if voxel_is_low == cell_is_low(state) {
+            1
+        } else {
+            -1
+        };
     }
 
     pub fn add(&mut self, other: &Rim) {
@@ -129,7 +138,9 @@ impl Rim {
     pub fn seen_by(&self, cell: bool) -> Self {
         let mut out = *self;
         if !cell {
-            out.words_mut().into_iter().for_each(|w| *w = w.wrapping_neg());
+            out.words_mut()
+                .into_iter()
+                .for_each(|w| *w = w.wrapping_neg());
         }
         out
     }
@@ -138,7 +149,25 @@ impl Rim {
         let [a, b, c, d, e, f] = &mut self.face;
         let [g, h, i] = &mut self.line;
         let [j, k, l, m, n, o, p] = &mut self.along;
-        [a, b, c, d, e, f, g, h, i, j, k, l, m, n, o, p, &mut self.turns]
+        [
+            a,
+            b,
+            c,
+            d,
+            e,
+            f,
+            g,
+            h,
+            i,
+            j,
+            k,
+            l,
+            m,
+            n,
+            o,
+            p,
+            &mut self.turns,
+        ]
     }
 
     pub fn words(&self) -> [i64; WORDS] {
@@ -187,5 +216,3 @@ impl Rim {
         held.iter().enumerate().map(bit).sum()
     }
 }
-
-

@@ -112,7 +112,9 @@ impl<'a> Solids<'a> {
             && row[VOXELS] != Some(self.manifest.grid.dims.voxels() as f64)
         {
             let least = dust.min_voxels;
-            wrong.push(format!("it has fewer voxels than the {least} of what was left out as dust"));
+            wrong.push(format!(
+                "it has fewer voxels than the {least} of what was left out as dust"
+            ));
         }
     }
 

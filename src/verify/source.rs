@@ -61,16 +61,40 @@ pub(super) fn check(
             issues.add(Code::SourceMismatch, format!("index.json#/{name}"), message);
         }
     };
-    compare("source/format", header.format.to_owned(), source.format.clone());
-    compare("source/dims", header.dims.to_string(), source.dims.to_string());
-    compare("source/dtype", header.dtype.to_string(), source.dtype.to_string());
+    compare(
+        "source/format",
+        header.format.to_owned(),
+        source.format.clone(),
+    );
+    compare(
+        "source/dims",
+        header.dims.to_string(),
+        source.dims.to_string(),
+    );
+    compare(
+        "source/dtype",
+        header.dtype.to_string(),
+        source.dtype.to_string(),
+    );
     // the order of single bytes says nothing
     if header.dtype.bytes() > 1 {
-        compare("source/endian", header.endian.to_string(), source.endian.to_string());
+        compare(
+            "source/endian",
+            header.endian.to_string(),
+            source.endian.to_string(),
+        );
     }
-    compare("source/offset", volume.offset.to_string(), source.offset.to_string());
+    compare(
+        "source/offset",
+        volume.offset.to_string(),
+        source.offset.to_string(),
+    );
     let values = |v: &Option<String>| v.clone().unwrap_or_else(|| "none".to_owned());
-    compare("source/values", values(&volume.values), values(&source.values));
+    compare(
+        "source/values",
+        values(&volume.values),
+        values(&source.values),
+    );
     let (own, stated) = (&volume.provenance, &source.provenance);
     let of_file = |a: Origin, b: Origin| a == Origin::File && b == Origin::File;
     let unit = of_file(own.unit, stated.unit);

@@ -66,9 +66,7 @@ impl<const N: usize> Spill<N> {
 }
 
 /// Writes records to an unnamed temporary file, to be read from its start.
-fn write<const N: usize>(
-    mut next: impl FnMut() -> Result<Option<[u64; N]>>,
-) -> Result<File> {
+fn write<const N: usize>(mut next: impl FnMut() -> Result<Option<[u64; N]>>) -> Result<File> {
     const ACTION: &str = "write a temporary file in";
     let file = tempfile::tempfile().map_err(|e| io(e, ACTION))?;
     let mut out = BufWriter::new(file);

@@ -275,7 +275,13 @@ impl Table {
             (true, Some(v)) => wrong.push(format!("mesh_volume {v}, expected none: it is open")),
             (true, None) => {}
             (false, volume) => {
-                compare("mesh_volume", volume, found, VOLUME_ERROR * found.abs(), wrong);
+                compare(
+                    "mesh_volume",
+                    volume,
+                    found,
+                    VOLUME_ERROR * found.abs(),
+                    wrong,
+                );
             }
         }
         compare("tiles", row[TILES], own_tiles as f64, 0.0, wrong);
@@ -360,7 +366,11 @@ impl Row {
         };
         let value = field.parse::<f64>().ok().filter(is_number);
         if value.is_none() && !field.is_empty() {
-            let expected = if WHOLE.contains(&name) { "a whole number" } else { "a number" };
+            let expected = if WHOLE.contains(&name) {
+                "a whole number"
+            } else {
+                "a number"
+            };
             self.bad = Some(format!("{name}: found {field:?}, expected {expected}"));
         }
         self.values.push(value);

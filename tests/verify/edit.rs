@@ -158,7 +158,9 @@ impl Set<'_> {
             self.edit_tile(&place, |tile| {
                 for piece in &mut tile.pieces {
                     let own = ids(piece);
-                    let to = [(one, other), (other, one)].into_iter().find(|(from, _)| *from == own);
+                    let to = [(one, other), (other, one)]
+                        .into_iter()
+                        .find(|(from, _)| *from == own);
                     if let Some((_, to)) = to {
                         piece.extras["surface"] = to[0].into();
                     }

@@ -182,7 +182,9 @@ fn each_code_has_a_fixture_that_yields_exactly_it() {
         // a hole is a missing vertex as well, once there is a volume to compare with
         let report = match code {
             Code::Hole => check(dir.path()),
-            Code::SourceMismatch => compare_with(dir.path(), &field, |s| s.header.dtype = Dtype::F64),
+            Code::SourceMismatch => {
+                compare_with(dir.path(), &field, |s| s.header.dtype = Dtype::F64)
+            }
             _ => compare(dir.path(), &field),
         };
         if !codes(&report).iter().eq([&code]) || report.ok {

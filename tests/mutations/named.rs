@@ -1,0 +1,680 @@
+//! Faults with a name: what somebody may add to a sound set, or change in it, and make the rest agree with.
+//! Each is found, by the code that it has.
+
+use crate::common;
+use crate::faults::{Files, mend};
+use crate::{Place, volume};
+use alvis::manifest::{Form, Layout, Provenance};
+use alvis::pipeline::{ConvertOptions, convert};
+use alvis::progress::Quiet;
+use alvis::select::{ColourRule, Map, PaintRule, SelectOptions, select};
+use alvis::verify::{Code, SourceVolume, VerifyOptions, verify};
+use alvis::volume::Volume;
+use serde_json::{Value, json};
+use std::collections::BTreeMap;
+
+/// The sets that are changed.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
+enum Base {
+    Nodes,
+    Merged,
+    Web,
+    Part,
+}
+use Base::{Merged, Nodes, Part, Web};
+
+type Edit = fn(&mut Files);
+
+/// Changes the JSON of all tiles; the second argument is the BIN chunk.
+fn tiles(files: &mut Files, edit: impl Fn(&mut Value, &mut Vec<u8>)) {
+    for bytes in files
+        .iter_mut()
+        .filter(|f| f.0.ends_with(".glb"))
+        .map(|f| f.1)
+    {
+        let (mut json, bin) = common::glb::chunks(bytes);
+        let mut bin = bin.to_vec();
+        edit(&mut json, &mut bin);
+        *bytes = glb(json.to_string(), &bin);
+    }
+}
+
+/// Changes the text of the JSON of all tiles.
+fn texts(files: &mut Files, from: &str, to: &str) {
+    for bytes in files
+        .iter_mut()
+        .filter(|f| f.0.ends_with(".glb"))
+        .map(|f| f.1)
+    {
+        let (json, bin) = common::glb::chunks(bytes);
+        *bytes = glb(json.to_string().replacen(from, to, 1), bin);
+    }
+}
+
+fn glb(mut json: String, bin: &[u8]) -> Vec<u8> {
+    while json.len() % 4 != 0 {
+        json.push(' ');
+    }
+    let mut bin = bin.to_vec();
+    bin.resize(bin.len().next_multiple_of(4), 0);
+    let mut out = b"glTF".to_vec();
+    let word = |v: usize, out: &mut Vec<u8>| out.extend((v as u32).to_le_bytes());
+    for v in [2, 28 + json.len() + bin.len(), json.len()] {
+        word(v, &mut out);
+    }
+    out.extend(b"JSON");
+    out.extend(json.as_bytes());
+    word(bin.len(), &mut out);
+    out.extend(b"BIN\0");
+    out.extend(&bin);
+    out
+}
+
+/// Changes a JSON file.
+fn json_of(files: &mut Files, name: &str, edit: impl FnOnce(&mut Value)) {
+    let mut value = serde_json::from_slice(&files[name]).unwrap();
+    edit(&mut value);
+    files.insert(name.into(), serde_json::to_vec_pretty(&value).unwrap());
+}
+
+fn index(files: &mut Files, edit: impl FnOnce(&mut Value)) {
+    json_of(files, "index.json", edit);
+}
+
+/// Changes a table's lines, the header among them.
+fn table(files: &mut Files, name: &str, edit: impl FnOnce(&mut Vec<Vec<String>>)) {
+    let text = String::from_utf8(files[name].clone()).unwrap();
+    let fields = |l: &str| l.split(',').map(str::to_owned).collect();
+    let mut lines: Vec<Vec<String>> = text.lines().map(fields).collect();
+    edit(&mut lines);
+    let lines: Vec<String> = lines.iter().map(|l| l.join(",")).collect();
+    files.insert(name.into(), (lines.join("\n") + "\n").into_bytes());
+}
+
+fn column(lines: &[Vec<String>], name: &str) -> usize {
+    lines[0]
+        .iter()
+        .position(|c| c.split(' ').next() == Some(name))
+        .unwrap()
+}
+
+/// Gives ids others, in tiles, shards and tables; rows are sorted by them.
+fn exchange(files: &mut Files, what: &str, ids: [u64; 2]) {
+    let other = |id: u64| match ids.iter().position(|i| *i == id) {
+        Some(i) => ids[1 - i],
+        None => id,
+    };
+    tiles(files, |json, _| {
+        for i in 1..json["nodes"].as_array().unwrap().len() {
+            let extras = &mut json["nodes"][i]["extras"];
+            extras[what] = other(extras[what].as_u64().unwrap()).into();
+            let name = match (what, extras["object"].as_u64()) {
+                ("cell", _) => json["nodes"][i]["name"].as_str().unwrap().replacen(
+                    &format!(
+                        "cell_{}",
+                        other(json["nodes"][i]["extras"]["cell"].as_u64().unwrap())
+                    ),
+                    &format!("cell_{}", json["nodes"][i]["extras"]["cell"]),
+                    1,
+                ),
+                _ => continue,
+            };
+            json["meshes"][i - 1]["name"] = name.clone().into();
+            json["nodes"][i]["name"] = name.into();
+        }
+    });
+    let shards: Vec<String> = files
+        .keys()
+        .filter(|n| n.starts_with("index/"))
+        .cloned()
+        .collect();
+    for shard in shards {
+        json_of(files, &shard, |s| {
+            for tile in s["tiles"].as_array_mut().unwrap() {
+                for group in tile["groups"].as_array_mut().unwrap() {
+                    group[what] = other(group[what].as_u64().unwrap()).into();
+                }
+            }
+        });
+    }
+    let number = |field: &str| field.parse::<u64>().unwrap();
+    for name in ["cells.csv", "objects.csv", "surfaces.csv"] {
+        let of = if name == format!("{what}s.csv") {
+            "id"
+        } else {
+            what
+        };
+        table(files, name, |lines| {
+            let Some(at) = lines[0].iter().position(|c| c == of) else {
+                return;
+            };
+            for line in &mut lines[1..] {
+                line[at] = other(number(&line[at])).to_string();
+            }
+            lines[1..].sort_by_key(|l| number(&l[0]));
+        });
+    }
+}
+
+const METADATA: &str = "/extensions/EXT_structural_metadata";
+
+fn metadata(json: &mut Value) -> &mut Value {
+    json.pointer_mut(METADATA).unwrap()
+}
+
+fn class_property<'a>(json: &'a mut Value, name: &str) -> &'a mut Value {
+    &mut metadata(json)["schema"]["classes"]["piece"]["properties"][name]
+}
+
+fn primitive(json: &mut Value) -> &mut Value {
+    &mut json["meshes"][0]["primitives"][0]
+}
+
+/// What changes what a viewer shows of a tile, or adds what it does not show.
+const OF_TILES: &[(&str, Base, Code, Edit)] = &[
+    ("morph target", Nodes, Code::ForeignMember, |f| {
+        tiles(f, |j, _| {
+            let position = primitive(j)["attributes"]["POSITION"].clone();
+            primitive(j)["targets"] = json!([{"POSITION": position}]);
+            j["meshes"][0]["weights"] = json!([1.0]);
+        })
+    }),
+    ("instances of a node", Nodes, Code::ForeignMember, |f| {
+        tiles(f, |j, _| {
+            j["nodes"][1]["extensions"] =
+                json!({"EXT_mesh_gpu_instancing": {"attributes": {"TRANSLATION": 0}}});
+        })
+    }),
+    ("an extension that is used", Nodes, Code::GltfUnused, |f| {
+        tiles(f, |j, _| {
+            j["extensionsUsed"] = json!(["EXT_mesh_gpu_instancing"])
+        })
+    }),
+    ("Draco in a primitive", Nodes, Code::ForeignMember, |f| {
+        tiles(f, |j, _| {
+            primitive(j)["extensions"] = json!({"KHR_draco_mesh_compression":
+                {"bufferView": 0, "attributes": {"POSITION": 0}}});
+        })
+    }),
+    ("variants of a material", Web, Code::ForeignMember, |f| {
+        tiles(f, |j, _| {
+            primitive(j)["extensions"]["KHR_materials_variants"] = json!({"mappings": []});
+        })
+    }),
+    ("a skin", Nodes, Code::ForeignMember, |f| {
+        tiles(f, |j, _| {
+            j["skins"] = json!([{"joints": [1]}]);
+            j["nodes"][1]["skin"] = 0.into();
+        })
+    }),
+    ("an animation", Nodes, Code::ForeignMember, |f| {
+        tiles(f, |j, _| {
+            j["animations"] = json!([{"channels": [], "samplers": []}])
+        })
+    }),
+    ("a camera", Merged, Code::ForeignMember, |f| {
+        tiles(f, |j, _| j["cameras"] = json!([{"type": "perspective"}]))
+    }),
+    ("a light", Nodes, Code::ForeignMember, |f| {
+        tiles(f, |j, _| {
+            j["extensions"] = json!({"KHR_lights_punctual": {"lights": [{"type": "point"}]}});
+        })
+    }),
+    ("an image outside", Nodes, Code::ForeignMember, |f| {
+        tiles(f, |j, _| {
+            j["images"] = json!([{"uri": "../../../secret.png"}]);
+            j["textures"] = json!([{"source": 0}]);
+            j["materials"][0]["emissiveTexture"] = json!({"index": 0});
+        })
+    }),
+    ("an invisible material", Nodes, Code::ForeignMember, |f| {
+        tiles(f, |j, _| j["materials"][0]["alphaMode"] = "MASK".into())
+    }),
+    ("alpha 0", Nodes, Code::GltfUnused, |f| {
+        tiles(f, |j, _| {
+            j["materials"][0]["pbrMetallicRoughness"]["baseColorFactor"][3] = 0.into()
+        })
+    }),
+    ("one side", Merged, Code::ForeignMember, |f| {
+        tiles(f, |j, _| j["materials"][0]["doubleSided"] = false.into())
+    }),
+    ("another roughness", Web, Code::ForeignMember, |f| {
+        tiles(f, |j, _| {
+            j["materials"][0]["pbrMetallicRoughness"]["roughnessFactor"] = 0.5.into();
+        })
+    }),
+    ("minVersion", Nodes, Code::ForeignMember, |f| {
+        tiles(f, |j, _| j["asset"]["minVersion"] = "2.1".into())
+    }),
+    ("another attribute", Nodes, Code::ForeignMember, |f| {
+        tiles(f, |j, _| {
+            let normal = primitive(j)["attributes"]["NORMAL"].clone();
+            primitive(j)["attributes"]["TANGENT"] = normal;
+        })
+    }),
+    ("extras of the root", Nodes, Code::ForeignMember, |f| {
+        tiles(f, |j, _| j["nodes"][0]["extras"] = json!({"cell": 1}))
+    }),
+    ("extras of the one node", Merged, Code::ForeignMember, |f| {
+        tiles(f, |j, _| j["nodes"][1]["extras"] = json!({"cell": 1}))
+    }),
+    (
+        "another number in extras",
+        Nodes,
+        Code::ForeignMember,
+        |f| tiles(f, |j, _| j["nodes"][1]["extras"]["quality"] = 1.into()),
+    ),
+    ("a measure as a text", Nodes, Code::ForeignMember, |f| {
+        tiles(f, |j, _| {
+            for node in j["nodes"].as_array_mut().unwrap()[1..].iter_mut() {
+                if node["extras"]["mesh_volume"].is_null() {
+                    node["extras"]["mesh_volume"] = "7.5".into();
+                }
+            }
+        })
+    }),
+    ("an id twice", Nodes, Code::ForeignMember, |f| {
+        texts(f, "\"cell\":", "\"cell\":99,\"cell\":")
+    }),
+    ("positions twice", Web, Code::ForeignMember, |f| {
+        texts(f, "\"POSITION\":", "\"POSITION\":1,\"POSITION\":")
+    }),
+    ("the mode twice", Nodes, Code::GltfSyntax, |f| {
+        texts(f, "\"mode\":", "\"mode\":4,\"mode\":")
+    }),
+    ("bounds of normals", Nodes, Code::GltfUnused, |f| {
+        tiles(f, |j, _| {
+            j["accessors"][1]["min"] = json!([-1, -1, -1]);
+            j["accessors"][1]["max"] = json!([1, 1, 1]);
+        })
+    }),
+    ("bounds of positions", Nodes, Code::AccessorBounds, |f| {
+        tiles(f, |j, _| {
+            let max = j["accessors"][0]["max"][2].as_f64().unwrap();
+            j["accessors"][0]["max"][2] = (max + 0.5).into();
+        })
+    }),
+    ("an accessor for nothing", Nodes, Code::GltfUnused, |f| {
+        tiles(f, |j, _| {
+            let more = j["accessors"][0].clone();
+            j["accessors"].as_array_mut().unwrap().push(more);
+        })
+    }),
+    ("a view for nothing", Web, Code::GltfUnused, |f| {
+        tiles(f, |j, _| {
+            let more = json!({"buffer": 0, "byteOffset": 0, "byteLength": 4});
+            j["bufferViews"].as_array_mut().unwrap().push(more);
+        })
+    }),
+    ("a view of another target", Merged, Code::GltfUnused, |f| {
+        tiles(f, |j, _| j["bufferViews"][0]["target"] = 34963.into())
+    }),
+    ("bytes for nothing", Nodes, Code::GltfUnused, |f| {
+        tiles(f, |j, bin| {
+            bin.extend([7; 4096]);
+            j["buffers"][0]["byteLength"] = bin.len().into();
+        })
+    }),
+    ("a second table", Merged, Code::ForeignMember, |f| {
+        tiles(f, |j, _| {
+            let mut table = metadata(j)["propertyTables"][0].clone();
+            let columns = table["properties"].as_object_mut().unwrap();
+            let (volume, area) = (columns["volume"].clone(), columns["area"].clone());
+            columns.insert("volume".into(), area);
+            columns.insert("area".into(), volume);
+            metadata(j)["propertyTables"]
+                .as_array_mut()
+                .unwrap()
+                .push(table);
+        })
+    }),
+    ("a scale", Merged, Code::ForeignMember, |f| {
+        tiles(f, |j, _| class_property(j, "volume")["scale"] = 2.0.into())
+    }),
+    ("an offset of the table", Web, Code::ForeignMember, |f| {
+        tiles(f, |j, _| {
+            metadata(j)["propertyTables"][0]["properties"]["area"]["offset"] = 1.into()
+        })
+    }),
+    ("a default", Web, Code::ForeignMember, |f| {
+        tiles(f, |j, _| class_property(j, "area")["default"] = 1.0.into())
+    }),
+    ("a cell that is no data", Merged, Code::ForeignMember, |f| {
+        tiles(f, |j, _| class_property(j, "cell")["noData"] = 1.into())
+    }),
+    (
+        "a measure that is no data",
+        Merged,
+        Code::ForeignMember,
+        |f| tiles(f, |j, _| class_property(j, "area")["noData"] = 7.5.into()),
+    ),
+    ("a null feature", Merged, Code::ForeignMember, |f| {
+        tiles(f, |j, _| {
+            primitive(j)["extensions"]["EXT_mesh_features"]["featureIds"][0]["nullFeatureId"] =
+                0.into();
+        })
+    }),
+    ("an enumeration", Merged, Code::ForeignMember, |f| {
+        tiles(f, |j, _| {
+            metadata(j)["schema"]["enums"] = json!({"kind": {"values": []}})
+        })
+    }),
+    (
+        "a description in another unit",
+        Merged,
+        Code::GltfUnused,
+        |f| {
+            tiles(f, |j, _| {
+                metadata(j)["schema"]["classes"]["piece"]["description"] =
+                    "Surface pieces; lengths in nm".into();
+            })
+        },
+    ),
+];
+
+/// What changes the index or the tables.
+const OF_INDEX: &[(&str, Base, Code, Edit)] = &[
+    ("a member of the index", Nodes, Code::ForeignMember, |f| {
+        index(f, |m| m["comment"] = "".into())
+    }),
+    ("a member of totals", Web, Code::ForeignMember, |f| {
+        index(f, |m| m["totals"]["pores"] = 3.into())
+    }),
+    ("a member of the source", Nodes, Code::ForeignMember, |f| {
+        index(f, |m| m["source"]["uri"] = "http://example.com".into())
+    }),
+    ("a member of a shard", Nodes, Code::ForeignMember, |f| {
+        json_of(f, "index/z0000.json", |s| s["tiles"][0]["uri"] = "x".into())
+    }),
+    (
+        "a type that is not the volume's",
+        Nodes,
+        Code::SourceMismatch,
+        |f| index(f, |m| m["source"]["dtype"] = "f64".into()),
+    ),
+    (
+        "a format that is not the volume's",
+        Merged,
+        Code::SourceMismatch,
+        |f| index(f, |m| m["source"]["format"] = "nrrd".into()),
+    ),
+    ("an offset", Nodes, Code::ManifestValue, |f| {
+        index(f, |m| {
+            m["source"]["format"] = "nrrd".into();
+            m["source"]["offset"] = 7.into();
+        })
+    }),
+    ("dust that is not there", Nodes, Code::Dust, |f| {
+        index(f, |m| {
+            m["dust"] = json!({"min_voxels": 2, "objects": 0, "object_voxels": 0, "cells": 1,
+                "cell_voxels": 1});
+        })
+    }),
+    ("more dust than its size", Nodes, Code::ManifestValue, |f| {
+        index(f, |m| {
+            m["dust"] = json!({"min_voxels": 2, "objects": 3, "object_voxels": 77, "cells": 0,
+                "cell_voxels": 0});
+        })
+    }),
+    ("surfaces exchanged", Nodes, Code::IdOrder, |f| {
+        exchange(f, "surface", [1, 2])
+    }),
+    ("cells exchanged", Nodes, Code::IdOrder, |f| {
+        exchange(f, "cell", [1, 3])
+    }),
+    (
+        "Euler characteristics of border cells",
+        Nodes,
+        Code::TableValue,
+        |f| {
+            let mut changed = BTreeMap::new();
+            table(f, "cells.csv", |lines| {
+                let [euler, border] =
+                    ["euler_characteristic", "touches_border"].map(|c| column(lines, c));
+                let open = lines[1..].iter_mut().filter(|l| l[border] == "1");
+                for (line, by) in open.zip([7, -7]) {
+                    let value = line[euler].parse::<i64>().unwrap() + by;
+                    line[euler] = value.to_string();
+                    changed.insert(line[0].clone(), value);
+                }
+            });
+            assert_eq!(changed.len(), 2);
+            tiles(f, |j, _| {
+                for node in j["nodes"].as_array_mut().unwrap()[1..].iter_mut() {
+                    if let Some(value) = changed.get(&node["extras"]["cell"].to_string()) {
+                        node["extras"]["euler_characteristic"] = (*value).into();
+                    }
+                }
+            });
+        },
+    ),
+    ("touches_border in words", Nodes, Code::TableSyntax, |f| {
+        table(f, "cells.csv", |lines| {
+            let border = column(lines, "touches_border");
+            for line in &mut lines[1..] {
+                line[border] = if line[border] == "1" { "true" } else { "false" }.into();
+            }
+        })
+    }),
+    ("a column twice", Nodes, Code::TableSyntax, |f| {
+        table(f, "cells.csv", |lines| {
+            let volume = column(lines, "volume");
+            for line in lines {
+                let more = line[volume].replace('1', "2");
+                line.push(more);
+            }
+        })
+    }),
+    ("another column", Web, Code::TableSyntax, |f| {
+        table(f, "objects.csv", |lines| {
+            lines.iter_mut().for_each(|l| l.push("grade".into()))
+        })
+    }),
+    ("a field too many", Merged, Code::TableSyntax, |f| {
+        table(f, "surfaces.csv", |lines| lines[2].push("1".into()))
+    }),
+    ("an id with a fraction", Nodes, Code::TableSyntax, |f| {
+        table(f, "cells.csv", |lines| lines[1][0] = "1.0".into())
+    }),
+    ("an empty line", Nodes, Code::TableRows, |f| {
+        f.get_mut("cells.csv").unwrap().push(b'\n')
+    }),
+];
+
+/// What changes a part, or its colours.
+const OF_PARTS: &[(&str, Base, Code, Edit)] = &[
+    ("no legend", Part, Code::MissingFile, |f| {
+        _ = f.remove("legend.png")
+    }),
+    ("a legend outside", Part, Code::PathOutside, |f| {
+        index(f, |m| {
+            m["selection"]["colour_by"]["legend"] = "../../etc/passwd".into()
+        })
+    }),
+    ("another file as the legend", Part, Code::PathName, |f| {
+        index(f, |m| {
+            m["selection"]["colour_by"]["legend"] = "cells.csv".into()
+        })
+    }),
+    ("another range of colours", Part, Code::Paint, |f| {
+        index(f, |m| {
+            let max = m["selection"]["colour_by"]["max"].as_f64().unwrap();
+            m["selection"]["colour_by"]["max"] = (2.0 * max).into();
+        })
+    }),
+    ("other colours of the map", Part, Code::Paint, |f| {
+        index(f, |m| {
+            m["selection"]["colour_by"]["colours"][3] = "#ffffff".into()
+        })
+    }),
+    ("another number of painted cells", Part, Code::Paint, |f| {
+        index(f, |m| m["selection"]["painted"][0]["cells"] = 7.into())
+    }),
+    ("another colour of a piece", Part, Code::Paint, |f| {
+        tiles(f, |j, _| {
+            let red = json!([1.0, 0.0, 0.0, 1.0]);
+            j["materials"][0]["name"] = "colour_ff0000".into();
+            j["materials"][0]["pbrMetallicRoughness"]["baseColorFactor"] = red;
+        })
+    }),
+    (
+        "another colour than its name",
+        Part,
+        Code::GltfUnused,
+        |f| {
+            tiles(f, |j, _| {
+                j["materials"][0]["pbrMetallicRoughness"]["baseColorFactor"] =
+                    json!([1.0, 0.0, 0.5, 1.0]);
+            })
+        },
+    ),
+    ("another condition", Part, Code::Selection, |f| {
+        index(f, |m| m["selection"]["where"] = "touches_border".into())
+    }),
+    ("no condition at all", Part, Code::Selection, |f| {
+        index(f, |m| m["selection"]["where"] = "voxels >".into())
+    }),
+    (
+        "a size of dust that cells are below",
+        Part,
+        Code::TableValue,
+        |f| {
+            index(f, |m| {
+                m["dust"] = json!({"min_voxels": 400, "objects": 0, "object_voxels": 0, "cells": 0,
+                "cell_voxels": 0});
+            })
+        },
+    ),
+    ("a whole that is less", Part, Code::ManifestValue, |f| {
+        index(f, |m| m["selection"]["of"]["cells"] = 0.into())
+    }),
+    (
+        "a measure of an object that is whole",
+        Part,
+        Code::TableValue,
+        |f| {
+            table(f, "objects.csv", |lines| {
+                let [border, axis] = ["touches_border", "centroid_x"].map(|c| column(lines, c));
+                let inner = lines[1..].iter_mut().find(|l| l[border] == "0").unwrap();
+                let moved = inner[axis].parse::<f64>().unwrap() + 0.01;
+                inner[axis] = moved.to_string();
+            })
+        },
+    ),
+];
+
+/// What the volume alone shows.
+const AGAINST: &[(&str, Base, Code, Edit)] =
+    &[("normals the other way", Nodes, Code::NormalDiffers, |f| {
+        tiles(f, |j, bin| {
+            let view = &j["bufferViews"][1];
+            let [start, length] =
+                ["byteOffset", "byteLength"].map(|k| view[k].as_u64().unwrap() as usize);
+            for component in bin[start..start + length].chunks_exact_mut(4) {
+                component[3] ^= 0x80;
+            }
+        })
+    })];
+
+/// Sizes, checksums and the sum of bytes agree with the files again.
+fn seal(files: &mut Files) {
+    mend(files);
+    let bytes: usize = files
+        .iter()
+        .filter(|f| f.0.ends_with(".glb"))
+        .map(|f| f.1.len())
+        .sum();
+    if files.contains_key("index.json") {
+        index(files, |m| m["totals"]["bytes"] = bytes.into());
+    }
+}
+
+fn bases(dir: &std::path::Path) -> BTreeMap<Base, Files> {
+    let options = |form: Form| ConvertOptions {
+        primitives: form.primitives,
+        encoding: form.encoding,
+        layout: form.layout,
+        threshold: 128.0,
+        macrocube: [7, 6, 5],
+        source_name: "volume.raw".into(),
+        ..ConvertOptions::default()
+    };
+    let merged = ConvertOptions {
+        layout: Layout::Merged,
+        ..options(Form::BLENDER)
+    };
+    let make = |name: &str, options: &ConvertOptions| {
+        convert(&volume(0.0), options, &dir.join(name), &Quiet).unwrap();
+        common::files(&dir.join(name))
+    };
+    let mut out = BTreeMap::from([
+        (Nodes, make("nodes", &options(Form::BLENDER))),
+        (Merged, make("merged", &merged)),
+        (Web, make("web", &options(Form::WEB))),
+    ]);
+    let part = SelectOptions {
+        condition: Some("not touches_border".into()),
+        paint: vec![PaintRule {
+            condition: "best:1".into(),
+            colour: [255, 136, 0],
+        }],
+        colour_by: Some(ColourRule {
+            column: "volume".into(),
+            map: Map::default(),
+            range: None,
+        }),
+        ..SelectOptions::default()
+    };
+    select(&dir.join("nodes"), &dir.join("part"), &part, &Quiet).unwrap();
+    out.insert(Part, common::files(&dir.join("part")));
+    out
+}
+
+#[test]
+fn faults_with_a_name_are_found() {
+    let temporary = tempfile::tempdir().unwrap();
+    let bases = bases(temporary.path());
+    let dir = temporary.path().join("changed");
+    let mut place = Place {
+        dir: dir.clone(),
+        holds: Files::new(),
+    };
+    let volume = volume(0.0);
+    let source = SourceVolume {
+        name: "volume.raw".into(),
+        header: volume.header().clone(),
+        offset: 0,
+        values: None,
+        provenance: Provenance::default(),
+    };
+    let mut check = |base: Base, files: &mut Files| {
+        seal(files);
+        place.put(files);
+        let whole = base != Part;
+        let options = VerifyOptions {
+            against: whole.then_some(&volume as &dyn Volume),
+            source: whole.then_some(&source),
+            ..VerifyOptions::default()
+        };
+        verify(&dir, &options, &Quiet).unwrap()
+    };
+    for (base, files) in &bases {
+        let report = check(*base, &mut files.clone());
+        assert!(
+            report.ok && report.issues.is_empty(),
+            "{base:?}: {:#?}",
+            report.issues
+        );
+    }
+    let mut wrong = Vec::new();
+    for (name, base, code, edit) in [OF_TILES, OF_INDEX, OF_PARTS, AGAINST].concat() {
+        let mut files = bases[&base].clone();
+        edit(&mut files);
+        let report = check(base, &mut files);
+        if report.ok || !report.issues.iter().any(|i| i.code == code) {
+            let found: Vec<_> = report.issues.iter().map(|i| (i.code, &i.message)).collect();
+            wrong.push(format!("{name}: expected {}, found {found:?}", code.name()));
+        }
+    }
+    assert!(wrong.is_empty(), "{}", wrong.join("\n"));
+}
