@@ -149,6 +149,7 @@ fn report() -> Report {
     Report {
         ok: false,
         against: true,
+        part: false,
         tiles: 1,
         triangles: 2,
         cap_triangles: 0,

@@ -190,10 +190,10 @@ pub fn verdict(report: &Report) -> String {
         output::count(report.surfaces)
     );
     if report.ok {
-        let scope = if report.against {
-            "; the surface is that of the volume"
-        } else {
-            ""
+        let scope = match (report.against, report.part) {
+            (true, _) => "; the surface is that of the volume",
+            (false, true) => "; it is a part, so components may be missing",
+            _ => "",
         };
         format!("ok: {size}, no hole{scope}\n")
     } else {

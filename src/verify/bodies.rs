@@ -20,7 +20,7 @@ pub(super) struct Body {
     pub touches: bool,
     /// Its Euler characteristic.
     pub euler: f64,
-    /// Its first voxel, by z, then y, then x, see [`super::inside::voxel_key`].
+    /// Its first voxel, by z, then y, then x, see [`super::first::voxel_key`].
     pub first: u64,
 }
 
@@ -84,7 +84,8 @@ pub(super) fn euler_of(sums: &Sums) -> i64 {
 
 #[cfg(test)]
 mod tests {
-    use super::super::inside::{Inside, voxel_key};
+    use super::super::first::voxel_key;
+    use super::super::inside::Inside;
     use super::super::marks::code;
     use super::super::piece::{DOWN, Region, UP};
     use super::*;

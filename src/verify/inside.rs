@@ -9,9 +9,10 @@
 //! Ends of runs are picked out and added up one by one. Adding up all vertices side by side in 32 bits, as
 //! they lie to the macrocube's corner, and moving the sums afterwards, took a third more instructions for that.
 
+use super::first::First;
 use super::marks::{BITS, axis};
 use super::piece::{DOWN, Piece, Region, UP, Vertex};
-use super::rim::{self, Rim, cell_is_low};
+use super::rim::{self, Rim};
 use crate::cpu::dispatch;
 use crate::grid::{Extent, Placement};
 
@@ -82,69 +83,6 @@ pub(super) const WORDS: usize = FAR + 12;
 
 /// Words before those of [`Inside::far`].
 const FAR: usize = 3 + 3 + rim::WORDS + 2 * SUMS;
-
-/// What comes first, by z, then y, then x; the largest number if there is nothing.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub(super) struct First {
-    /// The first lattice edge with a vertex, by its lower voxel, then its axis.
-    pub vertex: u64,
-    /// The cell's first voxel at an end of a vertex's lattice edge, as [`voxel_key`]. If it is not the first of
-    /// all, that is voxel (0, 0, 0): any other first voxel has another phase before it along some axis.
-    pub below: u64,
-    /// The same of the object.
-    pub above: u64,
-}
-
-/// A number for a voxel that rises with z, then y, then x.
-#[inline(always)]
-pub(super) fn voxel_key([x, y, z]: [i32; 3]) -> u64 {
-    (z as u64) << 32 | (y as u64) << 16 | x as u64
-}
-
-impl Default for First {
-    fn default() -> Self {
-        First {
-            vertex: u64::MAX,
-            below: u64::MAX,
-            above: u64::MAX,
-        }
-    }
-}
-
-impl First {
-    /// Of vertices whose cell and object begin at these slices at the lowest.
-    fn of(points: &[Vertex], state: &[u8], slices: [u16; 2]) -> Self {
-        let last = i32::from(slices[0].max(slices[1]));
-        let mut out = First::default();
-        for (&[x, y, z, code], &state) in points.iter().zip(state) {
-            // all three come first in one of these slices
-            if z >> 8 > last {
-                continue;
-            }
-            let axis = code >> BITS;
-            let mut ends = [[x >> 8, y >> 8, z >> 8]; 2];
-            ends[1][axis as usize] += 1;
-            let [low, high] = ends.map(voxel_key);
-            let (below, above) = if cell_is_low(state) {
-                (low, high)
-            } else {
-                (high, low)
-            };
-            out.add(&First {
-                vertex: low << 2 | axis as u64,
-                below,
-                above,
-            });
-        }
-        out
-    }
-
-    fn add(&mut self, other: &First) {
-        self.vertex = self.vertex.min(other.vertex);
-        self.below = self.below.min(other.below);
-        self.above = self.above.min(other.above);
-    }
-}
 
 impl Inside {
     /// From the vertices that are the tile's own, of a piece whose triangles have been summed. `rotated` is where the
@@ -404,6 +342,7 @@ impl Moments {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::verify::first::voxel_key;
     use crate::verify::marks;
     use proptest::prelude::*;
 

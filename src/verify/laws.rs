@@ -15,6 +15,8 @@ use rayon::ThreadPool;
 /// What was counted.
 #[derive(Default)]
 pub(super) struct Found {
+    /// True if the set is a part.
+    pub part: bool,
     pub counts: Counts,
     pub tiles: u64,
     pub strips: u64,

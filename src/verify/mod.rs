@@ -51,6 +51,7 @@ mod dust;
 mod edges;
 mod facets;
 mod files;
+mod first;
 mod geometry;
 mod gradient;
 mod index;
@@ -143,6 +144,7 @@ pub fn verify(dir: &Path, options: &VerifyOptions, progress: &dyn Progress) -> R
             source::check(&manifest, source, &volume.header().placement, &mut issues);
         }
         index::foreign_files(&root, &manifest, &mut issues)?;
+        found.part = manifest.is_part();
         let cx = Context::new(&root, &manifest, options.max_issues);
         let original = Original::new(options.against, &manifest, progress, &mut issues)?;
         let sweep = Run::new(&cx, &pool, progress).tiles(original, &mut found, &mut issues)?;
@@ -157,6 +159,7 @@ fn report(found: Found, issues: Issues, options: &VerifyOptions, start: Instant)
     Report {
         ok: !issues.any_error(),
         against: options.against.is_some(),
+        part: found.part,
         tiles: found.tiles,
         triangles: c.triangles,
         cap_triangles: c.cap_triangles,

@@ -83,6 +83,15 @@ impl Table {
         };
         let at = format!("index.json#/tables/{}", kind.plural());
         let real = files::resolve(root, path, &at, issues)?;
+        let named = format!("{}.csv", kind.plural());
+        if *path != named {
+            issues.add(
+                Code::PathName,
+                at,
+                format!("found {path}, expected {named}"),
+            );
+            return None;
+        }
         if let Some(all) = &manifest.tables.checksums {
             let stated = match kind {
                 Kind::Surface => &all.surfaces,
