@@ -113,6 +113,18 @@ pub enum Error {
         /// What differs, with the old and the new value each.
         differences: String,
     },
+    /// The input was changed while it was read: what was made of it may be of neither state.
+    #[error(
+        "{}: the input was changed while it was read: found {found}: nothing was made of it: do this again when \
+         nobody writes to it",
+        path.display()
+    )]
+    InputChanged {
+        /// The input.
+        path: PathBuf,
+        /// What differs from before.
+        found: String,
+    },
     /// A conversion failed after it had finished layers; these are kept.
     #[error(
         "{error}: {done} of {of} layers are done and kept in {}: once the cause is removed, the same \

@@ -4,7 +4,7 @@ use super::parse;
 use super::progress::Console;
 use crate::error::{Error, Result};
 use crate::grid::Unit;
-use crate::volume::{self, Dtype, Endian, Io, OpenOptions, Opened};
+use crate::volume::{self, Before, Dtype, Endian, Io, OpenOptions, Opened, Stamp};
 use clap::builder::{PossibleValue, PossibleValuesParser, TypedValueParser};
 use clap::{Args, ValueEnum};
 use std::path::Path;
@@ -19,7 +19,7 @@ pub struct Common {
     /// Say nothing unless something goes wrong: no progress, no summary
     #[arg(short, long)]
     pub quiet: bool,
-    /// Worker threads [default: one per core]
+    /// Worker threads, of which four per core are used at most, or 16 [default: one per core]
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u16).range(1..=1024))]
     pub threads: Option<u16>,
 }
@@ -31,7 +31,7 @@ impl Common {
             // fails only if workers run already, in a program that runs several commands: the
             // result is the same with any number of them
             let _ = rayon::ThreadPoolBuilder::new()
-                .num_threads(usize::from(n))
+                .num_threads(crate::cpu::threads(usize::from(n)))
                 .build_global();
         }
         Console::new(self.quiet)
@@ -146,6 +146,15 @@ impl InputOptions {
             super::sigbus::guard(path);
         }
         volume::open(path, &self.options())
+    }
+
+    /// Opens the volume at `path`, with what tells any change to it from then on. What lies in the directory `out`
+    /// is no part of it.
+    pub fn open_stamped(&self, path: &Path, out: &Path) -> Result<(Opened, Stamp)> {
+        let before = Before::of(path, out);
+        let opened = self.open(path)?;
+        let stamp = volume::stamp(&before, &opened)?;
+        Ok((opened, stamp))
     }
 
     /// Refuses the options if there is no input that they could describe.

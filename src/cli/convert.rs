@@ -84,7 +84,7 @@ pub struct ConvertArgs {
 impl ConvertArgs {
     pub fn run(self) -> Result<Outcome> {
         let console = self.common.start();
-        let opened = self.options.open(&self.input)?;
+        let (opened, stamp) = self.options.open_stamped(&self.input, &self.out)?;
         let dims = opened.volume.header().dims;
         let crop = self.crop.as_ref().map(|c| c.resolve(dims)).transpose()?;
         let form = self.form.form(Form::default());
@@ -105,7 +105,7 @@ impl ConvertArgs {
             table_unit: self.table_unit,
             force: self.force,
             resume: self.resume,
-            input: crate::volume::stamp(&self.input, &opened, &self.out)?,
+            input: stamp,
             source_name: opened.name.clone(),
             source_offset: opened.offset,
             source_part: opened.part.clone(),
@@ -144,6 +144,7 @@ pub fn resumable(error: Error, out: &Path) -> Error {
     let refused = matches!(
         error,
         Error::OutputBusy { .. }
+            | Error::InputChanged { .. }
             | Error::OutputExists { .. }
             | Error::OutputForeign { .. }
             | Error::OtherConversion { .. }

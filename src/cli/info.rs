@@ -79,7 +79,7 @@ struct Predicted {
 impl InfoArgs {
     pub fn run(self) -> Result<Outcome> {
         let console = self.common.start();
-        let opened = self.options.open(&self.input)?;
+        let (opened, stamp) = self.options.open_stamped(&self.input, Path::new(""))?;
         let volume = &*opened.volume;
         let found = statistics(volume, &console)?;
         let threshold = self.threshold.or(found.otsu);
@@ -96,6 +96,9 @@ impl InfoArgs {
             }
             None => None,
         };
+        if let Some(warning) = stamp.check()? {
+            console.warn(&warning);
+        }
         drop(console);
         if self.common.json {
             output::print_json(&report(&opened, found, predicted))?;

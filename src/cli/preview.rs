@@ -5,9 +5,10 @@ use super::parse::{self, Threshold};
 use super::{Outcome, info, output};
 use crate::error::{Error, Result};
 use crate::preview::{Axis, PreviewOptions, preview};
+use crate::progress::Progress;
 use crate::select::Map;
 use clap::{Args, ValueEnum, ValueHint};
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 
 /// An axis, as typed.
 #[derive(Debug, Clone, Copy, ValueEnum)]
@@ -80,7 +81,7 @@ impl PreviewArgs {
             let found = self.png.display().to_string();
             return Err(Error::usage("PNG", found, "a name that ends in .png"));
         }
-        let opened = self.options.open(&self.input)?;
+        let (opened, input) = self.options.open_stamped(&self.input, Path::new(""))?;
         let threshold = match self.threshold {
             None => None,
             Some(Threshold::Value(t)) => Some(t),
@@ -99,8 +100,10 @@ impl PreviewArgs {
             map: self.map,
             window: self.window,
             scale: self.scale,
+            input,
         };
         let report = preview(&*opened.volume, &self.png, &options)?;
+        report.warnings.iter().for_each(|w| console.warn(w));
         drop(console);
         if self.common.json {
             output::print_json(&report)?;

@@ -6,7 +6,7 @@ use crate::error::{Error, Result};
 use crate::manifest::{Manifest, Origin, PARTIAL};
 use crate::progress::Progress;
 use crate::verify::{self, Issue, Report, Severity, SourceVolume, VerifyOptions};
-use crate::volume::{self, Cropped, Headerless, Volume};
+use crate::volume::{self, Before, Cropped, Headerless, Stamp, Volume};
 use clap::{Args, ValueHint};
 use std::fmt::Write;
 use std::path::{Path, PathBuf};
@@ -59,6 +59,11 @@ impl VerifyArgs {
             max_issues: self.max_issues,
         };
         let report = verify::verify(&self.out, &options, &console)?;
+        if let Some(against) = &against
+            && let Some(warning) = against.stamp.check()?
+        {
+            console.warn(&warning);
+        }
         if self.out.join(PARTIAL).is_dir() {
             console.warn(&format!(
                 "{}: beside this set lies a conversion that is not finished ({PARTIAL}): the same `alvis convert` \
@@ -88,16 +93,16 @@ fn copied<'a>(volume: &'a dyn Volume, dir: &Path) -> Result<Option<Box<dyn Volum
     }
 }
 
-/// The volume that a tile set is compared with, and what it says of itself as a whole.
+/// The volume that a tile set is compared with, what it says of itself as a whole, and what shows a change to it.
 struct Against {
     volume: Box<dyn Volume>,
     source: SourceVolume,
+    stamp: Stamp,
 }
 
-/// Opens the volume that a tile set is compared with, cut as the manifest says. What a raw file does
-/// not say is taken from the manifest unless the options say it, as is what was asked for of a file of the name
-/// that was converted. A file of the name that was converted
-/// is raw even if it begins as one with a header does.
+/// Opens the volume that a tile set is compared with, cut as the manifest says. What a raw file does not say is taken
+/// from the manifest unless the options say it, as is what was asked for of a file of the name that was converted.
+/// Such a file is raw even if it begins as one with a header does.
 fn open_against(directory: &Path, path: &Path, input: &InputOptions) -> Result<Against> {
     // an index that cannot be read is for the verifier to report
     let manifest = Manifest::open(directory).ok();
@@ -105,10 +110,14 @@ fn open_against(directory: &Path, path: &Path, input: &InputOptions) -> Result<A
         source, placement, ..
     }) = manifest
     else {
-        let opened = input.open(path)?;
+        let (opened, stamp) = input.open_stamped(path, directory)?;
         let source = SourceVolume::of(&opened);
         let volume = opened.volume;
-        return Ok(Against { volume, source });
+        return Ok(Against {
+            volume,
+            source,
+            stamp,
+        });
     };
     let mut options = input.options();
     let same_name = path.file_name() == Some(source.name.as_ref());
@@ -131,7 +140,9 @@ fn open_against(directory: &Path, path: &Path, input: &InputOptions) -> Result<A
             options = options.of_headerless();
         }
     }
+    let before = Before::of(path, directory);
     let opened = volume::open(path, &options)?;
+    let stamp = volume::stamp(&before, &opened)?;
     let (whole, volume) = (SourceVolume::of(&opened), opened.volume);
     let dims = whole.header.dims;
     let volume = match &source.crop {
@@ -149,6 +160,7 @@ fn open_against(directory: &Path, path: &Path, input: &InputOptions) -> Result<A
     Ok(Against {
         volume: volume?,
         source: whole,
+        stamp,
     })
 }
 

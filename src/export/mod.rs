@@ -35,7 +35,7 @@ pub use simplify::Simplify;
 
 use crate::error::{Error, Result};
 use crate::grid::Unit;
-use crate::manifest::{MANIFEST, TileEntry, TileSet};
+use crate::manifest::{MANIFEST, TileEntry, TileSet, batch};
 use crate::memory::peak_rss_bytes;
 use crate::progress::Progress;
 use choice::Choice;
@@ -46,7 +46,6 @@ use rayon::prelude::*;
 use serde::Serialize;
 use sheet::Sheet;
 use sink::Sink;
-use std::iter::Peekable;
 use std::path::Path;
 use std::time::Instant;
 
@@ -200,7 +199,8 @@ impl Run<'_> {
             .filter(|t| !matches!(t, Ok(entry) if !wanted(self.choice, entry)))
             .peekable();
         loop {
-            let batch = batch(&mut tiles, cost, plan.room)?;
+            let most = BATCH * rayon::current_num_threads();
+            let batch = batch(&mut tiles, most, |t| cost.tile(t), plan.room)?;
             if batch.is_empty() {
                 break;
             }
@@ -281,27 +281,4 @@ impl Counts {
             }
         }
     }
-}
-
-/// The next tiles that fit in the room together; at least one, if there is one.
-fn batch<I: Iterator<Item = Result<TileEntry>>>(
-    tiles: &mut Peekable<I>,
-    cost: &Cost,
-    room: u64,
-) -> Result<Vec<TileEntry>> {
-    let most = BATCH * rayon::current_num_threads();
-    let mut batch = Vec::new();
-    let mut used = 0u64;
-    while batch.len() < most
-        && let Some(next) = tiles.peek()
-    {
-        if let Ok(entry) = next {
-            used = used.saturating_add(cost.tile(entry));
-            if used > room && !batch.is_empty() {
-                break;
-            }
-        }
-        batch.extend(tiles.next().transpose()?);
-    }
-    Ok(batch)
 }

@@ -8,6 +8,8 @@ use crate::manifest::{MANIFEST, TileEntry, TileSet};
 
 /// Bytes of the program itself and of its buffers.
 const BASE: u64 = 20 << 20;
+/// Bytes that a layer takes in the index.
+const LAYER: u64 = 200;
 /// Bytes that a thread takes before it does anything.
 const THREAD: u64 = 1 << 20;
 /// Bytes that a piece of a tile takes beside its geometry: its extras, some 30 columns by name.
@@ -34,7 +36,7 @@ impl Plan {
         let mut plan = Plan::default();
         let (mut largest, mut row, mut longest_row) = (0, ([0; 2], 0), 0);
         let layers = &set.manifest().layers;
-        let index = layers.iter().map(|l| l.bytes).max().unwrap_or(0);
+        let index = layers.len() as u64 * LAYER;
         let mut before = None;
         for entry in set.tiles() {
             let entry = entry?;
@@ -65,7 +67,7 @@ impl Plan {
             false => Choice::bytes(set.manifest()),
         };
         let threads = THREAD.saturating_mul(rayon::current_num_threads() as u64);
-        let fixed = [BASE, threads, index.saturating_mul(3), waiting, choosing]
+        let fixed = [BASE, threads, index, waiting, choosing]
             .into_iter()
             .fold(0, u64::saturating_add);
         let needed = fixed.saturating_add(largest.saturating_mul(3).div_ceil(2));

@@ -4,18 +4,24 @@
 //! form is `schema/manifest.schema.json` and `schema/shard.schema.json`. Every path is relative to
 //! the directory of the manifest, with `/` between its parts.
 
+mod batch;
 mod form;
 mod open;
 mod seal;
 mod set;
+mod shard;
 
+pub(crate) use batch::batch;
 pub use form::{Encoding, Form, Layout, Primitives};
 pub use open::{MANIFEST, PARTIAL, file_inside, inside, is_plain, manifest_file};
-pub(crate) use seal::{checksum_of, own_checksum};
+pub(crate) use seal::{checksum_of, own_checksum, sums_of};
 pub use set::TileSet;
+pub use shard::ShardTiles;
+pub(crate) use shard::{ShardFault, ShardText, ShardWriter, entry_text, shard_path};
 
 use crate::grid::{Ambiguous, Crop, Dims, Placement, Unit};
 use crate::volume::{Dtype, Endian};
+use bytemuck::{Pod, Zeroable};
 use serde::{Deserialize, Serialize};
 
 /// Value of [`Manifest::format`].
@@ -319,15 +325,16 @@ pub struct Totals {
 }
 
 impl Totals {
-    /// Adds what a tile's entry says of the tile.
+    /// Adds what a tile's entry says of the tile, which may be anything in an index from elsewhere.
     pub(crate) fn add_tile(&mut self, tile: &TileEntry) {
-        self.tiles += 1;
-        self.tile_vertices += tile.vertices;
-        self.triangles += tile.triangles;
-        self.strips += tile.strips;
-        self.bytes += tile.bytes;
+        let add = |sum: &mut u64, value: u64| *sum = sum.saturating_add(value);
+        add(&mut self.tiles, 1);
+        add(&mut self.tile_vertices, tile.vertices);
+        add(&mut self.triangles, tile.triangles);
+        add(&mut self.strips, tile.strips);
+        add(&mut self.bytes, tile.bytes);
         if tile.strips > 0 {
-            self.strip_indices += tile.indices;
+            add(&mut self.strip_indices, tile.indices);
         }
     }
 }
@@ -345,6 +352,20 @@ pub struct Layer {
     pub bytes: u64,
     /// Checksum of the shard file, see [`TileEntry::checksum`].
     pub checksum: String,
+}
+
+/// A layer in few bytes.
+#[repr(C)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Pod, Zeroable)]
+pub(crate) struct LayerRecord {
+    /// See [`Layer`].
+    pub z: u32,
+    /// CRC-32 of the shard file.
+    pub crc: u32,
+    /// See [`Layer`].
+    pub tiles: u64,
+    /// See [`Layer`].
+    pub bytes: u64,
 }
 
 /// Paths of the tables.

@@ -3,9 +3,11 @@
 
 use crate::error::{Error, Result};
 use crate::grid::{Dims, LATTICE, Placement, Tiling};
-use crate::manifest::{FORMAT, FORMAT_VERSION, Layer, Manifest, Shard};
+use crate::manifest::{FORMAT, FORMAT_VERSION, Layer, Manifest, Shard, ShardTiles};
+use serde::Deserialize;
 use serde::de::DeserializeOwned;
-use std::io::ErrorKind;
+use std::fs::File;
+use std::io::{BufReader, ErrorKind};
 use std::path::{Path, PathBuf};
 
 /// The manifest's name in the directory of a tile set.
@@ -39,17 +41,18 @@ impl Manifest {
     pub fn open(dir: &Path) -> Result<Manifest> {
         let path = dir.join(MANIFEST);
         let real = manifest_file(dir, "read the index")?;
-        let bytes = std::fs::read(real).map_err(|e| Error::io(&path, "read the index", e))?;
-        let value: serde_json::Value = parse(&path, &bytes)?;
-        let (format, version) = (&value["format"], &value["format_version"]);
-        if *format != FORMAT || *version != FORMAT_VERSION {
+        let Head {
+            format,
+            format_version: version,
+        } = parse(&path, &real)?;
+        if format != FORMAT || version != FORMAT_VERSION {
             return Err(Error::format(
                 &path,
                 format!("format {format} version {version}"),
                 format!("\"{FORMAT}\" version {FORMAT_VERSION}"),
             ));
         }
-        let manifest: Manifest = parse(&path, &bytes)?;
+        let manifest: Manifest = parse(&path, &real)?;
         manifest.check(&path)?;
         Ok(manifest)
     }
@@ -104,22 +107,22 @@ impl Manifest {
         self.placement.in_unit(unit).unwrap_or(self.placement)
     }
 
-    /// Reads the shard of a layer of the tile set in `dir`.
+    /// Reads the shard of a layer of the tile set in `dir`, all of it: [`Manifest::shard_tiles`] takes less memory.
     ///
     /// # Errors
     /// [`Error::Io`], or [`Error::Format`] if it is not the shard of that layer.
     pub fn shard(&self, dir: &Path, layer: &Layer) -> Result<Shard> {
+        self.shard_tiles(dir, layer).and_then(Shard::collect)
+    }
+
+    /// The tiles in the shard of a layer of the tile set in `dir`, each read when it is asked for.
+    ///
+    /// # Errors
+    /// [`Error::Io`]; [`Error::Format`] if the shard lies outside. What is wrong with its text is an error among
+    /// the tiles.
+    pub fn shard_tiles(&self, dir: &Path, layer: &Layer) -> Result<ShardTiles> {
         let path = file_inside(dir, &layer.path, "read the shard")?;
-        let bytes = std::fs::read(&path).map_err(|e| Error::io(&path, "read the shard", e))?;
-        let shard: Shard = parse(&path, &bytes)?;
-        if shard.z != layer.z {
-            return Err(Error::format(
-                path,
-                format!("layer {}", shard.z),
-                format!("layer {}", layer.z),
-            ));
-        }
-        Ok(shard)
+        ShardTiles::open(path, layer.z)
     }
 }
 
@@ -167,9 +170,24 @@ pub fn file_inside(dir: &Path, relative: &str, action: &'static str) -> Result<P
     Err(Error::format(&path, found, "a file inside the tile set"))
 }
 
-fn parse<T: DeserializeOwned>(path: &Path, bytes: &[u8]) -> Result<T> {
-    serde_json::from_slice(bytes)
-        .map_err(|e| Error::format(path, e.to_string(), "a tile set's index"))
+/// What tells the format.
+#[derive(Deserialize)]
+struct Head {
+    #[serde(default)]
+    format: serde_json::Value,
+    #[serde(default)]
+    format_version: serde_json::Value,
+}
+
+/// Parses the file at `real`, called `path` in messages, without its text in memory.
+fn parse<T: DeserializeOwned>(path: &Path, real: &Path) -> Result<T> {
+    let file = File::open(real).map_err(|e| Error::io(path, "read the index", e))?;
+    serde_json::from_reader(BufReader::with_capacity(1 << 16, file)).map_err(|e| {
+        match e.io_error_kind() {
+            Some(_) => Error::io(path, "read the index", e.into()),
+            None => Error::format(path, e.to_string(), "a tile set's index"),
+        }
+    })
 }
 
 #[cfg(test)]

@@ -58,7 +58,7 @@ impl TileSet {
         file_inside(&self.dir, relative, "open the file")
     }
 
-    /// The shards by rising z, each read when it is asked for.
+    /// The shards by rising z, each read when it is asked for, all of it: [`TileSet::tiles`] takes less memory.
     ///
     /// # Errors
     /// An item is an error if its file is missing, lies outside or is damaged; the next may be sound.
@@ -67,17 +67,17 @@ impl TileSet {
         layers.map(|layer| self.manifest.shard(&self.dir, layer))
     }
 
-    /// The entries of all tiles, by rising z, then y, then x. One shard is in memory at a time.
+    /// The entries of all tiles, by rising z, then y, then x, each read when it is asked for.
     ///
     /// # Errors
-    /// As [`TileSet::shards`]: one error for a shard that cannot be read.
+    /// As [`TileSet::shards`]: one error for a shard that cannot be read to its end.
     pub fn tiles(&self) -> impl Iterator<Item = Result<TileEntry>> + '_ {
-        self.shards().flat_map(|shard| {
-            let (tiles, error) = match shard {
-                Ok(shard) => (shard.tiles, None),
-                Err(error) => (Vec::new(), Some(Err(error))),
+        self.manifest.layers.iter().flat_map(|layer| {
+            let (tiles, error) = match self.manifest.shard_tiles(&self.dir, layer) {
+                Ok(tiles) => (Some(tiles), None),
+                Err(error) => (None, Some(Err(error))),
             };
-            error.into_iter().chain(tiles.into_iter().map(Ok))
+            error.into_iter().chain(tiles.into_iter().flatten())
         })
     }
 

@@ -3,7 +3,7 @@
 use crate::alike::{firsts, groups};
 use crate::error::Result;
 use crate::manifest::TileEntry;
-use crate::pipeline::forward::SlabRecord;
+use crate::pipeline::forward::{SlabRecord, Slabs};
 use crate::pipeline::ration::{fit_together, parts};
 use crate::pipeline::resolve::SpooledIds;
 use crate::pipeline::shards::Part;
@@ -145,7 +145,7 @@ impl Batch {
 
 /// Puts the tiles of all layers together to batches.
 pub struct Batches<'a> {
-    slabs: &'a [SlabRecord],
+    slabs: &'a mut Slabs,
     /// The next slab.
     next: usize,
     spool: &'a mut Spool,
@@ -195,7 +195,7 @@ impl AtHand {
 impl<'a> Batches<'a> {
     /// Of all layers but the first ones.
     pub fn new(
-        slabs: &'a [SlabRecord],
+        slabs: &'a mut Slabs,
         skip: usize,
         (spool, ids): (&'a mut Spool, &'a mut SpooledIds),
         memory: u64,
@@ -229,7 +229,7 @@ impl<'a> Batches<'a> {
                     self.rest.pop_front();
                 }
             }
-            let Some(slab) = self.slabs.get(self.next) else {
+            let Some(slab) = self.slabs.get(self.next)? else {
                 return Ok(Some(batch).filter(|batch| !batch.layers.is_empty()));
             };
             let tiles = self.spool.get(&slab.tiles)?;
@@ -242,8 +242,8 @@ impl<'a> Batches<'a> {
             }
             let ids = self.ids.of(self.next)?;
             self.next += 1;
-            let behind = self.slabs.get(self.next);
-            self.at_hand = Some(AtHand::of(slab, ids, behind, self.spool)?);
+            let behind = self.slabs.get(self.next)?;
+            self.at_hand = Some(AtHand::of(&slab, ids, behind.as_ref(), self.spool)?);
         }
     }
 }
@@ -389,8 +389,9 @@ mod tests {
     }
 
     /// Slabs with these tiles, one piece each, and their ids.
-    fn slabs(tiles: &[usize], dir: &Path) -> (Vec<SlabRecord>, Spool, SpooledIds) {
+    fn slabs(tiles: &[usize], dir: &Path) -> (Slabs, Spool, SpooledIds) {
         let (mut spool, mut ids) = (Spool::new(dir).unwrap(), SpooledIds::new(dir).unwrap());
+        let mut slabs = Slabs::new(Spool::new(dir).unwrap());
         let slab = |(layer, &count): (u32, &usize)| {
             let pieces_at = spool.push(&[WrittenPiece::zeroed()]).unwrap().offset();
             let tile = |x| {
@@ -399,16 +400,20 @@ mod tests {
                 tile
             };
             let tiles: Vec<TileRecord> = (0..count as u32).map(tile).collect();
-            let class = u64::from(layer);
+            slabs
+                .push(&SlabRecord::with_tiles(layer, spool.push(&tiles).unwrap()))
+                .unwrap();
+        };
+        (0..).zip(tiles).for_each(slab);
+        for layer in (0..tiles.len()).rev() {
+            let class = layer as u64;
             let of_slab = IdsOfSlab {
                 classes: vec![class],
                 surfaces: vec![class],
                 whole: Vec::new(),
             };
             ids.push(&of_slab).unwrap();
-            SlabRecord::with_tiles(layer, spool.push(&tiles).unwrap())
-        };
-        let slabs = (0..).zip(tiles).map(slab).collect();
+        }
         (slabs, spool, ids)
     }
 
@@ -418,9 +423,9 @@ mod tests {
             tiles in prop::collection::vec(0..200usize, 0..8), skip in 0..4usize, memory in 0..100_000u64,
         ) {
             let dir = tempfile::tempdir().unwrap();
-            let (slabs, mut spool, mut ids) = slabs(&tiles, dir.path());
+            let (mut slabs, mut spool, mut ids) = slabs(&tiles, dir.path());
             let skip = skip.min(slabs.len());
-            let mut batches = Batches::new(&slabs, skip, (&mut spool, &mut ids), memory);
+            let mut batches = Batches::new(&mut slabs, skip, (&mut spool, &mut ids), memory);
             let (mut jobs, mut layers) = (Vec::new(), vec![(0, false); tiles.len()]);
             while let Some(batch) = batches.next().unwrap() {
                 let records = batch.jobs.iter().map(|job| &job.tile);

@@ -16,12 +16,12 @@ use crate::pipeline::sweep::Sweep;
 use crate::segment::{RowRuns, Run, Runs, SlabClasses};
 use crate::slab::Bits;
 use crate::volume::Voxel;
+use std::path::Path;
 use std::sync::{Arc, Mutex};
 
 /// Knows which components of one phase are to be filled.
 #[derive(Debug)]
 pub struct Filter {
-    bands: u32,
     found: Mutex<Found>,
     /// Number of components.
     pub components: u64,
@@ -32,10 +32,12 @@ pub struct Filter {
 #[derive(Debug)]
 struct Found {
     spool: Spool,
-    /// Class of each local component, per layer and band.
-    class_of: Vec<Place<u32>>,
-    /// 1 for each class that is to be filled, per layer.
-    small: Vec<Place<u8>>,
+    /// See [`Search::places`].
+    places: Spool,
+    bands: u32,
+    layers: u32,
+    /// Where the arrays lie that have 1 for each class that is to be filled, from the last layer back to the first.
+    small: Spool,
 }
 
 /// What the reverse sweep needs of a slab.
@@ -61,13 +63,7 @@ impl Filter {
         debug_assert_eq!(runs.count, of_run.len());
         let (class_of, small) = {
             let mut found = self.found.lock().expect("no thread panicked");
-            let Found {
-                spool,
-                class_of,
-                small,
-            } = &mut *found;
-            let band = (tz * self.bands + ty) as usize;
-            (spool.get(&class_of[band])?, spool.get(&small[tz as usize])?)
+            (found.class_of(ty, tz)?, found.small(tz)?)
         };
         let nx = bits.span.nx;
         let mut run = 0;
@@ -125,15 +121,14 @@ impl Sweep<'_> {
             }
         };
         keeper.end_sweep(&marks);
-        let read = Found::read(&files, &marks, bands, layers)?;
-        let (found, slabs) = read.ok_or_else(|| keeper.damaged())?;
+        let found = Found::read(&files, &marks, (bands, layers), &self.writer.dir)?;
+        let found = found.ok_or_else(|| keeper.damaged())?;
         let mut filter = Filter {
-            bands,
             found: Mutex::new(found),
             components: 0,
             voxels: 0,
         };
-        filter.resolve(&slabs, above, self.min_voxels)?;
+        filter.resolve(above, self.min_voxels)?;
         Ok(filter)
     }
 }
@@ -141,6 +136,8 @@ impl Sweep<'_> {
 /// Names of the files of a search.
 const FOUND: &str = "found";
 const PLACES: &str = "places";
+/// Places of a layer behind those of its bands: those of [`Slab`].
+const SLAB_PLACES: u64 = 4;
 
 /// A search for dust under way.
 struct Search {
@@ -224,33 +221,49 @@ impl Found {
     fn read(
         files: &Scratch,
         marks: &Marks,
-        bands: u32,
-        layers: u32,
-    ) -> Result<Option<(Self, Vec<Slab>)>> {
+        (bands, layers): (u32, u32),
+        dir: &Path,
+    ) -> Result<Option<Self>> {
         let (spool, places) = (marks.reopen(files, FOUND)?, marks.reopen(files, PLACES)?);
-        let (Some(spool), Some(mut places)) = (spool, places) else {
+        let (Some(spool), Some(places)) = (spool, places) else {
             return Ok(None);
         };
-        let numbers = places.all::<u64>()?;
-        let of_layer = 2 * (bands as usize + 4);
-        if numbers.len() != of_layer * layers as usize {
+        let of_layer = u64::from(bands) + SLAB_PLACES;
+        if places.here::<u64>().offset() != 16 * of_layer * u64::from(layers) {
             return Ok(None);
         }
-        let mut found = Found {
+        Ok(Some(Found {
             spool,
-            class_of: Vec::new(),
-            small: Vec::new(),
-        };
-        let mut slabs = Vec::new();
-        for layer in numbers.chunks_exact(of_layer) {
-            let (class_of, slab) = layer.split_at(2 * bands as usize);
-            let class_of = class_of.chunks_exact(2);
-            found
-                .class_of
-                .extend(class_of.map(|p| Place::new(p[0], p[1] as usize)));
-            slabs.push(Slab::from_numbers(slab));
-        }
-        Ok(Some((found, slabs)))
+            places,
+            bands,
+            layers,
+            small: Spool::new(dir)?,
+        }))
+    }
+
+    /// Some numbers of a layer in [`Search::places`], from place `first` on.
+    fn numbers(&mut self, layer: u32, first: u64, count: usize) -> Result<Vec<u64>> {
+        let of_layer = u64::from(self.bands) + SLAB_PLACES;
+        let place = u64::from(layer) * of_layer + first;
+        self.places.get(&Place::new(16 * place, count))
+    }
+
+    /// Class of each local component of a band.
+    fn class_of(&mut self, ty: u32, tz: u32) -> Result<Vec<u32>> {
+        let numbers = self.numbers(tz, ty.into(), 2)?;
+        self.spool.get(&Place::new(numbers[0], numbers[1] as usize))
+    }
+
+    fn slab(&mut self, layer: u32) -> Result<Slab> {
+        let numbers = self.numbers(layer, self.bands.into(), 2 * SLAB_PLACES as usize)?;
+        Ok(Slab::from_numbers(&numbers))
+    }
+
+    /// 1 for each class of a layer that is to be filled, once that is known of all layers.
+    fn small(&mut self, layer: u32) -> Result<Vec<u8>> {
+        let offset = 16 * u64::from(self.layers - 1 - layer);
+        let numbers = self.small.get::<u64>(&Place::new(offset, 2))?;
+        self.spool.get(&Place::new(numbers[0], numbers[1] as usize))
     }
 }
 
@@ -286,10 +299,11 @@ impl Slab {
 
 impl Filter {
     /// Decides, from the last slab back to the first, which classes are part of a small component.
-    fn resolve(&mut self, slabs: &[Slab], above: bool, min_voxels: u64) -> Result<()> {
+    fn resolve(&mut self, above: bool, min_voxels: u64) -> Result<()> {
         let found = self.found.get_mut().expect("no thread panicked");
         let mut later: (Vec<u8>, Vec<u32>) = Default::default();
-        for slab in slabs.iter().rev() {
+        for layer in (0..found.layers).rev() {
+            let slab = found.slab(layer)?;
             let voxels = found.spool.get(&slab.voxels)?;
             let phases = found.spool.get(&slab.above)?;
             let mut goes_on = vec![None; voxels.len()];
@@ -307,10 +321,10 @@ impl Filter {
                     u8::from(is_small)
                 }));
             }
-            found.small.push(found.spool.push(&small)?);
+            let place = found.spool.push(&small)?;
+            found.small.push(&place.numbers())?;
             later = (small, found.spool.get(&slab.from_previous)?);
         }
-        found.small.reverse();
         Ok(())
     }
 }

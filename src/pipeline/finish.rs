@@ -2,15 +2,16 @@
 
 use crate::error::{Error, Result};
 use crate::grid::{LATTICE, Placement, Tiling};
-use crate::manifest::{Bounds, Group, Layer, Shard, TileEntry, Totals, checksum_text};
+use crate::manifest::{Bounds, Group, LayerRecord, ShardTiles, TileEntry, Totals, checksum_text};
+use crate::manifest::{entry_text, shard_path, sums_of};
 use crate::measure::{ComponentRecord, Measures, RecordTable};
 use crate::pipeline::anew::{Buffers, anew_path, fill, make_layer_dir, read_back, write_anew};
 use crate::pipeline::batch::{Batch, Batches, Ids, Job, KNOWN_PIECES, count_distinct, group};
-use crate::pipeline::forward::SlabRecord;
+use crate::pipeline::forward::{SlabRecord, Slabs};
 use crate::pipeline::keep::Keeper;
 use crate::pipeline::ration::at_once;
 use crate::pipeline::resolve::SpooledIds;
-use crate::pipeline::shards::{Ends, FinishedBatch, FinishedLayer, shard_path};
+use crate::pipeline::shards::{Ends, FinishedBatch, FinishedLayer, Layers};
 use crate::pipeline::spool::Spool;
 use crate::pipeline::tilefile::{TileRecord, refused, too_large};
 use crate::pipeline::writers::Writers;
@@ -21,7 +22,7 @@ use crate::tile::{
 };
 use rayon::prelude::*;
 use std::borrow::Cow;
-use std::fs::OpenOptions;
+use std::fs::{File, OpenOptions};
 use std::os::unix::fs::FileExt;
 use std::path::Path;
 use std::sync::Mutex;
@@ -85,14 +86,14 @@ struct Cell {
 /// [`Error::Interrupted`], [`Error::Io`], [`Error::Usage`] if a tile would pass 4 GiB, and [`Error::Format`]
 /// if a shard from before is not as it was written.
 pub fn finish<R: Send>(
-    slabs: &[SlabRecord],
+    slabs: &mut Slabs,
     spool: &mut Spool,
     (ids, cells): (&mut SpooledIds, &RecordTable<ComponentRecord>),
     (settings, keeper): (&FinishSettings, &mut Keeper),
     totals: &mut Totals,
     progress: &dyn Progress,
     beside: impl FnOnce(&Stop) -> Result<R> + Send,
-) -> Result<(Vec<Layer>, R)> {
+) -> Result<(Layers, R)> {
     let mut ends = Ends::begin(settings, keeper, slabs.len(), totals, progress)?;
     let failed = AtomicBool::new(false);
     let finish = || {
@@ -108,7 +109,7 @@ pub fn finish<R: Send>(
 
 /// Finishes the tiles of all slabs.
 fn finish_tiles(
-    slabs: &[SlabRecord],
+    slabs: &mut Slabs,
     (spool, ids): (&mut Spool, &mut SpooledIds),
     cells: &RecordTable<ComponentRecord>,
     settings: &FinishSettings,
@@ -116,8 +117,10 @@ fn finish_tiles(
     progress: &dyn Progress,
 ) -> Result<()> {
     let before = ends.finished() as usize;
-    for slab in &slabs[..before] {
-        ends.add(finished_layer(settings, slab, spool)?);
+    for number in 0..before {
+        if let Some(slab) = slabs.get(number)? {
+            ends.add(finished_layer(settings, &slab, spool)?)?;
+        }
     }
     let mut finisher = Finisher {
         settings: *settings,
@@ -154,28 +157,31 @@ fn finished_layer(
     if tiles.is_empty() {
         return Ok(None);
     }
-    let name = shard_path(slab.layer);
-    let path = settings.dir.join(&name);
-    let bytes = std::fs::read(&path).map_err(|e| Error::io(&path, "read", e))?;
-    let shard = serde_json::from_slice::<Shard>(&bytes).ok().filter(|s| {
-        let grids = s.tiles.iter().map(|t| t.grid);
-        s.z == slab.layer && grids.eq(tiles.iter().map(|t| t.grid))
-    });
-    let Some(shard) = shard else {
-        return Err(changed(&path, bytes.len() as u64, bytes.len() as u64));
-    };
+    let path = settings.dir.join(shard_path(slab.layer));
+    let file = File::open(&path).map_err(|e| Error::io(&path, "read", e))?;
+    let (bytes, crc) = sums_of(&file).map_err(|e| Error::io(&path, "read", e))?;
+    let not_ours = |_| changed(&path, bytes, bytes);
     let mut totals = Totals::default();
-    for tile in &shard.tiles {
-        totals.add_tile(tile);
+    let mut grids = tiles.iter().map(|t| t.grid);
+    let mut same = true;
+    for tile in ShardTiles::open(path.clone(), slab.layer)? {
+        let tile = tile.map_err(not_ours)?;
+        same &= grids.next() == Some(tile.grid);
+        totals.add_tile(&tile);
     }
-    let entry = Layer {
-        z: slab.layer,
-        path: name,
-        tiles: totals.tiles,
-        bytes: bytes.len() as u64,
-        checksum: checksum_text(crc32fast::hash(&bytes)),
-    };
-    Ok(Some(FinishedLayer { entry, totals }))
+    if !same || grids.next().is_some() {
+        return Err(changed(&path, bytes, bytes));
+    }
+    let (z, tiles) = (slab.layer, totals.tiles);
+    Ok(Some(FinishedLayer {
+        entry: LayerRecord {
+            z,
+            crc,
+            tiles,
+            bytes,
+        },
+        totals,
+    }))
 }
 
 impl Finisher<'_> {
@@ -251,7 +257,7 @@ impl Finisher<'_> {
                 true => self.rewrite_tile(job, known, &mut buffers),
                 false => self.finish_tile(job, known),
             }?;
-            let text = serde_json::to_vec(&entry).expect("plain data serialises");
+            let text = entry_text(&entry);
             Ok((at, (entry, text)))
         };
         let together = few.unwrap_or(jobs.len().max(1));

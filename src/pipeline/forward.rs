@@ -22,6 +22,9 @@ const OBJECTS: &str = "objects";
 const CELLS: &str = "cells";
 const SURFACES: &str = "surfaces";
 
+/// Numbers that tell of a slab: its layer, and two for each place.
+const NUMBERS: usize = 1 + 2 * 11;
+
 /// What the sweep leaves of one slab.
 #[derive(Debug)]
 pub struct SlabRecord {
@@ -35,8 +38,9 @@ pub struct SlabRecord {
     pub live: Place<u32>,
     /// See [`SlabClasses`].
     pub from_previous: Place<u32>,
-    /// Sums of components that end in this slab, some at a time, and their classes.
-    pub finished: Vec<(Place<VoxelSums>, Place<u32>)>,
+    /// Where the sums of components that end in this slab lie, some at a time, and their classes: see
+    /// [`SlabRecord::finished`].
+    finished: Place<[u64; 4]>,
     /// Surfaces that are not whole in a tile.
     pub surfaces: Place<SlabSurface>,
     /// See [`SlabSurfaces`].
@@ -55,13 +59,29 @@ impl SlabRecord {
     /// One that has nothing but these tiles.
     #[cfg(test)]
     pub fn with_tiles(layer: u32, tiles: Place<TileRecord>) -> Self {
-        let mut slab = Self::take(&mut std::iter::repeat(0)).expect("no end");
-        (slab.layer, slab.tiles) = (layer, tiles);
-        slab
+        let mut numbers = [0; NUMBERS];
+        numbers[0] = u64::from(layer);
+        let slab = Self::of(&numbers).expect("no number is too large");
+        SlabRecord { tiles, ..slab }
+    }
+
+    /// Sums of components that end in this slab, some at a time, and their classes.
+    ///
+    /// # Errors
+    /// [`crate::Error::Io`].
+    pub fn finished(&self, spool: &mut Spool) -> Result<Vec<(Place<VoxelSums>, Place<u32>)>> {
+        let parts = spool.get(&self.finished)?.into_iter();
+        let place = |[sums, many, classes, of]: [u64; 4]| {
+            (
+                Place::new(sums, many as usize),
+                Place::new(classes, of as usize),
+            )
+        };
+        Ok(parts.map(place).collect())
     }
 
     /// All of it as numbers.
-    fn numbers(&self) -> Vec<u64> {
+    fn numbers(&self) -> [u64; NUMBERS] {
         let places = [
             self.births.numbers(),
             self.above.numbers(),
@@ -73,40 +93,95 @@ impl SlabRecord {
             self.whole.numbers(),
             self.whole_births.numbers(),
             self.tiles.numbers(),
+            self.finished.numbers(),
         ];
-        let finished = self.finished.iter();
-        let finished = finished.flat_map(|(sums, of)| [sums.numbers(), of.numbers()]);
-        let head = [u64::from(self.layer), self.finished.len() as u64];
-        let places = places.into_iter().chain(finished).flatten();
-        head.into_iter().chain(places).collect()
+        let mut numbers = places.as_flattened().iter();
+        std::array::from_fn(|i| match i {
+            0 => u64::from(self.layer),
+            _ => *numbers.next().expect("two for each place"),
+        })
     }
 
-    /// Takes a slab out of numbers; `None` if these are not enough.
-    fn take(numbers: &mut impl Iterator<Item = u64>) -> Option<Self> {
+    /// The slab of these numbers; `None` if there is none.
+    fn of(numbers: &[u64; NUMBERS]) -> Option<Self> {
         fn place<T>(numbers: &mut impl Iterator<Item = u64>) -> Option<Place<T>> {
             let (offset, len) = (numbers.next()?, numbers.next()?);
             Some(Place::new(offset, len.try_into().ok()?))
         }
-        let layer = numbers.next()?.try_into().ok()?;
-        let parts = numbers.next()?;
-        let mut slab = SlabRecord {
-            layer,
+        let numbers = &mut numbers.iter().copied();
+        Some(SlabRecord {
+            layer: numbers.next()?.try_into().ok()?,
             births: place(numbers)?,
             above: place(numbers)?,
             live: place(numbers)?,
             from_previous: place(numbers)?,
-            finished: Vec::new(),
             surfaces: place(numbers)?,
             surfaces_live: place(numbers)?,
             surfaces_from_previous: place(numbers)?,
             whole: place(numbers)?,
             whole_births: place(numbers)?,
             tiles: place(numbers)?,
+            finished: place(numbers)?,
+        })
+    }
+}
+
+/// The slabs of a sweep, by rising z, in a file: a volume may have as many as slices.
+#[derive(Debug)]
+pub struct Slabs {
+    records: Spool,
+    len: usize,
+}
+
+impl Slabs {
+    /// Those of a spool, none of it is new.
+    pub fn new(records: Spool) -> Self {
+        Slabs { records, len: 0 }
+    }
+
+    /// Those that a spool holds; `None` if it holds anything else.
+    fn load(mut records: Spool) -> Result<Option<Self>> {
+        let all = records.everything::<[u64; NUMBERS]>();
+        let Some(all) = all else {
+            return Ok(None);
         };
-        for _ in 0..parts {
-            slab.finished.push((place(numbers)?, place(numbers)?));
+        let (mut len, mut sound) = (0, true);
+        records.for_each(&all, |numbers| {
+            sound &= SlabRecord::of(&numbers).is_some_and(|slab| slab.layer as usize == len);
+            len += 1;
+            Ok(())
+        })?;
+        Ok(sound.then_some(Slabs { records, len }))
+    }
+
+    /// How many.
+    pub fn len(&self) -> usize {
+        self.len
+    }
+
+    /// Adds the next one.
+    ///
+    /// # Errors
+    /// [`crate::Error::Io`].
+    pub fn push(&mut self, slab: &SlabRecord) -> Result<()> {
+        self.records.push(&[slab.numbers()])?;
+        self.len += 1;
+        Ok(())
+    }
+
+    /// One of them; `None` behind the last one.
+    ///
+    /// # Errors
+    /// [`crate::Error::Io`].
+    pub fn get(&mut self, slab: usize) -> Result<Option<SlabRecord>> {
+        if slab >= self.len {
+            return Ok(None);
         }
-        Some(slab)
+        let place = Place::new((slab * size_of::<[u64; NUMBERS]>()) as u64, 1);
+        let numbers = self.records.get::<[u64; NUMBERS]>(&place)?;
+        Ok(Some(
+            SlabRecord::of(&numbers[0]).expect("it was written so"),
+        ))
     }
 }
 
@@ -115,7 +190,7 @@ pub struct Forward {
     /// The arrays of all slabs.
     pub spool: Spool,
     /// By rising z.
-    pub slabs: Vec<SlabRecord>,
+    pub slabs: Slabs,
     /// Surfaces that are whole in a tile.
     pub whole: Spool,
     /// Numbers of objects and cells.
@@ -170,8 +245,6 @@ pub struct State {
     pub forward: Forward,
     /// Surfaces that go on.
     pub surfaces: Surfaces,
-    /// The slab records, for a resume.
-    records: Spool,
     classes: Classes,
     /// Memory planned for classes, surfaces and tiles of a slab.
     front: u64,
@@ -194,7 +267,7 @@ impl State {
         let births = |what| Births::new(&files.path(what));
         let forward = Forward {
             spool: spool(SLABS)?,
-            slabs: Vec::new(),
+            slabs: Slabs::new(spool(RECORDS)?),
             whole: spool(WHOLE_SURFACES)?,
             births: PhaseBirths {
                 objects: births(OBJECTS)?,
@@ -210,7 +283,6 @@ impl State {
         Ok(State {
             forward,
             surfaces: Surfaces::default(),
-            records: spool(RECORDS)?,
             classes: Classes::default(),
             front,
             slabs: BTreeMap::new(),
@@ -239,7 +311,7 @@ impl State {
         let forward = &mut self.forward;
         marks.add(files, SLABS, forward.spool.mark()?);
         marks.add(files, WHOLE_SURFACES, forward.whole.mark()?);
-        marks.add(files, RECORDS, self.records.mark()?);
+        marks.add(files, RECORDS, forward.slabs.records.mark()?);
         for (what, births) in [
             (OBJECTS, &components.objects),
             (CELLS, &components.cells),
@@ -295,12 +367,12 @@ impl State {
             return Ok(None);
         };
         let open = |what| marks.reopen(files, what);
-        let (Some(spool), Some(whole), Some(mut records)) =
+        let (Some(spool), Some(whole), Some(records)) =
             (open(SLABS)?, open(WHOLE_SURFACES)?, open(RECORDS)?)
         else {
             return Ok(None);
         };
-        let Some(slabs) = read_slabs(&mut records)? else {
+        let Some(slabs) = Slabs::load(records)? else {
             return Ok(None);
         };
         let forward = Forward {
@@ -318,7 +390,6 @@ impl State {
         Ok(Some(State {
             forward,
             surfaces,
-            records,
             classes,
             front,
             slabs: BTreeMap::new(),
@@ -442,21 +513,25 @@ impl State {
             .end(&mut surfaces, classes, &mut forward.surface_births)?;
         let spool = &mut forward.spool;
         let mut finished = Vec::with_capacity(settled.len() + 1);
+        let mut finish = |sums: Place<VoxelSums>, classes: Place<u32>| {
+            let [[sums, many], [classes, of]] = [sums.numbers(), classes.numbers()];
+            finished.push([sums, many, classes, of]);
+        };
         for (band, of_local) in settled.iter().zip(&classes.of_local) {
             let whole = band.components.whole();
             let classes = spool.push_all(whole.map(|local| of_local[local as usize]))?;
-            finished.push((band.whole, classes));
+            finish(band.whole, classes);
         }
         let sums = spool.push_all(classes.finished().map(|(_, sums)| *sums))?;
         let classes_of = spool.push_all(classes.finished().map(|(class, _)| class))?;
-        finished.push((sums, classes_of));
+        finish(sums, classes_of);
         let slab = SlabRecord {
             layer,
             births: spool.push(&classes.births)?,
             above: spool.push(&classes.above)?,
             live: spool.push(&classes.live)?,
             from_previous: spool.push(&classes.from_previous)?,
-            finished,
+            finished: spool.push(&finished)?,
             surfaces: spool.push(&surfaces.all)?,
             surfaces_live: spool.push(&surfaces.live)?,
             surfaces_from_previous: spool.push(&surfaces.from_previous)?,
@@ -464,25 +539,11 @@ impl State {
             whole_births: spool.push(&surfaces.whole_births)?,
             tiles: spool.push(&tiles.records)?,
         };
-        self.records.push(&slab.numbers())?;
-        forward.slabs.push(slab);
+        forward.slabs.push(&slab)?;
         drop(surfaces.all);
         self.let_go(layer);
         Ok(())
     }
-}
-
-/// All slabs of a spool of records; `None` if it holds anything else.
-fn read_slabs(records: &mut Spool) -> Result<Option<Vec<SlabRecord>>> {
-    let mut numbers = records.all::<u64>()?.into_iter().peekable();
-    let mut slabs = Vec::new();
-    while numbers.peek().is_some() {
-        match SlabRecord::take(&mut numbers) {
-            Some(slab) if slab.layer as usize == slabs.len() => slabs.push(slab),
-            _ => return Ok(None),
-        }
-    }
-    Ok(Some(slabs))
 }
 
 fn settled_bytes(bands: &[SettledBand]) -> u64 {

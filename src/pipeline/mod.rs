@@ -36,8 +36,7 @@ pub(crate) use tilefile::write_file;
 use crate::error::{Error, Result};
 use crate::grid::{Dims, LATTICE, Placement, Tiling};
 use crate::manifest::{
-    Dust, Encoding, FORMAT, FORMAT_VERSION, Generator, GridInfo, Layer, Manifest, Source, Tables,
-    Totals,
+    Dust, Encoding, FORMAT, FORMAT_VERSION, Generator, GridInfo, Manifest, Source, Tables, Totals,
 };
 use crate::progress::Progress;
 use crate::tile::{TileHead, WidestNodes};
@@ -49,6 +48,7 @@ use keep::{Identity, Keeper, boot};
 use resolve::{Components, resolve};
 use resume::{announced, begin, complete};
 use serde::{Deserialize, Serialize};
+use shards::Layers;
 use std::path::Path;
 use std::time::Instant;
 use sweep::{Sweep, Unkept};
@@ -66,7 +66,7 @@ use writers::Writers;
 /// # Errors
 /// [`Error::Usage`] for impossible options, [`Error::Memory`] with the smallest limit that works,
 /// those of [`check_output`], [`Error::OtherConversion`] if the one to resume is
-/// another, [`Error::Io`], [`Error::Interrupted`], and what reading the volume returns. Nothing is
+/// another, [`Error::InputChanged`], [`Error::Io`], [`Error::Interrupted`], and what reading the volume returns. Nothing is
 /// left under a final name then; [`interrupted`] tells whether finished layers are kept.
 pub fn convert(
     volume: &dyn Volume,
@@ -126,6 +126,12 @@ pub fn convert(
     let usage = matches!(made, Err(Error::Usage { .. }));
     output.keep(keeper.has_any() && !usage);
     let mut made = made?;
+    // nothing that was made of a changed input is of use
+    let touched = options.input.check().inspect_err(|_| output.keep(false))?;
+    if let Some(warning) = touched {
+        progress.warn(&warning);
+        made.warnings.push(warning);
+    }
     // first what the note tells of, then the note: it may outlive a power failure
     keeper.disk().finish()?;
     made.boot = (!keeper.disk().is_used()).then(boot);
@@ -229,11 +235,11 @@ fn make(
     let (forward, unkept) = swept(grid, options, plan, (&writer, &mut *keeper), progress)?;
     let mut totals = forward_totals(&forward);
     let dust = dust(options, &forward);
-    let tables = plan.limit / 8;
+    let tables = plan.tables();
     let resolve = || resolve(forward, tables, work);
     let (kept, resolved) = rayon::join(|| unkept.keep(keeper), resolve);
     kept?;
-    let (slabs, mut spool, mut ids, components) = resolved?;
+    let (mut slabs, mut spool, mut ids, components) = resolved?;
     progress.begin("index", slabs.len() as u64);
     let budget = Budget::new(plan.limit, plan.fixed);
     let writers = Writers::new(plan.in_flight, plan.body, &budget);
@@ -246,8 +252,8 @@ fn make(
         writers: writers.as_ref(),
         memory: budget.left().saturating_sub(tables),
     };
-    let (layers, tables_bytes) = finish(
-        &slabs,
+    let (mut layers, tables_bytes) = finish(
+        &mut slabs,
         &mut spool,
         (&mut ids, &components.cells),
         (&settings, keeper),
@@ -255,22 +261,23 @@ fn make(
         progress,
         |stop| write_tables(work, &components, (&measured, stop)),
     )?;
-    remove_empty_layer_directories(work, plan.tiling, &layers)?;
+    remove_empty_layer_directories(work, plan.tiling, &mut layers)?;
     sum_components(&components, options.cap, &mut totals)?;
-    let bytes = totals.bytes + layers.iter().map(|l| l.bytes).sum::<u64>() + tables_bytes;
+    let bytes = totals.bytes + layers.bytes + tables_bytes;
     let warnings = warnings(&totals, grid.header().dims, (options.threshold, dust));
     for warning in &warnings {
         progress.warn(warning);
     }
     let manifest = Manifest {
         dust,
-        ..manifest(volume, grid, options, plan, totals, layers)
+        ..manifest(volume, grid, options, plan, totals)
     };
-    let json = manifest.sealed(work)?;
-    write_file(&work.join("index.json"), &[&json])?;
+    let index = manifest.write_sealed_with(work, &mut |each| {
+        layers.for_each(|layer| each(&layer.layer()))
+    })?;
     Ok(Made {
         totals,
-        bytes: bytes + json.len() as u64,
+        bytes: bytes + index,
         warnings,
         boot: None,
     })
@@ -327,17 +334,18 @@ fn make_layer_directories(work: &Path, layers: std::ops::Range<u32>) -> Result<(
 }
 
 /// A layer without surface has no tile, hence no directory.
-fn remove_empty_layer_directories(work: &Path, tiling: Tiling, layers: &[Layer]) -> Result<()> {
-    let mut used = layers.iter().map(|l| l.z).peekable();
-    for z in 0..tiling.tiles()[2] {
-        if used.peek() == Some(&z) {
-            used.next();
-            continue;
-        }
-        let dir = work.join(layer_directory(z));
-        output::remove_if_there(&dir)?;
-    }
-    Ok(())
+fn remove_empty_layer_directories(work: &Path, tiling: Tiling, layers: &mut Layers) -> Result<()> {
+    let remove = |layers: std::ops::Range<u32>| {
+        let mut dirs = layers.map(|z| work.join(layer_directory(z)));
+        dirs.try_for_each(|dir| output::remove_if_there(&dir))
+    };
+    let mut next = 0;
+    layers.for_each(|layer| {
+        remove(next..layer.z)?;
+        next = layer.z + 1;
+        Ok(())
+    })?;
+    remove(next..tiling.tiles()[2])
 }
 
 /// What was left out, if that was asked for.
@@ -438,13 +446,13 @@ fn warnings(totals: &Totals, dims: Dims, (threshold, dust): (f64, Option<Dust>))
     warnings
 }
 
+/// What the manifest says, but for its layers.
 fn manifest(
     volume: &dyn Volume,
     grid: &dyn Volume,
     options: &ConvertOptions,
     plan: &Plan,
     totals: Totals,
-    layers: Vec<Layer>,
 ) -> Manifest {
     let source = volume.header();
     let placement = grid.header().placement;
@@ -484,7 +492,7 @@ fn manifest(
         lattice: LATTICE,
         transform: placement.gltf_matrix(),
         totals,
-        layers,
+        layers: Vec::new(),
         tables: Tables {
             cells: "cells.csv".into(),
             objects: "objects.csv".into(),

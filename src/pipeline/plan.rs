@@ -60,6 +60,37 @@ pub struct Plan {
     pub per_triangle: u64,
 }
 
+impl Plan {
+    /// Bytes that tiles may take while they are finished: beside them lie the tables, and what is on its way to the
+    /// disk.
+    pub fn finishing(&self) -> u64 {
+        let others = self.fixed + self.in_flight as u64 * self.body + self.tables();
+        self.limit.saturating_sub(others)
+    }
+
+    /// Bytes that the tables may take.
+    pub fn tables(&self) -> u64 {
+        self.limit / 8
+    }
+
+    /// Refuses a tile that takes so many bytes while it is finished, if there will not be as many.
+    ///
+    /// # Errors
+    /// [`Error::TooDense`].
+    pub fn check_finishing(&self, bytes: u64) -> Result<()> {
+        let left = self.finishing();
+        if bytes <= left {
+            return Ok(());
+        }
+        // an eighth of what is added goes to the tables
+        let more = ((bytes - left) as f64 * 8.0 / 7.0).ceil() as u64;
+        Err(Error::TooDense {
+            limit: self.limit,
+            needed: self.limit.saturating_add(more),
+        })
+    }
+}
+
 fn per_triangle(options: &ConvertOptions) -> u64 {
     let encoding = if options.form().is_encoded_early() {
         ENCODING_BYTES_PER_TRIANGLE
@@ -75,10 +106,7 @@ fn per_triangle(options: &ConvertOptions) -> u64 {
 /// [`Error::Memory`] with the smallest limit that works if `options.memory` is below it;
 /// [`Error::Usage`] if macrocubes are too large for the encoding.
 pub fn plan(volume: &dyn Volume, dims: Dims, options: &ConvertOptions) -> Result<Plan> {
-    let threads = match options.threads {
-        0 => std::thread::available_parallelism().map_or(1, |n| n.get()),
-        n => n,
-    };
+    let threads = crate::cpu::threads(options.threads);
     let tiling = Tiling {
         dims,
         macrocube: options.macrocube,

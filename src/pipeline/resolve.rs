@@ -3,7 +3,7 @@
 use crate::error::Result;
 use crate::measure::{ComponentRecord, RecordTable, SurfaceRecord, VoxelSums};
 use crate::pipeline::batch::{Ids, IdsOfSlab};
-use crate::pipeline::forward::{Forward, SlabRecord};
+use crate::pipeline::forward::{Forward, Slabs};
 use crate::pipeline::spool::{Place, Spool};
 use crate::pipeline::surfaces::SlabSurface;
 use crate::pipeline::tilefile::WrittenPiece;
@@ -11,9 +11,15 @@ use std::path::Path;
 
 /// Final ids of all slabs, in their order, see [`IdsOfSlab`].
 pub struct SpooledIds {
-    slabs: Vec<[Place<u64>; 3]>,
+    /// How many slabs have been added: from the last one back to the first.
+    len: usize,
+    /// Where the ids of each lie.
+    places: Spool,
     spool: Spool,
 }
+
+/// Offsets and lengths of a slab's arrays.
+type Places = [u64; 6];
 
 /// Every component and surface of the volume; record i has id i + 1.
 pub struct Components {
@@ -32,40 +38,50 @@ impl SpooledIds {
     /// [`crate::Error::Io`].
     pub fn new(dir: &Path) -> Result<Self> {
         Ok(SpooledIds {
-            slabs: Vec::new(),
+            len: 0,
+            places: Spool::new(dir)?,
             spool: Spool::new(dir)?,
         })
     }
 
-    /// The ids of a slab by its number.
+    /// The ids of a slab by its number, once those of all have been added.
     ///
     /// # Errors
     /// [`crate::Error::Io`].
     pub fn of(&mut self, slab: usize) -> Result<IdsOfSlab> {
-        let [classes, surfaces, whole] = &self.slabs[slab];
+        let offset = (self.len - 1 - slab) * size_of::<Places>();
+        let places = self.places.get::<Places>(&Place::new(offset as u64, 1))?;
+        let mut get = |i: usize| {
+            let place = Place::new(places[0][2 * i], places[0][2 * i + 1] as usize);
+            self.spool.get(&place)
+        };
         Ok(IdsOfSlab {
-            classes: self.spool.get(classes)?,
-            surfaces: self.spool.get(surfaces)?,
-            whole: self.spool.get(whole)?,
+            classes: get(0)?,
+            surfaces: get(1)?,
+            whole: get(2)?,
         })
     }
 
-    /// Adds those of another slab.
+    /// Adds those of the slab before the one that was added last.
     ///
     /// # Errors
     /// [`crate::Error::Io`].
     pub fn push(&mut self, ids: &IdsOfSlab) -> Result<()> {
-        self.slabs.push([
+        let places = [
             self.spool.push(&ids.classes)?,
             self.spool.push(&ids.surfaces)?,
             self.spool.push(&ids.whole)?,
-        ]);
+        ];
+        let numbers = places.map(|place| place.numbers());
+        let places: Places = std::array::from_fn(|i| numbers[i / 2][i % 2]);
+        self.places.push(&[places])?;
+        self.len += 1;
         Ok(())
     }
 }
 
 /// What [`resolve`] makes of the sweep: slabs and their spool as they were, ids, and what has them.
-pub type Resolved = (Vec<SlabRecord>, Spool, SpooledIds, Components);
+pub type Resolved = (Slabs, Spool, SpooledIds, Components);
 
 /// The ids of the slab after the one in hand.
 #[derive(Default)]
@@ -85,7 +101,7 @@ pub fn resolve(forward: Forward, budget: u64, work: &Path) -> Result<Resolved> {
     let Forward {
         mut spool,
         mut whole,
-        slabs,
+        mut slabs,
         births,
         surface_births,
         ..
@@ -100,7 +116,8 @@ pub fn resolve(forward: Forward, budget: u64, work: &Path) -> Result<Resolved> {
         surfaces: RecordTable::new(surface_ranks.alive(), budget / 3, work)?,
     };
     let mut later = Later::default();
-    for slab in slabs.iter().rev() {
+    for number in (0..slabs.len()).rev() {
+        let slab = slabs.get(number)?.expect("there is one of each number");
         let above = spool.get(&slab.above)?;
         let births = spool.get(&slab.births)?;
         let live = spool.get(&slab.live)?;
@@ -117,7 +134,7 @@ pub fn resolve(forward: Forward, budget: u64, work: &Path) -> Result<Resolved> {
                 }
             },
         )?;
-        for (sums, class_of) in &slab.finished {
+        for (sums, class_of) in &slab.finished(&mut spool)? {
             resolved.add_components(&mut spool, (sums, class_of), &above, &classes)?;
         }
         drop((above, births));
@@ -163,7 +180,6 @@ pub fn resolve(forward: Forward, budget: u64, work: &Path) -> Result<Resolved> {
             surfaces_from_previous: spool.get(&slab.surfaces_from_previous)?,
         };
     }
-    spooled.slabs.reverse();
     resolved.add_meshes()?;
     Ok((slabs, spool, spooled, resolved))
 }

@@ -4,9 +4,11 @@ use super::keep::{Identity, Keeper, Kept, boot, kept};
 use super::plan::Plan;
 use super::{ConvertOptions, Made, Output, manifest, warnings};
 use crate::error::Result;
-use crate::manifest::Manifest;
+use crate::manifest::{Layer, Manifest};
 use crate::progress::Progress;
 use crate::volume::Volume;
+use std::fs::File;
+use std::io::{BufRead, BufReader, Read, Write};
 use std::path::Path;
 
 /// Goes on with what an interrupted conversion left, if that is asked for and there is any, or makes
@@ -54,6 +56,24 @@ pub fn announced(output: &Output, identity: &Identity) -> Option<Made> {
     (same && counts).then_some(made)
 }
 
+/// Takes the bytes that its input has, and no others.
+struct Same(BufReader<File>);
+
+impl Write for Same {
+    fn write(&mut self, bytes: &[u8]) -> std::io::Result<usize> {
+        let mut own = vec![0; bytes.len()];
+        self.0.read_exact(&mut own)?;
+        match own == bytes {
+            true => Ok(own.len()),
+            false => Err(std::io::Error::other("it differs")),
+        }
+    }
+
+    fn flush(&mut self) -> std::io::Result<()> {
+        Ok(())
+    }
+}
+
 /// What was made, if `out` holds the tile set that is asked for, and the input did not change since.
 pub fn complete(
     volume: &dyn Volume,
@@ -64,22 +84,18 @@ pub fn complete(
     progress: &dyn Progress,
 ) -> Option<Made> {
     let index = out.join("index.json");
-    let bytes = std::fs::read(&index).ok()?;
-    let found: Manifest = serde_json::from_slice(&bytes).ok()?;
+    let file = BufReader::new(File::open(&index).ok()?);
+    let found: Manifest = serde_json::from_reader(file).ok()?;
     let min_voxels = found.dust.map_or(1, |d| d.min_voxels);
     let same = Manifest {
         dust: found.dust,
-        ..manifest(
-            volume,
-            grid,
-            options,
-            plan,
-            found.totals,
-            found.layers.clone(),
-        )
+        ..manifest(volume, grid, options, plan, found.totals)
     };
-    let wanted = same.sealed(out).ok()?;
-    if wanted != bytes || min_voxels != options.min_voxels.max(1) {
+    let mut as_it_is = Same(BufReader::new(File::open(&index).ok()?));
+    let layers =
+        &mut |each: &mut dyn FnMut(&Layer) -> Result<()>| found.layers.iter().try_for_each(each);
+    same.seal(out, layers, &mut as_it_is).ok()?;
+    if !as_it_is.0.fill_buf().ok()?.is_empty() || min_voxels != options.min_voxels.max(1) {
         return None;
     }
     let made = std::fs::metadata(&index).and_then(|m| m.modified()).ok()?;
@@ -91,7 +107,7 @@ pub fn complete(
         progress.warn("the input has changed since the tile set in the directory was made");
         return None;
     }
-    let mut size = found.totals.bytes + bytes.len() as u64;
+    let mut size = found.totals.bytes + std::fs::metadata(&index).ok()?.len();
     size += found.layers.iter().map(|l| l.bytes).sum::<u64>();
     for table in [
         &found.tables.cells,

@@ -1,19 +1,18 @@
 //! Ends layers whose tiles are finished: writes their shards and says that they are done.
 
-use crate::error::{Error, Result};
-use crate::manifest::{Layer, TileEntry, Totals, checksum_text};
+use crate::error::Result;
+use crate::manifest::{LayerRecord, ShardWriter, TileEntry, Totals};
 use crate::pipeline::anew::Anew;
 use crate::pipeline::finish::FinishSettings;
 use crate::pipeline::keep::Keeper;
+use crate::pipeline::spool::Spool;
 use crate::progress::Progress;
-use std::fs::File;
-use std::io::{BufWriter, Write};
-use std::path::{Path, PathBuf};
+use std::path::Path;
 
 /// A finished layer.
 pub struct FinishedLayer {
     /// Its entry in the manifest.
-    pub entry: Layer,
+    pub entry: LayerRecord,
     /// Its part of the totals: tiles, vertices, triangles, strips and bytes.
     pub totals: Totals,
 }
@@ -43,7 +42,7 @@ pub struct Ends<'a> {
     /// The shard of the layer at hand.
     open: Option<ShardWriter>,
     anew: Anew,
-    layers: Vec<Layer>,
+    layers: Layers,
     keeper: &'a mut Keeper,
     totals: &'a mut Totals,
     progress: &'a dyn Progress,
@@ -53,7 +52,7 @@ impl<'a> Ends<'a> {
     /// Of a set of `layers`, some of which may be finished already.
     ///
     /// # Errors
-    /// [`Error::Io`].
+    /// [`crate::Error::Io`].
     pub fn begin(
         settings: &FinishSettings<'a>,
         keeper: &'a mut Keeper,
@@ -65,7 +64,7 @@ impl<'a> Ends<'a> {
             settings: *settings,
             open: None,
             anew: Anew::begin(settings.dir, keeper.finished(), layers as u32)?,
-            layers: Vec::new(),
+            layers: Layers::new(settings.dir)?,
             keeper,
             totals,
             progress,
@@ -80,7 +79,7 @@ impl<'a> Ends<'a> {
     /// Takes the next parts of layers. When one was the last of a layer, all tiles of that are written.
     ///
     /// # Errors
-    /// [`Error::Io`].
+    /// [`crate::Error::Io`].
     pub fn take(&mut self, made: FinishedBatch) -> Result<()> {
         let mut parts = made.parts.into_iter();
         parts.try_for_each(|part| self.take_part(part, made.handed))
@@ -103,16 +102,20 @@ impl<'a> Ends<'a> {
             writers.wait_for(handed)?;
         }
         let shard = self.open.take();
-        let finished = shard.map(|s| s.finish(part.layer)).transpose()?;
+        let finished = shard.map(ShardWriter::finish).transpose()?;
         self.anew.layer_done(part.layer, self.keeper)?;
-        self.add(finished);
-        Ok(())
+        self.add(finished.map(|(entry, totals)| FinishedLayer { entry, totals }))
     }
 
     /// Adds a layer that is finished; `None` if it has no tile.
-    pub fn add(&mut self, finished: Option<FinishedLayer>) {
+    ///
+    /// # Errors
+    /// [`crate::Error::Io`].
+    pub fn add(&mut self, finished: Option<FinishedLayer>) -> Result<()> {
         self.progress.advance(1);
-        let Some(finished) = finished else { return };
+        let Some(finished) = finished else {
+            return Ok(());
+        };
         let (totals, part) = (&mut *self.totals, finished.totals);
         totals.tiles += part.tiles;
         totals.tile_vertices += part.tile_vertices;
@@ -120,88 +123,45 @@ impl<'a> Ends<'a> {
         totals.strips += part.strips;
         totals.strip_indices += part.strip_indices;
         totals.bytes += part.bytes;
-        self.layers.push(finished.entry);
+        self.layers.push(finished.entry)
     }
 
     /// The layers with tiles, after all of them.
     ///
     /// # Errors
-    /// [`Error::Io`].
-    pub fn end(self) -> Result<Vec<Layer>> {
+    /// [`crate::Error::Io`].
+    pub fn end(self) -> Result<Layers> {
         self.anew.end(self.keeper)?;
         Ok(self.layers)
     }
 }
 
-/// Where the shard of a layer lies.
-pub fn shard_path(layer: u32) -> String {
-    format!("index/z{layer:04}.json")
+/// The layers that have tiles, by rising z, in a file.
+pub struct Layers {
+    spool: Spool,
+    /// Bytes of their shards.
+    pub bytes: u64,
 }
 
-/// Writes a layer's shard, tile by tile, and adds up its tiles. It gets its name when it is whole.
-struct ShardWriter {
-    dir: PathBuf,
-    path: PathBuf,
-    name: String,
-    file: BufWriter<File>,
-    bytes: u64,
-    crc: crc32fast::Hasher,
-    totals: Totals,
-}
-
-impl ShardWriter {
-    fn create(dir: &Path, layer: u32) -> Result<Self> {
-        let name = shard_path(layer);
-        let path = dir.join(format!("{name}.new"));
-        let file = File::create(&path).map_err(|e| Error::io(&path, "create", e))?;
-        let mut shard = ShardWriter {
-            dir: dir.to_path_buf(),
-            path,
-            name,
-            file: BufWriter::new(file),
+impl Layers {
+    fn new(dir: &Path) -> Result<Self> {
+        Ok(Layers {
+            spool: Spool::new(dir)?,
             bytes: 0,
-            crc: crc32fast::Hasher::new(),
-            totals: Totals::default(),
-        };
-        shard.put(format!("{{\"z\":{layer},\"tiles\":[").as_bytes())?;
-        Ok(shard)
-    }
-
-    fn put(&mut self, text: &[u8]) -> Result<()> {
-        self.bytes += text.len() as u64;
-        self.crc.update(text);
-        self.file
-            .write_all(text)
-            .map_err(|e| Error::io(&self.path, "write", e))
-    }
-
-    /// Adds a tile, `text` in JSON.
-    fn write(&mut self, tile: &TileEntry, text: &[u8]) -> Result<()> {
-        if self.totals.tiles > 0 {
-            self.put(b",")?;
-        }
-        self.put(text)?;
-        self.totals.add_tile(tile);
-        Ok(())
-    }
-
-    fn finish(mut self, layer: u32) -> Result<FinishedLayer> {
-        self.put(b"]}\n")?;
-        self.file
-            .flush()
-            .map_err(|e| Error::io(&self.path, "write", e))?;
-        let to = self.dir.join(&self.name);
-        std::fs::rename(&self.path, &to).map_err(|e| Error::io(&to, "move into place", e))?;
-        let entry = Layer {
-            z: layer,
-            path: self.name,
-            tiles: self.totals.tiles,
-            bytes: self.bytes,
-            checksum: checksum_text(self.crc.finalize()),
-        };
-        Ok(FinishedLayer {
-            entry,
-            totals: self.totals,
         })
+    }
+
+    fn push(&mut self, layer: LayerRecord) -> Result<()> {
+        self.bytes += layer.bytes;
+        self.spool.push(&[layer]).map(|_| ())
+    }
+
+    /// Calls `each` with all of them.
+    ///
+    /// # Errors
+    /// [`crate::Error::Io`], and what `each` returns.
+    pub fn for_each(&mut self, each: impl FnMut(LayerRecord) -> Result<()>) -> Result<()> {
+        let all = self.spool.everything().expect("it holds nothing else");
+        self.spool.for_each(&all, each)
     }
 }

@@ -207,13 +207,13 @@ impl Spool {
         Ok(out)
     }
 
-    /// Reads all of a spool of records of one type.
-    ///
-    /// # Errors
-    /// [`Error::Io`] if the file fails.
-    pub fn all<T: Pod>(&mut self) -> Result<Vec<T>> {
-        let len = self.here::<T>().offset / size_of::<T>() as u64;
-        self.get(&Place::new(0, len as usize))
+    /// All of a spool of records of one type; `None` if it holds others.
+    pub fn everything<T: Pod>(&self) -> Option<Place<T>> {
+        let bytes = self.here::<T>().offset;
+        let size = size_of::<T>() as u64;
+        bytes
+            .is_multiple_of(size)
+            .then(|| Place::new(0, (bytes / size) as usize))
     }
 
     /// Calls `each` for the records of an array, a block at a time.

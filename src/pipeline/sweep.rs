@@ -30,6 +30,7 @@ use crate::pipeline::gather::{Gather, SlabTiles};
 use crate::pipeline::keep::{Keeper, Marks, TILES};
 use crate::pipeline::parts::{Mode, Parts};
 use crate::pipeline::plan::Plan;
+use crate::pipeline::ration::nodes_bytes;
 use crate::pipeline::surfaces::SurfacePart;
 use crate::pipeline::tilefile::{TileWriter, WrittenPiece};
 use crate::pipeline::workspace::{Workspace, WorkspacePool};
@@ -436,6 +437,10 @@ impl Sweep<'_> {
         } = workspace;
         let how = (writers, slab.is_provisional(&mesh.pieces));
         let (record, body) = self.writer.write(mesh, grid, stripifier, how)?;
+        // now, and not when all of the volume has been swept
+        if !self.writer.head.merges(body.pieces.len()) {
+            self.plan.check_finishing(nodes_bytes(&record))?;
+        }
         let mut caps = MeshSums::default();
         mesh.pieces
             .iter()

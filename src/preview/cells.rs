@@ -52,9 +52,11 @@ pub fn colours(
         if axis == 2 && layer.z != index {
             continue;
         }
-        let shard = manifest.shard(dir, layer)?;
-        for entry in shard.tiles.iter().filter(|t| t.grid[axis] == index) {
-            seeds(dir, manifest, slice, entry, &mut cells)?;
+        for entry in manifest.shard_tiles(dir, layer)? {
+            let entry = entry?;
+            if entry.grid[axis] == index {
+                seeds(dir, manifest, slice, &entry, &mut cells)?;
+            }
         }
     }
     flood(manifest, slice, &mut cells);

@@ -13,7 +13,7 @@ use crate::error::{Error, Result};
 use crate::grid::Ambiguous;
 use crate::manifest::Manifest;
 use crate::select::Map;
-use crate::volume::{Cropped, Volume};
+use crate::volume::{Cropped, Stamp, Volume};
 use serde::Serialize;
 use std::path::{Path, PathBuf};
 
@@ -41,6 +41,8 @@ pub struct PreviewOptions {
     pub window: Option<[f64; 2]>,
     /// Pixels per voxel and axis; as many as fit 1024 without.
     pub scale: Option<u32>,
+    /// What tells whether the volume is changed while it is read, see [`crate::volume::stamp`].
+    pub input: Stamp,
 }
 
 impl Default for PreviewOptions {
@@ -54,6 +56,7 @@ impl Default for PreviewOptions {
             map: Map::default(),
             window: None,
             scale: None,
+            input: Stamp::default(),
         }
     }
 }
@@ -73,6 +76,9 @@ pub struct PreviewReport {
     pub threshold: Option<f64>,
     /// Number of cells that are coloured; absent without tiles.
     pub cells: Option<u64>,
+    /// Things the user should know; absent if there are none.
+    #[serde(skip_serializing_if = "Vec::is_empty")]
+    pub warnings: Vec<String>,
 }
 
 /// Draws a slice of a volume and writes it as PNG. Memory: some 16 bytes per voxel of the slice, 3
@@ -84,7 +90,7 @@ pub struct PreviewReport {
 ///
 /// # Errors
 /// [`Error::Usage`] if the slice is outside the volume, the picture would pass 2^28 pixels, or the
-/// tile set is that of another volume; [`Error::Io`]; [`Error::Format`].
+/// tile set is that of another volume; [`Error::InputChanged`]; [`Error::Io`]; [`Error::Format`].
 pub fn preview(
     volume: &dyn Volume,
     path: &Path,
@@ -135,6 +141,8 @@ pub fn preview(
             .map_or(Ambiguous::Separate, |m| m.ambiguous);
         draw::contour(&mut picture, &slice, (t, rule), scale);
     }
+    // before the picture takes the place of another one
+    let warnings = options.input.check()?.into_iter().collect();
     picture
         .save(path)
         .map_err(|e| Error::io(path, "write the picture", e))?;
@@ -145,6 +153,7 @@ pub fn preview(
         window,
         threshold,
         cells: colours.map(|c| c.count()),
+        warnings,
     })
 }
 

@@ -11,8 +11,8 @@ mod tiles;
 
 use crate::error::{Error, Result};
 use crate::grid::Tiling;
-use crate::manifest::{Form, MANIFEST, Manifest, TileSet};
-use crate::pipeline::{Output, check_reach, write_file};
+use crate::manifest::{Form, Manifest, TileSet};
+use crate::pipeline::{Output, check_reach};
 use crate::progress::Progress;
 use crate::table::Table;
 use serde::Serialize;
@@ -92,7 +92,7 @@ pub fn repack(
     }
     .run(&mut made)?;
     let totals = made.totals;
-    write_file(&work.join(MANIFEST), &[&made.sealed(work)?])?;
+    made.write_sealed(work)?;
     output.commit()?;
     Ok(RepackReport {
         tiles: totals.tiles,

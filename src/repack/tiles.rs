@@ -4,11 +4,10 @@ use super::names::Cells;
 use crate::error::{Error, Result};
 use crate::grid::Tiling;
 use crate::manifest::checksum_text;
-use crate::manifest::{Form, Layer, Manifest, Primitives, Shard, TileEntry, TileSet, Totals};
+use crate::manifest::{Form, Layer, Manifest, Primitives, ShardWriter, TileEntry, TileSet, Totals};
 use crate::pipeline::write_file;
 use crate::progress::Progress;
 use crate::tile::{TilePlace, recode, tile_path};
-use rayon::prelude::*;
 use std::path::Path;
 
 /// What all tiles have in common.
@@ -40,38 +39,35 @@ impl Repacker<'_> {
             ..t
         };
         made.layers.clear();
-        for (layer, shard) in layers.iter().zip(self.set.shards()) {
-            made.layers
-                .push(self.layer(layer, shard?, &mut made.totals)?);
+        for layer in layers {
+            made.layers.push(self.layer(layer, &mut made.totals)?);
         }
         Ok(())
     }
 
-    fn layer(&self, layer: &Layer, shard: Shard, totals: &mut Totals) -> Result<Layer> {
+    fn layer(&self, layer: &Layer, totals: &mut Totals) -> Result<Layer> {
         let dir = self.to.join(format!("tiles/z{:04}", layer.z));
         std::fs::create_dir(&dir).map_err(|e| Error::io(&dir, "create the directory", e))?;
-        let tiles: Result<Vec<TileEntry>> = shard
-            .tiles
-            .into_par_iter()
-            .map(|entry| {
-                if self.progress.interrupted() {
-                    return Err(Error::Interrupted);
-                }
-                let made = self.tile(entry, layer.z)?;
-                self.progress.advance(1);
-                Ok(made)
-            })
-            .collect();
-        let tiles = tiles?;
-        for tile in &tiles {
+        let make = |entry: TileEntry| {
+            if self.progress.interrupted() {
+                return Err(Error::Interrupted);
+            }
+            let made = self.tile(entry, layer.z)?;
+            self.progress.advance(1);
+            Ok(made)
+        };
+        let mut shard = ShardWriter::create(self.to, layer.z)?;
+        let tiles = self.set.manifest().shard_tiles(self.set.dir(), layer)?;
+        tiles.make_all(make, |tile| {
             totals.bytes += tile.bytes;
             // as the old index has it, which may say anything
             totals.strips = totals.strips.saturating_add(tile.strips);
             if tile.strips > 0 {
                 totals.strip_indices += tile.indices;
             }
-        }
-        Shard { z: layer.z, tiles }.write(self.to)
+            shard.add(&tile)
+        })?;
+        shard.finish().map(|(layer, _)| layer.layer())
     }
 
     fn tile(&self, entry: TileEntry, z: u32) -> Result<TileEntry> {

@@ -3,13 +3,12 @@
 use super::choice::Choice;
 use crate::error::{Error, Result};
 use crate::grid::{LATTICE, Tiling};
-use crate::manifest::{Bounds, Group, Layer, Manifest, Primitives, Shard, TileEntry, Totals};
+use crate::manifest::{Bounds, Group, Layer, Manifest, Primitives, ShardWriter, TileEntry, Totals};
 use crate::manifest::{checksum_text, file_inside};
 use crate::pipeline::write_file;
 use crate::progress::Progress;
 use crate::table::{Row, Table};
 use crate::tile::{Part, PartPiece, TilePlace, part, tile_path};
-use rayon::prelude::*;
 use std::collections::BTreeMap;
 use std::fs::File;
 use std::io::{BufWriter, Write};
@@ -169,31 +168,33 @@ struct Copier<'a> {
 impl Copier<'_> {
     /// Copies a layer; `None` if no tile of it is left.
     fn layer(&self, layer: &Layer, totals: &mut Totals) -> Result<Option<Layer>> {
-        let shard = self.manifest.shard(self.from, layer)?;
+        let all = self.manifest.shard_tiles(self.from, layer)?;
         let dir = self.to.join(format!("tiles/z{:04}", layer.z));
         std::fs::create_dir(&dir).map_err(|e| Error::io(&dir, "create the directory", e))?;
-        let made: Result<Vec<Option<(TileEntry, Part)>>> = shard
-            .tiles
-            .par_iter()
-            .map(|entry| {
-                if self.progress.interrupted() {
-                    return Err(Error::Interrupted);
-                }
-                let made = self.tile(entry, layer.z)?;
-                self.progress.advance(1);
-                Ok(made)
-            })
-            .collect();
-        let mut tiles = Vec::new();
-        for (entry, part) in made?.into_iter().flatten() {
+        let make = |entry: TileEntry| {
+            if self.progress.interrupted() {
+                return Err(Error::Interrupted);
+            }
+            let made = self.tile(&entry, layer.z)?;
+            self.progress.advance(1);
+            Ok(made)
+        };
+        let mut shard: Option<ShardWriter> = None;
+        all.make_all(make, |made| {
+            let Some((entry, part)) = made else {
+                return Ok(());
+            };
             add(totals, &entry, &part.pieces);
-            tiles.push(entry);
-        }
-        if tiles.is_empty() {
+            if shard.is_none() {
+                shard = Some(ShardWriter::create(self.to, layer.z)?);
+            }
+            shard.as_mut().map_or(Ok(()), |shard| shard.add(&entry))
+        })?;
+        let Some(shard) = shard else {
             std::fs::remove_dir(&dir).map_err(|e| Error::io(&dir, "remove the directory", e))?;
             return Ok(None);
-        }
-        Shard { z: layer.z, tiles }.write(self.to).map(Some)
+        };
+        shard.finish().map(|(layer, _)| Some(layer.layer()))
     }
 
     /// Copies a tile's kept pieces; the file's bytes are dropped once written.

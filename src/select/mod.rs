@@ -16,8 +16,8 @@ pub use colour::{Map, hex, parse_colour};
 pub(crate) use legend::FILE as LEGEND;
 
 use crate::error::{Error, Result};
-use crate::manifest::{MANIFEST, Manifest, Selection, WholeTotals};
-use crate::pipeline::{Output, write_file};
+use crate::manifest::{Manifest, Selection, WholeTotals};
+use crate::pipeline::Output;
 use crate::progress::Progress;
 use crate::table::Table;
 use choice::Choice;
@@ -101,7 +101,7 @@ pub fn select(
         checksums: None,
     };
     let totals = made.totals;
-    write_file(&work.join(MANIFEST), &[&made.sealed(work)?])?;
+    made.write_sealed(work)?;
     output.commit()?;
     let mut warnings = Vec::new();
     if totals.surfaces == 0 {

@@ -10,9 +10,9 @@ use super::index;
 use super::report::Issues;
 use super::tile::Context;
 use crate::direct::Buffer;
-use crate::manifest::{Shard, TileEntry};
+use crate::manifest::TileEntry;
 use std::collections::{BTreeMap, VecDeque};
-use std::sync::{Arc, Condvar, Mutex, MutexGuard, PoisonError};
+use std::sync::{Condvar, Mutex, MutexGuard, PoisonError};
 
 /// Tiles per thread that may be read before the result of the first is taken, so that threads seldom wait.
 const OPEN: usize = 32;
@@ -29,8 +29,38 @@ pub(super) struct Fetched {
 
 /// A tile that is to be checked.
 struct Task {
-    layer: Arc<Shard>,
-    place: usize,
+    entry: TileEntry,
+    /// Its place in the shard.
+    place: u64,
+}
+
+/// Bytes that what was found in tiles may take until it is taken, and bytes, for each thread, of the tiles that are
+/// read or checked at a time. A tile that takes more is alone.
+const FOUND: u64 = 24 << 20;
+const CHECKED: u64 = 8 << 20;
+/// Bytes for each piece of a tile: what is found of it and its group, and its node as it is read.
+const PIECE_FOUND: u64 = 600;
+const PIECE_READ: u64 = 2 << 10;
+
+/// Bytes that what is found in a tile takes, with its entry.
+fn found_bytes(entry: &TileEntry) -> u64 {
+    entry.groups.len() as u64 * PIECE_FOUND
+}
+
+/// Bytes that a tile takes while it is read and checked.
+fn checked_bytes(entry: &TileEntry) -> u64 {
+    let pieces = entry.groups.len() as u64 * PIECE_READ;
+    entry.bytes.saturating_add(pieces)
+}
+
+/// Bytes that it takes until what was found in it has been joined.
+pub(super) fn all_bytes(entry: &TileEntry) -> u64 {
+    checked_bytes(entry).saturating_add(found_bytes(entry))
+}
+
+/// Bytes of the tiles that may be checked at a time by so many threads.
+pub(super) fn room(threads: usize) -> u64 {
+    CHECKED * threads as u64
 }
 
 /// Tiles that are read in order, by threads of their own and by those who check them, and what these make
@@ -40,8 +70,10 @@ pub(super) struct Stream<'a, R> {
     spare: &'a Spare,
     /// Tiles that may wait for their check.
     most: usize,
-    /// Tiles that may have been read, or be read now, whose results were not taken.
+    /// Tiles that may be open: pushed, and their results not taken.
     most_open: usize,
+    /// Bytes of the tiles that may be read or checked at a time.
+    room: u64,
     state: Mutex<State<R>>,
     /// There is something else to read or to check.
     changed: Condvar,
@@ -51,9 +83,14 @@ pub(super) struct Stream<'a, R> {
 
 struct State<R> {
     tasks: VecDeque<Task>,
-    /// Number of the first task, and of the first result that was not taken.
+    /// Number of the first task.
     next: u64,
+    /// What is found in each open tile, in bytes.
+    open: VecDeque<u64>,
+    /// Number of the first of these.
     taken: u64,
+    /// Bytes of the tiles that are read or checked now.
+    busy: u64,
     /// Tiles that readers have at hand.
     reading: usize,
     /// Tiles by their numbers, to be checked.
@@ -78,8 +115,11 @@ impl Spare {
         self.lock().pop().unwrap_or_default()
     }
 
+    /// Keeps a buffer for the next file, unless it is so large that few others need it.
     pub fn put(&self, buffer: Buffer) {
-        self.lock().push(buffer);
+        if buffer.capacity() as u64 <= CHECKED {
+            self.lock().push(buffer);
+        }
     }
 }
 
@@ -117,10 +157,13 @@ pub(super) fn stream<R: Send, T>(
         // as many as are read at once, and two more: they take memory
         most: readers + 2,
         most_open: OPEN * threads,
+        room: room(threads),
         state: Mutex::new(State {
             tasks: VecDeque::new(),
             next: 0,
+            open: VecDeque::new(),
             taken: 0,
+            busy: 0,
             reading: 0,
             ready: VecDeque::new(),
             results: BTreeMap::new(),
@@ -155,14 +198,19 @@ impl<R> Stream<'_, R> {
         woken.unwrap_or_else(PoisonError::into_inner)
     }
 
-    /// Adds the tiles of a layer.
-    pub fn push(&self, layer: &Arc<Shard>) {
-        let task = |place| Task {
-            layer: layer.clone(),
-            place,
-        };
-        let tasks = (0..layer.tiles.len()).map(task);
-        self.lock().tasks.extend(tasks);
+    /// True if there is room for the next tile, or no other one.
+    pub fn has_room(&self) -> bool {
+        let state = self.lock();
+        let found: u64 = state.open.iter().sum();
+        state.open.is_empty() || state.open.len() < self.most_open && found < FOUND
+    }
+
+    /// Adds a tile, which has this place in its shard.
+    pub fn push(&self, entry: TileEntry, place: u64) {
+        let mut state = self.lock();
+        state.open.push_back(found_bytes(&entry));
+        state.tasks.push_back(Task { entry, place });
+        drop(state);
         self.changed.notify_all();
     }
 
@@ -174,7 +222,7 @@ impl<R> Stream<'_, R> {
             let number = state.taken;
             if let Some(result) = state.results.remove(&number) {
                 state.taken += 1;
-                self.changed.notify_all();
+                state.open.pop_front();
                 return Some(result);
             }
             if state.lost {
@@ -208,9 +256,13 @@ impl<R> Stream<'_, R> {
     fn work(&self, check: &(impl Fn(&TileEntry, &mut Fetched) -> R + Sync)) {
         let _close = Close(self);
         while let Some((number, task, mut fetched)) = self.take() {
-            let result = check(&task.layer.tiles[task.place], &mut fetched);
+            let result = check(&task.entry, &mut fetched);
             self.spare.put(fetched.file);
-            self.lock().results.insert(number, result);
+            let mut state = self.lock();
+            state.busy -= checked_bytes(&task.entry);
+            state.results.insert(number, result);
+            drop(state);
+            self.changed.notify_all();
             self.finished.notify_one();
         }
     }
@@ -235,7 +287,9 @@ impl<R> Stream<'_, R> {
 
     /// True if there is a tile that may be read.
     fn has_task(&self, state: &State<R>) -> bool {
-        !state.tasks.is_empty() && state.next - state.taken < self.most_open as u64
+        state.tasks.front().is_some_and(|task| {
+            state.busy == 0 || state.busy.saturating_add(checked_bytes(&task.entry)) <= self.room
+        })
     }
 
     /// Reads the next tile, while others have the state.
@@ -243,15 +297,15 @@ impl<R> Stream<'_, R> {
         let task = state.tasks.pop_front()?;
         let number = state.next;
         state.next += 1;
+        state.busy += checked_bytes(&task.entry);
         drop(state);
-        let entry = &task.layer.tiles[task.place];
-        let fetched = fetch(self.cx, entry, task.place, self.spare);
+        let fetched = fetch(self.cx, &task.entry, task.place, self.spare);
         Some((number, task, fetched))
     }
 }
 
 /// Reads one tile, whose place in the shard is `place`.
-pub(super) fn fetch(cx: &Context, entry: &TileEntry, place: usize, spare: &Spare) -> Fetched {
+pub(super) fn fetch(cx: &Context, entry: &TileEntry, place: u64, spare: &Spare) -> Fetched {
     let at = format!("{}#/tiles/{place}", index::shard_path(entry.grid[2]));
     let mut issues = Issues::new(cx.max_issues);
     let mut file = spare.take();

@@ -108,13 +108,27 @@ impl Schema {
     ///
     /// # Errors
     /// If it is not JSON.
-    pub fn walk(&self, json: &[u8]) -> serde_json::Result<Vec<(String, String)>> {
+    pub fn walk(&self, json: &[u8]) -> serde_json::Result<Findings> {
+        self.walk_input(serde_json::Deserializer::from_slice(json))
+    }
+
+    /// The same of a file, of which one value at a time is in memory.
+    ///
+    /// # Errors
+    /// If it is not JSON, or cannot be read.
+    pub fn walk_file(&self, json: impl std::io::Read) -> serde_json::Result<Findings> {
+        self.walk_input(serde_json::Deserializer::from_reader(json))
+    }
+
+    fn walk_input<'de, R: serde_json::de::Read<'de>>(
+        &self,
+        mut input: serde_json::Deserializer<R>,
+    ) -> serde_json::Result<Findings> {
         let mut walk = Walk {
             schema: self,
             path: Vec::new(),
             found: Vec::new(),
         };
-        let mut input = serde_json::Deserializer::from_slice(json);
         let root = Place {
             walk: &mut walk,
             shape: 0,
@@ -124,6 +138,9 @@ impl Schema {
         Ok(walk.found)
     }
 }
+
+/// JSON pointers, and what is wrong there.
+pub(super) type Findings = Vec<(String, String)>;
 
 impl Loader {
     fn file(&mut self, name: &str) -> Value {
@@ -199,7 +216,7 @@ fn types(stated: &Value) -> Vec<Type> {
 struct Walk<'s> {
     schema: &'s Schema,
     path: Vec<Step<'s>>,
-    found: Vec<(String, String)>,
+    found: Findings,
 }
 
 #[derive(Clone, Copy)]

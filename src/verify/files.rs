@@ -75,17 +75,25 @@ pub(super) fn fetch(root: &Path, file: &Expected, out: &mut Buffer, issues: &mut
 /// Compares size and checksum of what was read. A file of the wrong ones is looked at all the same, so
 /// that what is wrong with it can be named.
 pub(super) fn compare(file: &Expected, bytes: &[u8], issues: &mut Issues) {
-    if bytes.len() as u64 != file.bytes {
+    compare_sums(file, bytes.len() as u64, || crc32fast::hash(bytes), issues);
+}
+
+/// The same for a file of so many bytes with this checksum, which is asked for if the size is right.
+pub(super) fn compare_sums(
+    file: &Expected,
+    bytes: u64,
+    crc: impl FnOnce() -> u32,
+    issues: &mut Issues,
+) {
+    if bytes != file.bytes {
         let message = format!(
-            "found {} bytes, expected {} as in {}",
-            bytes.len(),
-            file.bytes,
-            file.at
+            "found {bytes} bytes, expected {} as in {}",
+            file.bytes, file.at
         );
         issues.add(Code::FileSize, file.path, message);
         return;
     }
-    let found = checksum_text(crc32fast::hash(bytes));
+    let found = checksum_text(crc());
     if found != file.checksum {
         let message = format!(
             "found {found}, expected {} as in {}",
@@ -116,15 +124,15 @@ fn fill(path: &Path, out: &mut Buffer) -> std::io::Result<()> {
     })
 }
 
-/// Reports everything in the directory `path` whose name is not in `known`; a missing directory
-/// holds nothing foreign.
+/// Reports everything in the directory `path` whose name is not `known`; a missing directory holds
+/// nothing foreign.
 ///
 /// # Errors
 /// [`Error::Io`] if the directory is there but cannot be listed.
 pub(super) fn foreign(
     root: &Path,
     path: &str,
-    known: &BTreeSet<String>,
+    known: impl Fn(&str) -> bool,
     issues: &mut Issues,
 ) -> Result<()> {
     let dir = root.join(path);
@@ -142,7 +150,7 @@ pub(super) fn foreign(
     for entry in entries {
         let entry = entry.map_err(|e| Error::io(&dir, "list the directory", e))?;
         let name = entry.file_name().to_string_lossy().into_owned();
-        if !known.contains(&name) {
+        if !known(&name) {
             found.insert(name);
         }
     }

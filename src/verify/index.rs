@@ -4,13 +4,14 @@ use super::closed::{self, Schema};
 use super::code::Code;
 use super::files::{self, Expected};
 use super::report::Issues;
-use crate::direct::Buffer;
 use crate::error::{Error, Result};
 use crate::grid::{Dims, LATTICE, Tiling};
-use crate::manifest::{FORMAT, FORMAT_VERSION, Layer, Manifest, Shard, TileEntry};
+use crate::manifest::{FORMAT, FORMAT_VERSION, Layer, Manifest, TileEntry};
+use crate::manifest::{ShardFault, ShardText, ShardTiles};
 use crate::manifest::{manifest_file, own_checksum};
 use serde::Deserialize;
-use std::collections::BTreeSet;
+use std::fs::File;
+use std::io::{BufReader, Read, Seek};
 use std::path::Path;
 
 /// The manifest's file.
@@ -27,12 +28,14 @@ pub(super) fn manifest(root: &Path, issues: &mut Issues) -> Result<Option<Manife
         format_version: Option<serde_json::Value>,
     }
     let path = manifest_file(root, "read the manifest")?;
-    let bytes = std::fs::read(&path).map_err(|e| Error::io(&path, "read the manifest", e))?;
+    let failed = |e| Error::io(&path, "read the manifest", e);
+    let mut file = File::open(&path).map_err(failed)?;
     let syntax = |e: serde_json::Error, issues: &mut Issues| {
         issues.add(Code::ManifestSyntax, MANIFEST, e.to_string());
     };
-    let head: Head = match serde_json::from_slice(&bytes) {
+    let head: Head = match serde_json::from_reader(BufReader::new(&file)) {
         Ok(head) => head,
+        Err(e) if e.is_io() => return Err(failed(e.into())),
         Err(e) => {
             syntax(e, issues);
             return Ok(None);
@@ -47,12 +50,14 @@ pub(super) fn manifest(root: &Path, issues: &mut Issues) -> Result<Option<Manife
         issues.add(Code::FormatVersion, MANIFEST, message);
         return Ok(None);
     }
-    match serde_json::from_slice::<Manifest>(&bytes) {
+    file.rewind().map_err(failed)?;
+    match serde_json::from_reader::<_, Manifest>(BufReader::with_capacity(1 << 16, &file)) {
         Ok(manifest) => {
-            check_own(&manifest, &bytes, issues);
-            check_members(&closed::MANIFEST, &bytes, MANIFEST, issues);
+            check_own(&manifest, &file, issues).map_err(failed)?;
+            check_members(&closed::MANIFEST, &file, MANIFEST, issues).map_err(failed)?;
             Ok(check(&manifest, issues).then_some(manifest))
         }
+        Err(e) if e.is_io() => Err(failed(e.into())),
         Err(e) => {
             syntax(e, issues);
             Ok(None)
@@ -60,20 +65,28 @@ pub(super) fn manifest(root: &Path, issues: &mut Issues) -> Result<Option<Manife
     }
 }
 
-/// Reports members that the format does not have.
-fn check_members(schema: &Schema, json: &[u8], path: &str, issues: &mut Issues) {
+/// Reports members that the format does not have, of a file that has been read before.
+fn check_members(
+    schema: &Schema,
+    mut file: &File,
+    path: &str,
+    issues: &mut Issues,
+) -> std::io::Result<()> {
+    file.rewind()?;
     // what is no JSON has been reported
-    for (pointer, message) in schema.walk(json).unwrap_or_default() {
+    let found = schema.walk_file(BufReader::with_capacity(1 << 16, file));
+    for (pointer, message) in found.unwrap_or_default() {
         issues.add(Code::ForeignMember, format!("{path}#{pointer}"), message);
     }
+    Ok(())
 }
 
 /// Compares the manifest's checksum with what it states itself, if it does.
-fn check_own(m: &Manifest, bytes: &[u8], issues: &mut Issues) {
+fn check_own(m: &Manifest, file: &File, issues: &mut Issues) -> std::io::Result<()> {
     let Some(stated) = &m.checksum else {
-        return;
+        return Ok(());
     };
-    let found = own_checksum(bytes, stated);
+    let found = own_checksum(file, stated)?;
     if found != *stated {
         let message = format!(
             "found {found}, expected {stated} as it states: the file was changed (leave out the \
@@ -81,6 +94,7 @@ fn check_own(m: &Manifest, bytes: &[u8], issues: &mut Issues) {
         );
         issues.add(Code::Checksum, MANIFEST, message);
     }
+    Ok(())
 }
 
 /// Checks the manifest's values; false if the tiles cannot be read by them.
@@ -218,19 +232,65 @@ pub(super) fn tile_name(grid: [u32; 3]) -> String {
 /// # Errors
 /// [`Error::Io`] if a directory cannot be listed.
 pub(super) fn foreign_files(root: &Path, manifest: &Manifest, issues: &mut Issues) -> Result<()> {
-    let names = |f: fn(u32) -> String| manifest.layers.iter().map(|l| f(l.z)).collect();
-    let shards: BTreeSet<String> = names(|z| shard_path(z).replace("index/", ""));
-    files::foreign(root, "index", &shards, issues)?;
-    files::foreign(root, "tiles", &names(tile_dir), issues)
+    let has = |z: &u32| manifest.layers.binary_search_by_key(z, |l| l.z).is_ok();
+    let layer = |name: &str| name.strip_prefix('z')?.parse().ok().filter(has);
+    let shard = |name: &str| {
+        let z = name.strip_suffix(".json").and_then(layer);
+        z.is_some_and(|z| shard_path(z).strip_prefix("index/") == Some(name))
+    };
+    files::foreign(root, "index", shard, issues)?;
+    let tiles = |name: &str| layer(name).is_some_and(|z| tile_dir(z) == name);
+    files::foreign(root, "tiles", tiles, issues)
 }
 
-/// Reads the shard of layer number `index`; `None` if it is missing or damaged.
+/// Looks for files in the directory of a layer's tiles that its shard does not name. `tiles` are those that it
+/// does, by their places (y, x), which rise.
+///
+/// # Errors
+/// [`Error::Io`] if the directory cannot be listed.
+pub(super) fn foreign_tiles(
+    root: &Path,
+    z: u32,
+    tiles: &[[u32; 2]],
+    issues: &mut Issues,
+) -> Result<()> {
+    let named = |name: &str| {
+        let place = name
+            .strip_prefix('y')?
+            .strip_suffix(".glb")?
+            .split_once("_x")?;
+        let [y, x] = [place.0.parse().ok()?, place.1.parse().ok()?];
+        let has = tiles.binary_search(&[y, x]).is_ok();
+        (has && tile_name([x, y, z]) == name).then_some(())
+    };
+    let dir = format!("tiles/{}", tile_dir(z));
+    files::foreign(root, &dir, |name| named(name).is_some(), issues)
+}
+
+/// Counts and sums up the bytes that are read.
+struct Summed {
+    file: File,
+    bytes: u64,
+    crc: crc32fast::Hasher,
+}
+
+impl Read for Summed {
+    fn read(&mut self, out: &mut [u8]) -> std::io::Result<usize> {
+        let found = self.file.read(out)?;
+        self.bytes += found as u64;
+        self.crc.update(&out[..found]);
+        Ok(found)
+    }
+}
+
+/// Reads the shard of layer number `index` to its end and checks it; `None` if it is missing or damaged. Its tiles
+/// are read again, one at a time.
 pub(super) fn shard(
     root: &Path,
     tiling: Tiling,
     (index, layer): (usize, &Layer),
     issues: &mut Issues,
-) -> Option<Shard> {
+) -> Option<ShardTiles> {
     let at = format!("{MANIFEST}#/layers/{index}");
     let expected = Expected {
         path: &layer.path,
@@ -238,62 +298,130 @@ pub(super) fn shard(
         checksum: &layer.checksum,
         at: &at,
     };
-    let mut bytes = Buffer::default();
-    if !files::fetch(root, &expected, &mut bytes, issues) {
-        return None;
-    }
-    files::compare(&expected, bytes.get(), issues);
+    let real = files::resolve(root, &layer.path, &at, issues)?;
+    let unreadable = |e: std::io::Error, issues: &mut Issues| {
+        let message = format!("cannot be read: {e}");
+        issues.add(Code::MissingFile, &layer.path, message);
+        None
+    };
+    let file = match files::open(&real) {
+        Ok(file) => file,
+        Err(e) => return unreadable(e, issues),
+    };
+    let summed = Summed {
+        file,
+        bytes: 0,
+        crc: crc32fast::Hasher::new(),
+    };
+    let mut text = ShardText::new(BufReader::with_capacity(1 << 16, summed));
+    let (mut tiles, mut order) = (0, Order::new(layer, tiling));
+    let fault = loop {
+        match text.next_tile() {
+            Ok(Some(tile)) => order.add(&tile),
+            Ok(None) => break None,
+            Err(fault) => break Some(fault),
+        }
+        tiles += 1;
+    };
+    let z = text.z();
+    let mut rest = text.into_input();
+    let drained = std::io::copy(&mut rest, &mut std::io::sink());
+    let fault = match (fault, drained) {
+        (Some(ShardFault::Io(e)), _) | (_, Err(e)) => return unreadable(e, issues),
+        (Some(ShardFault::Json(message)), _) => Some(message),
+        (None, _) => None,
+    };
+    let Summed { file, bytes, crc } = rest.into_inner();
+    files::compare_sums(&expected, bytes, || crc.finalize(), issues);
     let named = shard_path(layer.z);
     if layer.path != named {
         let message = format!("found {}, expected {named}", layer.path);
         issues.add(Code::PathName, format!("{at}/path"), message);
         return None;
     }
-    let shard: Shard = match serde_json::from_slice(bytes.get()) {
-        Ok(shard) => shard,
-        Err(e) => {
-            issues.add(Code::ShardSyntax, &layer.path, e.to_string());
-            return None;
-        }
-    };
-    check_members(&closed::SHARD, bytes.get(), &layer.path, issues);
-    if shard.z != layer.z || shard.tiles.len() as u64 != layer.tiles {
+    if let Some(message) = fault {
+        issues.add(Code::ShardSyntax, &layer.path, message);
+        return None;
+    }
+    if let Err(e) = check_members(&closed::SHARD, &file, &layer.path, issues) {
+        return unreadable(e, issues);
+    }
+    if z != Some(layer.z) || tiles != layer.tiles {
         let message = format!(
-            "found z {} with {} tiles, expected z {} with {} tiles as in {at}",
-            shard.z,
-            shard.tiles.len(),
+            "found z {} with {tiles} tiles, expected z {} with {} tiles as in {at}",
+            z.unwrap_or_default(),
             layer.z,
             layer.tiles
         );
         issues.add(Code::ShardValue, &layer.path, message);
         return None;
     }
-    check_order(&shard, tiling, &layer.path, issues).then_some(shard)
+    if let Some((code, place, message)) = order.wrong {
+        issues.add(code, place, message);
+        return None;
+    }
+    match ShardTiles::open(real, layer.z) {
+        Ok(tiles) => Some(tiles),
+        Err(e) => {
+            let message = format!("cannot be read again: {e}");
+            issues.add(Code::MissingFile, &layer.path, message);
+            None
+        }
+    }
 }
 
 /// Checks that tiles lie in the layer, in order, at their paths.
-fn check_order(shard: &Shard, tiling: Tiling, path: &str, issues: &mut Issues) -> bool {
-    let place = |t: &TileEntry| (t.grid[1], t.grid[0]);
-    let [nx, ny, _] = tiling.tiles();
-    for (i, tile) in shard.tiles.iter().enumerate() {
+struct Order<'a> {
+    layer: &'a Layer,
+    tiling: Tiling,
+    /// The number of the next tile, and the place of the one before, y first.
+    next: u64,
+    before: Option<[u32; 2]>,
+    /// What is wrong first, and where.
+    wrong: Option<(Code, String, String)>,
+}
+
+impl<'a> Order<'a> {
+    fn new(layer: &'a Layer, tiling: Tiling) -> Self {
+        Order {
+            layer,
+            tiling,
+            next: 0,
+            before: None,
+            wrong: None,
+        }
+    }
+
+    /// Takes the next tile.
+    fn add(&mut self, tile: &TileEntry) {
+        let i = self.next;
+        self.next += 1;
+        if self.wrong.is_none() {
+            self.wrong = self.check(tile).map(|(code, member, message)| {
+                let place = format!("{}#/tiles/{i}/{member}", self.layer.path);
+                (code, place, message)
+            });
+        }
+    }
+
+    fn check(&mut self, tile: &TileEntry) -> Option<(Code, &'static str, String)> {
+        let [nx, ny, _] = self.tiling.tiles();
         let [x, y, z] = tile.grid;
-        let after = i == 0 || place(&shard.tiles[i - 1]) < place(tile);
-        if x >= nx || y >= ny || z != shard.z || !after {
+        let after = self
+            .before
+            .replace([y, x])
+            .is_none_or(|before| before < [y, x]);
+        if x >= nx || y >= ny || z != self.layer.z || !after {
             let message = format!(
                 "found {:?}, expected a macrocube of layer {} inside the grid, by rising y, then x",
-                tile.grid, shard.z
+                tile.grid, self.layer.z
             );
-            issues.add(Code::ShardValue, format!("{path}#/tiles/{i}/grid"), message);
-            return false;
+            return Some((Code::ShardValue, "grid", message));
         }
         let named = format!("tiles/{}/{}", tile_dir(z), tile_name(tile.grid));
         // a path that leads outside is reported as that when the tile is read
         let outside = tile.path.starts_with('/') || tile.path.split('/').any(|p| p == "..");
-        if tile.path != named && !outside {
-            let message = format!("found {}, expected {named}", tile.path);
-            issues.add(Code::PathName, format!("{path}#/tiles/{i}/path"), message);
-            return false;
-        }
+        let message = || format!("found {}, expected {named}", tile.path);
+        (tile.path != named && !outside).then(|| (Code::PathName, "path", message()))
     }
-    true
 }

@@ -4,18 +4,21 @@ use super::against::{Band, CubeTriangles, Rule, Voxels};
 use super::ahead::{self, Fetched, Spare, Stream};
 use super::code::Code;
 use super::dust::Filled;
+use super::index;
 use super::laws::Found;
 use super::ledger::Ledger;
 use super::report::Issues;
 use super::sweep::Sweep;
 use super::tile::{self, Context, Outcome, Workspace};
-use super::{files, index};
 use crate::error::{Error, Result};
-use crate::manifest::{Manifest, Shard, TileEntry};
+use crate::manifest::{Manifest, ShardTiles, TileEntry};
 use crate::progress::Progress;
 use crate::volume::Volume;
 use rayon::prelude::*;
-use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
+use std::collections::VecDeque;
+use std::iter::Peekable;
+use std::ops::Range;
+use std::sync::{Mutex, MutexGuard, PoisonError};
 
 /// The volume that the tiles are compared with.
 pub(super) struct Original<'a> {
@@ -58,14 +61,99 @@ impl<'a> Original<'a> {
     }
 }
 
-/// A layer's shard, `None` if it cannot be used, and what was found in it.
-struct Loaded {
-    shard: Option<Arc<Shard>>,
-    issues: Issues,
+/// What comes next in the sweep, in order.
+enum Event {
+    /// A layer begins; false if its tiles cannot be read.
+    Begin(u32, bool),
+    /// A tile of it.
+    Tile,
+    /// It ends.
+    End(LayerTiles),
 }
 
-/// The checks of tiles, if they need no volume.
-type Checks<'s, 'c> = Option<&'s Stream<'c, Outcome>>;
+/// What is known of a layer's tiles when all of them have been seen.
+#[derive(Default)]
+struct LayerTiles {
+    z: u32,
+    /// Their places, y first.
+    places: Vec<[u32; 2]>,
+    strips: u64,
+}
+
+impl LayerTiles {
+    fn new(z: u32) -> Self {
+        LayerTiles {
+            z,
+            ..LayerTiles::default()
+        }
+    }
+
+    fn add(&mut self, entry: &TileEntry) {
+        self.places.push([entry.grid[1], entry.grid[0]]);
+        self.strips = self.strips.saturating_add(entry.strips);
+    }
+}
+
+/// The tiles of a set, layer by layer, on their way to be checked: some beyond those that are joined, so that there
+/// is always something to check.
+struct Feed<'a> {
+    cx: &'a Context<'a>,
+    /// Number of the next layer.
+    next: usize,
+    layer: Option<(ShardTiles, LayerTiles)>,
+    events: VecDeque<(Event, Issues)>,
+}
+
+impl<'a> Feed<'a> {
+    fn new(cx: &'a Context) -> Self {
+        Feed {
+            cx,
+            next: 0,
+            layer: None,
+            events: VecDeque::new(),
+        }
+    }
+
+    fn add(&mut self, event: Event, issues: Issues) {
+        self.events.push_back((event, issues));
+    }
+
+    /// Goes on by one tile, which `check` gets with its place, or to the next layer; false at the end.
+    fn advance(&mut self, check: impl FnOnce(TileEntry, u64)) -> bool {
+        let mut issues = Issues::new(self.cx.max_issues);
+        let Some((tiles, layer)) = &mut self.layer else {
+            let Some(layer) = self.cx.manifest.layers.get(self.next) else {
+                return false;
+            };
+            let place = (self.next, layer);
+            self.next += 1;
+            let tiles = index::shard(self.cx.root, self.cx.tiling, place, &mut issues);
+            self.add(Event::Begin(layer.z, tiles.is_some()), issues);
+            self.layer = tiles.map(|tiles| (tiles, LayerTiles::new(layer.z)));
+            return true;
+        };
+        match tiles.next() {
+            Some(Ok(entry)) => {
+                let place = layer.places.len() as u64;
+                layer.add(&entry);
+                check(entry, place);
+                self.add(Event::Tile, issues);
+            }
+            Some(Err(e)) => {
+                changed(layer.z, &e, &mut issues);
+                self.end(issues);
+            }
+            None => self.end(issues),
+        }
+        true
+    }
+
+    fn end(&mut self, issues: Issues) {
+        if let Some((_, layer)) = self.layer.take() {
+            self.add(Event::End(layer), issues);
+        }
+    }
+}
 
 /// Runs the sweep.
 pub(super) struct Run<'a> {
@@ -82,6 +170,65 @@ struct State<'s, 'v> {
     sweep: Sweep,
     found: &'s mut Found,
     issues: &'s mut Issues,
+}
+
+impl State<'_, '_> {
+    /// All tiles of a layer have been joined.
+    fn end_layer(&mut self, layer: &LayerTiles) -> Result<()> {
+        self.found.strips = self.found.strips.saturating_add(layer.strips);
+        self.sweep.end_layer(layer.z, self.issues)
+    }
+}
+
+/// The tiles of a layer by rows along x.
+struct Row {
+    tiles: Option<Peekable<ShardTiles>>,
+    /// Those that have been seen.
+    layer: LayerTiles,
+}
+
+impl Row {
+    /// The next tiles in row `y` of `nx` macrocubes that can be checked at once by so many threads, with their places
+    /// in the shard; and where the row goes on behind them.
+    fn part(
+        &mut self,
+        y: u32,
+        nx: u32,
+        threads: usize,
+        issues: &mut Issues,
+    ) -> (Vec<(TileEntry, u64)>, u32) {
+        let (mut part, mut used) = (Vec::new(), 0u64);
+        while let Some(next) = self.tiles.as_mut().and_then(Peekable::peek) {
+            if let Ok(entry) = next {
+                if entry.grid[1] != y {
+                    break;
+                }
+                used = used.saturating_add(ahead::all_bytes(entry));
+                if used > ahead::room(threads) && !part.is_empty() {
+                    return (part, entry.grid[0]);
+                }
+            }
+            match self.tiles.as_mut().and_then(Iterator::next) {
+                Some(Ok(entry)) => {
+                    let place = self.layer.places.len() as u64;
+                    self.layer.add(&entry);
+                    part.push((entry, place));
+                }
+                Some(Err(e)) => {
+                    changed(self.layer.z, &e, issues);
+                    self.tiles = None;
+                }
+                None => {}
+            }
+        }
+        (part, nx)
+    }
+}
+
+/// Says that a shard, whose text was sound before, cannot be read again.
+fn changed(z: u32, error: &Error, issues: &mut Issues) {
+    let message = format!("it was changed meanwhile: {error}");
+    issues.add(Code::ShardSyntax, index::shard_path(z), message);
 }
 
 impl<'a> Run<'a> {
@@ -116,116 +263,120 @@ impl<'a> Run<'a> {
             issues,
         };
         if state.original.is_some() {
-            self.layers(None, &mut state)?;
+            self.compare_layers(&mut state)?;
         } else {
             let check = |entry: &TileEntry, fetched: &mut Fetched| {
                 tile::check(self.cx, entry, fetched, None, &mut self.workspace())
             };
             ahead::stream(self.cx, self.pool, &self.spare, check, |stream| {
-                self.layers(Some(stream), &mut state)
+                self.check_layers(stream, &mut state)
             })?;
         }
         state.found.voxels = state.original.map(|o| o.voxels);
         Ok(state.sweep)
     }
 
-    /// Goes through all layers. The next one is read before the tiles of one are joined, so that there is
-    /// always something to check.
-    fn layers(&self, checks: Checks, state: &mut State) -> Result<()> {
-        let layers = &self.cx.manifest.layers;
-        let mut loaded = self.load(0, checks);
+    /// Joins the tiles of all layers, which are checked meanwhile.
+    fn check_layers(&self, checks: &Stream<Outcome>, state: &mut State) -> Result<()> {
+        let mut feed = Feed::new(self.cx);
         let mut next = 0;
-        for (i, layer) in layers.iter().enumerate() {
-            let z = layer.z;
-            for empty in next..z {
-                self.layer(empty, &[], checks, state)?;
-            }
-            next = z + 1;
-            let Some(Loaded { shard, issues }) = loaded.take() else {
+        loop {
+            while checks.has_room() && feed.advance(|entry, place| checks.push(entry, place)) {}
+            let Some((event, issues)) = feed.events.pop_front() else {
                 break;
             };
-            loaded = self.load(i + 1, checks);
             state.issues.append(issues);
-            let Some(shard) = shard else {
+            match event {
+                Event::Begin(z, sound) => {
+                    (next..z).try_for_each(|empty| state.end_layer(&LayerTiles::new(empty)))?;
+                    next = z + 1;
+                    if !sound {
+                        state.sweep.lose_layer(z);
+                    }
+                }
+                Event::Tile => match checks.result() {
+                    Some(outcome) => self.join(outcome, state)?,
+                    // a check that panicked goes on doing so where the pool is left
+                    None => return Ok(()),
+                },
+                Event::End(layer) => {
+                    state.end_layer(&layer)?;
+                    index::foreign_tiles(self.cx.root, layer.z, &layer.places, state.issues)?;
+                }
+            }
+        }
+        let all = self.cx.tiling.tiles()[2];
+        (next..all).try_for_each(|empty| state.end_layer(&LayerTiles::new(empty)))
+    }
+
+    /// Compares the tiles of all layers with the volume and joins them.
+    fn compare_layers(&self, state: &mut State) -> Result<()> {
+        let mut next = 0;
+        for place in self.cx.manifest.layers.iter().enumerate() {
+            let z = place.1.z;
+            (next..z).try_for_each(|empty| self.compare_layer(empty, None, state).map(|_| ()))?;
+            next = z + 1;
+            let tiles = index::shard(self.cx.root, self.cx.tiling, place, state.issues);
+            let Some(tiles) = tiles else {
                 state.sweep.lose_layer(z);
                 continue;
             };
-            self.layer(z, &shard.tiles, checks, state)?;
-            let names = shard
-                .tiles
-                .iter()
-                .map(|t| index::tile_name(t.grid))
-                .collect();
-            let dir = format!("tiles/{}", index::tile_dir(z));
-            files::foreign(self.cx.root, &dir, &names, state.issues)?;
+            let layer = self.compare_layer(z, Some(tiles), state)?;
+            index::foreign_tiles(self.cx.root, z, &layer.places, state.issues)?;
         }
-        for empty in next..self.cx.tiling.tiles()[2] {
-            self.layer(empty, &[], checks, state)?;
-        }
-        Ok(())
+        let all = self.cx.tiling.tiles()[2];
+        (next..all).try_for_each(|empty| self.compare_layer(empty, None, state).map(|_| ()))
     }
 
-    /// Reads the shard of layer number `index`, if there is one, and has its tiles checked.
-    fn load(&self, index: usize, checks: Checks) -> Option<Loaded> {
-        let layer = self.cx.manifest.layers.get(index)?;
-        let mut issues = Issues::new(self.cx.max_issues);
-        let shard = index::shard(self.cx.root, self.cx.tiling, (index, layer), &mut issues);
-        let shard = shard.map(Arc::new);
-        if let (Some(shard), Some(checks)) = (&shard, checks) {
-            checks.push(shard);
-        }
-        Some(Loaded { shard, issues })
-    }
-
-    /// Joins the tiles of a layer in order; compares them with the volume first, if there is one.
-    fn layer(&self, z: u32, tiles: &[TileEntry], checks: Checks, state: &mut State) -> Result<()> {
-        let [_, rows, _] = self.cx.tiling.tiles();
-        let mut first = 0;
-        if let Some(checks) = checks {
-            // a check that panicked goes on doing so where the pool is left
-            for outcome in tiles.iter().map_while(|_| checks.result()) {
-                self.join(outcome, state)?;
+    /// Compares a layer with the volume, row by row of macrocubes along x, and joins its tiles, if it has any.
+    fn compare_layer(
+        &self,
+        z: u32,
+        tiles: Option<ShardTiles>,
+        state: &mut State,
+    ) -> Result<LayerTiles> {
+        let [nx, rows, _] = self.cx.tiling.tiles();
+        let mut row = Row {
+            tiles: tiles.map(Iterator::peekable),
+            layer: LayerTiles::new(z),
+        };
+        for y in 0..rows {
+            if let Some(original) = &mut state.original {
+                original.band.load([y, z], &self.cx.region([0, y, z]))?;
             }
-        } else {
-            for row in 0..rows {
-                let count = tiles[first..].partition_point(|t| t.grid[1] == row);
-                let batch = &tiles[first..first + count];
-                for outcome in self.compare_row([row, z], batch, first, state)? {
+            let mut x = 0;
+            while x < nx {
+                let (part, end) = row.part(y, nx, self.pool.current_num_threads(), state.issues);
+                for outcome in self.compare_part([x..end, y..y + 1, z..z + 1], &part, state) {
                     self.join(outcome, state)?;
                 }
-                first += count;
-            }
-            if let Some(original) = &state.original {
-                original.band.release();
+                x = end;
             }
         }
-        let strips = tiles.iter().map(|t| t.strips);
-        state.found.strips = strips.fold(state.found.strips, u64::saturating_add);
-        state.sweep.end_layer(z, state.issues)
+        if let Some(original) = &state.original {
+            original.band.release();
+        }
+        state.end_layer(&row.layer)?;
+        Ok(row.layer)
     }
 
-    /// Checks a row of macrocubes along x, empty ones included, and compares it with the volume.
-    /// `first` is the place of the row's first tile in the shard.
-    fn compare_row(
+    /// Checks a part of a row of macrocubes, empty ones included, and compares it with the volume. Its tiles come
+    /// with their places in the shard.
+    fn compare_part(
         &self,
-        [y, z]: [u32; 2],
-        tiles: &[TileEntry],
-        first: usize,
-        state: &mut State,
-    ) -> Result<Vec<Outcome>> {
-        let Some(original) = &mut state.original else {
-            return Ok(Vec::new());
+        [x, y, z]: [Range<u32>; 3],
+        tiles: &[(TileEntry, u64)],
+        state: &State,
+    ) -> Vec<Outcome> {
+        let Some(original) = &state.original else {
+            return Vec::new();
         };
-        original.band.load([y, z], &self.cx.region([0, y, z]))?;
-        let original = &*original;
-        let [nx, _, _] = self.cx.tiling.tiles();
-        let macrocube = |x| match tiles.binary_search_by_key(&x, |t| t.grid[0]) {
-            Ok(i) => self.check(&tiles[i], first + i, original),
-            Err(_) => self.empty([x, y, z], original),
+        let macrocube = |x| match tiles.binary_search_by_key(&x, |(tile, _)| tile.grid[0]) {
+            Ok(i) => self.check(&tiles[i].0, tiles[i].1, original),
+            Err(_) => self.empty([x, y.start, z.start], original),
         };
-        Ok(self
-            .pool
-            .install(|| (0..nx).into_par_iter().map(macrocube).collect()))
+        self.pool
+            .install(|| x.into_par_iter().map(macrocube).collect())
     }
 
     /// Adds what was found in the next tile.
@@ -255,8 +406,8 @@ impl<'a> Run<'a> {
             .unwrap_or_else(PoisonError::into_inner)
     }
 
-    fn check(&self, entry: &TileEntry, index: usize, original: &Original) -> Outcome {
-        let mut fetched = ahead::fetch(self.cx, entry, index, &self.spare);
+    fn check(&self, entry: &TileEntry, place: u64, original: &Original) -> Outcome {
+        let mut fetched = ahead::fetch(self.cx, entry, place, &self.spare);
         let original = Some((&original.band, &original.rule));
         let workspace = &mut self.workspace();
         let outcome = tile::check(self.cx, entry, &mut fetched, original, workspace);

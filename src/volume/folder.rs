@@ -114,6 +114,17 @@ fn these(path: &Path, files: Vec<PathBuf>, options: &OpenOptions) -> Result<Reci
     }
 }
 
+/// True for a folder of which every file may be a part of the volume.
+pub(super) fn is_whole(path: &Path) -> bool {
+    zarr::is_zarr(path)
+}
+
+/// True for a file that is taken for a slice, in a folder of others.
+pub(super) fn is_slice(file: &Path) -> bool {
+    let head = Blob::file(file).and_then(|blob| blob.head(400));
+    head.is_ok_and(|head| tiff::is_tiff(&head) || png::is_png(&head) || dicom::is_dicom(&head))
+}
+
 /// Folders in folders beyond this are not looked into.
 const MAX_DEPTH: u32 = 8;
 

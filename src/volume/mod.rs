@@ -62,7 +62,7 @@ pub use open::{Headerless, Io, OpenOptions, Opened, open};
 pub use predict::{Prediction, predict};
 pub(crate) use spool::PIECE as SPOOL_PIECE;
 pub use spool::spool;
-pub use stamp::{Stamp, stamp};
+pub use stamp::{Before, Stamp, stamp};
 pub use statistics::{Statistics, statistics};
 
 use crate::error::{Error, Result};

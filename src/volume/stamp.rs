@@ -12,7 +12,7 @@ use std::time::{Duration, SystemTime, UNIX_EPOCH};
 const MAX_DEPTH: u32 = 8;
 
 /// Sums over the files of an input.
-#[derive(Default)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 struct Sums {
     files: u64,
     bytes: u64,
@@ -20,6 +20,10 @@ struct Sums {
     last_change: (i64, i64),
     /// Sum of a hash of each file's name, size and time: the order of listing does not matter.
     hash: u64,
+    /// The same with which file it is, for one may take the place of another.
+    which: u64,
+    /// The same of the time when anything about it changed last, its name or its rights.
+    status: u64,
 }
 
 impl Sums {
@@ -30,10 +34,59 @@ impl Sums {
         self.last_change = self.last_change.max(time);
         let name = path.file_name().unwrap_or_default();
         let text = format!("{name:?} {} {time:?}", meta.len());
-        let crc = u64::from(crc32fast::hash(text.as_bytes()));
-        self.hash = self
-            .hash
-            .wrapping_add(crc.wrapping_mul(0x9E37_79B9_7F4A_7C15));
+        let spread = |text: &str| {
+            u64::from(crc32fast::hash(text.as_bytes())).wrapping_mul(0x9E37_79B9_7F4A_7C15)
+        };
+        let sum = |sum: &mut u64, text: &str| *sum = sum.wrapping_add(spread(text));
+        sum(&mut self.hash, &text);
+        sum(
+            &mut self.which,
+            &format!("{text} {} {}", meta.dev(), meta.ino()),
+        );
+        let status = (meta.ctime(), meta.ctime_nsec());
+        sum(&mut self.status, &format!("{text} {status:?}"));
+    }
+
+    fn add_file(&mut self, path: &Path) -> Result<()> {
+        let meta = std::fs::metadata(path).map_err(|e| Error::io(path, "stat", e))?;
+        self.add(path, &meta);
+        Ok(())
+    }
+
+    /// Of what is at `path`, or of the files that a folder or a pattern has, but for those in `out`.
+    fn of(path: &Path, out: &Path) -> Result<Self> {
+        let mut sums = Sums::default();
+        match path.is_file() {
+            true => sums.add_file(path)?,
+            false => walk(path, out, &mut |file| sums.add_file(file))?,
+        }
+        Ok(sums)
+    }
+
+    fn of_files(files: &[PathBuf]) -> Result<Self> {
+        let mut sums = Sums::default();
+        files.iter().try_for_each(|file| sums.add_file(file))?;
+        Ok(sums)
+    }
+}
+
+/// What an input was before it was opened, see [`stamp`].
+#[derive(Debug, Clone)]
+pub struct Before {
+    path: PathBuf,
+    out: PathBuf,
+    /// `None` if it could not be looked at, which opening it will tell.
+    sums: Option<Sums>,
+}
+
+impl Before {
+    /// Looks at the input at `path`. What lies in the directory `out` is no part of it.
+    pub fn of(path: &Path, out: &Path) -> Self {
+        Before {
+            path: path.to_path_buf(),
+            out: out.to_path_buf(),
+            sums: Sums::of(path, out).ok(),
+        }
     }
 }
 
@@ -44,46 +97,60 @@ pub struct Stamp {
     pub values: Vec<(String, String)>,
     /// When it changed last, as far as the system tells.
     pub last_change: Option<SystemTime>,
+    /// What [`Stamp::check`] looks at again.
+    watched: Option<Watched>,
 }
 
-/// Names and values that change if the input at `path`, which was opened as `opened`, is exchanged or
-/// written to: its place, the size of its files, and the times of their last changes. What lies in the
-/// directory `out` is no part of it.
+#[derive(Debug, Clone, PartialEq, Eq)]
+struct Watched {
+    path: PathBuf,
+    out: PathBuf,
+    /// Of what is at the path, before it was opened; `None` of a folder whose files are known.
+    whole: Option<Sums>,
+    /// Files that it led to.
+    files: Vec<PathBuf>,
+    of_files: Sums,
+}
+
+/// Names and values that change if the input, which was opened as `opened`, is exchanged or written to: its
+/// place, the size of its files, and the times of their last changes. `before` is from before it was opened: so
+/// [`Stamp::check`] tells of any change since then.
 ///
 /// # Errors
 /// [`Error::Io`] if a file or folder cannot be looked at.
-pub fn stamp(path: &Path, opened: &Opened, out: &Path) -> Result<Stamp> {
-    let mut sums = Sums::default();
-    let mut add = |file: &Path| -> Result<()> {
-        let meta = std::fs::metadata(file).map_err(|e| Error::io(file, "stat", e))?;
-        sums.add(file, &meta);
-        Ok(())
+pub fn stamp(before: &Before, opened: &Opened) -> Result<Stamp> {
+    let Before { path, out, sums } = before;
+    let mut files = opened.files.clone();
+    files.retain(|file| file != path);
+    let known = path.is_file() || opened.files.is_empty();
+    let whole = match sums {
+        _ if !known => None,
+        Some(sums) => Some(*sums),
+        None => Some(Sums::of(path, out)?),
     };
-    opened.files.iter().try_for_each(|file| add(file))?;
-    if path.is_file() {
-        if !opened.files.iter().any(|file| file == path) {
-            add(path)?;
-        }
-    } else if opened.files.is_empty() {
-        walk(path, out, &mut add)?;
-    }
+    let of_files = Sums::of_files(&files)?;
+    let all = [whole.unwrap_or_default(), of_files];
     let place = std::path::absolute(path).unwrap_or_else(|_| path.to_path_buf());
     let place = place.canonicalize().unwrap_or(place);
-    let (seconds, nanoseconds) = sums.last_change;
+    let (seconds, nanoseconds) = all
+        .map(|sums| sums.last_change)
+        .into_iter()
+        .max()
+        .unwrap_or_default();
+    let bytes: u64 = all.iter().map(|sums| sums.bytes).sum();
     let mut values = vec![
         ("input".to_string(), place.display().to_string()),
-        ("size of the input".into(), format!("{} bytes", sums.bytes)),
+        ("size of the input".into(), format!("{bytes} bytes")),
         (
             "last change of the input".into(),
             format!("{seconds}.{nanoseconds:09} s after 1970"),
         ),
     ];
-    if sums.files > 1 {
-        let files = format!(
-            "{} files, {:016x} by name, size and time",
-            sums.files, sums.hash
-        );
-        values.push(("files of the input".into(), files));
+    let count: u64 = all.iter().map(|sums| sums.files).sum();
+    if count > 1 {
+        let hash = all.iter().fold(0u64, |sum, s| sum.wrapping_add(s.hash));
+        let text = format!("{count} files, {hash:016x} by name, size and time");
+        values.push(("files of the input".into(), text));
     }
     let after_1970 = u64::try_from(seconds).ok();
     let last_change =
@@ -91,7 +158,76 @@ pub fn stamp(path: &Path, opened: &Opened, out: &Path) -> Result<Stamp> {
     Ok(Stamp {
         values,
         last_change,
+        watched: Some(Watched {
+            path: path.clone(),
+            out: out.clone(),
+            whole,
+            files,
+            of_files,
+        }),
     })
+}
+
+impl Stamp {
+    /// Looks at the input again, after it has been read. Returns a warning if no more than its rights or its name
+    /// have changed, or if it was written to and its times were set back.
+    ///
+    /// # Errors
+    /// [`Error::InputChanged`] if it was written to, exchanged, or its time was set.
+    pub fn check(&self) -> Result<Option<String>> {
+        let Some(watched) = &self.watched else {
+            return Ok(None);
+        };
+        let Watched { path, out, .. } = watched;
+        let changed = |found: String| {
+            Err(Error::InputChanged {
+                path: path.clone(),
+                found,
+            })
+        };
+        let whole = watched.whole.map(|_| Sums::of(path, out)).transpose();
+        let (whole, of_files) = match (whole, Sums::of_files(&watched.files)) {
+            (Ok(whole), Ok(of_files)) => (whole, of_files),
+            (Err(e), _) | (_, Err(e)) => return changed(e.to_string()),
+        };
+        let mut touched = false;
+        let of_whole = watched.whole.unwrap_or_default();
+        let pairs = [
+            (of_whole, whole.unwrap_or_default()),
+            (watched.of_files, of_files),
+        ];
+        for (was, is) in pairs {
+            if let Some(found) = difference(&was, &is) {
+                return changed(found);
+            }
+            touched |= was.status != is.status;
+        }
+        Ok(touched.then(|| {
+            format!(
+                "{}: something about the input was changed while it was read (its name, its rights, or its times): \
+                 if that was its content, do this again",
+                path.display()
+            )
+        }))
+    }
+}
+
+/// What was changed, for people; `None` if the content can hardly have been.
+fn difference(was: &Sums, is: &Sums) -> Option<String> {
+    if was.files != is.files {
+        return Some(format!("{} files of {}", is.files, was.files));
+    }
+    if was.bytes != is.bytes {
+        return Some(format!("{} bytes, {} before", is.bytes, was.bytes));
+    }
+    if was.hash != is.hash {
+        let found = match was.last_change == is.last_change {
+            true => "another file, size or time",
+            false => "another time of its last change",
+        };
+        return Some(found.into());
+    }
+    (was.which != is.which).then(|| "another file in its place".into())
 }
 
 /// Calls `add` for the files of a folder, or for those that a pattern takes.
@@ -108,6 +244,9 @@ fn walk(path: &Path, out: &Path, add: &mut impl FnMut(&Path) -> Result<()>) -> R
         (Some(_), _) => PathBuf::from("."),
     };
     let out = out.canonicalize().ok();
+    // every file of a Zarr counts; others may be beside slices, such as notes, and are not read
+    let all = pattern.is_some() || super::folder::is_whole(path);
+    let counts = |file: &Path| all || super::folder::is_slice(file);
     let mut folders = vec![(first, 0)];
     while let Some((folder, depth)) = folders.pop() {
         if out.is_some() && folder.canonicalize().ok() == out {
@@ -125,7 +264,7 @@ fn walk(path: &Path, out: &Path, add: &mut impl FnMut(&Path) -> Result<()>) -> R
                 if pattern.matches(&entry.file_name().to_string_lossy()) {
                     add(&entry.path())?;
                 }
-            } else if entry.path().is_file() {
+            } else if entry.path().is_file() && counts(&entry.path()) {
                 add(&entry.path())?;
             }
         }

@@ -60,11 +60,19 @@ impl Disk {
             return Ok(false);
         }
         self.last = Some(now);
-        let (work, names) = (self.work.clone(), self.names);
-        let thread = std::thread::Builder::new().name("sync".into());
-        let begun = thread.spawn(move || publish(&work, names));
-        self.running = Some(begun.map_err(|e| Error::io(&self.work, "sync", e))?);
+        self.start_sync()?;
         Ok(true)
+    }
+
+    fn start_sync(&mut self) -> Result<()> {
+        let fail = |e| Error::io(&self.work, "sync", e);
+        // here, not in the thread: the conversion goes on to write over the files that are copied
+        let copies = copy(&self.work, self.names).map_err(fail)?;
+        let work = self.work.clone();
+        let thread = std::thread::Builder::new().name("sync".into());
+        let begun = thread.spawn(move || publish(&work, copies));
+        self.running = Some(begun.map_err(fail)?);
+        Ok(())
     }
 
     /// Waits for the sync that is under way, if there is one.
@@ -96,8 +104,7 @@ impl Disk {
     pub fn finish(&mut self) -> Result<()> {
         self.wait()?;
         if self.is_used() {
-            let (work, names) = (self.work.clone(), self.names);
-            self.running = Some(std::thread::spawn(move || publish(&work, names)));
+            self.start_sync()?;
         }
         self.wait()
     }
@@ -109,8 +116,8 @@ impl Drop for Disk {
     }
 }
 
-/// Syncs, and publishes the checkpoints as they were before.
-fn publish(work: &Path, names: &[&str]) -> std::io::Result<()> {
+/// Copies the checkpoints as they are; returns the copies, and the names that they are to get.
+fn copy(work: &Path, names: &[&str]) -> std::io::Result<Vec<(PathBuf, PathBuf)>> {
     let mut copies = Vec::new();
     for name in names {
         let (from, to) = (work.join(name), work.join(format!("{name}{SAFE}")));
@@ -120,6 +127,11 @@ fn publish(work: &Path, names: &[&str]) -> std::io::Result<()> {
             copies.push((copy, to));
         }
     }
+    Ok(copies)
+}
+
+/// Syncs, and publishes the copies that were made before.
+fn publish(work: &Path, copies: Vec<(PathBuf, PathBuf)>) -> std::io::Result<()> {
     sync(&File::open(work)?)?;
     for (copy, to) in copies {
         std::fs::rename(copy, to)?;

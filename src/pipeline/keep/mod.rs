@@ -5,7 +5,7 @@
 //! may be while the next one is swept. That needs no sync: what a process has written stays with the
 //! system when it is killed. Such a checkpoint names the boot of the system and counts only until the
 //! next one. Once a conversion has run for some seconds, a thread behind it syncs the file system
-//! and then publishes what the checkpoint was before the sync as `checkpoint.safe`, which counts
+//! and then publishes a copy of the checkpoint from before the sync as `checkpoint.safe`, which counts
 //! also after a power failure. The files `finished` and `finished.safe` are the same for the layers
 //! whose tiles have got their ids.
 //!
@@ -326,13 +326,9 @@ impl Keeper {
     fn give_name(&self, name: &str) -> Result<()> {
         let (path, new) = (self.work.join(name), self.work.join(new_name(name)));
         // what counts after a power failure is a copy that a sync covers
-        let swapped =
-            replace::replace(&new, &path).map_err(|e| Error::io(&path, "move into place", e))?;
-        // the thread that syncs may be copying the one before
-        if swapped && self.disk.is_used() {
-            std::fs::remove_file(&new).map_err(|e| Error::io(&new, "remove", e))?;
-        }
-        Ok(())
+        replace::replace(&new, &path)
+            .map(|_| ())
+            .map_err(|e| Error::io(&path, "move into place", e))
     }
 }
 

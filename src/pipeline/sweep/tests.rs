@@ -57,9 +57,10 @@ fn to_write_anew(volume: &MemoryVolume<u8>, memory: u64, work: &Path) -> Vec<usi
     std::fs::create_dir(work.join("tiles")).unwrap();
     let files = (&writer, &mut keeper);
     let (forward, _) = swept(volume, &options, &plan, files, &Quiet).unwrap();
-    let (slabs, mut spool, mut ids, _) = resolve(forward, 1 << 20, work).unwrap();
+    let (mut slabs, mut spool, mut ids, _) = resolve(forward, 1 << 20, work).unwrap();
     let mut anew = Vec::new();
-    for (i, slab) in slabs.iter().enumerate() {
+    for i in 0..slabs.len() {
+        let slab = slabs.get(i).unwrap().unwrap();
         let (ids, tiles) = (ids.of(i).unwrap(), spool.get(&slab.tiles).unwrap());
         let more = tiles.iter().filter(|tile| {
             let pieces = tile.pieces(&mut spool).unwrap();

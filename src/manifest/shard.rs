@@ -1,0 +1,621 @@
+//! Shards, tile by tile: a layer of a porous scan may have millions of pieces, and memory holds one tile's.
+
+use super::{LayerRecord, Shard, TileEntry, Totals};
+use crate::error::{Error, Result};
+use serde::de::DeserializeOwned;
+use std::fs::File;
+use std::io::{BufRead, BufReader, BufWriter, Write};
+use std::path::{Path, PathBuf};
+
+/// Bytes that are read at a time.
+const BUFFER: usize = 1 << 16;
+
+/// Why the text of a shard cannot be read on.
+#[derive(Debug)]
+pub(crate) enum ShardFault {
+    /// The system's.
+    Io(std::io::Error),
+    /// It is no shard.
+    Json(String),
+}
+
+impl From<std::io::Error> for ShardFault {
+    fn from(error: std::io::Error) -> Self {
+        ShardFault::Io(error)
+    }
+}
+
+/// What comes next in a shard's text.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+enum Next {
+    Start,
+    /// A tile, the end of the list, or, behind another tile, a comma.
+    Tile,
+    End,
+}
+
+/// Reads the text of a shard, one tile at a time.
+#[derive(Debug)]
+pub(crate) struct ShardText<R> {
+    input: R,
+    next: Next,
+    /// The value at hand.
+    text: Vec<u8>,
+    z: Option<u32>,
+    /// Tiles so far, once their list has begun.
+    tiles: Option<u64>,
+}
+
+type Parsed<T> = std::result::Result<T, ShardFault>;
+
+fn json<T>(message: impl Into<String>) -> Parsed<T> {
+    Err(ShardFault::Json(message.into()))
+}
+
+impl<R: BufRead> ShardText<R> {
+    /// From the beginning of its file.
+    pub fn new(input: R) -> Self {
+        ShardText {
+            input,
+            next: Next::Start,
+            text: Vec::new(),
+            z: None,
+            tiles: None,
+        }
+    }
+
+    /// The layer, as soon as the text has told it; at the end it has.
+    pub fn z(&self) -> Option<u32> {
+        self.z
+    }
+
+    /// The input, wherever it is.
+    pub fn into_input(self) -> R {
+        self.input
+    }
+
+    /// The next tile; `None` after the last one, when the text has been read to its end.
+    ///
+    /// # Errors
+    /// [`ShardFault`]; there is nothing to read after that.
+    pub fn next_tile(&mut self) -> Parsed<Option<TileEntry>> {
+        let found = self.advance();
+        if !matches!(found, Ok(Some(_))) {
+            self.next = Next::End;
+        }
+        found
+    }
+
+    fn advance(&mut self) -> Parsed<Option<TileEntry>> {
+        match self.next {
+            Next::End => return Ok(None),
+            Next::Start => {
+                self.expect(b'{')?;
+                if self.peek()? == Some(b'}') {
+                    return json("missing field `z`");
+                }
+                if !self.members()? {
+                    return Ok(None);
+                }
+            }
+            Next::Tile => {}
+        }
+        let tiles = self.tiles.unwrap_or(0);
+        match self.peek()? {
+            Some(b']') => {
+                self.take();
+                // what comes behind the list
+                return match self.peek()? {
+                    Some(b',') => {
+                        self.take();
+                        self.members()?;
+                        Ok(None)
+                    }
+                    _ => self.end().map(|()| None),
+                };
+            }
+            Some(b',') if tiles > 0 => self.take(),
+            Some(_) if tiles == 0 => {}
+            Some(_) => return json(format!("expected `,` or `]` behind tile {}", tiles - 1)),
+            None => return json("EOF while parsing a list"),
+        }
+        self.value()?;
+        self.tiles = Some(tiles + 1);
+        match serde_json::from_slice(&self.text) {
+            Ok(tile) => Ok(Some(tile)),
+            Err(e) => json(format!("tile {tiles}: {e}")),
+        }
+    }
+
+    /// Reads members up to the list of tiles, true, or up to the end.
+    fn members(&mut self) -> Parsed<bool> {
+        loop {
+            if self.peek()? != Some(b'"') {
+                return json("expected the name of a member");
+            }
+            self.value()?;
+            let name: String = self.parse("the name of a member")?;
+            self.expect(b':')?;
+            match name.as_str() {
+                "tiles" if self.tiles.is_some() => return json("duplicate field `tiles`"),
+                "tiles" => {
+                    self.expect(b'[')?;
+                    (self.tiles, self.next) = (Some(0), Next::Tile);
+                    return Ok(true);
+                }
+                "z" if self.z.is_some() => return json("duplicate field `z`"),
+                "z" => {
+                    self.value()?;
+                    self.z = Some(self.parse("z")?);
+                }
+                _ => {
+                    self.value()?;
+                    self.parse::<serde::de::IgnoredAny>(&name)?;
+                }
+            }
+            if self.peek()? != Some(b',') {
+                return self.end().map(|()| false);
+            }
+            self.take();
+        }
+    }
+
+    /// Reads the end of the object, and nothing may follow.
+    fn end(&mut self) -> Parsed<()> {
+        self.expect(b'}')?;
+        if self.peek()?.is_some() {
+            return json("trailing characters");
+        }
+        match (self.z, self.tiles) {
+            (None, _) => json("missing field `z`"),
+            (_, None) => json("missing field `tiles`"),
+            _ => Ok(()),
+        }
+    }
+
+    fn parse<T: DeserializeOwned>(&self, what: &str) -> Parsed<T> {
+        serde_json::from_slice(&self.text).map_err(|e| ShardFault::Json(format!("{what}: {e}")))
+    }
+
+    /// The next byte that is no white space.
+    fn peek(&mut self) -> Parsed<Option<u8>> {
+        loop {
+            let bytes = fill(&mut self.input)?;
+            if bytes.is_empty() {
+                return Ok(None);
+            }
+            let blank = |b: &&u8| matches!(b, b' ' | b'\n' | b'\r' | b'\t');
+            let blanks = bytes.iter().take_while(blank).count();
+            let found = bytes.get(blanks).copied();
+            self.input.consume(blanks);
+            if found.is_some() {
+                return Ok(found);
+            }
+        }
+    }
+
+    /// Goes on behind the byte that was seen.
+    fn take(&mut self) {
+        self.input.consume(1);
+    }
+
+    fn expect(&mut self, wanted: u8) -> Parsed<()> {
+        match self.peek()? {
+            Some(found) if found == wanted => {
+                self.take();
+                Ok(())
+            }
+            Some(_) => json(format!("expected `{}`", char::from(wanted))),
+            None => json(format!("EOF where `{}` was expected", char::from(wanted))),
+        }
+    }
+
+    /// Reads the text of the next value, of which only the brackets are looked at.
+    fn value(&mut self) -> Parsed<()> {
+        self.text.clear();
+        let mut scan = match self.peek()? {
+            Some(first) => Scan::new(first),
+            None => return json("EOF while parsing a value"),
+        };
+        loop {
+            let bytes = fill(&mut self.input)?;
+            if bytes.is_empty() {
+                return match scan.is_bare() {
+                    true => Ok(()),
+                    false => json("EOF while parsing a value"),
+                };
+            }
+            let (used, over) = scan.take(bytes);
+            self.text.extend_from_slice(&bytes[..used]);
+            self.input.consume(used);
+            if over {
+                return Ok(());
+            }
+        }
+    }
+}
+
+/// What is in the input's buffer, or next in the input; empty at its end.
+fn fill(input: &mut impl BufRead) -> std::io::Result<&[u8]> {
+    // a borrow that is returned from a loop would last for the others, too
+    while let Err(e) = input.fill_buf() {
+        if e.kind() != std::io::ErrorKind::Interrupted {
+            return Err(e);
+        }
+    }
+    input.fill_buf()
+}
+
+/// Finds where a value of JSON ends.
+struct Scan {
+    /// Brackets that are open.
+    depth: u64,
+    in_string: bool,
+    escaped: bool,
+    /// Neither brackets nor quotes: it ends before what cannot be a part of it.
+    bare: bool,
+}
+
+impl Scan {
+    fn new(first: u8) -> Self {
+        Scan {
+            depth: 0,
+            in_string: false,
+            escaped: false,
+            bare: !matches!(first, b'{' | b'[' | b'"'),
+        }
+    }
+
+    fn is_bare(&self) -> bool {
+        self.bare
+    }
+
+    /// How many of these bytes belong to the value, and whether it ends there.
+    fn take(&mut self, bytes: &[u8]) -> (usize, bool) {
+        if self.bare {
+            let ends =
+                |b: &u8| matches!(b, b',' | b']' | b'}' | b':' | b' ' | b'\n' | b'\r' | b'\t');
+            let end = bytes.iter().position(ends);
+            return (end.unwrap_or(bytes.len()), end.is_some());
+        }
+        for (i, b) in bytes.iter().enumerate() {
+            if self.in_string {
+                match b {
+                    _ if self.escaped => self.escaped = false,
+                    b'\\' => self.escaped = true,
+                    b'"' => self.in_string = false,
+                    _ => continue,
+                }
+            } else {
+                match b {
+                    b'"' => self.in_string = true,
+                    b'{' | b'[' => self.depth += 1,
+                    b'}' | b']' => self.depth = self.depth.saturating_sub(1),
+                    _ => continue,
+                }
+            }
+            if self.depth == 0 && !self.in_string {
+                return (i + 1, true);
+            }
+        }
+        (bytes.len(), false)
+    }
+}
+
+/// The tiles of a layer, each read when it is asked for.
+#[derive(Debug)]
+pub struct ShardTiles {
+    path: PathBuf,
+    /// The layer that it should be.
+    z: u32,
+    text: Option<ShardText<BufReader<File>>>,
+}
+
+impl ShardTiles {
+    /// Of the shard at `path`, a regular file, of layer `z`.
+    ///
+    /// # Errors
+    /// [`Error::Io`].
+    pub(crate) fn open(path: PathBuf, z: u32) -> Result<Self> {
+        let file = File::open(&path).map_err(|e| Error::io(&path, "read the shard", e))?;
+        let text = Some(ShardText::new(BufReader::with_capacity(BUFFER, file)));
+        Ok(ShardTiles { path, z, text })
+    }
+
+    fn fail(&self, fault: ShardFault) -> Error {
+        match fault {
+            ShardFault::Io(e) => Error::io(&self.path, "read the shard", e),
+            ShardFault::Json(found) => Error::format(&self.path, found, "a tile set's index"),
+        }
+    }
+}
+
+impl Iterator for ShardTiles {
+    type Item = Result<TileEntry>;
+
+    /// The next tile.
+    ///
+    /// # Errors
+    /// [`Error::Io`], or [`Error::Format`] if it is not the shard of that layer; it is over then.
+    fn next(&mut self) -> Option<Self::Item> {
+        let text = self.text.as_mut()?;
+        let found = text.next_tile();
+        let z = text.z().filter(|&z| z != self.z);
+        if let (Ok(_), Some(z)) = (&found, z) {
+            self.text = None;
+            let [found, expected] = [z, self.z].map(|z| format!("layer {z}"));
+            return Some(Err(Error::format(&self.path, found, expected)));
+        }
+        let found = found.map_err(|fault| self.fail(fault)).transpose();
+        if !matches!(found, Some(Ok(_))) {
+            self.text = None;
+        }
+        found
+    }
+}
+
+/// Where the shard of a layer lies.
+pub(crate) fn shard_path(layer: u32) -> String {
+    format!("index/z{layer:04}.json")
+}
+
+/// Writes a layer's shard, tile by tile, and adds up its tiles. It gets its name when it is whole.
+pub(crate) struct ShardWriter {
+    dir: PathBuf,
+    path: PathBuf,
+    name: String,
+    z: u32,
+    file: BufWriter<File>,
+    bytes: u64,
+    crc: crc32fast::Hasher,
+    totals: Totals,
+}
+
+impl ShardWriter {
+    /// Of layer `z` of the tile set in `dir`.
+    ///
+    /// # Errors
+    /// [`Error::Io`].
+    pub fn create(dir: &Path, z: u32) -> Result<Self> {
+        let name = shard_path(z);
+        let path = dir.join(format!("{name}.new"));
+        let file = File::create(&path).map_err(|e| Error::io(&path, "create", e))?;
+        let mut shard = ShardWriter {
+            dir: dir.to_path_buf(),
+            path,
+            name,
+            z,
+            file: BufWriter::new(file),
+            bytes: 0,
+            crc: crc32fast::Hasher::new(),
+            totals: Totals::default(),
+        };
+        shard.put(format!("{{\"z\":{z},\"tiles\":[").as_bytes())?;
+        Ok(shard)
+    }
+
+    fn put(&mut self, text: &[u8]) -> Result<()> {
+        self.bytes += text.len() as u64;
+        self.crc.update(text);
+        self.file
+            .write_all(text)
+            .map_err(|e| Error::io(&self.path, "write", e))
+    }
+
+    /// Adds a tile.
+    ///
+    /// # Errors
+    /// [`Error::Io`].
+    pub fn add(&mut self, tile: &TileEntry) -> Result<()> {
+        self.write(tile, &entry_text(tile))
+    }
+
+    /// Adds a tile, `text` as [`entry_text`] makes it.
+    ///
+    /// # Errors
+    /// [`Error::Io`].
+    pub fn write(&mut self, tile: &TileEntry, text: &[u8]) -> Result<()> {
+        if self.totals.tiles > 0 {
+            self.put(b",")?;
+        }
+        self.put(text)?;
+        self.totals.add_tile(tile);
+        Ok(())
+    }
+
+    /// Ends it; returns the layer and its part of the totals: tiles, vertices, triangles, strips and bytes.
+    ///
+    /// # Errors
+    /// [`Error::Io`].
+    pub fn finish(mut self) -> Result<(LayerRecord, Totals)> {
+        self.put(b"]}\n")?;
+        self.file
+            .flush()
+            .map_err(|e| Error::io(&self.path, "write", e))?;
+        let to = self.dir.join(&self.name);
+        std::fs::rename(&self.path, &to).map_err(|e| Error::io(&to, "move into place", e))?;
+        let layer = LayerRecord {
+            z: self.z,
+            crc: self.crc.finalize(),
+            tiles: self.totals.tiles,
+            bytes: self.bytes,
+        };
+        Ok((layer, self.totals))
+    }
+}
+
+/// A tile as a shard has it.
+pub(crate) fn entry_text(tile: &TileEntry) -> Vec<u8> {
+    serde_json::to_vec(tile).expect("plain data serialises")
+}
+
+impl Shard {
+    /// All tiles of a shard at once.
+    ///
+    /// # Errors
+    /// Those of [`ShardTiles`].
+    pub(super) fn collect(tiles: ShardTiles) -> Result<Self> {
+        let z = tiles.z;
+        let tiles = tiles.collect::<Result<_>>()?;
+        Ok(Shard { z, tiles })
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::manifest::{Bounds, Group, checksum_text};
+    use proptest::prelude::*;
+
+    fn tile(x: u32, pieces: u64) -> TileEntry {
+        TileEntry {
+            path: format!("tiles/z0000/y0000_x{x:04}.glb \"]}}\\"),
+            grid: [x, 0, 0],
+            bounds: Bounds {
+                min: [0.0, 0.5, 1.0],
+                max: [1e-9, 2.0, 3.25],
+            },
+            vertices: 3,
+            triangles: 1,
+            strips: 1,
+            indices: 3,
+            bytes: 1000,
+            checksum: "crc32:00000000".into(),
+            groups: (0..pieces)
+                .map(|cell| Group {
+                    cell,
+                    object: 1,
+                    surface: cell,
+                    vertices: 3,
+                    triangles: 1,
+                })
+                .collect(),
+        }
+    }
+
+    /// What is read of a text, with a buffer of so many bytes.
+    fn read(text: &[u8], buffer: usize) -> std::result::Result<Shard, String> {
+        let mut parser = ShardText::new(BufReader::with_capacity(buffer, text));
+        let mut tiles = Vec::new();
+        loop {
+            match parser.next_tile() {
+                Ok(Some(tile)) => tiles.push(tile),
+                Ok(None) => break,
+                Err(ShardFault::Json(e)) => return Err(e),
+                Err(ShardFault::Io(e)) => panic!("{e}"),
+            }
+        }
+        let z = parser.z().expect("it is known at the end");
+        Ok(Shard { z, tiles })
+    }
+
+    #[test]
+    fn a_shard_comes_back_as_it_was_written() {
+        let dir = tempfile::tempdir().unwrap();
+        std::fs::create_dir(dir.path().join("index")).unwrap();
+        for tiles in [
+            vec![],
+            vec![tile(0, 0)],
+            vec![tile(0, 3), tile(5, 2000), tile(6, 0)],
+        ] {
+            let mut writer = ShardWriter::create(dir.path(), 7).unwrap();
+            tiles.iter().try_for_each(|t| writer.add(t)).unwrap();
+            let (layer, totals) = writer.finish().unwrap();
+            let layer = layer.layer();
+            let path = dir.path().join(&layer.path);
+            let bytes = std::fs::read(&path).unwrap();
+            assert_eq!(layer.path, "index/z0007.json");
+            assert_eq!(
+                (layer.bytes, layer.tiles),
+                (bytes.len() as u64, tiles.len() as u64)
+            );
+            assert_eq!(layer.checksum, checksum_text(crc32fast::hash(&bytes)));
+            assert_eq!(totals.triangles, tiles.len() as u64);
+            let shard = Shard { z: 7, tiles };
+            let whole = [&serde_json::to_vec(&shard).unwrap()[..], b"\n"].concat();
+            assert_eq!(bytes, whole);
+            assert_eq!(
+                Shard::collect(ShardTiles::open(path.clone(), 7).unwrap()).unwrap(),
+                shard
+            );
+            let other = ShardTiles::open(path, 8).unwrap().next().unwrap();
+            assert!(other.unwrap_err().to_string().contains("layer 7"));
+        }
+    }
+
+    /// Texts that are shards, and others, are taken and refused as a parser of all of it does.
+    #[test]
+    fn texts_are_taken_as_a_whole_parser_takes_them() {
+        let entry = String::from_utf8(entry_text(&tile(1, 2))).unwrap();
+        let good = format!("{{\"z\":3,\"tiles\":[{entry},{entry}]}}");
+        let mut texts = vec![
+            good.clone(),
+            format!(
+                " {{ \"tiles\" :\n[ {entry} ,\t{entry} ] , \"more\": [1, {{\"a\": \"]\"}}], \"z\" : 3 }} \n"
+            ),
+            "{\"z\":3,\"tiles\":[]}".into(),
+            "{\"\\u007a\":3,\"tiles\":[]}".into(),
+        ];
+        let accepted = texts.len();
+        for bad in [
+            "",
+            " ",
+            "{",
+            "{}",
+            "[]",
+            "3",
+            "{\"z\":3}",
+            "{\"tiles\":[]}",
+            "{\"z\":3,\"tiles\":[],}",
+            "{\"z\":3,\"z\":3,\"tiles\":[]}",
+            "{\"z\":3,\"tiles\":[],\"tiles\":[]}",
+            "{\"z\":-3,\"tiles\":[]}",
+            "{\"z\":3,\"tiles\":{}}",
+            "{\"z\":3,\"tiles\":[]}x",
+            "{\"z\":3,\"tiles\":[}",
+            "{\"z\":3 \"tiles\":[]}",
+            "{\"z\":3,\"tiles\":[1]}",
+            "{\"z\":3,\"tiles\":[{}]}",
+            "{z:3,\"tiles\":[]}",
+            "{\"z\":3,\"tiles\":[,]}",
+            "{\"z\":3,\"tiles\":[],\"a\":}",
+            "{\"z\":3,\"tiles\":[],\"a\":[1}}",
+            "{\"z\":3,\"tiles\":[],\"a\":tru}",
+            "{\"z\":3,,\"tiles\":[]}",
+            "{\"z\":03,\"tiles\":[]}",
+            "{\"z\":3,\"tiles\":[]]",
+            "{\"z\":3,\"tiles\":null}",
+        ] {
+            texts.push(bad.into());
+        }
+        texts.push(good.replace("},{", "}{"));
+        texts.push(good.replace("},{", "},,{"));
+        texts.push(good.replace("}]}", "},]}"));
+        texts.extend((0..good.len()).map(|n| good[..n].to_string()));
+        for (i, text) in texts.iter().enumerate() {
+            let whole = serde_json::from_str::<Shard>(text);
+            assert_eq!(whole.is_ok(), i < accepted, "{text}");
+            for buffer in [1, 7, 1 << 16] {
+                let found = read(text.as_bytes(), buffer);
+                assert_eq!(
+                    found.as_ref().ok(),
+                    whole.as_ref().ok(),
+                    "{text}: {found:?}"
+                );
+            }
+        }
+    }
+
+    proptest! {
+        /// As a parser of all of it, whichever byte is another.
+        #[test]
+        fn damage_is_seen(at in 0..10_000usize, byte in prop::sample::select(&b"{}[],:\"\\ 0az\n-."[..])) {
+            let shard = Shard { z: 3, tiles: vec![tile(0, 1), tile(1, 2)] };
+            let mut text = serde_json::to_vec(&shard).unwrap();
+            let at = at % text.len();
+            text[at] = byte;
+            let whole = serde_json::from_slice::<Shard>(&text).ok();
+            prop_assert_eq!(read(&text, 64).ok(), whole);
+        }
+    }
+}
