@@ -13,7 +13,7 @@ use super::sweep::{Component, Ids};
 use super::tile::Context;
 use crate::error::Result;
 
-/// Records that each of the three sorts keeps in memory: 0.9 MiB.
+/// Records that each of the three sorts keeps in memory: 1.1 MiB.
 const IN_MEMORY: usize = 1 << 11;
 
 /// Words of a record before those of [`Inside`], and in all.

@@ -81,7 +81,10 @@ impl<'a> Paints<'a> {
         let selection = manifest.selection.as_ref()?;
         if let Some(by) = &selection.colour_by {
             let at = format!("{AT}/colour_by/legend");
-            if files::resolve(root, &by.legend, &at, issues).is_some() && by.legend != LEGEND {
+            let real = files::resolve(root, &by.legend, &at, issues);
+            if real.as_ref().is_some_and(|real| !real.is_file()) {
+                issues.add(Code::MissingFile, &by.legend, "it is no regular file");
+            } else if real.is_some() && by.legend != LEGEND {
                 let message = format!("found {}, expected {LEGEND}", by.legend);
                 issues.add(Code::PathName, at, message);
             }

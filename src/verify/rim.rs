@@ -47,8 +47,13 @@ impl Rim {
         let sides = outer(0) || outer(1);
         let edges = (sides && (outer(2) || outer(3) || outer(5))) || (outer(3) && outer(5));
         if outer(1) || edges {
+            let end = region.end;
             for (point, state) in points.iter().zip(state) {
-                out.add_vertex(*point, *state, region);
+                let [x, y, z, _] = *point;
+                // few of them, so this is asked first
+                if (x == 0) | (x == end[0]) | ((y == end[1]) & (z == end[2])) {
+                    out.add_vertex(*point, *state, region);
+                }
             }
         }
         out
