@@ -210,7 +210,9 @@ fn dicom_in_folders_of_folders_and_slices_twice() {
     assert!(error.to_string().contains("cut short"), "{error}");
     // nor are two at one place
     std::fs::remove_file(deep.join("b")).unwrap();
-    std::fs::copy(fixture("dicom/tilted/I7"), deep.join("d")).unwrap();
+    let mut other = std::fs::read(fixture("dicom/tilted/I7")).unwrap();
+    *other.last_mut().unwrap() ^= 1;
+    std::fs::write(deep.join("d"), other).unwrap();
     let error = open(dir.path(), &OpenOptions::default()).unwrap_err();
     assert!(matches!(error, Error::Unsupported { .. }), "{error}");
 }

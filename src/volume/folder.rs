@@ -5,14 +5,17 @@
 //! slice is refused rather than closed over, and so are the slices of several stacks, or a picture beside
 //! them. Other files (notes, logs) are passed by.
 
+mod others;
+
 use super::blob::Blob;
 use super::layout::{Data, Encoding, Recipe, Samples, Start};
-use super::open::{OpenOptions, known_format};
+use super::open::{OpenOptions, reads};
 use super::text::Pattern;
-use super::{Dtype, dicom, png, skyscan, tiff, zarr};
+use super::{Dtype, dicom, foreign, png, skyscan, tiff, zarr};
 use crate::error::{Error, Result};
 use crate::grid::Dims;
 use crate::newfile::directory;
+use others::{Others, nothing};
 use std::cmp::Ordering;
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
@@ -28,6 +31,9 @@ const MAX_FILES: usize = 1 << 20;
 pub(super) fn parse(path: &Path, options: &OpenOptions) -> Result<Recipe> {
     if zarr::is_zarr(path) && options.dims.is_none() {
         return zarr::parse(path, options);
+    }
+    if options.dims.is_none() {
+        foreign::refuse_folder(path)?;
     }
     if is_n5(path)? && options.dims.is_none() {
         let hint = "convert it to Zarr, or save the array as NRRD, MetaImage or TIFF";
@@ -78,7 +84,8 @@ fn these(
     if let (Some(dims), Some(dtype)) = (options.dims, options.dtype) {
         return raw(path, files, dims, dtype, options);
     }
-    let (mut images, mut scans, mut others) = ([Vec::new(), Vec::new()], Vec::new(), None);
+    let (mut images, mut scans) = ([Vec::new(), Vec::new()], Vec::new());
+    let mut others = Others::default();
     for file in files.clone() {
         let blob = Blob::file(&file)?;
         let head = blob.head(400)?;
@@ -97,11 +104,18 @@ fn these(
                     "a slice is damaged: replace it, or take the file out of the folder",
                 ),
             );
-        } else if let Some(name) = known_format(&head) {
-            others = others.or(Some(name));
+        } else if reads(&head).is_some() {
+            others.volumes.push(file);
+        } else if let Some(name) = foreign::named(&file, &head) {
+            others.foreign.push((name, file));
         }
     }
     let [tiffs, pngs] = images;
+    // one picture alone is no volume, and beside folders of slices a preview
+    let alone = tiffs.is_empty() && pngs.len() < 2;
+    if path.is_dir() && (!scans.is_empty() || (alone && !pngs.is_empty())) {
+        scans.extend(below(path)?);
+    }
     // pictures beside the slices are previews
     if scans.len() > tiffs.len() + pngs.len() {
         return dicom::parse(path, scans, options);
@@ -114,19 +128,24 @@ fn these(
             format!("{} TIFF and {} PNG files", tiffs.len(), pngs.len()),
             "slices of one format",
         )),
-        (true, true) => match others {
-            None => {
-                let options = options.of_headerless();
-                match (options.dims, options.dtype) {
-                    (Some(dims), Some(dtype)) if !files.is_empty() => {
-                        raw(path, files, dims, dtype, &options)
-                    }
-                    _ if path.is_dir() => below(path, &options),
-                    _ => Err(nothing(path, None)),
-                }
+        (true, true) => {
+            let raw_options = options.of_headerless();
+            if let (Some(dims), Some(dtype)) = (raw_options.dims, raw_options.dtype)
+                && !files.is_empty()
+                && others.foreign.is_empty()
+            {
+                return raw(path, files, dims, dtype, &raw_options);
             }
-            _ => Err(nothing(path, others)),
-        },
+            let below = if path.is_dir() {
+                below(path)?
+            } else {
+                Vec::new()
+            };
+            match below.is_empty() {
+                true => Err(nothing(path, &others)),
+                false => dicom::parse(path, below, options),
+            }
+        }
     }
 }
 
@@ -178,7 +197,7 @@ pub(super) fn is_slice(file: &Path) -> bool {
 const MAX_DEPTH: u32 = 8;
 
 /// DICOM in the folders of a folder, as scanners write it to discs.
-fn below(path: &Path, options: &OpenOptions) -> Result<Recipe> {
+fn below(path: &Path) -> Result<Vec<Blob>> {
     let (mut folders, mut scans) = (vec![(path.to_path_buf(), 0)], Vec::new());
     while let Some((folder, depth)) = folders.pop() {
         let fail = |e| Error::io(&folder, "list", e);
@@ -200,28 +219,9 @@ fn below(path: &Path, options: &OpenOptions) -> Result<Recipe> {
             }
         }
     }
-    if scans.is_empty() {
-        return Err(nothing(path, None));
-    }
     // the order in which a folder lists its files must not matter, not even for messages
     scans.sort_by(|a, b| a.path().cmp(b.path()));
-    dicom::parse(path, scans, options)
-}
-
-fn nothing(path: &Path, others: Option<&str>) -> Error {
-    match others {
-        Some(name) => Error::unsupported(
-            path,
-            format!("a folder of {name} files"),
-            "convert them to NRRD, MetaImage or TIFF, or give the one file to read",
-        ),
-        None => Error::format(
-            path,
-            "a folder without TIFF, PNG or DICOM files",
-            "slices of a volume",
-        )
-        .with_hint("raw slices need --dims and --dtype; a .nhdr header can list them too"),
-    }
+    Ok(scans)
 }
 
 /// The files of a folder, without hidden ones, in natural order.

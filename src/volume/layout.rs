@@ -24,6 +24,8 @@ pub(super) struct Recipe {
     pub(super) provenance: Provenance,
     /// The values that the samples stand for; `None` if these are the samples.
     pub(super) values: Option<Values>,
+    /// How they follow from what is stored, where the samples already are the values.
+    pub(super) applied: Option<String>,
     /// True along x or y if the samples are stored the other way round.
     pub(super) mirrored: [bool; 2],
     pub(super) samples: Samples,
@@ -44,6 +46,7 @@ impl Recipe {
             placement: Placement::default(),
             provenance: Provenance::default(),
             values: None,
+            applied: None,
             mirrored: [false; 2],
             samples,
             notes: Vec::new(),

@@ -16,6 +16,7 @@ mod dtype;
 mod file;
 mod fits;
 mod folder;
+mod foreign;
 mod half;
 #[cfg(feature = "hdf5")]
 mod hdf5;

@@ -21,6 +21,7 @@ from pathlib import Path
 import h5py
 import hdf5_readers
 import hdf5plugin  # noqa: F401, h5py finds the filters by it
+import made
 import nibabel
 import numpy as np
 import pydicom
@@ -210,6 +211,17 @@ def same_voxels(alvis: Path, dump: Path, path: Path, reader, arguments: list[str
     return f"{info['format']}, {found.size} voxels of {info['dtype']}"
 
 
+def as_made(alvis: Path, dump: Path, path: Path, expected, spacing, origin, arguments: list[str]) -> str:
+    """Samples, size of a voxel and origin of a file of made.py."""
+    info = json.loads(run(alvis, "info", path, "--json", "--quiet", *arguments))
+    for name, wanted in (("spacing", spacing), ("origin", origin)):
+        if not np.allclose(info[name], wanted, rtol=1e-6, atol=1e-6):
+            raise AssertionError(f"{name} {info[name]}, expected {wanted}")
+    pairs = zip(arguments[::2], arguments[1::2])
+    of_samples = [word for pair in pairs if pair[0] not in ("--spacing", "--unit") for word in pair]
+    return same_voxels(alvis, dump, path, lambda _: expected, of_samples)
+
+
 BODY = np.add.outer(100 * np.arange(4), np.add.outer(10 * np.arange(5), np.arange(6))).astype("u2")
 JSON = {"axes": "ZYX", "spacing": 0.2, "unit": "um"}
 XYZ = {f"PhysicalSize{a}": s for a, s in zip("XYZ", (0.5, 0.25, 2.0))}
@@ -303,6 +315,8 @@ def main() -> int:
 
     for path, reader in fixtures(folder):
         attempt(f"fixture {path.name}", same_voxels, alvis, dump, path, reader, [])
+    for title, path, arguments, expected, spacing, origin in made.cases(work, alvis):
+        attempt(title, as_made, alvis, dump, path, expected, spacing, origin, arguments)
     for name, *rest in WRITTEN:
         attempt(f"written {name}", written, alvis, dump, work, name, *rest)
     for name, reader, arguments in hdf5_readers.FIXTURES:
