@@ -85,48 +85,18 @@ impl<'a> Text<'a> {
         let unit = self.get("unit").unwrap_or_default();
         let length = Length::parse(unit);
         let depth = self.number("spacing").map(f64::abs).filter(|d| *d > 0.0);
-        if length == Length::parse("inch") && length.is_some() {
+        if length == Length::parse("inch") {
             let as_inch = Resolution {
                 unit: 2,
                 ..*resolution
             };
-            if let Some(dpi) = as_inch.of_paper() {
-                about.notes.push(format!(
-                    "a resolution of {dpi} dots per inch is taken for that of a screen or printer, not of the scan: \
-                     give --spacing and --unit if it is"
-                ));
+            if let Some(note) = as_inch.note_of_paper() {
+                about.notes.push(note);
                 return;
             }
         }
-        let of_axis = |key: &str| self.get(key).filter(|u| !u.is_empty()).unwrap_or(unit);
-        let units = [of_axis("xunit"), of_axis("yunit"), of_axis("zunit")];
-        let mut steps = resolution.per(unit);
-        let um = Length::parse("um");
-        match resolution.unit {
-            // centimetres in the tags and um in the text: ImageJ converts
-            3 if length == um => steps = resolution.in_unit("um"),
-            tag @ (2 | 3) if length.is_some() => {
-                let of_tag = if tag == 2 { "inch" } else { "cm" };
-                if length != Length::parse(of_tag) {
-                    about.warnings.push(format!(
-                        "TIFF's resolution is in {of_tag}, ImageJ's description in {unit}: the numbers are taken as \
-                         {unit}, as ImageJ does; give --spacing and --unit if that is wrong"
-                    ));
-                }
-            }
-            _ => {}
-        }
-        let named = |step: Option<Step>, name: &str| {
-            step.map(|s| {
-                if s.unit == unit {
-                    Step::new(s.size, name)
-                } else {
-                    s
-                }
-            })
-        };
-        let [x, y] = steps;
-        let (mut x, mut y) = (named(x, units[0]), named(y, units[1]));
+        let [mut x, mut y] = self.pixels(resolution, unit, about);
+        let of_z = self.of_axis("zunit", unit);
         if length.is_none() {
             // without a unit ImageJ's pixels are 1 wide, unless they are not square
             let plain = |s: &Option<Step>| s.as_ref().is_none_or(|s| s.size == 1.0);
@@ -140,14 +110,43 @@ impl<'a> Text<'a> {
             .iter()
             .all(|s| s.as_ref().is_some_and(|s| s.size == 1.0 && s.unit == unit));
         let z = match depth {
-            Some(depth) => Some(Step::new(depth, units[2])),
+            Some(depth) => Some(Step::new(depth, of_z)),
             // 1 is what ImageJ does not write
-            None if cube && !one_slice => Some(Step::new(1.0, units[2])),
+            None if cube && !one_slice => Some(Step::new(1.0, of_z)),
             None => None,
         };
         if z.is_none() && x.is_some() && !one_slice {
-            about.z_if_none = Some(Step::new(1.0, units[2]));
+            about.z_if_none = Some(Step::new(1.0, of_z));
         }
         about.steps = [x, y, z];
+    }
+
+    /// The unit of an axis, where it has one of its own.
+    fn of_axis<'b>(&'b self, key: &str, unit: &'b str) -> &'b str {
+        self.get(key).filter(|u| !u.is_empty()).unwrap_or(unit)
+    }
+
+    /// Sizes of a pixel by the resolution, of which the text states the unit.
+    fn pixels(&self, resolution: &Resolution, unit: &str, about: &mut About) -> [Option<Step>; 2] {
+        let length = Length::parse(unit);
+        let of_tag = match resolution.unit {
+            2 => "inch",
+            3 => "cm",
+            _ => unit,
+        };
+        if length.is_some() && length != Length::parse(of_tag) {
+            // centimetres in the tags and um in the text: ImageJ converts
+            if of_tag == "cm" && length == Length::parse("um") {
+                return resolution.in_unit(unit);
+            }
+            about.warnings.push(format!(
+                "TIFF's resolution is in {of_tag}, ImageJ's description in {unit}: the numbers are taken as {unit}, as \
+                 ImageJ does; give --spacing and --unit if that is wrong"
+            ));
+        }
+        let [x, y] = resolution.per(unit);
+        let named =
+            |step: Option<Step>, key| step.map(|s| Step::new(s.size, self.of_axis(key, unit)));
+        [named(x, "xunit"), named(y, "yunit")]
     }
 }

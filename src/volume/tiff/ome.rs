@@ -236,6 +236,27 @@ struct Finder<'a> {
 }
 
 impl Finder<'_> {
+    /// The page of each slice.
+    fn finish(self, path: &Path) -> Result<Vec<(u32, u64)>> {
+        let wrong = |found: String| {
+            let expected = format!("a page for each of {} slices", self.chosen.slices);
+            Err(Error::format(path, found, expected).with_hint("save it anew with Bio-Formats"))
+        };
+        if self.steps > MAX_PLANES {
+            return wrong(format!("OME-XML that names more than {MAX_PLANES} pages"));
+        }
+        if let Some(slice) = self.twice {
+            return wrong(format!("OME-XML with two pages for slice {slice}"));
+        }
+        if let Some(first) = self.pages.iter().position(Option::is_none) {
+            let missing = self.pages.iter().filter(|page| page.is_none()).count();
+            return wrong(format!(
+                "OME-XML without a page for {missing} slices, the first of them {first}"
+            ));
+        }
+        Ok(self.pages.into_iter().flatten().collect())
+    }
+
     /// The slice that a plane is, if it is one of those asked for.
     fn slice(&self, [z, c, t]: [u64; 3]) -> Option<u64> {
         let (slice, time) = if self.chosen.movie { (t, 0) } else { (z, t) };
@@ -337,29 +358,10 @@ impl Document {
             }
             Ok(())
         })?;
-        let wrong = |found: String| {
-            let expected = format!("a page for each of {} slices", chosen.slices);
-            Error::format(path, found, expected).with_hint("save it anew with Bio-Formats")
-        };
-        if finder.steps > MAX_PLANES {
-            return Err(wrong(format!(
-                "OME-XML that names more than {MAX_PLANES} pages"
-            )));
-        }
-        if let Some(slice) = finder.twice {
-            return Err(wrong(format!("OME-XML with two pages for slice {slice}")));
-        }
-        let missing = finder.pages.iter().filter(|page| page.is_none()).count();
-        if missing > 0 {
-            let first = finder.pages.iter().position(Option::is_none).unwrap_or(0);
-            return Err(wrong(format!(
-                "OME-XML without a page for {missing} slices, the first of them {first}"
-            )));
-        }
         Ok(Planes {
-            pages: finder.pages.into_iter().flatten().collect(),
-            files,
             all: finder.all,
+            pages: finder.finish(path)?,
+            files,
             own: any_own,
         })
     }

@@ -56,17 +56,8 @@ pub(super) fn plan(
         plan.movie(&chosen);
         plan.about.steps = image.steps.clone();
         plan.check_size(path, image.stack.size)?;
-        let named = image.stack.pages();
-        let pages = plan
-            .chain
-            .pages
-            .iter()
-            .filter(|page| page.kind != THUMBNAIL);
-        let pages = pages.count() as u64;
-        if stacks.len() == 1 && plan.blobs.len() == 1 && pages > named {
-            plan.about.notes.push(format!(
-                "of the {pages} pages of this TIFF, OME-XML names {named}, which are read"
-            ));
+        if stacks.len() == 1 && plan.blobs.len() == 1 {
+            plan.more_pages(image.stack.pages());
         }
         plan
     };
@@ -188,6 +179,17 @@ fn named(path: &Path, given: &[Blob], planes: &ome::Planes, file: u32) -> Result
 }
 
 impl Plan {
+    /// Says that the metadata name fewer pages than there are.
+    fn more_pages(&mut self, named: u64) {
+        let pages = self.chain.pages.iter();
+        let pages = pages.filter(|page| page.kind != THUMBNAIL).count() as u64;
+        if pages > named {
+            self.about.notes.push(format!(
+                "of the {pages} pages of this TIFF, OME-XML names {named}, which are read"
+            ));
+        }
+    }
+
     /// Says that TIFF's own tags state other sizes than OME-XML, which are not taken.
     fn compare(&mut self) {
         let resolution = self.group().map(|group| group.resolution);

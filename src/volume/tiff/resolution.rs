@@ -72,13 +72,18 @@ impl Resolution {
         usual.into_iter().find(near).filter(|_| x == y)
     }
 
+    /// What to say of such a resolution.
+    pub(super) fn note_of_paper(&self) -> Option<String> {
+        let dpi = self.of_paper()?;
+        Some(format!(
+            "a resolution of {dpi} dots per inch is taken for that of a screen or printer, not of the scan: give \
+             --spacing and --unit if it is"
+        ))
+    }
+
     /// The steps along x, y and z that TIFF's own tags state, and a note if they are not taken.
     pub(super) fn steps(&self) -> ([Option<Step>; 3], Option<String>) {
-        if let Some(dpi) = self.of_paper() {
-            let note = format!(
-                "a resolution of {dpi} dots per inch is taken for that of a screen or printer, not of the scan: \
-                 give --spacing and --unit if it is"
-            );
+        if let Some(note) = self.note_of_paper() {
             return ([const { None }; 3], Some(note));
         }
         if let Some([x, y]) = self.millimetres() {
