@@ -142,10 +142,10 @@ fn judged(place: &Place) -> Result<(Number, Axes), String> {
         _ => {}
     }
     let names = axes::agreed(place.names())?;
-    if names.is_none() {
-        if let Some(reason) = place.vague_order().or_else(|| place.projections()) {
-            return Err(reason);
-        }
+    if names.is_none()
+        && let Some(reason) = place.vague_order().or_else(|| place.projections())
+    {
+        return Err(reason);
     }
     let axes = Axes::of(dataset.shape(), names.as_ref())?;
     let stored = Stored::of(place.file, dataset).map_err(|e| meaning(&e).0)?;

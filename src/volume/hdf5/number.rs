@@ -149,7 +149,7 @@ impl Number {
                 (8 * self.size as u32, signed)
             }
         };
-        let span = 2f64.powi(bits as i32);
+        let span = (1u64 << bits) as f64;
         Some(if signed {
             [-span / 2.0, span / 2.0 - 1.0]
         } else {
@@ -377,7 +377,7 @@ mod tests {
         assert_eq!(of(-(1 << 53) - 1), Err(Inexact("-9007199254740993".into())));
         let number = integer(8, false, ByteOrder::LittleEndian, &raw).unwrap();
         let of = |v: u64| put(&number, &v.to_le_bytes());
-        assert_eq!(of(1 << 53).unwrap(), (2f64.powi(53)).to_ne_bytes());
+        assert_eq!(of(1 << 53).unwrap(), ((1u64 << 53) as f64).to_ne_bytes());
         assert_eq!(of(u64::MAX), Err(Inexact(u64::MAX.to_string())));
     }
 

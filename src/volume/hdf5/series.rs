@@ -57,6 +57,9 @@ impl Member {
     }
 }
 
+/// An option, what it counts, its value, and the same of a member.
+type Part = (&'static str, &'static str, Option<u32>, fn(&Member) -> u32);
+
 /// The dataset that the options ask for, and what to say of it; `None` if the file is not of such a layout.
 ///
 /// # Errors
@@ -78,7 +81,7 @@ pub(super) fn choose(
     }
     let mut left = all;
     let mut notes = Vec::new();
-    let parts: [(&str, &str, Option<u32>, fn(&Member) -> u32); 3] = [
+    let parts: [Part; 3] = [
         ("--time", "time", options.time, |m| m.time),
         ("--channel", "channel", options.channel, |m| m.channel),
         ("--level", "level", options.level, |m| m.level),
