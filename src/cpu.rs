@@ -142,3 +142,15 @@ mod tests {
         assert_eq!((bits, sum.to_bits()), (plain.0, plain.1.to_bits()));
     }
 }
+
+#[cfg(test)]
+mod thread_tests {
+    use super::threads;
+
+    #[test]
+    fn more_threads_than_cores_can_use_are_not_started() {
+        let cores = threads(0);
+        assert!(cores >= 1 && threads(1) == 1 && threads(16) == 16);
+        assert_eq!(threads(100_000), (4 * cores).max(16));
+    }
+}

@@ -343,3 +343,103 @@ fn a_full_disk_keeps_the_set_that_was_to_be_replaced() {
     let said = message(&output, "a full disk");
     assert!(said.contains("space"), "{said}");
 }
+
+/// A volume that is changed while a command reads it: all of them tell so, and make nothing of it.
+#[test]
+#[cfg(target_os = "linux")]
+fn an_input_that_is_changed_while_it_is_read_is_refused() {
+    use std::io::Write;
+    let dir = tempfile::tempdir().unwrap();
+    let at = |name: &str| dir.path().join(name);
+    let (n, input) = (400, at("a.raw"));
+    let file = fs::File::create(&input).unwrap();
+    file.set_len(n * n * n).unwrap();
+    let dims = [n; 3].map(|n| n.to_string()).join(",");
+    let volume = ["--dims", &dims, "--dtype", "u8", "--offset", "0"];
+    let some = [&volume[..], &["--crop", "0:9,0:9,0:9", "--threshold", "1"]].concat();
+    ok(
+        dir.path(),
+        &[&["convert", "a.raw", "set"], &some[..]].concat(),
+    );
+    let convert = [
+        "convert",
+        "a.raw",
+        "out",
+        "--threshold",
+        "1",
+        "--threads",
+        "1",
+    ];
+    let against = ["verify", "set", "--against", "a.raw"];
+    for args in [&convert[..], &["info", "a.raw"], &against] {
+        // with a crop little is read: the whole of it takes a while
+        let args = [args, &volume[..]].concat();
+        if args[0] == "verify" {
+            fs::remove_dir_all(at("set")).unwrap();
+            let whole = [
+                &["convert", "a.raw", "set", "--threshold", "1"],
+                &volume[..],
+            ]
+            .concat();
+            ok(dir.path(), &whole);
+        }
+        let child = Command::new(ALVIS)
+            .args(&args)
+            .current_dir(dir.path())
+            .stdout(std::process::Stdio::piped())
+            .stderr(std::process::Stdio::piped())
+            .spawn()
+            .unwrap();
+        let id = child.id();
+        let has_it_open = || {
+            let files = fs::read_dir(format!("/proc/{id}/fd")).into_iter().flatten();
+            let mut files = files.flatten().map(|f| fs::read_link(f.path()));
+            files.any(|link| link.is_ok_and(|link| link == input))
+        };
+        while !has_it_open() {
+            std::thread::yield_now();
+        }
+        // SAFETY: the child has not been waited for, so the number is its own.
+        unsafe { libc::kill(id as i32, libc::SIGSTOP) };
+        let mut file = fs::File::options().append(true).open(&input).unwrap();
+        file.write_all(b"more").unwrap();
+        // SAFETY: as above.
+        unsafe { libc::kill(id as i32, libc::SIGCONT) };
+        let said = message(&child.wait_with_output().unwrap(), args[0]);
+        assert!(said.contains("was changed while it was read"), "{said}");
+        assert!(!at("out").exists());
+    }
+}
+
+/// The picture of a changed volume takes the place of no other.
+#[test]
+fn a_picture_of_a_changed_volume_is_not_written() {
+    use alvis::preview::{PreviewOptions, preview};
+    use alvis::volume::{Before, Dtype, OpenOptions, open, stamp};
+    let dir = ball();
+    let (input, picture) = (dir.path().join("a.raw"), dir.path().join("a.png"));
+    let before = Before::of(&input, Path::new(""));
+    let options = OpenOptions {
+        dims: Some([12, 10, 8]),
+        dtype: Some(Dtype::U8),
+        ..OpenOptions::default()
+    };
+    let opened = open(&input, &options).unwrap();
+    let options = PreviewOptions {
+        input: stamp(&before, &opened).unwrap(),
+        ..PreviewOptions::default()
+    };
+    preview(&*opened.volume, &picture, &options).unwrap();
+    let drawn = fs::read(&picture).unwrap();
+    let file = fs::File::options().write(true).open(&input).unwrap();
+    file.set_modified(std::time::SystemTime::UNIX_EPOCH)
+        .unwrap();
+    fs::write(&picture, "another").unwrap();
+    let error = preview(&*opened.volume, &picture, &options).unwrap_err();
+    assert!(
+        matches!(error, alvis::Error::InputChanged { .. }),
+        "{error}"
+    );
+    assert_eq!(fs::read(&picture).unwrap(), b"another");
+    assert!(!drawn.is_empty());
+}

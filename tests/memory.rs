@@ -167,6 +167,67 @@ fn chunks_of_a_volume_larger_than_the_limit_stay_inside_it() {
     }
 }
 
+/// Shards of millions of chunks of a few voxels: their tables and their number are part of the plan.
+#[cfg(feature = "zarr")]
+#[test]
+fn shards_of_tiny_chunks_stay_inside_the_limit() {
+    let dir = on_disk();
+    let [nx, ny, nz] = [256u64, 256, 32];
+    let bytes = serde_json::json!([{"name": "bytes", "configuration": {"endian": "little"}}]);
+    let meta = serde_json::json!({
+        "zarr_format": 3, "node_type": "array", "shape": [nz, ny, nx], "data_type": "uint8", "fill_value": 0,
+        "chunk_grid": {"name": "regular", "configuration": {"chunk_shape": [nz, ny, nx]}},
+        "chunk_key_encoding": {"name": "default"},
+        "codecs": [{"name": "sharding_indexed", "configuration": {
+            "chunk_shape": [1, 1, 1], "codecs": bytes, "index_codecs": bytes}}],
+    });
+    let array = dir.path().join("a.zarr");
+    fs::create_dir_all(array.join("c/0/0")).unwrap();
+    fs::write(array.join("zarr.json"), meta.to_string()).unwrap();
+    // one chunk of 255 at every place of a box, none elsewhere
+    let count = nx * ny * nz;
+    let mut shard = vec![255];
+    for i in 0..count {
+        let inside = [i % nx, i / nx % ny, i / nx / ny]
+            .iter()
+            .all(|&v| (8..24).contains(&v));
+        let entry = if inside { [0, 1] } else { [u64::MAX; 2] };
+        shard.extend(entry.map(u64::to_le_bytes).concat());
+    }
+    assert_eq!(shard.len() as u64, 1 + 16 * count);
+    fs::write(array.join("c/0/0/0"), shard).unwrap();
+    let args = [
+        "convert",
+        "a.zarr",
+        "out",
+        "--threshold",
+        "128",
+        "--quiet",
+        "--json",
+        "--threads",
+        "2",
+        "--memory",
+    ];
+    let refused = alvis(
+        dir.path(),
+        Some(256 * MIB),
+        &[&args[..], &["32MiB"]].concat(),
+    );
+    assert_eq!(refused.status.code(), Some(2));
+    let message = String::from_utf8_lossy(&refused.stderr);
+    let needed = message
+        .split("works is ")
+        .nth(1)
+        .and_then(|m| m.split(' ').next()?.parse::<u64>().ok());
+    let needed = needed.unwrap_or_else(|| panic!("{message}"));
+    assert!(needed < 200 * MIB, "{message}");
+    // the smallest limit that works does work
+    let limit = needed.to_string();
+    let made = report(dir.path(), Some(needed), &[&args[..], &[&limit]].concat());
+    assert!(made["peak_rss_bytes"].as_u64().unwrap() <= needed, "{made}");
+    assert_eq!(made["objects"], 1);
+}
+
 #[test]
 fn ten_times_the_depth_takes_no_more_memory() {
     let dir = on_disk();
@@ -371,6 +432,171 @@ fn one_slice_may_be_larger_than_the_limit_and_the_smallest_limit_works() {
     // a pore through all three slices, and its grain, for each place of the lattice
     assert_eq!(made["surfaces"], 2 * 188 * 125);
     assert_eq!(report(dir.path(), None, &VERIFY)["ok"], true);
+}
+
+/// Runs what must succeed inside a limit; its resident memory is below that if there is no cgroup.
+fn inside(dir: &Path, limit: u64, args: &[&str]) {
+    let output = alvis(dir, Some(limit), args);
+    let errors = String::from_utf8_lossy(&output.stderr);
+    assert!(
+        output.status.success(),
+        "{args:?}: {}: {errors}",
+        output.status
+    );
+}
+
+/// Everything that can be done with a tile set whose volume is `a.raw`, inside a limit of its memory.
+fn all_commands(dir: &Path, limit: u64, dims: &str) {
+    let volume = ["--dims", dims, "--dtype", "u8"];
+    let memory = limit.to_string();
+    let commands: [&[&str]; 10] = [
+        &["verify", "out", "--threads", "2"],
+        &["verify", "out", "--threads", "2", "--against", "a.raw"],
+        &["select", "out", "sel", "--where", "id > 5"],
+        &["select", "out", "painted", "--colour-by", "volume"],
+        &["repack", "out", "packed", "--for", "meshlab"],
+        &["export", "out", "a.ply", "--memory", &memory],
+        &["cells", "out", "--sort", "-volume"],
+        &["cells", "out", "--summary"],
+        &["info", "a.raw"],
+        &[
+            "preview",
+            "a.raw",
+            "a.png",
+            "--tiles",
+            "out",
+            "--colour-by",
+            "volume",
+        ],
+    ];
+    for args in commands {
+        let reads = ["a.raw"].iter().any(|name| args.contains(name));
+        let mut args = args.to_vec();
+        args.push("--quiet");
+        if reads {
+            args.extend(volume);
+        }
+        inside(dir, limit, &args);
+    }
+}
+
+/// As many layers of tiles as slices: memory does not grow with their number, whatever is done with them.
+#[test]
+fn thousands_of_layers_stay_inside_the_limit() {
+    let (dims, limit) = ([2, 2, 4096], 32 * MIB);
+    let dir = on_disk();
+    mask(&dir.path().join("a.raw"), dims, |[x, y, z]| {
+        x == 0 && y == 0 && z % 2 == 1
+    });
+    let (text, memory) = (dims.map(|n| n.to_string()).join(","), limit.to_string());
+    let mut args = convert("a.raw", "out", &text, &memory);
+    let dtype = args.iter().position(|&a| a == "u16").unwrap();
+    args[dtype] = "u8";
+    args[3..5].copy_from_slice(&["--threshold", "105"]);
+    args.extend(["--macrocube", "1"]);
+    let made = report(dir.path(), Some(limit), &args);
+    assert!(
+        made["peak_rss_bytes"].as_u64().unwrap() <= 20 * MIB,
+        "{made}"
+    );
+    assert_eq!(made["tiles"], 4095);
+    assert_eq!(made["objects"], 2048);
+    all_commands(dir.path(), limit, &text);
+}
+
+/// Hundreds of thousands of pieces in a layer: its shard is longer than the limit, and no tile of it is.
+#[test]
+fn a_shard_longer_than_the_limit_is_read_inside_it() {
+    let (dims, limit) = ([385, 385, 66], SHARD_LIMIT);
+    let dir = on_disk();
+    mask(&dir.path().join("a.raw"), dims, |p| {
+        p.iter().any(|v| v % 2 == 0)
+    });
+    let (text, memory) = (
+        dims.map(|n| n.to_string()).join(","),
+        (256 * MIB).to_string(),
+    );
+    let mut args = convert("a.raw", "out", &text, &memory);
+    let dtype = args.iter().position(|&a| a == "u16").unwrap();
+    args[dtype] = "u8";
+    args[3..5].copy_from_slice(&["--threshold", "105"]);
+    args.extend(["--macrocube", "32,32,64"]);
+    let made = report(dir.path(), Some(256 * MIB), &args);
+    assert_eq!(made["cells"], 192 * 192 * 33);
+    let shard = fs::metadata(dir.path().join("out/index/z0000.json")).unwrap();
+    assert!(shard.len() > limit, "{}", shard.len());
+    all_commands(dir.path(), limit, &text);
+}
+
+/// What the test above allows: less than the longest shard.
+const SHARD_LIMIT: u64 = 64 * MIB;
+
+/// A tile with a node for each of very many pieces is refused in time, or stays inside the limit, as does whoever
+/// verifies it.
+#[test]
+fn a_node_for_each_of_many_pieces_is_refused_or_stays_inside_the_limit() {
+    let dir = on_disk();
+    mask(&dir.path().join("a.raw"), [64; 3], |p| {
+        p.iter().all(|v| v % 2 == 1)
+    });
+    let run = |memory: u64| {
+        let memory = memory.to_string();
+        let mut args = convert("a.raw", "out", "64,64,64", &memory);
+        let dtype = args.iter().position(|&a| a == "u16").unwrap();
+        args[dtype] = "u8";
+        args[3..5].copy_from_slice(&["--threshold", "105"]);
+        args.extend(["--macrocube", "128", "--layout", "nodes", "--force"]);
+        alvis(dir.path(), Some(memory.parse().unwrap()), &args)
+    };
+    let mut limit = 96 * MIB;
+    let mut refused = 0;
+    let made = loop {
+        let output = run(limit);
+        if output.status.success() {
+            break serde_json::from_slice::<Value>(&output.stdout).unwrap();
+        }
+        refused += 1;
+        let message = String::from_utf8(output.stderr).unwrap();
+        let needed = message.split_once("at least ").expect(&message).1;
+        let needed: u64 = needed.split(' ').next().unwrap().parse().unwrap();
+        assert!(needed > limit && refused < 5, "{message}");
+        limit = needed;
+    };
+    assert!(refused > 0, "{made}");
+    assert!(made["peak_rss_bytes"].as_u64().unwrap() <= limit, "{made}");
+    assert_eq!(made["surfaces"], 32 * 32 * 32);
+    assert_eq!(report(dir.path(), Some(limit), &VERIFY)["ok"], true);
+}
+
+/// A chunk of 64 MiB in a file of HDF5: too large a chunk is refused before it is unpacked, and the limit that is
+/// named instead works.
+#[cfg(feature = "hdf5")]
+#[test]
+fn a_chunk_is_unpacked_only_inside_the_limit() {
+    let dir = on_disk();
+    let fixture = Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/fixtures/hdf5/one_chunk.h5");
+    fs::copy(fixture, dir.path().join("a.h5")).unwrap();
+    let args = |memory: &'static str| {
+        let mut args = vec!["convert", "a.h5", "out", "--threshold", "100", "--quiet"];
+        args.extend(["--json", "--threads", "2", "--memory", memory]);
+        args
+    };
+    let limit = 64 * MIB;
+    let refused = alvis(dir.path(), Some(limit), &args("64MiB"));
+    let message = String::from_utf8(refused.stderr).unwrap();
+    assert_eq!(refused.status.code(), Some(2), "{message}");
+    let smallest = named_limit(dir.path(), &args("64MiB"));
+    // the chunk as it is kept, as an array, and before and after a filter
+    assert!(smallest < 7 * 64 * MIB, "{smallest}");
+    let memory = smallest.to_string();
+    let mut all = args("64MiB");
+    *all.last_mut().unwrap() = &memory;
+    let made = report(dir.path(), Some(smallest), &all);
+    assert!(
+        made["peak_rss_bytes"].as_u64().unwrap() <= smallest,
+        "{made}"
+    );
+    assert_eq!((&made["objects"], &made["cells"]), (&1.into(), &1.into()));
 }
 
 /// Free bytes of the file system that holds `dir`.

@@ -10,6 +10,7 @@ mod open;
 mod seal;
 mod set;
 mod shard;
+mod shard_writer;
 
 pub(crate) use batch::batch;
 pub use form::{Encoding, Form, Layout, Primitives};
@@ -17,7 +18,8 @@ pub use open::{MANIFEST, PARTIAL, file_inside, inside, is_plain, manifest_file};
 pub(crate) use seal::{checksum_of, own_checksum, sums_of};
 pub use set::TileSet;
 pub use shard::ShardTiles;
-pub(crate) use shard::{ShardFault, ShardText, ShardWriter, entry_text, shard_path};
+pub(crate) use shard::{ShardFault, ShardText};
+pub(crate) use shard_writer::{ShardWriter, entry_text, shard_path};
 
 use crate::grid::{Ambiguous, Crop, Dims, Placement, Unit};
 use crate::volume::{Dtype, Endian};

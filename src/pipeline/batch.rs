@@ -3,10 +3,10 @@
 use crate::alike::{firsts, groups};
 use crate::error::Result;
 use crate::manifest::TileEntry;
-use crate::pipeline::forward::{SlabRecord, Slabs};
 use crate::pipeline::ration::{fit_together, parts};
 use crate::pipeline::resolve::SpooledIds;
 use crate::pipeline::shards::Part;
+use crate::pipeline::slabs::{SlabRecord, Slabs};
 use crate::pipeline::spool::Spool;
 use crate::pipeline::surfaces::WHOLE;
 use crate::pipeline::tilefile::{TileRecord, WrittenPiece};

@@ -3,7 +3,8 @@
 use crate::error::Result;
 use crate::measure::{ComponentRecord, RecordTable, SurfaceRecord, VoxelSums};
 use crate::pipeline::batch::{Ids, IdsOfSlab};
-use crate::pipeline::forward::{Forward, Slabs};
+use crate::pipeline::forward::Forward;
+use crate::pipeline::slabs::Slabs;
 use crate::pipeline::spool::{Place, Spool};
 use crate::pipeline::surfaces::SlabSurface;
 use crate::pipeline::tilefile::WrittenPiece;
@@ -134,7 +135,7 @@ pub fn resolve(forward: Forward, budget: u64, work: &Path) -> Result<Resolved> {
                 }
             },
         )?;
-        for (sums, class_of) in &slab.finished(&mut spool)? {
+        for (sums, class_of) in &slab.ended(&mut spool)? {
             resolved.add_components(&mut spool, (sums, class_of), &above, &classes)?;
         }
         drop((above, births));

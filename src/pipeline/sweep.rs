@@ -36,6 +36,7 @@ use crate::pipeline::tilefile::{TileWriter, WrittenPiece};
 use crate::pipeline::workspace::{Workspace, WorkspacePool};
 use crate::pipeline::writers::Writers;
 use crate::progress::Progress;
+use crate::tile::MAX_NODES;
 use crate::volume::{Volume, Voxel};
 use rayon::prelude::*;
 use slab::Slab;
@@ -437,8 +438,9 @@ impl Sweep<'_> {
         } = workspace;
         let how = (writers, slab.is_provisional(&mesh.pieces));
         let (record, body) = self.writer.write(mesh, grid, stripifier, how)?;
-        // now, and not when all of the volume has been swept
-        if !self.writer.head.merges(body.pieces.len()) {
+        // now, and not when all of the volume has been swept; others have no more nodes than always fit
+        let nodes = body.pieces.len();
+        if nodes > MAX_NODES && !self.writer.head.merges(nodes) {
             self.plan.check_finishing(nodes_bytes(&record))?;
         }
         let mut caps = MeshSums::default();

@@ -1,7 +1,7 @@
 //! A tile set in another form: other primitives, encoding or layout, the same surface.
 //!
-//! No volume is needed. Tiles are read and written one by one, so memory is a tile per thread, a
-//! layer's shard, and two bits per cell. What stays: positions to the bit, the order of vertices and
+//! No volume is needed. Tiles are read and written one by one, so memory is a tile per thread and two bits per
+//! cell. What stays: positions to the bit, the order of vertices and
 //! pieces, ids, measures, colours and the tables. Strips stay to the entry as long as they stay
 //! strips, so going to the web and back gives the same files but for the normals, which the quantized
 //! encodings round once.

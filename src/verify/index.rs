@@ -285,12 +285,12 @@ impl Read for Summed {
 
 /// Reads the shard of layer number `index` to its end and checks it; `None` if it is missing or damaged. Its tiles
 /// are read again, one at a time.
-pub(super) fn shard(
+pub(super) fn shard<'a>(
     root: &Path,
     tiling: Tiling,
-    (index, layer): (usize, &Layer),
+    (index, layer): (usize, &'a Layer),
     issues: &mut Issues,
-) -> Option<ShardTiles> {
+) -> Option<Tiles<'a>> {
     let at = format!("{MANIFEST}#/layers/{index}");
     let expected = Expected {
         path: &layer.path,
@@ -361,12 +361,38 @@ pub(super) fn shard(
         return None;
     }
     match ShardTiles::open(real, layer.z) {
-        Ok(tiles) => Some(tiles),
+        Ok(tiles) => Some(Tiles {
+            tiles,
+            order: Order::new(layer, tiling),
+        }),
         Err(e) => {
             let message = format!("cannot be read again: {e}");
             issues.add(Code::MissingFile, &layer.path, message);
             None
         }
+    }
+}
+
+/// The tiles of a shard that has been checked. It is read again, so they are checked again, too: it may be another
+/// one by now.
+pub(super) struct Tiles<'a> {
+    tiles: ShardTiles,
+    order: Order<'a>,
+}
+
+impl Iterator for Tiles<'_> {
+    type Item = Result<TileEntry>;
+
+    fn next(&mut self) -> Option<Self::Item> {
+        let tile = self.tiles.next()?;
+        let checked = tile.and_then(|tile| {
+            self.order.add(&tile);
+            match self.order.wrong.take() {
+                None => Ok(tile),
+                Some((_, place, message)) => Err(Error::format(place, message, "it as before")),
+            }
+        });
+        Some(checked)
     }
 }
 

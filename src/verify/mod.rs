@@ -36,7 +36,7 @@
 //!
 //! # Memory
 //! Tiles are streamed. What is kept: the open edges on the planes of one layer of macrocubes, the
-//! surfaces that reach them, the shards of two layers, for each thread a tile, some that were read ahead,
+//! surfaces that reach them, for each thread a tile, some that were read ahead with their entries in the index,
 //! and the open edges of those that wait for the ones before them. Finished surfaces are sorted on disk.
 //! With the volume, a row of macrocubes along x is in memory as well, with a voxel on each side. Of a set
 //! whose dust was left out, two slices of the volume are labelled before: see the module for dust.

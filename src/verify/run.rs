@@ -4,14 +4,14 @@ use super::against::{Band, CubeTriangles, Rule, Voxels};
 use super::ahead::{self, Fetched, Spare, Stream};
 use super::code::Code;
 use super::dust::Filled;
-use super::index;
+use super::index::{self, Tiles};
 use super::laws::Found;
 use super::ledger::Ledger;
 use super::report::Issues;
 use super::sweep::Sweep;
 use super::tile::{self, Context, Outcome, Workspace};
 use crate::error::{Error, Result};
-use crate::manifest::{Manifest, ShardTiles, TileEntry};
+use crate::manifest::{Manifest, TileEntry};
 use crate::progress::Progress;
 use crate::volume::Volume;
 use rayon::prelude::*;
@@ -100,12 +100,12 @@ struct Feed<'a> {
     cx: &'a Context<'a>,
     /// Number of the next layer.
     next: usize,
-    layer: Option<(ShardTiles, LayerTiles)>,
+    layer: Option<(Tiles<'a>, LayerTiles)>,
     events: VecDeque<(Event, Issues)>,
 }
 
 impl<'a> Feed<'a> {
-    fn new(cx: &'a Context) -> Self {
+    fn new(cx: &'a Context<'a>) -> Self {
         Feed {
             cx,
             next: 0,
@@ -181,13 +181,13 @@ impl State<'_, '_> {
 }
 
 /// The tiles of a layer by rows along x.
-struct Row {
-    tiles: Option<Peekable<ShardTiles>>,
+struct Row<'a> {
+    tiles: Option<Peekable<Tiles<'a>>>,
     /// Those that have been seen.
     layer: LayerTiles,
 }
 
-impl Row {
+impl Row<'_> {
     /// The next tiles in row `y` of `nx` macrocubes that can be checked at once by so many threads, with their places
     /// in the shard; and where the row goes on behind them.
     fn part(
@@ -329,12 +329,7 @@ impl<'a> Run<'a> {
     }
 
     /// Compares a layer with the volume, row by row of macrocubes along x, and joins its tiles, if it has any.
-    fn compare_layer(
-        &self,
-        z: u32,
-        tiles: Option<ShardTiles>,
-        state: &mut State,
-    ) -> Result<LayerTiles> {
+    fn compare_layer(&self, z: u32, tiles: Option<Tiles>, state: &mut State) -> Result<LayerTiles> {
         let [nx, rows, _] = self.cx.tiling.tiles();
         let mut row = Row {
             tiles: tiles.map(Iterator::peekable),

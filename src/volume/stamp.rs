@@ -271,3 +271,154 @@ fn walk(path: &Path, out: &Path, add: &mut impl FnMut(&Path) -> Result<()>) -> R
     }
     Ok(())
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::volume::{Dtype, OpenOptions, open};
+    use std::fs;
+    use std::fs::File;
+    use std::io::Write;
+    use std::os::unix::fs::PermissionsExt;
+
+    fn raw() -> OpenOptions {
+        OpenOptions {
+            dims: Some([4, 4, 4]),
+            dtype: Some(Dtype::U8),
+            ..OpenOptions::default()
+        }
+    }
+
+    /// The stamp of an input that `meanwhile` changes between the first look at it and its opening.
+    fn stamped(path: &Path, options: &OpenOptions, meanwhile: impl FnOnce()) -> Stamp {
+        let before = Before::of(path, Path::new("out"));
+        meanwhile();
+        stamp(&before, &open(path, options).unwrap()).unwrap()
+    }
+
+    /// Sets the time of the last change, as copying programs do.
+    fn set_time(path: &Path, time: SystemTime) {
+        let file = File::options().write(true).open(path).unwrap();
+        file.set_modified(time).unwrap();
+    }
+
+    fn error(stamp: &Stamp) -> String {
+        match stamp.check() {
+            Err(e @ Error::InputChanged { .. }) => e.to_string(),
+            other => panic!("{other:?}"),
+        }
+    }
+
+    #[test]
+    fn a_file_that_is_written_to_or_exchanged_has_changed() {
+        let dir = tempfile::tempdir().unwrap();
+        let path = dir.path().join("a.raw");
+        let other = dir.path().join("b.raw");
+        let ways: [(&str, &dyn Fn()); 7] = [
+            ("65 bytes, 64 before", &|| {
+                let mut file = File::options().append(true).open(&path).unwrap();
+                file.write_all(b"x").unwrap();
+            }),
+            ("another time", &|| {
+                let mut file = File::options().write(true).open(&path).unwrap();
+                file.write_all(b"other").unwrap();
+            }),
+            ("another time", &|| {
+                set_time(&path, UNIX_EPOCH + Duration::from_secs(9))
+            }),
+            // with the time of the one before, as `cp -p` leaves it
+            ("another file", &|| {
+                let time = fs::metadata(&path).unwrap().modified().unwrap();
+                fs::write(&other, [1; 64]).unwrap();
+                set_time(&other, time);
+                fs::rename(&other, &path).unwrap();
+            }),
+            ("3 bytes, 64 before", &|| fs::write(&path, "abc").unwrap()),
+            ("No such file", &|| fs::remove_file(&path).unwrap()),
+            ("0 files of 1", &|| {
+                fs::remove_file(&path).unwrap();
+                fs::create_dir(&path).unwrap();
+            }),
+        ];
+        for (expected, change) in ways {
+            fs::write(&path, [0; 64]).unwrap();
+            set_time(&path, UNIX_EPOCH + Duration::from_secs(1_000_000_000));
+            let stamp = stamped(&path, &raw(), || {});
+            assert_eq!(stamp.check().unwrap(), None);
+            change();
+            let message = error(&stamp);
+            assert!(message.contains(expected), "{expected}: {message}");
+        }
+    }
+
+    #[test]
+    fn what_changed_while_it_was_opened_has_changed() {
+        let dir = tempfile::tempdir().unwrap();
+        let path = dir.path().join("a.raw");
+        fs::write(&path, [0; 64]).unwrap();
+        let stamp = stamped(&path, &raw(), || {
+            set_time(&path, UNIX_EPOCH + Duration::from_secs(5));
+        });
+        error(&stamp);
+    }
+
+    #[test]
+    fn a_file_whose_rights_or_times_alone_differ_is_warned_of() {
+        let dir = tempfile::tempdir().unwrap();
+        let path = dir.path().join("a.raw");
+        fs::write(&path, [0; 64]).unwrap();
+        let time = UNIX_EPOCH + Duration::from_secs(1_000_000_000);
+        set_time(&path, time);
+        let stamp = stamped(&path, &raw(), || {});
+        fs::set_permissions(&path, fs::Permissions::from_mode(0o600)).unwrap();
+        let warning = stamp.check().unwrap().unwrap();
+        assert!(warning.contains("a.raw"), "{warning}");
+        // other bytes, and the time set back
+        let stamp = stamped(&path, &raw(), || {});
+        fs::write(&path, [1; 64]).unwrap();
+        set_time(&path, time);
+        assert!(stamp.check().unwrap().is_some());
+    }
+
+    #[test]
+    fn headers_and_the_files_that_they_name_both_count() {
+        let dir = tempfile::tempdir().unwrap();
+        let [header, data] = ["a.mhd", "a.raw"].map(|name| dir.path().join(name));
+        for changed in [&header, &data] {
+            let text =
+                "NDims = 3\nDimSize = 4 4 4\nElementType = MET_UCHAR\nElementDataFile = a.raw\n";
+            fs::write(&header, text).unwrap();
+            fs::write(&data, [0; 64]).unwrap();
+            let stamp = stamped(&header, &OpenOptions::default(), || {});
+            assert_eq!(stamp.check().unwrap(), None);
+            assert_eq!(stamp.values.len(), 4, "{:?}", stamp.values);
+            set_time(changed, UNIX_EPOCH);
+            error(&stamp);
+        }
+    }
+
+    #[test]
+    fn of_a_folder_slices_count_and_notes_do_not() {
+        let dir = tempfile::tempdir().unwrap();
+        let slice = |k: u8| dir.path().join(format!("s{k}.png"));
+        let write = |k: u8| {
+            let picture = image::GrayImage::from_pixel(4, 4, image::Luma([k]));
+            picture.save(slice(k)).unwrap();
+        };
+        (0..4).for_each(write);
+        let folder = || stamped(dir.path(), &OpenOptions::default(), || {});
+        let stamp = folder();
+        fs::write(dir.path().join("notes.txt"), "while it runs").unwrap();
+        assert_eq!(stamp.check().unwrap(), None);
+        write(4);
+        assert!(error(&stamp).contains("5 files of 4"));
+        let stamp = folder();
+        set_time(&slice(2), UNIX_EPOCH);
+        error(&stamp);
+    }
+
+    #[test]
+    fn what_has_no_file_never_changes() {
+        assert_eq!(Stamp::default().check().unwrap(), None);
+    }
+}

@@ -117,6 +117,8 @@ mod tests {
         let volume = MemoryVolume::new(dims, Placement::default(), vec![0u8; 8]).unwrap();
         let options = ConvertOptions::default();
         let old = Identity::of(&volume, &options);
+        let mut input = Stamp::default();
+        input.values.push(("input".into(), "b.raw".into()));
         let other = ConvertOptions {
             threshold: 1.5,
             cap: true,
@@ -124,10 +126,7 @@ mod tests {
                 dataset: Some("b".into()),
                 ..Part::default()
             },
-            input: Stamp {
-                values: vec![("input".into(), "b.raw".into())],
-                ..Stamp::default()
-            },
+            input,
             // these change nothing
             memory: 7,
             threads: 3,
