@@ -12,6 +12,7 @@
 use serde::de::{DeserializeSeed, Deserializer, Error, IgnoredAny, MapAccess, SeqAccess, Visitor};
 use serde_json::Value;
 use std::fmt;
+use std::rc::Rc;
 use std::sync::LazyLock;
 
 /// What is kept of one file at most.
@@ -89,7 +90,7 @@ fn text(name: &str) -> &'static str {
 /// Reads schemas; each place in them becomes one shape.
 #[derive(Default)]
 struct Loader {
-    files: Vec<(String, Value)>,
+    files: Vec<(String, Rc<Value>)>,
     known: Vec<(String, String)>,
     shapes: Vec<Shape>,
 }
@@ -143,11 +144,11 @@ impl Schema {
 pub(super) type Findings = Vec<(String, String)>;
 
 impl Loader {
-    fn file(&mut self, name: &str) -> Value {
+    fn file(&mut self, name: &str) -> Rc<Value> {
         if let Some((_, known)) = self.files.iter().find(|(n, _)| n == name) {
             return known.clone();
         }
-        let value: Value = serde_json::from_str(text(name)).expect("a schema is JSON");
+        let value: Rc<Value> = Rc::new(serde_json::from_str(text(name)).expect("a schema is JSON"));
         self.files.push((name.to_owned(), value.clone()));
         value
     }

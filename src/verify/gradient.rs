@@ -35,7 +35,8 @@ pub(super) fn normals<T: Voxel>(view: &View<T>, mesh: &Mesh, rule: &Rule, flaws:
             continue;
         }
         let off = (0..3)
-            .map(|a| (found[a] / length - expected[a]).powi(2))
+            .map(|a| found[a] / length - expected[a])
+            .map(|d| d * d)
             .sum::<f64>();
         if off.sqrt() > slack {
             odd.add(p);

@@ -2,7 +2,6 @@
 
 use super::Base::{self, Merged, Nodes, Part, Web};
 use super::{Edit, column, exchange, index, json_of, table, texts, tiles};
-use crate::faults::Files;
 use alvis::verify::Code;
 use serde_json::{Value, json};
 use std::collections::BTreeMap;

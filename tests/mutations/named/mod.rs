@@ -55,7 +55,7 @@ pub fn texts(files: &mut Files, from: &str, to: &str) {
 }
 
 fn glb(mut json: String, bin: &[u8]) -> Vec<u8> {
-    while json.len() % 4 != 0 {
+    while !json.len().is_multiple_of(4) {
         json.push(' ');
     }
     let mut bin = bin.to_vec();
