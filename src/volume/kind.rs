@@ -1,7 +1,7 @@
 //! What kind of values a volume holds: those of a mask, labels, or grey values.
 //!
-//! A share of the rows that a pass over the volume reads is looked at, the same ones whatever the pieces: a
-//! hundredth of a large volume, all of a small one.
+//! A share of the rows that a pass over the volume reads is looked at, the same ones whatever the pieces: few of a
+//! large volume, all of a small one.
 
 use super::{Dtype, Header, Volume, Voxel, with_voxel_type};
 use crate::error::Result;
