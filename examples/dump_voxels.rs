@@ -30,6 +30,9 @@ fn options(words: &[String]) -> Result<OpenOptions> {
             "series" => options.series = Some(value.into()),
             "dataset" => options.dataset = Some(value.into()),
             "level" => options.level = Some(value.parse()?),
+            "offset" => options.offset = Some(value.parse()?),
+            "channel" => options.channel = Some(value.parse()?),
+            "time" => options.time = Some(value.parse()?),
             "resample" => options.resample = true,
             _ => return Err(format!("an option {word}").into()),
         }

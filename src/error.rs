@@ -205,9 +205,12 @@ impl Error {
         }
     }
 
-    /// Adds advice to a [`Error::Format`] or [`Error::Usage`]; leaves the others as they are.
+    /// Adds advice to a [`Error::Format`], [`Error::Usage`] or [`Error::Unsupported`]; leaves the others as they are.
     pub fn with_hint(mut self, text: impl Into<String>) -> Self {
-        if let Error::Format { hint, .. } | Error::Usage { hint, .. } = &mut self {
+        if let Error::Format { hint, .. }
+        | Error::Usage { hint, .. }
+        | Error::Unsupported { hint, .. } = &mut self
+        {
             *hint = text.into();
         }
         self

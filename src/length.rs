@@ -103,6 +103,16 @@ pub(crate) fn shortest(value: f32) -> f64 {
     }
 }
 
+/// A number of a text, where it is a single-precision one written out in full: 0.05 for 0.05000000074505806.
+pub(crate) fn tidy(value: f64) -> f64 {
+    let single = value as f32;
+    if f64::from(single) == value {
+        shortest(single)
+    } else {
+        value
+    }
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -195,5 +205,7 @@ mod tests {
         assert_eq!(shortest(-1e-20), -1e-20);
         assert_eq!(shortest(f32::MAX), 3.4028235e38);
         assert!(shortest(f32::NAN).is_nan());
+        assert_eq!(tidy(0.05000000074505806), 0.05);
+        assert_eq!([0.05, 0.25, 1e300].map(tidy), [0.05, 0.25, 1e300]);
     }
 }

@@ -267,6 +267,9 @@ fn summary(dir: &Path, name: &str, outside: &str) -> (Value, String) {
     (serde_json::from_slice(&out.stdout).unwrap(), text)
 }
 
+/// Tells by x and y from the middle where a body is.
+type Solid<'a> = &'a dyn Fn(f64, f64) -> bool;
+
 #[test]
 fn porosity_of_a_sample_in_air_leaves_the_air_out() {
     let dir = tempfile::tempdir().unwrap();
@@ -280,7 +283,7 @@ fn porosity_of_a_sample_in_air_leaves_the_air_out() {
     };
     // three whole pores, and one of which 4 slices of 5 are in the grid
     let pores = (3 * 125 + 100) as f64;
-    let bodies: [(&str, u64, &dyn Fn(f64, f64) -> bool); 3] = [
+    let bodies: [(&str, u64, Solid); 3] = [
         ("cylinder", 1, &|x, y| x * x + y * y < 300.0),
         // as wide as the grid: air in four wedges
         ("touching", 4, &|x, y| x * x + y * y < 390.0),

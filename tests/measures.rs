@@ -256,6 +256,55 @@ fn binary_masks_inflate_areas_by_8_percent() {
     assert!((1.07..1.09).contains(&share), "{share}");
 }
 
+/// What `info` and `convert` say of masks: of balls with a radius of 10 voxels, as bodies and as pores, with a threshold
+/// half-way and with one at the upper value.
+#[test]
+fn masks_are_as_far_off_as_users_are_told() {
+    let (r, n) = (10.0, 27);
+    let [volume, area] = [4.0 / 3.0 * PI * r * r * r, 4.0 * PI * r * r];
+    for centre in centres(n) {
+        for body in [true, false] {
+            let samples = sampled(n, |p| {
+                f64::from(u8::from((distance(p, centre) <= r) == body))
+            });
+            let grid = MemoryVolume::new(Dims([n; 3]), Placement::default(), samples).unwrap();
+            for (threshold, volume_off, area_off) in [
+                (0.5, 0.0, 0.08),
+                (
+                    1.0,
+                    if body { -0.12 } else { 0.12 },
+                    if body { 0.01 } else { 0.18 },
+                ),
+            ] {
+                let options = ConvertOptions {
+                    threshold,
+                    threads: 1,
+                    ..ConvertOptions::default()
+                };
+                let (dir, report) = converted(&grid, &options);
+                let name = if body { "objects.csv" } else { "cells.csv" };
+                let ball = &table(dir.path(), name)[0];
+                let found = [
+                    ball["mesh_volume"] / volume - 1.0,
+                    ball["area"] / area - 1.0,
+                ];
+                let near = |found: f64, expected: f64| (found - expected).abs() < 0.012;
+                assert!(
+                    near(found[0], volume_off) && near(found[1], area_off),
+                    "{body} {threshold} {found:?}"
+                );
+                let [warning] = &report.warnings[..] else {
+                    panic!("{:?}", report.warnings);
+                };
+                assert!(
+                    warning.contains("two values, 0 and 1,") && warning.contains("(0.5)"),
+                    "{warning}"
+                );
+            }
+        }
+    }
+}
+
 /// One period of a gyroid of n voxels: area 3.0917 n^2, half of the volume on each side.
 #[test]
 fn a_gyroid_has_the_area_of_its_period() {
@@ -498,4 +547,56 @@ fn every_bubble_of_a_closed_foam_is_found() {
     let errors = [voxel_errors, mesh_errors].map(median);
     assert!(errors.iter().all(|&e| e < 0.015), "{errors:?}");
     assert!(sphericity > 0.97, "{sphericity}");
+}
+
+/// A table with another box than that of the voxels is found, wherever the grid lies: above all with the box around a
+/// box of the grid.
+#[test]
+fn wrong_boxes_of_rotated_grids_are_found() {
+    let dims = [19, 17, 23];
+    let place = Placement {
+        spacing: [0.3, 0.7, 0.45],
+        directions: ways_to_lie()[1],
+        ..Placement::default()
+    };
+    let volume = MemoryVolume::new(Dims(dims), place, volumes::noise(dims, 8)).unwrap();
+    let (dir, _) = converted(&volume, &common::options([8; 3]));
+    let index = dir.path().join("index.json");
+    let mut manifest = common::set::manifest(dir.path());
+    // older sets have neither, so that tables may be edited
+    manifest.tables.checksums = None;
+    manifest.checksum = None;
+    std::fs::write(&index, serde_json::to_vec(&manifest).unwrap()).unwrap();
+    verified(dir.path(), None);
+    let path = dir.path().join("objects.csv");
+    let good = std::fs::read_to_string(&path).unwrap();
+    let head: Vec<&str> = good.lines().next().unwrap().split(',').collect();
+    let rows = table(dir.path(), "objects.csv");
+    let border = rows
+        .iter()
+        .position(|r| r["touches_border"] == 1.0)
+        .unwrap();
+    let closed = rows
+        .iter()
+        .position(|r| r["touches_border"] == 0.0)
+        .unwrap();
+    for (row, name, away) in [
+        (closed, "min_x [voxel]", -0.5),
+        (closed, "max_y [voxel]", 1e-6),
+        (closed, "max_z [voxel]", -1e-6),
+        (border, "min_z [voxel]", -0.25),
+        (border, "max_x [voxel]", 0.25),
+    ] {
+        let at = head.iter().position(|h| *h == name).unwrap();
+        let mut lines: Vec<String> = good.lines().map(String::from).collect();
+        let mut fields: Vec<String> = lines[row + 1].split(',').map(String::from).collect();
+        let value: f64 = fields[at].parse().unwrap();
+        fields[at] = (value + away).to_string();
+        lines[row + 1] = fields.join(",");
+        std::fs::write(&path, lines.join("\n") + "\n").unwrap();
+        let found = alvis::verify::verify(dir.path(), &Default::default(), &alvis::progress::Quiet);
+        let issues = found.unwrap().issues;
+        assert_eq!(issues.len(), 1, "{name}: {issues:#?}");
+        assert!(issues[0].message.contains("box"), "{issues:#?}");
+    }
 }

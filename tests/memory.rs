@@ -167,6 +167,67 @@ fn chunks_of_a_volume_larger_than_the_limit_stay_inside_it() {
     }
 }
 
+/// Shards of millions of chunks of a few voxels: their tables and their number are part of the plan.
+#[cfg(feature = "zarr")]
+#[test]
+fn shards_of_tiny_chunks_stay_inside_the_limit() {
+    let dir = on_disk();
+    let [nx, ny, nz] = [256u64, 256, 32];
+    let bytes = serde_json::json!([{"name": "bytes", "configuration": {"endian": "little"}}]);
+    let meta = serde_json::json!({
+        "zarr_format": 3, "node_type": "array", "shape": [nz, ny, nx], "data_type": "uint8", "fill_value": 0,
+        "chunk_grid": {"name": "regular", "configuration": {"chunk_shape": [nz, ny, nx]}},
+        "chunk_key_encoding": {"name": "default"},
+        "codecs": [{"name": "sharding_indexed", "configuration": {
+            "chunk_shape": [1, 1, 1], "codecs": bytes, "index_codecs": bytes}}],
+    });
+    let array = dir.path().join("a.zarr");
+    fs::create_dir_all(array.join("c/0/0")).unwrap();
+    fs::write(array.join("zarr.json"), meta.to_string()).unwrap();
+    // one chunk of 255 at every place of a box, none elsewhere
+    let count = nx * ny * nz;
+    let mut shard = vec![255];
+    for i in 0..count {
+        let inside = [i % nx, i / nx % ny, i / nx / ny]
+            .iter()
+            .all(|&v| (8..24).contains(&v));
+        let entry = if inside { [0, 1] } else { [u64::MAX; 2] };
+        shard.extend(entry.map(u64::to_le_bytes).concat());
+    }
+    assert_eq!(shard.len() as u64, 1 + 16 * count);
+    fs::write(array.join("c/0/0/0"), shard).unwrap();
+    let args = [
+        "convert",
+        "a.zarr",
+        "out",
+        "--threshold",
+        "128",
+        "--quiet",
+        "--json",
+        "--threads",
+        "2",
+        "--memory",
+    ];
+    let refused = alvis(
+        dir.path(),
+        Some(256 * MIB),
+        &[&args[..], &["32MiB"]].concat(),
+    );
+    assert_eq!(refused.status.code(), Some(2));
+    let message = String::from_utf8_lossy(&refused.stderr);
+    let needed = message
+        .split("works is ")
+        .nth(1)
+        .and_then(|m| m.split(' ').next()?.parse::<u64>().ok());
+    let needed = needed.unwrap_or_else(|| panic!("{message}"));
+    assert!(needed < 200 * MIB, "{message}");
+    // the smallest limit that works does work
+    let limit = needed.to_string();
+    let made = report(dir.path(), Some(needed), &[&args[..], &[&limit]].concat());
+    assert!(made["peak_rss_bytes"].as_u64().unwrap() <= needed, "{made}");
+    assert_eq!(made["objects"], 1);
+}
+
 #[test]
 fn ten_times_the_depth_takes_no_more_memory() {
     let dir = on_disk();
@@ -498,6 +559,37 @@ fn a_node_for_each_of_many_pieces_is_refused_or_stays_inside_the_limit() {
     assert!(made["peak_rss_bytes"].as_u64().unwrap() <= limit, "{made}");
     assert_eq!(made["surfaces"], 32 * 32 * 32);
     assert_eq!(report(dir.path(), Some(limit), &VERIFY)["ok"], true);
+}
+
+/// A chunk of 64 MiB in a file of HDF5: too large a chunk is refused before it is unpacked, and the limit that is
+/// named instead works.
+#[cfg(feature = "hdf5")]
+#[test]
+fn a_chunk_is_unpacked_only_inside_the_limit() {
+    let dir = on_disk();
+    let fixture = Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/fixtures/hdf5/one_chunk.h5");
+    fs::copy(fixture, dir.path().join("a.h5")).unwrap();
+    let args = |memory: &'static str| {
+        let mut args = vec!["convert", "a.h5", "out", "--threshold", "100", "--quiet"];
+        args.extend(["--json", "--threads", "2", "--memory", memory]);
+        args
+    };
+    let limit = 64 * MIB;
+    let refused = alvis(dir.path(), Some(limit), &args("64MiB"));
+    let message = String::from_utf8(refused.stderr).unwrap();
+    assert_eq!(refused.status.code(), Some(2), "{message}");
+    let smallest = named_limit(dir.path(), &args("64MiB"));
+    // the chunk as it is kept, as an array, and before and after a filter
+    assert!(smallest < 7 * 64 * MIB, "{smallest}");
+    let memory = smallest.to_string();
+    let mut all = args("64MiB");
+    *all.last_mut().unwrap() = &memory;
+    let made = report(dir.path(), Some(smallest), &all);
+    assert!(
+        made["peak_rss_bytes"].as_u64().unwrap() <= smallest,
+        "{made}"
+    );
+    assert_eq!((&made["objects"], &made["cells"]), (&1.into(), &1.into()));
 }
 
 /// Free bytes of the file system that holds `dir`.

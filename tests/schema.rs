@@ -23,6 +23,11 @@ impl Schema {
         let text = std::fs::read(&path).unwrap_or_else(|e| panic!("{path}: {e}"));
         let mut compiler = boon::Compiler::new();
         compiler.set_default_draft(boon::Draft::V2020_12);
+        // the schema of tiles refers to that of extras
+        let extras = format!("{}/schema/extras.schema.json", env!("CARGO_MANIFEST_DIR"));
+        let extras = serde_json::from_slice(&std::fs::read(extras).unwrap()).unwrap();
+        let id = "https://alvis.invalid/schema/extras.schema.json";
+        compiler.add_resource(id, extras).unwrap();
         compiler
             .add_resource(name, serde_json::from_slice(&text).unwrap())
             .unwrap();
@@ -42,7 +47,7 @@ impl Schema {
 
 /// Checks every JSON of a tile set; returns how many extras there were.
 fn check_set(files: &std::collections::BTreeMap<String, Vec<u8>>) -> usize {
-    let [manifest, shard, extras] = ["manifest", "shard", "extras"].map(Schema::new);
+    let [manifest, shard, tile, extras] = ["manifest", "shard", "tile", "extras"].map(Schema::new);
     let mut count = 0;
     for (name, bytes) in files {
         if name == "index.json" {
@@ -50,7 +55,9 @@ fn check_set(files: &std::collections::BTreeMap<String, Vec<u8>>) -> usize {
         } else if name.starts_with("index/") {
             shard.check(&serde_json::from_slice(bytes).unwrap(), name);
         } else if name.ends_with(".glb") {
-            for node in glb::chunks(bytes).0["nodes"].as_array().unwrap() {
+            let json = glb::chunks(bytes).0;
+            tile.check(&json, name);
+            for node in json["nodes"].as_array().unwrap() {
                 if let Some(found) = node.get("extras") {
                     extras.check(found, name);
                     count += 1;

@@ -43,6 +43,7 @@ fn manifest() -> Manifest {
             format: "raw".into(),
             dims: Dims([300, 200, 100]),
             dtype: Dtype::U16,
+            values: Some("0.5 x stored - 1000".into()),
             endian: Endian::Big,
             offset: 512,
             crop: Some(Crop {
@@ -62,6 +63,7 @@ fn manifest() -> Manifest {
             tiles: [5, 4, 2],
         },
         placement,
+        table_unit: Some(Unit::Millimetre),
         threshold: -0.5,
         ambiguous: Ambiguous::Join,
         cap: true,
@@ -147,6 +149,7 @@ fn report() -> Report {
     Report {
         ok: false,
         against: true,
+        part: false,
         tiles: 1,
         triangles: 2,
         cap_triangles: 0,
@@ -185,7 +188,7 @@ fn values_of_the_types_pass() {
         valid(name, &value.unwrap()).unwrap_or_else(|e| panic!("{name}: {e}"));
     }
     let extras = json!({"cell": 3, "object": 1, "surface": 2, "triangles": 40, "area": 1.5,
-        "touches_border": 0, "note": "text"});
+        "unit": "mm", "touches_border": 0});
     valid("extras", &extras).unwrap();
 }
 
@@ -225,6 +228,42 @@ fn broken_values_do_not_pass() {
         *value.pointer_mut(place).unwrap() = bad.clone();
         assert!(valid(name, &value).is_err(), "{name}{place} = {bad} passes");
     }
-    let nested = json!({"cell": 3, "object": 1, "surface": 2, "triangles": 40, "list": [1]});
-    assert!(valid("extras", &nested).is_err());
+    for more in [json!([1]), json!("text"), json!(1)] {
+        let extras = json!({"cell": 3, "object": 1, "surface": 2, "triangles": 40, "more": more});
+        assert!(valid("extras", &extras).is_err());
+    }
+}
+
+/// The format is closed: no object has a place for another member.
+#[test]
+fn members_that_are_not_of_the_format_do_not_pass() {
+    fn objects(value: &Value, at: String, out: &mut Vec<String>) {
+        match value {
+            Value::Object(members) => {
+                let name = |key: &str| format!("{at}/{key}");
+                members
+                    .iter()
+                    .for_each(|(key, v)| objects(v, name(key), out));
+                out.push(at);
+            }
+            Value::Array(items) => {
+                let all = items.iter().enumerate();
+                all.for_each(|(i, v)| objects(v, format!("{at}/{i}"), out));
+            }
+            _ => {}
+        }
+    }
+    for (name, sound) in [
+        ("manifest", serde_json::to_value(manifest()).unwrap()),
+        ("shard", serde_json::to_value(shard()).unwrap()),
+    ] {
+        let mut places = Vec::new();
+        objects(&sound, String::new(), &mut places);
+        assert!(places.len() > 3);
+        for place in places {
+            let mut value = sound.clone();
+            value.pointer_mut(&place).unwrap()["more"] = json!(1);
+            assert!(valid(name, &value).is_err(), "{name}{place}/more passes");
+        }
+    }
 }

@@ -109,6 +109,14 @@ const WHOLE: &[(&str, Dtype)] = &[
     ("zarr/i8_lz4", Dtype::I8),
     ("zarr/u16_plain", Dtype::U16),
     ("zarr/u16_gzip_shuffle", Dtype::U16),
+    ("zarr/u16_shuffle_zstd", Dtype::U16),
+    ("zarr/u16_delta_zstd", Dtype::U16),
+    ("zarr/i16_be_delta", Dtype::I16),
+    ("zarr/f32_scaled", Dtype::F32),
+    ("zarr/f64_as_f32", Dtype::F64),
+    ("zarr/f32_rounded", Dtype::F32),
+    ("zarr/f32_3_scaled", Dtype::F32),
+    ("zarr/u16_3_delta", Dtype::U16),
     ("zarr/u16_3_gzip", Dtype::U16),
     ("zarr/f32_3_blosc", Dtype::F32),
     ("zarr/i16_3_transposed_be", Dtype::I16),
@@ -209,7 +217,6 @@ fn slope_and_intercept_give_values() {
 fn what_is_not_read_is_named() {
     for (name, says) in [
         ("no_rgb.tif", "RGB"),
-        ("no_channels.tif", "2 channels"),
         ("no_fortran.npy", "Fortran"),
         ("no_two.npz", "2 arrays"),
         ("no_shear.nii", "sheared"),
@@ -218,7 +225,7 @@ fn what_is_not_read_is_named() {
         ("dicom/uneven", "2.500 mm"),
         ("dicom/tilted", "11.3 degrees"),
         ("zarr/no_bz2", "bz2"),
-        ("zarr/no_i64", "i8"),
+        ("zarr/no_i64", "int64"),
         ("no_zfp.h5", "ZFP"),
         ("no_virtual.h5", "virtual"),
         ("png8/s8.png", "PNG"),
@@ -229,6 +236,21 @@ fn what_is_not_read_is_named() {
             "{name}: {error}"
         );
         assert!(error.to_string().contains(says), "{name}: {error}");
+    }
+}
+
+#[test]
+fn channels_are_asked_for() {
+    let error = read("no_channels.tif").unwrap_err();
+    assert!(matches!(error, Error::Usage { .. }), "{error}");
+    assert!(error.to_string().contains("2 channels"), "{error}");
+    for (channel, fits) in [(0, true), (1, true), (2, false)] {
+        let options = OpenOptions {
+            channel: Some(channel),
+            ..OpenOptions::default()
+        };
+        let opened = open(&fixture("no_channels.tif"), &options);
+        assert_eq!(opened.is_ok(), fits, "{channel}");
     }
 }
 

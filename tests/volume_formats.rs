@@ -1,6 +1,7 @@
 //! Every format, encoding, type and byte order: what is written is what is read.
 
 mod volume_common;
+mod volume_tiff;
 
 use alvis::grid::{Crop, Unit};
 use alvis::volume::{Cropped, Dtype, Endian, Io, OpenOptions, Volume, open, spool};

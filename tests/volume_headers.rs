@@ -4,7 +4,8 @@
 mod volume_common;
 
 use alvis::grid::{Placement, Unit};
-use alvis::volume::{Header, OpenOptions, open};
+use alvis::manifest::Origin;
+use alvis::volume::{Dtype, Header, OpenOptions, Opened, open};
 use alvis::{Error, Result};
 use volume_common::{all, gzip};
 
@@ -79,6 +80,12 @@ fn metaimage_refuses() {
         ("DimSize = 2 2 1\n", "2 to 65536"),
         ("DimSize = 2 2 9\n", "36 of samples"),
         ("TransformMatrix = 1 0 0 1 0 0 0 0 1\n", "one plane"),
+        (
+            "TransformMatrix = 1 0 0 0 1 0 0 0.3 0.9539392\n",
+            "a sheared grid",
+        ),
+        ("ElementToIntensityFunctionSlope = 0\n", "other than 0"),
+        ("ElementToIntensityFunctionOffset = nan\n", "finite"),
         ("ElementSpacing = 0 1 1\n", "above 0"),
         ("Offset = nan 1 1\n", "finite"),
         ("HeaderSize = 3\n", "HeaderSize"),
@@ -129,8 +136,11 @@ fn nrrd_placement() {
         .unwrap()
         .placement;
     assert_eq!(p.unit, Unit::Micrometre);
-    let p = nrrd("Space Units: \"mm\" \"mm\" \"mm\"\nspace: left-posterior-superior\r\n");
+    let units = "Space Units: \"mm\" \"mm\" \"mm\"\nspace: left-posterior-superior\r\n";
+    let p = nrrd(&format!("spacings: 1 1 1\n{units}"));
     assert_eq!(p.unwrap().placement.unit, Unit::Millimetre);
+    // a unit without a size says nothing of voxels
+    assert_eq!(nrrd(units).unwrap().placement, Placement::default());
     let p = nrrd("units: \"\" \"\" \"\"\nKinds: domain domain space\ncentering: cell\n");
     assert!(
         p.is_err(),
@@ -166,9 +176,16 @@ fn nrrd_refuses() {
             "three vectors",
         ),
         ("space origin: (1,2)\n", "one vector"),
-        ("spacings: 1 nan 1\n", "above 0"),
         ("spacings: 0 1 1\n", "above 0"),
-        ("units: \"mm\" \"mm\" \"um\"\n", "same unit"),
+        (
+            "spacings: 1 1 1\nunits: \"mm\" \"mm\"\n",
+            "a unit for each axis",
+        ),
+        ("labels: \"z\" \"y\" \"x\"\n", "call its axes z, y, x"),
+        (
+            "space directions: (1,0,0) (0,1,0) (0,0.3,1)\n",
+            "a sheared grid",
+        ),
         ("kinds: RGB-color domain domain\n", "components"),
         ("data file: gone.raw\n", "gone.raw"),
         ("data file: s.%d 1 3 1\n", "2 files"),
@@ -274,4 +291,532 @@ fn gzip_and_skips() {
         .unwrap_err()
         .to_string();
     assert!(error.contains("stream of 2 bytes"), "{error}");
+}
+
+/// Opens a file of these bytes with options.
+fn open_as(name: &str, bytes: &[u8], options: &OpenOptions) -> Result<Opened> {
+    let dir = tempfile::tempdir().unwrap();
+    let path = dir.path().join(name);
+    std::fs::write(&path, bytes).unwrap();
+    open(&path, options)
+}
+
+fn opened(name: &str, parts: &[&[u8]]) -> Opened {
+    open_as(name, &parts.concat(), &OpenOptions::default()).unwrap()
+}
+
+/// Values of a volume whose type is f32.
+fn floats(opened: &Opened) -> Vec<f32> {
+    assert_eq!(opened.volume.header().dtype, Dtype::F32);
+    let bytes = all(&*opened.volume).unwrap();
+    let words = bytes.as_chunks::<4>().0.iter();
+    words.map(|w| f32::from_ne_bytes(*w)).collect()
+}
+
+fn says(warnings: &[String], part: &str) -> bool {
+    warnings.iter().any(|warning| warning.contains(part))
+}
+
+#[test]
+fn nrrd_units_are_those_of_each_axis() {
+    let head = "NRRD0004\ntype: uchar\ndimension: 3\nsizes: 2 2 2\nencoding: raw\n";
+    let with = |fields: &str| {
+        opened(
+            "v.nrrd",
+            &[head.as_bytes(), fields.as_bytes(), b"\n", &EIGHT],
+        )
+    };
+    let mixed = with(
+        "space dimension: 3\nspace directions: (0.05,0,0) (0,70,0) (0,0,0.1)\n\
+         space units: \"mm\" \"um\" \"mm\"\nspace origin: (1,2000,3)\n",
+    );
+    let place = mixed.volume.header().placement;
+    assert_eq!(
+        (place.spacing, place.unit),
+        ([0.05, 0.07, 0.1], Unit::Millimetre)
+    );
+    assert_eq!(
+        (place.origin, mixed.provenance.unit),
+        ([1.0, 2.0, 3.0], Origin::File)
+    );
+    let mixed = with("spacings: 4 4 0.03\nunits: \"nm\" \"nm\" \"um\"\n");
+    let place = mixed.volume.header().placement;
+    assert_eq!(
+        (place.spacing, place.unit),
+        ([4.0, 4.0, 30.0], Unit::Nanometre)
+    );
+    let partly = with("spacings: 2 2 nan\nunits: \"mm\" \"mm\" \"mm\"\n");
+    assert_eq!(partly.volume.header().placement.spacing, [2.0; 3]);
+    assert_eq!(partly.provenance.spacing[2], Origin::Assumed);
+    assert!(says(&partly.warnings, "--spacing"));
+    for fields in [
+        "spacings: 1 nan 1\n",
+        "spacings: 1 1 1\nunits: \"furlong\" \"furlong\" \"furlong\"\n",
+        "space directions: (9,0,0) (0,9,0) (0,0,9)\nspace units: \"mm\" \"mm\" \"furlong\"\n",
+        "axis mins: 0 0 0\naxis maxs: 9 9 9\n",
+    ] {
+        let unclear = with(fields);
+        assert_eq!(
+            unclear.volume.header().placement.spacing,
+            [1.0; 3],
+            "{fields}"
+        );
+        assert_eq!(unclear.provenance.spacing, [Origin::Default; 3], "{fields}");
+        assert!(says(&unclear.warnings, "--spacing"), "{fields}");
+    }
+}
+
+#[test]
+fn nrrd_says_what_it_does_not_apply_or_turns_round() {
+    let head = "NRRD0004\ntype: uchar\ndimension: 3\nsizes: 2 2 2\nencoding: raw\n";
+    let with = |fields: &str| {
+        opened(
+            "v.nrrd",
+            &[head.as_bytes(), fields.as_bytes(), b"\n", &EIGHT],
+        )
+    };
+    assert!(says(
+        &with("old min: -5\nold max: 5\n").warnings,
+        "quantized from values of -5 to 5"
+    ));
+    assert!(says(&with("kinds: domain domain time\n").warnings, "time"));
+    let left = "space directions: (2,0,0) (0,1,0) (0,0,1)\nspace origin: (1,2,3)\n";
+    for space in ["LAS", "3D-left-handed"] {
+        let opened = with(&format!("space: {space}\n{left}"));
+        let place = opened.volume.header().placement;
+        assert_eq!(place.directions[0], [-1.0, 0.0, 0.0]);
+        assert_eq!(
+            (place.spacing, place.origin),
+            ([2.0, 1.0, 1.0], [-1.0, 2.0, 3.0])
+        );
+        assert!(says(&opened.notes, "left-handed"));
+    }
+}
+
+#[test]
+fn axes_of_one_entry_are_left_out() {
+    for (sizes, fields) in [
+        (
+            "2 2 2 1",
+            "space directions: (1,0,0) (0,2,0) (0,0,3) none\nkinds: space space space list\n",
+        ),
+        (
+            "1 2 2 2",
+            "space directions: none (1,0,0) (0,2,0) (0,0,3)\nkinds: vector space space space\n",
+        ),
+        // as ITK writes four axes
+        (
+            "1 2 2 2",
+            "space dimension: 4\nspace directions: (9,0,0,0) (0,1,0,0) (0,0,2,0) (0,0,0,3)\nspace origin: (7,0,0,0)\n",
+        ),
+        (
+            "1 2 2 2",
+            "spacings: nan 1 2 3\nlabels: \"c\" \"x\" \"y\" \"z\"\n",
+        ),
+    ] {
+        let head = format!("NRRD0004\ntype: uchar\ndimension: 4\nsizes: {sizes}\nencoding: raw\n");
+        let opened = opened(
+            "v.nrrd",
+            &[head.as_bytes(), fields.as_bytes(), b"\n", &EIGHT],
+        );
+        assert_eq!(
+            opened.volume.header().placement.spacing,
+            [1.0, 2.0, 3.0],
+            "{fields}"
+        );
+        assert_eq!(all(&*opened.volume).unwrap(), EIGHT);
+    }
+    for (size, matrix, spacing, offset) in [
+        (
+            "2 2 2 1",
+            "1 0 0 0 0 -1 0 0 0 0 1 0 0 0 0 1",
+            "1 2 3 9",
+            "4 5 6 7",
+        ),
+        (
+            "1 2 2 2",
+            "1 0 0 0 0 1 0 0 0 0 -1 0 0 0 0 1",
+            "9 1 2 3",
+            "7 4 5 6",
+        ),
+    ] {
+        let head = format!(
+            "NDims = 4\nDimSize = {size}\nElementType = MET_UCHAR\nTransformMatrix = {matrix}\nOffset = \
+             {offset}\nElementSpacing = {spacing}\nElementDataFile = LOCAL\n"
+        );
+        let place = opened("v.mha", &[head.as_bytes(), &EIGHT])
+            .volume
+            .header()
+            .placement;
+        assert_eq!(
+            (place.spacing, place.origin),
+            ([1.0, 2.0, 3.0], [4.0, 5.0, 6.0]),
+            "{size}"
+        );
+        assert_eq!(place.directions[1], [0.0, -1.0, 0.0], "{size}");
+    }
+    for shape in ["1, 2, 2, 2", "2, 2, 2, 1", "1, 2, 1, 2, 2"] {
+        let opened = opened("v.npy", &[&npy(shape, false), &EIGHT]);
+        assert_eq!(opened.volume.header().dims.0, [2; 3], "{shape}");
+        assert_eq!(all(&*opened.volume).unwrap(), EIGHT);
+    }
+    let several = open_as("v.npy", &npy("2, 2, 2, 3", false), &OpenOptions::default());
+    assert!(several.unwrap_err().to_string().contains("array[..., 0]"));
+}
+
+fn npy(shape: &str, fortran: bool) -> Vec<u8> {
+    let order = if fortran { "True" } else { "False" };
+    let dict = format!("{{'descr': '|u1', 'fortran_order': {order}, 'shape': ({shape}), }}\n");
+    let head = [b"\x93NUMPY\x01\0", &(dict.len() as u16).to_le_bytes()[..]].concat();
+    [head, dict.into_bytes()].concat()
+}
+
+#[test]
+fn fortran_order_is_refused_with_what_does_not_mirror() {
+    let bytes = [npy("2, 2, 2", true), EIGHT.to_vec()].concat();
+    let error = open_as("v.npy", &bytes, &OpenOptions::default())
+        .unwrap_err()
+        .to_string();
+    assert!(
+        error.contains("array.T if the array is indexed [x, y, z]"),
+        "{error}"
+    );
+}
+
+#[test]
+fn metaimage_intensities_and_units() {
+    let head = "NDims = 3\nDimSize = 2 2 2\nElementType = MET_UCHAR\n";
+    let with = |fields: &str| {
+        opened(
+            "v.mha",
+            &[
+                head.as_bytes(),
+                fields.as_bytes(),
+                b"ElementDataFile = LOCAL\n",
+                &EIGHT,
+            ],
+        )
+    };
+    let scaled =
+        with("ElementToIntensityFunctionSlope = 0.5\nElementToIntensityFunctionOffset = -3\n");
+    assert_eq!(
+        floats(&scaled),
+        [-3.0, -2.5, -2.0, -1.5, -1.0, -0.5, 0.0, 0.5]
+    );
+    assert!(scaled.values.unwrap().starts_with("0.5 * stored - 3"));
+    let plain = with("ElementToIntensityFunctionSlope = 1\nElementMin = 3\nElementMax = 4\n");
+    assert_eq!(
+        (plain.values, plain.volume.header().dtype),
+        (None, Dtype::U8)
+    );
+    let inch = with("ElementSpacing = 1 1 2\nOffset = 1 0 0\nDistanceUnits = inch\n");
+    let place = inch.volume.header().placement;
+    assert_eq!((place.spacing, place.origin[0]), ([25.4, 25.4, 50.8], 25.4));
+    for unknown in ["?", ""] {
+        let opened = with(&format!(
+            "ElementSpacing = 1 1 2\nDistanceUnits = {unknown}\n"
+        ));
+        assert_eq!(opened.volume.header().placement.unit, Unit::Millimetre);
+        assert_eq!(opened.provenance.unit, Origin::Default);
+    }
+    let furlong = with("ElementSpacing = 1 1 2\nDistanceUnits = furlong\n");
+    assert_eq!(furlong.volume.header().placement.spacing, [1.0; 3]);
+    assert!(says(&furlong.warnings, "furlong"));
+    let flat = with("ElementSpacing = 0.5 0.25\n");
+    assert_eq!(flat.volume.header().placement.spacing, [0.5, 0.25, 0.5]);
+    assert_eq!(flat.provenance.spacing[2], Origin::Assumed);
+    assert!(says(&flat.warnings, "--spacing"));
+}
+
+/// A NIfTI-1 of `dim` with u8 samples that count up; numbers are put into the header by place.
+fn nifti(dim: &[i16], shorts: &[(usize, i16)], floats: &[(usize, &[f32])], units: u8) -> Vec<u8> {
+    let mut head = vec![0; 352];
+    let mut put = |at: usize, bytes: &[u8]| head[at..at + bytes.len()].copy_from_slice(bytes);
+    put(0, &348i32.to_le_bytes());
+    for (i, n) in [&[dim.len() as i16], dim].concat().into_iter().enumerate() {
+        put(40 + 2 * i, &n.to_le_bytes());
+    }
+    for &(at, n) in [(70, 2), (72, 8)].iter().chain(shorts) {
+        put(at, &n.to_le_bytes());
+    }
+    for (at, values) in [(108, &[352f32][..])].iter().chain(floats) {
+        for (i, v) in values.iter().enumerate() {
+            put(at + 4 * i, &v.to_le_bytes());
+        }
+    }
+    put(123, &[units]);
+    put(344, b"n+1\0");
+    let voxels: i64 = dim.iter().map(|n| i64::from(*n)).product();
+    head.extend((0..voxels).map(|v| v as u8));
+    head
+}
+
+const QFORM: usize = 252;
+const SFORM: usize = 254;
+const PIXDIM: usize = 76;
+const ROWS: usize = 280;
+
+#[test]
+fn nifti_takes_the_form_that_is_sound() {
+    let read = |shorts: &[(usize, i16)], floats: &[(usize, &[f32])]| {
+        let bytes = nifti(&[2, 2, 2], shorts, floats, 2);
+        open_as("v.nii", &bytes, &OpenOptions::default()).unwrap()
+    };
+    let pixdim: (usize, &[f32]) = (PIXDIM, &[1.0, 0.05, 0.7, 11.0]);
+    let flat: (usize, &[f32]) = (
+        ROWS,
+        &[-0.05, 0.0, 0.0, 5.0, 0.0, 0.7, 0.0, 6.0, 0.0, 0.0, 0.0, 7.0],
+    );
+    let half_turn: (usize, &[f32]) = (256, &[0.0, 0.0, 1.0, 1.0, 2.0, 3.1]);
+    for (shorts, floats, directions, origin) in [
+        (&[(SFORM, 1)][..], &[pixdim, flat][..], [1.0, 1.0], [0.0; 3]),
+        (
+            &[(SFORM, 1), (QFORM, 1)],
+            &[pixdim, flat, half_turn],
+            [-1.0, -1.0],
+            [1.0, 2.0, 3.1],
+        ),
+        (
+            &[(QFORM, 1)],
+            &[pixdim, (256, &[2.0])],
+            [1.0, 1.0],
+            [0.0; 3],
+        ),
+    ] {
+        let opened = read(shorts, floats);
+        let place = opened.volume.header().placement;
+        // decimals as the single-precision numbers read
+        assert_eq!(
+            (place.spacing, place.unit),
+            ([0.05, 0.7, 11.0], Unit::Millimetre)
+        );
+        assert_eq!(place.origin, origin);
+        for axis in 0..2 {
+            assert!((place.directions[axis][axis] - directions[axis]).abs() < 1e-9);
+        }
+        assert!(
+            says(&opened.warnings, "is not taken"),
+            "{:?}",
+            opened.warnings
+        );
+        assert_eq!(opened.provenance.spacing, [Origin::File; 3]);
+    }
+    // nothing is sound: no size, and --spacing is the way out
+    let bytes = nifti(&[2, 2, 2], &[(SFORM, 1)], &[], 2);
+    let opened = open_as("v.nii", &bytes, &OpenOptions::default()).unwrap();
+    assert_eq!(opened.volume.header().placement.unit, Unit::Voxel);
+    assert!(says(&opened.warnings, "--spacing"));
+    let options = OpenOptions {
+        spacing: Some([0.7; 3]),
+        unit: Some(Unit::Millimetre),
+        ..OpenOptions::default()
+    };
+    let opened = open_as("v.nii", &bytes, &options).unwrap();
+    assert_eq!(opened.volume.header().placement.spacing, [0.7; 3]);
+}
+
+#[test]
+fn nifti_forms_that_contradict_each_other_are_told() {
+    let rows = |x: f32| [x, 0.0, 0.0, 5.0, 0.0, 0.5, 0.0, 6.0, 0.0, 0.0, 0.5, 7.0];
+    let pixdim: (usize, &[f32]) = (PIXDIM, &[1.0, 0.5, 0.5, 0.5]);
+    let read = |rows: &[f32], shorts: &[(usize, i16)], quaternion: &[f32]| {
+        let floats = [pixdim, (ROWS, rows), (256, quaternion)];
+        open_as(
+            "v.nii",
+            &nifti(&[2, 2, 2], shorts, &floats, 2),
+            &OpenOptions::default(),
+        )
+        .unwrap()
+    };
+    let both = [(SFORM, 1), (QFORM, 1)];
+    let agree = read(&rows(0.5), &both, &[0.0, 0.0, 0.0, 5.0, 6.0, 7.0]);
+    assert_eq!(agree.warnings, [""; 0]);
+    for (rows, shorts, quaternion) in [
+        (rows(0.6), &both[..], [0.0, 0.0, 0.0, 5.0, 6.0, 7.0]),
+        (rows(-0.5), &both, [0.0, 0.0, 0.0, 5.0, 6.0, 7.0]),
+        (rows(0.5), &both, [0.0, 0.0, 0.0, 5.0, 6.0, 8.0]),
+        (rows(0.6), &both[..1], [0.0; 6]),
+    ] {
+        let opened = read(&rows, shorts, &quaternion);
+        assert!(
+            says(&opened.warnings, "contradict"),
+            "{rows:?} {quaternion:?}"
+        );
+        assert_eq!(opened.volume.header().placement.origin, [5.0, 6.0, 7.0]);
+    }
+}
+
+#[test]
+fn nifti_units_and_scales() {
+    let sized: (usize, &[f32]) = (PIXDIM, &[1.0, 0.5, 0.25, 2.0]);
+    for (code, unit, from, warned) in [
+        (1, Unit::Metre, Origin::File, false),
+        (2 + 8, Unit::Millimetre, Origin::File, false),
+        (3, Unit::Micrometre, Origin::File, false),
+        (0, Unit::Millimetre, Origin::Default, false),
+        (7, Unit::Millimetre, Origin::Default, true),
+    ] {
+        let opened = opened("v.nii", &[&nifti(&[2, 2, 2], &[], &[sized], code)]);
+        assert_eq!(opened.volume.header().placement.unit, unit, "{code}");
+        assert_eq!(
+            (opened.provenance.unit, says(&opened.warnings, "not known")),
+            (from, warned)
+        );
+    }
+    // a slope without an intercept
+    let scale: (usize, &[f32]) = (112, &[0.1, f32::NAN]);
+    let opened = opened("v.nii", &[&nifti(&[2, 2, 2], &[], &[sized, scale], 2)]);
+    assert_eq!(
+        opened.values.as_deref(),
+        Some("0.1 * stored + 0 (scl_slope and scl_inter)")
+    );
+    assert_eq!(floats(&opened)[3], 0.3);
+}
+
+#[test]
+fn nifti_times_and_components_are_chosen() {
+    let bytes = nifti(&[2, 2, 2, 3, 2], &[], &[], 2);
+    let part = |time, channel| OpenOptions {
+        time,
+        channel,
+        ..OpenOptions::default()
+    };
+    for (time, channel, first) in [(0, 0, 0), (2, 0, 16), (1, 1, 32)] {
+        let opened = open_as("v.nii", &bytes, &part(Some(time), Some(channel))).unwrap();
+        let expected: Vec<u8> = (first..first + 8).collect();
+        assert_eq!(all(&*opened.volume).unwrap(), expected);
+        assert_eq!(opened.notes, [""; 0]);
+    }
+    for (time, channel, option) in [
+        (None, Some(0), "--time"),
+        (Some(3), Some(0), "--time"),
+        (Some(0), None, "--channel"),
+        (Some(0), Some(2), "--channel"),
+    ] {
+        let error = open_as("v.nii", &bytes, &part(time, channel)).unwrap_err();
+        assert!(
+            matches!(&error, Error::Usage { option: o, .. } if o == option),
+            "{error}"
+        );
+    }
+    // one time is no choice
+    let one = nifti(&[2, 2, 2, 1, 1], &[], &[], 2);
+    assert_eq!(all(&*opened("v.nii", &[&one]).volume).unwrap(), EIGHT);
+    assert!(open_as("v.nii", &one, &part(Some(1), None)).is_err());
+}
+
+fn vti(attributes: &str, extent: &str, data: &str) -> Vec<u8> {
+    format!(
+        "<VTKFile type=\"ImageData\" byte_order=\"LittleEndian\"><ImageData WholeExtent=\"{extent}\" \
+         {attributes}><Piece Extent=\"{extent}\">{data}</Piece></ImageData></VTKFile>"
+    )
+    .into_bytes()
+}
+
+fn array(name: &str, more: &str, first: u32) -> String {
+    let values: Vec<String> = (first..first + 8).map(|v| v.to_string()).collect();
+    format!(
+        "<DataArray type=\"UInt8\" Name=\"{name}\" format=\"ascii\" {more}>{}</DataArray>",
+        values.join(" ")
+    )
+}
+
+#[test]
+fn vti_cells_are_voxels_half_a_step_off() {
+    // as VTK 9 writes image data with cell scalars
+    let data = format!(
+        "<PointData></PointData><CellData Scalars=\"v\">{}</CellData>",
+        array("v", "", 0)
+    );
+    let place = "Origin=\"10 20 30\" Spacing=\"0.5 1 2\"";
+    let opened = opened("v.vti", &[&vti(place, "4 6 0 2 0 2", &data)]);
+    let header = opened.volume.header();
+    assert_eq!(
+        (header.dims.0, header.placement.spacing),
+        ([2; 3], [0.5, 1.0, 2.0])
+    );
+    assert_eq!(header.placement.origin, [12.25, 20.5, 31.0]);
+    assert_eq!(all(&*opened.volume).unwrap(), EIGHT);
+}
+
+#[test]
+fn vti_arrays_are_chosen_by_name() {
+    let ghost = array("vtkGhostType", "", 0);
+    let two = format!(
+        "<PointData Scalars=\"b\">{ghost}{}{}</PointData>",
+        array("a", "", 0),
+        array("b", "", 8)
+    );
+    let file = vti("", "0 1 0 1 0 1", &two);
+    let dataset = |name: &str| OpenOptions {
+        dataset: Some(name.into()),
+        ..OpenOptions::default()
+    };
+    let active = opened("v.vti", &[&file]);
+    assert_eq!(all(&*active.volume).unwrap()[0], 8);
+    assert!(
+        says(&active.notes, "PointData/a, PointData/b"),
+        "{:?}",
+        active.notes
+    );
+    // nothing is from the file that it does not state
+    assert_eq!(active.provenance.spacing, [Origin::Default; 3]);
+    for name in ["a", "PointData/a"] {
+        assert_eq!(
+            all(&*open_as("v.vti", &file, &dataset(name)).unwrap().volume).unwrap()[0],
+            0
+        );
+    }
+    let error = open_as("v.vti", &file, &dataset("c"))
+        .unwrap_err()
+        .to_string();
+    assert!(
+        error.contains("--dataset") && error.contains("PointData/a"),
+        "{error}"
+    );
+    let none = two.replace(" Scalars=\"b\"", "");
+    let error = open_as(
+        "v.vti",
+        &vti("", "0 1 0 1 0 1", &none),
+        &OpenOptions::default(),
+    );
+    assert!(error.unwrap_err().to_string().contains("--dataset"));
+    let only = format!("<PointData>{ghost}</PointData>");
+    let error = open_as(
+        "v.vti",
+        &vti("", "0 1 0 1 0 1", &only),
+        &OpenOptions::default(),
+    );
+    assert!(error.unwrap_err().to_string().contains("without an array"));
+}
+
+#[test]
+fn vti_axes_that_are_mirrored_or_sheared() {
+    let data = format!("<PointData>{}</PointData>", array("v", "", 0));
+    let negative = vti(
+        "Origin=\"1 2 3\" Spacing=\"-0.5 1 2\"",
+        "2 3 0 1 0 1",
+        &data,
+    );
+    let place = opened("v.vti", &[&negative]).volume.header().placement;
+    assert_eq!(
+        (place.spacing, place.directions[0]),
+        ([0.5, 1.0, 2.0], [-1.0, 0.0, 0.0])
+    );
+    assert_eq!(place.origin, [0.0, 2.0, 3.0]);
+    let sheared = vti(
+        "Direction=\"1 0 0 0 1 0.3 0 0 0.9539392\"",
+        "0 1 0 1 0 1",
+        &data,
+    );
+    let error = open_as("v.vti", &sheared, &OpenOptions::default()).unwrap_err();
+    assert!(error.to_string().contains("a sheared grid"), "{error}");
+    let three = array("v", "NumberOfComponents=\"3\"", 0);
+    let three = vti(
+        "",
+        "0 1 0 1 0 1",
+        &format!("<PointData>{three}</PointData>"),
+    );
+    let error = open_as("v.vti", &three, &OpenOptions::default()).unwrap_err();
+    assert!(error.to_string().contains("3 components"), "{error}");
 }

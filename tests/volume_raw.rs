@@ -65,7 +65,7 @@ fn raw_says_which_option_is_missing() {
     std::fs::write(&path, [0; 8]).unwrap();
     let error = open(&path, &OpenOptions::default()).unwrap_err();
     assert!(
-        matches!(&error, Error::Usage { option, .. } if option == "--dims"),
+        matches!(&error, Error::Usage { option, .. } if option == "--dims and --dtype"),
         "{error}"
     );
     let error = open(

@@ -96,16 +96,16 @@ pub struct InputOptions {
     /// Interpolate slices at uneven steps, or sheared by a tilt, to a regular grid (DICOM)
     #[arg(long)]
     pub resample: bool,
-    /// Which array, if there are several (HDF5, Zarr)
+    /// Which array, if there are several (HDF5, Zarr, VTK image data)
     #[arg(long, value_name = "PATH")]
     pub dataset: Option<String>,
     /// Which level of a pyramid, 0 the finest (OME-Zarr) [default: 0]
     #[arg(long, value_name = "N")]
     pub level: Option<u32>,
-    /// Which channel, if there are several, from 0 on (TIFF, Zarr, HDF5)
+    /// Which channel, if there are several, from 0 on (TIFF, Zarr, HDF5, NIfTI)
     #[arg(long, value_name = "N")]
     pub channel: Option<u32>,
-    /// Which time, if there are several, from 0 on (TIFF, Zarr, HDF5)
+    /// Which time, if there are several, from 0 on (TIFF, Zarr, HDF5, NIfTI)
     #[arg(long, value_name = "N")]
     pub time: Option<u32>,
     /// How the file is read

@@ -84,7 +84,8 @@ pub struct ConvertArgs {
 impl ConvertArgs {
     pub fn run(self) -> Result<Outcome> {
         let console = self.common.start();
-        let (opened, stamp) = self.options.open_stamped(&self.input, &self.out)?;
+        let (mut opened, stamp) = self.options.open_stamped(&self.input, &self.out)?;
+        opened.doubt_size()?;
         let dims = opened.volume.header().dims;
         let crop = self.crop.as_ref().map(|c| c.resolve(dims)).transpose()?;
         let form = self.form.form(Form::default());

@@ -9,7 +9,8 @@ use crate::grid::{Dims, Placement, Unit};
 use crate::pipeline::{ConvertOptions, predicted_memory};
 use crate::progress::Progress;
 use crate::volume::{
-    Dtype, Endian, Header, Opened, Prediction, Statistics, Volume, predict, statistics,
+    Dtype, Endian, Header, Opened, Prediction, Statistics, Volume, Watch, Watched, predict,
+    statistics,
 };
 use clap::{Args, ValueHint};
 use serde::Serialize;
@@ -79,9 +80,12 @@ struct Predicted {
 impl InfoArgs {
     pub fn run(self) -> Result<Outcome> {
         let console = self.common.start();
-        let (opened, stamp) = self.options.open_stamped(&self.input, Path::new(""))?;
+        let (mut opened, stamp) = self.options.open_stamped(&self.input, Path::new(""))?;
+        opened.doubt_size()?;
+        let watch = Watch::new(opened.volume.header());
+        let found = statistics(&Watched::new(Box::new(&*opened.volume), &watch), &console)?;
+        opened.warnings.extend(watch.kind().map(|k| k.warning()));
         let volume = &*opened.volume;
-        let found = statistics(volume, &console)?;
         let threshold = self.threshold.or(found.otsu);
         let predicted = match threshold {
             Some(t) => {

@@ -5,7 +5,7 @@ use super::{Outcome, output};
 use crate::error::{Error, Result};
 use crate::manifest::{Manifest, Origin, PARTIAL};
 use crate::progress::Progress;
-use crate::verify::{self, Issue, Report, Severity, VerifyOptions};
+use crate::verify::{self, Issue, Report, Severity, SourceVolume, VerifyOptions};
 use crate::volume::{self, Before, Cropped, Headerless, Stamp, Volume};
 use clap::{Args, ValueHint};
 use std::fmt::Write;
@@ -47,19 +47,20 @@ impl VerifyArgs {
             }
         };
         let once = match &against {
-            Some((volume, _)) => copied(volume.as_ref(), &std::env::temp_dir())?,
+            Some(against) => copied(against.volume.as_ref(), &std::env::temp_dir())?,
             None => None,
         };
         let options = VerifyOptions {
             against: once
                 .as_deref()
-                .or(against.as_ref().map(|(volume, _)| &**volume)),
+                .or(against.as_ref().map(|a| a.volume.as_ref())),
+            source: against.as_ref().map(|a| &a.source),
             threads: self.common.threads.map_or(0, usize::from),
             max_issues: self.max_issues,
         };
         let report = verify::verify(&self.out, &options, &console)?;
-        if let Some((_, stamp)) = &against
-            && let Some(warning) = stamp.check()?
+        if let Some(against) = &against
+            && let Some(warning) = against.stamp.check()?
         {
             console.warn(&warning);
         }
@@ -92,15 +93,17 @@ fn copied<'a>(volume: &'a dyn Volume, dir: &Path) -> Result<Option<Box<dyn Volum
     }
 }
 
-/// Opens the volume that a tile set is compared with, cut as the manifest says, and tells what shows a change to it.
-/// What a raw file does not say is taken from the manifest unless the options say it, as is what was asked for of a
-/// file of the name that was converted. A file of the name that was converted is raw even if it begins as one with
-/// a header does.
-fn open_against(
-    directory: &Path,
-    path: &Path,
-    input: &InputOptions,
-) -> Result<(Box<dyn Volume>, Stamp)> {
+/// The volume that a tile set is compared with, what it says of itself as a whole, and what shows a change to it.
+struct Against {
+    volume: Box<dyn Volume>,
+    source: SourceVolume,
+    stamp: Stamp,
+}
+
+/// Opens the volume that a tile set is compared with, cut as the manifest says. What a raw file does not say is taken
+/// from the manifest unless the options say it, as is what was asked for of a file of the name that was converted.
+/// Such a file is raw even if it begins as one with a header does.
+fn open_against(directory: &Path, path: &Path, input: &InputOptions) -> Result<Against> {
     // an index that cannot be read is for the verifier to report
     let manifest = Manifest::open(directory).ok();
     let Some(Manifest {
@@ -108,7 +111,13 @@ fn open_against(
     }) = manifest
     else {
         let (opened, stamp) = input.open_stamped(path, directory)?;
-        return Ok((opened.volume, stamp));
+        let source = SourceVolume::of(&opened);
+        let volume = opened.volume;
+        return Ok(Against {
+            volume,
+            source,
+            stamp,
+        });
     };
     let mut options = input.options();
     let same_name = path.file_name() == Some(source.name.as_ref());
@@ -134,10 +143,10 @@ fn open_against(
     let before = Before::of(path, directory);
     let opened = volume::open(path, &options)?;
     let stamp = volume::stamp(&before, &opened)?;
-    let volume = opened.volume;
-    let dims = volume.header().dims;
-    match &source.crop {
-        None => Ok((volume, stamp)),
+    let (whole, volume) = (SourceVolume::of(&opened), opened.volume);
+    let dims = whole.header.dims;
+    let volume = match &source.crop {
+        None => Ok(volume),
         Some(crop) if crop.dims_in(dims).is_err() => Err(Error::usage(
             "--against",
             format!("{} of {dims} voxels", path.display()),
@@ -146,8 +155,13 @@ fn open_against(
                 source.dims
             ),
         )),
-        Some(crop) => Ok((Box::new(Cropped::new(volume, crop)?), stamp)),
-    }
+        Some(crop) => Ok(Box::new(Cropped::new(volume, crop)?) as Box<dyn Volume>),
+    };
+    Ok(Against {
+        volume: volume?,
+        source: whole,
+        stamp,
+    })
 }
 
 fn text(report: &Report) -> String {
@@ -188,10 +202,10 @@ pub fn verdict(report: &Report) -> String {
         output::count(report.surfaces)
     );
     if report.ok {
-        let scope = if report.against {
-            "; the surface is that of the volume"
-        } else {
-            ""
+        let scope = match (report.against, report.part) {
+            (true, _) => "; the surface is that of the volume",
+            (false, true) => "; it is a part, so components may be missing",
+            _ => "",
         };
         format!("ok: {size}, no hole{scope}\n")
     } else {

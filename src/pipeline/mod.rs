@@ -23,6 +23,7 @@ mod surfaces;
 mod sweep;
 mod tables;
 mod tilefile;
+mod warnings;
 mod workspace;
 mod writers;
 
@@ -35,13 +36,13 @@ pub use tables::{COMPONENT_COLUMNS, SURFACE_COLUMNS, unit_text};
 pub(crate) use tilefile::write_file;
 
 use crate::error::{Error, Result};
-use crate::grid::{Dims, LATTICE, Placement, Tiling};
+use crate::grid::{LATTICE, Placement, Tiling};
 use crate::manifest::{
     Dust, Encoding, FORMAT, FORMAT_VERSION, Generator, GridInfo, Manifest, Source, Tables, Totals,
 };
 use crate::progress::Progress;
 use crate::tile::{TileHead, WidestNodes};
-use crate::volume::{Cropped, Volume, spool_beside};
+use crate::volume::{Cropped, Volume, Watch, Watched, spool_beside};
 use budget::Budget;
 use finish::{FinishSettings, Stop, finish};
 use forward::Forward;
@@ -54,6 +55,7 @@ use std::path::Path;
 use std::time::Instant;
 use sweep::{Sweep, Unkept};
 use tilefile::{TileWriter, too_wide};
+use warnings::warnings;
 use writers::Writers;
 
 /// Converts a volume to a tile set in the directory `out`.
@@ -77,6 +79,9 @@ pub fn convert(
 ) -> Result<ConvertReport> {
     let start = Instant::now();
     check(volume, options)?;
+    let watch = Watch::new(volume.header());
+    let watched = Watched::new(Box::new(volume), &watch);
+    let volume: &dyn Volume = &watched;
     let cropped;
     let grid: &dyn Volume = match &options.crop {
         Some(crop) => {
@@ -122,7 +127,16 @@ pub fn convert(
         .build()
         .map_err(|e| Error::usage("--threads", plan.threads.to_string(), e.to_string()))?;
     let work = output.work().to_path_buf();
-    let made = pool.install(|| make(volume, grid, options, &plan, (&work, &mut keeper), progress));
+    let made = pool.install(|| {
+        make(
+            volume,
+            grid,
+            options,
+            &plan,
+            (&work, &mut keeper),
+            (progress, &watch),
+        )
+    });
     // usage errors come back with the same options
     let usage = matches!(made, Err(Error::Usage { .. }));
     output.keep(keeper.has_any() && !usage);
@@ -220,8 +234,10 @@ fn make(
     options: &ConvertOptions,
     plan: &Plan,
     (work, keeper): (&Path, &mut Keeper),
-    progress: &dyn Progress,
+    (progress, watch): (&dyn Progress, &Watch),
 ) -> Result<Made> {
+    // what was swept before was not seen
+    let all_seen = keeper.kept() == 0;
     let measured = options.measured(&grid.header().placement)?;
     let head = TileHead {
         matrix: grid.header().placement.gltf_matrix(),
@@ -265,7 +281,10 @@ fn make(
     remove_empty_layer_directories(work, plan.tiling, &mut layers)?;
     sum_components(&components, options.cap, &mut totals)?;
     let bytes = totals.bytes + layers.bytes + tables_bytes;
-    let warnings = warnings(&totals, grid.header().dims, (options.threshold, dust));
+    let mut warnings = warnings(&totals, grid.header().dims, (options.threshold, dust));
+    if all_seen && totals.surfaces > 0 {
+        warnings.extend(watch.kind().map(|kind| kind.warning()));
+    }
     for warning in &warnings {
         progress.warn(warning);
     }
@@ -413,38 +432,6 @@ fn sum_components(components: &Components, cap: bool, totals: &mut Totals) -> Re
     let edges = (3 * totals.triangles + totals.border_edges) / 2;
     totals.euler_characteristic = totals.vertices as i64 - edges as i64 + totals.triangles as i64;
     Ok(())
-}
-
-fn warnings(totals: &Totals, dims: Dims, (threshold, dust): (f64, Option<Dust>)) -> Vec<String> {
-    let mut warnings = Vec::new();
-    let filled = dust.filter(|dust| match totals.voxels_above {
-        0 => dust.objects > 0,
-        above => dust.cells > 0 && above == dims.voxels(),
-    });
-    if let Some(dust) = filled {
-        warnings.push(format!(
-            "every part on one side of the threshold {threshold} has fewer than {} voxels and was left \
-             out (--min-voxels): there is no surface",
-            dust.min_voxels
-        ));
-    } else if totals.voxels_above == 0 {
-        warnings.push(format!(
-            "no voxel reaches the threshold {threshold}: the tile set is empty (`alvis info` shows \
-             the range of the data)"
-        ));
-    } else if totals.voxels_above == dims.voxels() {
-        warnings.push(format!(
-            "every voxel reaches the threshold {threshold}: there is no surface inside the volume \
-             (`alvis info` shows the range of the data)"
-        ));
-    }
-    if totals.voxels_nan > 0 {
-        warnings.push(format!(
-            "{} samples are NaN; they count as below",
-            totals.voxels_nan
-        ));
-    }
-    warnings
 }
 
 /// What the manifest says, but for its layers.

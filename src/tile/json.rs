@@ -19,7 +19,7 @@ pub(super) const UNSIGNED_INT: u32 = 5125;
 /// glTF component type of positions, normals and feature ids.
 pub(super) const FLOAT: u32 = 5126;
 
-#[derive(Deserialize)]
+#[derive(Debug, Clone, Deserialize)]
 pub(super) struct Document {
     pub asset: Asset,
     pub scene: Option<usize>,
@@ -37,30 +37,41 @@ pub(super) struct Document {
     pub buffers: Vec<Buffer>,
     #[serde(default)]
     pub materials: Vec<Material>,
+    #[serde(default, rename = "extensionsUsed")]
+    pub extensions_used: Vec<String>,
     #[serde(default, rename = "extensionsRequired")]
     pub extensions_required: Vec<String>,
     #[serde(default)]
     pub extensions: RootExtensions,
 }
 
-#[derive(Deserialize)]
+#[derive(Debug, Clone, Deserialize)]
 pub(super) struct Material {
     #[serde(default)]
     pub name: String,
+    #[serde(default, rename = "pbrMetallicRoughness")]
+    pub surface: Surface,
 }
 
-#[derive(Deserialize)]
+/// What a material looks like.
+#[derive(Debug, Clone, Default, Deserialize)]
+pub(super) struct Surface {
+    #[serde(rename = "baseColorFactor")]
+    pub colour: Option<[f64; 4]>,
+}
+
+#[derive(Debug, Clone, Deserialize)]
 pub(super) struct Asset {
     pub version: String,
 }
 
-#[derive(Deserialize)]
+#[derive(Debug, Clone, Deserialize)]
 pub(super) struct Scene {
     #[serde(default)]
     pub nodes: Vec<usize>,
 }
 
-#[derive(Deserialize)]
+#[derive(Debug, Clone, Deserialize)]
 pub(super) struct Node {
     #[serde(default)]
     pub name: String,
@@ -82,7 +93,7 @@ impl Node {
     }
 }
 
-#[derive(Deserialize)]
+#[derive(Debug, Clone, Deserialize)]
 pub(super) struct Mesh {
     #[serde(default)]
     pub name: String,
@@ -90,7 +101,7 @@ pub(super) struct Mesh {
     pub primitives: Vec<Primitive>,
 }
 
-#[derive(Deserialize)]
+#[derive(Debug, Clone, Deserialize)]
 pub(super) struct Primitive {
     pub attributes: BTreeMap<String, usize>,
     pub indices: Option<usize>,
@@ -101,19 +112,19 @@ pub(super) struct Primitive {
     pub extensions: PrimitiveExtensions,
 }
 
-#[derive(Deserialize, Default)]
+#[derive(Debug, Clone, Default, Deserialize)]
 pub(super) struct PrimitiveExtensions {
     #[serde(rename = "EXT_mesh_features")]
     pub mesh_features: Option<MeshFeatures>,
 }
 
-#[derive(Deserialize)]
+#[derive(Debug, Clone, Deserialize)]
 pub(super) struct MeshFeatures {
     #[serde(rename = "featureIds")]
     pub feature_ids: Vec<FeatureId>,
 }
 
-#[derive(Deserialize)]
+#[derive(Debug, Clone, Deserialize)]
 pub(super) struct FeatureId {
     #[serde(rename = "featureCount")]
     pub feature_count: u64,
@@ -122,7 +133,7 @@ pub(super) struct FeatureId {
     pub property_table: Option<usize>,
 }
 
-#[derive(Deserialize)]
+#[derive(Debug, Clone, Deserialize)]
 pub(super) struct Accessor {
     #[serde(rename = "bufferView")]
     pub buffer_view: Option<usize>,
@@ -140,7 +151,7 @@ pub(super) struct Accessor {
     pub sparse: Option<IgnoredAny>,
 }
 
-#[derive(Deserialize)]
+#[derive(Debug, Clone, Deserialize)]
 pub(super) struct BufferView {
     pub buffer: usize,
     #[serde(default, rename = "byteOffset")]
@@ -149,18 +160,19 @@ pub(super) struct BufferView {
     pub byte_length: u64,
     #[serde(rename = "byteStride")]
     pub byte_stride: Option<u64>,
+    pub target: Option<u32>,
     #[serde(default)]
     pub extensions: ViewExtensions,
 }
 
-#[derive(Deserialize, Default)]
+#[derive(Debug, Clone, Default, Deserialize)]
 pub(super) struct ViewExtensions {
     #[serde(rename = "EXT_meshopt_compression")]
     pub meshopt: Option<Compressed>,
 }
 
 /// EXT_meshopt_compression of a view.
-#[derive(Deserialize)]
+#[derive(Debug, Clone, Deserialize)]
 pub(super) struct Compressed {
     pub buffer: usize,
     #[serde(default, rename = "byteOffset")]
@@ -174,7 +186,7 @@ pub(super) struct Compressed {
     pub filter: Option<String>,
 }
 
-#[derive(Deserialize)]
+#[derive(Debug, Clone, Deserialize)]
 pub(super) struct Buffer {
     #[serde(rename = "byteLength")]
     pub byte_length: u64,
@@ -183,53 +195,55 @@ pub(super) struct Buffer {
     pub extensions: BufferExtensions,
 }
 
-#[derive(Deserialize, Default)]
+#[derive(Debug, Clone, Default, Deserialize)]
 pub(super) struct BufferExtensions {
     #[serde(rename = "EXT_meshopt_compression")]
     pub meshopt: Option<Fallback>,
 }
 
 /// EXT_meshopt_compression of a buffer.
-#[derive(Deserialize)]
+#[derive(Debug, Clone, Deserialize)]
 pub(super) struct Fallback {
     #[serde(default)]
     pub fallback: bool,
 }
 
-#[derive(Deserialize, Default)]
+#[derive(Debug, Clone, Default, Deserialize)]
 pub(super) struct RootExtensions {
     #[serde(rename = "EXT_structural_metadata")]
     pub structural_metadata: Option<StructuralMetadata>,
 }
 
-#[derive(Deserialize)]
+#[derive(Debug, Clone, Deserialize)]
 pub(super) struct StructuralMetadata {
     pub schema: Option<Schema>,
     #[serde(default, rename = "propertyTables")]
     pub property_tables: Vec<PropertyTable>,
 }
 
-#[derive(Deserialize)]
+#[derive(Debug, Clone, Deserialize)]
 pub(super) struct Schema {
     #[serde(default)]
     pub classes: BTreeMap<String, Class>,
 }
 
-#[derive(Deserialize)]
+#[derive(Debug, Clone, Deserialize)]
 pub(super) struct Class {
+    #[serde(default)]
+    pub description: String,
     #[serde(default)]
     pub properties: BTreeMap<String, ClassProperty>,
     #[serde(default)]
     pub extras: ClassExtras,
 }
 
-#[derive(Deserialize, Default)]
+#[derive(Debug, Clone, Default, Deserialize)]
 pub(super) struct ClassExtras {
     /// Unit of length of the measures.
     pub unit: Option<String>,
 }
 
-#[derive(Deserialize)]
+#[derive(Debug, Clone, Deserialize)]
 pub(super) struct ClassProperty {
     #[serde(rename = "type")]
     pub kind: String,
@@ -240,7 +254,7 @@ pub(super) struct ClassProperty {
     pub no_data: Option<serde_json::Value>,
 }
 
-#[derive(Deserialize)]
+#[derive(Debug, Clone, Deserialize)]
 pub(super) struct PropertyTable {
     pub class: String,
     pub count: u64,
@@ -248,13 +262,13 @@ pub(super) struct PropertyTable {
     pub properties: BTreeMap<String, PropertyValues>,
 }
 
-#[derive(Deserialize)]
+#[derive(Debug, Clone, Deserialize)]
 pub(super) struct PropertyValues {
     pub values: usize,
 }
 
 /// The ids and measures of a node's `extras`.
-#[derive(Default)]
+#[derive(Debug, Clone, Default)]
 pub(super) struct Extras {
     pub cell: Option<u64>,
     pub object: Option<u64>,

@@ -70,6 +70,7 @@ mod reader;
 mod recode;
 mod store;
 mod streams;
+mod unusual;
 
 pub(crate) use body::{Body, BodyPiece, Grouped};
 pub(crate) use contents::name;

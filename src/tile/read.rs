@@ -7,6 +7,7 @@
 use super::buffers::{Buffers, Bytes};
 use super::glb::{Result, fail};
 use super::json::{self, Document};
+use super::paint::{Rgb, named, of_vertex, vertex_colour};
 use super::reader::Reader;
 use crate::manifest::Encoding;
 
@@ -90,6 +91,28 @@ pub struct Primitive<'a> {
     pub(super) colours: Option<Bytes<'a>>,
 }
 
+impl Primitive<'_> {
+    /// The colour of the material, or of this vertex if vertices have colours; the inner `None` is the common
+    /// grey. `None` if it is no colour that this program writes.
+    pub(crate) fn colour(&self, vertex: usize) -> Option<Option<Rgb>> {
+        let Some(colours) = &self.colours else {
+            return Some(named(&self.material));
+        };
+        let stored = colours.chunks::<8>().get(vertex)?;
+        let colour = of_vertex(stored);
+        (vertex_colour(colour) == *stored).then_some(colour)
+    }
+
+    /// True if these vertices have the same colour.
+    pub(crate) fn are_one_colour(&self, vertices: &[u32]) -> bool {
+        let Some(colours) = self.colours.as_ref().map(|c| c.chunks::<8>()) else {
+            return true;
+        };
+        let of = |v: &u32| colours.get(*v as usize);
+        vertices.windows(2).all(|w| of(&w[0]) == of(&w[1]))
+    }
+}
+
 /// Which surface pieces a primitive holds.
 #[derive(Debug, Clone)]
 pub enum Pieces<'a> {
@@ -119,6 +142,8 @@ pub struct Tile<'a> {
     pub encoding: Encoding,
     /// The primitives by rising node index.
     pub primitives: Vec<Primitive<'a>>,
+    pub(super) glb: Glb<'a>,
+    pub(super) document: Document,
 }
 
 impl<'a> Tile<'a> {
@@ -150,7 +175,14 @@ impl<'a> Tile<'a> {
             matrix,
             encoding,
             primitives,
+            glb,
+            document: doc,
         })
+    }
+
+    /// The JSON chunk, padding included.
+    pub fn json(&self) -> &'a [u8] {
+        self.glb.json
     }
 
     /// True for the merged layout.

@@ -6,6 +6,8 @@
 //! The components are counted as the rule for ambiguous faces joins them.
 
 use super::code::Code;
+use super::dust::Filled;
+use super::gradient::normals;
 use super::piece::{DOWN, Flaw, Piece, Region, UP, position};
 use crate::error::{Error, Result};
 use crate::grid::Ambiguous;
@@ -58,7 +60,7 @@ fn components(set: u8, reach: u32) -> u8 {
 
 /// A macrocube's voxels, with a layer of outside ones where caps lie.
 #[derive(Default, Clone, Copy)]
-struct Block {
+pub(super) struct Block {
     lo: [i32; 3],
     /// Voxels per axis.
     size: [usize; 3],
@@ -84,7 +86,7 @@ impl Block {
     }
 
     /// The voxel at or below a point of the block, in lattice units.
-    fn index(&self, p: [i32; 3]) -> usize {
+    pub fn index(&self, p: [i32; 3]) -> usize {
         let at = |a: usize| ((p[a] >> 8) - self.lo[a]) as usize;
         at(0) + self.size[0] * (at(1) + self.size[1] * at(2))
     }
@@ -100,12 +102,13 @@ impl Block {
 /// What a tile's pieces add up to.
 #[derive(Default)]
 pub(super) struct Mesh {
-    block: Block,
-    points: Vec<[i32; 3]>,
-    state: Vec<u8>,
+    pub block: Block,
+    pub points: Vec<[i32; 3]>,
+    pub state: Vec<u8>,
+    pub normals: Vec<[f32; 3]>,
     /// Triangles per cube, at the cube's first voxel.
     triangles: Vec<u8>,
-    bits: Vec<u8>,
+    pub bits: Vec<u8>,
     seen: Vec<u8>,
 }
 
@@ -115,6 +118,7 @@ impl Mesh {
         self.block = Block::new(region, cap);
         self.points.clear();
         self.state.clear();
+        self.normals.clear();
         self.triangles.clear();
         self.triangles.resize(self.block.len(), 0);
     }
@@ -124,6 +128,7 @@ impl Mesh {
         self.points
             .extend(piece.points.iter().map(|p| position(*p)));
         self.state.extend_from_slice(&piece.state);
+        self.normals.extend_from_slice(&piece.normals);
         for t in &piece.triangles {
             let corners = t.map(|i| piece.points[i as usize]);
             let low = |a: usize| corners[0][a].min(corners[1][a]).min(corners[2][a]);
@@ -136,10 +141,13 @@ impl Mesh {
 /// The samples of a row of macrocubes along x.
 pub(super) struct Band<'a> {
     volume: &'a dyn Volume,
+    /// Those of the macrocubes and one on either side, as far as the volume has them, for gradients.
     rows: Range<u32>,
     slices: Range<u32>,
     /// Eight-byte words, so that the bytes are aligned for every sample type.
     words: Vec<u64>,
+    /// What was filled, since it was dust.
+    filled: Option<Filled>,
 }
 
 /// Voxels of a macrocube; those shared with the next one are counted there.
@@ -153,27 +161,30 @@ pub(super) struct Voxels {
 pub(super) struct Rule {
     pub threshold: f64,
     pub cap: bool,
-    /// Components of the volume may be missing: dust was left out, or the set is a selection.
-    pub partial: bool,
     pub triangles: CubeTriangles,
 }
 
 impl<'a> Band<'a> {
-    pub fn new(volume: &'a dyn Volume) -> Self {
+    pub fn new(volume: &'a dyn Volume, filled: Option<Filled>) -> Self {
         Band {
             volume,
             rows: 0..0,
             slices: 0..0,
             words: Vec::new(),
+            filled,
         }
     }
 
-    /// Reads the rows and slices of a region, all along x.
+    /// Reads the rows and slices of the row of macrocubes (y, z), all along x.
     ///
     /// # Errors
     /// The volume's.
-    pub fn load(&mut self, region: &Region) -> Result<()> {
-        let range = |a: usize| region.lo[a] as u32 / 256..region.hi[a] as u32 / 256 + 1;
+    pub fn load(&mut self, row: [u32; 2], region: &Region) -> Result<()> {
+        if let Some(filled) = &mut self.filled {
+            filled.load(row)?;
+        }
+        let [lo, hi, end] = [region.lo, region.hi, region.end].map(|p| p.map(|c| c as u32 / 256));
+        let range = |a: usize| lo[a].saturating_sub(1)..(hi[a] + 1).min(end[a]) + 1;
         (self.rows, self.slices) = (range(1), range(2));
         let header = self.volume.header();
         let samples = header.dims.0[0] as usize * self.rows.len() * self.slices.len();
@@ -196,8 +207,9 @@ impl<'a> Band<'a> {
     /// Says that no later layer of macrocubes needs the slices before its own first one.
     pub fn release(&self) {
         let z = &self.slices;
+        // the last three are of the next layer, or beside it
         self.volume
-            .release(z.start..z.end.saturating_sub(1).max(z.start));
+            .release(z.start..z.end.saturating_sub(3).max(z.start));
     }
 
     /// Compares a tile with the samples; without `mesh` there must be no sign change.
@@ -219,10 +231,12 @@ impl<'a> Band<'a> {
                 ny: self.rows.len(),
                 first: [0, self.rows.start as i32, self.slices.start as i32],
             };
-            let voxels = view.bits(region, rule, mesh);
-            let whole = view.vertices(rule, mesh, flaws);
-            if whole {
+            let voxels = view.bits(region, (rule, self.filled.as_ref()), mesh);
+            if view.vertices(rule, mesh, flaws) {
                 triangles(rule, mesh, flaws);
+                if flaws.is_empty() {
+                    normals(&view, mesh, rule, flaws);
+                }
             }
             voxels
         })
@@ -230,7 +244,7 @@ impl<'a> Band<'a> {
 }
 
 /// The band's samples as their type.
-struct View<'a, T> {
+pub(super) struct View<'a, T> {
     samples: &'a [T],
     nx: usize,
     ny: usize,
@@ -245,7 +259,12 @@ impl<T: Voxel> View<'_, T> {
     }
 
     /// Fills the block's bits and counts the macrocube's own voxels.
-    fn bits(&self, region: &Region, rule: &Rule, mesh: &mut Mesh) -> Voxels {
+    fn bits(
+        &self,
+        region: &Region,
+        (rule, filled): (&Rule, Option<&Filled>),
+        mesh: &mut Mesh,
+    ) -> Voxels {
         let block = mesh.block;
         mesh.bits.clear();
         mesh.bits.resize(block.len(), 0);
@@ -260,6 +279,9 @@ impl<T: Voxel> View<'_, T> {
                 let bits = &mut mesh.bits[start..start + len];
                 for (bit, v) in bits.iter_mut().zip(row) {
                     *bit = u8::from(v.to_f64() >= rule.threshold);
+                }
+                if let Some(filled) = filled {
+                    filled.apply([y, z].map(|c| c as u32), lo[0] as usize, bits);
                 }
                 if own(1, y) && own(2, z) {
                     let n = if own(0, hi[0]) { len } else { len - 1 };
@@ -288,10 +310,7 @@ impl<T: Voxel> View<'_, T> {
             let (below, above) = (mesh.bits[i], mesh.bits[i + strides[axis]]);
             mesh.seen[i] |= 1 << axis;
             if below == above {
-                // where a small cell on the volume's face was filled, its cap is no sign change
-                if !(rule.partial && self.ends(p, axis).is_none()) {
-                    tally[0].add(p);
-                }
+                tally[0].add(p);
                 continue;
             }
             if p[axis] & 255 != self.step(p, axis, rule) {
@@ -317,10 +336,7 @@ impl<T: Voxel> View<'_, T> {
                 }
             }
         }
-        let whole = !rule.partial && tally[0].0.count == 0 && missing.0.count == 0;
-        if rule.partial {
-            missing = Count::new(Code::MissingVertex);
-        }
+        let whole = tally[0].0.count == 0 && missing.0.count == 0;
         flaws.extend(
             [missing]
                 .iter()
@@ -333,7 +349,7 @@ impl<T: Voxel> View<'_, T> {
 
     /// Where the vertex on a lattice edge belongs: 256 (T - v0) / (v1 - v0), rounded half away from
     /// zero, 1 to 255; 128 if that is not finite or an end lies outside the volume.
-    fn step(&self, p: [i32; 3], axis: usize, rule: &Rule) -> i32 {
+    pub fn step(&self, p: [i32; 3], axis: usize, rule: &Rule) -> i32 {
         let Some((v, w)) = self.ends(p, axis) else {
             return 128;
         };
@@ -351,15 +367,17 @@ impl<T: Voxel> View<'_, T> {
         let low = p.map(|c| c >> 8);
         let mut high = low;
         high[axis] += 1;
-        let inside = |v: [i32; 3]| {
-            let z = v[2] - self.first[2];
-            let y = v[1] - self.first[1];
-            let rows = 0 <= y && (y as usize) < self.ny && z >= 0;
-            let start = self.nx * (y.max(0) as usize + self.ny * z.max(0) as usize);
-            let fits = rows && start + self.nx <= self.samples.len();
-            (fits && 0 <= v[0] && (v[0] as usize) < self.nx).then(|| self.row(v, 1)[0].to_f64())
-        };
-        inside(low).zip(inside(high))
+        self.sample(low).zip(self.sample(high))
+    }
+
+    /// The sample of a voxel; `None` if it lies outside the volume, or the band.
+    pub fn sample(&self, v: [i32; 3]) -> Option<f64> {
+        let z = v[2] - self.first[2];
+        let y = v[1] - self.first[1];
+        let rows = 0 <= y && (y as usize) < self.ny && z >= 0;
+        let start = self.nx * (y.max(0) as usize + self.ny * z.max(0) as usize);
+        let fits = rows && start + self.nx <= self.samples.len();
+        (fits && 0 <= v[0] && (v[0] as usize) < self.nx).then(|| self.row(v, 1)[0].to_f64())
     }
 }
 
@@ -386,10 +404,10 @@ fn triangles(rule: &Rule, mesh: &Mesh, flaws: &mut Vec<Flaw>) {
     }
 }
 
-struct Count(Flaw);
+pub(super) struct Count(pub Flaw);
 
 impl Count {
-    fn new(code: Code) -> Self {
+    pub fn new(code: Code) -> Self {
         Count(Flaw {
             code,
             count: 0,
@@ -397,7 +415,7 @@ impl Count {
         })
     }
 
-    fn add(&mut self, place: [i32; 3]) {
+    pub fn add(&mut self, place: [i32; 3]) {
         if self.0.count == 0 {
             self.0.first = place;
         }

@@ -40,6 +40,15 @@ codes! {
     FormatVersion = "FORMAT_VERSION", true;
     /// A member of the manifest is out of range or contradicts another one.
     ManifestValue = "MANIFEST_VALUE", false;
+    /// A member of a JSON file that the format does not have, that is there twice or is missing, or a value that
+    /// the format does not list.
+    ForeignMember = "FOREIGN_MEMBER", false;
+    /// The source that the manifest states is not the volume that the tiles are compared with.
+    SourceMismatch = "SOURCE_MISMATCH", false;
+    /// A part has a cell that its condition leaves out, or a condition that cannot be read.
+    Selection = "SELECTION", false;
+    /// The colour of a piece, or what the manifest says of colours, is not that of the cell.
+    Paint = "PAINT", false;
     /// A path is absolute, has `..` or another strange part, or a symbolic link leads outside.
     PathOutside = "PATH_OUTSIDE", true;
     /// A path is not the one that the format gives to that layer, tile or table.
@@ -64,6 +73,9 @@ codes! {
     GltfStructure = "GLTF_STRUCTURE", true;
     /// An accessor is of the wrong type, misaligned or outside the buffer.
     GltfAccessor = "GLTF_ACCESSOR", true;
+    /// Something in a tile is used by nothing, or is not what those that use it take it for: an extension, an
+    /// accessor, a view, a material, a description, or bytes.
+    GltfUnused = "GLTF_UNUSED", false;
     /// A compressed buffer view is not what it says, or cannot be decoded.
     MeshoptBuffer = "MESHOPT_BUFFER", true;
     /// A tile's encoding or layout is not the manifest's.
@@ -100,6 +112,8 @@ codes! {
     UnusedVertex = "UNUSED_VERTEX", true;
     /// A normal is not finite or not of unit length.
     NormalInvalid = "NORMAL_INVALID", false;
+    /// A normal is not that of the volume's gradient.
+    NormalDiffers = "NORMAL_DIFFERS", false;
     /// A triangle without area that is no joint of a strip.
     DegenerateTriangle = "DEGENERATE_TRIANGLE", true;
     /// A triangle that does not lie in one cube.
@@ -121,11 +135,15 @@ codes! {
     PairRepeated = "PAIR_REPEATED", true;
     /// Ids of surfaces, cells or objects are not 1 to n.
     IdGap = "ID_GAP", true;
+    /// Ids do not rise with the first voxel of cells and objects, or the first vertex of surfaces.
+    IdOrder = "ID_ORDER", false;
     /// Surfaces + 1 is not objects + cells.
     Law = "LAW", true;
     /// A sum in the manifest is not that of the tiles.
     TotalsMismatch = "TOTALS_MISMATCH", false;
-    /// A table has no header, lacks a column, or a field is not what its column holds.
+    /// What was left out as dust is not what the volume has of components below the size.
+    Dust = "DUST", false;
+    /// A table has no header, or another one, or a field is not what its column holds.
     TableSyntax = "TABLE_SYNTAX", false;
     /// A table lacks a row, repeats one or has one too many.
     TableRows = "TABLE_ROWS", false;

@@ -1,8 +1,10 @@
 //! A tile's surface pieces: their groups in the shard, their geometry, and what of them is open.
 
+use super::carried;
 use super::code::Code;
 use super::edges::Edges;
 use super::inside::Inside;
+use super::paint::{self, Colour};
 use super::piece::{Flaw, Piece, Sums, position};
 use super::places::bounds;
 use super::report::Issue;
@@ -11,7 +13,7 @@ use super::sweep::{CAP, Component, FaceEdge, Ids};
 use super::tile::{Work, Workspace};
 use crate::cpu::dispatch;
 use crate::manifest::Group;
-use crate::tile::read::PieceIds;
+use crate::tile::read::{Measured, PieceIds};
 
 /// What a piece says of itself.
 pub(super) struct Label {
@@ -21,6 +23,8 @@ pub(super) struct Label {
     pub names: u8,
     /// As [`Component::measures`].
     pub measures: u64,
+    /// As [`Component::colour`].
+    pub colour: Colour,
 }
 
 /// Marks [`FaceEdge::part`] as a component's number rather than a vertex's.
@@ -152,9 +156,24 @@ impl Work<'_, '_> {
         self.counts.volume6 += sums.volume6;
         if piece.cap {
             self.counts.cap_triangles += sums.triangles;
+            self.check_cap(label);
             return;
         }
         self.add_components(label, &sums, ws);
+    }
+
+    /// A cap is of no cell: it has no measures, and the common grey.
+    fn check_cap(&mut self, label: &Label) {
+        let at = format!("/nodes/{}", label.node);
+        if label.measures != carried::hash(&Measured::default()) {
+            let message = format!("the cap of object {} carries measures", label.ids.object);
+            self.issue(Code::CarriedMeasure, &at, message);
+        }
+        if label.colour != 0 {
+            let found = paint::name(label.colour);
+            let message = format!("found {found} on a cap, expected the common grey");
+            self.issue(Code::Paint, &at, message);
+        }
     }
 
     /// Sorts the piece's open edges by the plane they lie on; the rest are a hole.
@@ -187,6 +206,9 @@ impl Work<'_, '_> {
             } else {
                 self.border.push((face, edge));
                 sums.border += 1;
+                let ends = [tail, head].map(|v| piece.points[v as usize]);
+                let state = piece.state[tail as usize];
+                sums.inside.rim.add_border_edge(ends, state);
             }
         }
         if holes > 0 {
@@ -218,6 +240,7 @@ impl Work<'_, '_> {
                 object_tiles: 0,
                 names: label.names,
                 measures: label.measures,
+                colour: label.colour,
                 mixed: false,
             };
             self.components.push((component, false));

@@ -1,5 +1,6 @@
 //! The manifest and its shards: read, and checked for what they say by themselves.
 
+use super::closed::{self, Schema};
 use super::code::Code;
 use super::files::{self, Expected};
 use super::report::Issues;
@@ -53,6 +54,7 @@ pub(super) fn manifest(root: &Path, issues: &mut Issues) -> Result<Option<Manife
     match serde_json::from_reader::<_, Manifest>(BufReader::with_capacity(1 << 16, &file)) {
         Ok(manifest) => {
             check_own(&manifest, &file, issues).map_err(failed)?;
+            check_members(&closed::MANIFEST, &file, MANIFEST, issues).map_err(failed)?;
             Ok(check(&manifest, issues).then_some(manifest))
         }
         Err(e) if e.is_io() => Err(failed(e.into())),
@@ -61,6 +63,22 @@ pub(super) fn manifest(root: &Path, issues: &mut Issues) -> Result<Option<Manife
             Ok(None)
         }
     }
+}
+
+/// Reports members that the format does not have, of a file that has been read before.
+fn check_members(
+    schema: &Schema,
+    mut file: &File,
+    path: &str,
+    issues: &mut Issues,
+) -> std::io::Result<()> {
+    file.rewind()?;
+    // what is no JSON has been reported
+    let found = schema.walk_file(BufReader::with_capacity(1 << 16, file));
+    for (pointer, message) in found.unwrap_or_default() {
+        issues.add(Code::ForeignMember, format!("{path}#{pointer}"), message);
+    }
+    Ok(())
 }
 
 /// Compares the manifest's checksum with what it states itself, if it does.
@@ -137,6 +155,7 @@ fn check(m: &Manifest, issues: &mut Issues) -> bool {
         wrong("transform", message);
     }
     check_crop(m, &mut wrong);
+    check_counts(m, &mut wrong);
     let rising = m.layers.windows(2).all(|w| w[0].z < w[1].z);
     if !rising
         || m.layers
@@ -162,6 +181,34 @@ fn check_crop(m: &Manifest, wrong: &mut impl FnMut(&str, String)) {
             wrong("grid/dims", message);
         }
         Err(e) => wrong("source/crop", e.to_string()),
+    }
+}
+
+/// Checks counts that the tiles do not show.
+fn check_counts(m: &Manifest, wrong: &mut impl FnMut(&str, String)) {
+    let t = &m.totals;
+    if let Some(of) = m.selection.as_ref().map(|s| s.of) {
+        let all = [of.cells, of.objects, of.surfaces, of.voxels_above];
+        let own = [t.cells, t.objects, t.surfaces, t.voxels_above];
+        if own.iter().zip(all).any(|(own, all)| *own > all) {
+            let message = format!("found {all:?} of the whole, and {own:?} of the part");
+            wrong("selection/of", message);
+        }
+    }
+    if let Some(d) = &m.dust {
+        let fits = |(count, voxels): (u64, u64)| {
+            let most = count.saturating_mul(d.min_voxels.saturating_sub(1));
+            (count..=most.max(count)).contains(&voxels)
+        };
+        let all = [(d.objects, d.object_voxels), (d.cells, d.cell_voxels)];
+        if d.min_voxels < 2 || !all.into_iter().all(fits) {
+            let message = format!("found {d:?}, expected components of fewer voxels than the size");
+            wrong("dust", message);
+        }
+    }
+    if m.source.offset != 0 && m.source.format != "raw" {
+        let message = format!("found {} for {}", m.source.offset, m.source.format);
+        wrong("source/offset", message);
     }
 }
 
@@ -284,7 +331,7 @@ pub(super) fn shard<'a>(
         (Some(ShardFault::Json(message)), _) => Some(message),
         (None, _) => None,
     };
-    let Summed { bytes, crc, .. } = rest.into_inner();
+    let Summed { file, bytes, crc } = rest.into_inner();
     files::compare_sums(&expected, bytes, || crc.finalize(), issues);
     let named = shard_path(layer.z);
     if layer.path != named {
@@ -295,6 +342,9 @@ pub(super) fn shard<'a>(
     if let Some(message) = fault {
         issues.add(Code::ShardSyntax, &layer.path, message);
         return None;
+    }
+    if let Err(e) = check_members(&closed::SHARD, &file, &layer.path, issues) {
+        return unreadable(e, issues);
     }
     if z != Some(layer.z) || tiles != layer.tiles {
         let message = format!(

@@ -9,15 +9,17 @@
 //! Ends of runs are picked out and added up one by one. Adding up all vertices side by side in 32 bits, as
 //! they lie to the macrocube's corner, and moving the sums afterwards, took a third more instructions for that.
 
+use super::first::First;
 use super::marks::{BITS, axis};
 use super::piece::{DOWN, Piece, Region, UP, Vertex};
+use super::rim::{self, Rim};
 use crate::cpu::dispatch;
 use crate::grid::{Extent, Placement};
 
 /// Sums over the ends of runs along x, those of the cell counted up and those of the object down: of
 /// each of [1, y, z, yy, zz, yz] times the number of voxels before the end at b, of [1, y, z] times the
-/// sum of their x, of the sum of their xx; then of the first six alone.
-const SUMS: usize = 16;
+/// sum of their x, of the sum of their xx.
+const SUMS: usize = 10;
 
 /// Vertices whose boxes are found side by side.
 const LANES: usize = 8;
@@ -66,6 +68,10 @@ pub(super) struct Inside {
     pub below: Span,
     /// The same of the object.
     pub above: Span,
+    /// Where the surface comes first.
+    pub first: First,
+    /// What it says of the volume's faces.
+    pub rim: Rim,
     /// How far the voxels of the cell and of the object at the ends of vertices' lattice edges reach along the axes
     /// of the world, if these are not the grid's.
     pub far: [Extent; 2],
@@ -76,7 +82,7 @@ pub(super) struct Inside {
 pub(super) const WORDS: usize = FAR + 12;
 
 /// Words before those of [`Inside::far`].
-const FAR: usize = 3 + 2 * SUMS;
+const FAR: usize = 3 + 3 + rim::WORDS + 2 * SUMS;
 
 impl Inside {
     /// From the vertices that are the tile's own, of a piece whose triangles have been summed. `rotated` is where the
@@ -90,7 +96,7 @@ impl Inside {
     }
 
     #[inline(always)]
-    fn of_vertices(points: &[Vertex], state: &[u8], region: &Region) -> Self {
+    pub(super) fn of_vertices(points: &[Vertex], state: &[u8], region: &Region) -> Self {
         let mut out = Inside::default();
         for (points, state) in points.chunks(CHUNK).zip(state.chunks(CHUNK)) {
             let mut sums = [0; SUMS];
@@ -103,12 +109,16 @@ impl Inside {
             }
         }
         [out.below, out.above] = spans(points, state);
+        out.first = First::of(points, state, [out.below.lo[2], out.above.lo[2]]);
+        out.rim = Rim::of(points, state, region);
         out
     }
 
     pub fn add(&mut self, other: &Inside) {
         self.below.add(&other.below);
         self.above.add(&other.above);
+        self.first.add(&other.first);
+        self.rim.add(&other.rim);
         for (a, b) in self.far.iter_mut().zip(&other.far) {
             a.merge(b);
         }
@@ -124,11 +134,16 @@ impl Inside {
         for (i, v) in boxes.enumerate() {
             out[i / 4] |= u64::from(v) << (16 * (i % 4));
         }
-        for (i, s) in self.sums.iter().enumerate() {
-            let s = *s as u128;
-            out[3 + 2 * i] = (s >> 64) as u64;
-            out[4 + 2 * i] = s as u64;
-        }
+        let First {
+            vertex,
+            below,
+            above,
+        } = self.first;
+        out[3..6].copy_from_slice(&[vertex, below, above]);
+        let sums = self.sums.iter().map(|s| *s as u128);
+        let sums = sums.flat_map(|s| [(s >> 64) as u64, s as u64]);
+        let rest = self.rim.words().into_iter().map(|w| w as u64).chain(sums);
+        out[6..].iter_mut().zip(rest).for_each(|(to, w)| *to = w);
         let far = self.far.iter().flat_map(Extent::words);
         out[FAR..].iter_mut().zip(far).for_each(|(o, w)| *o = w);
         out
@@ -141,36 +156,44 @@ impl Inside {
             lo: std::array::from_fn(|a| v(i + a)),
             hi: std::array::from_fn(|a| v(i + 3 + a)),
         };
-        let sum = |i: usize| u128::from(words[3 + 2 * i]) << 64 | u128::from(words[4 + 2 * i]);
+        let sums = &words[6 + rim::WORDS..FAR];
+        let sum = |i: usize| u128::from(sums[2 * i]) << 64 | u128::from(sums[2 * i + 1]);
         Inside {
             below: span(0),
             above: span(6),
+            first: First {
+                vertex: words[3],
+                below: words[4],
+                above: words[5],
+            },
+            rim: Rim::from_words(std::array::from_fn(|i| words[6 + i] as i64)),
             far: [0, 6].map(|i| Extent::from_words(std::array::from_fn(|w| words[FAR + i + w]))),
             sums: std::array::from_fn(|i| sum(i) as i128),
         }
     }
 
-    /// The moments of the cell's voxels, or of the object's, if they do not reach the volume's upper
-    /// face across x (`far` is `None`) or not the lower one (`far` is the volume's length).
-    pub fn moments(&self, cell: bool, far: Option<u32>) -> Moments {
+    /// The moments of the cell's voxels, or of the object's, given the sums of [1, y, z, yy, zz, yz] over
+    /// those on the far face of a volume that is `nx` voxels long.
+    pub fn moments(&self, cell: bool, far: [i64; 6], nx: u32) -> Moments {
         let sign = if cell { 1 } else { -1 };
-        let b = far.map_or(0, i64::from);
-        let [x, xx] = power_sums(b).map(i128::from);
-        let b = i128::from(b);
+        let n = i64::from(nx);
+        let [x, xx] = power_sums(n).map(i128::from);
+        // runs up to the far face end without a vertex
         let s = |i: usize, before: i128, weight: usize| {
-            let beyond = before.wrapping_mul(self.sums[10 + weight]);
-            self.sums[i].wrapping_sub(beyond).wrapping_mul(sign)
+            let missing = before.wrapping_mul(i128::from(far[weight]));
+            self.sums[i].wrapping_mul(sign).wrapping_add(missing)
         };
+        let n = i128::from(n);
         Moments {
-            voxels: s(0, b, 0),
-            first: [s(6, x, 0), s(1, b, 1), s(2, b, 2)],
+            voxels: s(0, n, 0),
+            first: [s(6, x, 0), s(1, n, 1), s(2, n, 2)],
             second: [
                 s(9, xx, 0),
-                s(3, b, 3),
-                s(4, b, 4),
+                s(3, n, 3),
+                s(4, n, 4),
                 s(7, x, 1),
                 s(8, x, 2),
-                s(5, b, 5),
+                s(5, n, 5),
             ],
         }
     }
@@ -267,7 +290,6 @@ fn end_run(sums: &mut [i64; SUMS], [b, y, z]: [i64; 3], sign: i64) {
     let [x, xx] = power_sums(b);
     for (i, w) in weights.into_iter().enumerate() {
         sums[i] += sign * w * b;
-        sums[10 + i] += sign * w;
     }
     for i in 0..3 {
         sums[6 + i] += sign * x * weights[i];
@@ -276,7 +298,7 @@ fn end_run(sums: &mut [i64; SUMS], [b, y, z]: [i64; 3], sign: i64) {
 }
 
 /// The sums of k and of k^2 for k in 0..n.
-fn power_sums(n: i64) -> [i64; 2] {
+pub(super) fn power_sums(n: i64) -> [i64; 2] {
     [n * (n - 1) / 2, (n - 1) * n * (2 * n - 1) / 6]
 }
 
@@ -289,34 +311,6 @@ pub(super) struct Moments {
 }
 
 impl Moments {
-    /// Of a whole grid.
-    pub fn of_grid(dims: [u32; 3]) -> Self {
-        let n = dims.map(i128::from);
-        let sums = dims.map(|n| power_sums(i64::from(n)).map(i128::from));
-        let [x, y, z] = [sums[0][0], sums[1][0], sums[2][0]];
-        Moments {
-            voxels: n[0] * n[1] * n[2],
-            first: [x * n[1] * n[2], y * n[0] * n[2], z * n[0] * n[1]],
-            second: [
-                sums[0][1] * n[1] * n[2],
-                sums[1][1] * n[0] * n[2],
-                sums[2][1] * n[0] * n[1],
-                x * y * n[2],
-                x * z * n[1],
-                y * z * n[0],
-            ],
-        }
-    }
-
-    /// Without a part.
-    pub fn without(&self, part: &Moments) -> Self {
-        Moments {
-            voxels: self.voxels.wrapping_sub(part.voxels),
-            first: std::array::from_fn(|i| self.first[i].wrapping_sub(part.first[i])),
-            second: std::array::from_fn(|i| self.second[i].wrapping_sub(part.second[i])),
-        }
-    }
-
     /// Mean voxel coordinates.
     pub fn mean(&self) -> [f64; 3] {
         self.first.map(|s| s as f64 / self.voxels as f64)
@@ -348,6 +342,7 @@ impl Moments {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::verify::first::voxel_key;
     use crate::verify::marks;
     use proptest::prelude::*;
 
@@ -367,6 +362,13 @@ mod tests {
             };
             out.below.add(&Span::clamped([cell; 2]));
             out.above.add(&Span::clamped([object; 2]));
+            let vertex = voxel_key(low) << 2 | axis as u64;
+            let (below, above) = (voxel_key(cell), voxel_key(object));
+            out.first.add(&First {
+                vertex,
+                below,
+                above,
+            });
             if axis == 0 && region.owns(p) {
                 let at = high.map(i64::from);
                 run_end(&mut out, at, if cell_is_low { 1 } else { -1 });
@@ -398,7 +400,8 @@ mod tests {
             };
             let points: Vec<_> = vertices.iter().map(place).collect();
             let state: Vec<_> = vertices.iter().map(|v| v.1 | v.2 | 4).collect();
-            let slow = slow_of(&points, &state, &region);
+            let mut slow = slow_of(&points, &state, &region);
+            slow.rim = Rim::of(&points, &state, &region);
             prop_assert_eq!(Inside::of_vertices(&points, &state, &region), slow);
             prop_assert_eq!(dispatch!(Inside::of_vertices(&points, &state, &region)), slow);
         }
@@ -440,36 +443,20 @@ mod tests {
             run_end(&mut inside, [end, y, z], 1);
             voxels.extend((start..end).map(|x| [x, y, z].map(i128::from)));
         }
-        assert_eq!(inside.moments(true, None), plain(&voxels));
-        assert_eq!(inside.moments(true, Some(12)), plain(&voxels));
+        assert_eq!(inside.moments(true, [0; 6], 12), plain(&voxels));
+        inside.first.above = 77;
         assert_eq!(Inside::unpack(&inside.pack()), inside);
     }
 
     #[test]
-    fn runs_that_reach_a_face_are_counted_from_the_other_one() {
-        let (mut low, mut high) = (Inside::default(), Inside::default());
-        run_end(&mut low, [4, 2, 9], 1);
-        run_end(&mut high, [4, 2, 9], -1);
-        let voxels = |range: std::ops::Range<i128>| range.map(|x| [x, 2, 9]).collect::<Vec<_>>();
-        assert_eq!(low.moments(true, None), plain(&voxels(0..4)));
-        assert_eq!(high.moments(true, Some(11)), plain(&voxels(4..11)));
-        assert_eq!(low.moments(false, Some(11)), plain(&voxels(4..11)));
-    }
-
-    #[test]
-    fn a_grid_has_the_moments_of_its_voxels() {
-        let mut voxels = Vec::new();
-        for z in 0..3 {
-            for y in 0..4 {
-                voxels.extend((0..5).map(|x| [x, y, z]));
-            }
-        }
-        let grid = Moments::of_grid([5, 4, 3]);
-        assert_eq!(grid, plain(&voxels));
-        let rest = grid.without(&plain(&voxels[..7]));
-        assert_eq!(rest, plain(&voxels[7..]));
-        assert_eq!(grid.mean(), [2.0, 1.5, 1.0]);
-        assert!((grid.covariance()[0][0] - (2.0 + 1.0 / 12.0)).abs() < 1e-12);
-        assert_eq!(grid.covariance()[0][1], 0.0);
+    fn runs_that_reach_the_far_face_end_there() {
+        let mut inside = Inside::default();
+        run_end(&mut inside, [4, 2, 9], -1);
+        let voxels: Vec<_> = (4..11).map(|x| [x, 2, 9]).collect();
+        let far = [1, 2, 9, 4, 81, 18];
+        assert_eq!(inside.moments(true, far, 11), plain(&voxels));
+        let voxels: Vec<_> = (0..4).map(|x| [x, 2, 9]).collect();
+        assert_eq!(inside.moments(false, [0; 6], 11), plain(&voxels));
+        assert!((plain(&voxels).covariance()[0][0] - (1.25 + 1.0 / 12.0)).abs() < 1e-12);
     }
 }

@@ -3,6 +3,7 @@
 use super::against::Voxels;
 use super::code::Code;
 use super::ledger::{Group, Kind, Laws, Ledger, Rows};
+use super::paint::{self, Paints};
 use super::report::Issues;
 use super::solids::Solids;
 use super::tables::Table;
@@ -14,6 +15,8 @@ use rayon::ThreadPool;
 /// What was counted.
 #[derive(Default)]
 pub(super) struct Found {
+    /// True if the set is a part.
+    pub part: bool,
     pub counts: Counts,
     pub tiles: u64,
     pub strips: u64,
@@ -63,7 +66,7 @@ pub(super) fn check(
         listed.laws
     });
     let mut sums = Issues::new(cx.max_issues);
-    solids.finish(&mut values, &mut sums);
+    solids.finish(&mut sums);
     if !issues.broken() {
         issues.append(own);
     }
@@ -80,6 +83,7 @@ pub(super) fn check(
         issues.add(Code::Law, "index.json#/totals", message);
     }
     if !issues.broken() {
+        all.iter().for_each(|l| l.check_order(issues));
         totals(cx.manifest, found, issues);
         issues.append(sums);
         issues.append(values);
@@ -117,22 +121,67 @@ impl Listed {
         solids: &mut Solids,
     ) -> Result<()> {
         let mut table = Table::open(cx.root, cx.manifest, self.laws.kind, &mut self.unopened);
+        let kind = self.laws.kind;
+        let mut paints = match kind {
+            Kind::Cell => Paints::open(cx.root, cx.manifest, &mut self.unopened),
+            _ => None,
+        };
         while let Some(group) = rows.next_group()? {
-            self.laws.add(&group, &mut self.own);
+            let body = group.body(kind, cx);
+            // an object of a part may have lost surfaces, and seem to be any other body
+            let known = body.as_ref().filter(|_| !may_be_cut(cx.manifest, kind));
+            self.laws.add(&group, known, &mut self.own);
+            if kind == Kind::Cell {
+                self.check_colour(&group, &mut paints, cx);
+            }
             if let Some(table) = &mut table {
-                table.check(&group, solids, &mut self.values);
+                table.check((&group, body.as_ref()), solids, &mut self.values);
             }
         }
         if let Some(table) = &mut table {
             // a volume of one phase: its one cell or object is the whole grid
             let whole = alone == 1 && !cx.manifest.is_part();
             if whole {
-                table.check(&Group::alone(), solids, &mut self.values);
+                let group = Group::alone();
+                let body = group.body(kind, cx);
+                table.check((&group, body.as_ref()), solids, &mut self.values);
             }
             table.finish(alone - u64::from(whole), &mut self.values);
         }
+        if let Some(paints) = &paints {
+            paints.finish(&mut self.values);
+        }
         Ok(())
     }
+
+    /// Compares the colour of a cell's pieces with what its row in the table makes of it.
+    fn check_colour(&mut self, group: &Group, paints: &mut Option<Paints>, cx: &Context) {
+        let expected = match paints {
+            Some(paints) => paints.next(group.id),
+            // without a selection there is no colour; one that cannot be read is an issue already
+            None => cx.manifest.selection.is_none().then_some(0),
+        };
+        let found = group.total.colour;
+        match expected {
+            Some(expected) if expected != found => {
+                let (found, expected) = (paint::name(found), paint::name(expected));
+                let message = format!(
+                    "pieces of cell {} have {found}, expected {expected}",
+                    group.id
+                );
+                self.values.add(Code::Paint, "tiles", message);
+            }
+            // the rows that follow are none of those that are looked for
+            None => *paints = None,
+            _ => {}
+        }
+    }
+}
+
+/// True if some surfaces of a body may be missing: an object's in a part without caps. A part keeps caps only
+/// if it has all surfaces of its objects.
+pub(super) fn may_be_cut(manifest: &Manifest, kind: Kind) -> bool {
+    kind == Kind::Object && manifest.is_part() && !manifest.cap
 }
 
 /// Compares the manifest's sums with those of the tiles.
@@ -180,9 +229,7 @@ fn totals(manifest: &Manifest, found: &Found, issues: &mut Issues) {
         pairs.push(("objects", regions, 1));
     }
     if let Some(voxels) = &found.voxels {
-        if manifest.dust.is_none() {
-            pairs.push(("voxels_above", wide(t.voxels_above), wide(voxels.above)));
-        }
+        pairs.push(("voxels_above", wide(t.voxels_above), wide(voxels.above)));
         pairs.push(("voxels_nan", wide(t.voxels_nan), wide(voxels.nan)));
     } else {
         // by the tiles alone there is a limit only

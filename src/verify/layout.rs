@@ -3,6 +3,7 @@
 use super::carried;
 use super::code::Code;
 use super::geometry::Label;
+use super::paint::{self, Colour, MIXED};
 use super::report::Issue;
 use super::tile::{Work, Workspace};
 use crate::cpu::dispatch;
@@ -51,9 +52,14 @@ impl Work<'_, '_> {
                     node,
                     names: self.check_name(p, ids),
                     measures: carried::hash(&p.measured[0]),
+                    colour: p.colour(0).map_or(MIXED, paint::colour),
                 };
                 std::mem::swap(&mut ws.piece.triangles, &mut ws.list);
                 p.positions.read_into(&mut ws.piece.positions);
+                if self.keep_mesh {
+                    ws.piece.normals.clear();
+                    ws.piece.normals.extend(p.normals.iter());
+                }
                 self.piece(&label, group, ws);
             }
             Pieces::Merged(rows, ids) => {
@@ -175,6 +181,10 @@ impl Work<'_, '_> {
         let mut order: Vec<u32> = (0..feature.len() as u32).collect();
         order.sort_by_key(|&v| feature[v as usize]);
         let points: Vec<[f32; 3]> = p.positions.iter().collect();
+        let normals: Vec<[f32; 3]> = match self.keep_mesh {
+            true => p.normals.iter().collect(),
+            false => Vec::new(),
+        };
         let mut local = vec![0u32; points.len()];
         let (mut triangles, mut vertices) = (&by_feature[..], &order[..]);
         for (row, (ids, measured)) in ids.iter().zip(&p.measured).enumerate() {
@@ -198,16 +208,31 @@ impl Work<'_, '_> {
                 node: p.node,
                 names: 0,
                 measures: carried::hash(measured),
+                colour: colour_of(p, own),
             };
             ws.piece.positions.clear();
             let positions = own.iter().map(|&v| points[v as usize]);
             ws.piece.positions.extend(positions);
+            ws.piece.normals.clear();
+            if self.keep_mesh {
+                let own = own.iter().map(|&v| normals[v as usize]);
+                ws.piece.normals.extend(own);
+            }
             self.piece(&label, group, ws);
             if !self.sound {
                 break;
             }
         }
         ws.list = list;
+    }
+}
+
+/// The colour of a merged piece with these vertices.
+fn colour_of(p: &Primitive, vertices: &[u32]) -> Colour {
+    let first = vertices.first().and_then(|v| p.colour(*v as usize));
+    match first {
+        Some(colour) if p.are_one_colour(vertices) => paint::colour(colour),
+        _ => MIXED,
     }
 }
 

@@ -3,25 +3,30 @@
 //! Surfaces finish in no order and may be more than memory should hold, so they are sorted on disk
 //! three times: by surface, by cell and by object.
 
+use super::bodies::Body;
 use super::code::Code;
 use super::inside::{self, Inside};
 use super::piece::Sums;
 use super::report::Issues;
-use super::spill::{Merge, RECORD_WORDS, Record, Spill};
+use super::spill::{Merge, Spill};
 use super::sweep::{Component, Ids};
+use super::tile::Context;
 use crate::error::Result;
 
-/// Records that each of the three sorts keeps in memory: 0.9 MiB.
+/// Records that each of the three sorts keeps in memory: 1.1 MiB.
 const IN_MEMORY: usize = 1 << 11;
 
-/// Words of a record before those of [`Inside`].
-const OWN_WORDS: usize = RECORD_WORDS - inside::WORDS;
+/// Words of a record before those of [`Inside`], and in all.
+const OWN_WORDS: usize = 14;
+const RECORD_WORDS: usize = OWN_WORDS + inside::WORDS;
+
+type Record = [u64; RECORD_WORDS];
 
 /// Collects finished surfaces.
 pub(super) struct Ledger {
-    by_surface: Spill,
-    by_cell: Spill,
-    by_object: Spill,
+    by_surface: Spill<RECORD_WORDS>,
+    by_cell: Spill<RECORD_WORDS>,
+    by_object: Spill<RECORD_WORDS>,
     pub surfaces: u64,
 }
 
@@ -83,6 +88,7 @@ fn pack(key: [u64; 3], c: &Component) -> Record {
         tiles,
         c.cell_tiles << 32 | c.object_tiles & 0xFFFF_FFFF,
         c.measures,
+        u64::from(c.colour),
     ];
     let mut record = [0; RECORD_WORDS];
     record[..OWN_WORDS].copy_from_slice(&words);
@@ -111,6 +117,7 @@ fn unpack(r: &Record, order: fn([u64; 3]) -> [u64; 3]) -> Component {
         mixed: r[10] & 4 != 0,
         names: (r[10] & 3) as u8,
         measures: r[12],
+        colour: r[13] as u32,
         cell_tiles: r[11] >> 32,
         object_tiles: r[11] & 0xFFFF_FFFF,
     }
@@ -118,13 +125,13 @@ fn unpack(r: &Record, order: fn([u64; 3]) -> [u64; 3]) -> Component {
 
 /// Components in order of their first id.
 pub(super) struct Rows {
-    merge: Merge,
+    merge: Merge<RECORD_WORDS>,
     order: fn([u64; 3]) -> [u64; 3],
     next: Option<Record>,
 }
 
 impl Rows {
-    fn new(mut merge: Merge, order: fn([u64; 3]) -> [u64; 3]) -> Result<Self> {
+    fn new(mut merge: Merge<RECORD_WORDS>, order: fn([u64; 3]) -> [u64; 3]) -> Result<Self> {
         let next = merge.next()?;
         Ok(Rows { merge, order, next })
     }
@@ -175,6 +182,13 @@ pub(super) struct Group {
 }
 
 impl Group {
+    /// The body that the surfaces bound; `None` if they bound none.
+    pub fn body(&self, kind: Kind, cx: &Context) -> Option<Body> {
+        let (cell, dims) = (kind == Kind::Cell, cx.tiling.dims.0);
+        let body = || Body::of(&self.total.sums, cell, dims, cx.rotated.as_ref());
+        (kind != Kind::Surface).then(body)?
+    }
+
     /// The one cell or object of a volume without a surface.
     pub fn alone() -> Self {
         Group {
@@ -213,6 +227,10 @@ pub(super) struct Laws {
     last: u64,
     pub count: u64,
     gap: Option<(u64, u64)>,
+    /// Where the last one comes first.
+    first: Option<u64>,
+    /// Two that are not in the order of where they come first.
+    disorder: Option<(u64, u64)>,
 }
 
 impl Laws {
@@ -222,16 +240,26 @@ impl Laws {
             last: 0,
             count: 0,
             gap: None,
+            first: None,
+            disorder: None,
         }
     }
 
-    /// Takes the next id.
-    pub fn add(&mut self, group: &Group, issues: &mut Issues) {
+    /// Takes the next id, and the body of it if that is one of which all surfaces are known.
+    pub fn add(&mut self, group: &Group, body: Option<&Body>, issues: &mut Issues) {
         const PATH: &str = "index.json#/totals/surfaces";
         let id = group.id;
         if self.gap.is_none() && id != self.last + 1 {
             self.gap = Some((self.last, id));
         }
+        let first = match self.kind {
+            Kind::Surface => Some(group.total.sums.inside.first.vertex),
+            _ => body.map(|b| b.first),
+        };
+        if self.disorder.is_none() && first.zip(self.first).is_some_and(|(own, last)| own <= last) {
+            self.disorder = Some((self.last, id));
+        }
+        self.first = first.or(self.first);
         self.last = id;
         self.count += 1;
         if self.kind == Kind::Surface && group.parts > 1 {
@@ -250,6 +278,26 @@ impl Laws {
                 issues.add(Code::PairRepeated, PATH, message);
             }
             check_names(group, issues);
+        }
+    }
+
+    /// Reports ids that are not in order; nothing else may be wrong.
+    pub fn check_order(&self, issues: &mut Issues) {
+        if let Some((last, next)) = self.disorder {
+            let (name, plural) = (self.kind.name(), self.kind.plural());
+            let first = match self.kind {
+                Kind::Surface => "vertex",
+                _ => "voxel",
+            };
+            let message = format!(
+                "the first {first} of {name} {next} comes before that of {name} {last}, expected {plural} numbered \
+                 by their first {first}: by z, then y, then x"
+            );
+            issues.add(
+                Code::IdOrder,
+                format!("index.json#/totals/{plural}"),
+                message,
+            );
         }
     }
 

@@ -17,41 +17,58 @@
 //!    a (cell, object) pair, ids are 1 to n, and surfaces + 1 = objects + cells.
 //! 5. The manifest's sums and the tables' measures are those of the rebuilt surface: areas and volumes of
 //!    its triangles; boxes, numbers of voxels and their moments from the ends of runs, which are its
-//!    vertices; the rest by the formulas. Tiles carry the measures of the table.
+//!    vertices; Euler characteristics from the surfaces and the curves on the volume's faces; the rest by
+//!    the formulas. Ids rise with the first voxel. Tiles carry the measures of the table.
 //!
-//! By the tiles alone, several bodies that each reach both faces of the volume across x are proven as a
-//! sum only, normals but for their length, and the threshold not at all; and a set that was made for
-//! another volume, with numbers to match, is sound. With the volume it proves in addition:
-//! 6. Every lattice edge with a sign change has exactly one vertex, at the place that its two samples
+//! 6. Files hold nothing else: JSON has the members of its schema and no other, each once; all that a tile
+//!    has is used; tables have their columns and numbers as they are written; a part has the cells that its
+//!    condition keeps, in the colours that it states.
+//!
+//! By the tiles alone, normals are proven to be of length 1 and no more, and the threshold not at all; and
+//! a set that was made for another volume, with numbers to match, is sound. With the volume it proves in
+//! addition:
+//! 7. Every lattice edge with a sign change has exactly one vertex, at the place that its two samples
 //!    give it, no other has one, and each cube has the triangles that its eight bits ask for. Triangles
-//!    face from above to below at every vertex, so the bits that the mesh implies are the volume's.
+//!    face from above to below at every vertex, so the bits that the mesh implies are the volume's. What
+//!    was left out as dust are the components below the size, as many as stated, and no other.
+//! 8. Normals are those of the volume's gradient, up to the rounding of tiles that store them in 8 bits.
+//! 9. The source that the manifest states has the volume's format, size, type and byte order.
 //!
 //! # Memory
 //! Tiles are streamed. What is kept: the open edges on the planes of one layer of macrocubes, the
 //! surfaces that reach them, for each thread a tile, some that were read ahead with their entries in the index,
 //! and the open edges of those that wait for the ones before them. Finished surfaces are sorted on disk.
-//! With the volume, a row of macrocubes along x is in memory as well.
+//! With the volume, a row of macrocubes along x is in memory as well, with a voxel on each side. Of a set
+//! whose dust was left out, two slices of the volume are labelled before: see the module for dust.
 
 mod against;
 mod ahead;
+mod bodies;
 mod carried;
+mod closed;
 mod code;
+mod dust;
 mod edges;
 mod facets;
 mod files;
+mod first;
 mod geometry;
+mod gradient;
 mod index;
 mod inside;
 mod laws;
 mod layout;
 mod ledger;
 mod marks;
+mod paint;
 mod piece;
 mod places;
 mod report;
+mod rim;
 mod run;
 mod seen;
 mod solids;
+mod source;
 mod spill;
 mod sweep;
 mod tables;
@@ -59,6 +76,7 @@ mod tile;
 
 pub use code::Code;
 pub use report::{Issue, Report, Severity};
+pub use source::SourceVolume;
 
 use crate::error::{Error, Result};
 use crate::progress::Progress;
@@ -75,6 +93,9 @@ use tile::Context;
 pub struct VerifyOptions<'a> {
     /// The volume that the tiles were made from, already cropped as the manifest says.
     pub against: Option<&'a dyn Volume>,
+    /// What that volume says of itself before it is cropped, to be compared with what the manifest states of
+    /// the source.
+    pub source: Option<&'a SourceVolume>,
     /// Worker threads; 0 for one per core.
     pub threads: usize,
     /// Findings to keep; the report says how many were left out.
@@ -85,6 +106,7 @@ impl Default for VerifyOptions<'_> {
     fn default() -> Self {
         VerifyOptions {
             against: None,
+            source: None,
             threads: 0,
             max_issues: 1000,
         }
@@ -118,9 +140,13 @@ pub fn verify(dir: &Path, options: &VerifyOptions, progress: &dyn Progress) -> R
                 "the whole that it was selected from",
             ));
         }
+        if let (Some(source), Some(volume)) = (options.source, options.against) {
+            source::check(&manifest, source, &volume.header().placement, &mut issues);
+        }
         index::foreign_files(&root, &manifest, &mut issues)?;
+        found.part = manifest.is_part();
         let cx = Context::new(&root, &manifest, options.max_issues);
-        let original = Original::new(options.against, &manifest, &mut issues);
+        let original = Original::new(options.against, &manifest, progress, &mut issues)?;
         let sweep = Run::new(&cx, &pool, progress).tiles(original, &mut found, &mut issues)?;
         found.counts.edges += sweep.matched;
         laws::check(sweep.ledger, (&cx, &pool), &mut found, &mut issues)?;
@@ -133,6 +159,7 @@ fn report(found: Found, issues: Issues, options: &VerifyOptions, start: Instant)
     Report {
         ok: !issues.any_error(),
         against: options.against.is_some(),
+        part: found.part,
         tiles: found.tiles,
         triangles: c.triangles,
         cap_triangles: c.cap_triangles,

@@ -123,6 +123,8 @@ pub(super) struct Piece {
     pub cap: bool,
     /// Positions as read, in voxels.
     pub positions: Vec<[f32; 3]>,
+    /// Normals as read, if they are to be compared with a volume.
+    pub normals: Vec<[f32; 3]>,
     pub points: Vec<Vertex>,
     /// Per vertex: bits 0-1 the axis of its lattice edge, and what triangles say of it, see below.
     pub state: Vec<u8>,

@@ -111,6 +111,10 @@ pub struct Report {
     pub ok: bool,
     /// True if the tiles were also compared with the volume.
     pub against: bool,
+    /// True if the set says that it is a part of another one: then what holds for all components together, and the
+    /// measures of objects that have lost surfaces, are not proven. Absent in JSON if it does not.
+    #[serde(skip_serializing_if = "std::ops::Not::not")]
+    pub part: bool,
     /// Tiles read.
     pub tiles: u64,
     /// Triangles, degenerates of strips not counted; caps are counted.

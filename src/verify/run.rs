@@ -3,6 +3,7 @@
 use super::against::{Band, CubeTriangles, Rule, Voxels};
 use super::ahead::{self, Fetched, Spare, Stream};
 use super::code::Code;
+use super::dust::Filled;
 use super::index::{self, Tiles};
 use super::laws::Found;
 use super::ledger::Ledger;
@@ -28,28 +29,35 @@ pub(super) struct Original<'a> {
 
 impl<'a> Original<'a> {
     /// `None` without a volume, or with one of another size, which is an issue.
+    ///
+    /// # Errors
+    /// As of [`Filled::find`].
     pub fn new(
         volume: Option<&'a dyn Volume>,
         manifest: &Manifest,
+        progress: &dyn Progress,
         issues: &mut Issues,
-    ) -> Option<Self> {
-        let volume = volume?;
+    ) -> Result<Option<Self>> {
+        let Some(volume) = volume else {
+            return Ok(None);
+        };
         let (found, grid) = (volume.header().dims, manifest.grid.dims);
         if found != grid {
             let message = format!("found a volume of {found} voxels, expected {grid}");
             issues.add(Code::VolumeMismatch, "index.json#/grid/dims", message);
-            return None;
+            return Ok(None);
         }
-        Some(Original {
-            band: Band::new(volume),
+        let dust = manifest.dust.as_ref();
+        let filled = dust.map(|dust| Filled::find(volume, (manifest, dust), progress, issues));
+        Ok(Some(Original {
+            band: Band::new(volume, filled.transpose()?),
             rule: Rule {
                 threshold: manifest.threshold,
                 cap: manifest.cap,
-                partial: manifest.dust.is_some() || manifest.is_part(),
                 triangles: CubeTriangles::new(manifest.ambiguous),
             },
             voxels: Voxels::default(),
-        })
+        }))
     }
 }
 
@@ -329,7 +337,7 @@ impl<'a> Run<'a> {
         };
         for y in 0..rows {
             if let Some(original) = &mut state.original {
-                original.band.load(&self.cx.region([0, y, z]))?;
+                original.band.load([y, z], &self.cx.region([0, y, z]))?;
             }
             let mut x = 0;
             while x < nx {

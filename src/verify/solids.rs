@@ -1,13 +1,9 @@
 //! Cells and objects as bodies of voxels: rows of their tables beside what the surfaces say.
-//!
-//! Surfaces give the box around a body, the number of its voxels and all their moments, but for what
-//! lies at the volume's own faces: see [`super::inside`]. The one body that is not known then is what
-//! all others leave of the grid. Of several, the sums are compared.
 
+use super::bodies::Body;
 use super::code::Code;
-use super::inside::{Moments, Span};
-use super::ledger::{Group, Kind};
-use super::piece::Sums;
+use super::inside::{Inside, Moments, Span};
+use super::ledger::Kind;
 use super::report::Issues;
 use crate::grid::{Extent, Placement};
 use crate::manifest::Manifest;
@@ -82,33 +78,15 @@ pub(super) fn compare(name: &str, stated: Option<f64>, found: f64, error: f64, w
     }
 }
 
-/// A row whose moments are not known by its own surfaces.
-struct Open {
-    kind: Kind,
-    /// The table and line, for messages.
-    at: String,
-    row: Vec<Option<f64>>,
-}
-
 /// Checks the rows of cells and objects, and what all of them are together.
 pub(super) struct Solids<'a> {
     manifest: &'a Manifest,
     /// Where the grid lies, in the tables' unit.
     grid: Placement,
-    /// Of all bodies that are known.
-    known: Moments,
-    /// The first body that is not.
-    open: Option<Open>,
-    opens: u64,
-    /// Voxels and voxels times centroid, as stated, of those that are not known.
-    open_voxels: f64,
-    open_first: [f64; 3],
-    /// Rows, voxels and Euler characteristics, as stated, of cells and of objects.
+    /// Rows of cells and of objects.
     rows: [u64; 2],
-    voxels: [f64; 2],
-    euler: f64,
-    /// The same of all surfaces, as found.
-    surfaces_euler: i64,
+    /// Voxels of objects, as stated.
+    above: f64,
 }
 
 impl<'a> Solids<'a> {
@@ -116,157 +94,66 @@ impl<'a> Solids<'a> {
         Solids {
             manifest,
             grid: manifest.measured(),
-            known: Moments::default(),
-            open: None,
-            opens: 0,
-            open_voxels: 0.0,
-            open_first: [0.0; 3],
             rows: [0; 2],
-            voxels: [0.0; 2],
-            euler: 0.0,
-            surfaces_euler: 0,
+            above: 0.0,
         }
     }
 
-    /// Checks a row beside the surfaces of its body; `at` names it. `partial` says that some of its
-    /// surfaces may be missing.
-    pub fn check(
-        &mut self,
-        (kind, row, at): (Kind, &Row, &str),
-        group: &Group,
-        partial: bool,
-        wrong: &mut Wrong,
-    ) {
-        let cell = kind == Kind::Cell;
-        self.rows[usize::from(!cell)] += 1;
-        self.voxels[usize::from(!cell)] += row[VOXELS].unwrap_or(f64::NAN);
-        self.euler += row[EULER].unwrap_or(f64::NAN);
-        if cell {
-            self.surfaces_euler += euler_of(&group.total.sums);
+    /// Checks what a row says by itself.
+    pub fn check_row(&mut self, kind: Kind, row: &Row, wrong: &mut Wrong) {
+        self.rows[usize::from(kind != Kind::Cell)] += 1;
+        if kind == Kind::Object {
+            self.above += row[VOXELS].unwrap_or(f64::NAN);
         }
         self.formulas(row, wrong);
-        if partial {
-            return;
+        if let Some(dust) = &self.manifest.dust
+            && row[VOXELS].is_none_or(|v| v < dust.min_voxels as f64)
+            // what is all of the volume stays
+            && row[VOXELS] != Some(self.manifest.grid.dims.voxels() as f64)
+        {
+            let least = dust.min_voxels;
+            wrong.push(format!(
+                "it has fewer voxels than the {least} of what was left out as dust"
+            ));
         }
-        let inside = &group.total.sums.inside;
-        let touches = row[BORDER] == Some(1.0);
-        if !touches {
-            let euler = euler_of(&group.total.sums) as f64 / 2.0;
-            compare("euler_characteristic", row[EULER], euler, 0.0, wrong);
-        }
-        let span = if cell { &inside.below } else { &inside.above };
-        let place = match self.grid.is_rotated() {
-            true => self.place_rotated(row, (span, &inside.far[usize::from(!cell)]), touches),
-            false => self.place(row, span, touches),
+    }
+
+    /// Checks a row beside its body.
+    pub fn check_body(&self, row: &Row, body: &Body, wrong: &mut Wrong) {
+        compare("euler_characteristic", row[EULER], body.euler, 0.0, wrong);
+        let touches = f64::from(u8::from(body.touches));
+        compare("touches_border", row[BORDER], touches, 0.0, wrong);
+        let stated = stated_box(row);
+        let found = self.box_of(&body.span, body.far);
+        let near = |side: usize, a: usize| {
+            (stated[side][a] - found[side][a]).abs() <= self.error(found[side][a])
         };
-        let Some(span) = place else {
+        if !(0..3).all(|a| near(0, a) && near(1, a)) {
             wrong.push("its box is not that of its surfaces".to_owned());
-            return;
-        };
-        let dims = self.manifest.grid.dims.0;
-        let [low, high] = [0, 1].map(|side| {
-            [0, 1, 2].map(|a| match side {
-                0 => span.lo[a] == 0,
-                _ => u32::from(span.hi[a]) + 1 == dims[a],
-            })
-        });
-        if (low.contains(&true) || high.contains(&true)) != touches {
-            wrong.push("touches_border is not what its box says".to_owned());
         }
-        let moments = match (low[0], high[0]) {
-            (true, true) => {
-                self.keep(kind, row, at);
-                return;
-            }
-            (false, true) => inside.moments(cell, Some(dims[0])),
-            (_, false) => inside.moments(cell, None),
-        };
-        self.known = self.known.without(&Moments::default().without(&moments));
-        self.moments(row, &moments, wrong);
+        self.moments(row, &body.moments, wrong);
     }
 
-    fn keep(&mut self, kind: Kind, row: &Row, at: &str) {
-        self.opens += 1;
-        let voxels = row[VOXELS].unwrap_or(f64::NAN);
-        self.open_voxels += voxels;
-        for a in 0..3 {
-            self.open_first[a] += voxels * row[CENTROID + a].unwrap_or(f64::NAN);
-        }
-        let (at, row) = (at.to_owned(), row.to_vec());
-        self.open.get_or_insert(Open { kind, at, row });
-    }
-
-    /// The box of voxels that the row states, if it is the surfaces' box, or reaches from there to
-    /// faces of the volume.
-    fn place(&self, row: &Row, own: &Span, touches: bool) -> Option<Span> {
-        let end = self.manifest.grid.dims.0.map(|n| (n - 1) as u16);
-        let bare = own.lo[0] > own.hi[0];
-        let choices = if touches { 0..64u32 } else { 0..1 };
-        choices.filter(|c| !bare || *c == 63).find_map(|c| {
-            let pick = |bit: usize, own: u16, face: u16| if c >> bit & 1 == 1 { face } else { own };
-            let span = Span {
-                lo: std::array::from_fn(|a| pick(a, own.lo[a], 0)),
-                hi: std::array::from_fn(|a| pick(3 + a, own.hi[a], end[a])),
-            };
-            if !self.covers(own, &span) {
-                return None;
-            }
-            let ends = [span.lo, span.hi].map(|end| end.map(f64::from));
-            let [min, max] = self.grid.box_around(ends);
-            let near = |a: usize, at: usize, found: [f64; 3]| {
-                row[at + a].is_some_and(|v| (v - found[a]).abs() <= self.error(found[a]))
-            };
-            (0..3)
-                .all(|a| near(a, MIN, min) && near(a, MAX, max))
-                .then_some(span)
+    /// True if the row's box holds the voxels of an object beside its surfaces, which may be some of all.
+    pub fn holds(&self, row: &Row, inside: &Inside) -> bool {
+        let stated = stated_box(row);
+        let found = self.box_of(&inside.above, inside.far[1]);
+        (0..3).all(|a| {
+            stated[0][a] <= found[0][a] + self.error(found[0][a])
+                && stated[1][a] >= found[1][a] - self.error(found[1][a])
         })
     }
 
-    /// The same where a box of voxels is no box in the world. The outermost voxel of a body along an axis of the world
-    /// is at the end of a vertex's lattice edge, or the body reaches as far as the grid does.
-    fn place_rotated(
-        &self,
-        row: &Row,
-        (own, far): (&Span, &Extent),
-        touches: bool,
-    ) -> Option<Span> {
-        let end = self.manifest.grid.dims.0.map(|n| (n - 1) as u16);
-        let [around, ends] = [
-            far.world(&self.grid),
-            self.grid.box_around([[0.0; 3], end.map(f64::from)]),
-        ];
-        let bare = own.lo[0] > own.hi[0];
-        let mut span = *own;
-        for side in 0..2 {
-            for r in 0..3 {
-                let stated = row[[MIN, MAX][side] + r]?;
-                let near = |found: f64| (stated - found).abs() <= self.error(found);
-                if !bare && near(around[side][r]) {
-                    continue;
-                }
-                if !touches || !near(ends[side][r]) {
-                    return None;
-                }
-                // where the grid ends along this axis of the world, it ends along each of its own that lead there
-                for a in 0..3 {
-                    let rises = self.grid.directions[a][r];
-                    if rises != 0.0 && (rises > 0.0) == (side == 1) {
-                        span.hi[a] = end[a];
-                    } else if rises != 0.0 {
-                        span.lo[a] = 0;
-                    }
-                }
+    /// The box in world coordinates around voxels, given that around them in the grid, and how far they reach along
+    /// the axes of the world if these are others.
+    fn box_of(&self, span: &Span, far: Extent) -> [[f64; 3]; 2] {
+        match self.grid.is_rotated() {
+            true => far.world(&self.grid),
+            false => {
+                let ends = [span.lo, span.hi];
+                self.grid.box_around(ends.map(|end| end.map(f64::from)))
             }
         }
-        self.covers(own, &span).then_some(span)
-    }
-
-    /// Without a vertex near it, a face of the volume is reached only where it is covered from edge to edge.
-    fn covers(&self, own: &Span, span: &Span) -> bool {
-        let dims = self.manifest.grid.dims.0;
-        let spans = |a: usize| span.lo[a] == 0 && u32::from(span.hi[a]) + 1 == dims[a];
-        let moved = |a: usize| (span.lo[a], span.hi[a]) != (own.lo[a], own.hi[a]);
-        (0..3).all(|a| !moved(a) || (0..3).all(|b| b == a || spans(b)))
     }
 
     /// The error that a coordinate may have.
@@ -333,9 +220,6 @@ impl<'a> Solids<'a> {
     fn moments(&self, row: &Row, moments: &Moments, wrong: &mut Wrong) {
         let count = moments.voxels as f64;
         compare("voxels", row[VOXELS], count, 0.0, wrong);
-        if moments.voxels <= 0 {
-            return;
-        }
         let place = &self.grid;
         let mean = place.world(moments.mean());
         for a in 0..3 {
@@ -378,81 +262,22 @@ impl<'a> Solids<'a> {
     }
 
     /// Checks what all rows are together, once all have been seen.
-    pub fn finish(&self, values: &mut Issues, sums: &mut Issues) {
+    pub fn finish(&self, sums: &mut Issues) {
         let totals = &self.manifest.totals;
-        if self.rows != [totals.cells, totals.objects] {
-            return;
-        }
-        if self.voxels[1] != totals.voxels_above as f64 {
+        if self.rows == [totals.cells, totals.objects] && self.above != totals.voxels_above as f64 {
             let message = format!(
                 "found {}, the objects have {} voxels",
-                totals.voxels_above, self.voxels[1]
+                totals.voxels_above, self.above
             );
-            sums.add(
-                Code::TotalsMismatch,
-                "index.json#/totals/voxels_above",
-                message,
-            );
-        }
-        if self.manifest.is_part() {
-            return;
-        }
-        let rest = Moments::of_grid(self.manifest.grid.dims.0).without(&self.known);
-        let mut wrong = Vec::new();
-        match (&self.open, self.opens) {
-            (Some(open), 1) => {
-                self.moments(&open.row, &rest, &mut wrong);
-                if !wrong.is_empty() {
-                    let message = format!("{}: {}", open.kind.name(), wrong.join("; "));
-                    values.add(Code::TableValue, &open.at, message);
-                }
-            }
-            _ => self.several(&rest, values),
-        }
-        // the curves in which bodies meet on the volume's faces count nothing, the faces 2
-        let expected = (self.surfaces_euler + 1) as f64;
-        if self.euler != expected {
-            let message = format!(
-                "the Euler characteristics of cells and objects add up to {}, expected {expected}",
-                self.euler
-            );
-            values.add(Code::TableValue, &self.manifest.tables.cells, message);
-        }
-    }
-
-    /// Several bodies reach both faces across x: their sums are what the others leave.
-    fn several(&self, rest: &Moments, values: &mut Issues) {
-        let count = rest.voxels as f64;
-        let mut wrong = Vec::new();
-        compare("voxels", Some(self.open_voxels), count, 0.0, &mut wrong);
-        if self.opens > 0 && rest.voxels > 0 {
-            let mean = self.grid.world(rest.mean());
-            for a in 0..3 {
-                let stated = Some(self.open_first[a] / self.open_voxels);
-                let name = COLUMNS[CENTROID + a].0;
-                compare(
-                    name,
-                    stated,
-                    mean[a],
-                    10.0 * self.error(mean[a]),
-                    &mut wrong,
-                );
-            }
-        }
-        if !wrong.is_empty() {
-            let message = format!(
-                "{} bodies that reach both faces across x, together: {}",
-                self.opens,
-                wrong.join("; ")
-            );
-            values.add(Code::TableValue, &self.manifest.tables.cells, message);
+            let at = "index.json#/totals/voxels_above";
+            sums.add(Code::TotalsMismatch, at, message);
         }
     }
 }
 
-/// Vertices - edges + triangles.
-pub(super) fn euler_of(sums: &Sums) -> i64 {
-    sums.vertices as i64 - (sums.edges + sums.border) as i64 + sums.triangles as i64
+/// The lower and upper ends of the box that a row states.
+fn stated_box(row: &Row) -> [[f64; 3]; 2] {
+    [MIN, MAX].map(|at| std::array::from_fn(|a| row[at + a].unwrap_or(f64::NAN)))
 }
 
 /// A matrix of second moments in voxels, turned to world coordinates.

@@ -6,25 +6,20 @@ use std::collections::BinaryHeap;
 use std::fs::File;
 use std::io::{BufReader, BufWriter, Read, Seek, Write};
 
-/// A record: compared word by word from the left.
-pub(super) type Record = [u64; RECORD_WORDS];
-
-/// Words of a record.
-pub(super) const RECORD_WORDS: usize = 13 + super::inside::WORDS;
-
 /// Runs of about the same length that are merged to one. A record is written once for each power of
 /// this, and as many files are open for each: far fewer than a process may open.
 const FAN_IN: usize = 32;
 
-/// Collects records and hands them out sorted; keeps at most `limit` of them in memory.
-pub(super) struct Spill {
-    buffer: Vec<Record>,
+/// Collects records of N words, compared word by word from the left, and hands them out sorted; keeps at most
+/// `limit` of them in memory.
+pub(super) struct Spill<const N: usize> {
+    buffer: Vec<[u64; N]>,
     limit: usize,
     /// Runs of `limit` records, of [`FAN_IN`] times as many, and so on.
     runs: Vec<Vec<File>>,
 }
 
-impl Spill {
+impl<const N: usize> Spill<N> {
     pub fn new(limit: usize) -> Self {
         Spill {
             buffer: Vec::new(),
@@ -33,7 +28,7 @@ impl Spill {
         }
     }
 
-    pub fn push(&mut self, record: Record) -> Result<()> {
+    pub fn push(&mut self, record: [u64; N]) -> Result<()> {
         self.buffer.push(record);
         if self.buffer.len() >= self.limit {
             self.write_run()?;
@@ -54,14 +49,14 @@ impl Spill {
             if self.runs[level].len() < FAN_IN {
                 break;
             }
-            let mut all = Merge::new(Vec::new(), self.runs[level].drain(..))?;
+            let mut all = Merge::<N>::new(Vec::new(), self.runs[level].drain(..))?;
             run = write(|| all.next())?;
         }
         Ok(())
     }
 
     /// The records in order.
-    pub fn into_sorted(mut self) -> Result<Merge> {
+    pub fn into_sorted(mut self) -> Result<Merge<N>> {
         self.buffer.sort_unstable();
         Merge::new(
             std::mem::take(&mut self.buffer),
@@ -71,7 +66,7 @@ impl Spill {
 }
 
 /// Writes records to an unnamed temporary file, to be read from its start.
-fn write(mut next: impl FnMut() -> Result<Option<Record>>) -> Result<File> {
+fn write<const N: usize>(mut next: impl FnMut() -> Result<Option<[u64; N]>>) -> Result<File> {
     const ACTION: &str = "write a temporary file in";
     let file = tempfile::tempfile().map_err(|e| io(e, ACTION))?;
     let mut out = BufWriter::new(file);
@@ -85,16 +80,16 @@ fn write(mut next: impl FnMut() -> Result<Option<Record>>) -> Result<File> {
 }
 
 /// Merges sorted runs.
-pub(super) struct Merge {
+pub(super) struct Merge<const N: usize> {
     /// The next record of each source; the source's number decides between equal ones.
-    heap: BinaryHeap<Reverse<(Record, usize)>>,
-    memory: std::vec::IntoIter<Record>,
+    heap: BinaryHeap<Reverse<([u64; N], usize)>>,
+    memory: std::vec::IntoIter<[u64; N]>,
     files: Vec<BufReader<File>>,
 }
 
-impl Merge {
+impl<const N: usize> Merge<N> {
     /// `memory` and each file are sorted.
-    fn new(memory: Vec<Record>, files: impl Iterator<Item = File>) -> Result<Self> {
+    fn new(memory: Vec<[u64; N]>, files: impl Iterator<Item = File>) -> Result<Self> {
         let mut merge = Merge {
             heap: BinaryHeap::new(),
             memory: memory.into_iter(),
@@ -107,7 +102,7 @@ impl Merge {
     }
 
     /// The next record.
-    pub fn next(&mut self) -> Result<Option<Record>> {
+    pub fn next(&mut self) -> Result<Option<[u64; N]>> {
         let Some(Reverse((record, source))) = self.heap.pop() else {
             return Ok(None);
         };
@@ -119,7 +114,7 @@ impl Merge {
         let next = match self.files.get_mut(source) {
             None => self.memory.next(),
             Some(file) => {
-                let mut record = [0; RECORD_WORDS];
+                let mut record = [0; N];
                 match file.read_exact(bytemuck::cast_slice_mut(&mut record)) {
                     Ok(()) => Some(record),
                     Err(e) if e.kind() == std::io::ErrorKind::UnexpectedEof => None,
@@ -145,14 +140,14 @@ mod tests {
     #[test]
     fn runs_merge_to_what_a_sort_gives() {
         let record = |i: u64| {
-            let mut r = [0; RECORD_WORDS];
+            let mut r = [0; 3];
             r[0] = i.wrapping_mul(0x9E37_79B9_7F4A_7C15) >> 56;
             r[1] = i;
             r
         };
         for limit in [1, 7, 64, 1000] {
             let mut spill = Spill::new(limit);
-            let mut expected: Vec<Record> = (0..1200).map(record).collect();
+            let mut expected: Vec<[u64; 3]> = (0..1200).map(record).collect();
             for r in &expected {
                 spill.push(*r).unwrap();
             }

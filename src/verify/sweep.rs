@@ -7,6 +7,7 @@
 
 use super::code::Code;
 use super::ledger::Ledger;
+use super::paint::{Colour, MIXED};
 use super::piece::{Region, Sums};
 use super::report::{Issue, Issues};
 use crate::error::Result;
@@ -35,6 +36,8 @@ pub(super) struct Component {
     pub names: u8,
     /// A hash of the measures that its pieces carry, see [`super::carried`].
     pub measures: u64,
+    /// Their colour.
+    pub colour: Colour,
     /// True if pieces carry different ones.
     pub mixed: bool,
 }
@@ -47,6 +50,9 @@ impl Component {
         self.object_tiles += other.object_tiles;
         self.names |= other.names;
         self.mixed |= other.mixed || self.measures != other.measures;
+        if self.colour != other.colour {
+            self.colour = MIXED;
+        }
     }
 }
 

@@ -1,12 +1,14 @@
 //! The tables, row by row beside the rebuilt surface.
 
+use super::bodies::{Body, euler_of};
 use super::carried;
 use super::code::Code;
 use super::files;
+use super::laws::may_be_cut;
 use super::ledger::{Group, Kind};
 use super::piece::Sums;
 use super::report::Issues;
-use super::solids::{self, AREA, BORDER, MESH_VOLUME, Solids, TILES, Wrong, compare};
+use super::solids::{self, AREA, MESH_VOLUME, Solids, TILES, VOXELS, Wrong, compare};
 use crate::manifest::{Manifest, checksum_of};
 use crate::tile::read::{MEASURES, Measured};
 use std::fs::File;
@@ -59,14 +61,12 @@ pub(super) struct Table {
     kind: Kind,
     path: String,
     lines: BufReader<File>,
-    /// Where in a row each of [`columns`] stands.
-    places: Vec<usize>,
     line: u64,
     /// Unit of length.
     unit: &'static str,
     /// Physical volume of a lattice cell, over 6.
     sixth: f64,
-    /// True for objects of a part: they may have lost surfaces, their measures are those of the whole.
+    /// True for bodies that may have lost surfaces: their measures are those of the whole.
     partial: bool,
     /// [`TRIANGLE_ERROR`] in physical units.
     triangle_error: f64,
@@ -83,6 +83,15 @@ impl Table {
         };
         let at = format!("index.json#/tables/{}", kind.plural());
         let real = files::resolve(root, path, &at, issues)?;
+        let named = format!("{}.csv", kind.plural());
+        if *path != named {
+            issues.add(
+                Code::PathName,
+                at,
+                format!("found {path}, expected {named}"),
+            );
+            return None;
+        }
         if let Some(all) = &manifest.tables.checksums {
             let stated = match kind {
                 Kind::Surface => &all.surfaces,
@@ -111,29 +120,22 @@ impl Table {
             kind,
             path: path.clone(),
             lines: BufReader::new(file),
-            places: Vec::new(),
             line: 0,
             unit: measured.unit.name(),
             sixth: voxel / 6.0 / f64::from(1 << 24),
-            partial: kind == Kind::Object && manifest.is_part(),
+            partial: may_be_cut(manifest, kind),
             triangle_error: voxel / thinnest * TRIANGLE_ERROR,
             done: false,
         };
         let header = table.next_line(issues)?;
-        let names: Vec<&str> = header.split(',').map(str::trim).collect();
-        for wanted in columns(kind) {
-            let wanted = title(wanted, table.unit);
-            match names.iter().position(|n| *n == wanted) {
-                Some(place) => table.places.push(place),
-                None => {
-                    let message =
-                        format!("found the header {header:?}, expected a column {wanted}");
-                    issues.add(Code::TableSyntax, path, message);
-                    return None;
-                }
-            }
+        let titles: Vec<String> = columns(kind).iter().map(|c| title(c, table.unit)).collect();
+        let expected = titles.join(",");
+        if header == expected {
+            return Some(table);
         }
-        Some(table)
+        let message = format!("found the header {header:?}, expected {expected:?}");
+        issues.add(Code::TableSyntax, path, message);
+        None
     }
 
     fn next_line(&mut self, issues: &mut Issues) -> Option<String> {
@@ -156,7 +158,7 @@ impl Table {
             Ok(_) => return self.stop("found a line of more than 64 KiB", issues),
             Err(e) => return self.stop(&e.to_string(), issues),
         }
-        text.truncate(text.trim_end_matches(['\n', '\r']).len());
+        text.truncate(text.trim_end_matches('\n').len());
         Some(text)
     }
 
@@ -168,8 +170,13 @@ impl Table {
         None
     }
 
-    /// Compares the next row with the surfaces of the next id.
-    pub fn check(&mut self, group: &Group, solids: &mut Solids, issues: &mut Issues) {
+    /// Compares the next row with the surfaces of the next id, and the body that they bound, if they do.
+    pub fn check(
+        &mut self,
+        (group, body): (&Group, Option<&Body>),
+        solids: &mut Solids,
+        issues: &mut Issues,
+    ) {
         if self.done {
             return;
         }
@@ -180,14 +187,7 @@ impl Table {
             }
             return;
         };
-        let fields: Vec<&str> = line.split(',').map(str::trim).collect();
-        let mut row = Row {
-            values: Vec::new(),
-            bad: None,
-        };
-        for (&place, (name, _)) in self.places.iter().zip(columns(self.kind)) {
-            row.take(fields.get(place).copied(), name);
-        }
+        let row = Row::read(&line, columns(self.kind));
         if let Some(message) = row.bad {
             self.stop::<()>(&message, issues);
             return;
@@ -209,8 +209,8 @@ impl Table {
         match self.kind {
             Kind::Surface => self.surface(&row.values, group, &mut wrong),
             kind => {
-                self.region(&row.values, group, kind, &mut wrong);
-                solids.check((kind, &row.values, &path), group, self.partial, &mut wrong);
+                solids.check_row(kind, &row.values, &mut wrong);
+                self.region(&row.values, (group, body, kind), solids, &mut wrong);
             }
         }
         if self.kind == Kind::Cell && group.parts > 0 {
@@ -250,37 +250,60 @@ impl Table {
     }
 
     /// A row of cells or objects.
-    fn region(&self, row: &solids::Row, group: &Group, kind: Kind, wrong: &mut Wrong) {
-        let [area, volume, border, tiles] = [AREA, MESH_VOLUME, BORDER, TILES].map(|i| row[i]);
+    fn region(
+        &self,
+        row: &solids::Row,
+        (group, body, kind): (&Group, Option<&Body>, Kind),
+        solids: &Solids,
+        wrong: &mut Wrong,
+    ) {
         let total = &group.total;
-        let open = border == Some(1.0);
-        if !open && total.sums.border > 0 {
-            wrong.push("touches_border is false, its surface meets the volume's faces".to_owned());
-        }
-        if self.partial {
+        let own_tiles = match kind {
+            Kind::Cell => total.cell_tiles,
+            _ => total.object_tiles,
+        };
+        if self.partial && self.is_cut(row, group, body) {
+            let least = |at: usize, found: f64| row[at].is_some_and(|v| v >= found);
+            if !least(AREA, total.sums.area) || !least(TILES, own_tiles as f64) {
+                wrong.push("its surfaces have more area, or lie in more tiles".to_owned());
+            }
+            if !solids.holds(row, &total.sums.inside) {
+                wrong.push("its surfaces reach beyond its box".to_owned());
+            }
             return;
         }
-        // the area of an open one may be left out as meaningless
-        if !(open && area.is_none()) {
-            let error = self.area_error(&total.sums);
-            compare("area", area, total.sums.area, error, wrong);
-        }
+        let Some(body) = body else {
+            wrong.push("its surfaces bound no body of voxels".to_owned());
+            return;
+        };
+        let error = self.area_error(&total.sums);
+        compare("area", row[AREA], total.sums.area, error, wrong);
         let sign = if kind == Kind::Cell { -1.0 } else { 1.0 };
         let found = sign * total.sums.volume6 as f64 * self.sixth;
-        match (open, volume) {
+        match (body.touches, row[MESH_VOLUME]) {
             (true, Some(v)) => wrong.push(format!("mesh_volume {v}, expected none: it is open")),
             (true, None) => {}
-            (false, _) => {
-                let error = VOLUME_ERROR * found.abs();
-                compare("mesh_volume", volume, found, error, wrong);
+            (false, volume) => {
+                compare(
+                    "mesh_volume",
+                    volume,
+                    found,
+                    VOLUME_ERROR * found.abs(),
+                    wrong,
+                );
             }
         }
-        let own = if kind == Kind::Cell {
-            total.cell_tiles
-        } else {
-            total.object_tiles
-        };
-        compare("tiles", tiles, own as f64, 0.0, wrong);
+        compare("tiles", row[TILES], own_tiles as f64, 0.0, wrong);
+        solids.check_body(row, body, wrong);
+    }
+
+    /// True if the row is that of an object that has more surfaces than are known here: then these have less
+    /// area, and bound another number of voxels.
+    fn is_cut(&self, row: &solids::Row, group: &Group, body: Option<&Body>) -> bool {
+        let sums = &group.total.sums;
+        let same_area = row[AREA].is_some_and(|v| (v - sums.area).abs() <= self.area_error(sums));
+        let voxels = body.map(|b| b.moments.voxels as f64);
+        !same_area && (voxels.is_none() || voxels != row[VOXELS])
     }
 
     fn area_error(&self, sums: &Sums) -> f64 {
@@ -291,7 +314,7 @@ impl Table {
     fn surface(&self, row: &solids::Row, group: &Group, wrong: &mut Wrong) {
         let sums = &group.total.sums;
         let ids = group.total.ids;
-        let euler = solids::euler_of(sums) as f64;
+        let euler = euler_of(sums) as f64;
         let found = [
             ("cell", ids.cell as f64, 0.0),
             ("object", ids.object as f64, 0.0),
@@ -312,10 +335,7 @@ impl Table {
     pub fn finish(&mut self, rows: u64, issues: &mut Issues) {
         let mut found = 0u64;
         while !self.done {
-            match self.next_line(issues) {
-                Some(line) if !line.trim().is_empty() => found += 1,
-                _ => {}
-            }
+            found += u64::from(self.next_line(issues).is_some());
         }
         if found != rows {
             let message = format!("found {found} rows after those with a surface, expected {rows}");
@@ -324,30 +344,58 @@ impl Table {
     }
 }
 
-/// The fields of a row, in the order of [`columns`]; an empty one is `None`, true is 1.
+/// The fields of a row, in the order of [`columns`]; an empty one is `None`.
 struct Row {
     values: Vec<Option<f64>>,
     bad: Option<String>,
 }
 
 impl Row {
-    fn take(&mut self, field: Option<&str>, name: &str) {
-        let value = match field {
-            Some("") => None,
-            Some("true") => Some(1.0),
-            Some("false") => Some(0.0),
-            Some(text) => match text.parse::<f64>() {
-                Ok(v) if v.is_finite() => Some(v),
-                _ => {
-                    self.bad = Some(format!("{name}: found {text:?}, expected a number"));
-                    None
-                }
-            },
-            None => {
-                self.bad = Some(format!("found no field for {name}"));
-                None
-            }
+    fn read(line: &str, columns: &[(&str, u32)]) -> Self {
+        let fields = line.split(',');
+        let mut row = Row {
+            values: Vec::with_capacity(columns.len()),
+            bad: None,
         };
+        let count = fields.clone().count();
+        if count != columns.len() {
+            row.bad = Some(format!("found {count} fields, expected {}", columns.len()));
+        }
+        for (field, (name, _)) in fields.zip(columns) {
+            row.take(field, name);
+        }
+        row
+    }
+
+    fn take(&mut self, field: &str, name: &str) {
+        let is_number = |v: &f64| match WHOLE.contains(&name) {
+            // as they are written, so that every reader takes them for whole numbers
+            true => field.bytes().all(|b| b.is_ascii_digit() || b == b'-'),
+            false => v.is_finite(),
+        };
+        let value = field.parse::<f64>().ok().filter(is_number);
+        if value.is_none() && !field.is_empty() {
+            let expected = if WHOLE.contains(&name) {
+                "a whole number"
+            } else {
+                "a number"
+            };
+            self.bad = Some(format!("{name}: found {field:?}, expected {expected}"));
+        }
         self.values.push(value);
     }
 }
+
+/// The columns of whole numbers.
+const WHOLE: [&str; 10] = [
+    "id",
+    "cell",
+    "object",
+    "voxels",
+    "triangles",
+    "vertices",
+    "euler_characteristic",
+    "border_edges",
+    "touches_border",
+    "tiles",
+];

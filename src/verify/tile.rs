@@ -2,6 +2,7 @@
 
 use super::against::{Band, Mesh, Rule, Voxels};
 use super::ahead::Fetched;
+use super::closed::TILES;
 use super::code::Code;
 use super::edges::Edges;
 use super::files::{self, Expected};
@@ -140,7 +141,10 @@ pub(super) fn check(
         files::compare(&Expected::tile(entry, at), bytes, work.issues);
         work.counts.bytes = bytes.len() as u64;
         match Tile::read(bytes) {
-            Ok(tile) => work.tile(&tile, ws),
+            Ok(tile) => {
+                work.tile(&tile, ws);
+                work.check_closed(&tile);
+            }
             Err(e) => {
                 let code = match e.fault {
                     Fault::Container => Code::GlbContainer,
@@ -209,6 +213,7 @@ fn differences(path: &str, flaws: &[Flaw], issues: &mut Issues) {
             Code::MissingVertex => "sign changes of the volume have no vertex",
             Code::ExtraVertex => "vertices lie where the volume has no sign change",
             Code::VertexMisplaced => "vertices are not where the samples put them",
+            Code::NormalDiffers => "normals are not those of the volume's gradient",
             Code::BitsDiffer => "vertices have above where the volume has below",
             _ => "cubes have more or fewer triangles than their bits ask for",
         };
@@ -329,6 +334,21 @@ impl Work<'_, '_> {
             } else {
                 edges.sort_unstable_by_key(|e| (e.a, e.b));
             }
+        }
+    }
+
+    /// Looks for what no tile of the format has, though the surface can be read in spite of it.
+    fn check_closed(&mut self, tile: &Tile) {
+        match TILES[usize::from(tile.is_merged())].walk(tile.json()) {
+            Ok(found) => {
+                for (pointer, message) in found {
+                    self.issue(Code::ForeignMember, &pointer, message);
+                }
+            }
+            Err(e) => self.issue(Code::GltfSyntax, "", e.to_string()),
+        }
+        for (pointer, message) in tile.unusual() {
+            self.issue(Code::GltfUnused, &pointer, message);
         }
     }
 

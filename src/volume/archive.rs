@@ -7,7 +7,8 @@
 use super::blob::{Blob, Bytes};
 use super::folder::{check_sequence, natural};
 use super::layout::{Encoding, Recipe};
-use super::{npy, png, tiff};
+use super::open::OpenOptions;
+use super::{dicom, npy, png, tiff};
 use crate::error::{Error, Result};
 use flate2::bufread::DeflateDecoder;
 use std::fs::File;
@@ -42,10 +43,11 @@ struct Member {
 /// # Errors
 /// [`Error::Unsupported`] if it holds none or several, or is encrypted or packed in another way than
 /// by Deflate; [`Error::Format`] if it is damaged; [`Error::Io`] if there is no room to unpack it.
-pub(super) fn parse(path: &Path) -> Result<Recipe> {
+pub(super) fn parse(path: &Path, options: &OpenOptions) -> Result<Recipe> {
     let archive = Blob::file(path)?.open()?;
     let members = members(path, &archive)?;
     let (mut images, mut arrays) = ([Vec::new(), Vec::new()], Vec::new());
+    let mut scans = 0;
     for member in members {
         let mut head = Vec::new();
         let damaged = |e| broken(path, &member, e);
@@ -58,13 +60,31 @@ pub(super) fn parse(path: &Path) -> Result<Recipe> {
             images[1].push(member);
         } else if npy::is_npy(&head) {
             arrays.push((member, head));
+        } else if dicom::is_dicom(&head) {
+            scans += 1;
+        } else if let Some(name) = super::open::reads(&head) {
+            let what = format!("a zip that holds {} ({name})", member.name);
+            return Err(Error::unsupported(
+                path,
+                what,
+                "unpack it, and give that file",
+            ));
         }
+    }
+    // pictures beside slices are previews
+    if scans > images[0].len() + images[1].len() + arrays.len() {
+        let what = format!("a zip of {scans} DICOM files");
+        return Err(Error::unsupported(
+            path,
+            what,
+            "unpack it, and give the folder",
+        ));
     }
     let [tiffs, pngs] = images;
     match (tiffs.len(), pngs.len(), arrays.len()) {
         (1.., 0, 0) => {
             check_sequence(path, &names(&tiffs))?;
-            tiff::parse(path, unpack(path, &archive, tiffs)?)
+            tiff::parse(path, unpack(path, &archive, tiffs)?, options)
         }
         (0, 1.., 0) => {
             check_sequence(path, &names(&pngs))?;
@@ -99,6 +119,13 @@ fn members(path: &Path, archive: &Bytes) -> Result<Vec<Member>> {
         let file = zip.by_index_raw(i).map_err(wrong)?;
         let name = file.name().map_err(wrong)?.into_owned();
         let last = name.rsplit('/').next().unwrap_or_default();
+        if [".zarray", ".zgroup", "zarr.json"].contains(&last) {
+            return Err(Error::unsupported(
+                path,
+                "a Zarr in a zip file",
+                "unpack it",
+            ));
+        }
         if last.is_empty() || last.starts_with('.') || name.starts_with("__MACOSX/") {
             continue;
         }
@@ -155,7 +182,7 @@ fn numpy(path: &Path, arrays: Vec<(Member, Vec<u8>)>) -> Result<Recipe> {
         let array = npy::array(&path.join(&member.name), head);
         names.push(member.name.clone());
         match array {
-            Ok(array) if several && array.shape.len() != 3 => {}
+            Ok(array) if several && !array.is_volume() => {}
             Err(Error::Unsupported { .. }) if several => {}
             array => found.push((member, array?)),
         }

@@ -7,6 +7,7 @@
 use super::unpacked::{Parts, Shared, Unpacked};
 use super::{Header, Volume, check_box};
 use crate::error::Result;
+use crate::grid::Dims;
 use rayon::prelude::*;
 use std::collections::{HashMap, VecDeque};
 use std::ops::Range;
@@ -29,6 +30,30 @@ pub(super) trait Chunks: Send + Sync {
 
     /// Bytes that decoding a chunk takes besides the chunk.
     fn scratch(&self) -> u64;
+
+    /// Bytes that are kept for all of them, as tables of their places.
+    fn kept(&self) -> u64 {
+        0
+    }
+}
+
+/// Smaller chunks are decoded several at a time.
+const LEAST: u64 = 512 << 10;
+
+/// The shape of a chunk, or of several small ones, x first.
+pub(super) fn grouped(chunk: [u32; 3], dims: Dims, sample: u64) -> [u32; 3] {
+    let mut shape = [0, 1, 2].map(|a| chunk[a].clamp(1, dims.0[a]));
+    let bytes = |shape: [u32; 3]| shape.iter().fold(sample, |n, &s| n * u64::from(s));
+    for a in 0..3 {
+        while shape[a] < dims.0[a] && bytes(shape) < LEAST {
+            // whole chunks, until the volume ends
+            shape[a] = shape[a].saturating_mul(2).min(dims.0[a]);
+            if shape[a] < dims.0[a] {
+                shape[a] = shape[a] / chunk[a] * chunk[a];
+            }
+        }
+    }
+    shape
 }
 
 /// A volume of chunks.
@@ -219,9 +244,11 @@ impl Volume for ChunkedVolume {
     }
 
     fn held_bytes(&self) -> u64 {
-        let threads = rayon::current_num_threads() as u64;
+        let grid = [0, 1, 2].map(|a| u64::from(self.header.dims.0[a].div_ceil(self.shape[a])));
+        // no more are decoded at a time than there are
+        let threads = (rayon::current_num_threads() as u64).min(grid.iter().product());
         let batch = self.batch() as u64 * self.chunk_bytes();
-        self.budget + batch + threads * self.chunks.scratch()
+        self.budget + batch + threads * self.chunks.scratch() + self.chunks.kept()
     }
 
     fn grain(&self) -> [u32; 3] {
@@ -232,7 +259,7 @@ impl Volume for ChunkedVolume {
 #[cfg(test)]
 pub(super) mod tests {
     use super::*;
-    use crate::grid::{Dims, Placement};
+    use crate::grid::Placement;
     use crate::volume::{Dtype, Endian};
     use proptest::prelude::*;
     use std::sync::atomic::{AtomicUsize, Ordering};

@@ -5,14 +5,17 @@
 //! slice is refused rather than closed over, and so are the slices of several stacks, or a picture beside
 //! them. Other files (notes, logs) are passed by.
 
+mod others;
+
 use super::blob::Blob;
 use super::layout::{Data, Encoding, Recipe, Samples, Start};
-use super::open::{OpenOptions, known_format};
+use super::open::{OpenOptions, reads};
 use super::text::Pattern;
-use super::{Dtype, dicom, png, tiff, zarr};
+use super::{Dtype, dicom, foreign, png, skyscan, tiff, zarr};
 use crate::error::{Error, Result};
 use crate::grid::Dims;
 use crate::newfile::directory;
+use others::{Others, nothing};
 use std::cmp::Ordering;
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
@@ -29,7 +32,26 @@ pub(super) fn parse(path: &Path, options: &OpenOptions) -> Result<Recipe> {
     if zarr::is_zarr(path) && options.dims.is_none() {
         return zarr::parse(path, options);
     }
-    these(path, list(path)?, options)
+    if options.dims.is_none() {
+        foreign::refuse_folder(path)?;
+    }
+    if is_n5(path)? && options.dims.is_none() {
+        let hint = "convert it to Zarr, or save the array as NRRD, MetaImage or TIFF";
+        return Err(Error::unsupported(path, "the N5 format", hint));
+    }
+    let files = list(path)?;
+    these(path, files.clone(), &files, options)
+}
+
+/// True for a folder of N5: its metadata name its version, or the blocks of an array.
+fn is_n5(path: &Path) -> Result<bool> {
+    let file = path.join("attributes.json");
+    if !file.is_file() {
+        return Ok(false);
+    }
+    let text = Blob::file(&file)?.head(1 << 16)?;
+    let text = String::from_utf8_lossy(&text);
+    Ok(text.contains("\"n5\"") || text.contains("\"blockSize\""))
 }
 
 /// Opens the slices with the numbers of a name such as `slice_%04d.tif`; `None` if the name is no
@@ -40,23 +62,30 @@ pub(super) fn parse(path: &Path, options: &OpenOptions) -> Result<Recipe> {
 pub(super) fn numbered(path: &Path, options: &OpenOptions) -> Option<Result<Recipe>> {
     let pattern = Pattern::parse(&name(path))?;
     let folder = directory(path);
-    Some(list(folder).and_then(|mut files| {
-        files.retain(|file| pattern.matches(&name(file)));
+    Some(list(folder).and_then(|all| {
+        let matching = all.iter().filter(|file| pattern.matches(&name(file)));
+        let files: Vec<_> = matching.cloned().collect();
         if files.is_empty() {
             let found = format!("no file of that name in {}", folder.display());
             let expected = "files with numbers in place of the % and what follows it";
             return Err(Error::format(path, found, expected));
         }
-        these(path, files, options)
+        these(path, files, &all, options)
     }))
 }
 
-/// Opens these files as slices.
-fn these(path: &Path, files: Vec<PathBuf>, options: &OpenOptions) -> Result<Recipe> {
+/// Opens these of all files of a folder as slices.
+fn these(
+    path: &Path,
+    files: Vec<PathBuf>,
+    all: &[PathBuf],
+    options: &OpenOptions,
+) -> Result<Recipe> {
     if let (Some(dims), Some(dtype)) = (options.dims, options.dtype) {
         return raw(path, files, dims, dtype, options);
     }
-    let (mut images, mut scans, mut others) = ([Vec::new(), Vec::new()], Vec::new(), None);
+    let (mut images, mut scans) = ([Vec::new(), Vec::new()], Vec::new());
+    let mut others = Others::default();
     for file in files.clone() {
         let blob = Blob::file(&file)?;
         let head = blob.head(400)?;
@@ -75,43 +104,82 @@ fn these(path: &Path, files: Vec<PathBuf>, options: &OpenOptions) -> Result<Reci
                     "a slice is damaged: replace it, or take the file out of the folder",
                 ),
             );
-        } else if let Some(name) = known_format(&head) {
-            others = others.or(Some(name));
+        } else if reads(&head).is_some() {
+            others.volumes.push(file);
+        } else if let Some(name) = foreign::named(&file, &head) {
+            others.foreign.push((name, file));
         }
     }
     let [tiffs, pngs] = images;
+    // one picture alone is no volume, and beside folders of slices a preview
+    let alone = tiffs.is_empty() && pngs.len() < 2;
+    if path.is_dir() && (!scans.is_empty() || (alone && !pngs.is_empty())) {
+        scans.extend(below(path)?);
+    }
     // pictures beside the slices are previews
     if scans.len() > tiffs.len() + pngs.len() {
         return dicom::parse(path, scans, options);
     }
     match (tiffs.is_empty(), pngs.is_empty()) {
-        (false, true) => {
-            check_sequence(path, &names(&tiffs))?;
-            tiff::parse(path, blobs(&tiffs)?)
-        }
-        (true, false) => {
-            check_sequence(path, &names(&pngs))?;
-            png::parse(path, blobs(&pngs)?)
-        }
+        (false, true) => pictures(path, tiffs, all, |blobs| tiff::parse(path, blobs, options)),
+        (true, false) => pictures(path, pngs, all, |blobs| png::parse(path, blobs)),
         (false, false) => Err(Error::format(
             path,
             format!("{} TIFF and {} PNG files", tiffs.len(), pngs.len()),
             "slices of one format",
         )),
-        (true, true) => match others {
-            None => {
-                let options = options.of_headerless();
-                match (options.dims, options.dtype) {
-                    (Some(dims), Some(dtype)) if !files.is_empty() => {
-                        raw(path, files, dims, dtype, &options)
-                    }
-                    _ if path.is_dir() => below(path, &options),
-                    _ => Err(nothing(path, None)),
-                }
+        (true, true) => {
+            let raw_options = options.of_headerless();
+            if let (Some(dims), Some(dtype)) = (raw_options.dims, raw_options.dtype)
+                && !files.is_empty()
+                && others.foreign.is_empty()
+            {
+                return raw(path, files, dims, dtype, &raw_options);
             }
-            _ => Err(nothing(path, others)),
-        },
+            let below = if path.is_dir() {
+                below(path)?
+            } else {
+                Vec::new()
+            };
+            match below.is_empty() {
+                true => Err(nothing(path, &others)),
+                false => dicom::parse(path, below, options),
+            }
+        }
     }
+}
+
+/// Slices of one format, with what NRecon puts beside them: a picture of the whole scan, and a log with the size of a
+/// voxel.
+fn pictures(
+    path: &Path,
+    files: Vec<PathBuf>,
+    all: &[PathBuf],
+    parse: impl FnOnce(Vec<Blob>) -> Result<Recipe>,
+) -> Result<Recipe> {
+    let (previews, slices): (Vec<_>, Vec<_>) = files
+        .into_iter()
+        .partition(|file| skyscan::is_preview(&name(file)));
+    // a folder of nothing else is of slices that have such names
+    let (previews, files) = if slices.is_empty() {
+        (slices, previews)
+    } else {
+        (previews, slices)
+    };
+    let names = names(&files);
+    check_sequence(path, &names)?;
+    let mut recipe = parse(blobs(&files)?)?;
+    for preview in &previews {
+        let note = format!(
+            "{} is taken for a preview of the scan and passed by",
+            name(preview)
+        );
+        recipe.notes.push(note);
+    }
+    if let Some(log) = skyscan::find(all, &names)? {
+        log.apply(&mut recipe);
+    }
+    Ok(recipe)
 }
 
 /// True for a folder of which every file may be a part of the volume.
@@ -129,7 +197,7 @@ pub(super) fn is_slice(file: &Path) -> bool {
 const MAX_DEPTH: u32 = 8;
 
 /// DICOM in the folders of a folder, as scanners write it to discs.
-fn below(path: &Path, options: &OpenOptions) -> Result<Recipe> {
+fn below(path: &Path) -> Result<Vec<Blob>> {
     let (mut folders, mut scans) = (vec![(path.to_path_buf(), 0)], Vec::new());
     while let Some((folder, depth)) = folders.pop() {
         let fail = |e| Error::io(&folder, "list", e);
@@ -151,28 +219,9 @@ fn below(path: &Path, options: &OpenOptions) -> Result<Recipe> {
             }
         }
     }
-    if scans.is_empty() {
-        return Err(nothing(path, None));
-    }
     // the order in which a folder lists its files must not matter, not even for messages
     scans.sort_by(|a, b| a.path().cmp(b.path()));
-    dicom::parse(path, scans, options)
-}
-
-fn nothing(path: &Path, others: Option<&str>) -> Error {
-    match others {
-        Some(name) => Error::unsupported(
-            path,
-            format!("a folder of {name} files"),
-            "convert them to NRRD, MetaImage or TIFF, or give the one file to read",
-        ),
-        None => Error::format(
-            path,
-            "a folder without TIFF, PNG or DICOM files",
-            "slices of a volume",
-        )
-        .with_hint("raw slices need --dims and --dtype; a .nhdr header can list them too"),
-    }
+    Ok(scans)
 }
 
 /// The files of a folder, without hidden ones, in natural order.

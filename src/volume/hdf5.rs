@@ -1,44 +1,67 @@
-//! HDF5 and NeXus: a dataset of three axes (z, y, x), whole or in chunks.
+//! HDF5 and the formats in it: NeXus, NetCDF-4, MINC 2, Imaris, MATLAB 7.3 and others.
 //!
-//! The dataset is found by itself if there is one; others of more axes count if those in front have
-//! one entry. Spacing is read from the attribute `element_size_um` (z, y, x), which ImageJ, ilastik
-//! and others write. Filters are those of the library itself and, of plugins, LZF, LZ4, Blosc, bitshuffle
-//! and Zstandard. Virtual datasets and other filters are refused by name.
+//! A volume is a dataset with three axes of more than one entry, or one of which a channel and a time are chosen. It
+//! is found by itself if there is one. Names of axes, sizes of voxels and scales of values are taken from the
+//! attributes of the common writers; without names the last axis is x. Filters are those of the library itself
+//! and, of plugins, LZF, LZ4, Blosc, bitshuffle and Zstandard. What is not read is refused by name.
 
+mod attributes;
+mod axes;
+mod choose;
+mod chunks;
 mod filter;
+mod geometry;
+mod minc;
+mod missing;
+mod number;
+mod place;
+mod scale;
+mod series;
+mod tree;
 
+use super::blob::Blob;
 use super::chunked::Chunks;
 use super::layout::{Recipe, Samples};
 use super::open::OpenOptions;
 use super::paged::MAX_CHUNK;
-use super::{Dtype, Endian, Voxel, with_voxel_type};
+use super::values::Values;
+use super::{Dtype, Endian};
 use crate::error::{Error, Result};
-use crate::grid::{Dims, Placement, Unit};
-use crate::manifest::{Origin, Provenance};
+use crate::grid::Dims;
+use axes::{Axes, shape_text};
+use choose::{Chosen, chosen};
+use chunks::{H5Chunks, pieces};
+use geometry::Geometry;
 use hdf5_reader::error::Error as H5Error;
-use hdf5_reader::group::Group;
-use hdf5_reader::{ByteOrder, Dataset, Datatype, FileStorage, H5Type, Hdf5File};
-use hdf5_reader::{SliceInfo, SliceInfoElem};
-use std::collections::HashSet;
-use std::path::{Path, PathBuf};
+use hdf5_reader::{ByteOrder, FileStorage, Hdf5File};
+use missing::{Missing, Stored, missing};
+use number::{Number, type_text};
+use place::Place;
+use series::{Kind, Member};
+use std::path::Path;
 use std::sync::Arc;
 
-/// Groups in groups beyond this are not looked into.
-const MAX_DEPTH: u32 = 16;
-/// More datasets than this are not looked at.
-const MAX_DATASETS: usize = 10_000;
-/// Names that a message lists.
-const LISTED: usize = 30;
 /// The library keeps this of unpacked chunks; the volume has a cache of its own.
 const LIBRARY_CACHE: usize = 1 << 20;
-/// Smaller chunks are read several at a time.
-const LEAST: u64 = 512 << 10;
-/// Datasets without chunks are read in pieces of at most this size, unless a row has more.
-const PIECE: u64 = 4 << 20;
+/// The first piece is unpacked at once, to see whether that goes, unless it is larger than this.
+const TRIED: u64 = 4 << 20;
+/// What a file begins with, at 0 or behind a block of the user's own of 512 bytes, or 1024, and so on.
+const SIGNATURE: [u8; 8] = *b"\x89HDF\r\n\x1a\n";
 
-/// True if a file begins as HDF5 does.
-pub(super) fn is_hdf5(head: &[u8]) -> bool {
-    head.starts_with(b"\x89HDF\r\n\x1a\n")
+/// True for a file that begins as HDF5 does, perhaps behind a block of the user's own, as in MATLAB's files.
+pub(super) fn is_hdf5(path: &Path, head: &[u8]) -> bool {
+    if head.starts_with(&SIGNATURE) {
+        return true;
+    }
+    let Ok(bytes) = Blob::file(path).and_then(|blob| blob.open()) else {
+        return false;
+    };
+    let places = (9..63).map(|n| 1u64 << n);
+    let mut inside = places.take_while(|at| at + SIGNATURE.len() as u64 <= bytes.len());
+    inside.any(|at| {
+        let mut found = [0; SIGNATURE.len()];
+        bytes.read_at(at, &mut found).is_ok() && found == SIGNATURE
+    })
 }
 
 /// Opens the dataset that the options name, or the only one that is a volume.
@@ -55,374 +78,347 @@ pub(super) fn parse(path: &Path, options: &OpenOptions) -> Result<Recipe> {
         .with_filter_registry(filter::registry());
     let file = Hdf5File::from_storage_with_options(Arc::new(storage), limits)
         .map_err(|e| broken(path, "", &e))?;
-    let (name, dataset) = match &options.dataset {
-        Some(name) => {
-            let dataset = file.dataset(name).map_err(|e| match e {
-                H5Error::DatasetNotFound(_) | H5Error::GroupNotFound(_) => {
-                    absent(path, &file, name)
-                }
-                e if e.to_string().contains("not found") => absent(path, &file, name),
-                e => broken(path, name, &e),
-            })?;
-            (name.clone(), dataset)
-        }
-        None => only(path, &file)?,
-    };
-    recipe(path, name, dataset)
+    let tree = tree::Tree::of(&file).map_err(|e| broken(path, "/", &e))?;
+    let found = chosen(path, &file, &tree, options)?;
+    let place = Place::of(&file, &tree, &found.name, &found.dataset);
+    recipe(path, &place, &found, options)
 }
 
-fn absent(path: &Path, file: &Hdf5File, name: &str) -> Error {
-    match Search::of(path, file) {
-        Ok(search) => Error::usage("--dataset", name, search.list()),
-        Err(error) => error,
+/// What the library's error means: what is wrong, and what to do about it if it is only not supported.
+fn meaning(error: &H5Error) -> (String, Option<&'static str>) {
+    // the library wraps the cause in text that says where
+    let text = error.to_string();
+    if text.contains("unsupported layout class 3") {
+        let hint = "copy it to a plain one, as with `h5repack -l CONTI`";
+        return ("a virtual dataset of HDF5".into(), Some(hint));
     }
+    if let Some((_, id)) = text.split_once("filter id ") {
+        let number: String = id.chars().take_while(char::is_ascii_digit).collect();
+        let hint = "write it anew with one that HDF5 itself has, as with `h5repack -f GZIP=1`";
+        return (filter::name(&number), Some(hint));
+    }
+    let hint = text.contains("unsupported");
+    (
+        format!("HDF5 with {text}"),
+        hint.then_some("write the file anew, as with `h5repack`"),
+    )
 }
 
-/// What was found in the groups of a file.
-#[derive(Default)]
-struct Search {
-    volumes: Vec<(String, Dataset)>,
-    /// The first dataset that could not be opened, and why.
-    failed: Option<(String, H5Error)>,
-    seen: HashSet<u64>,
-    count: usize,
-}
-
-impl Search {
-    fn of(path: &Path, file: &Hdf5File) -> Result<Search> {
-        let root = file.root_group().map_err(|e| broken(path, "/", &e))?;
-        let mut search = Search::default();
-        search.group(&root, "", 0);
-        search.volumes.sort_by(|a, b| a.0.cmp(&b.0));
-        Ok(search)
-    }
-
-    fn group(&mut self, group: &Group, name: &str, depth: u32) {
-        if depth > MAX_DEPTH || !self.seen.insert(group.address()) {
-            return;
-        }
-        let (groups, datasets) = match group.member_names() {
-            Ok(names) => names,
-            Err(error) => return self.note(name, error),
-        };
-        for child in datasets {
-            self.count += 1;
-            if self.count > MAX_DATASETS {
-                return;
-            }
-            let path = format!("{name}/{child}");
-            match group.dataset(&child) {
-                Ok(dataset) => {
-                    let shape = dataset.shape();
-                    let volume = axes(shape).is_some() && kind(dataset.dtype()).is_some();
-                    // the same dataset by another name is the same volume
-                    if volume && self.seen.insert(dataset.address()) {
-                        self.volumes.push((path, dataset));
-                    }
-                }
-                Err(error) => self.note(&path, error),
-            }
-        }
-        for child in groups {
-            let path = format!("{name}/{child}");
-            match group.group(&child) {
-                Ok(group) => self.group(&group, &path, depth + 1),
-                Err(error) => self.note(&path, error),
-            }
-        }
-    }
-
-    fn note(&mut self, name: &str, error: H5Error) {
-        self.failed.get_or_insert_with(|| (name.to_owned(), error));
-    }
-
-    fn list(&self) -> String {
-        let lines = self.volumes.iter().take(LISTED).map(|(name, dataset)| {
-            let kind = kind(dataset.dtype()).map_or("", |(dtype, _)| dtype.name());
-            let shape: Vec<String> = dataset.shape().iter().map(u64::to_string).collect();
-            format!("\n  {name}: {} of {kind}", shape.join(" x "))
-        });
-        let more = match self.volumes.len().saturating_sub(LISTED) {
-            0 => String::new(),
-            n => format!("\n  and {n} more"),
-        };
-        format!("one of{}{more}", lines.collect::<String>())
-    }
-}
-
-/// The only volume of a file.
-fn only(path: &Path, file: &Hdf5File) -> Result<(String, Dataset)> {
-    let mut search = Search::of(path, file)?;
-    match (search.volumes.len(), &search.failed) {
-        (1, _) => Ok(search.volumes.swap_remove(0)),
-        (0, Some((name, error))) => Err(broken(path, name, error)),
-        (0, None) => Err(Error::format(
-            path,
-            "HDF5 without a dataset of three axes of numbers",
-            "a volume",
-        )),
-        (n, _) => {
-            let found = format!("nothing, and {n} datasets in {}", path.display());
-            Err(Error::usage("--dataset", found, search.list()))
-        }
-    }
-}
-
-/// What the library's error means for the user.
+/// The library's error as one of ours.
 fn broken(path: &Path, name: &str, error: &H5Error) -> Error {
+    if let H5Error::Io(e) = error {
+        return Error::io(path, "read", std::io::Error::new(e.kind(), e.to_string()));
+    }
     let place = match name {
         "" => String::new(),
         _ => format!(" ({name})"),
     };
-    let no = |what: String, hint: &str| Error::unsupported(path, what, hint);
-    if let H5Error::Io(e) = error {
-        return Error::io(path, "read", std::io::Error::new(e.kind(), e.to_string()));
-    }
-    // the library wraps the cause in text that says where
-    let text = error.to_string();
-    let has = |part: &str| text.contains(part);
-    if has("unsupported layout class 3") {
-        return no(
-            format!("a virtual dataset of HDF5{place}"),
-            "copy it to a plain one, as with `h5repack -l CONTI`",
-        );
-    }
-    if let Some((_, id)) = text.split_once("filter id ") {
-        let number: String = id.chars().take_while(char::is_ascii_digit).collect();
-        let known = FILTERS.iter().find(|(id, _)| *id == number);
-        let known = known.map_or(String::new(), |(_, name)| format!(" ({name})"));
-        return no(
-            format!("the HDF5 filter {number}{known}{place}"),
-            "write it anew with one that HDF5 itself has, as with `h5repack -f GZIP=1`",
-        );
-    }
-    if has("unsupported") {
-        let hint = "write the file anew, as with `h5repack`";
-        return no(format!("HDF5 with {text}{place}"), hint);
-    }
-    Error::format(path, format!("HDF5 with {text}{place}"), "a whole file")
-        .with_hint("the file is cut short or damaged")
-}
-
-/// Filters of plugins, by their registered numbers
-/// (<https://github.com/HDFGroup/hdf5_plugins/blob/master/docs/RegisteredFilterPlugins.md>).
-const FILTERS: &[(&str, &str)] = &[
-    ("307", "bzip2"),
-    ("32013", "ZFP"),
-    ("32017", "SZ"),
-    ("32026", "Blosc 2"),
-];
-
-/// The last three axes, if those in front of them have one entry.
-fn axes(shape: &[u64]) -> Option<[u64; 3]> {
-    let (front, last) = shape.split_last_chunk::<3>()?;
-    let volume = front.iter().all(|&n| n == 1) && last.iter().all(|&n| n > 1);
-    volume.then_some([last[2], last[1], last[0]])
-}
-
-/// The type of numbers; `None` for other data.
-fn kind(dtype: &Datatype) -> Option<(Dtype, ByteOrder)> {
-    Some(match *dtype {
-        Datatype::FixedPoint {
-            size,
-            signed,
-            byte_order,
-        } => {
-            let dtype = match (size, signed) {
-                (1, false) => Dtype::U8,
-                (1, true) => Dtype::I8,
-                (2, false) => Dtype::U16,
-                (2, true) => Dtype::I16,
-                (4, false) => Dtype::U32,
-                (4, true) => Dtype::I32,
-                _ => return None,
-            };
-            (dtype, byte_order)
-        }
-        Datatype::FloatingPoint {
-            size: size @ (4 | 8),
-            byte_order,
-        } => {
-            let dtype = if size == 4 { Dtype::F32 } else { Dtype::F64 };
-            (dtype, byte_order)
-        }
-        _ => return None,
-    })
-}
-
-/// A type in words.
-fn type_text(dtype: &Datatype) -> String {
-    match *dtype {
-        Datatype::FixedPoint { size, signed, .. } => {
-            let sign = if signed { "signed" } else { "unsigned" };
-            format!("{sign} integers of {} bits", 8 * u64::from(size))
-        }
-        Datatype::FloatingPoint { size, .. } => format!("floats of {} bits", 8 * u64::from(size)),
-        _ => "which are no plain numbers".into(),
+    match meaning(error) {
+        (what, Some(hint)) => Error::unsupported(path, format!("{what}{place}"), hint),
+        (what, None) => Error::format(path, format!("{what}{place}"), "a whole file")
+            .with_hint("the file is cut short or damaged"),
     }
 }
 
-fn recipe(path: &Path, name: String, dataset: Dataset) -> Result<Recipe> {
-    let shape = dataset.shape();
-    let (Some(size), Some((dtype, order))) = (axes(shape), kind(dataset.dtype())) else {
-        let what = format!(
-            "the HDF5 dataset {name} of {shape:?}, {}",
-            type_text(dataset.dtype())
-        );
-        let hint = "volumes have 3 axes (z, y, x) of numbers of at most 32 bits or f64";
-        return Err(Error::unsupported(path, what, hint));
-    };
-    let dims = Dims::new(size)
-        .map_err(|e| Error::format(path, format!("a dataset with {e}"), "a volume"))?;
-    let (placement, provenance) = place(&dataset);
-    let sample = dtype.bytes() as u64;
-    let shape = match dataset.chunks() {
-        Some(chunk) if chunk.contains(&0) => {
-            let found = format!("the HDF5 dataset {name} with chunks of {chunk:?}");
-            return Err(Error::format(path, found, "chunks of at least one voxel"));
-        }
-        Some(chunk) if chunk.len() == dataset.ndim() => {
-            let last = chunk.last_chunk::<3>().copied().unwrap_or([1; 3]);
-            grouped([last[2], last[1], last[0]], dims, sample)
-        }
-        _ => {
-            let rows = PIECE / (u64::from(dims.0[0]) * sample);
-            [dims.0[0], rows.clamp(1, dims.0[1].into()) as u32, 1]
-        }
-    };
-    let bytes = shape
-        .iter()
-        .fold(sample, |n, &s| n.saturating_mul(s.into()));
-    if bytes > MAX_CHUNK {
-        let what = format!("an HDF5 dataset with chunks of {bytes} bytes");
-        return Err(Error::unsupported(
-            path,
-            what,
-            "write it anew with smaller chunks",
-        ));
-    }
-    let chunks = H5Chunks {
-        path: path.to_path_buf(),
-        shape,
-        dims,
-        dtype,
-        note: format!("dataset {name}"),
-        name,
-        dataset,
-    };
-    // filters show only when a chunk is read: better now than after an hour
-    let first = chunks.size([0; 3]).iter().product::<u64>() * sample;
-    chunks.decode([0; 3], &mut vec![0; first as usize])?;
-    Ok(Recipe {
-        endian: Some(match order {
-            ByteOrder::BigEndian => Endian::Big,
-            ByteOrder::LittleEndian => Endian::Little,
-        }),
-        placement,
-        provenance,
-        notes: vec![chunks.note.clone()],
-        ..Recipe::new("hdf5", dims, dtype, Samples::Chunks(Box::new(chunks)))
-    })
+/// A dataset as messages call it.
+fn described(place: &Place) -> String {
+    let (shape, dtype) = (place.dataset.shape(), place.dataset.dtype());
+    format!("{} of {}", shape_text(shape), type_text(dtype))
 }
 
-/// A chunk, or several small ones.
-fn grouped(chunk: [u32; 3], dims: Dims, sample: u64) -> [u32; 3] {
-    let mut shape = [0, 1, 2].map(|a| chunk[a].clamp(1, dims.0[a]));
-    let bytes = |shape: [u32; 3]| shape.iter().fold(sample, |n, &s| n * u64::from(s));
-    for a in 0..3 {
-        while shape[a] < dims.0[a] && bytes(shape) < LEAST {
-            // whole chunks, until the volume ends
-            shape[a] = shape[a].saturating_mul(2).min(dims.0[a]);
-            if shape[a] < dims.0[a] {
-                shape[a] = shape[a] / chunk[a] * chunk[a];
-            }
+/// How to read a dataset as a volume.
+///
+/// # Errors
+/// Why it is none.
+fn judged(place: &Place) -> Result<(Number, Axes), String> {
+    let dataset = place.dataset;
+    let raw = dataset.raw_datatype().map_err(|e| meaning(&e).0)?;
+    let number = Number::of(dataset.dtype(), &raw)?;
+    match place.attributes.text("MATLAB_class").as_deref() {
+        Some(class @ ("char" | "cell" | "struct" | "function_handle")) => {
+            return Err(format!("a {class} of MATLAB"));
         }
+        _ if place.attributes.has("MATLAB_empty") => return Err("an empty array of MATLAB".into()),
+        _ => {}
     }
-    shape
-}
-
-/// The spacing of ImageJ's and ilastik's attribute.
-fn place(dataset: &Dataset) -> (Placement, Provenance) {
-    let mut place = Placement::default();
-    let mut from = Provenance::default();
-    let attribute = dataset.attribute("element_size_um");
-    let values = attribute.ok().and_then(|a| match a.datatype {
-        Datatype::FloatingPoint { size: 4, .. } => {
-            let values = a.read_1d::<f32>().ok()?;
-            Some(values.into_iter().map(f64::from).collect::<Vec<_>>())
-        }
-        _ => a.read_1d::<f64>().ok(),
-    });
-    if let Some([z, y, x]) = values.as_deref()
-        && [x, y, z].iter().all(|s| s.is_finite() && **s > 0.0)
+    let names = axes::agreed(place.names())?;
+    if names.is_none()
+        && let Some(reason) = place.vague_order().or_else(|| place.projections())
     {
-        place.spacing = [*x, *y, *z];
-        place.unit = Unit::Micrometre;
-        (from.spacing, from.unit) = ([Origin::File; 3], Origin::File);
+        return Err(reason);
     }
-    (place, from)
+    let axes = Axes::of(dataset.shape(), names.as_ref())?;
+    let stored = Stored::of(place.file, dataset).map_err(|e| meaning(&e).0)?;
+    if stored.external.is_some() {
+        return Err("its samples lie in other files (external storage): copy it, as with `h5repack -l CONTI`".into());
+    }
+    Ok((number, axes))
 }
 
-/// The chunks of a dataset, or pieces of one without.
-struct H5Chunks {
-    path: PathBuf,
-    name: String,
-    note: String,
-    dataset: Dataset,
-    shape: [u32; 3],
-    dims: Dims,
-    dtype: Dtype,
+/// The entry of an axis that is not of space.
+fn entry(
+    option: &str,
+    what: &str,
+    given: Option<u32>,
+    axis: Option<usize>,
+    shape: &[u64],
+) -> Result<u64> {
+    let Some(n) = axis.map(|a| shape[a]) else {
+        return match given {
+            None => Ok(0),
+            Some(n) => Err(Error::usage(
+                option,
+                n.to_string(),
+                format!("it with a dataset of several {what}s"),
+            )),
+        };
+    };
+    match given {
+        Some(given) if u64::from(given) < n => Ok(given.into()),
+        Some(given) => Err(Error::usage(
+            option,
+            given.to_string(),
+            format!("0 to {}", n - 1),
+        )),
+        None => {
+            let found = format!("nothing, and {n} {what}s");
+            Err(Error::usage(
+                option,
+                found,
+                format!("one of 0 to {}", n - 1),
+            ))
+        }
+    }
 }
 
-impl H5Chunks {
-    /// Voxels of a chunk inside the volume, x first.
-    fn size(&self, index: [u32; 3]) -> [u64; 3] {
-        [0, 1, 2].map(|a| {
-            let start = u64::from(index[a]) * u64::from(self.shape[a]);
-            u64::from(self.shape[a]).min(u64::from(self.dims.0[a]) - start)
+fn recipe(path: &Path, place: &Place, found: &Chosen, options: &OpenOptions) -> Result<Recipe> {
+    let (number, axes) = &found.how;
+    let member = Member::of(place.name)
+        .filter(|m| m.kind != Kind::BigDataViewer || number.dtype == Dtype::I16);
+    let shape = place.dataset.shape();
+    let mut entries = vec![0; shape.len()];
+    // those of a file of many datasets are chosen already
+    let taken = found.by_parts;
+    let given = |option: Option<u32>| option.filter(|_| !taken);
+    let channel = entry(
+        "--channel",
+        "channel",
+        given(options.channel),
+        axes.channel,
+        shape,
+    )?;
+    let time = entry("--time", "time", given(options.time), axes.time, shape)?;
+    for (axis, at) in [(axes.channel, channel), (axes.time, time)] {
+        if let Some(axis) = axis {
+            entries[axis] = at;
+        }
+    }
+    let mut recipe = Draft {
+        path,
+        place,
+        axes,
+        entries,
+        notes: found.notes.clone(),
+        warnings: Vec::new(),
+    };
+    recipe.open(*number, member, options)
+}
+
+/// A volume in the making.
+struct Draft<'a> {
+    path: &'a Path,
+    place: &'a Place<'a>,
+    axes: &'a Axes,
+    entries: Vec<u64>,
+    notes: Vec<String>,
+    warnings: Vec<String>,
+}
+
+impl Draft<'_> {
+    fn open(
+        &mut self,
+        number: Number,
+        member: Option<Member>,
+        options: &OpenOptions,
+    ) -> Result<Recipe> {
+        let size = self.size(member)?;
+        let dims = Dims::new(size)
+            .map_err(|e| Error::format(self.path, format!("a dataset with {e}"), "a volume"))?;
+        let (number, values) = self.values(number, member)?;
+        let geometry = self.geometry(member, size, options)?;
+        let (placement, provenance, notes, warnings) = geometry.place();
+        let (path, dataset) = (self.path, self.place.dataset);
+        let name = self.place.name.to_owned();
+        let shape =
+            pieces(dataset, self.axes.volume, dims, number.size as u64).map_err(|what| {
+                let what = format!("the HDF5 dataset {name} with {what}");
+                Error::unsupported(path, what, "write it anew with other chunks")
+            })?;
+        self.stored(size, &number)?;
+        self.describe(&number);
+        self.notes.extend(notes);
+        self.warnings.extend(warnings);
+        let chunks = H5Chunks {
+            path: path.to_path_buf(),
+            name,
+            dataset: dataset.clone(),
+            number,
+            shape,
+            dims,
+            axes: self.axes.volume,
+            entry: self.entries.clone(),
+        };
+        // what only a chunk shows is better known now than after an hour
+        let first = chunks.size([0; 3]).iter().product::<u64>() * number.dtype.bytes() as u64;
+        if first <= TRIED && chunks.scratch() <= 4 * TRIED {
+            chunks.decode([0; 3], &mut vec![0; first as usize])?;
+        }
+        Ok(Recipe {
+            endian: Some(match number.order {
+                ByteOrder::BigEndian => Endian::Big,
+                ByteOrder::LittleEndian => Endian::Little,
+            }),
+            placement,
+            provenance,
+            values,
+            notes: std::mem::take(&mut self.notes),
+            warnings: std::mem::take(&mut self.warnings),
+            ..Recipe::new(
+                "hdf5",
+                dims,
+                number.dtype,
+                Samples::Chunks(Box::new(chunks)),
+            )
         })
     }
 
-    fn read<T: Voxel + H5Type>(&self, index: [u32; 3], out: &mut [u8]) -> Result<()> {
-        let size = self.size(index);
-        let front = self.dataset.ndim() - 3;
-        let whole = |start: u64, n: u64| SliceInfoElem::Slice {
-            start,
-            end: start + n,
-            step: 1,
+    /// What a user should know of the array.
+    fn describe(&mut self, number: &Number) {
+        self.notes.insert(0, format!("dataset {}", self.place.name));
+        self.notes.extend(self.axes.note.clone());
+        self.notes.extend(number.note());
+        if self.place.attributes.has("MATLAB_class") {
+            let note =
+                "an array of MATLAB: A(i, j, k) is the voxel x = i - 1, y = j - 1, z = k - 1";
+            self.notes.push(note.into());
+        }
+    }
+
+    fn no(&self, what: impl std::fmt::Display, hint: &str) -> Error {
+        let what = format!("the HDF5 dataset {} with {what}", self.place.name);
+        Error::unsupported(self.path, what, hint)
+    }
+
+    /// Voxels along x, y and z: those of the array, without what it is padded by.
+    fn size(&mut self, member: Option<Member>) -> Result<[u64; 3]> {
+        let size = self.axes.volume.map(|a| self.place.dataset.shape()[a]);
+        if member.is_none_or(|m| m.kind != Kind::Imaris) {
+            return Ok(size);
+        }
+        let Some(own) = series::true_size(self.place) else {
+            self.warnings.push(
+                "the file does not state the size of the image: its array may be padded to whole chunks".into(),
+            );
+            return Ok(size);
         };
-        let mut selections: Vec<_> = (0..front).map(|_| whole(0, 1)).collect();
-        for a in [2, 1, 0] {
-            let start = u64::from(index[a]) * u64::from(self.shape[a]);
-            selections.push(whole(start, size[a]));
+        let text = |size: [u64; 3]| shape_text(&size);
+        if own.iter().zip(size).any(|(&own, size)| own > size) {
+            let found = format!("an image of {} in an array of {}", text(own), text(size));
+            return Err(Error::format(
+                self.path,
+                found,
+                "an array that holds the image",
+            ));
         }
-        let found = self
-            .dataset
-            .read_slice::<T>(&SliceInfo { selections })
-            .map_err(|e| broken(&self.path, &self.name, &e))?;
-        let samples = found.as_slice().unwrap_or_default();
-        let bytes: &[u8] = bytemuck::cast_slice(samples);
-        if bytes.len() != out.len() {
-            let what = format!("{} bytes of a chunk", bytes.len());
-            return Err(Error::format(&self.path, what, format!("{}", out.len())));
+        if own != size {
+            let note = format!(
+                "the array of {} is padded: cut to {}",
+                text(size),
+                text(own)
+            );
+            self.notes.push(note);
         }
-        out.copy_from_slice(bytes);
+        Ok(own)
+    }
+
+    fn values(
+        &mut self,
+        number: Number,
+        member: Option<Member>,
+    ) -> Result<(Number, Option<Values>)> {
+        match member.map(|m| m.kind) {
+            Some(Kind::Minc) => {
+                let (axes, entries) = (self.axes.volume, &self.entries);
+                let values = minc::values(self.place, axes, entries, &number, &mut self.warnings);
+                let values =
+                    values.map_err(|what| self.no(what, "convert it with MINC's own tools"))?;
+                Ok((number, values))
+            }
+            Some(Kind::BigDataViewer) => {
+                let note = "i16 read as u16, as BigDataViewer does; the size of a voxel is in its .xml, which is not read";
+                self.notes.push(note.into());
+                Ok((number.read_as(Dtype::U16), None))
+            }
+            _ => scale::values(self.path, self.place, number, &mut self.warnings),
+        }
+    }
+
+    fn geometry(
+        &self,
+        member: Option<Member>,
+        size: [u64; 3],
+        options: &OpenOptions,
+    ) -> Result<Geometry> {
+        let own = options.spacing.is_some();
+        let geometry = match member.map(|m| m.kind) {
+            Some(Kind::Imaris) => series::extent(self.place.file, size),
+            Some(Kind::Minc) => match minc::geometry(self.place, self.axes.volume) {
+                Ok(geometry) => geometry,
+                Err(_) if own => Geometry::default(),
+                Err(what) => return Err(self.no(what, "give --spacing and --unit")),
+            },
+            _ => self.place.geometry(self.axes),
+        };
+        match &geometry.uneven {
+            Some(what) if !own => Err(self.no(
+                what,
+                "resample it, or give --spacing and --unit to take it as even",
+            )),
+            _ => Ok(geometry),
+        }
+    }
+
+    /// Looks at filters and at chunks that are not there.
+    fn stored(&mut self, size: [u64; 3], number: &Number) -> Result<()> {
+        let (file, dataset) = (self.place.file, self.place.dataset);
+        let fail = |e: H5Error| broken(self.path, self.place.name, &e);
+        let stored = Stored::of(file, dataset).map_err(fail)?;
+        let filters = stored.filters.iter().flat_map(|f| &f.filters);
+        if let Some(unknown) = filters.map(|f| f.id).find(|&id| !filter::is_known(id)) {
+            return Err(fail(H5Error::UnsupportedFilter(format!(
+                "filter id {unknown}"
+            ))));
+        }
+        let mut part: Vec<_> = self.entries.iter().map(|&at| at..at + 1).collect();
+        for (&axis, n) in self.axes.volume.iter().zip(size) {
+            part[axis] = 0..n;
+        }
+        let value = dataset.fill_value().and_then(|f| f.value.as_ref());
+        let value = value
+            .and_then(|v| number.show(v))
+            .unwrap_or_else(|| "0".into());
+        match missing(file, dataset, &stored, &part).map_err(fail)? {
+            Missing::Nothing => {}
+            Missing::All => self.warnings.push(format!(
+                "no sample of the dataset was ever written: all are read as fill value {value}"
+            )),
+            Missing::Chunks(n, all) => self.notes.push(format!(
+                "{n} of {all} chunks are missing, read as fill value {value}"
+            )),
+            Missing::Unknown(all) => self.notes.push(format!(
+                "chunks that are missing are read as fill value {value}; among {all} they were not looked for"
+            )),
+        }
         Ok(())
-    }
-}
-
-impl Chunks for H5Chunks {
-    fn shape(&self) -> [u32; 3] {
-        self.shape
-    }
-
-    fn decode(&self, index: [u32; 3], out: &mut [u8]) -> Result<()> {
-        with_voxel_type!(self.dtype, T => self.read::<T>(index, out))
-    }
-
-    fn scratch(&self) -> u64 {
-        let voxels: u64 = self.shape.iter().map(|&n| u64::from(n)).product();
-        // as stored, unpacked, and as an array
-        3 * voxels * self.dtype.bytes() as u64 + LIBRARY_CACHE as u64
     }
 }

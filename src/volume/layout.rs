@@ -24,6 +24,10 @@ pub(super) struct Recipe {
     pub(super) provenance: Provenance,
     /// The values that the samples stand for; `None` if these are the samples.
     pub(super) values: Option<Values>,
+    /// How they follow from what is stored, where the samples already are the values.
+    pub(super) applied: Option<String>,
+    /// True along x or y if the samples are stored the other way round.
+    pub(super) mirrored: [bool; 2],
     pub(super) samples: Samples,
     /// What a user should know that the header does not show.
     pub(super) notes: Vec<String>,
@@ -42,6 +46,8 @@ impl Recipe {
             placement: Placement::default(),
             provenance: Provenance::default(),
             values: None,
+            applied: None,
+            mirrored: [false; 2],
             samples,
             notes: Vec::new(),
             warnings: Vec::new(),
@@ -195,8 +201,9 @@ fn compressed(header: &Header, data: &Data, part_bytes: u64) -> Result<Box<dyn B
 /// that claims more is refused before anything is allocated for it.
 const MAX_RATIO: u64 = 1032;
 
-/// Opens a file for reading.
+/// Opens a regular file for reading; anything else is refused, see [`file_len`].
 pub(super) fn open_file(path: &Path) -> Result<File> {
+    file_len(path)?;
     File::open(path).map_err(|e| Error::io(path, "open", e))
 }
 

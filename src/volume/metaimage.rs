@@ -2,10 +2,14 @@
 //!
 //! The format is described at <https://docs.itk.org/en/latest/learn/metaio.html>; where the text is
 //! silent this reader does what ITK does. `TransformMatrix` lists the direction of the first axis,
-//! then of the second, then of the third.
+//! then of the second, then of the third. Intensities are `ElementToIntensityFunctionSlope * stored +
+//! ElementToIntensityFunctionOffset`. Axes of one entry are left out. `AnatomicalOrientation` is not used: the
+//! format's text and ITK call the same axes by opposite letters.
 
 use super::layout::{Data, Encoding, Recipe, Samples, Start};
+use super::size::{Step, voxel_size};
 use super::text::{self, Field, Lines};
+use super::values::Values;
 use super::{Dtype, Endian};
 use crate::error::{Error, Result};
 use crate::grid::{Dims, Placement, Unit};
@@ -52,6 +56,9 @@ struct Head<'a> {
     fields: HashMap<String, String>,
     /// Lines below `ElementDataFile = LIST`.
     list: Vec<String>,
+    /// Number of axes, and the three that have more than one entry.
+    count: usize,
+    axes: [usize; 3],
     /// Bytes of the header.
     end: u64,
 }
@@ -62,15 +69,18 @@ struct Head<'a> {
 /// [`Error::Format`] for a damaged or contradictory header, [`Error::Unsupported`] for what is not
 /// three-dimensional, has several channels or an unsupported type, or is stored as text.
 pub(super) fn parse(path: &Path) -> Result<Recipe> {
-    let head = Head::read(path)?;
+    let mut head = Head::read(path)?;
     head.check_supported()?;
-    let dims = Dims::new(head.need("DimSize")?.values()?)
+    let sizes = head.read_sizes()?;
+    let dims = Dims::new(sizes)
         .map_err(|e| Error::format(path, format!("`DimSize` with {e}"), "a volume of that size"))?;
-    let (placement, provenance) = head.placement()?;
+    let (placement, provenance, warning) = head.placement()?;
     Ok(Recipe {
         endian: head.endian()?,
         placement,
         provenance,
+        values: head.values()?,
+        warnings: warning.into_iter().collect(),
         ..Recipe::new(
             "metaimage",
             dims,
@@ -87,6 +97,8 @@ impl<'a> Head<'a> {
             path,
             fields: HashMap::new(),
             list: Vec::new(),
+            count: 3,
+            axes: [0, 1, 2],
             end: 0,
         };
         while let Some(line) = lines.next()? {
@@ -149,11 +161,6 @@ impl<'a> Head<'a> {
 
     fn check_supported(&self) -> Result<()> {
         let refuse = |what: String, hint: &str| Err(Error::unsupported(self.path, what, hint));
-        let ndims: u32 = self.need("NDims")?.one("a number")?;
-        if ndims != 3 {
-            let what = format!("a MetaImage of {ndims} dimensions");
-            return refuse(what, "volumes have 3");
-        }
         if let Some(field) = self.get("ElementNumberOfChannels") {
             let channels: u32 = field.one("a number")?;
             if channels != 1 {
@@ -176,6 +183,47 @@ impl<'a> Head<'a> {
             );
         }
         Ok(())
+    }
+
+    /// The sizes of the three axes of the volume.
+    fn read_sizes(&mut self) -> Result<[u64; 3]> {
+        self.count = self.need("NDims")?.one("a number")?;
+        let sizes: Vec<u64> = match self.count {
+            3..=10 => self.need("DimSize")?.values(self.count)?,
+            _ => Vec::new(),
+        };
+        let Some(axes) = text::kept_axes(&sizes) else {
+            let size = sizes.iter().map(u64::to_string).collect::<Vec<_>>();
+            let what = format!(
+                "a MetaImage of {} dimensions ({})",
+                self.count,
+                size.join(" x ")
+            );
+            let hint = "volumes have 3: extract one, as with ITK's ExtractImageFilter";
+            return Err(Error::unsupported(self.path, what, hint));
+        };
+        self.axes = axes;
+        Ok(axes.map(|axis| sizes[axis]))
+    }
+
+    /// The scale of stored samples; `None` if they are the values.
+    fn values(&self) -> Result<Option<Values>> {
+        let names = [
+            "ElementToIntensityFunctionSlope",
+            "ElementToIntensityFunctionOffset",
+        ];
+        let number = |name: &'a str, default: f64| match self.get(name) {
+            None => Ok(default),
+            Some(field) => match field.one::<f64>("a finite number")? {
+                v if v.is_finite() => Ok(v),
+                _ => Err(field.wrong("a finite number")),
+            },
+        };
+        let (slope, offset) = (number(names[0], 1.0)?, number(names[1], 0.0)?);
+        if slope == 0.0 {
+            return Err(self.need(names[0])?.wrong("a number other than 0"));
+        }
+        Ok(Values::linear(slope, offset, &names.join(" and ")))
     }
 
     fn dtype(&self) -> Result<Dtype> {
@@ -213,40 +261,71 @@ impl<'a> Head<'a> {
         Ok(big.map(|big| if big { Endian::Big } else { Endian::Little }))
     }
 
-    fn placement(&self) -> Result<(Placement, Provenance)> {
+    /// Spacing, directions, origin and unit, and a warning if the size of a voxel needs one.
+    fn placement(&self) -> Result<(Placement, Provenance, Option<String>)> {
         let mut place = Placement::default();
         let mut from = Provenance::default();
         let first_of = |names: &[&'a str]| names.iter().find_map(|name| self.get(name));
+        let mut lengths = [1.0; 3];
         if let Some(field) = first_of(&["TransformMatrix", "Rotation", "Orientation"]) {
-            let m: [f64; 9] = field.values()?;
-            let rows = std::array::from_fn(|a| std::array::from_fn(|i| m[3 * a + i]));
-            let (lengths, directions) = text::axes(field, rows)?;
+            let all: Vec<f64> = field.values(self.count * self.count)?;
+            let rows = self
+                .axes
+                .map(|a| self.axes.map(|c| all[self.count * a + c]));
+            (lengths, place.directions) = text::axes(field, rows)?;
             // a length other than 1 scales the grid; rounding noise must not change the spacing
-            place.spacing = lengths.map(|l| if (l - 1.0).abs() < 1e-6 { 1.0 } else { l });
-            place.directions = directions;
+            lengths = lengths.map(|l| if (l - 1.0).abs() < 1e-6 { 1.0 } else { l });
             from.origin = Origin::File;
         }
         if let Some(field) = first_of(&["Offset", "Position", "Origin"]) {
-            place.origin = field.values()?;
+            place.origin = field.of_axes(self.count, self.axes)?;
             from.origin = Origin::File;
         }
-        if let Some(field) = first_of(&["ElementSpacing", "ElementSize"]) {
-            let spacing: [f64; 3] = field.values()?;
-            for (axis, s) in spacing.into_iter().enumerate() {
-                place.spacing[axis] *= s.abs();
-                if s < 0.0 {
-                    place.directions[axis] = place.directions[axis].map(|v| -v);
-                }
+        let spacing = match first_of(&["ElementSpacing", "ElementSize"]) {
+            Some(field) => Some(self.spacing(field)?),
+            None => lengths.iter().any(|l| *l != 1.0).then_some([Some(1.0); 3]),
+        };
+        let Some(spacing) = spacing else {
+            return Ok((place, from, None));
+        };
+        // "?" is how ITK writes that it does not know
+        let unit = self.get("DistanceUnits").map_or("", |field| field.text);
+        let unit = if unit == "?" { "" } else { unit };
+        let mut steps = [None, None, None];
+        for (axis, s) in spacing.into_iter().enumerate() {
+            let Some(s) = s else { continue };
+            let size = lengths[axis] * s.abs();
+            if size == 0.0 || !size.is_finite() {
+                place.spacing[axis] = size; // refused when options have had their say
+                return Ok((place, from, None));
             }
-            from.spacing = [Origin::File; 3];
+            steps[axis] = Some(Step::new(size, unit));
+            if s < 0.0 {
+                place.directions[axis] = place.directions[axis].map(|v| -v);
+            }
+        }
+        let size = voxel_size(steps);
+        size.apply(&mut place, &mut from);
+        match (size.unit, size.of_file[0]) {
+            (Some(unit), Some(length)) => {
+                place.origin = place.origin.map(|v| length.convert(v, unit));
+            }
             // the format has no unit of old; ITK means millimetres
-            place.unit = Unit::Millimetre;
+            _ if size.spacing.is_some() && unit.is_empty() => place.unit = Unit::Millimetre,
+            _ => {}
         }
-        if let Some(Ok(unit)) = self.get("DistanceUnits").map(|f| f.text.parse()) {
-            place.unit = unit;
-            from.unit = Origin::File;
+        Ok((place, from, size.warning))
+    }
+
+    /// The steps along the axes; that of z may be missing where the file has a number for each of the others.
+    fn spacing(&self, field: Field) -> Result<[Option<f64>; 3]> {
+        if self.count == 3
+            && let Ok(two) = field.values::<f64>(2)
+        {
+            return Ok([Some(two[0]), Some(two[1]), None]);
         }
-        Ok((place, from))
+        let all: [f64; 3] = field.of_axes(self.count, self.axes)?;
+        Ok(all.map(Some))
     }
 
     fn data(&self, dims: Dims) -> Result<Data> {

@@ -6,21 +6,27 @@ mod blob;
 #[cfg(any(feature = "hdf5", feature = "zarr"))]
 mod blosc;
 #[cfg(any(feature = "hdf5", feature = "zarr"))]
+mod cf;
+#[cfg(any(feature = "hdf5", feature = "zarr"))]
 mod chunked;
 mod crop;
 #[cfg(feature = "dicom")]
 mod dicom;
 mod dtype;
 mod file;
+mod fits;
 mod folder;
+mod foreign;
 mod half;
 #[cfg(feature = "hdf5")]
 mod hdf5;
+mod kind;
 mod layout;
 mod levels;
 mod map;
 mod memory;
 mod metaimage;
+mod mirror;
 mod nifti;
 mod npy;
 mod nrrd;
@@ -30,6 +36,7 @@ mod place;
 mod png;
 mod predict;
 mod size;
+mod skyscan;
 mod source;
 mod spool;
 mod stamp;
@@ -57,6 +64,8 @@ pub(crate) use beside::spool_beside;
 pub use crop::Cropped;
 pub(crate) use dtype::with_voxel_type;
 pub use dtype::{Dtype, Slope, Voxel};
+
+pub(crate) use kind::{Watch, Watched};
 pub use memory::MemoryVolume;
 pub use open::{Headerless, Io, OpenOptions, Opened, open};
 pub use predict::{Prediction, predict};

@@ -2,17 +2,19 @@
 //!
 //! Headers are those of <https://nifti.nimh.nih.gov/nifti-1> and
 //! <https://nifti.nimh.nih.gov/nifti-2>. The place is that of the sform, else of the qform, else the
-//! spacing of `pixdim` alone; world coordinates are kept as the file has them (x right, y front,
+//! spacing of `pixdim` alone, each only if it is sound; world coordinates are kept as the file has them (x right, y front,
 //! z up). Where `scl_slope` and `scl_inter` say so, samples are the physical values
 //! `slope * stored + inter`: f32 for stored types of at most 16 bits and f32, else f64.
 
 mod place;
 
 use super::layout::{self, Data, Encoding, Recipe, Samples, Start};
+use super::open::OpenOptions;
 use super::values::Values;
 use super::{Dtype, Endian};
 use crate::error::{Error, Result};
 use crate::grid::Dims;
+use crate::length::shortest;
 use flate2::read::GzDecoder;
 use std::io::Read;
 use std::path::{Path, PathBuf};
@@ -43,7 +45,7 @@ fn start(path: &Path, head: &[u8]) -> Result<Option<(Vec<u8>, bool)>> {
 }
 
 /// The version and byte order that the size in the first four bytes and the magic show.
-fn recognise(bytes: &[u8]) -> Option<(Endian, bool)> {
+pub(super) fn recognise(bytes: &[u8]) -> Option<(Endian, bool)> {
     let size = bytes.first_chunk::<4>()?;
     let endian = match (i32::from_le_bytes(*size), i32::from_be_bytes(*size)) {
         (348 | 540, _) => Endian::Little,
@@ -63,9 +65,9 @@ fn recognise(bytes: &[u8]) -> Option<(Endian, bool)> {
 /// Parses the file if it is NIfTI, plain or packed by gzip.
 ///
 /// # Errors
-/// [`Error::Unsupported`] for more than one number per voxel, times, 64-bit integers and colours;
-/// [`Error::Format`] for headers that contradict themselves.
-pub(super) fn parse(path: &Path, head: &[u8]) -> Result<Option<Recipe>> {
+/// [`Error::Unsupported`] for 64-bit integers and colours; [`Error::Usage`] for one of several times or components
+/// that options do not choose; [`Error::Format`] for headers that contradict themselves.
+pub(super) fn parse(path: &Path, head: &[u8], options: &OpenOptions) -> Result<Option<Recipe>> {
     let Some((bytes, gzip)) = start(path, head)? else {
         return Ok(None);
     };
@@ -86,7 +88,7 @@ pub(super) fn parse(path: &Path, head: &[u8]) -> Result<Option<Recipe>> {
         endian,
         long,
     };
-    head.recipe(gzip).map(Some)
+    head.recipe(gzip, options).map(Some)
 }
 
 impl Head<'_> {
@@ -108,12 +110,12 @@ impl Head<'_> {
         i32::from_le_bytes(self.raw(at)).into()
     }
 
-    /// A number that is f32 at `short` in NIfTI-1 and f64 at `long` in NIfTI-2.
+    /// A number that is f32 at `short` in NIfTI-1, as its decimals read, and f64 at `long` in NIfTI-2.
     fn real(&self, short: usize, long: usize) -> f64 {
         if self.long {
             f64::from_le_bytes(self.raw(long))
         } else {
-            f32::from_le_bytes(self.raw(short)).into()
+            shortest(f32::from_le_bytes(self.raw(short)))
         }
     }
 
@@ -141,20 +143,44 @@ impl Head<'_> {
         Error::format(self.path, found, expected)
     }
 
-    fn recipe(&self, gzip: bool) -> Result<Recipe> {
-        let (placement, provenance) = self.place()?;
+    fn recipe(&self, gzip: bool, options: &OpenOptions) -> Result<Recipe> {
+        let mut warnings = Vec::new();
+        let (placement, provenance) = self.place(&mut warnings);
+        let (dims, dtype) = (self.dims()?, self.dtype()?);
+        let skip = self.part(options)? * dims.voxels() * dtype.bytes() as u64;
         Ok(Recipe {
             endian: Some(self.endian),
             placement,
             provenance,
             values: self.values()?,
-            ..Recipe::new(
-                "nifti",
-                self.dims()?,
-                self.dtype()?,
-                Samples::Files(self.data(gzip)?),
-            )
+            warnings,
+            ..Recipe::new("nifti", dims, dtype, Samples::Files(self.data(gzip, skip)?))
         })
+    }
+
+    /// How many volumes lie before the one of the time and component that are asked for.
+    fn part(&self, options: &OpenOptions) -> Result<u64> {
+        let size = |axis: i64| match self.dim(0) >= axis {
+            true => self.dim(axis as usize).max(1) as u64,
+            false => 1,
+        };
+        let choose = |option: &str, what: &str, wanted: Option<u32>, count: u64| {
+            let wanted = match wanted {
+                None if count == 1 => return Ok(0),
+                Some(n) if u64::from(n) < count => return Ok(u64::from(n)),
+                wanted => wanted.map_or("nothing".into(), |n| n.to_string()),
+            };
+            let expected = format!("0 to {}, one of the file's {count} {what}", count - 1);
+            Err(Error::usage(option, wanted, expected))
+        };
+        let time = choose("--time", "times", options.time, size(4))?;
+        let component = choose(
+            "--channel",
+            "numbers of each voxel",
+            options.channel,
+            size(5),
+        )?;
+        Ok(component * size(4) + time)
     }
 
     fn dims(&self) -> Result<Dims> {
@@ -163,9 +189,9 @@ impl Head<'_> {
             return Err(self.wrong(format!("{axes} dimensions"), "1 to 7"));
         }
         let sizes: Vec<i64> = (1..=axes as usize).map(|i| self.dim(i)).collect();
-        if axes < 3 || sizes[3..].iter().any(|&n| n > 1) {
+        if axes < 3 || sizes.iter().skip(5).any(|&n| n > 1) {
             let what = format!("a NIfTI image of size {sizes:?}");
-            let hint = "volumes have 3 dimensions: extract one time or component";
+            let hint = "volumes have 3 dimensions, besides times and components: extract one";
             return Err(Error::unsupported(self.path, what, hint));
         }
         let positive = [0, 1, 2].map(|i| u64::try_from(sizes[i]).unwrap_or(0));
@@ -213,6 +239,7 @@ impl Head<'_> {
         if slope == 0.0 || slope.is_nan() {
             return Ok(None);
         }
+        let inter = if inter.is_nan() { 0.0 } else { inter };
         if !slope.is_finite() || !inter.is_finite() {
             let found = format!("scl_slope {slope} and scl_inter {inter}");
             return Err(self.wrong(found, "finite numbers"));
@@ -220,7 +247,8 @@ impl Head<'_> {
         Ok(Values::linear(slope, inter, "scl_slope and scl_inter"))
     }
 
-    fn data(&self, gzip: bool) -> Result<Data> {
+    /// Where the samples are that `skip` bytes of samples lie before.
+    fn data(&self, gzip: bool, skip: u64) -> Result<Data> {
         let detached = if self.long {
             self.bytes[4..].starts_with(b"ni2")
         } else {
@@ -250,8 +278,8 @@ impl Head<'_> {
             start: Start::At {
                 base: 0,
                 lines: 0,
-                bytes: offset as u64,
-                stated: !detached || offset > 0.0,
+                bytes: (offset as u64).saturating_add(skip),
+                stated: !detached || offset > 0.0 || self.dim(0) > 3,
             },
             encoding: if gzip { Encoding::Gzip } else { Encoding::Raw },
         })

@@ -1,10 +1,11 @@
 //! NumPy arrays: `.npy`, whose format is that of
 //! <https://numpy.org/doc/stable/reference/generated/numpy.lib.format.html>.
 //!
-//! The axes of an array are z, y, x, as `array[z, y, x]` has them in C order; `bool` is u8.
+//! The axes of an array are z, y, x, as `array[z, y, x]` has them in C order; `bool` is u8. Axes of one entry are
+//! left out.
 
 use super::layout::{Data, Encoding, Recipe, Samples, Start};
-use super::{Dtype, Endian};
+use super::{Dtype, Endian, text};
 use crate::error::{Error, Result};
 use crate::grid::Dims;
 use std::path::{Path, PathBuf};
@@ -72,7 +73,8 @@ pub(super) fn array(path: &Path, bytes: &[u8]) -> Result<Array> {
         return Err(wrong(format!("`{shown}`")));
     };
     if !order.starts_with("False") && shape.len() > 1 {
-        let hint = "save numpy.ascontiguousarray(array)";
+        let hint = "save array.T if the array is indexed [x, y, z], or array.copy() if it is indexed [z, y, x]: the \
+                    other one would be mirrored";
         return Err(Error::unsupported(path, "an array in Fortran order", hint));
     }
     let (dtype, endian) = dtype(path, descr)?;
@@ -122,17 +124,23 @@ pub(super) struct Place {
 }
 
 impl Array {
+    /// True if it has three axes, besides those of one entry.
+    pub(super) fn is_volume(&self) -> bool {
+        text::kept_axes(&self.shape).is_some()
+    }
+
     /// The volume of a three-dimensional array.
     ///
     /// # Errors
     /// [`Error::Unsupported`] for another number of dimensions, [`Error::Format`] for sizes out of
     /// range.
     pub(super) fn recipe(&self, path: &Path, place: Place) -> Result<Recipe> {
-        let &[z, y, x] = &self.shape[..] else {
+        let Some(axes) = text::kept_axes(&self.shape) else {
             let what = format!("an array of shape {:?}", self.shape);
-            let hint = "volumes have 3 dimensions: z, y, x";
+            let hint = "volumes have 3 dimensions, z, y, x: save one of several, as array[0] or array[..., 0]";
             return Err(Error::unsupported(path, what, hint));
         };
+        let [z, y, x] = axes.map(|axis| self.shape[axis]);
         let dims = Dims::new([x, y, z])
             .map_err(|e| Error::format(path, format!("an array with {e}"), "a volume"))?;
         Ok(Recipe {

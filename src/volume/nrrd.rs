@@ -1,8 +1,9 @@
 //! NRRD: attached and detached headers, one data file or many.
 //!
 //! The format is described at <https://teem.sourceforge.net/nrrd/format.html>. World coordinates are
-//! kept as the file has them, in whatever space (RAS, LPS, ...) it states. `axis mins` and
-//! `axis maxs` are not used.
+//! kept as the file has them, in whatever space (RAS, LPS, ...) it states, but for left-handed ones, whose x is
+//! turned round. Axes of one entry are left out. `axis mins` and `axis maxs` are not used, and samples that were
+//! quantized (`old min`, `old max`) stay as they are stored, as ITK and pynrrd have them, with a warning.
 
 mod space;
 
@@ -10,9 +11,7 @@ use super::layout::{Data, Encoding, Recipe, Samples, Start};
 use super::text::{self, Field, Lines};
 use super::{Dtype, Endian};
 use crate::error::{Error, Result};
-use crate::grid::{Dims, Placement, Unit};
-use crate::manifest::{Origin, Provenance};
-use space::{is_anatomical, unit, vectors, vectors_in};
+use crate::grid::Dims;
 use std::collections::HashMap;
 use std::path::{Path, PathBuf};
 
@@ -63,6 +62,9 @@ struct Head<'a> {
     fields: HashMap<String, String>,
     /// File names below `data file: LIST`.
     list: Vec<String>,
+    /// Entries along every axis, and the three axes that have more than one.
+    sizes: Vec<u64>,
+    axes: [usize; 3],
     /// Bytes of the header, its blank line included; `None` if the file ends without one.
     end: Option<u64>,
 }
@@ -73,17 +75,12 @@ struct Head<'a> {
 /// [`Error::Format`] for a damaged or contradictory header, [`Error::Unsupported`] for what is not
 /// three-dimensional, not of a supported type, or not stored as raw or gzip.
 pub(super) fn parse(path: &Path) -> Result<Recipe> {
-    let head = Head::read(path)?;
-    let dimension: u32 = head.need("dimension")?.one("a number")?;
-    if dimension != 3 {
-        return Err(Error::unsupported(
-            path,
-            format!("a NRRD of {dimension} dimensions"),
-            "volumes have 3: extract one with `unu slice` or ITK",
-        ));
-    }
+    let mut head = Head::read(path)?;
+    head.read_sizes()?;
     head.check_kinds()?;
-    let dims = Dims::new(head.need("sizes")?.values()?).map_err(|e| head.at_sizes(&e))?;
+    head.check_labels()?;
+    let sizes = head.axes.map(|axis| head.sizes[axis]);
+    let dims = Dims::new(sizes).map_err(|e| head.at_sizes(&e))?;
     let dtype = head.dtype()?;
     let endian = match head.get("endian") {
         None => None,
@@ -93,12 +90,16 @@ pub(super) fn parse(path: &Path) -> Result<Recipe> {
             _ => return Err(field.wrong("little or big")),
         },
     };
-    let (placement, provenance) = head.placement()?;
+    let mut place = head.place()?;
+    place.warnings.extend(head.quantized());
+    place.warnings.extend(head.times());
     Ok(Recipe {
         endian,
-        placement,
-        provenance,
-        ..Recipe::new("nrrd", dims, dtype, Samples::Files(head.data(dims)?))
+        placement: place.placement,
+        provenance: place.provenance,
+        notes: place.notes,
+        warnings: place.warnings,
+        ..Recipe::new("nrrd", dims, dtype, Samples::Files(head.data()?))
     })
 }
 
@@ -109,6 +110,8 @@ impl<'a> Head<'a> {
             path,
             fields: HashMap::new(),
             list: Vec::new(),
+            sizes: Vec::new(),
+            axes: [0, 1, 2],
             end: None,
         };
         let magic = lines.next()?.unwrap_or_default();
@@ -195,12 +198,40 @@ impl<'a> Head<'a> {
         )
     }
 
+    fn read_sizes(&mut self) -> Result<()> {
+        let dimension: usize = self.need("dimension")?.one("a number")?;
+        let sizes = match dimension {
+            3 => self.need("sizes")?.values(3)?,
+            4..=16 if self.get("sizes").is_some() => self.need("sizes")?.values(dimension)?,
+            _ => Vec::new(),
+        };
+        let Some(axes) = text::kept_axes(&sizes) else {
+            let size = sizes.iter().map(u64::to_string).collect::<Vec<_>>();
+            let what = format!("a NRRD of {dimension} dimensions ({})", size.join(" x "));
+            let hint = "volumes have 3: extract one with `unu slice` or ITK";
+            return Err(Error::unsupported(self.path, what, hint));
+        };
+        (self.sizes, self.axes) = (sizes, axes);
+        Ok(())
+    }
+
+    /// Words of a field for the three axes; none where it has fewer.
+    fn words(&self, name: &'a str) -> Option<[String; 3]> {
+        let field = self.get(name)?;
+        let words: Vec<&str> = match field.text.contains('"') {
+            true => field.text.split('"').skip(1).step_by(2).collect(),
+            false => field.text.split_whitespace().collect(),
+        };
+        let word = |axis: usize| words.get(axis).map(|w| w.trim().to_ascii_lowercase());
+        let [x, y, z] = self.axes.map(word);
+        Some([x?, y?, z?])
+    }
+
     /// Refuses axes that hold the components of colours or vectors.
     fn check_kinds(&self) -> Result<()> {
-        let Some(field) = self.get("kinds") else {
+        let Some(kinds) = self.words("kinds") else {
             return Ok(());
         };
-        let kinds = field.text.to_ascii_lowercase();
         let components = [
             "color",
             "vector",
@@ -208,15 +239,62 @@ impl<'a> Head<'a> {
             "quaternion",
             "matrix",
             "gradient",
+            "normal",
+            "point",
         ];
-        if components.iter().any(|c| kinds.contains(c)) {
+        if kinds
+            .iter()
+            .any(|kind| components.iter().any(|c| kind.contains(c)))
+        {
             return Err(Error::unsupported(
                 self.path,
-                format!("a NRRD whose samples have components (kinds: {kinds})"),
+                format!(
+                    "a NRRD whose samples have components (kinds: {})",
+                    kinds.join(" ")
+                ),
                 "only one number per voxel can be read",
             ));
         }
         Ok(())
+    }
+
+    /// Refuses axes that are called x, y and z, but in another order: they would be read as a mirrored volume.
+    fn check_labels(&self) -> Result<()> {
+        let Some(labels) = self.words("labels") else {
+            return Ok(());
+        };
+        let mut sorted = labels.clone();
+        sorted.sort();
+        if sorted == ["x", "y", "z"] && labels != sorted {
+            let what = format!("a NRRD whose labels call its axes {}", labels.join(", "));
+            let hint = "the fastest axis must be x: `unu permute` changes their order";
+            return Err(Error::unsupported(self.path, what, hint));
+        }
+        Ok(())
+    }
+
+    /// What to say of samples that were quantized.
+    fn quantized(&self) -> Option<String> {
+        let [low, high] = ["old min", "old max"].map(|name| self.get(name));
+        let number = |field: Option<Field>| field.and_then(|f| f.text.trim().parse::<f64>().ok());
+        let (low, high) = (number(low), number(high));
+        (low.is_some() || high.is_some()).then(|| {
+            let word = |v: Option<f64>| v.map_or("?".into(), |v| v.to_string());
+            format!(
+                "samples were quantized from values of {} to {} (old min, old max) and are read as they are stored: \
+                 `unu unquantize` restores the values",
+                word(low),
+                word(high)
+            )
+        })
+    }
+
+    /// What to say of a volume one of whose axes is time.
+    fn times(&self) -> Option<String> {
+        let time = |kinds: [String; 3]| kinds.iter().any(|kind| kind == "time");
+        self.words("kinds").is_some_and(time).then(|| {
+            "an axis of the file is time (kinds), which is read as one of space: give --spacing and --unit".into()
+        })
     }
 
     fn dtype(&self) -> Result<Dtype> {
@@ -273,56 +351,12 @@ impl<'a> Head<'a> {
         }
     }
 
-    /// Spacing, directions, origin and unit.
-    fn placement(&self) -> Result<(Placement, Provenance)> {
-        let mut place = Placement::default();
-        let mut from = Provenance::default();
-        if let Some(field) = self.get("space directions") {
-            let vectors = vectors(field)?;
-            (place.spacing, place.directions) = text::axes(field, vectors)?;
-            from.spacing = [Origin::File; 3];
-            from.origin = Origin::File;
-        } else if let Some(field) = self.get("spacings") {
-            let spacings: [f64; 3] = field.values()?;
-            // NaN is the format's way to say that a spacing is not known
-            if !spacings.iter().all(|s| s.is_nan()) {
-                for (axis, s) in spacings.into_iter().enumerate() {
-                    place.spacing[axis] = s.abs();
-                    place.directions[axis][axis] = if s < 0.0 { -1.0 } else { 1.0 };
-                }
-                from.spacing = [Origin::File; 3];
-            }
-        }
-        if let Some(field) = self.get("space origin") {
-            place.origin = match &vectors_in(field.text).unwrap_or_default()[..] {
-                [Some(origin)] => *origin,
-                _ => return Err(field.wrong("one vector of 3 numbers: (x,y,z)")),
-            };
-            from.origin = Origin::File;
-        }
-        for name in ["space units", "units"] {
-            if let Some(unit) = self.get(name).map(unit).transpose()?.flatten() {
-                place.unit = unit;
-                from.unit = Origin::File;
-                return Ok((place, from));
-            }
-        }
-        // the anatomical spaces are those of DICOM and its relatives, which measure in millimetres
-        if self
-            .get("space")
-            .is_some_and(|field| is_anatomical(field.text))
-        {
-            place.unit = Unit::Millimetre;
-        }
-        Ok((place, from))
-    }
-
-    fn data(&self, dims: Dims) -> Result<Data> {
+    fn data(&self) -> Result<Data> {
         let encoding = self.encoding()?;
         let skip = |name: &'a str| self.get(name).map(|f| f.one::<i64>("a number")).transpose();
         let (lines, bytes) = (skip("line skip")?, skip("byte skip")?);
         let (files, base) = match self.get("data file") {
-            Some(field) => (self.data_files(field, dims)?, 0),
+            Some(field) => (self.data_files(field)?, 0),
             None => match self.end {
                 Some(end) => (vec![self.path.to_path_buf()], end),
                 None => {
@@ -363,35 +397,37 @@ impl<'a> Head<'a> {
         })
     }
 
-    fn data_files(&self, field: Field, dims: Dims) -> Result<Vec<PathBuf>> {
+    fn data_files(&self, field: Field) -> Result<Vec<PathBuf>> {
         let words: Vec<&str> = field.text.split_whitespace().take(6).collect();
-        let per_file = |word: Option<&&str>| match word {
-            None => Ok(2),
-            Some(word) => word
-                .parse()
-                .map_err(|_| field.wrong("a subdimension of 1 to 3")),
+        let sizes = &self.sizes;
+        let per_file = |word: Option<&&str>| {
+            let subdim = match word {
+                None => sizes.len() - 1,
+                Some(word) => word.parse().unwrap_or(0),
+            };
+            let fits = (1..=sizes.len()).contains(&subdim);
+            let expected = || field.wrong(format!("a subdimension of 1 to {}", sizes.len()));
+            fits.then_some(subdim).ok_or_else(expected)
         };
         let names = if is_list(field.text) {
-            let subdim: u32 = per_file(words.get(1))?;
-            check_count(field, dims, subdim, self.list.len() as u64)?;
+            let subdim = per_file(words.get(1))?;
+            check_count(field, sizes, subdim, self.list.len() as u64)?;
             self.list.clone()
         } else if words.len() >= 4 && words[0].contains('%') {
-            let subdim: u32 = per_file(words.get(4))?;
+            let subdim = per_file(words.get(4))?;
             let range = [1, 2, 3].map(|w| words[w].parse::<i64>());
             let [Ok(first), Ok(last), Ok(step)] = range else {
                 return Err(field.wrong("a pattern, first and last number and step"));
             };
-            let count = match subdim {
-                3 if step != 0 => {
-                    (i128::from(last) - i128::from(first))
-                        .div_euclid(i128::from(step))
-                        .clamp(0, i128::from(u32::MAX)) as u64
-                        + 1
-                }
-                1 => u64::from(dims.0[1]) * u64::from(dims.0[2]),
-                _ => u64::from(dims.0[2]),
+            let count = if subdim == sizes.len() && step != 0 {
+                (i128::from(last) - i128::from(first))
+                    .div_euclid(i128::from(step))
+                    .clamp(0, i128::from(u32::MAX)) as u64
+                    + 1
+            } else {
+                parts(sizes, subdim.min(sizes.len() - 1))
             };
-            check_count(field, dims, subdim, count)?;
+            check_count(field, sizes, subdim, count)?;
             text::numbered(field, words[0], [first, last, step], count)?
         } else {
             vec![field.text.to_owned()]
@@ -404,18 +440,26 @@ impl<'a> Head<'a> {
 /// More data files than slices can be are refused before their names take up memory.
 const MAX_FILES: u64 = 1 << 20;
 
+/// Parts of `subdim` dimensions in a volume.
+fn parts(sizes: &[u64], subdim: usize) -> u64 {
+    sizes[subdim..]
+        .iter()
+        .fold(1, |n, size| n.saturating_mul(*size))
+}
+
 /// Checks that `count` files that each have `subdim` dimensions make up the volume: files of a row,
 /// of a slice, or slabs of as many slices each.
-fn check_count(field: Field, dims: Dims, subdim: u32, count: u64) -> Result<()> {
-    let [_, ny, nz] = dims.0.map(u64::from);
-    let (fits, expected) = match subdim {
-        1 => (count == ny * nz, format!("{} files, one per row", ny * nz)),
-        2 => (count == nz, format!("{nz} files, one per slice")),
-        3 => (
-            count > 0 && nz.is_multiple_of(count),
-            format!("a number of files that divides the {nz} slices"),
+fn check_count(field: Field, sizes: &[u64], subdim: usize, count: u64) -> Result<()> {
+    let last = sizes[sizes.len() - 1];
+    let need = parts(sizes, subdim);
+    let (fits, expected) = match sizes.len() - subdim {
+        0 => (
+            count > 0 && last.is_multiple_of(count),
+            format!("a number of files that divides the {last} slices"),
         ),
-        _ => return Err(field.wrong("a subdimension of 1 to 3")),
+        1 => (count == need, format!("{need} files, one per slice")),
+        2 => (count == need, format!("{need} files, one per row")),
+        _ => (count == need, format!("{need} files")),
     };
     if fits && count > MAX_FILES {
         let what = format!("a volume in {count} files");

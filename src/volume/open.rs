@@ -3,11 +3,12 @@
 use super::blob::Blob;
 use super::file::FileVolume;
 use super::layout::{self, Data, Encoding, Recipe, Samples, Start};
+use super::mirror::Mirrored;
 use super::paged::PagedVolume;
 use super::values::Valued;
 use super::{
-    Dtype, Endian, Header, Volume, archive, dicom, folder, hdf5, metaimage, nifti, npy, nrrd,
-    place, tiff, vti,
+    Dtype, Endian, Header, Volume, archive, dicom, folder, foreign, hdf5, metaimage, nifti, npy,
+    nrrd, place, size, tiff, vti,
 };
 use crate::error::{Error, Result};
 use crate::grid::{Dims, Unit};
@@ -91,7 +92,7 @@ pub struct OpenOptions {
     pub series: Option<String>,
     /// True if slices that do not make a regular grid are to be interpolated to one (DICOM).
     pub resample: bool,
-    /// Which array of a file or group of several (HDF5, Zarr), by its path.
+    /// Which array of a file or group of several (HDF5, Zarr, VTK image data), by its path or name.
     pub dataset: Option<String>,
     /// Which level of a pyramid, 0 the finest (OME-Zarr); the finest if absent.
     pub level: Option<u32>,
@@ -184,6 +185,7 @@ pub fn open(path: &Path, options: &OpenOptions) -> Result<Opened> {
     };
     let files = match &recipe.samples {
         Samples::Files(data) => data.files.clone(),
+        Samples::Pages(pages) => pages.files(),
         _ => Vec::new(),
     };
     let (placement, provenance) = place::place(path, &recipe, options)?;
@@ -196,8 +198,15 @@ pub fn open(path: &Path, options: &OpenOptions) -> Result<Opened> {
         placement,
     };
     let swap = endian != Endian::NATIVE;
-    let mut notes = recipe.notes;
-    if recipe.format != "raw"
+    let (mut notes, mut warnings) = (recipe.notes, recipe.warnings);
+    if options.spacing.is_some() {
+        notes.retain(|note| !note.contains(size::ADVICE));
+        warnings.retain(|warning| !warning.contains(size::ADVICE));
+    }
+    // behind the samples of a TIFF are its directories, and behind those of one of several times another
+    let part = options.time.is_some() || options.channel.is_some();
+    if !matches!(recipe.format, "raw" | "tiff")
+        && !part
         && let Samples::Files(data) = &recipe.samples
     {
         notes.extend(layout::more_than_described(&header, data)?);
@@ -212,7 +221,12 @@ pub fn open(path: &Path, options: &OpenOptions) -> Result<Opened> {
         #[cfg(any(feature = "hdf5", feature = "zarr"))]
         Samples::Chunks(chunks) => Box::new(super::chunked::ChunkedVolume::new(header, chunks)),
     };
+    let volume = match recipe.mirrored {
+        [false, false] => volume,
+        turned => Box::new(Mirrored::new(volume, turned)),
+    };
     let values = recipe.values.as_ref().map(|values| values.to_string());
+    let values = values.or(recipe.applied);
     let volume = match recipe.values {
         Some(values) => Box::new(Valued::new(volume, values)),
         None => volume,
@@ -234,23 +248,31 @@ pub fn open(path: &Path, options: &OpenOptions) -> Result<Opened> {
         files,
         values,
         notes,
-        warnings: recipe.warnings,
+        warnings,
     })
 }
 
 /// Options that choose a part of a file must not be given for formats that have no such parts.
 fn refuse_unused(format: &str, options: &OpenOptions) -> Result<()> {
     let given = [
-        ("--series", options.series.is_some(), &["dicom"][..]),
+        ("--series", options.series.is_some(), &["dicom", "tiff"][..]),
         ("--resample", options.resample, &["dicom"]),
-        ("--dataset", options.dataset.is_some(), &["hdf5", "zarr"]),
-        ("--level", options.level.is_some(), &["zarr"]),
+        (
+            "--dataset",
+            options.dataset.is_some(),
+            &["hdf5", "vti", "zarr"],
+        ),
+        ("--level", options.level.is_some(), &["hdf5", "zarr"]),
         (
             "--channel",
             options.channel.is_some(),
-            &["hdf5", "tiff", "zarr"],
+            &["hdf5", "nifti", "tiff", "zarr"],
         ),
-        ("--time", options.time.is_some(), &["hdf5", "tiff", "zarr"]),
+        (
+            "--time",
+            options.time.is_some(),
+            &["hdf5", "nifti", "tiff", "zarr"],
+        ),
     ];
     for (option, given, formats) in given {
         if given && !formats.contains(&format) {
@@ -270,16 +292,16 @@ fn recognise(path: &Path, head: &[u8], options: &OpenOptions) -> Result<Recipe> 
     } else if metaimage::is_metaimage(head) {
         metaimage::parse(path)?
     } else if tiff::is_tiff(head) && !by_options {
-        tiff::parse(path, vec![Blob::file(path)?])?
+        tiff::parse(path, vec![Blob::file(path)?], options)?
     } else if npy::is_npy(head) && !by_options {
         npy::parse(path, head)?
     } else if archive::is_zip(head) && !by_options {
-        archive::parse(path)?
+        archive::parse(path, options)?
     } else if vti::is_vti(head) && !by_options {
-        vti::parse(path)?
-    } else if !by_options && let Some(recipe) = nifti::parse(path, head)? {
+        vti::parse(path, options)?
+    } else if !by_options && let Some(recipe) = nifti::parse(path, head, options)? {
         recipe
-    } else if hdf5::is_hdf5(head) && !by_options {
+    } else if !by_options && hdf5::is_hdf5(path, head) {
         hdf5::parse(path, options)?
     } else if dicom::is_dicom(head) && !by_options {
         dicom::parse(path, vec![Blob::file(path)?], options)?
@@ -341,25 +363,23 @@ fn complete(path: &Path, recipe: &mut Recipe, options: &OpenOptions) -> Result<(
     }
 }
 
-/// Files of other kinds, by their first bytes and how to get their samples into a known one.
-const OTHERS: &[(&[u8], usize, &str)] = &[
-    (b"\x89PNG\r\n\x1a\n", 0, "PNG (of one slice)"),
-    (b"\x89HDF\r\n\x1a\n", 0, "HDF5"),
-    (b"DICM", 128, "DICOM"),
-    (b"# vtk DataFile", 0, "legacy VTK"),
-    (b"<?xml", 0, "XML"),
-    (b"\xff\xd8\xff", 0, "JPEG"),
-];
-
-/// The name of another format that a file begins as.
-pub(super) fn known_format(head: &[u8]) -> Option<&'static str> {
-    let starts = |magic: &[u8], at: usize| head.get(at..).is_some_and(|h| h.starts_with(magic));
-    let found = OTHERS.iter().find(|(magic, at, _)| starts(magic, *at));
-    found.map(|(_, _, name)| *name)
+/// The name of the format that a file with these first bytes is read as, unless that is raw or DICOM.
+pub(super) fn reads(head: &[u8]) -> Option<&'static str> {
+    let formats = [
+        ("NRRD", nrrd::is_nrrd(head)),
+        ("MetaImage", metaimage::is_metaimage(head)),
+        ("TIFF", tiff::is_tiff(head)),
+        ("NumPy", npy::is_npy(head)),
+        ("zip", archive::is_zip(head)),
+        ("VTK image data", vti::is_vti(head)),
+        ("NIfTI", nifti::recognise(head).is_some()),
+        ("HDF5", head.starts_with(b"\x89HDF\r\n\x1a\n")),
+    ];
+    formats.iter().find(|(_, is)| *is).map(|(name, _)| *name)
 }
 
 /// Refuses what is certainly not a headerless file: a header's file name on something else, and,
-/// where no size is given, the formats of [`OTHERS`].
+/// where no size is given, the formats of other programs.
 fn refuse_known(path: &Path, head: &[u8], options: &OpenOptions) -> Result<()> {
     let extension = path.extension().unwrap_or_default().to_string_lossy();
     let expected = match extension.to_ascii_lowercase().as_str() {
@@ -375,32 +395,16 @@ fn refuse_known(path: &Path, head: &[u8], options: &OpenOptions) -> Result<()> {
             expected,
         ));
     }
-    match known_format(head) {
-        Some(name) if options.dims.is_none() || options.dtype.is_none() => Err(Error::unsupported(
-            path,
-            format!("the {name} format"),
-            "convert it to NRRD or MetaImage, or give --dims, --dtype and --offset if its samples \
-             lie in one uncompressed piece",
-        )),
-        _ => Ok(()),
+    match options.dims.is_none() || options.dtype.is_none() {
+        true => foreign::refuse(path, head),
+        false => Ok(()),
     }
 }
 
 /// A headerless file, perhaps compressed by gzip: everything comes from the options.
 fn raw(path: &Path, head: &[u8], options: &OpenOptions) -> Result<Recipe> {
-    let Some(dims) = options.dims else {
-        return Err(missing(
-            "--dims",
-            "the size in voxels, as in --dims 512,512,300",
-            path,
-        ));
-    };
-    let Some(dtype) = options.dtype else {
-        return Err(missing(
-            "--dtype",
-            "one of u8, i8, u16, i16, u32, i32, f32, f64",
-            path,
-        ));
+    let (Some(dims), Some(dtype)) = (options.dims, options.dtype) else {
+        return Err(missing(path, options));
     };
     // by name and content, since a volume may begin with gzip's two bytes by chance
     let gzip = head.starts_with(&[0x1f, 0x8b]) && path.extension().is_some_and(|e| e == "gz");
@@ -428,9 +432,20 @@ fn raw(path: &Path, head: &[u8], options: &OpenOptions) -> Result<Recipe> {
     })
 }
 
-fn missing(option: &str, expected: &str, path: &Path) -> Error {
-    Error::usage(option, "nothing", expected).with_hint(format!(
-        "{} has no header that is known, so it is read as raw samples",
-        path.display()
-    ))
+/// Asks for what a headerless file does not say, with what lies beside it or its name suggest.
+fn missing(path: &Path, options: &OpenOptions) -> Error {
+    let dims = "the size in voxels, as in --dims 512,512,300";
+    let dtype = "the sample type, one of u8, i8, u16, i16, u32, i32, f32, f64";
+    let (option, expected) = match (options.dims, options.dtype) {
+        (None, None) => ("--dims and --dtype", format!("{dims}, and {dtype}")),
+        (None, Some(_)) => ("--dims", dims.into()),
+        (Some(_), _) => ("--dtype", dtype.into()),
+    };
+    let path_shown = path.display();
+    let mut hint =
+        format!("{path_shown} has no header that is known, so it is read as raw samples");
+    if let Some(words) = foreign::suggestion(path) {
+        hint += &format!("; {words}");
+    }
+    Error::usage(option, "nothing", expected).with_hint(hint)
 }

@@ -10,7 +10,7 @@ use crate::error::Result;
 use rayon::prelude::*;
 use std::collections::{HashMap, VecDeque};
 use std::ops::Range;
-use std::path::Path;
+use std::path::{Path, PathBuf};
 use std::sync::{Arc, Mutex, PoisonError};
 
 /// The cache holds at least this much, or the whole volume.
@@ -41,6 +41,11 @@ pub(super) trait Pages: Send + Sync {
     /// Voxels of the largest chunk of any page, and the most rows of one. 0 rows if pages are not
     /// compressed, so that rows are read as they are.
     fn largest(&self) -> (u64, u32);
+
+    /// Files that pages lie in besides those that were opened.
+    fn files(&self) -> Vec<PathBuf> {
+        Vec::new()
+    }
 }
 
 /// A page that can be decoded.

@@ -4,6 +4,9 @@ use crate::grid::{Placement, Unit};
 use crate::length::Length;
 use crate::manifest::{Origin, Provenance};
 
+/// What every warning and note on sizes advises: where it was followed they have no cause any more.
+pub(super) const ADVICE: &str = "give --spacing";
+
 /// What a file states of the step along one axis.
 #[derive(Debug, Clone, PartialEq)]
 pub(super) struct Step {
@@ -119,7 +122,7 @@ pub(super) fn voxel_size(steps: [Option<Step>; 3]) -> VoxelSize {
 }
 
 /// What to say where a format has no distance of slices.
-fn assumed_z() -> String {
+pub(super) fn assumed_z() -> String {
     "the file does not state the distance of slices, assumed to be the size of a pixel: give --spacing X,Y,Z and \
      --unit if it is another"
         .into()

@@ -2,6 +2,7 @@
 //!
 //! All sources show one string of bytes, the samples of the volume from the first to the last.
 
+use super::layout::open_file;
 use super::map::Map;
 use crate::error::{Error, Result};
 use std::fs::File;
@@ -224,7 +225,7 @@ impl ByteSource for PartsSource {
                 let part = &self.parts[index];
                 let file = match current.take() {
                     Some((open, file)) if open == index => file,
-                    _ => File::open(&part.path).map_err(|e| Error::io(&part.path, "open", e))?,
+                    _ => open_file(&part.path)?,
                 };
                 read_at(&file, &part.path, part.offset + inside, now)?;
                 current = Some((index, file));
@@ -243,7 +244,7 @@ impl ByteSource for PartsSource {
             .min(self.parts.len() as u64);
         for part in first..end {
             let part = &self.parts[part as usize];
-            if let Ok(file) = File::open(&part.path) {
+            if let Ok(file) = open_file(&part.path) {
                 will_need(&file, part.offset, 0..self.part_bytes);
             }
         }

@@ -76,18 +76,32 @@ impl Field<'_> {
         text.parse().map_err(|_| self.wrong(expected))
     }
 
-    /// Exactly `N` values between spaces.
-    pub(super) fn values<T: FromStr + Copy, const N: usize>(&self) -> Result<[T; N]> {
-        let values: Option<Vec<T>> = self
-            .text
-            .split_whitespace()
-            .take(N + 1)
-            .map(|word| word.parse().ok())
-            .collect();
+    /// Exactly `count` values between spaces.
+    pub(super) fn values<T: FromStr>(&self, count: usize) -> Result<Vec<T>> {
+        let words = self.text.split_whitespace().take(count + 1);
+        let values: Option<Vec<T>> = words.map(|word| word.parse().ok()).collect();
         values
-            .and_then(|v| v.try_into().ok())
-            .ok_or_else(|| self.wrong(format!("{N} numbers")))
+            .filter(|v| v.len() == count)
+            .ok_or_else(|| self.wrong(format!("{count} numbers")))
     }
+
+    /// Of one value for each of `count` axes, those of three axes.
+    pub(super) fn of_axes<T: FromStr + Copy>(
+        &self,
+        count: usize,
+        axes: [usize; 3],
+    ) -> Result<[T; 3]> {
+        let values = self.values::<T>(count)?;
+        Ok(axes.map(|axis| values[axis]))
+    }
+}
+
+/// The three axes that are left once those of one entry are; `None` if there are more or fewer. Three axes are
+/// kept whatever their sizes.
+pub(super) fn kept_axes(sizes: &[u64]) -> Option<[usize; 3]> {
+    let long = |axis: &usize| sizes.len() == 3 || sizes[*axis] != 1;
+    let axes: Vec<usize> = (0..sizes.len()).filter(long).collect();
+    axes.try_into().ok()
 }
 
 /// File names `pattern` with the numbers `first`, `first + step`, ... up to `last`, of which there
@@ -214,6 +228,21 @@ mod tests {
         }
         for bad in ["plain", "%s", "%d%d", "%999d", "%-3d", "%ld"] {
             assert!(Pattern::parse(bad).is_none(), "{bad}");
+        }
+    }
+
+    #[test]
+    fn axes_of_one_entry_go() {
+        for (sizes, kept) in [
+            (&[4, 1, 3][..], Some([0, 1, 2])),
+            (&[4, 5, 3, 1], Some([0, 1, 2])),
+            (&[1, 4, 5, 3], Some([1, 2, 3])),
+            (&[4, 1, 5, 1, 3], Some([0, 2, 4])),
+            (&[4, 5, 3, 2], None),
+            (&[4, 5, 1, 1], None),
+            (&[4, 5], None),
+        ] {
+            assert_eq!(kept_axes(sizes), kept, "{sizes:?}");
         }
     }
 

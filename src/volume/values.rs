@@ -45,8 +45,11 @@ pub(super) struct Values {
 #[derive(Debug, Clone, PartialEq)]
 pub(super) enum Scale {
     All(Linear),
-    /// For each slice along z its own.
-    Slices(Arc<[Linear]>),
+    /// For each slice across an axis (0 to 2 for x to z) its own.
+    Slices {
+        axis: usize,
+        all: Arc<[Linear]>,
+    },
 }
 
 impl Values {
@@ -61,11 +64,14 @@ impl Values {
         })
     }
 
-    /// The scale of slice z.
-    fn of_slice(&self, z: u32) -> Linear {
+    /// The scale of a voxel.
+    fn of_voxel(&self, voxel: [u32; 3]) -> Linear {
         match &self.scale {
             Scale::All(linear) => *linear,
-            Scale::Slices(all) => all.get(z as usize).copied().unwrap_or(Linear::SAME),
+            Scale::Slices { axis, all } => {
+                let own = all.get(voxel[*axis] as usize);
+                own.copied().unwrap_or(Linear::SAME)
+            }
         }
     }
 
@@ -88,7 +94,10 @@ impl std::fmt::Display for Values {
                 let sign = if *intercept < 0.0 { '-' } else { '+' };
                 write!(f, "{slope} * stored {sign} {}", intercept.abs())?;
             }
-            Scale::Slices(all) => write!(f, "scaled for each of {} slices", all.len())?,
+            Scale::Slices { axis, all } => {
+                let across = ["x", "y", "z"][*axis];
+                write!(f, "scaled for each of {} slices along {across}", all.len())?;
+            }
         }
         if let [first, rest @ ..] = &self.nothing[..] {
             write!(f, "; stored {first}")?;
@@ -120,14 +129,28 @@ impl<'a> Valued<'a> {
         }
     }
 
-    /// Values of stored samples of slice z.
-    fn convert(&self, z: u32, stored: &[u8], out: &mut [u8]) {
-        with_voxel_type!(self.inner.header().dtype, T => self.convert_from::<T>(z, stored, out));
+    /// Values of stored samples of rows of `nx` voxels, of which the first is `voxel`.
+    fn convert(&self, voxel: [u32; 3], nx: usize, stored: &[u8], out: &mut [u8]) {
+        with_voxel_type!(self.inner.header().dtype, T => {
+            // samples that have one scale
+            let same = match self.values.scale {
+                Scale::Slices { axis: 0, .. } => 1,
+                Scale::Slices { axis: 1, .. } => nx,
+                _ => out.len(),
+            };
+            let [x, y, z] = voxel;
+            let stored = stored.chunks(same * size_of::<T>());
+            let out = out.chunks_mut(same * self.header.dtype.bytes());
+            for (i, (stored, out)) in stored.zip(out).enumerate() {
+                let at = i * same;
+                let voxel = [x + (at % nx) as u32, y + (at / nx) as u32, z];
+                self.convert_from::<T>(self.values.of_voxel(voxel), stored, out);
+            }
+        });
     }
 
-    fn convert_from<T: Voxel>(&self, z: u32, stored: &[u8], out: &mut [u8]) {
+    fn convert_from<T: Voxel>(&self, linear: Linear, stored: &[u8], out: &mut [u8]) {
         let Values { nothing, valid, .. } = &self.values;
-        let linear = self.values.of_slice(z);
         if nothing.is_empty() && valid.is_none() {
             self.write::<T>(stored, out, |v| linear.of(v));
         } else {
@@ -177,7 +200,7 @@ impl Volume for Valued<'_> {
                 let top = y.start + (i * rows) as u32;
                 let end = y.end.min(top + rows as u32);
                 self.inner.read_box(x.clone(), top..end, k..k + 1, stored)?;
-                self.convert(k, stored, out);
+                self.convert([x.start, top, k], x.len(), stored, out);
             }
         }
         Ok(())
@@ -238,12 +261,15 @@ mod tests {
             intercept: 1.0,
         });
         let values = Values {
-            scale: Scale::Slices(of_slices.into()),
+            scale: Scale::Slices {
+                axis: 2,
+                all: of_slices.into(),
+            },
             nothing: vec![-9.0],
             valid: Some([-100.0, 100.0]),
             stated_by: "image-min and image-max".into(),
         };
-        let text = "scaled for each of 2 slices; stored -9 is no value (NaN); stored beyond -100 to 100 is no \
+        let text = "scaled for each of 2 slices along z; stored -9 is no value (NaN); stored beyond -100 to 100 is no \
                     value (NaN) (image-min and image-max)";
         assert_eq!(values.to_string(), text);
         let out = handed_out(values, vec![0, 1, -9, 100, 4, 6, 101, -100]);

@@ -2,7 +2,8 @@
 //! as text, plain or in blocks of zlib or LZ4: what ParaView and VTK write.
 //!
 //! The format is described at <https://docs.vtk.org/en/latest/vtk_file_formats/vtkxml_file_format.html>.
-//! The volume is the point data's active scalars, or its only array. `Direction` is a matrix by rows;
+//! The volume is the file's only array of points or cells, or its active scalars. Voxels are the points of point
+//! data and the cells of cell data, whose centres lie half a step from the points. `Direction` is a matrix by rows;
 //! `Origin` is the place of index 0, from which the extent may start elsewhere. Base64 and text are
 //! first unpacked to an unnamed file in the folder for temporary files (`TMPDIR`).
 
@@ -12,6 +13,7 @@ mod text;
 
 use super::blob::{Blob, Bytes};
 use super::layout::{Recipe, Samples};
+use super::open::OpenOptions;
 use super::source::{ByteSource, FileSource};
 use super::{Dtype, Endian};
 use crate::error::{Error, Result};
@@ -26,6 +28,27 @@ use tags::Tag;
 pub(super) fn is_vti(head: &[u8]) -> bool {
     let text = String::from_utf8_lossy(head);
     text.trim_start().starts_with('<') && text.contains("<VTKFile")
+}
+
+/// An array of the file and whether its numbers belong to cells.
+#[derive(Clone, Copy)]
+struct Array<'a> {
+    tag: &'a Tag,
+    cells: bool,
+    /// Named as the scalars of its points or cells.
+    active: bool,
+}
+
+impl Array<'_> {
+    fn name(&self) -> &str {
+        self.tag.get("Name").unwrap_or_default()
+    }
+
+    /// Its name with what its numbers belong to, as `--dataset` takes it.
+    fn path(&self) -> String {
+        let of = if self.cells { "CellData" } else { "PointData" };
+        format!("{of}/{}", self.name())
+    }
 }
 
 /// The header's tags.
@@ -45,8 +68,11 @@ impl<'a> Head<'a> {
             (Some(tag), None) => Ok(tag),
             (None, _) => Err(self.wrong(format!("no {name}"), "image data of one piece")),
             _ => {
-                let what = format!("VTK image data with several {name}");
-                Err(Error::unsupported(self.path, what, "save it as one piece"))
+                let count = self.tags.iter().filter(|t| t.name() == name).count();
+                let what = format!("VTK image data with {count} {name}s");
+                let hint =
+                    "save it as one piece, as vtkXMLImageDataWriter and ParaView's Save Data do";
+                Err(Error::unsupported(self.path, what, hint))
             }
         }
     }
@@ -80,50 +106,116 @@ impl<'a> Head<'a> {
         }
     }
 
-    fn placement(&self, extent: [f64; 6]) -> Result<Placement> {
+    fn placement(&self, extent: [f64; 6], cells: bool) -> Result<(Placement, Provenance)> {
         let image = self.one("ImageData")?;
+        let (spacing, origin) = (
+            self.numbers::<3>(image, "Spacing")?,
+            self.numbers(image, "Origin")?,
+        );
+        let stated = |there: bool| if there { Origin::File } else { Origin::Default };
+        let from = Provenance {
+            spacing: [stated(spacing.is_some()); 3],
+            unit: Origin::Default,
+            origin: stated(origin.is_some()),
+        };
         let mut place = Placement {
-            spacing: self.numbers(image, "Spacing")?.unwrap_or([1.0; 3]),
-            origin: self.numbers(image, "Origin")?.unwrap_or([0.0; 3]),
+            spacing: spacing.unwrap_or([1.0; 3]),
+            origin: origin.unwrap_or([0.0; 3]),
             ..Placement::default()
         };
         if let Some(rows) = self.numbers::<9>(image, "Direction")? {
             place.directions =
                 std::array::from_fn(|axis| [rows[axis], rows[3 + axis], rows[6 + axis]]);
             let axes = place.directions.map(glam::DVec3::from);
-            let square = [(0, 1), (0, 2), (1, 2)].iter().all(|&(a, b)| {
-                axes[a].dot(axes[b]).abs() < 1e-4 && (axes[a].length() - 1.0).abs() < 1e-4
-            });
-            if !square || (axes[2].length() - 1.0).abs() >= 1e-4 {
+            if axes.iter().any(|axis| (axis.length() - 1.0).abs() >= 1e-4) {
                 let found = format!("Direction=\"{rows:?}\"");
                 return Err(self.wrong(found, "three unit vectors at right angles"));
             }
         }
-        place.origin = place.world([extent[0], extent[2], extent[4]]);
-        Ok(place)
+        let half = if cells { 0.5 } else { 0.0 };
+        place.origin = place.world([extent[0] + half, extent[2] + half, extent[4] + half]);
+        for axis in 0..3 {
+            if place.spacing[axis] < 0.0 {
+                place.spacing[axis] = -place.spacing[axis];
+                place.directions[axis] = place.directions[axis].map(|v| 0.0 - v);
+            }
+        }
+        Ok((place, from))
     }
 
-    /// The tag of the array that is the volume.
-    fn array(&self) -> Result<&Tag> {
-        let Some(start) = self.tags.iter().position(|t| t.name() == "PointData") else {
-            let what = "VTK image data without point data";
-            let hint = "use ParaView's filter Cell Data to Point Data";
-            return Err(Error::unsupported(self.path, what, hint));
+    /// The arrays of points and cells, without those that VTK keeps for itself.
+    fn arrays(&self) -> Vec<Array<'_>> {
+        let mut arrays = Vec::new();
+        let mut inside = None;
+        for tag in &self.tags {
+            match tag.name() {
+                "PointData" | "CellData" => inside = Some(tag),
+                "DataArray" => {
+                    let Some(owner) = inside else { continue };
+                    let name = tag.get("Name");
+                    let active = name.is_some() && owner.get("Scalars") == name;
+                    let cells = owner.name() == "CellData";
+                    if !name.is_some_and(|n| n.starts_with("vtkGhost")) {
+                        arrays.push(Array { tag, cells, active });
+                    }
+                }
+                _ => {}
+            }
+            if tag.text.starts_with("/PointData")
+                || tag.text.starts_with("/CellData")
+                || tag.text.ends_with('/') && tag.name() != "DataArray"
+            {
+                inside = None;
+            }
+        }
+        arrays
+    }
+
+    /// The array that is the volume, and what to say of the others.
+    fn array(&self, options: &OpenOptions) -> Result<(Array<'_>, Option<String>)> {
+        let arrays = self.arrays();
+        let list = || {
+            arrays
+                .iter()
+                .map(Array::path)
+                .collect::<Vec<_>>()
+                .join(", ")
         };
-        let scalars = self.tags[start].get("Scalars");
-        let inside = self.tags[start..].iter();
-        let arrays: Vec<&Tag> = inside
-            .take_while(|t| !t.text.starts_with("/PointData"))
-            .filter(|t| t.name() == "DataArray")
-            .collect();
-        let active = arrays
-            .iter()
-            .find(|t| scalars.is_some() && t.get("Name") == scalars);
-        match (active, &arrays[..]) {
-            (Some(array), _) | (None, [array]) => Ok(array),
+        let fits = |array: &&Array| match &options.dataset {
+            Some(wanted) => *wanted == array.path() || wanted == array.name(),
+            None => arrays.len() == 1 || array.active,
+        };
+        let found: Vec<&Array> = arrays.iter().filter(fits).collect();
+        match found[..] {
+            [one] => {
+                let others = (arrays.len() > 1 && options.dataset.is_none()).then(|| {
+                    format!(
+                        "{} is the active one of the arrays {}: --dataset takes another",
+                        one.path(),
+                        list()
+                    )
+                });
+                Ok((*one, others))
+            }
+            [] if arrays.is_empty() => {
+                let hint = "save it with the array that is the volume as point or cell data";
+                Err(Error::unsupported(
+                    self.path,
+                    "VTK image data without an array",
+                    hint,
+                ))
+            }
             _ => {
-                let what = format!("VTK image data of {} arrays, none active,", arrays.len());
-                Err(Error::unsupported(self.path, what, "save the one to read"))
+                let wanted = options.dataset.as_ref();
+                let asked = wanted.map_or(
+                    format!("nothing, and several arrays in {}", self.path.display()),
+                    |w| format!("\"{w}\""),
+                );
+                Err(Error::usage(
+                    "--dataset",
+                    asked,
+                    format!("one of {}", list()),
+                ))
             }
         }
     }
@@ -131,7 +223,8 @@ impl<'a> Head<'a> {
     fn dtype(&self, array: &Tag) -> Result<Dtype> {
         let components = array.get("NumberOfComponents").unwrap_or("1");
         let name = array.get("type").unwrap_or_default();
-        let no = |what: String| Error::unsupported(self.path, what, "save one number per point");
+        let no =
+            |what: String| Error::unsupported(self.path, what, "save one number per point or cell");
         if components != "1" {
             return Err(no(format!("a VTK array of {components} components")));
         }
@@ -226,7 +319,7 @@ fn decoded(bytes: &Bytes, at: u64, total: u64, packing: Packing) -> Result<Bytes
 /// # Errors
 /// [`Error::Unsupported`] by name for other data sets, encodings and compressors, [`Error::Format`]
 /// for headers that contradict themselves or the file's length.
-pub(super) fn parse(path: &Path) -> Result<Recipe> {
+pub(super) fn parse(path: &Path, options: &OpenOptions) -> Result<Recipe> {
     let bytes = Blob::file(path)?.open()?;
     let head = Head {
         path,
@@ -235,7 +328,8 @@ pub(super) fn parse(path: &Path) -> Result<Recipe> {
     let file = head.one("VTKFile")?;
     let kind = file.get("type").unwrap_or_default();
     if kind != "ImageData" {
-        let hint = "volumes are ImageData";
+        let hint = "volumes are ImageData (.vti): of a grid, save it as that, as with ParaView's filter Resample To \
+                    Image";
         let what = format!("VTK data of type {kind}");
         return Err(Error::unsupported(path, what, hint));
     }
@@ -250,9 +344,16 @@ pub(super) fn parse(path: &Path) -> Result<Recipe> {
         Some(other) => return Err(head.wrong(other, "UInt32 or UInt64")),
     };
     let extent = head.extent()?;
-    let size = [0, 1, 2].map(|a| (extent[2 * a + 1] - extent[2 * a] + 1.0).clamp(0.0, 1e12) as u64);
+    let (
+        Array {
+            tag: array, cells, ..
+        },
+        note,
+    ) = head.array(options)?;
+    let points = if cells { 0.0 } else { 1.0 };
+    let size =
+        [0, 1, 2].map(|a| (extent[2 * a + 1] - extent[2 * a] + points).clamp(0.0, 1e12) as u64);
     let dims = Dims::new(size).map_err(|e| head.wrong(format!("an image with {e}"), "a volume"))?;
-    let array = head.array()?;
     let dtype = head.dtype(array)?;
     let packing = head.packing(file)?;
     let total = dims.voxels() * dtype.bytes() as u64;
@@ -286,14 +387,12 @@ pub(super) fn parse(path: &Path) -> Result<Recipe> {
         }
         other => return Err(head.wrong(format!("format {other:?}"), "appended, binary or ascii")),
     };
+    let (placement, provenance) = head.placement(extent, cells)?;
     Ok(Recipe {
         endian: Some(endian),
-        placement: head.placement(extent)?,
-        provenance: Provenance {
-            spacing: [Origin::File; 3],
-            unit: Origin::Default,
-            origin: Origin::File,
-        },
+        placement,
+        provenance,
+        notes: note.into_iter().collect(),
         ..Recipe::new("vti", dims, dtype, Samples::Bytes(samples))
     })
 }

@@ -35,7 +35,7 @@ pub(super) mod hdf5 {
     use super::*;
 
     /// True if a file begins as HDF5 does.
-    pub(in super::super) fn is_hdf5(head: &[u8]) -> bool {
+    pub(in super::super) fn is_hdf5(_: &Path, head: &[u8]) -> bool {
         head.starts_with(b"\x89HDF\r\n\x1a\n")
     }
 

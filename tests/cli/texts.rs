@@ -13,7 +13,7 @@ fn help_names_every_option() {
     let dir = temp();
     let top = ok(dir.path(), &["--help"]);
     let convert = format!(
-        "{COMMON} {INPUT} --threshold --macrocube --memory --ambiguous --cap --crop --force \
+        "{COMMON} {INPUT} --threshold --macrocube --memory --ambiguous --cap --crop --force --table-unit \
          {FORM} separate join otsu 1GiB mmap read little big u16 f64"
     );
     for (command, words) in [
@@ -24,7 +24,7 @@ fn help_names_every_option() {
             "cells",
             format!(
                 "{COMMON} --objects --surfaces --where --sort --descending --top --columns \
-                 --format --summary csv missing"
+                 --format --summary --outside border-cell csv missing"
             ),
         ),
         (

@@ -200,3 +200,131 @@ fn the_threshold_of_info_may_be_negative_or_missing() {
     let message = fails(dir.path(), &[&args[..], &["--threshold", "otsu"]].concat());
     assert!(message.contains("no two finite samples"), "{message}");
 }
+
+/// A NIfTI file of 16-bit samples that stand for `slope` times themselves.
+fn nifti(dims: [i16; 3], slope: f32, samples: &[i16]) -> Vec<u8> {
+    let mut bytes = vec![0; 352];
+    let mut put = |at: usize, value: &[u8]| bytes[at..at + value.len()].copy_from_slice(value);
+    put(0, &348i32.to_le_bytes());
+    let [x, y, z] = dims;
+    for (i, n) in [3, x, y, z, 1, 1, 1, 1].into_iter().enumerate() {
+        put(40 + 2 * i, &n.to_le_bytes());
+        put(76 + 4 * i, &1f32.to_le_bytes());
+    }
+    put(70, &4i16.to_le_bytes());
+    put(72, &16i16.to_le_bytes());
+    put(108, &352f32.to_le_bytes());
+    put(112, &slope.to_le_bytes());
+    put(123, &[2]);
+    put(344, b"n+1\0");
+    bytes.extend(samples.iter().flat_map(|v| v.to_le_bytes()));
+    bytes
+}
+
+#[test]
+fn masks_and_labels_are_told_apart_from_grey_values() {
+    let dir = temp();
+    let dims = [24, 20, 16];
+    let samples = |value: &dyn Fn([i16; 3]) -> i16| -> Vec<i16> {
+        let [nx, ny, nz] = dims;
+        let at = |i: i16| [i % nx, i / nx % ny, i / nx / ny];
+        (0..nx * ny * nz).map(|i| value(at(i))).collect()
+    };
+    let body =
+        |[x, y, z]: [i16; 3]| (4..14).contains(&x) && (4..12).contains(&y) && (3..9).contains(&z);
+    let mask = samples(&|p| 4 * i16::from(body(p)));
+    // two that touch, and one apart
+    let labels = samples(&|p| match p {
+        [20..23, 14..17, 2..5] => 7,
+        _ => i16::from(body(p)) * (1 + p[0] / 9),
+    });
+    let grey = samples(&|[x, y, z]| (x * x + 3 * y + z) % 97);
+    let said = |name: &str, part: &str| {
+        let info = json(&ok(dir.path(), &["info", name, "--json"]));
+        let rows = ok(dir.path(), &["info", name]);
+        let args = ["convert", name, "out", "--threshold", "0.5", "--force"];
+        let convert = json(&ok(dir.path(), &[&args[..], &["--json"]].concat()));
+        let log = alvis(dir.path(), &args).stderr;
+        let log = String::from_utf8(log).unwrap();
+        assert_eq!(rows.contains("\nwarning  "), !part.is_empty(), "{rows}");
+        assert!(
+            part.is_empty() || log.contains(&format!("warning: the samples are of {part}")),
+            "{log}"
+        );
+        for json in [info, convert] {
+            let warnings = json["warnings"].as_array().unwrap();
+            let found = warnings
+                .iter()
+                .any(|w| w.as_str().unwrap().contains("the samples are of"));
+            assert_eq!(found, !part.is_empty(), "{name}: {warnings:?}");
+            assert!(warnings.iter().any(|w| w.as_str().unwrap().contains(part)) == found);
+        }
+    };
+    for (name, slope, samples, part) in [
+        ("mask.nii", 1.0, &mask, "two values, 0 and 4,"),
+        ("scaled.nii", 0.25, &mask, "two values, 0 and 1,"),
+        ("labels.nii", 1.0, &labels, "4 values (0, 1, 2, 7)"),
+        (
+            "scaled-labels.nii",
+            0.5,
+            &labels,
+            "4 values (0, 0.5, 1, 3.5)",
+        ),
+        ("grey.nii", 1.0, &grey, ""),
+    ] {
+        std::fs::write(dir.path().join(name), nifti(dims, slope, samples)).unwrap();
+        said(name, part);
+    }
+    let text = ok(dir.path(), &["info", "labels.nii"]);
+    assert!(
+        text.contains("labels that touch become one object"),
+        "{text}"
+    );
+}
+
+#[test]
+fn a_size_with_exchanged_axes_is_doubted() {
+    let dir = temp();
+    let make = [
+        "phantom", "foam", "s.raw", "--dims", "96,72,60", "--dtype", "u16", "--quiet",
+    ];
+    ok(
+        dir.path(),
+        &[&make[..], &["--noise", "0.05", "--pitch", "24"]].concat(),
+    );
+    for (dims, doubted) in [
+        ("96,72,60", false),
+        ("72,96,60", true),
+        ("60,72,96", true),
+        ("96,60,72", true),
+        ("48,144,60", true),
+    ] {
+        let raw = ["--dims", dims, "--dtype", "u16"];
+        let info = json(&ok(
+            dir.path(),
+            &[&["info", "s.raw", "--json"][..], &raw].concat(),
+        ));
+        let args = ["convert", "s.raw", "out", "--threshold", "30000", "--force"];
+        let output = alvis(dir.path(), &[&args[..], &raw].concat());
+        assert!(output.status.success());
+        let log = String::from_utf8(output.stderr).unwrap();
+        let warnings = info["warnings"].to_string();
+        let text = "96,72,60 fits better";
+        assert_eq!(warnings.contains(text), doubted, "{dims}: {warnings}");
+        assert_eq!(log.contains(text), doubted, "{dims}: {log}");
+        assert_eq!(
+            warnings.contains("looks wrong"),
+            doubted,
+            "{dims}: {warnings}"
+        );
+        // a header may be wrong as well
+        let header = format!(
+            "ObjectType = Image\nNDims = 3\nDimSize = {}\nElementType = MET_USHORT\nElementDataFile = s.raw\n",
+            dims.replace(',', " ")
+        );
+        std::fs::write(dir.path().join("s.mhd"), header).unwrap();
+        let info = ok(dir.path(), &["info", "s.mhd"]);
+        let better = "96,72,60 fits better (correct the header)";
+        assert_eq!(info.contains(better), doubted, "{dims}: {info}");
+    }
+}

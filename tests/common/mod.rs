@@ -44,6 +44,7 @@ pub fn verified(dir: &Path, against: Option<&dyn Volume>) -> Report {
         against,
         threads: 1,
         max_issues: 5,
+        ..VerifyOptions::default()
     };
     let report = verify(dir, &options, &Quiet).unwrap();
     assert!(

@@ -7,7 +7,7 @@ directory for tile sets. Every volume of DATA is also converted at a threshold a
 DATA the fixtures alone are compared, and that is said. Ends with a line `N passed, N failed`.
 
 Readers: SimpleITK for MetaImage, NRRD, NIfTI and DICOM (and pydicom, which orders nothing, for the numbers of a
-slice), nibabel for NIfTI, tifffile and Pillow for TIFF and PNG, zarr-python, h5py, VTK and numpy.
+slice), nibabel for NIfTI and MINC, tifffile and Pillow for TIFF and PNG, zarr-python, h5py, netCDF4, VTK and numpy.
 """
 
 import json
@@ -19,7 +19,9 @@ from io import BytesIO
 from pathlib import Path
 
 import h5py
+import hdf5_readers
 import hdf5plugin  # noqa: F401, h5py finds the filters by it
+import made
 import nibabel
 import numpy as np
 import pydicom
@@ -186,7 +188,8 @@ def fixtures(folder: Path):
         if reader and not path.name.startswith("no_") and path.name not in ("u8_two.h5",):
             yield path, reader
     for path in sorted((folder / "zarr").iterdir()):
-        if not path.name.startswith("no_"):
+        # what xarray writes is a group of arrays that are packed
+        if not path.name.startswith(("no_", "xarray")):
             yield path, by_pyramid if "ome" in path.name else by_zarr
 
 
@@ -196,6 +199,8 @@ def same_voxels(alvis: Path, dump: Path, path: Path, reader, arguments: list[str
     expected = reader(path)
     expected = expected.reshape(expected.shape[-3:])
     kind = np.dtype(next(k for k, v in NAMES.items() if v == info["dtype"]))
+    if kind.kind == expected.dtype.kind == "f":
+        expected = expected.astype(kind)
     found = np.frombuffer(run(dump, path, *words), kind).reshape(info["dims"][::-1])
     if found.shape != expected.shape:
         raise AssertionError(f"shape {found.shape}, expected {expected.shape}")
@@ -204,6 +209,66 @@ def same_voxels(alvis: Path, dump: Path, path: Path, reader, arguments: list[str
         at = tuple(int(i) for i in np.argwhere(wrong)[0])
         raise AssertionError(f"{int(wrong.sum())} voxels differ, the first at {at}: {found[at]}, expected {expected[at]}")
     return f"{info['format']}, {found.size} voxels of {info['dtype']}"
+
+
+def as_made(alvis: Path, dump: Path, path: Path, expected, spacing, origin, arguments: list[str]) -> str:
+    """Samples, size of a voxel and origin of a file of made.py."""
+    info = json.loads(run(alvis, "info", path, "--json", "--quiet", *arguments))
+    for name, wanted in (("spacing", spacing), ("origin", origin)):
+        if not np.allclose(info[name], wanted, rtol=1e-6, atol=1e-6):
+            raise AssertionError(f"{name} {info[name]}, expected {wanted}")
+    pairs = zip(arguments[::2], arguments[1::2])
+    of_samples = [word for pair in pairs if pair[0] not in ("--spacing", "--unit") for word in pair]
+    return same_voxels(alvis, dump, path, lambda _: expected, of_samples)
+
+
+BODY = np.add.outer(100 * np.arange(4), np.add.outer(10 * np.arange(5), np.arange(6))).astype("u2")
+JSON = {"axes": "ZYX", "spacing": 0.2, "unit": "um"}
+XYZ = {f"PhysicalSize{a}": s for a, s in zip("XYZ", (0.5, 0.25, 2.0))}
+
+
+def turned(path: Path, orientation: int) -> None:
+    with tifffile.TiffWriter(path) as file:
+        for page in BODY:
+            file.write(page, metadata=None, contiguous=False, extratags=[(274, "H", 1, orientation, True)])
+
+
+def itk_tiff(path: Path) -> None:
+    image = sitk.GetImageFromArray(BODY)
+    image.SetSpacing([0.13, 0.13, 0.5])
+    sitk.WriteImage(image, str(path))
+
+
+def several(path: Path, **more) -> None:
+    tifffile.imwrite(path, np.stack([BODY, BODY + 7]), photometric="minisblack", **more)
+
+
+# name, how it is written, reader or array, spacing and unit as info gives them, what the command has to be told
+WRITTEN = [
+    ("json.tif", lambda p: tifffile.imwrite(p, BODY, photometric="minisblack", resolution=(1 / 0.13,) * 2, metadata=JSON), by_tifffile, ([0.13, 0.13, 0.2], "um"), []),
+    ("itk.tif", itk_tiff, by_itk, ([0.13] * 3, "mm"), []),
+    ("top.tif", lambda p: turned(p, 1), by_itk, None, []),
+    ("bottom.tif", lambda p: turned(p, 4), by_itk, None, []),
+    ("right.tif", lambda p: turned(p, 2), lambda p: tifffile.imread(p)[:, :, ::-1], None, []),
+    ("times.tif", lambda p: several(p, metadata={"axes": "TZYX"}), lambda p: tifffile.imread(p)[1], None, ["--time", "1"]),
+    ("channels.ome.tif", lambda p: several(p, metadata={"axes": "CZYX", **XYZ}), lambda p: tifffile.imread(p)[1], ([0.5, 0.25, 2], "um"), ["--channel", "1"]),
+    ("imagej.tif", lambda p: several(p, imagej=True, metadata={"axes": "TZYX"}), lambda p: tifffile.imread(p)[0], None, ["--time", "0"]),
+]
+
+
+def written(alvis: Path, dump: Path, work: Path, name: str, write, reader, size, arguments: list[str]) -> str:
+    """What a library writes is read as that library, or the one that is asked, reads it."""
+    path = work / name
+    write(path)
+    found = same_voxels(alvis, dump, path, reader, arguments)
+    info = json.loads(run(alvis, "info", path, "--json", "--quiet", *arguments))
+    if size and (info["spacing"], info["unit"]) != size:
+        raise AssertionError(f"{info['spacing']} {info['unit']}, expected {size}")
+    return found
+
+
+def place_of_minc(alvis: Path, path: Path) -> str:
+    return hdf5_readers.place_of_minc(json.loads(run(alvis, "info", path, "--json", "--quiet")), path)
 
 
 def place_of_itk(alvis: Path, path: Path) -> str:
@@ -250,6 +315,15 @@ def main() -> int:
 
     for path, reader in fixtures(folder):
         attempt(f"fixture {path.name}", same_voxels, alvis, dump, path, reader, [])
+    for title, path, arguments, expected, spacing, origin in made.cases(work, alvis):
+        attempt(title, as_made, alvis, dump, path, expected, spacing, origin, arguments)
+    for name, *rest in WRITTEN:
+        attempt(f"written {name}", written, alvis, dump, work, name, *rest)
+    for name, reader, arguments in hdf5_readers.FIXTURES:
+        path = folder / "hdf5" / name
+        attempt(f"fixture {name}", same_voxels, alvis, dump, path, reader, arguments)
+        if path.suffix == ".mnc":
+            attempt(f"place of {name}", place_of_minc, alvis, path)
     if not (data / "raw").is_dir():
         print(f"SKIPPED volumes of the shared data: {data} is missing")
     else:

@@ -18,10 +18,13 @@ pub enum Kind {
     FileRemoved,
     FileRenamed,
     Replayed,
+    MemberAdded,
+    MemberTwice,
+    MemberRemoved,
 }
 
 impl Kind {
-    pub const ALL: [Kind; 9] = [
+    pub const ALL: [Kind; 12] = [
         Kind::BitFlip,
         Kind::BytesCut,
         Kind::BytesAdded,
@@ -31,9 +34,12 @@ impl Kind {
         Kind::FileRemoved,
         Kind::FileRenamed,
         Kind::Replayed,
+        Kind::MemberAdded,
+        Kind::MemberTwice,
+        Kind::MemberRemoved,
     ];
     /// Which kind the faults are, in turns: mostly those that have most places.
-    const TURNS: [Kind; 16] = [
+    const TURNS: [Kind; 19] = [
         Kind::BitFlip,
         Kind::FieldEdited,
         Kind::BitFlip,
@@ -50,6 +56,9 @@ impl Kind {
         Kind::Replayed,
         Kind::FileRemoved,
         Kind::FileRenamed,
+        Kind::MemberAdded,
+        Kind::MemberTwice,
+        Kind::MemberRemoved,
     ];
 
     pub fn turn(i: u64) -> Kind {
@@ -97,6 +106,9 @@ pub fn apply(kind: Kind, files: &mut Files, others: &[Files], random: &mut Rando
         }
         Kind::NumberEdited => edit_number(files, random),
         Kind::FieldEdited => edit_field(files, random),
+        Kind::MemberAdded | Kind::MemberTwice | Kind::MemberRemoved => {
+            edit_member(kind, files, random)
+        }
         Kind::FileRemoved => {
             files.remove(&name);
             format!("{name} removed")
@@ -124,27 +136,109 @@ fn any_file(files: &Files, random: &mut Random) -> String {
     random.pick(&names).to_string()
 }
 
+/// A JSON of the manifest, a shard or a tile: the file's name, and where it lies in its bytes.
+fn any_json(files: &Files, random: &mut Random) -> (String, std::ops::Range<usize>) {
+    let group = ["index.json", "index/", ".glb"][random.below(3)];
+    let names: Vec<&String> = files.keys().filter(|n| n.contains(group)).collect();
+    let name = random.pick(&names).to_string();
+    let bytes = &files[&name];
+    let place = if name.ends_with(".glb") {
+        let length = u32::from_le_bytes(bytes[12..16].try_into().unwrap());
+        20..20 + length as usize
+    } else {
+        0..bytes.len()
+    };
+    (name, place)
+}
+
+/// Puts a text in the place of a JSON; a tile's chunk has as many bytes as it needs.
+fn put_json(files: &mut Files, (name, place): (&str, std::ops::Range<usize>), mut text: Vec<u8>) {
+    let bytes = files.get_mut(name).unwrap();
+    if name.ends_with(".glb") {
+        text.resize(text.len().max(place.len()).next_multiple_of(4), b' ');
+    }
+    let (before, after) = (place.len(), text.len());
+    bytes.splice(place, text);
+    if name.ends_with(".glb") {
+        let length = bytes.len() as u32;
+        bytes[8..12].copy_from_slice(&length.to_le_bytes());
+        bytes[12..16].copy_from_slice(&(after as u32).to_le_bytes());
+        assert!(after >= before);
+    }
+}
+
+/// Adds a member to an object, writes one twice, or removes one.
+fn edit_member(kind: Kind, files: &mut Files, random: &mut Random) -> String {
+    const NAMES: [&str; 12] = [
+        "extras",
+        "extensions",
+        "name",
+        "min",
+        "max",
+        "weights",
+        "uri",
+        "scale",
+        "noData",
+        "unit",
+        "cell",
+        "x",
+    ];
+    const MARK: &str = "marked-member";
+    let (name, place) = any_json(files, random);
+    let mut value: Value = serde_json::from_slice(&files[&name][place.clone()]).unwrap();
+    let mut objects = Vec::new();
+    collect_objects(&value, String::new(), &mut objects);
+    let at = random.pick(&objects).clone();
+    let object = value.pointer_mut(&at).unwrap().as_object_mut().unwrap();
+    let keys: Vec<String> = object.keys().cloned().collect();
+    let key = if keys.is_empty() {
+        "x".to_owned()
+    } else {
+        random.pick(&keys).clone()
+    };
+    let told = match kind {
+        Kind::MemberRemoved => {
+            object.remove(&key);
+            format!("{name}: {key} of {at:?} removed")
+        }
+        Kind::MemberTwice if !keys.is_empty() => {
+            object.insert(MARK.into(), object[&key].clone());
+            format!("{name}: {key} of {at:?} twice")
+        }
+        _ => {
+            let new = random.pick(&NAMES);
+            if object.contains_key(*new) {
+                return format!("{name}: {at:?} has {new}");
+            }
+            object.insert(new.to_string(), random.below(9).into());
+            format!("{name}: {new} added to {at:?}")
+        }
+    };
+    let text = serde_json::to_string(&value).unwrap();
+    put_json(files, (&name, place), text.replace(MARK, &key).into_bytes());
+    told
+}
+
+/// JSON pointers of all objects.
+fn collect_objects(value: &Value, at: String, out: &mut Vec<String>) {
+    match value {
+        Value::Array(items) => {
+            let all = items.iter().enumerate();
+            all.for_each(|(i, v)| collect_objects(v, format!("{at}/{i}"), out));
+        }
+        Value::Object(members) => {
+            let all = members.iter();
+            all.for_each(|(k, v)| collect_objects(v, format!("{at}/{k}"), out));
+            out.push(at);
+        }
+        _ => {}
+    }
+}
+
 /// Changes a number of the manifest, a shard, or the JSON of a tile.
 fn edit_number(files: &mut Files, random: &mut Random) -> String {
-    let names: Vec<String> = files
-        .keys()
-        .filter(|n| !n.ends_with(".csv"))
-        .cloned()
-        .collect();
-    let group = [".json", ".json", ".glb"][random.below(3)];
-    let names: Vec<&String> = names.iter().filter(|n| n.ends_with(group)).collect();
-    let name = random.pick(&names).to_string();
-    let bytes = files.get_mut(&name).unwrap();
-    let tile = name.ends_with(".glb");
-    let (start, end) = if tile {
-        (
-            20,
-            20 + u32::from_le_bytes(bytes[12..16].try_into().unwrap()) as usize,
-        )
-    } else {
-        (0, bytes.len())
-    };
-    let mut value: Value = serde_json::from_slice(&bytes[start..end]).unwrap();
+    let (name, place) = any_json(files, random);
+    let mut value: Value = serde_json::from_slice(&files[&name][place.clone()]).unwrap();
     let mut numbers = Vec::new();
     collect(&mut value, &mut numbers);
     let at = random.below(numbers.len());
@@ -164,15 +258,7 @@ fn edit_number(files: &mut Files, random: &mut Random) -> String {
     } else {
         serde_json::to_vec(&value).unwrap()
     };
-    if tile {
-        // the chunk has room; what does not fit is no fault of this kind
-        if new.len() <= end - start {
-            let padded = new.into_iter().chain(std::iter::repeat(b' '));
-            bytes.splice(start..end, padded.take(end - start));
-        }
-    } else {
-        *bytes = new;
-    }
+    put_json(files, (&name, place), new);
     told
 }
 

@@ -186,6 +186,42 @@ impl Field {
         key
     }
 
+    /// Against the gradient at a vertex, of unit length; along its edge where the gradient vanishes or there is none.
+    pub fn normal(&self, key: Key) -> [f32; 3] {
+        let axis = (0..3).find(|&a| key[a] & 255 != 0).unwrap();
+        let low = key.map(|c| i64::from(c >> 8));
+        let mut high = low;
+        high[axis] += 1;
+        let t = f64::from(key[axis] & 255) / 256.0;
+        let n = self.gradient(low).zip(self.gradient(high)).map(|(g, h)| {
+            let n: [f64; 3] = std::array::from_fn(|a| -(g[a] + (h[a] - g[a]) * t));
+            (n, n.iter().map(|c| c * c).sum::<f64>().sqrt())
+        });
+        match n {
+            Some((n, length)) if length > 0.0 => n.map(|c| (c / length) as f32),
+            _ => {
+                let down = if self.above(low) { 1.0 } else { -1.0 };
+                std::array::from_fn(|a| if a == axis { down } else { 0.0 })
+            }
+        }
+    }
+
+    fn gradient(&self, p: [i64; 3]) -> Option<[f64; 3]> {
+        let value = |p| self.index(p).map(|i| f64::from(self.values[i]));
+        let own = value(p)?;
+        Some(std::array::from_fn(|a| {
+            let beside = |step| {
+                let mut q = p;
+                q[a] += step;
+                value(q)
+            };
+            match (beside(-1), beside(1)) {
+                (Some(v), Some(w)) => (w - v) / 2.0,
+                (v, w) => w.unwrap_or(own) - v.unwrap_or(own),
+            }
+        }))
+    }
+
     /// Labels 1..n by the smallest linear index of the voxels of one phase; 0 elsewhere.
     pub fn label(&self, phase: bool, eighteen: bool) -> Vec<u64> {
         let mut labels = vec![0; self.values.len()];

@@ -152,6 +152,33 @@ impl Set<'_> {
         out
     }
 
+    /// Exchanges the numbers of two surfaces, in tiles and the table.
+    pub fn exchange_surfaces(&self, one: [u64; 3], other: [u64; 3]) {
+        for place in self.places() {
+            self.edit_tile(&place, |tile| {
+                for piece in &mut tile.pieces {
+                    let own = ids(piece);
+                    let to = [(one, other), (other, one)]
+                        .into_iter()
+                        .find(|(from, _)| *from == own);
+                    if let Some((_, to)) = to {
+                        piece.extras["surface"] = to[0].into();
+                    }
+                }
+            });
+        }
+        let path = self.0.join("surfaces.csv");
+        let text = fs::read_to_string(&path).unwrap();
+        let mut lines: Vec<String> = text.lines().map(str::to_owned).collect();
+        let [a, b] = [one, other].map(|ids| ids[0] as usize);
+        lines.swap(a, b);
+        for (line, id) in [(a, a), (b, b)] {
+            let rest = lines[line].split_once(',').unwrap().1.to_owned();
+            lines[line] = format!("{id},{rest}");
+        }
+        fs::write(path, lines.join("\n") + "\n").unwrap();
+    }
+
     /// Gives a surface other ids everywhere, and nodes the names that follow.
     pub fn relabel(&self, from: [u64; 3], to: [u64; 3]) {
         let mut pairs: BTreeSet<[u64; 3]> = self.surfaces().into_keys().collect();

@@ -27,6 +27,9 @@ pub fn break_it(code: Code, set: &Set, field: &mut Field) {
         | Code::TileCount
         | Code::TileBox
         | Code::TileEncoding
+        | Code::ForeignMember
+        | Code::Selection
+        | Code::Dust
         | Code::TotalsMismatch => index(code, set, &big),
         Code::GlbContainer
         | Code::GltfSyntax
@@ -38,10 +41,15 @@ pub fn break_it(code: Code, set: &Set, field: &mut Field) {
         | Code::NodeName
         | Code::NodeExtras
         | Code::CarriedMeasure
+        | Code::GltfUnused
+        | Code::Paint
         | Code::GroupMismatch => layout(code, set, &big),
-        Code::SurfaceMixed | Code::SurfaceSplit | Code::PairRepeated | Code::IdGap | Code::Law => {
-            surfaces(code, set)
-        }
+        Code::SurfaceMixed
+        | Code::SurfaceSplit
+        | Code::PairRepeated
+        | Code::IdGap
+        | Code::IdOrder
+        | Code::Law => surfaces(code, set),
         Code::TableSyntax | Code::TableRows | Code::TableValue => tables(code, set),
         Code::MeshoptBuffer => set.edit_json(&big, |doc| {
             let stream = &mut doc["bufferViews"][2]["extensions"]["EXT_meshopt_compression"];
@@ -49,6 +57,8 @@ pub fn break_it(code: Code, set: &Set, field: &mut Field) {
             stream["byteLength"] = (bytes - 1).into();
         }),
         Code::Hole => set.drop_tile(&big),
+        // what is said of the volume differs
+        Code::SourceMismatch => {}
         Code::VolumeMismatch
         | Code::MissingVertex
         | Code::ExtraVertex
@@ -87,6 +97,16 @@ fn index(code: Code, set: &Set, place: &Place) {
             set.stamp();
         }
         Code::ShardValue => set.edit_entry(place, |e| e["grid"][0] = 99.into()),
+        Code::ForeignMember => set.edit_entry(place, |e| e["groups"][0]["colour"] = 1.into()),
+        Code::Selection => set.manifest(|m| {
+            m["selection"] = selection(m);
+            m["selection"]["where"] = "voxels > 1e9".into();
+        }),
+        // a ball has no dust
+        Code::Dust => set.manifest(|m| {
+            m["dust"] = json!({"min_voxels": 2, "objects": 1, "object_voxels": 1, "cells": 0,
+                "cell_voxels": 0});
+        }),
         Code::TileCount => set.edit_entry(place, |e| e["indices"] = 3000.into()),
         Code::TileBox => set.edit_entry(place, |e| e["box"]["min"][1] = 0.25.into()),
         _ => set.manifest(|m| {
@@ -94,6 +114,14 @@ fn index(code: Code, set: &Set, place: &Place) {
             m["totals"]["euler_characteristic"] = (euler + 2).into();
         }),
     }
+}
+
+/// A selection of all cells.
+fn selection(manifest: &Value) -> Value {
+    let of = ["cells", "objects", "surfaces", "voxels_above"];
+    let of = of.map(|name| (name.to_owned(), manifest["totals"][name].clone()));
+    json!({"where": null, "omit": false, "painted": [], "colour_by": null,
+        "of": serde_json::Map::from_iter(of)})
 }
 
 fn layout(code: Code, set: &Set, place: &Place) {
@@ -120,6 +148,14 @@ fn layout(code: Code, set: &Set, place: &Place) {
         Code::CarriedMeasure => {
             set.edit_json(place, |j| j["nodes"][1]["extras"]["volume"] = json!(77.5))
         }
+        Code::GltfUnused => set.edit_json(place, |j| {
+            let more = j["materials"][0].clone();
+            j["materials"].as_array_mut().unwrap().push(more);
+        }),
+        Code::Paint => set.edit_json(place, |j| {
+            j["materials"][0]["name"] = "colour_ff0000".into();
+            j["materials"][0]["pbrMetallicRoughness"]["baseColorFactor"] = json!([1, 0, 0, 1]);
+        }),
         Code::NodeExtras => set.edit_json(place, |j| j["nodes"][1]["extras"]["area"] = json!([1])),
         _ => set.edit_json(place, |j| {
             let cell = j["nodes"][1]["extras"]["cell"].as_u64().unwrap() + 1;
@@ -163,6 +199,9 @@ fn surfaces(code: Code, set: &Set) {
             set.relabel(last, [last[0], other[1], other[2]]);
         }
         Code::IdGap => set.relabel(last, [last[0] + 5, last[1], last[2]]),
+        Code::IdOrder => {
+            set.exchange_surfaces(ids[0], ids[1]);
+        }
         _ => {
             let shared = |i: &&[u64; 3]| ids.iter().filter(|j| j[2] == i[2]).count() > 1;
             let one = *ids.iter().find(shared).unwrap();
@@ -203,6 +242,7 @@ fn geometry(code: Code, mut tile: Tile) -> Tile {
         Code::PositionOffLattice => piece.positions[3][1] += 1.0 / 1024.0,
         Code::PositionOutsideTile => piece.positions[3][1] += 100.0,
         Code::NormalInvalid => piece.normals[3] = [f32::NAN; 3],
+        Code::NormalDiffers => piece.normals[3] = piece.normals[3].map(|c| -c),
         Code::DuplicateVertex => {
             let t = piece.triangles[middle];
             piece.positions.push(piece.positions[t[0] as usize]);

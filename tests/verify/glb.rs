@@ -139,8 +139,10 @@ impl Tile {
         let mut views = Vec::new();
         for (i, chunk) in chunks.iter().enumerate() {
             let mut view = json!({"buffer": 0, "byteOffset": bin.len(), "byteLength": chunk.len()});
+            view["target"] = 34963.into();
             if i < 2 {
                 view["byteStride"] = 12.into();
+                view["target"] = 34962.into();
             }
             views.push(view);
             bin.extend(chunk);
@@ -148,7 +150,9 @@ impl Tile {
         }
         let doc = json!({"asset": {"version": "2.0", "generator": "tests"}, "scene": 0,
             "scenes": [{"nodes": [0]}], "nodes": nodes, "meshes": meshes, "accessors": accessors,
-            "materials": [{"name": "surface"}], "bufferViews": views,
+            "materials": [{"name": "surface", "doubleSided": true, "pbrMetallicRoughness": {
+                "baseColorFactor": [0.8, 0.8, 0.8, 1.0], "metallicFactor": 0, "roughnessFactor": 0.7}}],
+            "bufferViews": views,
             "buffers": [{"byteLength": bin.len()}]});
         (wrap(&doc, &bin), strips, index_count)
     }
@@ -223,6 +227,25 @@ impl Tile {
     }
 }
 
+/// The columns of a merged tile's table: component type, and the value of what is missing.
+const COLUMNS: [(&str, &str, Option<f64>); 15] = [
+    ("cell", "UINT64", None),
+    ("object", "UINT32", None),
+    ("surface", "UINT32", None),
+    ("triangles", "UINT32", None),
+    ("voxels", "FLOAT64", Some(-1.0)),
+    ("volume", "FLOAT64", Some(-1.0)),
+    ("mesh_volume", "FLOAT64", Some(-1.0)),
+    ("area", "FLOAT64", Some(-1.0)),
+    ("equivalent_diameter", "FLOAT64", Some(-1.0)),
+    ("sphericity", "FLOAT64", Some(-1.0)),
+    ("form_factor", "FLOAT64", Some(-1.0)),
+    ("elongation", "FLOAT64", Some(-1.0)),
+    ("flatness", "FLOAT64", Some(-1.0)),
+    ("euler_characteristic", "INT32", Some(i32::MIN as f64)),
+    ("touches_border", "UINT8", Some(255.0)),
+];
+
 pub fn read_json(path: &Path) -> Value {
     serde_json::from_slice(&std::fs::read(path).unwrap()).unwrap()
 }
@@ -279,6 +302,8 @@ impl Tile {
             &mut doc,
             features.iter().flat_map(|f| f.to_le_bytes()).collect(),
         );
+        doc["bufferViews"][ids]["byteStride"] = 4.into();
+        doc["bufferViews"][ids]["target"] = 34962.into();
         let accessors = doc["accessors"].as_array_mut().unwrap();
         accessors.push(
             json!({"bufferView": ids, "componentType": 5126, "type": "SCALAR",
@@ -287,45 +312,38 @@ impl Tile {
         let accessor = accessors.len() - 1;
         let mut properties = json!({});
         let mut columns = json!({});
-        for (key, kind) in [
-            ("cell", "UINT64"),
-            ("object", "UINT32"),
-            ("surface", "FLOAT64"),
-            ("triangles", "FLOAT32"),
-        ] {
-            let value = |p: &Piece| p.extras[key].as_u64().unwrap();
-            let bytes = |p: &Piece| match kind {
-                "UINT64" => value(p).to_le_bytes().to_vec(),
-                "UINT32" => (value(p) as u32).to_le_bytes().to_vec(),
-                "FLOAT64" => (value(p) as f64).to_le_bytes().to_vec(),
-                _ => (value(p) as f32).to_le_bytes().to_vec(),
+        for (key, kind, none) in COLUMNS {
+            let value = |p: &Piece| p.extras[key].as_f64().or(none);
+            let bytes = |p: &Piece| {
+                let v = value(p).unwrap();
+                match kind {
+                    "UINT8" => (v as u8).to_le_bytes().to_vec(),
+                    "INT32" => (v as i32).to_le_bytes().to_vec(),
+                    "UINT32" => (v as u32).to_le_bytes().to_vec(),
+                    "UINT64" => (v as u64).to_le_bytes().to_vec(),
+                    _ => v.to_le_bytes().to_vec(),
+                }
             };
             let at = view(&mut doc, self.pieces.iter().flat_map(bytes).collect());
             properties[key] = json!({"type": "SCALAR", "componentType": kind});
+            if let Some(none) = none {
+                properties[key]["noData"] = match kind {
+                    "FLOAT64" => none.into(),
+                    _ => (none as i64).into(),
+                };
+            }
             columns[key] = json!({"values": at});
         }
-        let measured: std::collections::BTreeSet<&String> = (self.pieces.iter())
-            .flat_map(|p| p.extras.as_object().unwrap())
-            .filter(|(key, value)| value.is_f64() && columns.get(key).is_none())
-            .map(|(key, _)| key)
-            .collect();
-        for key in measured {
-            // no measure of a body is so small
-            let value = |p: &Piece| p.extras[key].as_f64().unwrap_or(-1e300);
-            let bytes = self.pieces.iter().flat_map(|p| value(p).to_le_bytes());
-            let at = view(&mut doc, bytes.collect());
-            properties[key] =
-                json!({"type": "SCALAR", "componentType": "FLOAT64", "noData": -1e300});
-            columns[key] = json!({"values": at});
-        }
+        doc["nodes"][1].as_object_mut().unwrap().remove("extras");
         let primitive = &mut doc["meshes"][0]["primitives"][0];
         primitive["attributes"]["_FEATURE_ID_0"] = accessor.into();
         primitive["extensions"] = json!({"EXT_mesh_features": {"featureIds":
             [{"featureCount": n, "attribute": 0, "propertyTable": 0}]}});
         doc["extensions"] = json!({"EXT_structural_metadata": {
             "schema": {"id": "alvis", "classes": {"piece":
-                {"properties": properties, "extras": {"unit": "mm"}}}},
-            "propertyTables": [{"class": "piece", "count": n, "properties": columns}]}});
+                {"description": "Surface pieces; lengths in mm", "properties": properties,
+                "extras": {"unit": "mm"}}}},
+            "propertyTables": [{"name": "pieces", "class": "piece", "count": n, "properties": columns}]}});
         doc["extensionsUsed"] = json!(["EXT_mesh_features", "EXT_structural_metadata"]);
         doc["buffers"][0]["byteLength"] = bin.len().into();
         (wrap(&doc, &bin), strips, indices)

@@ -51,12 +51,23 @@ pub fn write(dir: &Path, field: &Field, style: &Style) {
         labels,
         matrix: place.gltf_matrix().to_vec(),
     };
-    let pairs: BTreeSet<_> = set.tiles.values().flat_map(|p| p.keys().copied()).collect();
-    for pair in pairs.into_iter().filter(|p| p.0 != 0) {
-        let id = set.surfaces.len() as u64 + 1;
-        set.surfaces.insert(pair, id);
+    let mut first: BTreeMap<(u64, u64), [i32; 4]> = BTreeMap::new();
+    for (pair, triangles) in set.tiles.values().flatten().filter(|(p, _)| p.0 != 0) {
+        let keys = triangles.iter().flatten().map(|k| first_edge(*k));
+        let own = first.entry(*pair).or_insert([i32::MAX; 4]);
+        *own = keys.fold(*own, |least, key| least.min(key));
     }
+    let mut pairs: Vec<_> = first.into_iter().collect();
+    pairs.sort_by_key(|(_, place)| *place);
+    let ids = pairs.iter().map(|(pair, _)| *pair).zip(1..);
+    set.surfaces = ids.collect();
     set.write(dir);
+}
+
+/// By what surfaces are numbered: the lattice edge of their first vertex, by z, y, x, then axis.
+fn first_edge(key: Key) -> [i32; 4] {
+    let axis = (0..3).find(|&a| key[a] & 255 != 0).unwrap();
+    [key[2] >> 8, key[1] >> 8, key[0] >> 8, axis as i32]
 }
 
 fn triangulate(
@@ -170,7 +181,7 @@ impl Set<'_> {
             };
             let surface = self.surfaces.get(&(cell, object)).copied().unwrap_or(0);
             let mut extras = json!({"cell": cell, "object": object, "surface": surface,
-                "triangles": triangles.len(), "kind": "pore"});
+                "triangles": triangles.len()});
             if cell != 0 {
                 extras.as_object_mut().unwrap().extend(self.carried(cell));
             }
@@ -178,10 +189,7 @@ impl Set<'_> {
                 name,
                 extras,
                 positions: keys.iter().map(|k| k.map(|c| c as f32 / 256.0)).collect(),
-                normals: keys
-                    .iter()
-                    .map(|k| k.map(|c| f32::from(u8::from(c & 255 != 0))))
-                    .collect(),
+                normals: keys.iter().map(|k| self.field.normal(*k)).collect(),
                 triangles,
             }
         };
@@ -309,7 +317,9 @@ impl Set<'_> {
             "id,cell,object,triangles,vertices,area [mm^2],euler_characteristic,border_edges,\
              touches_border,tiles\n",
         );
-        for (&(cell, object), id) in &self.surfaces {
+        let mut surfaces: Vec<_> = self.surfaces.iter().collect();
+        surfaces.sort_by_key(|(_, id)| **id);
+        for (&(cell, object), id) in surfaces {
             let triangles = self.all(|c, o| (c, o) == (cell, object));
             let (vertices, open, euler) = topology(&triangles);
             let area: f64 = triangles.iter().map(area).sum();
@@ -321,7 +331,7 @@ impl Set<'_> {
                 .count();
             out += &format!(
                 "{id},{cell},{object},{n},{vertices},{area},{euler},{open},{},{tiles}\n",
-                open > 0
+                u8::from(open > 0)
             );
         }
         fs::write(dir.join("surfaces.csv"), out).unwrap();

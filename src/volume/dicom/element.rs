@@ -5,6 +5,7 @@
 
 use super::super::Endian;
 use super::super::blob::{Blob, Bytes, Section};
+use super::tag;
 use crate::error::{Error, Result};
 use flate2::bufread::DeflateDecoder;
 use std::collections::BTreeMap;
@@ -19,54 +20,6 @@ const MAX_DEPTH: u32 = 16;
 const MAX_ELEMENTS: u64 = 1 << 24;
 /// The length that says that a delimiter will follow.
 const UNDEFINED: u32 = u32::MAX;
-
-/// Group and element number of a tag in one number.
-pub(super) mod tag {
-    macro_rules! tags {
-        ($($name:ident = $value:literal;)*) => {
-            $(pub const $name: u32 = $value;)*
-            /// Tags that are kept, by rising number.
-            pub const KEPT: &[u32] = &[$($value),*];
-        };
-    }
-    tags! {
-        SOP_INSTANCE = 0x0008_0018;
-        MODALITY = 0x0008_0060;
-        SERIES_DESCRIPTION = 0x0008_103e;
-        SPACING_BETWEEN_SLICES = 0x0018_0088;
-        SERIES_UID = 0x0020_000e;
-        SERIES_NUMBER = 0x0020_0011;
-        POSITION = 0x0020_0032;
-        ORIENTATION = 0x0020_0037;
-        PLANE_POSITION = 0x0020_9113;
-        PLANE_ORIENTATION = 0x0020_9116;
-        SAMPLES = 0x0028_0002;
-        PHOTOMETRIC = 0x0028_0004;
-        FRAMES = 0x0028_0008;
-        ROWS = 0x0028_0010;
-        COLUMNS = 0x0028_0011;
-        PIXEL_SPACING = 0x0028_0030;
-        BITS_ALLOCATED = 0x0028_0100;
-        BITS_STORED = 0x0028_0101;
-        HIGH_BIT = 0x0028_0102;
-        SIGNED = 0x0028_0103;
-        PADDING = 0x0028_0120;
-        INTERCEPT = 0x0028_1052;
-        SLOPE = 0x0028_1053;
-        LOOKUP = 0x0028_3000;
-        PIXEL_MEASURES = 0x0028_9110;
-        PIXEL_VALUES = 0x0028_9145;
-        SHARED = 0x5200_9229;
-        PER_FRAME = 0x5200_9230;
-    }
-    pub const TRANSFER_SYNTAX: u32 = 0x0002_0010;
-    pub const FLOAT_PIXELS: u32 = 0x7fe0_0008;
-    pub const DOUBLE_PIXELS: u32 = 0x7fe0_0009;
-    pub const PIXELS: u32 = 0x7fe0_0010;
-    pub const ITEM: u32 = 0xfffe_e000;
-    pub const ITEM_END: u32 = 0xfffe_e00d;
-    pub const SEQUENCE_END: u32 = 0xfffe_e0dd;
-}
 
 /// The kept elements of a data set or of an item of a sequence.
 #[derive(Debug, Default, PartialEq)]
@@ -118,13 +71,27 @@ impl Elements {
         })
     }
 
-    /// Exactly `N` decimal numbers.
-    pub(super) fn numbers<const N: usize>(&self, tag: u32) -> Option<[f64; N]> {
+    /// A binary number of double precision.
+    pub(super) fn double(&self, tag: u32) -> Option<f64> {
+        let bytes = *self.bytes(tag)?.first_chunk::<8>()?;
+        Some(if self.big {
+            f64::from_be_bytes(bytes)
+        } else {
+            f64::from_le_bytes(bytes)
+        })
+    }
+
+    /// Finite decimal numbers, as many as there are.
+    pub(super) fn list(&self, tag: u32) -> Option<Vec<f64>> {
         let text = std::str::from_utf8(self.bytes(tag)?).ok()?;
         let words = text.trim_matches(['\0', ' ']).split('\\');
         let values: Option<Vec<f64>> = words.map(|w| w.trim().parse().ok()).collect();
-        let values: [f64; N] = values?.try_into().ok()?;
-        values.iter().all(|v| v.is_finite()).then_some(values)
+        values.filter(|all| all.iter().all(|v| v.is_finite()))
+    }
+
+    /// Exactly `N` decimal numbers.
+    pub(super) fn numbers<const N: usize>(&self, tag: u32) -> Option<[f64; N]> {
+        self.list(tag)?.try_into().ok()
     }
 
     pub(super) fn number(&self, tag: u32) -> Option<f64> {
@@ -403,6 +370,7 @@ impl<'a> Reader<'a> {
                     | tag::PLANE_ORIENTATION
                     | tag::PIXEL_MEASURES
                     | tag::PIXEL_VALUES
+                    | tag::REAL_WORLD
                     | tag::SHARED
                     | tag::PER_FRAME
             );

@@ -2,8 +2,9 @@
 
 use super::super::blob::Blob;
 use super::super::{Dtype, Endian};
-use super::element::{self, Elements, Header, tag};
+use super::element::{self, Elements, Header};
 use super::syntax::Syntax;
+use super::tag;
 use crate::error::{Error, Result};
 use crate::grid::MAX_DIM;
 use std::path::Path;
@@ -47,6 +48,20 @@ pub(super) struct Frame {
     /// Distance of pixels along x and y.
     pub(super) pixel: Option<[f64; 2]>,
     pub(super) rescale: Rescale,
+    /// Where the file states the scale; empty if stored numbers are the values.
+    pub(super) scaled_by: &'static str,
+    /// What a user should know of it.
+    pub(super) remark: Option<&'static str>,
+}
+
+/// How the frames of a file without a position for each follow each other.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(super) enum Step {
+    /// The file states their distance, or a position for each.
+    Stated,
+    /// As far as the slices are thick, in millimetres.
+    Thickness(f64),
+    Unknown,
 }
 
 /// A file with pixels.
@@ -62,10 +77,14 @@ pub(super) struct Image {
     pub(super) pixels: (u64, Option<u64>),
     /// Where the packed data set begins, if it is packed as a whole.
     pub(super) deflated: Option<u64>,
-    /// The stored number of voxels outside of what was scanned.
-    pub(super) padding: Option<i64>,
+    /// The stored numbers, first and last, of voxels outside of what was scanned.
+    pub(super) padding: Option<[i64; 2]>,
     /// Distance of slices where no positions tell it.
     pub(super) between: Option<f64>,
+    /// How that is known, for a file of several frames.
+    pub(super) step: Step,
+    /// The file's number in its series.
+    pub(super) number: Option<i64>,
     pub(super) frames: Vec<Frame>,
 }
 
@@ -79,9 +98,9 @@ pub(super) struct Series {
 }
 
 /// A header and how its faults are told.
-struct Context<'a> {
-    path: &'a Path,
-    set: &'a Elements,
+pub(super) struct Context<'a> {
+    pub(super) path: &'a Path,
+    pub(super) set: &'a Elements,
 }
 
 impl Image {
@@ -109,11 +128,21 @@ impl Image {
         }
         let count = at.count()?;
         at.check_length(&header, size, cell, count, blob.len())?;
-        let frames = at.frames(file, count)?;
+        let mut frames = at.frames(file, count)?;
+        let (between, step) = at.step();
+        let step = match at.spread(&mut frames, between)? {
+            true => step,
+            false => Step::Stated,
+        };
         let set = &header.elements;
-        let padding = set.short(tag::PADDING).map(|v| match cell.signed {
-            true => i64::from(v as i16),
-            false => i64::from(v),
+        let padding = set.short(tag::PADDING).map(|first| {
+            let last = set.short(tag::PADDING_LIMIT).unwrap_or(first);
+            let mut ends = [first, last].map(|v| match cell.signed {
+                true => i64::from(v as i16),
+                false => i64::from(v),
+            });
+            ends.sort();
+            ends
         });
         Ok(Some(Image {
             instance: set.text(tag::SOP_INSTANCE),
@@ -129,7 +158,9 @@ impl Image {
             pixels: (position, len),
             deflated: header.deflated,
             padding: padding.filter(|_| !cell.float),
-            between: set.number(tag::SPACING_BETWEEN_SLICES),
+            between,
+            step,
+            number: set.number(tag::INSTANCE_NUMBER).map(|n| n as i64),
             frames,
             blob,
         }))
@@ -137,7 +168,7 @@ impl Image {
 }
 
 impl Context<'_> {
-    fn wrong(&self, found: String, expected: &str) -> Error {
+    pub(super) fn wrong(&self, found: String, expected: &str) -> Error {
         Error::format(self.path, found, expected)
     }
 
@@ -255,15 +286,75 @@ impl Context<'_> {
                     shared,
                     top: self.set,
                 };
+                let scale = self.scale(&groups)?;
                 Ok(Frame {
                     file,
                     index,
                     plane: self.plane(&groups)?,
                     pixel: self.pixel(&groups)?,
-                    rescale: self.rescale(&groups)?,
+                    rescale: scale.rescale,
+                    scaled_by: scale.by,
+                    remark: scale.remark,
                 })
             })
             .collect()
+    }
+
+    /// Distance of frames without a position for each, and how it is known.
+    fn step(&self) -> (Option<f64>, Step) {
+        let shared = self.set.items(tag::SHARED).first();
+        let groups = Groups {
+            own: None,
+            shared,
+            top: self.set,
+        };
+        let number = |tag: u32| {
+            let set = groups.find(tag::PIXEL_MEASURES, tag)?;
+            set.number(tag).map(f64::abs).filter(|v| *v > 0.0)
+        };
+        match (number(tag::SPACING_BETWEEN_SLICES), number(tag::THICKNESS)) {
+            (Some(between), _) => (Some(between), Step::Stated),
+            (None, Some(thick)) => (Some(thick), Step::Thickness(thick)),
+            (None, None) => (None, Step::Unknown),
+        }
+    }
+
+    /// Frames that share one position follow each other along the normal: at the offsets that the file states, else
+    /// at equal steps, of 1 mm where none is known. True if a step is all that tells where they lie.
+    fn spread(&self, frames: &mut [Frame], step: Option<f64>) -> Result<bool> {
+        let each = self.set.items(tag::PER_FRAME);
+        let own = each
+            .iter()
+            .any(|group| !group.items(tag::PLANE_POSITION).is_empty());
+        if own || frames.len() < 2 {
+            return Ok(false);
+        }
+        let offsets = match self.set.has(tag::FRAME_OFFSETS) {
+            false => None,
+            true => match self.set.list(tag::FRAME_OFFSETS) {
+                Some(offsets) if offsets.len() == frames.len() => Some(offsets),
+                found => {
+                    let found = found.map_or(0, |offsets| offsets.len());
+                    let found = format!("{} frames and the offsets of {found}", frames.len());
+                    return Err(self.wrong(found, "one offset for each"));
+                }
+            },
+        };
+        for (k, frame) in frames.iter_mut().enumerate() {
+            let Some(plane) = &mut frame.plane else {
+                return Ok(true);
+            };
+            let [row, column] = plane.axes.map(glam::DVec3::from);
+            let normal = row.cross(column);
+            let depth = match &offsets {
+                None => k as f64 * step.unwrap_or(1.0),
+                // from the first frame along the normal, or else as z of the patient
+                Some(all) if all[0] == 0.0 => all[k],
+                Some(all) => (all[k] - all[0]) * normal.z.signum(),
+            };
+            plane.position = (glam::DVec3::from(plane.position) + normal * depth).into();
+        }
+        Ok(offsets.is_none())
     }
 
     fn plane(&self, groups: &Groups) -> Result<Option<Plane>> {
@@ -305,29 +396,10 @@ impl Context<'_> {
             }
         }
     }
-
-    fn rescale(&self, groups: &Groups) -> Result<Rescale> {
-        let get = |tag: u32, default: f64| match groups.find(tag::PIXEL_VALUES, tag) {
-            None => Ok(default),
-            Some(set) if set.text(tag).is_empty() => Ok(default),
-            Some(set) => set.number(tag).ok_or_else(|| {
-                let found = format!("the rescale of \"{}\"", set.text(tag));
-                self.wrong(found, "a finite number")
-            }),
-        };
-        let rescale = Rescale {
-            slope: get(tag::SLOPE, 1.0)?,
-            intercept: get(tag::INTERCEPT, 0.0)?,
-        };
-        if rescale.slope == 0.0 {
-            return Err(self.wrong("a rescale slope of 0".into(), "another number"));
-        }
-        Ok(rescale)
-    }
 }
 
 /// The places in which a frame's properties may stand.
-struct Groups<'a> {
+pub(super) struct Groups<'a> {
     own: Option<&'a Elements>,
     shared: Option<&'a Elements>,
     top: &'a Elements,
@@ -335,12 +407,22 @@ struct Groups<'a> {
 
 impl<'a> Groups<'a> {
     /// The set that has `tag`, in the functional group `group` or at the top.
-    fn find(&self, group: u32, tag: u32) -> Option<&'a Elements> {
+    pub(super) fn find(&self, group: u32, tag: u32) -> Option<&'a Elements> {
         let inside = |set: &'a Elements| set.items(group).first().filter(|s| s.has(tag));
         let own = self.own.and_then(inside);
         let shared = || self.shared.and_then(inside);
         own.or_else(shared)
             .or(Some(self.top).filter(|s| s.has(tag)))
+    }
+
+    /// The items of a group that is a sequence of them.
+    pub(super) fn items(&self, group: u32) -> &'a [Elements] {
+        let places = [self.own, self.shared, Some(self.top)];
+        let found = places.into_iter().flatten().map(|set| set.items(group));
+        found
+            .into_iter()
+            .find(|items| !items.is_empty())
+            .unwrap_or(&[])
     }
 }
 

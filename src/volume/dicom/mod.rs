@@ -3,9 +3,12 @@
 //! Slices are ordered by their place along the normal of their plane, never by name or number. Axes
 //! and origin are those of the patient (x to the left, y to the back, z to the head) in millimetres,
 //! kept as they are; the z axis of the grid is the normal, so nothing is mirrored. Samples are the
-//! values after the rescale (Hounsfield units in CT), in the smallest type that holds them all.
+//! values after the rescale (Hounsfield units in CT) or the mapping to real-world values, in the smallest type that
+//! holds them all.
 //!
-//! Slices that do not make a regular grid are refused with the numbers, or interpolated to one.
+//! Slices that do not make a regular grid are refused with the numbers, or interpolated to one. Frames of one file
+//! that share a position are slices in their order; files without positions are so by their InstanceNumber, if the
+//! user gives the spacing.
 
 mod element;
 mod frame;
@@ -15,18 +18,21 @@ mod order;
 mod pixel;
 mod resample;
 mod rle;
+mod scale;
 mod series;
 mod syntax;
+mod tag;
 
 use super::blob::Blob;
 use super::layout::{Recipe, Samples};
 use super::open::OpenOptions;
 use super::paged::MAX_CHUNK;
+use super::values::{Linear, Scale, Values};
 use crate::error::{Error, Result};
 use crate::grid::{Dims, Placement, Unit};
 use crate::manifest::{Origin, Provenance};
 use element::Fragment;
-use frame::{Cell, Image, Rescale};
+use frame::{Cell, Image, Rescale, Step};
 use order::Stack;
 use pixel::Frames;
 use rayon::prelude::*;
@@ -47,7 +53,9 @@ pub(super) fn parse(path: &Path, blobs: Vec<Blob>, options: &OpenOptions) -> Res
     if twice > 0 {
         notes.push(format!("{twice} files come twice and count once"));
     }
+    let total: usize = candidates.iter().map(|c| c.frames.len()).sum();
     let candidate = series::choose(path, candidates, options.series.as_deref())?;
+    let others = total - candidate.frames.len();
     let [x, y] = candidate.size;
     let bytes = u64::from(x) * u64::from(y) * candidate.cell.bytes as u64;
     let packed = |i: &Image| i.syntax.is_packed() || i.deflated.is_some();
@@ -60,10 +68,17 @@ pub(super) fn parse(path: &Path, blobs: Vec<Blob>, options: &OpenOptions) -> Res
         ));
     }
     notes.insert(0, title(&candidate));
+    if others > 0 {
+        notes.push(format!(
+            "{others} other images are left out, of another series, size, orientation or kind of numbers"
+        ));
+    }
     notes.extend(padding(&candidate, &images));
+    let remark = candidate.frames.iter().find_map(|frame| frame.remark);
+    notes.extend(remark.map(String::from));
     let first = &images[candidate.frames[0].file as usize];
     let endian = first.cell.endian;
-    let recipe = if candidate.frames.iter().all(|f| f.plane.is_none()) {
+    let recipe = if without_places(&candidate, options) {
         unplaced(path, candidate, images, options)?
     } else {
         placed(path, candidate, images, options, &mut notes)?
@@ -73,6 +88,41 @@ pub(super) fn parse(path: &Path, blobs: Vec<Blob>, options: &OpenOptions) -> Res
         notes,
         ..recipe
     })
+}
+
+/// True if no position tells the order of slices: there are none, or all files have the same and the user says how
+/// far slices lie apart.
+fn without_places(candidate: &Candidate, options: &OpenOptions) -> bool {
+    let first = &candidate.frames[0];
+    let files = candidate.frames.iter().any(|f| f.file != first.file);
+    let same = candidate.frames.iter().all(|f| f.plane == first.plane);
+    first.plane.is_none() || (files && same && options.spacing.is_some())
+}
+
+/// How values follow from the stored numbers of frames, where the files state a scale.
+fn applied(frames: &[frame::Frame]) -> Option<String> {
+    let by = frames
+        .iter()
+        .map(|f| f.scaled_by)
+        .find(|by| !by.is_empty())?;
+    let mut all = frames.iter().map(|f| Linear {
+        slope: f.rescale.slope,
+        intercept: f.rescale.intercept,
+    });
+    let first = all.next()?;
+    let values = Values {
+        scale: match all.clone().all(|other| other == first) {
+            true => Scale::All(first),
+            false => Scale::Slices {
+                axis: 2,
+                all: [first].into_iter().chain(all).collect(),
+            },
+        },
+        nothing: Vec::new(),
+        valid: None,
+        stated_by: by.into(),
+    };
+    Some(values.to_string())
 }
 
 /// Reads the headers. What has no pixels is passed by, and, if anything is left, what is not
@@ -117,10 +167,14 @@ fn title(candidate: &Candidate) -> String {
 /// What to know of voxels outside of the scanner's circle.
 fn padding(candidate: &Candidate, images: &[Image]) -> Option<String> {
     let frame = &candidate.frames[0];
-    let padding = images[frame.file as usize].padding?;
-    let value = frame.rescale.value(padding as f64);
+    let ends = images[frame.file as usize].padding?;
+    let [first, last] = ends.map(|v| frame.rescale.value(v as f64));
+    let which = match first == last {
+        true => format!("{first}"),
+        false => format!("{first} to {last}"),
+    };
     Some(format!(
-        "voxels of {value} are padding, not measured (PixelPaddingValue)"
+        "voxels of {which} are padding, not measured (PixelPaddingValue)"
     ))
 }
 
@@ -190,13 +244,33 @@ fn placed(
     notes: &mut Vec<String>,
 ) -> Result<Recipe> {
     let Candidate { size, cell, .. } = candidate;
-    let padding = images[candidate.frames[0].file as usize].padding;
-    let mut stack = order::stack(path, candidate.frames)?;
-    let provenance = Provenance {
+    let image = &images[candidate.frames[0].file as usize];
+    let (padding, step) = (image.padding, image.step);
+    let given = options.spacing.map(|[x, y, _]| [x, y]);
+    let mut stack = order::stack(path, candidate.frames, &images, given)?;
+    let mut provenance = Provenance {
         spacing: [Origin::File; 3],
         unit: Origin::File,
         origin: Origin::File,
     };
+    if let Some([one, other]) = &stack.repeats {
+        notes.push(format!(
+            "{} slices have the place and the pixels of another, as {other} those of {one}, and count once",
+            stack.repeated
+        ));
+    }
+    let mut warnings = Vec::new();
+    if options.spacing.is_none() {
+        match step {
+            Step::Stated => {}
+            Step::Thickness(thick) => {
+                provenance.spacing[2] = Origin::Assumed;
+                warnings.push(thickness(thick));
+            }
+            Step::Unknown => return Err(no_distance(path)),
+        }
+    }
+    let values = applied(&stack.frames);
     let irregular = stack.irregular();
     let slices = stack.frames.len();
     let outside = stack.frames[0].rescale;
@@ -225,8 +299,25 @@ fn placed(
     Ok(Recipe {
         placement,
         provenance,
+        applied: values,
+        warnings,
         ..Recipe::new("dicom", dims, dtype, samples)
     })
+}
+
+/// What to say of slices that are taken to lie as far apart as they are thick.
+fn thickness(thick: f64) -> String {
+    format!(
+        "the distance of slices is assumed to be their thickness ({thick} mm), since the file states no positions and \
+         no SpacingBetweenSlices: give --spacing X,Y,Z and --unit if it is another"
+    )
+}
+
+fn no_distance(path: &Path) -> Error {
+    let found = "DICOM frames without a position for each, and without their distance";
+    let expected = "ImagePositionPatient for each, or PixelSpacing and SpacingBetweenSlices";
+    Error::format(path, found, expected)
+        .with_hint("if the frames are slices in order, give --spacing and --unit")
 }
 
 fn regular(
@@ -246,15 +337,16 @@ fn regular(
 }
 
 /// The value of what lies outside of every slice: padding, else air, else the least number.
-fn fill(cell: Cell, rescale: Rescale, padding: Option<i64>) -> f64 {
+fn fill(cell: Cell, rescale: Rescale, padding: Option<[i64; 2]>) -> f64 {
     match padding {
-        Some(padding) => rescale.value(padding as f64),
+        Some([padding, _]) => rescale.value(padding as f64),
         None if cell.signed && !cell.float => -1000.0,
         None => rescale.value(0.0),
     }
 }
 
-/// The frames of one file without places: in their order, if the size of a voxel is known.
+/// Frames without places: those of one file in their order, if the size of a voxel is known, those of several files
+/// by their InstanceNumber, if the user gives it.
 fn unplaced(
     path: &Path,
     candidate: Candidate,
@@ -264,38 +356,76 @@ fn unplaced(
     let Candidate {
         size,
         cell,
-        frames: own,
+        frames: mut own,
         ..
     } = candidate;
-    let (pixel, between) = (own[0].pixel, images[0].between.map(f64::abs));
-    if images.len() > 1 {
-        let found = "a DICOM series without positions (ImagePositionPatient)";
-        return Err(Error::format(path, found, "the place of every slice")
-            .with_hint("the order of its slices is unknown: convert it to TIFF or NRRD"));
-    }
-    let mut placement = Placement::default();
-    let mut provenance = Provenance::default();
-    match (pixel, between) {
-        (Some([x, y]), Some(z)) if z > 0.0 => {
-            placement.spacing = [x, y, z];
-            placement.unit = Unit::Millimetre;
-            (provenance.spacing, provenance.unit) = ([Origin::File; 3], Origin::File);
-        }
-        _ if options.spacing.is_some() => {}
-        _ => {
-            let found = "DICOM frames without positions or distance";
-            let expected = "ImagePositionPatient, or PixelSpacing and SpacingBetweenSlices";
-            return Err(Error::format(path, found, expected)
-                .with_hint("if the frames are slices in order, give --spacing and --unit"));
+    let image = &images[own[0].file as usize];
+    let (pixel, between, step) = (own[0].pixel, image.between, image.step);
+    let mut warnings = Vec::new();
+    let (mut placement, mut provenance) = (Placement::default(), Provenance::default());
+    if own.iter().any(|frame| frame.file != own[0].file) {
+        by_number(path, &mut own, &images, options)?;
+        warnings.push(
+            "slices are in the order of their InstanceNumber, since the files state no positions: where that counts \
+             the other way, the volume is mirrored"
+                .into(),
+        );
+    } else {
+        match (pixel, between) {
+            (Some([x, y]), Some(z)) => {
+                placement.spacing = [x, y, z];
+                placement.unit = Unit::Millimetre;
+                (provenance.spacing, provenance.unit) = ([Origin::File; 3], Origin::File);
+                if let (Step::Thickness(thick), None) = (step, options.spacing) {
+                    provenance.spacing[2] = Origin::Assumed;
+                    warnings.push(thickness(thick));
+                }
+            }
+            _ if options.spacing.is_some() => {}
+            _ => return Err(no_distance(path)),
         }
     }
     let slices = own.len() as u64;
+    let values = applied(&own);
     let pages = frames(images, own, size, cell)?;
     let dims = Dims::new([size[0].into(), size[1].into(), slices])
         .map_err(|e| Error::format(path, format!("frames with {e}"), "a volume"))?;
     Ok(Recipe {
         placement,
         provenance,
+        applied: values,
+        warnings,
         ..Recipe::new("dicom", dims, pages.dtype, Samples::Pages(Box::new(pages)))
     })
+}
+
+/// Orders the frames of several files by the files' numbers, which must count them.
+fn by_number(
+    path: &Path,
+    own: &mut [frame::Frame],
+    images: &[Image],
+    options: &OpenOptions,
+) -> Result<()> {
+    let found = "a DICOM series without positions (ImagePositionPatient)";
+    if options.spacing.is_none() {
+        return Err(Error::format(path, found, "the place of every slice").with_hint(
+            "if the InstanceNumber of its files counts slices in order, --spacing X,Y,Z --unit mm reads them in that \
+             order",
+        ));
+    }
+    let number = |frame: &frame::Frame| images[frame.file as usize].number;
+    own.sort_by_key(number);
+    let numbers: Option<Vec<i64>> = own.iter().map(number).collect();
+    let counts = numbers.is_some_and(|all| {
+        let mut steps = all.windows(2).map(|w| w[1].saturating_sub(w[0]));
+        let first = steps.next().unwrap_or(0);
+        first > 0 && steps.all(|step| step == first)
+    });
+    match counts {
+        true => Ok(()),
+        false => Err(
+            Error::format(path, found, "an InstanceNumber that counts its slices")
+                .with_hint("the order of its slices is unknown: convert it to TIFF or NRRD"),
+        ),
+    }
 }

@@ -1,6 +1,7 @@
 //! The order of slices in space, and whether they make a regular grid.
 
-use super::frame::Frame;
+use super::frame::{Frame, Image};
+use super::pixel;
 use crate::error::{Error, Result};
 use crate::grid::Placement;
 use crate::grid::Unit;
@@ -22,6 +23,9 @@ pub(super) struct Stack {
     /// For each frame its distance from the first along the normal, in millimetres, and how far its
     /// first pixel lies aside of the first frame's, in pixels along x and y.
     pub(super) places: Vec<Place>,
+    /// Frames left out, since they lie where another of the same pixels does, and the last such pair.
+    pub(super) repeated: usize,
+    pub(super) repeats: Option<[String; 2]>,
 }
 
 /// Where a frame lies relative to the first.
@@ -31,18 +35,34 @@ pub(super) struct Place {
     pub(super) aside: [f64; 2],
 }
 
-/// Orders frames of one size and orientation along their normal.
+/// A frame as people find it.
+fn called(images: &[Image], frame: &Frame) -> String {
+    let image = &images[frame.file as usize];
+    let name = image.blob.path().display();
+    match image.frames.len() {
+        1 => format!("{name}"),
+        _ => format!("frame {} of {name}", frame.index + 1),
+    }
+}
+
+/// Orders frames of one size and orientation along their normal. Of those at one place with the same pixels one is
+/// kept. Pixels are of the size `given` where the files state none.
 ///
 /// # Errors
-/// [`Error::Unsupported`] if two lie at one place, [`Error::Format`] if pixels have no size.
-pub(super) fn stack(path: &Path, frames: Vec<Frame>) -> Result<Stack> {
+/// [`Error::Unsupported`] if two of different pixels lie at one place, [`Error::Format`] if pixels have no size.
+pub(super) fn stack(
+    path: &Path,
+    frames: Vec<Frame>,
+    images: &[Image],
+    given: Option<[f64; 2]>,
+) -> Result<Stack> {
     let mut placed = Vec::with_capacity(frames.len());
     for frame in frames {
-        let (Some(plane), Some(pixel)) = (frame.plane, frame.pixel) else {
-            let found = "a DICOM series without positions or sizes of pixels";
-            let expected = "ImagePositionPatient, ImageOrientationPatient and PixelSpacing";
-            return Err(Error::format(path, found, expected)
-                .with_hint("the order of its slices is unknown: convert it to TIFF or NRRD"));
+        let (Some(plane), Some(pixel)) = (frame.plane, frame.pixel.or(given)) else {
+            let found = "a DICOM series without sizes of pixels";
+            return Err(
+                Error::format(path, found, "PixelSpacing").with_hint("give --spacing and --unit")
+            );
         };
         placed.push((frame, plane, pixel));
     }
@@ -56,8 +76,25 @@ pub(super) fn stack(path: &Path, frames: Vec<Frame>) -> Result<Stack> {
         let order = depth(&a.1).total_cmp(&depth(&b.1));
         order.then((a.0.file, a.0.index).cmp(&(b.0.file, b.0.index)))
     });
-    let origin = DVec3::from(placed[0].1.position);
-    let places: Vec<Place> = placed
+    let span = depth(&placed[placed.len() - 1].1) - depth(&placed[0].1);
+    let near = 1e-3 * (span / (placed.len().max(2) - 1) as f64).max(1e-6);
+    let (mut repeated, mut repeats) = (0, None);
+    let mut kept: Vec<(Frame, super::frame::Plane, [f64; 2])> = Vec::with_capacity(placed.len());
+    for next in placed {
+        match kept.last() {
+            Some(last) if depth(&next.1) - depth(&last.1) <= near => {
+                let names = [called(images, &last.0), called(images, &next.0)];
+                if !pixel::same(images, &last.0, &next.0)? {
+                    return Err(together(path, names, last.1.position, span));
+                }
+                repeated += 1;
+                repeats = Some(names);
+            }
+            _ => kept.push(next),
+        }
+    }
+    let origin = DVec3::from(kept[0].1.position);
+    let places: Vec<Place> = kept
         .iter()
         .map(|(_, plane, _)| {
             let shift = DVec3::from(plane.position) - origin;
@@ -67,20 +104,11 @@ pub(super) fn stack(path: &Path, frames: Vec<Frame>) -> Result<Stack> {
             }
         })
         .collect();
-    let span = places.last().map_or(0.0, |p| p.depth);
-    let step = span / (places.len().max(2) - 1) as f64;
-    let together = places
-        .windows(2)
-        .position(|p| p[1].depth - p[0].depth <= 1e-3 * step.max(1e-6));
-    if let Some(k) = together {
-        let what = format!(
-            "a DICOM series with two slices at one place, {:?} mm,",
-            placed[k].1.position
-        );
-        let hint = "it holds several times, echoes or reconstructions: put the files of one into a \
-                    folder of their own";
-        return Err(Error::unsupported(path, what, hint));
+    if kept.len() < 2 {
+        let found = "DICOM slices that all lie at one place, with the same pixels";
+        return Err(Error::format(path, found, "at least 2 slices"));
     }
+    let step = tidy(span / (kept.len() - 1) as f64);
     let placement = Placement {
         spacing: [pixel[0], pixel[1], step],
         unit: Unit::Millimetre,
@@ -89,10 +117,34 @@ pub(super) fn stack(path: &Path, frames: Vec<Frame>) -> Result<Stack> {
         directions: [row, column, normal].map(|axis| (axis + DVec3::ZERO).into()),
     };
     Ok(Stack {
-        frames: placed.into_iter().map(|(frame, ..)| frame).collect(),
+        frames: kept.into_iter().map(|(frame, ..)| frame).collect(),
         placement,
         places,
+        repeated,
+        repeats,
     })
+}
+
+/// A quotient without the noise of its last digits: positions are decimals, and 0.05 is not 0.049999999999999996.
+fn tidy(step: f64) -> f64 {
+    format!("{step:.11e}").parse().unwrap_or(step)
+}
+
+/// The refusal of two slices at one place.
+fn together(path: &Path, [one, other]: [String; 2], place: [f64; 3], span: f64) -> Error {
+    let what = format!(
+        "a DICOM series with two slices at one place, {place:?} mm, of other pixels each: {one} and {other},"
+    );
+    let hint = match span <= 0.0 {
+        true => {
+            "all slices have the same position: if their InstanceNumber counts them in order, --spacing and --unit \
+             read them in that order"
+        }
+        false => {
+            "it holds several times, echoes or reconstructions: put the files of one into a folder of their own"
+        }
+    };
+    Error::unsupported(path, what, hint)
 }
 
 impl Stack {

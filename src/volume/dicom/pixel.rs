@@ -167,6 +167,46 @@ impl FramePage<'_> {
     }
 }
 
+/// True if two frames of one kind have the same pixels, as they are stored, and the same scale. False where that
+/// cannot be told without unpacking them.
+pub(super) fn same(images: &[Image], a: &Frame, b: &Frame) -> Result<bool> {
+    let [one, other] = [a, b].map(|frame| &images[frame.file as usize]);
+    if (a.rescale, one.syntax, one.cell) != (b.rescale, other.syntax, other.cell)
+        || one.deflated.is_some()
+        || other.deflated.is_some()
+    {
+        return Ok(false);
+    }
+    let pieces = |image: &Image, frame: &Frame| -> Result<(Bytes, Vec<Fragment>)> {
+        let bytes = image.blob.open()?;
+        let len = u64::from(image.size[0]) * u64::from(image.size[1]) * image.cell.bytes as u64;
+        let pieces = match image.syntax.is_packed() {
+            false => vec![(image.pixels.0 + u64::from(frame.index) * len, len)],
+            true if image.frames.len() == 1 => element::fragments(&bytes, image.pixels.0)?.1,
+            true => Vec::new(),
+        };
+        Ok((bytes, pieces))
+    };
+    let ((one, mine), (other, its)) = (pieces(one, a)?, pieces(other, b)?);
+    let lengths = |all: &[Fragment]| all.iter().map(|f| f.1).collect::<Vec<_>>();
+    if mine.is_empty() || lengths(&mine) != lengths(&its) {
+        return Ok(false);
+    }
+    let mut buffers = [vec![0; PIECE], vec![0; PIECE]];
+    for (&(at, len), &(to, _)) in mine.iter().zip(&its) {
+        for start in (0..len).step_by(PIECE) {
+            let count = (len - start).min(PIECE as u64) as usize;
+            let [x, y] = &mut buffers;
+            one.read_at(at + start, &mut x[..count])?;
+            other.read_at(to + start, &mut y[..count])?;
+            if x[..count] != y[..count] {
+                return Ok(false);
+            }
+        }
+    }
+    Ok(true)
+}
+
 /// Stored numbers to values of `dtype`.
 pub(super) fn convert(cell: Cell, rescale: Rescale, dtype: Dtype, stored: &[u8], out: &mut [u8]) {
     let whole_cell = cell.bits as usize == 8 * cell.bytes || cell.float;

@@ -7,6 +7,26 @@ use super::super::zstd;
 use hdf5_reader::FilterRegistry;
 use hdf5_reader::error::Error as H5Error;
 
+/// Filters of plugins that are not read.
+const OTHERS: [(&str, &str); 4] = [
+    ("307", "bzip2"),
+    ("32013", "ZFP"),
+    ("32017", "SZ"),
+    ("32026", "Blosc 2"),
+];
+
+/// A filter in words, by its number.
+pub(super) fn name(number: &str) -> String {
+    let known = OTHERS.iter().find(|(id, _)| *id == number);
+    let known = known.map_or(String::new(), |(_, name)| format!(" ({name})"));
+    format!("the HDF5 filter {number}{known}")
+}
+
+/// True for the library's own filters and those of [`registry`].
+pub(super) fn is_known(id: u16) -> bool {
+    matches!(id, 1..=6 | 32_000 | 32_001 | 32_004 | 32_008 | 32_015)
+}
+
 /// The library's own filters and these.
 pub(super) fn registry() -> FilterRegistry {
     let mut registry = FilterRegistry::new();

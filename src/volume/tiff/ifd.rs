@@ -5,8 +5,9 @@
 //! <https://www.awaresystems.be/imaging/tiff/bigtiff.html>.
 
 use super::super::Endian;
-use super::super::blob::Bytes;
+use super::super::blob::{Bytes, Section};
 use crate::error::{Error, Result};
+use std::io::BufReader;
 
 /// A directory with more entries is damaged.
 const MAX_ENTRIES: u64 = 4096;
@@ -14,6 +15,9 @@ const MAX_ENTRIES: u64 = 4096;
 const MAX_VALUES: u64 = 1 << 20;
 /// Text beyond this is not looked at.
 const MAX_TEXT: u64 = 64 << 10;
+
+/// Text that is read piece by piece is cut here.
+const MAX_XML: u64 = 256 << 20;
 
 /// A TIFF file and what its first bytes say.
 pub(super) struct File<'a> {
@@ -125,6 +129,13 @@ impl<'a> File<'a> {
     }
 }
 
+/// A fraction of two numbers above 0.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(super) struct Ratio {
+    pub(super) above: u64,
+    pub(super) below: u64,
+}
+
 /// Bytes per value of a type; 0 for types that are not known.
 fn size_of_type(kind: u16) -> u64 {
     match kind {
@@ -192,14 +203,46 @@ impl Directory<'_> {
         Ok(values[0])
     }
 
-    /// A fraction; `None` if the tag is missing, of another type, or divides by 0.
-    pub(super) fn fraction(&self, tag: u16) -> Result<Option<f64>> {
+    /// A fraction; `None` if the tag is missing, of another type, or one of its numbers is 0.
+    pub(super) fn ratio(&self, tag: u16) -> Result<Option<Ratio>> {
         let Some(entry) = self.find(tag).filter(|e| e.kind == 5 && e.count == 1) else {
             return Ok(None);
         };
         let bytes = self.raw(entry, 8)?;
-        let [above, below] = [&bytes[..4], &bytes[4..]].map(|b| self.file.number(b) as f64);
-        Ok((below > 0.0).then_some(above / below))
+        let [above, below] = [&bytes[..4], &bytes[4..]].map(|b| self.file.number(b));
+        Ok((above > 0 && below > 0).then_some(Ratio { above, below }))
+    }
+
+    /// True if the page has the tag.
+    pub(super) fn has(&self, tag: u16) -> bool {
+        self.find(tag).is_some()
+    }
+
+    /// Bytes of a tag of any type, at most `most`; empty if the tag is missing.
+    pub(super) fn bytes(&self, tag: u16, most: u64) -> Result<Vec<u8>> {
+        let Some(mut entry) = self.find(tag).filter(|e| size_of_type(e.kind) == 1) else {
+            return Ok(Vec::new());
+        };
+        entry.count = entry.count.min(most);
+        self.raw(entry, most)
+    }
+
+    /// A reader of a text that may be long; `None` if the tag is missing.
+    pub(super) fn text_reader(&self, tag: u16) -> Option<BufReader<Section>> {
+        let entry = self.find(tag).filter(|e| matches!(e.kind, 1 | 2 | 7))?;
+        let len = entry.count.min(MAX_XML);
+        Some(self.file.bytes.reader(entry.position, len))
+    }
+
+    /// The first characters of a text; empty if the tag is missing.
+    pub(super) fn text_begin(&self, tag: u16) -> Result<String> {
+        let bytes = self.bytes(tag, 64)?;
+        Ok(String::from_utf8_lossy(&bytes).trim_start().to_owned())
+    }
+
+    /// Number of values of a tag; 0 if it is missing.
+    pub(super) fn count(&self, tag: u16) -> u64 {
+        self.find(tag).map_or(0, |entry| entry.count)
     }
 
     /// Text; empty if the tag is missing. Very long text is cut.

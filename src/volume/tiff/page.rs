@@ -36,6 +36,7 @@ impl Layout {
             position: dir.position,
         };
         let size = [at.extent(dir, 256)?, at.extent(dir, 257)?];
+        at.one_layer(dir)?;
         let (dtype, half) = at.dtype(dir)?;
         let compression = at.compression(dir)?;
         let predictor = at.predictor(dir, dtype, compression)?;
@@ -52,6 +53,14 @@ impl Layout {
         };
         layout.chunks = at.chunks(dir, &layout)?;
         Ok(layout)
+    }
+
+    /// The same page with its samples so many bytes further on in the file.
+    pub(super) fn shifted(mut self, by: u64) -> Self {
+        for (position, _) in &mut self.chunks {
+            *position = position.saturating_add(by);
+        }
+        self
     }
 
     /// Number of strips or tiles.
@@ -121,6 +130,18 @@ impl Place<'_> {
         }
         let side = if tag == 256 { "width" } else { "height" };
         Err(self.wrong(format!("a {side} of {n}"), format!("1 to {MAX_DIM}")))
+    }
+
+    /// A page of one plane: SGI's ImageDepth and TileDepth put several into one.
+    fn one_layer(&self, dir: &Directory) -> Result<()> {
+        for (tag, name) in [(32997, "ImageDepth"), (32998, "TileDepth")] {
+            let depth = dir.number(tag, 1)?;
+            if depth != 1 {
+                let what = format!("a TIFF page of {depth} planes (SGI's tag {name})");
+                return Err(self.no(what, "save it with a page for every slice"));
+            }
+        }
+        Ok(())
     }
 
     fn dtype(&self, dir: &Directory) -> Result<(Dtype, bool)> {

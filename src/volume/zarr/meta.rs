@@ -3,8 +3,9 @@
 //! <https://zarr-specs.readthedocs.io/en/latest/v2/v2.0.html> and
 //! <https://zarr-specs.readthedocs.io/en/latest/v3/core/index.html>.
 
-use super::super::{Dtype, Endian};
+use super::super::Endian;
 use super::codec::Packing;
+use super::kind::{Class, Kind};
 use crate::error::{Error, Result};
 use serde_json::Value;
 use std::path::Path;
@@ -23,8 +24,8 @@ pub(super) struct Coding {
 pub(super) struct Shards {
     /// Chunks per shard along each axis.
     pub(super) count: Vec<u64>,
-    /// How the table is packed.
-    pub(super) index: Vec<Packing>,
+    /// The table has a checksum behind it.
+    pub(super) checked: bool,
     pub(super) at_end: bool,
 }
 
@@ -34,18 +35,20 @@ pub(super) struct Array {
     pub(super) shape: Vec<u64>,
     /// Voxels of a chunk that is decoded as a whole.
     pub(super) chunk: Vec<u64>,
-    /// The type that is handed out.
-    pub(super) dtype: Dtype,
-    /// Samples are stored as f16.
-    pub(super) half: bool,
-    /// A sample of chunks that are not there, in the machine's order.
-    pub(super) fill: Vec<u8>,
+    /// The type of a sample.
+    pub(super) kind: Kind,
+    /// The sample of chunks that are not there; `None` if the metadata do not say, which reads as 0.
+    pub(super) fill: Option<f64>,
     pub(super) coding: Coding,
     pub(super) shards: Option<Shards>,
     /// In front of the numbers of a chunk's file, and between them.
     pub(super) key: (&'static str, char),
-    /// Names of the axes, if stated.
+    /// Names of the axes, if stated; an axis without one is empty.
     pub(super) names: Vec<String>,
+    /// What others have noted of it: an object, or null.
+    pub(super) attributes: Value,
+    /// 2 or 3.
+    pub(super) version: u8,
 }
 
 /// Reads metadata with messages that say where.
@@ -74,6 +77,19 @@ impl Meta<'_> {
         }
     }
 
+    /// Names of axes, one for each, if there is a list of them.
+    fn names(&self, json: &Value, axes: usize) -> Result<Vec<String>> {
+        let Some(list) = json.as_array() else {
+            return Ok(Vec::new());
+        };
+        if list.len() != axes {
+            let found = format!("the names {json} of {axes} axes");
+            return Err(self.wrong(found, "a name for each axis"));
+        }
+        let name = |n: &Value| n.as_str().unwrap_or_default().to_owned();
+        Ok(list.iter().map(name).collect())
+    }
+
     fn chunks(&self, json: &Value, shape: &[u64]) -> Result<Vec<u64>> {
         let chunk = self.sizes(json, "chunks")?;
         if chunk.len() != shape.len() || chunk.contains(&0) {
@@ -83,83 +99,79 @@ impl Meta<'_> {
         Ok(chunk)
     }
 
-    /// An array of version 2.
-    pub(super) fn version_2(&self) -> Result<Array> {
+    /// An array of version 2 with its attributes.
+    pub(super) fn version_2(&self, attributes: Value) -> Result<Array> {
         let json = self.json;
         let shape = self.sizes(&json["shape"], "shape")?;
         let chunk = self.chunks(&json["chunks"], &shape)?;
-        let kind = json["dtype"].as_str();
-        let Some(kind) = kind.filter(|k| k.len() >= 3 && k.is_ascii()) else {
-            return Err(self.no(format!("a Zarr array of type {}", json["dtype"])));
-        };
-        let endian = match &kind[..1] {
-            ">" => Endian::Big,
-            "<" | "|" => Endian::Little,
-            _ => return Err(self.wrong(format!("the type {kind}"), "one such as <u2")),
-        };
-        let (dtype, half) = self.dtype(&kind[1..])?;
+        let found = json["dtype"].as_str();
+        let found = found.filter(|name| name.starts_with(['<', '>', '|']));
+        let (kind, endian) = found
+            .and_then(|name| Kind::with_order(name, Endian::Little))
+            .ok_or_else(|| self.no_kind(&json["dtype"]))?;
         let order = match json["order"].as_str() {
             Some("C") => (0..shape.len()).collect(),
             Some("F") => (0..shape.len()).rev().collect(),
             _ => return Err(self.wrong(format!("`order` {}", json["order"]), "C or F")),
         };
         let mut packing = Vec::new();
+        let mut plain = (kind, endian);
         let filters = json["filters"].as_array().into_iter().flatten();
         let compressor = Some(&json["compressor"]).filter(|c| !c.is_null());
         for step in filters.chain(compressor) {
             let id = step["id"].as_str().unwrap_or_default();
-            let item = step["elementsize"]
-                .as_u64()
-                .filter(|n| (1..=64).contains(n));
-            packing.push(match (id, item) {
-                ("shuffle", Some(item)) => Packing::Shuffle(item as usize),
-                _ => Packing::find(id).ok_or_else(|| self.no(format!("the Zarr codec `{id}`")))?,
-            });
+            packing.push(self.step(id, step, &mut plain)?);
         }
-        let key = match json["dimension_separator"].as_str() {
-            Some("/") => ("", '/'),
-            _ => ("", '.'),
+        let separator = match json["dimension_separator"].as_str() {
+            Some("/") => '/',
+            _ => '.',
         };
         Ok(Array {
-            fill: self.fill(&json["fill_value"], dtype)?,
+            fill: self.fill(&json["fill_value"], kind)?,
+            names: self.names(&attributes["_ARRAY_DIMENSIONS"], shape.len())?,
             shape,
             chunk,
-            dtype,
-            half,
+            kind,
             coding: Coding {
                 endian,
                 order,
                 packing,
             },
             shards: None,
-            key,
-            names: Vec::new(),
+            key: ("", separator),
+            attributes,
+            version: 2,
         })
+    }
+
+    fn no_kind(&self, found: &Value) -> Error {
+        let name = found.as_str().map_or(found.to_string(), str::to_owned);
+        let hint = "convert it to a type of at most 32 bits or to f64";
+        Error::unsupported(self.path, format!("a Zarr array of type {name}"), hint)
+    }
+
+    /// A step of packing by its name, and the type of what it makes.
+    fn step(&self, name: &str, set: &Value, plain: &mut (Kind, Endian)) -> Result<Packing> {
+        let step = Packing::find(name, set, *plain);
+        let step = step.ok_or_else(|| self.no(format!("the Zarr codec `{name}` with {set}")))?;
+        if let Packing::Filter(filter) = &step {
+            *plain = filter.stored();
+        }
+        Ok(step)
     }
 
     /// An array of version 3.
     pub(super) fn version_3(&self) -> Result<Array> {
         let json = self.json;
         let shape = self.sizes(&json["shape"], "shape")?;
+        self.understood()?;
         let grid = &json["chunk_grid"];
         if grid["name"] != "regular" {
             return Err(self.no(format!("the Zarr chunk grid {}", grid["name"])));
         }
         let outer = self.chunks(&grid["configuration"]["chunk_shape"], &shape)?;
-        let kind = json["data_type"].as_str().unwrap_or_default();
-        let short = match kind {
-            "bool" => "b1".to_owned(),
-            _ => kind
-                .replace("uint", "u")
-                .replace("int", "i")
-                .replace("float", "f"),
-        };
-        let bits = short.get(1..).and_then(|n| n.parse::<u32>().ok());
-        let short = match bits {
-            Some(bits) if bits >= 8 && bits % 8 == 0 => format!("{}{}", &short[..1], bits / 8),
-            _ => short,
-        };
-        let (dtype, half) = self.dtype(&short)?;
+        let kind = json["data_type"].as_str().and_then(Kind::find);
+        let kind = kind.ok_or_else(|| self.no_kind(&json["data_type"]))?;
         let key = &json["chunk_key_encoding"];
         let separator = key["configuration"]["separator"].as_str();
         let key = match (key["name"].as_str().or(key.as_str()), separator) {
@@ -173,25 +185,54 @@ impl Meta<'_> {
         if transformers.is_some_and(|t| !t.is_empty()) {
             return Err(self.no("a Zarr storage transformer"));
         }
-        let (coding, shards, chunk) = self.codecs(&json["codecs"], outer)?;
-        let names = json["dimension_names"].as_array().into_iter().flatten();
+        let (coding, shards, chunk) = self.codecs(&json["codecs"], outer, kind)?;
         Ok(Array {
-            fill: self.fill(&json["fill_value"], dtype)?,
+            fill: self.fill(&json["fill_value"], kind)?,
+            names: self.names(&json["dimension_names"], shape.len())?,
             shape,
             chunk,
-            dtype,
-            half,
+            kind,
             coding,
             shards,
             key,
-            names: names
-                .map(|n| n.as_str().unwrap_or_default().to_owned())
-                .collect(),
+            attributes: json["attributes"].clone(),
+            version: 3,
         })
     }
 
+    /// Refuses members that are not of version 3, unless they say that they may be passed over.
+    fn understood(&self) -> Result<()> {
+        const KNOWN: [&str; 12] = [
+            "zarr_format",
+            "node_type",
+            "shape",
+            "data_type",
+            "chunk_grid",
+            "chunk_key_encoding",
+            "fill_value",
+            "codecs",
+            "attributes",
+            "storage_transformers",
+            "dimension_names",
+            "consolidated_metadata",
+        ];
+        let members = self.json.as_object().into_iter().flatten();
+        let mut others = members.filter(|(name, value)| {
+            !KNOWN.contains(&name.as_str()) && value["must_understand"] != false
+        });
+        match others.next() {
+            Some((name, _)) => Err(self.no(format!("a Zarr array with `{name}`"))),
+            None => Ok(()),
+        }
+    }
+
     /// The steps of version 3, and the chunks inside of shards of this size.
-    fn codecs(&self, json: &Value, outer: Vec<u64>) -> Result<(Coding, Option<Shards>, Vec<u64>)> {
+    fn codecs(
+        &self,
+        json: &Value,
+        outer: Vec<u64>,
+        kind: Kind,
+    ) -> Result<(Coding, Option<Shards>, Vec<u64>)> {
         let steps = json.as_array().map(Vec::as_slice).unwrap_or_default();
         let name = |step: &Value| {
             let name = step["name"].as_str().or(step.as_str());
@@ -206,8 +247,12 @@ impl Meta<'_> {
                 let found = format!("chunks of {inner:?} in shards of {outer:?}");
                 return Err(self.wrong(found, "whole chunks"));
             }
-            let coding = self.coding(&set["codecs"], outer.len())?;
-            let index = self.coding(&set["index_codecs"], outer.len() + 1)?;
+            let coding = self.coding(&set["codecs"], outer.len(), kind)?;
+            let word = Kind {
+                class: Class::Unsigned,
+                size: 8,
+            };
+            let index = self.coding(&set["index_codecs"], outer.len() + 1, word)?;
             let fixed = index.packing.iter().all(|p| *p == Packing::Crc32c);
             if !fixed || index.packing.len() > 1 || index.endian != Endian::Little {
                 return Err(self.no("a compressed table of shards"));
@@ -219,110 +264,115 @@ impl Meta<'_> {
             };
             let shards = Shards {
                 count: outer.iter().zip(&inner).map(|(a, b)| a / b).collect(),
-                index: index.packing,
+                checked: !index.packing.is_empty(),
                 at_end,
             };
             return Ok((coding, Some(shards), inner));
         }
-        Ok((self.coding(json, outer.len())?, None, outer))
+        Ok((self.coding(json, outer.len(), kind)?, None, outer))
     }
 
     /// Steps without shards.
-    fn coding(&self, json: &Value, axes: usize) -> Result<Coding> {
+    fn coding(&self, json: &Value, axes: usize, kind: Kind) -> Result<Coding> {
         let mut order: Vec<usize> = (0..axes).collect();
         let (mut endian, mut packing) = (None, Vec::new());
-        for step in json.as_array().map(Vec::as_slice).unwrap_or_default() {
-            let (name, set) = (
-                step["name"].as_str().or(step.as_str()),
-                &step["configuration"],
-            );
-            let name = name.unwrap_or_default();
-            match (name, endian) {
+        let steps = json.as_array().map(Vec::as_slice).unwrap_or_default();
+        let name = |step: &'_ Value| {
+            let name = step["name"].as_str().or(step.as_str());
+            name.unwrap_or_default().to_owned()
+        };
+        // filters, too, work on numbers in the order that comes after them
+        let bytes = steps.iter().find(|step| name(step) == "bytes");
+        let stated = bytes.map(|step| match step["configuration"]["endian"].as_str() {
+            Some("big") => Endian::Big,
+            _ => Endian::Little,
+        });
+        let Some(stated) = stated else {
+            let names: Vec<String> = steps.iter().map(name).collect();
+            return Err(self.no(format!(
+                "the Zarr codecs `{}` without `bytes`",
+                names.join("`, `")
+            )));
+        };
+        let mut plain = (kind, stated);
+        for step in steps {
+            let (name, set) = (name(step), &step["configuration"]);
+            match (&name[..], endian) {
                 ("transpose", None) => {
-                    let given = self.sizes(&set["order"], "order")?;
-                    let mut sorted = given.clone();
-                    sorted.sort_unstable();
-                    if !sorted.iter().copied().eq(0..axes as u64) {
-                        let found = format!("the order {given:?}");
-                        return Err(self.wrong(found, "every axis once"));
+                    let next = self.order(&set["order"], axes, &packing)?;
+                    order = next.into_iter().map(|axis| order[axis]).collect();
+                }
+                ("bytes", None) => endian = Some(stated),
+                _ => {
+                    let mut step = self.step(&name, set, &mut plain)?;
+                    if let Packing::Filter(filter) = &mut step {
+                        *filter = filter.in_order(stated);
+                        plain.1 = stated;
                     }
-                    order = given.iter().map(|&g| order[g as usize]).collect();
+                    // numbers come before bytes
+                    if matches!(step, Packing::Filter(_)) == endian.is_some() {
+                        return Err(
+                            self.wrong(format!("the codec `{name}` in that place"), "another")
+                        );
+                    }
+                    packing.push(step);
                 }
-                ("bytes", None) => {
-                    endian = Some(match set["endian"].as_str() {
-                        Some("big") => Endian::Big,
-                        _ => Endian::Little,
-                    });
-                }
-                (_, Some(_)) if Packing::find(name).is_some() => {
-                    packing.extend(Packing::find(name))
-                }
-                _ => return Err(self.no(format!("the Zarr codec `{name}`"))),
             }
         }
-        match endian {
-            Some(endian) => Ok(Coding {
-                endian,
-                order,
-                packing,
-            }),
-            None => Err(self.wrong("codecs without `bytes`", "how samples are written")),
-        }
-    }
-
-    /// The type of a short name without byte order, and whether it is f16.
-    fn dtype(&self, name: &str) -> Result<(Dtype, bool)> {
-        Ok(match name {
-            "u1" | "b1" => (Dtype::U8, false),
-            "i1" => (Dtype::I8, false),
-            "u2" => (Dtype::U16, false),
-            "i2" => (Dtype::I16, false),
-            "u4" => (Dtype::U32, false),
-            "i4" => (Dtype::I32, false),
-            "f2" => (Dtype::F32, true),
-            "f4" => (Dtype::F32, false),
-            "f8" => (Dtype::F64, false),
-            _ => {
-                let hint = "convert it to a type of at most 32 bits or to f64";
-                let what = format!("a Zarr array of type {name}");
-                return Err(Error::unsupported(self.path, what, hint));
-            }
+        Ok(Coding {
+            endian: stated,
+            order,
+            packing,
         })
     }
 
+    /// The order of axes that a step of that kind states, behind the steps so far.
+    fn order(&self, json: &Value, axes: usize, before: &[Packing]) -> Result<Vec<usize>> {
+        let given = self.sizes(json, "order")?;
+        let mut sorted = given.clone();
+        sorted.sort_unstable();
+        if !sorted.iter().copied().eq(0..axes as u64) {
+            let found = format!("the order {given:?}");
+            return Err(self.wrong(found, "every axis once"));
+        }
+        let ordered = |step: &Packing| matches!(step, Packing::Filter(filter) if filter.ordered());
+        if before.iter().any(ordered) {
+            return Err(self.no("the Zarr codec `transpose` behind `delta`"));
+        }
+        Ok(given.iter().map(|&g| g as usize).collect())
+    }
+
     /// The value of chunks that are not there.
-    fn fill(&self, json: &Value, dtype: Dtype) -> Result<Vec<u8>> {
+    fn fill(&self, json: &Value, kind: Kind) -> Result<Option<f64>> {
+        let float = kind.class == Class::Float;
         let value = match json {
-            Value::Null => Some(0.0),
+            Value::Null => return Ok(None),
             Value::Bool(set) => Some(f64::from(u8::from(*set))),
             Value::Number(n) => n.as_f64(),
-            Value::String(s) if dtype.is_float() => match s.as_str() {
-                "NaN" => Some(f64::NAN),
-                "Infinity" => Some(f64::INFINITY),
-                "-Infinity" => Some(f64::NEG_INFINITY),
+            Value::String(s) if float => match (s.as_str(), s.strip_prefix("0x")) {
+                ("NaN", _) => Some(f64::NAN),
+                ("Infinity", _) => Some(f64::INFINITY),
+                ("-Infinity", _) => Some(f64::NEG_INFINITY),
+                (_, Some(bits)) if bits.len() == 2 * kind.size => {
+                    let bits = u64::from_str_radix(bits, 16).ok();
+                    bits.map(|b| kind.number(&b.to_le_bytes()[..kind.size], Endian::Little))
+                }
                 _ => None,
             },
             _ => None,
         };
-        let Some(v) = value else {
+        let Some(value) = value else {
             return Err(self.wrong(format!("`fill_value` {json}"), "a number"));
         };
-        let (bytes, kept) = match dtype {
-            Dtype::U8 => ((v as u8).to_ne_bytes().to_vec(), v as u8 as f64),
-            Dtype::I8 => ((v as i8).to_ne_bytes().to_vec(), v as i8 as f64),
-            Dtype::U16 => ((v as u16).to_ne_bytes().to_vec(), v as u16 as f64),
-            Dtype::I16 => ((v as i16).to_ne_bytes().to_vec(), v as i16 as f64),
-            Dtype::U32 => ((v as u32).to_ne_bytes().to_vec(), v as u32 as f64),
-            Dtype::I32 => ((v as i32).to_ne_bytes().to_vec(), v as i32 as f64),
-            Dtype::F32 => ((v as f32).to_ne_bytes().to_vec(), v),
-            Dtype::F64 => (v.to_ne_bytes().to_vec(), v),
+        let span = (1u128 << (8 * kind.size)) as f64;
+        let kept = match kind.class {
+            Class::Float => true,
+            Class::Unsigned => value >= 0.0 && value < span,
+            Class::Signed => -span / 2.0 <= value && value < span / 2.0,
         };
-        match kept == v || v.is_nan() {
-            true => Ok(bytes),
-            false => Err(self.wrong(
-                format!("`fill_value` {v} of {dtype}"),
-                "a value of the type",
-            )),
+        match kept && (float || value.fract() == 0.0) {
+            true => Ok(Some(value)),
+            false => Err(self.wrong(format!("`fill_value` {value}"), "a value of the type")),
         }
     }
 }

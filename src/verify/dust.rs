@@ -1,0 +1,419 @@
+//! What of a volume was filled as dust: found anew, so that the tiles can be held against the rest.
+//!
+//! Objects of fewer voxels than the size became below, then cells of fewer voxels, in what that left,
+//! above. So the volume is labelled twice, slice by slice. Runs of voxels of a component that is still
+//! small are kept until it is not, or has ended; those of small ones are sorted on disk, by the row of
+//! macrocubes that they lie in, and the comparison takes them from there as it goes.
+//!
+//! What is kept besides: the runs of two slices, the components that they belong to, and the runs of those
+//! that have fewer voxels than the size so far.
+
+use super::code::Code;
+use super::report::Issues;
+use super::spill::{Merge, Spill};
+use crate::error::{Error, Result};
+use crate::grid::{Ambiguous, Tiling};
+use crate::manifest::{Dust, Manifest};
+use crate::progress::Progress;
+use crate::volume::{Volume, Voxel, with_voxel_type};
+
+/// Runs that a sort keeps in memory: 1 MiB.
+const IN_MEMORY: usize = 1 << 16;
+
+/// A run of voxels, as a number by which they are in order: z, y, and the first and last x.
+type Run = u64;
+
+fn run([y, z]: [u32; 2], [first, last]: [u32; 2]) -> Run {
+    u64::from(z) << 48 | u64::from(y) << 32 | u64::from(first) << 16 | u64::from(last)
+}
+
+fn row_of(run: Run) -> [u32; 2] {
+    [(run >> 32 & 0xFFFF) as u32, (run >> 48) as u32]
+}
+
+fn ends_of(run: Run) -> [u32; 2] {
+    [(run >> 16 & 0xFFFF) as u32, (run & 0xFFFF) as u32]
+}
+
+/// The voxels that were filled, row of macrocubes by row.
+pub(super) struct Filled {
+    /// By the row of macrocubes, then by run; those on a plane between two are there for each.
+    all: Merge<2>,
+    next: Option<[u64; 2]>,
+    /// Of the row at hand, rising.
+    runs: Vec<Run>,
+}
+
+/// Small components of one phase.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
+struct Count {
+    components: u64,
+    voxels: u64,
+}
+
+impl Filled {
+    /// Looks for the dust of a volume, and compares how much there is with what the manifest states.
+    ///
+    /// # Errors
+    /// The volume's, [`Error::Io`] if temporary files fail, [`Error::Interrupted`].
+    pub fn find(
+        volume: &dyn Volume,
+        (manifest, dust): (&Manifest, &Dust),
+        progress: &dyn Progress,
+        issues: &mut Issues,
+    ) -> Result<Self> {
+        let tiling = Tiling {
+            dims: manifest.grid.dims,
+            macrocube: manifest.grid.macrocube,
+        };
+        let nz = manifest.grid.dims.0[2];
+        progress.begin("dust", 2 * u64::from(nz));
+        let mut by_row: Spill<2> = Spill::new(IN_MEMORY);
+        let mut keep = |run: Run| -> Result<()> {
+            let [ys, zs] = row_of(run);
+            for z in rows_with(&tiling, 2, zs) {
+                for y in rows_with(&tiling, 1, ys) {
+                    by_row.push([u64::from(z) << 32 | u64::from(y), run])?;
+                }
+            }
+            Ok(())
+        };
+        let mut slices = Slices {
+            volume,
+            threshold: manifest.threshold,
+            filled: None,
+            next: None,
+            words: Vec::new(),
+            bits: Vec::new(),
+        };
+        let mut small: Spill<1> = Spill::new(IN_MEMORY);
+        let objects = find_small(&mut slices, (true, manifest, dust), progress, |run| {
+            keep(run)?;
+            small.push([run])
+        })?;
+        let mut small = small.into_sorted()?;
+        slices.next = small.next()?;
+        slices.filled = Some(small);
+        let cells = find_small(&mut slices, (false, manifest, dust), progress, &mut keep)?;
+        let stated = [
+            (dust.objects, dust.object_voxels),
+            (dust.cells, dust.cell_voxels),
+        ];
+        let names = [("objects", objects), ("cells", cells)];
+        for ((name, found), stated) in names.into_iter().zip(stated) {
+            if (found.components, found.voxels) != stated {
+                let message = format!(
+                    "stated {} {name} of {} voxels, the volume has {} of {} with fewer than {}",
+                    stated.0, stated.1, found.components, found.voxels, dust.min_voxels
+                );
+                issues.add(Code::Dust, format!("index.json#/dust/{name}"), message);
+            }
+        }
+        let mut all = by_row.into_sorted()?;
+        Ok(Filled {
+            next: all.next()?,
+            all,
+            runs: Vec::new(),
+        })
+    }
+
+    /// Takes the runs of the row of macrocubes (y, z), which comes after those before.
+    ///
+    /// # Errors
+    /// [`Error::Io`] if a temporary file cannot be read back.
+    pub fn load(&mut self, [y, z]: [u32; 2]) -> Result<()> {
+        let row = u64::from(z) << 32 | u64::from(y);
+        self.runs.clear();
+        while let Some([at, run]) = self.next.filter(|r| r[0] <= row) {
+            if at == row {
+                self.runs.push(run);
+            }
+            self.next = self.all.next()?;
+        }
+        Ok(())
+    }
+
+    /// Turns the bits of a row's voxels from `first` on that were filled.
+    pub fn apply(&self, [y, z]: [u32; 2], first: usize, bits: &mut [u8]) {
+        let at = |x: u32| self.runs.partition_point(|r| *r < run([y, z], [x, 0]));
+        let end = self
+            .runs
+            .partition_point(|r| *r <= run([y, z], [0xFFFF; 2]));
+        for ends in self.runs[at(0)..end].iter().map(|r| ends_of(*r)) {
+            let from = (ends[0] as usize).max(first);
+            let to = (ends[1] as usize + 1).min(first + bits.len());
+            if from < to {
+                bits[from - first..to - first]
+                    .iter_mut()
+                    .for_each(|b| *b ^= 1);
+            }
+        }
+    }
+}
+
+/// The rows of macrocubes along an axis that have a voxel: two, if it lies on a plane between them.
+fn rows_with(tiling: &Tiling, axis: usize, voxel: u32) -> std::ops::RangeInclusive<u32> {
+    let size = tiling.macrocube[axis];
+    let last = tiling.tiles()[axis] - 1;
+    let upper = voxel / size;
+    let lower = if voxel.is_multiple_of(size) {
+        upper.saturating_sub(1)
+    } else {
+        upper
+    };
+    lower.min(last)..=upper.min(last)
+}
+
+/// The volume's bits, slice by slice, without what has been filled so far.
+struct Slices<'a> {
+    volume: &'a dyn Volume,
+    threshold: f64,
+    filled: Option<Merge<1>>,
+    next: Option<[u64; 1]>,
+    words: Vec<u64>,
+    /// 1 for a voxel that is above.
+    bits: Vec<u8>,
+}
+
+impl Slices<'_> {
+    /// Reads a slice, which comes after those before.
+    fn read(&mut self, z: u32) -> Result<()> {
+        let header = self.volume.header();
+        let [nx, ny, _] = header.dims.0;
+        let samples = nx as usize * ny as usize;
+        let bytes = samples * header.dtype.bytes();
+        self.words.resize(bytes.div_ceil(8), 0);
+        let out = &mut bytemuck::cast_slice_mut(&mut self.words)[..bytes];
+        self.volume.read_box(0..nx, 0..ny, z..z + 1, out)?;
+        self.volume.release(z..z + 1);
+        self.bits.clear();
+        with_voxel_type!(header.dtype, T => {
+            let all: &[T] = bytemuck::cast_slice(&self.words);
+            let above = |v: &T| u8::from(v.to_f64() >= self.threshold);
+            self.bits.extend(all[..samples].iter().map(above));
+        });
+        while let Some([run]) = self.next.filter(|r| row_of(r[0])[1] <= z) {
+            let ([y, at], [first, last]) = (row_of(run), ends_of(run));
+            if at == z {
+                let start = y as usize * nx as usize;
+                let voxels = start + first as usize..start + last as usize + 1;
+                self.bits[voxels].iter_mut().for_each(|b| *b ^= 1);
+            }
+            self.next = self.filled.as_mut().map_or(Ok(None), Merge::next)?;
+        }
+        Ok(())
+    }
+}
+
+/// A component that can still grow.
+struct Component {
+    voxels: u64,
+    /// Its runs, as long as it is small.
+    runs: Option<Vec<Run>>,
+}
+
+/// The runs of a slice: first and last voxel, and component, row by row.
+#[derive(Default)]
+struct Labelled {
+    starts: Vec<usize>,
+    runs: Vec<([u32; 2], u32)>,
+}
+
+impl Labelled {
+    fn row(&self, y: u32) -> &[([u32; 2], u32)] {
+        let y = y as usize;
+        &self.runs[self.starts[y]..self.starts[y + 1]]
+    }
+}
+
+/// Components of one phase, labelled slice by slice.
+struct Labels {
+    least: u64,
+    parent: Vec<u32>,
+    components: Vec<Component>,
+    before: Labelled,
+}
+
+/// Finds the small components of a phase and hands out their runs.
+fn find_small(
+    slices: &mut Slices,
+    (above, manifest, dust): (bool, &Manifest, &Dust),
+    progress: &dyn Progress,
+    mut each: impl FnMut(Run) -> Result<()>,
+) -> Result<Count> {
+    let [nx, ny, nz] = manifest.grid.dims.0;
+    // separate: objects touch by faces, cells by edges as well; join: the other way round
+    let by_edges = above == (manifest.ambiguous == Ambiguous::Join);
+    let mut labels = Labels {
+        least: dust.min_voxels,
+        parent: Vec::new(),
+        components: Vec::new(),
+        before: Labelled {
+            starts: vec![0; ny as usize + 1],
+            runs: Vec::new(),
+        },
+    };
+    let mut count = Count::default();
+    for z in 0..nz {
+        if progress.interrupted() {
+            return Err(Error::Interrupted);
+        }
+        slices.read(z)?;
+        let mut own = Labelled::default();
+        for y in 0..ny {
+            own.starts.push(own.runs.len());
+            let start = y as usize * nx as usize;
+            let bits = &slices.bits[start..start + nx as usize];
+            labels.add_row(([y, z], bits, u8::from(above)), by_edges, &mut own);
+        }
+        own.starts.push(own.runs.len());
+        labels.end_slice(own, &mut count, &mut each)?;
+        progress.advance(1);
+    }
+    labels.end_slice(
+        Labelled {
+            starts: vec![0; ny as usize + 1],
+            runs: Vec::new(),
+        },
+        &mut count,
+        &mut each,
+    )?;
+    Ok(count)
+}
+
+impl Labels {
+    /// Labels the runs of a row of bits and joins them with those of the rows before.
+    fn add_row(
+        &mut self,
+        ([y, z], bits, phase): ([u32; 2], &[u8], u8),
+        by_edges: bool,
+        own: &mut Labelled,
+    ) {
+        let first = own.runs.len();
+        let mut x = 0;
+        for chunk in bits.chunk_by(|a, b| a == b) {
+            let ends = [x, x + chunk.len() as u32 - 1];
+            x += chunk.len() as u32;
+            if chunk[0] == phase {
+                own.runs.push((ends, self.create(run([y, z], ends))));
+            }
+        }
+        let rows = self.before.starts.len() as u32 - 1;
+        let near = u32::from(by_edges);
+        let before = std::mem::take(&mut self.before);
+        let (earlier, new) = own.runs.split_at(first);
+        if y > 0 {
+            let row = &earlier[own.starts[y as usize - 1]..];
+            self.join(new, row, near);
+        }
+        self.join(new, before.row(y), near);
+        if by_edges {
+            for beside in [y.wrapping_sub(1), y + 1].into_iter().filter(|b| *b < rows) {
+                self.join(new, before.row(beside), 0);
+            }
+        }
+        self.before = before;
+    }
+
+    fn create(&mut self, run: Run) -> u32 {
+        let [first, last] = ends_of(run);
+        let label = self.parent.len() as u32;
+        let voxels = u64::from(last - first) + 1;
+        self.parent.push(label);
+        self.components.push(Component {
+            voxels,
+            runs: (voxels < self.least).then(|| vec![run]),
+        });
+        label
+    }
+
+    /// Unites runs of two rows that are `near` voxels apart at most.
+    fn join(&mut self, new: &[([u32; 2], u32)], old: &[([u32; 2], u32)], near: u32) {
+        let mut next = 0;
+        for ([first, last], label) in new {
+            while old.get(next).is_some_and(|(o, _)| o[1] + near < *first) {
+                next += 1;
+            }
+            let touching = old[next..].iter().take_while(|(o, _)| o[0] <= last + near);
+            for (_, other) in touching {
+                self.unite(*label, *other);
+            }
+        }
+    }
+
+    fn root(&mut self, mut v: u32) -> u32 {
+        while self.parent[v as usize] != v {
+            let up = self.parent[v as usize];
+            self.parent[v as usize] = self.parent[up as usize];
+            v = up;
+        }
+        v
+    }
+
+    fn unite(&mut self, a: u32, b: u32) {
+        let (a, b) = (self.root(a), self.root(b));
+        if a == b {
+            return;
+        }
+        // the shorter list of runs goes to the longer one
+        let length = |v: u32| {
+            self.components[v as usize]
+                .runs
+                .as_ref()
+                .map_or(0, Vec::len)
+        };
+        let (keep, gone) = if length(a) >= length(b) {
+            (a, b)
+        } else {
+            (b, a)
+        };
+        self.parent[gone as usize] = keep;
+        let runs = self.components[gone as usize].runs.take();
+        let voxels = self.components[gone as usize].voxels;
+        let kept = &mut self.components[keep as usize];
+        kept.voxels += voxels;
+        kept.runs = match (kept.runs.take(), runs) {
+            (Some(mut all), Some(more)) if kept.voxels < self.least => {
+                all.extend(more);
+                Some(all)
+            }
+            _ => None,
+        };
+    }
+
+    /// Hands out components that have no run in the new slice, and numbers the others anew.
+    fn end_slice(
+        &mut self,
+        mut own: Labelled,
+        count: &mut Count,
+        each: &mut impl FnMut(Run) -> Result<()>,
+    ) -> Result<()> {
+        const NONE: u32 = u32::MAX;
+        let mut renamed = vec![NONE; self.parent.len()];
+        let mut kept = Vec::new();
+        for (_, label) in &mut own.runs {
+            let root = self.root(*label) as usize;
+            if renamed[root] == NONE {
+                renamed[root] = kept.len() as u32;
+                let none = Component {
+                    voxels: 0,
+                    runs: None,
+                };
+                kept.push(std::mem::replace(&mut self.components[root], none));
+            }
+            *label = renamed[root];
+        }
+        for ended in &mut self.components {
+            // what was united with another one, or goes on, has no runs here
+            if let Some(runs) = ended.runs.take() {
+                count.components += 1;
+                count.voxels += ended.voxels;
+                runs.into_iter().try_for_each(&mut *each)?;
+            }
+        }
+        self.parent = (0..kept.len() as u32).collect();
+        self.components = kept;
+        self.before = own;
+        Ok(())
+    }
+}

@@ -1,0 +1,109 @@
+//! What the manifest states of its source, beside the volume that the tiles are compared with.
+
+use super::code::Code;
+use super::report::{Issue, Issues, Severity};
+use crate::grid::Placement;
+use crate::manifest::{Manifest, Origin, Provenance};
+use crate::volume::{Header, Opened};
+
+/// What the volume that tiles are compared with says of itself, before it is cropped.
+#[derive(Debug, Clone)]
+pub struct SourceVolume {
+    /// The file's name without its directory.
+    pub name: String,
+    /// Format, size, type and place.
+    pub header: Header,
+    /// Bytes before the first sample of a headerless raw file.
+    pub offset: u64,
+    /// How the values follow from what the file stores.
+    pub values: Option<String>,
+    /// Where the placement's parts came from.
+    pub provenance: Provenance,
+}
+
+impl SourceVolume {
+    /// Of a volume that has been opened.
+    pub fn of(opened: &Opened) -> Self {
+        SourceVolume {
+            name: opened.name.clone(),
+            header: opened.volume.header().clone(),
+            offset: opened.offset,
+            values: opened.values.clone(),
+            provenance: opened.provenance,
+        }
+    }
+}
+
+/// Compares format, size, type, byte order, offset and scaling with those of the volume, and what of the
+/// place both have from the file; `place` is that of the volume as it was cut. A file of another name may
+/// hold the same samples in another form, so of one it is only said that this was not compared.
+pub(super) fn check(
+    manifest: &Manifest,
+    volume: &SourceVolume,
+    place: &Placement,
+    issues: &mut Issues,
+) {
+    let (source, header) = (&manifest.source, &volume.header);
+    if volume.name != source.name {
+        let message = format!(
+            "the volume is named {}, the source {}: what is stated of the source was not compared",
+            volume.name, source.name
+        );
+        issues.push(Issue {
+            severity: Severity::Warning,
+            ..Issue::new(Code::SourceMismatch, "index.json#/source/name", message)
+        });
+        return;
+    }
+    let mut compare = |name: &str, found: String, stated: String| {
+        if found != stated {
+            let message = format!("stated {stated}, the volume has {found}");
+            issues.add(Code::SourceMismatch, format!("index.json#/{name}"), message);
+        }
+    };
+    compare(
+        "source/format",
+        header.format.to_owned(),
+        source.format.clone(),
+    );
+    compare(
+        "source/dims",
+        header.dims.to_string(),
+        source.dims.to_string(),
+    );
+    compare(
+        "source/dtype",
+        header.dtype.to_string(),
+        source.dtype.to_string(),
+    );
+    // the order of single bytes says nothing
+    if header.dtype.bytes() > 1 {
+        compare(
+            "source/endian",
+            header.endian.to_string(),
+            source.endian.to_string(),
+        );
+    }
+    compare(
+        "source/offset",
+        volume.offset.to_string(),
+        source.offset.to_string(),
+    );
+    let values = |v: &Option<String>| v.clone().unwrap_or_else(|| "none".to_owned());
+    compare(
+        "source/values",
+        values(&volume.values),
+        values(&source.values),
+    );
+    let (own, stated) = (&volume.provenance, &source.provenance);
+    let of_file = |a: Origin, b: Origin| a == Origin::File && b == Origin::File;
+    let unit = of_file(own.unit, stated.unit);
+    for a in (0..3).filter(|&a| unit && of_file(own.spacing[a], stated.spacing[a])) {
+        let size = |p: &Placement| format!("{} {}", p.spacing[a], p.unit.name());
+        compare("spacing", size(place), size(&manifest.placement));
+    }
+    if unit && of_file(own.origin, stated.origin) {
+        let of = |p: &Placement| format!("{:?} and {:?}", p.origin, p.directions);
+        compare("origin", of(place), of(&manifest.placement));
+    }
+}

@@ -1,0 +1,381 @@
+//! The sizes of voxels and the place of a grid, by the conventions of those who write HDF5.
+
+use super::attributes::{Attributes, numbers_of};
+use super::axes::Axes;
+use super::place::{Place, axistags};
+use crate::grid::Placement;
+use crate::length::Length;
+use crate::manifest::{Origin, Provenance};
+use crate::volume::size::{Step, VoxelSize, voxel_size};
+
+/// One axis of a grid: the size of a voxel and the place of the first one.
+#[derive(Debug, Clone, PartialEq)]
+pub(super) struct Along {
+    pub(super) step: Step,
+    pub(super) start: f64,
+    /// The coordinate falls from one voxel to the next.
+    pub(super) falls: bool,
+}
+
+/// What a file states of the place of a grid.
+#[derive(Debug, Default)]
+pub(super) struct Geometry {
+    /// Of x, y and z.
+    pub(super) along: [Option<Along>; 3],
+    /// Unit vectors along x, y and z, if they are not the usual ones.
+    pub(super) directions: Option<[[f64; 3]; 3]>,
+    pub(super) notes: Vec<String>,
+    pub(super) warnings: Vec<String>,
+    /// Why the grid is none with one step along each axis.
+    pub(super) uneven: Option<String>,
+}
+
+impl Geometry {
+    /// Spacing, unit, origin and directions.
+    pub(super) fn place(mut self) -> (Placement, Provenance, Vec<String>, Vec<String>) {
+        let mut place = Placement::default();
+        let mut from = Provenance::default();
+        let steps = self.along.clone().map(|a| a.map(|a| a.step));
+        let size: VoxelSize = voxel_size(steps);
+        size.apply(&mut place, &mut from);
+        self.warnings.extend(size.warning);
+        if size.spacing.is_none() {
+            return (place, from, self.notes, self.warnings);
+        }
+        let mut directions = self.directions.unwrap_or(place.directions);
+        let mut falling = Vec::new();
+        let mut starts = [0.0; 3];
+        for (a, along) in self.along.iter().enumerate() {
+            let Some(along) = along else { continue };
+            let length = size.of_file[a].filter(|_| size.unit.is_some());
+            starts[a] = length.map_or(along.start, |l: Length| l.convert(along.start, place.unit));
+            if along.falls {
+                directions[a] = directions[a].map(|v| 0.0 - v);
+                falling.push(["x", "y", "z"][a]);
+            }
+        }
+        let axes = self.directions.unwrap_or(Placement::default().directions);
+        for (i, origin) in place.origin.iter_mut().enumerate() {
+            let parts = [0, 1, 2].map(|a| starts[a] * axes[a][i]);
+            let most = parts
+                .iter()
+                .fold(0.0, |most: f64, part| most.max(part.abs()));
+            let sum = parts.iter().sum::<f64>() + 0.0;
+            *origin = shortest_near(sum, 4.0 * f64::EPSILON * most);
+        }
+        if starts != [0.0; 3] {
+            from.origin = Origin::File;
+        }
+        if !falling.is_empty() {
+            let axes = falling.join(" and ");
+            let note =
+                format!("the coordinate falls along {axes}: the surface lies in space as it does");
+            self.notes.push(note);
+        }
+        place.directions = directions;
+        (place, from, self.notes, self.warnings)
+    }
+}
+
+impl Place<'_> {
+    /// Steps and places by the first convention that states any.
+    pub(super) fn geometry(&self, axes: &Axes) -> Geometry {
+        let mut geometry = Geometry::default();
+        for convention in [
+            Self::sizes,
+            Self::mesh,
+            Self::simpl,
+            Self::tagged,
+            Self::scaled,
+        ] {
+            convention(self, axes, &mut geometry);
+            if geometry.along.iter().any(Option::is_some) || geometry.uneven.is_some() {
+                break;
+            }
+        }
+        geometry
+    }
+
+    /// Attributes that hold the size of a voxel.
+    fn sizes(&self, axes: &Axes, geometry: &mut Geometry) {
+        for attribute in &self.attributes.0 {
+            let Some((unit, sure)) = size_name(&attribute.name) else {
+                continue;
+            };
+            let name = &attribute.name;
+            let stated = ["units", "unit", "voxel_unit", "voxel_units"]
+                .iter()
+                .find_map(|u| {
+                    let texts = self.attributes.texts(u);
+                    texts.into_iter().find(|t| Length::parse(t).is_some())
+                });
+            let unit = unit.map(str::to_owned).or(stated).unwrap_or_default();
+            let Some(values) = self.attributes.numbers(name) else {
+                continue;
+            };
+            let text: Vec<String> = values.iter().map(f64::to_string).collect();
+            let text = text.join(", ");
+            if unit.is_empty() && !sure {
+                geometry.warnings.push(format!(
+                    "the attribute {name} ({text}) states no unit and is not taken: give --spacing and --unit if it \
+                     is the size of a voxel"
+                ));
+                continue;
+            }
+            // of x, y and z among the numbers
+            let mut order = [0, 1, 2];
+            order.sort_by_key(|&a| axes.volume[a]);
+            let rank = |a: usize| order.iter().position(|&o| o == a).unwrap_or(0);
+            let places = match values.len() {
+                1 => [0; 3],
+                // by the writers of this one, whatever the axes
+                3 if name == "element_size_um" => [2, 1, 0],
+                3 => [0, 1, 2].map(rank),
+                n if n == self.dataset.ndim() => axes.volume,
+                _ => {
+                    geometry.warnings.push(format!(
+                        "the attribute {name} ({text}) has not one number for each axis and is not taken"
+                    ));
+                    continue;
+                }
+            };
+            geometry.along = places.map(|at| Some(Along::of(values[at], &unit)));
+            geometry
+                .notes
+                .push(format!("size of a voxel by the attribute {name}"));
+            return;
+        }
+    }
+
+    /// A mesh of openPMD.
+    fn mesh(&self, axes: &Axes, geometry: &mut Geometry) {
+        let of = |name: &str| {
+            self.attributes
+                .numbers(name)
+                .or_else(|| self.group.numbers(name))
+        };
+        let (Some(spacing), Some(unit)) = (of("gridSpacing"), of("gridUnitSI")) else {
+            return;
+        };
+        let ([factor], true) = (&unit[..], spacing.len() == self.dataset.ndim()) else {
+            return;
+        };
+        let offset = of("gridGlobalOffset").filter(|o| o.len() == spacing.len());
+        geometry.along = axes.volume.map(|a| {
+            let start = offset.as_ref().map_or(0.0, |o| o[a] * factor);
+            Some(Along {
+                start,
+                ..Along::of(shortest_near(spacing[a] * factor, 0.0), "m")
+            })
+        });
+        geometry
+            .notes
+            .push("size of a voxel by the attributes gridSpacing and gridUnitSI".into());
+    }
+
+    /// The geometry beside a DREAM.3D array, x first, of which the origin is a corner.
+    fn simpl(&self, _: &Axes, geometry: &mut Geometry) {
+        if !self.attributes.has("TupleDimensions") {
+            return;
+        }
+        let mut parts = self.name.rsplitn(3, '/');
+        let Some(container) = parts.nth(2) else {
+            return;
+        };
+        let read = |name: &str| {
+            let dataset = self
+                .file
+                .dataset(&format!("{container}/_SIMPL_GEOMETRY/{name}"));
+            numbers_of(&dataset.ok()?).filter(|v| v.len() == 3)
+        };
+        let Some(spacing) = read("SPACING") else {
+            return;
+        };
+        let origin = read("ORIGIN").unwrap_or_else(|| vec![0.0; 3]);
+        geometry.along = [0, 1, 2].map(|a| {
+            let start = origin[a] + spacing[a] / 2.0;
+            Some(Along {
+                start,
+                ..Along::of(spacing[a], "")
+            })
+        });
+        geometry
+            .notes
+            .push("size of a voxel by _SIMPL_GEOMETRY, which states no unit".into());
+    }
+
+    /// The resolutions of axis tags, if these state any.
+    fn tagged(&self, axes: &Axes, geometry: &mut Geometry) {
+        let tags = self
+            .attributes
+            .text("axistags")
+            .and_then(|text| axistags(&text));
+        let Some(tags) = tags.filter(|t| t.len() == self.dataset.ndim()) else {
+            return;
+        };
+        let along = axes.volume.map(|a| {
+            let (_, resolution, unit) = &tags[a];
+            (*resolution > 0.0).then(|| Along::of(*resolution, unit))
+        });
+        if along.iter().all(Option::is_some) {
+            geometry.along = along;
+            geometry
+                .notes
+                .push("size of a voxel by the attribute axistags".into());
+        }
+    }
+
+    /// Coordinates of the axes.
+    fn scaled(&self, axes: &Axes, geometry: &mut Geometry) {
+        let mut along = [None, None, None];
+        for (a, along) in along.iter_mut().enumerate() {
+            let axis = axes.volume[a];
+            let Some((name, dataset)) = self.coordinates(axis) else {
+                continue;
+            };
+            let attributes = Attributes(dataset.attributes());
+            let n = self.dataset.shape()[axis];
+            let none = attributes
+                .text("NAME")
+                .is_some_and(|t| t.contains("not a netCDF variable"));
+            let Some(values) = numbers_of(&dataset).filter(|_| !none) else {
+                continue;
+            };
+            let single = matches!(
+                dataset.dtype(),
+                hdf5_reader::Datatype::FloatingPoint { size: 4, .. }
+            );
+            match even(&values, n, single) {
+                Some((start, step)) if step != 0.0 => {
+                    let unit = attributes.text("units").or_else(|| attributes.text("unit"));
+                    let unit = unit.unwrap_or_default();
+                    *along = Some(Along {
+                        start,
+                        falls: step < 0.0,
+                        ..Along::of(step.abs(), &unit)
+                    });
+                }
+                Some(_) => {}
+                None if values.len() as u64 == n || values.len() as u64 == n + 1 => {
+                    let what = format!(
+                        "coordinates along {} that are not evenly spaced ({name})",
+                        ["x", "y", "z"][a]
+                    );
+                    geometry.uneven.get_or_insert(what);
+                }
+                None => {}
+            }
+        }
+        // counting is no size
+        let counted = |a: &Option<Along>| {
+            a.as_ref()
+                .is_none_or(|a| a.step == Step::new(1.0, "") && a.start == 0.0 && !a.falls)
+        };
+        if !along.iter().all(counted) {
+            geometry.along = along;
+            geometry
+                .notes
+                .push("size of a voxel by the coordinates of the axes".into());
+        }
+    }
+}
+
+impl Along {
+    /// A step from the origin on.
+    pub(super) fn of(size: f64, unit: &str) -> Self {
+        Along {
+            step: Step::new(size, unit),
+            start: 0.0,
+            falls: false,
+        }
+    }
+}
+
+/// The unit in the name of an attribute that holds the size of a voxel, and whether it can be nothing else.
+fn size_name(name: &str) -> Option<(Option<&'static str>, bool)> {
+    let lower = name.to_lowercase();
+    let units = [
+        ("_um", "um"),
+        ("_microns", "um"),
+        ("_micron", "um"),
+        ("_mm", "mm"),
+        ("_nm", "nm"),
+        ("_cm", "cm"),
+        ("_m", "m"),
+    ];
+    let found = units
+        .iter()
+        .find_map(|(end, unit)| Some((lower.strip_suffix(end)?, *unit)));
+    let base = found.map_or(lower.as_str(), |(base, _)| base);
+    let sure = match base {
+        "element_size" | "voxel_size" | "voxelsize" | "voxel_spacing" | "pixel_size"
+        | "pixelsize" => true,
+        "resolution" | "spacing" => false,
+        _ => return None,
+    };
+    Some((found.map(|(_, unit)| unit), sure))
+}
+
+/// Start and step of coordinates of the centres of `n` voxels, or of their `n + 1` edges.
+fn even(values: &[f64], n: u64, single: bool) -> Option<(f64, f64)> {
+    let (first, last) = (*values.first()?, *values.last()?);
+    let edges = values.len() as u64 == n + 1;
+    if (values.len() as u64 != n && !edges) || values.len() < 2 {
+        return None;
+    }
+    let step = (last - first) / (values.len() - 1) as f64;
+    let most = first.abs().max(last.abs());
+    let rounding = if single {
+        2.0 * f64::from(f32::EPSILON) * most
+    } else {
+        0.0
+    };
+    let slack = 1e-3 * step.abs() + rounding;
+    let near = |(i, v): (usize, &f64)| (v - (first + i as f64 * step)).abs() <= slack;
+    let doubt = rounding.max(4.0 * f64::EPSILON * most) / (values.len() - 1) as f64;
+    let step = shortest_near(step, doubt);
+    let start = if edges { first + step / 2.0 } else { first };
+    (step.is_finite() && values.iter().enumerate().all(near)).then_some((start, step))
+}
+
+/// The decimal with fewest digits that is no farther from a number than `doubt`, and its own rounding.
+pub(super) fn shortest_near(value: f64, doubt: f64) -> f64 {
+    let doubt = doubt + 2.0 * f64::EPSILON * value.abs();
+    let decimals = (0..17).map(|digits| format!("{value:.digits$e}").parse().unwrap_or(value));
+    let mut near = decimals.filter(|decimal: &f64| (decimal - value).abs() <= doubt);
+    near.next().unwrap_or(value)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn coordinates_are_even_or_not() {
+        assert_eq!(
+            even(&[0.0, 0.1, 0.2, 0.30000000000000004], 4, false),
+            Some((0.0, 0.1))
+        );
+        assert_eq!(even(&[3.0, 2.0, 1.0], 3, false), Some((3.0, -1.0)));
+        assert_eq!(even(&[0.0, 2.0, 4.0], 2, false), Some((1.0, 2.0)));
+        assert_eq!(even(&[0.0, 1.0, 3.0], 3, false), None);
+        assert_eq!(even(&[0.0, 1.0], 5, false), None);
+        assert_eq!(even(&[0.0, f64::NAN, 2.0], 3, false), None);
+        let far: Vec<f64> = (0..9)
+            .map(|i| crate::length::shortest(1000.0 + 0.01 * i as f32))
+            .collect();
+        assert_eq!(even(&far, 9, false), Some((1000.0, 0.01)));
+        assert_eq!(even(&far, 9, true), Some((1000.0, 0.01)));
+        assert_eq!(shortest_near(0.1 + 0.2, 0.0), 0.3);
+        assert_eq!(shortest_near(1.0 / 3.0, 0.0), 1.0 / 3.0);
+    }
+
+    #[test]
+    fn names_of_attributes_hold_units() {
+        assert_eq!(size_name("element_size_um"), Some((Some("um"), true)));
+        assert_eq!(size_name("VoxelSize"), Some((None, true)));
+        assert_eq!(size_name("resolution"), Some((None, false)));
+        assert_eq!(size_name("resolution_nm"), Some((Some("nm"), false)));
+        assert_eq!(size_name("sum"), None);
+    }
+}

@@ -1,0 +1,193 @@
+//! A dataset and what is around it: the names of its axes by the conventions of those who write HDF5, and its coordinates.
+
+use super::attributes::Attributes;
+use super::axes::Names;
+use super::tree::Tree;
+use crate::length::Length;
+use hdf5_reader::{Dataset, Hdf5File};
+
+/// A dataset and what is around it.
+pub(super) struct Place<'a> {
+    pub(super) file: &'a Hdf5File,
+    pub(super) tree: &'a Tree,
+    pub(super) name: &'a str,
+    pub(super) dataset: &'a Dataset,
+    pub(super) attributes: Attributes,
+    /// Of the group that the dataset is in.
+    pub(super) group: Attributes,
+}
+
+impl<'a> Place<'a> {
+    pub(super) fn of(
+        file: &'a Hdf5File,
+        tree: &'a Tree,
+        name: &'a str,
+        dataset: &'a Dataset,
+    ) -> Place<'a> {
+        let folder = name.rsplit_once('/').map_or("", |(folder, _)| folder);
+        let group = file.group(folder).and_then(|group| group.attributes());
+        Place {
+            file,
+            tree,
+            name,
+            dataset,
+            attributes: Attributes(dataset.attributes()),
+            group: Attributes(group.unwrap_or_default()),
+        }
+    }
+
+    /// Why an array of the Data Exchange format or of NXtomo is no volume: beside it is an angle, or a kind, of each
+    /// image, or it is one of their images for correction.
+    pub(super) fn projections(&self) -> Option<String> {
+        let (folder, own) = self.name.rsplit_once('/')?;
+        if matches!(own, "data_white" | "data_dark") {
+            return Some("these are images without the sample or without the beam".into());
+        }
+        let shape = self.dataset.shape();
+        let many = shape.first().filter(|&&n| n > 1 && shape.len() >= 3)?;
+        let beside = |name: &&&str| {
+            let found = self.file.dataset(&format!("{folder}/{name}"));
+            found.is_ok_and(|found| found.shape() == [*many])
+        };
+        let name = ["theta", "rotation_angle", "image_key"]
+            .iter()
+            .find(beside)?;
+        let text = "these are projections: there is one";
+        Some(format!("{text} {name} beside them for each of {many}"))
+    }
+
+    /// The names of the dataset's axes, by every convention that states any.
+    pub(super) fn names(&self) -> Vec<Names> {
+        let n = self.dataset.ndim();
+        let mut all = Vec::new();
+        let attributes = &self.attributes;
+        if let Some(text) = attributes.text("axistags") {
+            all.extend(axistags(&text).and_then(|tags| {
+                let names = tags.into_iter().map(|t| t.0).collect();
+                Names::new(names, n, "the attribute axistags")
+            }));
+        }
+        let scales: Vec<String> = (0..n)
+            .map(|a| self.scale(a).map_or(String::new(), |s| s.0))
+            .collect();
+        all.extend(Names::new(scales, n, "the list of dimensions"));
+        for name in [
+            "dimorder",
+            "DIMENSION_LABELS",
+            "axes",
+            "axisLabels",
+            "_ARRAY_DIMENSIONS",
+            "dims",
+            "dimension_names",
+            "dim_names",
+        ] {
+            let by = format!("the attribute {name}");
+            let texts = attributes.texts(name);
+            all.extend(match &texts[..] {
+                [one] => Names::split(one, n, &by),
+                _ => Names::new(texts, n, &by),
+            });
+        }
+        if self.is_signal() {
+            let texts = self.group.texts("axes");
+            let by = "the attribute axes of its group";
+            all.extend(match &texts[..] {
+                [one] => Names::split(one, n, by),
+                _ => Names::new(texts, n, by),
+            });
+        }
+        all.extend(self.tuples());
+        all
+    }
+
+    /// True for the data of a NeXus group of data.
+    fn is_signal(&self) -> bool {
+        let own = self.name.rsplit('/').next().unwrap_or_default();
+        self.group
+            .text("signal")
+            .is_some_and(|signal| signal == own)
+            || (!self.group.has("signal") && self.attributes.has("signal"))
+    }
+
+    /// DREAM.3D's tuples, x first, and their components.
+    fn tuples(&self) -> Option<Names> {
+        let mut tuples = self.attributes.numbers("TupleDimensions")?;
+        tuples.reverse();
+        let shape = self.dataset.shape();
+        let stated = shape.iter().zip(&tuples).all(|(&n, &t)| n as f64 == t);
+        (tuples.len() == 3 && shape.len() > 3 && stated).then_some(())?;
+        let mut names: Vec<String> = ["z", "y", "x", "c"].map(String::from).into();
+        names.resize_with(shape.len(), || "other".into());
+        Names::new(names, shape.len(), "the attribute TupleDimensions")
+    }
+
+    /// Why the order that attributes state cannot be told, if they state one.
+    pub(super) fn vague_order(&self) -> Option<String> {
+        ["DimensionOrder", "AxisOrder", "axis_order", "dimension_order"]
+            .iter()
+            .find_map(|name| {
+                let text = self.attributes.text(name)?;
+                let lower: String = text.to_lowercase().chars().filter(|c| c.is_alphabetic()).collect();
+                let space: String = lower.chars().filter(|c| "xyz".contains(*c)).collect();
+                (space != "zyx").then(|| {
+                    format!(
+                        "its attribute {name} is {text}, which may count from the first axis or from the last"
+                    )
+                })
+            })
+    }
+
+    /// Name and dataset of the dimension scale of an axis.
+    fn scale(&self, axis: usize) -> Option<(String, Dataset)> {
+        let list = self.attributes.get("DIMENSION_LIST")?;
+        let size = self.dataset.vlen_reference_size();
+        let reference = list.raw_data.chunks_exact(size).nth(axis)?;
+        let bytes = self
+            .dataset
+            .resolve_vlen_reference_bytes(reference, 8)
+            .ok()?;
+        let address = u64::from_le_bytes(*bytes.first_chunk()?);
+        let (name, dataset) = self.tree.name_at(address)?;
+        let own = name.rsplit('/').next().unwrap_or_default();
+        Some((own.to_owned(), dataset.clone()))
+    }
+
+    /// The dataset of coordinates along an axis, with its name.
+    pub(super) fn coordinates(&self, axis: usize) -> Option<(String, Dataset)> {
+        if let Some(found) = self.scale(axis) {
+            return Some(found);
+        }
+        if !self.is_signal() {
+            return None;
+        }
+        let texts = self.group.texts("axes");
+        let names = match &texts[..] {
+            [one] => Names::split(one, self.dataset.ndim(), "")?.names,
+            _ => texts,
+        };
+        let name = names.get(axis)?.clone();
+        let folder = self.name.rsplit_once('/').map_or("", |(folder, _)| folder);
+        let dataset = self.file.dataset(&format!("{folder}/{name}")).ok()?;
+        Some((name, dataset))
+    }
+}
+
+/// Key, resolution and unit of each tag of vigra's and ilastik's JSON.
+pub(super) fn axistags(text: &str) -> Option<Vec<(String, f64, String)>> {
+    let json: serde_json::Value = serde_json::from_str(text).ok()?;
+    let tags = json["axes"].as_array()?.iter().map(|tag| {
+        let key = tag["key"].as_str()?.to_owned();
+        let unit = tag["description"].as_str().unwrap_or_default().trim();
+        let unit = if Length::parse(unit).is_some() {
+            unit
+        } else {
+            ""
+        };
+        Some((
+            key,
+            tag["resolution"].as_f64().unwrap_or(0.0),
+            unit.to_owned(),
+        ))
+    });
+    tags.collect()
+}

@@ -1,0 +1,161 @@
+//! The values that stored samples stand for, by the attributes of CF, NeXus and others.
+
+use super::attributes::{Attributes, numbers_of};
+use super::number::Number;
+use super::place::Place;
+use crate::error::{Error, Result};
+use crate::volume::cf::{self, Attribute};
+use crate::volume::values::{Linear, Scale, Values};
+use hdf5_reader::Datatype;
+use std::path::Path;
+
+/// Pairs of attributes whose names say that value = first * stored + second.
+const PAIRS: [(&str, &str); 3] = [
+    ("RescaleSlope", "RescaleIntercept"),
+    ("scl_slope", "scl_inter"),
+    ("slope", "intercept"),
+];
+
+/// Attributes that may be of the values, or of the size of a voxel, or of anything.
+const VAGUE: [&str; 6] = ["scale", "scaling", "gain", "offset", "calibration", "bias"];
+
+/// The numbers as the attributes have them read, and the values that they stand for.
+///
+/// # Errors
+/// [`Error::Unsupported`] with the attribute's name if its meaning cannot be told.
+pub(super) fn values(
+    path: &Path,
+    place: &Place,
+    number: Number,
+    warnings: &mut Vec<String>,
+) -> Result<(Number, Option<Values>)> {
+    let packed = cf::values(path, number.dtype, |name| {
+        Ok(attribute(&place.attributes, name))
+    })?;
+    let number = number.read_as(packed.dtype);
+    let no = |what: String| {
+        let hint = "write the values themselves, or remove the attribute";
+        Error::unsupported(
+            path,
+            format!("the HDF5 dataset {} with {what}", place.name),
+            hint,
+        )
+    };
+    let other = other(place).map_err(no)?;
+    vague(&place.attributes, other.is_some(), warnings);
+    let Some((linear, by)) = other else {
+        return Ok((number, packed.values));
+    };
+    let values = match packed.values {
+        None => Values::linear(linear.slope, linear.intercept, &by),
+        Some(values) if values.scale == Scale::All(Linear::SAME) => Some(Values {
+            scale: Scale::All(linear),
+            stated_by: format!("{by}; {}", values.stated_by),
+            ..values
+        }),
+        Some(values) => return Err(no(format!("both {} and {by}", values.stated_by))),
+    };
+    Ok((number, values))
+}
+
+/// An attribute as the conventions of CF take it.
+fn attribute(attributes: &Attributes, name: &str) -> Option<Attribute> {
+    let found = attributes.get(name)?;
+    let text = attributes.text(name);
+    if let Some(text) = text.filter(|t| t.parse::<f64>().is_err()) {
+        return Some(Attribute::Text(text));
+    }
+    Some(match attributes.numbers(name) {
+        Some(values) => Attribute::Numbers {
+            values,
+            float: matches!(found.datatype, Datatype::FloatingPoint { .. }),
+        },
+        None => Attribute::Other(super::number::type_text(&found.datatype)),
+    })
+}
+
+/// A scale that is not that of CF, and who states it.
+fn other(place: &Place) -> Result<Option<(Linear, String)>, String> {
+    let own = |name: &str| {
+        let there = place.attributes.has(name);
+        match place.attributes.number(name) {
+            Some(n) if n.is_finite() => Ok(Some(n)),
+            _ if there => Err(format!("an attribute {name} that is no number")),
+            _ => Ok(None),
+        }
+    };
+    for (slope, intercept) in PAIRS {
+        if place.attributes.has(slope)
+            || place.attributes.has(intercept) && intercept != "intercept"
+        {
+            let linear = Linear {
+                slope: own(slope)?.unwrap_or(1.0),
+                intercept: own(intercept)?.unwrap_or(0.0),
+            };
+            return sound(linear, format!("{slope} and {intercept}"));
+        }
+    }
+    // NeXus: attributes of the data, or datasets beside it
+    let (folder, name) = place.name.rsplit_once('/').unwrap_or(("", place.name));
+    let beside = |what: &str| {
+        let dataset = place
+            .file
+            .dataset(&format!("{folder}/{name}_{what}"))
+            .ok()?;
+        match numbers_of(&dataset)?[..] {
+            [one] => Some(one),
+            _ => None,
+        }
+    };
+    let factor = own("scaling_factor")?.or_else(|| beside("scaling_factor"));
+    let nexus = factor.is_some() || place.group.text("NX_class").is_some();
+    let offset = match nexus {
+        true => place
+            .attributes
+            .number("offset")
+            .or_else(|| beside("offset")),
+        false => None,
+    };
+    match (factor, offset) {
+        (None, None) => Ok(None),
+        (Some(f), Some(o)) if f != 1.0 && o != 0.0 => Err(format!(
+            "scaling_factor {f} and offset {o}, of which NeXus does not state which is applied first"
+        )),
+        (f, o) => {
+            let linear = Linear {
+                slope: f.unwrap_or(1.0),
+                intercept: o.unwrap_or(0.0),
+            };
+            let by = match (f, o) {
+                (Some(_), None) => "scaling_factor",
+                (None, _) => "offset",
+                _ => "scaling_factor and offset",
+            };
+            sound(linear, by.to_owned())
+        }
+    }
+}
+
+fn sound(linear: Linear, by: String) -> Result<Option<(Linear, String)>, String> {
+    if linear.slope == 0.0 || !linear.slope.is_finite() || !linear.intercept.is_finite() {
+        return Err(format!("a scale of {} by {by}", linear.slope));
+    }
+    Ok(Some((linear, by)))
+}
+
+/// Says which attributes may be a scale and are not taken as one.
+fn vague(attributes: &Attributes, taken: bool, warnings: &mut Vec<String>) {
+    for attribute in &attributes.0 {
+        let name = attribute.name.to_lowercase();
+        let Some(number) = attributes.number(&attribute.name) else {
+            continue;
+        };
+        let nothing = number == 1.0 && !matches!(name.as_str(), "offset" | "bias") || number == 0.0;
+        if VAGUE.contains(&name.as_str()) && !nothing && !(taken && name == "offset") {
+            warnings.push(format!(
+                "the attribute {} ({number}) is not applied: if it is of the values, the threshold is in stored numbers",
+                attribute.name
+            ));
+        }
+    }
+}

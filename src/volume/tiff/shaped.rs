@@ -1,0 +1,255 @@
+//! What tifffile writes into ImageDescription: the shape of a series, and what its axes are, as JSON
+//! (<https://github.com/cgohlke/tifffile>).
+
+use super::super::size::Step;
+use super::resolution::Resolution;
+use super::stack::{About, Stack};
+use crate::error::{Error, Result};
+use crate::length::{Length, tidy};
+use serde_json::{Map, Value};
+use std::path::Path;
+
+/// The description of a series.
+#[derive(Debug, Clone, PartialEq)]
+pub(super) struct Shaped {
+    pub(super) shape: Vec<u64>,
+    /// A letter for every axis; empty if it is not stated.
+    axes: String,
+    pub(super) truncated: bool,
+    json: Map<String, Value>,
+}
+
+impl Shaped {
+    /// True for the beginning of such a text.
+    pub(super) fn is_shaped(begin: &str) -> bool {
+        begin.starts_with('{') || begin.starts_with("shape=(")
+    }
+
+    /// Reads a description; `None` if it is something else.
+    pub(super) fn parse(text: &str) -> Option<Self> {
+        let text = text.trim();
+        if let Some(shape) = text.strip_prefix("shape=(") {
+            let numbers = shape.split(')').next()?.split(',').map(str::trim);
+            let shape = numbers.filter(|n| !n.is_empty()).map(|n| n.parse().ok());
+            return Some(Shaped {
+                shape: shape.collect::<Option<_>>()?,
+                axes: String::new(),
+                truncated: false,
+                json: Map::new(),
+            });
+        }
+        let mut json: Map<String, Value> = serde_json::from_str(text).ok()?;
+        let shape = json.remove("shape")?;
+        let shape = shape.as_array()?.iter().map(Value::as_u64);
+        let axes = json
+            .remove("axes")
+            .and_then(|v| v.as_str().map(str::to_uppercase));
+        Some(Shaped {
+            shape: shape.collect::<Option<_>>()?,
+            axes: axes.unwrap_or_default(),
+            truncated: json.remove("truncated") == Some(Value::Bool(true)),
+            json,
+        })
+    }
+
+    /// The shape of all pages together, without samples of one entry behind x.
+    fn leading(&self) -> &[u64] {
+        let all = &self.shape[..];
+        let samples = self.axes.ends_with('S')
+            || (all.len() > 2 && all.last() == Some(&1) && !self.axes.ends_with('X'));
+        let end = if samples {
+            all.len().saturating_sub(3)
+        } else {
+            all.len().saturating_sub(2)
+        };
+        &all[..end]
+    }
+
+    /// Number of pages.
+    pub(super) fn planes(&self) -> u64 {
+        self.leading()
+            .iter()
+            .fold(1, |n, len| n.saturating_mul(*len))
+    }
+
+    /// What the shape says of pages of this size.
+    ///
+    /// # Errors
+    /// [`Error::Format`] if the shape and the pages, or the shape and its axes, contradict each other;
+    /// [`Error::Unsupported`] for pages that are not planes of y and x.
+    pub(super) fn stack(&self, path: &Path, size: [u32; 2]) -> Result<Stack> {
+        let text = format!(
+            "a shape of {:?} with the axes \"{}\"",
+            self.shape, self.axes
+        );
+        let leading = self.leading();
+        let plane = &self.shape[leading.len()..];
+        let rows = plane.first().copied().unwrap_or(0);
+        let columns = plane.get(1).copied().unwrap_or(0);
+        if [columns, rows] != size.map(u64::from) {
+            let [x, y] = size;
+            let expected = format!("one of pages of {x} x {y}, as they are");
+            return Err(Error::format(
+                path,
+                format!("{text} in the description by tifffile"),
+                expected,
+            )
+            .with_hint("the file was changed: save it again"));
+        }
+        let count = self.axes.chars().count();
+        if count != 0 && count != self.shape.len() {
+            return Err(Error::format(path, text, "an axis for every number"));
+        }
+        let axes: Vec<char> = match count {
+            0 => vec!['Q'; leading.len()],
+            _ => self.axes.chars().collect(),
+        };
+        if count != 0 && axes[leading.len()..leading.len() + 2] != ['Y', 'X'] {
+            let hint = "save it with the axes ZYX, slices first";
+            return Err(Error::unsupported(
+                path,
+                format!("{text}, of which pages are not y by x,"),
+                hint,
+            ));
+        }
+        Ok(stack(&axes, leading, size))
+    }
+
+    /// All that the description says of sizes, to be compared.
+    pub(super) fn all_of_sizes(&self) -> String {
+        let of_size =
+            |key: &str| ["unit", "spacing"].contains(&key) || key.starts_with("PhysicalSize");
+        let all = self.json.iter().filter(|(key, _)| of_size(key));
+        all.map(|(key, value)| format!("{key}={value}\n")).collect()
+    }
+
+    /// Sizes that the description states.
+    pub(super) fn sizes(&self, resolution: &Resolution, about: &mut About) {
+        let text = |key: &str| {
+            self.json
+                .get(key)
+                .and_then(Value::as_str)
+                .unwrap_or_default()
+        };
+        let number = |key: &str| self.json.get(key).and_then(Value::as_f64).map(tidy);
+        let physical = ["X", "Y", "Z"].map(|axis| {
+            let unit = self.json.get(&format!("PhysicalSize{axis}Unit"));
+            let unit = unit.or(self.json.get("unit")).and_then(Value::as_str);
+            let unit = unit.unwrap_or("um");
+            number(&format!("PhysicalSize{axis}")).map(|size| Step::new(size, unit))
+        });
+        if physical.iter().any(Option::is_some) {
+            about.steps = physical;
+            return;
+        }
+        let (unit, depth) = (text("unit"), number("spacing"));
+        if unit.is_empty() && depth.is_none() {
+            let (steps, note) = resolution.steps();
+            if resolution.unit == 2 && steps[0].is_some() {
+                about.warnings.push(
+                    "TIFF's resolution is in inch, which tifffile also puts where it is told no unit: give --spacing \
+                     and --unit if that is wrong"
+                        .into(),
+                );
+            }
+            about.steps = steps;
+            about.notes.extend(note);
+            return;
+        }
+        let one = |r: Option<super::ifd::Ratio>| r.is_none_or(|r| r.above == r.below);
+        let [x, y] = match resolution.unit {
+            // tifffile puts 1 where it is given none
+            _ if one(resolution.x) && one(resolution.y) => [None, None],
+            2 => self.inches(resolution, unit, depth, about),
+            3 => resolution.in_unit(unit),
+            _ => resolution.per(unit),
+        };
+        about.steps = [x, y, depth.map(|size| Step::new(size, unit))];
+    }
+
+    /// Pixels per inch beside another unit. Inch is what tifffile puts where it is given none, so that they may be
+    /// pixels per that unit: the distance of slices tells, since a voxel is not a hundred times as long as wide.
+    fn inches(
+        &self,
+        resolution: &Resolution,
+        unit: &str,
+        depth: Option<f64>,
+        about: &mut About,
+    ) -> [Option<Step>; 2] {
+        let (by_inch, in_unit) = (resolution.in_unit(unit), resolution.per(unit));
+        let Some(length) = Length::parse(unit) else {
+            return by_inch;
+        };
+        let of = |name: &str, size: f64| {
+            Length::parse(name).map(|l| l.convert(size, crate::grid::Unit::Nanometre))
+        };
+        let near = |steps: &[Option<Step>; 2]| {
+            let x = steps[0].as_ref().and_then(|s| of(&s.unit, s.size));
+            let z = depth.and_then(|d| of(unit, d));
+            matches!((x, z), (Some(x), Some(z)) if (0.01..100.0).contains(&(x / z)))
+        };
+        if Some(length) == Length::parse("inch") {
+            return in_unit;
+        }
+        match (near(&by_inch), near(&in_unit)) {
+            (true, false) => by_inch,
+            (false, true) => {
+                about.warnings.push(format!(
+                    "TIFF's resolution is in inch, tifffile's description in {unit}: its numbers are taken as {unit}, \
+                     which fits the distance of slices; give --spacing and --unit if that is wrong"
+                ));
+                in_unit
+            }
+            _ => {
+                about.warnings.push(format!(
+                    "TIFF's resolution is in inch, tifffile's description in {unit}: none is taken, give --spacing \
+                     and --unit"
+                ));
+                [None, None]
+            }
+        }
+    }
+}
+
+/// Slices, channels and times of pages with these axes, the slowest first.
+fn stack(axes: &[char], leading: &[u64], size: [u32; 2]) -> Stack {
+    let mut counts = [1; 3];
+    let (mut order, mut other) = (String::new(), None);
+    let long: Vec<_> = axes
+        .iter()
+        .zip(leading)
+        .filter(|(_, len)| **len != 1)
+        .collect();
+    let named = |axis: char| long.iter().any(|(a, _)| **a == axis);
+    for (axis, len) in long.iter().rev() {
+        let at = match axis {
+            'Z' => 0,
+            'C' => 1,
+            'T' => 2,
+            // a single axis of pages, but of colours, is that of slices
+            _ if long.len() == 1 => 0,
+            // of several without a name, the fastest
+            'I' | 'Q' | 'D' if !named('Z') => 0,
+            _ => 3,
+        };
+        if at == 3 || counts[at] != 1 {
+            let name = match axis {
+                'Q' => "entries along an axis without a name".to_owned(),
+                _ => format!("entries along the axis {axis}"),
+            };
+            other = Some((name, **len));
+            continue;
+        }
+        counts[at] = **len;
+        order.push(['z', 'c', 't'][at]);
+    }
+    for axis in ['z', 'c', 't'] {
+        if !order.contains(axis) {
+            order.push(axis);
+        }
+    }
+    let mut stack = Stack::new(counts, &order).unwrap_or_else(|| Stack::slices(0, size));
+    stack.size = Some(size);
+    stack.other = other;
+    stack
+}

@@ -1,0 +1,202 @@
+//! From an array and what is stated of it to a volume.
+
+use super::super::Dtype;
+use super::super::cf;
+use super::super::layout::{Recipe, Samples};
+use super::super::open::OpenOptions;
+use super::super::paged::MAX_CHUNK;
+use super::axes::{self, Axis, Chosen};
+use super::chunk::ZarrChunks;
+use super::coordinates;
+use super::count::{self, Count};
+use super::files::Files;
+use super::meta::Array;
+use super::ome::{OmeAxis, Stated};
+use super::place::{self, Placed};
+use crate::error::{Error, Result};
+use crate::grid::{Dims, Placement};
+use crate::manifest::{Origin, Provenance};
+use std::path::{Path, PathBuf};
+
+/// An array that was found.
+pub(super) struct Source {
+    pub(super) folder: PathBuf,
+    pub(super) array: Array,
+    /// Where it lies, if it is a level of a pyramid.
+    pub(super) stated: Option<Stated>,
+    pub(super) notes: Vec<String>,
+    pub(super) warnings: Vec<String>,
+}
+
+impl Source {
+    /// The volume in the array; `path` is what was opened.
+    ///
+    /// # Errors
+    /// See [`super::parse`].
+    pub(super) fn recipe(mut self, path: &Path, options: &OpenOptions) -> Result<Recipe> {
+        let stored = self.dtype()?;
+        let usual = |stated: &Stated| stated.usual && matches!(stated.affine, Ok(None));
+        if self.array.shape.len() != 5 && self.stated.as_ref().is_some_and(usual) {
+            self.stated = None;
+        }
+        let labels = match &self.stated {
+            Some(stated) => place::labels(stated, self.array.shape.len()),
+            None => Vec::new(),
+        };
+        let all = self.axes(&labels)?;
+        let Chosen { axes, at, notes } = axes::choose(path, &all, options)?;
+        self.notes.extend(notes);
+        let dims = Dims::new(axes.map(|a| self.array.shape[a]))
+            .map_err(|e| Error::format(path, format!("an array with {e}"), "a volume"))?;
+        let (placement, provenance) = self.place(&labels, axes, options)?;
+        let attribute = |name: &str| Ok(coordinates::attribute(&self.array, name));
+        self.notes.extend(coordinates::fill_note(&self.array));
+        if provenance.spacing == [Origin::Default; 3] && options.spacing.is_none() {
+            self.notes.extend(coordinates::size_note(&self.array));
+        }
+        let packed = cf::values(&self.folder, stored, attribute)?;
+        let bytes = self.chunk_bytes(path)?;
+        let (endian, fill) = (self.array.coding.endian, self.array.fill.unwrap_or(0.0));
+        let mut files = Files::new(self.folder, self.array, bytes);
+        let counted = count::count(&mut files, axes, &at, &mut self.notes)?;
+        match counted {
+            Some(Count { missing, total }) if missing == total => self.warnings.push(format!(
+                "none of the {total} chunks is there: all samples are the fill value {fill}"
+            )),
+            Some(Count { missing: 1.., .. }) => self.notes.extend(counted.map(|c| {
+                let Count { missing, total } = c;
+                format!("{missing} of {total} chunks are missing and read as the fill value {fill}")
+            })),
+            _ => {}
+        }
+        let chunks = ZarrChunks::new(files, dims, axes, &at, packed.dtype);
+        Ok(Recipe {
+            endian: Some(endian),
+            placement,
+            provenance,
+            values: packed.values,
+            notes: self.notes,
+            warnings: self.warnings,
+            ..Recipe::new(
+                "zarr",
+                dims,
+                packed.dtype,
+                Samples::Chunks(Box::new(chunks)),
+            )
+        })
+    }
+
+    /// The type of samples as they are handed out if nothing scales them.
+    fn dtype(&self) -> Result<Dtype> {
+        self.array.kind.dtype().ok_or_else(|| {
+            let what = format!("a Zarr array of type {}", self.array.kind);
+            let hint = "convert it to a type of at most 32 bits or to f64";
+            Error::unsupported(&self.folder, what, hint)
+        })
+    }
+
+    /// The axes of the array, by the pyramid's names or by its own; these must not contradict each other.
+    fn axes(&self, labels: &[usize]) -> Result<Vec<Axis>> {
+        let array = &self.array;
+        let own = |i: usize| array.names.get(i).cloned().unwrap_or_default();
+        let mut axes = Vec::new();
+        for (i, &size) in array.shape.iter().enumerate() {
+            let axis = match &self.stated {
+                Some(stated) => stated.axes.get(labels[i]).cloned().unwrap_or_default(),
+                None => OmeAxis {
+                    name: own(i),
+                    ..OmeAxis::default()
+                },
+            };
+            axes.push(Axis {
+                name: axis.name,
+                kind: axis.kind,
+                size,
+            });
+        }
+        let Some(stated) = &self.stated else {
+            return Ok(axes);
+        };
+        if stated.axes.len() != axes.len() {
+            let found = format!("an array of shape {:?}", array.shape);
+            let expected = format!("{} axes, as its pyramid has", stated.axes.len());
+            return Err(Error::format(&self.folder, found, expected));
+        }
+        let names: Vec<&str> = axes.iter().map(|axis| axis.name.as_str()).collect();
+        let elsewhere = |(i, axis): (usize, &Axis)| {
+            names
+                .iter()
+                .position(|n| **n == own(i))
+                .is_some_and(|j| j != i)
+                && own(i) != axis.name
+        };
+        if axes.iter().enumerate().any(elsewhere) {
+            let found = format!("an array of the axes {}", array.names.join(", "));
+            let expected = format!("{}, as its pyramid has", names.join(", "));
+            return Err(Error::format(&self.folder, found, expected)
+                .with_hint("correct the names of its axes in one of the two"));
+        }
+        Ok(axes)
+    }
+
+    /// Where the volume lies. What a pyramid states and cannot be taken is no error if `--spacing` overrides it.
+    fn place(
+        &mut self,
+        labels: &[usize],
+        axes: [usize; 3],
+        options: &OpenOptions,
+    ) -> Result<(Placement, Provenance)> {
+        let placed: Result<Placed> = match &self.stated {
+            Some(Stated {
+                axes: coordinates,
+                affine: Ok(Some(affine)),
+                ..
+            }) => place::turned(&self.folder, (affine, coordinates), labels, axes),
+            Some(Stated { affine: Err(_), .. }) => match self.stated.take() {
+                Some(Stated { affine: Err(e), .. }) => Err(e),
+                _ => Ok(Placed::default()),
+            },
+            _ => {
+                let (lines, odd) = coordinates::lines(&self.folder, &self.array, axes);
+                self.warnings.extend(odd);
+                Ok(place::along(lines))
+            }
+        };
+        let (placement, provenance, warning) = match placed {
+            Ok(placed) => placed,
+            Err(e) if options.spacing.is_some() => {
+                self.notes
+                    .push(format!("not applied, as --spacing is given: {e}"));
+                Placed::default()
+            }
+            Err(e) => {
+                return Err(e.with_hint(
+                    "give --spacing and --unit to take the axes of the array as they are",
+                ));
+            }
+        };
+        self.warnings.extend(warning);
+        Ok((placement, provenance))
+    }
+
+    /// Bytes of a chunk as stored.
+    fn chunk_bytes(&self, path: &Path) -> Result<usize> {
+        let array = &self.array;
+        let sample = array.kind.size as u64;
+        let chunk = array
+            .chunk
+            .iter()
+            .try_fold(sample, |n, &c| n.checked_mul(c));
+        match chunk {
+            Some(bytes) if bytes <= MAX_CHUNK => Ok(bytes as usize),
+            _ => {
+                let what = format!("a Zarr array with chunks of {:?}", array.chunk);
+                Err(Error::unsupported(
+                    path,
+                    what,
+                    "write it anew with smaller chunks",
+                ))
+            }
+        }
+    }
+}

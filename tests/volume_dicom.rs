@@ -1,0 +1,427 @@
+//! What DICOM states of values and places: applied, or refused by name. The order of frames and their distance are
+//! those that vtk-dicom and SimpleITK give the same files.
+
+mod volume_common;
+#[path = "volume_common/dicom.rs"]
+mod writer;
+
+use alvis::grid::Unit;
+use alvis::manifest::Origin;
+use alvis::volume::{Dtype, OpenOptions, Opened, open};
+use alvis::{Error, Result};
+use std::path::Path;
+use volume_common::all;
+use writer::Set;
+
+const PIXELS: [u16; 6] = [0, 1, 2, 3, 4, 5];
+
+/// The elements in front of the image's own: instance, series, number and place.
+fn front(instance: &str, number: &str, place: Option<&str>, step: &[(u32, &str)]) -> Set {
+    let mut set = Set::default()
+        .text(0x0008_0018, "UI", instance)
+        .text(0x0008_0060, "CS", "CT");
+    for (tag, value) in step {
+        set = set.text(*tag, "DS", value);
+    }
+    set = set
+        .text(0x0020_000e, "UI", "1.2.3")
+        .text(0x0020_0011, "IS", "7");
+    set = set.text(0x0020_0013, "IS", number);
+    match place {
+        Some(place) => {
+            set.text(0x0020_0032, "DS", place)
+                .text(0x0020_0037, "DS", "1\\0\\0\\0\\1\\0")
+        }
+        None => set,
+    }
+}
+
+/// The image's own elements behind its size: pixels of 0.5 x 0.25 mm, stored in 16 bits.
+fn back(rescale: Option<[&str; 2]>) -> Set {
+    let set = Set::default()
+        .text(0x0028_0030, "DS", "0.25\\0.5")
+        .short(0x0028_0100, 16)
+        .short(0x0028_0101, 16)
+        .short(0x0028_0102, 15)
+        .short(0x0028_0103, 0);
+    match rescale {
+        Some([intercept, slope]) => {
+            set.text(0x0028_1052, "DS", intercept)
+                .text(0x0028_1053, "DS", slope)
+        }
+        None => set,
+    }
+}
+
+fn mapping(slope: f64, intercept: f64) -> Set {
+    Set::default()
+        .short(0x0040_9211, 65535)
+        .short(0x0040_9216, 0)
+        .double(0x0040_9224, intercept)
+        .double(0x0040_9225, slope)
+}
+
+/// Writes slices at these heights, 2 mm apart, with the same elements behind.
+fn slices(dir: &Path, behind: &[Set]) {
+    for (k, behind) in behind.iter().enumerate() {
+        let front = front(
+            &format!("1.{k}"),
+            &k.to_string(),
+            Some(&format!("0\\0\\{}", 2 * k)),
+            &[],
+        );
+        std::fs::write(
+            dir.join(format!("I{k}")),
+            Set::file(&front, &PIXELS, 1, behind),
+        )
+        .unwrap();
+    }
+}
+
+/// A volume and the folder that its files are in, which are opened when they are read.
+struct Kept {
+    opened: Opened,
+    _folder: tempfile::TempDir,
+}
+
+impl std::ops::Deref for Kept {
+    type Target = Opened;
+
+    fn deref(&self) -> &Opened {
+        &self.opened
+    }
+}
+
+impl std::fmt::Debug for Kept {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        self.opened.fmt(f)
+    }
+}
+
+fn of(behind: &[Set]) -> Result<Kept> {
+    let folder = tempfile::tempdir().unwrap();
+    slices(folder.path(), behind);
+    let opened = open(folder.path(), &OpenOptions::default())?;
+    Ok(Kept {
+        opened,
+        _folder: folder,
+    })
+}
+
+fn floats(opened: &Opened) -> Vec<f32> {
+    assert_eq!(opened.volume.header().dtype, Dtype::F32);
+    let bytes = all(&*opened.volume).unwrap();
+    let words = bytes.as_chunks::<4>().0.iter();
+    words.map(|w| f32::from_ne_bytes(*w)).collect()
+}
+
+fn says(words: &[String], part: &str) -> bool {
+    words.iter().any(|word| word.contains(part))
+}
+
+fn given() -> OpenOptions {
+    OpenOptions {
+        spacing: Some([0.5, 0.25, 3.0]),
+        unit: Some(Unit::Millimetre),
+        ..OpenOptions::default()
+    }
+}
+
+#[test]
+fn real_world_values_are_applied_where_the_rescale_is_none() {
+    let one = back(Some(["0", "1"])).items(0x0040_9096, &[mapping(0.5, -3.0)]);
+    let opened = of(&[one.clone(), one]).unwrap();
+    let expected = [-3.0, -2.5, -2.0, -1.5, -1.0, -0.5];
+    assert_eq!(floats(&opened), [expected, expected].concat());
+    assert_eq!(
+        opened.values.as_deref(),
+        Some("0.5 * stored - 3 (RealWorldValueMapping)")
+    );
+    // a scale of its own for each slice
+    let of_slice = |slope| back(None).items(0x0040_9096, &[mapping(slope, 0.0)]);
+    let opened = of(&[of_slice(0.5), of_slice(0.25)]).unwrap();
+    assert_eq!(floats(&opened)[5..8], [2.5, 0.0, 0.25]);
+    assert!(opened.values.as_ref().unwrap().contains("each of 2 slices"));
+    // the rescale goes first, and is told too
+    let both = back(Some(["-1024", "1"])).items(0x0040_9096, &[mapping(0.5, -3.0)]);
+    let opened = of(&[both.clone(), both]).unwrap();
+    assert_eq!(opened.volume.header().dtype, Dtype::I32);
+    assert!(says(&opened.notes, "RealWorldValueMapping is not applied"));
+    assert!(
+        opened
+            .values
+            .as_ref()
+            .unwrap()
+            .contains("1 * stored - 1024")
+    );
+    let part = back(None).items(
+        0x0040_9096,
+        &[Set::default()
+            .short(0x0040_9211, 100)
+            .short(0x0040_9216, 0)
+            .double(0x0040_9224, 0.0)
+            .double(0x0040_9225, 2.0)],
+    );
+    assert!(says(
+        &of(&[part.clone(), part]).unwrap().notes,
+        "a part of the stored numbers"
+    ));
+}
+
+#[test]
+fn real_world_values_in_groups_of_frames() {
+    let place = |z: u32| Set::default().text(0x0020_0032, "DS", &format!("0\\0\\{z}"));
+    let frame = |z, slope: f64| {
+        Set::default()
+            .items(0x0020_9113, &[place(z)])
+            .items(0x0040_9096, &[mapping(slope, 1.0)])
+    };
+    let turn = Set::default().text(0x0020_0037, "DS", "1\\0\\0\\0\\1\\0");
+    let behind = back(None)
+        .items(0x5200_9229, &[Set::default().items(0x0020_9116, &[turn])])
+        .items(0x5200_9230, &[frame(4, 0.5), frame(2, 0.25)]);
+    let front = front("1.1", "1", None, &[]);
+    let dir = tempfile::tempdir().unwrap();
+    let path = dir.path().join("a.dcm");
+    std::fs::write(
+        &path,
+        Set::file(&front, &[PIXELS, PIXELS].concat(), 2, &behind),
+    )
+    .unwrap();
+    let opened = open(&path, &OpenOptions::default()).unwrap();
+    assert_eq!(floats(&opened)[5..8], [2.25, 1.0, 1.5]);
+    assert_eq!(opened.volume.header().placement.spacing, [0.5, 0.25, 2.0]);
+}
+
+#[test]
+fn values_that_are_no_one_scale_are_refused_by_name() {
+    let table = Set::default().double(0x0040_9212, 1.0);
+    let several = [mapping(0.5, 0.0), mapping(0.5, 1.0)];
+    for (behind, part) in [
+        (back(None).items(0x0040_9096, &[table]), "a table of values"),
+        (back(None).items(0x0040_9096, &several), "several scales"),
+        (
+            back(None).items(0x0028_3000, &[Set::default().short(0x0028_3002, 1)]),
+            "Modality LUT",
+        ),
+    ] {
+        let error = of(&[behind.clone(), behind]).unwrap_err();
+        assert!(matches!(error, Error::Unsupported { .. }), "{error}");
+        assert!(error.to_string().contains(part), "{error}");
+    }
+    let zero = back(None).items(0x0040_9096, &[mapping(0.0, 1.0)]);
+    assert!(of(&[zero.clone(), zero]).is_err());
+    let twice = back(None).items(0x0040_9096, &[mapping(0.5, 1.0), mapping(0.5, 1.0)]);
+    assert_eq!(floats(&of(&[twice.clone(), twice]).unwrap())[2], 2.0);
+}
+
+/// A file of three frames; `place` and `step` stand at the top, `behind` with the image.
+fn cone_beam(
+    place: Option<&str>,
+    step: &[(u32, &str)],
+    behind: Set,
+    options: &OpenOptions,
+) -> Result<Kept> {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("a.dcm");
+    let pixels: Vec<u16> = (0..18).collect();
+    let bytes = Set::file(&front("1.1", "1", place, step), &pixels, 3, &behind);
+    std::fs::write(&path, bytes).unwrap();
+    let opened = open(&path, options)?;
+    Ok(Kept {
+        opened,
+        _folder: folder,
+    })
+}
+
+const BETWEEN: (u32, &str) = (0x0018_0088, "-0.3");
+const THICK: (u32, &str) = (0x0018_0050, "0.4");
+
+#[test]
+fn frames_that_share_a_position_are_slices_in_order() {
+    let none = OpenOptions::default();
+    for place in [Some("-4\\-3\\2"), None] {
+        for (step, z, from) in [
+            (&[THICK, BETWEEN][..], 0.3, Origin::File),
+            (&[THICK], 0.4, Origin::Assumed),
+        ] {
+            let opened = cone_beam(place, step, back(None), &none).unwrap();
+            let header = opened.volume.header();
+            assert_eq!(header.dims.0, [3, 2, 3]);
+            let spacing = header.placement.spacing;
+            assert_eq!(spacing, [0.5, 0.25, z]);
+            let origin = place.map_or([0.0; 3], |_| [-4.0, -3.0, 2.0]);
+            assert_eq!(header.placement.origin, origin);
+            assert_eq!(opened.provenance.spacing[2], from);
+            assert_eq!(says(&opened.warnings, "thickness"), from == Origin::Assumed);
+            let words = all(&*opened.volume).unwrap();
+            let words = words
+                .as_chunks::<2>()
+                .0
+                .iter()
+                .map(|w| u16::from_ne_bytes(*w));
+            assert!(words.eq(0..18));
+            // what the user says goes, without a warning
+            let opened = cone_beam(place, step, back(None), &given()).unwrap();
+            assert_eq!(opened.volume.header().placement.spacing, [0.5, 0.25, 3.0]);
+            assert_eq!(opened.warnings, [""; 0]);
+        }
+        let error = cone_beam(place, &[], back(None), &none)
+            .unwrap_err()
+            .to_string();
+        assert!(
+            error.contains("--spacing") && !error.contains("at one place"),
+            "{error}"
+        );
+        let opened = cone_beam(place, &[], back(None), &given()).unwrap();
+        assert_eq!(opened.volume.header().placement.spacing, [0.5, 0.25, 3.0]);
+    }
+}
+
+#[test]
+fn a_dose_lies_at_its_offsets_and_is_scaled() {
+    let behind = back(None)
+        .text(0x3004_000c, "DS", "0\\2.5\\5")
+        .text(0x3004_000e, "DS", "0.001");
+    let opened = cone_beam(Some("1\\2\\3"), &[THICK], behind, &OpenOptions::default()).unwrap();
+    let place = opened.volume.header().placement;
+    assert_eq!(
+        (place.spacing, place.origin),
+        ([0.5, 0.25, 2.5], [1.0, 2.0, 3.0])
+    );
+    assert_eq!(opened.warnings, [""; 0]);
+    assert_eq!(
+        opened.values.as_deref(),
+        Some("0.001 * stored + 0 (DoseGridScaling)")
+    );
+    let short = back(None).text(0x3004_000c, "DS", "0\\2.5");
+    assert!(cone_beam(Some("1\\2\\3"), &[], short, &OpenOptions::default()).is_err());
+}
+
+#[test]
+fn files_without_positions_are_in_the_order_of_their_numbers_on_demand() {
+    let dir = tempfile::tempdir().unwrap();
+    let write = |name: &str, number: &str, place: Option<&str>, value: u16| {
+        let front = front(&format!("1.{name}"), number, place, &[]);
+        std::fs::write(
+            dir.path().join(name),
+            Set::file(&front, &[value; 6], 1, &back(None)),
+        )
+        .unwrap();
+    };
+    let read = |options: &OpenOptions| open(dir.path(), options);
+    for place in [None, Some("0\\0\\0")] {
+        // names run the other way
+        for (name, number) in [("a", "12"), ("b", "11"), ("c", "10")] {
+            write(name, number, place, number.parse().unwrap());
+        }
+        let error = read(&OpenOptions::default()).unwrap_err().to_string();
+        assert!(
+            error.contains("InstanceNumber") && error.contains("--spacing"),
+            "{error}"
+        );
+        let opened = read(&given()).unwrap();
+        let bytes = all(&*opened.volume).unwrap();
+        assert_eq!([bytes[0], bytes[12], bytes[24]], [10, 11, 12]);
+        assert!(says(&opened.warnings, "InstanceNumber"));
+        assert_eq!(opened.volume.header().placement.spacing, [0.5, 0.25, 3.0]);
+        // numbers that count nothing
+        write("c", "11", place, 9);
+        assert!(read(&given()).is_err());
+        write("c", "9", place, 9);
+        assert!(read(&given()).is_err());
+    }
+}
+
+#[test]
+fn a_slice_that_comes_twice_is_told_by_its_pixels() {
+    let dir = tempfile::tempdir().unwrap();
+    slices(dir.path(), &[back(None), back(None), back(None)]);
+    let again = |pixels: &[u16]| {
+        let front = front("1.99", "9", Some("0\\0\\2"), &[]);
+        std::fs::write(
+            dir.path().join("J"),
+            Set::file(&front, pixels, 1, &back(None)),
+        )
+        .unwrap();
+    };
+    again(&PIXELS);
+    let opened = open(dir.path(), &OpenOptions::default()).unwrap();
+    assert_eq!(opened.volume.header().dims.0, [3, 2, 3]);
+    assert!(says(&opened.notes, "count once"), "{:?}", opened.notes);
+    again(&[9; 6]);
+    let error = open(dir.path(), &OpenOptions::default())
+        .unwrap_err()
+        .to_string();
+    assert!(error.contains("I1") && error.contains("/J"), "{error}");
+}
+
+#[test]
+fn series_in_folders_beside_a_file_are_found() {
+    let dir = tempfile::tempdir().unwrap();
+    let deep = dir.path().join("S1");
+    std::fs::create_dir(&deep).unwrap();
+    slices(&deep, &[back(None), back(None)]);
+    // beside the folder a slice of the same series, at the place of another
+    let beside = Set::file(
+        &front("1.50", "1", Some("0\\0\\0"), &[]),
+        &PIXELS,
+        1,
+        &back(Some(["1", "1"])),
+    );
+    let other = back(None);
+    let beside_path = dir.path().join("beside");
+    std::fs::write(&beside_path, &beside).unwrap();
+    let error = open(dir.path(), &OpenOptions::default()).unwrap_err();
+    assert!(
+        error.to_string().contains("at one place"),
+        "one series: {error}"
+    );
+    // another series above: both are listed
+    std::fs::remove_file(&beside_path).unwrap();
+    for k in 0..2 {
+        let front = front(&format!("2.{k}"), "1", Some(&format!("0\\0\\{k}")), &[]);
+        let mut bytes = Set::file(&front, &PIXELS, 1, &other);
+        let at = bytes.windows(6).position(|w| w == b"1.2.3\0").unwrap();
+        bytes[at + 4] = b'4';
+        std::fs::write(dir.path().join(format!("J{k}")), bytes).unwrap();
+    }
+    let error = open(dir.path(), &OpenOptions::default()).unwrap_err();
+    assert!(
+        matches!(&error, Error::Usage { option, .. } if option == "--series"),
+        "{error}"
+    );
+    // a picture beside the folders is a preview
+    for k in 0..2 {
+        std::fs::remove_file(dir.path().join(format!("J{k}"))).unwrap();
+    }
+    let png = Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/fixtures/png8/s8.png");
+    std::fs::copy(png, dir.path().join("preview.png")).unwrap();
+    let opened = open(dir.path(), &OpenOptions::default()).unwrap();
+    assert_eq!(opened.volume.header().dims.0, [3, 2, 2]);
+}
+
+#[test]
+fn images_that_are_left_out_are_counted() {
+    let dir = tempfile::tempdir().unwrap();
+    slices(dir.path(), &[back(None), back(None)]);
+    // signed numbers, in an otherwise equal slice
+    let signed = Set::default()
+        .text(0x0028_0030, "DS", "0.25\\0.5")
+        .short(0x0028_0100, 16)
+        .short(0x0028_0101, 16)
+        .short(0x0028_0102, 15)
+        .short(0x0028_0103, 1);
+    let front = front("1.9", "9", Some("0\\0\\4"), &[]);
+    std::fs::write(
+        dir.path().join("I9"),
+        Set::file(&front, &PIXELS, 1, &signed),
+    )
+    .unwrap();
+    let opened = open(dir.path(), &OpenOptions::default()).unwrap();
+    assert!(
+        says(&opened.notes, "1 other images are left out"),
+        "{:?}",
+        opened.notes
+    );
+}
