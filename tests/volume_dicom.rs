@@ -10,7 +10,7 @@ use alvis::manifest::Origin;
 use alvis::volume::{Dtype, OpenOptions, Opened, open};
 use alvis::{Error, Result};
 use std::path::Path;
-use volume_common::all;
+use volume_common::{all, floats, says};
 use writer::Set;
 
 const PIXELS: [u16; 6] = [0, 1, 2, 3, 4, 5];
@@ -106,17 +106,6 @@ fn of(behind: &[Set]) -> Result<Kept> {
         opened,
         _folder: folder,
     })
-}
-
-fn floats(opened: &Opened) -> Vec<f32> {
-    assert_eq!(opened.volume.header().dtype, Dtype::F32);
-    let bytes = all(&*opened.volume).unwrap();
-    let words = bytes.as_chunks::<4>().0.iter();
-    words.map(|w| f32::from_ne_bytes(*w)).collect()
-}
-
-fn says(words: &[String], part: &str) -> bool {
-    words.iter().any(|word| word.contains(part))
 }
 
 fn given() -> OpenOptions {

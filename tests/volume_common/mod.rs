@@ -1,7 +1,7 @@
 //! Writes a volume in every format that is read, independently of the readers.
 #![allow(dead_code)] // each test file uses a part
 
-use alvis::volume::{Dtype, Endian, OpenOptions, Volume};
+use alvis::volume::{Dtype, Endian, OpenOptions, Opened, Volume, open};
 use flate2::Compression;
 use flate2::write::{GzEncoder, ZlibEncoder};
 use std::io::Write;
@@ -324,4 +324,30 @@ pub fn all(volume: &dyn Volume) -> alvis::Result<Vec<u8>> {
     let mut out = vec![0; header.dims.voxels() as usize * header.dtype.bytes()];
     volume.read_box(0..nx, 0..ny, 0..nz, &mut out)?;
     Ok(out)
+}
+
+/// Opens a file of these bytes with options.
+pub fn open_as(name: &str, bytes: &[u8], options: &OpenOptions) -> alvis::Result<Opened> {
+    let dir = tempfile::tempdir().unwrap();
+    let path = dir.path().join(name);
+    std::fs::write(&path, bytes).unwrap();
+    open(&path, options)
+}
+
+/// Opens a file of these bytes.
+pub fn opened(name: &str, parts: &[&[u8]]) -> Opened {
+    open_as(name, &parts.concat(), &OpenOptions::default()).unwrap()
+}
+
+/// Values of a volume whose type is f32.
+pub fn floats(opened: &Opened) -> Vec<f32> {
+    assert_eq!(opened.volume.header().dtype, Dtype::F32);
+    let bytes = all(&*opened.volume).unwrap();
+    let words = bytes.as_chunks::<4>().0.iter();
+    words.map(|w| f32::from_ne_bytes(*w)).collect()
+}
+
+/// True if one of the words for people has a part.
+pub fn says(warnings: &[String], part: &str) -> bool {
+    warnings.iter().any(|warning| warning.contains(part))
 }

@@ -96,7 +96,7 @@ pub(super) fn suggestion(path: &Path) -> Option<String> {
         let Ok(head) = Blob::file(&beside).and_then(|b| b.head(HEAD)) else {
             continue;
         };
-        let is_nifti = || matches!(nifti::recognise(&head), Some(_));
+        let is_nifti = || nifti::recognise(&head).is_some();
         if nrrd::is_nrrd(&head) || metaimage::is_metaimage(&head) || is_nifti() {
             return Some(format!(
                 "give {}, which says size and type",
