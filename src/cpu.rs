@@ -145,12 +145,11 @@ mod tests {
 
 #[cfg(test)]
 mod thread_tests {
-    use super::threads;
-
+    // no `use`: a bench that takes this file in has no tests
     #[test]
     fn more_threads_than_cores_can_use_are_not_started() {
-        let cores = threads(0);
-        assert!(cores >= 1 && threads(1) == 1 && threads(16) == 16);
-        assert_eq!(threads(100_000), (4 * cores).max(16));
+        let cores = super::threads(0);
+        assert!(cores >= 1 && super::threads(1) == 1 && super::threads(16) == 16);
+        assert_eq!(super::threads(100_000), (4 * cores).max(16));
     }
 }

@@ -445,17 +445,18 @@ fn inside(dir: &Path, limit: u64, args: &[&str]) {
     );
 }
 
-/// Everything that can be done with a tile set whose volume is `a.raw`, inside a limit of its memory.
-fn all_commands(dir: &Path, limit: u64, dims: &str) {
+/// Everything that can be done with a tile set whose volume is `a.raw`, inside a limit of its memory; to sew it
+/// together takes another one.
+fn all_commands(dir: &Path, limit: u64, sewn: u64, dims: &str) {
     let volume = ["--dims", dims, "--dtype", "u8"];
-    let memory = limit.to_string();
-    let commands: [&[&str]; 10] = [
+    let memory = sewn.to_string();
+    inside(dir, sewn, &["export", "out", "a.ply", "--memory", &memory]);
+    let commands: [&[&str]; 9] = [
         &["verify", "out", "--threads", "2"],
         &["verify", "out", "--threads", "2", "--against", "a.raw"],
         &["select", "out", "sel", "--where", "id > 5"],
         &["select", "out", "painted", "--colour-by", "volume"],
         &["repack", "out", "packed", "--for", "meshlab"],
-        &["export", "out", "a.ply", "--memory", &memory],
         &["cells", "out", "--sort", "-volume"],
         &["cells", "out", "--summary"],
         &["info", "a.raw"],
@@ -498,7 +499,7 @@ fn thousands_of_layers_stay_inside_the_limit() {
     assert!(made["peak_rss_bytes"].as_u64().unwrap() <= limit, "{made}");
     assert_eq!(made["tiles"], 4095);
     assert_eq!(made["objects"], 2048);
-    all_commands(dir.path(), limit, &text);
+    all_commands(dir.path(), limit, limit, &text);
 }
 
 /// Half a million pieces in a layer: its shard is read a tile at a time, and as many tiles at once as fit. With all
@@ -521,7 +522,7 @@ fn a_layer_of_half_a_million_pieces_is_read_inside_the_limit() {
     assert_eq!(made["cells"], 128 * 128 * 33);
     let shard = fs::metadata(dir.path().join("out/index/z0000.json")).unwrap();
     assert!(shard.len() > limit / 3, "{}", shard.len());
-    all_commands(dir.path(), limit, &text);
+    all_commands(dir.path(), limit, 128 * MIB, &text);
 }
 
 /// A tile with a node for each of very many pieces is refused in time, or stays inside the limit, as does whoever

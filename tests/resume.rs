@@ -394,7 +394,11 @@ fn another_conversion_is_refused_with_what_differs() {
         ("--primitives triangles", "was strips", "is triangles"),
         ("--encoding quantized", "was float", "is quantized"),
         ("--layout merged", "was auto", "is merged"),
-        ("--spacing 2", "was [1.0, 1.0, 1.0]", "is [2.0, 2.0, 2.0]"),
+        (
+            "--spacing 2 --unit voxel",
+            "was [1.0, 1.0, 1.0]",
+            "is [2.0, 2.0, 2.0]",
+        ),
         ("--unit mm", "was voxel", "is mm"),
     ] {
         let message = fails(here, &words(&format!("{CONVERT} --resume {option}")));

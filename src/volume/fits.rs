@@ -14,6 +14,8 @@ use std::collections::{BTreeMap, BTreeSet};
 /// Places that are looked at, and samples at each.
 const PLACES: u64 = 64;
 const SAMPLES: u64 = 1024;
+/// Of a volume of so few samples all are read at once.
+const FEW: u64 = 1 << 20;
 /// Differences along y and z up to so many times that along x raise no doubt.
 const SOUND: f64 = 1.3;
 /// Differences up to so many times that along x are those of neighbours.
@@ -64,9 +66,16 @@ pub(super) fn better_dims(volume: &dyn Volume, whole: bool) -> Result<Option<Dim
     with_voxel_type!(volume.header().dtype, T => Look::<T>::new(volume)?.better(whole))
 }
 
+/// The samples of a volume, in the order of its file.
+struct Samples<'a, T> {
+    volume: &'a dyn Volume,
+    /// All of them, where they are few.
+    all: Option<Vec<T>>,
+}
+
 /// Samples at some places, and what they differ by from others.
 struct Look<'a, T> {
-    volume: &'a dyn Volume,
+    samples: Samples<'a, T>,
     /// Where in the file, in samples, and those there.
     places: Vec<(u64, Vec<T>)>,
     /// Mean differences from samples so much further in the file; `None` if these are too few.
@@ -75,13 +84,14 @@ struct Look<'a, T> {
 
 impl<'a, T: Voxel> Look<'a, T> {
     fn new(volume: &'a dyn Volume) -> Result<Self> {
+        let samples = Samples::new(volume)?;
         let last = volume.header().dims.voxels().saturating_sub(SAMPLES);
         // by steps of the golden ratio, which keep no time with rows and slices
         let place = |i: u64| ((i as f64 * 0.618_033_988_749_894_9).fract() * last as f64) as u64;
-        let places = (0..PLACES).map(|i| Ok((place(i), samples(volume, place(i))?)));
+        let places = (0..PLACES).map(|i| Ok((place(i), samples.from(place(i))?)));
         Ok(Look {
-            volume,
             places: places.collect::<Result<_>>()?,
+            samples,
             differences: BTreeMap::new(),
         })
     }
@@ -93,7 +103,7 @@ impl<'a, T: Voxel> Look<'a, T> {
         }
         let (mut sum, mut count) = (0.0, 0u64);
         for (at, here) in &self.places {
-            for (a, b) in here.iter().zip(samples::<T>(self.volume, at + apart)?) {
+            for (a, b) in here.iter().zip(self.samples.from(at + apart)?) {
                 let difference = (a.to_f64() - b.to_f64()).abs();
                 if difference.is_finite() {
                     sum += difference;
@@ -128,7 +138,7 @@ impl<'a, T: Voxel> Look<'a, T> {
     }
 
     fn better(&mut self, whole: bool) -> Result<Option<Dims>> {
-        let dims = self.volume.header().dims.0.map(u64::from);
+        let dims = self.samples.volume.header().dims.0.map(u64::from);
         let (Some(along_x), Some(given)) = (self.difference(1)?, self.along(dims)?) else {
             return Ok(None);
         };
@@ -182,28 +192,49 @@ fn candidates(dims: [u64; 3]) -> BTreeSet<[u64; 3]> {
     out
 }
 
-/// Up to [`SAMPLES`] samples from a place in the file on.
-fn samples<T: Voxel>(volume: &dyn Volume, from: u64) -> Result<Vec<T>> {
-    let dims = volume.header().dims;
-    let [nx, ny, _] = dims.0.map(u64::from);
-    let end = (from + SAMPLES).min(dims.voxels());
-    let mut out = Vec::with_capacity(SAMPLES as usize);
-    let mut at = from;
-    while at < end {
-        let x = at % nx;
-        let count = (nx - x).min(end - at);
-        let one = |v: u64| v as u32..v as u32 + 1;
-        let start = out.len();
-        out.resize(start + count as usize, T::zeroed());
-        volume.read_box(
-            x as u32..(x + count) as u32,
-            one(at / nx % ny),
-            one(at / nx / ny),
-            bytemuck::cast_slice_mut(&mut out[start..]),
-        )?;
-        at += count;
+impl<'a, T: Voxel> Samples<'a, T> {
+    fn new(volume: &'a dyn Volume) -> Result<Self> {
+        let dims = volume.header().dims;
+        let few = dims.voxels() <= FEW;
+        let all = few.then(|| {
+            let mut all = vec![T::zeroed(); dims.voxels() as usize];
+            let [x, y, z] = dims.0.map(|n| 0..n);
+            let read = volume.read_box(x, y, z, bytemuck::cast_slice_mut(&mut all));
+            read.map(|()| all)
+        });
+        Ok(Samples {
+            volume,
+            all: all.transpose()?,
+        })
     }
-    Ok(out)
+
+    /// Up to [`SAMPLES`] samples from a place in the file on.
+    fn from(&self, from: u64) -> Result<Vec<T>> {
+        let dims = self.volume.header().dims;
+        let end = (from + SAMPLES).min(dims.voxels());
+        if let Some(all) = &self.all {
+            let inside = all.get(from as usize..end as usize);
+            return Ok(inside.unwrap_or_default().to_vec());
+        }
+        let [nx, ny, _] = dims.0.map(u64::from);
+        let mut out = Vec::with_capacity(SAMPLES as usize);
+        let mut at = from;
+        while at < end {
+            // whole rows of a slice at once, of which the ends may not be asked for
+            let (slice, row) = (at / nx / ny, at / nx % ny);
+            let last = (end - 1) / nx;
+            let rows = row..(last + 1 - slice * ny).min(ny);
+            let mut some = vec![T::zeroed(); ((rows.end - rows.start) * nx) as usize];
+            let (y, z) = (rows.start as u32..rows.end as u32, slice as u32);
+            let bytes = bytemuck::cast_slice_mut(&mut some);
+            self.volume.read_box(0..nx as u32, y, z..z + 1, bytes)?;
+            let begin = (slice * ny + rows.start) * nx;
+            let until = end.min((slice * ny + rows.end) * nx);
+            out.extend_from_slice(&some[(at - begin) as usize..(until - begin) as usize]);
+            at = until;
+        }
+        Ok(out)
+    }
 }
 
 #[cfg(test)]

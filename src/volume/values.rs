@@ -46,6 +46,7 @@ pub(super) struct Values {
 pub(super) enum Scale {
     All(Linear),
     /// For each slice across an axis (0 to 2 for x to z) its own.
+    #[cfg_attr(not(feature = "hdf5"), allow(dead_code))]
     Slices {
         axis: usize,
         all: Arc<[Linear]>,
