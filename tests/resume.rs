@@ -399,7 +399,7 @@ fn another_conversion_is_refused_with_what_differs() {
             "was [1.0, 1.0, 1.0]",
             "is [2.0, 2.0, 2.0]",
         ),
-        ("--unit mm", "was voxel", "is mm"),
+        ("--unit mm --spacing 1", "was voxel", "is mm"),
     ] {
         let message = fails(here, &words(&format!("{CONVERT} --resume {option}")));
         let name = option.split(' ').next().unwrap();
