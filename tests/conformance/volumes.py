@@ -47,7 +47,7 @@ def _zip(path: Path) -> bytes:
 # name: path, how numpy reads it, type, dims (x, y, z), thresholds, what the command has to be told
 VOLUMES = {
     "lobster": ("raw/lobster_301x324x56_uint8.raw", _raw, "u1", (301, 324, 56), [40, 130.5],
-                ["--dims", "301,324,56", "--dtype", "u8", "--spacing", "1,1,1.4"]),
+                ["--dims", "301,324,56", "--dtype", "u8", "--spacing", "1,1,1.4", "--unit", "mm"]),
     "headsq": ("raw_slices/headsq/quarter.nhdr", _headsq, "<i2", (64, 64, 93), [1150, 500], []),
     "tooth": ("nrrd/tooth.nhdr", _tooth, ">u2", (103, 94, 161), [654, 1000.25], []),
     "lidc2": ("metaimage/LIDC2.mha", _mha, "u1", (256, 256, 133), [59], []),
