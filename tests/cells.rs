@@ -25,6 +25,16 @@ fn ids(value: &Value, key: &str) -> Vec<u64> {
 }
 
 #[test]
+fn air_around_a_sample_is_left_out_of_summaries_alone() {
+    let dir = foam_tiles(&[]);
+    for more in [&[][..], &["--columns", "id"]] {
+        let args = [&["cells", "tiles", "--outside", "border-cell"], more].concat();
+        let message = fails(dir.path(), &args);
+        assert!(message.contains("--summary"), "{message}");
+    }
+}
+
+#[test]
 fn json_holds_the_tables_of_the_set() {
     let dir = foam_tiles(&[]);
     for (option, key) in [

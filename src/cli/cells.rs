@@ -44,7 +44,7 @@ enum FormatArg {
 /// Which cells are air around the sample, as typed.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
 enum OutsideArg {
-    /// Cells that reach four or more of the grid's six faces; a pore that the grid cuts reaches three at most
+    /// Cells that reach four or more of the grid's six faces; a pore that the grid cuts reaches three at most, unless it is as long as the grid
     BorderCell,
     /// No cell
     None,
@@ -98,19 +98,21 @@ pub struct CellsArgs {
     ///
     /// Pores that are open to that air are part of it. A pore network that runs through the whole grid reaches its
     /// faces, too: do not leave out that.
-    #[arg(
-        long,
-        value_name = "RULE",
-        default_value = "none",
-        requires = "summary"
-    )]
-    outside: OutsideArg,
+    ///
+    /// Goes with --summary; none unless it is given.
+    #[arg(long, value_name = "RULE")]
+    outside: Option<OutsideArg>,
     #[command(flatten)]
     common: Common,
 }
 
 impl CellsArgs {
     pub fn run(self) -> Result<Outcome> {
+        // not for clap to find: it lets --columns, which conflicts with --summary, do away with that
+        if self.outside.is_some() && !self.summary {
+            let expected = "it together with --summary";
+            return Err(Error::usage("--outside", "it alone", expected));
+        }
         let manifest = Manifest::open(&self.out)?;
         let which = self.table();
         let mut table = which.open(&self.out, &manifest)?;
@@ -171,8 +173,8 @@ impl CellsArgs {
             ));
         }
         let outside = match self.outside {
-            OutsideArg::BorderCell => Outside::BorderCell,
-            OutsideArg::None => Outside::None,
+            Some(OutsideArg::BorderCell) => Outside::BorderCell,
+            Some(OutsideArg::None) | None => Outside::None,
         };
         let summary = summarise(&self.out, manifest, (self.table(), query), outside)?;
         let console = self.common.start();

@@ -40,6 +40,45 @@ fn scales_are_applied() {
 }
 
 #[test]
+fn attributes_of_other_writers_are_applied_or_refused() {
+    for (attributes, slope, intercept) in [
+        (r#"{"slope": 2.0, "intercept": 1.0}"#, 2.0, 1.0),
+        (r#"{"RescaleSlope": 0.5}"#, 0.5, 0.0),
+        (r#"{"rescale_intercept": -1024}"#, 1.0, -1024.0),
+    ] {
+        let scaled = plain(attributes, json!({}));
+        let opened = read(scaled.path());
+        assert_values(&opened, |v| slope * v as f64 + intercept);
+        assert!(opened.values.unwrap().contains("stored"), "{attributes}");
+    }
+    for (attributes, word) in [
+        (r#"{"axes": ["x", "y", "z"]}"#, "`axes`"),
+        (r#"{"dim_order": "XYZ"}"#, "`dim_order`"),
+        (
+            r#"{"DIMENSION_LABELS": ["z", "x", "y"]}"#,
+            "DIMENSION_LABELS",
+        ),
+        (
+            r#"{"axistags": {"axes": [{"key": "x"}, {"key": "y"}, {"key": "z"}]}}"#,
+            "`axistags`",
+        ),
+        (r#"{"slope": 2.0, "scale_factor": 3.0}"#, "scale_factor"),
+        (r#"{"slope": "two"}"#, "`slope`"),
+    ] {
+        let error = refusal(plain(attributes, json!({})).path(), &OpenOptions::default());
+        assert!(error.to_string().contains(word), "{error}");
+    }
+    for attributes in [
+        r#"{"axes": ["z", "y", "x"]}"#,
+        r#"{"order": "abc", "slope": 1.0}"#,
+    ] {
+        assert_plain(&read(plain(attributes, json!({})).path()));
+    }
+    let vague = read(plain(r#"{"gain": 2.5}"#, json!({})).path());
+    assert!(vague.warnings[0].contains("`gain`"), "{:?}", vague.warnings);
+}
+
+#[test]
 fn scales_of_version_3_and_signs() {
     let dir = tempdir().unwrap();
     let float = |at: &[u64]| {

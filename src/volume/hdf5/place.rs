@@ -4,6 +4,7 @@ use super::attributes::Attributes;
 use super::axes::Names;
 use super::tree::Tree;
 use crate::length::Length;
+use crate::volume::cf::AXES;
 use hdf5_reader::{Dataset, Hdf5File};
 
 /// A dataset and what is around it.
@@ -71,16 +72,7 @@ impl<'a> Place<'a> {
             .map(|a| self.scale(a).map_or(String::new(), |s| s.0))
             .collect();
         all.extend(Names::new(scales, n, "the list of dimensions"));
-        for name in [
-            "dimorder",
-            "DIMENSION_LABELS",
-            "axes",
-            "axisLabels",
-            "_ARRAY_DIMENSIONS",
-            "dims",
-            "dimension_names",
-            "dim_names",
-        ] {
+        for name in AXES {
             let by = format!("the attribute {name}");
             let texts = attributes.texts(name);
             all.extend(match &texts[..] {

@@ -4,20 +4,10 @@ use super::attributes::{Attributes, numbers_of};
 use super::number::Number;
 use super::place::Place;
 use crate::error::{Error, Result};
-use crate::volume::cf::{self, Attribute};
+use crate::volume::cf::{self, Attribute, PAIRS, VAGUE};
 use crate::volume::values::{Linear, Scale, Values};
 use hdf5_reader::Datatype;
 use std::path::Path;
-
-/// Pairs of attributes whose names say that value = first * stored + second.
-const PAIRS: [(&str, &str); 3] = [
-    ("RescaleSlope", "RescaleIntercept"),
-    ("scl_slope", "scl_inter"),
-    ("slope", "intercept"),
-];
-
-/// Attributes that may be of the values, or of the size of a voxel, or of anything.
-const VAGUE: [&str; 6] = ["scale", "scaling", "gain", "offset", "calibration", "bias"];
 
 /// The numbers as the attributes have them read, and the values that they stand for.
 ///

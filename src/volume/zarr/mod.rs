@@ -12,6 +12,7 @@ mod count;
 mod files;
 mod filter;
 mod find;
+mod foreign;
 mod kind;
 mod meta;
 mod ome;

@@ -10,6 +10,7 @@ use super::chunk::ZarrChunks;
 use super::coordinates;
 use super::count::{self, Count};
 use super::files::Files;
+use super::foreign;
 use super::meta::Array;
 use super::ome::{OmeAxis, Stated};
 use super::place::{self, Placed};
@@ -54,7 +55,11 @@ impl Source {
         if provenance.spacing == [Origin::Default; 3] && options.spacing.is_none() {
             self.notes.extend(coordinates::size_note(&self.array));
         }
-        let packed = cf::values(&self.folder, stored, attribute)?;
+        let mut packed = cf::values(&self.folder, stored, attribute)?;
+        if self.stated.is_none() && self.array.names.iter().all(String::is_empty) {
+            foreign::no_other_order(&self.folder, &self.array)?;
+        }
+        foreign::scale(&self.folder, &self.array, &mut packed, &mut self.warnings)?;
         let bytes = self.chunk_bytes(path)?;
         let (endian, fill) = (self.array.coding.endian, self.array.fill.unwrap_or(0.0));
         let mut files = Files::new(self.folder, self.array, bytes);
