@@ -35,7 +35,7 @@ impl SourceVolume {
 }
 
 /// Compares format, size, type, byte order, offset and scaling with those of the volume, and what of the
-/// place both have from the file; `place` is that of the volume as it was cut. A file of another name may
+/// place neither has from an option; `place` is that of the volume as it was cut. A file of another name may
 /// hold the same samples in another form, so of one it is only said that this was not compared.
 pub(super) fn check(
     manifest: &Manifest,
@@ -96,14 +96,36 @@ pub(super) fn check(
         values(&source.values),
     );
     let (own, stated) = (&volume.provenance, &source.provenance);
-    let of_file = |a: Origin, b: Origin| a == Origin::File && b == Origin::File;
-    let unit = of_file(own.unit, stated.unit);
-    for a in (0..3).filter(|&a| unit && of_file(own.spacing[a], stated.spacing[a])) {
-        let size = |p: &Placement| format!("{} {}", p.spacing[a], p.unit.name());
-        compare("spacing", size(place), size(&manifest.placement));
+    // an option says nothing of the file
+    let known = |a: Origin, b: Origin| a != Origin::Option && b != Origin::Option;
+    let word = |origin: Origin| format!("{origin:?}").to_lowercase();
+    // in the unit of the index, or as numbers where the file has no unit
+    let shown = place.in_unit(manifest.placement.unit).unwrap_or(*place);
+    for a in (0..3).filter(|&a| known(own.spacing[a], stated.spacing[a])) {
+        let path = format!("source/provenance/spacing/{a}");
+        compare(&path, word(own.spacing[a]), word(stated.spacing[a]));
+        let size = |p: &Placement| p.spacing[a].to_string();
+        compare("spacing", size(&shown), size(&manifest.placement));
     }
-    if unit && of_file(own.origin, stated.origin) {
-        let of = |p: &Placement| format!("{:?} and {:?}", p.origin, p.directions);
-        compare("origin", of(place), of(&manifest.placement));
+    for (name, own, stated) in [
+        ("unit", own.unit, stated.unit),
+        ("origin", own.origin, stated.origin),
+    ] {
+        if known(own, stated) {
+            compare(
+                &format!("source/provenance/{name}"),
+                word(own),
+                word(stated),
+            );
+        }
+    }
+    let of_file = |a: Origin, b: Origin| a == Origin::File && b == Origin::File;
+    if of_file(own.unit, stated.unit) {
+        let unit = |p: &Placement| p.unit.name().to_owned();
+        compare("unit", unit(place), unit(&manifest.placement));
+        if of_file(own.origin, stated.origin) {
+            let of = |p: &Placement| format!("{:?} and {:?}", p.origin, p.directions);
+            compare("origin", of(place), of(&manifest.placement));
+        }
     }
 }

@@ -248,6 +248,22 @@ pub const OF_INDEX: &[(&str, Base, Code, Edit)] = &[
         Code::SourceMismatch,
         |f| index(f, |m| m["source"]["format"] = "nrrd".into()),
     ),
+    (
+        "a size that claims to be the file's",
+        Nodes,
+        Code::SourceMismatch,
+        |f| {
+            index(f, |m| {
+                m["source"]["provenance"]["spacing"] = json!(["file", "file", "assumed"]);
+            });
+        },
+    ),
+    (
+        "a unit that claims to be the file's",
+        Merged,
+        Code::SourceMismatch,
+        |f| index(f, |m| m["source"]["provenance"]["unit"] = "file".into()),
+    ),
     ("an offset", Nodes, Code::ManifestValue, |f| {
         index(f, |m| {
             m["source"]["format"] = "nrrd".into();
