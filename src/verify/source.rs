@@ -61,42 +61,45 @@ pub(super) fn check(
             issues.add(Code::SourceMismatch, format!("index.json#/{name}"), message);
         }
     };
-    compare(
-        "source/format",
-        header.format.to_owned(),
-        source.format.clone(),
-    );
-    compare(
-        "source/dims",
-        header.dims.to_string(),
-        source.dims.to_string(),
-    );
-    compare(
-        "source/dtype",
-        header.dtype.to_string(),
-        source.dtype.to_string(),
-    );
-    // the order of single bytes says nothing
-    if header.dtype.bytes() > 1 {
-        compare(
-            "source/endian",
+    let pairs = [
+        ("format", header.format.to_owned(), source.format.clone()),
+        ("dims", header.dims.to_string(), source.dims.to_string()),
+        ("dtype", header.dtype.to_string(), source.dtype.to_string()),
+        (
+            "endian",
             header.endian.to_string(),
-            source.endian.to_string(),
-        );
+            // the order of single bytes says nothing
+            match header.dtype.bytes() {
+                1 => header.endian.to_string(),
+                _ => source.endian.to_string(),
+            },
+        ),
+        (
+            "offset",
+            volume.offset.to_string(),
+            source.offset.to_string(),
+        ),
+        ("values", values(&volume.values), values(&source.values)),
+    ];
+    for (name, found, stated) in pairs {
+        compare(&format!("source/{name}"), found, stated);
     }
-    compare(
-        "source/offset",
-        volume.offset.to_string(),
-        source.offset.to_string(),
-    );
-    let values = |v: &Option<String>| v.clone().unwrap_or_else(|| "none".to_owned());
-    compare(
-        "source/values",
-        values(&volume.values),
-        values(&source.values),
-    );
-    let (own, stated) = (&volume.provenance, &source.provenance);
-    // an option says nothing of the file
+    check_place(manifest, &volume.provenance, place, &mut compare);
+}
+
+fn values(values: &Option<String>) -> String {
+    values.clone().unwrap_or_else(|| "none".to_owned())
+}
+
+/// Compares where spacing, unit and origin come from, and those that neither the index nor the volume, by its
+/// provenance `own`, has from an option, which says nothing of the file.
+fn check_place(
+    manifest: &Manifest,
+    own: &Provenance,
+    place: &Placement,
+    compare: &mut impl FnMut(&str, String, String),
+) {
+    let stated = &manifest.source.provenance;
     let known = |a: Origin, b: Origin| a != Origin::Option && b != Origin::Option;
     let word = |origin: Origin| format!("{origin:?}").to_lowercase();
     // in the unit of the index, or as numbers where the file has no unit
@@ -112,11 +115,8 @@ pub(super) fn check(
         ("origin", own.origin, stated.origin),
     ] {
         if known(own, stated) {
-            compare(
-                &format!("source/provenance/{name}"),
-                word(own),
-                word(stated),
-            );
+            let path = format!("source/provenance/{name}");
+            compare(&path, word(own), word(stated));
         }
     }
     let of_file = |a: Origin, b: Origin| a == Origin::File && b == Origin::File;

@@ -9,48 +9,6 @@ use super::values::{Linear, Scale, Values};
 use crate::error::{Error, Result};
 use std::path::Path;
 
-/// Pairs of attributes of other writers whose names say that value = first * stored + second.
-pub(super) const PAIRS: [(&str, &str); 4] = [
-    ("RescaleSlope", "RescaleIntercept"),
-    ("rescale_slope", "rescale_intercept"),
-    ("scl_slope", "scl_inter"),
-    ("slope", "intercept"),
-];
-
-/// Attributes, in small letters, that may be of the values, or of the size of a voxel, or of anything.
-pub(super) const VAGUE: [&str; 11] = [
-    "scale",
-    "scaling",
-    "scalefactor",
-    "multiplier",
-    "gain",
-    "offset",
-    "calibration",
-    "cal_slope",
-    "cal_offset",
-    "cal_intercept",
-    "bias",
-];
-
-/// Attributes of other writers that name the axes of an array, as a list or as letters.
-pub(super) const AXES: [&str; 15] = [
-    "dimorder",
-    "DIMENSION_LABELS",
-    "axes",
-    "axisLabels",
-    "axislabels",
-    "axis_labels",
-    "axis_names",
-    "axes_names",
-    "axes_order",
-    "_ARRAY_DIMENSIONS",
-    "dims",
-    "dimensions",
-    "dim_order",
-    "dimension_names",
-    "dim_names",
-];
-
 /// What an attribute holds.
 #[derive(Debug, Clone, PartialEq)]
 pub(super) enum Attribute {

@@ -49,6 +49,8 @@ mod values;
 mod vti;
 mod walk;
 mod without;
+#[cfg(any(feature = "hdf5", feature = "zarr"))]
+mod written;
 #[cfg(feature = "zarr")]
 mod zarr;
 mod zstd;

@@ -4,7 +4,7 @@ use super::attributes::Attributes;
 use super::axes::Names;
 use super::tree::Tree;
 use crate::length::Length;
-use crate::volume::cf::AXES;
+use crate::volume::written::AXES;
 use hdf5_reader::{Dataset, Hdf5File};
 
 /// A dataset and what is around it.

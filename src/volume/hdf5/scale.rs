@@ -4,8 +4,9 @@ use super::attributes::{Attributes, numbers_of};
 use super::number::Number;
 use super::place::Place;
 use crate::error::{Error, Result};
-use crate::volume::cf::{self, Attribute, PAIRS, VAGUE};
+use crate::volume::cf::{self, Attribute};
 use crate::volume::values::{Linear, Scale, Values};
+use crate::volume::written::{self, Stated, is_vague, not_applied, sound};
 use hdf5_reader::Datatype;
 use std::path::Path;
 
@@ -65,7 +66,7 @@ fn attribute(attributes: &Attributes, name: &str) -> Option<Attribute> {
 }
 
 /// A scale that is not that of CF, and who states it.
-fn other(place: &Place) -> Result<Option<(Linear, String)>, String> {
+fn other(place: &Place) -> Result<Option<Stated>, String> {
     let own = |name: &str| {
         let there = place.attributes.has(name);
         match place.attributes.number(name) {
@@ -74,16 +75,9 @@ fn other(place: &Place) -> Result<Option<(Linear, String)>, String> {
             _ => Ok(None),
         }
     };
-    for (slope, intercept) in PAIRS {
-        if place.attributes.has(slope)
-            || place.attributes.has(intercept) && intercept != "intercept"
-        {
-            let linear = Linear {
-                slope: own(slope)?.unwrap_or(1.0),
-                intercept: own(intercept)?.unwrap_or(0.0),
-            };
-            return sound(linear, format!("{slope} and {intercept}"));
-        }
+    let pair = written::pair(own)?;
+    if pair.is_some() {
+        return Ok(pair);
     }
     // NeXus: attributes of the data, or datasets beside it
     let (folder, name) = place.name.rsplit_once('/').unwrap_or(("", place.name));
@@ -121,31 +115,16 @@ fn other(place: &Place) -> Result<Option<(Linear, String)>, String> {
                 (None, _) => "offset",
                 _ => "scaling_factor and offset",
             };
-            sound(linear, by.to_owned())
+            sound(linear, by.to_owned()).map(Some)
         }
     }
-}
-
-fn sound(linear: Linear, by: String) -> Result<Option<(Linear, String)>, String> {
-    if linear.slope == 0.0 || !linear.slope.is_finite() || !linear.intercept.is_finite() {
-        return Err(format!("a scale of {} by {by}", linear.slope));
-    }
-    Ok(Some((linear, by)))
 }
 
 /// Says which attributes may be a scale and are not taken as one.
 fn vague(attributes: &Attributes, taken: bool, warnings: &mut Vec<String>) {
     for attribute in &attributes.0 {
-        let name = attribute.name.to_lowercase();
-        let Some(number) = attributes.number(&attribute.name) else {
-            continue;
-        };
-        let nothing = number == 1.0 && !matches!(name.as_str(), "offset" | "bias") || number == 0.0;
-        if VAGUE.contains(&name.as_str()) && !nothing && !(taken && name == "offset") {
-            warnings.push(format!(
-                "the attribute {} ({number}) is not applied: if it is of the values, the threshold is in stored numbers",
-                attribute.name
-            ));
-        }
+        let number = attributes.number(&attribute.name);
+        let number = number.filter(|&n| is_vague(&attribute.name, n, taken));
+        warnings.extend(number.map(|n| not_applied(&attribute.name, n)));
     }
 }

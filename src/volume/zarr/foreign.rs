@@ -2,8 +2,9 @@
 
 use super::meta::Array;
 use crate::error::{Error, Result};
-use crate::volume::cf::{AXES, PAIRS, Packed, VAGUE};
+use crate::volume::cf::Packed;
 use crate::volume::values::Values;
+use crate::volume::written::{self, AXES, is_vague, not_applied};
 use serde_json::Value;
 use std::path::Path;
 
@@ -50,50 +51,32 @@ pub(super) fn scale(
     packed: &mut Packed,
     warnings: &mut Vec<String>,
 ) -> Result<()> {
-    let hint = "write the values themselves, or remove the attribute";
-    let mut taken = false;
-    for (slope, intercept) in PAIRS {
-        let number = |name: &str, default: f64| match &array.attributes[name] {
-            Value::Null => Ok(default),
-            value => value.as_f64().filter(|n| n.is_finite()).ok_or_else(|| {
-                let what = format!("a Zarr array whose attribute `{name}` is {value}");
-                Error::unsupported(folder, what, hint)
-            }),
-        };
-        let stated = !array.attributes[slope].is_null()
-            || !array.attributes[intercept].is_null() && intercept != "intercept";
-        if !stated {
-            continue;
-        }
-        let by = format!("{slope} and {intercept}");
-        let found = Values::linear(number(slope, 1.0)?, number(intercept, 0.0)?, &by);
+    let no = |what: String| {
+        let hint = "write the values themselves, or remove the attribute";
+        Error::unsupported(folder, format!("a Zarr array with {what}"), hint)
+    };
+    let number = |name: &str| match &array.attributes[name] {
+        Value::Null => Ok(None),
+        value => match value.as_f64().filter(|n| n.is_finite()) {
+            None => Err(format!("an attribute `{name}` that is {value}")),
+            number => Ok(number),
+        },
+    };
+    let pair = written::pair(number).map_err(no)?;
+    let taken = pair.is_some();
+    if let Some((linear, by)) = pair {
+        let found = Values::linear(linear.slope, linear.intercept, &by);
         match (&packed.values, found) {
             (_, None) => {}
-            (None, Some(_)) if number(slope, 1.0)? == 0.0 => {
-                let what = format!("a Zarr array whose attribute `{slope}` is 0");
-                return Err(Error::unsupported(folder, what, hint));
-            }
             (None, found) => packed.values = found,
             (Some(values), Some(_)) => {
-                let what = format!("a Zarr array with both {} and {by}", values.stated_by);
-                return Err(Error::unsupported(folder, what, hint));
+                return Err(no(format!("both {} and {by}", values.stated_by)));
             }
         }
-        taken = true;
     }
     for (name, value) in array.attributes.as_object().into_iter().flatten() {
-        let lower = name.to_lowercase();
-        let Some(number) = value.as_f64() else {
-            continue;
-        };
-        let nothing =
-            number == 0.0 || number == 1.0 && !matches!(lower.as_str(), "offset" | "bias");
-        if VAGUE.contains(&lower.as_str()) && !nothing && !(taken && lower == "offset") {
-            warnings.push(format!(
-                "the attribute `{name}` ({number}) is not applied: if it is of the values, the threshold is in stored \
-                 numbers"
-            ));
-        }
+        let number = value.as_f64().filter(|&n| is_vague(name, n, taken));
+        warnings.extend(number.map(|n| not_applied(&format!("`{name}`"), n)));
     }
     Ok(())
 }
