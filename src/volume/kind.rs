@@ -3,7 +3,7 @@
 //! A share of the rows that a pass over the volume reads is looked at, the same ones whatever the pieces: few of a
 //! large volume, all of a small one.
 
-use super::{Dtype, Header, Volume, Voxel, with_voxel_type};
+use super::{Dtype, Header, Volume, Voxel, hand_on, with_voxel_type};
 use crate::error::Result;
 use std::collections::BTreeSet;
 use std::ops::Range;
@@ -216,9 +216,7 @@ impl Volume for Watched<'_> {
         Ok(())
     }
 
-    fn random_access(&self) -> bool {
-        self.volume.random_access()
-    }
+    hand_on!(volume);
 
     fn decoded_once(&self, dir: &Path) -> Result<Option<Box<dyn Volume + '_>>> {
         let once = self.volume.decoded_once(dir)?;
@@ -228,24 +226,8 @@ impl Volume for Watched<'_> {
         }))
     }
 
-    fn grain(&self) -> [u32; 3] {
-        self.volume.grain()
-    }
-
     fn held_bytes(&self) -> u64 {
         self.volume.held_bytes()
-    }
-
-    fn mapped_bytes(&self, z: Range<u32>) -> u64 {
-        self.volume.mapped_bytes(z)
-    }
-
-    fn prefetch(&self, z: Range<u32>) {
-        self.volume.prefetch(z);
-    }
-
-    fn release(&self, z: Range<u32>) {
-        self.volume.release(z);
     }
 }
 

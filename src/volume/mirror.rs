@@ -1,6 +1,6 @@
 //! A volume whose rows or columns are stored the other way round than they are meant.
 
-use super::{Header, Volume, check_box};
+use super::{Header, Volume, check_box, hand_on};
 use crate::error::Result;
 use std::ops::Range;
 use std::path::Path;
@@ -56,9 +56,7 @@ impl Volume for Mirrored<'_> {
         Ok(())
     }
 
-    fn random_access(&self) -> bool {
-        self.inner.random_access()
-    }
+    hand_on!(inner);
 
     fn decoded_once(&self, dir: &Path) -> Result<Option<Box<dyn Volume + '_>>> {
         let once = self.inner.decoded_once(dir)?;
@@ -66,24 +64,8 @@ impl Volume for Mirrored<'_> {
             .map(|inner| -> Box<dyn Volume + '_> { Box::new(Mirrored::new(inner, self.turned)) }))
     }
 
-    fn grain(&self) -> [u32; 3] {
-        self.inner.grain()
-    }
-
     fn held_bytes(&self) -> u64 {
         self.inner.held_bytes()
-    }
-
-    fn mapped_bytes(&self, z: Range<u32>) -> u64 {
-        self.inner.mapped_bytes(z)
-    }
-
-    fn prefetch(&self, z: Range<u32>) {
-        self.inner.prefetch(z);
-    }
-
-    fn release(&self, z: Range<u32>) {
-        self.inner.release(z);
     }
 }
 

@@ -235,6 +235,32 @@ impl<V: Volume + ?Sized> Volume for &V {
     }
 }
 
+/// For a volume around another one, in its field `$inner`: what that one answers for both.
+macro_rules! hand_on {
+    ($inner:ident) => {
+        fn random_access(&self) -> bool {
+            self.$inner.random_access()
+        }
+
+        fn grain(&self) -> [u32; 3] {
+            self.$inner.grain()
+        }
+
+        fn mapped_bytes(&self, z: Range<u32>) -> u64 {
+            self.$inner.mapped_bytes(z)
+        }
+
+        fn prefetch(&self, z: Range<u32>) {
+            self.$inner.prefetch(z);
+        }
+
+        fn release(&self, z: Range<u32>) {
+            self.$inner.release(z);
+        }
+    };
+}
+use hand_on;
+
 /// Checks that a box lies inside a volume and that the caller's buffer has its size, as every
 /// [`Volume::read_box`] must.
 pub(crate) fn check_box(

@@ -1,6 +1,6 @@
 //! Samples that stand for other values: a scale that the file states, and samples that stand for nothing.
 
-use super::{Dtype, Header, Volume, Voxel, check_box, with_voxel_type};
+use super::{Dtype, Header, Volume, Voxel, check_box, hand_on, with_voxel_type};
 use crate::error::Result;
 use std::ops::Range;
 use std::path::Path;
@@ -207,9 +207,7 @@ impl Volume for Valued<'_> {
         Ok(())
     }
 
-    fn random_access(&self) -> bool {
-        self.inner.random_access()
-    }
+    hand_on!(inner);
 
     fn decoded_once(&self, dir: &Path) -> Result<Option<Box<dyn Volume + '_>>> {
         let once = self.inner.decoded_once(dir)?;
@@ -218,25 +216,9 @@ impl Volume for Valued<'_> {
         }))
     }
 
-    fn grain(&self) -> [u32; 3] {
-        self.inner.grain()
-    }
-
     fn held_bytes(&self) -> u64 {
         let row = u64::from(self.header.dims.0[0]) * 8;
         self.inner.held_bytes() + rayon::current_num_threads() as u64 * row.max(PIECE as u64)
-    }
-
-    fn mapped_bytes(&self, z: Range<u32>) -> u64 {
-        self.inner.mapped_bytes(z)
-    }
-
-    fn prefetch(&self, z: Range<u32>) {
-        self.inner.prefetch(z);
-    }
-
-    fn release(&self, z: Range<u32>) {
-        self.inner.release(z);
     }
 }
 
