@@ -16,6 +16,11 @@ use crate::strip::Stripifier;
 use crate::tile::Body;
 use crate::volume::Volume;
 
+/// The strip kernel, on triangles whose neighbours are known.
+pub mod strip {
+    pub use crate::strip::{NONE, STRIDE, Stripifier, Triangle};
+}
+
 /// A band of macrocubes.
 #[derive(Default)]
 struct Band {
