@@ -1,9 +1,9 @@
 //! The property table of a merged tile (EXT_mesh_features and EXT_structural_metadata).
 
-use super::buffers::Buffers;
-use super::glb::{Fault, ReadError};
-use super::json::{ClassProperty, Document, Primitive, whole};
 use super::read::{MEASURES, Measured, PieceIds};
+use crate::gltf::buffer_views::Buffers;
+use crate::gltf::container::{Fault, ReadError};
+use crate::gltf::read_json::{ClassProperty, Document, Primitive, whole};
 use crate::grid::Unit;
 use serde::Deserialize;
 use serde_json::{Map, Value};
@@ -115,7 +115,7 @@ pub(super) fn measured(doc: &Document, buffers: &Buffers, count: usize) -> Vec<M
 }
 
 /// The unit of this short name.
-pub(super) fn unit_name(text: &str) -> Option<&'static str> {
+pub(crate) fn unit_name(text: &str) -> Option<&'static str> {
     let text = serde::de::value::StrDeserializer::<serde::de::value::Error>::new(text);
     Unit::deserialize(text).ok().map(Unit::name)
 }

@@ -4,15 +4,15 @@
 //! Everything the file says is checked against its real size before it is used, so a damaged or
 //! hostile file gives a [`ReadError`], never a panic or an allocation out of proportion to the file.
 
-use super::buffers::{Buffers, Bytes};
-use super::glb::{Result, fail};
-use super::json::{self, Document};
 use super::paint::{Rgb, named, of_vertex, vertex_colour};
 use super::reader::Reader;
+use crate::gltf::buffer_views::{Buffers, Bytes};
+use crate::gltf::container::{Result, fail};
+use crate::gltf::read_json::{self, Document};
 use crate::manifest::Encoding;
 
-pub use super::glb::{Fault, Glb, ReadError};
-pub use super::streams::{Indices, Normals, Positions};
+pub use crate::gltf::accessors::{Indices, Normals, Positions};
+pub use crate::gltf::container::{Fault, Glb, ReadError};
 
 /// The ids of a surface piece, as the tile's node or property table states them.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
@@ -213,7 +213,7 @@ fn encoding(doc: &Document) -> Result<Encoding> {
             );
         }
     };
-    let compressed = |v: &json::BufferView| v.extensions.meshopt.is_some();
+    let compressed = |v: &read_json::BufferView| v.extensions.meshopt.is_some();
     if encoding != Encoding::Meshopt
         && let Some(view) = doc.buffer_views.iter().position(compressed)
     {

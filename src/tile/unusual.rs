@@ -2,9 +2,9 @@
 //! BIN chunk that nothing uses, or that say of others what these are not.
 
 use super::document::{ARRAY_BUFFER, ELEMENT_ARRAY_BUFFER};
-use super::json::{BufferView, Document, Primitive};
 use super::paint::{linear, named};
 use super::read::Tile;
+use crate::gltf::read_json::{BufferView, Document, Primitive};
 use std::collections::BTreeSet;
 
 /// JSON pointers, and what is unusual there.
