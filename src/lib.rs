@@ -149,6 +149,7 @@
 // what a table, a tile or a picture says must not depend on how the program was linked: see clippy.toml
 #![warn(clippy::disallowed_methods)]
 
+mod checkpoint;
 pub mod cli;
 pub mod convert;
 pub mod error;

@@ -1,7 +1,7 @@
 //! The conversion, in the order of its stages.
 
-pub(crate) mod checkpoint;
 mod finalize;
+mod identity;
 mod options;
 mod plan;
 mod resolve;
@@ -11,14 +11,13 @@ mod slab_records;
 mod tables;
 mod warnings;
 
+pub use crate::checkpoint::Kept;
 pub use crate::tileset::{check_output, interrupted};
-pub use checkpoint::Kept;
 pub use options::{ConvertOptions, ConvertReport};
 use plan::{Plan, plan};
-pub(crate) use scan::tile_writer::write_file;
 pub use tables::{COMPONENT_COLUMNS, SURFACE_COLUMNS, unit_text};
 
-use crate::convert::checkpoint::{Identity, Keeper, boot};
+use crate::checkpoint::{Keeper, boot};
 use crate::convert::finalize::shards::Layers;
 use crate::convert::finalize::{FinishSettings, Stop, finish};
 use crate::convert::scan::state::Forward;
@@ -31,9 +30,10 @@ use crate::manifest::{
 };
 use crate::progress::Progress;
 use crate::sys::background_writer::Writers;
+use crate::sys::files::remove_if_there;
 use crate::sys::memory_pool::Budget;
 use crate::tile::{TileHead, WidestNodes};
-use crate::tileset::{Output, remove_if_there, tidy};
+use crate::tileset::{Output, tidy};
 use crate::volume::{Cropped, Volume, Watch, Watched, spool_beside};
 use resolve::{Components, resolve};
 use resume::{announced, begin, complete};
@@ -94,7 +94,7 @@ pub fn convert(
         tidy(out)?;
         return Ok(report(made, all));
     }
-    let identity = Identity::of(volume, options);
+    let identity = identity::of(volume, options);
     let mut output = Output::open(out, options.force, options.resume)?;
     if options.resume
         && let Some(made) = announced(&output, &identity)

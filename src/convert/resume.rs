@@ -1,6 +1,6 @@
 //! What a conversion finds in its output directory: nothing, a part of itself, or all of it.
 
-use crate::convert::checkpoint::{Identity, Keeper, Kept, boot, kept};
+use crate::checkpoint::{Identity, Keeper, Kept, boot, kept};
 use crate::convert::plan::Plan;
 use crate::convert::{ConvertOptions, Made, manifest, warnings};
 use crate::error::Result;

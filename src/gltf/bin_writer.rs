@@ -1,7 +1,7 @@
 //! The parts of a BIN chunk: their data, plain or compressed, and the buffer views that say where they lie.
 
+use crate::gltf::{ARRAY_BUFFER, ELEMENT_ARRAY_BUFFER};
 use crate::manifest::Primitives;
-use crate::tile::document::{ARRAY_BUFFER, ELEMENT_ARRAY_BUFFER};
 use serde_json::{Value, json};
 
 /// A part of the chunk.

@@ -7,3 +7,7 @@ pub(crate) mod buffer_views;
 pub(crate) mod container;
 pub(crate) mod quantize_normals;
 pub(crate) mod read_json;
+
+/// Targets of buffer views.
+pub(crate) const ARRAY_BUFFER: u32 = 34962;
+pub(crate) const ELEMENT_ARRAY_BUFFER: u32 = 34963;

@@ -4,8 +4,8 @@
 //! section 5, and the specifications of EXT_mesh_features, EXT_structural_metadata and
 //! EXT_meshopt_compression.
 
-use crate::tile::features::unit_name;
-use crate::tile::read::{MEASURES, Measured};
+use crate::grid::Unit;
+use crate::measure::{MEASURES, Measured};
 use serde::Deserialize;
 use serde::de::{Deserializer, IgnoredAny, MapAccess, Visitor};
 use std::collections::BTreeMap;
@@ -366,7 +366,7 @@ impl<'de> Deserialize<'de> for Flat {
                 Ok(Flat::Number(v))
             }
             fn visit_str<E>(self, text: &str) -> Result<Flat, E> {
-                Ok(unit_name(text).map_or(Flat::Other, Flat::Unit))
+                Ok(Unit::short_name(text).map_or(Flat::Other, Flat::Unit))
             }
             fn visit_bool<E>(self, _: bool) -> Result<Flat, E> {
                 Ok(Flat::Bad)

@@ -106,6 +106,12 @@ impl Unit {
         }
     }
 
+    /// The short name itself, if a unit has it.
+    pub(crate) fn short_name(text: &str) -> Option<&'static str> {
+        let text = serde::de::value::StrDeserializer::<serde::de::value::Error>::new(text);
+        Unit::deserialize(text).ok().map(Unit::name)
+    }
+
     /// The short name, as in the manifest and in table headers.
     pub fn name(self) -> &'static str {
         match self {

@@ -1,8 +1,8 @@
 //! Threads that write tiles while others are made.
 
-use crate::convert::scan::tile_writer::write_body;
 use crate::error::{Error, Result};
 use crate::sys::direct_io::{self, Buffer};
+use crate::sys::files::write_body;
 use crate::sys::memory_pool::{Budget, Reservation};
 use std::collections::VecDeque;
 use std::path::PathBuf;

@@ -13,6 +13,7 @@ use crate::manifest::Encoding;
 
 pub use crate::gltf::accessors::{Indices, Normals, Positions};
 pub use crate::gltf::container::{Fault, Glb, ReadError};
+pub use crate::measure::{MEASURES, Measured};
 
 /// The ids of a surface piece, as the tile's node or property table states them.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
@@ -25,39 +26,6 @@ pub struct PieceIds {
     pub surface: u64,
     /// Triangles of the piece in this tile, degenerates not counted.
     pub triangles: u64,
-}
-
-/// Names of the measures that a piece carries, as in the table of cells.
-pub const MEASURES: [&str; 11] = [
-    "voxels",
-    "volume",
-    "mesh_volume",
-    "area",
-    "equivalent_diameter",
-    "sphericity",
-    "form_factor",
-    "elongation",
-    "flatness",
-    "euler_characteristic",
-    "touches_border",
-];
-
-/// What a piece says of its cell.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Measured {
-    /// Unit of length.
-    pub unit: Option<&'static str>,
-    /// In the order of [`MEASURES`]; not a number where there is none.
-    pub values: [f64; MEASURES.len()],
-}
-
-impl Default for Measured {
-    fn default() -> Self {
-        Measured {
-            unit: None,
-            values: [f64::NAN; MEASURES.len()],
-        }
-    }
 }
 
 /// One primitive with the node that shows it.

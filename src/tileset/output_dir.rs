@@ -1,8 +1,9 @@
 //! The output directory: everything is made beside and moved in at the end, the manifest last.
 
-use crate::convert::checkpoint::{Kept, STATE, kept};
+use crate::checkpoint::{Kept, STATE, kept};
 use crate::error::{Error, Result};
 use crate::manifest::PARTIAL as WORK;
+use crate::sys::files::{remove_if_there, write_file};
 use crate::tileset::Lock;
 use std::ffi::OsString;
 use std::fs;
@@ -181,7 +182,7 @@ impl Output {
     pub fn announce(&mut self, note: &[u8]) -> Result<()> {
         let path = self.work.join(MOVING);
         let new = path.with_extension("new");
-        crate::convert::write_file(&new, &[note])?;
+        write_file(&new, &[note])?;
         fs::rename(&new, &path).map_err(|e| Error::io(&path, "move into place", e))?;
         self.keep = true;
         Ok(())
@@ -279,18 +280,4 @@ fn take_lock(work: &Path, out: &Path) -> Result<Lock> {
             taken => return taken,
         }
     }
-}
-
-/// Removes a file, or a directory with all that is in it.
-///
-/// # Errors
-/// [`Error::Io`].
-pub fn remove_if_there(path: &Path) -> Result<()> {
-    let removed = match fs::symlink_metadata(path) {
-        Ok(meta) if meta.is_dir() => fs::remove_dir_all(path),
-        Ok(_) => fs::remove_file(path),
-        Err(e) if e.kind() == ErrorKind::NotFound => Ok(()),
-        Err(e) => Err(e),
-    };
-    removed.map_err(|e| Error::io(path, "remove", e))
 }

@@ -4,7 +4,7 @@ pub(crate) mod batch_size;
 pub(crate) mod batches;
 mod rewrite;
 pub(crate) mod shards;
-use crate::convert::checkpoint::Keeper;
+use crate::checkpoint::Keeper;
 use crate::convert::finalize::batch_size::at_once;
 use crate::convert::finalize::batches::{
     Batch, Batches, Ids, Job, KNOWN_PIECES, count_distinct, group,

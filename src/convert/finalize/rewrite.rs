@@ -1,17 +1,18 @@
 //! Tiles that are written a second time. The new ones lie beside the old ones, layer by layer, until
 //! a checkpoint says that the layer is done: a tile that is half written can then be made again.
 
-use crate::convert::checkpoint::Keeper;
+use crate::checkpoint::Keeper;
 use crate::convert::layer_directory;
-use crate::convert::scan::tile_writer::{room_for, write_file};
+use crate::convert::scan::tile_writer::room_for;
 use crate::error::{Error, Result};
 use crate::sys::background_writer::{Job, Writers};
 use crate::sys::direct_io::{self, Buffer};
+use crate::sys::files::remove_if_there;
+use crate::sys::files::write_file;
 use crate::tile::{
     Grouped, Node, Recipe, Refused, TileHead, WidestNodes, plain_head, tile_file, tile_file_with,
     tile_path,
 };
-use crate::tileset::remove_if_there;
 use std::fs::{self, File};
 use std::io::{ErrorKind, Write};
 use std::path::{Path, PathBuf};

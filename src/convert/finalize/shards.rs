@@ -1,6 +1,6 @@
 //! Ends layers whose tiles are finished: writes their shards and says that they are done.
 
-use crate::convert::checkpoint::Keeper;
+use crate::checkpoint::Keeper;
 use crate::convert::finalize::FinishSettings;
 use crate::convert::finalize::rewrite::Anew;
 use crate::error::Result;

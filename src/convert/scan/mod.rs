@@ -26,7 +26,7 @@ mod whole_slabs;
 mod workers;
 mod workspace_pool;
 
-use crate::convert::checkpoint::{Keeper, Marks, TILES};
+use crate::checkpoint::{Keeper, Marks, TILES};
 use crate::convert::finalize::batch_size::nodes_bytes;
 use crate::convert::plan::Plan;
 use crate::convert::scan::band::{Band, BandSource, SettledBand};

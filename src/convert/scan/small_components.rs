@@ -6,7 +6,7 @@
 //! joins objects, so nothing small is left after that. Vertices do not move: every lattice edge out
 //! of a component is crossed, and all of them go with it.
 
-use crate::convert::checkpoint::{Keeper, Marks, Scratch};
+use crate::checkpoint::{Keeper, Marks, Scratch};
 use crate::convert::scan::Sweep;
 use crate::convert::scan::mode::Parts;
 use crate::convert::scan::state::{Known, State};

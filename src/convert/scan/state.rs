@@ -1,6 +1,6 @@
 //! What the forward sweep gathers: components, surfaces and tiles in terms of each slab's classes.
 
-use crate::convert::checkpoint::{Marks, Scratch};
+use crate::checkpoint::{Marks, Scratch};
 use crate::convert::scan::band::{Band, SettledBand};
 use crate::convert::scan::collect::SlabTiles;
 use crate::convert::scan::surfaces::Surfaces;

@@ -1,7 +1,8 @@
 //! How often tiles are written.
 
-use crate::convert::checkpoint::{Identity, Keeper};
+use crate::checkpoint::Keeper;
 use crate::convert::finalize::batches::count_distinct;
+use crate::convert::identity;
 use crate::convert::plan::plan;
 use crate::convert::resolve::resolve;
 use crate::convert::scan::tile_writer::TileWriter;
@@ -43,7 +44,7 @@ fn to_write_anew(volume: &MemoryVolume<u8>, memory: u64, work: &Path) -> Vec<usi
     let options = options(memory);
     let plan = plan(volume, volume.header().dims, &options).unwrap();
     let layers = plan.tiling.tiles()[2];
-    let mut keeper = Keeper::new(work, &Identity::of(volume, &options), false, layers).unwrap();
+    let mut keeper = Keeper::new(work, &identity::of(volume, &options), false, layers).unwrap();
     let head = TileHead {
         matrix: Placement::default().gltf_matrix(),
         form: options.form(),

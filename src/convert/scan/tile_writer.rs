@@ -6,6 +6,7 @@ use crate::strip::Stripifier;
 use crate::surface::{CAP, Piece, TileMesh};
 use crate::sys::background_writer::{Job, Writers};
 use crate::sys::direct_io;
+use crate::sys::files::write_body;
 use crate::sys::spill_file::{Place, Spool};
 use crate::tile::{
     Body, BodyPiece, Encoded, Recipe, Refused, TileHead, WidestNodes, aligned, encode, head_bytes,
@@ -13,10 +14,7 @@ use crate::tile::{
 };
 use bytemuck::{Pod, Zeroable};
 use std::borrow::Cow;
-use std::fs::File;
-use std::io::Write;
-use std::os::unix::fs::FileExt;
-use std::path::{Path, PathBuf};
+use std::path::PathBuf;
 
 /// A tile as the forward sweep left it.
 #[repr(C)]
@@ -224,27 +222,4 @@ pub fn too_wide(macrocube: [u32; 3]) -> Error {
         "at most 254 along each axis with --encoding quantized or meshopt, whose positions have 16 bits",
     )
     .with_hint("use smaller macrocubes, or --encoding float")
-}
-
-/// Writes a new file from byte `start` on.
-///
-/// # Errors
-/// [`Error::Io`].
-pub fn write_body(path: &Path, start: usize, body: &[u8]) -> Result<()> {
-    let file = File::create(path).map_err(|e| Error::io(path, "create", e))?;
-    file.write_all_at(body, start as u64)
-        .map_err(|e| Error::io(path, "write", e))
-}
-
-/// Writes a new file from parts.
-///
-/// # Errors
-/// [`Error::Io`].
-pub fn write_file(path: &Path, parts: &[&[u8]]) -> Result<()> {
-    let mut file = File::create(path).map_err(|e| Error::io(path, "create", e))?;
-    for part in parts {
-        file.write_all(part)
-            .map_err(|e| Error::io(path, "write", e))?;
-    }
-    Ok(())
 }

@@ -1,7 +1,7 @@
 //! Slabs with all their bands in memory: voxels are read once, and threads go on to the bands of the next slab
 //! when no tile of this one is left.
 
-use crate::convert::checkpoint::Keeper;
+use crate::checkpoint::Keeper;
 use crate::convert::scan::Sweep;
 use crate::convert::scan::mode::Parts;
 use crate::convert::scan::scheduler::Stop;

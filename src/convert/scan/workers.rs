@@ -1,6 +1,6 @@
 //! Threads that do what is next, each by itself, from slab to slab.
 
-use crate::convert::checkpoint::Keeper;
+use crate::checkpoint::Keeper;
 use crate::convert::scan::band::Band;
 use crate::convert::scan::collect::Gather;
 use crate::convert::scan::mode::Parts;

@@ -1,12 +1,12 @@
 //! The tiles and shards, layer by layer.
 
-use crate::convert::write_file;
 use crate::error::{Error, Result};
 use crate::grid::Tiling;
 use crate::manifest::{
     Form, Layer, Manifest, Primitives, ShardWriter, TileEntry, Totals, checksum_text,
 };
 use crate::progress::Progress;
+use crate::sys::files::write_file;
 use crate::tile::{TilePlace, recode, tile_path};
 use crate::tileset::TileSet;
 use crate::transform::repack::names::Cells;

@@ -1,6 +1,5 @@
 //! Copies what is kept: rows of the tables, pieces of the tiles.
 
-use crate::convert::write_file;
 use crate::error::{Error, Result};
 use crate::grid::{LATTICE, Tiling};
 use crate::manifest::{
@@ -8,6 +7,7 @@ use crate::manifest::{
     file_inside,
 };
 use crate::progress::Progress;
+use crate::sys::files::write_file;
 use crate::table::{Row, Table};
 use crate::tile::{Part, PartPiece, TilePlace, part, tile_path};
 use crate::transform::select::choice::Choice;

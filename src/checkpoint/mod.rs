@@ -19,7 +19,7 @@ mod sync;
 pub use identity::Identity;
 pub use marks::{Marks, Scratch};
 
-use crate::convert::checkpoint::sync::{Disk, SAFE};
+use crate::checkpoint::sync::{Disk, SAFE};
 use crate::error::{Error, Result};
 use crate::sys::state_codec::{Decoder, Encoder};
 use std::path::{Path, PathBuf};
@@ -163,7 +163,7 @@ impl Keeper {
         }
         if checkpoint.safe {
             for name in [CHECKPOINT, FINISHED] {
-                crate::tileset::remove_if_there(&work.join(name))?;
+                crate::sys::files::remove_if_there(&work.join(name))?;
             }
         }
         keeper.any = true;
@@ -381,14 +381,10 @@ pub fn boot() -> Vec<u8> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::convert::ConvertOptions;
-    use crate::grid::{Dims, Placement};
-    use crate::volume::MemoryVolume;
 
     #[test]
     fn what_is_ready_counts_when_it_is_kept() {
-        let volume = MemoryVolume::new(Dims([2; 3]), Placement::default(), vec![0u8; 8]).unwrap();
-        let identity = Identity::of(&volume, &ConvertOptions::default());
+        let identity = Identity::new(vec![("version".into(), "1".into())]);
         let dir = tempfile::tempdir().unwrap();
         let done = || kept(dir.path()).map(|k| k.done);
         let mut keeper = Keeper::new(dir.path(), &identity, false, 9).unwrap();
