@@ -21,12 +21,12 @@ use crate::checkpoint::{Keeper, boot};
 use crate::convert::finalize::shards::Layers;
 use crate::convert::finalize::{FinishSettings, Stop, finish};
 use crate::convert::scan::state::Forward;
-use crate::convert::scan::tile_writer::{TileWriter, too_wide};
+use crate::convert::scan::tile_writer::TileWriter;
 use crate::convert::scan::{Sweep, Unkept};
 use crate::error::{Error, Result};
 use crate::grid::{LATTICE, Placement, Tiling};
 use crate::manifest::{
-    Dust, Encoding, FORMAT, FORMAT_VERSION, Generator, GridInfo, Manifest, Source, Tables, Totals,
+    Dust, FORMAT, FORMAT_VERSION, Generator, GridInfo, Manifest, Source, Tables, Totals,
 };
 use crate::progress::Progress;
 use crate::sys::background_writer::Writers;
@@ -182,20 +182,6 @@ fn check(volume: &dyn Volume, options: &ConvertOptions) -> Result<()> {
             format!("{:?}", options.macrocube),
             "at least 1 cube along each axis",
         ));
-    }
-    Ok(())
-}
-
-/// Refuses macrocubes that reach further than 16-bit positions: 255 cubes are 65,280 steps, and with
-/// caps a tile reaches a voxel and a half further.
-///
-/// # Errors
-/// [`Error::Usage`].
-pub(crate) fn check_reach(encoding: Encoding, tiling: Tiling) -> Result<()> {
-    const MOST: u32 = 254;
-    let cubes = |a: usize| tiling.macrocube[a].min(tiling.dims.0[a] - 1);
-    if encoding != Encoding::Float && (0..3).any(|a| cubes(a) > MOST) {
-        return Err(too_wide(tiling.macrocube));
     }
     Ok(())
 }

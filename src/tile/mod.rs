@@ -63,6 +63,7 @@ pub(crate) mod pieces;
 pub mod read;
 mod reader;
 pub(crate) mod recode;
+mod refused;
 mod store;
 mod unusual;
 
@@ -77,6 +78,7 @@ pub(crate) use paint::Rgb;
 pub(crate) use part::{Part, PartPiece, TilePlace, part};
 pub use read::PieceIds;
 pub(crate) use recode::recode;
+pub(crate) use refused::{check_reach, refused, too_large};
 pub(crate) use store::Refused;
 
 /// The most surface pieces that a tile keeps as nodes; with more it takes the merged layout.

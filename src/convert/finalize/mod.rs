@@ -14,7 +14,7 @@ use crate::convert::finalize::rewrite::{
 };
 use crate::convert::finalize::shards::{Ends, FinishedBatch, FinishedLayer, Layers};
 use crate::convert::resolve::SpooledIds;
-use crate::convert::scan::tile_writer::{TileRecord, refused, too_large};
+use crate::convert::scan::tile_writer::TileRecord;
 use crate::convert::slab_records::{SlabRecord, Slabs};
 use crate::error::{Error, Result};
 use crate::grid::{LATTICE, Placement, Tiling};
@@ -27,8 +27,8 @@ use crate::progress::Progress;
 use crate::sys::background_writer::Writers;
 use crate::sys::spill_file::Spool;
 use crate::tile::{
-    Body, BodyPiece, Extras, Grouped, Node, TileHead, WidestNodes, decode, describe, name,
-    tile_path, write_head,
+    Body, BodyPiece, Extras, Grouped, Node, TileHead, WidestNodes, decode, describe, name, refused,
+    tile_path, too_large, write_head,
 };
 use rayon::prelude::*;
 use std::borrow::Cow;

@@ -1,6 +1,6 @@
 //! Tiles on disk during a conversion: their geometry first, what comes before it at the end.
 
-use crate::error::{Error, Result};
+use crate::error::Result;
 use crate::grid::Tiling;
 use crate::strip::Stripifier;
 use crate::surface::{CAP, Piece, TileMesh};
@@ -10,7 +10,7 @@ use crate::sys::files::write_body;
 use crate::sys::spill_file::{Place, Spool};
 use crate::tile::{
     Body, BodyPiece, Encoded, Recipe, Refused, TileHead, WidestNodes, aligned, encode, head_bytes,
-    tile_path, widest_description,
+    refused, tile_path, too_large, widest_description,
 };
 use bytemuck::{Pod, Zeroable};
 use std::borrow::Cow;
@@ -182,14 +182,6 @@ pub fn room_for(
     Ok(aligned(widest, step))
 }
 
-/// The error for a tile that cannot be written as asked.
-pub fn refused(why: Refused, grid: [u32; 3], tiling: Tiling) -> Error {
-    match why {
-        Refused::TooLarge => too_large(grid),
-        Refused::TooWide => too_wide(tiling.macrocube),
-    }
-}
-
 impl WrittenPiece {
     /// A piece and where it lies in the body with those that are one with it, not knowing its surface yet.
     pub fn new(piece: &Piece, body: BodyPiece) -> Self {
@@ -201,25 +193,4 @@ impl WrittenPiece {
             reserved: 0,
         }
     }
-}
-
-/// The error for a tile beyond the size of a GLB.
-pub fn too_large(grid: [u32; 3]) -> Error {
-    Error::usage(
-        "--macrocube",
-        format!("more than 4 GiB in {}", tile_path(grid)),
-        "tiles below 4 GiB, the limit of GLB files",
-    )
-    .with_hint("use smaller macrocubes")
-}
-
-/// The error for tiles beyond the reach of 16-bit positions.
-pub fn too_wide(macrocube: [u32; 3]) -> Error {
-    let [x, y, z] = macrocube;
-    Error::usage(
-        "--macrocube",
-        format!("{x} x {y} x {z} cubes"),
-        "at most 254 along each axis with --encoding quantized or meshopt, whose positions have 16 bits",
-    )
-    .with_hint("use smaller macrocubes, or --encoding float")
 }
