@@ -67,10 +67,10 @@ mod refused;
 mod store;
 mod unusual;
 
-pub(crate) use body::{Body, BodyPiece, Grouped};
+pub(crate) use body::{Body, Grouped, PieceRange};
 pub(crate) use contents::name;
 pub(crate) use document::{Node, TileHead, WidestNodes, head_bytes, material, write_head};
-pub(crate) use encoded::{Encoded, Recipe, decode, describe, encode, widest_description};
+pub(crate) use encoded::{Encoded, EncodedLayout, decode, describe, encode, widest_description};
 pub use extras::Extras;
 pub(crate) use file::{aligned, plain_head, tile_file, tile_file_with};
 pub use mesh::{SurfacePiece, TileMesh};
