@@ -1,6 +1,6 @@
 //! What a conversion is asked for, and what it reports.
 
-use crate::error::Result;
+use crate::error::{Error, Result};
 use crate::grid::{Ambiguous, Crop, Placement, Unit};
 use crate::manifest::{Encoding, Form, Layout, Part, Primitives, Provenance, Totals};
 use crate::volume::Stamp;
@@ -64,6 +64,29 @@ impl ConvertOptions {
     /// [`crate::Error::Usage`] if the volume is in no unit of length and they are to be, or the other way round.
     pub fn measured(&self, place: &Placement) -> Result<Placement> {
         place.in_unit(self.table_unit.unwrap_or(place.unit))
+    }
+
+    /// Refuses what no volume in this place can be converted with.
+    ///
+    /// # Errors
+    /// [`Error::Usage`].
+    pub(crate) fn check(&self, place: &Placement) -> Result<()> {
+        self.measured(place)?;
+        if !self.threshold.is_finite() {
+            return Err(Error::usage(
+                "--threshold",
+                self.threshold.to_string(),
+                "a finite number",
+            ));
+        }
+        if self.macrocube.contains(&0) {
+            return Err(Error::usage(
+                "--macrocube",
+                format!("{:?}", self.macrocube),
+                "at least 1 cube along each axis",
+            ));
+        }
+        Ok(())
     }
 
     /// Primitives, encoding and layout.

@@ -81,8 +81,17 @@ impl SpooledIds {
     }
 }
 
-/// What [`resolve`] makes of the sweep: slabs and their spool as they were, ids, and what has them.
-pub type Resolved = (Slabs, SpillFile, SpooledIds, Components);
+/// What resolving leaves.
+pub struct Resolved {
+    /// A record of each slab.
+    pub slabs: Slabs,
+    /// Their tiles and pieces.
+    pub pieces: SpillFile,
+    /// The ids of their classes and surfaces.
+    pub ids: SpooledIds,
+    /// The sums of all components.
+    pub components: Components,
+}
 
 /// The ids of the slab after the one in hand.
 #[derive(Default)]
@@ -186,7 +195,12 @@ pub fn resolve(forward: ScanOutput, budget: u64, work: &Path) -> Result<Resolved
         };
     }
     resolved.add_meshes()?;
-    Ok((slabs, spool, spooled, resolved))
+    Ok(Resolved {
+        slabs,
+        pieces: spool,
+        ids: spooled,
+        components: resolved,
+    })
 }
 
 /// A whole surface, with the ids of what it borders.

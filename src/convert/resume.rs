@@ -1,13 +1,11 @@
 //! What a conversion finds in its output directory: nothing, a part of itself, or all of it.
 
 use crate::checkpoint::{Checkpointer, Identity, LayersDone, boot, kept};
-use crate::convert::plan::Plan;
-use crate::convert::{ConvertOptions, Made, manifest, warnings};
+use crate::convert::conversion::{Conversion, Made};
+use crate::convert::warnings::warnings;
 use crate::error::Result;
 use crate::manifest::{Layer, Manifest};
-use crate::progress::Progress;
 use crate::tileset::Output;
-use crate::volume::Volume;
 use std::fs::File;
 use std::io::{BufRead, BufReader, Read, Write};
 use std::path::Path;
@@ -17,11 +15,10 @@ use std::path::Path;
 pub fn begin(
     output: &mut Output,
     out: &Path,
-    options: &ConvertOptions,
+    job: &Conversion,
     identity: &Identity,
-    layers: u32,
-    progress: &dyn Progress,
 ) -> Result<Checkpointer> {
+    let (options, progress, layers) = (job.options, job.progress, job.layers());
     let dust = options.min_voxels > 1;
     let work = output.work().to_path_buf();
     // whatever happens now, what is there is not to be lost
@@ -76,21 +73,15 @@ impl Write for Same {
 }
 
 /// What was made, if `out` holds the tile set that is asked for, and the input did not change since.
-pub fn complete(
-    volume: &dyn Volume,
-    grid: &dyn Volume,
-    options: &ConvertOptions,
-    plan: &Plan,
-    out: &Path,
-    progress: &dyn Progress,
-) -> Option<Made> {
+pub fn complete(job: &Conversion, out: &Path) -> Option<Made> {
+    let options = job.options;
     let index = out.join("index.json");
     let file = BufReader::new(File::open(&index).ok()?);
     let found: Manifest = serde_json::from_reader(file).ok()?;
     let min_voxels = found.dust.map_or(1, |d| d.min_voxels);
     let same = Manifest {
         dust: found.dust,
-        ..manifest(volume, grid, options, plan, found.totals)
+        ..job.manifest(found.totals)
     };
     let mut as_it_is = Same(BufReader::new(File::open(&index).ok()?));
     let layers =
@@ -105,7 +96,8 @@ pub fn complete(
         .last_change
         .is_some_and(|change| change > made)
     {
-        progress.warn("the input has changed since the tile set in the directory was made");
+        job.progress
+            .warn("the input has changed since the tile set in the directory was made");
         return None;
     }
     let mut size = found.totals.bytes + std::fs::metadata(&index).ok()?.len();
@@ -122,7 +114,7 @@ pub fn complete(
         bytes: size,
         warnings: warnings(
             &found.totals,
-            grid.header().dims,
+            job.plan.tiling.dims,
             (options.threshold, found.dust),
         ),
         boot: None,

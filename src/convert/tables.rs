@@ -1,6 +1,7 @@
 //! The tables of cells, objects and surfaces as CSV files.
 
 use crate::convert::finalize::Stop;
+use crate::convert::resolve::Components;
 use crate::error::{Error, Result};
 use crate::grid::{Placement, Unit};
 use crate::measure::{AreaScale, ComponentRecord, Measures, RecordTable, SurfaceRecord};
@@ -116,6 +117,28 @@ impl Row<'_> {
 fn plain(value: f64, buffer: &mut zmij::Buffer) -> Option<&str> {
     let digits = buffer.format_finite(value);
     (!digits.contains('e')).then(|| digits.strip_suffix(".0").unwrap_or(digits))
+}
+
+/// Writes the tables of cells, objects and surfaces side by side; returns their bytes.
+pub fn write_tables(
+    work: &Path,
+    components: &Components,
+    placement: &Placement,
+    stop: &Stop,
+) -> Result<u64> {
+    let write = |name: &str, table, above| {
+        write_components(&work.join(name), table, (placement, above), stop)
+    };
+    let (cells, (objects, surfaces)) = rayon::join(
+        || write("cells.csv", &components.cells, false),
+        || {
+            let objects = write("objects.csv", &components.objects, true);
+            let path = work.join("surfaces.csv");
+            let surfaces = write_surfaces(&path, &components.surfaces, placement, stop);
+            (objects, surfaces)
+        },
+    );
+    Ok(cells? + objects? + surfaces?)
 }
 
 /// Writes `cells.csv` or `objects.csv` and returns its size.

@@ -5,6 +5,7 @@ pub(crate) mod batches;
 mod rewrite;
 pub(crate) mod shards;
 use crate::checkpoint::Checkpointer;
+use crate::convert::conversion::Conversion;
 use crate::convert::finalize::batch_size::max_concurrent_tiles;
 use crate::convert::finalize::batches::{
     Batch, Batches, Ids, Job, KNOWN_PIECES, count_distinct, group,
@@ -13,8 +14,8 @@ use crate::convert::finalize::rewrite::{
     Buffers, fill, make_layer_dir, read_back, replacement_path, write_replacement,
 };
 use crate::convert::finalize::shards::{FinishedBatch, FinishedLayer, LayerFinisher, Layers};
-use crate::convert::resolve::SpooledIds;
-use crate::convert::scan::tile_writer::TileRecord;
+use crate::convert::resolve::{Components, Resolved, SpooledIds};
+use crate::convert::scan::tile_writer::{TileRecord, TileWriter};
 use crate::convert::slab_records::{SlabRecord, Slabs};
 use crate::error::{Error, Result};
 use crate::grid::{LATTICE, Placement, Tiling};
@@ -25,6 +26,7 @@ use crate::manifest::{
 use crate::measure::{ComponentRecord, Measures, RecordTable};
 use crate::progress::Progress;
 use crate::sys::background_writer::BackgroundWriters;
+use crate::sys::memory_pool::MemoryPool;
 use crate::sys::spill_file::SpillFile;
 use crate::tile::{
     Body, Extras, Grouped, Node, PieceRange, TileHead, WidestNodes, decode, describe, name,
@@ -89,30 +91,62 @@ struct Cell {
     has_surfaces: bool,
 }
 
-/// Gives all tiles their ids, layer by layer. Returns the layers that have tiles, and what `beside` makes
-/// meanwhile, as long as nothing stops that: it is told what would.
+/// What finalizing works on.
+pub struct FinalizeInput<'a> {
+    /// The conversion.
+    pub job: &'a Conversion<'a>,
+    /// Wrote the tiles.
+    pub writer: &'a TileWriter,
+    /// Where the grid lies, in the unit of the measures.
+    pub placement: &'a Placement,
+    /// What resolving left.
+    pub resolved: &'a mut Resolved,
+    /// Is told of finished layers.
+    pub checkpointer: &'a mut Checkpointer,
+}
+
+/// Gives all tiles their ids, layer by layer, and adds what they hold to `totals`. Returns the layers that have
+/// tiles, and what `beside` makes of the components meanwhile, as long as nothing stops that: it is told what would.
 ///
 /// # Errors
 /// [`Error::Interrupted`], [`Error::Io`], [`Error::Usage`] if a tile would pass 4 GiB, and [`Error::Format`]
 /// if a shard from before is not as it was written.
-pub fn finish<R: Send>(
-    slabs: &mut Slabs,
-    spool: &mut SpillFile,
-    (ids, cells): (&mut SpooledIds, &RecordTable<ComponentRecord>),
-    (settings, checkpointer): (&FinishSettings, &mut Checkpointer),
+pub fn finalize<R: Send>(
+    input: FinalizeInput,
     totals: &mut Totals,
-    progress: &dyn Progress,
-    beside: impl FnOnce(&Stop) -> Result<R> + Send,
+    beside: impl FnOnce(&Components, &Stop) -> Result<R> + Send,
 ) -> Result<(Layers, R)> {
-    let mut ends = LayerFinisher::begin(settings, checkpointer, slabs.len(), totals, progress)?;
+    let (job, writer) = (input.job, input.writer);
+    let Resolved {
+        slabs,
+        pieces,
+        ids,
+        components,
+    } = input.resolved;
+    let progress = job.progress;
+    progress.begin("index", slabs.len() as u64);
+    let budget = MemoryPool::new(job.plan.limit, job.plan.fixed);
+    let writers = BackgroundWriters::new(job.plan.in_flight, job.plan.body, &budget);
+    let settings = FinishSettings {
+        dir: &writer.dir,
+        head: &writer.head,
+        widest: &writer.widest,
+        placement: input.placement,
+        tiling: job.plan.tiling,
+        writers: writers.as_ref(),
+        memory: budget.left().saturating_sub(job.plan.tables()),
+    };
+    let checkpointer = input.checkpointer;
+    let mut ends = LayerFinisher::begin(&settings, checkpointer, slabs.len(), totals, progress)?;
     let failed = AtomicBool::new(false);
+    let cells = &components.cells;
     let finish = || {
-        let finished = finish_tiles(slabs, (spool, ids), cells, settings, &mut ends, progress);
+        let finished = finish_tiles(slabs, (pieces, ids), cells, &settings, &mut ends, progress);
         failed.store(finished.is_err(), Ordering::Relaxed);
         finished
     };
     let stop = || failed.load(Ordering::Relaxed) || progress.interrupted();
-    let (finished, made) = rayon::join(finish, || beside(&stop));
+    let (finished, made) = rayon::join(finish, || beside(components, &stop));
     finished?;
     Ok((ends.end()?, made?))
 }

@@ -2,7 +2,7 @@
 //! a checkpoint says that the layer is done: a tile that is half written can then be made again.
 
 use crate::checkpoint::Checkpointer;
-use crate::convert::layer_directory;
+use crate::convert::layer_dirs::layer_directory;
 use crate::convert::scan::tile_writer::room_for;
 use crate::error::{Error, Result};
 use crate::sys::background_writer::{BackgroundWriters, Job};

@@ -27,7 +27,9 @@ mod workers;
 mod workspace_pool;
 
 use crate::checkpoint::{Checkpointer, Marks, TILES};
+use crate::convert::conversion::Conversion;
 use crate::convert::finalize::batch_size::nodes_bytes;
+use crate::convert::layer_dirs::make_layer_directories;
 use crate::convert::plan::Plan;
 use crate::convert::scan::band::{Band, BandSource, SealedBand};
 use crate::convert::scan::collect::{SlabTiles, TileCollector};
@@ -45,12 +47,59 @@ use crate::surface::{BandView, MeshSettings, Sizes, TileBox, by_surface};
 use crate::sys::background_writer::BackgroundWriters;
 use crate::sys::memory_pool::MemoryPool;
 use crate::tile::MAX_NODES;
-use crate::volume::{Volume, Voxel};
+use crate::volume::{Volume, Voxel, spool_beside};
 use rayon::prelude::*;
 use slab::Slab;
 use std::cmp::Reverse;
 use std::ops::Deref;
 use std::sync::Arc;
+
+/// What a scan leaves.
+pub struct Scanned {
+    /// What is known of components, surfaces and tiles.
+    pub output: ScanOutput,
+    /// The last layer, still to be committed.
+    pub last_layer: UncommittedLayer,
+}
+
+/// Scans the grid: all tiles but those that are made again, and what is known of their pieces.
+///
+/// # Errors
+/// As of [`Sweep::run`].
+pub fn scan(
+    job: &Conversion,
+    writer: &TileWriter,
+    checkpointer: &mut Checkpointer,
+) -> Result<Scanned> {
+    let work = &writer.dir;
+    let (grid, options, plan) = (job.grid, job.options, job.plan);
+    let [x, y, layers] = plan.tiling.tiles();
+    make_layer_directories(work, checkpointer.swept()..layers)?;
+    let measured = options.measured(&grid.header().placement)?;
+    job.progress
+        .begin("tiles", [x, y, layers].map(u64::from).iter().product());
+    let mut run = |volume: &dyn Volume| {
+        let sweep = Sweep {
+            volume,
+            plan,
+            threshold: options.threshold,
+            rule: options.ambiguous,
+            measured,
+            cap: options.cap,
+            min_voxels: options.min_voxels,
+            writer,
+            progress: job.progress,
+        };
+        sweep.run(checkpointer)
+    };
+    // a slab's bands are read one by one, each through all its slices
+    let forward_only = y == 1 && options.min_voxels < 2;
+    match grid.decoded_once(work)? {
+        Some(once) => run(&*once),
+        None if grid.random_access() || forward_only => run(grid),
+        None => spool_beside(grid, work, run),
+    }
+}
 
 /// What stays the same during a sweep.
 pub struct Sweep<'a> {
@@ -82,11 +131,11 @@ pub struct UncommittedLayer {
 }
 
 impl UncommittedLayer {
-    /// Keeps it, when threads that have nothing else to do have helped to write its tiles.
+    /// Commits it, when threads that have nothing else to do have helped to write its tiles.
     ///
     /// # Errors
     /// [`Error::Io`].
-    pub fn keep(self, checkpointer: &mut Checkpointer) -> Result<()> {
+    pub fn commit(self, checkpointer: &mut Checkpointer) -> Result<()> {
         let Some(tiles) = self.tiles else {
             return Ok(());
         };
@@ -128,15 +177,12 @@ impl Sweep<'_> {
     /// # Errors
     /// [`Error::Io`], [`Error::TooDense`] if the volume is too dense for the limit,
     /// [`Error::Interrupted`], and those of [`Volume::read_box`].
-    pub fn run(&self, checkpointer: &mut Checkpointer) -> Result<(ScanOutput, UncommittedLayer)> {
+    pub fn run(&self, checkpointer: &mut Checkpointer) -> Result<Scanned> {
         crate::volume::with_voxel_type!(
             self.volume.header().dtype, T => self.run_typed::<T>(checkpointer))
     }
 
-    fn run_typed<T: Voxel + Default>(
-        &self,
-        checkpointer: &mut Checkpointer,
-    ) -> Result<(ScanOutput, UncommittedLayer)> {
+    fn run_typed<T: Voxel + Default>(&self, checkpointer: &mut Checkpointer) -> Result<Scanned> {
         let budget = &MemoryPool::new(self.plan.limit, self.plan.fixed);
         let mut filters = Vec::new();
         if self.min_voxels > 1 {
@@ -165,7 +211,10 @@ impl Sweep<'_> {
             }
         }
         let writers = parts.writers;
-        Ok((state.forward, UncommittedLayer { writers, tiles }))
+        Ok(Scanned {
+            output: state.forward,
+            last_layer: UncommittedLayer { writers, tiles },
+        })
     }
 
     /// The state before the first layer to do, and that layer.

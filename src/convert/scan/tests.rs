@@ -1,17 +1,17 @@
 //! How often tiles are written.
 
 use crate::checkpoint::Checkpointer;
+use crate::convert::conversion::Conversion;
 use crate::convert::finalize::batches::count_distinct;
 use crate::convert::identity;
 use crate::convert::plan::plan;
 use crate::convert::resolve::resolve;
-use crate::convert::scan::tile_writer::TileWriter;
-use crate::convert::{ConvertOptions, predicted_memory, swept};
+use crate::convert::scan::scan;
+use crate::convert::{ConvertOptions, predicted_memory};
 use crate::error::Error;
 use crate::grid::{Dims, Placement};
 use crate::progress::Quiet;
-use crate::tile::{TileHead, WidestNodes};
-use crate::volume::{MemoryVolume, Volume};
+use crate::volume::{MemoryVolume, Volume, Watch};
 use std::path::Path;
 
 /// Pairs of rods in every second slab of 10, joined by bridges in the one behind.
@@ -43,23 +43,22 @@ fn options(memory: u64) -> ConvertOptions {
 fn to_write_anew(volume: &MemoryVolume<u8>, memory: u64, work: &Path) -> Vec<usize> {
     let options = options(memory);
     let plan = plan(volume, volume.header().dims, &options).unwrap();
-    let layers = plan.tiling.tiles()[2];
-    let mut checkpointer =
-        Checkpointer::new(work, &identity::of(volume, &options), false, layers).unwrap();
-    let head = TileHead {
-        matrix: Placement::default().gltf_matrix(),
-        form: options.form(),
+    let watch = Watch::new(volume.header());
+    let job = Conversion {
+        volume,
+        grid: volume,
+        options: &options,
+        plan: &plan,
+        watch: &watch,
+        progress: &Quiet,
     };
-    let writer = TileWriter {
-        dir: work.to_path_buf(),
-        widest: WidestNodes::new(&head),
-        head,
-        tiling: plan.tiling,
-    };
+    let identity = identity::of(volume, &options);
+    let mut checkpointer = Checkpointer::new(work, &identity, false, job.layers()).unwrap();
+    let writer = job.tile_writer(work);
     std::fs::create_dir(work.join("tiles")).unwrap();
-    let files = (&writer, &mut checkpointer);
-    let (forward, _) = swept(volume, &options, &plan, files, &Quiet).unwrap();
-    let (mut slabs, mut spool, mut ids, _) = resolve(forward, 1 << 20, work).unwrap();
+    let scanned = scan(&job, &writer, &mut checkpointer).unwrap();
+    let resolved = resolve(scanned.output, 1 << 20, work).unwrap();
+    let (mut slabs, mut spool, mut ids) = (resolved.slabs, resolved.pieces, resolved.ids);
     let mut anew = Vec::new();
     for i in 0..slabs.len() {
         let slab = slabs.get(i).unwrap().unwrap();

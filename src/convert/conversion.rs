@@ -1,0 +1,125 @@
+//! What all stages of a conversion know.
+
+use crate::convert::ConvertOptions;
+use crate::convert::plan::Plan;
+use crate::convert::scan::tile_writer::TileWriter;
+use crate::grid::LATTICE;
+use crate::manifest::{
+    FORMAT, FORMAT_VERSION, Generator, GridInfo, Manifest, Source, Tables, Totals,
+};
+use crate::progress::Progress;
+use crate::tile::{TileHead, WidestNodes};
+use crate::volume::{Volume, Watch};
+use serde::{Deserialize, Serialize};
+use std::path::Path;
+
+/// What all stages of a conversion know.
+#[derive(Clone, Copy)]
+pub struct Conversion<'a> {
+    /// The input.
+    pub volume: &'a dyn Volume,
+    /// Its part that becomes tiles.
+    pub grid: &'a dyn Volume,
+    /// What was asked for.
+    pub options: &'a ConvertOptions,
+    /// How the grid is cut, and what each stage may take of the memory.
+    pub plan: &'a Plan,
+    /// Saw all samples that were read.
+    pub watch: &'a Watch,
+    /// Hears what happens.
+    pub progress: &'a dyn Progress,
+}
+
+/// What a conversion made.
+#[derive(Serialize, Deserialize)]
+pub struct Made {
+    /// The manifest's sums.
+    pub totals: Totals,
+    /// Bytes of all files.
+    pub bytes: u64,
+    /// What the user should know.
+    pub warnings: Vec<String>,
+    /// The boot of the system until whose end this counts, if it is not known to be on the disk.
+    #[serde(default)]
+    pub boot: Option<Vec<u8>>,
+}
+
+impl Conversion<'_> {
+    /// Layers of macrocubes.
+    pub fn layers(&self) -> u32 {
+        self.plan.tiling.tiles()[2]
+    }
+
+    /// Layers of all sweeps over the volume.
+    pub fn swept_layers(&self) -> u64 {
+        let sweeps = if self.options.min_voxels > 1 { 3 } else { 1 };
+        sweeps * u64::from(self.layers())
+    }
+
+    /// Writes tiles below the directory `work`.
+    pub fn tile_writer(&self, work: &Path) -> TileWriter {
+        let head = TileHead {
+            matrix: self.grid.header().placement.gltf_matrix(),
+            form: self.options.form(),
+        };
+        TileWriter {
+            dir: work.to_path_buf(),
+            widest: WidestNodes::new(&head),
+            head,
+            tiling: self.plan.tiling,
+        }
+    }
+
+    /// What the manifest says, but for its layers and what was left out.
+    pub fn manifest(&self, totals: Totals) -> Manifest {
+        let source = self.volume.header();
+        let (options, plan) = (self.options, self.plan);
+        let placement = self.grid.header().placement;
+        Manifest {
+            format: FORMAT.into(),
+            format_version: FORMAT_VERSION,
+            generator: Generator {
+                name: "alvis".into(),
+                version: env!("CARGO_PKG_VERSION").into(),
+            },
+            source: Source {
+                name: options.source_name.clone(),
+                format: source.format.into(),
+                dims: source.dims,
+                dtype: source.dtype,
+                values: options.source_values.clone(),
+                endian: source.endian,
+                offset: options.source_offset,
+                crop: options.crop.clone(),
+                part: options.source_part.clone(),
+                provenance: options.provenance,
+            },
+            grid: GridInfo {
+                dims: plan.tiling.dims,
+                macrocube: options.macrocube,
+                tiles: plan.tiling.tiles(),
+            },
+            placement,
+            table_unit: options.table_unit,
+            threshold: options.threshold,
+            ambiguous: options.ambiguous,
+            cap: options.cap,
+            dust: None,
+            primitives: options.primitives,
+            encoding: options.encoding,
+            layout: options.layout,
+            lattice: LATTICE,
+            transform: placement.gltf_matrix(),
+            totals,
+            layers: Vec::new(),
+            tables: Tables {
+                cells: "cells.csv".into(),
+                objects: "objects.csv".into(),
+                surfaces: "surfaces.csv".into(),
+                checksums: None,
+            },
+            selection: None,
+            checksum: None,
+        }
+    }
+}
