@@ -1,6 +1,7 @@
 //! What attributes of other writers than CF's state of an array, in HDF5 and Zarr: names of axes, and scales.
 
 use super::values::Linear;
+use super::warning::Warning;
 
 /// Attributes that name the axes of an array, as a list or as letters.
 pub(super) const AXES: [&str; 15] = [
@@ -102,8 +103,34 @@ pub(super) fn is_vague(name: &str, number: f64, taken: bool) -> bool {
 }
 
 /// What to say of such an attribute.
-pub(super) fn not_applied(name: &str, number: f64) -> String {
+pub(super) fn not_applied(name: &str, number: f64) -> Warning {
     format!(
         "the attribute {name} ({number}) is not applied: if it is of the values, the threshold is in stored numbers"
     )
+    .into()
+}
+
+/// Says that chunks are not in the file, `None` of the total if nobody counted: a warning if none is there.
+pub(super) fn missing(
+    (count, total): (Option<u64>, u64),
+    fill: &str,
+    notes: &mut Vec<String>,
+    warnings: &mut Vec<Warning>,
+) {
+    match count {
+        Some(0) => {}
+        Some(n) if n == total => {
+            let what = match total {
+                1 => "no sample is there".into(),
+                _ => format!("none of the {total} chunks is there"),
+            };
+            warnings.push(format!("{what}: all are the fill value {fill}").into());
+        }
+        Some(n) => notes.push(format!(
+            "{n} of {total} chunks are missing and read as the fill value {fill}"
+        )),
+        None => notes.push(format!(
+            "chunks that are missing are read as the fill value {fill}; among {total} they were not looked for"
+        )),
+    }
 }

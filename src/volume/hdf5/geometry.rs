@@ -7,6 +7,7 @@ use crate::grid::Placement;
 use crate::length::Length;
 use crate::manifest::{Origin, Provenance};
 use crate::volume::size::{Step, VoxelSize, voxel_size};
+use crate::volume::warning::Warning;
 
 /// One axis of a grid: the size of a voxel and the place of the first one.
 #[derive(Debug, Clone, PartialEq)]
@@ -25,14 +26,14 @@ pub(super) struct Geometry {
     /// Unit vectors along x, y and z, if they are not the usual ones.
     pub(super) directions: Option<[[f64; 3]; 3]>,
     pub(super) notes: Vec<String>,
-    pub(super) warnings: Vec<String>,
+    pub(super) warnings: Vec<Warning>,
     /// Why the grid is none with one step along each axis.
     pub(super) uneven: Option<String>,
 }
 
 impl Geometry {
     /// Spacing, unit, origin and directions.
-    pub(super) fn place(mut self) -> (Placement, Provenance, Vec<String>, Vec<String>) {
+    pub(super) fn place(mut self) -> (Placement, Provenance, Vec<String>, Vec<Warning>) {
         let mut place = Placement::default();
         let mut from = Provenance::default();
         let steps = self.along.clone().map(|a| a.map(|a| a.step));
@@ -116,10 +117,10 @@ impl Place<'_> {
             let text: Vec<String> = values.iter().map(f64::to_string).collect();
             let text = text.join(", ");
             if unit.is_empty() && !sure {
-                geometry.warnings.push(format!(
+                geometry.warnings.push(Warning::of_size(format!(
                     "the attribute {name} ({text}) states no unit and is not taken: give --spacing and --unit if it \
                      is the size of a voxel"
-                ));
+                )));
                 continue;
             }
             // of x, y and z among the numbers
@@ -133,9 +134,9 @@ impl Place<'_> {
                 3 => [0, 1, 2].map(rank),
                 n if n == self.dataset.ndim() => axes.volume,
                 _ => {
-                    geometry.warnings.push(format!(
-                        "the attribute {name} ({text}) has not one number for each axis and is not taken"
-                    ));
+                    geometry.warnings.push(Warning::of_size(format!(
+                        "the attribute {name} ({text}) has not one number for each axis and is not taken: give --spacing and --unit if it is the size of a voxel"
+                    )));
                     continue;
                 }
             };

@@ -9,6 +9,7 @@ use super::geometry::{Along, Geometry};
 use super::number::Number;
 use super::place::Place;
 use crate::volume::values::{Linear, Scale, Values};
+use crate::volume::warning::Warning;
 use hdf5_reader::Dataset;
 
 /// The level of an image of MINC by its name; `None` for other datasets.
@@ -31,9 +32,9 @@ pub(super) fn geometry(place: &Place, axes: [usize; 3]) -> Result<Geometry, Stri
             return Err("an image without the attribute dimorder".into());
         };
         let Ok(dataset) = place.file.dataset(&format!("/minc-2.0/dimensions/{name}")) else {
-            geometry.warnings.push(format!(
+            geometry.warnings.push(Warning::of_size(format!(
                 "the file has no dimension {name}: give --spacing and --unit"
-            ));
+            )));
             continue;
         };
         let of = Attributes(dataset.attributes());
@@ -103,7 +104,7 @@ pub(super) fn values(
     axes: [usize; 3],
     entry: &[u64],
     number: &Number,
-    warnings: &mut Vec<String>,
+    warnings: &mut Vec<Warning>,
 ) -> Result<Option<Values>, String> {
     let Some(all) = number.range() else {
         return match number.dtype.is_float() && number.is_wide() {

@@ -6,6 +6,7 @@ use super::place::Place;
 use crate::error::{Error, Result};
 use crate::volume::cf::{self, Attribute};
 use crate::volume::values::{Linear, Scale, Values};
+use crate::volume::warning::Warning;
 use crate::volume::written::{self, Stated, is_vague, not_applied, sound};
 use hdf5_reader::Datatype;
 use std::path::Path;
@@ -18,7 +19,7 @@ pub(super) fn values(
     path: &Path,
     place: &Place,
     number: Number,
-    warnings: &mut Vec<String>,
+    warnings: &mut Vec<Warning>,
 ) -> Result<(Number, Option<Values>)> {
     let packed = cf::values(path, number.dtype, |name| {
         Ok(attribute(&place.attributes, name))
@@ -121,7 +122,7 @@ fn other(place: &Place) -> Result<Option<Stated>, String> {
 }
 
 /// Says which attributes may be a scale and are not taken as one.
-fn vague(attributes: &Attributes, taken: bool, warnings: &mut Vec<String>) {
+fn vague(attributes: &Attributes, taken: bool, warnings: &mut Vec<Warning>) {
     for attribute in &attributes.0 {
         let number = attributes.number(&attribute.name);
         let number = number.filter(|&n| is_vague(&attribute.name, n, taken));

@@ -5,6 +5,7 @@ use super::meta::Array;
 use super::place::Line;
 use super::small;
 use super::store::{Node, node};
+use crate::volume::warning::Warning;
 use serde_json::Value;
 use std::path::Path;
 
@@ -16,7 +17,7 @@ pub(super) fn lines(
     folder: &Path,
     array: &Array,
     axes: [usize; 3],
-) -> ([Option<Line>; 3], Vec<String>) {
+) -> ([Option<Line>; 3], Vec<Warning>) {
     let mut warnings = Vec::new();
     let mut counts = 0;
     let mut lines = axes.map(|axis| {
@@ -27,9 +28,9 @@ pub(super) fn lines(
                 line
             }
             Err(why) => {
-                warnings.push(format!(
+                warnings.push(Warning::of_size(format!(
                     "the coordinates of {name} {why}, so the size of a voxel is not taken: give --spacing and --unit"
-                ));
+                )));
                 None
             }
         }

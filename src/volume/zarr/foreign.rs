@@ -4,6 +4,7 @@ use super::meta::Array;
 use crate::error::{Error, Result};
 use crate::volume::cf::Packed;
 use crate::volume::values::Values;
+use crate::volume::warning::Warning;
 use crate::volume::written::{self, AXES, is_vague, not_applied};
 use serde_json::Value;
 use std::path::Path;
@@ -49,7 +50,7 @@ pub(super) fn scale(
     folder: &Path,
     array: &Array,
     packed: &mut Packed,
-    warnings: &mut Vec<String>,
+    warnings: &mut Vec<Warning>,
 ) -> Result<()> {
     let no = |what: String| {
         let hint = "write the values themselves, or remove the attribute";

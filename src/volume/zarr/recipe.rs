@@ -17,6 +17,8 @@ use super::place::{self, Placed};
 use crate::error::{Error, Result};
 use crate::grid::{Dims, Placement};
 use crate::manifest::{Origin, Provenance};
+use crate::volume::warning::Warning;
+use crate::volume::written;
 use std::path::{Path, PathBuf};
 
 /// An array that was found.
@@ -26,7 +28,7 @@ pub(super) struct Source {
     /// Where it lies, if it is a level of a pyramid.
     pub(super) stated: Option<Stated>,
     pub(super) notes: Vec<String>,
-    pub(super) warnings: Vec<String>,
+    pub(super) warnings: Vec<Warning>,
 }
 
 impl Source {
@@ -64,15 +66,9 @@ impl Source {
         let (endian, fill) = (self.array.coding.endian, self.array.fill.unwrap_or(0.0));
         let mut files = Files::new(self.folder, self.array, bytes);
         let counted = count::count(&mut files, axes, &at, &mut self.notes)?;
-        match counted {
-            Some(Count { missing, total }) if missing == total => self.warnings.push(format!(
-                "none of the {total} chunks is there: all samples are the fill value {fill}"
-            )),
-            Some(Count { missing: 1.., .. }) => self.notes.extend(counted.map(|c| {
-                let Count { missing, total } = c;
-                format!("{missing} of {total} chunks are missing and read as the fill value {fill}")
-            })),
-            _ => {}
+        if let Some(Count { missing, total }) = counted {
+            let (notes, warnings) = (&mut self.notes, &mut self.warnings);
+            written::missing((Some(missing), total), &fill.to_string(), notes, warnings);
         }
         let chunks = ZarrChunks::new(files, dims, axes, &at, packed.dtype);
         Ok(Recipe {
