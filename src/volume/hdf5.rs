@@ -145,7 +145,11 @@ fn judged(place: &Place) -> Result<(Number, Axes), String> {
     }
     let names = axes::agreed(place.names())?;
     if names.is_none()
-        && let Some(reason) = place.vague_order().or_else(|| place.projections())
+        && let Some(reason) = place
+            .attributes
+            .written()
+            .vague_order()
+            .or_else(|| place.projections())
     {
         return Err(reason);
     }

@@ -131,6 +131,8 @@ pub struct Opened {
     pub files: Vec<PathBuf>,
     /// How the values follow from what the file stores, where it states a scale or samples that stand for nothing.
     pub values: Option<String>,
+    /// They are other numbers than the stored ones: measured values, and no labels.
+    pub scaled: bool,
     /// What a user should know of the input that its header does not show.
     pub notes: Vec<String>,
     /// What may make numbers wrong unless the user does something about it.
@@ -208,6 +210,10 @@ pub fn open(path: &Path, options: &OpenOptions) -> Result<Opened> {
     }
     let values = recipe.values.as_ref().map(|values| values.to_string());
     let values = values.or(recipe.applied.take());
+    let scaled = match &recipe.values {
+        Some(values) => values.is_scaled(),
+        None => values.is_some(),
+    };
     let name = path.file_name().unwrap_or(path.as_os_str());
     Ok(Opened {
         volume: volume(header, recipe, options.io)?,
@@ -217,6 +223,7 @@ pub fn open(path: &Path, options: &OpenOptions) -> Result<Opened> {
         part: options.part(),
         files,
         values,
+        scaled,
         notes,
         warnings,
     })

@@ -8,6 +8,7 @@ use super::attributes::{Attributes, numbers_of};
 use super::geometry::{Along, Geometry};
 use super::number::Number;
 use super::place::Place;
+use crate::length::{product, sum};
 use crate::volume::values::{Linear, Scale, Values};
 use crate::volume::warning::Warning;
 use hdf5_reader::Dataset;
@@ -62,7 +63,8 @@ pub(super) fn geometry(place: &Place, axes: [usize; 3]) -> Result<Geometry, Stri
         let coarser = coarser.map_or(1.0, |length| length / n);
         // what is absent is 1, by the format
         let step = of.number("step").unwrap_or(1.0);
-        let start = of.number("start").unwrap_or(0.0) + (coarser - 1.0) * step / 2.0;
+        let start = of.number("start").unwrap_or(0.0);
+        let start = sum(start, product(coarser - 1.0, product(step, 0.5)));
         if step == 0.0 || !step.is_finite() || !start.is_finite() {
             return Err(format!("{name} with the step {step} and the start {start}"));
         }
@@ -70,7 +72,7 @@ pub(super) fn geometry(place: &Place, axes: [usize; 3]) -> Result<Geometry, Stri
         geometry.along[a] = Some(Along {
             start,
             falls: step < 0.0,
-            ..Along::of(step.abs() * coarser, &unit)
+            ..Along::of(product(step.abs(), coarser), &unit)
         });
     }
     geometry.directions = Some(directions);
