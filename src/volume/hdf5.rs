@@ -145,11 +145,7 @@ fn judged(place: &Place) -> Result<(Number, Axes), String> {
     }
     let names = axes::agreed(place.names())?;
     if names.is_none()
-        && let Some(reason) = place
-            .attributes
-            .written()
-            .vague_order()
-            .or_else(|| place.projections())
+        && let Some(reason) = vague_order(place).or_else(|| place.projections())
     {
         return Err(reason);
     }
@@ -159,6 +155,14 @@ fn judged(place: &Place) -> Result<(Number, Axes), String> {
         return Err("its samples lie in other files (external storage): copy it, as with `h5repack -l CONTI`".into());
     }
     Ok((number, axes))
+}
+
+/// Why the order that attributes state cannot be told, and what to do.
+fn vague_order(place: &Place) -> Option<String> {
+    let why = place.attributes.written().vague_order()?;
+    Some(format!(
+        "{why}: name its axes by the attribute DIMENSION_LABELS, as z, y, x"
+    ))
 }
 
 /// The entry of an axis that is not of space.

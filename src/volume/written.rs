@@ -132,15 +132,23 @@ impl Written {
         self.0.push((name.to_owned(), held));
     }
 
-    /// Adds what JSON holds; members of an object have its name in front of theirs.
+    /// Adds all of another under names behind this one.
+    pub(super) fn add_below(&mut self, name: &str, other: Written) {
+        let below = other.0.into_iter();
+        self.0
+            .extend(below.map(|(own, held)| (format!("{name}.{own}"), held)));
+    }
+
+    /// Adds what JSON holds; members of an object have its name in front of theirs, unless that says nothing.
     pub(super) fn add_json(&mut self, name: &str, value: &serde_json::Value) {
         use serde_json::Value;
         let held = match value {
             Value::Null => return,
             Value::Object(members) => {
                 for (member, value) in members {
-                    let name = match name {
-                        "" => member.clone(),
+                    let name = match plain(name).as_str() {
+                        "" | "metadata" | "meta" | "attributes" | "attrs" | "info"
+                        | "properties" => member.clone(),
                         _ => format!("{name}.{member}"),
                     };
                     self.add_json(&name, value);
@@ -166,6 +174,15 @@ impl Written {
     pub(super) fn like(&self, spelling: &str) -> Option<(&str, &Held)> {
         let found = self.0.iter().find(|(name, _)| plain(name) == spelling);
         found.map(|(name, held)| (name.as_str(), held))
+    }
+
+    /// The text of the attribute `units` or `unit`, if there is one.
+    #[cfg(feature = "hdf5")]
+    pub(super) fn unit(&self) -> Option<String> {
+        match self.like("units").or_else(|| self.like("unit"))?.1 {
+            Held::Texts(texts) => texts.first().cloned(),
+            _ => None,
+        }
     }
 
     /// The number of an attribute, with its name.
@@ -195,8 +212,7 @@ impl Written {
                 || space.len() == 3 && space != "zyx" && letters.len() <= 5;
             (ORDERS.contains(&plain(name).as_str()) && turned).then(|| {
                 format!(
-                    "its attribute {name} is {text}, which may count from the first axis or from the last: name its \
-                     axes one by one, as z, y, x or x, y, z"
+                    "its attribute {name} is {text}, which may count from the first axis or from the last"
                 )
             })
         })

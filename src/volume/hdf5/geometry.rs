@@ -83,35 +83,37 @@ impl Place<'_> {
     /// Steps and places by the first convention that states any.
     pub(super) fn geometry(&self, axes: &Axes) -> Geometry {
         let mut geometry = Geometry::default();
-        for convention in [
-            Self::sizes,
-            Self::mesh,
-            Self::simpl,
-            Self::tagged,
-            Self::scaled,
-        ] {
+        for convention in [Self::mesh, Self::simpl, Self::tagged, Self::scaled] {
             convention(self, axes, &mut geometry);
             if geometry.along.iter().any(Option::is_some) || geometry.uneven.is_some() {
-                break;
+                let steps = geometry.along.clone().map(|along| along.map(|a| a.step));
+                let own = size(&self.attributes.written(), self.grid(axes), "");
+                geometry.warnings.extend(own.contradicts(&steps));
+                return geometry;
             }
         }
+        self.sizes(axes, &mut geometry);
         geometry
+    }
+
+    fn grid(&self, axes: &Axes) -> Grid {
+        Grid {
+            volume: axes.volume,
+            axes: self.dataset.ndim(),
+            named: axes.named,
+        }
     }
 
     /// Attributes that hold the size of a voxel: its own, or those of the nearest group that states any.
     fn sizes(&self, axes: &Axes, geometry: &mut Geometry) {
-        let grid = Grid {
-            volume: axes.volume,
-            axes: self.dataset.ndim(),
-            named: axes.named,
-        };
+        let grid = self.grid(axes);
         let mut found = size(&self.attributes.written(), grid, "");
         for (group, attributes) in self.groups() {
             if found.steps.is_some() || !found.warnings.is_empty() {
                 break;
             }
             let of = format!(" of the group {group}");
-            found = size(&attributes.written(), grid, &of);
+            found = size(&attributes, grid, &of);
             if found.steps.is_some() && self.others(&group) {
                 found = found.of_several();
             }
@@ -214,17 +216,22 @@ impl Place<'_> {
             let none = attributes
                 .text("NAME")
                 .is_some_and(|t| t.contains("not a netCDF variable"));
-            let Some(values) = numbers_of(&dataset).filter(|_| !none) else {
+            let Some(mut values) = numbers_of(&dataset).filter(|_| !none) else {
                 continue;
             };
+            // packed, as CF allows of coordinates too
+            let [slope, shift] = [("scale_factor", 1.0), ("add_offset", 0.0)]
+                .map(|(name, default)| attributes.number(name).unwrap_or(default));
+            values
+                .iter_mut()
+                .for_each(|v| *v = sum(product(*v, slope), shift));
             let single = matches!(
                 dataset.dtype(),
                 hdf5_reader::Datatype::FloatingPoint { size: 4, .. }
             );
             match even(&values, n, single) {
                 Some((start, step)) if step != 0.0 => {
-                    let unit = attributes.text("units").or_else(|| attributes.text("unit"));
-                    let unit = unit.unwrap_or_default();
+                    let unit = attributes.written().unit().unwrap_or_default();
                     *along = Some(Along {
                         start,
                         falls: step < 0.0,

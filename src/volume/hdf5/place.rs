@@ -1,12 +1,15 @@
 //! A dataset and what is around it: the names of its axes by the conventions of those who write HDF5, and its coordinates.
 
-use super::attributes::Attributes;
+use super::attributes::{Attributes, numbers_of};
 use super::axes::Names;
 use super::tree::{Item, Tree};
 use crate::length::Length;
-use crate::volume::written::{AXES, plain};
+use crate::volume::written::{AXES, Held, Written, plain};
 use hdf5_reader::attribute_api::Attribute;
 use hdf5_reader::{Dataset, Hdf5File};
+
+/// Datasets of more numbers state no size of a voxel.
+const FEW: u64 = 8;
 
 /// A dataset and what is around it.
 pub(super) struct Place<'a> {
@@ -94,15 +97,35 @@ impl<'a> Place<'a> {
         all
     }
 
-    /// The groups that the dataset is in, the nearest first, with their attributes.
-    pub(super) fn groups(&self) -> impl Iterator<Item = (String, Attributes)> {
+    /// The groups that the dataset is in, the nearest first, with what their attributes and small datasets hold.
+    pub(super) fn groups(&self) -> impl Iterator<Item = (String, Written)> {
         let mut name = self.name;
         std::iter::from_fn(move || {
             name = name.rsplit_once('/')?.0;
             let group = self.file.group(name).and_then(|group| group.attributes());
+            let mut written = Attributes(group.unwrap_or_default()).written();
+            self.beside(name, &mut written);
             let shown = if name.is_empty() { "/" } else { name };
-            Some((shown.to_owned(), Attributes(group.unwrap_or_default())))
+            Some((shown.to_owned(), written))
         })
+    }
+
+    /// Adds the datasets of a few numbers in a group, which say what attributes might, with attributes of their own.
+    fn beside(&self, group: &str, written: &mut Written) {
+        for (name, item) in &self.tree.items {
+            let own = name
+                .strip_prefix(group)
+                .and_then(|own| own.strip_prefix('/'));
+            let (Some(own), Item::Dataset(dataset)) = (own.filter(|own| !own.contains('/')), item)
+            else {
+                continue;
+            };
+            let few = dataset.num_elements().is_ok_and(|n| (1..=FEW).contains(&n));
+            if let Some(numbers) = few.then(|| numbers_of(dataset)).flatten() {
+                written.add(own, Held::Numbers(numbers));
+                written.add_below(own, Attributes(dataset.attributes()).written());
+            }
+        }
     }
 
     /// True if a group holds another array of three axes or more, of another shape.

@@ -38,7 +38,7 @@ pub(super) fn values(
     written.vague(other.is_some(), "", warnings);
     for (group, attributes) in place.groups() {
         let of = format!(" of the group {group}");
-        attributes.written().vague(false, &of, warnings);
+        attributes.vague(false, &of, warnings);
     }
     let Some((linear, by)) = other else {
         return Ok((number, packed.values));

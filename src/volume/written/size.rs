@@ -46,6 +46,22 @@ pub(in crate::volume) struct SizeFound {
 }
 
 impl SizeFound {
+    /// What to say if these attributes state another size than coordinates do, which are taken.
+    pub(in crate::volume) fn contradicts(&self, taken: &[Option<Step>; 3]) -> Option<Warning> {
+        let own = self.steps.as_ref().filter(|own| differ(own, taken))?;
+        let sizes = own
+            .iter()
+            .flatten()
+            .map(|step| format!("{} {}", step.size, step.unit));
+        let sizes: Vec<String> = sizes.map(|size| size.trim().to_owned()).collect();
+        Some(Warning::of_size(format!(
+            "the {} ({}) contradicts the coordinates of the axes, which are taken: give --spacing and --unit if that \
+             is wrong",
+            self.notes.concat(),
+            sizes.join(", ")
+        )))
+    }
+
     /// The same of a group that holds arrays of several sizes: of which it is cannot be told.
     pub(in crate::volume) fn of_several(self) -> Self {
         let what = self.notes.concat();

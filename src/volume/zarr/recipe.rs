@@ -13,11 +13,11 @@ use super::files::Files;
 use super::foreign;
 use super::meta::Array;
 use super::ome::{OmeAxis, Stated};
-use super::place::{self, Placed};
+use super::place::{self, Line, Placed};
 use crate::error::{Error, Result};
 use crate::grid::{Dims, Placement};
 use crate::manifest::Provenance;
-use crate::volume::size::voxel_size;
+use crate::volume::size::{Step, voxel_size};
 use crate::volume::warning::Warning;
 use crate::volume::written::{self, Grid};
 use std::path::{Path, PathBuf};
@@ -167,6 +167,10 @@ impl Source {
                     true => Ok(self.by_attributes(axes, named)),
                     false => {
                         self.warnings.extend(odd);
+                        let step = |line: &Line| Step::new(line.step.abs(), line.unit.clone());
+                        let steps = lines.clone().map(|line| line.as_ref().map(step));
+                        let own = foreign::size(&self.folder, &self.array, self.grid(axes, named));
+                        self.warnings.extend(own.contradicts(&steps));
                         Ok(place::along(lines))
                     }
                 }
@@ -189,14 +193,17 @@ impl Source {
         Ok((placement, provenance))
     }
 
-    /// Where the volume lies by attributes that state the size of a voxel.
-    fn by_attributes(&mut self, axes: [usize; 3], named: bool) -> Placed {
-        let grid = Grid {
+    fn grid(&self, axes: [usize; 3], named: bool) -> Grid {
+        Grid {
             volume: axes,
             axes: self.array.shape.len(),
             named,
-        };
-        let found = foreign::size(&self.folder, &self.array, grid);
+        }
+    }
+
+    /// Where the volume lies by attributes that state the size of a voxel.
+    fn by_attributes(&mut self, axes: [usize; 3], named: bool) -> Placed {
+        let found = foreign::size(&self.folder, &self.array, self.grid(axes, named));
         self.notes.extend(found.notes);
         self.warnings.extend(found.warnings);
         let size = voxel_size(found.steps.unwrap_or_default());
