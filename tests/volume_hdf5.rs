@@ -165,6 +165,7 @@ fn axes_that_cannot_be_told_are_refused() {
         ("no_order.h5", "DimensionOrder"),
         ("no_order_f.h5", "order is F"),
         ("no_memory_order.h5", "MemoryOrder is Fortran"),
+        ("no_order_group.h5", "array_order is F"),
         ("no_two_orders.h5", "DIMENSION_LABELS"),
         ("no_four.h5", "3 x 17 x 19 x 2 of u8"),
         ("no_four.h5", "--channel"),
@@ -295,6 +296,7 @@ fn sizes_that_cannot_be_told_are_not_taken_and_told() {
         ("size_bad_unit.h5", "voxel_size_unit: \"furlong\""),
         ("size_two.h5", "voxel_size_um and pixel_size_um"),
         ("size_groups.h5", "arrays of several sizes"),
+        ("size_dpi.h5", "voxels per inch"),
     ] {
         let opened = plain(name);
         assert_eq!(opened.provenance.spacing, [Origin::Default; 3], "{name}");

@@ -159,7 +159,8 @@ fn judged(place: &Place) -> Result<(Number, Axes), String> {
 
 /// Why the order that attributes state cannot be told, and what to do.
 fn vague_order(place: &Place) -> Option<String> {
-    let why = place.attributes.written().vague_order()?;
+    let own = place.attributes.written().vague_order();
+    let why = own.or_else(|| place.group.written().vague_order())?;
     Some(format!(
         "{why}: name its axes by the attribute DIMENSION_LABELS, as z, y, x"
     ))

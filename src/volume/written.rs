@@ -133,6 +133,7 @@ impl Written {
     }
 
     /// Adds all of another under names behind this one.
+    #[cfg(feature = "hdf5")]
     pub(super) fn add_below(&mut self, name: &str, other: Written) {
         let below = other.0.into_iter();
         self.0
@@ -275,18 +276,14 @@ impl Written {
                 .iter()
                 .any(|part| own.contains(part));
             let nothing = number == 0.0 || number == 1.0 && !shift;
-            if !nothing
-                && !(taken
-                    && matches!(
-                        own.as_str(),
-                        "offset" | "addoffset" | "scalefactor" | "scalingfactor"
-                    ))
-            {
-                warnings.push(format!(
-                    "the attribute {name} ({number}){of} is not applied: if it is of the values, the threshold is in \
-                     stored numbers"
-                ).into());
+            let part = ["offset", "addoffset", "scalefactor", "scalingfactor"];
+            if nothing || taken && part.contains(&own.as_str()) {
+                continue;
             }
+            warnings.push(Warning::from(format!(
+                "the attribute {name} ({number}){of} is not applied: if it is of the values, the threshold is in stored \
+                 numbers"
+            )));
         }
     }
 }

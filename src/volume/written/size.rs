@@ -135,6 +135,16 @@ impl Reader<'_> {
             self.parts[axis] = step(0).map(|step| (step, name.to_owned()));
             return;
         }
+        // as in TIFF, where it is a number of pixels
+        let per = |unit: &str| {
+            ["in", "cm"]
+                .map(Length::parse)
+                .contains(&Length::parse(unit))
+        };
+        if known.base == "resolution" && sizes.iter().any(|(_, unit)| per(unit)) {
+            let why = "may be voxels per inch or centimetre and is not taken";
+            return self.not_taken(name, held, why);
+        }
         let places = match self.places(known, &sizes) {
             Ok(places) => places,
             Err(why) => return self.not_taken(name, held, &why),
@@ -164,15 +174,7 @@ impl Reader<'_> {
                 Ok(volume.map(|axis| Some(volume.iter().filter(|a| **a < axis).count())))
             }
             (n, None) if n == self.grid.axes && (self.grid.named || n > 3) => Ok(volume.map(Some)),
-            (3, None) => {
-                let list = |order: [usize; 3]| order.map(|at| sizes[at].0.to_string()).join(",");
-                Err(format!(
-                    "does not state which number is that of x and is not taken (--spacing {} if they are in the order \
-                     x, y, z, and --spacing {} if in that of the array, z, y, x)",
-                    list([0, 1, 2]),
-                    list([2, 1, 0])
-                ))
-            }
+            (3, None) => Err(no_order(sizes)),
             _ => Err("has not one number for each axis and is not taken".into()),
         }
     }
@@ -313,6 +315,20 @@ impl Reader<'_> {
         }
         result
     }
+}
+
+/// What to say of three numbers of which none is known to be that of x.
+fn no_order(sizes: &Sizes) -> String {
+    let what = "does not state which number is that of x and is not taken";
+    if sizes.iter().any(|(_, unit)| *unit != sizes[0].1) {
+        return what.into();
+    }
+    let list = |order: [usize; 3]| order.map(|at| sizes[at].0.to_string()).join(",");
+    format!(
+        "{what} (--spacing {} if they are in the order x, y, z, and --spacing {} if in that of the array, z, y, x)",
+        list([0, 1, 2]),
+        list([2, 1, 0])
+    )
 }
 
 /// True if two sizes of a voxel are not the same.
@@ -463,6 +479,10 @@ mod tests {
             ),
             (json!({"spacing": [0.5, 0.5, 0.5]}), "states no unit"),
             (json!({"resolution": 0.5, "units": "HU"}), "states no unit"),
+            (
+                json!({"resolution": 300, "resolution_unit": "inch"}),
+                "voxels per inch",
+            ),
             (
                 json!({"voxel_size_um": 0.5, "pixel_size_um": 0.6}),
                 "different sizes",
