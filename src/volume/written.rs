@@ -5,7 +5,9 @@ mod name;
 mod quantity;
 mod size;
 
-pub(super) use size::{Grid, SizeFound, size};
+#[cfg(feature = "zarr")]
+pub(super) use size::SizeFound;
+pub(super) use size::{Grid, size};
 
 use super::values::Linear;
 use super::warning::Warning;
