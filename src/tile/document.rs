@@ -1,5 +1,6 @@
 //! The JSON chunk of a tile in node layout.
 
+use crate::gltf::{ARRAY_BUFFER, ELEMENT_ARRAY_BUFFER};
 use crate::manifest::{Encoding, Form, Layout, Primitives};
 use crate::tile::body::Body;
 use crate::tile::paint::{Paints, Rgb};
@@ -78,9 +79,6 @@ pub(crate) const BYTE: u32 = 5120;
 pub(crate) const UNSIGNED_SHORT: u32 = 5123;
 pub(crate) const UNSIGNED_INT: u32 = 5125;
 pub(crate) const FLOAT: u32 = 5126;
-/// Targets of buffer views.
-pub(crate) const ARRAY_BUFFER: u32 = 34962;
-pub(crate) const ELEMENT_ARRAY_BUFFER: u32 = 34963;
 
 #[derive(Serialize)]
 struct Document<'a> {
@@ -352,7 +350,7 @@ pub fn write_head(json: &[u8], room: usize, bin_bytes: u64) -> Option<Vec<u8>> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::tile::BodyPiece;
+    use crate::tile::PieceRange;
     use bytemuck::Zeroable;
     use proptest::prelude::*;
 
@@ -361,7 +359,7 @@ mod tests {
         let vertices = (0..300_000u32, 0..300_000u32);
         let piece = (vertices, bound.clone(), bound, 0..1_000_000u32);
         let piece = piece.prop_map(|((first, vertices), min, max, indices)| {
-            let mut piece = BodyPiece::zeroed();
+            let mut piece = PieceRange::zeroed();
             (piece.first_vertex, piece.vertices, piece.indices) = (first, vertices, indices);
             (piece.min, piece.max) = (min, max);
             piece

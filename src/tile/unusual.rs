@@ -1,10 +1,10 @@
 //! What a tile may be read in spite of, though no tile of this program has it: parts of the JSON and of the
 //! BIN chunk that nothing uses, or that say of others what these are not.
 
-use super::document::{ARRAY_BUFFER, ELEMENT_ARRAY_BUFFER};
-use super::json::{BufferView, Document, Primitive};
 use super::paint::{linear, named};
 use super::read::Tile;
+use crate::gltf::read_json::{BufferView, Document, Primitive};
+use crate::gltf::{ARRAY_BUFFER, ELEMENT_ARRAY_BUFFER};
 use std::collections::BTreeSet;
 
 /// JSON pointers, and what is unusual there.

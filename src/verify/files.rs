@@ -2,9 +2,9 @@
 
 use super::code::Code;
 use super::report::Issues;
-use crate::direct::Buffer;
 use crate::error::{Error, Result};
 use crate::manifest::{TileEntry, checksum_text, is_plain};
+use crate::sys::direct_io::Buffer;
 use std::collections::BTreeSet;
 use std::fs::File;
 use std::io::ErrorKind;

@@ -6,8 +6,8 @@ use super::geometry::Label;
 use super::paint::{self, Colour, MIXED};
 use super::report::Issue;
 use super::tile::{Work, Workspace};
-use crate::cpu::dispatch;
 use crate::manifest::Primitives;
+use crate::sys::simd::dispatch;
 use crate::tile::read::{Normals, PieceIds, Pieces, Primitive};
 
 impl Work<'_, '_> {

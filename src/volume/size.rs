@@ -1,8 +1,8 @@
 //! The size of a voxel from what a file states of each axis.
 
 use super::warning::Warning;
+use crate::grid::length::Length;
 use crate::grid::{Placement, Unit};
-use crate::length::Length;
 use crate::manifest::{Origin, Provenance};
 
 /// What a file states of the step along one axis.

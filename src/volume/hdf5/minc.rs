@@ -8,7 +8,7 @@ use super::attributes::{Attributes, numbers_of};
 use super::geometry::{Along, Geometry};
 use super::number::Number;
 use super::place::Place;
-use crate::length::{product, sum};
+use crate::grid::length::{product, sum};
 use crate::volume::values::{Linear, Scale, Values};
 use crate::volume::warning::Warning;
 use hdf5_reader::Dataset;

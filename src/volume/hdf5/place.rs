@@ -3,7 +3,7 @@
 use super::attributes::{Attributes, numbers_of};
 use super::axes::Names;
 use super::tree::{Item, Tree};
-use crate::length::Length;
+use crate::grid::length::Length;
 use crate::volume::written::{AXES, Held, Written, plain};
 use hdf5_reader::attribute_api::Attribute;
 use hdf5_reader::{Dataset, Hdf5File};

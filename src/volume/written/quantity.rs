@@ -1,7 +1,7 @@
 //! Sizes and units in the texts of attributes.
 
 use super::{Held, plain};
-use crate::length::Length;
+use crate::grid::length::Length;
 
 /// Numbers with a unit each; empty for one that has none.
 pub(super) type Sizes = Vec<(f64, String)>;

@@ -7,7 +7,7 @@
 use super::name::Name;
 use super::quantity::{Sizes, cleaned, sizes};
 use super::{Held, Written, axis_letter, plain};
-use crate::length::Length;
+use crate::grid::length::Length;
 use crate::volume::size::Step;
 use crate::volume::warning::Warning;
 

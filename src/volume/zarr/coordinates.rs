@@ -5,7 +5,7 @@ use super::meta::Array;
 use super::place::Line;
 use super::small;
 use super::store::{Node, node};
-use crate::length;
+use crate::grid::length;
 use crate::volume::warning::Warning;
 use serde_json::Value;
 use std::path::Path;

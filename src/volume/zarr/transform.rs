@@ -5,7 +5,7 @@
 
 use super::small;
 use crate::error::{Error, Result};
-use crate::length;
+use crate::grid::length;
 use serde_json::Value;
 use std::path::Path;
 
