@@ -163,6 +163,9 @@ fn axes_that_cannot_be_told_are_refused() {
     for (name, part) in [
         ("no_theta.h5", "projections"),
         ("no_order.h5", "DimensionOrder"),
+        ("no_order_f.h5", "order is F"),
+        ("no_memory_order.h5", "MemoryOrder is Fortran"),
+        ("no_order_group.h5", "array_order is F"),
         ("no_two_orders.h5", "DIMENSION_LABELS"),
         ("no_four.h5", "3 x 17 x 19 x 2 of u8"),
         ("no_four.h5", "--channel"),
@@ -236,6 +239,15 @@ fn sizes_are_those_that_attributes_and_coordinates_state() {
         ("size_um.h5", [0.5, 0.25, 2.0], Unit::Micrometre),
         ("size_um_integers.h5", [2.0, 1.0, 5.0], Unit::Micrometre),
         ("size_nm.h5", [500.0, 250.0, 2000.0], Unit::Nanometre),
+        ("size_unit_beside.h5", [0.5; 3], Unit::Micrometre),
+        ("size_unit_capitals.h5", [0.5; 3], Unit::Micrometre),
+        ("size_text.h5", [0.5; 3], Unit::Micrometre),
+        ("size_scale.h5", [0.5; 3], Unit::Micrometre),
+        ("size_group.h5", [0.5; 3], Unit::Micrometre),
+        ("size_dataset.h5", [0.5; 3], Unit::Micrometre),
+        ("size_each_axis.h5", [0.5, 0.25, 2.0], Unit::Micrometre),
+        ("size_json.h5", [0.5, 0.25, 2.0], Unit::Micrometre),
+        ("packed_coordinates.nc", [0.5, 0.25, 2.0], Unit::Millimetre),
         ("axistags_xyz.h5", [0.5, 0.25, 2.0], Unit::Micrometre),
         ("dream3d.dream3d", [0.5, 0.25, 2.0], Unit::Voxel),
         ("openpmd_xyz.h5", [0.5e-6, 0.25e-6, 2e-6], Unit::Metre),
@@ -273,6 +285,42 @@ fn sizes_are_those_that_attributes_and_coordinates_state() {
 }
 
 #[test]
+fn sizes_that_cannot_be_told_are_not_taken_and_told() {
+    let given = OpenOptions {
+        spacing: Some([0.5, 0.25, 2.0]),
+        unit: Some(Unit::Micrometre),
+        ..OpenOptions::default()
+    };
+    for (name, says_so) in [
+        ("size_no_order.h5", "--spacing 0.5,0.25,2 if"),
+        ("size_bad_unit.h5", "voxel_size_unit: \"furlong\""),
+        ("size_two.h5", "voxel_size_um and pixel_size_um"),
+        ("size_groups.h5", "arrays of several sizes"),
+        ("size_dpi.h5", "voxels per inch"),
+    ] {
+        let opened = plain(name);
+        assert_eq!(opened.provenance.spacing, [Origin::Default; 3], "{name}");
+        says(name, &opened.warnings, says_so);
+        let opened = read(name, &given).unwrap();
+        assert_eq!(opened.volume.header().placement.spacing, [0.5, 0.25, 2.0]);
+        assert!(
+            !opened.warnings.iter().any(|w| w.contains(says_so)),
+            "{name}"
+        );
+    }
+    says(
+        "packed_coordinates.nc",
+        &plain("packed_coordinates.nc").warnings,
+        "voxel_size_mm (0.75 mm, 0.75 mm, 0.75 mm) contradicts the coordinates",
+    );
+    says(
+        "size_group.h5",
+        &plain("size_group.h5").warnings,
+        "scale_factor (0.5) of the group / is not applied",
+    );
+}
+
+#[test]
 fn uneven_steps_need_a_size() {
     let given = OpenOptions {
         spacing: Some([0.5; 3]),
@@ -300,9 +348,11 @@ fn values_are_those_that_attributes_state() {
         Dtype::F32,
         of,
     );
-    check("rescale.h5", &plain("rescale.h5"), Dtype::F32, |x, y, z| {
-        of(x, y, z) - 3.0
-    });
+    for name in ["rescale.h5", "rescale_words.h5", "camel_scale.h5"] {
+        check(name, &plain(name), Dtype::F32, |x, y, z| of(x, y, z) - 3.0);
+        assert!(plain(name).scaled, "{name}");
+    }
+    assert!(!plain("size_um.h5").scaled);
     let packed = plain("cf_yzx.nc");
     check("cf_yzx.nc", &packed, Dtype::F32, |x, y, z| {
         match signed(x, y, z) {
@@ -455,7 +505,7 @@ fn missing_chunks_are_counted() {
         says(
             &name,
             &opened.notes,
-            "6 of 8 chunks are missing, read as fill value -7",
+            "6 of 8 chunks are missing and read as the fill value -7",
         );
         check(&name, &opened, Dtype::I16, |x, y, z| match y < 9 && z < 2 {
             true => sample(x, y, z) - 100.0,
@@ -465,7 +515,7 @@ fn missing_chunks_are_counted() {
     says(
         "never.h5",
         &plain("never.h5").warnings,
-        "no sample of the dataset was ever written",
+        "no sample is there: all are the fill value",
     );
     assert!(
         !plain("bits12_nbit.h5")

@@ -60,7 +60,7 @@ pub fn convert(
 ) -> Result<ConvertReport> {
     let start = Instant::now();
     options.check(&volume.header().placement)?;
-    let watch = Watch::new(volume.header());
+    let watch = Watch::new(volume.header(), options.source_scaled);
     let watched = Watched::new(Box::new(volume), &watch);
     let volume: &dyn Volume = &watched;
     let grid: Box<dyn Volume + '_> = match &options.crop {

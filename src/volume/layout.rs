@@ -5,6 +5,7 @@ use super::paged::Pages;
 use super::source::{ByteSource, FileSource, MapSource, Part, PartsSource};
 use super::stream::{StreamLayout, StreamSource};
 use super::values::Values;
+use super::warning::Warning;
 use super::{Dtype, Endian, Header, Io};
 use crate::error::{Error, Result};
 use crate::grid::{Dims, Placement};
@@ -32,7 +33,7 @@ pub(super) struct Recipe {
     /// What a user should know that the header does not show.
     pub(super) notes: Vec<String>,
     /// What may make numbers wrong unless the user does something about it.
-    pub(super) warnings: Vec<String>,
+    pub(super) warnings: Vec<Warning>,
 }
 
 impl Recipe {

@@ -47,6 +47,7 @@ mod unpacked;
 mod values;
 mod vti;
 mod walk;
+mod warning;
 mod without;
 #[cfg(any(feature = "hdf5", feature = "zarr"))]
 mod written;

@@ -48,6 +48,8 @@ FIXTURES = [
     *[(name + ".h5", V, []) for name in ("bfloat16", "scaleoffset_u16", "scaleoffset_f32", "block_8192", "size_um", "never")],
     *[(f"partial_{name}.h5", V, []) for name in ("old", "fixed", "extensible", "tree")],
     ("matlab.mat", V, []),
+    ("size_group.h5", dataset("scan/ct"), []),
+    ("packed_coordinates.nc", dataset("ct"), []),
     ("axistags_xyz.h5", dataset("v", "xyz"), []),
     ("labels_yxz.h5", dataset("v", "yxz"), []),
     ("openpmd_xyz.h5", dataset("v", "xyz"), []),

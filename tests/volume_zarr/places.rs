@@ -23,6 +23,80 @@ fn coordinates(group: &Path, name: &str, values: &[f64], units: &str) {
     put(&group.join(name).join(".zattrs"), &attributes.to_string());
 }
 
+/// By attributes, as HDF5's (src/volume/written/size.rs).
+#[test]
+fn attributes_state_the_size_of_a_voxel() {
+    for (attributes, spacing) in [
+        (
+            json!({"voxel_size": [0.5, 0.5, 0.5], "Unit": "um"}),
+            [0.5; 3],
+        ),
+        (
+            json!({"pixelResolution": {"dimensions": [0.5, 0.5, 0.5], "unit": "um"}}),
+            [0.5; 3],
+        ),
+        (
+            json!({"transform": {"axes": ["z", "y", "x"], "scale": [2, 0.25, 0.5], "units": ["um", "um", "um"]}}),
+            [0.5, 0.25, 2.0],
+        ),
+        (
+            json!({"_ARRAY_DIMENSIONS": ["z", "y", "x"], "spacing_um": [2, 0.25, 0.5]}),
+            [0.5, 0.25, 2.0],
+        ),
+    ] {
+        let folder = plain(&attributes.to_string(), json!({}));
+        let opened = read(folder.path());
+        let place = opened.volume.header().placement;
+        assert_eq!(
+            (place.spacing, place.unit),
+            (spacing, Unit::Micrometre),
+            "{attributes}"
+        );
+        assert_eq!(opened.provenance.spacing, [Origin::File; 3]);
+        assert_eq!(opened.warnings.len(), 0, "{:?}", opened.warnings);
+    }
+    let unclear = plain(r#"{"voxel_size": [2, 0.25, 0.5], "unit": "um"}"#, json!({}));
+    let opened = read(unclear.path());
+    assert_eq!(opened.provenance.spacing, [Origin::Default; 3]);
+    assert!(
+        opened.warnings[0].contains("--spacing 0.5,0.25,2 if"),
+        "{:?}",
+        opened.warnings
+    );
+}
+
+/// Of a group, unless it holds arrays of several sizes.
+#[test]
+fn groups_state_the_size_of_a_voxel() {
+    let dir = tempdir().unwrap();
+    put(&dir.path().join(".zgroup"), r#"{"zarr_format": 2}"#);
+    put(
+        &dir.path().join(".zattrs"),
+        r#"{"voxel_size": 0.5, "units": "um", "add_offset": -3}"#,
+    );
+    version_2(&dir.path().join("ct"), [&ZYX, &CHUNK], json!({}), &zyx);
+    let opened = read(dir.path());
+    assert_eq!(opened.volume.header().placement.spacing, [0.5; 3]);
+    assert!(
+        opened.warnings[0].contains("add_offset (-3) of the group"),
+        "{:?}",
+        opened.warnings
+    );
+    version_2(
+        &dir.path().join("other"),
+        [&[2, 2, 2], &[2, 2, 2]],
+        json!({}),
+        &zyx,
+    );
+    let opened = read(&dir.path().join("ct"));
+    assert_eq!(opened.provenance.spacing, [Origin::Default; 3]);
+    assert!(
+        opened.warnings[0].contains("arrays of several sizes"),
+        "{:?}",
+        opened.warnings
+    );
+}
+
 #[test]
 fn coordinates_state_the_place() {
     let group = |z: [f64; 4]| {

@@ -45,6 +45,7 @@ fn attributes_of_other_writers_are_applied_or_refused() {
         (r#"{"slope": 2.0, "intercept": 1.0}"#, 2.0, 1.0),
         (r#"{"RescaleSlope": 0.5}"#, 0.5, 0.0),
         (r#"{"rescale_intercept": -1024}"#, 1.0, -1024.0),
+        (r#"{"scaleFactor": 0.5, "addOffset": 3}"#, 0.5, 3.0),
     ] {
         let scaled = plain(attributes, json!({}));
         let opened = read(scaled.path());
@@ -62,6 +63,8 @@ fn attributes_of_other_writers_are_applied_or_refused() {
             r#"{"axistags": {"axes": [{"key": "x"}, {"key": "y"}, {"key": "z"}]}}"#,
             "`axistags`",
         ),
+        (r#"{"order": "F"}"#, "order is F"),
+        (r#"{"arrayOrder": "xyz"}"#, "arrayOrder is xyz"),
         (r#"{"slope": 2.0, "scale_factor": 3.0}"#, "scale_factor"),
         (r#"{"slope": "two"}"#, "`slope`"),
     ] {
@@ -75,7 +78,11 @@ fn attributes_of_other_writers_are_applied_or_refused() {
         assert_plain(&read(plain(attributes, json!({})).path()));
     }
     let vague = read(plain(r#"{"gain": 2.5}"#, json!({})).path());
-    assert!(vague.warnings[0].contains("`gain`"), "{:?}", vague.warnings);
+    assert!(
+        vague.warnings[0].contains("attribute gain (2.5)"),
+        "{:?}",
+        vague.warnings
+    );
 }
 
 #[test]

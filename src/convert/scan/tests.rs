@@ -43,7 +43,7 @@ fn options(memory: u64) -> ConvertOptions {
 fn to_write_anew(volume: &MemoryVolume<u8>, memory: u64, work: &Path) -> Vec<usize> {
     let options = options(memory);
     let plan = plan(volume, volume.header().dims, &options).unwrap();
-    let watch = Watch::new(volume.header());
+    let watch = Watch::new(volume.header(), false);
     let job = Conversion {
         volume,
         grid: volume,

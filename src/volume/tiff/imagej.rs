@@ -6,6 +6,7 @@ use super::resolution::Resolution;
 use super::stack::{About, Stack};
 use crate::error::{Error, Result};
 use crate::grid::length::{Length, tidy};
+use crate::volume::warning::Warning;
 use std::path::Path;
 
 /// The lines of a description.
@@ -139,10 +140,10 @@ impl<'a> Text<'a> {
             if of_tag == "cm" && length == Length::parse("um") {
                 return resolution.in_unit(unit);
             }
-            about.warnings.push(format!(
+            about.warnings.push(Warning::of_size(format!(
                 "TIFF's resolution is in {of_tag}, ImageJ's description in {unit}: the numbers are taken as {unit}, as \
                  ImageJ does; give --spacing and --unit if that is wrong"
-            ));
+            )));
         }
         let [x, y] = resolution.per(unit);
         let named =

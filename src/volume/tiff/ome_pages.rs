@@ -10,6 +10,7 @@ use super::stack::{Stack, choose};
 use crate::error::{Error, Result};
 use crate::grid::Unit;
 use crate::grid::length::Length;
+use crate::volume::warning::Warning;
 use std::path::{Path, PathBuf};
 
 /// The image that OME-XML describes.
@@ -38,10 +39,10 @@ pub(super) fn plan(
         let mut plan = of_files(path, blobs, chain, &slices, "", options)?;
         match other {
             None => plan.about.steps = document.images[0].steps.clone(),
-            Some(name) => plan.about.warnings.push(format!(
+            Some(name) => plan.about.warnings.push(Warning::of_size(format!(
                 "OME-XML of {name} states sizes that are not those of the first slice: none is taken, give \
                  --spacing and --unit"
-            )),
+            ))),
         }
         plan
     } else {

@@ -10,6 +10,7 @@ use super::stack::{About, Chosen, Stack, choose};
 use super::{ome, ome_pages};
 use crate::error::{Error, Result};
 use crate::grid::MAX_DIM;
+use crate::volume::warning::Warning;
 use std::collections::HashMap;
 use std::path::Path;
 
@@ -158,10 +159,10 @@ impl Plan {
         {
             self.about.steps = [const { None }; 3];
             self.about.z_if_none = None;
-            self.about.warnings.push(format!(
+            self.about.warnings.push(Warning::of_size(format!(
                 "the slices state sizes of pixels that differ (as page {page} does from the first), which are not \
                  taken: give --spacing and --unit"
-            ));
+            )));
         }
         Ok(())
     }

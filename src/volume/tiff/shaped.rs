@@ -6,6 +6,7 @@ use super::resolution::Resolution;
 use super::stack::{About, Stack};
 use crate::error::{Error, Result};
 use crate::grid::length::{Length, tidy};
+use crate::volume::warning::Warning;
 use serde_json::{Map, Value};
 use std::path::Path;
 
@@ -146,11 +147,10 @@ impl Shaped {
         if unit.is_empty() && depth.is_none() {
             let (steps, note) = resolution.steps();
             if resolution.unit == 2 && steps[0].is_some() {
-                about.warnings.push(
+                about.warnings.push(Warning::of_size(
                     "TIFF's resolution is in inch, which tifffile also puts where it is told no unit: give --spacing \
-                     and --unit if that is wrong"
-                        .into(),
-                );
+                     and --unit if that is wrong",
+                ));
             }
             about.steps = steps;
             about.notes.extend(note);
@@ -194,17 +194,17 @@ impl Shaped {
         match (near(&by_inch), near(&in_unit)) {
             (true, false) => by_inch,
             (false, true) => {
-                about.warnings.push(format!(
+                about.warnings.push(Warning::of_size(format!(
                     "TIFF's resolution is in inch, tifffile's description in {unit}: its numbers are taken as {unit}, \
                      which fits the distance of slices; give --spacing and --unit if that is wrong"
-                ));
+                )));
                 in_unit
             }
             _ => {
-                about.warnings.push(format!(
+                about.warnings.push(Warning::of_size(format!(
                     "TIFF's resolution is in inch, tifffile's description in {unit}: none is taken, give --spacing \
                      and --unit"
-                ));
+                )));
                 [None, None]
             }
         }
