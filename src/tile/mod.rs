@@ -62,6 +62,7 @@ mod json;
 mod merged;
 mod mesh;
 mod normals;
+mod padding;
 mod paint;
 mod part;
 pub(crate) mod pieces;

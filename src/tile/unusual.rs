@@ -2,13 +2,13 @@
 //! BIN chunk that nothing uses, or that say of others what these are not.
 
 use super::document::{ARRAY_BUFFER, ELEMENT_ARRAY_BUFFER};
-use super::json::{BufferView, Document, Primitive};
+use super::json::{Document, Primitive};
 use super::paint::{linear, named};
 use super::read::Tile;
 use std::collections::BTreeSet;
 
 /// JSON pointers, and what is unusual there.
-type Found = Vec<(String, String)>;
+pub(super) type Found = Vec<(String, String)>;
 
 impl Tile<'_> {
     /// Looks for what does not fit together though each is as it should be: extensions, accessors, views,
@@ -21,26 +21,8 @@ impl Tile<'_> {
         views(doc, &mut found);
         materials(doc, &mut found);
         description(doc, &mut found);
-        self.unused_bytes(&mut found);
+        self.padding(&mut found);
         found
-    }
-
-    /// Each part of the chunk begins less than 8 bytes behind the one before, and so does the chunk's end.
-    fn unused_bytes(&self, found: &mut Found) {
-        let bytes = |v: &BufferView| match &v.extensions.meshopt {
-            Some(stream) => stream.byte_length,
-            None => v.byte_length,
-        };
-        let views = &self.document.buffer_views;
-        let used = views.iter().map(bytes).fold(0, u64::saturating_add);
-        let (most, bin) = (
-            used.saturating_add(8 * views.len() as u64),
-            self.glb.bin.len(),
-        );
-        if bin as u64 > most {
-            let message = format!("the BIN chunk has {bin} bytes, and views of {used}");
-            found.push(("/buffers/0".into(), message));
-        }
     }
 }
 

@@ -12,6 +12,7 @@ use super::seen::Seen;
 use super::sweep::{Component, FaceEdge, TileFront};
 use crate::grid::{Placement, Tiling};
 use crate::manifest::{Bounds, Layout, Manifest, Primitives, TileEntry};
+use crate::tile::MAX_NODES;
 use crate::tile::read::{Fault, Tile};
 use std::path::Path;
 
@@ -359,12 +360,23 @@ impl Work<'_, '_> {
             let message = format!("found {:?}, expected {:?}", tile.encoding, m.encoding);
             self.issue(Code::TileEncoding, "/extensionsRequired", message);
         }
-        let (found, expected) = match (tile.is_merged(), m.layout) {
-            (true, Layout::Nodes) => ("one mesh for all pieces", "a node for each"),
-            (false, Layout::Merged) => ("a node for each piece", "one mesh for all"),
-            _ => return,
+        let pieces = self.entry.groups.len();
+        let merged = match m.layout {
+            Layout::Nodes => false,
+            Layout::Merged => true,
+            Layout::Auto => pieces > MAX_NODES,
         };
-        let message = format!("found {found}, expected {expected}");
+        // a tile of a part may have had more pieces in the whole, and stays as it was
+        let was_larger = m.layout == Layout::Auto && tile.is_merged() && m.is_part();
+        if tile.is_merged() == merged || was_larger {
+            return;
+        }
+        let name = |merged| match merged {
+            true => "one mesh for all",
+            false => "a node for each",
+        };
+        let (found, expected) = (name(tile.is_merged()), name(merged));
+        let message = format!("found {found} of {pieces} pieces, expected {expected}");
         self.issue(Code::TileEncoding, "/nodes", message);
     }
 

@@ -282,6 +282,56 @@ pub const OF_INDEX: &[(&str, Base, Code, Edit)] = &[
                 "cell_voxels": 0});
         })
     }),
+    (
+        "a layout that its tiles are not of",
+        Merged,
+        Code::TileEncoding,
+        |f| index(f, |m| m["layout"] = "auto".into()),
+    ),
+    (
+        "a source in another directory",
+        Nodes,
+        Code::ManifestValue,
+        |f| index(f, |m| m["source"]["name"] = "../../volume.raw".into()),
+    ),
+    (
+        "another type of a source of another name",
+        Nodes,
+        Code::SourceMismatch,
+        |f| {
+            index(f, |m| {
+                m["source"]["name"] = "other.raw".into();
+                m["source"]["dtype"] = "f64".into();
+            })
+        },
+    ),
+    ("a number with an exponent", Nodes, Code::TableSyntax, |f| {
+        table(f, "cells.csv", |lines| {
+            let area = column(lines, "area");
+            lines[1][area] += "e0";
+        })
+    }),
+    ("a number with a plus", Nodes, Code::TableSyntax, |f| {
+        table(f, "surfaces.csv", |lines| lines[1][1].insert(0, '+'))
+    }),
+    (
+        "a number with zeros before it",
+        Nodes,
+        Code::TableSyntax,
+        |f| table(f, "objects.csv", |lines| lines[1][0].insert(0, '0')),
+    ),
+    (
+        "a number with zeros behind it",
+        Web,
+        Code::TableSyntax,
+        |f| {
+            table(f, "cells.csv", |lines| {
+                let area = column(lines, "area");
+                assert!(lines[1][area].contains('.'));
+                lines[1][area] += "00";
+            })
+        },
+    ),
     ("surfaces exchanged", Nodes, Code::IdOrder, |f| {
         exchange(f, "surface", [1, 2])
     }),
