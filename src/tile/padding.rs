@@ -1,8 +1,9 @@
 //! Bytes of a tile that nothing uses: there are none but for alignment, and these are zeros, or blanks in JSON.
 
 use super::json::{BufferView, Document, UNSIGNED_SHORT};
-use super::read::Tile;
+use super::read::{Pieces, Tile};
 use super::unusual::Found;
+use crate::cpu::dispatch;
 use crate::manifest::Encoding;
 use std::ops::Range;
 
@@ -74,26 +75,38 @@ impl Tile<'_> {
         }
     }
 
-    /// Components that fill up an element are zeros.
+    /// Components that fill up an element are zeros, and zeros are positive.
     fn elements(&self, found: &mut Found) {
-        if self.encoding == Encoding::Float {
-            return;
-        }
         for p in &self.primitives {
-            let mut message = |what: &str| {
-                let message = format!("{what} have bytes that are not 0 behind their components");
-                found.push((format!("/nodes/{}/mesh", p.node), message));
+            let (positions, normals) = (&p.positions.bytes, &p.normals.bytes);
+            let rows = match &p.pieces {
+                Pieces::Merged(rows, _) => rows.get(),
+                Pieces::One(_) => &[],
             };
-            let steps = p.positions.bytes.chunks::<8>();
-            if steps.iter().fold(0, |any, e| any | e[6] | e[7]) != 0 {
-                message("positions");
-            }
-            let small = p.normals.bytes.chunks::<4>();
-            if small.iter().fold(0, |any, e| any | e[3]) != 0 {
-                message("normals");
+            let [filled, small] = match self.encoding {
+                Encoding::Float => [dispatch!(any_minus_zero(positions.chunks())), false],
+                _ => [
+                    (positions.chunks::<8>().iter()).fold(0, |any, e| any | e[6] | e[7]) != 0,
+                    (normals.chunks::<4>().iter()).fold(0, |any, e| any | e[3]) != 0,
+                ],
+            };
+            let rows = dispatch!(any_minus_zero(rows));
+            for (odd, what) in [(filled, "positions"), (small, "normals"), (rows, "rows")] {
+                if odd {
+                    let message =
+                        format!("{what} have bytes that are not 0 where they say nothing");
+                    found.push((format!("/nodes/{}/mesh", p.node), message));
+                }
             }
         }
     }
+}
+
+/// True if one of some floats is 0 with a minus.
+#[inline(always)]
+fn any_minus_zero(floats: &[[u8; 4]]) -> bool {
+    let odd = |any, e: &[u8; 4]| any | (u32::from_le_bytes(*e) == 1 << 31);
+    floats.iter().fold(false, odd)
 }
 
 impl Document {
@@ -184,7 +197,8 @@ fn json_padding(json: &[u8], pieces: usize) -> Option<String> {
     let structural = |b: &u8| matches!(b, b'{' | b'}' | b'[' | b']' | b',' | b':');
     let loose = |pair: &&[u8]| match pair {
         [b' ', other] | [other, b' '] => structural(other),
-        [a, b] => *a < b' ' || *b < b' ',
+        // names of tiles need no escapes
+        [a, b] => *a < b' ' || *b < b' ' || *b == b'\\',
         _ => false,
     };
     let at = text.windows(2).position(|pair| loose(&pair))?;

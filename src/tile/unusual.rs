@@ -147,7 +147,10 @@ fn materials(doc: &Document, found: &mut Found) {
             None => grey,
         };
         let factor = material.surface.colour.unwrap_or([f64::NAN; 4]);
-        let near = |(a, b): (&f64, &f64)| (a - b).abs() <= ROUNDED;
+        // grey and white are no rounded ones
+        let exact = painted || named(&material.name).is_none();
+        let error = if exact { 0.0 } else { ROUNDED };
+        let near = |(a, b): (&f64, &f64)| (a - b).abs() <= error;
         let message = if !used.contains(&i) {
             "no primitive uses it".to_owned()
         } else if !names.insert(&material.name) {

@@ -187,10 +187,15 @@ fn check_crop(m: &Manifest, wrong: &mut impl FnMut(&str, String)) {
 /// Checks counts that the tiles do not show.
 fn check_counts(m: &Manifest, wrong: &mut impl FnMut(&str, String)) {
     let t = &m.totals;
-    if let Some(of) = m.selection.as_ref().map(|s| s.of) {
+    if let Some(selection) = &m.selection {
+        let of = selection.of;
         let all = [of.cells, of.objects, of.surfaces, of.voxels_above];
         let own = [t.cells, t.objects, t.surfaces, t.voxels_above];
-        if own.iter().zip(all).any(|(own, all)| *own > all) {
+        let fewer = own.iter().zip(all).all(|(own, all)| *own <= all);
+        // without a condition all are there, and all objects have all voxels
+        let chosen = selection.condition.is_some() || own == all;
+        let same_objects = own[1] != all[1] || own[3] == all[3];
+        if !(fewer && chosen && same_objects) {
             let message = format!("found {all:?} of the whole, and {own:?} of the part");
             wrong("selection/of", message);
         }

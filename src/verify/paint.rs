@@ -283,7 +283,8 @@ impl Scale {
 
 /// A colour `#rrggbb`.
 fn hex(text: &str) -> Result<[u8; 3]> {
-    let digits = text.strip_prefix('#').filter(|d| d.len() == 6);
+    let lower = |d: &&str| d.len() == 6 && !d.contains(|c: char| c.is_ascii_uppercase());
+    let digits = text.strip_prefix('#').filter(lower);
     match digits.and_then(|d| u32::from_str_radix(d, 16).ok()) {
         Some(number) => {
             let [_, r, g, b] = number.to_be_bytes();
@@ -336,7 +337,7 @@ mod tests {
     fn colours_and_ranks_are_read_as_they_are_written() {
         assert_eq!(name(colour(Some([255, 136, 0]))), "#ff8800");
         assert_eq!(hex("#ff8800").unwrap(), [255, 136, 0]);
-        assert!(hex("ff8800").is_err() && hex("#ff880").is_err());
+        assert!(hex("ff8800").is_err() && hex("#ff880").is_err() && hex("#FF8800").is_err());
         assert_eq!(rank("best:10"), Some((10, true)));
         assert_eq!(rank("volume > 1"), None);
     }

@@ -105,14 +105,11 @@ fn check_form(
         header.format.to_owned(),
         source.format.clone(),
     );
-    // the order of single bytes says nothing
-    if header.dtype.bytes() > 1 {
-        compare(
-            "source/endian",
-            header.endian.to_string(),
-            source.endian.to_string(),
-        );
-    }
+    compare(
+        "source/endian",
+        header.endian.to_string(),
+        source.endian.to_string(),
+    );
     compare(
         "source/offset",
         volume.offset.to_string(),

@@ -158,7 +158,12 @@ impl Table {
             Ok(_) => return self.stop("found a line of more than 64 KiB", issues),
             Err(e) => return self.stop(&e.to_string(), issues),
         }
-        text.truncate(text.trim_end_matches('\n').len());
+        if text.pop() != Some('\n') {
+            return self.stop(
+                "found the end of the file, expected that of the line",
+                issues,
+            );
+        }
         Some(text)
     }
 
@@ -394,7 +399,9 @@ fn is_plain(field: &str, is_whole: bool) -> bool {
     let whole = whole.strip_prefix('-').unwrap_or(whole);
     let leads = whole.is_empty() || (whole.len() > 1 && whole.starts_with('0'));
     let trails = fraction.is_some_and(|f| is_whole || f.is_empty() || f.ends_with('0'));
-    digits(whole) && digits(fraction.unwrap_or_default()) && !leads && !trails
+    // a count has no sign, and of whole numbers no 0 has one
+    let minus = is_whole && field == "-0";
+    !minus && digits(whole) && digits(fraction.unwrap_or_default()) && !leads && !trails
 }
 
 /// The columns of whole numbers.

@@ -185,6 +185,61 @@ pub const OF_BYTES: &[(&str, Base, Code, Edit)] = &[
             })
         },
     ),
+    ("an escape in the JSON", Nodes, Code::GltfUnused, |f| {
+        texts(f, "\"mode\":", "\"mod\\u0065\":")
+    }),
+    (
+        "an empty list of extensions",
+        Nodes,
+        Code::ForeignMember,
+        |f| tiles(f, |j, _| j["extensionsUsed"] = serde_json::json!([])),
+    ),
+    (
+        "a grey that is hardly another",
+        Nodes,
+        Code::GltfUnused,
+        |f| {
+            tiles(f, |j, _| {
+                j["materials"][0]["pbrMetallicRoughness"]["baseColorFactor"][1] =
+                    0.800_000_1.into();
+            })
+        },
+    ),
+    ("positions of minus 0", Nodes, Code::GltfUnused, |f| {
+        tiles(f, |j, bin| {
+            let end = number(&j["bufferViews"][0]["byteLength"]);
+            let zero = bin[..end]
+                .as_chunks_mut::<4>()
+                .0
+                .iter_mut()
+                .find(|p| **p == [0; 4]);
+            if let Some(zero) = zero {
+                zero[3] = 0x80;
+            }
+        })
+    }),
+    ("a row of minus 0", Merged, Code::GltfUnused, |f| {
+        tiles(f, |j, bin| {
+            bin[number(&j["bufferViews"][3]["byteOffset"]) + 3] = 0x80
+        })
+    }),
+    ("entries behind a strip", Nodes, Code::GltfUnused, |f| {
+        tiles(f, |j, bin| {
+            // the last piece's indices end the chunk
+            let accessor = j["accessors"].as_array_mut().unwrap().last_mut().unwrap();
+            let count = number(&accessor["count"]);
+            accessor["count"] = (count + 2).into();
+            let start = number(&accessor["byteOffset"]);
+            let view = &mut j["bufferViews"][2];
+            let last = number(&view["byteOffset"]) + start + 2 * count;
+            let index = [bin[last - 2], bin[last - 1]];
+            bin.truncate(last);
+            bin.extend([index, index].concat());
+            bin.resize(bin.len().next_multiple_of(4), 0);
+            view["byteLength"] = (bin.len() - number(&view["byteOffset"])).into();
+            fit(j, bin);
+        })
+    }),
     (
         "a program beside the index",
         Nodes,

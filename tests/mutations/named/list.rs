@@ -332,6 +332,30 @@ pub const OF_INDEX: &[(&str, Base, Code, Edit)] = &[
             })
         },
     ),
+    (
+        "a last line without an end",
+        Nodes,
+        Code::TableSyntax,
+        |f| _ = f.get_mut("cells.csv").unwrap().pop(),
+    ),
+    ("a whole number of minus 0", Nodes, Code::TableSyntax, |f| {
+        table(f, "surfaces.csv", |lines| {
+            let edges = column(lines, "border_edges");
+            let none = lines.iter_mut().find(|l| l[edges] == "0").unwrap();
+            none[edges] = "-0".into();
+        })
+    }),
+    ("a strip of another tile", Nodes, Code::TileCount, |f| {
+        json_of(f, "index/z0000.json", |s| {
+            for (tile, by) in [(0, 1), (1, -1)] {
+                let strips = s["tiles"][tile]["strips"].as_i64().unwrap();
+                s["tiles"][tile]["strips"] = (strips + by).into();
+            }
+        })
+    }),
+    ("another byte order", Nodes, Code::SourceMismatch, |f| {
+        index(f, |m| m["source"]["endian"] = "big".into())
+    }),
     ("surfaces exchanged", Nodes, Code::IdOrder, |f| {
         exchange(f, "surface", [1, 2])
     }),
@@ -461,6 +485,17 @@ pub const OF_PARTS: &[(&str, Base, Code, Edit)] = &[
             })
         },
     ),
+    (
+        "a part without a condition",
+        Part,
+        Code::ManifestValue,
+        |f| index(f, |m| m["selection"]["where"] = Value::Null),
+    ),
+    ("a colour in capitals", Part, Code::Selection, |f| {
+        index(f, |m| {
+            m["selection"]["painted"][0]["colour"] = "#FF8800".into()
+        })
+    }),
     ("a whole that is less", Part, Code::ManifestValue, |f| {
         index(f, |m| m["selection"]["of"]["cells"] = 0.into())
     }),
