@@ -4,9 +4,9 @@
 //! cargo run --release --example convert_and_verify -- DIRECTORY
 //! ```
 
+use alvis::convert::{ConvertOptions, ConvertReport, convert};
 use alvis::grid::{Dims, Placement, Unit};
 use alvis::phantom::{Phantom, render};
-use alvis::pipeline::{ConvertOptions, ConvertReport, convert};
 use alvis::progress::Quiet;
 use alvis::verify::{Report, VerifyOptions, verify};
 use alvis::volume::{Dtype, Volume};

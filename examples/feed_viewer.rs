@@ -6,8 +6,8 @@
 //! cargo run --release --example feed_viewer -- DIRECTORY
 //! ```
 
-use alvis::manifest::TileSet;
 use alvis::tile::TileMesh;
+use alvis::tileset::TileSet;
 use alvis::view::{Depth, Picked, TileIndex, View};
 use glam::dcamera::rh::{proj::directx, view::look_to_mat4};
 use glam::{DMat4, DVec3};

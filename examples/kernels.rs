@@ -2,11 +2,11 @@
 //!
 //! `tests/instructions/check.py` runs it under callgrind and compares with stored limits.
 
+use alvis::convert::{ConvertOptions, convert};
 use alvis::grid::Dims;
 use alvis::kernels::Kernels;
 use alvis::manifest::Primitives;
 use alvis::phantom::{Phantom, render};
-use alvis::pipeline::{ConvertOptions, convert};
 use alvis::progress::Quiet;
 use alvis::verify::{VerifyOptions, verify};
 use alvis::volume::{Dtype, Volume};

@@ -11,10 +11,10 @@
 //! and cells with their voxel sums. Beside them stands the whole conversion, from the file to tiles and
 //! tables on disk, on all cores, with its peak of memory.
 
+use alvis::convert::{ConvertOptions, convert};
 use alvis::grid::Dims;
 use alvis::kernels::Kernels;
 use alvis::phantom::{Foam, Phantom, Shape, render};
-use alvis::pipeline::{ConvertOptions, convert};
 use alvis::progress::Quiet;
 use alvis::volume::{Dtype, MemoryVolume, Volume};
 use std::process::{Command, ExitCode};

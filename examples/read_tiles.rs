@@ -5,10 +5,10 @@
 //! cargo run --release --example read_tiles -- DIRECTORY
 //! ```
 //!
-//! `alvis::manifest::TileSet::read_tile` gives the same triangles with less code, and those of tiles
+//! `alvis::tileset::TileSet::read_tile` gives the same triangles with less code, and those of tiles
 //! in merged layout too.
 
-use alvis::manifest::TileSet;
+use alvis::tileset::TileSet;
 use glam::DVec3;
 use gltf::mesh::Mode;
 use std::collections::BTreeMap;

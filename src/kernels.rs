@@ -5,16 +5,20 @@
 
 use crate::error::Result;
 use crate::grid::{Ambiguous, Placement, Tiling};
+use crate::labels::{Bits, Labels, Runs, Span, Voxels, label_runs, sum_voxels};
 use crate::manifest::Primitives;
 use crate::measure::AreaScale;
-use crate::mesh::{
+use crate::strip::Stripifier;
+use crate::surface::{
     BandView, Edges, MeshSettings, PieceIndex, Sheets, TileBox, TileMesh, TileMesher, assign,
 };
-use crate::segment::{Labels, Runs, label_runs, sum_voxels};
-use crate::slab::{Bits, Span, Voxels};
-use crate::strip::Stripifier;
 use crate::tile::Body;
 use crate::volume::Volume;
+
+/// The strip kernel, on triangles whose neighbours are known.
+pub mod strip {
+    pub use crate::strip::{NONE, STRIDE, Stripifier, Triangle};
+}
 
 /// A band of macrocubes.
 #[derive(Default)]

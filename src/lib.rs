@@ -35,13 +35,13 @@
 //! ```
 //!
 //! ## Convert it
-//! [`pipeline::convert`] does all of it; [`pipeline::ConvertOptions`] has what can be chosen.
-//! [`pipeline::predicted_memory`] says beforehand what it will need.
+//! [`convert::convert`] does all of it; [`convert::ConvertOptions`] has what can be chosen.
+//! [`convert::predicted_memory`] says beforehand what it will need.
 //!
 //! ```
 //! use alvis::grid::Dims;
 //! use alvis::phantom::{Phantom, render};
-//! use alvis::pipeline::{ConvertOptions, convert};
+//! use alvis::convert::{ConvertOptions, convert};
 //! use alvis::progress::Quiet;
 //! use alvis::volume::Dtype;
 //!
@@ -68,7 +68,7 @@
 //! ```
 //! # use alvis::grid::Dims;
 //! # use alvis::phantom::{Phantom, render};
-//! # use alvis::pipeline::{ConvertOptions, convert};
+//! # use alvis::convert::{ConvertOptions, convert};
 //! # use alvis::volume::Dtype;
 //! use alvis::progress::Quiet;
 //! use alvis::verify::{VerifyOptions, verify};
@@ -88,17 +88,17 @@
 //! ```
 //!
 //! ## Read the tiles
-//! [`manifest::TileSet`] opens a directory, reads the manifest and walks over its layers and tiles.
+//! [`tileset::TileSet`] opens a directory, reads the manifest and walks over its layers and tiles.
 //! [`tile::TileMesh`] is one tile as plain vectors: positions in voxel coordinates, normals,
 //! triangles, ids and the measures of each piece's cell. The matrix takes voxel coordinates to metres.
 //!
 //! ```
 //! # use alvis::grid::Dims;
 //! # use alvis::phantom::{Phantom, render};
-//! # use alvis::pipeline::{ConvertOptions, convert};
+//! # use alvis::convert::{ConvertOptions, convert};
 //! # use alvis::progress::Quiet;
 //! # use alvis::volume::Dtype;
-//! use alvis::manifest::TileSet;
+//! use alvis::tileset::TileSet;
 //!
 //! # let dir = tempfile::tempdir().unwrap();
 //! # let out = dir.path().join("foam");
@@ -130,8 +130,8 @@
 //!
 //! ## Ask the tables
 //! [`table`] reads the tables of cells, objects and surfaces and answers conditions such as
-//! `sphericity > 0.9 and not touches_border`. [`select`](mod@select) writes the tiles of such cells, or
-//! a copy in colours, [`repack`](mod@repack) writes the same tiles for other programs, smaller ones for
+//! `sphericity > 0.9 and not touches_border`. [`select`](transform::select) writes the tiles of such cells, or
+//! a copy in colours, [`repack`](transform::repack) writes the same tiles for other programs, smaller ones for
 //! the web, and [`preview`](mod@preview) draws a slice of the volume with the cells in it.
 //!
 //! ## Hand the surface on
@@ -149,38 +149,29 @@
 // what a table, a tile or a picture says must not depend on how the program was linked: see clippy.toml
 #![warn(clippy::disallowed_methods)]
 
-mod alike;
 mod checkpoint;
 pub mod cli;
-mod cpu;
-mod direct;
+pub mod convert;
 pub mod error;
 pub mod export;
+mod gltf;
 pub mod grid;
 #[doc(hidden)]
 pub mod kernels;
-mod length;
+mod labels;
 pub mod manifest;
 mod measure;
-mod memory;
-mod mesh;
-mod newfile;
-mod pages;
 pub mod phantom;
 mod picture;
-pub mod pipeline;
 pub mod preview;
 pub mod progress;
-pub mod repack;
-mod rounding;
-mod scratch;
-mod segment;
-pub mod select;
-mod slab;
 mod strip;
+mod surface;
+mod sys;
 pub mod table;
 pub mod tile;
-mod unchecked;
+pub mod tileset;
+pub mod transform;
 pub mod verify;
 pub mod view;
 pub mod volume;

@@ -1,6 +1,6 @@
 //! Small pictures with text, written as PNG.
 
-use crate::newfile::NewFile;
+use crate::sys::atomic_file::NewFile;
 use font8x8::UnicodeFonts;
 use image::{DynamicImage, ImageFormat, ImageReader, Rgb, RgbImage};
 use std::io::{Cursor, Error, Result};

@@ -3,9 +3,9 @@
 
 mod common;
 
+use alvis::convert::{ConvertOptions, convert, predicted_memory};
 use alvis::grid::{Ambiguous, Crop, Dims};
 use alvis::manifest::{Encoding, Layout, Primitives};
-use alvis::pipeline::{ConvertOptions, convert, predicted_memory};
 use alvis::progress::Quiet;
 use alvis::volume::{MemoryVolume, OpenOptions, Volume, Voxel, open};
 use common::glb;

@@ -1,8 +1,8 @@
 //! `min_voxels` leaves out small components: the same as converting a volume without them.
 
+use alvis::convert::{ConvertOptions, convert};
 use alvis::grid::{Ambiguous, Dims, Placement};
 use alvis::manifest::{Dust, Manifest};
-use alvis::pipeline::{ConvertOptions, convert};
 use alvis::progress::Quiet;
 use alvis::verify::{VerifyOptions, verify};
 use alvis::volume::MemoryVolume;

@@ -7,7 +7,7 @@ mod dump_voxels;
 #[path = "../examples/read_tiles.rs"]
 mod read_tiles;
 
-use alvis::manifest::TileSet;
+use alvis::tileset::TileSet;
 
 #[test]
 fn examples_convert_verify_and_read() {

@@ -4,10 +4,10 @@ mod command;
 mod common;
 mod export_common;
 
+use alvis::convert::{ConvertOptions, convert};
 use alvis::export::{ExportOptions, ExportReport, Simplify, export};
 use alvis::grid::{Ambiguous, Placement, Unit};
 use alvis::manifest::Primitives;
-use alvis::pipeline::{ConvertOptions, convert};
 use alvis::progress::Quiet;
 use alvis::volume::{MemoryVolume, Volume};
 use common::volumes::{foam, noise, placed, volume};
@@ -250,12 +250,12 @@ fn a_part_is_what_select_writes() {
         );
         for text in ["not touches_border", "voxels > 3", "id > 0", "id <= 4"] {
             let part = dir.path().join("part");
-            let options = alvis::select::SelectOptions {
+            let options = alvis::transform::select::SelectOptions {
                 condition: Some(text.to_string()),
                 force: true,
                 ..Default::default()
             };
-            alvis::select::select(dir.path(), &part, &options, &Quiet).unwrap();
+            alvis::transform::select::select(dir.path(), &part, &options, &Quiet).unwrap();
             let report = verified(&part, None);
             for format in FORMATS {
                 let (a, b) = (

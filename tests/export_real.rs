@@ -4,8 +4,8 @@
 mod common;
 mod export_common;
 
+use alvis::convert::ConvertOptions;
 use alvis::export::{ExportOptions, Simplify, export};
-use alvis::pipeline::ConvertOptions;
 use alvis::progress::Quiet;
 use alvis::volume::{Dtype, OpenOptions, open};
 use common::{converted, data, verified};

@@ -4,10 +4,10 @@
 mod common;
 mod export_common;
 
+use alvis::convert::ConvertOptions;
 use alvis::export::{ExportOptions, ExportReport, Simplify, export};
 use alvis::grid::{Ambiguous, Dims, Unit};
 use alvis::phantom::{Foam, Phantom, Shape, render};
-use alvis::pipeline::ConvertOptions;
 use alvis::progress::Quiet;
 use alvis::volume::{Dtype, Volume};
 use common::volumes::{foam, noise, placed, volume};

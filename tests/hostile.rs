@@ -4,15 +4,16 @@
 #[path = "mutations/random.rs"]
 mod random;
 
+use alvis::convert::{ConvertOptions, convert};
 use alvis::export::{ExportOptions, export};
 use alvis::grid::Dims;
-use alvis::manifest::{Form, TileSet};
+use alvis::manifest::Form;
 use alvis::phantom::{Phantom, Shape, render};
-use alvis::pipeline::{ConvertOptions, convert};
 use alvis::progress::Quiet;
-use alvis::repack::{RepackOptions, repack};
 use alvis::table::{Expr, Table};
 use alvis::tile::TileMesh;
+use alvis::tileset::TileSet;
+use alvis::transform::repack::{RepackOptions, repack};
 use alvis::verify::{Code, VerifyOptions, verify};
 use alvis::view::TileIndex;
 use alvis::volume::{Dtype, OpenOptions, open};

@@ -3,9 +3,9 @@
 // other programs use the rest
 mod command;
 
+use alvis::convert::{ConvertOptions, convert};
 use alvis::grid::Dims;
 use alvis::manifest::{Manifest, Totals};
-use alvis::pipeline::{ConvertOptions, convert};
 use alvis::progress::Quiet;
 use alvis::verify::{VerifyOptions, verify};
 use alvis::volume::{Dtype, MemoryVolume, OpenOptions, open};

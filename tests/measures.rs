@@ -5,8 +5,8 @@
 
 mod common;
 
+use alvis::convert::ConvertOptions;
 use alvis::grid::{Ambiguous, Dims, Placement, Unit};
-use alvis::pipeline::ConvertOptions;
 use alvis::volume::MemoryVolume;
 use common::{converted, data, reference, verified, volumes};
 use std::collections::HashMap;
@@ -452,8 +452,7 @@ fn tables_in_another_unit_say_the_same() {
         };
         let bare = volumes::volume(dims, volumes::foam(dims, 3));
         let dir = tempfile::tempdir().unwrap();
-        let refused =
-            alvis::pipeline::convert(&bare, &options, dir.path(), &alvis::progress::Quiet);
+        let refused = alvis::convert::convert(&bare, &options, dir.path(), &alvis::progress::Quiet);
         let message = refused.unwrap_err().to_string();
         assert!(
             message.contains("--table-unit") && message.contains("--spacing"),

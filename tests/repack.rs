@@ -2,13 +2,14 @@
 
 mod common;
 
+use alvis::convert::ConvertOptions;
 use alvis::error::Error;
 use alvis::grid::Ambiguous;
-use alvis::manifest::{Encoding, Form, Layout, Manifest, Primitives, TileSet};
-use alvis::pipeline::ConvertOptions;
+use alvis::manifest::{Encoding, Form, Layout, Manifest, Primitives};
 use alvis::progress::Quiet;
-use alvis::repack::{RepackOptions, repack};
 use alvis::tile::{SurfacePiece, TileMesh};
+use alvis::tileset::TileSet;
+use alvis::transform::repack::{RepackOptions, repack};
 use alvis::verify::Report;
 use common::volumes::{foam, late_joins, noise, placed};
 use common::{assert_same_files, converted, files, glb, verified};
@@ -270,16 +271,16 @@ fn colours_come_along() {
         },
     );
     let painted = tempfile::tempdir().unwrap();
-    let options = alvis::select::SelectOptions {
-        colour_by: Some(alvis::select::ColourRule {
+    let options = alvis::transform::select::SelectOptions {
+        colour_by: Some(alvis::transform::select::ColourRule {
             column: "voxels".into(),
-            map: alvis::select::Map::named("magma").unwrap(),
+            map: alvis::transform::select::Map::named("magma").unwrap(),
             range: None,
         }),
         condition: Some("voxels > 4".into()),
         ..Default::default()
     };
-    alvis::select::select(set.path(), painted.path(), &options, &Quiet).unwrap();
+    alvis::transform::select::select(set.path(), painted.path(), &options, &Quiet).unwrap();
     let float = repacked(painted.path(), Form::BLENDER);
     assert_same_files(&files(painted.path()), &files(float.path()), "painted");
     assert!(painted.path().join("legend.png").exists());
@@ -313,11 +314,11 @@ fn colours_come_along() {
         );
         // a part of a part, in the form that it has
         let part = tempfile::tempdir().unwrap();
-        let fewer = alvis::select::SelectOptions {
+        let fewer = alvis::transform::select::SelectOptions {
             condition: Some("voxels > 40".into()),
             ..Default::default()
         };
-        alvis::select::select(there.path(), part.path(), &fewer, &Quiet).unwrap();
+        alvis::transform::select::select(there.path(), part.path(), &fewer, &Quiet).unwrap();
         verified(part.path(), None);
     }
 }
@@ -380,7 +381,7 @@ fn large_macrocubes_are_refused_before_anything_is_written() {
         encoding: Encoding::Quantized,
         ..options.clone()
     };
-    let error = alvis::pipeline::convert(&volume, &direct, &dest, &Quiet).unwrap_err();
+    let error = alvis::convert::convert(&volume, &direct, &dest, &Quiet).unwrap_err();
     assert!(
         matches!(&error, Error::Usage { option, .. } if option == "--macrocube"),
         "{error}"

@@ -3,9 +3,9 @@
 mod command;
 mod common;
 
+use alvis::convert::{ConvertOptions, convert, interrupted};
 use alvis::grid::{Ambiguous, Crop};
 use alvis::manifest::{Encoding, Layout};
-use alvis::pipeline::{ConvertOptions, convert, interrupted};
 use alvis::progress::{Progress, Quiet};
 use alvis::volume::{OpenOptions, Volume, open};
 use command::{fails, ok};

@@ -6,8 +6,8 @@
 #   tests/sanitizers.sh address [TEST...] the tests of the crate and of tests/, or those of tests/ that are
 #                                         named, under AddressSanitizer; half an hour
 #
-# Miri has no memory maps of files, signals or syncfs: src/volume/map.rs, src/direct.rs, src/cli/sigbus.rs
-# and src/pipeline/keep/disk.rs run under AddressSanitizer alone.
+# Miri has no memory maps of files, signals or syncfs: src/volume/map.rs, src/sys/direct_io.rs, src/cli/sigbus.rs
+# and src/convert/checkpoint/sync.rs run under AddressSanitizer alone.
 set -euo pipefail
 cd "$(dirname "$0")/.."
 host=x86_64-unknown-linux-gnu
@@ -18,7 +18,7 @@ case ${1:-} in
       RUSTFLAGS="-Ctarget-feature=$features" MIRIFLAGS=-Zmiri-disable-isolation PROPTEST_CASES=8 \
         CARGO_TARGET_DIR=target/miri-tests \
         cargo +nightly miri test --locked --no-default-features --lib -- \
-        gather:: cpu:: slab::bits:: unchecked:: sums:: strip:: steps_follow normals_are_unit
+        samples:: simd:: labels::bits:: unchecked:: sums:: strip:: steps_follow normals_are_unit
     done
     ;;
   address)

@@ -2,9 +2,9 @@
 
 mod common;
 
+use alvis::convert::ConvertOptions;
 use alvis::grid::{Ambiguous, Crop, Unit};
 use alvis::manifest::Primitives;
-use alvis::pipeline::ConvertOptions;
 use alvis::progress::Quiet;
 use alvis::verify::{VerifyOptions, verify};
 use common::volumes::{foam, noise, placed};

@@ -5,8 +5,8 @@
 
 mod common;
 
+use alvis::convert::ConvertOptions;
 use alvis::grid::{Ambiguous, Dims, Placement};
-use alvis::pipeline::ConvertOptions;
 use alvis::volume::{MemoryVolume, OpenOptions, Volume, Voxel};
 use common::set::{Surface, manifest, table, weld};
 use common::volumes::{padded, volume};

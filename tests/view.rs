@@ -4,9 +4,10 @@ mod common;
 #[path = "../examples/feed_viewer.rs"]
 mod feed_viewer;
 
+use alvis::convert::ConvertOptions;
 use alvis::grid::{Dims, Placement, Unit};
-use alvis::manifest::{TileEntry, TileSet};
-use alvis::pipeline::ConvertOptions;
+use alvis::manifest::TileEntry;
+use alvis::tileset::TileSet;
 use alvis::view::{Depth, TileIndex, View};
 use alvis::volume::MemoryVolume;
 use common::volumes::foam;

@@ -1,9 +1,10 @@
 //! A small tile set on disk, of which a fuzz target replaces one file before all readers look at it.
 
 use alvis::grid::Dims;
-use alvis::manifest::{Form, TileSet};
+use alvis::manifest::Form;
+use alvis::tileset::TileSet;
 use alvis::phantom::{Phantom, Shape, render};
-use alvis::pipeline::{ConvertOptions, convert};
+use alvis::convert::{ConvertOptions, convert};
 use alvis::progress::Quiet;
 use alvis::table::Table;
 use alvis::tile::TileMesh;

@@ -31,7 +31,7 @@ impl Common {
             // fails only if workers run already, in a program that runs several commands: the
             // result is the same with any number of them
             let _ = rayon::ThreadPoolBuilder::new()
-                .num_threads(crate::cpu::threads(usize::from(n)))
+                .num_threads(crate::sys::simd::threads(usize::from(n)))
                 .build_global();
         }
         Console::new(self.quiet)

@@ -5,10 +5,10 @@ use super::form::FormArgs;
 use super::info;
 use super::parse::{self, CropArg, Threshold};
 use super::{Outcome, output};
+use crate::convert::{self, ConvertOptions, ConvertReport};
 use crate::error::{Error, Result};
 use crate::grid::{Ambiguous, Crop, Unit};
 use crate::manifest::{Form, Origin};
-use crate::pipeline::{self, ConvertOptions, ConvertReport};
 use crate::volume::Opened;
 use clap::{Args, ValueEnum, ValueHint};
 use std::path::{Path, PathBuf};
@@ -121,13 +121,13 @@ impl ConvertArgs {
             }
             Threshold::Otsu => {
                 // this reads all of the volume: not for a conversion that is refused then
-                pipeline::check_before(&*opened.volume, &options, &self.out)?;
+                convert::check_before(&*opened.volume, &options, &self.out)?;
                 options.threshold = info::otsu(&*opened.volume, &self.input, &console)?;
                 " (Otsu's method)"
             }
         };
         console.note(&understood(&opened, &options, how)?);
-        let mut report = pipeline::convert(&*opened.volume, &options, &self.out, &console)
+        let mut report = convert::convert(&*opened.volume, &options, &self.out, &console)
             .map_err(|e| resumable(e, &self.out))?;
         drop(console);
         if self.common.json {
@@ -150,7 +150,7 @@ pub fn resumable(error: Error, out: &Path) -> Error {
             | Error::OutputForeign { .. }
             | Error::OtherConversion { .. }
     );
-    match pipeline::interrupted(out).filter(|_| !refused) {
+    match convert::interrupted(out).filter(|_| !refused) {
         Some(kept) => Error::Resumable {
             error: Box::new(error),
             path: out.to_path_buf(),
@@ -192,7 +192,7 @@ fn understood(opened: &Opened, options: &ConvertOptions, how: &str) -> Result<St
         );
         rows.push(("crop", part));
     }
-    let predicted = pipeline::predicted_memory(&*opened.volume, options)?;
+    let predicted = convert::predicted_memory(&*opened.volume, options)?;
     rows.push((
         "memory",
         format!(

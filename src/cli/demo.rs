@@ -1,14 +1,13 @@
 //! `alvis demo`: everything once, on a foam phantom.
 
 use super::args::Common;
-use super::convert;
 use super::form::PrimitivesArg;
 use super::progress::Console;
-use super::{Outcome, output, verify};
+use super::{Outcome, convert as convert_command, output, verify};
+use crate::convert::{ConvertOptions, ConvertReport, check_output, convert};
 use crate::error::{Error, Result};
 use crate::grid::{Dims, Placement, Unit};
 use crate::phantom::{Phantom, render, write};
-use crate::pipeline::{self, ConvertOptions, ConvertReport};
 use crate::preview::{PreviewOptions, preview};
 use crate::verify::{Report as VerifyReport, VerifyOptions};
 use crate::volume::{Dtype, OpenOptions, open};
@@ -99,7 +98,7 @@ impl DemoArgs {
             ..ConvertOptions::default()
         };
         console.note(&format!("converting it to {}", tiles.display()));
-        let convert = pipeline::convert(&*opened.volume, &options, &tiles, console)?;
+        let convert = convert(&*opened.volume, &options, &tiles, console)?;
         console.note("verifying the tiles against the volume");
         let options = VerifyOptions {
             against: Some(&*opened.volume),
@@ -140,7 +139,7 @@ fn prepare(out: &Path) -> Result<()> {
         }
     }
     if earlier {
-        pipeline::check_output(&out.join(TILES), true)?;
+        check_output(&out.join(TILES), true)?;
     }
     Ok(())
 }
@@ -184,7 +183,7 @@ fn text(report: &Report) -> String {
          In any glTF viewer:   open a file of {tiles}/tiles\n\
          In MeshLab:           {meshlab}\n\
          With your own scan:   alvis info SCAN; alvis convert SCAN OUT --threshold otsu\n",
-        convert::summary(&report.convert),
+        convert_command::summary(&report.convert),
         verify::verdict(&report.verify),
     )
 }

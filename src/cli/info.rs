@@ -4,9 +4,9 @@ use super::args::{Common, InputOptions};
 use super::convert::from;
 use super::parse;
 use super::{Outcome, chart, output};
+use crate::convert::{ConvertOptions, predicted_memory};
 use crate::error::{Error, Result};
 use crate::grid::{Dims, Placement, Unit};
-use crate::pipeline::{ConvertOptions, predicted_memory};
 use crate::progress::Progress;
 use crate::volume::{
     Dtype, Endian, Header, Opened, Prediction, Statistics, Volume, Watch, Watched, predict,

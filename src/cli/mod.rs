@@ -89,7 +89,7 @@ impl Command {
 
 /// Runs the command line `args`, whose first is the program's own name.
 pub fn run(args: impl IntoIterator<Item = OsString>) -> ExitCode {
-    crate::memory::give_back_large_buffers();
+    crate::sys::process_memory::give_back_large_buffers();
     let result = match Cli::try_parse_from(args) {
         Ok(cli) => cli.command.run().map_err(|e| e.to_string()),
         Err(refusal) => match refusal.kind() {

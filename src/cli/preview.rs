@@ -6,7 +6,7 @@ use super::{Outcome, info, output};
 use crate::error::{Error, Result};
 use crate::preview::{Axis, PreviewOptions, preview};
 use crate::progress::Progress;
-use crate::select::Map;
+use crate::transform::select::Map;
 use clap::{Args, ValueEnum, ValueHint};
 use std::path::{Path, PathBuf};
 

@@ -5,7 +5,7 @@ use super::form::FormArgs;
 use super::{Outcome, output};
 use crate::error::{Error, Result};
 use crate::manifest::{Form, Manifest};
-use crate::repack::{RepackOptions, RepackReport, repack};
+use crate::transform::repack::{RepackOptions, RepackReport, repack};
 use clap::{Args, ValueHint};
 use std::path::PathBuf;
 

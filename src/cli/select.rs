@@ -3,7 +3,7 @@
 use super::args::Common;
 use super::{Outcome, output};
 use crate::error::{Error, Result};
-use crate::select::{
+use crate::transform::select::{
     ColourRule, Map, PaintRule, SelectOptions, SelectReport, parse_colour, select,
 };
 use clap::{Args, ValueHint};

@@ -8,7 +8,7 @@
 
 use super::sheet::{PlaneVertex, Sheet};
 use crate::error::Result;
-use crate::pipeline::spool::{Place, Spool};
+use crate::sys::spill_file::{Place, Spool};
 use bytemuck::{Pod, Zeroable};
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};

@@ -35,9 +35,10 @@ pub use simplify::Simplify;
 
 use crate::error::{Error, Result};
 use crate::grid::Unit;
-use crate::manifest::{MANIFEST, TileEntry, TileSet, batch};
-use crate::memory::peak_rss_bytes;
+use crate::manifest::{MANIFEST, TileEntry, batch};
 use crate::progress::Progress;
+use crate::sys::process_memory::peak_rss_bytes;
+use crate::tileset::TileSet;
 use choice::Choice;
 use format::{Coded, Counts, Writer};
 use front::{Front, Numbers};
@@ -188,7 +189,7 @@ impl Run<'_> {
     fn write(&self, file: &Path, plan: &Plan, cost: &Cost) -> Result<(Counts, f64, u64)> {
         self.progress.begin("export", plan.tiles);
         let mut sink = Sink::create(file, self.writer)?;
-        let mut front = Front::new(crate::newfile::directory(file));
+        let mut front = Front::new(crate::sys::atomic_file::directory(file));
         let mut counts = Counts {
             bounds: [[i32::MAX; 3], [i32::MIN; 3]],
             ..Counts::default()

@@ -4,7 +4,8 @@ use super::choice::Choice;
 use super::format::Writer;
 use super::sheet::tiling;
 use crate::error::{Error, Result};
-use crate::manifest::{MANIFEST, TileEntry, TileSet};
+use crate::manifest::{MANIFEST, TileEntry};
+use crate::tileset::TileSet;
 
 /// Bytes of the program itself and of its buffers.
 const BASE: u64 = 20 << 20;

@@ -4,8 +4,9 @@ use super::choice::Choice;
 use super::simplify::{self, InGrid, Simplified};
 use crate::error::{Error, Result};
 use crate::grid::{LATTICE, Tiling};
-use crate::manifest::{Manifest, TileEntry, TileSet};
+use crate::manifest::{Manifest, TileEntry};
 use crate::tile::SurfacePiece;
+use crate::tileset::TileSet;
 use std::collections::HashMap;
 use std::collections::hash_map::Entry;
 

@@ -2,7 +2,7 @@
 
 use super::format::{Coded, Counts, Writer};
 use crate::error::{Error, Result};
-use crate::newfile::{NewFile, directory};
+use crate::sys::atomic_file::{NewFile, directory};
 use std::fs::File;
 use std::io::{BufWriter, Seek, SeekFrom, Write};
 use std::path::{Path, PathBuf};

@@ -4,11 +4,10 @@
 //! form is `schema/manifest.schema.json` and `schema/shard.schema.json`. Every path is relative to
 //! the directory of the manifest, with `/` between its parts.
 
-mod batch;
+pub(crate) mod batch;
 mod form;
 mod open;
 mod seal;
-mod set;
 mod shard;
 mod shard_writer;
 
@@ -16,7 +15,6 @@ pub(crate) use batch::batch;
 pub use form::{Encoding, Form, Layout, Primitives};
 pub use open::{MANIFEST, PARTIAL, file_inside, inside, is_plain, manifest_file};
 pub(crate) use seal::{checksum_of, own_checksum, sums_of};
-pub use set::TileSet;
 pub use shard::ShardTiles;
 pub(crate) use shard::{ShardFault, ShardText};
 pub(crate) use shard_writer::{ShardWriter, entry_text, shard_path};

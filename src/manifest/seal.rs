@@ -192,7 +192,7 @@ pub(crate) fn sums_of(file: &File) -> std::io::Result<(u64, u32)> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::pipeline::{ConvertOptions, convert};
+    use crate::convert::{ConvertOptions, convert};
     use crate::progress::Quiet;
     use crate::volume::MemoryVolume;
 

@@ -6,9 +6,11 @@
 
 mod component;
 mod eigen;
+mod in_tiles;
 mod sums;
 mod table;
 
 pub use component::{ComponentRecord, Measures, SurfaceRecord};
+pub use in_tiles::{MEASURES, Measured};
 pub use sums::{AREA_STEPS, AreaScale, MeshSums, Row, VoxelSums, power_sums};
 pub use table::RecordTable;

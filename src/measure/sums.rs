@@ -2,7 +2,7 @@
 //! threads, tiles and bands, cannot change a result.
 
 use crate::grid::{Dims, Extent, LATTICE, Placement};
-use crate::rounding::round;
+use crate::sys::rounding::round;
 use bytemuck::{Pod, Zeroable};
 use std::ops::Range;
 

@@ -98,7 +98,7 @@ struct Slot<T> {
 
 impl<T: Pod> Blocks<T> {
     fn new(len: u64, budget: u64, dir: &Path) -> Result<Self> {
-        let file = crate::scratch::unnamed(dir)
+        let file = crate::sys::temp_file::unnamed(dir)
             .map_err(|e| Error::io(dir, "create a temporary file", e))?;
         let bytes = len
             .checked_next_multiple_of(BLOCK)

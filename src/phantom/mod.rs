@@ -8,7 +8,7 @@ mod foam;
 mod random;
 mod sample;
 mod shapes;
-mod write;
+pub(crate) mod write;
 
 pub use write::{Written, write};
 

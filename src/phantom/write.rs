@@ -3,8 +3,8 @@
 use super::PhantomVolume;
 use crate::error::{Error, Result};
 use crate::grid::{Placement, Unit};
-use crate::newfile::NewFile;
 use crate::progress::Progress;
+use crate::sys::atomic_file::NewFile;
 use crate::volume::{Dtype, Endian, Header, Volume};
 use std::fmt::Write as _;
 use std::io::{ErrorKind, Write as _};

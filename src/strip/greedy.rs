@@ -6,7 +6,7 @@
 use super::starts::Starts;
 use super::triangle::{Triangle, Triangles, after, count_mates, half_edge, triangle};
 use super::walk::{Ground, NO_TRIANGLE, Turn, USED, count_down};
-use crate::unchecked::UncheckedMut;
+use crate::sys::unchecked::UncheckedMut;
 
 /// A path over triangles.
 #[derive(Debug, Clone, Copy)]

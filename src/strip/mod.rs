@@ -34,7 +34,7 @@
 //! | paths alone, written at once, each from the place that is next | 1.314 | 12 |
 //! | and put where their first turn is free | 1.306 | 12 |
 //! | and from the start to its other side, too | 1.303 | 12 |
-//! | and quadrilaterals cut the other way in some cases, see `mesh::table` (chosen) | 1.295 | 12 |
+//! | and quadrilaterals cut the other way in some cases, see `surface::case_table` (chosen) | 1.295 | 12 |
 //!
 //! With those diagonals the first way has 1.279. Bettering takes as long again as all the rest for 1.2 %
 //! of the entries, or 0.1 % of a tile's bytes, most of which are vertices; so it was given up. Annealing
@@ -58,6 +58,7 @@
 //! a table over the free exits of both (-0.007 after hill climbing over all 256 contexts). Writing entries
 //! while walking, without turns between, took the same time, and so did triangles copied to numbers of 16 bits.
 
+mod adjacency;
 mod greedy;
 mod starts;
 #[cfg(test)]
@@ -66,6 +67,7 @@ mod triangle;
 mod walk;
 mod write;
 
+pub use adjacency::connect;
 pub use triangle::{APEXES, NONE, STRIDE, Triangle};
 
 use greedy::Greedy;

@@ -1,7 +1,7 @@
 //! Triangles that know their neighbours.
 
-use crate::cpu::dispatch;
-use crate::unchecked::Unchecked;
+use crate::sys::simd::dispatch;
+use crate::sys::unchecked::Unchecked;
 use bytemuck::{Pod, Zeroable};
 
 /// Numbers to a triangle, so its half-edges are `8 t`, `8 t + 1` and `8 t + 2`.

@@ -2,7 +2,7 @@
 
 use super::starts::Starts;
 use super::triangle::{Triangles, triangle};
-use crate::unchecked::UncheckedMut;
+use crate::sys::unchecked::UncheckedMut;
 use std::hint::select_unpredictable as select;
 
 /// Bit of a count that says the triangle is in a strip already.

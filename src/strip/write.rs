@@ -2,7 +2,7 @@
 
 use super::greedy::Path;
 use super::join;
-use crate::unchecked::UncheckedMut;
+use crate::sys::unchecked::UncheckedMut;
 use std::hint::select_unpredictable as select;
 
 /// Entries; behind them is room that means nothing.

@@ -2,8 +2,8 @@
 
 use crate::grid::LATTICE;
 use crate::manifest::Primitives;
-use crate::mesh::{TileMesh, by_surface};
 use crate::strip::{Stripifier, Triangle, append_strip};
+use crate::surface::{TileMesh, by_surface};
 use bytemuck::{Pod, Zeroable};
 
 /// Where a piece lies in the body and what it counts.

@@ -4,10 +4,10 @@
 use super::Extras;
 use super::body::{Body, BodyPiece, write_indices};
 use super::document::{Node, TileHead};
-use super::glb::{Fault, Glb, ReadError, fail};
 use super::mesh::{node_extras, table};
 use super::pieces::{Piece, pieces};
 use super::read::{PieceIds, Tile};
+use crate::gltf::container::{Fault, Glb, ReadError, fail};
 use crate::manifest::{Encoding, Form, Layout, Primitives};
 use bytemuck::Zeroable;
 

@@ -1,5 +1,6 @@
 //! The JSON chunk of a tile in node layout.
 
+use crate::gltf::{ARRAY_BUFFER, ELEMENT_ARRAY_BUFFER};
 use crate::manifest::{Encoding, Form, Layout, Primitives};
 use crate::tile::body::Body;
 use crate::tile::paint::{Paints, Rgb};
@@ -78,9 +79,6 @@ pub(crate) const BYTE: u32 = 5120;
 pub(crate) const UNSIGNED_SHORT: u32 = 5123;
 pub(crate) const UNSIGNED_INT: u32 = 5125;
 pub(crate) const FLOAT: u32 = 5126;
-/// Targets of buffer views.
-pub(crate) const ARRAY_BUFFER: u32 = 34962;
-pub(crate) const ELEMENT_ARRAY_BUFFER: u32 = 34963;
 
 #[derive(Serialize)]
 struct Document<'a> {

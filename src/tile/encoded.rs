@@ -1,15 +1,15 @@
 //! A tile's geometry in the form of its set, without what hangs on ids: so it can be written before these are known.
 
 use super::Extras;
-use super::bin::{Bin, Section, Views};
 use super::body::{Body, BodyPiece, append_indices, is_wide};
 use super::contents::{Contents, name};
 use super::document::{Node, TileHead, WidestNodes, node_document, node_json, write_head};
 use super::file::aligned;
-use super::glb::ReadError;
 use super::merged::{merged_document, widest_merged};
 use super::part::refuse;
 use super::store::{Geometry, Refused, Stored};
+use crate::gltf::bin_writer::{Bin, Section, Views};
+use crate::gltf::container::ReadError;
 use crate::manifest::{Encoding, Primitives};
 use bytemuck::{Pod, Zeroable};
 use std::borrow::Cow;

@@ -1,7 +1,7 @@
 //! The numbers that ride on a tile's nodes.
 
-use super::json::whole;
 use super::read::PieceIds;
+use crate::gltf::read_json::whole;
 use crate::grid::Unit;
 use crate::measure::Measures;
 use serde::{Deserialize, Serialize, Serializer};

@@ -1,11 +1,10 @@
 //! The property table of a merged tile (EXT_mesh_features and EXT_structural_metadata).
 
-use super::buffers::Buffers;
-use super::glb::{Fault, ReadError};
-use super::json::{ClassProperty, Document, Primitive, whole};
 use super::read::{MEASURES, Measured, PieceIds};
+use crate::gltf::buffer_views::Buffers;
+use crate::gltf::container::{Fault, ReadError};
+use crate::gltf::read_json::{ClassProperty, Document, Primitive, whole};
 use crate::grid::Unit;
-use serde::Deserialize;
 use serde_json::{Map, Value};
 
 /// Where the table is, for messages.
@@ -106,18 +105,12 @@ pub(super) fn measured(doc: &Document, buffers: &Buffers, count: usize) -> Vec<M
             }
         }
     }
-    let unit = class.extras.unit.as_deref().and_then(unit_name);
+    let unit = class.extras.unit.as_deref().and_then(Unit::short_name);
     let voxels = |row: &Measured| !row.values[0].is_nan();
     for row in out.iter_mut().filter(|r| voxels(r)) {
         row.unit = unit;
     }
     out
-}
-
-/// The unit of this short name.
-pub(super) fn unit_name(text: &str) -> Option<&'static str> {
-    let text = serde::de::value::StrDeserializer::<serde::de::value::Error>::new(text);
-    Unit::deserialize(text).ok().map(Unit::name)
 }
 
 /// Reads all columns of table 0, one map per row, as the nodes' `extras` would have them: values

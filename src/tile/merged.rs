@@ -1,12 +1,12 @@
 //! The merged layout: one mesh for a tile of very many pieces, whose ids and measures are rows of an
 //! EXT_structural_metadata property table that `_FEATURE_ID_0` points into.
 
-use super::bin::{Section, Views};
 use super::body::{Body, BodyPiece};
 use super::document::{FLOAT, GENERATOR, Node, TileHead, UNSIGNED_SHORT, material, mode};
 use super::encoded::Recipe;
 use super::paint::vertex_colour;
 use super::store::{Accessor, Refused, Stored, base};
+use crate::gltf::bin_writer::{Section, Views};
 use crate::tile::Extras;
 use bytemuck::Zeroable;
 use serde_json::{Map, Value, json};

@@ -1,9 +1,9 @@
 //! A whole tile as plain vectors, for programs that want its triangles and not its bytes.
 
-use super::buffers::Buffers;
-use super::glb::{Fault, Glb, Result, fail};
-use super::json::{Document, whole};
 use super::read::{PieceIds, Pieces, Primitive, Tile};
+use crate::gltf::buffer_views::Buffers;
+use crate::gltf::container::{Fault, Glb, Result, fail};
+use crate::gltf::read_json::{Document, whole};
 use serde::Deserialize;
 use serde_json::{Map, Value};
 
@@ -212,11 +212,12 @@ pub(super) fn table(glb: &Glb) -> Result<Vec<Map<String, Value>>> {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::convert::{ConvertOptions, convert};
     use crate::grid::Dims;
-    use crate::manifest::{Primitives, TileSet};
+    use crate::manifest::Primitives;
     use crate::phantom::{Phantom, Shape, render};
-    use crate::pipeline::{ConvertOptions, convert};
     use crate::progress::Quiet;
+    use crate::tileset::TileSet;
     use crate::volume::Dtype;
 
     /// Tiles of a volume with very many pieces, or with few.

@@ -48,29 +48,23 @@
 //! triangles; triangle k of a strip is (k, k+1, k+2) for even k and (k+1, k, k+2) for odd k, and
 //! winds counter-clockwise seen from the below side.
 
-mod bin;
 mod body;
-mod buffers;
 mod contents;
-mod document;
+pub(crate) mod document;
 mod encoded;
 mod extras;
-mod features;
+pub(crate) mod features;
 mod file;
-mod glb;
-mod json;
 mod merged;
 mod mesh;
-mod normals;
 mod padding;
 mod paint;
-mod part;
+pub(crate) mod part;
 pub(crate) mod pieces;
 pub mod read;
 mod reader;
-mod recode;
+pub(crate) mod recode;
 mod store;
-mod streams;
 mod unusual;
 
 pub(crate) use body::{Body, BodyPiece, Grouped};

@@ -1,10 +1,10 @@
 //! Bytes of a tile that nothing uses: there are none but for alignment, and these are zeros, or blanks in JSON.
 
-use super::json::{BufferView, Document, UNSIGNED_SHORT};
 use super::read::{Pieces, Tile};
 use super::unusual::Found;
-use crate::cpu::dispatch;
+use crate::gltf::read_json::{BufferView, Compressed, Document, UNSIGNED_SHORT};
 use crate::manifest::Encoding;
+use crate::sys::simd::dispatch;
 use std::ops::Range;
 
 /// Bytes that a tile's JSON chunk may have behind the JSON: what ids and measures may come to take, once for the tile
@@ -16,12 +16,13 @@ impl Tile<'_> {
     /// Looks for bytes that nothing uses, or that should be zeros or blanks and are not.
     pub(super) fn padding(&self, found: &mut Found) {
         let doc = &self.document;
-        if let Some(message) = json_padding(self.glb.json, doc.nodes.len().max(doc.rows())) {
+        if let Some(message) = json_padding(self.glb.json, doc.nodes.len().max(rows(doc))) {
             found.push((String::new(), message));
         }
         self.chunk(found);
         fallback(doc, found);
         self.views(found);
+        self.streams(found);
         self.elements(found);
     }
 
@@ -75,6 +76,21 @@ impl Tile<'_> {
         }
     }
 
+    /// The bytes at the end of compressed streams that decoders read and do not use.
+    fn streams(&self, found: &mut Found) {
+        for (i, view) in self.document.buffer_views.iter().enumerate() {
+            let Some(stream) = &view.extensions.meshopt else {
+                continue;
+            };
+            let start = stream.byte_offset as usize;
+            let bytes = self.glb.bin.get(start..start + stream.byte_length as usize);
+            if !bytes.is_some_and(|bytes| ends_plainly(bytes, stream)) {
+                let message = "its stream ends in bytes that say nothing and are not as expected";
+                found.push((format!("/bufferViews/{i}"), message.to_owned()));
+            }
+        }
+    }
+
     /// Components that fill up an element are zeros, and zeros are positive.
     fn elements(&self, found: &mut Found) {
         for p in &self.primitives {
@@ -102,6 +118,21 @@ impl Tile<'_> {
     }
 }
 
+/// True if a stream ends as those of EXT_meshopt_compression do: vertices with the first one behind zeros, 32 bytes
+/// in all, indices with 4 zeros, and triangles with the table of 16 bytes that the encoder has.
+fn ends_plainly(bytes: &[u8], stream: &Compressed) -> bool {
+    const TABLE: [u8; 16] = *b"\x00\x76\x87\x56\x67\x78\xa9\x86\x65\x89\x68\x98\x01\x69\0\0";
+    let zeros = |end: Option<&[u8]>| end.is_some_and(|end| end.iter().all(|b| *b == 0));
+    match stream.mode.as_str() {
+        "ATTRIBUTES" => {
+            let filler = 32usize.saturating_sub(stream.byte_stride as usize);
+            zeros(bytes.last_chunk::<32>().map(|end| &end[..filler]))
+        }
+        "INDICES" => zeros(bytes.last_chunk::<4>().map(|end| &end[..])),
+        _ => bytes.ends_with(&TABLE),
+    }
+}
+
 /// True if one of some floats is 0 with a minus.
 #[inline(always)]
 fn any_minus_zero(floats: &[[u8; 4]]) -> bool {
@@ -109,13 +140,11 @@ fn any_minus_zero(floats: &[[u8; 4]]) -> bool {
     floats.iter().fold(false, odd)
 }
 
-impl Document {
-    /// Rows of the property table.
-    fn rows(&self) -> usize {
-        let tables = self.extensions.structural_metadata.iter();
-        let tables = tables.flat_map(|m| &m.property_tables);
-        tables.map(|t| t.count as usize).max().unwrap_or(0)
-    }
+/// Rows of the property table.
+fn rows(doc: &Document) -> usize {
+    let tables = doc.extensions.structural_metadata.iter();
+    let tables = tables.flat_map(|m| &m.property_tables);
+    tables.map(|t| t.count as usize).max().unwrap_or(0)
 }
 
 fn range(start: u64, length: u64) -> Range<u64> {
@@ -159,8 +188,17 @@ fn gaps<'b>(
     None
 }
 
-/// The fallback buffer of compressed views is as long as these, each on a multiple of 4 bytes.
+/// The fallback buffer of compressed views, which is the second one and no other, is as long as these, each on a
+/// multiple of 4 bytes.
 fn fallback(doc: &Document, found: &mut Found) {
+    if doc
+        .buffers
+        .first()
+        .is_some_and(|b| b.extensions.meshopt.is_some())
+    {
+        let message = "the chunk is taken for a fallback buffer, which has no bytes";
+        found.push(("/buffers/0".into(), message.into()));
+    }
     let Some(buffer) = doc.buffers.get(1) else {
         return;
     };
@@ -194,15 +232,24 @@ fn json_padding(json: &[u8], pieces: usize) -> Option<String> {
             room.len()
         ));
     }
-    let structural = |b: &u8| matches!(b, b'{' | b'}' | b'[' | b']' | b',' | b':');
-    let loose = |pair: &&[u8]| match pair {
-        [b' ', other] | [other, b' '] => structural(other),
-        // names of tiles need no escapes
-        [a, b] => *a < b' ' || *b < b' ' || *b == b'\\',
-        _ => false,
-    };
-    let at = text.windows(2).position(|pair| loose(&pair))?;
+    if !dispatch!(is_loose(text)) {
+        return None;
+    }
+    let at = text.windows(2).position(|pair| is_loose(pair)).unwrap_or(0);
     Some(format!(
         "found white space between the parts of the JSON, at byte {at} of its chunk"
     ))
+}
+
+/// True if a JSON text has white space outside of strings, or an escape, which the names in tiles do not need. All
+/// pairs of bytes are looked at together.
+#[inline(always)]
+fn is_loose(text: &[u8]) -> bool {
+    // brackets and braces differ in one bit
+    let structural = |b: u8| (b | 32 == b'{') | (b | 32 == b'}') | (b == b',') | (b == b':');
+    let pairs = text.iter().zip(text.get(1..).unwrap_or_default());
+    pairs.fold(false, |any, (&a, &b)| {
+        let blank = ((a == b' ') & structural(b)) | ((b == b' ') & structural(a));
+        any | blank | (a < b' ') | (a == b'\\')
+    })
 }

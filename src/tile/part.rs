@@ -2,11 +2,11 @@
 
 use super::contents::Contents;
 use super::file::tile_file;
-use super::glb::{Fault, ReadError, fail};
 use super::paint::Rgb;
 use super::pieces::Piece;
 use super::read::PieceIds;
 use super::store::Refused;
+use crate::gltf::container::{Fault, ReadError, fail};
 use crate::manifest::Primitives;
 
 /// What [`part`] made of a tile.

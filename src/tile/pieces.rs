@@ -1,8 +1,8 @@
 //! The surface pieces of a tile, each with vertices and indices of its own, from either layout.
 
-use super::glb::{Fault, ReadError, fail};
 use super::paint::{Rgb, named, of_vertex};
 use super::read::{PieceIds, Pieces, Primitive, Tile};
+use crate::gltf::container::{Fault, ReadError, fail};
 use crate::grid::LATTICE;
 use crate::manifest::Primitives;
 

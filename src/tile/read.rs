@@ -4,15 +4,16 @@
 //! Everything the file says is checked against its real size before it is used, so a damaged or
 //! hostile file gives a [`ReadError`], never a panic or an allocation out of proportion to the file.
 
-use super::buffers::{Buffers, Bytes};
-use super::glb::{Result, fail};
-use super::json::{self, Document};
 use super::paint::{Rgb, named, of_vertex, vertex_colour};
 use super::reader::Reader;
+use crate::gltf::buffer_views::{Buffers, Bytes};
+use crate::gltf::container::{Result, fail};
+use crate::gltf::read_json::{self, Document};
 use crate::manifest::Encoding;
 
-pub use super::glb::{Fault, Glb, ReadError};
-pub use super::streams::{Indices, Normals, Positions};
+pub use crate::gltf::accessors::{Indices, Normals, Positions};
+pub use crate::gltf::container::{Fault, Glb, ReadError};
+pub use crate::measure::{MEASURES, Measured};
 
 /// The ids of a surface piece, as the tile's node or property table states them.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
@@ -25,39 +26,6 @@ pub struct PieceIds {
     pub surface: u64,
     /// Triangles of the piece in this tile, degenerates not counted.
     pub triangles: u64,
-}
-
-/// Names of the measures that a piece carries, as in the table of cells.
-pub const MEASURES: [&str; 11] = [
-    "voxels",
-    "volume",
-    "mesh_volume",
-    "area",
-    "equivalent_diameter",
-    "sphericity",
-    "form_factor",
-    "elongation",
-    "flatness",
-    "euler_characteristic",
-    "touches_border",
-];
-
-/// What a piece says of its cell.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Measured {
-    /// Unit of length.
-    pub unit: Option<&'static str>,
-    /// In the order of [`MEASURES`]; not a number where there is none.
-    pub values: [f64; MEASURES.len()],
-}
-
-impl Default for Measured {
-    fn default() -> Self {
-        Measured {
-            unit: None,
-            values: [f64::NAN; MEASURES.len()],
-        }
-    }
 }
 
 /// One primitive with the node that shows it.
@@ -213,7 +181,7 @@ fn encoding(doc: &Document) -> Result<Encoding> {
             );
         }
     };
-    let compressed = |v: &json::BufferView| v.extensions.meshopt.is_some();
+    let compressed = |v: &read_json::BufferView| v.extensions.meshopt.is_some();
     if encoding != Encoding::Meshopt
         && let Some(view) = doc.buffer_views.iter().position(compressed)
     {

@@ -1,10 +1,10 @@
 //! The primitives of a tile: accessors of the right type, inside the file, each used once.
 
-use super::buffers::{Buffers, Bytes};
-use super::glb::{Fault, Result, fail};
-use super::json::{self, Document};
 use super::read::{PieceIds, Pieces, Primitive, Rows};
-use super::streams::{Indices, Normals, Positions};
+use crate::gltf::accessors::{Indices, Normals, Positions};
+use crate::gltf::buffer_views::{Buffers, Bytes};
+use crate::gltf::container::{Fault, Result, fail};
+use crate::gltf::read_json::{self, Document};
 use crate::grid::{LATTICE, MAX_DIM};
 use crate::manifest::Encoding;
 
@@ -35,26 +35,26 @@ const fn tight(component: u32, kind: &'static str, stride: u64) -> Want {
     }
 }
 
-const VEC3: Want = tight(json::FLOAT, "VEC3", 12);
-const SCALAR: Want = tight(json::FLOAT, "SCALAR", 4);
-const NARROW: Want = tight(json::UNSIGNED_SHORT, "SCALAR", 2);
-const WIDE: Want = tight(json::UNSIGNED_INT, "SCALAR", 4);
+const VEC3: Want = tight(read_json::FLOAT, "VEC3", 12);
+const SCALAR: Want = tight(read_json::FLOAT, "SCALAR", 4);
+const NARROW: Want = tight(read_json::UNSIGNED_SHORT, "SCALAR", 2);
+const WIDE: Want = tight(read_json::UNSIGNED_INT, "SCALAR", 4);
 const STEPS: Want = Want {
-    component: json::UNSIGNED_SHORT,
+    component: read_json::UNSIGNED_SHORT,
     kind: "VEC3",
     normalized: false,
     stride: 8,
     tight: false,
 };
 const SMALL_NORMALS: Want = Want {
-    component: json::BYTE,
+    component: read_json::BYTE,
     kind: "VEC3",
     normalized: true,
     stride: 4,
     tight: false,
 };
 const COLOURS: Want = Want {
-    component: json::UNSIGNED_SHORT,
+    component: read_json::UNSIGNED_SHORT,
     kind: "VEC4",
     normalized: true,
     stride: 8,
@@ -194,7 +194,7 @@ impl<'a> Reader<'_, 'a> {
     }
 
     /// The one primitive of mesh `mesh`, whose node must show it as it is.
-    fn shown(&self, mesh: usize) -> Result<&json::Primitive> {
+    fn shown(&self, mesh: usize) -> Result<&read_json::Primitive> {
         let node = &self.doc.nodes[mesh + 1];
         let place = format!("/nodes/{}", mesh + 1);
         if node.mesh != Some(mesh) || !node.children.is_empty() {
@@ -279,8 +279,8 @@ impl<'a> Reader<'_, 'a> {
         };
         let body = self.buffers.view(self.doc, view)?;
         let component = match want.component {
-            json::BYTE => 1,
-            json::UNSIGNED_SHORT => 2,
+            read_json::BYTE => 1,
+            read_json::UNSIGNED_SHORT => 2,
             _ => 4,
         };
         let in_file = self.doc.buffer_views[view]
@@ -307,7 +307,7 @@ impl<'a> Reader<'_, 'a> {
     }
 
     fn indices(&self, index: usize) -> Result<Indices<'a>> {
-        let wide = self.doc.accessors[index].component_type != json::UNSIGNED_SHORT;
+        let wide = self.doc.accessors[index].component_type != read_json::UNSIGNED_SHORT;
         let bytes = self.accessor(index, if wide { &WIDE } else { &NARROW })?;
         Ok(Indices { bytes, wide })
     }

@@ -2,12 +2,11 @@
 
 use super::contents::Contents;
 use super::file::tile_file;
-use super::glb::ReadError;
 use super::part::{TilePlace, refuse};
 use super::pieces::Piece;
+use crate::gltf::container::ReadError;
 use crate::manifest::{Form, Primitives};
-use crate::mesh::connect;
-use crate::strip::Stripifier;
+use crate::strip::{Stripifier, connect};
 
 /// What [`recode`] made.
 #[derive(Debug)]

@@ -1,11 +1,11 @@
 //! A tile's geometry in the encoding of its set: from the floats of a [`Body`] to a BIN chunk.
 
-use super::bin::Bin;
 use super::body::{Body, BodyPiece};
 use super::document::{BYTE, FLOAT, TileHead, UNSIGNED_INT, UNSIGNED_SHORT, geometry_views};
 use super::encoded::Recipe;
-use super::normals::{Kind, quantize};
-use super::streams::float3;
+use crate::gltf::accessors::float3;
+use crate::gltf::bin_writer::Bin;
+use crate::gltf::quantize_normals::{Kind, quantize};
 use crate::grid::{LATTICE, coordinate};
 use crate::manifest::Encoding;
 use serde::Serialize;

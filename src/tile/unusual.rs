@@ -1,10 +1,10 @@
 //! What a tile may be read in spite of, though no tile of this program has it: parts of the JSON and of the
 //! BIN chunk that nothing uses, or that say of others what these are not.
 
-use super::document::{ARRAY_BUFFER, ELEMENT_ARRAY_BUFFER};
-use super::json::{Document, Primitive};
 use super::paint::{linear, named};
 use super::read::Tile;
+use crate::gltf::read_json::{Document, Primitive};
+use crate::gltf::{ARRAY_BUFFER, ELEMENT_ARRAY_BUFFER};
 use std::collections::BTreeSet;
 
 /// JSON pointers, and what is unusual there.
@@ -36,10 +36,8 @@ fn extensions(doc: &Document, merged: bool, found: &mut Found) {
     if merged {
         expected.extend(["EXT_mesh_features", "EXT_structural_metadata"].map(str::to_owned));
     }
-    expected.sort_unstable();
-    let mut used = doc.extensions_used.clone();
-    used.sort_unstable();
-    if used != expected {
+    let used = &doc.extensions_used;
+    if *used != expected {
         let message = format!("found {used:?}, expected {expected:?}");
         found.push(("/extensionsUsed".into(), message));
     }

@@ -9,8 +9,8 @@ use super::files::{self, Expected};
 use super::index;
 use super::report::Issues;
 use super::tile::Context;
-use crate::direct::Buffer;
 use crate::manifest::TileEntry;
+use crate::sys::direct_io::Buffer;
 use std::collections::{BTreeMap, VecDeque};
 use std::sync::{Condvar, Mutex, MutexGuard, PoisonError};
 
@@ -155,7 +155,7 @@ pub(super) fn stream<R: Send, T>(
     let threads = pool.current_num_threads();
     // a core checks about 450 MB/s: with one reader to four threads, verifying a foam of 10 million triangles
     // took a tenth more time
-    let readers = threads.min(2 * crate::cpu::threads(0));
+    let readers = threads.min(2 * crate::sys::simd::threads(0));
     let stream = Stream {
         cx,
         spare,

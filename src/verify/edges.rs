@@ -12,8 +12,8 @@
 use super::facets::{BATCH, Facets};
 use super::marks::{self, Balance, has_reverse};
 use super::piece::{Piece, Vertex};
-use crate::cpu::dispatch;
-use crate::unchecked::UncheckedMut;
+use crate::sys::simd::dispatch;
+use crate::sys::unchecked::UncheckedMut;
 
 /// What an entry of the sorted edges says in the lowest bit, below its larger vertex: the edge runs down
 /// from it.

@@ -110,7 +110,7 @@ fn corners(points: &[Vertex], triangles: &[[u32; 3]; BATCH]) -> Corners {
     let largest = triangles.as_flattened().iter().fold(0, |a, &b| a.max(b));
     assert!((largest as usize) < points.len(), "corners are points");
     #[cfg(target_arch = "x86_64")]
-    if crate::cpu::is_fast() {
+    if crate::sys::simd::is_fast() {
         // SAFETY: the processor has AVX2, and corners are points
         return unsafe { avx2::corners(points, triangles) };
     }

@@ -2,8 +2,8 @@
 
 use super::code::Code;
 use super::report::Issues;
-use crate::direct::Buffer;
 use crate::manifest::{TileEntry, checksum_text, is_plain};
+use crate::sys::direct_io::Buffer;
 use std::fs::File;
 use std::io::ErrorKind;
 use std::path::{Path, PathBuf};

@@ -11,8 +11,8 @@ use super::report::Issue;
 use super::seen::Seen;
 use super::sweep::{CAP, Component, FaceEdge, Ids};
 use super::tile::{Work, Workspace};
-use crate::cpu::dispatch;
 use crate::manifest::Group;
+use crate::sys::simd::dispatch;
 use crate::tile::read::{Measured, PieceIds};
 
 /// What a piece says of itself.

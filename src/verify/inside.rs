@@ -13,8 +13,8 @@ use super::first::First;
 use super::marks::{BITS, axis};
 use super::piece::{DOWN, Piece, Region, UP, Vertex};
 use super::rim::{self, Rim};
-use crate::cpu::dispatch;
 use crate::grid::{Extent, Placement};
+use crate::sys::simd::dispatch;
 
 /// Sums over the ends of runs along x, those of the cell counted up and those of the object down: of
 /// each of [1, y, z, yy, zz, yz] times the number of voxels before the end at b, of [1, y, z] times the

@@ -6,8 +6,8 @@ use super::geometry::Label;
 use super::paint::{self, Colour, MIXED};
 use super::report::Issue;
 use super::tile::{Work, Workspace};
-use crate::cpu::dispatch;
 use crate::manifest::Primitives;
+use crate::sys::simd::dispatch;
 use crate::tile::read::{Normals, PieceIds, Pieces, Primitive};
 
 impl Work<'_, '_> {
@@ -320,12 +320,18 @@ fn joints(indices: &[u32]) -> (u64, bool) {
     let begins = |first: &[u32; 3]| first[1] == first[2];
     let mut odd =
         indices.last_chunk().is_some_and(ends) || indices.first_chunk().is_some_and(begins);
+    // entries k to k + 5, for all k together
+    let n = indices.len().saturating_sub(5);
+    let ahead: [&[u32]; 6] = std::array::from_fn(|k| indices.get(k..k + n).unwrap_or_default());
     let mut joints = 0u32;
-    for [a, b, c, d] in indices.array_windows() {
-        joints += u32::from((c == d) & (b != c) & (a != b));
+    for i in 0..n {
+        let same: [bool; 5] = std::array::from_fn(|k| ahead[k][i] == ahead[k + 1][i]);
+        joints += u32::from(same[2] & !same[1] & !same[0]);
+        odd |= same.iter().fold(true, |all, same| all & same);
     }
-    for w in indices.array_windows::<6>() {
-        odd |= w.iter().fold(0, |any, v| any | (v ^ w[0])) == 0;
+    for w in indices.get(n..).unwrap_or_default().array_windows() {
+        let [a, b, c, d]: &[u32; 4] = w;
+        joints += u32::from((c == d) & (b != c) & (a != b));
     }
     (joints.into(), odd)
 }

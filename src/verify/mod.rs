@@ -128,7 +128,7 @@ pub fn verify(dir: &Path, options: &VerifyOptions, progress: &dyn Progress) -> R
         .canonicalize()
         .map_err(|e| Error::io(dir, "open the tile set", e))?;
     let pool = rayon::ThreadPoolBuilder::new()
-        .num_threads(crate::cpu::threads(options.threads))
+        .num_threads(crate::sys::simd::threads(options.threads))
         .build()
         .map_err(|e| Error::usage("--threads", options.threads.to_string(), e.to_string()))?;
     let mut issues = Issues::new(options.max_issues);

@@ -10,7 +10,7 @@ use super::facets::{BATCH, facets};
 use super::inside::Inside;
 use super::marks::{self, code, mark};
 use super::places::{Limits, places};
-use crate::cpu::dispatch;
+use crate::sys::simd::dispatch;
 
 /// Where a tile lies, in lattice units.
 #[derive(Debug, Clone, Copy)]

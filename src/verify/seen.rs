@@ -2,7 +2,7 @@
 
 use super::marks::axis;
 use super::piece::Vertex;
-use crate::cpu::dispatch;
+use crate::sys::simd::dispatch;
 
 /// Vertices whose places in the map are found side by side.
 const BATCH: usize = 16;

@@ -8,7 +8,7 @@
 //!
 //! # Examples
 //! ```no_run
-//! use alvis::manifest::TileSet;
+//! use alvis::tileset::TileSet;
 //! use alvis::view::{Depth, TileIndex, View};
 //! use glam::DVec3;
 //! use glam::dcamera::rh::{proj::directx, view::look_at_mat4};
@@ -30,7 +30,8 @@ mod frustum;
 pub use frustum::{Depth, View};
 
 use crate::error::Result;
-use crate::manifest::{TileEntry, TileSet};
+use crate::manifest::TileEntry;
+use crate::tileset::TileSet;
 use std::cmp::Ordering;
 use std::collections::BinaryHeap;
 

@@ -14,7 +14,7 @@ use super::text::Pattern;
 use super::{Dtype, dicom, foreign, png, skyscan, tiff, zarr};
 use crate::error::{Error, Result};
 use crate::grid::Dims;
-use crate::newfile::directory;
+use crate::sys::atomic_file::directory;
 use others::{Others, nothing};
 use std::cmp::Ordering;
 use std::collections::BTreeMap;

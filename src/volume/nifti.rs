@@ -14,7 +14,7 @@ use super::values::Values;
 use super::{Dtype, Endian};
 use crate::error::{Error, Result};
 use crate::grid::Dims;
-use crate::length::shortest;
+use crate::grid::length::shortest;
 use flate2::read::GzDecoder;
 use std::io::Read;
 use std::path::{Path, PathBuf};

@@ -3,8 +3,8 @@
 use super::layout::Recipe;
 use super::open::OpenOptions;
 use crate::error::{Error, Result};
+use crate::grid::length::Length;
 use crate::grid::{Placement, Unit};
-use crate::length::Length;
 use crate::manifest::{Origin, Provenance};
 use std::path::Path;
 

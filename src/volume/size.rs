@@ -1,7 +1,7 @@
 //! The size of a voxel from what a file states of each axis.
 
+use crate::grid::length::Length;
 use crate::grid::{Placement, Unit};
-use crate::length::Length;
 use crate::manifest::{Origin, Provenance};
 
 /// What every warning and note on sizes advises: where it was followed they have no cause any more.

@@ -142,7 +142,7 @@ impl Log {
             .notes
             .push(format!("the size of a voxel is that of {name}: {pixel} um"));
         if stated {
-            let length = crate::length::Length::from(own.unit);
+            let length = crate::grid::length::Length::from(own.unit);
             let slices = length.convert(own.spacing[0], recipe.placement.unit);
             if (slices / pixel - 1.0).abs() > 1e-3 {
                 recipe.warnings.push(format!(

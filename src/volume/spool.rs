@@ -37,7 +37,7 @@ pub(super) struct TemporaryCopy<'a> {
 
 impl<'a> TemporaryCopy<'a> {
     pub(super) fn new(header: &Header, dir: &'a Path) -> Result<Self> {
-        let file = crate::scratch::unnamed(dir)
+        let file = crate::sys::temp_file::unnamed(dir)
             .map_err(|e| Error::io(dir, "write a temporary copy of the volume", e))?;
         let file = Arc::new(file);
         let source = FileSource {

@@ -212,7 +212,7 @@ impl Store {
     fn new(dir: &Path, bytes: u64) -> Result<Self> {
         let fail = |e| Error::io(dir, "write a temporary copy of the volume", e);
         Ok(Store {
-            file: crate::scratch::unnamed(dir).map_err(fail)?,
+            file: crate::sys::temp_file::unnamed(dir).map_err(fail)?,
             dir: dir.to_path_buf(),
             stride: bytes.next_multiple_of(PAGE),
             chunks: Mutex::default(),

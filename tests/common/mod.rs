@@ -7,7 +7,7 @@ pub mod reference;
 pub mod set;
 pub mod volumes;
 
-use alvis::pipeline::{ConvertOptions, ConvertReport, convert};
+use alvis::convert::{ConvertOptions, ConvertReport, convert};
 use alvis::progress::Quiet;
 use alvis::verify::{Report, VerifyOptions, verify};
 use alvis::volume::Volume;

@@ -1,7 +1,7 @@
 //! What a tile set says, read without the verifier: its surface, ids and measures.
 
 use alvis::grid::Placement;
-use alvis::manifest::TileSet;
+use alvis::tileset::TileSet;
 use std::collections::BTreeMap;
 use std::path::Path;
 

@@ -16,9 +16,9 @@ mod judge;
 mod named;
 mod random;
 
+use alvis::convert::{ConvertOptions, convert};
 use alvis::grid::{Ambiguous, Dims, Placement, Unit};
 use alvis::manifest::Form;
-use alvis::pipeline::{ConvertOptions, convert};
 use alvis::progress::Quiet;
 use alvis::verify::{VerifyOptions, verify};
 use alvis::volume::MemoryVolume;

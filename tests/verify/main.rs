@@ -12,7 +12,7 @@ mod writer;
 use alvis::grid::Ambiguous;
 use alvis::manifest::{Form, Provenance};
 use alvis::progress::Quiet;
-use alvis::repack::{RepackOptions, repack};
+use alvis::transform::repack::{RepackOptions, repack};
 use alvis::verify::{Code, Report, SourceVolume, VerifyOptions, verify};
 use alvis::volume::{Dtype, Header, Volume};
 use cubes::Field;

@@ -3,7 +3,7 @@
 use super::super::{Dtype, Endian};
 use super::described::Described;
 use crate::grid::Unit;
-use crate::length::{Length, shortest};
+use crate::grid::length::{Length, shortest};
 use std::path::Path;
 
 /// Numbers at places of a header, in one byte order.

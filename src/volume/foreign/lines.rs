@@ -202,7 +202,7 @@ pub(super) fn amira(path: &Path, head: &[u8]) -> Option<Described> {
         let step = |from: f64, to: f64, n: u64| {
             let step = (to - from) / n.saturating_sub(1).max(1) as f64;
             // bounds have few decimals, and quotients noise
-            crate::length::shortest(step as f32)
+            crate::grid::length::shortest(step as f32)
         };
         let size = [
             step(*a, *b, dims[0]),

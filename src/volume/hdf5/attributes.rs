@@ -1,6 +1,6 @@
 //! Attributes of datasets and groups, as numbers and text.
 
-use crate::length::shortest;
+use crate::grid::length::shortest;
 use hdf5_reader::attribute_api::Attribute;
 use hdf5_reader::{Dataset, Datatype, StringSize};
 

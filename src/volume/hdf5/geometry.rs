@@ -4,7 +4,7 @@ use super::attributes::{Attributes, numbers_of};
 use super::axes::Axes;
 use super::place::{Place, axistags};
 use crate::grid::Placement;
-use crate::length::Length;
+use crate::grid::length::Length;
 use crate::manifest::{Origin, Provenance};
 use crate::volume::size::{Step, VoxelSize, voxel_size};
 
@@ -362,7 +362,7 @@ mod tests {
         assert_eq!(even(&[0.0, 1.0], 5, false), None);
         assert_eq!(even(&[0.0, f64::NAN, 2.0], 3, false), None);
         let far: Vec<f64> = (0..9)
-            .map(|i| crate::length::shortest(1000.0 + 0.01 * i as f32))
+            .map(|i| crate::grid::length::shortest(1000.0 + 0.01 * i as f32))
             .collect();
         assert_eq!(even(&far, 9, false), Some((1000.0, 0.01)));
         assert_eq!(even(&far, 9, true), Some((1000.0, 0.01)));

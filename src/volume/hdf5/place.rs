@@ -3,7 +3,7 @@
 use super::attributes::Attributes;
 use super::axes::Names;
 use super::tree::Tree;
-use crate::length::Length;
+use crate::grid::length::Length;
 use crate::volume::written::AXES;
 use hdf5_reader::{Dataset, Hdf5File};
 

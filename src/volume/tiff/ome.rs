@@ -7,7 +7,7 @@ use super::stack::{Chosen, Stack};
 use super::xml::{self, Element};
 use crate::error::{Error, Result};
 use crate::grid::MAX_DIM;
-use crate::length::tidy;
+use crate::grid::length::tidy;
 use std::collections::HashMap;
 use std::path::Path;
 

@@ -9,7 +9,7 @@ use super::plan::{Plan, of_files};
 use super::stack::{Stack, choose};
 use crate::error::{Error, Result};
 use crate::grid::Unit;
-use crate::length::Length;
+use crate::grid::length::Length;
 use std::path::{Path, PathBuf};
 
 /// The image that OME-XML describes.

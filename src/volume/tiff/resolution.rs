@@ -4,7 +4,7 @@ use super::super::size::Step;
 use super::ifd::{Directory, Ratio};
 use crate::error::Result;
 use crate::grid::Unit;
-use crate::length::Length;
+use crate::grid::length::Length;
 
 /// XResolution and YResolution as they stand.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]

@@ -5,7 +5,7 @@ use super::super::size::Step;
 use super::resolution::Resolution;
 use super::stack::{About, Stack};
 use crate::error::{Error, Result};
-use crate::length::{Length, tidy};
+use crate::grid::length::{Length, tidy};
 use serde_json::{Map, Value};
 use std::path::Path;
 

@@ -20,6 +20,12 @@ fn behind(json: &Value, view: usize) -> std::ops::Range<usize> {
     at(view, "byteOffset") + at(view, "byteLength")..at(view + 1, "byteOffset")
 }
 
+/// Where the stream of a view ends.
+fn stream_end(json: &Value, view: usize) -> usize {
+    let stream = &json["bufferViews"][view]["extensions"]["EXT_meshopt_compression"];
+    number(&stream["byteOffset"]) + number(&stream["byteLength"])
+}
+
 /// The picture of a part's colours, with something else done to it.
 fn legend(files: &mut Files, edit: impl FnOnce(&mut Vec<u8>)) {
     edit(files.get_mut("legend.png").unwrap());
@@ -240,6 +246,43 @@ pub const OF_BYTES: &[(&str, Base, Code, Edit)] = &[
             fit(j, bin);
         })
     }),
+    (
+        "a chunk that claims to be a fallback",
+        Web,
+        Code::GltfUnused,
+        |f| {
+            tiles(f, |j, _| {
+                j["buffers"][0]["extensions"] = j["buffers"][1]["extensions"].clone();
+            })
+        },
+    ),
+    ("extensions in another order", Web, Code::GltfUnused, |f| {
+        tiles(f, |j, _| {
+            j["extensionsUsed"].as_array_mut().unwrap().reverse()
+        })
+    }),
+    (
+        "bytes before the first vertex of a stream",
+        Web,
+        Code::GltfUnused,
+        |f| {
+            tiles(f, |j, bin| {
+                let at = stream_end(j, 0) - 32;
+                bin[at] = 7;
+            })
+        },
+    ),
+    (
+        "bytes at the end of a stream of indices",
+        Web,
+        Code::GltfUnused,
+        |f| {
+            tiles(f, |j, bin| {
+                let at = stream_end(j, 2) - 1;
+                bin[at] = 7;
+            })
+        },
+    ),
     (
         "a program beside the index",
         Nodes,

@@ -1,0 +1,127 @@
+//! How many tiles are finished together, so that the limit of memory holds then, too.
+
+use crate::convert::scan::tile_writer::TileRecord;
+use crate::sys::huge_pages::held;
+
+/// Tiles that are finished together, so that their pieces and entries are in memory at once.
+const TILES: usize = 128;
+
+/// Bytes for each piece of these: as the sweep wrote it, its ids, and its group, also as JSON.
+const BYTES_PER_ENTRY: u64 = 400;
+
+/// Bytes for each piece of a tile that is being finished: its node, and three times the JSON of that.
+const BYTES_PER_NODE: u64 = 4096;
+
+/// Bytes for each piece of a tile with a node for each, while it is finished or read: its nodes, and the JSON of all
+/// of them, some 1300 bytes each. To finish 91,125 pieces took 2600 bytes each, and to verify them 3600.
+const BYTES_PER_OWN_NODE: u64 = 4000;
+
+/// Copies of its geometry, if it is written anew: as it was, with pieces joined, parts for the BIN chunk,
+/// that chunk, and the file.
+const COPIES: u64 = 5;
+
+/// Bytes that a tile takes that has a node for each piece, while it is finished.
+pub fn nodes_bytes(tile: &TileRecord) -> u64 {
+    u64::from(tile.pieces) * BYTES_PER_OWN_NODE
+}
+
+/// Cuts a layer's tiles to parts whose entries take an eighth of `memory` bytes at most, for two parts are
+/// in memory; a tile that takes more is a part by itself.
+pub fn parts(tiles: &[TileRecord], memory: u64) -> Vec<&[TileRecord]> {
+    let mut parts = Vec::new();
+    let mut rest = tiles;
+    while !rest.is_empty() {
+        let mut bytes = 0;
+        let fitting = rest.iter().take(TILES).take_while(|tile| {
+            bytes += u64::from(tile.pieces) * BYTES_PER_ENTRY;
+            bytes <= memory / 8
+        });
+        let (part, after) = rest.split_at(fitting.count().max(1));
+        parts.push(part);
+        rest = after;
+    }
+    parts
+}
+
+/// True if the entries of all these tiles take as much as those of a part may.
+pub fn fit_together<'a>(tiles: impl Iterator<Item = &'a TileRecord>, memory: u64) -> bool {
+    let (count, pieces) = tiles.fold((0, 0), |(n, p), t| (n + 1, p + u64::from(t.pieces)));
+    count <= TILES && pieces * BYTES_PER_ENTRY <= memory / 8
+}
+
+/// How many of these tiles, 1 to `threads`, can be finished at once in three quarters of `memory` bytes.
+pub fn at_once<'a>(
+    tiles: impl Iterator<Item = &'a TileRecord>,
+    memory: u64,
+    threads: usize,
+) -> usize {
+    let copy = |t: &TileRecord| held(t.body_bytes as usize, t.body_bytes as usize) as u64;
+    let bytes = |t: &TileRecord| COPIES * copy(t) + u64::from(t.pieces) * BYTES_PER_NODE;
+    let mut all: Vec<u64> = tiles.map(bytes).collect();
+    all.sort_unstable_by(|a, b| b.cmp(a));
+    let mut sum = 0;
+    let fitting = all.iter().take(threads).take_while(|&bytes| {
+        sum += bytes;
+        sum <= memory / 4 * 3
+    });
+    let fitting = fitting.count();
+    // fewer tiles than threads all fit
+    if fitting == all.len() {
+        threads
+    } else {
+        fitting.max(1)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use bytemuck::Zeroable;
+    use proptest::prelude::*;
+
+    fn tile(pieces: u32, body_bytes: u64) -> TileRecord {
+        let mut tile = TileRecord::zeroed();
+        (tile.pieces, tile.body_bytes) = (pieces, body_bytes);
+        tile
+    }
+
+    proptest! {
+        #[test]
+        fn parts_are_all_tiles_in_order_and_small(
+            pieces in prop::collection::vec(0..5_000u32, 0..200),
+            memory in 0..40_000_000u64,
+        ) {
+            let tiles: Vec<_> = pieces.iter().map(|&p| tile(p, 0)).collect();
+            let parts = parts(&tiles, memory);
+            let of = |part: &[TileRecord]| part.iter().map(|t| t.pieces).collect::<Vec<_>>();
+            prop_assert_eq!(parts.iter().flat_map(|p| of(p)).collect::<Vec<_>>(), pieces);
+            for (i, part) in parts.iter().enumerate() {
+                let bytes = |p: &[TileRecord]| of(p).iter().map(|&p| u64::from(p) * BYTES_PER_ENTRY).sum::<u64>();
+                prop_assert!((1..=TILES).contains(&part.len()));
+                prop_assert!(part.len() == 1 || bytes(part) <= memory / 8);
+                prop_assert_eq!(fit_together(part.iter(), memory), bytes(part) <= memory / 8);
+                // and none is smaller than it must be
+                if let Some(next) = parts.get(i + 1) {
+                    prop_assert!(part.len() == TILES || bytes(part) + bytes(&next[..1]) > memory / 8);
+                }
+            }
+        }
+
+        #[test]
+        fn no_thread_waits_without_need(
+            bytes in prop::collection::vec(0..10_000_000u64, 0..50),
+            memory in 0..400_000_000u64,
+            threads in 1usize..40,
+        ) {
+            let tiles: Vec<_> = bytes.iter().map(|&b| tile(0, b)).collect();
+            let n = at_once(tiles.iter(), memory, threads);
+            prop_assert!((1..=threads).contains(&n));
+            let mut sorted = bytes;
+            sorted.sort_unstable_by(|a, b| b.cmp(a));
+            let held = |&bytes: &u64| held(bytes as usize, bytes as usize) as u64;
+            let needed = |n: usize| sorted.iter().map(held).take(n).sum::<u64>() * COPIES;
+            prop_assert!(n == 1 || needed(n) <= memory / 4 * 3);
+            prop_assert!(n == threads || needed(n + 1) > memory / 4 * 3);
+        }
+    }
+}

@@ -1,0 +1,125 @@
+//! What a conversion is asked for, and what it reports.
+
+use crate::error::Result;
+use crate::grid::{Ambiguous, Crop, Placement, Unit};
+use crate::manifest::{Encoding, Form, Layout, Part, Primitives, Provenance, Totals};
+use crate::volume::Stamp;
+use serde::Serialize;
+
+/// The options of [`crate::convert::convert`].
+#[derive(Debug, Clone)]
+pub struct ConvertOptions {
+    /// The iso value T: a voxel v is above iff v >= T. Finite.
+    pub threshold: f64,
+    /// Cubes per macrocube and axis; at least 1.
+    pub macrocube: [u32; 3],
+    /// Limit of peak resident memory in bytes.
+    pub memory: u64,
+    /// Worker threads; 0 for one per core.
+    pub threads: usize,
+    /// Which voxels an ambiguous face joins.
+    pub ambiguous: Ambiguous,
+    /// Close the surface half a voxel outside the volume's faces.
+    pub cap: bool,
+    /// Leave out objects and cells of fewer voxels, filled with the other phase; 0 or 1 for none.
+    pub min_voxels: u64,
+    /// The part of the volume to convert.
+    pub crop: Option<Crop>,
+    /// Strips or triangle lists.
+    pub primitives: Primitives,
+    /// How tiles store numbers. Other than floats, macrocubes have at most 254 cubes along each axis.
+    pub encoding: Encoding,
+    /// Which tiles have one mesh for all their pieces.
+    pub layout: Layout,
+    /// Unit of lengths in tables and in the measures that tiles carry; that of the volume if absent. The volume must
+    /// be in a unit of length then.
+    pub table_unit: Option<Unit>,
+    /// Replace a tile set that is in the output directory.
+    pub force: bool,
+    /// Go on with a conversion into the output directory that was interrupted, if there is one: it
+    /// must have had the same input and options, but for `memory`, `threads` and `force`. If the
+    /// directory holds the tile set that is asked for, whole and younger than the input, nothing is done.
+    /// Without this an interrupted conversion is begun anew.
+    pub resume: bool,
+    /// What tells the input from any other, such as its size and the time of its last change, see
+    /// [`crate::volume::stamp`]. It does not go into the output: `resume` compares it with what an interrupted
+    /// conversion kept, and takes no tile set for whole that is older than the input.
+    pub input: Stamp,
+    /// The input's name for the manifest, without its directory.
+    pub source_name: String,
+    /// Bytes before the first sample of a raw file, for the manifest.
+    pub source_offset: u64,
+    /// What was asked for of an input that may hold several volumes, for the manifest.
+    pub source_part: Part,
+    /// How the values follow from what the file stores, for the manifest.
+    pub source_values: Option<String>,
+    /// Where spacing, unit and origin came from, for the manifest.
+    pub provenance: Provenance,
+}
+
+impl ConvertOptions {
+    /// The placement of a volume in the unit of tables and measures.
+    ///
+    /// # Errors
+    /// [`crate::Error::Usage`] if the volume is in no unit of length and they are to be, or the other way round.
+    pub fn measured(&self, place: &Placement) -> Result<Placement> {
+        place.in_unit(self.table_unit.unwrap_or(place.unit))
+    }
+
+    /// Primitives, encoding and layout.
+    pub fn form(&self) -> Form {
+        Form {
+            primitives: self.primitives,
+            encoding: self.encoding,
+            layout: self.layout,
+        }
+    }
+}
+
+impl Default for ConvertOptions {
+    fn default() -> Self {
+        ConvertOptions {
+            threshold: 0.0,
+            macrocube: [64; 3],
+            memory: 1 << 30,
+            threads: 0,
+            ambiguous: Ambiguous::Separate,
+            cap: false,
+            min_voxels: 0,
+            crop: None,
+            primitives: Primitives::Strips,
+            encoding: Encoding::Float,
+            layout: Layout::Auto,
+            table_unit: None,
+            force: false,
+            resume: false,
+            input: Stamp::default(),
+            source_name: String::new(),
+            source_offset: 0,
+            source_part: Part::default(),
+            source_values: None,
+            provenance: Provenance::default(),
+        }
+    }
+}
+
+/// What a conversion made; the command prints it with `--json`.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct ConvertReport {
+    /// The manifest's sums.
+    #[serde(flatten)]
+    pub totals: Totals,
+    /// Bytes written below the output directory, index and tables included.
+    pub bytes_written: u64,
+    /// Wall time.
+    pub seconds: f64,
+    /// Largest resident set of the process so far, in bytes.
+    pub peak_rss_bytes: u64,
+    /// Layers that were swept before, in a conversion that was resumed; those of each of the three
+    /// sweeps if `min_voxels` is above 1.
+    pub resumed_layers: u64,
+    /// Layers of the index that were done before, in a conversion that was resumed.
+    pub resumed_index_layers: u32,
+    /// Things the user should know, such as a threshold outside the data's range.
+    pub warnings: Vec<String>,
+}

@@ -1,0 +1,130 @@
+//! What a conversion finds in its output directory: nothing, a part of itself, or all of it.
+
+use crate::checkpoint::{Identity, Keeper, Kept, boot, kept};
+use crate::convert::plan::Plan;
+use crate::convert::{ConvertOptions, Made, manifest, warnings};
+use crate::error::Result;
+use crate::manifest::{Layer, Manifest};
+use crate::progress::Progress;
+use crate::tileset::Output;
+use crate::volume::Volume;
+use std::fs::File;
+use std::io::{BufRead, BufReader, Read, Write};
+use std::path::Path;
+
+/// Goes on with what an interrupted conversion left, if that is asked for and there is any, or makes
+/// the work directory empty.
+pub fn begin(
+    output: &mut Output,
+    out: &Path,
+    options: &ConvertOptions,
+    identity: &Identity,
+    layers: u32,
+    progress: &dyn Progress,
+) -> Result<Keeper> {
+    let dust = options.min_voxels > 1;
+    let work = output.work().to_path_buf();
+    // whatever happens now, what is there is not to be lost
+    output.keep(true);
+    let before = kept(&work);
+    if options.resume {
+        if let Some(keeper) = Keeper::resume(&work, out, identity, dust, layers)? {
+            let (kept, finished) = (keeper.kept(), keeper.finished());
+            let of = before.map_or(0, |b| b.of);
+            let index = match finished {
+                0 => String::new(),
+                n => format!(", and {n} in the index"),
+            };
+            progress.warn(&format!("resuming: {kept} of {of} layers were done{index}"));
+            return Ok(keeper);
+        }
+    } else if let Some(Kept { done, of }) = before {
+        progress.warn(&format!(
+            "dropping {done} of {of} layers of an interrupted conversion: --resume would have gone \
+             on with them"
+        ));
+    }
+    output.clear()?;
+    output.keep(false);
+    Keeper::new(&work, identity, dust, layers)
+}
+
+/// What was made, if it was being moved into place.
+pub fn announced(output: &Output, identity: &Identity) -> Option<Made> {
+    let made: Made = serde_json::from_slice(&output.moving()?).ok()?;
+    let same = Keeper::differences(output.work(), identity)?.is_empty();
+    let counts = made.boot.as_ref().is_none_or(|then| *then == boot());
+    (same && counts).then_some(made)
+}
+
+/// Takes the bytes that its input has, and no others.
+struct Same(BufReader<File>);
+
+impl Write for Same {
+    fn write(&mut self, bytes: &[u8]) -> std::io::Result<usize> {
+        let mut own = vec![0; bytes.len()];
+        self.0.read_exact(&mut own)?;
+        match own == bytes {
+            true => Ok(own.len()),
+            false => Err(std::io::Error::other("it differs")),
+        }
+    }
+
+    fn flush(&mut self) -> std::io::Result<()> {
+        Ok(())
+    }
+}
+
+/// What was made, if `out` holds the tile set that is asked for, and the input did not change since.
+pub fn complete(
+    volume: &dyn Volume,
+    grid: &dyn Volume,
+    options: &ConvertOptions,
+    plan: &Plan,
+    out: &Path,
+    progress: &dyn Progress,
+) -> Option<Made> {
+    let index = out.join("index.json");
+    let file = BufReader::new(File::open(&index).ok()?);
+    let found: Manifest = serde_json::from_reader(file).ok()?;
+    let min_voxels = found.dust.map_or(1, |d| d.min_voxels);
+    let same = Manifest {
+        dust: found.dust,
+        ..manifest(volume, grid, options, plan, found.totals)
+    };
+    let mut as_it_is = Same(BufReader::new(File::open(&index).ok()?));
+    let layers =
+        &mut |each: &mut dyn FnMut(&Layer) -> Result<()>| found.layers.iter().try_for_each(each);
+    same.seal(out, layers, &mut as_it_is).ok()?;
+    if !as_it_is.0.fill_buf().ok()?.is_empty() || min_voxels != options.min_voxels.max(1) {
+        return None;
+    }
+    let made = std::fs::metadata(&index).and_then(|m| m.modified()).ok()?;
+    if options
+        .input
+        .last_change
+        .is_some_and(|change| change > made)
+    {
+        progress.warn("the input has changed since the tile set in the directory was made");
+        return None;
+    }
+    let mut size = found.totals.bytes + std::fs::metadata(&index).ok()?.len();
+    size += found.layers.iter().map(|l| l.bytes).sum::<u64>();
+    for table in [
+        &found.tables.cells,
+        &found.tables.objects,
+        &found.tables.surfaces,
+    ] {
+        size += std::fs::metadata(out.join(table)).ok()?.len();
+    }
+    Some(Made {
+        totals: found.totals,
+        bytes: size,
+        warnings: warnings(
+            &found.totals,
+            grid.header().dims,
+            (options.threshold, found.dust),
+        ),
+        boot: None,
+    })
+}

@@ -1,0 +1,192 @@
+//! One band of a slab, read, classified and labelled.
+
+use crate::convert::scan::small_components::Filter;
+use crate::error::Result;
+use crate::grid::{Ambiguous, Dims, Placement, Tiling};
+use crate::labels::{
+    BandComponents, BandEdges, Bits, KnownBand, Labels, LocalComponent, Runs, Span, Voxels,
+    add_border_euler, label_runs, sum_voxels,
+};
+use crate::measure::VoxelSums;
+use crate::sys::memory_pool::{Budget, Reservation};
+use crate::sys::spill_file::{Place, Spool};
+use crate::volume::{Volume, Voxel};
+use std::sync::Arc;
+
+/// Everything about a band; its buffers are reused from slab to slab.
+#[derive(Debug, Default)]
+pub struct Band<T> {
+    /// Samples with gradient neighbours.
+    pub voxels: Voxels<T>,
+    /// Bits.
+    pub bits: Bits,
+    /// Runs.
+    pub runs: Runs,
+    /// Components; the labels of runs turn from local components to classes once these are known.
+    pub labels: Labels,
+    /// What joins it to its neighbours.
+    pub edges: BandEdges,
+    /// NaN samples among the voxels that the band owns.
+    pub nan: u64,
+    /// The memory of all this.
+    pub held: Reservation,
+}
+
+/// What the joining of bands needs of one.
+#[derive(Debug)]
+pub struct SettledBand {
+    /// What it shares with others.
+    pub edges: BandEdges,
+    /// Its components.
+    pub components: BandComponents,
+    /// Sums of the components that are whole in it.
+    pub whole: Place<VoxelSums>,
+    /// NaN samples.
+    pub nan: u64,
+}
+
+impl<T> Band<T> {
+    /// Takes out what the joining of bands needs. Components that are whole in this band leave memory
+    /// for `spool`.
+    ///
+    /// # Errors
+    /// [`crate::Error::Io`].
+    pub fn settle(&mut self, spool: &mut Spool) -> Result<SettledBand> {
+        let all = std::mem::take(&mut self.labels.components);
+        let edges = std::mem::take(&mut self.edges);
+        let mut whole = spool.here();
+        let components =
+            BandComponents::split(&all, &edges, |sums| spool.extend(&mut whole, &[*sums]))?;
+        self.held
+            .shrink_to(self.held.bytes() - component_bytes(all.len()));
+        Ok(SettledBand {
+            edges,
+            components,
+            whole,
+            nan: self.nan,
+        })
+    }
+}
+
+impl SettledBand {
+    /// Bytes of memory.
+    pub fn bytes(&self) -> u64 {
+        self.edges.bytes() + self.components.bytes()
+    }
+
+    /// As the joining takes it.
+    pub fn known(&self) -> KnownBand<'_> {
+        KnownBand {
+            edges: &self.edges,
+            components: &self.components,
+        }
+    }
+}
+
+fn component_bytes(count: usize) -> u64 {
+    (count * size_of::<LocalComponent>()) as u64
+}
+
+/// What bands are made from.
+#[derive(Clone, Copy)]
+pub struct BandSource<'a, T> {
+    /// The grid's samples.
+    pub volume: &'a dyn Volume,
+    /// The threshold in the samples' type, see [`Voxel::ceil_from`].
+    pub ceil: Option<T>,
+    /// Which voxels an ambiguous face joins.
+    pub rule: Ambiguous,
+    /// The macrocubes.
+    pub tiling: Tiling,
+    /// Where the grid lies, in the unit of measures.
+    pub measured: Placement,
+    /// What to leave out, in this order.
+    pub filters: &'a [Filter],
+    /// Where the bands' memory is taken from.
+    pub budget: &'a Arc<Budget>,
+}
+
+impl<T: Voxel> BandSource<'_, T> {
+    /// The voxels of band `ty` of layer `tz`, without gradient neighbours.
+    pub fn span(&self, ty: u32, tz: u32) -> Span {
+        let (y, z) = (self.tiling.cubes(1, ty), self.tiling.cubes(2, tz));
+        Span {
+            nx: self.dims().0[0],
+            y: y.start..y.end + 1,
+            z: z.start..z.end + 1,
+        }
+    }
+
+    fn dims(&self) -> Dims {
+        self.tiling.dims
+    }
+
+    /// An empty band.
+    pub fn band(&self) -> Band<T>
+    where
+        T: Default,
+    {
+        Band {
+            held: Reservation::new(self.budget),
+            ..Band::default()
+        }
+    }
+
+    /// Fills `band` with band `ty` of layer `tz`.
+    ///
+    /// # Errors
+    /// Those of [`Volume::read_box`]; [`crate::Error::TooDense`] if the band is too dense for what is
+    /// left of the budget.
+    pub fn prepare(&self, ty: u32, tz: u32, band: &mut Band<T>) -> Result<()> {
+        let span = self.span(ty, tz);
+        let samples = span.with_neighbours(self.dims());
+        let words = (span.nx as usize).div_ceil(64) * span.rows() * span.slices();
+        let fixed = (samples.voxels() * size_of::<T>() + words * 12) as u64;
+        band.held.grow_to(fixed)?;
+        band.voxels.load(self.volume, samples)?;
+        band.nan = count_nan(&band.voxels, &span);
+        band.bits.classify(&band.voxels, span.clone(), self.ceil);
+        band.runs.number(&band.bits);
+        let mut of_run = std::mem::take(&mut band.labels.of_run);
+        for filter in self.filters {
+            (of_run, _) = label_runs(&band.bits, &band.runs, self.rule, of_run);
+            filter.fill([ty, tz], &mut band.bits, &band.runs, &of_run)?;
+            band.runs.number(&band.bits);
+        }
+        // a label for each run with room for a few more, and again those of the outer rows and slices
+        let (runs, rows) = (band.runs.count, span.rows() * span.slices());
+        let outer = 2 * (span.rows() + span.slices());
+        let labels = 4 * (runs + runs / 16 + runs.div_ceil(rows) * outer) as u64;
+        band.held.grow_to(fixed + labels)?;
+        let (of_run, count) = label_runs(&band.bits, &band.runs, self.rule, of_run);
+        band.held.grow_to(fixed + labels + component_bytes(count))?;
+        band.labels = sum_voxels(&band.bits, of_run, count, (self.dims(), &self.measured));
+        add_border_euler(
+            &band.bits,
+            &band.runs,
+            &mut band.labels,
+            self.rule,
+            self.dims(),
+        );
+        band.edges = BandEdges::of(&band.bits, &band.runs, &band.labels, self.dims());
+        Ok(())
+    }
+}
+
+/// NaN samples in the rows and slices that no band or slab before owns.
+fn count_nan<T: Voxel>(voxels: &Voxels<T>, span: &Span) -> u64 {
+    if !T::DTYPE.is_float() {
+        return 0;
+    }
+    let owned = |start: u32| if start == 0 { 0 } else { start + 1 };
+    let mut count = 0;
+    for z in owned(span.z.start)..span.z.end {
+        for y in owned(span.y.start)..span.y.end {
+            // only NaN differs from itself
+            #[allow(clippy::eq_op)]
+            let nan = voxels.row(y, z).iter().filter(|v| *v != *v).count();
+            count += nan as u64;
+        }
+    }
+    count
+}

@@ -1,0 +1,329 @@
+//! Leaves out components of few voxels (`--min-voxels`).
+//!
+//! A component that is left out is filled with the other phase, so that all laws hold on what
+//! remains. Its size is known only when it has ended, so volumes with dust are swept three times:
+//! to find small objects; to find small cells among what remains; to mesh. Filling small cells only
+//! joins objects, so nothing small is left after that. Vertices do not move: every lattice edge out
+//! of a component is crossed, and all of them go with it.
+
+use crate::checkpoint::{Keeper, Marks, Scratch};
+use crate::convert::scan::Sweep;
+use crate::convert::scan::mode::Parts;
+use crate::convert::scan::state::{Known, State};
+use crate::error::Result;
+use crate::labels::{Bits, RowRuns, Run, Runs, SlabClasses};
+use crate::sys::memory_pool::Budget;
+use crate::sys::spill_file::{Place, Spool};
+use crate::volume::Voxel;
+use std::path::Path;
+use std::sync::{Arc, Mutex};
+
+/// Knows which components of one phase are to be filled.
+#[derive(Debug)]
+pub struct Filter {
+    found: Mutex<Found>,
+    /// Number of components.
+    pub components: u64,
+    /// Number of their voxels.
+    pub voxels: u64,
+}
+
+#[derive(Debug)]
+struct Found {
+    spool: Spool,
+    /// See [`Search::places`].
+    places: Spool,
+    bands: u32,
+    layers: u32,
+    /// Where the arrays lie that have 1 for each class that is to be filled, from the last layer back to the first.
+    small: Spool,
+}
+
+/// What the reverse sweep needs of a slab.
+struct Slab {
+    voxels: Place<u64>,
+    above: Place<u8>,
+    live: Place<u32>,
+    from_previous: Place<u32>,
+}
+
+impl Filter {
+    /// Fills the small components of band `ty` of layer `tz`, whose runs have these labels.
+    ///
+    /// # Errors
+    /// [`crate::Error::Io`] if the temporary file fails.
+    pub fn fill(
+        &self,
+        [ty, tz]: [u32; 2],
+        bits: &mut Bits,
+        runs: &Runs,
+        of_run: &[u32],
+    ) -> Result<()> {
+        debug_assert_eq!(runs.count, of_run.len());
+        let (class_of, small) = {
+            let mut found = self.found.lock().expect("no thread panicked");
+            (found.class_of(ty, tz)?, found.small(tz)?)
+        };
+        let nx = bits.span.nx;
+        let mut run = 0;
+        let mut flips: Vec<Run> = Vec::new();
+        for row in bits.words.chunks_exact_mut(bits.row_words) {
+            for found in RowRuns::new(row, nx) {
+                if small[class_of[of_run[run] as usize] as usize] == 1 {
+                    flips.push(found);
+                }
+                run += 1;
+            }
+            for flip in flips.drain(..) {
+                for x in flip.start..flip.end {
+                    row[x as usize / 64] ^= 1 << (x % 64);
+                }
+            }
+        }
+        Ok(())
+    }
+}
+
+impl Sweep<'_> {
+    /// Finds the objects (`above`) or cells of fewer than `min_voxels` voxels, as sweep number `sweep`.
+    ///
+    /// # Errors
+    /// Those of [`Sweep::run`].
+    pub fn find_dust<T: Voxel + Default>(
+        &self,
+        parts: &mut Parts<T>,
+        (sweep, above): (usize, bool),
+        keeper: &mut Keeper,
+    ) -> Result<Filter> {
+        let [_, bands, layers] = self.plan.tiling.tiles();
+        let files = keeper.files(sweep);
+        let marks = match keeper.over(sweep) {
+            Some(marks) => marks,
+            None => {
+                let budget = parts.source.budget;
+                let begun = Search::begin(&files, sweep, keeper, (budget, self.plan.front))?;
+                let (mut search, first) = begun;
+                for layer in first..layers {
+                    let settled = self.settle_in_parts(parts, layer, &mut search.state)?;
+                    let known = self.join(settled, layer, &mut search.state)?;
+                    search.add(&known)?;
+                    if layer + 1 < layers {
+                        search.save(&files, (sweep, layer + 1), &known, keeper)?;
+                    }
+                    search.state.let_go(layer);
+                    self.release(&parts.source, layer);
+                }
+                let marks = search.marks(&files)?;
+                drop(search);
+                keeper.close_sweep(sweep, &marks)?;
+                marks
+            }
+        };
+        keeper.end_sweep(&marks);
+        let found = Found::read(&files, &marks, (bands, layers), &self.writer.dir)?;
+        let found = found.ok_or_else(|| keeper.damaged())?;
+        let mut filter = Filter {
+            found: Mutex::new(found),
+            components: 0,
+            voxels: 0,
+        };
+        filter.resolve(above, self.min_voxels)?;
+        Ok(filter)
+    }
+}
+
+/// Names of the files of a search.
+const FOUND: &str = "found";
+const PLACES: &str = "places";
+/// Places of a layer behind those of its bands: those of [`Slab`].
+const SLAB_PLACES: u64 = 4;
+
+/// A search for dust under way.
+struct Search {
+    state: State,
+    spool: Spool,
+    /// Where the arrays of each layer lie in `spool`: the classes of the local components of each
+    /// band, then those of [`Slab`]. Two numbers for each.
+    places: Spool,
+}
+
+impl Search {
+    /// Begins, or goes on where an interrupted conversion stopped. Returns the first layer, too.
+    fn begin(
+        files: &Scratch,
+        sweep: usize,
+        keeper: &mut Keeper,
+        (budget, front): (&Arc<Budget>, u64),
+    ) -> Result<(Self, u32)> {
+        let Some(mut at) = keeper.take(sweep) else {
+            let search = Search {
+                state: State::new(files, budget, front)?,
+                spool: Spool::create(&files.path(FOUND))?,
+                places: Spool::create(&files.path(PLACES))?,
+            };
+            return Ok((search, 0));
+        };
+        let state = State::load(files, &at.marks, &mut at.state, budget, front)?;
+        let spool = at.marks.reopen(files, FOUND)?;
+        let places = at.marks.reopen(files, PLACES)?;
+        match (state, spool, places) {
+            (Some(state), Some(spool), Some(places)) if at.state.is_empty() => {
+                let search = Search {
+                    state,
+                    spool,
+                    places,
+                };
+                Ok((search, at.layer))
+            }
+            _ => Err(keeper.damaged()),
+        }
+    }
+
+    /// Adds a layer.
+    fn add(&mut self, known: &Known) -> Result<()> {
+        let classes = &known.classes;
+        for of_local in &classes.of_local {
+            let place = self.spool.push(of_local)?;
+            self.places.push(&place.numbers())?;
+        }
+        let voxels = self.state.class_voxels(known)?;
+        let slab = Slab::new(&voxels, classes, &mut self.spool)?;
+        self.places.push(&slab.numbers())?;
+        Ok(())
+    }
+
+    /// Marks what is needed once the search is over.
+    fn marks(&mut self, files: &Scratch) -> Result<Marks> {
+        let mut marks = Marks::default();
+        marks.add(files, FOUND, self.spool.mark()?);
+        marks.add(files, PLACES, self.places.mark()?);
+        Ok(marks)
+    }
+
+    fn save(
+        &mut self,
+        files: &Scratch,
+        (sweep, layer): (usize, u32),
+        known: &Known,
+        keeper: &mut Keeper,
+    ) -> Result<()> {
+        let mut marks = self.marks(files)?;
+        self.state.mark(files, &mut marks, &known.after)?;
+        keeper.save(sweep, layer, &marks, |out| {
+            self.state.save(out, &known.after)
+        })
+    }
+}
+
+impl Found {
+    /// Reads what a search has found; `None` if the files hold something else.
+    fn read(
+        files: &Scratch,
+        marks: &Marks,
+        (bands, layers): (u32, u32),
+        dir: &Path,
+    ) -> Result<Option<Self>> {
+        let (spool, places) = (marks.reopen(files, FOUND)?, marks.reopen(files, PLACES)?);
+        let (Some(spool), Some(places)) = (spool, places) else {
+            return Ok(None);
+        };
+        let of_layer = u64::from(bands) + SLAB_PLACES;
+        if places.here::<u64>().offset() != 16 * of_layer * u64::from(layers) {
+            return Ok(None);
+        }
+        Ok(Some(Found {
+            spool,
+            places,
+            bands,
+            layers,
+            small: Spool::new(dir)?,
+        }))
+    }
+
+    /// Some numbers of a layer in [`Search::places`], from place `first` on.
+    fn numbers(&mut self, layer: u32, first: u64, count: usize) -> Result<Vec<u64>> {
+        let of_layer = u64::from(self.bands) + SLAB_PLACES;
+        let place = u64::from(layer) * of_layer + first;
+        self.places.get(&Place::new(16 * place, count))
+    }
+
+    /// Class of each local component of a band.
+    fn class_of(&mut self, ty: u32, tz: u32) -> Result<Vec<u32>> {
+        let numbers = self.numbers(tz, ty.into(), 2)?;
+        self.spool.get(&Place::new(numbers[0], numbers[1] as usize))
+    }
+
+    fn slab(&mut self, layer: u32) -> Result<Slab> {
+        let numbers = self.numbers(layer, self.bands.into(), 2 * SLAB_PLACES as usize)?;
+        Ok(Slab::from_numbers(&numbers))
+    }
+
+    /// 1 for each class of a layer that is to be filled, once that is known of all layers.
+    fn small(&mut self, layer: u32) -> Result<Vec<u8>> {
+        let offset = 16 * u64::from(self.layers - 1 - layer);
+        let numbers = self.small.get::<u64>(&Place::new(offset, 2))?;
+        self.spool.get(&Place::new(numbers[0], numbers[1] as usize))
+    }
+}
+
+impl Slab {
+    fn new(voxels: &[u64], classes: &SlabClasses, spool: &mut Spool) -> Result<Self> {
+        Ok(Slab {
+            voxels: spool.push(voxels)?,
+            above: spool.push(&classes.above)?,
+            live: spool.push(&classes.live)?,
+            from_previous: spool.push(&classes.from_previous)?,
+        })
+    }
+
+    fn numbers(&self) -> [u64; 8] {
+        let places = [
+            self.voxels.numbers(),
+            self.above.numbers(),
+            self.live.numbers(),
+            self.from_previous.numbers(),
+        ];
+        std::array::from_fn(|i| places[i / 2][i % 2])
+    }
+
+    fn from_numbers(n: &[u64]) -> Self {
+        Slab {
+            voxels: Place::new(n[0], n[1] as usize),
+            above: Place::new(n[2], n[3] as usize),
+            live: Place::new(n[4], n[5] as usize),
+            from_previous: Place::new(n[6], n[7] as usize),
+        }
+    }
+}
+
+impl Filter {
+    /// Decides, from the last slab back to the first, which classes are part of a small component.
+    fn resolve(&mut self, above: bool, min_voxels: u64) -> Result<()> {
+        let found = self.found.get_mut().expect("no thread panicked");
+        let mut later: (Vec<u8>, Vec<u32>) = Default::default();
+        for layer in (0..found.layers).rev() {
+            let slab = found.slab(layer)?;
+            let voxels = found.spool.get(&slab.voxels)?;
+            let phases = found.spool.get(&slab.above)?;
+            let mut goes_on = vec![None; voxels.len()];
+            for (&class, &successor) in found.spool.get(&slab.live)?.iter().zip(&later.1) {
+                goes_on[class as usize] = Some(later.0[successor as usize]);
+            }
+            let mut small = Vec::with_capacity(voxels.len());
+            for (class, &count) in voxels.iter().enumerate() {
+                small.push(goes_on[class].unwrap_or_else(|| {
+                    let is_small = (phases[class] == 1) == above && count < min_voxels;
+                    if is_small {
+                        self.components += 1;
+                        self.voxels += count;
+                    }
+                    u8::from(is_small)
+                }));
+            }
+            let place = found.spool.push(&small)?;
+            found.small.push(&place.numbers())?;
+            later = (small, found.spool.get(&slab.from_previous)?);
+        }
+        Ok(())
+    }
+}

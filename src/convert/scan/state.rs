@@ -1,0 +1,388 @@
+//! What the forward sweep gathers: components, surfaces and tiles in terms of each slab's classes.
+
+use crate::checkpoint::{Marks, Scratch};
+use crate::convert::scan::band::{Band, SettledBand};
+use crate::convert::scan::collect::SlabTiles;
+use crate::convert::scan::surfaces::Surfaces;
+use crate::convert::slab_records::{SlabRecord, Slabs};
+use crate::error::Result;
+use crate::labels::{Births, Classes, PhaseBirths, SlabClasses, Unfiled};
+use crate::measure::{MeshSums, VoxelSums};
+use crate::sys::memory_pool::{Budget, Reservation};
+use crate::sys::spill_file::{Place, Spool};
+use crate::sys::state_codec::{Decoder, Encoder};
+use std::collections::BTreeMap;
+use std::sync::Arc;
+
+/// Names of the files of a sweep.
+const SLABS: &str = "slabs";
+const WHOLE_SURFACES: &str = "whole-surfaces";
+const RECORDS: &str = "records";
+const OBJECTS: &str = "objects";
+const CELLS: &str = "cells";
+const SURFACES: &str = "surfaces";
+
+/// What the whole sweep leaves.
+pub struct Forward {
+    /// The arrays of all slabs.
+    pub spool: Spool,
+    /// By rising z.
+    pub slabs: Slabs,
+    /// Surfaces that are whole in a tile.
+    pub whole: Spool,
+    /// Numbers of objects and cells.
+    pub births: PhaseBirths,
+    /// Numbers of surfaces.
+    pub surface_births: Births,
+    /// NaN samples.
+    pub nan: u64,
+    /// Sums over all caps.
+    pub caps: MeshSums,
+    /// Objects and cells that were left out: how many, and their voxels.
+    pub dust: [(u64, u64); 2],
+}
+
+/// What joining the bands of a slab has found.
+#[derive(Debug, Default)]
+pub struct Known {
+    /// The bands, by rising y.
+    pub settled: Vec<SettledBand>,
+    /// Their classes.
+    pub classes: SlabClasses,
+    /// What is known of components behind the slab, to be kept when it ends: others may be joined by then.
+    pub after: Between,
+}
+
+impl Known {
+    /// Bytes of memory.
+    pub fn bytes(&self) -> u64 {
+        settled_bytes(&self.settled) + self.classes.bytes() + self.after.bytes()
+    }
+}
+
+/// What is known of components between two slabs.
+#[derive(Debug, Default)]
+pub struct Between {
+    nan: u64,
+    objects: Unfiled,
+    cells: Unfiled,
+    classes: Classes,
+}
+
+impl Between {
+    /// Bytes of memory.
+    fn bytes(&self) -> u64 {
+        self.objects.bytes() + self.cells.bytes() + self.classes.snapshot_bytes()
+    }
+}
+
+/// The sweep's state between slabs. Components may be a slab ahead of surfaces and tiles.
+pub struct State {
+    /// What has been gathered.
+    pub forward: Forward,
+    /// Surfaces that go on.
+    pub surfaces: Surfaces,
+    classes: Classes,
+    /// Memory planned for classes, surfaces and tiles of a slab.
+    front: u64,
+    /// Bytes of these, of each slab that has not ended.
+    slabs: BTreeMap<u32, u64>,
+    /// The most that a slab has taken so far.
+    most: u64,
+    /// The memory of these.
+    held: Reservation,
+}
+
+impl State {
+    /// Nothing gathered yet. The first `front` bytes of the budget are for what a slab has in
+    /// components, surfaces and tiles.
+    ///
+    /// # Errors
+    /// [`crate::Error::Io`]; [`crate::Error::TooDense`] if the budget is less than `front`.
+    pub fn new(files: &Scratch, budget: &Arc<Budget>, front: u64) -> Result<Self> {
+        let spool = |what| Spool::create(&files.path(what));
+        let births = |what| Births::new(&files.path(what));
+        let forward = Forward {
+            spool: spool(SLABS)?,
+            slabs: Slabs::new(spool(RECORDS)?),
+            whole: spool(WHOLE_SURFACES)?,
+            births: PhaseBirths {
+                objects: births(OBJECTS)?,
+                cells: births(CELLS)?,
+            },
+            surface_births: births(SURFACES)?,
+            nan: 0,
+            caps: MeshSums::default(),
+            dust: [(0, 0); 2],
+        };
+        let mut held = Reservation::new(budget);
+        held.grow_to(front)?;
+        Ok(State {
+            forward,
+            surfaces: Surfaces::default(),
+            classes: Classes::default(),
+            front,
+            slabs: BTreeMap::new(),
+            most: 0,
+            held,
+        })
+    }
+
+    /// What is known of components.
+    fn components(&self) -> Between {
+        let births = &self.forward.births;
+        Between {
+            nan: self.forward.nan,
+            objects: births.objects.unfiled().clone(),
+            cells: births.cells.unfiled().clone(),
+            classes: self.classes.snapshot(),
+        }
+    }
+
+    /// Writes out what is in memory of the files, and adds how much they hold to `marks`: what they held when
+    /// components were like this, or more.
+    ///
+    /// # Errors
+    /// [`crate::Error::Io`].
+    pub fn mark(&mut self, files: &Scratch, marks: &mut Marks, components: &Between) -> Result<()> {
+        let forward = &mut self.forward;
+        marks.add(files, SLABS, forward.spool.mark()?);
+        marks.add(files, WHOLE_SURFACES, forward.whole.mark()?);
+        marks.add(files, RECORDS, forward.slabs.mark()?);
+        for (what, births) in [
+            (OBJECTS, &components.objects),
+            (CELLS, &components.cells),
+            (SURFACES, forward.surface_births.unfiled()),
+        ] {
+            marks.add_length(files, what, births.filed_bytes());
+        }
+        Ok(())
+    }
+
+    /// Writes the state between two slabs with components as they were there, apart from what [`State::mark`]
+    /// has brought to files.
+    ///
+    /// # Errors
+    /// [`crate::Error::Io`].
+    pub fn save(&self, out: &mut Encoder, components: &Between) -> Result<()> {
+        let forward = &self.forward;
+        out.number(components.nan)?;
+        out.array(&[forward.caps])?;
+        components.objects.save(out)?;
+        components.cells.save(out)?;
+        forward.surface_births.unfiled().save(out)?;
+        components.classes.save(out)?;
+        self.surfaces.save(out)
+    }
+
+    /// The state that was written, on the files as they were then; `None` if this is none.
+    ///
+    /// # Errors
+    /// [`crate::Error::Io`]; [`crate::Error::TooDense`] if the budget is less than `front`.
+    pub fn load(
+        files: &Scratch,
+        marks: &Marks,
+        input: &mut Decoder,
+        budget: &Arc<Budget>,
+        front: u64,
+    ) -> Result<Option<Self>> {
+        let head = (input.number(), input.array::<MeshSums>());
+        let objects = Births::load(&files.path(OBJECTS), input)?;
+        let cells = Births::load(&files.path(CELLS), input)?;
+        let surface_births = Births::load(&files.path(SURFACES), input)?;
+        let (Some(objects), Some(cells), Some(surface_births)) = (objects, cells, surface_births)
+        else {
+            return Ok(None);
+        };
+        let (Some(nan), Some(caps)) = head else {
+            return Ok(None);
+        };
+        let classes = Classes::load(input);
+        let known = classes.as_ref().map_or(0, Classes::live_len);
+        let surfaces = Surfaces::load(input, known);
+        let (Some(classes), Some(surfaces), [caps]) = (classes, surfaces, &caps[..]) else {
+            return Ok(None);
+        };
+        let open = |what| marks.reopen(files, what);
+        let (Some(spool), Some(whole), Some(records)) =
+            (open(SLABS)?, open(WHOLE_SURFACES)?, open(RECORDS)?)
+        else {
+            return Ok(None);
+        };
+        let Some(slabs) = Slabs::load(records)? else {
+            return Ok(None);
+        };
+        let forward = Forward {
+            spool,
+            slabs,
+            whole,
+            births: PhaseBirths { objects, cells },
+            surface_births,
+            nan,
+            caps: *caps,
+            dust: [(0, 0); 2],
+        };
+        let mut held = Reservation::new(budget);
+        held.grow_to(front)?;
+        Ok(Some(State {
+            forward,
+            surfaces,
+            classes,
+            front,
+            slabs: BTreeMap::new(),
+            most: 0,
+            held,
+        }))
+    }
+
+    /// Notes how many bytes of memory a slab takes.
+    ///
+    /// # Errors
+    /// [`crate::Error::TooDense`]; it is the old number then.
+    pub fn hold(&mut self, layer: u32, bytes: u64) -> Result<()> {
+        let before = self.slabs.insert(layer, bytes);
+        let held = self.held.grow_to(self.slabs.values().sum());
+        if held.is_err() {
+            self.slabs.insert(layer, before.unwrap_or(0));
+        }
+        held
+    }
+
+    /// Bytes of memory that a slab takes.
+    pub fn held(&self, layer: u32) -> u64 {
+        self.slabs.get(&layer).copied().unwrap_or(0)
+    }
+
+    /// Gives back the memory of a slab that has left it.
+    pub fn let_go(&mut self, layer: u32) {
+        let bytes = self.slabs.remove(&layer).unwrap_or(0);
+        self.most = self.most.max(bytes);
+        let left = self.slabs.values().sum();
+        self.held.shrink_to(self.front.max(left));
+    }
+
+    /// True if the next slab is likely to have room beside those that have not ended, which may grow by half.
+    pub fn has_room_for_another(&self) -> bool {
+        let most = self.slabs.values().map(|bytes| bytes + bytes / 2).max();
+        let most = self.most.max(most.unwrap_or(0));
+        most * (self.slabs.len() as u64 + 1) <= self.held.at_hand()
+    }
+
+    /// Takes out of some bands of a layer what the joining needs, and appends it to that of the slab's bands
+    /// before.
+    ///
+    /// # Errors
+    /// [`crate::Error::Io`]; [`crate::Error::TooDense`].
+    pub fn settle<T>(
+        &mut self,
+        layer: u32,
+        bands: &mut [Band<T>],
+        settled: &mut Vec<SettledBand>,
+    ) -> Result<()> {
+        for band in bands {
+            settled.push(band.settle(&mut self.forward.spool)?);
+        }
+        self.hold(layer, settled_bytes(settled))
+    }
+
+    /// Joins a layer's bands, by rising y, to classes.
+    ///
+    /// # Errors
+    /// [`crate::Error::TooDense`], and nothing has changed; [`crate::Error::Io`].
+    pub fn join(
+        &mut self,
+        layer: u32,
+        settled: Vec<SettledBand>,
+        last_layer: bool,
+    ) -> Result<Known> {
+        let known: Vec<_> = settled.iter().map(SettledBand::known).collect();
+        self.hold(layer, settled_bytes(&settled) + self.classes.bytes(&known))?;
+        self.forward.nan += settled.iter().map(|b| b.nan).sum::<u64>();
+        let mut classes = self.classes.join(&known, &mut self.forward.births)?;
+        if last_layer {
+            classes.live.clear(); // nothing grows beyond the last slice
+        }
+        Ok(Known {
+            settled,
+            classes,
+            after: self.components(),
+        })
+    }
+
+    /// Voxels so far of each class of a slab.
+    ///
+    /// # Errors
+    /// [`crate::Error::Io`].
+    pub fn class_voxels(&mut self, known: &Known) -> Result<Vec<u64>> {
+        let Known {
+            settled, classes, ..
+        } = known;
+        let mut voxels = vec![0; classes.births.len()];
+        for (class, sums) in &classes.open {
+            voxels[*class as usize] = sums.voxels;
+        }
+        for (band, of_local) in settled.iter().zip(&classes.of_local) {
+            let mut whole = band.components.whole();
+            self.forward.spool.for_each(&band.whole, |sums| {
+                let local = whole.next().expect("as many as there are sums");
+                voxels[of_local[local as usize] as usize] = sums.voxels;
+                Ok(())
+            })?;
+        }
+        Ok(voxels)
+    }
+
+    /// Ends a slab: spools what it has.
+    ///
+    /// # Errors
+    /// [`crate::Error::Io`].
+    pub fn finish_slab(&mut self, layer: u32, known: &Known, mut tiles: SlabTiles) -> Result<()> {
+        let Known {
+            settled, classes, ..
+        } = known;
+        let forward = &mut self.forward;
+        forward.caps.merge(&tiles.caps);
+        tiles
+            .records
+            .sort_unstable_by_key(|t| (t.grid[1], t.grid[0]));
+        let mut surfaces = tiles.surfaces;
+        self.surfaces
+            .end(&mut surfaces, classes, &mut forward.surface_births)?;
+        let spool = &mut forward.spool;
+        let mut finished = Vec::with_capacity(settled.len() + 1);
+        let mut finish = |sums: Place<VoxelSums>, classes: Place<u32>| {
+            let [[sums, many], [classes, of]] = [sums.numbers(), classes.numbers()];
+            finished.push([sums, many, classes, of]);
+        };
+        for (band, of_local) in settled.iter().zip(&classes.of_local) {
+            let whole = band.components.whole();
+            let classes = spool.push_all(whole.map(|local| of_local[local as usize]))?;
+            finish(band.whole, classes);
+        }
+        let sums = spool.push_all(classes.finished().map(|(_, sums)| *sums))?;
+        let classes_of = spool.push_all(classes.finished().map(|(class, _)| class))?;
+        finish(sums, classes_of);
+        let slab = SlabRecord {
+            layer,
+            births: spool.push(&classes.births)?,
+            above: spool.push(&classes.above)?,
+            live: spool.push(&classes.live)?,
+            from_previous: spool.push(&classes.from_previous)?,
+            finished: spool.push(&finished)?,
+            surfaces: spool.push(&surfaces.all)?,
+            surfaces_live: spool.push(&surfaces.live)?,
+            surfaces_from_previous: spool.push(&surfaces.from_previous)?,
+            whole: surfaces.whole,
+            whole_births: spool.push(&surfaces.whole_births)?,
+            tiles: spool.push(&tiles.records)?,
+        };
+        forward.slabs.push(&slab)?;
+        drop(surfaces.all);
+        self.let_go(layer);
+        Ok(())
+    }
+}
+
+fn settled_bytes(bands: &[SettledBand]) -> u64 {
+    bands.iter().map(SettledBand::bytes).sum()
+}

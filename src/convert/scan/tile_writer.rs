@@ -1,0 +1,225 @@
+//! Tiles on disk during a conversion: their geometry first, what comes before it at the end.
+
+use crate::error::{Error, Result};
+use crate::grid::Tiling;
+use crate::strip::Stripifier;
+use crate::surface::{CAP, Piece, TileMesh};
+use crate::sys::background_writer::{Job, Writers};
+use crate::sys::direct_io;
+use crate::sys::files::write_body;
+use crate::sys::spill_file::{Place, Spool};
+use crate::tile::{
+    Body, BodyPiece, Encoded, Recipe, Refused, TileHead, WidestNodes, aligned, encode, head_bytes,
+    tile_path, widest_description,
+};
+use bytemuck::{Pod, Zeroable};
+use std::borrow::Cow;
+use std::path::PathBuf;
+
+/// A tile as the forward sweep left it.
+#[repr(C)]
+#[derive(Debug, Clone, Copy, Pod, Zeroable)]
+pub struct TileRecord {
+    /// Bytes of its geometry as floats.
+    pub body_bytes: u64,
+    /// Bytes of its geometry in the file.
+    pub bin_bytes: u64,
+    /// Macrocube index.
+    pub grid: [u32; 3],
+    /// Vertices.
+    pub vertices: u32,
+    /// Where its pieces lie in the spool.
+    pub pieces_at: u64,
+    /// Number of pieces.
+    pub pieces: u32,
+    /// Bytes of the JSON chunk; 0 if the geometry is in the file as floats that are not to stay, and the tile is
+    /// written anew at the end.
+    pub room: u32,
+    /// CRC-32 of the geometry in the file.
+    pub crc: u32,
+    /// How it is encoded.
+    pub recipe: Recipe,
+    reserved: u32,
+}
+
+impl TileRecord {
+    /// Its pieces, from the spool that the sweep left.
+    ///
+    /// # Errors
+    /// [`Error::Io`].
+    pub fn pieces(&self, spool: &mut Spool) -> Result<Vec<WrittenPiece>> {
+        spool.get(&Place::new(self.pieces_at, self.pieces as usize))
+    }
+
+    /// Byte of the file at which the geometry begins.
+    pub fn start(&self) -> usize {
+        head_bytes(aligned(self.room as usize, 8), 0).expect("a head is no 4 GiB")
+    }
+}
+
+/// A piece of a tile in terms of its slab.
+#[repr(C)]
+#[derive(Debug, Clone, Copy, Pod, Zeroable)]
+pub struct WrittenPiece {
+    /// Where it lies in the body.
+    pub body: BodyPiece,
+    /// Class of its object.
+    pub object: u32,
+    /// Class of its cell, or [`CAP`].
+    pub cell: u32,
+    /// Its surface in the slab, see [`SlabSurfaces`](crate::convert::scan::surfaces::SlabSurfaces); nothing for caps.
+    pub surface: u32,
+    reserved: u32,
+}
+
+impl WrittenPiece {
+    /// True for a piece that closes the surface outside the volume.
+    pub fn is_cap(&self) -> bool {
+        self.cell == CAP
+    }
+}
+
+/// Writes the geometry of tiles.
+pub struct TileWriter {
+    /// Directory that will become the tile set.
+    pub dir: PathBuf,
+    /// What all tiles have in common.
+    pub head: TileHead,
+    /// How wide their JSON can become.
+    pub widest: WidestNodes,
+    /// The macrocubes.
+    pub tiling: Tiling,
+}
+
+impl TileWriter {
+    /// Writes one tile's geometry and leaves room for what comes before it, whose ids are not known yet; long
+    /// ones by the writers if there are any.
+    ///
+    /// In forms that are encoded early, this one is, unless it is `provisional`: likely to be written anew. Then it
+    /// stays in the page cache.
+    ///
+    /// # Errors
+    /// [`Error::Io`]; [`Error::Usage`] if the tile would pass 4 GiB or reaches too far.
+    pub fn write(
+        &self,
+        mesh: &mut TileMesh,
+        grid: [u32; 3],
+        stripifier: &mut Stripifier,
+        (writers, provisional): (Option<&Writers>, bool),
+    ) -> Result<(TileRecord, Body)> {
+        let body = Body::write(mesh, self.head.form.primitives, stripifier);
+        let plain = self.head.is_plain(body.pieces.len());
+        let stays = plain || !provisional && self.head.form.is_encoded_early();
+        let (mut recipe, mut room) = (Recipe::default(), 0);
+        if stays {
+            (recipe, room) = self
+                .encode(mesh, grid, &body)
+                .map_err(|e| refused(e, grid, self.tiling))?;
+        }
+        let bytes = mesh.chunk.bytes();
+        let (crc, bin_bytes) = (crc32fast::hash(bytes), bytes.len() as u64);
+        let long = bytes.len() >= direct_io::WORTH;
+        let path = self.dir.join(tile_path(grid));
+        let start = head_bytes(aligned(room, 8), bin_bytes).ok_or_else(|| too_large(grid))?;
+        // what is to be written anew is best read back from the cache
+        match writers.filter(|_| stays && long && !provisional) {
+            Some(writers) => {
+                let body = mesh.chunk.take();
+                mesh.chunk.give(writers.put(Job { path, start, body })?);
+            }
+            None => write_body(&path, start, bytes)?,
+        }
+        let record = TileRecord {
+            body_bytes: body.bytes,
+            bin_bytes,
+            grid,
+            vertices: body.vertices,
+            pieces_at: 0,
+            pieces: body.pieces.len() as u32,
+            room: room as u32,
+            crc,
+            recipe,
+            reserved: 0,
+        };
+        Ok((record, body))
+    }
+
+    /// Encodes the geometry in its place; returns how, and the bytes of the JSON chunk.
+    fn encode(
+        &self,
+        mesh: &mut TileMesh,
+        grid: [u32; 3],
+        body: &Body,
+    ) -> std::result::Result<(Recipe, usize), Refused> {
+        let (head, low) = (&self.head, self.tiling.lowest(grid));
+        let Encoded { bytes, recipe } = encode(head, low, (body, mesh.chunk.bytes()), None)?;
+        if let Cow::Owned(bytes) = bytes {
+            mesh.chunk.replace(&bytes);
+        }
+        let bytes = mesh.chunk.bytes().len();
+        let room = room_for((head, &self.widest), low, (body, &recipe), bytes)?;
+        Ok((recipe, room))
+    }
+}
+
+/// Bytes of the JSON chunk of a tile whose geometry, as its `recipe` says, takes so many `bytes`: room for any nodes,
+/// before what may go past the page cache.
+///
+/// # Errors
+/// [`Refused::TooWide`].
+pub fn room_for(
+    head: (&TileHead, &WidestNodes),
+    low: [u32; 3],
+    (body, recipe): (&Body, &Recipe),
+    bytes: usize,
+) -> std::result::Result<usize, Refused> {
+    let widest = widest_description(head, low, (body, recipe))?;
+    let step = if bytes >= direct_io::WORTH {
+        direct_io::SECTOR
+    } else {
+        8
+    };
+    Ok(aligned(widest, step))
+}
+
+/// The error for a tile that cannot be written as asked.
+pub fn refused(why: Refused, grid: [u32; 3], tiling: Tiling) -> Error {
+    match why {
+        Refused::TooLarge => too_large(grid),
+        Refused::TooWide => too_wide(tiling.macrocube),
+    }
+}
+
+impl WrittenPiece {
+    /// A piece and where it lies in the body with those that are one with it, not knowing its surface yet.
+    pub fn new(piece: &Piece, body: BodyPiece) -> Self {
+        WrittenPiece {
+            body,
+            object: piece.object,
+            cell: piece.cell,
+            surface: u32::MAX,
+            reserved: 0,
+        }
+    }
+}
+
+/// The error for a tile beyond the size of a GLB.
+pub fn too_large(grid: [u32; 3]) -> Error {
+    Error::usage(
+        "--macrocube",
+        format!("more than 4 GiB in {}", tile_path(grid)),
+        "tiles below 4 GiB, the limit of GLB files",
+    )
+    .with_hint("use smaller macrocubes")
+}
+
+/// The error for tiles beyond the reach of 16-bit positions.
+pub fn too_wide(macrocube: [u32; 3]) -> Error {
+    let [x, y, z] = macrocube;
+    Error::usage(
+        "--macrocube",
+        format!("{x} x {y} x {z} cubes"),
+        "at most 254 along each axis with --encoding quantized or meshopt, whose positions have 16 bits",
+    )
+    .with_hint("use smaller macrocubes, or --encoding float")
+}

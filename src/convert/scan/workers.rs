@@ -1,0 +1,256 @@
+//! Threads that do what is next, each by itself, from slab to slab.
+
+use crate::checkpoint::Keeper;
+use crate::convert::scan::band::Band;
+use crate::convert::scan::collect::Gather;
+use crate::convert::scan::mode::Parts;
+use crate::convert::scan::scheduler::{Limits, Queue, Step, Stop};
+use crate::convert::scan::state::{Known, State};
+use crate::convert::scan::{Slab, Sweep, TileJob, take_classes};
+use crate::error::{Error, Result};
+use crate::sys::background_writer::Writers;
+use crate::volume::Voxel;
+use std::sync::{Arc, Condvar, Mutex, MutexGuard};
+
+/// All that the threads of a sweep share.
+pub struct Line<'a, T> {
+    sweep: &'a Sweep<'a>,
+    parts: &'a Parts<'a, T>,
+    gather: Gather<'a>,
+    behind: Mutex<Behind<'a>>,
+    queue: Mutex<Queue<T>>,
+    changed: Condvar,
+}
+
+/// Keeps layers that have ended when their tiles are on the disk, while the next one is swept. When each layer
+/// waited for its own, 16 threads took 0.29 s instead of 0.26 s for a foam of 512 x 512 x 512 voxels (medians of
+/// nine, in turns).
+struct Behind<'a> {
+    keeper: &'a mut Keeper,
+    writers: Option<&'a Writers>,
+    /// Tiles that have to be written before what the keeper has ready is kept; `None` if it has nothing.
+    tiles: Option<u64>,
+}
+
+impl Behind<'_> {
+    /// True if there is something to keep whose tiles are written.
+    fn is_written(&self) -> bool {
+        let written = |tiles| self.writers.is_none_or(|w| w.is_done(tiles));
+        self.tiles.is_some_and(written)
+    }
+
+    /// Keeps what is ready, after its tiles. If they cannot be written, it never is.
+    fn keep(&mut self) -> Result<()> {
+        let Some(tiles) = self.tiles.take() else {
+            return Ok(());
+        };
+        self.writers.map_or(Ok(()), |w| w.wait_for(tiles))?;
+        self.keeper.keep()
+    }
+
+    /// Ends a layer: keeps the one before, has this one ready, which `end` does, and keeps it if its tiles are
+    /// written.
+    fn end(&mut self, end: impl FnOnce(&mut Keeper) -> Result<()>) -> Result<()> {
+        self.keep()?;
+        end(self.keeper)?;
+        // its tiles are among them
+        self.tiles = Some(self.writers.map_or(0, Writers::handed));
+        self.keep_if_written()
+    }
+
+    fn keep_if_written(&mut self) -> Result<()> {
+        match self.is_written() {
+            true => self.keep(),
+            false => Ok(()),
+        }
+    }
+}
+
+impl<'a, T: Voxel + Default> Line<'a, T> {
+    /// Will sweep from `layer` on.
+    pub fn new(
+        sweep: &'a Sweep<'a>,
+        parts: &'a Parts<'a, T>,
+        layer: u32,
+        (state, keeper): (&'a mut State, &'a mut Keeper),
+    ) -> Self {
+        let [_, bands, layers] = sweep.plan.tiling.tiles();
+        let limits = Limits {
+            bands,
+            layers,
+            ahead: parts.mode.ahead,
+            next_slab: parts.mode.next_slab,
+            in_order: !parts.source.volume.random_access(),
+        };
+        Line {
+            sweep,
+            parts,
+            gather: Gather::new(state),
+            behind: Mutex::new(Behind {
+                keeper,
+                writers: parts.writers.as_ref(),
+                tiles: None,
+            }),
+            queue: Mutex::new(Queue::new(limits, layer)),
+            changed: Condvar::new(),
+        }
+    }
+
+    /// Sweeps with all threads. Returns where it had to stop for want of memory, or else how many tiles have to be
+    /// written before the last layer is kept.
+    ///
+    /// # Errors
+    /// Those of [`Sweep::run`].
+    pub fn run(self) -> Result<Result<Option<u64>, Stop>> {
+        rayon::broadcast(|_| self.work());
+        let mut behind = self.behind.into_inner().expect("no thread panicked");
+        let queue = self.queue.into_inner().expect("no thread panicked");
+        if !queue.has_ended() {
+            behind.keep()?;
+        }
+        Ok(match queue.outcome()? {
+            Some(stop) => Err(stop),
+            None => Ok(behind.tiles),
+        })
+    }
+
+    fn lock(&self) -> MutexGuard<'_, Queue<T>> {
+        self.queue.lock().expect("no thread panicked")
+    }
+
+    /// What each thread does.
+    fn work(&self) {
+        let _guard = WakeOnPanic(self);
+        let mut queue = self.lock();
+        loop {
+            let step = queue.next(self.sweep.progress.interrupted());
+            queue = match step {
+                Step::Over => break,
+                Step::Wait => self.changed.wait(queue).expect("no thread panicked"),
+                step => {
+                    drop(queue);
+                    self.take(step);
+                    self.changed.notify_all();
+                    self.keep_if_written();
+                    self.lock()
+                }
+            };
+        }
+        let others_go_on = !queue.has_ended();
+        drop(queue);
+        self.changed.notify_all();
+        if others_go_on {
+            // it takes the system a while to have their memory back
+            self.parts.pool.give_back();
+        }
+    }
+
+    /// Does it and tells so.
+    fn take(&self, step: Step<T>) {
+        match step {
+            Step::Prepare(place, memory) => self.prepare(place, memory),
+            Step::Begin(layer, bands, alone) => self.begin(layer, bands, alone),
+            Step::Label(place, band, known) => self.label(place, band, &known),
+            Step::Tile(job, known, next) => self.tile(job, &known, next.as_deref()),
+            Step::End(layer, known, next) => self.end(layer, &known, next.as_deref()),
+            Step::Wait | Step::Over => {}
+        }
+    }
+
+    fn prepare(&self, place: [u32; 2], memory: Option<Band<T>>) {
+        let source = &self.parts.source;
+        let mut band = memory.unwrap_or_else(|| source.band());
+        let [ty, layer] = place;
+        let prepared = source.prepare(ty, layer, &mut band);
+        self.lock().prepared(place, prepared.map(|()| band));
+    }
+
+    fn begin(&self, layer: u32, mut bands: Vec<Band<T>>, alone: bool) {
+        if !alone && !self.gather.with(|state| state.has_room_for_another()) {
+            return self.lock().not_yet(bands);
+        }
+        let joined = self.join(layer, &mut bands, alone);
+        self.lock().begun(joined.map(|known| (bands, known)));
+    }
+
+    /// Joins the bands of a layer, `alone` if the one before has ended.
+    fn join(&self, layer: u32, bands: &mut [Band<T>], alone: bool) -> Result<Known> {
+        let known = self.gather.with(|state| {
+            let mut settled = Vec::new();
+            state.settle(layer, bands, &mut settled)?;
+            self.sweep.join(settled, layer, state)
+        })?;
+        if alone {
+            self.gather.begin(layer, &known)?;
+        }
+        self.sweep.prefetch(&self.parts.source, layer + 1);
+        Ok(known)
+    }
+
+    fn label(&self, place: [u32; 2], mut band: Band<T>, known: &Known) {
+        take_classes(&mut band, &known.classes.of_local[place[0] as usize]);
+        let (band, [ty, layer]) = (Arc::new(band), place);
+        let tile = |tx| self.sweep.tile_of(band.clone(), [tx, ty, layer]);
+        let tiles: Vec<_> = (0..self.sweep.plan.tiling.tiles()[0]).map(tile).collect();
+        // whoever makes the last of them gets the band's memory
+        drop(band);
+        self.lock().labelled(layer, tiles);
+    }
+
+    /// Makes a tile of a layer; what is known of the next one, if it has waited for that.
+    fn tile(&self, job: TileJob<Arc<Band<T>>>, known: &Known, next: Option<&Known>) {
+        let slab = Slab {
+            classes: &known.classes,
+            next: next.map(|next| &next.classes),
+            gather: &self.gather,
+        };
+        let made = self.sweep.mesh_tile(self.parts, &job, &slab);
+        let [_, _, layer] = job.grid;
+        let unused = self.lock().made(layer, made, Arc::into_inner(job.band));
+        // it takes the system a while to have it back
+        drop(unused);
+    }
+
+    /// Ends a layer. The next one may have begun.
+    fn end(&self, layer: u32, known: &Known, next: Option<&Known>) {
+        let gather = &self.gather;
+        let slab = (layer, known, gather.take());
+        let mut behind = self.behind.lock().expect("no thread panicked");
+        let ended = behind.end(|keeper| {
+            gather.with(|state| self.sweep.end_slab(self.parts, slab, state, keeper))
+        });
+        drop(behind);
+        let begun = match next {
+            Some(next) if ended.is_ok() => gather.begin(layer + 1, next),
+            _ => Ok(()),
+        };
+        let mut queue = self.lock();
+        queue.ended(ended);
+        if let Err(error) = begun {
+            queue.fail(error);
+        }
+    }
+
+    /// Keeps the layer that ended last, if its tiles are written by now and nobody else is about it.
+    fn keep_if_written(&self) {
+        if let Ok(mut behind) = self.behind.try_lock()
+            && let Err(error) = behind.keep_if_written()
+        {
+            self.lock().fail(error);
+        }
+    }
+}
+
+/// Lets threads that wait see that another one has panicked.
+struct WakeOnPanic<'a, 'b, T>(&'a Line<'b, T>);
+
+impl<T> Drop for WakeOnPanic<'_, '_, T> {
+    fn drop(&mut self) {
+        if std::thread::panicking() {
+            if let Ok(mut queue) = self.0.queue.lock() {
+                queue.fail(Error::Interrupted);
+            }
+            self.0.changed.notify_all();
+        }
+    }
+}

@@ -1,0 +1,123 @@
+//! Buffers for making tiles, shared by the threads under the memory budget.
+
+use crate::error::Result;
+use crate::strip::Stripifier;
+use crate::surface::{TileMesh, TileMesher};
+use crate::sys::memory_pool::{Budget, Reservation};
+use std::sync::{Arc, Condvar, Mutex, MutexGuard};
+
+/// Everything that making one tile needs.
+#[derive(Default)]
+pub struct Workspace {
+    /// Scratch of the mesher.
+    pub mesher: TileMesher,
+    /// The mesh.
+    pub mesh: TileMesh,
+    /// Makes strips of it.
+    pub stripifier: Stripifier,
+    held: Reservation,
+}
+
+/// Workspaces that wait for use.
+pub struct WorkspacePool {
+    budget: Arc<Budget>,
+    state: Mutex<State>,
+    returned: Condvar,
+}
+
+#[derive(Default)]
+struct State {
+    idle: Vec<Workspace>,
+    in_use: usize,
+}
+
+impl WorkspacePool {
+    /// An empty pool.
+    pub fn new(budget: &Arc<Budget>) -> Self {
+        WorkspacePool {
+            budget: budget.clone(),
+            state: Mutex::new(State::default()),
+            returned: Condvar::new(),
+        }
+    }
+
+    fn lock(&self) -> MutexGuard<'_, State> {
+        self.state.lock().expect("no thread panicked")
+    }
+
+    /// Runs `work` with a workspace for a tile that needs `bytes` of buffers. Waits while the budget
+    /// has no room and other tiles are being made.
+    ///
+    /// # Errors
+    /// [`crate::Error::TooDense`] if there is no room even for this tile alone; what `work` returns.
+    pub fn with<R>(&self, bytes: u64, work: impl FnOnce(&mut Workspace) -> Result<R>) -> Result<R> {
+        let mut workspace = self.take(bytes)?;
+        let result = work(&mut workspace);
+        let mut state = self.lock();
+        state.idle.push(workspace);
+        state.in_use -= 1;
+        drop(state);
+        self.returned.notify_all();
+        result
+    }
+
+    /// Gives back the memory of those that nobody uses.
+    pub fn give_back(&self) {
+        let unused = std::mem::take(&mut self.lock().idle);
+        // without the lock, since it takes a while
+        drop(unused);
+    }
+
+    fn take(&self, bytes: u64) -> Result<Workspace> {
+        let mut state = self.lock();
+        loop {
+            // the largest idle one has the least to grow
+            state.idle.sort_by_key(|w| w.held.bytes());
+            let mut workspace = state.idle.pop().unwrap_or_else(|| Workspace {
+                held: Reservation::new(&self.budget),
+                ..Workspace::default()
+            });
+            let grown = workspace.held.grow_to(bytes);
+            match grown {
+                Ok(()) => {
+                    state.in_use += 1;
+                    return Ok(workspace);
+                }
+                Err(_) if !state.idle.is_empty() => state.idle.clear(),
+                // nothing else to free: a fresh one holds least
+                Err(_) if workspace.held.bytes() > 0 => drop(workspace),
+                Err(_) if state.in_use > 0 => {
+                    state = self.returned.wait(state).expect("no thread panicked");
+                }
+                Err(error) => return Err(error),
+            }
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn tiles_wait_for_room_and_fail_only_alone() {
+        let budget = Budget::new(100, 0);
+        let pool = WorkspacePool::new(&budget);
+        let done = std::sync::atomic::AtomicUsize::new(0);
+        std::thread::scope(|scope| {
+            for i in 0..20 {
+                let (pool, done) = (&pool, &done);
+                scope.spawn(move || {
+                    pool.with(30 + i % 60, |_| {
+                        done.fetch_add(1, std::sync::atomic::Ordering::Relaxed);
+                        Ok(())
+                    })
+                    .unwrap();
+                });
+            }
+        });
+        assert_eq!(done.into_inner(), 20);
+        assert!(pool.with(101, |_| Ok(())).is_err());
+        assert!(pool.with(100, |_| Ok(())).is_ok());
+    }
+}

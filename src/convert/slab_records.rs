@@ -1,0 +1,181 @@
+//! What the forward sweep leaves of its slabs, in a file.
+
+use crate::convert::scan::surfaces::SlabSurface;
+use crate::convert::scan::tile_writer::TileRecord;
+use crate::error::Result;
+use crate::measure::VoxelSums;
+use crate::sys::spill_file::{Mark, Place, Spool};
+
+/// Numbers that tell of a slab: its layer, and two for each place.
+const NUMBERS: usize = 1 + 2 * 11;
+
+/// What the sweep leaves of one slab.
+#[derive(Debug)]
+pub struct SlabRecord {
+    /// z index of its macrocubes.
+    pub layer: u32,
+    /// Number of each class.
+    pub births: Place<u64>,
+    /// 1 for objects, 0 for cells, per class.
+    pub above: Place<u8>,
+    /// See [`SlabClasses`].
+    pub live: Place<u32>,
+    /// See [`SlabClasses`].
+    pub from_previous: Place<u32>,
+    /// Where the sums of components that end in this slab lie, some at a time, and their classes: see
+    /// [`SlabRecord::ended`].
+    pub finished: Place<[u64; 4]>,
+    /// Surfaces that are not whole in a tile.
+    pub surfaces: Place<SlabSurface>,
+    /// See [`SlabSurfaces`].
+    pub surfaces_live: Place<u32>,
+    /// See [`SlabSurfaces`].
+    pub surfaces_from_previous: Place<u32>,
+    /// Surfaces that are, in a spool of their own.
+    pub whole: Place<SlabSurface>,
+    /// Births of these.
+    pub whole_births: Place<u64>,
+    /// The tiles, by y, then x.
+    pub tiles: Place<TileRecord>,
+}
+
+impl SlabRecord {
+    /// One that has nothing but these tiles.
+    #[cfg(test)]
+    pub fn with_tiles(layer: u32, tiles: Place<TileRecord>) -> Self {
+        let mut numbers = [0; NUMBERS];
+        numbers[0] = u64::from(layer);
+        let slab = Self::of(&numbers).expect("no number is too large");
+        SlabRecord { tiles, ..slab }
+    }
+
+    /// Sums of components that end in this slab, some at a time, and their classes.
+    ///
+    /// # Errors
+    /// [`crate::Error::Io`].
+    pub fn ended(&self, spool: &mut Spool) -> Result<Vec<(Place<VoxelSums>, Place<u32>)>> {
+        let parts = spool.get(&self.finished)?.into_iter();
+        let place = |[sums, many, classes, of]: [u64; 4]| {
+            (
+                Place::new(sums, many as usize),
+                Place::new(classes, of as usize),
+            )
+        };
+        Ok(parts.map(place).collect())
+    }
+
+    /// All of it as numbers.
+    fn numbers(&self) -> [u64; NUMBERS] {
+        let places = [
+            self.births.numbers(),
+            self.above.numbers(),
+            self.live.numbers(),
+            self.from_previous.numbers(),
+            self.surfaces.numbers(),
+            self.surfaces_live.numbers(),
+            self.surfaces_from_previous.numbers(),
+            self.whole.numbers(),
+            self.whole_births.numbers(),
+            self.tiles.numbers(),
+            self.finished.numbers(),
+        ];
+        let mut numbers = places.as_flattened().iter();
+        std::array::from_fn(|i| match i {
+            0 => u64::from(self.layer),
+            _ => *numbers.next().expect("two for each place"),
+        })
+    }
+
+    /// The slab of these numbers; `None` if there is none.
+    fn of(numbers: &[u64; NUMBERS]) -> Option<Self> {
+        fn place<T>(numbers: &mut impl Iterator<Item = u64>) -> Option<Place<T>> {
+            let (offset, len) = (numbers.next()?, numbers.next()?);
+            Some(Place::new(offset, len.try_into().ok()?))
+        }
+        let numbers = &mut numbers.iter().copied();
+        Some(SlabRecord {
+            layer: numbers.next()?.try_into().ok()?,
+            births: place(numbers)?,
+            above: place(numbers)?,
+            live: place(numbers)?,
+            from_previous: place(numbers)?,
+            surfaces: place(numbers)?,
+            surfaces_live: place(numbers)?,
+            surfaces_from_previous: place(numbers)?,
+            whole: place(numbers)?,
+            whole_births: place(numbers)?,
+            tiles: place(numbers)?,
+            finished: place(numbers)?,
+        })
+    }
+}
+
+/// The slabs of a sweep, by rising z, in a file: a volume may have as many as slices.
+#[derive(Debug)]
+pub struct Slabs {
+    records: Spool,
+    len: usize,
+}
+
+impl Slabs {
+    /// Those of a spool, none of it is new.
+    pub fn new(records: Spool) -> Self {
+        Slabs { records, len: 0 }
+    }
+
+    /// Those that a spool holds; `None` if it holds anything else.
+    ///
+    /// # Errors
+    /// [`crate::Error::Io`].
+    pub fn load(mut records: Spool) -> Result<Option<Self>> {
+        let all = records.everything::<[u64; NUMBERS]>();
+        let Some(all) = all else {
+            return Ok(None);
+        };
+        let (mut len, mut sound) = (0, true);
+        records.for_each(&all, |numbers| {
+            sound &= SlabRecord::of(&numbers).is_some_and(|slab| slab.layer as usize == len);
+            len += 1;
+            Ok(())
+        })?;
+        Ok(sound.then_some(Slabs { records, len }))
+    }
+
+    /// See [`Spool::mark`].
+    ///
+    /// # Errors
+    /// [`crate::Error::Io`].
+    pub fn mark(&mut self) -> Result<Mark> {
+        self.records.mark()
+    }
+
+    /// How many.
+    pub fn len(&self) -> usize {
+        self.len
+    }
+
+    /// Adds the next one.
+    ///
+    /// # Errors
+    /// [`crate::Error::Io`].
+    pub fn push(&mut self, slab: &SlabRecord) -> Result<()> {
+        self.records.push(&[slab.numbers()])?;
+        self.len += 1;
+        Ok(())
+    }
+
+    /// One of them; `None` behind the last one.
+    ///
+    /// # Errors
+    /// [`crate::Error::Io`].
+    pub fn get(&mut self, slab: usize) -> Result<Option<SlabRecord>> {
+        if slab >= self.len {
+            return Ok(None);
+        }
+        let place = Place::new((slab * size_of::<[u64; NUMBERS]>()) as u64, 1);
+        let numbers = self.records.get::<[u64; NUMBERS]>(&place)?;
+        Ok(Some(
+            SlabRecord::of(&numbers[0]).expect("it was written so"),
+        ))
+    }
+}

@@ -1,0 +1,36 @@
+//! Connected components of above voxels (objects) and below voxels (cells), out of core.
+//!
+//! A *slab* is what one layer of macrocubes needs; a *band* is one row of its macrocubes along y,
+//! over the full width of the grid. Neighbouring bands share a row of voxels and neighbouring slabs
+//! a slice, so everything about a cube, and every pair of adjacent voxels, lies within one band.
+//!
+//! 1. `voxels`, `bits`: the band of a slab that is in memory, and which of its voxels are above.
+//! 2. `runs`: rows of bits become runs of equal voxels, numbered so that the run of a voxel
+//!    is a population count away.
+//! 3. `label_band`: union-find over the runs of one band; local components with their voxel sums.
+//! 4. `band_boundary`: what a band tells its neighbours; components that are whole in it leave memory.
+//! 5. `slab_merge`: bands of a slab and the slab before it are joined to classes; components that can
+//!    no longer grow leave memory.
+//! 6. `carry_over`: classes that turn out to be one in the next slab.
+//! 7. `provisional`: which classes are a component of their own in the end, hence the final ids.
+
+mod band_boundary;
+mod bits;
+mod border_euler;
+mod carry_over;
+mod label_band;
+mod provisional;
+mod runs;
+mod slab_merge;
+mod union_find;
+mod voxels;
+
+pub use band_boundary::{BandComponents, BandEdges};
+pub use bits::Bits;
+pub use border_euler::add_border_euler;
+pub use carry_over::{Fate, Fates};
+pub use label_band::{Labels, LocalComponent, label_runs, sum_voxels};
+pub use provisional::{Births, Unfiled};
+pub use runs::{RowRuns, Run, Runs};
+pub use slab_merge::{Classes, KnownBand, PhaseBirths, SlabClasses};
+pub use voxels::{Span, Voxels};

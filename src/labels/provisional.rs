@@ -1,0 +1,280 @@
+//! Birth numbers of components, and their rank among the components that survive.
+//!
+//! A component gets a number when it is first seen; numbers rise with the component's smallest voxel
+//! (or lattice vertex). Where two meet, the younger number dies. What is left at the end, counted
+//! from 1, are the final ids: the same whatever the slabs, bands and threads. One bit per birth is
+//! kept, in a temporary file but for the newest, so memory does not grow with the volume.
+//!
+//! The file survives the process: what is done after a checkpoint is done again after a resume, and
+//! then kills the same births again. So bits that have been cleared too early do no harm.
+
+use crate::error::{Error, Result};
+use crate::sys::state_codec::{Decoder, Encoder};
+use std::fs::{File, OpenOptions};
+use std::os::unix::fs::FileExt;
+use std::path::{Path, PathBuf};
+
+/// Words of bits per block: the unit of the rank index.
+const BLOCK: usize = 512;
+/// Words kept in memory before the older half goes to the file.
+const RESIDENT: usize = 1 << 17;
+
+/// The bits of all births so far: 1 for those still alive.
+#[derive(Debug)]
+pub struct Births {
+    file: File,
+    path: PathBuf,
+    state: Unfiled,
+}
+
+impl Births {
+    /// No births yet; the temporary file is made at `path`.
+    ///
+    /// # Errors
+    /// [`Error::Io`] if the file cannot be made.
+    pub fn new(path: &Path) -> Result<Self> {
+        let file = OpenOptions::new()
+            .read(true)
+            .write(true)
+            .create(true)
+            .truncate(true)
+            .open(path)
+            .map_err(|e| Error::io(path, "create", e))?;
+        Ok(Births {
+            file,
+            path: path.to_path_buf(),
+            state: Unfiled::default(),
+        })
+    }
+
+    /// What the file does not hold.
+    pub fn unfiled(&self) -> &Unfiled {
+        &self.state
+    }
+
+    /// Goes on with the file at `path` as it was saved; `None` if these are no births.
+    ///
+    /// # Errors
+    /// [`Error::Io`] if the file cannot be opened.
+    pub fn load(path: &Path, input: &mut Decoder) -> Result<Option<Self>> {
+        let mut numbers = || Some((input.number()?, input.index()?, input.array()?));
+        let Some((count, filed, tail)) = numbers() else {
+            return Ok(None);
+        };
+        let tail: Vec<u64> = tail;
+        if Some(count.div_ceil(64)) != (tail.len() as u64).checked_add(filed as u64) {
+            return Ok(None);
+        }
+        let opened = OpenOptions::new().read(true).write(true).open(path);
+        Ok(Some(Births {
+            file: opened.map_err(|e| Error::io(path, "open", e))?,
+            path: path.to_path_buf(),
+            state: Unfiled { count, filed, tail },
+        }))
+    }
+
+    /// Gives out `n` new numbers and returns the first.
+    ///
+    /// # Errors
+    /// [`Error::Io`] if older bits cannot be written.
+    pub fn give(&mut self, n: usize) -> Result<u64> {
+        let first = self.state.count;
+        for _ in 0..n {
+            if self.state.count.is_multiple_of(64) {
+                self.state.tail.push(0);
+            }
+            *self.state.tail.last_mut().expect("just pushed") |= 1 << (self.state.count % 64);
+            self.state.count += 1;
+        }
+        while self.state.tail.len() > RESIDENT {
+            let old: Vec<u64> = self.state.tail.drain(..RESIDENT / 2).collect();
+            self.write(self.state.filed, &old)?;
+            self.state.filed += old.len();
+        }
+        Ok(first)
+    }
+
+    /// Says that number `birth` has become part of an older component.
+    ///
+    /// # Errors
+    /// [`Error::Io`] if the file fails.
+    pub fn kill(&mut self, birth: u64) -> Result<()> {
+        let (word, bit) = ((birth / 64) as usize, 1u64 << (birth % 64));
+        if word >= self.state.filed {
+            self.state.tail[word - self.state.filed] &= !bit;
+            return Ok(());
+        }
+        let mut buffer = [0u64];
+        self.read(word, &mut buffer)?;
+        self.write(word, &[buffer[0] & !bit])
+    }
+
+    /// Ends the giving of numbers.
+    ///
+    /// # Errors
+    /// [`Error::Io`] if the file fails.
+    pub fn rank(mut self) -> Result<Ranks> {
+        let tail = std::mem::take(&mut self.state.tail);
+        self.write(self.state.filed, &tail)?;
+        self.state.filed += tail.len();
+        drop(tail);
+        let mut before = Vec::with_capacity(self.state.filed.div_ceil(BLOCK) + 1);
+        let mut alive = 0u64;
+        let mut block = vec![0u64; BLOCK];
+        for start in (0..self.state.filed).step_by(BLOCK) {
+            before.push(alive);
+            let words = &mut block[..BLOCK.min(self.state.filed - start)];
+            self.read(start, words)?;
+            alive += words.iter().map(|w| u64::from(w.count_ones())).sum::<u64>();
+        }
+        Ok(Ranks {
+            births: self,
+            before,
+            alive,
+            cached: None,
+            block,
+            ones: Vec::with_capacity(BLOCK),
+        })
+    }
+
+    fn read(&self, word: usize, out: &mut [u64]) -> Result<()> {
+        self.file
+            .read_exact_at(bytemuck::cast_slice_mut(out), 8 * word as u64)
+            .map_err(|e| Error::io(&self.path, "read back", e))
+    }
+
+    fn write(&self, word: usize, words: &[u64]) -> Result<()> {
+        self.file
+            .write_all_at(bytemuck::cast_slice(words), 8 * word as u64)
+            .map_err(|e| Error::io(&self.path, "write", e))
+    }
+}
+
+/// Births but for the bits in the file.
+#[derive(Debug, Clone, Default)]
+pub struct Unfiled {
+    count: u64,
+    /// Words in the file.
+    filed: usize,
+    /// The words after those in the file.
+    tail: Vec<u64>,
+}
+
+impl Unfiled {
+    /// Writes it, for [`Births::load`].
+    ///
+    /// # Errors
+    /// [`Error::Io`].
+    pub fn save(&self, out: &mut Encoder) -> Result<()> {
+        out.number(self.count)?;
+        out.number(self.filed as u64)?;
+        out.array(&self.tail)
+    }
+
+    /// Bytes of the file that count.
+    pub fn filed_bytes(&self) -> u64 {
+        8 * self.filed as u64
+    }
+
+    /// Bytes of memory.
+    pub fn bytes(&self) -> u64 {
+        8 * self.tail.len() as u64
+    }
+}
+
+/// Final ids of births.
+#[derive(Debug)]
+pub struct Ranks {
+    births: Births,
+    /// Births alive before each block.
+    before: Vec<u64>,
+    alive: u64,
+    /// The block that is in memory.
+    cached: Option<usize>,
+    block: Vec<u64>,
+    /// Births alive in it before each of its words.
+    ones: Vec<u32>,
+}
+
+impl Ranks {
+    /// Number of components.
+    pub fn alive(&self) -> u64 {
+        self.alive
+    }
+
+    /// The id, from 1, of a birth that is alive.
+    ///
+    /// # Errors
+    /// [`Error::Io`] if the file fails.
+    pub fn id(&mut self, birth: u64) -> Result<u64> {
+        let word = (birth / 64) as usize;
+        let block = word / BLOCK;
+        if self.cached != Some(block) {
+            let start = block * BLOCK;
+            let len = BLOCK.min(self.births.state.filed - start);
+            self.births.read(start, &mut self.block[..len])?;
+            self.cached = Some(block);
+            self.ones.clear();
+            self.ones.extend(self.block[..len].iter().scan(0, |sum, w| {
+                let before = *sum;
+                *sum += w.count_ones();
+                Some(before)
+            }));
+        }
+        let within = word % BLOCK;
+        let bits = self.block[within] & (!0 >> (63 - birth % 64));
+        Ok(self.before[block] + u64::from(self.ones[within] + bits.count_ones()))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn ids_are_ranks_among_survivors_also_when_bits_are_on_disk() {
+        let dir = tempfile::tempdir().unwrap();
+        let path = dir.path().join("births");
+        let mut births = Births::new(&path).unwrap();
+        let n = 64 * RESIDENT as u64 * 2 + 77;
+        for _ in 0..8 {
+            births.give((n / 8) as usize).unwrap();
+        }
+        let rest = (n % 8) as usize;
+        assert_eq!(births.give(rest).unwrap(), n - rest as u64);
+        assert!(births.state.filed > 0);
+        let saved = dir.path().join("saved");
+        let mut out = Encoder::create(&saved).unwrap();
+        births.unfiled().save(&mut out).unwrap();
+        out.finish().unwrap();
+        // what comes after is lost, but for the bits that it cleared in the file
+        births.give(64 * RESIDENT).unwrap();
+        births.kill(1).unwrap();
+        let mut input = Decoder::new(std::fs::read(&saved).unwrap()).unwrap();
+        let mut births = Births::load(&path, &mut input).unwrap().unwrap();
+        assert!(input.is_empty());
+        // every third dies, in no particular order
+        for b in (0..n)
+            .rev()
+            .filter(|b| b % 3 == 1)
+            .step_by(2)
+            .chain((0..n).filter(|b| b % 3 == 1))
+        {
+            if b % 5 < 4 || b < 1000 {
+                births.kill(b).unwrap();
+            }
+        }
+        let dead = |b: u64| b % 3 == 1 && (b % 5 < 4 || b < 1000);
+        let mut ranks = births.rank().unwrap();
+        let mut expected = 0;
+        for b in 0..n {
+            if !dead(b) {
+                expected += 1;
+                if b % 9973 == 0 || b < 5000 || b > n - 100 {
+                    assert_eq!(ranks.id(b).unwrap(), expected, "{b}");
+                }
+            }
+        }
+        assert_eq!(ranks.alive(), expected);
+    }
+}

@@ -1,0 +1,24 @@
+//! Marching cubes on the bits of a band: vertices on the lattice, triangles, neighbours and normals.
+
+mod active_cubes;
+mod assign_pieces;
+mod caps;
+pub mod case_table;
+mod edges;
+mod mesher;
+mod samples;
+mod sums;
+mod triangles;
+mod vertex;
+mod vertex_buffer;
+mod vertices;
+
+pub use assign_pieces::{CAP, Piece, PieceIndex, Sheets, assign, by_surface};
+pub use edges::Edges;
+pub use mesher::{
+    BYTES_PER_CUBE, BYTES_PER_TRIANGLE, BandView, MeshSettings, Sizes, TileBox, TileMesh,
+    TileMesher,
+};
+
+#[cfg(test)]
+mod tests;

@@ -1,0 +1,10 @@
+//! A directory of tiles, read and written as a whole.
+
+mod lock;
+mod output_dir;
+mod reader;
+
+pub(crate) use lock::Lock;
+pub(crate) use output_dir::{Output, tidy};
+pub use output_dir::{check_output, interrupted};
+pub use reader::TileSet;

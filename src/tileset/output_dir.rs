@@ -1,0 +1,283 @@
+//! The output directory: everything is made beside and moved in at the end, the manifest last.
+
+use crate::checkpoint::{Kept, STATE, kept};
+use crate::error::{Error, Result};
+use crate::manifest::PARTIAL as WORK;
+use crate::sys::files::{remove_if_there, write_file};
+use crate::tileset::Lock;
+use std::ffi::OsString;
+use std::fs;
+use std::io::ErrorKind;
+use std::path::{Path, PathBuf};
+
+/// What a tile set may have at its top level, the manifest first: it goes first and comes last. Only
+/// painted sets have a legend.
+const ENTRIES: [&str; 7] = [
+    "index.json",
+    "index",
+    "tiles",
+    "cells.csv",
+    "objects.csv",
+    "surfaces.csv",
+    "legend.png",
+];
+/// The file in it that says who works there.
+const LOCK: &str = "lock";
+/// The file in it that says that all is made and is being moved in.
+const MOVING: &str = "moving";
+
+/// An output directory in the making; dropped before [`Output::commit`], it leaves things as they
+/// were, or what has been made in the work directory if that is to be kept.
+#[derive(Debug)]
+pub struct Output {
+    out: PathBuf,
+    work: PathBuf,
+    /// True if `out` itself is new.
+    made_out: bool,
+    keep: bool,
+    done: bool,
+    lock: Option<Lock>,
+}
+
+/// The layers that an interrupted conversion into `out` has finished, if there was one.
+pub fn interrupted(out: &Path) -> Option<Kept> {
+    kept(&out.join(WORK))
+}
+
+/// Refuses a directory in which no tile set can be made, and leaves it as it is. What an interrupted conversion
+/// left there is no hindrance.
+///
+/// # Errors
+/// [`Error::OutputExists`] if it holds a tile set and `force` is not set; [`Error::OutputForeign`] if it holds
+/// anything else; [`Error::OutputBusy`] if somebody writes there; [`Error::Io`] if it cannot be written.
+pub fn check_output(out: &Path, force: bool) -> Result<()> {
+    let before = out.join(WORK).exists();
+    let mut output = Output::open(out, force, false)?;
+    output.keep(before);
+    Ok(())
+}
+
+/// Removes what a process left that was killed after it had moved everything to its final name.
+///
+/// # Errors
+/// [`Error::OutputBusy`] if somebody writes there; [`Error::Io`].
+pub fn tidy(out: &Path) -> Result<()> {
+    let work = out.join(WORK);
+    let moved = work.join(MOVING).exists() && !work.join(ENTRIES[0]).exists();
+    if work.exists() && (moved || kept(&work).is_none()) {
+        Output::open(out, true, true)?.remove_work()?;
+    }
+    Ok(())
+}
+
+impl Output {
+    /// Makes an empty work directory inside `out`.
+    ///
+    /// # Errors
+    /// [`Error::OutputExists`] if `out` holds a tile set, be it an interrupted conversion, and `force`
+    /// is not set; [`Error::OutputForeign`] if it holds anything else; [`Error::OutputBusy`] if somebody else
+    /// writes there; [`Error::Io`] if it cannot be written.
+    pub fn create(out: &Path, force: bool) -> Result<Self> {
+        if !force && interrupted(out).is_some() {
+            return Err(exists(out));
+        }
+        let output = Self::open(out, force, false)?;
+        output.clear()?;
+        Ok(output)
+    }
+
+    /// Makes a work directory inside `out`, or takes the one that an interrupted conversion left, with
+    /// all that is in it. What `out` has of a set that was being moved in is no hindrance, nor is a
+    /// whole one that has just been moved in if `resume` is set.
+    ///
+    /// # Errors
+    /// As of [`Output::create`], but for interrupted conversions.
+    pub fn open(out: &Path, force: bool, resume: bool) -> Result<Self> {
+        let work = out.join(WORK);
+        let has = |dir: &Path| dir.join(ENTRIES[0]).exists();
+        let moving = work.join(MOVING).exists()
+            && match has(&work) {
+                true => !has(out),
+                false => resume,
+            };
+        let made_out = match fs::read_dir(out) {
+            Ok(entries) => {
+                let names = entries.map(|entry| entry.map(|e| e.file_name()));
+                let names: std::io::Result<Vec<_>> = names.collect();
+                let names = names.map_err(|e| Error::io(out, "read the directory", e))?;
+                let ours = |name: &&OsString| ENTRIES.iter().any(|&e| *name == e);
+                let foreign = |name: &&OsString| *name != WORK && !ours(name);
+                if let Some(entry) = names.iter().filter(foreign).min() {
+                    return Err(Error::OutputForeign {
+                        path: out.to_path_buf(),
+                        entry: entry.clone(),
+                    });
+                }
+                if !force && !moving && names.iter().any(|name| ours(&name)) {
+                    return Err(exists(out));
+                }
+                false
+            }
+            Err(e) if e.kind() == ErrorKind::NotFound => {
+                fs::create_dir_all(out).map_err(|e| Error::io(out, "create the directory", e))?;
+                true
+            }
+            Err(e) => return Err(Error::io(out, "use as the output directory", e)),
+        };
+        let lock = take_lock(&work, out).inspect_err(|_| {
+            // only what is empty goes, so nothing of somebody else's
+            let _ = fs::remove_dir(&work);
+            if made_out {
+                let _ = fs::remove_dir(out);
+            }
+        })?;
+        Ok(Output {
+            out: out.to_path_buf(),
+            work,
+            made_out,
+            keep: false,
+            done: false,
+            lock: Some(lock),
+        })
+    }
+
+    /// Empties the work directory and makes the directories of a tile set in it.
+    ///
+    /// # Errors
+    /// [`Error::Io`].
+    pub fn clear(&self) -> Result<()> {
+        if self.work.join(MOVING).exists() {
+            for name in ENTRIES {
+                remove_if_there(&self.out.join(name))?;
+            }
+        }
+        self.empty()?;
+        for dir in ["tiles", "index"] {
+            let dir = self.work.join(dir);
+            fs::create_dir(&dir).map_err(|e| Error::io(&dir, "create the directory", e))?;
+        }
+        Ok(())
+    }
+
+    /// Where to write.
+    pub fn work(&self) -> &Path {
+        &self.work
+    }
+
+    /// Says whether the work directory stays if this is dropped now.
+    pub fn keep(&mut self, keep: bool) {
+        self.keep = keep;
+    }
+
+    /// The note that [`Output::commit`] left before it was interrupted.
+    pub fn moving(&self) -> Option<Vec<u8>> {
+        fs::read(self.work.join(MOVING)).ok()
+    }
+
+    /// Says that all is made. What follows can be interrupted and done again; `note` then tells what
+    /// was made.
+    ///
+    /// # Errors
+    /// [`Error::Io`].
+    pub fn announce(&mut self, note: &[u8]) -> Result<()> {
+        let path = self.work.join(MOVING);
+        let new = path.with_extension("new");
+        write_file(&new, &[note])?;
+        fs::rename(&new, &path).map_err(|e| Error::io(&path, "move into place", e))?;
+        self.keep = true;
+        Ok(())
+    }
+
+    /// Moves everything to its final name, the manifest last.
+    ///
+    /// # Errors
+    /// [`Error::Io`].
+    pub fn commit(mut self) -> Result<()> {
+        if !self.work.join(MOVING).exists() {
+            self.announce(b"")?;
+        }
+        for name in ENTRIES {
+            // what has been moved already is not to be removed
+            if self.work.join(name).exists() || name == "legend.png" {
+                remove_if_there(&self.out.join(name))?;
+            }
+        }
+        for name in ENTRIES.iter().rev() {
+            let to = self.out.join(name);
+            match fs::rename(self.work.join(name), &to) {
+                // painted sets alone have one; the others have been moved already
+                Err(e)
+                    if e.kind() == ErrorKind::NotFound
+                        && (*name == "legend.png" || to.exists()) => {}
+                moved => moved.map_err(|e| Error::io(&to, "move into place", e))?,
+            }
+        }
+        self.done = true;
+        self.remove_work()
+    }
+
+    /// Removes all but the lock from the work directory.
+    fn empty(&self) -> Result<()> {
+        // first of all, so that what is half removed is not taken for a state to go on from
+        for name in STATE {
+            remove_if_there(&self.work.join(name))?;
+        }
+        let fail = |e| Error::io(&self.work, "read the directory", e);
+        for entry in fs::read_dir(&self.work).map_err(fail)? {
+            let entry = entry.map_err(fail)?;
+            if entry.file_name() != LOCK {
+                remove_if_there(&entry.path())?;
+            }
+        }
+        Ok(())
+    }
+
+    fn remove_work(&mut self) -> Result<()> {
+        self.empty()?;
+        // whoever takes the lock from here on makes a directory of its own
+        remove_if_there(&self.work.join(LOCK))?;
+        self.lock = None;
+        match fs::remove_dir(&self.work) {
+            Err(e) if e.kind() == ErrorKind::DirectoryNotEmpty => Ok(()),
+            removed => removed.map_err(|e| Error::io(&self.work, "remove", e)),
+        }
+    }
+}
+
+impl Drop for Output {
+    fn drop(&mut self) {
+        if self.done || self.keep {
+            return;
+        }
+        // nothing more can be done about a failure here
+        let _ = self.remove_work();
+        if self.made_out {
+            let _ = fs::remove_dir(&self.out);
+        }
+    }
+}
+
+fn exists(out: &Path) -> Error {
+    Error::OutputExists {
+        path: out.to_path_buf(),
+    }
+}
+
+/// Makes the work directory if it is not there, and takes its lock.
+fn take_lock(work: &Path, out: &Path) -> Result<Lock> {
+    let mut tries = 0;
+    loop {
+        let made = match fs::create_dir(work) {
+            Err(e) if e.kind() == ErrorKind::AlreadyExists && work.is_dir() => Ok(()),
+            made => made,
+        };
+        made.map_err(|e| Error::io(work, "create the directory", e))?;
+        tries += 1;
+        match Lock::take(&work.join(LOCK), out) {
+            // somebody else is done and has removed the directory just now
+            Err(Error::Io { source, .. }) if source.kind() == ErrorKind::NotFound && tries < 10 => {
+            }
+            taken => return taken,
+        }
+    }
+}

@@ -1,0 +1,210 @@
+//! A tile set for its readers: the manifest, then shards and tiles one after another.
+
+use crate::error::{Error, Result};
+use crate::manifest::{Manifest, Shard, TileEntry, checksum_text, file_inside};
+use crate::tile::TileMesh;
+use std::path::{Path, PathBuf};
+
+/// A directory of tiles, open for reading. Holds the manifest; shards and tiles are read when they
+/// are asked for.
+///
+/// # Examples
+/// ```no_run
+/// let set = alvis::tileset::TileSet::open("foam")?;
+/// println!("{} cells", set.manifest().totals.cells);
+/// for entry in set.tiles() {
+///     let entry = entry?;
+///     let tile = set.read_tile(&entry)?;
+///     println!("{}: {} pieces", entry.path, tile.pieces.len());
+/// }
+/// # Ok::<(), alvis::Error>(())
+/// ```
+#[derive(Debug, Clone)]
+pub struct TileSet {
+    dir: PathBuf,
+    manifest: Manifest,
+}
+
+impl TileSet {
+    /// Opens the tile set in the directory `dir`.
+    ///
+    /// # Errors
+    /// [`Error::Io`] if there is no readable `index.json`; [`Error::Format`] if it is not a manifest
+    /// that this version reads.
+    pub fn open(dir: impl AsRef<Path>) -> Result<Self> {
+        let dir = dir.as_ref();
+        Ok(TileSet {
+            dir: dir.to_path_buf(),
+            manifest: Manifest::open(dir)?,
+        })
+    }
+
+    /// The directory.
+    pub fn dir(&self) -> &Path {
+        &self.dir
+    }
+
+    /// The manifest.
+    pub fn manifest(&self) -> &Manifest {
+        &self.manifest
+    }
+
+    /// The place of a file that the index names. All reading goes through here, so an index from
+    /// elsewhere cannot make this program read other files.
+    ///
+    /// # Errors
+    /// Those of [`file_inside`].
+    pub fn path(&self, relative: &str) -> Result<PathBuf> {
+        file_inside(&self.dir, relative, "open the file")
+    }
+
+    /// The shards by rising z, each read when it is asked for, all of it: [`TileSet::tiles`] takes less memory.
+    ///
+    /// # Errors
+    /// An item is an error if its file is missing, lies outside or is damaged; the next may be sound.
+    pub fn shards(&self) -> impl Iterator<Item = Result<Shard>> + '_ {
+        let layers = self.manifest.layers.iter();
+        layers.map(|layer| self.manifest.shard(&self.dir, layer))
+    }
+
+    /// The entries of all tiles, by rising z, then y, then x, each read when it is asked for.
+    ///
+    /// # Errors
+    /// As [`TileSet::shards`]: one error for a shard that cannot be read to its end.
+    pub fn tiles(&self) -> impl Iterator<Item = Result<TileEntry>> + '_ {
+        self.manifest.layers.iter().flat_map(|layer| {
+            let (tiles, error) = match self.manifest.shard_tiles(&self.dir, layer) {
+                Ok(tiles) => (Some(tiles), None),
+                Err(error) => (None, Some(Err(error))),
+            };
+            error.into_iter().chain(tiles.into_iter().flatten())
+        })
+    }
+
+    /// The bytes of a tile's file, which must have the entry's size and checksum.
+    ///
+    /// # Errors
+    /// As [`TileSet::path`]; [`Error::Format`] for another size or checksum.
+    pub fn tile_bytes(&self, entry: &TileEntry) -> Result<Vec<u8>> {
+        let path = self.path(&entry.path)?;
+        let meta = path
+            .metadata()
+            .map_err(|e| Error::io(&path, "open the tile", e))?;
+        // before reading: a wrong file may be of any size
+        if !meta.is_file() || meta.len() != entry.bytes {
+            return Err(Error::format(
+                &path,
+                format!("{} bytes", meta.len()),
+                format!("a file of {} bytes as in the index", entry.bytes),
+            ));
+        }
+        let bytes = std::fs::read(&path).map_err(|e| Error::io(&path, "read the tile", e))?;
+        let found = checksum_text(crc32fast::hash(&bytes));
+        if found != entry.checksum {
+            let expected = format!("{} as in the index", entry.checksum);
+            return Err(Error::format(&path, found, expected));
+        }
+        Ok(bytes)
+    }
+
+    /// Reads a tile.
+    ///
+    /// # Errors
+    /// As [`TileSet::tile_bytes`]; [`Error::Format`] if the file is not a tile.
+    pub fn read_tile(&self, entry: &TileEntry) -> Result<TileMesh> {
+        let bytes = self.tile_bytes(entry)?;
+        TileMesh::read(&bytes)
+            .map_err(|e| Error::format(self.dir.join(&entry.path), e.to_string(), "a tile"))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::convert::{ConvertOptions, convert};
+    use crate::grid::Dims;
+    use crate::phantom::{Phantom, Shape, render};
+    use crate::progress::Quiet;
+    use crate::volume::Dtype;
+
+    fn ball() -> (tempfile::TempDir, TileSet) {
+        let dir = tempfile::tempdir().unwrap();
+        let ball = Phantom::new(Shape::Sphere { radius: 9.0 });
+        let volume = render(&ball, Dims::new([24; 3]).unwrap(), Dtype::U8).unwrap();
+        let options = ConvertOptions {
+            threshold: volume.threshold(),
+            macrocube: [8; 3],
+            ..ConvertOptions::default()
+        };
+        convert(&volume, &options, &dir.path().join("set"), &Quiet).unwrap();
+        let set = TileSet::open(dir.path().join("set")).unwrap();
+        (dir, set)
+    }
+
+    #[test]
+    fn all_tiles_are_handed_out_in_order() {
+        let (_dir, set) = ball();
+        let tiles: Vec<TileEntry> = set.tiles().collect::<Result<_>>().unwrap();
+        let totals = set.manifest().totals;
+        assert_eq!(tiles.len() as u64, totals.tiles);
+        assert!(tiles.is_sorted_by_key(|t| (t.grid[2], t.grid[1], t.grid[0])));
+        let mut triangles = 0;
+        for entry in &tiles {
+            let tile = set.read_tile(entry).unwrap();
+            assert_eq!(tile.matrix, set.manifest().transform);
+            triangles += tile
+                .pieces
+                .iter()
+                .map(|p| p.triangles.len() as u64)
+                .sum::<u64>();
+        }
+        assert_eq!(triangles, totals.triangles);
+    }
+
+    #[test]
+    fn nothing_outside_is_read() {
+        let (dir, set) = ball();
+        std::fs::write(dir.path().join("secret"), "x").unwrap();
+        for bad in [
+            "",
+            "../secret",
+            "/etc/hosts",
+            "tiles/../../secret",
+            "a\\b",
+            "C:x",
+            "a//b",
+        ] {
+            let error = set.path(bad).unwrap_err();
+            assert!(matches!(error, Error::Format { .. }), "{bad}: {error}");
+        }
+        assert!(matches!(set.path("nothing"), Err(Error::Io { .. })));
+        assert!(set.path("index.json").is_ok());
+        #[cfg(unix)]
+        {
+            let link = set.dir().join("link");
+            std::os::unix::fs::symlink(dir.path().join("secret"), &link).unwrap();
+            let error = set.path("link").unwrap_err();
+            assert!(error.to_string().contains("a link to"), "{error}");
+        }
+    }
+
+    #[test]
+    fn damage_is_an_error_and_the_rest_is_still_read() {
+        let (_dir, set) = ball();
+        let entries: Vec<TileEntry> = set.tiles().collect::<Result<_>>().unwrap();
+        let path = set.dir().join(&entries[0].path);
+        let mut bytes = std::fs::read(&path).unwrap();
+        *bytes.last_mut().unwrap() ^= 1;
+        std::fs::write(&path, &bytes).unwrap();
+        let error = set.read_tile(&entries[0]).unwrap_err().to_string();
+        assert!(error.contains("crc32:"), "{error}");
+        bytes.pop();
+        std::fs::write(&path, &bytes).unwrap();
+        let error = set.read_tile(&entries[0]).unwrap_err().to_string();
+        assert!(error.contains("bytes"), "{error}");
+        std::fs::write(set.dir().join(&set.manifest().layers[0].path), "{").unwrap();
+        let (good, bad): (Vec<_>, Vec<_>) = set.tiles().partition(|t| t.is_ok());
+        let first = entries.iter().filter(|t| t.grid[2] == 0).count();
+        assert_eq!((good.len(), bad.len()), (entries.len() - first, 1));
+    }
+}

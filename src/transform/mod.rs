@@ -1,0 +1,4 @@
+//! Tile sets made of tile sets.
+
+pub mod repack;
+pub mod select;

@@ -1,0 +1,124 @@
+//! A tile set in another form: other primitives, encoding or layout, the same surface.
+//!
+//! No volume is needed. Tiles are read and written one by one, so memory is a tile per thread and two bits per
+//! cell. What stays: positions to the bit, the order of vertices and
+//! pieces, ids, measures, colours and the tables. Strips stay to the entry as long as they stay
+//! strips, so going to the web and back gives the same files but for the normals, which the quantized
+//! encodings round once.
+
+mod names;
+mod tiles;
+
+use crate::convert::check_reach;
+use crate::error::{Error, Result};
+use crate::grid::Tiling;
+use crate::manifest::{Form, Manifest};
+use crate::progress::Progress;
+use crate::table::Table;
+use crate::tileset::{Output, TileSet};
+use serde::Serialize;
+use std::path::Path;
+use std::time::Instant;
+
+/// What to write.
+#[derive(Debug, Clone, Copy, Default)]
+pub struct RepackOptions {
+    /// The form of the new tiles.
+    pub form: Form,
+    /// Replace a tile set that is in the destination.
+    pub force: bool,
+}
+
+/// What was written; the command prints it with `--json`.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct RepackReport {
+    /// Tiles written.
+    pub tiles: u64,
+    /// Triangles in them.
+    pub triangles: u64,
+    /// Bytes of the tiles.
+    pub bytes: u64,
+    /// Bytes that they had before.
+    pub bytes_before: u64,
+    /// Wall time.
+    pub seconds: f64,
+    /// Largest resident set of the process so far, in bytes.
+    pub peak_rss_bytes: u64,
+}
+
+/// Writes the tile set in `from` in another form to the directory `to`.
+///
+/// # Errors
+/// [`Error::Usage`] if both directories are the same, or macrocubes are too large for the encoding;
+/// [`Error::OutputExists`]; [`Error::Format`] if the tile set is damaged; [`Error::Io`];
+/// [`Error::Interrupted`]. Nothing is left under a final name then.
+pub fn repack(
+    from: &Path,
+    to: &Path,
+    options: &RepackOptions,
+    progress: &dyn Progress,
+) -> Result<RepackReport> {
+    let start = Instant::now();
+    let set = TileSet::open(from)?;
+    let manifest = set.manifest();
+    if let (Ok(a), Ok(b)) = (from.canonicalize(), to.canonicalize())
+        && a == b
+    {
+        return Err(Error::usage(
+            "DEST",
+            to.display().to_string(),
+            "another directory than OUT",
+        ));
+    }
+    let tiling = Tiling {
+        dims: manifest.grid.dims,
+        macrocube: manifest.grid.macrocube,
+    };
+    check_reach(options.form.encoding, tiling)?;
+    let several = names::several(&set)?;
+    let output = Output::create(to, options.force)?;
+    let work = output.work();
+    let mut made = manifest.clone();
+    made.primitives = options.form.primitives;
+    made.encoding = options.form.encoding;
+    made.layout = options.form.layout;
+    copy_tables(&set, work, &mut made)?;
+    tiles::Repacker {
+        set: &set,
+        to: work,
+        tiling,
+        form: options.form,
+        several: &several,
+        progress,
+    }
+    .run(&mut made)?;
+    let totals = made.totals;
+    made.write_sealed(work)?;
+    output.commit()?;
+    Ok(RepackReport {
+        tiles: totals.tiles,
+        triangles: totals.triangles,
+        bytes: totals.bytes,
+        bytes_before: manifest.totals.bytes,
+        seconds: start.elapsed().as_secs_f64(),
+        peak_rss_bytes: crate::sys::process_memory::peak_rss_bytes(),
+    })
+}
+
+/// Copies the tables, and the picture of colours if there is one, under the names of the format.
+fn copy_tables(set: &TileSet, work: &Path, made: &mut Manifest) -> Result<()> {
+    let copy = |name: &mut String, file: &str| {
+        let source = set.path(name)?;
+        *name = file.to_owned();
+        let copied = std::fs::copy(&source, work.join(file));
+        copied.map_err(|e| Error::io(&source, "copy", e))
+    };
+    copy(&mut made.tables.cells, Table::Cells.file())?;
+    copy(&mut made.tables.objects, Table::Objects.file())?;
+    copy(&mut made.tables.surfaces, Table::Surfaces.file())?;
+    let selection = made.selection.as_mut();
+    if let Some(colours) = selection.and_then(|s| s.colour_by.as_mut()) {
+        copy(&mut colours.legend, crate::transform::select::LEGEND)?;
+    }
+    Ok(())
+}

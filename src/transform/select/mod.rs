@@ -1,0 +1,134 @@
+//! A part of a tile set, or a painted copy: the pieces of chosen cells in a tile set of their own.
+//!
+//! Cells are kept or left out with all their surfaces, so edges still meet. Geometry is copied bit
+//! for bit, ids and measures stay those of the whole, and tiles without a kept piece vanish.
+//! Objects stay as long as they have a kept surface. Caps stay if all surfaces of the objects in the
+//! part are kept, for then they still close them; else all caps go and the part is open at the
+//! volume's faces, as a set made without `--cap` is.
+
+mod choice;
+mod colour;
+mod copy;
+mod legend;
+
+pub use choice::{ColourRule, PaintRule};
+pub use colour::{Map, hex, parse_colour};
+pub(crate) use legend::FILE as LEGEND;
+
+use crate::error::{Error, Result};
+use crate::manifest::{Manifest, Selection, WholeTotals};
+use crate::progress::Progress;
+use crate::table::Table;
+use crate::tileset::Output;
+use choice::Choice;
+use serde::Serialize;
+use std::path::Path;
+
+/// What to keep and how to paint it.
+#[derive(Debug, Clone, Default)]
+pub struct SelectOptions {
+    /// The condition on cells; see [`crate::table`] for the language. All cells without one.
+    pub condition: Option<String>,
+    /// Leave out the cells for which the condition holds, instead of keeping them.
+    pub omit: bool,
+    /// Colours of some cells, later ones over earlier ones and all over `colour_by`.
+    pub paint: Vec<PaintRule>,
+    /// Colours by the values of a column.
+    pub colour_by: Option<ColourRule>,
+    /// Replace a tile set that is in the destination.
+    pub force: bool,
+}
+
+/// What a selection made; the command prints it with `--json`.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct SelectReport {
+    /// Tiles written.
+    pub tiles: u64,
+    /// Triangles in them.
+    pub triangles: u64,
+    /// Cells kept.
+    pub cells: u64,
+    /// Objects kept.
+    pub objects: u64,
+    /// Surfaces kept.
+    pub surfaces: u64,
+    /// Bytes of the tiles.
+    pub bytes: u64,
+    /// How the part was chosen, as in its manifest.
+    pub selection: Selection,
+    /// Things the user should know, such as that nothing is left.
+    pub warnings: Vec<String>,
+}
+
+/// Writes a part of the tile set in `from`, or a painted copy, to the directory `to`. Memory: some 16
+/// bytes per cell, and a tile per thread.
+///
+/// # Errors
+/// [`Error::Usage`] for conditions and colours that cannot be, or if both directories are the same;
+/// [`Error::OutputExists`]; [`Error::Format`] if the tile set is damaged; [`Error::Io`];
+/// [`Error::Interrupted`]. Nothing is left under a final name then.
+pub fn select(
+    from: &Path,
+    to: &Path,
+    options: &SelectOptions,
+    progress: &dyn Progress,
+) -> Result<SelectReport> {
+    let manifest = Manifest::open(from)?;
+    if let (Ok(a), Ok(b)) = (from.canonicalize(), to.canonicalize())
+        && a == b
+    {
+        return Err(Error::usage(
+            "DEST",
+            to.display().to_string(),
+            "another directory than OUT",
+        ));
+    }
+    let choice = Choice::new(from, &manifest, options)?;
+    let output = Output::create(to, options.force)?;
+    let work = output.work();
+    let mut made = manifest.clone();
+    let rows = copy::tables(from, work, &manifest, &choice)?;
+    copy::tiles(from, work, &mut made, &choice, &rows, progress)?;
+    if let Some(legend) = choice.legend() {
+        legend::write(&work.join(legend::FILE), legend)?;
+    }
+    let selection = choice.selection(&manifest);
+    made.selection = Some(selection.clone());
+    made.tables = crate::manifest::Tables {
+        cells: Table::Cells.file().into(),
+        objects: Table::Objects.file().into(),
+        surfaces: Table::Surfaces.file().into(),
+        checksums: None,
+    };
+    let totals = made.totals;
+    made.write_sealed(work)?;
+    output.commit()?;
+    let mut warnings = Vec::new();
+    if totals.surfaces == 0 {
+        warnings.push("no cell with a surface is left: the tile set is empty".to_string());
+    }
+    warnings.iter().for_each(|w| progress.warn(w));
+    Ok(SelectReport {
+        tiles: totals.tiles,
+        triangles: totals.triangles,
+        cells: totals.cells,
+        objects: totals.objects,
+        surfaces: totals.surfaces,
+        bytes: totals.bytes,
+        selection,
+        warnings,
+    })
+}
+
+/// What the whole had, of which `manifest` may be a part already.
+fn whole(manifest: &Manifest) -> WholeTotals {
+    match &manifest.selection {
+        Some(earlier) => earlier.of,
+        None => WholeTotals {
+            cells: manifest.totals.cells,
+            objects: manifest.totals.objects,
+            surfaces: manifest.totals.surfaces,
+            voxels_above: manifest.totals.voxels_above,
+        },
+    }
+}
