@@ -162,7 +162,7 @@ fn gaps<'b>(
     parts.sort_unstable_by_key(|p| (p.start, p.end));
     let mut end = 0u64;
     let next = |end: u64, step: u64| end.checked_next_multiple_of(step).unwrap_or(end);
-    for part in parts.into_iter().chain([length..length]) {
+    for part in parts.into_iter().chain(std::iter::once(length..length)) {
         let is_last = part == (length..length);
         let fits = match is_last {
             true => length == end || length == next(end, 4),
@@ -235,7 +235,7 @@ fn json_padding(json: &[u8], pieces: usize) -> Option<String> {
     if !dispatch!(is_loose(text)) {
         return None;
     }
-    let at = text.windows(2).position(|pair| is_loose(pair)).unwrap_or(0);
+    let at = text.windows(2).position(is_loose).unwrap_or(0);
     Some(format!(
         "found white space between the parts of the JSON, at byte {at} of its chunk"
     ))

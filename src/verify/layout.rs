@@ -329,9 +329,8 @@ fn joints(indices: &[u32]) -> (u64, bool) {
         joints += u32::from(same[2] & !same[1] & !same[0]);
         odd |= same.iter().fold(true, |all, same| all & same);
     }
-    for w in indices.get(n..).unwrap_or_default().array_windows() {
-        let [a, b, c, d]: &[u32; 4] = w;
-        joints += u32::from((c == d) & (b != c) & (a != b));
+    for w in indices.get(n..).unwrap_or_default().windows(4) {
+        joints += u32::from((w[2] == w[3]) & (w[1] != w[2]) & (w[0] != w[1]));
     }
     (joints.into(), odd)
 }
