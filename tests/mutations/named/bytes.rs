@@ -123,7 +123,7 @@ pub const OF_BYTES: &[(&str, Base, Code, Edit)] = &[
                 let view = number(&j["bufferViews"][2]["byteOffset"]);
                 for a in j["accessors"].as_array().unwrap().iter().skip(2).step_by(3) {
                     let end = view + number(&a["byteOffset"]) + 2 * number(&a["count"]);
-                    if end % 4 != 0 {
+                    if !end.is_multiple_of(4) {
                         bin[end] = 1;
                     }
                 }
