@@ -10,7 +10,8 @@ use crate::manifest::Primitives;
 use crate::measure::AreaScale;
 use crate::strip::Stripifier;
 use crate::surface::{
-    BandView, Edges, MeshSettings, PieceIndex, Sheets, TileBox, TileMesh, TileMesher, assign,
+    BandView, Edges, MeshSettings, PieceIndex, TileBox, TileMesh, TileMesher, VertexAssignment,
+    assign_vertices,
 };
 use crate::tile::Body;
 use crate::volume::Volume;
@@ -118,11 +119,11 @@ impl Kernels {
     #[inline(never)]
     pub fn surfaces(&mut self) -> usize {
         let (mut edges, mut index) = (Edges::default(), PieceIndex::default());
-        let (mut pieces, mut sheets) = (Vec::new(), Sheets::default());
+        let (mut pieces, mut sheets) = (Vec::new(), VertexAssignment::default());
         let mut count = 0;
         for (view, tile) in tiles(&self.bands, self.tiling) {
             edges.find(view.bits, &tile);
-            assign(&view, &tile, &edges, &mut index, &mut pieces, &mut sheets);
+            assign_vertices(&view, &tile, &edges, &mut index, &mut pieces, &mut sheets);
             count += pieces.len();
         }
         count
@@ -183,7 +184,7 @@ fn tiles(bands: &[Band], tiling: Tiling) -> impl Iterator<Item = (BandView<'_, u
                 bits: &band.bits,
                 runs: &band.runs,
                 class_of_run: &band.labels.of_run,
-                fates: None,
+                carry_over: None,
             };
             let grid = [x, i as u32 % ty, i as u32 / ty];
             (view, TileBox::of(tiling, grid))

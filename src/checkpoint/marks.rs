@@ -1,7 +1,7 @@
 //! The files that a checkpoint relies on, and how much of each.
 
 use crate::error::{Error, Result};
-use crate::sys::spill_file::{Mark, Spool};
+use crate::sys::spill_file::{Mark, SpillFile};
 use crate::sys::state_codec::{Decoder, Encoder};
 use std::fs::File;
 use std::io::Read;
@@ -60,12 +60,12 @@ impl Marks {
     ///
     /// # Errors
     /// [`crate::Error::Io`].
-    pub fn reopen(&self, files: &Scratch, what: &str) -> Result<Option<Spool>> {
+    pub fn reopen(&self, files: &Scratch, what: &str) -> Result<Option<SpillFile>> {
         let name = files.name(what);
         let Some(&(_, len, Some(crc))) = self.0.iter().find(|m| m.0 == name) else {
             return Ok(None);
         };
-        Spool::reopen(&files.path(what), Mark { len, crc }).map(Some)
+        SpillFile::reopen(&files.path(what), Mark { len, crc }).map(Some)
     }
 
     /// Removes the files of a sweep that are not marked.
@@ -153,7 +153,7 @@ mod tests {
     fn files_hold_until_they_are_cut_or_changed() {
         let dir = tempfile::tempdir().unwrap();
         let files = Scratch::new(dir.path().to_path_buf(), "tiles");
-        let mut spool = Spool::create(&files.path("slabs")).unwrap();
+        let mut spool = SpillFile::create(&files.path("slabs")).unwrap();
         spool.push(&[7u64; 9]).unwrap();
         let mut marks = Marks::default();
         marks.add(&files, "slabs", spool.mark().unwrap());

@@ -39,7 +39,7 @@ pub const TILES: usize = 2;
 
 /// Layers that an interrupted conversion has finished.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub struct Kept {
+pub struct LayersDone {
     /// Layers that are done. A conversion with `min_voxels` sweeps three times and counts the layers
     /// of each sweep.
     pub done: u64,
@@ -50,7 +50,7 @@ pub struct Kept {
 /// A place between two layers.
 #[derive(Debug)]
 struct Checkpoint {
-    kept: Kept,
+    kept: LayersDone,
     sweep: usize,
     /// Layers of this sweep that are done.
     layer: u32,
@@ -73,7 +73,7 @@ pub struct Place {
 
 /// Keeps the state of one conversion.
 #[derive(Debug)]
-pub struct Keeper {
+pub struct Checkpointer {
     work: PathBuf,
     crc: u32,
     boot: Vec<u8>,
@@ -91,7 +91,7 @@ pub struct Keeper {
     disk: Disk,
 }
 
-impl Keeper {
+impl Checkpointer {
     /// Begins anew in a work directory that holds nothing of another conversion.
     ///
     /// # Errors
@@ -105,7 +105,7 @@ impl Keeper {
     }
 
     fn empty(work: &Path, identity: &Identity, dust: bool, layers: u32) -> Self {
-        Keeper {
+        Checkpointer {
             work: work.to_path_buf(),
             crc: identity.crc(),
             boot: boot(),
@@ -149,26 +149,26 @@ impl Keeper {
                 });
             }
         }
-        let mut keeper = Self::empty(work, identity, dust, layers);
-        let checkpoint = load(work, keeper.crc, &keeper.boot);
+        let mut checkpointer = Self::empty(work, identity, dust, layers);
+        let checkpoint = load(work, checkpointer.crc, &checkpointer.boot);
         let Some(checkpoint) = checkpoint.filter(|c| c.layer <= layers) else {
             return Ok(None);
         };
-        keeper.before.0 = checkpoint.kept.done;
+        checkpointer.before.0 = checkpoint.kept.done;
         if checkpoint.sweep == TILES {
-            keeper.before.1 = checkpoint.layer;
+            checkpointer.before.1 = checkpoint.layer;
         }
-        if keeper.before.1 == layers {
-            keeper.before.2 = keeper.load_finished(checkpoint.safe).unwrap_or(0);
+        if checkpointer.before.1 == layers {
+            checkpointer.before.2 = checkpointer.load_finished(checkpoint.safe).unwrap_or(0);
         }
         if checkpoint.safe {
             for name in [CHECKPOINT, FINISHED] {
                 crate::sys::files::remove_if_there(&work.join(name))?;
             }
         }
-        keeper.any = true;
-        keeper.at = Some(checkpoint);
-        Ok(Some(keeper))
+        checkpointer.any = true;
+        checkpointer.at = Some(checkpoint);
+        Ok(Some(checkpointer))
     }
 
     /// Layers, of all sweeps, that were done before this process began.
@@ -251,16 +251,16 @@ impl Keeper {
         marks: &Marks,
         state: impl FnOnce(&mut Encoder) -> Result<()>,
     ) -> Result<()> {
-        self.make_ready(sweep, layer, marks, state)?;
-        self.keep()
+        self.stage(sweep, layer, marks, state)?;
+        self.commit()
     }
 
-    /// As [`Keeper::save`], but what is written counts only from [`Keeper::keep`] on: what it relies on may be
+    /// As [`Checkpointer::save`], but what is written counts only from [`Checkpointer::commit`] on: what it relies on may be
     /// on its way until then, while the sweep goes on. It takes the place of one that was not kept.
     ///
     /// # Errors
     /// [`Error::Io`].
-    pub fn make_ready(
+    pub fn stage(
         &mut self,
         sweep: usize,
         layer: u32,
@@ -285,7 +285,7 @@ impl Keeper {
     ///
     /// # Errors
     /// [`Error::Io`], also if an earlier sync failed.
-    pub fn keep(&mut self) -> Result<()> {
+    pub fn commit(&mut self) -> Result<()> {
         self.give_name(CHECKPOINT)?;
         self.any = true;
         self.disk.begin().map(|_| ())
@@ -336,7 +336,7 @@ fn new_name(name: &str) -> String {
 }
 
 /// What a work directory keeps; `None` if nothing.
-pub fn kept(work: &Path) -> Option<Kept> {
+pub fn kept(work: &Path) -> Option<LayersDone> {
     let before = Identity::from_bytes(&std::fs::read(work.join(CONVERSION)).ok()?)?;
     load(work, before.crc(), &boot()).map(|c| c.kept)
 }
@@ -346,7 +346,7 @@ fn load(work: &Path, crc: u32, boot: &[u8]) -> Option<Checkpoint> {
     [false, true].into_iter().find_map(|safe| {
         let name = format!("{CHECKPOINT}{}", if safe { SAFE } else { "" });
         let mut input = open(&work.join(name), crc, boot, safe)?;
-        let kept = Kept {
+        let kept = LayersDone {
             done: input.number()?,
             of: input.number()?,
         };
@@ -364,7 +364,7 @@ fn load(work: &Path, crc: u32, boot: &[u8]) -> Option<Checkpoint> {
     })
 }
 
-/// Opens a file that was written by [`Keeper::write`] in the same conversion, and in the same boot
+/// Opens a file that was written by [`Checkpointer::write`] in the same conversion, and in the same boot
 /// unless it is safe.
 fn open(path: &Path, crc: u32, boot: &[u8], safe: bool) -> Option<Decoder> {
     let mut input = Decoder::new(std::fs::read(path).ok()?)?;
@@ -387,20 +387,20 @@ mod tests {
         let identity = Identity::new(vec![("version".into(), "1".into())]);
         let dir = tempfile::tempdir().unwrap();
         let done = || kept(dir.path()).map(|k| k.done);
-        let mut keeper = Keeper::new(dir.path(), &identity, false, 9).unwrap();
-        let ready = |keeper: &mut Keeper, layer| {
+        let mut checkpointer = Checkpointer::new(dir.path(), &identity, false, 9).unwrap();
+        let ready = |checkpointer: &mut Checkpointer, layer| {
             let state = |out: &mut Encoder| out.number(5);
-            keeper.make_ready(TILES, layer, &Marks::default(), state)
+            checkpointer.stage(TILES, layer, &Marks::default(), state)
         };
-        ready(&mut keeper, 1).unwrap();
-        assert_eq!((done(), keeper.has_any()), (None, false));
-        keeper.keep().unwrap();
-        assert_eq!((done(), keeper.has_any()), (Some(1), true));
+        ready(&mut checkpointer, 1).unwrap();
+        assert_eq!((done(), checkpointer.has_any()), (None, false));
+        checkpointer.commit().unwrap();
+        assert_eq!((done(), checkpointer.has_any()), (Some(1), true));
         // one that was never kept is as if it had not been
-        ready(&mut keeper, 2).unwrap();
+        ready(&mut checkpointer, 2).unwrap();
         assert_eq!(done(), Some(1));
-        ready(&mut keeper, 3).unwrap();
-        keeper.keep().unwrap();
+        ready(&mut checkpointer, 3).unwrap();
+        checkpointer.commit().unwrap();
         assert_eq!(done(), Some(3));
     }
 }

@@ -11,32 +11,32 @@ mod slab_records;
 mod tables;
 mod warnings;
 
-pub use crate::checkpoint::Kept;
+pub use crate::checkpoint::LayersDone;
 pub use crate::tileset::{check_output, interrupted};
 pub use options::{ConvertOptions, ConvertReport};
 use plan::{Plan, plan};
 pub use tables::{COMPONENT_COLUMNS, SURFACE_COLUMNS, unit_text};
 
-use crate::checkpoint::{Keeper, boot};
+use crate::checkpoint::{Checkpointer, boot};
 use crate::convert::finalize::shards::Layers;
 use crate::convert::finalize::{FinishSettings, Stop, finish};
-use crate::convert::scan::state::Forward;
-use crate::convert::scan::tile_writer::{TileWriter, too_wide};
-use crate::convert::scan::{Sweep, Unkept};
+use crate::convert::scan::state::ScanOutput;
+use crate::convert::scan::tile_writer::TileWriter;
+use crate::convert::scan::{Sweep, UncommittedLayer};
 use crate::error::{Error, Result};
 use crate::grid::{LATTICE, Placement, Tiling};
 use crate::manifest::{
-    Dust, Encoding, FORMAT, FORMAT_VERSION, Generator, GridInfo, Manifest, Source, Tables, Totals,
+    Dust, FORMAT, FORMAT_VERSION, Generator, GridInfo, Manifest, Source, Tables, Totals,
 };
 use crate::progress::Progress;
-use crate::sys::background_writer::Writers;
+use crate::sys::background_writer::BackgroundWriters;
 use crate::sys::files::remove_if_there;
-use crate::sys::memory_pool::Budget;
+use crate::sys::memory_pool::MemoryPool;
 use crate::tile::{TileHead, WidestNodes};
 use crate::tileset::{Output, tidy};
 use crate::volume::{Cropped, Volume, Watch, Watched, spool_beside};
 use resolve::{Components, resolve};
-use resume::{announced, begin, complete};
+use resume::{begin, commit_begun, complete};
 use serde::{Deserialize, Serialize};
 use std::path::Path;
 use std::time::Instant;
@@ -97,15 +97,15 @@ pub fn convert(
     let identity = identity::of(volume, options);
     let mut output = Output::open(out, options.force, options.resume)?;
     if options.resume
-        && let Some(made) = announced(&output, &identity)
+        && let Some(made) = commit_begun(&output, &identity)
     {
         progress.warn(&format!("resuming: all {} layers were done", all.0));
         output.keep(true);
         output.commit()?;
         return Ok(report(made, all));
     }
-    let mut keeper = begin(&mut output, out, options, &identity, layers, progress)?;
-    let resumed = (keeper.kept(), keeper.finished());
+    let mut checkpointer = begin(&mut output, out, options, &identity, layers, progress)?;
+    let resumed = (checkpointer.kept(), checkpointer.finished());
     let pool = rayon::ThreadPoolBuilder::new()
         .num_threads(plan.threads)
         .build()
@@ -117,13 +117,13 @@ pub fn convert(
             grid,
             options,
             &plan,
-            (&work, &mut keeper),
+            (&work, &mut checkpointer),
             (progress, &watch),
         )
     });
     // usage errors come back with the same options
     let usage = matches!(made, Err(Error::Usage { .. }));
-    output.keep(keeper.has_any() && !usage);
+    output.keep(checkpointer.has_any() && !usage);
     let mut made = made?;
     // nothing that was made of a changed input is of use
     let touched = options.input.check().inspect_err(|_| output.keep(false))?;
@@ -132,12 +132,12 @@ pub fn convert(
         made.warnings.push(warning);
     }
     // first what the note tells of, then the note: it may outlive a power failure
-    keeper.disk().finish()?;
-    made.boot = (!keeper.disk().is_used()).then(boot);
+    checkpointer.disk().finish()?;
+    made.boot = (!checkpointer.disk().is_used()).then(boot);
     let note = serde_json::to_vec(&made).expect("plain data serialises");
-    output.announce(&note)?;
-    keeper.disk().finish()?;
-    drop(keeper);
+    output.begin_commit(&note)?;
+    checkpointer.disk().finish()?;
+    drop(checkpointer);
     output.commit()?;
     Ok(report(made, resumed))
 }
@@ -186,20 +186,6 @@ fn check(volume: &dyn Volume, options: &ConvertOptions) -> Result<()> {
     Ok(())
 }
 
-/// Refuses macrocubes that reach further than 16-bit positions: 255 cubes are 65,280 steps, and with
-/// caps a tile reaches a voxel and a half further.
-///
-/// # Errors
-/// [`Error::Usage`].
-pub(crate) fn check_reach(encoding: Encoding, tiling: Tiling) -> Result<()> {
-    const MOST: u32 = 254;
-    let cubes = |a: usize| tiling.macrocube[a].min(tiling.dims.0[a] - 1);
-    if encoding != Encoding::Float && (0..3).any(|a| cubes(a) > MOST) {
-        return Err(too_wide(tiling.macrocube));
-    }
-    Ok(())
-}
-
 /// What [`make`] made.
 #[derive(Serialize, Deserialize)]
 struct Made {
@@ -217,11 +203,11 @@ fn make(
     grid: &dyn Volume,
     options: &ConvertOptions,
     plan: &Plan,
-    (work, keeper): (&Path, &mut Keeper),
+    (work, checkpointer): (&Path, &mut Checkpointer),
     (progress, watch): (&dyn Progress, &Watch),
 ) -> Result<Made> {
     // what was swept before was not seen
-    let all_seen = keeper.kept() == 0;
+    let all_seen = checkpointer.kept() == 0;
     let measured = options.measured(&grid.header().placement)?;
     let head = TileHead {
         matrix: grid.header().placement.gltf_matrix(),
@@ -233,17 +219,18 @@ fn make(
         head: head.clone(),
         tiling: plan.tiling,
     };
-    let (forward, unkept) = swept(grid, options, plan, (&writer, &mut *keeper), progress)?;
+    let (forward, uncommitted) =
+        swept(grid, options, plan, (&writer, &mut *checkpointer), progress)?;
     let mut totals = forward_totals(&forward);
     let dust = dust(options, &forward);
     let tables = plan.tables();
     let resolve = || resolve(forward, tables, work);
-    let (kept, resolved) = rayon::join(|| unkept.keep(keeper), resolve);
+    let (kept, resolved) = rayon::join(|| uncommitted.keep(checkpointer), resolve);
     kept?;
     let (mut slabs, mut spool, mut ids, components) = resolved?;
     progress.begin("index", slabs.len() as u64);
-    let budget = Budget::new(plan.limit, plan.fixed);
-    let writers = Writers::new(plan.in_flight, plan.body, &budget);
+    let budget = MemoryPool::new(plan.limit, plan.fixed);
+    let writers = BackgroundWriters::new(plan.in_flight, plan.body, &budget);
     let settings = FinishSettings {
         dir: work,
         head: &head,
@@ -257,7 +244,7 @@ fn make(
         &mut slabs,
         &mut spool,
         (&mut ids, &components.cells),
-        (&settings, keeper),
+        (&settings, checkpointer),
         &mut totals,
         progress,
         |stop| write_tables(work, &components, (&measured, stop)),
@@ -292,12 +279,12 @@ fn swept(
     grid: &dyn Volume,
     options: &ConvertOptions,
     plan: &Plan,
-    (writer, keeper): (&TileWriter, &mut Keeper),
+    (writer, checkpointer): (&TileWriter, &mut Checkpointer),
     progress: &dyn Progress,
-) -> Result<(Forward, Unkept)> {
+) -> Result<(ScanOutput, UncommittedLayer)> {
     let work = &writer.dir;
     let [x, y, layers] = plan.tiling.tiles();
-    make_layer_directories(work, keeper.swept()..layers)?;
+    make_layer_directories(work, checkpointer.swept()..layers)?;
     let measured = options.measured(&grid.header().placement)?;
     progress.begin("tiles", [x, y, layers].map(u64::from).iter().product());
     let mut sweep = |volume: &dyn Volume| {
@@ -312,7 +299,7 @@ fn swept(
             writer,
             progress,
         };
-        sweep.run(keeper)
+        sweep.run(checkpointer)
     };
     // a slab's bands are read one by one, each through all its slices
     let forward_only = y == 1 && options.min_voxels < 2;
@@ -353,7 +340,7 @@ fn remove_empty_layer_directories(work: &Path, tiling: Tiling, layers: &mut Laye
 }
 
 /// What was left out, if that was asked for.
-fn dust(options: &ConvertOptions, forward: &Forward) -> Option<Dust> {
+fn dust(options: &ConvertOptions, forward: &ScanOutput) -> Option<Dust> {
     let [objects, cells] = forward.dust;
     (options.min_voxels > 1).then_some(Dust {
         min_voxels: options.min_voxels,
@@ -365,7 +352,7 @@ fn dust(options: &ConvertOptions, forward: &Forward) -> Option<Dust> {
 }
 
 /// The totals that the forward sweep knows.
-fn forward_totals(forward: &Forward) -> Totals {
+fn forward_totals(forward: &ScanOutput) -> Totals {
     Totals {
         cap_triangles: forward.caps.triangles,
         vertices: forward.caps.vertices,

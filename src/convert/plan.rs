@@ -1,12 +1,13 @@
 //! How a conversion is cut to fit memory.
 
-use crate::convert::{ConvertOptions, check_reach};
+use crate::convert::ConvertOptions;
 use crate::error::{Error, Result};
 use crate::grid::{Dims, Tiling};
 use crate::labels::Span;
 use crate::surface::{BYTES_PER_CUBE, BYTES_PER_TRIANGLE};
 use crate::sys::background_writer::in_flight;
 use crate::sys::huge_pages::held;
+use crate::tile::check_reach;
 use crate::volume::{SPOOL_PIECE, Volume};
 
 /// Resident memory of the program itself with its threads' stacks and allocator slack.

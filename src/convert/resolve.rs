@@ -1,13 +1,13 @@
 //! The reverse sweep over the slabs' class maps: final ids and the sums of whole components.
 
 use crate::convert::finalize::batches::{Ids, IdsOfSlab};
-use crate::convert::scan::state::Forward;
+use crate::convert::scan::state::ScanOutput;
 use crate::convert::scan::surfaces::SlabSurface;
 use crate::convert::scan::tile_writer::WrittenPiece;
 use crate::convert::slab_records::Slabs;
 use crate::error::Result;
 use crate::measure::{ComponentRecord, RecordTable, SurfaceRecord, VoxelSums};
-use crate::sys::spill_file::{Place, Spool};
+use crate::sys::spill_file::{Place, SpillFile};
 use std::path::Path;
 
 /// Final ids of all slabs, in their order, see [`IdsOfSlab`].
@@ -15,8 +15,8 @@ pub struct SpooledIds {
     /// How many slabs have been added: from the last one back to the first.
     len: usize,
     /// Where the ids of each lie.
-    places: Spool,
-    spool: Spool,
+    places: SpillFile,
+    spool: SpillFile,
 }
 
 /// Offsets and lengths of a slab's arrays.
@@ -40,8 +40,8 @@ impl SpooledIds {
     pub fn new(dir: &Path) -> Result<Self> {
         Ok(SpooledIds {
             len: 0,
-            places: Spool::new(dir)?,
-            spool: Spool::new(dir)?,
+            places: SpillFile::new(dir)?,
+            spool: SpillFile::new(dir)?,
         })
     }
 
@@ -82,13 +82,13 @@ impl SpooledIds {
 }
 
 /// What [`resolve`] makes of the sweep: slabs and their spool as they were, ids, and what has them.
-pub type Resolved = (Slabs, Spool, SpooledIds, Components);
+pub type Resolved = (Slabs, SpillFile, SpooledIds, Components);
 
 /// The ids of the slab after the one in hand.
 #[derive(Default)]
 struct Later {
     classes: Vec<u64>,
-    from_previous: Vec<u32>,
+    carried_in: Vec<u32>,
     surfaces: Vec<u64>,
     surfaces_from_previous: Vec<u32>,
 }
@@ -98,18 +98,18 @@ struct Later {
 ///
 /// # Errors
 /// [`crate::Error::Io`] if a temporary file fails.
-pub fn resolve(forward: Forward, budget: u64, work: &Path) -> Result<Resolved> {
-    let Forward {
+pub fn resolve(forward: ScanOutput, budget: u64, work: &Path) -> Result<Resolved> {
+    let ScanOutput {
         mut spool,
         mut whole,
         mut slabs,
-        births,
+        provisional,
         surface_births,
         ..
     } = forward;
-    let mut object_ranks = births.objects.rank()?;
-    let mut cell_ranks = births.cells.rank()?;
-    let mut surface_ranks = surface_births.rank()?;
+    let mut object_ranks = provisional.objects.renumber()?;
+    let mut cell_ranks = provisional.cells.renumber()?;
+    let mut surface_ranks = surface_births.renumber()?;
     let mut spooled = SpooledIds::new(work)?;
     let mut resolved = Components {
         objects: RecordTable::new(object_ranks.alive(), budget / 3, work)?,
@@ -120,32 +120,36 @@ pub fn resolve(forward: Forward, budget: u64, work: &Path) -> Result<Resolved> {
     for number in (0..slabs.len()).rev() {
         let slab = slabs.get(number)?.expect("there is one of each number");
         let above = spool.get(&slab.above)?;
-        let births = spool.get(&slab.births)?;
+        let provisional = spool.get(&slab.provisional)?;
         let live = spool.get(&slab.live)?;
         let classes = ids(
-            &births,
+            &provisional,
             &live,
             &later.classes,
-            &later.from_previous,
-            |class, birth| {
+            &later.carried_in,
+            |class, provisional_id| {
                 if above[class] == 1 {
-                    object_ranks.id(birth)
+                    object_ranks.id(provisional_id)
                 } else {
-                    cell_ranks.id(birth)
+                    cell_ranks.id(provisional_id)
                 }
             },
         )?;
         for (sums, class_of) in &slab.ended(&mut spool)? {
             resolved.add_components(&mut spool, (sums, class_of), &above, &classes)?;
         }
-        drop((above, births));
+        drop((above, provisional));
         let surfaces = spool.get(&slab.surfaces)?;
-        let births: Vec<u64> = surfaces.iter().map(|s| s.birth).collect();
+        let provisional: Vec<u64> = surfaces.iter().map(|s| s.provisional_id).collect();
         let live = spool.get(&slab.surfaces_live)?;
         let after = (&later.surfaces, &later.surfaces_from_previous);
-        let surface_ids = ids(&births, &live, after.0, after.1, |_, birth| {
-            surface_ranks.id(birth)
-        })?;
+        let surface_ids = ids(
+            &provisional,
+            &live,
+            after.0,
+            after.1,
+            |_, provisional_id| surface_ranks.id(provisional_id),
+        )?;
         let mut goes_on = vec![false; surfaces.len()];
         for &i in &live {
             goes_on[i as usize] = true;
@@ -176,7 +180,7 @@ pub fn resolve(forward: Forward, budget: u64, work: &Path) -> Result<Resolved> {
         }
         later = Later {
             classes: ids.classes,
-            from_previous: spool.get(&slab.from_previous)?,
+            carried_in: spool.get(&slab.carried_in)?,
             surfaces: ids.surfaces,
             surfaces_from_previous: spool.get(&slab.surfaces_from_previous)?,
         };
@@ -201,7 +205,7 @@ impl Components {
     /// classes.
     fn add_components(
         &mut self,
-        spool: &mut Spool,
+        spool: &mut SpillFile,
         (sums, class_of): (&Place<VoxelSums>, &Place<u32>),
         above: &[u8],
         ids: &[u64],
@@ -264,20 +268,20 @@ impl Components {
 }
 
 /// The id of every member of a slab: that of its successor in the next slab if it goes on there,
-/// else that of its own birth.
+/// else that of its own provisional label.
 fn ids(
-    births: &[u64],
+    provisional: &[u64],
     live: &[u32],
     later: &[u64],
-    from_previous: &[u32],
+    carried_in: &[u32],
     mut own: impl FnMut(usize, u64) -> Result<u64>,
 ) -> Result<Vec<u64>> {
-    let mut out = vec![0; births.len()];
-    for (&member, &successor) in live.iter().zip(from_previous) {
+    let mut out = vec![0; provisional.len()];
+    for (&member, &successor) in live.iter().zip(carried_in) {
         out[member as usize] = later[successor as usize];
     }
     for (member, id) in out.iter_mut().enumerate().filter(|(_, id)| **id == 0) {
-        *id = own(member, births[member])?;
+        *id = own(member, provisional[member])?;
     }
     Ok(out)
 }

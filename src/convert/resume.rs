@@ -1,6 +1,6 @@
 //! What a conversion finds in its output directory: nothing, a part of itself, or all of it.
 
-use crate::checkpoint::{Identity, Keeper, Kept, boot, kept};
+use crate::checkpoint::{Checkpointer, Identity, LayersDone, boot, kept};
 use crate::convert::plan::Plan;
 use crate::convert::{ConvertOptions, Made, manifest, warnings};
 use crate::error::Result;
@@ -21,24 +21,24 @@ pub fn begin(
     identity: &Identity,
     layers: u32,
     progress: &dyn Progress,
-) -> Result<Keeper> {
+) -> Result<Checkpointer> {
     let dust = options.min_voxels > 1;
     let work = output.work().to_path_buf();
     // whatever happens now, what is there is not to be lost
     output.keep(true);
     let before = kept(&work);
     if options.resume {
-        if let Some(keeper) = Keeper::resume(&work, out, identity, dust, layers)? {
-            let (kept, finished) = (keeper.kept(), keeper.finished());
+        if let Some(checkpointer) = Checkpointer::resume(&work, out, identity, dust, layers)? {
+            let (kept, finished) = (checkpointer.kept(), checkpointer.finished());
             let of = before.map_or(0, |b| b.of);
             let index = match finished {
                 0 => String::new(),
                 n => format!(", and {n} in the index"),
             };
             progress.warn(&format!("resuming: {kept} of {of} layers were done{index}"));
-            return Ok(keeper);
+            return Ok(checkpointer);
         }
-    } else if let Some(Kept { done, of }) = before {
+    } else if let Some(LayersDone { done, of }) = before {
         progress.warn(&format!(
             "dropping {done} of {of} layers of an interrupted conversion: --resume would have gone \
              on with them"
@@ -46,13 +46,13 @@ pub fn begin(
     }
     output.clear()?;
     output.keep(false);
-    Keeper::new(&work, identity, dust, layers)
+    Checkpointer::new(&work, identity, dust, layers)
 }
 
 /// What was made, if it was being moved into place.
-pub fn announced(output: &Output, identity: &Identity) -> Option<Made> {
+pub fn commit_begun(output: &Output, identity: &Identity) -> Option<Made> {
     let made: Made = serde_json::from_slice(&output.moving()?).ok()?;
-    let same = Keeper::differences(output.work(), identity)?.is_empty();
+    let same = Checkpointer::differences(output.work(), identity)?.is_empty();
     let counts = made.boot.as_ref().is_none_or(|then| *then == boot());
     (same && counts).then_some(made)
 }

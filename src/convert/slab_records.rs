@@ -4,7 +4,7 @@ use crate::convert::scan::surfaces::SlabSurface;
 use crate::convert::scan::tile_writer::TileRecord;
 use crate::error::Result;
 use crate::measure::VoxelSums;
-use crate::sys::spill_file::{Mark, Place, Spool};
+use crate::sys::spill_file::{Mark, Place, SpillFile};
 
 /// Numbers that tell of a slab: its layer, and two for each place.
 const NUMBERS: usize = 1 + 2 * 11;
@@ -15,13 +15,13 @@ pub struct SlabRecord {
     /// z index of its macrocubes.
     pub layer: u32,
     /// Number of each class.
-    pub births: Place<u64>,
+    pub provisional: Place<u64>,
     /// 1 for objects, 0 for cells, per class.
     pub above: Place<u8>,
-    /// See [`SlabClasses`].
+    /// See [`SlabComponents`].
     pub live: Place<u32>,
-    /// See [`SlabClasses`].
-    pub from_previous: Place<u32>,
+    /// See [`SlabComponents`].
+    pub carried_in: Place<u32>,
     /// Where the sums of components that end in this slab lie, some at a time, and their classes: see
     /// [`SlabRecord::ended`].
     pub finished: Place<[u64; 4]>,
@@ -33,7 +33,7 @@ pub struct SlabRecord {
     pub surfaces_from_previous: Place<u32>,
     /// Surfaces that are, in a spool of their own.
     pub whole: Place<SlabSurface>,
-    /// Births of these.
+    /// Provisional labels of these.
     pub whole_births: Place<u64>,
     /// The tiles, by y, then x.
     pub tiles: Place<TileRecord>,
@@ -53,7 +53,7 @@ impl SlabRecord {
     ///
     /// # Errors
     /// [`crate::Error::Io`].
-    pub fn ended(&self, spool: &mut Spool) -> Result<Vec<(Place<VoxelSums>, Place<u32>)>> {
+    pub fn ended(&self, spool: &mut SpillFile) -> Result<Vec<(Place<VoxelSums>, Place<u32>)>> {
         let parts = spool.get(&self.finished)?.into_iter();
         let place = |[sums, many, classes, of]: [u64; 4]| {
             (
@@ -67,10 +67,10 @@ impl SlabRecord {
     /// All of it as numbers.
     fn numbers(&self) -> [u64; NUMBERS] {
         let places = [
-            self.births.numbers(),
+            self.provisional.numbers(),
             self.above.numbers(),
             self.live.numbers(),
-            self.from_previous.numbers(),
+            self.carried_in.numbers(),
             self.surfaces.numbers(),
             self.surfaces_live.numbers(),
             self.surfaces_from_previous.numbers(),
@@ -95,10 +95,10 @@ impl SlabRecord {
         let numbers = &mut numbers.iter().copied();
         Some(SlabRecord {
             layer: numbers.next()?.try_into().ok()?,
-            births: place(numbers)?,
+            provisional: place(numbers)?,
             above: place(numbers)?,
             live: place(numbers)?,
-            from_previous: place(numbers)?,
+            carried_in: place(numbers)?,
             surfaces: place(numbers)?,
             surfaces_live: place(numbers)?,
             surfaces_from_previous: place(numbers)?,
@@ -113,13 +113,13 @@ impl SlabRecord {
 /// The slabs of a sweep, by rising z, in a file: a volume may have as many as slices.
 #[derive(Debug)]
 pub struct Slabs {
-    records: Spool,
+    records: SpillFile,
     len: usize,
 }
 
 impl Slabs {
     /// Those of a spool, none of it is new.
-    pub fn new(records: Spool) -> Self {
+    pub fn new(records: SpillFile) -> Self {
         Slabs { records, len: 0 }
     }
 
@@ -127,7 +127,7 @@ impl Slabs {
     ///
     /// # Errors
     /// [`crate::Error::Io`].
-    pub fn load(mut records: Spool) -> Result<Option<Self>> {
+    pub fn load(mut records: SpillFile) -> Result<Option<Self>> {
         let all = records.everything::<[u64; NUMBERS]>();
         let Some(all) = all else {
             return Ok(None);
@@ -141,7 +141,7 @@ impl Slabs {
         Ok(sound.then_some(Slabs { records, len }))
     }
 
-    /// See [`Spool::mark`].
+    /// See [`SpillFile::mark`].
     ///
     /// # Errors
     /// [`crate::Error::Io`].

@@ -8,7 +8,7 @@
 
 use super::sheet::{PlaneVertex, Sheet};
 use crate::error::Result;
-use crate::sys::spill_file::{Place, Spool};
+use crate::sys::spill_file::{Place, SpillFile};
 use bytemuck::{Pod, Zeroable};
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
@@ -25,7 +25,7 @@ struct Waiting {
 #[derive(Debug)]
 struct Floor {
     z: u32,
-    spool: Spool,
+    spool: SpillFile,
     places: BTreeMap<[u32; 2], Place<Waiting>>,
 }
 
@@ -129,7 +129,7 @@ impl Front {
         let below = self.floors[1].take();
         let next = Floor {
             z,
-            spool: Spool::new(&self.dir)?,
+            spool: SpillFile::new(&self.dir)?,
             places: BTreeMap::new(),
         };
         self.floors = [below.filter(|f| f.z + 1 == z), Some(next)];

@@ -3,10 +3,15 @@
 //! Voxel (i, j, k) is a sample at integer coordinates, x fastest. A *cube* (i, j, k) has the 8
 //! voxels (i..i+1, j..j+1, k..k+1) as corners. A *macrocube* is a block of cubes; its file is a tile.
 
+mod dtype;
 mod extent;
 pub(crate) mod length;
+mod provenance;
 
+pub(crate) use dtype::with_voxel_type;
+pub use dtype::{Dtype, Endian, Slope, Voxel};
 pub use extent::Extent;
+pub use provenance::{Origin, Part, Provenance};
 
 use crate::error::{Error, Result};
 use crate::grid::length::Length;

@@ -8,7 +8,7 @@ use crate::measure::VoxelSums;
 
 /// What the joining of bands needs to know of one band.
 #[derive(Debug, Clone, Default)]
-pub struct BandEdges {
+pub struct BandFaces {
     /// Local components of the runs of the band's first row, all slices.
     pub(crate) first_row: Vec<u32>,
     /// The same of its last row, which is the next band's first.
@@ -23,7 +23,7 @@ pub struct BandEdges {
     pub(crate) head_runs_last: usize,
 }
 
-impl BandEdges {
+impl BandFaces {
     /// Takes the outer rows' and slices' labels of a band. Rows and slices at the grid's ends are
     /// shared with no band or slab, so theirs are left out.
     pub fn of(bits: &Bits, runs: &Runs, labels: &Labels, dims: Dims) -> Self {
@@ -48,7 +48,7 @@ impl BandEdges {
                 .copied()
                 .collect()
         };
-        BandEdges {
+        BandFaces {
             first_row: if shared_low { column(0) } else { Vec::new() },
             last_row: if shared_high {
                 column(rows - 1)
@@ -75,7 +75,7 @@ impl BandEdges {
     }
 }
 
-impl BandEdges {
+impl BandFaces {
     /// Bytes of memory.
     pub fn bytes(&self) -> u64 {
         let labels = [
@@ -109,7 +109,7 @@ impl BandComponents {
     /// What `whole` returns.
     pub fn split<E>(
         components: &[LocalComponent],
-        edges: &BandEdges,
+        edges: &BandFaces,
         mut whole: impl FnMut(&VoxelSums) -> Result<(), E>,
     ) -> Result<Self, E> {
         let mut shared = vec![false; components.len()];

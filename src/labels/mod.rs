@@ -25,12 +25,12 @@ mod slab_merge;
 mod union_find;
 mod voxels;
 
-pub use band_boundary::{BandComponents, BandEdges};
+pub use band_boundary::{BandComponents, BandFaces};
 pub use bits::Bits;
 pub use border_euler::add_border_euler;
-pub use carry_over::{Fate, Fates};
+pub use carry_over::{CarryOver, Successor};
 pub use label_band::{Labels, LocalComponent, label_runs, sum_voxels};
-pub use provisional::{Births, Unfiled};
+pub use provisional::{ProvisionalLabels, ResidentLabels};
 pub use runs::{RowRuns, Run, Runs};
-pub use slab_merge::{Classes, KnownBand, PhaseBirths, SlabClasses};
+pub use slab_merge::{BandInput, CarriedComponents, PhaseLabels, SlabComponents};
 pub use voxels::{Span, Voxels};

@@ -2,11 +2,11 @@
 //!
 //! A component gets a number when it is first seen; numbers rise with the component's smallest voxel
 //! (or lattice vertex). Where two meet, the younger number dies. What is left at the end, counted
-//! from 1, are the final ids: the same whatever the slabs, bands and threads. One bit per birth is
+//! from 1, are the final ids: the same whatever the slabs, bands and threads. One bit per provisional label is
 //! kept, in a temporary file but for the newest, so memory does not grow with the volume.
 //!
 //! The file survives the process: what is done after a checkpoint is done again after a resume, and
-//! then kills the same births again. So bits that have been cleared too early do no harm.
+//! then retires the same provisional labels again. So bits that have been cleared too early do no harm.
 
 use crate::error::{Error, Result};
 use crate::sys::state_codec::{Decoder, Encoder};
@@ -19,16 +19,16 @@ const BLOCK: usize = 512;
 /// Words kept in memory before the older half goes to the file.
 const RESIDENT: usize = 1 << 17;
 
-/// The bits of all births so far: 1 for those still alive.
+/// The bits of all provisional labels so far: 1 for those still alive.
 #[derive(Debug)]
-pub struct Births {
+pub struct ProvisionalLabels {
     file: File,
     path: PathBuf,
-    state: Unfiled,
+    state: ResidentLabels,
 }
 
-impl Births {
-    /// No births yet; the temporary file is made at `path`.
+impl ProvisionalLabels {
+    /// No provisional labels yet; the temporary file is made at `path`.
     ///
     /// # Errors
     /// [`Error::Io`] if the file cannot be made.
@@ -40,19 +40,19 @@ impl Births {
             .truncate(true)
             .open(path)
             .map_err(|e| Error::io(path, "create", e))?;
-        Ok(Births {
+        Ok(ProvisionalLabels {
             file,
             path: path.to_path_buf(),
-            state: Unfiled::default(),
+            state: ResidentLabels::default(),
         })
     }
 
     /// What the file does not hold.
-    pub fn unfiled(&self) -> &Unfiled {
+    pub fn resident(&self) -> &ResidentLabels {
         &self.state
     }
 
-    /// Goes on with the file at `path` as it was saved; `None` if these are no births.
+    /// Goes on with the file at `path` as it was saved; `None` if these are no provisional labels.
     ///
     /// # Errors
     /// [`Error::Io`] if the file cannot be opened.
@@ -66,10 +66,10 @@ impl Births {
             return Ok(None);
         }
         let opened = OpenOptions::new().read(true).write(true).open(path);
-        Ok(Some(Births {
+        Ok(Some(ProvisionalLabels {
             file: opened.map_err(|e| Error::io(path, "open", e))?,
             path: path.to_path_buf(),
-            state: Unfiled { count, filed, tail },
+            state: ResidentLabels { count, filed, tail },
         }))
     }
 
@@ -77,7 +77,7 @@ impl Births {
     ///
     /// # Errors
     /// [`Error::Io`] if older bits cannot be written.
-    pub fn give(&mut self, n: usize) -> Result<u64> {
+    pub fn allocate(&mut self, n: usize) -> Result<u64> {
         let first = self.state.count;
         for _ in 0..n {
             if self.state.count.is_multiple_of(64) {
@@ -94,12 +94,15 @@ impl Births {
         Ok(first)
     }
 
-    /// Says that number `birth` has become part of an older component.
+    /// Says that number `provisional_id` has become part of an older component.
     ///
     /// # Errors
     /// [`Error::Io`] if the file fails.
-    pub fn kill(&mut self, birth: u64) -> Result<()> {
-        let (word, bit) = ((birth / 64) as usize, 1u64 << (birth % 64));
+    pub fn retire(&mut self, provisional_id: u64) -> Result<()> {
+        let (word, bit) = (
+            (provisional_id / 64) as usize,
+            1u64 << (provisional_id % 64),
+        );
         if word >= self.state.filed {
             self.state.tail[word - self.state.filed] &= !bit;
             return Ok(());
@@ -113,7 +116,7 @@ impl Births {
     ///
     /// # Errors
     /// [`Error::Io`] if the file fails.
-    pub fn rank(mut self) -> Result<Ranks> {
+    pub fn renumber(mut self) -> Result<Ranks> {
         let tail = std::mem::take(&mut self.state.tail);
         self.write(self.state.filed, &tail)?;
         self.state.filed += tail.len();
@@ -128,7 +131,7 @@ impl Births {
             alive += words.iter().map(|w| u64::from(w.count_ones())).sum::<u64>();
         }
         Ok(Ranks {
-            births: self,
+            provisional: self,
             before,
             alive,
             cached: None,
@@ -150,9 +153,9 @@ impl Births {
     }
 }
 
-/// Births but for the bits in the file.
+/// Provisional labels but for the bits in the file.
 #[derive(Debug, Clone, Default)]
-pub struct Unfiled {
+pub struct ResidentLabels {
     count: u64,
     /// Words in the file.
     filed: usize,
@@ -160,8 +163,8 @@ pub struct Unfiled {
     tail: Vec<u64>,
 }
 
-impl Unfiled {
-    /// Writes it, for [`Births::load`].
+impl ResidentLabels {
+    /// Writes it, for [`ProvisionalLabels::load`].
     ///
     /// # Errors
     /// [`Error::Io`].
@@ -172,7 +175,7 @@ impl Unfiled {
     }
 
     /// Bytes of the file that count.
-    pub fn filed_bytes(&self) -> u64 {
+    pub fn spilled_bytes(&self) -> u64 {
         8 * self.filed as u64
     }
 
@@ -182,17 +185,17 @@ impl Unfiled {
     }
 }
 
-/// Final ids of births.
+/// Final ids of provisional labels.
 #[derive(Debug)]
 pub struct Ranks {
-    births: Births,
-    /// Births alive before each block.
+    provisional: ProvisionalLabels,
+    /// Provisional labels alive before each block.
     before: Vec<u64>,
     alive: u64,
     /// The block that is in memory.
     cached: Option<usize>,
     block: Vec<u64>,
-    /// Births alive in it before each of its words.
+    /// Provisional labels alive in it before each of its words.
     ones: Vec<u32>,
 }
 
@@ -202,17 +205,17 @@ impl Ranks {
         self.alive
     }
 
-    /// The id, from 1, of a birth that is alive.
+    /// The id, from 1, of a provisional label that is alive.
     ///
     /// # Errors
     /// [`Error::Io`] if the file fails.
-    pub fn id(&mut self, birth: u64) -> Result<u64> {
-        let word = (birth / 64) as usize;
+    pub fn id(&mut self, provisional_id: u64) -> Result<u64> {
+        let word = (provisional_id / 64) as usize;
         let block = word / BLOCK;
         if self.cached != Some(block) {
             let start = block * BLOCK;
-            let len = BLOCK.min(self.births.state.filed - start);
-            self.births.read(start, &mut self.block[..len])?;
+            let len = BLOCK.min(self.provisional.state.filed - start);
+            self.provisional.read(start, &mut self.block[..len])?;
             self.cached = Some(block);
             self.ones.clear();
             self.ones.extend(self.block[..len].iter().scan(0, |sum, w| {
@@ -222,7 +225,7 @@ impl Ranks {
             }));
         }
         let within = word % BLOCK;
-        let bits = self.block[within] & (!0 >> (63 - birth % 64));
+        let bits = self.block[within] & (!0 >> (63 - provisional_id % 64));
         Ok(self.before[block] + u64::from(self.ones[within] + bits.count_ones()))
     }
 }
@@ -234,24 +237,24 @@ mod tests {
     #[test]
     fn ids_are_ranks_among_survivors_also_when_bits_are_on_disk() {
         let dir = tempfile::tempdir().unwrap();
-        let path = dir.path().join("births");
-        let mut births = Births::new(&path).unwrap();
+        let path = dir.path().join("provisional");
+        let mut provisional = ProvisionalLabels::new(&path).unwrap();
         let n = 64 * RESIDENT as u64 * 2 + 77;
         for _ in 0..8 {
-            births.give((n / 8) as usize).unwrap();
+            provisional.allocate((n / 8) as usize).unwrap();
         }
         let rest = (n % 8) as usize;
-        assert_eq!(births.give(rest).unwrap(), n - rest as u64);
-        assert!(births.state.filed > 0);
+        assert_eq!(provisional.allocate(rest).unwrap(), n - rest as u64);
+        assert!(provisional.state.filed > 0);
         let saved = dir.path().join("saved");
         let mut out = Encoder::create(&saved).unwrap();
-        births.unfiled().save(&mut out).unwrap();
+        provisional.resident().save(&mut out).unwrap();
         out.finish().unwrap();
         // what comes after is lost, but for the bits that it cleared in the file
-        births.give(64 * RESIDENT).unwrap();
-        births.kill(1).unwrap();
+        provisional.allocate(64 * RESIDENT).unwrap();
+        provisional.retire(1).unwrap();
         let mut input = Decoder::new(std::fs::read(&saved).unwrap()).unwrap();
-        let mut births = Births::load(&path, &mut input).unwrap().unwrap();
+        let mut provisional = ProvisionalLabels::load(&path, &mut input).unwrap().unwrap();
         assert!(input.is_empty());
         // every third dies, in no particular order
         for b in (0..n)
@@ -261,11 +264,11 @@ mod tests {
             .chain((0..n).filter(|b| b % 3 == 1))
         {
             if b % 5 < 4 || b < 1000 {
-                births.kill(b).unwrap();
+                provisional.retire(b).unwrap();
             }
         }
         let dead = |b: u64| b % 3 == 1 && (b % 5 < 4 || b < 1000);
-        let mut ranks = births.rank().unwrap();
+        let mut ranks = provisional.renumber().unwrap();
         let mut expected = 0;
         for b in 0..n {
             if !dead(b) {

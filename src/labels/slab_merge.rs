@@ -6,9 +6,9 @@
 //! before and take some 50 bytes each, for numbering, until the slab is done.
 
 use crate::error::Result;
-use crate::labels::band_boundary::{BandComponents, BandEdges};
-use crate::labels::carry_over::{Fate, Fates};
-use crate::labels::provisional::Births;
+use crate::labels::band_boundary::{BandComponents, BandFaces};
+use crate::labels::carry_over::{CarryOver, Successor};
+use crate::labels::provisional::ProvisionalLabels;
 use crate::labels::union_find::UnionFind;
 use crate::measure::VoxelSums;
 use crate::sys::state_codec::{Decoder, Encoder};
@@ -25,8 +25,8 @@ const OFTEN: u64 = 8;
 /// A component that can still grow.
 #[derive(Debug, Clone, Copy)]
 struct LiveComponent {
-    /// Its number, see [`Births`]. Objects and cells are numbered apart.
-    birth: u64,
+    /// Its number, see [`ProvisionalLabels`]. Objects and cells are numbered apart.
+    provisional_id: u64,
     above: bool,
     /// Sums of its voxels so far.
     sums: VoxelSums,
@@ -34,18 +34,18 @@ struct LiveComponent {
 
 /// The classes of one slab.
 #[derive(Debug, Clone, Default)]
-pub struct SlabClasses {
+pub struct SlabComponents {
     /// Per band, the class of each local component.
     pub of_local: Vec<Vec<u32>>,
-    /// Number of each class, see [`Births`]. First come those that came over, by birth, then new ones
+    /// Number of each class, see [`ProvisionalLabels`]. First come those that came over, by provisional label, then new ones
     /// by smallest voxel. Objects and cells are numbered apart.
-    pub births: Vec<u64>,
+    pub provisional: Vec<u64>,
     /// 1 for objects, 0 for cells, per class.
     pub above: Vec<u8>,
     /// Sums so far of the classes that are not one whole component of a band.
     pub open: Vec<(u32, VoxelSums)>,
     /// For each component live at the end of the slab before: its class here.
-    pub from_previous: Vec<u32>,
+    pub carried_in: Vec<u32>,
     /// Classes that touch the last slice, by rising number: live in the next slab.
     pub live: Vec<u32>,
     /// True if components that came over from one slab to the next have often turned out to be one so
@@ -53,13 +53,13 @@ pub struct SlabClasses {
     pub merge_often: bool,
 }
 
-impl SlabClasses {
+impl SlabComponents {
     /// Bytes of memory.
     pub fn bytes(&self) -> u64 {
         let locals: usize = self.of_local.iter().map(Vec::len).sum();
-        let labels = locals + self.from_previous.len() + self.live.len();
+        let labels = locals + self.carried_in.len() + self.live.len();
         let open = self.open.capacity() * size_of::<(u32, VoxelSums)>();
-        (4 * labels + 9 * self.births.capacity() + open) as u64
+        (4 * labels + 9 * self.provisional.capacity() + open) as u64
     }
 
     /// The sums of classes that do not grow beyond this slab, but for those whole in a band.
@@ -72,17 +72,17 @@ impl SlabClasses {
     /// the `next` one, if that is known.
     pub fn may_become_one(
         &self,
-        next: Option<&SlabClasses>,
+        next: Option<&SlabComponents>,
         pairs: impl Iterator<Item = [u32; 2]>,
     ) -> bool {
         // of the classes that grow, each may become one with each
-        let known = |class: u32| match next.map(|next| (Fates::between(self, next).of(class), next))
-        {
-            Some((Fate::Next(class), next)) if next.grows(class) => None,
-            Some((fate, _)) => Some(fate),
-            None if self.grows(class) => None,
-            None => Some(Fate::Ended(class)),
-        };
+        let known =
+            |class: u32| match next.map(|next| (CarryOver::between(self, next).of(class), next)) {
+                Some((Successor::Next(class), next)) if next.grows(class) => None,
+                Some((fate, _)) => Some(fate),
+                None if self.grows(class) => None,
+                None => Some(Successor::Ended(class)),
+            };
         let mut all = BTreeSet::new();
         !pairs
             .map(|pair| pair.map(known))
@@ -97,7 +97,7 @@ impl SlabClasses {
 
 /// The sweep's state between slabs.
 #[derive(Debug, Default)]
-pub struct Classes {
+pub struct CarriedComponents {
     /// Live component (index into `live`) of each run of the last slice, rows in order.
     last_slice: Vec<u32>,
     live: Vec<LiveComponent>,
@@ -110,15 +110,15 @@ pub struct Classes {
 
 /// The numbers of objects and of cells.
 #[derive(Debug)]
-pub struct PhaseBirths {
+pub struct PhaseLabels {
     /// Of objects.
-    pub objects: Births,
+    pub objects: ProvisionalLabels,
     /// Of cells.
-    pub cells: Births,
+    pub cells: ProvisionalLabels,
 }
 
-impl PhaseBirths {
-    fn of(&mut self, above: bool) -> &mut Births {
+impl PhaseLabels {
+    fn of(&mut self, above: bool) -> &mut ProvisionalLabels {
         if above {
             &mut self.objects
         } else {
@@ -129,17 +129,17 @@ impl PhaseBirths {
 
 /// What is known of one band.
 #[derive(Debug, Clone, Copy)]
-pub struct KnownBand<'a> {
+pub struct BandInput<'a> {
     /// What it shares with others.
-    pub edges: &'a BandEdges,
+    pub edges: &'a BandFaces,
     /// Its components.
     pub components: &'a BandComponents,
 }
 
-impl Classes {
+impl CarriedComponents {
     /// The state as it is now.
     pub fn snapshot(&self) -> Self {
-        Classes {
+        CarriedComponents {
             last_slice: self.last_slice.clone(),
             live: self.live.clone(),
             sets: UnionFind::default(),
@@ -159,7 +159,7 @@ impl Classes {
     pub fn save(&self, out: &mut Encoder) -> Result<()> {
         let live = || self.live.iter();
         out.array(&self.last_slice)?;
-        out.records(live().len(), live().map(|l| l.birth))?;
+        out.records(live().len(), live().map(|l| l.provisional_id))?;
         out.records(live().len(), live().map(|l| u8::from(l.above)))?;
         out.records(live().len(), live().map(|l| l.sums))?;
         out.array(&[self.carried, self.merged])
@@ -168,24 +168,24 @@ impl Classes {
     /// The state that was written; `None` if this is none.
     pub fn load(input: &mut Decoder) -> Option<Self> {
         let last_slice: Vec<u32> = input.array()?;
-        let births: Vec<u64> = input.array()?;
+        let provisional: Vec<u64> = input.array()?;
         let above: Vec<u8> = input.array()?;
         let sums: Vec<VoxelSums> = input.array()?;
         let counts: Vec<u64> = input.array()?;
         let &[carried, merged] = &counts[..] else {
             return None;
         };
-        let n = births.len();
+        let n = provisional.len();
         let sound = above.len() == n
             && sums.len() == n
             && last_slice.iter().all(|&live| (live as usize) < n);
-        let live = births.into_iter().zip(above).zip(sums);
-        let live = live.map(|((birth, above), sums)| LiveComponent {
-            birth,
+        let live = provisional.into_iter().zip(above).zip(sums);
+        let live = live.map(|((provisional_id, above), sums)| LiveComponent {
+            provisional_id,
             above: above == 1,
             sums,
         });
-        sound.then(|| Classes {
+        sound.then(|| CarriedComponents {
             last_slice,
             live: live.collect(),
             sets: UnionFind::default(),
@@ -199,10 +199,10 @@ impl Classes {
         self.live.len()
     }
 
-    /// Bytes of memory that [`Classes::join`] will take, and its result, at most.
-    pub fn bytes(&self, bands: &[KnownBand]) -> u64 {
+    /// Bytes of memory that [`CarriedComponents::join`] will take, and its result, at most.
+    pub fn bytes(&self, bands: &[BandInput]) -> u64 {
         let live = self.live.len() as u64;
-        let sum = |get: fn(&KnownBand) -> usize| bands.iter().map(get).sum::<usize>() as u64;
+        let sum = |get: fn(&BandInput) -> usize| bands.iter().map(get).sum::<usize>() as u64;
         let components = sum(|b| b.components.len()) + live;
         let open = sum(|b| b.components.open().len()) + live;
         let last_slice = sum(|b| b.edges.last_slice.len());
@@ -214,8 +214,12 @@ impl Classes {
     /// Joins one slab's bands, given by rising y, to classes and moves on to the next slab.
     ///
     /// # Errors
-    /// [`crate::Error::Io`] if the births' file fails.
-    pub fn join(&mut self, bands: &[KnownBand], births: &mut PhaseBirths) -> Result<SlabClasses> {
+    /// [`crate::Error::Io`] if the provisional labels' file fails.
+    pub fn join(
+        &mut self,
+        bands: &[BandInput],
+        provisional: &mut PhaseLabels,
+    ) -> Result<SlabComponents> {
         let mut first_node = vec![self.live.len() as u32];
         for band in bands {
             let next = *first_node.last().expect("not empty") + band.components.len() as u32;
@@ -223,15 +227,15 @@ impl Classes {
         }
         self.sets
             .reset(*first_node.last().expect("not empty") as usize);
-        self.join_bands(bands, &first_node);
-        self.join_previous(bands, &first_node);
-        let mut slab = self.number(bands, &first_node, births)?;
+        self.merge_bands(bands, &first_node);
+        self.merge_previous_slab(bands, &first_node);
+        let mut slab = self.number(bands, &first_node, provisional)?;
         let record_of = self.add_open(bands, &mut slab);
         self.keep_last_slice(bands, &record_of, &mut slab);
         Ok(slab)
     }
 
-    fn join_bands(&mut self, bands: &[KnownBand], first_node: &[u32]) {
+    fn merge_bands(&mut self, bands: &[BandInput], first_node: &[u32]) {
         for (b, pair) in bands.windows(2).enumerate() {
             let (low, high) = (&pair[0].edges.last_row, &pair[1].edges.first_row);
             debug_assert_eq!(low.len(), high.len());
@@ -242,7 +246,7 @@ impl Classes {
         }
     }
 
-    fn join_previous(&mut self, bands: &[KnownBand], first_node: &[u32]) {
+    fn merge_previous_slab(&mut self, bands: &[BandInput], first_node: &[u32]) {
         if self.last_slice.is_empty() {
             return;
         }
@@ -259,30 +263,30 @@ impl Classes {
         debug_assert_eq!(at, self.last_slice.len());
     }
 
-    /// Numbers the sets: carried components keep the order of their births, new ones follow by their
+    /// Numbers the sets: carried components keep the order of their provisional labels, new ones follow by their
     /// smallest voxel, whatever the bands.
     fn number(
         &mut self,
-        bands: &[KnownBand],
+        bands: &[BandInput],
         first_node: &[u32],
-        births: &mut PhaseBirths,
-    ) -> Result<SlabClasses> {
+        provisional: &mut PhaseLabels,
+    ) -> Result<SlabComponents> {
         let nodes = *first_node.last().expect("not empty") as usize;
         let carried = self.live.len() as u32;
         let mut class_of_root = vec![u32::MAX; nodes];
-        let mut slab = SlabClasses::default();
-        // live components are sorted by birth and are the smallest nodes, hence roots of their sets
+        let mut slab = SlabComponents::default();
+        // live components are sorted by provisional label and are the smallest nodes, hence roots of their sets
         for node in 0..carried {
             let root = self.sets.find(node);
             let live = self.live[node as usize];
             if root == node {
-                let class = slab.births.len() as u32;
+                let class = slab.provisional.len() as u32;
                 class_of_root[node as usize] = class;
-                slab.births.push(live.birth);
+                slab.provisional.push(live.provisional_id);
                 slab.above.push(u8::from(live.above));
                 slab.open.push((class, live.sums));
             } else {
-                births.of(live.above).kill(live.birth)?;
+                provisional.of(live.above).retire(live.provisional_id)?;
                 self.merged += 1;
                 let class = class_of_root[root as usize];
                 slab.open[class as usize].1.merge(&live.sums);
@@ -307,12 +311,12 @@ impl Classes {
         }
         fresh.sort_unstable();
         for &(_, root) in &fresh {
-            class_of_root[root as usize] = slab.births.len() as u32;
+            class_of_root[root as usize] = slab.provisional.len() as u32;
             let band = first_node.partition_point(|&f| f <= root) - 1;
             let above = bands[band]
                 .components
                 .is_above((root - first_node[band]) as usize);
-            slab.births.push(births.of(above).give(1)?);
+            slab.provisional.push(provisional.of(above).allocate(1)?);
             slab.above.push(u8::from(above));
         }
         let mut classes = |nodes: std::ops::Range<u32>| {
@@ -320,7 +324,7 @@ impl Classes {
                 .map(|n| class_of_root[self.sets.find(n) as usize])
                 .collect()
         };
-        slab.from_previous = classes(0..carried);
+        slab.carried_in = classes(0..carried);
         slab.of_local = first_node
             .windows(2)
             .map(|pair| classes(pair[0]..pair[1]))
@@ -329,9 +333,9 @@ impl Classes {
     }
 
     /// Adds the sums of the bands' open components to their classes. Returns where each class's sums
-    /// are in [`SlabClasses::open`].
-    fn add_open(&self, bands: &[KnownBand], slab: &mut SlabClasses) -> Vec<u32> {
-        let mut record_of = vec![u32::MAX; slab.births.len()];
+    /// are in [`SlabComponents::open`].
+    fn add_open(&self, bands: &[BandInput], slab: &mut SlabComponents) -> Vec<u32> {
+        let mut record_of = vec![u32::MAX; slab.provisional.len()];
         for (i, (class, _)) in slab.open.iter().enumerate() {
             record_of[*class as usize] = i as u32;
         }
@@ -362,7 +366,12 @@ impl Classes {
     }
 
     /// Keeps the classes of the last slice's runs, renumbered among the live ones.
-    fn keep_last_slice(&mut self, bands: &[KnownBand], record_of: &[u32], slab: &mut SlabClasses) {
+    fn keep_last_slice(
+        &mut self,
+        bands: &[BandInput],
+        record_of: &[u32],
+        slab: &mut SlabComponents,
+    ) {
         self.last_slice.clear();
         for (b, band) in bands.iter().enumerate() {
             let skip = if b > 0 { band.edges.head_runs_last } else { 0 };
@@ -370,7 +379,7 @@ impl Classes {
             let labels = band.edges.last_slice.iter().skip(skip);
             self.last_slice.extend(labels.map(|&l| classes[l as usize]));
         }
-        let mut live_index = vec![u32::MAX; slab.births.len()];
+        let mut live_index = vec![u32::MAX; slab.provisional.len()];
         for &class in &self.last_slice {
             live_index[class as usize] = 0;
         }
@@ -384,7 +393,7 @@ impl Classes {
             *class = live_index[*class as usize];
         }
         let live = slab.live.iter().map(|&class| LiveComponent {
-            birth: slab.births[class as usize],
+            provisional_id: slab.provisional[class as usize],
             above: slab.above[class as usize] == 1,
             sums: slab.open[record_of[class as usize] as usize].1,
         });

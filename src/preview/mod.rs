@@ -12,7 +12,7 @@ pub use slice::{Axis, Slice};
 use crate::error::{Error, Result};
 use crate::grid::Ambiguous;
 use crate::manifest::Manifest;
-use crate::transform::select::Map;
+use crate::picture::Map;
 use crate::volume::{Cropped, Stamp, Volume};
 use serde::Serialize;
 use std::path::{Path, PathBuf};

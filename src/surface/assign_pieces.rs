@@ -9,7 +9,7 @@
 //! 130^3 voxels with each row's first run looked up where it is needed, 31 with all of them found first, words
 //! behind a row's last edge left out, and counts where the piece is looked up; a quarter less time.
 
-use crate::labels::Fates;
+use crate::labels::CarryOver;
 use crate::measure::MeshSums;
 use crate::surface::edges::Edges;
 use crate::surface::mesher::{BandView, TileBox};
@@ -193,7 +193,7 @@ impl PieceIndex {
 /// Which piece and which of its vertices lies on each crossed edge, by the edge's number. Some elements
 /// more mean nothing. Pieces have their vertices one behind the other.
 #[derive(Debug, Default)]
-pub struct Sheets {
+pub struct VertexAssignment {
     /// The piece.
     pub piece_of: Vec<u32>,
     /// The vertex, numbered within the piece.
@@ -204,7 +204,7 @@ pub struct Sheets {
     first_run: Vec<u32>,
 }
 
-impl Sheets {
+impl VertexAssignment {
     /// Whether there is an element for each crossed edge.
     pub fn are_of(&self, edges: &Edges) -> bool {
         self.piece_of.len().min(self.vertex_of.len()) >= edges.count()
@@ -218,13 +218,13 @@ const AT_ONCE: usize = 8;
 const ROWS_AHEAD: usize = 4;
 
 /// Assigns every crossed edge its piece and vertex, and counts the pieces' vertices.
-pub fn assign<T: Voxel>(
+pub fn assign_vertices<T: Voxel>(
     view: &BandView<T>,
     tile: &TileBox,
     edges: &Edges,
     index: &mut PieceIndex,
     pieces: &mut Vec<Piece>,
-    sheets: &mut Sheets,
+    sheets: &mut VertexAssignment,
 ) {
     index.reset();
     sheets.piece_of.resize(edges.count() + AT_ONCE, 0);
@@ -256,21 +256,21 @@ pub fn assign<T: Voxel>(
         triangle = piece.end_of_faces();
         pieces.push(piece);
     }
-    lay_out(pieces, 0, view.fates.as_ref());
+    lay_out(pieces, 0, view.carry_over.as_ref());
     sheets.first_of.clear();
     sheets
         .first_of
         .extend(pieces.iter().map(|p| p.first_vertex));
 }
 
-/// Finds which of the pieces from number `from` on are of one surface, as far as `fates` tell, and gives them the
+/// Finds which of the pieces from number `from` on are of one surface, as far as `carry_over` tell, and gives them the
 /// vertices behind those of the others. Returns the order of all, see [`by_surface`].
-pub fn lay_out(pieces: &mut [Piece], from: usize, fates: Option<&Fates>) -> Vec<usize> {
+pub fn lay_out(pieces: &mut [Piece], from: usize, carry_over: Option<&CarryOver>) -> Vec<usize> {
     let new = &mut pieces[from..];
-    let first = match fates {
-        Some(fates) => firsts(
+    let first = match carry_over {
+        Some(carry_over) => firsts(
             &new.iter()
-                .map(|p| fates.of_both(p.pair()))
+                .map(|p| carry_over.of_pair(p.pair()))
                 .collect::<Vec<_>>(),
         ),
         None => (0..new.len()).collect(),

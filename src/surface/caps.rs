@@ -63,7 +63,7 @@ pub fn add_caps<T: Voxel>(
     for (object, piece) in &made {
         caps.append(*object, piece, out);
     }
-    let order = lay_out(&mut out.pieces, first, view.fates.as_ref());
+    let order = lay_out(&mut out.pieces, first, view.carry_over.as_ref());
     let keys = order[first..]
         .iter()
         .flat_map(|&p| &made[p - first].1.vertices);

@@ -1,15 +1,15 @@
 //! The mesh of one tile, grouped by surface piece.
 
 use crate::grid::{Ambiguous, Dims, LATTICE, Tiling};
-use crate::labels::{Bits, Fates, Runs, Voxels};
+use crate::labels::{Bits, CarryOver, Runs, Voxels};
 use crate::measure::AreaScale;
 use crate::strip::Triangle;
-use crate::surface::assign_pieces::{Piece, PieceIndex, Sheets, assign};
+use crate::surface::assign_pieces::{Piece, PieceIndex, VertexAssignment, assign_vertices};
 use crate::surface::caps::add_caps;
 use crate::surface::edges::{Edges, known_or};
 use crate::surface::sums::sum_pieces;
-use crate::surface::triangles::{CubeWalk, Cut, Plans};
-use crate::surface::vertex_buffer::Chunk;
+use crate::surface::triangles::{CaseKernels, CubeMarcher, MarchInput};
+use crate::surface::vertex_buffer::VertexBuffer;
 use crate::surface::vertices::place_vertices;
 use crate::sys::simd::dispatch;
 use crate::volume::Voxel;
@@ -45,7 +45,7 @@ impl Sizes {
     /// Bytes of buffers for making the tile, with so many for each triangle: there are about two to a crossed edge.
     pub fn bytes(&self, tile: &TileBox, per_triangle: u64) -> u64 {
         let cubes: f64 = tile.cubes.iter().map(|&c| f64::from(c)).product();
-        let rest_of_page = Chunk::rest_of_page(self.vertices as usize) as u64;
+        let rest_of_page = VertexBuffer::rest_of_page(self.vertices as usize) as u64;
         2 * self.vertices * per_triangle
             + self.pieces * BYTES_PER_PIECE
             + (cubes * BYTES_PER_CUBE) as u64
@@ -204,7 +204,7 @@ pub struct BandView<'a, T> {
     pub class_of_run: &'a [u32],
     /// What the classes become in the next slab, if that is known: pieces that turn out to be of one surface there
     /// have their vertices one behind the other.
-    pub fates: Option<Fates<'a>>,
+    pub carry_over: Option<CarryOver<'a>>,
 }
 
 impl<T: Voxel> BandView<'_, T> {
@@ -234,7 +234,7 @@ pub struct TileMesh {
     /// The pieces, by their first vertex in lattice order; then caps.
     pub pieces: Vec<Piece>,
     /// Vertices.
-    pub chunk: Chunk,
+    pub chunk: VertexBuffer,
     /// Triangles: corners are vertex numbers within the piece, counter-clockwise seen from below; mates are
     /// within the piece, too.
     pub triangles: Vec<Triangle>,
@@ -258,9 +258,9 @@ impl TileMesh {
 pub struct TileMesher {
     edges: Edges,
     index: PieceIndex,
-    sheets: Sheets,
+    sheets: VertexAssignment,
     /// The cubes.
-    pub(crate) walk: CubeWalk,
+    pub(crate) walk: CubeMarcher,
 }
 
 impl TileMesher {
@@ -293,7 +293,7 @@ impl TileMesher {
         settings: &MeshSettings,
         out: &mut TileMesh,
     ) {
-        assign(
+        assign_vertices(
             view,
             tile,
             &self.edges,
@@ -313,12 +313,12 @@ impl TileMesher {
         if out.triangles.len() < faces {
             out.triangles.resize(faces, Triangle::default());
         }
-        let cut = Cut {
+        let cut = MarchInput {
             edges: &self.edges,
             tile,
             sheets: &self.sheets,
         };
-        self.walk.make(cut, Plans::of(settings.rule), out);
+        self.walk.make(cut, CaseKernels::of(settings.rule), out);
         sum_pieces(
             &mut out.pieces,
             out.chunk.numbers(),

@@ -4,8 +4,8 @@ mod checks;
 
 use crate::grid::{Ambiguous, Dims, LATTICE, Placement, Tiling};
 use crate::labels::{
-    BandComponents, BandEdges, Births, Bits, Classes, Fates, KnownBand, PhaseBirths, Runs, Span,
-    Voxels, add_border_euler, label_runs, sum_voxels,
+    BandComponents, BandFaces, BandInput, Bits, CarriedComponents, CarryOver, PhaseLabels,
+    ProvisionalLabels, Runs, Span, Voxels, add_border_euler, label_runs, sum_voxels,
 };
 use crate::measure::{AreaScale, VoxelSums};
 use crate::surface::assign_pieces::Piece;
@@ -130,12 +130,12 @@ impl Case {
             macrocube: self.macrocube,
         };
         let dir = tempfile::tempdir().unwrap();
-        let new = |name| Births::new(&dir.path().join(name)).unwrap();
-        let mut births = PhaseBirths {
+        let new = |name| ProvisionalLabels::new(&dir.path().join(name)).unwrap();
+        let mut provisional = PhaseLabels {
             objects: new("objects"),
             cells: new("cells"),
         };
-        let mut classes = Classes::default();
+        let mut classes = CarriedComponents::default();
         let volume =
             MemoryVolume::new(self.dims, Placement::default(), self.values.clone()).unwrap();
         let settings = MeshSettings {
@@ -174,7 +174,7 @@ impl Case {
             let edges: Vec<_> = bands
                 .iter()
                 .map(|(_, b, r, l)| {
-                    let edges = BandEdges::of(b, r, l, self.dims);
+                    let edges = BandFaces::of(b, r, l, self.dims);
                     let whole = |_: &VoxelSums| Ok::<_, Infallible>(());
                     let components = BandComponents::split(&l.components, &edges, whole);
                     (edges, components.unwrap())
@@ -182,9 +182,9 @@ impl Case {
                 .collect();
             let known: Vec<_> = edges
                 .iter()
-                .map(|(edges, components)| KnownBand { edges, components })
+                .map(|(edges, components)| BandInput { edges, components })
                 .collect();
-            let slab = classes.join(&known, &mut births).unwrap();
+            let slab = classes.join(&known, &mut provisional).unwrap();
             for (ty, (voxels, bits, runs, labels)) in bands.iter().enumerate() {
                 for tx in 0..tiling.tiles()[0] {
                     let tile = TileBox::of(tiling, [tx, ty as u32, tz]);
@@ -198,7 +198,7 @@ impl Case {
                         bits,
                         runs,
                         class_of_run: &class_of_run,
-                        fates: None,
+                        carry_over: None,
                     };
                     let mut mesh = TileMesh::default();
                     TileMesher::default().mesh(&view, &tile, &settings, &mut mesh);
@@ -229,7 +229,7 @@ impl Case {
                     bits,
                     runs,
                     class_of_run: &class_of_run,
-                    fates: Some(Fates::between(&pair[0], &pair[1])),
+                    carry_over: Some(CarryOver::between(&pair[0], &pair[1])),
                 };
                 for tx in 0..tiling.tiles()[0] {
                     let tile = TileBox::of(tiling, [tx, ty as u32, tz as u32]);
@@ -238,23 +238,26 @@ impl Case {
             }
         }
         // resolve classes from the last slab back to the first
-        let mut ranks = [births.cells.rank().unwrap(), births.objects.rank().unwrap()];
+        let mut ranks = [
+            provisional.cells.renumber().unwrap(),
+            provisional.objects.renumber().unwrap(),
+        ];
         let mut ids: Vec<Vec<u64>> = vec![Vec::new(); slabs.len()];
         for s in (0..slabs.len()).rev() {
             let slab = &slabs[s];
-            let mut live = vec![None; slab.births.len()];
+            let mut live = vec![None; slab.provisional.len()];
             if let Some(next) = slabs.get(s + 1) {
                 for (i, &class) in slab.live.iter().enumerate() {
-                    live[class as usize] = Some(ids[s + 1][next.from_previous[i] as usize]);
+                    live[class as usize] = Some(ids[s + 1][next.carried_in[i] as usize]);
                 }
             }
             ids[s] = slab
-                .births
+                .provisional
                 .iter()
                 .zip(&slab.above)
                 .zip(live)
-                .map(|((&birth, &above), live)| {
-                    live.unwrap_or_else(|| ranks[usize::from(above)].id(birth).unwrap())
+                .map(|((&provisional_id, &above), live)| {
+                    live.unwrap_or_else(|| ranks[usize::from(above)].id(provisional_id).unwrap())
                 })
                 .collect();
         }
@@ -263,7 +266,7 @@ impl Case {
         for (s, mesh) in pieces {
             check_foreseen(&slabs[s], None, &ids[s], &mesh.pieces);
             if let Some(next) = slabs.get(s + 1) {
-                let groups = one_next(&Fates::between(&slabs[s], next), &mesh.pieces);
+                let groups = one_next(&CarryOver::between(&slabs[s], next), &mesh.pieces);
                 let firsts: Vec<Piece> = groups.iter().map(|g| mesh.pieces[g[0]]).collect();
                 check_foreseen(&slabs[s], Some(next), &ids[s], &firsts);
             }

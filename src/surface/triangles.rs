@@ -16,7 +16,7 @@
 
 use crate::strip::{APEXES, NONE, STRIDE};
 use crate::surface::active_cubes::{ActiveCube, Batch, CubeRow, NUMBER_OF_EDGE, NUMBERS};
-use crate::surface::assign_pieces::{Piece, Sheets};
+use crate::surface::assign_pieces::{Piece, VertexAssignment};
 use crate::surface::case_table::{Across, Case, MAX_TRIANGLES, cases};
 use crate::surface::edges::Edges;
 use crate::surface::mesher::{TileBox, TileMesh};
@@ -59,17 +59,18 @@ struct Plan {
 }
 
 /// The plans of a rule's 256 cases.
-pub struct Plans {
+pub struct CaseKernels {
     plans: Box<[Plan; 256]>,
     cases: &'static [Case; 256],
 }
 
-impl Plans {
+impl CaseKernels {
     /// For the table of one rule.
-    pub fn of(rule: crate::grid::Ambiguous) -> &'static Plans {
+    pub fn of(rule: crate::grid::Ambiguous) -> &'static CaseKernels {
         use crate::grid::Ambiguous;
-        static SEPARATE: LazyLock<Plans> = LazyLock::new(|| Plans::new(Ambiguous::Separate));
-        static JOIN: LazyLock<Plans> = LazyLock::new(|| Plans::new(Ambiguous::Join));
+        static SEPARATE: LazyLock<CaseKernels> =
+            LazyLock::new(|| CaseKernels::new(Ambiguous::Separate));
+        static JOIN: LazyLock<CaseKernels> = LazyLock::new(|| CaseKernels::new(Ambiguous::Join));
         match rule {
             Ambiguous::Separate => &SEPARATE,
             Ambiguous::Join => &JOIN,
@@ -79,7 +80,7 @@ impl Plans {
     fn new(rule: crate::grid::Ambiguous) -> Self {
         let cases = cases(rule);
         let plan = |c: usize| Plan::new(&cases[c]);
-        Plans {
+        CaseKernels {
             plans: Box::new(std::array::from_fn(plan)),
             cases,
         }
@@ -136,7 +137,7 @@ fn is_one_sheet(case: &Case) -> bool {
 
 /// Makes triangles; its buffers are reused from tile to tile.
 #[derive(Debug, Default)]
-pub struct CubeWalk {
+pub struct CubeMarcher {
     /// Half-edges on the upper y face of the row of cubes before, two slots per x.
     row_slots: Vec<[u32; 2]>,
     /// Half-edges on the upper z face of the slice of cubes before, two slots per cube.
@@ -149,13 +150,13 @@ pub struct CubeWalk {
 
 /// What the walk reads.
 #[derive(Clone, Copy)]
-pub struct Cut<'a> {
+pub struct MarchInput<'a> {
     /// The crossed edges.
     pub edges: &'a Edges,
     /// The cubes.
     pub tile: &'a TileBox,
     /// Which piece and vertex lies on each edge.
-    pub sheets: &'a Sheets,
+    pub sheets: &'a VertexAssignment,
 }
 
 /// What it writes, see [`TileMesh`].
@@ -166,7 +167,7 @@ struct Faces<'a> {
     triangles: UncheckedMut<'a, u32>,
 }
 
-/// The pieces and vertices of [`Sheets`].
+/// The pieces and vertices of [`VertexAssignment`].
 #[derive(Clone, Copy)]
 struct Numbered<'a> {
     piece_of: Unchecked<'a, u32>,
@@ -190,10 +191,10 @@ struct Cube<'a> {
     slots: [&'a mut [u32; 2]; 3],
 }
 
-impl CubeWalk {
+impl CubeMarcher {
     /// Makes the triangles of all cubes of a tile, whose pieces have their vertices and the place of
     /// their triangles.
-    pub fn make(&mut self, cut: Cut, plans: &Plans, mesh: &mut TileMesh) {
+    pub fn make(&mut self, cut: MarchInput, plans: &CaseKernels, mesh: &mut TileMesh) {
         let mut cursors = std::mem::take(&mut self.cursors);
         cursors.clear();
         cursors.extend(mesh.pieces.iter().map(|p| Cursor {
@@ -226,7 +227,13 @@ impl CubeWalk {
     }
 
     #[inline(always)]
-    fn make_inlined(&mut self, cut: Cut, plans: &Plans, numbered: Numbered, out: &mut Faces) {
+    fn make_inlined(
+        &mut self,
+        cut: MarchInput,
+        plans: &CaseKernels,
+        numbered: Numbered,
+        out: &mut Faces,
+    ) {
         let [cx, cy, cz] = cut.tile.cubes.map(|c| c as usize);
         self.row_slots.resize(cx, [NONE; 2]);
         self.slice_slots.clear();
@@ -253,7 +260,7 @@ impl CubeWalk {
     fn write_all(
         &mut self,
         (tile, numbered): (&TileBox, Numbered),
-        plans: &Plans,
+        plans: &CaseKernels,
         (cubes, z): (&[ActiveCube], usize),
         x_slots: &mut [u32; 2],
         out: &mut Faces,

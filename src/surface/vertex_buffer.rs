@@ -12,12 +12,12 @@ const VECTOR: usize = size_of::<[f32; 3]>();
 /// Vertices that lay in arrays of their own and were copied when a tile was written took a conversion 1 to
 /// 4 % more time.
 #[derive(Debug, Default)]
-pub struct Chunk {
+pub struct VertexBuffer {
     bytes: Buffer,
     vertices: usize,
 }
 
-impl Chunk {
+impl VertexBuffer {
     /// Begins anew with `vertices`, which are all to be written yet.
     pub fn begin(&mut self, vertices: usize) {
         let [bytes, all] = bytes_of(vertices);
@@ -25,7 +25,7 @@ impl Chunk {
         self.vertices = vertices;
     }
 
-    /// Bytes of memory that [`Chunk::begin`] takes beyond those of vertices and indices.
+    /// Bytes of memory that [`VertexBuffer::begin`] takes beyond those of vertices and indices.
     pub fn rest_of_page(vertices: usize) -> usize {
         let [bytes, all] = bytes_of(vertices);
         Buffer::rest_of_page(bytes, all)
@@ -115,7 +115,7 @@ mod tests {
 
     #[test]
     fn vertices_stay_where_they_are_and_what_is_behind_them_is_replaced() {
-        let mut chunk = Chunk::default();
+        let mut chunk = VertexBuffer::default();
         chunk.begin(2);
         let [positions, normals] = chunk.vectors_mut();
         positions.copy_from_slice(&[[1.0, 2.0, 3.0], [4.0, 5.0, 6.0]]);
@@ -152,7 +152,7 @@ mod tests {
 
     #[test]
     fn bytes_begin_where_transfers_can_however_many_there_are() {
-        let mut chunk = Chunk::default();
+        let mut chunk = VertexBuffer::default();
         for vertices in [1, 1000, 10, 100_000, 3] {
             chunk.begin(vertices);
             let address = chunk.bytes().as_ptr().addr();

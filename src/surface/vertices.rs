@@ -12,12 +12,12 @@
 //! end: what they saved in instructions went into memory.
 
 use crate::grid::LATTICE;
-use crate::surface::assign_pieces::Sheets;
+use crate::surface::assign_pieces::VertexAssignment;
 use crate::surface::edges::Edges;
 use crate::surface::mesher::{BandView, TileBox};
 use crate::surface::samples::{Ends, Samples};
 use crate::surface::vertex::{NORMAL_RANGE, Stencil, normal, step_on_edge};
-use crate::surface::vertex_buffer::Chunk;
+use crate::surface::vertex_buffer::VertexBuffer;
 use crate::sys::simd::dispatch;
 use crate::sys::unchecked::{Unchecked, UncheckedMut};
 use crate::volume::{Slope, Voxel};
@@ -159,7 +159,7 @@ pub fn place_vertices<T: Voxel>(
     view: &BandView<T>,
     tile: &TileBox,
     threshold: f64,
-    (sheets, chunk): (&Sheets, &mut Chunk),
+    (sheets, chunk): (&VertexAssignment, &mut VertexBuffer),
 ) {
     assert!(chunk.vertices() == edges.count() && sheets.are_of(edges));
     let [positions, normals] = chunk.vectors_mut();

@@ -3,7 +3,7 @@
 use crate::error::{Error, Result};
 use crate::sys::direct_io::{self, Buffer};
 use crate::sys::files::write_body;
-use crate::sys::memory_pool::{Budget, Reservation};
+use crate::sys::memory_pool::{MemoryPool, MemoryReservation};
 use std::collections::VecDeque;
 use std::path::PathBuf;
 use std::sync::{Arc, Condvar, Mutex, MutexGuard};
@@ -32,13 +32,13 @@ pub struct Job {
 
 /// Writes tiles in threads of its own. A tile that finds all of them busy is written through the page
 /// cache by whoever brings it, so a slow disk holds up nothing that memory could take.
-pub struct Writers {
+pub struct BackgroundWriters {
     shared: Arc<Shared>,
     threads: Vec<JoinHandle<()>>,
     /// Bytes that a buffer on its way may have.
     limit: u64,
     /// The memory of these buffers.
-    _held: Reservation,
+    _held: MemoryReservation,
 }
 
 #[derive(Default)]
@@ -62,11 +62,11 @@ struct State {
     closed: bool,
 }
 
-impl Writers {
+impl BackgroundWriters {
     /// Writers that have `in_flight` tiles on their way at most, whose buffers have `limit` bytes at
     /// most; `None` for no tiles, or without room for them.
-    pub fn new(in_flight: usize, limit: u64, budget: &Arc<Budget>) -> Option<Self> {
-        let mut held = Reservation::new(budget);
+    pub fn new(in_flight: usize, limit: u64, budget: &Arc<MemoryPool>) -> Option<Self> {
+        let mut held = MemoryReservation::new(budget);
         held.grow_to(in_flight as u64 * limit).ok()?;
         let shared = Arc::new(Shared::default());
         let one = |i: usize| {
@@ -77,7 +77,7 @@ impl Writers {
         let threads: Vec<_> = (0..in_flight / EACH).filter_map(one).collect();
         let buffers = EACH * threads.len();
         shared.lock().spare = (0..buffers).map(|_| Buffer::default()).collect();
-        (buffers > 0).then_some(Writers {
+        (buffers > 0).then_some(BackgroundWriters {
             shared,
             threads,
             limit,
@@ -132,13 +132,13 @@ impl Writers {
     /// Waits until all are.
     ///
     /// # Errors
-    /// As of [`Writers::wait_for`].
+    /// As of [`BackgroundWriters::wait_for`].
     pub fn wait(&self) -> Result<()> {
         self.wait_for(self.handed())
     }
 }
 
-impl Drop for Writers {
+impl Drop for BackgroundWriters {
     fn drop(&mut self) {
         self.shared.lock().closed = true;
         self.shared.changed.notify_all();
@@ -232,8 +232,8 @@ mod tests {
     #[test]
     fn every_tile_is_written_whole_whoever_writes_it() {
         let dir = tempfile::tempdir().unwrap();
-        let budget = Budget::new(4_000_000, 0);
-        let writers = Writers::new(2 * EACH, 500_000, &budget).unwrap();
+        let budget = MemoryPool::new(4_000_000, 0);
+        let writers = BackgroundWriters::new(2 * EACH, 500_000, &budget).unwrap();
         let body = |i: usize| vec![i as u8; 1 + i * 12_345 % 700_000];
         std::thread::scope(|scope| {
             for thread in 0..3 {
@@ -261,8 +261,8 @@ mod tests {
     #[test]
     fn a_tile_that_cannot_be_written_is_told_of_when_waited_for() {
         let dir = tempfile::tempdir().unwrap();
-        let budget = Budget::new(1_000_000, 0);
-        let writers = Writers::new(EACH, 240_000, &budget).unwrap();
+        let budget = MemoryPool::new(1_000_000, 0);
+        let writers = BackgroundWriters::new(EACH, 240_000, &budget).unwrap();
         let missing = dir.path().join("missing").join("tile");
         let buffer = Buffer::default();
         writers
@@ -281,8 +281,8 @@ mod tests {
         let (pipe, file) = (dir.path().join("pipe"), dir.path().join("file"));
         let made = std::process::Command::new("mkfifo").arg(&pipe).status();
         assert!(made.unwrap().success());
-        let budget = Budget::new(1_000_000, 0);
-        let writers = Writers::new(EACH, 240_000, &budget).unwrap();
+        let budget = MemoryPool::new(1_000_000, 0);
+        let writers = BackgroundWriters::new(EACH, 240_000, &budget).unwrap();
         // nobody gets further with a pipe until somebody reads from it, and then no bytes can be placed in it
         for path in [&pipe, &file] {
             let job = job(path.clone(), &[1; 200_000], Buffer::default());
@@ -307,11 +307,11 @@ mod tests {
 
     #[test]
     fn without_room_there_are_none() {
-        let budget = Budget::new(1_000_000, 0);
-        assert!(Writers::new(EACH, 300_000, &budget).is_none());
-        assert!(Writers::new(0, 1, &budget).is_none());
-        drop(Writers::new(EACH, 250_000, &budget).unwrap());
-        let mut all = Reservation::new(&budget);
+        let budget = MemoryPool::new(1_000_000, 0);
+        assert!(BackgroundWriters::new(EACH, 300_000, &budget).is_none());
+        assert!(BackgroundWriters::new(0, 1, &budget).is_none());
+        drop(BackgroundWriters::new(EACH, 250_000, &budget).unwrap());
+        let mut all = MemoryReservation::new(&budget);
         all.grow_to(1_000_000).unwrap();
     }
 }

@@ -6,15 +6,15 @@ use std::sync::atomic::{AtomicU64, Ordering};
 
 /// Bytes that may be used and bytes that are.
 #[derive(Debug)]
-pub struct Budget {
+pub struct MemoryPool {
     limit: u64,
     used: AtomicU64,
 }
 
-impl Budget {
+impl MemoryPool {
     /// A budget of `limit` bytes, of which `fixed` are used for good.
     pub fn new(limit: u64, fixed: u64) -> Arc<Self> {
-        Arc::new(Budget {
+        Arc::new(MemoryPool {
             limit,
             used: AtomicU64::new(fixed),
         })
@@ -39,15 +39,15 @@ impl Budget {
 
 /// Bytes taken from a budget until this is dropped.
 #[derive(Debug, Default)]
-pub struct Reservation {
-    budget: Option<Arc<Budget>>,
+pub struct MemoryReservation {
+    budget: Option<Arc<MemoryPool>>,
     bytes: u64,
 }
 
-impl Reservation {
+impl MemoryReservation {
     /// Nothing yet.
-    pub fn new(budget: &Arc<Budget>) -> Self {
-        Reservation {
+    pub fn new(budget: &Arc<MemoryPool>) -> Self {
+        MemoryReservation {
             budget: Some(budget.clone()),
             bytes: 0,
         }
@@ -91,7 +91,7 @@ impl Reservation {
     }
 }
 
-impl Drop for Reservation {
+impl Drop for MemoryReservation {
     fn drop(&mut self) {
         if let Some(budget) = &self.budget {
             budget.used.fetch_sub(self.bytes, Ordering::Relaxed);
@@ -105,11 +105,11 @@ mod tests {
 
     #[test]
     fn what_is_dropped_can_be_taken_again() {
-        let budget = Budget::new(100, 10);
-        let mut a = Reservation::new(&budget);
+        let budget = MemoryPool::new(100, 10);
+        let mut a = MemoryReservation::new(&budget);
         a.grow_to(60).unwrap();
         a.grow_to(50).unwrap();
-        let mut b = Reservation::new(&budget);
+        let mut b = MemoryReservation::new(&budget);
         assert!(matches!(
             b.grow_to(31),
             Err(Error::TooDense {
@@ -123,7 +123,7 @@ mod tests {
         b.grow_to(90).unwrap();
         assert_eq!((b.bytes(), budget.left()), (90, 0));
         assert_eq!(b.at_hand(), 90);
-        let mut c = Reservation::new(&budget);
+        let mut c = MemoryReservation::new(&budget);
         assert!(c.grow_to(20).is_err());
         b.shrink_to(70);
         b.shrink_to(80);

@@ -12,7 +12,7 @@ const BUFFER: usize = 1 << 16;
 
 /// Arrays of plain records, appended once and read back by their place.
 #[derive(Debug)]
-pub struct Spool {
+pub struct SpillFile {
     file: File,
     /// The file, or the directory of one without a name.
     path: PathBuf,
@@ -63,7 +63,7 @@ impl<T> Place<T> {
     }
 }
 
-impl Spool {
+impl SpillFile {
     /// An empty spool in `dir`, in a file without a name.
     ///
     /// # Errors
@@ -71,7 +71,7 @@ impl Spool {
     pub fn new(dir: &Path) -> Result<Self> {
         let file = crate::sys::temp_file::unnamed(dir)
             .map_err(|e| Error::io(dir, "create a temporary file", e))?;
-        Ok(Spool::on(file, dir))
+        Ok(SpillFile::on(file, dir))
     }
 
     /// An empty spool at `path`.
@@ -82,7 +82,7 @@ impl Spool {
         let mut options = OpenOptions::new();
         let made = options.read(true).write(true).create(true).truncate(true);
         let file = made.open(path).map_err(|e| Error::io(path, "create", e))?;
-        Ok(Spool::on(file, path))
+        Ok(SpillFile::on(file, path))
     }
 
     /// The spool at `path` as it was at `mark`; what came after is dropped.
@@ -95,14 +95,14 @@ impl Spool {
         let file = opened.map_err(|e| Error::io(path, "open", e))?;
         file.set_len(mark.len)
             .map_err(|e| Error::io(path, "shorten", e))?;
-        let mut spool = Spool::on(file, path);
+        let mut spool = SpillFile::on(file, path);
         spool.written = mark.len;
         spool.crc = crc32fast::Hasher::new_with_initial_len(mark.crc, mark.len);
         Ok(spool)
     }
 
     fn on(file: File, path: &Path) -> Self {
-        Spool {
+        SpillFile {
             file,
             path: path.to_path_buf(),
             written: 0,
@@ -245,7 +245,7 @@ mod tests {
     #[test]
     fn arrays_come_back_as_they_went() {
         let dir = tempfile::tempdir().unwrap();
-        let mut spool = Spool::new(dir.path()).unwrap();
+        let mut spool = SpillFile::new(dir.path()).unwrap();
         let arrays: Vec<Vec<u32>> = (0..500)
             .map(|n| (0..n).map(|i| n * 1000 + i).collect())
             .collect();
@@ -272,13 +272,13 @@ mod tests {
     fn a_spool_goes_on_where_it_was_marked() {
         let dir = tempfile::tempdir().unwrap();
         let path = dir.path().join("spool");
-        let mut spool = Spool::create(&path).unwrap();
+        let mut spool = SpillFile::create(&path).unwrap();
         let first = spool.push(&[1u64, 2, 3]).unwrap();
         let mark = spool.mark().unwrap();
         assert_eq!(mark.len, 24);
         spool.push(&[4u64; 100_000]).unwrap();
         spool.mark().unwrap();
-        let mut again = Spool::reopen(&path, mark).unwrap();
+        let mut again = SpillFile::reopen(&path, mark).unwrap();
         let second = again.push(&[5u64]).unwrap();
         assert_eq!(again.get(&first).unwrap(), [1, 2, 3]);
         assert_eq!(again.get(&second).unwrap(), [5]);

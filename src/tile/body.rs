@@ -9,7 +9,7 @@ use bytemuck::{Pod, Zeroable};
 /// Where a piece lies in the body and what it counts.
 #[repr(C)]
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Pod, Zeroable)]
-pub struct BodyPiece {
+pub struct PieceRange {
     /// Byte of its first index in the body.
     pub first_index_byte: u64,
     /// First vertex.
@@ -34,7 +34,7 @@ pub(super) fn is_wide(vertices: u32) -> bool {
     vertices > 65_535
 }
 
-impl BodyPiece {
+impl PieceRange {
     /// True if its indices are of 4 bytes.
     pub fn wide(&self) -> bool {
         is_wide(self.vertices)
@@ -52,7 +52,7 @@ impl BodyPiece {
 #[derive(Debug, Clone, Default)]
 pub struct Body {
     /// The pieces in order.
-    pub pieces: Vec<BodyPiece>,
+    pub pieces: Vec<PieceRange>,
     /// Vertices of all pieces.
     pub vertices: u32,
     /// Bytes of the chunk.
@@ -92,17 +92,17 @@ impl Body {
                             0
                         }
                     };
-                    BodyPiece {
+                    PieceRange {
                         vertices: piece.vertices,
                         triangles: piece.triangles,
                         strips: strips as u32,
                         min: piece.min,
                         max: piece.max,
-                        ..BodyPiece::default()
+                        ..PieceRange::default()
                     }
                 });
             }
-            let piece = BodyPiece {
+            let piece = PieceRange {
                 first_index_byte: chunk.bytes().len() as u64,
                 first_vertex: pieces[surface[0]].first_vertex,
                 ..joined.counts
@@ -118,7 +118,7 @@ impl Body {
 
     /// Smallest and largest vertex coordinates of all pieces in lattice steps; nothing if there is none.
     pub fn bounds(&self) -> [[i32; 3]; 2] {
-        let bound = |get: fn(&BodyPiece) -> [i32; 3], pick: fn(i32, i32) -> i32| {
+        let bound = |get: fn(&PieceRange) -> [i32; 3], pick: fn(i32, i32) -> i32| {
             let all = self.pieces.iter().map(get);
             all.reduce(|a, b| std::array::from_fn(|i| pick(a[i], b[i])))
                 .unwrap_or_default()
@@ -127,26 +127,26 @@ impl Body {
     }
 
     /// A piece whose numbers have at least as many digits as those of any of the body.
-    pub fn widest_piece(&self) -> BodyPiece {
+    pub fn widest_piece(&self) -> PieceRange {
         let far = |a: usize| {
             let all = self.pieces.iter().map(|p| p.min[a].max(p.max[a]));
             // a voxel's last step has the longest fraction; two digits before it make up for a sign
             all.fold(10 * LATTICE as i32, i32::max) | (LATTICE as i32 - 1)
         };
         let far = std::array::from_fn(far);
-        BodyPiece {
+        PieceRange {
             first_index_byte: self.bytes,
             first_vertex: self.vertices,
             vertices: self.vertices,
             indices: u32::try_from(self.bytes).unwrap_or(u32::MAX),
             min: far,
             max: far,
-            ..BodyPiece::default()
+            ..PieceRange::default()
         }
     }
 
     /// The indices of a piece, read from the body's bytes.
-    pub fn indices(&self, piece: &BodyPiece, bytes: &[u8]) -> Vec<u32> {
+    pub fn indices(&self, piece: &PieceRange, bytes: &[u8]) -> Vec<u32> {
         let start = piece.first_index_byte as usize;
         let data = &bytes[start..start + piece.index_bytes() as usize];
         let count = piece.indices as usize;
@@ -172,7 +172,7 @@ fn list(piece: &[Triangle], out: &mut Vec<u32>) {
 }
 
 /// Hands out a piece's indices in their width, padded to 4 bytes, a few hundred at a time.
-pub(super) fn write_indices(piece: &BodyPiece, indices: &[u32], mut put: impl FnMut(&[u8])) {
+pub(super) fn write_indices(piece: &PieceRange, indices: &[u32], mut put: impl FnMut(&[u8])) {
     if piece.wide() {
         return put(bytemuck::cast_slice(indices));
     }
@@ -237,7 +237,7 @@ impl<'a> Grouped<'a> {
                     *piece
                 });
             }
-            let piece = BodyPiece {
+            let piece = PieceRange {
                 first_vertex,
                 first_index_byte: body.bytes,
                 ..joined.counts
@@ -283,7 +283,7 @@ impl<'a> Grouped<'a> {
 #[derive(Default)]
 struct Joined {
     /// All but where it lies; without pieces, of no meaning but for the number of vertices.
-    counts: BodyPiece,
+    counts: PieceRange,
     indices: Vec<u32>,
     /// Of the piece that is added.
     part: Vec<u32>,
@@ -292,12 +292,12 @@ struct Joined {
 impl Joined {
     /// Begins anew.
     fn clear(&mut self) {
-        self.counts = BodyPiece::default();
+        self.counts = PieceRange::default();
         self.indices.clear();
     }
 
     /// Adds the piece that `make` makes, with its indices in the empty memory that it is handed.
-    fn add(&mut self, primitives: Primitives, make: impl FnOnce(&mut Vec<u32>) -> BodyPiece) {
+    fn add(&mut self, primitives: Primitives, make: impl FnOnce(&mut Vec<u32>) -> PieceRange) {
         let all = &mut self.counts;
         if all.vertices == 0 {
             // most have no other

@@ -2,7 +2,7 @@
 //! from.
 
 use super::Extras;
-use super::body::{Body, BodyPiece, write_indices};
+use super::body::{Body, PieceRange, write_indices};
 use super::document::{Node, TileHead};
 use super::mesh::{node_extras, table};
 use super::pieces::{Piece, pieces};
@@ -119,7 +119,7 @@ impl Contents {
         }
         let mut body = Body::default();
         for p in &self.pieces {
-            let mut piece = BodyPiece::zeroed();
+            let mut piece = PieceRange::zeroed();
             piece.first_index_byte = bin.len() as u64;
             piece.first_vertex = body.vertices;
             piece.vertices = p.positions.len() as u32;

@@ -350,7 +350,7 @@ pub fn write_head(json: &[u8], room: usize, bin_bytes: u64) -> Option<Vec<u8>> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::tile::BodyPiece;
+    use crate::tile::PieceRange;
     use bytemuck::Zeroable;
     use proptest::prelude::*;
 
@@ -359,7 +359,7 @@ mod tests {
         let vertices = (0..300_000u32, 0..300_000u32);
         let piece = (vertices, bound.clone(), bound, 0..1_000_000u32);
         let piece = piece.prop_map(|((first, vertices), min, max, indices)| {
-            let mut piece = BodyPiece::zeroed();
+            let mut piece = PieceRange::zeroed();
             (piece.first_vertex, piece.vertices, piece.indices) = (first, vertices, indices);
             (piece.min, piece.max) = (min, max);
             piece

@@ -1,7 +1,7 @@
 //! A tile's geometry in the form of its set, without what hangs on ids: so it can be written before these are known.
 
 use super::Extras;
-use super::body::{Body, BodyPiece, append_indices, is_wide};
+use super::body::{Body, PieceRange, append_indices, is_wide};
 use super::contents::{Contents, name};
 use super::document::{Node, TileHead, WidestNodes, node_document, node_json, write_head};
 use super::file::aligned;
@@ -21,7 +21,7 @@ const PARTS: usize = 5;
 /// What a reader has to be told of encoded geometry besides its body.
 #[repr(C)]
 #[derive(Debug, Default, Clone, Copy, PartialEq, Eq, Pod, Zeroable)]
-pub struct Recipe {
+pub struct EncodedLayout {
     /// Bytes of each compressed part, in order.
     lengths: [u32; PARTS],
     /// Index entries of the tile.
@@ -34,7 +34,7 @@ pub struct Encoded<'a> {
     /// The beginning of the BIN chunk, or all of it.
     pub bytes: Cow<'a, [u8]>,
     /// What tells its parts.
-    pub recipe: Recipe,
+    pub recipe: EncodedLayout,
 }
 
 /// Encodes pieces whose geometry is floats: `body` and its `bytes`, of a tile whose macrocube has its lowest voxel at
@@ -51,9 +51,9 @@ pub fn encode<'a>(
 ) -> Result<Encoded<'a>, Refused> {
     let of_pieces = || body.pieces.iter().map(|p| p.indices).sum();
     if head.is_plain(body.pieces.len()) {
-        let recipe = Recipe {
+        let recipe = EncodedLayout {
             indices: of_pieces(),
-            ..Recipe::default()
+            ..EncodedLayout::default()
         };
         let bytes = Cow::Borrowed(bytes);
         return Ok(Encoded { bytes, recipe });
@@ -81,7 +81,7 @@ pub fn encode<'a>(
     lengths[..bin.lengths.len()].copy_from_slice(&bin.lengths);
     Ok(Encoded {
         bytes: Cow::Owned(bin.bytes),
-        recipe: Recipe { lengths, indices },
+        recipe: EncodedLayout { lengths, indices },
     })
 }
 
@@ -93,7 +93,7 @@ pub fn encode<'a>(
 pub fn widest_description(
     (head, nodes): (&TileHead, &WidestNodes),
     low: [u32; 3],
-    (body, recipe): (&Body, &Recipe),
+    (body, recipe): (&Body, &EncodedLayout),
 ) -> Result<usize, Refused> {
     if head.is_plain(body.pieces.len()) {
         return Ok(nodes.room(&Stored::float(body), body));
@@ -113,7 +113,7 @@ pub fn widest_description(
 pub fn describe(
     head: &TileHead,
     low: [u32; 3],
-    (body, recipe): (&Body, &Recipe),
+    (body, recipe): (&Body, &EncodedLayout),
     nodes: &[Node],
 ) -> Result<(Vec<u8>, Vec<u8>), Refused> {
     if head.is_plain(nodes.len()) {
@@ -134,14 +134,14 @@ pub fn describe(
 pub fn decode<'a>(
     head: &TileHead,
     low: [u32; 3],
-    (body, recipe): (&Body, &Recipe),
+    (body, recipe): (&Body, &EncodedLayout),
     bytes: &'a [u8],
 ) -> Result<(Body, Cow<'a, [u8]>), ReadError> {
     if head.is_plain(body.pieces.len()) {
         return Ok((body.clone(), Cow::Borrowed(bytes)));
     }
     // as a tile whose pieces have any ids
-    let node = |(i, piece): (u64, &BodyPiece)| Node {
+    let node = |(i, piece): (u64, &PieceRange)| Node {
         name: name(i, i, true),
         extras: Extras::ids(i, i, i, piece.triangles.into()),
         colour: None,
@@ -170,7 +170,7 @@ fn per_vertex<const N: usize>(body: &Body, of_piece: impl Fn(usize) -> [u8; N]) 
         .collect()
 }
 
-impl Recipe {
+impl EncodedLayout {
     /// The views of the geometry. Merged, these are of positions, normals, indices, rows, and colours if it is
     /// `painted`; else of positions, normals, and indices of either width that there are.
     pub(super) fn views(&self, head: &TileHead, body: &Body, painted: bool) -> Views {
@@ -320,7 +320,7 @@ mod tests {
 
     /// The triangles of each piece, each from its smallest corner on.
     fn triangles(body: &Body, bytes: &[u8], kind: Primitives) -> Vec<Vec<[u32; 3]>> {
-        let of = |piece: &BodyPiece| {
+        let of = |piece: &PieceRange| {
             let indices = body.indices(piece, bytes);
             let mut all = Vec::new();
             let mut add = |t: [u32; 3]| {

@@ -2,7 +2,7 @@
 
 use super::body::Body;
 use super::document::{Node, TileHead, node_json, write_head};
-use super::encoded::{Recipe, describe, encode};
+use super::encoded::{EncodedLayout, describe, encode};
 use super::merged::colours;
 use super::store::Refused;
 use std::borrow::Cow;
@@ -51,7 +51,7 @@ pub fn tile_file_with<'a>(
     low: [u32; 3],
     (body, bytes): (&'a Body, &'a [u8]),
     nodes: &[Node],
-    room: impl FnOnce(&Recipe, usize) -> Result<usize, Refused>,
+    room: impl FnOnce(&EncodedLayout, usize) -> Result<usize, Refused>,
 ) -> Result<TileFile<'a>, Refused> {
     let colours = colours(nodes);
     let encoded = encode(head, low, (body, bytes), colours.as_deref())?;

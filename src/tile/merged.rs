@@ -1,9 +1,9 @@
 //! The merged layout: one mesh for a tile of very many pieces, whose ids and measures are rows of an
 //! EXT_structural_metadata property table that `_FEATURE_ID_0` points into.
 
-use super::body::{Body, BodyPiece};
+use super::body::{Body, PieceRange};
 use super::document::{FLOAT, GENERATOR, Node, TileHead, UNSIGNED_SHORT, material, mode};
-use super::encoded::Recipe;
+use super::encoded::EncodedLayout;
 use super::paint::vertex_colour;
 use super::store::{Accessor, Refused, Stored, base};
 use crate::gltf::bin_writer::{Section, Views};
@@ -95,10 +95,10 @@ fn columns(rows: &[&Extras]) -> Vec<Column> {
 pub(super) fn merged_document(
     head: &TileHead,
     low: [u32; 3],
-    (body, recipe): (&Body, &Recipe),
+    (body, recipe): (&Body, &EncodedLayout),
     nodes: &[Node],
 ) -> Result<(Vec<u8>, Vec<u8>), Refused> {
-    let mut whole = BodyPiece::zeroed();
+    let mut whole = PieceRange::zeroed();
     whole.vertices = body.vertices;
     whole.indices = recipe.indices;
     [whole.min, whole.max] = body.bounds();
@@ -177,7 +177,7 @@ pub(super) fn merged_document(
 pub(super) fn widest_merged(
     head: &TileHead,
     low: [u32; 3],
-    what: (&Body, &Recipe),
+    what: (&Body, &EncodedLayout),
 ) -> Result<usize, Refused> {
     let (json, _) = merged_document(head, low, what, &[Node::widest()])?;
     // more pieces make numbers longer, which have ten digits at most: where each column begins and how long it is,

@@ -64,13 +64,14 @@ pub(crate) mod pieces;
 pub mod read;
 mod reader;
 pub(crate) mod recode;
+mod refused;
 mod store;
 mod unusual;
 
-pub(crate) use body::{Body, BodyPiece, Grouped};
+pub(crate) use body::{Body, Grouped, PieceRange};
 pub(crate) use contents::name;
 pub(crate) use document::{Node, TileHead, WidestNodes, head_bytes, material, write_head};
-pub(crate) use encoded::{Encoded, Recipe, decode, describe, encode, widest_description};
+pub(crate) use encoded::{Encoded, EncodedLayout, decode, describe, encode, widest_description};
 pub use extras::Extras;
 pub(crate) use file::{aligned, plain_head, tile_file, tile_file_with};
 pub use mesh::{SurfacePiece, TileMesh};
@@ -78,6 +79,7 @@ pub(crate) use paint::Rgb;
 pub(crate) use part::{Part, PartPiece, TilePlace, part};
 pub use read::PieceIds;
 pub(crate) use recode::recode;
+pub(crate) use refused::{check_reach, refused, too_large};
 pub(crate) use store::Refused;
 
 /// The most surface pieces that a tile keeps as nodes; with more it takes the merged layout.

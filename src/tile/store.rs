@@ -1,8 +1,8 @@
 //! A tile's geometry in the encoding of its set: from the floats of a [`Body`] to a BIN chunk.
 
-use super::body::{Body, BodyPiece};
+use super::body::{Body, PieceRange};
 use super::document::{BYTE, FLOAT, TileHead, UNSIGNED_INT, UNSIGNED_SHORT, geometry_views};
-use super::encoded::Recipe;
+use super::encoded::EncodedLayout;
 use crate::gltf::accessors::float3;
 use crate::gltf::bin_writer::Bin;
 use crate::gltf::quantize_normals::{Kind, quantize};
@@ -74,7 +74,7 @@ impl Stored {
     /// The body as it is.
     pub fn float(body: &Body) -> Self {
         let start = body.indices_start();
-        let place = |p: &BodyPiece| (2, p.first_index_byte - start);
+        let place = |p: &PieceRange| (2, p.first_index_byte - start);
         Stored {
             encoding: Encoding::Float,
             base: [0; 3],
@@ -92,14 +92,14 @@ impl Stored {
         head: &TileHead,
         low: [u32; 3],
         body: &Body,
-        recipe: &Recipe,
+        recipe: &EncodedLayout,
     ) -> Result<Self, Refused> {
         let views = recipe.views(head, body, false);
         // positions and normals come first, then narrow indices if there are any, then wide ones
         let any_narrow = body.pieces.iter().any(|p| !p.wide() && p.indices > 0);
         let view = |wide: bool| 2 + usize::from(wide && any_narrow);
         let mut before = [0; 2];
-        let place = |piece: &BodyPiece| {
+        let place = |piece: &PieceRange| {
             let wide = piece.wide();
             let before = &mut before[usize::from(wide)];
             let first = std::mem::replace(before, *before + u64::from(piece.indices));
@@ -116,7 +116,7 @@ impl Stored {
 
     /// The three accessors of vertices `first..first + vertices` with bounds `[min, max]` in lattice
     /// steps; indices come from view and byte `at`.
-    pub fn accessors(&self, p: &BodyPiece, at: (usize, u64)) -> [Accessor; 3] {
+    pub fn accessors(&self, p: &PieceRange, at: (usize, u64)) -> [Accessor; 3] {
         let first = u64::from(p.first_vertex);
         let vertex = Accessor {
             buffer_view: 0,

@@ -1,6 +1,6 @@
 //! The output directory: everything is made beside and moved in at the end, the manifest last.
 
-use crate::checkpoint::{Kept, STATE, kept};
+use crate::checkpoint::{LayersDone, STATE, kept};
 use crate::error::{Error, Result};
 use crate::manifest::PARTIAL as WORK;
 use crate::sys::files::{remove_if_there, write_file};
@@ -40,7 +40,7 @@ pub struct Output {
 }
 
 /// The layers that an interrupted conversion into `out` has finished, if there was one.
-pub fn interrupted(out: &Path) -> Option<Kept> {
+pub fn interrupted(out: &Path) -> Option<LayersDone> {
     kept(&out.join(WORK))
 }
 
@@ -179,7 +179,7 @@ impl Output {
     ///
     /// # Errors
     /// [`Error::Io`].
-    pub fn announce(&mut self, note: &[u8]) -> Result<()> {
+    pub fn begin_commit(&mut self, note: &[u8]) -> Result<()> {
         let path = self.work.join(MOVING);
         let new = path.with_extension("new");
         write_file(&new, &[note])?;
@@ -194,7 +194,7 @@ impl Output {
     /// [`Error::Io`].
     pub fn commit(mut self) -> Result<()> {
         if !self.work.join(MOVING).exists() {
-            self.announce(b"")?;
+            self.begin_commit(b"")?;
         }
         for name in ENTRIES {
             // what has been moved already is not to be removed

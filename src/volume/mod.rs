@@ -12,7 +12,6 @@ mod chunked;
 mod crop;
 #[cfg(feature = "dicom")]
 mod dicom;
-mod dtype;
 mod file;
 mod fits;
 mod folder;
@@ -62,10 +61,10 @@ use without::hdf5;
 #[cfg(not(feature = "zarr"))]
 use without::zarr;
 
+pub(crate) use crate::grid::with_voxel_type;
+pub use crate::grid::{Dtype, Endian, Slope, Voxel};
 pub(crate) use beside::spool_beside;
 pub use crop::Cropped;
-pub(crate) use dtype::with_voxel_type;
-pub use dtype::{Dtype, Slope, Voxel};
 
 pub(crate) use kind::{Watch, Watched};
 pub use memory::MemoryVolume;
@@ -78,55 +77,8 @@ pub use statistics::{Statistics, statistics};
 
 use crate::error::{Error, Result};
 use crate::grid::{Dims, Placement};
-use serde::{Deserialize, Serialize};
 use std::ops::Range;
 use std::path::Path;
-
-/// Byte order of samples of more than one byte.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
-#[serde(rename_all = "lowercase")]
-pub enum Endian {
-    /// Least significant byte first.
-    #[default]
-    Little,
-    /// Most significant byte first.
-    Big,
-}
-
-impl Endian {
-    /// The order of this machine.
-    pub const NATIVE: Endian = if cfg!(target_endian = "big") {
-        Endian::Big
-    } else {
-        Endian::Little
-    };
-
-    /// `little` or `big`.
-    pub fn name(self) -> &'static str {
-        match self {
-            Endian::Little => "little",
-            Endian::Big => "big",
-        }
-    }
-}
-
-impl std::fmt::Display for Endian {
-    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
-        f.write_str(self.name())
-    }
-}
-
-impl std::str::FromStr for Endian {
-    type Err = Error;
-
-    fn from_str(text: &str) -> Result<Self> {
-        match text {
-            "little" => Ok(Endian::Little),
-            "big" => Ok(Endian::Big),
-            _ => Err(Error::usage("--endian", text, "little or big")),
-        }
-    }
-}
 
 /// What a volume says of itself, after options have overridden it.
 #[derive(Debug, Clone, PartialEq)]

@@ -50,7 +50,7 @@ pub fn fit_together<'a>(tiles: impl Iterator<Item = &'a TileRecord>, memory: u64
 }
 
 /// How many of these tiles, 1 to `threads`, can be finished at once in three quarters of `memory` bytes.
-pub fn at_once<'a>(
+pub fn max_concurrent_tiles<'a>(
     tiles: impl Iterator<Item = &'a TileRecord>,
     memory: u64,
     threads: usize,
@@ -114,7 +114,7 @@ mod tests {
             threads in 1usize..40,
         ) {
             let tiles: Vec<_> = bytes.iter().map(|&b| tile(0, b)).collect();
-            let n = at_once(tiles.iter(), memory, threads);
+            let n = max_concurrent_tiles(tiles.iter(), memory, threads);
             prop_assert!((1..=threads).contains(&n));
             let mut sorted = bytes;
             sorted.sort_unstable_by(|a, b| b.cmp(a));

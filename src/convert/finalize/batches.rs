@@ -7,10 +7,10 @@ use crate::convert::scan::surfaces::WHOLE;
 use crate::convert::scan::tile_writer::{TileRecord, WrittenPiece};
 use crate::convert::slab_records::{SlabRecord, Slabs};
 use crate::error::Result;
-use crate::labels::{Fate, Fates};
+use crate::labels::{CarryOver, Successor};
 use crate::manifest::TileEntry;
 use crate::sys::group_by::{firsts, groups};
-use crate::sys::spill_file::Spool;
+use crate::sys::spill_file::SpillFile;
 use crate::tile::Body;
 use std::collections::VecDeque;
 
@@ -70,7 +70,7 @@ pub struct Job {
     /// The ids of each.
     pub ids: Vec<Ids>,
     /// What becomes of the object and the cell of each in the next slab.
-    pub fates: Vec<[Fate; 2]>,
+    pub carry_over: Vec<[Successor; 2]>,
 }
 
 impl Job {
@@ -112,19 +112,21 @@ impl Batch {
         &mut self,
         (layer, last): (u32, bool),
         tiles: &[TileRecord],
-        (ids, fates): (&IdsOfSlab, &Fates),
-        spool: &mut Spool,
+        (ids, carry_over): (&IdsOfSlab, &CarryOver),
+        spool: &mut SpillFile,
     ) -> Result<()> {
         for &tile in tiles {
             let pieces = tile.pieces(spool)?;
             let ids = pieces.iter().map(|p| ids.of(p)).collect();
-            let fates = pieces.iter().map(|p| fates.of_both([p.object, p.cell]));
-            let fates = fates.collect();
+            let carry_over = pieces
+                .iter()
+                .map(|p| carry_over.of_pair([p.object, p.cell]));
+            let carry_over = carry_over.collect();
             self.jobs.push(Job {
                 tile,
                 pieces,
                 ids,
-                fates,
+                carry_over,
             });
         }
         self.layers.push((layer, tiles.len(), last));
@@ -148,7 +150,7 @@ pub struct Batches<'a> {
     slabs: &'a mut Slabs,
     /// The next slab.
     next: usize,
-    spool: &'a mut Spool,
+    spool: &'a mut SpillFile,
     ids: &'a mut SpooledIds,
     /// Bytes that tiles may take while they are finished.
     memory: u64,
@@ -161,7 +163,7 @@ pub struct Batches<'a> {
 struct AtHand {
     layer: u32,
     ids: IdsOfSlab,
-    /// See [`Fates`].
+    /// See [`CarryOver`].
     live: Vec<u32>,
     /// What these are in the next one.
     there: Vec<u32>,
@@ -176,12 +178,12 @@ impl AtHand {
         slab: &SlabRecord,
         ids: IdsOfSlab,
         next: Option<&SlabRecord>,
-        spool: &mut Spool,
+        spool: &mut SpillFile,
     ) -> Result<Self> {
         let (mut live, mut there) = (Vec::new(), Vec::new());
         if let Some(next) = next {
             live = spool.get(&slab.live)?;
-            there = spool.get(&next.from_previous)?;
+            there = spool.get(&next.carried_in)?;
         }
         Ok(AtHand {
             layer: slab.layer,
@@ -197,7 +199,7 @@ impl<'a> Batches<'a> {
     pub fn new(
         slabs: &'a mut Slabs,
         skip: usize,
-        (spool, ids): (&'a mut Spool, &'a mut SpooledIds),
+        (spool, ids): (&'a mut SpillFile, &'a mut SpooledIds),
         memory: u64,
     ) -> Self {
         Batches {
@@ -219,12 +221,12 @@ impl<'a> Batches<'a> {
         let mut batch = Batch::default();
         loop {
             if let Some(slab) = &self.at_hand {
-                let fates = Fates::new(&slab.live, &slab.there);
+                let carry_over = CarryOver::new(&slab.live, &slab.there);
                 while let Some((tiles, last)) = self.rest.front() {
                     if !batch.has_room(tiles, self.memory) {
                         return Ok(Some(batch));
                     }
-                    let known = (&slab.ids, &fates);
+                    let known = (&slab.ids, &carry_over);
                     batch.add((slab.layer, *last), tiles, known, self.spool)?;
                     self.rest.pop_front();
                 }
@@ -258,8 +260,8 @@ pub fn count_distinct(ids: &[Ids]) -> usize {
 
 /// Pieces with the same ids, in the order of their first piece, and these ids. Of a group, pieces that are one in the
 /// next slab come one behind the other: so those that were written as one are where they are if they were not.
-pub fn group(ids: &[Ids], fates: &[[Fate; 2]]) -> (Vec<Vec<usize>>, Vec<Ids>) {
-    let one_next = firsts(fates);
+pub fn group(ids: &[Ids], carry_over: &[[Successor; 2]]) -> (Vec<Vec<usize>>, Vec<Ids>) {
+    let one_next = firsts(carry_over);
     let mut groups = groups(ids);
     let group_ids = groups.iter().map(|group| ids[group[0]]).collect();
     for group in &mut groups {
@@ -287,7 +289,7 @@ mod tests {
 
     fn batch(parts: &[(u32, bool, &[TileRecord])]) -> Batch {
         let dir = tempfile::tempdir().unwrap();
-        let mut spool = Spool::new(dir.path()).unwrap();
+        let mut spool = SpillFile::new(dir.path()).unwrap();
         spool.push(&[WrittenPiece::zeroed(); 64]).unwrap();
         let ids = IdsOfSlab {
             classes: vec![3],
@@ -296,9 +298,9 @@ mod tests {
         };
         let mut batch = Batch::default();
         for &(layer, last, tiles) in parts {
-            let fates = Fates::new(&[], &[]);
+            let carry_over = CarryOver::new(&[], &[]);
             batch
-                .add((layer, last), tiles, (&ids, &fates), &mut spool)
+                .add((layer, last), tiles, (&ids, &carry_over), &mut spool)
                 .unwrap();
         }
         batch
@@ -359,7 +361,7 @@ mod tests {
         fn groups_are_the_pieces_with_the_same_ids(cells in prop::collection::vec(0..20u64, 0..40)) {
             let id = |&cell: &u64| Ids { object: 1 + cell % 2, cell, surface: cell };
             let ids: Vec<Ids> = cells.iter().map(id).collect();
-            let ended: Vec<_> = (0..ids.len() as u32).map(|class| [Fate::Ended(class); 2]).collect();
+            let ended: Vec<_> = (0..ids.len() as u32).map(|class| [Successor::Ended(class); 2]).collect();
             let (groups, group_ids) = group(&ids, &ended);
             prop_assert_eq!(count_distinct(&ids), groups.len());
             prop_assert_eq!(groups.concat().len(), ids.len());
@@ -372,26 +374,26 @@ mod tests {
         /// Pieces come in the same order, whether those that are one in the next slab were joined before or not.
         #[test]
         fn what_was_one_before_is_where_it_is_anyway(classes in prop::collection::vec(0..12u32, 0..40)) {
-            let fates: Vec<_> = classes.iter().map(|&class| [Fate::Next(class); 2]).collect();
+            let carry_over: Vec<_> = classes.iter().map(|&class| [Successor::Next(class); 2]).collect();
             let id = |class: u32| u64::from(class % 4);
             let id = |&class: &u32| Ids { object: id(class), cell: id(class), surface: id(class) };
             let ids: Vec<Ids> = classes.iter().map(id).collect();
-            let (at_once, of_all) = group(&ids, &fates);
+            let (max_concurrent_tiles, of_all) = group(&ids, &carry_over);
             // as they are written: those of a class together, by its first piece
-            let joined = super::groups(&fates);
+            let joined = super::groups(&carry_over);
             let of_joined: Vec<Ids> = joined.iter().map(|pieces| ids[pieces[0]]).collect();
-            let fates: Vec<_> = joined.iter().map(|pieces| fates[pieces[0]]).collect();
-            let (groups, same) = group(&of_joined, &fates);
+            let carry_over: Vec<_> = joined.iter().map(|pieces| carry_over[pieces[0]]).collect();
+            let (groups, same) = group(&of_joined, &carry_over);
             let flat = |group: &Vec<usize>| group.iter().flat_map(|&at| joined[at].clone()).collect();
             let later: Vec<Vec<usize>> = groups.iter().map(flat).collect();
-            prop_assert_eq!((later, same), (at_once, of_all));
+            prop_assert_eq!((later, same), (max_concurrent_tiles, of_all));
         }
     }
 
     /// Slabs with these tiles, one piece each, and their ids.
-    fn slabs(tiles: &[usize], dir: &Path) -> (Slabs, Spool, SpooledIds) {
-        let (mut spool, mut ids) = (Spool::new(dir).unwrap(), SpooledIds::new(dir).unwrap());
-        let mut slabs = Slabs::new(Spool::new(dir).unwrap());
+    fn slabs(tiles: &[usize], dir: &Path) -> (Slabs, SpillFile, SpooledIds) {
+        let (mut spool, mut ids) = (SpillFile::new(dir).unwrap(), SpooledIds::new(dir).unwrap());
+        let mut slabs = Slabs::new(SpillFile::new(dir).unwrap());
         let slab = |(layer, &count): (u32, &usize)| {
             let pieces_at = spool.push(&[WrittenPiece::zeroed()]).unwrap().offset();
             let tile = |x| {

@@ -4,17 +4,17 @@ pub(crate) mod batch_size;
 pub(crate) mod batches;
 mod rewrite;
 pub(crate) mod shards;
-use crate::checkpoint::Keeper;
-use crate::convert::finalize::batch_size::at_once;
+use crate::checkpoint::Checkpointer;
+use crate::convert::finalize::batch_size::max_concurrent_tiles;
 use crate::convert::finalize::batches::{
     Batch, Batches, Ids, Job, KNOWN_PIECES, count_distinct, group,
 };
 use crate::convert::finalize::rewrite::{
-    Buffers, anew_path, fill, make_layer_dir, read_back, write_anew,
+    Buffers, fill, make_layer_dir, read_back, replacement_path, write_replacement,
 };
-use crate::convert::finalize::shards::{Ends, FinishedBatch, FinishedLayer, Layers};
+use crate::convert::finalize::shards::{FinishedBatch, FinishedLayer, LayerFinisher, Layers};
 use crate::convert::resolve::SpooledIds;
-use crate::convert::scan::tile_writer::{TileRecord, refused, too_large};
+use crate::convert::scan::tile_writer::TileRecord;
 use crate::convert::slab_records::{SlabRecord, Slabs};
 use crate::error::{Error, Result};
 use crate::grid::{LATTICE, Placement, Tiling};
@@ -24,11 +24,11 @@ use crate::manifest::{
 };
 use crate::measure::{ComponentRecord, Measures, RecordTable};
 use crate::progress::Progress;
-use crate::sys::background_writer::Writers;
-use crate::sys::spill_file::Spool;
+use crate::sys::background_writer::BackgroundWriters;
+use crate::sys::spill_file::SpillFile;
 use crate::tile::{
-    Body, BodyPiece, Extras, Grouped, Node, TileHead, WidestNodes, decode, describe, name,
-    tile_path, write_head,
+    Body, Extras, Grouped, Node, PieceRange, TileHead, WidestNodes, decode, describe, name,
+    refused, tile_path, too_large, write_head,
 };
 use rayon::prelude::*;
 use std::borrow::Cow;
@@ -52,7 +52,7 @@ pub struct FinishSettings<'a> {
     /// The macrocubes.
     pub tiling: Tiling,
     /// Bring tiles that are written anew to the disk.
-    pub writers: Option<&'a Writers>,
+    pub writers: Option<&'a BackgroundWriters>,
     /// Bytes that tiles may take while they are finished.
     pub memory: u64,
 }
@@ -97,14 +97,14 @@ struct Cell {
 /// if a shard from before is not as it was written.
 pub fn finish<R: Send>(
     slabs: &mut Slabs,
-    spool: &mut Spool,
+    spool: &mut SpillFile,
     (ids, cells): (&mut SpooledIds, &RecordTable<ComponentRecord>),
-    (settings, keeper): (&FinishSettings, &mut Keeper),
+    (settings, checkpointer): (&FinishSettings, &mut Checkpointer),
     totals: &mut Totals,
     progress: &dyn Progress,
     beside: impl FnOnce(&Stop) -> Result<R> + Send,
 ) -> Result<(Layers, R)> {
-    let mut ends = Ends::begin(settings, keeper, slabs.len(), totals, progress)?;
+    let mut ends = LayerFinisher::begin(settings, checkpointer, slabs.len(), totals, progress)?;
     let failed = AtomicBool::new(false);
     let finish = || {
         let finished = finish_tiles(slabs, (spool, ids), cells, settings, &mut ends, progress);
@@ -120,10 +120,10 @@ pub fn finish<R: Send>(
 /// Finishes the tiles of all slabs.
 fn finish_tiles(
     slabs: &mut Slabs,
-    (spool, ids): (&mut Spool, &mut SpooledIds),
+    (spool, ids): (&mut SpillFile, &mut SpooledIds),
     cells: &RecordTable<ComponentRecord>,
     settings: &FinishSettings,
-    ends: &mut Ends,
+    ends: &mut LayerFinisher,
     progress: &dyn Progress,
 ) -> Result<()> {
     let before = ends.finished() as usize;
@@ -161,7 +161,7 @@ fn finish_tiles(
 fn finished_layer(
     settings: &FinishSettings,
     slab: &SlabRecord,
-    spool: &mut Spool,
+    spool: &mut SpillFile,
 ) -> Result<Option<FinishedLayer>> {
     let tiles = spool.get(&slab.tiles)?;
     if tiles.is_empty() {
@@ -215,7 +215,7 @@ impl Finisher<'_> {
     fn finish(
         &mut self,
         ready: Ready,
-        ends: &mut Ends,
+        ends: &mut LayerFinisher,
         batches: &mut Batches,
     ) -> Result<Option<Ready>> {
         let few = self.few_at_once(&ready.batch.jobs);
@@ -233,7 +233,7 @@ impl Finisher<'_> {
         taken?;
         self.behind = FinishedBatch {
             parts: ready.batch.into_parts(made?),
-            handed: self.settings.writers.map_or(0, Writers::handed),
+            handed: self.settings.writers.map_or(0, BackgroundWriters::handed),
         };
         next.unwrap_or_else(|| self.next(batches))
     }
@@ -242,11 +242,12 @@ impl Finisher<'_> {
     fn few_at_once(&self, jobs: &[Job]) -> Option<usize> {
         let threads = rayon::current_num_threads();
         let records = jobs.iter().map(|job| &job.tile);
-        Some(at_once(records, self.settings.memory, threads)).filter(|&few| few < threads)
+        Some(max_concurrent_tiles(records, self.settings.memory, threads))
+            .filter(|&few| few < threads)
     }
 
     /// Does what is left to be done to files.
-    fn end(&mut self, ends: &mut Ends) -> Result<()> {
+    fn end(&mut self, ends: &mut LayerFinisher) -> Result<()> {
         ends.take(std::mem::take(&mut self.behind))
     }
 
@@ -365,7 +366,7 @@ impl Finisher<'_> {
     /// Writes a tile anew, beside the old one.
     fn rewrite_tile(&self, job: &Job, known: &[Cell], buffers: &mut Buffers) -> Result<TileEntry> {
         let tile = &job.tile;
-        let (groups, group_ids) = group(&job.ids, &job.fates);
+        let (groups, group_ids) = group(&job.ids, &job.carry_over);
         let (head, low) = (self.settings.head, self.settings.tiling.lowest(tile.grid));
         let path = self.settings.dir.join(tile_path(tile.grid));
         let bytes = read_back(&path, &mut buffers.old)?;
@@ -387,8 +388,8 @@ impl Finisher<'_> {
             .map_err(|e| refused(e, tile.grid, self.settings.tiling))?;
         let file = buffers.new.get();
         let size_and_crc = (file.len() as u64, crc32fast::hash(file));
-        let anew = self.settings.dir.join(anew_path(tile.grid));
-        write_anew(anew, &mut buffers.new, self.settings.writers)?;
+        let anew = self.settings.dir.join(replacement_path(tile.grid));
+        write_replacement(anew, &mut buffers.new, self.settings.writers)?;
         Ok(entry(tile, &made.body, &group_ids, indices, size_and_crc))
     }
 
@@ -444,7 +445,7 @@ fn entry(
     indices: u64,
     (bytes, crc): (u64, u32),
 ) -> TileEntry {
-    let sum = |get: fn(&BodyPiece) -> u32| body.pieces.iter().map(|p| u64::from(get(p))).sum();
+    let sum = |get: fn(&PieceRange) -> u32| body.pieces.iter().map(|p| u64::from(get(p))).sum();
     let [min, max] = body
         .bounds()
         .map(|steps| steps.map(|v| f64::from(v) / f64::from(LATTICE)));

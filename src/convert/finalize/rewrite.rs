@@ -1,17 +1,17 @@
 //! Tiles that are written a second time. The new ones lie beside the old ones, layer by layer, until
 //! a checkpoint says that the layer is done: a tile that is half written can then be made again.
 
-use crate::checkpoint::Keeper;
+use crate::checkpoint::Checkpointer;
 use crate::convert::layer_directory;
 use crate::convert::scan::tile_writer::room_for;
 use crate::error::{Error, Result};
-use crate::sys::background_writer::{Job, Writers};
+use crate::sys::background_writer::{BackgroundWriters, Job};
 use crate::sys::direct_io::{self, Buffer};
 use crate::sys::files::remove_if_there;
 use crate::sys::files::write_file;
 use crate::tile::{
-    Grouped, Node, Recipe, Refused, TileHead, WidestNodes, plain_head, tile_file, tile_file_with,
-    tile_path,
+    EncodedLayout, Grouped, Node, Refused, TileHead, WidestNodes, plain_head, tile_file,
+    tile_file_with, tile_path,
 };
 use std::fs::{self, File};
 use std::io::{ErrorKind, Write};
@@ -25,7 +25,7 @@ const LAYERS: usize = 8;
 const ANEW: &str = "anew";
 
 /// Where a tile is written for the second time.
-pub fn anew_path(grid: [u32; 3]) -> PathBuf {
+pub fn replacement_path(grid: [u32; 3]) -> PathBuf {
     Path::new(ANEW).join(tile_path(grid))
 }
 
@@ -75,13 +75,13 @@ impl Anew {
     ///
     /// # Errors
     /// [`Error::Io`], also if an earlier layer's tiles could not take their places.
-    pub fn layer_done(&mut self, layer: u32, keeper: &mut Keeper) -> Result<()> {
-        keeper.save_finished(layer + 1)?;
+    pub fn layer_done(&mut self, layer: u32, checkpointer: &mut Checkpointer) -> Result<()> {
+        checkpointer.save_finished(layer + 1)?;
         if layer_dir(&self.work, layer).exists() {
             self.waiting.push(layer);
         }
-        let begun = keeper.disk().begin()?;
-        if !keeper.disk().is_used() {
+        let begun = checkpointer.disk().begin()?;
+        if !checkpointer.disk().is_used() {
             return self.move_first(self.waiting.len());
         }
         if begun {
@@ -96,9 +96,9 @@ impl Anew {
     ///
     /// # Errors
     /// [`Error::Io`].
-    pub fn end(mut self, keeper: &mut Keeper) -> Result<()> {
+    pub fn end(mut self, checkpointer: &mut Checkpointer) -> Result<()> {
         if !self.waiting.is_empty() {
-            keeper.disk().finish()?;
+            checkpointer.disk().finish()?;
             self.move_first(self.waiting.len())?;
         }
         self.mover.as_mut().map_or(Ok(()), Mover::end)
@@ -213,7 +213,8 @@ pub fn fill(
     low: [u32; 3],
     (made, nodes): (&Grouped, &[Node]),
 ) -> std::result::Result<u64, Refused> {
-    let room = |recipe: &Recipe, bytes| room_for((head, widest), low, (&made.body, recipe), bytes);
+    let room =
+        |recipe: &EncodedLayout, bytes| room_for((head, widest), low, (&made.body, recipe), bytes);
     if !head.is_plain(nodes.len()) {
         let bin = made.bytes();
         let body = (&made.body, &bin[..]);
@@ -230,7 +231,7 @@ pub fn fill(
     }
     // as it is made, and copied no more: a hundredth of the time of a sparse scan
     let body_bytes = made.body.bytes as usize;
-    let room = room(&Recipe::default(), body_bytes)?;
+    let room = room(&EncodedLayout::default(), body_bytes)?;
     let before = plain_head(head, &made.body, nodes, room)?;
     let bytes = before.len() + body_bytes;
     out.begin(bytes, bytes);
@@ -259,7 +260,11 @@ pub fn read_back<'b>(path: &Path, buffer: &'b mut Buffer) -> Result<&'b [u8]> {
 ///
 /// # Errors
 /// [`Error::Io`].
-pub fn write_anew(path: PathBuf, tile: &mut Buffer, writers: Option<&Writers>) -> Result<()> {
+pub fn write_replacement(
+    path: PathBuf,
+    tile: &mut Buffer,
+    writers: Option<&BackgroundWriters>,
+) -> Result<()> {
     let Some(writers) = writers.filter(|_| tile.get().len() >= direct_io::WORTH) else {
         return write_file(&path, &[tile.get()]);
     };
@@ -280,7 +285,7 @@ mod tests {
         let dir = tempfile::tempdir().unwrap();
         for &layer in layers {
             make_layer_dir(dir.path(), layer).unwrap();
-            fs::write(dir.path().join(anew_path([1, 2, layer])), "new").unwrap();
+            fs::write(dir.path().join(replacement_path([1, 2, layer])), "new").unwrap();
         }
         dir
     }
@@ -315,7 +320,7 @@ mod tests {
             }
             other => panic!("{other:?}"),
         }
-        assert!(dir.path().join(anew_path([1, 2, 0])).exists());
+        assert!(dir.path().join(replacement_path([1, 2, 0])).exists());
         let mut mover = Mover::begin(dir.path()).unwrap();
         let failed = loop {
             if let Err(e) = mover.put(1) {

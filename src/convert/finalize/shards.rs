@@ -1,12 +1,12 @@
 //! Ends layers whose tiles are finished: writes their shards and says that they are done.
 
-use crate::checkpoint::Keeper;
+use crate::checkpoint::Checkpointer;
 use crate::convert::finalize::FinishSettings;
 use crate::convert::finalize::rewrite::Anew;
 use crate::error::Result;
 use crate::manifest::{LayerRecord, ShardWriter, TileEntry, Totals};
 use crate::progress::Progress;
-use crate::sys::spill_file::Spool;
+use crate::sys::spill_file::SpillFile;
 use std::path::Path;
 
 /// A finished layer.
@@ -37,35 +37,35 @@ pub struct FinishedBatch {
 }
 
 /// Ends layers, part by part.
-pub struct Ends<'a> {
+pub struct LayerFinisher<'a> {
     settings: FinishSettings<'a>,
     /// The shard of the layer at hand.
     open: Option<ShardWriter>,
     anew: Anew,
     layers: Layers,
-    keeper: &'a mut Keeper,
+    checkpointer: &'a mut Checkpointer,
     totals: &'a mut Totals,
     progress: &'a dyn Progress,
 }
 
-impl<'a> Ends<'a> {
+impl<'a> LayerFinisher<'a> {
     /// Of a set of `layers`, some of which may be finished already.
     ///
     /// # Errors
     /// [`crate::Error::Io`].
     pub fn begin(
         settings: &FinishSettings<'a>,
-        keeper: &'a mut Keeper,
+        checkpointer: &'a mut Checkpointer,
         layers: usize,
         totals: &'a mut Totals,
         progress: &'a dyn Progress,
     ) -> Result<Self> {
-        Ok(Ends {
+        Ok(LayerFinisher {
             settings: *settings,
             open: None,
-            anew: Anew::begin(settings.dir, keeper.finished(), layers as u32)?,
+            anew: Anew::begin(settings.dir, checkpointer.finished(), layers as u32)?,
             layers: Layers::new(settings.dir)?,
-            keeper,
+            checkpointer,
             totals,
             progress,
         })
@@ -73,7 +73,7 @@ impl<'a> Ends<'a> {
 
     /// Layers that were finished before.
     pub fn finished(&self) -> u32 {
-        self.keeper.finished()
+        self.checkpointer.finished()
     }
 
     /// Takes the next parts of layers. When one was the last of a layer, all tiles of that are written.
@@ -103,7 +103,7 @@ impl<'a> Ends<'a> {
         }
         let shard = self.open.take();
         let finished = shard.map(ShardWriter::finish).transpose()?;
-        self.anew.layer_done(part.layer, self.keeper)?;
+        self.anew.layer_done(part.layer, self.checkpointer)?;
         self.add(finished.map(|(entry, totals)| FinishedLayer { entry, totals }))
     }
 
@@ -131,14 +131,14 @@ impl<'a> Ends<'a> {
     /// # Errors
     /// [`crate::Error::Io`].
     pub fn end(self) -> Result<Layers> {
-        self.anew.end(self.keeper)?;
+        self.anew.end(self.checkpointer)?;
         Ok(self.layers)
     }
 }
 
 /// The layers that have tiles, by rising z, in a file.
 pub struct Layers {
-    spool: Spool,
+    spool: SpillFile,
     /// Bytes of their shards.
     pub bytes: u64,
 }
@@ -146,7 +146,7 @@ pub struct Layers {
 impl Layers {
     fn new(dir: &Path) -> Result<Self> {
         Ok(Layers {
-            spool: Spool::new(dir)?,
+            spool: SpillFile::new(dir)?,
             bytes: 0,
         })
     }

@@ -4,12 +4,12 @@ use crate::convert::scan::small_components::Filter;
 use crate::error::Result;
 use crate::grid::{Ambiguous, Dims, Placement, Tiling};
 use crate::labels::{
-    BandComponents, BandEdges, Bits, KnownBand, Labels, LocalComponent, Runs, Span, Voxels,
+    BandComponents, BandFaces, BandInput, Bits, Labels, LocalComponent, Runs, Span, Voxels,
     add_border_euler, label_runs, sum_voxels,
 };
 use crate::measure::VoxelSums;
-use crate::sys::memory_pool::{Budget, Reservation};
-use crate::sys::spill_file::{Place, Spool};
+use crate::sys::memory_pool::{MemoryPool, MemoryReservation};
+use crate::sys::spill_file::{Place, SpillFile};
 use crate::volume::{Volume, Voxel};
 use std::sync::Arc;
 
@@ -25,18 +25,18 @@ pub struct Band<T> {
     /// Components; the labels of runs turn from local components to classes once these are known.
     pub labels: Labels,
     /// What joins it to its neighbours.
-    pub edges: BandEdges,
+    pub edges: BandFaces,
     /// NaN samples among the voxels that the band owns.
     pub nan: u64,
     /// The memory of all this.
-    pub held: Reservation,
+    pub held: MemoryReservation,
 }
 
 /// What the joining of bands needs of one.
 #[derive(Debug)]
-pub struct SettledBand {
+pub struct SealedBand {
     /// What it shares with others.
-    pub edges: BandEdges,
+    pub edges: BandFaces,
     /// Its components.
     pub components: BandComponents,
     /// Sums of the components that are whole in it.
@@ -51,7 +51,7 @@ impl<T> Band<T> {
     ///
     /// # Errors
     /// [`crate::Error::Io`].
-    pub fn settle(&mut self, spool: &mut Spool) -> Result<SettledBand> {
+    pub fn seal(&mut self, spool: &mut SpillFile) -> Result<SealedBand> {
         let all = std::mem::take(&mut self.labels.components);
         let edges = std::mem::take(&mut self.edges);
         let mut whole = spool.here();
@@ -59,7 +59,7 @@ impl<T> Band<T> {
             BandComponents::split(&all, &edges, |sums| spool.extend(&mut whole, &[*sums]))?;
         self.held
             .shrink_to(self.held.bytes() - component_bytes(all.len()));
-        Ok(SettledBand {
+        Ok(SealedBand {
             edges,
             components,
             whole,
@@ -68,15 +68,15 @@ impl<T> Band<T> {
     }
 }
 
-impl SettledBand {
+impl SealedBand {
     /// Bytes of memory.
     pub fn bytes(&self) -> u64 {
         self.edges.bytes() + self.components.bytes()
     }
 
     /// As the joining takes it.
-    pub fn known(&self) -> KnownBand<'_> {
-        KnownBand {
+    pub fn known(&self) -> BandInput<'_> {
+        BandInput {
             edges: &self.edges,
             components: &self.components,
         }
@@ -103,7 +103,7 @@ pub struct BandSource<'a, T> {
     /// What to leave out, in this order.
     pub filters: &'a [Filter],
     /// Where the bands' memory is taken from.
-    pub budget: &'a Arc<Budget>,
+    pub budget: &'a Arc<MemoryPool>,
 }
 
 impl<T: Voxel> BandSource<'_, T> {
@@ -127,7 +127,7 @@ impl<T: Voxel> BandSource<'_, T> {
         T: Default,
     {
         Band {
-            held: Reservation::new(self.budget),
+            held: MemoryReservation::new(self.budget),
             ..Band::default()
         }
     }
@@ -168,7 +168,7 @@ impl<T: Voxel> BandSource<'_, T> {
             self.rule,
             self.dims(),
         );
-        band.edges = BandEdges::of(&band.bits, &band.runs, &band.labels, self.dims());
+        band.edges = BandFaces::of(&band.bits, &band.runs, &band.labels, self.dims());
         Ok(())
     }
 }

@@ -1,6 +1,6 @@
 //! The tiles of a slab, gathered in any order from many threads.
 
-use crate::convert::scan::state::{Forward, Known, State};
+use crate::convert::scan::state::{ScanOutput, ScanState, SlabLabels};
 use crate::convert::scan::surfaces::{SlabSurfaces, SurfacePart};
 use crate::convert::scan::tile_writer::{TileRecord, WrittenPiece};
 use crate::error::Result;
@@ -30,31 +30,31 @@ type EarlyTile = (TileRecord, Vec<Part>, MeshSums);
 /// The state while tiles are gathered.
 ///
 /// Surfaces come over from one slab to the next, so a slab's tiles wait until the one before has ended.
-pub struct Gather<'a>(Mutex<Gathering<'a>>);
+pub struct TileCollector<'a>(Mutex<Collecting<'a>>);
 
-struct Gathering<'a> {
-    state: &'a mut State,
+struct Collecting<'a> {
+    state: &'a mut ScanState,
     slab: Option<SlabTiles>,
     /// Tiles of the slab after that.
     early: Vec<EarlyTile>,
 }
 
-impl<'a> Gather<'a> {
+impl<'a> TileCollector<'a> {
     /// Has no tile yet.
-    pub fn new(state: &'a mut State) -> Self {
-        Gather(Mutex::new(Gathering {
+    pub fn new(state: &'a mut ScanState) -> Self {
+        TileCollector(Mutex::new(Collecting {
             state,
             slab: None,
             early: Vec::new(),
         }))
     }
 
-    fn lock(&self) -> MutexGuard<'_, Gathering<'a>> {
+    fn lock(&self) -> MutexGuard<'_, Collecting<'a>> {
         self.0.lock().expect("no thread panicked")
     }
 
     /// Does what needs the state.
-    pub fn with<R>(&self, work: impl FnOnce(&mut State) -> R) -> R {
+    pub fn with<R>(&self, work: impl FnOnce(&mut ScanState) -> R) -> R {
         work(self.lock().state)
     }
 
@@ -62,13 +62,13 @@ impl<'a> Gather<'a> {
     ///
     /// # Errors
     /// [`crate::Error::Io`]; [`crate::Error::TooDense`].
-    pub fn begin(&self, layer: u32, known: &Known) -> Result<()> {
+    pub fn begin(&self, layer: u32, known: &SlabLabels) -> Result<()> {
         let gathering = &mut *self.lock();
         let state = &mut *gathering.state;
-        let (whole, births) = (&state.forward.whole, &mut state.forward.surface_births);
+        let (whole, provisional) = (&state.forward.whole, &mut state.forward.surface_births);
         gathering.slab = Some(SlabTiles {
             records: Vec::new(),
-            surfaces: state.surfaces.begin(&known.classes, whole, births)?,
+            surfaces: state.surfaces.begin(&known.classes, whole, provisional)?,
             caps: MeshSums::default(),
             layer,
             fixed: known.bytes(),
@@ -110,7 +110,7 @@ impl<'a> Gather<'a> {
     }
 }
 
-impl Gathering<'_> {
+impl Collecting<'_> {
     /// Adds a tile of the slab that has begun.
     fn add(
         &mut self,
@@ -120,7 +120,7 @@ impl Gathering<'_> {
     ) -> Result<()> {
         let slab = self.slab.as_mut().expect("a slab has begun");
         let state = &mut *self.state;
-        let Forward { spool, whole, .. } = &mut state.forward;
+        let ScanOutput { spool, whole, .. } = &mut state.forward;
         record.pieces_at = spool.here::<WrittenPiece>().offset();
         let mut place = spool.here();
         for (piece, part) in pieces {

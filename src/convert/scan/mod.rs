@@ -26,14 +26,14 @@ mod whole_slabs;
 mod workers;
 mod workspace_pool;
 
-use crate::checkpoint::{Keeper, Marks, TILES};
+use crate::checkpoint::{Checkpointer, Marks, TILES};
 use crate::convert::finalize::batch_size::nodes_bytes;
 use crate::convert::plan::Plan;
-use crate::convert::scan::band::{Band, BandSource, SettledBand};
-use crate::convert::scan::collect::{Gather, SlabTiles};
+use crate::convert::scan::band::{Band, BandSource, SealedBand};
+use crate::convert::scan::collect::{SlabTiles, TileCollector};
 use crate::convert::scan::mode::{Mode, Parts};
 use crate::convert::scan::small_components::Filter;
-use crate::convert::scan::state::{Forward, Known, State};
+use crate::convert::scan::state::{ScanOutput, ScanState, SlabLabels};
 use crate::convert::scan::surfaces::SurfacePart;
 use crate::convert::scan::tile_writer::{TileWriter, WrittenPiece};
 use crate::convert::scan::workspace_pool::{Workspace, WorkspacePool};
@@ -42,8 +42,8 @@ use crate::grid::{Ambiguous, Placement};
 use crate::measure::{AreaScale, MeshSums};
 use crate::progress::Progress;
 use crate::surface::{BandView, MeshSettings, Sizes, TileBox, by_surface};
-use crate::sys::background_writer::Writers;
-use crate::sys::memory_pool::Budget;
+use crate::sys::background_writer::BackgroundWriters;
+use crate::sys::memory_pool::MemoryPool;
 use crate::tile::MAX_NODES;
 use crate::volume::{Volume, Voxel};
 use rayon::prelude::*;
@@ -75,18 +75,18 @@ pub struct Sweep<'a> {
 }
 
 /// The last layer of a sweep, some of whose tiles may be on their way to the disk.
-pub struct Unkept {
-    writers: Option<Writers>,
+pub struct UncommittedLayer {
+    writers: Option<BackgroundWriters>,
     /// Tiles that have to be written before it is kept; `None` if it is.
     tiles: Option<u64>,
 }
 
-impl Unkept {
+impl UncommittedLayer {
     /// Keeps it, when threads that have nothing else to do have helped to write its tiles.
     ///
     /// # Errors
     /// [`Error::Io`].
-    pub fn keep(self, keeper: &mut Keeper) -> Result<()> {
+    pub fn keep(self, checkpointer: &mut Checkpointer) -> Result<()> {
         let Some(tiles) = self.tiles else {
             return Ok(());
         };
@@ -94,7 +94,7 @@ impl Unkept {
             let written = rayon::broadcast(|_| writers.wait_for(tiles));
             written.into_iter().collect::<Result<()>>()?;
         }
-        keeper.keep()
+        checkpointer.commit()
     }
 }
 
@@ -123,63 +123,70 @@ impl<B> TileJob<B> {
 }
 
 impl Sweep<'_> {
-    /// Runs the sweep for the volume's sample type, from where `keeper` says on. The last layer is still to be kept.
+    /// Runs the sweep for the volume's sample type, from where `checkpointer` says on. The last layer is still to be kept.
     ///
     /// # Errors
     /// [`Error::Io`], [`Error::TooDense`] if the volume is too dense for the limit,
     /// [`Error::Interrupted`], and those of [`Volume::read_box`].
-    pub fn run(&self, keeper: &mut Keeper) -> Result<(Forward, Unkept)> {
+    pub fn run(&self, checkpointer: &mut Checkpointer) -> Result<(ScanOutput, UncommittedLayer)> {
         crate::volume::with_voxel_type!(
-            self.volume.header().dtype, T => self.run_typed::<T>(keeper))
+            self.volume.header().dtype, T => self.run_typed::<T>(checkpointer))
     }
 
-    fn run_typed<T: Voxel + Default>(&self, keeper: &mut Keeper) -> Result<(Forward, Unkept)> {
-        let budget = &Budget::new(self.plan.limit, self.plan.fixed);
+    fn run_typed<T: Voxel + Default>(
+        &self,
+        checkpointer: &mut Checkpointer,
+    ) -> Result<(ScanOutput, UncommittedLayer)> {
+        let budget = &MemoryPool::new(self.plan.limit, self.plan.fixed);
         let mut filters = Vec::new();
         if self.min_voxels > 1 {
             for (sweep, above) in [true, false].into_iter().enumerate() {
                 let parts = &mut self.parts(budget, &filters);
-                let filter = self.find_dust::<T>(parts, (sweep, above), keeper)?;
+                let filter = self.find_dust::<T>(parts, (sweep, above), checkpointer)?;
                 filters.push(filter);
             }
         }
-        let (mut state, mut layer) = self.begin(keeper, budget)?;
+        let (mut state, mut layer) = self.begin(checkpointer, budget)?;
         if let [objects, cells] = &filters[..] {
             state.forward.dust = [objects, cells].map(|f| (f.components, f.voxels));
         }
         let mut parts = self.parts::<T>(budget, &filters);
-        parts.writers = Writers::new(self.plan.in_flight, self.plan.body, budget);
+        parts.writers = BackgroundWriters::new(self.plan.in_flight, self.plan.body, budget);
         let layers = self.plan.tiling.tiles()[2];
         let [x, y, _] = self.plan.tiling.tiles().map(u64::from);
         self.progress.advance(u64::from(layer) * x * y);
         self.prefetch(&parts.source, layer);
         let mut tiles = None;
         while layer < layers {
-            (layer, tiles) = self.sweep_whole_slabs(&mut parts, layer, &mut state, keeper)?;
+            (layer, tiles) = self.sweep_whole_slabs(&mut parts, layer, &mut state, checkpointer)?;
             if layer < layers {
-                self.sweep_slab_in_parts(&mut parts, layer, &mut state, keeper)?;
+                self.sweep_slab_in_parts(&mut parts, layer, &mut state, checkpointer)?;
                 layer += 1;
             }
         }
         let writers = parts.writers;
-        Ok((state.forward, Unkept { writers, tiles }))
+        Ok((state.forward, UncommittedLayer { writers, tiles }))
     }
 
     /// The state before the first layer to do, and that layer.
-    fn begin(&self, keeper: &mut Keeper, budget: &Arc<Budget>) -> Result<(State, u32)> {
-        let files = keeper.files(TILES);
-        let Some(mut at) = keeper.take(TILES) else {
-            return Ok((State::new(&files, budget, self.plan.front)?, 0));
+    fn begin(
+        &self,
+        checkpointer: &mut Checkpointer,
+        budget: &Arc<MemoryPool>,
+    ) -> Result<(ScanState, u32)> {
+        let files = checkpointer.files(TILES);
+        let Some(mut at) = checkpointer.take(TILES) else {
+            return Ok((ScanState::new(&files, budget, self.plan.front)?, 0));
         };
-        let state = State::load(&files, &at.marks, &mut at.state, budget, self.plan.front)?;
+        let state = ScanState::load(&files, &at.marks, &mut at.state, budget, self.plan.front)?;
         let state =
             state.filter(|s| at.state.is_empty() && s.forward.slabs.len() == at.layer as usize);
-        Ok((state.ok_or_else(|| keeper.damaged())?, at.layer))
+        Ok((state.ok_or_else(|| checkpointer.damaged())?, at.layer))
     }
 
     fn parts<'a, T: Voxel>(
         &'a self,
-        budget: &'a Arc<Budget>,
+        budget: &'a Arc<MemoryPool>,
         filters: &'a [Filter],
     ) -> Parts<'a, T> {
         let Plan {
@@ -208,27 +215,32 @@ impl Sweep<'_> {
         }
     }
 
-    /// Joins the settled bands of a layer.
+    /// Joins the sealed bands of a layer.
     ///
     /// # Errors
-    /// As of [`State::join`].
-    pub fn join(&self, settled: Vec<SettledBand>, layer: u32, state: &mut State) -> Result<Known> {
+    /// As of [`ScanState::join`].
+    pub fn join(
+        &self,
+        sealed: Vec<SealedBand>,
+        layer: u32,
+        state: &mut ScanState,
+    ) -> Result<SlabLabels> {
         let last = layer + 1 == self.plan.tiling.tiles()[2];
-        state.join(layer, settled, last)
+        state.join(layer, sealed, last)
     }
 
     /// Ends a slab whose tiles are made. What follows of it is ready to be kept once they are written, too.
     fn end_slab<T: Voxel>(
         &self,
         parts: &Parts<T>,
-        (layer, known, tiles): (u32, &Known, SlabTiles),
-        state: &mut State,
-        keeper: &mut Keeper,
+        (layer, known, tiles): (u32, &SlabLabels, SlabTiles),
+        state: &mut ScanState,
+        checkpointer: &mut Checkpointer,
     ) -> Result<()> {
         state.finish_slab(layer, known, tiles)?;
-        let (files, mut marks) = (keeper.files(TILES), Marks::default());
+        let (files, mut marks) = (checkpointer.files(TILES), Marks::default());
         state.mark(&files, &mut marks, &known.after)?;
-        keeper.make_ready(TILES, layer + 1, &marks, |out| {
+        checkpointer.stage(TILES, layer + 1, &marks, |out| {
             state.save(out, &known.after)
         })?;
         self.release(&parts.source, layer);
@@ -240,12 +252,12 @@ impl Sweep<'_> {
         &self,
         parts: &mut Parts<T>,
         layer: u32,
-        state: &mut State,
-        keeper: &mut Keeper,
+        state: &mut ScanState,
+        checkpointer: &mut Checkpointer,
     ) -> Result<()> {
-        let settled = self.settle_in_parts(parts, layer, state)?;
-        let known = self.join(settled, layer, state)?;
-        self.mesh_and_end(parts, layer, state, (&known, keeper))
+        let sealed = self.seal_in_parts(parts, layer, state)?;
+        let known = self.join(sealed, layer, state)?;
+        self.mesh_and_end(parts, layer, state, (&known, checkpointer))
     }
 
     /// Makes the tiles of a layer whose classes are known, and keeps it. What comes before it has ended.
@@ -253,31 +265,34 @@ impl Sweep<'_> {
         &self,
         parts: &mut Parts<T>,
         layer: u32,
-        state: &mut State,
-        (known, keeper): (&Known, &mut Keeper),
+        state: &mut ScanState,
+        (known, checkpointer): (&SlabLabels, &mut Checkpointer),
     ) -> Result<()> {
         let tiles = self.mesh_in_parts(parts, layer, state, known)?;
-        self.end_slab(parts, (layer, known, tiles), state, keeper)?;
+        self.end_slab(parts, (layer, known, tiles), state, checkpointer)?;
         // before anybody relies on its tiles
-        parts.writers.as_ref().map_or(Ok(()), Writers::wait)?;
-        keeper.keep()
+        parts
+            .writers
+            .as_ref()
+            .map_or(Ok(()), BackgroundWriters::wait)?;
+        checkpointer.commit()
     }
 
     /// Labels all bands of a layer, as many at a time as fit.
     ///
     /// # Errors
     /// Those of [`Sweep::run`].
-    pub fn settle_in_parts<T: Voxel + Default>(
+    pub fn seal_in_parts<T: Voxel + Default>(
         &self,
         parts: &mut Parts<T>,
         layer: u32,
-        state: &mut State,
-    ) -> Result<Vec<SettledBand>> {
-        let mut settled = Vec::new();
+        state: &mut ScanState,
+    ) -> Result<Vec<SealedBand>> {
+        let mut sealed = Vec::new();
         self.for_each_part(parts, layer, |_, part, _| {
-            state.settle(layer, part, &mut settled)
+            state.seal(layer, part, &mut sealed)
         })?;
-        Ok(settled)
+        Ok(sealed)
     }
 
     /// Meshes a layer whose classes are known, as many bands at a time as fit.
@@ -285,11 +300,11 @@ impl Sweep<'_> {
         &self,
         parts: &mut Parts<T>,
         layer: u32,
-        state: &mut State,
-        known: &Known,
+        state: &mut ScanState,
+        known: &SlabLabels,
     ) -> Result<SlabTiles> {
         loop {
-            let gather = Gather::new(state);
+            let gather = TileCollector::new(state);
             gather.begin(layer, known)?;
             let meshed = self.for_each_part(parts, layer, |parts, part, first| {
                 let of_local = &known.classes.of_local[first as usize..];
@@ -417,7 +432,7 @@ impl Sweep<'_> {
             bits: &job.band.bits,
             runs: &job.band.runs,
             class_of_run: &job.band.labels.of_run,
-            fates: slab.fates(),
+            carry_over: slab.carry_over(),
         };
         if job.has_surface {
             parts.pool.with(job.bytes, |workspace| {
@@ -438,7 +453,7 @@ impl Sweep<'_> {
         &self,
         (tile, grid): (&TileBox, [u32; 3]),
         workspace: &mut Workspace,
-        writers: Option<&Writers>,
+        writers: Option<&BackgroundWriters>,
         slab: &Slab,
     ) -> Result<()> {
         let Workspace {

@@ -3,7 +3,7 @@
 use crate::convert::scan::band::BandSource;
 use crate::convert::scan::workspace_pool::WorkspacePool;
 use crate::error::{Error, Result};
-use crate::sys::background_writer::Writers;
+use crate::sys::background_writer::BackgroundWriters;
 
 /// How much of a slab is in memory at once.
 #[derive(Debug, Clone, Copy)]
@@ -47,7 +47,7 @@ pub struct Parts<'a, T> {
     /// What of a slab is in memory.
     pub mode: Mode,
     /// Bring tiles to the disk, while there is memory for that.
-    pub writers: Option<Writers>,
+    pub writers: Option<BackgroundWriters>,
 }
 
 impl<T> Parts<'_, T> {

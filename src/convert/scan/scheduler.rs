@@ -1,7 +1,7 @@
 //! What is to be done next where all bands of a slab are in memory.
 
 use crate::convert::scan::band::Band;
-use crate::convert::scan::state::Known;
+use crate::convert::scan::state::SlabLabels;
 use crate::convert::scan::{TileJob, Turn};
 use crate::error::{Error, Result};
 use std::collections::{BTreeMap, VecDeque};
@@ -25,21 +25,25 @@ pub struct Limits {
 }
 
 /// What a thread does next.
-pub enum Step<T> {
+pub enum Task<T> {
     /// Prepare a band (y, layer), in this memory if there is some.
     Prepare([u32; 2], Option<Band<T>>),
     /// Begin a layer with all its bands; true if the one before has ended.
     Begin(u32, Vec<Band<T>>, bool),
     /// Turn the labels of a band (y, layer) to classes, and list its tiles.
-    Label([u32; 2], Band<T>, Arc<Known>),
+    Label([u32; 2], Band<T>, Arc<SlabLabels>),
     /// Make a tile. What is known of the next layer, if the tile has waited for that.
-    Tile(TileJob<Arc<Band<T>>>, Arc<Known>, Option<Arc<Known>>),
+    Tile(
+        TileJob<Arc<Band<T>>>,
+        Arc<SlabLabels>,
+        Option<Arc<SlabLabels>>,
+    ),
     /// End a layer whose tiles are made. What is known of the next one, if that has begun.
-    End(u32, Arc<Known>, Option<Arc<Known>>),
+    End(u32, Arc<SlabLabels>, Option<Arc<SlabLabels>>),
     /// Wait until something changes.
     Wait,
     /// Nothing is left, or something failed.
-    Over,
+    Finished,
 }
 
 /// Why the queue came to an end before the last layer.
@@ -47,7 +51,7 @@ pub struct Stop {
     /// The first layer that has not ended.
     pub layer: u32,
     /// What is known of it and of the next one, as far as they had begun.
-    pub known: Vec<Arc<Known>>,
+    pub known: Vec<Arc<SlabLabels>>,
     /// [`Error::TooDense`].
     pub error: Error,
 }
@@ -55,7 +59,7 @@ pub struct Stop {
 /// A slab that has begun and not ended.
 struct Open<T> {
     layer: u32,
-    known: Arc<Known>,
+    known: Arc<SlabLabels>,
     /// Its bands whose labels are no classes yet.
     unlabelled: VecDeque<(u32, Band<T>)>,
     tiles: BTreeMap<Turn, TileJob<Arc<Band<T>>>>,
@@ -66,7 +70,7 @@ struct Open<T> {
     /// Its tiles wait for the next slab.
     waits: bool,
     /// What is known of that, once it has begun, if they have waited for it.
-    next: Option<Arc<Known>>,
+    next: Option<Arc<SlabLabels>>,
 }
 
 impl<T> Open<T> {
@@ -75,19 +79,19 @@ impl<T> Open<T> {
         self.unlabelled.is_empty() && self.labelling == 0 && self.tiles.is_empty()
     }
 
-    fn label(&mut self) -> Option<Step<T>> {
+    fn label(&mut self) -> Option<Task<T>> {
         let (ty, band) = self.unlabelled.pop_front()?;
         self.labelling += 1;
-        Some(Step::Label([ty, self.layer], band, self.known.clone()))
+        Some(Task::Label([ty, self.layer], band, self.known.clone()))
     }
 
-    fn tile(&mut self) -> Option<Step<T>> {
+    fn tile(&mut self) -> Option<Task<T>> {
         if self.waits {
             return None;
         }
         let (_, job) = self.tiles.pop_first()?;
         self.making += 1;
-        Some(Step::Tile(job, self.known.clone(), self.next.clone()))
+        Some(Task::Tile(job, self.known.clone(), self.next.clone()))
     }
 }
 
@@ -102,7 +106,7 @@ impl<T> Open<T> {
 /// Two threads waited for less than 1 % before, too.
 ///
 /// If tiles of the second open slab wait for a third one, that begins as soon as all tiles of the first are in hand.
-pub struct Queue<T> {
+pub struct SlabScheduler<T> {
     limits: Limits,
     /// Two slabs at most, by rising layer, or three if tiles wait.
     open: VecDeque<Open<T>>,
@@ -128,10 +132,10 @@ pub struct Queue<T> {
     last: Option<u32>,
 }
 
-impl<T> Queue<T> {
+impl<T> SlabScheduler<T> {
     /// Begins with `layer`.
     pub fn new(limits: Limits, layer: u32) -> Self {
-        Queue {
+        SlabScheduler {
             limits,
             open: VecDeque::new(),
             layer,
@@ -150,19 +154,19 @@ impl<T> Queue<T> {
 
     /// What the thread that asks is to do. If that is anything but to wait or to end, it tells so when it has
     /// done it, and wakes those that wait.
-    pub fn next(&mut self, interrupted: bool) -> Step<T> {
+    pub fn next(&mut self, interrupted: bool) -> Task<T> {
         if interrupted {
             self.interrupt();
         }
         if self.failed.is_some() || self.has_ended() {
-            return Step::Over;
+            return Task::Finished;
         }
         if !self.turning {
-            if let Some(step) = self.turn() {
+            if let Some(step) = self.advance() {
                 return step;
             }
             if self.open.is_empty() && self.full.is_some() && self.preparing == 0 {
-                return Step::Over;
+                return Task::Finished;
             }
         }
         // tiles that come before their slab are gathered of one slab, the second
@@ -184,9 +188,9 @@ impl<T> Queue<T> {
         let all_begun = self.layer == self.limits.layers && !self.open.is_empty();
         if all_begun && self.open.iter().all(Open::is_taken) {
             // whoever makes the last tile ends the last layer, too
-            return Step::Over;
+            return Task::Finished;
         }
-        Step::Wait
+        Task::Wait
     }
 
     /// Nothing new is begun. The slab in hand is brought to its end: that takes less time than to come back to it.
@@ -194,7 +198,7 @@ impl<T> Queue<T> {
         match self.open.front() {
             Some(slab) => {
                 self.last.get_or_insert(slab.layer);
-                self.wait_no_more();
+                self.stop_waiting();
             }
             None if !self.turning && !self.has_ended() => self.fail(Error::Interrupted),
             None => {}
@@ -202,14 +206,14 @@ impl<T> Queue<T> {
     }
 
     /// Ends a slab or begins the next one, if it is time.
-    fn turn(&mut self) -> Option<Step<T>> {
+    fn advance(&mut self) -> Option<Task<T>> {
         if let Some(slab) = self.open.front()
             && slab.is_taken()
             && slab.making == 0
         {
             let next = self.open.get(1).map(|slab| slab.known.clone());
             self.turning = true;
-            return Some(Step::End(slab.layer, slab.known.clone(), next));
+            return Some(Task::End(slab.layer, slab.known.clone(), next));
         }
         if !self.may_begin() {
             return None;
@@ -218,7 +222,7 @@ impl<T> Queue<T> {
         let after = self.prepared.split_off(&(self.layer + 1, 0));
         let slab = std::mem::replace(&mut self.prepared, after);
         let bands = slab.into_values().collect();
-        Some(Step::Begin(self.layer, bands, self.open.is_empty()))
+        Some(Task::Begin(self.layer, bands, self.open.is_empty()))
     }
 
     /// True if all bands of the next slab are prepared, and it may be open beside those that are.
@@ -233,7 +237,7 @@ impl<T> Queue<T> {
     }
 
     /// No next slab will begin in time for tiles that wait for it.
-    fn wait_no_more(&mut self) {
+    fn stop_waiting(&mut self) {
         self.open.iter_mut().for_each(|slab| slab.waits = false);
     }
 
@@ -261,7 +265,7 @@ impl<T> Queue<T> {
         in_turn && room && goes_on && !(in_order && self.preparing > 0)
     }
 
-    fn prepare(&mut self) -> Step<T> {
+    fn prepare(&mut self) -> Task<T> {
         let (layer, ty) = self.next;
         self.next = match ty + 1 {
             next if next < self.limits.bands => (layer, next),
@@ -270,7 +274,7 @@ impl<T> Queue<T> {
         self.preparing += 1;
         let memory = self.spare.pop();
         self.exist += u32::from(memory.is_none());
-        Step::Prepare([ty, layer], memory)
+        Task::Prepare([ty, layer], memory)
     }
 
     /// A band is prepared, or there is no memory for it or another failure.
@@ -283,28 +287,28 @@ impl<T> Queue<T> {
             Err(error @ Error::TooDense { .. }) => {
                 self.exist -= 1;
                 self.full.get_or_insert(error);
-                self.wait_no_more();
+                self.stop_waiting();
             }
             Err(error) => self.fail(error),
         }
     }
 
     /// The next layer has begun with these bands, or that has failed.
-    pub fn begun(&mut self, slab: Result<(Vec<Band<T>>, Known)>) {
+    pub fn begun(&mut self, slab: Result<(Vec<Band<T>>, SlabLabels)>) {
         self.turning = false;
         match slab {
             Ok((bands, known)) => self.open(bands, Arc::new(known)),
             // the slab that is open may come to its end
             Err(error @ Error::TooDense { .. }) if !self.open.is_empty() => {
                 self.full.get_or_insert(error);
-                self.wait_no_more();
+                self.stop_waiting();
             }
             Err(error) => self.fail(error),
         }
     }
 
     /// The next layer is open; tiles that have waited for it no longer do.
-    fn open(&mut self, bands: Vec<Band<T>>, known: Arc<Known>) {
+    fn open(&mut self, bands: Vec<Band<T>>, known: Arc<SlabLabels>) {
         if let Some(before) = self.open.back_mut().filter(|slab| slab.waits) {
             before.waits = false;
             before.next = Some(known.clone());
@@ -328,10 +332,10 @@ impl<T> Queue<T> {
     }
 
     /// The next layer was not begun with these bands, as there is no memory for two at once.
-    pub fn not_yet(&mut self, bands: Vec<Band<T>>) {
+    pub fn postpone(&mut self, bands: Vec<Band<T>>) {
         self.turning = false;
         self.one_by_one = true;
-        self.wait_no_more();
+        self.stop_waiting();
         let places = (0..).map(|ty| (self.layer, ty));
         self.prepared.extend(places.zip(bands));
     }

@@ -1,24 +1,24 @@
 //! The slab that tiles are made of.
 
-use crate::convert::scan::collect::Gather;
-use crate::labels::{Fates, SlabClasses};
+use crate::convert::scan::collect::TileCollector;
+use crate::labels::{CarryOver, SlabComponents};
 use crate::surface::Piece;
 
 /// What is known of it.
 pub struct Slab<'a, 'g> {
     /// Its classes.
-    pub classes: &'a SlabClasses,
+    pub classes: &'a SlabComponents,
     /// Those of the next slab, if its tiles have waited for these.
-    pub next: Option<&'a SlabClasses>,
+    pub next: Option<&'a SlabComponents>,
     /// Hears of its tiles.
-    pub gather: &'a Gather<'g>,
+    pub gather: &'a TileCollector<'g>,
 }
 
 impl Slab<'_, '_> {
     /// What the classes become in the next slab, if that is known.
-    pub fn fates(&self) -> Option<Fates<'_>> {
+    pub fn carry_over(&self) -> Option<CarryOver<'_>> {
         let next = self.next?;
-        Some(Fates::between(self.classes, next))
+        Some(CarryOver::between(self.classes, next))
     }
 
     /// True if some of a tile's pieces are likely to turn out to be one, besides those that are written as one. The

@@ -6,14 +6,14 @@
 //! joins objects, so nothing small is left after that. Vertices do not move: every lattice edge out
 //! of a component is crossed, and all of them go with it.
 
-use crate::checkpoint::{Keeper, Marks, Scratch};
+use crate::checkpoint::{Checkpointer, Marks, Scratch};
 use crate::convert::scan::Sweep;
 use crate::convert::scan::mode::Parts;
-use crate::convert::scan::state::{Known, State};
+use crate::convert::scan::state::{ScanState, SlabLabels};
 use crate::error::Result;
-use crate::labels::{Bits, RowRuns, Run, Runs, SlabClasses};
-use crate::sys::memory_pool::Budget;
-use crate::sys::spill_file::{Place, Spool};
+use crate::labels::{Bits, RowRuns, Run, Runs, SlabComponents};
+use crate::sys::memory_pool::MemoryPool;
+use crate::sys::spill_file::{Place, SpillFile};
 use crate::volume::Voxel;
 use std::path::Path;
 use std::sync::{Arc, Mutex};
@@ -30,13 +30,13 @@ pub struct Filter {
 
 #[derive(Debug)]
 struct Found {
-    spool: Spool,
+    spool: SpillFile,
     /// See [`Search::places`].
-    places: Spool,
+    places: SpillFile,
     bands: u32,
     layers: u32,
     /// Where the arrays lie that have 1 for each class that is to be filled, from the last layer back to the first.
-    small: Spool,
+    small: SpillFile,
 }
 
 /// What the reverse sweep needs of a slab.
@@ -44,7 +44,7 @@ struct Slab {
     voxels: Place<u64>,
     above: Place<u8>,
     live: Place<u32>,
-    from_previous: Place<u32>,
+    carried_in: Place<u32>,
 }
 
 impl Filter {
@@ -93,35 +93,35 @@ impl Sweep<'_> {
         &self,
         parts: &mut Parts<T>,
         (sweep, above): (usize, bool),
-        keeper: &mut Keeper,
+        checkpointer: &mut Checkpointer,
     ) -> Result<Filter> {
         let [_, bands, layers] = self.plan.tiling.tiles();
-        let files = keeper.files(sweep);
-        let marks = match keeper.over(sweep) {
+        let files = checkpointer.files(sweep);
+        let marks = match checkpointer.over(sweep) {
             Some(marks) => marks,
             None => {
                 let budget = parts.source.budget;
-                let begun = Search::begin(&files, sweep, keeper, (budget, self.plan.front))?;
+                let begun = Search::begin(&files, sweep, checkpointer, (budget, self.plan.front))?;
                 let (mut search, first) = begun;
                 for layer in first..layers {
-                    let settled = self.settle_in_parts(parts, layer, &mut search.state)?;
-                    let known = self.join(settled, layer, &mut search.state)?;
+                    let sealed = self.seal_in_parts(parts, layer, &mut search.state)?;
+                    let known = self.join(sealed, layer, &mut search.state)?;
                     search.add(&known)?;
                     if layer + 1 < layers {
-                        search.save(&files, (sweep, layer + 1), &known, keeper)?;
+                        search.save(&files, (sweep, layer + 1), &known, checkpointer)?;
                     }
                     search.state.let_go(layer);
                     self.release(&parts.source, layer);
                 }
                 let marks = search.marks(&files)?;
                 drop(search);
-                keeper.close_sweep(sweep, &marks)?;
+                checkpointer.close_sweep(sweep, &marks)?;
                 marks
             }
         };
-        keeper.end_sweep(&marks);
+        checkpointer.end_sweep(&marks);
         let found = Found::read(&files, &marks, (bands, layers), &self.writer.dir)?;
-        let found = found.ok_or_else(|| keeper.damaged())?;
+        let found = found.ok_or_else(|| checkpointer.damaged())?;
         let mut filter = Filter {
             found: Mutex::new(found),
             components: 0,
@@ -140,11 +140,11 @@ const SLAB_PLACES: u64 = 4;
 
 /// A search for dust under way.
 struct Search {
-    state: State,
-    spool: Spool,
+    state: ScanState,
+    spool: SpillFile,
     /// Where the arrays of each layer lie in `spool`: the classes of the local components of each
     /// band, then those of [`Slab`]. Two numbers for each.
-    places: Spool,
+    places: SpillFile,
 }
 
 impl Search {
@@ -152,18 +152,18 @@ impl Search {
     fn begin(
         files: &Scratch,
         sweep: usize,
-        keeper: &mut Keeper,
-        (budget, front): (&Arc<Budget>, u64),
+        checkpointer: &mut Checkpointer,
+        (budget, front): (&Arc<MemoryPool>, u64),
     ) -> Result<(Self, u32)> {
-        let Some(mut at) = keeper.take(sweep) else {
+        let Some(mut at) = checkpointer.take(sweep) else {
             let search = Search {
-                state: State::new(files, budget, front)?,
-                spool: Spool::create(&files.path(FOUND))?,
-                places: Spool::create(&files.path(PLACES))?,
+                state: ScanState::new(files, budget, front)?,
+                spool: SpillFile::create(&files.path(FOUND))?,
+                places: SpillFile::create(&files.path(PLACES))?,
             };
             return Ok((search, 0));
         };
-        let state = State::load(files, &at.marks, &mut at.state, budget, front)?;
+        let state = ScanState::load(files, &at.marks, &mut at.state, budget, front)?;
         let spool = at.marks.reopen(files, FOUND)?;
         let places = at.marks.reopen(files, PLACES)?;
         match (state, spool, places) {
@@ -175,12 +175,12 @@ impl Search {
                 };
                 Ok((search, at.layer))
             }
-            _ => Err(keeper.damaged()),
+            _ => Err(checkpointer.damaged()),
         }
     }
 
     /// Adds a layer.
-    fn add(&mut self, known: &Known) -> Result<()> {
+    fn add(&mut self, known: &SlabLabels) -> Result<()> {
         let classes = &known.classes;
         for of_local in &classes.of_local {
             let place = self.spool.push(of_local)?;
@@ -204,12 +204,12 @@ impl Search {
         &mut self,
         files: &Scratch,
         (sweep, layer): (usize, u32),
-        known: &Known,
-        keeper: &mut Keeper,
+        known: &SlabLabels,
+        checkpointer: &mut Checkpointer,
     ) -> Result<()> {
         let mut marks = self.marks(files)?;
         self.state.mark(files, &mut marks, &known.after)?;
-        keeper.save(sweep, layer, &marks, |out| {
+        checkpointer.save(sweep, layer, &marks, |out| {
             self.state.save(out, &known.after)
         })
     }
@@ -236,7 +236,7 @@ impl Found {
             places,
             bands,
             layers,
-            small: Spool::new(dir)?,
+            small: SpillFile::new(dir)?,
         }))
     }
 
@@ -267,12 +267,12 @@ impl Found {
 }
 
 impl Slab {
-    fn new(voxels: &[u64], classes: &SlabClasses, spool: &mut Spool) -> Result<Self> {
+    fn new(voxels: &[u64], classes: &SlabComponents, spool: &mut SpillFile) -> Result<Self> {
         Ok(Slab {
             voxels: spool.push(voxels)?,
             above: spool.push(&classes.above)?,
             live: spool.push(&classes.live)?,
-            from_previous: spool.push(&classes.from_previous)?,
+            carried_in: spool.push(&classes.carried_in)?,
         })
     }
 
@@ -281,7 +281,7 @@ impl Slab {
             self.voxels.numbers(),
             self.above.numbers(),
             self.live.numbers(),
-            self.from_previous.numbers(),
+            self.carried_in.numbers(),
         ];
         std::array::from_fn(|i| places[i / 2][i % 2])
     }
@@ -291,7 +291,7 @@ impl Slab {
             voxels: Place::new(n[0], n[1] as usize),
             above: Place::new(n[2], n[3] as usize),
             live: Place::new(n[4], n[5] as usize),
-            from_previous: Place::new(n[6], n[7] as usize),
+            carried_in: Place::new(n[6], n[7] as usize),
         }
     }
 }
@@ -322,7 +322,7 @@ impl Filter {
             }
             let place = found.spool.push(&small)?;
             found.small.push(&place.numbers())?;
-            later = (small, found.spool.get(&slab.from_previous)?);
+            later = (small, found.spool.get(&slab.carried_in)?);
         }
         Ok(())
     }

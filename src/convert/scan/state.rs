@@ -1,15 +1,17 @@
 //! What the forward sweep gathers: components, surfaces and tiles in terms of each slab's classes.
 
 use crate::checkpoint::{Marks, Scratch};
-use crate::convert::scan::band::{Band, SettledBand};
+use crate::convert::scan::band::{Band, SealedBand};
 use crate::convert::scan::collect::SlabTiles;
 use crate::convert::scan::surfaces::Surfaces;
 use crate::convert::slab_records::{SlabRecord, Slabs};
 use crate::error::Result;
-use crate::labels::{Births, Classes, PhaseBirths, SlabClasses, Unfiled};
+use crate::labels::{
+    CarriedComponents, PhaseLabels, ProvisionalLabels, ResidentLabels, SlabComponents,
+};
 use crate::measure::{MeshSums, VoxelSums};
-use crate::sys::memory_pool::{Budget, Reservation};
-use crate::sys::spill_file::{Place, Spool};
+use crate::sys::memory_pool::{MemoryPool, MemoryReservation};
+use crate::sys::spill_file::{Place, SpillFile};
 use crate::sys::state_codec::{Decoder, Encoder};
 use std::collections::BTreeMap;
 use std::sync::Arc;
@@ -23,17 +25,17 @@ const CELLS: &str = "cells";
 const SURFACES: &str = "surfaces";
 
 /// What the whole sweep leaves.
-pub struct Forward {
+pub struct ScanOutput {
     /// The arrays of all slabs.
-    pub spool: Spool,
+    pub spool: SpillFile,
     /// By rising z.
     pub slabs: Slabs,
     /// Surfaces that are whole in a tile.
-    pub whole: Spool,
+    pub whole: SpillFile,
     /// Numbers of objects and cells.
-    pub births: PhaseBirths,
+    pub provisional: PhaseLabels,
     /// Numbers of surfaces.
-    pub surface_births: Births,
+    pub surface_births: ProvisionalLabels,
     /// NaN samples.
     pub nan: u64,
     /// Sums over all caps.
@@ -44,32 +46,32 @@ pub struct Forward {
 
 /// What joining the bands of a slab has found.
 #[derive(Debug, Default)]
-pub struct Known {
+pub struct SlabLabels {
     /// The bands, by rising y.
-    pub settled: Vec<SettledBand>,
+    pub sealed: Vec<SealedBand>,
     /// Their classes.
-    pub classes: SlabClasses,
+    pub classes: SlabComponents,
     /// What is known of components behind the slab, to be kept when it ends: others may be joined by then.
-    pub after: Between,
+    pub after: CarriedState,
 }
 
-impl Known {
+impl SlabLabels {
     /// Bytes of memory.
     pub fn bytes(&self) -> u64 {
-        settled_bytes(&self.settled) + self.classes.bytes() + self.after.bytes()
+        sealed_bytes(&self.sealed) + self.classes.bytes() + self.after.bytes()
     }
 }
 
 /// What is known of components between two slabs.
 #[derive(Debug, Default)]
-pub struct Between {
+pub struct CarriedState {
     nan: u64,
-    objects: Unfiled,
-    cells: Unfiled,
-    classes: Classes,
+    objects: ResidentLabels,
+    cells: ResidentLabels,
+    classes: CarriedComponents,
 }
 
-impl Between {
+impl CarriedState {
     /// Bytes of memory.
     fn bytes(&self) -> u64 {
         self.objects.bytes() + self.cells.bytes() + self.classes.snapshot_bytes()
@@ -77,12 +79,12 @@ impl Between {
 }
 
 /// The sweep's state between slabs. Components may be a slab ahead of surfaces and tiles.
-pub struct State {
+pub struct ScanState {
     /// What has been gathered.
-    pub forward: Forward,
+    pub forward: ScanOutput,
     /// Surfaces that go on.
     pub surfaces: Surfaces,
-    classes: Classes,
+    classes: CarriedComponents,
     /// Memory planned for classes, surfaces and tiles of a slab.
     front: u64,
     /// Bytes of these, of each slab that has not ended.
@@ -90,37 +92,37 @@ pub struct State {
     /// The most that a slab has taken so far.
     most: u64,
     /// The memory of these.
-    held: Reservation,
+    held: MemoryReservation,
 }
 
-impl State {
+impl ScanState {
     /// Nothing gathered yet. The first `front` bytes of the budget are for what a slab has in
     /// components, surfaces and tiles.
     ///
     /// # Errors
     /// [`crate::Error::Io`]; [`crate::Error::TooDense`] if the budget is less than `front`.
-    pub fn new(files: &Scratch, budget: &Arc<Budget>, front: u64) -> Result<Self> {
-        let spool = |what| Spool::create(&files.path(what));
-        let births = |what| Births::new(&files.path(what));
-        let forward = Forward {
+    pub fn new(files: &Scratch, budget: &Arc<MemoryPool>, front: u64) -> Result<Self> {
+        let spool = |what| SpillFile::create(&files.path(what));
+        let provisional = |what| ProvisionalLabels::new(&files.path(what));
+        let forward = ScanOutput {
             spool: spool(SLABS)?,
             slabs: Slabs::new(spool(RECORDS)?),
             whole: spool(WHOLE_SURFACES)?,
-            births: PhaseBirths {
-                objects: births(OBJECTS)?,
-                cells: births(CELLS)?,
+            provisional: PhaseLabels {
+                objects: provisional(OBJECTS)?,
+                cells: provisional(CELLS)?,
             },
-            surface_births: births(SURFACES)?,
+            surface_births: provisional(SURFACES)?,
             nan: 0,
             caps: MeshSums::default(),
             dust: [(0, 0); 2],
         };
-        let mut held = Reservation::new(budget);
+        let mut held = MemoryReservation::new(budget);
         held.grow_to(front)?;
-        Ok(State {
+        Ok(ScanState {
             forward,
             surfaces: Surfaces::default(),
-            classes: Classes::default(),
+            classes: CarriedComponents::default(),
             front,
             slabs: BTreeMap::new(),
             most: 0,
@@ -129,12 +131,12 @@ impl State {
     }
 
     /// What is known of components.
-    fn components(&self) -> Between {
-        let births = &self.forward.births;
-        Between {
+    fn components(&self) -> CarriedState {
+        let provisional = &self.forward.provisional;
+        CarriedState {
             nan: self.forward.nan,
-            objects: births.objects.unfiled().clone(),
-            cells: births.cells.unfiled().clone(),
+            objects: provisional.objects.resident().clone(),
+            cells: provisional.cells.resident().clone(),
             classes: self.classes.snapshot(),
         }
     }
@@ -144,33 +146,38 @@ impl State {
     ///
     /// # Errors
     /// [`crate::Error::Io`].
-    pub fn mark(&mut self, files: &Scratch, marks: &mut Marks, components: &Between) -> Result<()> {
+    pub fn mark(
+        &mut self,
+        files: &Scratch,
+        marks: &mut Marks,
+        components: &CarriedState,
+    ) -> Result<()> {
         let forward = &mut self.forward;
         marks.add(files, SLABS, forward.spool.mark()?);
         marks.add(files, WHOLE_SURFACES, forward.whole.mark()?);
         marks.add(files, RECORDS, forward.slabs.mark()?);
-        for (what, births) in [
+        for (what, provisional) in [
             (OBJECTS, &components.objects),
             (CELLS, &components.cells),
-            (SURFACES, forward.surface_births.unfiled()),
+            (SURFACES, forward.surface_births.resident()),
         ] {
-            marks.add_length(files, what, births.filed_bytes());
+            marks.add_length(files, what, provisional.spilled_bytes());
         }
         Ok(())
     }
 
-    /// Writes the state between two slabs with components as they were there, apart from what [`State::mark`]
+    /// Writes the state between two slabs with components as they were there, apart from what [`ScanState::mark`]
     /// has brought to files.
     ///
     /// # Errors
     /// [`crate::Error::Io`].
-    pub fn save(&self, out: &mut Encoder, components: &Between) -> Result<()> {
+    pub fn save(&self, out: &mut Encoder, components: &CarriedState) -> Result<()> {
         let forward = &self.forward;
         out.number(components.nan)?;
         out.array(&[forward.caps])?;
         components.objects.save(out)?;
         components.cells.save(out)?;
-        forward.surface_births.unfiled().save(out)?;
+        forward.surface_births.resident().save(out)?;
         components.classes.save(out)?;
         self.surfaces.save(out)
     }
@@ -183,13 +190,13 @@ impl State {
         files: &Scratch,
         marks: &Marks,
         input: &mut Decoder,
-        budget: &Arc<Budget>,
+        budget: &Arc<MemoryPool>,
         front: u64,
     ) -> Result<Option<Self>> {
         let head = (input.number(), input.array::<MeshSums>());
-        let objects = Births::load(&files.path(OBJECTS), input)?;
-        let cells = Births::load(&files.path(CELLS), input)?;
-        let surface_births = Births::load(&files.path(SURFACES), input)?;
+        let objects = ProvisionalLabels::load(&files.path(OBJECTS), input)?;
+        let cells = ProvisionalLabels::load(&files.path(CELLS), input)?;
+        let surface_births = ProvisionalLabels::load(&files.path(SURFACES), input)?;
         let (Some(objects), Some(cells), Some(surface_births)) = (objects, cells, surface_births)
         else {
             return Ok(None);
@@ -197,8 +204,8 @@ impl State {
         let (Some(nan), Some(caps)) = head else {
             return Ok(None);
         };
-        let classes = Classes::load(input);
-        let known = classes.as_ref().map_or(0, Classes::live_len);
+        let classes = CarriedComponents::load(input);
+        let known = classes.as_ref().map_or(0, CarriedComponents::live_len);
         let surfaces = Surfaces::load(input, known);
         let (Some(classes), Some(surfaces), [caps]) = (classes, surfaces, &caps[..]) else {
             return Ok(None);
@@ -212,19 +219,19 @@ impl State {
         let Some(slabs) = Slabs::load(records)? else {
             return Ok(None);
         };
-        let forward = Forward {
+        let forward = ScanOutput {
             spool,
             slabs,
             whole,
-            births: PhaseBirths { objects, cells },
+            provisional: PhaseLabels { objects, cells },
             surface_births,
             nan,
             caps: *caps,
             dust: [(0, 0); 2],
         };
-        let mut held = Reservation::new(budget);
+        let mut held = MemoryReservation::new(budget);
         held.grow_to(front)?;
-        Ok(Some(State {
+        Ok(Some(ScanState {
             forward,
             surfaces,
             classes,
@@ -273,16 +280,16 @@ impl State {
     ///
     /// # Errors
     /// [`crate::Error::Io`]; [`crate::Error::TooDense`].
-    pub fn settle<T>(
+    pub fn seal<T>(
         &mut self,
         layer: u32,
         bands: &mut [Band<T>],
-        settled: &mut Vec<SettledBand>,
+        sealed: &mut Vec<SealedBand>,
     ) -> Result<()> {
         for band in bands {
-            settled.push(band.settle(&mut self.forward.spool)?);
+            sealed.push(band.seal(&mut self.forward.spool)?);
         }
-        self.hold(layer, settled_bytes(settled))
+        self.hold(layer, sealed_bytes(sealed))
     }
 
     /// Joins a layer's bands, by rising y, to classes.
@@ -292,18 +299,18 @@ impl State {
     pub fn join(
         &mut self,
         layer: u32,
-        settled: Vec<SettledBand>,
+        sealed: Vec<SealedBand>,
         last_layer: bool,
-    ) -> Result<Known> {
-        let known: Vec<_> = settled.iter().map(SettledBand::known).collect();
-        self.hold(layer, settled_bytes(&settled) + self.classes.bytes(&known))?;
-        self.forward.nan += settled.iter().map(|b| b.nan).sum::<u64>();
-        let mut classes = self.classes.join(&known, &mut self.forward.births)?;
+    ) -> Result<SlabLabels> {
+        let known: Vec<_> = sealed.iter().map(SealedBand::known).collect();
+        self.hold(layer, sealed_bytes(&sealed) + self.classes.bytes(&known))?;
+        self.forward.nan += sealed.iter().map(|b| b.nan).sum::<u64>();
+        let mut classes = self.classes.join(&known, &mut self.forward.provisional)?;
         if last_layer {
             classes.live.clear(); // nothing grows beyond the last slice
         }
-        Ok(Known {
-            settled,
+        Ok(SlabLabels {
+            sealed,
             classes,
             after: self.components(),
         })
@@ -313,15 +320,15 @@ impl State {
     ///
     /// # Errors
     /// [`crate::Error::Io`].
-    pub fn class_voxels(&mut self, known: &Known) -> Result<Vec<u64>> {
-        let Known {
-            settled, classes, ..
+    pub fn class_voxels(&mut self, known: &SlabLabels) -> Result<Vec<u64>> {
+        let SlabLabels {
+            sealed, classes, ..
         } = known;
-        let mut voxels = vec![0; classes.births.len()];
+        let mut voxels = vec![0; classes.provisional.len()];
         for (class, sums) in &classes.open {
             voxels[*class as usize] = sums.voxels;
         }
-        for (band, of_local) in settled.iter().zip(&classes.of_local) {
+        for (band, of_local) in sealed.iter().zip(&classes.of_local) {
             let mut whole = band.components.whole();
             self.forward.spool.for_each(&band.whole, |sums| {
                 let local = whole.next().expect("as many as there are sums");
@@ -336,9 +343,14 @@ impl State {
     ///
     /// # Errors
     /// [`crate::Error::Io`].
-    pub fn finish_slab(&mut self, layer: u32, known: &Known, mut tiles: SlabTiles) -> Result<()> {
-        let Known {
-            settled, classes, ..
+    pub fn finish_slab(
+        &mut self,
+        layer: u32,
+        known: &SlabLabels,
+        mut tiles: SlabTiles,
+    ) -> Result<()> {
+        let SlabLabels {
+            sealed, classes, ..
         } = known;
         let forward = &mut self.forward;
         forward.caps.merge(&tiles.caps);
@@ -349,12 +361,12 @@ impl State {
         self.surfaces
             .end(&mut surfaces, classes, &mut forward.surface_births)?;
         let spool = &mut forward.spool;
-        let mut finished = Vec::with_capacity(settled.len() + 1);
+        let mut finished = Vec::with_capacity(sealed.len() + 1);
         let mut finish = |sums: Place<VoxelSums>, classes: Place<u32>| {
             let [[sums, many], [classes, of]] = [sums.numbers(), classes.numbers()];
             finished.push([sums, many, classes, of]);
         };
-        for (band, of_local) in settled.iter().zip(&classes.of_local) {
+        for (band, of_local) in sealed.iter().zip(&classes.of_local) {
             let whole = band.components.whole();
             let classes = spool.push_all(whole.map(|local| of_local[local as usize]))?;
             finish(band.whole, classes);
@@ -364,14 +376,14 @@ impl State {
         finish(sums, classes_of);
         let slab = SlabRecord {
             layer,
-            births: spool.push(&classes.births)?,
+            provisional: spool.push(&classes.provisional)?,
             above: spool.push(&classes.above)?,
             live: spool.push(&classes.live)?,
-            from_previous: spool.push(&classes.from_previous)?,
+            carried_in: spool.push(&classes.carried_in)?,
             finished: spool.push(&finished)?,
             surfaces: spool.push(&surfaces.all)?,
             surfaces_live: spool.push(&surfaces.live)?,
-            surfaces_from_previous: spool.push(&surfaces.from_previous)?,
+            surfaces_from_previous: spool.push(&surfaces.carried_in)?,
             whole: surfaces.whole,
             whole_births: spool.push(&surfaces.whole_births)?,
             tiles: spool.push(&tiles.records)?,
@@ -383,6 +395,6 @@ impl State {
     }
 }
 
-fn settled_bytes(bands: &[SettledBand]) -> u64 {
-    bands.iter().map(SettledBand::bytes).sum()
+fn sealed_bytes(bands: &[SealedBand]) -> u64 {
+    bands.iter().map(SealedBand::bytes).sum()
 }

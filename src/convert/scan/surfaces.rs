@@ -4,9 +4,9 @@
 //! a number and a key each stay in memory until the slab is done.
 
 use crate::error::Result;
-use crate::labels::{Births, SlabClasses};
+use crate::labels::{ProvisionalLabels, SlabComponents};
 use crate::measure::MeshSums;
-use crate::sys::spill_file::{Place, Spool};
+use crate::sys::spill_file::{Place, SpillFile};
 use crate::sys::state_codec::{Decoder, Encoder};
 use bytemuck::{Pod, Zeroable};
 use std::collections::HashMap;
@@ -20,8 +20,8 @@ pub const WHOLE: u32 = 1 << 31;
 pub struct SlabSurface {
     /// Sums so far.
     pub sums: MeshSums,
-    /// Its number, see [`Births`]; of whole ones it is kept apart.
-    pub birth: u64,
+    /// Its number, see [`ProvisionalLabels`]; of whole ones it is kept apart.
+    pub provisional_id: u64,
     /// Class of its object.
     pub object: u32,
     /// Class of its cell.
@@ -43,18 +43,18 @@ pub struct SurfacePart {
     pub sums: MeshSums,
 }
 
-/// The surfaces of one slab. Their numbers depend on the order of adding; births do not.
+/// The surfaces of one slab. Their numbers depend on the order of adding; provisional labels do not.
 #[derive(Debug)]
 pub struct SlabSurfaces {
-    /// Those that came over, by birth, then new ones that are not whole in a tile.
+    /// Those that came over, by provisional label, then new ones that are not whole in a tile.
     pub all: Vec<SlabSurface>,
     /// For each surface live at the end of the slab before: its number here.
-    pub from_previous: Vec<u32>,
-    /// Surfaces that can still grow, by birth.
+    pub carried_in: Vec<u32>,
+    /// Surfaces that can still grow, by provisional label.
     pub live: Vec<u32>,
     /// Where the whole ones lie.
     pub whole: Place<SlabSurface>,
-    /// Births of the whole ones.
+    /// Provisional labels of the whole ones.
     pub whole_births: Vec<u64>,
     /// Smallest keys of the new ones in `all`.
     keys: Vec<u64>,
@@ -89,16 +89,16 @@ impl Surfaces {
     /// Begins a slab with the surfaces that come over. May be called again to begin anew.
     ///
     /// # Errors
-    /// [`crate::Error::Io`] if the births' file fails.
+    /// [`crate::Error::Io`] if the provisional labels' file fails.
     pub fn begin(
         &self,
-        classes: &SlabClasses,
-        whole: &Spool,
-        births: &mut Births,
+        classes: &SlabComponents,
+        whole: &SpillFile,
+        provisional: &mut ProvisionalLabels,
     ) -> Result<SlabSurfaces> {
         let mut slab = SlabSurfaces {
             all: Vec::new(),
-            from_previous: Vec::with_capacity(self.live.len()),
+            carried_in: Vec::with_capacity(self.live.len()),
             live: Vec::new(),
             whole: whole.here(),
             whole_births: Vec::new(),
@@ -107,11 +107,11 @@ impl Surfaces {
             by_pair: HashMap::new(),
         };
         for surface in &self.live {
-            let class = |live: u32| classes.from_previous[live as usize];
+            let class = |live: u32| classes.carried_in[live as usize];
             let pair = (class(surface.object), class(surface.cell));
             let next = slab.all.len() as u32;
             let at = *slab.by_pair.entry(pair).or_insert(next);
-            slab.from_previous.push(at);
+            slab.carried_in.push(at);
             if at == next {
                 slab.all.push(SlabSurface {
                     object: pair.0,
@@ -119,26 +119,26 @@ impl Surfaces {
                     ..*surface
                 });
             } else {
-                // live surfaces are sorted by birth: the younger one dies
-                births.kill(surface.birth)?;
+                // live surfaces are sorted by provisional label: the younger one dies
+                provisional.retire(surface.provisional_id)?;
                 slab.all[at as usize].sums.merge(&surface.sums);
             }
         }
         Ok(slab)
     }
 
-    /// Ends a slab: gives births to its new surfaces and keeps those that go on.
+    /// Ends a slab: allocates provisional labels to its new surfaces and keeps those that go on.
     ///
     /// # Errors
-    /// [`crate::Error::Io`] if the births' file fails.
+    /// [`crate::Error::Io`] if the provisional labels' file fails.
     pub fn end(
         &mut self,
         slab: &mut SlabSurfaces,
-        classes: &SlabClasses,
-        births: &mut Births,
+        classes: &SlabComponents,
+        provisional: &mut ProvisionalLabels,
     ) -> Result<()> {
-        slab.give_births(births)?;
-        let mut live_class = vec![u32::MAX; classes.births.len()];
+        slab.give_births(provisional)?;
+        let mut live_class = vec![u32::MAX; classes.provisional.len()];
         for (i, &class) in classes.live.iter().enumerate() {
             live_class[class as usize] = i as u32;
         }
@@ -154,7 +154,7 @@ impl Surfaces {
             })
             .collect();
         slab.live
-            .sort_unstable_by_key(|&i| slab.all[i as usize].birth);
+            .sort_unstable_by_key(|&i| slab.all[i as usize].provisional_id);
         let live = slab.live.iter().map(|&i| {
             let surface = slab.all[i as usize];
             let (object, cell) = live_pair(&surface);
@@ -174,10 +174,10 @@ impl SlabSurfaces {
     ///
     /// # Errors
     /// [`crate::Error::Io`].
-    pub fn add(&mut self, part: &SurfacePart, whole: &mut Spool) -> Result<u32> {
+    pub fn add(&mut self, part: &SurfacePart, whole: &mut SpillFile) -> Result<u32> {
         let new = SlabSurface {
             sums: part.sums,
-            birth: 0,
+            provisional_id: 0,
             object: part.object,
             cell: part.cell,
         };
@@ -202,17 +202,17 @@ impl SlabSurfaces {
     }
 
     /// Numbers the new surfaces by their smallest keys.
-    fn give_births(&mut self, births: &mut Births) -> Result<()> {
+    fn give_births(&mut self, provisional: &mut ProvisionalLabels) -> Result<()> {
         let carried = self.all.len() - self.keys.len();
         let keys = self.keys.iter().chain(&self.whole_keys);
         let mut order: Vec<(u64, u32)> = keys.copied().zip(0..).collect();
         order.sort_unstable();
         self.whole_births = vec![0; self.whole_keys.len()];
-        let first = births.give(order.len())?;
-        for (birth, (_, i)) in (first..).zip(order) {
+        let first = provisional.allocate(order.len())?;
+        for (provisional_id, (_, i)) in (first..).zip(order) {
             match (i as usize).checked_sub(self.keys.len()) {
-                None => self.all[carried + i as usize].birth = birth,
-                Some(whole) => self.whole_births[whole] = birth,
+                None => self.all[carried + i as usize].provisional_id = provisional_id,
+                Some(whole) => self.whole_births[whole] = provisional_id,
             }
         }
         Ok(())
@@ -224,7 +224,7 @@ impl SlabSurfaces {
         const BY_PAIR: usize = 13 * 16 / 7;
         const LIVE: usize = size_of::<SlabSurface>() + 4 + 4;
         let all = self.all.capacity() * (size_of::<SlabSurface>() + LIVE + BY_PAIR);
-        // key, order, birth
+        // key, order, provisional label
         let numbers = (self.keys.capacity() + self.whole_keys.capacity()) * (8 + 16 + 8);
         (all + numbers) as u64
     }

@@ -1,6 +1,6 @@
 //! How often tiles are written.
 
-use crate::checkpoint::Keeper;
+use crate::checkpoint::Checkpointer;
 use crate::convert::finalize::batches::count_distinct;
 use crate::convert::identity;
 use crate::convert::plan::plan;
@@ -44,7 +44,8 @@ fn to_write_anew(volume: &MemoryVolume<u8>, memory: u64, work: &Path) -> Vec<usi
     let options = options(memory);
     let plan = plan(volume, volume.header().dims, &options).unwrap();
     let layers = plan.tiling.tiles()[2];
-    let mut keeper = Keeper::new(work, &identity::of(volume, &options), false, layers).unwrap();
+    let mut checkpointer =
+        Checkpointer::new(work, &identity::of(volume, &options), false, layers).unwrap();
     let head = TileHead {
         matrix: Placement::default().gltf_matrix(),
         form: options.form(),
@@ -56,7 +57,7 @@ fn to_write_anew(volume: &MemoryVolume<u8>, memory: u64, work: &Path) -> Vec<usi
         tiling: plan.tiling,
     };
     std::fs::create_dir(work.join("tiles")).unwrap();
-    let files = (&writer, &mut keeper);
+    let files = (&writer, &mut checkpointer);
     let (forward, _) = swept(volume, &options, &plan, files, &Quiet).unwrap();
     let (mut slabs, mut spool, mut ids, _) = resolve(forward, 1 << 20, work).unwrap();
     let mut anew = Vec::new();

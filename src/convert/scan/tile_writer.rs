@@ -1,16 +1,16 @@
 //! Tiles on disk during a conversion: their geometry first, what comes before it at the end.
 
-use crate::error::{Error, Result};
+use crate::error::Result;
 use crate::grid::Tiling;
 use crate::strip::Stripifier;
 use crate::surface::{CAP, Piece, TileMesh};
-use crate::sys::background_writer::{Job, Writers};
+use crate::sys::background_writer::{BackgroundWriters, Job};
 use crate::sys::direct_io;
 use crate::sys::files::write_body;
-use crate::sys::spill_file::{Place, Spool};
+use crate::sys::spill_file::{Place, SpillFile};
 use crate::tile::{
-    Body, BodyPiece, Encoded, Recipe, Refused, TileHead, WidestNodes, aligned, encode, head_bytes,
-    tile_path, widest_description,
+    Body, Encoded, EncodedLayout, PieceRange, Refused, TileHead, WidestNodes, aligned, encode,
+    head_bytes, refused, tile_path, too_large, widest_description,
 };
 use bytemuck::{Pod, Zeroable};
 use std::borrow::Cow;
@@ -38,7 +38,7 @@ pub struct TileRecord {
     /// CRC-32 of the geometry in the file.
     pub crc: u32,
     /// How it is encoded.
-    pub recipe: Recipe,
+    pub recipe: EncodedLayout,
     reserved: u32,
 }
 
@@ -47,7 +47,7 @@ impl TileRecord {
     ///
     /// # Errors
     /// [`Error::Io`].
-    pub fn pieces(&self, spool: &mut Spool) -> Result<Vec<WrittenPiece>> {
+    pub fn pieces(&self, spool: &mut SpillFile) -> Result<Vec<WrittenPiece>> {
         spool.get(&Place::new(self.pieces_at, self.pieces as usize))
     }
 
@@ -62,7 +62,7 @@ impl TileRecord {
 #[derive(Debug, Clone, Copy, Pod, Zeroable)]
 pub struct WrittenPiece {
     /// Where it lies in the body.
-    pub body: BodyPiece,
+    pub body: PieceRange,
     /// Class of its object.
     pub object: u32,
     /// Class of its cell, or [`CAP`].
@@ -105,12 +105,12 @@ impl TileWriter {
         mesh: &mut TileMesh,
         grid: [u32; 3],
         stripifier: &mut Stripifier,
-        (writers, provisional): (Option<&Writers>, bool),
+        (writers, provisional): (Option<&BackgroundWriters>, bool),
     ) -> Result<(TileRecord, Body)> {
         let body = Body::write(mesh, self.head.form.primitives, stripifier);
         let plain = self.head.is_plain(body.pieces.len());
         let stays = plain || !provisional && self.head.form.is_encoded_early();
-        let (mut recipe, mut room) = (Recipe::default(), 0);
+        let (mut recipe, mut room) = (EncodedLayout::default(), 0);
         if stays {
             (recipe, room) = self
                 .encode(mesh, grid, &body)
@@ -150,7 +150,7 @@ impl TileWriter {
         mesh: &mut TileMesh,
         grid: [u32; 3],
         body: &Body,
-    ) -> std::result::Result<(Recipe, usize), Refused> {
+    ) -> std::result::Result<(EncodedLayout, usize), Refused> {
         let (head, low) = (&self.head, self.tiling.lowest(grid));
         let Encoded { bytes, recipe } = encode(head, low, (body, mesh.chunk.bytes()), None)?;
         if let Cow::Owned(bytes) = bytes {
@@ -170,7 +170,7 @@ impl TileWriter {
 pub fn room_for(
     head: (&TileHead, &WidestNodes),
     low: [u32; 3],
-    (body, recipe): (&Body, &Recipe),
+    (body, recipe): (&Body, &EncodedLayout),
     bytes: usize,
 ) -> std::result::Result<usize, Refused> {
     let widest = widest_description(head, low, (body, recipe))?;
@@ -182,17 +182,9 @@ pub fn room_for(
     Ok(aligned(widest, step))
 }
 
-/// The error for a tile that cannot be written as asked.
-pub fn refused(why: Refused, grid: [u32; 3], tiling: Tiling) -> Error {
-    match why {
-        Refused::TooLarge => too_large(grid),
-        Refused::TooWide => too_wide(tiling.macrocube),
-    }
-}
-
 impl WrittenPiece {
     /// A piece and where it lies in the body with those that are one with it, not knowing its surface yet.
-    pub fn new(piece: &Piece, body: BodyPiece) -> Self {
+    pub fn new(piece: &Piece, body: PieceRange) -> Self {
         WrittenPiece {
             body,
             object: piece.object,
@@ -201,25 +193,4 @@ impl WrittenPiece {
             reserved: 0,
         }
     }
-}
-
-/// The error for a tile beyond the size of a GLB.
-pub fn too_large(grid: [u32; 3]) -> Error {
-    Error::usage(
-        "--macrocube",
-        format!("more than 4 GiB in {}", tile_path(grid)),
-        "tiles below 4 GiB, the limit of GLB files",
-    )
-    .with_hint("use smaller macrocubes")
-}
-
-/// The error for tiles beyond the reach of 16-bit positions.
-pub fn too_wide(macrocube: [u32; 3]) -> Error {
-    let [x, y, z] = macrocube;
-    Error::usage(
-        "--macrocube",
-        format!("{x} x {y} x {z} cubes"),
-        "at most 254 along each axis with --encoding quantized or meshopt, whose positions have 16 bits",
-    )
-    .with_hint("use smaller macrocubes, or --encoding float")
 }

@@ -1,12 +1,12 @@
 //! Slabs with all their bands in memory: voxels are read once, and threads go on to the bands of the next slab
 //! when no tile of this one is left.
 
-use crate::checkpoint::Keeper;
+use crate::checkpoint::Checkpointer;
 use crate::convert::scan::Sweep;
 use crate::convert::scan::mode::Parts;
 use crate::convert::scan::scheduler::Stop;
-use crate::convert::scan::state::State;
-use crate::convert::scan::workers::Line;
+use crate::convert::scan::state::ScanState;
+use crate::convert::scan::workers::SlabWorkers;
 use crate::error::Result;
 use crate::volume::Voxel;
 
@@ -20,21 +20,21 @@ impl Sweep<'_> {
         &self,
         parts: &mut Parts<T>,
         mut layer: u32,
-        state: &mut State,
-        keeper: &mut Keeper,
+        state: &mut ScanState,
+        checkpointer: &mut Checkpointer,
     ) -> Result<(u32, Option<u64>)> {
         let [_, bands, layers] = self.plan.tiling.tiles();
         while layer < layers && parts.mode.bands_at_once >= bands {
-            let line = Line::new(self, parts, layer, (state, keeper));
+            let line = SlabWorkers::new(self, parts, layer, (state, checkpointer));
             let stop = match line.run()? {
-                Ok(unkept) => return Ok((layers, unkept)),
+                Ok(uncommitted) => return Ok((layers, uncommitted)),
                 Err(stop) => stop,
             };
             let Stop { known, error, .. } = stop;
             parts.shrink(error)?;
             layer = stop.layer;
             for known in known {
-                self.mesh_and_end(parts, layer, state, (&known, keeper))?;
+                self.mesh_and_end(parts, layer, state, (&known, checkpointer))?;
                 layer += 1;
             }
         }

@@ -3,7 +3,7 @@
 use crate::error::Result;
 use crate::strip::Stripifier;
 use crate::surface::{TileMesh, TileMesher};
-use crate::sys::memory_pool::{Budget, Reservation};
+use crate::sys::memory_pool::{MemoryPool, MemoryReservation};
 use std::sync::{Arc, Condvar, Mutex, MutexGuard};
 
 /// Everything that making one tile needs.
@@ -15,12 +15,12 @@ pub struct Workspace {
     pub mesh: TileMesh,
     /// Makes strips of it.
     pub stripifier: Stripifier,
-    held: Reservation,
+    held: MemoryReservation,
 }
 
 /// Workspaces that wait for use.
 pub struct WorkspacePool {
-    budget: Arc<Budget>,
+    budget: Arc<MemoryPool>,
     state: Mutex<State>,
     returned: Condvar,
 }
@@ -33,7 +33,7 @@ struct State {
 
 impl WorkspacePool {
     /// An empty pool.
-    pub fn new(budget: &Arc<Budget>) -> Self {
+    pub fn new(budget: &Arc<MemoryPool>) -> Self {
         WorkspacePool {
             budget: budget.clone(),
             state: Mutex::new(State::default()),
@@ -74,7 +74,7 @@ impl WorkspacePool {
             // the largest idle one has the least to grow
             state.idle.sort_by_key(|w| w.held.bytes());
             let mut workspace = state.idle.pop().unwrap_or_else(|| Workspace {
-                held: Reservation::new(&self.budget),
+                held: MemoryReservation::new(&self.budget),
                 ..Workspace::default()
             });
             let grown = workspace.held.grow_to(bytes);
@@ -101,7 +101,7 @@ mod tests {
 
     #[test]
     fn tiles_wait_for_room_and_fail_only_alone() {
-        let budget = Budget::new(100, 0);
+        let budget = MemoryPool::new(100, 0);
         let pool = WorkspacePool::new(&budget);
         let done = std::sync::atomic::AtomicUsize::new(0);
         std::thread::scope(|scope| {

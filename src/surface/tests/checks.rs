@@ -1,6 +1,6 @@
 //! Laws of one slab's classes and of one tile.
 
-use crate::labels::{Fates, SlabClasses};
+use crate::labels::{CarryOver, SlabComponents};
 use crate::manifest::Primitives;
 use crate::strip::{NONE, STRIDE, Stripifier, Triangle as Numbered, connect};
 use crate::surface::{BandView, MeshSettings, Piece, TileBox, TileMesh, TileMesher};
@@ -9,12 +9,12 @@ use crate::tile::{Body, Grouped};
 use std::collections::{BTreeSet, HashMap};
 
 /// Components of a slab before have merged often when one in eight of those that came over has so far.
-pub fn check_often(slabs: &[SlabClasses]) {
+pub fn check_often(slabs: &[SlabComponents]) {
     let (mut carried, mut merged) = (0, 0);
     for slab in slabs {
-        let distinct: BTreeSet<u32> = slab.from_previous.iter().copied().collect();
-        carried += slab.from_previous.len();
-        merged += slab.from_previous.len() - distinct.len();
+        let distinct: BTreeSet<u32> = slab.carried_in.iter().copied().collect();
+        carried += slab.carried_in.len();
+        merged += slab.carried_in.len() - distinct.len();
         assert_eq!(slab.merge_often, 8 * merged > carried);
     }
 }
@@ -22,14 +22,14 @@ pub fn check_often(slabs: &[SlabClasses]) {
 /// Pieces that turn out to be one were foreseen to, and those are foreseen whose classes are the same or both
 /// go on.
 pub fn check_foreseen(
-    slab: &SlabClasses,
-    next: Option<&SlabClasses>,
+    slab: &SlabComponents,
+    next: Option<&SlabComponents>,
     ids: &[u64],
     pieces: &[Piece],
 ) {
     let goes_on = |class: u32| {
         let live = slab.live.iter().position(|&c| c == class);
-        live.is_some_and(|at| next.is_none_or(|next| next.live.contains(&next.from_previous[at])))
+        live.is_some_and(|at| next.is_none_or(|next| next.live.contains(&next.carried_in[at])))
     };
     let cell = |p: &Piece| (!p.is_cap()).then_some(p.cell);
     let may = |a: u32, b: u32| a == b || goes_on(a) && goes_on(b);
@@ -53,26 +53,29 @@ pub fn check_foreseen(
 }
 
 /// Pieces that are one in the next slab, by their first ones.
-pub fn one_next(fates: &Fates, pieces: &[Piece]) -> Vec<Vec<usize>> {
-    let pairs = pieces.iter().map(|p| fates.of_both(p.pair()));
+pub fn one_next(carry_over: &CarryOver, pieces: &[Piece]) -> Vec<Vec<usize>> {
+    let pairs = pieces.iter().map(|p| carry_over.of_pair(p.pair()));
     groups(&pairs.collect::<Vec<_>>())
 }
 
 /// A tile whose pieces are joined while it is made has the bytes of one whose pieces are joined afterwards.
 pub fn check_joined(view: &BandView<u8>, tile: &TileBox, settings: &MeshSettings) {
-    let write = |fates, primitives| {
+    let write = |carry_over, primitives| {
         let mut mesh = TileMesh::default();
-        let view = BandView { fates, ..*view };
+        let view = BandView {
+            carry_over,
+            ..*view
+        };
         TileMesher::default().mesh(&view, tile, settings, &mut mesh);
         let body = Body::write(&mut mesh, primitives, &mut Stripifier::default());
         (body, mesh)
     };
-    let fates = view.fates.expect("the next slab is known");
+    let carry_over = view.carry_over.expect("the next slab is known");
     for primitives in [Primitives::Strips, Primitives::Triangles] {
         let (apart, mesh) = write(None, primitives);
-        let groups = one_next(&fates, &mesh.pieces);
+        let groups = one_next(&carry_over, &mesh.pieces);
         let expected = Grouped::new(&apart, mesh.chunk.bytes(), &groups, primitives);
-        let (joined, mesh) = write(Some(fates), primitives);
+        let (joined, mesh) = write(Some(carry_over), primitives);
         assert_eq!(joined.pieces, expected.body.pieces);
         assert_eq!(joined.bytes, expected.body.bytes);
         assert!(mesh.chunk.bytes() == expected.bytes());

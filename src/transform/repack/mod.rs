@@ -9,12 +9,12 @@
 mod names;
 mod tiles;
 
-use crate::convert::check_reach;
 use crate::error::{Error, Result};
 use crate::grid::Tiling;
 use crate::manifest::{Form, Manifest};
 use crate::progress::Progress;
 use crate::table::Table;
+use crate::tile::check_reach;
 use crate::tileset::{Output, TileSet};
 use serde::Serialize;
 use std::path::Path;

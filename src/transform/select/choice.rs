@@ -2,9 +2,9 @@
 
 use crate::error::{Error, Result};
 use crate::manifest::{ColourBy, Manifest, Paint, Selection};
+use crate::picture::{self, Map};
 use crate::table::{Column, Expr, Query, Row, Table, TableReader};
 use crate::tile::Rgb;
-use crate::transform::select::colour::{self, Map};
 use crate::transform::select::{SelectOptions, legend, whole};
 use std::path::Path;
 
@@ -139,7 +139,7 @@ impl Choice {
             Ok(())
         })?;
         let unit = columns.iter().find(|c| c.name == rule.column.trim());
-        let listed = |i| colour::hex(rule.map.at(i as f64 / (LISTED - 1) as f64));
+        let listed = |i| picture::hex(rule.map.at(i as f64 / (LISTED - 1) as f64));
         self.colour_by = Some(ColourBy {
             column: rule.column.trim().to_string(),
             unit: unit.map_or(String::new(), |c| c.unit.clone()),
@@ -170,7 +170,7 @@ impl Choice {
         };
         self.painted.push(Paint {
             condition: rule.condition.clone(),
-            colour: colour::hex(rule.colour),
+            colour: picture::hex(rule.colour),
             cells: count,
         });
         Ok(())

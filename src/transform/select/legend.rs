@@ -2,8 +2,8 @@
 
 use crate::error::{Error, Result};
 use crate::manifest::ColourBy;
+use crate::picture::Map;
 use crate::picture::Picture;
-use crate::transform::select::colour::Map;
 use std::path::Path;
 
 /// Its name in the tile set.

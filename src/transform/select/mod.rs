@@ -7,12 +7,11 @@
 //! volume's faces, as a set made without `--cap` is.
 
 mod choice;
-mod colour;
 mod copy;
 mod legend;
 
+pub use crate::picture::{Map, hex, parse_colour};
 pub use choice::{ColourRule, PaintRule};
-pub use colour::{Map, hex, parse_colour};
 pub(crate) use legend::FILE as LEGEND;
 
 use crate::error::{Error, Result};

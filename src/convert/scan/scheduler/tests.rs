@@ -41,9 +41,9 @@ enum Did {
 
 /// Threads that take steps from a queue, one of them at a time, in an order that is given.
 struct Threads {
-    queue: Queue<u8>,
+    queue: SlabScheduler<u8>,
     /// What each has in hand.
-    hands: Vec<Option<Step<u8>>>,
+    hands: Vec<Option<Task<u8>>>,
     did: Vec<Did>,
     /// The step that fails for want of memory.
     fails: Option<Did>,
@@ -56,7 +56,7 @@ struct Threads {
 impl Threads {
     fn new(limits: Limits, threads: usize, fails: Option<Did>) -> Self {
         Threads {
-            queue: Queue::new(limits, 0),
+            queue: SlabScheduler::new(limits, 0),
             hands: (0..threads).map(|_| None).collect(),
             did: Vec::new(),
             fails,
@@ -75,7 +75,7 @@ impl Threads {
                 idle.fill(false);
             } else if !idle[thread] {
                 match self.queue.next(false) {
-                    Step::Wait | Step::Over => idle[thread] = true,
+                    Task::Wait | Task::Finished => idle[thread] = true,
                     step => self.hands[thread] = Some(step),
                 }
                 let Limits {
@@ -89,7 +89,7 @@ impl Threads {
             }
             self.check_hands();
         }
-        assert!(matches!(self.queue.next(false), Step::Over), "all wait");
+        assert!(matches!(self.queue.next(false), Task::Finished), "all wait");
     }
 
     /// One thread takes step after step until it has done `last`.
@@ -114,43 +114,43 @@ impl Threads {
 
     fn check_hands(&self) {
         let hands = || self.hands.iter().flatten();
-        let prepares = hands().filter(|s| matches!(s, Step::Prepare(..))).count();
-        let turns = hands().filter(|s| matches!(s, Step::Begin(..) | Step::End(..)));
+        let prepares = hands().filter(|s| matches!(s, Task::Prepare(..))).count();
+        let turns = hands().filter(|s| matches!(s, Task::Begin(..) | Task::End(..)));
         assert!(turns.count() <= 1);
         assert!(prepares <= 1 || !self.queue.limits.in_order);
     }
 
-    fn end(&mut self, step: Step<u8>) {
+    fn end(&mut self, step: Task<u8>) {
         let did = match &step {
-            Step::Prepare(place, _) => Did::Prepare(*place),
-            Step::Begin(layer, ..) => Did::Begin(*layer),
-            Step::Label(place, ..) => Did::Label(*place),
-            Step::Tile(job, ..) => Did::Tile(job.grid),
-            Step::End(layer, ..) => Did::End(*layer),
-            Step::Wait | Step::Over => unreachable!("nothing in hand"),
+            Task::Prepare(place, _) => Did::Prepare(*place),
+            Task::Begin(layer, ..) => Did::Begin(*layer),
+            Task::Label(place, ..) => Did::Label(*place),
+            Task::Tile(job, ..) => Did::Tile(job.grid),
+            Task::End(layer, ..) => Did::End(*layer),
+            Task::Wait | Task::Finished => unreachable!("nothing in hand"),
         };
         let fails = self.fails == Some(did);
         match step {
-            Step::Prepare(place, band) => {
+            Task::Prepare(place, band) => {
                 let band = unless(fails, band.unwrap_or_default());
                 self.queue.prepared(place, band);
             }
-            Step::Begin(layer, bands, alone) => {
+            Task::Begin(layer, bands, alone) => {
                 assert_eq!(bands.len(), self.queue.limits.bands as usize);
                 let ended = layer.checked_sub(1).map(Did::End);
                 assert_eq!(alone, ended.is_none_or(|end| self.did.contains(&end)));
                 if self.one_by_one && !alone {
-                    return self.queue.not_yet(bands);
+                    return self.queue.postpone(bands);
                 }
-                let mut known = Known::default();
+                let mut known = SlabLabels::default();
                 known.classes.merge_often = self.is_often(layer);
                 self.queue.begun(unless(fails, (bands, known)));
             }
-            Step::Label(place, band, _) => {
+            Task::Label(place, band, _) => {
                 let tiles = tiles_of(Arc::new(band), place);
                 self.queue.labelled(place[1], tiles);
             }
-            Step::Tile(job, _, next) => {
+            Task::Tile(job, _, next) => {
                 let layer = job.grid[2];
                 assert!(next.is_none() || self.did.contains(&Did::Begin(layer + 1)));
                 let waits = self.waits(layer);
@@ -160,12 +160,12 @@ impl Threads {
                 self.queue
                     .made(job.grid[2], made, Arc::into_inner(job.band));
             }
-            Step::End(layer, _, next) => {
+            Task::End(layer, _, next) => {
                 let begun = self.did.contains(&Did::Begin(layer + 1));
                 assert_eq!(next.is_some(), begun);
                 self.queue.ended(unless(fails, ()));
             }
-            Step::Wait | Step::Over => unreachable!("nothing in hand"),
+            Task::Wait | Task::Finished => unreachable!("nothing in hand"),
         }
         if !fails {
             self.did.push(did);
@@ -299,7 +299,7 @@ fn an_interruption_ends_the_slab_in_hand_and_begins_no_other() {
     threads.run_until(Did::Label([1, 0]));
     loop {
         match threads.queue.next(true) {
-            Step::Over => break,
+            Task::Finished => break,
             step => threads.end(step),
         }
     }
@@ -320,14 +320,14 @@ fn threads_go_when_others_make_the_last_tiles() {
     threads.run_until(Did::Begin(0));
     let label = threads.queue.next(false);
     // its tiles are to come
-    assert!(matches!(threads.queue.next(false), Step::Wait));
+    assert!(matches!(threads.queue.next(false), Task::Wait));
     threads.end(label);
     let tiles = [(); TILES as usize].map(|()| threads.queue.next(false));
-    assert!(matches!(threads.queue.next(false), Step::Over));
+    assert!(matches!(threads.queue.next(false), Task::Finished));
     for tile in tiles {
         threads.end(tile);
     }
-    assert!(matches!(threads.queue.next(false), Step::End(..)));
+    assert!(matches!(threads.queue.next(false), Task::End(..)));
 }
 
 #[test]
@@ -335,7 +335,7 @@ fn a_slab_begins_beside_the_last_tile_of_the_one_before() {
     let mut threads = Threads::new(SMALL, 1, None);
     threads.run_until(Did::Prepare([0, 1]));
     let slow = threads.queue.next(false);
-    assert!(matches!(slow, Step::Tile(..)));
+    assert!(matches!(slow, Task::Tile(..)));
     // all but the last step of the next slab, the last one of the volume
     let of_next = |did: &Did| match did {
         Did::Prepare([_, layer]) | Did::Begin(layer) | Did::Label([_, layer]) => *layer == 1,
@@ -345,7 +345,7 @@ fn a_slab_begins_beside_the_last_tile_of_the_one_before() {
     let others: Vec<Did> = all(SMALL).into_iter().filter(of_next).collect();
     loop {
         match threads.queue.next(false) {
-            Step::Over => break,
+            Task::Finished => break,
             step => threads.end(step),
         }
     }
@@ -367,7 +367,7 @@ fn an_interruption_leaves_the_second_of_two_open_slabs() {
     threads.run_until(Did::Begin(1));
     loop {
         match threads.queue.next(true) {
-            Step::Wait => break,
+            Task::Wait => break,
             step => threads.end(step),
         }
         assert!(matches!(threads.did.last(), Some(Did::Tile([_, _, 0]))));
@@ -376,6 +376,6 @@ fn an_interruption_leaves_the_second_of_two_open_slabs() {
     let end = threads.queue.next(true);
     threads.end(end);
     assert_eq!(threads.did.last(), Some(&Did::End(0)));
-    assert!(matches!(threads.queue.next(true), Step::Over));
+    assert!(matches!(threads.queue.next(true), Task::Finished));
     assert!(matches!(threads.queue.outcome(), Err(Error::Interrupted)));
 }

@@ -1,4 +1,8 @@
-//! Small pictures with text, written as PNG.
+//! Colours, and small pictures with text, written as PNG.
+
+mod colour;
+
+pub use colour::{Map, hex, parse_colour};
 
 use crate::sys::atomic_file::NewFile;
 use font8x8::UnicodeFonts;

@@ -1,7 +1,6 @@
 //! Colours by name and colours by value.
 
 use crate::error::{Error, Result};
-use crate::tile::Rgb;
 use colorous::Gradient;
 
 /// The colour maps, all of rising or at least even lightness but turbo, which shows most detail.
@@ -55,7 +54,7 @@ impl Map {
 
     /// The colour at `share`, from 0 for the first to 1 for the last; what is beyond takes the
     /// nearest.
-    pub fn at(&self, share: f64) -> Rgb {
+    pub fn at(&self, share: f64) -> [u8; 3] {
         let step = (share.clamp(0.0, 1.0) * (STEPS - 1) as f64).round() as usize;
         let c = self.gradient.eval_rational(step, STEPS);
         [c.r, c.g, c.b]
@@ -66,7 +65,7 @@ impl Map {
 ///
 /// # Errors
 /// [`Error::Usage`] if it is none, or is transparent.
-pub fn parse_colour(option: &str, text: &str) -> Result<Rgb> {
+pub fn parse_colour(option: &str, text: &str) -> Result<[u8; 3]> {
     let bad = || Error::usage(option, text, "a CSS colour, such as orange or #ff8800");
     let colour = csscolorparser::parse(text.trim()).map_err(|_| bad())?;
     let [r, g, b, a] = colour.to_rgba8();
@@ -77,7 +76,7 @@ pub fn parse_colour(option: &str, text: &str) -> Result<Rgb> {
 }
 
 /// `#rrggbb`.
-pub fn hex([r, g, b]: Rgb) -> String {
+pub fn hex([r, g, b]: [u8; 3]) -> String {
     format!("#{r:02x}{g:02x}{b:02x}")
 }
 

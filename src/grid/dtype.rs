@@ -251,40 +251,86 @@ impl Voxel for f64 {
     }
 }
 
+/// Byte order of samples of more than one byte.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
+#[serde(rename_all = "lowercase")]
+pub enum Endian {
+    /// Least significant byte first.
+    #[default]
+    Little,
+    /// Most significant byte first.
+    Big,
+}
+
+impl Endian {
+    /// The order of this machine.
+    pub const NATIVE: Endian = if cfg!(target_endian = "big") {
+        Endian::Big
+    } else {
+        Endian::Little
+    };
+
+    /// `little` or `big`.
+    pub fn name(self) -> &'static str {
+        match self {
+            Endian::Little => "little",
+            Endian::Big => "big",
+        }
+    }
+}
+
+impl std::fmt::Display for Endian {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        f.write_str(self.name())
+    }
+}
+
+impl std::str::FromStr for Endian {
+    type Err = Error;
+
+    fn from_str(text: &str) -> Result<Self> {
+        match text {
+            "little" => Ok(Endian::Little),
+            "big" => Ok(Endian::Big),
+            _ => Err(Error::usage("--endian", text, "little or big")),
+        }
+    }
+}
+
 /// Runs an expression with a type alias bound to the Rust type of a [`Dtype`]:
 /// `with_voxel_type!(dtype, T => sum::<T>(bytes))`.
 macro_rules! with_voxel_type {
     ($dtype:expr, $t:ident => $body:expr) => {
         match $dtype {
-            $crate::volume::Dtype::U8 => {
+            $crate::grid::Dtype::U8 => {
                 type $t = u8;
                 $body
             }
-            $crate::volume::Dtype::I8 => {
+            $crate::grid::Dtype::I8 => {
                 type $t = i8;
                 $body
             }
-            $crate::volume::Dtype::U16 => {
+            $crate::grid::Dtype::U16 => {
                 type $t = u16;
                 $body
             }
-            $crate::volume::Dtype::I16 => {
+            $crate::grid::Dtype::I16 => {
                 type $t = i16;
                 $body
             }
-            $crate::volume::Dtype::U32 => {
+            $crate::grid::Dtype::U32 => {
                 type $t = u32;
                 $body
             }
-            $crate::volume::Dtype::I32 => {
+            $crate::grid::Dtype::I32 => {
                 type $t = i32;
                 $body
             }
-            $crate::volume::Dtype::F32 => {
+            $crate::grid::Dtype::F32 => {
                 type $t = f32;
                 $body
             }
-            $crate::volume::Dtype::F64 => {
+            $crate::grid::Dtype::F64 => {
                 type $t = f64;
                 $body
             }

@@ -1,0 +1,134 @@
+//! The folders of `src` import each other only as the table in ARCHITECTURE.md says.
+
+use std::collections::{BTreeMap, BTreeSet};
+use std::fs;
+use std::path::Path;
+
+/// What a folder or a file at the top of `src` imports from others.
+type Imports = BTreeMap<String, BTreeSet<String>>;
+
+/// The rows of the table: a name, and what it may import.
+fn allowed() -> Vec<(String, BTreeSet<String>)> {
+    let text = fs::read_to_string("ARCHITECTURE.md").unwrap();
+    let rows = text.lines().filter(|line| line.starts_with("| `"));
+    let quoted = |cell: &str| -> Vec<String> {
+        let parts = cell.split('`').skip(1).step_by(2);
+        parts.map(String::from).collect()
+    };
+    rows.map(|row| {
+        let cells: Vec<&str> = row.split('|').collect();
+        let name = quoted(cells[1]).remove(0);
+        (name, quoted(cells[3]).into_iter().collect())
+    })
+    .collect()
+}
+
+/// Text without comments and what only tests see: inline test modules stand at the end of a file.
+fn code(path: &Path) -> String {
+    let text = fs::read_to_string(path).unwrap();
+    let text = text.split("#[cfg(test)]\nmod tests {").next().unwrap();
+    let lines = text.lines().map(|line| line.split("//").next().unwrap());
+    lines.collect::<Vec<_>>().join("\n")
+}
+
+/// First names after `crate::`, also of `crate::{a, b}`; `super` is left to who stays in a folder.
+fn named(code: &str) -> BTreeSet<String> {
+    let word = |text: &str| {
+        let end = text.find(|c: char| c != '_' && !c.is_alphanumeric());
+        text[..end.unwrap_or(text.len())].to_string()
+    };
+    let mut names = BTreeSet::new();
+    for rest in code.split("crate::").skip(1) {
+        match rest.strip_prefix('{') {
+            Some(group) => {
+                let mut depth = 0;
+                let end = |c: char| {
+                    depth += i32::from(c == '{') - i32::from(c == '}');
+                    depth < 0
+                };
+                let inside = &group[..group.find(end).unwrap_or(0)];
+                names.extend(inside.split(',').map(|part| word(part.trim())));
+            }
+            None => _ = names.insert(word(rest)),
+        }
+    }
+    names
+}
+
+fn collect(dir: &Path, top: Option<&str>, found: &mut Imports) {
+    for entry in fs::read_dir(dir).unwrap() {
+        let path = entry.unwrap().path();
+        let stem = path.file_stem().unwrap().to_str().unwrap();
+        let own = top.unwrap_or(stem);
+        if stem == "tests" {
+            continue;
+        }
+        if path.is_dir() {
+            collect(&path, Some(own), found);
+        } else if path.extension().is_some_and(|e| e == "rs") {
+            let names = named(&code(&path));
+            found.entry(own.to_string()).or_default().extend(names);
+        }
+    }
+}
+
+/// What each folder and file at the top of `src` imports from the others.
+fn imports() -> Imports {
+    let mut found = Imports::new();
+    collect(Path::new("src"), None, &mut found);
+    found.retain(|name, _| name != "lib" && name != "main");
+    let all: BTreeSet<String> = found.keys().cloned().collect();
+    for (name, names) in &mut found {
+        names.retain(|other| all.contains(other) && other != name);
+    }
+    found
+}
+
+#[test]
+fn folders_import_what_the_table_says_and_only_downwards() {
+    let (table, found) = (allowed(), imports());
+    let names: BTreeSet<&String> = table.iter().map(|(name, _)| name).collect();
+    assert_eq!(
+        names,
+        found.keys().collect(),
+        "rows of ARCHITECTURE.md, and src"
+    );
+    let mut below = BTreeSet::new();
+    for (name, allowed) in &table {
+        let upwards: Vec<_> = allowed.difference(&below).collect();
+        assert!(
+            upwards.is_empty(),
+            "{name} stands below {upwards:?} in ARCHITECTURE.md"
+        );
+        assert_eq!(
+            &found[name], allowed,
+            "what {name} imports, and its row in ARCHITECTURE.md"
+        );
+        below.insert(name.clone());
+    }
+}
+
+#[test]
+fn the_verifier_shares_nothing_with_what_it_verifies() {
+    let makers = [
+        "labels",
+        "surface",
+        "strip",
+        "measure",
+        "convert",
+        "export",
+        "checkpoint",
+    ];
+    let shared: Vec<&str> = makers
+        .into_iter()
+        .filter(|m| imports()["verify"].contains(*m))
+        .collect();
+    assert!(shared.is_empty(), "verify imports {shared:?}");
+}
+
+#[test]
+fn imports_are_found_wherever_they_stand() {
+    let code = "use crate::{grid::{Dims, Tiling}, error};\nlet a = crate::sys::files::b();\n$crate::tile::c!()";
+    let expected = ["error", "grid", "sys", "tile"].map(String::from);
+    assert!(BTreeSet::from(expected).is_subset(&named(code)));
+}
