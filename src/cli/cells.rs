@@ -285,9 +285,13 @@ fn outside_text(summary: &Summary) -> String {
     }
 }
 
-/// A summary for people.
-fn text(summary: &Summary, which: Table) -> String {
+/// The numbers of a summary that are no distribution.
+fn counts(summary: &Summary, which: Table) -> Vec<(&'static str, String)> {
     let percent = |share: f64| format!("{:.2} %", 100.0 * share);
+    let of_base = |share: Option<f64>, base: &str| match share {
+        Some(share) => format!("{} of {base}", percent(share)),
+        None => "none: all of the grid is outside".to_owned(),
+    };
     let count = output::count(summary.count);
     let base = match summary.porosity_of {
         PorosityOf::Grid => "the grid",
@@ -305,24 +309,27 @@ fn text(summary: &Summary, which: Table) -> String {
         (
             "at the border",
             format!(
-                "{} ({}), in no distribution: the grid cuts them",
+                "{}{}, in no distribution: the grid cuts them",
                 output::count(summary.border.count),
-                percent(summary.border.share)
+                summary
+                    .border
+                    .share
+                    .map_or(String::new(), |share| format!(" ({})", percent(share)))
             ),
         ),
         ("outside", outside_text(summary)),
-        (
-            "volume",
-            format!("{} of {base}", percent(summary.volume_fraction)),
-        ),
-        (
-            "porosity",
-            format!("{} of {base}", percent(summary.porosity)),
-        ),
+        ("volume", of_base(summary.volume_fraction, base)),
+        ("porosity", of_base(summary.porosity, base)),
     ];
     if let Some(median) = summary.sphericity_median {
         rows.push(("sphericity", format!("{} (median)", number(median))));
     }
+    rows
+}
+
+/// A summary for people.
+fn text(summary: &Summary, which: Table) -> String {
+    let rows = counts(summary, which);
     let Some(d) = &summary.equivalent_diameter else {
         return output::table(&rows);
     };

@@ -120,7 +120,7 @@ fn open_against(directory: &Path, path: &Path, input: &InputOptions) -> Result<A
         });
     };
     let mut options = input.options();
-    let same_name = path.file_name() == Some(source.name.as_ref());
+    let same_name = volume::file_name(path) == source.name;
     if same_name {
         options = options.or_part(&source.part);
         // what the file does not state had to be said to open it

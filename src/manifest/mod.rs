@@ -146,6 +146,16 @@ pub struct ColourBy {
     pub legend: String,
 }
 
+impl ColourBy {
+    /// The column with its unit.
+    pub fn title(&self) -> String {
+        match self.unit.as_str() {
+            "" => self.column.clone(),
+            unit => format!("{} [{unit}]", self.column),
+        }
+    }
+}
+
 /// Counts of the tile set that another was chosen from, or of the first one if that was chosen too.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
 pub struct WholeTotals {

@@ -6,8 +6,8 @@ pub use colour::{Map, hex, parse_colour};
 
 use crate::sys::atomic_file::NewFile;
 use font8x8::UnicodeFonts;
-use image::{ImageFormat, Rgb, RgbImage};
-use std::io::{Error, Result};
+use image::{DynamicImage, ImageFormat, ImageReader, Rgb, RgbImage};
+use std::io::{Cursor, Error, Result};
 use std::path::Path;
 
 /// Width and height of a letter before it is scaled.
@@ -56,19 +56,96 @@ impl Picture {
         }
     }
 
+    /// The legend of colours by value: its title, and the colours from left to right with five values from `min` to
+    /// `max` below. `colour` gives that of a share from 0 to 1.
+    pub fn legend(title: &str, [min, max]: [f64; 2], colour: impl Fn(f64) -> [u8; 3]) -> Self {
+        const INK: [u8; 3] = [32, 32, 32];
+        const BAR: [u32; 2] = [512, 40];
+        const MARGIN: u32 = 80;
+        let mut picture = Picture::new([BAR[0] + 2 * MARGIN, BAR[1] + 88], [255; 3]);
+        picture.text([MARGIN, 12], title, 2, INK);
+        for x in 0..BAR[0] {
+            let colour = colour(f64::from(x) / f64::from(BAR[0] - 1));
+            for y in 0..BAR[1] {
+                picture.set([MARGIN + x, 40 + y], colour);
+            }
+        }
+        for tick in 0..5u32 {
+            let x = MARGIN + tick * (BAR[0] - 1) / 4;
+            for y in 0..6 {
+                picture.set([x, 40 + BAR[1] + y], INK);
+            }
+            let value = number(min + f64::from(tick) / 4.0 * (max - min));
+            let half = Picture::text_width(&value, 2) / 2;
+            picture.text([x.saturating_sub(half), 52 + BAR[1]], &value, 2, INK);
+        }
+        picture
+    }
+
+    /// Says how a PNG file differs from this picture; `None` if it does not. Of a file that is larger than this
+    /// picture no more than its header is decoded.
+    pub fn differs(&self, png: &[u8]) -> Option<String> {
+        let (width, height) = self.pixels.dimensions();
+        let reader = || ImageReader::with_format(Cursor::new(png), ImageFormat::Png);
+        match reader().into_dimensions() {
+            Err(e) => return Some(format!("it is no PNG: {e}")),
+            Ok(found) if found != (width, height) => {
+                let [x, y] = [found.0, found.1];
+                return Some(format!(
+                    "found {x} x {y} pixels, expected {width} x {height}"
+                ));
+            }
+            Ok(_) => {}
+        }
+        let found = match reader().decode() {
+            Err(e) => return Some(format!("it cannot be decoded: {e}")),
+            Ok(DynamicImage::ImageRgb8(found)) => found,
+            Ok(other) => return Some(format!("found {:?}, expected 8-bit RGB", other.color())),
+        };
+        if !plain_chunks(png) {
+            return Some("it holds more than a header and pixels".to_owned());
+        }
+        let mut pairs = found.enumerate_pixels().zip(self.pixels.pixels());
+        let ((x, y, found), expected) = pairs.find(|((_, _, found), own)| found != own)?;
+        Some(format!(
+            "pixel {x}, {y} is {:?}, expected {:?}",
+            found.0, expected.0
+        ))
+    }
+
     /// Writes a PNG file, whole or not at all.
     ///
     /// # Errors
     /// The system's.
     pub fn save(&self, path: &Path) -> Result<()> {
         let mut file = NewFile::create(path)?;
-        let mut bytes = std::io::Cursor::new(Vec::new());
+        let mut bytes = Cursor::new(Vec::new());
         self.pixels
             .write_to(&mut bytes, ImageFormat::Png)
             .map_err(Error::other)?;
         std::io::Write::write_all(&mut file, bytes.get_ref())?;
         file.keep(true)
     }
+}
+
+/// True if a PNG has the chunks IHDR, IDAT and IEND alone, one behind the other up to its end.
+fn plain_chunks(png: &[u8]) -> bool {
+    let mut rest = png.get(8..).unwrap_or_default();
+    let mut last: &[u8] = b"";
+    while let Some((head, body)) = rest.split_at_checked(8) {
+        let length = u32::from_be_bytes([head[0], head[1], head[2], head[3]]) as usize;
+        let kind = &head[4..];
+        // the body and its checksum
+        let Some(next) = length.checked_add(4).and_then(|n| body.get(n..)) else {
+            return false;
+        };
+        match (kind, last) {
+            (b"IHDR", b"") | (b"IDAT", b"IHDR" | b"IDAT") | (b"IEND", b"IDAT") => {}
+            _ => return false,
+        }
+        (last, rest) = (kind, next);
+    }
+    last == b"IEND" && rest.is_empty()
 }
 
 /// A number in about four digits.
@@ -120,5 +197,26 @@ mod tests {
         assert_eq!(image::open(&path).unwrap().to_rgb8(), picture.pixels);
         assert!(picture.save(&dir.path().join("no/a.png")).is_err());
         assert_eq!(std::fs::read_dir(dir.path()).unwrap().count(), 1);
+    }
+
+    #[test]
+    fn a_picture_is_told_from_others() {
+        let legend = |max: f64| Picture::legend("a", [0.0, max], |v| [(v * 255.0) as u8; 3]);
+        let dir = tempfile::tempdir().unwrap();
+        let path = dir.path().join("a.png");
+        legend(1.0).save(&path).unwrap();
+        let png = std::fs::read(&path).unwrap();
+        assert_eq!(legend(1.0).differs(&png), None);
+        let text = |found: Option<String>| found.unwrap_or_default();
+        assert!(text(legend(2.0).differs(&png)).starts_with("pixel"));
+        assert!(text(Picture::new([3, 3], [0; 3]).differs(&png)).contains("expected 3 x 3"));
+        for broken in [&png[..0], b"GIF89a", &png[..png.len() / 2]] {
+            assert!(legend(1.0).differs(broken).is_some());
+        }
+        // a chunk that shows nothing, and bytes behind the end
+        let mut more = png.clone();
+        more.splice(33..33, *b"\0\0\0\x01tEXtx\0\0\0\0");
+        assert!(legend(1.0).differs(&more).is_some());
+        assert!(legend(1.0).differs(&[&png[..], b"x"].concat()).is_some());
     }
 }

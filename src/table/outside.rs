@@ -87,6 +87,13 @@ impl Reach {
         Ok(reached.as_flattened().iter().filter(|r| **r).count() >= FACES)
     }
 
+    /// True if a row reaches both ends of the grid along one axis alone, and one along each other.
+    fn lies_along_an_edge(&self, row: &Row) -> Result<bool> {
+        let [lower, upper] = self.ends(row)?;
+        let both = (0..3).filter(|&r| lower[r] && upper[r]).count();
+        Ok(both == 1 && (0..3).all(|r| lower[r] || upper[r]))
+    }
+
     /// True if a row reaches all four sides of the grid, across x and y.
     fn reaches_all_sides(&self, row: &Row) -> Result<bool> {
         let reached = self.ends(row)?;
@@ -131,6 +138,10 @@ pub(super) struct Air {
     /// A cell that looks like it, whether it counts or not: it reaches all four sides and has most of all below
     /// voxels. With its share of those.
     pub likely: Option<(u64, f64)>,
+    /// How many of [`Air::cells`] reach both ends along one axis alone, as a pore along an edge of the grid does, and
+    /// the first of them.
+    pub at_edges: u64,
+    pub at_an_edge: Option<u64>,
 }
 
 impl Air {
@@ -151,6 +162,10 @@ impl Air {
             if outside == Outside::BorderCell && reach.is_outside(&row)? {
                 air.cells += 1;
                 air.voxels += of_row;
+                if reach.lies_along_an_edge(&row)? {
+                    air.at_edges += 1;
+                    air.at_an_edge = air.at_an_edge.or(Some(row.whole(id)?));
+                }
             }
             if 2.0 * of_row > below && reach.reaches_all_sides(&row)? {
                 air.likely = Some((row.whole(id)?, of_row / below));

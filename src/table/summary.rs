@@ -24,8 +24,8 @@ pub struct Summary {
     #[serde(flatten)]
     pub counts: Counts,
     /// Share of below voxels, 0 to 1, in what [`Summary::porosity_of`] says; for a part of a tile set that of the
-    /// whole.
-    pub porosity: f64,
+    /// whole. Absent if that has no voxels.
+    pub porosity: Option<f64>,
     /// What porosity and volume fraction are shares of.
     pub porosity_of: PorosityOf,
     /// Which cells count as air around the sample.
@@ -34,8 +34,8 @@ pub struct Summary {
     pub outside_cells: u64,
     /// Their voxels.
     pub outside_voxels: u64,
-    /// Share of the chosen rows' voxels, 0 to 1.
-    pub volume_fraction: f64,
+    /// Share of the chosen rows' voxels, 0 to 1, in the same; absent if that has no voxels.
+    pub volume_fraction: Option<f64>,
     /// Rows that touch the grid's outer faces and may go on outside.
     pub border: Border,
     /// Distribution of the diameter of the ball with the same volume, of rows that do not touch the border;
@@ -82,8 +82,8 @@ pub enum Counts {
 pub struct Border {
     /// How many.
     pub count: u64,
-    /// Share of the chosen rows, 0 to 1.
-    pub share: f64,
+    /// Share of the chosen rows, 0 to 1; absent if there are none.
+    pub share: Option<f64>,
 }
 
 /// A distribution in two weights.
@@ -171,7 +171,7 @@ pub fn summarise(
     let left_out = which == Table::Cells && outside != Outside::None;
     let rows = Rows::read(&mut which.open(dir, manifest)?, query, (manifest, left_out))?;
     let rest = all - air.voxels;
-    let share = |voxels: f64| if rest > 0.0 { voxels / rest } else { 0.0 };
+    let share = |voxels: f64| (rest > 0.0).then(|| voxels / rest);
     Ok(Summary {
         count: rows.count,
         of: rows.of,
@@ -187,28 +187,44 @@ pub fn summarise(
         volume_fraction: share(rows.voxels),
         border: Border {
             count: rows.border,
-            share: rows.border as f64 / (rows.count.max(1)) as f64,
+            share: (rows.count > 0).then(|| rows.border as f64 / rows.count as f64),
         },
         sphericity_median: quantile(&rows.round, 0.5),
         equivalent_diameter: distribution(rows.sizes, rows.unit),
-        warnings: warnings(&air, outside),
+        warnings: warnings(&air, (outside, rest)),
     })
 }
 
-/// What a user should know of the porosity.
-fn warnings(air: &Air, outside: Outside) -> Vec<String> {
+/// What a user should know of the porosity, which is of so many voxels.
+fn warnings(air: &Air, (outside, rest): (Outside, f64)) -> Vec<String> {
+    let mut all = Vec::new();
     match (outside, air.likely) {
-        (Outside::None, Some((id, share))) => vec![format!(
+        (Outside::None, Some((id, share))) => all.push(format!(
             "cell {id} has {:.1} % of the air and reaches all four sides of the grid: if it is the air around a \
              sample, leave it out of porosity and volumes by --outside border-cell",
             100.0 * share
-        )],
-        (Outside::BorderCell, _) if air.cells == 0 => vec![
+        )),
+        (Outside::BorderCell, _) if air.cells == 0 => all.push(
             "no cell reaches four faces of the grid: none was taken as the air around a sample"
-                .to_string(),
-        ],
-        _ => Vec::new(),
+                .to_owned(),
+        ),
+        _ => {}
     }
+    if let Some(id) = air.at_an_edge {
+        all.push(format!(
+            "{} of the cells that were taken as outside, as cell {id}, reach two opposite faces of the grid and two \
+             that meet: a pore at an edge of the grid that is as long as the grid does so too; if they are pores, use \
+             a larger crop or --outside none",
+            air.at_edges
+        ));
+    }
+    if rest <= 0.0 {
+        all.push(
+            "all voxels of the grid are taken as outside: there is no porosity and no share of what is left"
+                .to_owned(),
+        );
+    }
+    all
 }
 
 /// What is gathered from rows.

@@ -57,6 +57,7 @@ pub(crate) mod features;
 mod file;
 mod merged;
 mod mesh;
+mod padding;
 mod paint;
 pub(crate) mod part;
 pub(crate) mod pieces;

@@ -2,10 +2,8 @@
 
 use super::code::Code;
 use super::report::Issues;
-use crate::error::{Error, Result};
 use crate::manifest::{TileEntry, checksum_text, is_plain};
 use crate::sys::direct_io::Buffer;
-use std::collections::BTreeSet;
 use std::fs::File;
 use std::io::ErrorKind;
 use std::path::{Path, PathBuf};
@@ -122,41 +120,4 @@ fn fill(path: &Path, out: &mut Buffer) -> std::io::Result<()> {
         ErrorKind::OutOfMemory => std::io::Error::other("it does not fit into memory"),
         _ => e,
     })
-}
-
-/// Reports everything in the directory `path` whose name is not `known`; a missing directory holds
-/// nothing foreign.
-///
-/// # Errors
-/// [`Error::Io`] if the directory is there but cannot be listed.
-pub(super) fn foreign(
-    root: &Path,
-    path: &str,
-    known: impl Fn(&str) -> bool,
-    issues: &mut Issues,
-) -> Result<()> {
-    let dir = root.join(path);
-    if dir.canonicalize().is_ok_and(|real| !real.starts_with(root)) {
-        let message = "found a link to a folder outside the tile set";
-        issues.add(Code::PathOutside, path, message);
-        return Ok(());
-    }
-    let entries = match std::fs::read_dir(&dir) {
-        Ok(entries) => entries,
-        Err(e) if e.kind() == std::io::ErrorKind::NotFound => return Ok(()),
-        Err(e) => return Err(Error::io(&dir, "list the directory", e)),
-    };
-    let mut found = BTreeSet::new();
-    for entry in entries {
-        let entry = entry.map_err(|e| Error::io(&dir, "list the directory", e))?;
-        let name = entry.file_name().to_string_lossy().into_owned();
-        if !known(&name) {
-            found.insert(name);
-        }
-    }
-    for name in found {
-        let message = "found, expected only what the index names";
-        issues.add(Code::ForeignFile, format!("{path}/{name}"), message);
-    }
-    Ok(())
 }

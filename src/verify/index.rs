@@ -187,10 +187,15 @@ fn check_crop(m: &Manifest, wrong: &mut impl FnMut(&str, String)) {
 /// Checks counts that the tiles do not show.
 fn check_counts(m: &Manifest, wrong: &mut impl FnMut(&str, String)) {
     let t = &m.totals;
-    if let Some(of) = m.selection.as_ref().map(|s| s.of) {
+    if let Some(selection) = &m.selection {
+        let of = selection.of;
         let all = [of.cells, of.objects, of.surfaces, of.voxels_above];
         let own = [t.cells, t.objects, t.surfaces, t.voxels_above];
-        if own.iter().zip(all).any(|(own, all)| *own > all) {
+        let fewer = own.iter().zip(all).all(|(own, all)| *own <= all);
+        // without a condition all are there, and all objects have all voxels
+        let chosen = selection.condition.is_some() || own == all;
+        let same_objects = own[1] != all[1] || own[3] == all[3];
+        if !(fewer && chosen && same_objects) {
             let message = format!("found {all:?} of the whole, and {own:?} of the part");
             wrong("selection/of", message);
         }
@@ -205,6 +210,11 @@ fn check_counts(m: &Manifest, wrong: &mut impl FnMut(&str, String)) {
             let message = format!("found {d:?}, expected components of fewer voxels than the size");
             wrong("dust", message);
         }
+    }
+    let name = &m.source.name;
+    if name.contains(['/', '\0']) || name == "." || name == ".." {
+        let message = format!("found {name:?}, expected a file name without its directory");
+        wrong("source/name", message);
     }
     if m.source.offset != 0 && m.source.format != "raw" {
         let message = format!("found {} for {}", m.source.offset, m.source.format);
@@ -227,46 +237,6 @@ pub(super) fn tile_name(grid: [u32; 3]) -> String {
     format!("y{:04}_x{:04}.glb", grid[1], grid[0])
 }
 
-/// Looks for files that the manifest does not name; those of a layer follow with its shard.
-///
-/// # Errors
-/// [`Error::Io`] if a directory cannot be listed.
-pub(super) fn foreign_files(root: &Path, manifest: &Manifest, issues: &mut Issues) -> Result<()> {
-    let has = |z: &u32| manifest.layers.binary_search_by_key(z, |l| l.z).is_ok();
-    let layer = |name: &str| name.strip_prefix('z')?.parse().ok().filter(has);
-    let shard = |name: &str| {
-        let z = name.strip_suffix(".json").and_then(layer);
-        z.is_some_and(|z| shard_path(z).strip_prefix("index/") == Some(name))
-    };
-    files::foreign(root, "index", shard, issues)?;
-    let tiles = |name: &str| layer(name).is_some_and(|z| tile_dir(z) == name);
-    files::foreign(root, "tiles", tiles, issues)
-}
-
-/// Looks for files in the directory of a layer's tiles that its shard does not name. `tiles` are those that it
-/// does, by their places (y, x), which rise.
-///
-/// # Errors
-/// [`Error::Io`] if the directory cannot be listed.
-pub(super) fn foreign_tiles(
-    root: &Path,
-    z: u32,
-    tiles: &[[u32; 2]],
-    issues: &mut Issues,
-) -> Result<()> {
-    let named = |name: &str| {
-        let place = name
-            .strip_prefix('y')?
-            .strip_suffix(".glb")?
-            .split_once("_x")?;
-        let [y, x] = [place.0.parse().ok()?, place.1.parse().ok()?];
-        let has = tiles.binary_search(&[y, x]).is_ok();
-        (has && tile_name([x, y, z]) == name).then_some(())
-    };
-    let dir = format!("tiles/{}", tile_dir(z));
-    files::foreign(root, &dir, |name| named(name).is_some(), issues)
-}
-
 /// Counts and sums up the bytes that are read.
 struct Summed {
     file: File,
@@ -280,6 +250,91 @@ impl Read for Summed {
         self.bytes += found as u64;
         self.crc.update(&out[..found]);
         Ok(found)
+    }
+}
+
+/// What the text of a shard holds.
+struct Scanned<'a> {
+    file: File,
+    bytes: u64,
+    crc: u32,
+    z: Option<u32>,
+    tiles: u64,
+    order: Order<'a>,
+    /// Why it is no shard.
+    fault: Option<String>,
+}
+
+impl<'a> Scanned<'a> {
+    /// Reads a file to its end.
+    ///
+    /// # Errors
+    /// The system's.
+    fn read(file: File, mut order: Order<'a>) -> std::io::Result<Self> {
+        let summed = Summed {
+            file,
+            bytes: 0,
+            crc: crc32fast::Hasher::new(),
+        };
+        let mut text = ShardText::new(BufReader::with_capacity(1 << 16, summed));
+        let mut tiles = 0;
+        let fault = loop {
+            match text.next_tile() {
+                Ok(Some(tile)) => order.add(&tile),
+                Ok(None) => break None,
+                Err(fault) => break Some(fault),
+            }
+            tiles += 1;
+        };
+        let z = text.z();
+        let mut rest = text.into_input();
+        let drained = std::io::copy(&mut rest, &mut std::io::sink());
+        let fault = match (fault, drained) {
+            (Some(ShardFault::Io(e)), _) | (_, Err(e)) => return Err(e),
+            (Some(ShardFault::Json(message)), _) => Some(message),
+            (None, _) => None,
+        };
+        let Summed { file, bytes, crc } = rest.into_inner();
+        Ok(Scanned {
+            file,
+            bytes,
+            crc: crc.finalize(),
+            z,
+            tiles,
+            order,
+            fault,
+        })
+    }
+
+    /// Checks what it says by itself and beside its layer, which is at `at`; false if its tiles cannot be read.
+    fn check(self, (layer, at): (&Layer, &str), issues: &mut Issues) -> std::io::Result<bool> {
+        let named = shard_path(layer.z);
+        if layer.path != named {
+            let message = format!("found {}, expected {named}", layer.path);
+            issues.add(Code::PathName, format!("{at}/path"), message);
+            return Ok(false);
+        }
+        if let Some(message) = self.fault {
+            issues.add(Code::ShardSyntax, &layer.path, message);
+            return Ok(false);
+        }
+        check_members(&closed::SHARD, &self.file, &layer.path, issues)?;
+        let (z, tiles) = (self.z, self.tiles);
+        if z != Some(layer.z) || tiles != layer.tiles {
+            let message = format!(
+                "found z {} with {tiles} tiles, expected z {} with {} tiles as in {at}",
+                z.unwrap_or_default(),
+                layer.z,
+                layer.tiles
+            );
+            issues.add(Code::ShardValue, &layer.path, message);
+            return Ok(false);
+        }
+        if let Some((code, place, message)) = self.order.wrong {
+            issues.add(code, place, message);
+            return Ok(false);
+        }
+        Ok(true)
     }
 }
 
@@ -299,66 +354,19 @@ pub(super) fn shard<'a>(
         at: &at,
     };
     let real = files::resolve(root, &layer.path, &at, issues)?;
-    let unreadable = |e: std::io::Error, issues: &mut Issues| {
-        let message = format!("cannot be read: {e}");
-        issues.add(Code::MissingFile, &layer.path, message);
-        None
-    };
-    let file = match files::open(&real) {
-        Ok(file) => file,
-        Err(e) => return unreadable(e, issues),
-    };
-    let summed = Summed {
-        file,
-        bytes: 0,
-        crc: crc32fast::Hasher::new(),
-    };
-    let mut text = ShardText::new(BufReader::with_capacity(1 << 16, summed));
-    let (mut tiles, mut order) = (0, Order::new(layer, tiling));
-    let fault = loop {
-        match text.next_tile() {
-            Ok(Some(tile)) => order.add(&tile),
-            Ok(None) => break None,
-            Err(fault) => break Some(fault),
+    let scanned = files::open(&real).and_then(|f| Scanned::read(f, Order::new(layer, tiling)));
+    let checked = scanned.and_then(|scanned| {
+        files::compare_sums(&expected, scanned.bytes, || scanned.crc, issues);
+        scanned.check((layer, &at), issues)
+    });
+    match checked {
+        Ok(true) => {}
+        Ok(false) => return None,
+        Err(e) => {
+            let message = format!("cannot be read: {e}");
+            issues.add(Code::MissingFile, &layer.path, message);
+            return None;
         }
-        tiles += 1;
-    };
-    let z = text.z();
-    let mut rest = text.into_input();
-    let drained = std::io::copy(&mut rest, &mut std::io::sink());
-    let fault = match (fault, drained) {
-        (Some(ShardFault::Io(e)), _) | (_, Err(e)) => return unreadable(e, issues),
-        (Some(ShardFault::Json(message)), _) => Some(message),
-        (None, _) => None,
-    };
-    let Summed { file, bytes, crc } = rest.into_inner();
-    files::compare_sums(&expected, bytes, || crc.finalize(), issues);
-    let named = shard_path(layer.z);
-    if layer.path != named {
-        let message = format!("found {}, expected {named}", layer.path);
-        issues.add(Code::PathName, format!("{at}/path"), message);
-        return None;
-    }
-    if let Some(message) = fault {
-        issues.add(Code::ShardSyntax, &layer.path, message);
-        return None;
-    }
-    if let Err(e) = check_members(&closed::SHARD, &file, &layer.path, issues) {
-        return unreadable(e, issues);
-    }
-    if z != Some(layer.z) || tiles != layer.tiles {
-        let message = format!(
-            "found z {} with {tiles} tiles, expected z {} with {} tiles as in {at}",
-            z.unwrap_or_default(),
-            layer.z,
-            layer.tiles
-        );
-        issues.add(Code::ShardValue, &layer.path, message);
-        return None;
-    }
-    if let Some((code, place, message)) = order.wrong {
-        issues.add(code, place, message);
-        return None;
     }
     match ShardTiles::open(real, layer.z) {
         Ok(tiles) => Some(Tiles {

@@ -45,6 +45,9 @@ impl Work<'_, '_> {
             self.sound = false;
             return;
         }
+        if strips {
+            self.count_strips(node, &ws.indices);
+        }
         match &p.pieces {
             Pieces::One(ids) => {
                 let label = Label {
@@ -73,6 +76,20 @@ impl Work<'_, '_> {
         }
         if self.sound {
             self.check_bounds(p, ws.span);
+        }
+    }
+
+    /// Counts the strips that are stitched in a primitive.
+    fn count_strips(&mut self, node: usize, indices: &[u32]) {
+        let (joints, odd) = dispatch!(joints(indices));
+        self.counts.strips += 1 + joints;
+        if odd {
+            let message = "entries are repeated at the end, or more often than joints need";
+            self.issue(
+                Code::GltfUnused,
+                &format!("/nodes/{node}/mesh"),
+                message.to_owned(),
+            );
         }
     }
 
@@ -292,6 +309,30 @@ fn is_unit([x, y, z]: [f32; 3], slack: f32) -> bool {
 fn count_odd(normals: &Normals, slack: f32) -> usize {
     let add = |count, n| count + usize::from(!is_unit(n, slack));
     normals.iter().fold(0, add)
+}
+
+/// The number of joints in a stitched strip, where entries follow themselves, the next such entry at most two behind
+/// the one before. True if the strip ends with a joint, begins with more than an entry twice, which puts it at an odd
+/// place, or has an entry six times in a row.
+#[inline(always)]
+fn joints(indices: &[u32]) -> (u64, bool) {
+    let ends = |last: &[u32; 3]| last[0] == last[1] || last[1] == last[2];
+    let begins = |first: &[u32; 3]| first[1] == first[2];
+    let mut odd =
+        indices.last_chunk().is_some_and(ends) || indices.first_chunk().is_some_and(begins);
+    // entries k to k + 5, for all k together
+    let n = indices.len().saturating_sub(5);
+    let ahead: [&[u32]; 6] = std::array::from_fn(|k| indices.get(k..k + n).unwrap_or_default());
+    let mut joints = 0u32;
+    for i in 0..n {
+        let same: [bool; 5] = std::array::from_fn(|k| ahead[k][i] == ahead[k + 1][i]);
+        joints += u32::from(same[2] & !same[1] & !same[0]);
+        odd |= same.iter().fold(true, |all, same| all & same);
+    }
+    for w in indices.get(n..).unwrap_or_default().windows(4) {
+        joints += u32::from((w[2] == w[3]) & (w[1] != w[2]) & (w[0] != w[1]));
+    }
+    (joints.into(), odd)
 }
 
 /// Triangles of a strip that are decoded at once.

@@ -52,6 +52,7 @@ mod edges;
 mod facets;
 mod files;
 mod first;
+mod foreign;
 mod geometry;
 mod gradient;
 mod index;
@@ -143,7 +144,7 @@ pub fn verify(dir: &Path, options: &VerifyOptions, progress: &dyn Progress) -> R
         if let (Some(source), Some(volume)) = (options.source, options.against) {
             source::check(&manifest, source, &volume.header().placement, &mut issues);
         }
-        index::foreign_files(&root, &manifest, &mut issues)?;
+        foreign::foreign_files(&root, &manifest, &mut issues)?;
         found.part = manifest.is_part();
         let cx = Context::new(&root, &manifest, options.max_issues);
         let original = Original::new(options.against, &manifest, progress, &mut issues)?;

@@ -8,8 +8,11 @@ use super::files;
 use super::report::Issues;
 use crate::error::{Error, Result};
 use crate::manifest::{ColourBy, Manifest, Selection};
+use crate::picture::Picture;
 use crate::table::{Column, Expr, Row, Table, TableReader};
+use colorous::Gradient;
 use std::collections::{BTreeSet, BinaryHeap};
+use std::io::Read;
 use std::path::Path;
 
 /// The colour of a piece: 0 for the common grey, [`PAINTED`] and sRGB, or [`MIXED`].
@@ -37,7 +40,9 @@ const LISTED: usize = 9;
 const STEPS: usize = 256;
 
 /// The name of the picture of colours.
-const LEGEND: &str = "legend.png";
+pub(super) const LEGEND: &str = "legend.png";
+/// Bytes that are read of it; it has a few thousand.
+const LARGEST_LEGEND: u64 = 1 << 20;
 
 /// Which cells have a colour.
 enum Who {
@@ -57,7 +62,7 @@ struct Rule {
 /// Colours by value.
 struct Scale {
     value: Expr,
-    map: colorous::Gradient,
+    map: Gradient,
     min: f64,
     max: f64,
 }
@@ -80,14 +85,7 @@ impl<'a> Paints<'a> {
         const AT: &str = "index.json#/selection";
         let selection = manifest.selection.as_ref()?;
         if let Some(by) = &selection.colour_by {
-            let at = format!("{AT}/colour_by/legend");
-            let real = files::resolve(root, &by.legend, &at, issues);
-            if real.as_ref().is_some_and(|real| !real.is_file()) {
-                issues.add(Code::MissingFile, &by.legend, "it is no regular file");
-            } else if real.is_some() && by.legend != LEGEND {
-                let message = format!("found {}, expected {LEGEND}", by.legend);
-                issues.add(Code::PathName, at, message);
-            }
+            check_legend(root, by, issues);
         }
         // what is wrong with the table itself is said elsewhere
         let table = Table::Cells.open(root, manifest).ok()?;
@@ -209,29 +207,64 @@ impl<'a> Paints<'a> {
     }
 }
 
+/// Compares the picture of colours with what the manifest says of them.
+fn check_legend(root: &Path, by: &ColourBy, issues: &mut Issues) {
+    const AT: &str = "index.json#/selection/colour_by/legend";
+    let Some(real) = files::resolve(root, &by.legend, AT, issues) else {
+        return;
+    };
+    if by.legend != LEGEND {
+        let message = format!("found {}, expected {LEGEND}", by.legend);
+        return issues.add(Code::PathName, AT, message);
+    }
+    let mut png = Vec::new();
+    let read = files::open(&real).and_then(|f| f.take(LARGEST_LEGEND).read_to_end(&mut png));
+    if let Err(e) = read {
+        return issues.add(Code::MissingFile, LEGEND, format!("cannot be read: {e}"));
+    }
+    // a map that is none is said elsewhere
+    let Ok(map) = gradient(&by.map) else {
+        return;
+    };
+    let picture = Picture::legend(&by.title(), [by.min, by.max], |v| colour_at(map, v));
+    if let Some(message) = picture.differs(&png) {
+        let message = format!("it is not the picture of the colours in {AT}: {message}");
+        issues.add(Code::Paint, LEGEND, message);
+    }
+}
+
+/// The colour map of a name.
+fn gradient(name: &str) -> Result<Gradient> {
+    Ok(match name {
+        "viridis" => colorous::VIRIDIS,
+        "magma" => colorous::MAGMA,
+        "plasma" => colorous::PLASMA,
+        "inferno" => colorous::INFERNO,
+        "cividis" => colorous::CIVIDIS,
+        "turbo" => colorous::TURBO,
+        other => return Err(Error::usage("map", other, "a colour map")),
+    })
+}
+
+/// The colour of a map at a share from 0 to 1.
+fn colour_at(map: Gradient, share: f64) -> [u8; 3] {
+    let step = (share.clamp(0.0, 1.0) * (STEPS - 1) as f64).round() as usize;
+    let c = map.eval_rational(step, STEPS);
+    [c.r, c.g, c.b]
+}
+
 impl Scale {
     fn new(by: &ColourBy, columns: &[Column]) -> Result<Self> {
-        let map = match by.map.as_str() {
-            "viridis" => colorous::VIRIDIS,
-            "magma" => colorous::MAGMA,
-            "plasma" => colorous::PLASMA,
-            "inferno" => colorous::INFERNO,
-            "cividis" => colorous::CIVIDIS,
-            "turbo" => colorous::TURBO,
-            other => return Err(Error::usage("map", other, "a colour map")),
-        };
         Ok(Scale {
             value: Expr::number("column", &by.column, columns)?,
-            map,
+            map: gradient(&by.map)?,
             min: by.min,
             max: by.max,
         })
     }
 
     fn at(&self, share: f64) -> [u8; 3] {
-        let step = (share.clamp(0.0, 1.0) * (STEPS - 1) as f64).round() as usize;
-        let c = self.map.eval_rational(step, STEPS);
-        [c.r, c.g, c.b]
+        colour_at(self.map, share)
     }
 
     /// The colour of a row; none if it has no value.
@@ -250,7 +283,8 @@ impl Scale {
 
 /// A colour `#rrggbb`.
 fn hex(text: &str) -> Result<[u8; 3]> {
-    let digits = text.strip_prefix('#').filter(|d| d.len() == 6);
+    let lower = |d: &&str| d.len() == 6 && !d.contains(|c: char| c.is_ascii_uppercase());
+    let digits = text.strip_prefix('#').filter(lower);
     match digits.and_then(|d| u32::from_str_radix(d, 16).ok()) {
         Some(number) => {
             let [_, r, g, b] = number.to_be_bytes();
@@ -303,7 +337,7 @@ mod tests {
     fn colours_and_ranks_are_read_as_they_are_written() {
         assert_eq!(name(colour(Some([255, 136, 0]))), "#ff8800");
         assert_eq!(hex("#ff8800").unwrap(), [255, 136, 0]);
-        assert!(hex("ff8800").is_err() && hex("#ff880").is_err());
+        assert!(hex("ff8800").is_err() && hex("#ff880").is_err() && hex("#FF8800").is_err());
         assert_eq!(rank("best:10"), Some((10, true)));
         assert_eq!(rank("volume > 1"), None);
     }

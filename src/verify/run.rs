@@ -4,6 +4,7 @@ use super::against::{Band, CubeTriangles, Rule, Voxels};
 use super::ahead::{self, Fetched, Spare, Stream};
 use super::code::Code;
 use super::dust::Filled;
+use super::foreign;
 use super::index::{self, Tiles};
 use super::laws::Found;
 use super::ledger::Ledger;
@@ -301,7 +302,7 @@ impl<'a> Run<'a> {
                 },
                 Event::End(layer) => {
                     state.end_layer(&layer)?;
-                    index::foreign_tiles(self.cx.root, layer.z, &layer.places, state.issues)?;
+                    foreign::foreign_tiles(self.cx.root, layer.z, &layer.places, state.issues)?;
                 }
             }
         }
@@ -322,7 +323,7 @@ impl<'a> Run<'a> {
                 continue;
             };
             let layer = self.compare_layer(z, Some(tiles), state)?;
-            index::foreign_tiles(self.cx.root, z, &layer.places, state.issues)?;
+            foreign::foreign_tiles(self.cx.root, z, &layer.places, state.issues)?;
         }
         let all = self.cx.tiling.tiles()[2];
         (next..all).try_for_each(|empty| self.compare_layer(empty, None, state).map(|_| ()))

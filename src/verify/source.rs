@@ -35,8 +35,9 @@ impl SourceVolume {
 }
 
 /// Compares format, size, type, byte order, offset and scaling with those of the volume, and what of the
-/// place neither has from an option; `place` is that of the volume as it was cut. A file of another name may
-/// hold the same samples in another form, so of one it is only said that this was not compared.
+/// place neither has from an option; `place` is that of the volume as it was cut. A file of another name and another
+/// format may hold the same samples: of one, what depends on the form of the file is left out. If nothing differs but
+/// the name, that is a warning.
 pub(super) fn check(
     manifest: &Manifest,
     volume: &SourceVolume,
@@ -44,55 +45,100 @@ pub(super) fn check(
     issues: &mut Issues,
 ) {
     let (source, header) = (&manifest.source, &volume.header);
-    if volume.name != source.name {
+    let renamed = volume.name != source.name;
+    let other_form = renamed && header.format != source.format;
+    let mut differences = 0;
+    let mut compare = |name: &str, found: String, stated: String| {
+        if found != stated {
+            differences += 1;
+            let message = format!("stated {stated}, the volume has {found}");
+            issues.add(Code::SourceMismatch, format!("index.json#/{name}"), message);
+        }
+    };
+    compare(
+        "source/dims",
+        header.dims.to_string(),
+        source.dims.to_string(),
+    );
+    compare(
+        "source/dtype",
+        header.dtype.to_string(),
+        source.dtype.to_string(),
+    );
+    compare(
+        "source/values",
+        values(&volume.values),
+        values(&source.values),
+    );
+    if !other_form {
+        check_form(manifest, volume, &mut compare);
+    }
+    check_place(manifest, &volume.provenance, place, &mut compare);
+    if renamed && differences == 0 {
+        let less = match other_form {
+            true => format!(
+                ", and it is {}, not {}: byte order, offset and where sizes come from were not compared",
+                header.format, source.format
+            ),
+            false => String::new(),
+        };
         let message = format!(
-            "the volume is named {}, the source {}: what is stated of the source was not compared",
+            "the volume is named {:?}, the source {:?}{less}",
             volume.name, source.name
         );
         issues.push(Issue {
             severity: Severity::Warning,
             ..Issue::new(Code::SourceMismatch, "index.json#/source/name", message)
         });
-        return;
     }
-    let mut compare = |name: &str, found: String, stated: String| {
-        if found != stated {
-            let message = format!("stated {stated}, the volume has {found}");
-            issues.add(Code::SourceMismatch, format!("index.json#/{name}"), message);
-        }
-    };
-    let pairs = [
-        ("format", header.format.to_owned(), source.format.clone()),
-        ("dims", header.dims.to_string(), source.dims.to_string()),
-        ("dtype", header.dtype.to_string(), source.dtype.to_string()),
-        (
-            "endian",
-            header.endian.to_string(),
-            // the order of single bytes says nothing
-            match header.dtype.bytes() {
-                1 => header.endian.to_string(),
-                _ => source.endian.to_string(),
-            },
-        ),
-        (
-            "offset",
-            volume.offset.to_string(),
-            source.offset.to_string(),
-        ),
-        ("values", values(&volume.values), values(&source.values)),
+}
+
+/// Compares what depends on the form of the file, and where the parts of its place come from.
+fn check_form(
+    manifest: &Manifest,
+    volume: &SourceVolume,
+    compare: &mut impl FnMut(&str, String, String),
+) {
+    let (source, header) = (&manifest.source, &volume.header);
+    compare(
+        "source/format",
+        header.format.to_owned(),
+        source.format.clone(),
+    );
+    compare(
+        "source/endian",
+        header.endian.to_string(),
+        source.endian.to_string(),
+    );
+    compare(
+        "source/offset",
+        volume.offset.to_string(),
+        source.offset.to_string(),
+    );
+    let (own, stated) = (&volume.provenance, &source.provenance);
+    let word = |origin: Origin| format!("{origin:?}").to_lowercase();
+    let axis = |a: usize| (format!("spacing/{a}"), own.spacing[a], stated.spacing[a]);
+    let others = [
+        ("unit".to_owned(), own.unit, stated.unit),
+        ("origin".to_owned(), own.origin, stated.origin),
     ];
-    for (name, found, stated) in pairs {
-        compare(&format!("source/{name}"), found, stated);
+    for (name, own, stated) in (0..3).map(axis).chain(others) {
+        if own != Origin::Option && stated != Origin::Option {
+            compare(
+                &format!("source/provenance/{name}"),
+                word(own),
+                word(stated),
+            );
+        }
     }
-    check_place(manifest, &volume.provenance, place, &mut compare);
 }
 
 fn values(values: &Option<String>) -> String {
     values.clone().unwrap_or_else(|| "none".to_owned())
 }
 
-/// Compares where spacing, unit and origin come from, and those that neither the index nor the volume, by its
-/// provenance `own`, has from an option, which says nothing of the file.
+/// Compares spacing, unit and origin where neither the index nor the volume, by its provenance `own`, has them from an
+/// option, which says nothing of the file.
 fn check_place(
     manifest: &Manifest,
     own: &Provenance,
@@ -100,24 +146,13 @@ fn check_place(
     compare: &mut impl FnMut(&str, String, String),
 ) {
     let stated = &manifest.source.provenance;
-    let known = |a: Origin, b: Origin| a != Origin::Option && b != Origin::Option;
-    let word = |origin: Origin| format!("{origin:?}").to_lowercase();
+    // those that are no option's are the file's, or the same for lack of them
+    let known = |a: Origin, b: Origin| a == b && a != Origin::Option;
     // in the unit of the index, or as numbers where the file has no unit
     let shown = place.in_unit(manifest.placement.unit).unwrap_or(*place);
     for a in (0..3).filter(|&a| known(own.spacing[a], stated.spacing[a])) {
-        let path = format!("source/provenance/spacing/{a}");
-        compare(&path, word(own.spacing[a]), word(stated.spacing[a]));
         let size = |p: &Placement| p.spacing[a].to_string();
         compare("spacing", size(&shown), size(&manifest.placement));
-    }
-    for (name, own, stated) in [
-        ("unit", own.unit, stated.unit),
-        ("origin", own.origin, stated.origin),
-    ] {
-        if known(own, stated) {
-            let path = format!("source/provenance/{name}");
-            compare(&path, word(own), word(stated));
-        }
     }
     let of_file = |a: Origin, b: Origin| a == Origin::File && b == Origin::File;
     if of_file(own.unit, stated.unit) {

@@ -158,7 +158,12 @@ impl Table {
             Ok(_) => return self.stop("found a line of more than 64 KiB", issues),
             Err(e) => return self.stop(&e.to_string(), issues),
         }
-        text.truncate(text.trim_end_matches('\n').len());
+        if text.pop() != Some('\n') {
+            return self.stop(
+                "found the end of the file, expected that of the line",
+                issues,
+            );
+        }
         Some(text)
     }
 
@@ -368,22 +373,35 @@ impl Row {
     }
 
     fn take(&mut self, field: &str, name: &str) {
-        let is_number = |v: &f64| match WHOLE.contains(&name) {
-            // as they are written, so that every reader takes them for whole numbers
-            true => field.bytes().all(|b| b.is_ascii_digit() || b == b'-'),
-            false => v.is_finite(),
-        };
-        let value = field.parse::<f64>().ok().filter(is_number);
+        let is_whole = WHOLE.contains(&name);
+        // as they are written, so that every reader takes them for the same
+        let value = field.parse::<f64>().ok();
+        let value = value.filter(|v| v.is_finite() && is_plain(field, is_whole));
         if value.is_none() && !field.is_empty() {
-            let expected = if WHOLE.contains(&name) {
+            let expected = if is_whole {
                 "a whole number"
             } else {
-                "a number"
+                "a number without exponent, plus, or zeros that say nothing"
             };
             self.bad = Some(format!("{name}: found {field:?}, expected {expected}"));
         }
         self.values.push(value);
     }
+}
+
+/// True if a number is written in digits as the tables have it: no plus and no exponent, nor zeros that say nothing.
+fn is_plain(field: &str, is_whole: bool) -> bool {
+    let digits = |part: &str| part.bytes().all(|b| b.is_ascii_digit());
+    let (whole, fraction) = match field.split_once('.') {
+        None => (field, None),
+        Some((whole, fraction)) => (whole, Some(fraction)),
+    };
+    let whole = whole.strip_prefix('-').unwrap_or(whole);
+    let leads = whole.is_empty() || (whole.len() > 1 && whole.starts_with('0'));
+    let trails = fraction.is_some_and(|f| is_whole || f.is_empty() || f.ends_with('0'));
+    // a count has no sign, and of whole numbers no 0 has one
+    let minus = is_whole && field == "-0";
+    !minus && digits(whole) && digits(fraction.unwrap_or_default()) && !leads && !trails
 }
 
 /// The columns of whole numbers.

@@ -69,7 +69,7 @@ pub use crop::Cropped;
 
 pub(crate) use kind::{Watch, Watched};
 pub use memory::MemoryVolume;
-pub use open::{Headerless, Io, OpenOptions, Opened, open};
+pub use open::{Headerless, Io, OpenOptions, Opened, file_name, open};
 pub use predict::{Prediction, predict};
 pub(crate) use spool::PIECE as SPOOL_PIECE;
 pub use spool::spool;

@@ -13,6 +13,7 @@ use super::{
 use crate::error::{Error, Result};
 use crate::grid::{Dims, Unit};
 use crate::manifest::{Part, Provenance};
+use std::ffi::OsStr;
 use std::path::{Path, PathBuf};
 
 /// How uncompressed files are read.
@@ -214,11 +215,10 @@ pub fn open(path: &Path, options: &OpenOptions) -> Result<Opened> {
         Some(values) => values.is_scaled(),
         None => values.is_some(),
     };
-    let name = path.file_name().unwrap_or(path.as_os_str());
     Ok(Opened {
         volume: volume(header, recipe, options.io)?,
         provenance,
-        name: name.to_string_lossy().into_owned(),
+        name: file_name(path),
         offset,
         part: options.part(),
         files,
@@ -267,6 +267,14 @@ fn volume(header: Header, recipe: Recipe, io: Io) -> Result<Box<dyn Volume>> {
         Some(values) => Box::new(Valued::new(volume, values)),
         None => volume,
     })
+}
+
+/// The name of a file or folder without its directory; of one that is given as `.` or `..` the name that it has.
+pub fn file_name(path: &Path) -> String {
+    let own = path.file_name().map(OsStr::to_owned);
+    let real = || path.canonicalize().ok()?.file_name().map(OsStr::to_owned);
+    let name = own.or_else(real).unwrap_or_default();
+    name.to_string_lossy().into_owned()
 }
 
 /// Options that choose a part of a file must not be given for formats that have no such parts.

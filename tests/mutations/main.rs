@@ -143,7 +143,10 @@ struct Place {
 impl Place {
     fn put(&mut self, files: &Files) {
         for name in self.holds.keys().filter(|n| !files.contains_key(*n)) {
-            std::fs::remove_file(self.dir.join(name)).unwrap();
+            let path = self.dir.join(name);
+            std::fs::remove_file(&path).unwrap();
+            // a directory that is left empty goes with its last file
+            let _ = std::fs::remove_dir(path.parent().unwrap());
         }
         for (name, bytes) in files {
             if self.holds.get(name) != Some(bytes) {

@@ -223,7 +223,7 @@ fn tables(code: Code, set: &Set) {
             fields[3] = "12345";
             let row = fields.join(",");
             lines[2] = &row;
-            lines.join("\n")
+            lines.join("\n") + "\n"
         }
     };
     fs::write(path, new).unwrap();

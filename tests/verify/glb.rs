@@ -292,10 +292,10 @@ impl Tile {
         let (glb, strips, indices) = one.encode();
         let (mut doc, mut bin) = unwrap(&glb);
         let mut view = |doc: &mut Value, bytes: Vec<u8>| {
+            bin.resize(bin.len().next_multiple_of(8), 0);
             let views = doc["bufferViews"].as_array_mut().unwrap();
             views.push(json!({"buffer": 0, "byteOffset": bin.len(), "byteLength": bytes.len()}));
             bin.extend(bytes);
-            bin.resize(bin.len().next_multiple_of(8), 0);
             views.len() - 1
         };
         let ids = view(
@@ -345,6 +345,7 @@ impl Tile {
                 "extras": {"unit": "mm"}}}},
             "propertyTables": [{"name": "pieces", "class": "piece", "count": n, "properties": columns}]}});
         doc["extensionsUsed"] = json!(["EXT_mesh_features", "EXT_structural_metadata"]);
+        bin.resize(bin.len().next_multiple_of(4), 0);
         doc["buffers"][0]["byteLength"] = bin.len().into();
         (wrap(&doc, &bin), strips, indices)
     }

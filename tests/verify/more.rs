@@ -3,9 +3,11 @@
 use crate::cubes::Field;
 use crate::edit::Set;
 use crate::writer::{self, Style};
-use crate::{STYLE, check, codes, compare, noise, noisy_field, random_field, styles};
+use crate::{STYLE, check, codes, compare, compare_with, noise, noisy_field, random_field, styles};
+use alvis::manifest::Origin;
 use alvis::progress::Quiet;
-use alvis::verify::{Code, VerifyOptions, verify};
+use alvis::verify::{Code, SourceVolume, VerifyOptions, verify};
+use alvis::volume::Dtype;
 use std::fs;
 use std::path::Path;
 
@@ -104,6 +106,13 @@ fn merged_tiles_pass_and_their_faults_are_found() {
             });
             set.put_bytes(&place, &glb);
         }
+        // so few pieces are merged only where that is asked for
+        assert!(
+            codes(&compare(dir.path(), &field))
+                .iter()
+                .eq([&Code::TileEncoding])
+        );
+        set.manifest(|m| m["layout"] = "merged".into());
         let report = compare(dir.path(), &field);
         assert!(report.ok && report.issues.is_empty(), "{report:#?}");
         let place = &set.places()[0];
@@ -144,6 +153,146 @@ fn paths_that_lead_outside_are_refused() {
         std::os::unix::fs::symlink(&absolute, &table).unwrap();
         assert!(codes(&check(dir.path())).iter().eq([&Code::PathOutside]));
     }
+}
+
+/// Everything in the directory is named by the index and written by the program; what systems write is told.
+#[test]
+fn foreign_files_are_found_wherever_they_are() {
+    let dir = tempfile::tempdir().unwrap();
+    noisy_set(dir.path());
+    let at = |name: &str| dir.path().join(name);
+    for name in [
+        "evil.exe",
+        "volumes.csv",
+        ".hidden",
+        "index/z0000.json.bak",
+        "tiles/a.txt",
+        "tiles/z0000/y0000_x0000.glb~",
+        "legend.png",
+        "index.json.tmp",
+    ] {
+        fs::write(at(name), "").unwrap();
+        let report = check(dir.path());
+        assert!(
+            !report.ok && codes(&report).iter().eq([&Code::ForeignFile]),
+            "{name}"
+        );
+        assert_eq!(report.issues[0].path, name);
+        fs::remove_file(at(name)).unwrap();
+    }
+    for name in ["textures", "index/z0001", "tiles/z9999"] {
+        fs::create_dir(at(name)).unwrap();
+        assert!(
+            codes(&check(dir.path())).iter().eq([&Code::ForeignFile]),
+            "{name}"
+        );
+        fs::remove_dir(at(name)).unwrap();
+    }
+    for name in [
+        ".DS_Store",
+        "tiles/Thumbs.db",
+        "tiles/z0000/.nfs0000",
+        "index/._z0000.json",
+    ] {
+        fs::write(at(name), "").unwrap();
+        let report = check(dir.path());
+        assert!(
+            report.ok && codes(&report).iter().eq([&Code::ForeignFile]),
+            "{name}"
+        );
+        fs::remove_file(at(name)).unwrap();
+    }
+    // a directory is none of those that systems write
+    fs::create_dir(at(".DS_Store")).unwrap();
+    assert!(!check(dir.path()).ok);
+    fs::remove_dir(at(".DS_Store")).unwrap();
+    // an interrupted conversion lies in a directory of its own
+    fs::create_dir(at(".alvis-partial")).unwrap();
+    assert!(check(dir.path()).issues.is_empty());
+}
+
+/// A set has no links, not even to its own files.
+#[test]
+#[cfg(unix)]
+fn links_are_found() {
+    let dir = tempfile::tempdir().unwrap();
+    noisy_set(dir.path());
+    let at = |name: &str| dir.path().join(name);
+    for name in [
+        "cells.csv",
+        "tiles/z0000/y0000_x0000.glb",
+        "index/z0000.json",
+        "tiles",
+        "index.json",
+    ] {
+        let moved = at(&format!("{name}.moved"));
+        fs::rename(at(name), &moved).unwrap();
+        std::os::unix::fs::symlink(&moved, at(name)).unwrap();
+        let report = check(dir.path());
+        let links = report
+            .issues
+            .iter()
+            .filter(|i| i.message.contains("a link"));
+        assert_eq!(links.count(), 1, "{name}: {report:#?}");
+        fs::remove_file(at(name)).unwrap();
+        fs::rename(&moved, at(name)).unwrap();
+    }
+    std::os::unix::fs::symlink("/etc/passwd", at("notes")).unwrap();
+    assert!(codes(&check(dir.path())).iter().eq([&Code::ForeignFile]));
+}
+
+/// What the volume says of itself is compared whatever its name, which is told if nothing else differs.
+#[test]
+fn a_source_of_another_name_is_compared_all_the_same() {
+    let dir = tempfile::tempdir().unwrap();
+    let field = noisy_set(dir.path());
+    let found = |edit: fn(&mut SourceVolume)| {
+        let report = compare_with(dir.path(), &field, |s| {
+            s.name = "copy.raw".into();
+            edit(s);
+        });
+        assert!(
+            codes(&report).iter().eq([&Code::SourceMismatch]),
+            "{report:#?}"
+        );
+        let paths: Vec<String> = report.issues.iter().map(|i| i.path.clone()).collect();
+        (report.ok, paths.join(" ").replace("index.json#/", ""))
+    };
+    let name = (true, "source/name".to_owned());
+    assert_eq!(found(|_| {}), name);
+    assert_eq!(
+        found(|s| s.header.dtype = Dtype::F64),
+        (false, "source/dtype".into())
+    );
+    assert_eq!(
+        found(|s| s.header.dims.0[1] += 1),
+        (false, "source/dims".into())
+    );
+    assert_eq!(
+        found(|s| s.values = Some("2 x stored".into())),
+        (false, "source/values".into())
+    );
+    assert_eq!(found(|s| s.offset = 7), (false, "source/offset".into()));
+    assert_eq!(
+        found(|s| s.provenance.origin = Origin::File),
+        (false, "source/provenance/origin".into())
+    );
+    // another form of file has another offset, and says other things of itself
+    assert_eq!(
+        found(|s| {
+            s.header.format = "nrrd";
+            s.offset = 7;
+            s.provenance.origin = Origin::File;
+        }),
+        name
+    );
+    assert_eq!(
+        found(|s| {
+            s.header.format = "nrrd";
+            s.header.dtype = Dtype::F64;
+        }),
+        (false, "source/dtype".into())
+    );
 }
 
 #[test]

@@ -282,6 +282,80 @@ pub const OF_INDEX: &[(&str, Base, Code, Edit)] = &[
                 "cell_voxels": 0});
         })
     }),
+    (
+        "a layout that its tiles are not of",
+        Merged,
+        Code::TileEncoding,
+        |f| index(f, |m| m["layout"] = "auto".into()),
+    ),
+    (
+        "a source in another directory",
+        Nodes,
+        Code::ManifestValue,
+        |f| index(f, |m| m["source"]["name"] = "../../volume.raw".into()),
+    ),
+    (
+        "another type of a source of another name",
+        Nodes,
+        Code::SourceMismatch,
+        |f| {
+            index(f, |m| {
+                m["source"]["name"] = "other.raw".into();
+                m["source"]["dtype"] = "f64".into();
+            })
+        },
+    ),
+    ("a number with an exponent", Nodes, Code::TableSyntax, |f| {
+        table(f, "cells.csv", |lines| {
+            let area = column(lines, "area");
+            lines[1][area] += "e0";
+        })
+    }),
+    ("a number with a plus", Nodes, Code::TableSyntax, |f| {
+        table(f, "surfaces.csv", |lines| lines[1][1].insert(0, '+'))
+    }),
+    (
+        "a number with zeros before it",
+        Nodes,
+        Code::TableSyntax,
+        |f| table(f, "objects.csv", |lines| lines[1][0].insert(0, '0')),
+    ),
+    (
+        "a number with zeros behind it",
+        Web,
+        Code::TableSyntax,
+        |f| {
+            table(f, "cells.csv", |lines| {
+                let area = column(lines, "area");
+                assert!(lines[1][area].contains('.'));
+                lines[1][area] += "00";
+            })
+        },
+    ),
+    (
+        "a last line without an end",
+        Nodes,
+        Code::TableSyntax,
+        |f| _ = f.get_mut("cells.csv").unwrap().pop(),
+    ),
+    ("a whole number of minus 0", Nodes, Code::TableSyntax, |f| {
+        table(f, "surfaces.csv", |lines| {
+            let edges = column(lines, "border_edges");
+            let none = lines.iter_mut().find(|l| l[edges] == "0").unwrap();
+            none[edges] = "-0".into();
+        })
+    }),
+    ("a strip of another tile", Nodes, Code::TileCount, |f| {
+        json_of(f, "index/z0000.json", |s| {
+            for (tile, by) in [(0, 1), (1, -1)] {
+                let strips = s["tiles"][tile]["strips"].as_i64().unwrap();
+                s["tiles"][tile]["strips"] = (strips + by).into();
+            }
+        })
+    }),
+    ("another byte order", Nodes, Code::SourceMismatch, |f| {
+        index(f, |m| m["source"]["endian"] = "big".into())
+    }),
     ("surfaces exchanged", Nodes, Code::IdOrder, |f| {
         exchange(f, "surface", [1, 2])
     }),
@@ -411,6 +485,17 @@ pub const OF_PARTS: &[(&str, Base, Code, Edit)] = &[
             })
         },
     ),
+    (
+        "a part without a condition",
+        Part,
+        Code::ManifestValue,
+        |f| index(f, |m| m["selection"]["where"] = Value::Null),
+    ),
+    ("a colour in capitals", Part, Code::Selection, |f| {
+        index(f, |m| {
+            m["selection"]["painted"][0]["colour"] = "#FF8800".into()
+        })
+    }),
     ("a whole that is less", Part, Code::ManifestValue, |f| {
         index(f, |m| m["selection"]["of"]["cells"] = 0.into())
     }),

@@ -1,13 +1,14 @@
 //! Faults with a name: what somebody may add to a sound set, or change in it, and make the rest agree with.
 //! Each is found, by the code that it has.
 
+mod bytes;
 mod list;
 
 use crate::common;
 use crate::faults::{Files, mend};
 use crate::{Place, volume};
 use alvis::convert::{ConvertOptions, convert};
-use alvis::manifest::{Form, Layout, Provenance};
+use alvis::manifest::{Encoding, Form, Layout, Provenance};
 use alvis::progress::Quiet;
 use alvis::transform::select::{ColourRule, Map, PaintRule, SelectOptions, select};
 use alvis::verify::{SourceVolume, VerifyOptions, verify};
@@ -21,9 +22,11 @@ pub enum Base {
     Nodes,
     Merged,
     Web,
+    Quantized,
     Part,
 }
-use Base::{Merged, Nodes, Part, Web};
+use Base::{Merged, Nodes, Part, Quantized, Web};
+use bytes::OF_BYTES;
 use list::{AGAINST, OF_INDEX, OF_PARTS, OF_TILES};
 
 pub type Edit = fn(&mut Files);
@@ -54,7 +57,19 @@ pub fn texts(files: &mut Files, from: &str, to: &str) {
     }
 }
 
-fn glb(mut json: String, bin: &[u8]) -> Vec<u8> {
+/// Replaces the files of all tiles.
+pub fn files(files: &mut Files, edit: impl Fn(&[u8], &[u8]) -> Vec<u8>) {
+    for bytes in files
+        .iter_mut()
+        .filter(|f| f.0.ends_with(".glb"))
+        .map(|f| f.1)
+    {
+        let json = u32::from_le_bytes(bytes[12..16].try_into().unwrap()) as usize;
+        *bytes = edit(&bytes[20..20 + json], &bytes[28 + json..]);
+    }
+}
+
+pub fn glb(mut json: String, bin: &[u8]) -> Vec<u8> {
     while !json.len().is_multiple_of(4) {
         json.push(' ');
     }
@@ -186,6 +201,10 @@ fn bases(dir: &std::path::Path) -> BTreeMap<Base, Files> {
         layout: Layout::Merged,
         ..options(Form::BLENDER)
     };
+    let quantized = ConvertOptions {
+        encoding: Encoding::Quantized,
+        ..options(Form::BLENDER)
+    };
     let make = |name: &str, options: &ConvertOptions| {
         convert(&volume(0.0), options, &dir.join(name), &Quiet).unwrap();
         common::files(&dir.join(name))
@@ -194,6 +213,7 @@ fn bases(dir: &std::path::Path) -> BTreeMap<Base, Files> {
         (Nodes, make("nodes", &options(Form::BLENDER))),
         (Merged, make("merged", &merged)),
         (Web, make("web", &options(Form::WEB))),
+        (Quantized, make("quantized", &quantized)),
     ]);
     let part = SelectOptions {
         condition: Some("not touches_border".into()),
@@ -250,7 +270,7 @@ fn faults_with_a_name_are_found() {
         );
     }
     let mut wrong = Vec::new();
-    for (name, base, code, edit) in [OF_TILES, OF_INDEX, OF_PARTS, AGAINST].concat() {
+    for (name, base, code, edit) in [OF_TILES, OF_BYTES, OF_INDEX, OF_PARTS, AGAINST].concat() {
         let mut files = bases[&base].clone();
         edit(&mut files);
         let report = check(base, &mut files);
