@@ -5,7 +5,6 @@ mod beside;
 mod blob;
 #[cfg(any(feature = "hdf5", feature = "zarr"))]
 mod blosc;
-#[cfg(any(feature = "hdf5", feature = "zarr"))]
 mod cf;
 #[cfg(any(feature = "hdf5", feature = "zarr"))]
 mod chunked;
@@ -49,7 +48,7 @@ mod values;
 mod vti;
 mod walk;
 mod without;
-#[cfg(any(feature = "hdf5", feature = "zarr"))]
+#[cfg_attr(not(any(feature = "hdf5", feature = "zarr")), allow(dead_code))]
 mod written;
 #[cfg(feature = "zarr")]
 mod zarr;

@@ -22,7 +22,7 @@ pub(super) const AXES: [&str; 15] = [
 ];
 
 /// Pairs of attributes whose names say that value = first * stored + second.
-const PAIRS: [(&str, &str); 4] = [
+pub(super) const PAIRS: [(&str, &str); 4] = [
     ("RescaleSlope", "RescaleIntercept"),
     ("rescale_slope", "rescale_intercept"),
     ("scl_slope", "scl_inter"),

@@ -10,6 +10,7 @@
 //! that share a position are slices in their order; files without positions are so by their InstanceNumber, if the
 //! user gives the spacing.
 
+mod agree;
 mod element;
 mod frame;
 mod jpeg;
@@ -54,8 +55,14 @@ pub(super) fn parse(path: &Path, blobs: Vec<Blob>, options: &OpenOptions) -> Res
         notes.push(format!("{twice} files come twice and count once"));
     }
     let total: usize = candidates.iter().map(|c| c.frames.len()).sum();
-    let candidate = series::choose(path, candidates, options.series.as_deref())?;
+    let wanted = options.series.as_deref();
+    let candidate = series::choose(path, candidates, &images, wanted)?;
     let others = total - candidate.frames.len();
+    let left_out = agree::left_out(&candidate.frames[0], &candidate.frames, &images);
+    if wanted != Some(&candidate.key) {
+        agree::none_is_lost(&candidate, &left_out)?;
+    }
+    agree::values(&candidate, &images)?;
     let [x, y] = candidate.size;
     let bytes = u64::from(x) * u64::from(y) * candidate.cell.bytes as u64;
     let packed = |i: &Image| i.syntax.is_packed() || i.deflated.is_some();
@@ -70,7 +77,8 @@ pub(super) fn parse(path: &Path, blobs: Vec<Blob>, options: &OpenOptions) -> Res
     notes.insert(0, title(&candidate));
     if others > 0 {
         notes.push(format!(
-            "{others} other images are left out, of another series, size, orientation or kind of numbers"
+            "{others} other images are left out, of another series, size, orientation or kind of numbers{}",
+            agree::note(&left_out).unwrap_or_default()
         ));
     }
     notes.extend(padding(&candidate, &images));

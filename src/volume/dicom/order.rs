@@ -36,7 +36,7 @@ pub(super) struct Place {
 }
 
 /// A frame as people find it.
-fn called(images: &[Image], frame: &Frame) -> String {
+pub(super) fn called(images: &[Image], frame: &Frame) -> String {
     let image = &images[frame.file as usize];
     let name = image.blob.path().display();
     match image.frames.len() {
