@@ -99,8 +99,8 @@ impl<'a> Text<'a> {
         }
         let [mut x, mut y] = self.pixels(resolution, unit, about);
         let of_z = self.of_axis("zunit", unit);
-        if unit.is_empty() && matches!(resolution.unit, 2 | 3) {
-            self.without_unit(resolution, depth, one_slice, about);
+        if unit.is_empty() && resolution.millimetres().is_some() {
+            self.without_unit(resolution, depth, about);
             return;
         }
         if length.is_none() {
@@ -128,13 +128,7 @@ impl<'a> Text<'a> {
     }
 
     /// Sizes by a resolution that has a unit where the text has none. ImageJ itself takes such numbers without a unit.
-    fn without_unit(
-        &self,
-        resolution: &Resolution,
-        depth: Option<f64>,
-        one_slice: bool,
-        about: &mut About,
-    ) {
+    fn without_unit(&self, resolution: &Resolution, depth: Option<f64>, about: &mut About) {
         if let Some(note) = resolution.note_of_paper() {
             about.notes.push(note);
             if depth.is_some_and(|depth| depth != 1.0) {
@@ -144,10 +138,6 @@ impl<'a> Text<'a> {
         }
         let of_tag = if resolution.unit == 2 { "inch" } else { "cm" };
         let [x, y] = resolution.in_unit("mm");
-        if x.is_none() {
-            about.steps[2] = depth.map(|depth| Step::new(depth, ""));
-            return;
-        }
         let z = depth.map(|depth| Step::new(depth, of_tag));
         let advice = "give --spacing and --unit";
         if z.is_some() && !near(x.as_ref(), z.as_ref()) {
@@ -161,10 +151,6 @@ impl<'a> Text<'a> {
             "TIFF's resolution is in {of_tag}, ImageJ's description states no unit: its numbers are taken in {of_tag}, \
              {advice} if that is wrong"
         ));
-        if one_slice && z.is_none() {
-            about.steps = [x, y, None];
-            return;
-        }
         about.steps = [x, y, z];
     }
 

@@ -187,15 +187,13 @@ fn named(
     if planes.files.len() == 2 && !planes.own && given.len() == 1 && !other {
         return Ok((given[0].clone(), true));
     }
-    let called = match (told.name.as_str(), told.uuid.as_str()) {
-        ("", uuid) => format!("of the UUID {uuid}"),
-        (name, "") => name.to_owned(),
-        (name, uuid) => format!("{name} (UUID {uuid})"),
+    let mut found = "OME-XML that says that its pixels are in ".to_owned();
+    found += &match told.name.as_str() {
+        "" => format!("a file of the UUID {} without a name", told.uuid),
+        name => format!("the file {name}, which is not there"),
     };
-    let mut found =
-        format!("OME-XML that says that its pixels are in the file {called}, which is not there");
-    if other {
-        found += &format!(" (this one has the UUID {uuid})");
+    if other && !told.name.is_empty() {
+        found += &format!(" (its UUID is {}, that of this file {uuid})", told.uuid);
     }
     let expected = "all files of the OME-TIFF beside each other, by the names that it states";
     Err(Error::format(path, found, expected))
