@@ -337,3 +337,39 @@ fn vti_axes_that_are_mirrored_or_sheared() {
     let error = open_as("v.vti", &three, &OpenOptions::default()).unwrap_err();
     assert!(error.to_string().contains("3 components"), "{error}");
 }
+
+/// A gantry tilt: each slice lies a voxel further along y than the one before.
+#[test]
+fn sheared_axes_are_brought_to_right_angles_if_asked() {
+    let resample = OpenOptions {
+        resample: true,
+        ..OpenOptions::default()
+    };
+    let rows: (usize, &[f32]) = (
+        ROWS,
+        &[1.0, 0.0, 0.0, 5.0, 0.0, 0.5, 0.5, 6.0, 0.0, 0.0, 2.0, 7.0],
+    );
+    let tilted = nifti(&[2, 2, 2], &[(SFORM, 1)], &[rows], 2);
+    let refused = open_as("v.nii", &tilted, &OpenOptions::default()).unwrap_err();
+    assert!(refused.to_string().contains("--resample"), "{refused}");
+    let opened = open_as("v.nii", &tilted, &resample).unwrap();
+    let header = opened.volume.header();
+    assert_eq!(header.dims.0, [2, 3, 2]);
+    let place = header.placement;
+    assert_eq!(
+        (place.spacing, place.origin),
+        ([1.0, 0.5, 2.0], [5.0, 6.0, 7.0])
+    );
+    assert_eq!(place.shear(), None);
+    let expected = [0, 1, 2, 3, 0, 0, 0, 0, 4, 5, 6, 7];
+    assert_eq!(all(&*opened.volume).unwrap(), expected);
+    assert!(
+        says(&opened.notes, "2 x 3 x 2 voxels") && says(&opened.notes, "slices is 0"),
+        "{:?}",
+        opened.notes
+    );
+    // without a shear there is nothing to do
+    let straight = nifti(&[2, 2, 2], &[], &[(PIXDIM, &[1.0, 0.5, 0.25, 2.0])], 2);
+    let same = open_as("v.nii", &straight, &resample).unwrap();
+    assert_eq!(all(&*same.volume).unwrap(), EIGHT);
+}

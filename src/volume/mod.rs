@@ -34,6 +34,7 @@ mod paged;
 mod place;
 mod png;
 mod predict;
+mod resample;
 mod size;
 mod skyscan;
 mod source;

@@ -8,7 +8,7 @@ use super::paged::PagedVolume;
 use super::values::Valued;
 use super::{
     Dtype, Endian, Header, Volume, archive, dicom, folder, foreign, hdf5, metaimage, nifti, npy,
-    nrrd, place, size, tiff, vti,
+    nrrd, place, resample, size, tiff, vti,
 };
 use crate::error::{Error, Result};
 use crate::grid::{Dims, Unit};
@@ -90,7 +90,8 @@ pub struct OpenOptions {
     /// Which of several series: its number, description or UID (DICOM), its number from 0 on or its name (TIFF,
     /// OME-TIFF).
     pub series: Option<String>,
-    /// True if slices that do not make a regular grid are to be interpolated to one (DICOM).
+    /// True if slices that do not make a regular grid, or axes that are not at right angles, are to be interpolated
+    /// to one (DICOM, and formats that state axes).
     pub resample: bool,
     /// Which array of a file or group of several (HDF5, Zarr, VTK image data), by its path or name.
     pub dataset: Option<String>,
@@ -166,7 +167,7 @@ pub fn open(path: &Path, options: &OpenOptions) -> Result<Opened> {
         false if path.exists() => None,
         false => folder::numbered(path, options),
     };
-    let recipe = if let Some(recipe) = slices {
+    let mut recipe = if let Some(recipe) = slices {
         let mut recipe = recipe?;
         if recipe.format != "raw" {
             complete(path, &mut recipe, options)?;
@@ -189,6 +190,20 @@ pub fn open(path: &Path, options: &OpenOptions) -> Result<Opened> {
         _ => Vec::new(),
     };
     let (placement, provenance) = place::place(path, &recipe, options)?;
+    let grid = match (&recipe.grid, placement.shear()) {
+        (None, Some(_)) => {
+            let fill = resample::fill(match &recipe.values {
+                Some(values) => values.dtype(recipe.dtype),
+                None => recipe.dtype,
+            });
+            let grid = resample::Grid::upright(path, placement, recipe.dims, fill)?;
+            recipe
+                .notes
+                .push(grid.note("its axes are not at right angles"));
+            Some((grid.placement, grid))
+        }
+        _ => recipe.grid.take().map(|grid| (placement, grid)),
+    };
     let endian = recipe.endian.unwrap_or_default();
     let header = Header {
         format: recipe.format,
@@ -231,6 +246,10 @@ pub fn open(path: &Path, options: &OpenOptions) -> Result<Opened> {
         Some(values) => Box::new(Valued::new(volume, values)),
         None => volume,
     };
+    let volume = match grid {
+        Some((placement, grid)) => Box::new(resample::Resampled::new(volume, grid, placement)?),
+        None => volume,
+    };
     let name = path.file_name().unwrap_or(path.as_os_str());
     Ok(Opened {
         volume,
@@ -256,7 +275,11 @@ pub fn open(path: &Path, options: &OpenOptions) -> Result<Opened> {
 fn refuse_unused(format: &str, options: &OpenOptions) -> Result<()> {
     let given = [
         ("--series", options.series.is_some(), &["dicom", "tiff"][..]),
-        ("--resample", options.resample, &["dicom"]),
+        (
+            "--resample",
+            options.resample,
+            &["dicom", "hdf5", "metaimage", "nifti", "nrrd", "vti", "zarr"],
+        ),
         (
             "--dataset",
             options.dataset.is_some(),
