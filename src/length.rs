@@ -82,15 +82,52 @@ impl Length {
         if self.femtometres == to || value == 0.0 || !value.is_finite() {
             return value;
         }
-        let shortest = format!("{value:e}");
-        let (digits, exponent) = shortest.split_once('e').unwrap_or((&shortest, "0"));
-        let (whole, fraction) = digits.split_once('.').unwrap_or((digits, ""));
-        let mantissa = format!("{whole}{fraction}").parse::<i128>().unwrap_or(0);
-        let exponent = exponent.parse::<i32>().unwrap_or(0) - fraction.len() as i32;
+        let (mantissa, exponent) = decimal(value);
         // units that numbers are shown in are powers of ten
         let exponent = exponent - to.ilog10() as i32;
-        let product = mantissa * i128::from(self.femtometres);
-        format!("{product}e{exponent}").parse().unwrap_or(f64::NAN)
+        nearest(mantissa * i128::from(self.femtometres), exponent)
+    }
+}
+
+/// The shortest decimal that reads as a finite number: it is the first times ten to the power of the second.
+fn decimal(value: f64) -> (i128, i32) {
+    let shortest = format!("{value:e}");
+    let (digits, exponent) = shortest.split_once('e').unwrap_or((&shortest, "0"));
+    let (whole, fraction) = digits.split_once('.').unwrap_or((digits, ""));
+    let mantissa = format!("{whole}{fraction}").parse::<i128>().unwrap_or(0);
+    let exponent = exponent.parse::<i32>().unwrap_or(0) - fraction.len() as i32;
+    (mantissa, exponent)
+}
+
+/// The number nearest to a decimal.
+fn nearest(mantissa: i128, exponent: i32) -> f64 {
+    format!("{mantissa}e{exponent}").parse().unwrap_or(f64::NAN)
+}
+
+/// The product of two stated numbers in decimal, rounded once: 0.1 times 3 is 0.3 and not 0.30000000000000004.
+pub(crate) fn product(a: f64, b: f64) -> f64 {
+    if a == 0.0 || b == 0.0 || !a.is_finite() || !b.is_finite() {
+        return a * b;
+    }
+    let ((m, e), (n, f)) = (decimal(a), decimal(b));
+    // at most 17 digits each
+    nearest(m * n, e + f)
+}
+
+/// The sum of two stated numbers, likewise: 0.1 and 0.2 are 0.3.
+pub(crate) fn sum(a: f64, b: f64) -> f64 {
+    if a == 0.0 || b == 0.0 || !a.is_finite() || !b.is_finite() {
+        return a + b;
+    }
+    let ((m, e), (n, f)) = (decimal(a), decimal(b));
+    let low = e.min(f);
+    let shifted = |mantissa: i128, exponent: i32| {
+        let power = 10i128.checked_pow(exponent.abs_diff(low))?;
+        mantissa.checked_mul(power)
+    };
+    match (shifted(m, e), shifted(n, f)) {
+        (Some(m), Some(n)) => m.checked_add(n).map_or(a + b, |sum| nearest(sum, low)),
+        _ => a + b,
     }
 }
 
@@ -180,6 +217,35 @@ mod tests {
             assert_eq!(of(from).convert(value, to), expected, "{value} {from}");
         }
         assert!(of("mm").convert(f64::NAN, Unit::Metre).is_nan());
+    }
+
+    #[test]
+    fn products_and_sums_are_those_of_the_decimals() {
+        for (a, b, expected) in [
+            (0.1, 3.0, 0.3),
+            (0.07, 100.0, 7.0),
+            (-1.1, 1.1, -1.21),
+            (1e-300, 1e300, 1.0),
+            (1.2345678901234567, 9.876543210987654, 12.193263113702178),
+            (0.0, 5.0, 0.0),
+            (f64::INFINITY, 2.0, f64::INFINITY),
+        ] {
+            assert_eq!(product(a, b), expected, "{a} {b}");
+            assert_eq!(product(b, a), expected, "{a} {b}");
+        }
+        for (a, b, expected) in [
+            (0.1, 0.2, 0.3),
+            (0.1, -0.1, 0.0),
+            (-0.7, 0.1, -0.6),
+            (1e300, 1.0, 1e300),
+            (0.0, 0.1, 0.1),
+            (1e-17, 1.0, 1.0),
+            (f64::NEG_INFINITY, 1.0, f64::NEG_INFINITY),
+        ] {
+            assert_eq!(sum(a, b), expected, "{a} {b}");
+            assert_eq!(sum(b, a), expected, "{a} {b}");
+        }
+        assert!(product(f64::NAN, 1.0).is_nan() && sum(f64::NAN, 1.0).is_nan());
     }
 
     #[test]

@@ -111,6 +111,7 @@ impl ConvertArgs {
             source_offset: opened.offset,
             source_part: opened.part.clone(),
             source_values: opened.values.clone(),
+            source_scaled: opened.scaled,
             provenance: opened.provenance,
             ..ConvertOptions::default()
         };

@@ -82,7 +82,7 @@ impl InfoArgs {
         let console = self.common.start();
         let (mut opened, stamp) = self.options.open_stamped(&self.input, Path::new(""))?;
         opened.doubt_size()?;
-        let watch = Watch::new(opened.volume.header());
+        let watch = Watch::new(opened.volume.header(), opened.scaled);
         let found = statistics(&Watched::new(Box::new(&*opened.volume), &watch), &console)?;
         opened.warnings.extend(watch.kind().map(|k| k.warning()));
         let volume = &*opened.volume;

@@ -79,7 +79,7 @@ pub fn convert(
 ) -> Result<ConvertReport> {
     let start = Instant::now();
     check(volume, options)?;
-    let watch = Watch::new(volume.header());
+    let watch = Watch::new(volume.header(), options.source_scaled);
     let watched = Watched::new(Box::new(volume), &watch);
     let volume: &dyn Volume = &watched;
     let cropped;

@@ -53,6 +53,8 @@ pub struct ConvertOptions {
     pub source_part: Part,
     /// How the values follow from what the file stores, for the manifest.
     pub source_values: Option<String>,
+    /// They are other numbers than the stored ones.
+    pub source_scaled: bool,
     /// Where spacing, unit and origin came from, for the manifest.
     pub provenance: Provenance,
 }
@@ -98,6 +100,7 @@ impl Default for ConvertOptions {
             source_offset: 0,
             source_part: Part::default(),
             source_values: None,
+            source_scaled: false,
             provenance: Provenance::default(),
         }
     }

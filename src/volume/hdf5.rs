@@ -25,6 +25,8 @@ use super::layout::{Recipe, Samples};
 use super::open::OpenOptions;
 use super::paged::MAX_CHUNK;
 use super::values::Values;
+use super::warning::Warning;
+use super::written;
 use super::{Dtype, Endian};
 use crate::error::{Error, Result};
 use crate::grid::Dims;
@@ -34,7 +36,7 @@ use chunks::{H5Chunks, pieces};
 use geometry::Geometry;
 use hdf5_reader::error::Error as H5Error;
 use hdf5_reader::{ByteOrder, FileStorage, Hdf5File};
-use missing::{Missing, Stored, missing};
+use missing::{Stored, missing};
 use number::{Number, type_text};
 use place::Place;
 use series::{Kind, Member};
@@ -143,7 +145,11 @@ fn judged(place: &Place) -> Result<(Number, Axes), String> {
     }
     let names = axes::agreed(place.names())?;
     if names.is_none()
-        && let Some(reason) = place.vague_order().or_else(|| place.projections())
+        && let Some(reason) = place
+            .attributes
+            .written()
+            .vague_order()
+            .or_else(|| place.projections())
     {
         return Err(reason);
     }
@@ -231,7 +237,7 @@ struct Draft<'a> {
     axes: &'a Axes,
     entries: Vec<u64>,
     notes: Vec<String>,
-    warnings: Vec<String>,
+    warnings: Vec<Warning>,
 }
 
 impl Draft<'_> {
@@ -407,18 +413,8 @@ impl Draft<'_> {
         let value = value
             .and_then(|v| number.show(v))
             .unwrap_or_else(|| "0".into());
-        match missing(file, dataset, &stored, &part).map_err(fail)? {
-            Missing::Nothing => {}
-            Missing::All => self.warnings.push(format!(
-                "no sample of the dataset was ever written: all are read as fill value {value}"
-            )),
-            Missing::Chunks(n, all) => self.notes.push(format!(
-                "{n} of {all} chunks are missing, read as fill value {value}"
-            )),
-            Missing::Unknown(all) => self.notes.push(format!(
-                "chunks that are missing are read as fill value {value}; among {all} they were not looked for"
-            )),
-        }
+        let count = missing(file, dataset, &stored, &part).map_err(fail)?;
+        written::missing(count, &value, &mut self.notes, &mut self.warnings);
         Ok(())
     }
 }

@@ -79,6 +79,8 @@ pub(crate) struct Watch {
 /// What was seen.
 #[derive(Debug, Default)]
 struct Seen {
+    /// Values are no labels, however few.
+    scaled: bool,
     /// Per row.
     done: Vec<bool>,
     /// Bits of values in the order of the values; one more than [`MOST`] of them are too many.
@@ -90,8 +92,8 @@ struct Seen {
 }
 
 impl Watch {
-    /// For volumes like this one.
-    pub fn new(header: &Header) -> Self {
+    /// For volumes like this one; `scaled` says that stored numbers stand for measured values, which are no labels.
+    pub fn new(header: &Header, scaled: bool) -> Self {
         let [nx, ny, nz] = header.dims.0.map(u64::from);
         let all = ny * nz;
         let count = (SAMPLES / nx).clamp(LEAST_ROWS, ROWS).min(all);
@@ -104,6 +106,7 @@ impl Watch {
         rows.sort_unstable();
         rows.dedup();
         let seen = Seen {
+            scaled,
             done: vec![false; rows.len()],
             ..Seen::default()
         };
@@ -184,6 +187,7 @@ impl Seen {
         match values[..] {
             [] | [_] => None,
             [low, high] => Some(Kind::Mask([low, high])),
+            _ if self.scaled => None,
             // grey values differ from voxel to voxel, or there is a voxel or two of values between at every edge
             _ if values.len() <= FEW && short < 0.5 => Some(Kind::Labels(values)),
             _ if values.len() <= MOST && short < 0.2 => Some(Kind::Labels(values)),
@@ -239,6 +243,14 @@ mod tests {
     use crate::volume::{MemoryVolume, statistics};
 
     fn kind<T: Voxel>(dims: [u32; 3], value: impl Fn([u32; 3]) -> T) -> Option<Kind> {
+        kind_of(dims, value, false)
+    }
+
+    fn kind_of<T: Voxel>(
+        dims: [u32; 3],
+        value: impl Fn([u32; 3]) -> T,
+        scaled: bool,
+    ) -> Option<Kind> {
         let [nx, ny, nz] = dims;
         let mut samples = Vec::new();
         for z in 0..nz {
@@ -247,7 +259,7 @@ mod tests {
             }
         }
         let volume = MemoryVolume::new(Dims(dims), Placement::default(), samples).unwrap();
-        let watch = Watch::new(volume.header());
+        let watch = Watch::new(volume.header(), scaled);
         let watched = Watched::new(Box::new(&volume), &watch);
         statistics(&watched, &Quiet).unwrap();
         // to read it again changes nothing
@@ -287,6 +299,7 @@ mod tests {
     fn few_values_in_regions_are_labels() {
         let labels =
             |p: [u32; 3]| u16::from(in_ball(p) > 0.0) * (1 + p[0] / 20 + 2 * (p[1] / 20)) as u16;
+        assert_eq!(kind_of([40; 3], labels, true), None, "measured values");
         let Some(Kind::Labels(values)) = kind([40; 3], labels) else {
             panic!("no labels");
         };

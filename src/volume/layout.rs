@@ -6,6 +6,7 @@ use super::resample::Grid;
 use super::source::{ByteSource, FileSource, MapSource, Part, PartsSource};
 use super::stream::{StreamLayout, StreamSource};
 use super::values::Values;
+use super::warning::Warning;
 use super::{Dtype, Endian, Header, Io};
 use crate::error::{Error, Result};
 use crate::grid::{Dims, Placement};
@@ -36,7 +37,7 @@ pub(super) struct Recipe {
     /// What a user should know that the header does not show.
     pub(super) notes: Vec<String>,
     /// What may make numbers wrong unless the user does something about it.
-    pub(super) warnings: Vec<String>,
+    pub(super) warnings: Vec<Warning>,
 }
 
 impl Recipe {

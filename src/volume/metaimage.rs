@@ -10,6 +10,7 @@ use super::layout::{Data, Encoding, Recipe, Samples, Start};
 use super::size::{Step, voxel_size};
 use super::text::{self, Field, Lines};
 use super::values::Values;
+use super::warning::Warning;
 use super::{Dtype, Endian};
 use crate::error::{Error, Result};
 use crate::grid::{Dims, Placement, Unit};
@@ -262,7 +263,7 @@ impl<'a> Head<'a> {
     }
 
     /// Spacing, directions, origin and unit, and a warning if the size of a voxel needs one.
-    fn placement(&self) -> Result<(Placement, Provenance, Option<String>)> {
+    fn placement(&self) -> Result<(Placement, Provenance, Option<Warning>)> {
         let mut place = Placement::default();
         let mut from = Provenance::default();
         let first_of = |names: &[&'a str]| names.iter().find_map(|name| self.get(name));

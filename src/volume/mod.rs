@@ -48,6 +48,7 @@ mod unpacked;
 mod values;
 mod vti;
 mod walk;
+mod warning;
 mod without;
 #[cfg_attr(not(any(feature = "hdf5", feature = "zarr")), allow(dead_code))]
 mod written;

@@ -9,6 +9,7 @@ mod space;
 
 use super::layout::{Data, Encoding, Recipe, Samples, Start};
 use super::text::{self, Field, Lines};
+use super::warning::Warning;
 use super::{Dtype, Endian};
 use crate::error::{Error, Result};
 use crate::grid::Dims;
@@ -91,7 +92,7 @@ pub(super) fn parse(path: &Path) -> Result<Recipe> {
         },
     };
     let mut place = head.place()?;
-    place.warnings.extend(head.quantized());
+    place.warnings.extend(head.quantized().map(Warning::from));
     place.warnings.extend(head.times());
     Ok(Recipe {
         endian,
@@ -290,10 +291,12 @@ impl<'a> Head<'a> {
     }
 
     /// What to say of a volume one of whose axes is time.
-    fn times(&self) -> Option<String> {
+    fn times(&self) -> Option<Warning> {
         let time = |kinds: [String; 3]| kinds.iter().any(|kind| kind == "time");
         self.words("kinds").is_some_and(time).then(|| {
-            "an axis of the file is time (kinds), which is read as one of space: give --spacing and --unit".into()
+            Warning::of_size(
+                "an axis of the file is time (kinds), which is read as one of space: give --spacing and --unit",
+            )
         })
     }
 

@@ -5,13 +5,14 @@ use super::file::FileVolume;
 use super::layout::{self, Data, Encoding, Recipe, Samples, Start};
 use super::mirror::Mirrored;
 use super::paged::PagedVolume;
+use super::resample::{Grid, Resampled};
 use super::values::Valued;
 use super::{
     Dtype, Endian, Header, Volume, archive, dicom, folder, foreign, hdf5, metaimage, nifti, npy,
-    nrrd, place, resample, size, tiff, vti,
+    nrrd, place, resample, tiff, vti, warning,
 };
 use crate::error::{Error, Result};
-use crate::grid::{Dims, Unit};
+use crate::grid::{Dims, Placement, Unit};
 use crate::manifest::{Part, Provenance};
 use std::path::{Path, PathBuf};
 
@@ -50,6 +51,18 @@ impl OpenOptions {
         self.channel = self.channel.or(part.channel);
         self.time = self.time.or(part.time);
         self
+    }
+
+    /// What these ask for of an input that may hold several volumes.
+    fn part(&self) -> Part {
+        Part {
+            series: self.series.clone(),
+            resample: self.resample,
+            dataset: self.dataset.clone(),
+            level: self.level,
+            channel: self.channel,
+            time: self.time,
+        }
     }
 
     /// The same for an input that has no header.
@@ -120,6 +133,8 @@ pub struct Opened {
     pub files: Vec<PathBuf>,
     /// How the values follow from what the file stores, where it states a scale or samples that stand for nothing.
     pub values: Option<String>,
+    /// They are other numbers than the stored ones: measured values, and no labels.
+    pub scaled: bool,
     /// What a user should know of the input that its header does not show.
     pub notes: Vec<String>,
     /// What may make numbers wrong unless the user does something about it.
@@ -162,20 +177,7 @@ impl std::fmt::Debug for Opened {
 /// [`Error::Io`], [`Error::Format`] or [`Error::Unsupported`] if the file or its data files cannot
 /// be read as what they say they are.
 pub fn open(path: &Path, options: &OpenOptions) -> Result<Opened> {
-    let slices = match path.is_dir() {
-        true => Some(folder::parse(path, options)),
-        false if path.exists() => None,
-        false => folder::numbered(path, options),
-    };
-    let mut recipe = if let Some(recipe) = slices {
-        let mut recipe = recipe?;
-        if recipe.format != "raw" {
-            complete(path, &mut recipe, options)?;
-        }
-        recipe
-    } else {
-        recognise(path, &Blob::file(path)?.head(4096)?, options)?
-    };
+    let mut recipe = parsed(path, options)?;
     refuse_unused(recipe.format, options)?;
     let offset = match &recipe.samples {
         Samples::Files(Data {
@@ -190,34 +192,17 @@ pub fn open(path: &Path, options: &OpenOptions) -> Result<Opened> {
         _ => Vec::new(),
     };
     let (placement, provenance) = place::place(path, &recipe, options)?;
-    let grid = match (&recipe.grid, placement.shear()) {
-        (None, Some(_)) => {
-            let fill = resample::fill(match &recipe.values {
-                Some(values) => values.dtype(recipe.dtype),
-                None => recipe.dtype,
-            });
-            let grid = resample::Grid::upright(path, placement, recipe.dims, fill)?;
-            recipe
-                .notes
-                .push(grid.note("its axes are not at right angles"));
-            Some((grid.placement, grid))
-        }
-        _ => recipe.grid.take().map(|grid| (placement, grid)),
-    };
-    let endian = recipe.endian.unwrap_or_default();
+    let grid = regular(path, &mut recipe, placement)?;
     let header = Header {
         format: recipe.format,
         dims: recipe.dims,
         dtype: recipe.dtype,
-        endian,
+        endian: recipe.endian.unwrap_or_default(),
         placement,
     };
-    let swap = endian != Endian::NATIVE;
-    let (mut notes, mut warnings) = (recipe.notes, recipe.warnings);
-    if options.spacing.is_some() {
-        notes.retain(|note| !note.contains(size::ADVICE));
-        warnings.retain(|warning| !warning.contains(size::ADVICE));
-    }
+    let mut notes = std::mem::take(&mut recipe.notes);
+    let warnings = std::mem::take(&mut recipe.warnings);
+    let warnings = warning::texts(warnings, options.spacing.is_some());
     // behind the samples of a TIFF are its directories, and behind those of one of several times another
     let part = options.time.is_some() || options.channel.is_some();
     if !matches!(recipe.format, "raw" | "tiff")
@@ -226,9 +211,80 @@ pub fn open(path: &Path, options: &OpenOptions) -> Result<Opened> {
     {
         notes.extend(layout::more_than_described(&header, data)?);
     }
+    let values = recipe.values.as_ref().map(|values| values.to_string());
+    let values = values.or(recipe.applied.take());
+    let scaled = match &recipe.values {
+        Some(values) => values.is_scaled(),
+        None => values.is_some(),
+    };
+    let name = path.file_name().unwrap_or(path.as_os_str());
+    Ok(Opened {
+        volume: match grid {
+            Some((grid, placement)) => {
+                let volume = volume(header, recipe, options.io)?;
+                Box::new(Resampled::new(volume, grid, placement)?)
+            }
+            None => volume(header, recipe, options.io)?,
+        },
+        provenance,
+        name: name.to_string_lossy().into_owned(),
+        offset,
+        part: options.part(),
+        files,
+        values,
+        scaled,
+        notes,
+        warnings,
+    })
+}
+
+/// The grid that samples are interpolated to, with its placement: that of the recipe, or one at right angles where the
+/// axes are not.
+fn regular(
+    path: &Path,
+    recipe: &mut Recipe,
+    placement: Placement,
+) -> Result<Option<(Grid, Placement)>> {
+    if let Some(grid) = recipe.grid.take() {
+        return Ok(Some((grid, placement)));
+    }
+    if placement.shear().is_none() {
+        return Ok(None);
+    }
+    let dtype = match &recipe.values {
+        Some(values) => values.dtype(recipe.dtype),
+        None => recipe.dtype,
+    };
+    let grid = Grid::upright(path, placement, recipe.dims, resample::fill(dtype))?;
+    let note = grid.note("its axes are not at right angles");
+    recipe.notes.push(note);
+    let placement = grid.placement;
+    Ok(Some((grid, placement)))
+}
+
+/// What the parser of the format finds, completed by the options.
+fn parsed(path: &Path, options: &OpenOptions) -> Result<Recipe> {
+    let slices = match path.is_dir() {
+        true => Some(folder::parse(path, options)),
+        false if path.exists() => None,
+        false => folder::numbered(path, options),
+    };
+    let Some(recipe) = slices else {
+        return recognise(path, &Blob::file(path)?.head(4096)?, options);
+    };
+    let mut recipe = recipe?;
+    if recipe.format != "raw" {
+        complete(path, &mut recipe, options)?;
+    }
+    Ok(recipe)
+}
+
+/// The samples of a recipe as the values that they stand for, the right way round.
+fn volume(header: Header, recipe: Recipe, io: Io) -> Result<Box<dyn Volume>> {
+    let swap = header.endian != Endian::NATIVE;
     let volume: Box<dyn Volume> = match recipe.samples {
         Samples::Files(data) => {
-            let source = layout::source(&header, &data, options.io)?;
+            let source = layout::source(&header, &data, io)?;
             Box::new(FileVolume::new(header, source, swap))
         }
         Samples::Bytes(source) => Box::new(FileVolume::new(header, source, swap)),
@@ -240,34 +296,9 @@ pub fn open(path: &Path, options: &OpenOptions) -> Result<Opened> {
         [false, false] => volume,
         turned => Box::new(Mirrored::new(volume, turned)),
     };
-    let values = recipe.values.as_ref().map(|values| values.to_string());
-    let values = values.or(recipe.applied);
-    let volume = match recipe.values {
+    Ok(match recipe.values {
         Some(values) => Box::new(Valued::new(volume, values)),
         None => volume,
-    };
-    let volume = match grid {
-        Some((placement, grid)) => Box::new(resample::Resampled::new(volume, grid, placement)?),
-        None => volume,
-    };
-    let name = path.file_name().unwrap_or(path.as_os_str());
-    Ok(Opened {
-        volume,
-        provenance,
-        name: name.to_string_lossy().into_owned(),
-        offset,
-        part: Part {
-            series: options.series.clone(),
-            resample: options.resample,
-            dataset: options.dataset.clone(),
-            level: options.level,
-            channel: options.channel,
-            time: options.time,
-        },
-        files,
-        values,
-        notes,
-        warnings,
     })
 }
 

@@ -1,11 +1,9 @@
 //! The size of a voxel from what a file states of each axis.
 
+use super::warning::Warning;
 use crate::grid::{Placement, Unit};
 use crate::length::Length;
 use crate::manifest::{Origin, Provenance};
-
-/// What every warning and note on sizes advises: where it was followed they have no cause any more.
-pub(super) const ADVICE: &str = "give --spacing";
 
 /// What a file states of the step along one axis.
 #[derive(Debug, Clone, PartialEq)]
@@ -33,7 +31,7 @@ pub(super) struct VoxelSize {
     /// `None` if the file states none, or only the size in voxels.
     pub(super) unit: Option<Unit>,
     pub(super) from: [Origin; 3],
-    pub(super) warning: Option<String>,
+    pub(super) warning: Option<Warning>,
     /// The unit of numbers of x, as the file has them, if it is a length: an origin is in it.
     pub(super) of_file: [Option<Length>; 3],
 }
@@ -60,7 +58,7 @@ impl VoxelSize {
 /// have one, nothing is taken, with a warning unless nothing at all is stated.
 pub(super) fn voxel_size(steps: [Option<Step>; 3]) -> VoxelSize {
     let nothing = |warning: String| VoxelSize {
-        warning: Some(warning),
+        warning: Some(Warning::of_size(warning)),
         ..VoxelSize::default()
     };
     let advice = "give --spacing and --unit";
@@ -122,10 +120,11 @@ pub(super) fn voxel_size(steps: [Option<Step>; 3]) -> VoxelSize {
 }
 
 /// What to say where a format has no distance of slices.
-pub(super) fn assumed_z() -> String {
-    "the file does not state the distance of slices, assumed to be the size of a pixel: give --spacing X,Y,Z and \
-     --unit if it is another"
-        .into()
+pub(super) fn assumed_z() -> Warning {
+    Warning::of_size(
+        "the file does not state the distance of slices, assumed to be the size of a pixel: give --spacing X,Y,Z and \
+         --unit if it is another",
+    )
 }
 
 #[cfg(test)]

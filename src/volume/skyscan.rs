@@ -3,6 +3,7 @@
 
 use super::layout::Recipe;
 use super::size::{self, Step};
+use super::warning::Warning;
 use crate::error::{Error, Result};
 use crate::manifest::Origin;
 use std::io::Read;
@@ -123,10 +124,10 @@ impl Log {
         let same = (0..2).all(|a| self.size[a].is_none_or(|n| n == of_slices[a]));
         if let ([Some(x), Some(y)], false) = (self.size, same) {
             let [nx, ny] = of_slices;
-            recipe.warnings.push(format!(
+            recipe.warnings.push(Warning::of_size(format!(
                 "{name} states a size of {pixel} um of pixels, but of slices of {x} x {y}, and these are {nx} x {ny}: \
                  it is not taken, give --spacing and --unit"
-            ));
+            )));
             return;
         }
         let steps = [*pixel, *pixel, pixel * step].map(|size| Some(Step::new(size, "um")));
@@ -145,10 +146,10 @@ impl Log {
             let length = crate::length::Length::from(own.unit);
             let slices = length.convert(own.spacing[0], recipe.placement.unit);
             if (slices / pixel - 1.0).abs() > 1e-3 {
-                recipe.warnings.push(format!(
+                recipe.warnings.push(Warning::of_size(format!(
                     "the slices state pixels of {slices} um, {name} {pixel} um, which is taken: give --spacing and \
                      --unit if that is wrong"
-                ));
+                )));
             }
         }
     }

@@ -65,6 +65,14 @@ impl Values {
         })
     }
 
+    /// True if values are other numbers than the stored ones.
+    pub(super) fn is_scaled(&self) -> bool {
+        match &self.scale {
+            Scale::All(linear) => *linear != Linear::SAME,
+            Scale::Slices { all, .. } => all.iter().any(|linear| *linear != Linear::SAME),
+        }
+    }
+
     /// The scale of a voxel.
     fn of_voxel(&self, voxel: [u32; 3]) -> Linear {
         match &self.scale {

@@ -75,7 +75,11 @@ fn attributes_of_other_writers_are_applied_or_refused() {
         assert_plain(&read(plain(attributes, json!({})).path()));
     }
     let vague = read(plain(r#"{"gain": 2.5}"#, json!({})).path());
-    assert!(vague.warnings[0].contains("`gain`"), "{:?}", vague.warnings);
+    assert!(
+        vague.warnings[0].contains("attribute gain (2.5)"),
+        "{:?}",
+        vague.warnings
+    );
 }
 
 #[test]

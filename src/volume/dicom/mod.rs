@@ -32,6 +32,7 @@ use super::values::{Linear, Scale, Values};
 use crate::error::{Error, Result};
 use crate::grid::{Dims, Placement, Unit};
 use crate::manifest::{Origin, Provenance};
+use crate::volume::warning::Warning;
 use element::Fragment;
 use frame::{Cell, Image, Rescale, Step};
 use pixel::Frames;
@@ -310,11 +311,11 @@ fn placed(
 }
 
 /// What to say of slices that are taken to lie as far apart as they are thick.
-fn thickness(thick: f64) -> String {
-    format!(
+fn thickness(thick: f64) -> Warning {
+    Warning::of_size(format!(
         "the distance of slices is assumed to be their thickness ({thick} mm), since the file states no positions and \
          no SpacingBetweenSlices: give --spacing X,Y,Z and --unit if it is another"
-    )
+    ))
 }
 
 fn no_distance(path: &Path) -> Error {

@@ -1,6 +1,7 @@
 //! Attributes of datasets and groups, as numbers and text.
 
 use crate::length::shortest;
+use crate::volume::written::{Held, Written};
 use hdf5_reader::attribute_api::Attribute;
 use hdf5_reader::{Dataset, Datatype, StringSize};
 
@@ -32,6 +33,32 @@ impl Attributes {
             [number] => Some(number),
             _ => None,
         }
+    }
+
+    /// What they hold.
+    pub(super) fn written(&self) -> Written {
+        let mut written = Written::default();
+        for Attribute { name, .. } in &self.0 {
+            let held = match (self.numbers(name), self.texts(name)) {
+                (Some(numbers), _) if !numbers.is_empty() => Held::Numbers(numbers),
+                (_, texts) if !texts.is_empty() => {
+                    if let [one] = &texts[..]
+                        && one.starts_with('{')
+                        && let Ok(json) = serde_json::from_str(one)
+                    {
+                        written.add_json(name, &json);
+                        continue;
+                    }
+                    match self.text(name) {
+                        Some(joined) if texts.len() > 3 => Held::Texts(vec![joined]),
+                        _ => Held::Texts(texts),
+                    }
+                }
+                _ => Held::Other,
+            };
+            written.add(name, held);
+        }
+        written
     }
 
     /// All texts of an attribute; none if it is no text.

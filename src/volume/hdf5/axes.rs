@@ -1,5 +1,6 @@
 //! Which axes of an array are x, y and z, by their names or their number.
 
+use crate::volume::written::axis_letter;
 use std::fmt::Write;
 
 /// What an axis is, by its name.
@@ -30,7 +31,7 @@ fn role(name: &str) -> Role {
         {
             Role::Angle
         }
-        _ => Role::Other,
+        _ => axis_letter(name).map_or(Role::Other, Role::Space),
     }
 }
 
@@ -111,6 +112,8 @@ pub(super) struct Axes {
     /// Which is that of channels and which that of times, if they have more than one entry.
     pub(super) channel: Option<usize>,
     pub(super) time: Option<usize>,
+    /// The file names all of x, y and z.
+    pub(super) named: bool,
     /// What a user should know of it.
     pub(super) note: Option<String>,
 }
@@ -179,7 +182,7 @@ impl Axes {
             .filter(|&a| space[a].is_none())
             .collect();
         match (missing.len(), unknown.len()) {
-            (0, 0) => {}
+            (0, 0) => axes.named = true,
             (n @ (1 | 3), m) if n == m => {
                 let mut note = String::from("axes");
                 for (&a, &at) in missing.iter().zip(&unknown) {

@@ -4,9 +4,11 @@ use super::attributes::{Attributes, numbers_of};
 use super::axes::Axes;
 use super::place::{Place, axistags};
 use crate::grid::Placement;
-use crate::length::Length;
+use crate::length::{Length, product, sum};
 use crate::manifest::{Origin, Provenance};
 use crate::volume::size::{Step, VoxelSize, voxel_size};
+use crate::volume::warning::Warning;
+use crate::volume::written::{Grid, size};
 
 /// One axis of a grid: the size of a voxel and the place of the first one.
 #[derive(Debug, Clone, PartialEq)]
@@ -25,14 +27,14 @@ pub(super) struct Geometry {
     /// Unit vectors along x, y and z, if they are not the usual ones.
     pub(super) directions: Option<[[f64; 3]; 3]>,
     pub(super) notes: Vec<String>,
-    pub(super) warnings: Vec<String>,
+    pub(super) warnings: Vec<Warning>,
     /// Why the grid is none with one step along each axis.
     pub(super) uneven: Option<String>,
 }
 
 impl Geometry {
     /// Spacing, unit, origin and directions.
-    pub(super) fn place(mut self) -> (Placement, Provenance, Vec<String>, Vec<String>) {
+    pub(super) fn place(mut self) -> (Placement, Provenance, Vec<String>, Vec<Warning>) {
         let mut place = Placement::default();
         let mut from = Provenance::default();
         let steps = self.along.clone().map(|a| a.map(|a| a.step));
@@ -60,8 +62,8 @@ impl Geometry {
             let most = parts
                 .iter()
                 .fold(0.0, |most: f64, part| most.max(part.abs()));
-            let sum = parts.iter().sum::<f64>() + 0.0;
-            *origin = shortest_near(sum, 4.0 * f64::EPSILON * most);
+            let total = parts.iter().sum::<f64>() + 0.0;
+            *origin = shortest_near(total, 4.0 * f64::EPSILON * most);
         }
         if starts != [0.0; 3] {
             from.origin = Origin::File;
@@ -96,54 +98,28 @@ impl Place<'_> {
         geometry
     }
 
-    /// Attributes that hold the size of a voxel.
+    /// Attributes that hold the size of a voxel: its own, or those of the nearest group that states any.
     fn sizes(&self, axes: &Axes, geometry: &mut Geometry) {
-        for attribute in &self.attributes.0 {
-            let Some((unit, sure)) = size_name(&attribute.name) else {
-                continue;
-            };
-            let name = &attribute.name;
-            let stated = ["units", "unit", "voxel_unit", "voxel_units"]
-                .iter()
-                .find_map(|u| {
-                    let texts = self.attributes.texts(u);
-                    texts.into_iter().find(|t| Length::parse(t).is_some())
-                });
-            let unit = unit.map(str::to_owned).or(stated).unwrap_or_default();
-            let Some(values) = self.attributes.numbers(name) else {
-                continue;
-            };
-            let text: Vec<String> = values.iter().map(f64::to_string).collect();
-            let text = text.join(", ");
-            if unit.is_empty() && !sure {
-                geometry.warnings.push(format!(
-                    "the attribute {name} ({text}) states no unit and is not taken: give --spacing and --unit if it \
-                     is the size of a voxel"
-                ));
-                continue;
+        let grid = Grid {
+            volume: axes.volume,
+            axes: self.dataset.ndim(),
+            named: axes.named,
+        };
+        let mut found = size(&self.attributes.written(), grid, "");
+        for (group, attributes) in self.groups() {
+            if found.steps.is_some() || !found.warnings.is_empty() {
+                break;
             }
-            // of x, y and z among the numbers
-            let mut order = [0, 1, 2];
-            order.sort_by_key(|&a| axes.volume[a]);
-            let rank = |a: usize| order.iter().position(|&o| o == a).unwrap_or(0);
-            let places = match values.len() {
-                1 => [0; 3],
-                // by the writers of this one, whatever the axes
-                3 if name == "element_size_um" => [2, 1, 0],
-                3 => [0, 1, 2].map(rank),
-                n if n == self.dataset.ndim() => axes.volume,
-                _ => {
-                    geometry.warnings.push(format!(
-                        "the attribute {name} ({text}) has not one number for each axis and is not taken"
-                    ));
-                    continue;
-                }
-            };
-            geometry.along = places.map(|at| Some(Along::of(values[at], &unit)));
-            geometry
-                .notes
-                .push(format!("size of a voxel by the attribute {name}"));
-            return;
+            let of = format!(" of the group {group}");
+            found = size(&attributes.written(), grid, &of);
+            if found.steps.is_some() && self.others(&group) {
+                found = found.of_several();
+            }
+        }
+        geometry.notes.append(&mut found.notes);
+        geometry.warnings.append(&mut found.warnings);
+        if let Some(steps) = found.steps {
+            geometry.along = steps.map(|step| step.map(Along::from));
         }
     }
 
@@ -162,10 +138,10 @@ impl Place<'_> {
         };
         let offset = of("gridGlobalOffset").filter(|o| o.len() == spacing.len());
         geometry.along = axes.volume.map(|a| {
-            let start = offset.as_ref().map_or(0.0, |o| o[a] * factor);
+            let start = offset.as_ref().map_or(0.0, |o| product(o[a], *factor));
             Some(Along {
                 start,
-                ..Along::of(shortest_near(spacing[a] * factor, 0.0), "m")
+                ..Along::of(product(spacing[a], *factor), "m")
             })
         });
         geometry
@@ -193,7 +169,7 @@ impl Place<'_> {
         };
         let origin = read("ORIGIN").unwrap_or_else(|| vec![0.0; 3]);
         geometry.along = [0, 1, 2].map(|a| {
-            let start = origin[a] + spacing[a] / 2.0;
+            let start = sum(origin[a], product(spacing[a], 0.5));
             Some(Along {
                 start,
                 ..Along::of(spacing[a], "")
@@ -283,37 +259,18 @@ impl Place<'_> {
 impl Along {
     /// A step from the origin on.
     pub(super) fn of(size: f64, unit: &str) -> Self {
+        Step::new(size, unit).into()
+    }
+}
+
+impl From<Step> for Along {
+    fn from(step: Step) -> Self {
         Along {
-            step: Step::new(size, unit),
+            step,
             start: 0.0,
             falls: false,
         }
     }
-}
-
-/// The unit in the name of an attribute that holds the size of a voxel, and whether it can be nothing else.
-fn size_name(name: &str) -> Option<(Option<&'static str>, bool)> {
-    let lower = name.to_lowercase();
-    let units = [
-        ("_um", "um"),
-        ("_microns", "um"),
-        ("_micron", "um"),
-        ("_mm", "mm"),
-        ("_nm", "nm"),
-        ("_cm", "cm"),
-        ("_m", "m"),
-    ];
-    let found = units
-        .iter()
-        .find_map(|(end, unit)| Some((lower.strip_suffix(end)?, *unit)));
-    let base = found.map_or(lower.as_str(), |(base, _)| base);
-    let sure = match base {
-        "element_size" | "voxel_size" | "voxelsize" | "voxel_spacing" | "pixel_size"
-        | "pixelsize" => true,
-        "resolution" | "spacing" => false,
-        _ => return None,
-    };
-    Some((found.map(|(_, unit)| unit), sure))
 }
 
 /// Start and step of coordinates of the centres of `n` voxels, or of their `n + 1` edges.
@@ -334,7 +291,8 @@ fn even(values: &[f64], n: u64, single: bool) -> Option<(f64, f64)> {
     let near = |(i, v): (usize, &f64)| (v - (first + i as f64 * step)).abs() <= slack;
     let doubt = rounding.max(4.0 * f64::EPSILON * most) / (values.len() - 1) as f64;
     let step = shortest_near(step, doubt);
-    let start = if edges { first + step / 2.0 } else { first };
+    let half = product(step, 0.5);
+    let start = if edges { sum(first, half) } else { first };
     (step.is_finite() && values.iter().enumerate().all(near)).then_some((start, step))
 }
 
@@ -368,14 +326,5 @@ mod tests {
         assert_eq!(even(&far, 9, true), Some((1000.0, 0.01)));
         assert_eq!(shortest_near(0.1 + 0.2, 0.0), 0.3);
         assert_eq!(shortest_near(1.0 / 3.0, 0.0), 1.0 / 3.0);
-    }
-
-    #[test]
-    fn names_of_attributes_hold_units() {
-        assert_eq!(size_name("element_size_um"), Some((Some("um"), true)));
-        assert_eq!(size_name("VoxelSize"), Some((None, true)));
-        assert_eq!(size_name("resolution"), Some((None, false)));
-        assert_eq!(size_name("resolution_nm"), Some((Some("nm"), false)));
-        assert_eq!(size_name("sum"), None);
     }
 }

@@ -8,7 +8,9 @@ use super::attributes::{Attributes, numbers_of};
 use super::geometry::{Along, Geometry};
 use super::number::Number;
 use super::place::Place;
+use crate::length::{product, sum};
 use crate::volume::values::{Linear, Scale, Values};
+use crate::volume::warning::Warning;
 use hdf5_reader::Dataset;
 
 /// The level of an image of MINC by its name; `None` for other datasets.
@@ -31,9 +33,9 @@ pub(super) fn geometry(place: &Place, axes: [usize; 3]) -> Result<Geometry, Stri
             return Err("an image without the attribute dimorder".into());
         };
         let Ok(dataset) = place.file.dataset(&format!("/minc-2.0/dimensions/{name}")) else {
-            geometry.warnings.push(format!(
+            geometry.warnings.push(Warning::of_size(format!(
                 "the file has no dimension {name}: give --spacing and --unit"
-            ));
+            )));
             continue;
         };
         let of = Attributes(dataset.attributes());
@@ -61,7 +63,8 @@ pub(super) fn geometry(place: &Place, axes: [usize; 3]) -> Result<Geometry, Stri
         let coarser = coarser.map_or(1.0, |length| length / n);
         // what is absent is 1, by the format
         let step = of.number("step").unwrap_or(1.0);
-        let start = of.number("start").unwrap_or(0.0) + (coarser - 1.0) * step / 2.0;
+        let start = of.number("start").unwrap_or(0.0);
+        let start = sum(start, product(coarser - 1.0, product(step, 0.5)));
         if step == 0.0 || !step.is_finite() || !start.is_finite() {
             return Err(format!("{name} with the step {step} and the start {start}"));
         }
@@ -69,7 +72,7 @@ pub(super) fn geometry(place: &Place, axes: [usize; 3]) -> Result<Geometry, Stri
         geometry.along[a] = Some(Along {
             start,
             falls: step < 0.0,
-            ..Along::of(step.abs() * coarser, &unit)
+            ..Along::of(product(step.abs(), coarser), &unit)
         });
     }
     geometry.directions = Some(directions);
@@ -103,7 +106,7 @@ pub(super) fn values(
     axes: [usize; 3],
     entry: &[u64],
     number: &Number,
-    warnings: &mut Vec<String>,
+    warnings: &mut Vec<Warning>,
 ) -> Result<Option<Values>, String> {
     let Some(all) = number.range() else {
         return match number.dtype.is_float() && number.is_wide() {

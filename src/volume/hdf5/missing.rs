@@ -39,81 +39,86 @@ impl Stored {
     }
 }
 
-/// What is not stored of a part of a dataset.
-#[derive(Debug, PartialEq)]
-pub(super) enum Missing {
-    Nothing,
-    /// No sample was ever written.
-    All,
-    /// So many chunks of so many.
-    Chunks(u64, u64),
-    /// Nobody looked, as there are so many.
-    Unknown(u64),
-}
-
-/// Counts the chunks of a part of a dataset, given as a range along each axis, that are not in the file.
+/// How many of the chunks of a part of a dataset, given as a range along each axis, are not in the file, and how many
+/// there are; `None` of them if there are too many to look. One piece that was never written counts as a chunk.
 pub(super) fn missing(
     file: &Hdf5File,
     dataset: &Dataset,
     stored: &Stored,
     part: &[Range<u64>],
-) -> Result<Missing, H5Error> {
-    let sizes = file.superblock();
-    let (offset, length) = (sizes.offset_size, sizes.length_size);
+) -> Result<(Option<u64>, u64), H5Error> {
+    let undefined =
+        |address: u64| Cursor::is_undefined_offset(address, file.superblock().offset_size);
     let (address, indexing) = match &stored.layout {
         Some(DataLayout::Contiguous { address, .. }) => {
-            let none = Cursor::is_undefined_offset(*address, offset);
-            return Ok(if none { Missing::All } else { Missing::Nothing });
+            return Ok((Some(undefined(*address).into()), 1));
         }
         Some(DataLayout::Chunked {
             address,
             chunk_indexing,
             ..
-        }) => (*address, chunk_indexing),
-        _ => return Ok(Missing::Nothing),
+        }) => (*address, chunk_indexing.as_ref()),
+        _ => return Ok((Some(0), 1)),
     };
     let chunk = dataset.chunks().unwrap_or_default();
-    if Cursor::is_undefined_offset(address, offset) {
-        return Ok(Missing::All);
-    }
     if chunk.len() != part.len() || chunk.contains(&0) {
-        return Ok(Missing::Nothing);
+        return Ok((Some(0), 1));
     }
-    let (shape, storage) = (dataset.shape(), file.storage());
-    let along = |range: &Range<u64>, &c: &u32| {
-        let c = u64::from(c);
-        (range.start / c, range.end.saturating_sub(1) / c)
+    let along = |(range, c): (&Range<u64>, &u32)| {
+        let c = u64::from(*c);
+        range.start / c..range.end.div_ceil(c)
     };
-    let bounds: Vec<(u64, u64)> = part.iter().zip(&chunk).map(|(r, c)| along(r, c)).collect();
-    let count = |n: u64, (a, b): &(u64, u64)| n.saturating_mul(b - a + 1);
-    let total = bounds.iter().fold(1, count);
-    let grid = shape.iter().zip(&chunk);
+    let wanted: Vec<Range<u64>> = part.iter().zip(&chunk).map(along).collect();
+    let count = |n: u64, r: &Range<u64>| n.saturating_mul(r.end - r.start);
+    let total = wanted.iter().fold(1, count);
+    if undefined(address) {
+        return Ok((Some(total), total));
+    }
+    let grid = dataset.shape().iter().zip(&chunk);
     let grid = grid.fold(1u64, |n, (s, &c)| n.saturating_mul(s.div_ceil(c.into())));
     if grid > MAX_CHUNKS {
-        return Ok(Missing::Unknown(total));
+        return Ok((None, total));
     }
-    let inside = |offsets: &[u64]| {
-        let places = offsets.iter().zip(&chunk).zip(&bounds);
-        places.fold(true, |all, ((&at, &c), (a, b))| {
-            all && (*a..=*b).contains(&(at / u64::from(c)))
-        })
+    let Some(there) = chunks_of(file, dataset, address, indexing)? else {
+        return Ok((Some(0), total));
     };
+    let inside = |offsets: &&Vec<u64>| {
+        let mut places = offsets.iter().zip(&chunk).zip(&wanted);
+        places.all(|((&at, &c), wanted)| wanted.contains(&(at / u64::from(c))))
+    };
+    let there = there.iter().filter(inside).count() as u64;
+    Ok((Some(total.saturating_sub(there)), total))
+}
+
+/// Where the chunks begin that are in the file; `None` if they were written as a whole.
+fn chunks_of(
+    file: &Hdf5File,
+    dataset: &Dataset,
+    address: u64,
+    indexing: Option<&ChunkIndexing>,
+) -> Result<Option<Vec<Vec<u64>>>, H5Error> {
+    let (storage, sizes) = (file.storage(), file.superblock());
+    let (offset, length) = (sizes.offset_size, sizes.length_size);
+    let (shape, chunk) = (dataset.shape(), dataset.chunks().unwrap_or_default());
+    let ndim = shape.len() as u32;
     let entries = match indexing {
         None => {
-            let ndim = Some(shape.len() as u32);
             let leaves = collect_btree_v1_leaves_storage(
-                storage, address, offset, length, ndim, &chunk, None,
+                storage,
+                address,
+                offset,
+                length,
+                Some(ndim),
+                &chunk,
+                None,
             )?;
-            let there = leaves.iter().filter(|(key, _)| match key {
-                BTreeV1Key::RawData { offsets, .. } => {
-                    inside(&offsets[..shape.len().min(offsets.len())])
-                }
-                _ => false,
+            let places = leaves.into_iter().filter_map(|(key, _)| match key {
+                BTreeV1Key::RawData { offsets, .. } => Some(offsets),
+                _ => None,
             });
-            return Ok(told(total, there.count()));
+            return Ok(Some(places.collect()));
         }
         Some(ChunkIndexing::BTreeV2) => {
-            let ndim = shape.len() as u32;
             collect_v2_chunk_entries_storage(storage, address, offset, length, ndim, &chunk, None)?
         }
         Some(ChunkIndexing::FixedArray { .. }) => collect_fixed_array_chunk_entries_storage(
@@ -125,19 +130,7 @@ pub(super) fn missing(
                 storage, address, offset, length, shape, max, &chunk, None,
             )?
         }
-        // written as a whole
-        Some(ChunkIndexing::SingleChunk { .. } | ChunkIndexing::Implicit) => {
-            return Ok(Missing::Nothing);
-        }
+        Some(ChunkIndexing::SingleChunk { .. } | ChunkIndexing::Implicit) => return Ok(None),
     };
-    let there = entries.iter().filter(|e| inside(&e.offsets)).count();
-    Ok(told(total, there))
-}
-
-fn told(total: u64, there: usize) -> Missing {
-    match total.saturating_sub(there as u64) {
-        0 => Missing::Nothing,
-        n if n == total => Missing::All,
-        n => Missing::Chunks(n, total),
-    }
+    Ok(Some(entries.into_iter().map(|e| e.offsets).collect()))
 }

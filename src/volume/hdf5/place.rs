@@ -2,9 +2,10 @@
 
 use super::attributes::Attributes;
 use super::axes::Names;
-use super::tree::Tree;
+use super::tree::{Item, Tree};
 use crate::length::Length;
-use crate::volume::written::AXES;
+use crate::volume::written::{AXES, plain};
+use hdf5_reader::attribute_api::Attribute;
 use hdf5_reader::{Dataset, Hdf5File};
 
 /// A dataset and what is around it.
@@ -72,7 +73,8 @@ impl<'a> Place<'a> {
             .map(|a| self.scale(a).map_or(String::new(), |s| s.0))
             .collect();
         all.extend(Names::new(scales, n, "the list of dimensions"));
-        for name in AXES {
+        let of_axes = |a: &&Attribute| AXES.contains(&&*plain(&a.name));
+        for Attribute { name, .. } in attributes.0.iter().filter(of_axes) {
             let by = format!("the attribute {name}");
             let texts = attributes.texts(name);
             all.extend(match &texts[..] {
@@ -90,6 +92,28 @@ impl<'a> Place<'a> {
         }
         all.extend(self.tuples());
         all
+    }
+
+    /// The groups that the dataset is in, the nearest first, with their attributes.
+    pub(super) fn groups(&self) -> impl Iterator<Item = (String, Attributes)> {
+        let mut name = self.name;
+        std::iter::from_fn(move || {
+            name = name.rsplit_once('/')?.0;
+            let group = self.file.group(name).and_then(|group| group.attributes());
+            let shown = if name.is_empty() { "/" } else { name };
+            Some((shown.to_owned(), Attributes(group.unwrap_or_default())))
+        })
+    }
+
+    /// True if a group holds another array of three axes or more, of another shape.
+    pub(super) fn others(&self, group: &str) -> bool {
+        let front = format!("{}/", group.trim_end_matches('/'));
+        self.tree.items.iter().any(|(name, item)| match item {
+            Item::Dataset(other) if name.starts_with(&front) => {
+                other.ndim() >= 3 && other.shape() != self.dataset.shape()
+            }
+            _ => false,
+        })
     }
 
     /// True for the data of a NeXus group of data.
@@ -111,22 +135,6 @@ impl<'a> Place<'a> {
         let mut names: Vec<String> = ["z", "y", "x", "c"].map(String::from).into();
         names.resize_with(shape.len(), || "other".into());
         Names::new(names, shape.len(), "the attribute TupleDimensions")
-    }
-
-    /// Why the order that attributes state cannot be told, if they state one.
-    pub(super) fn vague_order(&self) -> Option<String> {
-        ["DimensionOrder", "AxisOrder", "axis_order", "dimension_order"]
-            .iter()
-            .find_map(|name| {
-                let text = self.attributes.text(name)?;
-                let lower: String = text.to_lowercase().chars().filter(|c| c.is_alphabetic()).collect();
-                let space: String = lower.chars().filter(|c| "xyz".contains(*c)).collect();
-                (space != "zyx").then(|| {
-                    format!(
-                        "its attribute {name} is {text}, which may count from the first axis or from the last"
-                    )
-                })
-            })
     }
 
     /// Name and dataset of the dimension scale of an axis.

@@ -6,7 +6,8 @@ use super::place::Place;
 use crate::error::{Error, Result};
 use crate::volume::cf::{self, Attribute};
 use crate::volume::values::{Linear, Scale, Values};
-use crate::volume::written::{self, Stated, is_vague, not_applied, sound};
+use crate::volume::warning::Warning;
+use crate::volume::written::{Stated, Written, sound};
 use hdf5_reader::Datatype;
 use std::path::Path;
 
@@ -18,7 +19,7 @@ pub(super) fn values(
     path: &Path,
     place: &Place,
     number: Number,
-    warnings: &mut Vec<String>,
+    warnings: &mut Vec<Warning>,
 ) -> Result<(Number, Option<Values>)> {
     let packed = cf::values(path, number.dtype, |name| {
         Ok(attribute(&place.attributes, name))
@@ -32,8 +33,13 @@ pub(super) fn values(
             hint,
         )
     };
-    let other = other(place).map_err(no)?;
-    vague(&place.attributes, other.is_some(), warnings);
+    let written = place.attributes.written();
+    let other = other(place, &written).map_err(no)?;
+    written.vague(other.is_some(), "", warnings);
+    for (group, attributes) in place.groups() {
+        let of = format!(" of the group {group}");
+        attributes.written().vague(false, &of, warnings);
+    }
     let Some((linear, by)) = other else {
         return Ok((number, packed.values));
     };
@@ -66,19 +72,16 @@ fn attribute(attributes: &Attributes, name: &str) -> Option<Attribute> {
 }
 
 /// A scale that is not that of CF, and who states it.
-fn other(place: &Place) -> Result<Option<Stated>, String> {
-    let own = |name: &str| {
-        let there = place.attributes.has(name);
-        match place.attributes.number(name) {
-            Some(n) if n.is_finite() => Ok(Some(n)),
-            _ if there => Err(format!("an attribute {name} that is no number")),
-            _ => Ok(None),
-        }
-    };
-    let pair = written::pair(own)?;
+fn other(place: &Place, written: &Written) -> Result<Option<Stated>, String> {
+    let pair = written.pair()?;
     if pair.is_some() {
         return Ok(pair);
     }
+    let own = |name: &str| match place.attributes.number(name) {
+        Some(n) if n.is_finite() => Ok(Some(n)),
+        _ if place.attributes.has(name) => Err(format!("an attribute {name} that is no number")),
+        _ => Ok(None),
+    };
     // NeXus: attributes of the data, or datasets beside it
     let (folder, name) = place.name.rsplit_once('/').unwrap_or(("", place.name));
     let beside = |what: &str| {
@@ -117,14 +120,5 @@ fn other(place: &Place) -> Result<Option<Stated>, String> {
             };
             sound(linear, by.to_owned()).map(Some)
         }
-    }
-}
-
-/// Says which attributes may be a scale and are not taken as one.
-fn vague(attributes: &Attributes, taken: bool, warnings: &mut Vec<String>) {
-    for attribute in &attributes.0 {
-        let number = attributes.number(&attribute.name);
-        let number = number.filter(|&n| is_vague(&attribute.name, n, taken));
-        warnings.extend(number.map(|n| not_applied(&attribute.name, n)));
     }
 }

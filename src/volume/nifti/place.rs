@@ -4,6 +4,7 @@ use super::Head;
 use crate::grid::{Placement, Unit};
 use crate::manifest::{Origin, Provenance};
 use crate::volume::size::{Step, VoxelSize, voxel_size};
+use crate::volume::warning::Warning;
 use glam::DVec3;
 
 /// A map from voxels to the world.
@@ -19,7 +20,7 @@ struct Form {
 impl Head<'_> {
     /// Spacing, directions, origin and unit: of the sform if it is sound, else of the qform, else of `pixdim` alone.
     /// What is passed over, or contradicts another, is a warning.
-    pub(super) fn place(&self, warnings: &mut Vec<String>) -> (Placement, Provenance) {
+    pub(super) fn place(&self, warnings: &mut Vec<Warning>) -> (Placement, Provenance) {
         let mut place = Placement::default();
         let mut from = Provenance::default();
         let (unit, known) = self.unit();
@@ -34,11 +35,13 @@ impl Head<'_> {
         };
         for (name, form) in [("sform", &sform), ("qform", &qform)] {
             if let Some(Err(what)) = form {
-                warnings.push(format!("the {name} is not taken, but {taken}: {what}"));
+                warnings.push(format!("the {name} is not taken, but {taken}: {what}").into());
             }
         }
         let (sform, qform) = (sform.and_then(Result::ok), qform.and_then(Result::ok));
-        warnings.extend(sform.and_then(|sform| self.contradiction(&sform, qform.as_ref(), &size)));
+        let contradiction =
+            sform.and_then(|sform| self.contradiction(&sform, qform.as_ref(), &size));
+        warnings.extend(contradiction.map(Warning::from));
         match sform.or(qform) {
             Some(form) => {
                 place.spacing = form.lengths;
@@ -65,11 +68,11 @@ impl Head<'_> {
             };
         }
         if !known {
-            warnings.push(format!(
+            warnings.push(Warning::of_size(format!(
                 "the file states its unit of length by a code that is not known ({}), millimetres are assumed: give \
                  --spacing and --unit if that is wrong",
                 self.unit_code()
-            ));
+            )));
         }
         (place, from)
     }

@@ -6,6 +6,7 @@ use crate::grid::{Placement, Unit};
 use crate::manifest::{Origin, Provenance};
 use crate::volume::size::{Step, VoxelSize, voxel_size};
 use crate::volume::text::{self, Field};
+use crate::volume::warning::Warning;
 
 /// Where the volume lies, and what a user should know of that.
 #[derive(Default)]
@@ -13,7 +14,7 @@ pub(super) struct Place {
     pub(super) placement: Placement,
     pub(super) provenance: Provenance,
     pub(super) notes: Vec<String>,
-    pub(super) warnings: Vec<String>,
+    pub(super) warnings: Vec<Warning>,
 }
 
 impl Head<'_> {
@@ -25,11 +26,10 @@ impl Head<'_> {
         } else if let Some(field) = self.get("spacings") {
             self.spacings(field, &mut place)?;
         } else if self.get("axis mins").is_some() || self.get("axis maxs").is_some() {
-            place.warnings.push(
+            place.warnings.push(Warning::of_size(
                 "the file states its size by axis mins and axis maxs alone, which are not taken: give --spacing \
-                 and --unit"
-                    .into(),
-            );
+                 and --unit",
+            ));
         } else if let Some(origin) = self.origin()? {
             place.placement.origin = origin;
             place.provenance.origin = Origin::File;

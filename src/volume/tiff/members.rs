@@ -1,10 +1,11 @@
 //! Members of tifffile's description by which people state the size of a voxel or a scale of samples. tifffile itself
 //! gives them no meaning: those of one meaning are taken, the others are named in a warning.
 
+use super::super::Dtype;
 use super::super::cf::{self, Attribute};
 use super::super::size::Step;
 use super::super::values::{Linear, Scale, Values};
-use super::super::{Dtype, written};
+use super::super::written::{self, Written, plain};
 use super::stack::About;
 use crate::error::{Error, Result};
 use crate::grid::Unit;
@@ -84,16 +85,10 @@ pub(super) struct Members<'a> {
     pub(super) axes: &'a str,
 }
 
-/// A name in small letters without what separates words.
-fn compact(name: &str) -> String {
-    let letters = name.chars().filter(|c| c.is_alphanumeric());
-    letters.flat_map(char::to_lowercase).collect()
-}
-
 /// The number of axes, or the axis, and the unit that a name of a size has.
 fn size_name(name: &str) -> Option<(usize, Option<usize>, Option<&'static str>)> {
-    let name = compact(name);
-    let plain = |name: &str| {
+    let name = plain(name);
+    let base = |name: &str| {
         let of = |base: &str| SIZES.iter().find(|(n, _)| *n == base).map(|(_, n)| *n);
         if let Some(count) = of(name) {
             return Some((count, None));
@@ -104,10 +99,10 @@ fn size_name(name: &str) -> Option<(usize, Option<usize>, Option<&'static str>)>
         })
     };
     let with_unit = |unit: &'static str| {
-        let (count, axis) = plain(name.strip_suffix(unit)?)?;
+        let (count, axis) = base(name.strip_suffix(unit)?)?;
         Some((count, axis, Some(unit)))
     };
-    match plain(&name) {
+    match base(&name) {
         Some((count, axis)) => Some((count, axis, None)),
         None => UNITS.into_iter().find_map(with_unit),
     }
@@ -129,7 +124,7 @@ fn numbers(value: &Value) -> Option<Vec<f64>> {
 fn of_axes(value: &Value) -> Option<[Option<f64>; 3]> {
     let object = value.as_object()?;
     let axis = |name: &str| {
-        let found = object.iter().find(|(key, _)| compact(key) == name);
+        let found = object.iter().find(|(key, _)| plain(key) == name);
         found.and_then(|(_, value)| value.as_f64()).map(tidy)
     };
     let all = ["x", "y", "z"].map(axis);
@@ -139,7 +134,7 @@ fn of_axes(value: &Value) -> Option<[Option<f64>; 3]> {
 impl<'a> Members<'a> {
     /// All that may say something of sizes, to be compared between slices.
     pub(super) fn of_sizes(&self) -> String {
-        let maybe = |name: &str| compact(name).contains("unit") || maybe_size(name);
+        let maybe = |name: &str| plain(name).contains("unit") || maybe_size(name);
         let all = self.json.iter().filter(|(name, _)| maybe(name));
         all.map(|(name, value)| format!("{name}={value}\n"))
             .collect()
@@ -147,12 +142,12 @@ impl<'a> Members<'a> {
 
     /// The unit beside sizes: of the member `name`, or of all.
     fn unit(&self, name: &str) -> String {
-        let name = compact(name);
+        let name = plain(name);
         let own = [format!("{name}unit"), format!("{name}units")];
         let all = ["unit", "units", "voxelunit", "voxelunits", "spacingunit"];
         let mut names = own.iter().map(String::as_str).chain(all);
         let text = names.find_map(|wanted| {
-            let mut found = self.json.iter().filter(|(key, _)| compact(key) == wanted);
+            let mut found = self.json.iter().filter(|(key, _)| plain(key) == wanted);
             found.find_map(|(_, value)| value.as_str())
         });
         text.unwrap_or_default().to_owned()
@@ -196,7 +191,7 @@ impl<'a> Members<'a> {
         let (count, axis, unit) = size_name(name)?;
         let mut unit = unit.map_or_else(|| self.unit(name), str::to_owned);
         // as in OME, whose names these are
-        if unit.is_empty() && compact(name).starts_with("physicalsize") {
+        if unit.is_empty() && plain(name).starts_with("physicalsize") {
             unit = "um".into();
         }
         let step = |size: f64| Some(Step::new(size, unit.clone()));
@@ -255,13 +250,11 @@ impl<'a> Members<'a> {
         if packed.dtype != stored {
             return Err(no("the member _Unsigned".into()));
         }
-        let pair = written::pair(|name| match self.json.get(name) {
-            None | Some(Value::Null) => Ok(None),
-            Some(value) => match value.as_f64() {
-                None => Err(format!("a member \"{name}\" that is {value}")),
-                number => Ok(number),
-            },
-        });
+        let mut stated = Written::default();
+        for (name, value) in self.json {
+            stated.add_json(name, value);
+        }
+        let pair = stated.pair();
         let Some((linear, by)) = pair.map_err(no)? else {
             return Ok(packed.values);
         };
@@ -279,7 +272,7 @@ impl<'a> Members<'a> {
     /// Warns of members that may say which values samples stand for, and are not applied.
     pub(super) fn vague(&self, about: &mut About) {
         for (name, value) in self.json {
-            let part = |parts: &[&str]| parts.iter().any(|part| compact(name).contains(part));
+            let part = |parts: &[&str]| parts.iter().any(|part| plain(name).contains(part));
             let nothing = [0.0, 1.0].iter().any(|n| value.as_f64() == Some(*n));
             if part(&MAYBE_VALUES)
                 && !part(&["time", "origin", "position"])
@@ -290,7 +283,7 @@ impl<'a> Members<'a> {
                 about.warnings.push(format!(
                     "the description by tifffile has the member \"{name}\" ({value}), which is not applied: if it is \
                      of the values, the threshold is in stored numbers"
-                ));
+                ).into());
             }
         }
     }
@@ -306,7 +299,7 @@ fn is_applied(name: &str) -> bool {
 }
 
 fn maybe_size(name: &str) -> bool {
-    let name = compact(name);
+    let name = plain(name);
     ["dx", "dy", "dz"].contains(&name.as_str())
         || MAYBE_SIZES.iter().any(|part| name.contains(part))
 }

@@ -60,6 +60,7 @@ pub(super) fn plan(
                 "OME-XML says that its pixels are in the file {name}, which is not there: those of this file are \
                  taken, as if it had been renamed"
             )
+            .into()
         }));
         plan.named = alone && plan.blobs.iter().any(|blob| blob.path() != path);
         plan.movie(&chosen);

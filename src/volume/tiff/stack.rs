@@ -5,6 +5,7 @@ use super::super::size::{self, Step, VoxelSize};
 use super::super::values::Values;
 use crate::error::{Error, Result};
 use crate::manifest::Origin;
+use crate::volume::warning::Warning;
 use std::path::Path;
 
 /// The most volumes that a message lists.
@@ -23,13 +24,13 @@ pub(super) struct About {
     /// The voxel at the origin of coordinates.
     pub(super) zero: Option<[f64; 3]>,
     pub(super) notes: Vec<String>,
-    pub(super) warnings: Vec<String>,
+    pub(super) warnings: Vec<Warning>,
 }
 
 impl About {
     /// Adds a warning that has no cause any more where `--spacing` states the size of a voxel.
     pub(super) fn of_size(&mut self, text: impl Into<String>) {
-        self.warnings.push(text.into());
+        self.warnings.push(Warning::of_size(text));
     }
 
     /// The size of a voxel; warnings are added to the others.
@@ -40,10 +41,10 @@ impl About {
         if let (true, Some([_, _, z])) = (assumed.is_some(), size.spacing) {
             size.from[2] = Origin::Assumed;
             let unit = size.unit.map_or(String::new(), |unit| format!(" {unit}"));
-            size.warning = Some(format!(
+            size.warning = Some(Warning::of_size(format!(
                 "the file does not state the distance of slices, assumed to be {z}{unit} as ImageJ does: give \
                  --spacing X,Y,Z and --unit if it is another"
-            ));
+            )));
         }
         self.warnings.extend(size.warning.take());
         size

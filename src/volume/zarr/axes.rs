@@ -1,6 +1,7 @@
 //! Which axes of an array are x, y and z, and which entry of every other one is read.
 
 use super::super::open::OpenOptions;
+use super::super::written::axis_letter;
 use crate::error::{Error, Result};
 use std::path::Path;
 
@@ -31,6 +32,8 @@ pub(super) struct Chosen {
     pub(super) axes: [usize; 3],
     /// The entry of every axis that is read; 0 for x, y and z.
     pub(super) at: Vec<u64>,
+    /// All of x, y and z are named.
+    pub(super) named: bool,
     pub(super) notes: Vec<String>,
 }
 
@@ -96,7 +99,7 @@ fn roles(axes: &[Axis]) -> Vec<Role> {
             Some(a) => Role::Space(a),
             None if TIME.contains(&name) => Role::Time,
             None if CHANNEL.contains(&name) => Role::Channel,
-            None => Role::Other,
+            None => axis_letter(name).map_or(Role::Other, Role::Space),
         }
     };
     let all =
@@ -174,6 +177,7 @@ pub(super) fn choose(path: &Path, axes: &[Axis], options: &OpenOptions) -> Resul
     Ok(Chosen {
         axes: volume,
         at,
+        named: (0..3).all(|a| roles.contains(&Role::Space(a))),
         notes,
     })
 }

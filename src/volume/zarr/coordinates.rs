@@ -5,6 +5,8 @@ use super::meta::Array;
 use super::place::Line;
 use super::small;
 use super::store::{Node, node};
+use crate::length;
+use crate::volume::warning::Warning;
 use serde_json::Value;
 use std::path::Path;
 
@@ -16,7 +18,7 @@ pub(super) fn lines(
     folder: &Path,
     array: &Array,
     axes: [usize; 3],
-) -> ([Option<Line>; 3], Vec<String>) {
+) -> ([Option<Line>; 3], Vec<Warning>) {
     let mut warnings = Vec::new();
     let mut counts = 0;
     let mut lines = axes.map(|axis| {
@@ -27,9 +29,9 @@ pub(super) fn lines(
                 line
             }
             Err(why) => {
-                warnings.push(format!(
+                warnings.push(Warning::of_size(format!(
                     "the coordinates of {name} {why}, so the size of a voxel is not taken: give --spacing and --unit"
-                ));
+                )));
                 None
             }
         }
@@ -70,7 +72,9 @@ fn line(folder: &Path, name: &str, size: u64) -> Result<(Option<Line>, bool), St
     let mut values = small::read(&inner, array).map_err(|e| format!("cannot be read ({e})"))?;
     let number = |name: &str, default| attributes[name].as_f64().unwrap_or(default);
     let (slope, shift) = (number("scale_factor", 1.0), number("add_offset", 0.0));
-    values.iter_mut().for_each(|v| *v = *v * slope + shift);
+    values
+        .iter_mut()
+        .for_each(|v| *v = length::sum(length::product(*v, slope), shift));
     let unit = attributes["units"].as_str().or(attributes["unit"].as_str());
     let unit = unit.unwrap_or_default().to_owned();
     let ([first, .., last], false) = (&values[..], values.iter().any(|v| !v.is_finite())) else {
@@ -178,26 +182,6 @@ pub(super) fn fill_note(array: &Array) -> Option<String> {
             "stored {fill}, the fill_value of the array, is read as it is; xarray takes it for no value"
         ),
     })
-}
-
-/// Attributes of some writers that may state the size of a voxel, and are not read.
-pub(super) fn size_note(array: &Array) -> Option<String> {
-    const NAMES: [&str; 8] = [
-        "resolution",
-        "voxel_size",
-        "voxel_spacing",
-        "spacing",
-        "pixelResolution",
-        "element_size_um",
-        "transform",
-        "scale",
-    ];
-    let name = NAMES
-        .into_iter()
-        .find(|name| !array.attributes[name].is_null())?;
-    Some(format!(
-        "the attribute `{name}` is not read: give --spacing and --unit if it is the size of a voxel"
-    ))
 }
 
 /// A number in text: a word of JSON's, or eight bytes in base64, as xarray writes `_FillValue` in Zarr 3.

@@ -1,20 +1,28 @@
 //! Attributes of other writers than those of Zarr's own conventions: what they state is applied or refused.
 
 use super::meta::Array;
+use super::store::{MAX_DEPTH, Node, node};
 use crate::error::{Error, Result};
 use crate::volume::cf::Packed;
 use crate::volume::values::Values;
-use crate::volume::written::{self, AXES, is_vague, not_applied};
+use crate::volume::warning::Warning;
+use crate::volume::written::{self, AXES, Grid, SizeFound, Written, plain};
 use serde_json::Value;
-use std::path::Path;
+use std::path::{Path, PathBuf};
+
+/// Names in a group beyond these are not looked at.
+const MAX_LOOKED_AT: usize = 256;
 
 /// Checks that no attribute states another order of the axes than z, y, x.
 ///
 /// # Errors
 /// [`Error::Unsupported`] with the attribute's name if one does.
 pub(super) fn no_other_order(folder: &Path, array: &Array) -> Result<()> {
-    for name in AXES.into_iter().chain(["axistags"]) {
-        let value = &array.attributes[name];
+    let hint = "name its axes in `_ARRAY_DIMENSIONS` (Zarr 2) or `dimension_names` (Zarr 3)";
+    for (name, value) in array.attributes.as_object().into_iter().flatten() {
+        if name != "axistags" && !AXES.contains(&&*plain(name)) {
+            continue;
+        }
         let order: String = match value {
             Value::String(text) if name != "axistags" => text.clone(),
             Value::String(text) => keys(&serde_json::from_str(text).unwrap_or(Value::Null)),
@@ -27,12 +35,16 @@ pub(super) fn no_other_order(folder: &Path, array: &Array) -> Result<()> {
             let what = format!(
                 "a Zarr array whose attribute `{name}` states another order of axes ({value})"
             );
-            let hint =
-                "name its axes in `_ARRAY_DIMENSIONS` (Zarr 2) or `dimension_names` (Zarr 3)";
             return Err(Error::unsupported(folder, what, hint));
         }
     }
-    Ok(())
+    match written(&array.attributes).vague_order() {
+        Some(why) => {
+            let what = format!("a Zarr array whose order of axes cannot be told: {why}");
+            Err(Error::unsupported(folder, what, hint))
+        }
+        None => Ok(()),
+    }
 }
 
 /// The keys of the tags of axes, one after the other.
@@ -49,20 +61,14 @@ pub(super) fn scale(
     folder: &Path,
     array: &Array,
     packed: &mut Packed,
-    warnings: &mut Vec<String>,
+    warnings: &mut Vec<Warning>,
 ) -> Result<()> {
     let no = |what: String| {
         let hint = "write the values themselves, or remove the attribute";
         Error::unsupported(folder, format!("a Zarr array with {what}"), hint)
     };
-    let number = |name: &str| match &array.attributes[name] {
-        Value::Null => Ok(None),
-        value => match value.as_f64().filter(|n| n.is_finite()) {
-            None => Err(format!("an attribute `{name}` that is {value}")),
-            number => Ok(number),
-        },
-    };
-    let pair = written::pair(number).map_err(no)?;
+    let written = written(&array.attributes);
+    let pair = written.pair().map_err(no)?;
     let taken = pair.is_some();
     if let Some((linear, by)) = pair {
         let found = Values::linear(linear.slope, linear.intercept, &by);
@@ -74,9 +80,62 @@ pub(super) fn scale(
             }
         }
     }
-    for (name, value) in array.attributes.as_object().into_iter().flatten() {
-        let number = value.as_f64().filter(|&n| is_vague(name, n, taken));
-        warnings.extend(number.map(|n| not_applied(&format!("`{name}`"), n)));
+    written.vague(taken, "", warnings);
+    for (group, attributes) in groups(folder) {
+        attributes.vague(
+            false,
+            &format!(" of the group {}", name_of(&group)),
+            warnings,
+        );
     }
     Ok(())
+}
+
+/// What attributes hold.
+fn written(json: &Value) -> Written {
+    let mut written = Written::default();
+    written.add_json("", json);
+    written
+}
+
+/// The groups that an array is in, the nearest first, with their attributes.
+fn groups(folder: &Path) -> impl Iterator<Item = (PathBuf, Written)> {
+    let above = folder.ancestors().skip(1).take(MAX_DEPTH);
+    above.map_while(|group| match node(group) {
+        Ok(Node::Group(attributes)) => Some((group.to_path_buf(), written(&attributes))),
+        _ => None,
+    })
+}
+
+/// The last part of a path.
+fn name_of(folder: &Path) -> String {
+    let name = folder.file_name().unwrap_or(folder.as_os_str());
+    name.to_string_lossy().into_owned()
+}
+
+/// The size of a voxel by the attributes of an array, or of the nearest group that states any.
+pub(super) fn size(folder: &Path, array: &Array, grid: Grid) -> SizeFound {
+    let mut found = written::size(&written(&array.attributes), grid, "");
+    for (group, attributes) in groups(folder) {
+        if found.steps.is_some() || !found.warnings.is_empty() {
+            break;
+        }
+        let of = format!(" of the group {}", name_of(&group));
+        found = written::size(&attributes, grid, &of);
+        if found.steps.is_some() && others(&group, array) {
+            found = found.of_several();
+        }
+    }
+    found
+}
+
+/// True if a group holds another array of three axes or more, of another shape.
+fn others(group: &Path, array: &Array) -> bool {
+    let inside = std::fs::read_dir(group).into_iter().flatten().flatten();
+    inside
+        .take(MAX_LOOKED_AT)
+        .any(|entry| match node(&entry.path()) {
+            Ok(Node::Array(other)) => other.shape.len() >= 3 && other.shape != array.shape,
+            _ => false,
+        })
 }

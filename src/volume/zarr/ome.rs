@@ -5,6 +5,7 @@
 
 use super::transform::{Affine, Reader};
 use crate::error::{Error, Result};
+use crate::volume::warning::Warning;
 use serde_json::Value;
 use std::path::Path;
 
@@ -17,7 +18,7 @@ pub(super) struct Pyramid {
     /// Finest first; at least one.
     pub(super) levels: Vec<Level>,
     /// What is stated and not taken.
-    pub(super) warnings: Vec<String>,
+    pub(super) warnings: Vec<Warning>,
 }
 
 /// One level of a pyramid.
@@ -90,10 +91,9 @@ impl Multiscale<'_> {
             rest.is_some_and(|r| !r.starts_with(|c: char| c.is_ascii_digit()))
         };
         if !version.is_empty() && !VERSIONS.iter().any(known) {
-            warnings.push(format!(
-                "the version {version} of OME-Zarr is not known: sizes are read as those of {}",
-                VERSIONS[VERSIONS.len() - 1]
-            ));
+            let last = VERSIONS[VERSIONS.len() - 1];
+            let text = "of OME-Zarr is not known: sizes are read as those of";
+            warnings.push(format!("the version {version} {text} {last}").into());
         }
         let mut levels = Vec::new();
         let mut systems = Vec::new();
@@ -126,7 +126,7 @@ impl Multiscale<'_> {
             )));
         }
         if let [system] = &systems[..] {
-            warnings.extend(self.others(system));
+            warnings.extend(self.others(system).map(Warning::of_size));
         }
         Ok(Pyramid { levels, warnings })
     }

@@ -6,6 +6,7 @@ use super::transform::Affine;
 use crate::error::{Error, Result};
 use crate::grid::Placement;
 use crate::manifest::{Origin, Provenance};
+use crate::volume::warning::Warning;
 use std::path::Path;
 
 /// What is stated of an axis of the volume.
@@ -20,7 +21,7 @@ pub(super) struct Line {
 }
 
 /// A place, where it is from, and a warning.
-pub(super) type Placed = (Placement, Provenance, Option<String>);
+pub(super) type Placed = (Placement, Provenance, Option<Warning>);
 
 /// The place of a volume whose axes are those of the coordinates.
 pub(super) fn along(lines: [Option<Line>; 3]) -> Placed {

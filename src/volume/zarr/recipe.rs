@@ -16,7 +16,10 @@ use super::ome::{OmeAxis, Stated};
 use super::place::{self, Placed};
 use crate::error::{Error, Result};
 use crate::grid::{Dims, Placement};
-use crate::manifest::{Origin, Provenance};
+use crate::manifest::Provenance;
+use crate::volume::size::voxel_size;
+use crate::volume::warning::Warning;
+use crate::volume::written::{self, Grid};
 use std::path::{Path, PathBuf};
 
 /// An array that was found.
@@ -26,7 +29,7 @@ pub(super) struct Source {
     /// Where it lies, if it is a level of a pyramid.
     pub(super) stated: Option<Stated>,
     pub(super) notes: Vec<String>,
-    pub(super) warnings: Vec<String>,
+    pub(super) warnings: Vec<Warning>,
 }
 
 impl Source {
@@ -45,16 +48,18 @@ impl Source {
             None => Vec::new(),
         };
         let all = self.axes(&labels)?;
-        let Chosen { axes, at, notes } = axes::choose(path, &all, options)?;
+        let Chosen {
+            axes,
+            at,
+            named,
+            notes,
+        } = axes::choose(path, &all, options)?;
         self.notes.extend(notes);
         let dims = Dims::new(axes.map(|a| self.array.shape[a]))
             .map_err(|e| Error::format(path, format!("an array with {e}"), "a volume"))?;
-        let (placement, provenance) = self.place(&labels, axes, options)?;
+        let (placement, provenance) = self.place(&labels, axes, named, options)?;
         let attribute = |name: &str| Ok(coordinates::attribute(&self.array, name));
         self.notes.extend(coordinates::fill_note(&self.array));
-        if provenance.spacing == [Origin::Default; 3] && options.spacing.is_none() {
-            self.notes.extend(coordinates::size_note(&self.array));
-        }
         let mut packed = cf::values(&self.folder, stored, attribute)?;
         if self.stated.is_none() && self.array.names.iter().all(String::is_empty) {
             foreign::no_other_order(&self.folder, &self.array)?;
@@ -64,15 +69,9 @@ impl Source {
         let (endian, fill) = (self.array.coding.endian, self.array.fill.unwrap_or(0.0));
         let mut files = Files::new(self.folder, self.array, bytes);
         let counted = count::count(&mut files, axes, &at, &mut self.notes)?;
-        match counted {
-            Some(Count { missing, total }) if missing == total => self.warnings.push(format!(
-                "none of the {total} chunks is there: all samples are the fill value {fill}"
-            )),
-            Some(Count { missing: 1.., .. }) => self.notes.extend(counted.map(|c| {
-                let Count { missing, total } = c;
-                format!("{missing} of {total} chunks are missing and read as the fill value {fill}")
-            })),
-            _ => {}
+        if let Some(Count { missing, total }) = counted {
+            let (notes, warnings) = (&mut self.notes, &mut self.warnings);
+            written::missing((Some(missing), total), &fill.to_string(), notes, warnings);
         }
         let chunks = ZarrChunks::new(files, dims, axes, &at, packed.dtype);
         Ok(Recipe {
@@ -149,6 +148,7 @@ impl Source {
         &mut self,
         labels: &[usize],
         axes: [usize; 3],
+        named: bool,
         options: &OpenOptions,
     ) -> Result<(Placement, Provenance)> {
         let placed: Result<Placed> = match &self.stated {
@@ -163,8 +163,13 @@ impl Source {
             },
             _ => {
                 let (lines, odd) = coordinates::lines(&self.folder, &self.array, axes);
-                self.warnings.extend(odd);
-                Ok(place::along(lines))
+                match lines.iter().all(Option::is_none) && odd.is_empty() {
+                    true => Ok(self.by_attributes(axes, named)),
+                    false => {
+                        self.warnings.extend(odd);
+                        Ok(place::along(lines))
+                    }
+                }
             }
         };
         let (placement, provenance, warning) = match placed {
@@ -182,6 +187,23 @@ impl Source {
         };
         self.warnings.extend(warning);
         Ok((placement, provenance))
+    }
+
+    /// Where the volume lies by attributes that state the size of a voxel.
+    fn by_attributes(&mut self, axes: [usize; 3], named: bool) -> Placed {
+        let grid = Grid {
+            volume: axes,
+            axes: self.array.shape.len(),
+            named,
+        };
+        let found = foreign::size(&self.folder, &self.array, grid);
+        self.notes.extend(found.notes);
+        self.warnings.extend(found.warnings);
+        let size = voxel_size(found.steps.unwrap_or_default());
+        let mut placed = Placed::default();
+        size.apply(&mut placed.0, &mut placed.1);
+        placed.2 = size.warning;
+        placed
     }
 
     /// Bytes of a chunk as stored.

@@ -5,6 +5,7 @@
 
 use super::small;
 use crate::error::{Error, Result};
+use crate::length;
 use serde_json::Value;
 use std::path::Path;
 
@@ -47,13 +48,13 @@ impl Affine {
                 to.iter()
                     .zip(&self.matrix)
                     .map(|(a, from)| times(*a, from[j]))
-                    .sum()
+                    .fold(0.0, length::sum)
             };
             (0..inputs).map(sum).collect()
         };
         let shift = next.matrix.iter().zip(&next.shift).map(|(to, own)| {
             let moved = to.iter().zip(&self.shift).map(|(a, b)| times(*a, *b));
-            own + moved.sum::<f64>()
+            length::sum(*own, moved.fold(0.0, length::sum))
         });
         Affine {
             matrix: next.matrix.iter().map(row).collect(),
@@ -64,7 +65,11 @@ impl Affine {
 
 /// A product in which nothing of something endless is nothing.
 fn times(a: f64, b: f64) -> f64 {
-    if a == 0.0 || b == 0.0 { 0.0 } else { a * b }
+    if a == 0.0 || b == 0.0 {
+        0.0
+    } else {
+        length::product(a, b)
+    }
 }
 
 /// Reads transformations of the group in a folder.
@@ -257,6 +262,17 @@ mod tests {
             shift: vec![3.0, 8.0],
         };
         assert_eq!(scaled.unwrap(), known);
+        // as people write these numbers
+        let short = list(
+            json!([{"type": "scale", "scale": [0.1, 0.7]}, {"type": "translation", "translation": [0.1, 0.2]},
+                   {"type": "scale", "scale": [3, 1.1]}, {"type": "translation", "translation": [0.3, 0.01]}]),
+            2,
+        );
+        let known = Affine {
+            matrix: vec![vec![0.3, 0.0], vec![0.0, 0.77]],
+            shift: vec![0.6, 0.23],
+        };
+        assert_eq!(short.unwrap(), known);
         let turned = list(
             json!([{"type": "sequence", "transformations": [
                 {"type": "identity"},
