@@ -5,6 +5,7 @@
 
 use super::blob::Blob;
 use super::layout::{Recipe, Samples};
+use super::open::OpenOptions;
 use super::paged::{Cut, MAX_CHUNK, Page, Pages};
 use super::{Dtype, Endian};
 use crate::error::{Error, Result};
@@ -92,7 +93,7 @@ fn physical(blob: &Blob) -> Result<Option<String>> {
 ///
 /// # Errors
 /// [`Error::Unsupported`] for colours and other depths, [`Error::Format`] for slices that differ.
-pub(super) fn parse(path: &Path, blobs: Vec<Blob>) -> Result<Recipe> {
+pub(super) fn parse(path: &Path, blobs: Vec<Blob>, options: &OpenOptions) -> Result<Recipe> {
     let Some(first) = blobs.first() else {
         return Err(Error::format(path, "no PNG", "slices"));
     };
@@ -112,7 +113,10 @@ pub(super) fn parse(path: &Path, blobs: Vec<Blob>) -> Result<Recipe> {
         .map_err(|e| Error::format(path, format!("slices with {e}"), "a volume of that size"))?;
     Ok(Recipe {
         endian: Some(Endian::Big),
-        notes: physical(first)?.into_iter().collect(),
+        notes: match options.spacing {
+            None => physical(first)?.into_iter().collect(),
+            Some(_) => Vec::new(),
+        },
         ..Recipe::new(
             "png",
             dims,

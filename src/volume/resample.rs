@@ -118,7 +118,7 @@ impl Grid {
         let normal = along.cross(across);
         // a mirrored volume stays so
         let normal = if normal.dot(z) < 0.0 { -normal } else { normal };
-        let spacing = [x.length(), across.dot(y), normal.dot(z)];
+        let spacing = [x.length(), across.dot(y), normal.dot(z)].map(short);
         if !spacing.iter().all(|s| s.is_finite() && *s > 0.0) {
             let hint = "resample it to axes at right angles";
             return Err(Error::unsupported(
@@ -193,6 +193,13 @@ impl Grid {
             false => first.unwrap_or(0)..last.unwrap_or(0) + 1,
         }
     }
+}
+
+/// The decimal of few digits that a length is but for the noise of single precision, in which files state axes.
+fn short(length: f64) -> f64 {
+    let decimals = (0..6).map(|digits| format!("{length:.digits$e}").parse().unwrap_or(length));
+    let mut near = decimals.filter(|near: &f64| (near - length).abs() <= 1e-7 * length.abs());
+    near.next().unwrap_or(length)
 }
 
 /// What outside of slices stands for samples of a type: nothing, or air where numbers are signed as those of CT.

@@ -259,13 +259,9 @@ impl Written {
                 .iter()
                 .any(|part| own.contains(part));
             let nothing = number == 0.0 || number == 1.0 && !shift;
-            if !nothing
-                && !(taken
-                    && matches!(
-                        own.as_str(),
-                        "offset" | "addoffset" | "scalefactor" | "scalingfactor"
-                    ))
-            {
+            let parts = ["offset", "addoffset", "scalefactor", "scalingfactor"];
+            let is_part = taken && parts.contains(&own.as_str());
+            if !nothing && !is_part {
                 warnings.push(format!(
                     "the attribute {name} ({number}){of} is not applied: if it is of the values, the threshold is in \
                      stored numbers"

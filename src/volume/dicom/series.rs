@@ -124,7 +124,8 @@ pub(super) fn choose(
         [] if wanted.is_none() => {
             let found = format!("{} DICOM images of one slice", candidates.len());
             let first = candidates.first().map(|c| c.frames[0].clone());
-            let others = first.map(|first| agree::left_out(&first, &[first.clone()], images));
+            let others =
+                first.map(|first| agree::left_out(&first, std::slice::from_ref(&first), images));
             if let Some(other) = others.iter().flatten().next() {
                 let [tag, found, expected] = &other.differs;
                 let found = format!("{tag} {found}");

@@ -30,7 +30,7 @@ const MAY_STATE_SIZES: &[(u16, &str)] = &[
 
 /// Names such tags; those of microscopes only where nothing else states a size.
 pub(super) fn unread(dir: &Directory, stated: bool) -> Option<String> {
-    let known = |(tag, name): &(u16, &str)| dir.has(*tag) && !(stated && !name.starts_with("Geo"));
+    let known = |(tag, name): &(u16, &str)| (name.starts_with("Geo") || !stated) && dir.has(*tag);
     let (tag, name) = MAY_STATE_SIZES.iter().find(|known_as| known(known_as))?;
     Some(format!(
         "{name} (tag {tag}) is not used: give --spacing and --unit if it states the size of a voxel"

@@ -93,7 +93,7 @@ impl<'a> Text<'a> {
                 ..*resolution
             };
             if let Some(note) = as_inch.note_of_paper() {
-                about.notes.push(note);
+                about.notes_of_size.push(note);
                 return;
             }
         }
@@ -130,7 +130,7 @@ impl<'a> Text<'a> {
     /// Sizes by a resolution that has a unit where the text has none. ImageJ itself takes such numbers without a unit.
     fn without_unit(&self, resolution: &Resolution, depth: Option<f64>, about: &mut About) {
         if let Some(note) = resolution.note_of_paper() {
-            about.notes.push(note);
+            about.notes_of_size.push(note);
             if depth.is_some_and(|depth| depth != 1.0) {
                 about.steps[2] = depth.map(|depth| Step::new(depth, ""));
             }

@@ -291,11 +291,8 @@ impl<'a> Members<'a> {
 
 /// True for the members that [`Members::values`] applies.
 fn is_applied(name: &str) -> bool {
-    let pairs = written::PAIRS.iter().flat_map(|(a, b)| [*a, *b]);
-    cf::NAMES
-        .into_iter()
-        .chain(pairs)
-        .any(|known| known == name)
+    let mut pairs = written::PAIRS.iter().flat_map(|(a, b)| [*a, *b]);
+    cf::NAMES.contains(&name) || pairs.any(|known| known == plain(name))
 }
 
 fn maybe_size(name: &str) -> bool {

@@ -68,7 +68,10 @@ pub(super) fn parse(path: &Path, blobs: Vec<Blob>, options: &OpenOptions) -> Res
     }
     plan.other_metadata()?;
     let size = plan.about.size();
-    let about = std::mem::take(&mut plan.about);
+    let mut about = std::mem::take(&mut plan.about);
+    if options.spacing.is_none() {
+        about.notes.append(&mut about.notes_of_size);
+    }
     let page_bytes = u64::from(x) * u64::from(y) * kind.dtype.bytes() as u64;
     let mut recipe = Recipe {
         endian: Some(kind.endian),

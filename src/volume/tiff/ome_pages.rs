@@ -99,6 +99,10 @@ fn other_steps(blobs: &[Blob], document: &ome::Document) -> Result<Option<String
     Ok(None)
 }
 
+/// Files, their pages, those of the slices, and the name that the one file that was opened has in OME-XML, if it is
+/// taken by another.
+type Found = (Vec<Blob>, Chain, Vec<PageAt>, Option<String>);
+
 /// The pages that OME-XML names, in this file and others.
 fn ome_pages(
     path: &Path,
@@ -106,7 +110,7 @@ fn ome_pages(
     (planes, uuid): (&ome::Planes, &str),
     alone: bool,
     stack: &Stack,
-) -> Result<(Vec<Blob>, Chain, Vec<PageAt>, Option<String>)> {
+) -> Result<Found> {
     let mut used: Vec<u32> = planes.pages.iter().map(|(file, _)| *file).collect();
     used.sort_unstable();
     used.dedup();

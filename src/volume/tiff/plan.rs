@@ -432,7 +432,10 @@ impl Plan {
         let stated = self.about.steps.iter().any(Option::is_some);
         match foreign::lsm_size(&dir)? {
             Some(steps) if !stated => self.about.steps = steps.map(Some),
-            _ => self.about.notes.extend(foreign::unread(&dir, stated)),
+            _ => self
+                .about
+                .notes_of_size
+                .extend(foreign::unread(&dir, stated)),
         }
         Ok(())
     }
@@ -450,7 +453,7 @@ impl Plan {
         } else {
             let (steps, note) = resolution.steps();
             self.about.steps = steps;
-            self.about.notes.extend(note);
+            self.about.notes_of_size.extend(note);
         }
     }
 }

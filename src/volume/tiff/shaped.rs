@@ -159,7 +159,7 @@ impl Shaped {
                 );
             }
             about.steps = steps;
-            about.notes.extend(note);
+            about.notes_of_size.extend(note);
             return;
         }
         let one = |r: Option<super::ifd::Ratio>| r.is_none_or(|r| r.above == r.below);
@@ -234,12 +234,13 @@ fn compare(resolution: &Resolution, about: &mut About) {
         .as_ref()
         .is_some_and(|s| close(s.size, x.size));
     // tifffile puts inch where it is told no unit
-    if !close(own, length.convert(x.size, Unit::Millimetre)) && !(resolution.unit == 2 && per) {
+    let as_inch = resolution.unit == 2 && per;
+    if !as_inch && !close(own, length.convert(x.size, Unit::Millimetre)) {
         let note = format!(
             "TIFF's own resolution states pixels of {own} mm, tifffile's description {} {}, which is taken",
             x.size, x.unit
         );
-        about.notes.push(note);
+        about.notes_of_size.push(note);
     }
 }
 

@@ -24,6 +24,8 @@ pub(super) struct About {
     /// The voxel at the origin of coordinates.
     pub(super) zero: Option<[f64; 3]>,
     pub(super) notes: Vec<String>,
+    /// Notes that have no cause any more where `--spacing` states the size of a voxel.
+    pub(super) notes_of_size: Vec<String>,
     pub(super) warnings: Vec<Warning>,
 }
 
