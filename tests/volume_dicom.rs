@@ -351,12 +351,12 @@ fn series_in_folders_beside_a_file_are_found() {
     let deep = dir.path().join("S1");
     std::fs::create_dir(&deep).unwrap();
     slices(&deep, &[back(None), back(None)]);
-    // beside the folder a slice of the same series, at the place of another
+    // beside the folder a slice of the same series, at the place of another and of other pixels
     let beside = Set::file(
         &front("1.50", "1", Some("0\\0\\0"), &[]),
-        &PIXELS,
+        &[9; 6],
         1,
-        &back(Some(["1", "1"])),
+        &back(None),
     );
     let other = back(None);
     let beside_path = dir.path().join("beside");
@@ -390,27 +390,97 @@ fn series_in_folders_beside_a_file_are_found() {
     assert_eq!(opened.volume.header().dims.0, [3, 2, 2]);
 }
 
-#[test]
-fn images_that_are_left_out_are_counted() {
+/// Slices of one series, one of them with other elements in front and behind.
+fn with_another(name: &str, other: &Set, behind: &Set) -> tempfile::TempDir {
     let dir = tempfile::tempdir().unwrap();
-    slices(dir.path(), &[back(None), back(None)]);
-    // signed numbers, in an otherwise equal slice
-    let signed = Set::default()
-        .text(0x0028_0030, "DS", "0.25\\0.5")
+    slices(dir.path(), &[back(None), back(None), back(None)]);
+    std::fs::write(dir.path().join(name), Set::file(other, &PIXELS, 1, behind)).unwrap();
+    dir
+}
+
+/// The elements behind the size of an image with these pixels and bits.
+fn behind(spacing: &str, stored: u16, signed: u16) -> Set {
+    Set::default()
+        .text(0x0028_0030, "DS", spacing)
         .short(0x0028_0100, 16)
-        .short(0x0028_0101, 16)
-        .short(0x0028_0102, 15)
-        .short(0x0028_0103, 1);
-    let front = front("1.9", "9", Some("0\\0\\4"), &[]);
-    std::fs::write(
-        dir.path().join("I9"),
-        Set::file(&front, &PIXELS, 1, &signed),
-    )
-    .unwrap();
+        .short(0x0028_0101, stored)
+        .short(0x0028_0102, stored - 1)
+        .short(0x0028_0103, signed)
+}
+
+#[test]
+fn a_slice_that_differs_is_refused_by_name() {
+    for (spacing, stored, signed, tag, found, expected) in [
+        ("0.25\\0.6", 16, 0, "PixelSpacing", "0.25\\0.6", "0.25\\0.5"),
+        ("0.25\\0.5", 12, 0, "BitsStored", "12", "16"),
+        ("0.25\\0.5", 16, 1, "PixelRepresentation", "1", "0"),
+    ] {
+        let front = front("1.9", "9", Some("0\\0\\6"), &[]);
+        let dir = with_another("I9", &front, &behind(spacing, stored, signed));
+        let error = open(dir.path(), &OpenOptions::default())
+            .unwrap_err()
+            .to_string();
+        for word in ["I9", tag, found, expected, "--series 7.1"] {
+            assert!(error.contains(word), "{error}");
+        }
+        let options = OpenOptions {
+            series: Some("7.1".into()),
+            ..OpenOptions::default()
+        };
+        let opened = open(dir.path(), &options).unwrap();
+        assert_eq!(opened.volume.header().dims.0, [3, 2, 3]);
+        assert!(says(&opened.notes, "1 other images are left out"));
+    }
+    // one without a place
+    let dir = with_another("I9", &front("1.9", "9", None, &[]), &back(None));
+    let error = open(dir.path(), &OpenOptions::default())
+        .unwrap_err()
+        .to_string();
+    assert!(
+        error.contains("I9") && error.contains("ImagePositionPatient"),
+        "{error}"
+    );
+}
+
+#[test]
+fn a_slice_that_looks_another_way_is_left_out_with_a_note() {
+    let scout = Set::default()
+        .text(0x0008_0018, "UI", "1.9")
+        .text(0x0008_0060, "CS", "CT")
+        .text(0x0020_000e, "UI", "1.2.3")
+        .text(0x0020_0011, "IS", "7")
+        .text(0x0020_0032, "DS", "0\\0\\0")
+        .text(0x0020_0037, "DS", "1\\0\\0\\0\\0\\-1");
+    let dir = with_another("scout", &scout, &back(None));
     let opened = open(dir.path(), &OpenOptions::default()).unwrap();
     assert!(
-        says(&opened.notes, "1 other images are left out"),
+        says(&opened.notes, "1 other images are left out")
+            && says(
+                &opened.notes,
+                "scout (ImageOrientationPatient 1\\0\\0\\0\\0\\-1"
+            ),
         "{:?}",
         opened.notes
     );
+}
+
+#[test]
+fn slices_that_state_their_values_in_other_elements_are_refused() {
+    let scaled = || back(Some(["-1024", "1"]));
+    let unit = |unit: &str| scaled().text(0x0028_1054, "LO", unit);
+    let slope_alone = back(None).text(0x0028_1053, "DS", "1");
+    let mapped = back(None).items(0x0040_9096, &[mapping(2.0, 0.0)]);
+    for (others, odd, tag) in [
+        (scaled(), back(None), "RescaleSlope not stated"),
+        (scaled(), slope_alone, "RescaleIntercept not stated"),
+        (back(None), scaled(), "RescaleSlope stated"),
+        (mapped, back(None), "RealWorldValueMapping not stated"),
+        (unit("HU"), unit("US"), "RescaleType US"),
+    ] {
+        let error = of(&[others.clone(), odd, others]).unwrap_err().to_string();
+        assert!(error.contains("I1") && error.contains(tag), "{error}");
+    }
+    // numbers of one kind may differ from slice to slice
+    let opened = of(&[scaled(), back(Some(["-1024", "2"])), scaled()]).unwrap();
+    assert!(opened.values.as_ref().unwrap().contains("each of 3 slices"));
 }

@@ -197,3 +197,29 @@ fn threads_share_a_volume() {
         }
     }
 }
+
+#[test]
+fn the_size_of_pixels_of_png_is_told_and_not_taken() {
+    let dir = tempfile::tempdir().unwrap();
+    for k in 0..2 {
+        let file = std::fs::File::create(dir.path().join(format!("s{k}.png"))).unwrap();
+        let mut encoder = png::Encoder::new(file, 2, 2);
+        encoder.set_color(png::ColorType::Grayscale);
+        encoder.set_pixel_dims(Some(png::PixelDimensions {
+            xppu: 10_000,
+            yppu: 5_000,
+            unit: png::Unit::Meter,
+        }));
+        let mut writer = encoder.write_header().unwrap();
+        writer.write_image_data(&[k; 4]).unwrap();
+    }
+    let opened = open(dir.path(), &OpenOptions::default()).unwrap();
+    assert_eq!(opened.volume.header().placement.spacing, [1.0; 3]);
+    assert!(opened.notes[0].contains("0.1000 x 0.2000 mm"), "{opened:?}");
+    let options = OpenOptions {
+        spacing: Some([0.1, 0.2, 0.3]),
+        unit: Some(Unit::Millimetre),
+        ..OpenOptions::default()
+    };
+    assert!(open(dir.path(), &options).unwrap().notes.is_empty());
+}

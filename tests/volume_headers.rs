@@ -503,3 +503,30 @@ fn metaimage_intensities_and_units() {
     assert_eq!(flat.provenance.spacing[2], Origin::Assumed);
     assert!(says(&flat.warnings, "--spacing"));
 }
+
+#[test]
+fn sheared_axes_of_text_headers_are_resampled() {
+    let options = OpenOptions {
+        resample: true,
+        ..OpenOptions::default()
+    };
+    let nrrd = "NRRD0004\ntype: uchar\ndimension: 3\nsizes: 2 2 2\nencoding: raw\n\
+                space directions: (1,0,0) (0,1,0) (0,1,2)\n\n";
+    let meta = "NDims = 3\nDimSize = 2 2 2\nElementType = MET_UCHAR\nElementSpacing = 1 1 1\n\
+                TransformMatrix = 1 0 0 0 1 0 0 1 2\nElementDataFile = LOCAL\n";
+    for (name, head) in [("v.nrrd", nrrd), ("v.mha", meta)] {
+        let bytes = [head.as_bytes(), &EIGHT].concat();
+        let opened = open_as(name, &bytes, &options).unwrap();
+        let place = opened.volume.header().placement;
+        assert!((place.spacing[2] - 2.0).abs() < 1e-12, "{place:?}");
+        assert_eq!(place.spacing[..2], [1.0, 1.0]);
+        let expected = [0, 1, 2, 3, 0, 0, 0, 0, 4, 5, 6, 7];
+        assert_eq!(all(&*opened.volume).unwrap(), expected, "{name}");
+    }
+}
+
+#[test]
+fn a_spacing_that_cannot_be_is_told_as_the_file_has_it() {
+    let error = meta("ElementSpacing = .1 .1 0\n").unwrap_err().to_string();
+    assert!(error.contains("[0.1, 0.1, 0.0]"), "{error}");
+}

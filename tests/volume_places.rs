@@ -6,7 +6,7 @@ mod volume_common;
 use alvis::Error;
 use alvis::grid::Unit;
 use alvis::manifest::Origin;
-use alvis::volume::OpenOptions;
+use alvis::volume::{Dtype, OpenOptions};
 use volume_common::{all, floats, open_as, opened, says};
 
 const EIGHT: [u8; 8] = [0, 1, 2, 3, 4, 5, 6, 7];
@@ -146,14 +146,48 @@ fn nifti_units_and_scales() {
             (from, warned)
         );
     }
-    // a slope without an intercept
-    let scale: (usize, &[f32]) = (112, &[0.1, f32::NAN]);
-    let opened = opened("v.nii", &[&nifti(&[2, 2, 2], &[], &[sized, scale], 2)]);
+    let scaled = |slope: f32, inter: f32| {
+        let scale: (usize, &[f32]) = (112, &[slope, inter]);
+        nifti(&[2, 2, 2], &[], &[sized, scale], 2)
+    };
+    let opened = opened("v.nii", &[&scaled(0.1, 0.0)]);
     assert_eq!(
         opened.values.as_deref(),
         Some("0.1 * stored + 0 (scl_slope and scl_inter)")
     );
     assert_eq!(floats(&opened)[3], 0.3);
+    // NaN is what nibabel leaves where nothing is scaled
+    let plain = open_as(
+        "v.nii",
+        &scaled(f32::NAN, f32::NAN),
+        &OpenOptions::default(),
+    )
+    .unwrap();
+    assert_eq!(plain.values, None);
+}
+
+/// nibabel refuses such scales too.
+#[test]
+fn nifti_scales_that_are_no_numbers_are_refused_with_a_way_out() {
+    let sized: (usize, &[f32]) = (PIXDIM, &[1.0, 0.5, 0.25, 2.0]);
+    for scale in [[f32::INFINITY, 0.0], [2.0, f32::NAN], [2.0, f32::INFINITY]] {
+        let bytes = nifti(&[2, 2, 2], &[], &[sized, (112, &scale)], 2);
+        let error = open_as("v.nii", &bytes, &OpenOptions::default())
+            .unwrap_err()
+            .to_string();
+        let way = "--dims 2,2,2 --dtype u8 --endian little --offset 352 --spacing 0.5,0.25,2";
+        assert!(error.contains(way), "{error}");
+        let options = OpenOptions {
+            dims: Some([2; 3]),
+            dtype: Some(Dtype::U8),
+            offset: Some(352),
+            spacing: Some([0.5, 0.25, 2.0]),
+            unit: Some(Unit::Millimetre),
+            ..OpenOptions::default()
+        };
+        let opened = open_as("v.nii", &bytes, &options).unwrap();
+        assert_eq!(all(&*opened.volume).unwrap(), EIGHT);
+    }
 }
 
 #[test]
@@ -302,4 +336,40 @@ fn vti_axes_that_are_mirrored_or_sheared() {
     );
     let error = open_as("v.vti", &three, &OpenOptions::default()).unwrap_err();
     assert!(error.to_string().contains("3 components"), "{error}");
+}
+
+/// A gantry tilt: each slice lies a voxel further along y than the one before.
+#[test]
+fn sheared_axes_are_brought_to_right_angles_if_asked() {
+    let resample = OpenOptions {
+        resample: true,
+        ..OpenOptions::default()
+    };
+    let rows: (usize, &[f32]) = (
+        ROWS,
+        &[1.0, 0.0, 0.0, 5.0, 0.0, 0.5, 0.5, 6.0, 0.0, 0.0, 2.0, 7.0],
+    );
+    let tilted = nifti(&[2, 2, 2], &[(SFORM, 1)], &[rows], 2);
+    let refused = open_as("v.nii", &tilted, &OpenOptions::default()).unwrap_err();
+    assert!(refused.to_string().contains("--resample"), "{refused}");
+    let opened = open_as("v.nii", &tilted, &resample).unwrap();
+    let header = opened.volume.header();
+    assert_eq!(header.dims.0, [2, 3, 2]);
+    let place = header.placement;
+    assert_eq!(
+        (place.spacing, place.origin),
+        ([1.0, 0.5, 2.0], [5.0, 6.0, 7.0])
+    );
+    assert_eq!(place.shear(), None);
+    let expected = [0, 1, 2, 3, 0, 0, 0, 0, 4, 5, 6, 7];
+    assert_eq!(all(&*opened.volume).unwrap(), expected);
+    assert!(
+        says(&opened.notes, "2 x 3 x 2 voxels") && says(&opened.notes, "slices is 0"),
+        "{:?}",
+        opened.notes
+    );
+    // without a shear there is nothing to do
+    let straight = nifti(&[2, 2, 2], &[], &[(PIXDIM, &[1.0, 0.5, 0.25, 2.0])], 2);
+    let same = open_as("v.nii", &straight, &resample).unwrap();
+    assert_eq!(all(&*same.volume).unwrap(), EIGHT);
 }

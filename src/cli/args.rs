@@ -93,7 +93,7 @@ pub struct InputOptions {
     /// Which series, if there are several: number, description or UID (DICOM), number or name (TIFF)
     #[arg(long, value_name = "NAME")]
     pub series: Option<String>,
-    /// Interpolate slices at uneven steps, or sheared by a tilt, to a regular grid (DICOM)
+    /// Interpolate slices at uneven steps (DICOM), or axes that are not at right angles, to a regular grid
     #[arg(long)]
     pub resample: bool,
     /// Which array, if there are several (HDF5, Zarr, VTK image data)

@@ -88,7 +88,7 @@ pub(super) fn parse(path: &Path, options: &OpenOptions) -> Result<Recipe> {
         }
         (0, 1.., 0) => {
             check_sequence(path, &names(&pngs))?;
-            png::parse(path, unpack(path, &archive, pngs)?)
+            png::parse(path, unpack(path, &archive, pngs)?, options)
         }
         (0, 0, 1..) => numpy(path, arrays),
         (t, p, n) => {

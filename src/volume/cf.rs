@@ -33,7 +33,7 @@ pub(super) struct Packed {
 }
 
 /// The attributes that are looked up.
-const NAMES: [&str; 8] = [
+pub(super) const NAMES: [&str; 8] = [
     "scale_factor",
     "add_offset",
     "_FillValue",

@@ -122,7 +122,7 @@ fn these(
     }
     match (tiffs.is_empty(), pngs.is_empty()) {
         (false, true) => pictures(path, tiffs, all, |blobs| tiff::parse(path, blobs, options)),
-        (true, false) => pictures(path, pngs, all, |blobs| png::parse(path, blobs)),
+        (true, false) => pictures(path, pngs, all, |blobs| png::parse(path, blobs, options)),
         (false, false) => Err(Error::format(
             path,
             format!("{} TIFF and {} PNG files", tiffs.len(), pngs.len()),

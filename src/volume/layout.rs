@@ -2,6 +2,7 @@
 
 use super::map::Map;
 use super::paged::Pages;
+use super::resample::Grid;
 use super::source::{ByteSource, FileSource, MapSource, Part, PartsSource};
 use super::stream::{StreamLayout, StreamSource};
 use super::values::Values;
@@ -30,6 +31,9 @@ pub(super) struct Recipe {
     /// True along x or y if the samples are stored the other way round.
     pub(super) mirrored: [bool; 2],
     pub(super) samples: Samples,
+    /// The regular grid that samples are interpolated to, if they do not lie on one. `dims` are those of the
+    /// samples, `placement` is that of the grid.
+    pub(super) grid: Option<Grid>,
     /// What a user should know that the header does not show.
     pub(super) notes: Vec<String>,
     /// What may make numbers wrong unless the user does something about it.
@@ -49,6 +53,7 @@ impl Recipe {
             values: None,
             applied: None,
             mirrored: [false; 2],
+            grid: None,
             samples,
             notes: Vec::new(),
             warnings: Vec::new(),

@@ -297,7 +297,10 @@ impl<'a> Head<'a> {
             let Some(s) = s else { continue };
             let size = lengths[axis] * s.abs();
             if size == 0.0 || !size.is_finite() {
-                place.spacing[axis] = size; // refused when options have had their say
+                // refused when options have had their say, as the file states them
+                for (place, s) in place.spacing.iter_mut().zip(spacing) {
+                    *place = s.unwrap_or(*place);
+                }
                 return Ok((place, from, None));
             }
             steps[axis] = Some(Step::new(size, unit));

@@ -5,7 +5,6 @@ mod beside;
 mod blob;
 #[cfg(any(feature = "hdf5", feature = "zarr"))]
 mod blosc;
-#[cfg(any(feature = "hdf5", feature = "zarr"))]
 mod cf;
 #[cfg(any(feature = "hdf5", feature = "zarr"))]
 mod chunked;
@@ -34,6 +33,7 @@ mod paged;
 mod place;
 mod png;
 pub(crate) mod predict;
+mod resample;
 mod size;
 mod skyscan;
 mod source;
@@ -49,7 +49,7 @@ mod vti;
 mod walk;
 mod warning;
 mod without;
-#[cfg(any(feature = "hdf5", feature = "zarr"))]
+#[cfg_attr(not(any(feature = "hdf5", feature = "zarr")), allow(dead_code))]
 mod written;
 #[cfg(feature = "zarr")]
 mod zarr;

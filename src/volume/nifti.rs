@@ -239,12 +239,32 @@ impl Head<'_> {
         if slope == 0.0 || slope.is_nan() {
             return Ok(None);
         }
-        let inter = if inter.is_nan() { 0.0 } else { inter };
         if !slope.is_finite() || !inter.is_finite() {
             let found = format!("scl_slope {slope} and scl_inter {inter}");
-            return Err(self.wrong(found, "finite numbers"));
+            return Err(self
+                .wrong(found, "finite numbers")
+                .with_hint(self.as_raw()?));
         }
         Ok(Values::linear(slope, inter, "scl_slope and scl_inter"))
+    }
+
+    /// How to read stored samples as they are.
+    fn as_raw(&self) -> Result<String> {
+        let [x, y, z] = self.dims()?.0;
+        let data = self.data(false, 0)?;
+        let file = data.files[0].display();
+        let Start::At { bytes, .. } = data.start else {
+            return Ok(String::new());
+        };
+        let spacing = [1, 2, 3]
+            .map(|i| self.pixdim(i).abs().to_string())
+            .join(",");
+        Ok(format!(
+            "set scl_slope to 0 if stored samples are the values, or read {file} as raw samples: --dims {x},{y},{z} \
+             --dtype {} --endian {} --offset {bytes} --spacing {spacing} --unit mm",
+            self.dtype()?,
+            self.endian
+        ))
     }
 
     /// Where the samples are that `skip` bytes of samples lie before.

@@ -5,13 +5,14 @@ use super::file::FileVolume;
 use super::layout::{self, Data, Encoding, Recipe, Samples, Start};
 use super::mirror::Mirrored;
 use super::paged::PagedVolume;
+use super::resample::{Grid, Resampled};
 use super::values::Valued;
 use super::{
     Dtype, Endian, Header, Volume, archive, dicom, folder, foreign, hdf5, metaimage, nifti, npy,
-    nrrd, place, tiff, vti, warning,
+    nrrd, place, resample, tiff, vti, warning,
 };
 use crate::error::{Error, Result};
-use crate::grid::{Dims, Unit};
+use crate::grid::{Dims, Placement, Unit};
 use crate::manifest::{Part, Provenance};
 use std::ffi::OsStr;
 use std::path::{Path, PathBuf};
@@ -103,7 +104,8 @@ pub struct OpenOptions {
     /// Which of several series: its number, description or UID (DICOM), its number from 0 on or its name (TIFF,
     /// OME-TIFF).
     pub series: Option<String>,
-    /// True if slices that do not make a regular grid are to be interpolated to one (DICOM).
+    /// True if slices that do not make a regular grid, or axes that are not at right angles, are to be interpolated
+    /// to one (DICOM, and formats that state axes).
     pub resample: bool,
     /// Which array of a file or group of several (HDF5, Zarr, VTK image data), by its path or name.
     pub dataset: Option<String>,
@@ -191,6 +193,7 @@ pub fn open(path: &Path, options: &OpenOptions) -> Result<Opened> {
         _ => Vec::new(),
     };
     let (placement, provenance) = place::place(path, &recipe, options)?;
+    let grid = regular(path, &mut recipe, placement)?;
     let header = Header {
         format: recipe.format,
         dims: recipe.dims,
@@ -216,7 +219,13 @@ pub fn open(path: &Path, options: &OpenOptions) -> Result<Opened> {
         None => values.is_some(),
     };
     Ok(Opened {
-        volume: volume(header, recipe, options.io)?,
+        volume: match grid {
+            Some((grid, placement)) => {
+                let volume = volume(header, recipe, options.io)?;
+                Box::new(Resampled::new(volume, grid, placement)?)
+            }
+            None => volume(header, recipe, options.io)?,
+        },
         provenance,
         name: file_name(path),
         offset,
@@ -227,6 +236,30 @@ pub fn open(path: &Path, options: &OpenOptions) -> Result<Opened> {
         notes,
         warnings,
     })
+}
+
+/// The grid that samples are interpolated to, with its placement: that of the recipe, or one at right angles where the
+/// axes are not.
+fn regular(
+    path: &Path,
+    recipe: &mut Recipe,
+    placement: Placement,
+) -> Result<Option<(Grid, Placement)>> {
+    if let Some(grid) = recipe.grid.take() {
+        return Ok(Some((grid, placement)));
+    }
+    if placement.shear().is_none() {
+        return Ok(None);
+    }
+    let dtype = match &recipe.values {
+        Some(values) => values.dtype(recipe.dtype),
+        None => recipe.dtype,
+    };
+    let grid = Grid::upright(path, placement, recipe.dims, resample::fill(dtype))?;
+    let note = grid.note("its axes are not at right angles");
+    recipe.notes.push(note);
+    let placement = grid.placement;
+    Ok(Some((grid, placement)))
 }
 
 /// What the parser of the format finds, completed by the options.
@@ -281,7 +314,11 @@ pub fn file_name(path: &Path) -> String {
 fn refuse_unused(format: &str, options: &OpenOptions) -> Result<()> {
     let given = [
         ("--series", options.series.is_some(), &["dicom", "tiff"][..]),
-        ("--resample", options.resample, &["dicom"]),
+        (
+            "--resample",
+            options.resample,
+            &["dicom", "hdf5", "metaimage", "nifti", "nrrd", "vti", "zarr"],
+        ),
         (
             "--dataset",
             options.dataset.is_some(),

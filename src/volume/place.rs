@@ -41,13 +41,14 @@ pub(super) fn place(
         Err(other) => Err(other),
         Ok(()) => match placement.shear() {
             None => Ok((placement, provenance)),
+            Some(_) if options.resample => Ok((placement, provenance)),
             Some(cosines) => Err(Error::unsupported(
                 path,
                 format!(
                     "a sheared grid (cosines of {:.6}, {:.6} and {:.6} between its axes x y, x z and y z)",
                     cosines[0], cosines[1], cosines[2]
                 ),
-                "resample it to axes at right angles",
+                "--resample interpolates it to axes at right angles",
             )),
         },
     }

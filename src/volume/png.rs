@@ -1,10 +1,11 @@
 //! PNG slices of 8 or 16 bit grey.
 //!
 //! Values are handed out as they are stored: gamma, palettes and transparency are not applied, and
-//! the physical size of pixels (`pHYs`), which programs set for paper, is not read.
+//! the physical size of pixels (`pHYs`), which most programs set for paper, is told and not used.
 
 use super::blob::Blob;
 use super::layout::{Recipe, Samples};
+use super::open::OpenOptions;
 use super::paged::{Cut, MAX_CHUNK, Page, Pages};
 use super::{Dtype, Endian};
 use crate::error::{Error, Result};
@@ -67,11 +68,32 @@ fn shape(blob: &Blob) -> Result<([u32; 2], Dtype)> {
     Ok((size, dtype))
 }
 
+/// What to say of the size of pixels that a slice states.
+fn physical(blob: &Blob) -> Result<Option<String>> {
+    let bytes = blob.open()?;
+    let mut decoder = png::Decoder::new(bytes.reader(0, bytes.len()));
+    decoder.set_ignore_text_chunk(true);
+    decoder.set_ignore_iccp_chunk(true);
+    // damage is told when samples are read
+    let Ok(reader) = decoder.read_info() else {
+        return Ok(None);
+    };
+    let stated = reader.info().pixel_dims;
+    let metres = stated.filter(|p| p.unit == png::Unit::Meter && p.xppu > 0 && p.yppu > 0);
+    Ok(metres.map(|p| {
+        let [x, y] = [p.xppu, p.yppu].map(|n| format!("{:.4}", 1000.0 / f64::from(n)));
+        format!(
+            "pixels of {x} x {y} mm, as the first PNG states (pHYs), are not used: give --spacing and --unit if that \
+             is of the scan"
+        )
+    }))
+}
+
 /// Looks at the header of every slice.
 ///
 /// # Errors
 /// [`Error::Unsupported`] for colours and other depths, [`Error::Format`] for slices that differ.
-pub(super) fn parse(path: &Path, blobs: Vec<Blob>) -> Result<Recipe> {
+pub(super) fn parse(path: &Path, blobs: Vec<Blob>, options: &OpenOptions) -> Result<Recipe> {
     let Some(first) = blobs.first() else {
         return Err(Error::format(path, "no PNG", "slices"));
     };
@@ -91,6 +113,10 @@ pub(super) fn parse(path: &Path, blobs: Vec<Blob>) -> Result<Recipe> {
         .map_err(|e| Error::format(path, format!("slices with {e}"), "a volume of that size"))?;
     Ok(Recipe {
         endian: Some(Endian::Big),
+        notes: match options.spacing {
+            None => physical(first)?.into_iter().collect(),
+            Some(_) => Vec::new(),
+        },
         ..Recipe::new(
             "png",
             dims,

@@ -45,7 +45,7 @@ const ORDERS: [&str; 10] = [
 ];
 
 /// Pairs of attributes, in plain spelling, whose names say that value = first * stored + second.
-const PAIRS: [(&str, &str); 4] = [
+pub(super) const PAIRS: [(&str, &str); 4] = [
     ("rescaleslope", "rescaleintercept"),
     ("sclslope", "sclinter"),
     ("slope", "intercept"),

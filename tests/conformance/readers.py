@@ -25,6 +25,7 @@ import made
 import nibabel
 import numpy as np
 import pydicom
+import sheared
 import SimpleITK as sitk
 import tifffile
 import zarr
@@ -255,6 +256,20 @@ WRITTEN = [
     ("imagej.tif", lambda p: several(p, imagej=True, metadata={"axes": "TZYX"}), lambda p: tifffile.imread(p)[0], None, ["--time", "0"]),
 ]
 
+# what people put into tifffile's description, and how it is told
+JSON_SIZES = [
+    ("voxel.tif", {"voxel_size": [0.5] * 3, "unit": "um"}, ([0.5] * 3, "um")),
+    ("named.tif", {"spacing": {"x": 0.5, "y": 0.25, "z": 2.0}, "unit": "um"}, ([0.5, 0.25, 2], "um")),
+    ("axes.tif", {"axes": "ZYX", "spacing": [2, 0.25, 0.5], "unit": "um"}, ([0.5, 0.25, 2], "um")),
+    ("order.tif", {"spacing": [2, 0.25, 0.5], "unit": "um"}, ([1] * 3, "voxel")),
+]
+WRITTEN += [
+    (name, lambda p, m=members: tifffile.imwrite(p, BODY, photometric="minisblack", metadata=m), by_tifffile, size, [])
+    for name, members, size in JSON_SIZES
+]
+SCALED = {"scale_factor": 0.5, "add_offset": -10}
+WRITTEN.append(("scaled.tif", lambda p: tifffile.imwrite(p, BODY, photometric="minisblack", metadata=SCALED), lambda p: tifffile.imread(p) * np.float32(0.5) - 10, None, []))
+
 
 def written(alvis: Path, dump: Path, work: Path, name: str, write, reader, size, arguments: list[str]) -> str:
     """What a library writes is read as that library, or the one that is asked, reads it."""
@@ -319,6 +334,8 @@ def main() -> int:
         attempt(title, as_made, alvis, dump, path, expected, spacing, origin, arguments)
     for name, *rest in WRITTEN:
         attempt(f"written {name}", written, alvis, dump, work, name, *rest)
+    for name, *rest in sheared.CASES:
+        attempt(f"sheared {name}", sheared.as_itk, run, alvis, dump, work, name, *rest)
     for name, reader, arguments in hdf5_readers.FIXTURES:
         path = folder / "hdf5" / name
         attempt(f"fixture {name}", same_voxels, alvis, dump, path, reader, arguments)

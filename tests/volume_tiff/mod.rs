@@ -308,6 +308,58 @@ fn scales_by_gdal() {
 }
 
 #[test]
+fn a_number_for_nothing_on_one_page_alone_is_no_scale() {
+    let mut pages: Vec<Page> = (0..3).map(page).collect();
+    pages[0].tags.push((42113, text("2")));
+    let error = refusal(plain(&pages));
+    assert!(
+        error.contains("GDAL_NODATA") && !error.contains("a scale"),
+        "{error}"
+    );
+}
+
+#[test]
+fn scales_by_members_of_tifffile() {
+    let of = |members: &str| described(0..3, &format!("{{\"shape\": [3, 3, 4], {members}}}"));
+    for (members, first) in [
+        ("\"scale_factor\": 0.5, \"add_offset\": -10", [-10.0, -9.5]),
+        ("\"slope\": 2, \"intercept\": 1", [1.0, 3.0]),
+        ("\"RescaleSlope\": 2, \"RescaleIntercept\": -1", [-1.0, 1.0]),
+    ] {
+        let opened = plain(&of(members)).unwrap();
+        assert_eq!(floats(&opened)[..2], first, "{members}");
+        assert!(opened.warnings.is_empty(), "{opened:?}");
+    }
+    let filled = plain(&of("\"_FillValue\": 1")).unwrap();
+    assert!(floats(&filled)[1].is_nan());
+    for (members, name) in [
+        ("\"scale\": 0.25", "\"scale\" (0.25)"),
+        ("\"calibration\": [1, 2]", "\"calibration\" ([1,2])"),
+    ] {
+        let opened = plain(&of(members)).unwrap();
+        assert!(opened.warnings[0].contains(name), "{opened:?}");
+    }
+    for members in [
+        "\"slope\": 0",
+        "\"slope\": \"x\"",
+        "\"slope\": 2, \"scale_factor\": 3",
+    ] {
+        let error = refusal(plain(&of(members)));
+        assert!(error.contains("slope"), "{error}");
+    }
+    // the scale of GDAL's tags beside one of the description
+    let both = with(of("\"slope\": 2"), 42113, text("2"));
+    assert!(refusal(plain(&both)).contains("GDAL's tags"));
+    // each of two series has its own
+    let mut two = of("\"slope\": 2");
+    two.extend(of("\"slope\": 3"));
+    for (series, value) in [("0", 2.0), ("1", 3.0)] {
+        let opened = read(&two, &asking(Some(series), None, None)).unwrap();
+        assert_eq!(floats(&opened)[1], value);
+    }
+}
+
+#[test]
 fn orientations() {
     let turned = |orientation, turn: fn(u16, u16) -> [u16; 2]| {
         let opened = plain(&with(

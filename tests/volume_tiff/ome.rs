@@ -200,10 +200,36 @@ fn pages_in_several_files() {
     assert_eq!(slices(&read("").unwrap()), [0, 1, 2, 3, 4, 5]);
     std::fs::rename(dir.path().join("p1.tif"), dir.path().join("q.tif")).unwrap();
     assert!(refusal(read("p0.tif")).contains("p1.tif, which is not there"));
-    // one file that was given another name
-    let alone = "<TiffData IFD=\"0\" PlaneCount=\"3\"><UUID FileName=\"old.tif\">urn:uuid:7</UUID></TiffData>";
-    let pages = described(0..3, &document(&image(0, "XYZCT", [3, 1, 1], "", alone)));
-    assert_eq!(slices(&plain(&pages).unwrap()), [0, 1, 2]);
+}
+
+#[test]
+fn a_file_that_is_named_by_another_name_or_uuid() {
+    let of = |root: &str, uuid: &str| {
+        let alone = format!("<TiffData IFD=\"0\" PlaneCount=\"3\"><UUID{uuid}</UUID></TiffData>");
+        let text = document(&image(0, "XYZCT", [3, 1, 1], "", &alone));
+        plain(&described(0..3, &text.replace("UUID=\"urn:uuid:1\"", root)))
+    };
+    // its own UUID, however it is written, whatever the file's name is now
+    let root = "UUID=\"urn:uuid:0A-1\"";
+    for own in [
+        " FileName=\"old.tif\">urn:uuid:0a-1",
+        " FileName=\"old.tif\">0A-1",
+        ">URN:UUID:0A-1",
+    ] {
+        let opened = of(root, own).unwrap();
+        assert_eq!(slices(&opened), [0, 1, 2], "{own}");
+        assert!(opened.warnings.is_empty(), "{opened:?}");
+    }
+    let other = refusal(of(root, " FileName=\"old.tif\">urn:uuid:0b-1"));
+    assert!(
+        other.contains("old.tif") && other.contains("0b-1") && other.contains("0a-1"),
+        "{other}"
+    );
+    assert!(refusal(of(root, ">urn:uuid:0b-1")).contains("0b-1"));
+    // without a UUID of its own it may have been renamed
+    let renamed = of("", " FileName=\"old.tif\">urn:uuid:0b-1").unwrap();
+    assert_eq!(slices(&renamed), [0, 1, 2]);
+    assert!(renamed.warnings[0].contains("old.tif"), "{renamed:?}");
 }
 
 #[test]

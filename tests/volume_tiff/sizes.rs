@@ -1,6 +1,6 @@
 //! Sizes of voxels by TIFF's own tags, ImageJ and tifffile.
 
-use super::writer::{Page, Tag, described, page, resolved, with};
+use super::writer::{Page, Tag, described, page, resolved, text, with};
 use super::{imagej, plain, put, read};
 use alvis::grid::Unit;
 use alvis::manifest::Origin;
@@ -262,4 +262,163 @@ fn units_by_tifffile() {
         Tag::Short(2),
     );
     assert_eq!(size(&plain(&single).unwrap()), NOT_STATED);
+}
+
+/// A description by tifffile with these members.
+fn members(members: &str) -> Vec<Page> {
+    described(
+        0..3,
+        &format!("{{\"shape\": [3, 3, 4], \"axes\": \"ZYX\", {members}}}"),
+    )
+}
+
+#[test]
+fn members_of_tifffile_that_state_sizes() {
+    let um = Unit::Micrometre;
+    for (text, spacing, unit, from) in [
+        (
+            r#""voxel_size": [0.5, 0.5, 0.5], "unit": "um""#,
+            [0.5; 3],
+            um,
+            [Origin::File; 3],
+        ),
+        (r#""voxel_size_um": 0.5"#, [0.5; 3], um, [Origin::File; 3]),
+        (r#""VoxelSizeUm": 0.5"#, [0.5; 3], um, [Origin::File; 3]),
+        (r#""pixel_size": 0.5, "unit": "um""#, [0.5; 3], um, FLAT),
+        (
+            r#""pixel_size": 0.5, "spacing": 2, "unit": "um""#,
+            [0.5, 0.5, 2.0],
+            um,
+            [Origin::File; 3],
+        ),
+        (
+            r#""spacing": {"x": 0.4, "y": 0.5, "z": 2.0}, "units": "um""#,
+            [0.4, 0.5, 2.0],
+            um,
+            [Origin::File; 3],
+        ),
+        (
+            r#""voxel_size_x": 0.4, "voxel_size_y": 0.5, "z_spacing": 2, "unit": "um""#,
+            [0.4, 0.5, 2.0],
+            um,
+            [Origin::File; 3],
+        ),
+        (
+            r#""voxel_size": [0.5, 0.5, 0.5]"#,
+            [0.5; 3],
+            Unit::Voxel,
+            [Origin::File; 3],
+        ),
+        (
+            r#""PhysicalSizeX": 0.4, "PhysicalSizeY": 0.5, "PhysicalSizeZ": 2000, "PhysicalSizeZUnit": "nm""#,
+            [0.4, 0.5, 2.0],
+            um,
+            [Origin::File; 3],
+        ),
+    ] {
+        let opened = plain(&members(text)).unwrap();
+        assert_eq!(size(&opened), (spacing, unit, from), "{text}");
+        let warned = usize::from(from == FLAT);
+        assert_eq!(opened.warnings.len(), warned, "{opened:?}");
+    }
+    // numbers that differ, in an order that the axes name
+    let opened = plain(&members(r#""spacing": [2, 0.5, 0.4], "unit": "um""#)).unwrap();
+    assert_eq!(size(&opened), ([0.4, 0.5, 2.0], um, [Origin::File; 3]));
+    assert!(
+        opened.warnings[0].contains("order of its axes, ZYX"),
+        "{opened:?}"
+    );
+    let unnamed = r#"{"shape": [3, 3, 4], "spacing": [2, 0.5, 0.4], "unit": "um"}"#;
+    for (pages, named) in [
+        (described(0..3, unnamed), "\"spacing\" ([2,0.5,0.4])"),
+        (members(r#""resolution": 0.5"#), "\"resolution\" (0.5)"),
+        (
+            members(r#""voxel_size": "0.5 um""#),
+            "\"voxel_size\" (\"0.5 um\")",
+        ),
+        (members(r#""voxel_size": 0.5, "spacing": 2"#), "differ"),
+        (members(r#""voxel_size": 0.5, "unit": "HU""#), "\"HU\""),
+    ] {
+        let opened = plain(&pages).unwrap();
+        assert_eq!(size(&opened), NOT_STATED, "{named}");
+        assert!(opened.warnings[0].contains(named), "{opened:?}");
+        let options = OpenOptions {
+            spacing: Some([0.5; 3]),
+            unit: Some(um),
+            ..OpenOptions::default()
+        };
+        assert!(
+            read(&pages, &options).unwrap().warnings.is_empty(),
+            "{named}"
+        );
+    }
+    let nothing = plain(&members(r#""software": "x 1.0", "step": null"#)).unwrap();
+    assert!(nothing.warnings.is_empty(), "{nothing:?}");
+}
+
+#[test]
+fn imagej_without_a_unit_and_tiff_with_one() {
+    let of = |unit: u16, per: u32, text: &str| {
+        plain(&resolved(imagej(3, text), unit, [per, 1], [per, 1])).unwrap()
+    };
+    for (opened, expected, warning) in [
+        (
+            of(3, 1000, ""),
+            ([0.01; 3], Unit::Millimetre, FLAT),
+            "in cm",
+        ),
+        (
+            of(2, 254, ""),
+            ([0.1; 3], Unit::Millimetre, FLAT),
+            "in inch",
+        ),
+        (
+            of(3, 1000, "spacing=0.002\n"),
+            ([0.01, 0.01, 0.02], Unit::Millimetre, [Origin::File; 3]),
+            "in cm",
+        ),
+        (of(3, 1000, "spacing=20\n"), NOT_STATED, "none is taken"),
+    ] {
+        assert_eq!(size(&opened), expected);
+        assert!(opened.warnings[0].contains(warning), "{opened:?}");
+    }
+    assert_eq!(size(&of(2, 72, "")), NOT_STATED);
+}
+
+#[test]
+fn origin_by_imagej() {
+    let text = "unit=um\nspacing=0.3\nxorigin=3\nyorigin=-2\nzorigin=1\n";
+    let pages = resolved(imagej(3, text), 1, [10, 1], [10, 1]);
+    let opened = plain(&pages).unwrap();
+    let place = opened.volume.header().placement;
+    // a multiple of 0.1 without noise
+    assert_eq!(place.origin, [-0.3, 0.2, -0.3]);
+    assert_eq!(opened.provenance.origin, Origin::File);
+    let options = OpenOptions {
+        spacing: Some([0.5; 3]),
+        unit: Some(Unit::Millimetre),
+        ..OpenOptions::default()
+    };
+    for opened in [
+        read(&pages, &options).unwrap(),
+        plain(&imagej(3, "xorigin=3\n")).unwrap(),
+    ] {
+        assert_eq!(opened.volume.header().placement.origin, [0.0; 3]);
+        assert!(opened.notes[0].contains("voxel 3, "), "{opened:?}");
+    }
+}
+
+#[test]
+fn tags_of_other_programs_are_named_or_read() {
+    let pages = || (0..3).map(page).collect();
+    let opened = plain(&with(pages(), 33550, text("0.5"))).unwrap();
+    assert!(opened.notes[0].contains("ModelPixelScale"), "{opened:?}");
+    // Zeiss' LSM: ten numbers of 32 bits, of them one channel and one time, and three sizes in metres
+    let mut lsm = [1u32; 10].map(u32::to_le_bytes).concat();
+    for size in [0.5e-6f64, 0.25e-6, 2e-6] {
+        lsm.extend(size.to_le_bytes());
+    }
+    let opened = plain(&with(pages(), 34412, Tag::Text(lsm))).unwrap();
+    let expected = ([0.5e-6, 0.25e-6, 2e-6], Unit::Metre, [Origin::File; 3]);
+    assert_eq!(size(&opened), expected);
 }

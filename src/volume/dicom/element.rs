@@ -371,6 +371,7 @@ impl<'a> Reader<'a> {
                     | tag::PIXEL_MEASURES
                     | tag::PIXEL_VALUES
                     | tag::REAL_WORLD
+                    | tag::REAL_UNITS
                     | tag::SHARED
                     | tag::PER_FRAME
             );

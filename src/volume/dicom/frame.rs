@@ -48,10 +48,21 @@ pub(super) struct Frame {
     /// Distance of pixels along x and y.
     pub(super) pixel: Option<[f64; 2]>,
     pub(super) rescale: Rescale,
+    /// What the file states of values.
+    pub(super) stated: Stated,
     /// Where the file states the scale; empty if stored numbers are the values.
     pub(super) scaled_by: &'static str,
     /// What a user should know of it.
     pub(super) remark: Option<&'static str>,
+}
+
+/// Which elements on values are there, and the units that they state.
+#[derive(Debug, Clone, PartialEq, Eq, Default)]
+pub(super) struct Stated {
+    /// RescaleSlope, RescaleIntercept, RealWorldValueMapping, DoseGridScaling.
+    pub(super) scale: [bool; 4],
+    /// RescaleType, Units, MeasurementUnitsCodeSequence, DoseUnits; empty if not stated.
+    pub(super) units: [String; 4],
 }
 
 /// How the frames of a file without a position for each follow each other.
@@ -83,6 +94,10 @@ pub(super) struct Image {
     pub(super) between: Option<f64>,
     /// How that is known, for a file of several frames.
     pub(super) step: Step,
+    /// Small numbers are bright (MONOCHROME1).
+    pub(super) inverse: bool,
+    /// A view to plan the scan by (LOCALIZER in ImageType).
+    pub(super) localizer: bool,
     /// The file's number in its series.
     pub(super) number: Option<i64>,
     pub(super) frames: Vec<Frame>,
@@ -160,6 +175,8 @@ impl Image {
             padding: padding.filter(|_| !cell.float),
             between,
             step,
+            inverse: set.text(tag::PHOTOMETRIC).starts_with("MONOCHROME1"),
+            localizer: set.text(tag::IMAGE_TYPE).contains("LOCALIZER"),
             number: set.number(tag::INSTANCE_NUMBER).map(|n| n as i64),
             frames,
             blob,
@@ -293,6 +310,7 @@ impl Context<'_> {
                     plane: self.plane(&groups)?,
                     pixel: self.pixel(&groups)?,
                     rescale: scale.rescale,
+                    stated: self.stated(&groups),
                     scaled_by: scale.by,
                     remark: scale.remark,
                 })

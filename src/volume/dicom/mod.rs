@@ -10,13 +10,13 @@
 //! that share a position are slices in their order; files without positions are so by their InstanceNumber, if the
 //! user gives the spacing.
 
+mod agree;
 mod element;
 mod frame;
 mod jpeg;
 mod jpegls;
 mod order;
 mod pixel;
-mod resample;
 mod rle;
 mod scale;
 mod series;
@@ -27,6 +27,7 @@ use super::blob::Blob;
 use super::layout::{Recipe, Samples};
 use super::open::OpenOptions;
 use super::paged::MAX_CHUNK;
+use super::resample::Grid;
 use super::values::{Linear, Scale, Values};
 use crate::error::{Error, Result};
 use crate::grid::{Dims, Placement, Unit};
@@ -34,7 +35,6 @@ use crate::manifest::{Origin, Provenance};
 use crate::volume::warning::Warning;
 use element::Fragment;
 use frame::{Cell, Image, Rescale, Step};
-use order::Stack;
 use pixel::Frames;
 use rayon::prelude::*;
 use series::Candidate;
@@ -55,8 +55,14 @@ pub(super) fn parse(path: &Path, blobs: Vec<Blob>, options: &OpenOptions) -> Res
         notes.push(format!("{twice} files come twice and count once"));
     }
     let total: usize = candidates.iter().map(|c| c.frames.len()).sum();
-    let candidate = series::choose(path, candidates, options.series.as_deref())?;
+    let wanted = options.series.as_deref();
+    let candidate = series::choose(path, candidates, &images, wanted)?;
     let others = total - candidate.frames.len();
+    let left_out = agree::left_out(&candidate.frames[0], &candidate.frames, &images);
+    if wanted != Some(&candidate.key) {
+        agree::none_is_lost(&candidate, &left_out)?;
+    }
+    agree::values(&candidate, &images)?;
     let [x, y] = candidate.size;
     let bytes = u64::from(x) * u64::from(y) * candidate.cell.bytes as u64;
     let packed = |i: &Image| i.syntax.is_packed() || i.deflated.is_some();
@@ -71,7 +77,8 @@ pub(super) fn parse(path: &Path, blobs: Vec<Blob>, options: &OpenOptions) -> Res
     notes.insert(0, title(&candidate));
     if others > 0 {
         notes.push(format!(
-            "{others} other images are left out, of another series, size, orientation or kind of numbers"
+            "{others} other images are left out, of another series, size, orientation or kind of numbers{}",
+            agree::note(&left_out).unwrap_or_default()
         ));
     }
     notes.extend(padding(&candidate, &images));
@@ -277,32 +284,29 @@ fn placed(
     let outside = stack.frames[0].rescale;
     let inner = frames(images, std::mem::take(&mut stack.frames), size, cell)?;
     let dtype = inner.dtype;
-    let (dims, placement, samples): (_, _, Samples) = match irregular {
-        None => {
-            let dims = Dims::new([size[0].into(), size[1].into(), slices as u64]);
-            (dims, stack.placement, Samples::Pages(Box::new(inner)))
-        }
+    let grid = match irregular {
+        None => None,
         Some(what) if !options.resample => {
             let what = format!("a DICOM series with {what}");
             let hint = "--resample interpolates it to a regular grid";
             return Err(Error::unsupported(path, what, hint));
         }
         Some(what) => {
-            let (grid, pages) = regular(path, &stack, inner, fill(cell, outside, padding))?;
-            let [x, y, z] = grid.size;
-            notes.push(format!(
-                "interpolated to {x} x {y} x {z} voxels, since the files have {what}"
-            ));
-            (grid.dims(), grid.placement, pages)
+            let fill = fill(cell, outside, padding);
+            let grid = Grid::over(path, stack.placement, (stack.places, 0.0), size, fill)?;
+            notes.push(grid.note(&format!("the files have {what}")));
+            Some(grid)
         }
     };
+    let dims = Dims::new([size[0].into(), size[1].into(), slices as u64]);
     let dims = dims.map_err(|e| Error::format(path, format!("a series with {e}"), "a volume"))?;
     Ok(Recipe {
-        placement,
+        placement: grid.as_ref().map_or(stack.placement, |grid| grid.placement),
         provenance,
         applied: values,
+        grid,
         warnings,
-        ..Recipe::new("dicom", dims, dtype, samples)
+        ..Recipe::new("dicom", dims, dtype, Samples::Pages(Box::new(inner)))
     })
 }
 
@@ -319,22 +323,6 @@ fn no_distance(path: &Path) -> Error {
     let expected = "ImagePositionPatient for each, or PixelSpacing and SpacingBetweenSlices";
     Error::format(path, found, expected)
         .with_hint("if the frames are slices in order, give --spacing and --unit")
-}
-
-fn regular(
-    path: &Path,
-    stack: &Stack,
-    inner: Frames,
-    fill: f64,
-) -> Result<(resample::Grid, Samples)> {
-    let grid = resample::Grid::over(path, stack, inner.size)?;
-    let pages = resample::Resampled {
-        places: stack.places.clone(),
-        grid: grid.clone(),
-        inner,
-        fill,
-    };
-    Ok((grid, Samples::Pages(Box::new(pages))))
 }
 
 /// The value of what lies outside of every slice: padding, else air, else the least number.

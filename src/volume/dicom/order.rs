@@ -1,5 +1,6 @@
 //! The order of slices in space, and whether they make a regular grid.
 
+use super::super::resample::Place;
 use super::frame::{Frame, Image};
 use super::pixel;
 use crate::error::{Error, Result};
@@ -28,15 +29,8 @@ pub(super) struct Stack {
     pub(super) repeats: Option<[String; 2]>,
 }
 
-/// Where a frame lies relative to the first.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub(super) struct Place {
-    pub(super) depth: f64,
-    pub(super) aside: [f64; 2],
-}
-
 /// A frame as people find it.
-fn called(images: &[Image], frame: &Frame) -> String {
+pub(super) fn called(images: &[Image], frame: &Frame) -> String {
     let image = &images[frame.file as usize];
     let name = image.blob.path().display();
     match image.frames.len() {
@@ -208,17 +202,5 @@ impl Stack {
             );
         }
         format!("uneven steps between slices, from {least:.3} to {most:.3} mm")
-    }
-
-    /// The smallest step, or the middle one if that would multiply the slices by more than 16.
-    pub(super) fn finest_step(&self) -> f64 {
-        let mut steps = self.steps();
-        steps.sort_by(f64::total_cmp);
-        let span = self.places.last().map_or(0.0, |p| p.depth);
-        let most = 16.0 * self.places.len() as f64;
-        match steps.first() {
-            Some(&least) if span / least <= most => least,
-            _ => steps.get(steps.len() / 2).copied().unwrap_or(1.0),
-        }
     }
 }

@@ -2,7 +2,7 @@
 //! or the scaling of a dose.
 
 use super::element::Elements;
-use super::frame::{Context, Groups, Rescale};
+use super::frame::{Context, Groups, Rescale, Stated};
 use super::tag;
 use crate::error::{Error, Result};
 
@@ -47,6 +47,32 @@ impl Context<'_> {
                 remark: None,
             }),
             _ => self.real_world(mappings),
+        }
+    }
+
+    /// Which elements on values a frame has.
+    pub(super) fn stated(&self, groups: &Groups) -> Stated {
+        let text = |tag: u32| {
+            let set = groups.find(tag::PIXEL_VALUES, tag);
+            set.map_or(String::new(), |set| set.text(tag).trim().to_owned())
+        };
+        let mapping = groups.items(tag::REAL_WORLD).first();
+        let code = mapping.and_then(|item| item.items(tag::REAL_UNITS).first());
+        let dose = self.set.number(tag::DOSE_SCALING).is_some();
+        let there = |tag: u32| !text(tag).is_empty();
+        Stated {
+            scale: [
+                there(tag::SLOPE),
+                there(tag::INTERCEPT),
+                mapping.is_some(),
+                dose,
+            ],
+            units: [
+                text(tag::RESCALE_TYPE),
+                self.set.text(tag::UNITS),
+                code.map_or(String::new(), |code| code.text(tag::CODE_VALUE)),
+                self.set.text(tag::DOSE_UNITS),
+            ],
         }
     }
 

@@ -1,5 +1,6 @@
 //! Which of the files' frames are the volume.
 
+use super::agree;
 use super::frame::{Cell, Frame, Image, Series};
 use crate::error::{Error, Result};
 use std::collections::HashSet;
@@ -21,26 +22,6 @@ pub(super) struct Candidate {
 const LISTED: usize = 30;
 
 impl Candidate {
-    /// True if a frame of an image belongs to it.
-    fn takes(&self, image: &Image, frame: &Frame) -> bool {
-        let first = &self.frames[0];
-        let near = |a: f64, b: f64| (a - b).abs() < 1e-3;
-        let axes = match (first.plane, frame.plane) {
-            (None, None) => true,
-            (Some(a), Some(b)) => {
-                let (a, b) = (a.axes.as_flattened(), b.axes.as_flattened());
-                a.iter().zip(b).all(|(a, b)| near(*a, *b))
-            }
-            _ => false,
-        };
-        let pixel = match (first.pixel, frame.pixel) {
-            (Some(a), Some(b)) => (0..2).all(|i| near(a[i] / b[i], 1.0)),
-            (a, b) => a == b,
-        };
-        let same = (self.size, &self.series) == (image.size, &image.series);
-        same && self.cell == image.cell && axes && pixel
-    }
-
     /// One line of a list.
     fn line(&self) -> String {
         let Series {
@@ -72,7 +53,12 @@ pub(super) fn candidates(images: &[Image]) -> (Vec<Candidate>, usize) {
         }
         for frame in &image.frames {
             // a series' frames follow each other
-            let found = out.iter_mut().rev().find(|c| c.takes(image, frame));
+            let takes = |c: &&mut Candidate| {
+                let first = &c.frames[0];
+                let of = (&images[first.file as usize], first);
+                image.series.same(&of.0.series) && agree::difference(of, (image, frame)).is_none()
+            };
+            let found = out.iter_mut().rev().find(takes);
             match found {
                 Some(candidate) => candidate.frames.push(frame.clone()),
                 None => out.push(Candidate {
@@ -119,6 +105,7 @@ fn name(candidates: &mut [Candidate]) {
 pub(super) fn choose(
     path: &Path,
     mut candidates: Vec<Candidate>,
+    images: &[Image],
     wanted: Option<&str>,
 ) -> Result<Candidate> {
     let fits = |c: &Candidate| match wanted {
@@ -136,18 +123,39 @@ pub(super) fn choose(
         [one] if candidates[one].frames.len() > 1 => Ok(candidates.swap_remove(one)),
         [] if wanted.is_none() => {
             let found = format!("{} DICOM images of one slice", candidates.len());
+            let first = candidates.first().map(|c| c.frames[0].clone());
+            let others =
+                first.map(|first| agree::left_out(&first, std::slice::from_ref(&first), images));
+            if let Some(other) = others.iter().flatten().next() {
+                let [tag, found, expected] = &other.differs;
+                let found = format!("{tag} {found}");
+                let expected = format!("{expected}, as another slice of its series states");
+                return Err(Error::format(Path::new(&other.name), found, expected)
+                    .with_hint("slices of one volume state the same"));
+            }
             Err(
                 Error::format(path, found, "at least 2 slices of one series")
                     .with_hint("give the folder that holds the slices"),
             )
         }
-        _ => Err(several(path, &candidates, wanted)),
+        _ => Err(several(path, &candidates, images, wanted)),
     }
 }
 
-fn several(path: &Path, candidates: &[Candidate], wanted: Option<&str>) -> Error {
+fn several(path: &Path, candidates: &[Candidate], images: &[Image], wanted: Option<&str>) -> Error {
     let lines = candidates.iter().filter(|c| c.frames.len() > 1);
-    let lines: Vec<String> = lines.map(|c| format!("\n  {}", c.line())).collect();
+    let of = |c: &Candidate| images[c.frames[0].file as usize].series.clone();
+    // what tells parts of one series apart
+    let part = |c: &Candidate| {
+        let like = |other: &&Candidate| of(other).same(&of(c));
+        let first = &candidates.iter().find(like)?.frames[0];
+        let whole = |frame| (&images[first.file as usize], frame);
+        let own = (&images[c.frames[0].file as usize], &c.frames[0]);
+        let [tag, found, _] = agree::difference(whole(first), own)?;
+        Some(format!(", {tag} {found}"))
+    };
+    let line = |c: &Candidate| format!("\n  {}{}", c.line(), part(c).unwrap_or_default());
+    let lines: Vec<String> = lines.map(line).collect();
     let count = lines.len();
     let found = match wanted {
         Some(name) => format!("\"{name}\""),

@@ -47,13 +47,15 @@ pub(super) struct Kind {
     pub(super) white_is_zero: bool,
 }
 
-/// Pages of a kind, and what the first of them says of its size and values.
+/// Pages of a kind that say the same of their size and values, as the first does.
 pub(super) struct Group {
     pub(super) kind: Kind,
     pub(super) resolution: Resolution,
     /// What the description says of sizes.
-    sizes: String,
+    pub(super) sizes: String,
     pub(super) values: Option<Values>,
+    /// The number of its first page.
+    pub(super) first: usize,
     /// The number of a page that says something else.
     pub(super) other_resolution: Option<usize>,
     pub(super) other_values: Option<usize>,
@@ -133,29 +135,35 @@ impl Chain {
         Ok(())
     }
 
-    /// Looks at the description of a page, which begins like that; returns all that it says of sizes.
-    fn describe(&mut self, bytes: &Bytes, dir: &Directory, begin: &str) -> Result<String> {
+    /// Looks at the description of a page, which begins like that; returns all that it says of sizes, and the series
+    /// that tifffile describes.
+    fn describe(
+        &mut self,
+        bytes: &Bytes,
+        dir: &Directory,
+        begin: &str,
+    ) -> Result<(String, Option<Shaped>)> {
         self.texts += dir.count(270).min(bytes.len());
         if self.texts > MAX_TEXTS {
             let found = format!("more than {MAX_TEXTS} bytes of descriptions of pages");
             return Err(Error::format(bytes.path(), found, "fewer"));
         }
         if imagej::Text::is(begin) {
-            return Ok(imagej::Text::new(&dir.text(270)?).all_of_sizes());
+            return Ok((imagej::Text::new(&dir.text(270)?).all_of_sizes(), None));
         }
         if !Shaped::is_shaped(begin) {
-            return Ok(String::new());
+            return Ok((String::new(), None));
         }
         let Some(shaped) = shaped(bytes.path(), dir, begin)? else {
-            return Ok(String::new());
+            return Ok((String::new(), None));
         };
         let sizes = shaped.all_of_sizes();
         // slices that were written one by one are a stack
         let last = self.shaped.last();
         if !last.is_some_and(|(_, last)| last.planes() == 1 && last.shape == shaped.shape) {
-            self.shaped.push((self.pages.len(), shaped));
+            self.shaped.push((self.pages.len(), shaped.clone()));
         }
-        Ok(sizes)
+        Ok((sizes, Some(shaped)))
     }
 
     /// Takes a slice into account, and returns the index of its kind.
@@ -168,7 +176,7 @@ impl Chain {
         let number = self.pages.len();
         let begin = dir.text_begin(270)?;
         let imagej = imagej::Text::is(&begin);
-        let mut sizes = self.describe(bytes, dir, &begin)?;
+        let (mut sizes, shaped) = self.describe(bytes, dir, &begin)?;
         let kind = Kind {
             size: layout.size,
             dtype: layout.dtype,
@@ -178,28 +186,41 @@ impl Chain {
         };
         let resolution = Resolution::read(dir)?;
         let mut values = scale::values(bytes.path(), dir, layout.dtype, imagej)?;
-        if self.of_file.0 != Some(blob) {
-            let by_imagej = values.clone().filter(|_| imagej);
-            self.of_file = (Some(blob), sizes.clone(), by_imagej);
+        let mut described = values.clone().filter(|_| imagej);
+        if let Some(shaped) = &shaped {
+            described = shaped.values(bytes.path(), layout.dtype)?;
+            values = scale::both(bytes.path(), values, described.clone())?;
+        }
+        if self.of_file.0 != Some(blob) || shaped.is_some() {
+            self.of_file = (Some(blob), sizes.clone(), described);
         } else if sizes.is_empty() {
             sizes.clone_from(&self.of_file.1);
             values = values.or_else(|| self.of_file.2.clone());
         }
         // pages are most often like the one before
-        let found = self.groups.iter().rposition(|group| group.kind == kind);
-        let Some(index) = found else {
-            if self.groups.len() == MAX_KINDS {
-                return Ok(UNREADABLE);
-            }
+        let like = |group: &Group| {
+            (group.resolution, &group.sizes) == (resolution, &sizes) && group.values == values
+        };
+        let groups = self.groups.iter();
+        if let Some(index) = groups.clone().rposition(|g| g.kind == kind && like(g)) {
+            return Ok(index as u16);
+        }
+        let known = groups.clone().rposition(|group| group.kind == kind);
+        let most = if known.is_some() { 1 } else { 2 } * MAX_KINDS;
+        if self.groups.len() < most {
             self.groups.push(Group {
                 kind,
                 resolution,
                 sizes,
                 values,
+                first: number,
                 other_resolution: None,
                 other_values: None,
             });
             return Ok(self.groups.len() as u16 - 1);
+        }
+        let Some(index) = known else {
+            return Ok(UNREADABLE);
         };
         let group = &mut self.groups[index];
         if group.resolution != resolution || group.sizes != sizes {

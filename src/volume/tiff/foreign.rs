@@ -1,7 +1,9 @@
 //! Formats that are TIFF by their first bytes, and put more into a file than TIFF's own tags say.
 
+use super::super::size::Step;
 use super::ifd::Directory;
 use crate::error::{Error, Result};
+use crate::grid::length::tidy;
 use std::path::Path;
 
 /// Texts by which other programs' files are known, in Software or ImageDescription.
@@ -12,6 +14,44 @@ const TEXTS: &[(u16, &str, &str)] = &[
     (270, "<scn", "Leica's SCN format"),
     (270, "<DataObject", "Philips' TIFF"),
 ];
+
+/// Tags that may state the size of a voxel, and are not read.
+const MAY_STATE_SIZES: &[(u16, &str)] = &[
+    (33550, "GeoTIFF's ModelPixelScale"),
+    (33922, "GeoTIFF's ModelTiepoint"),
+    (34264, "GeoTIFF's ModelTransformation"),
+    (33628, "MetaMorph's UIC1Tag"),
+    (34118, "Zeiss' CZ_SEM"),
+    (34680, "FEI's FEI_SFEG"),
+    (34682, "FEI's FEI_HELIOS"),
+    (51023, "Fibics' metadata"),
+    (51123, "Micro-Manager's metadata"),
+];
+
+/// Names such tags; those of microscopes only where nothing else states a size.
+pub(super) fn unread(dir: &Directory, stated: bool) -> Option<String> {
+    let known = |(tag, name): &(u16, &str)| (name.starts_with("Geo") || !stated) && dir.has(*tag);
+    let (tag, name) = MAY_STATE_SIZES.iter().find(|known_as| known(known_as))?;
+    Some(format!(
+        "{name} (tag {tag}) is not used: give --spacing and --unit if it states the size of a voxel"
+    ))
+}
+
+/// The size of a voxel that Zeiss' LSM states, in metres.
+pub(super) fn lsm_size(dir: &Directory) -> Result<Option<[Step; 3]>> {
+    let bytes = dir.bytes(34412, 64)?;
+    let Some(sizes) = bytes.get(40..64) else {
+        return Ok(None);
+    };
+    let mut steps = [(); 3].map(|()| Step::new(0.0, "m"));
+    for (step, size) in steps.iter_mut().zip(sizes.as_chunks::<8>().0) {
+        step.size = tidy(f64::from_le_bytes(*size));
+        // products of a million have noise in their last digits
+        step.size = format!("{:.12e}", step.size).parse().unwrap_or(step.size);
+    }
+    let sound = steps.iter().all(|s| s.size.is_finite() && s.size > 0.0);
+    Ok(sound.then_some(steps))
+}
 
 /// Refuses pages that hold several planes, or planes in an order of their own.
 ///

@@ -3,10 +3,10 @@
 
 use super::super::size::Step;
 use super::resolution::Resolution;
+use super::shaped::near;
 use super::stack::{About, Stack};
 use crate::error::{Error, Result};
 use crate::grid::length::{Length, tidy};
-use crate::volume::warning::Warning;
 use std::path::Path;
 
 /// The lines of a description.
@@ -83,6 +83,7 @@ impl<'a> Text<'a> {
 
     /// Sizes that the text states, of a stack or of one slice of it.
     pub(super) fn sizes(&self, resolution: &Resolution, one_slice: bool, about: &mut About) {
+        about.zero = self.zero();
         let unit = self.get("unit").unwrap_or_default();
         let length = Length::parse(unit);
         let depth = self.number("spacing").map(f64::abs).filter(|d| *d > 0.0);
@@ -92,12 +93,16 @@ impl<'a> Text<'a> {
                 ..*resolution
             };
             if let Some(note) = as_inch.note_of_paper() {
-                about.notes.push(note);
+                about.notes_of_size.push(note);
                 return;
             }
         }
         let [mut x, mut y] = self.pixels(resolution, unit, about);
         let of_z = self.of_axis("zunit", unit);
+        if unit.is_empty() && resolution.millimetres().is_some() {
+            self.without_unit(resolution, depth, about);
+            return;
+        }
         if length.is_none() {
             // without a unit ImageJ's pixels are 1 wide, unless they are not square
             let plain = |s: &Option<Step>| s.as_ref().is_none_or(|s| s.size == 1.0);
@@ -122,6 +127,40 @@ impl<'a> Text<'a> {
         about.steps = [x, y, z];
     }
 
+    /// Sizes by a resolution that has a unit where the text has none. ImageJ itself takes such numbers without a unit.
+    fn without_unit(&self, resolution: &Resolution, depth: Option<f64>, about: &mut About) {
+        if let Some(note) = resolution.note_of_paper() {
+            about.notes_of_size.push(note);
+            if depth.is_some_and(|depth| depth != 1.0) {
+                about.steps[2] = depth.map(|depth| Step::new(depth, ""));
+            }
+            return;
+        }
+        let of_tag = if resolution.unit == 2 { "inch" } else { "cm" };
+        let [x, y] = resolution.in_unit("mm");
+        let z = depth.map(|depth| Step::new(depth, of_tag));
+        let advice = "give --spacing and --unit";
+        if z.is_some() && !near(x.as_ref(), z.as_ref()) {
+            about.of_size(format!(
+                "TIFF's resolution is in {of_tag}, ImageJ's description states no unit, and its distance of slices \
+                 does not fit {of_tag}: none is taken, {advice}"
+            ));
+            return;
+        }
+        about.of_size(format!(
+            "TIFF's resolution is in {of_tag}, ImageJ's description states no unit: its numbers are taken in {of_tag}, \
+             {advice} if that is wrong"
+        ));
+        about.steps = [x, y, z];
+    }
+
+    /// The voxel at the origin of ImageJ's coordinates, where the text states one.
+    fn zero(&self) -> Option<[f64; 3]> {
+        let all = ["xorigin", "yorigin", "zorigin"].map(|key| self.number(key));
+        let stated = all.iter().any(|n| n.is_some_and(|n| n != 0.0));
+        stated.then(|| all.map(|n| n.unwrap_or(0.0)))
+    }
+
     /// The unit of an axis, where it has one of its own.
     fn of_axis<'b>(&'b self, key: &str, unit: &'b str) -> &'b str {
         self.get(key).filter(|u| !u.is_empty()).unwrap_or(unit)
@@ -140,10 +179,10 @@ impl<'a> Text<'a> {
             if of_tag == "cm" && length == Length::parse("um") {
                 return resolution.in_unit(unit);
             }
-            about.warnings.push(Warning::of_size(format!(
+            about.of_size(format!(
                 "TIFF's resolution is in {of_tag}, ImageJ's description in {unit}: the numbers are taken as {unit}, as \
                  ImageJ does; give --spacing and --unit if that is wrong"
-            )));
+            ));
         }
         let [x, y] = resolution.per(unit);
         let named =

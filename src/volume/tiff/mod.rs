@@ -11,6 +11,7 @@ mod codec;
 mod foreign;
 mod ifd;
 mod imagej;
+mod members;
 mod ome;
 mod ome_pages;
 mod page;
@@ -27,6 +28,7 @@ use super::layout::{Data, Encoding, Recipe, Samples, Start};
 use super::open::OpenOptions;
 use crate::error::{Error, Result};
 use crate::grid::Dims;
+use crate::manifest::Origin;
 use pages::TiffPages;
 use plan::Plan;
 use std::path::Path;
@@ -64,8 +66,12 @@ pub(super) fn parse(path: &Path, blobs: Vec<Blob>, options: &OpenOptions) -> Res
             "0 is white in this TIFF (WhiteIsZero): values are as they are stored, not inverted";
         plan.about.notes.push(note.into());
     }
+    plan.other_metadata()?;
     let size = plan.about.size();
-    let about = std::mem::take(&mut plan.about);
+    let mut about = std::mem::take(&mut plan.about);
+    if options.spacing.is_none() {
+        about.notes.append(&mut about.notes_of_size);
+    }
     let page_bytes = u64::from(x) * u64::from(y) * kind.dtype.bytes() as u64;
     let mut recipe = Recipe {
         endian: Some(kind.endian),
@@ -76,6 +82,21 @@ pub(super) fn parse(path: &Path, blobs: Vec<Blob>, options: &OpenOptions) -> Res
         ..Recipe::new("tiff", dims, kind.dtype, samples(plan, page_bytes)?)
     };
     size.apply(&mut recipe.placement, &mut recipe.provenance);
+    match (about.zero, size.spacing, options.spacing) {
+        (Some(zero), Some(spacing), None) => {
+            // adding 0 turns -0 into 0
+            let origin = [0, 1, 2].map(|a| 0.0 - zero[a] * spacing[a]);
+            // products of decimals, without the noise of their last digits
+            let short = |v: f64| format!("{v:.13e}").parse().unwrap_or(v);
+            recipe.placement.origin = origin.map(|v| short(v) + 0.0);
+            recipe.provenance.origin = Origin::File;
+        }
+        (Some([x, y, z]), ..) => recipe.notes.push(format!(
+            "ImageJ's origin of coordinates, at voxel {x}, {y}, {z}, is not used, since the file states no size of a \
+             voxel or --spacing another: voxel 0 lies at 0"
+        )),
+        (None, ..) => {}
+    }
     Ok(recipe)
 }
 

@@ -28,7 +28,8 @@ pub(super) struct Image {
 /// The images of a file.
 #[derive(Debug, Default)]
 pub(super) struct Document {
-    uuid: String,
+    /// In the form of [`Named::uuid`].
+    pub(super) uuid: String,
     pub(super) images: Vec<Image>,
 }
 
@@ -37,12 +38,29 @@ pub(super) struct Document {
 pub(super) struct Planes {
     /// The file and the number of the page of each slice.
     pub(super) pages: Vec<(u32, u64)>,
-    /// Names of files; the first, without a name, is the one that was opened.
-    pub(super) files: Vec<String>,
+    /// Files; the first, without a name, is the one that was opened.
+    pub(super) files: Vec<Named>,
     /// All pages of the file are meant, in their order.
     pub(super) all: bool,
     /// Some image has pages in the file that was opened.
     pub(super) own: bool,
+}
+
+/// How OME-XML names a file.
+#[derive(Debug, Clone, Default, PartialEq, Eq, Hash)]
+pub(super) struct Named {
+    /// Empty if it is named by its UUID alone.
+    pub(super) name: String,
+    /// In small letters, without `urn:uuid:`; empty if none is stated.
+    pub(super) uuid: String,
+}
+
+/// A UUID in small letters, without what may stand around it.
+fn plain_uuid(text: &str) -> String {
+    let text = text.trim().to_lowercase();
+    let text = text.strip_prefix("urn:").unwrap_or(&text);
+    let text = text.strip_prefix("uuid:").unwrap_or(text);
+    text.trim_matches(['{', '}', ' ']).to_owned()
 }
 
 /// True for a text that may be OME-XML.
@@ -65,7 +83,7 @@ pub(super) fn read(path: &Path, dir: &Directory) -> Result<Option<Document>> {
         match element.name {
             _ if root.is_none() => {
                 root = Some(element.name == "OME");
-                document.uuid = element.get("UUID").unwrap_or_default().to_owned();
+                document.uuid = plain_uuid(element.get("UUID").unwrap_or_default());
             }
             "Image" => {
                 names = ["Name", "ID"]
@@ -207,8 +225,7 @@ struct TiffData {
     ifd: Option<u64>,
     first: [u64; 3],
     count: Option<u64>,
-    file: String,
-    uuid: String,
+    file: Named,
 }
 
 impl TiffData {
@@ -329,26 +346,34 @@ impl Document {
             twice: None,
             all: false,
         };
-        let (mut files, mut known) = (vec![String::new()], HashMap::new());
+        let (mut files, mut known) = (vec![Named::default()], HashMap::new());
         let (mut pixels, mut data, mut any_own) = (0usize, TiffData::default(), false);
         each(path, dir, |element| {
             match (element.name, element.text) {
                 ("Pixels", None) => pixels += 1,
                 ("TiffData", None) => data = TiffData::read(element),
                 ("UUID", None) => {
-                    data.file = element.get("FileName").unwrap_or_default().to_owned()
+                    data.file.name = element.get("FileName").unwrap_or_default().to_owned()
                 }
-                ("UUID", Some(text)) => data.uuid = text.to_owned(),
+                ("UUID", Some(text)) => data.file.uuid = plain_uuid(text),
                 ("TiffData", Some(_)) => {
-                    let own =
-                        data.file.is_empty() || (!self.uuid.is_empty() && data.uuid == self.uuid);
+                    let own = match (data.file.uuid.is_empty(), self.uuid.is_empty()) {
+                        (false, false) => data.file.uuid == self.uuid,
+                        _ => data.file.name.is_empty(),
+                    };
                     any_own |= own;
                     let file = match own {
                         true => 0,
-                        false => *known.entry(data.file.clone()).or_insert_with(|| {
-                            files.push(data.file.clone());
-                            files.len() as u32 - 1
-                        }),
+                        false => {
+                            let key = match data.file.name.is_empty() {
+                                true => data.file.uuid.clone(),
+                                false => data.file.name.clone(),
+                            };
+                            *known.entry(key).or_insert_with(|| {
+                                files.push(data.file.clone());
+                                files.len() as u32 - 1
+                            })
+                        }
                     };
                     if pixels == chosen.stack + 1 {
                         finder.take(&data, file);

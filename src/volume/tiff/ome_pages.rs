@@ -10,8 +10,7 @@ use super::stack::{Stack, choose};
 use crate::error::{Error, Result};
 use crate::grid::Unit;
 use crate::grid::length::Length;
-use crate::volume::warning::Warning;
-use std::path::{Path, PathBuf};
+use std::path::Path;
 
 /// The image that OME-XML describes.
 pub(super) fn plan(
@@ -26,6 +25,7 @@ pub(super) fn plan(
         .iter()
         .map(|image| image.stack.clone())
         .collect();
+    let mut unlike = false;
     let mut plan = if blobs.len() > 1 && stacks.len() == 1 && stacks[0].pages() == 1 {
         // slices that describe themselves, each alone
         let mut chain = Chain::default();
@@ -36,13 +36,14 @@ pub(super) fn plan(
             .filter(|&i| chain.pages[i].kind != THUMBNAIL)
             .collect();
         let other = other_steps(&blobs, document)?;
+        unlike = other.is_some();
         let mut plan = of_files(path, blobs, chain, &slices, "", options)?;
         match other {
             None => plan.about.steps = document.images[0].steps.clone(),
-            Some(name) => plan.about.warnings.push(Warning::of_size(format!(
+            Some(name) => plan.about.of_size(format!(
                 "OME-XML of {name} states sizes that are not those of the first slice: none is taken, give \
                  --spacing and --unit"
-            ))),
+            )),
         }
         plan
     } else {
@@ -50,9 +51,17 @@ pub(super) fn plan(
         let planes = document.planes(path, dir, &chosen)?;
         let image = &document.images[chosen.stack];
         let alone = blobs.len() == 1 && blobs[0].is_whole();
-        let (blobs, chain, pages) =
-            ome_pages(path, blobs, &planes, stacks.len() == 1, &image.stack)?;
+        let told = (&planes, document.uuid.as_str());
+        let (blobs, chain, pages, renamed) =
+            ome_pages(path, blobs, told, stacks.len() == 1, &image.stack)?;
         let mut plan = Plan::new(blobs, pages, chain);
+        plan.about.warnings.extend(renamed.map(|name| {
+            format!(
+                "OME-XML says that its pixels are in the file {name}, which is not there: those of this file are \
+                 taken, as if it had been renamed"
+            )
+            .into()
+        }));
         plan.named = alone && plan.blobs.iter().any(|blob| blob.path() != path);
         plan.movie(&chosen);
         plan.about.steps = image.steps.clone();
@@ -65,7 +74,7 @@ pub(super) fn plan(
     plan.about.of_tags = false;
     if plan.about.steps.iter().any(Option::is_some) {
         plan.compare();
-    } else if plan.about.warnings.is_empty() {
+    } else if !unlike {
         plan.sizes("", None, false);
     }
     Ok(plan)
@@ -90,20 +99,28 @@ fn other_steps(blobs: &[Blob], document: &ome::Document) -> Result<Option<String
     Ok(None)
 }
 
+/// Files, their pages, those of the slices, and the name that the one file that was opened has in OME-XML, if it is
+/// taken by another.
+type Found = (Vec<Blob>, Chain, Vec<PageAt>, Option<String>);
+
 /// The pages that OME-XML names, in this file and others.
 fn ome_pages(
     path: &Path,
     given: Vec<Blob>,
-    planes: &ome::Planes,
+    (planes, uuid): (&ome::Planes, &str),
     alone: bool,
     stack: &Stack,
-) -> Result<(Vec<Blob>, Chain, Vec<PageAt>)> {
+) -> Result<Found> {
     let mut used: Vec<u32> = planes.pages.iter().map(|(file, _)| *file).collect();
     used.sort_unstable();
     used.dedup();
     let (mut chain, mut blobs, mut bases) = (Chain::default(), Vec::new(), Vec::new());
+    let mut renamed = None;
     for &file in &used {
-        let blob = named(path, &given, planes, file)?;
+        let (blob, by_another_name) = named(path, &given, planes, file, uuid)?;
+        if by_another_name {
+            renamed = Some(planes.files[file as usize].name.clone());
+        }
         bases.push(chain.pages.len());
         chain.walk(&blob.open()?, blobs.len() as u32)?;
         blobs.push(blob);
@@ -144,39 +161,47 @@ fn ome_pages(
         number.map(|n| chain.pages[n])
     };
     let pages = planes.pages.iter().map(page).collect::<Result<_>>()?;
-    Ok((blobs, chain, pages))
+    Ok((blobs, chain, pages, renamed))
 }
 
-/// The file of this number in OME-XML.
-fn named(path: &Path, given: &[Blob], planes: &ome::Planes, file: u32) -> Result<Blob> {
-    let name = Path::new(&planes.files[file as usize]).file_name();
-    let Some(name) = name else {
-        return Ok(given[0].clone());
-    };
-    let like = |blob: &&Blob| blob.path().file_name() == Some(name);
+/// The file of this number in OME-XML, and whether it is the one that was opened, taken by another name.
+fn named(
+    path: &Path,
+    given: &[Blob],
+    planes: &ome::Planes,
+    file: u32,
+    uuid: &str,
+) -> Result<(Blob, bool)> {
+    let told = &planes.files[file as usize];
+    let name = Path::new(&told.name).file_name();
+    if file == 0 {
+        return Ok((given[0].clone(), false));
+    }
+    let like = |blob: &&Blob| blob.path().file_name() == name;
     if let Some(blob) = given.iter().find(like) {
-        return Ok(blob.clone());
+        return Ok((blob.clone(), false));
     }
-    let beside: PathBuf = match given[0].is_whole() {
-        true => given[0].path().with_file_name(name),
-        false => PathBuf::new(),
+    if let (Some(name), true) = (name, given[0].is_whole()) {
+        let beside = given[0].path().with_file_name(name);
+        if beside.is_file() {
+            return Ok((Blob::file(&beside)?, false));
+        }
+    }
+    // the only file that is named may be this one, by the name that it had
+    let other = !uuid.is_empty() && !told.uuid.is_empty();
+    if planes.files.len() == 2 && !planes.own && given.len() == 1 && !other {
+        return Ok((given[0].clone(), true));
+    }
+    let mut found = "OME-XML that says that its pixels are in ".to_owned();
+    found += &match told.name.as_str() {
+        "" => format!("a file of the UUID {} without a name", told.uuid),
+        name => format!("the file {name}, which is not there"),
     };
-    if beside.is_file() {
-        return Blob::file(&beside);
+    if other && !told.name.is_empty() {
+        found += &format!(" (its UUID is {}, that of this file {uuid})", told.uuid);
     }
-    // the only file that is named is this one, by the name that it had
-    if planes.files.len() == 2 && !planes.own && given.len() == 1 {
-        return Ok(given[0].clone());
-    }
-    let found = format!(
-        "OME-XML that names the file {}, which is not there",
-        name.display()
-    );
-    Err(Error::format(
-        path,
-        found,
-        "all files of the OME-TIFF beside each other",
-    ))
+    let expected = "all files of the OME-TIFF beside each other, by the names that it states";
+    Err(Error::format(path, found, expected))
 }
 
 impl Plan {

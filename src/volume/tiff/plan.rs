@@ -2,15 +2,15 @@
 
 use super::super::blob::{Blob, Bytes};
 use super::super::open::OpenOptions;
+use super::super::values::{Linear, Scale};
 use super::chain::{Chain, Group, Kind, PageAt, THUMBNAIL, UNREADABLE};
 use super::ifd::File;
 use super::imagej::Text;
 use super::shaped::Shaped;
 use super::stack::{About, Chosen, Stack, choose};
-use super::{ome, ome_pages};
+use super::{foreign, ome, ome_pages};
 use crate::error::{Error, Result};
 use crate::grid::MAX_DIM;
-use crate::volume::warning::Warning;
 use std::collections::HashMap;
 use std::path::Path;
 
@@ -137,20 +137,33 @@ impl Plan {
         };
         let other = |differs: &dyn Fn(&Group) -> Option<usize>, same: &dyn Fn(&Group) -> bool| {
             let found = used.iter().find_map(|g| differs(g));
-            found.or(used.iter().any(|g| !same(g)).then_some(self.pages.len()))
+            found.or(used.iter().find(|g| !same(g)).map(|g| g.first))
         };
         let values = other(&|g| g.other_values, &|g| g.values == first.values);
         let resolution = other(&|g| g.other_resolution, &|g| {
-            g.resolution == first.resolution
+            (g.resolution, &g.sizes) == (first.resolution, &first.sizes)
         });
         if let Some(page) = values {
-            let what =
-                format!("a scale of grey values that is another for some slices (as page {page})");
-            return Err(Error::unsupported(
-                path,
-                what,
-                "save the slices as 32-bit numbers, with their scales applied",
-            ));
+            let scale = |g: &Group| {
+                g.values
+                    .as_ref()
+                    .map_or(Scale::All(Linear::SAME), |v| v.scale.clone())
+            };
+            let scales = used
+                .iter()
+                .any(|g| scale(g) != scale(first) || g.other_values.is_some());
+            let (what, hint) = match scales {
+                true => (
+                    "a scale of grey values",
+                    "save the slices as 32-bit numbers, with their scales applied",
+                ),
+                false => (
+                    "a number for no data (GDAL_NODATA or the like)",
+                    "state it for all pages, or for none",
+                ),
+            };
+            let what = format!("{what} that is another for some slices (as page {page})");
+            return Err(Error::unsupported(path, what, hint));
         }
         self.about.values = first.values.clone();
         if let Some(page) = resolution
@@ -159,10 +172,10 @@ impl Plan {
         {
             self.about.steps = [const { None }; 3];
             self.about.z_if_none = None;
-            self.about.warnings.push(Warning::of_size(format!(
+            self.about.of_size(format!(
                 "the slices state sizes of pixels that differ (as page {page} does from the first), which are not \
                  taken: give --spacing and --unit"
-            )));
+            ));
         }
         Ok(())
     }
@@ -408,6 +421,25 @@ impl Plan {
         }
     }
 
+    /// Sizes in tags of other programs on the first slice: taken, or named.
+    pub(super) fn other_metadata(&mut self) -> Result<()> {
+        let Some(first) = self.pages.first() else {
+            return Ok(());
+        };
+        let bytes = self.blobs[first.blob as usize].open()?;
+        let (file, _) = File::open(&bytes)?;
+        let dir = file.directory(first.directory)?;
+        let stated = self.about.steps.iter().any(Option::is_some);
+        match foreign::lsm_size(&dir)? {
+            Some(steps) if !stated => self.about.steps = steps.map(Some),
+            _ => self
+                .about
+                .notes_of_size
+                .extend(foreign::unread(&dir, stated)),
+        }
+        Ok(())
+    }
+
     /// Sizes by ImageJ's or tifffile's description, or by TIFF's own tags.
     pub(super) fn sizes(&mut self, text: &str, series: Option<&Shaped>, one_slice: bool) {
         let Some(resolution) = self.group().map(|group| group.resolution) else {
@@ -421,7 +453,7 @@ impl Plan {
         } else {
             let (steps, note) = resolution.steps();
             self.about.steps = steps;
-            self.about.notes.extend(note);
+            self.about.notes_of_size.extend(note);
         }
     }
 }

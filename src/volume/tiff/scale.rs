@@ -48,6 +48,28 @@ pub(super) fn values(
     Ok(by_gdal)
 }
 
+/// The values by TIFF's tags and by a description, of which one alone may state any.
+///
+/// # Errors
+/// [`Error::Unsupported`] if both do.
+pub(super) fn both(
+    path: &Path,
+    tags: Option<Values>,
+    described: Option<Values>,
+) -> Result<Option<Values>> {
+    match (tags, described) {
+        (Some(tags), Some(described)) => {
+            let what = format!(
+                "values by {} and by {} in the description",
+                tags.stated_by, described.stated_by
+            );
+            let hint = "write the values themselves, or leave one of them out";
+            Err(Error::unsupported(path, what, hint))
+        }
+        (tags, described) => Ok(tags.or(described)),
+    }
+}
+
 /// ImageJ's calibration of grey values.
 fn calibration(path: &Path, text: &imagej::Text, dtype: Dtype) -> Result<Option<Values>> {
     let Some(function) = text.number("cf") else {

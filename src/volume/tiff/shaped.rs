@@ -1,12 +1,15 @@
 //! What tifffile writes into ImageDescription: the shape of a series, and what its axes are, as JSON
 //! (<https://github.com/cgohlke/tifffile>).
 
+use super::super::Dtype;
 use super::super::size::Step;
+use super::super::values::Values;
+use super::members::Members;
 use super::resolution::Resolution;
 use super::stack::{About, Stack};
 use crate::error::{Error, Result};
-use crate::grid::length::{Length, tidy};
-use crate::volume::warning::Warning;
+use crate::grid::Unit;
+use crate::grid::length::Length;
 use serde_json::{Map, Value};
 use std::path::Path;
 
@@ -116,55 +119,58 @@ impl Shaped {
         Ok(stack(&axes, leading, size))
     }
 
+    fn members(&self) -> Members<'_> {
+        Members {
+            json: &self.json,
+            axes: &self.axes,
+        }
+    }
+
     /// All that the description says of sizes, to be compared.
     pub(super) fn all_of_sizes(&self) -> String {
-        let of_size =
-            |key: &str| ["unit", "spacing"].contains(&key) || key.starts_with("PhysicalSize");
-        let all = self.json.iter().filter(|(key, _)| of_size(key));
-        all.map(|(key, value)| format!("{key}={value}\n")).collect()
+        self.members().of_sizes()
+    }
+
+    /// The values that samples of `stored` stand for.
+    ///
+    /// # Errors
+    /// [`Error::Unsupported`] with the member's name if its meaning cannot be told.
+    pub(super) fn values(&self, path: &Path, stored: Dtype) -> Result<Option<Values>> {
+        self.members().values(path, stored)
     }
 
     /// Sizes that the description states.
     pub(super) fn sizes(&self, resolution: &Resolution, about: &mut About) {
-        let text = |key: &str| {
-            self.json
-                .get(key)
-                .and_then(Value::as_str)
-                .unwrap_or_default()
-        };
-        let number = |key: &str| self.json.get(key).and_then(Value::as_f64).map(tidy);
-        let physical = ["X", "Y", "Z"].map(|axis| {
-            let unit = self.json.get(&format!("PhysicalSize{axis}Unit"));
-            let unit = unit.or(self.json.get("unit")).and_then(Value::as_str);
-            let unit = unit.unwrap_or("um");
-            number(&format!("PhysicalSize{axis}")).map(|size| Step::new(size, unit))
-        });
-        if physical.iter().any(Option::is_some) {
-            about.steps = physical;
+        self.members().vague(about);
+        let unit = self.json.get("unit").and_then(Value::as_str);
+        let unit = unit.unwrap_or_default();
+        let [x, y, z] = self.members().steps(about);
+        if x.is_some() || y.is_some() {
+            about.steps = [x, y, z];
+            compare(resolution, about);
             return;
         }
-        let (unit, depth) = (text("unit"), number("spacing"));
-        if unit.is_empty() && depth.is_none() {
+        if unit.is_empty() && z.is_none() {
             let (steps, note) = resolution.steps();
             if resolution.unit == 2 && steps[0].is_some() {
-                about.warnings.push(Warning::of_size(
+                about.of_size(
                     "TIFF's resolution is in inch, which tifffile also puts where it is told no unit: give --spacing \
                      and --unit if that is wrong",
-                ));
+                );
             }
             about.steps = steps;
-            about.notes.extend(note);
+            about.notes_of_size.extend(note);
             return;
         }
         let one = |r: Option<super::ifd::Ratio>| r.is_none_or(|r| r.above == r.below);
         let [x, y] = match resolution.unit {
             // tifffile puts 1 where it is given none
             _ if one(resolution.x) && one(resolution.y) => [None, None],
-            2 => self.inches(resolution, unit, depth, about),
+            2 => self.inches(resolution, unit, z.as_ref(), about),
             3 => resolution.in_unit(unit),
             _ => resolution.per(unit),
         };
-        about.steps = [x, y, depth.map(|size| Step::new(size, unit))];
+        about.steps = [x, y, z];
     }
 
     /// Pixels per inch beside another unit. Inch is what tifffile puts where it is given none, so that they may be
@@ -173,41 +179,68 @@ impl Shaped {
         &self,
         resolution: &Resolution,
         unit: &str,
-        depth: Option<f64>,
+        depth: Option<&Step>,
         about: &mut About,
     ) -> [Option<Step>; 2] {
         let (by_inch, in_unit) = (resolution.in_unit(unit), resolution.per(unit));
         let Some(length) = Length::parse(unit) else {
             return by_inch;
         };
-        let of = |name: &str, size: f64| {
-            Length::parse(name).map(|l| l.convert(size, crate::grid::Unit::Nanometre))
-        };
-        let near = |steps: &[Option<Step>; 2]| {
-            let x = steps[0].as_ref().and_then(|s| of(&s.unit, s.size));
-            let z = depth.and_then(|d| of(unit, d));
-            matches!((x, z), (Some(x), Some(z)) if (0.01..100.0).contains(&(x / z)))
-        };
+        let near = |steps: &[Option<Step>; 2]| near(steps[0].as_ref(), depth);
         if Some(length) == Length::parse("inch") {
             return in_unit;
         }
         match (near(&by_inch), near(&in_unit)) {
             (true, false) => by_inch,
             (false, true) => {
-                about.warnings.push(Warning::of_size(format!(
+                about.of_size(format!(
                     "TIFF's resolution is in inch, tifffile's description in {unit}: its numbers are taken as {unit}, \
                      which fits the distance of slices; give --spacing and --unit if that is wrong"
-                )));
+                ));
                 in_unit
             }
             _ => {
-                about.warnings.push(Warning::of_size(format!(
+                about.of_size(format!(
                     "TIFF's resolution is in inch, tifffile's description in {unit}: none is taken, give --spacing \
                      and --unit"
-                )));
+                ));
                 [None, None]
             }
         }
+    }
+}
+
+/// True if a voxel is not a hundred times as long as wide, as far as that is known.
+pub(super) fn near(x: Option<&Step>, z: Option<&Step>) -> bool {
+    let in_nm = |s: &Step| Length::parse(&s.unit).map(|l| l.convert(s.size, Unit::Nanometre));
+    let sizes = (x.and_then(in_nm), z.and_then(in_nm));
+    matches!(sizes, (Some(x), Some(z)) if (0.01..100.0).contains(&(x / z)))
+}
+
+/// Says that TIFF's own tags state other sizes than the description, which are not taken.
+fn compare(resolution: &Resolution, about: &mut About) {
+    let Some(x) = &about.steps[0] else {
+        return;
+    };
+    let by_tags = resolution.millimetres();
+    let Some([own, _]) = by_tags.filter(|_| resolution.of_paper().is_none()) else {
+        return;
+    };
+    let Some(length) = Length::parse(&x.unit) else {
+        return;
+    };
+    let close = |a: f64, b: f64| (a / b - 1.0).abs() < 0.01;
+    let per = resolution.per("")[0]
+        .as_ref()
+        .is_some_and(|s| close(s.size, x.size));
+    // tifffile puts inch where it is told no unit
+    let as_inch = resolution.unit == 2 && per;
+    if !as_inch && !close(own, length.convert(x.size, Unit::Millimetre)) {
+        let note = format!(
+            "TIFF's own resolution states pixels of {own} mm, tifffile's description {} {}, which is taken",
+            x.size, x.unit
+        );
+        about.notes_of_size.push(note);
     }
 }
 

@@ -21,11 +21,20 @@ pub(super) struct About {
     /// Sizes along x and y are, or follow from, TIFF's own tags, which every page has for itself.
     pub(super) of_tags: bool,
     pub(super) values: Option<Values>,
+    /// The voxel at the origin of coordinates.
+    pub(super) zero: Option<[f64; 3]>,
     pub(super) notes: Vec<String>,
+    /// Notes that have no cause any more where `--spacing` states the size of a voxel.
+    pub(super) notes_of_size: Vec<String>,
     pub(super) warnings: Vec<Warning>,
 }
 
 impl About {
+    /// Adds a warning that has no cause any more where `--spacing` states the size of a voxel.
+    pub(super) fn of_size(&mut self, text: impl Into<String>) {
+        self.warnings.push(Warning::of_size(text));
+    }
+
     /// The size of a voxel; warnings are added to the others.
     pub(super) fn size(&mut self) -> VoxelSize {
         let [x, y, z] = std::mem::take(&mut self.steps);

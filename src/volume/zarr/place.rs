@@ -110,9 +110,6 @@ pub(super) fn turned(
     let columns = [0, 1, 2].map(|c| glam::DVec3::new(at(0, c), at(1, c), at(2, c)));
     let (mut place, from, warning) = along([0, 1, 2].map(|a| line(a, columns[a].length())));
     place.directions = columns.map(|column| column.normalize_or(glam::DVec3::X).into());
-    if place.shear().is_some() {
-        return Err(no("a coordinate transformation with sheared axes"));
-    }
     Ok((place, from, warning))
 }
 
