@@ -415,7 +415,8 @@ fn an_input_that_is_changed_while_it_is_read_is_refused() {
 #[test]
 fn a_picture_of_a_changed_volume_is_not_written() {
     use alvis::preview::{PreviewOptions, preview};
-    use alvis::volume::{Before, Dtype, OpenOptions, open, stamp};
+    use alvis::volume::stamp;
+    use alvis::volume::{Before, Dtype, OpenOptions, open};
     let dir = ball();
     let (input, picture) = (dir.path().join("a.raw"), dir.path().join("a.png"));
     let before = Before::of(&input, Path::new(""));

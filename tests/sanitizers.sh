@@ -6,7 +6,7 @@
 #   tests/sanitizers.sh address [TEST...] the tests of the crate and of tests/, or those of tests/ that are
 #                                         named, under AddressSanitizer; half an hour
 #
-# Miri has no memory maps of files, signals or syncfs: src/volume/map.rs, src/sys/direct_io.rs, src/cli/sigbus.rs
+# Miri has no memory maps of files, signals or syncfs: src/volume/io/mmap.rs, src/sys/direct_io.rs, src/cli/sigbus.rs
 # and src/convert/checkpoint/sync.rs run under AddressSanitizer alone.
 set -euo pipefail
 cd "$(dirname "$0")/.."

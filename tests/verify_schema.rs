@@ -1,10 +1,10 @@
 //! The JSON Schemas against values of the Rust types, and against values that must not pass.
 
-use alvis::grid::{Ambiguous, Crop, Dims, Placement, Unit};
+use alvis::grid::{Ambiguous, Crop, Dims, Part, Placement, Provenance, Unit};
 use alvis::manifest::{
     Bounds, ColourBy, Encoding, FORMAT, FORMAT_VERSION, Generator, GridInfo, Group, Layer, Layout,
-    Manifest, Paint, Part, Primitives, Provenance, Selection, Shard, Source, TableChecksums,
-    Tables, TileEntry, Totals, WholeTotals, checksum_text,
+    Manifest, Paint, Primitives, Selection, Shard, Source, TableChecksums, Tables, TileEntry,
+    Totals, WholeTotals, checksum_text,
 };
 use alvis::verify::{Code, Issue, Report, Severity};
 use alvis::volume::{Dtype, Endian};

@@ -5,8 +5,7 @@ mod volume_common;
 #[path = "volume_common/dicom.rs"]
 mod writer;
 
-use alvis::grid::Unit;
-use alvis::manifest::Origin;
+use alvis::grid::{Origin, Unit};
 use alvis::volume::{Dtype, OpenOptions, Opened, open};
 use alvis::{Error, Result};
 use std::path::Path;

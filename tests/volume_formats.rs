@@ -4,7 +4,8 @@ mod volume_common;
 mod volume_tiff;
 
 use alvis::grid::{Crop, Unit};
-use alvis::volume::{Cropped, Dtype, Endian, Io, OpenOptions, Volume, open, spool};
+use alvis::volume::spool;
+use alvis::volume::{Cropped, Dtype, Endian, Io, OpenOptions, Volume, open};
 use proptest::prelude::*;
 use rayon::prelude::*;
 use std::ops::Range;

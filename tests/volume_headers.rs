@@ -3,8 +3,7 @@
 
 mod volume_common;
 
-use alvis::grid::{Placement, Unit};
-use alvis::manifest::Origin;
+use alvis::grid::{Origin, Placement, Unit};
 use alvis::volume::{Dtype, Header, OpenOptions, open};
 use alvis::{Error, Result};
 use volume_common::{all, floats, gzip, open_as, opened, says};

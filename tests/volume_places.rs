@@ -4,8 +4,7 @@
 mod volume_common;
 
 use alvis::Error;
-use alvis::grid::Unit;
-use alvis::manifest::Origin;
+use alvis::grid::{Origin, Unit};
 use alvis::volume::{Dtype, OpenOptions};
 use volume_common::{all, floats, open_as, opened, says};
 

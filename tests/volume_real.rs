@@ -4,10 +4,10 @@
 
 mod volume_common;
 
-use alvis::grid::Unit;
-use alvis::manifest::Origin;
+use alvis::grid::{Origin, Unit};
 use alvis::progress::Quiet;
-use alvis::volume::{Dtype, Io, OpenOptions, Opened, open, predict, statistics};
+use alvis::volume::{Dtype, Io, OpenOptions, Opened, open};
+use alvis::volume::{predict, statistics};
 use volume_common::data;
 
 struct Known {

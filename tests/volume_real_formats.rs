@@ -4,8 +4,7 @@
 
 mod volume_common;
 
-use alvis::grid::Unit;
-use alvis::manifest::Origin;
+use alvis::grid::{Origin, Unit};
 use alvis::volume::{Dtype, Io, OpenOptions, open};
 use volume_common::data;
 

@@ -3,8 +3,7 @@
 
 mod volume_common;
 
-use alvis::grid::Unit;
-use alvis::manifest::Origin;
+use alvis::grid::{Origin, Unit};
 use alvis::volume::{Dtype, OpenOptions, Opened, open};
 use alvis::{Error, Result};
 use std::path::{Path, PathBuf};

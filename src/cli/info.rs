@@ -52,7 +52,7 @@ struct Report {
     unit: Unit,
     origin: [f64; 3],
     directions: [[f64; 3]; 3],
-    provenance: crate::manifest::Provenance,
+    provenance: crate::grid::Provenance,
     values: Option<String>,
     notes: Vec<String>,
     warnings: Vec<String>,

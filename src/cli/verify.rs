@@ -3,7 +3,8 @@
 use super::args::{Common, InputOptions};
 use super::{Outcome, output};
 use crate::error::{Error, Result};
-use crate::manifest::{Manifest, Origin, PARTIAL};
+use crate::grid::Origin;
+use crate::manifest::{Manifest, PARTIAL};
 use crate::progress::Progress;
 use crate::verify::{self, Issue, Report, Severity, SourceVolume, VerifyOptions};
 use crate::volume::{self, Before, Cropped, Headerless, Stamp, Volume};

@@ -66,8 +66,7 @@ pub fn of(volume: &dyn Volume, options: &ConvertOptions) -> Identity {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::grid::{Dims, Placement};
-    use crate::manifest::Part;
+    use crate::grid::{Dims, Part, Placement};
     use crate::volume::{MemoryVolume, Stamp};
 
     #[test]

@@ -1,8 +1,8 @@
 //! What a conversion is asked for, and what it reports.
 
 use crate::error::{Error, Result};
-use crate::grid::{Ambiguous, Crop, Placement, Unit};
-use crate::manifest::{Encoding, Form, Layout, Part, Primitives, Provenance, Totals};
+use crate::grid::{Ambiguous, Crop, Part, Placement, Provenance, Unit};
+use crate::manifest::{Encoding, Form, Layout, Primitives, Totals};
 use crate::volume::Stamp;
 use serde::Serialize;
 

@@ -64,7 +64,7 @@ pub(crate) mod pieces;
 pub mod read;
 mod reader;
 pub(crate) mod recode;
-mod refused;
+pub(crate) mod refused;
 mod store;
 mod unusual;
 

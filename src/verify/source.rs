@@ -2,8 +2,8 @@
 
 use super::code::Code;
 use super::report::{Issue, Issues, Severity};
-use crate::grid::Placement;
-use crate::manifest::{Manifest, Origin, Provenance};
+use crate::grid::{Origin, Placement, Provenance};
+use crate::manifest::Manifest;
 use crate::volume::{Header, Opened};
 
 /// What the volume that tiles are compared with says of itself, before it is cropped.

@@ -1,80 +1,26 @@
 //! Volumes on disk: what is known of them before reading, and reading any box of voxels.
 
-mod archive;
-mod beside;
-mod blob;
-#[cfg(any(feature = "hdf5", feature = "zarr"))]
-mod blosc;
-mod cf;
-#[cfg(any(feature = "hdf5", feature = "zarr"))]
-mod chunked;
-mod crop;
-#[cfg(feature = "dicom")]
-mod dicom;
-mod file;
-mod fits;
-mod folder;
-mod foreign;
-mod half;
-#[cfg(feature = "hdf5")]
-mod hdf5;
-mod kind;
-mod layout;
-mod levels;
-mod map;
+pub(crate) mod adapters;
+mod codecs;
+mod formats;
+pub(crate) mod io;
 mod memory;
-mod metaimage;
-mod mirror;
-mod nifti;
-mod npy;
-mod nrrd;
 pub(crate) mod open;
-mod paged;
-mod place;
-mod png;
-pub(crate) mod predict;
-mod resample;
-mod size;
-mod skyscan;
-mod source;
-pub(crate) mod spool;
-pub(crate) mod stamp;
-pub(crate) mod statistics;
-mod stream;
-mod text;
-mod tiff;
-mod unpacked;
-mod values;
-mod vti;
-mod walk;
-mod warning;
-mod without;
-#[cfg_attr(not(any(feature = "hdf5", feature = "zarr")), allow(dead_code))]
-mod written;
-#[cfg(feature = "zarr")]
-mod zarr;
-mod zstd;
-
-#[cfg(not(feature = "dicom"))]
-use without::dicom;
-#[cfg(not(feature = "hdf5"))]
-use without::hdf5;
-#[cfg(not(feature = "zarr"))]
-use without::zarr;
+mod stated;
+pub(crate) mod stats;
 
 pub(crate) use crate::grid::with_voxel_type;
 pub use crate::grid::{Dtype, Endian, Slope, Voxel};
-pub(crate) use beside::spool_beside;
-pub use crop::Cropped;
-
-pub(crate) use kind::{Watch, Watched};
+pub use adapters::crop::Cropped;
+pub(crate) use adapters::decompress::spool_beside;
+pub(crate) use adapters::kind::{Watch, Watched};
+pub(crate) use adapters::temp_copy::PIECE as SPOOL_PIECE;
+pub use adapters::temp_copy::spool;
+pub use io::stamp::{Before, Stamp, stamp};
 pub use memory::MemoryVolume;
 pub use open::{Headerless, Io, OpenOptions, Opened, file_name, open};
-pub use predict::{Prediction, predict};
-pub(crate) use spool::PIECE as SPOOL_PIECE;
-pub use spool::spool;
-pub use stamp::{Before, Stamp, stamp};
-pub use statistics::{Statistics, statistics};
+pub use stats::estimate::{Prediction, predict};
+pub use stats::statistics::{Statistics, statistics};
 
 use crate::error::{Error, Result};
 use crate::grid::{Dims, Placement};

@@ -1,19 +1,20 @@
 //! Opening a volume: the format by its content, the options that complete or override the header.
 
-use super::blob::Blob;
-use super::file::FileVolume;
-use super::layout::{self, Data, Encoding, Recipe, Samples, Start};
-use super::mirror::Mirrored;
-use super::paged::PagedVolume;
-use super::resample::{Grid, Resampled};
-use super::values::Valued;
-use super::{
-    Dtype, Endian, Header, Volume, archive, dicom, folder, foreign, hdf5, metaimage, nifti, npy,
-    nrrd, place, resample, tiff, vti, warning,
-};
+use super::{Dtype, Endian, Header, Volume};
 use crate::error::{Error, Result};
-use crate::grid::{Dims, Placement, Unit};
-use crate::manifest::{Part, Provenance};
+use crate::grid::{Dims, Part, Placement, Provenance, Unit};
+use crate::volume::adapters::mirror::Mirrored;
+use crate::volume::adapters::resample;
+use crate::volume::adapters::resample::{Grid, Resampled};
+use crate::volume::adapters::values::Valued;
+use crate::volume::formats::{
+    archive, dicom, folder, foreign, hdf5, metaimage, nifti, npy, nrrd, tiff, vti,
+};
+use crate::volume::io::blob::Blob;
+use crate::volume::io::file::FileVolume;
+use crate::volume::io::layout::{self, Data, Encoding, Recipe, Samples, Start};
+use crate::volume::io::paged::PagedVolume;
+use crate::volume::stated::{place, warning};
 use std::ffi::OsStr;
 use std::path::{Path, PathBuf};
 
@@ -290,7 +291,9 @@ fn volume(header: Header, recipe: Recipe, io: Io) -> Result<Box<dyn Volume>> {
         Samples::Bytes(source) => Box::new(FileVolume::new(header, source, swap)),
         Samples::Pages(pages) => Box::new(PagedVolume::new(header, pages)),
         #[cfg(any(feature = "hdf5", feature = "zarr"))]
-        Samples::Chunks(chunks) => Box::new(super::chunked::ChunkedVolume::new(header, chunks)),
+        Samples::Chunks(chunks) => Box::new(crate::volume::io::chunked::ChunkedVolume::new(
+            header, chunks,
+        )),
     };
     let volume = match recipe.mirrored {
         [false, false] => volume,

@@ -9,8 +9,8 @@ mod more;
 mod volume;
 mod writer;
 
-use alvis::grid::Ambiguous;
-use alvis::manifest::{Form, Provenance};
+use alvis::grid::{Ambiguous, Provenance};
+use alvis::manifest::Form;
 use alvis::progress::Quiet;
 use alvis::transform::repack::{RepackOptions, repack};
 use alvis::verify::{Code, Report, SourceVolume, VerifyOptions, verify};

@@ -4,7 +4,7 @@ use crate::cubes::Field;
 use crate::edit::Set;
 use crate::writer::{self, Style};
 use crate::{STYLE, check, codes, compare, compare_with, noise, noisy_field, random_field, styles};
-use alvis::manifest::Origin;
+use alvis::grid::Origin;
 use alvis::progress::Quiet;
 use alvis::verify::{Code, SourceVolume, VerifyOptions, verify};
 use alvis::volume::Dtype;

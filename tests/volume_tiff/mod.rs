@@ -487,10 +487,7 @@ fn logs_of_nrecon() {
         (place.spacing, place.unit),
         ([17.51; 3], alvis::grid::Unit::Micrometre)
     );
-    assert_eq!(
-        opened.provenance.spacing,
-        [alvis::manifest::Origin::File; 3]
-    );
+    assert_eq!(opened.provenance.spacing, [alvis::grid::Origin::File; 3]);
     assert!(opened.warnings.is_empty(), "{opened:?}");
     let notes = opened.notes.join("\n");
     assert!(

@@ -2,8 +2,7 @@
 
 use super::writer::{Page, described};
 use super::{asking, plain, put, read, refusal, slices};
-use alvis::grid::Unit;
-use alvis::manifest::Origin;
+use alvis::grid::{Origin, Unit};
 use alvis::volume::{OpenOptions, open};
 
 const HEAD: &str = "<?xml version=\"1.0\" encoding=\"UTF-8\"?>\n<!-- <Pixels SizeZ=\"9\"/> -->";

@@ -2,8 +2,7 @@
 
 use super::writer::{Page, Tag, described, page, resolved, text, with};
 use super::{imagej, plain, put, read};
-use alvis::grid::Unit;
-use alvis::manifest::Origin;
+use alvis::grid::{Origin, Unit};
 use alvis::volume::{OpenOptions, Opened, open};
 
 const FLAT: [Origin; 3] = [Origin::File, Origin::File, Origin::Assumed];

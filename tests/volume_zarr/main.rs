@@ -8,8 +8,7 @@ mod values;
 #[path = "../volume_common/mod.rs"]
 mod volume_common;
 
-use alvis::grid::Unit;
-use alvis::manifest::Origin;
+use alvis::grid::{Origin, Unit};
 use alvis::volume::{Dtype, OpenOptions, Opened, open};
 use alvis::{Error, Result};
 use serde_json::{Value, json};

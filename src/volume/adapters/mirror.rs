@@ -1,0 +1,103 @@
+//! A volume whose rows or columns are stored the other way round than they are meant.
+
+use crate::error::Result;
+use crate::volume::{Header, Volume, check_box, hand_on};
+use std::ops::Range;
+use std::path::Path;
+
+/// A volume that hands out another one turned round along x, y or both.
+pub(crate) struct Mirrored<'a> {
+    inner: Box<dyn Volume + 'a>,
+    /// Along x and y.
+    turned: [bool; 2],
+}
+
+impl<'a> Mirrored<'a> {
+    pub(crate) fn new(inner: Box<dyn Volume + 'a>, turned: [bool; 2]) -> Self {
+        Mirrored { inner, turned }
+    }
+}
+
+impl Volume for Mirrored<'_> {
+    fn header(&self) -> &Header {
+        self.inner.header()
+    }
+
+    fn read_box(&self, x: Range<u32>, y: Range<u32>, z: Range<u32>, out: &mut [u8]) -> Result<()> {
+        check_box(self.header(), &x, &y, &z, out.len())?;
+        if out.is_empty() {
+            return Ok(());
+        }
+        let [nx, ny, _] = self.header().dims.0;
+        let sample = self.header().dtype.bytes();
+        let (row, rows) = (x.len() * sample, y.len());
+        let turn = |turned: bool, r: Range<u32>, n: u32| match turned {
+            true => n - r.end..n - r.start,
+            false => r,
+        };
+        let [turn_x, turn_y] = self.turned;
+        self.inner
+            .read_box(turn(turn_x, x, nx), turn(turn_y, y, ny), z, out)?;
+        for slice in out.chunks_exact_mut(row * rows) {
+            if turn_y {
+                for j in 0..rows / 2 {
+                    let (above, below) = slice.split_at_mut((rows - 1 - j) * row);
+                    above[j * row..][..row].swap_with_slice(&mut below[..row]);
+                }
+            }
+            if turn_x {
+                for row in slice.chunks_exact_mut(row) {
+                    // all bytes the other way round, and those of each sample back again
+                    row.reverse();
+                    row.chunks_exact_mut(sample).for_each(<[u8]>::reverse);
+                }
+            }
+        }
+        Ok(())
+    }
+
+    hand_on!(inner);
+
+    fn decoded_once(&self, dir: &Path) -> Result<Option<Box<dyn Volume + '_>>> {
+        let once = self.inner.decoded_once(dir)?;
+        Ok(once
+            .map(|inner| -> Box<dyn Volume + '_> { Box::new(Mirrored::new(inner, self.turned)) }))
+    }
+
+    fn held_bytes(&self) -> u64 {
+        self.inner.held_bytes()
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::grid::{Dims, Placement};
+    use crate::volume::MemoryVolume;
+
+    #[test]
+    fn boxes_are_turned_round() {
+        let dims = Dims::new([4, 3, 2]).unwrap();
+        let value = |x: u32, y: u32, z: u32| (x + 10 * y + 100 * z) as u16;
+        let stored = (0..24).map(|i| value(i % 4, i / 4 % 3, i / 12)).collect();
+        for turned in [[false; 2], [true, false], [false, true], [true; 2]] {
+            let inner = MemoryVolume::new(dims, Placement::default(), Vec::clone(&stored)).unwrap();
+            let volume = Mirrored::new(Box::new(inner), turned);
+            for (x, y, z) in [(0..4, 0..3, 0..2), (1..4, 0..2, 1..2), (2..3, 1..2, 0..2)] {
+                let mut known = Vec::new();
+                for k in z.clone() {
+                    for j in y.clone() {
+                        for i in x.clone() {
+                            let i = if turned[0] { 3 - i } else { i };
+                            let j = if turned[1] { 2 - j } else { j };
+                            known.extend(value(i, j, k).to_ne_bytes());
+                        }
+                    }
+                }
+                let mut out = vec![0; known.len()];
+                volume.read_box(x, y, z, &mut out).unwrap();
+                assert_eq!(out, known, "{turned:?}");
+            }
+        }
+    }
+}

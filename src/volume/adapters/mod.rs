@@ -1,0 +1,10 @@
+//! Volumes around a volume: cropped, mirrored, scaled, resampled, decoded once, watched while they are read.
+
+pub(crate) mod crop;
+pub(crate) mod decoded_once;
+pub(crate) mod decompress;
+pub(crate) mod kind;
+pub(crate) mod mirror;
+pub(crate) mod resample;
+pub(crate) mod temp_copy;
+pub(crate) mod values;

@@ -1,0 +1,515 @@
+//! Slices at uneven steps, shifted sideways or with axes that are not at right angles, as a regular grid, by linear
+//! interpolation.
+//!
+//! A voxel of the grid lies between two slices; in each of them it lies between four pixels. So two slices at a time
+//! are all that is read. Outside of a slice there is the fill.
+
+use crate::error::{Error, Result};
+use crate::grid::{Dims, MAX_DIM, Placement};
+use crate::volume::{Dtype, Header, Volume, Voxel, check_box, with_voxel_type};
+use glam::DVec3;
+use rayon::prelude::*;
+use std::ops::Range;
+use std::path::Path;
+
+/// Bytes of sums that a thread holds, unless a row has more.
+const PIECE: usize = 1 << 20;
+
+/// Where a slice lies relative to the first.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(crate) struct Place {
+    /// Along the normal of slices, in the unit of the spacing.
+    pub(crate) depth: f64,
+    /// How far its first pixel lies aside of that of the first slice, in pixels of the grid along x and y.
+    pub(crate) aside: [f64; 2],
+}
+
+/// The grid on which slices are interpolated, and where these lie in it.
+#[derive(Debug, Clone, PartialEq)]
+pub(crate) struct Grid {
+    pub(crate) size: [u32; 3],
+    pub(crate) placement: Placement,
+    /// The value outside of the slices.
+    pub(crate) fill: f64,
+    places: Vec<Place>,
+    /// Pixels along x that each row lies further aside than the one before.
+    lean: f64,
+    /// Pixel of a slice without shift that the grid's first voxel is at.
+    start: [f64; 2],
+    step: f64,
+}
+
+/// The smallest step, or the middle one if that would multiply the slices by more than 16.
+fn finest_step(places: &[Place]) -> f64 {
+    let pairs = places.windows(2);
+    let mut steps: Vec<f64> = pairs.map(|p| p[1].depth - p[0].depth).collect();
+    steps.sort_by(f64::total_cmp);
+    let span = places.last().map_or(0.0, |p| p.depth);
+    let most = 16.0 * places.len() as f64;
+    match steps.first() {
+        Some(&least) if span / least <= most => least,
+        _ => steps.get(steps.len() / 2).copied().unwrap_or(1.0),
+    }
+}
+
+impl Grid {
+    /// A grid that holds all slices of `size` pixels, with the finest step between them. `placement` is that of the
+    /// first slice, with axes at right angles.
+    ///
+    /// # Errors
+    /// [`Error::Unsupported`] if it would be far larger than the slices are.
+    pub(crate) fn over(
+        path: &Path,
+        mut placement: Placement,
+        (places, lean): (Vec<Place>, f64),
+        size: [u32; 2],
+        fill: f64,
+    ) -> Result<Grid> {
+        let span = places.last().map_or(0.0, |p| p.depth);
+        let count = (span / finest_step(&places)).round().max(1.0);
+        let step = span / count;
+        // of the last row
+        let leaning = [lean * f64::from(size[1] - 1), 0.0];
+        let ends = [0, 1].map(|a| {
+            let shifts = places.iter().map(|p| p.aside[a]);
+            let low = shifts.clone().fold(0.0, f64::min) + leaning[a].min(0.0);
+            let high = shifts.fold(0.0, f64::max) + leaning[a].max(0.0);
+            // a shift by rounding does not make the grid larger
+            let slack = 0.01;
+            (
+                (low + slack).floor().min(0.0),
+                (high - slack).ceil().max(0.0),
+            )
+        });
+        let wide = [0, 1].map(|a| f64::from(size[a]) + ends[a].1 - ends[a].0);
+        let all = [wide[0], wide[1], count + 1.0];
+        let far = (0..2).any(|a| wide[a] > 4.0 * f64::from(size[a]));
+        if far || all.iter().any(|n| n.is_nan() || *n > f64::from(MAX_DIM)) {
+            let what = format!(
+                "a regular grid of {:.0} x {:.0} x {:.0} voxels",
+                all[0], all[1], all[2]
+            );
+            let hint = "the slices lie too far aside of each other, or too close together";
+            return Err(Error::unsupported(path, what, hint));
+        }
+        let start = ends.map(|(low, _)| low);
+        placement.origin = placement.world([start[0], start[1], 0.0]);
+        placement.spacing[2] = step;
+        Ok(Grid {
+            size: all.map(|n| n as u32),
+            placement,
+            fill,
+            places,
+            lean,
+            start,
+            step,
+        })
+    }
+
+    /// A grid at right angles for a volume with other axes: its x is that of the volume, its y lies in the plane of
+    /// the volume's slices, which stay slices.
+    ///
+    /// # Errors
+    /// As [`Grid::over`], and [`Error::Unsupported`] if the axes lie in one plane.
+    pub(crate) fn upright(path: &Path, place: Placement, dims: Dims, fill: f64) -> Result<Grid> {
+        let [x, y, z] = [0, 1, 2].map(|a| DVec3::from(place.directions[a]) * place.spacing[a]);
+        let along = x.normalize_or_zero();
+        let across = (y - along * along.dot(y)).normalize_or_zero();
+        let normal = along.cross(across);
+        // a mirrored volume stays so
+        let normal = if normal.dot(z) < 0.0 { -normal } else { normal };
+        let spacing = [x.length(), across.dot(y), normal.dot(z)].map(short);
+        if !spacing.iter().all(|s| s.is_finite() && *s > 0.0) {
+            let hint = "resample it to axes at right angles";
+            return Err(Error::unsupported(
+                path,
+                "a grid whose axes lie in one plane",
+                hint,
+            ));
+        }
+        let [nx, ny, nz] = dims.0;
+        let places = (0..nz).map(|k| {
+            let k = f64::from(k);
+            Place {
+                depth: k * spacing[2],
+                aside: [
+                    k * along.dot(z) / spacing[0],
+                    k * across.dot(z) / spacing[1],
+                ],
+            }
+        });
+        let told = (places.collect(), along.dot(y) / spacing[0]);
+        let placement = Placement {
+            spacing,
+            // adding 0 turns -0 into 0
+            directions: [along, across, normal].map(|axis| (axis + DVec3::ZERO).into()),
+            ..place
+        };
+        let mut grid = Grid::over(path, placement, told, [nx, ny], fill)?;
+        grid.placement.spacing[2] = spacing[2];
+        Ok(grid)
+    }
+
+    /// What to say of it, and why there is one.
+    pub(crate) fn note(&self, why: &str) -> String {
+        let [x, y, z] = self.size;
+        let fill = match self.fill.is_nan() {
+            true => "no value (NaN)".to_owned(),
+            false => self.fill.to_string(),
+        };
+        format!(
+            "interpolated to {x} x {y} x {z} voxels, since {why}; what lies outside of the slices is {fill}"
+        )
+    }
+
+    pub(crate) fn dims(&self) -> Result<Dims> {
+        Dims::new(self.size.map(u64::from))
+    }
+
+    /// The two slices that slice `k` of the grid lies between, with their shares.
+    fn between(&self, k: u32) -> [(u32, f64); 2] {
+        let depth = f64::from(k) * self.step;
+        let after = self.places.partition_point(|p| p.depth <= depth);
+        let low = after.clamp(1, self.places.len() - 1) - 1;
+        let [a, b] = [self.places[low], self.places[low + 1]];
+        let part = ((depth - a.depth) / (b.depth - a.depth)).clamp(0.0, 1.0);
+        // a slice of the grid that is one of the volume's but for rounding
+        let part = match part {
+            p if p < 1e-9 => 0.0,
+            p if p > 1.0 - 1e-9 => 1.0,
+            p => p,
+        };
+        [(low as u32, 1.0 - part), (low as u32 + 1, part)]
+    }
+
+    /// The slices that these slices of the grid lie between.
+    fn slices(&self, z: Range<u32>) -> Range<u32> {
+        let end = |k: u32| self.between(k.min(self.size[2] - 1));
+        let used = |all: [(u32, f64); 2]| all.into_iter().filter(|(_, share)| *share > 0.0);
+        let first = used(end(z.start)).map(|(k, _)| k).min();
+        let last = used(end(z.end.max(1) - 1)).map(|(k, _)| k).max();
+        match z.is_empty() {
+            true => 0..0,
+            false => first.unwrap_or(0)..last.unwrap_or(0) + 1,
+        }
+    }
+}
+
+/// The decimal of few digits that a length is but for the noise of single precision, in which files state axes.
+fn short(length: f64) -> f64 {
+    let decimals = (0..6).map(|digits| format!("{length:.digits$e}").parse().unwrap_or(length));
+    let mut near = decimals.filter(|near: &f64| (near - length).abs() <= 1e-7 * length.abs());
+    near.next().unwrap_or(length)
+}
+
+/// What outside of slices stands for samples of a type: nothing, or air where numbers are signed as those of CT.
+pub(crate) fn fill(dtype: Dtype) -> f64 {
+    match dtype {
+        Dtype::F32 | Dtype::F64 => f64::NAN,
+        Dtype::I8 => -128.0,
+        Dtype::I16 | Dtype::I32 => -1000.0,
+        Dtype::U8 | Dtype::U16 | Dtype::U32 => 0.0,
+    }
+}
+
+/// A volume on a regular grid, out of one that has none.
+pub(crate) struct Resampled<'a> {
+    inner: Box<dyn Volume + 'a>,
+    grid: Grid,
+    header: Header,
+}
+
+impl<'a> Resampled<'a> {
+    /// # Errors
+    /// As those of [`Dims::new`].
+    pub(crate) fn new(
+        inner: Box<dyn Volume + 'a>,
+        grid: Grid,
+        placement: Placement,
+    ) -> Result<Self> {
+        let header = Header {
+            dims: grid.dims()?,
+            placement,
+            ..inner.header().clone()
+        };
+        Ok(Resampled {
+            inner,
+            grid,
+            header,
+        })
+    }
+
+    /// Fills the part `x` by `y` of slice `k`.
+    fn slice<T: Voxel>(
+        &self,
+        k: u32,
+        x: &Range<u32>,
+        y: &Range<u32>,
+        out: &mut [u8],
+    ) -> Result<()> {
+        let dtype = self.header.dtype;
+        let rows = (PIECE / (8 * x.len())).clamp(1, y.len());
+        let mut sums = vec![0.0f64; rows * x.len()];
+        for (i, out) in out.chunks_mut(rows * x.len() * dtype.bytes()).enumerate() {
+            let top = y.start + (i * rows) as u32;
+            let count = out.len() / (x.len() * dtype.bytes());
+            let sums = &mut sums[..count * x.len()];
+            sums.fill(0.0);
+            for (slice, share) in self.grid.between(k) {
+                if share > 0.0 {
+                    self.add::<T>((slice, share), x, top..top + count as u32, sums)?;
+                }
+            }
+            for (out, sum) in out.chunks_exact_mut(dtype.bytes()).zip(sums) {
+                put(dtype, *sum, out);
+            }
+        }
+        Ok(())
+    }
+
+    /// Adds the share of a slice to a part of the grid.
+    fn add<T: Voxel>(
+        &self,
+        (slice, share): (u32, f64),
+        x: &Range<u32>,
+        y: Range<u32>,
+        sums: &mut [f64],
+    ) -> Result<()> {
+        let Grid {
+            places,
+            lean,
+            start,
+            fill,
+            ..
+        } = &self.grid;
+        let [nx, ny, _] = self.inner.header().dims.0.map(|n| n as usize);
+        let aside = places[slice as usize].aside;
+        let shift = [0, 1].map(|a| start[a] - aside[a]);
+        let row_at = |j: u32| f64::from(j) + shift[1];
+        // the pixel of a row at the grid's first
+        let left_of = |v: f64| shift[0] - lean * v.clamp(0.0, (ny - 1) as f64);
+        let span = |low: f64, high: f64, n: usize| {
+            let [low, high] = [low.floor(), high.ceil() + 1.0];
+            low.clamp(0.0, n as f64) as u32..high.clamp(0.0, n as f64) as u32
+        };
+        let rows = span(row_at(y.start), row_at(y.end - 1) + 1e-2, ny);
+        let lefts = [y.start, y.end - 1].map(|j| left_of(row_at(j)));
+        let columns = span(
+            f64::from(x.start) + lefts[0].min(lefts[1]) - 1e-2,
+            f64::from(x.end - 1) + lefts[0].max(lefts[1]) + 1e-2,
+            nx,
+        );
+        let width = columns.len();
+        let mut pixels = vec![T::zeroed(); width * rows.len()];
+        if !pixels.is_empty() {
+            let out = bytemuck::cast_slice_mut(&mut pixels);
+            self.inner
+                .read_box(columns.clone(), rows.clone(), slice..slice + 1, out)?;
+        }
+        // along a row of the slice, NaN only where it has a share
+        let along = |j: usize, i: f64| {
+            let (low, next, part) = between(i, nx)?;
+            let at = |i: usize| {
+                pixels[(j - rows.start as usize) * width + i - columns.start as usize].to_f64()
+            };
+            Some(mixed(part, || at(low), || at(next)))
+        };
+        for (row, j) in sums.chunks_exact_mut(x.len()).zip(y) {
+            let at = row_at(j);
+            let Some((low, next, part)) = between(at, ny) else {
+                row.iter_mut().for_each(|sum| *sum += share * fill);
+                continue;
+            };
+            let left = left_of(at);
+            for (sum, i) in row.iter_mut().zip(x.clone()) {
+                let i = f64::from(i) + left;
+                let above = || along(low, i).unwrap_or(*fill);
+                let below = || along(next, i).unwrap_or(*fill);
+                *sum += share * mixed(part, above, below);
+            }
+        }
+        Ok(())
+    }
+}
+
+impl Volume for Resampled<'_> {
+    fn header(&self) -> &Header {
+        &self.header
+    }
+
+    fn read_box(&self, x: Range<u32>, y: Range<u32>, z: Range<u32>, out: &mut [u8]) -> Result<()> {
+        check_box(&self.header, &x, &y, &z, out.len())?;
+        if out.is_empty() {
+            return Ok(());
+        }
+        let slice = out.len() / z.len();
+        let fill = |(i, out): (usize, &mut [u8])| {
+            let k = z.start + i as u32;
+            with_voxel_type!(self.header.dtype, T => self.slice::<T>(k, &x, &y, out))
+        };
+        match self.random_access() {
+            true => out
+                .par_chunks_exact_mut(slice)
+                .enumerate()
+                .try_for_each(fill),
+            // forward through a stream
+            false => out.chunks_exact_mut(slice).enumerate().try_for_each(fill),
+        }
+    }
+
+    fn random_access(&self) -> bool {
+        self.inner.random_access()
+    }
+
+    fn grain(&self) -> [u32; 3] {
+        self.inner.grain()
+    }
+
+    fn decoded_once(&self, dir: &Path) -> Result<Option<Box<dyn Volume + '_>>> {
+        let Some(inner) = self.inner.decoded_once(dir)? else {
+            return Ok(None);
+        };
+        let placement = self.header.placement;
+        let same = Resampled::new(inner, self.grid.clone(), placement)?;
+        Ok(Some(Box::new(same)))
+    }
+
+    fn held_bytes(&self) -> u64 {
+        // sums, and the pixels that they are of, which are more by what rows and slices lean over
+        let row = u64::from(self.header.dims.0[0]) * 8;
+        let lean = (PIECE as f64 * (2.0 + self.grid.lean.abs())) as u64;
+        self.inner.held_bytes()
+            + rayon::current_num_threads() as u64 * (lean + PIECE as u64 + 6 * row)
+    }
+
+    fn mapped_bytes(&self, z: Range<u32>) -> u64 {
+        self.inner.mapped_bytes(self.grid.slices(z))
+    }
+
+    fn prefetch(&self, z: Range<u32>) {
+        self.inner.prefetch(self.grid.slices(z));
+    }
+
+    fn release(&self, z: Range<u32>) {
+        // all but what the next slice needs too
+        let done = self.grid.slices(z.clone());
+        let next = match z.end < self.grid.size[2] {
+            true => self.grid.slices(z.end..z.end + 1).start,
+            false => done.end,
+        };
+        self.inner.release(done.start.min(next)..done.end.min(next));
+    }
+}
+
+/// Two values by the share of the second; one without a share is not looked at.
+fn mixed(part: f64, first: impl FnOnce() -> f64, second: impl FnOnce() -> f64) -> f64 {
+    match part {
+        0.0 => first(),
+        1.0 => second(),
+        _ => first() * (1.0 - part) + second() * part,
+    }
+}
+
+/// The pixels before and after a place among `count` and the share of the latter; `None` outside.
+fn between(at: f64, count: usize) -> Option<(usize, usize, f64)> {
+    // half a hundredth of a pixel beyond the edge is rounding
+    let last = (count - 1) as f64;
+    if !(-0.005..=last + 0.005).contains(&at) {
+        return None;
+    }
+    let at = at.clamp(0.0, last);
+    // and so is what keeps it from a pixel's centre
+    let near = at.round();
+    let at = if (at - near).abs() < 1e-9 { near } else { at };
+    let low = at.floor() as usize;
+    Some((low, (low + 1).min(count - 1), at - at.floor()))
+}
+
+fn put(dtype: Dtype, value: f64, out: &mut [u8]) {
+    // casts of floats saturate
+    let whole = value.round();
+    match dtype {
+        Dtype::U8 => out.copy_from_slice(&(whole as u8).to_ne_bytes()),
+        Dtype::I8 => out.copy_from_slice(&(whole as i8).to_ne_bytes()),
+        Dtype::U16 => out.copy_from_slice(&(whole as u16).to_ne_bytes()),
+        Dtype::I16 => out.copy_from_slice(&(whole as i16).to_ne_bytes()),
+        Dtype::U32 => out.copy_from_slice(&(whole as u32).to_ne_bytes()),
+        Dtype::I32 => out.copy_from_slice(&(whole as i32).to_ne_bytes()),
+        Dtype::F32 => out.copy_from_slice(&(value as f32).to_ne_bytes()),
+        Dtype::F64 => out.copy_from_slice(&value.to_ne_bytes()),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::volume::MemoryVolume;
+
+    #[test]
+    fn places_between_pixels() {
+        assert_eq!(between(0.25, 3), Some((0, 1, 0.25)));
+        assert_eq!(between(2.0, 3), Some((2, 2, 0.0)));
+        assert_eq!(between(-0.001, 3), Some((0, 1, 0.0)));
+        assert_eq!((between(-0.5, 3), between(2.5, 3)), (None, None));
+    }
+
+    /// A volume of a linear function of space, on axes that are not at right angles, is that function again.
+    #[test]
+    fn upright_values_are_those_of_space() {
+        let dims = Dims::new([7, 6, 5]).unwrap();
+        let unit = |v: [f64; 3]| DVec3::from(v).normalize().into();
+        for directions in [
+            [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.2, 1.0]],
+            [[1.0, 0.0, 0.0], [0.3, 1.0, 0.0], [-0.2, 0.1, 1.0]],
+            [[0.0, 0.0, -1.0], [0.0, 1.0, -0.4], [1.0, 0.3, 0.1]],
+            [[-1.0, 0.0, 0.0], [0.25, 1.0, 0.1], [0.0, 0.3, 1.0]],
+        ] {
+            let place = Placement {
+                spacing: [0.5, 0.75, 2.0],
+                origin: [1.0, -2.0, 3.0],
+                directions: directions.map(unit),
+                ..Placement::default()
+            };
+            let function = |[x, y, z]: [f64; 3]| 3.0 * x - 2.0 * y + 0.5 * z + 1.0;
+            let voxels =
+                (0..dims.voxels() as u32).map(|i| [i % 7, i / 7 % 6, i / 42].map(f64::from));
+            let values: Vec<f64> = voxels.map(|v| function(place.world(v))).collect();
+            let inner = MemoryVolume::new(dims, place, values).unwrap();
+            let grid = Grid::upright(Path::new("v"), place, dims, f64::NAN).unwrap();
+            assert_eq!(grid.placement.shear(), None);
+            let placement = grid.placement;
+            let volume = Resampled::new(Box::new(inner), grid, placement).unwrap();
+            let [nx, ny, nz] = volume.header.dims.0;
+            let mut bytes = vec![0; volume.header.dims.voxels() as usize * 8];
+            volume.read_box(0..nx, 0..ny, 0..nz, &mut bytes).unwrap();
+            let found: Vec<f64> = bytemuck::pod_collect_to_vec(&bytes);
+            let mut inside = 0;
+            // the exact place of a voxel of the grid among those of the volume
+            let back = glam::DMat3::from_cols_array_2d(&place.directions)
+                * glam::DMat3::from_diagonal(place.spacing.into());
+            for (i, value) in (0..).zip(&found) {
+                let world = placement.world([i % nx, i / nx % ny, i / (nx * ny)].map(f64::from));
+                let at = back.inverse() * (DVec3::from(world) - DVec3::from(place.origin));
+                let beyond = (at - DVec3::new(6.0, 5.0, 4.0)).max(-at).max_element();
+                if beyond < -1e-6 {
+                    // spacings are rounded to the decimals that files mean, by 1e-7 of a step at most
+                    let apart = (value - function(world)).abs();
+                    assert!(apart < 1e-5, "{at} {value} {apart}");
+                    inside += 1;
+                } else if beyond > 1e-2 {
+                    assert!(value.is_nan(), "{at} {value}");
+                }
+            }
+            assert!(inside > 40, "{inside}");
+            // any part is the same as of the whole
+            let mut part = vec![0; 8 * 3 * 2 * 2];
+            volume.read_box(2..5, 1..3, 1..3, &mut part).unwrap();
+            let part: Vec<f64> = bytemuck::pod_collect_to_vec(&part);
+            for (i, value) in (0..).zip(part) {
+                let [x, y, z] = [2 + i % 3, 1 + i / 3 % 2, 1 + i / 6];
+                let whole = found[(x + nx * (y + ny * z)) as usize];
+                assert_eq!(value.to_bits(), whole.to_bits());
+            }
+        }
+    }
+}

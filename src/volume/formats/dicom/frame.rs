@@ -1,0 +1,504 @@
+//! What a DICOM file says of its frames.
+
+use crate::error::{Error, Result};
+use crate::grid::MAX_DIM;
+use crate::volume::formats::dicom::element::{self, Elements, Header};
+use crate::volume::formats::dicom::syntax::Syntax;
+use crate::volume::formats::dicom::tag;
+use crate::volume::io::blob::Blob;
+use crate::volume::{Dtype, Endian};
+use std::path::Path;
+
+/// How a pixel is stored.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(crate) struct Cell {
+    /// Bytes per pixel: 1, 2 or 4, or 4 and 8 for floating-point numbers.
+    pub(crate) bytes: usize,
+    /// The low bits that hold the number; those above may hold anything.
+    pub(crate) bits: u32,
+    pub(crate) signed: bool,
+    pub(crate) float: bool,
+    pub(crate) endian: Endian,
+}
+
+/// The physical value of a stored number s is slope * s + intercept.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(crate) struct Rescale {
+    pub(crate) slope: f64,
+    pub(crate) intercept: f64,
+}
+
+/// Where a frame lies, in millimetres of the patient's coordinates.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(crate) struct Plane {
+    /// Centre of the first pixel.
+    pub(crate) position: [f64; 3],
+    /// Unit vectors along a row (x) and along a column (y).
+    pub(crate) axes: [[f64; 3]; 2],
+}
+
+/// One slice.
+#[derive(Debug, Clone)]
+pub(crate) struct Frame {
+    /// Index of the file.
+    pub(crate) file: u32,
+    /// Number of the frame in its file.
+    pub(crate) index: u32,
+    pub(crate) plane: Option<Plane>,
+    /// Distance of pixels along x and y.
+    pub(crate) pixel: Option<[f64; 2]>,
+    pub(crate) rescale: Rescale,
+    /// What the file states of values.
+    pub(crate) stated: Stated,
+    /// Where the file states the scale; empty if stored numbers are the values.
+    pub(crate) scaled_by: &'static str,
+    /// What a user should know of it.
+    pub(crate) remark: Option<&'static str>,
+}
+
+/// Which elements on values are there, and the units that they state.
+#[derive(Debug, Clone, PartialEq, Eq, Default)]
+pub(crate) struct Stated {
+    /// RescaleSlope, RescaleIntercept, RealWorldValueMapping, DoseGridScaling.
+    pub(crate) scale: [bool; 4],
+    /// RescaleType, Units, MeasurementUnitsCodeSequence, DoseUnits; empty if not stated.
+    pub(crate) units: [String; 4],
+}
+
+/// How the frames of a file without a position for each follow each other.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(crate) enum Step {
+    /// The file states their distance, or a position for each.
+    Stated,
+    /// As far as the slices are thick, in millimetres.
+    Thickness(f64),
+    Unknown,
+}
+
+/// A file with pixels.
+#[derive(Debug)]
+pub(crate) struct Image {
+    pub(crate) blob: Blob,
+    pub(crate) instance: String,
+    pub(crate) series: Series,
+    pub(crate) size: [u32; 2],
+    pub(crate) cell: Cell,
+    pub(crate) syntax: Syntax,
+    /// Position of the pixels in the data set, and their bytes unless in fragments.
+    pub(crate) pixels: (u64, Option<u64>),
+    /// Where the packed data set begins, if it is packed as a whole.
+    pub(crate) deflated: Option<u64>,
+    /// The stored numbers, first and last, of voxels outside of what was scanned.
+    pub(crate) padding: Option<[i64; 2]>,
+    /// Distance of slices where no positions tell it.
+    pub(crate) between: Option<f64>,
+    /// How that is known, for a file of several frames.
+    pub(crate) step: Step,
+    /// Small numbers are bright (MONOCHROME1).
+    pub(crate) inverse: bool,
+    /// A view to plan the scan by (LOCALIZER in ImageType).
+    pub(crate) localizer: bool,
+    /// The file's number in its series.
+    pub(crate) number: Option<i64>,
+    pub(crate) frames: Vec<Frame>,
+}
+
+/// What names a series.
+#[derive(Debug, Clone, Default, PartialEq, Eq, PartialOrd, Ord)]
+pub(crate) struct Series {
+    pub(crate) number: String,
+    pub(crate) uid: String,
+    pub(crate) description: String,
+    pub(crate) modality: String,
+}
+
+/// A header and how its faults are told.
+pub(crate) struct Context<'a> {
+    pub(crate) path: &'a Path,
+    pub(crate) set: &'a Elements,
+}
+
+impl Image {
+    /// Reads a file; `None` if it is sound but has no pixels (a directory, a report).
+    ///
+    /// # Errors
+    /// [`Error::Format`] for damage, [`Error::Unsupported`] by name for colours, odd sizes of pixels
+    /// and encodings that are not decoded.
+    pub(crate) fn read(blob: Blob, file: u32) -> Result<Option<Image>> {
+        let header = element::read(&blob)?;
+        let Some((kind, position, len)) = header.pixels else {
+            return Ok(None);
+        };
+        let at = Context {
+            path: blob.path(),
+            set: &header.elements,
+        };
+        let size = [at.extent(tag::COLUMNS)?, at.extent(tag::ROWS)?];
+        let cell = at.cell(kind, header.endian)?;
+        let syntax = Syntax::find(blob.path(), &header.syntax)?;
+        if syntax.is_packed() == len.is_some() {
+            let found = format!("pixels in the transfer syntax {}", header.syntax);
+            let how = ["fragments", "one piece"][usize::from(len.is_none())];
+            return Err(Error::format(blob.path(), found, format!("them in {how}")));
+        }
+        let count = at.count()?;
+        at.check_length(&header, size, cell, count, blob.len())?;
+        let mut frames = at.frames(file, count)?;
+        let (between, step) = at.step();
+        let step = match at.spread(&mut frames, between)? {
+            true => step,
+            false => Step::Stated,
+        };
+        let set = &header.elements;
+        let padding = set.short(tag::PADDING).map(|first| {
+            let last = set.short(tag::PADDING_LIMIT).unwrap_or(first);
+            let mut ends = [first, last].map(|v| match cell.signed {
+                true => i64::from(v as i16),
+                false => i64::from(v),
+            });
+            ends.sort();
+            ends
+        });
+        Ok(Some(Image {
+            instance: set.text(tag::SOP_INSTANCE),
+            series: Series {
+                number: set.text(tag::SERIES_NUMBER),
+                uid: set.text(tag::SERIES_UID),
+                description: set.text(tag::SERIES_DESCRIPTION),
+                modality: set.text(tag::MODALITY),
+            },
+            size,
+            cell,
+            syntax,
+            pixels: (position, len),
+            deflated: header.deflated,
+            padding: padding.filter(|_| !cell.float),
+            between,
+            step,
+            inverse: set.text(tag::PHOTOMETRIC).starts_with("MONOCHROME1"),
+            localizer: set.text(tag::IMAGE_TYPE).contains("LOCALIZER"),
+            number: set.number(tag::INSTANCE_NUMBER).map(|n| n as i64),
+            frames,
+            blob,
+        }))
+    }
+}
+
+impl Context<'_> {
+    pub(crate) fn wrong(&self, found: String, expected: &str) -> Error {
+        Error::format(self.path, found, expected)
+    }
+
+    fn extent(&self, tag: u32) -> Result<u32> {
+        let side = if tag == tag::ROWS { "Rows" } else { "Columns" };
+        match self.set.short(tag) {
+            Some(n) if n > 0 && u32::from(n) <= MAX_DIM => Ok(n.into()),
+            found => Err(self.wrong(format!("{side} of {found:?}"), "a number of pixels")),
+        }
+    }
+
+    fn cell(&self, kind: u32, endian: Endian) -> Result<Cell> {
+        let no = |what: String, hint: &str| Err(Error::unsupported(self.path, what, hint));
+        let samples = self.set.short(tag::SAMPLES).unwrap_or(1);
+        let photometric = self.set.text(tag::PHOTOMETRIC);
+        // MONOCHROME1 shows small numbers bright; the numbers are the same
+        if samples != 1 || !(photometric.is_empty() || photometric.starts_with("MONOCHROME")) {
+            let what = format!("a DICOM image of {samples} samples per pixel, {photometric}");
+            return no(what, "only grey images are volumes");
+        }
+        let allocated = u32::from(self.set.short(tag::BITS_ALLOCATED).unwrap_or(0));
+        let float = kind != tag::PIXELS;
+        let fits = match kind {
+            tag::PIXELS => matches!(allocated, 8 | 16 | 32),
+            tag::FLOAT_PIXELS => allocated == 32,
+            _ => allocated == 64,
+        };
+        if !fits {
+            let what = format!("a DICOM image of {allocated} bits per pixel");
+            return no(what, "convert it to 8, 16 or 32 bits per pixel");
+        }
+        let bits = match self.set.short(tag::BITS_STORED) {
+            Some(bits) if !float => u32::from(bits),
+            _ => allocated,
+        };
+        let high = self
+            .set
+            .short(tag::HIGH_BIT)
+            .map_or(bits, |h| u32::from(h) + 1);
+        if bits == 0 || bits > allocated || (!float && high != bits) {
+            let found = format!("{bits} bits below bit {high} of {allocated}");
+            return Err(self.wrong(found, "pixels in the lowest bits"));
+        }
+        Ok(Cell {
+            bytes: allocated as usize / 8,
+            bits,
+            signed: self.set.short(tag::SIGNED) == Some(1),
+            float,
+            endian,
+        })
+    }
+
+    fn count(&self) -> Result<u32> {
+        let text = self.set.text(tag::FRAMES);
+        match text.trim() {
+            "" => Ok(1),
+            text => match text.parse() {
+                Ok(n @ 1..=MAX_DIM) => Ok(n),
+                _ => Err(self.wrong(format!("\"{text}\" frames"), "1 to 65536")),
+            },
+        }
+    }
+
+    /// Pixels in one piece must be all there.
+    fn check_length(
+        &self,
+        header: &Header,
+        size: [u32; 2],
+        cell: Cell,
+        count: u32,
+        file: u64,
+    ) -> Result<()> {
+        let Some((_, position, Some(len))) = header.pixels else {
+            return Ok(());
+        };
+        let slice = u64::from(size[0]) * u64::from(size[1]) * cell.bytes as u64;
+        let need = slice * u64::from(count);
+        // what is packed is found short when it is unpacked; no byte unpacks to more than 1032
+        let there = match header.deflated {
+            Some(_) => file.saturating_mul(1032),
+            None => file.saturating_sub(position),
+        };
+        if len < need || need > there {
+            let found = format!("{} bytes of pixels", len.min(there));
+            let [x, y] = size;
+            let expected = format!(
+                "{need}, for {count} frames of {x} x {y} of {} bytes",
+                cell.bytes
+            );
+            return Err(Error::format(self.path, found, expected)
+                .with_hint("the file is cut short or damaged"));
+        }
+        Ok(())
+    }
+
+    fn frames(&self, file: u32, count: u32) -> Result<Vec<Frame>> {
+        let shared = self.set.items(tag::SHARED).first();
+        let each = self.set.items(tag::PER_FRAME);
+        if !each.is_empty() && each.len() != count as usize {
+            let found = format!("{count} frames and the places of {}", each.len());
+            return Err(self.wrong(found, "one place for each"));
+        }
+        if self.set.has(tag::LOOKUP) {
+            let what = "a DICOM image with a table of values (Modality LUT)";
+            return Err(Error::unsupported(
+                self.path,
+                what,
+                "convert it to plain values",
+            ));
+        }
+        (0..count)
+            .map(|index| {
+                let groups = Groups {
+                    own: each.get(index as usize),
+                    shared,
+                    top: self.set,
+                };
+                let scale = self.scale(&groups)?;
+                Ok(Frame {
+                    file,
+                    index,
+                    plane: self.plane(&groups)?,
+                    pixel: self.pixel(&groups)?,
+                    rescale: scale.rescale,
+                    stated: self.stated(&groups),
+                    scaled_by: scale.by,
+                    remark: scale.remark,
+                })
+            })
+            .collect()
+    }
+
+    /// Distance of frames without a position for each, and how it is known.
+    fn step(&self) -> (Option<f64>, Step) {
+        let shared = self.set.items(tag::SHARED).first();
+        let groups = Groups {
+            own: None,
+            shared,
+            top: self.set,
+        };
+        let number = |tag: u32| {
+            let set = groups.find(tag::PIXEL_MEASURES, tag)?;
+            set.number(tag).map(f64::abs).filter(|v| *v > 0.0)
+        };
+        match (number(tag::SPACING_BETWEEN_SLICES), number(tag::THICKNESS)) {
+            (Some(between), _) => (Some(between), Step::Stated),
+            (None, Some(thick)) => (Some(thick), Step::Thickness(thick)),
+            (None, None) => (None, Step::Unknown),
+        }
+    }
+
+    /// Frames that share one position follow each other along the normal: at the offsets that the file states, else
+    /// at equal steps, of 1 mm where none is known. True if a step is all that tells where they lie.
+    fn spread(&self, frames: &mut [Frame], step: Option<f64>) -> Result<bool> {
+        let each = self.set.items(tag::PER_FRAME);
+        let own = each
+            .iter()
+            .any(|group| !group.items(tag::PLANE_POSITION).is_empty());
+        if own || frames.len() < 2 {
+            return Ok(false);
+        }
+        let offsets = match self.set.has(tag::FRAME_OFFSETS) {
+            false => None,
+            true => match self.set.list(tag::FRAME_OFFSETS) {
+                Some(offsets) if offsets.len() == frames.len() => Some(offsets),
+                found => {
+                    let found = found.map_or(0, |offsets| offsets.len());
+                    let found = format!("{} frames and the offsets of {found}", frames.len());
+                    return Err(self.wrong(found, "one offset for each"));
+                }
+            },
+        };
+        for (k, frame) in frames.iter_mut().enumerate() {
+            let Some(plane) = &mut frame.plane else {
+                return Ok(true);
+            };
+            let [row, column] = plane.axes.map(glam::DVec3::from);
+            let normal = row.cross(column);
+            let depth = match &offsets {
+                None => k as f64 * step.unwrap_or(1.0),
+                // from the first frame along the normal, or else as z of the patient
+                Some(all) if all[0] == 0.0 => all[k],
+                Some(all) => (all[k] - all[0]) * normal.z.signum(),
+            };
+            plane.position = (glam::DVec3::from(plane.position) + normal * depth).into();
+        }
+        Ok(offsets.is_none())
+    }
+
+    fn plane(&self, groups: &Groups) -> Result<Option<Plane>> {
+        let position = groups.find(tag::PLANE_POSITION, tag::POSITION);
+        let axes = groups.find(tag::PLANE_ORIENTATION, tag::ORIENTATION);
+        let (Some(position), Some(axes)) = (position, axes) else {
+            return Ok(None);
+        };
+        let place = position.numbers::<3>(tag::POSITION);
+        let turn = axes.numbers::<6>(tag::ORIENTATION);
+        let (Some(position), Some([a, b, c, d, e, f])) = (place, turn) else {
+            let found = "a position or orientation of the image that is no numbers";
+            return Err(self.wrong(found.into(), "3 and 6 finite numbers"));
+        };
+        let [row, column] = [glam::DVec3::new(a, b, c), glam::DVec3::new(d, e, f)];
+        let unit = |v: glam::DVec3| (v.length() - 1.0).abs() < 1e-2;
+        if !unit(row) || !unit(column) || row.dot(column).abs() > 1e-3 {
+            let found = format!("the orientation {a}, {b}, {c}, {d}, {e}, {f}");
+            return Err(self.wrong(found, "two unit vectors at right angles"));
+        }
+        let row = row.normalize();
+        let column = (column - row * row.dot(column)).normalize();
+        Ok(Some(Plane {
+            position,
+            axes: [row.into(), column.into()],
+        }))
+    }
+
+    fn pixel(&self, groups: &Groups) -> Result<Option<[f64; 2]>> {
+        let Some(set) = groups.find(tag::PIXEL_MEASURES, tag::PIXEL_SPACING) else {
+            return Ok(None);
+        };
+        match set.numbers::<2>(tag::PIXEL_SPACING) {
+            // from row to row comes first
+            Some([y, x]) if x > 0.0 && y > 0.0 => Ok(Some([x, y])),
+            _ => {
+                let found = format!("PixelSpacing \"{}\"", set.text(tag::PIXEL_SPACING));
+                Err(self.wrong(found, "two numbers above 0"))
+            }
+        }
+    }
+}
+
+/// The places in which a frame's properties may stand.
+pub(crate) struct Groups<'a> {
+    own: Option<&'a Elements>,
+    shared: Option<&'a Elements>,
+    top: &'a Elements,
+}
+
+impl<'a> Groups<'a> {
+    /// The set that has `tag`, in the functional group `group` or at the top.
+    pub(crate) fn find(&self, group: u32, tag: u32) -> Option<&'a Elements> {
+        let inside = |set: &'a Elements| set.items(group).first().filter(|s| s.has(tag));
+        let own = self.own.and_then(inside);
+        let shared = || self.shared.and_then(inside);
+        own.or_else(shared)
+            .or(Some(self.top).filter(|s| s.has(tag)))
+    }
+
+    /// The items of a group that is a sequence of them.
+    pub(crate) fn items(&self, group: u32) -> &'a [Elements] {
+        let places = [self.own, self.shared, Some(self.top)];
+        let found = places.into_iter().flatten().map(|set| set.items(group));
+        found
+            .into_iter()
+            .find(|items| !items.is_empty())
+            .unwrap_or(&[])
+    }
+}
+
+impl Cell {
+    /// The smallest type that holds every value of these rescales.
+    pub(crate) fn dtype(self, rescale: &[Rescale]) -> Dtype {
+        if self.float {
+            return if self.bytes == 4 {
+                Dtype::F32
+            } else {
+                Dtype::F64
+            };
+        }
+        let (low, high) = self.range();
+        let whole = |v: f64| v.fract() == 0.0 && v.abs() < 1e15;
+        let same = rescale.windows(2).all(|pair| pair[0] == pair[1]);
+        let first = rescale.first().copied().unwrap_or(Rescale::NONE);
+        if !same || !whole(first.slope) || !whole(first.intercept) {
+            return if self.bits <= 16 {
+                Dtype::F32
+            } else {
+                Dtype::F64
+            };
+        }
+        let ends = [low, high].map(|v| first.slope * v as f64 + first.intercept);
+        let (low, high) = (ends[0].min(ends[1]), ends[0].max(ends[1]));
+        let mut types = [
+            (Dtype::U8, 0.0, 255.0),
+            (Dtype::I8, -128.0, 127.0),
+            (Dtype::U16, 0.0, 65_535.0),
+            (Dtype::I16, -32_768.0, 32_767.0),
+            (Dtype::U32, 0.0, f64::from(u32::MAX)),
+            (Dtype::I32, f64::from(i32::MIN), f64::from(i32::MAX)),
+        ]
+        .into_iter()
+        .filter(|(dtype, a, b)| dtype.bytes() >= self.bytes && *a <= low && high <= *b);
+        types.next().map_or(Dtype::F64, |(dtype, ..)| dtype)
+    }
+
+    /// Smallest and largest number of the bits.
+    fn range(self) -> (i64, i64) {
+        if self.signed {
+            (-(1 << (self.bits - 1)), (1 << (self.bits - 1)) - 1)
+        } else {
+            (0, (1 << self.bits) - 1)
+        }
+    }
+}
+
+impl Rescale {
+    /// Numbers are values.
+    pub(crate) const NONE: Rescale = Rescale {
+        slope: 1.0,
+        intercept: 0.0,
+    };
+
+    /// The value of a stored number.
+    pub(crate) fn value(self, stored: f64) -> f64 {
+        self.slope * stored + self.intercept
+    }
+}

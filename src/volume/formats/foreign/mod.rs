@@ -1,0 +1,153 @@
+//! Formats that are not read: each by its name, with a way to its samples. Where the header is easy to read, the way
+//! is the exact options that read the samples as headerless ones; they are offered, never taken.
+
+mod binary;
+mod described;
+mod lines;
+mod name;
+mod table;
+
+use crate::error::{Error, Result};
+use crate::volume::formats::{metaimage, nifti, nrrd};
+use crate::volume::io::blob::Blob;
+use described::Described;
+use std::io::Read;
+use std::path::{Path, PathBuf};
+use table::KINDS;
+
+/// Bytes of a header that are looked at.
+const HEAD: u64 = 64 << 10;
+
+/// A format, how it is recognised, and the way to its samples.
+struct Kind {
+    name: &'static str,
+    /// By the first bytes, or by a name that nothing else has.
+    is: fn(&Path, &[u8]) -> bool,
+    /// What its header says of samples that lie in one uncompressed piece.
+    read: fn(&Path, &[u8]) -> Option<Described>,
+    way: &'static str,
+}
+
+/// The format of another program that a file is of, by its content or its name.
+fn kind(path: &Path, head: &[u8]) -> Option<&'static Kind> {
+    KINDS.iter().find(|kind| (kind.is)(path, head))
+}
+
+/// The name of the format of another program that a file is of.
+pub(crate) fn named(path: &Path, head: &[u8]) -> Option<&'static str> {
+    kind(path, head).map(|kind| kind.name)
+}
+
+/// The way from files of a format, one slice in each, to a volume.
+pub(crate) fn way_of(name: &str) -> &'static str {
+    let kind = KINDS.iter().find(|kind| kind.name == name);
+    kind.map_or("", |kind| kind.way)
+}
+
+/// Refuses a file of a known format that is not read, with the way to its samples.
+///
+/// # Errors
+/// [`Error::Unsupported`] by name.
+pub(crate) fn refuse(path: &Path, head: &[u8]) -> Result<()> {
+    if let Some(inside) = unpacked(path, head)? {
+        let what = format!("{inside} packed by gzip");
+        return Err(Error::unsupported(
+            path,
+            what,
+            "unpack it, as with `gunzip -k`",
+        ));
+    }
+    let Some(kind) = kind(path, head) else {
+        return Ok(());
+    };
+    let long = Blob::file(path)?.head(HEAD)?;
+    let hint = match (kind.read)(path, &long) {
+        Some(described) => format!("{}; or {}", described.advice(), kind.way),
+        None => kind.way.to_owned(),
+    };
+    Err(Error::unsupported(
+        path,
+        format!("the {} format", kind.name),
+        hint,
+    ))
+}
+
+/// The name of what a gzip stream holds, if that is not raw samples.
+fn unpacked(path: &Path, head: &[u8]) -> Result<Option<&'static str>> {
+    if !head.starts_with(&[0x1f, 0x8b]) {
+        return Ok(None);
+    }
+    let file = crate::volume::io::layout::open_file(path)?;
+    let mut inside = Vec::new();
+    let done = flate2::read::GzDecoder::new(file)
+        .take(4096)
+        .read_to_end(&mut inside);
+    let stem = path.with_extension("");
+    Ok(match done {
+        Ok(_) => crate::volume::open::reads(&inside).or_else(|| named(&stem, &inside)),
+        Err(_) => None,
+    })
+}
+
+/// What a file beside a headerless one, or its name, says of its size and type: words to give to a user.
+pub(crate) fn suggestion(path: &Path) -> Option<String> {
+    let len = Blob::file(path).ok()?.len();
+    for beside in beside(path) {
+        let Ok(head) = Blob::file(&beside).and_then(|b| b.head(HEAD)) else {
+            continue;
+        };
+        let is_nifti = || nifti::recognise(&head).is_some();
+        if nrrd::is_nrrd(&head) || metaimage::is_metaimage(&head) || is_nifti() {
+            return Some(format!(
+                "give {}, which says size and type",
+                beside.display()
+            ));
+        }
+        let described = kind(&beside, &head).and_then(|kind| (kind.read)(&beside, &head));
+        let own = |d: &Described| d.file.file_name() == path.file_name();
+        if let Some(described) = described.filter(own) {
+            return Some(format!(
+                "{} beside it says: {}",
+                beside.display(),
+                described.advice()
+            ));
+        }
+    }
+    let described = name::read(path, len)?;
+    Some(format!(
+        "its name suggests: {} (nothing else tells the order of the sizes)",
+        described.advice()
+    ))
+}
+
+/// Headers of other programs that may lie beside the samples.
+fn beside(path: &Path) -> Vec<PathBuf> {
+    let endings = ["mhd", "nhdr", "hdr", "vgi", "xtekct", "pcr", "dat", "ini"];
+    let mut all: Vec<PathBuf> = endings.iter().map(|e| path.with_extension(e)).collect();
+    for ending in ["info", "ini"] {
+        let mut name = path.as_os_str().to_owned();
+        name.push(format!(".{ending}"));
+        all.push(name.into());
+    }
+    all.retain(|p| p != path && p.is_file());
+    all
+}
+
+/// Refuses a folder of a known format that is not read.
+///
+/// # Errors
+/// [`Error::Unsupported`] by name.
+pub(crate) fn refuse_folder(path: &Path) -> Result<()> {
+    let info = path.join("info");
+    if info.is_file() {
+        let head = Blob::file(&info)?.head(4096)?;
+        if let Some(kind) = kind(&info, &head) {
+            let what = format!("the {} format", kind.name);
+            return Err(Error::unsupported(path, what, kind.way));
+        }
+    }
+    Ok(())
+}
+
+#[cfg(test)]
+mod tests;

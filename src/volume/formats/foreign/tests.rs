@@ -1,0 +1,308 @@
+use crate::error::Result;
+use crate::volume::{OpenOptions, open};
+use std::path::Path;
+
+const VOXELS: usize = 28 * 20 * 12;
+
+fn message(folder: &Path, name: &str) -> String {
+    let done = open(&folder.join(name), &OpenOptions::default());
+    done.unwrap_err().to_string()
+}
+
+fn put(folder: &Path, name: &str, parts: &[&[u8]]) {
+    std::fs::write(folder.join(name), parts.concat()).unwrap();
+}
+
+/// Opens a file with the options that a message gives, as the command line takes them.
+fn follow(folder: &Path, said: &str) -> Result<crate::volume::Opened> {
+    let words = said
+        .split('`')
+        .nth(1)
+        .unwrap()
+        .split(' ')
+        .collect::<Vec<_>>();
+    assert_eq!(words[..2], ["alvis", "info"], "{said}");
+    let mut options = OpenOptions::default();
+    for pair in words[3..].chunks(2) {
+        let numbers = || pair[1].split(',');
+        match pair[0] {
+            "--dims" => {
+                let dims: Vec<u64> = numbers().map(|n| n.parse().unwrap()).collect();
+                options.dims = Some(dims.try_into().unwrap());
+            }
+            "--spacing" => {
+                let size: Vec<f64> = numbers().map(|n| n.parse().unwrap()).collect();
+                options.spacing = Some(size.try_into().unwrap());
+            }
+            "--dtype" => options.dtype = Some(pair[1].parse().unwrap()),
+            "--endian" => options.endian = Some(pair[1].parse().unwrap()),
+            "--offset" => options.offset = Some(pair[1].parse().unwrap()),
+            "--unit" => options.unit = Some(pair[1].parse().unwrap()),
+            other => panic!("{other} in {said}"),
+        }
+    }
+    open(
+        &folder.join(Path::new(words[2]).file_name().unwrap()),
+        &options,
+    )
+}
+
+/// Samples of 16 bits that count up.
+fn samples(big: bool) -> Vec<u8> {
+    let word = |n: usize| match big {
+        true => (n as u16).to_be_bytes(),
+        false => (n as u16).to_le_bytes(),
+    };
+    (0..VOXELS).flat_map(word).collect()
+}
+
+fn words(values: &[i32]) -> Vec<u8> {
+    values.iter().flat_map(|v| v.to_le_bytes()).collect()
+}
+
+fn mrc() -> Vec<u8> {
+    let mut head = words(&[28, 20, 12, 1, 0, 0, 0, 28, 20, 12]);
+    head.extend(
+        [28f32, 20.0, 60.0, 90.0, 90.0, 90.0]
+            .iter()
+            .flat_map(|v| v.to_le_bytes()),
+    );
+    head.extend(words(&[1, 2, 3, 0, 1007, 0, 1, 32]));
+    head.resize(208, 0);
+    head.extend(b"MAP \x44\x44\0\0");
+    head.resize(1024 + 32, 0);
+    head
+}
+
+fn isq() -> Vec<u8> {
+    let mut head = b"CTDATA-HEADER_V1".to_vec();
+    head.extend(words(&[
+        3, 0, 0, 0, 0, 0, 0, 28, 20, 12, 2800, 2000, 6000, 0, 0, 0, 0, 0, 4096,
+    ]));
+    head.resize(508, 0);
+    head.extend(words(&[1]));
+    head.resize(1024, 0);
+    head
+}
+
+fn analyze() -> Vec<u8> {
+    let mut head = vec![0; 348];
+    let mut put = |at: usize, bytes: &[u8]| head[at..at + bytes.len()].copy_from_slice(bytes);
+    put(0, &348i32.to_be_bytes());
+    for (i, n) in [4i16, 28, 20, 12, 1].into_iter().enumerate() {
+        put(40 + 2 * i, &n.to_be_bytes());
+    }
+    put(70, &4i16.to_be_bytes());
+    for (i, v) in [0.7f32, 0.7, 2.0].into_iter().enumerate() {
+        put(80 + 4 * i, &v.to_be_bytes());
+    }
+    head
+}
+
+#[test]
+fn the_options_in_a_message_read_the_samples() {
+    let dir = tempfile::tempdir().unwrap();
+    let at = dir.path();
+    put(at, "a.mrc", &[&mrc(), &samples(false)]);
+    put(at, "a.isq", &[&isq(), &samples(false)]);
+    put(at, "a.hdr", &[&analyze()]);
+    put(at, "a.img", &[&samples(true)]);
+    let amira = "# AmiraMesh BINARY-LITTLE-ENDIAN 2.1\n\ndefine Lattice 28 20 12\n\nParameters {\n Units { \
+                 Coordinates \"mm\" }\n BoundingBox 0 2.7 0 1.9 0 5.5,\n CoordType \"uniform\"\n}\nLattice { \
+                 ushort Data } @1\n\n# Data\n@1\n";
+    put(at, "a.am", &[amira.as_bytes(), &samples(false)]);
+    let vtk = "# vtk DataFile Version 3.0\nx\nBINARY\nDATASET STRUCTURED_POINTS\nDIMENSIONS 28 20 12\nSPACING 1 1 \
+               1\nPOINT_DATA 6720\nSCALARS d unsigned_short\nLOOKUP_TABLE default\n";
+    put(at, "a.vtk", &[vtk.as_bytes(), &samples(true)]);
+    let vtk = "# vtk DataFile Version 3.0\nx\nBINARY\nDATASET STRUCTURED_POINTS\nDIMENSIONS 29 21 13\nSPACING 1 1 \
+               1\nCELL_DATA 6720\nSCALARS d unsigned_short 1\nLOOKUP_TABLE default\n";
+    put(at, "cells.vtk", &[vtk.as_bytes(), &samples(true)]);
+    put(at, "foam.vol", &[&samples(false)]);
+    let vgi = "{volume1}\n[representation]\nsize = 28 20 12\ndatatype = unsigned integer\nbitsperelement = \
+               16\n[file1]\nSkipHeader = 0\nFileFormat = raw\nName = C:\\scans\\foam.vol\n[geometry]\nresolution = \
+               0.1 0.1 0.5\nunit = mm\n";
+    put(at, "foam.vgi", &[vgi.as_bytes()]);
+    let pcr =
+        "[VolumeData]\nVolume_SizeX=28\nVolume_SizeY=20\nVolume_SizeZ=12\nVoxelSizeRec=0.017\n";
+    put(at, "foam.pcr", &[pcr.as_bytes()]);
+    put(at, "esrf.vol", &[&samples(true)]);
+    let info =
+        "NUM_X = 28\nNUM_Y = 20\nNUM_Z = 12\nvoxelSize = 5.5e-01\nBYTEORDER = HIGHBYTEFIRST\n";
+    put(at, "esrf.vol.info", &[info.as_bytes()]);
+    put(at, "nikon.vol", &[&samples(false)]);
+    let nikon = "[XTekCT]\nVoxelsX=28\nVoxelsY=20\nVoxelsZ=12\nVoxelSizeX=0.02\nVoxelSizeY=0.02\nVoxelSizeZ=0.02\n";
+    put(at, "nikon.xtekct", &[nikon.as_bytes()]);
+    put(at, "unity.raw", &[b"abcd", &samples(false)]);
+    let unity = "dimx:28\ndimy:20\ndimz:12\nskip:4\nformat:uint16\n";
+    put(at, "unity.raw.ini", &[unity.as_bytes()]);
+    let edf = "{\nHeaderID = EH:000001:000000:000000 ;\nByteOrder = HighByteFirst ;\nDataType = UnsignedShort ;\n\
+               Dim_1 = 28 ;\nDim_2 = 20 ;\nDim_3 = 12 ;\n}\n";
+    put(at, "a.edf", &[edf.as_bytes(), &samples(true)]);
+    put(at, "scan_28x20x12_16bit.raw", &[&samples(false)]);
+    put(at, "test.28x20x12.raw", &[&samples(false)]);
+    for (name, spacing) in [
+        ("a.mrc", [0.1, 0.1, 0.5]),
+        ("a.isq", [100.0, 100.0, 500.0]),
+        ("a.hdr", [0.7, 0.7, 2.0]),
+        ("a.img", [0.7, 0.7, 2.0]),
+        ("a.am", [0.1, 0.1, 0.5]),
+        ("a.vtk", [1.0; 3]),
+        ("cells.vtk", [1.0; 3]),
+        ("foam.vgi", [0.1, 0.1, 0.5]),
+        ("foam.vol", [0.1, 0.1, 0.5]),
+        ("foam.pcr", [0.017; 3]),
+        ("esrf.vol", [0.55; 3]),
+        ("esrf.vol.info", [0.55; 3]),
+        ("nikon.xtekct", [0.02; 3]),
+        ("nikon.vol", [0.02; 3]),
+        ("unity.raw", [1.0; 3]),
+        ("unity.raw.ini", [1.0; 3]),
+        ("a.edf", [1.0; 3]),
+        ("scan_28x20x12_16bit.raw", [1.0; 3]),
+        ("test.28x20x12.raw", [1.0; 3]),
+    ] {
+        let said = message(at, name);
+        let opened = follow(at, &said).unwrap_or_else(|e| panic!("{said}\n{e}"));
+        let header = opened.volume.header();
+        assert_eq!(header.dims.0, [28, 20, 12], "{said}");
+        assert_eq!(header.placement.spacing, spacing, "{said}");
+        let mut out = vec![0; 2 * VOXELS];
+        opened
+            .volume
+            .read_box(0..28, 0..20, 0..12, &mut out)
+            .unwrap();
+        let counts = out
+            .as_chunks::<2>()
+            .0
+            .iter()
+            .map(|w| u16::from_ne_bytes(*w));
+        assert!(counts.eq(0..VOXELS as u16), "{said}");
+    }
+}
+
+#[test]
+fn every_format_is_named() {
+    let dir = tempfile::tempdir().unwrap();
+    let tar: &[u8] = &[&[b'x'; 257][..], b"ustar"].concat();
+    let bmp: &[u8] = &[b"BM", &[0; 12][..], &[40, 0, 0, 0], &[0; 20]].concat();
+    for (file, begin, name) in [
+        ("a", &b"CDF\x01"[..], "NetCDF-3"),
+        ("a", b"CDF\x02", "NetCDF-3"),
+        ("a.txm", b"\xd0\xcf\x11\xe0\xa1\xb1\x1a\xe1", "OLE"),
+        ("a.vdb", b" BDV\0\0\0\0", "OpenVDB"),
+        ("a.bmp", bmp, "BMP"),
+        ("a", b"\xff\xd8\xff\xe0", "JPEG"),
+        ("a", b"\0\0\0\x0cjP  \r\n", "JPEG 2000"),
+        ("a", b"GIF89a", "GIF"),
+        ("a", tar, "tar"),
+        ("a", b"7z\xbc\xaf\x27\x1c", "7z"),
+        ("a", b"Rar!\x1a\x07\0", "RAR"),
+        ("a", b"\xfd7zXZ\0", "xz"),
+        ("a", b"BZh91AY&SY", "bzip2"),
+        ("a", b"\x28\xb5\x2f\xfd", "Zstandard"),
+        ("a.dm3", b"\0\0\0\x03\0\0", "DM3"),
+        ("a.dm4", b"\0\0\0\x04\0\0", "DM4"),
+        ("a.lif", b"\x70\0\0\0", "LIF"),
+        ("a.czi", b"ZISRAWFILE", "CZI"),
+        ("a.nd2", b"\xda\xce\xbe\x0a", "ND2"),
+        ("a.ply", b"ply\nformat", "PLY"),
+        ("a.stl", b"solid x\nfacet normal", "STL"),
+        ("a.aim", b"\x14\0\0\0", "Scanco AIM"),
+        ("a.vgl", b"{project}", "Volume Graphics .vgl"),
+        ("a", b"\x0e\x03\x13\x01", "HDF4"),
+        ("a.pgm", b"P5\n4 4\n255\n", "PNM"),
+        ("a.his", b"x", "HIS"),
+        ("2dseq", b"x", "ParaVision"),
+        ("a.mrc", b"x", "MRC"),
+        ("a.mat", b"MATLAB 5.0 MAT-file", "MATLAB 5"),
+        (
+            "info",
+            b"{\"num_channels\": 1, \"scales\": []}",
+            "Neuroglancer",
+        ),
+        (
+            "a.vtu",
+            b"<VTKFile type=\"UnstructuredGrid\">",
+            "UnstructuredGrid",
+        ),
+    ] {
+        let samples = if file == "a.vtu" { &b""[..] } else { &[0; 700] };
+        put(dir.path(), file, &[begin, samples]);
+        let said = message(dir.path(), file);
+        assert!(
+            said.contains(name) && said.contains("not supported"),
+            "{said}"
+        );
+        assert!(!said.contains("raw samples"), "{said}");
+        std::fs::remove_file(dir.path().join(file)).unwrap();
+    }
+}
+
+#[test]
+fn samples_that_are_not_there_are_told() {
+    let dir = tempfile::tempdir().unwrap();
+    let info = "NUM_X = 28\nNUM_Y = 20\nNUM_Z = 12\n";
+    put(dir.path(), "a.vol.info", &[info.as_bytes()]);
+    assert!(message(dir.path(), "a.vol.info").contains("not there"));
+    put(dir.path(), "a.vol", &[&[0; 100]]);
+    assert!(message(dir.path(), "a.vol").contains("the file has 100 bytes, not 26880"));
+    // nothing is suggested where nothing fits
+    put(dir.path(), "b_28x20x12.raw", &[&[0; 100]]);
+    let said = message(dir.path(), "b_28x20x12.raw");
+    assert!(
+        !said.contains("suggests") && said.contains("--dims and --dtype"),
+        "{said}"
+    );
+}
+
+#[test]
+fn what_is_packed_by_gzip_is_named() {
+    let dir = tempfile::tempdir().unwrap();
+    let pack = |name: &str, bytes: &[u8]| {
+        let mut packed = flate2::write::GzEncoder::new(Vec::new(), flate2::Compression::fast());
+        std::io::Write::write_all(&mut packed, bytes).unwrap();
+        std::fs::write(dir.path().join(name), packed.finish().unwrap()).unwrap();
+    };
+    for (name, begin, what) in [
+        ("v.nrrd.gz", &b"NRRD0004\n"[..], "NRRD"),
+        ("v.tif.gz", b"II*\0\x08\0\0\0", "TIFF"),
+        ("v.tar.gz", b"any", "tar"),
+    ] {
+        pack(name, begin);
+        let said = message(dir.path(), name);
+        assert!(said.contains(what) && said.contains("unpack it"), "{said}");
+    }
+    pack("v.raw.gz", &[7; 100]);
+    assert!(message(dir.path(), "v.raw.gz").contains("--dims and --dtype"));
+}
+
+#[test]
+fn folders_say_which_file_to_give() {
+    let dir = tempfile::tempdir().unwrap();
+    let at = dir.path();
+    put(at, "v.raw", &[&[0; 8]]);
+    put(at, "v.mhd", &[b"NDims = 3\nDimSize = 2 2 2\n"]);
+    assert!(message(at, ".").contains("give ") && message(at, ".").contains("v.mhd"));
+    put(at, "w.nrrd", &[b"NRRD0004\n"]);
+    let said = message(at, ".");
+    assert!(
+        said.contains("a folder of 2 volumes") && said.contains("w.nrrd"),
+        "{said}"
+    );
+    let slices = at.join("slices");
+    std::fs::create_dir(&slices).unwrap();
+    let bmp: &[u8] = &[b"BM", &[0; 12][..], &[40, 0, 0, 0], &[0; 20]].concat();
+    for k in 0..3 {
+        put(&slices, &format!("s_rec{k}.bmp"), &[bmp]);
+    }
+    put(
+        &slices,
+        "s_rec.log",
+        &[b"[Reconstruction]\r\nPixel Size (um)=17.51000\r\n"],
+    );
+    let said = message(at, "slices");
+    assert!(
+        said.contains("BMP") && said.contains("PNG or TIFF"),
+        "{said}"
+    );
+}

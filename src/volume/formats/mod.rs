@@ -1,0 +1,27 @@
+//! One file or folder for each format: from the bytes of its header to where samples lie and what they mean.
+
+pub(crate) mod archive;
+#[cfg(feature = "dicom")]
+pub(crate) mod dicom;
+pub(crate) mod disabled;
+pub(crate) mod folder;
+pub(crate) mod foreign;
+#[cfg(feature = "hdf5")]
+pub(crate) mod hdf5;
+pub(crate) mod metaimage;
+pub(crate) mod nifti;
+pub(crate) mod npy;
+pub(crate) mod nrrd;
+mod png;
+mod skyscan;
+pub(crate) mod tiff;
+pub(crate) mod vti;
+#[cfg(feature = "zarr")]
+mod zarr;
+
+#[cfg(not(feature = "dicom"))]
+pub(crate) use disabled::dicom;
+#[cfg(not(feature = "hdf5"))]
+pub(crate) use disabled::hdf5;
+#[cfg(not(feature = "zarr"))]
+pub(crate) use disabled::zarr;

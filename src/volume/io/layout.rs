@@ -1,0 +1,323 @@
+//! What a format's parser finds out, and the byte source that follows from it.
+
+use crate::error::{Error, Result};
+use crate::grid::{Dims, Placement, Provenance};
+use crate::volume::adapters::resample::Grid;
+use crate::volume::adapters::values::Values;
+use crate::volume::io::byte_source::{ByteSource, FileSource, MapSource, Part, PartsSource};
+use crate::volume::io::mmap::Map;
+use crate::volume::io::paged::Pages;
+use crate::volume::io::stream::{StreamLayout, StreamSource};
+use crate::volume::stated::warning::Warning;
+use crate::volume::{Dtype, Endian, Header, Io};
+use std::fs::File;
+use std::io::{BufRead, BufReader, Seek, SeekFrom};
+use std::path::{Path, PathBuf};
+
+/// A parsed header.
+pub(crate) struct Recipe {
+    pub(crate) format: &'static str,
+    pub(crate) dims: Dims,
+    pub(crate) dtype: Dtype,
+    /// `None` where the file does not say.
+    pub(crate) endian: Option<Endian>,
+    pub(crate) placement: Placement,
+    pub(crate) provenance: Provenance,
+    /// The values that the samples stand for; `None` if these are the samples.
+    pub(crate) values: Option<Values>,
+    /// How they follow from what is stored, where the samples already are the values.
+    pub(crate) applied: Option<String>,
+    /// True along x or y if the samples are stored the other way round.
+    pub(crate) mirrored: [bool; 2],
+    pub(crate) samples: Samples,
+    /// The regular grid that samples are interpolated to, if they do not lie on one. `dims` are those of the
+    /// samples, `placement` is that of the grid.
+    pub(crate) grid: Option<Grid>,
+    /// What a user should know that the header does not show.
+    pub(crate) notes: Vec<String>,
+    /// What may make numbers wrong unless the user does something about it.
+    pub(crate) warnings: Vec<Warning>,
+}
+
+impl Recipe {
+    /// A volume of whose byte order and place nothing is known.
+    pub(crate) fn new(format: &'static str, dims: Dims, dtype: Dtype, samples: Samples) -> Self {
+        Recipe {
+            format,
+            dims,
+            dtype,
+            endian: None,
+            placement: Placement::default(),
+            provenance: Provenance::default(),
+            values: None,
+            applied: None,
+            mirrored: [false; 2],
+            grid: None,
+            samples,
+            notes: Vec::new(),
+            warnings: Vec::new(),
+        }
+    }
+}
+
+/// Where the samples of a volume come from.
+pub(crate) enum Samples {
+    /// Files of which the layout is known.
+    Files(Data),
+    /// Bytes that the parser has found already, in the byte order of the recipe.
+    Bytes(Box<dyn ByteSource>),
+    /// Pages that hand out samples in the machine's byte order.
+    Pages(Box<dyn Pages>),
+    /// Chunks of all three axes, likewise.
+    #[cfg(any(feature = "hdf5", feature = "zarr"))]
+    Chunks(Box<dyn crate::volume::io::chunked::Chunks>),
+}
+
+/// Where the samples are.
+#[derive(Debug)]
+pub(crate) struct Data {
+    /// Files of equal share, in the order of the samples; at least one.
+    pub(crate) files: Vec<PathBuf>,
+    pub(crate) start: Start,
+    pub(crate) encoding: Encoding,
+}
+
+/// Where in each file the samples begin.
+#[derive(Debug, Clone, Copy)]
+pub(crate) enum Start {
+    /// `lines` lines and then `bytes` bytes after the first `base` bytes. For compressed data the
+    /// bytes are counted in the decoded stream.
+    At {
+        base: u64,
+        lines: u64,
+        bytes: u64,
+        /// Somebody said where the samples begin, so bytes after their end are harmless. Where
+        /// nobody did, a file that is too long hints at a header of unknown size.
+        stated: bool,
+    },
+    /// The samples end this many bytes before the file's end.
+    End { spare: u64 },
+}
+
+impl Start {
+    /// Right at the file's beginning, which nobody stated.
+    pub(crate) const UNSTATED: Start = Start::At {
+        base: 0,
+        lines: 0,
+        bytes: 0,
+        stated: false,
+    };
+}
+
+/// How the samples are packed.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(crate) enum Encoding {
+    Raw,
+    Zlib,
+    Gzip,
+    /// A bare stream, with the checksum of what it unpacks to: a member of a zip archive.
+    Deflate {
+        crc: u32,
+    },
+}
+
+/// Opens the data files of a volume.
+pub(crate) fn source(header: &Header, data: &Data, io: Io) -> Result<Box<dyn ByteSource>> {
+    // at most 2^48 samples of 8 bytes
+    let total = header.dims.voxels() * header.dtype.bytes() as u64;
+    let part_bytes = total / data.files.len() as u64;
+    if data.encoding != Encoding::Raw {
+        return compressed(header, data, part_bytes);
+    }
+    let what = format!("{} of {}", header.dims, header.dtype);
+    let parts = data
+        .files
+        .iter()
+        .map(|path| {
+            let offset = locate(path, data, part_bytes, &what)?;
+            Ok(Part {
+                path: path.clone(),
+                offset,
+            })
+        })
+        .collect::<Result<Vec<_>>>()?;
+    if let [part] = &parts[..] {
+        let file = open_file(&part.path)?;
+        return Ok(match io {
+            Io::Mmap => Box::new(MapSource(Map::new(
+                &part.path,
+                &file,
+                part.offset,
+                part_bytes,
+            )?)),
+            Io::Read => Box::new(FileSource {
+                file: file.into(),
+                path: part.path.clone(),
+                offset: part.offset,
+            }),
+        });
+    }
+    Ok(Box::new(PartsSource { parts, part_bytes }))
+}
+
+/// Opens the compressed data files of a header.
+fn compressed(header: &Header, data: &Data, part_bytes: u64) -> Result<Box<dyn ByteSource>> {
+    let Start::At {
+        base, lines, bytes, ..
+    } = data.start
+    else {
+        // the parsers refuse it: where a compressed stream begins cannot be told from its end
+        return Err(Error::unsupported(
+            &data.files[0],
+            "a compressed stream that is placed from the file's end",
+            "",
+        ));
+    };
+    let parts = data.files.iter().map(|path| {
+        let len = file_len(path)?;
+        let offset = skip_lines(path, base, lines)?;
+        let most = len.saturating_sub(offset).saturating_mul(MAX_RATIO);
+        if most < part_bytes.saturating_add(bytes) {
+            return Err(Error::format(
+                path,
+                format!("{} compressed bytes", len.saturating_sub(offset)),
+                format!(
+                    "enough for {part_bytes} bytes of samples ({} of {})",
+                    header.dims, header.dtype
+                ),
+            )
+            .with_hint("the file is cut short, or the size or sample type is wrong"));
+        }
+        Ok(Part {
+            path: path.clone(),
+            offset,
+        })
+    });
+    Ok(Box::new(StreamSource::new(StreamLayout {
+        parts: parts.collect::<Result<_>>()?,
+        encoding: data.encoding,
+        skip: bytes,
+        part_bytes,
+        slice_bytes: header.dims.slice_voxels() * header.dtype.bytes() as u64,
+    })))
+}
+
+/// Deflate cannot pack tighter: 258 bytes in 2 bits (<https://zlib.net/zlib_tech.html>). A header
+/// that claims more is refused before anything is allocated for it.
+const MAX_RATIO: u64 = 1032;
+
+/// Opens a regular file for reading; anything else is refused, see [`file_len`].
+pub(crate) fn open_file(path: &Path) -> Result<File> {
+    file_len(path)?;
+    File::open(path).map_err(|e| Error::io(path, "open", e))
+}
+
+/// The length of a regular file; anything else is refused before it is opened, since opening a pipe
+/// can block for ever.
+pub(crate) fn file_len(path: &Path) -> Result<u64> {
+    let meta = std::fs::metadata(path).map_err(|e| Error::io(path, "open", e))?;
+    if meta.is_file() {
+        return Ok(meta.len());
+    }
+    let found = if meta.is_dir() {
+        "a directory"
+    } else {
+        "a device or pipe"
+    };
+    Err(Error::format(path, found, "a file"))
+}
+
+/// What a user should know of a file whose header describes less than there is: whole slices more.
+pub(crate) fn more_than_described(header: &Header, data: &Data) -> Result<Option<String>> {
+    let (
+        [path],
+        Encoding::Raw,
+        &Start::At {
+            base, lines, bytes, ..
+        },
+    ) = (&data.files[..], &data.encoding, &data.start)
+    else {
+        return Ok(None);
+    };
+    let slice = header.dims.slice_voxels() * header.dtype.bytes() as u64;
+    let begin = skip_lines(path, base, lines)?.saturating_add(bytes);
+    let end = begin.saturating_add(slice * u64::from(header.dims.0[2]));
+    let spare = file_len(path)?.saturating_sub(end);
+    Ok((spare >= slice).then(|| {
+        format!(
+            "{spare} bytes behind the samples are not read: are {} of {} right?",
+            header.dims, header.dtype
+        )
+    }))
+}
+
+/// The offset of the first sample in a data file that must hold `need` sample bytes.
+fn locate(path: &Path, data: &Data, need: u64, what: &str) -> Result<u64> {
+    let len = file_len(path)?;
+    let (base, lines, bytes, stated) = match data.start {
+        Start::End { spare } => {
+            let offset = len.checked_sub(need).and_then(|n| n.checked_sub(spare));
+            return offset.ok_or_else(|| {
+                Error::format(
+                    path,
+                    format!("{len} bytes"),
+                    format!("at least {need} bytes of samples and {spare} after them ({what})"),
+                )
+            });
+        }
+        Start::At {
+            base,
+            lines,
+            bytes,
+            stated,
+        } => (base, lines, bytes, stated),
+    };
+    let base = skip_lines(path, base, lines)?;
+    let offset = base.saturating_add(bytes);
+    let end = offset.saturating_add(need);
+    if len < end {
+        return Err(Error::format(
+            path,
+            format!("{len} bytes"),
+            format!("{end} bytes = {offset} before the samples + {need} of samples ({what})"),
+        )
+        .with_hint("the file is cut short, or the size or sample type is wrong"));
+    }
+    if len > end && !stated {
+        let spare = len - end;
+        return Err(Error::format(
+            path,
+            format!("{len} bytes, {spare} more than the samples need"),
+            format!("{need} bytes of samples ({what})"),
+        )
+        .with_hint(format!(
+            "if size and type are right, say where the samples begin: for a raw file --offset {spare} \
+             skips as many bytes in front and --offset 0 ignores those behind; in a header use \
+             `byte skip` (NRRD) or `HeaderSize` (MetaImage)"
+        )));
+    }
+    Ok(offset)
+}
+
+/// The position after `lines` line ends, counted from `base`.
+fn skip_lines(path: &Path, base: u64, lines: u64) -> Result<u64> {
+    if lines == 0 {
+        return Ok(base);
+    }
+    let mut reader = BufReader::new(open_file(path)?);
+    let fail = |e| Error::io(path, "read", e);
+    reader.seek(SeekFrom::Start(base)).map_err(fail)?;
+    let mut position = base;
+    for line in 0..lines {
+        let n = reader.skip_until(b'\n').map_err(fail)?;
+        if n == 0 {
+            return Err(Error::format(
+                path,
+                format!("{line} lines"),
+                format!("the {lines} lines to skip and the samples"),
+            ));
+        }
+        position += n as u64;
+    }
+    Ok(position)
+}

@@ -1,0 +1,342 @@
+//! What attributes of other writers than CF's state of an array, in HDF5 and Zarr: the order of its axes, sizes of
+//! voxels and scales of values. What is certain is applied; of everything else that may change numbers a user is told.
+
+mod name;
+mod quantity;
+pub(crate) mod size;
+
+#[cfg(feature = "zarr")]
+pub(crate) use size::SizeFound;
+#[cfg(any(feature = "hdf5", feature = "zarr"))]
+pub(crate) use size::{Grid, size};
+
+use crate::volume::adapters::values::Linear;
+use crate::volume::stated::warning::Warning;
+
+/// Attributes that name the axes of an array, as a list or as letters, in plain spelling.
+pub(crate) const AXES: [&str; 14] = [
+    "dimorder",
+    "dimensionlabels",
+    "axes",
+    "axislabels",
+    "axeslabels",
+    "axisnames",
+    "axesnames",
+    "axesorder",
+    "arraydimensions",
+    "dims",
+    "dimensions",
+    "dimensionnames",
+    "dimnames",
+    "dimlabels",
+];
+
+/// Attributes of an order that may count from the first axis or from the last, in plain spelling.
+const ORDERS: [&str; 10] = [
+    "order",
+    "dimensionorder",
+    "axisorder",
+    "memoryorder",
+    "memorylayout",
+    "arrayorder",
+    "arraylayout",
+    "storageorder",
+    "dataorder",
+    "indexorder",
+];
+
+/// Pairs of attributes, in plain spelling, whose names say that value = first * stored + second.
+pub(crate) const PAIRS: [(&str, &str); 4] = [
+    ("rescaleslope", "rescaleintercept"),
+    ("sclslope", "sclinter"),
+    ("slope", "intercept"),
+    ("scalefactor", "addoffset"),
+];
+
+/// Names of CF itself.
+const CF: [&str; 2] = ["scale_factor", "add_offset"];
+
+/// Attributes, in plain spelling, that may be of the values, or of the size of a voxel, or of anything.
+const VAGUE: [&str; 19] = [
+    "scale",
+    "scaling",
+    "scalefactor",
+    "scalingfactor",
+    "datascale",
+    "valuescale",
+    "intensityscale",
+    "multiplier",
+    "gain",
+    "offset",
+    "addoffset",
+    "dataoffset",
+    "valueoffset",
+    "intensityoffset",
+    "calibration",
+    "calslope",
+    "caloffset",
+    "calintercept",
+    "bias",
+];
+
+/// A scale, and the attributes that state it.
+pub(crate) type Stated = (Linear, String);
+
+/// What an attribute holds.
+#[derive(Debug, Clone, PartialEq)]
+pub(crate) enum Held {
+    /// At least one.
+    Numbers(Vec<f64>),
+    /// At least one.
+    Texts(Vec<String>),
+    Other,
+}
+
+impl std::fmt::Display for Held {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        match self {
+            Held::Numbers(all) => {
+                let all: Vec<String> = all.iter().map(f64::to_string).collect();
+                f.write_str(&all.join(", "))
+            }
+            Held::Texts(all) => write!(f, "\"{}\"", all.join("\", \"")),
+            Held::Other => f.write_str("neither number nor text"),
+        }
+    }
+}
+
+/// A name in plain spelling, without regard to case and to what divides its words: `voxelsize` for `voxel_size`,
+/// `VoxelSize` and `voxel size`.
+pub(crate) fn plain(name: &str) -> String {
+    let letters = name.chars().flat_map(char::to_lowercase);
+    let letters = letters.filter(|c| c.is_alphanumeric());
+    let ascii = letters.map(|c| if matches!(c, 'µ' | 'μ') { 'u' } else { c });
+    ascii.collect()
+}
+
+/// x, y or z (0, 1 or 2) for a name of several words of which one is that letter, as `voxel_x` or `z (mm)`.
+pub(crate) fn axis_letter(name: &str) -> Option<usize> {
+    let words = name.split(|c: char| !c.is_alphanumeric());
+    let mut letters = words.filter_map(|w| {
+        ["x", "y", "z"]
+            .iter()
+            .position(|l| w.eq_ignore_ascii_case(l))
+    });
+    let first = letters.next()?;
+    letters.next().is_none().then_some(first)
+}
+
+/// The attributes of an array or of a group.
+#[derive(Debug, Default)]
+pub(crate) struct Written(Vec<(String, Held)>);
+
+impl Written {
+    pub(crate) fn add(&mut self, name: &str, held: Held) {
+        self.0.push((name.to_owned(), held));
+    }
+
+    /// Adds all of another under names behind this one.
+    #[cfg(feature = "hdf5")]
+    pub(crate) fn add_below(&mut self, name: &str, other: Written) {
+        let below = other.0.into_iter();
+        self.0
+            .extend(below.map(|(own, held)| (format!("{name}.{own}"), held)));
+    }
+
+    /// Adds what JSON holds; members of an object have its name in front of theirs, unless that says nothing.
+    pub(crate) fn add_json(&mut self, name: &str, value: &serde_json::Value) {
+        use serde_json::Value;
+        let held = match value {
+            Value::Null => return,
+            Value::Object(members) => {
+                for (member, value) in members {
+                    let name = match plain(name).as_str() {
+                        "" | "metadata" | "meta" | "attributes" | "attrs" | "info"
+                        | "properties" => member.clone(),
+                        _ => format!("{name}.{member}"),
+                    };
+                    self.add_json(&name, value);
+                }
+                return;
+            }
+            Value::Number(n) => n.as_f64().map(|n| Held::Numbers(vec![n])),
+            Value::String(text) => Some(Held::Texts(vec![text.clone()])),
+            Value::Array(all) if !all.is_empty() => {
+                let numbers: Option<Vec<f64>> = all.iter().map(Value::as_f64).collect();
+                let text = |v: &Value| v.as_str().map(str::to_owned);
+                let texts = || all.iter().map(text).collect::<Option<Vec<String>>>();
+                numbers
+                    .map(Held::Numbers)
+                    .or_else(|| texts().map(Held::Texts))
+            }
+            _ => None,
+        };
+        self.add(name, held.unwrap_or(Held::Other));
+    }
+
+    /// The attribute of a plain spelling, with its name.
+    pub(crate) fn like(&self, spelling: &str) -> Option<(&str, &Held)> {
+        let found = self.0.iter().find(|(name, _)| plain(name) == spelling);
+        found.map(|(name, held)| (name.as_str(), held))
+    }
+
+    /// The text of the attribute `units` or `unit`, if there is one.
+    #[cfg(feature = "hdf5")]
+    pub(crate) fn unit(&self) -> Option<String> {
+        match self.like("units").or_else(|| self.like("unit"))?.1 {
+            Held::Texts(texts) => texts.first().cloned(),
+            _ => None,
+        }
+    }
+
+    /// The number of an attribute, with its name.
+    ///
+    /// # Errors
+    /// A few words of an attribute that is there and is no finite number.
+    fn number(&self, spelling: &str) -> Result<Option<(&str, f64)>, String> {
+        let Some((name, held)) = self.like(spelling) else {
+            return Ok(None);
+        };
+        match held.number().filter(|n| n.is_finite()) {
+            Some(number) => Ok(Some((name, number))),
+            None => Err(format!("an attribute `{name}` that is no number ({held})")),
+        }
+    }
+
+    /// Why the order of the axes cannot be told, if attributes state another than z, y, x by letters or in words.
+    pub(crate) fn vague_order(&self) -> Option<String> {
+        self.0.iter().find_map(|(name, held)| {
+            let Held::Texts(texts) = held else { return None };
+            let text = texts.concat();
+            let letters: String = text.to_lowercase().chars().filter(|c| c.is_alphabetic()).collect();
+            let space: String = letters.chars().filter(|c| "xyz".contains(*c)).collect();
+            let turned = letters == "f"
+                || ["fortran", "colmajor", "columnmajor", "colmaj", "ijk"].contains(&letters.as_str())
+                || letters.starts_with("fortran")
+                || space.len() == 3 && space != "zyx" && letters.len() <= 5;
+            (ORDERS.contains(&plain(name).as_str()) && turned).then(|| {
+                format!(
+                    "its attribute {name} is {text}, which may count from the first axis or from the last"
+                )
+            })
+        })
+    }
+
+    /// The scale that a pair of attributes states, if one does.
+    ///
+    /// # Errors
+    /// A few words of what is stated if it is no scale, or if two scales are.
+    pub(crate) fn pair(&self) -> Result<Option<Stated>, String> {
+        let mut found: Option<Stated> = None;
+        for (slope, intercept) in PAIRS {
+            // those of CF itself are read as CF says, and half of them in another spelling may be of anything
+            let cf = slope == "scalefactor";
+            let own = |part: &(&str, f64)| !cf || !CF.contains(&part.0);
+            let [a, b] = match [self.number(slope), self.number(intercept)] {
+                [Ok(a), Ok(b)] => [a.filter(own), b.filter(own)],
+                _ if cf => continue,
+                // an intercept without a slope, likewise
+                [Ok(None), Err(_)] if intercept == "intercept" => continue,
+                [a, b] => [a?, b?],
+            };
+            let by: Vec<&str> = [a, b].into_iter().flatten().map(|(name, _)| name).collect();
+            let part = cf || intercept == "intercept" && a.is_none();
+            if by.is_empty() || part && by.len() < 2 {
+                continue;
+            }
+            let linear = Linear {
+                slope: a.map_or(1.0, |a| a.1),
+                intercept: b.map_or(0.0, |b| b.1),
+            };
+            let stated = sound(linear, by.join(" and "))?;
+            found = match found {
+                Some((known, by)) if known != Linear::SAME => {
+                    if linear != Linear::SAME {
+                        return Err(format!("both {by} and {}", stated.1));
+                    }
+                    Some((known, by))
+                }
+                _ => Some(stated),
+            };
+        }
+        Ok(found)
+    }
+
+    /// Warns of attributes that may be a scale and are not taken as one; `taken` says that one is applied, of which
+    /// they may be a part, and `of` where they are if not at the array.
+    pub(crate) fn vague(&self, taken: bool, of: &str, warnings: &mut Vec<Warning>) {
+        for (name, held) in &self.0 {
+            let own = plain(name);
+            // CF is read at the array; of a group more may be about anything
+            let known = match of.is_empty() {
+                true => VAGUE.contains(&own.as_str()) && !CF.contains(&name.as_str()),
+                false => PAIRS.iter().any(|p| [p.0, p.1].contains(&own.as_str())),
+            };
+            let Some(number) = held.number().filter(|_| known) else {
+                continue;
+            };
+            let shift = ["offset", "bias", "inter"]
+                .iter()
+                .any(|part| own.contains(part));
+            let nothing = number == 0.0 || number == 1.0 && !shift;
+            let part = ["offset", "addoffset", "scalefactor", "scalingfactor"];
+            if nothing || taken && part.contains(&own.as_str()) {
+                continue;
+            }
+            warnings.push(Warning::from(format!(
+                "the attribute {name} ({number}){of} is not applied: if it is of the values, the threshold is in stored \
+                 numbers"
+            )));
+        }
+    }
+}
+
+impl Held {
+    /// The number that it is, perhaps in text.
+    fn number(&self) -> Option<f64> {
+        match self {
+            Held::Numbers(all) => <[f64; 1]>::try_from(&all[..]).ok().map(|[n]| n),
+            Held::Texts(all) => match &all[..] {
+                [one] => one.trim().parse().ok(),
+                _ => None,
+            },
+            Held::Other => None,
+        }
+    }
+}
+
+/// A scale under which stored numbers that differ keep apart.
+///
+/// # Errors
+/// A few words of a scale that is none.
+pub(crate) fn sound(linear: Linear, by: String) -> Result<Stated, String> {
+    if linear.slope == 0.0 || !linear.slope.is_finite() || !linear.intercept.is_finite() {
+        return Err(format!("a scale of {} by {by}", linear.slope));
+    }
+    Ok((linear, by))
+}
+
+/// Says that chunks are not in the file, `None` of the total if nobody counted: a warning if none is there.
+pub(crate) fn missing(
+    (count, total): (Option<u64>, u64),
+    fill: &str,
+    notes: &mut Vec<String>,
+    warnings: &mut Vec<Warning>,
+) {
+    match count {
+        Some(0) => {}
+        Some(n) if n == total => {
+            let what = match total {
+                1 => "no sample is there".into(),
+                _ => format!("none of the {total} chunks is there"),
+            };
+            warnings.push(format!("{what}: all are the fill value {fill}").into());
+        }
+        Some(n) => notes.push(format!(
+            "{n} of {total} chunks are missing and read as the fill value {fill}"
+        )),
+        None => notes.push(format!(
+            "chunks that are missing are read as the fill value {fill}; among {total} they were not looked for"
+        )),
+    }
+}
