@@ -11,8 +11,8 @@ use crate::volume::formats::{
     archive, dicom, folder, foreign, hdf5, metaimage, nifti, npy, nrrd, tiff, vti,
 };
 use crate::volume::io::blob::Blob;
+use crate::volume::io::descriptor::{self, Data, Encoding, Samples, Start, VolumeDescriptor};
 use crate::volume::io::file::FileVolume;
-use crate::volume::io::layout::{self, Data, Encoding, Recipe, Samples, Start};
 use crate::volume::io::paged::PagedVolume;
 use crate::volume::stated::{place, warning};
 use std::ffi::OsStr;
@@ -211,7 +211,7 @@ pub fn open(path: &Path, options: &OpenOptions) -> Result<Opened> {
         && !part
         && let Samples::Files(data) = &recipe.samples
     {
-        notes.extend(layout::more_than_described(&header, data)?);
+        notes.extend(descriptor::more_than_described(&header, data)?);
     }
     let values = recipe.values.as_ref().map(|values| values.to_string());
     let values = values.or(recipe.applied.take());
@@ -243,7 +243,7 @@ pub fn open(path: &Path, options: &OpenOptions) -> Result<Opened> {
 /// axes are not.
 fn regular(
     path: &Path,
-    recipe: &mut Recipe,
+    recipe: &mut VolumeDescriptor,
     placement: Placement,
 ) -> Result<Option<(Grid, Placement)>> {
     if let Some(grid) = recipe.grid.take() {
@@ -264,7 +264,7 @@ fn regular(
 }
 
 /// What the parser of the format finds, completed by the options.
-fn parsed(path: &Path, options: &OpenOptions) -> Result<Recipe> {
+fn parsed(path: &Path, options: &OpenOptions) -> Result<VolumeDescriptor> {
     let slices = match path.is_dir() {
         true => Some(folder::parse(path, options)),
         false if path.exists() => None,
@@ -281,11 +281,11 @@ fn parsed(path: &Path, options: &OpenOptions) -> Result<Recipe> {
 }
 
 /// The samples of a recipe as the values that they stand for, the right way round.
-fn volume(header: Header, recipe: Recipe, io: Io) -> Result<Box<dyn Volume>> {
+fn volume(header: Header, recipe: VolumeDescriptor, io: Io) -> Result<Box<dyn Volume>> {
     let swap = header.endian != Endian::NATIVE;
     let volume: Box<dyn Volume> = match recipe.samples {
         Samples::Files(data) => {
-            let source = layout::source(&header, &data, io)?;
+            let source = descriptor::source(&header, &data, io)?;
             Box::new(FileVolume::new(header, source, swap))
         }
         Samples::Bytes(source) => Box::new(FileVolume::new(header, source, swap)),
@@ -349,7 +349,7 @@ fn refuse_unused(format: &str, options: &OpenOptions) -> Result<()> {
 }
 
 /// Parses the header of the format that the file's first bytes show.
-fn recognise(path: &Path, head: &[u8], options: &OpenOptions) -> Result<Recipe> {
+fn recognise(path: &Path, head: &[u8], options: &OpenOptions) -> Result<VolumeDescriptor> {
     // with both, the samples of a file that is not read otherwise can be picked out of it
     let by_options = options.dims.is_some() && options.dtype.is_some();
     let mut recipe = if nrrd::is_nrrd(head) {
@@ -380,7 +380,7 @@ fn recognise(path: &Path, head: &[u8], options: &OpenOptions) -> Result<Recipe> 
 }
 
 /// Options that say what the header also says must agree with it; they may fill its gaps.
-fn complete(path: &Path, recipe: &mut Recipe, options: &OpenOptions) -> Result<()> {
+fn complete(path: &Path, recipe: &mut VolumeDescriptor, options: &OpenOptions) -> Result<()> {
     let differ = |option: &str, found: String, stated: String| {
         let expected = format!("{stated}, as the header of {} says", path.display());
         Err(Error::usage(option, found, expected).with_hint("leave the option out"))
@@ -467,16 +467,16 @@ fn refuse_known(path: &Path, head: &[u8], options: &OpenOptions) -> Result<()> {
 }
 
 /// A headerless file, perhaps compressed by gzip: everything comes from the options.
-fn raw(path: &Path, head: &[u8], options: &OpenOptions) -> Result<Recipe> {
+fn raw(path: &Path, head: &[u8], options: &OpenOptions) -> Result<VolumeDescriptor> {
     let (Some(dims), Some(dtype)) = (options.dims, options.dtype) else {
         return Err(missing(path, options));
     };
     // by name and content, since a volume may begin with gzip's two bytes by chance
     let gzip = head.starts_with(&[0x1f, 0x8b]) && path.extension().is_some_and(|e| e == "gz");
     let encoding = if gzip { Encoding::Gzip } else { Encoding::Raw };
-    Ok(Recipe {
+    Ok(VolumeDescriptor {
         endian: options.endian,
-        ..Recipe::new(
+        ..VolumeDescriptor::new(
             "raw",
             Dims::new(dims)?,
             dtype,

@@ -8,7 +8,7 @@ use crate::error::{Error, Result};
 use crate::volume::formats::folder::{check_sequence, natural};
 use crate::volume::formats::{dicom, npy, png, tiff};
 use crate::volume::io::blob::{Blob, Bytes};
-use crate::volume::io::layout::{Encoding, Recipe};
+use crate::volume::io::descriptor::{Encoding, VolumeDescriptor};
 use crate::volume::open::OpenOptions;
 use flate2::bufread::DeflateDecoder;
 use std::fs::File;
@@ -43,7 +43,7 @@ struct Member {
 /// # Errors
 /// [`Error::Unsupported`] if it holds none or several, or is encrypted or packed in another way than
 /// by Deflate; [`Error::Format`] if it is damaged; [`Error::Io`] if there is no room to unpack it.
-pub(crate) fn parse(path: &Path, options: &OpenOptions) -> Result<Recipe> {
+pub(crate) fn parse(path: &Path, options: &OpenOptions) -> Result<VolumeDescriptor> {
     let archive = Blob::file(path)?.open()?;
     let members = members(path, &archive)?;
     let (mut images, mut arrays) = ([Vec::new(), Vec::new()], Vec::new());
@@ -174,7 +174,7 @@ fn broken(path: &Path, member: &Member, error: std::io::Error) -> Error {
 }
 
 /// The one three-dimensional array among the members.
-fn numpy(path: &Path, arrays: Vec<(Member, Vec<u8>)>) -> Result<Recipe> {
+fn numpy(path: &Path, arrays: Vec<(Member, Vec<u8>)>) -> Result<VolumeDescriptor> {
     let several = arrays.len() > 1;
     let mut found = Vec::new();
     let mut names = Vec::new();

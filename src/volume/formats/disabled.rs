@@ -3,7 +3,7 @@
 
 use crate::error::{Error, Result};
 use crate::volume::io::blob::Blob;
-use crate::volume::io::layout::Recipe;
+use crate::volume::io::descriptor::VolumeDescriptor;
 use crate::volume::open::OpenOptions;
 use std::path::Path;
 
@@ -25,7 +25,7 @@ pub(crate) mod dicom {
     }
 
     /// Refuses it.
-    pub(crate) fn parse(path: &Path, _: Vec<Blob>, _: &OpenOptions) -> Result<Recipe> {
+    pub(crate) fn parse(path: &Path, _: Vec<Blob>, _: &OpenOptions) -> Result<VolumeDescriptor> {
         Err(absent(path, "DICOM", "dicom"))
     }
 }
@@ -40,7 +40,7 @@ pub(crate) mod hdf5 {
     }
 
     /// Refuses it.
-    pub(crate) fn parse(path: &Path, _: &OpenOptions) -> Result<Recipe> {
+    pub(crate) fn parse(path: &Path, _: &OpenOptions) -> Result<VolumeDescriptor> {
         Err(absent(path, "HDF5", "hdf5"))
     }
 }
@@ -57,7 +57,7 @@ pub(crate) mod zarr {
     }
 
     /// Refuses it.
-    pub(crate) fn parse(path: &Path, _: &OpenOptions) -> Result<Recipe> {
+    pub(crate) fn parse(path: &Path, _: &OpenOptions) -> Result<VolumeDescriptor> {
         Err(absent(path, "Zarr", "zarr"))
     }
 }

@@ -9,7 +9,7 @@
 use crate::error::{Error, Result};
 use crate::grid::{Dims, Origin, Placement, Provenance, Unit};
 use crate::volume::adapters::values::Values;
-use crate::volume::io::layout::{Data, Encoding, Recipe, Samples, Start};
+use crate::volume::io::descriptor::{Data, Encoding, Samples, Start, VolumeDescriptor};
 use crate::volume::io::text::{self, Field, Lines};
 use crate::volume::stated::size::{Step, voxel_size};
 use crate::volume::stated::warning::Warning;
@@ -68,20 +68,20 @@ struct Head<'a> {
 /// # Errors
 /// [`Error::Format`] for a damaged or contradictory header, [`Error::Unsupported`] for what is not
 /// three-dimensional, has several channels or an unsupported type, or is stored as text.
-pub(crate) fn parse(path: &Path) -> Result<Recipe> {
+pub(crate) fn parse(path: &Path) -> Result<VolumeDescriptor> {
     let mut head = Head::read(path)?;
     head.check_supported()?;
     let sizes = head.read_sizes()?;
     let dims = Dims::new(sizes)
         .map_err(|e| Error::format(path, format!("`DimSize` with {e}"), "a volume of that size"))?;
     let (placement, provenance, warning) = head.placement()?;
-    Ok(Recipe {
+    Ok(VolumeDescriptor {
         endian: head.endian()?,
         placement,
         provenance,
         values: head.values()?,
         warnings: warning.into_iter().collect(),
-        ..Recipe::new(
+        ..VolumeDescriptor::new(
             "metaimage",
             dims,
             head.dtype()?,

@@ -6,7 +6,7 @@
 
 use crate::error::{Error, Result};
 use crate::grid::Dims;
-use crate::volume::io::layout::{Data, Encoding, Recipe, Samples, Start};
+use crate::volume::io::descriptor::{Data, Encoding, Samples, Start, VolumeDescriptor};
 use crate::volume::io::text;
 use crate::volume::{Dtype, Endian};
 use std::path::{Path, PathBuf};
@@ -135,7 +135,7 @@ impl Array {
     /// # Errors
     /// [`Error::Unsupported`] for another number of dimensions, [`Error::Format`] for sizes out of
     /// range.
-    pub(crate) fn recipe(&self, path: &Path, place: Place) -> Result<Recipe> {
+    pub(crate) fn recipe(&self, path: &Path, place: Place) -> Result<VolumeDescriptor> {
         let Some(axes) = text::kept_axes(&self.shape) else {
             let what = format!("an array of shape {:?}", self.shape);
             let hint = "volumes have 3 dimensions, z, y, x: save one of several, as array[0] or array[..., 0]";
@@ -144,9 +144,9 @@ impl Array {
         let [z, y, x] = axes.map(|axis| self.shape[axis]);
         let dims = Dims::new([x, y, z])
             .map_err(|e| Error::format(path, format!("an array with {e}"), "a volume"))?;
-        Ok(Recipe {
+        Ok(VolumeDescriptor {
             endian: Some(self.endian),
-            ..Recipe::new(
+            ..VolumeDescriptor::new(
                 "numpy",
                 dims,
                 self.dtype,
@@ -169,7 +169,7 @@ impl Array {
 ///
 /// # Errors
 /// Those of [`array()`] and [`Array::recipe`].
-pub(crate) fn parse(path: &Path, head: &[u8]) -> Result<Recipe> {
+pub(crate) fn parse(path: &Path, head: &[u8]) -> Result<VolumeDescriptor> {
     array(path, head)?.recipe(
         path,
         Place {

@@ -6,7 +6,7 @@
 use crate::error::{Error, Result};
 use crate::grid::{Dims, MAX_DIM};
 use crate::volume::io::blob::Blob;
-use crate::volume::io::layout::{Recipe, Samples};
+use crate::volume::io::descriptor::{Samples, VolumeDescriptor};
 use crate::volume::io::paged::{Cut, MAX_CHUNK, Page, Pages};
 use crate::volume::open::OpenOptions;
 use crate::volume::{Dtype, Endian};
@@ -93,7 +93,11 @@ fn physical(blob: &Blob) -> Result<Option<String>> {
 ///
 /// # Errors
 /// [`Error::Unsupported`] for colours and other depths, [`Error::Format`] for slices that differ.
-pub(crate) fn parse(path: &Path, blobs: Vec<Blob>, options: &OpenOptions) -> Result<Recipe> {
+pub(crate) fn parse(
+    path: &Path,
+    blobs: Vec<Blob>,
+    options: &OpenOptions,
+) -> Result<VolumeDescriptor> {
     let Some(first) = blobs.first() else {
         return Err(Error::format(path, "no PNG", "slices"));
     };
@@ -111,13 +115,13 @@ pub(crate) fn parse(path: &Path, blobs: Vec<Blob>, options: &OpenOptions) -> Res
     }
     let dims = Dims::new([size[0].into(), size[1].into(), blobs.len() as u64])
         .map_err(|e| Error::format(path, format!("slices with {e}"), "a volume of that size"))?;
-    Ok(Recipe {
+    Ok(VolumeDescriptor {
         endian: Some(Endian::Big),
         notes: match options.spacing {
             None => physical(first)?.into_iter().collect(),
             Some(_) => Vec::new(),
         },
-        ..Recipe::new(
+        ..VolumeDescriptor::new(
             "png",
             dims,
             dtype,

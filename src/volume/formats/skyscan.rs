@@ -3,7 +3,7 @@
 
 use crate::error::{Error, Result};
 use crate::grid::Origin;
-use crate::volume::io::layout::Recipe;
+use crate::volume::io::descriptor::VolumeDescriptor;
 use crate::volume::stated::size::{self, Step};
 use crate::volume::stated::warning::Warning;
 use std::io::Read;
@@ -116,7 +116,7 @@ impl Log {
     }
 
     /// Takes the size of a voxel from the log.
-    pub(crate) fn apply(&self, recipe: &mut Recipe) {
+    pub(crate) fn apply(&self, recipe: &mut VolumeDescriptor) {
         let Log {
             name, pixel, step, ..
         } = self;

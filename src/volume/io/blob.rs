@@ -2,7 +2,7 @@
 
 use crate::error::{Error, Result};
 use crate::volume::io::byte_source::FileSource;
-use crate::volume::io::layout;
+use crate::volume::io::descriptor;
 use std::fs::File;
 use std::io::{BufReader, Read, Seek, SeekFrom};
 use std::os::unix::fs::FileExt;
@@ -29,7 +29,7 @@ impl Blob {
             file: None,
             whole: true,
             offset: 0,
-            len: layout::file_len(path)?,
+            len: descriptor::file_len(path)?,
         })
     }
 
@@ -61,7 +61,7 @@ impl Blob {
     pub(crate) fn open(&self) -> Result<Bytes> {
         let file = match &self.file {
             Some(file) => file.clone(),
-            None => Arc::new(layout::open_file(&self.path)?),
+            None => Arc::new(descriptor::open_file(&self.path)?),
         };
         Ok(Bytes {
             path: self.path.clone(),

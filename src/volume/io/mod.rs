@@ -4,8 +4,8 @@ pub(crate) mod blob;
 pub(crate) mod byte_source;
 #[cfg(any(feature = "hdf5", feature = "zarr"))]
 pub(crate) mod chunked;
+pub(crate) mod descriptor;
 pub(crate) mod file;
-pub(crate) mod layout;
 mod mmap;
 pub(crate) mod paged;
 pub(crate) mod stamp;

@@ -3,7 +3,7 @@
 use crate::error::{Error, Result};
 use crate::grid::length::Length;
 use crate::grid::{Origin, Placement, Provenance, Unit};
-use crate::volume::io::layout::Recipe;
+use crate::volume::io::descriptor::VolumeDescriptor;
 use crate::volume::open::OpenOptions;
 use std::path::Path;
 
@@ -14,7 +14,7 @@ use std::path::Path;
 /// [`Error::Unsupported`] for what is wrong with the file's own placement.
 pub(crate) fn place(
     path: &Path,
-    recipe: &Recipe,
+    recipe: &VolumeDescriptor,
     options: &OpenOptions,
 ) -> Result<(Placement, Provenance)> {
     let mut placement = recipe.placement;
@@ -150,7 +150,7 @@ mod tests {
     use super::*;
     use crate::grid::Dims;
     use crate::volume::Dtype;
-    use crate::volume::io::layout::{Data, Encoding, Samples, Start};
+    use crate::volume::io::descriptor::{Data, Encoding, Samples, Start};
 
     /// A file that states a size of 0.05 at 1, 2, 3, in a unit that it states or not.
     fn placed(
@@ -165,7 +165,7 @@ mod tests {
             encoding: Encoding::Raw,
         };
         let dims = Dims::new([2; 3]).unwrap();
-        let mut recipe = Recipe::new("nrrd", dims, Dtype::U8, Samples::Files(data));
+        let mut recipe = VolumeDescriptor::new("nrrd", dims, Dtype::U8, Samples::Files(data));
         recipe.placement.unit = own;
         recipe.placement.origin = [1.0, 2.0, 3.0];
         recipe.provenance.unit = stated[1];

@@ -28,7 +28,7 @@ use crate::grid::{Dims, Origin, Placement, Provenance, Unit};
 use crate::volume::adapters::resample::Grid;
 use crate::volume::adapters::values::{Linear, Scale, Values};
 use crate::volume::io::blob::Blob;
-use crate::volume::io::layout::{Recipe, Samples};
+use crate::volume::io::descriptor::{Samples, VolumeDescriptor};
 use crate::volume::io::paged::MAX_CHUNK;
 use crate::volume::open::OpenOptions;
 use crate::volume::stated::warning::Warning;
@@ -47,7 +47,11 @@ pub(crate) use element::is_dicom;
 /// # Errors
 /// [`Error::Usage`] with the list of series if there are several; [`Error::Unsupported`] by name for
 /// irregular grids and what is not decoded, [`Error::Format`] for damaged files.
-pub(crate) fn parse(path: &Path, blobs: Vec<Blob>, options: &OpenOptions) -> Result<Recipe> {
+pub(crate) fn parse(
+    path: &Path,
+    blobs: Vec<Blob>,
+    options: &OpenOptions,
+) -> Result<VolumeDescriptor> {
     let (images, mut notes) = read(path, blobs)?;
     let (candidates, twice) = series::candidates(&images);
     if twice > 0 {
@@ -90,7 +94,7 @@ pub(crate) fn parse(path: &Path, blobs: Vec<Blob>, options: &OpenOptions) -> Res
     } else {
         placed(path, candidate, images, options, &mut notes)?
     };
-    Ok(Recipe {
+    Ok(VolumeDescriptor {
         endian: Some(endian),
         notes,
         ..recipe
@@ -249,7 +253,7 @@ fn placed(
     images: Vec<Image>,
     options: &OpenOptions,
     notes: &mut Vec<String>,
-) -> Result<Recipe> {
+) -> Result<VolumeDescriptor> {
     let Candidate { size, cell, .. } = candidate;
     let image = &images[candidate.frames[0].file as usize];
     let (padding, step) = (image.padding, image.step);
@@ -299,13 +303,13 @@ fn placed(
     };
     let dims = Dims::new([size[0].into(), size[1].into(), slices as u64]);
     let dims = dims.map_err(|e| Error::format(path, format!("a series with {e}"), "a volume"))?;
-    Ok(Recipe {
+    Ok(VolumeDescriptor {
         placement: grid.as_ref().map_or(stack.placement, |grid| grid.placement),
         provenance,
         applied: values,
         grid,
         warnings,
-        ..Recipe::new("dicom", dims, dtype, Samples::Pages(Box::new(inner)))
+        ..VolumeDescriptor::new("dicom", dims, dtype, Samples::Pages(Box::new(inner)))
     })
 }
 
@@ -340,7 +344,7 @@ fn unplaced(
     candidate: Candidate,
     images: Vec<Image>,
     options: &OpenOptions,
-) -> Result<Recipe> {
+) -> Result<VolumeDescriptor> {
     let Candidate {
         size,
         cell,
@@ -378,12 +382,12 @@ fn unplaced(
     let pages = frames(images, own, size, cell)?;
     let dims = Dims::new([size[0].into(), size[1].into(), slices])
         .map_err(|e| Error::format(path, format!("frames with {e}"), "a volume"))?;
-    Ok(Recipe {
+    Ok(VolumeDescriptor {
         placement,
         provenance,
         applied: values,
         warnings,
-        ..Recipe::new("dicom", dims, pages.dtype, Samples::Pages(Box::new(pages)))
+        ..VolumeDescriptor::new("dicom", dims, pages.dtype, Samples::Pages(Box::new(pages)))
     })
 }
 

@@ -13,7 +13,7 @@ use crate::sys::atomic_file::directory;
 use crate::volume::Dtype;
 use crate::volume::formats::{dicom, foreign, png, skyscan, tiff, zarr};
 use crate::volume::io::blob::Blob;
-use crate::volume::io::layout::{Data, Encoding, Recipe, Samples, Start};
+use crate::volume::io::descriptor::{Data, Encoding, Samples, Start, VolumeDescriptor};
 use crate::volume::io::text::Pattern;
 use crate::volume::open::{OpenOptions, reads};
 use others::{Others, nothing};
@@ -29,7 +29,7 @@ const MAX_FILES: usize = 1 << 20;
 /// # Errors
 /// [`Error::Format`] if slices are missing, damaged or differ, [`Error::Unsupported`] by name for
 /// slices of other formats, [`Error::Usage`] if raw slices lack a size or type.
-pub(crate) fn parse(path: &Path, options: &OpenOptions) -> Result<Recipe> {
+pub(crate) fn parse(path: &Path, options: &OpenOptions) -> Result<VolumeDescriptor> {
     if zarr::is_zarr(path) && options.dims.is_none() {
         return zarr::parse(path, options);
     }
@@ -60,7 +60,7 @@ fn is_n5(path: &Path) -> Result<bool> {
 ///
 /// # Errors
 /// As for a folder.
-pub(crate) fn numbered(path: &Path, options: &OpenOptions) -> Option<Result<Recipe>> {
+pub(crate) fn numbered(path: &Path, options: &OpenOptions) -> Option<Result<VolumeDescriptor>> {
     let pattern = Pattern::parse(&name(path))?;
     let folder = directory(path);
     Some(list(folder).and_then(|all| {
@@ -81,7 +81,7 @@ fn these(
     files: Vec<PathBuf>,
     all: &[PathBuf],
     options: &OpenOptions,
-) -> Result<Recipe> {
+) -> Result<VolumeDescriptor> {
     if let (Some(dims), Some(dtype)) = (options.dims, options.dtype) {
         return raw(path, files, dims, dtype, options);
     }
@@ -156,8 +156,8 @@ fn pictures(
     path: &Path,
     files: Vec<PathBuf>,
     all: &[PathBuf],
-    parse: impl FnOnce(Vec<Blob>) -> Result<Recipe>,
-) -> Result<Recipe> {
+    parse: impl FnOnce(Vec<Blob>) -> Result<VolumeDescriptor>,
+) -> Result<VolumeDescriptor> {
     let (previews, slices): (Vec<_>, Vec<_>) = files
         .into_iter()
         .partition(|file| skyscan::is_preview(&name(file)));
@@ -264,7 +264,7 @@ fn raw(
     dims: [u64; 3],
     dtype: Dtype,
     options: &OpenOptions,
-) -> Result<Recipe> {
+) -> Result<VolumeDescriptor> {
     let dims = Dims::new(dims)?;
     let offset = options.offset.unwrap_or(0);
     let bytes = dims.slice_voxels() * dtype.bytes() as u64;
@@ -288,9 +288,9 @@ fn raw(
         ));
     }
     check_sequence(path, &names(&slices))?;
-    Ok(Recipe {
+    Ok(VolumeDescriptor {
         endian: options.endian,
-        ..Recipe::new(
+        ..VolumeDescriptor::new(
             "raw",
             dims,
             dtype,

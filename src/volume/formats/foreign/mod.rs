@@ -77,7 +77,7 @@ fn unpacked(path: &Path, head: &[u8]) -> Result<Option<&'static str>> {
     if !head.starts_with(&[0x1f, 0x8b]) {
         return Ok(None);
     }
-    let file = crate::volume::io::layout::open_file(path)?;
+    let file = crate::volume::io::descriptor::open_file(path)?;
     let mut inside = Vec::new();
     let done = flate2::read::GzDecoder::new(file)
         .take(4096)

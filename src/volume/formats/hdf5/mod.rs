@@ -24,7 +24,7 @@ use crate::grid::Dims;
 use crate::volume::adapters::values::Values;
 use crate::volume::io::blob::Blob;
 use crate::volume::io::chunked::Chunks;
-use crate::volume::io::layout::{Recipe, Samples};
+use crate::volume::io::descriptor::{Samples, VolumeDescriptor};
 use crate::volume::io::paged::MAX_CHUNK;
 use crate::volume::open::OpenOptions;
 use crate::volume::stated::warning::Warning;
@@ -71,7 +71,7 @@ pub(crate) fn is_hdf5(path: &Path, head: &[u8]) -> bool {
 /// # Errors
 /// [`Error::Usage`] with the list if there are several; [`Error::Unsupported`] by name for types,
 /// layouts and filters that are not read, [`Error::Format`] for damaged files.
-pub(crate) fn parse(path: &Path, options: &OpenOptions) -> Result<Recipe> {
+pub(crate) fn parse(path: &Path, options: &OpenOptions) -> Result<VolumeDescriptor> {
     let storage = FileStorage::open(path).map_err(|e| broken(path, "", &e))?;
     let limits = hdf5_reader::OpenOptions::default()
         .with_chunk_cache_bytes(LIBRARY_CACHE)
@@ -202,7 +202,12 @@ fn entry(
     }
 }
 
-fn recipe(path: &Path, place: &Place, found: &Chosen, options: &OpenOptions) -> Result<Recipe> {
+fn recipe(
+    path: &Path,
+    place: &Place,
+    found: &Chosen,
+    options: &OpenOptions,
+) -> Result<VolumeDescriptor> {
     let (number, axes) = &found.how;
     let member = Member::of(place.name)
         .filter(|m| m.kind != Kind::BigDataViewer || number.dtype == Dtype::I16);
@@ -251,7 +256,7 @@ impl Draft<'_> {
         number: Number,
         member: Option<Member>,
         options: &OpenOptions,
-    ) -> Result<Recipe> {
+    ) -> Result<VolumeDescriptor> {
         let size = self.size(member)?;
         let dims = Dims::new(size)
             .map_err(|e| Error::format(self.path, format!("a dataset with {e}"), "a volume"))?;
@@ -284,7 +289,7 @@ impl Draft<'_> {
         if first <= TRIED && chunks.scratch() <= 4 * TRIED {
             chunks.decode([0; 3], &mut vec![0; first as usize])?;
         }
-        Ok(Recipe {
+        Ok(VolumeDescriptor {
             endian: Some(match number.order {
                 ByteOrder::BigEndian => Endian::Big,
                 ByteOrder::LittleEndian => Endian::Little,
@@ -294,7 +299,7 @@ impl Draft<'_> {
             values,
             notes: std::mem::take(&mut self.notes),
             warnings: std::mem::take(&mut self.warnings),
-            ..Recipe::new(
+            ..VolumeDescriptor::new(
                 "hdf5",
                 dims,
                 number.dtype,

@@ -12,7 +12,7 @@ use crate::error::{Error, Result};
 use crate::grid::Dims;
 use crate::grid::length::shortest;
 use crate::volume::adapters::values::Values;
-use crate::volume::io::layout::{self, Data, Encoding, Recipe, Samples, Start};
+use crate::volume::io::descriptor::{self, Data, Encoding, Samples, Start, VolumeDescriptor};
 use crate::volume::open::OpenOptions;
 use crate::volume::{Dtype, Endian};
 use flate2::read::GzDecoder;
@@ -37,7 +37,7 @@ fn start(path: &Path, head: &[u8]) -> Result<Option<(Vec<u8>, bool)>> {
         return Ok(Some((head[..head.len().min(LONG)].to_vec(), false)));
     }
     let mut bytes = Vec::new();
-    let file = layout::open_file(path)?;
+    let file = descriptor::open_file(path)?;
     let done = GzDecoder::new(file)
         .take(LONG as u64)
         .read_to_end(&mut bytes);
@@ -67,7 +67,11 @@ pub(crate) fn recognise(bytes: &[u8]) -> Option<(Endian, bool)> {
 /// # Errors
 /// [`Error::Unsupported`] for 64-bit integers and colours; [`Error::Usage`] for one of several times or components
 /// that options do not choose; [`Error::Format`] for headers that contradict themselves.
-pub(crate) fn parse(path: &Path, head: &[u8], options: &OpenOptions) -> Result<Option<Recipe>> {
+pub(crate) fn parse(
+    path: &Path,
+    head: &[u8],
+    options: &OpenOptions,
+) -> Result<Option<VolumeDescriptor>> {
     let Some((bytes, gzip)) = start(path, head)? else {
         return Ok(None);
     };
@@ -143,18 +147,18 @@ impl Head<'_> {
         Error::format(self.path, found, expected)
     }
 
-    fn recipe(&self, gzip: bool, options: &OpenOptions) -> Result<Recipe> {
+    fn recipe(&self, gzip: bool, options: &OpenOptions) -> Result<VolumeDescriptor> {
         let mut warnings = Vec::new();
         let (placement, provenance) = self.place(&mut warnings);
         let (dims, dtype) = (self.dims()?, self.dtype()?);
         let skip = self.part(options)? * dims.voxels() * dtype.bytes() as u64;
-        Ok(Recipe {
+        Ok(VolumeDescriptor {
             endian: Some(self.endian),
             placement,
             provenance,
             values: self.values()?,
             warnings,
-            ..Recipe::new("nifti", dims, dtype, Samples::Files(self.data(gzip, skip)?))
+            ..VolumeDescriptor::new("nifti", dims, dtype, Samples::Files(self.data(gzip, skip)?))
         })
     }
 

@@ -9,7 +9,7 @@ mod space;
 
 use crate::error::{Error, Result};
 use crate::grid::Dims;
-use crate::volume::io::layout::{Data, Encoding, Recipe, Samples, Start};
+use crate::volume::io::descriptor::{Data, Encoding, Samples, Start, VolumeDescriptor};
 use crate::volume::io::text::{self, Field, Lines};
 use crate::volume::stated::warning::Warning;
 use crate::volume::{Dtype, Endian};
@@ -75,7 +75,7 @@ struct Head<'a> {
 /// # Errors
 /// [`Error::Format`] for a damaged or contradictory header, [`Error::Unsupported`] for what is not
 /// three-dimensional, not of a supported type, or not stored as raw or gzip.
-pub(crate) fn parse(path: &Path) -> Result<Recipe> {
+pub(crate) fn parse(path: &Path) -> Result<VolumeDescriptor> {
     let mut head = Head::read(path)?;
     head.read_sizes()?;
     head.check_kinds()?;
@@ -94,13 +94,13 @@ pub(crate) fn parse(path: &Path) -> Result<Recipe> {
     let mut place = head.place()?;
     place.warnings.extend(head.quantized().map(Warning::from));
     place.warnings.extend(head.times());
-    Ok(Recipe {
+    Ok(VolumeDescriptor {
         endian,
         placement: place.placement,
         provenance: place.provenance,
         notes: place.notes,
         warnings: place.warnings,
-        ..Recipe::new("nrrd", dims, dtype, Samples::Files(head.data()?))
+        ..VolumeDescriptor::new("nrrd", dims, dtype, Samples::Files(head.data()?))
     })
 }
 

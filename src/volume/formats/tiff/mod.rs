@@ -26,7 +26,7 @@ mod xml;
 use crate::error::{Error, Result};
 use crate::grid::{Dims, Origin};
 use crate::volume::io::blob::Blob;
-use crate::volume::io::layout::{Data, Encoding, Recipe, Samples, Start};
+use crate::volume::io::descriptor::{Data, Encoding, Samples, Start, VolumeDescriptor};
 use crate::volume::open::OpenOptions;
 use pages::TiffPages;
 use plan::Plan;
@@ -46,7 +46,11 @@ pub(crate) fn is_tiff(head: &[u8]) -> bool {
 /// [`Error::Unsupported`] by name for what this reader does not decode, [`Error::Format`] for pages
 /// that differ in size or type, or that the files cannot hold, [`Error::Usage`] with the list of what there is if that is
 /// more than one volume.
-pub(crate) fn parse(path: &Path, blobs: Vec<Blob>, options: &OpenOptions) -> Result<Recipe> {
+pub(crate) fn parse(
+    path: &Path,
+    blobs: Vec<Blob>,
+    options: &OpenOptions,
+) -> Result<VolumeDescriptor> {
     let mut plan = Plan::make(path, blobs, options)?;
     let kind = plan.kind(path)?;
     let slices = plan.pages.len() as u64;
@@ -72,13 +76,13 @@ pub(crate) fn parse(path: &Path, blobs: Vec<Blob>, options: &OpenOptions) -> Res
         about.notes.append(&mut about.notes_of_size);
     }
     let page_bytes = u64::from(x) * u64::from(y) * kind.dtype.bytes() as u64;
-    let mut recipe = Recipe {
+    let mut recipe = VolumeDescriptor {
         endian: Some(kind.endian),
         values: about.values,
         mirrored,
         notes: about.notes,
         warnings: about.warnings,
-        ..Recipe::new("tiff", dims, kind.dtype, samples(plan, page_bytes)?)
+        ..VolumeDescriptor::new("tiff", dims, kind.dtype, samples(plan, page_bytes)?)
     };
     size.apply(&mut recipe.placement, &mut recipe.provenance);
     match (about.zero, size.spacing, options.spacing) {

@@ -15,7 +15,7 @@ use crate::error::{Error, Result};
 use crate::grid::{Dims, Origin, Placement, Provenance};
 use crate::volume::io::blob::{Blob, Bytes};
 use crate::volume::io::byte_source::{ByteSource, FileSource};
-use crate::volume::io::layout::{Recipe, Samples};
+use crate::volume::io::descriptor::{Samples, VolumeDescriptor};
 use crate::volume::open::OpenOptions;
 use crate::volume::{Dtype, Endian};
 use blocks::{Packing, Place};
@@ -318,7 +318,7 @@ fn decoded(bytes: &Bytes, at: u64, total: u64, packing: Packing) -> Result<Bytes
 /// # Errors
 /// [`Error::Unsupported`] by name for other data sets, encodings and compressors, [`Error::Format`]
 /// for headers that contradict themselves or the file's length.
-pub(crate) fn parse(path: &Path, options: &OpenOptions) -> Result<Recipe> {
+pub(crate) fn parse(path: &Path, options: &OpenOptions) -> Result<VolumeDescriptor> {
     let bytes = Blob::file(path)?.open()?;
     let head = Head {
         path,
@@ -387,11 +387,11 @@ pub(crate) fn parse(path: &Path, options: &OpenOptions) -> Result<Recipe> {
         other => return Err(head.wrong(format!("format {other:?}"), "appended, binary or ascii")),
     };
     let (placement, provenance) = head.placement(extent, cells)?;
-    Ok(Recipe {
+    Ok(VolumeDescriptor {
         endian: Some(endian),
         placement,
         provenance,
         notes: note.into_iter().collect(),
-        ..Recipe::new("vti", dims, dtype, Samples::Bytes(samples))
+        ..VolumeDescriptor::new("vti", dims, dtype, Samples::Bytes(samples))
     })
 }

@@ -9,6 +9,7 @@ mod chunk;
 mod codec;
 mod coordinates;
 mod count;
+mod descriptor;
 mod files;
 mod filter;
 mod find;
@@ -17,7 +18,6 @@ mod kind;
 mod meta;
 mod ome;
 mod place;
-mod recipe;
 mod small;
 mod store;
 mod transform;
@@ -25,12 +25,12 @@ mod transform;
 pub(crate) use store::is_zarr;
 
 use crate::error::{Error, Result};
-use crate::volume::io::layout::Recipe;
+use crate::volume::io::descriptor::VolumeDescriptor;
 use crate::volume::open::OpenOptions;
+use descriptor::Source;
 use find::Found;
 use meta::Array;
 use ome::Pyramid;
-use recipe::Source;
 use std::path::{Path, PathBuf};
 use store::{Node, node};
 
@@ -39,7 +39,7 @@ use store::{Node, node};
 /// # Errors
 /// [`Error::Usage`] with the list if there are several arrays, levels, channels or times and none is named rightly;
 /// [`Error::Unsupported`] by name for types, codecs and transformations, [`Error::Format`] for damaged metadata.
-pub(crate) fn parse(path: &Path, options: &OpenOptions) -> Result<Recipe> {
+pub(crate) fn parse(path: &Path, options: &OpenOptions) -> Result<VolumeDescriptor> {
     let root = store::absolute(path)?;
     let mut folder = root.clone();
     if let Some(name) = &options.dataset {
@@ -71,7 +71,12 @@ struct Opening<'a> {
 
 impl Opening<'_> {
     /// The pyramid of a group, or the only volume in the groups below it.
-    fn group(&self, root: &Path, folder: &Path, mut pyramids: Vec<Pyramid>) -> Result<Recipe> {
+    fn group(
+        &self,
+        root: &Path,
+        folder: &Path,
+        mut pyramids: Vec<Pyramid>,
+    ) -> Result<VolumeDescriptor> {
         if pyramids.len() == 1 {
             return self.level(folder, pyramids.swap_remove(0), Vec::new());
         }
@@ -123,7 +128,12 @@ impl Opening<'_> {
     }
 
     /// A level of a pyramid.
-    fn level(&self, group: &Path, mut pyramid: Pyramid, mut notes: Vec<String>) -> Result<Recipe> {
+    fn level(
+        &self,
+        group: &Path,
+        mut pyramid: Pyramid,
+        mut notes: Vec<String>,
+    ) -> Result<VolumeDescriptor> {
         let count = pyramid.levels.len();
         let wanted = self.options.level.unwrap_or(0);
         if wanted as usize >= count {
@@ -147,7 +157,12 @@ impl Opening<'_> {
     }
 
     /// An array by itself, which may be a level of a pyramid in a group above.
-    fn array(&self, folder: PathBuf, array: Array, mut notes: Vec<String>) -> Result<Recipe> {
+    fn array(
+        &self,
+        folder: PathBuf,
+        array: Array,
+        mut notes: Vec<String>,
+    ) -> Result<VolumeDescriptor> {
         if let Some(level) = self.options.level {
             let expected = "it with an OME-Zarr pyramid";
             return Err(Error::usage("--level", level.to_string(), expected));

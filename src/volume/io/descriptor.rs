@@ -15,7 +15,7 @@ use std::io::{BufRead, BufReader, Seek, SeekFrom};
 use std::path::{Path, PathBuf};
 
 /// A parsed header.
-pub(crate) struct Recipe {
+pub(crate) struct VolumeDescriptor {
     pub(crate) format: &'static str,
     pub(crate) dims: Dims,
     pub(crate) dtype: Dtype,
@@ -39,10 +39,10 @@ pub(crate) struct Recipe {
     pub(crate) warnings: Vec<Warning>,
 }
 
-impl Recipe {
+impl VolumeDescriptor {
     /// A volume of whose byte order and place nothing is known.
     pub(crate) fn new(format: &'static str, dims: Dims, dtype: Dtype, samples: Samples) -> Self {
-        Recipe {
+        VolumeDescriptor {
             format,
             dims,
             dtype,

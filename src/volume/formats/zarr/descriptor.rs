@@ -11,7 +11,7 @@ use crate::volume::formats::zarr::meta::Array;
 use crate::volume::formats::zarr::ome::{OmeAxis, Stated};
 use crate::volume::formats::zarr::place::{self, Line, Placed};
 use crate::volume::formats::zarr::{coordinates, foreign};
-use crate::volume::io::layout::{Recipe, Samples};
+use crate::volume::io::descriptor::{Samples, VolumeDescriptor};
 use crate::volume::io::paged::MAX_CHUNK;
 use crate::volume::open::OpenOptions;
 use crate::volume::stated::cf;
@@ -35,7 +35,7 @@ impl Source {
     ///
     /// # Errors
     /// See [`crate::volume::formats::zarr::parse`].
-    pub(crate) fn recipe(mut self, path: &Path, options: &OpenOptions) -> Result<Recipe> {
+    pub(crate) fn recipe(mut self, path: &Path, options: &OpenOptions) -> Result<VolumeDescriptor> {
         let stored = self.dtype()?;
         let usual = |stated: &Stated| stated.usual && matches!(stated.affine, Ok(None));
         if self.array.shape.len() != 5 && self.stated.as_ref().is_some_and(usual) {
@@ -72,14 +72,14 @@ impl Source {
             written::missing((Some(missing), total), &fill.to_string(), notes, warnings);
         }
         let chunks = ZarrChunks::new(files, dims, axes, &at, packed.dtype);
-        Ok(Recipe {
+        Ok(VolumeDescriptor {
             endian: Some(endian),
             placement,
             provenance,
             values: packed.values,
             notes: self.notes,
             warnings: self.warnings,
-            ..Recipe::new(
+            ..VolumeDescriptor::new(
                 "zarr",
                 dims,
                 packed.dtype,
