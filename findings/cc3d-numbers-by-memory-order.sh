@@ -4,8 +4,8 @@
 # Expected: equal arrays give equal labels. scipy.ndimage.label and skimage.measure.label do, and connected_components
 #   only says "sequentially numbered from 1 to N".
 # Seen: cc3d numbers in the order of memory. nibabel returns arrays in Fortran order, so a volume of the same values
-#   and shape gets the same pores with other numbers: most voxels have another label than in C order. In C
-#   order all three libraries agree.
+#   and shape gets the same pores with other numbers: of 736 pores in 1653 voxels none keeps its number. In C order
+#   all three libraries agree.
 # Why it matters: tables of pores are joined by number. Rows of two runs, one from a NumPy file and one from a NIfTI
 #   file, belong to different pores, and the counts are equal, so it is not noticed.
 set -euo pipefail
@@ -33,6 +33,6 @@ for name, function in number.items():
     print(f"{name:12} {a.max()} and {b.max()} pores, {100 * same[name]:.0f} % of their voxels have the same number")
 agree = bool((number["cc3d"](volume) == number["scipy"](volume)).all())
 print("cc3d as scipy in C order:", agree)
-if same["scipy"] != 1 or same["scikit-image"] != 1 or same["cc3d"] > 0.5 or not agree:
+if same["scipy"] != 1 or same["scikit-image"] != 1 or same["cc3d"] > 0.1 or not agree:
     sys.exit("changed: no longer as recorded above")
 EOF

@@ -4,7 +4,7 @@
 # Expected: TIFF 6.0, section 8, Orientation: where the 0th row and column lie; it says nothing of the samples. A
 #   reader turns the picture or leaves it, and the samples stay 16-bit grey, as with 1 and 4.
 # Seen: with Orientation 1 and 4 the file is 16-bit grey. With 2, 3 and 5 to 8 it is RGBA of 8 bits, the values
-#   divided by 256 or so (20000 becomes 78), and 255 for opacity. A warning goes to the error stream, no error.
+#   divided by 257 (20000 becomes 78), and 255 for opacity. A warning goes to the error stream, no error.
 #   With 6 and 8, width and height are not exchanged either.
 # Why it matters: scanners' software and image editors do write 3 or 6. 65,536 grey values become 256, and what asks
 #   for the array gets one dimension more.

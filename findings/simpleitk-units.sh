@@ -2,7 +2,7 @@
 # SimpleITK 2.5.7: 100 micrometres read as 0.1 from NIfTI, but as 100 from NRRD and MetaImage.
 #
 # Expected: each of the formats states the unit of its sizes: NIfTI in xyzt_units (nifti1.h), NRRD in "space units"
-#   or "units" (format.html, section "Per-axis field specifications"), MetaImage in DistanceUnits. A library that
+#   (format.html, section "Space and orientation information"), MetaImage in DistanceUnits. A library that
 #   converts the sizes of one into millimetres does so with the others, or leaves all as they are.
 # Seen: of the same volume with voxels of 100 micrometres, SimpleITK makes 0.1 (millimetres) if it is a NIfTI file
 #   and 100 if it is an NRRD or MetaImage file. Nothing is said. Converting the one into the other changes the size:

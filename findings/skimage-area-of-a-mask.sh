@@ -2,8 +2,8 @@
 # scikit-image 0.26.0: the area of a segmented ball is 9 % too large, however fine the voxels.
 #
 # Expected: marching_cubes and mesh_surface_area give a surface that comes closer to the true one the finer the voxels;
-#   the volume inside does: 0.98 of the true one at a radius of 5 voxels, 1.00 from 20 on.
-# Seen: of a mask (0 and 1), the area is 1.095, 1.087 and 1.088 of the true one at 5, 20 and 60 voxels: it does not
+#   the volume inside does: 0.964, 0.995 and 0.999 of the true one at a radius of 5, 20 and 60 voxels.
+# Seen: of a mask (0 and 1), the area is 1.082, 1.085 and 1.086 of the true one at these radii: it does not
 #   converge to 1, since all triangles have one of a few directions. Of the same balls with grey values at the edge,
 #   as a scan has them, it is within 0.2 % from 20 voxels on.
 # Why it matters: specific surface, sphericity and shape factors of a segmented CT volume are off by 9 %, and measuring

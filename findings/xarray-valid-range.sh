@@ -7,7 +7,7 @@
 # Seen: of packed 0, 1, 2, 250, 255 with valid_range 0 to 200, netCDF4-python masks 250 and 255, xarray only the fill
 #   value 255. 250 becomes 125, and the mean 31.6 instead of 0.5. What xarray leaves as the attribute, 0 to 200,
 #   can not be compared any more with the values, which are unpacked.
-# Why it matters: MINC and NetCDF volumes mark what lies outside of the field of view this way.
+# Why it matters: MINC and NetCDF volumes may mark so what was not measured; it then counts in means and thresholds.
 set -euo pipefail
 work=$(mktemp -d)
 trap 'rm -rf "$work"' EXIT
