@@ -30,6 +30,10 @@ def image(sop_class, path, samples, **attributes):
              FrameOfReferenceUID="1.2.5", Modality="CT", PatientName="", PatientID="1", InstanceNumber=1, Rows=4, Columns=4,
              SamplesPerPixel=1, PhotometricInterpretation="MONOCHROME2", BitsAllocated=16, BitsStored=16, HighBit=15,
              PixelRepresentation=1, PixelData=samples.tobytes(), **attributes)
+    if "NumberOfFrames" in d:
+        d.DimensionOrganizationSequence = [some(DimensionOrganizationUID="1.2.6")]
+        d.DimensionIndexSequence = [some(DimensionOrganizationUID="1.2.6", DimensionIndexPointer=tag, FunctionalGroupPointer=0x00209111)
+                                    for tag in (0x00209056, 0x00209057)]  # Stack ID, In-Stack Position Number
     d.file_meta = FileMetaDataset()
     d.file_meta.TransferSyntaxUID = ExplicitVRLittleEndian
     d.file_meta.MediaStorageSOPClassUID, d.file_meta.MediaStorageSOPInstanceUID = sop_class, d.SOPInstanceUID
