@@ -126,6 +126,15 @@ pub(crate) fn assumed_z() -> Warning {
     )
 }
 
+#[cfg_attr(not(any(feature = "hdf5", feature = "zarr")), allow(dead_code))]
+/// The decimal with fewest digits that is no farther from a number than `doubt`, and its own rounding.
+pub(crate) fn shortest_near(value: f64, doubt: f64) -> f64 {
+    let doubt = doubt + 2.0 * f64::EPSILON * value.abs();
+    let decimals = (0..17).map(|digits| format!("{value:.digits$e}").parse().unwrap_or(value));
+    let mut near = decimals.filter(|decimal: &f64| (decimal - value).abs() <= doubt);
+    near.next().unwrap_or(value)
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;

@@ -1,39 +1,6 @@
 //! Which axes of an array are x, y and z, by their names or their number.
 
-use crate::volume::stated::written::axis_letter;
-use std::fmt::Write;
-
-/// What an axis is, by its name.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-enum Role {
-    Space(usize),
-    Channel,
-    Time,
-    Angle,
-    Other,
-}
-
-const LETTERS: [&str; 3] = ["x", "y", "z"];
-
-fn role(name: &str) -> Role {
-    let name = name.trim().to_lowercase();
-    let name = name.strip_prefix('/').unwrap_or(&name);
-    match name {
-        "x" | "xspace" | "col" | "cols" | "column" | "columns" | "width" => Role::Space(0),
-        "y" | "yspace" | "row" | "rows" | "height" => Role::Space(1),
-        "z" | "zspace" | "slice" | "slices" | "depth" | "plane" | "planes" => Role::Space(2),
-        "c" | "channel" | "channels" | "vector_dimension" | "component" | "components" | "rgb"
-        | "band" | "bands" => Role::Channel,
-        "t" | "time" | "times" | "timepoint" | "timepoints" => Role::Time,
-        _ if ["theta", "angle", "rotation", "projection", "omega", "phi"]
-            .iter()
-            .any(|part| name.contains(part)) =>
-        {
-            Role::Angle
-        }
-        _ => axis_letter(name).map_or(Role::Other, Role::Space),
-    }
-}
+use crate::volume::stated::axis::{LETTERS, Role, is_made_up, roles};
 
 /// Names of the axes of an array, and who says so.
 #[derive(Debug, Clone, PartialEq)]
@@ -71,12 +38,13 @@ impl Names {
 
     /// Where x, y and z are, if all three have names that are known.
     fn known(&self) -> Option<[usize; 3]> {
-        let at = |a| {
-            self.names
-                .iter()
-                .position(|name| role(name) == Role::Space(a))
-        };
+        let roles = self.roles();
+        let at = |a| roles.iter().position(|role| *role == Role::Space(a));
         Some([at(0)?, at(1)?, at(2)?])
+    }
+
+    fn roles(&self) -> Vec<Role> {
+        roles(self.names.iter().map(String::as_str))
     }
 
     fn list(&self) -> String {
@@ -154,7 +122,7 @@ impl Axes {
     }
 
     fn named(shape: &[u64], names: &Names, many: &[usize]) -> Result<Axes, String> {
-        let roles: Vec<Role> = names.names.iter().map(|n| role(n)).collect();
+        let roles = names.roles();
         let says = || format!("its axes are {}, as {} says", names.list(), names.by);
         let mut axes = Axes::default();
         let mut space = [None; 3];
@@ -184,14 +152,20 @@ impl Axes {
         match (missing.len(), unknown.len()) {
             (0, 0) => axes.named = true,
             (n @ (1 | 3), m) if n == m => {
-                let mut note = String::from("axes");
                 for (&a, &at) in missing.iter().zip(&unknown) {
                     space[a] = Some(at);
-                    let _ = write!(note, " {:?} as {},", names.names[at], LETTERS[a]);
                 }
-                axes.note = Some(format!("{} in their order", note.trim_end_matches(',')));
+                axes.note = guessed(names, &missing, &unknown);
             }
             (_, 0) if many.len() < 3 => return Err(few(many.len())),
+            (_, 0) => {
+                let missing: Vec<&str> = missing.iter().map(|&a| LETTERS[a]).collect();
+                return Err(format!(
+                    "{}, of which none is {}: give the axes those names if they are in space",
+                    says(),
+                    missing.join(" or ")
+                ));
+            }
             _ => return Err(says()),
         }
         let [Some(x), Some(y), Some(z)] = space else {
@@ -206,6 +180,24 @@ impl Axes {
         }
         Ok(axes)
     }
+}
+
+/// What to say of axes of names that are not known, unless their writer made these up.
+fn guessed(names: &Names, missing: &[usize], unknown: &[usize]) -> Option<String> {
+    let names: Vec<&str> = unknown.iter().map(|&at| names.names[at].as_str()).collect();
+    if names.iter().all(|name| is_made_up(name)) {
+        return None;
+    }
+    let letters: Vec<&str> = missing.iter().map(|&a| LETTERS[a]).collect();
+    let (axes, are) = match names.len() {
+        1 => ("axis", "is"),
+        _ => ("axes", "are"),
+    };
+    Some(format!(
+        "the {axes} {} {are} taken as {}",
+        names.join(", "),
+        letters.join(", ")
+    ))
 }
 
 fn few(many: usize) -> String {
@@ -268,14 +260,24 @@ mod tests {
 
     #[test]
     fn unknown_names_stand_for_what_is_left() {
-        assert_eq!(volume(&[3, 4, 5], "level,lat,lon"), [2, 1, 0]);
-        assert_eq!(volume(&[3, 4, 5], "y,x,frame"), [1, 0, 2]);
-        assert!(of(&[3, 4, 5], "level,lat,lon").unwrap().note.is_some());
+        assert_eq!(volume(&[3, 4, 5], "a,b,e"), [2, 1, 0]);
+        assert_eq!(volume(&[3, 4, 5], "y,x,q"), [1, 0, 2]);
+        for (names, note) in [
+            ("a,b,e", Some("the axes a, b, e are taken as z, y, x")),
+            ("q,y,x", Some("the axis q is taken as z")),
+            ("dim_0,dim_1,dim_2", None),
+            ("level,lat,lon", None),
+        ] {
+            let found = of(&[3, 4, 5], names).unwrap();
+            assert_eq!((found.volume, found.note.as_deref()), ([2, 1, 0], note));
+        }
         for (shape, names, says) in [
             (&[3, 4, 5][..], "theta:y:x", "projections"),
             (&[3, 4, 5], "rotation_angle:y:x", "projections"),
             (&[3, 4, 5], "t,y,x", "t, y, x"),
-            (&[3, 4, 5], "x,lat,lon", "x, lat, lon"),
+            (&[3, 4, 5], "wavelength,y,x", "none is z"),
+            (&[3, 4, 5], "y,x,frame", "y, x, frame"),
+            (&[3, 4, 5], "x,a,b", "x, a, b"),
             (&[3, 4, 5], "x,x,y", "same meaning"),
             (&[2, 3, 4, 5], "q,z,y,x", "q, z, y, x"),
             (&[1, 4, 5], "z,y,x", "axis z has one entry"),

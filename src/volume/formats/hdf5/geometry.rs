@@ -5,7 +5,7 @@ use crate::grid::{Origin, Placement, Provenance};
 use crate::volume::formats::hdf5::attributes::{Attributes, numbers_of};
 use crate::volume::formats::hdf5::axes::Axes;
 use crate::volume::formats::hdf5::place::{Place, axistags};
-use crate::volume::stated::size::{Step, VoxelSize, voxel_size};
+use crate::volume::stated::size::{Step, VoxelSize, shortest_near, voxel_size};
 use crate::volume::stated::warning::Warning;
 use crate::volume::stated::written::{Grid, size};
 
@@ -300,14 +300,6 @@ fn even(values: &[f64], n: u64, single: bool) -> Option<(f64, f64)> {
     let half = product(step, 0.5);
     let start = if edges { sum(first, half) } else { first };
     (step.is_finite() && values.iter().enumerate().all(near)).then_some((start, step))
-}
-
-/// The decimal with fewest digits that is no farther from a number than `doubt`, and its own rounding.
-pub(crate) fn shortest_near(value: f64, doubt: f64) -> f64 {
-    let doubt = doubt + 2.0 * f64::EPSILON * value.abs();
-    let decimals = (0..17).map(|digits| format!("{value:.digits$e}").parse().unwrap_or(value));
-    let mut near = decimals.filter(|decimal: &f64| (decimal - value).abs() <= doubt);
-    near.next().unwrap_or(value)
 }
 
 #[cfg(test)]

@@ -2,11 +2,12 @@
 
 use crate::error::{Error, Result};
 use crate::volume::formats::hdf5::attributes::Attributes;
-use crate::volume::formats::hdf5::geometry::{Along, Geometry, shortest_near};
+use crate::volume::formats::hdf5::geometry::{Along, Geometry};
 use crate::volume::formats::hdf5::minc;
 use crate::volume::formats::hdf5::place::Place;
 use crate::volume::formats::hdf5::tree::{Item, Tree};
 use crate::volume::open::OpenOptions;
+use crate::volume::stated::size::shortest_near;
 use hdf5_reader::Hdf5File;
 use std::collections::BTreeSet;
 use std::path::Path;
@@ -105,7 +106,11 @@ pub(crate) fn choose(
             Some(number) if there.contains(&number) => number,
             Some(number) => return Err(Error::usage(option, number.to_string(), list())),
             None if option == "--level" || there.len() == 1 => there.first().copied().unwrap_or(0),
-            None => return Err(Error::usage(option, "nothing", list())),
+            None => {
+                let found = format!("nothing, and {} {word}s in {}", there.len(), path.display());
+                let expected = format!("one of {}", numbers.join(", "));
+                return Err(Error::usage(option, found, expected));
+            }
         };
         if there.len() > 1 || wanted.is_some() {
             let finest = if option == "--level" {

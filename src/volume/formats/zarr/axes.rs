@@ -2,7 +2,7 @@
 
 use crate::error::{Error, Result};
 use crate::volume::open::OpenOptions;
-use crate::volume::stated::written::axis_letter;
+use crate::volume::stated::axis::{self, LETTERS, Role};
 use std::path::Path;
 
 /// An axis of an array.
@@ -13,16 +13,6 @@ pub(crate) struct Axis {
     /// `space`, `time`, `channel` or another word, as OME-Zarr has it; empty if not stated.
     pub(crate) kind: String,
     pub(crate) size: u64,
-}
-
-/// What an axis stands for.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-enum Role {
-    /// x, y or z: 0, 1 or 2.
-    Space(usize),
-    Time,
-    Channel,
-    Other,
 }
 
 /// The axes of a volume in an array.
@@ -37,81 +27,18 @@ pub(crate) struct Chosen {
     pub(crate) notes: Vec<String>,
 }
 
-/// Names of x, y and z in use: of geometry, of pictures, and of maps.
-const SPACE: [&[&str]; 3] = [
-    &[
-        "x",
-        "width",
-        "w",
-        "col",
-        "cols",
-        "column",
-        "columns",
-        "lon",
-        "longitude",
-    ],
-    &["y", "row", "rows", "h", "lat", "latitude"],
-    &[
-        "z", "depth", "d", "plane", "planes", "pln", "slice", "slices", "lev", "level", "altitude",
-    ],
-];
-const TIME: &[&str] = &[
-    "t",
-    "time",
-    "times",
-    "timepoint",
-    "timepoints",
-    "frame",
-    "frames",
-];
-const CHANNEL: &[&str] = &[
-    "c",
-    "ch",
-    "channel",
-    "channels",
-    "band",
-    "bands",
-    "wavelength",
-    "energy",
-    "rgb",
-    "rgba",
-    "sample",
-    "samples",
-    "s",
-];
-
 /// What axes stand for by their names and kinds.
 fn roles(axes: &[Axis]) -> Vec<Role> {
-    let names: Vec<String> = axes.iter().map(|axis| axis.name.to_lowercase()).collect();
-    let has = |set: &[&str]| names.iter().any(|n| set.contains(&n.as_str()));
-    // beside latitudes or y it is z, in pictures y
-    let height = if has(SPACE[1]) && !has(SPACE[2]) {
-        2
-    } else {
-        1
-    };
-    let of_name = |name: &str| {
-        if name == "height" {
-            return Role::Space(height);
-        }
-        let space = SPACE.iter().position(|set| set.contains(&name));
-        match space {
-            Some(a) => Role::Space(a),
-            None if TIME.contains(&name) => Role::Time,
-            None if CHANNEL.contains(&name) => Role::Channel,
-            None => axis_letter(name).map_or(Role::Other, Role::Space),
-        }
-    };
-    let all =
-        names
-            .iter()
-            .zip(axes)
-            .map(|(name, axis)| match (axis.kind.as_str(), of_name(name)) {
-                ("time", _) => Role::Time,
-                ("channel", _) => Role::Channel,
-                ("space", role @ Role::Space(_)) | ("" | "array", role) => role,
-                _ => Role::Other,
-            });
+    let by_name = axis::roles(axes.iter().map(|axis| axis.name.as_str()));
+    let all = by_name
+        .into_iter()
+        .zip(axes)
+        .map(|(role, axis)| match (axis.kind.as_str(), role) {
+            ("time", _) => Role::Time,
+            ("channel", _) => Role::Channel,
+            ("space", role @ Role::Space(_)) | ("" | "array", role) => role,
+            _ => Role::Other,
+        });
     all.collect()
 }
 
@@ -214,6 +141,10 @@ fn entry(
 
 /// Which axes are x, y and z, or why none are.
 fn space(axes: &[Axis], roles: &[Role], notes: &mut Vec<String>) -> Result<[usize; 3], String> {
+    let turned = (0..axes.len()).find(|&i| roles[i] == Role::Angle && axes[i].size > 1);
+    if let Some(i) = turned {
+        return Err(format!("projections (along {})", axes[i].name));
+    }
     let named: Vec<Vec<usize>> = (0..3)
         .map(|a| {
             (0..axes.len())
@@ -240,6 +171,11 @@ fn space(axes: &[Axis], roles: &[Role], notes: &mut Vec<String>) -> Result<[usiz
     if free.len() < missing {
         return Err("no three axes in space".into());
     }
+    // of one name that is known and two that are not, nothing tells which is which
+    let guessed = |&&i: &&usize| !axes[i].name.is_empty();
+    if missing == 2 && free.iter().filter(guessed).count() == 2 {
+        return Err("two axes that may be x, y or z".into());
+    }
     if free.len() > missing {
         return match missing {
             0 => Ok(found.map(|f| f.unwrap_or(0))),
@@ -253,11 +189,8 @@ fn space(axes: &[Axis], roles: &[Role], notes: &mut Vec<String>) -> Result<[usiz
             let i = *rest.next().unwrap_or(&0);
             found[a] = Some(i);
             let name = &axes[i].name;
-            if !(name.is_empty() || name.starts_with("dim_") || name.starts_with("phony_dim")) {
-                notes.push(format!(
-                    "the axis {name} is taken as {}",
-                    ["x", "y", "z"][a]
-                ));
+            if !axis::is_made_up(name) {
+                notes.push(format!("the axis {name} is taken as {}", LETTERS[a]));
             }
         }
     }
@@ -352,7 +285,10 @@ mod tests {
             ("t=3 y=5 x=6", "t 3, y 5"),
             ("5 6", "5, 6"),
             ("x=3 y=4 col=5", "col 5"),
-            ("y=5 a=3 b=6 d=4", "a 3, b 6"),
+            ("y=5 a=3 b=6 e=4", "a 3, b 6"),
+            ("y=5 a=3 b=6", "a 3, b 6"),
+            ("wavelength=3 y=5 x=6", "wavelength 3"),
+            ("theta=3 y=5 x=6", "projections"),
         ] {
             let error = chosen(text, &OpenOptions::default()).unwrap_err();
             assert!(matches!(error, Error::Unsupported { .. }), "{error}");

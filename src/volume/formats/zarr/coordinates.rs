@@ -6,6 +6,7 @@ use crate::volume::formats::zarr::place::Line;
 use crate::volume::formats::zarr::small;
 use crate::volume::formats::zarr::store::{Node, node};
 use crate::volume::stated::cf::Attribute;
+use crate::volume::stated::size::shortest_near;
 use crate::volume::stated::warning::Warning;
 use serde_json::Value;
 use std::path::Path;
@@ -90,7 +91,7 @@ fn line(folder: &Path, name: &str, size: u64) -> Result<(Option<Line>, bool), St
     let indices = unit.is_empty() && (0..).zip(&values).all(|(i, v)| f64::from(i) == *v);
     let line = Line {
         step,
-        start: *first,
+        start: shortest_near(*first, 2.0 * slack(&values, single)),
         unit,
     };
     Ok((Some(line), indices))
