@@ -128,6 +128,13 @@ fn axes_are_those_of_the_names() {
         grid(x, y, z) - 100.0
     });
     says("labels_yxz.h5", &labels.notes, "axes y, x, z");
+    let two = plain("labels_two.h5");
+    check("labels_two.h5", &two, Dtype::U16, grid);
+    says(
+        "labels_two.h5",
+        &two.warnings,
+        "axes (x, y) names 2 axes of 3",
+    );
     let bytes = |x, y, z| grid(x, y, z) % 256.0;
     check("one_entry.h5", &plain("one_entry.h5"), Dtype::U8, bytes);
     check(
@@ -166,6 +173,10 @@ fn axes_that_cannot_be_told_are_refused() {
         ("no_memory_order.h5", "MemoryOrder is Fortran"),
         ("no_order_group.h5", "array_order is F"),
         ("no_two_orders.h5", "DIMENSION_LABELS"),
+        (
+            "no_wavelength.h5",
+            "wavelength, y, x, as the attribute axes says, of which none is z",
+        ),
         ("no_four.h5", "3 x 17 x 19 x 2 of u8"),
         ("no_four.h5", "--channel"),
         ("no_complex.h5", "complex numbers"),
@@ -377,6 +388,127 @@ fn values_are_those_that_attributes_state() {
     );
 }
 
+#[test]
+fn values_of_any_convention_are_applied_or_told() {
+    let signed = |x, y, z| sample(x, y, z) - 100.0;
+    for (name, slope, intercept, by) in [
+        ("intercept.h5", 1.0, -1000.0, "intercept"),
+        ("fits_scale.h5", 0.5, -3.0, "BSCALE and BZERO"),
+        ("calibration.h5", 0.5, -3.0, "calibration_slope"),
+        ("openpmd_unit.h5", 0.5, 0.0, "unitSI"),
+        ("nexus_factor.nxs", 0.5, 0.0, "scaling_factor"),
+        ("nexus_offset.nxs", 1.0, -3.0, "offset"),
+        (
+            "nexus_named.nxs",
+            0.5,
+            -3.0,
+            "ct_scaling_factor and ct_offset",
+        ),
+    ] {
+        let opened = plain(name);
+        check(name, &opened, Dtype::F32, |x, y, z| {
+            slope * signed(x, y, z) + intercept
+        });
+        assert_eq!(opened.warnings, [""; 0], "{name}");
+        assert!(opened.values.unwrap().contains(by), "{name}");
+    }
+    let vague = plain("vague_lists.h5");
+    check("vague_lists.h5", &vague, Dtype::U16, sample);
+    for part in [
+        "calibration (1, 2) is not applied",
+        "mu_scaling (4096) is not applied",
+        "calibration_offset (3) is not applied",
+    ] {
+        says("vague_lists.h5", &vague.warnings, part);
+    }
+    for (name, part) in [
+        ("no_nexus_fields.nxs", "scaling_factor 0.5 and offset -6"),
+        ("no_nexus_fields.nxs", "ct_scaling_factor and ct_offset"),
+        (
+            "no_nexus_two.nxs",
+            "ct_scaling_factor 0.25 and scaling_factor 0.5",
+        ),
+        ("no_nexus_list.nxs", "scaling_factor that is no number"),
+    ] {
+        let error = refused(name, &OpenOptions::default());
+        assert!(error.contains(part), "{error}");
+    }
+}
+
+/// Spacing, unit, origin and directions as the writers of images in HDF5 state them beside the array.
+#[test]
+fn images_of_itk_and_vtk_lie_where_they_say() {
+    let columns = [[0.8, 0.6, 0.0], [-0.36, 0.48, 0.8], [0.48, -0.64, 0.6]];
+    let usual = [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]];
+    let mirrored = [[-1.0, 0.0, 0.0], usual[1], usual[2]];
+    for (name, unit, origin, directions) in [
+        (
+            "itk_turned.h5",
+            Unit::Millimetre,
+            [10.0, 20.0, -30.0],
+            columns,
+        ),
+        (
+            "itk_mirrored.h5",
+            Unit::Millimetre,
+            [10.0, 20.0, -30.0],
+            mirrored,
+        ),
+        // four voxels along x from the origin
+        (
+            "vtk_turned.vtkhdf",
+            Unit::Voxel,
+            [11.6, 21.2, -30.0],
+            columns,
+        ),
+        (
+            "vtk_cells.vtkhdf",
+            Unit::Voxel,
+            [10.25, 20.125, -29.0],
+            usual,
+        ),
+    ] {
+        let opened = plain(name);
+        check(name, &opened, Dtype::U16, sample);
+        let place = opened.volume.header().placement;
+        assert_eq!(
+            (place.spacing, place.unit),
+            ([0.5, 0.25, 2.0], unit),
+            "{name}"
+        );
+        assert_eq!(
+            (place.origin, place.directions),
+            (origin, directions),
+            "{name}"
+        );
+        assert_eq!(opened.provenance.spacing, [Origin::File; 3], "{name}");
+        assert_eq!(opened.provenance.unit, Origin::Default, "{name}");
+        assert_eq!(opened.provenance.origin, Origin::File, "{name}");
+        assert_eq!(opened.warnings, [""; 0], "{name}");
+    }
+    let channel = OpenOptions {
+        channel: Some(1),
+        ..OpenOptions::default()
+    };
+    let time = OpenOptions {
+        time: Some(1),
+        ..OpenOptions::default()
+    };
+    for (name, options) in [("itk_channels.h5", &channel), ("itk_times.h5", &time)] {
+        let opened = read(name, options).unwrap();
+        check(name, &opened, Dtype::U16, |x, y, z| sample(x, y, z) + 1.0);
+        assert_eq!(opened.volume.header().placement.spacing, [0.5, 0.25, 2.0]);
+    }
+    for (name, part) in [
+        ("no_itk_flat.h5", "one plane"),
+        ("no_itk_sheared.h5", "--resample"),
+        ("no_vtk_extent.vtkhdf", "WholeExtent of 0 18 0 16 0 2"),
+    ] {
+        let error = refused(name, &OpenOptions::default());
+        assert!(error.contains(part), "{error}");
+    }
+}
+
 /// Values from `low` to `5 low` for stored numbers from `from` to `to`.
 fn of_minc(stored: f64, low: f64, [from, to]: [f64; 2]) -> f64 {
     low + (stored - from) / (to - from) * 4.0 * low
@@ -473,7 +605,7 @@ fn arrays_of_imaris_are_cut_to_the_image() {
     for (options, part) in [
         (
             of(None, None),
-            "--channel: found nothing, expected one of 0, 1",
+            "--channel: found nothing, and 2 channels in",
         ),
         (of(Some(2), Some(0)), "--level: found 2"),
         (

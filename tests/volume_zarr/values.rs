@@ -46,6 +46,10 @@ fn attributes_of_other_writers_are_applied_or_refused() {
         (r#"{"RescaleSlope": 0.5}"#, 0.5, 0.0),
         (r#"{"rescale_intercept": -1024}"#, 1.0, -1024.0),
         (r#"{"scaleFactor": 0.5, "addOffset": 3}"#, 0.5, 3.0),
+        (r#"{"intercept": -1000}"#, 1.0, -1000.0),
+        (r#"{"BSCALE": 2, "bzero": 32768}"#, 2.0, 32768.0),
+        (r#"{"calibrationSlope": 0.5}"#, 0.5, 0.0),
+        (r#"{"unitSI": 2.0}"#, 2.0, 0.0),
     ] {
         let scaled = plain(attributes, json!({}));
         let opened = read(scaled.path());
@@ -77,12 +81,18 @@ fn attributes_of_other_writers_are_applied_or_refused() {
     ] {
         assert_plain(&read(plain(attributes, json!({})).path()));
     }
-    let vague = read(plain(r#"{"gain": 2.5}"#, json!({})).path());
-    assert!(
-        vague.warnings[0].contains("attribute gain (2.5)"),
-        "{:?}",
-        vague.warnings
-    );
+    for (attributes, says) in [
+        (r#"{"gain": 2.5}"#, "attribute gain (2.5)"),
+        (r#"{"mu_scaling": 4096}"#, "attribute mu_scaling (4096)"),
+        (
+            r#"{"calibration": [1.0, 2.0]}"#,
+            "attribute calibration (1, 2)",
+        ),
+        (r#"{"scaleFactor": 0.5}"#, "attribute scaleFactor (0.5)"),
+    ] {
+        let vague = read(plain(attributes, json!({})).path());
+        assert!(vague.warnings[0].contains(says), "{:?}", vague.warnings);
+    }
 }
 
 #[test]
@@ -170,6 +180,19 @@ fn axes_are_where_their_names_say() {
         &wide,
     );
     assert_plain(&read(dir.path()));
+}
+
+#[test]
+fn axes_that_are_none_of_space_make_no_volume() {
+    for (names, says) in [
+        (json!(["wavelength", "y", "x"]), "wavelength 4, y 5, x 6"),
+        (json!(["theta", "y", "x"]), "projections"),
+        (json!(["y", "a", "b"]), "two axes that may be x, y or z"),
+    ] {
+        let named = json!({"_ARRAY_DIMENSIONS": names}).to_string();
+        let error = refusal(plain(&named, json!({})).path(), &OpenOptions::default());
+        assert!(error.to_string().contains(says), "{error}");
+    }
 }
 
 #[test]

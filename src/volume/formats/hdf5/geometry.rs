@@ -25,6 +25,8 @@ pub(crate) struct Geometry {
     pub(crate) along: [Option<Along>; 3],
     /// Unit vectors along x, y and z, if they are not the usual ones.
     pub(crate) directions: Option<[[f64; 3]; 3]>,
+    /// The place of the grid, if the file states it as a whole.
+    pub(crate) whole: Option<(Placement, Provenance)>,
     pub(crate) notes: Vec<String>,
     pub(crate) warnings: Vec<Warning>,
     /// Why the grid is none with one step along each axis.
@@ -34,6 +36,9 @@ pub(crate) struct Geometry {
 impl Geometry {
     /// Spacing, unit, origin and directions.
     pub(crate) fn place(mut self) -> (Placement, Provenance, Vec<String>, Vec<Warning>) {
+        if let Some((place, from)) = self.whole {
+            return (place, from, self.notes, self.warnings);
+        }
         let mut place = Placement::default();
         let mut from = Provenance::default();
         let steps = self.along.clone().map(|a| a.map(|a| a.step));

@@ -11,6 +11,7 @@ mod choose;
 mod chunks;
 mod filter;
 mod geometry;
+mod image;
 mod minc;
 mod missing;
 mod number;
@@ -311,6 +312,8 @@ impl Draft<'_> {
     /// What a user should know of the array.
     fn describe(&mut self, number: &Number) {
         self.notes.insert(0, format!("dataset {}", self.place.name));
+        let unread = self.place.other_names();
+        self.warnings.extend(unread.into_iter().map(Warning::from));
         self.notes.extend(self.axes.note.clone());
         self.notes.extend(number.note());
         if self.place.attributes.has("MATLAB_class") {
@@ -393,7 +396,15 @@ impl Draft<'_> {
                 Err(_) if own => Geometry::default(),
                 Err(what) => return Err(self.no(what, "give --spacing and --unit")),
             },
-            _ => self.place.geometry(self.axes),
+            _ => match image::placement(self.place, size) {
+                Ok(Some(whole)) => Geometry {
+                    whole: Some(whole),
+                    ..Geometry::default()
+                },
+                Ok(None) => self.place.geometry(self.axes),
+                Err(_) if own => Geometry::default(),
+                Err(what) => return Err(self.no(what, "give --spacing and --unit")),
+            },
         };
         match &geometry.uneven {
             Some(what) if !own => Err(self.no(

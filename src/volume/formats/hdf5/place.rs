@@ -3,6 +3,7 @@
 use crate::grid::length::Length;
 use crate::volume::formats::hdf5::attributes::{Attributes, numbers_of};
 use crate::volume::formats::hdf5::axes::Names;
+use crate::volume::formats::hdf5::image;
 use crate::volume::formats::hdf5::tree::{Item, Tree};
 use crate::volume::stated::written::{AXES, Held, Written, plain};
 use hdf5_reader::attribute_api::Attribute;
@@ -94,7 +95,26 @@ impl<'a> Place<'a> {
             });
         }
         all.extend(self.tuples());
+        all.extend(image::names(self));
         all
+    }
+
+    /// What to say of attributes that name another number of axes than the dataset has.
+    pub(crate) fn other_names(&self) -> Vec<String> {
+        let n = self.dataset.ndim();
+        let of_axes = |a: &&Attribute| AXES.contains(&&*plain(&a.name));
+        let of_axes = self.attributes.0.iter().filter(of_axes);
+        let other = of_axes.filter_map(|Attribute { name, .. }| {
+            let texts = self.attributes.texts(name);
+            let count = texts.len();
+            (count > 1 && count != n).then(|| {
+                format!(
+                    "the attribute {name} ({}) names {count} axes of {n} and is not taken",
+                    texts.join(", ")
+                )
+            })
+        });
+        other.collect()
     }
 
     /// The groups that the dataset is in, the nearest first, with what their attributes and small datasets hold.
@@ -140,7 +160,7 @@ impl<'a> Place<'a> {
     }
 
     /// True for the data of a NeXus group of data.
-    fn is_signal(&self) -> bool {
+    pub(crate) fn is_signal(&self) -> bool {
         let own = self.name.rsplit('/').next().unwrap_or_default();
         self.group
             .text("signal")

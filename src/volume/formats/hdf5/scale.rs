@@ -1,6 +1,7 @@
 //! The values that stored samples stand for, by the attributes of CF, NeXus and others.
 
 use crate::error::{Error, Result};
+use crate::grid::length::product;
 use crate::volume::adapters::values::{Linear, Scale, Values};
 use crate::volume::formats::hdf5::attributes::{Attributes, numbers_of};
 use crate::volume::formats::hdf5::number::Number;
@@ -38,7 +39,8 @@ pub(crate) fn values(
     written.vague(other.is_some(), "", warnings);
     for (group, attributes) in place.groups() {
         let of = format!(" of the group {group}");
-        attributes.vague(false, &of, warnings);
+        let taken = place.is_signal() && other.is_some();
+        attributes.vague(taken, &of, warnings);
     }
     let Some((linear, by)) = other else {
         return Ok((number, packed.values));
@@ -76,51 +78,98 @@ fn attribute(attributes: &Attributes, name: &str) -> Option<Attribute> {
 /// A scale that is not that of CF, and who states it.
 fn other(place: &Place, written: &Written) -> Result<Option<Stated>, String> {
     let pair = written.pair()?;
-    if pair.is_some() {
-        return Ok(pair);
+    let nexus = of_nexus(place)?;
+    match (pair, nexus) {
+        (Some((linear, by)), Some((other, its))) if other != Linear::SAME => match linear {
+            Linear::SAME => Ok(Some((other, its))),
+            _ => Err(format!("both {by} and {its}")),
+        },
+        (Some(pair), _) => Ok(Some(pair)),
+        (None, nexus) => Ok(nexus),
     }
+}
+
+/// A factor or an offset of NeXus, and the name of who states it.
+type Part = Option<(f64, String)>;
+
+/// The scale by NeXus: attributes of the data, or datasets beside it. <https://manual.nexusformat.org/classes/base_classes/NXdata.html>
+/// says of datasets with the data's name in front: value = (stored + offset) * factor.
+fn of_nexus(place: &Place) -> Result<Option<Stated>, String> {
+    let (folder, name) = place.name.rsplit_once('/').unwrap_or(("", place.name));
+    let no = |what: &str, by: &str| format!("{what} {by} that is no number");
     let own = |name: &str| match place.attributes.number(name) {
-        Some(n) if n.is_finite() => Ok(Some(n)),
-        _ if place.attributes.has(name) => Err(format!("an attribute {name} that is no number")),
+        Some(n) if n.is_finite() => Ok(Some((n, name.to_owned()))),
+        _ if place.attributes.has(name) => Err(no("an attribute", name)),
         _ => Ok(None),
     };
-    // NeXus: attributes of the data, or datasets beside it
-    let (folder, name) = place.name.rsplit_once('/').unwrap_or(("", place.name));
-    let beside = |what: &str| {
-        let dataset = place
-            .file
-            .dataset(&format!("{folder}/{name}_{what}"))
-            .ok()?;
-        match numbers_of(&dataset)?[..] {
-            [one] => Some(one),
-            _ => None,
+    let beside = |name: String| -> Result<Part, String> {
+        let Ok(dataset) = place.file.dataset(&format!("{folder}/{name}")) else {
+            return Ok(None);
+        };
+        match numbers_of(&dataset).as_deref() {
+            Some(&[one]) if one.is_finite() => Ok(Some((one, name))),
+            _ => Err(no("a dataset", &name)),
         }
     };
-    let factor = own("scaling_factor")?.or_else(|| beside("scaling_factor"));
-    let nexus = factor.is_some() || place.group.text("NX_class").is_some();
-    let offset = match nexus {
-        true => place
-            .attributes
-            .number("offset")
-            .or_else(|| beside("offset")),
-        false => None,
-    };
-    match (factor, offset) {
-        (None, None) => Ok(None),
-        (Some(f), Some(o)) if f != 1.0 && o != 0.0 => Err(format!(
-            "scaling_factor {f} and offset {o}, of which NeXus does not state which is applied first"
-        )),
-        (f, o) => {
-            let linear = Linear {
-                slope: f.unwrap_or(1.0),
-                intercept: o.unwrap_or(0.0),
-            };
-            let by = match (f, o) {
-                (Some(_), None) => "scaling_factor",
-                (None, _) => "offset",
-                _ => "scaling_factor and offset",
-            };
-            sound(linear, by.to_owned()).map(Some)
+    let plain = |what: &str| -> Result<Part, String> {
+        match place.is_signal() {
+            true => beside(what.to_owned()),
+            false => Ok(None),
         }
+    };
+    let factors = [
+        beside(format!("{name}_scaling_factor"))?,
+        own("scaling_factor")?,
+        plain("scaling_factor")?,
+    ];
+    let nexus = factors.iter().any(Option::is_some) || place.group.text("NX_class").is_some();
+    let offsets = match nexus {
+        true => [
+            beside(format!("{name}_offset"))?,
+            own("offset")?,
+            plain("offset")?,
+        ],
+        false => [const { None }; 3],
+    };
+    // those with the data's name in front are the ones whose order is defined
+    let defined = !(factors[1..]
+        .iter()
+        .chain(&offsets[1..])
+        .any(Option::is_some));
+    let (factor, offset) = (one_of(factors)?, one_of(offsets)?);
+    let by: Vec<&str> = [&factor, &offset]
+        .into_iter()
+        .flatten()
+        .map(|(_, by)| by.as_str())
+        .collect();
+    if by.is_empty() {
+        return Ok(None);
+    }
+    let f = factor.as_ref().map_or(1.0, |(f, _)| *f);
+    let o = offset.as_ref().map_or(0.0, |(o, _)| *o);
+    if f != 1.0 && o != 0.0 && !defined {
+        return Err(format!(
+            "{} {f} and {} {o}, of which NeXus does not state which is applied first (it does for datasets of the names \
+             {name}_scaling_factor and {name}_offset: (stored + offset) * factor)",
+            by[0], by[1]
+        ));
+    }
+    let linear = Linear {
+        slope: f,
+        intercept: product(o, f),
+    };
+    sound(linear, by.join(" and ")).map(Some)
+}
+
+/// The one that is stated.
+///
+/// # Errors
+/// Two that differ, for people.
+fn one_of(parts: [Part; 3]) -> Result<Part, String> {
+    let mut stated = parts.into_iter().flatten();
+    let first = stated.next();
+    match (&first, stated.next()) {
+        (Some((a, by)), Some((b, its))) if *a != b => Err(format!("both {by} {a} and {its} {b}")),
+        _ => Ok(first),
     }
 }

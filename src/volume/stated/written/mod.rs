@@ -46,10 +46,15 @@ const ORDERS: [&str; 10] = [
 ];
 
 /// Pairs of attributes, in plain spelling, whose names say that value = first * stored + second.
-pub(crate) const PAIRS: [(&str, &str); 4] = [
+pub(crate) const PAIRS: [(&str, &str); 7] = [
     ("rescaleslope", "rescaleintercept"),
     ("sclslope", "sclinter"),
     ("slope", "intercept"),
+    ("calibrationslope", "calibrationintercept"),
+    // of FITS
+    ("bscale", "bzero"),
+    // of openPMD, which has no second
+    ("unitsi", "unitsioffset"),
     ("scalefactor", "addoffset"),
 ];
 
@@ -57,25 +62,39 @@ pub(crate) const PAIRS: [(&str, &str); 4] = [
 const CF: [&str; 2] = ["scale_factor", "add_offset"];
 
 /// Attributes, in plain spelling, that may be of the values, or of the size of a voxel, or of anything.
-const VAGUE: [&str; 19] = [
+const VAGUE: [&str; 17] = [
     "scale",
-    "scaling",
-    "scalefactor",
-    "scalingfactor",
     "datascale",
     "valuescale",
     "intensityscale",
-    "multiplier",
-    "gain",
+    "greyscale",
+    "grayscale",
+    "scalingfactor",
     "offset",
-    "addoffset",
     "dataoffset",
     "valueoffset",
     "intensityoffset",
-    "calibration",
-    "calslope",
     "caloffset",
-    "calintercept",
+    "calibrationoffset",
+    "calibrationscale",
+    "calibrationconstant",
+    "calibrationcoefficient",
+    "calibrationcoefficients",
+];
+
+/// Endings of such names, whatever is in front: `mu_scaling`, `density_slope`, `hu_intercept`, `camera_gain`.
+const VAGUE_ENDS: [&str; 12] = [
+    "scaling",
+    "scalefactor",
+    "scalingfactor",
+    "scalefactors",
+    "multiplier",
+    "gain",
+    "addoffset",
+    "slope",
+    "intercept",
+    "calibration",
+    "calibrationfactor",
     "bias",
 ];
 
@@ -235,13 +254,13 @@ impl Written {
             let [a, b] = match [self.number(slope), self.number(intercept)] {
                 [Ok(a), Ok(b)] => [a.filter(own), b.filter(own)],
                 _ if cf => continue,
-                // an intercept without a slope, likewise
+                // an intercept without a slope that is no number is that of something else
                 [Ok(None), Err(_)] if intercept == "intercept" => continue,
+                [Err(_), Ok(None)] if slope == "unitsi" => continue,
                 [a, b] => [a?, b?],
             };
             let by: Vec<&str> = [a, b].into_iter().flatten().map(|(name, _)| name).collect();
-            let part = cf || intercept == "intercept" && a.is_none();
-            if by.is_empty() || part && by.len() < 2 {
+            if by.is_empty() || cf && by.len() < 2 {
                 continue;
             }
             let linear = Linear {
@@ -267,31 +286,53 @@ impl Written {
     pub(crate) fn vague(&self, taken: bool, of: &str, warnings: &mut Vec<Warning>) {
         for (name, held) in &self.0 {
             let own = plain(name);
+            let pair = PAIRS.iter().any(|p| [p.0, p.1].contains(&own.as_str()));
+            let half = ["scalefactor", "addoffset"].contains(&own.as_str());
+            let read = CF.contains(&name.as_str()) || pair && !half && held.number().is_some();
             // CF is read at the array; of a group more may be about anything
             let known = match of.is_empty() {
-                true => VAGUE.contains(&own.as_str()) && !CF.contains(&name.as_str()),
-                false => PAIRS.iter().any(|p| [p.0, p.1].contains(&own.as_str())),
+                true => is_vague(&own, held) && !read,
+                false => pair && own != "unitsi" || own == "scalingfactor",
             };
-            let Some(number) = held.number().filter(|_| known) else {
+            let numbers = held.numbers().filter(|_| known);
+            let Some(numbers) = numbers else {
                 continue;
             };
             let shift = ["offset", "bias", "inter"]
                 .iter()
                 .any(|part| own.contains(part));
-            let nothing = number == 0.0 || number == 1.0 && !shift;
+            let nothing = numbers.iter().all(|n| *n == 0.0 || *n == 1.0 && !shift);
             let part = ["offset", "addoffset", "scalefactor", "scalingfactor"];
             if nothing || taken && part.contains(&own.as_str()) {
                 continue;
             }
             warnings.push(Warning::from(format!(
-                "the attribute {name} ({number}){of} is not applied: if it is of the values, the threshold is in stored \
+                "the attribute {name} ({held}){of} is not applied: if it is of the values, the threshold is in stored \
                  numbers"
             )));
         }
     }
 }
 
+/// True for an attribute that may be a scale of the values, or a part of one. A list of numbers is none if its name
+/// may be that of a place or of the size of a voxel.
+fn is_vague(own: &str, held: &Held) -> bool {
+    let of_values = VAGUE_ENDS.iter().any(|end| own.ends_with(end));
+    match held.number() {
+        Some(_) => of_values || VAGUE.contains(&own),
+        None => of_values && name::Name::of(own).is_none(),
+    }
+}
+
 impl Held {
+    /// The numbers that it is, perhaps one in text.
+    fn numbers(&self) -> Option<Vec<f64>> {
+        match self {
+            Held::Numbers(all) => Some(all.clone()),
+            _ => self.number().map(|n| vec![n]),
+        }
+    }
+
     /// The number that it is, perhaps in text.
     fn number(&self) -> Option<f64> {
         match self {
