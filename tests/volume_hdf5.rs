@@ -486,6 +486,12 @@ fn images_of_itk_and_vtk_lie_where_they_say() {
         assert_eq!(opened.provenance.origin, Origin::File, "{name}");
         assert_eq!(opened.warnings, [""; 0], "{name}");
     }
+    let unsure = plain("turned_unsure.h5");
+    says(
+        "turned_unsure.h5",
+        &unsure.warnings,
+        "direction (-1, 0, 0, 0, 1, 0, 0, 0, 1) is not applied",
+    );
     let channel = OpenOptions {
         channel: Some(1),
         ..OpenOptions::default()

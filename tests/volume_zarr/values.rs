@@ -89,6 +89,10 @@ fn attributes_of_other_writers_are_applied_or_refused() {
             "attribute calibration (1, 2)",
         ),
         (r#"{"scaleFactor": 0.5}"#, "attribute scaleFactor (0.5)"),
+        (
+            r#"{"origin": [1, 2, 3]}"#,
+            "attribute origin (1, 2, 3) is not applied",
+        ),
     ] {
         let vague = read(plain(attributes, json!({})).path());
         assert!(vague.warnings[0].contains(says), "{:?}", vague.warnings);

@@ -87,11 +87,16 @@ impl Place<'_> {
     /// Steps and places by the first convention that states any.
     pub(crate) fn geometry(&self, axes: &Axes) -> Geometry {
         let mut geometry = Geometry::default();
+        let own = self.attributes.written();
+        own.placed("", &mut geometry.warnings);
+        for (group, attributes) in self.groups() {
+            attributes.placed(&format!(" of the group {group}"), &mut geometry.warnings);
+        }
         for convention in [Self::mesh, Self::simpl, Self::tagged, Self::scaled] {
             convention(self, axes, &mut geometry);
             if geometry.along.iter().any(Option::is_some) || geometry.uneven.is_some() {
                 let steps = geometry.along.clone().map(|along| along.map(|a| a.step));
-                let own = size(&self.attributes.written(), self.grid(axes), "");
+                let own = size(&own, self.grid(axes), "");
                 geometry.warnings.extend(own.contradicts(&steps));
                 return geometry;
             }

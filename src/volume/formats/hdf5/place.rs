@@ -5,12 +5,14 @@ use crate::volume::formats::hdf5::attributes::{Attributes, numbers_of};
 use crate::volume::formats::hdf5::axes::Names;
 use crate::volume::formats::hdf5::image;
 use crate::volume::formats::hdf5::tree::{Item, Tree};
-use crate::volume::stated::written::{AXES, Held, Written, plain};
+use crate::volume::stated::written::{AXES, Held, Written, is_turn, plain};
 use hdf5_reader::attribute_api::Attribute;
 use hdf5_reader::{Dataset, Hdf5File};
 
 /// Datasets of more numbers state no size of a voxel.
 const FEW: u64 = 8;
+/// And of more no matrix that places a grid.
+const MATRIX: u64 = 16;
 
 /// A dataset and what is around it.
 pub(crate) struct Place<'a> {
@@ -140,7 +142,10 @@ impl<'a> Place<'a> {
             else {
                 continue;
             };
-            let few = dataset.num_elements().is_ok_and(|n| (1..=FEW).contains(&n));
+            let most = if is_turn(own) { MATRIX } else { FEW };
+            let few = dataset
+                .num_elements()
+                .is_ok_and(|n| (1..=most).contains(&n));
             if let Some(numbers) = few.then(|| numbers_of(dataset)).flatten() {
                 written.add(own, Held::Numbers(numbers));
                 written.add_below(own, Attributes(dataset.attributes()).written());

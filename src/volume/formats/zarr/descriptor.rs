@@ -160,6 +160,7 @@ impl Source {
                 _ => Ok(Placed::default()),
             },
             _ => {
+                foreign::placed(&self.folder, &self.array, &mut self.warnings);
                 let (lines, odd) = coordinates::lines(&self.folder, &self.array, axes);
                 match lines.iter().all(Option::is_none) && odd.is_empty() {
                     true => Ok(self.by_attributes(axes, named)),

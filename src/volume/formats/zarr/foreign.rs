@@ -129,6 +129,15 @@ pub(crate) fn size(folder: &Path, array: &Array, grid: Grid) -> SizeFound {
     found
 }
 
+/// Warns of attributes that may place or turn the grid and are not applied.
+pub(crate) fn placed(folder: &Path, array: &Array, warnings: &mut Vec<Warning>) {
+    written(&array.attributes).placed("", warnings);
+    for (group, attributes) in groups(folder) {
+        let of = format!(" of the group {}", name_of(&group));
+        attributes.placed(&of, warnings);
+    }
+}
+
 /// True if a group holds another array of three axes or more, of another shape.
 fn others(group: &Path, array: &Array) -> bool {
     let inside = std::fs::read_dir(group).into_iter().flatten().flatten();

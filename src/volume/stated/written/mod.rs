@@ -2,9 +2,12 @@
 //! voxels and scales of values. What is certain is applied; of everything else that may change numbers a user is told.
 
 mod name;
+mod place;
 mod quantity;
 pub(crate) mod size;
 
+#[cfg(feature = "hdf5")]
+pub(crate) use place::is_turn;
 #[cfg(feature = "zarr")]
 pub(crate) use size::SizeFound;
 #[cfg(any(feature = "hdf5", feature = "zarr"))]
