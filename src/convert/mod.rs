@@ -15,9 +15,12 @@ mod totals;
 mod warnings;
 
 pub use crate::checkpoint::LayersDone;
+pub use crate::measure::{
+    COMPONENT_COLUMNS, Column, Field, Get, Measures, SURFACE_COLUMNS, SurfaceRow,
+};
 pub use crate::tileset::{check_output, interrupted};
 pub use options::{ConvertOptions, ConvertReport};
-pub use tables::{COMPONENT_COLUMNS, SURFACE_COLUMNS, unit_text};
+pub use tables::unit_text;
 
 use crate::checkpoint::{Checkpointer, boot};
 use crate::convert::conversion::{Conversion, Made};
