@@ -39,6 +39,8 @@ use crate::progress::Progress;
 use crate::sys::process_memory::peak_rss_bytes;
 use crate::tileset::{Output, tidy};
 use crate::volume::{Cropped, Volume, Watch, Watched};
+use std::any::Any;
+use std::panic::{AssertUnwindSafe, catch_unwind, resume_unwind};
 use std::path::Path;
 use std::time::Instant;
 
@@ -171,7 +173,10 @@ fn make_and_commit(
         .build()
         .map_err(|e| Error::usage("--threads", threads.to_string(), e.to_string()))?;
     let work = output.work().to_path_buf();
-    let made = pool.install(|| make(job, &work, &mut checkpointer));
+    let made = pool.install(|| {
+        let making = AssertUnwindSafe(|| make(job, &work, &mut checkpointer));
+        catch_unwind(making).unwrap_or_else(|panic| Err(changed_or_panic(job, panic)))
+    });
     // usage errors come back with the same options
     let usage = matches!(made, Err(Error::Usage { .. }));
     output.keep(checkpointer.has_any() && !usage);
@@ -194,6 +199,19 @@ fn make_and_commit(
     Ok(made)
 }
 
+/// What is read twice is taken to be the same: where the input changed meanwhile, that is the error, whatever it led
+/// to. Else the panic goes on.
+fn changed_or_panic(job: &Conversion, panic: Box<dyn Any + Send>) -> Error {
+    match job.options.input.check() {
+        Err(changed) => changed,
+        Ok(Some(found)) => Error::InputChanged {
+            path: job.options.source_name.clone().into(),
+            found,
+        },
+        Ok(None) => resume_unwind(panic),
+    }
+}
+
 /// All stages between planning and moving into place.
 fn make(job: &Conversion, work: &Path, checkpointer: &mut Checkpointer) -> Result<Made> {
     // what was swept before was not seen
@@ -201,6 +219,8 @@ fn make(job: &Conversion, work: &Path, checkpointer: &mut Checkpointer) -> Resul
     let measured = job.options.measured(&job.grid.header().placement)?;
     let writer = job.tile_writer(work);
     let Scanned { output, last_layer } = scan(job, &writer, checkpointer)?;
+    // labels and surfaces of a volume that changed meanwhile may not fit each other
+    job.options.input.check()?;
     let mut totals = scanned_totals(&output);
     let dust = dust_of(job.options, &output);
     let (committed, resolved) = rayon::join(
