@@ -62,7 +62,7 @@ fn axis(ends: [f64; 2], mark: Option<&Mark>, columns: usize) -> String {
     let at = |share: f64| ((share * columns as f64) as usize).min(columns - 1);
     let mut line = vec!['─'; columns];
     let mut values = String::new();
-    for tick in ticks(ends, (columns / PER_TICK).max(1) as u32) {
+    for tick in ticks(ends, (columns / PER_TICK).max(2) as u32) {
         let column = at(tick.share);
         let label = tick.label;
         let length = label.chars().count();

@@ -2,7 +2,7 @@
 
 use super::font::{fitted, width};
 use super::ticks::{Tick, ticks};
-use super::{INK, Picture, hex};
+use super::{FRAME, INK, Picture, hex};
 use std::fmt::Write;
 
 /// Size of a legend as a picture of its own.
@@ -19,8 +19,6 @@ const STOPS: u32 = 64;
 /// Height of the letters of a line of 1 pixel: CSS counts without the space between lines.
 const EM: f64 = 0.859;
 
-/// Colour of the line around a bar.
-const FRAME: [u8; 3] = [144; 3];
 /// The most ticks that are tried.
 const TICKS: u32 = 8;
 
@@ -128,11 +126,7 @@ impl ColourBar<'_> {
             INK,
         );
         // a frame, for colours that are near to that of the paper
-        picture.fill(
-            [area.left.saturating_sub(1), area.bar_top() - 1],
-            [area.width + 2, area.bar_height() + 2],
-            FRAME,
-        );
+        picture.frame([area.left, area.bar_top()], [area.width, area.bar_height()]);
         for x in 0..area.width {
             // one pixel is the first and the last at once
             let colour = (self.colour)(f64::from(x) / f64::from((area.width - 1).max(1)));

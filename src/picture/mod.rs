@@ -16,6 +16,8 @@ use std::path::Path;
 
 /// Colour of text and lines.
 pub const INK: [u8; 3] = [32, 32, 32];
+/// Colour of lines around what may be as light as the paper.
+const FRAME: [u8; 3] = [144; 3];
 
 /// A picture in 8-bit sRGB.
 #[derive(Debug, Clone, PartialEq)]
@@ -68,6 +70,16 @@ impl Picture {
             for x in left..left.saturating_add(width) {
                 self.set([x, y], colour);
             }
+        }
+    }
+
+    /// Draws a line around a rectangle, given by its upper left corner and its size, which do not touch the picture's rim.
+    pub fn frame(&mut self, [left, top]: [u32; 2], [width, height]: [u32; 2]) {
+        for y in [top - 1, top + height] {
+            self.fill([left - 1, y], [width + 2, 1], FRAME);
+        }
+        for x in [left - 1, left + width] {
+            self.fill([x, top], [1, height], FRAME);
         }
     }
 

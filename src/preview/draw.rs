@@ -67,7 +67,7 @@ impl Canvas<'_> {
         if finer < 2.0 {
             return self.rim(t, if beside_colours { INK } else { LINE });
         }
-        let radius = (finer / 10.0).clamp(0.5, 1.25);
+        let radius = (finer / 8.0).clamp(0.6, 1.25);
         if beside_colours {
             let light = radius + (finer / 6.0).clamp(0.5, 1.25);
             self.lines(t, rule, light, [255; 3]);

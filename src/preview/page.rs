@@ -60,6 +60,8 @@ pub struct Layout {
     pub size: [u32; 2],
     /// Upper left pixel of the slice.
     pub corner: [u32; 2],
+    /// Its size.
+    slice: [u32; 2],
     /// Height of a line of text.
     line: u32,
     caption: Vec<Placed<String>>,
@@ -136,6 +138,7 @@ impl Page {
         Layout {
             size: [content + 2 * margin, bottom + margin / 2],
             corner,
+            slice,
             line,
             caption: caption.collect(),
             scale_bar,
@@ -200,6 +203,7 @@ impl Page {
     pub fn draw(&self, layout: &Layout) -> Picture {
         let mut picture = Picture::new(layout.size, PAPER);
         let line = layout.line;
+        picture.frame(layout.corner, layout.slice);
         for Placed { at, what } in &layout.caption {
             picture.text(at.map(f64::from), what, line, INK);
         }
