@@ -343,10 +343,13 @@ fn text(summary: &Summary, which: Table) -> String {
     let h = &d.histogram;
     let doubled: Vec<f64> = h.bins.iter().flat_map(|&n| [n as f64; 2]).collect();
     let ends = [h.min, h.max];
-    let mark = chart::place(ends, d.number.median);
-    let bars = chart::draw(&doubled, ends, Some(mark), output::width());
+    let mark = chart::Mark {
+        share: chart::place(ends, d.number.median),
+        text: format!("median {}", number(d.number.median)),
+    };
+    let bars = chart::draw(&doubled, ends, Some(&mark), output::width());
     format!(
-        "{}\n{name} of whole {}\n{}{}{}\nnumber of whole {} by equivalent diameter (log scale, median marked)\n{bars}",
+        "{}\n{name} of whole {}\n{}{}{}\nnumber of whole {} by equivalent diameter (log scale)\n{bars}",
         output::table(&rows),
         which.name(),
         line("", head.map(String::from)),

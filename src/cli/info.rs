@@ -255,10 +255,10 @@ fn text(opened: &Opened, found: &Statistics, predicted: Option<Predicted>) -> St
     rows.push(("threshold", otsu));
     let width = output::width();
     let histogram = match (found.range, found.columns(chart::columns(width))) {
-        (Some(range), Some((bars, edges))) => {
-            let mark = predicted.map(|p| chart::place(edges, p.threshold));
-            let bars = chart::draw(&bars, range, mark, width);
-            format!("histogram (log scale)\n{bars}")
+        (Some(_), Some((bars, edges))) => {
+            let mark = predicted.map(|p| mark(header, p, found.otsu, edges));
+            let bars = chart::draw(&bars, edges, mark.as_ref(), width);
+            format!("histogram, voxels on a log scale\n{bars}")
         }
         _ => String::new(),
     };
@@ -266,8 +266,30 @@ fn text(opened: &Opened, found: &Statistics, predicted: Option<Predicted>) -> St
     output::table(&rows) + &histogram + &surface
 }
 
+/// The threshold on the histogram's axis, and how many voxels are above it.
+fn mark(header: &Header, p: Predicted, otsu: Option<f64>, edges: [f64; 2]) -> chart::Mark {
+    let method = if otsu == Some(p.threshold) {
+        " by Otsu's method"
+    } else {
+        ""
+    };
+    let share = share_above(header, p);
+    chart::Mark {
+        share: chart::place(edges, p.threshold),
+        text: format!(
+            "threshold {}{method}, {share:.1} % above",
+            chart::number(p.threshold)
+        ),
+    }
+}
+
+/// Percent of the voxels.
+fn share_above(header: &Header, p: Predicted) -> f64 {
+    100.0 * p.voxels_above as f64 / header.dims.voxels() as f64
+}
+
 fn expected(header: &Header, p: Predicted) -> String {
-    let share = 100.0 * p.voxels_above as f64 / header.dims.voxels() as f64;
+    let share = share_above(header, p);
     let basis = if p.sampled {
         " (from a sample of the slices)"
     } else {

@@ -12,7 +12,7 @@ mod legend;
 
 pub use crate::picture::{Map, hex, parse_colour};
 pub use choice::{ColourRule, PaintRule};
-pub(crate) use legend::FILE as LEGEND;
+pub(crate) use legend::{FILE as LEGEND, SVG as LEGEND_SVG};
 
 use crate::error::{Error, Result};
 use crate::manifest::{Manifest, Selection, WholeTotals};
@@ -89,7 +89,7 @@ pub fn select(
     let rows = copy::tables(from, work, &manifest, &choice)?;
     copy::tiles(from, work, &mut made, &choice, &rows, progress)?;
     if let Some(legend) = choice.legend() {
-        legend::write(&work.join(legend::FILE), legend)?;
+        legend::write(work, legend)?;
     }
     let selection = choice.selection(&manifest);
     made.selection = Some(selection.clone());
