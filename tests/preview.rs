@@ -16,7 +16,11 @@ fn samples(dir: &Path) -> Vec<u8> {
 }
 
 fn picture(dir: &Path, args: &[&str]) -> RgbImage {
-    let args = [&["preview", "foam.mhd", "out.png", "--quiet"], args].concat();
+    let args = [
+        &["preview", "foam.mhd", "out.png", "--quiet", "--force"],
+        args,
+    ]
+    .concat();
     assert_eq!(ok(dir, &args), "");
     image::open(dir.join("out.png")).unwrap().to_rgb8()
 }
@@ -141,6 +145,7 @@ fn cells_have_the_colours_of_their_labels() {
             "--colour-by",
             "volume",
             "--json",
+            "--force",
         ];
         let report = json(&ok(dir, &args));
         assert_eq!(report["threshold"], threshold);
@@ -157,6 +162,22 @@ fn a_crop_is_followed() {
     let dir = foam_tiles(&["--crop", "4:30,2:,8:"]);
     let picture = picture(dir.path(), &["--tiles", "tiles", "--scale", "1"]);
     assert_eq!(picture.dimensions(), (26, 34));
+}
+
+#[test]
+fn a_file_that_is_there_is_replaced_only_on_request() {
+    let dir = foam_tiles(&[]);
+    let dir = dir.path();
+    std::fs::write(dir.join("a.png"), "mine").unwrap();
+    let args = ["preview", "foam.mhd", "a.png", "--quiet"];
+    let message = fails(dir, &args);
+    assert!(
+        message.contains("a.png") && message.contains("--force"),
+        "{message}"
+    );
+    assert_eq!(std::fs::read(dir.join("a.png")).unwrap(), b"mine");
+    ok(dir, &[&args[..], &["--force"]].concat());
+    assert!(image::open(dir.join("a.png")).is_ok());
 }
 
 #[test]

@@ -29,9 +29,9 @@ fn help(args: &[&str]) -> String {
 /// Names of the commands, by the help text.
 fn commands() -> Vec<String> {
     let help = help(&[]);
-    let list = help.split("Commands:\n").nth(1).unwrap();
+    let list = help.split("Usage:").nth(1).unwrap();
     list.lines()
-        .take_while(|l| !l.is_empty())
+        .take_while(|l| *l != "Options:")
         .filter(|l| l.starts_with("  ") && !l.starts_with("   "))
         .filter_map(|l| l.split_whitespace().next())
         .map(str::to_string)

@@ -4,13 +4,14 @@ use super::args::{Common, InputOptions};
 use super::form::FormArgs;
 use super::info;
 use super::parse::{self, CropArg, Threshold};
-use super::{Outcome, output};
+use super::{Outcome, output, stop};
 use crate::convert::{self, ConvertOptions, ConvertReport};
 use crate::error::{Error, Result};
 use crate::grid::{Ambiguous, Crop, Origin, Unit};
 use crate::manifest::Form;
 use crate::volume::Opened;
 use clap::{Args, ValueEnum, ValueHint};
+use std::ffi::OsString;
 use std::path::{Path, PathBuf};
 
 /// Rule for ambiguous faces, as typed.
@@ -82,7 +83,8 @@ pub struct ConvertArgs {
 }
 
 impl ConvertArgs {
-    pub fn run(self) -> Result<Outcome> {
+    /// Converts; `typed` is the command line that asks for it.
+    pub fn run(self, typed: &[OsString]) -> Result<Outcome> {
         let console = self.common.start();
         let (mut opened, stamp) = self.options.open_stamped(&self.input, &self.out)?;
         opened.doubt_size()?;
@@ -128,8 +130,14 @@ impl ConvertArgs {
             }
         };
         console.note(&understood(&opened, &options, how)?);
+        stop::listen();
         let mut report = convert::convert(&*opened.volume, &options, &self.out, &console)
-            .map_err(|e| resumable(e, &self.out))?;
+            .map_err(|e| resumable(e, &self.out, typed))
+            .inspect_err(|e| {
+                if matches!(e, Error::Interrupted) {
+                    console.note("no layer was done yet, so nothing is kept");
+                }
+            })?;
         drop(console);
         if self.common.json {
             report.warnings = [opened.warnings, report.warnings].concat();
@@ -142,24 +150,40 @@ impl ConvertArgs {
 }
 
 /// Adds to an error that a part of the work is kept, if that is so.
-pub fn resumable(error: Error, out: &Path) -> Error {
+fn resumable(error: Error, out: &Path, typed: &[OsString]) -> Error {
     let refused = matches!(
         error,
         Error::OutputBusy { .. }
             | Error::InputChanged { .. }
             | Error::OutputExists { .. }
             | Error::OutputForeign { .. }
+            | Error::OutputInterrupted { .. }
             | Error::OtherConversion { .. }
     );
+    let when = match error {
+        Error::Interrupted => "",
+        _ => "once the cause is removed, ",
+    };
     match convert::interrupted(out).filter(|_| !refused) {
         Some(kept) => Error::Resumable {
             error: Box::new(error),
             path: out.to_path_buf(),
             done: kept.done,
             of: kept.of,
+            next: format!("{when}`{}` goes on", resuming(typed)),
         },
         None => error,
     }
+}
+
+/// The command line that goes on with the conversion that this one began.
+fn resuming(typed: &[OsString]) -> String {
+    let words = typed.iter().skip(1).filter(|word| *word != "--resume");
+    let mut words: Vec<String> = words.map(|word| output::shell_word(word)).collect();
+    // what follows this is no option
+    let end = words.iter().position(|word| word == "--");
+    words.insert(end.unwrap_or(words.len()), "--resume".to_owned());
+    format!("alvis {}", words.join(" "))
 }
 
 /// What will be done, for the user to stop it if it is not what was meant.
@@ -218,7 +242,7 @@ pub fn from(origin: Origin) -> &'static str {
 /// What a conversion made, for people.
 pub fn summary(report: &ConvertReport) -> String {
     let totals = &report.totals;
-    let count = output::count;
+    let (count, things) = (output::count, output::things);
     let mut rows = vec![
         (
             "tiles",
@@ -231,18 +255,18 @@ pub fn summary(report: &ConvertReport) -> String {
         (
             "surface",
             format!(
-                "{} triangles, {} vertices",
-                count(totals.triangles),
+                "{}, {} vertices",
+                things(totals.triangles, "triangle"),
                 count(totals.vertices)
             ),
         ),
         (
             "parts",
             format!(
-                "{} objects, {} cells, {} surfaces",
-                count(totals.objects),
-                count(totals.cells),
-                count(totals.surfaces)
+                "{}, {}, {}",
+                things(totals.objects, "object"),
+                things(totals.cells, "cell"),
+                things(totals.surfaces, "surface")
             ),
         ),
     ];

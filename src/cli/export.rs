@@ -37,6 +37,9 @@ pub struct ExportArgs {
     /// Limit of resident memory; 2g is 2 * 10^9 bytes, 2GiB is 2 * 2^30
     #[arg(long, value_name = "SIZE", default_value = "1GiB", value_parser = parse::bytes)]
     memory: u64,
+    /// Replace the file if it exists
+    #[arg(long)]
+    force: bool,
     #[command(flatten)]
     common: Common,
 }
@@ -48,6 +51,7 @@ impl ExportArgs {
             condition: self.condition,
             simplify: self.simplify,
             memory: self.memory,
+            force: self.force,
         };
         let report = export(&self.out, &self.file, &options, &console)?;
         drop(console);

@@ -1,9 +1,11 @@
 //! Progress on stderr: a bar on a terminal, a line now and then in a log, nothing with `--quiet`.
 
 use super::output::note;
+use super::stop;
 use crate::progress::Progress;
 use indicatif::{ProgressBar, ProgressStyle};
 use std::io::IsTerminal;
+use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Mutex, MutexGuard, PoisonError};
 use std::time::{Duration, Instant};
 
@@ -148,6 +150,15 @@ impl Progress for Console {
                 }
             }
         }
+    }
+
+    fn interrupted(&self) -> bool {
+        static TOLD: AtomicBool = AtomicBool::new(false);
+        let asked = stop::is_asked();
+        if asked && !TOLD.swap(true, Ordering::Relaxed) {
+            self.note("stopping at the next safe place; a second Ctrl-C ends at once");
+        }
+        asked
     }
 
     fn warn(&self, message: &str) {

@@ -197,10 +197,10 @@ fn issue(issue: &Issue) -> String {
 /// The result in one line.
 pub fn verdict(report: &Report) -> String {
     let size = format!(
-        "{} tiles, {} triangles, {} surfaces",
-        output::count(report.tiles),
-        output::count(report.triangles),
-        output::count(report.surfaces)
+        "{}, {}, {}",
+        output::things(report.tiles, "tile"),
+        output::things(report.triangles, "triangle"),
+        output::things(report.surfaces, "surface")
     );
     if report.ok {
         let scope = match (report.against, report.part) {
@@ -211,6 +211,6 @@ pub fn verdict(report: &Report) -> String {
         format!("ok: {size}, no hole{scope}\n")
     } else {
         let issues = report.issues.len() as u64 + report.issues_omitted;
-        format!("not ok: {} issues in {size}\n", output::count(issues))
+        format!("not ok: {} in {size}\n", output::things(issues, "issue"))
     }
 }

@@ -75,9 +75,15 @@ fn wrong_use_is_one_message_and_status_2() {
     let dir = temp();
     std::fs::write(dir.path().join("a.raw"), [0; 64]).unwrap();
     for (args, part) in [
-        (&[][..], "no command"),
-        (&["frobnicate"], "frobnicate"),
+        (&["frobnicate"][..], "frobnicate"),
         (&["convert", "a.raw"], "OUT"),
+        // the help that has the options of the command
+        (&["convert", "a.raw"], "see `alvis convert --help`"),
+        (&["info", "a.raw", "--frob"], "see `alvis info --help`"),
+        (
+            &["info", "a.raw", "--unit", "ell"],
+            "see `alvis info --help`",
+        ),
         (&["convert", "a.raw", "out"], "--threshold"),
         (
             &["convert", "a.raw", "out", "--threshold", "nan"],
@@ -119,7 +125,7 @@ fn wrong_use_is_one_message_and_status_2() {
             ],
             "--crop",
         ),
-        (&["info", "a.raw"], "--dims"),
+        (&["info", "a.raw"], "--dims and --dtype"),
         (&["info", "a.raw", "--dims", "4,4,4"], "--dtype"),
         (
             &["info", "a.raw", "--dims", "4,4", "--dtype", "u8"],
@@ -152,6 +158,25 @@ fn wrong_use_is_one_message_and_status_2() {
     let mut left: Vec<_> = std::fs::read_dir(dir.path()).unwrap().collect();
     assert_eq!(left.len(), 1, "{left:?}");
     assert_eq!(left.remove(0).unwrap().file_name(), "a.raw");
+}
+
+#[test]
+fn the_name_alone_is_helped() {
+    let dir = temp();
+    let help = ok(dir.path(), &[]);
+    assert_eq!(help, ok(dir.path(), &["--help"]));
+    for group in ["Make tiles:\n", "Look:\n", "Use tiles:\n", "Other:\n"] {
+        assert!(help.contains(group), "{help}");
+    }
+    assert!(help.lines().all(|l| l.chars().count() <= 80), "{help}");
+    let narrow = Command::new(env!("CARGO_BIN_EXE_alvis"))
+        .env("COLUMNS", "50")
+        .output()
+        .unwrap();
+    let narrow = super::stdout(&narrow);
+    let list = narrow.split("Make tiles:").nth(1).unwrap();
+    let list = list.split("Options:").next().unwrap();
+    assert!(list.lines().all(|l| l.chars().count() <= 50), "{narrow}");
 }
 
 #[test]

@@ -28,7 +28,7 @@ fn a_conversion_says_what_it_understood_and_made() {
     ] {
         assert!(said.contains(part), "{part} in {said}");
     }
-    assert!(stdout(&output).contains("1 objects, 1 cells, 1 surfaces"));
+    assert!(stdout(&output).contains("1 object, 1 cell, 1 surface\n"));
     // a tile set is replaced only on request
     let again = [
         "convert",
@@ -106,7 +106,7 @@ fn verify_tells_a_sound_set_from_a_damaged_one() {
     ok(dir.path(), &[&convert[..], &raw].concat());
     // the manifest knows the size, type and crop of the raw file
     let verify = ["verify", "out", "--against", "s.raw"];
-    assert!(ok(dir.path(), &verify).starts_with("ok: 1 tiles, "));
+    assert!(ok(dir.path(), &verify).starts_with("ok: 1 tile, "));
     let report = json(&ok(dir.path(), &[&verify[..], &["--json"]].concat()));
     assert_keys(
         &report,
@@ -186,6 +186,25 @@ fn a_conversion_that_is_not_finished_is_no_tile_set_yet() {
         let message = fails(dir.path(), command);
         assert!(message.contains("--resume"), "{message}");
     }
+}
+
+#[test]
+fn a_tile_set_one_directory_away_is_named() {
+    let dir = temp();
+    ok(dir.path(), &["demo", "d", "--size", "16", "--quiet"]);
+    for wrong in ["d", "d/foam/tiles"] {
+        for command in [
+            &["verify", wrong][..],
+            &["cells", wrong],
+            &["export", wrong, "a.ply"],
+            &["select", wrong, "part", "--where", "id > 0"],
+        ] {
+            let message = fails(dir.path(), command);
+            assert!(message.contains("did you mean d/foam?"), "{message}");
+        }
+    }
+    assert!(!fails(dir.path(), &["verify", "."]).contains("did you mean"));
+    assert!(!fails(dir.path(), &["verify", "none"]).contains("did you mean"));
 }
 
 #[test]
