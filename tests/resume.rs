@@ -403,9 +403,8 @@ fn another_conversion_is_refused_with_what_differs() {
     ] {
         let message = fails(here, &words(&format!("{CONVERT} --resume {option}")));
         let name = option.split(' ').next().unwrap();
-        for part in [name, was, is, "without --resume", "out: "] {
-            let part = part.replace("without --resume", "leave out --resume");
-            assert!(message.contains(&part), "{option}: {part}: {message}");
+        for part in [name, was, is, "--force instead of --resume", "out: "] {
+            assert!(message.contains(part), "{option}: {part}: {message}");
         }
     }
     for (old, new) in [
@@ -671,11 +670,10 @@ fn ctrl_c_keeps_what_is_done_and_says_how_to_go_on() {
             assert!(process.0.try_wait().unwrap().is_none(), "it ended too fast");
             std::thread::sleep(Duration::from_millis(1));
         }
+        let id = process.0.id() as libc::pid_t;
         // SAFETY: the process is this one's child and has not been waited for.
-        assert_eq!(
-            unsafe { libc::kill(process.0.id() as libc::pid_t, signal) },
-            0
-        );
+        let sent = unsafe { libc::kill(id, signal) };
+        assert_eq!(sent, 0);
         let mut errors = String::new();
         let mut pipe = process.0.stderr.take().unwrap();
         std::io::Read::read_to_string(&mut pipe, &mut errors).unwrap();

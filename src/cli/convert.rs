@@ -28,6 +28,12 @@ enum AmbiguousArg {
 /// The surface lies where the samples cross the threshold. The directory gets one GLB per
 /// macrocube, an index and tables of cells, objects and surfaces.
 #[derive(Debug, Args)]
+#[command(after_help = "Examples:\n  \
+    alvis convert scan.mhd OUT --threshold otsu\n  \
+    alvis convert scan.raw OUT --dims 512,512,300 --dtype u16 --spacing 0.05 --unit mm --threshold 12000\n  \
+    alvis convert scan.mhd PART --threshold 120 --crop :,:,100:160\n  \
+    alvis convert scan.mhd WEB --threshold 120 --for web\n  \
+    alvis convert scan.mhd OUT --threshold otsu --resume")]
 pub struct ConvertArgs {
     /// The volume: a file, a folder of slices, a Zarr, or slices as in `s%04d.tif`
     ///

@@ -1,6 +1,7 @@
 //! `alvis export`: one mesh of a tile set.
 
 use super::args::Common;
+use super::chart::rounded;
 use super::{Outcome, output, parse};
 use crate::error::Result;
 use crate::export::{ExportOptions, ExportReport, Simplify, export};
@@ -80,7 +81,7 @@ fn summary(file: &str, report: &ExportReport) -> String {
     if let Some(error) = report.error {
         rows.push((
             "error",
-            format!("about {} {} at most", short(error), report.unit),
+            format!("about {} {} at most", rounded(error), report.unit),
         ));
     }
     rows.push((
@@ -92,10 +93,4 @@ fn summary(file: &str, report: &ExportReport) -> String {
         ),
     ));
     output::table(&rows)
-}
-
-/// Three digits that say something.
-fn short(value: f64) -> String {
-    let digits = 2 - libm::log10(value.abs().max(f64::MIN_POSITIVE)).floor() as i32;
-    format!("{value:.*}", digits.clamp(0, 12) as usize)
 }

@@ -12,6 +12,7 @@ mod export;
 mod form;
 mod generate;
 mod info;
+mod info_tiles;
 mod output;
 mod parse;
 mod phantom;
@@ -45,7 +46,7 @@ const FAILED: u8 = 2;
 #[derive(Debug, Parser)]
 #[command(name = "alvis", version, propagate_version = true)]
 #[command(
-    after_help = "Start with `alvis demo`. `alvis COMMAND --help` has all options of a command, and examples.\n\
+    after_help = "Start with `alvis demo`. All options of a command: `alvis COMMAND --help`.\n\
     Exit status: 0 done, 1 the verifier found issues, 2 anything else went wrong."
 )]
 struct Cli {

@@ -5,6 +5,7 @@ use bytesize::ByteSize;
 use serde::Serialize;
 use std::ffi::OsStr;
 use std::io::{ErrorKind, IsTerminal, Write};
+use std::os::fd::AsFd;
 use std::path::Path;
 
 /// Writes text to stdout. That nobody reads it any more (`alvis info x | head`) is no error.
@@ -81,10 +82,15 @@ pub fn stdout_has_colour() -> bool {
     std::io::stdout().is_terminal() && !refused
 }
 
-/// Columns of the terminal on stdout, or those that COLUMNS says, or 80.
+/// Columns of the terminal on stdout, see [`columns_of`].
 pub fn width() -> usize {
+    columns_of(std::io::stdout())
+}
+
+/// Columns of a stream's terminal, or those that COLUMNS says, or 80.
+pub fn columns_of(stream: impl AsFd) -> usize {
     let stated = || std::env::var("COLUMNS").ok()?.parse().ok();
-    let terminal = terminal_size::terminal_size_of(std::io::stdout());
+    let terminal = terminal_size::terminal_size_of(stream);
     let width = terminal.map(|(w, _)| usize::from(w.0)).or_else(stated);
     width.filter(|w| *w > 0).unwrap_or(80)
 }

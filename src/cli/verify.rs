@@ -16,6 +16,10 @@ use std::path::{Path, PathBuf};
 ///
 /// Exit status 0 if it has none, 1 if there are issues, 2 if the check itself could not be made.
 #[derive(Debug, Args)]
+#[command(after_help = "Examples:\n  \
+    alvis verify OUT\n  \
+    alvis verify OUT --against scan.mhd\n  \
+    alvis verify OUT --json --max-issues 10")]
 pub struct VerifyArgs {
     /// The directory of the tile set
     #[arg(value_hint = ValueHint::DirPath)]

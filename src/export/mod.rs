@@ -142,11 +142,15 @@ pub fn export(
     let cost = Cost::new(&*writer, simplify.is_some());
     let plan = Plan::new(&set, &choice, &cost, options.memory)?;
     if plan.triangles == 0 {
-        return Err(Error::usage(
-            options.condition.as_ref().map_or("OUT", |_| "--where"),
-            options.condition.as_deref().unwrap_or("no triangle"),
-            "at least one cell with a surface",
-        ));
+        let (option, found) = match (&options.condition, choice.share(manifest)) {
+            (Some(text), Some([n, of])) => (
+                "--where",
+                format!("{text}, which holds for {n} of {of} cells"),
+            ),
+            _ => ("OUT", "no triangle".to_owned()),
+        };
+        let expected = "at least one cell with a surface";
+        return Err(Error::usage(option, found, expected));
     }
     if simplify.is_none() {
         writer.check(choice.vertices(manifest), plan.triangles)?;

@@ -60,7 +60,14 @@ fn help_names_every_option() {
                 "{word} in the help of {command}: {help}"
             );
         }
-        assert!(ok(dir.path(), &[command, "-h"]).contains("Usage: alvis "));
+        let short = ok(dir.path(), &[command, "-h"]);
+        assert!(short.contains("Usage: alvis "));
+        if !["completions", "man"].contains(&command) {
+            for help in [&help, &short] {
+                let examples = help.split("Examples:").nth(1).unwrap_or_default();
+                assert!(examples.contains(&format!("  alvis {command}")), "{help}");
+            }
+        }
         assert!(ok(dir.path(), &["man", command]).contains(".TH"));
     }
     assert!(ok(dir.path(), &["man"]).contains("Exit status"));
@@ -158,6 +165,33 @@ fn wrong_use_is_one_message_and_status_2() {
     let mut left: Vec<_> = std::fs::read_dir(dir.path()).unwrap().collect();
     assert_eq!(left.len(), 1, "{left:?}");
     assert_eq!(left.remove(0).unwrap().file_name(), "a.raw");
+}
+
+#[test]
+fn the_help_of_cells_explains_every_column() {
+    let dir = temp();
+    let help = ok(dir.path(), &["cells", "--help"]);
+    assert!(help.lines().all(|l| l.chars().count() <= 100), "{help}");
+    let (_, columns) = help.split_once("Columns of cells").unwrap();
+    let (components, surfaces) = columns.split_once("Columns of surfaces").unwrap();
+    let has = |text: &str, name: &str| {
+        let words = text.split(|c: char| !c.is_ascii_alphanumeric() && c != '_');
+        let all: Vec<&str> = words.collect();
+        let stem = name.rsplit_once('_').map_or(name, |(stem, _)| stem);
+        let first = ["_x", "_a"].map(|end| format!("{stem}{end}"));
+        let axis = first.iter().any(|name| all.contains(&name.as_str()));
+        all.contains(&name)
+            || axis
+                && ["_y", "_z", "_b", "_c"]
+                    .iter()
+                    .any(|end| name.ends_with(end))
+    };
+    for (name, _) in alvis::convert::COMPONENT_COLUMNS {
+        assert!(has(components, name), "{name} in {components}");
+    }
+    for (name, _) in alvis::convert::SURFACE_COLUMNS {
+        assert!(has(surfaces, name), "{name} in {surfaces}");
+    }
 }
 
 #[test]
