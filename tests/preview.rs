@@ -17,7 +17,9 @@ fn samples(dir: &Path) -> Vec<u8> {
 
 fn picture(dir: &Path, args: &[&str]) -> RgbImage {
     let args = [
-        &["preview", "foam.mhd", "out.png", "--quiet", "--plain"],
+        &[
+            "preview", "foam.mhd", "out.png", "--quiet", "--force", "--plain",
+        ],
         args,
     ]
     .concat();
@@ -145,6 +147,7 @@ fn cells_have_the_colours_of_their_labels() {
             "--colour-by",
             "volume",
             "--json",
+            "--force",
         ];
         let report = json(&ok(dir, &args));
         assert_eq!(report["threshold"], threshold);
@@ -169,7 +172,7 @@ fn a_crop_is_followed() {
 /// What `preview --json` says of the foam's middle slice.
 fn reported(dir: &Path, args: &[&str]) -> serde_json::Value {
     let start = [
-        "preview", "foam.mhd", "out.png", "--tiles", "tiles", "--json",
+        "preview", "foam.mhd", "out.png", "--tiles", "tiles", "--json", "--force",
     ];
     json(&ok(dir, &[&start, args].concat()))
 }
@@ -230,6 +233,22 @@ fn voxels_have_their_true_proportion() {
     let args = ["--spacing", "0.1,0.1,0.25", "--axis", "x", "--scale", "2"];
     let drawn = picture(dir.path(), &args);
     assert_eq!(drawn.dimensions(), (72, 160));
+}
+
+#[test]
+fn a_file_that_is_there_is_replaced_only_on_request() {
+    let dir = foam_tiles(&[]);
+    let dir = dir.path();
+    std::fs::write(dir.join("a.png"), "mine").unwrap();
+    let args = ["preview", "foam.mhd", "a.png", "--quiet"];
+    let message = fails(dir, &args);
+    assert!(
+        message.contains("a.png") && message.contains("--force"),
+        "{message}"
+    );
+    assert_eq!(std::fs::read(dir.join("a.png")).unwrap(), b"mine");
+    ok(dir, &[&args[..], &["--force"]].concat());
+    assert!(image::open(dir.join("a.png")).is_ok());
 }
 
 #[test]

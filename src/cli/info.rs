@@ -3,7 +3,7 @@
 use super::args::{Common, InputOptions};
 use super::convert::from;
 use super::parse;
-use super::{Outcome, chart, output};
+use super::{Outcome, chart, info_tiles, output};
 use crate::convert::{ConvertOptions, predicted_memory};
 use crate::error::{Error, Result};
 use crate::grid::{Dims, Placement, Unit};
@@ -22,9 +22,16 @@ const SLICES: u32 = 256;
 const UNLIMITED: u64 = 1 << 60;
 
 /// Show what a volume holds, its histogram, Otsu's threshold and the surface to expect there
+///
+/// Of a tile set it shows what it was made from, how, and what can be done with it.
 #[derive(Debug, Args)]
+#[command(after_help = "Examples:\n  \
+    alvis info scan.mhd\n  \
+    alvis info scan.raw --dims 512,512,300 --dtype u16\n  \
+    alvis info slices --threshold 120\n  \
+    alvis info OUT")]
 pub struct InfoArgs {
-    /// The volume: a file, a folder of slices, a Zarr, or slices as in `s%04d.tif`
+    /// The volume: a file, a folder of slices, a Zarr, or slices as in `s%04d.tif`; or a tile set
     ///
     /// MetaImage, NRRD, NIfTI, TIFF, DICOM, HDF5, NumPy, VTK image data and zip are recognised by
     /// what is in them. A folder may hold DICOM, TIFF or PNG slices, or a Zarr. Anything else is read
@@ -79,6 +86,15 @@ struct Predicted {
 
 impl InfoArgs {
     pub fn run(self) -> Result<Outcome> {
+        if info_tiles::is_tile_set(&self.input) {
+            self.options.refuse_without_volume("a volume")?;
+            if self.threshold.is_some() {
+                let expected = "it together with a volume";
+                return Err(Error::usage("--threshold", "it without a volume", expected));
+            }
+            info_tiles::print(&self.input, self.common.json)?;
+            return Ok(Outcome::Done);
+        }
         let console = self.common.start();
         let (mut opened, stamp) = self.options.open_stamped(&self.input, Path::new(""))?;
         opened.doubt_size()?;

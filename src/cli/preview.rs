@@ -80,6 +80,9 @@ pub struct PreviewArgs {
     /// The slice alone, without caption, scale bar and legends
     #[arg(long)]
     plain: bool,
+    /// Replace the picture if it exists
+    #[arg(long)]
+    force: bool,
     #[command(flatten)]
     options: InputOptions,
     #[command(flatten)]
@@ -96,6 +99,9 @@ impl PreviewArgs {
         {
             let found = self.png.display().to_string();
             return Err(Error::usage("PNG", found, "a name that ends in .png"));
+        }
+        if !self.force && self.png.symlink_metadata().is_ok_and(|m| !m.is_dir()) {
+            return Err(Error::FileExists { path: self.png });
         }
         let (opened, input) = self.options.open_stamped(&self.input, Path::new(""))?;
         let threshold = match self.threshold {
@@ -127,9 +133,9 @@ impl PreviewArgs {
         if self.common.json {
             output::print_json(&report)?;
         } else if self.common.talks() {
-            let cells = report
-                .cells
-                .map_or(String::new(), |n| format!(", {} cells", output::count(n)));
+            let cells = report.cells.map_or(String::new(), |n| {
+                format!(", {}", output::things(n, "cell"))
+            });
             output::print(&format!(
                 "{}: slice {} across {}, {} x {} pixels{cells}\n",
                 self.png.display(),

@@ -28,7 +28,7 @@ use crate::convert::finalize::{FinalizeInput, finalize};
 use crate::convert::layer_dirs::remove_empty_layer_directories;
 use crate::convert::plan::plan;
 use crate::convert::resolve::resolve;
-use crate::convert::resume::{begin, commit_begun, complete};
+use crate::convert::resume::{begin, commit_begun, complete, refuse_kept};
 use crate::convert::scan::{Scanned, scan};
 use crate::convert::tables::write_tables;
 use crate::convert::totals::{dust_of, scanned_totals, sum_components};
@@ -37,7 +37,7 @@ use crate::error::{Error, Result};
 use crate::manifest::Manifest;
 use crate::progress::Progress;
 use crate::sys::process_memory::peak_rss_bytes;
-use crate::tileset::{Output, tidy};
+use crate::tileset::{Output, outward, tidy};
 use crate::volume::{Cropped, Volume, Watch, Watched};
 use std::any::Any;
 use std::panic::{AssertUnwindSafe, catch_unwind, resume_unwind};
@@ -54,7 +54,7 @@ use std::time::Instant;
 ///
 /// # Errors
 /// [`Error::Usage`] for impossible options, [`Error::Memory`] with the smallest limit that works,
-/// those of [`check_output`], [`Error::OtherConversion`] if the one to resume is
+/// those of [`check_output`], [`Error::OutputInterrupted`], [`Error::OtherConversion`] if the one to resume is
 /// another, [`Error::InputChanged`], [`Error::Io`], [`Error::Interrupted`], and what reading the volume returns. Nothing is
 /// left under a final name then; [`interrupted`] tells whether finished layers are kept.
 pub fn convert(
@@ -80,7 +80,7 @@ pub fn convert(
         watch: &watch,
         progress,
     };
-    let done = run(&job, out)?;
+    let done = run(&job, out).map_err(|e| outward(e, out))?;
     Ok(ConvertReport {
         totals: done.made.totals,
         bytes_written: done.made.bytes,
@@ -108,13 +108,18 @@ pub fn predicted_memory(volume: &dyn Volume, options: &ConvertOptions) -> Result
 /// Refuses a conversion that [`convert`] would refuse before it reads any sample, whatever the threshold.
 ///
 /// # Errors
-/// As of [`predicted_memory`] and, unless something is to be resumed, of [`check_output`].
+/// As of [`predicted_memory`] and, unless something is to be resumed, of [`check_output`];
+/// [`Error::OutputInterrupted`].
 pub fn check_before(volume: &dyn Volume, options: &ConvertOptions, out: &Path) -> Result<()> {
     predicted_memory(volume, options)?;
     if options.resume {
         return Ok(());
     }
-    check_output(out, options.force)
+    check_output(out, options.force)?;
+    match options.force {
+        true => Ok(()),
+        false => refuse_kept(out, interrupted(out)),
+    }
 }
 
 /// A conversion that is done, and what of it was done before.

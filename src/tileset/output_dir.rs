@@ -73,6 +73,46 @@ pub fn tidy(out: &Path) -> Result<()> {
     Ok(())
 }
 
+/// An error as the user is told: what is being made in the work directory of `out` has the name that it gets later,
+/// and what nobody gets to see has that of `out`.
+pub fn outward(error: Error, out: &Path) -> Error {
+    let work = out.join(WORK);
+    let outward = |path: PathBuf| {
+        let Ok(inside) = path.strip_prefix(&work) else {
+            return path;
+        };
+        let first = inside.components().next();
+        let stays = first.is_some_and(|c| ENTRIES.iter().any(|&e| c.as_os_str() == e));
+        match stays {
+            true => out.join(inside),
+            false => out.to_path_buf(),
+        }
+    };
+    match error {
+        Error::Io {
+            path,
+            action,
+            source,
+        } => Error::Io {
+            path: outward(path),
+            action,
+            source,
+        },
+        Error::Format {
+            path,
+            found,
+            expected,
+            hint,
+        } => Error::Format {
+            path: outward(path),
+            found,
+            expected,
+            hint,
+        },
+        error => error,
+    }
+}
+
 impl Output {
     /// Makes an empty work directory inside `out`.
     ///

@@ -15,7 +15,7 @@ use crate::manifest::{Form, Manifest};
 use crate::progress::Progress;
 use crate::table::Table;
 use crate::tile::check_reach;
-use crate::tileset::{Output, TileSet};
+use crate::tileset::{Output, TileSet, outward};
 use crate::transform::select::{LEGEND, LEGEND_SVG};
 use serde::Serialize;
 use std::path::Path;
@@ -54,6 +54,15 @@ pub struct RepackReport {
 /// [`Error::OutputExists`]; [`Error::Format`] if the tile set is damaged; [`Error::Io`];
 /// [`Error::Interrupted`]. Nothing is left under a final name then.
 pub fn repack(
+    from: &Path,
+    to: &Path,
+    options: &RepackOptions,
+    progress: &dyn Progress,
+) -> Result<RepackReport> {
+    repack_into(from, to, options, progress).map_err(|e| outward(e, to))
+}
+
+fn repack_into(
     from: &Path,
     to: &Path,
     options: &RepackOptions,

@@ -18,7 +18,7 @@ use crate::error::{Error, Result};
 use crate::manifest::{Manifest, Selection, WholeTotals};
 use crate::progress::Progress;
 use crate::table::Table;
-use crate::tileset::Output;
+use crate::tileset::{Output, outward};
 use choice::Choice;
 use serde::Serialize;
 use std::path::Path;
@@ -67,6 +67,15 @@ pub struct SelectReport {
 /// [`Error::OutputExists`]; [`Error::Format`] if the tile set is damaged; [`Error::Io`];
 /// [`Error::Interrupted`]. Nothing is left under a final name then.
 pub fn select(
+    from: &Path,
+    to: &Path,
+    options: &SelectOptions,
+    progress: &dyn Progress,
+) -> Result<SelectReport> {
+    select_into(from, to, options, progress).map_err(|e| outward(e, to))
+}
+
+fn select_into(
     from: &Path,
     to: &Path,
     options: &SelectOptions,
