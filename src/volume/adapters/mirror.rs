@@ -1,7 +1,7 @@
 //! A volume whose rows or columns are stored the other way round than they are meant.
 
 use crate::error::Result;
-use crate::volume::{Header, Volume, check_box, hand_on};
+use crate::volume::{Header, Volume, hand_on};
 use std::ops::Range;
 use std::path::Path;
 
@@ -23,11 +23,7 @@ impl Volume for Mirrored<'_> {
         self.inner.header()
     }
 
-    fn read_box(&self, x: Range<u32>, y: Range<u32>, z: Range<u32>, out: &mut [u8]) -> Result<()> {
-        check_box(self.header(), &x, &y, &z, out.len())?;
-        if out.is_empty() {
-            return Ok(());
-        }
+    fn fill_box(&self, x: Range<u32>, y: Range<u32>, z: Range<u32>, out: &mut [u8]) -> Result<()> {
         let [nx, ny, _] = self.header().dims.0;
         let sample = self.header().dtype.bytes();
         let (row, rows) = (x.len() * sample, y.len());

@@ -5,7 +5,7 @@
 //! has passed them; then others take their place.
 
 use crate::error::{Error, Result};
-use crate::volume::{Header, Volume, check_box};
+use crate::volume::{Header, Volume};
 use rayon::prelude::*;
 use std::collections::HashMap;
 use std::fs::File;
@@ -133,11 +133,7 @@ impl Volume for Unpacked<'_> {
         self.volume.header()
     }
 
-    fn read_box(&self, x: Range<u32>, y: Range<u32>, z: Range<u32>, out: &mut [u8]) -> Result<()> {
-        check_box(self.header(), &x, &y, &z, out.len())?;
-        if out.is_empty() {
-            return Ok(());
-        }
+    fn fill_box(&self, x: Range<u32>, y: Range<u32>, z: Range<u32>, out: &mut [u8]) -> Result<()> {
         let asked = [x, y, z];
         let parts = self.slots(self.volume.parts_of(&asked)?)?;
         let slice = out.len() / asked[2].len();
