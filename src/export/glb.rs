@@ -7,6 +7,7 @@ use super::format::{Coded, Counts, Writer, push_floats, too_large};
 use super::front::Numbers;
 use super::sheet::Sheet;
 use crate::error::Result;
+use crate::gltf::{ARRAY_BUFFER, ELEMENT_ARRAY_BUFFER, FLOAT, TRIANGLES, UNSIGNED_INT};
 use crate::grid::LATTICE;
 use crate::manifest::Manifest;
 use serde_json::{Value, json};
@@ -53,13 +54,13 @@ impl Glb {
             bounds,
         } = *counts;
         let bound = |which: usize| bounds[which].map(|v| f64::from(v) / f64::from(LATTICE));
-        let attribute = |offset: u32, shape: &str| json!({"bufferView": 0, "byteOffset": offset, "componentType": 5126, "count": vertices, "type": shape});
+        let attribute = |offset: u32, shape: &str| json!({"bufferView": 0, "byteOffset": offset, "componentType": FLOAT, "count": vertices, "type": shape});
         let mut position = attribute(0, "VEC3");
         position["min"] = json!(bound(0));
         position["max"] = json!(bound(1));
-        let corners = json!({"bufferView": 1, "byteOffset": 0, "componentType": 5125, "count": 3 * triangles, "type": "SCALAR"});
+        let corners = json!({"bufferView": 1, "byteOffset": 0, "componentType": UNSIGNED_INT, "count": 3 * triangles, "type": "SCALAR"});
         let mut accessors = vec![position, attribute(12, "VEC3"), corners];
-        let mut primitive = json!({"attributes": {"POSITION": 0, "NORMAL": 1}, "indices": 2, "material": 0, "mode": 4});
+        let mut primitive = json!({"attributes": {"POSITION": 0, "NORMAL": 1}, "indices": 2, "material": 0, "mode": TRIANGLES});
         if self.ids {
             accessors.push(attribute(24, "SCALAR"));
             primitive["attributes"]["_FEATURE_ID_0"] = 3.into();
@@ -76,8 +77,8 @@ impl Glb {
             "materials": [crate::tile::material()],
             "accessors": accessors,
             "bufferViews": [
-                {"buffer": 0, "byteOffset": 0, "byteLength": vertex_bytes, "byteStride": self.stride(), "target": 34962},
-                {"buffer": 0, "byteOffset": vertex_bytes, "byteLength": bytes - vertex_bytes, "target": 34963}
+                {"buffer": 0, "byteOffset": 0, "byteLength": vertex_bytes, "byteStride": self.stride(), "target": ARRAY_BUFFER},
+                {"buffer": 0, "byteOffset": vertex_bytes, "byteLength": bytes - vertex_bytes, "target": ELEMENT_ARRAY_BUFFER}
             ],
             "buffers": [{"byteLength": bytes}],
         });

@@ -8,6 +8,6 @@ pub(crate) mod container;
 pub(crate) mod quantize_normals;
 pub(crate) mod read_json;
 
-/// Targets of buffer views.
-pub(crate) const ARRAY_BUFFER: u32 = 34962;
-pub(crate) const ELEMENT_ARRAY_BUFFER: u32 = 34963;
+pub(crate) use ::gltf::json::accessor::{BYTE, FLOAT, UNSIGNED_INT, UNSIGNED_SHORT};
+pub(crate) use ::gltf::json::buffer::{ARRAY_BUFFER, ELEMENT_ARRAY_BUFFER};
+pub(crate) use ::gltf::json::mesh::{TRIANGLE_STRIP, TRIANGLES};

@@ -10,15 +10,6 @@ use serde::Deserialize;
 use serde::de::{Deserializer, IgnoredAny, MapAccess, Visitor};
 use std::collections::BTreeMap;
 
-/// glTF component type of normals of 8 bits.
-pub(crate) const BYTE: u32 = 5120;
-/// glTF component type of 16-bit indices and positions.
-pub(crate) const UNSIGNED_SHORT: u32 = 5123;
-/// glTF component type of 32-bit indices.
-pub(crate) const UNSIGNED_INT: u32 = 5125;
-/// glTF component type of positions, normals and feature ids.
-pub(crate) const FLOAT: u32 = 5126;
-
 #[derive(Debug, Clone, Deserialize)]
 pub(crate) struct Document {
     pub asset: Asset,

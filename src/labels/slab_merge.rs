@@ -18,8 +18,7 @@ use std::collections::BTreeSet;
 /// set and of the component, order, number, phase, place of its record and of its live class.
 const BYTES_PER_COMPONENT: u64 = 4 + 4 + 4 + 16 + 8 + 1 + 4 + 4;
 
-/// One in so many is often. Of a lobster, sandstone, trabecular bone and an electrode it was one in 1.4 to 3.4,
-/// of cortical bone one in 23, of foams one in 800 or none.
+/// One in so many is often: more than in bone, less than in rock.
 const OFTEN: u64 = 8;
 
 /// A component that can still grow.

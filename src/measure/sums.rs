@@ -26,9 +26,8 @@ pub struct VoxelSums {
     pub touches_border: u64,
 }
 
-/// Three coordinates, the last one twice. Four are loaded and stored at once: of three, compilers did so with
-/// two and took the third alone, and to load again what was stored in parts took half the time of
-/// [`VoxelSums::add_run`].
+/// Three coordinates, the last one twice. Four are loaded and stored at once, of three
+/// compilers make two steps.
 type Corner = [u16; 4];
 
 impl Default for VoxelSums {

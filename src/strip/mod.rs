@@ -21,42 +21,7 @@
 //! 3. `walk`: the steps of that.
 //! 4. `write`: each path to a strip, and the strips to one.
 //!
-//! # What was tried
-//! Marching cubes of the default foam, 193^3 voxels, 2.0 million triangles in pieces of 1,700 on average
-//! (one core of a 2-core AMD EPYC with 2.6 GHz, each the best of 15 runs that read all pieces from main
-//! memory):
-//!
-//! | way | entries per triangle | ns per triangle |
-//! |---|---|---|
-//! | paths as labels (which edge each triangle skips), a pass that betters each label beside its neighbours' and an exchange at the end of each strip, strips by parity of their first turn | 1.286 | 24 |
-//! | the same without exchanges | 1.294 | 20 |
-//! | paths alone, as labels that are followed a second time | 1.305 | 16 |
-//! | paths alone, written at once, each from the place that is next | 1.314 | 12 |
-//! | and put where their first turn is free | 1.306 | 12 |
-//! | and from the start to its other side, too | 1.303 | 12 |
-//! | and quadrilaterals cut the other way in some cases, see `surface::case_table` (chosen) | 1.295 | 12 |
-//!
-//! With those diagonals the first way has 1.279. Bettering takes as long again as all the rest for 1.2 %
-//! of the entries, or 0.1 % of a tile's bytes, most of which are vertices; so it was given up. Annealing
-//! of labels gets to about 1.22 on a similar foam, and longer chains of exchanges to 1.281 for twice the time.
-//!
-//! A step of a walk waits for what the one before has loaded: the mates of its triangle, then their counts,
-//! then which is less. `cargo bench --bench strip`, on an AMD Zen 5 with 3.7 GHz:
-//!
-//! | way | ns per triangle |
-//! |---|---|
-//! | corners and mates apart, piece by piece | 11.8 |
-//! | side by side, and no branch but at the end, for half of the turns cannot be foretold | 12.3 |
-//! | and two pieces in turns, large ones first | 10.0 |
-//! | piece by piece, what is across both neighbours loaded before the choice, places by adding (chosen) | 8.6 |
-//!
-//! To load for both pays only with the first two mates repeated, so that places need no counting in threes;
-//! with that, two pieces in turns take 2 % less, which is not worth it.
-//!
-//! Not worth it: a swap only where the other neighbour has two free ones (-0.001); strips that start at the
-//! vertex where the one before ends, for hardly a triangle is free there (-0.0004); choosing the neighbour by
-//! a table over the free exits of both (-0.007 after hill climbing over all 256 contexts). Writing entries
-//! while walking, without turns between, took the same time, and so did triangles copied to numbers of 16 bits.
+//! What else was tried: `docs/performance.md`.
 
 mod adjacency;
 mod greedy;

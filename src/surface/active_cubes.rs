@@ -1,10 +1,9 @@
 //! The cubes that the surface cuts, a batch at a time.
 //!
 //! How many cubes of a row are cut cannot be foretold, so the processor begins anew at the end of nearly every row.
-//! When triangles were made in that loop, it then had to wait for all that leads to the first of them, one after the
-//! other: the case, its plan, the edges' numbers, their piece, and the place there. Now some rows of cubes are listed
-//! first, in a short loop, and their triangles made in a long one: 10 million triangles took 63 ms instead of 73 (one
-//! core of an AMD Zen 5), which is 3 % of a conversion, although that is more instructions.
+//! If triangles were made in that loop, it would then wait for all that leads to the first of them, one after the
+//! other: the case, its plan, the edges' numbers, their piece, and the place there. Some rows of cubes are listed
+//! first, in a short loop, and their triangles made in a long one.
 
 use crate::surface::case_table::{EDGE_LOWER, edge_axis};
 use crate::surface::edges::{Edges, below};

@@ -125,8 +125,7 @@ impl Edges {
             for from in slice.chunks_exact(bits.row_words) {
                 let out = out.next().expect("one for each row");
                 if shift == 0 {
-                    // one by one: a call of the system's copying function for each row took 1.5 % of a
-                    // conversion's processor time
+                    // one by one: a call of the system's copying function costs more for so few
                     let from = &from[word0..][..row];
                     for (w, (out, &word)) in out.iter_mut().zip(from).enumerate() {
                         *out = word & below(cx + 1, w);
@@ -147,8 +146,7 @@ impl Edges {
 }
 
 /// A number that is known when code is compiled, or another one if that is 0: loops of few steps need no counting
-/// then. For a tile of 64^3 cubes, with a surface or none, edges took 23 us to find instead of 45, and their number
-/// 14 instead of 31 (one core of an AMD Zen 4); to leave out rows that are all alike as well gained nothing more.
+/// then.
 #[inline(always)]
 pub fn known_or<const KNOWN: usize>(number: usize) -> usize {
     if KNOWN == 0 { number } else { KNOWN }

@@ -4,15 +4,8 @@
 //! have, and its triangles are numbered in the order of their cubes. Nearly all cubes are cut by one
 //! sheet and go a way without branches on the case; the others, and a test for all, take the plain way.
 //!
-//! Instructions of all of meshing, per triangle, on a foam of 130^3 voxels, compiled for AVX2: 766 with a
-//! population count for each edge of a cube and the triangles sorted by piece afterwards; 511, of which
-//! cubes take 163, with counters that step from cube to cube (Flying Edges, Schroeder et al. 2015), kept
-//! in one vector, and pieces known beforehand; 434 with sums, bounds and slopes of many at a time and
-//! pieces found once for a stretch of edges; 385, of which cubes take 104, without bounds checks in the walk,
-//! with all counters in memory and each case's plan in one cache line. The last step took 8 % of the time
-//! away: by then much of it waited for branches and memory, so cubes are listed first, see `surface::active_cubes`. With
-//! AVX2 spelled out, each triangle one vector that picks its corners by a permutation, took as many instructions
-//! and as long.
+//! Counters step from cube to cube as in Flying Edges (Schroeder et al. 2015). Cubes with surface are listed first,
+//! see `surface::active_cubes`.
 
 use crate::strip::{APEXES, NONE, STRIDE};
 use crate::surface::active_cubes::{ActiveCube, Batch, CubeRow, NUMBER_OF_EDGE, NUMBERS};

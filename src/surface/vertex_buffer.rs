@@ -8,9 +8,6 @@ const VECTOR: usize = size_of::<[f32; 3]>();
 
 /// The beginning of a tile's BIN chunk: all positions in voxel coordinates, then all unit normals, three
 /// floats each. Room for indices is behind them.
-///
-/// Vertices that lay in arrays of their own and were copied when a tile was written took a conversion 1 to
-/// 4 % more time.
 #[derive(Debug, Default)]
 pub struct VertexBuffer {
     bytes: Buffer,

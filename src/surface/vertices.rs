@@ -1,15 +1,7 @@
 //! All vertices of a tile, in batches: samples are gathered one by one, arithmetic runs over arrays.
 //!
 //! Both ways through this file, and [`normal`] and [`step_on_edge`] for one vertex, give the same
-//! bits; a test holds them equal. Batches made the vertex pass 2 to 3 times as fast as one vertex at
-//! a time. A tenth of it was the conversion of steps to integers, one by one, see [`crate::sys::rounding`];
-//! another the wait for the places of vertices, which are fetched ahead now, and up to a tenth that for samples: those
-//! of all rows are fetched ahead, not only of rows that follow others with vertices. To ask once for a word of
-//! edges, not for each, whether differences are central took 4 % of the instructions away and no time. To
-//! list edges first, of a row or of a batch for each axis, so that fewer loops end where the processor cannot foretell,
-//! took as long; so did neighbours along x that are loaded together and put apart by vectors, and
-//! gradients at all voxels of two slices, many at a time, from which vertices took theirs with one load for each
-//! end: what they saved in instructions went into memory.
+//! bits; a test holds them equal. Places of vertices and samples are fetched ahead.
 
 use crate::grid::LATTICE;
 use crate::surface::assign_pieces::VertexAssignment;

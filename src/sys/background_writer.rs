@@ -55,8 +55,7 @@ struct State {
     /// Numbers of the jobs in hands.
     writing: Vec<u64>,
     /// Buffers that wait for use. With those on their way there are always as many, and all are used in
-    /// turn: how much memory they take does not hang on who is faster. To use the one first that came back last
-    /// took as long.
+    /// turn: how much memory they take does not hang on who is faster.
     spare: VecDeque<Buffer>,
     failed: Option<Error>,
     closed: bool,

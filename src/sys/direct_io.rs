@@ -1,14 +1,8 @@
 //! Long files past the page cache.
 //!
 //! What is written once, or read once, gains nothing by a copy in the page cache, and pays for it: the
-//! system has to find a free page for every 4 KiB, and to copy. On a virtual machine whose host gives
-//! memory when it is touched first, a page took 12 us, and a third of a conversion's time went there. So
-//! whole blocks of long files go between our buffers and the disk (`O_DIRECT`), where the file system
-//! can do that; the rest goes through the cache.
-//!
-//! There, a foam of 10 million triangles was converted in 0.54 s instead of 0.75 s (means of four, in turns
-//! with others that fill memory). Files are verified in the same time from the disk as from the cache, if
-//! they are read ahead; if each was waited for, that took 0.71 s instead of 0.54 s.
+//! system has to find a free page for every 4 KiB, and to copy. So whole blocks of long files go between our
+//! buffers and the disk (`O_DIRECT`), where the file system can do that; the rest goes through the cache.
 
 use crate::sys::huge_pages::{Pages, held};
 use std::fs::File;

@@ -1,11 +1,7 @@
 //! Memory for what goes between us and the disk, in huge pages where the system has them.
 //!
-//! For each transfer past the page cache the system looks up and holds every page of the buffer. With huge
-//! ones, converting a foam of 10 million triangles took 3 to 6 % less time (medians of four series of 13 to 21 runs
-//! in turns), and verifying one of 26 million 2 %. Huge pages for what stays in memory, a tile's triangles or
-//! a band's voxels, gained nothing: to clear them takes the system as long as to find small ones more often.
-//! Nor did other allocators in the place of glibc's: jemalloc and mimalloc took 2 to 5 % longer, and jemalloc
-//! with huge pages as long, with 70 MiB instead of 39 for 256 x 256 x 256 voxels.
+//! For each transfer past the page cache the system looks up and holds every page of the buffer,
+//! of which huge ones are few. What stays in memory gains nothing by them.
 
 use memmap2::{MmapMut, MmapOptions};
 use std::io::Result;

@@ -18,8 +18,7 @@ const LARGE: libc::c_int = 1 << 20;
 /// From now on the allocator gives large buffers back to the system when they are freed.
 ///
 /// By itself glibc raises that limit to what was freed last, up to 32 MiB, and each thread's arena keeps twice as
-/// much: memory that no budget knows of. Noise of 129^3 voxels took 97 MiB of 85 MiB allowed with two threads, and
-/// takes 61 MiB so. Time is the same: what is used again and again is kept by those who use it.
+/// much: memory that the pool does not know of.
 pub fn give_back_large_buffers() {
     #[cfg(all(target_os = "linux", target_env = "gnu"))]
     // SAFETY: the call only sets numbers of the allocator, under its own lock.

@@ -7,19 +7,12 @@
 //! classification did so unnoticed until instructions were counted both ways.
 //! `ALVIS_PORTABLE=1` in the environment forces the plain way, which is the only one on other
 //! architectures.
-//!
-//! Instructions for any processor and for wide vectors, in millions, on a foam of 130^3 voxels
-//! (`tests/instructions/limits.json`): meshing 526 and 372, numbering of surfaces 44 and 37, labelling 107
-//! and 91, strips 73 and 67: their walks from triangle to triangle gain nothing and are compiled once. What is
-//! fetched from many places is put across by compilers number by number, so there AVX2 is spelled out, see
-//! `surface::sums` and `verify::facets`. The
-//! whole program compiled for x86-64-v3 or v4, with AVX-512 that is, took within 1 % the same processor time on an
-//! AMD Zen 5 for a conversion, and compiled for an Intel Xeon with AVX-512, 3 % more there.
+//! What is fetched from many places is put across by compilers number by number, so there AVX2 is spelled out,
+//! see `surface::sums` and `verify::facets`.
 
 use std::sync::LazyLock;
 
-/// Threads to a core, and in all, beyond which more of them only wait for each other: with 512 on two cores,
-/// verifying took 60 times as long as with 2.
+/// Threads to a core, and in all, beyond which more of them only wait for each other.
 const TO_A_CORE: usize = 4;
 const AT_LEAST: usize = 16;
 
@@ -90,8 +83,7 @@ pub(crate) use dispatch;
 
 /// Asks for the cache line of an element, which need not be in the slice; a hint that changes speed alone.
 ///
-/// Processors foresee what is read or written in order, but not in the dozens of orders of a tile's pieces:
-/// with this, meshing a foam of 512^3 voxels took 15 % less, its walk over cubes 19 %.
+/// Processors foresee what is read or written in order, but not in the dozens of orders of a tile's pieces.
 #[inline(always)]
 pub fn prefetch<T>(slice: &[T], element: usize) {
     #[cfg(target_arch = "x86_64")]
@@ -107,9 +99,6 @@ pub fn prefetch<T>(slice: &[T], element: usize) {
 
 /// The same for a line that is to be written: other cores are to give it up, which takes longest for memory that a
 /// device has just read, as it does that of tiles.
-///
-/// On a virtual machine whose tiles went past the page cache, a conversion took 2 to 4 % less time so than with
-/// [`prefetch`]; where they went to a file system in memory, none.
 #[inline(always)]
 pub fn prefetch_to_write<T>(slice: &[T], element: usize) {
     #[cfg(all(target_arch = "x86_64", not(miri)))]

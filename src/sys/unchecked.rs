@@ -1,7 +1,7 @@
 //! Elements without bounds checks, for the innermost loops.
 //!
-//! The walk over cubes looks up some fifty elements for each: to compare every index with a length takes a
-//! fifth of its instructions, and 7 % of the time of meshing. With debug assertions, as all tests are built,
+//! The walk over cubes looks up some fifty elements for each: to compare every index with a length would be a
+//! fifth of its instructions. With debug assertions, as all tests are built,
 //! every index is compared.
 
 use crate::sys::simd::{prefetch, prefetch_to_write};

@@ -1,6 +1,6 @@
 //! The JSON chunk of a tile in node layout.
 
-use crate::gltf::{ARRAY_BUFFER, ELEMENT_ARRAY_BUFFER};
+use crate::gltf::{ARRAY_BUFFER, ELEMENT_ARRAY_BUFFER, TRIANGLE_STRIP, TRIANGLES};
 use crate::manifest::{Encoding, Form, Layout, Primitives};
 use crate::tile::body::Body;
 use crate::tile::paint::{Paints, Rgb};
@@ -73,12 +73,6 @@ impl Node {
 
 /// `asset.generator`.
 pub(crate) const GENERATOR: &str = concat!("alvis ", env!("CARGO_PKG_VERSION"));
-
-/// Component types of glTF.
-pub(crate) const BYTE: u32 = 5120;
-pub(crate) const UNSIGNED_SHORT: u32 = 5123;
-pub(crate) const UNSIGNED_INT: u32 = 5125;
-pub(crate) const FLOAT: u32 = 5126;
 
 #[derive(Serialize)]
 struct Document<'a> {
@@ -153,8 +147,8 @@ pub(crate) fn material() -> Value {
 /// glTF mode of a kind of primitive.
 pub(crate) fn mode(primitives: Primitives) -> u32 {
     match primitives {
-        Primitives::Strips => 5,
-        Primitives::Triangles => 4,
+        Primitives::Strips => TRIANGLE_STRIP,
+        Primitives::Triangles => TRIANGLES,
     }
 }
 
@@ -175,8 +169,7 @@ pub fn node_json(head: &TileHead, body: &Body, nodes: &[Node]) -> Vec<u8> {
     node_document(head, &Stored::float(body), body, nodes)
 }
 
-/// Room that the JSON of tiles in node layout takes at most, whatever the nodes. To write out the widest nodes of
-/// each tile took 1 % of the time of a sparse scan, so this is done once, without the numbers that are a tile's own.
+/// Room that the JSON of tiles in node layout takes at most, whatever the nodes. It is found once for all tiles, without the numbers that are a tile's own.
 #[derive(Debug)]
 pub struct WidestNodes {
     /// Bytes without pieces.

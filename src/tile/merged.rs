@@ -2,11 +2,12 @@
 //! EXT_structural_metadata property table that `_FEATURE_ID_0` points into.
 
 use super::body::{Body, PieceRange};
-use super::document::{FLOAT, GENERATOR, Node, TileHead, UNSIGNED_SHORT, material, mode};
+use super::document::{GENERATOR, Node, TileHead, material, mode};
 use super::encoded::EncodedLayout;
 use super::paint::vertex_colour;
 use super::store::{Accessor, Refused, Stored, base};
 use crate::gltf::bin_writer::{Section, Views};
+use crate::gltf::{FLOAT, UNSIGNED_SHORT};
 use crate::tile::Extras;
 use bytemuck::Zeroable;
 use serde_json::{Map, Value, json};

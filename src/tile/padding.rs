@@ -2,7 +2,8 @@
 
 use super::read::{Pieces, Tile};
 use super::unusual::Found;
-use crate::gltf::read_json::{BufferView, Compressed, Document, UNSIGNED_SHORT};
+use crate::gltf::UNSIGNED_SHORT;
+use crate::gltf::read_json::{BufferView, Compressed, Document};
 use crate::manifest::Encoding;
 use crate::sys::simd::dispatch;
 use std::ops::Range;

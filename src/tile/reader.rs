@@ -5,6 +5,7 @@ use crate::gltf::accessors::{Indices, Normals, Positions};
 use crate::gltf::buffer_views::{Buffers, Bytes};
 use crate::gltf::container::{Fault, Result, fail};
 use crate::gltf::read_json::{self, Document};
+use crate::gltf::{BYTE, FLOAT, UNSIGNED_INT, UNSIGNED_SHORT};
 use crate::grid::{LATTICE, MAX_DIM};
 use crate::manifest::Encoding;
 
@@ -35,26 +36,26 @@ const fn tight(component: u32, kind: &'static str, stride: u64) -> Want {
     }
 }
 
-const VEC3: Want = tight(read_json::FLOAT, "VEC3", 12);
-const SCALAR: Want = tight(read_json::FLOAT, "SCALAR", 4);
-const NARROW: Want = tight(read_json::UNSIGNED_SHORT, "SCALAR", 2);
-const WIDE: Want = tight(read_json::UNSIGNED_INT, "SCALAR", 4);
+const VEC3: Want = tight(FLOAT, "VEC3", 12);
+const SCALAR: Want = tight(FLOAT, "SCALAR", 4);
+const NARROW: Want = tight(UNSIGNED_SHORT, "SCALAR", 2);
+const WIDE: Want = tight(UNSIGNED_INT, "SCALAR", 4);
 const STEPS: Want = Want {
-    component: read_json::UNSIGNED_SHORT,
+    component: UNSIGNED_SHORT,
     kind: "VEC3",
     normalized: false,
     stride: 8,
     tight: false,
 };
 const SMALL_NORMALS: Want = Want {
-    component: read_json::BYTE,
+    component: BYTE,
     kind: "VEC3",
     normalized: true,
     stride: 4,
     tight: false,
 };
 const COLOURS: Want = Want {
-    component: read_json::UNSIGNED_SHORT,
+    component: UNSIGNED_SHORT,
     kind: "VEC4",
     normalized: true,
     stride: 8,
@@ -279,8 +280,8 @@ impl<'a> Reader<'_, 'a> {
         };
         let body = self.buffers.view(self.doc, view)?;
         let component = match want.component {
-            read_json::BYTE => 1,
-            read_json::UNSIGNED_SHORT => 2,
+            BYTE => 1,
+            UNSIGNED_SHORT => 2,
             _ => 4,
         };
         let in_file = self.doc.buffer_views[view]
@@ -307,7 +308,7 @@ impl<'a> Reader<'_, 'a> {
     }
 
     fn indices(&self, index: usize) -> Result<Indices<'a>> {
-        let wide = self.doc.accessors[index].component_type != read_json::UNSIGNED_SHORT;
+        let wide = self.doc.accessors[index].component_type != UNSIGNED_SHORT;
         let bytes = self.accessor(index, if wide { &WIDE } else { &NARROW })?;
         Ok(Indices { bytes, wide })
     }

@@ -1,18 +1,18 @@
 //! A tile's geometry in the encoding of its set: from the floats of a [`Body`] to a BIN chunk.
 
 use super::body::{Body, PieceRange};
-use super::document::{BYTE, FLOAT, TileHead, UNSIGNED_INT, UNSIGNED_SHORT, geometry_views};
+use super::document::{TileHead, geometry_views};
 use super::encoded::EncodedLayout;
 use crate::gltf::accessors::float3;
 use crate::gltf::bin_writer::Bin;
 use crate::gltf::quantize_normals::{Kind, quantize};
+use crate::gltf::{BYTE, FLOAT, UNSIGNED_INT, UNSIGNED_SHORT};
 use crate::grid::{LATTICE, coordinate};
 use crate::manifest::Encoding;
 use serde::Serialize;
 use serde_json::{Value, json};
 
-/// An accessor of glTF. There are three to a piece, so they are no [`Value`]s, which took a tenth of the
-/// time of a sparse scan.
+/// An accessor of glTF. There are three to a piece, so they are no [`Value`]s, which are slow to make.
 #[derive(Debug, Clone, Copy, Serialize)]
 #[serde(rename_all = "camelCase")]
 pub(super) struct Accessor {

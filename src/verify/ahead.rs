@@ -77,8 +77,7 @@ pub(super) struct Stream<'a, R> {
     /// Bytes of the tiles that may be read or checked at a time.
     room: u64,
     state: Mutex<State<R>>,
-    /// There is something to read; or to read or to check, for those who check. One is woken for each thing: when
-    /// all were, 16 threads on two cores took six times as long as two for a set of many small tiles.
+    /// There is something to read; or to read or to check, for those who check. One is woken for each thing.
     to_read: Condvar,
     to_check: Condvar,
     /// There is a result.

@@ -4,10 +4,7 @@
 //! for eight triangles at once. A batch that holds a triangle with a flaw is left to the code that
 //! takes them one by one, which the results of a batch are held against in the tests.
 //!
-//! On a foam, summing up triangles was 20 % of the time of verifying; in batches it was 9 % of that time.
-//! Since then a batch finds the bits of edges as well, see [`super::marks`]. How corners are fetched matters
-//! as much as what is asked of them: as rows of four numbers that are turned round afterwards, they took 57
-//! instructions a triangle, as pairs in 64 bits 27; as vectors, put across with AVX2 spelled out, 16.
+//! Corners are fetched as vectors and put across, with AVX2 spelled out.
 
 #[cfg(target_arch = "x86_64")]
 mod avx2;

@@ -5,9 +5,6 @@
 //! over such vertices: what lies before the run's end less what lies before its start. Only runs that
 //! end at the volume's own faces across x have no vertex there; where a cell reaches one of the two
 //! faces, sums are taken from that face, and where it reaches both they are not known by themselves.
-//!
-//! Ends of runs are picked out and added up one by one. Adding up all vertices side by side in 32 bits, as
-//! they lie to the macrocube's corner, and moving the sums afterwards, took a third more instructions for that.
 
 use super::first::First;
 use super::marks::{BITS, axis};

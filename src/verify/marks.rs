@@ -8,8 +8,7 @@
 //! known before, edges pair up if both halves of a word are the same, and none occurs twice if there
 //! are as many bits as were entered.
 //!
-//! Words take 8 bytes for each vertex; buckets of the edges themselves took 33. With buckets, verifying a
-//! foam took 643 instructions for each triangle, all in all; with bits it took 495. Differences that are
+//! Differences that are
 //! sums of multiples of the coordinates alone, without a start for each axis, do not fit six bits: a search
 //! found none.
 

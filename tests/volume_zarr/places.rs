@@ -233,7 +233,6 @@ fn transformations_follow_one_another() {
     for list in [
         json!([{"type": "displacements", "path": "field"}]),
         json!([scale(1.0, 1.0, 1.0), {"type": "warp"}]),
-        json!([{"type": "affine", "affine": [[1, 0.5, 0, 0], [0, 1, 0, 0], [0, 0, 1, 0]]}]),
         json!([{"type": "scale", "scale": [1, 1]}]),
     ] {
         let dir = ome(["um"; 3], list, json!({}));
@@ -254,6 +253,39 @@ fn transformations_follow_one_another() {
         assert_eq!(opened.volume.header().placement.spacing, [1.0, 2.0, 3.0]);
         assert_plain(&opened);
     }
+}
+
+/// Sizes alone do not make right angles of sheared axes, so --spacing is no way out of those.
+#[test]
+fn sheared_axes_are_resampled_or_refused() {
+    let shear = [
+        [1.0, 0.5, 0.0, 0.0],
+        [0.0, 1.0, 0.0, 0.0],
+        [0.0, 0.0, 1.0, 0.0],
+    ];
+    let list = json!([{"type": "affine", "affine": shear}]);
+    let dir = ome(["um"; 3], list, json!({}));
+    let sized = OpenOptions {
+        spacing: Some([1.0, 2.0, 3.0]),
+        unit: Some(Unit::Micrometre),
+        ..OpenOptions::default()
+    };
+    for options in [OpenOptions::default(), sized] {
+        let refused = open(dir.path(), &options).map(|_| ()).unwrap_err();
+        assert!(refused.to_string().contains("--resample"), "{refused}");
+    }
+    let options = OpenOptions {
+        resample: true,
+        ..OpenOptions::default()
+    };
+    let opened = open(dir.path(), &options).unwrap();
+    let placement = opened.volume.header().placement;
+    assert_eq!(placement.shear(), None);
+    // y leans by half a step along z: slices, in which it lies, stay slices, and a voxel keeps its volume
+    let expected = [1.0, 1.25f64.sqrt(), 1.0 / 1.25f64.sqrt()];
+    let near = |(a, b): (f64, f64)| (a - b).abs() < 1e-6;
+    let mut pairs = placement.spacing.into_iter().zip(expected);
+    assert!(pairs.all(near), "{:?}", placement.spacing);
 }
 
 /// A pyramid of version 0.6 whose level is placed by a transformation.

@@ -101,10 +101,6 @@ impl<T> Open<T> {
 /// instead of two slabs, and no memory is touched first that need not be. They come before tiles: when the last tile
 /// of a slab is in hand, the next one should be there.
 ///
-/// When a slab began only after the one before had ended, 16 threads that converted a foam of 512 x 512 x 512 voxels
-/// waited for 11 to 12 % of the sweep, which took 237 to 250 ms; now they wait for 3 to 6 %, most of it at the ends.
-/// Two threads waited for less than 1 % before, too.
-///
 /// If tiles of the second open slab wait for a third one, that begins as soon as all tiles of the first are in hand.
 pub struct SlabScheduler<T> {
     limits: Limits,

@@ -22,9 +22,7 @@ pub struct SlabWorkers<'a, T> {
     changed: Condvar,
 }
 
-/// Keeps layers that have ended when their tiles are on the disk, while the next one is swept. When each layer
-/// waited for its own, 16 threads took 0.29 s instead of 0.26 s for a foam of 512 x 512 x 512 voxels (medians of
-/// nine, in turns).
+/// Keeps layers that have ended when their tiles are on the disk, while the next one is swept.
 struct PendingCommit<'a> {
     checkpointer: &'a mut Checkpointer,
     writers: Option<&'a BackgroundWriters>,
