@@ -2,6 +2,8 @@
 
 pub(crate) mod adapters;
 mod codecs;
+#[cfg(test)]
+mod conformance;
 mod descriptor;
 mod format;
 mod formats;

@@ -218,7 +218,6 @@ pub(crate) mod tests {
     use super::*;
     use crate::grid::Placement;
     use crate::volume::{Dtype, Endian};
-    use proptest::prelude::*;
     use std::sync::atomic::{AtomicUsize, Ordering};
 
     /// Chunks of which voxel (x, y, z) has the value x + 10 y + 100 z.
@@ -280,37 +279,6 @@ pub(crate) mod tests {
 
         fn scratch(&self) -> u64 {
             0
-        }
-    }
-
-    proptest! {
-        #[test]
-        fn any_box_of_any_chunks(
-            dims in [2u32..9, 2u32..9, 2u32..9],
-            shape in [1u32..11, 1u32..11, 1u32..11],
-            ends in [(0.0..1.0, 0.0..1.0), (0.0..1.0, 0.0..1.0), (0.0..1.0, 0.0..1.0)],
-        ) {
-            let volume = counted(dims, shape);
-            let asked = [0, 1, 2].map(|a| {
-                let (p, q): (f64, f64) = ends[a];
-                let at = |v: f64| (v * f64::from(dims[a] + 1)) as u32;
-                at(p.min(q))..at(p.max(q))
-            });
-            let [x, y, z] = asked.clone();
-            let mut out = vec![0; 4 * x.len() * y.len() * z.len()];
-            for _ in 0..2 {
-                out.fill(0);
-                volume.read_box(x.clone(), y.clone(), z.clone(), &mut out).unwrap();
-                let mut values = out.as_chunks::<4>().0.iter();
-                for k in z.clone() {
-                    for j in y.clone() {
-                        for i in x.clone() {
-                            let found = u32::from_ne_bytes(*values.next().unwrap());
-                            prop_assert_eq!(found, i + 10 * j + 100 * k);
-                        }
-                    }
-                }
-            }
         }
     }
 }

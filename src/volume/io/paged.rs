@@ -238,11 +238,10 @@ impl Volume for PagedVolume {
 }
 
 #[cfg(test)]
-mod tests {
+pub(crate) mod tests {
     use super::*;
     use crate::grid::{Dims, Placement};
     use crate::volume::{Dtype, Endian};
-    use proptest::prelude::*;
     use std::sync::atomic::{AtomicUsize, Ordering};
 
     /// Pages of which voxel (x, y, z) has the value x + 10 y + 100 z, cut in ways that take turns.
@@ -297,7 +296,8 @@ mod tests {
         }
     }
 
-    fn counting(
+    /// A volume of them.
+    pub(crate) fn counting(
         [nx, ny, nz]: [u32; 3],
         cuts: &[(u32, u32, bool)],
     ) -> (PagedVolume, Arc<AtomicUsize>) {
@@ -321,35 +321,6 @@ mod tests {
         };
         let decoded = pages.decoded.clone();
         (PagedVolume::new(header, Box::new(pages)), decoded)
-    }
-
-    proptest! {
-        #[test]
-        fn any_box_of_any_pages(
-            dims in [2u32..9, 2u32..9, 2u32..9],
-            cuts in prop::collection::vec((1u32..11, 1u32..11, any::<bool>()), 1..4),
-            ends in [(0.0..1.0, 0.0..1.0), (0.0..1.0, 0.0..1.0), (0.0..1.0, 0.0..1.0)],
-        ) {
-            let (volume, _) = counting(dims, &cuts);
-            let dir = tempfile::tempdir().unwrap();
-            let once = Unpacked::new(&volume, dir.path()).unwrap();
-            let [x, y, z] = [0, 1, 2].map(|a| {
-                let (p, q): (f64, f64) = ends[a];
-                let at = |v: f64| (v * f64::from(dims[a] + 1)) as u32;
-                at(p.min(q))..at(p.max(q))
-            });
-            let mut known = Vec::new();
-            for k in z.clone() {
-                for j in y.clone() {
-                    known.extend(x.clone().flat_map(|i| (i + 10 * j + 100 * k).to_ne_bytes()));
-                }
-            }
-            for volume in [&volume as &dyn Volume, &once, &volume, &once] {
-                let mut found = vec![0; known.len()];
-                volume.read_box(x.clone(), y.clone(), z.clone(), &mut found).unwrap();
-                prop_assert_eq!(&found, &known);
-            }
-        }
     }
 
     #[test]
