@@ -127,7 +127,7 @@ fn refuses(volume: &dyn Volume, name: &str) {
             0..end + 1,
             end..end + 1,
             end + 1..end + 1,
-            1..0,
+            Range { start: 1, end: 0 },
             0..u32::MAX,
         ] {
             let mut asked = [0..1, 0..1, 0..1];
