@@ -417,7 +417,7 @@ fn text(summary: &Summary, which: Table) -> String {
     let ends = [h.min, h.max];
     let mark = chart::Mark {
         share: chart::place(ends, d.number.median),
-        text: format!("median {}", number(d.number.median)),
+        text: format!("median {}", rounded(d.number.median)),
     };
     let bars = chart::draw(&doubled, ends, Some(&mark), output::width());
     format!(

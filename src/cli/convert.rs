@@ -1,6 +1,6 @@
 //! `alvis convert`: a volume to a tile set.
 
-use super::args::{Common, InputOptions};
+use super::args::{Common, InputOptions, input_help};
 use super::form::FormArgs;
 use super::info;
 use super::parse::{self, CropArg, Threshold};
@@ -36,11 +36,7 @@ enum AmbiguousArg {
     alvis convert scan.mhd OUT --threshold otsu --resume")]
 pub struct ConvertArgs {
     /// The volume: a file, a folder of slices, a Zarr, or slices as in `s%04d.tif`
-    ///
-    /// MetaImage, NRRD, NIfTI, TIFF, DICOM, HDF5, NumPy, VTK image data and zip are recognised by
-    /// what is in them. A folder may hold DICOM, TIFF or PNG slices, or a Zarr. Anything else is read
-    /// as raw samples, for which --dims and --dtype are needed.
-    #[arg(value_hint = ValueHint::FilePath)]
+    #[arg(value_hint = ValueHint::FilePath, long_help = input_help())]
     input: PathBuf,
     /// The directory to write
     #[arg(value_hint = ValueHint::DirPath)]

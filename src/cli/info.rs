@@ -1,6 +1,6 @@
 //! `alvis info`: what a volume is, and what its surface would cost.
 
-use super::args::{Common, InputOptions};
+use super::args::{Common, InputOptions, input_help};
 use super::convert::from;
 use super::parse;
 use super::{Outcome, chart, info_tiles, output};
@@ -32,11 +32,7 @@ const UNLIMITED: u64 = 1 << 60;
     alvis info OUT")]
 pub struct InfoArgs {
     /// The volume: a file, a folder of slices, a Zarr, or slices as in `s%04d.tif`; or a tile set
-    ///
-    /// MetaImage, NRRD, NIfTI, TIFF, DICOM, HDF5, NumPy, VTK image data and zip are recognised by
-    /// what is in them. A folder may hold DICOM, TIFF or PNG slices, or a Zarr. Anything else is read
-    /// as raw samples, for which --dims and --dtype are needed.
-    #[arg(value_hint = ValueHint::FilePath)]
+    #[arg(value_hint = ValueHint::FilePath, long_help = input_help())]
     input: PathBuf,
     /// Predict for this threshold instead of Otsu's
     #[arg(long, value_name = "T", allow_hyphen_values = true, value_parser = parse::finite)]
