@@ -186,10 +186,10 @@ fn the_help_of_cells_explains_every_column() {
                     .iter()
                     .any(|end| name.ends_with(end))
     };
-    for (name, _) in alvis::convert::COMPONENT_COLUMNS {
+    for name in alvis::convert::COMPONENT_COLUMNS.map(|c| c.name) {
         assert!(has(components, name), "{name} in {components}");
     }
-    for (name, _) in alvis::convert::SURFACE_COLUMNS {
+    for name in alvis::convert::SURFACE_COLUMNS.map(|c| c.name) {
         assert!(has(surfaces, name), "{name} in {surfaces}");
     }
 }
