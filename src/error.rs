@@ -12,7 +12,7 @@ pub type Result<T, E = Error> = std::result::Result<T, E>;
 #[non_exhaustive]
 pub enum Error {
     /// The operating system refused a file operation.
-    #[error("{}: cannot {action}: {source}", path.display())]
+    #[error("{}: cannot {action}: {source}{}", path.display(), advice(way_out(source)))]
     Io {
         /// The file or directory.
         path: PathBuf,
@@ -87,6 +87,26 @@ pub enum Error {
         /// The directory.
         path: PathBuf,
     },
+    /// The output file is there already.
+    #[error("{}: the file exists already: give --force to replace it, or another name", path.display())]
+    FileExists {
+        /// The file.
+        path: PathBuf,
+    },
+    /// The output directory holds an interrupted conversion, and nobody said what is to become of it.
+    #[error(
+        "{}: an interrupted conversion is there, {done} of {of} layers are done: give --resume to go on with it, \
+         or --force to begin anew",
+        path.display()
+    )]
+    OutputInterrupted {
+        /// The directory.
+        path: PathBuf,
+        /// Layers that need not be done again.
+        done: u64,
+        /// Layers in all, counted as in [`Error::Resumable`].
+        of: u64,
+    },
     /// The output directory holds what no tile set has, so that nothing in it is replaced.
     #[error("{}: the directory holds {}, which is no part of a tile set: give another directory", path.display(), entry.display())]
     OutputForeign {
@@ -104,7 +124,7 @@ pub enum Error {
     /// The conversion that was interrupted is not the one that is asked for.
     #[error(
         "{}: the interrupted conversion there differs from this one: {differences}: give input and \
-         options as they were, or leave out --resume to begin anew",
+         options as they were, or --force instead of --resume to begin anew",
         path.display()
     )]
     OtherConversion {
@@ -126,11 +146,7 @@ pub enum Error {
         found: String,
     },
     /// A conversion failed after it had finished layers; these are kept.
-    #[error(
-        "{error}: {done} of {of} layers are done and kept in {}: once the cause is removed, the same \
-         command with --resume goes on",
-        path.display()
-    )]
+    #[error("{error}: {done} of {of} layers are done and kept in {}: {next}", path.display())]
     Resumable {
         /// What went wrong.
         error: Box<Error>,
@@ -140,6 +156,8 @@ pub enum Error {
         done: u64,
         /// Layers in all; a conversion with `min_voxels` counts three times as many.
         of: u64,
+        /// How to go on.
+        next: String,
     },
     /// The caller asked to stop.
     #[error("stopped on request")]
@@ -151,6 +169,16 @@ fn advice(hint: &str) -> String {
         String::new()
     } else {
         format!(": {hint}")
+    }
+}
+
+/// What the user can do about a system error whose cause is plain.
+fn way_out(source: &std::io::Error) -> &'static str {
+    use std::io::ErrorKind::{QuotaExceeded, ReadOnlyFilesystem, StorageFull};
+    match source.kind() {
+        StorageFull | QuotaExceeded => "free some space there, or write to another disk",
+        ReadOnlyFilesystem => "write to another place",
+        _ => "",
     }
 }
 

@@ -161,16 +161,38 @@ fn a_table_for_people_is_short() {
     let dir = foam_tiles(&[]);
     let text = ok(dir.path(), &["cells", "tiles", "--top", "5"]);
     let lines: Vec<&str> = text.lines().collect();
-    assert_eq!(lines.len(), 2 + 5 + 1, "{text}");
+    assert_eq!(lines.len(), 3 + 5 + 1, "{text}");
     assert!(
-        lines[0].contains("sphericity") && lines[1].contains("[mm^3]"),
+        lines[0].contains("sphericity") && lines[2].contains("[mm^3]"),
         "{text}"
     );
-    assert!(lines[2].contains("yes") && lines[2].contains('-'), "{text}");
-    assert!(lines[7].starts_with("..."), "{text}");
     assert!(
-        lines[2..7].iter().all(|l| l.len() == lines[0].len()),
+        lines[0].contains("equivalent_") && lines[1].contains("diameter"),
         "{text}"
+    );
+    assert!(lines[3].contains("yes") && lines[3].contains('-'), "{text}");
+    assert!(lines[8].starts_with("..."), "{text}");
+    assert!(
+        lines[3..8].iter().all(|l| l.len() == lines[0].len()),
+        "{text}"
+    );
+    assert!(lines.iter().all(|l| l.len() <= 80), "{text}");
+    // four digits in the column of areas, all of them in the file
+    let area: Vec<&str> = lines[3..8]
+        .iter()
+        .map(|l| l.split_whitespace().nth(2).unwrap())
+        .collect();
+    assert!(
+        area.iter().all(|a| a.trim_start_matches("0.").len() <= 5),
+        "{area:?}"
+    );
+    let (names, rows) = csv(dir.path(), "cells.csv");
+    let at = names.iter().position(|n| n == "area").unwrap();
+    assert!(rows.iter().any(|r| r[at].len() > 8));
+    let summary = ok(dir.path(), &["cells", "tiles", "--summary"]);
+    assert!(
+        summary.lines().all(|l| l.chars().count() <= 80),
+        "{summary}"
     );
     let surfaces = ok(dir.path(), &["cells", "tiles", "--surfaces"]);
     assert!(
@@ -247,6 +269,61 @@ fn a_summary_agrees_with_the_table_and_the_manifest() {
     let [all, whole, cut] =
         ["objects", "objects_whole", "objects_border"].map(|name| objects[name].as_u64().unwrap());
     assert_eq!(all, whole + cut);
+}
+
+#[test]
+fn names_are_taken_as_people_write_them() {
+    let dir = foam_tiles(&[]);
+    let rows = |condition: &str| {
+        let args = ["cells", "tiles", "--json", "--where", condition];
+        ids(&json(&ok(dir.path(), &args)), "cells")
+    };
+    let plain = rows("volume > 0.01 and not touches_border");
+    assert!(!plain.is_empty());
+    assert_eq!(rows("volume [mm^3] > 0.01 AND NOT touches_border"), plain);
+    let first = |more: &[&str]| {
+        let args = [&["cells", "tiles", "--format", "csv", "--top", "1"], more].concat();
+        ok(dir.path(), &args)
+    };
+    let sorted = first(&["--sort", "-volume", "--columns", "id,volume"]);
+    assert_eq!(
+        first(&["--sort", "-volume [mm^3]", "--columns", "id,volume [mm^3]"]),
+        sorted
+    );
+    for (args, part) in [
+        (["--where", "volme > 1"], "did you mean `volume`?"),
+        (
+            ["--where", "volume [um^3] > 1"],
+            "[mm^3], the unit of volume",
+        ),
+        (["--sort", "sphericty"], "did you mean `sphericity`?"),
+        (
+            ["--columns", "id,diameter"],
+            "did you mean `equivalent_diameter`?",
+        ),
+    ] {
+        let message = fails(dir.path(), &[&["cells", "tiles"][..], &args].concat());
+        assert!(message.contains(part), "{message}");
+    }
+    let colour = ["select", "tiles", "painted", "--colour-by", "Volume"];
+    let message = fails(dir.path(), &colour);
+    assert!(message.contains("did you mean `volume`?"), "{message}");
+}
+
+#[test]
+fn a_table_without_rows_says_of_how_many() {
+    let dir = foam_tiles(&[]);
+    let count = csv(dir.path(), "cells.csv").1.len();
+    let none = ok(dir.path(), &["cells", "tiles", "--where", "volume < 0"]);
+    assert_eq!(none, format!("0 of {count} cells\n"));
+    let none = ["cells", "tiles", "--objects", "--where", "volume < 0"];
+    assert_eq!(ok(dir.path(), &none), "0 of 1 object\n");
+    let none = ["export", "tiles", "a.ply", "--where", "volume < 0"];
+    let message = fails(dir.path(), &none);
+    assert!(
+        message.contains(&format!("0 of {count} cells")),
+        "{message}"
+    );
 }
 
 /// A body of 200 in air of 50, with three pores of 5 x 5 x 5 voxels inside and one that the grid cuts at its

@@ -19,7 +19,11 @@ use std::path::Path;
 const FORMATS: [&str; 4] = ["a.ply", "a.obj", "a.glb", "a.stl"];
 
 fn made(dir: &Path, file: &Path, options: &ExportOptions) -> ExportReport {
-    export(dir, file, options, &Quiet).unwrap_or_else(|e| panic!("{}: {e}", file.display()))
+    let options = ExportOptions {
+        force: true,
+        ..options.clone()
+    };
+    export(dir, file, &options, &Quiet).unwrap_or_else(|e| panic!("{}: {e}", file.display()))
 }
 
 fn condition(text: &str) -> ExportOptions {
@@ -332,7 +336,11 @@ fn what_cannot_be_is_refused_and_leaves_the_old_file() {
     let refusal = |file: &str, options: &ExportOptions| {
         let file = dir.path().join(file);
         std::fs::write(&file, "old").unwrap();
-        let error = export(&set, &file, options, &Quiet)
+        let options = ExportOptions {
+            force: true,
+            ..options.clone()
+        };
+        let error = export(&set, &file, &options, &Quiet)
             .unwrap_err()
             .to_string();
         assert_eq!(std::fs::read(&file).unwrap(), b"old");
@@ -342,7 +350,7 @@ fn what_cannot_be_is_refused_and_leaves_the_old_file() {
     };
     let plain = ExportOptions::default();
     assert!(refusal("a.fbx", &plain).contains(".glb, .ply, .stl or .obj"));
-    assert!(refusal("a.ply", &condition("id < 0")).contains("at least one cell"));
+    assert!(refusal("a.ply", &condition("id < 0")).contains("holds for 0 of "));
     assert!(refusal("a.ply", &condition("colour > 1")).contains("--where"));
     for simplify in [
         Simplify::Ratio(0.0),
@@ -414,6 +422,21 @@ fn the_command_reports_in_words_and_in_json() {
     let mode = |p: &Path| std::fs::metadata(p).unwrap().permissions().mode();
     assert_eq!(mode(&file), mode(&open));
     assert!(fails(dir.path(), &["export", "tiles", "a.ply", "--simplify", "2"]).contains("0.5vx"));
+    // what is there is replaced only on request
+    std::fs::write(dir.path().join("a.ply"), "mine").unwrap();
+    let again = ["export", "tiles", "a.ply", "--quiet"];
+    let message = fails(dir.path(), &again);
+    assert!(
+        message.contains("a.ply") && message.contains("--force"),
+        "{message}"
+    );
+    assert_eq!(std::fs::read(dir.path().join("a.ply")).unwrap(), b"mine");
+    ok(dir.path(), &[&again[..], &["--force"]].concat());
+    assert!(
+        std::fs::read(dir.path().join("a.ply"))
+            .unwrap()
+            .starts_with(b"ply")
+    );
     assert!(fails(dir.path(), &["export", "tiles", "no/a.ply"]).contains("no/a.ply"));
     assert!(fails(dir.path(), &["export", "foam.raw", "a.ply"]).contains("foam.raw"));
 }

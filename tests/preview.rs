@@ -16,7 +16,13 @@ fn samples(dir: &Path) -> Vec<u8> {
 }
 
 fn picture(dir: &Path, args: &[&str]) -> RgbImage {
-    let args = [&["preview", "foam.mhd", "out.png", "--quiet"], args].concat();
+    let args = [
+        &[
+            "preview", "foam.mhd", "out.png", "--quiet", "--force", "--plain",
+        ],
+        args,
+    ]
+    .concat();
     assert_eq!(ok(dir, &args), "");
     image::open(dir.join("out.png")).unwrap().to_rgb8()
 }
@@ -56,7 +62,7 @@ fn grey_values_are_the_samples() {
         ],
     ));
     assert_eq!((&report["axis"], &report["at"]), (&"z".into(), &16.into()));
-    assert_eq!(report["size"], serde_json::json!([640, 576]));
+    assert_eq!(report["slice_size"], serde_json::json!([1000, 900]));
     let drawn = image::open(dir.join("a.png")).unwrap().to_rgb8();
     assert!(drawn.pixels().any(|p| p.0 == [255, 64, 32]));
 }
@@ -141,6 +147,7 @@ fn cells_have_the_colours_of_their_labels() {
             "--colour-by",
             "volume",
             "--json",
+            "--force",
         ];
         let report = json(&ok(dir, &args));
         assert_eq!(report["threshold"], threshold);
@@ -148,7 +155,10 @@ fn cells_have_the_colours_of_their_labels() {
             .map(|i| label[i + 16 * DIMS[0] * DIMS[1]])
             .filter(|&l| l != 0)
             .collect();
-        assert_eq!(report["cells"], seen.len());
+        let cells = report["cells"].as_u64().unwrap();
+        let cut = report["cells_without_value"].as_u64().unwrap();
+        assert_eq!((cells + cut) as usize, seen.len());
+        assert!(cells > 0 && cut > 0, "{cells} {cut}");
     }
 }
 
@@ -157,6 +167,88 @@ fn a_crop_is_followed() {
     let dir = foam_tiles(&["--crop", "4:30,2:,8:"]);
     let picture = picture(dir.path(), &["--tiles", "tiles", "--scale", "1"]);
     assert_eq!(picture.dimensions(), (26, 34));
+}
+
+/// What `preview --json` says of the foam's middle slice.
+fn reported(dir: &Path, args: &[&str]) -> serde_json::Value {
+    let start = [
+        "preview", "foam.mhd", "out.png", "--tiles", "tiles", "--json", "--force",
+    ];
+    json(&ok(dir, &[&start, args].concat()))
+}
+
+#[test]
+fn cells_that_match_are_coloured_and_the_slice_is_the_plain_one() {
+    let dir = foam_tiles(&[]);
+    let dir = dir.path();
+    let all = reported(dir, &[])["cells"].as_u64().unwrap();
+    let inner = reported(dir, &["--where", "not touches_border"])["cells"].as_u64();
+    assert!((1..all).contains(&inner.unwrap()), "{inner:?} of {all}");
+    let none = reported(dir, &["--where", "false"]);
+    assert_eq!(none["cells"], 0);
+    assert!(none["warnings"][0].as_str().unwrap().contains("no cell"));
+    let args = ["--colour-by", "id", "--range", "0:1000", "--scale", "3"];
+    let report = reported(dir, &args);
+    assert_eq!(report["range"], serde_json::json!([0.0, 1000.0]));
+    // an id means something for cut cells too
+    assert_eq!(
+        (&report["cells"], &report["cells_without_value"]),
+        (&all.into(), &0.into())
+    );
+    let whole = image::open(dir.join("out.png")).unwrap().to_rgb8();
+    let plain = picture(dir, &[&["--tiles", "tiles"], &args[..]].concat());
+    let at = |name: &str, i: usize| report[name][i].as_u64().unwrap() as u32;
+    assert_eq!(
+        plain.dimensions(),
+        (at("slice_size", 0), at("slice_size", 1))
+    );
+    let corner = [at("slice_corner", 0), at("slice_corner", 1)];
+    for (x, y, pixel) in plain.enumerate_pixels() {
+        assert_eq!(pixel, whole.get_pixel(corner[0] + x, corner[1] + y));
+    }
+}
+
+#[test]
+fn painted_tiles_keep_their_colours() {
+    let dir = foam_tiles(&[]);
+    let dir = dir.path();
+    ok(
+        dir,
+        &[
+            "select",
+            "tiles",
+            "painted",
+            "--paint",
+            "true=#12ab34",
+            "--quiet",
+        ],
+    );
+    let drawn = picture(dir, &["--tiles", "painted"]);
+    assert!(drawn.pixels().any(|p| p.0 == [0x12, 0xab, 0x34]));
+}
+
+#[test]
+fn voxels_have_their_true_proportion() {
+    let dir = foam_tiles(&[]);
+    let args = ["--spacing", "0.1,0.1,0.25", "--axis", "x", "--scale", "2"];
+    let drawn = picture(dir.path(), &args);
+    assert_eq!(drawn.dimensions(), (72, 160));
+}
+
+#[test]
+fn a_file_that_is_there_is_replaced_only_on_request() {
+    let dir = foam_tiles(&[]);
+    let dir = dir.path();
+    std::fs::write(dir.join("a.png"), "mine").unwrap();
+    let args = ["preview", "foam.mhd", "a.png", "--quiet"];
+    let message = fails(dir, &args);
+    assert!(
+        message.contains("a.png") && message.contains("--force"),
+        "{message}"
+    );
+    assert_eq!(std::fs::read(dir.join("a.png")).unwrap(), b"mine");
+    ok(dir, &[&args[..], &["--force"]].concat());
+    assert!(image::open(dir.join("a.png")).is_ok());
 }
 
 #[test]

@@ -29,9 +29,9 @@ fn help(args: &[&str]) -> String {
 /// Names of the commands, by the help text.
 fn commands() -> Vec<String> {
     let help = help(&[]);
-    let list = help.split("Commands:\n").nth(1).unwrap();
+    let list = help.split("Usage:").nth(1).unwrap();
     list.lines()
-        .take_while(|l| !l.is_empty())
+        .take_while(|l| *l != "Options:")
         .filter(|l| l.starts_with("  ") && !l.starts_with("   "))
         .filter_map(|l| l.split_whitespace().next())
         .map(str::to_string)
@@ -135,9 +135,27 @@ fn links_lead_somewhere() {
     let text = read("README.md");
     let targets = text.split("](").skip(1).filter_map(|t| t.split(')').next());
     let mut files = 0;
+    // as a page of a repository names its headings
+    let anchor = |line: &str| -> String {
+        let title = line.trim_start_matches('#').trim().to_lowercase();
+        let kept = title
+            .chars()
+            .filter(|c| c.is_alphanumeric() || "-_ ".contains(*c));
+        kept.map(|c| if c == ' ' { '-' } else { c }).collect()
+    };
+    let headings: BTreeSet<String> = text
+        .lines()
+        .filter(|l| l.starts_with('#'))
+        .map(anchor)
+        .collect();
     for target in targets.filter(|t| !t.contains("://")) {
-        assert!(root().join(target).exists(), "{target}");
-        files += 1;
+        match target.strip_prefix('#') {
+            Some(heading) => assert!(headings.contains(heading), "{target}"),
+            None => {
+                assert!(root().join(target).exists(), "{target}");
+                files += 1;
+            }
+        }
     }
     assert!(files > 4);
 }

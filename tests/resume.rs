@@ -403,9 +403,8 @@ fn another_conversion_is_refused_with_what_differs() {
     ] {
         let message = fails(here, &words(&format!("{CONVERT} --resume {option}")));
         let name = option.split(' ').next().unwrap();
-        for part in [name, was, is, "without --resume", "out: "] {
-            let part = part.replace("without --resume", "leave out --resume");
-            assert!(message.contains(&part), "{option}: {part}: {message}");
+        for part in [name, was, is, "--force instead of --resume", "out: "] {
+            assert!(message.contains(part), "{option}: {part}: {message}");
         }
     }
     for (old, new) in [
@@ -552,7 +551,7 @@ fn inputs_of_many_files() {
 }
 
 #[test]
-fn without_resume_it_begins_anew_and_says_what_is_dropped() {
+fn without_resume_it_is_refused_or_begun_anew_by_force() {
     let dir = tempfile::tempdir().unwrap();
     let here = dir.path();
     ok(here, &words(FOAM));
@@ -562,7 +561,15 @@ fn without_resume_it_begins_anew_and_says_what_is_dropped() {
     ok(here, &words(&CONVERT.replace(" out ", " whole ")));
     let message = fails(here, &words("select whole out --where volume>0"));
     assert!(message.contains("--force"), "{message}");
-    let output = command::alvis(here, &words(CONVERT));
+    for threshold in ["--threshold otsu", "--threshold 128"] {
+        let message = fails(here, &words(&CONVERT.replace("--threshold 128", threshold)));
+        let done = format!("{} of {LAYERS} layers are done", kept.done);
+        for part in [&done, "--resume", "--force"] {
+            assert!(message.contains(part), "{message}");
+        }
+    }
+    assert_eq!(interrupted(&here.join("out")).unwrap(), kept);
+    let output = command::alvis(here, &words(&format!("{CONVERT} --force")));
     let errors = String::from_utf8(output.stderr).unwrap();
     assert!(output.status.success(), "{errors}");
     let line = format!("dropping {} of {LAYERS} layers", kept.done);
@@ -642,6 +649,51 @@ fn damaged_states_are_never_gone_on_with() {
         }
     }
     assert!(tried > 9, "{tried}");
+}
+
+#[test]
+fn ctrl_c_keeps_what_is_done_and_says_how_to_go_on() {
+    let dir = tempfile::tempdir().unwrap();
+    let here = dir.path();
+    ok(here, &words(FOAM));
+    ok(here, &words(&CONVERT.replace(" out ", " whole ")));
+    for signal in [libc::SIGINT, libc::SIGTERM] {
+        let mut process = Command::new(env!("CARGO_BIN_EXE_alvis"))
+            .args(words(CONVERT))
+            .current_dir(here)
+            .stdout(Stdio::null())
+            .stderr(Stdio::piped())
+            .spawn()
+            .map(Owned)
+            .unwrap();
+        while interrupted(&here.join("out")).is_none() {
+            assert!(process.0.try_wait().unwrap().is_none(), "it ended too fast");
+            std::thread::sleep(Duration::from_millis(1));
+        }
+        let id = process.0.id() as libc::pid_t;
+        // SAFETY: the process is this one's child and has not been waited for.
+        let sent = unsafe { libc::kill(id, signal) };
+        assert_eq!(sent, 0);
+        let mut errors = String::new();
+        let mut pipe = process.0.stderr.take().unwrap();
+        std::io::Read::read_to_string(&mut pipe, &mut errors).unwrap();
+        assert_eq!(process.0.wait().unwrap().code(), Some(2), "{errors}");
+        let kept = interrupted(&here.join("out")).unwrap();
+        let message = errors.lines().last().unwrap();
+        let done = format!(
+            "stopped on request: {} of {LAYERS} layers are done",
+            kept.done
+        );
+        assert!(message.contains(&done), "{errors}");
+        // the very command is typed
+        let (_, next) = message.split_once("`alvis ").unwrap();
+        let (next, _) = next.split_once('`').unwrap();
+        assert_eq!(next, format!("{CONVERT} --resume"));
+        ok(here, &words(&format!("{next} --quiet")));
+        let expected = files(&here.join("whole"));
+        assert_same_files(&files(&here.join("out")), &expected, "after a signal");
+        std::fs::remove_dir_all(here.join("out")).unwrap();
+    }
 }
 
 /// A process that does not outlive the test, however that ends.

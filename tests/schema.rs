@@ -2,7 +2,7 @@
 
 mod common;
 
-use alvis::convert::ConvertOptions;
+use alvis::convert::{COMPONENT_COLUMNS, ConvertOptions};
 use alvis::grid::{Ambiguous, Crop, Unit};
 use alvis::manifest::Primitives;
 use alvis::progress::Quiet;
@@ -147,4 +147,40 @@ fn a_merged_tile_set_and_a_report_with_issues_follow_the_schemas() {
     let found = verify(dir.path(), &VerifyOptions::default(), &Quiet).unwrap();
     assert!(!found.ok && !found.issues.is_empty());
     Schema::new("report").check(&serde_json::to_value(&found).unwrap(), "a broken tile");
+}
+
+/// A column is a row of one list: what is not made from it has to say the same.
+#[test]
+fn schema_and_readme_know_every_column() {
+    let read = |path: &str| {
+        std::fs::read_to_string(format!("{}/{path}", env!("CARGO_MANIFEST_DIR"))).unwrap()
+    };
+    let schema: Value = serde_json::from_str(&read("schema/extras.schema.json")).unwrap();
+    let stated = schema["properties"].as_object().unwrap();
+    let own = ["cell", "object", "surface", "triangles", "unit"];
+    let measures: Vec<&str> = stated
+        .keys()
+        .map(String::as_str)
+        .filter(|k| !own.contains(k))
+        .collect();
+    let mut carried: Vec<&str> = COMPONENT_COLUMNS
+        .iter()
+        .filter(|c| c.in_tiles)
+        .map(|c| c.name)
+        .collect();
+    carried.sort_unstable();
+    assert_eq!(measures, carried);
+    let readme = read("README.md");
+    for column in COMPONENT_COLUMNS {
+        // three columns of one kind are told by the first
+        let stem = column
+            .name
+            .strip_suffix("_y")
+            .or(column.name.strip_suffix("_z"));
+        let told = stem.map_or(column.name.to_string(), |stem| format!("{stem}_x"));
+        assert!(
+            readme.contains(&format!("`{told}`")),
+            "{told} is not in the README"
+        );
+    }
 }

@@ -361,6 +361,10 @@ fn colours_follow_values_and_have_a_legend() {
         legend.pixels().any(|p| p.0 == [0, 0, 4])
             && legend.pixels().any(|p| p.0 == [252, 253, 191])
     );
+    // a set without the SVG is whole
+    verifies(dir, "out", &[]);
+    std::fs::remove_file(dir.join("out/legend.svg")).unwrap();
+    verifies(dir, "out", &[]);
     let mut found = BTreeMap::new();
     for (path, groups) in groups(&dir.join("out")) {
         let (doc, _) = glb(&dir.join("out").join(&path));
@@ -380,7 +384,7 @@ fn colours_follow_values_and_have_a_legend() {
         dir,
         &["select", "tiles", "out", "--where", "true", "--force"],
     );
-    assert!(!dir.join("out/legend.png").exists());
+    assert!(!dir.join("out/legend.png").exists() && !dir.join("out/legend.svg").exists());
     verifies(dir, "out", &[]);
 }
 

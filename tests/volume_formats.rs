@@ -7,7 +7,6 @@ use alvis::grid::{Crop, Unit};
 use alvis::volume::spool;
 use alvis::volume::{Cropped, Dtype, Endian, Io, OpenOptions, Volume, open};
 use proptest::prelude::*;
-use rayon::prelude::*;
 use std::ops::Range;
 use volume_common::{FORMS, Sample, all};
 
@@ -166,35 +165,6 @@ fn options_must_agree_with_the_header() {
         for (option, options, stated) in others {
             let error = open(&path, &options).unwrap_err().to_string();
             assert!(error.contains(option) && error.contains(stated), "{error}");
-        }
-    }
-}
-
-#[test]
-fn threads_share_a_volume() {
-    let sample = Sample {
-        dims: [40, 30, 24],
-        dtype: Dtype::I32,
-        endian: Endian::Big,
-        little: (0..40 * 30 * 24u32).flat_map(u32::to_le_bytes).collect(),
-    };
-    for &form in FORMS {
-        let dir = tempfile::tempdir().unwrap();
-        let path = sample.write(dir.path(), form);
-        for io in [Io::Mmap, Io::Read] {
-            let options = OpenOptions {
-                io,
-                ..sample.options(form)
-            };
-            let volume = open(&path, &options).unwrap().volume;
-            (0..48u32).into_par_iter().for_each(|i| {
-                let (x, y, z) = (i % 7..40 - i % 5, i % 3..30, i / 2..24);
-                let expected = sample.cut([x.clone(), y.clone(), z.clone()]);
-                let mut out = vec![0; expected.len()];
-                volume.read_box(x, y, z.clone(), &mut out).unwrap();
-                volume.release(z);
-                assert!(out == expected, "{form:?}");
-            });
         }
     }
 }

@@ -155,38 +155,6 @@ fn a_tilt_is_undone() {
 }
 
 #[test]
-fn any_box_of_resampled_slices_is_the_same_part() {
-    for name in ["dicom/tilted", "dicom/uneven", "dicom/i16_jpeg.dcm"] {
-        let resample = OpenOptions {
-            resample: true,
-            ..OpenOptions::default()
-        };
-        let volume = read(name, &resample).unwrap().volume;
-        let whole = all(&*volume).unwrap();
-        let [nx, ny, _] = volume.header().dims.0.map(|n| n as usize);
-        for (x, y) in [
-            (0..19, 0..1),
-            (3..7, 2..9),
-            (0..19, 5..17),
-            (18..19, 16..17),
-        ] {
-            let mut out = vec![0; x.len() * y.len() * 2 * 2];
-            volume
-                .read_box(x.clone(), y.clone(), 1..3, &mut out)
-                .unwrap();
-            let mut expected: Vec<u8> = Vec::new();
-            for z in 1..3 {
-                for j in y.clone() {
-                    let at = (x.start as usize + nx * (j as usize + ny * z)) * 2;
-                    expected.extend(&whole[at..at + x.len() * 2]);
-                }
-            }
-            assert_eq!(out, expected, "{name} {x:?} {y:?}");
-        }
-    }
-}
-
-#[test]
 fn dicom_in_folders_of_folders_and_slices_twice() {
     let dir = tempfile::tempdir().unwrap();
     let deep = dir.path().join("DICOM/S1");

@@ -220,7 +220,7 @@ impl Checkpointer {
             "a state that cannot be",
             "what a conversion leaves",
         )
-        .with_hint("leave out --resume to begin anew")
+        .with_hint("give --force instead of --resume to begin anew")
     }
 
     /// Says that a sweep is over whose files are marked here.

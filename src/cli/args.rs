@@ -43,6 +43,12 @@ impl Common {
     }
 }
 
+/// The long help of an input.
+pub fn input_help() -> String {
+    let first = "The volume: a file, a folder of slices, a Zarr, or slices as in `s%04d.tif`";
+    format!("{first}\n\n{}", volume::input_help())
+}
+
 /// The parser of `--dtype`. NumPy's names do as well.
 pub fn dtype_parser() -> impl TypedValueParser<Value = Dtype> {
     let names = Dtype::ALL.map(|d| PossibleValue::new(d.name()).alias(d.numpy_name()));

@@ -1,14 +1,15 @@
 //! `alvis cells`: the tables of a tile set, filtered, sorted and summed up.
 
 use super::args::Common;
-use super::chart::{self, number};
+use super::chart::{self, rounded};
 use super::output::LongText;
 use super::{Outcome, output};
 use crate::error::{Error, Result};
 use crate::manifest::Manifest;
 use crate::progress::Progress;
 use crate::table::{
-    Column, Outside, PorosityOf, Query, Row, Spread, Summary, Table, TableReader, summarise,
+    Column, Outside, PorosityOf, Query, Row, Spread, Summary, Table, TableReader, find_column,
+    summarise,
 };
 use clap::{Args, ValueEnum, ValueHint};
 use serde_json::json;
@@ -29,6 +30,36 @@ const COLUMNS: [&str; 11] = [
     "touches_border",
     "tiles",
 ];
+
+/// What follows the options in the long help; a test holds that all columns are there.
+const LONG_HELP: &str = "\
+Examples:
+  alvis cells OUT --where 'not touches_border' --sort -volume --top 10
+  alvis cells OUT --where 'sphericity > 0.9 and volume > 0.01' --format csv
+  alvis cells OUT --summary --outside border-cell
+
+Columns of cells and objects; lengths are in the unit of the tables:
+  id                    number by the first voxel, from 1 on
+  voxels, volume        number of voxels; the same times the size of one
+  mesh_volume           volume inside the triangles; none at the border
+  area                  area of the triangles
+  equivalent_diameter   diameter of the ball with this volume
+  sphericity            area of the ball with this mesh volume / area: 1 is a ball
+  form_factor           36 pi mesh_volume^2 / area^3: the cube of sphericity
+  centroid_x, _y, _z    mean place of the voxels
+  min_x, _y, _z         lower ends of the box of its voxels' centres
+  max_x, _y, _z         upper ends of it
+  axis_a, _b, _c        semi-axes of the ellipsoid with the same second moments
+  elongation, flatness  axis_b / axis_a; axis_c / axis_b: 1 is round
+  orientation_x, _y, _z direction of the longest axis
+  euler_characteristic  1 for a ball, 0 for a ring, 2 for a hollow ball
+  touches_border        it reaches the border of the grid and may go on outside
+  tiles                 number of tiles that have triangles of it
+Columns of surfaces (--surfaces):
+  id, cell, object      its number, and what lies on its two sides
+  triangles, vertices, area, euler_characteristic
+  border_edges          edges at the border of the grid
+  touches_border, tiles as above";
 
 /// Form of the rows, as typed.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
@@ -59,7 +90,9 @@ enum OutsideArg {
 #[command(after_help = "Examples:\n  \
     alvis cells OUT --where 'not touches_border' --sort -volume --top 10\n  \
     alvis cells OUT --where 'sphericity > 0.9 and volume > 0.01' --format csv\n  \
-    alvis cells OUT --summary --outside border-cell")]
+    alvis cells OUT --summary --outside border-cell\n\n\
+    What the columns mean: alvis cells --help")]
+#[command(after_long_help = LONG_HELP)]
 pub struct CellsArgs {
     /// The directory of the tile set
     #[arg(value_hint = ValueHint::DirPath)]
@@ -131,7 +164,14 @@ impl CellsArgs {
         }
         let shown = self.shown(&columns, format)?;
         match format {
-            FormatArg::Table => print_table(&mut table, query, self.top.unwrap_or(ROWS), &shown)?,
+            FormatArg::Table => {
+                let rows = self.top.unwrap_or(ROWS);
+                if !print_table(&mut table, query, rows, &shown)? && rows > 0 {
+                    let of = which.total(&manifest);
+                    let name = which.name().trim_end_matches('s');
+                    output::print(&format!("0 of {}\n", output::things(of, name)))?;
+                }
+            }
             FormatArg::Csv => print_csv(&mut table, query.top(self.top), &shown)?,
             FormatArg::Json => print_rows(&mut table, query.top(self.top), &shown, which)?,
         }
@@ -148,20 +188,17 @@ impl CellsArgs {
 
     /// The positions of the columns to show.
     fn shown(&self, columns: &[Column], format: FormatArg) -> Result<Vec<usize>> {
-        let find = |name: &str| columns.iter().position(|c| c.name == name);
+        let find = |name: &str| columns.iter().position(|c| c.is_named(name));
         if self.columns.is_empty() {
             return Ok(match format {
                 FormatArg::Table => COLUMNS.into_iter().filter_map(find).collect(),
                 _ => (0..columns.len()).collect(),
             });
         }
-        let wanted = self.columns.iter().map(|name| {
-            find(name.trim()).ok_or_else(|| {
-                let known: Vec<&str> = columns.iter().map(|c| c.name.as_str()).collect();
-                Error::usage("--columns", name, known.join(", "))
-            })
-        });
-        wanted.collect()
+        let wanted = self.columns.iter();
+        wanted
+            .map(|name| find_column("--columns", name, columns))
+            .collect()
     }
 
     fn print_summary(&self, query: &Query, manifest: &Manifest, format: FormatArg) -> Result<()> {
@@ -226,13 +263,51 @@ fn object(row: &Row, columns: &[Column], shown: &[usize]) -> Result<String> {
     Ok(format!("{{{}}}", fields.join(", ")))
 }
 
-/// Rows in columns that are as wide as their names and units, or as a number.
-fn print_table(table: &mut TableReader, query: Query, rows: usize, shown: &[usize]) -> Result<()> {
-    const NUMBER: usize = 10;
+/// A name on lines that end after `_`, or a single one, so that columns are not wider than their numbers.
+fn title(name: &str) -> Vec<&str> {
+    const WIDE: usize = 10;
+    match name.len() > WIDE {
+        true => name.split_inclusive('_').collect(),
+        false => vec![name],
+    }
+}
+
+/// The lines above a table: names, then units if there are any.
+fn head(columns: &[Column], line: &dyn Fn(Vec<String>) -> String) -> String {
+    let titles: Vec<Vec<&str>> = columns.iter().map(|c| title(&c.name)).collect();
+    let lines = titles.iter().map(Vec::len).max().unwrap_or(0);
+    let part =
+        |title: &Vec<&str>, n: usize| title.get(n).map_or(String::new(), |t| (*t).to_owned());
+    let mut text: String = (0..lines)
+        .map(|n| line(titles.iter().map(|title| part(title, n)).collect()))
+        .collect();
+    let unit = |c: &Column| match c.unit.as_str() {
+        "" => String::new(),
+        unit => format!("[{unit}]"),
+    };
+    if columns.iter().any(|c| !c.unit.is_empty()) {
+        text += &line(columns.iter().map(unit).collect());
+    }
+    text
+}
+
+/// Rows in columns that are as wide as their names and units, or as a number. Returns true if there are any.
+fn print_table(
+    table: &mut TableReader,
+    query: Query,
+    rows: usize,
+    shown: &[usize],
+) -> Result<bool> {
+    const NUMBER: usize = 9;
     let columns: Vec<Column> = shown.iter().map(|&c| table.columns()[c].clone()).collect();
-    let width = |c: &Column| match c.name.as_str() {
-        "id" | "cell" | "object" | "tiles" => 7,
-        name => NUMBER.max(name.len()).max(c.unit.len() + 2),
+    let width = |c: &Column| {
+        let title = title(&c.name).iter().map(|t| t.len()).max().unwrap_or(0);
+        let least = match c.name.as_str() {
+            "id" | "cell" | "object" => 7,
+            "tiles" | "touches_border" => 5,
+            _ => NUMBER,
+        };
+        least.max(title).max(c.unit.len() + 2)
     };
     let mut out = LongText::default();
     let line = |cells: Vec<String>| {
@@ -240,14 +315,13 @@ fn print_table(table: &mut TableReader, query: Query, rows: usize, shown: &[usiz
         let cells: Vec<String> = padded.map(|(c, t)| format!("{t:>0$}", width(c))).collect();
         format!("{}\n", cells.join(" ").trim_end())
     };
-    out.push(&line(columns.iter().map(|c| c.name.clone()).collect()))?;
-    let unit = |c: &Column| match c.unit.as_str() {
-        "" => String::new(),
-        unit => format!("[{unit}]"),
+    let cell = |row: &Row, column: &Column, place: usize| {
+        Ok(match row.number(place)? {
+            None => "-".to_string(),
+            Some(v) if column.is_condition() => (if v == 0.0 { "no" } else { "yes" }).into(),
+            Some(v) => rounded(v),
+        })
     };
-    if columns.iter().any(|c| !c.unit.is_empty()) {
-        out.push(&line(columns.iter().map(unit).collect()))?;
-    }
     // one row more tells that there are more
     let mut printed = 0;
     let mut more = false;
@@ -256,21 +330,19 @@ fn print_table(table: &mut TableReader, query: Query, rows: usize, shown: &[usiz
             more = true;
             return Ok(());
         }
+        if printed == 0 {
+            out.push(&head(&columns, &line))?;
+        }
         printed += 1;
-        let cells = columns.iter().zip(shown).map(|(column, &c)| {
-            Ok(match row.number(c)? {
-                None => "-".to_string(),
-                Some(v) if column.is_condition() => (if v == 0.0 { "no" } else { "yes" }).into(),
-                Some(v) if v.fract() == 0.0 && v.abs() < 1e15 => format!("{v}"),
-                Some(v) => number(v),
-            })
-        });
+        let cells = columns.iter().zip(shown);
+        let cells = cells.map(|(column, &place)| cell(row, column, place));
         out.push(&line(cells.collect::<Result<_>>()?))
     })?;
     if more {
         out.push("... (more with --top N; all with --format csv or json)\n")?;
     }
-    out.finish()
+    out.finish()?;
+    Ok(printed > 0)
 }
 
 /// Which cells are taken as air around the sample.
@@ -278,9 +350,9 @@ fn outside_text(summary: &Summary) -> String {
     match summary.outside {
         Outside::None => "no cell (border-cell takes air around a sample)".to_string(),
         Outside::BorderCell => format!(
-            "{} cells with {} voxels",
-            output::count(summary.outside_cells),
-            output::count(summary.outside_voxels)
+            "{} with {}",
+            output::things(summary.outside_cells, "cell"),
+            output::things(summary.outside_voxels, "voxel")
         ),
     }
 }
@@ -322,7 +394,7 @@ fn counts(summary: &Summary, which: Table) -> Vec<(&'static str, String)> {
         ("porosity", of_base(summary.porosity, base)),
     ];
     if let Some(median) = summary.sphericity_median {
-        rows.push(("sphericity", format!("{} (median)", number(median))));
+        rows.push(("sphericity", format!("{} (median)", rounded(median))));
     }
     rows
 }
@@ -336,17 +408,20 @@ fn text(summary: &Summary, which: Table) -> String {
     let name = format!("equivalent diameter [{}]", d.unit);
     let head = ["min", "q1", "median", "q3", "max", "mean", "sd"];
     let line = |name: &str, values: [String; 7]| {
-        let values = values.map(|v| format!("{v:>9}")).join(" ");
+        let values = values.map(|v| format!("{v:>8}")).join(" ");
         format!("{name:13}{values}\n")
     };
-    let spread = |s: &Spread| [s.min, s.q1, s.median, s.q3, s.max, s.mean, s.sd].map(number);
+    let spread = |s: &Spread| [s.min, s.q1, s.median, s.q3, s.max, s.mean, s.sd].map(rounded);
     let h = &d.histogram;
     let doubled: Vec<f64> = h.bins.iter().flat_map(|&n| [n as f64; 2]).collect();
     let ends = [h.min, h.max];
-    let mark = chart::place(ends, d.number.median);
-    let bars = chart::draw(&doubled, ends, Some(mark), output::width());
+    let mark = chart::Mark {
+        share: chart::place(ends, d.number.median),
+        text: format!("median {}", rounded(d.number.median)),
+    };
+    let bars = chart::draw(&doubled, ends, Some(&mark), output::width());
     format!(
-        "{}\n{name} of whole {}\n{}{}{}\nnumber of whole {} by equivalent diameter (log scale, median marked)\n{bars}",
+        "{}\n{name} of whole {}\n{}{}{}\nnumber of whole {} by equivalent diameter (log scale)\n{bars}",
         output::table(&rows),
         which.name(),
         line("", head.map(String::from)),

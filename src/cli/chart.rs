@@ -1,17 +1,33 @@
 //! A histogram in Unicode bars.
 
+pub use crate::picture::ticks::place;
+use crate::picture::ticks::ticks;
+
 /// Rows of bars; each row has eight steps.
 const ROWS: usize = 8;
 const STEPS: [char; 9] = [' ', '▁', '▂', '▃', '▄', '▅', '▆', '▇', '█'];
+/// Columns before the bars: those of counts, and the axis.
+const COUNT: usize = 5;
+const GUTTER: usize = COUNT + 2;
+/// Columns of text per tick.
+const PER_TICK: usize = 12;
+
+/// A place on the axis, and what it is.
+pub struct Mark {
+    /// 0 is the left end of the bars and 1 the right one.
+    pub share: f64,
+    /// Said below the axis.
+    pub text: String,
+}
 
 /// The most columns that bars have in so many columns of text.
 pub fn columns(width: usize) -> usize {
-    width.saturating_sub(2).min(128)
+    width.saturating_sub(GUTTER).min(128)
 }
 
-/// Draws counts of equal bins as bars on a logarithmic scale, in at most `width` columns, with the ends of their
-/// range below and a mark: 0 is the left end of the bars and 1 the right one. No bins give an empty text.
-pub fn draw(bins: &[f64], range: [f64; 2], mark: Option<f64>, width: usize) -> String {
+/// Draws counts of equal bins as bars on a logarithmic scale, in at most `width` columns, with an axis of counts, one of
+/// values between `ends`, the outer edges of the bins, and a mark on it. No bins give an empty text.
+pub fn draw(bins: &[f64], ends: [f64; 2], mark: Option<&Mark>, width: usize) -> String {
     let columns = bins.len().min(columns(width));
     if columns == 0 {
         return String::new();
@@ -24,30 +40,48 @@ pub fn draw(bins: &[f64], range: [f64; 2], mark: Option<f64>, width: usize) -> S
         .collect();
     let tallest = sums.iter().copied().fold(0.0, f64::max);
     let heights: Vec<usize> = sums.iter().map(|&n| height(n, tallest)).collect();
+    let counts = counts(tallest);
     let mut text = String::new();
     for row in (0..ROWS).rev() {
         let line: String = heights
             .iter()
             .map(|h| STEPS[h.saturating_sub(row * 8).min(8)])
             .collect();
-        text += &format!("  {}\n", line.trim_end());
+        let (label, axis) = match &counts[row] {
+            Some(label) => (label.as_str(), '┤'),
+            None => ("", '│'),
+        };
+        text += format!("{label:>COUNT$} {axis}{line}").trim_end();
+        text += "\n";
     }
-    if let Some(mark) = mark.filter(|mark| (0.0..=1.0).contains(mark)) {
-        let column = ((mark * columns as f64) as usize).min(columns - 1);
-        text += &format!("  {:column$}▲\n", "");
-    }
-    let [low, high] = range.map(number);
-    let gap = columns.saturating_sub(low.len() + high.len()).max(1);
-    text + &format!("  {low}{:gap$}{high}\n", "")
+    text + &axis(ends, mark, columns)
 }
 
-/// Where a value lies on an axis: 0 is `low` and 1 is `high`. 0 if these are the same.
-pub fn place([low, high]: [f64; 2], value: f64) -> f64 {
-    // halves, since the distance of two finite numbers may not be finite
-    match high > low {
-        true => (value / 2.0 - low / 2.0) / (high / 2.0 - low / 2.0),
-        false => 0.0,
+/// The axis of values: its line, the values, and what is marked.
+fn axis(ends: [f64; 2], mark: Option<&Mark>, columns: usize) -> String {
+    let at = |share: f64| ((share * columns as f64) as usize).min(columns - 1);
+    let mut line = vec!['─'; columns];
+    let mut values = String::new();
+    for tick in ticks(ends, (columns / PER_TICK).max(2) as u32) {
+        let column = at(tick.share);
+        let label = tick.label;
+        let length = label.chars().count();
+        let before = (GUTTER + column).saturating_sub(length / 2);
+        let before = before.min((GUTTER + columns).saturating_sub(length));
+        let filled = values.chars().count();
+        // a value that would touch the one before it is left out
+        if filled == 0 || before > filled {
+            line[column] = '┬';
+            values += &format!("{:1$}{label}", "", before - filled);
+        }
     }
+    let mut said = String::new();
+    if let Some(mark) = mark.filter(|mark| (0.0..=1.0).contains(&mark.share)) {
+        line[at(mark.share)] = '▲';
+        said = format!("{:COUNT$} ▲ {}\n", "", mark.text);
+    }
+    let line: String = line.into_iter().collect();
+    format!("{:COUNT$} └{line}\n{values}\n{said}", "")
 }
 
 /// Eighths of a row; something that occurs is always seen.
@@ -57,6 +91,23 @@ fn height(n: f64, tallest: f64) -> usize {
     }
     let share = libm::log1p(n) / libm::log1p(tallest);
     ((share * (ROWS * 8) as f64).round() as usize).max(1)
+}
+
+/// The powers of ten that the rows reach, from below.
+fn counts(tallest: f64) -> [Option<String>; ROWS] {
+    const SIZES: [&str; 6] = ["", "k", "M", "G", "T", "P"];
+    let mut found = [const { None::<String> }; ROWS];
+    let mut power = 1.0;
+    for k in 0..3 * SIZES.len() {
+        if power > tallest {
+            break;
+        }
+        let row = (height(power, tallest).max(1) - 1) / 8;
+        let label = format!("1{}{}", "0".repeat(k % 3), SIZES[k / 3]);
+        found[row].get_or_insert(label);
+        power *= 10.0;
+    }
+    found
 }
 
 /// A number in up to 6 digits.
@@ -71,9 +122,29 @@ pub fn number(v: f64) -> String {
     }
 }
 
+/// A number in four digits that say something, for people; whole numbers stay whole.
+pub fn rounded(v: f64) -> String {
+    const DIGITS: i32 = 4;
+    if v.fract() == 0.0 && v.abs() < 1e15 {
+        return v.to_string();
+    }
+    if !(1e-4..1e9).contains(&v.abs()) {
+        return format!("{v:.*e}", DIGITS as usize - 1);
+    }
+    let before = libm::log10(v.abs()).floor() as i32 + 1;
+    format!("{v:.*}", (DIGITS - before).max(0) as usize)
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    fn mark(ends: [f64; 2], value: f64) -> Mark {
+        Mark {
+            share: place(ends, value),
+            text: "half".into(),
+        }
+    }
 
     #[test]
     fn bars_are_logarithmic_and_fit() {
@@ -81,31 +152,66 @@ mod tests {
         bins[0] = 1e6;
         bins[128] = 1e3;
         bins[255] = 1.0;
-        let text = draw(&bins, [0.0, 255.0], Some(place([0.0, 255.0], 127.5)), 66);
+        let ends = [0.0, 256.0];
+        let text = draw(&bins, ends, Some(&mark(ends, 128.0)), 64 + GUTTER);
         let lines: Vec<Vec<char>> = text.lines().map(|l| l.chars().collect()).collect();
-        assert_eq!(lines.len(), ROWS + 2);
-        assert!(lines.iter().all(|l| l.len() <= 66), "{text}");
+        assert_eq!(lines.len(), ROWS + 3);
+        assert!(lines.iter().all(|l| l.len() <= 64 + GUTTER), "{text}");
         let column = |c: usize| {
             (0..ROWS)
-                .filter(|r| lines[*r].get(c + 2) == Some(&'█'))
+                .filter(|r| lines[*r].get(c + GUTTER) == Some(&'█'))
                 .count()
         };
         assert_eq!((column(0), column(1), column(32)), (8, 0, 4), "{text}");
-        assert_eq!(lines[ROWS].iter().position(|c| *c == '▲'), Some(2 + 32));
-        assert_eq!(lines[ROWS - 1].len(), 66);
+        assert_eq!(
+            lines[ROWS].iter().position(|c| *c == '▲'),
+            Some(GUTTER + 32)
+        );
+        assert_eq!(lines[ROWS - 1].len(), GUTTER + 64);
+        assert!(text.starts_with("   1M ┤"), "{text}");
+        assert!(
+            text.contains("   1k ┤") && text.contains("▲ half"),
+            "{text}"
+        );
+        let values: Vec<&str> = text
+            .lines()
+            .nth(ROWS + 1)
+            .unwrap()
+            .split_whitespace()
+            .collect();
+        assert_eq!(values, ["0", "100", "200"]);
     }
 
     #[test]
     fn odd_histograms_are_drawn() {
         assert_eq!(draw(&[], [0.0, 1.0], None, 80), "");
         assert_eq!(draw(&[1.0, 2.0], [0.0, 1.0], None, 1), "");
-        for width in [3, 10, 1000] {
-            let one = draw(&[5.0], [3.0, 3.0], Some(place([3.0, 3.0], 3.0)), width);
+        for width in [GUTTER + 1, 20, 1000] {
+            let ends = [3.0, 3.0];
+            let one = draw(&[5.0], ends, Some(&mark(ends, 3.0)), width);
             assert!(one.contains('█') && one.contains('▲'));
             let ends = [f64::MIN, f64::MAX];
             for value in [f64::NAN, 0.0, f64::INFINITY] {
-                draw(&[0.0; 256], ends, Some(place(ends, value)), width);
+                draw(&[0.0; 256], ends, Some(&mark(ends, value)), width);
+                draw(&[1e300; 256], ends, Some(&mark(ends, value)), width);
             }
+        }
+    }
+
+    #[test]
+    fn people_read_four_digits() {
+        for (value, text) in [
+            (0.903_63, "0.9036"),
+            (4.5, "4.500"),
+            (-12.345_67, "-12.35"),
+            (98_765.4, "98765"),
+            (1470.0, "1470"),
+            (0.012_345_6, "0.01235"),
+            (1.23456e-7, "1.235e-7"),
+            (1.5e20, "1.500e20"),
+            (0.0, "0"),
+        ] {
+            assert_eq!(rounded(value), text);
         }
     }
 

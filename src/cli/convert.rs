@@ -1,16 +1,17 @@
 //! `alvis convert`: a volume to a tile set.
 
-use super::args::{Common, InputOptions};
+use super::args::{Common, InputOptions, input_help};
 use super::form::FormArgs;
 use super::info;
 use super::parse::{self, CropArg, Threshold};
-use super::{Outcome, output};
+use super::{Outcome, output, stop};
 use crate::convert::{self, ConvertOptions, ConvertReport};
 use crate::error::{Error, Result};
 use crate::grid::{Ambiguous, Crop, Origin, Unit};
 use crate::manifest::Form;
 use crate::volume::Opened;
 use clap::{Args, ValueEnum, ValueHint};
+use std::ffi::OsString;
 use std::path::{Path, PathBuf};
 
 /// Rule for ambiguous faces, as typed.
@@ -27,13 +28,15 @@ enum AmbiguousArg {
 /// The surface lies where the samples cross the threshold. The directory gets one GLB per
 /// macrocube, an index and tables of cells, objects and surfaces.
 #[derive(Debug, Args)]
+#[command(after_help = "Examples:\n  \
+    alvis convert scan.mhd OUT --threshold otsu\n  \
+    alvis convert scan.raw OUT --dims 512,512,300 --dtype u16 --spacing 0.05 --unit mm --threshold 12000\n  \
+    alvis convert scan.mhd PART --threshold 120 --crop :,:,100:160\n  \
+    alvis convert scan.mhd WEB --threshold 120 --for web\n  \
+    alvis convert scan.mhd OUT --threshold otsu --resume")]
 pub struct ConvertArgs {
     /// The volume: a file, a folder of slices, a Zarr, or slices as in `s%04d.tif`
-    ///
-    /// MetaImage, NRRD, NIfTI, TIFF, DICOM, HDF5, NumPy, VTK image data and zip are recognised by
-    /// what is in them. A folder may hold DICOM, TIFF or PNG slices, or a Zarr. Anything else is read
-    /// as raw samples, for which --dims and --dtype are needed.
-    #[arg(value_hint = ValueHint::FilePath)]
+    #[arg(value_hint = ValueHint::FilePath, long_help = input_help())]
     input: PathBuf,
     /// The directory to write
     #[arg(value_hint = ValueHint::DirPath)]
@@ -82,7 +85,8 @@ pub struct ConvertArgs {
 }
 
 impl ConvertArgs {
-    pub fn run(self) -> Result<Outcome> {
+    /// Converts; `typed` is the command line that asks for it.
+    pub fn run(self, typed: &[OsString]) -> Result<Outcome> {
         let console = self.common.start();
         let (mut opened, stamp) = self.options.open_stamped(&self.input, &self.out)?;
         opened.doubt_size()?;
@@ -128,8 +132,14 @@ impl ConvertArgs {
             }
         };
         console.note(&understood(&opened, &options, how)?);
+        stop::listen();
         let mut report = convert::convert(&*opened.volume, &options, &self.out, &console)
-            .map_err(|e| resumable(e, &self.out))?;
+            .map_err(|e| resumable(e, &self.out, typed))
+            .inspect_err(|e| {
+                if matches!(e, Error::Interrupted) {
+                    console.note("no layer was done yet, so nothing is kept");
+                }
+            })?;
         drop(console);
         if self.common.json {
             report.warnings = [opened.warnings, report.warnings].concat();
@@ -142,24 +152,40 @@ impl ConvertArgs {
 }
 
 /// Adds to an error that a part of the work is kept, if that is so.
-pub fn resumable(error: Error, out: &Path) -> Error {
+fn resumable(error: Error, out: &Path, typed: &[OsString]) -> Error {
     let refused = matches!(
         error,
         Error::OutputBusy { .. }
             | Error::InputChanged { .. }
             | Error::OutputExists { .. }
             | Error::OutputForeign { .. }
+            | Error::OutputInterrupted { .. }
             | Error::OtherConversion { .. }
     );
+    let when = match error {
+        Error::Interrupted => "",
+        _ => "once the cause is removed, ",
+    };
     match convert::interrupted(out).filter(|_| !refused) {
         Some(kept) => Error::Resumable {
             error: Box::new(error),
             path: out.to_path_buf(),
             done: kept.done,
             of: kept.of,
+            next: format!("{when}`{}` goes on", resuming(typed)),
         },
         None => error,
     }
+}
+
+/// The command line that goes on with the conversion that this one began.
+fn resuming(typed: &[OsString]) -> String {
+    let words = typed.iter().skip(1).filter(|word| *word != "--resume");
+    let mut words: Vec<String> = words.map(|word| output::shell_word(word)).collect();
+    // what follows this is no option
+    let end = words.iter().position(|word| word == "--");
+    words.insert(end.unwrap_or(words.len()), "--resume".to_owned());
+    format!("alvis {}", words.join(" "))
 }
 
 /// What will be done, for the user to stop it if it is not what was meant.
@@ -218,7 +244,7 @@ pub fn from(origin: Origin) -> &'static str {
 /// What a conversion made, for people.
 pub fn summary(report: &ConvertReport) -> String {
     let totals = &report.totals;
-    let count = output::count;
+    let (count, things) = (output::count, output::things);
     let mut rows = vec![
         (
             "tiles",
@@ -231,18 +257,18 @@ pub fn summary(report: &ConvertReport) -> String {
         (
             "surface",
             format!(
-                "{} triangles, {} vertices",
-                count(totals.triangles),
+                "{}, {} vertices",
+                things(totals.triangles, "triangle"),
                 count(totals.vertices)
             ),
         ),
         (
             "parts",
             format!(
-                "{} objects, {} cells, {} surfaces",
-                count(totals.objects),
-                count(totals.cells),
-                count(totals.surfaces)
+                "{}, {}, {}",
+                things(totals.objects, "object"),
+                things(totals.cells, "cell"),
+                things(totals.surfaces, "surface")
             ),
         ),
     ];

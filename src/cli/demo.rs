@@ -28,6 +28,10 @@ const SPACING: f64 = 0.05;
 /// The directory gets foam.mhd with foam.raw, the tile set foam/ and slice.png, a slice with its cells
 /// in colour. An earlier demo in it is replaced.
 #[derive(Debug, Args)]
+#[command(after_help = "Examples:\n  \
+    alvis demo\n  \
+    alvis demo small --size 64\n  \
+    alvis demo lists --primitives triangles")]
 pub struct DemoArgs {
     /// The directory to write
     #[arg(default_value = "alvis-demo", value_hint = ValueHint::DirPath)]

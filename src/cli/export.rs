@@ -1,6 +1,7 @@
 //! `alvis export`: one mesh of a tile set.
 
 use super::args::Common;
+use super::chart::rounded;
 use super::{Outcome, output, parse};
 use crate::error::Result;
 use crate::export::{ExportOptions, ExportReport, Simplify, export};
@@ -37,6 +38,9 @@ pub struct ExportArgs {
     /// Limit of resident memory; 2g is 2 * 10^9 bytes, 2GiB is 2 * 2^30
     #[arg(long, value_name = "SIZE", default_value = "1GiB", value_parser = parse::bytes)]
     memory: u64,
+    /// Replace the file if it exists
+    #[arg(long)]
+    force: bool,
     #[command(flatten)]
     common: Common,
 }
@@ -48,6 +52,7 @@ impl ExportArgs {
             condition: self.condition,
             simplify: self.simplify,
             memory: self.memory,
+            force: self.force,
         };
         let report = export(&self.out, &self.file, &options, &console)?;
         drop(console);
@@ -76,7 +81,7 @@ fn summary(file: &str, report: &ExportReport) -> String {
     if let Some(error) = report.error {
         rows.push((
             "error",
-            format!("about {} {} at most", short(error), report.unit),
+            format!("about {} {} at most", rounded(error), report.unit),
         ));
     }
     rows.push((
@@ -88,10 +93,4 @@ fn summary(file: &str, report: &ExportReport) -> String {
         ),
     ));
     output::table(&rows)
-}
-
-/// Three digits that say something.
-fn short(value: f64) -> String {
-    let digits = 2 - libm::log10(value.abs().max(f64::MIN_POSITIVE)).floor() as i32;
-    format!("{value:.*}", digits.clamp(0, 12) as usize)
 }

@@ -1,9 +1,9 @@
 //! `alvis info`: what a volume is, and what its surface would cost.
 
-use super::args::{Common, InputOptions};
+use super::args::{Common, InputOptions, input_help};
 use super::convert::from;
 use super::parse;
-use super::{Outcome, chart, output};
+use super::{Outcome, chart, info_tiles, output};
 use crate::convert::{ConvertOptions, predicted_memory};
 use crate::error::{Error, Result};
 use crate::grid::{Dims, Placement, Unit};
@@ -22,14 +22,17 @@ const SLICES: u32 = 256;
 const UNLIMITED: u64 = 1 << 60;
 
 /// Show what a volume holds, its histogram, Otsu's threshold and the surface to expect there
+///
+/// Of a tile set it shows what it was made from, how, and what can be done with it.
 #[derive(Debug, Args)]
+#[command(after_help = "Examples:\n  \
+    alvis info scan.mhd\n  \
+    alvis info scan.raw --dims 512,512,300 --dtype u16\n  \
+    alvis info slices --threshold 120\n  \
+    alvis info OUT")]
 pub struct InfoArgs {
-    /// The volume: a file, a folder of slices, a Zarr, or slices as in `s%04d.tif`
-    ///
-    /// MetaImage, NRRD, NIfTI, TIFF, DICOM, HDF5, NumPy, VTK image data and zip are recognised by
-    /// what is in them. A folder may hold DICOM, TIFF or PNG slices, or a Zarr. Anything else is read
-    /// as raw samples, for which --dims and --dtype are needed.
-    #[arg(value_hint = ValueHint::FilePath)]
+    /// The volume: a file, a folder of slices, a Zarr, or slices as in `s%04d.tif`; or a tile set
+    #[arg(value_hint = ValueHint::FilePath, long_help = input_help())]
     input: PathBuf,
     /// Predict for this threshold instead of Otsu's
     #[arg(long, value_name = "T", allow_hyphen_values = true, value_parser = parse::finite)]
@@ -79,6 +82,15 @@ struct Predicted {
 
 impl InfoArgs {
     pub fn run(self) -> Result<Outcome> {
+        if info_tiles::is_tile_set(&self.input) {
+            self.options.refuse_without_volume("a volume")?;
+            if self.threshold.is_some() {
+                let expected = "it together with a volume";
+                return Err(Error::usage("--threshold", "it without a volume", expected));
+            }
+            info_tiles::print(&self.input, self.common.json)?;
+            return Ok(Outcome::Done);
+        }
         let console = self.common.start();
         let (mut opened, stamp) = self.options.open_stamped(&self.input, Path::new(""))?;
         opened.doubt_size()?;
@@ -255,10 +267,10 @@ fn text(opened: &Opened, found: &Statistics, predicted: Option<Predicted>) -> St
     rows.push(("threshold", otsu));
     let width = output::width();
     let histogram = match (found.range, found.columns(chart::columns(width))) {
-        (Some(range), Some((bars, edges))) => {
-            let mark = predicted.map(|p| chart::place(edges, p.threshold));
-            let bars = chart::draw(&bars, range, mark, width);
-            format!("histogram (log scale)\n{bars}")
+        (Some(_), Some((bars, edges))) => {
+            let mark = predicted.map(|p| mark(header, p, found.otsu, edges));
+            let bars = chart::draw(&bars, edges, mark.as_ref(), width);
+            format!("histogram, voxels on a log scale\n{bars}")
         }
         _ => String::new(),
     };
@@ -266,8 +278,30 @@ fn text(opened: &Opened, found: &Statistics, predicted: Option<Predicted>) -> St
     output::table(&rows) + &histogram + &surface
 }
 
+/// The threshold on the histogram's axis, and how many voxels are above it.
+fn mark(header: &Header, p: Predicted, otsu: Option<f64>, edges: [f64; 2]) -> chart::Mark {
+    let method = if otsu == Some(p.threshold) {
+        " by Otsu's method"
+    } else {
+        ""
+    };
+    let share = share_above(header, p);
+    chart::Mark {
+        share: chart::place(edges, p.threshold),
+        text: format!(
+            "threshold {}{method}, {share:.1} % above",
+            chart::number(p.threshold)
+        ),
+    }
+}
+
+/// Percent of the voxels.
+fn share_above(header: &Header, p: Predicted) -> f64 {
+    100.0 * p.voxels_above as f64 / header.dims.voxels() as f64
+}
+
 fn expected(header: &Header, p: Predicted) -> String {
-    let share = 100.0 * p.voxels_above as f64 / header.dims.voxels() as f64;
+    let share = share_above(header, p);
     let basis = if p.sampled {
         " (from a sample of the slices)"
     } else {

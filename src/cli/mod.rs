@@ -12,6 +12,7 @@ mod export;
 mod form;
 mod generate;
 mod info;
+mod info_tiles;
 mod output;
 mod parse;
 mod phantom;
@@ -20,11 +21,12 @@ mod progress;
 mod repack;
 mod select;
 mod sigbus;
+mod stop;
 mod verify;
 
 use crate::error::Result;
 use clap::error::ErrorKind;
-use clap::{CommandFactory, Parser, Subcommand};
+use clap::{CommandFactory, FromArgMatches, Parser, Subcommand};
 use std::ffi::OsString;
 use std::process::ExitCode;
 
@@ -44,8 +46,8 @@ const FAILED: u8 = 2;
 #[derive(Debug, Parser)]
 #[command(name = "alvis", version, propagate_version = true)]
 #[command(
-    after_help = "Exit status: 0 done, 1 the verifier found issues, 2 anything else went \
-    wrong.\nStart with `alvis demo`."
+    after_help = "Start with `alvis demo`. All options of a command: `alvis COMMAND --help`.\n\
+    Exit status: 0 done, 1 the verifier found issues, 2 anything else went wrong."
 )]
 struct Cli {
     #[command(subcommand)]
@@ -69,11 +71,12 @@ enum Command {
 }
 
 impl Command {
-    fn run(self) -> Result<Outcome> {
+    /// Runs a command; `typed` is the whole command line.
+    fn run(self, typed: &[OsString]) -> Result<Outcome> {
         match self {
             Command::Demo(args) => args.run(),
             Command::Info(args) => args.run(),
-            Command::Convert(args) => args.run(),
+            Command::Convert(args) => args.run(typed),
             Command::Verify(args) => args.run(),
             Command::Cells(args) => args.run(),
             Command::Select(args) => args.run(),
@@ -90,8 +93,16 @@ impl Command {
 /// Runs the command line `args`, whose first is the program's own name.
 pub fn run(args: impl IntoIterator<Item = OsString>) -> ExitCode {
     crate::sys::process_memory::give_back_large_buffers();
-    let result = match Cli::try_parse_from(args) {
-        Ok(cli) => cli.command.run().map_err(|e| e.to_string()),
+    let mut typed: Vec<OsString> = args.into_iter().collect();
+    if typed.len() < 2 {
+        // nobody who types the name alone means anything else
+        typed = vec!["alvis".into(), "--help".into()];
+    }
+    let parsed = command()
+        .try_get_matches_from(&typed)
+        .and_then(|matches| Cli::from_arg_matches(&matches));
+    let result = match parsed {
+        Ok(cli) => cli.command.run(&typed).map_err(|e| e.to_string()),
         Err(refusal) => match refusal.kind() {
             ErrorKind::DisplayHelp | ErrorKind::DisplayVersion => {
                 let text = refusal.render();
@@ -104,7 +115,7 @@ pub fn run(args: impl IntoIterator<Item = OsString>) -> ExitCode {
                     .map(|()| Outcome::Done)
                     .map_err(|e| e.to_string())
             }
-            _ => Err(one_line(&refusal)),
+            _ => Err(one_line(&refusal, &typed)),
         },
     };
     match result {
@@ -118,22 +129,12 @@ pub fn run(args: impl IntoIterator<Item = OsString>) -> ExitCode {
 }
 
 /// The parser's complaint as one line: its paragraphs before the usage text, and whose help to read.
-fn one_line(refusal: &clap::Error) -> String {
-    if refusal.kind() == ErrorKind::DisplayHelpOnMissingArgumentOrSubcommand {
-        return "no command given: see `alvis --help`".to_string();
-    }
+fn one_line(refusal: &clap::Error, typed: &[OsString]) -> String {
     let text = refusal.render().to_string();
     let text = text.strip_prefix("error: ").unwrap_or(&text);
     let mut message = String::new();
-    let mut whose = "alvis".to_string();
     for line in text.lines().map(str::trim).filter(|l| !l.is_empty()) {
-        if let Some(usage) = line.strip_prefix("Usage: ") {
-            let words = usage.split(' ');
-            let names = words.take_while(|w| w.starts_with(|c: char| c.is_ascii_lowercase()));
-            whose = names.collect::<Vec<_>>().join(" ");
-            break;
-        }
-        if line.starts_with("For more information") {
+        if line.starts_with("Usage: ") || line.starts_with("For more information") {
             break;
         }
         if line.starts_with("tip:") {
@@ -144,12 +145,42 @@ fn one_line(refusal: &clap::Error) -> String {
         }
         message.push_str(line);
     }
-    format!("{message}: see `{whose} --help`")
+    let command = typed.get(1).and_then(|name| name.to_str()).unwrap_or("");
+    match Cli::command().find_subcommand(command) {
+        Some(found) => format!("{message}: see `alvis {} --help`", found.get_name()),
+        None => format!("{message}: see `alvis --help`"),
+    }
 }
 
-/// The whole command line, for manual pages and completions.
+/// The commands in groups, as the help lists them.
+const GROUPS: [(&str, &[&str]); 4] = [
+    ("Make tiles", &["demo", "info", "convert", "verify"]),
+    ("Look", &["preview", "cells"]),
+    ("Use tiles", &["select", "export", "repack"]),
+    ("Other", &["phantom", "completions", "man", "help"]),
+];
+
+/// The whole command line, for parsing, manual pages and completions.
 fn command() -> clap::Command {
-    Cli::command()
+    let command = Cli::command();
+    let mut built = command.clone();
+    built.build();
+    let style = *command.get_styles().get_header();
+    let mut list = String::new();
+    for (title, names) in GROUPS {
+        list += &format!("{style}{title}:{style:#}\n");
+        for name in names {
+            let found = built.find_subcommand(name).and_then(|c| c.get_about());
+            let about = found.map(ToString::to_string).unwrap_or_default();
+            let about = output::wrapped(&about, output::width().min(100), 15);
+            list += &format!("  {name:13}{about}\n");
+        }
+        list.push('\n');
+    }
+    let template = format!(
+        "{{about-with-newline}}\n{{usage-heading}} {{usage}}\n\n{list}{style}Options:{style:#}\n{{options}}{{after-help}}"
+    );
+    command.help_template(template)
 }
 
 #[cfg(test)]
@@ -164,16 +195,34 @@ mod tests {
     #[test]
     fn complaints_are_one_line() {
         for bad in [
-            &["alvis"][..],
-            &["alvis", "frobnicate"],
+            &["alvis", "frobnicate"][..],
             &["alvis", "convert"],
             &["alvis", "info", "x", "--dtype", "u99"],
             &["alvis", "info", "x", "--dims", "1,2"],
             &["alvis", "info", "x", "--frob"],
         ] {
-            let message = one_line(&Cli::try_parse_from(bad).unwrap_err());
+            let typed: Vec<OsString> = bad.iter().map(OsString::from).collect();
+            let message = one_line(&Cli::try_parse_from(bad).unwrap_err(), &typed);
             assert!(!message.contains('\n') && message.len() < 400, "{message}");
-            assert!(message.contains("--help"), "{message}");
+            let whose = match bad[1] {
+                "frobnicate" => "alvis".to_owned(),
+                command => format!("alvis {command}"),
+            };
+            assert!(
+                message.ends_with(&format!("see `{whose} --help`")),
+                "{message}"
+            );
         }
+    }
+
+    #[test]
+    fn every_command_is_in_one_group() {
+        let mut built = Cli::command();
+        built.build();
+        let mut all: Vec<&str> = built.get_subcommands().map(|c| c.get_name()).collect();
+        let mut listed: Vec<&str> = GROUPS.iter().flat_map(|g| g.1).copied().collect();
+        all.sort_unstable();
+        listed.sort_unstable();
+        assert_eq!(all, listed);
     }
 }

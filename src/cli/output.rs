@@ -3,7 +3,10 @@
 use crate::error::{Error, Result};
 use bytesize::ByteSize;
 use serde::Serialize;
+use std::ffi::OsStr;
 use std::io::{ErrorKind, IsTerminal, Write};
+use std::os::fd::AsFd;
+use std::path::Path;
 
 /// Writes text to stdout. That nobody reads it any more (`alvis info x | head`) is no error.
 pub fn print(text: &str) -> Result<()> {
@@ -50,11 +53,19 @@ pub fn print_json(value: &impl Serialize) -> Result<()> {
     print(&text)
 }
 
-/// A path as a shell takes it.
-pub fn shell(path: &std::path::Path) -> String {
-    let text = path.display().to_string();
+/// A path as a shell takes it; one that begins as an option does is given a directory.
+pub fn shell(path: &Path) -> String {
+    match path.to_string_lossy().starts_with('-') {
+        true => shell_word(Path::new(".").join(path).as_os_str()),
+        false => shell_word(path.as_os_str()),
+    }
+}
+
+/// A word of a command line as a shell takes it.
+pub fn shell_word(word: &OsStr) -> String {
+    let text = word.display().to_string();
     let plain = |c: char| c.is_alphanumeric() || "/._-+=:,@%".contains(c);
-    if !text.is_empty() && text.chars().all(plain) && !text.starts_with('-') {
+    if !text.is_empty() && text.chars().all(plain) {
         return text;
     }
     format!("'{}'", text.replace('\'', r"'\''"))
@@ -71,9 +82,17 @@ pub fn stdout_has_colour() -> bool {
     std::io::stdout().is_terminal() && !refused
 }
 
-/// Columns of the terminal on stdout, or 80.
+/// Columns of the terminal on stdout, see [`columns_of`].
 pub fn width() -> usize {
-    terminal_size::terminal_size().map_or(80, |(w, _)| usize::from(w.0))
+    columns_of(std::io::stdout())
+}
+
+/// Columns of a stream's terminal, or those that COLUMNS says, or 80.
+pub fn columns_of(stream: impl AsFd) -> usize {
+    let stated = || std::env::var("COLUMNS").ok()?.parse().ok();
+    let terminal = terminal_size::terminal_size_of(stream);
+    let width = terminal.map(|(w, _)| usize::from(w.0)).or_else(stated);
+    width.filter(|w| *w > 0).unwrap_or(80)
 }
 
 /// `1.5 GiB`.
@@ -94,9 +113,34 @@ pub fn count(n: u64) -> String {
     text
 }
 
+/// `1 cell`, `1,470 cells`: the plural has an s.
+pub fn things(n: u64, name: &str) -> String {
+    format!("{} {name}{}", count(n), if n == 1 { "" } else { "s" })
+}
+
 /// `0.5 x 0.5 x 2`.
 pub fn times(values: [f64; 3]) -> String {
     values.map(|v| v.to_string()).join(" x ")
+}
+
+/// Text broken between words at `width` columns; lines after the first begin `indent` columns in, as the first is
+/// taken to.
+pub fn wrapped(text: &str, width: usize, indent: usize) -> String {
+    let mut lines = String::new();
+    let mut at = indent;
+    for word in text.split_whitespace() {
+        let long = word.chars().count();
+        if at > indent && at + 1 + long > width {
+            lines += &format!("\n{:indent$}", "");
+            at = indent;
+        } else if at > indent {
+            lines.push(' ');
+            at += 1;
+        }
+        lines += word;
+        at += long;
+    }
+    lines
 }
 
 /// Lines of a name, padded, and a value.
@@ -116,5 +160,28 @@ mod tests {
         let texts = [0, 7, 999, 1000, 123_456, 1_234_567].map(count);
         assert_eq!(texts, ["0", "7", "999", "1,000", "123,456", "1,234,567"]);
         assert_eq!(bytes(3 << 29), "1.5 GiB");
+        let texts = [0, 1, 2, 1470].map(|n| things(n, "cell"));
+        assert_eq!(texts, ["0 cells", "1 cell", "2 cells", "1,470 cells"]);
+    }
+
+    #[test]
+    fn text_is_broken_between_words() {
+        assert_eq!(wrapped("aa bb cc", 7, 2), "aa bb\n  cc");
+        assert_eq!(wrapped("toolong a", 4, 2), "toolong\n  a");
+        assert_eq!(wrapped("", 9, 2), "");
+    }
+
+    #[test]
+    fn words_are_as_a_shell_takes_them() {
+        for (word, typed) in [
+            ("a/b.mhd", "a/b.mhd"),
+            ("--where", "--where"),
+            ("volume > 3", "'volume > 3'"),
+            ("it's", r"'it'\''s'"),
+            ("", "''"),
+        ] {
+            assert_eq!(shell_word(OsStr::new(word)), typed);
+        }
+        assert_eq!(shell(Path::new("-x.mhd")), "./-x.mhd");
     }
 }

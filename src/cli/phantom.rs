@@ -36,6 +36,10 @@ pub enum Kind {
 /// options give the same bytes. Air is at 20 % of the type's range and metal at 80 % (0.2 and 0.8 for
 /// floats); the threshold to convert with is half-way and is printed. All lengths are in voxels.
 #[derive(Debug, Args)]
+#[command(after_help = "Examples:\n  \
+    alvis phantom foam foam.mhd\n  \
+    alvis phantom foam scan.raw --dims 300,200,150 --dtype u16 --noise 0.05\n  \
+    alvis phantom sphere ball.nrrd --dims 64,64,64 --radius 20 --spacing 0.1 --unit mm")]
 pub struct PhantomArgs {
     /// What it shows
     kind: Kind,

@@ -21,12 +21,14 @@ enum AxisArg {
 /// Draw a slice of a volume as PNG, with the threshold's contour and the cells in colour
 ///
 /// Grey values run from the 0.5th to the 99.5th percentile of the slice. A slice across z has x to
-/// the right and y down; across y, x to the right and z down; across x, y to the right and z down. Each
-/// voxel is a square, whatever the spacing.
+/// the right and y down; across y, x to the right and z down; across x, y to the right and z down. Voxels
+/// have their true proportion. A caption, a scale bar and legends stand around the slice. Cells that
+/// the volume's faces cut are hatched where a measure gives the colours: theirs are of a part.
 #[derive(Debug, Args)]
 #[command(after_help = "Examples:\n  \
     alvis preview scan.mhd slice.png --threshold otsu\n  \
-    alvis preview scan.mhd slice.png --tiles OUT --colour-by equivalent_diameter")]
+    alvis preview scan.mhd slice.png --tiles OUT --colour-by equivalent_diameter\n  \
+    alvis preview scan.mhd slice.png --tiles OUT --where 'volume > 3' --axis x --at 40")]
 pub struct PreviewArgs {
     /// The volume: a file, a folder of slices, a Zarr, or slices as in `s%04d.tif`
     #[arg(value_hint = ValueHint::FilePath)]
@@ -46,7 +48,7 @@ pub struct PreviewArgs {
     /// Colour the cells of this tile set of the volume
     #[arg(long, value_name = "OUT", value_hint = ValueHint::DirPath)]
     tiles: Option<PathBuf>,
-    /// Colour them by a column or an expression instead of their ids
+    /// Colour them by a column or an expression [default: as the tiles are painted, or by id]
     #[arg(
         long,
         alias = "color-by",
@@ -58,12 +60,29 @@ pub struct PreviewArgs {
     /// Colour map: viridis, magma, plasma, inferno, cividis or turbo
     #[arg(long, value_name = "NAME", default_value = "viridis", value_parser = super::select::map, requires = "colour_by")]
     map: Map,
+    /// Values of the map's first and last colour [default: those of the cells]
+    #[arg(long, value_name = "A:B", allow_hyphen_values = true, value_parser = super::select::range, requires = "colour_by")]
+    range: Option<[f64; 2]>,
+    /// Colour only the cells for which this holds
+    #[arg(
+        long = "where",
+        value_name = "EXPR",
+        requires = "tiles",
+        allow_hyphen_values = true
+    )]
+    condition: Option<String>,
     /// Samples that are black and white
     #[arg(long, value_name = "A:B", allow_hyphen_values = true, value_parser = super::select::range)]
     window: Option<[f64; 2]>,
-    /// Pixels per voxel and axis [default: as many as fit 1024]
+    /// Pixels per voxel along the axis of smaller spacing [default: as many as fit 1024]
     #[arg(long, value_name = "K", value_parser = clap::value_parser!(u32).range(1..=64))]
     scale: Option<u32>,
+    /// The slice alone, without caption, scale bar and legends
+    #[arg(long)]
+    plain: bool,
+    /// Replace the picture if it exists
+    #[arg(long)]
+    force: bool,
     #[command(flatten)]
     options: InputOptions,
     #[command(flatten)]
@@ -80,6 +99,9 @@ impl PreviewArgs {
         {
             let found = self.png.display().to_string();
             return Err(Error::usage("PNG", found, "a name that ends in .png"));
+        }
+        if !self.force && self.png.symlink_metadata().is_ok_and(|m| !m.is_dir()) {
+            return Err(Error::FileExists { path: self.png });
         }
         let (opened, input) = self.options.open_stamped(&self.input, Path::new(""))?;
         let threshold = match self.threshold {
@@ -98,8 +120,11 @@ impl PreviewArgs {
             tiles: self.tiles,
             colour_by: self.colour_by,
             map: self.map,
+            range: self.range,
+            condition: self.condition,
             window: self.window,
             scale: self.scale,
+            plain: self.plain,
             input,
         };
         let report = preview(&*opened.volume, &self.png, &options)?;
@@ -108,9 +133,9 @@ impl PreviewArgs {
         if self.common.json {
             output::print_json(&report)?;
         } else if self.common.talks() {
-            let cells = report
-                .cells
-                .map_or(String::new(), |n| format!(", {} cells", output::count(n)));
+            let cells = report.cells.map_or(String::new(), |n| {
+                format!(", {}", output::things(n, "cell"))
+            });
             output::print(&format!(
                 "{}: slice {} across {}, {} x {} pixels{cells}\n",
                 self.png.display(),

@@ -1,9 +1,11 @@
 //! Progress on stderr: a bar on a terminal, a line now and then in a log, nothing with `--quiet`.
 
-use super::output::note;
+use super::output::{self, note};
+use super::stop;
 use crate::progress::Progress;
 use indicatif::{ProgressBar, ProgressStyle};
 use std::io::IsTerminal;
+use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Mutex, MutexGuard, PoisonError};
 use std::time::{Duration, Instant};
 
@@ -101,22 +103,31 @@ fn lock<T>(mutex: &Mutex<T>) -> MutexGuard<'_, T> {
     mutex.lock().unwrap_or_else(PoisonError::into_inner)
 }
 
+/// Between two turns of the spinner, which shows that the work goes on while a step takes long.
+const TICK: Duration = Duration::from_millis(200);
+
+/// What a bar shows in so many columns. The bar takes what is left of them.
+fn template(total: u64, columns: usize) -> &'static str {
+    const WIDE: usize = 64;
+    match (total, columns >= WIDE) {
+        (0, true) => "{spinner} {msg:<12} {pos} [{elapsed}, {per_sec}]",
+        (0, false) => "{spinner} {msg:<9!} {pos} {elapsed}",
+        (_, true) => "{spinner} {msg:<12} [{wide_bar}] {percent:>3} % [{elapsed}, {eta} left]",
+        (_, false) => "{spinner} {msg:<9!} [{wide_bar}] {percent:>3} % {eta}",
+    }
+}
+
 fn new_bar(stage: &str, total: u64) -> ProgressBar {
-    let (bar, template) = if total == 0 {
-        (
-            ProgressBar::new_spinner(),
-            "{msg:<12} {spinner} {pos} [{elapsed}]",
-        )
-    } else {
-        (
-            ProgressBar::new(total),
-            "{msg:<12} [{bar:32}] {percent:>3} % [{elapsed}, {eta} left]",
-        )
+    let bar = match total {
+        0 => ProgressBar::new_spinner(),
+        total => ProgressBar::new(total),
     };
-    if let Ok(style) = ProgressStyle::with_template(template) {
+    let columns = output::columns_of(std::io::stderr());
+    if let Ok(style) = ProgressStyle::with_template(template(total, columns)) {
         bar.set_style(style.progress_chars("=> "));
     }
     bar.set_message(stage.to_string());
+    bar.enable_steady_tick(TICK);
     bar
 }
 
@@ -150,6 +161,15 @@ impl Progress for Console {
         }
     }
 
+    fn interrupted(&self) -> bool {
+        static TOLD: AtomicBool = AtomicBool::new(false);
+        let asked = stop::is_asked();
+        if asked && !TOLD.swap(true, Ordering::Relaxed) {
+            self.note("stopping at the next safe place; a second Ctrl-C ends at once");
+        }
+        asked
+    }
+
     fn warn(&self, message: &str) {
         self.note(&format!("warning: {message}"));
     }
@@ -158,6 +178,17 @@ impl Progress for Console {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn bars_are_shorter_in_narrow_terminals() {
+        for total in [0, 9] {
+            let all = [40, 80].map(|columns| template(total, columns));
+            assert!(all[0].len() < all[1].len());
+            for text in all {
+                assert!(ProgressStyle::with_template(text).is_ok(), "{text}");
+            }
+        }
+    }
 
     #[test]
     fn a_log_has_a_line_now_and_then() {

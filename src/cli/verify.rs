@@ -16,6 +16,10 @@ use std::path::{Path, PathBuf};
 ///
 /// Exit status 0 if it has none, 1 if there are issues, 2 if the check itself could not be made.
 #[derive(Debug, Args)]
+#[command(after_help = "Examples:\n  \
+    alvis verify OUT\n  \
+    alvis verify OUT --against scan.mhd\n  \
+    alvis verify OUT --json --max-issues 10")]
 pub struct VerifyArgs {
     /// The directory of the tile set
     #[arg(value_hint = ValueHint::DirPath)]
@@ -197,10 +201,10 @@ fn issue(issue: &Issue) -> String {
 /// The result in one line.
 pub fn verdict(report: &Report) -> String {
     let size = format!(
-        "{} tiles, {} triangles, {} surfaces",
-        output::count(report.tiles),
-        output::count(report.triangles),
-        output::count(report.surfaces)
+        "{}, {}, {}",
+        output::things(report.tiles, "tile"),
+        output::things(report.triangles, "triangle"),
+        output::things(report.surfaces, "surface")
     );
     if report.ok {
         let scope = match (report.against, report.part) {
@@ -211,6 +215,6 @@ pub fn verdict(report: &Report) -> String {
         format!("ok: {size}, no hole{scope}\n")
     } else {
         let issues = report.issues.len() as u64 + report.issues_omitted;
-        format!("not ok: {} issues in {size}\n", output::count(issues))
+        format!("not ok: {} in {size}\n", output::things(issues, "issue"))
     }
 }

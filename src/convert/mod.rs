@@ -15,9 +15,12 @@ mod totals;
 mod warnings;
 
 pub use crate::checkpoint::LayersDone;
+pub use crate::measure::{
+    COMPONENT_COLUMNS, Column, Field, Get, Measures, SURFACE_COLUMNS, SurfaceRow,
+};
 pub use crate::tileset::{check_output, interrupted};
 pub use options::{ConvertOptions, ConvertReport};
-pub use tables::{COMPONENT_COLUMNS, SURFACE_COLUMNS, unit_text};
+pub use tables::unit_text;
 
 use crate::checkpoint::{Checkpointer, boot};
 use crate::convert::conversion::{Conversion, Made};
@@ -25,7 +28,7 @@ use crate::convert::finalize::{FinalizeInput, finalize};
 use crate::convert::layer_dirs::remove_empty_layer_directories;
 use crate::convert::plan::plan;
 use crate::convert::resolve::resolve;
-use crate::convert::resume::{begin, commit_begun, complete};
+use crate::convert::resume::{begin, commit_begun, complete, refuse_kept};
 use crate::convert::scan::{Scanned, scan};
 use crate::convert::tables::write_tables;
 use crate::convert::totals::{dust_of, scanned_totals, sum_components};
@@ -34,8 +37,10 @@ use crate::error::{Error, Result};
 use crate::manifest::Manifest;
 use crate::progress::Progress;
 use crate::sys::process_memory::peak_rss_bytes;
-use crate::tileset::{Output, tidy};
+use crate::tileset::{Output, outward, tidy};
 use crate::volume::{Cropped, Volume, Watch, Watched};
+use std::any::Any;
+use std::panic::{AssertUnwindSafe, catch_unwind, resume_unwind};
 use std::path::Path;
 use std::time::Instant;
 
@@ -49,7 +54,7 @@ use std::time::Instant;
 ///
 /// # Errors
 /// [`Error::Usage`] for impossible options, [`Error::Memory`] with the smallest limit that works,
-/// those of [`check_output`], [`Error::OtherConversion`] if the one to resume is
+/// those of [`check_output`], [`Error::OutputInterrupted`], [`Error::OtherConversion`] if the one to resume is
 /// another, [`Error::InputChanged`], [`Error::Io`], [`Error::Interrupted`], and what reading the volume returns. Nothing is
 /// left under a final name then; [`interrupted`] tells whether finished layers are kept.
 pub fn convert(
@@ -75,7 +80,7 @@ pub fn convert(
         watch: &watch,
         progress,
     };
-    let done = run(&job, out)?;
+    let done = run(&job, out).map_err(|e| outward(e, out))?;
     Ok(ConvertReport {
         totals: done.made.totals,
         bytes_written: done.made.bytes,
@@ -103,13 +108,18 @@ pub fn predicted_memory(volume: &dyn Volume, options: &ConvertOptions) -> Result
 /// Refuses a conversion that [`convert`] would refuse before it reads any sample, whatever the threshold.
 ///
 /// # Errors
-/// As of [`predicted_memory`] and, unless something is to be resumed, of [`check_output`].
+/// As of [`predicted_memory`] and, unless something is to be resumed, of [`check_output`];
+/// [`Error::OutputInterrupted`].
 pub fn check_before(volume: &dyn Volume, options: &ConvertOptions, out: &Path) -> Result<()> {
     predicted_memory(volume, options)?;
     if options.resume {
         return Ok(());
     }
-    check_output(out, options.force)
+    check_output(out, options.force)?;
+    match options.force {
+        true => Ok(()),
+        false => refuse_kept(out, interrupted(out)),
+    }
 }
 
 /// A conversion that is done, and what of it was done before.
@@ -168,7 +178,10 @@ fn make_and_commit(
         .build()
         .map_err(|e| Error::usage("--threads", threads.to_string(), e.to_string()))?;
     let work = output.work().to_path_buf();
-    let made = pool.install(|| make(job, &work, &mut checkpointer));
+    let made = pool.install(|| {
+        let making = AssertUnwindSafe(|| make(job, &work, &mut checkpointer));
+        catch_unwind(making).unwrap_or_else(|panic| Err(changed_or_panic(job, panic)))
+    });
     // usage errors come back with the same options
     let usage = matches!(made, Err(Error::Usage { .. }));
     output.keep(checkpointer.has_any() && !usage);
@@ -191,6 +204,19 @@ fn make_and_commit(
     Ok(made)
 }
 
+/// What is read twice is taken to be the same: where the input changed meanwhile, that is the error, whatever it led
+/// to. Else the panic goes on.
+fn changed_or_panic(job: &Conversion, panic: Box<dyn Any + Send>) -> Error {
+    match job.options.input.check() {
+        Err(changed) => changed,
+        Ok(Some(found)) => Error::InputChanged {
+            path: job.options.source_name.clone().into(),
+            found,
+        },
+        Ok(None) => resume_unwind(panic),
+    }
+}
+
 /// All stages between planning and moving into place.
 fn make(job: &Conversion, work: &Path, checkpointer: &mut Checkpointer) -> Result<Made> {
     // what was swept before was not seen
@@ -198,6 +224,8 @@ fn make(job: &Conversion, work: &Path, checkpointer: &mut Checkpointer) -> Resul
     let measured = job.options.measured(&job.grid.header().placement)?;
     let writer = job.tile_writer(work);
     let Scanned { output, last_layer } = scan(job, &writer, checkpointer)?;
+    // labels and surfaces of a volume that changed meanwhile may not fit each other
+    job.options.input.check()?;
     let mut totals = scanned_totals(&output);
     let dust = dust_of(job.options, &output);
     let (committed, resolved) = rayon::join(

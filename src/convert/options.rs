@@ -39,7 +39,7 @@ pub struct ConvertOptions {
     /// Go on with a conversion into the output directory that was interrupted, if there is one: it
     /// must have had the same input and options, but for `memory`, `threads` and `force`. If the
     /// directory holds the tile set that is asked for, whole and younger than the input, nothing is done.
-    /// Without this an interrupted conversion is begun anew.
+    /// Without this an interrupted conversion is begun anew if `force` is set, and refused if not.
     pub resume: bool,
     /// What tells the input from any other, such as its size and the time of its last change, see
     /// [`crate::volume::stamp`]. It does not go into the output: `resume` compares it with what an interrupted

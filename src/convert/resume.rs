@@ -3,7 +3,7 @@
 use crate::checkpoint::{Checkpointer, Identity, LayersDone, boot, kept};
 use crate::convert::conversion::{Conversion, Made};
 use crate::convert::warnings::warnings;
-use crate::error::Result;
+use crate::error::{Error, Result};
 use crate::manifest::{Layer, Manifest};
 use crate::tileset::Output;
 use std::fs::File;
@@ -12,6 +12,10 @@ use std::path::Path;
 
 /// Goes on with what an interrupted conversion left, if that is asked for and there is any, or makes
 /// the work directory empty.
+///
+/// # Errors
+/// [`Error::OutputInterrupted`] if there is any and neither `resume` nor `force` is set; those of
+/// [`Checkpointer::resume`]; [`Error::Io`].
 pub fn begin(
     output: &mut Output,
     out: &Path,
@@ -24,6 +28,9 @@ pub fn begin(
     // whatever happens now, what is there is not to be lost
     output.keep(true);
     let before = kept(&work);
+    if !options.resume && !options.force {
+        refuse_kept(out, before)?;
+    }
     if options.resume {
         if let Some(checkpointer) = Checkpointer::resume(&work, out, identity, dust, layers)? {
             let (kept, finished) = (checkpointer.kept(), checkpointer.finished());
@@ -37,13 +44,24 @@ pub fn begin(
         }
     } else if let Some(LayersDone { done, of }) = before {
         progress.warn(&format!(
-            "dropping {done} of {of} layers of an interrupted conversion: --resume would have gone \
-             on with them"
+            "dropping {done} of {of} layers of an interrupted conversion"
         ));
     }
     output.clear()?;
     output.keep(false);
     Checkpointer::new(&work, identity, dust, layers)
+}
+
+/// Refuses to drop layers that an interrupted conversion has done.
+pub fn refuse_kept(out: &Path, kept: Option<LayersDone>) -> Result<()> {
+    match kept {
+        None => Ok(()),
+        Some(LayersDone { done, of }) => Err(Error::OutputInterrupted {
+            path: out.to_path_buf(),
+            done,
+            of,
+        }),
+    }
 }
 
 /// What was made, if it was being moved into place.

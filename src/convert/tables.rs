@@ -4,58 +4,15 @@ use crate::convert::finalize::Stop;
 use crate::convert::resolve::Components;
 use crate::error::{Error, Result};
 use crate::grid::{Placement, Unit};
-use crate::measure::{AreaScale, ComponentRecord, Measures, RecordTable, SurfaceRecord};
+use crate::measure::{
+    AreaScale, COMPONENT_COLUMNS, Column, ComponentRecord, Field, Measures, RecordTable,
+    SURFACE_COLUMNS, SurfaceRecord, SurfaceRow,
+};
 use rayon::prelude::*;
 use std::fmt::{Display, Write as _};
 use std::fs::File;
 use std::io::{BufWriter, Write};
 use std::path::Path;
-
-/// Columns of `cells.csv` and `objects.csv` with the power of the unit of length they have.
-pub const COMPONENT_COLUMNS: [(&str, u32); 28] = [
-    ("id", 0),
-    ("voxels", 0),
-    ("volume", 3),
-    ("mesh_volume", 3),
-    ("area", 2),
-    ("equivalent_diameter", 1),
-    ("sphericity", 0),
-    ("form_factor", 0),
-    ("centroid_x", 1),
-    ("centroid_y", 1),
-    ("centroid_z", 1),
-    ("min_x", 1),
-    ("min_y", 1),
-    ("min_z", 1),
-    ("max_x", 1),
-    ("max_y", 1),
-    ("max_z", 1),
-    ("axis_a", 1),
-    ("axis_b", 1),
-    ("axis_c", 1),
-    ("elongation", 0),
-    ("flatness", 0),
-    ("orientation_x", 0),
-    ("orientation_y", 0),
-    ("orientation_z", 0),
-    ("euler_characteristic", 0),
-    ("touches_border", 0),
-    ("tiles", 0),
-];
-
-/// Columns of `surfaces.csv`.
-pub const SURFACE_COLUMNS: [(&str, u32); 10] = [
-    ("id", 0),
-    ("cell", 0),
-    ("object", 0),
-    ("triangles", 0),
-    ("vertices", 0),
-    ("area", 2),
-    ("euler_characteristic", 0),
-    ("border_edges", 0),
-    ("touches_border", 0),
-    ("tiles", 0),
-];
 
 /// `mm^2` for a power of 2, nothing for 0.
 pub fn unit_text(unit: Unit, power: u32) -> String {
@@ -66,15 +23,13 @@ pub fn unit_text(unit: Unit, power: u32) -> String {
     }
 }
 
-fn header(columns: &[(&str, u32)], unit: Unit) -> String {
-    let names: Vec<String> = columns
-        .iter()
-        .map(|&(name, power)| match power {
-            0 => name.to_string(),
-            _ => format!("{name} [{}]", unit_text(unit, power)),
-        })
-        .collect();
-    names.join(",")
+fn header<T>(columns: &[Column<T>], unit: Unit) -> String {
+    let names = columns.iter().map(|column| match column.power {
+        0 => column.name.to_string(),
+        power => format!("{} [{}]", column.name, unit_text(unit, power)),
+    });
+    let all: Vec<String> = std::iter::once("id".to_string()).chain(names).collect();
+    all.join(",")
 }
 
 /// Writes the fields of a row.
@@ -100,14 +55,19 @@ impl Row<'_> {
         }
     }
 
-    /// A number as CSV has it: empty if it has no meaning.
-    fn number(&mut self, value: Option<f64>) {
-        match value.filter(|v| v.is_finite()) {
-            Some(v) => match plain(v, &mut zmij::Buffer::new()) {
-                Some(digits) => self.put_text(digits),
-                None => self.put(v),
-            },
-            None => self.put_text(""),
+    /// The fields of all columns; empty where they have no meaning.
+    fn put_all<T>(&mut self, columns: &[Column<T>], of: &T) {
+        for column in columns {
+            match column.get.of(of).meaningful() {
+                Some(Field::Count(v)) => self.put(v),
+                Some(Field::Signed(v)) => self.put(v),
+                Some(Field::Flag(v)) => self.put(u8::from(v)),
+                Some(Field::Real(v)) => match plain(v, &mut zmij::Buffer::new()) {
+                    Some(digits) => self.put_text(digits),
+                    None => self.put(v),
+                },
+                None => self.put_text(""),
+            }
         }
     }
 }
@@ -156,26 +116,8 @@ pub fn write_components(
         &header(&COMPONENT_COLUMNS, place.unit),
         table,
         |id, record, row| {
-            let m = Measures::of(record, place, above);
             row.put(id);
-            row.put(m.voxels);
-            row.number(Some(m.volume));
-            row.number(m.mesh_volume);
-            row.number(Some(m.area));
-            row.number(Some(m.equivalent_diameter));
-            row.number(m.sphericity);
-            row.number(m.form_factor);
-            for &v in [m.centroid, m.min, m.max, m.axes].as_flattened() {
-                row.number(Some(v));
-            }
-            row.number(Some(m.elongation));
-            row.number(Some(m.flatness));
-            for v in m.orientation {
-                row.number(Some(v));
-            }
-            row.put(m.euler_characteristic);
-            row.put(u8::from(m.touches_border));
-            row.put(m.tiles);
+            row.put_all(&COMPONENT_COLUMNS, &Measures::of(record, place, above));
         },
     )
 }
@@ -197,15 +139,9 @@ pub fn write_surfaces(
         table,
         |id, record, row| {
             row.put(id);
-            row.put(record.cell);
-            row.put(record.object);
-            row.put(record.mesh.triangles);
-            row.put(record.mesh.vertices);
-            row.number(Some(scale.area(record.mesh.area)));
-            row.put(record.mesh.euler_characteristic());
-            row.put(record.mesh.border_edges);
-            row.put(record.touches_border);
-            row.put(record.tiles);
+            let area = scale.area(record.mesh.area);
+            let record = *record;
+            row.put_all(&SURFACE_COLUMNS, &SurfaceRow { record, area });
         },
     )
 }

@@ -50,6 +50,13 @@ struct Part {
 pub(super) struct Choice(Option<Part>);
 
 impl Choice {
+    /// How many cells are chosen of how many, if there is a condition.
+    pub fn share(&self, manifest: &Manifest) -> Option<[u64; 2]> {
+        let ones = |words: &[u64]| words.iter().map(|w| u64::from(w.count_ones())).sum();
+        let part = self.0.as_ref()?;
+        Some([ones(&part.cells.0), manifest.totals.cells])
+    }
+
     /// Bytes that the choice of a part takes: a bit for each cell and two for each object.
     pub fn bytes(manifest: &Manifest) -> u64 {
         let whole = whole(manifest);

@@ -60,6 +60,8 @@ pub struct ExportOptions {
     pub simplify: Option<Simplify>,
     /// Limit of peak resident memory in bytes.
     pub memory: u64,
+    /// Replace the file if it exists.
+    pub force: bool,
 }
 
 impl Default for ExportOptions {
@@ -68,6 +70,7 @@ impl Default for ExportOptions {
             condition: None,
             simplify: None,
             memory: 1 << 30,
+            force: false,
         }
     }
 }
@@ -100,10 +103,10 @@ pub struct ExportReport {
 }
 
 /// Writes the surface of the tile set in `dir`, or of some of its cells, to `file`, whose name says the
-/// format. A file of that name is replaced, once the new one is whole.
+/// format. With [`ExportOptions::force`] a file of that name is replaced, once the new one is whole.
 ///
 /// # Errors
-/// [`Error::Usage`] for a name, condition or simplification that cannot be, if nothing is left to
+/// [`Error::FileExists`]; [`Error::Usage`] for a name, condition or simplification that cannot be, if nothing is left to
 /// export, or if the format has no room for so much; [`Error::Memory`]; [`Error::Format`] if the tile set
 /// is damaged; [`Error::Io`]; [`Error::Interrupted`]. No part of a file is left then.
 ///
@@ -139,11 +142,15 @@ pub fn export(
     let cost = Cost::new(&*writer, simplify.is_some());
     let plan = Plan::new(&set, &choice, &cost, options.memory)?;
     if plan.triangles == 0 {
-        return Err(Error::usage(
-            options.condition.as_ref().map_or("OUT", |_| "--where"),
-            options.condition.as_deref().unwrap_or("no triangle"),
-            "at least one cell with a surface",
-        ));
+        let (option, found) = match (&options.condition, choice.share(manifest)) {
+            (Some(text), Some([n, of])) => (
+                "--where",
+                format!("{text}, which holds for {n} of {of} cells"),
+            ),
+            _ => ("OUT", "no triangle".to_owned()),
+        };
+        let expected = "at least one cell with a surface";
+        return Err(Error::usage(option, found, expected));
     }
     if simplify.is_none() {
         writer.check(choice.vertices(manifest), plan.triangles)?;
@@ -154,6 +161,7 @@ pub fn export(
         simplify: simplify.as_ref(),
         writer: &*writer,
         progress,
+        force: options.force,
     };
     let (counts, simplified, bytes) = run.write(file, &plan, &cost)?;
     let warnings: Vec<String> = writer.warning().into_iter().collect();
@@ -182,13 +190,14 @@ struct Run<'a> {
     simplify: Option<&'a simplify::InGrid>,
     writer: &'a dyn Writer,
     progress: &'a dyn Progress,
+    force: bool,
 }
 
 impl Run<'_> {
     /// Writes the file; returns what is in it, the largest error of simplification, and its bytes.
     fn write(&self, file: &Path, plan: &Plan, cost: &Cost) -> Result<(Counts, f64, u64)> {
         self.progress.begin("export", plan.tiles);
-        let mut sink = Sink::create(file, self.writer)?;
+        let mut sink = Sink::create(file, self.writer, self.force)?;
         let mut front = Front::new(crate::sys::atomic_file::directory(file));
         let mut counts = Counts {
             bounds: [[i32::MAX; 3], [i32::MIN; 3]],

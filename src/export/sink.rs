@@ -4,7 +4,7 @@ use super::format::{Coded, Counts, Writer};
 use crate::error::{Error, Result};
 use crate::sys::atomic_file::{NewFile, directory};
 use std::fs::File;
-use std::io::{BufWriter, Seek, SeekFrom, Write};
+use std::io::{BufWriter, ErrorKind, Seek, SeekFrom, Write};
 use std::path::{Path, PathBuf};
 
 /// Bytes gathered before they are written.
@@ -13,6 +13,8 @@ const BUFFER: usize = 1 << 18;
 /// A file in the making; dropped before [`Sink::finish`], it leaves nothing behind.
 pub(super) struct Sink {
     path: PathBuf,
+    /// True if a file of that name is replaced.
+    force: bool,
     out: BufWriter<NewFile>,
     faces: Option<BufWriter<File>>,
 }
@@ -21,8 +23,11 @@ impl Sink {
     /// Makes the file with room for its head.
     ///
     /// # Errors
-    /// [`Error::Io`] if it cannot be written where `path` is, or `path` is a directory.
-    pub fn create(path: &Path, writer: &dyn Writer) -> Result<Self> {
+    /// [`Error::FileExists`] without `force`; [`Error::Io`] if it cannot be written where `path` is, or `path` is a directory.
+    pub fn create(path: &Path, writer: &dyn Writer, force: bool) -> Result<Self> {
+        if !force && path.symlink_metadata().is_ok_and(|m| !m.is_dir()) {
+            return Err(exists(path));
+        }
         let failed = |e| Error::io(path, "create", e);
         let out = NewFile::create(path).map_err(failed)?;
         let faces = match writer.apart() {
@@ -31,6 +36,7 @@ impl Sink {
         };
         let mut sink = Sink {
             path: path.to_path_buf(),
+            force,
             out: BufWriter::with_capacity(BUFFER, out),
             faces: faces.map(|f| BufWriter::with_capacity(BUFFER, f)),
         };
@@ -63,7 +69,7 @@ impl Sink {
     /// Completes the file and gives it its name; returns its bytes.
     ///
     /// # Errors
-    /// [`Error::Io`].
+    /// [`Error::FileExists`] if somebody else made it meanwhile; [`Error::Io`].
     pub fn finish(mut self, head: &[u8]) -> Result<u64> {
         let failed = self.failed();
         if let Some(faces) = self.faces.take() {
@@ -77,7 +83,16 @@ impl Sink {
         let bytes = out.seek(SeekFrom::End(0)).map_err(&failed)?;
         out.rewind().map_err(&failed)?;
         out.write_all(head).map_err(&failed)?;
-        out.keep(true).map_err(failed)?;
+        out.keep(self.force).map_err(|e| match e.kind() {
+            ErrorKind::AlreadyExists => exists(&self.path),
+            _ => failed(e),
+        })?;
         Ok(bytes)
+    }
+}
+
+fn exists(path: &Path) -> Error {
+    Error::FileExists {
+        path: path.to_path_buf(),
     }
 }

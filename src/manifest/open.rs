@@ -18,18 +18,41 @@ pub const PARTIAL: &str = ".alvis-partial";
 /// The manifest's file in the directory of a tile set.
 ///
 /// # Errors
-/// As of [`file_inside`]; [`Error::Format`] if a conversion into the directory is not finished.
+/// As of [`file_inside`]; [`Error::Format`] if a conversion into the directory is not finished, or if a directory
+/// above or below is the tile set.
 pub fn manifest_file(dir: &Path, action: &'static str) -> Result<PathBuf> {
-    file_inside(dir, MANIFEST, action).map_err(|error| match error {
-        Error::Io { ref source, .. }
-            if source.kind() == ErrorKind::NotFound && dir.join(PARTIAL).is_dir() =>
-        {
-            let found = "a conversion that is not finished";
-            Error::format(dir, found, "a tile set")
-                .with_hint("if it was interrupted, the same with --resume goes on with it")
+    file_inside(dir, MANIFEST, action).map_err(|error| {
+        let missing =
+            matches!(&error, Error::Io { source, .. } if source.kind() == ErrorKind::NotFound);
+        if !missing || !dir.is_dir() {
+            return error;
         }
-        error => error,
+        if dir.join(PARTIAL).is_dir() {
+            let found = "a conversion that is not finished";
+            return Error::format(dir, found, "a tile set")
+                .with_hint("if it was interrupted, the same with --resume goes on with it");
+        }
+        match sets_beside(dir).as_slice() {
+            [] => error,
+            sets => Error::format(dir, format!("no {MANIFEST}"), "a tile set")
+                .with_hint(format!("did you mean {}?", sets.join(" or "))),
+        }
     })
+}
+
+/// The tile sets one directory below `dir` or above it, by name: an index or a directory of tiles is easily taken
+/// for the tile set.
+fn sets_beside(dir: &Path) -> Vec<String> {
+    const MOST: usize = 3;
+    let below = std::fs::read_dir(dir).into_iter().flatten().flatten();
+    let mut below: Vec<PathBuf> = below.map(|entry| dir.join(entry.file_name())).collect();
+    below.sort();
+    let above = dir.parent().filter(|p| !p.as_os_str().is_empty());
+    let all = below.into_iter().chain(above.map(Path::to_path_buf));
+    let sets = all.filter(|path| path.join(MANIFEST).is_file());
+    sets.map(|path| path.display().to_string())
+        .take(MOST)
+        .collect()
 }
 
 impl Manifest {

@@ -1,19 +1,6 @@
 //! The measures that tiles carry for programs that read no tables.
 
-/// Names of the measures that a piece carries, as in the table of cells.
-pub const MEASURES: [&str; 11] = [
-    "voxels",
-    "volume",
-    "mesh_volume",
-    "area",
-    "equivalent_diameter",
-    "sphericity",
-    "form_factor",
-    "elongation",
-    "flatness",
-    "euler_characteristic",
-    "touches_border",
-];
+use crate::measure::MEASURES;
 
 /// What a piece says of its cell.
 #[derive(Debug, Clone, Copy, PartialEq)]

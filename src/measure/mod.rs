@@ -4,13 +4,18 @@
 //! ([`VoxelSums`]) and every surface integer sums over its triangles ([`MeshSums`]). What users read
 //! follows from them at the end ([`Measures`]).
 
+mod columns;
 mod component;
 mod eigen;
 mod in_tiles;
 mod sums;
 mod table;
 
+pub use columns::{
+    CARRIED, CARRIED_COLUMNS, COMPONENT_COLUMNS, Column, Field, Get, MEASURES, SURFACE_COLUMNS,
+    SurfaceRow,
+};
 pub use component::{ComponentRecord, Measures, SurfaceRecord};
-pub use in_tiles::{MEASURES, Measured};
+pub use in_tiles::Measured;
 pub use sums::{AREA_STEPS, AreaScale, MeshSums, Row, VoxelSums, power_sums};
 pub use table::RecordTable;

@@ -14,7 +14,7 @@ pub use write::{Written, write};
 
 use crate::error::{Error, Result};
 use crate::grid::{Dims, Placement};
-use crate::volume::{Dtype, Endian, Header, Volume, check_box};
+use crate::volume::{Dtype, Endian, Header, Volume};
 use foam::FoamField;
 use random::RowStream;
 use rayon::prelude::*;
@@ -262,12 +262,8 @@ impl Volume for PhantomVolume {
         &self.header
     }
 
-    fn read_box(&self, x: Range<u32>, y: Range<u32>, z: Range<u32>, out: &mut [u8]) -> Result<()> {
-        check_box(&self.header, &x, &y, &z, out.len())?;
+    fn fill_box(&self, x: Range<u32>, y: Range<u32>, z: Range<u32>, out: &mut [u8]) -> Result<()> {
         let row_bytes = x.len() * self.header.dtype.bytes();
-        if out.is_empty() {
-            return Ok(());
-        }
         blocks(out, row_bytes, y, z, self.block_edge())
             .into_par_iter()
             .for_each_init(Vec::new, |grey, block| {

@@ -40,7 +40,7 @@ enum Layout {
 /// only when they are whole.
 ///
 /// # Errors
-/// [`Error::Usage`] for another extension, or if a file exists and `force` is false;
+/// [`Error::Usage`] for another extension, [`Error::FileExists`] without `force`;
 /// [`Error::Io`]; [`Error::Interrupted`].
 pub fn write(
     volume: &PhantomVolume,
@@ -107,12 +107,9 @@ fn file_name(path: &Path) -> String {
 }
 
 fn exists(path: &Path) -> Error {
-    Error::usage(
-        "OUT",
-        format!("{}, which exists already", path.display()),
-        "a new file name",
-    )
-    .with_hint("give --force to replace it")
+    Error::FileExists {
+        path: path.to_path_buf(),
+    }
 }
 
 fn temporary(path: &Path) -> Result<NewFile> {

@@ -1,20 +1,26 @@
-//! Colours, and small pictures with text, written as PNG.
+//! Colours, and pictures with text, written as PNG.
 
 mod colour;
+mod font;
+mod legend;
+pub mod ticks;
 
 pub use colour::{Map, hex, parse_colour};
+pub use font::width as text_width;
+pub use legend::{BarArea, ColourBar, printed_unit};
 
 use crate::sys::atomic_file::NewFile;
-use font8x8::UnicodeFonts;
 use image::{DynamicImage, ImageFormat, ImageReader, Rgb, RgbImage};
 use std::io::{Cursor, Error, Result};
 use std::path::Path;
 
-/// Width and height of a letter before it is scaled.
-const LETTER: u32 = 8;
+/// Colour of text and lines.
+pub const INK: [u8; 3] = [32, 32, 32];
+/// Colour of lines around what may be as light as the paper.
+const FRAME: [u8; 3] = [144; 3];
 
 /// A picture in 8-bit sRGB.
-#[derive(Debug, Clone)]
+#[derive(Debug, Clone, PartialEq)]
 pub struct Picture {
     pixels: RgbImage,
 }
@@ -34,52 +40,55 @@ impl Picture {
         }
     }
 
-    /// Pixels that a text takes from left to right.
-    pub fn text_width(text: &str, scale: u32) -> u32 {
-        text.chars().count() as u32 * LETTER * scale
+    /// Width and height in pixels.
+    pub fn size(&self) -> [u32; 2] {
+        self.pixels.dimensions().into()
     }
 
-    /// Writes a text with its upper left corner at a pixel. Letters beyond ASCII are left blank.
-    pub fn text(&mut self, [left, top]: [u32; 2], text: &str, scale: u32, colour: [u8; 3]) {
-        for (i, letter) in text.chars().enumerate() {
-            let Some(rows) = font8x8::BASIC_FONTS.get(letter) else {
-                continue;
-            };
-            let left = left + i as u32 * LETTER * scale;
-            for y in 0..LETTER * scale {
-                for x in 0..LETTER * scale {
-                    if rows[(y / scale) as usize] >> (x / scale) & 1 == 1 {
-                        self.set([left + x, top + y], colour);
-                    }
-                }
+    /// The colour of a pixel, which must be in the picture.
+    #[cfg(test)]
+    pub fn at(&self, [x, y]: [u32; 2]) -> [u8; 3] {
+        self.pixels.get_pixel(x, y).0
+    }
+
+    /// Lays a colour over a pixel that covers a share of it; one outside the picture is ignored.
+    pub fn blend(&mut self, [x, y]: [i64; 2], colour: [u8; 3], share: f64) {
+        let (Ok(x), Ok(y)) = (u32::try_from(x), u32::try_from(y)) else {
+            return;
+        };
+        if let Some(Rgb(pixel)) = self.pixels.get_pixel_mut_checked(x, y) {
+            *pixel = std::array::from_fn(|i| {
+                let [old, new] = [pixel[i], colour[i]].map(f64::from);
+                (old + (new - old) * share).round() as u8
+            });
+        }
+    }
+
+    /// Fills a rectangle, given by its upper left corner and its size; what is outside the picture is ignored.
+    pub fn fill(&mut self, [left, top]: [u32; 2], [width, height]: [u32; 2], colour: [u8; 3]) {
+        for y in top..top.saturating_add(height) {
+            for x in left..left.saturating_add(width) {
+                self.set([x, y], colour);
             }
         }
     }
 
-    /// The legend of colours by value: its title, and the colours from left to right with five values from `min` to
-    /// `max` below. `colour` gives that of a share from 0 to 1.
-    pub fn legend(title: &str, [min, max]: [f64; 2], colour: impl Fn(f64) -> [u8; 3]) -> Self {
-        const INK: [u8; 3] = [32, 32, 32];
-        const BAR: [u32; 2] = [512, 40];
-        const MARGIN: u32 = 80;
-        let mut picture = Picture::new([BAR[0] + 2 * MARGIN, BAR[1] + 88], [255; 3]);
-        picture.text([MARGIN, 12], title, 2, INK);
-        for x in 0..BAR[0] {
-            let colour = colour(f64::from(x) / f64::from(BAR[0] - 1));
-            for y in 0..BAR[1] {
-                picture.set([MARGIN + x, 40 + y], colour);
-            }
+    /// Draws a line around a rectangle, given by its upper left corner and its size, which do not touch the picture's rim.
+    pub fn frame(&mut self, [left, top]: [u32; 2], [width, height]: [u32; 2]) {
+        for y in [top - 1, top + height] {
+            self.fill([left - 1, y], [width + 2, 1], FRAME);
         }
-        for tick in 0..5u32 {
-            let x = MARGIN + tick * (BAR[0] - 1) / 4;
-            for y in 0..6 {
-                picture.set([x, 40 + BAR[1] + y], INK);
-            }
-            let value = number(min + f64::from(tick) / 4.0 * (max - min));
-            let half = Picture::text_width(&value, 2) / 2;
-            picture.text([x.saturating_sub(half), 52 + BAR[1]], &value, 2, INK);
+        for x in [left - 1, left + width] {
+            self.fill([x, top], [1, height], FRAME);
         }
-        picture
+    }
+
+    /// Writes a text with its upper left corner at a place, in lines of `size` pixels. Letters that are neither Latin
+    /// nor common signs are drawn as `?`.
+    pub fn text(&mut self, corner: [f64; 2], text: &str, size: u32, colour: [u8; 3]) {
+        font::letters(corner, text, size, |at, share| {
+            self.blend(at, colour, share)
+        });
     }
 
     /// Says how a PNG file differs from this picture; `None` if it does not. Of a file that is larger than this
@@ -188,8 +197,8 @@ mod tests {
     #[test]
     fn text_stays_in_the_picture() {
         let mut picture = Picture::new([20, 10], [255; 3]);
-        picture.text([12, 4], "Wµ1", 2, [0; 3]);
-        let dark = picture.pixels.pixels().filter(|p| p.0 == [0; 3]).count();
+        picture.text([12.0, -2.0], "Wµ1", 16, [0; 3]);
+        let dark = picture.pixels.pixels().filter(|p| p.0[0] < 128).count();
         assert!(dark > 5 && dark < 100, "{dark}");
         let dir = tempfile::tempdir().unwrap();
         let path = dir.path().join("a.png");
@@ -201,7 +210,14 @@ mod tests {
 
     #[test]
     fn a_picture_is_told_from_others() {
-        let legend = |max: f64| Picture::legend("a", [0.0, max], |v| [(v * 255.0) as u8; 3]);
+        let legend = |max: f64| {
+            let bar = ColourBar {
+                title: "a",
+                ends: [0.0, max],
+                colour: &|v| [(v * 255.0) as u8; 3],
+            };
+            bar.picture()
+        };
         let dir = tempfile::tempdir().unwrap();
         let path = dir.path().join("a.png");
         legend(1.0).save(&path).unwrap();

@@ -4,43 +4,95 @@ use super::PreviewOptions;
 use super::slice::Slice;
 use crate::error::{Error, Result};
 use crate::grid::{Ambiguous, LATTICE, Tiling};
-use crate::manifest::{Manifest, TileEntry, file_inside};
-use crate::table::{Expr, Table};
+use crate::manifest::{Manifest, Paint, Selection, TileEntry, file_inside};
+use crate::picture::ticks::place;
+use crate::picture::{Map, parse_colour};
+use crate::table::{Column, Expr, Table};
+use crate::tile::Rgb;
 use crate::tile::pieces::pieces;
 use crate::tile::read::{ReadError, Tile};
 use std::collections::{BTreeMap, BTreeSet};
 use std::f64::consts::PI;
 use std::path::Path;
 
+/// How a voxel is drawn.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub enum Style {
+    /// As its sample.
+    Sample,
+    /// In the colour of its cell.
+    Colour(Rgb),
+    /// Of a cell whose value means nothing, such as the volume of one that the volume's faces cut.
+    NoValue,
+}
+
+/// What the colours mean.
+pub enum Meaning {
+    /// They tell cells apart.
+    Ids,
+    /// They follow values.
+    Values {
+        /// The column or expression, with its unit.
+        title: String,
+        /// Values of the first and the last colour.
+        ends: [f64; 2],
+        /// The colours between.
+        map: Map,
+    },
+    /// They are those that the tile set is painted in: conditions and colours.
+    Painted(Vec<(String, Rgb)>),
+}
+
 /// The colours of a slice.
 pub struct Colours {
     width: u32,
     /// The cell of each voxel; 0 if it is above or of no known cell.
     cells: Vec<u64>,
-    colour: BTreeMap<u64, [u8; 3]>,
+    styles: BTreeMap<u64, Style>,
+    /// What they mean; colours by value may be painted over.
+    pub meanings: Vec<Meaning>,
 }
 
 impl Colours {
-    /// The colour of a voxel.
-    pub fn at(&self, [x, y]: [u32; 2]) -> Option<[u8; 3]> {
+    /// How a voxel is drawn.
+    pub fn at(&self, [x, y]: [u32; 2]) -> Style {
         let cell = self.cells[y as usize * self.width as usize + x as usize];
-        self.colour.get(&cell).copied()
+        self.styles.get(&cell).copied().unwrap_or(Style::Sample)
     }
 
     /// How many cells have a colour.
-    pub fn count(&self) -> u64 {
-        self.colour.len() as u64
+    pub fn coloured(&self) -> u64 {
+        let coloured = |style: &&Style| matches!(style, Style::Colour(_));
+        self.styles.values().filter(coloured).count() as u64
+    }
+
+    /// Values of the first and the last colour, if colours follow values.
+    pub fn range(&self) -> Option<[f64; 2]> {
+        self.meanings.iter().find_map(|meaning| match meaning {
+            Meaning::Values { ends, .. } => Some(*ends),
+            _ => None,
+        })
+    }
+
+    /// How many cells have no value that means something.
+    pub fn without_value(&self) -> u64 {
+        let without = |style: &&Style| **style == Style::NoValue;
+        self.styles.values().filter(without).count() as u64
     }
 }
 
-/// Finds the cells of a slice's below voxels, and their colours.
+/// Finds the cells of a slice's below voxels, and their colours: by value if that is asked for, else those of the tiles
+/// if they are painted, else by id.
 pub fn colours(
     dir: &Path,
     manifest: &Manifest,
     slice: &Slice,
     options: &PreviewOptions,
 ) -> Result<Colours> {
-    let mut cells = vec![0; slice.values.len()];
+    let mut seen = Seen {
+        cells: vec![0; slice.values.len()],
+        painted: BTreeMap::new(),
+    };
     let tiling = Tiling {
         dims: manifest.grid.dims,
         macrocube: manifest.grid.macrocube,
@@ -55,21 +107,40 @@ pub fn colours(
         for entry in manifest.shard_tiles(dir, layer)? {
             let entry = entry?;
             if entry.grid[axis] == index {
-                seeds(dir, manifest, slice, &entry, &mut cells)?;
+                seeds(dir, manifest, slice, &entry, &mut seen)?;
             }
         }
     }
-    flood(manifest, slice, &mut cells);
-    let ids: BTreeSet<u64> = cells.iter().copied().filter(|&id| id != 0).collect();
-    let colour = match &options.colour_by {
-        Some(column) => by_value(dir, manifest, column, options, &ids)?,
-        None => ids.into_iter().map(|id| (id, by_id(id))).collect(),
+    flood(manifest, slice, &mut seen.cells);
+    let ids: BTreeSet<u64> = seen.cells.iter().copied().filter(|&id| id != 0).collect();
+    let chosen = match &options.condition {
+        Some(text) => matching(dir, manifest, text, &ids)?,
+        None => ids,
+    };
+    let (styles, meanings) = match (&options.colour_by, &manifest.selection) {
+        (Some(column), _) => by_value(dir, manifest, column, options, &chosen)?,
+        (None, Some(selection)) if is_painted(selection) => {
+            as_painted(dir, manifest, selection, &chosen, &seen.painted)?
+        }
+        _ => {
+            let style = |&id: &u64| (id, Style::Colour(by_id(id)));
+            (chosen.iter().map(style).collect(), vec![Meaning::Ids])
+        }
     };
     Ok(Colours {
         width: slice.size[0],
-        cells,
-        colour,
+        cells: seen.cells,
+        styles,
+        meanings,
     })
+}
+
+/// What the tiles have in a slice.
+struct Seen {
+    /// The cell of each voxel, 0 if unknown.
+    cells: Vec<u64>,
+    /// Cells with a colour of their own in the tiles.
+    painted: BTreeMap<u64, Rgb>,
 }
 
 /// Writes the cell of each vertex in the slice to the voxel at the below end of its edge.
@@ -78,7 +149,7 @@ fn seeds(
     manifest: &Manifest,
     slice: &Slice,
     entry: &TileEntry,
-    cells: &mut [u64],
+    seen: &mut Seen,
 ) -> Result<()> {
     let path = file_inside(dir, &entry.path, "read the tile")?;
     let bytes = std::fs::read(&path).map_err(|e| Error::io(&path, "read the tile", e))?;
@@ -89,6 +160,9 @@ fn seeds(
     for piece in pieces(&tile, manifest.primitives).map_err(bad)? {
         if piece.ids.cell == 0 {
             continue;
+        }
+        if let Some(colour) = piece.colour {
+            seen.painted.insert(piece.ids.cell, colour);
         }
         for p in piece.lattice().map_err(bad)? {
             if p[slice.axis as usize] != plane {
@@ -106,7 +180,8 @@ fn seeds(
                     continue;
                 }
                 if !slice.above([x, y], manifest.threshold) {
-                    cells[y as usize * slice.size[0] as usize + x as usize] = piece.ids.cell;
+                    let at = y as usize * slice.size[0] as usize + x as usize;
+                    seen.cells[at] = piece.ids.cell;
                 }
             }
         }
@@ -157,21 +232,98 @@ fn by_id(id: u64) -> [u8; 3] {
     })
 }
 
-/// Colours by value; the map spans the values of all cells, so that slices compare.
+/// True if the tiles have colours.
+fn is_painted(selection: &Selection) -> bool {
+    selection.colour_by.is_some() || !selection.painted.is_empty()
+}
+
+/// Those of some cells for which a condition holds.
+fn matching(
+    dir: &Path,
+    manifest: &Manifest,
+    text: &str,
+    ids: &BTreeSet<u64>,
+) -> Result<BTreeSet<u64>> {
+    let mut table = Table::Cells.open(dir, manifest)?;
+    let condition = Expr::condition("--where", text, table.columns())?;
+    let id = table.column("id").unwrap_or(0);
+    let mut found = BTreeSet::new();
+    while let Some(row) = table.next_row()? {
+        let id = row.whole(id)?;
+        if ids.contains(&id) && condition.test(&row)? {
+            found.insert(id);
+        }
+    }
+    Ok(found)
+}
+
+type Styled = (BTreeMap<u64, Style>, Vec<Meaning>);
+
+/// The colours of painted tiles. Where these follow values, cells without one are grey in the tiles.
+fn as_painted(
+    dir: &Path,
+    manifest: &Manifest,
+    selection: &Selection,
+    ids: &BTreeSet<u64>,
+    painted: &BTreeMap<u64, Rgb>,
+) -> Result<Styled> {
+    let mut meanings = Vec::new();
+    let mut without = Style::Sample;
+    if let Some(by) = &selection.colour_by {
+        let columns = Table::Cells.open(dir, manifest)?;
+        meanings.push(Meaning::Values {
+            title: titled(&by.column, columns.columns()),
+            ends: [by.min, by.max],
+            map: Map::named(&by.map)?,
+        });
+        without = Style::NoValue;
+    }
+    if !selection.painted.is_empty() {
+        let rule = |p: &Paint| Ok((p.condition.clone(), parse_colour("painted", &p.colour)?));
+        let rules: Result<Vec<_>> = selection.painted.iter().map(rule).collect();
+        meanings.push(Meaning::Painted(rules?));
+    }
+    let style = |&id: &u64| (id, painted.get(&id).map_or(without, |&c| Style::Colour(c)));
+    Ok((ids.iter().map(style).collect(), meanings))
+}
+
+/// A column or expression with its unit.
+fn titled(column: &str, columns: &[Column]) -> String {
+    let known = columns.iter().find(|c| c.name == column.trim());
+    known.map_or_else(|| column.trim().to_owned(), Column::header)
+}
+
+/// True if a column means something for cells that the volume's faces cut; most measures do not.
+fn holds_at_border(column: &str) -> bool {
+    ["id", "touches_border", "not touches_border"].contains(&column.trim())
+}
+
+/// Colours by value. Unless a range is given, the map spans the values of all cells of the table that mean something
+/// and match, so that slices compare.
 fn by_value(
     dir: &Path,
     manifest: &Manifest,
     column: &str,
     options: &PreviewOptions,
     ids: &BTreeSet<u64>,
-) -> Result<BTreeMap<u64, [u8; 3]>> {
+) -> Result<Styled> {
     let mut table = Table::Cells.open(dir, manifest)?;
-    let value = Expr::number("--colour-by", column, table.columns())?;
+    let columns = table.columns();
+    let value = Expr::number("--colour-by", column, columns)?;
+    let condition = options.condition.as_deref();
+    let condition = condition.map(|text| Expr::condition("--where", text, columns));
+    let condition = condition.transpose()?;
+    let title = titled(column, columns);
     let id = table.column("id").unwrap_or(0);
+    let border = table
+        .column("touches_border")
+        .filter(|_| !holds_at_border(column));
     let mut values = BTreeMap::new();
     let [mut min, mut max] = [f64::INFINITY, f64::NEG_INFINITY];
     while let Some(row) = table.next_row()? {
-        if let Some(v) = value.value(&row)? {
+        let cut = border.map(|c| row.number(c)).transpose()?.flatten() == Some(1.0);
+        let matches = condition.as_ref().map_or(Ok(true), |c| c.test(&row))?;
+        if let (Some(v), true, false) = (value.value(&row)?, matches, cut) {
             [min, max] = [min.min(v), max.max(v)];
             let id = row.whole(id)?;
             if ids.contains(&id) {
@@ -179,15 +331,21 @@ fn by_value(
             }
         }
     }
+    // no value at all: any range will do
+    let found = if min > max { [0.0, 1.0] } else { [min, max] };
+    let ends = options.range.unwrap_or(found);
     let share = |v: f64| {
-        if max > min {
-            (v - min) / (max - min)
-        } else {
+        if ends[0] == ends[1] {
             0.5
+        } else {
+            place(ends, v)
         }
     };
-    Ok(values
-        .into_iter()
-        .map(|(id, v)| (id, options.map.at(share(v))))
-        .collect())
+    let style = |&id: &u64| {
+        let colour = values.get(&id).map(|&v| options.map.at(share(v)));
+        (id, colour.map_or(Style::NoValue, Style::Colour))
+    };
+    let map = options.map;
+    let meaning = Meaning::Values { title, ends, map };
+    Ok((ids.iter().map(style).collect(), vec![meaning]))
 }

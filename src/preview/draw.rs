@@ -1,63 +1,147 @@
 //! From samples to pixels.
 
-use super::cells::Colours;
+use super::cells::{Colours, Style};
 use super::slice::Slice;
+use super::zoom::Zoom;
 use crate::grid::Ambiguous;
-use crate::picture::Picture;
+use crate::picture::{INK, Picture};
 
-/// Colour of the contour.
+/// Colour of the contour where nothing else has a colour.
 const LINE: [u8; 3] = [255, 64, 32];
-/// Share of a cell's colour in its pixels; the rest is the grey value.
-const TINT: f64 = 0.7;
+/// Cells without a value that means something: strips of two greys.
+const HATCH: [[u8; 3]; 2] = [[176; 3], [128; 3]];
+/// Pixels from one strip to the next, and those of the darker one.
+const STRIP: [u32; 2] = [8, 2];
 
-/// Grey values, with the cells in their colours.
-pub fn grey(
-    slice: &Slice,
-    window: Option<[f64; 2]>,
-    colours: Option<&Colours>,
-    scale: u32,
-) -> Picture {
-    let mut picture = Picture::new(slice.size.map(|n| n * scale), [0; 3]);
-    let [low, high] = window.unwrap_or([0.0, 1.0]);
-    for y in 0..slice.size[1] {
-        for x in 0..slice.size[0] {
-            let v = slice.value([x, y]);
-            let share = match high - low {
-                // a NaN compares false and is black
-                wide if wide > 0.0 => ((v - low) / wide).clamp(0.0, 1.0),
-                _ => f64::from(u8::from(v > low)),
-            };
-            let grey = if share.is_nan() { 0.0 } else { 255.0 * share };
-            let pixel = match colours.and_then(|c| c.at([x, y])) {
-                Some(colour) => colour.map(|c| TINT * f64::from(c) + (1.0 - TINT) * grey),
-                None => [grey; 3],
-            };
-            let pixel = pixel.map(|v| v.round() as u8);
-            for v in y * scale..(y + 1) * scale {
-                for u in x * scale..(x + 1) * scale {
-                    picture.set([u, v], pixel);
+/// The place of a slice in a picture.
+pub struct Canvas<'a> {
+    /// The picture.
+    pub picture: &'a mut Picture,
+    /// Upper left pixel of the slice.
+    pub corner: [u32; 2],
+    /// The slice.
+    pub slice: &'a Slice,
+    /// How large its voxels are.
+    pub zoom: Zoom,
+}
+
+/// The grey of a sample, 0 for `window[0]` and 255 for `window[1]`; a NaN is black.
+fn grey(v: f64, [low, high]: [f64; 2]) -> u8 {
+    let share = match high - low {
+        wide if wide > 0.0 => ((v - low) / wide).clamp(0.0, 1.0),
+        _ => f64::from(u8::from(v > low)),
+    };
+    // a NaN becomes 0
+    (255.0 * share).round() as u8
+}
+
+/// A pixel of cells without a value.
+pub fn hatched([x, y]: [u32; 2]) -> [u8; 3] {
+    HATCH[usize::from((x + y) % STRIP[0] < STRIP[1])]
+}
+
+impl Canvas<'_> {
+    /// Draws the samples in grey, and the cells in their colours.
+    pub fn voxels(&mut self, window: Option<[f64; 2]>, colours: Option<&Colours>) {
+        let window = window.unwrap_or([0.0, 1.0]);
+        let [width, height] = self.zoom.size();
+        let columns: Vec<u32> = (0..width).map(|u| self.zoom.voxel(0, u)).collect();
+        for v in 0..height {
+            let y = self.zoom.voxel(1, v);
+            for (u, &x) in (0..width).zip(&columns) {
+                let pixel = match colours.map_or(Style::Sample, |c| c.at([x, y])) {
+                    Style::Sample => [grey(self.slice.value([x, y]), window); 3],
+                    Style::Colour(colour) => colour,
+                    Style::NoValue => hatched([u, v]),
+                };
+                self.picture
+                    .set([self.corner[0] + u, self.corner[1] + v], pixel);
+            }
+        }
+    }
+
+    /// The contour of a threshold, through the points where it crosses between voxels, as the surface of the tiles
+    /// does. Beside colours it is dark with a light rim, which shows on all of them.
+    pub fn contour(&mut self, t: f64, rule: Ambiguous, beside_colours: bool) {
+        let finer = self.zoom.finer();
+        if finer < 2.0 {
+            return self.rim(t, if beside_colours { INK } else { LINE });
+        }
+        let radius = (finer / 8.0).clamp(0.6, 1.25);
+        if beside_colours {
+            let light = radius + (finer / 6.0).clamp(0.5, 1.25);
+            self.lines(t, rule, light, [255; 3]);
+            self.lines(t, rule, radius, INK);
+        } else {
+            self.lines(t, rule, radius, LINE);
+        }
+    }
+
+    /// The contour in one colour, `radius` pixels wide to both sides.
+    fn lines(&mut self, t: f64, rule: Ambiguous, radius: f64, colour: [u8; 3]) {
+        let [width, height] = self.slice.size;
+        for y in 0..height.saturating_sub(1) {
+            for x in 0..width.saturating_sub(1) {
+                let corners = [[x, y], [x + 1, y], [x + 1, y + 1], [x, y + 1]];
+                for edges in segments(corners.map(|c| self.slice.above(c, t)), rule) {
+                    let [a, b] = edges.map(|edge| {
+                        let ends = [corners[edge], corners[(edge + 1) % 4]];
+                        self.zoom.point(crossing(self.slice, ends, t))
+                    });
+                    self.line([a, b], radius, colour);
                 }
             }
         }
     }
-    picture
-}
 
-/// The contour of a threshold, through the points where it crosses between voxels, as the surface
-/// of the tiles does.
-pub fn contour(picture: &mut Picture, slice: &Slice, (t, rule): (f64, Ambiguous), scale: u32) {
-    if scale == 1 {
-        return rim(picture, slice, t);
+    /// A line between two points in pixels of the slice, with round ends and smooth edges.
+    fn line(&mut self, [a, b]: [[f64; 2]; 2], radius: f64, colour: [u8; 3]) {
+        let along = [b[0] - a[0], b[1] - a[1]];
+        let squared = along[0] * along[0] + along[1] * along[1];
+        let size = self.zoom.size();
+        let range = |i: usize| {
+            let low = (a[i].min(b[i]) - radius - 1.0).max(0.0) as u32;
+            let high = (a[i].max(b[i]) + radius + 1.0) as u32;
+            low..=high.min(size[i] - 1)
+        };
+        for v in range(1) {
+            for u in range(0) {
+                let from = [f64::from(u) + 0.5 - a[0], f64::from(v) + 0.5 - a[1]];
+                let share = match squared > 0.0 {
+                    true => ((from[0] * along[0] + from[1] * along[1]) / squared).clamp(0.0, 1.0),
+                    false => 0.0,
+                };
+                let off = [from[0] - share * along[0], from[1] - share * along[1]];
+                let distance = (off[0] * off[0] + off[1] * off[1]).sqrt();
+                let cover = (radius + 0.5 - distance).clamp(0.0, 1.0);
+                if cover > 0.0 {
+                    let at = [self.corner[0] + u, self.corner[1] + v].map(i64::from);
+                    self.picture.blend(at, colour, cover);
+                }
+            }
+        }
     }
-    for y in 0..slice.size[1].saturating_sub(1) {
-        for x in 0..slice.size[0].saturating_sub(1) {
-            let corners = [[x, y], [x + 1, y], [x + 1, y + 1], [x, y + 1]];
-            for [a, b] in segments(corners.map(|c| slice.above(c, t)), rule) {
-                let [a, b] = [a, b].map(|edge| {
-                    crossing(slice, [corners[edge], corners[(edge + 1) % 4]], t)
-                        .map(|v| (v + 0.5) * f64::from(scale))
-                });
-                line(picture, a, b, u32::from(scale >= 4));
+
+    /// Without room between voxels: the above voxels that have a below neighbour.
+    fn rim(&mut self, t: f64, colour: [u8; 3]) {
+        let [width, height] = self.slice.size;
+        let [across, down] = self.zoom.size();
+        for v in 0..down {
+            let y = self.zoom.voxel(1, v);
+            for u in 0..across {
+                let x = self.zoom.voxel(0, u);
+                let beside = [
+                    [x.wrapping_sub(1), y],
+                    [x + 1, y],
+                    [x, y.wrapping_sub(1)],
+                    [x, y + 1],
+                ];
+                let below =
+                    |n: &[u32; 2]| n[0] < width && n[1] < height && !self.slice.above(*n, t);
+                if self.slice.above([x, y], t) && beside.iter().any(below) {
+                    self.picture
+                        .set([self.corner[0] + u, self.corner[1] + v], colour);
+                }
             }
         }
     }
@@ -93,41 +177,6 @@ fn crossing(slice: &Slice, [a, b]: [[u32; 2]; 2], t: f64) -> [f64; 2] {
     std::array::from_fn(|i| f64::from(a[i]) + share * (f64::from(b[i]) - f64::from(a[i])))
 }
 
-/// A line of pixels, and as many beside it.
-fn line(picture: &mut Picture, a: [f64; 2], b: [f64; 2], beside: u32) {
-    let steps = (2.0 * (b[0] - a[0]).abs().max((b[1] - a[1]).abs()))
-        .ceil()
-        .max(1.0);
-    for step in 0..=steps as u32 {
-        let share = f64::from(step) / steps;
-        let at = |i: usize| (a[i] + share * (b[i] - a[i])) as u32;
-        for v in 0..=beside {
-            for u in 0..=beside {
-                picture.set([at(0) + u, at(1) + v], LINE);
-            }
-        }
-    }
-}
-
-/// Without room between voxels: the above voxels that have a below neighbour.
-fn rim(picture: &mut Picture, slice: &Slice, t: f64) {
-    let [width, height] = slice.size;
-    for y in 0..height {
-        for x in 0..width {
-            let beside = [
-                [x.wrapping_sub(1), y],
-                [x + 1, y],
-                [x, y.wrapping_sub(1)],
-                [x, y + 1],
-            ];
-            let below = |n: &[u32; 2]| n[0] < width && n[1] < height && !slice.above(*n, t);
-            if slice.above([x, y], t) && beside.iter().any(below) {
-                picture.set([x, y], LINE);
-            }
-        }
-    }
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -144,5 +193,12 @@ mod tests {
             [[1, 3]]
         );
         assert!(segments([true; 4], Ambiguous::Join).is_empty());
+    }
+
+    #[test]
+    fn samples_become_grey() {
+        assert_eq!(grey(5.0, [0.0, 10.0]), 128);
+        assert_eq!(grey(f64::NAN, [0.0, 10.0]), 0);
+        assert_eq!((grey(3.0, [3.0; 2]), grey(4.0, [3.0; 2])), (0, 255));
     }
 }

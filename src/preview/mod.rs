@@ -1,26 +1,31 @@
-//! A slice of a volume as a picture: grey values, the threshold's contour, the cells in colour.
+//! A slice of a volume as a picture: grey values, the threshold's contour, the cells in colour, and around them a
+//! caption, a scale bar and legends.
 //!
-//! A pixel block is a voxel, whatever the spacing. In a slice across z, x runs to the right and y
-//! down; across y, x runs to the right and z down; across x, y runs to the right and z down.
+//! Voxels have their true proportion. In a slice across z, x runs to the right and y down; across y, x runs to the right
+//! and z down; across x, y runs to the right and z down.
 
 mod cells;
 mod draw;
+mod page;
 mod slice;
+mod zoom;
 
 pub use slice::{Axis, Slice};
 
 use crate::error::{Error, Result};
-use crate::grid::Ambiguous;
+use crate::grid::{Ambiguous, Placement};
 use crate::manifest::Manifest;
-use crate::picture::Map;
+use crate::picture::{Map, Picture, number, printed_unit};
 use crate::volume::{Cropped, Stamp, Volume};
+use cells::{Colours, Meaning};
+use draw::Canvas;
+use page::{Bar, Key, Page};
 use serde::Serialize;
 use std::path::{Path, PathBuf};
+use zoom::Zoom;
 
-/// The most pixels of a picture.
-const MOST: u64 = 1 << 28;
-/// Pixels that the longer side gets if no scale is given and the slice is smaller.
-const COMFORT: u32 = 1024;
+/// The most conditions of painted tiles that a picture lists.
+const KEYS: usize = 8;
 
 /// What a preview shows.
 #[derive(Debug, Clone)]
@@ -33,14 +38,20 @@ pub struct PreviewOptions {
     pub threshold: Option<f64>,
     /// A tile set of the volume, to colour its cells.
     pub tiles: Option<PathBuf>,
-    /// Colour cells by this column or expression; by their ids without.
+    /// Colour cells by this column or expression; without, as the tiles are painted, or by their ids.
     pub colour_by: Option<String>,
     /// The map for that.
     pub map: Map,
+    /// Values of the map's first and last colour; those of the cells without.
+    pub range: Option<[f64; 2]>,
+    /// Colour only the cells for which this condition holds.
+    pub condition: Option<String>,
     /// Samples that are black and white; the 0.5th and 99.5th percentile of the slice without.
     pub window: Option<[f64; 2]>,
-    /// Pixels per voxel and axis; as many as fit 1024 without.
+    /// Pixels per voxel along the axis of smaller spacing; as many as fit 1024 without.
     pub scale: Option<u32>,
+    /// The slice alone, without caption, scale bar and legends.
+    pub plain: bool,
     /// What tells whether the volume is changed while it is read, see [`crate::volume::stamp`].
     pub input: Stamp,
 }
@@ -54,8 +65,11 @@ impl Default for PreviewOptions {
             tiles: None,
             colour_by: None,
             map: Map::default(),
+            range: None,
+            condition: None,
             window: None,
             scale: None,
+            plain: false,
             input: Stamp::default(),
         }
     }
@@ -68,14 +82,24 @@ pub struct PreviewReport {
     pub axis: Axis,
     /// Its voxel along that axis.
     pub at: u32,
-    /// Width and height in pixels.
+    /// Width and height of the picture in pixels.
     pub size: [u32; 2],
+    /// Upper left pixel of the slice in it.
+    pub slice_corner: [u32; 2],
+    /// Width and height of the slice in pixels.
+    pub slice_size: [u32; 2],
     /// Samples that are black and white; absent if no sample is finite.
     pub window: Option<[f64; 2]>,
     /// Threshold of the contour.
     pub threshold: Option<f64>,
     /// Number of cells that are coloured; absent without tiles.
     pub cells: Option<u64>,
+    /// Number of cells that are hatched, since their values mean nothing: those that the volume's faces cut, if a measure
+    /// gives the colours; absent without tiles.
+    pub cells_without_value: Option<u64>,
+    /// Values of the map's first and last colour; absent if colours do not follow values.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub range: Option<[f64; 2]>,
     /// Things the user should know; absent if there are none.
     #[serde(skip_serializing_if = "Vec::is_empty")]
     pub warnings: Vec<String>,
@@ -86,7 +110,7 @@ pub struct PreviewReport {
 ///
 /// With a tile set, the slice is one of the grid that the tiles cover, and below regions of the slice
 /// take the cell of the surface at their rim. A region without a rim in the slice, or whose surface
-/// is not in the tile set, stays grey.
+/// is not in the tile set, stays grey. Cells that the volume's faces cut are hatched if they are coloured by a measure.
 ///
 /// # Errors
 /// [`Error::Usage`] if the slice is outside the volume, the picture would pass 2^28 pixels, or the
@@ -123,10 +147,15 @@ pub fn preview(
         None => volume,
     };
     let dims = grid.header().dims.0;
+    let placement = match &manifest {
+        Some(m) => m.placement,
+        None => grid.header().placement,
+    };
     let axis = options.axis;
     let at = options.at.unwrap_or(dims[axis as usize] / 2);
-    let size = axis.plane().map(|a| dims[a]);
-    let scale = scale(size, options.scale)?;
+    let plane = axis.plane();
+    let spacing = plane.map(|a| placement.spacing[a]);
+    let (zoom, true_proportion) = Zoom::new(plane.map(|a| dims[a]), spacing, options.scale)?;
     let slice = Slice::read(grid, axis, at)?;
     let window = options.window.or_else(|| slice.window());
     let threshold = options.threshold.or(manifest.as_ref().map(|m| m.threshold));
@@ -134,40 +163,214 @@ pub fn preview(
         (Some(dir), Some(m)) => Some(cells::colours(dir, m, &slice, options)?),
         _ => None,
     };
-    let mut picture = draw::grey(&slice, window, colours.as_ref(), scale);
-    if let Some(t) = threshold {
-        let rule = manifest
-            .as_ref()
-            .map_or(Ambiguous::Separate, |m| m.ambiguous);
-        draw::contour(&mut picture, &slice, (t, rule), scale);
-    }
+    let shown = Shown {
+        slice: &slice,
+        zoom,
+        placement,
+        dims,
+        window,
+        threshold,
+        colours: colours.as_ref(),
+        condition: options.condition.as_deref(),
+    };
+    let rule = manifest
+        .as_ref()
+        .map_or(Ambiguous::Separate, |m| m.ambiguous);
+    let (picture, corner) = shown.draw(rule, options.plain);
     // before the picture takes the place of another one
-    let warnings = options.input.check()?.into_iter().collect();
+    let mut warnings: Vec<String> = options.input.check()?.into_iter().collect();
+    warnings.extend(shown.doubts(true_proportion));
     picture
         .save(path)
         .map_err(|e| Error::io(path, "write the picture", e))?;
     Ok(PreviewReport {
         axis,
         at,
-        size: size.map(|n| n * scale),
+        size: picture.size(),
+        slice_corner: corner,
+        slice_size: zoom.size(),
         window,
         threshold,
-        cells: colours.map(|c| c.count()),
+        cells: colours.as_ref().map(Colours::coloured),
+        cells_without_value: colours.as_ref().map(Colours::without_value),
+        range: colours.as_ref().and_then(Colours::range),
         warnings,
     })
 }
 
-/// Pixels per voxel.
-fn scale(size: [u32; 2], asked: Option<u32>) -> Result<u32> {
-    let longer = size[0].max(size[1]).max(1);
-    let scale = asked.unwrap_or((COMFORT / longer).clamp(1, 16));
-    let pixels = size.map(|n| u64::from(n) * u64::from(scale));
-    if scale == 0 || pixels[0].saturating_mul(pixels[1]) > MOST {
-        return Err(Error::usage(
-            "--scale",
-            format!("{} x {} pixels", pixels[0], pixels[1]),
-            format!("1 to {MOST} pixels"),
-        ));
+/// Everything that a picture shows.
+struct Shown<'a> {
+    slice: &'a Slice,
+    zoom: Zoom,
+    /// Of the grid, of which these are the voxels.
+    placement: Placement,
+    dims: [u32; 3],
+    window: Option<[f64; 2]>,
+    threshold: Option<f64>,
+    colours: Option<&'a Colours>,
+    condition: Option<&'a str>,
+}
+
+impl Shown<'_> {
+    /// The picture, and the upper left pixel of the slice in it.
+    fn draw(&self, rule: Ambiguous, plain: bool) -> (Picture, [u32; 2]) {
+        let (mut picture, corner) = if plain {
+            (Picture::new(self.zoom.size(), [0; 3]), [0; 2])
+        } else {
+            let page = self.page();
+            let layout = page.layout(self.zoom.size());
+            (page.draw(&layout), layout.corner)
+        };
+        let mut canvas = Canvas {
+            picture: &mut picture,
+            corner,
+            slice: self.slice,
+            zoom: self.zoom,
+        };
+        canvas.voxels(self.window, self.colours);
+        if let Some(t) = self.threshold {
+            canvas.contour(t, rule, self.colours.is_some());
+        }
+        (picture, corner)
     }
-    Ok(scale)
+
+    /// Caption and legends.
+    fn page(&self) -> Page {
+        let mut page = Page {
+            caption: self.caption(),
+            pixel: Some((
+                self.spacing()[0] / self.zoom.factor[0],
+                self.placement.unit.name(),
+            )),
+            ..Page::default()
+        };
+        if let Some(ends) = self.window {
+            page.bars.push(Bar {
+                title: "samples".into(),
+                ends,
+                colour: Box::new(|share| [(255.0 * share).round() as u8; 3]),
+            });
+        }
+        let Some(colours) = self.colours else {
+            return page;
+        };
+        for meaning in &colours.meanings {
+            match meaning {
+                Meaning::Ids => {}
+                Meaning::Values { title, ends, map } => {
+                    let (ends, map) = (*ends, *map);
+                    page.bars.push(Bar {
+                        title: title.clone(),
+                        ends,
+                        colour: Box::new(move |share| map.at(share)),
+                    });
+                }
+                Meaning::Painted(rules) => {
+                    let key = |(text, colour): &(String, [u8; 3])| Key {
+                        colour: Some(*colour),
+                        text: text.clone(),
+                    };
+                    page.keys.extend(rules.iter().take(KEYS).map(key));
+                }
+            }
+        }
+        if colours.without_value() > 0 {
+            page.keys.push(Key {
+                colour: None,
+                text: "cut by the volume's faces, or without a value".into(),
+            });
+        }
+        page
+    }
+
+    fn spacing(&self) -> [f64; 2] {
+        self.slice.axis.plane().map(|a| self.placement.spacing[a])
+    }
+
+    /// What slice it is, of what, and what is drawn on it.
+    fn caption(&self) -> Vec<String> {
+        let axis = self.slice.axis as usize;
+        let names = ["x", "y", "z"];
+        let [right, down] = self.slice.axis.plane();
+        let mut texts = vec![
+            format!("slice {} of 0 to {}", self.slice.at, self.dims[axis] - 1),
+            format!("across {}{}", names[axis], self.position()),
+            format!("{} to the right, {} down", names[right], names[down]),
+            self.size(),
+        ];
+        if let Some(t) = self.threshold {
+            let exact = t.to_string();
+            let short = if exact.len() > 9 { number(t) } else { exact };
+            texts.push(format!("contour: threshold {short}"));
+        }
+        let by_id = |c: &&Colours| matches!(c.meanings[..], [Meaning::Ids]);
+        if let Some(colours) = self.colours.filter(by_id) {
+            let n = colours.coloured();
+            let cells = if n == 1 { "cell" } else { "cells" };
+            texts.push(format!("{n} {cells}, in colours that tell them apart"));
+        }
+        if let Some(condition) = self.condition {
+            texts.push(format!("in colour: cells with {condition}"));
+        }
+        texts
+    }
+
+    /// ` at 0.8 mm`, along the axis of the grid; nothing if that is the number of the slice.
+    fn position(&self) -> String {
+        let Placement {
+            spacing,
+            unit,
+            origin,
+            directions,
+        } = self.placement;
+        let axis = self.slice.axis as usize;
+        let along = f64::from(self.slice.at) * spacing[axis];
+        let unit = printed_unit(unit.name());
+        if unit == "voxel" && spacing[axis] == 1.0 && origin[axis] == 0.0 {
+            String::new()
+        } else if directions == Placement::default().directions {
+            format!(" at {} {unit}", number(origin[axis] + along))
+        } else {
+            // the axes of the world are others
+            format!(", {} {unit} from slice 0", number(along))
+        }
+    }
+
+    /// `40 × 36 voxels of 0.05 × 0.05 mm`.
+    fn size(&self) -> String {
+        let [width, height] = self.slice.size;
+        let [right, down] = self.spacing().map(number);
+        match self.placement.unit.name() {
+            "voxel" => format!("{width} × {height} voxels"),
+            unit => format!(
+                "{width} × {height} voxels of {right} × {down} {}",
+                printed_unit(unit)
+            ),
+        }
+    }
+
+    /// What the picture shows otherwise than expected.
+    fn doubts(&self, true_proportion: bool) -> Vec<String> {
+        let mut doubts = Vec::new();
+        if !true_proportion {
+            let [right, down] = self.spacing().map(number);
+            doubts.push(format!(
+                "voxels of {right} by {down} are drawn as squares: in their true proportion the picture would be too \
+                 large"
+            ));
+        }
+        if let Some(colours) = self.colours
+            && colours.coloured() == 0
+        {
+            let text = match (colours.without_value(), self.condition) {
+                (0, Some(condition)) => format!("no cell of the slice has {condition}"),
+                (0, None) => "the slice has no cell of the tile set".to_owned(),
+                (n, _) => format!(
+                    "all {n} cells of the slice are hatched: the volume's faces cut them, or they have no value"
+                ),
+            };
+            doubts.push(text);
+        }
+        doubts
+    }
 }

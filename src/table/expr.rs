@@ -205,7 +205,7 @@ mod tests {
         ["id", "v", "w", "touches_border", "gone"]
             .map(|name| Column {
                 name: name.into(),
-                unit: String::new(),
+                unit: if name == "v" { "mm^3" } else { "" }.into(),
             })
             .to_vec()
     }
@@ -258,6 +258,8 @@ mod tests {
             ("touches_border = 0", false),
             ("v <= 3 and v >= 3 and v == 3 and not (v < 3)", true),
             ("(v > w) == (w < v)", true),
+            ("v [mm^3] > 2 AND NOT w > 0 Or FALSE", true),
+            ("v[mm^3]*v + w*w < 14 and v - w == 5 AND True", true),
             ("v*v + w*w < 14 and v - w == 5", true),
         ] {
             assert_eq!(value(text), Some(f64::from(u8::from(expected))), "{text}");
@@ -307,6 +309,15 @@ mod tests {
                 "volme > 3",
                 &["`volme` at column 1", "id, v, w, touches_border, gone"],
             ),
+            ("touches > 3", &["did you mean `touches_border`?"]),
+            ("Gon > 3", &["did you mean `gone`?"]),
+            (
+                "v [mm^2] > 3",
+                &["`[mm^2]` at column 3", "[mm^3], the unit of v"],
+            ),
+            ("w [mm] > 3", &["no unit after w"]),
+            ("v > 3 [mm^3]", &["`[mm^3]` at column 7"]),
+            ("AND > 2", &["`AND` at column 1", "a number"]),
             ("v > 3 and", &["column 10"]),
             ("v > 3 w", &["`w` at column 7", "and"]),
             ("v < w < 3", &["`<` at column 7", "do not chain"]),

@@ -17,6 +17,8 @@ pub enum Token<'a> {
     Name(&'a str),
     /// An operator or a mark of punctuation.
     Symbol(&'static str),
+    /// What stands in brackets after a name in the head of a table: `mm^3`.
+    Unit(&'a str),
     /// The end of the text.
     End,
 }
@@ -27,6 +29,7 @@ impl std::fmt::Display for Token<'_> {
             Token::Number(v) => write!(f, "{v}"),
             Token::Name(name) => write!(f, "`{name}`"),
             Token::Symbol(symbol) => write!(f, "`{symbol}`"),
+            Token::Unit(unit) => write!(f, "`[{unit}]`"),
             Token::End => f.write_str("the end"),
         }
     }
@@ -55,7 +58,7 @@ pub fn tokens(text: &str) -> Result<Vec<(Token<'_>, usize)>, usize> {
 }
 
 fn token<'a>(input: &mut Input<'a>) -> winnow::Result<Token<'a>> {
-    alt((name, number, symbol)).parse_next(input)
+    alt((name, number, unit, symbol)).parse_next(input)
 }
 
 fn name<'a>(input: &mut Input<'a>) -> winnow::Result<Token<'a>> {
@@ -69,6 +72,13 @@ fn number<'a>(input: &mut Input<'a>) -> winnow::Result<Token<'a>> {
     let start = one_of(|c: char| c.is_ascii_digit() || c == '.');
     preceded(peek(start), float)
         .map(Token::Number)
+        .parse_next(input)
+}
+
+fn unit<'a>(input: &mut Input<'a>) -> winnow::Result<Token<'a>> {
+    let inside = take_while(1.., |c: char| !"[]".contains(c));
+    delimited('[', inside, ']')
+        .map(Token::Unit)
         .parse_next(input)
 }
 
@@ -126,6 +136,8 @@ mod tests {
                 (End, 18)
             ]
         );
+        let unit = tokens("v [mm^3]>1").unwrap();
+        assert_eq!(unit[..2], [(Name("v"), 0), (Token::Unit("mm^3"), 2)]);
         assert_eq!(tokens("inf").unwrap()[0].0, Name("inf"));
         assert_eq!(tokens(" ").unwrap(), [(End, 1)]);
         for (bad, at) in [
@@ -134,6 +146,8 @@ mod tests {
             ("v > 3 µ", 6),
             (".", 0),
             ("\"a\"", 0),
+            ("v []", 2),
+            ("v [mm", 2),
         ] {
             assert_eq!(tokens(bad), Err(at), "{bad}");
         }

@@ -16,7 +16,8 @@
 //! | `x ^ y` | power, from right to left: `-2^2` is -4 |
 //! | `( )`, `abs` `sqrt` `cbrt` `exp` `log` `log10` `min` `max` `missing` | |
 //!
-//! Names are columns, `true` and `false`. `touches_border` is a condition by itself; `==` and `!=`
+//! Words may be written in capitals. Names are columns, `true` and `false`; a column may be followed by its unit, as in
+//! the head of a table: `volume [mm^3]`. `touches_border` is a condition by itself; `==` and `!=`
 //! also compare conditions with each other and with 0 and 1. `log` is the natural logarithm; `min`
 //! and `max` take two values or more.
 //!
@@ -36,7 +37,7 @@ mod summary;
 pub use expr::{Expr, Kind};
 pub use outside::Outside;
 pub use query::{Query, Selected};
-pub use reader::{Column, Row, TableReader};
+pub use reader::{Column, Row, TableReader, find_column};
 pub use summary::{
     Border, Counts, Distribution, Histogram, PorosityOf, Spread, Summary, summarise,
 };
@@ -73,6 +74,15 @@ impl Table {
             Table::Cells => "cells.csv",
             Table::Objects => "objects.csv",
             Table::Surfaces => "surfaces.csv",
+        }
+    }
+
+    /// How many rows it has by the index.
+    pub fn total(self, manifest: &Manifest) -> u64 {
+        match self {
+            Table::Cells => manifest.totals.cells,
+            Table::Objects => manifest.totals.objects,
+            Table::Surfaces => manifest.totals.surfaces,
         }
     }
 

@@ -2,7 +2,7 @@
 
 use super::expr::{Kind, Op, function, operator};
 use super::lex::{Token, tokens};
-use super::reader::Column;
+use super::reader::{Column, did_you_mean, names};
 use crate::error::Error;
 
 /// The longest text in bytes, and the deepest nesting of parentheses and powers.
@@ -12,6 +12,7 @@ const DEEPEST: usize = 100;
 const SHOWN: usize = 60;
 
 const OPERAND: &str = "a number, a column, a function, `not`, `-` or `(`";
+const OPERATORS: [&str; 3] = ["and", "or", "not"];
 const COMPARISONS: [&str; 7] = ["<", "<=", ">", ">=", "==", "=", "!="];
 
 /// Why a text is no expression.
@@ -21,6 +22,7 @@ pub struct Refusal {
     at: usize,
     found: String,
     expected: String,
+    hint: String,
 }
 
 impl Refusal {
@@ -28,7 +30,7 @@ impl Refusal {
     pub fn error(self, option: &str, text: &str) -> Error {
         let column = text[..self.at].chars().count() + 1;
         let found = format!("{} at column {column} of `{}`", self.found, short(text));
-        Error::usage(option, found, self.expected)
+        Error::usage(option, found, self.expected).with_hint(self.hint)
     }
 }
 
@@ -49,6 +51,7 @@ pub fn program(text: &str, columns: &[Column]) -> Parsed<(Vec<Op>, Kind)> {
             at: 0,
             found: format!("{} bytes", text.len()),
             expected: format!("at most {LONGEST}"),
+            hint: String::new(),
         });
     }
     let words = tokens(text).map_err(|at| Refusal {
@@ -58,6 +61,7 @@ pub fn program(text: &str, columns: &[Column]) -> Parsed<(Vec<Op>, Kind)> {
             None => Token::End.to_string(),
         },
         expected: "numbers, names and operators".into(),
+        hint: String::new(),
     })?;
     let mut parser = Parser {
         words,
@@ -106,15 +110,16 @@ impl<'a> Parser<'a> {
             at: self.at(),
             found: self.peek().to_string(),
             expected: expected.into(),
+            hint: String::new(),
         })
     }
 
-    /// Moves past one of these words and returns it.
+    /// Moves past one of these words, in small letters or capitals, and returns it.
     fn take(&mut self, any: &[&'static str]) -> Option<&'static str> {
         let (Token::Symbol(word) | Token::Name(word)) = self.peek() else {
             return None;
         };
-        let found = any.iter().find(|w| **w == word).copied();
+        let found = any.iter().find(|w| w.eq_ignore_ascii_case(word)).copied();
         if found.is_some() {
             self.advance();
         }
@@ -140,6 +145,7 @@ impl<'a> Parser<'a> {
             at,
             found: format!("the {} that starts", name(kind)),
             expected: format!("a {}", name(wanted)),
+            hint: String::new(),
         })
     }
 
@@ -288,7 +294,10 @@ impl<'a> Parser<'a> {
 
     fn name(&mut self, name: &str) -> Parsed<Operand> {
         let start = self.at();
-        if let Some(truth) = ["false", "true"].iter().position(|w| *w == name) {
+        if let Some(truth) = ["false", "true"]
+            .iter()
+            .position(|w| w.eq_ignore_ascii_case(name))
+        {
             self.advance();
             self.program.push(Op::Push(truth as f64));
             return Ok((Kind::Condition, start));
@@ -296,6 +305,7 @@ impl<'a> Parser<'a> {
         // columns come first: a table may have one of a function's name
         if let Some(column) = self.columns.iter().position(|c| c.name == name) {
             self.advance();
+            self.unit(column)?;
             let flag = self.columns[column].is_condition();
             let (op, kind) = match flag {
                 true => (Op::Flag(column), Kind::Condition),
@@ -322,12 +332,30 @@ impl<'a> Parser<'a> {
                 self.program.push(Op::Missing);
                 Ok((Kind::Condition, start))
             }
-            "and" | "or" | "not" => self.refuse(OPERAND),
-            _ => {
-                let known: Vec<&str> = self.columns.iter().map(|c| c.name.as_str()).collect();
-                self.refuse(format!("a column: {}", known.join(", ")))
-            }
+            _ if OPERATORS.iter().any(|w| w.eq_ignore_ascii_case(name)) => self.refuse(OPERAND),
+            _ => Err(Refusal {
+                at: start,
+                found: self.peek().to_string(),
+                expected: format!("a column: {}", names(self.columns)),
+                hint: did_you_mean(name, self.columns),
+            }),
         }
+    }
+
+    /// The unit of a column that may stand after its name, as in the head of the table.
+    fn unit(&mut self, column: usize) -> Parsed<()> {
+        let Token::Unit(given) = self.peek() else {
+            return Ok(());
+        };
+        let Column { name, unit } = &self.columns[column];
+        if given != unit {
+            return match unit.as_str() {
+                "" => self.refuse(format!("no unit after {name}")),
+                unit => self.refuse(format!("[{unit}], the unit of {name}")),
+            };
+        }
+        self.advance();
+        Ok(())
     }
 
     fn call(&mut self, inner: impl FnOnce(&mut Self) -> Parsed<()>) -> Parsed<()> {

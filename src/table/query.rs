@@ -43,7 +43,7 @@ impl Query {
         self.sort = key
             .map(|text| -> Result<_> {
                 let name = text.trim().strip_prefix('-').map(str::trim);
-                let falling = name.filter(|n| columns.iter().any(|c| c.name == *n));
+                let falling = name.filter(|n| columns.iter().any(|c| c.is_named(n)));
                 let expr = Expr::number("--sort", falling.unwrap_or(text), columns)?;
                 Ok((expr, descending != falling.is_some()))
             })

@@ -3,13 +3,14 @@
 use super::read::PieceIds;
 use crate::gltf::read_json::whole;
 use crate::grid::Unit;
-use crate::measure::Measures;
+use crate::measure::{CARRIED, CARRIED_COLUMNS, Field, Get, MEASURES, Measures};
+use serde::ser::SerializeMap;
 use serde::{Deserialize, Serialize, Serializer};
 use serde_json::{Map, Value};
 
 /// `extras` of a node: ids, the piece's triangles in this tile, and measures of the whole cell, in
 /// the unit named. Quantities without meaning are left out; caps have ids and `triangles` alone.
-#[derive(Debug, Clone, PartialEq, Serialize)]
+#[derive(Debug, Clone, PartialEq)]
 pub struct Extras {
     /// The cell; 0 for a cap.
     pub cell: u64,
@@ -20,52 +21,35 @@ pub struct Extras {
     /// Triangles of this piece in this tile.
     pub triangles: u64,
     /// Unit of length of the measures.
-    #[serde(skip_serializing_if = "Option::is_none")]
     pub unit: Option<&'static str>,
-    /// Voxels of the cell. Beyond 2^31 - 1 it is written with a fraction, for Blender makes a text of
-    /// a larger integer.
-    #[serde(
-        skip_serializing_if = "Option::is_none",
-        serialize_with = "small_integer"
-    )]
-    pub voxels: Option<u64>,
-    /// Volume of the cell's voxels.
-    #[serde(skip_serializing_if = "Option::is_none")]
-    pub volume: Option<f64>,
-    /// Volume inside the cell's triangles.
-    #[serde(skip_serializing_if = "Option::is_none")]
-    pub mesh_volume: Option<f64>,
-    /// Area of the cell's triangles.
-    #[serde(skip_serializing_if = "Option::is_none")]
-    pub area: Option<f64>,
-    /// Diameter of the ball with the cell's volume.
-    #[serde(skip_serializing_if = "Option::is_none")]
-    pub equivalent_diameter: Option<f64>,
-    /// Wadell's sphericity.
-    #[serde(skip_serializing_if = "Option::is_none")]
-    pub sphericity: Option<f64>,
-    /// 36 pi V^2 / A^3.
-    #[serde(skip_serializing_if = "Option::is_none")]
-    pub form_factor: Option<f64>,
-    /// Second semi-axis over the first.
-    #[serde(skip_serializing_if = "Option::is_none")]
-    pub elongation: Option<f64>,
-    /// Third semi-axis over the second.
-    #[serde(skip_serializing_if = "Option::is_none")]
-    pub flatness: Option<f64>,
-    /// Euler characteristic of the cell.
-    #[serde(skip_serializing_if = "Option::is_none")]
-    pub euler_characteristic: Option<i64>,
-    /// 1 if the cell touches the grid's outer faces, else 0.
-    #[serde(skip_serializing_if = "Option::is_none")]
-    pub touches_border: Option<u8>,
+    /// Measures of the cell, in the order of [`MEASURES`](crate::tile::read::MEASURES).
+    pub measures: [Option<Field>; CARRIED],
 }
 
-fn small_integer<S: Serializer>(value: &Option<u64>, s: S) -> Result<S::Ok, S::Error> {
-    match *value {
-        Some(v) if v > i32::MAX as u64 => s.serialize_f64(v as f64),
-        Some(v) => s.serialize_u64(v),
-        None => s.serialize_none(),
+impl Serialize for Extras {
+    fn serialize<S: Serializer>(&self, s: S) -> Result<S::Ok, S::Error> {
+        let mut map = s.serialize_map(None)?;
+        map.serialize_entry("cell", &self.cell)?;
+        map.serialize_entry("object", &self.object)?;
+        map.serialize_entry("surface", &self.surface)?;
+        map.serialize_entry("triangles", &self.triangles)?;
+        if let Some(unit) = self.unit {
+            map.serialize_entry("unit", unit)?;
+        }
+        for (name, field) in MEASURES.iter().zip(self.measures) {
+            match field {
+                // Blender makes a text of a larger integer
+                Some(Field::Count(v)) if v > i32::MAX as u64 => {
+                    map.serialize_entry(name, &(v as f64))?;
+                }
+                Some(Field::Count(v)) => map.serialize_entry(name, &v)?,
+                Some(Field::Signed(v)) => map.serialize_entry(name, &v)?,
+                Some(Field::Flag(v)) => map.serialize_entry(name, &u8::from(v))?,
+                Some(Field::Real(v)) => map.serialize_entry(name, &v)?,
+                None => {}
+            }
+        }
+        map.end()
     }
 }
 
@@ -78,57 +62,34 @@ impl Extras {
             surface,
             triangles,
             unit: None,
-            voxels: None,
-            volume: None,
-            mesh_volume: None,
-            area: None,
-            equivalent_diameter: None,
-            sphericity: None,
-            form_factor: None,
-            elongation: None,
-            flatness: None,
-            euler_characteristic: None,
-            touches_border: None,
+            measures: [None; CARRIED],
         }
     }
 
     /// What a tile's node or table has, with the ids and triangles that were read from there already.
     pub fn read(ids: &PieceIds, found: &Map<String, Value>) -> Self {
-        let number = |name: &str| found.get(name).and_then(Value::as_f64);
         let unit = found.get("unit").map(Unit::deserialize);
+        let measures = CARRIED_COLUMNS.map(|column| {
+            let value = found.get(column.name)?;
+            match column.get {
+                Get::Count(_) => value.as_f64().and_then(whole).map(Field::Count),
+                Get::Signed(_) => value.as_i64().map(Field::Signed),
+                Get::Flag(_) => value.as_f64().map(|v| Field::Flag(v != 0.0)),
+                Get::Real(_) => value.as_f64().map(Field::Real),
+            }
+        });
         Extras {
             unit: unit.and_then(Result::ok).map(Unit::name),
-            voxels: number("voxels").and_then(whole),
-            volume: number("volume"),
-            mesh_volume: number("mesh_volume"),
-            area: number("area"),
-            equivalent_diameter: number("equivalent_diameter"),
-            sphericity: number("sphericity"),
-            form_factor: number("form_factor"),
-            elongation: number("elongation"),
-            flatness: number("flatness"),
-            euler_characteristic: found.get("euler_characteristic").and_then(Value::as_i64),
-            touches_border: number("touches_border").map(|v| v as u8),
+            measures,
             ..Extras::ids(ids.cell, ids.object, ids.surface, ids.triangles)
         }
     }
 
     /// Adds the cell's measures; values that are not finite are left out.
     pub fn with_measures(self, m: &Measures, unit: &'static str) -> Self {
-        let finite = |v: f64| v.is_finite().then_some(v);
         Extras {
             unit: Some(unit),
-            voxels: Some(m.voxels),
-            volume: finite(m.volume),
-            mesh_volume: m.mesh_volume.and_then(finite),
-            area: finite(m.area),
-            equivalent_diameter: finite(m.equivalent_diameter),
-            sphericity: m.sphericity.and_then(finite),
-            form_factor: m.form_factor.and_then(finite),
-            elongation: finite(m.elongation),
-            flatness: finite(m.flatness),
-            euler_characteristic: Some(m.euler_characteristic),
-            touches_border: Some(u8::from(m.touches_border)),
+            measures: CARRIED_COLUMNS.map(|column| column.get.of(m).meaningful()),
             ..self
         }
     }
@@ -136,27 +97,24 @@ impl Extras {
     /// Extras that take at least as many bytes of JSON as any: what a tile's JSON chunk has to hold
     /// is known only at the end, but its room is needed at the start.
     pub fn widest() -> Self {
-        let widest = -f64::MIN_POSITIVE;
+        let measures = CARRIED_COLUMNS.map(|column| {
+            Some(match column.get {
+                Get::Count(_) => Field::Count(u64::MAX),
+                Get::Signed(_) => Field::Signed(i64::MIN),
+                Get::Flag(_) => Field::Flag(true),
+                Get::Real(_) => Field::Real(WIDEST),
+            })
+        });
         Extras {
-            cell: u64::MAX,
-            object: u64::MAX,
-            surface: u64::MAX,
-            triangles: u64::MAX,
             unit: Some("voxel"),
-            voxels: Some(u64::MAX),
-            volume: Some(widest),
-            mesh_volume: Some(widest),
-            area: Some(widest),
-            equivalent_diameter: Some(widest),
-            sphericity: Some(widest),
-            form_factor: Some(widest),
-            elongation: Some(widest),
-            flatness: Some(widest),
-            euler_characteristic: Some(i64::MIN),
-            touches_border: Some(1),
+            measures,
+            ..Extras::ids(u64::MAX, u64::MAX, u64::MAX, u64::MAX)
         }
     }
 }
+
+/// A number than which none takes more bytes.
+const WIDEST: f64 = -f64::MIN_POSITIVE;
 
 #[cfg(test)]
 mod tests {
@@ -164,9 +122,7 @@ mod tests {
     use proptest::prelude::*;
 
     fn widest_number() -> usize {
-        serde_json::to_string(&Extras::widest().volume)
-            .unwrap()
-            .len()
+        serde_json::to_string(&WIDEST).unwrap().len()
     }
 
     #[test]
@@ -184,7 +140,10 @@ mod tests {
     #[test]
     fn large_counts_stay_numbers_in_blender() {
         let extras = Extras {
-            voxels: Some(1 << 31),
+            measures: CARRIED_COLUMNS.map(|column| match column.get {
+                Get::Count(_) => Some(Field::Count(1 << 31)),
+                _ => None,
+            }),
             ..Extras::ids(1, 1, 1, 1)
         };
         assert!(

@@ -8,16 +8,17 @@ use super::paint::vertex_colour;
 use super::store::{Accessor, Refused, Stored, base};
 use crate::gltf::bin_writer::{Section, Views};
 use crate::gltf::{FLOAT, UNSIGNED_SHORT};
+use crate::measure::{CARRIED, CARRIED_COLUMNS, Field, Get};
 use crate::tile::Extras;
 use bytemuck::Zeroable;
 use serde_json::{Map, Value, json};
 
-/// Value of a measure that is missing in the table; no measure is negative but the Euler
-/// characteristic, which has its own.
-const NO_DATA: f64 = -1.0;
-const NO_EULER: i32 = i32::MIN;
+/// Values of measures that are missing in the table, by their kind: no count and no real number is negative.
+const NO_NUMBER: f64 = -1.0;
+const NO_SIGNED: i32 = i32::MIN;
+const NO_FLAG: u8 = 255;
 
-/// A column: its name, component type, missing value and bytes.
+/// A column of the property table.
 struct Column {
     name: &'static str,
     kind: &'static str,
@@ -25,67 +26,85 @@ struct Column {
     bytes: Vec<u8>,
 }
 
-/// The columns of the property table, the same as the fields of [`Extras`].
-fn columns(rows: &[&Extras]) -> Vec<Column> {
-    let id = |name: &'static str, get: &dyn Fn(&Extras) -> u64| {
-        let values: Vec<u64> = rows.iter().map(|r| get(r)).collect();
-        let narrow: Option<Vec<u32>> = values.iter().map(|&v| u32::try_from(v).ok()).collect();
-        match narrow {
-            Some(v) => (name, "UINT32", None, bytemuck::cast_slice(&v).to_vec()),
-            None => (name, "UINT64", None, bytemuck::cast_slice(&values).to_vec()),
-        }
+/// Ids, or counts of triangles.
+fn id_column(name: &'static str, values: Vec<u64>) -> Column {
+    let narrow: Option<Vec<u32>> = values.iter().map(|&v| u32::try_from(v).ok()).collect();
+    let (kind, bytes) = match narrow {
+        Some(narrow) => ("UINT32", bytemuck::cast_slice(&narrow).to_vec()),
+        None => ("UINT64", bytemuck::cast_slice(&values).to_vec()),
     };
-    let measure = |name: &'static str, get: &dyn Fn(&Extras) -> Option<f64>| {
-        let values: Vec<f64> = rows.iter().map(|r| get(r).unwrap_or(NO_DATA)).collect();
-        (
-            name,
-            "FLOAT64",
-            Some(json!(NO_DATA)),
-            bytemuck::cast_slice(&values).to_vec(),
-        )
-    };
-    let euler: Vec<i32> = rows
-        .iter()
-        .map(|r| {
-            r.euler_characteristic.map_or(NO_EULER, |e| {
-                e.clamp(-i64::from(i32::MAX), i64::from(i32::MAX)) as i32
-            })
-        })
-        .collect();
-    let border: Vec<u8> = rows
-        .iter()
-        .map(|r| r.touches_border.unwrap_or(255))
-        .collect();
-    [
-        id("cell", &|r| r.cell),
-        id("object", &|r| r.object),
-        id("surface", &|r| r.surface),
-        id("triangles", &|r| r.triangles),
-        measure("voxels", &|r| r.voxels.map(|v| v as f64)),
-        measure("volume", &|r| r.volume),
-        measure("mesh_volume", &|r| r.mesh_volume),
-        measure("area", &|r| r.area),
-        measure("equivalent_diameter", &|r| r.equivalent_diameter),
-        measure("sphericity", &|r| r.sphericity),
-        measure("form_factor", &|r| r.form_factor),
-        measure("elongation", &|r| r.elongation),
-        measure("flatness", &|r| r.flatness),
-        (
-            "euler_characteristic",
-            "INT32",
-            Some(json!(NO_EULER)),
-            bytemuck::cast_slice(&euler).to_vec(),
-        ),
-        ("touches_border", "UINT8", Some(json!(255)), border),
-    ]
-    .into_iter()
-    .map(|(name, kind, no_data, bytes)| Column {
+    Column {
         name,
         kind,
-        no_data,
+        no_data: None,
         bytes,
-    })
-    .collect()
+    }
+}
+
+/// Measure number `i` of the cells.
+fn measure_column(i: usize, rows: &[&Extras]) -> Column {
+    let column = &CARRIED_COLUMNS[i];
+    let fields = rows.iter().map(|row| row.measures[i]);
+    let (kind, no_data, bytes) = match column.get {
+        Get::Count(_) | Get::Real(_) => {
+            let values: Vec<f64> = fields.map(number).collect();
+            (
+                "FLOAT64",
+                json!(NO_NUMBER),
+                bytemuck::cast_slice(&values).to_vec(),
+            )
+        }
+        Get::Signed(_) => {
+            let values: Vec<i32> = fields.map(signed).collect();
+            (
+                "INT32",
+                json!(NO_SIGNED),
+                bytemuck::cast_slice(&values).to_vec(),
+            )
+        }
+        Get::Flag(_) => ("UINT8", json!(NO_FLAG), fields.map(flag).collect()),
+    };
+    Column {
+        name: column.name,
+        kind,
+        no_data: Some(no_data),
+        bytes,
+    }
+}
+
+fn number(field: Option<Field>) -> f64 {
+    match field {
+        Some(Field::Count(v)) => v as f64,
+        Some(Field::Real(v)) => v,
+        _ => NO_NUMBER,
+    }
+}
+
+fn signed(field: Option<Field>) -> i32 {
+    match field {
+        Some(Field::Signed(v)) => v.clamp(-i64::from(i32::MAX), i64::from(i32::MAX)) as i32,
+        _ => NO_SIGNED,
+    }
+}
+
+fn flag(field: Option<Field>) -> u8 {
+    match field {
+        Some(Field::Flag(v)) => v.into(),
+        _ => NO_FLAG,
+    }
+}
+
+/// The columns of the property table, the same as the fields of [`Extras`].
+fn columns(rows: &[&Extras]) -> Vec<Column> {
+    let ids = |get: fn(&Extras) -> u64| rows.iter().map(|row| get(row)).collect();
+    let mut all = vec![
+        id_column("cell", ids(|r| r.cell)),
+        id_column("object", ids(|r| r.object)),
+        id_column("surface", ids(|r| r.surface)),
+        id_column("triangles", ids(|r| r.triangles)),
+    ];
+    all.extend((0..CARRIED).map(|i| measure_column(i, rows)));
+    all
 }
 
 /// The JSON of a tile in merged layout whose geometry is encoded, a row of the table per piece, and the table, which

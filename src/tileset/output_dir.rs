@@ -11,16 +11,19 @@ use std::io::ErrorKind;
 use std::path::{Path, PathBuf};
 
 /// What a tile set may have at its top level, the manifest first: it goes first and comes last. Only
-/// painted sets have a legend.
-const ENTRIES: [&str; 7] = [
+/// painted sets have legends.
+const ENTRIES: [&str; 8] = [
     "index.json",
     "index",
     "tiles",
     "cells.csv",
     "objects.csv",
     "surfaces.csv",
-    "legend.png",
+    LEGENDS[0],
+    LEGENDS[1],
 ];
+/// What some tile sets lack.
+const LEGENDS: [&str; 2] = ["legend.png", "legend.svg"];
 /// The file in it that says who works there.
 const LOCK: &str = "lock";
 /// The file in it that says that all is made and is being moved in.
@@ -68,6 +71,46 @@ pub fn tidy(out: &Path) -> Result<()> {
         Output::open(out, true, true)?.remove_work()?;
     }
     Ok(())
+}
+
+/// An error as the user is told: what is being made in the work directory of `out` has the name that it gets later,
+/// and what nobody gets to see has that of `out`.
+pub fn outward(error: Error, out: &Path) -> Error {
+    let work = out.join(WORK);
+    let outward = |path: PathBuf| {
+        let Ok(inside) = path.strip_prefix(&work) else {
+            return path;
+        };
+        let first = inside.components().next();
+        let stays = first.is_some_and(|c| ENTRIES.iter().any(|&e| c.as_os_str() == e));
+        match stays {
+            true => out.join(inside),
+            false => out.to_path_buf(),
+        }
+    };
+    match error {
+        Error::Io {
+            path,
+            action,
+            source,
+        } => Error::Io {
+            path: outward(path),
+            action,
+            source,
+        },
+        Error::Format {
+            path,
+            found,
+            expected,
+            hint,
+        } => Error::Format {
+            path: outward(path),
+            found,
+            expected,
+            hint,
+        },
+        error => error,
+    }
 }
 
 impl Output {
@@ -198,7 +241,7 @@ impl Output {
         }
         for name in ENTRIES {
             // what has been moved already is not to be removed
-            if self.work.join(name).exists() || name == "legend.png" {
+            if self.work.join(name).exists() || LEGENDS.contains(&name) {
                 remove_if_there(&self.out.join(name))?;
             }
         }
@@ -208,7 +251,7 @@ impl Output {
                 // painted sets alone have one; the others have been moved already
                 Err(e)
                     if e.kind() == ErrorKind::NotFound
-                        && (*name == "legend.png" || to.exists()) => {}
+                        && (LEGENDS.contains(name) || to.exists()) => {}
                 moved => moved.map_err(|e| Error::io(&to, "move into place", e))?,
             }
         }

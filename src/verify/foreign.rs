@@ -2,7 +2,7 @@
 
 use super::code::Code;
 use super::index::{MANIFEST, shard_path, tile_dir, tile_name};
-use super::paint::LEGEND;
+use super::paint::{LEGEND, LEGEND_SVG};
 use super::report::{Issue, Issues, Severity};
 use crate::error::{Error, Result};
 use crate::manifest::{Manifest, PARTIAL};
@@ -22,7 +22,7 @@ pub(super) fn foreign_files(root: &Path, manifest: &Manifest, issues: &mut Issue
     let top = |name: &str| {
         [MANIFEST, "index", "tiles", PARTIAL].contains(&name)
             || tables.contains(&name)
-            || (painted && name == LEGEND)
+            || (painted && [LEGEND, LEGEND_SVG].contains(&name))
     };
     foreign(root, "", top, issues)?;
     let has = |z: &u32| manifest.layers.binary_search_by_key(z, |l| l.z).is_ok();

@@ -8,7 +8,7 @@ use super::files;
 use super::report::Issues;
 use crate::error::{Error, Result};
 use crate::manifest::{ColourBy, Manifest, Selection};
-use crate::picture::Picture;
+use crate::picture::ColourBar;
 use crate::table::{Column, Expr, Row, Table, TableReader};
 use colorous::Gradient;
 use std::collections::{BTreeSet, BinaryHeap};
@@ -41,7 +41,9 @@ const STEPS: usize = 256;
 
 /// The name of the picture of colours.
 pub(super) const LEGEND: &str = "legend.png";
-/// Bytes that are read of it; it has a few thousand.
+/// The name of the same as SVG, which sets may have beside it.
+pub(super) const LEGEND_SVG: &str = "legend.svg";
+/// Bytes that are read of either; they have a few thousand.
 const LARGEST_LEGEND: u64 = 1 << 20;
 
 /// Which cells have a colour.
@@ -217,19 +219,46 @@ fn check_legend(root: &Path, by: &ColourBy, issues: &mut Issues) {
         let message = format!("found {}, expected {LEGEND}", by.legend);
         return issues.add(Code::PathName, AT, message);
     }
-    let mut png = Vec::new();
-    let read = files::open(&real).and_then(|f| f.take(LARGEST_LEGEND).read_to_end(&mut png));
-    if let Err(e) = read {
-        return issues.add(Code::MissingFile, LEGEND, format!("cannot be read: {e}"));
-    }
+    let Some(png) = legend_bytes(&real, LEGEND, issues) else {
+        return;
+    };
     // a map that is none is said elsewhere
     let Ok(map) = gradient(&by.map) else {
         return;
     };
-    let picture = Picture::legend(&by.title(), [by.min, by.max], |v| colour_at(map, v));
-    if let Some(message) = picture.differs(&png) {
+    let bar = ColourBar {
+        title: &by.title(),
+        ends: [by.min, by.max],
+        colour: &|share| colour_at(map, share),
+    };
+    if let Some(message) = bar.picture().differs(&png) {
         let message = format!("it is not the picture of the colours in {AT}: {message}");
         issues.add(Code::Paint, LEGEND, message);
+    }
+    // sets may lack it, so that only what is there is compared
+    if root.join(LEGEND_SVG).symlink_metadata().is_err() {
+        return;
+    }
+    let Some(real) = files::resolve(root, LEGEND_SVG, AT, issues) else {
+        return;
+    };
+    let svg = legend_bytes(&real, LEGEND_SVG, issues);
+    if svg.is_some_and(|svg| svg != bar.svg().as_bytes()) {
+        let message = format!("it is not the picture of the colours in {AT}");
+        issues.add(Code::Paint, LEGEND_SVG, message);
+    }
+}
+
+/// The first bytes of a legend; `None` if that is an issue.
+fn legend_bytes(real: &Path, name: &str, issues: &mut Issues) -> Option<Vec<u8>> {
+    let mut bytes = Vec::new();
+    let read = files::open(real).and_then(|f| f.take(LARGEST_LEGEND).read_to_end(&mut bytes));
+    match read {
+        Ok(_) => Some(bytes),
+        Err(e) => {
+            issues.add(Code::MissingFile, name, format!("cannot be read: {e}"));
+            None
+        }
     }
 }
 

@@ -295,3 +295,17 @@ fn to_world(place: &Placement, m: &[[f64; 3]; 3]) -> [[f64; 3]; 3] {
         })
     })
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::measure::COMPONENT_COLUMNS;
+
+    /// The verifier has a list of its own, so that a column that the producer forgets is missed.
+    #[test]
+    fn columns_are_those_of_the_producer() {
+        let theirs = COMPONENT_COLUMNS.iter().map(|c| (c.name, c.power));
+        let all: Vec<_> = std::iter::once(("id", 0)).chain(theirs).collect();
+        assert_eq!(COLUMNS[..], all);
+    }
+}

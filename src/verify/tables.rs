@@ -417,3 +417,16 @@ const WHOLE: [&str; 10] = [
     "touches_border",
     "tiles",
 ];
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::measure::SURFACE_COLUMNS;
+
+    #[test]
+    fn columns_of_surfaces_are_those_of_the_producer() {
+        let theirs = SURFACE_COLUMNS.iter().map(|c| (c.name, c.power));
+        let all: Vec<_> = std::iter::once(("id", 0)).chain(theirs).collect();
+        assert_eq!(SURFACE[..], all);
+    }
+}

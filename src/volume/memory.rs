@@ -1,6 +1,6 @@
 //! A volume in memory.
 
-use super::{Endian, Header, Volume, Voxel, check_box};
+use super::{Endian, Header, Volume, Voxel};
 use crate::error::{Error, Result};
 use crate::grid::{Dims, Placement};
 use std::ops::Range;
@@ -49,11 +49,7 @@ impl<T: Voxel> Volume for MemoryVolume<T> {
         &self.header
     }
 
-    fn read_box(&self, x: Range<u32>, y: Range<u32>, z: Range<u32>, out: &mut [u8]) -> Result<()> {
-        check_box(&self.header, &x, &y, &z, out.len())?;
-        if out.is_empty() {
-            return Ok(());
-        }
+    fn fill_box(&self, x: Range<u32>, y: Range<u32>, z: Range<u32>, out: &mut [u8]) -> Result<()> {
         let bytes: &[u8] = bytemuck::cast_slice(&self.samples);
         let sample = size_of::<T>();
         let rows = z.flat_map(|k| y.clone().map(move |j| (j, k)));

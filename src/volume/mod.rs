@@ -2,10 +2,17 @@
 
 pub(crate) mod adapters;
 mod codecs;
+#[cfg(test)]
+mod conformance;
+mod descriptor;
+mod format;
 mod formats;
 pub(crate) mod io;
 mod memory;
 pub(crate) mod open;
+mod options;
+mod registry;
+pub(crate) mod stamp;
 mod stated;
 pub(crate) mod stats;
 
@@ -16,9 +23,11 @@ pub(crate) use adapters::decompress::spool_beside;
 pub(crate) use adapters::kind::{Watch, Watched};
 pub(crate) use adapters::temp_copy::PIECE as SPOOL_PIECE;
 pub use adapters::temp_copy::spool;
-pub use io::stamp::{Before, Stamp, stamp};
 pub use memory::MemoryVolume;
-pub use open::{Headerless, Io, OpenOptions, Opened, file_name, open};
+pub use open::{file_name, open};
+pub use options::{Headerless, Io, OpenOptions, Opened};
+pub use registry::input_help;
+pub use stamp::{Before, Stamp, stamp};
 pub use stats::estimate::{Prediction, predict};
 pub use stats::statistics::{Statistics, statistics};
 
@@ -54,7 +63,20 @@ pub trait Volume: Send + Sync {
     /// # Errors
     /// [`crate::Error::Io`] or [`crate::Error::Format`] if the bytes cannot be had;
     /// [`crate::Error::Usage`] if the box or the size of `out` is not as said above.
-    fn read_box(&self, x: Range<u32>, y: Range<u32>, z: Range<u32>, out: &mut [u8]) -> Result<()>;
+    fn read_box(&self, x: Range<u32>, y: Range<u32>, z: Range<u32>, out: &mut [u8]) -> Result<()> {
+        check_box(self.header(), [&x, &y, &z], out.len())?;
+        match out.is_empty() {
+            true => Ok(()),
+            false => self.fill_box(x, y, z, out),
+        }
+    }
+
+    /// What [`read_box`](Self::read_box) does, for a box of at least one voxel that lies inside the volume and an
+    /// `out` of its size: implementations need not look at either again, and others do not call it.
+    ///
+    /// # Errors
+    /// [`crate::Error::Io`] or [`crate::Error::Format`] if the bytes cannot be had.
+    fn fill_box(&self, x: Range<u32>, y: Range<u32>, z: Range<u32>, out: &mut [u8]) -> Result<()>;
 
     /// False for compressed streams, which read slices forward fast and anything else slowly; they
     /// are spooled to an uncompressed temporary file for a sweep that must read twice.
@@ -101,8 +123,8 @@ impl<V: Volume + ?Sized> Volume for &V {
         (**self).header()
     }
 
-    fn read_box(&self, x: Range<u32>, y: Range<u32>, z: Range<u32>, out: &mut [u8]) -> Result<()> {
-        (**self).read_box(x, y, z, out)
+    fn fill_box(&self, x: Range<u32>, y: Range<u32>, z: Range<u32>, out: &mut [u8]) -> Result<()> {
+        (**self).fill_box(x, y, z, out)
     }
 
     fn random_access(&self) -> bool {
@@ -160,16 +182,8 @@ macro_rules! hand_on {
 }
 use hand_on;
 
-/// Checks that a box lies inside a volume and that the caller's buffer has its size, as every
-/// [`Volume::read_box`] must.
-pub(crate) fn check_box(
-    header: &Header,
-    x: &Range<u32>,
-    y: &Range<u32>,
-    z: &Range<u32>,
-    out: usize,
-) -> Result<()> {
-    let ranges = [x, y, z];
+/// Checks that a box lies inside a volume and that the caller's buffer of `out` bytes has its size.
+fn check_box(header: &Header, ranges: [&Range<u32>; 3], out: usize) -> Result<()> {
     let inside = ranges
         .iter()
         .zip(header.dims.0)
@@ -180,6 +194,7 @@ pub(crate) fn check_box(
     if inside && bytes == Some(out) {
         return Ok(());
     }
+    let [x, y, z] = ranges;
     Err(Error::usage(
         "read_box",
         format!("box {x:?}, {y:?}, {z:?} and a buffer of {out} bytes"),

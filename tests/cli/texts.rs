@@ -60,7 +60,14 @@ fn help_names_every_option() {
                 "{word} in the help of {command}: {help}"
             );
         }
-        assert!(ok(dir.path(), &[command, "-h"]).contains("Usage: alvis "));
+        let short = ok(dir.path(), &[command, "-h"]);
+        assert!(short.contains("Usage: alvis "));
+        if !["completions", "man"].contains(&command) {
+            for help in [&help, &short] {
+                let examples = help.split("Examples:").nth(1).unwrap_or_default();
+                assert!(examples.contains(&format!("  alvis {command}")), "{help}");
+            }
+        }
         assert!(ok(dir.path(), &["man", command]).contains(".TH"));
     }
     assert!(ok(dir.path(), &["man"]).contains("Exit status"));
@@ -75,9 +82,15 @@ fn wrong_use_is_one_message_and_status_2() {
     let dir = temp();
     std::fs::write(dir.path().join("a.raw"), [0; 64]).unwrap();
     for (args, part) in [
-        (&[][..], "no command"),
-        (&["frobnicate"], "frobnicate"),
+        (&["frobnicate"][..], "frobnicate"),
         (&["convert", "a.raw"], "OUT"),
+        // the help that has the options of the command
+        (&["convert", "a.raw"], "see `alvis convert --help`"),
+        (&["info", "a.raw", "--frob"], "see `alvis info --help`"),
+        (
+            &["info", "a.raw", "--unit", "ell"],
+            "see `alvis info --help`",
+        ),
         (&["convert", "a.raw", "out"], "--threshold"),
         (
             &["convert", "a.raw", "out", "--threshold", "nan"],
@@ -119,7 +132,7 @@ fn wrong_use_is_one_message_and_status_2() {
             ],
             "--crop",
         ),
-        (&["info", "a.raw"], "--dims"),
+        (&["info", "a.raw"], "--dims and --dtype"),
         (&["info", "a.raw", "--dims", "4,4,4"], "--dtype"),
         (
             &["info", "a.raw", "--dims", "4,4", "--dtype", "u8"],
@@ -152,6 +165,52 @@ fn wrong_use_is_one_message_and_status_2() {
     let mut left: Vec<_> = std::fs::read_dir(dir.path()).unwrap().collect();
     assert_eq!(left.len(), 1, "{left:?}");
     assert_eq!(left.remove(0).unwrap().file_name(), "a.raw");
+}
+
+#[test]
+fn the_help_of_cells_explains_every_column() {
+    let dir = temp();
+    let help = ok(dir.path(), &["cells", "--help"]);
+    assert!(help.lines().all(|l| l.chars().count() <= 100), "{help}");
+    let (_, columns) = help.split_once("Columns of cells").unwrap();
+    let (components, surfaces) = columns.split_once("Columns of surfaces").unwrap();
+    let has = |text: &str, name: &str| {
+        let words = text.split(|c: char| !c.is_ascii_alphanumeric() && c != '_');
+        let all: Vec<&str> = words.collect();
+        let stem = name.rsplit_once('_').map_or(name, |(stem, _)| stem);
+        let first = ["_x", "_a"].map(|end| format!("{stem}{end}"));
+        let axis = first.iter().any(|name| all.contains(&name.as_str()));
+        all.contains(&name)
+            || axis
+                && ["_y", "_z", "_b", "_c"]
+                    .iter()
+                    .any(|end| name.ends_with(end))
+    };
+    for name in alvis::convert::COMPONENT_COLUMNS.map(|c| c.name) {
+        assert!(has(components, name), "{name} in {components}");
+    }
+    for name in alvis::convert::SURFACE_COLUMNS.map(|c| c.name) {
+        assert!(has(surfaces, name), "{name} in {surfaces}");
+    }
+}
+
+#[test]
+fn the_name_alone_is_helped() {
+    let dir = temp();
+    let help = ok(dir.path(), &[]);
+    assert_eq!(help, ok(dir.path(), &["--help"]));
+    for group in ["Make tiles:\n", "Look:\n", "Use tiles:\n", "Other:\n"] {
+        assert!(help.contains(group), "{help}");
+    }
+    assert!(help.lines().all(|l| l.chars().count() <= 80), "{help}");
+    let narrow = Command::new(env!("CARGO_BIN_EXE_alvis"))
+        .env("COLUMNS", "50")
+        .output()
+        .unwrap();
+    let narrow = super::stdout(&narrow);
+    let list = narrow.split("Make tiles:").nth(1).unwrap();
+    let list = list.split("Options:").next().unwrap();
+    assert!(list.lines().all(|l| l.chars().count() <= 50), "{narrow}");
 }
 
 #[test]

@@ -28,7 +28,7 @@ fn a_conversion_says_what_it_understood_and_made() {
     ] {
         assert!(said.contains(part), "{part} in {said}");
     }
-    assert!(stdout(&output).contains("1 objects, 1 cells, 1 surfaces"));
+    assert!(stdout(&output).contains("1 object, 1 cell, 1 surface\n"));
     // a tile set is replaced only on request
     let again = [
         "convert",
@@ -106,7 +106,7 @@ fn verify_tells_a_sound_set_from_a_damaged_one() {
     ok(dir.path(), &[&convert[..], &raw].concat());
     // the manifest knows the size, type and crop of the raw file
     let verify = ["verify", "out", "--against", "s.raw"];
-    assert!(ok(dir.path(), &verify).starts_with("ok: 1 tiles, "));
+    assert!(ok(dir.path(), &verify).starts_with("ok: 1 tile, "));
     let report = json(&ok(dir.path(), &[&verify[..], &["--json"]].concat()));
     assert_keys(
         &report,
@@ -181,11 +181,97 @@ fn a_conversion_that_is_not_finished_is_no_tile_set_yet() {
     for command in [
         &["verify", "out"][..],
         &["cells", "out"],
+        &["info", "out"],
         &["export", "out", "a.ply"],
     ] {
         let message = fails(dir.path(), command);
         assert!(message.contains("--resume"), "{message}");
     }
+}
+
+#[test]
+fn info_says_what_a_tile_set_is() {
+    let dir = temp();
+    let space = ["--spacing", "0.05", "--unit", "mm"];
+    foam(
+        dir.path(),
+        "f.mhd",
+        &[&["--pitch", "11"][..], &space].concat(),
+    );
+    let convert =
+        "convert f.mhd out --threshold 127.5 --macrocube 16 --crop :,1:,: --table-unit um --quiet";
+    ok(dir.path(), &convert.split(' ').collect::<Vec<_>>());
+    let said = ok(dir.path(), &["info", "out"]);
+    let version = concat!("alvis ", env!("CARGO_PKG_VERSION"));
+    for part in [
+        "out: 18 tiles, ",
+        "f.mhd, 40 x 36 x 32 voxels, u8, cropped to 0:40,1:36,0:32",
+        version,
+        "40 x 35 x 32 voxels",
+        "0.05 x 0.05 x 0.05 mm (from the file)",
+        "lengths in um",
+        "threshold  127.5",
+        " triangles\n",
+        "1 object, ",
+        "strips, encoding float, layout auto",
+        "alvis verify out\n",
+        "alvis cells out",
+        "alvis export out FILE.ply",
+    ] {
+        assert!(said.contains(part), "{part} in {said}");
+    }
+    assert!(said.lines().all(|l| l.len() <= 80), "{said}");
+    let report = json(&ok(dir.path(), &["info", "out", "--json"]));
+    assert_keys(
+        &report,
+        "format name dims spacing unit origin directions threshold primitives encoding layout totals \
+         selection generator source macrocube",
+    );
+    assert_eq!(report["format"], "alvis-tiles");
+    let index = json(&std::fs::read_to_string(dir.path().join("out/index.json")).unwrap());
+    assert_eq!(report["totals"], index["totals"]);
+    let part = [
+        "select",
+        "out",
+        "part",
+        "--where",
+        "id < 4",
+        "--paint",
+        "id < 2=red",
+        "-q",
+    ];
+    ok(dir.path(), &part);
+    let said = ok(dir.path(), &["info", "part"]);
+    let cells = index["totals"]["cells"].as_u64().unwrap();
+    let row = format!("selection  3 of {cells} cells, where id < 4; painted\n");
+    assert!(said.contains(&row), "{said}");
+    // what describes a volume does not go with it
+    for option in [["--dims", "4,4,4"], ["--threshold", "3"]] {
+        let message = fails(dir.path(), &[&["info", "out"][..], &option].concat());
+        assert!(message.contains(option[0]), "{message}");
+    }
+}
+
+#[test]
+fn a_tile_set_one_directory_away_is_named() {
+    let dir = temp();
+    ok(dir.path(), &["demo", "d", "--size", "16", "--quiet"]);
+    for wrong in ["d", "d/foam/tiles"] {
+        for command in [
+            &["verify", wrong][..],
+            &["cells", wrong],
+            &["export", wrong, "a.ply"],
+            &["select", wrong, "part", "--where", "id > 0"],
+        ] {
+            let message = fails(dir.path(), command);
+            assert!(
+                message.contains("did you mean ") && message.contains("d/foam?"),
+                "{message}"
+            );
+        }
+    }
+    assert!(!fails(dir.path(), &["verify", "."]).contains("did you mean"));
+    assert!(!fails(dir.path(), &["verify", "none"]).contains("did you mean"));
 }
 
 #[test]
@@ -240,6 +326,27 @@ fn a_demo_leaves_what_is_not_its_own() {
     assert!(message.contains("thesis.tex"), "{message}");
     assert!(!message.contains("--force"), "{message}");
     assert_eq!(std::fs::read(mine.join("foam.raw")).unwrap(), volume);
+}
+
+#[cfg(target_os = "linux")]
+#[test]
+fn a_failure_names_what_the_user_named() {
+    use std::os::unix::fs::PermissionsExt;
+    let dir = temp();
+    foam(dir.path(), "f.mhd", &[]);
+    std::fs::create_dir(dir.path().join("shut")).unwrap();
+    let shut = dir.path().join("shut");
+    std::fs::set_permissions(&shut, std::fs::Permissions::from_mode(0o555)).unwrap();
+    if std::fs::write(shut.join("a"), "").is_ok() {
+        eprintln!("SKIPPED a_failure_names_what_the_user_named: this user may write everywhere");
+        return;
+    }
+    let message = fails(
+        dir.path(),
+        &["convert", "f.mhd", "shut", "--threshold", "127.5", "-q"],
+    );
+    assert!(message.contains("shut: cannot"), "{message}");
+    assert!(!message.contains(".alvis-partial"), "{message}");
 }
 
 #[test]

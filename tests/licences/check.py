@@ -1,10 +1,11 @@
-"""Checks the licence and the source of every crate that alvis is built from.
+"""Checks the licence and the source of every crate that alvis is built from, and of files of others in src/.
 
     python3 tests/licences/check.py [Cargo.toml]
 
 Licences are SPDX expressions, of which one choice must be allowed in full; sources are the registry of
 crates and this directory. What is allowed is read from deny.toml, so that this and `cargo deny check
-licenses sources bans` agree. Ends with `N passed, N failed`.
+licenses sources bans` agree. A file in src/ that is no Rust, such as a font, has a LICENSE beside it that names it.
+Ends with `N passed, N failed`.
 """
 
 import json
@@ -67,11 +68,17 @@ def main() -> int:
             wrong.append(f"{name}: found source {source}, expected one of {sorted(registries)}")
         elif not package["license"] or not allows(package["license"], allowed):
             wrong.append(f"{name}: found licence {package['license']}, expected one of {sorted(allowed)}")
+    others = [p for p in (ROOT / "src").rglob("*") if p.is_file() and p.suffix != ".rs" and p.name != "LICENSE"]
+    for path in others:
+        licence = path.with_name("LICENSE")
+        text = licence.read_text() if licence.is_file() else ""
+        if path.name not in text or "Permission is hereby granted" not in text:
+            wrong.append(f"{path.relative_to(ROOT)}: found no licence for it in {licence.relative_to(ROOT)}")
     # a check that allows everything would pass as well
     assert not allows("GPL-3.0-only", allowed) and not allows("MIT AND GPL-3.0-only", allowed)
     assert allows("GPL-3.0-only OR (MIT AND Zlib)", allowed)
     print("\n".join(wrong))
-    print(f"licences and sources: {len(packages) - len(wrong)} passed, {len(wrong)} failed")
+    print(f"licences and sources: {len(packages) + len(others) - len(wrong)} passed, {len(wrong)} failed")
     return 1 if wrong else 0
 
 

@@ -169,6 +169,7 @@ fn foreign_files_are_found_wherever_they_are() {
         "tiles/a.txt",
         "tiles/z0000/y0000_x0000.glb~",
         "legend.png",
+        "legend.svg",
         "index.json.tmp",
     ] {
         fs::write(at(name), "").unwrap();

@@ -30,7 +30,7 @@ impl Volume for Samples {
         &self.header
     }
 
-    fn read_box(
+    fn fill_box(
         &self,
         x: Range<u32>,
         y: Range<u32>,

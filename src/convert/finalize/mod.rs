@@ -467,8 +467,9 @@ impl Finisher<'_> {
 /// The error for a tile that is not as this program has written it.
 fn changed(path: &Path, found: u64, expected: u64) -> Error {
     let expected = format!("{expected} bytes as the conversion wrote them");
-    Error::format(path, format!("{found} bytes"), expected)
-        .with_hint("something else has changed the file: convert again without --resume")
+    Error::format(path, format!("{found} bytes"), expected).with_hint(
+        "something else has changed the file: convert again with --force instead of --resume",
+    )
 }
 
 /// The shard's entry of a tile.

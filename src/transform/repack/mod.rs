@@ -15,7 +15,8 @@ use crate::manifest::{Form, Manifest};
 use crate::progress::Progress;
 use crate::table::Table;
 use crate::tile::check_reach;
-use crate::tileset::{Output, TileSet};
+use crate::tileset::{Output, TileSet, outward};
+use crate::transform::select::{LEGEND, LEGEND_SVG};
 use serde::Serialize;
 use std::path::Path;
 use std::time::Instant;
@@ -53,6 +54,15 @@ pub struct RepackReport {
 /// [`Error::OutputExists`]; [`Error::Format`] if the tile set is damaged; [`Error::Io`];
 /// [`Error::Interrupted`]. Nothing is left under a final name then.
 pub fn repack(
+    from: &Path,
+    to: &Path,
+    options: &RepackOptions,
+    progress: &dyn Progress,
+) -> Result<RepackReport> {
+    repack_into(from, to, options, progress).map_err(|e| outward(e, to))
+}
+
+fn repack_into(
     from: &Path,
     to: &Path,
     options: &RepackOptions,
@@ -118,7 +128,12 @@ fn copy_tables(set: &TileSet, work: &Path, made: &mut Manifest) -> Result<()> {
     copy(&mut made.tables.surfaces, Table::Surfaces.file())?;
     let selection = made.selection.as_mut();
     if let Some(colours) = selection.and_then(|s| s.colour_by.as_mut()) {
-        copy(&mut colours.legend, crate::transform::select::LEGEND)?;
+        // sets may lack the SVG, which the index does not name
+        let svg = set.dir().join(LEGEND_SVG);
+        if svg.is_file() {
+            copy(&mut LEGEND_SVG.to_owned(), LEGEND_SVG)?;
+        }
+        copy(&mut colours.legend, LEGEND)?;
     }
     Ok(())
 }

@@ -1,21 +1,29 @@
-//! The legend of colours by value, as a picture.
+//! The legend of colours by value, as a picture and as SVG.
 
 use crate::error::{Error, Result};
 use crate::manifest::ColourBy;
-use crate::picture::Map;
-use crate::picture::Picture;
+use crate::picture::{ColourBar, Map};
+use crate::sys::files::write_file;
 use std::path::Path;
 
 /// Its name in the tile set.
 pub const FILE: &str = "legend.png";
+/// The name of the same as SVG.
+pub const SVG: &str = "legend.svg";
 
-/// Draws the map from left to right with its values, twice the size of the letters' pixels.
+/// Draws the map from left to right with its values, and writes both files into a directory.
 ///
 /// # Errors
-/// [`Error::Io`] if it cannot be written.
-pub fn write(path: &Path, legend: &ColourBy) -> Result<()> {
+/// [`Error::Io`] if they cannot be written.
+pub fn write(dir: &Path, legend: &ColourBy) -> Result<()> {
     let map = Map::named(&legend.map)?;
-    Picture::legend(&legend.title(), [legend.min, legend.max], |v| map.at(v))
-        .save(path)
-        .map_err(|e| Error::io(path, "write the legend", e))
+    let bar = ColourBar {
+        title: &legend.title(),
+        ends: [legend.min, legend.max],
+        colour: &|share| map.at(share),
+    };
+    let path = dir.join(FILE);
+    let saved = bar.picture().save(&path);
+    saved.map_err(|e| Error::io(&path, "write the legend", e))?;
+    write_file(&dir.join(SVG), &[bar.svg().as_bytes()])
 }

@@ -12,13 +12,13 @@ mod legend;
 
 pub use crate::picture::{Map, hex, parse_colour};
 pub use choice::{ColourRule, PaintRule};
-pub(crate) use legend::FILE as LEGEND;
+pub(crate) use legend::{FILE as LEGEND, SVG as LEGEND_SVG};
 
 use crate::error::{Error, Result};
 use crate::manifest::{Manifest, Selection, WholeTotals};
 use crate::progress::Progress;
 use crate::table::Table;
-use crate::tileset::Output;
+use crate::tileset::{Output, outward};
 use choice::Choice;
 use serde::Serialize;
 use std::path::Path;
@@ -72,6 +72,15 @@ pub fn select(
     options: &SelectOptions,
     progress: &dyn Progress,
 ) -> Result<SelectReport> {
+    select_into(from, to, options, progress).map_err(|e| outward(e, to))
+}
+
+fn select_into(
+    from: &Path,
+    to: &Path,
+    options: &SelectOptions,
+    progress: &dyn Progress,
+) -> Result<SelectReport> {
     let manifest = Manifest::open(from)?;
     if let (Ok(a), Ok(b)) = (from.canonicalize(), to.canonicalize())
         && a == b
@@ -89,7 +98,7 @@ pub fn select(
     let rows = copy::tables(from, work, &manifest, &choice)?;
     copy::tiles(from, work, &mut made, &choice, &rows, progress)?;
     if let Some(legend) = choice.legend() {
-        legend::write(&work.join(legend::FILE), legend)?;
+        legend::write(work, legend)?;
     }
     let selection = choice.selection(&manifest);
     made.selection = Some(selection.clone());

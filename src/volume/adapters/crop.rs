@@ -2,7 +2,7 @@
 
 use crate::error::Result;
 use crate::grid::Crop;
-use crate::volume::{Header, Volume, check_box};
+use crate::volume::{Header, Volume};
 use std::ops::Range;
 use std::path::Path;
 
@@ -46,8 +46,7 @@ impl Volume for Cropped<'_> {
         &self.header
     }
 
-    fn read_box(&self, x: Range<u32>, y: Range<u32>, z: Range<u32>, out: &mut [u8]) -> Result<()> {
-        check_box(&self.header, &x, &y, &z, out.len())?;
+    fn fill_box(&self, x: Range<u32>, y: Range<u32>, z: Range<u32>, out: &mut [u8]) -> Result<()> {
         let [x, y, z] = [self.shift(0, x), self.shift(1, y), self.shift(2, z)];
         self.volume.read_box(x, y, z, out)
     }

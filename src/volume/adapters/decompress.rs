@@ -109,7 +109,7 @@ impl Volume for Filling<'_> {
         self.copy.volume.header()
     }
 
-    fn read_box(&self, x: Range<u32>, y: Range<u32>, z: Range<u32>, out: &mut [u8]) -> Result<()> {
+    fn fill_box(&self, x: Range<u32>, y: Range<u32>, z: Range<u32>, out: &mut [u8]) -> Result<()> {
         let mut state = self.lock();
         while state.slices < z.end.min(self.header().dims.0[2]) {
             if state.ended {
@@ -162,7 +162,7 @@ mod tests {
             &self.header
         }
 
-        fn read_box(
+        fn fill_box(
             &self,
             _: Range<u32>,
             _: Range<u32>,

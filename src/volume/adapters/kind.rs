@@ -214,7 +214,7 @@ impl Volume for Watched<'_> {
         self.volume.header()
     }
 
-    fn read_box(&self, x: Range<u32>, y: Range<u32>, z: Range<u32>, out: &mut [u8]) -> Result<()> {
+    fn fill_box(&self, x: Range<u32>, y: Range<u32>, z: Range<u32>, out: &mut [u8]) -> Result<()> {
         self.volume.read_box(x, y.clone(), z.clone(), out)?;
         self.watch.look(&y, z, out);
         Ok(())

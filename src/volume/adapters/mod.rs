@@ -1,7 +1,6 @@
-//! Volumes around a volume: cropped, mirrored, scaled, resampled, decoded once, watched while they are read.
+//! Volumes around a volume: cropped, mirrored, scaled, resampled, copied to a file, watched while they are read.
 
 pub(crate) mod crop;
-pub(crate) mod decoded_once;
 pub(crate) mod decompress;
 pub(crate) mod kind;
 pub(crate) mod mirror;

@@ -1,7 +1,7 @@
 //! Samples that stand for other values: a scale that the file states, and samples that stand for nothing.
 
 use crate::error::Result;
-use crate::volume::{Dtype, Header, Volume, Voxel, check_box, hand_on, with_voxel_type};
+use crate::volume::{Dtype, Header, Volume, Voxel, hand_on, with_voxel_type};
 use std::ops::Range;
 use std::path::Path;
 use std::sync::Arc;
@@ -194,11 +194,7 @@ impl Volume for Valued<'_> {
         &self.header
     }
 
-    fn read_box(&self, x: Range<u32>, y: Range<u32>, z: Range<u32>, out: &mut [u8]) -> Result<()> {
-        check_box(&self.header, &x, &y, &z, out.len())?;
-        if out.is_empty() {
-            return Ok(());
-        }
+    fn fill_box(&self, x: Range<u32>, y: Range<u32>, z: Range<u32>, out: &mut [u8]) -> Result<()> {
         let (from, to) = (self.inner.header().dtype.bytes(), self.header.dtype.bytes());
         let rows = (PIECE / (x.len() * from)).clamp(1, y.len());
         let mut stored = vec![0; rows * x.len() * from];

@@ -5,17 +5,29 @@
 //! (`TMPDIR`), which goes away with the volume.
 
 use crate::error::{Error, Result};
+use crate::volume::descriptor::VolumeDescriptor;
+use crate::volume::format::{Format, Input, listed, title_of};
 use crate::volume::formats::folder::{check_sequence, natural};
-use crate::volume::formats::{dicom, npy, png, tiff};
+use crate::volume::formats::npy;
 use crate::volume::io::blob::{Blob, Bytes};
-use crate::volume::io::descriptor::{Encoding, VolumeDescriptor};
-use crate::volume::open::OpenOptions;
+use crate::volume::io::data::Encoding;
+use crate::volume::options::OpenOptions;
 use flate2::bufread::DeflateDecoder;
 use std::fs::File;
 use std::io::{BufReader, Read, Write};
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use zip::{CompressionMethod, ZipArchive};
+
+/// The format.
+pub(crate) const FORMAT: Format = Format {
+    name: "zip",
+    title: "zip",
+    extensions: &["zip"],
+    starts: is_zip,
+    parse: Some(parse),
+    ..Format::BASE
+};
 
 /// True if a file begins as a zip archive with members does.
 pub(crate) fn is_zip(head: &[u8]) -> bool {
@@ -43,59 +55,100 @@ struct Member {
 /// # Errors
 /// [`Error::Unsupported`] if it holds none or several, or is encrypted or packed in another way than
 /// by Deflate; [`Error::Format`] if it is damaged; [`Error::Io`] if there is no room to unpack it.
-pub(crate) fn parse(path: &Path, options: &OpenOptions) -> Result<VolumeDescriptor> {
+fn parse(input: &Input, options: &OpenOptions) -> Result<VolumeDescriptor> {
+    let path = input.path;
     let archive = Blob::file(path)?.open()?;
     let members = members(path, &archive)?;
-    let (mut images, mut arrays) = ([Vec::new(), Vec::new()], Vec::new());
-    let mut scans = 0;
+    let mut found = Found::new(input.formats);
     for member in members {
-        let mut head = Vec::new();
-        let damaged = |e| broken(path, &member, e);
-        let most = npy::MAX_HEAD as u64;
-        let mut reader = open(&archive, &member).take(most);
-        reader.read_to_end(&mut head).map_err(damaged)?;
-        if tiff::is_tiff(&head) {
-            images[0].push(member);
-        } else if png::is_png(&head) {
-            images[1].push(member);
-        } else if npy::is_npy(&head) {
-            arrays.push((member, head));
-        } else if dicom::is_dicom(&head) {
-            scans += 1;
-        } else if let Some(name) = crate::volume::open::reads(&head) {
-            let what = format!("a zip that holds {} ({name})", member.name);
-            return Err(Error::unsupported(
-                path,
-                what,
-                "unpack it, and give that file",
-            ));
-        }
+        found.add(path, &archive, member)?;
     }
+    let Found {
+        images,
+        arrays,
+        scans,
+        ..
+    } = found;
     // pictures beside slices are previews
-    if scans > images[0].len() + images[1].len() + arrays.len() {
-        let what = format!("a zip of {scans} DICOM files");
+    let count: usize = images.iter().map(|(_, members)| members.len()).sum();
+    if scans > count + arrays.len() {
+        let placed = input.formats.iter().find(|f| f.has_placed_slices());
+        let title = placed.map_or("", |format| format.title);
+        let what = format!("a zip of {scans} {title} files");
         return Err(Error::unsupported(
             path,
             what,
             "unpack it, and give the folder",
         ));
     }
-    let [tiffs, pngs] = images;
-    match (tiffs.len(), pngs.len(), arrays.len()) {
-        (1.., 0, 0) => {
-            check_sequence(path, &names(&tiffs))?;
-            tiff::parse(path, unpack(path, &archive, tiffs)?, options)
+    let mut kinds = images.iter().filter(|(_, members)| !members.is_empty());
+    match (kinds.next(), kinds.next(), arrays.len()) {
+        (Some((format, members)), None, 0) => {
+            check_sequence(path, &names(members))?;
+            let blobs = unpack(path, &archive, members.clone())?;
+            format.parse_slices(path, blobs, options)
         }
-        (0, 1.., 0) => {
-            check_sequence(path, &names(&pngs))?;
-            png::parse(path, unpack(path, &archive, pngs)?, options)
-        }
-        (0, 0, 1..) => numpy(path, arrays),
-        (t, p, n) => {
-            let what = format!("a zip of {t} TIFF, {p} PNG and {n} NumPy files");
-            let hint = "a zip must hold one volume: a stack or slices in TIFF or PNG, or an array";
+        (None, _, 1..) => numpy(path, arrays),
+        (_, _, n) => {
+            let counts = images
+                .iter()
+                .map(|(format, members)| format!("{} {}", members.len(), format.title));
+            let counts: Vec<String> = counts.collect();
+            let what = format!("a zip of {} and {n} NumPy files", counts.join(", "));
+            let titles: Vec<&str> = images.iter().map(|(format, _)| format.title).collect();
+            let titles = listed(&titles, "or");
+            let hint =
+                format!("a zip must hold one volume: a stack or slices in {titles}, or an array");
             Err(Error::unsupported(path, what, hint))
         }
+    }
+}
+
+/// What the files of an archive are.
+struct Found {
+    formats: &'static [Format],
+    /// Slices in the order of their names, by their formats.
+    images: Vec<(&'static Format, Vec<Member>)>,
+    /// Arrays with their first bytes.
+    arrays: Vec<(Member, Vec<u8>)>,
+    /// Slices that say where they lie.
+    scans: usize,
+}
+
+impl Found {
+    fn new(formats: &'static [Format]) -> Self {
+        let ordered = formats.iter().filter(|f| f.has_ordered_slices());
+        Found {
+            formats,
+            images: ordered.map(|format| (format, Vec::new())).collect(),
+            arrays: Vec::new(),
+            scans: 0,
+        }
+    }
+
+    fn add(&mut self, path: &Path, archive: &Bytes, member: Member) -> Result<()> {
+        let mut head = Vec::new();
+        let damaged = |e| broken(path, &member, e);
+        let most = npy::MAX_HEAD as u64;
+        let mut reader = open(archive, &member).take(most);
+        reader.read_to_end(&mut head).map_err(damaged)?;
+        let mut placed = self.formats.iter().filter(|f| f.has_placed_slices());
+        let image = self
+            .images
+            .iter_mut()
+            .find(|(format, _)| (format.starts)(&head));
+        if let Some((_, members)) = image {
+            members.push(member);
+        } else if npy::is_npy(&head) {
+            self.arrays.push((member, head));
+        } else if placed.any(|format| (format.starts)(&head)) {
+            self.scans += 1;
+        } else if let Some(title) = title_of(self.formats, &head) {
+            let what = format!("a zip that holds {} ({title})", member.name);
+            let hint = "unpack it, and give that file";
+            return Err(Error::unsupported(path, what, hint));
+        }
+        Ok(())
     }
 }
 

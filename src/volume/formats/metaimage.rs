@@ -9,8 +9,11 @@
 use crate::error::{Error, Result};
 use crate::grid::{Dims, Origin, Placement, Provenance, Unit};
 use crate::volume::adapters::values::Values;
-use crate::volume::io::descriptor::{Data, Encoding, Samples, Start, VolumeDescriptor};
+use crate::volume::descriptor::{Samples, VolumeDescriptor};
+use crate::volume::format::Format;
+use crate::volume::io::data::{Data, Encoding, Start};
 use crate::volume::io::text::{self, Field, Lines};
+use crate::volume::options::Choice;
 use crate::volume::stated::size::{Step, voxel_size};
 use crate::volume::stated::warning::Warning;
 use crate::volume::{Dtype, Endian};
@@ -41,6 +44,19 @@ const FIRST_KEYS: &[&str] = &[
     "transformmatrix",
     "transformtype",
 ];
+
+/// The format.
+pub(crate) const FORMAT: Format = Format {
+    name: "metaimage",
+    title: "MetaImage",
+    extensions: &["mhd", "mha"],
+    takes: &[Choice::Resample],
+    starts: is_metaimage,
+    begins: Some("a MetaImage header, which begins with ObjectType or NDims"),
+    headers: &["mhd"],
+    parse: Some(|input, _| parse(input.path)),
+    ..Format::BASE
+};
 
 /// True if a file begins as a MetaImage header does.
 pub(crate) fn is_metaimage(head: &[u8]) -> bool {

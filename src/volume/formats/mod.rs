@@ -3,7 +3,6 @@
 pub(crate) mod archive;
 #[cfg(feature = "dicom")]
 pub(crate) mod dicom;
-pub(crate) mod disabled;
 pub(crate) mod folder;
 pub(crate) mod foreign;
 #[cfg(feature = "hdf5")]
@@ -12,16 +11,17 @@ pub(crate) mod metaimage;
 pub(crate) mod nifti;
 pub(crate) mod npy;
 pub(crate) mod nrrd;
-mod png;
+mod optional;
+pub(crate) mod png;
 mod skyscan;
 pub(crate) mod tiff;
 pub(crate) mod vti;
 #[cfg(feature = "zarr")]
-mod zarr;
+pub(crate) mod zarr;
 
 #[cfg(not(feature = "dicom"))]
-pub(crate) use disabled::dicom;
+pub(crate) use optional::dicom;
 #[cfg(not(feature = "hdf5"))]
-pub(crate) use disabled::hdf5;
+pub(crate) use optional::hdf5;
 #[cfg(not(feature = "zarr"))]
-pub(crate) use disabled::zarr;
+pub(crate) use optional::zarr;

@@ -6,7 +6,9 @@
 
 use crate::error::{Error, Result};
 use crate::grid::Dims;
-use crate::volume::io::descriptor::{Data, Encoding, Samples, Start, VolumeDescriptor};
+use crate::volume::descriptor::{Samples, VolumeDescriptor};
+use crate::volume::format::Format;
+use crate::volume::io::data::{Data, Encoding, Start};
 use crate::volume::io::text;
 use crate::volume::{Dtype, Endian};
 use std::path::{Path, PathBuf};
@@ -14,6 +16,16 @@ use std::path::{Path, PathBuf};
 const MAGIC: &[u8] = b"\x93NUMPY";
 /// A longer header belongs to no plain array.
 pub(crate) const MAX_HEAD: usize = 4096;
+
+/// The format.
+pub(crate) const FORMAT: Format = Format {
+    name: "numpy",
+    title: "NumPy",
+    extensions: &["npy", "npz"],
+    starts: is_npy,
+    parse: Some(|input, _| parse(input.path, input.head)),
+    ..Format::BASE
+};
 
 /// True if a file begins as a NumPy array does.
 pub(crate) fn is_npy(head: &[u8]) -> bool {

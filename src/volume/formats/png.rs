@@ -5,14 +5,28 @@
 
 use crate::error::{Error, Result};
 use crate::grid::{Dims, MAX_DIM};
+use crate::volume::descriptor::{Samples, VolumeDescriptor};
+use crate::volume::format::{Format, Slices};
 use crate::volume::io::blob::Blob;
-use crate::volume::io::descriptor::{Samples, VolumeDescriptor};
 use crate::volume::io::paged::{Cut, MAX_CHUNK, Page, Pages};
-use crate::volume::open::OpenOptions;
+use crate::volume::options::OpenOptions;
 use crate::volume::{Dtype, Endian};
 use std::path::Path;
 
 const MAGIC: &[u8] = b"\x89PNG\r\n\x1a\n";
+
+/// The format, of slices alone.
+pub(crate) const FORMAT: Format = Format {
+    name: "png",
+    title: "PNG",
+    extensions: &["png"],
+    starts: is_png,
+    slices: Some(Slices {
+        parse,
+        placed: false,
+    }),
+    ..Format::BASE
+};
 
 /// True if a file begins as PNG does.
 pub(crate) fn is_png(head: &[u8]) -> bool {

@@ -3,7 +3,7 @@
 
 use crate::error::{Error, Result};
 use crate::grid::Origin;
-use crate::volume::io::descriptor::VolumeDescriptor;
+use crate::volume::descriptor::VolumeDescriptor;
 use crate::volume::stated::size::{self, Step};
 use crate::volume::stated::warning::Warning;
 use std::io::Read;

@@ -2,7 +2,7 @@
 
 use crate::error::{Error, Result};
 use crate::volume::io::byte_source::FileSource;
-use crate::volume::io::descriptor;
+use crate::volume::io::data;
 use std::fs::File;
 use std::io::{BufReader, Read, Seek, SeekFrom};
 use std::os::unix::fs::FileExt;
@@ -29,7 +29,7 @@ impl Blob {
             file: None,
             whole: true,
             offset: 0,
-            len: descriptor::file_len(path)?,
+            len: data::file_len(path)?,
         })
     }
 
@@ -61,7 +61,7 @@ impl Blob {
     pub(crate) fn open(&self) -> Result<Bytes> {
         let file = match &self.file {
             Some(file) => file.clone(),
-            None => Arc::new(descriptor::open_file(&self.path)?),
+            None => Arc::new(data::open_file(&self.path)?),
         };
         Ok(Bytes {
             path: self.path.clone(),

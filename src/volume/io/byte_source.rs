@@ -3,7 +3,7 @@
 //! All sources show one string of bytes, the samples of the volume from the first to the last.
 
 use crate::error::{Error, Result};
-use crate::volume::io::descriptor::open_file;
+use crate::volume::io::data::open_file;
 use crate::volume::io::mmap::Map;
 use std::fs::File;
 use std::ops::Range;

@@ -6,18 +6,13 @@
 
 use crate::error::Result;
 use crate::grid::Dims;
-use crate::volume::adapters::decoded_once::{Parts, Shared, Unpacked};
-use crate::volume::{Header, Volume, check_box};
+use crate::volume::io::chunk_cache::{self, ChunkCache};
+use crate::volume::io::decoded_once::{Parts, Shared, Unpacked};
+use crate::volume::{Header, Volume};
 use rayon::prelude::*;
-use std::collections::{HashMap, VecDeque};
 use std::ops::Range;
 use std::path::Path;
-use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
-
-/// The cache holds at least this much, or the whole volume.
-const MIN_CACHE: u64 = 16 << 20;
-/// The cache never holds more.
-const MAX_CACHE: u64 = 128 << 20;
+use std::sync::Arc;
 
 /// The chunks of a volume, in a regular grid from its first voxel on.
 pub(crate) trait Chunks: Send + Sync {
@@ -61,35 +56,7 @@ pub(crate) struct ChunkedVolume {
     header: Header,
     chunks: Box<dyn Chunks>,
     shape: [u32; 3],
-    cache: Mutex<Cache>,
-    budget: u64,
-}
-
-/// Decoded chunks; what came first leaves first.
-#[derive(Default)]
-struct Cache {
-    chunks: HashMap<[u32; 3], Arc<Vec<u8>>>,
-    order: VecDeque<[u32; 3]>,
-    bytes: u64,
-}
-
-impl Cache {
-    fn insert(&mut self, key: [u32; 3], chunk: Arc<Vec<u8>>, budget: u64) {
-        let len = chunk.len() as u64;
-        if len > budget || self.chunks.insert(key, chunk).is_some() {
-            return;
-        }
-        self.order.push_back(key);
-        self.bytes += len;
-        while self.bytes > budget {
-            let Some(first) = self.order.pop_front() else {
-                return;
-            };
-            if let Some(old) = self.chunks.remove(&first) {
-                self.bytes -= old.len() as u64;
-            }
-        }
-    }
+    cache: ChunkCache<[u32; 3]>,
 }
 
 impl ChunkedVolume {
@@ -102,13 +69,12 @@ impl ChunkedVolume {
         // the chunks that a band of a slab of 64 cubes shares with the next band
         let layers = u64::from((66 + shape[2]) / shape[2] * shape[2]).min(u64::from(dims[2]));
         let band = u64::from(dims[0]) * u64::from(shape[1]) * layers * sample;
-        let budget = band.clamp(MIN_CACHE, MAX_CACHE).min(total);
+        let budget = band.clamp(chunk_cache::LEAST, chunk_cache::MOST).min(total);
         ChunkedVolume {
-            budget,
+            cache: ChunkCache::new(budget),
             header,
             chunks,
             shape,
-            cache: Mutex::default(),
         }
     }
 
@@ -130,7 +96,7 @@ impl ChunkedVolume {
 
     /// Chunks that are decoded together.
     fn batch(&self) -> usize {
-        let fit = self.budget / self.chunk_bytes().max(1);
+        let fit = self.cache.budget() / self.chunk_bytes().max(1);
         (fit as usize).clamp(1, 4 * rayon::current_num_threads())
     }
 
@@ -150,21 +116,16 @@ impl ChunkedVolume {
         all
     }
 
-    fn cache(&self) -> MutexGuard<'_, Cache> {
-        self.cache.lock().unwrap_or_else(PoisonError::into_inner)
-    }
-
     /// A chunk out of the cache, or decoded and, if only a part of it is asked for, put there.
     fn chunk(&self, shared: &Shared) -> Result<Arc<Vec<u8>>> {
-        if let Some(chunk) = self.cache().chunks.get(&shared.index) {
-            return Ok(chunk.clone());
+        if let Some(chunk) = self.cache.get(shared.index) {
+            return Ok(chunk);
         }
         let mut chunk = vec![0; shared.samples() * self.header.dtype.bytes()];
         self.decode(shared, &mut chunk)?;
         let chunk = Arc::new(chunk);
         if shared.part != shared.both {
-            self.cache()
-                .insert(shared.index, chunk.clone(), self.budget);
+            self.cache.insert(shared.index, chunk.clone());
         }
         Ok(chunk)
     }
@@ -212,11 +173,7 @@ impl Volume for ChunkedVolume {
         &self.header
     }
 
-    fn read_box(&self, x: Range<u32>, y: Range<u32>, z: Range<u32>, out: &mut [u8]) -> Result<()> {
-        check_box(&self.header, &x, &y, &z, out.len())?;
-        if out.is_empty() {
-            return Ok(());
-        }
+    fn fill_box(&self, x: Range<u32>, y: Range<u32>, z: Range<u32>, out: &mut [u8]) -> Result<()> {
         let asked = [x, y, z];
         let slice = out.len() / asked[2].len();
         let mut chunks = self.chunks_of(&asked).into_iter().peekable();
@@ -236,10 +193,10 @@ impl Volume for ChunkedVolume {
 
     fn decoded_once(&self, dir: &Path) -> Result<Option<Box<dyn Volume + '_>>> {
         let total = self.header.dims.voxels() * self.header.dtype.bytes() as u64;
-        if total <= self.budget {
+        if total <= self.cache.budget() {
             return Ok(None);
         }
-        *self.cache() = Cache::default();
+        self.cache.clear();
         Ok(Some(Box::new(Unpacked::new(self, dir)?)))
     }
 
@@ -248,7 +205,7 @@ impl Volume for ChunkedVolume {
         // no more are decoded at a time than there are
         let threads = (rayon::current_num_threads() as u64).min(grid.iter().product());
         let batch = self.batch() as u64 * self.chunk_bytes();
-        self.budget + batch + threads * self.chunks.scratch() + self.chunks.kept()
+        self.cache.budget() + batch + threads * self.chunks.scratch() + self.chunks.kept()
     }
 
     fn grain(&self) -> [u32; 3] {
@@ -261,7 +218,6 @@ pub(crate) mod tests {
     use super::*;
     use crate::grid::Placement;
     use crate::volume::{Dtype, Endian};
-    use proptest::prelude::*;
     use std::sync::atomic::{AtomicUsize, Ordering};
 
     /// Chunks of which voxel (x, y, z) has the value x + 10 y + 100 z.
@@ -323,37 +279,6 @@ pub(crate) mod tests {
 
         fn scratch(&self) -> u64 {
             0
-        }
-    }
-
-    proptest! {
-        #[test]
-        fn any_box_of_any_chunks(
-            dims in [2u32..9, 2u32..9, 2u32..9],
-            shape in [1u32..11, 1u32..11, 1u32..11],
-            ends in [(0.0..1.0, 0.0..1.0), (0.0..1.0, 0.0..1.0), (0.0..1.0, 0.0..1.0)],
-        ) {
-            let volume = counted(dims, shape);
-            let asked = [0, 1, 2].map(|a| {
-                let (p, q): (f64, f64) = ends[a];
-                let at = |v: f64| (v * f64::from(dims[a] + 1)) as u32;
-                at(p.min(q))..at(p.max(q))
-            });
-            let [x, y, z] = asked.clone();
-            let mut out = vec![0; 4 * x.len() * y.len() * z.len()];
-            for _ in 0..2 {
-                out.fill(0);
-                volume.read_box(x.clone(), y.clone(), z.clone(), &mut out).unwrap();
-                let mut values = out.as_chunks::<4>().0.iter();
-                for k in z.clone() {
-                    for j in y.clone() {
-                        for i in x.clone() {
-                            let found = u32::from_ne_bytes(*values.next().unwrap());
-                            prop_assert_eq!(found, i + 10 * j + 100 * k);
-                        }
-                    }
-                }
-            }
         }
     }
 }

@@ -2,7 +2,7 @@
 
 use crate::error::Result;
 use crate::volume::io::byte_source::{ByteSource, Rows};
-use crate::volume::{Dtype, Header, Volume, check_box};
+use crate::volume::{Dtype, Header, Volume};
 use std::ops::Range;
 
 /// A header and the bytes of its samples.
@@ -34,11 +34,7 @@ impl Volume for FileVolume {
         &self.header
     }
 
-    fn read_box(&self, x: Range<u32>, y: Range<u32>, z: Range<u32>, out: &mut [u8]) -> Result<()> {
-        check_box(&self.header, &x, &y, &z, out.len())?;
-        if out.is_empty() {
-            return Ok(());
-        }
+    fn fill_box(&self, x: Range<u32>, y: Range<u32>, z: Range<u32>, out: &mut [u8]) -> Result<()> {
         let dims = self.header.dims;
         let sample = self.header.dtype.bytes();
         let at = |k: u32| dims.linear([x.start, y.start, k]) * sample as u64;

@@ -2,12 +2,13 @@
 
 pub(crate) mod blob;
 pub(crate) mod byte_source;
+pub(crate) mod chunk_cache;
 #[cfg(any(feature = "hdf5", feature = "zarr"))]
 pub(crate) mod chunked;
-pub(crate) mod descriptor;
+pub(crate) mod data;
+pub(crate) mod decoded_once;
 pub(crate) mod file;
 mod mmap;
 pub(crate) mod paged;
-pub(crate) mod stamp;
 mod stream;
 pub(crate) mod text;

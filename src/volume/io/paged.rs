@@ -5,18 +5,14 @@
 //! reads a slab band by band, has them decoded once, see [`Unpacked`].
 
 use crate::error::Result;
-use crate::volume::adapters::decoded_once::{Parts, Shared, Unpacked};
-use crate::volume::{Header, Volume, check_box};
+use crate::volume::io::chunk_cache::{self, ChunkCache};
+use crate::volume::io::decoded_once::{Parts, Shared, Unpacked};
+use crate::volume::{Header, Volume};
 use rayon::prelude::*;
-use std::collections::{HashMap, VecDeque};
 use std::ops::Range;
 use std::path::{Path, PathBuf};
-use std::sync::{Arc, Mutex, PoisonError};
+use std::sync::Arc;
 
-/// The cache holds at least this much, or the whole volume.
-const MIN_CACHE: u64 = 16 << 20;
-/// The cache never holds more, unless a single chunk is larger.
-const MAX_CACHE: u64 = 128 << 20;
 /// Chunks of at most this many rows are decoded in any order; larger ones take turns.
 const FINE_ROWS: u32 = 64;
 /// Larger chunks are refused: each is decoded in memory.
@@ -66,39 +62,11 @@ pub(crate) trait Page {
 pub(crate) struct PagedVolume {
     header: Header,
     pages: Box<dyn Pages>,
-    cache: Mutex<Cache>,
-    budget: u64,
+    /// Chunks by page and index.
+    cache: ChunkCache<(u32, u32)>,
     /// Bytes of the largest chunk.
     chunk: u64,
     random: bool,
-}
-
-/// Chunks by page and index; what came first leaves first.
-#[derive(Default)]
-struct Cache {
-    chunks: HashMap<(u32, u32), Arc<Vec<u8>>>,
-    order: VecDeque<(u32, u32)>,
-    bytes: u64,
-}
-
-impl Cache {
-    fn insert(&mut self, key: (u32, u32), chunk: Arc<Vec<u8>>, budget: u64) {
-        let len = chunk.len() as u64;
-        if let Some(old) = self.chunks.insert(key, chunk) {
-            self.bytes -= old.len() as u64;
-        } else {
-            self.order.push_back(key);
-        }
-        self.bytes += len;
-        while self.bytes > budget {
-            let Some(first) = self.order.pop_front() else {
-                return;
-            };
-            if let Some(old) = self.chunks.remove(&first) {
-                self.bytes -= old.len() as u64;
-            }
-        }
-    }
 }
 
 impl PagedVolume {
@@ -108,15 +76,14 @@ impl PagedVolume {
         let (voxels, rows) = pages.largest();
         let chunk = if rows == 0 { 0 } else { voxels * sample };
         let budget = (header.dims.slice_voxels() * sample * 4)
-            .clamp(MIN_CACHE, MAX_CACHE)
+            .clamp(chunk_cache::LEAST, chunk_cache::MOST)
             .max(chunk)
             .min(total.max(chunk));
         PagedVolume {
             random: rows <= FINE_ROWS || total <= budget,
-            budget: if rows == 0 { 0 } else { budget },
+            cache: ChunkCache::new(if rows == 0 { 0 } else { budget }),
             header,
             pages,
-            cache: Mutex::default(),
             chunk,
         }
     }
@@ -187,14 +154,13 @@ impl PagedVolume {
 
     /// A chunk out of the cache, or decoded and put there.
     fn chunk(&self, page: &dyn Page, key: (u32, u32), bytes: usize) -> Result<Arc<Vec<u8>>> {
-        let cache = || self.cache.lock().unwrap_or_else(PoisonError::into_inner);
-        if let Some(chunk) = cache().chunks.get(&key) {
-            return Ok(chunk.clone());
+        if let Some(chunk) = self.cache.get(key) {
+            return Ok(chunk);
         }
         let mut chunk = vec![0; bytes];
         page.decode(key.1, &mut chunk)?;
         let chunk = Arc::new(chunk);
-        cache().insert(key, chunk.clone(), self.budget);
+        self.cache.insert(key, chunk.clone());
         Ok(chunk)
     }
 }
@@ -243,11 +209,7 @@ impl Volume for PagedVolume {
         &self.header
     }
 
-    fn read_box(&self, x: Range<u32>, y: Range<u32>, z: Range<u32>, out: &mut [u8]) -> Result<()> {
-        check_box(&self.header, &x, &y, &z, out.len())?;
-        if out.is_empty() {
-            return Ok(());
-        }
+    fn fill_box(&self, x: Range<u32>, y: Range<u32>, z: Range<u32>, out: &mut [u8]) -> Result<()> {
         let slice = out.len() / z.len();
         out.par_chunks_exact_mut(slice)
             .enumerate()
@@ -261,26 +223,25 @@ impl Volume for PagedVolume {
     fn decoded_once(&self, dir: &Path) -> Result<Option<Box<dyn Volume + '_>>> {
         let total = self.header.dims.voxels() * self.header.dtype.bytes() as u64;
         // pages that are not packed are read as they are
-        if self.chunk == 0 || total <= self.budget {
+        if self.chunk == 0 || total <= self.cache.budget() {
             return Ok(None);
         }
-        *self.cache.lock().unwrap_or_else(PoisonError::into_inner) = Cache::default();
+        self.cache.clear();
         Ok(Some(Box::new(Unpacked::new(self, dir)?)))
     }
 
     fn held_bytes(&self) -> u64 {
         // besides the cache and tags, every thread decodes one chunk and has a buffer of its own
         let threads = rayon::current_num_threads() as u64;
-        self.budget + (2 << 20) + threads * (self.chunk + (1 << 20))
+        self.cache.budget() + (2 << 20) + threads * (self.chunk + (1 << 20))
     }
 }
 
 #[cfg(test)]
-mod tests {
+pub(crate) mod tests {
     use super::*;
     use crate::grid::{Dims, Placement};
     use crate::volume::{Dtype, Endian};
-    use proptest::prelude::*;
     use std::sync::atomic::{AtomicUsize, Ordering};
 
     /// Pages of which voxel (x, y, z) has the value x + 10 y + 100 z, cut in ways that take turns.
@@ -335,7 +296,8 @@ mod tests {
         }
     }
 
-    fn counting(
+    /// A volume of them.
+    pub(crate) fn counting(
         [nx, ny, nz]: [u32; 3],
         cuts: &[(u32, u32, bool)],
     ) -> (PagedVolume, Arc<AtomicUsize>) {
@@ -359,35 +321,6 @@ mod tests {
         };
         let decoded = pages.decoded.clone();
         (PagedVolume::new(header, Box::new(pages)), decoded)
-    }
-
-    proptest! {
-        #[test]
-        fn any_box_of_any_pages(
-            dims in [2u32..9, 2u32..9, 2u32..9],
-            cuts in prop::collection::vec((1u32..11, 1u32..11, any::<bool>()), 1..4),
-            ends in [(0.0..1.0, 0.0..1.0), (0.0..1.0, 0.0..1.0), (0.0..1.0, 0.0..1.0)],
-        ) {
-            let (volume, _) = counting(dims, &cuts);
-            let dir = tempfile::tempdir().unwrap();
-            let once = Unpacked::new(&volume, dir.path()).unwrap();
-            let [x, y, z] = [0, 1, 2].map(|a| {
-                let (p, q): (f64, f64) = ends[a];
-                let at = |v: f64| (v * f64::from(dims[a] + 1)) as u32;
-                at(p.min(q))..at(p.max(q))
-            });
-            let mut known = Vec::new();
-            for k in z.clone() {
-                for j in y.clone() {
-                    known.extend(x.clone().flat_map(|i| (i + 10 * j + 100 * k).to_ne_bytes()));
-                }
-            }
-            for volume in [&volume as &dyn Volume, &once, &volume, &once] {
-                let mut found = vec![0; known.len()];
-                volume.read_box(x.clone(), y.clone(), z.clone(), &mut found).unwrap();
-                prop_assert_eq!(&found, &known);
-            }
-        }
     }
 
     #[test]

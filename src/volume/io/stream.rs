@@ -2,7 +2,7 @@
 
 use crate::error::{Error, Result};
 use crate::volume::io::byte_source::{ByteSource, Part, Rows};
-use crate::volume::io::descriptor::{Encoding, open_file};
+use crate::volume::io::data::{Encoding, open_file};
 use flate2::bufread::{DeflateDecoder, GzDecoder, ZlibDecoder};
 use std::collections::VecDeque;
 use std::fs::File;

@@ -1,7 +1,7 @@
 //! Text headers: bounded lines, numbers, numbered file names, axes.
 
 use crate::error::{Error, Result};
-use crate::volume::io::descriptor;
+use crate::volume::io::data;
 use std::fs::File;
 use std::io::{BufRead, BufReader, Read};
 use std::path::{Path, PathBuf};
@@ -20,7 +20,7 @@ pub(crate) struct Lines {
 impl Lines {
     pub(crate) fn open(path: &Path) -> Result<Self> {
         Ok(Lines {
-            reader: BufReader::new(descriptor::open_file(path)?),
+            reader: BufReader::new(data::open_file(path)?),
             path: path.to_path_buf(),
             position: 0,
         })

@@ -3,22 +3,20 @@
 use crate::error::{Error, Result};
 use crate::grid::length::Length;
 use crate::grid::{Origin, Placement, Provenance, Unit};
-use crate::volume::io::descriptor::VolumeDescriptor;
-use crate::volume::open::OpenOptions;
+use crate::volume::options::OpenOptions;
 use std::path::Path;
 
-/// The placement that the file and the options make together, checked.
+/// The placement that the one of the file and the options make together, checked.
 ///
 /// # Errors
 /// [`Error::Usage`] for options that are incomplete or contradict the file, [`Error::Format`] and
 /// [`Error::Unsupported`] for what is wrong with the file's own placement.
 pub(crate) fn place(
     path: &Path,
-    recipe: &VolumeDescriptor,
+    mut placement: Placement,
+    mut provenance: Provenance,
     options: &OpenOptions,
 ) -> Result<(Placement, Provenance)> {
-    let mut placement = recipe.placement;
-    let mut provenance = recipe.provenance;
     match (options.spacing, options.unit) {
         (None, None) => {}
         (None, Some(unit)) => convert(path, unit, &mut placement, &mut provenance)?,
@@ -148,9 +146,6 @@ fn move_origin(unit: Unit, placement: &mut Placement, provenance: &mut Provenanc
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::grid::Dims;
-    use crate::volume::Dtype;
-    use crate::volume::io::descriptor::{Data, Encoding, Samples, Start};
 
     /// A file that states a size of 0.05 at 1, 2, 3, in a unit that it states or not.
     fn placed(
@@ -159,26 +154,25 @@ mod tests {
         spacing: Option<f64>,
         unit: Option<Unit>,
     ) -> Result<(Placement, Provenance)> {
-        let data = Data {
-            files: Vec::new(),
-            start: Start::UNSTATED,
-            encoding: Encoding::Raw,
+        let mut placement = Placement {
+            unit: own,
+            origin: [1.0, 2.0, 3.0],
+            ..Placement::default()
         };
-        let dims = Dims::new([2; 3]).unwrap();
-        let mut recipe = VolumeDescriptor::new("nrrd", dims, Dtype::U8, Samples::Files(data));
-        recipe.placement.unit = own;
-        recipe.placement.origin = [1.0, 2.0, 3.0];
-        recipe.provenance.unit = stated[1];
+        let mut provenance = Provenance {
+            unit: stated[1],
+            ..Provenance::default()
+        };
         if stated[0] == Origin::File {
-            recipe.placement.spacing = [0.05; 3];
-            recipe.provenance.spacing = [Origin::File; 3];
+            placement.spacing = [0.05; 3];
+            provenance.spacing = [Origin::File; 3];
         }
         let options = OpenOptions {
             spacing: spacing.map(|s| [s; 3]),
             unit,
             ..OpenOptions::default()
         };
-        place(Path::new("v.nrrd"), &recipe, &options)
+        place(Path::new("v.nrrd"), placement, provenance, &options)
     }
 
     const STATED: [Origin; 2] = [Origin::File; 2];

@@ -331,6 +331,9 @@ pub const OF_BYTES: &[(&str, Base, Code, Edit)] = &[
         Code::Paint,
         |f| legend(f, repainted),
     ),
+    ("an SVG legend of other colours", Part, Code::Paint, |f| {
+        f.get_mut("legend.svg").unwrap().extend(b"<!-- -->")
+    }),
     ("a legend with a text in it", Part, Code::Paint, |f| {
         legend(f, |png| {
             let text = [

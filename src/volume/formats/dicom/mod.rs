@@ -27,10 +27,12 @@ use crate::error::{Error, Result};
 use crate::grid::{Dims, Origin, Placement, Provenance, Unit};
 use crate::volume::adapters::resample::Grid;
 use crate::volume::adapters::values::{Linear, Scale, Values};
+use crate::volume::descriptor::{Samples, VolumeDescriptor};
+use crate::volume::format::{Format, Slices};
+use crate::volume::formats::optional;
 use crate::volume::io::blob::Blob;
-use crate::volume::io::descriptor::{Samples, VolumeDescriptor};
 use crate::volume::io::paged::MAX_CHUNK;
-use crate::volume::open::OpenOptions;
+use crate::volume::options::OpenOptions;
 use crate::volume::stated::warning::Warning;
 use element::Fragment;
 use frame::{Cell, Image, Rescale, Step};
@@ -40,7 +42,16 @@ use series::Candidate;
 use std::path::Path;
 use std::sync::Arc;
 
-pub(crate) use element::is_dicom;
+/// The format.
+pub(crate) const FORMAT: Format = Format {
+    starts: element::is_dicom,
+    parse: Some(|input, options| parse(input.path, vec![Blob::file(input.path)?], options)),
+    slices: Some(Slices {
+        parse,
+        placed: true,
+    }),
+    ..optional::dicom::FORMAT
+};
 
 /// Opens the volume in these files.
 ///

@@ -11,11 +11,13 @@ use crate::error::{Error, Result};
 use crate::grid::Dims;
 use crate::sys::atomic_file::directory;
 use crate::volume::Dtype;
-use crate::volume::formats::{dicom, foreign, png, skyscan, tiff, zarr};
+use crate::volume::descriptor::{Samples, VolumeDescriptor};
+use crate::volume::format::{Format, Input, listed, title_of};
+use crate::volume::formats::{foreign, skyscan};
 use crate::volume::io::blob::Blob;
-use crate::volume::io::descriptor::{Data, Encoding, Samples, Start, VolumeDescriptor};
+use crate::volume::io::data::{Data, Encoding, Start};
 use crate::volume::io::text::Pattern;
-use crate::volume::open::{OpenOptions, reads};
+use crate::volume::options::OpenOptions;
 use others::{Others, nothing};
 use std::cmp::Ordering;
 use std::collections::BTreeMap;
@@ -29,9 +31,21 @@ const MAX_FILES: usize = 1 << 20;
 /// # Errors
 /// [`Error::Format`] if slices are missing, damaged or differ, [`Error::Unsupported`] by name for
 /// slices of other formats, [`Error::Usage`] if raw slices lack a size or type.
-pub(crate) fn parse(path: &Path, options: &OpenOptions) -> Result<VolumeDescriptor> {
-    if zarr::is_zarr(path) && options.dims.is_none() {
-        return zarr::parse(path, options);
+pub(crate) fn parse(
+    path: &Path,
+    formats: &'static [Format],
+    options: &OpenOptions,
+) -> Result<VolumeDescriptor> {
+    let whole = formats.iter().find(|format| format.is_folder(path));
+    if let Some(parse) = whole.and_then(|format| format.parse)
+        && options.dims.is_none()
+    {
+        let input = Input {
+            path,
+            head: &[],
+            formats,
+        };
+        return parse(&input, options);
     }
     if options.dims.is_none() {
         foreign::refuse_folder(path)?;
@@ -41,7 +55,7 @@ pub(crate) fn parse(path: &Path, options: &OpenOptions) -> Result<VolumeDescript
         return Err(Error::unsupported(path, "the N5 format", hint));
     }
     let files = list(path)?;
-    these(path, files.clone(), &files, options)
+    these(path, files.clone(), &files, formats, options)
 }
 
 /// True for a folder of N5: its metadata name its version, or the blocks of an array.
@@ -60,7 +74,11 @@ fn is_n5(path: &Path) -> Result<bool> {
 ///
 /// # Errors
 /// As for a folder.
-pub(crate) fn numbered(path: &Path, options: &OpenOptions) -> Option<Result<VolumeDescriptor>> {
+pub(crate) fn numbered(
+    path: &Path,
+    formats: &'static [Format],
+    options: &OpenOptions,
+) -> Option<Result<VolumeDescriptor>> {
     let pattern = Pattern::parse(&name(path))?;
     let folder = directory(path);
     Some(list(folder).and_then(|all| {
@@ -71,7 +89,7 @@ pub(crate) fn numbered(path: &Path, options: &OpenOptions) -> Option<Result<Volu
             let expected = "files with numbers in place of the % and what follows it";
             return Err(Error::format(path, found, expected));
         }
-        these(path, files, &all, options)
+        these(path, files, &all, formats, options)
     }))
 }
 
@@ -80,56 +98,36 @@ fn these(
     path: &Path,
     files: Vec<PathBuf>,
     all: &[PathBuf],
+    formats: &'static [Format],
     options: &OpenOptions,
 ) -> Result<VolumeDescriptor> {
     if let (Some(dims), Some(dtype)) = (options.dims, options.dtype) {
         return raw(path, files, dims, dtype, options);
     }
-    let (mut images, mut scans) = ([Vec::new(), Vec::new()], Vec::new());
-    let mut others = Others::default();
-    for file in files.clone() {
-        let blob = Blob::file(&file)?;
-        let head = blob.head(400)?;
-        let extension = file.extension().unwrap_or_default().to_ascii_lowercase();
-        if tiff::is_tiff(&head) {
-            images[0].push(file);
-        } else if png::is_png(&head) {
-            images[1].push(file);
-        } else if dicom::is_dicom(&head) {
-            scans.push(blob);
-        } else if ["tif", "tiff", "png"].iter().any(|e| extension == *e) {
-            let begin = head[..head.len().min(16)].escape_ascii();
-            let found = format!("a file that begins with \"{begin}\"");
-            return Err(
-                Error::format(file, found, "a TIFF or PNG, as its name says").with_hint(
-                    "a slice is damaged: replace it, or take the file out of the folder",
-                ),
-            );
-        } else if reads(&head).is_some() {
-            others.volumes.push(file);
-        } else if let Some(name) = foreign::named(&file, &head) {
-            others.foreign.push((name, file));
-        }
-    }
-    let [tiffs, pngs] = images;
+    let found = Found::among(files.clone(), formats)?;
+    let Found {
+        pictures,
+        mut scans,
+        others,
+    } = found;
+    let placed = formats.iter().find(|f| f.has_placed_slices());
     // one picture alone is no volume, and beside folders of slices a preview
-    let alone = tiffs.is_empty() && pngs.len() < 2;
-    if path.is_dir() && (!scans.is_empty() || (alone && !pngs.is_empty())) {
-        scans.extend(below(path)?);
+    let alone =
+        |(format, files): &(&Format, Vec<PathBuf>)| format.parse.is_none() && files.len() < 2;
+    let previews = !pictures.is_empty() && pictures.iter().all(alone);
+    if path.is_dir() && (!scans.is_empty() || previews) {
+        scans.extend(below(path, formats)?);
     }
     // pictures beside the slices are previews
-    if scans.len() > tiffs.len() + pngs.len() {
-        return dicom::parse(path, scans, options);
+    let count: usize = pictures.iter().map(|(_, files)| files.len()).sum();
+    if scans.len() > count
+        && let Some(format) = placed
+    {
+        return format.parse_slices(path, scans, options);
     }
-    match (tiffs.is_empty(), pngs.is_empty()) {
-        (false, true) => pictures(path, tiffs, all, |blobs| tiff::parse(path, blobs, options)),
-        (true, false) => pictures(path, pngs, all, |blobs| png::parse(path, blobs, options)),
-        (false, false) => Err(Error::format(
-            path,
-            format!("{} TIFF and {} PNG files", tiffs.len(), pngs.len()),
-            "slices of one format",
-        )),
-        (true, true) => {
+    match &pictures[..] {
+        [(format, files)] => ordered(path, format, files.clone(), all, options),
+        [] => {
             let raw_options = options.of_headerless();
             if let (Some(dims), Some(dtype)) = (raw_options.dims, raw_options.dtype)
                 && !files.is_empty()
@@ -138,25 +136,83 @@ fn these(
                 return raw(path, files, dims, dtype, &raw_options);
             }
             let below = if path.is_dir() {
-                below(path)?
+                below(path, formats)?
             } else {
                 Vec::new()
             };
-            match below.is_empty() {
-                true => Err(nothing(path, &others)),
-                false => dicom::parse(path, below, options),
+            match placed.filter(|_| !below.is_empty()) {
+                Some(format) => format.parse_slices(path, below, options),
+                None => Err(nothing(path, &others, formats)),
             }
         }
+        several => {
+            let counts = several
+                .iter()
+                .map(|(format, files)| format!("{} {}", files.len(), format.title));
+            let counts: Vec<String> = counts.collect();
+            let found = format!("{} files", counts.join(" and "));
+            Err(Error::format(path, found, "slices of one format"))
+        }
+    }
+}
+
+/// True for the first bytes of a slice that says where it lies.
+fn is_placed(format: &Format, head: &[u8]) -> bool {
+    format.has_placed_slices() && (format.starts)(head)
+}
+
+/// What files are.
+#[derive(Default)]
+struct Found {
+    /// Slices in the order of their names, by their formats in the order of the registry.
+    pictures: Vec<(&'static Format, Vec<PathBuf>)>,
+    /// Slices that say where they lie.
+    scans: Vec<Blob>,
+    others: Others,
+}
+
+impl Found {
+    fn among(files: Vec<PathBuf>, formats: &'static [Format]) -> Result<Self> {
+        let ordered: Vec<&Format> = formats.iter().filter(|f| f.has_ordered_slices()).collect();
+        let mut found = Found {
+            pictures: ordered.iter().map(|format| (*format, Vec::new())).collect(),
+            ..Found::default()
+        };
+        for file in files {
+            let blob = Blob::file(&file)?;
+            let head = blob.head(400)?;
+            let mut pictures = found.pictures.iter_mut();
+            if let Some((_, files)) = pictures.find(|(format, _)| (format.starts)(&head)) {
+                files.push(file);
+            } else if formats.iter().any(|format| is_placed(format, &head)) {
+                found.scans.push(blob);
+            } else if ordered.iter().any(|format| format.has_name(&file)) {
+                let titles: Vec<&str> = ordered.iter().map(|format| format.title).collect();
+                let begin = head[..head.len().min(16)].escape_ascii();
+                let expected = format!("a {}, as its name says", listed(&titles, "or"));
+                let begins = format!("a file that begins with \"{begin}\"");
+                return Err(Error::format(file, begins, expected).with_hint(
+                    "a slice is damaged: replace it, or take the file out of the folder",
+                ));
+            } else if title_of(formats, &head).is_some() {
+                found.others.volumes.push(file);
+            } else if let Some(name) = foreign::named(&file, &head) {
+                found.others.foreign.push((name, file));
+            }
+        }
+        found.pictures.retain(|(_, files)| !files.is_empty());
+        Ok(found)
     }
 }
 
 /// Slices of one format, with what NRecon puts beside them: a picture of the whole scan, and a log with the size of a
 /// voxel.
-fn pictures(
+fn ordered(
     path: &Path,
+    format: &Format,
     files: Vec<PathBuf>,
     all: &[PathBuf],
-    parse: impl FnOnce(Vec<Blob>) -> Result<VolumeDescriptor>,
+    options: &OpenOptions,
 ) -> Result<VolumeDescriptor> {
     let (previews, slices): (Vec<_>, Vec<_>) = files
         .into_iter()
@@ -169,7 +225,7 @@ fn pictures(
     };
     let names = names(&files);
     check_sequence(path, &names)?;
-    let mut recipe = parse(blobs(&files)?)?;
+    let mut recipe = format.parse_slices(path, blobs(&files)?, options)?;
     for preview in &previews {
         let note = format!(
             "{} is taken for a preview of the scan and passed by",
@@ -183,22 +239,18 @@ fn pictures(
     Ok(recipe)
 }
 
-/// True for a folder of which every file may be a part of the volume.
-pub(crate) fn is_whole(path: &Path) -> bool {
-    zarr::is_zarr(path)
-}
-
 /// True for a file that is taken for a slice, in a folder of others.
-pub(crate) fn is_slice(file: &Path) -> bool {
+pub(crate) fn is_slice(file: &Path, formats: &[Format]) -> bool {
     let head = Blob::file(file).and_then(|blob| blob.head(400));
-    head.is_ok_and(|head| tiff::is_tiff(&head) || png::is_png(&head) || dicom::is_dicom(&head))
+    let slices = || formats.iter().filter(|format| format.slices.is_some());
+    head.is_ok_and(|head| slices().any(|format| (format.starts)(&head)))
 }
 
 /// Folders in folders beyond this are not looked into.
 const MAX_DEPTH: u32 = 8;
 
-/// DICOM in the folders of a folder, as scanners write it to discs.
-fn below(path: &Path) -> Result<Vec<Blob>> {
+/// Slices that say where they lie in the folders of a folder, as scanners write DICOM to discs.
+fn below(path: &Path, formats: &[Format]) -> Result<Vec<Blob>> {
     let (mut folders, mut scans) = (vec![(path.to_path_buf(), 0)], Vec::new());
     while let Some((folder, depth)) = folders.pop() {
         let fail = |e| Error::io(&folder, "list", e);
@@ -210,7 +262,8 @@ fn below(path: &Path) -> Result<Vec<Blob>> {
                 folders.push((entry.path(), depth + 1));
             } else if kind.is_file() && depth > 0 {
                 let blob = Blob::file(&entry.path())?;
-                if dicom::is_dicom(&blob.head(132)?) {
+                let head = blob.head(400)?;
+                if formats.iter().any(|format| is_placed(format, &head)) {
                     scans.push(blob);
                 }
             }

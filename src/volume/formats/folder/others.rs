@@ -1,6 +1,7 @@
 //! What a folder holds besides slices, and what to say where it holds no slices at all.
 
 use crate::error::Error;
+use crate::volume::format::{Format, listed};
 use crate::volume::formats::foreign;
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
@@ -15,7 +16,7 @@ pub(crate) struct Others {
 }
 
 /// The refusal of a folder without slices, with what it holds instead.
-pub(crate) fn nothing(path: &Path, others: &Others) -> Error {
+pub(crate) fn nothing(path: &Path, others: &Others, formats: &[Format]) -> Error {
     let shown = |files: &[PathBuf]| {
         let some: Vec<String> = files
             .iter()
@@ -48,11 +49,12 @@ pub(crate) fn nothing(path: &Path, others: &Others) -> Error {
             let what = format!("a folder of {name} files ({}, ...)", first.display());
             Error::unsupported(path, what, foreign::way_of(name))
         }
-        ([], []) => Error::format(
-            path,
-            "a folder without TIFF, PNG or DICOM files",
-            "slices of a volume",
-        )
-        .with_hint("raw slices need --dims and --dtype; a .nhdr header can list them too"),
+        ([], []) => {
+            let slices = formats.iter().filter(|format| format.slices.is_some());
+            let titles: Vec<&str> = slices.map(|format| format.title).collect();
+            let found = format!("a folder without {} files", listed(&titles, "or"));
+            Error::format(path, found, "slices of a volume")
+                .with_hint("raw slices need --dims and --dtype; a .nhdr header can list them too")
+        }
     }
 }

@@ -8,7 +8,7 @@ mod name;
 mod table;
 
 use crate::error::{Error, Result};
-use crate::volume::formats::{metaimage, nifti, nrrd};
+use crate::volume::format::{Format, title_of};
 use crate::volume::io::blob::Blob;
 use described::Described;
 use std::io::Read;
@@ -48,8 +48,8 @@ pub(crate) fn way_of(name: &str) -> &'static str {
 ///
 /// # Errors
 /// [`Error::Unsupported`] by name.
-pub(crate) fn refuse(path: &Path, head: &[u8]) -> Result<()> {
-    if let Some(inside) = unpacked(path, head)? {
+pub(crate) fn refuse(path: &Path, head: &[u8], formats: &'static [Format]) -> Result<()> {
+    if let Some(inside) = unpacked(path, head, formats)? {
         let what = format!("{inside} packed by gzip");
         return Err(Error::unsupported(
             path,
@@ -73,31 +73,35 @@ pub(crate) fn refuse(path: &Path, head: &[u8]) -> Result<()> {
 }
 
 /// The name of what a gzip stream holds, if that is not raw samples.
-fn unpacked(path: &Path, head: &[u8]) -> Result<Option<&'static str>> {
+fn unpacked(path: &Path, head: &[u8], formats: &'static [Format]) -> Result<Option<&'static str>> {
     if !head.starts_with(&[0x1f, 0x8b]) {
         return Ok(None);
     }
-    let file = crate::volume::io::descriptor::open_file(path)?;
+    let file = crate::volume::io::data::open_file(path)?;
     let mut inside = Vec::new();
     let done = flate2::read::GzDecoder::new(file)
         .take(4096)
         .read_to_end(&mut inside);
     let stem = path.with_extension("");
     Ok(match done {
-        Ok(_) => crate::volume::open::reads(&inside).or_else(|| named(&stem, &inside)),
+        Ok(_) => title_of(formats, &inside).or_else(|| named(&stem, &inside)),
         Err(_) => None,
     })
 }
 
 /// What a file beside a headerless one, or its name, says of its size and type: words to give to a user.
-pub(crate) fn suggestion(path: &Path) -> Option<String> {
+pub(crate) fn suggestion(path: &Path, formats: &[Format]) -> Option<String> {
+    let with_headers = || formats.iter().filter(|format| !format.headers.is_empty());
+    let endings: Vec<&str> = with_headers()
+        .flat_map(|format| format.headers)
+        .copied()
+        .collect();
     let len = Blob::file(path).ok()?.len();
-    for beside in beside(path) {
+    for beside in beside(path, &endings) {
         let Ok(head) = Blob::file(&beside).and_then(|b| b.head(HEAD)) else {
             continue;
         };
-        let is_nifti = || nifti::recognise(&head).is_some();
-        if nrrd::is_nrrd(&head) || metaimage::is_metaimage(&head) || is_nifti() {
+        if with_headers().any(|format| (format.starts)(&head)) {
             return Some(format!(
                 "give {}, which says size and type",
                 beside.display()
@@ -120,10 +124,11 @@ pub(crate) fn suggestion(path: &Path) -> Option<String> {
     ))
 }
 
-/// Headers of other programs that may lie beside the samples.
-fn beside(path: &Path) -> Vec<PathBuf> {
-    let endings = ["mhd", "nhdr", "hdr", "vgi", "xtekct", "pcr", "dat", "ini"];
-    let mut all: Vec<PathBuf> = endings.iter().map(|e| path.with_extension(e)).collect();
+/// Headers that may lie beside the samples: with these endings, and those of other programs.
+fn beside(path: &Path, endings: &[&str]) -> Vec<PathBuf> {
+    let others = ["vgi", "xtekct", "pcr", "dat", "ini"];
+    let endings = endings.iter().chain(&others);
+    let mut all: Vec<PathBuf> = endings.map(|e| path.with_extension(e)).collect();
     for ending in ["info", "ini"] {
         let mut name = path.as_os_str().to_owned();
         name.push(format!(".{ending}"));

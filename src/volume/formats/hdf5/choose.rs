@@ -8,7 +8,7 @@ use crate::volume::formats::hdf5::place::Place;
 use crate::volume::formats::hdf5::series::{self, Kind, Member};
 use crate::volume::formats::hdf5::tree::{Item, Tree};
 use crate::volume::formats::hdf5::{broken, described, judged, meaning};
-use crate::volume::open::OpenOptions;
+use crate::volume::options::OpenOptions;
 use hdf5_reader::error::Error as H5Error;
 use hdf5_reader::{Dataset, Hdf5File};
 use std::path::Path;

@@ -23,11 +23,14 @@ mod tree;
 use crate::error::{Error, Result};
 use crate::grid::Dims;
 use crate::volume::adapters::values::Values;
+use crate::volume::descriptor::{Samples, VolumeDescriptor};
+use crate::volume::format::Format;
+use crate::volume::formats::optional;
+use crate::volume::formats::optional::hdf5::SIGNATURE;
 use crate::volume::io::blob::Blob;
 use crate::volume::io::chunked::Chunks;
-use crate::volume::io::descriptor::{Samples, VolumeDescriptor};
 use crate::volume::io::paged::MAX_CHUNK;
-use crate::volume::open::OpenOptions;
+use crate::volume::options::OpenOptions;
 use crate::volume::stated::warning::Warning;
 use crate::volume::stated::written;
 use crate::volume::{Dtype, Endian};
@@ -48,14 +51,16 @@ use std::sync::Arc;
 const LIBRARY_CACHE: usize = 1 << 20;
 /// The first piece is unpacked at once, to see whether that goes, unless it is larger than this.
 const TRIED: u64 = 4 << 20;
-/// What a file begins with, at 0 or behind a block of the user's own of 512 bytes, or 1024, and so on.
-const SIGNATURE: [u8; 8] = *b"\x89HDF\r\n\x1a\n";
+/// The format.
+pub(crate) const FORMAT: Format = Format {
+    looks: Some(|path, _| has_signature_inside(path)),
+    parse: Some(|input, options| parse(input.path, options)),
+    ..optional::hdf5::FORMAT
+};
 
-/// True for a file that begins as HDF5 does, perhaps behind a block of the user's own, as in MATLAB's files.
-pub(crate) fn is_hdf5(path: &Path, head: &[u8]) -> bool {
-    if head.starts_with(&SIGNATURE) {
-        return true;
-    }
+/// True for a file that begins as HDF5 does behind a block of the user's own of 512 bytes, or 1024, and so on, as in
+/// MATLAB's files.
+fn has_signature_inside(path: &Path) -> bool {
     let Ok(bytes) = Blob::file(path).and_then(|blob| blob.open()) else {
         return false;
     };

@@ -6,7 +6,7 @@ use crate::volume::formats::hdf5::geometry::{Along, Geometry};
 use crate::volume::formats::hdf5::minc;
 use crate::volume::formats::hdf5::place::Place;
 use crate::volume::formats::hdf5::tree::{Item, Tree};
-use crate::volume::open::OpenOptions;
+use crate::volume::options::OpenOptions;
 use crate::volume::stated::size::shortest_near;
 use hdf5_reader::Hdf5File;
 use std::collections::BTreeSet;

@@ -12,12 +12,30 @@ use crate::error::{Error, Result};
 use crate::grid::Dims;
 use crate::grid::length::shortest;
 use crate::volume::adapters::values::Values;
-use crate::volume::io::descriptor::{self, Data, Encoding, Samples, Start, VolumeDescriptor};
-use crate::volume::open::OpenOptions;
+use crate::volume::descriptor::{Samples, VolumeDescriptor};
+use crate::volume::format::Format;
+use crate::volume::io::data::{self, Data, Encoding, Start};
+use crate::volume::options::{Choice, OpenOptions};
 use crate::volume::{Dtype, Endian};
 use flate2::read::GzDecoder;
 use std::io::Read;
 use std::path::{Path, PathBuf};
+
+/// The format.
+pub(crate) const FORMAT: Format = Format {
+    name: "nifti",
+    title: "NIfTI",
+    extensions: &["nii", "nii.gz", "hdr"],
+    takes: &[Choice::Resample, Choice::Channel, Choice::Time],
+    starts: |head| recognise(head).is_some(),
+    looks: Some(|path, head| {
+        start(path, head)
+            .is_ok_and(|start| start.is_some_and(|(bytes, _)| recognise(&bytes).is_some()))
+    }),
+    headers: &["hdr"],
+    parse: Some(|input, options| parse(input.path, input.head, options)),
+    ..Format::BASE
+};
 
 /// Bytes of the longer header.
 const LONG: usize = 540;
@@ -37,7 +55,7 @@ fn start(path: &Path, head: &[u8]) -> Result<Option<(Vec<u8>, bool)>> {
         return Ok(Some((head[..head.len().min(LONG)].to_vec(), false)));
     }
     let mut bytes = Vec::new();
-    let file = descriptor::open_file(path)?;
+    let file = data::open_file(path)?;
     let done = GzDecoder::new(file)
         .take(LONG as u64)
         .read_to_end(&mut bytes);
@@ -45,7 +63,7 @@ fn start(path: &Path, head: &[u8]) -> Result<Option<(Vec<u8>, bool)>> {
 }
 
 /// The version and byte order that the size in the first four bytes and the magic show.
-pub(crate) fn recognise(bytes: &[u8]) -> Option<(Endian, bool)> {
+fn recognise(bytes: &[u8]) -> Option<(Endian, bool)> {
     let size = bytes.first_chunk::<4>()?;
     let endian = match (i32::from_le_bytes(*size), i32::from_be_bytes(*size)) {
         (348 | 540, _) => Endian::Little,
@@ -62,22 +80,15 @@ pub(crate) fn recognise(bytes: &[u8]) -> Option<(Endian, bool)> {
     magic(4, [b"n+2\0", b"ni2\0"]).then_some((endian, true))
 }
 
-/// Parses the file if it is NIfTI, plain or packed by gzip.
+/// Parses a file, plain or packed by gzip.
 ///
 /// # Errors
 /// [`Error::Unsupported`] for 64-bit integers and colours; [`Error::Usage`] for one of several times or components
 /// that options do not choose; [`Error::Format`] for headers that contradict themselves.
-pub(crate) fn parse(
-    path: &Path,
-    head: &[u8],
-    options: &OpenOptions,
-) -> Result<Option<VolumeDescriptor>> {
-    let Some((bytes, gzip)) = start(path, head)? else {
-        return Ok(None);
-    };
-    let Some((endian, long)) = recognise(&bytes) else {
-        return Ok(None);
-    };
+pub(crate) fn parse(path: &Path, head: &[u8], options: &OpenOptions) -> Result<VolumeDescriptor> {
+    let other = || Error::format(path, "another header", "one of NIfTI");
+    let (bytes, gzip) = start(path, head)?.ok_or_else(other)?;
+    let (endian, long) = recognise(&bytes).ok_or_else(other)?;
     if bytes.len() < if long { LONG } else { 348 } {
         let found = format!("a header of {} bytes", bytes.len());
         return Err(Error::format(
@@ -92,7 +103,7 @@ pub(crate) fn parse(
         endian,
         long,
     };
-    head.recipe(gzip, options).map(Some)
+    head.recipe(gzip, options)
 }
 
 impl Head<'_> {

@@ -9,12 +9,28 @@ mod space;
 
 use crate::error::{Error, Result};
 use crate::grid::Dims;
-use crate::volume::io::descriptor::{Data, Encoding, Samples, Start, VolumeDescriptor};
+use crate::volume::descriptor::{Samples, VolumeDescriptor};
+use crate::volume::format::Format;
+use crate::volume::io::data::{Data, Encoding, Start};
 use crate::volume::io::text::{self, Field, Lines};
+use crate::volume::options::Choice;
 use crate::volume::stated::warning::Warning;
 use crate::volume::{Dtype, Endian};
 use std::collections::HashMap;
 use std::path::{Path, PathBuf};
+
+/// The format.
+pub(crate) const FORMAT: Format = Format {
+    name: "nrrd",
+    title: "NRRD",
+    extensions: &["nrrd", "nhdr"],
+    takes: &[Choice::Resample],
+    starts: is_nrrd,
+    begins: Some("a NRRD file, which begins with NRRD000"),
+    headers: &["nhdr"],
+    parse: Some(|input, _| parse(input.path)),
+    ..Format::BASE
+};
 
 /// True if a file begins as NRRD does.
 pub(crate) fn is_nrrd(head: &[u8]) -> bool {

@@ -25,13 +25,30 @@ mod xml;
 
 use crate::error::{Error, Result};
 use crate::grid::{Dims, Origin};
+use crate::volume::descriptor::{Samples, VolumeDescriptor};
+use crate::volume::format::{Format, Slices};
 use crate::volume::io::blob::Blob;
-use crate::volume::io::descriptor::{Data, Encoding, Samples, Start, VolumeDescriptor};
-use crate::volume::open::OpenOptions;
+use crate::volume::io::data::{Data, Encoding, Start};
+use crate::volume::options::{Choice, OpenOptions};
 use pages::TiffPages;
 use plan::Plan;
 use std::path::Path;
 use std::sync::Mutex;
+
+/// The format.
+pub(crate) const FORMAT: Format = Format {
+    name: "tiff",
+    title: "TIFF",
+    extensions: &["tif", "tiff"],
+    takes: &[Choice::Series, Choice::Channel, Choice::Time],
+    starts: is_tiff,
+    parse: Some(|input, options| parse(input.path, vec![Blob::file(input.path)?], options)),
+    slices: Some(Slices {
+        parse,
+        placed: false,
+    }),
+    ..Format::BASE
+};
 
 /// True if a file begins as TIFF or BigTIFF does.
 pub(crate) fn is_tiff(head: &[u8]) -> bool {

@@ -9,7 +9,7 @@ use crate::volume::formats::tiff::ome;
 use crate::volume::formats::tiff::plan::{Plan, of_files};
 use crate::volume::formats::tiff::stack::{Stack, choose};
 use crate::volume::io::blob::Blob;
-use crate::volume::open::OpenOptions;
+use crate::volume::options::OpenOptions;
 use std::path::Path;
 
 /// The image that OME-XML describes.

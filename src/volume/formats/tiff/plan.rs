@@ -10,7 +10,7 @@ use crate::volume::formats::tiff::shaped::Shaped;
 use crate::volume::formats::tiff::stack::{About, Chosen, Stack, choose};
 use crate::volume::formats::tiff::{foreign, ome, ome_pages};
 use crate::volume::io::blob::{Blob, Bytes};
-use crate::volume::open::OpenOptions;
+use crate::volume::options::OpenOptions;
 use std::collections::HashMap;
 use std::path::Path;
 

@@ -3,7 +3,7 @@
 use crate::error::{Error, Result};
 use crate::grid::Origin;
 use crate::volume::adapters::values::Values;
-use crate::volume::open::OpenOptions;
+use crate::volume::options::OpenOptions;
 use crate::volume::stated::size::{self, Step, VoxelSize};
 use crate::volume::stated::warning::Warning;
 use std::path::Path;

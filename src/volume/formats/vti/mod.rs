@@ -13,15 +13,27 @@ mod text;
 
 use crate::error::{Error, Result};
 use crate::grid::{Dims, Origin, Placement, Provenance};
+use crate::volume::descriptor::{Samples, VolumeDescriptor};
+use crate::volume::format::Format;
 use crate::volume::io::blob::{Blob, Bytes};
 use crate::volume::io::byte_source::{ByteSource, FileSource};
-use crate::volume::io::descriptor::{Samples, VolumeDescriptor};
-use crate::volume::open::OpenOptions;
+use crate::volume::options::{Choice, OpenOptions};
 use crate::volume::{Dtype, Endian};
 use blocks::{Packing, Place};
 use std::path::Path;
 use std::sync::Arc;
 use tags::Tag;
+
+/// The format.
+pub(crate) const FORMAT: Format = Format {
+    name: "vti",
+    title: "VTK image data",
+    extensions: &["vti"],
+    takes: &[Choice::Resample, Choice::Dataset],
+    starts: is_vti,
+    parse: Some(|input, options| parse(input.path, options)),
+    ..Format::BASE
+};
 
 /// True if a file begins as one of VTK's XML files.
 pub(crate) fn is_vti(head: &[u8]) -> bool {

@@ -1,7 +1,7 @@
 //! Which axes of an array are x, y and z, and which entry of every other one is read.
 
 use crate::error::{Error, Result};
-use crate::volume::open::OpenOptions;
+use crate::volume::options::OpenOptions;
 use crate::volume::stated::axis::{self, LETTERS, Role};
 use std::path::Path;
 

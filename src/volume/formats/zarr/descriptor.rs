@@ -3,6 +3,7 @@
 use crate::error::{Error, Result};
 use crate::grid::{Dims, Placement, Provenance};
 use crate::volume::Dtype;
+use crate::volume::descriptor::{Samples, VolumeDescriptor};
 use crate::volume::formats::zarr::axes::{self, Axis, Chosen};
 use crate::volume::formats::zarr::chunk::ZarrChunks;
 use crate::volume::formats::zarr::count::{self, Count};
@@ -11,9 +12,8 @@ use crate::volume::formats::zarr::meta::Array;
 use crate::volume::formats::zarr::ome::{OmeAxis, Stated};
 use crate::volume::formats::zarr::place::{self, Line, Placed};
 use crate::volume::formats::zarr::{coordinates, foreign};
-use crate::volume::io::descriptor::{Samples, VolumeDescriptor};
 use crate::volume::io::paged::MAX_CHUNK;
-use crate::volume::open::OpenOptions;
+use crate::volume::options::OpenOptions;
 use crate::volume::stated::cf;
 use crate::volume::stated::size::{Step, voxel_size};
 use crate::volume::stated::warning::Warning;

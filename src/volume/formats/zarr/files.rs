@@ -5,7 +5,7 @@ use crate::volume::codecs::blosc::Broken;
 use crate::volume::formats::zarr::codec;
 use crate::volume::formats::zarr::codec::crc32c;
 use crate::volume::formats::zarr::meta::Array;
-use crate::volume::io::descriptor;
+use crate::volume::io::data;
 use std::collections::HashMap;
 use std::fs::File;
 use std::io::ErrorKind;
@@ -76,7 +76,7 @@ impl Files {
     /// # Errors
     /// [`Error::Format`] for what is no regular file.
     pub(crate) fn open(&self, path: &Path) -> Result<Option<(File, u64)>> {
-        let size = match descriptor::file_len(path) {
+        let size = match data::file_len(path) {
             Ok(size) => size,
             // unless all of it is gone
             Err(Error::Io { source, .. })

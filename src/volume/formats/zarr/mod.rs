@@ -22,17 +22,24 @@ mod small;
 mod store;
 mod transform;
 
-pub(crate) use store::is_zarr;
-
 use crate::error::{Error, Result};
-use crate::volume::io::descriptor::VolumeDescriptor;
-use crate::volume::open::OpenOptions;
+use crate::volume::descriptor::VolumeDescriptor;
+use crate::volume::format::Format;
+use crate::volume::formats::optional;
+use crate::volume::options::OpenOptions;
 use descriptor::Source;
 use find::Found;
 use meta::Array;
 use ome::Pyramid;
 use std::path::{Path, PathBuf};
 use store::{Node, node};
+
+/// The format.
+pub(crate) const FORMAT: Format = Format {
+    looks: Some(|path, _| store::is_zarr(path)),
+    parse: Some(|input, options| parse(input.path, options)),
+    ..optional::zarr::FORMAT
+};
 
 /// Opens the array in a folder, or the one in its groups that the options name.
 ///

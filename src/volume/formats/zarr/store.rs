@@ -2,7 +2,7 @@
 
 use crate::error::{Error, Result};
 use crate::volume::formats::zarr::meta::{Array, Meta};
-use crate::volume::io::descriptor;
+use crate::volume::io::data;
 use serde_json::Value;
 use std::io::Read;
 use std::path::{Component, Path, PathBuf};
@@ -51,7 +51,7 @@ pub(crate) fn json(path: &Path) -> Result<Option<Value>> {
         return Ok(None);
     }
     let mut bytes = Vec::new();
-    descriptor::open_file(path)?
+    data::open_file(path)?
         .take(MAX_JSON)
         .read_to_end(&mut bytes)
         .map_err(|e| Error::io(path, "read", e))?;

@@ -2,7 +2,9 @@
 
 use crate::error::{Error, Result};
 use crate::volume::Opened;
+use crate::volume::formats::folder;
 use crate::volume::io::text::Pattern;
+use crate::volume::registry::FORMATS;
 use std::fs::Metadata;
 use std::os::unix::fs::MetadataExt;
 use std::path::{Path, PathBuf};
@@ -245,8 +247,8 @@ fn walk(path: &Path, out: &Path, add: &mut impl FnMut(&Path) -> Result<()>) -> R
     };
     let out = out.canonicalize().ok();
     // every file of a Zarr counts; others may be beside slices, such as notes, and are not read
-    let all = pattern.is_some() || crate::volume::formats::folder::is_whole(path);
-    let counts = |file: &Path| all || crate::volume::formats::folder::is_slice(file);
+    let all = pattern.is_some() || FORMATS.iter().any(|format| format.is_folder(path));
+    let counts = |file: &Path| all || folder::is_slice(file, FORMATS);
     let mut folders = vec![(first, 0)];
     while let Some((folder, depth)) = folders.pop() {
         if out.is_some() && folder.canonicalize().ok() == out {

@@ -5,7 +5,7 @@
 //! has passed them; then others take their place.
 
 use crate::error::{Error, Result};
-use crate::volume::{Header, Volume, check_box};
+use crate::volume::{Header, Volume};
 use rayon::prelude::*;
 use std::collections::HashMap;
 use std::fs::File;
@@ -133,11 +133,7 @@ impl Volume for Unpacked<'_> {
         self.volume.header()
     }
 
-    fn read_box(&self, x: Range<u32>, y: Range<u32>, z: Range<u32>, out: &mut [u8]) -> Result<()> {
-        check_box(self.header(), &x, &y, &z, out.len())?;
-        if out.is_empty() {
-            return Ok(());
-        }
+    fn fill_box(&self, x: Range<u32>, y: Range<u32>, z: Range<u32>, out: &mut [u8]) -> Result<()> {
         let asked = [x, y, z];
         let parts = self.slots(self.volume.parts_of(&asked)?)?;
         let slice = out.len() / asked[2].len();
@@ -316,36 +312,8 @@ impl Drop for Decoding<'_> {
 mod tests {
     use super::*;
     use crate::volume::io::chunked::ChunkedVolume;
-    use crate::volume::io::chunked::tests::{Counting, counted};
-    use proptest::prelude::*;
+    use crate::volume::io::chunked::tests::Counting;
     use std::sync::atomic::{AtomicUsize, Ordering};
-
-    proptest! {
-        #[test]
-        fn any_boxes_in_any_order(
-            dims in [2u32..9, 2u32..9, 2u32..9],
-            shape in [1u32..11, 1u32..11, 1u32..11],
-            asked in prop::collection::vec([(0.0..1.0, 0.0..1.0), (0.0..1.0, 0.0..1.0), (0.0..1.0, 0.0..1.0)], 1..9),
-            released in 0u32..9,
-        ) {
-            let volume = counted(dims, shape);
-            let dir = tempfile::tempdir().unwrap();
-            let once = Unpacked::new(&volume, dir.path()).unwrap();
-            for ends in asked {
-                let [x, y, z] = [0, 1, 2].map(|a| {
-                    let (p, q): (f64, f64) = ends[a];
-                    let at = |v: f64| (v * f64::from(dims[a] + 1)) as u32;
-                    at(p.min(q))..at(p.max(q))
-                });
-                let mut known = vec![0; 4 * x.len() * y.len() * z.len()];
-                let mut found = known.clone();
-                volume.read_box(x.clone(), y.clone(), z.clone(), &mut known).unwrap();
-                once.read_box(x, y, z, &mut found).unwrap();
-                prop_assert_eq!(known, found);
-                once.release(0..released.min(dims[2]));
-            }
-        }
-    }
 
     /// Threads that read all at once, each in an order of its own, have every chunk decoded once; places of chunks
     /// that were released are used again.

@@ -1,0 +1,189 @@
+//! `alvis info` of a tile set: what it is, and what can be done with it.
+
+use super::convert::from;
+use super::output::{self, things};
+use crate::error::Result;
+use crate::grid::{Ambiguous, Dims, Placement, Unit};
+use crate::manifest::{
+    Encoding, FORMAT, Layout, MANIFEST, Manifest, PARTIAL, Primitives, Selection, Totals,
+    WholeTotals,
+};
+use serde::Serialize;
+use std::path::Path;
+
+/// What `--json` prints.
+#[derive(Debug, Serialize)]
+struct Report<'a> {
+    format: &'static str,
+    name: String,
+    dims: Dims,
+    spacing: [f64; 3],
+    unit: Unit,
+    table_unit: Unit,
+    origin: [f64; 3],
+    directions: [[f64; 3]; 3],
+    source: &'a str,
+    generator: String,
+    threshold: f64,
+    ambiguous: Ambiguous,
+    cap: bool,
+    min_voxels: u64,
+    macrocube: [u32; 3],
+    primitives: Primitives,
+    encoding: Encoding,
+    layout: Layout,
+    totals: Totals,
+    selection: Option<&'a Selection>,
+}
+
+/// True if a directory has the index of a tile set, or has one in the making.
+pub fn is_tile_set(path: &Path) -> bool {
+    path.join(MANIFEST).is_file() || path.join(PARTIAL).is_dir()
+}
+
+/// Prints what the tile set in `dir` is.
+///
+/// # Errors
+/// Those of [`Manifest::open`].
+pub fn print(dir: &Path, as_json: bool) -> Result<()> {
+    let manifest = Manifest::open(dir)?;
+    if as_json {
+        return output::print_json(&report(dir, &manifest));
+    }
+    output::print(&text(dir, &manifest))
+}
+
+fn report<'a>(dir: &Path, m: &'a Manifest) -> Report<'a> {
+    Report {
+        format: FORMAT,
+        name: crate::volume::file_name(dir),
+        dims: m.grid.dims,
+        spacing: m.placement.spacing,
+        unit: m.placement.unit,
+        table_unit: m.measured().unit,
+        origin: m.placement.origin,
+        directions: m.placement.directions,
+        source: &m.source.name,
+        generator: made_by(m),
+        threshold: m.threshold,
+        ambiguous: m.ambiguous,
+        cap: m.cap,
+        min_voxels: m.dust.map_or(0, |d| d.min_voxels),
+        macrocube: m.grid.macrocube,
+        primitives: m.primitives,
+        encoding: m.encoding,
+        layout: m.layout,
+        totals: m.totals,
+        selection: m.selection.as_ref(),
+    }
+}
+
+fn made_by(m: &Manifest) -> String {
+    format!("{} {}", m.generator.name, m.generator.version)
+}
+
+/// A value of the index as it stands there.
+fn word(value: impl Serialize) -> String {
+    let json = serde_json::to_value(value).unwrap_or_default();
+    json.as_str().map_or_else(|| json.to_string(), String::from)
+}
+
+/// Where the tiles come from.
+fn origin(m: &Manifest) -> Vec<(&'static str, String)> {
+    let source = &m.source;
+    let mut made = format!("{}, {} voxels, {}", source.name, source.dims, source.dtype);
+    if let Some(crop) = &source.crop {
+        let axes = [&crop.x, &crop.y, &crop.z].map(|a| format!("{}:{}", a.start, a.end));
+        made += &format!(", cropped to {}", axes.join(","));
+    }
+    vec![("made from", made), ("made by", made_by(m))]
+}
+
+/// What was chosen of another tile set.
+fn selected(selection: &Selection, totals: &Totals) -> String {
+    let WholeTotals { cells, .. } = selection.of;
+    let of = format!(
+        "{} of {}",
+        output::count(totals.cells),
+        things(cells, "cell")
+    );
+    let mut text = match (&selection.condition, selection.omit) {
+        (None, _) => of,
+        (Some(text), false) => format!("{of}, where {text}"),
+        (Some(text), true) => format!("{of}, without those where {text}"),
+    };
+    if let Some(by) = &selection.colour_by {
+        text += &format!("; coloured by {}", by.column);
+    }
+    if !selection.painted.is_empty() {
+        text += "; painted";
+    }
+    text
+}
+
+fn text(dir: &Path, m: &Manifest) -> String {
+    let t = &m.totals;
+    let Placement { spacing, unit, .. } = m.placement;
+    let stated = from(m.source.provenance.spacing[0]);
+    let mut rows = vec![(
+        "tile set",
+        format!(
+            "{}: {}, {}",
+            dir.display(),
+            things(t.tiles, "tile"),
+            output::bytes(t.bytes)
+        ),
+    )];
+    rows.extend(origin(m));
+    rows.push(("dims", format!("{} voxels", m.grid.dims)));
+    rows.push((
+        "spacing",
+        format!("{} {unit} ({stated})", output::times(spacing)),
+    ));
+    if m.measured().unit != unit {
+        rows.push(("tables", format!("lengths in {}", m.measured().unit)));
+    }
+    rows.push(("threshold", m.threshold.to_string()));
+    if let Some(dust) = m.dust {
+        let text = format!("objects and cells of fewer than {} voxels", dust.min_voxels);
+        rows.push(("left out", text));
+    }
+    let caps = if m.cap {
+        ", closed at the edge of the grid"
+    } else {
+        ""
+    };
+    rows.push((
+        "surface",
+        format!("{}{caps}", things(t.triangles, "triangle")),
+    ));
+    let parts = [
+        things(t.objects, "object"),
+        things(t.cells, "cell"),
+        things(t.surfaces, "surface"),
+    ];
+    rows.push(("parts", parts.join(", ")));
+    let form = [word(m.primitives), word(m.encoding), word(m.layout)];
+    rows.push((
+        "form",
+        format!("{}, encoding {}, layout {}", form[0], form[1], form[2]),
+    ));
+    if let Some(selection) = &m.selection {
+        rows.push(("selection", selected(selection, t)));
+    }
+    output::table(&rows) + &next(dir)
+}
+
+/// What can be done with it.
+fn next(dir: &Path) -> String {
+    let out = output::shell(dir);
+    format!(
+        "\n\
+         Prove that it has no hole:  alvis verify {out}\n\
+         List its cells:             alvis cells {out}\n\
+         Sum them up:                alvis cells {out} --summary\n\
+         Take a part, or colour it:  alvis select {out} DEST --where 'not touches_border'\n\
+         Write one mesh:             alvis export {out} FILE.ply\n\
+         For another program:        alvis repack {out} DEST --for web\n"
+    )
+}
