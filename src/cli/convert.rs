@@ -239,10 +239,10 @@ pub fn summary(report: &ConvertReport) -> String {
         (
             "parts",
             format!(
-                "{} objects, {} cells, {} surfaces",
-                count(totals.objects),
-                count(totals.cells),
-                count(totals.surfaces)
+                "{}, {}, {}",
+                output::several(totals.objects, "object"),
+                output::several(totals.cells, "cell"),
+                output::several(totals.surfaces, "surface")
             ),
         ),
     ];

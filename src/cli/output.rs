@@ -118,3 +118,9 @@ mod tests {
         assert_eq!(bytes(3 << 29), "1.5 GiB");
     }
 }
+
+/// A count with its word: `1 cell`, `1,339 cells`.
+pub fn several(n: u64, word: &str) -> String {
+    let plural = if n == 1 { "" } else { "s" };
+    format!("{} {word}{plural}", count(n))
+}

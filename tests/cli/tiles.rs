@@ -28,7 +28,7 @@ fn a_conversion_says_what_it_understood_and_made() {
     ] {
         assert!(said.contains(part), "{part} in {said}");
     }
-    assert!(stdout(&output).contains("1 objects, 1 cells, 1 surfaces"));
+    assert!(stdout(&output).contains("1 object, 1 cell, 1 surface"));
     // a tile set is replaced only on request
     let again = [
         "convert",

@@ -2,6 +2,7 @@
 #![allow(dead_code)] // each build uses those that it lacks
 
 use crate::error::{Error, Result};
+use crate::volume::formats::folder::unread::Unread;
 use crate::volume::io::blob::Blob;
 use crate::volume::io::descriptor::VolumeDescriptor;
 use crate::volume::open::OpenOptions;
@@ -24,8 +25,24 @@ pub(crate) mod dicom {
         head.get(128..132) == Some(b"DICM")
     }
 
+    /// True for the list of its files that a disc holds.
+    pub(crate) fn is_index(path: &Path) -> bool {
+        path.file_name()
+            .is_some_and(|name| name.eq_ignore_ascii_case("DICOMDIR"))
+    }
+
     /// Refuses it.
     pub(crate) fn parse(path: &Path, _: Vec<Blob>, _: &OpenOptions) -> Result<VolumeDescriptor> {
+        Err(absent(path, "DICOM", "dicom"))
+    }
+
+    /// Refuses it.
+    pub(crate) fn parse_folder(
+        path: &Path,
+        _: Vec<Blob>,
+        _: Vec<Unread>,
+        _: &OpenOptions,
+    ) -> Result<VolumeDescriptor> {
         Err(absent(path, "DICOM", "dicom"))
     }
 }

@@ -46,7 +46,7 @@ fn shape(blob: &Blob) -> Result<([u32; 2], Dtype)> {
             };
             return Err(Error::unsupported(
                 blob.path(),
-                format!("a PNG of {bits} bits, {kind}"),
+                format!("a PNG of {bits}-bit samples, {kind}"),
                 "save the slices as 8 or 16 bit grey",
             ));
         }
@@ -114,7 +114,7 @@ pub(crate) fn parse(
         }
     }
     let dims = Dims::new([size[0].into(), size[1].into(), blobs.len() as u64])
-        .map_err(|e| Error::format(path, format!("slices with {e}"), "a volume of that size"))?;
+        .map_err(|e| e.of_header(path, "slices"))?;
     Ok(VolumeDescriptor {
         endian: Some(Endian::Big),
         notes: match options.spacing {

@@ -192,7 +192,11 @@ pub(crate) fn axes(field: Field, vectors: [[f64; 3]; 3]) -> Result<([f64; 3], [[
     let directions: [_; 3] = std::array::from_fn(|a| vectors[a] / lengths[a]);
     let volume = directions[0].cross(directions[1]).dot(directions[2]);
     if volume.is_finite() && volume.abs() > 1e-6 {
-        Ok((lengths, directions.map(<[f64; 3]>::from)))
+        // adding 0 turns -0 into 0
+        Ok((
+            lengths,
+            directions.map(|axis| (axis + glam::DVec3::ZERO).into()),
+        ))
     } else {
         Err(field.wrong("three directions that do not lie in one plane"))
     }

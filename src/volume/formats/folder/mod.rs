@@ -6,6 +6,7 @@
 //! them. Other files (notes, logs) are passed by.
 
 mod others;
+pub(crate) mod unread;
 
 use crate::error::{Error, Result};
 use crate::grid::Dims;
@@ -20,6 +21,7 @@ use others::{Others, nothing};
 use std::cmp::Ordering;
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
+use unread::Unread;
 
 /// More files than slices can be.
 const MAX_FILES: usize = 1 << 20;
@@ -40,8 +42,8 @@ pub(crate) fn parse(path: &Path, options: &OpenOptions) -> Result<VolumeDescript
         let hint = "convert it to Zarr, or save the array as NRRD, MetaImage or TIFF";
         return Err(Error::unsupported(path, "the N5 format", hint));
     }
-    let files = list(path)?;
-    these(path, files.clone(), &files, options)
+    let (files, unread) = list(path)?;
+    these(path, files.clone(), &files, unread, options)
 }
 
 /// True for a folder of N5: its metadata name its version, or the blocks of an array.
@@ -63,7 +65,8 @@ fn is_n5(path: &Path) -> Result<bool> {
 pub(crate) fn numbered(path: &Path, options: &OpenOptions) -> Option<Result<VolumeDescriptor>> {
     let pattern = Pattern::parse(&name(path))?;
     let folder = directory(path);
-    Some(list(folder).and_then(|all| {
+    Some(list(folder).and_then(|(all, mut unread)| {
+        unread.retain(|u| pattern.matches(&name(&u.path)));
         let matching = all.iter().filter(|file| pattern.matches(&name(file)));
         let files: Vec<_> = matching.cloned().collect();
         if files.is_empty() {
@@ -71,7 +74,7 @@ pub(crate) fn numbered(path: &Path, options: &OpenOptions) -> Option<Result<Volu
             let expected = "files with numbers in place of the % and what follows it";
             return Err(Error::format(path, found, expected));
         }
-        these(path, files, &all, options)
+        these(path, files, &all, unread, options)
     }))
 }
 
@@ -80,6 +83,7 @@ fn these(
     path: &Path,
     files: Vec<PathBuf>,
     all: &[PathBuf],
+    mut unread: Vec<Unread>,
     options: &OpenOptions,
 ) -> Result<VolumeDescriptor> {
     if let (Some(dims), Some(dtype)) = (options.dims, options.dtype) {
@@ -91,6 +95,9 @@ fn these(
         let blob = Blob::file(&file)?;
         let head = blob.head(400)?;
         let extension = file.extension().unwrap_or_default().to_ascii_lowercase();
+        if dicom::is_index(&file) {
+            continue;
+        }
         if tiff::is_tiff(&head) {
             images[0].push(file);
         } else if png::is_png(&head) {
@@ -98,8 +105,7 @@ fn these(
         } else if dicom::is_dicom(&head) {
             scans.push(blob);
         } else if ["tif", "tiff", "png"].iter().any(|e| extension == *e) {
-            let begin = head[..head.len().min(16)].escape_ascii();
-            let found = format!("a file that begins with \"{begin}\"");
+            let found = unread::begins(&head);
             return Err(
                 Error::format(file, found, "a TIFF or PNG, as its name says").with_hint(
                     "a slice is damaged: replace it, or take the file out of the folder",
@@ -109,18 +115,27 @@ fn these(
             others.volumes.push(file);
         } else if let Some(name) = foreign::named(&file, &head) {
             others.foreign.push((name, file));
+        } else {
+            unread.push(Unread::file(file, &head));
         }
     }
     let [tiffs, pngs] = images;
     // one picture alone is no volume, and beside folders of slices a preview
-    let alone = tiffs.is_empty() && pngs.len() < 2;
-    if path.is_dir() && (!scans.is_empty() || (alone && !pngs.is_empty())) {
-        scans.extend(below(path)?);
+    let alone = match (&tiffs[..], &pngs[..]) {
+        ([], [_]) => true,
+        ([one], []) => tiff::is_single(one)?,
+        _ => false,
+    };
+    if path.is_dir() && (!scans.is_empty() || alone) {
+        let (more, odd) = below(path)?;
+        scans.extend(more);
+        unread.extend(odd);
     }
     // pictures beside the slices are previews
     if scans.len() > tiffs.len() + pngs.len() {
-        return dicom::parse(path, scans, options);
+        return series(path, scans, (unread, &others), options);
     }
+    unread::none_among(&unread, &[&tiffs[..], &pngs[..]].concat())?;
     match (tiffs.is_empty(), pngs.is_empty()) {
         (false, true) => pictures(path, tiffs, all, |blobs| tiff::parse(path, blobs, options)),
         (true, false) => pictures(path, pngs, all, |blobs| png::parse(path, blobs, options)),
@@ -137,17 +152,30 @@ fn these(
             {
                 return raw(path, files, dims, dtype, &raw_options);
             }
-            let below = if path.is_dir() {
-                below(path)?
-            } else {
-                Vec::new()
-            };
-            match below.is_empty() {
-                true => Err(nothing(path, &others)),
-                false => dicom::parse(path, below, options),
+            if path.is_dir() {
+                let (scans, odd) = below(path)?;
+                unread.extend(odd);
+                if !scans.is_empty() {
+                    return series(path, scans, (unread, &others), options);
+                }
             }
+            Err(nothing(path, &others))
         }
     }
+}
+
+/// Slices of DICOM, with what stands beside them under such names.
+fn series(
+    path: &Path,
+    scans: Vec<Blob>,
+    (mut unread, others): (Vec<Unread>, &Others),
+    options: &OpenOptions,
+) -> Result<VolumeDescriptor> {
+    let slices = unread::paths(&scans);
+    unread.retain(|u| u.is_named_like(&slices));
+    let mut recipe = dicom::parse_folder(path, scans, unread, options)?;
+    recipe.notes.extend(others.notes(&slices));
+    Ok(recipe)
 }
 
 /// Slices of one format, with what NRecon puts beside them: a picture of the whole scan, and a log with the size of a
@@ -197,21 +225,32 @@ pub(crate) fn is_slice(file: &Path) -> bool {
 /// Folders in folders beyond this are not looked into.
 const MAX_DEPTH: u32 = 8;
 
-/// DICOM in the folders of a folder, as scanners write it to discs.
-fn below(path: &Path) -> Result<Vec<Blob>> {
+/// DICOM in the folders of a folder, as scanners write it to discs, and what may be damaged slices among it.
+fn below(path: &Path) -> Result<(Vec<Blob>, Vec<Unread>)> {
     let (mut folders, mut scans) = (vec![(path.to_path_buf(), 0)], Vec::new());
+    let mut unread = Vec::new();
     while let Some((folder, depth)) = folders.pop() {
         let fail = |e| Error::io(&folder, "list", e);
         for entry in std::fs::read_dir(&folder).map_err(fail)? {
             let entry = entry.map_err(fail)?;
             let kind = entry.file_type().map_err(fail)?;
-            // links are not followed: they may go round
+            // links to folders are not followed: they may go round
             if kind.is_dir() && depth < MAX_DEPTH {
                 folders.push((entry.path(), depth + 1));
-            } else if kind.is_file() && depth > 0 {
-                let blob = Blob::file(&entry.path())?;
-                if dicom::is_dicom(&blob.head(132)?) {
-                    scans.push(blob);
+            } else if depth > 0 && !dicom::is_index(&entry.path()) && !hidden(&entry.path()) {
+                if !entry.path().is_file() {
+                    unread.push(Unread::no_file(entry.path()));
+                } else {
+                    let blob = Blob::file(&entry.path())?;
+                    let head = blob.head(400)?;
+                    if dicom::is_dicom(&head) {
+                        scans.push(blob);
+                    } else if reads(&head).is_none()
+                        && !png::is_png(&head)
+                        && foreign::named(&entry.path(), &head).is_none()
+                    {
+                        unread.push(Unread::file(entry.path(), &head));
+                    }
                 }
             }
             if scans.len() + folders.len() > MAX_FILES {
@@ -222,26 +261,35 @@ fn below(path: &Path) -> Result<Vec<Blob>> {
     }
     // the order in which a folder lists its files must not matter, not even for messages
     scans.sort_by(|a, b| a.path().cmp(b.path()));
-    Ok(scans)
+    unread.sort_by(|a, b| a.path.cmp(&b.path));
+    Ok((scans, unread))
 }
 
-/// The files of a folder, without hidden ones, in natural order.
-fn list(path: &Path) -> Result<Vec<PathBuf>> {
+fn hidden(path: &Path) -> bool {
+    name(path).starts_with('.')
+}
+
+/// The files of a folder, without hidden ones, in natural order, and what else is in it.
+fn list(path: &Path) -> Result<(Vec<PathBuf>, Vec<Unread>)> {
     let fail = |e| Error::io(path, "list", e);
-    let mut files = Vec::new();
+    let (mut files, mut unread) = (Vec::new(), Vec::new());
     for entry in std::fs::read_dir(path).map_err(fail)? {
         let entry = entry.map_err(fail)?;
-        let hidden = entry.file_name().as_encoded_bytes().starts_with(b".");
-        if !hidden && entry.path().is_file() {
-            files.push(entry.path());
+        if hidden(&entry.path()) {
+            continue;
         }
-        if files.len() > MAX_FILES {
+        match entry.path().is_file() {
+            true => files.push(entry.path()),
+            false => unread.push(Unread::no_file(entry.path())),
+        }
+        if files.len() + unread.len() > MAX_FILES {
             let found = format!("a folder of more than {MAX_FILES} files");
             return Err(Error::format(path, found, "slices of a volume"));
         }
     }
     files.sort_by(|a, b| natural(&name(a), &name(b)));
-    Ok(files)
+    unread.sort_by(|a, b| natural(&name(&a.path), &name(&b.path)));
+    Ok((files, unread))
 }
 
 fn name(path: &Path) -> String {

@@ -14,6 +14,20 @@ pub(crate) struct Others {
     pub(crate) foreign: Vec<(&'static str, PathBuf)>,
 }
 
+impl Others {
+    /// What to say of those that have the extension of the slices.
+    pub(crate) fn notes(&self, slices: &[PathBuf]) -> Vec<String> {
+        let slices: Vec<_> = slices.iter().map(|s| s.extension()).collect();
+        let like =
+            |file: &&PathBuf| file.extension().is_some() && slices.contains(&file.extension());
+        let foreign = self.foreign.iter().map(|(_, file)| file);
+        let files = self.volumes.iter().chain(foreign).filter(like);
+        files
+            .map(|f| format!("{} is passed by: it is no DICOM", f.display()))
+            .collect()
+    }
+}
+
 /// The refusal of a folder without slices, with what it holds instead.
 pub(crate) fn nothing(path: &Path, others: &Others) -> Error {
     let shown = |files: &[PathBuf]| {

@@ -10,6 +10,7 @@ mod table;
 use crate::error::{Error, Result};
 use crate::volume::formats::{metaimage, nifti, nrrd};
 use crate::volume::io::blob::Blob;
+use crate::volume::io::descriptor::Samples;
 use described::Described;
 use std::io::Read;
 use std::path::{Path, PathBuf};
@@ -57,8 +58,12 @@ pub(crate) fn refuse(path: &Path, head: &[u8]) -> Result<()> {
             "unpack it, as with `gunzip -k`",
         ));
     }
+    if head.is_empty() {
+        return Err(Error::format(path, "an empty file", "a volume")
+            .with_hint("it was never written, or cut short: get it again"));
+    }
     let Some(kind) = kind(path, head) else {
-        return Ok(());
+        return no_false_name(path, head);
     };
     let long = Blob::file(path)?.head(HEAD)?;
     let hint = match (kind.read)(path, &long) {
@@ -69,6 +74,33 @@ pub(crate) fn refuse(path: &Path, head: &[u8]) -> Result<()> {
         path,
         format!("the {} format", kind.name),
         hint,
+    ))
+}
+
+/// Refuses a file that does not begin as its name says: it is cut short or damaged.
+fn no_false_name(path: &Path, head: &[u8]) -> Result<()> {
+    const NAMES: [(&str, &str); 11] = [
+        ("tif", "a TIFF"),
+        ("tiff", "a TIFF"),
+        ("h5", "HDF5"),
+        ("hdf5", "HDF5"),
+        ("nii", "NIfTI"),
+        ("npy", "a NumPy array"),
+        ("vti", "VTK image data"),
+        ("zip", "a zip"),
+        ("dcm", "DICOM"),
+        ("mnc", "MINC"),
+        ("ims", "Imaris"),
+    ];
+    let extension = path.extension().unwrap_or_default().to_ascii_lowercase();
+    let Some((_, name)) = NAMES.iter().find(|(e, _)| extension == *e) else {
+        return Ok(());
+    };
+    let begin = head[..head.len().min(16)].escape_ascii();
+    let long = Blob::file(path)?.len();
+    let found = format!("a file of {long} bytes that begins with \"{begin}\"");
+    Err(Error::format(path, found, format!("{name}, as its name says")).with_hint(
+        "it is cut short or damaged: get it again; raw samples under such a name need --dims and --dtype",
     ))
 }
 
@@ -96,8 +128,7 @@ pub(crate) fn suggestion(path: &Path) -> Option<String> {
         let Ok(head) = Blob::file(&beside).and_then(|b| b.head(HEAD)) else {
             continue;
         };
-        let is_nifti = || nifti::recognise(&head).is_some();
-        if nrrd::is_nrrd(&head) || metaimage::is_metaimage(&head) || is_nifti() {
+        if is_header_of(&beside, &head, path) {
             return Some(format!(
                 "give {}, which says size and type",
                 beside.display()
@@ -118,6 +149,27 @@ pub(crate) fn suggestion(path: &Path) -> Option<String> {
         "its name suggests: {} (nothing else tells the order of the sizes)",
         described.advice()
     ))
+}
+
+/// True if a header that is read names this file as the one with its samples.
+fn is_header_of(header: &Path, head: &[u8], path: &Path) -> bool {
+    let samples = match () {
+        _ if nrrd::is_nrrd(head) => nrrd::parse(header).map(|recipe| recipe.samples),
+        _ if metaimage::is_metaimage(head) => metaimage::parse(header).map(|recipe| recipe.samples),
+        // its samples lie in the .img of the same name
+        _ => {
+            let name = path.to_string_lossy();
+            let is_image = name.ends_with(".img") || name.ends_with(".img.gz");
+            return is_image && nifti::recognise(head).is_some();
+        }
+    };
+    match samples {
+        Ok(Samples::Files(data)) => data.files.iter().any(|file| {
+            file.file_name() == path.file_name()
+                && file.canonicalize().ok() == path.canonicalize().ok()
+        }),
+        _ => false,
+    }
 }
 
 /// Headers of other programs that may lie beside the samples.

@@ -11,7 +11,7 @@ use crate::error::{Error, Result};
 use crate::grid::Dims;
 use crate::volume::io::descriptor::{Data, Encoding, Samples, Start, VolumeDescriptor};
 use crate::volume::io::text::{self, Field, Lines};
-use crate::volume::stated::warning::Warning;
+use crate::volume::stated::warning::{Warning, unapplied_scale};
 use crate::volume::{Dtype, Endian};
 use std::collections::HashMap;
 use std::path::{Path, PathBuf};
@@ -63,6 +63,8 @@ struct Head<'a> {
     fields: HashMap<String, String>,
     /// File names below `data file: LIST`.
     list: Vec<String>,
+    /// Keys of the user's own, `key:=value`.
+    own: Vec<(String, String)>,
     /// Entries along every axis, and the three axes that have more than one.
     sizes: Vec<u64>,
     axes: [usize; 3],
@@ -81,7 +83,7 @@ pub(crate) fn parse(path: &Path) -> Result<VolumeDescriptor> {
     head.check_kinds()?;
     head.check_labels()?;
     let sizes = head.axes.map(|axis| head.sizes[axis]);
-    let dims = Dims::new(sizes).map_err(|e| head.at_sizes(&e))?;
+    let dims = Dims::new(sizes).map_err(|e| e.of_header(path, "`sizes`"))?;
     let dtype = head.dtype()?;
     let endian = match head.get("endian") {
         None => None,
@@ -94,6 +96,11 @@ pub(crate) fn parse(path: &Path) -> Result<VolumeDescriptor> {
     let mut place = head.place()?;
     place.warnings.extend(head.quantized().map(Warning::from));
     place.warnings.extend(head.times());
+    let own = head
+        .own
+        .iter()
+        .map(|(key, value)| (key.as_str(), value.as_str()));
+    place.warnings.extend(unapplied_scale(own));
     Ok(VolumeDescriptor {
         endian,
         placement: place.placement,
@@ -111,6 +118,7 @@ impl<'a> Head<'a> {
             path,
             fields: HashMap::new(),
             list: Vec::new(),
+            own: Vec::new(),
             sizes: Vec::new(),
             axes: [0, 1, 2],
             end: None,
@@ -140,7 +148,9 @@ impl<'a> Head<'a> {
                 return Err(Error::format(path, format!("`{line}`"), "`field: value`"));
             };
             if text.starts_with('=') {
-                continue; // a key of the user's own
+                head.own
+                    .push((name.trim().to_owned(), text[1..].trim().to_owned()));
+                continue;
             }
             head.add(name, text.trim())?;
             if name.replace(' ', "").eq_ignore_ascii_case("datafile") && is_list(text) {
@@ -190,20 +200,13 @@ impl<'a> Head<'a> {
         })
     }
 
-    /// A size out of range is the file's fault, not that of an option.
-    fn at_sizes(&self, error: &Error) -> Error {
-        Error::format(
-            self.path,
-            format!("`sizes` with {error}"),
-            "a volume of that size",
-        )
-    }
-
     fn read_sizes(&mut self) -> Result<()> {
         let dimension: usize = self.need("dimension")?.one("a number")?;
         let sizes = match dimension {
             3 => self.need("sizes")?.values(3)?,
-            4..=16 if self.get("sizes").is_some() => self.need("sizes")?.values(dimension)?,
+            1 | 2 | 4..=16 if self.get("sizes").is_some() => {
+                self.need("sizes")?.values(dimension)?
+            }
             _ => Vec::new(),
         };
         let Some(axes) = text::kept_axes(&sizes) else {
@@ -243,10 +246,15 @@ impl<'a> Head<'a> {
             "normal",
             "point",
         ];
-        if kinds
-            .iter()
-            .any(|kind| components.iter().any(|c| kind.contains(c)))
-        {
+        let has_components = |kind: &String| {
+            // entries of a list, and a few numbers without a meaning, lie no distance apart
+            let few = matches!(
+                kind.as_str(),
+                "list" | "scalar" | "stub" | "2-vector" | "3-vector" | "4-vector"
+            );
+            few || components.iter().any(|c| kind.contains(c))
+        };
+        if kinds.iter().any(has_components) {
             return Err(Error::unsupported(
                 self.path,
                 format!(

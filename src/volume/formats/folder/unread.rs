@@ -1,0 +1,111 @@
+//! Files among slices that look like slices by their names and are none: a volume without them would be shorter
+//! than what was scanned.
+
+use crate::error::{Error, Result};
+use crate::volume::formats::folder::{name, parts, texts};
+use crate::volume::io::blob::Blob;
+use std::path::{Path, PathBuf};
+
+/// Extensions that nothing but slices have.
+const OF_SLICES: [&str; 6] = ["dcm", "dicom", "ima", "tif", "tiff", "png"];
+
+/// What stands in a folder under the name of a slice.
+#[derive(Debug, Clone)]
+pub(crate) struct Unread {
+    pub(crate) path: PathBuf,
+    /// What it is instead of a slice.
+    found: String,
+    is_folder: bool,
+}
+
+impl Unread {
+    /// A file of which no format is known, by its first bytes.
+    pub(crate) fn file(path: PathBuf, head: &[u8]) -> Unread {
+        Unread {
+            path,
+            found: begins(head),
+            is_folder: false,
+        }
+    }
+
+    /// An entry of a folder that is no file: it is not opened, since a pipe would wait for ever.
+    pub(crate) fn no_file(path: PathBuf) -> Unread {
+        let kind = std::fs::metadata(&path).map(|m| m.is_dir());
+        let found = match kind {
+            Ok(true) => "a folder",
+            Ok(false) => "a pipe or device",
+            Err(_) => "a link that leads nowhere",
+        };
+        Unread {
+            path,
+            found: found.into(),
+            is_folder: kind.unwrap_or(false),
+        }
+    }
+
+    /// True if its name is that of a slice beside these: it has their extension, or, without one, their text.
+    pub(crate) fn is_named_like(&self, slices: &[PathBuf]) -> bool {
+        let own = extension(&self.path);
+        if !own.is_empty() {
+            return OF_SLICES.contains(&own.as_str()) || slices.iter().any(|s| extension(s) == own);
+        }
+        let mine = name(&self.path);
+        let mine = parts(&mine);
+        let like = |slice: &PathBuf| {
+            let other = name(slice);
+            extension(slice).is_empty() && texts(&parts(&other)) == texts(&mine)
+        };
+        !self.is_folder && mine.len() > 1 && slices.iter().any(like)
+    }
+
+    pub(crate) fn error(&self) -> Error {
+        Error::format(&self.path, &self.found, "a slice, as its name says").with_hint(
+            "a slice is cut short or damaged: replace it, or take it out of the folder if it is none",
+        )
+    }
+
+    /// What a note says of one that is not among the slices that are read.
+    pub(crate) fn note(&self) -> String {
+        format!(
+            "{} is passed by: it is {} and no slice",
+            self.path.display(),
+            self.found
+        )
+    }
+}
+
+/// What a file begins with, in words.
+pub(crate) fn begins(head: &[u8]) -> String {
+    match head.is_empty() {
+        true => "an empty file".into(),
+        false => format!(
+            "a file that begins with \"{}\"",
+            head[..head.len().min(16)].escape_ascii()
+        ),
+    }
+}
+
+/// Refuses the first of these that is named like a slice.
+///
+/// # Errors
+/// [`Error::Format`] with its name.
+pub(crate) fn none_among(unread: &[Unread], slices: &[PathBuf]) -> Result<()> {
+    match unread.iter().find(|u| u.is_named_like(slices)) {
+        Some(unread) => Err(unread.error()),
+        None => Ok(()),
+    }
+}
+
+/// The paths of files.
+pub(crate) fn paths(blobs: &[Blob]) -> Vec<PathBuf> {
+    blobs.iter().map(|b| b.path().to_path_buf()).collect()
+}
+
+/// An extension in small letters; numbers, as those of UIDs, are none.
+fn extension(path: &Path) -> String {
+    let text = path.extension().unwrap_or_default().to_string_lossy();
+    match text.bytes().all(|b| b.is_ascii_digit()) {
+        true => String::new(),
+        false => text.to_ascii_lowercase(),
+    }
+}
