@@ -395,7 +395,8 @@ fn named_limit(dir: &Path, args: &[&str]) -> u64 {
     let (_, rest) = message
         .split_once("the smallest limit that works is ")
         .unwrap_or_else(|| panic!("{message}"));
-    rest.split(' ').next().unwrap().parse().unwrap()
+    let mebi = rest.split("MiB").next().unwrap().parse::<u64>().unwrap();
+    mebi << 20
 }
 
 #[test]
@@ -425,7 +426,7 @@ fn one_slice_may_be_larger_than_the_limit_and_the_smallest_limit_works() {
     };
     let smallest = named(MIB);
     assert!(smallest < slice, "{smallest} of a slice of {slice}");
-    assert_eq!(named(smallest - 1), smallest);
+    assert_eq!(named(smallest - MIB), smallest);
     assert!(!dir.path().join("out").exists());
     let made = run(smallest, &|args| report(dir.path(), Some(smallest), args));
     assert!(made["peak_rss_bytes"].as_u64().unwrap() <= smallest);

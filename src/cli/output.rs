@@ -107,6 +107,12 @@ pub fn table(rows: &[(&str, String)]) -> String {
         .collect()
 }
 
+/// A count with its word: `1 cell`, `1,339 cells`.
+pub fn several(n: u64, word: &str) -> String {
+    let plural = if n == 1 { "" } else { "s" };
+    format!("{} {word}{plural}", count(n))
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -117,10 +123,4 @@ mod tests {
         assert_eq!(texts, ["0", "7", "999", "1,000", "123,456", "1,234,567"]);
         assert_eq!(bytes(3 << 29), "1.5 GiB");
     }
-}
-
-/// A count with its word: `1 cell`, `1,339 cells`.
-pub fn several(n: u64, word: &str) -> String {
-    let plural = if n == 1 { "" } else { "s" };
-    format!("{} {word}{plural}", count(n))
 }

@@ -194,15 +194,17 @@ impl<'a> Head<'a> {
     fn read_sizes(&mut self) -> Result<[u64; 3]> {
         self.count = self.need("NDims")?.one("a number")?;
         let sizes: Vec<u64> = match self.count {
-            1..=10 => self.need("DimSize")?.values(self.count)?,
+            // refused; the numbers are for the message
+            1 | 2 => self.need("DimSize")?.values(self.count).unwrap_or_default(),
+            3..=10 => self.need("DimSize")?.values(self.count)?,
             _ => Vec::new(),
         };
         let Some(axes) = text::kept_axes(&sizes) else {
             let size = sizes.iter().map(u64::to_string).collect::<Vec<_>>();
             let what = format!(
-                "a MetaImage of {} dimensions ({})",
+                "a MetaImage of {} dimensions{}",
                 self.count,
-                size.join(" x ")
+                text::in_brackets(&size)
             );
             let hint = "volumes have 3: extract one, as with ITK's ExtractImageFilter";
             return Err(Error::unsupported(self.path, what, hint));

@@ -202,6 +202,14 @@ pub(crate) fn axes(field: Field, vectors: [[f64; 3]; 3]) -> Result<([f64; 3], [[
     }
 }
 
+/// Sizes behind a word, ` (4 x 2)`; nothing where there are none.
+pub(crate) fn in_brackets(size: &[String]) -> String {
+    match size.is_empty() {
+        true => String::new(),
+        false => format!(" ({})", size.join(" x ")),
+    }
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;

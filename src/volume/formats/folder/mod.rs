@@ -5,6 +5,7 @@
 //! slice is refused rather than closed over, and so are the slices of several stacks, or a picture beside
 //! them. Other files (notes, logs) are passed by.
 
+mod list;
 mod others;
 pub(crate) mod unread;
 
@@ -17,14 +18,12 @@ use crate::volume::io::blob::Blob;
 use crate::volume::io::descriptor::{Data, Encoding, Samples, Start, VolumeDescriptor};
 use crate::volume::io::text::Pattern;
 use crate::volume::open::{OpenOptions, reads};
+use list::{below, list};
 use others::{Others, nothing};
 use std::cmp::Ordering;
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
-use unread::Unread;
-
-/// More files than slices can be.
-const MAX_FILES: usize = 1 << 20;
+use unread::{Names, Unread};
 
 /// Opens the slices in a folder.
 ///
@@ -135,7 +134,8 @@ fn these(
     if scans.len() > tiffs.len() + pngs.len() {
         return series(path, scans, (unread, &others), options);
     }
-    unread::none_among(&unread, &[&tiffs[..], &pngs[..]].concat())?;
+    let slices = tiffs.iter().chain(&pngs).map(PathBuf::as_path);
+    unread::none_among(&unread, &Names::of(slices))?;
     match (tiffs.is_empty(), pngs.is_empty()) {
         (false, true) => pictures(path, tiffs, all, |blobs| tiff::parse(path, blobs, options)),
         (true, false) => pictures(path, pngs, all, |blobs| png::parse(path, blobs, options)),
@@ -171,10 +171,11 @@ fn series(
     (mut unread, others): (Vec<Unread>, &Others),
     options: &OpenOptions,
 ) -> Result<VolumeDescriptor> {
-    let slices = unread::paths(&scans);
-    unread.retain(|u| u.is_named_like(&slices));
+    let names = Names::of(scans.iter().map(Blob::path));
+    unread.retain(|u| u.is_named_like(&names));
+    let notes = others.notes(&scans);
     let mut recipe = dicom::parse_folder(path, scans, unread, options)?;
-    recipe.notes.extend(others.notes(&slices));
+    recipe.notes.extend(notes);
     Ok(recipe)
 }
 
@@ -220,76 +221,6 @@ pub(crate) fn is_whole(path: &Path) -> bool {
 pub(crate) fn is_slice(file: &Path) -> bool {
     let head = Blob::file(file).and_then(|blob| blob.head(400));
     head.is_ok_and(|head| tiff::is_tiff(&head) || png::is_png(&head) || dicom::is_dicom(&head))
-}
-
-/// Folders in folders beyond this are not looked into.
-const MAX_DEPTH: u32 = 8;
-
-/// DICOM in the folders of a folder, as scanners write it to discs, and what may be damaged slices among it.
-fn below(path: &Path) -> Result<(Vec<Blob>, Vec<Unread>)> {
-    let (mut folders, mut scans) = (vec![(path.to_path_buf(), 0)], Vec::new());
-    let mut unread = Vec::new();
-    while let Some((folder, depth)) = folders.pop() {
-        let fail = |e| Error::io(&folder, "list", e);
-        for entry in std::fs::read_dir(&folder).map_err(fail)? {
-            let entry = entry.map_err(fail)?;
-            let kind = entry.file_type().map_err(fail)?;
-            // links to folders are not followed: they may go round
-            if kind.is_dir() && depth < MAX_DEPTH {
-                folders.push((entry.path(), depth + 1));
-            } else if depth > 0 && !dicom::is_index(&entry.path()) && !hidden(&entry.path()) {
-                if !entry.path().is_file() {
-                    unread.push(Unread::no_file(entry.path()));
-                } else {
-                    let blob = Blob::file(&entry.path())?;
-                    let head = blob.head(400)?;
-                    if dicom::is_dicom(&head) {
-                        scans.push(blob);
-                    } else if reads(&head).is_none()
-                        && !png::is_png(&head)
-                        && foreign::named(&entry.path(), &head).is_none()
-                    {
-                        unread.push(Unread::file(entry.path(), &head));
-                    }
-                }
-            }
-            if scans.len() + folders.len() > MAX_FILES {
-                let found = format!("a folder of more than {MAX_FILES} files");
-                return Err(Error::format(path, found, "slices of a volume"));
-            }
-        }
-    }
-    // the order in which a folder lists its files must not matter, not even for messages
-    scans.sort_by(|a, b| a.path().cmp(b.path()));
-    unread.sort_by(|a, b| a.path.cmp(&b.path));
-    Ok((scans, unread))
-}
-
-fn hidden(path: &Path) -> bool {
-    name(path).starts_with('.')
-}
-
-/// The files of a folder, without hidden ones, in natural order, and what else is in it.
-fn list(path: &Path) -> Result<(Vec<PathBuf>, Vec<Unread>)> {
-    let fail = |e| Error::io(path, "list", e);
-    let (mut files, mut unread) = (Vec::new(), Vec::new());
-    for entry in std::fs::read_dir(path).map_err(fail)? {
-        let entry = entry.map_err(fail)?;
-        if hidden(&entry.path()) {
-            continue;
-        }
-        match entry.path().is_file() {
-            true => files.push(entry.path()),
-            false => unread.push(Unread::no_file(entry.path())),
-        }
-        if files.len() + unread.len() > MAX_FILES {
-            let found = format!("a folder of more than {MAX_FILES} files");
-            return Err(Error::format(path, found, "slices of a volume"));
-        }
-    }
-    files.sort_by(|a, b| natural(&name(a), &name(b)));
-    unread.sort_by(|a, b| natural(&name(&a.path), &name(&b.path)));
-    Ok((files, unread))
 }
 
 fn name(path: &Path) -> String {

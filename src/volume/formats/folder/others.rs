@@ -2,7 +2,8 @@
 
 use crate::error::Error;
 use crate::volume::formats::foreign;
-use std::collections::BTreeMap;
+use crate::volume::io::blob::Blob;
+use std::collections::{BTreeMap, HashSet};
 use std::path::{Path, PathBuf};
 
 /// What a folder holds besides slices.
@@ -16,8 +17,8 @@ pub(crate) struct Others {
 
 impl Others {
     /// What to say of those that have the extension of the slices.
-    pub(crate) fn notes(&self, slices: &[PathBuf]) -> Vec<String> {
-        let slices: Vec<_> = slices.iter().map(|s| s.extension()).collect();
+    pub(crate) fn notes(&self, slices: &[Blob]) -> Vec<String> {
+        let slices: HashSet<_> = slices.iter().map(|s| s.path().extension()).collect();
         let like =
             |file: &&PathBuf| file.extension().is_some() && slices.contains(&file.extension());
         let foreign = self.foreign.iter().map(|(_, file)| file);

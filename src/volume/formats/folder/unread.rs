@@ -3,7 +3,7 @@
 
 use crate::error::{Error, Result};
 use crate::volume::formats::folder::{name, parts, texts};
-use crate::volume::io::blob::Blob;
+use std::collections::HashSet;
 use std::path::{Path, PathBuf};
 
 /// Extensions that nothing but slices have.
@@ -43,19 +43,15 @@ impl Unread {
         }
     }
 
-    /// True if its name is that of a slice beside these: it has their extension, or, without one, their text.
-    pub(crate) fn is_named_like(&self, slices: &[PathBuf]) -> bool {
+    /// True if its name is like those of slices: it has their extension, or, without one, their text.
+    pub(crate) fn is_named_like(&self, slices: &Names) -> bool {
         let own = extension(&self.path);
         if !own.is_empty() {
-            return OF_SLICES.contains(&own.as_str()) || slices.iter().any(|s| extension(s) == own);
+            return OF_SLICES.contains(&own.as_str()) || slices.extensions.contains(&own);
         }
         let mine = name(&self.path);
         let mine = parts(&mine);
-        let like = |slice: &PathBuf| {
-            let other = name(slice);
-            extension(slice).is_empty() && texts(&parts(&other)) == texts(&mine)
-        };
-        !self.is_folder && mine.len() > 1 && slices.iter().any(like)
+        !self.is_folder && mine.len() > 1 && slices.texts.contains(&owned(&mine))
     }
 
     pub(crate) fn error(&self) -> Error {
@@ -74,6 +70,33 @@ impl Unread {
     }
 }
 
+/// How slices are named.
+#[derive(Debug, Default)]
+pub(crate) struct Names {
+    extensions: HashSet<String>,
+    /// Of those without an extension, what stands around their numbers.
+    texts: HashSet<Vec<String>>,
+}
+
+impl Names {
+    pub(crate) fn of<'a>(slices: impl Iterator<Item = &'a Path>) -> Names {
+        let mut names = Names::default();
+        for slice in slices {
+            let extension = extension(slice);
+            if extension.is_empty() {
+                names.texts.insert(owned(&parts(&name(slice))));
+            } else {
+                names.extensions.insert(extension);
+            }
+        }
+        names
+    }
+}
+
+fn owned(parts: &[&str]) -> Vec<String> {
+    texts(parts).into_iter().map(str::to_owned).collect()
+}
+
 /// What a file begins with, in words.
 pub(crate) fn begins(head: &[u8]) -> String {
     match head.is_empty() {
@@ -89,16 +112,11 @@ pub(crate) fn begins(head: &[u8]) -> String {
 ///
 /// # Errors
 /// [`Error::Format`] with its name.
-pub(crate) fn none_among(unread: &[Unread], slices: &[PathBuf]) -> Result<()> {
+pub(crate) fn none_among(unread: &[Unread], slices: &Names) -> Result<()> {
     match unread.iter().find(|u| u.is_named_like(slices)) {
         Some(unread) => Err(unread.error()),
         None => Ok(()),
     }
-}
-
-/// The paths of files.
-pub(crate) fn paths(blobs: &[Blob]) -> Vec<PathBuf> {
-    blobs.iter().map(|b| b.path().to_path_buf()).collect()
 }
 
 /// An extension in small letters; numbers, as those of UIDs, are none.

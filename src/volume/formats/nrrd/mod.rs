@@ -147,9 +147,9 @@ impl<'a> Head<'a> {
                 let line: String = line.chars().take(80).collect();
                 return Err(Error::format(path, format!("`{line}`"), "`field: value`"));
             };
-            if text.starts_with('=') {
+            if let Some(value) = text.strip_prefix('=') {
                 head.own
-                    .push((name.trim().to_owned(), text[1..].trim().to_owned()));
+                    .push((name.trim().to_owned(), value.trim().to_owned()));
                 continue;
             }
             head.add(name, text.trim())?;
@@ -204,14 +204,20 @@ impl<'a> Head<'a> {
         let dimension: usize = self.need("dimension")?.one("a number")?;
         let sizes = match dimension {
             3 => self.need("sizes")?.values(3)?,
-            1 | 2 | 4..=16 if self.get("sizes").is_some() => {
-                self.need("sizes")?.values(dimension)?
-            }
+            // refused; the numbers are for the message
+            1 | 2 => self
+                .get("sizes")
+                .and_then(|sizes| sizes.values(dimension).ok())
+                .unwrap_or_default(),
+            4..=16 if self.get("sizes").is_some() => self.need("sizes")?.values(dimension)?,
             _ => Vec::new(),
         };
         let Some(axes) = text::kept_axes(&sizes) else {
             let size = sizes.iter().map(u64::to_string).collect::<Vec<_>>();
-            let what = format!("a NRRD of {dimension} dimensions ({})", size.join(" x "));
+            let what = format!(
+                "a NRRD of {dimension} dimensions{}",
+                text::in_brackets(&size)
+            );
             let hint = "volumes have 3: extract one with `unu slice` or ITK";
             return Err(Error::unsupported(self.path, what, hint));
         };

@@ -354,9 +354,7 @@ fn of_shapes(
         } else if planes != pages && !truncated {
             let found = format!("{pages} pages of a shape of {:?}", shaped.shape);
             let expected = format!("{planes}, as tifffile's description says");
-            return Err(
-                Error::format(path, found, expected).with_hint(other_count(pages as u64, planes))
-            );
+            return Err(Error::format(path, found, expected).with_hint(other_count(pages, planes)));
         }
         stacks.push(stack);
         starts.push(start);
