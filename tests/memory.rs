@@ -218,7 +218,8 @@ fn shards_of_tiny_chunks_stay_inside_the_limit() {
     let needed = message
         .split("works is ")
         .nth(1)
-        .and_then(|m| m.split(' ').next()?.parse::<u64>().ok());
+        .and_then(|m| m.split("MiB").next()?.parse::<u64>().ok())
+        .map(|mebi| mebi << 20);
     let needed = needed.unwrap_or_else(|| panic!("{message}"));
     assert!(needed < 200 * MIB, "{message}");
     // the smallest limit that works does work
