@@ -554,7 +554,7 @@ fn a_node_for_each_of_many_pieces_is_refused_or_stays_inside_the_limit() {
         refused += 1;
         let message = String::from_utf8(output.stderr).unwrap();
         let needed = message.split_once("at least ").expect(&message).1;
-        let needed: u64 = needed.split(' ').next().unwrap().parse().unwrap();
+        let needed = needed.split("MiB").next().unwrap().parse::<u64>().unwrap() * MIB;
         assert!(needed > limit && refused < 5, "{message}");
         limit = needed;
     };
