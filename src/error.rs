@@ -57,8 +57,8 @@ pub enum Error {
     },
     /// The memory limit is too small for this input.
     #[error(
-        "--memory: {limit} bytes are too few for this volume: the smallest limit that works is {needed} bytes{}",
-        advice(.hint)
+        "--memory: {} is too little for this volume: the smallest limit that works is {}{}",
+        mib(*limit, f64::floor), mib(*needed, f64::ceil), advice(.hint)
     )]
     Memory {
         /// The limit that was asked for, in bytes.
@@ -71,9 +71,10 @@ pub enum Error {
     /// The volume turned out to have so much surface, or so many components, that the memory limit
     /// cannot be kept.
     #[error(
-        "--memory: the volume is denser than planned: {limit} bytes are too few, at least {needed} \
-         bytes are needed: raise the limit beyond that, since what follows may be denser still, or use \
-         smaller --macrocubes or a smoother volume"
+        "--memory: the volume is denser than planned: {} is too little, at least {} is \
+         needed: raise the limit beyond that, since what follows may be denser still, or use \
+         smaller --macrocubes or a smoother volume",
+        mib(*limit, f64::floor), mib(*needed, f64::ceil)
     )]
     TooDense {
         /// The limit that was asked for, in bytes.
@@ -164,6 +165,14 @@ pub enum Error {
     Interrupted,
 }
 
+/// Bytes as `--memory` takes them, in whole MiB; below one, as they are.
+fn mib(bytes: u64, round: fn(f64) -> f64) -> String {
+    match bytes >> 20 {
+        0 => format!("{bytes} bytes"),
+        _ => format!("{}MiB", round(bytes as f64 / f64::from(1 << 20))),
+    }
+}
+
 fn advice(hint: &str) -> String {
     if hint.is_empty() {
         String::new()
@@ -230,6 +239,23 @@ impl Error {
             path: path.as_ref().to_path_buf(),
             what: what.into(),
             hint: hint.into(),
+        }
+    }
+
+    /// A size that is out of range by what a header says, and not by an option; `what` has that size.
+    pub(crate) fn of_header(self, path: &Path, what: &str) -> Self {
+        match self {
+            Error::Usage {
+                found, expected, ..
+            } => {
+                let flat = found.ends_with(" x 1");
+                let error = Error::format(path, format!("{what} of {found}"), expected);
+                match flat {
+                    true => error.with_hint("one slice is no volume: give what holds all slices"),
+                    false => error,
+                }
+            }
+            other => other,
         }
     }
 

@@ -444,3 +444,53 @@ fn a_picture_of_a_changed_volume_is_not_written() {
     assert_eq!(fs::read(&picture).unwrap(), b"another");
     assert!(!drawn.is_empty());
 }
+
+#[test]
+fn empty_and_cut_files_are_called_so() {
+    let dir = tempfile::tempdir().unwrap();
+    for name in ["a.tif", "a.h5", "a.dcm", "a.nii", "a.zip", "a.raw"] {
+        fs::write(dir.path().join(name), b"").unwrap();
+        let said = fails(dir.path(), &["info", name]);
+        assert!(
+            said.contains(name) && said.contains("an empty file"),
+            "{said}"
+        );
+    }
+    for name in ["a.nii", "a.h5", "a.tif", "a.zip"] {
+        fs::write(dir.path().join(name), [92; 200]).unwrap();
+        let said = fails(dir.path(), &["info", name]);
+        assert!(
+            said.contains("200 bytes") && said.contains("cut short"),
+            "{said}"
+        );
+    }
+    // raw samples under such a name are still read
+    fs::write(dir.path().join("a.tif"), [1; 960]).unwrap();
+    ok(
+        dir.path(),
+        &["info", "a.tif", "--dims", "12,10,8", "--dtype", "u8"],
+    );
+}
+
+#[test]
+fn a_header_is_offered_for_the_file_that_it_names() {
+    let dir = tempfile::tempdir().unwrap();
+    let header = "NDims = 3\nDimSize = 12 10 8\nElementType = MET_UCHAR\nElementDataFile = s.raw\n";
+    fs::write(dir.path().join("s.mhd"), header).unwrap();
+    for name in ["s.raw", "s.bin"] {
+        fs::write(dir.path().join(name), [1; 960]).unwrap();
+        let said = fails(dir.path(), &["info", name]);
+        assert_eq!(said.contains("give s.mhd"), name == "s.raw", "{said}");
+    }
+    let mut gipl = vec![0; 256];
+    gipl[252..].copy_from_slice(&[0xef, 0xff, 0xe9, 0xb0]);
+    for (name, bytes, kind) in [
+        ("s.gipl", &gipl[..], "GIPL"),
+        ("s.mgh", &[0, 0, 0, 1, 0, 0, 0, 2], "FreeSurfer"),
+        ("s.mgz", &[9; 8], "FreeSurfer"),
+    ] {
+        fs::write(dir.path().join(name), bytes).unwrap();
+        let said = fails(dir.path(), &["info", name]);
+        assert!(said.contains(kind) && !said.contains("s.mhd"), "{said}");
+    }
+}

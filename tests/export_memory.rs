@@ -90,8 +90,13 @@ fn the_smallest_limit_is_named_and_works() {
     let (_, rest) = message
         .split_once("the smallest limit that works is ")
         .unwrap_or_else(|| panic!("{message}"));
-    let smallest = rest.split(' ').next().unwrap();
-    let limit: u64 = smallest.parse().unwrap();
+    let smallest = rest.split([':', '\n']).next().unwrap();
+    let limit = smallest
+        .strip_suffix("MiB")
+        .unwrap()
+        .parse::<u64>()
+        .unwrap()
+        << 20;
     let made = report(dir.path(), Some(limit), &args("a.obj", smallest));
     assert!(made["peak_rss_bytes"].as_u64().unwrap() <= limit, "{made}");
 }

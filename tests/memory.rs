@@ -218,7 +218,8 @@ fn shards_of_tiny_chunks_stay_inside_the_limit() {
     let needed = message
         .split("works is ")
         .nth(1)
-        .and_then(|m| m.split(' ').next()?.parse::<u64>().ok());
+        .and_then(|m| m.split("MiB").next()?.parse::<u64>().ok())
+        .map(|mebi| mebi << 20);
     let needed = needed.unwrap_or_else(|| panic!("{message}"));
     assert!(needed < 200 * MIB, "{message}");
     // the smallest limit that works does work
@@ -395,7 +396,8 @@ fn named_limit(dir: &Path, args: &[&str]) -> u64 {
     let (_, rest) = message
         .split_once("the smallest limit that works is ")
         .unwrap_or_else(|| panic!("{message}"));
-    rest.split(' ').next().unwrap().parse().unwrap()
+    let mebi = rest.split("MiB").next().unwrap().parse::<u64>().unwrap();
+    mebi << 20
 }
 
 #[test]
@@ -425,7 +427,7 @@ fn one_slice_may_be_larger_than_the_limit_and_the_smallest_limit_works() {
     };
     let smallest = named(MIB);
     assert!(smallest < slice, "{smallest} of a slice of {slice}");
-    assert_eq!(named(smallest - 1), smallest);
+    assert_eq!(named(smallest - MIB), smallest);
     assert!(!dir.path().join("out").exists());
     let made = run(smallest, &|args| report(dir.path(), Some(smallest), args));
     assert!(made["peak_rss_bytes"].as_u64().unwrap() <= smallest);
@@ -552,7 +554,7 @@ fn a_node_for_each_of_many_pieces_is_refused_or_stays_inside_the_limit() {
         refused += 1;
         let message = String::from_utf8(output.stderr).unwrap();
         let needed = message.split_once("at least ").expect(&message).1;
-        let needed: u64 = needed.split(' ').next().unwrap().parse().unwrap();
+        let needed = needed.split("MiB").next().unwrap().parse::<u64>().unwrap() * MIB;
         assert!(needed > limit && refused < 5, "{message}");
         limit = needed;
     };

@@ -9,7 +9,7 @@ use alvis::grid::{Origin, Unit};
 use alvis::volume::{Dtype, OpenOptions, Opened, open};
 use alvis::{Error, Result};
 use std::path::Path;
-use volume_common::{all, floats, says};
+use volume_common::{all, floats, says, tiff_page};
 use writer::Set;
 
 const PIXELS: [u16; 6] = [0, 1, 2, 3, 4, 5];
@@ -336,7 +336,11 @@ fn a_slice_that_comes_twice_is_told_by_its_pixels() {
     again(&PIXELS);
     let opened = open(dir.path(), &OpenOptions::default()).unwrap();
     assert_eq!(opened.volume.header().dims.0, [3, 2, 3]);
-    assert!(says(&opened.notes, "count once"), "{:?}", opened.notes);
+    assert!(
+        says(&opened.notes, "each place counts once"),
+        "{:?}",
+        opened.notes
+    );
     again(&[9; 6]);
     let error = open(dir.path(), &OpenOptions::default())
         .unwrap_err()
@@ -428,7 +432,7 @@ fn a_slice_that_differs_is_refused_by_name() {
         };
         let opened = open(dir.path(), &options).unwrap();
         assert_eq!(opened.volume.header().dims.0, [3, 2, 3]);
-        assert!(says(&opened.notes, "1 other images are left out"));
+        assert!(says(&opened.notes, "1 other image is left out"));
     }
     // one without a place
     let dir = with_another("I9", &front("1.9", "9", None, &[]), &back(None));
@@ -453,7 +457,7 @@ fn a_slice_that_looks_another_way_is_left_out_with_a_note() {
     let dir = with_another("scout", &scout, &back(None));
     let opened = open(dir.path(), &OpenOptions::default()).unwrap();
     assert!(
-        says(&opened.notes, "1 other images are left out")
+        says(&opened.notes, "1 other image is left out")
             && says(
                 &opened.notes,
                 "scout (ImageOrientationPatient 1\\0\\0\\0\\0\\-1"
@@ -482,4 +486,179 @@ fn slices_that_state_their_values_in_other_elements_are_refused() {
     // numbers of one kind may differ from slice to slice
     let opened = of(&[scaled(), back(Some(["-1024", "2"])), scaled()]).unwrap();
     assert!(opened.values.as_ref().unwrap().contains("each of 3 slices"));
+}
+
+/// Slices in files of a name with an extension, and what opening their folder says of one that is no slice.
+fn with_damage(damage: impl FnOnce(&Path)) -> Result<Kept> {
+    let folder = tempfile::tempdir().unwrap();
+    slices(folder.path(), &[back(None), back(None), back(None)]);
+    for k in 0..3 {
+        let to = folder.path().join(format!("s{k}.dcm"));
+        std::fs::rename(folder.path().join(format!("I{k}")), to).unwrap();
+    }
+    damage(folder.path());
+    let opened = open(folder.path(), &OpenOptions::default())?;
+    Ok(Kept {
+        opened,
+        _folder: folder,
+    })
+}
+
+#[test]
+fn a_slice_cut_anywhere_is_named_wherever_it_lies() {
+    let whole = with_damage(|_| {}).unwrap();
+    assert_eq!(whole.volume.header().dims.0, [3, 2, 3]);
+    let bytes = Set::file(
+        &front("1.2", "2", Some("0\\0\\4"), &[]),
+        &PIXELS,
+        1,
+        &back(None),
+    );
+    for which in 0..3 {
+        for len in 0..bytes.len() {
+            let name = format!("s{which}.dcm");
+            let cut = |dir: &Path| {
+                let own = std::fs::read(dir.join(&name)).unwrap();
+                std::fs::write(dir.join(&name), &own[..len]).unwrap();
+            };
+            let error = with_damage(cut).unwrap_err().to_string();
+            assert!(
+                error.contains(&name) && error.contains("cut short"),
+                "{len}: {error}"
+            );
+        }
+    }
+}
+
+#[cfg(unix)]
+#[test]
+fn a_slice_that_is_no_file_is_named() {
+    let gone = |dir: &Path| dir.join("s2.dcm");
+    let link = |dir: &Path| {
+        std::fs::remove_file(gone(dir)).unwrap();
+        std::os::unix::fs::symlink("nowhere", gone(dir)).unwrap();
+    };
+    let error = with_damage(link).unwrap_err().to_string();
+    assert!(
+        error.contains("s2.dcm") && error.contains("leads nowhere"),
+        "{error}"
+    );
+    let folder = |dir: &Path| {
+        std::fs::remove_file(gone(dir)).unwrap();
+        std::fs::create_dir(gone(dir)).unwrap();
+    };
+    let error = with_damage(folder).unwrap_err().to_string();
+    assert!(
+        error.contains("s2.dcm") && error.contains("a folder"),
+        "{error}"
+    );
+    // what is plainly something else is a note, and what is named otherwise no slice
+    let volume = |dir: &Path| {
+        std::fs::write(dir.join("s9.dcm"), b"NRRD0004\n").unwrap();
+        std::fs::write(dir.join("DICOMDIR"), b"").unwrap();
+        std::fs::write(dir.join("notes.txt"), b"of the scan").unwrap();
+    };
+    let opened = with_damage(volume).unwrap();
+    assert_eq!(opened.volume.header().dims.0, [3, 2, 3]);
+    assert!(says(&opened.notes, "s9.dcm"), "{:?}", opened.notes);
+    assert!(!says(&opened.notes, "notes.txt"), "{:?}", opened.notes);
+}
+
+#[test]
+fn a_report_beside_slices_is_a_note_and_a_copy_is_named() {
+    let report = |dir: &Path| {
+        let set = Set::default().text(0x0002_0010, "UI", "1.2.840.10008.1.2.1");
+        let set = set.text(0x0008_0016, "UI", "1.2.840.10008.5.1.4.1.1.88.11");
+        let bytes = [&[0; 128][..], b"DICM", set.bytes()].concat();
+        std::fs::write(dir.join("report.dcm"), bytes).unwrap();
+        std::fs::copy(dir.join("s1.dcm"), dir.join("copy.dcm")).unwrap();
+    };
+    let opened = with_damage(report).unwrap();
+    assert!(says(&opened.notes, "report.dcm"), "{:?}", opened.notes);
+    let note = opened.notes.iter().find(|n| n.contains("twice")).unwrap();
+    assert!(
+        note.contains("1 file comes") && note.contains("copy.dcm") && note.contains("s1.dcm"),
+        "{note}"
+    );
+}
+
+#[test]
+fn frames_at_one_place_are_read_as_stored_on_demand() {
+    let place = Set::default().items(
+        0x0020_9113,
+        &[Set::default().text(0x0020_0032, "DS", "-4\\-3\\2")],
+    );
+    let groups = vec![place; 3];
+    let axes = Set::default().items(
+        0x0020_9116,
+        &[Set::default().text(0x0020_0037, "DS", "1\\0\\0\\0\\1\\0")],
+    );
+    let behind = back(None)
+        .items(0x5200_9229, &[axes])
+        .items(0x5200_9230, &groups);
+    for step in [&[][..], &[THICK], &[BETWEEN]] {
+        let error = cone_beam(None, step, behind.clone(), &OpenOptions::default())
+            .unwrap_err()
+            .to_string();
+        assert!(
+            error.contains("at one place") && error.contains("--spacing X,Y,Z"),
+            "{error}"
+        );
+        let opened = cone_beam(None, step, behind.clone(), &given()).unwrap();
+        let header = opened.volume.header();
+        assert_eq!(header.dims.0, [3, 2, 3]);
+        assert_eq!(header.placement.spacing, [0.5, 0.25, 3.0]);
+        assert_eq!(header.placement.origin, [-4.0, -3.0, 2.0]);
+        assert!(
+            says(&opened.warnings, "order in which they are stored"),
+            "{:?}",
+            opened.warnings
+        );
+        let words = all(&*opened.volume).unwrap();
+        let words = words.as_chunks::<2>().0.iter();
+        assert!(words.map(|w| u16::from_ne_bytes(*w)).eq(0..18));
+    }
+}
+
+#[test]
+fn a_film_is_no_volume_unless_the_user_says_so() {
+    let film = |place| {
+        let set = Set::default().pointer(0x0028_0009, 0x0018_1063);
+        cone_beam(
+            place,
+            &[BETWEEN],
+            set.with(&back(None)),
+            &OpenOptions::default(),
+        )
+    };
+    for place in [None, Some("0\\0\\0")] {
+        let error = film(place).unwrap_err().to_string();
+        assert!(
+            error.contains("FrameTime") && error.contains("--spacing"),
+            "{error}"
+        );
+        let set = Set::default().pointer(0x0028_0009, 0x0018_1063);
+        let opened = cone_beam(place, &[BETWEEN], set.with(&back(None)), &given()).unwrap();
+        assert!(says(&opened.warnings, "FrameTime"), "{:?}", opened.warnings);
+    }
+    // a pointer to places is none to times
+    let set = Set::default().pointer(0x0028_0009, 0x0020_9057);
+    let opened = cone_beam(
+        None,
+        &[BETWEEN],
+        set.with(&back(None)),
+        &OpenOptions::default(),
+    );
+    assert_eq!(opened.unwrap().warnings, [""; 0]);
+}
+
+#[test]
+fn series_in_folders_beside_one_page_of_tiff_are_found() {
+    let dir = tempfile::tempdir().unwrap();
+    let deep = dir.path().join("S1");
+    std::fs::create_dir(&deep).unwrap();
+    slices(&deep, &[back(None), back(None)]);
+    std::fs::write(dir.path().join("x.tif"), tiff_page([1; 6])).unwrap();
+    let opened = open(dir.path(), &OpenOptions::default()).unwrap();
+    assert_eq!(opened.volume.header().dims.0, [3, 2, 2]);
 }

@@ -529,3 +529,58 @@ fn a_spacing_that_cannot_be_is_told_as_the_file_has_it() {
     let error = meta("ElementSpacing = .1 .1 0\n").unwrap_err().to_string();
     assert!(error.contains("[0.1, 0.1, 0.0]"), "{error}");
 }
+
+#[test]
+fn lists_are_no_volumes_and_scales_of_no_meaning_are_told() {
+    let error = nrrd("kinds: list domain domain\n").unwrap_err().to_string();
+    assert!(error.contains("components"), "{error}");
+    let dir = tempfile::tempdir().unwrap();
+    let warnings = |name: &str, head: &str| {
+        let path = dir.path().join(name);
+        std::fs::write(&path, [head.as_bytes(), &EIGHT].concat()).unwrap();
+        open(&path, &OpenOptions::default()).unwrap().warnings
+    };
+    let head = "NRRD0004\ntype: uchar\ndimension: 3\nsizes: 2 2 2\nencoding: raw\n";
+    let meta = "NDims = 3\nDimSize = 2 2 2\nElementType = MET_UCHAR\n";
+    let nrrd = |keys: &str| warnings("v.nrrd", &format!("{head}{keys}\n"));
+    let meta = |keys: &str| warnings("v.mha", &format!("{meta}{keys}ElementDataFile = LOCAL\n"));
+    let told = nrrd("RescaleSlope:=2\nRescaleIntercept:=-1024\n");
+    assert!(
+        says(&told, "RescaleSlope 2") && says(&told, "not applied"),
+        "{told:?}"
+    );
+    let told = meta("RescaleSlope = 2\n");
+    assert!(says(&told, "not applied"), "{told:?}");
+    for none in [
+        nrrd("RescaleSlope:=1\nRescaleIntercept:=0\nnote:=2\n"),
+        meta("RescaleSlope = 1\n"),
+        meta("ElementToIntensityFunctionSlope = 2\n"),
+    ] {
+        assert!(!says(&none, "not applied"), "{none:?}");
+    }
+}
+
+#[test]
+fn one_slice_and_axes_that_point_back_are_told_plainly() {
+    let flat = "NDims = 3\nDimSize = 2 2 1\nElementType = MET_UCHAR\nElementDataFile = LOCAL\n";
+    let error = read("v.mha", &[flat.as_bytes(), &EIGHT])
+        .unwrap_err()
+        .to_string();
+    assert!(
+        error.contains("`DimSize` of 2 x 2 x 1") && error.matches("expected").count() == 1,
+        "{error}"
+    );
+    let flat = "NDims = 2\nDimSize = 4 2\nElementType = MET_UCHAR\nElementDataFile = LOCAL\n";
+    let error = read("v.mha", &[flat.as_bytes(), &EIGHT])
+        .unwrap_err()
+        .to_string();
+    assert!(error.contains("2 dimensions (4 x 2)"), "{error}");
+    let back = "TransformMatrix = -1 -0 -0 -0 -1 -0 -0 -0 1\nElementSpacing = 1 1 -1\n";
+    let axes = meta(back).unwrap().placement.directions;
+    assert!(
+        axes.as_flattened()
+            .iter()
+            .all(|v| *v != 0.0 || v.is_sign_positive()),
+        "{axes:?}"
+    );
+}

@@ -7,7 +7,7 @@ use alvis::grid::{Origin, Unit};
 use alvis::volume::{Dtype, OpenOptions, Opened, open};
 use alvis::{Error, Result};
 use std::path::{Path, PathBuf};
-use volume_common::all;
+use volume_common::{all, tiff_page};
 
 fn fixture(name: &str) -> PathBuf {
     Path::new(env!("CARGO_MANIFEST_DIR"))
@@ -355,4 +355,41 @@ fn a_name_with_a_number_stands_for_slices() {
         all(&*opened.volume).unwrap(),
         [1, 1, 1, 1, 1, 1, 2, 2, 2, 2, 2, 2]
     );
+}
+
+/// A stack of pages of TIFF of which the last is something else.
+#[cfg(unix)]
+fn stack_with(last: impl FnOnce(&Path)) -> Result<Opened> {
+    let dir = tempfile::tempdir().unwrap();
+    for k in 0..3 {
+        std::fs::write(dir.path().join(format!("s{k}.tif")), tiff_page([k; 6])).unwrap();
+    }
+    last(&dir.path().join("s3.tif"));
+    open(dir.path(), &OpenOptions::default())
+}
+
+#[cfg(unix)]
+#[test]
+fn a_slice_of_a_stack_that_is_no_file_is_named() {
+    assert_eq!(
+        stack_with(|_| {}).unwrap().volume.header().dims.0,
+        [3, 2, 3]
+    );
+    let pipe = |path: &Path| {
+        let made = std::process::Command::new("mkfifo").arg(path).status();
+        assert!(made.unwrap().success());
+    };
+    type Damage<'a> = (&'a str, &'a dyn Fn(&Path));
+    let cases: [Damage; 4] = [
+        ("leads nowhere", &|path| {
+            std::os::unix::fs::symlink("nowhere", path).unwrap();
+        }),
+        ("a folder", &|path| std::fs::create_dir(path).unwrap()),
+        ("a pipe", &pipe),
+        ("an empty file", &|path| std::fs::write(path, b"").unwrap()),
+    ];
+    for (what, last) in cases {
+        let error = stack_with(last).unwrap_err().to_string();
+        assert!(error.contains("s3.tif") && error.contains(what), "{error}");
+    }
 }

@@ -170,8 +170,13 @@ impl Progress for Console {
         asked
     }
 
+    /// Also with `--quiet`: what may make numbers wrong is something that goes wrong.
     fn warn(&self, message: &str) {
-        self.note(&format!("warning: {message}"));
+        let line = format!("warning: {message}");
+        match self {
+            Console::Quiet => note(&line),
+            _ => self.note(&line),
+        }
     }
 }
 

@@ -182,11 +182,10 @@ fn make_and_commit(
         let making = AssertUnwindSafe(|| make(job, &work, &mut checkpointer));
         catch_unwind(making).unwrap_or_else(|panic| Err(changed_or_panic(job, panic)))
     });
-    // usage errors come back with the same options
-    let usage = matches!(made, Err(Error::Usage { .. }));
-    output.keep(checkpointer.has_any() && !usage);
+    // usage errors come back with the same options, and nothing that was made of a changed input is of use
+    let useless = matches!(made, Err(Error::Usage { .. } | Error::InputChanged { .. }));
+    output.keep(checkpointer.has_any() && !useless);
     let mut made = made?;
-    // nothing that was made of a changed input is of use
     let check = job.options.input.check();
     let touched = check.inspect_err(|_| output.keep(false))?;
     if let Some(warning) = touched {

@@ -4,7 +4,7 @@ use crate::error::{Error, Result};
 use crate::volume::descriptor::VolumeDescriptor;
 use crate::volume::io::blob::Blob;
 use crate::volume::options::{Choice, OpenOptions};
-use std::path::Path;
+use std::path::{Path, PathBuf};
 
 /// A format. [`Format::BASE`] has what most of them leave out.
 pub(crate) struct Format {
@@ -37,15 +37,45 @@ pub(crate) struct Format {
 pub(crate) type Parse = fn(&Input, &OpenOptions) -> Result<VolumeDescriptor>;
 
 /// Parses the files of a volume, in their order; the path is that of the folder, pattern or archive that has them.
-pub(crate) type ParseSlices = fn(&Path, Vec<Blob>, &OpenOptions) -> Result<VolumeDescriptor>;
+/// What lies beside them under names of slices and is none comes along, if they say where they lie.
+pub(crate) type ParseSlices =
+    fn(&Path, Vec<Blob>, Vec<Unread>, &OpenOptions) -> Result<VolumeDescriptor>;
 
 /// Slices in files of their own.
 #[derive(Clone, Copy)]
 pub(crate) struct Slices {
     pub(crate) parse: ParseSlices,
+    /// True for a file that is one slice and no more.
+    pub(crate) is_single: fn(&Path) -> Result<bool>,
     /// Slices say where they lie, so that the order of their names does not count, and may lie in folders of folders.
     /// No more than one format has such ones.
     pub(crate) placed: bool,
+}
+
+/// What stands in a folder under the name of a slice.
+#[derive(Debug, Clone)]
+pub(crate) struct Unread {
+    pub(crate) path: PathBuf,
+    /// What it is instead of a slice.
+    pub(crate) found: String,
+    pub(crate) is_folder: bool,
+}
+
+impl Unread {
+    pub(crate) fn error(&self) -> Error {
+        Error::format(&self.path, &self.found, "a slice, as its name says").with_hint(
+            "a slice is cut short or damaged: replace it, or take it out of the folder if it is none",
+        )
+    }
+
+    /// What a note says of one that is not among the slices that are read.
+    pub(crate) fn note(&self) -> String {
+        format!(
+            "{} is passed by: it is {} and no slice",
+            self.path.display(),
+            self.found
+        )
+    }
 }
 
 /// What is opened.
@@ -103,15 +133,25 @@ impl Format {
         &self,
         path: &Path,
         blobs: Vec<Blob>,
+        unread: Vec<Unread>,
         options: &OpenOptions,
     ) -> Result<VolumeDescriptor> {
         match self.slices {
-            Some(slices) => (slices.parse)(path, blobs, options),
+            Some(slices) => (slices.parse)(path, blobs, unread, options),
             None => {
                 let what = format!("slices in files of {}", self.title);
                 Err(Error::unsupported(path, what, "give one of the files"))
             }
         }
+    }
+
+    /// True for a file that is one slice and no more.
+    ///
+    /// # Errors
+    /// [`Error::Io`] and those of a damaged file.
+    pub(crate) fn is_one_slice(&self, path: &Path) -> Result<bool> {
+        self.slices
+            .map_or(Ok(false), |slices| (slices.is_single)(path))
     }
 
     /// True if the name of a file ends as is usual.

@@ -160,7 +160,9 @@ fn smallest(dir: &Path, line: &str, out: &str) -> String {
         let error = String::from_utf8_lossy(&output.stderr).into_owned();
         let named = ["limit that works is ", "at least "].map(|text| error.split(text).nth(1));
         let named = named.into_iter().flatten().next();
-        let next = named.and_then(|text| text.split(' ').next()).expect(&error);
+        let next = named
+            .and_then(|text| text.split([' ', ':', '\n']).next())
+            .expect(&error);
         assert_ne!(next, limit, "{error}");
         limit = next.to_string();
     }

@@ -32,6 +32,17 @@ impl Set {
         self.element(tag, "US", value.to_le_bytes().to_vec())
     }
 
+    /// The tag of another element.
+    pub fn pointer(self, tag: u32, to: u32) -> Self {
+        let [group, element] = [(to >> 16) as u16, to as u16];
+        let value = [group.to_le_bytes(), element.to_le_bytes()].concat();
+        self.element(tag, "AT", value)
+    }
+
+    pub fn bytes(&self) -> &[u8] {
+        &self.0
+    }
+
     pub fn double(self, tag: u32, value: f64) -> Self {
         self.element(tag, "FD", value.to_le_bytes().to_vec())
     }

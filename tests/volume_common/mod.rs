@@ -351,3 +351,27 @@ pub fn floats(opened: &Opened) -> Vec<f32> {
 pub fn says(warnings: &[String], part: &str) -> bool {
     warnings.iter().any(|warning| warning.contains(part))
 }
+
+/// A TIFF of one page of 3 x 2 pixels of 8 bits.
+pub fn tiff_page(pixels: [u8; 6]) -> Vec<u8> {
+    let tags: [(u16, u32); 9] = [
+        (256, 3),
+        (257, 2),
+        (258, 8),
+        (259, 1),
+        (262, 1),
+        (273, 8),
+        (277, 1),
+        (278, 2),
+        (279, 6),
+    ];
+    let mut out = [&b"II*\0\x10\0\0\0"[..], &pixels, &[0, 0]].concat();
+    out.extend((tags.len() as u16).to_le_bytes());
+    for (tag, value) in tags {
+        out.extend(tag.to_le_bytes());
+        out.extend([4, 0, 1, 0, 0, 0]);
+        out.extend(value.to_le_bytes());
+    }
+    out.extend([0; 4]);
+    out
+}

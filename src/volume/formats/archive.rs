@@ -86,7 +86,7 @@ fn parse(input: &Input, options: &OpenOptions) -> Result<VolumeDescriptor> {
         (Some((format, members)), None, 0) => {
             check_sequence(path, &names(members))?;
             let blobs = unpack(path, &archive, members.clone())?;
-            format.parse_slices(path, blobs, options)
+            format.parse_slices(path, blobs, Vec::new(), options)
         }
         (None, _, 1..) => numpy(path, arrays),
         (_, _, n) => {

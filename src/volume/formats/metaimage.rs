@@ -15,7 +15,7 @@ use crate::volume::io::data::{Data, Encoding, Start};
 use crate::volume::io::text::{self, Field, Lines};
 use crate::volume::options::Choice;
 use crate::volume::stated::size::{Step, voxel_size};
-use crate::volume::stated::warning::Warning;
+use crate::volume::stated::warning::{Warning, unapplied_scale};
 use crate::volume::{Dtype, Endian};
 use std::collections::HashMap;
 use std::path::{Path, PathBuf};
@@ -88,15 +88,20 @@ pub(crate) fn parse(path: &Path) -> Result<VolumeDescriptor> {
     let mut head = Head::read(path)?;
     head.check_supported()?;
     let sizes = head.read_sizes()?;
-    let dims = Dims::new(sizes)
-        .map_err(|e| Error::format(path, format!("`DimSize` with {e}"), "a volume of that size"))?;
+    let dims = Dims::new(sizes).map_err(|e| e.of_header(path, "`DimSize`"))?;
     let (placement, provenance, warning) = head.placement()?;
+    let keys = head
+        .fields
+        .iter()
+        .map(|(key, value)| (key.as_str(), value.as_str()));
+    let known = |key: &str| key.starts_with("elementtointensityfunction");
+    let unapplied = unapplied_scale(keys.filter(|(key, _)| !known(key)));
     Ok(VolumeDescriptor {
         endian: head.endian()?,
         placement,
         provenance,
         values: head.values()?,
-        warnings: warning.into_iter().collect(),
+        warnings: warning.into_iter().chain(unapplied).collect(),
         ..VolumeDescriptor::new(
             "metaimage",
             dims,
@@ -205,15 +210,17 @@ impl<'a> Head<'a> {
     fn read_sizes(&mut self) -> Result<[u64; 3]> {
         self.count = self.need("NDims")?.one("a number")?;
         let sizes: Vec<u64> = match self.count {
+            // refused; the numbers are for the message
+            1 | 2 => self.need("DimSize")?.values(self.count).unwrap_or_default(),
             3..=10 => self.need("DimSize")?.values(self.count)?,
             _ => Vec::new(),
         };
         let Some(axes) = text::kept_axes(&sizes) else {
             let size = sizes.iter().map(u64::to_string).collect::<Vec<_>>();
             let what = format!(
-                "a MetaImage of {} dimensions ({})",
+                "a MetaImage of {} dimensions{}",
                 self.count,
-                size.join(" x ")
+                text::in_brackets(&size)
             );
             let hint = "volumes have 3: extract one, as with ITK's ExtractImageFilter";
             return Err(Error::unsupported(self.path, what, hint));
@@ -320,7 +327,7 @@ impl<'a> Head<'a> {
             }
             steps[axis] = Some(Step::new(size, unit));
             if s < 0.0 {
-                place.directions[axis] = place.directions[axis].map(|v| -v);
+                place.directions[axis] = place.directions[axis].map(|v| 0.0 - v);
             }
         }
         let size = voxel_size(steps);

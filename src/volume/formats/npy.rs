@@ -154,8 +154,7 @@ impl Array {
             return Err(Error::unsupported(path, what, hint));
         };
         let [z, y, x] = axes.map(|axis| self.shape[axis]);
-        let dims = Dims::new([x, y, z])
-            .map_err(|e| Error::format(path, format!("an array with {e}"), "a volume"))?;
+        let dims = Dims::new([x, y, z]).map_err(|e| e.of_header(path, "an array"))?;
         Ok(VolumeDescriptor {
             endian: Some(self.endian),
             ..VolumeDescriptor::new(

@@ -3,7 +3,7 @@
 
 use crate::error::{Error, Result};
 use crate::volume::descriptor::VolumeDescriptor;
-use crate::volume::format::{Format, Input, Slices};
+use crate::volume::format::{Format, Input, Slices, Unread};
 use crate::volume::io::blob::Blob;
 use crate::volume::options::{Choice, OpenOptions};
 use std::path::Path;
@@ -29,6 +29,7 @@ pub(crate) mod dicom {
         parse: Some(refuse),
         slices: Some(Slices {
             parse: refuse_slices,
+            is_single: |_| Ok(false),
             placed: true,
         }),
         ..Format::BASE
@@ -38,7 +39,12 @@ pub(crate) mod dicom {
         Err(absent(input.path, "DICOM", "dicom"))
     }
 
-    fn refuse_slices(path: &Path, _: Vec<Blob>, _: &OpenOptions) -> Result<VolumeDescriptor> {
+    fn refuse_slices(
+        path: &Path,
+        _: Vec<Blob>,
+        _: Vec<Unread>,
+        _: &OpenOptions,
+    ) -> Result<VolumeDescriptor> {
         Err(absent(path, "DICOM", "dicom"))
     }
 }

@@ -22,7 +22,8 @@ pub(crate) const FORMAT: Format = Format {
     extensions: &["png"],
     starts: is_png,
     slices: Some(Slices {
-        parse,
+        parse: |path, blobs, _, options| parse(path, blobs, options),
+        is_single: |_| Ok(true),
         placed: false,
     }),
     ..Format::BASE
@@ -60,7 +61,7 @@ fn shape(blob: &Blob) -> Result<([u32; 2], Dtype)> {
             };
             return Err(Error::unsupported(
                 blob.path(),
-                format!("a PNG of {bits} bits, {kind}"),
+                format!("a PNG of {bits}-bit samples, {kind}"),
                 "save the slices as 8 or 16 bit grey",
             ));
         }
@@ -128,7 +129,7 @@ pub(crate) fn parse(
         }
     }
     let dims = Dims::new([size[0].into(), size[1].into(), blobs.len() as u64])
-        .map_err(|e| Error::format(path, format!("slices with {e}"), "a volume of that size"))?;
+        .map_err(|e| e.of_header(path, "slices"))?;
     Ok(VolumeDescriptor {
         endian: Some(Endian::Big),
         notes: match options.spacing {

@@ -192,9 +192,21 @@ pub(crate) fn axes(field: Field, vectors: [[f64; 3]; 3]) -> Result<([f64; 3], [[
     let directions: [_; 3] = std::array::from_fn(|a| vectors[a] / lengths[a]);
     let volume = directions[0].cross(directions[1]).dot(directions[2]);
     if volume.is_finite() && volume.abs() > 1e-6 {
-        Ok((lengths, directions.map(<[f64; 3]>::from)))
+        // adding 0 turns -0 into 0
+        Ok((
+            lengths,
+            directions.map(|axis| (axis + glam::DVec3::ZERO).into()),
+        ))
     } else {
         Err(field.wrong("three directions that do not lie in one plane"))
+    }
+}
+
+/// Sizes behind a word, ` (4 x 2)`; nothing where there are none.
+pub(crate) fn in_brackets(size: &[String]) -> String {
+    match size.is_empty() {
+        true => String::new(),
+        false => format!(" ({})", size.join(" x ")),
     }
 }
 

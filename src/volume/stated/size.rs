@@ -1,6 +1,6 @@
 //! The size of a voxel from what a file states of each axis.
 
-use crate::grid::length::Length;
+use crate::grid::length::{Length, tidy};
 use crate::grid::{Origin, Placement, Provenance, Unit};
 use crate::volume::stated::warning::Warning;
 
@@ -11,6 +11,8 @@ pub(crate) struct Step {
     pub(crate) size: f64,
     /// Its unit, as the file spells it; empty if it states none.
     pub(crate) unit: String,
+    /// What the file has in place of a number.
+    pub(crate) no_number: Option<String>,
 }
 
 impl Step {
@@ -19,6 +21,17 @@ impl Step {
         Step {
             size,
             unit: unit.into(),
+            no_number: None,
+        }
+    }
+
+    /// A step of a size that the file writes as text.
+    pub(crate) fn of_text(text: &str, unit: impl Into<String>) -> Self {
+        let text = text.trim();
+        let number = text.parse::<f64>().ok();
+        Step {
+            no_number: number.is_none().then(|| text.to_owned()),
+            ..Step::new(number.map_or(f64::NAN, tidy), unit)
         }
     }
 }
@@ -76,7 +89,7 @@ pub(crate) fn voxel_size(steps: [Option<Step>; 3]) -> VoxelSize {
     if let Some(bad) = all.iter().find(|s| !(s.size.is_finite() && s.size > 0.0)) {
         return nothing(format!(
             "the file states {} as the size of a voxel, which is not taken: {advice}",
-            bad.size
+            bad.no_number.clone().unwrap_or(bad.size.to_string())
         ));
     }
     let mut units = [None; 3];

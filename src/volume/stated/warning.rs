@@ -40,6 +40,52 @@ impl std::ops::Deref for Warning {
     }
 }
 
+/// Names of keys by which people state a scale, without what separates words.
+const SCALES: [&str; 12] = [
+    "rescaleslope",
+    "rescaleintercept",
+    "scaleslope",
+    "scaleintercept",
+    "sclslope",
+    "sclinter",
+    "slope",
+    "intercept",
+    "scalefactor",
+    "addoffset",
+    "rescaletype",
+    "scaling",
+];
+
+/// What to say of keys that a format gives no meaning, by which people state a scale that is not that of stored samples.
+pub(crate) fn unapplied_scale<'a>(
+    keys: impl Iterator<Item = (&'a str, &'a str)>,
+) -> Option<Warning> {
+    let is_scale = |name: &str, value: &str| {
+        let name = crate::volume::stated::written::plain(name);
+        let like = SCALES.iter().any(|scale| name.ends_with(scale));
+        let none = if name.ends_with("slope") || name.ends_with("factor") {
+            1.0
+        } else {
+            0.0
+        };
+        // a key that says that nothing is scaled needs no word
+        like && value.parse::<f64>().is_ok_and(|v| v != none)
+    };
+    let mut found: Vec<String> = keys
+        .filter(|(name, value)| is_scale(name, value))
+        .map(|(name, value)| format!("{name} {value}"))
+        .collect();
+    found.sort();
+    (!found.is_empty()).then(|| {
+        format!(
+            "the file states {}, which is not applied, since the format gives such keys no meaning: values are as they \
+             are stored",
+            found.join(" and ")
+        )
+        .into()
+    })
+}
+
 /// The texts of warnings, without those that `--spacing` settles if it is given.
 pub(crate) fn texts(all: Vec<Warning>, spacing: bool) -> Vec<String> {
     let left = all.into_iter().filter(|w| !(spacing && w.of_size));

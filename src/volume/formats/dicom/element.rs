@@ -71,6 +71,17 @@ impl Elements {
         })
     }
 
+    /// The tag that an element points to, where it is one.
+    pub(crate) fn pointer(&self, tag: u32) -> Option<u32> {
+        let bytes: [u8; 4] = self.bytes(tag)?.try_into().ok()?;
+        let pair = [[bytes[0], bytes[1]], [bytes[2], bytes[3]]];
+        let [group, element] = pair.map(match self.big {
+            true => u16::from_be_bytes,
+            false => u16::from_le_bytes,
+        });
+        Some(u32::from(group) << 16 | u32::from(element))
+    }
+
     /// A binary number of double precision.
     pub(crate) fn double(&self, tag: u32) -> Option<f64> {
         let bytes = *self.bytes(tag)?.first_chunk::<8>()?;
@@ -109,6 +120,8 @@ struct Coding {
 /// A file's elements up to its pixels.
 pub(crate) struct Header {
     pub(crate) elements: Elements,
+    /// What kind of object the file holds; empty if it does not say so.
+    pub(crate) class: String,
     /// The transfer syntax, or empty for a file without preamble.
     pub(crate) syntax: String,
     pub(crate) endian: Endian,
@@ -129,6 +142,8 @@ struct Reader<'a> {
     path: &'a Path,
     input: Input,
     position: u64,
+    /// Where the file ends; nothing is known of what is packed.
+    end: u64,
     elements: u64,
     coding: Coding,
 }
@@ -166,14 +181,17 @@ fn bare(head: &[u8]) -> Option<Coding> {
 pub(crate) fn read(blob: &Blob) -> Result<Header> {
     let bytes = blob.open()?;
     let head = blob.head(132)?;
-    let mut syntax = String::new();
+    let (mut class, mut syntax) = (String::new(), String::new());
     let mut coding = bare(&head).unwrap_or(Coding {
         explicit: true,
         big: false,
     });
     let mut start = 0;
     if head.get(128..132) == Some(b"DICM") {
-        (syntax, start) = meta(&bytes)?;
+        let (known, end) = meta(&bytes)?;
+        class = known.text(tag::MEDIA_SOP_CLASS);
+        syntax = known.text(tag::TRANSFER_SYNTAX);
+        start = end;
         coding = Coding {
             explicit: syntax != "1.2.840.10008.1.2",
             big: syntax == "1.2.840.10008.1.2.2",
@@ -183,7 +201,9 @@ pub(crate) fn read(blob: &Blob) -> Result<Header> {
     let mut reader = Reader::new(&bytes, start, packed, coding);
     let mut pixels = None;
     let elements = reader.set(u64::MAX, 0, Some(&mut pixels))?;
+    let own = elements.text(tag::SOP_CLASS);
     Ok(Header {
+        class: if own.is_empty() { class } else { own },
         elements,
         syntax,
         endian: if coding.big {
@@ -196,22 +216,22 @@ pub(crate) fn read(blob: &Blob) -> Result<Header> {
     })
 }
 
-/// The transfer syntax of the file's meta information, and where that ends.
-fn meta(bytes: &Bytes) -> Result<(String, u64)> {
+/// What is wanted of the file's meta information, and where that ends.
+fn meta(bytes: &Bytes) -> Result<(Elements, u64)> {
     let coding = Coding {
         explicit: true,
         big: false,
     };
     let mut reader = Reader::new(bytes, 132, false, coding);
-    let mut syntax = Elements::default();
+    let mut known = Elements::default();
     loop {
         let at = reader.position;
         let Some((tag, _, len)) = reader.head_of(u64::MAX, |tag| tag >> 16 == 2)? else {
-            return Ok((syntax.text(tag::TRANSFER_SYNTAX), at));
+            return Ok((known, at));
         };
-        if tag == tag::TRANSFER_SYNTAX && len <= 128 {
+        if matches!(tag, tag::TRANSFER_SYNTAX | tag::MEDIA_SOP_CLASS) && len <= 128 {
             let value = Value::Bytes(reader.take(len.into())?);
-            syntax.values.insert(tag, value);
+            known.values.insert(tag, value);
         } else {
             reader.skip(len.into())?;
         }
@@ -229,6 +249,7 @@ impl<'a> Reader<'a> {
                 Input::Plain(plain)
             },
             position: if packed { 0 } else { start },
+            end: if packed { u64::MAX } else { bytes.len() },
             elements: 0,
             coding,
         }
@@ -238,6 +259,10 @@ impl<'a> Reader<'a> {
         let place = format!("{found} at byte {}", self.position);
         Error::format(self.path, place, "a whole DICOM file")
             .with_hint("the file is cut short or damaged")
+    }
+
+    fn inside(&self, what: &str) -> Error {
+        self.broken(format!("the file's end inside {what}"))
     }
 
     fn take(&mut self, len: u64) -> Result<Vec<u8>> {
@@ -251,12 +276,16 @@ impl<'a> Reader<'a> {
                 self.position += len;
                 Ok(out)
             }
-            Ok(_) => Err(self.broken("the file's end inside an element".into())),
+            Ok(_) => Err(self.inside("an element")),
             Err(e) => Err(self.broken(format!("damaged bytes ({e})"))),
         }
     }
 
     fn skip(&mut self, len: u64) -> Result<()> {
+        // a position behind the end is no error of the system's
+        if self.position.saturating_add(len) > self.end {
+            return Err(self.inside("an element"));
+        }
         let done = match &mut self.input {
             Input::Plain(r) => match i64::try_from(len) {
                 Ok(len) => r.seek_relative(len),
@@ -386,6 +415,10 @@ impl<'a> Reader<'a> {
                 self.skip(len.into())?;
             }
         }
+        // items end where they say, or at a delimiter
+        if depth > 0 && self.position < end {
+            return Err(self.inside("a sequence"));
+        }
         Ok(out)
     }
 
@@ -406,10 +439,13 @@ impl<'a> Reader<'a> {
             UNDEFINED => u64::MAX,
             len => self.position.saturating_add(len.into()),
         };
-        let mut items = Vec::new();
+        let (mut items, mut ended) = (Vec::new(), false);
         while let Some((tag, _, len)) = self.head_of(end, |_| true)? {
             match (tag, len) {
-                (tag::SEQUENCE_END, _) => break,
+                (tag::SEQUENCE_END, _) => {
+                    ended = true;
+                    break;
+                }
                 (tag::ITEM, UNDEFINED) => items.push(self.set(u64::MAX, depth, None)?),
                 (tag::ITEM, len) => {
                     let end = self.position.saturating_add(len.into());
@@ -417,6 +453,9 @@ impl<'a> Reader<'a> {
                 }
                 _ => return Err(self.broken(format!("the tag {tag:08x} for an item"))),
             }
+        }
+        if !ended && self.position < end {
+            return Err(self.inside("a sequence"));
         }
         self.coding = outer;
         Ok(items)

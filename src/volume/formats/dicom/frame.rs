@@ -7,7 +7,7 @@ use crate::volume::formats::dicom::syntax::Syntax;
 use crate::volume::formats::dicom::tag;
 use crate::volume::io::blob::Blob;
 use crate::volume::{Dtype, Endian};
-use std::path::Path;
+use std::path::{Path, PathBuf};
 
 /// How a pixel is stored.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -75,10 +75,22 @@ pub(crate) enum Step {
     Unknown,
 }
 
+/// What a sound file is.
+pub(crate) enum Found {
+    Image(Box<Image>),
+    /// No image, as a report, or one that was cut off before its pixels.
+    NoPixels {
+        path: PathBuf,
+        class: String,
+    },
+}
+
 /// A file with pixels.
 #[derive(Debug)]
 pub(crate) struct Image {
     pub(crate) blob: Blob,
+    /// What kind of object it is (SOPClassUID); may be empty.
+    pub(crate) class: String,
     pub(crate) instance: String,
     pub(crate) series: Series,
     pub(crate) size: [u32; 2],
@@ -94,6 +106,8 @@ pub(crate) struct Image {
     pub(crate) between: Option<f64>,
     /// How that is known, for a file of several frames.
     pub(crate) step: Step,
+    /// Its frames follow each other in time, and no position is of one frame alone.
+    pub(crate) in_time: bool,
     /// Small numbers are bright (MONOCHROME1).
     pub(crate) inverse: bool,
     /// A view to plan the scan by (LOCALIZER in ImageType).
@@ -119,15 +133,18 @@ pub(crate) struct Context<'a> {
 }
 
 impl Image {
-    /// Reads a file; `None` if it is sound but has no pixels (a directory, a report).
+    /// Reads a file.
     ///
     /// # Errors
     /// [`Error::Format`] for damage, [`Error::Unsupported`] by name for colours, odd sizes of pixels
     /// and encodings that are not decoded.
-    pub(crate) fn read(blob: Blob, file: u32) -> Result<Option<Image>> {
+    pub(crate) fn read(blob: Blob, file: u32) -> Result<Found> {
         let header = element::read(&blob)?;
         let Some((kind, position, len)) = header.pixels else {
-            return Ok(None);
+            return Ok(Found::NoPixels {
+                path: blob.path().to_path_buf(),
+                class: header.class,
+            });
         };
         let at = Context {
             path: blob.path(),
@@ -145,10 +162,9 @@ impl Image {
         at.check_length(&header, size, cell, count, blob.len())?;
         let mut frames = at.frames(file, count)?;
         let (between, step) = at.step();
-        let step = match at.spread(&mut frames, between)? {
-            true => step,
-            false => Step::Stated,
-        };
+        let stepped = at.spread(&mut frames, between)?;
+        let step = if stepped { step } else { Step::Stated };
+        let in_time = stepped && count > 1 && at.points_to_time();
         let set = &header.elements;
         let padding = set.short(tag::PADDING).map(|first| {
             let last = set.short(tag::PADDING_LIMIT).unwrap_or(first);
@@ -159,7 +175,8 @@ impl Image {
             ends.sort();
             ends
         });
-        Ok(Some(Image {
+        Ok(Found::Image(Box::new(Image {
+            class: header.class.clone(),
             instance: set.text(tag::SOP_INSTANCE),
             series: Series {
                 number: set.text(tag::SERIES_NUMBER),
@@ -175,12 +192,13 @@ impl Image {
             padding: padding.filter(|_| !cell.float),
             between,
             step,
+            in_time,
             inverse: set.text(tag::PHOTOMETRIC).starts_with("MONOCHROME1"),
             localizer: set.text(tag::IMAGE_TYPE).contains("LOCALIZER"),
             number: set.number(tag::INSTANCE_NUMBER).map(|n| n as i64),
             frames,
             blob,
-        }))
+        })))
     }
 }
 
@@ -316,6 +334,15 @@ impl Context<'_> {
                 })
             })
             .collect()
+    }
+
+    /// True if the frames are told apart by their time.
+    fn points_to_time(&self) -> bool {
+        let of = |tag| self.set.pointer(tag);
+        matches!(
+            of(tag::FRAME_POINTER),
+            Some(tag::FRAME_TIME | tag::FRAME_TIME_VECTOR)
+        )
     }
 
     /// Distance of frames without a position for each, and how it is known.

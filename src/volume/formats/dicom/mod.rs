@@ -22,32 +22,36 @@ mod scale;
 mod series;
 mod syntax;
 mod tag;
+mod unplaced;
 
 use crate::error::{Error, Result};
-use crate::grid::{Dims, Origin, Placement, Provenance, Unit};
+use crate::grid::{Dims, Origin, Provenance};
 use crate::volume::adapters::resample::Grid;
 use crate::volume::adapters::values::{Linear, Scale, Values};
 use crate::volume::descriptor::{Samples, VolumeDescriptor};
-use crate::volume::format::{Format, Slices};
+use crate::volume::format::{Format, Slices, Unread};
 use crate::volume::formats::optional;
 use crate::volume::io::blob::Blob;
 use crate::volume::io::paged::MAX_CHUNK;
 use crate::volume::options::OpenOptions;
 use crate::volume::stated::warning::Warning;
 use element::Fragment;
-use frame::{Cell, Image, Rescale, Step};
+use frame::{Cell, Found, Image, Rescale, Step};
 use pixel::Frames;
 use rayon::prelude::*;
 use series::Candidate;
-use std::path::Path;
+use std::collections::{BTreeSet, HashSet};
+use std::path::{Path, PathBuf};
 use std::sync::Arc;
+use unplaced::{in_time, no_distance, unplaced};
 
 /// The format.
 pub(crate) const FORMAT: Format = Format {
     starts: element::is_dicom,
     parse: Some(|input, options| parse(input.path, vec![Blob::file(input.path)?], options)),
     slices: Some(Slices {
-        parse,
+        parse: parse_folder,
+        is_single: |_| Ok(false),
         placed: true,
     }),
     ..optional::dicom::FORMAT
@@ -63,14 +67,31 @@ pub(crate) fn parse(
     blobs: Vec<Blob>,
     options: &OpenOptions,
 ) -> Result<VolumeDescriptor> {
+    parse_folder(path, blobs, Vec::new(), options)
+}
+
+/// Opens the volume in the files of a folder; `unread` lies beside them under names of slices.
+///
+/// # Errors
+/// As [`parse`], and [`Error::Format`] for what is no slice where the slices lie.
+pub(crate) fn parse_folder(
+    path: &Path,
+    blobs: Vec<Blob>,
+    unread: Vec<Unread>,
+    options: &OpenOptions,
+) -> Result<VolumeDescriptor> {
     let (images, mut notes) = read(path, blobs)?;
     let (candidates, twice) = series::candidates(&images);
-    if twice > 0 {
-        notes.push(format!("{twice} files come twice and count once"));
-    }
+    notes.extend(twice.note());
     let total: usize = candidates.iter().map(|c| c.frames.len()).sum();
     let wanted = options.series.as_deref();
-    let candidate = series::choose(path, candidates, &images, wanted)?;
+    let candidate = match series::choose(path, candidates, &images, wanted) {
+        Err(error @ Error::Format { .. }) => {
+            return Err(unread.first().map_or(error, Unread::error));
+        }
+        other => other?,
+    };
+    notes.extend(beside(&candidate, &images, &unread)?);
     let others = total - candidate.frames.len();
     let left_out = agree::left_out(&candidate.frames[0], &candidate.frames, &images);
     if wanted != Some(&candidate.key) {
@@ -91,7 +112,8 @@ pub(crate) fn parse(
     notes.insert(0, title(&candidate));
     if others > 0 {
         notes.push(format!(
-            "{others} other images are left out, of another series, size, orientation or kind of numbers{}",
+            "{} left out, of another series, size, orientation or kind of numbers{}",
+            counted(others, "other image is", "other images are"),
             agree::note(&left_out).unwrap_or_default()
         ));
     }
@@ -112,13 +134,12 @@ pub(crate) fn parse(
     })
 }
 
-/// True if no position tells the order of slices: there are none, or all files have the same and the user says how
-/// far slices lie apart.
+/// True if no position tells the order of slices: there are none, or all have the same and the user says how far slices
+/// lie apart.
 fn without_places(candidate: &Candidate, options: &OpenOptions) -> bool {
     let first = &candidate.frames[0];
-    let files = candidate.frames.iter().any(|f| f.file != first.file);
     let same = candidate.frames.iter().all(|f| f.plane == first.plane);
-    first.plane.is_none() || (files && same && options.spacing.is_some())
+    first.plane.is_none() || (same && options.spacing.is_some())
 }
 
 /// How values follow from the stored numbers of frames, where the files state a scale.
@@ -150,32 +171,75 @@ fn applied(frames: &[frame::Frame]) -> Option<String> {
 /// Reads the headers. What has no pixels is passed by, and, if anything is left, what is not
 /// supported.
 fn read(path: &Path, blobs: Vec<Blob>) -> Result<(Vec<Image>, Vec<String>)> {
-    let found: Vec<Result<Option<Image>>> = blobs
+    let found: Vec<Result<Found>> = blobs
         .into_par_iter()
         .map(|blob| Image::read(blob, 0))
         .collect();
-    let (mut images, mut passed) = (Vec::new(), Vec::new());
+    let (mut images, mut passed, mut bare) = (Vec::<Image>::new(), Vec::new(), Vec::new());
     for image in found {
         match image {
-            Ok(None) => {}
-            Ok(Some(mut image)) => {
+            Ok(Found::NoPixels { path, class }) => bare.push((path, class)),
+            Ok(Found::Image(mut image)) => {
                 let file = images.len() as u32;
                 image.frames.iter_mut().for_each(|f| f.file = file);
-                images.push(image);
+                images.push(*image);
             }
             Err(error @ Error::Unsupported { .. }) => passed.push(error),
             Err(error) => return Err(error),
         }
     }
+    let mut notes = without_pixels(&images, bare)?;
     match (images.is_empty(), passed.is_empty()) {
-        (false, true) => Ok((images, Vec::new())),
+        (false, true) => Ok((images, notes)),
         (false, false) => {
-            let note = format!("{} files are passed by: {}", passed.len(), passed[0]);
-            Ok((images, vec![note]))
+            let files = counted(passed.len(), "file is", "files are");
+            notes.push(format!("{files} passed by: {}", passed[0]));
+            Ok((images, notes))
         }
         (true, false) => Err(passed.swap_remove(0)),
         (true, true) => Err(Error::format(path, "DICOM without pixels", "slices")),
     }
+}
+
+/// Refuses files without pixels that are of the kind of the images, or of none: they are cut short. Others, as reports,
+/// are a note.
+fn without_pixels(images: &[Image], bare: Vec<(PathBuf, String)>) -> Result<Vec<String>> {
+    let kinds: BTreeSet<&str> = images.iter().map(|i| i.class.as_str()).collect();
+    let cut = |(_, class): &&(PathBuf, String)| class.is_empty() || kinds.contains(class.as_str());
+    if let Some((path, _)) = bare.iter().find(cut).filter(|_| !images.is_empty()) {
+        return Err(
+            Error::format(path, "DICOM without pixels", "a slice, as beside it").with_hint(
+                "the file is cut short or damaged: replace it, or take it out of the folder if it is no slice",
+            ),
+        );
+    }
+    let note = bare.first().map(|(path, _)| {
+        let files = counted(
+            bare.len(),
+            "file of DICOM without pixels is",
+            "files of DICOM without pixels are",
+        );
+        format!("{files} passed by, as {}", path.display())
+    });
+    Ok(note.into_iter().collect())
+}
+
+/// Refuses what is no slice in the folders of the slices; elsewhere it is a note.
+fn beside(candidate: &Candidate, images: &[Image], unread: &[Unread]) -> Result<Vec<String>> {
+    let files = candidate
+        .frames
+        .iter()
+        .map(|f| images[f.file as usize].blob.path());
+    let folders: HashSet<_> = files.map(Path::parent).collect();
+    match unread.iter().find(|u| folders.contains(&u.path.parent())) {
+        Some(unread) => Err(unread.error()),
+        None => Ok(unread.iter().take(5).map(Unread::note).collect()),
+    }
+}
+
+/// A number with the word for one, or for several.
+fn counted(number: usize, one: &str, several: &str) -> String {
+    format!("{number} {}", if number == 1 { one } else { several })
 }
 
 fn title(candidate: &Candidate) -> String {
@@ -196,7 +260,7 @@ fn padding(candidate: &Candidate, images: &[Image]) -> Option<String> {
         false => format!("{first} to {last}"),
     };
     Some(format!(
-        "voxels of {which} are padding, not measured (PixelPaddingValue)"
+        "voxels of {which} are padding: the scanner measured nothing there, and they keep that value (PixelPaddingValue)"
     ))
 }
 
@@ -268,6 +332,7 @@ fn placed(
     let Candidate { size, cell, .. } = candidate;
     let image = &images[candidate.frames[0].file as usize];
     let (padding, step) = (image.padding, image.step);
+    let in_time = in_time(image, options)?;
     let given = options.spacing.map(|[x, y, _]| [x, y]);
     let mut stack = order::stack(path, candidate.frames, &images, given)?;
     let mut provenance = Provenance {
@@ -277,11 +342,11 @@ fn placed(
     };
     if let Some([one, other]) = &stack.repeats {
         notes.push(format!(
-            "{} slices have the place and the pixels of another, as {other} those of {one}, and count once",
-            stack.repeated
+            "{} the place and the pixels of another, as {other} those of {one}: each place counts once",
+            counted(stack.repeated, "slice has", "slices have")
         ));
     }
-    let mut warnings = Vec::new();
+    let mut warnings: Vec<Warning> = in_time.into_iter().collect();
     if options.spacing.is_none() {
         match step {
             Step::Stated => {}
@@ -313,7 +378,7 @@ fn placed(
         }
     };
     let dims = Dims::new([size[0].into(), size[1].into(), slices as u64]);
-    let dims = dims.map_err(|e| Error::format(path, format!("a series with {e}"), "a volume"))?;
+    let dims = dims.map_err(|e| e.of_header(path, "a series"))?;
     Ok(VolumeDescriptor {
         placement: grid.as_ref().map_or(stack.placement, |grid| grid.placement),
         provenance,
@@ -332,103 +397,11 @@ fn thickness(thick: f64) -> Warning {
     ))
 }
 
-fn no_distance(path: &Path) -> Error {
-    let found = "DICOM frames without a position for each, and without their distance";
-    let expected = "ImagePositionPatient for each, or PixelSpacing and SpacingBetweenSlices";
-    Error::format(path, found, expected)
-        .with_hint("if the frames are slices in order, give --spacing and --unit")
-}
-
 /// The value of what lies outside of every slice: padding, else air, else the least number.
 fn fill(cell: Cell, rescale: Rescale, padding: Option<[i64; 2]>) -> f64 {
     match padding {
         Some([padding, _]) => rescale.value(padding as f64),
         None if cell.signed && !cell.float => -1000.0,
         None => rescale.value(0.0),
-    }
-}
-
-/// Frames without places: those of one file in their order, if the size of a voxel is known, those of several files
-/// by their InstanceNumber, if the user gives it.
-fn unplaced(
-    path: &Path,
-    candidate: Candidate,
-    images: Vec<Image>,
-    options: &OpenOptions,
-) -> Result<VolumeDescriptor> {
-    let Candidate {
-        size,
-        cell,
-        frames: mut own,
-        ..
-    } = candidate;
-    let image = &images[own[0].file as usize];
-    let (pixel, between, step) = (own[0].pixel, image.between, image.step);
-    let mut warnings = Vec::new();
-    let (mut placement, mut provenance) = (Placement::default(), Provenance::default());
-    if own.iter().any(|frame| frame.file != own[0].file) {
-        by_number(path, &mut own, &images, options)?;
-        warnings.push(
-            "slices are in the order of their InstanceNumber, since the files state no positions: where that counts \
-             the other way, the volume is mirrored"
-                .into(),
-        );
-    } else {
-        match (pixel, between) {
-            (Some([x, y]), Some(z)) => {
-                placement.spacing = [x, y, z];
-                placement.unit = Unit::Millimetre;
-                (provenance.spacing, provenance.unit) = ([Origin::File; 3], Origin::File);
-                if let (Step::Thickness(thick), None) = (step, options.spacing) {
-                    provenance.spacing[2] = Origin::Assumed;
-                    warnings.push(thickness(thick));
-                }
-            }
-            _ if options.spacing.is_some() => {}
-            _ => return Err(no_distance(path)),
-        }
-    }
-    let slices = own.len() as u64;
-    let values = applied(&own);
-    let pages = frames(images, own, size, cell)?;
-    let dims = Dims::new([size[0].into(), size[1].into(), slices])
-        .map_err(|e| Error::format(path, format!("frames with {e}"), "a volume"))?;
-    Ok(VolumeDescriptor {
-        placement,
-        provenance,
-        applied: values,
-        warnings,
-        ..VolumeDescriptor::new("dicom", dims, pages.dtype, Samples::Pages(Box::new(pages)))
-    })
-}
-
-/// Orders the frames of several files by the files' numbers, which must count them.
-fn by_number(
-    path: &Path,
-    own: &mut [frame::Frame],
-    images: &[Image],
-    options: &OpenOptions,
-) -> Result<()> {
-    let found = "a DICOM series without positions (ImagePositionPatient)";
-    if options.spacing.is_none() {
-        return Err(Error::format(path, found, "the place of every slice").with_hint(
-            "if the InstanceNumber of its files counts slices in order, --spacing X,Y,Z --unit mm reads them in that \
-             order",
-        ));
-    }
-    let number = |frame: &frame::Frame| images[frame.file as usize].number;
-    own.sort_by_key(number);
-    let numbers: Option<Vec<i64>> = own.iter().map(number).collect();
-    let counts = numbers.is_some_and(|all| {
-        let mut steps = all.windows(2).map(|w| w[1].saturating_sub(w[0]));
-        let first = steps.next().unwrap_or(0);
-        first > 0 && steps.all(|step| step == first)
-    });
-    match counts {
-        true => Ok(()),
-        false => Err(
-            Error::format(path, found, "an InstanceNumber that counts its slices")
-                .with_hint("the order of its slices is unknown: convert it to TIFF or NRRD"),
-        ),
     }
 }

@@ -14,6 +14,13 @@ const MAX_OFF: f64 = 0.1;
 /// And this far aside, in pixels.
 const MAX_ASIDE: f64 = 0.2;
 
+/// Ways out for slices at one place.
+const BY_NUMBER: &str = "all slices have the same position: if their InstanceNumber counts them in order, \
+                         --spacing X,Y,Z --unit mm reads them in that order";
+const AS_STORED: &str = "all frames have the same position: if they are stored in order, --spacing X,Y,Z --unit mm reads \
+                         them in that order";
+const SEVERAL: &str = "it holds several times, echoes or reconstructions: put the files of one into a folder of their own";
+
 /// Frames in order and where they lie.
 #[derive(Debug)]
 pub(crate) struct Stack {
@@ -72,6 +79,8 @@ pub(crate) fn stack(
     });
     let span = depth(&placed[placed.len() - 1].1) - depth(&placed[0].1);
     let near = 1e-3 * (span / (placed.len().max(2) - 1) as f64).max(1e-6);
+    let alike = placed.iter().all(|p| p.1 == placed[0].1);
+    let many = placed.iter().any(|p| p.0.file != placed[0].0.file);
     let (mut repeated, mut repeats) = (0, None);
     let mut kept: Vec<(Frame, crate::volume::formats::dicom::frame::Plane, [f64; 2])> =
         Vec::with_capacity(placed.len());
@@ -80,7 +89,12 @@ pub(crate) fn stack(
             Some(last) if depth(&next.1) - depth(&last.1) <= near => {
                 let names = [called(images, &last.0), called(images, &next.0)];
                 if !pixel::same(images, &last.0, &next.0)? {
-                    return Err(together(path, names, last.1.position, span));
+                    let hint = match (alike, many) {
+                        (true, true) => BY_NUMBER,
+                        (true, false) => AS_STORED,
+                        (false, _) => SEVERAL,
+                    };
+                    return Err(together(path, names, last.1.position, hint));
                 }
                 repeated += 1;
                 repeats = Some(names);
@@ -126,19 +140,11 @@ fn tidy(step: f64) -> f64 {
 }
 
 /// The refusal of two slices at one place.
-fn together(path: &Path, [one, other]: [String; 2], place: [f64; 3], span: f64) -> Error {
+fn together(path: &Path, [one, other]: [String; 2], place: [f64; 3], hint: &str) -> Error {
+    let [x, y, z] = place;
     let what = format!(
-        "a DICOM series with two slices at one place, {place:?} mm, of other pixels each: {one} and {other},"
+        "a DICOM series with two slices at one place, ({x}, {y}, {z}) mm, of other pixels each: {one} and {other},"
     );
-    let hint = match span <= 0.0 {
-        true => {
-            "all slices have the same position: if their InstanceNumber counts them in order, --spacing and --unit \
-             read them in that order"
-        }
-        false => {
-            "it holds several times, echoes or reconstructions: put the files of one into a folder of their own"
-        }
-    };
     Error::unsupported(path, what, hint)
 }
 

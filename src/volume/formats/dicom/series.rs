@@ -3,9 +3,9 @@
 use crate::error::{Error, Result};
 use crate::volume::formats::dicom::agree;
 use crate::volume::formats::dicom::frame::{Cell, Frame, Image, Series};
-use std::collections::HashSet;
+use std::collections::HashMap;
 use std::fmt::Write;
-use std::path::Path;
+use std::path::{Path, PathBuf};
 
 /// Frames of one series, size, kind and orientation.
 #[derive(Debug)]
@@ -41,14 +41,44 @@ impl Candidate {
     }
 }
 
+/// Files of one instance: one of them counts.
+#[derive(Debug, Default)]
+pub(crate) struct Twice {
+    count: usize,
+    /// The first such pair.
+    first: Option<[PathBuf; 2]>,
+}
+
+impl Twice {
+    /// What to say of them, if there are any.
+    pub(crate) fn note(&self) -> Option<String> {
+        let [one, other] = self.first.as_ref()?;
+        let files = match self.count {
+            1 => "1 file comes",
+            n => &format!("{n} files come"),
+        };
+        Some(format!(
+            "{files} twice, as {} and {}: one of each counts",
+            one.display(),
+            other.display()
+        ))
+    }
+}
+
 /// Sorts frames into candidates, by the series' number. A file that comes twice counts once; the
-/// number of those left out is returned too.
-pub(crate) fn candidates(images: &[Image]) -> (Vec<Candidate>, usize) {
+/// files left out are returned too.
+pub(crate) fn candidates(images: &[Image]) -> (Vec<Candidate>, Twice) {
     let mut out: Vec<Candidate> = Vec::new();
-    let (mut seen, mut twice) = (HashSet::new(), 0);
+    let (mut seen, mut twice) = (HashMap::new(), Twice::default());
     for image in images {
-        if !image.instance.is_empty() && !seen.insert(&image.instance) {
-            twice += 1;
+        let own = image.blob.path();
+        if !image.instance.is_empty()
+            && let Some(other) = seen.insert(&image.instance, own)
+        {
+            twice.count += 1;
+            twice
+                .first
+                .get_or_insert([other.to_path_buf(), own.to_path_buf()]);
             continue;
         }
         for frame in &image.frames {

@@ -9,6 +9,7 @@ macro_rules! tags {
 }
 tags! {
     IMAGE_TYPE = 0x0008_0008;
+    SOP_CLASS = 0x0008_0016;
     SOP_INSTANCE = 0x0008_0018;
     MODALITY = 0x0008_0060;
     CODE_VALUE = 0x0008_0100;
@@ -25,6 +26,7 @@ tags! {
     SAMPLES = 0x0028_0002;
     PHOTOMETRIC = 0x0028_0004;
     FRAMES = 0x0028_0008;
+    FRAME_POINTER = 0x0028_0009;
     ROWS = 0x0028_0010;
     COLUMNS = 0x0028_0011;
     PIXEL_SPACING = 0x0028_0030;
@@ -56,6 +58,9 @@ tags! {
     SHARED = 0x5200_9229;
     PER_FRAME = 0x5200_9230;
 }
+pub const FRAME_TIME: u32 = 0x0018_1063;
+pub const FRAME_TIME_VECTOR: u32 = 0x0018_1065;
+pub const MEDIA_SOP_CLASS: u32 = 0x0002_0002;
 pub const TRANSFER_SYNTAX: u32 = 0x0002_0010;
 pub const FLOAT_PIXELS: u32 = 0x7fe0_0008;
 pub const DOUBLE_PIXELS: u32 = 0x7fe0_0009;

@@ -5,26 +5,27 @@
 //! slice is refused rather than closed over, and so are the slices of several stacks, or a picture beside
 //! them. Other files (notes, logs) are passed by.
 
+mod list;
 mod others;
+mod unread;
 
 use crate::error::{Error, Result};
 use crate::grid::Dims;
 use crate::sys::atomic_file::directory;
 use crate::volume::Dtype;
 use crate::volume::descriptor::{Samples, VolumeDescriptor};
-use crate::volume::format::{Format, Input, listed, title_of};
+use crate::volume::format::{Format, Input, Unread, listed, title_of};
 use crate::volume::formats::{foreign, skyscan};
 use crate::volume::io::blob::Blob;
 use crate::volume::io::data::{Data, Encoding, Start};
 use crate::volume::io::text::Pattern;
 use crate::volume::options::OpenOptions;
+use list::{below, list};
 use others::{Others, nothing};
 use std::cmp::Ordering;
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
-
-/// More files than slices can be.
-const MAX_FILES: usize = 1 << 20;
+use unread::Names;
 
 /// Opens the slices in a folder.
 ///
@@ -54,8 +55,8 @@ pub(crate) fn parse(
         let hint = "convert it to Zarr, or save the array as NRRD, MetaImage or TIFF";
         return Err(Error::unsupported(path, "the N5 format", hint));
     }
-    let files = list(path)?;
-    these(path, files.clone(), &files, formats, options)
+    let (files, unread) = list(path)?;
+    these(path, files.clone(), &files, unread, formats, options)
 }
 
 /// True for a folder of N5: its metadata name its version, or the blocks of an array.
@@ -81,7 +82,8 @@ pub(crate) fn numbered(
 ) -> Option<Result<VolumeDescriptor>> {
     let pattern = Pattern::parse(&name(path))?;
     let folder = directory(path);
-    Some(list(folder).and_then(|all| {
+    Some(list(folder).and_then(|(all, mut unread)| {
+        unread.retain(|u| pattern.matches(&name(&u.path)));
         let matching = all.iter().filter(|file| pattern.matches(&name(file)));
         let files: Vec<_> = matching.cloned().collect();
         if files.is_empty() {
@@ -89,7 +91,7 @@ pub(crate) fn numbered(
             let expected = "files with numbers in place of the % and what follows it";
             return Err(Error::format(path, found, expected));
         }
-        these(path, files, &all, formats, options)
+        these(path, files, &all, unread, formats, options)
     }))
 }
 
@@ -98,6 +100,7 @@ fn these(
     path: &Path,
     files: Vec<PathBuf>,
     all: &[PathBuf],
+    mut unread: Vec<Unread>,
     formats: &'static [Format],
     options: &OpenOptions,
 ) -> Result<VolumeDescriptor> {
@@ -109,22 +112,35 @@ fn these(
         pictures,
         mut scans,
         others,
+        unread: unknown,
     } = found;
+    unread.extend(unknown);
     let placed = formats.iter().find(|f| f.has_placed_slices());
     // one picture alone is no volume, and beside folders of slices a preview
-    let alone =
-        |(format, files): &(&Format, Vec<PathBuf>)| format.parse.is_none() && files.len() < 2;
-    let previews = !pictures.is_empty() && pictures.iter().all(alone);
+    let previews = match &pictures[..] {
+        [] => false,
+        all => {
+            let mut alone = true;
+            for (format, files) in all {
+                alone &= files.len() < 2 && format.is_one_slice(&files[0])?;
+            }
+            alone
+        }
+    };
     if path.is_dir() && (!scans.is_empty() || previews) {
-        scans.extend(below(path, formats)?);
+        let (more, odd) = below(path, formats)?;
+        scans.extend(more);
+        unread.extend(odd);
     }
     // pictures beside the slices are previews
     let count: usize = pictures.iter().map(|(_, files)| files.len()).sum();
     if scans.len() > count
         && let Some(format) = placed
     {
-        return format.parse_slices(path, scans, options);
+        return series(path, format, scans, (unread, &others), options);
     }
+    let slices = pictures.iter().flat_map(|(_, files)| files);
+    unread::none_among(&unread, &Names::of(slices.map(PathBuf::as_path)))?;
     match &pictures[..] {
         [(format, files)] => ordered(path, format, files.clone(), all, options),
         [] => {
@@ -135,15 +151,16 @@ fn these(
             {
                 return raw(path, files, dims, dtype, &raw_options);
             }
-            let below = if path.is_dir() {
-                below(path, formats)?
-            } else {
-                Vec::new()
-            };
-            match placed.filter(|_| !below.is_empty()) {
-                Some(format) => format.parse_slices(path, below, options),
-                None => Err(nothing(path, &others, formats)),
+            if let Some(format) = placed
+                && path.is_dir()
+            {
+                let (scans, odd) = below(path, formats)?;
+                unread.extend(odd);
+                if !scans.is_empty() {
+                    return series(path, format, scans, (unread, &others), options);
+                }
             }
+            Err(nothing(path, &others, formats))
         }
         several => {
             let counts = several
@@ -154,6 +171,28 @@ fn these(
             Err(Error::format(path, found, "slices of one format"))
         }
     }
+}
+
+/// Slices that say where they lie, with what stands beside them under such names.
+fn series(
+    path: &Path,
+    format: &Format,
+    scans: Vec<Blob>,
+    (mut unread, others): (Vec<Unread>, &Others),
+    options: &OpenOptions,
+) -> Result<VolumeDescriptor> {
+    let names = Names::of(scans.iter().map(Blob::path));
+    unread.retain(|u| u.is_named_like(&names));
+    let notes = others.notes(&scans, format);
+    let mut found = format.parse_slices(path, scans, unread, options)?;
+    found.notes.extend(notes);
+    Ok(found)
+}
+
+/// True for the list of its files that a disc of DICOM holds: it has no pixels.
+fn is_index(path: &Path) -> bool {
+    path.file_name()
+        .is_some_and(|name| name.eq_ignore_ascii_case("DICOMDIR"))
 }
 
 /// True for the first bytes of a slice that says where it lies.
@@ -169,6 +208,8 @@ struct Found {
     /// Slices that say where they lie.
     scans: Vec<Blob>,
     others: Others,
+    /// Files of which no format is known.
+    unread: Vec<Unread>,
 }
 
 impl Found {
@@ -179,6 +220,9 @@ impl Found {
             ..Found::default()
         };
         for file in files {
+            if is_index(&file) {
+                continue;
+            }
             let blob = Blob::file(&file)?;
             let head = blob.head(400)?;
             let mut pictures = found.pictures.iter_mut();
@@ -188,16 +232,18 @@ impl Found {
                 found.scans.push(blob);
             } else if ordered.iter().any(|format| format.has_name(&file)) {
                 let titles: Vec<&str> = ordered.iter().map(|format| format.title).collect();
-                let begin = head[..head.len().min(16)].escape_ascii();
                 let expected = format!("a {}, as its name says", listed(&titles, "or"));
-                let begins = format!("a file that begins with \"{begin}\"");
-                return Err(Error::format(file, begins, expected).with_hint(
-                    "a slice is damaged: replace it, or take the file out of the folder",
-                ));
+                return Err(
+                    Error::format(file, unread::begins(&head), expected).with_hint(
+                        "a slice is damaged: replace it, or take the file out of the folder",
+                    ),
+                );
             } else if title_of(formats, &head).is_some() {
                 found.others.volumes.push(file);
             } else if let Some(name) = foreign::named(&file, &head) {
                 found.others.foreign.push((name, file));
+            } else {
+                found.unread.push(Unread::file(file, &head));
             }
         }
         found.pictures.retain(|(_, files)| !files.is_empty());
@@ -225,7 +271,7 @@ fn ordered(
     };
     let names = names(&files);
     check_sequence(path, &names)?;
-    let mut recipe = format.parse_slices(path, blobs(&files)?, options)?;
+    let mut recipe = format.parse_slices(path, blobs(&files)?, Vec::new(), options)?;
     for preview in &previews {
         let note = format!(
             "{} is taken for a preview of the scan and passed by",
@@ -244,57 +290,6 @@ pub(crate) fn is_slice(file: &Path, formats: &[Format]) -> bool {
     let head = Blob::file(file).and_then(|blob| blob.head(400));
     let slices = || formats.iter().filter(|format| format.slices.is_some());
     head.is_ok_and(|head| slices().any(|format| (format.starts)(&head)))
-}
-
-/// Folders in folders beyond this are not looked into.
-const MAX_DEPTH: u32 = 8;
-
-/// Slices that say where they lie in the folders of a folder, as scanners write DICOM to discs.
-fn below(path: &Path, formats: &[Format]) -> Result<Vec<Blob>> {
-    let (mut folders, mut scans) = (vec![(path.to_path_buf(), 0)], Vec::new());
-    while let Some((folder, depth)) = folders.pop() {
-        let fail = |e| Error::io(&folder, "list", e);
-        for entry in std::fs::read_dir(&folder).map_err(fail)? {
-            let entry = entry.map_err(fail)?;
-            let kind = entry.file_type().map_err(fail)?;
-            // links are not followed: they may go round
-            if kind.is_dir() && depth < MAX_DEPTH {
-                folders.push((entry.path(), depth + 1));
-            } else if kind.is_file() && depth > 0 {
-                let blob = Blob::file(&entry.path())?;
-                let head = blob.head(400)?;
-                if formats.iter().any(|format| is_placed(format, &head)) {
-                    scans.push(blob);
-                }
-            }
-            if scans.len() + folders.len() > MAX_FILES {
-                let found = format!("a folder of more than {MAX_FILES} files");
-                return Err(Error::format(path, found, "slices of a volume"));
-            }
-        }
-    }
-    // the order in which a folder lists its files must not matter, not even for messages
-    scans.sort_by(|a, b| a.path().cmp(b.path()));
-    Ok(scans)
-}
-
-/// The files of a folder, without hidden ones, in natural order.
-fn list(path: &Path) -> Result<Vec<PathBuf>> {
-    let fail = |e| Error::io(path, "list", e);
-    let mut files = Vec::new();
-    for entry in std::fs::read_dir(path).map_err(fail)? {
-        let entry = entry.map_err(fail)?;
-        let hidden = entry.file_name().as_encoded_bytes().starts_with(b".");
-        if !hidden && entry.path().is_file() {
-            files.push(entry.path());
-        }
-        if files.len() > MAX_FILES {
-            let found = format!("a folder of more than {MAX_FILES} files");
-            return Err(Error::format(path, found, "slices of a volume"));
-        }
-    }
-    files.sort_by(|a, b| natural(&name(a), &name(b)));
-    Ok(files)
 }
 
 fn name(path: &Path) -> String {

@@ -3,7 +3,8 @@
 use crate::error::Error;
 use crate::volume::format::{Format, listed};
 use crate::volume::formats::foreign;
-use std::collections::BTreeMap;
+use crate::volume::io::blob::Blob;
+use std::collections::{BTreeMap, HashSet};
 use std::path::{Path, PathBuf};
 
 /// What a folder holds besides slices.
@@ -13,6 +14,20 @@ pub(crate) struct Others {
     pub(crate) volumes: Vec<PathBuf>,
     /// Files of formats that are not read, with their names.
     pub(crate) foreign: Vec<(&'static str, PathBuf)>,
+}
+
+impl Others {
+    /// What to say of those that have the extension of the slices.
+    pub(crate) fn notes(&self, slices: &[Blob], format: &Format) -> Vec<String> {
+        let slices: HashSet<_> = slices.iter().map(|s| s.path().extension()).collect();
+        let like =
+            |file: &&PathBuf| file.extension().is_some() && slices.contains(&file.extension());
+        let foreign = self.foreign.iter().map(|(_, file)| file);
+        let files = self.volumes.iter().chain(foreign).filter(like);
+        files
+            .map(|f| format!("{} is passed by: it is no {}", f.display(), format.title))
+            .collect()
+    }
 }
 
 /// The refusal of a folder without slices, with what it holds instead.

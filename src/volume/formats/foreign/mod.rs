@@ -8,8 +8,10 @@ mod name;
 mod table;
 
 use crate::error::{Error, Result};
-use crate::volume::format::{Format, title_of};
+use crate::volume::descriptor::Samples;
+use crate::volume::format::{Format, Input, title_of};
 use crate::volume::io::blob::Blob;
+use crate::volume::options::OpenOptions;
 use described::Described;
 use std::io::Read;
 use std::path::{Path, PathBuf};
@@ -57,8 +59,12 @@ pub(crate) fn refuse(path: &Path, head: &[u8], formats: &'static [Format]) -> Re
             "unpack it, as with `gunzip -k`",
         ));
     }
+    if head.is_empty() {
+        return Err(Error::format(path, "an empty file", "a volume")
+            .with_hint("it was never written, or cut short: get it again"));
+    }
     let Some(kind) = kind(path, head) else {
-        return Ok(());
+        return no_false_name(path, head);
     };
     let long = Blob::file(path)?.head(HEAD)?;
     let hint = match (kind.read)(path, &long) {
@@ -69,6 +75,33 @@ pub(crate) fn refuse(path: &Path, head: &[u8], formats: &'static [Format]) -> Re
         path,
         format!("the {} format", kind.name),
         hint,
+    ))
+}
+
+/// Refuses a file that does not begin as its name says: it is cut short or damaged.
+fn no_false_name(path: &Path, head: &[u8]) -> Result<()> {
+    const NAMES: [(&str, &str); 11] = [
+        ("tif", "a TIFF"),
+        ("tiff", "a TIFF"),
+        ("h5", "HDF5"),
+        ("hdf5", "HDF5"),
+        ("nii", "NIfTI"),
+        ("npy", "a NumPy array"),
+        ("vti", "VTK image data"),
+        ("zip", "a zip"),
+        ("dcm", "DICOM"),
+        ("mnc", "MINC"),
+        ("ims", "Imaris"),
+    ];
+    let extension = path.extension().unwrap_or_default().to_ascii_lowercase();
+    let Some((_, name)) = NAMES.iter().find(|(e, _)| extension == *e) else {
+        return Ok(());
+    };
+    let begin = head[..head.len().min(16)].escape_ascii();
+    let long = Blob::file(path)?.len();
+    let found = format!("a file of {long} bytes that begins with \"{begin}\"");
+    Err(Error::format(path, found, format!("{name}, as its name says")).with_hint(
+        "it is cut short or damaged: get it again; raw samples under such a name need --dims and --dtype",
     ))
 }
 
@@ -90,18 +123,15 @@ fn unpacked(path: &Path, head: &[u8], formats: &'static [Format]) -> Result<Opti
 }
 
 /// What a file beside a headerless one, or its name, says of its size and type: words to give to a user.
-pub(crate) fn suggestion(path: &Path, formats: &[Format]) -> Option<String> {
-    let with_headers = || formats.iter().filter(|format| !format.headers.is_empty());
-    let endings: Vec<&str> = with_headers()
-        .flat_map(|format| format.headers)
-        .copied()
-        .collect();
+pub(crate) fn suggestion(path: &Path, formats: &'static [Format]) -> Option<String> {
+    let endings = formats.iter().flat_map(|format| format.headers);
+    let endings: Vec<&str> = endings.copied().collect();
     let len = Blob::file(path).ok()?.len();
     for beside in beside(path, &endings) {
         let Ok(head) = Blob::file(&beside).and_then(|b| b.head(HEAD)) else {
             continue;
         };
-        if with_headers().any(|format| (format.starts)(&head)) {
+        if is_header_of(&beside, &head, path, formats) {
             return Some(format!(
                 "give {}, which says size and type",
                 beside.display()
@@ -122,6 +152,28 @@ pub(crate) fn suggestion(path: &Path, formats: &[Format]) -> Option<String> {
         "its name suggests: {} (nothing else tells the order of the sizes)",
         described.advice()
     ))
+}
+
+/// True if a header that is read names this file as the one with its samples.
+fn is_header_of(header: &Path, head: &[u8], path: &Path, formats: &'static [Format]) -> bool {
+    let mut with_headers = formats.iter().filter(|format| !format.headers.is_empty());
+    let format = with_headers.find(|format| (format.starts)(head));
+    let Some(parse) = format.and_then(|format| format.parse) else {
+        return false;
+    };
+    let input = Input {
+        path: header,
+        head,
+        formats,
+    };
+    let parsed = parse(&input, &OpenOptions::default()).map(|found| found.samples);
+    match parsed {
+        Ok(Samples::Files(data)) => data.files.iter().any(|file| {
+            file.file_name() == path.file_name()
+                && file.canonicalize().ok() == path.canonicalize().ok()
+        }),
+        _ => false,
+    }
 }
 
 /// Headers that may lie beside the samples: with these endings, and those of other programs.

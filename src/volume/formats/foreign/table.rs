@@ -92,6 +92,10 @@ pub(crate) const KINDS: &[Kind] = kinds! {
     "LIF (Leica)", |p, h| has(h, 0, b"\x70\0\0\0") && ends(p, &[".lif"]), nowhere, FIJI;
     "DM3 or DM4 (Gatan)", |p, h| ends(p, &[".dm3", ".dm4"]) && (has(h, 0, &[0, 0, 0, 3]) || has(h, 0, &[0, 0, 0, 4])),
         nowhere, FIJI;
+    "GIPL", |_, h| has(h, 252, &[0xef, 0xff, 0xe9, 0xb0]) || has(h, 252, &[0x2a, 0xe3, 0x89, 0xb8]), nowhere, TO_NRRD;
+    "Bio-Rad .pic", |p, h| has(h, 54, &[0x39, 0x30]) && ends(p, &[".pic"]), nowhere, FIJI;
+    "FreeSurfer .mgh", |p, h| has(h, 0, &[0, 0, 0, 1]) && ends(p, &[".mgh"]) || ends(p, &[".mgz"]), nowhere,
+        "convert it to NIfTI, as with `mri_convert` or nibabel";
     "MATLAB 5", |_, h| has(h, 0, b"MATLAB 5.0 MAT-file"), nowhere,
         "save it with `save('v.mat', '-v7.3')`, which is HDF5, or as TIFF";
     "HDF4", |_, h| has(h, 0, b"\x0e\x03\x13\x01"), nowhere, "convert it to HDF5 with `h4toh5`";
@@ -109,7 +113,7 @@ pub(crate) const KINDS: &[Kind] = kinds! {
     "STL", |p, h| ends(p, &[".stl"]) || has(h, 0, b"solid ") && contains(h, b"facet normal"), nowhere, MESH;
     "OBJ", |p, h| ends(p, &[".obj"]) && (contains(h, b"\nv ") || has(h, 0, b"v ")), nowhere, MESH;
     "VFF", |_, h| has(h, 0, b"ncaa"), vff, TO_NRRD;
-    "EDF (ESRF)", |_, h| has(h, 0, b"{") && text(h, &["dim_1", "datatype", "byteorder"]), edf,
+    "EDF (ESRF)", |_, h| has(h, 0, b"{") && (text(h, &["dim_1", "datatype", "byteorder"]) || text(h, &["edf_"]) || text(h, &["headerid", "eh:"])), edf,
         "save it as TIFF or .npy, as with fabio";
     "ICS", |_, h| text(&h[..h.len().min(64)], &["ics_version"]), nowhere, FIJI;
     "INRIMAGE", |_, h| has(h, 0, b"#INRIMAGE-4#{"), nowhere, TO_NRRD;

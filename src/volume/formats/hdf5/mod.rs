@@ -264,8 +264,7 @@ impl Draft<'_> {
         options: &OpenOptions,
     ) -> Result<VolumeDescriptor> {
         let size = self.size(member)?;
-        let dims = Dims::new(size)
-            .map_err(|e| Error::format(self.path, format!("a dataset with {e}"), "a volume"))?;
+        let dims = Dims::new(size).map_err(|e| e.of_header(self.path, "a dataset"))?;
         let (number, values) = self.values(number, member)?;
         let geometry = self.geometry(member, size, options)?;
         let (placement, provenance, notes, warnings) = geometry.place();

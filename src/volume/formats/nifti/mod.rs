@@ -210,8 +210,7 @@ impl Head<'_> {
             return Err(Error::unsupported(self.path, what, hint));
         }
         let positive = [0, 1, 2].map(|i| u64::try_from(sizes[i]).unwrap_or(0));
-        Dims::new(positive)
-            .map_err(|e| self.wrong(format!("a size with {e}"), "a volume of that size"))
+        Dims::new(positive).map_err(|e| e.of_header(self.path, "an image"))
     }
 
     fn dtype(&self) -> Result<Dtype> {

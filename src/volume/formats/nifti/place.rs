@@ -44,7 +44,8 @@ impl Head<'_> {
         match sform.or(qform) {
             Some(form) => {
                 place.spacing = form.lengths;
-                place.directions = form.axes.map(<[f64; 3]>::from);
+                // adding 0 turns -0 into 0
+                place.directions = form.axes.map(|axis| (axis + DVec3::ZERO).into());
                 place.origin = form.origin;
                 (from.spacing, from.origin) = ([Origin::File; 3], Origin::File);
             }
@@ -116,7 +117,10 @@ impl Head<'_> {
                 .all(|v| v.is_finite())
             || lengths.contains(&0.0)
         {
-            return Some(Err(format!("its rows {rows:?} are no three axes of space")));
+            return Some(Err({
+                let rows = rows.map(|row| numbers(&row));
+                format!("its rows ({}) are no three axes of space", rows.join("; "))
+            }));
         }
         // the square root of single-precision numbers has noise that pixdim has not
         let near = |l: f64, p: f64| (l - p).abs() <= 1e-6 * p;
@@ -147,7 +151,9 @@ impl Head<'_> {
         // a little above 1 by rounding stands for half a turn
         if square.is_nan() || square > 1.0 + 1e-4 || !origin.iter().all(|v| v.is_finite()) {
             return Some(Err(format!(
-                "its quaternion {b}, {c}, {d} and origin {origin:?} are no turn and place"
+                "its quaternion ({}) and origin ({}) are no turn and place",
+                numbers(&[b, c, d]),
+                numbers(&origin)
             )));
         }
         let (a, scale) = if square < 1.0 {
@@ -186,15 +192,39 @@ impl Head<'_> {
         }
         let show = |form: Option<&Form>| {
             form.map_or(String::new(), |form| {
-                let axes = form.axes.map(|axis| format!("{:.3}", axis));
-                format!(", axes {}, origin {:?}", axes.join(" "), form.origin)
+                let axes = form
+                    .axes
+                    .map(|axis| format!("({})", numbers(&axis.to_array())));
+                format!(
+                    " along {} from ({})",
+                    axes.join(", "),
+                    numbers(&form.origin)
+                )
             })
         };
         Some(format!(
-            "sform and {other} contradict each other: voxels of {:?}{} and of {lengths:?}{}: the sform is taken",
-            sform.lengths,
+            "sform and {other} contradict each other: the sform states voxels of {}{}, the {other} of {}{}: the sform is \
+             taken",
+            by_x(sform.lengths),
             show(qform.and(Some(sform))),
+            by_x(lengths),
             show(qform)
         ))
     }
+}
+
+/// A number for people, without the noise of its last digits.
+fn short(v: f64) -> String {
+    let rounded = format!("{v:.5e}").parse::<f64>().unwrap_or(v);
+    // adding 0 turns -0 into 0
+    (if rounded.abs() < 1e-9 { 0.0 } else { rounded } + 0.0).to_string()
+}
+
+fn numbers(all: &[f64]) -> String {
+    let words: Vec<String> = all.iter().map(|v| short(*v)).collect();
+    words.join(", ")
+}
+
+fn by_x(size: [f64; 3]) -> String {
+    size.map(short).join(" x ")
 }

@@ -14,7 +14,7 @@ use crate::volume::format::Format;
 use crate::volume::io::data::{Data, Encoding, Start};
 use crate::volume::io::text::{self, Field, Lines};
 use crate::volume::options::Choice;
-use crate::volume::stated::warning::Warning;
+use crate::volume::stated::warning::{Warning, unapplied_scale};
 use crate::volume::{Dtype, Endian};
 use std::collections::HashMap;
 use std::path::{Path, PathBuf};
@@ -79,6 +79,8 @@ struct Head<'a> {
     fields: HashMap<String, String>,
     /// File names below `data file: LIST`.
     list: Vec<String>,
+    /// Keys of the user's own, `key:=value`.
+    own: Vec<(String, String)>,
     /// Entries along every axis, and the three axes that have more than one.
     sizes: Vec<u64>,
     axes: [usize; 3],
@@ -97,7 +99,7 @@ pub(crate) fn parse(path: &Path) -> Result<VolumeDescriptor> {
     head.check_kinds()?;
     head.check_labels()?;
     let sizes = head.axes.map(|axis| head.sizes[axis]);
-    let dims = Dims::new(sizes).map_err(|e| head.at_sizes(&e))?;
+    let dims = Dims::new(sizes).map_err(|e| e.of_header(path, "`sizes`"))?;
     let dtype = head.dtype()?;
     let endian = match head.get("endian") {
         None => None,
@@ -110,6 +112,11 @@ pub(crate) fn parse(path: &Path) -> Result<VolumeDescriptor> {
     let mut place = head.place()?;
     place.warnings.extend(head.quantized().map(Warning::from));
     place.warnings.extend(head.times());
+    let own = head
+        .own
+        .iter()
+        .map(|(key, value)| (key.as_str(), value.as_str()));
+    place.warnings.extend(unapplied_scale(own));
     Ok(VolumeDescriptor {
         endian,
         placement: place.placement,
@@ -127,6 +134,7 @@ impl<'a> Head<'a> {
             path,
             fields: HashMap::new(),
             list: Vec::new(),
+            own: Vec::new(),
             sizes: Vec::new(),
             axes: [0, 1, 2],
             end: None,
@@ -155,8 +163,10 @@ impl<'a> Head<'a> {
                 let line: String = line.chars().take(80).collect();
                 return Err(Error::format(path, format!("`{line}`"), "`field: value`"));
             };
-            if text.starts_with('=') {
-                continue; // a key of the user's own
+            if let Some(value) = text.strip_prefix('=') {
+                head.own
+                    .push((name.trim().to_owned(), value.trim().to_owned()));
+                continue;
             }
             head.add(name, text.trim())?;
             if name.replace(' ', "").eq_ignore_ascii_case("datafile") && is_list(text) {
@@ -206,25 +216,24 @@ impl<'a> Head<'a> {
         })
     }
 
-    /// A size out of range is the file's fault, not that of an option.
-    fn at_sizes(&self, error: &Error) -> Error {
-        Error::format(
-            self.path,
-            format!("`sizes` with {error}"),
-            "a volume of that size",
-        )
-    }
-
     fn read_sizes(&mut self) -> Result<()> {
         let dimension: usize = self.need("dimension")?.one("a number")?;
         let sizes = match dimension {
             3 => self.need("sizes")?.values(3)?,
+            // refused; the numbers are for the message
+            1 | 2 => self
+                .get("sizes")
+                .and_then(|sizes| sizes.values(dimension).ok())
+                .unwrap_or_default(),
             4..=16 if self.get("sizes").is_some() => self.need("sizes")?.values(dimension)?,
             _ => Vec::new(),
         };
         let Some(axes) = text::kept_axes(&sizes) else {
             let size = sizes.iter().map(u64::to_string).collect::<Vec<_>>();
-            let what = format!("a NRRD of {dimension} dimensions ({})", size.join(" x "));
+            let what = format!(
+                "a NRRD of {dimension} dimensions{}",
+                text::in_brackets(&size)
+            );
             let hint = "volumes have 3: extract one with `unu slice` or ITK";
             return Err(Error::unsupported(self.path, what, hint));
         };
@@ -259,10 +268,15 @@ impl<'a> Head<'a> {
             "normal",
             "point",
         ];
-        if kinds
-            .iter()
-            .any(|kind| components.iter().any(|c| kind.contains(c)))
-        {
+        let has_components = |kind: &String| {
+            // entries of a list, and a few numbers without a meaning, lie no distance apart
+            let few = matches!(
+                kind.as_str(),
+                "list" | "scalar" | "stub" | "2-vector" | "3-vector" | "4-vector"
+            );
+            few || components.iter().any(|c| kind.contains(c))
+        };
+        if kinds.iter().any(has_components) {
             return Err(Error::unsupported(
                 self.path,
                 format!(

@@ -5,7 +5,7 @@ use crate::error::{Error, Result};
 use crate::grid::length::{Length, tidy};
 use crate::volume::formats::tiff::resolution::Resolution;
 use crate::volume::formats::tiff::shaped::near;
-use crate::volume::formats::tiff::stack::{About, Stack};
+use crate::volume::formats::tiff::stack::{About, Stack, other_count};
 use crate::volume::stated::size::Step;
 use std::path::Path;
 
@@ -65,13 +65,20 @@ impl<'a> Text<'a> {
         };
         if product(counts) != Some(images.unwrap_or(pages)) {
             let [slices, channels, frames] = counts;
-            let found = format!("{slices} slices, {channels} channels and {frames} frames");
+            let of = |n: u64, one: &str| format!("{n} {one}{}", if n == 1 { "" } else { "s" });
+            let found = format!(
+                "{}, {} and {}",
+                of(slices, "slice"),
+                of(channels, "channel"),
+                of(frames, "frame")
+            );
+            let stated = slices.saturating_mul(channels).saturating_mul(frames);
+            let hint = other_count(images.unwrap_or(pages), stated);
             let expected = match images {
                 Some(images) => format!("{images} images, as ImageJ's description says"),
                 None => format!("the {pages} pages that there are"),
             };
-            return Err(Error::format(path, found, expected)
-                .with_hint("the file was cut short or changed: save it again in ImageJ"));
+            return Err(Error::format(path, found, expected).with_hint(hint));
         }
         let order = self.get("order").unwrap_or("czt").to_ascii_lowercase();
         let order = if order == "default" { "czt" } else { &order };

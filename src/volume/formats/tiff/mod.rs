@@ -44,7 +44,8 @@ pub(crate) const FORMAT: Format = Format {
     starts: is_tiff,
     parse: Some(|input, options| parse(input.path, vec![Blob::file(input.path)?], options)),
     slices: Some(Slices {
-        parse,
+        parse: |path, blobs, _, options| parse(path, blobs, options),
+        is_single: is_single,
         placed: false,
     }),
     ..Format::BASE
@@ -55,6 +56,16 @@ pub(crate) fn is_tiff(head: &[u8]) -> bool {
     [b"II*\0", b"MM\0*", b"II+\0", b"MM\0+"]
         .iter()
         .any(|magic| head.starts_with(*magic))
+}
+
+/// True for a file of one page, which is a slice and no volume.
+///
+/// # Errors
+/// [`Error::Format`] if it is damaged.
+pub(crate) fn is_single(path: &Path) -> Result<bool> {
+    let mut chain = chain::Chain::default();
+    chain.walk(&Blob::file(path)?.open()?, 0)?;
+    Ok(chain.pages.len() == 1)
 }
 
 /// Reads the tags of every page of these files, in their order, and finds the slices that are asked for.
@@ -78,8 +89,7 @@ pub(crate) fn parse(
         );
     }
     let [x, y] = kind.size;
-    let dims = Dims::new([x.into(), y.into(), slices])
-        .map_err(|e| Error::format(path, format!("pages with {e}"), "a volume of that size"))?;
+    let dims = Dims::new([x.into(), y.into(), slices]).map_err(|e| e.of_header(path, "pages"))?;
     let mirrored = plan.orientation(path, kind.orientation)?;
     if kind.white_is_zero {
         let note =

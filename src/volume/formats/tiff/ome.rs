@@ -3,7 +3,6 @@
 
 use crate::error::{Error, Result};
 use crate::grid::MAX_DIM;
-use crate::grid::length::tidy;
 use crate::volume::formats::tiff::ifd::Directory;
 use crate::volume::formats::tiff::stack::{Chosen, Stack};
 use crate::volume::formats::tiff::xml::{self, Element};
@@ -185,11 +184,10 @@ impl Image {
             .filter_map(|axis| b"ZCT".iter().position(|a| *a == axis));
         let steps = ["X", "Y", "Z"].map(|axis| {
             let text = pixels.get(&format!("PhysicalSize{axis}"))?;
-            let size = text.trim().parse().unwrap_or(f64::NAN);
             let unit = pixels
                 .get(&format!("PhysicalSize{axis}Unit"))
                 .unwrap_or("um");
-            Some(Step::new(tidy(size), unit))
+            Some(Step::of_text(text, unit))
         });
         Ok(Image {
             stack,

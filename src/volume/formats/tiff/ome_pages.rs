@@ -7,7 +7,7 @@ use crate::volume::formats::tiff::chain::{Chain, PageAt, THUMBNAIL};
 use crate::volume::formats::tiff::ifd::{Directory, File};
 use crate::volume::formats::tiff::ome;
 use crate::volume::formats::tiff::plan::{Plan, of_files};
-use crate::volume::formats::tiff::stack::{Stack, choose};
+use crate::volume::formats::tiff::stack::{Stack, choose, other_count};
 use crate::volume::io::blob::Blob;
 use crate::volume::options::OpenOptions;
 use std::path::Path;
@@ -143,7 +143,7 @@ fn ome_pages(
         let told = format!("{}, as its OME-XML says", stack.pages());
         return Err(
             Error::format(path, format!("a TIFF of {count} pages"), told)
-                .with_hint("the file was cut short or changed"),
+                .with_hint(other_count(count, stack.pages())),
         );
     }
     let page = |&(file, ifd): &(u32, u64)| {

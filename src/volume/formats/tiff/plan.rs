@@ -7,7 +7,7 @@ use crate::volume::formats::tiff::chain::{Chain, Group, Kind, PageAt, THUMBNAIL,
 use crate::volume::formats::tiff::ifd::File;
 use crate::volume::formats::tiff::imagej::Text;
 use crate::volume::formats::tiff::shaped::Shaped;
-use crate::volume::formats::tiff::stack::{About, Chosen, Stack, choose};
+use crate::volume::formats::tiff::stack::{About, Chosen, Stack, choose, other_count};
 use crate::volume::formats::tiff::{foreign, ome, ome_pages};
 use crate::volume::io::blob::{Blob, Bytes};
 use crate::volume::options::OpenOptions;
@@ -309,7 +309,7 @@ fn of_pages(
         let told = format!("{total}, as its description says");
         return Err(
             Error::format(path, format!("a TIFF of {count} pages"), told)
-                .with_hint("the file was cut short or changed"),
+                .with_hint(other_count(count, starts[chosen.stack] + total)),
         );
     } else {
         let page = |z| slices[(starts[chosen.stack] + chosen.page(z)) as usize];
@@ -354,9 +354,7 @@ fn of_shapes(
         } else if planes != pages && !truncated {
             let found = format!("{pages} pages of a shape of {:?}", shaped.shape);
             let expected = format!("{planes}, as tifffile's description says");
-            return Err(
-                Error::format(path, found, expected).with_hint("the file was cut short or changed")
-            );
+            return Err(Error::format(path, found, expected).with_hint(other_count(pages, planes)));
         }
         stacks.push(stack);
         starts.push(start);

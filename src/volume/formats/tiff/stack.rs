@@ -173,8 +173,12 @@ pub(crate) fn choose(path: &Path, stacks: &[Stack], options: &OpenOptions) -> Re
     let [mut stride, of_channel, of_time] = stack.strides;
     if slices == 1 && times == 1 && channels > 1 {
         let what = format!("a stack of {channels} channels of one slice");
-        let hint = "if these are slices, write them as such: in ImageJ by Image > Properties, with tifffile as the \
-                    axes ZYX";
+        let hint = format!(
+            "if these are slices, write them as such: in ImageJ by Image > Properties, or by `python -c \"import tifffile \
+             as t; t.imwrite('slices.tif', t.imread(r'{}'), metadata={{'axes': 'ZYX'}})\"` and then give slices.tif with \
+             --spacing and --unit",
+            path.display()
+        );
         return Err(Error::unsupported(path, what, hint));
     }
     let channel = index(path, "--channel", options.channel, channels, "channels")?;
@@ -195,6 +199,17 @@ pub(crate) fn choose(path: &Path, stacks: &[Stack], options: &OpenOptions) -> Re
         first: channel * of_channel + time * of_time,
         stride,
     })
+}
+
+/// Why a file has another number of pages than it says.
+pub(crate) fn other_count(found: u64, stated: u64) -> &'static str {
+    match found < stated {
+        true => "the file was cut short: get it again",
+        false => {
+            "it has more pages than it says: it was changed by a program that left its description as it was; save it anew, \
+             as a stack of slices without it"
+        }
+    }
 }
 
 fn one_of(path: &Path, stacks: &[Stack], wanted: Option<&str>) -> Result<usize> {

@@ -364,7 +364,7 @@ pub(crate) fn parse(path: &Path, options: &OpenOptions) -> Result<VolumeDescript
     let points = if cells { 0.0 } else { 1.0 };
     let size =
         [0, 1, 2].map(|a| (extent[2 * a + 1] - extent[2 * a] + points).clamp(0.0, 1e12) as u64);
-    let dims = Dims::new(size).map_err(|e| head.wrong(format!("an image with {e}"), "a volume"))?;
+    let dims = Dims::new(size).map_err(|e| e.of_header(head.path, "an image"))?;
     let dtype = head.dtype(array)?;
     let packing = head.packing(file)?;
     let total = dims.voxels() * dtype.bytes() as u64;

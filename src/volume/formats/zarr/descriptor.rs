@@ -54,7 +54,7 @@ impl Source {
         } = axes::choose(path, &all, options)?;
         self.notes.extend(notes);
         let dims = Dims::new(axes.map(|a| self.array.shape[a]))
-            .map_err(|e| Error::format(path, format!("an array with {e}"), "a volume"))?;
+            .map_err(|e| e.of_header(path, "an array"))?;
         let (placement, provenance) = self.place(&labels, axes, named, options)?;
         let attribute = |name: &str| Ok(coordinates::attribute(&self.array, name));
         self.notes.extend(coordinates::fill_note(&self.array));
