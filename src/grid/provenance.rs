@@ -43,25 +43,10 @@ pub enum Origin {
 /// Where the placement's parts came from.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
 pub struct Provenance {
-    /// Of `spacing`, for each axis. Older sets have one word for all three.
-    #[serde(deserialize_with = "each_axis")]
+    /// Of `spacing`, for each axis.
     pub spacing: [Origin; 3],
     /// Of `unit`.
     pub unit: Origin,
     /// Of `origin` and `directions`.
     pub origin: Origin,
-}
-
-/// One word for all axes, or three.
-fn each_axis<'de, D: serde::Deserializer<'de>>(from: D) -> Result<[Origin; 3], D::Error> {
-    #[derive(Deserialize)]
-    #[serde(untagged)]
-    enum Words {
-        One(Origin),
-        Three([Origin; 3]),
-    }
-    Ok(match Words::deserialize(from)? {
-        Words::One(word) => [word; 3],
-        Words::Three(words) => words,
-    })
 }

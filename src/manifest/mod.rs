@@ -79,8 +79,8 @@ pub struct Manifest {
     /// How the set was chosen from another one; absent if it is a whole.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub selection: Option<Selection>,
-    /// Checksum of this file, as [`TileEntry::checksum`], with its own eight digits as zeros. Whoever
-    /// changes the file on purpose leaves the member out; older sets lack it.
+    /// Checksum of this file, as [`TileEntry::checksum`], with its own eight digits as zeros;
+    /// `None` until it is written.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub checksum: Option<String>,
 }
@@ -324,7 +324,7 @@ pub struct Tables {
     pub objects: String,
     /// `surfaces.csv`.
     pub surfaces: String,
-    /// Checksums of the three files; older sets lack them.
+    /// Checksums of the three files; `None` until the manifest is written.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub checksums: Option<TableChecksums>,
 }

@@ -78,27 +78,31 @@ pub(super) fn rows(
     Ok((0..cell.len()).map(row).collect())
 }
 
-/// The measures in table 0 for each of `count` rows; a column that is not there or not as it should be
-/// has no values.
-pub(super) fn measured(doc: &Document, buffers: &Buffers, count: usize) -> Vec<Measured> {
+/// The measures in table 0 for each of `count` rows; a column that is not there has no values.
+///
+/// # Errors
+/// If a column is not as it should be, or has a value that is no finite number.
+pub(super) fn measured(
+    doc: &Document,
+    buffers: &Buffers,
+    count: usize,
+) -> Result<Vec<Measured>, ReadError> {
     let mut out = vec![Measured::default(); count];
     let found = doc.extensions.structural_metadata.as_ref().and_then(|m| {
         let table = m.property_tables.first()?;
         Some((table, m.schema.as_ref()?.classes.get(&table.class)?))
     });
     let Some((table, class)) = found else {
-        return out;
+        return Ok(out);
     };
     for (i, name) in MEASURES.into_iter().enumerate() {
         let column = class.properties.get(name).zip(table.properties.get(name));
-        let column = column.and_then(|(property, values)| {
-            let bytes = buffers.view(doc, values.values).ok()?;
-            let cells = cells(property, bytes.get(), table.count).ok()?;
-            Some((property, cells))
-        });
-        let Some((property, cells)) = column else {
+        let Some((property, values)) = column else {
             continue;
         };
+        let bytes = buffers.view(doc, values.values)?;
+        let cells = cells(property, bytes.get(), table.count)
+            .or_else(|what| fail(TABLE, format!("column {name:?}: {what}")))?;
         for (row, value) in out.iter_mut().zip(cells) {
             if property.no_data.as_ref() != Some(&value) {
                 row.values[i] = value.as_f64().unwrap_or(f64::NAN);
@@ -110,7 +114,7 @@ pub(super) fn measured(doc: &Document, buffers: &Buffers, count: usize) -> Vec<M
     for row in out.iter_mut().filter(|r| voxels(r)) {
         row.unit = unit;
     }
-    out
+    Ok(out)
 }
 
 /// Reads all columns of table 0, one map per row, as the nodes' `extras` would have them: values
@@ -173,7 +177,11 @@ fn cells(property: &ClassProperty, bytes: &[u8], count: u64) -> Result<Vec<Value
         "INT32" => |b| Some(i32::from_le_bytes(b.try_into().ok()?).into()),
         "UINT32" => |b| Some(u32::from_le_bytes(b.try_into().ok()?).into()),
         "UINT64" => |b| Some(u64::from_le_bytes(b.try_into().ok()?).into()),
-        "FLOAT64" => |b| Some(f64::from_le_bytes(b.try_into().ok()?).into()),
+        // what has no value is noData, which JSON has a number for
+        "FLOAT64" => |b| {
+            let value = f64::from_le_bytes(b.try_into().ok()?);
+            value.is_finite().then(|| value.into())
+        },
         _ => return Err(format!("component type {component:?} is not one of alvis")),
     };
     let size = match component {
@@ -190,7 +198,7 @@ fn cells(property: &ClassProperty, bytes: &[u8], count: u64) -> Result<Vec<Value
     }
     bytes
         .chunks_exact(size as usize)
-        .map(|b| decode(b).ok_or_else(|| "a value cannot be read".to_owned()))
+        .map(|b| decode(b).ok_or_else(|| "a value is no finite number".to_owned()))
         .collect()
 }
 

@@ -126,7 +126,7 @@ impl<'a> Reader<'_, 'a> {
                     );
                 }
                 let ids = super::features::rows(self.doc, self.buffers, prim)?;
-                let measured = super::features::measured(self.doc, self.buffers, ids.len());
+                let measured = super::features::measured(self.doc, self.buffers, ids.len())?;
                 (Pieces::Merged(rows, ids), measured)
             }
         };

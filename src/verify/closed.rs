@@ -26,7 +26,7 @@ pub(super) struct Schema {
 /// What a value must be like.
 #[derive(Default)]
 struct Shape {
-    /// Types it may have; empty for any.
+    /// Types it may have: those stated, or those of the values. Never empty, for then lists and objects pass, too.
     types: Vec<Type>,
     /// Values it may have; empty for any.
     values: Vec<Value>,
@@ -54,6 +54,27 @@ enum Type {
     String,
     Array,
     Object,
+}
+
+impl Type {
+    /// Of a value; a number without a fraction is an integer, as in the schema's rules.
+    fn of(value: &Value) -> Type {
+        match value {
+            Value::Null => Type::Null,
+            Value::Bool(_) => Type::Boolean,
+            Value::Number(n) => Type::of_number(n.as_f64().unwrap_or(f64::NAN)),
+            Value::String(_) => Type::String,
+            Value::Array(_) => Type::Array,
+            Value::Object(_) => Type::Object,
+        }
+    }
+
+    fn of_number(v: f64) -> Type {
+        match v.fract() == 0.0 {
+            true => Type::Integer,
+            false => Type::Number,
+        }
+    }
 }
 
 const TYPES: [(&str, Type); 7] = [
@@ -168,13 +189,17 @@ impl Loader {
         let number = self.shapes.len();
         self.known.push(key);
         self.shapes.push(Shape::default());
+        let values = match (&at["const"], &at["enum"]) {
+            (Value::Null, Value::Array(all)) => all.clone(),
+            (Value::Null, _) => Vec::new(),
+            (one, _) => vec![one.clone()],
+        };
         let shape = Shape {
-            types: types(&at["type"]),
-            values: match (&at["const"], &at["enum"]) {
-                (Value::Null, Value::Array(all)) => all.clone(),
-                (Value::Null, _) => Vec::new(),
-                (one, _) => vec![one.clone()],
+            types: match types(&at["type"]) {
+                none if none.is_empty() => values.iter().map(Type::of).collect(),
+                stated => stated,
             },
+            values,
             members: self.members(at, (file, pointer)),
             first: (0..at["prefixItems"].as_array().map_or(0, Vec::len))
                 .map(|i| self.shape(file, &format!("{pointer}/prefixItems/{i}")))
@@ -184,6 +209,10 @@ impl Loader {
                 .map(|_| self.shape(file, &format!("{pointer}/items"))),
             counts: ["minItems", "maxItems"].map(|name| at[name].as_u64()),
         };
+        assert!(
+            !shape.types.is_empty(),
+            "{file}#{pointer} lets any value pass"
+        );
         self.shapes[number] = shape;
         number
     }
@@ -265,7 +294,7 @@ impl<'s> Place<'_, 's> {
                 .find(|(_, other)| other == t)
                 .map_or("", |n| n.0)
         };
-        if !(shape.types.is_empty() || shape.types.iter().any(fits)) {
+        if !shape.types.iter().any(fits) {
             let expected: Vec<&str> = shape.types.iter().map(name).collect();
             let message = format!(
                 "found a value of type {}, expected {}",
@@ -329,12 +358,7 @@ impl<'de> Visitor<'de> for Place<'_, '_> {
     }
 
     fn visit_f64<E>(self, v: f64) -> Result<(), E> {
-        let is = if v.fract() == 0.0 {
-            Type::Integer
-        } else {
-            Type::Number
-        };
-        self.scalar(is, || v.into());
+        self.scalar(Type::of_number(v), || v.into());
         Ok(())
     }
 

@@ -20,12 +20,18 @@ pub(super) const MANIFEST: &str = "index.json";
 /// Reads the manifest. `None` if it is damaged, which is an issue.
 ///
 /// # Errors
-/// [`Error::Io`] if the file is missing or cannot be read: then there is nothing to verify.
+/// [`Error::Io`] if there is none, or it cannot be read: then there is nothing to verify. [`Error::Format`] if it is a
+/// folder, pipe or device.
 pub(super) fn manifest(root: &Path, issues: &mut Issues) -> Result<Option<Manifest>> {
     #[derive(Deserialize)]
     struct Head {
         format: Option<serde_json::Value>,
         format_version: Option<serde_json::Value>,
+    }
+    // as of every other file of the set: a link that leads outside or nowhere is an issue
+    let is_link = |path: &Path| path.symlink_metadata().is_ok_and(|m| m.is_symlink());
+    if is_link(&root.join(MANIFEST)) && files::resolve(root, MANIFEST, MANIFEST, issues).is_none() {
+        return Ok(None);
     }
     let path = manifest_file(root, "read the manifest")?;
     let failed = |e| Error::io(&path, "read the manifest", e);
@@ -81,7 +87,7 @@ fn check_members(
     Ok(())
 }
 
-/// Compares the manifest's checksum with what it states itself, if it does.
+/// Compares the manifest's checksum with what it states itself; that it states none is a missing member.
 fn check_own(m: &Manifest, file: &File, issues: &mut Issues) -> std::io::Result<()> {
     let Some(stated) = &m.checksum else {
         return Ok(());
@@ -89,8 +95,7 @@ fn check_own(m: &Manifest, file: &File, issues: &mut Issues) -> std::io::Result<
     let found = own_checksum(file, stated)?;
     if found != *stated {
         let message = format!(
-            "found {found}, expected {stated} as it states: the file was changed (leave out the \
-             member `checksum` if that was on purpose)"
+            "found {found}, expected {stated} as it states: the file was changed after it was written"
         );
         issues.add(Code::Checksum, MANIFEST, message);
     }
@@ -192,6 +197,19 @@ fn check_counts(m: &Manifest, wrong: &mut impl FnMut(&str, String)) {
         let all = [of.cells, of.objects, of.surfaces, of.voxels_above];
         let own = [t.cells, t.objects, t.surfaces, t.voxels_above];
         let fewer = own.iter().zip(all).all(|(own, all)| *own <= all);
+        if selection.omit && selection.condition.is_none() {
+            let message = "found true, expected false without a condition".to_owned();
+            wrong("selection/omit", message);
+        }
+        let condition = |i: usize| &selection.painted[i].condition;
+        let over = |i: &usize| (0..*i).any(|k| condition(k) == condition(*i));
+        if let Some(i) = (0..selection.painted.len()).find(over) {
+            let message = format!(
+                "found {:?} twice, expected each condition once",
+                condition(i)
+            );
+            wrong(&format!("selection/painted/{i}"), message);
+        }
         // without a condition all are there, and all objects have all voxels
         let chosen = selection.condition.is_some() || own == all;
         let same_objects = own[1] != all[1] || own[3] == all[3];

@@ -4,6 +4,7 @@
 
 pub mod glb;
 pub mod reference;
+pub mod seal;
 pub mod set;
 pub mod volumes;
 

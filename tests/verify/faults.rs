@@ -2,7 +2,7 @@
 
 use crate::cubes::Field;
 use crate::edit::{self, Place, Set};
-use crate::glb::{Piece, Tile, read_json, write_json};
+use crate::glb::{Piece, Tile};
 use alvis::verify::Code;
 use serde_json::{Value, json};
 use std::collections::BTreeSet;
@@ -227,6 +227,7 @@ fn tables(code: Code, set: &Set) {
         }
     };
     fs::write(path, new).unwrap();
+    set.seal();
 }
 
 /// Breaks the piece with the most triangles.
@@ -337,11 +338,6 @@ fn volume(code: Code, set: &Set, field: &mut Field) {
         Code::ExtraVertex => field.values[island] = 0.0,
         Code::VertexMisplaced => field.values[island] = 0.8,
         Code::BitsDiffer => field.values.iter_mut().for_each(|v| *v = 1.0 - *v),
-        _ => {
-            let path = set.0.join("index.json");
-            let mut manifest: Value = read_json(&path);
-            manifest["ambiguous"] = "join".into();
-            write_json(&path, &manifest);
-        }
+        _ => set.manifest(|m| m["ambiguous"] = "join".into()),
     }
 }

@@ -6,6 +6,8 @@ mod edit;
 mod faults;
 mod glb;
 mod more;
+#[path = "../common/seal.rs"]
+mod seal;
 mod volume;
 mod writer;
 

@@ -238,6 +238,24 @@ fn links_are_found() {
         fs::remove_file(at(name)).unwrap();
         fs::rename(&moved, at(name)).unwrap();
     }
+    // one that leads outside is not followed, be it that of the index, and neither is one that leads nowhere
+    let outside = tempfile::tempdir().unwrap();
+    for name in ["cells.csv", "index.json"] {
+        let moved = outside.path().join(name);
+        fs::rename(at(name), &moved).unwrap();
+        std::os::unix::fs::symlink(&moved, at(name)).unwrap();
+        assert!(
+            codes(&check(dir.path())).contains(&Code::PathOutside),
+            "{name}"
+        );
+        fs::rename(&moved, outside.path().join("away")).unwrap();
+        assert!(
+            codes(&check(dir.path())).contains(&Code::MissingFile),
+            "{name}"
+        );
+        fs::remove_file(at(name)).unwrap();
+        fs::rename(outside.path().join("away"), at(name)).unwrap();
+    }
     std::os::unix::fs::symlink("/etc/passwd", at("notes")).unwrap();
     assert!(codes(&check(dir.path())).iter().eq([&Code::ForeignFile]));
 }

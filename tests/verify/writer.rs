@@ -160,6 +160,7 @@ impl Set<'_> {
         totals["tile_vertices"] = tile_vertices.into();
         self.manifest(dir, totals, layers);
         self.tables(dir);
+        crate::seal::seal(dir);
     }
 
     fn tile(&self, pieces: &Pieces) -> Tile {
@@ -242,14 +243,16 @@ impl Set<'_> {
             "generator": {"name": "tests", "version": "0"},
             "source": {"name": "field.raw", "format": "raw", "dims": dims, "dtype": "f32",
                 "endian": "little", "offset": 0,
-                "provenance": {"spacing": "option", "unit": "option", "origin": "default"}},
+                "provenance": {"spacing": ["option", "option", "option"], "unit": "option", "origin": "default"}},
             "grid": {"dims": dims, "macrocube": m, "tiles": tiles},
             "spacing": SPACING, "unit": "mm", "origin": [0.0, 0.0, 0.0],
             "directions": [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]],
             "threshold": self.field.threshold, "ambiguous": rule, "cap": self.style.cap,
-            "primitives": kind, "lattice": 256, "transform": self.matrix, "totals": totals,
+            "primitives": kind, "encoding": "float", "layout": "auto", "lattice": 256, "transform": self.matrix, "totals": totals,
             "layers": layers,
-            "tables": {"cells": "cells.csv", "objects": "objects.csv", "surfaces": "surfaces.csv"},
+            "tables": {"cells": "cells.csv", "objects": "objects.csv", "surfaces": "surfaces.csv",
+                "checksums": {"cells": "", "objects": "", "surfaces": ""}},
+            "checksum": "",
         });
         write_json(&dir.join("index.json"), &manifest);
     }

@@ -168,6 +168,8 @@ impl Choice {
                 count
             }
         };
+        // what has the same condition is painted over, all of it
+        self.painted.retain(|p| p.condition != rule.condition);
         self.painted.push(Paint {
             condition: rule.condition.clone(),
             colour: picture::hex(rule.colour),

@@ -59,6 +59,21 @@ fn what_a_schema_does_not_name_is_found_wherever_it_is() {
     assert!(SHARD.walk(b"{\"z\": 1").is_err());
 }
 
+/// Values have types, also where the schema states none.
+#[test]
+fn a_value_in_a_list_is_not_the_value() {
+    for (schema, at, value) in [
+        (&TILES[0], "scene", "[0]"),
+        (&TILES[1], "scene", "{\"scene\": 0}"),
+        (&*MANIFEST, "lattice", "[256]"),
+        (&*MANIFEST, "encoding", "[\"float\"]"),
+    ] {
+        let all = found(schema, &format!("{{\"{at}\": {value}}}"));
+        let wrong = format!("/{at}: found a value of type");
+        assert!(all.iter().any(|f| f.starts_with(&wrong)), "{all:?}");
+    }
+}
+
 #[test]
 fn all_schemas_are_read() {
     assert!(MANIFEST.shapes.len() > 40);

@@ -3,6 +3,7 @@
 
 mod bytes;
 mod list;
+mod values;
 
 use crate::common;
 use crate::faults::{Files, mend};
@@ -25,10 +26,12 @@ pub enum Base {
     Web,
     Quantized,
     Part,
+    Painted,
 }
-use Base::{Merged, Nodes, Part, Quantized, Web};
+use Base::{Merged, Nodes, Painted, Part, Quantized, Web};
 use bytes::OF_BYTES;
 use list::{AGAINST, OF_INDEX, OF_PARTS, OF_TILES};
+use values::{OF_VALUES, in_lists};
 
 pub type Edit = fn(&mut Files);
 
@@ -177,7 +180,6 @@ pub fn exchange(files: &mut Files, what: &str, ids: [u64; 2]) {
 
 /// Sizes, checksums and the sum of bytes agree with the files again.
 fn seal(files: &mut Files) {
-    mend(files);
     let bytes: usize = files
         .iter()
         .filter(|f| f.0.ends_with(".glb"))
@@ -186,6 +188,7 @@ fn seal(files: &mut Files) {
     if files.contains_key("index.json") {
         index(files, |m| m["totals"]["bytes"] = bytes.into());
     }
+    mend(files);
 }
 
 fn bases(dir: &std::path::Path) -> BTreeMap<Base, Files> {
@@ -231,6 +234,12 @@ fn bases(dir: &std::path::Path) -> BTreeMap<Base, Files> {
     };
     select(&dir.join("nodes"), &dir.join("part"), &part, &Quiet).unwrap();
     out.insert(Part, common::files(&dir.join("part")));
+    let painted = SelectOptions {
+        condition: None,
+        ..part
+    };
+    select(&dir.join("nodes"), &dir.join("painted"), &painted, &Quiet).unwrap();
+    out.insert(Painted, common::files(&dir.join("painted")));
     out
 }
 
@@ -271,7 +280,9 @@ fn faults_with_a_name_are_found() {
         );
     }
     let mut wrong = Vec::new();
-    for (name, base, code, edit) in [OF_TILES, OF_BYTES, OF_INDEX, OF_PARTS, AGAINST].concat() {
+    for (name, base, code, edit) in
+        [OF_TILES, OF_BYTES, OF_INDEX, OF_PARTS, OF_VALUES, AGAINST].concat()
+    {
         let mut files = bases[&base].clone();
         edit(&mut files);
         let report = check(base, &mut files);
@@ -281,4 +292,42 @@ fn faults_with_a_name_are_found() {
         }
     }
     assert!(wrong.is_empty(), "{}", wrong.join("\n"));
+}
+
+/// A value in a list of its own is another value, whatever the member.
+#[test]
+fn no_value_is_taken_out_of_a_list() {
+    let temporary = tempfile::tempdir().unwrap();
+    let mut place = Place {
+        dir: temporary.path().join("changed"),
+        holds: Files::new(),
+    };
+    let mut passed = Vec::new();
+    for (base, sound) in bases(temporary.path()) {
+        let mut check = |name: &str, at: &str, text: Vec<u8>| {
+            // what is made to agree is no list any more
+            if at.ends_with("/bytes") || at.contains("/checksum") {
+                return;
+            }
+            let mut changed = sound.clone();
+            changed.insert(name.into(), text);
+            seal(&mut changed);
+            place.put(&changed);
+            if verify(&place.dir, &VerifyOptions::default(), &Quiet).is_ok_and(|r| r.ok) {
+                passed.push(format!("{base:?}: {name}#{at}"));
+            }
+        };
+        for name in ["index.json", "index/z0000.json"] {
+            let json = serde_json::from_slice(&sound[name]).unwrap();
+            in_lists(&json, |at, changed| {
+                check(name, at, serde_json::to_vec(&changed).unwrap());
+            });
+        }
+        let tile = sound.keys().rfind(|name| name.ends_with(".glb")).unwrap();
+        let (json, bin) = common::glb::chunks(&sound[tile]);
+        in_lists(&json, |at, changed| {
+            check(tile, at, glb(changed.to_string(), bin));
+        });
+    }
+    assert!(passed.is_empty(), "{}", passed.join("\n"));
 }
