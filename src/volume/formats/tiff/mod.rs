@@ -45,7 +45,7 @@ pub(crate) const FORMAT: Format = Format {
     parse: Some(|input, options| parse(input.path, vec![Blob::file(input.path)?], options)),
     slices: Some(Slices {
         parse: |path, blobs, _, options| parse(path, blobs, options),
-        is_single: is_single,
+        is_single,
         placed: false,
     }),
     ..Format::BASE
