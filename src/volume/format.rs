@@ -69,6 +69,7 @@ impl Unread {
     }
 
     /// What a note says of one that is not among the slices that are read.
+    #[cfg_attr(not(feature = "dicom"), allow(dead_code))]
     pub(crate) fn note(&self) -> String {
         format!(
             "{} is passed by: it is {} and no slice",
