@@ -19,6 +19,7 @@ use std::path::Path;
 fn simplified(dir: &Path, how: Option<Simplify>) -> (ExportReport, Mesh) {
     let options = ExportOptions {
         simplify: how,
+        force: true,
         ..ExportOptions::default()
     };
     let file = dir.join("a.ply");
