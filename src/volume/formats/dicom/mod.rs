@@ -48,33 +48,25 @@ use unplaced::{in_time, no_distance, unplaced};
 /// The format.
 pub(crate) const FORMAT: Format = Format {
     starts: element::is_dicom,
-    parse: Some(|input, options| parse(input.path, vec![Blob::file(input.path)?], options)),
+    parse: Some(|input, options| {
+        let file = Blob::file(input.path)?;
+        parse(input.path, vec![file], Vec::new(), options)
+    }),
     slices: Some(Slices {
-        parse: parse_folder,
+        parse,
         is_single: |_| Ok(false),
         placed: true,
     }),
     ..optional::dicom::FORMAT
 };
 
-/// Opens the volume in these files.
+/// Opens the volume in these files; `unread` lies beside them under names of slices.
 ///
 /// # Errors
 /// [`Error::Usage`] with the list of series if there are several; [`Error::Unsupported`] by name for
-/// irregular grids and what is not decoded, [`Error::Format`] for damaged files.
+/// irregular grids and what is not decoded, [`Error::Format`] for damaged files, and for what is no slice where the
+/// slices lie.
 pub(crate) fn parse(
-    path: &Path,
-    blobs: Vec<Blob>,
-    options: &OpenOptions,
-) -> Result<VolumeDescriptor> {
-    parse_folder(path, blobs, Vec::new(), options)
-}
-
-/// Opens the volume in the files of a folder; `unread` lies beside them under names of slices.
-///
-/// # Errors
-/// As [`parse`], and [`Error::Format`] for what is no slice where the slices lie.
-pub(crate) fn parse_folder(
     path: &Path,
     blobs: Vec<Blob>,
     unread: Vec<Unread>,

@@ -107,26 +107,15 @@ fn these(
     if let (Some(dims), Some(dtype)) = (options.dims, options.dtype) {
         return raw(path, files, dims, dtype, options);
     }
-    let found = Found::among(files.clone(), formats)?;
     let Found {
         pictures,
         mut scans,
         others,
         unread: unknown,
-    } = found;
+    } = Found::among(files.clone(), formats)?;
     unread.extend(unknown);
     let placed = formats.iter().find(|f| f.has_placed_slices());
-    // one picture alone is no volume, and beside folders of slices a preview
-    let previews = match &pictures[..] {
-        [] => false,
-        all => {
-            let mut alone = true;
-            for (format, files) in all {
-                alone &= files.len() < 2 && format.is_one_slice(&files[0])?;
-            }
-            alone
-        }
-    };
+    let previews = are_previews(&pictures)?;
     if path.is_dir() && (!scans.is_empty() || previews) {
         let (more, odd) = below(path, formats)?;
         scans.extend(more);
@@ -171,6 +160,16 @@ fn these(
             Err(Error::format(path, found, "slices of one format"))
         }
     }
+}
+
+/// True if every format has one picture of one slice: alone that is no volume, and beside folders of slices a preview.
+fn are_previews(pictures: &[(&'static Format, Vec<PathBuf>)]) -> Result<bool> {
+    for (format, files) in pictures {
+        if files.len() > 1 || !format.is_one_slice(&files[0])? {
+            return Ok(false);
+        }
+    }
+    Ok(!pictures.is_empty())
 }
 
 /// Slices that say where they lie, with what stands beside them under such names.

@@ -2,13 +2,13 @@
 
 use crate::error::{Error, Result};
 use crate::grid::length::product;
-use crate::volume::adapters::values::{Linear, Scale, Values};
+use crate::volume::adapters::values::{Linear, Values};
 use crate::volume::formats::hdf5::attributes::{Attributes, numbers_of};
 use crate::volume::formats::hdf5::number::Number;
 use crate::volume::formats::hdf5::place::Place;
 use crate::volume::stated::cf::{self, Attribute};
 use crate::volume::stated::warning::Warning;
-use crate::volume::stated::written::{Stated, Written, sound};
+use crate::volume::stated::written::{Stated, Written, scaled, sound};
 use hdf5_reader::Datatype;
 use std::path::Path;
 
@@ -42,17 +42,9 @@ pub(crate) fn values(
         let taken = place.is_signal() && other.is_some();
         attributes.vague(taken, &of, warnings);
     }
-    let Some((linear, by)) = other else {
-        return Ok((number, packed.values));
-    };
-    let values = match packed.values {
-        None => Values::linear(linear.slope, linear.intercept, &by),
-        Some(values) if values.scale == Scale::All(Linear::SAME) => Some(Values {
-            scale: Scale::All(linear),
-            stated_by: format!("{by}; {}", values.stated_by),
-            ..values
-        }),
-        Some(values) => return Err(no(format!("both {} and {by}", values.stated_by))),
+    let values = match other {
+        None => packed.values,
+        Some(other) => scaled(packed.values, other).map_err(no)?,
     };
     Ok((number, values))
 }

@@ -7,7 +7,7 @@ use crate::volume::formats::tiff::page::Layout;
 use crate::volume::formats::tiff::resolution::Resolution;
 use crate::volume::formats::tiff::shaped::Shaped;
 use crate::volume::formats::tiff::{foreign, imagej, scale};
-use crate::volume::io::blob::Bytes;
+use crate::volume::io::blob::{Blob, Bytes};
 use crate::volume::{Dtype, Endian};
 use std::path::Path;
 
@@ -79,6 +79,24 @@ pub(crate) struct Chain {
 }
 
 impl Chain {
+    /// The directories of these files, one after the other.
+    ///
+    /// # Errors
+    /// As of [`Chain::walk`].
+    pub(crate) fn of(blobs: &[Blob]) -> Result<Chain> {
+        let mut chain = Chain::default();
+        for (i, blob) in (0..).zip(blobs) {
+            chain.walk(&blob.open()?, i)?;
+        }
+        Ok(chain)
+    }
+
+    /// The pages that are no thumbnails.
+    pub(crate) fn slices(&self) -> Vec<usize> {
+        let all = 0..self.pages.len();
+        all.filter(|&i| self.pages[i].kind != THUMBNAIL).collect()
+    }
+
     /// Goes through the directories of a file.
     ///
     /// # Errors

@@ -5,7 +5,7 @@ use crate::error::{Error, Result};
 use crate::grid::Unit;
 use crate::grid::length::{Length, tidy};
 use crate::volume::Dtype;
-use crate::volume::adapters::values::{Linear, Scale, Values};
+use crate::volume::adapters::values::Values;
 use crate::volume::formats::tiff::stack::About;
 use crate::volume::stated::cf::{self, Attribute};
 use crate::volume::stated::size::Step;
@@ -254,18 +254,9 @@ impl<'a> Members<'a> {
         for (name, value) in self.json {
             stated.add_json(name, value);
         }
-        let pair = stated.pair();
-        let Some((linear, by)) = pair.map_err(no)? else {
-            return Ok(packed.values);
-        };
-        match packed.values {
-            None => Ok(Values::linear(linear.slope, linear.intercept, &by)),
-            Some(values) if values.scale == Scale::All(Linear::SAME) => Ok(Some(Values {
-                scale: Scale::All(linear),
-                stated_by: format!("{by}; {}", values.stated_by),
-                ..values
-            })),
-            Some(values) => Err(no(format!("both {} and {by}", values.stated_by))),
+        match stated.pair().map_err(no)? {
+            None => Ok(packed.values),
+            Some(pair) => written::scaled(packed.values, pair).map_err(no),
         }
     }
 

@@ -63,8 +63,7 @@ pub(crate) fn is_tiff(head: &[u8]) -> bool {
 /// # Errors
 /// [`Error::Format`] if it is damaged.
 pub(crate) fn is_single(path: &Path) -> Result<bool> {
-    let mut chain = chain::Chain::default();
-    chain.walk(&Blob::file(path)?.open()?, 0)?;
+    let chain = chain::Chain::of(&[Blob::file(path)?])?;
     Ok(chain.pages.len() == 1)
 }
 

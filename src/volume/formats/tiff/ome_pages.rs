@@ -28,13 +28,8 @@ pub(crate) fn plan(
     let mut unlike = false;
     let mut plan = if blobs.len() > 1 && stacks.len() == 1 && stacks[0].pages() == 1 {
         // slices that describe themselves, each alone
-        let mut chain = Chain::default();
-        for (i, blob) in blobs.iter().enumerate() {
-            chain.walk(&blob.open()?, i as u32)?;
-        }
-        let slices: Vec<usize> = (0..chain.pages.len())
-            .filter(|&i| chain.pages[i].kind != THUMBNAIL)
-            .collect();
+        let chain = Chain::of(&blobs)?;
+        let slices = chain.slices();
         let other = other_steps(&blobs, document)?;
         unlike = other.is_some();
         let mut plan = of_files(path, blobs, chain, &slices, "", options)?;

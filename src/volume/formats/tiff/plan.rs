@@ -3,7 +3,7 @@
 use crate::error::{Error, Result};
 use crate::grid::MAX_DIM;
 use crate::volume::adapters::values::{Linear, Scale};
-use crate::volume::formats::tiff::chain::{Chain, Group, Kind, PageAt, THUMBNAIL, UNREADABLE};
+use crate::volume::formats::tiff::chain::{Chain, Group, Kind, PageAt, UNREADABLE};
 use crate::volume::formats::tiff::ifd::File;
 use crate::volume::formats::tiff::imagej::Text;
 use crate::volume::formats::tiff::shaped::Shaped;
@@ -45,13 +45,8 @@ impl Plan {
         {
             return ome_pages::plan(path, blobs, &dir, &document, options);
         }
-        let mut chain = Chain::default();
-        for (i, blob) in blobs.iter().enumerate() {
-            chain.walk(&blob.open()?, i as u32)?;
-        }
-        let slices: Vec<usize> = (0..chain.pages.len())
-            .filter(|&i| chain.pages[i].kind != THUMBNAIL)
-            .collect();
+        let chain = Chain::of(&blobs)?;
+        let slices = chain.slices();
         if slices.is_empty() {
             return Err(none());
         }

@@ -13,7 +13,7 @@ pub(crate) use size::SizeFound;
 #[cfg(any(feature = "hdf5", feature = "zarr"))]
 pub(crate) use size::{Grid, size};
 
-use crate::volume::adapters::values::Linear;
+use crate::volume::adapters::values::{Linear, Scale, Values};
 use crate::volume::stated::warning::Warning;
 
 /// Attributes that name the axes of an array, as a list or as letters, in plain spelling.
@@ -346,6 +346,22 @@ impl Held {
             },
             Held::Other => None,
         }
+    }
+}
+
+/// The values of samples of which CF's attributes state some, and other ones a scale.
+///
+/// # Errors
+/// A few words of two scales.
+pub(crate) fn scaled(cf: Option<Values>, (linear, by): Stated) -> Result<Option<Values>, String> {
+    match cf {
+        None => Ok(Values::linear(linear.slope, linear.intercept, &by)),
+        Some(values) if values.scale == Scale::All(Linear::SAME) => Ok(Some(Values {
+            scale: Scale::All(linear),
+            stated_by: format!("{by}; {}", values.stated_by),
+            ..values
+        })),
+        Some(values) => Err(format!("both {} and {by}", values.stated_by)),
     }
 }
 
