@@ -113,12 +113,12 @@ pub fn resolve(forward: ScanOutput, budget: u64, work: &Path) -> Result<Resolved
         mut whole,
         mut slabs,
         provisional,
-        surface_births,
+        surface_labels,
         ..
     } = forward;
     let mut object_ranks = provisional.objects.renumber()?;
     let mut cell_ranks = provisional.cells.renumber()?;
-    let mut surface_ranks = surface_births.renumber()?;
+    let mut surface_ranks = surface_labels.renumber()?;
     let mut spooled = SpooledIds::new(work)?;
     let mut resolved = Components {
         objects: RecordTable::new(object_ranks.alive(), budget / 3, work)?,
@@ -168,7 +168,7 @@ pub fn resolve(forward: ScanOutput, budget: u64, work: &Path) -> Result<Resolved
             let record = surface_record(surface, &classes);
             resolved.surfaces.set(surface_ids[i] - 1, record)?;
         }
-        let mut whole_ids = spool.get(&slab.whole_births)?;
+        let mut whole_ids = spool.get(&slab.whole_labels)?;
         for id in &mut whole_ids {
             *id = surface_ranks.id(*id)?;
         }

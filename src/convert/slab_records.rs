@@ -34,7 +34,7 @@ pub struct SlabRecord {
     /// Surfaces that are, in a spool of their own.
     pub whole: Place<SlabSurface>,
     /// Provisional labels of these.
-    pub whole_births: Place<u64>,
+    pub whole_labels: Place<u64>,
     /// The tiles, by y, then x.
     pub tiles: Place<TileRecord>,
 }
@@ -75,7 +75,7 @@ impl SlabRecord {
             self.surfaces_live.numbers(),
             self.surfaces_from_previous.numbers(),
             self.whole.numbers(),
-            self.whole_births.numbers(),
+            self.whole_labels.numbers(),
             self.tiles.numbers(),
             self.finished.numbers(),
         ];
@@ -103,7 +103,7 @@ impl SlabRecord {
             surfaces_live: place(numbers)?,
             surfaces_from_previous: place(numbers)?,
             whole: place(numbers)?,
-            whole_births: place(numbers)?,
+            whole_labels: place(numbers)?,
             tiles: place(numbers)?,
             finished: place(numbers)?,
         })

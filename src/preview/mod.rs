@@ -121,31 +121,8 @@ pub fn preview(
     options: &PreviewOptions,
 ) -> Result<PreviewReport> {
     let manifest = options.tiles.as_deref().map(Manifest::open).transpose()?;
-    let cropped;
-    let grid: &dyn Volume = match &manifest {
-        Some(m) => {
-            let found = volume.header().dims;
-            if found != m.source.dims {
-                let expected = format!(
-                    "the volume of {} that the tiles were made from",
-                    m.source.dims
-                );
-                return Err(Error::usage(
-                    "--tiles",
-                    format!("a volume of {found}"),
-                    expected,
-                ));
-            }
-            match &m.source.crop {
-                Some(crop) => {
-                    cropped = Cropped::new(Box::new(volume), crop)?;
-                    &cropped
-                }
-                None => volume,
-            }
-        }
-        None => volume,
-    };
+    let grid = grid_of(volume, manifest.as_ref())?;
+    let grid = &*grid;
     let dims = grid.header().dims.0;
     let placement = match &manifest {
         Some(m) => m.placement,
@@ -195,6 +172,32 @@ pub fn preview(
         cells_without_value: colours.as_ref().map(Colours::without_value),
         range: colours.as_ref().and_then(Colours::range),
         warnings,
+    })
+}
+
+/// The part of a volume that tiles cover; all of it without tiles.
+fn grid_of<'a>(
+    volume: &'a dyn Volume,
+    manifest: Option<&Manifest>,
+) -> Result<Box<dyn Volume + 'a>> {
+    let Some(source) = manifest.map(|m| &m.source) else {
+        return Ok(Box::new(volume));
+    };
+    let found = volume.header().dims;
+    if found != source.dims {
+        let expected = format!(
+            "the volume of {} that the tiles were made from",
+            source.dims
+        );
+        return Err(Error::usage(
+            "--tiles",
+            format!("a volume of {found}"),
+            expected,
+        ));
+    }
+    Ok(match &source.crop {
+        Some(crop) => Box::new(Cropped::new(Box::new(volume), crop)?),
+        None => Box::new(volume),
     })
 }
 

@@ -5,6 +5,6 @@ mod output_dir;
 mod reader;
 
 pub(crate) use lock::Lock;
-pub(crate) use output_dir::{Output, outward, tidy};
+pub(crate) use output_dir::{Output, outward, refuse_same, tidy};
 pub use output_dir::{check_output, interrupted};
 pub use reader::TileSet;

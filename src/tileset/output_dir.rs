@@ -47,6 +47,21 @@ pub fn interrupted(out: &Path) -> Option<LayersDone> {
     kept(&out.join(WORK))
 }
 
+/// Refuses to make a tile set of another one in the directory of that.
+///
+/// # Errors
+/// [`Error::Usage`].
+pub fn refuse_same(from: &Path, to: &Path) -> Result<()> {
+    match (from.canonicalize(), to.canonicalize()) {
+        (Ok(a), Ok(b)) if a == b => Err(Error::usage(
+            "DEST",
+            to.display().to_string(),
+            "another directory than OUT",
+        )),
+        _ => Ok(()),
+    }
+}
+
 /// Refuses a directory in which no tile set can be made, and leaves it as it is. What an interrupted conversion
 /// left there is no hindrance.
 ///

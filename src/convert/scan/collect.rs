@@ -65,7 +65,7 @@ impl<'a> TileCollector<'a> {
     pub fn begin(&self, layer: u32, known: &SlabLabels) -> Result<()> {
         let gathering = &mut *self.lock();
         let state = &mut *gathering.state;
-        let (whole, provisional) = (&state.forward.whole, &mut state.forward.surface_births);
+        let (whole, provisional) = (&state.forward.whole, &mut state.forward.surface_labels);
         gathering.slab = Some(SlabTiles {
             records: Vec::new(),
             surfaces: state.surfaces.begin(&known.classes, whole, provisional)?,

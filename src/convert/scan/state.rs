@@ -35,7 +35,7 @@ pub struct ScanOutput {
     /// Numbers of objects and cells.
     pub provisional: PhaseLabels,
     /// Numbers of surfaces.
-    pub surface_births: ProvisionalLabels,
+    pub surface_labels: ProvisionalLabels,
     /// NaN samples.
     pub nan: u64,
     /// Sums over all caps.
@@ -112,7 +112,7 @@ impl ScanState {
                 objects: provisional(OBJECTS)?,
                 cells: provisional(CELLS)?,
             },
-            surface_births: provisional(SURFACES)?,
+            surface_labels: provisional(SURFACES)?,
             nan: 0,
             caps: MeshSums::default(),
             dust: [(0, 0); 2],
@@ -159,7 +159,7 @@ impl ScanState {
         for (what, provisional) in [
             (OBJECTS, &components.objects),
             (CELLS, &components.cells),
-            (SURFACES, forward.surface_births.resident()),
+            (SURFACES, forward.surface_labels.resident()),
         ] {
             marks.add_length(files, what, provisional.spilled_bytes());
         }
@@ -177,7 +177,7 @@ impl ScanState {
         out.array(&[forward.caps])?;
         components.objects.save(out)?;
         components.cells.save(out)?;
-        forward.surface_births.resident().save(out)?;
+        forward.surface_labels.resident().save(out)?;
         components.classes.save(out)?;
         self.surfaces.save(out)
     }
@@ -196,8 +196,8 @@ impl ScanState {
         let head = (input.number(), input.array::<MeshSums>());
         let objects = ProvisionalLabels::load(&files.path(OBJECTS), input)?;
         let cells = ProvisionalLabels::load(&files.path(CELLS), input)?;
-        let surface_births = ProvisionalLabels::load(&files.path(SURFACES), input)?;
-        let (Some(objects), Some(cells), Some(surface_births)) = (objects, cells, surface_births)
+        let surface_labels = ProvisionalLabels::load(&files.path(SURFACES), input)?;
+        let (Some(objects), Some(cells), Some(surface_labels)) = (objects, cells, surface_labels)
         else {
             return Ok(None);
         };
@@ -224,7 +224,7 @@ impl ScanState {
             slabs,
             whole,
             provisional: PhaseLabels { objects, cells },
-            surface_births,
+            surface_labels,
             nan,
             caps: *caps,
             dust: [(0, 0); 2],
@@ -359,7 +359,7 @@ impl ScanState {
             .sort_unstable_by_key(|t| (t.grid[1], t.grid[0]));
         let mut surfaces = tiles.surfaces;
         self.surfaces
-            .end(&mut surfaces, classes, &mut forward.surface_births)?;
+            .end(&mut surfaces, classes, &mut forward.surface_labels)?;
         let spool = &mut forward.spool;
         let mut finished = Vec::with_capacity(sealed.len() + 1);
         let mut finish = |sums: Place<VoxelSums>, classes: Place<u32>| {
@@ -385,7 +385,7 @@ impl ScanState {
             surfaces_live: spool.push(&surfaces.live)?,
             surfaces_from_previous: spool.push(&surfaces.carried_in)?,
             whole: surfaces.whole,
-            whole_births: spool.push(&surfaces.whole_births)?,
+            whole_labels: spool.push(&surfaces.whole_labels)?,
             tiles: spool.push(&tiles.records)?,
         };
         forward.slabs.push(&slab)?;

@@ -55,7 +55,7 @@ pub struct SlabSurfaces {
     /// Where the whole ones lie.
     pub whole: Place<SlabSurface>,
     /// Provisional labels of the whole ones.
-    pub whole_births: Vec<u64>,
+    pub whole_labels: Vec<u64>,
     /// Smallest keys of the new ones in `all`.
     keys: Vec<u64>,
     /// Keys of the whole ones.
@@ -101,7 +101,7 @@ impl Surfaces {
             carried_in: Vec::with_capacity(self.live.len()),
             live: Vec::new(),
             whole: whole.here(),
-            whole_births: Vec::new(),
+            whole_labels: Vec::new(),
             keys: Vec::new(),
             whole_keys: Vec::new(),
             by_pair: HashMap::new(),
@@ -137,7 +137,7 @@ impl Surfaces {
         classes: &SlabComponents,
         provisional: &mut ProvisionalLabels,
     ) -> Result<()> {
-        slab.give_births(provisional)?;
+        slab.allocate_labels(provisional)?;
         let mut live_class = vec![u32::MAX; classes.provisional.len()];
         for (i, &class) in classes.live.iter().enumerate() {
             live_class[class as usize] = i as u32;
@@ -202,17 +202,17 @@ impl SlabSurfaces {
     }
 
     /// Numbers the new surfaces by their smallest keys.
-    fn give_births(&mut self, provisional: &mut ProvisionalLabels) -> Result<()> {
+    fn allocate_labels(&mut self, provisional: &mut ProvisionalLabels) -> Result<()> {
         let carried = self.all.len() - self.keys.len();
         let keys = self.keys.iter().chain(&self.whole_keys);
         let mut order: Vec<(u64, u32)> = keys.copied().zip(0..).collect();
         order.sort_unstable();
-        self.whole_births = vec![0; self.whole_keys.len()];
+        self.whole_labels = vec![0; self.whole_keys.len()];
         let first = provisional.allocate(order.len())?;
         for (provisional_id, (_, i)) in (first..).zip(order) {
             match (i as usize).checked_sub(self.keys.len()) {
                 None => self.all[carried + i as usize].provisional_id = provisional_id,
-                Some(whole) => self.whole_births[whole] = provisional_id,
+                Some(whole) => self.whole_labels[whole] = provisional_id,
             }
         }
         Ok(())

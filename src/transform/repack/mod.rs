@@ -15,7 +15,7 @@ use crate::manifest::{Form, Manifest};
 use crate::progress::Progress;
 use crate::table::Table;
 use crate::tile::check_reach;
-use crate::tileset::{Output, TileSet, outward};
+use crate::tileset::{Output, TileSet, outward, refuse_same};
 use crate::transform::select::{LEGEND, LEGEND_SVG};
 use serde::Serialize;
 use std::path::Path;
@@ -71,15 +71,7 @@ fn repack_into(
     let start = Instant::now();
     let set = TileSet::open(from)?;
     let manifest = set.manifest();
-    if let (Ok(a), Ok(b)) = (from.canonicalize(), to.canonicalize())
-        && a == b
-    {
-        return Err(Error::usage(
-            "DEST",
-            to.display().to_string(),
-            "another directory than OUT",
-        ));
-    }
+    refuse_same(from, to)?;
     let tiling = Tiling {
         dims: manifest.grid.dims,
         macrocube: manifest.grid.macrocube,

@@ -14,11 +14,11 @@ pub use crate::picture::{Map, hex, parse_colour};
 pub use choice::{ColourRule, PaintRule};
 pub(crate) use legend::{FILE as LEGEND, SVG as LEGEND_SVG};
 
-use crate::error::{Error, Result};
+use crate::error::Result;
 use crate::manifest::{Manifest, Selection, WholeTotals};
 use crate::progress::Progress;
 use crate::table::Table;
-use crate::tileset::{Output, outward};
+use crate::tileset::{Output, outward, refuse_same};
 use choice::Choice;
 use serde::Serialize;
 use std::path::Path;
@@ -82,15 +82,7 @@ fn select_into(
     progress: &dyn Progress,
 ) -> Result<SelectReport> {
     let manifest = Manifest::open(from)?;
-    if let (Ok(a), Ok(b)) = (from.canonicalize(), to.canonicalize())
-        && a == b
-    {
-        return Err(Error::usage(
-            "DEST",
-            to.display().to_string(),
-            "another directory than OUT",
-        ));
-    }
+    refuse_same(from, to)?;
     let choice = Choice::new(from, &manifest, options)?;
     let output = Output::create(to, options.force)?;
     let work = output.work();
