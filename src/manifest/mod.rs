@@ -9,6 +9,7 @@ mod form;
 mod open;
 mod seal;
 mod shard;
+mod shard_text;
 mod shard_writer;
 
 pub(crate) use batch::batch;
@@ -16,7 +17,7 @@ pub use form::{Encoding, Form, Layout, Primitives};
 pub use open::{MANIFEST, PARTIAL, file_inside, inside, is_plain, manifest_file};
 pub(crate) use seal::{checksum_of, own_checksum, sums_of};
 pub use shard::ShardTiles;
-pub(crate) use shard::{ShardFault, ShardText};
+pub(crate) use shard_text::{ShardFault, ShardText};
 pub(crate) use shard_writer::{ShardWriter, entry_text, shard_path};
 
 use crate::grid::{Ambiguous, Crop, Dims, Placement, Unit};
