@@ -58,10 +58,8 @@ impl Conversion<'_> {
 
     /// Writes tiles below the directory `work`.
     pub fn tile_writer(&self, work: &Path) -> TileWriter {
-        let head = TileHead {
-            matrix: self.grid.header().placement.gltf_matrix(),
-            form: self.options.form(),
-        };
+        let matrix = self.grid.header().placement.gltf_matrix();
+        let head = TileHead::new(matrix, self.options.form());
         TileWriter {
             dir: work.to_path_buf(),
             widest: WidestNodes::new(&head),

@@ -113,7 +113,7 @@ impl Default for ConvertOptions {
             min_voxels: 0,
             crop: None,
             primitives: Primitives::Strips,
-            encoding: Encoding::Float,
+            encoding: Encoding::default(),
             layout: Layout::Auto,
             table_unit: None,
             force: false,

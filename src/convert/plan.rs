@@ -7,7 +7,7 @@ use crate::labels::Span;
 use crate::surface::{BYTES_PER_CUBE, BYTES_PER_TRIANGLE};
 use crate::sys::background_writer::in_flight;
 use crate::sys::huge_pages::held;
-use crate::tile::check_reach;
+use crate::tile::{check_reach, codec};
 use crate::volume::{SPOOL_PIECE, Volume};
 
 /// Resident memory of the program itself with its threads' stacks and allocator slack.
@@ -18,9 +18,6 @@ const BAND_BYTES_PER_VOXEL: f64 = 0.19 + 0.06 * 8.0;
 /// Triangles per cube that a tile's buffers are planned for; a foam has 0.3, noise 2.6. A tile that
 /// needs more is checked against the limit when it is met.
 const TILE_TRIANGLES_PER_CUBE: f64 = 0.4;
-/// Bytes of buffers per triangle while a tile is encoded: for half a vertex, and up to 1.5 index entries, parts of the
-/// BIN chunk before they are compressed and after.
-const ENCODING_BYTES_PER_TRIANGLE: u64 = 30;
 /// Bytes of a tile's geometry per triangle: 12 for half a vertex, and room for 10 of indices.
 const BODY_BYTES_PER_TRIANGLE: f64 = 22.0;
 /// Bytes planned for a tile at least.
@@ -93,10 +90,10 @@ impl Plan {
 }
 
 fn per_triangle(options: &ConvertOptions) -> u64 {
-    let encoding = if options.form().is_encoded_early() {
-        ENCODING_BYTES_PER_TRIANGLE
-    } else {
-        0
+    let codec = codec(options.encoding);
+    let encoding = match codec.is_encoded_early(&options.form()) {
+        true => codec.bytes_per_triangle(),
+        false => 0,
     };
     BYTES_PER_TRIANGLE + encoding
 }

@@ -29,8 +29,8 @@ use crate::sys::background_writer::BackgroundWriters;
 use crate::sys::memory_pool::MemoryPool;
 use crate::sys::spill_file::SpillFile;
 use crate::tile::{
-    Body, Extras, Grouped, Node, PieceRange, TileHead, WidestNodes, decode, describe, name,
-    refused, tile_path, too_large, write_head,
+    Body, Description, EncodedBody, Extras, Grouped, Node, PieceRange, TileHead, WidestNodes,
+    decode, describe, name, refused, tile_path, too_large, write_head,
 };
 use rayon::prelude::*;
 use std::borrow::Cow;
@@ -365,7 +365,11 @@ impl Finisher<'_> {
         let (tile, body) = (&job.tile, job.body());
         let nodes = self.nodes(&body, &job.ids, known)?;
         let (head, low) = (self.settings.head, self.settings.tiling.lowest(tile.grid));
-        let (json, table) = describe(head, low, (&body, &tile.recipe), &nodes)
+        let encoded = EncodedBody {
+            body: &body,
+            layout: &tile.recipe,
+        };
+        let Description { json, table } = describe(head, low, encoded, &nodes)
             .map_err(|e| refused(e, tile.grid, self.settings.tiling))?;
         let more = table.len() as u64;
         let head = write_head(&json, tile.room as usize, tile.bin_bytes + more)
@@ -413,7 +417,13 @@ impl Finisher<'_> {
         // as the sweep had it before it was encoded
         let (body, bytes) = match tile.room {
             0 => (job.body(), Cow::Borrowed(bytes)),
-            _ => decode(head, low, (&job.body(), &tile.recipe), bytes).map_err(|_| not_ours())?,
+            _ => {
+                let encoded = EncodedBody {
+                    body: &job.body(),
+                    layout: &tile.recipe,
+                };
+                decode(head, low, encoded, bytes).map_err(|_| not_ours())?
+            }
         };
         let made = Grouped::new(&body, &bytes, &groups, head.form.primitives);
         let nodes = self.nodes(&made.body, &group_ids, known)?;

@@ -10,8 +10,8 @@ use crate::sys::direct_io::{self, Buffer};
 use crate::sys::files::remove_if_there;
 use crate::sys::files::write_file;
 use crate::tile::{
-    EncodedLayout, Grouped, Node, Refused, TileHead, WidestNodes, plain_head, tile_file,
-    tile_file_with, tile_path,
+    EncodedBody, EncodedLayout, FloatBody, Grouped, Node, Refused, TileHead, WidestNodes,
+    plain_head, tile_file, tile_file_with, tile_path,
 };
 use std::fs::{self, File};
 use std::io::{ErrorKind, Write};
@@ -213,14 +213,19 @@ pub fn fill(
     low: [u32; 3],
     (made, nodes): (&Grouped, &[Node]),
 ) -> std::result::Result<u64, Refused> {
-    let room =
-        |recipe: &EncodedLayout, bytes| room_for((head, widest), low, (&made.body, recipe), bytes);
+    let room = |layout: &EncodedLayout, bytes| {
+        let body = &made.body;
+        room_for(widest, low, EncodedBody { body, layout }, bytes)
+    };
     if !head.is_plain(nodes.len()) {
         let bin = made.bytes();
-        let body = (&made.body, &bin[..]);
-        let file = match head.form.is_encoded_early() {
-            true => tile_file_with(head, low, body, nodes, room),
-            false => tile_file(head, low, body, nodes),
+        let floats = FloatBody {
+            body: &made.body,
+            bytes: &bin,
+        };
+        let file = match head.is_encoded_early() {
+            true => tile_file_with(head, low, floats, nodes, room),
+            false => tile_file(head, low, floats, nodes),
         }?;
         let bytes = file.head.len() + file.bin.len();
         out.begin(bytes, bytes);

@@ -9,8 +9,8 @@ use crate::sys::direct_io;
 use crate::sys::files::write_body;
 use crate::sys::spill_file::{Place, SpillFile};
 use crate::tile::{
-    Body, Encoded, EncodedLayout, PieceRange, Refused, TileHead, WidestNodes, aligned, encode,
-    head_bytes, refused, tile_path, too_large, widest_description,
+    Body, Encoded, EncodedBody, EncodedLayout, FloatBody, PieceRange, Refused, TileHead,
+    WidestNodes, aligned, encode, head_bytes, refused, tile_path, too_large, widest_description,
 };
 use bytemuck::{Pod, Zeroable};
 use std::borrow::Cow;
@@ -109,7 +109,7 @@ impl TileWriter {
     ) -> Result<(TileRecord, Body)> {
         let body = Body::write(mesh, self.head.form.primitives, stripifier);
         let plain = self.head.is_plain(body.pieces.len());
-        let stays = plain || !provisional && self.head.form.is_encoded_early();
+        let stays = plain || !provisional && self.head.is_encoded_early();
         let (mut recipe, mut room) = (EncodedLayout::default(), 0);
         if stays {
             (recipe, room) = self
@@ -152,28 +152,36 @@ impl TileWriter {
         body: &Body,
     ) -> std::result::Result<(EncodedLayout, usize), Refused> {
         let (head, low) = (&self.head, self.tiling.lowest(grid));
-        let Encoded { bytes, recipe } = encode(head, low, (body, mesh.chunk.bytes()), None)?;
+        let floats = FloatBody {
+            body,
+            bytes: mesh.chunk.bytes(),
+        };
+        let Encoded { bytes, recipe } = encode(head, low, floats, None)?;
         if let Cow::Owned(bytes) = bytes {
             mesh.chunk.replace(&bytes);
         }
         let bytes = mesh.chunk.bytes().len();
-        let room = room_for((head, &self.widest), low, (body, &recipe), bytes)?;
+        let encoded = EncodedBody {
+            body,
+            layout: &recipe,
+        };
+        let room = room_for(&self.widest, low, encoded, bytes)?;
         Ok((recipe, room))
     }
 }
 
-/// Bytes of the JSON chunk of a tile whose geometry, as its `recipe` says, takes so many `bytes`: room for any nodes,
+/// Bytes of the JSON chunk of a tile whose encoded geometry takes so many `bytes`: room for any nodes,
 /// before what may go past the page cache.
 ///
 /// # Errors
 /// [`Refused::TooWide`].
 pub fn room_for(
-    head: (&TileHead, &WidestNodes),
+    widest: &WidestNodes,
     low: [u32; 3],
-    (body, recipe): (&Body, &EncodedLayout),
+    encoded: EncodedBody,
     bytes: usize,
 ) -> std::result::Result<usize, Refused> {
-    let widest = widest_description(head, low, (body, recipe))?;
+    let widest = widest_description(widest, low, encoded)?;
     let step = if bytes >= direct_io::WORTH {
         direct_io::SECTOR
     } else {
