@@ -3,7 +3,6 @@
 mod conversion;
 mod finalize;
 mod identity;
-mod layer_dirs;
 mod options;
 mod plan;
 mod resolve;
@@ -25,19 +24,18 @@ pub use tables::unit_text;
 use crate::checkpoint::{Checkpointer, boot};
 use crate::convert::conversion::{Conversion, Made};
 use crate::convert::finalize::{FinalizeInput, finalize};
-use crate::convert::layer_dirs::remove_empty_layer_directories;
 use crate::convert::plan::plan;
 use crate::convert::resolve::resolve;
 use crate::convert::resume::{begin, commit_begun, complete, refuse_kept};
 use crate::convert::scan::{Scanned, scan};
 use crate::convert::tables::write_tables;
-use crate::convert::totals::{dust_of, scanned_totals, sum_components};
+use crate::convert::totals::{ScannedSums, dust_of};
 use crate::convert::warnings::warnings;
 use crate::error::{Error, Result};
 use crate::manifest::Manifest;
 use crate::progress::Progress;
 use crate::sys::process_memory::peak_rss_bytes;
-use crate::tileset::{Output, outward, tidy};
+use crate::tileset::{Output, TilesetWriter, outward, tidy};
 use crate::volume::{Cropped, Volume, Watch, Watched};
 use std::any::Any;
 use std::panic::{AssertUnwindSafe, catch_unwind, resume_unwind};
@@ -222,10 +220,13 @@ fn make(job: &Conversion, work: &Path, checkpointer: &mut Checkpointer) -> Resul
     let all_seen = checkpointer.kept() == 0;
     let measured = job.options.measured(&job.grid.header().placement)?;
     let writer = job.tile_writer(work);
+    let mut set = TilesetWriter::new(work)?;
+    let mut to_sweep = checkpointer.swept()..job.layers();
+    to_sweep.try_for_each(|z| set.make_layer_directory(z))?;
     let Scanned { output, last_layer } = scan(job, &writer, checkpointer)?;
     // labels and surfaces of a volume that changed meanwhile may not fit each other
     job.options.input.check()?;
-    let mut totals = scanned_totals(&output);
+    let sums = ScannedSums::of(&output);
     let dust = dust_of(job.options, &output);
     let (committed, resolved) = rayon::join(
         || last_layer.commit(checkpointer),
@@ -236,16 +237,16 @@ fn make(job: &Conversion, work: &Path, checkpointer: &mut Checkpointer) -> Resul
     let input = FinalizeInput {
         job,
         writer: &writer,
+        set: &mut set,
         placement: &measured,
         resolved: &mut resolved,
         checkpointer,
     };
-    let (mut layers, tables_bytes) = finalize(input, &mut totals, |components, stop| {
+    let tables_bytes = finalize(input, |components, stop| {
         write_tables(work, components, &measured, stop)
     })?;
-    remove_empty_layer_directories(work, job.layers(), &mut layers)?;
-    sum_components(&resolved.components, job.options.cap, &mut totals)?;
-    let bytes = totals.bytes + layers.bytes + tables_bytes;
+    let totals = sums.totals(set.written(), &resolved.components, job.options.cap)?;
+    let bytes = totals.bytes + set.index_bytes() + tables_bytes;
     let threshold = job.options.threshold;
     let mut warnings = warnings(&totals, job.plan.tiling.dims, (threshold, dust));
     if all_seen && totals.surfaces > 0 {
@@ -258,9 +259,7 @@ fn make(job: &Conversion, work: &Path, checkpointer: &mut Checkpointer) -> Resul
         dust,
         ..job.manifest(totals)
     };
-    let index = manifest.write_sealed_with(work, &mut |each| {
-        layers.for_each(|layer| each(&layer.layer()))
-    })?;
+    let index = set.finish(manifest)?;
     Ok(Made {
         totals,
         bytes: bytes + index,

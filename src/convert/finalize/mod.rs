@@ -13,7 +13,7 @@ use crate::convert::finalize::batches::{
 use crate::convert::finalize::rewrite::{
     Buffers, fill, make_layer_dir, read_back, replacement_path, write_replacement,
 };
-use crate::convert::finalize::shards::{FinishedBatch, FinishedLayer, LayerFinisher, Layers};
+use crate::convert::finalize::shards::{FinishedBatch, FinishedLayer, LayerFinisher};
 use crate::convert::resolve::{Components, Resolved, SpooledIds};
 use crate::convert::scan::tile_writer::{TileRecord, TileWriter};
 use crate::convert::slab_records::{SlabRecord, Slabs};
@@ -32,6 +32,7 @@ use crate::tile::{
     Body, Extras, Grouped, Node, PieceRange, TileHead, WidestNodes, decode, describe, name,
     refused, tile_path, too_large, write_head,
 };
+use crate::tileset::TilesetWriter;
 use rayon::prelude::*;
 use std::borrow::Cow;
 use std::fs::{File, OpenOptions};
@@ -97,6 +98,8 @@ pub struct FinalizeInput<'a> {
     pub job: &'a Conversion<'a>,
     /// Wrote the tiles.
     pub writer: &'a TileWriter,
+    /// Gets their entries.
+    pub set: &'a mut TilesetWriter,
     /// Where the grid lies, in the unit of the measures.
     pub placement: &'a Placement,
     /// What resolving left.
@@ -105,17 +108,16 @@ pub struct FinalizeInput<'a> {
     pub checkpointer: &'a mut Checkpointer,
 }
 
-/// Gives all tiles their ids, layer by layer, and adds what they hold to `totals`. Returns the layers that have
-/// tiles, and what `beside` makes of the components meanwhile, as long as nothing stops that: it is told what would.
+/// Gives all tiles their ids, layer by layer, and adds their entries to the set. Returns what `beside` makes of the
+/// components meanwhile, as long as nothing stops that: it is told what would.
 ///
 /// # Errors
 /// [`Error::Interrupted`], [`Error::Io`], [`Error::Usage`] if a tile would pass 4 GiB, and [`Error::Format`]
 /// if a shard from before is not as it was written.
 pub fn finalize<R: Send>(
     input: FinalizeInput,
-    totals: &mut Totals,
     beside: impl FnOnce(&Components, &Stop) -> Result<R> + Send,
-) -> Result<(Layers, R)> {
+) -> Result<R> {
     let (job, writer) = (input.job, input.writer);
     let Resolved {
         slabs,
@@ -137,7 +139,8 @@ pub fn finalize<R: Send>(
         memory: budget.left().saturating_sub(job.plan.tables()),
     };
     let checkpointer = input.checkpointer;
-    let mut ends = LayerFinisher::begin(&settings, checkpointer, slabs.len(), totals, progress)?;
+    let (set, layers) = (input.set, slabs.len());
+    let mut ends = LayerFinisher::begin(&settings, set, checkpointer, layers, progress)?;
     let failed = AtomicBool::new(false);
     let cells = &components.cells;
     let finish = || {
@@ -148,7 +151,8 @@ pub fn finalize<R: Send>(
     let stop = || failed.load(Ordering::Relaxed) || progress.interrupted();
     let (finished, made) = rayon::join(finish, || beside(components, &stop));
     finished?;
-    Ok((ends.end()?, made?))
+    ends.end()?;
+    made
 }
 
 /// Finishes the tiles of all slabs.
@@ -163,7 +167,7 @@ fn finish_tiles(
     let before = ends.finished() as usize;
     for number in 0..before {
         if let Some(slab) = slabs.get(number)? {
-            ends.add(finished_layer(settings, &slab, spool)?)?;
+            ends.add(slab.layer, finished_layer(settings, &slab, spool)?)?;
         }
     }
     let mut finisher = Finisher {

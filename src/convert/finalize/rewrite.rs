@@ -2,7 +2,6 @@
 //! a checkpoint says that the layer is done: a tile that is half written can then be made again.
 
 use crate::checkpoint::Checkpointer;
-use crate::convert::layer_dirs::layer_directory;
 use crate::convert::scan::tile_writer::room_for;
 use crate::error::{Error, Result};
 use crate::sys::background_writer::{BackgroundWriters, Job};
@@ -13,6 +12,7 @@ use crate::tile::{
     EncodedLayout, Grouped, Node, Refused, TileHead, WidestNodes, plain_head, tile_file,
     tile_file_with, tile_path,
 };
+use crate::tileset::layer_directory;
 use std::fs::{self, File};
 use std::io::{ErrorKind, Write};
 use std::path::{Path, PathBuf};

@@ -28,7 +28,6 @@ mod workspace_pool;
 use crate::checkpoint::{Checkpointer, Marks, TILES};
 use crate::convert::conversion::Conversion;
 use crate::convert::finalize::batch_size::nodes_bytes;
-use crate::convert::layer_dirs::make_layer_directories;
 use crate::convert::plan::Plan;
 use crate::convert::scan::band::{Band, BandSource, SealedBand};
 use crate::convert::scan::collect::{SlabTiles, TileCollector};
@@ -73,7 +72,6 @@ pub fn scan(
     let work = &writer.dir;
     let (grid, options, plan) = (job.grid, job.options, job.plan);
     let [x, y, layers] = plan.tiling.tiles();
-    make_layer_directories(work, checkpointer.swept()..layers)?;
     let measured = options.measured(&grid.header().placement)?;
     job.progress
         .begin("tiles", [x, y, layers].map(u64::from).iter().product());
