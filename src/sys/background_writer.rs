@@ -3,6 +3,7 @@
 use crate::error::{Error, Result};
 use crate::sys::direct_io::{self, Buffer};
 use crate::sys::files::write_body;
+use crate::sys::locks::{lock, wait};
 use crate::sys::memory_pool::{MemoryPool, MemoryReservation};
 use std::collections::VecDeque;
 use std::path::PathBuf;
@@ -173,11 +174,11 @@ impl State {
 
 impl Shared {
     fn lock(&self) -> MutexGuard<'_, State> {
-        self.state.lock().expect("no thread panicked")
+        lock(&self.state)
     }
 
     fn sleep<'a>(&self, state: MutexGuard<'a, State>) -> MutexGuard<'a, State> {
-        self.changed.wait(state).expect("no thread panicked")
+        wait(&self.changed, state)
     }
 
     /// Writes a tile that was taken while others have the state.

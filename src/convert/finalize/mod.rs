@@ -26,6 +26,7 @@ use crate::manifest::{
 use crate::measure::{ComponentRecord, Measures, RecordTable};
 use crate::progress::Progress;
 use crate::sys::background_writer::BackgroundWriters;
+use crate::sys::locks::lock;
 use crate::sys::memory_pool::MemoryPool;
 use crate::sys::spill_file::SpillFile;
 use crate::tile::{
@@ -300,7 +301,7 @@ impl Finisher<'_> {
         self.make_layer_dirs(jobs, &anew)?;
         let finish = |&at: &usize| {
             let thread = rayon::current_thread_index().unwrap_or_default();
-            let mut buffers = self.buffers[thread].lock().expect("no thread panicked");
+            let mut buffers = lock(&self.buffers[thread]);
             let job = &jobs[at];
             let entry = match anew[at] {
                 true => self.rewrite_tile(job, known, &mut buffers),
@@ -320,7 +321,7 @@ impl Finisher<'_> {
             if few.is_some() {
                 // there is no memory for what each thread keeps
                 for buffers in &self.buffers {
-                    *buffers.lock().expect("no thread panicked") = Buffers::default();
+                    *lock(buffers) = Buffers::default();
                 }
             }
         }

@@ -5,6 +5,7 @@ use crate::convert::scan::surfaces::{SlabSurfaces, SurfacePart};
 use crate::convert::scan::tile_writer::{TileRecord, WrittenPiece};
 use crate::error::Result;
 use crate::measure::MeshSums;
+use crate::sys::locks::lock;
 use std::sync::{Mutex, MutexGuard};
 
 /// The tiles and surfaces of a slab.
@@ -50,7 +51,7 @@ impl<'a> TileCollector<'a> {
     }
 
     fn lock(&self) -> MutexGuard<'_, Collecting<'a>> {
-        self.0.lock().expect("no thread panicked")
+        lock(&self.0)
     }
 
     /// Does what needs the state.

@@ -12,6 +12,7 @@ use crate::convert::scan::mode::Parts;
 use crate::convert::scan::state::{ScanState, SlabLabels};
 use crate::error::Result;
 use crate::labels::{Bits, RowRuns, Run, Runs, SlabComponents};
+use crate::sys::locks::{lock, unshared};
 use crate::sys::memory_pool::MemoryPool;
 use crate::sys::spill_file::{Place, SpillFile};
 use crate::volume::Voxel;
@@ -61,7 +62,7 @@ impl Filter {
     ) -> Result<()> {
         debug_assert_eq!(runs.count, of_run.len());
         let (class_of, small) = {
-            let mut found = self.found.lock().expect("no thread panicked");
+            let mut found = lock(&self.found);
             (found.class_of(ty, tz)?, found.small(tz)?)
         };
         let nx = bits.span.nx;
@@ -299,7 +300,7 @@ impl Slab {
 impl Filter {
     /// Decides, from the last slab back to the first, which classes are part of a small component.
     fn resolve(&mut self, above: bool, min_voxels: u64) -> Result<()> {
-        let found = self.found.get_mut().expect("no thread panicked");
+        let found = unshared(&mut self.found);
         let mut later: (Vec<u8>, Vec<u32>) = Default::default();
         for layer in (0..found.layers).rev() {
             let slab = found.slab(layer)?;

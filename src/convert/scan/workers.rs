@@ -9,6 +9,7 @@ use crate::convert::scan::state::{ScanState, SlabLabels};
 use crate::convert::scan::{Slab, Sweep, TileJob, take_classes};
 use crate::error::{Error, Result};
 use crate::sys::background_writer::BackgroundWriters;
+use crate::sys::locks::{into_inner, lock, wait};
 use crate::volume::Voxel;
 use std::sync::{Arc, Condvar, Mutex, MutexGuard};
 
@@ -101,8 +102,8 @@ impl<'a, T: Voxel + Default> SlabWorkers<'a, T> {
     /// Those of [`Sweep::run`].
     pub fn run(self) -> Result<Result<Option<u64>, Stop>> {
         rayon::broadcast(|_| self.work());
-        let mut pending = self.pending.into_inner().expect("no thread panicked");
-        let queue = self.queue.into_inner().expect("no thread panicked");
+        let mut pending = into_inner(self.pending);
+        let queue = into_inner(self.queue);
         if !queue.has_ended() {
             pending.commit()?;
         }
@@ -113,7 +114,7 @@ impl<'a, T: Voxel + Default> SlabWorkers<'a, T> {
     }
 
     fn lock(&self) -> MutexGuard<'_, SlabScheduler<T>> {
-        self.queue.lock().expect("no thread panicked")
+        lock(&self.queue)
     }
 
     /// What each thread does.
@@ -124,7 +125,7 @@ impl<'a, T: Voxel + Default> SlabWorkers<'a, T> {
             let step = queue.next(self.sweep.progress.interrupted());
             queue = match step {
                 Task::Finished => break,
-                Task::Wait => self.changed.wait(queue).expect("no thread panicked"),
+                Task::Wait => wait(&self.changed, queue),
                 step => {
                     drop(queue);
                     self.take(step);
@@ -213,7 +214,7 @@ impl<'a, T: Voxel + Default> SlabWorkers<'a, T> {
     fn end(&self, layer: u32, known: &SlabLabels, next: Option<&SlabLabels>) {
         let gather = &self.gather;
         let slab = (layer, known, gather.take());
-        let mut pending = self.pending.lock().expect("no thread panicked");
+        let mut pending = lock(&self.pending);
         let ended = pending.end(|checkpointer| {
             gather.with(|state| self.sweep.end_slab(self.parts, slab, state, checkpointer))
         });
@@ -245,9 +246,7 @@ struct WakeOnPanic<'a, 'b, T>(&'a SlabWorkers<'b, T>);
 impl<T> Drop for WakeOnPanic<'_, '_, T> {
     fn drop(&mut self) {
         if std::thread::panicking() {
-            if let Ok(mut queue) = self.0.queue.lock() {
-                queue.fail(Error::Interrupted);
-            }
+            lock(&self.0.queue).fail(Error::Interrupted);
             self.0.changed.notify_all();
         }
     }
