@@ -3,6 +3,7 @@
 mod conversion;
 mod finalize;
 mod identity;
+mod memory;
 mod options;
 mod plan;
 mod resolve;
@@ -24,6 +25,7 @@ pub use tables::unit_text;
 use crate::checkpoint::{Checkpointer, boot};
 use crate::convert::conversion::{Conversion, Made};
 use crate::convert::finalize::{FinalizeInput, finalize};
+use crate::convert::memory::TABLES;
 use crate::convert::plan::plan;
 use crate::convert::resolve::resolve;
 use crate::convert::resume::{begin, commit_begun, complete, refuse_kept};
@@ -34,6 +36,7 @@ use crate::convert::warnings::warnings;
 use crate::error::{Error, Result};
 use crate::manifest::Manifest;
 use crate::progress::Progress;
+use crate::sys::memory_pool::MemoryReservation;
 use crate::sys::process_memory::peak_rss_bytes;
 use crate::tileset::{Output, TilesetWriter, outward, tidy};
 use crate::volume::{Cropped, Volume, Watch, Watched};
@@ -219,15 +222,18 @@ fn make(job: &Conversion, work: &Path, checkpointer: &mut Checkpointer) -> Resul
     // what was swept before was not seen
     let all_seen = checkpointer.kept() == 0;
     let measured = job.options.measured(&job.grid.header().placement)?;
+    let memory = job.plan.pool();
     let writer = job.tile_writer(work);
     let mut set = TilesetWriter::new(work)?;
     let mut to_sweep = checkpointer.swept()..job.layers();
     to_sweep.try_for_each(|z| set.make_layer_directory(z))?;
-    let Scanned { output, last_layer } = scan(job, &writer, checkpointer)?;
+    let Scanned { output, last_layer } = scan(job, &memory, &writer, checkpointer)?;
     // labels and surfaces of a volume that changed meanwhile may not fit each other
     job.options.input.check()?;
     let sums = ScannedSums::of(&output);
     let dust = dust_of(job.options, &output);
+    let mut tables = MemoryReservation::new(&memory, TABLES);
+    tables.grow_as_far_as(job.plan.tables());
     let (committed, resolved) = rayon::join(
         || last_layer.commit(checkpointer),
         || resolve(output, job.plan.tables(), work),
@@ -236,6 +242,7 @@ fn make(job: &Conversion, work: &Path, checkpointer: &mut Checkpointer) -> Resul
     let mut resolved = resolved?;
     let input = FinalizeInput {
         job,
+        memory: &memory,
         writer: &writer,
         set: &mut set,
         placement: &measured,

@@ -1,6 +1,7 @@
 //! The reverse sweep over the slabs' class maps: final ids and the sums of whole components.
 
 use crate::convert::finalize::batches::{Ids, IdsOfSlab};
+use crate::convert::memory::FOR_EACH_TABLE;
 use crate::convert::scan::state::ScanOutput;
 use crate::convert::scan::surfaces::SlabSurface;
 use crate::convert::scan::tile_writer::WrittenPiece;
@@ -120,10 +121,11 @@ pub fn resolve(forward: ScanOutput, budget: u64, work: &Path) -> Result<Resolved
     let mut cell_ranks = provisional.cells.renumber()?;
     let mut surface_ranks = surface_labels.renumber()?;
     let mut spooled = SpooledIds::new(work)?;
+    let of_each = FOR_EACH_TABLE.of(budget);
     let mut resolved = Components {
-        objects: RecordTable::new(object_ranks.alive(), budget / 3, work)?,
-        cells: RecordTable::new(cell_ranks.alive(), budget / 3, work)?,
-        surfaces: RecordTable::new(surface_ranks.alive(), budget / 3, work)?,
+        objects: RecordTable::new(object_ranks.alive(), of_each, work)?,
+        cells: RecordTable::new(cell_ranks.alive(), of_each, work)?,
+        surfaces: RecordTable::new(surface_ranks.alive(), of_each, work)?,
     };
     let mut later = Later::default();
     for number in (0..slabs.len()).rev() {

@@ -2,6 +2,7 @@
 
 use crate::convert::finalize::batch_size::{fit_together, parts};
 use crate::convert::finalize::shards::Part;
+use crate::convert::memory::KNOWN_PIECES;
 use crate::convert::resolve::SpooledIds;
 use crate::convert::scan::surfaces::WHOLE;
 use crate::convert::scan::tile_writer::{TileRecord, WrittenPiece};
@@ -13,9 +14,6 @@ use crate::sys::group_by::{firsts, groups};
 use crate::sys::spill_file::SpillFile;
 use crate::tile::Body;
 use std::collections::VecDeque;
-
-/// Pieces of some tiles whose cells are measured once for all of them, at most: 5 MB of measures.
-pub const KNOWN_PIECES: usize = 1 << 14;
 
 /// The ids of a piece.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, PartialOrd, Ord)]

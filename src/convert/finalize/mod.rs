@@ -7,13 +7,12 @@ pub(crate) mod shards;
 use crate::checkpoint::Checkpointer;
 use crate::convert::conversion::Conversion;
 use crate::convert::finalize::batch_size::max_concurrent_tiles;
-use crate::convert::finalize::batches::{
-    Batch, Batches, Ids, Job, KNOWN_PIECES, count_distinct, group,
-};
+use crate::convert::finalize::batches::{Batch, Batches, Ids, Job, count_distinct, group};
 use crate::convert::finalize::rewrite::{
     Buffers, fill, make_layer_dir, read_back, replacement_path, write_replacement,
 };
 use crate::convert::finalize::shards::{FinishedBatch, FinishedLayer, LayerFinisher};
+use crate::convert::memory::{FINISHING, FOR_NEXT_BATCH, KNOWN_PIECES, WRITES};
 use crate::convert::resolve::{Components, Resolved, SpooledIds};
 use crate::convert::scan::tile_writer::{TileRecord, TileWriter};
 use crate::convert::slab_records::{SlabRecord, Slabs};
@@ -27,7 +26,7 @@ use crate::measure::{ComponentRecord, Measures, RecordTable};
 use crate::progress::Progress;
 use crate::sys::background_writer::BackgroundWriters;
 use crate::sys::locks::lock;
-use crate::sys::memory_pool::MemoryPool;
+use crate::sys::memory_pool::{MemoryPool, MemoryReservation};
 use crate::sys::spill_file::SpillFile;
 use crate::tile::{
     Body, Extras, Grouped, Node, PieceRange, TileHead, WidestNodes, decode, describe, name,
@@ -39,8 +38,8 @@ use std::borrow::Cow;
 use std::fs::{File, OpenOptions};
 use std::os::unix::fs::FileExt;
 use std::path::Path;
-use std::sync::Mutex;
 use std::sync::atomic::{AtomicBool, Ordering};
+use std::sync::{Arc, Mutex};
 
 /// What finishing needs to know of the whole set.
 #[derive(Clone, Copy)]
@@ -60,9 +59,6 @@ pub struct FinishSettings<'a> {
     /// Bytes that tiles may take while they are finished.
     pub memory: u64,
 }
-
-/// Bytes of memory with which the next batch is made ready beside one: ten times what it takes.
-const ROOM: u64 = 64 << 20;
 
 /// Finishes tiles, batch by batch.
 struct Finisher<'a> {
@@ -97,6 +93,8 @@ struct Cell {
 pub struct FinalizeInput<'a> {
     /// The conversion.
     pub job: &'a Conversion<'a>,
+    /// Its memory, some of which the tables have.
+    pub memory: &'a Arc<MemoryPool>,
     /// Wrote the tiles.
     pub writer: &'a TileWriter,
     /// Gets their entries.
@@ -128,8 +126,10 @@ pub fn finalize<R: Send>(
     } = input.resolved;
     let progress = job.progress;
     progress.begin("index", slabs.len() as u64);
-    let budget = MemoryPool::new(job.plan.limit, job.plan.fixed);
-    let writers = BackgroundWriters::new(job.plan.in_flight, job.plan.body, &budget);
+    let reserve = |by| MemoryReservation::new(input.memory, by);
+    let writers = BackgroundWriters::new(job.plan.in_flight, job.plan.body, reserve(WRITES));
+    let mut finishing = reserve(FINISHING);
+    finishing.grow_as_far_as(u64::MAX);
     let settings = FinishSettings {
         dir: &writer.dir,
         head: &writer.head,
@@ -137,7 +137,7 @@ pub fn finalize<R: Send>(
         placement: input.placement,
         tiling: job.plan.tiling,
         writers: writers.as_ref(),
-        memory: budget.left().saturating_sub(job.plan.tables()),
+        memory: finishing.bytes(),
     };
     let checkpointer = input.checkpointer;
     let (set, layers) = (input.set, slabs.len());
@@ -262,7 +262,7 @@ impl Finisher<'_> {
             // nor is there memory for what was made of the batch before
             self.end(ends)?;
         }
-        let beside = few.is_none() && self.settings.memory >= ROOM;
+        let beside = few.is_none() && self.settings.memory >= FOR_NEXT_BATCH;
         let behind = std::mem::take(&mut self.behind);
         let next = || beside.then(|| self.next(batches));
         let (taken, (made, next)) = rayon::join(

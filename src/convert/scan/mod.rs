@@ -28,6 +28,7 @@ mod workspace_pool;
 use crate::checkpoint::{Checkpointer, Marks, TILES};
 use crate::convert::conversion::Conversion;
 use crate::convert::finalize::batch_size::nodes_bytes;
+use crate::convert::memory::WRITES;
 use crate::convert::plan::Plan;
 use crate::convert::scan::band::{Band, BandSource, SealedBand};
 use crate::convert::scan::collect::{SlabTiles, TileCollector};
@@ -43,7 +44,7 @@ use crate::measure::{AreaScale, MeshSums};
 use crate::progress::Progress;
 use crate::surface::{BandView, MeshSettings, Sizes, TileBox, by_surface};
 use crate::sys::background_writer::BackgroundWriters;
-use crate::sys::memory_pool::MemoryPool;
+use crate::sys::memory_pool::{MemoryPool, MemoryReservation};
 use crate::tile::MAX_NODES;
 use crate::volume::{Volume, Voxel, spool_beside};
 use rayon::prelude::*;
@@ -66,6 +67,7 @@ pub struct Scanned {
 /// As of [`Sweep::run`].
 pub fn scan(
     job: &Conversion,
+    memory: &Arc<MemoryPool>,
     writer: &TileWriter,
     checkpointer: &mut Checkpointer,
 ) -> Result<Scanned> {
@@ -79,6 +81,7 @@ pub fn scan(
         let sweep = Sweep {
             volume,
             plan,
+            memory,
             threshold: options.threshold,
             rule: options.ambiguous,
             measured,
@@ -104,6 +107,8 @@ pub struct Sweep<'a> {
     pub volume: &'a dyn Volume,
     /// The cut.
     pub plan: &'a Plan,
+    /// The memory of the conversion.
+    pub memory: &'a Arc<MemoryPool>,
     /// The iso value.
     pub threshold: f64,
     /// Which voxels an ambiguous face joins.
@@ -180,21 +185,21 @@ impl Sweep<'_> {
     }
 
     fn run_typed<T: Voxel + Default>(&self, checkpointer: &mut Checkpointer) -> Result<Scanned> {
-        let budget = &MemoryPool::new(self.plan.limit, self.plan.fixed);
         let mut filters = Vec::new();
         if self.min_voxels > 1 {
             for (sweep, above) in [true, false].into_iter().enumerate() {
-                let parts = &mut self.parts(budget, &filters);
+                let parts = &mut self.parts(&filters);
                 let filter = self.find_dust::<T>(parts, (sweep, above), checkpointer)?;
                 filters.push(filter);
             }
         }
-        let (mut state, mut layer) = self.begin(checkpointer, budget)?;
+        let (mut state, mut layer) = self.begin(checkpointer)?;
         if let [objects, cells] = &filters[..] {
             state.forward.dust = [objects, cells].map(|f| (f.components, f.voxels));
         }
-        let mut parts = self.parts::<T>(budget, &filters);
-        parts.writers = BackgroundWriters::new(self.plan.in_flight, self.plan.body, budget);
+        let mut parts = self.parts::<T>(&filters);
+        let writes = MemoryReservation::new(self.memory, WRITES);
+        parts.writers = BackgroundWriters::new(self.plan.in_flight, self.plan.body, writes);
         let layers = self.plan.tiling.tiles()[2];
         let [x, y, _] = self.plan.tiling.tiles().map(u64::from);
         self.progress.advance(u64::from(layer) * x * y);
@@ -215,26 +220,19 @@ impl Sweep<'_> {
     }
 
     /// The state before the first layer to do, and that layer.
-    fn begin(
-        &self,
-        checkpointer: &mut Checkpointer,
-        budget: &Arc<MemoryPool>,
-    ) -> Result<(ScanState, u32)> {
+    fn begin(&self, checkpointer: &mut Checkpointer) -> Result<(ScanState, u32)> {
+        let memory = self.memory;
         let files = checkpointer.files(TILES);
         let Some(mut at) = checkpointer.take(TILES) else {
-            return Ok((ScanState::new(&files, budget, self.plan.front)?, 0));
+            return Ok((ScanState::new(&files, memory, self.plan.front)?, 0));
         };
-        let state = ScanState::load(&files, &at.marks, &mut at.state, budget, self.plan.front)?;
+        let state = ScanState::load(&files, &at.marks, &mut at.state, memory, self.plan.front)?;
         let state =
             state.filter(|s| at.state.is_empty() && s.forward.slabs.len() == at.layer as usize);
         Ok((state.ok_or_else(|| checkpointer.damaged())?, at.layer))
     }
 
-    fn parts<'a, T: Voxel>(
-        &'a self,
-        budget: &'a Arc<MemoryPool>,
-        filters: &'a [Filter],
-    ) -> Parts<'a, T> {
+    fn parts<'a, T: Voxel>(&'a self, filters: &'a [Filter]) -> Parts<'a, T> {
         let Plan {
             bands_at_once,
             ahead,
@@ -249,9 +247,9 @@ impl Sweep<'_> {
                 tiling: self.plan.tiling,
                 measured: self.measured,
                 filters,
-                budget,
+                memory: self.memory,
             },
-            pool: WorkspacePool::new(budget),
+            pool: WorkspacePool::new(self.memory),
             mode: Mode {
                 bands_at_once,
                 ahead,

@@ -101,8 +101,8 @@ impl Sweep<'_> {
         let marks = match checkpointer.over(sweep) {
             Some(marks) => marks,
             None => {
-                let budget = parts.source.budget;
-                let begun = Search::begin(&files, sweep, checkpointer, (budget, self.plan.front))?;
+                let memory = parts.source.memory;
+                let begun = Search::begin(&files, sweep, checkpointer, (memory, self.plan.front))?;
                 let (mut search, first) = begun;
                 for layer in first..layers {
                     let sealed = self.seal_in_parts(parts, layer, &mut search.state)?;
@@ -154,17 +154,17 @@ impl Search {
         files: &Scratch,
         sweep: usize,
         checkpointer: &mut Checkpointer,
-        (budget, front): (&Arc<MemoryPool>, u64),
+        (memory, front): (&Arc<MemoryPool>, u64),
     ) -> Result<(Self, u32)> {
         let Some(mut at) = checkpointer.take(sweep) else {
             let search = Search {
-                state: ScanState::new(files, budget, front)?,
+                state: ScanState::new(files, memory, front)?,
                 spool: SpillFile::create(&files.path(FOUND))?,
                 places: SpillFile::create(&files.path(PLACES))?,
             };
             return Ok((search, 0));
         };
-        let state = ScanState::load(files, &at.marks, &mut at.state, budget, front)?;
+        let state = ScanState::load(files, &at.marks, &mut at.state, memory, front)?;
         let spool = at.marks.reopen(files, FOUND)?;
         let places = at.marks.reopen(files, PLACES)?;
         match (state, spool, places) {

@@ -1,6 +1,7 @@
 //! What the forward sweep gathers: components, surfaces and tiles in terms of each slab's classes.
 
 use crate::checkpoint::{Marks, Scratch};
+use crate::convert::memory::{FOR_NEXT_SLAB, SLAB_GROWTH, SLABS};
 use crate::convert::scan::band::{Band, SealedBand};
 use crate::convert::scan::collect::SlabTiles;
 use crate::convert::scan::surfaces::Surfaces;
@@ -96,12 +97,12 @@ pub struct ScanState {
 }
 
 impl ScanState {
-    /// Nothing gathered yet. The first `front` bytes of the budget are for what a slab has in
+    /// Nothing gathered yet. The first `front` bytes of the memory are for what a slab has in
     /// components, surfaces and tiles.
     ///
     /// # Errors
-    /// [`crate::Error::Io`]; [`crate::Error::TooDense`] if the budget is less than `front`.
-    pub fn new(files: &Scratch, budget: &Arc<MemoryPool>, front: u64) -> Result<Self> {
+    /// [`crate::Error::Io`]; [`crate::Error::TooDense`] if there is less than `front`.
+    pub fn new(files: &Scratch, memory: &Arc<MemoryPool>, front: u64) -> Result<Self> {
         let spool = |what| SpillFile::create(&files.path(what));
         let provisional = |what| ProvisionalLabels::new(&files.path(what));
         let forward = ScanOutput {
@@ -117,7 +118,7 @@ impl ScanState {
             caps: MeshSums::default(),
             dust: [(0, 0); 2],
         };
-        let mut held = MemoryReservation::new(budget);
+        let mut held = MemoryReservation::new(memory, SLABS);
         held.grow_to(front)?;
         Ok(ScanState {
             forward,
@@ -185,12 +186,12 @@ impl ScanState {
     /// The state that was written, on the files as they were then; `None` if this is none.
     ///
     /// # Errors
-    /// [`crate::Error::Io`]; [`crate::Error::TooDense`] if the budget is less than `front`.
+    /// [`crate::Error::Io`]; [`crate::Error::TooDense`] if there is less than `front`.
     pub fn load(
         files: &Scratch,
         marks: &Marks,
         input: &mut Decoder,
-        budget: &Arc<MemoryPool>,
+        memory: &Arc<MemoryPool>,
         front: u64,
     ) -> Result<Option<Self>> {
         let head = (input.number(), input.array::<MeshSums>());
@@ -229,7 +230,7 @@ impl ScanState {
             caps: *caps,
             dust: [(0, 0); 2],
         };
-        let mut held = MemoryReservation::new(budget);
+        let mut held = MemoryReservation::new(memory, SLABS);
         held.grow_to(front)?;
         Ok(Some(ScanState {
             forward,
@@ -268,11 +269,15 @@ impl ScanState {
         self.held.shrink_to(self.front.max(left));
     }
 
-    /// True if the next slab is likely to have room beside those that have not ended, which may grow by half.
+    /// True if the next slab is likely to have room beside those that have not ended, which may grow.
     pub fn has_room_for_another(&self) -> bool {
-        let most = self.slabs.values().map(|bytes| bytes + bytes / 2).max();
+        let most = self
+            .slabs
+            .values()
+            .map(|&bytes| bytes + SLAB_GROWTH.of(bytes))
+            .max();
         let most = self.most.max(most.unwrap_or(0));
-        most * (self.slabs.len() as u64 + 1) <= self.held.at_hand()
+        most * (self.slabs.len() as u64 + 1) <= self.held.at_hand(FOR_NEXT_SLAB)
     }
 
     /// Takes out of some bands of a layer what the joining needs, and appends it to that of the slab's bands

@@ -59,7 +59,7 @@ fn to_write_anew(volume: &MemoryVolume<u8>, memory: u64, work: &Path) -> Vec<usi
     std::fs::create_dir(work.join("tiles")).unwrap();
     let set = TilesetWriter::new(work).unwrap();
     (0..job.layers()).for_each(|z| set.make_layer_directory(z).unwrap());
-    let scanned = scan(&job, &writer, &mut checkpointer).unwrap();
+    let scanned = scan(&job, &plan.pool(), &writer, &mut checkpointer).unwrap();
     let resolved = resolve(scanned.output, 1 << 20, work).unwrap();
     let (mut slabs, mut spool, mut ids) = (resolved.slabs, resolved.pieces, resolved.ids);
     let mut anew = Vec::new();

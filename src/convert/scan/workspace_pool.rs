@@ -1,5 +1,6 @@
-//! Buffers for making tiles, shared by the threads under the memory budget.
+//! Buffers for making tiles, shared by the threads under the limit of memory.
 
+use crate::convert::memory::NEW_TILES;
 use crate::error::Result;
 use crate::strip::Stripifier;
 use crate::surface::{TileMesh, TileMesher};
@@ -21,7 +22,7 @@ pub struct Workspace {
 
 /// Workspaces that wait for use.
 pub struct WorkspacePool {
-    budget: Arc<MemoryPool>,
+    memory: Arc<MemoryPool>,
     state: Mutex<State>,
     returned: Condvar,
 }
@@ -34,9 +35,9 @@ struct State {
 
 impl WorkspacePool {
     /// An empty pool.
-    pub fn new(budget: &Arc<MemoryPool>) -> Self {
+    pub fn new(memory: &Arc<MemoryPool>) -> Self {
         WorkspacePool {
-            budget: budget.clone(),
+            memory: memory.clone(),
             state: Mutex::new(State::default()),
             returned: Condvar::new(),
         }
@@ -46,8 +47,8 @@ impl WorkspacePool {
         lock(&self.state)
     }
 
-    /// Runs `work` with a workspace for a tile that needs `bytes` of buffers. Waits while the budget
-    /// has no room and other tiles are being made.
+    /// Runs `work` with a workspace for a tile that needs `bytes` of buffers. Waits while there
+    /// is no room and other tiles are being made.
     ///
     /// # Errors
     /// [`crate::Error::TooDense`] if there is no room even for this tile alone; what `work` returns.
@@ -76,7 +77,7 @@ impl WorkspacePool {
             // the largest idle one has the least to grow
             state.idle.sort_by_key(|w| w.held.bytes());
             let mut workspace = state.idle.pop().unwrap_or_else(|| Workspace {
-                held: MemoryReservation::new(&self.budget),
+                held: MemoryReservation::new(&self.memory, NEW_TILES),
                 ..Workspace::default()
             });
             let grown = workspace.held.grow_to(bytes);
@@ -120,10 +121,11 @@ impl Drop for Returning<'_> {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::convert::memory::PROGRAM;
 
     #[test]
     fn a_tile_gets_the_room_of_one_that_panicked() {
-        let pool = WorkspacePool::new(&MemoryPool::new(100, 0));
+        let pool = WorkspacePool::new(&MemoryPool::new(100, PROGRAM, 0));
         let (begun, begins) = std::sync::mpsc::channel();
         std::thread::scope(|scope| {
             let panics = scope.spawn(|| {
@@ -142,8 +144,7 @@ mod tests {
 
     #[test]
     fn tiles_wait_for_room_and_fail_only_alone() {
-        let budget = MemoryPool::new(100, 0);
-        let pool = WorkspacePool::new(&budget);
+        let pool = WorkspacePool::new(&MemoryPool::new(100, PROGRAM, 0));
         let done = std::sync::atomic::AtomicUsize::new(0);
         std::thread::scope(|scope| {
             for i in 0..20 {
