@@ -254,8 +254,8 @@ fn make(job: &Conversion, work: &Path, checkpointer: &mut Checkpointer) -> Resul
     })?;
     let totals = sums.totals(set.written(), &resolved.components, job.options.cap)?;
     let bytes = totals.bytes + set.index_bytes() + tables_bytes;
-    let threshold = job.options.threshold;
-    let mut warnings = warnings(&totals, job.plan.tiling.dims, (threshold, dust));
+    let (dims, threshold) = (job.plan.tiling.dims, job.options.threshold);
+    let mut warnings = warnings(&totals, dims, threshold, dust);
     if all_seen && totals.surfaces > 0 {
         warnings.extend(job.watch.kind().map(|kind| kind.warning()));
     }

@@ -31,6 +31,13 @@ pub struct Job {
     pub body: Buffer,
 }
 
+/// A job that somebody does.
+struct NumberedJob {
+    /// Its number among all that were put in the queue.
+    number: u64,
+    job: Job,
+}
+
 /// Writes tiles in threads of its own. A tile that finds all of them busy is written through the page
 /// cache by whoever brings it, so a slow disk holds up nothing that memory could take.
 pub struct BackgroundWriters {
@@ -159,15 +166,15 @@ impl State {
         in_hands.copied().unwrap_or(self.taken())
     }
 
-    /// The next job in the queue if it is one of the first `count`, and its number.
-    fn take(&mut self, count: u64) -> Option<(u64, Job)> {
+    /// The next job in the queue if it is one of the first `count`.
+    fn take(&mut self, count: u64) -> Option<NumberedJob> {
         let number = self.taken();
         if number >= count {
             return None;
         }
         let job = self.queue.pop_front()?;
         self.writing.push(number);
-        Some((number, job))
+        Some(NumberedJob { number, job })
     }
 }
 
@@ -183,10 +190,11 @@ impl Shared {
     /// Writes a tile that was taken while others have the state.
     fn write<'a>(
         &'a self,
-        (number, job): (u64, Job),
+        taken: NumberedJob,
         state: MutexGuard<'a, State>,
     ) -> MutexGuard<'a, State> {
         drop(state);
+        let NumberedJob { number, job } = taken;
         let written = direct_io::write(&job.path, job.start, job.body.get());
         let mut state = self.lock();
         state.writing.retain(|&other| other != number);

@@ -161,7 +161,7 @@ impl<T: Voxel> BandSource<'_, T> {
         band.held.grow_to(fixed + labels)?;
         let (of_run, count) = label_runs(&band.bits, &band.runs, self.rule, of_run);
         band.held.grow_to(fixed + labels + component_bytes(count))?;
-        band.labels = sum_voxels(&band.bits, of_run, count, (self.dims(), &self.measured));
+        band.labels = sum_voxels(&band.bits, of_run, count, self.dims(), &self.measured);
         add_border_euler(
             &band.bits,
             &band.runs,

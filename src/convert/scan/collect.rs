@@ -99,8 +99,8 @@ impl<'a> TileCollector<'a> {
         }
         let pieces: Vec<Part> = pieces.collect();
         let bytes = size_of::<EarlyTile>() + pieces.len() * size_of::<Part>();
-        let held = gathering.state.held(layer);
-        gathering.state.hold(layer, held + bytes as u64)?;
+        let held = gathering.state.memory.held(layer);
+        gathering.state.memory.hold(layer, held + bytes as u64)?;
         gathering.early.push((record, pieces, *caps));
         Ok(())
     }
@@ -136,6 +136,6 @@ impl Collecting<'_> {
         slab.caps.merge(caps);
         let records = slab.records.capacity() * size_of::<TileRecord>();
         let bytes = slab.fixed + slab.surfaces.bytes() + records as u64;
-        state.hold(slab.layer, bytes)
+        state.memory.hold(slab.layer, bytes)
     }
 }

@@ -5,8 +5,10 @@ use crate::convert::scan::band::Band;
 use crate::convert::scan::collect::TileCollector;
 use crate::convert::scan::mode::Parts;
 use crate::convert::scan::scheduler::{Limits, SlabScheduler, Stop, Task};
-use crate::convert::scan::state::{ScanState, SlabLabels};
-use crate::convert::scan::{Slab, Sweep, TileJob, take_classes};
+use crate::convert::scan::slab::Slab;
+use crate::convert::scan::state::SlabLabels;
+use crate::convert::scan::tiles::{TileJob, take_classes};
+use crate::convert::scan::{Carried, MadeSlab, Sweep};
 use crate::error::{Error, Result};
 use crate::sys::background_writer::BackgroundWriters;
 use crate::sys::locks::{into_inner, lock, wait};
@@ -71,8 +73,12 @@ impl<'a, T: Voxel + Default> SlabWorkers<'a, T> {
         sweep: &'a Sweep<'a>,
         parts: &'a Parts<'a, T>,
         layer: u32,
-        (state, checkpointer): (&'a mut ScanState, &'a mut Checkpointer),
+        carried: &'a mut Carried,
     ) -> Self {
+        let Carried {
+            state,
+            checkpointer,
+        } = carried;
         let [_, bands, layers] = sweep.plan.tiling.tiles();
         let limits = Limits {
             bands,
@@ -165,7 +171,11 @@ impl<'a, T: Voxel + Default> SlabWorkers<'a, T> {
     }
 
     fn begin(&self, layer: u32, mut bands: Vec<Band<T>>, alone: bool) {
-        if !alone && !self.gather.with(|state| state.has_room_for_another()) {
+        if !alone
+            && !self
+                .gather
+                .with(|state| state.memory.has_room_for_another())
+        {
             return self.lock().postpone(bands);
         }
         let joined = self.join(layer, &mut bands, alone);
@@ -213,10 +223,20 @@ impl<'a, T: Voxel + Default> SlabWorkers<'a, T> {
     /// Ends a layer. The next one may have begun.
     fn end(&self, layer: u32, known: &SlabLabels, next: Option<&SlabLabels>) {
         let gather = &self.gather;
-        let slab = (layer, known, gather.take());
+        let slab = MadeSlab {
+            layer,
+            known,
+            tiles: gather.take(),
+        };
         let mut pending = lock(&self.pending);
         let ended = pending.end(|checkpointer| {
-            gather.with(|state| self.sweep.end_slab(self.parts, slab, state, checkpointer))
+            gather.with(|state| {
+                let carried = &mut Carried {
+                    state,
+                    checkpointer,
+                };
+                self.sweep.end_slab(self.parts, slab, carried)
+            })
         });
         drop(pending);
         let begun = match next {
