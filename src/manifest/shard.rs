@@ -77,6 +77,7 @@ impl Shard {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::manifest::entry_text;
     use crate::manifest::shard_text::tests::tile;
     use crate::manifest::{ShardWriter, checksum_text};
 
@@ -90,7 +91,9 @@ mod tests {
             vec![tile(0, 3), tile(5, 2000), tile(6, 0)],
         ] {
             let mut writer = ShardWriter::create(dir.path(), 7).unwrap();
-            tiles.iter().try_for_each(|t| writer.add(t)).unwrap();
+            tiles
+                .iter()
+                .for_each(|t| writer.write(t, &entry_text(t)).unwrap());
             let (layer, totals) = writer.finish().unwrap();
             let layer = layer.layer();
             let path = dir.path().join(&layer.path);

@@ -14,12 +14,13 @@ use super::tile::{self, Context, Outcome, Workspace};
 use crate::error::{Error, Result};
 use crate::manifest::{Manifest, TileEntry};
 use crate::progress::Progress;
+use crate::sys::locks::lock;
 use crate::volume::Volume;
 use rayon::prelude::*;
 use std::collections::VecDeque;
 use std::iter::Peekable;
 use std::ops::Range;
-use std::sync::{Mutex, MutexGuard, PoisonError};
+use std::sync::{Mutex, MutexGuard};
 
 /// The volume that the tiles are compared with.
 pub(super) struct Original<'a> {
@@ -396,10 +397,7 @@ impl<'a> Run<'a> {
 
     fn workspace(&self) -> MutexGuard<'_, Workspace> {
         let thread = rayon::current_thread_index().unwrap_or(0);
-        // a workspace is cleared before use, so a panic elsewhere cannot have spoiled it
-        self.workspaces[thread]
-            .lock()
-            .unwrap_or_else(PoisonError::into_inner)
+        lock(&self.workspaces[thread])
     }
 
     fn check(&self, entry: &TileEntry, place: u64, original: &Original) -> Outcome {

@@ -105,7 +105,8 @@ impl TileWriter {
         mesh: &mut TileMesh,
         grid: [u32; 3],
         stripifier: &mut Stripifier,
-        (writers, provisional): (Option<&BackgroundWriters>, bool),
+        writers: Option<&BackgroundWriters>,
+        provisional: bool,
     ) -> Result<(TileRecord, Body)> {
         let body = Body::write(mesh, self.head.form.primitives, stripifier);
         let plain = self.head.is_plain(body.pieces.len());
@@ -144,6 +145,14 @@ impl TileWriter {
         Ok((record, body))
     }
 
+    /// What comes before the geometry of all tiles.
+    pub fn heads(&self) -> Heads<'_> {
+        Heads {
+            head: &self.head,
+            widest: &self.widest,
+        }
+    }
+
     /// Encodes the geometry in its place; returns how, and the bytes of the JSON chunk.
     fn encode(
         &self,
@@ -165,29 +174,40 @@ impl TileWriter {
             body,
             layout: &recipe,
         };
-        let room = room_for(&self.widest, low, encoded, bytes)?;
+        let room = self.heads().room(low, encoded, bytes)?;
         Ok((recipe, room))
     }
 }
 
-/// Bytes of the JSON chunk of a tile whose encoded geometry takes so many `bytes`: room for any nodes,
-/// before what may go past the page cache.
-///
-/// # Errors
-/// [`Refused::TooWide`].
-pub fn room_for(
-    widest: &WidestNodes,
-    low: [u32; 3],
-    encoded: EncodedBody,
-    bytes: usize,
-) -> std::result::Result<usize, Refused> {
-    let widest = widest_description(widest, low, encoded)?;
-    let step = if bytes >= direct_io::WORTH {
-        direct_io::SECTOR
-    } else {
-        8
-    };
-    Ok(aligned(widest, step))
+/// What comes before the geometry of all tiles, and how long it can become.
+#[derive(Clone, Copy)]
+pub struct Heads<'a> {
+    /// What all tiles have in common.
+    pub head: &'a TileHead,
+    /// How wide their JSON can become.
+    pub widest: &'a WidestNodes,
+}
+
+impl Heads<'_> {
+    /// Bytes of the JSON chunk of a tile whose encoded geometry takes so many `bytes`: room for any nodes, before what
+    /// may go past the page cache.
+    ///
+    /// # Errors
+    /// [`Refused::TooWide`].
+    pub fn room(
+        self,
+        low: [u32; 3],
+        encoded: EncodedBody,
+        bytes: usize,
+    ) -> std::result::Result<usize, Refused> {
+        let widest = widest_description(self.widest, low, encoded)?;
+        let step = if bytes >= direct_io::WORTH {
+            direct_io::SECTOR
+        } else {
+            8
+        };
+        Ok(aligned(widest, step))
+    }
 }
 
 impl WrittenPiece {

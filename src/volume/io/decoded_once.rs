@@ -5,6 +5,7 @@
 //! has passed them; then others take their place.
 
 use crate::error::{Error, Result};
+use crate::sys::locks::{self, lock};
 use crate::volume::{Header, Volume};
 use rayon::prelude::*;
 use std::collections::HashMap;
@@ -12,7 +13,7 @@ use std::fs::File;
 use std::ops::Range;
 use std::os::unix::fs::FileExt;
 use std::path::{Path, PathBuf};
-use std::sync::{Arc, Condvar, Mutex, MutexGuard, PoisonError};
+use std::sync::{Arc, Condvar, Mutex};
 
 /// Places in the file begin at multiples of this.
 const PAGE: u64 = 4096;
@@ -199,10 +200,6 @@ impl Drop for Slot {
     }
 }
 
-fn lock<T>(mutex: &Mutex<T>) -> MutexGuard<'_, T> {
-    mutex.lock().unwrap_or_else(PoisonError::into_inner)
-}
-
 impl Store {
     /// For chunks of at most `bytes`.
     fn new(dir: &Path, bytes: u64) -> Result<Self> {
@@ -233,10 +230,7 @@ impl Store {
             match chunks.slots.get(&index) {
                 Some(Some(slot)) => return Ok(Some(slot.clone())),
                 Some(None) if !wait => return Ok(None),
-                Some(None) => {
-                    let woken = self.decoded.wait(chunks);
-                    chunks = woken.unwrap_or_else(PoisonError::into_inner);
-                }
+                Some(None) => chunks = locks::wait(&self.decoded, chunks),
                 None => break,
             }
         }

@@ -1,6 +1,7 @@
 //! The files of an array's chunks and shards, and the tables of shards.
 
 use crate::error::{Error, Result};
+use crate::sys::locks::lock;
 use crate::volume::codecs::blosc::Broken;
 use crate::volume::formats::zarr::codec;
 use crate::volume::formats::zarr::codec::crc32c;
@@ -11,7 +12,7 @@ use std::fs::File;
 use std::io::ErrorKind;
 use std::os::unix::fs::FileExt;
 use std::path::{Path, PathBuf};
-use std::sync::{Arc, Mutex, PoisonError};
+use std::sync::{Arc, Mutex};
 
 /// Tables of shards that are kept, in entries of 16 bytes, unless one has more.
 const RECENT: u64 = 1 << 20;
@@ -169,7 +170,7 @@ impl Files {
 
     /// The table of a shard. One thread at a time reads one, since it may be large.
     fn table(&self, path: &Path) -> Result<Option<Table>> {
-        let mut tables = self.tables.lock().unwrap_or_else(PoisonError::into_inner);
+        let mut tables = lock(&self.tables);
         if let Some(table) = tables.get(path) {
             return Ok(table.clone());
         }
