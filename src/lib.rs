@@ -175,5 +175,6 @@ pub mod transform;
 pub mod verify;
 pub mod view;
 pub mod volume;
+mod words;
 
 pub use error::{Error, Result};

@@ -110,31 +110,6 @@ fn counts(tallest: f64) -> [Option<String>; ROWS] {
     found
 }
 
-/// A number in up to 6 digits.
-pub fn number(v: f64) -> String {
-    if v == 0.0 || (1e-3..1e9).contains(&v.abs()) {
-        let digits = if v.abs() >= 1000.0 { 2 } else { 5 };
-        let text = format!("{v:.digits$}");
-        let text = text.trim_end_matches('0').trim_end_matches('.');
-        text.to_string()
-    } else {
-        format!("{v:.4e}")
-    }
-}
-
-/// A number in four digits that say something, for people; whole numbers stay whole.
-pub fn rounded(v: f64) -> String {
-    const DIGITS: i32 = 4;
-    if v.fract() == 0.0 && v.abs() < 1e15 {
-        return v.to_string();
-    }
-    if !(1e-4..1e9).contains(&v.abs()) {
-        return format!("{v:.*e}", DIGITS as usize - 1);
-    }
-    let before = libm::log10(v.abs()).floor() as i32 + 1;
-    format!("{v:.*}", (DIGITS - before).max(0) as usize)
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -196,37 +171,5 @@ mod tests {
                 draw(&[1e300; 256], ends, Some(&mark(ends, value)), width);
             }
         }
-    }
-
-    #[test]
-    fn people_read_four_digits() {
-        for (value, text) in [
-            (0.903_63, "0.9036"),
-            (4.5, "4.500"),
-            (-12.345_67, "-12.35"),
-            (98_765.4, "98765"),
-            (1470.0, "1470"),
-            (0.012_345_6, "0.01235"),
-            (1.23456e-7, "1.235e-7"),
-            (1.5e20, "1.500e20"),
-            (0.0, "0"),
-        ] {
-            assert_eq!(rounded(value), text);
-        }
-    }
-
-    #[test]
-    fn numbers_are_short() {
-        let texts = [0.0, -77.0, 0.5, 1234.56789, 65535.0, 1e12, 1e-9].map(number);
-        let expected = [
-            "0",
-            "-77",
-            "0.5",
-            "1234.57",
-            "65535",
-            "1.0000e12",
-            "1.0000e-9",
-        ];
-        assert_eq!(texts, expected);
     }
 }

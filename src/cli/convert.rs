@@ -23,6 +23,15 @@ enum AmbiguousArg {
     Join,
 }
 
+impl From<AmbiguousArg> for Ambiguous {
+    fn from(arg: AmbiguousArg) -> Self {
+        match arg {
+            AmbiguousArg::Separate => Ambiguous::Separate,
+            AmbiguousArg::Join => Ambiguous::Join,
+        }
+    }
+}
+
 /// Convert a volume to a directory of glTF tiles
 ///
 /// The surface lies where the samples cross the threshold. The directory gets one GLB per
@@ -97,10 +106,7 @@ impl ConvertArgs {
             macrocube: self.macrocube,
             memory: self.memory,
             threads: self.common.threads.map_or(0, usize::from),
-            ambiguous: match self.ambiguous {
-                AmbiguousArg::Separate => Ambiguous::Separate,
-                AmbiguousArg::Join => Ambiguous::Join,
-            },
+            ambiguous: self.ambiguous.into(),
             cap: self.cap,
             min_voxels: self.min_voxels,
             crop,

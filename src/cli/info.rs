@@ -12,6 +12,7 @@ use crate::volume::{
     Dtype, Endian, Header, Opened, Prediction, Statistics, Volume, Watch, Watched, predict,
     statistics,
 };
+use crate::words::number;
 use clap::{Args, ValueHint};
 use serde::Serialize;
 use std::path::{Path, PathBuf};
@@ -249,10 +250,7 @@ fn text(opened: &Opened, found: &Statistics, predicted: Option<Predicted>) -> St
     }
     rows.extend(remarks(opened));
     if let Some([min, max]) = found.range {
-        rows.push((
-            "range",
-            format!("{} to {}", chart::number(min), chart::number(max)),
-        ));
+        rows.push(("range", format!("{} to {}", number(min, 6), number(max, 6))));
     }
     let strange = found.nan + found.negative_infinite + found.positive_infinite;
     if strange > 0 {
@@ -261,7 +259,7 @@ fn text(opened: &Opened, found: &Statistics, predicted: Option<Predicted>) -> St
         rows.push(("not finite", format!("{nan} NaN, {infinite} infinite")));
     }
     let otsu = match found.otsu {
-        Some(t) => format!("{} by Otsu's method", chart::number(t)),
+        Some(t) => format!("{} by Otsu's method", number(t, 6)),
         None => "none: no two finite samples differ".to_string(),
     };
     rows.push(("threshold", otsu));
@@ -290,7 +288,7 @@ fn mark(header: &Header, p: Predicted, otsu: Option<f64>, edges: [f64; 2]) -> ch
         share: chart::place(edges, p.threshold),
         text: format!(
             "threshold {}{method}, {share:.1} % above",
-            chart::number(p.threshold)
+            number(p.threshold, 6)
         ),
     }
 }
@@ -307,7 +305,7 @@ fn expected(header: &Header, p: Predicted) -> String {
     } else {
         ""
     };
-    format!("at threshold {}{basis}\n", chart::number(p.threshold))
+    format!("at threshold {}{basis}\n", number(p.threshold, 6))
         + &output::table(&[
             ("  above", format!("{share:.1} % of the voxels")),
             (

@@ -15,8 +15,9 @@ pub use slice::{Axis, Slice};
 use crate::error::{Error, Result};
 use crate::grid::{Ambiguous, Placement};
 use crate::manifest::Manifest;
-use crate::picture::{Map, Picture, number, printed_unit};
+use crate::picture::{Map, Picture, printed_unit};
 use crate::volume::{Cropped, Stamp, Volume};
+use crate::words::{number, things};
 use cells::{Colours, Meaning};
 use draw::Canvas;
 use page::{Bar, Key, Page};
@@ -303,14 +304,13 @@ impl Shown<'_> {
         ];
         if let Some(t) = self.threshold {
             let exact = t.to_string();
-            let short = if exact.len() > 9 { number(t) } else { exact };
+            let short = if exact.len() > 9 { number(t, 4) } else { exact };
             texts.push(format!("contour: threshold {short}"));
         }
         let by_id = |c: &&Colours| matches!(c.meanings[..], [Meaning::Ids]);
         if let Some(colours) = self.colours.filter(by_id) {
-            let n = colours.coloured();
-            let cells = if n == 1 { "cell" } else { "cells" };
-            texts.push(format!("{n} {cells}, in colours that tell them apart"));
+            let cells = things(colours.coloured(), "cell");
+            texts.push(format!("{cells}, in colours that tell them apart"));
         }
         if let Some(condition) = self.condition {
             texts.push(format!("in colour: cells with {condition}"));
@@ -332,17 +332,17 @@ impl Shown<'_> {
         if unit == "voxel" && spacing[axis] == 1.0 && origin[axis] == 0.0 {
             String::new()
         } else if directions == Placement::default().directions {
-            format!(" at {} {unit}", number(origin[axis] + along))
+            format!(" at {} {unit}", number(origin[axis] + along, 4))
         } else {
             // the axes of the world are others
-            format!(", {} {unit} from slice 0", number(along))
+            format!(", {} {unit} from slice 0", number(along, 4))
         }
     }
 
     /// `40 × 36 voxels of 0.05 × 0.05 mm`.
     fn size(&self) -> String {
         let [width, height] = self.slice.size;
-        let [right, down] = self.spacing().map(number);
+        let [right, down] = self.spacing().map(|step| number(step, 4));
         match self.placement.unit.name() {
             "voxel" => format!("{width} × {height} voxels"),
             unit => format!(
@@ -356,7 +356,7 @@ impl Shown<'_> {
     fn doubts(&self, true_proportion: bool) -> Vec<String> {
         let mut doubts = Vec::new();
         if !true_proportion {
-            let [right, down] = self.spacing().map(number);
+            let [right, down] = self.spacing().map(|step| number(step, 4));
             doubts.push(format!(
                 "voxels of {right} by {down} are drawn as squares: in their true proportion the picture would be too \
                  large"

@@ -233,7 +233,7 @@ impl<R> Stream<'_, R> {
         }
     }
 
-    /// What a reader does until all tiles have been read.
+    /// The loop of a reader, until all tiles have been read.
     fn read(&self) {
         let _close = Close(self);
         let mut state = self.lock();
@@ -252,7 +252,7 @@ impl<R> Stream<'_, R> {
         }
     }
 
-    /// What a thread that checks tiles does until there is none.
+    /// The loop of a thread that checks tiles, until there is none.
     fn work(&self, check: &(impl Fn(&TileEntry, &mut Fetched) -> R + Sync)) {
         let _close = Close(self);
         while let Some((number, task, mut fetched)) = self.take() {

@@ -111,6 +111,39 @@ fn check(m: &Manifest, issues: &mut Issues) -> bool {
             message,
         );
     };
+    if !check_grid(m, &mut wrong) {
+        return false;
+    }
+    if !m.threshold.is_finite() {
+        wrong(
+            "threshold",
+            format!("found {}, expected a finite number", m.threshold),
+        );
+    }
+    if !check_placement(m, &mut wrong) {
+        return false;
+    }
+    check_crop(m, &mut wrong);
+    check_counts(m, &mut wrong);
+    let rising = m.layers.windows(2).all(|w| w[0].z < w[1].z);
+    let [_, _, nz] = tiling(m).tiles();
+    if !rising || m.layers.iter().any(|l| l.z >= nz || l.tiles == 0) {
+        let message = "expected layers with tiles by rising z inside the grid".to_owned();
+        wrong("layers", message);
+        return false;
+    }
+    true
+}
+
+fn tiling(m: &Manifest) -> Tiling {
+    Tiling {
+        dims: m.grid.dims,
+        macrocube: m.grid.macrocube,
+    }
+}
+
+/// Checks the grid and the lattice; false if the tiles cannot be read by them.
+fn check_grid(m: &Manifest, wrong: &mut impl FnMut(&str, String)) -> bool {
     let grid = &m.grid;
     if Dims::new(grid.dims.0.map(u64::from)).is_err() || grid.macrocube.contains(&0) {
         let message = format!(
@@ -120,27 +153,21 @@ fn check(m: &Manifest, issues: &mut Issues) -> bool {
         wrong("grid", message);
         return false;
     }
-    let tiling = Tiling {
-        dims: grid.dims,
-        macrocube: grid.macrocube,
-    };
-    if tiling.tiles() != grid.tiles {
-        let message = format!("found {:?}, expected {:?}", grid.tiles, tiling.tiles());
+    let tiles = tiling(m).tiles();
+    if tiles != grid.tiles {
+        let message = format!("found {:?}, expected {tiles:?}", grid.tiles);
         wrong("grid/tiles", message);
     }
     if m.lattice != LATTICE {
-        wrong(
-            "lattice",
-            format!("found {}, expected {LATTICE}", m.lattice),
-        );
+        let message = format!("found {}, expected {LATTICE}", m.lattice);
+        wrong("lattice", message);
         return false;
     }
-    if !m.threshold.is_finite() {
-        wrong(
-            "threshold",
-            format!("found {}, expected a finite number", m.threshold),
-        );
-    }
+    true
+}
+
+/// Checks where the grid lies, and the transform, which follows from that; false if nothing can be measured by it.
+fn check_placement(m: &Manifest, wrong: &mut impl FnMut(&str, String)) -> bool {
     if let Err(e) = m.placement.check() {
         wrong("spacing", e.to_string());
         return false;
@@ -158,18 +185,6 @@ fn check(m: &Manifest, issues: &mut Issues) -> bool {
             m.transform
         );
         wrong("transform", message);
-    }
-    check_crop(m, &mut wrong);
-    check_counts(m, &mut wrong);
-    let rising = m.layers.windows(2).all(|w| w[0].z < w[1].z);
-    if !rising
-        || m.layers
-            .iter()
-            .any(|l| l.z >= tiling.tiles()[2] || l.tiles == 0)
-    {
-        let message = "expected layers with tiles by rising z inside the grid".to_owned();
-        wrong("layers", message);
-        return false;
     }
     true
 }
@@ -271,7 +286,7 @@ impl Read for Summed {
     }
 }
 
-/// What the text of a shard holds.
+/// The contents of a shard, read to its end.
 struct Scanned<'a> {
     file: File,
     bytes: u64,
@@ -324,8 +339,8 @@ impl<'a> Scanned<'a> {
         })
     }
 
-    /// Checks what it says by itself and beside its layer, which is at `at`; false if its tiles cannot be read.
-    fn check(self, (layer, at): (&Layer, &str), issues: &mut Issues) -> std::io::Result<bool> {
+    /// Checks the shard by itself and against its layer, which is at `at`; false if its tiles cannot be read.
+    fn check(self, layer: &Layer, at: &str, issues: &mut Issues) -> std::io::Result<bool> {
         let named = shard_path(layer.z);
         if layer.path != named {
             let message = format!("found {}, expected {named}", layer.path);
@@ -361,7 +376,8 @@ impl<'a> Scanned<'a> {
 pub(super) fn shard<'a>(
     root: &Path,
     tiling: Tiling,
-    (index, layer): (usize, &'a Layer),
+    index: usize,
+    layer: &'a Layer,
     issues: &mut Issues,
 ) -> Option<Tiles<'a>> {
     let at = format!("{MANIFEST}#/layers/{index}");
@@ -375,7 +391,7 @@ pub(super) fn shard<'a>(
     let scanned = files::open(&real).and_then(|f| Scanned::read(f, Order::new(layer, tiling)));
     let checked = scanned.and_then(|scanned| {
         files::compare_sums(&expected, scanned.bytes, || scanned.crc, issues);
-        scanned.check((layer, &at), issues)
+        scanned.check(layer, &at, issues)
     });
     match checked {
         Ok(true) => {}
@@ -429,7 +445,7 @@ struct Order<'a> {
     /// The number of the next tile, and the place of the one before, y first.
     next: u64,
     before: Option<[u32; 2]>,
-    /// What is wrong first, and where.
+    /// The first fault, and where it is.
     wrong: Option<(Code, String, String)>,
 }
 

@@ -1,4 +1,4 @@
-//! What the manifest states of its source, beside the volume that the tiles are compared with.
+//! The source that the manifest states, against the volume that the tiles are compared with.
 
 use super::code::Code;
 use super::report::{Issue, Issues, Severity};
@@ -6,7 +6,7 @@ use crate::grid::{Origin, Placement, Provenance};
 use crate::manifest::Manifest;
 use crate::volume::{Header, Opened};
 
-/// What the volume that tiles are compared with says of itself, before it is cropped.
+/// The header of the volume that tiles are compared with, before it is cropped.
 #[derive(Debug, Clone)]
 pub struct SourceVolume {
     /// The file's name without its directory.
