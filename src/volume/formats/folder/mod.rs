@@ -110,7 +110,7 @@ fn these(
     let Found {
         pictures,
         mut scans,
-        others,
+        mut others,
         unread: unknown,
     } = Found::among(files.clone(), formats)?;
     unread.extend(unknown);
@@ -149,6 +149,9 @@ fn these(
                     return series(path, format, scans, (unread, &others), options);
                 }
             }
+            let folders = unread.into_iter().filter(|u| u.is_folder);
+            let volumes = folders.filter(|u| formats.iter().any(|f| f.is_folder(&u.path)));
+            others.volumes.extend(volumes.map(|u| u.path));
             Err(nothing(path, &others, formats))
         }
         several => {
