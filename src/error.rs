@@ -55,7 +55,8 @@ pub enum Error {
     /// An option or argument has a value that cannot be.
     #[error("{option}: found {found}, expected {expected}{}", advice(.hint))]
     Usage {
-        /// The option or field as the user spells it: `--dims`.
+        /// The option or field as the user of the command spells it, `--dims`; options of the library have the
+        /// field of that name.
         option: String,
         /// The value.
         found: String,

@@ -126,7 +126,7 @@ impl Folder<'_> {
         let Found {
             pictures,
             mut scans,
-            others,
+            mut others,
             unread: unknown,
         } = Found::among(files.clone(), self.formats)?;
         unread.extend(unknown);
@@ -147,7 +147,7 @@ impl Folder<'_> {
         unread::none_among(&unread, &Names::of(slices.map(PathBuf::as_path)))?;
         match &pictures[..] {
             [(format, files)] => self.ordered(format, files.clone()),
-            [] => self.without_pictures(files, unread, &others),
+            [] => self.without_pictures(files, unread, &mut others),
             several => {
                 let counts = several
                     .iter()
@@ -169,7 +169,7 @@ impl Folder<'_> {
         &self,
         files: Vec<PathBuf>,
         mut unread: Vec<Unread>,
-        others: &Others,
+        others: &mut Others,
     ) -> Result<VolumeDescriptor> {
         let raw_options = self.options.of_headerless();
         if let (Some(dims), Some(dtype)) = (raw_options.dims, raw_options.dtype)
@@ -187,6 +187,9 @@ impl Folder<'_> {
                 return self.series(format, scans, unread, others);
             }
         }
+        let folders = unread.into_iter().filter(|u| u.is_folder);
+        let volumes = folders.filter(|u| self.formats.iter().any(|f| f.is_folder(&u.path)));
+        others.volumes.extend(volumes.map(|u| u.path));
         Err(nothing(self.path, others, self.formats))
     }
 

@@ -248,6 +248,11 @@ impl<'a> Head<'a> {
             "Int32" => Dtype::I32,
             "Float32" => Dtype::F32,
             "Float64" => Dtype::F64,
+            "Int64" | "UInt64" => {
+                let what = format!("a VTK array of type {name}");
+                let hint = "save it as Int32 or UInt32, or as Float64, which holds whole numbers up to 2^53";
+                return Err(Error::unsupported(self.path, what, hint));
+            }
             _ => return Err(no(format!("a VTK array of type {name}"))),
         })
     }
