@@ -1,6 +1,6 @@
 //! `alvis convert`: a volume to a tile set.
 
-use super::args::{Common, InputOptions, input_help};
+use super::args::{Common, InputOptions, input_help, open_stamped};
 use super::form::FormArgs;
 use super::info;
 use super::parse::{self, CropArg, Threshold};
@@ -60,6 +60,9 @@ pub struct ConvertArgs {
     #[arg(long, value_name = "N", default_value_t = 0)]
     min_voxels: u64,
     /// Convert this box of voxels only; half-open, a missing bound is the volume's
+    ///
+    /// Voxels are those of the filtered volume. What filters read of voxels outside of the box still counts, so that a
+    /// crop is the same part of the whole.
     #[arg(long, value_name = "X0:X1,Y0:Y1,Z0:Z1", value_parser = parse::crop)]
     crop: Option<CropArg>,
     /// Unit of lengths in tables and in the measures that tiles carry: m, cm, mm, um or nm [default: the volume's]
@@ -88,8 +91,9 @@ impl ConvertArgs {
     /// Converts; `typed` is the command line that asks for it.
     pub fn run(self, typed: &[OsString]) -> Result<Outcome> {
         let console = self.common.start();
-        let (mut opened, stamp) = self.options.open_stamped(&self.input, &self.out)?;
+        let (mut opened, stamp) = open_stamped(&self.input, &self.options.options(), &self.out)?;
         opened.doubt_size()?;
+        let opened = self.options.filters.apply(opened, &near(&self.out))?;
         let dims = opened.volume.header().dims;
         let crop = self.crop.as_ref().map(|c| c.resolve(dims)).transpose()?;
         let form = self.form.form(Form::default());
@@ -116,6 +120,7 @@ impl ConvertArgs {
             source_part: opened.part.clone(),
             source_values: opened.values.clone(),
             source_scaled: opened.scaled,
+            source_filtered: opened.filtered.clone(),
             provenance: opened.provenance,
             ..ConvertOptions::default()
         };
@@ -149,6 +154,13 @@ impl ConvertArgs {
         }
         Ok(Outcome::Done)
     }
+}
+
+/// The directory `out`, or the nearest above it that is there.
+fn near(out: &Path) -> PathBuf {
+    let whole = std::path::absolute(out).unwrap_or_else(|_| out.to_path_buf());
+    let found = whole.ancestors().find(|path| path.is_dir());
+    found.unwrap_or(&whole).to_path_buf()
 }
 
 /// Adds to an error that a part of the work is kept, if that is so.

@@ -1,7 +1,8 @@
 //! Values of options, from text. Messages say what was expected; the parser adds option and value.
 
+use crate::error::Error;
 use crate::error::Result;
-use crate::grid::{Crop, Dims, Unit};
+use crate::grid::{Crop, Dims, Filter, Unit};
 use bytesize::ByteSize;
 use std::str::FromStr;
 
@@ -72,6 +73,17 @@ pub fn bytes(text: &str) -> Result<u64, String> {
         .parse()
         .map_err(|_| "expected a number of bytes, as in 1GiB, 800MB or 1073741824".to_string())?;
     Ok(size.as_u64())
+}
+
+/// What a filter of this name takes.
+pub fn filter(name: &'static str) -> impl Fn(&str) -> Result<Filter, String> + Clone {
+    move |text| {
+        let read = format!("{name} {text}").parse();
+        read.map_err(|error: Error| match error {
+            Error::Usage { expected, .. } => format!("expected {expected}"),
+            other => other.to_string(),
+        })
+    }
 }
 
 /// A finite number.

@@ -234,7 +234,7 @@ fn totals(manifest: &Manifest, found: &Found, issues: &mut Issues) {
     } else {
         // by the tiles alone there is a limit only
         let below = wide(manifest.grid.dims.voxels()) - wide(t.voxels_above);
-        let most = if manifest.source.dtype.is_float() {
+        let most = if manifest.filtered_dtype().is_float() {
             below.max(0)
         } else {
             0

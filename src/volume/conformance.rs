@@ -1,15 +1,17 @@
 //! What every volume does, whatever its format and whatever wraps it: one suite for all of them.
 
+use super::adapters::copied_first::CopiedFirst;
 use super::adapters::mirror::Mirrored;
 use super::adapters::resample::{Grid, Resampled};
 use super::adapters::values::Valued;
 use super::adapters::values::Values;
+use super::filters;
 use super::io::decoded_once::Unpacked;
 use super::io::paged::tests::counting;
 use super::registry::FORMATS;
 use super::{Cropped, Dtype, Io, MemoryVolume, OpenOptions, Volume, Watch, Watched, open, spool};
 use crate::error::Error;
-use crate::grid::{Crop, Dims, Placement};
+use crate::grid::{Crop, Dims, Filter, Placement, filtered_dims, filtered_dtype};
 use proptest::prelude::*;
 use std::ops::Range;
 use std::path::{Path, PathBuf};
@@ -367,6 +369,80 @@ fn resampled_volumes_hand_out_any_box() {
     let upright = grid.placement;
     let resampled = Resampled::new(Box::new(&leaning), grid, upright).unwrap();
     conforms_in_sweeps(&resampled, "resampled");
+}
+
+/// Filters that are put around volumes, one for each that there is at least.
+const FILTERS: [&str; 5] = [
+    "invert",
+    "clamp 20,300",
+    "downsample 2",
+    "downsample 3",
+    "clamp -1e9,1e9",
+];
+
+/// Puts filters around a volume and checks that the header is as they say.
+fn filtered<'a>(volume: &'a dyn Volume, list: &[Filter]) -> Box<dyn Volume + 'a> {
+    let inner: Box<dyn Volume + 'a> = Box::new(volume);
+    let put = |inner, f: &Filter| filters::wrap(f, inner).unwrap();
+    let made = list.iter().fold(inner, put);
+    let (before, after) = (volume.header(), made.header());
+    assert_eq!(after.dims, filtered_dims(before.dims, list).unwrap());
+    assert_eq!(after.dtype, filtered_dtype(before.dtype, list));
+    let place = list.iter().fold(before.placement, |p, f| f.placement(p));
+    assert_eq!(after.placement, place);
+    made
+}
+
+#[test]
+fn every_filter_hands_out_any_box() {
+    let all: Vec<Filter> = FILTERS.iter().map(|text| text.parse().unwrap()).collect();
+    let twice = [all[2], all[0]];
+    let lists = all.iter().map(std::slice::from_ref).chain([&twice[..]]);
+    let dims = [9, 8, 7];
+    let whole = values(dims, |[x, y, z]| (x + 10 * y + 100 * z) as i16);
+    let whole = MemoryVolume::new(Dims(dims), Placement::default(), whole).unwrap();
+    let of_floats = values(dims, |[x, y, z]| match (x + y + z) % 5 {
+        0 => f32::NAN,
+        _ => (x * y) as f32 - 0.7 * z as f32,
+    });
+    let floats = MemoryVolume::new(Dims(dims), Placement::default(), of_floats).unwrap();
+    let (pages, _) = counting(dims, &[(4, 3, true), (2, 5, false)]);
+    for list in lists {
+        for volume in [&whole as &dyn Volume, &floats, &pages] {
+            let name = format!("{list:?} of {}", volume.header().dtype);
+            conforms_in_sweeps(&*filtered(volume, list), &name);
+        }
+    }
+}
+
+#[test]
+fn a_stream_is_copied_once_for_those_who_read_it_back_and_forth() {
+    let dir = tempfile::tempdir().unwrap();
+    let packed = made("nrrd", dir.path()).pop().unwrap();
+    let plain = dir.path().join("v.nrrd");
+    let opened = |path: &Path, filters: &[&str]| {
+        let filters: Vec<Filter> = filters.iter().map(|text| text.parse().unwrap()).collect();
+        let opened = open(path, &OpenOptions::default()).unwrap();
+        opened.filter(&filters, dir.path())
+    };
+    let volume = |path: &Path, filters: &[&str]| opened(path, filters).unwrap().volume;
+    assert!(!volume(&packed, &["invert"]).random_access());
+    // too thin for half of 3 slices
+    let message = opened(&packed, &["downsample 2"]).unwrap_err().to_string();
+    assert!(
+        message.contains("--downsample: found 2 for 5 x 4 x 3"),
+        "{message}"
+    );
+    let copied = CopiedFirst::new(volume(&packed, &[]), dir.path());
+    assert!(copied.random_access());
+    conforms_in_sweeps(&copied, "copied first");
+    let both = [&plain, &packed].map(|path| volume(path, &["invert"]));
+    let whole = both[0].header().dims.0.map(|n| 0..n);
+    let bytes = voxels(&whole) * 2;
+    let [a, b] = both.map(|volume| read(&*volume, &whole, bytes).unwrap());
+    assert_eq!(a, b);
+    let left = std::fs::read_dir(dir.path()).unwrap().count();
+    assert_eq!(left, 2, "the copy has no name");
 }
 
 /// The values of volumes of pages and chunks that count.

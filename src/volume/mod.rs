@@ -5,6 +5,7 @@ mod codecs;
 #[cfg(test)]
 mod conformance;
 mod descriptor;
+mod filters;
 mod format;
 mod formats;
 pub(crate) mod io;

@@ -1,0 +1,142 @@
+//! The options that filter a volume before it is compared with the threshold: the same for every command that reads
+//! one, in the order in which they are typed.
+
+use super::parse;
+use crate::error::{Error, Result};
+use crate::grid::{Filter, filters_text};
+use crate::manifest::Manifest;
+use crate::volume::Opened;
+use clap::{Arg, ArgAction, ArgMatches, Args, Command, FromArgMatches};
+use std::path::Path;
+
+/// Filters, in the order in which they were typed.
+#[derive(Debug, Clone, Default)]
+pub struct FilterArgs(pub Vec<Filter>);
+
+/// An option that adds a filter.
+struct FilterOption {
+    /// That of the filter.
+    name: &'static str,
+    /// How the help calls its value; empty if it takes none.
+    value: &'static str,
+    help: &'static str,
+    /// What else there is to say.
+    more: &'static str,
+}
+
+const OPTIONS: [FilterOption; 3] = [
+    FilterOption {
+        name: "downsample",
+        value: "N",
+        help: "Take the mean of every N x N x N voxels, N from 2 to 16, as one larger voxel",
+        more: "Means of whole numbers are rounded, half to even. NaN counts for nothing: a mean is of the numbers in \
+               its block, and NaN if there is none. Voxels at the far faces that fill no block are left out. The size of \
+               a voxel and the origin follow.",
+    },
+    FilterOption {
+        name: "invert",
+        value: "",
+        help: "Make dark what is bright: v becomes 255 - v in u8, 65535 - v in u16, -1 - v in signed types, -v in floats",
+        more: "",
+    },
+    FilterOption {
+        name: "clamp",
+        value: "A,B",
+        help: "Set values below A to A, those above B to B; NaN stays",
+        more: "",
+    },
+];
+
+impl FilterOption {
+    fn arg(&self) -> Arg {
+        let arg = Arg::new(self.name).long(self.name).help(self.help);
+        let arg = match self.more {
+            "" => arg,
+            more => arg.long_help(format!("{}\n\n{more}", self.help)),
+        };
+        match self.value {
+            "" => arg.action(ArgAction::SetTrue),
+            value => arg
+                .value_name(value)
+                .action(ArgAction::Append)
+                .allow_hyphen_values(true)
+                .value_parser(parse::filter(self.name)),
+        }
+    }
+
+    /// Filters that it adds, each with its place on the command line.
+    fn typed(&self, matches: &ArgMatches) -> Vec<(usize, Filter)> {
+        if self.value.is_empty() {
+            let place = matches.index_of(self.name);
+            let place = place.filter(|_| matches.get_flag(self.name));
+            let filter = self.name.parse();
+            return place.into_iter().zip(filter).collect();
+        }
+        let places = matches.indices_of(self.name).into_iter().flatten();
+        let filters = matches.get_many(self.name).into_iter().flatten();
+        places.zip(filters.copied()).collect()
+    }
+}
+
+impl Args for FilterArgs {
+    fn augment_args(command: Command) -> Command {
+        let heading = "Filters, applied in the order given, before --crop and the threshold";
+        let command = command.next_help_heading(heading);
+        OPTIONS
+            .iter()
+            .fold(command, |c, option| c.arg(option.arg()))
+    }
+
+    fn augment_args_for_update(command: Command) -> Command {
+        Self::augment_args(command)
+    }
+}
+
+impl FromArgMatches for FilterArgs {
+    fn from_arg_matches(matches: &ArgMatches) -> Result<Self, clap::Error> {
+        let mut typed: Vec<_> = OPTIONS.iter().flat_map(|o| o.typed(matches)).collect();
+        typed.sort_by_key(|(place, _)| *place);
+        Ok(FilterArgs(typed.into_iter().map(|(_, f)| f).collect()))
+    }
+
+    fn update_from_arg_matches(&mut self, matches: &ArgMatches) -> Result<(), clap::Error> {
+        *self = Self::from_arg_matches(matches)?;
+        Ok(())
+    }
+}
+
+impl FilterArgs {
+    /// Names of the filters.
+    pub fn names(&self) -> impl Iterator<Item = &'static str> {
+        self.0.iter().map(Filter::name)
+    }
+
+    /// The volume after the filters. A copy that they need of a stream lies in the directory `scratch`.
+    ///
+    /// # Errors
+    /// Those of [`Opened::filter`].
+    pub fn apply(&self, opened: Opened, scratch: &Path) -> Result<Opened> {
+        opened.filter(&self.0, scratch)
+    }
+
+    /// The volume after the filters of a tile set, which these have to be if there are any.
+    ///
+    /// # Errors
+    /// Those of [`Opened::filter`]; [`Error::Usage`] that names the option by which the tile set or the volume was
+    /// given if filters differ.
+    pub fn apply_as(&self, manifest: &Manifest, opened: Opened, option: &str) -> Result<Opened> {
+        let scratch = std::env::temp_dir();
+        if self.0.is_empty() {
+            return opened.filter(&manifest.filters, &scratch);
+        }
+        let opened = self.apply(opened, &scratch)?;
+        let own = opened.filtered.as_ref().map_or(&[][..], |f| &f.filters);
+        if own == manifest.filters {
+            return Ok(opened);
+        }
+        let found = format!("filters {}", filters_text(own));
+        let expected = format!("those of the tiles: {}", filters_text(&manifest.filters));
+        let hint = "leave the filters out: they are taken from the tile set";
+        Err(Error::usage(option, found, expected).with_hint(hint))
+    }
+}
