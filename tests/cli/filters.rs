@@ -213,7 +213,7 @@ fn a_raw_file_is_opened_again_as_it_was_before_filters() {
     let output = alvis(dir.path(), &words("verify out --against a.raw"));
     assert_eq!(output.status.code(), Some(1), "{}", stderr(&output));
     assert!(
-        stdout(&output).contains("MANIFEST_VALUE"),
+        stdout(&output).contains("VERTEX_MISPLACED"),
         "{}",
         stdout(&output)
     );
