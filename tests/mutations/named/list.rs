@@ -280,12 +280,9 @@ pub const OF_INDEX: &[(&str, Base, Code, Edit)] = &[
     ("a filter of no name", Nodes, Code::ManifestSyntax, |f| {
         index(f, |m| m["filters"] = json!([{"name": "sharpen"}]))
     }),
-    (
-        "a list of no filters",
-        Quantized,
-        Code::ForeignMember,
-        |f| index(f, |m| m["filters"] = json!([])),
-    ),
+    ("a list of no filters", Web, Code::ForeignMember, |f| {
+        index(f, |m| m["filters"] = json!([]))
+    }),
     ("an offset", Nodes, Code::ManifestValue, |f| {
         index(f, |m| {
             m["source"]["format"] = "nrrd".into();
