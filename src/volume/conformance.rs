@@ -7,7 +7,10 @@ use super::adapters::values::Values;
 use super::io::decoded_once::Unpacked;
 use super::io::paged::tests::counting;
 use super::registry::FORMATS;
-use super::{Cropped, Dtype, Io, MemoryVolume, OpenOptions, Volume, Watch, Watched, open, spool};
+use super::{
+    Cropped, Dtype, Io, Medianed, MemoryVolume, OpenOptions, Smoothed, Volume, Watch, Watched,
+    open, spool,
+};
 use crate::error::Error;
 use crate::grid::{Crop, Dims, Placement};
 use proptest::prelude::*;
@@ -367,6 +370,41 @@ fn resampled_volumes_hand_out_any_box() {
     let upright = grid.placement;
     let resampled = Resampled::new(Box::new(&leaning), grid, upright).unwrap();
     conforms_in_sweeps(&resampled, "resampled");
+}
+
+#[test]
+fn filtered_volumes_hand_out_any_box() {
+    let plain = memory(Placement::default());
+    let gaps = values(DIMS, |[x, y, z]| match x * y + z {
+        6 | 7 => f32::NAN,
+        9 => f32::INFINITY,
+        n => 0.1 * n as f32 - 1.0,
+    });
+    let gaps = MemoryVolume::new(Dims(DIMS), Placement::default(), gaps).unwrap();
+    let dir = tempfile::tempdir().unwrap();
+    // what is packed is read forward
+    let packed = &made("nrrd", dir.path())[1];
+    let open_packed = || open(packed, &OpenOptions::default()).unwrap().volume;
+    assert!(!open_packed().random_access());
+    let inner =
+        || -> [Box<dyn Volume + '_>; 3] { [Box::new(&plain), Box::new(&gaps), open_packed()] };
+    for (i, sigma) in [[0.6; 3], [0.0, 1.2, 0.3], [0.4, 0.0, 2.0]]
+        .iter()
+        .enumerate()
+    {
+        for (inner, name) in inner().into_iter().zip(["plain", "with gaps", "packed"]) {
+            let smoothed = Smoothed::along_axes(inner, *sigma).unwrap();
+            conforms_in_sweeps(&smoothed, &format!("{name}, smoothed {i}"));
+        }
+    }
+    for radius in [1, 2] {
+        for (inner, name) in inner().into_iter().zip(["plain", "with gaps", "packed"]) {
+            let medians = Medianed::new(inner, radius).unwrap();
+            conforms_in_sweeps(&medians, &format!("{name}, medians {radius}"));
+            let both = Smoothed::new(Box::new(medians), 0.5).unwrap();
+            conforms_in_sweeps(&both, &format!("{name}, medians {radius} smoothed"));
+        }
+    }
 }
 
 /// The values of volumes of pages and chunks that count.
