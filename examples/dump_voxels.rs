@@ -48,7 +48,7 @@ fn options(words: &[String]) -> Result<(OpenOptions, Vec<Filter>)> {
 pub fn run(path: &Path, words: &[String], out: &mut impl Write) -> Result<String> {
     let (options, filters) = options(words)?;
     let opened = open(path, &options)?;
-    let volume = opened.filter(&filters, &std::env::temp_dir())?.volume;
+    let volume = opened.filter(&filters)?.volume;
     let header = volume.header();
     let [nx, ny, nz] = header.dims.0;
     let mut slice = vec![0; header.dims.slice_voxels() as usize * header.dtype.bytes()];

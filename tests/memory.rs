@@ -124,7 +124,9 @@ fn filters_stay_inside_the_limit() {
     }
 }
 
-const FILTERS: [&str; 3] = [
+const FILTERS: [&str; 5] = [
+    "--smooth 1",
+    "--median 1 --downsample 2",
     "--clamp 25000,40000 --invert",
     "--downsample 2",
     "--invert --downsample 5",

@@ -93,7 +93,7 @@ impl ConvertArgs {
         let console = self.common.start();
         let (mut opened, stamp) = open_stamped(&self.input, &self.options.options(), &self.out)?;
         opened.doubt_size()?;
-        let opened = self.options.filters.apply(opened, &near(&self.out))?;
+        let opened = self.options.filters.apply(opened)?;
         let dims = opened.volume.header().dims;
         let crop = self.crop.as_ref().map(|c| c.resolve(dims)).transpose()?;
         let form = self.form.form(Form::default());
@@ -154,13 +154,6 @@ impl ConvertArgs {
         }
         Ok(Outcome::Done)
     }
-}
-
-/// The directory `out`, or the nearest above it that is there.
-fn near(out: &Path) -> PathBuf {
-    let whole = std::path::absolute(out).unwrap_or_else(|_| out.to_path_buf());
-    let found = whole.ancestors().find(|path| path.is_dir());
-    found.unwrap_or(&whole).to_path_buf()
 }
 
 /// Adds to an error that a part of the work is kept, if that is so.

@@ -3,15 +3,60 @@
 
 use super::parse;
 use crate::error::{Error, Result};
-use crate::grid::{Filter, filters_text};
+use crate::grid::{Filter, Placement, Sigma, Unit, filters_text};
 use crate::manifest::Manifest;
 use crate::volume::Opened;
 use clap::{Arg, ArgAction, ArgMatches, Args, Command, FromArgMatches};
-use std::path::Path;
 
 /// Filters, in the order in which they were typed.
 #[derive(Debug, Clone, Default)]
-pub struct FilterArgs(pub Vec<Filter>);
+pub struct FilterArgs(Vec<FilterArg>);
+
+/// A filter, as typed.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub enum FilterArg {
+    /// In voxels, if in anything.
+    Known(Filter),
+    /// `--smooth` by a length, of which the size of a voxel tells how many voxels that is.
+    Smooth { length: f64, unit: Unit },
+}
+
+impl FilterArg {
+    /// The filter for voxels in this place.
+    fn known(&self, place: &Placement) -> Result<Filter> {
+        let (length, unit) = match *self {
+            FilterArg::Known(filter) => return Ok(filter),
+            FilterArg::Smooth { length, unit } => (length, unit),
+        };
+        let in_unit = Placement {
+            spacing: [length; 3],
+            unit,
+            ..Placement::default()
+        };
+        let of_voxels = in_unit.in_unit(place.unit).map_err(|_| {
+            let expected = "a number of voxels, or a volume whose voxels have a size";
+            Error::usage("--smooth", format!("{length}{unit}"), expected)
+                .with_hint("give --spacing and --unit")
+        })?;
+        let voxels = |a: usize| rounded(of_voxels.spacing[a] / place.spacing[a]);
+        let sigma = Sigma(std::array::from_fn(voxels));
+        let filter = Filter::Smooth { sigma };
+        filter.check()?;
+        Ok(filter)
+    }
+
+    fn name(&self) -> &'static str {
+        match self {
+            FilterArg::Known(filter) => filter.name(),
+            FilterArg::Smooth { .. } => "smooth",
+        }
+    }
+}
+
+/// The number without what the division left behind its twelfth digit: 0.02 / 0.05 is 0.4.
+fn rounded(value: f64) -> f64 {
+    format!("{value:.11e}").parse().unwrap_or(value)
+}
 
 /// An option that adds a filter.
 struct FilterOption {
@@ -24,7 +69,24 @@ struct FilterOption {
     more: &'static str,
 }
 
-const OPTIONS: [FilterOption; 3] = [
+const OPTIONS: [FilterOption; 5] = [
+    FilterOption {
+        name: "smooth",
+        value: "SIGMA",
+        help: "Smooth by a Gaussian of this standard deviation, in voxels, as in 1, or as a length, as in 20um",
+        more: "Values become floats (f32, of f64 f64), so thresholds between whole numbers make sense. Voxels up to 4 \
+               standard deviations away count, those at the faces beyond them, too (scipy.ndimage.gaussian_filter with \
+               mode nearest). Three numbers of voxels are for x, y and z; a length is the same along all axes, whatever the \
+               size of a voxel. What is not finite stays where it is and counts for no other voxel. For noise of the size of \
+               a voxel, 1 is a good start.",
+    },
+    FilterOption {
+        name: "median",
+        value: "R",
+        help: "Take the median of the cube of 2 R + 1 voxels around each voxel, R 1 or 2",
+        more: "Against single voxels that are far off; edges stay sharp (scipy.ndimage.median_filter with mode nearest). NaN \
+               stays where it is and counts for no other voxel.",
+    },
     FilterOption {
         name: "downsample",
         value: "N",
@@ -65,11 +127,11 @@ impl FilterOption {
     }
 
     /// Filters that it adds, each with its place on the command line.
-    fn typed(&self, matches: &ArgMatches) -> Vec<(usize, Filter)> {
+    fn typed(&self, matches: &ArgMatches) -> Vec<(usize, FilterArg)> {
         if self.value.is_empty() {
             let place = matches.index_of(self.name);
             let place = place.filter(|_| matches.get_flag(self.name));
-            let filter = self.name.parse();
+            let filter = self.name.parse().map(FilterArg::Known);
             return place.into_iter().zip(filter).collect();
         }
         let places = matches.indices_of(self.name).into_iter().flatten();
@@ -108,15 +170,22 @@ impl FromArgMatches for FilterArgs {
 impl FilterArgs {
     /// Names of the filters.
     pub fn names(&self) -> impl Iterator<Item = &'static str> {
-        self.0.iter().map(Filter::name)
+        self.0.iter().map(FilterArg::name)
     }
 
-    /// The volume after the filters. A copy that they need of a stream lies in the directory `scratch`.
+    /// The volume after the filters.
     ///
     /// # Errors
     /// Those of [`Opened::filter`].
-    pub fn apply(&self, opened: Opened, scratch: &Path) -> Result<Opened> {
-        opened.filter(&self.0, scratch)
+    pub fn apply(&self, opened: Opened) -> Result<Opened> {
+        let mut place = opened.volume.header().placement;
+        let mut filters = Vec::new();
+        for filter in &self.0 {
+            let filter = filter.known(&place)?;
+            place = filter.placement(place);
+            filters.push(filter);
+        }
+        opened.filter(&filters)
     }
 
     /// The volume after the filters of a tile set, which these have to be if there are any.
@@ -125,11 +194,10 @@ impl FilterArgs {
     /// Those of [`Opened::filter`]; [`Error::Usage`] that names the option by which the tile set or the volume was
     /// given if filters differ.
     pub fn apply_as(&self, manifest: &Manifest, opened: Opened, option: &str) -> Result<Opened> {
-        let scratch = std::env::temp_dir();
         if self.0.is_empty() {
-            return opened.filter(&manifest.filters, &scratch);
+            return opened.filter(&manifest.filters);
         }
-        let opened = self.apply(opened, &scratch)?;
+        let opened = self.apply(opened)?;
         let own = opened.filtered.as_ref().map_or(&[][..], |f| &f.filters);
         if own == manifest.filters {
             return Ok(opened);

@@ -96,8 +96,7 @@ impl InfoArgs {
         let (mut opened, stamp) =
             open_stamped(&self.input, &self.options.options(), Path::new(""))?;
         opened.doubt_size()?;
-        let scratch = std::env::temp_dir();
-        let mut opened = self.options.filters.apply(opened, &scratch)?;
+        let mut opened = self.options.filters.apply(opened)?;
         let watch = Watch::new(opened.volume.header(), opened.scaled);
         let found = statistics(&Watched::new(Box::new(&*opened.volume), &watch), &console)?;
         opened.warnings.extend(watch.kind().map(|k| k.warning()));

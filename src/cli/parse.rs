@@ -1,8 +1,9 @@
 //! Values of options, from text. Messages say what was expected; the parser adds option and value.
 
+use super::filters::FilterArg;
 use crate::error::Error;
 use crate::error::Result;
-use crate::grid::{Crop, Dims, Filter, Unit};
+use crate::grid::{Crop, Dims, Unit};
 use bytesize::ByteSize;
 use std::str::FromStr;
 
@@ -75,15 +76,28 @@ pub fn bytes(text: &str) -> Result<u64, String> {
     Ok(size.as_u64())
 }
 
-/// What a filter of this name takes.
-pub fn filter(name: &'static str) -> impl Fn(&str) -> Result<Filter, String> + Clone {
+/// What a filter of this name takes; of a smoothing also a length, as in `20um`.
+pub fn filter(name: &'static str) -> impl Fn(&str) -> Result<FilterArg, String> + Clone {
     move |text| {
-        let read = format!("{name} {text}").parse();
-        read.map_err(|error: Error| match error {
-            Error::Usage { expected, .. } => format!("expected {expected}"),
-            other => other.to_string(),
+        let read = format!("{name} {text}").parse().map(FilterArg::Known);
+        read.or_else(|error: Error| match (length(text), error) {
+            (Some((length, unit)), _) if name == "smooth" => Ok(FilterArg::Smooth { length, unit }),
+            (_, Error::Usage { expected, .. }) if name == "smooth" => {
+                Err(format!("expected {expected}, or a length, as in 20um"))
+            }
+            (_, Error::Usage { expected, .. }) => Err(format!("expected {expected}")),
+            (_, other) => Err(other.to_string()),
         })
     }
+}
+
+/// A number above 0 with a unit of length behind it.
+fn length(text: &str) -> Option<(f64, Unit)> {
+    let unit = |c: char| c.is_alphabetic() && !"eE".contains(c);
+    let (number, unit) = text.split_at(text.find(unit)?);
+    let number = number.trim().parse().ok()?;
+    let unit = length_unit(unit).ok()?;
+    (f64::is_finite(number) && number > 0.0).then_some((number, unit))
 }
 
 /// A finite number.

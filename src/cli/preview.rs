@@ -108,7 +108,7 @@ impl PreviewArgs {
         let (opened, input) = open_stamped(&self.input, &self.options.options(), Path::new(""))?;
         let opened = match &manifest {
             Some(manifest) => self.options.filters.apply_as(manifest, opened, "--tiles")?,
-            None => self.options.filters.apply(opened, &std::env::temp_dir())?,
+            None => self.options.filters.apply(opened)?,
         };
         let threshold = match self.threshold {
             None => None,

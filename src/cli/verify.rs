@@ -113,7 +113,7 @@ fn open_against(directory: &Path, path: &Path, input: &InputOptions) -> Result<A
     let manifest = Manifest::open(directory).ok();
     let Some(manifest) = manifest else {
         let (opened, stamp) = open_stamped(path, &input.options(), directory)?;
-        let opened = input.filters.apply(opened, &std::env::temp_dir())?;
+        let opened = input.filters.apply(opened)?;
         let source = SourceVolume::of(&opened);
         let volume = opened.volume;
         return Ok(Against {

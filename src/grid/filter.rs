@@ -33,10 +33,66 @@ pub enum Filter {
         /// 2 to 16.
         factor: u32,
     },
+    /// Each value becomes the mean of those around it with the weights of a Gaussian: `scipy.ndimage.gaussian_filter`
+    /// with mode `nearest`, cut at 4 standard deviations. The values are floats then, f64 where they were f64, else
+    /// f32. What is not finite stays where it is and counts for no other voxel.
+    Smooth {
+        /// Standard deviations.
+        sigma: Sigma,
+    },
+    /// Each value becomes the median of the cube of 2 `radius` + 1 voxels around it: `scipy.ndimage.median_filter` with
+    /// mode `nearest`. NaN stays where it is and counts for no other voxel.
+    Median {
+        /// 1 or 2.
+        radius: u32,
+    },
 }
 
+/// Standard deviations along x, y and z in voxels, 0 to 32 and not all 0. In JSON and as text one number where they
+/// are the same.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+#[serde(from = "OneOrThree", into = "OneOrThree")]
+pub struct Sigma(pub [f64; 3]);
+
+#[derive(Serialize, Deserialize)]
+#[serde(untagged)]
+enum OneOrThree {
+    One(f64),
+    Three([f64; 3]),
+}
+
+impl From<OneOrThree> for Sigma {
+    fn from(numbers: OneOrThree) -> Self {
+        match numbers {
+            OneOrThree::One(all) => Sigma([all; 3]),
+            OneOrThree::Three(each) => Sigma(each),
+        }
+    }
+}
+
+impl From<Sigma> for OneOrThree {
+    fn from(Sigma(each): Sigma) -> Self {
+        match each == [each[0]; 3] {
+            true => OneOrThree::One(each[0]),
+            false => OneOrThree::Three(each),
+        }
+    }
+}
+
+impl fmt::Display for Sigma {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match OneOrThree::from(*self) {
+            OneOrThree::One(all) => write!(f, "{all}"),
+            OneOrThree::Three([x, y, z]) => write!(f, "{x},{y},{z}"),
+        }
+    }
+}
+
+/// The largest standard deviation.
+const MAX_SIGMA: f64 = 32.0;
+
 /// Names of filters, and what each takes, for messages.
-const TAKES: [(&str, &str); 3] = [
+const TAKES: [(&str, &str); 5] = [
     ("invert", "nothing"),
     (
         "clamp",
@@ -46,6 +102,11 @@ const TAKES: [(&str, &str); 3] = [
         "downsample",
         "a whole number of voxels from 2 to 16, as in 2",
     ),
+    (
+        "smooth",
+        "a number of voxels above 0 and up to 32, as in 1.5, or one for each axis",
+    ),
+    ("median", "1 or 2 voxels"),
 ];
 
 impl Filter {
@@ -55,6 +116,8 @@ impl Filter {
             Filter::Invert {} => "invert",
             Filter::Clamp { .. } => "clamp",
             Filter::Downsample { .. } => "downsample",
+            Filter::Smooth { .. } => "smooth",
+            Filter::Median { .. } => "median",
         }
     }
 
@@ -67,6 +130,10 @@ impl Filter {
             Filter::Invert {} => true,
             Filter::Clamp { low, high } => low.is_finite() && high.is_finite() && low <= high,
             Filter::Downsample { factor } => (2..=16).contains(&factor),
+            Filter::Smooth { sigma: Sigma(each) } => {
+                each.iter().all(|s| (0.0..=MAX_SIGMA).contains(s)) && each != [0.0; 3]
+            }
+            Filter::Median { radius } => (1..=2).contains(&radius),
         };
         match good {
             true => Ok(()),
@@ -91,7 +158,9 @@ impl Filter {
     /// The type of what it makes of samples of this type.
     pub fn dtype(&self, dtype: Dtype) -> Dtype {
         match self {
-            Filter::Invert {} | Filter::Clamp { .. } | Filter::Downsample { .. } => dtype,
+            Filter::Smooth { .. } if dtype == Dtype::F64 => Dtype::F64,
+            Filter::Smooth { .. } => Dtype::F32,
+            _ => dtype,
         }
     }
 
@@ -135,6 +204,8 @@ impl fmt::Display for Filter {
             Filter::Invert {} => Ok(()),
             Filter::Clamp { low, high } => write!(f, " {low},{high}"),
             Filter::Downsample { factor } => write!(f, " {factor}"),
+            Filter::Smooth { sigma } => write!(f, " {sigma}"),
+            Filter::Median { radius } => write!(f, " {radius}"),
         }
     }
 }
@@ -151,11 +222,14 @@ impl FromStr for Filter {
         };
         let value = value.trim();
         let read = match name {
-            "clamp" => pair(value).map(|[low, high]| Filter::Clamp { low, high }),
-            "downsample" => value
-                .parse()
-                .ok()
-                .map(|factor| Filter::Downsample { factor }),
+            "clamp" => numbers(value).map(|[low, high]| Filter::Clamp { low, high }),
+            "downsample" => whole(value).map(|factor| Filter::Downsample { factor }),
+            "smooth" => {
+                let one = numbers(value).map(|[all]| [all; 3]);
+                let sigma = one.or_else(|| numbers(value)).map(Sigma);
+                sigma.map(|sigma| Filter::Smooth { sigma })
+            }
+            "median" => whole(value).map(|radius| Filter::Median { radius }),
             _ => value.is_empty().then_some(Filter::Invert {}),
         };
         read.filter(|filter| filter.check().is_ok())
@@ -163,10 +237,15 @@ impl FromStr for Filter {
     }
 }
 
-/// Two numbers with a comma between them.
-fn pair(text: &str) -> Option<[f64; 2]> {
-    let (a, b) = text.split_once(',')?;
-    Some([a.trim().parse().ok()?, b.trim().parse().ok()?])
+/// So many numbers with commas between them.
+fn numbers<const N: usize>(text: &str) -> Option<[f64; N]> {
+    let each = text.split(',').map(|number| number.trim().parse().ok());
+    each.collect::<Option<Vec<f64>>>()?.try_into().ok()
+}
+
+/// A whole number.
+fn whole(text: &str) -> Option<u32> {
+    text.parse().ok()
 }
 
 /// Filters as text, in their order, with commas between them; `none` if there is none.
@@ -222,13 +301,27 @@ mod tests {
 
     #[test]
     fn texts_read_back() {
-        for text in ["invert", "clamp 10,200", "clamp -0.5,0.5", "downsample 2"] {
+        for text in [
+            "invert",
+            "clamp 10,200",
+            "clamp -0.5,0.5",
+            "downsample 2",
+            "smooth 1.5",
+            "smooth 2,2,0.5",
+            "median 2",
+        ] {
             let filter: Filter = text.parse().unwrap();
             assert_eq!(filter.to_string(), text);
             let json = serde_json::to_string(&filter).unwrap();
             assert_eq!(serde_json::from_str::<Filter>(&json).unwrap(), filter);
         }
         let json = r#"{"name":"clamp","low":1.0,"high":2.0}"#;
+        let one: Filter = serde_json::from_str(r#"{"name":"smooth","sigma":1}"#).unwrap();
+        let json_of_one = serde_json::to_string(&one).unwrap();
+        assert_eq!(
+            (one.to_string().as_str(), json_of_one.as_str()),
+            ("smooth 1", r#"{"name":"smooth","sigma":1.0}"#)
+        );
         let clamp: Filter = "clamp 1, 2".parse().unwrap();
         assert_eq!(serde_json::to_string(&clamp).unwrap(), json);
     }
@@ -246,7 +339,16 @@ mod tests {
             ("downsample 2.5", "from 2 to 16"),
             ("downsample -2", "from 2 to 16"),
             ("downsample", "from 2 to 16"),
-            ("sharpen 2", "one of invert, clamp, downsample"),
+            ("smooth 0", "above 0 and up to 32"),
+            ("smooth -1", "above 0 and up to 32"),
+            ("smooth nan", "above 0 and up to 32"),
+            ("smooth 33", "above 0 and up to 32"),
+            ("smooth 1,2", "or one for each axis"),
+            ("median 3", "--median: found 3, expected 1 or 2 voxels"),
+            (
+                "sharpen 2",
+                "one of invert, clamp, downsample, smooth, median",
+            ),
         ] {
             let message = text.parse::<Filter>().unwrap_err().to_string();
             assert!(message.contains(part), "{text}: {message}");
@@ -256,6 +358,8 @@ mod tests {
             r#"{"name":"invert","factor":2}"#,
             r#"{"name":"downsample"}"#,
             r#"{"name":"downsample","factor":2,"low":1}"#,
+            r#"{"name":"smooth","sigma":[1,2]}"#,
+            r#"{"name":"smooth","sigma":"1"}"#,
         ] {
             assert!(serde_json::from_str::<Filter>(json).is_err(), "{json}");
         }

@@ -13,7 +13,8 @@ pub(crate) use dtype::with_voxel_type;
 pub use dtype::{Dtype, Endian, Slope, Voxel};
 pub use extent::Extent;
 pub use filter::{
-    Filter, Filtered, MAX_FILTERS, check_filters, filtered_dims, filtered_dtype, filters_text,
+    Filter, Filtered, MAX_FILTERS, Sigma, check_filters, filtered_dims, filtered_dtype,
+    filters_text,
 };
 pub use provenance::{Origin, Part, Provenance};
 

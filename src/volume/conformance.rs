@@ -1,15 +1,16 @@
 //! What every volume does, whatever its format and whatever wraps it: one suite for all of them.
 
-use super::adapters::copied_first::CopiedFirst;
 use super::adapters::mirror::Mirrored;
 use super::adapters::resample::{Grid, Resampled};
 use super::adapters::values::Valued;
 use super::adapters::values::Values;
-use super::filters;
 use super::io::decoded_once::Unpacked;
 use super::io::paged::tests::counting;
 use super::registry::FORMATS;
-use super::{Cropped, Dtype, Io, MemoryVolume, OpenOptions, Volume, Watch, Watched, open, spool};
+use super::{
+    Cropped, Dtype, Io, Medianed, MemoryVolume, OpenOptions, Smoothed, Volume, Watch, Watched,
+    open, spool,
+};
 use crate::error::Error;
 use crate::grid::{Crop, Dims, Filter, Placement, filtered_dims, filtered_dtype};
 use proptest::prelude::*;
@@ -371,19 +372,74 @@ fn resampled_volumes_hand_out_any_box() {
     conforms_in_sweeps(&resampled, "resampled");
 }
 
+#[test]
+fn filtered_volumes_hand_out_any_box() {
+    let plain = memory(Placement::default());
+    let gaps = values(DIMS, |[x, y, z]| match x * y + z {
+        6 | 7 => f32::NAN,
+        9 => f32::INFINITY,
+        n => 0.1 * n as f32 - 1.0,
+    });
+    let gaps = MemoryVolume::new(Dims(DIMS), Placement::default(), gaps).unwrap();
+    let dir = tempfile::tempdir().unwrap();
+    // what is packed is read forward
+    let packed = &made("nrrd", dir.path())[1];
+    let open_packed = || open(packed, &OpenOptions::default()).unwrap().volume;
+    assert!(!open_packed().random_access());
+    let inner =
+        || -> [Box<dyn Volume + '_>; 3] { [Box::new(&plain), Box::new(&gaps), open_packed()] };
+    for (i, sigma) in [[0.6; 3], [0.0, 1.2, 0.3], [0.4, 0.0, 2.0]]
+        .iter()
+        .enumerate()
+    {
+        for (inner, name) in inner().into_iter().zip(["plain", "with gaps", "packed"]) {
+            let smoothed = Smoothed::along_axes(inner, *sigma).unwrap();
+            conforms_in_sweeps(&smoothed, &format!("{name}, smoothed {i}"));
+        }
+    }
+    for radius in [1, 2] {
+        for (inner, name) in inner().into_iter().zip(["plain", "with gaps", "packed"]) {
+            let medians = Medianed::new(inner, radius).unwrap();
+            conforms_in_sweeps(&medians, &format!("{name}, medians {radius}"));
+            let both = Smoothed::new(Box::new(medians), 0.5).unwrap();
+            conforms_in_sweeps(&both, &format!("{name}, medians {radius} smoothed"));
+        }
+    }
+}
+
+/// A compressed stream of samples of i16 as a volume, with the directory that it lies in.
+fn packed(samples: &[u8], dims: [u32; 3]) -> (tempfile::TempDir, Box<dyn Volume>) {
+    let dir = tempfile::tempdir().unwrap();
+    let path = dir.path().join("v.raw.gz");
+    let file = std::fs::File::create(&path).unwrap();
+    let mut encoder = flate2::write::GzEncoder::new(file, Default::default());
+    std::io::Write::write_all(&mut encoder, samples).unwrap();
+    encoder.finish().unwrap();
+    let options = OpenOptions {
+        dims: Some(dims.map(u64::from)),
+        dtype: Some(Dtype::I16),
+        endian: Some(super::Endian::NATIVE),
+        ..OpenOptions::default()
+    };
+    (dir, open(&path, &options).unwrap().volume)
+}
+
 /// Filters that are put around volumes, one for each that there is at least.
-const FILTERS: [&str; 5] = [
+const FILTERS: [&str; 8] = [
     "invert",
     "clamp 20,300",
     "downsample 2",
     "downsample 3",
+    "smooth 0.7",
+    "smooth 2,0.5,0",
+    "median 1",
     "clamp -1e9,1e9",
 ];
 
 /// Puts filters around a volume and checks that the header is as they say.
 fn filtered<'a>(volume: &'a dyn Volume, list: &[Filter]) -> Box<dyn Volume + 'a> {
     let inner: Box<dyn Volume + 'a> = Box::new(volume);
-    let put = |inner, f: &Filter| filters::wrap(f, inner).unwrap();
+    let put = |inner, f: &Filter| super::filtered(f, inner).unwrap();
     let made = list.iter().fold(inner, put);
     let (before, after) = (volume.header(), made.header());
     assert_eq!(after.dims, filtered_dims(before.dims, list).unwrap());
@@ -396,7 +452,7 @@ fn filtered<'a>(volume: &'a dyn Volume, list: &[Filter]) -> Box<dyn Volume + 'a>
 #[test]
 fn every_filter_hands_out_any_box() {
     let all: Vec<Filter> = FILTERS.iter().map(|text| text.parse().unwrap()).collect();
-    let twice = [all[2], all[0]];
+    let twice = [all[2], all[4], all[6]];
     let lists = all.iter().map(std::slice::from_ref).chain([&twice[..]]);
     let dims = [9, 8, 7];
     let whole = values(dims, |[x, y, z]| (x + 10 * y + 100 * z) as i16);
@@ -407,42 +463,14 @@ fn every_filter_hands_out_any_box() {
     });
     let floats = MemoryVolume::new(Dims(dims), Placement::default(), of_floats).unwrap();
     let (pages, _) = counting(dims, &[(4, 3, true), (2, 5, false)]);
+    let stream = packed(bytes(whole.samples()), dims);
+    assert!(!stream.1.random_access());
     for list in lists {
-        for volume in [&whole as &dyn Volume, &floats, &pages] {
+        for volume in [&whole as &dyn Volume, &floats, &pages, &*stream.1] {
             let name = format!("{list:?} of {}", volume.header().dtype);
             conforms_in_sweeps(&*filtered(volume, list), &name);
         }
     }
-}
-
-#[test]
-fn a_stream_is_copied_once_for_those_who_read_it_back_and_forth() {
-    let dir = tempfile::tempdir().unwrap();
-    let packed = made("nrrd", dir.path()).pop().unwrap();
-    let plain = dir.path().join("v.nrrd");
-    let opened = |path: &Path, filters: &[&str]| {
-        let filters: Vec<Filter> = filters.iter().map(|text| text.parse().unwrap()).collect();
-        let opened = open(path, &OpenOptions::default()).unwrap();
-        opened.filter(&filters, dir.path())
-    };
-    let volume = |path: &Path, filters: &[&str]| opened(path, filters).unwrap().volume;
-    assert!(!volume(&packed, &["invert"]).random_access());
-    // too thin for half of 3 slices
-    let message = opened(&packed, &["downsample 2"]).unwrap_err().to_string();
-    assert!(
-        message.contains("--downsample: found 2 for 5 x 4 x 3"),
-        "{message}"
-    );
-    let copied = CopiedFirst::new(volume(&packed, &[]), dir.path());
-    assert!(copied.random_access());
-    conforms_in_sweeps(&copied, "copied first");
-    let both = [&plain, &packed].map(|path| volume(path, &["invert"]));
-    let whole = both[0].header().dims.0.map(|n| 0..n);
-    let bytes = voxels(&whole) * 2;
-    let [a, b] = both.map(|volume| read(&*volume, &whole, bytes).unwrap());
-    assert_eq!(a, b);
-    let left = std::fs::read_dir(dir.path()).unwrap().count();
-    assert_eq!(left, 2, "the copy has no name");
 }
 
 /// The values of volumes of pages and chunks that count.

@@ -1,9 +1,10 @@
-"""What filters make of random volumes of each type, beside what numpy makes of them: whole numbers to the last bit,
-floats to 1e-5 of their size."""
+"""What filters make of random volumes of each type, beside what numpy and scipy make of them: whole numbers to the last
+bit, floats to 1e-5 of their size."""
 
 from pathlib import Path
 
 import numpy as np
+from scipy import ndimage
 
 SHAPE = (23, 26, 31)
 KINDS = {"u8": "u1", "i8": "i1", "u16": "u2", "i16": "i2", "u32": "u4", "i32": "i4", "f32": "f4", "f64": "f8"}
@@ -42,12 +43,40 @@ def between(voxels: np.ndarray, low: float, high: float) -> np.ndarray:
     return np.clip(voxels, voxels.dtype.type(low), voxels.dtype.type(high))
 
 
+def smoothed(voxels: np.ndarray, sigma) -> np.ndarray:
+    """By a Gaussian; what is NaN stays, and counts for no other voxel: the mean is of the others."""
+    kind = "f8" if voxels.dtype == "f8" else "f4"
+    numbers = ~np.isnan(voxels)
+    along = sigma[::-1] if isinstance(sigma, tuple) else sigma
+    blur = lambda v: ndimage.gaussian_filter(v.astype("f8"), along, mode="nearest", truncate=4)
+    if numbers.all():
+        return blur(voxels).astype(kind)
+    return np.where(numbers, blur(np.where(numbers, voxels, 0)) / blur(numbers), np.nan).astype(kind)
+
+
+def median(voxels: np.ndarray, radius: int) -> np.ndarray:
+    """Of the numbers in a cube, the lower one of two in the middle; NaN stays."""
+    side = 2 * radius + 1
+    numbers = ~np.isnan(voxels)
+    if numbers.all():
+        return ndimage.median_filter(voxels, side, mode="nearest")
+    padded = np.pad(voxels, radius, mode="edge")
+    cubes = np.lib.stride_tricks.sliding_window_view(padded, (side,) * 3).reshape(*voxels.shape, -1)
+    ordered = np.sort(cubes, axis=-1)  # NaN comes last
+    middle = (np.maximum((~np.isnan(cubes)).sum(-1), 1) - 1) // 2
+    return np.where(numbers, np.take_along_axis(ordered, middle[..., None], -1)[..., 0], np.nan).astype(voxels.dtype)
+
+
 # filters as the program is told them, and in numpy
 FILTERS = [
     (["invert"], inverted),
     (["clamp 20,101"], lambda v: between(v, 20, 101)),
     *[([f"downsample {n}"], lambda v, n=n: blocks(v, n)) for n in (2, 3, 5)],
     (["clamp 20,101", "downsample 2", "invert"], lambda v: inverted(blocks(between(v, 20, 101), 2))),
+    *[([f"smooth {s}"], lambda v, s=s: smoothed(v, s)) for s in (0.5, 1, 2.7)],
+    (["smooth 2,1,0.4"], lambda v: smoothed(v, (2, 1, 0.4))),
+    *[([f"median {r}"], lambda v, r=r: median(v, r)) for r in (1, 2)],
+    (["median 1", "smooth 1", "downsample 2"], lambda v: blocks(smoothed(median(v, 1), 1), 2)),
     (["invert", "downsample 4", "clamp 10,90"], lambda v: between(blocks(inverted(v), 4), 10, 90)),
 ]
 CASES = [

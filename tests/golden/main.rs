@@ -73,6 +73,12 @@ fn conversions() -> Vec<String> {
         (NOISY, " --clamp 20000,45000 --downsample 3"),
         (NOISY, " --downsample 2 --invert --crop :,1:14,2:"),
         (GYROID, " --downsample 2 --for web"),
+        (FOAM, " --smooth 1"),
+        (NOISY, " --smooth 3um --ambiguous join"),
+        (NOISY, " --median 1 --smooth 0.8"),
+        (NOISE, " --median 2"),
+        (GYROID, " --smooth 1.5 --cap"),
+        (TORUS, " --smooth 2,1,0.5"),
     ] {
         lines.push(format!("{line}{added}"));
     }

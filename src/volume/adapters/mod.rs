@@ -1,6 +1,5 @@
 //! Volumes around a volume: cropped, mirrored, scaled, resampled, copied to a file, watched while they are read.
 
-pub(crate) mod copied_first;
 pub(crate) mod crop;
 pub(crate) mod decompress;
 pub(crate) mod kind;

@@ -3,13 +3,17 @@
 use crate::error::Result;
 use crate::grid::Filter;
 use crate::volume::{Header, Volume, Voxel, with_voxel_type};
+use std::collections::VecDeque;
 use std::ops::Range;
 use std::path::Path;
+use std::sync::{Mutex, PoisonError};
 
 /// Bytes that a thread holds, unless a row of blocks takes more.
 const PIECE: usize = 1 << 20;
 /// Bytes of a block's sum and number of samples.
 const SUM: usize = 16;
+/// Slices of means that are kept of a stream, for boxes that share some with the one before.
+const KEPT: usize = 4;
 
 /// The means of blocks of another volume, as [`Filter::Downsample`] says.
 ///
@@ -19,6 +23,8 @@ pub(crate) struct Downsampled<'a> {
     inner: Box<dyn Volume + 'a>,
     header: Header,
     factor: u32,
+    /// Of an inner volume that is read forward: whole slices with their numbers, the last one last.
+    forward: Option<Mutex<VecDeque<(u32, Vec<u8>)>>>,
 }
 
 /// Sums over the samples of blocks.
@@ -39,11 +45,17 @@ impl<'a> Downsampled<'a> {
             placement: filter.placement(before.placement),
             ..before.clone()
         };
-        Ok(Downsampled {
+        Ok(Downsampled::around(inner, header, filter.factor()))
+    }
+
+    /// `header` is that of the means.
+    fn around(inner: Box<dyn Volume + 'a>, header: Header, factor: u32) -> Self {
+        Downsampled {
+            forward: (!inner.random_access()).then(Mutex::default),
             inner,
             header,
-            factor: filter.factor(),
-        })
+            factor,
+        }
     }
 
     /// Voxels of the blocks of a range.
@@ -51,11 +63,11 @@ impl<'a> Downsampled<'a> {
         blocks.start * self.factor..blocks.end * self.factor
     }
 
-    /// Rows of blocks of so many that are summed up together.
-    fn rows(&self, blocks: usize) -> usize {
+    /// Rows of blocks of so many that are read together, of `most`.
+    fn rows(&self, blocks: usize, most: usize) -> usize {
         let factor = self.factor as usize;
         let samples = factor * factor * self.header.dtype.bytes();
-        PIECE / (blocks * (samples + SUM))
+        (PIECE / (blocks * (samples + SUM))).clamp(1, most)
     }
 
     /// Means of the blocks of one slice of them, of rows `y`.
@@ -70,14 +82,20 @@ impl<'a> Downsampled<'a> {
             },
         };
         let row = x.len() * factor;
-        let mut samples = vec![T::zeroed(); row * y.len() * factor];
+        let rows = self.rows(x.len(), y.len());
+        let mut samples = vec![T::zeroed(); row * rows * factor];
         for slice in self.voxels(k..k + 1) {
-            let bytes = bytemuck::cast_slice_mut(&mut samples);
-            let [x_read, y_read] = [x.clone(), y.clone()].map(|blocks| self.voxels(blocks));
-            self.inner
-                .read_box(x_read, y_read, slice..slice + 1, bytes)?;
-            for (j, row) in samples.chunks_exact(row).enumerate() {
-                sums.add(j / factor * x.len(), row.chunks_exact(factor));
+            for top in y.clone().step_by(rows) {
+                let part = top..y.end.min(top + rows as u32);
+                let first = (top - y.start) as usize * x.len();
+                let samples = &mut samples[..part.len() * factor * row];
+                let [x_read, y_read] = [x.clone(), part].map(|blocks| self.voxels(blocks));
+                let bytes = bytemuck::cast_slice_mut(samples);
+                self.inner
+                    .read_box(x_read, y_read, slice..slice + 1, bytes)?;
+                for (j, row) in samples.chunks_exact(row).enumerate() {
+                    sums.add(first + j / factor * x.len(), row.chunks_exact(factor));
+                }
             }
         }
         let all = (factor * factor * factor) as f64;
@@ -90,6 +108,40 @@ impl<'a> Downsampled<'a> {
             out.copy_from_slice(bytemuck::bytes_of(&T::nearest(mean)));
         }
         Ok(())
+    }
+}
+
+impl Downsampled<'_> {
+    /// All means of a slice, which is made unless it is kept.
+    fn slice<'b>(&self, kept: &'b mut VecDeque<(u32, Vec<u8>)>, k: u32) -> Result<&'b [u8]> {
+        let at = match kept.iter().position(|(number, _)| *number == k) {
+            Some(at) => at,
+            None => {
+                let [nx, ny, _] = self.header.dims.0;
+                let mut means = match kept.len() < KEPT {
+                    true => Vec::new(),
+                    false => kept.pop_front().unwrap_or_default().1,
+                };
+                let bytes = self.header.dims.slice_voxels() as usize * self.header.dtype.bytes();
+                means.resize(bytes, 0);
+                with_voxel_type!(self.header.dtype, T => {
+                    self.means::<T>(&(0..nx), 0..ny, k, &mut means)
+                })?;
+                kept.push_back((k, means));
+                kept.len() - 1
+            }
+        };
+        Ok(&kept[at].1)
+    }
+
+    /// Copies a part of the means of a slice.
+    fn part_of(&self, slice: &[u8], [x, y]: [&Range<u32>; 2], out: &mut [u8]) {
+        let sample = self.header.dtype.bytes();
+        let whole = self.header.dims.0[0] as usize * sample;
+        let rows = slice.chunks_exact(whole).skip(y.start as usize);
+        for (row, out) in rows.zip(out.chunks_exact_mut(x.len() * sample)) {
+            out.copy_from_slice(&row[x.start as usize * sample..][..out.len()]);
+        }
     }
 }
 
@@ -119,7 +171,14 @@ impl Volume for Downsampled<'_> {
 
     fn fill_box(&self, x: Range<u32>, y: Range<u32>, z: Range<u32>, out: &mut [u8]) -> Result<()> {
         let row = x.len() * self.header.dtype.bytes();
-        let rows = self.rows(x.len()).clamp(1, y.len());
+        if let Some(forward) = &self.forward {
+            let mut kept = forward.lock().unwrap_or_else(PoisonError::into_inner);
+            for (k, out) in z.zip(out.chunks_exact_mut(row * y.len())) {
+                self.part_of(self.slice(&mut kept, k)?, [&x, &y], out);
+            }
+            return Ok(());
+        }
+        let rows = self.rows(x.len(), y.len());
         for (k, out) in z.zip(out.chunks_exact_mut(row * y.len())) {
             for (i, out) in out.chunks_mut(row * rows).enumerate() {
                 let top = y.start + (i * rows) as u32;
@@ -137,11 +196,7 @@ impl Volume for Downsampled<'_> {
     fn decoded_once(&self, dir: &Path) -> Result<Option<Box<dyn Volume + '_>>> {
         let once = self.inner.decoded_once(dir)?;
         Ok(once.map(|inner| -> Box<dyn Volume + '_> {
-            Box::new(Downsampled {
-                inner,
-                header: self.header.clone(),
-                factor: self.factor,
-            })
+            Box::new(Downsampled::around(inner, self.header.clone(), self.factor))
         }))
     }
 
@@ -158,7 +213,15 @@ impl Volume for Downsampled<'_> {
         let factor = u64::from(self.factor);
         let sample = self.header.dtype.bytes() as u64;
         let row = u64::from(self.header.dims.0[0]) * (factor * factor * sample + SUM as u64);
-        self.inner.held_bytes() + rayon::current_num_threads() as u64 * row.max(PIECE as u64)
+        let piece = row.max(PIECE as u64);
+        let own = match self.forward {
+            Some(_) => {
+                let means = (KEPT as u64 + 1) * sample + SUM as u64;
+                piece + self.header.dims.slice_voxels() * means
+            }
+            None => rayon::current_num_threads() as u64 * piece,
+        };
+        self.inner.held_bytes() + own
     }
 
     fn mapped_bytes(&self, z: Range<u32>) -> u64 {
