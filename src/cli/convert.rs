@@ -1,6 +1,6 @@
 //! `alvis convert`: a volume to a tile set.
 
-use super::args::{Common, InputOptions, input_help};
+use super::args::{Common, InputOptions, input_help, open_stamped};
 use super::form::FormArgs;
 use super::info;
 use super::parse::{self, CropArg, Threshold};
@@ -69,6 +69,9 @@ pub struct ConvertArgs {
     #[arg(long, value_name = "N", default_value_t = 0)]
     min_voxels: u64,
     /// Convert this box of voxels only; half-open, a missing bound is the volume's
+    ///
+    /// Voxels are those of the filtered volume. What filters read of voxels outside of the box still counts, so that a
+    /// crop is the same part of the whole.
     #[arg(long, value_name = "X0:X1,Y0:Y1,Z0:Z1", value_parser = parse::crop)]
     crop: Option<CropArg>,
     /// Unit of lengths in tables and in the measures that tiles carry: m, cm, mm, um or nm [default: the volume's]
@@ -97,8 +100,9 @@ impl ConvertArgs {
     /// Converts; `typed` is the command line that asks for it.
     pub fn run(self, typed: &[OsString]) -> Result<Outcome> {
         let console = self.common.start();
-        let (mut opened, stamp) = self.options.open_stamped(&self.input, &self.out)?;
+        let (mut opened, stamp) = open_stamped(&self.input, &self.options.options(), &self.out)?;
         opened.doubt_size()?;
+        let opened = self.options.filters.apply(opened)?;
         let dims = opened.volume.header().dims;
         let crop = self.crop.as_ref().map(|c| c.resolve(dims)).transpose()?;
         let form = self.form.form(Form::default());
@@ -122,6 +126,7 @@ impl ConvertArgs {
             source_part: opened.part.clone(),
             source_values: opened.values.clone(),
             source_scaled: opened.scaled,
+            source_filtered: opened.filtered.clone(),
             provenance: opened.provenance,
             ..ConvertOptions::default()
         };

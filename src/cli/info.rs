@@ -1,12 +1,12 @@
 //! `alvis info`: what a volume is, and what its surface would cost.
 
-use super::args::{Common, InputOptions, input_help};
+use super::args::{Common, InputOptions, input_help, open_stamped};
 use super::convert::from;
 use super::parse;
 use super::{Outcome, chart, info_tiles, output};
 use crate::convert::{ConvertOptions, predicted_memory};
 use crate::error::{Error, Result};
-use crate::grid::{Dims, Placement, Unit};
+use crate::grid::{Dims, Filter, Placement, Unit, filters_text};
 use crate::progress::Progress;
 use crate::volume::{
     Dtype, Endian, Header, Opened, Prediction, Statistics, Volume, Watch, Watched, predict,
@@ -58,6 +58,7 @@ struct Report {
     directions: [[f64; 3]; 3],
     provenance: crate::grid::Provenance,
     values: Option<String>,
+    filters: Vec<Filter>,
     notes: Vec<String>,
     warnings: Vec<String>,
     min: Option<f64>,
@@ -93,8 +94,10 @@ impl InfoArgs {
             return Ok(Outcome::Done);
         }
         let console = self.common.start();
-        let (mut opened, stamp) = self.options.open_stamped(&self.input, Path::new(""))?;
+        let (mut opened, stamp) =
+            open_stamped(&self.input, &self.options.options(), Path::new(""))?;
         opened.doubt_size()?;
+        let mut opened = self.options.filters.apply(opened)?;
         let watch = Watch::new(opened.volume.header(), opened.scaled);
         let found = statistics(&Watched::new(Box::new(&*opened.volume), &watch), &console)?;
         opened.warnings.extend(watch.kind().map(|k| k.warning()));
@@ -177,6 +180,10 @@ fn report(opened: &Opened, found: Statistics, predicted: Option<Predicted>) -> R
         directions: header.placement.directions,
         provenance: opened.provenance,
         values: opened.values.clone(),
+        filters: opened
+            .filtered
+            .as_ref()
+            .map_or_else(Vec::new, |f| f.filters.clone()),
         notes: opened.notes.clone(),
         warnings: opened.warnings.clone(),
         min: found.range.map(|r| r[0]),
@@ -215,13 +222,25 @@ pub fn spacing_text(placement: &Placement, opened: &Opened) -> String {
     format!("{} {unit} ({source})", output::times(*spacing))
 }
 
-/// What else is to be known of a volume, as rows: how values are made, notes and warnings.
+/// The filters that a volume has been through, and what it was before if that differs.
+fn filters_row(opened: &Opened) -> Option<(&'static str, String)> {
+    let before = opened.filtered.as_ref()?;
+    let header = opened.volume.header();
+    let mut text = filters_text(&before.filters);
+    if before.dims != header.dims || before.dtype != header.dtype {
+        text += &format!("; before: {} voxels, {}", before.dims, before.dtype);
+    }
+    Some(("filters", text))
+}
+
+/// What else is to be known of a volume, as rows: how values are made, filters, notes and warnings.
 pub fn remarks(opened: &Opened) -> Vec<(&'static str, String)> {
     let row = |name: &'static str| move |text: &String| (name, text.clone());
     let values = opened.values.iter().map(row("values"));
     let notes = opened.notes.iter().map(row("note"));
     let warnings = opened.warnings.iter().map(row("warning"));
-    values.chain(notes).chain(warnings).collect()
+    let filters = filters_row(opened).into_iter();
+    values.chain(filters).chain(notes).chain(warnings).collect()
 }
 
 fn text(opened: &Opened, found: &Statistics, predicted: Option<Predicted>) -> String {

@@ -9,6 +9,7 @@ mod chart;
 mod convert;
 mod demo;
 mod export;
+mod filters;
 mod form;
 mod generate;
 mod info;

@@ -1,5 +1,7 @@
 //! Values of options, from text. Messages say what was expected; the parser adds option and value.
 
+use super::filters::FilterArg;
+use crate::error::Error;
 use crate::error::Result;
 use crate::grid::{Crop, Dims, Unit};
 use bytesize::ByteSize;
@@ -72,6 +74,30 @@ pub fn bytes(text: &str) -> Result<u64, String> {
         .parse()
         .map_err(|_| "expected a number of bytes, as in 1GiB, 800MB or 1073741824".to_string())?;
     Ok(size.as_u64())
+}
+
+/// What a filter of this name takes; of a smoothing also a length, as in `20um`.
+pub fn filter(name: &'static str) -> impl Fn(&str) -> Result<FilterArg, String> + Clone {
+    move |text| {
+        let read = format!("{name} {text}").parse().map(FilterArg::Known);
+        read.or_else(|error: Error| match (length(text), error) {
+            (Some((length, unit)), _) if name == "smooth" => Ok(FilterArg::Smooth { length, unit }),
+            (_, Error::Usage { expected, .. }) if name == "smooth" => {
+                Err(format!("expected {expected}, or a length, as in 20um"))
+            }
+            (_, Error::Usage { expected, .. }) => Err(format!("expected {expected}")),
+            (_, other) => Err(other.to_string()),
+        })
+    }
+}
+
+/// A number above 0 with a unit of length behind it.
+fn length(text: &str) -> Option<(f64, Unit)> {
+    let unit = |c: char| c.is_alphabetic() && !"eE".contains(c);
+    let (number, unit) = text.split_at(text.find(unit)?);
+    let number = number.trim().parse().ok()?;
+    let unit = length_unit(unit).ok()?;
+    (f64::is_finite(number) && number > 0.0).then_some((number, unit))
 }
 
 /// A finite number.

@@ -1,9 +1,10 @@
 //! `alvis preview`: a slice of a volume as a picture.
 
-use super::args::{Common, InputOptions};
+use super::args::{Common, InputOptions, open_stamped};
 use super::parse::{self, Threshold};
 use super::{Outcome, info, output};
 use crate::error::{Error, Result};
+use crate::manifest::Manifest;
 use crate::preview::{Axis, PreviewOptions, preview};
 use crate::progress::Progress;
 use crate::transform::select::Map;
@@ -103,7 +104,12 @@ impl PreviewArgs {
         if !self.force && self.png.symlink_metadata().is_ok_and(|m| !m.is_dir()) {
             return Err(Error::FileExists { path: self.png });
         }
-        let (opened, input) = self.options.open_stamped(&self.input, Path::new(""))?;
+        let manifest = self.tiles.as_deref().map(Manifest::open).transpose()?;
+        let (opened, input) = open_stamped(&self.input, &self.options.options(), Path::new(""))?;
+        let opened = match &manifest {
+            Some(manifest) => self.options.filters.apply_as(manifest, opened, "--tiles")?,
+            None => self.options.filters.apply(opened)?,
+        };
         let threshold = match self.threshold {
             None => None,
             Some(Threshold::Value(t)) => Some(t),

@@ -72,6 +72,10 @@ impl Conversion<'_> {
     pub fn manifest(&self, totals: Totals) -> Manifest {
         let source = self.volume.header();
         let (options, plan) = (self.options, self.plan);
+        let (dims, dtype) = match &options.source_filtered {
+            Some(before) => (before.dims, before.dtype),
+            None => (source.dims, source.dtype),
+        };
         let placement = self.grid.header().placement;
         Manifest {
             format: FORMAT.into(),
@@ -83,8 +87,8 @@ impl Conversion<'_> {
             source: Source {
                 name: options.source_name.clone(),
                 format: source.format.into(),
-                dims: source.dims,
-                dtype: source.dtype,
+                dims,
+                dtype,
                 values: options.source_values.clone(),
                 endian: source.endian,
                 offset: options.source_offset,
@@ -92,6 +96,7 @@ impl Conversion<'_> {
                 part: options.source_part.clone(),
                 provenance: options.provenance,
             },
+            filters: options.filters(),
             grid: GridInfo {
                 dims: plan.tiling.dims,
                 macrocube: options.macrocube,

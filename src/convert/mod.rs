@@ -84,6 +84,7 @@ pub fn convert(
     let done = run(&job, out).map_err(|e| outward(e, out))?;
     Ok(ConvertReport {
         totals: done.made.totals,
+        filters: options.filters(),
         bytes_written: done.made.bytes,
         seconds: start.elapsed().as_secs_f64(),
         peak_rss_bytes: peak_rss_bytes(),

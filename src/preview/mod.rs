@@ -109,7 +109,8 @@ pub struct PreviewReport {
 /// Draws a slice of a volume and writes it as PNG. Memory: some 16 bytes per voxel of the slice, 3
 /// per pixel, and a tile.
 ///
-/// With a tile set, the slice is one of the grid that the tiles cover, and below regions of the slice
+/// With a tile set, the slice is one of the grid that the tiles cover, so the volume has to have been through the
+/// same filters, and below regions of the slice
 /// take the cell of the surface at their rim. A region without a rim in the slice, or whose surface
 /// is not in the tile set, stays grey. Cells that the volume's faces cut are hatched if they are coloured by a measure.
 ///
@@ -181,15 +182,14 @@ fn grid_of<'a>(
     volume: &'a dyn Volume,
     manifest: Option<&Manifest>,
 ) -> Result<Box<dyn Volume + 'a>> {
-    let Some(source) = manifest.map(|m| &m.source) else {
+    let Some(manifest) = manifest else {
         return Ok(Box::new(volume));
     };
+    let source = &manifest.source;
     let found = volume.header().dims;
-    if found != source.dims {
-        let expected = format!(
-            "the volume of {} that the tiles were made from",
-            source.dims
-        );
+    let whole = manifest.filtered_dims()?;
+    if found != whole {
+        let expected = format!("the volume of {whole} that the tiles were made from");
         return Err(Error::usage(
             "--tiles",
             format!("a volume of {found}"),

@@ -5,7 +5,7 @@ use super::code::Code;
 use super::files::{self, Expected};
 use super::report::Issues;
 use crate::error::{Error, Result};
-use crate::grid::{Dims, LATTICE, Tiling};
+use crate::grid::{Dims, LATTICE, Tiling, check_filters};
 use crate::manifest::{FORMAT, FORMAT_VERSION, Layer, Manifest, TileEntry};
 use crate::manifest::{ShardFault, ShardText, ShardTiles};
 use crate::manifest::{manifest_file, own_checksum};
@@ -123,7 +123,10 @@ fn check(m: &Manifest, issues: &mut Issues) -> bool {
     if !check_placement(m, &mut wrong) {
         return false;
     }
-    check_crop(m, &mut wrong);
+    match check_filters(&m.filters) {
+        Ok(()) => check_crop(m, &mut wrong),
+        Err(e) => wrong("filters", e.to_string()),
+    }
     check_counts(m, &mut wrong);
     let rising = m.layers.windows(2).all(|w| w[0].z < w[1].z);
     let [_, _, nz] = tiling(m).tiles();
@@ -190,9 +193,13 @@ fn check_placement(m: &Manifest, wrong: &mut impl FnMut(&str, String)) -> bool {
 }
 
 fn check_crop(m: &Manifest, wrong: &mut impl FnMut(&str, String)) {
+    let whole = match m.filtered_dims() {
+        Ok(whole) => whole,
+        Err(e) => return wrong("filters", e.to_string()),
+    };
     let dims = match &m.source.crop {
-        None => Ok(m.source.dims),
-        Some(crop) => crop.dims_in(m.source.dims),
+        None => Ok(whole),
+        Some(crop) => crop.dims_in(whole),
     };
     match dims {
         Ok(dims) if dims == m.grid.dims => {}

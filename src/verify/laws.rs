@@ -251,7 +251,7 @@ fn sums_of_volume(manifest: &Manifest, found: &Found) -> Vec<Total> {
     } else {
         // by the tiles alone there is a limit only
         let below = manifest.grid.dims.voxels().saturating_sub(t.voxels_above);
-        let most = match manifest.source.dtype.is_float() {
+        let most = match manifest.filtered_dtype().is_float() {
             true => below,
             false => 0,
         };

@@ -78,6 +78,7 @@ pub fn open(path: &Path, options: &OpenOptions) -> Result<Opened> {
             }
             None => volume(header, recipe, options.io)?,
         },
+        filtered: None,
         provenance,
         name: file_name(path),
         offset,
