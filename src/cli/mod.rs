@@ -22,6 +22,7 @@ mod repack;
 mod select;
 mod sigbus;
 mod stop;
+mod threshold;
 mod verify;
 
 use crate::error::Result;
