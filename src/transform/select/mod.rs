@@ -63,9 +63,9 @@ pub struct SelectReport {
 /// bytes per cell, and a tile per thread.
 ///
 /// # Errors
-/// [`Error::Usage`] for conditions and colours that cannot be, or if both directories are the same;
-/// [`Error::OutputExists`]; [`Error::Format`] if the tile set is damaged; [`Error::Io`];
-/// [`Error::Interrupted`]. Nothing is left under a final name then.
+/// [`crate::Error::Usage`] for conditions and colours that cannot be, or if both directories are the same;
+/// [`crate::Error::OutputExists`]; [`crate::Error::Format`] if the tile set is damaged; [`crate::Error::Io`];
+/// [`crate::Error::Interrupted`]. Nothing is left under a final name then.
 pub fn select(
     from: &Path,
     to: &Path,
