@@ -12,7 +12,7 @@ use super::{
     open, spool,
 };
 use crate::error::Error;
-use crate::grid::{Crop, Dims, Placement};
+use crate::grid::{Crop, Dims, Filter, Placement, filtered_dims, filtered_dtype};
 use proptest::prelude::*;
 use std::ops::Range;
 use std::path::{Path, PathBuf};
@@ -403,6 +403,72 @@ fn filtered_volumes_hand_out_any_box() {
             conforms_in_sweeps(&medians, &format!("{name}, medians {radius}"));
             let both = Smoothed::new(Box::new(medians), 0.5).unwrap();
             conforms_in_sweeps(&both, &format!("{name}, medians {radius} smoothed"));
+        }
+    }
+}
+
+/// A compressed stream of samples of i16 as a volume, with the directory that it lies in.
+fn packed(samples: &[u8], dims: [u32; 3]) -> (tempfile::TempDir, Box<dyn Volume>) {
+    let dir = tempfile::tempdir().unwrap();
+    let path = dir.path().join("v.raw.gz");
+    let file = std::fs::File::create(&path).unwrap();
+    let mut encoder = flate2::write::GzEncoder::new(file, Default::default());
+    std::io::Write::write_all(&mut encoder, samples).unwrap();
+    encoder.finish().unwrap();
+    let options = OpenOptions {
+        dims: Some(dims.map(u64::from)),
+        dtype: Some(Dtype::I16),
+        endian: Some(super::Endian::NATIVE),
+        ..OpenOptions::default()
+    };
+    (dir, open(&path, &options).unwrap().volume)
+}
+
+/// Filters that are put around volumes, one for each that there is at least.
+const FILTERS: [&str; 8] = [
+    "invert",
+    "clamp 20,300",
+    "downsample 2",
+    "downsample 3",
+    "smooth 0.7",
+    "smooth 2,0.5,0",
+    "median 1",
+    "clamp -1e9,1e9",
+];
+
+/// Puts filters around a volume and checks that the header is as they say.
+fn filtered<'a>(volume: &'a dyn Volume, list: &[Filter]) -> Box<dyn Volume + 'a> {
+    let inner: Box<dyn Volume + 'a> = Box::new(volume);
+    let put = |inner, f: &Filter| super::filtered(f, inner).unwrap();
+    let made = list.iter().fold(inner, put);
+    let (before, after) = (volume.header(), made.header());
+    assert_eq!(after.dims, filtered_dims(before.dims, list).unwrap());
+    assert_eq!(after.dtype, filtered_dtype(before.dtype, list));
+    let place = list.iter().fold(before.placement, |p, f| f.placement(p));
+    assert_eq!(after.placement, place);
+    made
+}
+
+#[test]
+fn every_filter_hands_out_any_box() {
+    let all: Vec<Filter> = FILTERS.iter().map(|text| text.parse().unwrap()).collect();
+    let twice = [all[2], all[4], all[6]];
+    let lists = all.iter().map(std::slice::from_ref).chain([&twice[..]]);
+    let dims = [9, 8, 7];
+    let whole = values(dims, |[x, y, z]| (x + 10 * y + 100 * z) as i16);
+    let whole = MemoryVolume::new(Dims(dims), Placement::default(), whole).unwrap();
+    let of_floats = values(dims, |[x, y, z]| match (x + y + z) % 5 {
+        0 => f32::NAN,
+        _ => (x * y) as f32 - 0.7 * z as f32,
+    });
+    let floats = MemoryVolume::new(Dims(dims), Placement::default(), of_floats).unwrap();
+    let (pages, _) = counting(dims, &[(4, 3, true), (2, 5, false)]);
+    let stream = packed(bytes(whole.samples()), dims);
+    assert!(!stream.1.random_access());
+    for list in lists {
+        for volume in [&whole as &dyn Volume, &floats, &pages, &*stream.1] {
+            let name = format!("{list:?} of {}", volume.header().dtype);
+            conforms_in_sweeps(&*filtered(volume, list), &name);
         }
     }
 }

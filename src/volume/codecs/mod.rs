@@ -2,5 +2,4 @@
 
 #[cfg(any(feature = "hdf5", feature = "zarr"))]
 pub(crate) mod blosc;
-pub(crate) mod half;
 pub(crate) mod zstd;

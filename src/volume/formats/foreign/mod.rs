@@ -53,11 +53,11 @@ pub(crate) fn way_of(name: &str) -> &'static str {
 pub(crate) fn refuse(path: &Path, head: &[u8], formats: &'static [Format]) -> Result<()> {
     if let Some(inside) = unpacked(path, head, formats)? {
         let what = format!("{inside} packed by gzip");
-        return Err(Error::unsupported(
-            path,
-            what,
-            "unpack it, as with `gunzip -k`",
-        ));
+        let way = match inside {
+            "tar" => "unpack it, as with `tar -xf`, and give the file or folder that is in it",
+            _ => "unpack it, as with `gunzip -k`",
+        };
+        return Err(Error::unsupported(path, what, way));
     }
     if head.is_empty() {
         return Err(Error::format(path, "an empty file", "a volume")

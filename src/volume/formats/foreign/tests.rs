@@ -99,10 +99,8 @@ fn analyze() -> Vec<u8> {
     head
 }
 
-#[test]
-fn the_options_in_a_message_read_the_samples() {
-    let dir = tempfile::tempdir().unwrap();
-    let at = dir.path();
+/// One volume in formats that have a header of their own in front of the samples or beside them.
+fn put_with_headers(at: &Path) {
     put(at, "a.mrc", &[&mrc(), &samples(false)]);
     put(at, "a.isq", &[&isq(), &samples(false)]);
     put(at, "a.hdr", &[&analyze()]);
@@ -117,6 +115,10 @@ fn the_options_in_a_message_read_the_samples() {
     let vtk = "# vtk DataFile Version 3.0\nx\nBINARY\nDATASET STRUCTURED_POINTS\nDIMENSIONS 29 21 13\nSPACING 1 1 \
                1\nCELL_DATA 6720\nSCALARS d unsigned_short 1\nLOOKUP_TABLE default\n";
     put(at, "cells.vtk", &[vtk.as_bytes(), &samples(true)]);
+}
+
+/// The same volume as raw samples, with what scanners and programs write beside them.
+fn put_raw_with_notes(at: &Path) {
     put(at, "foam.vol", &[&samples(false)]);
     let vgi = "{volume1}\n[representation]\nsize = 28 20 12\ndatatype = unsigned integer\nbitsperelement = \
                16\n[file1]\nSkipHeader = 0\nFileFormat = raw\nName = C:\\scans\\foam.vol\n[geometry]\nresolution = \
@@ -140,6 +142,14 @@ fn the_options_in_a_message_read_the_samples() {
     put(at, "a.edf", &[edf.as_bytes(), &samples(true)]);
     put(at, "scan_28x20x12_16bit.raw", &[&samples(false)]);
     put(at, "test.28x20x12.raw", &[&samples(false)]);
+}
+
+#[test]
+fn the_options_in_a_message_read_the_samples() {
+    let dir = tempfile::tempdir().unwrap();
+    let at = dir.path();
+    put_with_headers(at);
+    put_raw_with_notes(at);
     for (name, spacing) in [
         ("a.mrc", [0.1, 0.1, 0.5]),
         ("a.isq", [100.0, 100.0, 500.0]),
@@ -272,6 +282,15 @@ fn what_is_packed_by_gzip_is_named() {
         let said = message(dir.path(), name);
         assert!(said.contains(what) && said.contains("unpack it"), "{said}");
     }
+    // gunzip alone leaves a tar, which is not read either; this one is told by its content
+    pack("v.tgz", &[&[b'x'; 257][..], b"ustar", &[0; 300]].concat());
+    for name in ["v.tar.gz", "v.tgz"] {
+        let said = message(dir.path(), name);
+        assert!(
+            said.contains("`tar -xf`") && !said.contains("gunzip"),
+            "{said}"
+        );
+    }
     pack("v.raw.gz", &[7; 100]);
     assert!(message(dir.path(), "v.raw.gz").contains("--dims and --dtype"));
 }
@@ -289,6 +308,15 @@ fn folders_say_which_file_to_give() {
         said.contains("a folder of 2 volumes") && said.contains("w.nrrd"),
         "{said}"
     );
+    let nested = at.join("nested");
+    std::fs::create_dir_all(nested.join("scan.zarr")).unwrap();
+    put(&nested.join("scan.zarr"), "zarr.json", &[b"{}"]);
+    std::fs::create_dir(nested.join("notes")).unwrap();
+    let said = message(at, "nested");
+    assert!(
+        said.contains("a folder that holds one volume") && said.contains("scan.zarr"),
+        "{said}"
+    );
     let slices = at.join("slices");
     std::fs::create_dir(&slices).unwrap();
     let bmp: &[u8] = &[b"BM", &[0; 12][..], &[40, 0, 0, 0], &[0; 20]].concat();
@@ -303,6 +331,21 @@ fn folders_say_which_file_to_give() {
     let said = message(at, "slices");
     assert!(
         said.contains("BMP") && said.contains("PNG or TIFF"),
+        "{said}"
+    );
+}
+
+#[test]
+fn whole_numbers_of_64_bits_in_vtk_have_a_way() {
+    let dir = tempfile::tempdir().unwrap();
+    let text = "<VTKFile type=\"ImageData\" byte_order=\"LittleEndian\"><ImageData WholeExtent=\"0 1 0 1 0 1\" \
+                Origin=\"0 0 0\" Spacing=\"1 1 1\"><Piece Extent=\"0 1 0 1 0 1\"><PointData Scalars=\"v\"><DataArray \
+                type=\"Int64\" Name=\"v\" format=\"ascii\">1 2 3 4 5 6 7 8</DataArray></PointData></Piece></ImageData>\
+                </VTKFile>";
+    put(dir.path(), "v.vti", &[text.as_bytes()]);
+    let said = message(dir.path(), "v.vti");
+    assert!(
+        said.contains("of type Int64 is not supported: save it as Int32"),
         "{said}"
     );
 }

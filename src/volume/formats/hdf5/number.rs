@@ -1,7 +1,7 @@
 //! Numbers as HDF5 stores them: of any width, with bits that do not belong to them, or with a point.
 
 use crate::volume::Dtype;
-use crate::volume::codecs::half;
+use half::f16;
 use hdf5_reader::error::Error as H5Error;
 use hdf5_reader::{ByteOrder, Datatype, H5Type, VarLenKind};
 
@@ -97,7 +97,7 @@ impl Number {
         else {
             let half = u16::from_ne_bytes([element[0], element[1]]);
             match self.kind {
-                Kind::Half => out.copy_from_slice(&half::to_f32(half).to_ne_bytes()),
+                Kind::Half => out.copy_from_slice(&f16::from_bits(half).to_f32().to_ne_bytes()),
                 Kind::Brain => {
                     let value = f32::from_bits(u32::from(half) << 16);
                     out.copy_from_slice(&value.to_ne_bytes());

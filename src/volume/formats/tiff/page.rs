@@ -2,12 +2,12 @@
 
 use crate::error::{Error, Result};
 use crate::grid::MAX_DIM;
-use crate::volume::codecs::half;
 use crate::volume::formats::tiff::codec::{self, Compression, Predictor};
 use crate::volume::formats::tiff::ifd::Directory;
 use crate::volume::io::blob::Bytes;
 use crate::volume::io::paged::{Cut, MAX_CHUNK, Page};
 use crate::volume::{Dtype, Endian};
+use half::f16;
 use std::ops::Range;
 
 /// A page of one number per pixel.
@@ -345,7 +345,9 @@ impl TiffPage {
         let done = read(&mut stored)?;
         let samples = stored.as_chunks::<2>().0.iter();
         for (out, from) in out.as_chunks_mut::<4>().0.iter_mut().zip(samples) {
-            *out = half::to_f32(u16::from_ne_bytes(*from)).to_ne_bytes();
+            *out = f16::from_bits(u16::from_ne_bytes(*from))
+                .to_f32()
+                .to_ne_bytes();
         }
         Ok(done)
     }

@@ -2,10 +2,10 @@
 
 use crate::error::Result;
 use crate::grid::Dims;
-use crate::volume::codecs::half;
 use crate::volume::formats::zarr::files::{Cursor, Files};
 use crate::volume::io::chunked::{Chunks, grouped};
 use crate::volume::{Dtype, Endian};
+use half::f16;
 use std::ops::Range;
 
 /// The chunks of a volume, several small ones at a time.
@@ -170,7 +170,7 @@ impl ZarrChunks {
             if sample == size {
                 out.copy_from_slice(from);
             } else {
-                let value = half::to_f32(u16::from_ne_bytes([from[0], from[1]]));
+                let value = f16::from_bits(u16::from_ne_bytes([from[0], from[1]])).to_f32();
                 out.copy_from_slice(&value.to_ne_bytes());
             }
         }

@@ -1,7 +1,7 @@
 //! Types of stored numbers, as Zarr and NumPy name them.
 
-use crate::volume::codecs::half;
 use crate::volume::{Dtype, Endian};
+use half::f16;
 
 /// Integers with or without a sign, or floating-point numbers.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -103,7 +103,7 @@ impl Kind {
         match (self.class, self.size) {
             (Class::Signed, _) => bits as f64,
             (Class::Unsigned, _) => bits as u64 as f64,
-            (Class::Float, 2) => half::to_f32(bits as u16).into(),
+            (Class::Float, 2) => f16::from_bits(bits as u16).to_f32().into(),
             (Class::Float, 4) => f32::from_bits(bits as u32).into(),
             (Class::Float, _) => f64::from_bits(bits as u64),
         }
