@@ -2,11 +2,12 @@
 
 use crate::error::Result;
 use crate::grid::Filter;
+use crate::sys::locks::lock;
 use crate::volume::{Header, Volume, Voxel, with_voxel_type};
 use std::collections::VecDeque;
 use std::ops::Range;
 use std::path::Path;
-use std::sync::{Mutex, PoisonError};
+use std::sync::Mutex;
 
 /// Bytes that a thread holds, unless a row of blocks takes more.
 const PIECE: usize = 1 << 20;
@@ -24,8 +25,11 @@ pub(crate) struct Downsampled<'a> {
     header: Header,
     factor: u32,
     /// Of an inner volume that is read forward: whole slices with their numbers, the last one last.
-    forward: Option<Mutex<VecDeque<(u32, Vec<u8>)>>>,
+    forward: Option<Mutex<Slices>>,
 }
+
+/// Slices by their numbers.
+type Slices = VecDeque<(u32, Vec<u8>)>;
 
 /// Sums over the samples of blocks.
 struct Sums {
@@ -172,7 +176,7 @@ impl Volume for Downsampled<'_> {
     fn fill_box(&self, x: Range<u32>, y: Range<u32>, z: Range<u32>, out: &mut [u8]) -> Result<()> {
         let row = x.len() * self.header.dtype.bytes();
         if let Some(forward) = &self.forward {
-            let mut kept = forward.lock().unwrap_or_else(PoisonError::into_inner);
+            let mut kept = lock(forward);
             for (k, out) in z.zip(out.chunks_exact_mut(row * y.len())) {
                 self.part_of(self.slice(&mut kept, k)?, [&x, &y], out);
             }

@@ -5,10 +5,11 @@
 //! forward, whole slices are kept from box to box instead.
 
 use crate::error::Result;
+use crate::sys::locks::lock;
 use crate::volume::{Dtype, Header, Volume};
 use std::ops::Range;
 use std::path::Path;
-use std::sync::{Mutex, MutexGuard, PoisonError};
+use std::sync::Mutex;
 
 /// Bytes of slices that a thread keeps of a strip, so that they stay in a near cache.
 const NEAR: u64 = 1 << 20;
@@ -174,11 +175,6 @@ impl<'a, F: Neighbourhood> Filtered<'a, F> {
         let kept = self.filter.rows_kept(rows) * self.row_bytes(nx as usize).most;
         slots as u64 * kept + read + passing
     }
-}
-
-fn lock(forward: &Mutex<Option<Rolling>>) -> MutexGuard<'_, Option<Rolling>> {
-    // a slice that a thread failed to take is in no slot
-    forward.lock().unwrap_or_else(PoisonError::into_inner)
 }
 
 impl<F: Neighbourhood> Volume for Filtered<'_, F> {

@@ -411,7 +411,7 @@ mod tests {
                     sum / n
                 };
                 let (low, high) = (mean(false), mean(true));
-                if low == 0.0 { t } else { centre + (low - high) / (low.ln() - high.ln()) }
+                if low == 0.0 { t } else { centre + (low - high) / (libm::log(low) - libm::log(high)) }
             };
             let voxels = counts.iter().sum();
             let levels = exact(counts.clone());
