@@ -3,8 +3,10 @@
 //!
 //! ```sh
 //! cargo run --release --example dump_voxels -- INPUT [dims=X,Y,Z dtype=u16] [series=NAME] [resample] > samples.raw
+//! cargo run --release --example dump_voxels -- INPUT "filter=clamp 10,200" "filter=downsample 2" > samples.raw
 //! ```
 
+use alvis::grid::Filter;
 use alvis::volume::{OpenOptions, open};
 use std::io::Write;
 use std::path::Path;
@@ -12,9 +14,10 @@ use std::path::Path;
 /// What can go wrong.
 pub type Result<T> = std::result::Result<T, Box<dyn std::error::Error>>;
 
-/// Options from words such as `dtype=u16`.
-fn options(words: &[String]) -> Result<OpenOptions> {
+/// Options and filters from words such as `dtype=u16`.
+fn options(words: &[String]) -> Result<(OpenOptions, Vec<Filter>)> {
     let mut options = OpenOptions::default();
+    let mut filters = Vec::new();
     for word in words {
         let (key, value) = word.split_once('=').unwrap_or((word, ""));
         match key {
@@ -34,15 +37,18 @@ fn options(words: &[String]) -> Result<OpenOptions> {
             "channel" => options.channel = Some(value.parse()?),
             "time" => options.time = Some(value.parse()?),
             "resample" => options.resample = true,
+            "filter" => filters.push(value.parse()?),
             _ => return Err(format!("an option {word}").into()),
         }
     }
-    Ok(options)
+    Ok((options, filters))
 }
 
 /// Writes the samples of the volume at `path` slice by slice; returns what its header says.
 pub fn run(path: &Path, words: &[String], out: &mut impl Write) -> Result<String> {
-    let volume = open(path, &options(words)?)?.volume;
+    let (options, filters) = options(words)?;
+    let opened = open(path, &options)?;
+    let volume = opened.filter(&filters)?.volume;
     let header = volume.header();
     let [nx, ny, nz] = header.dims.0;
     let mut slice = vec![0; header.dims.slice_voxels() as usize * header.dtype.bytes()];

@@ -5,6 +5,15 @@ use std::path::{Path, PathBuf};
 /// Shorthand for results of this crate.
 pub type Result<T, E = Error> = std::result::Result<T, E>;
 
+/// Memory that is used for one purpose.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct MemoryUse {
+    /// What uses it: `bands of voxels`.
+    pub by: &'static str,
+    /// Bytes.
+    pub bytes: u64,
+}
+
 /// What can go wrong while reading a volume, converting it or reading tiles back.
 ///
 /// The findings of the verifier are not errors: they are [`crate::verify::Issue`]s.
@@ -73,15 +82,17 @@ pub enum Error {
     /// cannot be kept.
     #[error(
         "--memory: the volume is denser than planned: {} is too little, at least {} is \
-         needed: raise the limit beyond that, since what follows may be denser still, or use \
+         needed{}: raise the limit beyond that, since what follows may be denser still, or use \
          smaller --macrocubes or a smoother volume",
-        mib(*limit, f64::floor), mib(*needed, f64::ceil)
+        mib(*limit, f64::floor), mib(*needed, f64::ceil), listed(.uses)
     )]
     TooDense {
         /// The limit that was asked for, in bytes.
         limit: u64,
         /// A lower bound of what is needed, in bytes.
         needed: u64,
+        /// What it is needed for.
+        uses: Vec<MemoryUse>,
     },
     /// The output directory holds something already.
     #[error("{}: the directory is not empty: give --force to replace the tile set in it, or another directory", path.display())]
@@ -171,6 +182,21 @@ fn mib(bytes: u64, round: fn(f64) -> f64) -> String {
     match bytes >> 20 {
         0 => format!("{bytes} bytes"),
         _ => format!("{}MiB", round(bytes as f64 / f64::from(1 << 20))),
+    }
+}
+
+/// The uses of memory, the largest first; nothing of those that are far smaller than others.
+fn listed(uses: &[MemoryUse]) -> String {
+    let all: u64 = uses
+        .iter()
+        .map(|each| each.bytes)
+        .fold(0, u64::saturating_add);
+    let mut uses: Vec<_> = uses.iter().filter(|each| each.bytes > all / 100).collect();
+    uses.sort_by_key(|each| std::cmp::Reverse(each.bytes));
+    let each = |each: &&MemoryUse| format!("{} for {}", mib(each.bytes, f64::round), each.by);
+    match &uses.iter().map(each).collect::<Vec<_>>()[..] {
+        [] => String::new(),
+        listed => format!(" ({})", listed.join(", ")),
     }
 }
 

@@ -108,8 +108,8 @@ impl Kernels {
             let rule = Ambiguous::Separate;
             let old = std::mem::take(&mut band.labels.of_run);
             let (of_run, count) = label_runs(&band.bits, &band.runs, rule, old);
-            let grid = (self.tiling.dims, &Placement::default());
-            band.labels = sum_voxels(&band.bits, of_run, count, grid);
+            let (dims, place) = (self.tiling.dims, Placement::default());
+            band.labels = sum_voxels(&band.bits, of_run, count, dims, &place);
             components += count;
         }
         components

@@ -151,6 +151,7 @@
 
 mod checkpoint;
 pub mod cli;
+pub mod compare;
 pub mod convert;
 pub mod error;
 pub mod export;
@@ -175,5 +176,6 @@ pub mod transform;
 pub mod verify;
 pub mod view;
 pub mod volume;
+mod words;
 
 pub use error::{Error, Result};

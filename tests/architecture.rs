@@ -2,7 +2,7 @@
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::fs;
-use std::path::Path;
+use std::path::{Path, PathBuf};
 
 /// What a folder or a file at the top of `src` imports from others.
 type Imports = BTreeMap<String, BTreeSet<String>>;
@@ -173,6 +173,42 @@ fn the_verifier_shares_nothing_with_what_it_verifies() {
         .filter(|m| imports()["verify"].contains(*m))
         .collect();
     assert!(shared.is_empty(), "verify imports {shared:?}");
+}
+
+/// The files of code in a folder and in those below it.
+fn sources(dir: &Path) -> Vec<PathBuf> {
+    let entries = fs::read_dir(dir)
+        .unwrap()
+        .map(|entry| entry.unwrap().path());
+    let files = entries.flat_map(|path| match path.is_dir() {
+        true => sources(&path),
+        false => vec![path],
+    });
+    let is_code = |path: &PathBuf| path.extension().is_some_and(|e| e == "rs");
+    files.filter(is_code).collect()
+}
+
+/// All else asks the codec of an encoding.
+#[test]
+fn encodings_of_tiles_are_named_by_their_type_their_options_and_their_codecs() {
+    let form = Path::new("src/manifest/form.rs");
+    let text = code(form);
+    let arms = text.split("pub enum Encoding {").nth(1).unwrap();
+    let arms = arms.split('}').next().unwrap().split(',');
+    let names = arms.filter_map(|arm| arm.split_whitespace().last());
+    let names: Vec<String> = names.map(|name| format!("Encoding::{name}")).collect();
+    assert!(
+        names.contains(&"Encoding::Meshopt".to_string()),
+        "{names:?}"
+    );
+    let own = |path: &PathBuf| {
+        path == form || path.ends_with("cli/form.rs") || path.starts_with("src/tile/codec")
+    };
+    for path in sources(Path::new("src")).iter().filter(|path| !own(path)) {
+        let code = code(path);
+        let named: Vec<&String> = names.iter().filter(|name| code.contains(*name)).collect();
+        assert!(named.is_empty(), "{} names {named:?}", path.display());
+    }
 }
 
 #[test]

@@ -59,7 +59,7 @@ fn converted_within<T: Voxel>(
             Ok(_) => return files(dir.path()),
             Err(
                 alvis::Error::Memory { limit, needed, .. }
-                | alvis::Error::TooDense { limit, needed },
+                | alvis::Error::TooDense { limit, needed, .. },
             ) => {
                 assert!(
                     limit == options.memory && needed > limit,

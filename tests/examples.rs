@@ -50,6 +50,16 @@ fn samples_are_written_as_they_are() {
     let said = dump_voxels::run(&path, &words, &mut out).unwrap();
     assert_eq!((out, said.as_str()), (bytes, "3 x 4 x 2 of u16, raw"));
     assert!(dump_voxels::run(&path, &[], &mut Vec::new()).is_err());
+    let words = [
+        "dims=4,4,3",
+        "dtype=u8",
+        "filter=clamp 10,40",
+        "filter=invert",
+    ]
+    .map(String::from);
+    let mut out = Vec::new();
+    dump_voxels::run(&path, &words, &mut out).unwrap();
+    assert_eq!([out[0], out[10], out[11], out[47]], [245, 245, 244, 215]);
 }
 
 #[test]

@@ -99,6 +99,39 @@ fn a_volume_larger_than_the_limit_stays_inside_it() {
     assert_eq!(report(dir.path(), Some(limit), &against)["ok"], true);
 }
 
+/// What filters keep is counted, so the smallest limit that is named works, however far they read.
+#[test]
+fn filters_stay_inside_the_limit() {
+    let dir = on_disk();
+    lattice(&dir.path().join("a.raw"), [1024, 768, 96], 0);
+    for filters in FILTERS {
+        let args = |memory| {
+            let mut args = convert("a.raw", "out", "1024,768,96", memory);
+            args.extend(filters.split(' ').chain(["--force"]));
+            args
+        };
+        let smallest = named_limit(dir.path(), &args("1MiB"));
+        assert!(smallest < 96 * MIB, "{filters}: {smallest}");
+        let memory = smallest.to_string();
+        let made = report(dir.path(), Some(smallest), &args(&memory));
+        assert!(
+            made["peak_rss_bytes"].as_u64().unwrap() <= smallest,
+            "{made}"
+        );
+        assert!(made["cells"].as_u64().unwrap() >= 24, "{made}");
+        let against = [&VERIFY[..], &["--against", "a.raw"]].concat();
+        assert_eq!(report(dir.path(), None, &against)["ok"], true, "{filters}");
+    }
+}
+
+const FILTERS: [&str; 5] = [
+    "--smooth 1",
+    "--median 1 --downsample 2",
+    "--clamp 25000,40000 --invert",
+    "--downsample 2",
+    "--invert --downsample 5",
+];
+
 /// Tiles are encoded while others are made.
 #[test]
 fn tiles_for_the_web_stay_inside_the_limit() {

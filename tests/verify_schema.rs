@@ -1,6 +1,6 @@
 //! The JSON Schemas against values of the Rust types, and against values that must not pass.
 
-use alvis::grid::{Ambiguous, Crop, Dims, Part, Placement, Provenance, Unit};
+use alvis::grid::{Ambiguous, Crop, Dims, Filter, Part, Placement, Provenance, Unit};
 use alvis::manifest::{
     Bounds, ColourBy, Encoding, FORMAT, FORMAT_VERSION, Generator, GridInfo, Group, Layer, Layout,
     Manifest, Paint, Primitives, Selection, Shard, Source, TableChecksums, Tables, TileEntry,
@@ -57,6 +57,13 @@ fn manifest() -> Manifest {
             },
             provenance: Provenance::default(),
         },
+        filters: vec![
+            Filter::Invert {},
+            Filter::Clamp {
+                low: -0.5,
+                high: 1e4,
+            },
+        ],
         grid: GridInfo {
             dims: Dims([300, 200, 80]),
             macrocube: [64; 3],
@@ -210,6 +217,20 @@ fn broken_values_do_not_pass() {
         ("manifest", "/layers/0/path", json!("index/../z0000.json")),
         ("manifest", "/totals/volume6", json!(12)),
         ("manifest", "/grid/dims", json!([1, 2, 3])),
+        ("manifest", "/filters", json!([])),
+        ("manifest", "/filters/0/name", json!("sharpen")),
+        ("manifest", "/filters/0/name", json!("clamp")),
+        ("manifest", "/filters/1/name", json!("invert")),
+        (
+            "manifest",
+            "/filters/1",
+            json!({"name": "downsample", "factor": 1}),
+        ),
+        (
+            "manifest",
+            "/filters/1",
+            json!({"name": "downsample", "low": 2}),
+        ),
         ("shard", "/tiles/0/path", json!("tiles/../../x.glb")),
         ("shard", "/tiles/0/checksum", json!("crc32:0")),
         ("shard", "/tiles/0/box/min/0", json!(0.3)),

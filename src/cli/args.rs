@@ -1,5 +1,6 @@
 //! Groups of options that several commands share.
 
+use super::filters::FilterArgs;
 use super::parse;
 use super::progress::Console;
 use crate::error::{Error, Result};
@@ -117,6 +118,8 @@ pub struct InputOptions {
     /// How the file is read
     #[arg(long, value_name = "WAY", default_value = "read")]
     pub io: IoArg,
+    #[command(flatten)]
+    pub filters: FilterArgs,
 }
 
 impl InputOptions {
@@ -146,23 +149,6 @@ impl InputOptions {
         }
     }
 
-    /// Opens the volume at `path`.
-    pub fn open(&self, path: &Path) -> Result<Opened> {
-        if let IoArg::Mmap = self.io {
-            super::sigbus::guard(path);
-        }
-        volume::open(path, &self.options())
-    }
-
-    /// Opens the volume at `path`, with what tells any change to it from then on. What lies in the directory `out`
-    /// is no part of it.
-    pub fn open_stamped(&self, path: &Path, out: &Path) -> Result<(Opened, Stamp)> {
-        let before = Before::of(path, out);
-        let opened = self.open(path)?;
-        let stamp = volume::stamp(&before, &opened)?;
-        Ok((opened, stamp))
-    }
-
     /// Refuses the options if there is no input that they could describe.
     pub fn refuse_without_volume(&self, input: &str) -> Result<()> {
         let given = [
@@ -179,8 +165,11 @@ impl InputOptions {
             ("--channel", self.channel.is_some()),
             ("--time", self.time.is_some()),
         ];
-        match given.into_iter().find(|(_, given)| *given) {
-            Some((option, _)) => Err(Error::usage(
+        let given = given.into_iter().filter(|(_, given)| *given);
+        let filters = self.filters.names().map(|name| format!("--{name}"));
+        let mut given = given.map(|(option, _)| option.to_owned()).chain(filters);
+        match given.next() {
+            Some(option) => Err(Error::usage(
                 option,
                 "it without a volume",
                 format!("it together with {input}"),
@@ -188,4 +177,16 @@ impl InputOptions {
             None => Ok(()),
         }
     }
+}
+
+/// Opens the volume at `path`, with what tells any change to it from then on. What lies in the directory `out` is no
+/// part of it.
+pub fn open_stamped(path: &Path, options: &OpenOptions, out: &Path) -> Result<(Opened, Stamp)> {
+    if options.io == Io::Mmap {
+        super::sigbus::guard(path);
+    }
+    let before = Before::of(path, out);
+    let opened = volume::open(path, options)?;
+    let stamp = volume::stamp(&before, &opened)?;
+    Ok((opened, stamp))
 }

@@ -1,7 +1,7 @@
 //! `alvis cells`: the tables of a tile set, filtered, sorted and summed up.
 
 use super::args::Common;
-use super::chart::{self, rounded};
+use super::chart;
 use super::output::LongText;
 use super::{Outcome, output};
 use crate::error::{Error, Result};
@@ -11,6 +11,7 @@ use crate::table::{
     Column, Outside, PorosityOf, Query, Row, Spread, Summary, Table, TableReader, find_column,
     summarise,
 };
+use crate::words::rounded;
 use clap::{Args, ValueEnum, ValueHint};
 use serde_json::json;
 use std::path::PathBuf;
@@ -213,7 +214,7 @@ impl CellsArgs {
             Some(OutsideArg::BorderCell) => Outside::BorderCell,
             Some(OutsideArg::None) | None => Outside::None,
         };
-        let summary = summarise(&self.out, manifest, (self.table(), query), outside)?;
+        let summary = summarise(&self.out, manifest, self.table(), query, outside)?;
         let console = self.common.start();
         summary.warnings.iter().for_each(|w| console.warn(w));
         match format {
@@ -319,7 +320,7 @@ fn print_table(
         Ok(match row.number(place)? {
             None => "-".to_string(),
             Some(v) if column.is_condition() => (if v == 0.0 { "no" } else { "yes" }).into(),
-            Some(v) => rounded(v),
+            Some(v) => measure(v),
         })
     };
     // one row more tells that there are more
@@ -394,9 +395,14 @@ fn counts(summary: &Summary, which: Table) -> Vec<(&'static str, String)> {
         ("porosity", of_base(summary.porosity, base)),
     ];
     if let Some(median) = summary.sphericity_median {
-        rows.push(("sphericity", format!("{} (median)", rounded(median))));
+        rows.push(("sphericity", format!("{} (median)", measure(median))));
     }
     rows
+}
+
+/// A measure as tables for people have it: in four digits.
+fn measure(v: f64) -> String {
+    rounded(v, 4)
 }
 
 /// A summary for people.
@@ -411,15 +417,16 @@ fn text(summary: &Summary, which: Table) -> String {
         let values = values.map(|v| format!("{v:>8}")).join(" ");
         format!("{name:13}{values}\n")
     };
-    let spread = |s: &Spread| [s.min, s.q1, s.median, s.q3, s.max, s.mean, s.sd].map(rounded);
+    let spread = |s: &Spread| [s.min, s.q1, s.median, s.q3, s.max, s.mean, s.sd].map(measure);
     let h = &d.histogram;
     let doubled: Vec<f64> = h.bins.iter().flat_map(|&n| [n as f64; 2]).collect();
     let ends = [h.min, h.max];
     let mark = chart::Mark {
+        sign: '▲',
         share: chart::place(ends, d.number.median),
-        text: format!("median {}", rounded(d.number.median)),
+        text: format!("median {}", measure(d.number.median)),
     };
-    let bars = chart::draw(&doubled, ends, Some(&mark), output::width());
+    let bars = chart::draw(&doubled, ends, &[mark], output::width());
     format!(
         "{}\n{name} of whole {}\n{}{}{}\nnumber of whole {} by equivalent diameter (log scale)\n{bars}",
         output::table(&rows),

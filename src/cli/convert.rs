@@ -1,9 +1,10 @@
 //! `alvis convert`: a volume to a tile set.
 
-use super::args::{Common, InputOptions, input_help};
+use super::args::{Common, InputOptions, input_help, open_stamped};
 use super::form::FormArgs;
 use super::info;
-use super::parse::{self, CropArg, Threshold};
+use super::parse::{self, CropArg};
+use super::threshold::{TAKES, Threshold, threshold};
 use super::{Outcome, output, stop};
 use crate::convert::{self, ConvertOptions, ConvertReport};
 use crate::error::{Error, Result};
@@ -21,6 +22,15 @@ enum AmbiguousArg {
     Separate,
     /// The two above corners are joined: objects are 18-connected, cells 6-connected
     Join,
+}
+
+impl From<AmbiguousArg> for Ambiguous {
+    fn from(arg: AmbiguousArg) -> Self {
+        match arg {
+            AmbiguousArg::Separate => Ambiguous::Separate,
+            AmbiguousArg::Join => Ambiguous::Join,
+        }
+    }
 }
 
 /// Convert a volume to a directory of glTF tiles
@@ -41,8 +51,12 @@ pub struct ConvertArgs {
     /// The directory to write
     #[arg(value_hint = ValueHint::DirPath)]
     out: PathBuf,
-    /// A voxel is above (metal) if its value is at least this; `otsu` finds it from the histogram
-    #[arg(long, value_name = "T|otsu", allow_hyphen_values = true, value_parser = parse::threshold)]
+    /// A voxel is above (metal) if its value is at least this; or how to find it from the histogram
+    ///
+    /// Methods are `otsu` (two heaps of like size), `peaks` (half-way between the two peaks: little of one phase), `li`,
+    /// `triangle` (one heap with a tail) and `porosity=31%` (this share of the voxels is below). `alvis info` shows all
+    /// beforehand.
+    #[arg(long, value_name = TAKES, allow_hyphen_values = true, value_parser = threshold)]
     threshold: Threshold,
     /// Cubes per macrocube, that is per tile: one number, or three
     #[arg(long, value_name = "N|X,Y,Z", default_value = "64", value_parser = parse::macrocube)]
@@ -60,6 +74,9 @@ pub struct ConvertArgs {
     #[arg(long, value_name = "N", default_value_t = 0)]
     min_voxels: u64,
     /// Convert this box of voxels only; half-open, a missing bound is the volume's
+    ///
+    /// Voxels are those of the filtered volume. What filters read of voxels outside of the box still counts, so that a
+    /// crop is the same part of the whole.
     #[arg(long, value_name = "X0:X1,Y0:Y1,Z0:Z1", value_parser = parse::crop)]
     crop: Option<CropArg>,
     /// Unit of lengths in tables and in the measures that tiles carry: m, cm, mm, um or nm [default: the volume's]
@@ -88,8 +105,9 @@ impl ConvertArgs {
     /// Converts; `typed` is the command line that asks for it.
     pub fn run(self, typed: &[OsString]) -> Result<Outcome> {
         let console = self.common.start();
-        let (mut opened, stamp) = self.options.open_stamped(&self.input, &self.out)?;
+        let (mut opened, stamp) = open_stamped(&self.input, &self.options.options(), &self.out)?;
         opened.doubt_size()?;
+        let opened = self.options.filters.apply(opened)?;
         let dims = opened.volume.header().dims;
         let crop = self.crop.as_ref().map(|c| c.resolve(dims)).transpose()?;
         let form = self.form.form(Form::default());
@@ -97,10 +115,7 @@ impl ConvertArgs {
             macrocube: self.macrocube,
             memory: self.memory,
             threads: self.common.threads.map_or(0, usize::from),
-            ambiguous: match self.ambiguous {
-                AmbiguousArg::Separate => Ambiguous::Separate,
-                AmbiguousArg::Join => Ambiguous::Join,
-            },
+            ambiguous: self.ambiguous.into(),
             cap: self.cap,
             min_voxels: self.min_voxels,
             crop,
@@ -116,22 +131,21 @@ impl ConvertArgs {
             source_part: opened.part.clone(),
             source_values: opened.values.clone(),
             source_scaled: opened.scaled,
+            source_filtered: opened.filtered.clone(),
             provenance: opened.provenance,
             ..ConvertOptions::default()
         };
         let how = match self.threshold {
-            Threshold::Value(t) => {
-                options.threshold = t;
-                ""
-            }
-            Threshold::Otsu => {
+            Threshold::Value(_) => String::new(),
+            Threshold::Method(method) => {
                 // this reads all of the volume: not for a conversion that is refused then
                 convert::check_before(&*opened.volume, &options, &self.out)?;
-                options.threshold = info::otsu(&*opened.volume, &self.input, &console)?;
-                " (Otsu's method)"
+                format!(" ({})", method.how())
             }
         };
-        console.note(&understood(&opened, &options, how)?);
+        let volume = &*opened.volume;
+        options.threshold = self.threshold.find(volume, &self.input, &console)?;
+        console.note(&understood(&opened, &options, &how)?);
         stop::listen();
         let mut report = convert::convert(&*opened.volume, &options, &self.out, &console)
             .map_err(|e| resumable(e, &self.out, typed))

@@ -1,10 +1,10 @@
 //! `alvis export`: one mesh of a tile set.
 
 use super::args::Common;
-use super::chart::rounded;
 use super::{Outcome, output, parse};
 use crate::error::Result;
 use crate::export::{ExportOptions, ExportReport, Simplify, export};
+use crate::words::rounded;
 use clap::{Args, ValueHint};
 use std::path::PathBuf;
 
@@ -81,7 +81,7 @@ fn summary(file: &str, report: &ExportReport) -> String {
     if let Some(error) = report.error {
         rows.push((
             "error",
-            format!("about {} {} at most", rounded(error), report.unit),
+            format!("about {} {} at most", rounded(error, 4), report.unit),
         ));
     }
     rows.push((

@@ -3,7 +3,7 @@
 use super::convert::from;
 use super::output::{self, things};
 use crate::error::Result;
-use crate::grid::{Ambiguous, Dims, Placement, Unit};
+use crate::grid::{Ambiguous, Dims, Filter, Placement, Unit, filters_text};
 use crate::manifest::{
     Encoding, FORMAT, Layout, MANIFEST, Manifest, PARTIAL, Primitives, Selection, Totals,
     WholeTotals,
@@ -23,6 +23,7 @@ struct Report<'a> {
     origin: [f64; 3],
     directions: [[f64; 3]; 3],
     source: &'a str,
+    filters: &'a [Filter],
     generator: String,
     threshold: f64,
     ambiguous: Ambiguous,
@@ -64,6 +65,7 @@ fn report<'a>(dir: &Path, m: &'a Manifest) -> Report<'a> {
         origin: m.placement.origin,
         directions: m.placement.directions,
         source: &m.source.name,
+        filters: &m.filters,
         generator: made_by(m),
         threshold: m.threshold,
         ambiguous: m.ambiguous,
@@ -135,6 +137,9 @@ fn text(dir: &Path, m: &Manifest) -> String {
         ),
     )];
     rows.extend(origin(m));
+    if !m.filters.is_empty() {
+        rows.push(("filters", filters_text(&m.filters)));
+    }
     rows.push(("dims", format!("{} voxels", m.grid.dims)));
     rows.push((
         "spacing",

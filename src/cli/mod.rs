@@ -6,9 +6,11 @@
 mod args;
 mod cells;
 mod chart;
+mod compare;
 mod convert;
 mod demo;
 mod export;
+mod filters;
 mod form;
 mod generate;
 mod info;
@@ -22,6 +24,7 @@ mod repack;
 mod select;
 mod sigbus;
 mod stop;
+mod threshold;
 mod verify;
 
 use crate::error::Result;
@@ -61,6 +64,7 @@ enum Command {
     Convert(convert::ConvertArgs),
     Verify(verify::VerifyArgs),
     Cells(cells::CellsArgs),
+    Compare(compare::CompareArgs),
     Select(select::SelectArgs),
     Export(export::ExportArgs),
     Repack(repack::RepackArgs),
@@ -79,6 +83,7 @@ impl Command {
             Command::Convert(args) => args.run(typed),
             Command::Verify(args) => args.run(),
             Command::Cells(args) => args.run(),
+            Command::Compare(args) => args.run(),
             Command::Select(args) => args.run(),
             Command::Export(args) => args.run(),
             Command::Repack(args) => args.run(),
@@ -155,7 +160,7 @@ fn one_line(refusal: &clap::Error, typed: &[OsString]) -> String {
 /// The commands in groups, as the help lists them.
 const GROUPS: [(&str, &[&str]); 4] = [
     ("Make tiles", &["demo", "info", "convert", "verify"]),
-    ("Look", &["preview", "cells"]),
+    ("Look", &["preview", "cells", "compare"]),
     ("Use tiles", &["select", "export", "repack"]),
     ("Other", &["phantom", "completions", "man", "help"]),
 ];

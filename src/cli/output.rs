@@ -1,6 +1,7 @@
 //! What goes to stdout and stderr, and numbers as people read them.
 
 use crate::error::{Error, Result};
+pub use crate::words::{count, things};
 use bytesize::ByteSize;
 use serde::Serialize;
 use std::ffi::OsStr;
@@ -100,24 +101,6 @@ pub fn bytes(n: u64) -> String {
     ByteSize(n).display().iec().to_string()
 }
 
-/// `12,345,678`.
-pub fn count(n: u64) -> String {
-    let digits = n.to_string();
-    let mut text = String::new();
-    for (i, digit) in digits.chars().enumerate() {
-        if i > 0 && (digits.len() - i).is_multiple_of(3) {
-            text.push(',');
-        }
-        text.push(digit);
-    }
-    text
-}
-
-/// `1 cell`, `1,470 cells`: the plural has an s.
-pub fn things(n: u64, name: &str) -> String {
-    format!("{} {name}{}", count(n), if n == 1 { "" } else { "s" })
-}
-
 /// `0.5 x 0.5 x 2`.
 pub fn times(values: [f64; 3]) -> String {
     values.map(|v| v.to_string()).join(" x ")
@@ -156,12 +139,8 @@ mod tests {
     use super::*;
 
     #[test]
-    fn numbers_are_grouped() {
-        let texts = [0, 7, 999, 1000, 123_456, 1_234_567].map(count);
-        assert_eq!(texts, ["0", "7", "999", "1,000", "123,456", "1,234,567"]);
+    fn bytes_have_a_unit() {
         assert_eq!(bytes(3 << 29), "1.5 GiB");
-        let texts = [0, 1, 2, 1470].map(|n| things(n, "cell"));
-        assert_eq!(texts, ["0 cells", "1 cell", "2 cells", "1,470 cells"]);
     }
 
     #[test]

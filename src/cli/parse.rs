@@ -1,5 +1,7 @@
 //! Values of options, from text. Messages say what was expected; the parser adds option and value.
 
+use super::filters::FilterArg;
+use crate::error::Error;
 use crate::error::Result;
 use crate::grid::{Crop, Dims, Unit};
 use bytesize::ByteSize;
@@ -74,31 +76,36 @@ pub fn bytes(text: &str) -> Result<u64, String> {
     Ok(size.as_u64())
 }
 
+/// What a filter of this name takes; of a smoothing also a length, as in `20um`.
+pub fn filter(name: &'static str) -> impl Fn(&str) -> Result<FilterArg, String> + Clone {
+    move |text| {
+        let read = format!("{name} {text}").parse().map(FilterArg::Known);
+        read.or_else(|error: Error| match (length(text), error) {
+            (Some((length, unit)), _) if name == "smooth" => Ok(FilterArg::Smooth { length, unit }),
+            (_, Error::Usage { expected, .. }) if name == "smooth" => {
+                Err(format!("expected {expected}, or a length, as in 20um"))
+            }
+            (_, Error::Usage { expected, .. }) => Err(format!("expected {expected}")),
+            (_, other) => Err(other.to_string()),
+        })
+    }
+}
+
+/// A number above 0 with a unit of length behind it.
+fn length(text: &str) -> Option<(f64, Unit)> {
+    let unit = |c: char| c.is_alphabetic() && !"eE".contains(c);
+    let (number, unit) = text.split_at(text.find(unit)?);
+    let number = number.trim().parse().ok()?;
+    let unit = length_unit(unit).ok()?;
+    (f64::is_finite(number) && number > 0.0).then_some((number, unit))
+}
+
 /// A finite number.
 pub fn finite(text: &str) -> Result<f64, String> {
     match text.trim().parse() {
         Ok(v) if f64::is_finite(v) => Ok(v),
         _ => Err("expected a finite number".to_string()),
     }
-}
-
-/// A threshold, given or to be found.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub enum Threshold {
-    /// By Otsu's method.
-    Otsu,
-    /// This value.
-    Value(f64),
-}
-
-/// A finite number or `otsu`.
-pub fn threshold(text: &str) -> Result<Threshold, String> {
-    if text.eq_ignore_ascii_case("otsu") {
-        return Ok(Threshold::Otsu);
-    }
-    finite(text)
-        .map(Threshold::Value)
-        .map_err(|_| "expected a finite number or `otsu`".to_string())
 }
 
 /// A box of voxels of which bounds may be left out.
@@ -156,8 +163,6 @@ mod tests {
         assert_eq!(bytes("2GiB"), Ok(1 << 31));
         assert_eq!(bytes("1.5 MiB"), Ok(3 << 19));
         assert_eq!(bytes("4096"), Ok(4096));
-        assert_eq!(threshold("OTSU"), Ok(Threshold::Otsu));
-        assert_eq!(threshold("-1e3"), Ok(Threshold::Value(-1000.0)));
     }
 
     #[test]
@@ -171,8 +176,8 @@ mod tests {
         for bad in ["0,1,1", "nan", "inf,1,1", "-1", ""] {
             assert!(spacing(bad).is_err(), "{bad}");
         }
-        for bad in ["nan", "inf", "otsu2", ""] {
-            assert!(threshold(bad).is_err(), "{bad}");
+        for bad in ["nan", "inf", "otsu", ""] {
+            assert!(finite(bad).is_err(), "{bad}");
         }
         for bad in ["", "1parsec", "-1", "GiB"] {
             assert!(bytes(bad).is_err(), "{bad}");

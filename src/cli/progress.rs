@@ -3,10 +3,11 @@
 use super::output::{self, note};
 use super::stop;
 use crate::progress::Progress;
+use crate::sys::locks::lock;
 use indicatif::{ProgressBar, ProgressStyle};
 use std::io::IsTerminal;
+use std::sync::Mutex;
 use std::sync::atomic::{AtomicBool, Ordering};
-use std::sync::{Mutex, MutexGuard, PoisonError};
 use std::time::{Duration, Instant};
 
 /// The least time between two lines in a log.
@@ -96,11 +97,6 @@ impl Drop for Console {
             bar.finish_and_clear();
         }
     }
-}
-
-/// A panic elsewhere does not make progress unusable.
-fn lock<T>(mutex: &Mutex<T>) -> MutexGuard<'_, T> {
-    mutex.lock().unwrap_or_else(PoisonError::into_inner)
 }
 
 /// Between two turns of the spinner, which shows that the work goes on while a step takes long.

@@ -1,13 +1,13 @@
 //! `alvis verify`: the proof that a tile set has no hole.
 
-use super::args::{Common, InputOptions};
+use super::args::{Common, InputOptions, open_stamped};
 use super::{Outcome, output};
 use crate::error::{Error, Result};
 use crate::grid::Origin;
 use crate::manifest::{Manifest, PARTIAL};
 use crate::progress::Progress;
 use crate::verify::{self, Issue, Report, Severity, SourceVolume, VerifyOptions};
-use crate::volume::{self, Before, Cropped, Headerless, Stamp, Volume};
+use crate::volume::{self, Cropped, Headerless, Stamp, Volume};
 use clap::{Args, ValueHint};
 use std::fmt::Write;
 use std::path::{Path, PathBuf};
@@ -105,17 +105,15 @@ struct Against {
     stamp: Stamp,
 }
 
-/// Opens the volume that a tile set is compared with, cut as the manifest says. What a raw file does not say is taken
+/// Opens the volume that a tile set is compared with, filtered and cut as the manifest says. What a raw file does not say is taken
 /// from the manifest unless the options say it, as is what was asked for of a file of the name that was converted.
 /// Such a file is raw even if it begins as one with a header does.
 fn open_against(directory: &Path, path: &Path, input: &InputOptions) -> Result<Against> {
     // an index that cannot be read is for the verifier to report
     let manifest = Manifest::open(directory).ok();
-    let Some(Manifest {
-        source, placement, ..
-    }) = manifest
-    else {
-        let (opened, stamp) = input.open_stamped(path, directory)?;
+    let Some(manifest) = manifest else {
+        let (opened, stamp) = open_stamped(path, &input.options(), directory)?;
+        let opened = input.filters.apply(opened)?;
         let source = SourceVolume::of(&opened);
         let volume = opened.volume;
         return Ok(Against {
@@ -124,14 +122,15 @@ fn open_against(directory: &Path, path: &Path, input: &InputOptions) -> Result<A
             stamp,
         });
     };
+    let source = &manifest.source;
     let mut options = input.options();
     let same_name = volume::file_name(path) == source.name;
     if same_name {
         options = options.or_part(&source.part);
         // what the file does not state had to be said to open it
         if source.provenance.spacing.contains(&Origin::Option) && options.spacing.is_none() {
-            options.spacing = Some(placement.spacing);
-            options.unit = options.unit.or(Some(placement.unit));
+            options.spacing = Some(unfiltered_spacing(&manifest));
+            options.unit = options.unit.or(Some(manifest.placement.unit));
         }
     }
     if source.format == "raw" {
@@ -145,11 +144,10 @@ fn open_against(directory: &Path, path: &Path, input: &InputOptions) -> Result<A
             options = options.of_headerless();
         }
     }
-    let before = Before::of(path, directory);
-    let opened = volume::open(path, &options)?;
-    let stamp = volume::stamp(&before, &opened)?;
+    let (opened, stamp) = open_stamped(path, &options, directory)?;
+    let opened = input.filters.apply_as(&manifest, opened, "--against")?;
     let (whole, volume) = (SourceVolume::of(&opened), opened.volume);
-    let dims = whole.header.dims;
+    let dims = volume.header().dims;
     let volume = match &source.crop {
         None => Ok(volume),
         Some(crop) if crop.dims_in(dims).is_err() => Err(Error::usage(
@@ -157,7 +155,7 @@ fn open_against(directory: &Path, path: &Path, input: &InputOptions) -> Result<A
             format!("{} of {dims} voxels", path.display()),
             format!(
                 "a volume of {}, of which the tiles cover a part",
-                source.dims
+                manifest.filtered_dims()?
             ),
         )),
         Some(crop) => Ok(Box::new(Cropped::new(volume, crop)?) as Box<dyn Volume>),
@@ -167,6 +165,13 @@ fn open_against(directory: &Path, path: &Path, input: &InputOptions) -> Result<A
         source: whole,
         stamp,
     })
+}
+
+/// The size of a voxel before the filters of a tile set.
+fn unfiltered_spacing(manifest: &Manifest) -> [f64; 3] {
+    let factors = manifest.filters.iter().map(|filter| filter.factor());
+    let factor: f64 = factors.map(f64::from).product();
+    manifest.placement.spacing.map(|size| size / factor)
 }
 
 fn text(report: &Report) -> String {

@@ -58,10 +58,8 @@ impl Conversion<'_> {
 
     /// Writes tiles below the directory `work`.
     pub fn tile_writer(&self, work: &Path) -> TileWriter {
-        let head = TileHead {
-            matrix: self.grid.header().placement.gltf_matrix(),
-            form: self.options.form(),
-        };
+        let matrix = self.grid.header().placement.gltf_matrix();
+        let head = TileHead::new(matrix, self.options.form());
         TileWriter {
             dir: work.to_path_buf(),
             widest: WidestNodes::new(&head),
@@ -74,6 +72,10 @@ impl Conversion<'_> {
     pub fn manifest(&self, totals: Totals) -> Manifest {
         let source = self.volume.header();
         let (options, plan) = (self.options, self.plan);
+        let (dims, dtype) = match &options.source_filtered {
+            Some(before) => (before.dims, before.dtype),
+            None => (source.dims, source.dtype),
+        };
         let placement = self.grid.header().placement;
         Manifest {
             format: FORMAT.into(),
@@ -85,8 +87,8 @@ impl Conversion<'_> {
             source: Source {
                 name: options.source_name.clone(),
                 format: source.format.into(),
-                dims: source.dims,
-                dtype: source.dtype,
+                dims,
+                dtype,
                 values: options.source_values.clone(),
                 endian: source.endian,
                 offset: options.source_offset,
@@ -94,6 +96,7 @@ impl Conversion<'_> {
                 part: options.source_part.clone(),
                 provenance: options.provenance,
             },
+            filters: options.filters(),
             grid: GridInfo {
                 dims: plan.tiling.dims,
                 macrocube: options.macrocube,

@@ -2,6 +2,7 @@
 
 use crate::checkpoint::Identity;
 use crate::convert::ConvertOptions;
+use crate::grid::filters_text;
 use crate::volume::Volume;
 use serde::Serialize;
 
@@ -44,7 +45,7 @@ pub fn of(volume: &dyn Volume, options: &ConvertOptions) -> Identity {
         ("--layout", text(&options.layout)),
     ];
     list.extend(more.map(|(name, value)| (name.to_string(), value.replace('"', ""))));
-    let part = &options.source_part;
+    let (part, filtered) = (&options.source_part, options.source_filtered.as_ref());
     let asked_for = [
         ("--series", part.series.clone()),
         ("--resample", part.resample.then(|| "given".into())),
@@ -53,6 +54,7 @@ pub fn of(volume: &dyn Volume, options: &ConvertOptions) -> Identity {
         ("--channel", part.channel.map(|channel| channel.to_string())),
         ("--time", part.time.map(|time| time.to_string())),
         ("values", options.source_values.clone()),
+        ("filters", filtered.map(|f| filters_text(&f.filters))),
         (
             "--table-unit",
             options.table_unit.map(|unit| unit.name().to_string()),
@@ -66,7 +68,7 @@ pub fn of(volume: &dyn Volume, options: &ConvertOptions) -> Identity {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::grid::{Dims, Part, Placement};
+    use crate::grid::{Dims, Dtype, Filter, Filtered, Part, Placement};
     use crate::volume::{MemoryVolume, Stamp};
 
     #[test]
@@ -84,6 +86,11 @@ mod tests {
                 dataset: Some("b".into()),
                 ..Part::default()
             },
+            source_filtered: Some(Filtered {
+                filters: vec![Filter::Invert {}, Filter::Downsample { factor: 2 }],
+                dims: Dims([4, 4, 5]),
+                dtype: Dtype::U8,
+            }),
             input,
             // these change nothing
             memory: 7,
@@ -97,6 +104,7 @@ mod tests {
             "--threshold was 0 and is 1.5",
             "--cap was false and is true",
             "--dataset was nothing and is b",
+            "filters was nothing and is invert, downsample 2",
         ];
         assert_eq!(new.differences(&old), expected);
         assert!(new.differences(&new).is_empty() && new.crc() != old.crc());

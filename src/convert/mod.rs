@@ -3,7 +3,7 @@
 mod conversion;
 mod finalize;
 mod identity;
-mod layer_dirs;
+mod memory;
 mod options;
 mod plan;
 mod resolve;
@@ -25,19 +25,20 @@ pub use tables::unit_text;
 use crate::checkpoint::{Checkpointer, boot};
 use crate::convert::conversion::{Conversion, Made};
 use crate::convert::finalize::{FinalizeInput, finalize};
-use crate::convert::layer_dirs::remove_empty_layer_directories;
+use crate::convert::memory::TABLES;
 use crate::convert::plan::plan;
 use crate::convert::resolve::resolve;
 use crate::convert::resume::{begin, commit_begun, complete, refuse_kept};
 use crate::convert::scan::{Scanned, scan};
 use crate::convert::tables::write_tables;
-use crate::convert::totals::{dust_of, scanned_totals, sum_components};
+use crate::convert::totals::{ScannedSums, dust_of};
 use crate::convert::warnings::warnings;
 use crate::error::{Error, Result};
 use crate::manifest::Manifest;
 use crate::progress::Progress;
+use crate::sys::memory_pool::MemoryReservation;
 use crate::sys::process_memory::peak_rss_bytes;
-use crate::tileset::{Output, outward, tidy};
+use crate::tileset::{Output, TilesetWriter, outward, tidy};
 use crate::volume::{Cropped, Volume, Watch, Watched};
 use std::any::Any;
 use std::panic::{AssertUnwindSafe, catch_unwind, resume_unwind};
@@ -83,6 +84,7 @@ pub fn convert(
     let done = run(&job, out).map_err(|e| outward(e, out))?;
     Ok(ConvertReport {
         totals: done.made.totals,
+        filters: options.filters(),
         bytes_written: done.made.bytes,
         seconds: start.elapsed().as_secs_f64(),
         peak_rss_bytes: peak_rss_bytes(),
@@ -221,12 +223,18 @@ fn make(job: &Conversion, work: &Path, checkpointer: &mut Checkpointer) -> Resul
     // what was swept before was not seen
     let all_seen = checkpointer.kept() == 0;
     let measured = job.options.measured(&job.grid.header().placement)?;
+    let memory = job.plan.pool();
     let writer = job.tile_writer(work);
-    let Scanned { output, last_layer } = scan(job, &writer, checkpointer)?;
+    let mut set = TilesetWriter::new(work)?;
+    let mut to_sweep = checkpointer.swept()..job.layers();
+    to_sweep.try_for_each(|z| set.make_layer_directory(z))?;
+    let Scanned { output, last_layer } = scan(job, &memory, &writer, checkpointer)?;
     // labels and surfaces of a volume that changed meanwhile may not fit each other
     job.options.input.check()?;
-    let mut totals = scanned_totals(&output);
+    let sums = ScannedSums::of(&output);
     let dust = dust_of(job.options, &output);
+    let mut tables = MemoryReservation::new(&memory, TABLES);
+    tables.grow_as_far_as(job.plan.tables());
     let (committed, resolved) = rayon::join(
         || last_layer.commit(checkpointer),
         || resolve(output, job.plan.tables(), work),
@@ -235,19 +243,20 @@ fn make(job: &Conversion, work: &Path, checkpointer: &mut Checkpointer) -> Resul
     let mut resolved = resolved?;
     let input = FinalizeInput {
         job,
+        memory: &memory,
         writer: &writer,
+        set: &mut set,
         placement: &measured,
         resolved: &mut resolved,
         checkpointer,
     };
-    let (mut layers, tables_bytes) = finalize(input, &mut totals, |components, stop| {
+    let tables_bytes = finalize(input, |components, stop| {
         write_tables(work, components, &measured, stop)
     })?;
-    remove_empty_layer_directories(work, job.layers(), &mut layers)?;
-    sum_components(&resolved.components, job.options.cap, &mut totals)?;
-    let bytes = totals.bytes + layers.bytes + tables_bytes;
-    let threshold = job.options.threshold;
-    let mut warnings = warnings(&totals, job.plan.tiling.dims, (threshold, dust));
+    let totals = sums.totals(set.written(), &resolved.components, job.options.cap)?;
+    let bytes = totals.bytes + set.index_bytes() + tables_bytes;
+    let (dims, threshold) = (job.plan.tiling.dims, job.options.threshold);
+    let mut warnings = warnings(&totals, dims, threshold, dust);
     if all_seen && totals.surfaces > 0 {
         warnings.extend(job.watch.kind().map(|kind| kind.warning()));
     }
@@ -258,9 +267,7 @@ fn make(job: &Conversion, work: &Path, checkpointer: &mut Checkpointer) -> Resul
         dust,
         ..job.manifest(totals)
     };
-    let index = manifest.write_sealed_with(work, &mut |each| {
-        layers.for_each(|layer| each(&layer.layer()))
-    })?;
+    let index = set.finish(manifest)?;
     Ok(Made {
         totals,
         bytes: bytes + index,

@@ -1,7 +1,7 @@
 //! What a conversion is asked for, and what it reports.
 
 use crate::error::{Error, Result};
-use crate::grid::{Ambiguous, Crop, Part, Placement, Provenance, Unit};
+use crate::grid::{Ambiguous, Crop, Filter, Filtered, Part, Placement, Provenance, Unit};
 use crate::manifest::{Encoding, Form, Layout, Primitives, Totals};
 use crate::volume::Stamp;
 use serde::Serialize;
@@ -55,11 +55,19 @@ pub struct ConvertOptions {
     pub source_values: Option<String>,
     /// They are other numbers than the stored ones.
     pub source_scaled: bool,
+    /// The filters that the volume has been through, and what it was before, for the manifest; absent if none.
+    pub source_filtered: Option<Filtered>,
     /// Where spacing, unit and origin came from, for the manifest.
     pub provenance: Provenance,
 }
 
 impl ConvertOptions {
+    /// The filters that the volume has been through.
+    pub(crate) fn filters(&self) -> Vec<Filter> {
+        let filtered = self.source_filtered.as_ref();
+        filtered.map_or_else(Vec::new, |f| f.filters.clone())
+    }
+
     /// The placement of a volume in the unit of tables and measures.
     ///
     /// # Errors
@@ -113,7 +121,7 @@ impl Default for ConvertOptions {
             min_voxels: 0,
             crop: None,
             primitives: Primitives::Strips,
-            encoding: Encoding::Float,
+            encoding: Encoding::default(),
             layout: Layout::Auto,
             table_unit: None,
             force: false,
@@ -124,6 +132,7 @@ impl Default for ConvertOptions {
             source_part: Part::default(),
             source_values: None,
             source_scaled: false,
+            source_filtered: None,
             provenance: Provenance::default(),
         }
     }
@@ -135,6 +144,9 @@ pub struct ConvertReport {
     /// The manifest's sums.
     #[serde(flatten)]
     pub totals: Totals,
+    /// What was done to the samples before they were compared with the threshold; absent if nothing.
+    #[serde(skip_serializing_if = "Vec::is_empty")]
+    pub filters: Vec<Filter>,
     /// Bytes written below the output directory, index and tables included.
     pub bytes_written: u64,
     /// Wall time.

@@ -1,12 +1,14 @@
 //! The reverse sweep over the slabs' class maps: final ids and the sums of whole components.
 
 use crate::convert::finalize::batches::{Ids, IdsOfSlab};
+use crate::convert::memory::FOR_EACH_TABLE;
 use crate::convert::scan::state::ScanOutput;
 use crate::convert::scan::surfaces::SlabSurface;
 use crate::convert::scan::tile_writer::WrittenPiece;
-use crate::convert::slab_records::Slabs;
+use crate::convert::slab_records::{EndedComponents, SlabRecord, Slabs};
 use crate::error::Result;
-use crate::measure::{ComponentRecord, RecordTable, SurfaceRecord, VoxelSums};
+use crate::labels::Ranks;
+use crate::measure::{ComponentRecord, RecordTable, SurfaceRecord};
 use crate::sys::spill_file::{Place, SpillFile};
 use std::path::Path;
 
@@ -102,105 +104,190 @@ struct Later {
     surfaces_from_previous: Vec<u32>,
 }
 
-/// Resolves all ids, and counts in how many tiles each component is; tables larger than `budget` bytes go to
+/// Resolves slab by slab, from the last one back to the first.
+struct Resolver {
+    /// The arrays of all slabs.
+    spool: SpillFile,
+    /// Surfaces that are whole in a tile.
+    whole: SpillFile,
+    object_ranks: Ranks,
+    cell_ranks: Ranks,
+    surface_ranks: Ranks,
+    components: Components,
+    later: Later,
+}
+
+/// Resolves all ids, and counts in how many tiles each component is; tables larger than `memory` bytes go to
 /// temporary files in `work`.
 ///
 /// # Errors
 /// [`crate::Error::Io`] if a temporary file fails.
-pub fn resolve(forward: ScanOutput, budget: u64, work: &Path) -> Result<Resolved> {
+pub fn resolve(forward: ScanOutput, memory: u64, work: &Path) -> Result<Resolved> {
     let ScanOutput {
-        mut spool,
-        mut whole,
+        spool,
+        whole,
         mut slabs,
         provisional,
         surface_labels,
         ..
     } = forward;
-    let mut object_ranks = provisional.objects.renumber()?;
-    let mut cell_ranks = provisional.cells.renumber()?;
-    let mut surface_ranks = surface_labels.renumber()?;
-    let mut spooled = SpooledIds::new(work)?;
-    let mut resolved = Components {
-        objects: RecordTable::new(object_ranks.alive(), budget / 3, work)?,
-        cells: RecordTable::new(cell_ranks.alive(), budget / 3, work)?,
-        surfaces: RecordTable::new(surface_ranks.alive(), budget / 3, work)?,
+    let object_ranks = provisional.objects.renumber()?;
+    let cell_ranks = provisional.cells.renumber()?;
+    let surface_ranks = surface_labels.renumber()?;
+    let of_each = FOR_EACH_TABLE.of(memory);
+    let mut resolver = Resolver {
+        components: Components {
+            objects: RecordTable::new(object_ranks.alive(), of_each, work)?,
+            cells: RecordTable::new(cell_ranks.alive(), of_each, work)?,
+            surfaces: RecordTable::new(surface_ranks.alive(), of_each, work)?,
+        },
+        spool,
+        whole,
+        object_ranks,
+        cell_ranks,
+        surface_ranks,
+        later: Later::default(),
     };
-    let mut later = Later::default();
+    let mut ids = SpooledIds::new(work)?;
     for number in (0..slabs.len()).rev() {
         let slab = slabs.get(number)?.expect("there is one of each number");
-        let above = spool.get(&slab.above)?;
-        let provisional = spool.get(&slab.provisional)?;
-        let live = spool.get(&slab.live)?;
-        let classes = ids(
-            &provisional,
-            &live,
-            &later.classes,
-            &later.carried_in,
-            |class, provisional_id| {
-                if above[class] == 1 {
-                    object_ranks.id(provisional_id)
-                } else {
-                    cell_ranks.id(provisional_id)
-                }
-            },
-        )?;
-        for (sums, class_of) in &slab.ended(&mut spool)? {
-            resolved.add_components(&mut spool, (sums, class_of), &above, &classes)?;
+        let of_slab = resolver.slab(&slab)?;
+        ids.push(&of_slab)?;
+        resolver.count_tiles(&slab, &of_slab)?;
+        resolver.go_on(&slab, of_slab)?;
+    }
+    let mut components = resolver.components;
+    components.add_meshes()?;
+    Ok(Resolved {
+        slabs,
+        pieces: resolver.spool,
+        ids,
+        components,
+    })
+}
+
+impl Resolver {
+    /// The ids of a slab, and the records of what ends in it.
+    fn slab(&mut self, slab: &SlabRecord) -> Result<IdsOfSlab> {
+        let classes = self.classes(slab)?;
+        let surfaces = self.surfaces(slab, &classes)?;
+        let whole = self.whole_surfaces(slab, &classes)?;
+        Ok(IdsOfSlab {
+            classes,
+            surfaces,
+            whole,
+        })
+    }
+
+    /// Ids of a slab's classes; enters the components that end in it.
+    fn classes(&mut self, slab: &SlabRecord) -> Result<Vec<u64>> {
+        let above = self.spool.get(&slab.above)?;
+        let provisional = self.spool.get(&slab.provisional)?;
+        let (objects, cells) = (&mut self.object_ranks, &mut self.cell_ranks);
+        let own = |class: usize, provisional_id| match above[class] {
+            1 => objects.id(provisional_id),
+            _ => cells.id(provisional_id),
+        };
+        let successors = Successors {
+            live: &self.spool.get(&slab.live)?,
+            carried_in: &self.later.carried_in,
+            ids: &self.later.classes,
+        };
+        let ids = successors.ids(&provisional, own)?;
+        for ended in &slab.ended(&mut self.spool)? {
+            let (components, spool) = (&mut self.components, &mut self.spool);
+            components.add_ended(spool, ended, &above, &ids)?;
         }
-        drop((above, provisional));
-        let surfaces = spool.get(&slab.surfaces)?;
+        Ok(ids)
+    }
+
+    /// Ids of a slab's surfaces that are not whole in a tile; enters those that end in it.
+    fn surfaces(&mut self, slab: &SlabRecord, classes: &[u64]) -> Result<Vec<u64>> {
+        let surfaces = self.spool.get(&slab.surfaces)?;
         let provisional: Vec<u64> = surfaces.iter().map(|s| s.provisional_id).collect();
-        let live = spool.get(&slab.surfaces_live)?;
-        let after = (&later.surfaces, &later.surfaces_from_previous);
-        let surface_ids = ids(
-            &provisional,
-            &live,
-            after.0,
-            after.1,
-            |_, provisional_id| surface_ranks.id(provisional_id),
-        )?;
+        let live = self.spool.get(&slab.surfaces_live)?;
+        let successors = Successors {
+            live: &live,
+            carried_in: &self.later.surfaces_from_previous,
+            ids: &self.later.surfaces,
+        };
+        let ranks = &mut self.surface_ranks;
+        let ids = successors.ids(&provisional, |_, provisional_id| ranks.id(provisional_id))?;
         let mut goes_on = vec![false; surfaces.len()];
         for &i in &live {
             goes_on[i as usize] = true;
         }
         let ended = surfaces.iter().enumerate().filter(|(i, _)| !goes_on[*i]);
         for (i, surface) in ended {
-            let record = surface_record(surface, &classes);
-            resolved.surfaces.set(surface_ids[i] - 1, record)?;
+            let record = surface_record(surface, classes);
+            self.components.surfaces.set(ids[i] - 1, record)?;
         }
-        let mut whole_ids = spool.get(&slab.whole_labels)?;
-        for id in &mut whole_ids {
-            *id = surface_ranks.id(*id)?;
-        }
-        let mut ids_of = whole_ids.iter();
-        whole.for_each(&slab.whole, |surface| {
-            let id = ids_of.next().expect("as many as there are surfaces");
-            let record = surface_record(&surface, &classes);
-            resolved.surfaces.set(id - 1, record)
-        })?;
-        let ids = IdsOfSlab {
-            classes,
-            surfaces: surface_ids,
-            whole: whole_ids,
-        };
-        spooled.push(&ids)?;
-        for tile in spool.get(&slab.tiles)? {
-            resolved.count_tile(&tile.pieces(&mut spool)?, &ids)?;
-        }
-        later = Later {
-            classes: ids.classes,
-            carried_in: spool.get(&slab.carried_in)?,
-            surfaces: ids.surfaces,
-            surfaces_from_previous: spool.get(&slab.surfaces_from_previous)?,
-        };
+        Ok(ids)
     }
-    resolved.add_meshes()?;
-    Ok(Resolved {
-        slabs,
-        pieces: spool,
-        ids: spooled,
-        components: resolved,
-    })
+
+    /// Ids of a slab's surfaces that are whole in a tile; enters all of them.
+    fn whole_surfaces(&mut self, slab: &SlabRecord, classes: &[u64]) -> Result<Vec<u64>> {
+        let mut ids = self.spool.get(&slab.whole_labels)?;
+        for id in &mut ids {
+            *id = self.surface_ranks.id(*id)?;
+        }
+        let mut of = ids.iter();
+        let surfaces = &mut self.components.surfaces;
+        self.whole.for_each(&slab.whole, |surface| {
+            let id = of.next().expect("as many as there are surfaces");
+            surfaces.set(id - 1, surface_record(&surface, classes))
+        })?;
+        Ok(ids)
+    }
+
+    /// Counts the tiles of a slab.
+    fn count_tiles(&mut self, slab: &SlabRecord, ids: &IdsOfSlab) -> Result<()> {
+        for tile in self.spool.get(&slab.tiles)? {
+            let pieces = tile.pieces(&mut self.spool)?;
+            self.components.count_tile(&pieces, ids)?;
+        }
+        Ok(())
+    }
+
+    /// Goes on to the slab before this one.
+    fn go_on(&mut self, slab: &SlabRecord, ids: IdsOfSlab) -> Result<()> {
+        self.later = Later {
+            classes: ids.classes,
+            carried_in: self.spool.get(&slab.carried_in)?,
+            surfaces: ids.surfaces,
+            surfaces_from_previous: self.spool.get(&slab.surfaces_from_previous)?,
+        };
+        Ok(())
+    }
+}
+
+/// What becomes of the members of a slab in the next one.
+struct Successors<'a> {
+    /// The members that go on.
+    live: &'a [u32],
+    /// What each of these is there.
+    carried_in: &'a [u32],
+    /// The ids there.
+    ids: &'a [u64],
+}
+
+impl Successors<'_> {
+    /// The id of every member of a slab: that of its successor in the next slab if it goes on there,
+    /// else that of its own provisional label.
+    fn ids(
+        &self,
+        provisional: &[u64],
+        mut own: impl FnMut(usize, u64) -> Result<u64>,
+    ) -> Result<Vec<u64>> {
+        let mut out = vec![0; provisional.len()];
+        for (&member, &successor) in self.live.iter().zip(self.carried_in) {
+            out[member as usize] = self.ids[successor as usize];
+        }
+        for (member, id) in out.iter_mut().enumerate().filter(|(_, id)| **id == 0) {
+            *id = own(member, provisional[member])?;
+        }
+        Ok(out)
+    }
 }
 
 /// A whole surface, with the ids of what it borders.
@@ -215,18 +302,17 @@ fn surface_record(surface: &SlabSurface, ids: &[u64]) -> SurfaceRecord {
 }
 
 impl Components {
-    /// Enters components that have ended, given their sums and classes, and the phases and ids of all
-    /// classes.
-    fn add_components(
+    /// Enters components that have ended, given the phases and ids of all classes.
+    fn add_ended(
         &mut self,
         spool: &mut SpillFile,
-        (sums, class_of): (&Place<VoxelSums>, &Place<u32>),
+        ended: &EndedComponents,
         above: &[u8],
         ids: &[u64],
     ) -> Result<()> {
-        let class_of = spool.get(class_of)?;
+        let class_of = spool.get(&ended.classes)?;
         let mut class_of = class_of.iter();
-        spool.for_each(sums, |voxels| {
+        spool.for_each(&ended.sums, |voxels| {
             let class = *class_of.next().expect("as many as there are sums") as usize;
             let table = if above[class] == 1 {
                 &mut self.objects
@@ -279,23 +365,4 @@ impl Components {
         }
         Ok(())
     }
-}
-
-/// The id of every member of a slab: that of its successor in the next slab if it goes on there,
-/// else that of its own provisional label.
-fn ids(
-    provisional: &[u64],
-    live: &[u32],
-    later: &[u64],
-    carried_in: &[u32],
-    mut own: impl FnMut(usize, u64) -> Result<u64>,
-) -> Result<Vec<u64>> {
-    let mut out = vec![0; provisional.len()];
-    for (&member, &successor) in live.iter().zip(carried_in) {
-        out[member as usize] = later[successor as usize];
-    }
-    for (member, id) in out.iter_mut().enumerate().filter(|(_, id)| **id == 0) {
-        *id = own(member, provisional[member])?;
-    }
-    Ok(out)
 }

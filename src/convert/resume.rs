@@ -133,7 +133,8 @@ pub fn complete(job: &Conversion, out: &Path) -> Option<Made> {
         warnings: warnings(
             &found.totals,
             job.plan.tiling.dims,
-            (options.threshold, found.dust),
+            options.threshold,
+            found.dust,
         ),
         boot: None,
     })

@@ -39,6 +39,15 @@ pub struct SlabRecord {
     pub tiles: Place<TileRecord>,
 }
 
+/// Some components that end in a slab.
+#[derive(Debug, Clone, Copy)]
+pub struct EndedComponents {
+    /// Where their sums lie.
+    pub sums: Place<VoxelSums>,
+    /// Where their classes lie, in the same order.
+    pub classes: Place<u32>,
+}
+
 impl SlabRecord {
     /// One that has nothing but these tiles.
     #[cfg(test)]
@@ -49,17 +58,15 @@ impl SlabRecord {
         SlabRecord { tiles, ..slab }
     }
 
-    /// Sums of components that end in this slab, some at a time, and their classes.
+    /// The components that end in this slab, some at a time.
     ///
     /// # Errors
     /// [`crate::Error::Io`].
-    pub fn ended(&self, spool: &mut SpillFile) -> Result<Vec<(Place<VoxelSums>, Place<u32>)>> {
+    pub fn ended(&self, spool: &mut SpillFile) -> Result<Vec<EndedComponents>> {
         let parts = spool.get(&self.finished)?.into_iter();
-        let place = |[sums, many, classes, of]: [u64; 4]| {
-            (
-                Place::new(sums, many as usize),
-                Place::new(classes, of as usize),
-            )
+        let place = |[sums, many, classes, of]: [u64; 4]| EndedComponents {
+            sums: Place::new(sums, many as usize),
+            classes: Place::new(classes, of as usize),
         };
         Ok(parts.map(place).collect())
     }

@@ -87,7 +87,7 @@ pub fn write_tables(
     stop: &Stop,
 ) -> Result<u64> {
     let write = |name: &str, table, above| {
-        write_components(&work.join(name), table, (placement, above), stop)
+        write_components(&work.join(name), table, placement, above, stop)
     };
     let (cells, (objects, surfaces)) = rayon::join(
         || write("cells.csv", &components.cells, false),
@@ -101,20 +101,22 @@ pub fn write_tables(
     Ok(cells? + objects? + surfaces?)
 }
 
-/// Writes `cells.csv` or `objects.csv` and returns its size.
+/// Writes `cells.csv` or, of what is `above`, `objects.csv`, and returns its size.
 ///
 /// # Errors
 /// [`Error::Io`]; [`Error::Interrupted`] if it is to stop.
 pub fn write_components(
     path: &Path,
     table: &RecordTable<ComponentRecord>,
-    (place, above): (&Placement, bool),
+    place: &Placement,
+    above: bool,
     stop: &Stop,
 ) -> Result<u64> {
     write_rows(
-        (path, stop),
+        path,
         &header(&COMPONENT_COLUMNS, place.unit),
         table,
+        stop,
         |id, record, row| {
             row.put(id);
             row.put_all(&COMPONENT_COLUMNS, &Measures::of(record, place, above));
@@ -134,9 +136,10 @@ pub fn write_surfaces(
 ) -> Result<u64> {
     let scale = AreaScale::new(place.spacing);
     write_rows(
-        (path, stop),
+        path,
         &header(&SURFACE_COLUMNS, place.unit),
         table,
+        stop,
         |id, record, row| {
             row.put(id);
             let area = scale.area(record.mesh.area);
@@ -152,9 +155,10 @@ const EACH: usize = 64;
 const PARTS: usize = 32;
 
 fn write_rows<T: bytemuck::Pod + Send + Sync>(
-    (path, stop): (&Path, &Stop),
+    path: &Path,
     header: &str,
     table: &RecordTable<T>,
+    stop: &Stop,
     fill: impl Fn(u64, &T, &mut Row) + Sync,
 ) -> Result<u64> {
     let failed = |e| Error::io(path, "write", e);

@@ -5,6 +5,8 @@ use crate::convert::resolve::Components;
 use crate::convert::scan::state::ScanOutput;
 use crate::error::Result;
 use crate::manifest::{Dust, Totals};
+use crate::measure::MeshSums;
+use crate::tileset::with_euler_characteristic;
 
 /// What was left out, if that was asked for.
 pub fn dust_of(options: &ConvertOptions, scanned: &ScanOutput) -> Option<Dust> {
@@ -18,35 +20,50 @@ pub fn dust_of(options: &ConvertOptions, scanned: &ScanOutput) -> Option<Dust> {
     })
 }
 
-/// The totals that the scan knows.
-pub fn scanned_totals(scanned: &ScanOutput) -> Totals {
-    Totals {
-        cap_triangles: scanned.caps.triangles,
-        vertices: scanned.caps.vertices,
-        volume6: scanned.caps.volume6,
-        voxels_nan: scanned.nan,
-        ..Totals::default()
-    }
+/// The sums that the scan knows.
+#[derive(Debug, Clone, Copy)]
+pub struct ScannedSums {
+    caps: MeshSums,
+    nan: u64,
 }
 
-/// Adds what follows from the components: their numbers, and the sums of their surfaces.
-pub fn sum_components(components: &Components, cap: bool, totals: &mut Totals) -> Result<()> {
-    totals.objects = components.objects.len();
-    totals.cells = components.cells.len();
-    totals.surfaces = components.surfaces.len();
-    for i in 0..components.objects.len() {
-        totals.voxels_above += components.objects.get(i)?.voxels.voxels;
+impl ScannedSums {
+    /// Of what a scan left.
+    pub fn of(scanned: &ScanOutput) -> Self {
+        ScannedSums {
+            caps: scanned.caps,
+            nan: scanned.nan,
+        }
     }
-    for i in 0..components.surfaces.len() {
-        let mesh = components.surfaces.get(i)?.mesh;
-        totals.vertices += mesh.vertices;
-        totals.volume6 += mesh.volume6;
-        totals.border_edges += mesh.border_edges;
+
+    /// The totals: those of the tiles that are `written`, and what follows from the components, closed at the faces of
+    /// the volume with `cap`.
+    ///
+    /// # Errors
+    /// [`crate::Error::Io`].
+    pub fn totals(&self, written: Totals, components: &Components, cap: bool) -> Result<Totals> {
+        let mut totals = Totals {
+            cap_triangles: self.caps.triangles,
+            vertices: self.caps.vertices,
+            volume6: self.caps.volume6,
+            voxels_nan: self.nan,
+            objects: components.objects.len(),
+            cells: components.cells.len(),
+            surfaces: components.surfaces.len(),
+            ..written
+        };
+        for i in 0..components.objects.len() {
+            totals.voxels_above += components.objects.get(i)?.voxels.voxels;
+        }
+        for i in 0..components.surfaces.len() {
+            let mesh = components.surfaces.get(i)?.mesh;
+            totals.vertices += mesh.vertices;
+            totals.volume6 += mesh.volume6;
+            totals.border_edges += mesh.border_edges;
+        }
+        if cap {
+            totals.border_edges = 0;
+        }
+        Ok(with_euler_characteristic(totals))
     }
-    if cap {
-        totals.border_edges = 0;
-    }
-    let edges = (3 * totals.triangles + totals.border_edges) / 2;
-    totals.euler_characteristic = totals.vertices as i64 - edges as i64 + totals.triangles as i64;
-    Ok(())
 }

@@ -4,11 +4,7 @@ use crate::grid::Dims;
 use crate::manifest::{Dust, Totals};
 
 /// What makes its numbers other than they may be meant to be.
-pub fn warnings(
-    totals: &Totals,
-    dims: Dims,
-    (threshold, dust): (f64, Option<Dust>),
-) -> Vec<String> {
+pub fn warnings(totals: &Totals, dims: Dims, threshold: f64, dust: Option<Dust>) -> Vec<String> {
     let mut warnings = Vec::new();
     let filled = dust.filter(|dust| match totals.voxels_above {
         0 => dust.objects > 0,

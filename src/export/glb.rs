@@ -7,9 +7,11 @@ use super::format::{Coded, Counts, Writer, push_floats, too_large};
 use super::front::Numbers;
 use super::sheet::Sheet;
 use crate::error::Result;
+use crate::gltf::container::write_head;
 use crate::gltf::{ARRAY_BUFFER, ELEMENT_ARRAY_BUFFER, FLOAT, TRIANGLES, UNSIGNED_INT};
 use crate::grid::LATTICE;
 use crate::manifest::Manifest;
+use crate::tile::{GENERATOR, material};
 use serde_json::{Value, json};
 
 /// Bytes for the JSON, padded with spaces.
@@ -69,12 +71,12 @@ impl Glb {
         let vertex_bytes = vertices * self.stride();
         let bytes = self.bin_bytes(vertices, triangles);
         let mut doc = json!({
-            "asset": {"version": "2.0", "generator": concat!("alvis ", env!("CARGO_PKG_VERSION"))},
+            "asset": {"version": "2.0", "generator": GENERATOR},
             "scene": 0,
             "scenes": [{"nodes": [0]}],
             "nodes": [{"name": "alvis", "matrix": self.matrix, "mesh": 0}],
             "meshes": [{"name": "surface", "primitives": [primitive]}],
-            "materials": [crate::tile::material()],
+            "materials": [material()],
             "accessors": accessors,
             "bufferViews": [
                 {"buffer": 0, "byteOffset": 0, "byteLength": vertex_bytes, "byteStride": self.stride(), "target": ARRAY_BUFFER},
@@ -93,21 +95,8 @@ impl Writer for Glb {
     fn head(&self, counts: &Counts) -> Vec<u8> {
         let json = self.document(counts).to_string();
         let bytes = self.bin_bytes(counts.vertices, counts.triangles);
-        let mut head = Vec::with_capacity(HEADERS + ROOM);
-        let total = (HEADERS + ROOM) as u64 + bytes;
-        head.extend(b"glTF");
-        head.extend(
-            [2, total as u32, ROOM as u32]
-                .map(u32::to_le_bytes)
-                .as_flattened(),
-        );
-        head.extend(b"JSON");
-        head.extend(json.as_bytes());
-        debug_assert!(json.len() <= ROOM);
-        head.resize(20 + ROOM, b' ');
-        head.extend((bytes as u32).to_le_bytes());
-        head.extend(b"BIN\0");
-        head
+        let head = write_head(json.as_bytes(), ROOM, bytes);
+        head.expect("few numbers, and the size was checked")
     }
 
     fn encode(&self, sheet: &Sheet, numbers: &Numbers) -> Coded {

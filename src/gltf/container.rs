@@ -1,4 +1,4 @@
-//! The container of a tile: the two chunks of a GLB, and why a tile cannot be read.
+//! The container of a tile: the two chunks of a GLB, read and written, and why a tile cannot be read.
 
 use std::fmt;
 
@@ -121,5 +121,49 @@ impl<'a> Glb<'a> {
             ));
         }
         Ok(Glb { json, bin })
+    }
+}
+
+/// How many bytes a file has before the BIN chunk's data, with `room` for the JSON. `None` if the file would
+/// pass 4 GiB.
+pub(crate) fn head_bytes(room: usize, bin_bytes: u64) -> Option<usize> {
+    debug_assert!(room.is_multiple_of(4) && bin_bytes.is_multiple_of(4));
+    let bytes = 12 + 8 + room + 8;
+    (bytes as u64 + bin_bytes <= u64::from(u32::MAX)).then_some(bytes)
+}
+
+/// The file's bytes before the BIN chunk's data: both headers and the JSON, padded with spaces to
+/// `room` bytes. `None` if the JSON does not fit, or the file would pass 4 GiB.
+pub(crate) fn write_head(json: &[u8], room: usize, bin_bytes: u64) -> Option<Vec<u8>> {
+    let start = head_bytes(room, bin_bytes).filter(|_| json.len() <= room)?;
+    let total = start as u64 + bin_bytes;
+    let mut out = Vec::with_capacity(start);
+    let word = |out: &mut Vec<u8>, v: u32| out.extend(v.to_le_bytes());
+    out.extend(b"glTF");
+    word(&mut out, 2);
+    word(&mut out, total as u32);
+    word(&mut out, room as u32);
+    out.extend(b"JSON");
+    out.extend(json);
+    out.resize(20 + room, b' ');
+    word(&mut out, bin_bytes as u32);
+    out.extend(b"BIN\0");
+    Some(out)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_file_of_4_gib_is_refused_before_it_is_written() {
+        // 28 bytes are headers; the file's length has 32 bits
+        let most = u64::from(u32::MAX) / 4 * 4 - 28 - 8;
+        let head = write_head(b"{}", 8, most).expect("it fits");
+        assert_eq!(head.len(), 36);
+        assert_eq!(head[8..12], (most as u32 + 36).to_le_bytes());
+        for more in [4, 1 << 20, 1 << 40] {
+            assert!(write_head(b"{}", 8, most + more).is_none(), "{more}");
+        }
     }
 }

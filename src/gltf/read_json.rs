@@ -156,6 +156,21 @@ pub(crate) struct BufferView {
     pub extensions: ViewExtensions,
 }
 
+impl BufferView {
+    /// True if what it shows has to be decoded.
+    pub fn is_compressed(&self) -> bool {
+        self.extensions.meshopt.is_some()
+    }
+
+    /// Where its bytes begin in the chunk, compressed if they are, and how many they are.
+    pub fn in_chunk(&self) -> [u64; 2] {
+        match &self.extensions.meshopt {
+            Some(stream) => [stream.byte_offset, stream.byte_length],
+            None => [self.byte_offset, self.byte_length],
+        }
+    }
+}
+
 #[derive(Debug, Clone, Default, Deserialize)]
 pub(crate) struct ViewExtensions {
     #[serde(rename = "EXT_meshopt_compression")]

@@ -70,6 +70,20 @@ impl Dtype {
         }
     }
 
+    /// The smallest and the largest value of a type of whole numbers.
+    pub fn whole_numbers(self) -> Option<[f64; 2]> {
+        let ends = match self {
+            Dtype::U8 => [0.0, f64::from(u8::MAX)],
+            Dtype::I8 => [f64::from(i8::MIN), f64::from(i8::MAX)],
+            Dtype::U16 => [0.0, f64::from(u16::MAX)],
+            Dtype::I16 => [f64::from(i16::MIN), f64::from(i16::MAX)],
+            Dtype::U32 => [0.0, f64::from(u32::MAX)],
+            Dtype::I32 => [f64::from(i32::MIN), f64::from(i32::MAX)],
+            Dtype::F32 | Dtype::F64 => return None,
+        };
+        Some(ends)
+    }
+
     /// True for f32 and f64, which can hold NaN.
     pub fn is_float(self) -> bool {
         matches!(self, Dtype::F32 | Dtype::F64)
@@ -134,6 +148,9 @@ pub trait Voxel: Pod + PartialOrd + Send + Sync + std::fmt::Debug + 'static {
     /// The exact value; every type here fits an `f64`.
     fn to_f64(self) -> f64;
 
+    /// The nearest value of this type, the even one of two whole numbers; the end of the type for what is beyond it.
+    fn nearest(value: f64) -> Self;
+
     /// What slopes between such samples are kept in.
     type Slope: Slope;
 
@@ -157,6 +174,10 @@ macro_rules! integer_voxel {
             const DTYPE: Dtype = Dtype::$dtype;
             fn to_f64(self) -> f64 {
                 f64::from(self)
+            }
+            fn nearest(value: f64) -> Self {
+                // casts of floats saturate
+                value.round_ties_even() as $t
             }
             type Slope = $slope;
             #[inline(always)]
@@ -205,6 +226,9 @@ impl Voxel for f32 {
     fn to_f64(self) -> f64 {
         f64::from(self)
     }
+    fn nearest(value: f64) -> Self {
+        value as f32
+    }
     type Slope = f32;
     #[inline(always)]
     fn central_slope(self, before: Self) -> f32 {
@@ -233,6 +257,9 @@ impl Voxel for f64 {
     const DTYPE: Dtype = Dtype::F64;
     fn to_f64(self) -> f64 {
         self
+    }
+    fn nearest(value: f64) -> Self {
+        value
     }
     type Slope = f32;
     #[inline(always)]

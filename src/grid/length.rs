@@ -105,7 +105,6 @@ fn nearest(mantissa: i128, exponent: i32) -> f64 {
 }
 
 /// The product of two stated numbers in decimal, rounded once: 0.1 times 3 is 0.3 and not 0.30000000000000004.
-#[cfg_attr(not(any(feature = "hdf5", feature = "zarr")), allow(dead_code))]
 pub(crate) fn product(a: f64, b: f64) -> f64 {
     if a == 0.0 || b == 0.0 || !a.is_finite() || !b.is_finite() {
         return a * b;

@@ -5,12 +5,17 @@
 
 mod dtype;
 mod extent;
+mod filter;
 pub(crate) mod length;
 mod provenance;
 
 pub(crate) use dtype::with_voxel_type;
 pub use dtype::{Dtype, Endian, Slope, Voxel};
 pub use extent::Extent;
+pub use filter::{
+    Filter, Filtered, MAX_FILTERS, Sigma, check_filters, filtered_dims, filtered_dtype,
+    filters_text,
+};
 pub use provenance::{Origin, Part, Provenance};
 
 use crate::error::{Error, Result};

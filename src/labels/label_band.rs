@@ -171,7 +171,8 @@ pub fn sum_voxels(
     bits: &Bits,
     of_run: Vec<u32>,
     count: usize,
-    (dims, place): (Dims, &Placement),
+    dims: Dims,
+    place: &Placement,
 ) -> Labels {
     let mut labels = Labels {
         of_run,

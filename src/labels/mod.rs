@@ -30,7 +30,7 @@ pub use bits::Bits;
 pub use border_euler::add_border_euler;
 pub use carry_over::{CarryOver, Successor};
 pub use label_band::{Labels, LocalComponent, label_runs, sum_voxels};
-pub use provisional::{ProvisionalLabels, ResidentLabels};
+pub use provisional::{ProvisionalLabels, Ranks, ResidentLabels};
 pub use runs::{RowRuns, Run, Runs};
 pub use slab_merge::{BandInput, CarriedComponents, PhaseLabels, SlabComponents};
 pub use voxels::{Span, Voxels};

@@ -271,8 +271,37 @@ impl CarriedComponents {
         provisional: &mut PhaseLabels,
     ) -> Result<SlabComponents> {
         let nodes = *first_node.last().expect("not empty") as usize;
-        let carried = self.live.len() as u32;
         let mut class_of_root = vec![u32::MAX; nodes];
+        let mut slab = self.number_carried(&mut class_of_root, provisional)?;
+        for (_, root) in self.new_roots(bands, &mut class_of_root) {
+            class_of_root[root as usize] = slab.provisional.len() as u32;
+            let band = first_node.partition_point(|&f| f <= root) - 1;
+            let above = bands[band]
+                .components
+                .is_above((root - first_node[band]) as usize);
+            slab.provisional.push(provisional.of(above).allocate(1)?);
+            slab.above.push(u8::from(above));
+        }
+        let mut classes = |nodes: std::ops::Range<u32>| {
+            nodes
+                .map(|n| class_of_root[self.sets.find(n) as usize])
+                .collect()
+        };
+        slab.carried_in = classes(0..self.live.len() as u32);
+        slab.of_local = first_node
+            .windows(2)
+            .map(|pair| classes(pair[0]..pair[1]))
+            .collect();
+        Ok(slab)
+    }
+
+    /// Numbers the sets of components that come over.
+    fn number_carried(
+        &mut self,
+        class_of_root: &mut [u32],
+        provisional: &mut PhaseLabels,
+    ) -> Result<SlabComponents> {
+        let carried = self.live.len() as u32;
         let mut slab = SlabComponents::default();
         // live components are sorted by provisional label and are the smallest nodes, hence roots of their sets
         for node in 0..carried {
@@ -293,6 +322,12 @@ impl CarriedComponents {
         }
         self.carried += u64::from(carried);
         slab.merge_often = self.merged * OFTEN > self.carried;
+        Ok(slab)
+    }
+
+    /// The other sets by their smallest voxels: these, and the roots. Leaves numbers of its own in `place_of_root`.
+    fn new_roots(&mut self, bands: &[BandInput], place_of_root: &mut [u32]) -> Vec<(u64, u32)> {
+        let carried = self.live.len() as u32;
         let mut fresh: Vec<(u64, u32)> = Vec::new();
         let firsts = bands.iter().flat_map(|b| b.components.first_voxels());
         for (node, first) in (carried..).zip(firsts) {
@@ -301,34 +336,15 @@ impl CarriedComponents {
                 continue;
             }
             if root == node {
-                class_of_root[root as usize] = fresh.len() as u32;
+                place_of_root[root as usize] = fresh.len() as u32;
                 fresh.push((first, root));
             } else {
-                let entry = &mut fresh[class_of_root[root as usize] as usize];
+                let entry = &mut fresh[place_of_root[root as usize] as usize];
                 entry.0 = entry.0.min(first);
             }
         }
         fresh.sort_unstable();
-        for &(_, root) in &fresh {
-            class_of_root[root as usize] = slab.provisional.len() as u32;
-            let band = first_node.partition_point(|&f| f <= root) - 1;
-            let above = bands[band]
-                .components
-                .is_above((root - first_node[band]) as usize);
-            slab.provisional.push(provisional.of(above).allocate(1)?);
-            slab.above.push(u8::from(above));
-        }
-        let mut classes = |nodes: std::ops::Range<u32>| {
-            nodes
-                .map(|n| class_of_root[self.sets.find(n) as usize])
-                .collect()
-        };
-        slab.carried_in = classes(0..carried);
-        slab.of_local = first_node
-            .windows(2)
-            .map(|pair| classes(pair[0]..pair[1]))
-            .collect();
-        Ok(slab)
+        fresh
     }
 
     /// Adds the sums of the bands' open components to their classes. Returns where each class's sums

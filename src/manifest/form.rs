@@ -53,19 +53,6 @@ pub struct Form {
 }
 
 impl Form {
-    /// True if tiles are encoded as soon as they are made, since none of them stays as it is then: the floats of its
-    /// pieces one after the other.
-    ///
-    /// Compressed lists are not. Should pieces turn out to be one, tiles are decoded and encoded again, and triangles
-    /// that are compressed twice may begin at another corner than those that are compressed once.
-    pub fn is_encoded_early(&self) -> bool {
-        match (self.encoding, self.primitives) {
-            (Encoding::Float, _) => self.layout == Layout::Merged,
-            (Encoding::Meshopt, Primitives::Triangles) => false,
-            _ => true,
-        }
-    }
-
     /// The form that a tile set has.
     pub fn of(manifest: &Manifest) -> Self {
         Form {

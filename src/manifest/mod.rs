@@ -9,6 +9,7 @@ mod form;
 mod open;
 mod seal;
 mod shard;
+mod shard_text;
 mod shard_writer;
 
 pub(crate) use batch::batch;
@@ -16,12 +17,13 @@ pub use form::{Encoding, Form, Layout, Primitives};
 pub use open::{MANIFEST, PARTIAL, file_inside, inside, is_plain, manifest_file};
 pub(crate) use seal::{checksum_of, own_checksum, sums_of};
 pub use shard::ShardTiles;
-pub(crate) use shard::{ShardFault, ShardText};
+pub(crate) use shard_text::{ShardFault, ShardText};
 pub(crate) use shard_writer::{ShardWriter, entry_text, shard_path};
 
-use crate::grid::{Ambiguous, Crop, Dims, Placement, Unit};
+use crate::error::Result;
+use crate::grid::{Ambiguous, Crop, Dims, Placement, Unit, filtered_dims, filtered_dtype};
 use crate::grid::{Dtype, Endian};
-pub use crate::grid::{Origin, Part, Provenance};
+pub use crate::grid::{Filter, Origin, Part, Provenance};
 use bytemuck::{Pod, Zeroable};
 use serde::{Deserialize, Serialize};
 
@@ -41,6 +43,9 @@ pub struct Manifest {
     pub generator: Generator,
     /// The volume the tiles were made from.
     pub source: Source,
+    /// What was done to the samples before they were compared with the threshold, in this order.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub filters: Vec<Filter>,
     /// The grid the tiles cover (the crop, if there is one) and its macrocubes.
     pub grid: GridInfo,
     /// Spacing, unit, origin and directions of `grid`, flat: see [`Placement`].
@@ -86,6 +91,19 @@ pub struct Manifest {
 }
 
 impl Manifest {
+    /// Size of the volume that the filters make of the source, before the crop.
+    ///
+    /// # Errors
+    /// [`crate::Error::Usage`] if they make none.
+    pub fn filtered_dims(&self) -> Result<Dims> {
+        filtered_dims(self.source.dims, &self.filters)
+    }
+
+    /// Type of the samples that were compared with the threshold.
+    pub fn filtered_dtype(&self) -> Dtype {
+        filtered_dtype(self.source.dtype, &self.filters)
+    }
+
     /// True if the set lacks components of the whole that it was selected from: then ids have gaps,
     /// and what a whole surface obeys need not hold. A painted copy of all cells is a whole.
     pub fn is_part(&self) -> bool {
@@ -185,9 +203,9 @@ pub struct Source {
     pub name: String,
     /// `raw`, `metaimage`, `nrrd`, ...
     pub format: String,
-    /// Size of the whole volume in voxels, before the crop.
+    /// Size of the whole volume in voxels, before filters and crop.
     pub dims: Dims,
-    /// Sample type.
+    /// Sample type, before filters.
     pub dtype: Dtype,
     /// How the values follow from what the file stores, as it states; absent if they are what it stores.
     #[serde(default, skip_serializing_if = "Option::is_none")]
@@ -196,7 +214,7 @@ pub struct Source {
     pub endian: Endian,
     /// Bytes before the first sample of a headerless raw file; 0 for other formats.
     pub offset: u64,
-    /// The part that was converted, in voxels of the whole volume; absent if all of it.
+    /// The part that was converted, in voxels of the whole volume after filters; absent if all of it.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub crop: Option<Crop>,
     /// What was asked for of an input that may hold several volumes.

@@ -2,7 +2,7 @@
 //! first thing that is.
 
 use crate::error::{Error, Result};
-use crate::grid::{Dims, LATTICE, Placement, Tiling};
+use crate::grid::{Dims, LATTICE, Placement, Tiling, check_filters};
 use crate::manifest::{FORMAT, FORMAT_VERSION, Layer, Manifest, Shard, ShardTiles};
 use serde::Deserialize;
 use serde::de::DeserializeOwned;
@@ -111,6 +111,9 @@ impl Manifest {
         if self.placement.shear().is_some() {
             let directions = format!("directions {:?}", self.placement.directions);
             return bad(directions, "axes at right angles");
+        }
+        if let Err(e) = check_filters(&self.filters) {
+            return bad(e.to_string(), "filters that can be");
         }
         if let Some(unit) = self.table_unit
             && self.placement.in_unit(unit).is_err()

@@ -45,15 +45,6 @@ impl Manifest {
         self.write(layers, &mut |text| out.write_all(text).map_err(failed))
     }
 
-    /// The same in a file, with layers of its own.
-    ///
-    /// # Errors
-    /// [`Error::Io`].
-    pub(crate) fn write_sealed(mut self, dir: &Path) -> Result<u64> {
-        let layers = std::mem::take(&mut self.layers);
-        self.write_sealed_with(dir, &mut |each| layers.iter().try_for_each(&mut *each))
-    }
-
     /// Writes the file to its place in the directory `dir`; returns its bytes. See [`Manifest::seal`].
     ///
     /// # Errors
@@ -228,7 +219,10 @@ mod tests {
         for mut m in [empty, manifest] {
             m.checksum = None;
             let mut sealed = m.clone();
-            let len = m.write_sealed(dir.path()).unwrap();
+            let layers = std::mem::take(&mut m.layers);
+            let each =
+                &mut |each: &mut dyn FnMut(&Layer) -> Result<()>| layers.iter().try_for_each(each);
+            let len = m.write_sealed_with(dir.path(), each).unwrap();
             let bytes = std::fs::read(dir.path().join(super::super::MANIFEST)).unwrap();
             sealed.checksum = serde_json::from_slice::<Manifest>(&bytes).unwrap().checksum;
             assert!(whole(&sealed) == bytes && bytes.len() as u64 == len);

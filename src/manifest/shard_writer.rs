@@ -54,14 +54,6 @@ impl ShardWriter {
             .map_err(|e| Error::io(&self.path, "write", e))
     }
 
-    /// Adds a tile.
-    ///
-    /// # Errors
-    /// [`Error::Io`].
-    pub fn add(&mut self, tile: &TileEntry) -> Result<()> {
-        self.write(tile, &entry_text(tile))
-    }
-
     /// Adds a tile, `text` as [`entry_text`] makes it.
     ///
     /// # Errors

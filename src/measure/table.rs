@@ -1,6 +1,7 @@
 //! Fixed-size records by number, in memory while they are few, in a temporary file beyond.
 
 use crate::error::{Error, Result};
+use crate::sys::locks::{lock, unshared};
 use bytemuck::Pod;
 use std::fs::File;
 use std::os::unix::fs::FileExt;
@@ -51,7 +52,7 @@ impl<T: Pod> RecordTable<T> {
         match &self.store {
             Store::Memory(records) => Ok(records[i as usize]),
             Store::File(blocks) => {
-                let mut blocks = blocks.lock().expect("no thread panicked");
+                let mut blocks = lock(blocks);
                 Ok(*blocks.record(i, false)?)
             }
         }
@@ -73,7 +74,7 @@ impl<T: Pod> RecordTable<T> {
         match &mut self.store {
             Store::Memory(records) => change(&mut records[i as usize]),
             Store::File(blocks) => {
-                let blocks = blocks.get_mut().expect("no thread panicked");
+                let blocks = unshared(blocks);
                 change(blocks.record(i, true)?);
             }
         }

@@ -6,7 +6,7 @@ mod legend;
 pub mod ticks;
 
 pub use colour::{Map, hex, parse_colour};
-pub use font::width as text_width;
+pub use font::{fitted, width as text_width};
 pub use legend::{BarArea, ColourBar, printed_unit};
 
 use crate::sys::atomic_file::NewFile;
@@ -157,42 +157,9 @@ fn plain_chunks(png: &[u8]) -> bool {
     last == b"IEND" && rest.is_empty()
 }
 
-/// A number in about four digits.
-pub fn number(v: f64) -> String {
-    if v == 0.0 {
-        return "0".to_string();
-    }
-    let size = libm::log10(v.abs()).floor();
-    if !(-4.0..6.0).contains(&size) {
-        return format!("{v:.2e}");
-    }
-    let digits = (3.0 - size).max(0.0) as usize;
-    let text = format!("{v:.digits$}");
-    match text.contains('.') {
-        true => text.trim_end_matches('0').trim_end_matches('.').to_string(),
-        false => text,
-    }
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
-
-    #[test]
-    fn numbers_are_short() {
-        let texts = [0.0, 1.0, -0.25, 1234.5, 0.000_123_456, 123_456.0, 1e7, 1e-9].map(number);
-        let expected = [
-            "0",
-            "1",
-            "-0.25",
-            "1234",
-            "0.0001235",
-            "123456",
-            "1.00e7",
-            "1.00e-9",
-        ];
-        assert_eq!(texts, expected);
-    }
 
     #[test]
     fn text_stays_in_the_picture() {

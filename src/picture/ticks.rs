@@ -1,5 +1,7 @@
 //! Round numbers: where an axis has its ticks, and the length of a scale bar.
 
+use crate::words::number;
+
 /// A number of one digit times a power of ten, or a multiple of it.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Round {
@@ -97,7 +99,7 @@ pub fn place([first, last]: [f64; 2], value: f64) -> f64 {
 pub fn ticks(ends: [f64; 2], most: u32) -> Vec<Tick> {
     let [low, high] = [ends[0].min(ends[1]), ends[0].max(ends[1])];
     let middle = || {
-        let label = super::number(low / 2.0 + high / 2.0);
+        let label = number(low / 2.0 + high / 2.0, 4);
         vec![Tick { share: 0.5, label }]
     };
     let each = (high / f64::from(most.max(1))) - (low / f64::from(most.max(1)));

@@ -400,7 +400,7 @@ impl Assigner<'_> {
                 crossed &= crossed - 1;
                 let is_above = bits >> bit & 1 == 1;
                 let key = key + 3 * u64::from(bit);
-                let (piece, vertex) = self.count([run, run + 1], is_above, (1, key), of_row);
+                let (piece, vertex) = self.count([run, run + 1], is_above, 1, key, of_row);
                 *self.piece_of.at_mut(self.number) = piece;
                 *self.vertex_of.at_mut(self.number) = vertex;
                 self.number += 1;
@@ -437,7 +437,7 @@ impl Assigner<'_> {
                 let runs = [0, 1].map(|i| first_run[i] + (starts[i] & upto).count_ones());
                 let is_above = bits >> start & 1 == 1;
                 let key = key + 3 * u64::from(start);
-                let (piece, vertex) = self.count(runs, is_above, (end - start, key), of_row);
+                let (piece, vertex) = self.count(runs, is_above, end - start, key, of_row);
                 self.put(piece, vertex, (end - start) as usize);
             }
             first_run = [0, 1].map(|i| first_run[i] + starts[i].count_ones());
@@ -454,7 +454,8 @@ impl Assigner<'_> {
         &mut self,
         runs: [u32; 2],
         is_above: bool,
-        (edges, key): (u32, u64),
+        edges: u32,
+        key: u64,
         of_row: &OfRow,
     ) -> (u32, u32) {
         let [a, b] = runs.map(|run| self.class_of_run.at(run as usize));

@@ -301,8 +301,8 @@ impl TileMesher {
             &mut out.pieces,
             &mut self.sheets,
         );
-        let to = (&self.sheets, &mut out.chunk);
-        place_vertices(&self.edges, view, tile, settings.threshold, to);
+        let (sheets, threshold) = (&self.sheets, settings.threshold);
+        place_vertices(&self.edges, view, tile, threshold, sheets, &mut out.chunk);
         let faces = out.pieces.last().map_or(0, Piece::end_of_faces) as usize;
         if out.triangles.capacity() < faces {
             // nothing is to be moved; room that no tile comes to use takes no memory

@@ -4,8 +4,9 @@ mod checks;
 
 use crate::grid::{Ambiguous, Dims, LATTICE, Placement, Tiling};
 use crate::labels::{
-    BandComponents, BandFaces, BandInput, Bits, CarriedComponents, CarryOver, PhaseLabels,
-    ProvisionalLabels, Runs, Span, Voxels, add_border_euler, label_runs, sum_voxels,
+    BandComponents, BandFaces, BandInput, Bits, CarriedComponents, CarryOver, Labels, PhaseLabels,
+    ProvisionalLabels, Runs, SlabComponents, Span, Voxels, add_border_euler, label_runs,
+    sum_voxels,
 };
 use crate::measure::{AreaScale, VoxelSums};
 use crate::surface::assign_pieces::Piece;
@@ -123,12 +124,24 @@ impl Case {
         out
     }
 
-    /// Runs labelling and meshing tile by tile, with final ids.
-    fn run(&self) -> Vec<WholePiece> {
-        let tiling = Tiling {
+    fn tiling(&self) -> Tiling {
+        Tiling {
             dims: self.dims,
             macrocube: self.macrocube,
-        };
+        }
+    }
+
+    fn settings(&self) -> MeshSettings {
+        MeshSettings {
+            threshold: THRESHOLD,
+            rule: self.rule,
+            cap: self.cap,
+            area: AreaScale::new([1.0; 3]),
+        }
+    }
+
+    /// Runs labelling and meshing tile by tile, with final ids.
+    fn run(&self) -> Vec<WholePiece> {
         let dir = tempfile::tempdir().unwrap();
         let new = |name| ProvisionalLabels::new(&dir.path().join(name)).unwrap();
         let mut provisional = PhaseLabels {
@@ -138,161 +151,214 @@ impl Case {
         let mut classes = CarriedComponents::default();
         let volume =
             MemoryVolume::new(self.dims, Placement::default(), self.values.clone()).unwrap();
-        let settings = MeshSettings {
-            threshold: THRESHOLD,
-            rule: self.rule,
-            cap: self.cap,
-            area: AreaScale::new([1.0; 3]),
-        };
         let (mut slabs, mut bands_of) = (Vec::new(), Vec::new());
-        let mut pieces = Vec::new();
-        for tz in 0..tiling.tiles()[2] {
-            let mut bands = Vec::new();
-            for ty in 0..tiling.tiles()[1] {
-                let (y, z) = (tiling.cubes(1, ty), tiling.cubes(2, tz));
-                let span = Span {
-                    nx: self.dims.0[0],
-                    y: y.start..y.end + 1,
-                    z: z.start..z.end + 1,
-                };
-                let mut voxels = Voxels::<u8>::default();
-                voxels
-                    .load(&volume, span.with_neighbours(self.dims))
-                    .unwrap();
-                let mut bits = Bits::default();
-                bits.classify(&voxels, span, Some(100));
-                let mut runs = Runs::default();
-                runs.number(&bits);
-                let (of_run, count) = label_runs(&bits, &runs, self.rule, Vec::new());
-                let mut labels = {
-                    let grid = (self.dims, &Placement::default());
-                    sum_voxels(&bits, of_run, count, grid)
-                };
-                add_border_euler(&bits, &runs, &mut labels, self.rule, self.dims);
-                bands.push((voxels, bits, runs, labels));
-            }
-            let edges: Vec<_> = bands
-                .iter()
-                .map(|(_, b, r, l)| {
-                    let edges = BandFaces::of(b, r, l, self.dims);
-                    let whole = |_: &VoxelSums| Ok::<_, Infallible>(());
-                    let components = BandComponents::split(&l.components, &edges, whole);
-                    (edges, components.unwrap())
-                })
-                .collect();
-            let known: Vec<_> = edges
-                .iter()
-                .map(|(edges, components)| BandInput { edges, components })
-                .collect();
-            let slab = classes.join(&known, &mut provisional).unwrap();
-            for (ty, (voxels, bits, runs, labels)) in bands.iter().enumerate() {
-                for tx in 0..tiling.tiles()[0] {
-                    let tile = TileBox::of(tiling, [tx, ty as u32, tz]);
-                    let class_of_run: Vec<u32> = labels
-                        .of_run
-                        .iter()
-                        .map(|&l| slab.of_local[ty][l as usize])
-                        .collect();
-                    let view = BandView {
-                        voxels,
-                        bits,
-                        runs,
-                        class_of_run: &class_of_run,
-                        carry_over: None,
-                    };
-                    let mut mesh = TileMesh::default();
-                    TileMesher::default().mesh(&view, &tile, &settings, &mut mesh);
-                    check_mates(&mesh);
-                    if !self.cap {
-                        let made: u32 = mesh.pieces.iter().map(|p| p.vertices).sum();
-                        let sizes = crate::surface::Sizes::of(bits, &tile);
-                        assert_eq!(sizes.vertices, u64::from(made));
-                        assert!(sizes.pieces >= mesh.pieces.len() as u64);
-                    }
-                    let mut plain = TileMesher::default();
-                    plain.walk.plain = true;
-                    let mut reference = TileMesh::default();
-                    plain.mesh(&view, &tile, &settings, &mut reference);
-                    assert_same(&mesh, &reference);
-                    pieces.push((slabs.len(), mesh));
-                }
+        let mut meshes = Vec::new();
+        let [_, rows, layers] = self.tiling().tiles();
+        for tz in 0..layers {
+            let bands: Vec<_> = (0..rows).map(|ty| self.label(&volume, ty, tz)).collect();
+            let slab = self.join(&bands, &mut classes, &mut provisional);
+            for (ty, band) in (0..).zip(&bands) {
+                meshes.extend(self.mesh(band, &slab, ty, tz));
             }
             slabs.push(slab);
             bands_of.push(bands);
         }
         for (tz, pair) in slabs.windows(2).enumerate() {
-            for (ty, (voxels, bits, runs, labels)) in bands_of[tz].iter().enumerate() {
-                let class = |&label: &u32| pair[0].of_local[ty][label as usize];
-                let class_of_run: Vec<u32> = labels.of_run.iter().map(class).collect();
-                let view = BandView {
-                    voxels,
-                    bits,
-                    runs,
-                    class_of_run: &class_of_run,
-                    carry_over: Some(CarryOver::between(&pair[0], &pair[1])),
-                };
-                for tx in 0..tiling.tiles()[0] {
-                    let tile = TileBox::of(tiling, [tx, ty as u32, tz as u32]);
-                    check_joined(&view, &tile, &settings);
-                }
+            for (ty, band) in bands_of[tz].iter().enumerate() {
+                self.check_with_next(band, [&pair[0], &pair[1]], ty, tz);
             }
-        }
-        // resolve classes from the last slab back to the first
-        let mut ranks = [
-            provisional.cells.renumber().unwrap(),
-            provisional.objects.renumber().unwrap(),
-        ];
-        let mut ids: Vec<Vec<u64>> = vec![Vec::new(); slabs.len()];
-        for s in (0..slabs.len()).rev() {
-            let slab = &slabs[s];
-            let mut live = vec![None; slab.provisional.len()];
-            if let Some(next) = slabs.get(s + 1) {
-                for (i, &class) in slab.live.iter().enumerate() {
-                    live[class as usize] = Some(ids[s + 1][next.carried_in[i] as usize]);
-                }
-            }
-            ids[s] = slab
-                .provisional
-                .iter()
-                .zip(&slab.above)
-                .zip(live)
-                .map(|((&provisional_id, &above), live)| {
-                    live.unwrap_or_else(|| ranks[usize::from(above)].id(provisional_id).unwrap())
-                })
-                .collect();
         }
         check_often(&slabs);
-        let mut out = Vec::new();
-        for (s, mesh) in pieces {
-            check_foreseen(&slabs[s], None, &ids[s], &mesh.pieces);
-            if let Some(next) = slabs.get(s + 1) {
-                let groups = one_next(&CarryOver::between(&slabs[s], next), &mesh.pieces);
-                let firsts: Vec<Piece> = groups.iter().map(|g| mesh.pieces[g[0]]).collect();
-                check_foreseen(&slabs[s], Some(next), &ids[s], &firsts);
+        let ids = resolve(provisional, &slabs);
+        let of_mesh = meshes.iter().flat_map(|mesh| {
+            check_pieces(mesh, &slabs, &ids);
+            whole_pieces(mesh, &ids[mesh.slab])
+        });
+        of_mesh.collect()
+    }
+
+    /// A band with its labels.
+    fn label(&self, volume: &MemoryVolume<u8>, ty: u32, tz: u32) -> LabelledBand {
+        let (y, z) = (self.tiling().cubes(1, ty), self.tiling().cubes(2, tz));
+        let span = Span {
+            nx: self.dims.0[0],
+            y: y.start..y.end + 1,
+            z: z.start..z.end + 1,
+        };
+        let mut band = LabelledBand::default();
+        let samples = span.with_neighbours(self.dims);
+        band.voxels.load(volume, samples).unwrap();
+        band.bits.classify(&band.voxels, span, Some(100));
+        band.runs.number(&band.bits);
+        let (of_run, count) = label_runs(&band.bits, &band.runs, self.rule, Vec::new());
+        let place = Placement::default();
+        band.labels = sum_voxels(&band.bits, of_run, count, self.dims, &place);
+        let (bits, runs, labels) = (&band.bits, &band.runs, &mut band.labels);
+        add_border_euler(bits, runs, labels, self.rule, self.dims);
+        band
+    }
+
+    /// Joins the bands of a slab.
+    fn join(
+        &self,
+        bands: &[LabelledBand],
+        classes: &mut CarriedComponents,
+        provisional: &mut PhaseLabels,
+    ) -> SlabComponents {
+        let sealed = bands.iter().map(|band| {
+            let labels = &band.labels;
+            let edges = BandFaces::of(&band.bits, &band.runs, labels, self.dims);
+            let whole = |_: &VoxelSums| Ok::<_, Infallible>(());
+            let components = BandComponents::split(&labels.components, &edges, whole);
+            (edges, components.unwrap())
+        });
+        let sealed: Vec<_> = sealed.collect();
+        let known = sealed
+            .iter()
+            .map(|(edges, components)| BandInput { edges, components });
+        let known: Vec<_> = known.collect();
+        classes.join(&known, provisional).unwrap()
+    }
+
+    /// Meshes the tiles of a band, in the fast way and in the plain one.
+    fn mesh(&self, band: &LabelledBand, slab: &SlabComponents, ty: u32, tz: u32) -> Vec<Mesh> {
+        let class_of_run = band.classes(slab, ty);
+        let view = band.view(&class_of_run, None);
+        let settings = self.settings();
+        let tile = |tx| {
+            let tile = TileBox::of(self.tiling(), [tx, ty, tz]);
+            let mut mesh = TileMesh::default();
+            TileMesher::default().mesh(&view, &tile, &settings, &mut mesh);
+            check_mates(&mesh);
+            if !self.cap {
+                let made: u32 = mesh.pieces.iter().map(|p| p.vertices).sum();
+                let sizes = crate::surface::Sizes::of(&band.bits, &tile);
+                assert_eq!(sizes.vertices, u64::from(made));
+                assert!(sizes.pieces >= mesh.pieces.len() as u64);
             }
-            for piece in &mesh.pieces {
-                let vertex = |v: u32| {
-                    let position =
-                        mesh.chunk.numbers().as_chunks::<3>().0[(piece.first_vertex + v) as usize];
-                    position.map(|c| (c * LATTICE as f32) as i32)
-                };
-                out.push(WholePiece {
-                    object: ids[s][piece.object as usize],
-                    cell: if piece.is_cap() {
-                        0
-                    } else {
-                        ids[s][piece.cell as usize]
-                    },
-                    piece: *piece,
-                    triangles: mesh.piece(piece)[1..]
-                        .iter()
-                        .map(|t| canonical(t.corners().map(vertex)))
-                        .collect(),
-                });
+            let mut plain = TileMesher::default();
+            plain.walk.plain = true;
+            let mut reference = TileMesh::default();
+            plain.mesh(&view, &tile, &settings, &mut reference);
+            assert_same(&mesh, &reference);
+            let slab = tz as usize;
+            Mesh { slab, mesh }
+        };
+        (0..self.tiling().tiles()[0]).map(tile).collect()
+    }
+
+    /// Meshes the tiles of a band once more, knowing the next slab.
+    fn check_with_next(
+        &self,
+        band: &LabelledBand,
+        [slab, next]: [&SlabComponents; 2],
+        ty: usize,
+        tz: usize,
+    ) {
+        let class_of_run = band.classes(slab, ty as u32);
+        let view = band.view(&class_of_run, Some(CarryOver::between(slab, next)));
+        for tx in 0..self.tiling().tiles()[0] {
+            let tile = TileBox::of(self.tiling(), [tx, ty as u32, tz as u32]);
+            check_joined(&view, &tile, &self.settings());
+        }
+    }
+}
+
+/// A band with its labels.
+#[derive(Default)]
+struct LabelledBand {
+    voxels: Voxels<u8>,
+    bits: Bits,
+    runs: Runs,
+    labels: Labels,
+}
+
+impl LabelledBand {
+    /// The class of each run in its slab, of which this is band `ty`.
+    fn classes(&self, slab: &SlabComponents, ty: u32) -> Vec<u32> {
+        let class = |&label: &u32| slab.of_local[ty as usize][label as usize];
+        self.labels.of_run.iter().map(class).collect()
+    }
+
+    fn view<'a>(
+        &'a self,
+        class_of_run: &'a [u32],
+        carry_over: Option<CarryOver<'a>>,
+    ) -> BandView<'a, u8> {
+        BandView {
+            voxels: &self.voxels,
+            bits: &self.bits,
+            runs: &self.runs,
+            class_of_run,
+            carry_over,
+        }
+    }
+}
+
+/// The mesh of a tile of a slab.
+struct Mesh {
+    slab: usize,
+    mesh: TileMesh,
+}
+
+/// Resolves classes from the last slab back to the first.
+fn resolve(provisional: PhaseLabels, slabs: &[SlabComponents]) -> Vec<Vec<u64>> {
+    let mut ranks = [
+        provisional.cells.renumber().unwrap(),
+        provisional.objects.renumber().unwrap(),
+    ];
+    let mut ids: Vec<Vec<u64>> = vec![Vec::new(); slabs.len()];
+    for s in (0..slabs.len()).rev() {
+        let slab = &slabs[s];
+        let mut live = vec![None; slab.provisional.len()];
+        if let Some(next) = slabs.get(s + 1) {
+            for (i, &class) in slab.live.iter().enumerate() {
+                live[class as usize] = Some(ids[s + 1][next.carried_in[i] as usize]);
             }
         }
-        out
+        let members = slab.provisional.iter().zip(&slab.above).zip(live);
+        let id = |((&provisional_id, &above), live): ((&u64, &u8), Option<u64>)| {
+            live.unwrap_or_else(|| ranks[usize::from(above)].id(provisional_id).unwrap())
+        };
+        ids[s] = members.map(id).collect();
     }
+    ids
+}
+
+/// What is foreseen of pieces is what becomes of them.
+fn check_pieces(mesh: &Mesh, slabs: &[SlabComponents], ids: &[Vec<u64>]) {
+    let (s, pieces) = (mesh.slab, &mesh.mesh.pieces);
+    check_foreseen(&slabs[s], None, &ids[s], pieces);
+    if let Some(next) = slabs.get(s + 1) {
+        let groups = one_next(&CarryOver::between(&slabs[s], next), pieces);
+        let firsts: Vec<Piece> = groups.iter().map(|g| pieces[g[0]]).collect();
+        check_foreseen(&slabs[s], Some(next), &ids[s], &firsts);
+    }
+}
+
+/// The pieces of a tile whose classes have these ids.
+fn whole_pieces(mesh: &Mesh, ids: &[u64]) -> Vec<WholePiece> {
+    let mesh = &mesh.mesh;
+    let whole = |piece: &Piece| {
+        let vertex = |v: u32| {
+            let positions = mesh.chunk.numbers().as_chunks::<3>().0;
+            let position = positions[(piece.first_vertex + v) as usize];
+            position.map(|c| (c * LATTICE as f32) as i32)
+        };
+        let triangles = mesh.piece(piece)[1..].iter();
+        WholePiece {
+            object: ids[piece.object as usize],
+            cell: match piece.is_cap() {
+                true => 0,
+                false => ids[piece.cell as usize],
+            },
+            piece: *piece,
+            triangles: triangles
+                .map(|t| canonical(t.corners().map(vertex)))
+                .collect(),
+        }
+    };
+    mesh.pieces.iter().map(whole).collect()
 }
 
 fn cases() -> impl Strategy<Value = Case> {

@@ -167,6 +167,20 @@ struct Numbered<'a> {
     vertex_of: Unchecked<'a, u32>,
 }
 
+/// A tile whose crossed edges have pieces and vertices.
+#[derive(Clone, Copy)]
+struct NumberedTile<'a> {
+    tile: &'a TileBox,
+    numbered: Numbered<'a>,
+}
+
+/// Active cubes of one slice of a tile.
+#[derive(Clone, Copy)]
+struct SliceCubes<'a> {
+    cubes: &'a [ActiveCube],
+    z: usize,
+}
+
 /// Where a piece's triangles go.
 #[derive(Debug, Clone, Copy)]
 struct Cursor {
@@ -227,6 +241,10 @@ impl CubeMarcher {
         numbered: Numbered,
         out: &mut Faces,
     ) {
+        let from = NumberedTile {
+            tile: cut.tile,
+            numbered,
+        };
         let [cx, cy, cz] = cut.tile.cubes.map(|c| c as usize);
         self.row_slots.resize(cx, [NONE; 2]);
         self.slice_slots.clear();
@@ -239,25 +257,33 @@ impl CubeMarcher {
             for y in 0..cy {
                 let mut row = CubeRow::new(cut.edges, [y, z]);
                 while batch.list(&mut row, cut.edges, cut.tile) {
-                    let cubes = (batch.take(), z);
-                    self.write_all((cut.tile, numbered), plans, cubes, &mut x_slots, out);
+                    let cubes = SliceCubes {
+                        cubes: batch.take(),
+                        z,
+                    };
+                    self.write_all(from, plans, cubes, &mut x_slots, out);
                 }
             }
-            let cubes = (batch.take(), z);
-            self.write_all((cut.tile, numbered), plans, cubes, &mut x_slots, out);
+            let cubes = SliceCubes {
+                cubes: batch.take(),
+                z,
+            };
+            self.write_all(from, plans, cubes, &mut x_slots, out);
         }
     }
 
-    /// Writes the triangles of active cubes of slice `z`.
+    /// Writes the triangles of active cubes of a slice.
     #[inline(always)]
     fn write_all(
         &mut self,
-        (tile, numbered): (&TileBox, Numbered),
+        from: NumberedTile,
         plans: &CaseKernels,
-        (cubes, z): (&[ActiveCube], usize),
+        slice: SliceCubes,
         x_slots: &mut [u32; 2],
         out: &mut Faces,
     ) {
+        let NumberedTile { tile, numbered } = from;
+        let SliceCubes { cubes, z } = slice;
         let cx = tile.cubes[0] as usize;
         // SAFETY: a row's active cubes lie below `cx`, and those of a slice below that times its rows
         let (mut row_slots, mut slice_slots) = unsafe {
@@ -288,7 +314,7 @@ impl CubeMarcher {
                     slots,
                 };
                 let case = &plans.cases[usize::from(cube.active.case)];
-                cube.write((tile, numbered), case, out);
+                cube.write(from, case, out);
             }
         }
     }
@@ -349,7 +375,8 @@ fn write_simple(
 impl Cube<'_> {
     /// The triangles of any case.
     #[cold]
-    fn write(self, (tile, sheets): (&TileBox, Numbered), case: &Case, out: &mut Faces) {
+    fn write(self, from: NumberedTile, case: &Case, out: &mut Faces) {
+        let (tile, sheets) = (from.tile, from.numbered);
         let number = |edge: u8| {
             let place = NUMBER_OF_EDGE[usize::from(edge)];
             self.active.numbers[usize::from(place)] as usize

@@ -151,7 +151,8 @@ pub fn place_vertices<T: Voxel>(
     view: &BandView<T>,
     tile: &TileBox,
     threshold: f64,
-    (sheets, chunk): (&VertexAssignment, &mut VertexBuffer),
+    sheets: &VertexAssignment,
+    chunk: &mut VertexBuffer,
 ) {
     assert!(chunk.vertices() == edges.count() && sheets.are_of(edges));
     let [positions, normals] = chunk.vectors_mut();

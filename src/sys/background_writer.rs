@@ -3,7 +3,8 @@
 use crate::error::{Error, Result};
 use crate::sys::direct_io::{self, Buffer};
 use crate::sys::files::write_body;
-use crate::sys::memory_pool::{MemoryPool, MemoryReservation};
+use crate::sys::locks::{lock, wait};
+use crate::sys::memory_pool::MemoryReservation;
 use std::collections::VecDeque;
 use std::path::PathBuf;
 use std::sync::{Arc, Condvar, Mutex, MutexGuard};
@@ -28,6 +29,13 @@ pub struct Job {
     pub start: usize,
     /// Its bytes from there to its end.
     pub body: Buffer,
+}
+
+/// A job that somebody does.
+struct NumberedJob {
+    /// Its number among all that were put in the queue.
+    number: u64,
+    job: Job,
 }
 
 /// Writes tiles in threads of its own. A tile that finds all of them busy is written through the page
@@ -63,9 +71,8 @@ struct State {
 
 impl BackgroundWriters {
     /// Writers that have `in_flight` tiles on their way at most, whose buffers have `limit` bytes at
-    /// most; `None` for no tiles, or without room for them.
-    pub fn new(in_flight: usize, limit: u64, budget: &Arc<MemoryPool>) -> Option<Self> {
-        let mut held = MemoryReservation::new(budget);
+    /// most, which `held` takes; `None` for no tiles, or without room for them.
+    pub fn new(in_flight: usize, limit: u64, mut held: MemoryReservation) -> Option<Self> {
         held.grow_to(in_flight as u64 * limit).ok()?;
         let shared = Arc::new(Shared::default());
         let one = |i: usize| {
@@ -159,34 +166,35 @@ impl State {
         in_hands.copied().unwrap_or(self.taken())
     }
 
-    /// The next job in the queue if it is one of the first `count`, and its number.
-    fn take(&mut self, count: u64) -> Option<(u64, Job)> {
+    /// The next job in the queue if it is one of the first `count`.
+    fn take(&mut self, count: u64) -> Option<NumberedJob> {
         let number = self.taken();
         if number >= count {
             return None;
         }
         let job = self.queue.pop_front()?;
         self.writing.push(number);
-        Some((number, job))
+        Some(NumberedJob { number, job })
     }
 }
 
 impl Shared {
     fn lock(&self) -> MutexGuard<'_, State> {
-        self.state.lock().expect("no thread panicked")
+        lock(&self.state)
     }
 
     fn sleep<'a>(&self, state: MutexGuard<'a, State>) -> MutexGuard<'a, State> {
-        self.changed.wait(state).expect("no thread panicked")
+        wait(&self.changed, state)
     }
 
     /// Writes a tile that was taken while others have the state.
     fn write<'a>(
         &'a self,
-        (number, job): (u64, Job),
+        taken: NumberedJob,
         state: MutexGuard<'a, State>,
     ) -> MutexGuard<'a, State> {
         drop(state);
+        let NumberedJob { number, job } = taken;
         let written = direct_io::write(&job.path, job.start, job.body.get());
         let mut state = self.lock();
         state.writing.retain(|&other| other != number);
@@ -217,6 +225,11 @@ impl Shared {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::sys::memory_pool::MemoryPool;
+
+    fn room(bytes: u64) -> MemoryReservation {
+        MemoryReservation::new(&MemoryPool::new(bytes, "program", 0), "writes")
+    }
 
     fn job(path: PathBuf, body: &[u8], mut buffer: Buffer) -> Job {
         buffer.begin(0, body.len());
@@ -231,8 +244,7 @@ mod tests {
     #[test]
     fn every_tile_is_written_whole_whoever_writes_it() {
         let dir = tempfile::tempdir().unwrap();
-        let budget = MemoryPool::new(4_000_000, 0);
-        let writers = BackgroundWriters::new(2 * EACH, 500_000, &budget).unwrap();
+        let writers = BackgroundWriters::new(2 * EACH, 500_000, room(4_000_000)).unwrap();
         let body = |i: usize| vec![i as u8; 1 + i * 12_345 % 700_000];
         std::thread::scope(|scope| {
             for thread in 0..3 {
@@ -260,8 +272,7 @@ mod tests {
     #[test]
     fn a_tile_that_cannot_be_written_is_told_of_when_waited_for() {
         let dir = tempfile::tempdir().unwrap();
-        let budget = MemoryPool::new(1_000_000, 0);
-        let writers = BackgroundWriters::new(EACH, 240_000, &budget).unwrap();
+        let writers = BackgroundWriters::new(EACH, 240_000, room(1_000_000)).unwrap();
         let missing = dir.path().join("missing").join("tile");
         let buffer = Buffer::default();
         writers
@@ -280,8 +291,7 @@ mod tests {
         let (pipe, file) = (dir.path().join("pipe"), dir.path().join("file"));
         let made = std::process::Command::new("mkfifo").arg(&pipe).status();
         assert!(made.unwrap().success());
-        let budget = MemoryPool::new(1_000_000, 0);
-        let writers = BackgroundWriters::new(EACH, 240_000, &budget).unwrap();
+        let writers = BackgroundWriters::new(EACH, 240_000, room(1_000_000)).unwrap();
         // nobody gets further with a pipe until somebody reads from it, and then no bytes can be placed in it
         for path in [&pipe, &file] {
             let job = job(path.clone(), &[1; 200_000], Buffer::default());
@@ -306,11 +316,11 @@ mod tests {
 
     #[test]
     fn without_room_there_are_none() {
-        let budget = MemoryPool::new(1_000_000, 0);
-        assert!(BackgroundWriters::new(EACH, 300_000, &budget).is_none());
-        assert!(BackgroundWriters::new(0, 1, &budget).is_none());
-        drop(BackgroundWriters::new(EACH, 250_000, &budget).unwrap());
-        let mut all = MemoryReservation::new(&budget);
-        all.grow_to(1_000_000).unwrap();
+        let pool = MemoryPool::new(1_000_000, "program", 0);
+        let held = || MemoryReservation::new(&pool, "writes");
+        assert!(BackgroundWriters::new(EACH, 300_000, held()).is_none());
+        assert!(BackgroundWriters::new(0, 1, held()).is_none());
+        drop(BackgroundWriters::new(EACH, 250_000, held()).unwrap());
+        held().grow_to(1_000_000).unwrap();
     }
 }

@@ -152,7 +152,8 @@ impl Air {
     pub fn find(
         cells: &mut TableReader,
         manifest: &Manifest,
-        (outside, below): (Outside, f64),
+        outside: Outside,
+        below: f64,
     ) -> Result<Self> {
         let reach = Reach::new(cells, manifest)?;
         let (id, voxels) = (find(cells, "id")?, find(cells, "voxels")?);

@@ -147,7 +147,8 @@ pub struct Spread {
 pub fn summarise(
     dir: &Path,
     manifest: &Manifest,
-    (which, query): (Table, &Query),
+    which: Table,
+    query: &Query,
     outside: Outside,
 ) -> Result<Summary> {
     let (above, all_cells) = match &manifest.selection {
@@ -163,13 +164,10 @@ pub fn summarise(
     }
     let all = manifest.grid.dims.voxels() as f64;
     let below = all - above as f64;
-    let air = Air::find(
-        &mut Table::Cells.open(dir, manifest)?,
-        manifest,
-        (outside, below),
-    )?;
+    let mut cells = Table::Cells.open(dir, manifest)?;
+    let air = Air::find(&mut cells, manifest, outside, below)?;
     let left_out = which == Table::Cells && outside != Outside::None;
-    let rows = Rows::read(&mut which.open(dir, manifest)?, query, (manifest, left_out))?;
+    let rows = Rows::read(&mut which.open(dir, manifest)?, query, manifest, left_out)?;
     let rest = all - air.voxels;
     let share = |voxels: f64| (rest > 0.0).then(|| voxels / rest);
     Ok(Summary {
@@ -191,12 +189,12 @@ pub fn summarise(
         },
         sphericity_median: quantile(&rows.round, 0.5),
         equivalent_diameter: distribution(rows.sizes, rows.unit),
-        warnings: warnings(&air, (outside, rest)),
+        warnings: warnings(&air, outside, rest),
     })
 }
 
-/// What a user should know of the porosity, which is of so many voxels.
-fn warnings(air: &Air, (outside, rest): (Outside, f64)) -> Vec<String> {
+/// What a user should know of the porosity, which is of `rest` voxels.
+fn warnings(air: &Air, outside: Outside, rest: f64) -> Vec<String> {
     let mut all = Vec::new();
     match (outside, air.likely) {
         (Outside::None, Some((id, share))) => all.push(format!(
@@ -246,7 +244,8 @@ impl Rows {
     fn read(
         table: &mut TableReader,
         query: &Query,
-        (manifest, without_outside): (&Manifest, bool),
+        manifest: &Manifest,
+        without_outside: bool,
     ) -> Result<Self> {
         let (voxels, volume) = (find(table, "voxels")?, find(table, "volume")?);
         let diameter = find(table, "equivalent_diameter")?;

@@ -1,14 +1,14 @@
-//! A tile's pieces with all that is written of them: what a copy of a tile in another form starts
-//! from.
+//! A tile's pieces with all that is written of them: what a copy of a tile in another form starts from.
 
 use super::Extras;
 use super::body::{Body, PieceRange, write_indices};
+use super::codec::TileCodec;
 use super::document::{Node, TileHead};
-use super::mesh::{node_extras, table};
+use super::extras::of_pieces;
 use super::pieces::{Piece, pieces};
 use super::read::{PieceIds, Tile};
-use crate::gltf::container::{Fault, Glb, ReadError, fail};
-use crate::manifest::{Encoding, Form, Layout, Primitives};
+use crate::gltf::container::{Fault, ReadError, fail};
+use crate::manifest::{Form, Layout, Primitives};
 use bytemuck::Zeroable;
 
 /// A tile that was read.
@@ -17,7 +17,7 @@ pub(super) struct Contents {
     /// The root node's matrix.
     pub matrix: [f64; 16],
     /// How numbers were stored.
-    pub encoding: Encoding,
+    pub codec: &'static dyn TileCodec,
     /// True if it was in merged layout.
     pub merged: bool,
     /// The pieces in order.
@@ -27,30 +27,22 @@ pub(super) struct Contents {
 }
 
 impl Contents {
-    /// Reads a tile of primitives of a kind. `several` says which cells border more than one object:
+    /// Those of a tile of primitives of a kind. `several` says which cells border more than one object:
     /// the nodes of these have the object in their names. A merged tile has no names that tell.
     ///
     /// # Errors
     /// [`ReadError`] if it is no tile of that kind.
-    pub fn read(
-        bytes: &[u8],
+    pub fn of(
+        tile: &Tile,
         kind: Primitives,
         several: &dyn Fn(u64) -> bool,
     ) -> Result<Self, ReadError> {
-        let tile = Tile::read(bytes)?;
-        let glb = Glb::split(bytes)?;
         let merged = tile.is_merged();
-        let pieces = pieces(&tile, kind)?;
+        let pieces = pieces(tile, kind)?;
         pieces.iter().try_for_each(|p| check_count(p, kind))?;
-        let extras = if merged {
-            table(&glb)?
-        } else {
-            // the first node is the root
-            node_extras(glb.json)?.split_off(1)
-        };
         let nodes = pieces
             .iter()
-            .zip(extras)
+            .zip(of_pieces(tile)?)
             .map(|(p, extras)| Node {
                 name: if merged {
                     name(p.ids.cell, p.ids.object, several(p.ids.cell))
@@ -63,7 +55,7 @@ impl Contents {
             .collect();
         Ok(Contents {
             matrix: tile.matrix,
-            encoding: tile.encoding,
+            codec: tile.codec,
             merged,
             pieces,
             nodes,
@@ -88,7 +80,7 @@ impl Contents {
     pub fn form(&self, primitives: Primitives) -> Form {
         Form {
             primitives,
-            encoding: self.encoding,
+            encoding: self.codec.encoding(),
             layout: if self.merged {
                 Layout::Merged
             } else {
@@ -99,10 +91,7 @@ impl Contents {
 
     /// What the new tile has in common with others.
     pub fn head(&self, wanted: &Form) -> TileHead {
-        TileHead {
-            matrix: self.matrix,
-            form: *wanted,
-        }
+        TileHead::new(self.matrix, *wanted)
     }
 
     /// The pieces' geometry as a body of floats, and its bytes.

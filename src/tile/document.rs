@@ -1,10 +1,11 @@
 //! The JSON chunk of a tile in node layout.
 
 use crate::gltf::{ARRAY_BUFFER, ELEMENT_ARRAY_BUFFER, TRIANGLE_STRIP, TRIANGLES};
-use crate::manifest::{Encoding, Form, Layout, Primitives};
+use crate::manifest::{Form, Layout, Primitives};
 use crate::tile::body::Body;
+use crate::tile::codec::{TileCodec, codec};
 use crate::tile::paint::{Paints, Rgb};
-use crate::tile::store::{Accessor, Stored};
+use crate::tile::store::{Accessor, IndicesAt, Stored};
 use crate::tile::{Extras, MAX_NODES};
 use serde::Serialize;
 use serde_json::{Value, json};
@@ -16,9 +17,20 @@ pub struct TileHead {
     pub matrix: [f64; 16],
     /// Primitives, encoding and layout.
     pub form: Form,
+    /// The codec of the encoding.
+    pub codec: &'static dyn TileCodec,
 }
 
 impl TileHead {
+    /// Of tiles in a form.
+    pub fn new(matrix: [f64; 16], form: Form) -> Self {
+        TileHead {
+            matrix,
+            form,
+            codec: codec(form.encoding),
+        }
+    }
+
     /// True if a tile of so many pieces takes the merged layout.
     pub fn merges(&self, pieces: usize) -> bool {
         match self.form.layout {
@@ -30,16 +42,17 @@ impl TileHead {
 
     /// True if the body of a tile of so many pieces is in the file as [`Body::write`] makes it.
     pub fn is_plain(&self, pieces: usize) -> bool {
-        self.form.encoding == Encoding::Float && !self.merges(pieces)
+        self.codec.keeps_floats() && !self.merges(pieces)
+    }
+
+    /// True if tiles are encoded as soon as they are made, see [`TileCodec::is_encoded_early`].
+    pub fn is_encoded_early(&self) -> bool {
+        self.codec.is_encoded_early(&self.form)
     }
 
     /// The extensions that a reader must know, and those used in the layout.
     pub(super) fn extensions(&self, merged: bool) -> [Vec<&'static str>; 2] {
-        let required = match self.form.encoding {
-            Encoding::Float => vec![],
-            Encoding::Quantized => vec!["KHR_mesh_quantization"],
-            Encoding::Meshopt => vec!["KHR_mesh_quantization", "EXT_meshopt_compression"],
-        };
+        let required = self.codec.extensions().to_vec();
         let mut used = required.clone();
         if merged {
             used.extend(["EXT_mesh_features", "EXT_structural_metadata"]);
@@ -166,12 +179,15 @@ pub(crate) fn geometry_views(body: &Body) -> Vec<Value> {
 /// The JSON of a tile in node layout with its body as it is, a node per piece of `body`, without
 /// padding.
 pub fn node_json(head: &TileHead, body: &Body, nodes: &[Node]) -> Vec<u8> {
-    node_document(head, &Stored::float(body), body, nodes)
+    node_document(head, &Stored::plain(head.codec, body), body, nodes)
 }
 
-/// Room that the JSON of tiles in node layout takes at most, whatever the nodes. It is found once for all tiles, without the numbers that are a tile's own.
+/// Room that the JSON of tiles in node layout takes at most, whatever the nodes. It is found once for all tiles,
+/// without the numbers that are a tile's own.
 #[derive(Debug)]
 pub struct WidestNodes {
+    /// What the tiles have in common.
+    pub(super) head: TileHead,
     /// Bytes without pieces.
     none: usize,
     /// For one piece.
@@ -184,7 +200,7 @@ impl WidestNodes {
     /// Of the tiles of a set.
     pub fn new(head: &TileHead) -> Self {
         let none = Stored {
-            encoding: head.form.encoding,
+            codec: head.codec,
             base: [0; 3],
             views: Vec::new(),
             buffers: Vec::new(),
@@ -194,6 +210,7 @@ impl WidestNodes {
         let (one, two) = (with(1), with(2));
         let own = OwnNumbers::of(&none, &Body::default());
         WidestNodes {
+            head: head.clone(),
             none: with(0) - own.tile,
             one: one - own.tile - own.piece,
             more: two - one - own.piece,
@@ -238,8 +255,11 @@ fn json_bytes<T: Serialize>(value: &T) -> usize {
 }
 
 /// View and byte of indices than which none lie further from the beginning of their view.
-fn widest_place(stored: &Stored, body: &Body) -> (usize, u64) {
-    (stored.views.len(), body.bytes)
+fn widest_place(stored: &Stored, body: &Body) -> IndicesAt {
+    IndicesAt {
+        view: stored.views.len(),
+        byte: body.bytes,
+    }
 }
 
 /// Bytes of the JSON of a tile with so many of the widest pieces.
@@ -271,15 +291,15 @@ pub(super) fn node_document(
         children: (1..=nodes.len() as u32).collect(),
     }];
     let mut paints = Paints::default();
-    let (translation, scale) = stored.transform().unzip();
+    let transform = stored.transform();
     let mut meshes = Vec::with_capacity(nodes.len());
     let mut accessors = Vec::with_capacity(3 * nodes.len());
     for (i, (node, piece)) in nodes.iter().zip(&body.pieces).enumerate() {
         all.push(DocNode::Piece {
             name: &node.name,
             mesh: i as u32,
-            translation,
-            scale,
+            translation: transform.map(|t| t.translation),
+            scale: transform.map(|t| t.scale),
             extras: &node.extras,
         });
         meshes.push(Mesh {
@@ -313,37 +333,11 @@ pub(super) fn node_document(
     serde_json::to_vec(&document).expect("plain data serialises")
 }
 
-/// How many bytes a file has before the BIN chunk's data, with `room` for the JSON. `None` if the file would
-/// pass 4 GiB.
-pub fn head_bytes(room: usize, bin_bytes: u64) -> Option<usize> {
-    debug_assert!(room.is_multiple_of(4) && bin_bytes.is_multiple_of(4));
-    let bytes = 12 + 8 + room + 8;
-    (bytes as u64 + bin_bytes <= u64::from(u32::MAX)).then_some(bytes)
-}
-
-/// The file's bytes before the BIN chunk's data: both headers and the JSON, padded with spaces to
-/// `room` bytes. `None` if the JSON does not fit, or the file would pass 4 GiB.
-pub fn write_head(json: &[u8], room: usize, bin_bytes: u64) -> Option<Vec<u8>> {
-    let start = head_bytes(room, bin_bytes).filter(|_| json.len() <= room)?;
-    let total = start as u64 + bin_bytes;
-    let mut out = Vec::with_capacity(start);
-    let word = |out: &mut Vec<u8>, v: u32| out.extend(v.to_le_bytes());
-    out.extend(b"glTF");
-    word(&mut out, 2);
-    word(&mut out, total as u32);
-    word(&mut out, room as u32);
-    out.extend(b"JSON");
-    out.extend(json);
-    out.resize(20 + room, b' ');
-    word(&mut out, bin_bytes as u32);
-    out.extend(b"BIN\0");
-    Some(out)
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
     use crate::tile::PieceRange;
+    use crate::tile::codec::CODECS;
     use bytemuck::Zeroable;
     use proptest::prelude::*;
 
@@ -377,13 +371,11 @@ mod tests {
         #[test]
         fn no_json_is_wider_than_the_widest(body in bodies(), strips in any::<bool>()) {
             let primitives = if strips { Primitives::Strips } else { Primitives::Triangles };
-            let head = TileHead {
-                matrix: [-0.1 - f64::EPSILON; 16],
-                form: Form { primitives, ..Form::default() },
-            };
+            let form = Form { primitives, ..Form::default() };
+            let head = TileHead::new([-0.1 - f64::EPSILON; 16], form);
             let nodes = vec![Node::widest(); body.pieces.len()];
             let found = node_json(&head, &body, &nodes).len();
-            let stored = Stored::float(&body);
+            let stored = Stored::plain(head.codec, &body);
             let widest = WidestNodes::new(&head).room(&stored, &body);
             // six coordinates, two counts and three places of a piece, of a few digits less each
             let most = found + 6 * 13 * body.pieces.len() + 5 * 10 * body.pieces.len();
@@ -395,32 +387,17 @@ mod tests {
         /// As if each tile's JSON were written out.
         #[test]
         fn room_is_that_of_the_widest_pieces(
-            body in bodies(), kind in 0..3usize, base in prop::array::uniform3(0..100_000i32),
+            body in bodies(), kind in 0..CODECS.len(), base in prop::array::uniform3(0..100_000i32),
         ) {
-            let encoding = [Encoding::Float, Encoding::Quantized, Encoding::Meshopt][kind];
-            let head = TileHead {
-                matrix: [-0.1 - f64::EPSILON; 16],
-                form: Form { encoding, ..Form::default() },
-            };
-            let stored = Stored { encoding, base, ..Stored::float(&body) };
+            let codec = CODECS[kind];
+            let head = TileHead { codec, ..TileHead::new([-0.1 - f64::EPSILON; 16], Form::default()) };
+            let stored = Stored { base, ..Stored::plain(codec, &body) };
             let widest = WidestNodes::new(&head);
             let written = |pieces| with_widest(&head, &stored, &body, pieces);
             for pieces in [0, 1, 2, 3] {
                 let some = Body { pieces: vec![body.widest_piece(); pieces], ..body };
                 prop_assert_eq!(widest.room(&stored, &some), written(pieces) + if pieces > 2 { 3 * 5 } else { 0 });
             }
-        }
-    }
-
-    #[test]
-    fn a_file_of_4_gib_is_refused_before_it_is_written() {
-        // 28 bytes are headers; the file's length has 32 bits
-        let most = u64::from(u32::MAX) / 4 * 4 - 28 - 8;
-        let head = write_head(b"{}", 8, most).expect("it fits");
-        assert_eq!(head.len(), 36);
-        assert_eq!(head[8..12], (most as u32 + 36).to_le_bytes());
-        for more in [4, 1 << 20, 1 << 40] {
-            assert!(write_head(b"{}", 8, most + more).is_none(), "{more}");
         }
     }
 }

@@ -3,16 +3,44 @@
 use super::Extras;
 use super::body::{Body, PieceRange, append_indices, is_wide};
 use super::contents::{Contents, name};
-use super::document::{Node, TileHead, WidestNodes, node_document, node_json, write_head};
+use super::document::{Node, TileHead, WidestNodes, node_document, node_json};
 use super::file::aligned;
 use super::merged::{merged_document, widest_merged};
 use super::part::refuse;
-use super::store::{Geometry, Refused, Stored};
-use crate::gltf::bin_writer::{Bin, Section, Views};
-use crate::gltf::container::ReadError;
-use crate::manifest::{Encoding, Primitives};
+use super::read::Tile;
+use super::store::{Refused, Stored};
+use crate::gltf::accessors::Element;
+use crate::gltf::bin_writer::{Bin, IndexList, Section, Views};
+use crate::gltf::container::{ReadError, write_head};
 use bytemuck::{Pod, Zeroable};
 use std::borrow::Cow;
+
+/// Pieces whose geometry is floats.
+#[derive(Clone, Copy)]
+pub struct FloatBody<'a> {
+    /// The pieces.
+    pub body: &'a Body,
+    /// The body's bytes.
+    pub bytes: &'a [u8],
+}
+
+/// Pieces whose geometry is encoded.
+#[derive(Clone, Copy)]
+pub struct EncodedBody<'a> {
+    /// The pieces as they were before.
+    pub body: &'a Body,
+    /// How they were encoded.
+    pub layout: &'a EncodedLayout,
+}
+
+/// What is written of a tile besides its geometry.
+#[derive(Debug)]
+pub struct Description {
+    /// The JSON, without padding.
+    pub json: Vec<u8>,
+    /// What comes behind the geometry in the BIN chunk: in merged layout the table.
+    pub table: Vec<u8>,
+}
 
 /// Parts of a BIN chunk that can be compressed, at most: positions, normals, indices, and rows and colours or
 /// other indices.
@@ -37,18 +65,18 @@ pub struct Encoded<'a> {
     pub recipe: EncodedLayout,
 }
 
-/// Encodes pieces whose geometry is floats: `body` and its `bytes`, of a tile whose macrocube has its lowest voxel at
-/// `low`. In a plain tile they stay as they are. The pieces have `colours` if all have one, which the merged layout
-/// stores with the vertices.
+/// Encodes pieces of a tile whose macrocube has its lowest voxel at `low`. In a plain tile they stay as they are. The
+/// pieces have `colours` if all have one, which the merged layout stores with the vertices.
 ///
 /// # Errors
 /// [`Refused::TooWide`] if the vertices reach too far for the encoding.
 pub fn encode<'a>(
     head: &TileHead,
     low: [u32; 3],
-    (body, bytes): (&Body, &'a [u8]),
+    floats: FloatBody<'a>,
     colours: Option<&[[u8; 8]]>,
 ) -> Result<Encoded<'a>, Refused> {
+    let FloatBody { body, bytes } = floats;
     let of_pieces = || body.pieces.iter().map(|p| p.indices).sum();
     if head.is_plain(body.pieces.len()) {
         let recipe = EncodedLayout {
@@ -58,22 +86,20 @@ pub fn encode<'a>(
         let bytes = Cow::Borrowed(bytes);
         return Ok(Encoded { bytes, recipe });
     }
-    let encoding = head.form.encoding;
-    let geometry = Geometry { body, bytes };
-    let mut bin = Bin::new(encoding == Encoding::Meshopt);
-    geometry.put_vertices(&mut bin, encoding, low)?;
+    let mut bin = Bin::default();
+    floats.put_vertices(&mut bin, head, low)?;
     let indices = if head.merges(body.pieces.len()) {
-        let indices = geometry.put_joined(&mut bin, head.form.primitives);
+        let indices = floats.put_joined(&mut bin, head);
         let row = |i: usize| (i as f32).to_le_bytes();
-        bin.vertices(&per_vertex(body, row));
+        put_per_vertex(&mut bin, head, body, row);
         if let Some(colours) = colours {
-            bin.vertices(&per_vertex(body, |i| colours[i]));
+            put_per_vertex(&mut bin, head, body, |i| colours[i]);
         }
         // what comes behind is no part of the geometry
         bin.pad(8);
         indices
     } else {
-        geometry.put_pieces(&mut bin, head.form.primitives);
+        floats.put_pieces(&mut bin, head);
         bin.pad(4);
         of_pieces()
     };
@@ -91,39 +117,42 @@ pub fn encode<'a>(
 /// # Errors
 /// [`Refused::TooWide`].
 pub fn widest_description(
-    (head, nodes): (&TileHead, &WidestNodes),
+    nodes: &WidestNodes,
     low: [u32; 3],
-    (body, recipe): (&Body, &EncodedLayout),
+    encoded: EncodedBody,
 ) -> Result<usize, Refused> {
+    let (head, body) = (&nodes.head, encoded.body);
     if head.is_plain(body.pieces.len()) {
-        return Ok(nodes.room(&Stored::float(body), body));
+        return Ok(nodes.room(&Stored::plain(head.codec, body), body));
     }
     if head.merges(body.pieces.len()) {
-        return widest_merged(head, low, (body, recipe));
+        return widest_merged(head, low, encoded);
     }
-    let stored = Stored::encoded(head, low, body, recipe)?;
-    Ok(nodes.room(&stored, body))
+    Ok(nodes.room(&Stored::encoded(head, low, encoded)?, body))
 }
 
-/// The JSON of a tile with this geometry, without padding, and what comes behind the geometry in the BIN chunk: in
-/// merged layout the table.
+/// What is written of a tile with this geometry.
 ///
 /// # Errors
 /// [`Refused::TooWide`].
 pub fn describe(
     head: &TileHead,
     low: [u32; 3],
-    (body, recipe): (&Body, &EncodedLayout),
+    encoded: EncodedBody,
     nodes: &[Node],
-) -> Result<(Vec<u8>, Vec<u8>), Refused> {
+) -> Result<Description, Refused> {
+    let alone = |json| Description {
+        json,
+        table: Vec::new(),
+    };
     if head.is_plain(nodes.len()) {
-        return Ok((node_json(head, body, nodes), Vec::new()));
+        return Ok(alone(node_json(head, encoded.body, nodes)));
     }
     if head.merges(nodes.len()) {
-        return merged_document(head, low, (body, recipe), nodes);
+        return merged_document(head, low, encoded, nodes);
     }
-    let stored = Stored::encoded(head, low, body, recipe)?;
-    Ok((node_document(head, &stored, body, nodes), Vec::new()))
+    let stored = Stored::encoded(head, low, encoded)?;
+    Ok(alone(node_document(head, &stored, encoded.body, nodes)))
 }
 
 /// The pieces as floats again, of the bytes that [`encode`] has made of them: the same positions and triangles, and
@@ -134,9 +163,10 @@ pub fn describe(
 pub fn decode<'a>(
     head: &TileHead,
     low: [u32; 3],
-    (body, recipe): (&Body, &EncodedLayout),
+    encoded: EncodedBody,
     bytes: &'a [u8],
 ) -> Result<(Body, Cow<'a, [u8]>), ReadError> {
+    let body = encoded.body;
     if head.is_plain(body.pieces.len()) {
         return Ok((body.clone(), Cow::Borrowed(bytes)));
     }
@@ -147,13 +177,17 @@ pub fn decode<'a>(
         colour: None,
     };
     let nodes: Vec<Node> = (1..).zip(&body.pieces).map(node).collect();
-    let file = describe(head, low, (body, recipe), &nodes).and_then(|(json, table)| {
+    let file = describe(head, low, encoded, &nodes).and_then(|Description { json, table }| {
         let bin = (bytes.len() + table.len()) as u64;
         let file = write_head(&json, aligned(json.len(), 8), bin).ok_or(Refused::TooLarge)?;
         Ok([&file[..], bytes, &table].concat())
     });
     let file = file.or_else(refuse)?;
-    let contents = Contents::read(&file, head.form.primitives, &|_| false)?;
+    let contents = Contents::of(
+        &Tile::read_as(&file, &[head.codec])?,
+        head.form.primitives,
+        &|_| false,
+    )?;
     drop(file);
     let (mut decoded, bytes) = contents.body()?;
     for (piece, was) in decoded.pieces.iter_mut().zip(&body.pieces) {
@@ -162,41 +196,43 @@ pub fn decode<'a>(
     Ok((decoded, Cow::Owned(bytes)))
 }
 
-/// The same of each vertex of a piece.
-fn per_vertex<const N: usize>(body: &Body, of_piece: impl Fn(usize) -> [u8; N]) -> Vec<[u8; N]> {
+/// Adds what is the same of each vertex of a piece.
+fn put_per_vertex<const N: usize>(
+    bin: &mut Bin,
+    head: &TileHead,
+    body: &Body,
+    of_piece: impl Fn(usize) -> [u8; N],
+) {
     let pieces = body.pieces.iter().enumerate();
-    pieces
+    let all: Vec<[u8; N]> = pieces
         .flat_map(|(i, p)| std::iter::repeat_n(of_piece(i), p.vertices as usize))
-        .collect()
+        .collect();
+    head.codec.put_vertices(bin, all.as_flattened(), N);
 }
 
 impl EncodedLayout {
     /// The views of the geometry. Merged, these are of positions, normals, indices, rows, and colours if it is
     /// `painted`; else of positions, normals, and indices of either width that there are.
     pub(super) fn views(&self, head: &TileHead, body: &Body, painted: bool) -> Views {
-        let encoding = head.form.encoding;
-        let vertices = |stride, filter| Section::Vertices {
+        let vertices = |element: Element, normals| Section::Vertices {
             count: body.vertices as usize,
-            stride,
-            filter,
+            stride: element.stride as usize,
+            normals,
         };
         let indices = |count, wide| Section::Indices {
             count,
             wide,
             kind: head.form.primitives,
         };
-        let [position, normal] = match encoding {
-            Encoding::Float => [12, 12],
-            Encoding::Quantized | Encoding::Meshopt => [8, 4],
-        };
+        let format = head.codec.vertices();
         let mut parts = vec![
-            vertices(position, None),
-            vertices(normal, Some("OCTAHEDRAL")),
+            vertices(format.position, false),
+            vertices(format.normal, true),
         ];
         if head.merges(body.pieces.len()) {
             parts.push(indices(self.indices as usize, is_wide(body.vertices)));
-            parts.push(vertices(4, None));
-            parts.extend(painted.then(|| vertices(8, None)));
+            parts.push(vertices(Element::FLOAT, false));
+            parts.extend(painted.then(|| vertices(Element::COLOUR, false)));
         } else {
             let count = |wide| {
                 let of_width = body.pieces.iter().filter(move |p| p.wide() == wide);
@@ -207,15 +243,33 @@ impl EncodedLayout {
         }
         let mut views = Views::default();
         for (part, &length) in parts.into_iter().zip(&self.lengths) {
-            views.add(part, (encoding == Encoding::Meshopt).then_some(length));
+            head.codec.add_view(&mut views, part, length);
         }
         views
     }
 }
 
-impl Geometry<'_> {
+impl FloatBody<'_> {
+    /// Adds positions and normals to a chunk.
+    ///
+    /// # Errors
+    /// [`Refused::TooWide`].
+    fn put_vertices(&self, bin: &mut Bin, head: &TileHead, low: [u32; 3]) -> Result<(), Refused> {
+        let n = 12 * self.body.vertices as usize;
+        let (positions, _) = self.bytes[..n].as_chunks::<12>();
+        let (normals, _) = self.bytes[n..2 * n].as_chunks::<12>();
+        let (codec, format) = (head.codec, head.codec.vertices());
+        let base = codec.base(self.body, low)?;
+        let positions = codec.encode_positions(positions, base);
+        codec.put_vertices(bin, &positions, format.position.stride as usize);
+        drop(positions);
+        let normals = codec.encode_normals(normals);
+        codec.put_vertices(bin, &normals, format.normal.stride as usize);
+        Ok(())
+    }
+
     /// Adds the indices of all pieces, those of either width together.
-    fn put_pieces(&self, bin: &mut Bin, primitives: Primitives) {
+    fn put_pieces(&self, bin: &mut Bin, head: &TileHead) {
         let most = self.body.pieces.iter().map(|p| p.vertices).max();
         for wide in [false, true] {
             let of_width = || self.body.pieces.iter().filter(|p| p.wide() == wide);
@@ -223,14 +277,20 @@ impl Geometry<'_> {
             let mut indices = Vec::with_capacity(count);
             of_width().for_each(|p| indices.extend(self.body.indices(p, self.bytes)));
             if !indices.is_empty() {
-                bin.indices(&indices, wide, primitives, most.unwrap_or(0));
+                let list = IndexList {
+                    indices: &indices,
+                    wide,
+                    kind: head.form.primitives,
+                    vertices: most.unwrap_or(0),
+                };
+                head.codec.put_indices(bin, &list);
             }
         }
     }
 
     /// Adds the indices of all pieces as one list or stitched strip over the tile's vertices; returns their number.
-    fn put_joined(&self, bin: &mut Bin, primitives: Primitives) -> u32 {
-        let Geometry { body, bytes } = *self;
+    fn put_joined(&self, bin: &mut Bin, head: &TileHead) -> u32 {
+        let FloatBody { body, bytes } = *self;
         let joints = 3 * body.pieces.len();
         let count = body
             .pieces
@@ -240,9 +300,15 @@ impl Geometry<'_> {
         let mut all = Vec::with_capacity(count + joints);
         for piece in &body.pieces {
             let part = body.indices(piece, bytes);
-            append_indices(&mut all, &part, piece.first_vertex, primitives);
+            append_indices(&mut all, &part, piece.first_vertex, head.form.primitives);
         }
-        bin.indices(&all, is_wide(body.vertices), primitives, body.vertices);
+        let list = IndexList {
+            indices: &all,
+            wide: is_wide(body.vertices),
+            kind: head.form.primitives,
+            vertices: body.vertices,
+        };
+        head.codec.put_indices(bin, &list);
         all.len() as u32
     }
 }
@@ -250,8 +316,9 @@ impl Geometry<'_> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::manifest::{Form, Layout};
+    use crate::manifest::{Encoding, Form, Layout, Primitives};
     use crate::strip::append_strip;
+    use crate::tile::codec::{CODECS, codec};
     use crate::tile::pieces::Piece;
     use crate::tile::{PieceIds, tile_file};
     use proptest::prelude::*;
@@ -311,7 +378,7 @@ mod tests {
         };
         Contents {
             matrix: [1.0; 16],
-            encoding: Encoding::Float,
+            codec: codec(Encoding::default()),
             merged: false,
             nodes: pieces.iter().map(node).collect(),
             pieces,
@@ -344,7 +411,7 @@ mod tests {
 
     fn forms() -> impl Iterator<Item = Form> {
         let primitives = [Primitives::Strips, Primitives::Triangles];
-        let encodings = [Encoding::Float, Encoding::Quantized, Encoding::Meshopt];
+        let encodings = CODECS.map(|codec| codec.encoding());
         let layouts = [Layout::Nodes, Layout::Merged];
         let all = primitives.into_iter().flat_map(move |primitives| {
             encodings.into_iter().flat_map(move |encoding| {
@@ -355,7 +422,7 @@ mod tests {
                 })
             })
         });
-        all.filter(|form| (form.encoding, form.layout) != (Encoding::Float, Layout::Nodes))
+        all.filter(|form| !codec(form.encoding).keeps_floats() || form.layout == Layout::Merged)
     }
 
     proptest! {
@@ -368,18 +435,18 @@ mod tests {
             for form in forms() {
                 let contents = contents(&pieces, form.primitives);
                 let (body, bytes) = contents.body().unwrap();
-                let head = TileHead { matrix: contents.matrix, form };
-                let encoded = encode(&head, low, (&body, &bytes), None).unwrap();
-                let what = (&body, &encoded.recipe);
-                let file = tile_file(&head, low, (&body, &bytes), &contents.nodes).unwrap();
-                let (json, table) = describe(&head, low, what, &contents.nodes).unwrap();
+                let head = TileHead::new(contents.matrix, form);
+                let floats = FloatBody { body: &body, bytes: &bytes };
+                let encoded = encode(&head, low, floats, None).unwrap();
+                let what = EncodedBody { body: &body, layout: &encoded.recipe };
+                let file = tile_file(&head, low, floats, &contents.nodes).unwrap();
+                let Description { json, table } = describe(&head, low, what, &contents.nodes).unwrap();
                 prop_assert!([&encoded.bytes[..], &table].concat() == *file.bin);
                 prop_assert_eq!(file.indices, u64::from(encoded.recipe.indices));
                 prop_assert!(file.head[20..].starts_with(&json));
-                let widest = (&head, &WidestNodes::new(&head));
-                let widest = widest_description(widest, low, what).unwrap();
+                let widest = widest_description(&WidestNodes::new(&head), low, what).unwrap();
                 let nodes = vec![Node::widest(); body.pieces.len()];
-                let long = describe(&head, low, what, &nodes).unwrap().0.len();
+                let long = describe(&head, low, what, &nodes).unwrap().json.len();
                 prop_assert!(json.len() <= long && long <= widest, "{} {long} {widest}", json.len());
 
                 let (back, floats) = decode(&head, low, what, &encoded.bytes).unwrap();
@@ -390,8 +457,10 @@ mod tests {
                     triangles(&body, &bytes, form.primitives)
                 );
                 // normals are rounded once
-                let again = encode(&head, low, (&back, &floats), None).unwrap();
-                let (_, twice) = decode(&head, low, (&back, &again.recipe), &again.bytes).unwrap();
+                let once = FloatBody { body: &back, bytes: &floats };
+                let again = encode(&head, low, once, None).unwrap();
+                let what = EncodedBody { body: &back, layout: &again.recipe };
+                let (_, twice) = decode(&head, low, what, &again.bytes).unwrap();
                 prop_assert!(floats[..2 * positions] == twice[..2 * positions]);
             }
         }
@@ -407,14 +476,15 @@ mod tests {
         let contents = contents(&[(far, vec![[0, 1, 2]])], Primitives::Strips);
         let (body, bytes) = contents.body().unwrap();
         for form in forms() {
-            let head = TileHead {
-                matrix: contents.matrix,
-                form,
+            let head = TileHead::new(contents.matrix, form);
+            let floats = FloatBody {
+                body: &body,
+                bytes: &bytes,
             };
-            let encoded = encode(&head, [0; 3], (&body, &bytes), None);
-            match form.encoding {
-                Encoding::Float => assert!(encoded.is_ok()),
-                _ => assert_eq!(encoded.unwrap_err(), Refused::TooWide),
+            let encoded = encode(&head, [0; 3], floats, None);
+            match head.codec.reach() {
+                None => assert!(encoded.is_ok()),
+                Some(reach) => assert_eq!(encoded.unwrap_err(), Refused::TooWide(reach)),
             }
         }
     }

@@ -1,6 +1,8 @@
 //! The numbers that ride on a tile's nodes.
 
-use super::read::PieceIds;
+use super::read::{PieceIds, Tile};
+use crate::gltf::buffer_views::Buffers;
+use crate::gltf::container::{Fault, ReadError, fail};
 use crate::gltf::read_json::whole;
 use crate::grid::Unit;
 use crate::measure::{CARRIED, CARRIED_COLUMNS, Field, Get, MEASURES, Measures};
@@ -110,6 +112,30 @@ impl Extras {
             measures,
             ..Extras::ids(u64::MAX, u64::MAX, u64::MAX, u64::MAX)
         }
+    }
+}
+
+/// What a tile says of each of its pieces: the `extras` of nodes, or the rows of the table.
+///
+/// # Errors
+/// [`ReadError`] if they cannot be read.
+pub(super) fn of_pieces(tile: &Tile) -> Result<Vec<Map<String, Value>>, ReadError> {
+    #[derive(Deserialize)]
+    struct Nodes {
+        nodes: Vec<Node>,
+    }
+    #[derive(Deserialize)]
+    struct Node {
+        #[serde(default)]
+        extras: Map<String, Value>,
+    }
+    if tile.is_merged() {
+        return super::features::extras(&tile.document, &Buffers::plain(tile.glb.bin));
+    }
+    match serde_json::from_slice::<Nodes>(tile.json()) {
+        // the first node is the root
+        Ok(doc) => Ok(doc.nodes.into_iter().skip(1).map(|n| n.extras).collect()),
+        Err(e) => fail(Fault::Json, "", e.to_string()),
     }
 }
 

@@ -1,10 +1,11 @@
 //! A whole tile in any encoding and layout, from pieces whose geometry is floats.
 
 use super::body::Body;
-use super::document::{Node, TileHead, node_json, write_head};
-use super::encoded::{EncodedLayout, describe, encode};
+use super::document::{Node, TileHead, node_json};
+use super::encoded::{Description, EncodedBody, EncodedLayout, FloatBody, describe, encode};
 use super::merged::colours;
 use super::store::Refused;
+use crate::gltf::container::write_head;
 use std::borrow::Cow;
 
 /// A tile's file.
@@ -27,18 +28,17 @@ impl TileFile<'_> {
     }
 }
 
-/// Writes the file of a tile whose macrocube has its lowest voxel at `low`: pieces as `body` and its
-/// `bytes` have them, with a node each.
+/// Writes the file of a tile whose macrocube has its lowest voxel at `low`, with a node for each piece.
 ///
 /// # Errors
 /// [`Refused`] if the file would be too large or the vertices reach too far for the encoding.
 pub fn tile_file<'a>(
     head: &TileHead,
     low: [u32; 3],
-    (body, bytes): (&'a Body, &'a [u8]),
+    floats: FloatBody<'a>,
     nodes: &[Node],
 ) -> Result<TileFile<'a>, Refused> {
-    tile_file_with(head, low, (body, bytes), nodes, |_, _| Ok(0))
+    tile_file_with(head, low, floats, nodes, |_, _| Ok(0))
 }
 
 /// The same with a JSON chunk of as many bytes as `room` says, or more: it is told what tells the geometry's parts, and
@@ -49,14 +49,18 @@ pub fn tile_file<'a>(
 pub fn tile_file_with<'a>(
     head: &TileHead,
     low: [u32; 3],
-    (body, bytes): (&'a Body, &'a [u8]),
+    floats: FloatBody<'a>,
     nodes: &[Node],
     room: impl FnOnce(&EncodedLayout, usize) -> Result<usize, Refused>,
 ) -> Result<TileFile<'a>, Refused> {
     let colours = colours(nodes);
-    let encoded = encode(head, low, (body, bytes), colours.as_deref())?;
+    let encoded = encode(head, low, floats, colours.as_deref())?;
     let (mut bin, recipe) = (encoded.bytes, encoded.recipe);
-    let (json, table) = describe(head, low, (body, &recipe), nodes)?;
+    let body = EncodedBody {
+        body: floats.body,
+        layout: &recipe,
+    };
+    let Description { json, table } = describe(head, low, body, nodes)?;
     let room = room(&recipe, bin.len())?.max(aligned(json.len(), 8));
     if !table.is_empty() {
         bin.to_mut().extend_from_slice(&table);

@@ -1,13 +1,13 @@
 //! The merged layout: one mesh for a tile of very many pieces, whose ids and measures are rows of an
 //! EXT_structural_metadata property table that `_FEATURE_ID_0` points into.
 
-use super::body::{Body, PieceRange};
+use super::body::PieceRange;
 use super::document::{GENERATOR, Node, TileHead, material, mode};
-use super::encoded::EncodedLayout;
+use super::encoded::{Description, EncodedBody};
 use super::paint::vertex_colour;
-use super::store::{Accessor, Refused, Stored, base};
+use super::store::{Accessor, IndicesAt, Refused, Stored};
+use crate::gltf::accessors::Element;
 use crate::gltf::bin_writer::{Section, Views};
-use crate::gltf::{FLOAT, UNSIGNED_SHORT};
 use crate::measure::{CARRIED, CARRIED_COLUMNS, Field, Get};
 use crate::tile::Extras;
 use bytemuck::Zeroable;
@@ -107,61 +107,31 @@ fn columns(rows: &[&Extras]) -> Vec<Column> {
     all
 }
 
-/// The JSON of a tile in merged layout whose geometry is encoded, a row of the table per piece, and the table, which
-/// comes behind the geometry in the BIN chunk.
+/// What is written of a tile in merged layout whose geometry is encoded, a row of the table per piece.
 ///
 /// # Errors
 /// [`Refused::TooWide`].
 pub(super) fn merged_document(
     head: &TileHead,
     low: [u32; 3],
-    (body, recipe): (&Body, &EncodedLayout),
+    encoded: EncodedBody,
     nodes: &[Node],
-) -> Result<(Vec<u8>, Vec<u8>), Refused> {
-    let mut whole = PieceRange::zeroed();
-    whole.vertices = body.vertices;
-    whole.indices = recipe.indices;
-    [whole.min, whole.max] = body.bounds();
+) -> Result<Description, Refused> {
+    let EncodedBody { body, layout } = encoded;
     let painted = is_painted(nodes);
-    let mut views = recipe.views(head, body, painted);
-    let mut attributes = json!({"POSITION": 0, "NORMAL": 1, "_FEATURE_ID_0": 3});
-    let mut plain = material();
-    if painted {
-        attributes["COLOR_0"] = 4.into();
-        // vertex colours multiply the factor
-        plain["pbrMetallicRoughness"]["baseColorFactor"] = json!([1.0, 1.0, 1.0, 1.0]);
-    }
+    let mut views = layout.views(head, body, painted);
     let table = Table::new(nodes, &mut views);
     let stored = Stored {
-        encoding: head.form.encoding,
-        base: base(head.form.encoding, body, low)?,
-        buffers: views.buffers(),
+        codec: head.codec,
+        base: head.codec.base(body, low)?,
+        buffers: head.codec.buffers(&views),
         views: views.views,
         indices: Vec::new(),
     };
-    let mut accessors = stored.accessors(&whole, (INDICES, 0)).to_vec();
-    let of_vertices = Accessor {
-        buffer_view: ROWS,
-        byte_offset: None,
-        component_type: FLOAT,
-        count: whole.vertices,
-        max: None,
-        min: None,
-        normalized: None,
-        kind: "SCALAR",
-    };
-    accessors.push(of_vertices);
-    accessors.extend(painted.then_some(Accessor {
-        buffer_view: COLOURS,
-        component_type: UNSIGNED_SHORT,
-        normalized: Some(true),
-        kind: "VEC4",
-        ..of_vertices
-    }));
     let mut node = json!({"name": "cells", "mesh": 0});
-    if let Some((translation, scale)) = stored.transform() {
-        node["translation"] = json!(translation);
-        node["scale"] = json!(scale);
+    if let Some(transform) = stored.transform() {
+        node["translation"] = json!(transform.translation);
+        node["scale"] = json!(transform.scale);
     }
     let [required, used] = head.extensions(true);
     let mut document = json!({
@@ -170,15 +140,9 @@ pub(super) fn merged_document(
         "scene": 0,
         "scenes": [{"nodes": [0]}],
         "nodes": [{"name": "alvis", "matrix": head.matrix, "children": [1]}, node],
-        "meshes": [{"name": "cells", "primitives": [{
-            "attributes": attributes,
-            "indices": 2, "material": 0, "mode": mode(head.form.primitives),
-            "extensions": {"EXT_mesh_features": {"featureIds": [
-                {"featureCount": nodes.len(), "attribute": 0, "propertyTable": 0}
-            ]}}
-        }]}],
-        "materials": [plain],
-        "accessors": accessors,
+        "meshes": [{"name": "cells", "primitives": [primitive(head, painted, nodes.len())]}],
+        "materials": [merged_material(painted)],
+        "accessors": accessors(&stored, encoded, painted),
         "bufferViews": stored.views,
         "buffers": stored.buffers,
         "extensions": {"EXT_structural_metadata": table.extension(nodes)}
@@ -186,8 +150,51 @@ pub(super) fn merged_document(
     if !required.is_empty() {
         document["extensionsRequired"] = json!(required);
     }
-    let json = serde_json::to_vec(&document).expect("plain data serialises");
-    Ok((json, table.bytes))
+    Ok(Description {
+        json: serde_json::to_vec(&document).expect("plain data serialises"),
+        table: table.bytes,
+    })
+}
+
+/// The one primitive, whose accessors are those of [`accessors`].
+fn primitive(head: &TileHead, painted: bool, pieces: usize) -> Value {
+    let mut attributes = json!({"POSITION": 0, "NORMAL": 1, "_FEATURE_ID_0": 3});
+    if painted {
+        attributes["COLOR_0"] = 4.into();
+    }
+    json!({
+        "attributes": attributes,
+        "indices": 2, "material": 0, "mode": mode(head.form.primitives),
+        "extensions": {"EXT_mesh_features": {"featureIds": [
+            {"featureCount": pieces, "attribute": 0, "propertyTable": 0}
+        ]}}
+    })
+}
+
+/// The one material.
+fn merged_material(painted: bool) -> Value {
+    let mut plain = material();
+    if painted {
+        // vertex colours multiply the factor
+        plain["pbrMetallicRoughness"]["baseColorFactor"] = json!([1.0, 1.0, 1.0, 1.0]);
+    }
+    plain
+}
+
+/// Of positions, normals, indices, rows, and colours if there are any.
+fn accessors(stored: &Stored, encoded: EncodedBody, painted: bool) -> Vec<Accessor> {
+    let mut whole = PieceRange::zeroed();
+    whole.vertices = encoded.body.vertices;
+    whole.indices = encoded.layout.indices;
+    [whole.min, whole.max] = encoded.body.bounds();
+    let indices = IndicesAt {
+        view: INDICES,
+        byte: 0,
+    };
+    let mut all = stored.accessors(&whole, indices).to_vec();
+    all.push(Accessor::new(ROWS, Element::FLOAT, whole.vertices));
+    all.extend(painted.then(|| Accessor::new(COLOURS, Element::COLOUR, whole.vertices)));
+    all
 }
 
 /// Bytes of the JSON of [`merged_document`] at most, whatever the nodes.
@@ -197,9 +204,9 @@ pub(super) fn merged_document(
 pub(super) fn widest_merged(
     head: &TileHead,
     low: [u32; 3],
-    what: (&Body, &EncodedLayout),
+    encoded: EncodedBody,
 ) -> Result<usize, Refused> {
-    let (json, _) = merged_document(head, low, what, &[Node::widest()])?;
+    let json = merged_document(head, low, encoded, &[Node::widest()])?.json;
     // more pieces make numbers longer, which have ten digits at most: where each column begins and how long it is,
     // how many features and rows there are, and how long the buffer is
     let numbers = 2 * columns(&[]).len() + 3;
@@ -247,7 +254,7 @@ impl Table {
                 kind["noData"] = value;
             }
             table.kinds.insert(column.name.into(), kind);
-            let at = views.add(Section::Column(column.bytes.len()), None);
+            let at = views.plain(Section::Column(column.bytes.len()));
             let start = views.end - geometry - column.bytes.len();
             table.bytes.resize(start, 0);
             table.bytes.extend_from_slice(&column.bytes);

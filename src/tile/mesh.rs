@@ -1,10 +1,11 @@
 //! A whole tile as plain vectors, for programs that want its triangles and not its bytes.
 
-use super::read::{PieceIds, Pieces, Primitive, Tile};
-use crate::gltf::buffer_views::Buffers;
-use crate::gltf::container::{Fault, Glb, Result, fail};
-use crate::gltf::read_json::{Document, whole};
-use serde::Deserialize;
+use super::extras::of_pieces;
+use super::pieces::{Piece, pieces};
+use super::read::{PieceIds, Tile};
+use crate::gltf::container::{Fault, Result, fail};
+use crate::gltf::{TRIANGLE_STRIP, TRIANGLES};
+use crate::manifest::Primitives;
 use serde_json::{Map, Value};
 
 /// A tile, copied out of its file: the same for strips and lists, for node and merged layout and for
@@ -75,137 +76,37 @@ impl TileMesh {
     /// ```
     pub fn read(bytes: &[u8]) -> Result<Self> {
         let tile = Tile::read(bytes)?;
-        let glb = Glb::split(bytes)?;
-        let mut pieces = Vec::new();
-        let mut extras = node_extras(glb.json)?;
-        for primitive in &tile.primitives {
-            let triangles = triangles(primitive)?;
-            match &primitive.pieces {
-                Pieces::One(ids) => pieces.push(SurfacePiece {
-                    ids: *ids,
-                    name: primitive.name.clone(),
-                    positions: primitive.positions.iter().collect(),
-                    normals: primitive.normals.unit().collect(),
-                    triangles,
-                    extras: std::mem::take(&mut extras[primitive.node]),
-                }),
-                Pieces::Merged(rows, ids) => {
-                    let table = table(&glb)?;
-                    pieces.extend(split(primitive, rows.get(), ids, &triangles)?);
-                    for (piece, row) in pieces.iter_mut().zip(table) {
-                        piece.extras = row;
-                    }
-                }
-            }
-        }
+        let kind = kind(&tile)?;
+        let (pieces, extras) = (pieces(&tile, kind)?, of_pieces(&tile)?);
+        let pieces = pieces.into_iter().zip(extras);
         Ok(TileMesh {
             matrix: tile.matrix,
-            pieces,
+            pieces: pieces.map(|(p, extras)| whole(p, kind, extras)).collect(),
         })
     }
 }
 
-fn bad_json<T>(error: &serde_json::Error) -> Result<T> {
-    fail(Fault::Json, "", error.to_string())
-}
-
-/// The `extras` of every node, empty where there are none.
-pub(super) fn node_extras(json: &[u8]) -> Result<Vec<Map<String, Value>>> {
-    #[derive(Deserialize)]
-    struct Nodes {
-        nodes: Vec<Node>,
-    }
-    #[derive(Deserialize)]
-    struct Node {
-        #[serde(default)]
-        extras: Map<String, Value>,
-    }
-    match serde_json::from_slice::<Nodes>(json) {
-        Ok(doc) => Ok(doc.nodes.into_iter().map(|n| n.extras).collect()),
-        Err(e) => bad_json(&e),
+fn whole(piece: Piece, kind: Primitives, extras: Map<String, Value>) -> SurfacePiece {
+    SurfacePiece {
+        triangles: piece.list(kind),
+        ids: piece.ids,
+        name: piece.name,
+        positions: piece.positions,
+        normals: piece.normals,
+        extras,
     }
 }
 
-/// The triangles of a primitive with their corners counter-clockwise. Triangle k of a strip is
-/// (k, k+1, k+2) for even k and (k+1, k, k+2) for odd k (glTF 2.0, section 3.7.2.1).
-fn triangles(primitive: &Primitive) -> Result<Vec<[u32; 3]>> {
-    let place = || format!("/meshes/{}/primitives/0", primitive.node.saturating_sub(1));
-    let mut indices = Vec::new();
-    primitive.indices.read_into(&mut indices);
-    let n = primitive.positions.len() as u64;
-    if let Some(i) = indices.iter().find(|&&i| u64::from(i) >= n) {
-        let message = format!("found index {i}, expected indices below {n}");
-        return fail(Fault::Accessor, place(), message);
-    }
-    match primitive.mode {
-        4 if indices.len() % 3 == 0 => Ok(indices.as_chunks::<3>().0.to_vec()),
-        5 => Ok(indices
-            .windows(3)
-            .enumerate()
-            .filter(|(_, t)| t[0] != t[1] && t[1] != t[2] && t[2] != t[0])
-            .map(|(k, t)| match k % 2 {
-                0 => [t[0], t[1], t[2]],
-                _ => [t[1], t[0], t[2]],
-            })
-            .collect()),
-        mode => {
-            let message = format!(
-                "found mode {mode} with {} indices, expected 5, or 4 with a multiple of 3",
-                indices.len()
-            );
-            fail(Fault::Structure, place(), message)
-        }
-    }
-}
-
-/// Splits a merged primitive by the rows of its vertices. Names and extras stay empty.
-fn split(
-    primitive: &Primitive,
-    rows: &[[u8; 4]],
-    ids: &[PieceIds],
-    triangles: &[[u32; 3]],
-) -> Result<Vec<SurfacePiece>> {
-    const PLACE: &str = "/meshes/0/primitives/0";
-    let mut pieces: Vec<SurfacePiece> = ids
-        .iter()
-        .map(|&ids| SurfacePiece {
-            ids,
-            name: String::new(),
-            positions: Vec::new(),
-            normals: Vec::new(),
-            triangles: Vec::new(),
-            extras: Map::new(),
-        })
-        .collect();
-    let mut place_of = Vec::with_capacity(rows.len());
-    let vertices = primitive.positions.iter().zip(primitive.normals.unit());
-    for (row, (position, normal)) in rows.iter().zip(vertices) {
-        let value = f32::from_le_bytes(*row);
-        let row = whole(value.into()).and_then(|r| usize::try_from(r).ok());
-        let Some((row, piece)) = row.and_then(|r| Some((r, pieces.get_mut(r)?))) else {
-            let message = format!("found feature id {value}, expected one below {}", ids.len());
-            return fail(Fault::Accessor, PLACE, message);
-        };
-        place_of.push((row, piece.positions.len() as u32));
-        piece.positions.push(position);
-        piece.normals.push(normal);
-    }
-    for t in triangles {
-        let [a, b, c] = t.map(|i| place_of[i as usize]);
-        if a.0 != b.0 || b.0 != c.0 {
-            let message = format!("found triangle {t:?} between two pieces, expected one piece");
-            return fail(Fault::Structure, PLACE, message);
-        }
-        pieces[a.0].triangles.push([a.1, b.1, c.1]);
-    }
-    Ok(pieces)
-}
-
-/// The rows of a merged tile's property table.
-pub(super) fn table(glb: &Glb) -> Result<Vec<Map<String, Value>>> {
-    match serde_json::from_slice::<Document>(glb.json) {
-        Ok(doc) => super::features::extras(&doc, &Buffers::plain(glb.bin)),
-        Err(e) => bad_json(&e),
+/// The kind of a tile's primitives, by the first of them.
+fn kind(tile: &Tile) -> Result<Primitives> {
+    match tile.primitives.first().map(|p| p.mode) {
+        Some(TRIANGLE_STRIP) => Ok(Primitives::Strips),
+        Some(TRIANGLES) => Ok(Primitives::Triangles),
+        mode => fail(
+            Fault::Structure,
+            "/meshes/0/primitives/0/mode",
+            format!("found mode {mode:?}, expected {TRIANGLE_STRIP} or {TRIANGLES}"),
+        ),
     }
 }
 

@@ -26,7 +26,7 @@
 //!   merged layout linear `COLOR_0` of 4 x 16 bits.
 //!
 //! # Encodings
-//! The manifest's `encoding` says how numbers are stored; the layout is free in each.
+//! The manifest's `encoding` says how numbers are stored; the layout is free in each. A codec for each does it.
 //!
 //! - `float`: as above, plain glTF 2.0 without required extensions.
 //! - `quantized` (KHR_mesh_quantization): POSITION is an unsigned short vec3 (stride 8), lattice steps
@@ -47,8 +47,14 @@
 //! outside the volume lie at -0.5 or n-0.5). Strips of a piece are joined by degenerate
 //! triangles; triangle k of a strip is (k, k+1, k+2) for even k and (k+1, k, k+2) for odd k, and
 //! winds counter-clockwise seen from the below side.
+//!
+//! # Reading
+//! A [`Tile`](read::Tile) is the file, checked and not copied; its primitives are taken apart to pieces, each with
+//! vertices of its own. Of these [`TileMesh`] is made for programs that want triangles, and what the copies of
+//! `select` and `repack` start from.
 
 mod body;
+mod codec;
 mod contents;
 pub(crate) mod document;
 mod encoded;
@@ -69,9 +75,13 @@ mod store;
 mod unusual;
 
 pub(crate) use body::{Body, Grouped, PieceRange};
+pub(crate) use codec::codec;
 pub(crate) use contents::name;
-pub(crate) use document::{Node, TileHead, WidestNodes, head_bytes, material, write_head};
-pub(crate) use encoded::{Encoded, EncodedLayout, decode, describe, encode, widest_description};
+pub(crate) use document::{GENERATOR, Node, TileHead, WidestNodes, material};
+pub(crate) use encoded::{
+    Description, Encoded, EncodedBody, EncodedLayout, FloatBody, decode, describe, encode,
+    widest_description,
+};
 pub use extras::Extras;
 pub(crate) use file::{aligned, plain_head, tile_file, tile_file_with};
 pub use mesh::{SurfacePiece, TileMesh};
@@ -81,6 +91,8 @@ pub use read::PieceIds;
 pub(crate) use recode::recode;
 pub(crate) use refused::{check_reach, refused, too_large};
 pub(crate) use store::Refused;
+
+pub(crate) use crate::gltf::container::{head_bytes, write_head};
 
 /// The most surface pieces that a tile keeps as nodes; with more it takes the merged layout.
 /// Programs load thousands of nodes slowly: MeshLab takes 0.7 s for 500 and 30 s for 2000.

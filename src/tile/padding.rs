@@ -1,10 +1,10 @@
 //! Bytes of a tile that nothing uses: there are none but for alignment, and these are zeros, or blanks in JSON.
 
+use super::codec::any_minus_zero;
 use super::read::{Pieces, Tile};
 use super::unusual::Found;
 use crate::gltf::UNSIGNED_SHORT;
-use crate::gltf::read_json::{BufferView, Compressed, Document};
-use crate::manifest::Encoding;
+use crate::gltf::read_json::{BufferView, Document};
 use crate::sys::simd::dispatch;
 use std::ops::Range;
 
@@ -30,9 +30,9 @@ impl Tile<'_> {
     /// The parts of the BIN chunk follow one another.
     fn chunk(&self, found: &mut Found) {
         let (doc, bin) = (&self.document, self.glb.bin);
-        let part = |v: &BufferView| match &v.extensions.meshopt {
-            Some(stream) => range(stream.byte_offset, stream.byte_length),
-            None => range(v.byte_offset, v.byte_length),
+        let part = |v: &BufferView| {
+            let [start, length] = v.in_chunk();
+            range(start, length)
         };
         let parts = doc.buffer_views.iter().map(part).collect();
         let stated = doc.buffers.first().map_or(0, |b| b.byte_length);
@@ -66,7 +66,7 @@ impl Tile<'_> {
             let bytes = |gap: Range<usize>| {
                 let start = usize::try_from(view.byte_offset).ok()?;
                 let gap = start.checked_add(gap.start)?..start.checked_add(gap.end)?;
-                let plain = view.extensions.meshopt.is_none();
+                let plain = !view.is_compressed();
                 plain.then(|| self.glb.bin.get(gap)).flatten()
             };
             if !parts.is_empty()
@@ -85,7 +85,7 @@ impl Tile<'_> {
             };
             let start = stream.byte_offset as usize;
             let bytes = self.glb.bin.get(start..start + stream.byte_length as usize);
-            if !bytes.is_some_and(|bytes| ends_plainly(bytes, stream)) {
+            if bytes.is_none_or(|bytes| self.codec.has_odd_end(bytes, stream)) {
                 let message = "its stream ends in bytes that say nothing and are not as expected";
                 found.push((format!("/bufferViews/{i}"), message.to_owned()));
             }
@@ -95,18 +95,12 @@ impl Tile<'_> {
     /// Components that fill up an element are zeros, and zeros are positive.
     fn elements(&self, found: &mut Found) {
         for p in &self.primitives {
-            let (positions, normals) = (&p.positions.bytes, &p.normals.bytes);
             let rows = match &p.pieces {
                 Pieces::Merged(rows, _) => rows.get(),
                 Pieces::One(_) => &[],
             };
-            let [filled, small] = match self.encoding {
-                Encoding::Float => [dispatch!(any_minus_zero(positions.chunks())), false],
-                _ => [
-                    (positions.chunks::<8>().iter()).fold(0, |any, e| any | e[6] | e[7]) != 0,
-                    (normals.chunks::<4>().iter()).fold(0, |any, e| any | e[3]) != 0,
-                ],
-            };
+            let (positions, normals) = (p.positions.bytes.get(), p.normals.bytes.get());
+            let [filled, small] = self.codec.has_odd_filler(positions, normals);
             let rows = dispatch!(any_minus_zero(rows));
             for (odd, what) in [(filled, "positions"), (small, "normals"), (rows, "rows")] {
                 if odd {
@@ -117,28 +111,6 @@ impl Tile<'_> {
             }
         }
     }
-}
-
-/// True if a stream ends as those of EXT_meshopt_compression do: vertices with the first one behind zeros, 32 bytes
-/// in all, indices with 4 zeros, and triangles with the table of 16 bytes that the encoder has.
-fn ends_plainly(bytes: &[u8], stream: &Compressed) -> bool {
-    const TABLE: [u8; 16] = *b"\x00\x76\x87\x56\x67\x78\xa9\x86\x65\x89\x68\x98\x01\x69\0\0";
-    let zeros = |end: Option<&[u8]>| end.is_some_and(|end| end.iter().all(|b| *b == 0));
-    match stream.mode.as_str() {
-        "ATTRIBUTES" => {
-            let filler = 32usize.saturating_sub(stream.byte_stride as usize);
-            zeros(bytes.last_chunk::<32>().map(|end| &end[..filler]))
-        }
-        "INDICES" => zeros(bytes.last_chunk::<4>().map(|end| &end[..])),
-        _ => bytes.ends_with(&TABLE),
-    }
-}
-
-/// True if one of some floats is 0 with a minus.
-#[inline(always)]
-fn any_minus_zero(floats: &[[u8; 4]]) -> bool {
-    let odd = |any, e: &[u8; 4]| any | (u32::from_le_bytes(*e) == 1 << 31);
-    floats.iter().fold(false, odd)
 }
 
 /// Rows of the property table.
@@ -203,10 +175,7 @@ fn fallback(doc: &Document, found: &mut Found) {
     let Some(buffer) = doc.buffers.get(1) else {
         return;
     };
-    let compressed = doc
-        .buffer_views
-        .iter()
-        .filter(|v| v.extensions.meshopt.is_some());
+    let compressed = doc.buffer_views.iter().filter(|v| v.is_compressed());
     let mut end = 0u64;
     for view in compressed {
         if view.byte_offset != end {

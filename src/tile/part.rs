@@ -1,10 +1,11 @@
 //! A tile with some of its pieces left out or painted: geometry is copied, bit for bit.
 
 use super::contents::Contents;
+use super::encoded::FloatBody;
 use super::file::tile_file;
 use super::paint::Rgb;
 use super::pieces::Piece;
-use super::read::PieceIds;
+use super::read::{PieceIds, Tile};
 use super::store::Refused;
 use crate::gltf::container::{Fault, ReadError, fail};
 use crate::manifest::Primitives;
@@ -52,7 +53,7 @@ pub fn part(
     tile_at: &TilePlace,
     style: impl Fn(&PieceIds) -> Option<Option<Rgb>>,
 ) -> Result<Option<Part>, ReadError> {
-    let mut contents = Contents::read(bytes, tile_at.primitives, &|_| false)?;
+    let mut contents = Contents::of(&Tile::read(bytes)?, tile_at.primitives, &|_| false)?;
     contents.keep(|node, piece| {
         let colour = style(&piece.ids);
         node.colour = colour.flatten();
@@ -68,7 +69,11 @@ pub fn part(
         .collect::<Result<_, _>>()?;
     let head = contents.head(&contents.form(tile_at.primitives));
     let (body, bin) = contents.body()?;
-    match tile_file(&head, tile_at.low, (&body, &bin), &contents.nodes) {
+    let floats = FloatBody {
+        body: &body,
+        bytes: &bin,
+    };
+    match tile_file(&head, tile_at.low, floats, &contents.nodes) {
         Ok(made) => Ok(Some(Part {
             indices: made.indices,
             file: made.into_bytes(),
@@ -82,11 +87,14 @@ pub fn part(
 pub(super) fn refuse<T>(refused: Refused) -> Result<T, ReadError> {
     match refused {
         Refused::TooLarge => fail(Fault::Container, "", "the new tile would pass 4 GiB"),
-        Refused::TooWide => fail(
+        Refused::TooWide(reach) => fail(
             Fault::Accessor,
             "",
-            "found vertices more than 65,535 steps from the macrocube's corner, expected fewer for \
-             16 bits",
+            format!(
+                "found vertices more than {} steps from the macrocube's corner, expected fewer for {} bits",
+                reach.steps(),
+                reach.bits
+            ),
         ),
     }
 }

@@ -2,6 +2,7 @@
 
 use super::paint::{Rgb, named, of_vertex};
 use super::read::{PieceIds, Pieces, Primitive, Tile};
+use crate::gltf::TRIANGLES;
 use crate::gltf::container::{Fault, ReadError, fail};
 use crate::grid::LATTICE;
 use crate::manifest::Primitives;
@@ -43,6 +44,13 @@ pub fn pieces(tile: &Tile, kind: Primitives) -> Result<Vec<Piece>, ReadError> {
             let message = format!("found index {bad}, expected one below {vertices}");
             return fail(Fault::Accessor, at, message);
         }
+        if kind == Primitives::Triangles && !indices.len().is_multiple_of(3) {
+            let message = format!(
+                "found {} indices, expected three to a triangle",
+                indices.len()
+            );
+            return fail(Fault::Structure, at, message);
+        }
         match &primitive.pieces {
             Pieces::One(ids) => out.push(Piece {
                 ids: *ids,
@@ -53,89 +61,113 @@ pub fn pieces(tile: &Tile, kind: Primitives) -> Result<Vec<Piece>, ReadError> {
                 indices,
             }),
             Pieces::Merged(rows, ids) => {
-                split(primitive, rows.get(), ids, &indices, kind, &mut out)
-                    .or_else(|message| fail(Fault::Structure, at, message))?
+                let split = split(primitive, rows.get(), ids, &indices)
+                    .or_else(|message| fail(Fault::Structure, at, message))?;
+                out.extend(split);
             }
         }
     }
     Ok(out)
 }
 
-/// Takes a merged primitive apart.
+/// The piece that a vertex of a merged primitive belongs to, and its number there.
+#[derive(Clone, Copy)]
+struct Owner {
+    piece: usize,
+    vertex: u32,
+}
+
+/// Takes a merged primitive apart by the rows of its vertices.
 fn split(
     primitive: &Primitive,
     rows: &[[u8; 4]],
     ids: &[PieceIds],
     indices: &[u32],
-    kind: Primitives,
-    out: &mut Vec<Piece>,
-) -> Result<(), String> {
-    let mut own: Vec<Piece> = ids
-        .iter()
-        .map(|&ids| Piece {
-            ids,
-            name: String::new(),
-            colour: None,
-            positions: Vec::new(),
-            normals: Vec::new(),
-            indices: Vec::new(),
-        })
-        .collect();
-    // of each vertex: its row, and its number there
-    let mut place = Vec::with_capacity(rows.len());
+) -> Result<Vec<Piece>, String> {
+    let piece = |&ids: &PieceIds| Piece {
+        ids,
+        name: String::new(),
+        colour: None,
+        positions: Vec::new(),
+        normals: Vec::new(),
+        indices: Vec::new(),
+    };
+    let mut own: Vec<Piece> = ids.iter().map(piece).collect();
+    let owners = split_vertices(primitive, rows, &mut own)?;
+    match primitive.mode {
+        TRIANGLES => split_list(indices, &owners, &mut own)?,
+        _ => split_strip(indices, &owners, &mut own)?,
+    }
+    Ok(own)
+}
+
+/// Adds vertices to their pieces.
+fn split_vertices(
+    primitive: &Primitive,
+    rows: &[[u8; 4]],
+    own: &mut [Piece],
+) -> Result<Vec<Owner>, String> {
+    let mut owners = Vec::with_capacity(rows.len());
     let vertices = primitive.positions.iter().zip(primitive.normals.unit());
     let colours = primitive.colours.as_ref().map(|c| c.chunks::<8>());
     for (vertex, (row, (position, normal))) in rows.iter().zip(vertices).enumerate() {
         let value = f32::from_le_bytes(*row);
-        let piece = (value >= 0.0 && value.fract() == 0.0)
-            .then(|| own.get_mut(value as usize))
-            .flatten();
-        let Some(piece) = piece else {
+        let is_row = value >= 0.0 && value.fract() == 0.0;
+        let (row, count) = (value as usize, own.len());
+        let Some(piece) = own.get_mut(row).filter(|_| is_row) else {
             return Err(format!(
-                "found feature id {value}, expected a row of {}",
-                ids.len()
+                "found feature id {value}, expected a row of {count}"
             ));
         };
         if let (true, Some(colours)) = (piece.positions.is_empty(), colours) {
             piece.colour = of_vertex(&colours[vertex]);
         }
-        place.push((value as usize, piece.positions.len() as u32));
+        owners.push(Owner {
+            piece: row,
+            vertex: piece.positions.len() as u32,
+        });
         piece.positions.push(position);
         piece.normals.push(normal);
     }
-    let owner = |i: u32| place[i as usize];
-    let mixed = || "a triangle has vertices of several features".to_owned();
-    match kind {
-        Primitives::Triangles => {
-            for t in indices.as_chunks::<3>().0 {
-                let [a, b, c] = t.map(owner);
-                if a.0 != b.0 || b.0 != c.0 {
-                    return Err(mixed());
-                }
-                own[a.0].indices.extend([a.1, b.1, c.1]);
-            }
+    Ok(owners)
+}
+
+fn mixed() -> String {
+    "a triangle has vertices of several features".to_owned()
+}
+
+/// Adds the triangles of a list to their pieces.
+fn split_list(indices: &[u32], owners: &[Owner], own: &mut [Piece]) -> Result<(), String> {
+    for t in indices.as_chunks::<3>().0 {
+        let [a, b, c] = t.map(|i| owners[i as usize]);
+        if a.piece != b.piece || b.piece != c.piece {
+            return Err(mixed());
         }
-        Primitives::Strips => {
-            for t in indices.windows(3) {
-                let [a, b, c] = [t[0], t[1], t[2]].map(|i| owner(i).0);
-                let drawn = t[0] != t[1] && t[1] != t[2] && t[0] != t[2];
-                if drawn && (a != b || b != c) {
-                    return Err(mixed());
-                }
-            }
-            let mut start = 0;
-            for run in indices.chunk_by(|&a, &b| owner(a).0 == owner(b).0) {
-                let piece = owner(run[0]).0;
-                if !own[piece].indices.is_empty() {
-                    return Err("a feature's strip is in several places".to_owned());
-                }
-                let strip: Vec<u32> = run.iter().map(|&i| owner(i).1).collect();
-                own[piece].indices = trimmed(&strip, start % 2 == 1);
-                start += run.len();
-            }
+        own[a.piece].indices.extend([a.vertex, b.vertex, c.vertex]);
+    }
+    Ok(())
+}
+
+/// Gives each piece its part of a stitched strip.
+fn split_strip(indices: &[u32], owners: &[Owner], own: &mut [Piece]) -> Result<(), String> {
+    let owner = |i: u32| owners[i as usize];
+    for t in indices.windows(3) {
+        let [a, b, c] = [t[0], t[1], t[2]].map(|i| owner(i).piece);
+        let drawn = t[0] != t[1] && t[1] != t[2] && t[0] != t[2];
+        if drawn && (a != b || b != c) {
+            return Err(mixed());
         }
     }
-    out.extend(own);
+    let mut start = 0;
+    for run in indices.chunk_by(|&a, &b| owner(a).piece == owner(b).piece) {
+        let piece = owner(run[0]).piece;
+        if !own[piece].indices.is_empty() {
+            return Err("a feature's strip is in several places".to_owned());
+        }
+        let strip: Vec<u32> = run.iter().map(|&i| owner(i).vertex).collect();
+        own[piece].indices = trimmed(&strip, start % 2 == 1);
+        start += run.len();
+    }
     Ok(())
 }
 

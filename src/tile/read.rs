@@ -4,14 +4,16 @@
 //! Everything the file says is checked against its real size before it is used, so a damaged or
 //! hostile file gives a [`ReadError`], never a panic or an allocation out of proportion to the file.
 
+use super::codec::{CODECS, TileCodec, codec_of};
 use super::paint::{Rgb, named, of_vertex, vertex_colour};
 use super::reader::Reader;
 use crate::gltf::buffer_views::{Buffers, Bytes};
 use crate::gltf::container::{Result, fail};
-use crate::gltf::read_json::{self, Document};
+use crate::gltf::read_json::Document;
 use crate::manifest::Encoding;
 
-pub use crate::gltf::accessors::{Indices, Normals, Positions};
+pub use super::codec::{Normals, Positions};
+pub use crate::gltf::accessors::Indices;
 pub use crate::gltf::container::{Fault, Glb, ReadError};
 pub use crate::measure::{MEASURES, Measured};
 
@@ -110,6 +112,7 @@ pub struct Tile<'a> {
     pub encoding: Encoding,
     /// The primitives by rising node index.
     pub primitives: Vec<Primitive<'a>>,
+    pub(super) codec: &'static dyn TileCodec,
     pub(super) glb: Glb<'a>,
     pub(super) document: Document,
 }
@@ -123,16 +126,24 @@ impl<'a> Tile<'a> {
     /// # Errors
     /// [`ReadError`] with the kind and place of the first damage.
     pub fn read(bytes: &'a [u8]) -> Result<Self> {
+        Tile::read_as(bytes, &CODECS)
+    }
+
+    /// The same of a tile in one of some encodings.
+    ///
+    /// # Errors
+    /// As of [`Tile::read`].
+    pub(super) fn read_as(bytes: &'a [u8], codecs: &[&'static dyn TileCodec]) -> Result<Self> {
         let glb = Glb::split(bytes)?;
         let doc: Document =
             serde_json::from_slice(glb.json).or_else(|e| fail(Fault::Json, "", e.to_string()))?;
-        let encoding = encoding(&doc)?;
+        let codec = codec_of(&doc, codecs)?;
         let matrix = root_matrix(&doc)?;
-        let buffers = Buffers::new(&doc, glb.bin)?;
+        let buffers = Buffers::new(glb.bin, codec.decompress(&doc, glb.bin)?);
         let reader = Reader {
             doc: &doc,
             buffers: &buffers,
-            encoding,
+            codec,
         };
         let mut used = vec![false; doc.accessors.len()];
         let mut primitives = Vec::with_capacity(doc.meshes.len());
@@ -141,8 +152,9 @@ impl<'a> Tile<'a> {
         }
         Ok(Tile {
             matrix,
-            encoding,
+            encoding: codec.encoding(),
             primitives,
+            codec,
             glb,
             document: doc,
         })
@@ -160,38 +172,6 @@ impl<'a> Tile<'a> {
             Some(Pieces::Merged(..))
         )
     }
-}
-
-/// The encoding that the required extensions are those of.
-fn encoding(doc: &Document) -> Result<Encoding> {
-    let mut required: Vec<&str> = doc.extensions_required.iter().map(String::as_str).collect();
-    required.sort_unstable();
-    let encoding = match required[..] {
-        [] => Encoding::Float,
-        ["KHR_mesh_quantization"] => Encoding::Quantized,
-        ["EXT_meshopt_compression", "KHR_mesh_quantization"] => Encoding::Meshopt,
-        _ => {
-            return fail(
-                Fault::Structure,
-                "/extensionsRequired",
-                format!(
-                    "found {required:?}, expected none, KHR_mesh_quantization, or that with \
-                     EXT_meshopt_compression"
-                ),
-            );
-        }
-    };
-    let compressed = |v: &read_json::BufferView| v.extensions.meshopt.is_some();
-    if encoding != Encoding::Meshopt
-        && let Some(view) = doc.buffer_views.iter().position(compressed)
-    {
-        return fail(
-            Fault::Structure,
-            format!("/bufferViews/{view}"),
-            "it is compressed, and EXT_meshopt_compression is not required",
-        );
-    }
-    Ok(encoding)
 }
 
 /// Checks asset, scene and the root node with its children 1..n.

@@ -1,66 +1,68 @@
 //! The primitives of a tile: accessors of the right type, inside the file, each used once.
 
+use super::codec::{Normals, Positions, TileCodec};
 use super::read::{PieceIds, Pieces, Primitive, Rows};
-use crate::gltf::accessors::{Indices, Normals, Positions};
+use crate::gltf::accessors::{Element, Indices};
 use crate::gltf::buffer_views::{Buffers, Bytes};
 use crate::gltf::container::{Fault, Result, fail};
 use crate::gltf::read_json::{self, Document};
-use crate::gltf::{BYTE, FLOAT, UNSIGNED_INT, UNSIGNED_SHORT};
 use crate::grid::{LATTICE, MAX_DIM};
-use crate::manifest::Encoding;
+use crate::measure::Measured;
 
 pub(super) struct Reader<'d, 'a> {
     pub doc: &'d Document,
     pub buffers: &'d Buffers<'a>,
-    pub encoding: Encoding,
+    pub codec: &'static dyn TileCodec,
 }
 
-/// What an accessor must be.
-struct Want {
-    component: u32,
-    kind: &'static str,
-    normalized: bool,
-    /// Bytes from one element to the next.
-    stride: u64,
-    /// True if an element fills its stride, so that the view need not state it.
-    tight: bool,
+/// Hands out the accessors of a primitive, none that another one has.
+struct Accessors<'r> {
+    place: String,
+    primitive: &'r read_json::Primitive,
+    /// Which accessors of the tile have been handed out.
+    used: &'r mut [bool],
 }
 
-const fn tight(component: u32, kind: &'static str, stride: u64) -> Want {
-    Want {
-        component,
-        kind,
-        normalized: false,
-        stride,
-        tight: true,
+impl Accessors<'_> {
+    /// That of an attribute; `None` if the primitive does not have it.
+    fn optional(&mut self, name: &str) -> Result<Option<usize>> {
+        match self.primitive.attributes.get(name) {
+            None => Ok(None),
+            index => self.take(name, index.copied()).map(Some),
+        }
+    }
+
+    fn attribute(&mut self, name: &str) -> Result<usize> {
+        self.take(name, self.primitive.attributes.get(name).copied())
+    }
+
+    fn indices(&mut self) -> Result<usize> {
+        self.take("indices", self.primitive.indices)
+    }
+
+    fn take(&mut self, name: &str, index: Option<usize>) -> Result<usize> {
+        match index.and_then(|i| self.used.get_mut(i).map(|used| (i, used))) {
+            Some((i, used)) if !*used => {
+                *used = true;
+                Ok(i)
+            }
+            _ => self.fail(
+                Fault::Structure,
+                format!("{name}: found accessor {index:?}, expected one of its own"),
+            ),
+        }
+    }
+
+    fn fail<T>(&self, fault: Fault, message: impl Into<String>) -> Result<T> {
+        fail(fault, &self.place, message)
     }
 }
 
-const VEC3: Want = tight(FLOAT, "VEC3", 12);
-const SCALAR: Want = tight(FLOAT, "SCALAR", 4);
-const NARROW: Want = tight(UNSIGNED_SHORT, "SCALAR", 2);
-const WIDE: Want = tight(UNSIGNED_INT, "SCALAR", 4);
-const STEPS: Want = Want {
-    component: UNSIGNED_SHORT,
-    kind: "VEC3",
-    normalized: false,
-    stride: 8,
-    tight: false,
-};
-const SMALL_NORMALS: Want = Want {
-    component: BYTE,
-    kind: "VEC3",
-    normalized: true,
-    stride: 4,
-    tight: false,
-};
-const COLOURS: Want = Want {
-    component: UNSIGNED_SHORT,
-    kind: "VEC4",
-    normalized: true,
-    stride: 8,
-    tight: true,
-};
+/// What a primitive holds, and what that says of its cells.
+struct Held<'a> {
+    pieces: Pieces<'a>,
+    measured: Vec<Measured>,
+}
 
 impl<'a> Reader<'_, 'a> {
     /// Reads mesh `mesh` and its node, `mesh + 1`.
@@ -68,81 +70,32 @@ impl<'a> Reader<'_, 'a> {
         let node_index = mesh + 1;
         let node = &self.doc.nodes[node_index];
         let prim = self.shown(mesh)?;
-        let place = format!("/meshes/{mesh}/primitives/0");
-        let mut take = |name: &str, index: Option<usize>| -> Result<usize> {
-            match index {
-                Some(i) if i < used.len() && !used[i] => {
-                    used[i] = true;
-                    Ok(i)
-                }
-                _ => fail(
-                    Fault::Structure,
-                    &place,
-                    format!("{name}: found accessor {index:?}, expected one of its own"),
-                ),
-            }
+        let mut accessors = Accessors {
+            place: format!("/meshes/{mesh}/primitives/0"),
+            primitive: prim,
+            used,
         };
-        let attribute = |name: &str| prim.attributes.get(name).copied();
-        let positions_at = take("POSITION", attribute("POSITION"))?;
-        let normals_at = take("NORMAL", attribute("NORMAL"))?;
-        let indices_at = take("indices", prim.indices)?;
+        let positions_at = accessors.attribute("POSITION")?;
+        let normals_at = accessors.attribute("NORMAL")?;
+        let indices_at = accessors.indices()?;
         let base = self.base(node_index)?;
-        let (points, vectors) = match base {
-            None => (&VEC3, &VEC3),
-            Some(_) => (&STEPS, &SMALL_NORMALS),
-        };
+        let format = self.codec.vertices();
         let positions = Positions {
-            bytes: self.accessor(positions_at, points)?,
-            base: base.map(|b| b.map(|v| v as f32)),
+            bytes: self.accessor(positions_at, &format.position)?,
+            codec: self.codec,
+            base: base.map(|v| v as f32),
         };
         let normals = Normals {
-            bytes: self.accessor(normals_at, vectors)?,
-            quantized: base.is_some(),
+            bytes: self.accessor(normals_at, &format.normal)?,
+            codec: self.codec,
         };
-        if positions.len() != normals.len() {
-            return fail(
-                Fault::Accessor,
-                place,
-                format!(
-                    "found {} normals for {} positions",
-                    normals.len(),
-                    positions.len()
-                ),
-            );
+        let vertices = positions.len();
+        if vertices != normals.len() {
+            let message = format!("found {} normals for {vertices} positions", normals.len());
+            return accessors.fail(Fault::Accessor, message);
         }
-        let (pieces, measured) = match attribute("_FEATURE_ID_0") {
-            None => {
-                let ids = self.extras(node_index)?;
-                (Pieces::One(ids), vec![node.extras.measured])
-            }
-            Some(ids) => {
-                let at = take("_FEATURE_ID_0", Some(ids))?;
-                let rows = Rows(self.accessor(at, &SCALAR)?);
-                if rows.get().len() != positions.len() || self.doc.meshes.len() != 1 {
-                    return fail(
-                        Fault::Structure,
-                        place,
-                        "a merged tile has one mesh with a feature id for each vertex",
-                    );
-                }
-                let ids = super::features::rows(self.doc, self.buffers, prim)?;
-                let measured = super::features::measured(self.doc, self.buffers, ids.len())?;
-                (Pieces::Merged(rows, ids), measured)
-            }
-        };
-        let colours = match attribute("COLOR_0") {
-            None => None,
-            Some(colours) => {
-                let at = take("COLOR_0", Some(colours))?;
-                Some(self.accessor(at, &COLOURS)?)
-            }
-        };
-        if colours
-            .as_ref()
-            .is_some_and(|c| c.chunks::<8>().len() != positions.len())
-        {
-            return fail(Fault::Accessor, place, "expected a colour for each vertex");
-        }
+        let held = self.held(mesh, &mut accessors, vertices)?;
+        let colours = self.colours(&mut accessors, vertices)?;
         let material = prim.material.and_then(|m| self.doc.materials.get(m));
         Ok(Primitive {
             node: node_index,
@@ -155,22 +108,56 @@ impl<'a> Reader<'_, 'a> {
             positions,
             normals,
             indices: self.indices(indices_at)?,
-            pieces,
-            measured,
+            pieces: held.pieces,
+            measured: held.measured,
             colours,
         })
     }
 
-    /// The corner in voxels that a node's positions count from, by its translation; nothing for
-    /// floats, whose nodes have no transform.
-    fn base(&self, node: usize) -> Result<Option<[f64; 3]>> {
+    /// The piece of a node, or those of a merged tile.
+    fn held(&self, mesh: usize, accessors: &mut Accessors, vertices: usize) -> Result<Held<'a>> {
+        let Some(at) = accessors.optional("_FEATURE_ID_0")? else {
+            let ids = self.extras(mesh + 1)?;
+            return Ok(Held {
+                pieces: Pieces::One(ids),
+                measured: vec![self.doc.nodes[mesh + 1].extras.measured],
+            });
+        };
+        let rows = Rows(self.accessor(at, &Element::FLOAT)?);
+        if rows.get().len() != vertices || self.doc.meshes.len() != 1 {
+            let message = "a merged tile has one mesh with a feature id for each vertex";
+            return accessors.fail(Fault::Structure, message);
+        }
+        let ids = super::features::rows(self.doc, self.buffers, accessors.primitive)?;
+        let measured = super::features::measured(self.doc, self.buffers, ids.len())?;
+        Ok(Held {
+            pieces: Pieces::Merged(rows, ids),
+            measured,
+        })
+    }
+
+    fn colours(&self, accessors: &mut Accessors, vertices: usize) -> Result<Option<Bytes<'a>>> {
+        let Some(at) = accessors.optional("COLOR_0")? else {
+            return Ok(None);
+        };
+        let colours = self.accessor(at, &Element::COLOUR)?;
+        if colours.chunks::<8>().len() != vertices {
+            return accessors.fail(Fault::Accessor, "expected a colour for each vertex");
+        }
+        Ok(Some(colours))
+    }
+
+    /// The corner in voxels that a node's positions count from, by its translation; zeros for positions in voxels,
+    /// whose nodes have no transform.
+    fn base(&self, node: usize) -> Result<[f64; 3]> {
         let n = &self.doc.nodes[node];
-        if self.encoding == Encoding::Float {
+        let place = format!("/nodes/{node}");
+        if !self.codec.vertices().steps {
             if n.matrix.is_some() || n.has_trs() {
                 let message = "expected no transform of its own";
-                return fail(Fault::Structure, format!("/nodes/{node}"), message);
+                return fail(Fault::Structure, place, message);
             }
-            return Ok(None);
+            return Ok([0.0; 3]);
         }
         let whole = |v: f64| v.fract() == 0.0 && (-1.0..f64::from(MAX_DIM)).contains(&v);
         match (n.translation, n.scale) {
@@ -180,11 +167,11 @@ impl<'a> Reader<'_, 'a> {
                     && n.matrix.is_none()
                     && n.rotation.is_none() =>
             {
-                Ok(Some(base))
+                Ok(base)
             }
             _ => fail(
                 Fault::Structure,
-                format!("/nodes/{node}"),
+                place,
                 format!(
                     "found translation {:?} and scale {:?}, expected whole voxels of the grid and \
                      1/{LATTICE}, and no other transform",
@@ -244,32 +231,11 @@ impl<'a> Reader<'_, 'a> {
     }
 
     /// The bytes of accessor `index`, which must be packed as wanted and of the wanted type.
-    fn accessor(&self, index: usize, want: &Want) -> Result<Bytes<'a>> {
+    fn accessor(&self, index: usize, want: &Element) -> Result<Bytes<'a>> {
         let a = &self.doc.accessors[index];
         let place = format!("/accessors/{index}");
-        if a.component_type != want.component
-            || a.kind != want.kind
-            || a.normalized != want.normalized
-            || a.sparse.is_some()
-        {
-            return fail(
-                Fault::Accessor,
-                place,
-                format!(
-                    "found {}{} of component type {}, expected {}{} of {}",
-                    if a.normalized { "normalized " } else { "" },
-                    a.kind,
-                    a.component_type,
-                    if want.normalized { "normalized " } else { "" },
-                    want.kind,
-                    want.component
-                ),
-            );
-        }
-        if a.count == 0 {
-            return fail(Fault::Accessor, place, "its count is 0");
-        }
-        let packed = |stride: Option<u64>| stride.map_or(want.tight, |s| s == want.stride);
+        check_type(a, want, &place)?;
+        let packed = |stride: Option<u64>| stride.map_or(want.fills_stride(), |s| s == want.stride);
         let view = a.buffer_view.filter(|&v| {
             let view = self.doc.buffer_views.get(v);
             packed(view.and_then(|v| v.byte_stride))
@@ -279,11 +245,6 @@ impl<'a> Reader<'_, 'a> {
             return fail(Fault::Accessor, place, message);
         };
         let body = self.buffers.view(self.doc, view)?;
-        let component = match want.component {
-            BYTE => 1,
-            UNSIGNED_SHORT => 2,
-            _ => 4,
-        };
         let in_file = self.doc.buffer_views[view]
             .byte_offset
             .saturating_add(a.byte_offset);
@@ -292,7 +253,7 @@ impl<'a> Reader<'_, 'a> {
             .checked_mul(want.stride)
             .and_then(|length| body.part(a.byte_offset, length));
         match part {
-            Some(part) if in_file.is_multiple_of(component) => Ok(part),
+            Some(part) if in_file.is_multiple_of(want.component_bytes()) => Ok(part),
             _ => fail(
                 Fault::Accessor,
                 place,
@@ -308,25 +269,49 @@ impl<'a> Reader<'_, 'a> {
     }
 
     fn indices(&self, index: usize) -> Result<Indices<'a>> {
-        let wide = self.doc.accessors[index].component_type != UNSIGNED_SHORT;
-        let bytes = self.accessor(index, if wide { &WIDE } else { &NARROW })?;
+        let narrow = Element::NARROW_INDEX.component;
+        let wide = self.doc.accessors[index].component_type != narrow;
+        let bytes = self.accessor(index, &Element::index(wide))?;
         Ok(Indices { bytes, wide })
     }
 
     /// An accessor's `min` or `max` in voxel coordinates.
-    fn bound(&self, accessor: usize, which: &str, base: Option<[f64; 3]>) -> Result<[f64; 3]> {
+    fn bound(&self, accessor: usize, which: &str, base: [f64; 3]) -> Result<[f64; 3]> {
         let a = &self.doc.accessors[accessor];
         let values = if which == "min" { &a.min } else { &a.max };
-        match values.as_deref().and_then(|v| <[f64; 3]>::try_from(v).ok()) {
-            Some(v) => Ok(match base {
-                Some(base) => std::array::from_fn(|a| base[a] + v[a] / f64::from(LATTICE)),
-                None => v,
-            }),
-            None => fail(
-                Fault::Accessor,
-                format!("/accessors/{accessor}/{which}"),
-                "expected three numbers",
-            ),
-        }
+        let Some(v) = values.as_deref().and_then(|v| <[f64; 3]>::try_from(v).ok()) else {
+            let place = format!("/accessors/{accessor}/{which}");
+            return fail(Fault::Accessor, place, "expected three numbers");
+        };
+        Ok(match self.codec.vertices().steps {
+            true => std::array::from_fn(|a| base[a] + v[a] / f64::from(LATTICE)),
+            false => v,
+        })
     }
+}
+
+/// Compares the type of an accessor with the wanted one.
+fn check_type(a: &read_json::Accessor, want: &Element, place: &str) -> Result<()> {
+    let found = (a.component_type, a.kind.as_str(), a.normalized);
+    let is_wanted = found == (want.component, want.shape, want.normalized);
+    if is_wanted && a.sparse.is_none() && a.count > 0 {
+        return Ok(());
+    }
+    if is_wanted && a.sparse.is_none() {
+        return fail(Fault::Accessor, place, "its count is 0");
+    }
+    let normalized = |normalized| if normalized { "normalized " } else { "" };
+    fail(
+        Fault::Accessor,
+        place,
+        format!(
+            "found {}{} of component type {}, expected {}{} of {}",
+            normalized(a.normalized),
+            a.kind,
+            a.component_type,
+            normalized(want.normalized),
+            want.shape,
+            want.component
+        ),
+    )
 }

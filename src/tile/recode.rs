@@ -1,9 +1,11 @@
 //! A tile in another form: other primitives, encoding or layout, and the same surface.
 
 use super::contents::Contents;
+use super::encoded::FloatBody;
 use super::file::tile_file;
 use super::part::{TilePlace, refuse};
 use super::pieces::Piece;
+use super::read::Tile;
 use crate::gltf::container::ReadError;
 use crate::manifest::{Form, Primitives};
 use crate::strip::{Stripifier, connect};
@@ -32,7 +34,7 @@ pub fn recode(
     wanted: &Form,
     several: &dyn Fn(u64) -> bool,
 ) -> Result<Recoded, ReadError> {
-    let mut contents = Contents::read(bytes, at.primitives, several)?;
+    let mut contents = Contents::of(&Tile::read(bytes)?, at.primitives, several)?;
     let strips = match (at.primitives, wanted.primitives) {
         (Primitives::Triangles, Primitives::Strips) => Some(strip_all(&mut contents.pieces)),
         (Primitives::Strips, Primitives::Triangles) => {
@@ -45,7 +47,11 @@ pub fn recode(
     };
     let head = contents.head(wanted);
     let (body, bin) = contents.body()?;
-    match tile_file(&head, at.low, (&body, &bin), &contents.nodes) {
+    let floats = FloatBody {
+        body: &body,
+        bytes: &bin,
+    };
+    match tile_file(&head, at.low, floats, &contents.nodes) {
         Ok(made) => Ok(Recoded {
             indices: made.indices,
             file: made.into_bytes(),

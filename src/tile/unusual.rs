@@ -100,7 +100,7 @@ fn views(doc: &Document, found: &mut Found) {
     }
     let mut compressed = false;
     for (i, (view, role)) in doc.buffer_views.iter().zip(&roles).enumerate() {
-        compressed |= view.extensions.meshopt.is_some();
+        compressed |= view.is_compressed();
         let stated = (view.target, view.byte_stride.is_some());
         let message = match role {
             None => "nothing uses it".to_owned(),

@@ -3,8 +3,10 @@
 mod lock;
 mod output_dir;
 mod reader;
+mod writer;
 
 pub(crate) use lock::Lock;
 pub(crate) use output_dir::{Output, outward, refuse_same, tidy};
 pub use output_dir::{check_output, interrupted};
 pub use reader::TileSet;
+pub(crate) use writer::{TilesetWriter, layer_directory, with_euler_characteristic, write_tile};

@@ -1,4 +1,5 @@
 //! Tile sets made of tile sets.
 
+mod new_tiles;
 pub mod repack;
 pub mod select;

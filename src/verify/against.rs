@@ -99,7 +99,7 @@ impl Block {
     }
 }
 
-/// What a tile's pieces add up to.
+/// The vertices and triangles of all pieces of a tile.
 #[derive(Default)]
 pub(super) struct Mesh {
     pub block: Block,
@@ -146,7 +146,7 @@ pub(super) struct Band<'a> {
     slices: Range<u32>,
     /// Eight-byte words, so that the bytes are aligned for every sample type.
     words: Vec<u64>,
-    /// What was filled, since it was dust.
+    /// The voxels that were filled as dust.
     filled: Option<Filled>,
 }
 
@@ -157,7 +157,7 @@ pub(super) struct Voxels {
     pub nan: u64,
 }
 
-/// What all comparisons have in common.
+/// The rules that all tiles are compared by.
 pub(super) struct Rule {
     pub threshold: f64,
     pub cap: bool,
@@ -207,7 +207,7 @@ impl<'a> Band<'a> {
     /// Says that no later layer of macrocubes needs the slices before its own first one.
     pub fn release(&self) {
         let z = &self.slices;
-        // the last three are of the next layer, or beside it
+        // the last three slices are those of the next layer, or its neighbours
         self.volume
             .release(z.start..z.end.saturating_sub(3).max(z.start));
     }
@@ -231,7 +231,7 @@ impl<'a> Band<'a> {
                 ny: self.rows.len(),
                 first: [0, self.rows.start as i32, self.slices.start as i32],
             };
-            let voxels = view.bits(region, (rule, self.filled.as_ref()), mesh);
+            let voxels = view.bits(region, rule, self.filled.as_ref(), mesh);
             if view.vertices(rule, mesh, flaws) {
                 triangles(rule, mesh, flaws);
                 if flaws.is_empty() {
@@ -262,7 +262,8 @@ impl<T: Voxel> View<'_, T> {
     fn bits(
         &self,
         region: &Region,
-        (rule, filled): (&Rule, Option<&Filled>),
+        rule: &Rule,
+        filled: Option<&Filled>,
         mesh: &mut Mesh,
     ) -> Voxels {
         let block = mesh.block;

@@ -11,8 +11,9 @@ use super::report::Issues;
 use super::tile::Context;
 use crate::manifest::TileEntry;
 use crate::sys::direct_io::Buffer;
+use crate::sys::locks::{lock, wait};
 use std::collections::{BTreeMap, VecDeque};
-use std::sync::{Condvar, Mutex, MutexGuard, PoisonError};
+use std::sync::{Condvar, Mutex, MutexGuard};
 
 /// Tiles per thread that may be read before the result of the first is taken, so that threads seldom wait.
 const OPEN: usize = 32;
@@ -111,7 +112,7 @@ pub(super) struct Spare(Mutex<Vec<Buffer>>);
 
 impl Spare {
     fn lock(&self) -> MutexGuard<'_, Vec<Buffer>> {
-        self.0.lock().expect("no thread panicked")
+        lock(&self.0)
     }
 
     fn take(&self) -> Buffer {
@@ -194,8 +195,7 @@ pub(super) fn stream<R: Send, T>(
 
 impl<R> Stream<'_, R> {
     fn lock(&self) -> MutexGuard<'_, State<R>> {
-        // nothing that is done under the lock panics half way
-        self.state.lock().unwrap_or_else(PoisonError::into_inner)
+        lock(&self.state)
     }
 
     /// True if there is room for the next tile, or no other one.
@@ -229,19 +229,18 @@ impl<R> Stream<'_, R> {
             if state.lost {
                 return None;
             }
-            let woken = self.finished.wait(state);
-            state = woken.unwrap_or_else(PoisonError::into_inner);
+            state = wait(&self.finished, state);
         }
     }
 
-    /// What a reader does until all tiles have been read.
+    /// The loop of a reader, until all tiles have been read.
     fn read(&self) {
         let _close = Close(self);
         let mut state = self.lock();
         while !state.closed {
             let full = state.ready.len() + state.reading >= self.most;
             if full || !self.has_task(&state) {
-                state = sleep(&self.to_read, state);
+                state = wait(&self.to_read, state);
                 continue;
             }
             state.reading += 1;
@@ -253,7 +252,7 @@ impl<R> Stream<'_, R> {
         }
     }
 
-    /// What a thread that checks tiles does until there is none.
+    /// The loop of a thread that checks tiles, until there is none.
     fn work(&self, check: &(impl Fn(&TileEntry, &mut Fetched) -> R + Sync)) {
         let _close = Close(self);
         while let Some((number, task, mut fetched)) = self.take() {
@@ -284,7 +283,7 @@ impl<R> Stream<'_, R> {
             if state.closed && (state.reading == 0 || state.lost) {
                 return None;
             }
-            state = sleep(&self.to_check, state);
+            state = wait(&self.to_check, state);
         }
     }
 
@@ -310,11 +309,6 @@ impl<R> Stream<'_, R> {
         let fetched = fetch(self.cx, &task.entry, task.place, self.spare);
         Some((number, task, fetched))
     }
-}
-
-fn sleep<'s, R>(until: &Condvar, state: MutexGuard<'s, State<R>>) -> MutexGuard<'s, State<R>> {
-    let woken = until.wait(state);
-    woken.unwrap_or_else(PoisonError::into_inner)
 }
 
 /// Reads one tile, whose place in the shard is `place`.

@@ -44,7 +44,7 @@ impl Body {
             return None;
         }
         let corners = rim.corners(far)?;
-        // along each axis of either kind, one of the outermost voxels is beside a vertex or a corner of the volume
+        // along each axis of either kind, one of the outermost voxels touches a vertex or a corner of the volume
         let mut span = if cell { inside.below } else { inside.above };
         let mut far_ends = inside.far[usize::from(!cell)];
         for corner in (0..8usize).filter(|c| corners >> c & 1 == 1) {

@@ -2,7 +2,7 @@
 //!
 //! A reader passes over members that it does not know, as glTF demands, and of a member that is there
 //! twice it takes the last, where another program takes the first. Either way a file may show more than
-//! was looked at. So the verifier walks each JSON once more, beside its schema, and reports each member
+//! was looked at. So the verifier walks each JSON once more along its schema, and reports each member
 //! that has no place there, is missing, is there twice, or has another type or none of the values listed.
 //!
 //! Of JSON Schema it knows what describes objects and lists (`properties`, `required`, `items`,
@@ -15,7 +15,7 @@ use std::fmt;
 use std::rc::Rc;
 use std::sync::LazyLock;
 
-/// What is kept of one file at most.
+/// Findings of one file that are reported at most.
 const MOST: usize = 100;
 
 /// A schema.
@@ -23,7 +23,7 @@ pub(super) struct Schema {
     shapes: Vec<Shape>,
 }
 
-/// What a value must be like.
+/// The shape that a value must have.
 #[derive(Default)]
 struct Shape {
     /// Types it may have: those stated, or those of the values. Never empty, for then lists and objects pass, too.
@@ -200,7 +200,7 @@ impl Loader {
                 stated => stated,
             },
             values,
-            members: self.members(at, (file, pointer)),
+            members: self.members(at, file, pointer),
             first: (0..at["prefixItems"].as_array().map_or(0, Vec::len))
                 .map(|i| self.shape(file, &format!("{pointer}/prefixItems/{i}")))
                 .collect(),
@@ -217,7 +217,7 @@ impl Loader {
         number
     }
 
-    fn members(&mut self, at: &Value, (file, pointer): (&str, &str)) -> Vec<Member> {
+    fn members(&mut self, at: &Value, file: &str, pointer: &str) -> Vec<Member> {
         let is_required = |name: &str| {
             let mut all = at["required"].as_array().into_iter().flatten();
             all.any(|r| r == name)

@@ -129,7 +129,7 @@ codes! {
     Hole = "HOLE", true;
     /// Triangles that are connected carry different ids.
     SurfaceMixed = "SURFACE_MIXED", true;
-    /// One surface id is carried by parts that are not connected.
+    /// Parts that are not connected have one surface id.
     SurfaceSplit = "SURFACE_SPLIT", true;
     /// Two surfaces lie between the same cell and the same object.
     PairRepeated = "PAIR_REPEATED", true;
@@ -141,7 +141,7 @@ codes! {
     Law = "LAW", true;
     /// A sum in the manifest is not that of the tiles.
     TotalsMismatch = "TOTALS_MISMATCH", false;
-    /// What was left out as dust is not what the volume has of components below the size.
+    /// The dust that was left out differs from the components of the volume that are below the size.
     Dust = "DUST", false;
     /// A table has no header, or another one, or a field is not what its column holds.
     TableSyntax = "TABLE_SYNTAX", false;

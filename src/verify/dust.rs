@@ -1,11 +1,11 @@
-//! What of a volume was filled as dust: found anew, so that the tiles can be held against the rest.
+//! The voxels that were filled as dust: found again in the volume, so that tiles can be compared with the others.
 //!
 //! Objects of fewer voxels than the size became below, then cells of fewer voxels, in what that left,
 //! above. So the volume is labelled twice, slice by slice. Runs of voxels of a component that is still
 //! small are kept until it is not, or has ended; those of small ones are sorted on disk, by the row of
 //! macrocubes that they lie in, and the comparison takes them from there as it goes.
 //!
-//! What is kept besides: the runs of two slices, the components that they belong to, and the runs of those
+//! Also in memory: the runs of two slices, the components that they belong to, and the runs of those
 //! that have fewer voxels than the size so far.
 
 use super::code::Code;
@@ -44,6 +44,10 @@ pub(super) struct Filled {
     runs: Vec<Run>,
 }
 
+/// The bits of voxels.
+const BELOW: u8 = 0;
+const ABOVE: u8 = 1;
+
 /// Small components of one phase.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
 struct Count {
@@ -58,7 +62,8 @@ impl Filled {
     /// The volume's, [`Error::Io`] if temporary files fail, [`Error::Interrupted`].
     pub fn find(
         volume: &dyn Volume,
-        (manifest, dust): (&Manifest, &Dust),
+        manifest: &Manifest,
+        dust: &Dust,
         progress: &dyn Progress,
         issues: &mut Issues,
     ) -> Result<Self> {
@@ -87,28 +92,20 @@ impl Filled {
             bits: Vec::new(),
         };
         let mut small: Spill<1> = Spill::new(IN_MEMORY);
-        let objects = find_small(&mut slices, (true, manifest, dust), progress, |run| {
+        let of = |phase| Search {
+            phase,
+            ambiguous: manifest.ambiguous,
+            least: dust.min_voxels,
+        };
+        let objects = find_small(&mut slices, of(ABOVE), progress, |run| {
             keep(run)?;
             small.push([run])
         })?;
         let mut small = small.into_sorted()?;
         slices.next = small.next()?;
         slices.filled = Some(small);
-        let cells = find_small(&mut slices, (false, manifest, dust), progress, &mut keep)?;
-        let stated = [
-            (dust.objects, dust.object_voxels),
-            (dust.cells, dust.cell_voxels),
-        ];
-        let names = [("objects", objects), ("cells", cells)];
-        for ((name, found), stated) in names.into_iter().zip(stated) {
-            if (found.components, found.voxels) != stated {
-                let message = format!(
-                    "stated {} {name} of {} voxels, the volume has {} of {} with fewer than {}",
-                    stated.0, stated.1, found.components, found.voxels, dust.min_voxels
-                );
-                issues.add(Code::Dust, format!("index.json#/dust/{name}"), message);
-            }
-        }
+        let cells = find_small(&mut slices, of(BELOW), progress, &mut keep)?;
+        compare(dust, [objects, cells], issues);
         let mut all = by_row.into_sorted()?;
         Ok(Filled {
             next: all.next()?,
@@ -212,6 +209,32 @@ struct Component {
     runs: Option<Vec<Run>>,
 }
 
+/// Compares what was found of objects and cells with what the manifest states.
+fn compare(dust: &Dust, found: [Count; 2], issues: &mut Issues) {
+    let stated = [
+        Count {
+            components: dust.objects,
+            voxels: dust.object_voxels,
+        },
+        Count {
+            components: dust.cells,
+            voxels: dust.cell_voxels,
+        },
+    ];
+    for (name, (found, stated)) in ["objects", "cells"]
+        .into_iter()
+        .zip(found.into_iter().zip(stated))
+    {
+        if found != stated {
+            let message = format!(
+                "stated {} {name} of {} voxels, the volume has {} of {} with fewer than {}",
+                stated.components, stated.voxels, found.components, found.voxels, dust.min_voxels
+            );
+            issues.add(Code::Dust, format!("index.json#/dust/{name}"), message);
+        }
+    }
+}
+
 /// The runs of a slice: first and last voxel, and component, row by row.
 #[derive(Default)]
 struct Labelled {
@@ -228,24 +251,40 @@ impl Labelled {
 
 /// Components of one phase, labelled slice by slice.
 struct Labels {
-    least: u64,
+    search: Search,
     parent: Vec<u32>,
     components: Vec<Component>,
     before: Labelled,
 }
 
+/// The components that are looked for.
+#[derive(Clone, Copy)]
+struct Search {
+    /// [`ABOVE`] for objects, [`BELOW`] for cells.
+    phase: u8,
+    ambiguous: Ambiguous,
+    /// Components of fewer voxels are small.
+    least: u64,
+}
+
+impl Search {
+    /// True if components of the phase touch by edges as well as by faces.
+    fn by_edges(self) -> bool {
+        // separate: objects touch by faces, cells by edges as well; join: the other way round
+        (self.phase == ABOVE) == (self.ambiguous == Ambiguous::Join)
+    }
+}
+
 /// Finds the small components of a phase and hands out their runs.
 fn find_small(
     slices: &mut Slices,
-    (above, manifest, dust): (bool, &Manifest, &Dust),
+    search: Search,
     progress: &dyn Progress,
     mut each: impl FnMut(Run) -> Result<()>,
 ) -> Result<Count> {
-    let [nx, ny, nz] = manifest.grid.dims.0;
-    // separate: objects touch by faces, cells by edges as well; join: the other way round
-    let by_edges = above == (manifest.ambiguous == Ambiguous::Join);
+    let [nx, ny, nz] = slices.volume.header().dims.0;
     let mut labels = Labels {
-        least: dust.min_voxels,
+        search,
         parent: Vec::new(),
         components: Vec::new(),
         before: Labelled {
@@ -264,7 +303,7 @@ fn find_small(
             own.starts.push(own.runs.len());
             let start = y as usize * nx as usize;
             let bits = &slices.bits[start..start + nx as usize];
-            labels.add_row(([y, z], bits, u8::from(above)), by_edges, &mut own);
+            labels.add_row([y, z], bits, &mut own);
         }
         own.starts.push(own.runs.len());
         labels.end_slice(own, &mut count, &mut each)?;
@@ -283,12 +322,8 @@ fn find_small(
 
 impl Labels {
     /// Labels the runs of a row of bits and joins them with those of the rows before.
-    fn add_row(
-        &mut self,
-        ([y, z], bits, phase): ([u32; 2], &[u8], u8),
-        by_edges: bool,
-        own: &mut Labelled,
-    ) {
+    fn add_row(&mut self, [y, z]: [u32; 2], bits: &[u8], own: &mut Labelled) {
+        let (phase, by_edges) = (self.search.phase, self.search.by_edges());
         let first = own.runs.len();
         let mut x = 0;
         for chunk in bits.chunk_by(|a, b| a == b) {
@@ -308,8 +343,8 @@ impl Labels {
         }
         self.join(new, before.row(y), near);
         if by_edges {
-            for beside in [y.wrapping_sub(1), y + 1].into_iter().filter(|b| *b < rows) {
-                self.join(new, before.row(beside), 0);
+            for row in [y.wrapping_sub(1), y + 1].into_iter().filter(|r| *r < rows) {
+                self.join(new, before.row(row), 0);
             }
         }
         self.before = before;
@@ -322,7 +357,7 @@ impl Labels {
         self.parent.push(label);
         self.components.push(Component {
             voxels,
-            runs: (voxels < self.least).then(|| vec![run]),
+            runs: (voxels < self.search.least).then(|| vec![run]),
         });
         label
     }
@@ -373,7 +408,7 @@ impl Labels {
         let kept = &mut self.components[keep as usize];
         kept.voxels += voxels;
         kept.runs = match (kept.runs.take(), runs) {
-            (Some(mut all), Some(more)) if kept.voxels < self.least => {
+            (Some(mut all), Some(more)) if kept.voxels < self.search.least => {
                 all.extend(more);
                 Some(all)
             }
@@ -381,7 +416,7 @@ impl Labels {
         };
     }
 
-    /// Hands out components that have no run in the new slice, and numbers the others anew.
+    /// Hands out components that have no run in the new slice, and numbers the others again.
     fn end_slice(
         &mut self,
         mut own: Labelled,

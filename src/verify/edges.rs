@@ -15,7 +15,7 @@ use super::piece::{Piece, Vertex};
 use crate::sys::simd::dispatch;
 use crate::sys::unchecked::UncheckedMut;
 
-/// What an entry of the sorted edges says in the lowest bit, below its larger vertex: the edge runs down
+/// The lowest bit of an entry of the sorted edges, below its larger vertex: the edge runs down
 /// from it.
 const FALLS: u64 = 1;
 
@@ -34,7 +34,7 @@ pub(super) struct Edges {
     pub open: Vec<[u32; 2]>,
 }
 
-/// What matching found, besides [`Edges::open`]. Edges are given as (tail, head).
+/// The result of matching, besides [`Edges::open`]. Edges are given as (tail, head).
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub(super) struct Matched {
     /// Edges with their reverse.
@@ -101,15 +101,15 @@ impl Edges {
         self.rim.push(t);
     }
 
-    /// What was entered: the words and the parents.
+    /// The edges that were entered: the words and the parents.
     #[cfg(test)]
     pub fn entered(&self) -> (&[u64], &[u32]) {
         (&self.words, &self.parent)
     }
 
     /// Adds what was entered of vertices to their states, and counts edges.
-    pub fn settle(&mut self, states: &mut [u8]) {
-        self.balance = dispatch!(marks::settle(&self.words, states));
+    pub fn balance(&mut self, states: &mut [u8]) {
+        self.balance = dispatch!(marks::balance(&self.words, states));
     }
 
     /// Matches the directed edges of the piece whose triangles were entered with their reverses.
@@ -148,7 +148,7 @@ impl Edges {
         self.open.sort_unstable_by_key(by_vertices);
     }
 
-    /// What [`Edges::match_up`] finds, whatever the triangles are.
+    /// The result of [`Edges::match_up`], whatever the triangles are.
     fn sort_and_walk(&mut self, triangles: &[[u32; 3]]) -> Matched {
         self.sorted.clear();
         for &[a, b, c] in triangles {
@@ -241,7 +241,7 @@ mod tests {
     use proptest::prelude::*;
     use std::collections::{BTreeMap, BTreeSet};
 
-    /// What [`Edges::match_up`] finds, by sorting all edges.
+    /// The result of [`Edges::match_up`], by sorting all edges.
     fn slow_match(triangles: &[[u32; 3]]) -> (Matched, Vec<[u32; 2]>) {
         let mut all: BTreeMap<[u32; 2], Vec<bool>> = BTreeMap::new();
         for &[a, b, c] in triangles {
@@ -376,7 +376,7 @@ mod tests {
             if !rim {
                 edges.rim.clear();
             }
-            edges.settle(&mut vec![0; points.len()]);
+            edges.balance(&mut vec![0; points.len()]);
             let piece = Piece { points, triangles: triangles.clone(), ..Piece::default() };
             for distinct in [true, false] {
                 let matched = edges.match_up(&piece, distinct);

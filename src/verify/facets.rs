@@ -17,13 +17,13 @@ pub(super) const BATCH: usize = 16;
 
 type Lanes<T> = [T; BATCH];
 
-/// What a batch adds to a piece.
+/// The sums that a batch adds to a piece.
 pub(super) struct Facets {
     /// Twice the physical area of each triangle.
     pub areas: Lanes<f64>,
     /// Six times the volume that all of them span with the origin.
     pub volume6: i64,
-    /// What each says of its corners and their edges, see [`super::marks`].
+    /// The words of each triangle on its corners and their edges, see [`super::marks`].
     pub marks: [Lanes<u64>; 3],
     /// Below 0 for triangles that touch or cross the planes of the region's faces.
     pub rim: Lanes<i32>,

@@ -4,7 +4,7 @@ use super::marks::BITS;
 use super::piece::Vertex;
 use super::rim::cell_is_low;
 
-/// What comes first, by z, then y, then x; the largest number if there is nothing.
+/// The first vertex and voxels, by z, then y, then x; the largest number if there is none.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) struct First {
     /// The first lattice edge with a vertex, by its lower voxel, then its axis.

@@ -60,18 +60,18 @@ pub(super) fn foreign_tiles(
     foreign(root, &dir, |name| named(name).is_some(), issues)
 }
 
-/// True for the names of files that systems write beside those of others by themselves.
+/// True for the names of files that systems write into folders of others by themselves.
 fn is_of_system(name: &str) -> bool {
     const NAMES: [&str; 4] = [".DS_Store", "Thumbs.db", "desktop.ini", ".directory"];
     const BEGIN: [&str; 3] = [".nfs", ".fuse_hidden", "._"];
     NAMES.contains(&name) || BEGIN.iter().any(|begin| name.starts_with(begin))
 }
 
-/// What a directory has that does not belong there.
+/// Files of a directory that do not belong there.
 enum Stray {
     /// A file that the index does not name.
     Foreign,
-    /// One that the system has written.
+    /// A file that the system has written.
     System,
     /// A link to something in the tile set; those that lead outside are reported when they are followed.
     Link,

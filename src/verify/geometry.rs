@@ -1,8 +1,8 @@
 //! A tile's surface pieces: their groups in the shard, their geometry, and what of them is open.
 
-use super::carried;
 use super::code::Code;
 use super::edges::Edges;
+use super::extras;
 use super::inside::Inside;
 use super::paint::{self, Colour};
 use super::piece::{Flaw, Piece, Sums, position};
@@ -15,7 +15,7 @@ use crate::manifest::Group;
 use crate::sys::simd::dispatch;
 use crate::tile::read::{Measured, PieceIds};
 
-/// What a piece says of itself.
+/// The ids, names, measures and colour that a piece states.
 pub(super) struct Label {
     pub ids: PieceIds,
     pub node: usize,
@@ -53,7 +53,7 @@ impl Work<'_, '_> {
         }
         let distinct = flaws.is_empty() && self.mark_seen(ws, &mut flaws);
         if flaws.is_empty() {
-            self.geometry(label, (owned, distinct), &mut flaws, ws);
+            self.geometry(label, owned, distinct, &mut flaws, ws);
         }
         if !flaws.is_empty() {
             self.flaws(node, &flaws);
@@ -124,13 +124,13 @@ impl Work<'_, '_> {
     fn geometry(
         &mut self,
         label: &Label,
-        (owned, distinct): (u64, bool),
+        owned: u64,
+        distinct: bool,
         flaws: &mut Vec<Flaw>,
         ws: &mut Workspace,
     ) {
         let piece = &mut ws.piece;
-        let place = (self.cx.scale, &self.region);
-        let mut sums = piece.sum_triangles(place, &mut ws.edges, flaws);
+        let mut sums = piece.sum_triangles(self.cx.scale, &self.region, &mut ws.edges, flaws);
         sums.vertices = owned;
         if !flaws.is_empty() {
             return;
@@ -165,7 +165,7 @@ impl Work<'_, '_> {
     /// A cap is of no cell: it has no measures, and the common grey.
     fn check_cap(&mut self, label: &Label) {
         let at = format!("/nodes/{}", label.node);
-        if label.measures != carried::hash(&Measured::default()) {
+        if label.measures != extras::hash(&Measured::default()) {
             let message = format!("the cap of object {} carries measures", label.ids.object);
             self.issue(Code::CarriedMeasure, &at, message);
         }

@@ -1,4 +1,4 @@
-//! Normals beside the volume's gradient.
+//! Normals compared with the volume's gradient.
 //!
 //! A normal points from above to below, against the gradient: central differences, one-sided ones at the
 //! volume's faces, interpolated between the ends of the vertex's lattice edge. Where that vanishes or is no
@@ -25,7 +25,7 @@ pub(super) fn normals<T: Voxel>(view: &View<T>, mesh: &Mesh, rule: &Rule, flaws:
         let axis = usize::from(state & 3);
         let low_is_above = mesh.bits[mesh.block.index(p)] == 1;
         let step = f64::from(view.step(p, axis, rule)) / 256.0;
-        let Some((expected, slack)) = expected(view, p, (axis, step), low_is_above) else {
+        let Some((expected, slack)) = expected(view, p, axis, step, low_is_above) else {
             continue;
         };
         let found = found.map(f64::from);
@@ -50,7 +50,8 @@ pub(super) fn normals<T: Voxel>(view: &View<T>, mesh: &Mesh, rule: &Rule, flaws:
 fn expected<T: Voxel>(
     view: &View<T>,
     p: [i32; 3],
-    (axis, step): (usize, f64),
+    axis: usize,
+    step: f64,
     low_is_above: bool,
 ) -> Option<([f64; 3], f64)> {
     let low = p.map(|c| c >> 8);
@@ -79,12 +80,12 @@ fn expected<T: Voxel>(
 fn gradient<T: Voxel>(view: &View<T>, v: [i32; 3]) -> Option<[f64; 3]> {
     let own = view.sample(v)?;
     Some(std::array::from_fn(|a| {
-        let beside = |step: i32| {
+        let neighbour = |step: i32| {
             let mut at = v;
             at[a] += step;
             view.sample(at)
         };
-        match (beside(-1), beside(1)) {
+        match (neighbour(-1), neighbour(1)) {
             (Some(before), Some(after)) => (after - before) / 2.0,
             (Some(before), None) => own - before,
             (None, Some(after)) => after - own,

@@ -5,7 +5,7 @@ use super::code::Code;
 use super::files::{self, Expected};
 use super::report::Issues;
 use crate::error::{Error, Result};
-use crate::grid::{Dims, LATTICE, Tiling};
+use crate::grid::{Dims, LATTICE, Tiling, check_filters};
 use crate::manifest::{FORMAT, FORMAT_VERSION, Layer, Manifest, TileEntry};
 use crate::manifest::{ShardFault, ShardText, ShardTiles};
 use crate::manifest::{manifest_file, own_checksum};
@@ -111,6 +111,42 @@ fn check(m: &Manifest, issues: &mut Issues) -> bool {
             message,
         );
     };
+    if !check_grid(m, &mut wrong) {
+        return false;
+    }
+    if !m.threshold.is_finite() {
+        wrong(
+            "threshold",
+            format!("found {}, expected a finite number", m.threshold),
+        );
+    }
+    if !check_placement(m, &mut wrong) {
+        return false;
+    }
+    match check_filters(&m.filters) {
+        Ok(()) => check_crop(m, &mut wrong),
+        Err(e) => wrong("filters", e.to_string()),
+    }
+    check_counts(m, &mut wrong);
+    let rising = m.layers.windows(2).all(|w| w[0].z < w[1].z);
+    let [_, _, nz] = tiling(m).tiles();
+    if !rising || m.layers.iter().any(|l| l.z >= nz || l.tiles == 0) {
+        let message = "expected layers with tiles by rising z inside the grid".to_owned();
+        wrong("layers", message);
+        return false;
+    }
+    true
+}
+
+fn tiling(m: &Manifest) -> Tiling {
+    Tiling {
+        dims: m.grid.dims,
+        macrocube: m.grid.macrocube,
+    }
+}
+
+/// Checks the grid and the lattice; false if the tiles cannot be read by them.
+fn check_grid(m: &Manifest, wrong: &mut impl FnMut(&str, String)) -> bool {
     let grid = &m.grid;
     if Dims::new(grid.dims.0.map(u64::from)).is_err() || grid.macrocube.contains(&0) {
         let message = format!(
@@ -120,27 +156,21 @@ fn check(m: &Manifest, issues: &mut Issues) -> bool {
         wrong("grid", message);
         return false;
     }
-    let tiling = Tiling {
-        dims: grid.dims,
-        macrocube: grid.macrocube,
-    };
-    if tiling.tiles() != grid.tiles {
-        let message = format!("found {:?}, expected {:?}", grid.tiles, tiling.tiles());
+    let tiles = tiling(m).tiles();
+    if tiles != grid.tiles {
+        let message = format!("found {:?}, expected {tiles:?}", grid.tiles);
         wrong("grid/tiles", message);
     }
     if m.lattice != LATTICE {
-        wrong(
-            "lattice",
-            format!("found {}, expected {LATTICE}", m.lattice),
-        );
+        let message = format!("found {}, expected {LATTICE}", m.lattice);
+        wrong("lattice", message);
         return false;
     }
-    if !m.threshold.is_finite() {
-        wrong(
-            "threshold",
-            format!("found {}, expected a finite number", m.threshold),
-        );
-    }
+    true
+}
+
+/// Checks where the grid lies, and the transform, which follows from that; false if nothing can be measured by it.
+fn check_placement(m: &Manifest, wrong: &mut impl FnMut(&str, String)) -> bool {
     if let Err(e) = m.placement.check() {
         wrong("spacing", e.to_string());
         return false;
@@ -159,25 +189,17 @@ fn check(m: &Manifest, issues: &mut Issues) -> bool {
         );
         wrong("transform", message);
     }
-    check_crop(m, &mut wrong);
-    check_counts(m, &mut wrong);
-    let rising = m.layers.windows(2).all(|w| w[0].z < w[1].z);
-    if !rising
-        || m.layers
-            .iter()
-            .any(|l| l.z >= tiling.tiles()[2] || l.tiles == 0)
-    {
-        let message = "expected layers with tiles by rising z inside the grid".to_owned();
-        wrong("layers", message);
-        return false;
-    }
     true
 }
 
 fn check_crop(m: &Manifest, wrong: &mut impl FnMut(&str, String)) {
+    let whole = match m.filtered_dims() {
+        Ok(whole) => whole,
+        Err(e) => return wrong("filters", e.to_string()),
+    };
     let dims = match &m.source.crop {
-        None => Ok(m.source.dims),
-        Some(crop) => crop.dims_in(m.source.dims),
+        None => Ok(whole),
+        Some(crop) => crop.dims_in(whole),
     };
     match dims {
         Ok(dims) if dims == m.grid.dims => {}
@@ -271,7 +293,7 @@ impl Read for Summed {
     }
 }
 
-/// What the text of a shard holds.
+/// The contents of a shard, read to its end.
 struct Scanned<'a> {
     file: File,
     bytes: u64,
@@ -324,8 +346,8 @@ impl<'a> Scanned<'a> {
         })
     }
 
-    /// Checks what it says by itself and beside its layer, which is at `at`; false if its tiles cannot be read.
-    fn check(self, (layer, at): (&Layer, &str), issues: &mut Issues) -> std::io::Result<bool> {
+    /// Checks the shard by itself and against its layer, which is at `at`; false if its tiles cannot be read.
+    fn check(self, layer: &Layer, at: &str, issues: &mut Issues) -> std::io::Result<bool> {
         let named = shard_path(layer.z);
         if layer.path != named {
             let message = format!("found {}, expected {named}", layer.path);
@@ -361,7 +383,8 @@ impl<'a> Scanned<'a> {
 pub(super) fn shard<'a>(
     root: &Path,
     tiling: Tiling,
-    (index, layer): (usize, &'a Layer),
+    index: usize,
+    layer: &'a Layer,
     issues: &mut Issues,
 ) -> Option<Tiles<'a>> {
     let at = format!("{MANIFEST}#/layers/{index}");
@@ -375,7 +398,7 @@ pub(super) fn shard<'a>(
     let scanned = files::open(&real).and_then(|f| Scanned::read(f, Order::new(layer, tiling)));
     let checked = scanned.and_then(|scanned| {
         files::compare_sums(&expected, scanned.bytes, || scanned.crc, issues);
-        scanned.check((layer, &at), issues)
+        scanned.check(layer, &at, issues)
     });
     match checked {
         Ok(true) => {}
@@ -429,7 +452,7 @@ struct Order<'a> {
     /// The number of the next tile, and the place of the one before, y first.
     next: u64,
     before: Option<[u32; 2]>,
-    /// What is wrong first, and where.
+    /// The first fault, and where it is.
     wrong: Option<(Code, String, String)>,
 }
 

@@ -1,4 +1,4 @@
-//! What a surface says of the voxels on both of its sides.
+//! The voxels on both sides of a surface, as its vertices tell them.
 //!
 //! A vertex on a lattice edge along x is where a run of voxels of a cell ends and one of an object
 //! begins, or the other way round. So the number of a cell's voxels, and every moment of them, is a sum
@@ -58,7 +58,7 @@ impl Span {
     }
 }
 
-/// What is known of the voxels beside a surface, or beside several.
+/// The voxels on both sides of a surface, or of several.
 #[derive(Debug, Clone, Copy, Default, PartialEq)]
 pub(super) struct Inside {
     /// Around the voxels of the cell that the surface touches.
@@ -67,7 +67,7 @@ pub(super) struct Inside {
     pub above: Span,
     /// Where the surface comes first.
     pub first: First,
-    /// What it says of the volume's faces.
+    /// The curves on the volume's faces.
     pub rim: Rim,
     /// How far the voxels of the cell and of the object at the ends of vertices' lattice edges reach along the axes
     /// of the world, if these are not the grid's.
@@ -146,7 +146,7 @@ impl Inside {
         out
     }
 
-    /// What [`Inside::pack`] made; `words` has [`WORDS`] of them.
+    /// The reverse of [`Inside::pack`]; `words` has [`WORDS`] of them.
     pub fn unpack(words: &[u64]) -> Self {
         let v = |i: usize| (words[i / 4] >> (16 * (i % 4))) as u16;
         let span = |i: usize| Span {
@@ -343,7 +343,7 @@ mod tests {
     use crate::verify::marks;
     use proptest::prelude::*;
 
-    /// What [`Inside::of_vertices`] finds, vertex by vertex.
+    /// The result of [`Inside::of_vertices`], vertex by vertex.
     fn slow_of(points: &[Vertex], state: &[u8], region: &Region) -> Inside {
         let mut out = Inside::default();
         for (&[x, y, z, code], &state) in points.iter().zip(state) {

@@ -1,18 +1,18 @@
-//! What holds between all surfaces, the manifest's sums, and the tables.
+//! The laws that hold between all surfaces, the manifest's sums, and the tables.
 
 use super::against::Voxels;
 use super::code::Code;
+use super::components::ComponentRows;
 use super::ledger::{Group, Kind, Laws, Ledger, Rows};
 use super::paint::{self, Paints};
 use super::report::Issues;
-use super::solids::Solids;
 use super::tables::Table;
 use super::tile::{Context, Counts};
 use crate::error::Result;
 use crate::manifest::{Manifest, Primitives};
 use rayon::ThreadPool;
 
-/// What was counted.
+/// The counts of a whole tile set.
 #[derive(Default)]
 pub(super) struct Found {
     /// True if the set is a part.
@@ -33,27 +33,27 @@ pub(super) struct Found {
 /// If the ledger's temporary files cannot be read back.
 pub(super) fn check(
     ledger: Ledger,
-    (cx, pool): (&Context, &ThreadPool),
+    cx: &Context,
+    pool: &ThreadPool,
     found: &mut Found,
     issues: &mut Issues,
 ) -> Result<()> {
     let c = found.counts;
     found.euler = c.vertices as i64 - c.edges as i64 + c.triangles as i64;
-    found.ids[0] = ledger.surfaces;
     let surfaces = ledger.surfaces;
     let [mut of_surfaces, mut of_cells, mut of_objects] =
         Kind::ALL.map(|kind| Listed::new(kind, cx));
     let stated = &cx.manifest.totals;
-    let mut solids = Solids::new(cx.manifest);
+    let mut components = ComponentRows::new(cx.manifest);
     let [cells, objects] =
         [stated.cells, stated.objects].map(|n| if surfaces == 0 { n } else { 0 });
     let [by_surface, by_cell, by_object] = ledger.into_sorted()?;
-    // beside the others, which count bodies together: there are about as many
+    // at the same time as cells and objects: there are about as many surfaces as of both together
     let (first, others) = pool.join(
-        || of_surfaces.check(by_surface, cx, 0, &mut Solids::new(cx.manifest)),
+        || of_surfaces.check(by_surface, cx, 0, &mut ComponentRows::new(cx.manifest)),
         || {
-            of_cells.check(by_cell, cx, cells, &mut solids)?;
-            of_objects.check(by_object, cx, objects, &mut solids)
+            of_cells.check(by_cell, cx, cells, &mut components)?;
+            of_objects.check(by_object, cx, objects, &mut components)
         },
     );
     first.and(others)?;
@@ -66,7 +66,7 @@ pub(super) fn check(
         listed.laws
     });
     let mut sums = Issues::new(cx.max_issues);
-    solids.finish(&mut sums);
+    components.finish(&mut sums);
     if !issues.broken() {
         issues.append(own);
     }
@@ -92,7 +92,7 @@ pub(super) fn check(
     Ok(())
 }
 
-/// What is found of all surfaces, cells or objects, and of their table.
+/// The findings on all surfaces, cells or objects, and on their table.
 struct Listed {
     laws: Laws,
     own: Issues,
@@ -112,13 +112,13 @@ impl Listed {
         }
     }
 
-    /// Checks what the surfaces say and the table's rows, of which `alone` are of no surface.
+    /// Checks what the surfaces say and the table's rows, of which `without_surface` are those of a single-phase volume.
     fn check(
         &mut self,
         mut rows: Rows,
         cx: &Context,
-        alone: u64,
-        solids: &mut Solids,
+        without_surface: u64,
+        components: &mut ComponentRows,
     ) -> Result<()> {
         let mut table = Table::open(cx.root, cx.manifest, self.laws.kind, &mut self.unopened);
         let kind = self.laws.kind;
@@ -135,18 +135,18 @@ impl Listed {
                 self.check_colour(&group, &mut paints, cx);
             }
             if let Some(table) = &mut table {
-                table.check((&group, body.as_ref()), solids, &mut self.values);
+                table.check(&group, body.as_ref(), components, &mut self.values);
             }
         }
         if let Some(table) = &mut table {
             // a volume of one phase: its one cell or object is the whole grid
-            let whole = alone == 1 && !cx.manifest.is_part();
+            let whole = without_surface == 1 && !cx.manifest.is_part();
             if whole {
-                let group = Group::alone();
+                let group = Group::single_phase();
                 let body = group.body(kind, cx);
-                table.check((&group, body.as_ref()), solids, &mut self.values);
+                table.check(&group, body.as_ref(), components, &mut self.values);
             }
-            table.finish(alone - u64::from(whole), &mut self.values);
+            table.finish(without_surface - u64::from(whole), &mut self.values);
         }
         if let Some(paints) = &paints {
             paints.finish(&mut self.values);
@@ -184,65 +184,89 @@ pub(super) fn may_be_cut(manifest: &Manifest, kind: Kind) -> bool {
     kind == Kind::Object && manifest.is_part() && !manifest.cap
 }
 
-/// Compares the manifest's sums with those of the tiles.
-fn totals(manifest: &Manifest, found: &Found, issues: &mut Issues) {
+/// A sum as the manifest states it, and as it is found.
+struct Total {
+    name: &'static str,
+    stated: i128,
+    sum: i128,
+}
+
+/// The sums over what tiles hold.
+fn sums_of_tiles(manifest: &Manifest, found: &Found) -> Vec<Total> {
     let (t, c) = (&manifest.totals, &found.counts);
     let strips = manifest.primitives == Primitives::Strips;
+    let indices = if strips { c.indices } else { 0 };
+    let of = |name, stated: u64, sum: u64| Total {
+        name,
+        stated: stated.into(),
+        sum: sum.into(),
+    };
+    vec![
+        of("tiles", t.tiles, found.tiles),
+        of("triangles", t.triangles, c.triangles),
+        of("vertices", t.vertices, c.vertices),
+        of("tile_vertices", t.tile_vertices, c.tile_vertices),
+        of("strips", t.strips, found.strips),
+        of("strip_indices", t.strip_indices, indices),
+        of("border_edges", t.border_edges, c.border_edges),
+        Total {
+            name: "euler_characteristic",
+            stated: t.euler_characteristic.into(),
+            sum: found.euler.into(),
+        },
+        of("cap_triangles", t.cap_triangles, c.cap_triangles),
+        of("bytes", t.bytes, c.bytes),
+        Total {
+            name: "volume6",
+            stated: t.volume6,
+            sum: c.volume6,
+        },
+    ]
+}
+
+/// The numbers of surfaces, objects and cells, and the sums over voxels.
+fn sums_of_volume(manifest: &Manifest, found: &Found) -> Vec<Total> {
+    let t = &manifest.totals;
     let [surfaces, cells, objects] = found.ids;
-    let wide = i128::from;
-    let mut pairs = vec![
-        ("tiles", wide(t.tiles), wide(found.tiles)),
-        ("triangles", wide(t.triangles), wide(c.triangles)),
-        ("vertices", wide(t.vertices), wide(c.vertices)),
-        (
-            "tile_vertices",
-            wide(t.tile_vertices),
-            wide(c.tile_vertices),
-        ),
-        ("strips", wide(t.strips), wide(found.strips)),
-        (
-            "strip_indices",
-            wide(t.strip_indices),
-            wide(if strips { c.indices } else { 0 }),
-        ),
-        ("border_edges", wide(t.border_edges), wide(c.border_edges)),
-        (
-            "euler_characteristic",
-            t.euler_characteristic.into(),
-            found.euler.into(),
-        ),
-        (
-            "cap_triangles",
-            wide(t.cap_triangles),
-            wide(c.cap_triangles),
-        ),
-        ("bytes", wide(t.bytes), wide(c.bytes)),
-        ("volume6", t.volume6, c.volume6),
-        ("surfaces", wide(t.surfaces), wide(surfaces)),
-    ];
+    let of = |name, stated: u64, sum: u64| Total {
+        name,
+        stated: stated.into(),
+        sum: sum.into(),
+    };
+    let mut totals = vec![of("surfaces", t.surfaces, surfaces)];
     if surfaces > 0 {
-        pairs.push(("cells", wide(t.cells), wide(cells)));
-        pairs.push(("objects", wide(t.objects), wide(objects)));
+        totals.push(of("cells", t.cells, cells));
+        totals.push(of("objects", t.objects, objects));
     } else if !manifest.is_part() {
-        // a volume of one phase has a cell or an object, but no surface that would show which
-        let regions = wide(t.objects) + wide(t.cells);
-        pairs.push(("objects", regions, 1));
+        // a single-phase volume has a cell or an object, but no surface that would show which
+        totals.push(Total {
+            name: "objects",
+            stated: i128::from(t.objects) + i128::from(t.cells),
+            sum: 1,
+        });
     }
     if let Some(voxels) = &found.voxels {
-        pairs.push(("voxels_above", wide(t.voxels_above), wide(voxels.above)));
-        pairs.push(("voxels_nan", wide(t.voxels_nan), wide(voxels.nan)));
+        totals.push(of("voxels_above", t.voxels_above, voxels.above));
+        totals.push(of("voxels_nan", t.voxels_nan, voxels.nan));
     } else {
         // by the tiles alone there is a limit only
-        let below = wide(manifest.grid.dims.voxels()) - wide(t.voxels_above);
-        let most = if manifest.source.dtype.is_float() {
-            below.max(0)
-        } else {
-            0
+        let below = manifest.grid.dims.voxels().saturating_sub(t.voxels_above);
+        let most = match manifest.filtered_dtype().is_float() {
+            true => below,
+            false => 0,
         };
-        let nan = wide(t.voxels_nan);
-        pairs.push(("voxels_nan", nan, nan.min(most)));
+        totals.push(of("voxels_nan", t.voxels_nan, t.voxels_nan.min(most)));
     }
-    for (name, stated, sum) in pairs {
+    totals
+}
+
+/// Compares the manifest's sums with those of the tiles.
+fn totals(manifest: &Manifest, found: &Found, issues: &mut Issues) {
+    let pairs = [
+        sums_of_tiles(manifest, found),
+        sums_of_volume(manifest, found),
+    ];
+    for Total { name, stated, sum } in pairs.into_iter().flatten() {
         if stated != sum {
             let message = format!("found {sum}, stated {stated}");
             issues.add(

@@ -1,9 +1,10 @@
 //! A tile's primitives: modes, indices, normals, names and bounds, and their surface pieces.
 
-use super::carried;
 use super::code::Code;
+use super::extras;
 use super::geometry::Label;
 use super::paint::{self, Colour, MIXED};
+use super::piece::Piece;
 use super::report::Issue;
 use super::tile::{Work, Workspace};
 use crate::manifest::Primitives;
@@ -22,17 +23,7 @@ impl Work<'_, '_> {
             self.sound = false;
             return;
         }
-        self.check_index_type(p);
-        p.indices.read_into(&mut ws.indices);
-        self.counts.indices += ws.indices.len() as u64;
-        let vertices = p.positions.len();
-        let beyond = |i: &&u32| **i as usize >= vertices;
-        let largest = dispatch!(largest(&ws.indices));
-        if beyond(&&largest)
-            && let Some(bad) = ws.indices.iter().find(beyond)
-        {
-            let message = format!("found index {bad}, expected one below {vertices}");
-            self.issue(Code::IndexRange, &at("/mesh"), message);
+        if !self.read_indices(p, &mut ws.indices) {
             self.sound = false;
             return;
         }
@@ -54,7 +45,7 @@ impl Work<'_, '_> {
                     ids: *ids,
                     node,
                     names: self.check_name(p, ids),
-                    measures: carried::hash(&p.measured[0]),
+                    measures: extras::hash(&p.measured[0]),
                     colour: p.colour(0).map_or(MIXED, paint::colour),
                 };
                 std::mem::swap(&mut ws.piece.triangles, &mut ws.list);
@@ -71,12 +62,34 @@ impl Work<'_, '_> {
                         format!("found {:?} and {:?}, expected cells", p.name, p.mesh_name);
                     self.issue(Code::NodeName, &at("/name"), message);
                 }
-                self.merged(p, (rows.get(), ids), group, ws);
+                self.merged(p, rows.get(), ids, group, ws);
             }
         }
         if self.sound {
             self.check_bounds(p, ws.span);
         }
+    }
+
+    /// Reads the indices of a primitive; false if one of them is of no vertex.
+    fn read_indices(&mut self, p: &Primitive, indices: &mut Vec<u32>) -> bool {
+        self.check_index_type(p);
+        p.indices.read_into(indices);
+        self.counts.indices += indices.len() as u64;
+        let vertices = p.positions.len();
+        let beyond = |i: &&u32| **i as usize >= vertices;
+        let largest = dispatch!(largest(indices));
+        if beyond(&&largest)
+            && let Some(bad) = indices.iter().find(beyond)
+        {
+            let message = format!("found index {bad}, expected one below {vertices}");
+            self.issue(
+                Code::IndexRange,
+                &format!("/nodes/{}/mesh", p.node),
+                message,
+            );
+            return false;
+        }
+        true
     }
 
     /// Counts the strips that are stitched in a primitive.
@@ -179,7 +192,8 @@ impl Work<'_, '_> {
     fn merged(
         &mut self,
         p: &Primitive,
-        (rows, ids): (&[[u8; 4]], &[PieceIds]),
+        rows: &[[u8; 4]],
+        ids: &[PieceIds],
         group: &mut usize,
         ws: &mut Workspace,
     ) {
@@ -197,12 +211,15 @@ impl Work<'_, '_> {
         by_feature.sort_by_key(|&t| of(&list[t as usize]));
         let mut order: Vec<u32> = (0..feature.len() as u32).collect();
         order.sort_by_key(|&v| feature[v as usize]);
-        let points: Vec<[f32; 3]> = p.positions.iter().collect();
-        let normals: Vec<[f32; 3]> = match self.keep_mesh {
-            true => p.normals.iter().collect(),
-            false => Vec::new(),
+        let mut whole = Merged {
+            triangles: &list,
+            points: p.positions.iter().collect(),
+            normals: match self.keep_mesh {
+                true => p.normals.iter().collect(),
+                false => Vec::new(),
+            },
+            local: vec![0; p.positions.len()],
         };
-        let mut local = vec![0u32; points.len()];
         let (mut triangles, mut vertices) = (&by_feature[..], &order[..]);
         for (row, (ids, measured)) in ids.iter().zip(&p.measured).enumerate() {
             let row = row as u32;
@@ -210,37 +227,55 @@ impl Work<'_, '_> {
             let t = triangles.partition_point(|&t| of(&list[t as usize]) == row);
             let (own, rest) = vertices.split_at(v);
             vertices = rest;
-            for (i, &v) in own.iter().enumerate() {
-                local[v as usize] = i as u32;
-            }
             let (mine, rest) = triangles.split_at(t);
             triangles = rest;
-            ws.piece.triangles.clear();
-            let numbered = mine
-                .iter()
-                .map(|&t| list[t as usize].map(|i| local[i as usize]));
-            ws.piece.triangles.extend(numbered);
+            whole.take_out(own, mine, &mut ws.piece);
             let label = Label {
                 ids: *ids,
                 node: p.node,
                 names: 0,
-                measures: carried::hash(measured),
+                measures: extras::hash(measured),
                 colour: colour_of(p, own),
             };
-            ws.piece.positions.clear();
-            let positions = own.iter().map(|&v| points[v as usize]);
-            ws.piece.positions.extend(positions);
-            ws.piece.normals.clear();
-            if self.keep_mesh {
-                let own = own.iter().map(|&v| normals[v as usize]);
-                ws.piece.normals.extend(own);
-            }
             self.piece(&label, group, ws);
             if !self.sound {
                 break;
             }
         }
         ws.list = list;
+    }
+}
+
+/// A primitive of several pieces.
+struct Merged<'a> {
+    triangles: &'a [[u32; 3]],
+    points: Vec<[f32; 3]>,
+    /// Empty if they are not to be compared.
+    normals: Vec<[f32; 3]>,
+    /// The number of each vertex in its own piece, of those that have been taken out.
+    local: Vec<u32>,
+}
+
+impl Merged<'_> {
+    /// Makes these of its vertices and triangles a piece.
+    fn take_out(&mut self, vertices: &[u32], triangles: &[u32], piece: &mut Piece) {
+        for (i, &v) in vertices.iter().enumerate() {
+            self.local[v as usize] = i as u32;
+        }
+        let local = &self.local;
+        piece.triangles.clear();
+        let numbered = triangles
+            .iter()
+            .map(|&t| self.triangles[t as usize].map(|i| local[i as usize]));
+        piece.triangles.extend(numbered);
+        piece.positions.clear();
+        let positions = vertices.iter().map(|&v| self.points[v as usize]);
+        piece.positions.extend(positions);
+        piece.normals.clear();
+        if !self.normals.is_empty() {
+            let normals = vertices.iter().map(|&v| self.normals[v as usize]);
+            piece.normals.extend(normals);
+        }
     }
 }
 

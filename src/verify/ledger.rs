@@ -189,8 +189,8 @@ impl Group {
         (kind != Kind::Surface).then(body)?
     }
 
-    /// The one cell or object of a volume without a surface.
-    pub fn alone() -> Self {
+    /// The one cell or object of a single-phase volume, which has no surface.
+    pub fn single_phase() -> Self {
         Group {
             id: 1,
             total: Component::default(),
@@ -201,7 +201,7 @@ impl Group {
     }
 }
 
-/// What goes by an id, for messages: `surface`, `cell`, `object`.
+/// The kinds of things that have ids, for messages: `surface`, `cell`, `object`.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) enum Kind {
     Surface,

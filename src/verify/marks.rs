@@ -48,7 +48,7 @@ pub(super) fn axis(code: i32) -> u8 {
     (code >> BITS) as u8
 }
 
-/// What a triangle says of a corner: the bits of the edges to the `next` and from the `last` corner as
+/// The word of a triangle on a corner: the bits of the edges to the `next` and from the `last` corner as
 /// far as this one has them, and which way it faces `along` the corner's lattice edge. All but `along`
 /// are codes.
 #[inline(always)]
@@ -75,7 +75,7 @@ pub(super) fn has_reverse([(tail, tail_code), (head, head_code)]: [(u64, i32); 2
     tail & out << 32 | head & back != 0
 }
 
-/// What words say together.
+/// The directed edges that all words hold.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
 pub(super) struct Balance {
     /// Directed edges; those that were entered twice count once.
@@ -86,7 +86,7 @@ pub(super) struct Balance {
 
 /// Adds what words say of their vertices to the vertices' states, and counts edges.
 #[inline(always)]
-pub(super) fn settle(words: &[u64], states: &mut [u8]) -> Balance {
+pub(super) fn balance(words: &[u64], states: &mut [u8]) -> Balance {
     let mut balance = Balance::default();
     for (word, state) in words.iter().zip(states) {
         *state |= *word as u8 & FLAGS as u8;
@@ -116,7 +116,8 @@ mod tests {
         out
     }
 
-    fn code_of((at, axis): ([i32; 3], usize)) -> i32 {
+    fn code_of(edge: ([i32; 3], usize)) -> i32 {
+        let (at, axis) = edge;
         code(at, std::array::from_fn(|a| i32::from(a == axis)))
     }
 

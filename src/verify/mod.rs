@@ -44,11 +44,12 @@
 mod against;
 mod ahead;
 mod bodies;
-mod carried;
 mod closed;
 mod code;
+mod components;
 mod dust;
 mod edges;
+mod extras;
 mod facets;
 mod files;
 mod first;
@@ -68,7 +69,6 @@ mod report;
 mod rim;
 mod run;
 mod seen;
-mod solids;
 mod source;
 mod spill;
 mod sweep;
@@ -89,13 +89,12 @@ use std::path::Path;
 use std::time::Instant;
 use tile::Context;
 
-/// What [`verify`] is asked for.
+/// Options of [`verify`].
 #[derive(Clone, Copy)]
 pub struct VerifyOptions<'a> {
     /// The volume that the tiles were made from, already cropped as the manifest says.
     pub against: Option<&'a dyn Volume>,
-    /// What that volume says of itself before it is cropped, to be compared with what the manifest states of
-    /// the source.
+    /// The header of that volume before it is cropped, to be compared with the source that the manifest states.
     pub source: Option<&'a SourceVolume>,
     /// Worker threads; 0 for one per core.
     pub threads: usize,
@@ -150,7 +149,7 @@ pub fn verify(dir: &Path, options: &VerifyOptions, progress: &dyn Progress) -> R
         let original = Original::new(options.against, &manifest, progress, &mut issues)?;
         let sweep = Run::new(&cx, &pool, progress).tiles(original, &mut found, &mut issues)?;
         found.counts.edges += sweep.matched;
-        laws::check(sweep.ledger, (&cx, &pool), &mut found, &mut issues)?;
+        laws::check(sweep.ledger, &cx, &pool, &mut found, &mut issues)?;
     }
     Ok(report(found, issues, options, start))
 }

@@ -1,4 +1,4 @@
-//! Which cells a part was to keep, and their colours, beside those that its pieces have.
+//! The cells that a selection keeps, and their colours, to be compared with those of its pieces.
 //!
 //! The conditions that the manifest states are evaluated once more on the table's rows, as they come. Only
 //! of `best:N` and `worst:N`, which need all rows, the ids of N cells are kept.
@@ -41,7 +41,7 @@ const STEPS: usize = 256;
 
 /// The name of the picture of colours.
 pub(super) const LEGEND: &str = "legend.png";
-/// The name of the same as SVG, which sets may have beside it.
+/// The name of the same as SVG, which sets may have too.
 pub(super) const LEGEND_SVG: &str = "legend.svg";
 /// Bytes that are read of either; they have a few thousand.
 const LARGEST_LEGEND: u64 = 1 << 20;

@@ -310,7 +310,8 @@ impl Piece {
     /// triangles without area or outside a cube, unused vertices.
     pub fn sum_triangles(
         &mut self,
-        (scale, region): ([f64; 3], &Region),
+        scale: [f64; 3],
+        region: &Region,
         edges: &mut Edges,
         flaws: &mut Vec<Flaw>,
     ) -> Sums {
@@ -320,8 +321,8 @@ impl Piece {
         };
         let mut bad = [Tally::default(), Tally::default()];
         edges.begin(self.points.len());
-        dispatch!(self.sum_batches((scale, region), edges, &mut sums, &mut bad));
-        edges.settle(&mut self.state);
+        dispatch!(self.sum_batches(scale, region, edges, &mut sums, &mut bad));
+        edges.balance(&mut self.state);
         let [outside, flat] = bad;
         sums.area *= 0.5;
         let mut unused = Tally::default();
@@ -344,7 +345,8 @@ impl Piece {
     #[inline(always)]
     fn sum_batches(
         &mut self,
-        (scale, region): ([f64; 3], &Region),
+        scale: [f64; 3],
+        region: &Region,
         edges: &mut Edges,
         sums: &mut Sums,
         bad: &mut [Tally; 2],

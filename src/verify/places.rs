@@ -23,13 +23,13 @@ pub(super) struct Places {
 /// Coordinates of a batch, as they lie in memory: each lane keeps to one axis.
 type Lanes<T> = [T; 3 * BATCH];
 
-/// What coordinates are compared with and add to their vertices' sums, lane by lane.
+/// Constants that coordinates are compared with, and summands of their vertices' sums, lane by lane.
 pub(super) struct Limits {
     lo: Lanes<i32>,
     hi: Lanes<i32>,
     first_owned: Lanes<i32>,
     steps: Lanes<i32>,
-    /// What is added if the coordinate is no whole number of voxels.
+    /// The summand of a coordinate that is no whole number of voxels.
     inside: Lanes<i32>,
 }
 
@@ -47,7 +47,7 @@ impl Limits {
     }
 }
 
-/// What a coordinate that is no whole number of voxels adds to a vertex's sum, besides its part of the
+/// The summand of a coordinate that is no whole number of voxels in a vertex's sum, besides its part of the
 /// code: one to how many there are, and the axis.
 const COUNT: u32 = 8;
 const AXIS: u32 = 12;

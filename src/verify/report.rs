@@ -1,4 +1,4 @@
-//! What the verifier reports.
+//! The verifier's report.
 
 use super::code::Code;
 use serde::Serialize;
@@ -13,7 +13,7 @@ pub enum Severity {
     Warning,
 }
 
-/// One finding.
+/// A finding.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct Issue {
     /// Kind of the finding.
@@ -23,7 +23,7 @@ pub struct Issue {
     /// The file, relative to the tile set, and within JSON a pointer:
     /// `index/z0003.json#/tiles/7/box`.
     pub path: String,
-    /// What was found, what was expected.
+    /// The message: found, and expected.
     pub message: String,
     /// The place in voxel coordinates, if it has one.
     pub voxel: Option<[f64; 3]>,
@@ -104,7 +104,7 @@ impl Issues {
     }
 }
 
-/// What [`super::verify`] found. Counts are those of the files, not those that the manifest states.
+/// The result of [`super::verify`]. Counts are those of the files, not those that the manifest states.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct Report {
     /// True if there is no issue of severity `error`.

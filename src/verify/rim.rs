@@ -1,4 +1,4 @@
-//! What a surface says of the volume's own faces, where runs of voxels end without a vertex.
+//! The curves of a surface on the volume's own faces, where runs of voxels end without a vertex.
 //!
 //! The voxels of the far face across x are runs along y, which end at vertices on that face; those of its
 //! far edge are runs along z; and the far corner is one voxel. So what vertices do not say of a body comes
@@ -180,7 +180,7 @@ impl Rim {
         own.words_mut().map(|w| *w)
     }
 
-    /// What [`Rim::words`] gave.
+    /// The reverse of [`Rim::words`].
     pub fn from_words(words: [i64; WORDS]) -> Self {
         let mut out = Rim::default();
         for (to, word) in out.words_mut().into_iter().zip(words) {

@@ -10,16 +10,17 @@ use super::laws::Found;
 use super::ledger::Ledger;
 use super::report::Issues;
 use super::sweep::Sweep;
-use super::tile::{self, Context, Outcome, Workspace};
+use super::tile::{self, Context, Outcome, Samples, Workspace};
 use crate::error::{Error, Result};
 use crate::manifest::{Manifest, TileEntry};
 use crate::progress::Progress;
+use crate::sys::locks::lock;
 use crate::volume::Volume;
 use rayon::prelude::*;
 use std::collections::VecDeque;
 use std::iter::Peekable;
 use std::ops::Range;
-use std::sync::{Mutex, MutexGuard, PoisonError};
+use std::sync::{Mutex, MutexGuard};
 
 /// The volume that the tiles are compared with.
 pub(super) struct Original<'a> {
@@ -49,7 +50,7 @@ impl<'a> Original<'a> {
             return Ok(None);
         }
         let dust = manifest.dust.as_ref();
-        let filled = dust.map(|dust| Filled::find(volume, (manifest, dust), progress, issues));
+        let filled = dust.map(|dust| Filled::find(volume, manifest, dust, progress, issues));
         Ok(Some(Original {
             band: Band::new(volume, filled.transpose()?),
             rule: Rule {
@@ -60,9 +61,16 @@ impl<'a> Original<'a> {
             voxels: Voxels::default(),
         }))
     }
+
+    fn samples(&self) -> Samples<'_> {
+        Samples {
+            band: &self.band,
+            rule: &self.rule,
+        }
+    }
 }
 
-/// What comes next in the sweep, in order.
+/// The events of the sweep, in order.
 enum Event {
     /// A layer begins; false if its tiles cannot be read.
     Begin(u32, bool),
@@ -72,7 +80,7 @@ enum Event {
     End(LayerTiles),
 }
 
-/// What is known of a layer's tiles when all of them have been seen.
+/// The results of a layer's tiles, complete when all of them have been seen.
 #[derive(Default)]
 struct LayerTiles {
     z: u32,
@@ -126,9 +134,9 @@ impl<'a> Feed<'a> {
             let Some(layer) = self.cx.manifest.layers.get(self.next) else {
                 return false;
             };
-            let place = (self.next, layer);
+            let (root, tiling) = (self.cx.root, self.cx.tiling);
+            let tiles = index::shard(root, tiling, self.next, layer, &mut issues);
             self.next += 1;
-            let tiles = index::shard(self.cx.root, self.cx.tiling, place, &mut issues);
             self.add(Event::Begin(layer.z, tiles.is_some()), issues);
             self.layer = tiles.map(|tiles| (tiles, LayerTiles::new(layer.z)));
             return true;
@@ -165,7 +173,7 @@ pub(super) struct Run<'a> {
     progress: &'a dyn Progress,
 }
 
-/// What the sweep changes.
+/// The state that the sweep changes.
 struct State<'s, 'v> {
     original: Option<Original<'v>>,
     sweep: Sweep,
@@ -313,11 +321,12 @@ impl<'a> Run<'a> {
     /// Compares the tiles of all layers with the volume and joins them.
     fn compare_layers(&self, state: &mut State) -> Result<()> {
         let mut next = 0;
-        for place in self.cx.manifest.layers.iter().enumerate() {
-            let z = place.1.z;
+        for (index, layer) in self.cx.manifest.layers.iter().enumerate() {
+            let z = layer.z;
             (next..z).try_for_each(|empty| self.compare_layer(empty, None, state).map(|_| ()))?;
             next = z + 1;
-            let tiles = index::shard(self.cx.root, self.cx.tiling, place, state.issues);
+            let (root, tiling) = (self.cx.root, self.cx.tiling);
+            let tiles = index::shard(root, tiling, index, layer, state.issues);
             let Some(tiles) = tiles else {
                 state.sweep.lose_layer(z);
                 continue;
@@ -396,15 +405,12 @@ impl<'a> Run<'a> {
 
     fn workspace(&self) -> MutexGuard<'_, Workspace> {
         let thread = rayon::current_thread_index().unwrap_or(0);
-        // a workspace is cleared before use, so a panic elsewhere cannot have spoiled it
-        self.workspaces[thread]
-            .lock()
-            .unwrap_or_else(PoisonError::into_inner)
+        lock(&self.workspaces[thread])
     }
 
     fn check(&self, entry: &TileEntry, place: u64, original: &Original) -> Outcome {
         let mut fetched = ahead::fetch(self.cx, entry, place, &self.spare);
-        let original = Some((&original.band, &original.rule));
+        let original = Some(original.samples());
         let workspace = &mut self.workspace();
         let outcome = tile::check(self.cx, entry, &mut fetched, original, workspace);
         self.spare.put(fetched.file);
@@ -412,7 +418,6 @@ impl<'a> Run<'a> {
     }
 
     fn empty(&self, grid: [u32; 3], original: &Original) -> Outcome {
-        let original = (&original.band, &original.rule);
-        tile::empty(self.cx, grid, original, &mut self.workspace())
+        tile::empty(self.cx, grid, original.samples(), &mut self.workspace())
     }
 }

@@ -1,12 +1,12 @@
-//! What the manifest states of its source, beside the volume that the tiles are compared with.
+//! The source that the manifest states, against the volume that the tiles are compared with.
 
 use super::code::Code;
 use super::report::{Issue, Issues, Severity};
-use crate::grid::{Origin, Placement, Provenance};
+use crate::grid::{Filter, Origin, Placement, Provenance, filters_text};
 use crate::manifest::Manifest;
 use crate::volume::{Header, Opened};
 
-/// What the volume that tiles are compared with says of itself, before it is cropped.
+/// What the volume that tiles are compared with says of itself, before it is filtered and cropped.
 #[derive(Debug, Clone)]
 pub struct SourceVolume {
     /// The file's name without its directory.
@@ -17,6 +17,8 @@ pub struct SourceVolume {
     pub offset: u64,
     /// How the values follow from what the file stores.
     pub values: Option<String>,
+    /// Filters that the samples that are compared have been through.
+    pub filters: Vec<Filter>,
     /// Where the placement's parts came from.
     pub provenance: Provenance,
 }
@@ -24,17 +26,23 @@ pub struct SourceVolume {
 impl SourceVolume {
     /// Of a volume that has been opened.
     pub fn of(opened: &Opened) -> Self {
+        let mut header = opened.volume.header().clone();
+        if let Some(before) = &opened.filtered {
+            (header.dims, header.dtype) = (before.dims, before.dtype);
+        }
+        let filtered = opened.filtered.as_ref();
         SourceVolume {
             name: opened.name.clone(),
-            header: opened.volume.header().clone(),
+            header,
             offset: opened.offset,
             values: opened.values.clone(),
+            filters: filtered.map_or_else(Vec::new, |f| f.filters.clone()),
             provenance: opened.provenance,
         }
     }
 }
 
-/// Compares format, size, type, byte order, offset and scaling with those of the volume, and what of the
+/// Compares format, size, type, byte order, offset, scaling and filters with those of the volume, and what of the
 /// place neither has from an option; `place` is that of the volume as it was cut. A file of another name and another
 /// format may hold the same samples: of one, what depends on the form of the file is left out. If nothing differs but
 /// the name, that is a warning.
@@ -69,6 +77,11 @@ pub(super) fn check(
         "source/values",
         values(&volume.values),
         values(&source.values),
+    );
+    compare(
+        "filters",
+        filters_text(&volume.filters),
+        filters_text(&manifest.filters),
     );
     if !other_form {
         check_form(manifest, volume, &mut compare);

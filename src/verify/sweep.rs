@@ -34,7 +34,7 @@ pub(super) struct Component {
     pub object_tiles: u64,
     /// Bit 0: a node is named after the cell alone. Bit 1: after cell and object.
     pub names: u8,
-    /// A hash of the measures that its pieces carry, see [`super::carried`].
+    /// A hash of the measures in the extras of its pieces, see [`super::carried`].
     pub measures: u64,
     /// Their colour.
     pub colour: Colour,
@@ -102,7 +102,7 @@ impl FaceEdge {
     }
 }
 
-/// What the sweep needs of a tile.
+/// The part of a tile that the sweep needs.
 pub(super) struct TileFront {
     /// Macrocube index.
     pub grid: [u32; 3],
@@ -338,7 +338,7 @@ impl Sweep {
         self.lost_layer = Some(z);
     }
 
-    /// Hands finished components to the ledger and numbers the others anew.
+    /// Hands finished components to the ledger and numbers the others again.
     fn retire(&mut self) -> Result<()> {
         let mut renamed = vec![CAP; self.live.len()];
         let mut kept = Vec::new();

@@ -1,14 +1,14 @@
-//! The tables, row by row beside the rebuilt surface.
+//! The tables, compared row by row with the rebuilt surface.
 
 use super::bodies::{Body, euler_of};
-use super::carried;
 use super::code::Code;
+use super::components::{self, AREA, ComponentRows, MESH_VOLUME, TILES, VOXELS, Wrong, compare};
+use super::extras;
 use super::files;
 use super::laws::may_be_cut;
 use super::ledger::{Group, Kind};
 use super::piece::Sums;
 use super::report::Issues;
-use super::solids::{self, AREA, MESH_VOLUME, Solids, TILES, VOXELS, Wrong, compare};
 use crate::manifest::{Manifest, checksum_of};
 use crate::tile::read::{MEASURES, Measured};
 use std::fs::File;
@@ -43,7 +43,7 @@ const SURFACE: [(&str, u32); 10] = [
 fn columns(kind: Kind) -> &'static [(&'static str, u32)] {
     match kind {
         Kind::Surface => &SURFACE,
-        _ => &solids::COLUMNS,
+        _ => &components::COLUMNS,
     }
 }
 
@@ -53,6 +53,49 @@ fn title(&(name, power): &(&str, u32), unit: &str) -> String {
         0 => name.to_owned(),
         1 => format!("{name} [{unit}]"),
         p => format!("{name} [{unit}^{p}]"),
+    }
+}
+
+/// The path of the table of a kind, as it is stated, and its file, whose checksum has been compared. `None` if it is
+/// missing or has another name.
+fn file_of<'m>(
+    root: &Path,
+    manifest: &'m Manifest,
+    kind: Kind,
+    issues: &mut Issues,
+) -> Option<(&'m str, File)> {
+    let tables = &manifest.tables;
+    let path = match kind {
+        Kind::Surface => &tables.surfaces,
+        Kind::Cell => &tables.cells,
+        Kind::Object => &tables.objects,
+    };
+    let at = format!("index.json#/tables/{}", kind.plural());
+    let real = files::resolve(root, path, &at, issues)?;
+    let named = format!("{}.csv", kind.plural());
+    if *path != named {
+        let message = format!("found {path}, expected {named}");
+        issues.add(Code::PathName, at, message);
+        return None;
+    }
+    let stated = tables.checksums.as_ref().map(|all| match kind {
+        Kind::Surface => &all.surfaces,
+        Kind::Cell => &all.cells,
+        Kind::Object => &all.objects,
+    });
+    if let Some(stated) = stated
+        && let Ok(found) = files::open(&real).and_then(checksum_of)
+        && found != *stated
+    {
+        let message = format!("found {found}, expected {stated} as in index.json#/tables");
+        issues.add(Code::Checksum, path, message);
+    }
+    match files::open(&real) {
+        Ok(file) => Some((path, file)),
+        Err(e) => {
+            issues.add(Code::MissingFile, path, format!("cannot be read: {e}"));
+            None
+        }
     }
 }
 
@@ -66,8 +109,8 @@ pub(super) struct Table {
     unit: &'static str,
     /// Physical volume of a lattice cell, over 6.
     sixth: f64,
-    /// True for bodies that may have lost surfaces: their measures are those of the whole.
-    partial: bool,
+    /// True for bodies of a selected subset that may lack surfaces: their measures are those of the whole set.
+    of_subset: bool,
     /// [`TRIANGLE_ERROR`] in physical units.
     triangle_error: f64,
     done: bool,
@@ -76,54 +119,19 @@ pub(super) struct Table {
 impl Table {
     /// Opens the table of a kind and reads its header. `None` if it is missing or has none.
     pub fn open(root: &Path, manifest: &Manifest, kind: Kind, issues: &mut Issues) -> Option<Self> {
-        let path = match kind {
-            Kind::Surface => &manifest.tables.surfaces,
-            Kind::Cell => &manifest.tables.cells,
-            Kind::Object => &manifest.tables.objects,
-        };
-        let at = format!("index.json#/tables/{}", kind.plural());
-        let real = files::resolve(root, path, &at, issues)?;
-        let named = format!("{}.csv", kind.plural());
-        if *path != named {
-            issues.add(
-                Code::PathName,
-                at,
-                format!("found {path}, expected {named}"),
-            );
-            return None;
-        }
-        if let Some(all) = &manifest.tables.checksums {
-            let stated = match kind {
-                Kind::Surface => &all.surfaces,
-                Kind::Cell => &all.cells,
-                Kind::Object => &all.objects,
-            };
-            if let Ok(found) = files::open(&real).and_then(checksum_of)
-                && found != *stated
-            {
-                let message = format!("found {found}, expected {stated} as in index.json#/tables");
-                issues.add(Code::Checksum, path, message);
-            }
-        }
-        let file = match files::open(&real) {
-            Ok(file) => file,
-            Err(e) => {
-                issues.add(Code::MissingFile, path, format!("cannot be read: {e}"));
-                return None;
-            }
-        };
+        let (path, file) = file_of(root, manifest, kind, issues)?;
         let measured = manifest.measured();
         let spacing = measured.spacing;
         let voxel: f64 = spacing.iter().product();
         let thinnest = spacing.into_iter().fold(f64::INFINITY, f64::min);
         let mut table = Table {
             kind,
-            path: path.clone(),
+            path: path.to_owned(),
             lines: BufReader::new(file),
             line: 0,
             unit: measured.unit.name(),
             sixth: voxel / 6.0 / f64::from(1 << 24),
-            partial: may_be_cut(manifest, kind),
+            of_subset: may_be_cut(manifest, kind),
             triangle_error: voxel / thinnest * TRIANGLE_ERROR,
             done: false,
         };
@@ -178,8 +186,9 @@ impl Table {
     /// Compares the next row with the surfaces of the next id, and the body that they bound, if they do.
     pub fn check(
         &mut self,
-        (group, body): (&Group, Option<&Body>),
-        solids: &mut Solids,
+        group: &Group,
+        body: Option<&Body>,
+        components: &mut ComponentRows,
         issues: &mut Issues,
     ) {
         if self.done {
@@ -214,12 +223,12 @@ impl Table {
         match self.kind {
             Kind::Surface => self.surface(&row.values, group, &mut wrong),
             kind => {
-                solids.check_row(kind, &row.values, &mut wrong);
-                self.region(&row.values, (group, body, kind), solids, &mut wrong);
+                components.check_row(kind, &row.values, &mut wrong);
+                self.component(&row.values, group, body, components, &mut wrong);
             }
         }
         if self.kind == Kind::Cell && group.parts > 0 {
-            self.carried(&row.values, group, issues);
+            self.check_extras(&row.values, group, issues);
         }
         if !wrong.is_empty() {
             let message = format!("{} {}: {}", self.kind.name(), group.id, wrong.join("; "));
@@ -227,18 +236,18 @@ impl Table {
         }
     }
 
-    /// Compares a row with what the tiles carry on the cell's pieces.
-    fn carried(&self, row: &solids::Row, group: &Group, issues: &mut Issues) {
+    /// Compares a row with the measures in the extras of the cell's pieces.
+    fn check_extras(&self, row: &components::Row, group: &Group, issues: &mut Issues) {
         let mut stated = Measured {
             unit: Some(self.unit),
             ..Measured::default()
         };
         for (value, name) in stated.values.iter_mut().zip(MEASURES) {
-            let at = solids::COLUMNS.iter().position(|c| c.0 == name);
+            let at = components::COLUMNS.iter().position(|c| c.0 == name);
             *value = at.and_then(|at| row[at]).unwrap_or(f64::NAN);
         }
         let found = &group.total;
-        if found.mixed || found.measures != carried::hash(&stated) {
+        if found.mixed || found.measures != extras::hash(&stated) {
             let message = if found.mixed {
                 format!(
                     "the measures on pieces of cell {} differ from piece to piece",
@@ -255,24 +264,25 @@ impl Table {
     }
 
     /// A row of cells or objects.
-    fn region(
+    fn component(
         &self,
-        row: &solids::Row,
-        (group, body, kind): (&Group, Option<&Body>, Kind),
-        solids: &Solids,
+        row: &components::Row,
+        group: &Group,
+        body: Option<&Body>,
+        components: &ComponentRows,
         wrong: &mut Wrong,
     ) {
         let total = &group.total;
-        let own_tiles = match kind {
+        let own_tiles = match self.kind {
             Kind::Cell => total.cell_tiles,
             _ => total.object_tiles,
         };
-        if self.partial && self.is_cut(row, group, body) {
+        if self.of_subset && self.is_cut(row, group, body) {
             let least = |at: usize, found: f64| row[at].is_some_and(|v| v >= found);
             if !least(AREA, total.sums.area) || !least(TILES, own_tiles as f64) {
                 wrong.push("its surfaces have more area, or lie in more tiles".to_owned());
             }
-            if !solids.holds(row, &total.sums.inside) {
+            if !components.holds(row, &total.sums.inside) {
                 wrong.push("its surfaces reach beyond its box".to_owned());
             }
             return;
@@ -283,7 +293,7 @@ impl Table {
         };
         let error = self.area_error(&total.sums);
         compare("area", row[AREA], total.sums.area, error, wrong);
-        let sign = if kind == Kind::Cell { -1.0 } else { 1.0 };
+        let sign = if self.kind == Kind::Cell { -1.0 } else { 1.0 };
         let found = sign * total.sums.volume6 as f64 * self.sixth;
         match (body.touches, row[MESH_VOLUME]) {
             (true, Some(v)) => wrong.push(format!("mesh_volume {v}, expected none: it is open")),
@@ -299,12 +309,12 @@ impl Table {
             }
         }
         compare("tiles", row[TILES], own_tiles as f64, 0.0, wrong);
-        solids.check_body(row, body, wrong);
+        components.check_body(row, body, wrong);
     }
 
     /// True if the row is that of an object that has more surfaces than are known here: then these have less
     /// area, and bound another number of voxels.
-    fn is_cut(&self, row: &solids::Row, group: &Group, body: Option<&Body>) -> bool {
+    fn is_cut(&self, row: &components::Row, group: &Group, body: Option<&Body>) -> bool {
         let sums = &group.total.sums;
         let same_area = row[AREA].is_some_and(|v| (v - sums.area).abs() <= self.area_error(sums));
         let voxels = body.map(|b| b.moments.voxels as f64);
@@ -316,7 +326,7 @@ impl Table {
     }
 
     /// A row of surfaces.
-    fn surface(&self, row: &solids::Row, group: &Group, wrong: &mut Wrong) {
+    fn surface(&self, row: &components::Row, group: &Group, wrong: &mut Wrong) {
         let sums = &group.total.sums;
         let ids = group.total.ids;
         let euler = euler_of(sums) as f64;

@@ -16,7 +16,7 @@ use crate::tile::MAX_NODES;
 use crate::tile::read::{Fault, Tile};
 use std::path::Path;
 
-/// What all tiles of a set have in common.
+/// The context that all tiles of a set have in common.
 pub(super) struct Context<'a> {
     pub root: &'a Path,
     pub manifest: &'a Manifest,
@@ -87,7 +87,7 @@ impl Counts {
     }
 }
 
-/// What was found in a tile.
+/// The result of checking a tile.
 pub(super) struct Outcome {
     /// `None` for a macrocube without a tile.
     pub front: Option<TileFront>,
@@ -111,7 +111,11 @@ pub(super) struct Workspace {
 }
 
 /// The samples to compare a tile with, and how.
-pub(super) type Original<'a> = (&'a Band<'a>, &'a Rule);
+#[derive(Clone, Copy)]
+pub(super) struct Samples<'a> {
+    pub band: &'a Band<'a>,
+    pub rule: &'a Rule,
+}
 
 /// Checks a tile that has been read. Called as it is named, for the counts of its instructions.
 #[inline(never)]
@@ -119,27 +123,13 @@ pub(super) fn check(
     cx: &Context,
     entry: &TileEntry,
     fetched: &mut Fetched,
-    original: Option<Original>,
+    original: Option<Samples>,
     ws: &mut Workspace,
 ) -> Outcome {
     let mut issues = std::mem::replace(&mut fetched.issues, Issues::new(0));
     let (at, bytes) = (fetched.at.as_str(), fetched.file.get());
-    let region = cx.region(entry.grid);
-    let mut work = Work {
-        cx,
-        entry,
-        at,
-        region,
-        counts: Counts::default(),
-        box_seen: None,
-        components: Vec::new(),
-        faces: Default::default(),
-        border: Vec::new(),
-        cap_border: Vec::new(),
-        sound: false,
-        keep_mesh: original.is_some(),
-        issues: &mut issues,
-    };
+    let mut work = Work::new(cx, entry, at, &mut issues);
+    work.keep_mesh = original.is_some();
     if fetched.found {
         files::compare(&Expected::tile(entry, at), bytes, work.issues);
         work.counts.bytes = bytes.len() as u64;
@@ -148,23 +138,14 @@ pub(super) fn check(
                 work.tile(&tile, ws);
                 work.check_closed(&tile);
             }
-            Err(e) => {
-                let code = match e.fault {
-                    Fault::Container => Code::GlbContainer,
-                    Fault::Json => Code::GltfSyntax,
-                    Fault::Structure => Code::GltfStructure,
-                    Fault::Accessor => Code::GltfAccessor,
-                    Fault::Compression => Code::MeshoptBuffer,
-                    Fault::Extras => Code::NodeExtras,
-                };
-                work.issue(code, &e.place, e.message);
-            }
+            Err(e) => work.issue(code_of(e.fault), &e.place, e.message),
         }
     }
-    let (counts, faces) = (work.counts, work.sound.then_some(work.faces));
+    let (counts, region) = (work.counts, work.region);
+    let faces = work.sound.then_some(work.faces);
     let components = work.components;
     let mut voxels = Voxels::default();
-    if let Some((band, rule)) = original {
+    if let Some(Samples { band, rule }) = original {
         let mut flaws = Vec::new();
         if faces.is_none() {
             ws.mesh.begin(&region, rule.cap);
@@ -188,13 +169,26 @@ pub(super) fn check(
     }
 }
 
+/// The code of what keeps a tile from being read.
+fn code_of(fault: Fault) -> Code {
+    match fault {
+        Fault::Container => Code::GlbContainer,
+        Fault::Json => Code::GltfSyntax,
+        Fault::Structure => Code::GltfStructure,
+        Fault::Accessor => Code::GltfAccessor,
+        Fault::Compression => Code::MeshoptBuffer,
+        Fault::Extras => Code::NodeExtras,
+    }
+}
+
 /// Looks for sign changes in a macrocube that has no tile.
 pub(super) fn empty(
     cx: &Context,
     grid: [u32; 3],
-    (band, rule): Original,
+    original: Samples,
     ws: &mut Workspace,
 ) -> Outcome {
+    let Samples { band, rule } = original;
     let mut issues = Issues::new(cx.max_issues);
     let mut flaws = Vec::new();
     let region = cx.region(grid);
@@ -244,6 +238,26 @@ pub(super) struct Work<'a, 'i> {
     /// False as long as the neighbours' edges cannot be held against this tile.
     pub sound: bool,
     pub issues: &'i mut Issues,
+}
+
+impl<'a, 'i> Work<'a, 'i> {
+    fn new(cx: &'a Context, entry: &'a TileEntry, at: &'a str, issues: &'i mut Issues) -> Self {
+        Work {
+            cx,
+            entry,
+            at,
+            region: cx.region(entry.grid),
+            counts: Counts::default(),
+            box_seen: None,
+            components: Vec::new(),
+            faces: Default::default(),
+            border: Vec::new(),
+            cap_border: Vec::new(),
+            sound: false,
+            keep_mesh: false,
+            issues,
+        }
+    }
 }
 
 impl Work<'_, '_> {

@@ -7,9 +7,12 @@ use super::adapters::values::Values;
 use super::io::decoded_once::Unpacked;
 use super::io::paged::tests::counting;
 use super::registry::FORMATS;
-use super::{Cropped, Dtype, Io, MemoryVolume, OpenOptions, Volume, Watch, Watched, open, spool};
+use super::{
+    Cropped, Dtype, Io, Medianed, MemoryVolume, OpenOptions, Smoothed, Volume, Watch, Watched,
+    open, spool,
+};
 use crate::error::Error;
-use crate::grid::{Crop, Dims, Placement};
+use crate::grid::{Crop, Dims, Filter, Placement, filtered_dims, filtered_dtype};
 use proptest::prelude::*;
 use std::ops::Range;
 use std::path::{Path, PathBuf};
@@ -367,6 +370,107 @@ fn resampled_volumes_hand_out_any_box() {
     let upright = grid.placement;
     let resampled = Resampled::new(Box::new(&leaning), grid, upright).unwrap();
     conforms_in_sweeps(&resampled, "resampled");
+}
+
+#[test]
+fn filtered_volumes_hand_out_any_box() {
+    let plain = memory(Placement::default());
+    let gaps = values(DIMS, |[x, y, z]| match x * y + z {
+        6 | 7 => f32::NAN,
+        9 => f32::INFINITY,
+        n => 0.1 * n as f32 - 1.0,
+    });
+    let gaps = MemoryVolume::new(Dims(DIMS), Placement::default(), gaps).unwrap();
+    let dir = tempfile::tempdir().unwrap();
+    // what is packed is read forward
+    let packed = &made("nrrd", dir.path())[1];
+    let open_packed = || open(packed, &OpenOptions::default()).unwrap().volume;
+    assert!(!open_packed().random_access());
+    let inner =
+        || -> [Box<dyn Volume + '_>; 3] { [Box::new(&plain), Box::new(&gaps), open_packed()] };
+    for (i, sigma) in [[0.6; 3], [0.0, 1.2, 0.3], [0.4, 0.0, 2.0]]
+        .iter()
+        .enumerate()
+    {
+        for (inner, name) in inner().into_iter().zip(["plain", "with gaps", "packed"]) {
+            let smoothed = Smoothed::along_axes(inner, *sigma).unwrap();
+            conforms_in_sweeps(&smoothed, &format!("{name}, smoothed {i}"));
+        }
+    }
+    for radius in [1, 2] {
+        for (inner, name) in inner().into_iter().zip(["plain", "with gaps", "packed"]) {
+            let medians = Medianed::new(inner, radius).unwrap();
+            conforms_in_sweeps(&medians, &format!("{name}, medians {radius}"));
+            let both = Smoothed::new(Box::new(medians), 0.5).unwrap();
+            conforms_in_sweeps(&both, &format!("{name}, medians {radius} smoothed"));
+        }
+    }
+}
+
+/// A compressed stream of samples of i16 as a volume, with the directory that it lies in.
+fn packed(samples: &[u8], dims: [u32; 3]) -> (tempfile::TempDir, Box<dyn Volume>) {
+    let dir = tempfile::tempdir().unwrap();
+    let path = dir.path().join("v.raw.gz");
+    let file = std::fs::File::create(&path).unwrap();
+    let mut encoder = flate2::write::GzEncoder::new(file, Default::default());
+    std::io::Write::write_all(&mut encoder, samples).unwrap();
+    encoder.finish().unwrap();
+    let options = OpenOptions {
+        dims: Some(dims.map(u64::from)),
+        dtype: Some(Dtype::I16),
+        endian: Some(super::Endian::NATIVE),
+        ..OpenOptions::default()
+    };
+    (dir, open(&path, &options).unwrap().volume)
+}
+
+/// Filters that are put around volumes, one for each that there is at least.
+const FILTERS: [&str; 8] = [
+    "invert",
+    "clamp 20,300",
+    "downsample 2",
+    "downsample 3",
+    "smooth 0.7",
+    "smooth 2,0.5,0",
+    "median 1",
+    "clamp -1e9,1e9",
+];
+
+/// Puts filters around a volume and checks that the header is as they say.
+fn filtered<'a>(volume: &'a dyn Volume, list: &[Filter]) -> Box<dyn Volume + 'a> {
+    let inner: Box<dyn Volume + 'a> = Box::new(volume);
+    let put = |inner, f: &Filter| super::filtered(f, inner).unwrap();
+    let made = list.iter().fold(inner, put);
+    let (before, after) = (volume.header(), made.header());
+    assert_eq!(after.dims, filtered_dims(before.dims, list).unwrap());
+    assert_eq!(after.dtype, filtered_dtype(before.dtype, list));
+    let place = list.iter().fold(before.placement, |p, f| f.placement(p));
+    assert_eq!(after.placement, place);
+    made
+}
+
+#[test]
+fn every_filter_hands_out_any_box() {
+    let all: Vec<Filter> = FILTERS.iter().map(|text| text.parse().unwrap()).collect();
+    let twice = [all[2], all[4], all[6]];
+    let lists = all.iter().map(std::slice::from_ref).chain([&twice[..]]);
+    let dims = [9, 8, 7];
+    let whole = values(dims, |[x, y, z]| (x + 10 * y + 100 * z) as i16);
+    let whole = MemoryVolume::new(Dims(dims), Placement::default(), whole).unwrap();
+    let of_floats = values(dims, |[x, y, z]| match (x + y + z) % 5 {
+        0 => f32::NAN,
+        _ => (x * y) as f32 - 0.7 * z as f32,
+    });
+    let floats = MemoryVolume::new(Dims(dims), Placement::default(), of_floats).unwrap();
+    let (pages, _) = counting(dims, &[(4, 3, true), (2, 5, false)]);
+    let stream = packed(bytes(whole.samples()), dims);
+    assert!(!stream.1.random_access());
+    for list in lists {
+        for volume in [&whole as &dyn Volume, &floats, &pages, &*stream.1] {
+            let name = format!("{list:?} of {}", volume.header().dtype);
+            conforms_in_sweeps(&*filtered(volume, list), &name);
+        }
+    }
 }
 
 /// The values of volumes of pages and chunks that count.

@@ -59,7 +59,7 @@ impl VolumeDescriptor {
 pub(crate) enum Samples {
     /// Files of which the layout is known.
     Files(Data),
-    /// Bytes that the parser has found already, in the byte order of the recipe.
+    /// Bytes that the parser has found already, in the byte order of the descriptor.
     Bytes(Box<dyn ByteSource>),
     /// Pages that hand out samples in the machine's byte order.
     Pages(Box<dyn Pages>),

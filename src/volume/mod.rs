@@ -5,6 +5,7 @@ mod codecs;
 #[cfg(test)]
 mod conformance;
 mod descriptor;
+mod filters;
 mod format;
 mod formats;
 pub(crate) mod io;
@@ -23,6 +24,9 @@ pub(crate) use adapters::decompress::spool_beside;
 pub(crate) use adapters::kind::{Watch, Watched};
 pub(crate) use adapters::temp_copy::PIECE as SPOOL_PIECE;
 pub use adapters::temp_copy::spool;
+pub use filters::filtered;
+pub use filters::median::Medianed;
+pub use filters::smooth::Smoothed;
 pub use memory::MemoryVolume;
 pub use open::{file_name, open};
 pub use options::{Headerless, Io, OpenOptions, Opened};
@@ -30,6 +34,7 @@ pub use registry::input_help;
 pub use stamp::{Before, Stamp, stamp};
 pub use stats::estimate::{Prediction, predict};
 pub use stats::statistics::{Statistics, statistics};
+pub use stats::threshold::ThresholdMethod;
 
 use crate::error::{Error, Result};
 use crate::grid::{Dims, Placement};

@@ -2,7 +2,7 @@
 
 use super::{Dtype, Endian, Volume};
 use crate::error::{Error, Result};
-use crate::grid::{Part, Provenance, Unit};
+use crate::grid::{Filtered, Part, Provenance, Unit};
 use std::path::PathBuf;
 
 /// How uncompressed files are read.
@@ -109,6 +109,8 @@ pub struct OpenOptions {
 pub struct Opened {
     /// The samples.
     pub volume: Box<dyn Volume>,
+    /// The filters that they went through, and what the volume was before; absent if there are none.
+    pub filtered: Option<Filtered>,
     /// Where spacing, unit and origin came from.
     pub provenance: Provenance,
     /// The file's name without its directory.
@@ -146,6 +148,7 @@ impl std::fmt::Debug for Opened {
     fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
         f.debug_struct("Opened")
             .field("header", self.volume.header())
+            .field("filtered", &self.filtered)
             .field("provenance", &self.provenance)
             .field("name", &self.name)
             .field("offset", &self.offset)

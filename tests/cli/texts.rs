@@ -6,7 +6,8 @@ use std::process::{Command, Stdio};
 const COMMON: &str = "--json --quiet --threads";
 const FORM: &str = "--for --primitives --encoding --layout blender meshlab web strips triangles \
                     float quantized meshopt nodes merged";
-const INPUT: &str = "--dims --dtype --endian --offset --spacing --unit --io";
+const INPUT: &str = "--dims --dtype --endian --offset --spacing --unit --io --smooth --median --downsample --invert --clamp \
+                     Filters";
 
 #[test]
 fn help_names_every_option() {

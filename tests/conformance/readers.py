@@ -7,7 +7,8 @@ directory for tile sets. Every volume of DATA is also converted at a threshold a
 DATA the fixtures alone are compared, and that is said. Ends with a line `N passed, N failed`.
 
 Readers: SimpleITK for MetaImage, NRRD, NIfTI and DICOM (and pydicom, which orders nothing, for the numbers of a
-slice), nibabel for NIfTI and MINC, tifffile and Pillow for TIFF and PNG, zarr-python, h5py, netCDF4, VTK and numpy.
+slice), nibabel for NIfTI and MINC, tifffile and Pillow for TIFF and PNG, zarr-python, h5py, netCDF4, VTK and numpy,
+which is asked about filters, too.
 """
 
 import json
@@ -18,6 +19,7 @@ import zipfile
 from io import BytesIO
 from pathlib import Path
 
+import filters
 import h5py
 import hdf5_readers
 import hdf5plugin  # noqa: F401, h5py finds the filters by it
@@ -336,6 +338,8 @@ def main() -> int:
         attempt(f"written {name}", written, alvis, dump, work, name, *rest)
     for name, *rest in sheared.CASES:
         attempt(f"sheared {name}", sheared.as_itk, run, alvis, dump, work, name, *rest)
+    for name, *rest in filters.CASES:
+        attempt(f"filtered {name}", filters.as_numpy, run, dump, work, *rest)
     for name, reader, arguments in hdf5_readers.FIXTURES:
         path = folder / "hdf5" / name
         attempt(f"fixture {name}", same_voxels, alvis, dump, path, reader, arguments)

@@ -68,13 +68,24 @@ fn conversions() -> Vec<String> {
         (GYROID, " --spacing 1,2,3 --unit cm"),
         (TORUS, ""),
         (TORUS, " --cap --spacing 0.1 --unit nm"),
+        (FOAM, " --downsample 2 --cap"),
+        (FOAM, " --invert --clamp 60,200"),
+        (NOISY, " --clamp 20000,45000 --downsample 3"),
+        (NOISY, " --downsample 2 --invert --crop :,1:14,2:"),
+        (GYROID, " --downsample 2 --for web"),
+        (FOAM, " --smooth 1"),
+        (NOISY, " --smooth 3um --ambiguous join"),
+        (NOISY, " --median 1 --smooth 0.8"),
+        (NOISE, " --median 2"),
+        (GYROID, " --smooth 1.5 --cap"),
+        (TORUS, " --smooth 2,1,0.5"),
     ] {
         lines.push(format!("{line}{added}"));
     }
     lines
 }
 
-/// Commands on the set `tiles` of the foam and the set `noise`; OUT is what they write, if they do.
+/// Commands on the sets `tiles` and `filtered` of the foam and the set `noise`; OUT is what they write, if they do.
 const OTHERS: &[&str] = &[
     "export tiles OUT.ply",
     "export tiles OUT.stl",
@@ -95,6 +106,7 @@ const OTHERS: &[&str] = &[
     "verify tiles --json",
     "verify tiles --against foam.mhd --json",
     "verify noise --json",
+    "verify filtered --against foam.mhd --json",
 ];
 
 fn hash(bytes: &[u8]) -> String {
@@ -182,6 +194,10 @@ fn made() -> BTreeMap<String, BTreeMap<String, String>> {
     });
     quiet(&FOAM.replace("OUT", "tiles"));
     quiet(&NOISE.replace("OUT", "noise"));
+    quiet(&format!(
+        "{} --downsample 2 --invert",
+        FOAM.replace("OUT", "filtered")
+    ));
     let inputs = INPUTS.iter().map(|line| {
         let file = line.split(' ').nth(2).unwrap();
         (line.to_string(), hashes(&dir.join(file)))

@@ -64,6 +64,7 @@ fn compare_with(dir: &Path, field: &Field, edit: impl FnOnce(&mut SourceVolume))
         },
         offset: 0,
         values: None,
+        filters: Vec::new(),
         provenance: Provenance::default(),
     };
     edit(&mut source);

@@ -1,32 +1,21 @@
 //! How many tiles are finished together, so that the limit of memory holds then, too.
 
+use crate::convert::memory::{
+    BYTES_PER_ENTRY, BYTES_PER_NODE, BYTES_PER_OWN_NODE, COPIES, FOR_ENTRIES, FOR_TILES_AT_ONCE,
+};
 use crate::convert::scan::tile_writer::TileRecord;
 use crate::sys::huge_pages::held;
 
 /// Tiles that are finished together, so that their pieces and entries are in memory at once.
 const TILES: usize = 128;
 
-/// Bytes for each piece of these: as the sweep wrote it, its ids, and its group, also as JSON.
-const BYTES_PER_ENTRY: u64 = 400;
-
-/// Bytes for each piece of a tile that is being finished: its node, and three times the JSON of that.
-const BYTES_PER_NODE: u64 = 4096;
-
-/// Bytes for each piece of a tile with a node for each, while it is finished or read: its nodes, and the JSON of all
-/// of them, some 1300 bytes each. To finish 91,125 pieces took 2600 bytes each, and to verify them 3600.
-const BYTES_PER_OWN_NODE: u64 = 4000;
-
-/// Copies of its geometry, if it is written anew: as it was, with pieces joined, parts for the BIN chunk,
-/// that chunk, and the file.
-const COPIES: u64 = 5;
-
 /// Bytes that a tile takes that has a node for each piece, while it is finished.
 pub fn nodes_bytes(tile: &TileRecord) -> u64 {
     u64::from(tile.pieces) * BYTES_PER_OWN_NODE
 }
 
-/// Cuts a layer's tiles to parts whose entries take an eighth of `memory` bytes at most, for two parts are
-/// in memory; a tile that takes more is a part by itself.
+/// Cuts a layer's tiles to parts whose entries take [`FOR_ENTRIES`] of `memory` bytes at most; a tile that takes more is
+/// a part by itself.
 pub fn parts(tiles: &[TileRecord], memory: u64) -> Vec<&[TileRecord]> {
     let mut parts = Vec::new();
     let mut rest = tiles;
@@ -34,7 +23,7 @@ pub fn parts(tiles: &[TileRecord], memory: u64) -> Vec<&[TileRecord]> {
         let mut bytes = 0;
         let fitting = rest.iter().take(TILES).take_while(|tile| {
             bytes += u64::from(tile.pieces) * BYTES_PER_ENTRY;
-            bytes <= memory / 8
+            bytes <= FOR_ENTRIES.of(memory)
         });
         let (part, after) = rest.split_at(fitting.count().max(1));
         parts.push(part);
@@ -46,10 +35,10 @@ pub fn parts(tiles: &[TileRecord], memory: u64) -> Vec<&[TileRecord]> {
 /// True if the entries of all these tiles take as much as those of a part may.
 pub fn fit_together<'a>(tiles: impl Iterator<Item = &'a TileRecord>, memory: u64) -> bool {
     let (count, pieces) = tiles.fold((0, 0), |(n, p), t| (n + 1, p + u64::from(t.pieces)));
-    count <= TILES && pieces * BYTES_PER_ENTRY <= memory / 8
+    count <= TILES && pieces * BYTES_PER_ENTRY <= FOR_ENTRIES.of(memory)
 }
 
-/// How many of these tiles, 1 to `threads`, can be finished at once in three quarters of `memory` bytes.
+/// How many of these tiles, 1 to `threads`, can be finished at once in [`FOR_TILES_AT_ONCE`] of `memory` bytes.
 pub fn max_concurrent_tiles<'a>(
     tiles: impl Iterator<Item = &'a TileRecord>,
     memory: u64,
@@ -62,7 +51,7 @@ pub fn max_concurrent_tiles<'a>(
     let mut sum = 0;
     let fitting = all.iter().take(threads).take_while(|&bytes| {
         sum += bytes;
-        sum <= memory / 4 * 3
+        sum <= FOR_TILES_AT_ONCE.of(memory)
     });
     let fitting = fitting.count();
     // fewer tiles than threads all fit

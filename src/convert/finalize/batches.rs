@@ -2,6 +2,7 @@
 
 use crate::convert::finalize::batch_size::{fit_together, parts};
 use crate::convert::finalize::shards::Part;
+use crate::convert::memory::KNOWN_PIECES;
 use crate::convert::resolve::SpooledIds;
 use crate::convert::scan::surfaces::WHOLE;
 use crate::convert::scan::tile_writer::{TileRecord, WrittenPiece};
@@ -13,9 +14,6 @@ use crate::sys::group_by::{firsts, groups};
 use crate::sys::spill_file::SpillFile;
 use crate::tile::Body;
 use std::collections::VecDeque;
-
-/// Pieces of some tiles whose cells are measured once for all of them, at most: 5 MB of measures.
-pub const KNOWN_PIECES: usize = 1 << 14;
 
 /// The ids of a piece.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, PartialOrd, Ord)]
@@ -84,6 +82,17 @@ impl Job {
     }
 }
 
+/// Some tiles of a layer.
+#[derive(Clone, Copy)]
+pub struct LayerTiles<'a> {
+    /// The layer.
+    pub layer: u32,
+    /// The tiles.
+    pub tiles: &'a [TileRecord],
+    /// They are the last ones of it.
+    pub last: bool,
+}
+
 /// Some tiles, layer by layer.
 #[derive(Default)]
 pub struct Batch {
@@ -104,18 +113,18 @@ impl Batch {
         pieces <= KNOWN_PIECES && fit_together(all(), memory)
     }
 
-    /// Adds tiles of a layer, `last` if these are the last ones of it.
+    /// Adds tiles of a layer with these ids.
     ///
     /// # Errors
     /// [`crate::Error::Io`].
     pub fn add(
         &mut self,
-        (layer, last): (u32, bool),
-        tiles: &[TileRecord],
-        (ids, carry_over): (&IdsOfSlab, &CarryOver),
+        part: LayerTiles,
+        ids: &IdsOfSlab,
+        carry_over: &CarryOver,
         spool: &mut SpillFile,
     ) -> Result<()> {
-        for &tile in tiles {
+        for &tile in part.tiles {
             let pieces = tile.pieces(spool)?;
             let ids = pieces.iter().map(|p| ids.of(p)).collect();
             let carry_over = pieces
@@ -129,7 +138,7 @@ impl Batch {
                 carry_over,
             });
         }
-        self.layers.push((layer, tiles.len(), last));
+        self.layers.push((part.layer, part.tiles.len(), part.last));
         Ok(())
     }
 
@@ -145,13 +154,21 @@ impl Batch {
     }
 }
 
+/// Where the tiles of all layers are.
+pub struct TileSource<'a> {
+    /// A record of each slab.
+    pub slabs: &'a mut Slabs,
+    /// Their tiles and pieces.
+    pub pieces: &'a mut SpillFile,
+    /// The ids of these.
+    pub ids: &'a mut SpooledIds,
+}
+
 /// Puts the tiles of all layers together to batches.
 pub struct Batches<'a> {
-    slabs: &'a mut Slabs,
+    source: TileSource<'a>,
     /// The next slab.
     next: usize,
-    spool: &'a mut SpillFile,
-    ids: &'a mut SpooledIds,
     /// Bytes that tiles may take while they are finished.
     memory: u64,
     /// Parts of a layer that are in no batch yet, `true` for its last one.
@@ -196,17 +213,10 @@ impl AtHand {
 
 impl<'a> Batches<'a> {
     /// Of all layers but the first ones.
-    pub fn new(
-        slabs: &'a mut Slabs,
-        skip: usize,
-        (spool, ids): (&'a mut SpillFile, &'a mut SpooledIds),
-        memory: u64,
-    ) -> Self {
+    pub fn new(source: TileSource<'a>, skip: usize, memory: u64) -> Self {
         Batches {
-            slabs,
+            source,
             next: skip,
-            spool,
-            ids,
             memory,
             rest: VecDeque::new(),
             at_hand: None,
@@ -220,33 +230,55 @@ impl<'a> Batches<'a> {
     pub fn next(&mut self) -> Result<Option<Batch>> {
         let mut batch = Batch::default();
         loop {
-            if let Some(slab) = &self.at_hand {
-                let carry_over = CarryOver::new(&slab.live, &slab.there);
-                while let Some((tiles, last)) = self.rest.front() {
-                    if !batch.has_room(tiles, self.memory) {
-                        return Ok(Some(batch));
-                    }
-                    let known = (&slab.ids, &carry_over);
-                    batch.add((slab.layer, *last), tiles, known, self.spool)?;
-                    self.rest.pop_front();
-                }
+            if !self.add_rest(&mut batch)? {
+                return Ok(Some(batch));
             }
-            let Some(slab) = self.slabs.get(self.next)? else {
+            if !self.take_slab()? {
                 return Ok(Some(batch).filter(|batch| !batch.layers.is_empty()));
-            };
-            let tiles = self.spool.get(&slab.tiles)?;
-            let parts = parts(&tiles, self.memory);
-            self.rest = parts.into_iter().map(|p| (p.to_vec(), false)).collect();
-            match self.rest.back_mut() {
-                Some((_, last)) => *last = true,
-                // a layer without tiles ends, too
-                None => self.rest.push_back((Vec::new(), true)),
             }
-            let ids = self.ids.of(self.next)?;
-            self.next += 1;
-            let behind = self.slabs.get(self.next)?;
-            self.at_hand = Some(AtHand::of(&slab, ids, behind.as_ref(), self.spool)?);
         }
+    }
+
+    /// Adds what is left of the layer at hand; false if that does not fit.
+    fn add_rest(&mut self, batch: &mut Batch) -> Result<bool> {
+        let Some(slab) = &self.at_hand else {
+            return Ok(true);
+        };
+        let carry_over = CarryOver::new(&slab.live, &slab.there);
+        while let Some((tiles, last)) = self.rest.front() {
+            if !batch.has_room(tiles, self.memory) {
+                return Ok(false);
+            }
+            let part = LayerTiles {
+                layer: slab.layer,
+                tiles,
+                last: *last,
+            };
+            batch.add(part, &slab.ids, &carry_over, self.source.pieces)?;
+            self.rest.pop_front();
+        }
+        Ok(true)
+    }
+
+    /// Takes the next layer in hand; false if there is none.
+    fn take_slab(&mut self) -> Result<bool> {
+        let TileSource { slabs, pieces, ids } = &mut self.source;
+        let Some(slab) = slabs.get(self.next)? else {
+            return Ok(false);
+        };
+        let tiles = pieces.get(&slab.tiles)?;
+        let parts = parts(&tiles, self.memory);
+        self.rest = parts.into_iter().map(|p| (p.to_vec(), false)).collect();
+        match self.rest.back_mut() {
+            Some((_, last)) => *last = true,
+            // a layer without tiles ends, too
+            None => self.rest.push_back((Vec::new(), true)),
+        }
+        let ids = ids.of(self.next)?;
+        self.next += 1;
+        let behind = slabs.get(self.next)?;
+        self.at_hand = Some(AtHand::of(&slab, ids, behind.as_ref(), pieces)?);
+        Ok(true)
     }
 }
 
@@ -299,9 +331,8 @@ mod tests {
         let mut batch = Batch::default();
         for &(layer, last, tiles) in parts {
             let carry_over = CarryOver::new(&[], &[]);
-            batch
-                .add((layer, last), tiles, (&ids, &carry_over), &mut spool)
-                .unwrap();
+            let part = LayerTiles { layer, tiles, last };
+            batch.add(part, &ids, &carry_over, &mut spool).unwrap();
         }
         batch
     }
@@ -427,7 +458,8 @@ mod tests {
             let dir = tempfile::tempdir().unwrap();
             let (mut slabs, mut spool, mut ids) = slabs(&tiles, dir.path());
             let skip = skip.min(slabs.len());
-            let mut batches = Batches::new(&mut slabs, skip, (&mut spool, &mut ids), memory);
+            let source = TileSource { slabs: &mut slabs, pieces: &mut spool, ids: &mut ids };
+            let mut batches = Batches::new(source, skip, memory);
             let (mut jobs, mut layers) = (Vec::new(), vec![(0, false); tiles.len()]);
             while let Some(batch) = batches.next().unwrap() {
                 let records = batch.jobs.iter().map(|job| &job.tile);

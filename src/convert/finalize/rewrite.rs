@@ -2,17 +2,17 @@
 //! a checkpoint says that the layer is done: a tile that is half written can then be made again.
 
 use crate::checkpoint::Checkpointer;
-use crate::convert::layer_dirs::layer_directory;
-use crate::convert::scan::tile_writer::room_for;
+use crate::convert::scan::tile_writer::Heads;
 use crate::error::{Error, Result};
 use crate::sys::background_writer::{BackgroundWriters, Job};
 use crate::sys::direct_io::{self, Buffer};
 use crate::sys::files::remove_if_there;
 use crate::sys::files::write_file;
 use crate::tile::{
-    EncodedLayout, Grouped, Node, Refused, TileHead, WidestNodes, plain_head, tile_file,
+    EncodedBody, EncodedLayout, FloatBody, Grouped, Node, Refused, plain_head, tile_file,
     tile_file_with, tile_path,
 };
+use crate::tileset::layer_directory;
 use std::fs::{self, File};
 use std::io::{ErrorKind, Write};
 use std::path::{Path, PathBuf};
@@ -209,18 +209,25 @@ pub struct Buffers {
 /// [`Refused`].
 pub fn fill(
     out: &mut Buffer,
-    (head, widest): (&TileHead, &WidestNodes),
+    heads: Heads,
     low: [u32; 3],
-    (made, nodes): (&Grouped, &[Node]),
+    made: &Grouped,
+    nodes: &[Node],
 ) -> std::result::Result<u64, Refused> {
-    let room =
-        |recipe: &EncodedLayout, bytes| room_for((head, widest), low, (&made.body, recipe), bytes);
+    let head = heads.head;
+    let room = |layout: &EncodedLayout, bytes| {
+        let body = &made.body;
+        heads.room(low, EncodedBody { body, layout }, bytes)
+    };
     if !head.is_plain(nodes.len()) {
         let bin = made.bytes();
-        let body = (&made.body, &bin[..]);
-        let file = match head.form.is_encoded_early() {
-            true => tile_file_with(head, low, body, nodes, room),
-            false => tile_file(head, low, body, nodes),
+        let floats = FloatBody {
+            body: &made.body,
+            bytes: &bin,
+        };
+        let file = match head.is_encoded_early() {
+            true => tile_file_with(head, low, floats, nodes, room),
+            false => tile_file(head, low, floats, nodes),
         }?;
         let bytes = file.head.len() + file.bin.len();
         out.begin(bytes, bytes);

@@ -4,10 +4,9 @@ use crate::checkpoint::Checkpointer;
 use crate::convert::finalize::FinishSettings;
 use crate::convert::finalize::rewrite::Anew;
 use crate::error::Result;
-use crate::manifest::{LayerRecord, ShardWriter, TileEntry, Totals};
+use crate::manifest::{LayerRecord, TileEntry, Totals};
 use crate::progress::Progress;
-use crate::sys::spill_file::SpillFile;
-use std::path::Path;
+use crate::tileset::TilesetWriter;
 
 /// A finished layer.
 pub struct FinishedLayer {
@@ -39,12 +38,9 @@ pub struct FinishedBatch {
 /// Ends layers, part by part.
 pub struct LayerFinisher<'a> {
     settings: FinishSettings<'a>,
-    /// The shard of the layer at hand.
-    open: Option<ShardWriter>,
+    set: &'a mut TilesetWriter,
     anew: Anew,
-    layers: Layers,
     checkpointer: &'a mut Checkpointer,
-    totals: &'a mut Totals,
     progress: &'a dyn Progress,
 }
 
@@ -55,18 +51,16 @@ impl<'a> LayerFinisher<'a> {
     /// [`crate::Error::Io`].
     pub fn begin(
         settings: &FinishSettings<'a>,
+        set: &'a mut TilesetWriter,
         checkpointer: &'a mut Checkpointer,
         layers: usize,
-        totals: &'a mut Totals,
         progress: &'a dyn Progress,
     ) -> Result<Self> {
         Ok(LayerFinisher {
             settings: *settings,
-            open: None,
             anew: Anew::begin(settings.dir, checkpointer.finished(), layers as u32)?,
-            layers: Layers::new(settings.dir)?,
+            set,
             checkpointer,
-            totals,
             progress,
         })
     }
@@ -87,13 +81,7 @@ impl<'a> LayerFinisher<'a> {
 
     fn take_part(&mut self, part: Part, handed: u64) -> Result<()> {
         for (tile, text) in &part.tiles {
-            let shard = match &mut self.open {
-                Some(shard) => shard,
-                None => self
-                    .open
-                    .insert(ShardWriter::create(self.settings.dir, part.layer)?),
-            };
-            shard.write(tile, text)?;
+            self.set.add(tile, text)?;
         }
         if !part.last {
             return Ok(());
@@ -101,67 +89,29 @@ impl<'a> LayerFinisher<'a> {
         if let Some(writers) = self.settings.writers {
             writers.wait_for(handed)?;
         }
-        let shard = self.open.take();
-        let finished = shard.map(ShardWriter::finish).transpose()?;
+        self.set.end_layer(part.layer)?;
         self.anew.layer_done(part.layer, self.checkpointer)?;
-        self.add(finished.map(|(entry, totals)| FinishedLayer { entry, totals }))
-    }
-
-    /// Adds a layer that is finished; `None` if it has no tile.
-    ///
-    /// # Errors
-    /// [`crate::Error::Io`].
-    pub fn add(&mut self, finished: Option<FinishedLayer>) -> Result<()> {
         self.progress.advance(1);
-        let Some(finished) = finished else {
-            return Ok(());
-        };
-        let (totals, part) = (&mut *self.totals, finished.totals);
-        totals.tiles += part.tiles;
-        totals.tile_vertices += part.tile_vertices;
-        totals.triangles += part.triangles;
-        totals.strips += part.strips;
-        totals.strip_indices += part.strip_indices;
-        totals.bytes += part.bytes;
-        self.layers.push(finished.entry)
+        Ok(())
     }
 
-    /// The layers with tiles, after all of them.
+    /// Adds a layer that was finished before; without its entry if it has no tile.
     ///
     /// # Errors
     /// [`crate::Error::Io`].
-    pub fn end(self) -> Result<Layers> {
-        self.anew.end(self.checkpointer)?;
-        Ok(self.layers)
-    }
-}
-
-/// The layers that have tiles, by rising z, in a file.
-pub struct Layers {
-    spool: SpillFile,
-    /// Bytes of their shards.
-    pub bytes: u64,
-}
-
-impl Layers {
-    fn new(dir: &Path) -> Result<Self> {
-        Ok(Layers {
-            spool: SpillFile::new(dir)?,
-            bytes: 0,
-        })
+    pub fn add(&mut self, layer: u32, finished: Option<FinishedLayer>) -> Result<()> {
+        self.progress.advance(1);
+        match finished {
+            Some(finished) => self.set.add_layer(finished.entry, &finished.totals),
+            None => self.set.end_layer(layer),
+        }
     }
 
-    fn push(&mut self, layer: LayerRecord) -> Result<()> {
-        self.bytes += layer.bytes;
-        self.spool.push(&[layer]).map(|_| ())
-    }
-
-    /// Calls `each` with all of them.
+    /// Ends all, after the last layer.
     ///
     /// # Errors
-    /// [`crate::Error::Io`], and what `each` returns.
-    pub fn for_each(&mut self, each: impl FnMut(LayerRecord) -> Result<()>) -> Result<()> {
-        let all = self.spool.everything().expect("it holds nothing else");
-        self.spool.for_each(&all, each)
+    /// [`crate::Error::Io`].
+    pub fn end(self) -> Result<()> {
+        self.anew.end(self.checkpointer)
     }
 }

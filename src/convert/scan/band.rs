@@ -1,5 +1,6 @@
 //! One band of a slab, read, classified and labelled.
 
+use crate::convert::memory::BANDS;
 use crate::convert::scan::small_components::Filter;
 use crate::error::Result;
 use crate::grid::{Ambiguous, Dims, Placement, Tiling};
@@ -103,7 +104,7 @@ pub struct BandSource<'a, T> {
     /// What to leave out, in this order.
     pub filters: &'a [Filter],
     /// Where the bands' memory is taken from.
-    pub budget: &'a Arc<MemoryPool>,
+    pub memory: &'a Arc<MemoryPool>,
 }
 
 impl<T: Voxel> BandSource<'_, T> {
@@ -127,7 +128,7 @@ impl<T: Voxel> BandSource<'_, T> {
         T: Default,
     {
         Band {
-            held: MemoryReservation::new(self.budget),
+            held: MemoryReservation::new(self.memory, BANDS),
             ..Band::default()
         }
     }
@@ -136,7 +137,7 @@ impl<T: Voxel> BandSource<'_, T> {
     ///
     /// # Errors
     /// Those of [`Volume::read_box`]; [`crate::Error::TooDense`] if the band is too dense for what is
-    /// left of the budget.
+    /// left of the memory.
     pub fn prepare(&self, ty: u32, tz: u32, band: &mut Band<T>) -> Result<()> {
         let span = self.span(ty, tz);
         let samples = span.with_neighbours(self.dims());
@@ -160,7 +161,7 @@ impl<T: Voxel> BandSource<'_, T> {
         band.held.grow_to(fixed + labels)?;
         let (of_run, count) = label_runs(&band.bits, &band.runs, self.rule, of_run);
         band.held.grow_to(fixed + labels + component_bytes(count))?;
-        band.labels = sum_voxels(&band.bits, of_run, count, (self.dims(), &self.measured));
+        band.labels = sum_voxels(&band.bits, of_run, count, self.dims(), &self.measured);
         add_border_euler(
             &band.bits,
             &band.runs,

@@ -5,6 +5,7 @@ use crate::convert::scan::surfaces::{SlabSurfaces, SurfacePart};
 use crate::convert::scan::tile_writer::{TileRecord, WrittenPiece};
 use crate::error::Result;
 use crate::measure::MeshSums;
+use crate::sys::locks::lock;
 use std::sync::{Mutex, MutexGuard};
 
 /// The tiles and surfaces of a slab.
@@ -50,7 +51,7 @@ impl<'a> TileCollector<'a> {
     }
 
     fn lock(&self) -> MutexGuard<'_, Collecting<'a>> {
-        self.0.lock().expect("no thread panicked")
+        lock(&self.0)
     }
 
     /// Does what needs the state.
@@ -98,8 +99,8 @@ impl<'a> TileCollector<'a> {
         }
         let pieces: Vec<Part> = pieces.collect();
         let bytes = size_of::<EarlyTile>() + pieces.len() * size_of::<Part>();
-        let held = gathering.state.held(layer);
-        gathering.state.hold(layer, held + bytes as u64)?;
+        let held = gathering.state.memory.held(layer);
+        gathering.state.memory.hold(layer, held + bytes as u64)?;
         gathering.early.push((record, pieces, *caps));
         Ok(())
     }
@@ -135,6 +136,6 @@ impl Collecting<'_> {
         slab.caps.merge(caps);
         let records = slab.records.capacity() * size_of::<TileRecord>();
         let bytes = slab.fixed + slab.surfaces.bytes() + records as u64;
-        state.hold(slab.layer, bytes)
+        state.memory.hold(slab.layer, bytes)
     }
 }

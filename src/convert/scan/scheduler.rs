@@ -2,7 +2,7 @@
 
 use crate::convert::scan::band::Band;
 use crate::convert::scan::state::SlabLabels;
-use crate::convert::scan::{TileJob, Turn};
+use crate::convert::scan::tiles::{TileJob, Turn};
 use crate::error::{Error, Result};
 use std::collections::{BTreeMap, VecDeque};
 use std::sync::Arc;

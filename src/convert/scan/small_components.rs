@@ -9,14 +9,36 @@
 use crate::checkpoint::{Checkpointer, Marks, Scratch};
 use crate::convert::scan::Sweep;
 use crate::convert::scan::mode::Parts;
+use crate::convert::scan::slab_memory::SlabMemory;
 use crate::convert::scan::state::{ScanState, SlabLabels};
 use crate::error::Result;
+use crate::grid::Tiling;
 use crate::labels::{Bits, RowRuns, Run, Runs, SlabComponents};
-use crate::sys::memory_pool::MemoryPool;
+use crate::sys::locks::{lock, unshared};
 use crate::sys::spill_file::{Place, SpillFile};
 use crate::volume::Voxel;
 use std::path::Path;
-use std::sync::{Arc, Mutex};
+use std::sync::Mutex;
+
+/// A sweep that finds small components of one phase.
+#[derive(Debug, Clone, Copy)]
+pub struct DustSweep {
+    /// Its number among all sweeps.
+    number: usize,
+    /// It finds objects, else cells.
+    above: bool,
+}
+
+/// Finds small objects.
+pub const SMALL_OBJECTS: DustSweep = DustSweep {
+    number: 0,
+    above: true,
+};
+/// Finds small cells, once small objects are filled.
+pub const SMALL_CELLS: DustSweep = DustSweep {
+    number: 1,
+    above: false,
+};
 
 /// Knows which components of one phase are to be filled.
 #[derive(Debug)]
@@ -61,7 +83,7 @@ impl Filter {
     ) -> Result<()> {
         debug_assert_eq!(runs.count, of_run.len());
         let (class_of, small) = {
-            let mut found = self.found.lock().expect("no thread panicked");
+            let mut found = lock(&self.found);
             (found.class_of(ty, tz)?, found.small(tz)?)
         };
         let nx = bits.span.nx;
@@ -85,50 +107,57 @@ impl Filter {
 }
 
 impl Sweep<'_> {
-    /// Finds the objects (`above`) or cells of fewer than `min_voxels` voxels, as sweep number `sweep`.
+    /// Finds the objects or cells of fewer than `min_voxels` voxels.
     ///
     /// # Errors
     /// Those of [`Sweep::run`].
     pub fn find_dust<T: Voxel + Default>(
         &self,
         parts: &mut Parts<T>,
-        (sweep, above): (usize, bool),
+        sweep: DustSweep,
         checkpointer: &mut Checkpointer,
     ) -> Result<Filter> {
-        let [_, bands, layers] = self.plan.tiling.tiles();
-        let files = checkpointer.files(sweep);
-        let marks = match checkpointer.over(sweep) {
+        let marks = match checkpointer.over(sweep.number) {
             Some(marks) => marks,
-            None => {
-                let budget = parts.source.budget;
-                let begun = Search::begin(&files, sweep, checkpointer, (budget, self.plan.front))?;
-                let (mut search, first) = begun;
-                for layer in first..layers {
-                    let sealed = self.seal_in_parts(parts, layer, &mut search.state)?;
-                    let known = self.join(sealed, layer, &mut search.state)?;
-                    search.add(&known)?;
-                    if layer + 1 < layers {
-                        search.save(&files, (sweep, layer + 1), &known, checkpointer)?;
-                    }
-                    search.state.let_go(layer);
-                    self.release(&parts.source, layer);
-                }
-                let marks = search.marks(&files)?;
-                drop(search);
-                checkpointer.close_sweep(sweep, &marks)?;
-                marks
-            }
+            None => self.search_dust(parts, sweep, checkpointer)?,
         };
         checkpointer.end_sweep(&marks);
-        let found = Found::read(&files, &marks, (bands, layers), &self.writer.dir)?;
+        let files = checkpointer.files(sweep.number);
+        let found = Found::read(&files, &marks, self.plan.tiling, &self.writer.dir)?;
         let found = found.ok_or_else(|| checkpointer.damaged())?;
         let mut filter = Filter {
             found: Mutex::new(found),
             components: 0,
             voxels: 0,
         };
-        filter.resolve(above, self.min_voxels)?;
+        filter.resolve(sweep.above, self.min_voxels)?;
         Ok(filter)
+    }
+
+    /// Labels the volume and marks what is known of all components then.
+    fn search_dust<T: Voxel + Default>(
+        &self,
+        parts: &mut Parts<T>,
+        sweep: DustSweep,
+        checkpointer: &mut Checkpointer,
+    ) -> Result<Marks> {
+        let layers = self.plan.tiling.tiles()[2];
+        let memory = SlabMemory::new(self.memory, self.plan.front)?;
+        let (mut search, first) = Search::begin(sweep.number, checkpointer, memory)?;
+        for layer in first..layers {
+            let sealed = self.seal_in_parts(parts, layer, &mut search.state)?;
+            let known = self.join(sealed, layer, &mut search.state)?;
+            search.add(&known)?;
+            if layer + 1 < layers {
+                search.save(layer + 1, &known, checkpointer)?;
+            }
+            search.state.memory.let_go(layer);
+            self.release(&parts.source, layer);
+        }
+        let marks = search.marks()?;
+        drop(search);
+        checkpointer.close_sweep(sweep.number, &marks)?;
+        Ok(marks)
     }
 }
 
@@ -140,6 +169,9 @@ const SLAB_PLACES: u64 = 4;
 
 /// A search for dust under way.
 struct Search {
+    /// The number of the sweep.
+    sweep: usize,
+    files: Scratch,
     state: ScanState,
     spool: SpillFile,
     /// Where the arrays of each layer lie in `spool`: the classes of the local components of each
@@ -150,25 +182,29 @@ struct Search {
 impl Search {
     /// Begins, or goes on where an interrupted conversion stopped. Returns the first layer, too.
     fn begin(
-        files: &Scratch,
         sweep: usize,
         checkpointer: &mut Checkpointer,
-        (budget, front): (&Arc<MemoryPool>, u64),
+        memory: SlabMemory,
     ) -> Result<(Self, u32)> {
+        let files = checkpointer.files(sweep);
         let Some(mut at) = checkpointer.take(sweep) else {
             let search = Search {
-                state: ScanState::new(files, budget, front)?,
+                sweep,
+                state: ScanState::new(&files, memory)?,
                 spool: SpillFile::create(&files.path(FOUND))?,
                 places: SpillFile::create(&files.path(PLACES))?,
+                files,
             };
             return Ok((search, 0));
         };
-        let state = ScanState::load(files, &at.marks, &mut at.state, budget, front)?;
-        let spool = at.marks.reopen(files, FOUND)?;
-        let places = at.marks.reopen(files, PLACES)?;
+        let state = ScanState::load(&files, &at.marks, &mut at.state, memory)?;
+        let spool = at.marks.reopen(&files, FOUND)?;
+        let places = at.marks.reopen(&files, PLACES)?;
         match (state, spool, places) {
             (Some(state), Some(spool), Some(places)) if at.state.is_empty() => {
                 let search = Search {
+                    sweep,
+                    files,
                     state,
                     spool,
                     places,
@@ -193,23 +229,23 @@ impl Search {
     }
 
     /// Marks what is needed once the search is over.
-    fn marks(&mut self, files: &Scratch) -> Result<Marks> {
+    fn marks(&mut self) -> Result<Marks> {
         let mut marks = Marks::default();
-        marks.add(files, FOUND, self.spool.mark()?);
-        marks.add(files, PLACES, self.places.mark()?);
+        marks.add(&self.files, FOUND, self.spool.mark()?);
+        marks.add(&self.files, PLACES, self.places.mark()?);
         Ok(marks)
     }
 
+    /// Keeps what is known before `layer`.
     fn save(
         &mut self,
-        files: &Scratch,
-        (sweep, layer): (usize, u32),
+        layer: u32,
         known: &SlabLabels,
         checkpointer: &mut Checkpointer,
     ) -> Result<()> {
-        let mut marks = self.marks(files)?;
-        self.state.mark(files, &mut marks, &known.after)?;
-        checkpointer.save(sweep, layer, &marks, |out| {
+        let mut marks = self.marks()?;
+        self.state.mark(&self.files, &mut marks, &known.after)?;
+        checkpointer.save(self.sweep, layer, &marks, |out| {
             self.state.save(out, &known.after)
         })
     }
@@ -217,12 +253,8 @@ impl Search {
 
 impl Found {
     /// Reads what a search has found; `None` if the files hold something else.
-    fn read(
-        files: &Scratch,
-        marks: &Marks,
-        (bands, layers): (u32, u32),
-        dir: &Path,
-    ) -> Result<Option<Self>> {
+    fn read(files: &Scratch, marks: &Marks, tiling: Tiling, dir: &Path) -> Result<Option<Self>> {
+        let [_, bands, layers] = tiling.tiles();
         let (spool, places) = (marks.reopen(files, FOUND)?, marks.reopen(files, PLACES)?);
         let (Some(spool), Some(places)) = (spool, places) else {
             return Ok(None);
@@ -299,7 +331,7 @@ impl Slab {
 impl Filter {
     /// Decides, from the last slab back to the first, which classes are part of a small component.
     fn resolve(&mut self, above: bool, min_voxels: u64) -> Result<()> {
-        let found = self.found.get_mut().expect("no thread panicked");
+        let found = unshared(&mut self.found);
         let mut later: (Vec<u8>, Vec<u32>) = Default::default();
         for layer in (0..found.layers).rev() {
             let slab = found.slab(layer)?;

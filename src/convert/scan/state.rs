@@ -3,6 +3,7 @@
 use crate::checkpoint::{Marks, Scratch};
 use crate::convert::scan::band::{Band, SealedBand};
 use crate::convert::scan::collect::SlabTiles;
+use crate::convert::scan::slab_memory::SlabMemory;
 use crate::convert::scan::surfaces::Surfaces;
 use crate::convert::slab_records::{SlabRecord, Slabs};
 use crate::error::Result;
@@ -10,11 +11,8 @@ use crate::labels::{
     CarriedComponents, PhaseLabels, ProvisionalLabels, ResidentLabels, SlabComponents,
 };
 use crate::measure::{MeshSums, VoxelSums};
-use crate::sys::memory_pool::{MemoryPool, MemoryReservation};
 use crate::sys::spill_file::{Place, SpillFile};
 use crate::sys::state_codec::{Decoder, Encoder};
-use std::collections::BTreeMap;
-use std::sync::Arc;
 
 /// Names of the files of a sweep.
 const SLABS: &str = "slabs";
@@ -84,24 +82,17 @@ pub struct ScanState {
     pub forward: ScanOutput,
     /// Surfaces that go on.
     pub surfaces: Surfaces,
+    /// The memory of classes, surfaces and tiles of slabs that have not ended.
+    pub memory: SlabMemory,
     classes: CarriedComponents,
-    /// Memory planned for classes, surfaces and tiles of a slab.
-    front: u64,
-    /// Bytes of these, of each slab that has not ended.
-    slabs: BTreeMap<u32, u64>,
-    /// The most that a slab has taken so far.
-    most: u64,
-    /// The memory of these.
-    held: MemoryReservation,
 }
 
 impl ScanState {
-    /// Nothing gathered yet. The first `front` bytes of the budget are for what a slab has in
-    /// components, surfaces and tiles.
+    /// Nothing gathered yet.
     ///
     /// # Errors
-    /// [`crate::Error::Io`]; [`crate::Error::TooDense`] if the budget is less than `front`.
-    pub fn new(files: &Scratch, budget: &Arc<MemoryPool>, front: u64) -> Result<Self> {
+    /// [`crate::Error::Io`].
+    pub fn new(files: &Scratch, memory: SlabMemory) -> Result<Self> {
         let spool = |what| SpillFile::create(&files.path(what));
         let provisional = |what| ProvisionalLabels::new(&files.path(what));
         let forward = ScanOutput {
@@ -117,16 +108,11 @@ impl ScanState {
             caps: MeshSums::default(),
             dust: [(0, 0); 2],
         };
-        let mut held = MemoryReservation::new(budget);
-        held.grow_to(front)?;
         Ok(ScanState {
             forward,
             surfaces: Surfaces::default(),
+            memory,
             classes: CarriedComponents::default(),
-            front,
-            slabs: BTreeMap::new(),
-            most: 0,
-            held,
         })
     }
 
@@ -185,13 +171,12 @@ impl ScanState {
     /// The state that was written, on the files as they were then; `None` if this is none.
     ///
     /// # Errors
-    /// [`crate::Error::Io`]; [`crate::Error::TooDense`] if the budget is less than `front`.
+    /// [`crate::Error::Io`].
     pub fn load(
         files: &Scratch,
         marks: &Marks,
         input: &mut Decoder,
-        budget: &Arc<MemoryPool>,
-        front: u64,
+        memory: SlabMemory,
     ) -> Result<Option<Self>> {
         let head = (input.number(), input.array::<MeshSums>());
         let objects = ProvisionalLabels::load(&files.path(OBJECTS), input)?;
@@ -229,50 +214,12 @@ impl ScanState {
             caps: *caps,
             dust: [(0, 0); 2],
         };
-        let mut held = MemoryReservation::new(budget);
-        held.grow_to(front)?;
         Ok(Some(ScanState {
             forward,
             surfaces,
+            memory,
             classes,
-            front,
-            slabs: BTreeMap::new(),
-            most: 0,
-            held,
         }))
-    }
-
-    /// Notes how many bytes of memory a slab takes.
-    ///
-    /// # Errors
-    /// [`crate::Error::TooDense`]; it is the old number then.
-    pub fn hold(&mut self, layer: u32, bytes: u64) -> Result<()> {
-        let before = self.slabs.insert(layer, bytes);
-        let held = self.held.grow_to(self.slabs.values().sum());
-        if held.is_err() {
-            self.slabs.insert(layer, before.unwrap_or(0));
-        }
-        held
-    }
-
-    /// Bytes of memory that a slab takes.
-    pub fn held(&self, layer: u32) -> u64 {
-        self.slabs.get(&layer).copied().unwrap_or(0)
-    }
-
-    /// Gives back the memory of a slab that has left it.
-    pub fn let_go(&mut self, layer: u32) {
-        let bytes = self.slabs.remove(&layer).unwrap_or(0);
-        self.most = self.most.max(bytes);
-        let left = self.slabs.values().sum();
-        self.held.shrink_to(self.front.max(left));
-    }
-
-    /// True if the next slab is likely to have room beside those that have not ended, which may grow by half.
-    pub fn has_room_for_another(&self) -> bool {
-        let most = self.slabs.values().map(|bytes| bytes + bytes / 2).max();
-        let most = self.most.max(most.unwrap_or(0));
-        most * (self.slabs.len() as u64 + 1) <= self.held.at_hand()
     }
 
     /// Takes out of some bands of a layer what the joining needs, and appends it to that of the slab's bands
@@ -289,7 +236,7 @@ impl ScanState {
         for band in bands {
             sealed.push(band.seal(&mut self.forward.spool)?);
         }
-        self.hold(layer, sealed_bytes(sealed))
+        self.memory.hold(layer, sealed_bytes(sealed))
     }
 
     /// Joins a layer's bands, by rising y, to classes.
@@ -303,7 +250,8 @@ impl ScanState {
         last_layer: bool,
     ) -> Result<SlabLabels> {
         let known: Vec<_> = sealed.iter().map(SealedBand::known).collect();
-        self.hold(layer, sealed_bytes(&sealed) + self.classes.bytes(&known))?;
+        let bytes = sealed_bytes(&sealed) + self.classes.bytes(&known);
+        self.memory.hold(layer, bytes)?;
         self.forward.nan += sealed.iter().map(|b| b.nan).sum::<u64>();
         let mut classes = self.classes.join(&known, &mut self.forward.provisional)?;
         if last_layer {
@@ -390,7 +338,7 @@ impl ScanState {
         };
         forward.slabs.push(&slab)?;
         drop(surfaces.all);
-        self.let_go(layer);
+        self.memory.let_go(layer);
         Ok(())
     }
 }

@@ -11,6 +11,7 @@ use crate::convert::{ConvertOptions, predicted_memory};
 use crate::error::Error;
 use crate::grid::{Dims, Placement};
 use crate::progress::Quiet;
+use crate::tileset::TilesetWriter;
 use crate::volume::{MemoryVolume, Volume, Watch};
 use std::path::Path;
 
@@ -56,7 +57,9 @@ fn to_write_anew(volume: &MemoryVolume<u8>, memory: u64, work: &Path) -> Vec<usi
     let mut checkpointer = Checkpointer::new(work, &identity, false, job.layers()).unwrap();
     let writer = job.tile_writer(work);
     std::fs::create_dir(work.join("tiles")).unwrap();
-    let scanned = scan(&job, &writer, &mut checkpointer).unwrap();
+    let set = TilesetWriter::new(work).unwrap();
+    (0..job.layers()).for_each(|z| set.make_layer_directory(z).unwrap());
+    let scanned = scan(&job, &plan.pool(), &writer, &mut checkpointer).unwrap();
     let resolved = resolve(scanned.output, 1 << 20, work).unwrap();
     let (mut slabs, mut spool, mut ids) = (resolved.slabs, resolved.pieces, resolved.ids);
     let mut anew = Vec::new();

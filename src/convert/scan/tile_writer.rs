@@ -9,8 +9,8 @@ use crate::sys::direct_io;
 use crate::sys::files::write_body;
 use crate::sys::spill_file::{Place, SpillFile};
 use crate::tile::{
-    Body, Encoded, EncodedLayout, PieceRange, Refused, TileHead, WidestNodes, aligned, encode,
-    head_bytes, refused, tile_path, too_large, widest_description,
+    Body, Encoded, EncodedBody, EncodedLayout, FloatBody, PieceRange, Refused, TileHead,
+    WidestNodes, aligned, encode, head_bytes, refused, tile_path, too_large, widest_description,
 };
 use bytemuck::{Pod, Zeroable};
 use std::borrow::Cow;
@@ -105,11 +105,12 @@ impl TileWriter {
         mesh: &mut TileMesh,
         grid: [u32; 3],
         stripifier: &mut Stripifier,
-        (writers, provisional): (Option<&BackgroundWriters>, bool),
+        writers: Option<&BackgroundWriters>,
+        provisional: bool,
     ) -> Result<(TileRecord, Body)> {
         let body = Body::write(mesh, self.head.form.primitives, stripifier);
         let plain = self.head.is_plain(body.pieces.len());
-        let stays = plain || !provisional && self.head.form.is_encoded_early();
+        let stays = plain || !provisional && self.head.is_encoded_early();
         let (mut recipe, mut room) = (EncodedLayout::default(), 0);
         if stays {
             (recipe, room) = self
@@ -144,6 +145,14 @@ impl TileWriter {
         Ok((record, body))
     }
 
+    /// What comes before the geometry of all tiles.
+    pub fn heads(&self) -> Heads<'_> {
+        Heads {
+            head: &self.head,
+            widest: &self.widest,
+        }
+    }
+
     /// Encodes the geometry in its place; returns how, and the bytes of the JSON chunk.
     fn encode(
         &self,
@@ -152,34 +161,53 @@ impl TileWriter {
         body: &Body,
     ) -> std::result::Result<(EncodedLayout, usize), Refused> {
         let (head, low) = (&self.head, self.tiling.lowest(grid));
-        let Encoded { bytes, recipe } = encode(head, low, (body, mesh.chunk.bytes()), None)?;
+        let floats = FloatBody {
+            body,
+            bytes: mesh.chunk.bytes(),
+        };
+        let Encoded { bytes, recipe } = encode(head, low, floats, None)?;
         if let Cow::Owned(bytes) = bytes {
             mesh.chunk.replace(&bytes);
         }
         let bytes = mesh.chunk.bytes().len();
-        let room = room_for((head, &self.widest), low, (body, &recipe), bytes)?;
+        let encoded = EncodedBody {
+            body,
+            layout: &recipe,
+        };
+        let room = self.heads().room(low, encoded, bytes)?;
         Ok((recipe, room))
     }
 }
 
-/// Bytes of the JSON chunk of a tile whose geometry, as its `recipe` says, takes so many `bytes`: room for any nodes,
-/// before what may go past the page cache.
-///
-/// # Errors
-/// [`Refused::TooWide`].
-pub fn room_for(
-    head: (&TileHead, &WidestNodes),
-    low: [u32; 3],
-    (body, recipe): (&Body, &EncodedLayout),
-    bytes: usize,
-) -> std::result::Result<usize, Refused> {
-    let widest = widest_description(head, low, (body, recipe))?;
-    let step = if bytes >= direct_io::WORTH {
-        direct_io::SECTOR
-    } else {
-        8
-    };
-    Ok(aligned(widest, step))
+/// What comes before the geometry of all tiles, and how long it can become.
+#[derive(Clone, Copy)]
+pub struct Heads<'a> {
+    /// What all tiles have in common.
+    pub head: &'a TileHead,
+    /// How wide their JSON can become.
+    pub widest: &'a WidestNodes,
+}
+
+impl Heads<'_> {
+    /// Bytes of the JSON chunk of a tile whose encoded geometry takes so many `bytes`: room for any nodes, before what
+    /// may go past the page cache.
+    ///
+    /// # Errors
+    /// [`Refused::TooWide`].
+    pub fn room(
+        self,
+        low: [u32; 3],
+        encoded: EncodedBody,
+        bytes: usize,
+    ) -> std::result::Result<usize, Refused> {
+        let widest = widest_description(self.widest, low, encoded)?;
+        let step = if bytes >= direct_io::WORTH {
+            direct_io::SECTOR
+        } else {
+            8
+        };
+        Ok(aligned(widest, step))
+    }
 }
 
 impl WrittenPiece {

@@ -1,12 +1,10 @@
 //! Slabs with all their bands in memory: voxels are read once, and threads go on to the bands of the next slab
 //! when no tile of this one is left.
 
-use crate::checkpoint::Checkpointer;
-use crate::convert::scan::Sweep;
 use crate::convert::scan::mode::Parts;
 use crate::convert::scan::scheduler::Stop;
-use crate::convert::scan::state::ScanState;
 use crate::convert::scan::workers::SlabWorkers;
+use crate::convert::scan::{Carried, Sweep};
 use crate::error::Result;
 use crate::volume::Voxel;
 
@@ -20,12 +18,11 @@ impl Sweep<'_> {
         &self,
         parts: &mut Parts<T>,
         mut layer: u32,
-        state: &mut ScanState,
-        checkpointer: &mut Checkpointer,
+        carried: &mut Carried,
     ) -> Result<(u32, Option<u64>)> {
         let [_, bands, layers] = self.plan.tiling.tiles();
         while layer < layers && parts.mode.bands_at_once >= bands {
-            let line = SlabWorkers::new(self, parts, layer, (state, checkpointer));
+            let line = SlabWorkers::new(self, parts, layer, carried);
             let stop = match line.run()? {
                 Ok(uncommitted) => return Ok((layers, uncommitted)),
                 Err(stop) => stop,
@@ -34,7 +31,7 @@ impl Sweep<'_> {
             parts.shrink(error)?;
             layer = stop.layer;
             for known in known {
-                self.mesh_and_end(parts, layer, state, (&known, checkpointer))?;
+                self.mesh_and_end(parts, layer, &known, carried)?;
                 layer += 1;
             }
         }

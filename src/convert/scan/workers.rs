@@ -5,10 +5,13 @@ use crate::convert::scan::band::Band;
 use crate::convert::scan::collect::TileCollector;
 use crate::convert::scan::mode::Parts;
 use crate::convert::scan::scheduler::{Limits, SlabScheduler, Stop, Task};
-use crate::convert::scan::state::{ScanState, SlabLabels};
-use crate::convert::scan::{Slab, Sweep, TileJob, take_classes};
+use crate::convert::scan::slab::Slab;
+use crate::convert::scan::state::SlabLabels;
+use crate::convert::scan::tiles::{TileJob, take_classes};
+use crate::convert::scan::{Carried, MadeSlab, Sweep};
 use crate::error::{Error, Result};
 use crate::sys::background_writer::BackgroundWriters;
+use crate::sys::locks::{into_inner, lock, wait};
 use crate::volume::Voxel;
 use std::sync::{Arc, Condvar, Mutex, MutexGuard};
 
@@ -70,8 +73,12 @@ impl<'a, T: Voxel + Default> SlabWorkers<'a, T> {
         sweep: &'a Sweep<'a>,
         parts: &'a Parts<'a, T>,
         layer: u32,
-        (state, checkpointer): (&'a mut ScanState, &'a mut Checkpointer),
+        carried: &'a mut Carried,
     ) -> Self {
+        let Carried {
+            state,
+            checkpointer,
+        } = carried;
         let [_, bands, layers] = sweep.plan.tiling.tiles();
         let limits = Limits {
             bands,
@@ -101,8 +108,8 @@ impl<'a, T: Voxel + Default> SlabWorkers<'a, T> {
     /// Those of [`Sweep::run`].
     pub fn run(self) -> Result<Result<Option<u64>, Stop>> {
         rayon::broadcast(|_| self.work());
-        let mut pending = self.pending.into_inner().expect("no thread panicked");
-        let queue = self.queue.into_inner().expect("no thread panicked");
+        let mut pending = into_inner(self.pending);
+        let queue = into_inner(self.queue);
         if !queue.has_ended() {
             pending.commit()?;
         }
@@ -113,7 +120,7 @@ impl<'a, T: Voxel + Default> SlabWorkers<'a, T> {
     }
 
     fn lock(&self) -> MutexGuard<'_, SlabScheduler<T>> {
-        self.queue.lock().expect("no thread panicked")
+        lock(&self.queue)
     }
 
     /// What each thread does.
@@ -124,7 +131,7 @@ impl<'a, T: Voxel + Default> SlabWorkers<'a, T> {
             let step = queue.next(self.sweep.progress.interrupted());
             queue = match step {
                 Task::Finished => break,
-                Task::Wait => self.changed.wait(queue).expect("no thread panicked"),
+                Task::Wait => wait(&self.changed, queue),
                 step => {
                     drop(queue);
                     self.take(step);
@@ -164,7 +171,11 @@ impl<'a, T: Voxel + Default> SlabWorkers<'a, T> {
     }
 
     fn begin(&self, layer: u32, mut bands: Vec<Band<T>>, alone: bool) {
-        if !alone && !self.gather.with(|state| state.has_room_for_another()) {
+        if !alone
+            && !self
+                .gather
+                .with(|state| state.memory.has_room_for_another())
+        {
             return self.lock().postpone(bands);
         }
         let joined = self.join(layer, &mut bands, alone);
@@ -212,10 +223,20 @@ impl<'a, T: Voxel + Default> SlabWorkers<'a, T> {
     /// Ends a layer. The next one may have begun.
     fn end(&self, layer: u32, known: &SlabLabels, next: Option<&SlabLabels>) {
         let gather = &self.gather;
-        let slab = (layer, known, gather.take());
-        let mut pending = self.pending.lock().expect("no thread panicked");
+        let slab = MadeSlab {
+            layer,
+            known,
+            tiles: gather.take(),
+        };
+        let mut pending = lock(&self.pending);
         let ended = pending.end(|checkpointer| {
-            gather.with(|state| self.sweep.end_slab(self.parts, slab, state, checkpointer))
+            gather.with(|state| {
+                let carried = &mut Carried {
+                    state,
+                    checkpointer,
+                };
+                self.sweep.end_slab(self.parts, slab, carried)
+            })
         });
         drop(pending);
         let begun = match next {
@@ -245,9 +266,7 @@ struct WakeOnPanic<'a, 'b, T>(&'a SlabWorkers<'b, T>);
 impl<T> Drop for WakeOnPanic<'_, '_, T> {
     fn drop(&mut self) {
         if std::thread::panicking() {
-            if let Ok(mut queue) = self.0.queue.lock() {
-                queue.fail(Error::Interrupted);
-            }
+            lock(&self.0.queue).fail(Error::Interrupted);
             self.0.changed.notify_all();
         }
     }

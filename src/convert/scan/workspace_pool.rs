@@ -1,8 +1,10 @@
-//! Buffers for making tiles, shared by the threads under the memory budget.
+//! Buffers for making tiles, shared by the threads under the limit of memory.
 
+use crate::convert::memory::NEW_TILES;
 use crate::error::Result;
 use crate::strip::Stripifier;
 use crate::surface::{TileMesh, TileMesher};
+use crate::sys::locks::{lock, wait};
 use crate::sys::memory_pool::{MemoryPool, MemoryReservation};
 use std::sync::{Arc, Condvar, Mutex, MutexGuard};
 
@@ -20,7 +22,7 @@ pub struct Workspace {
 
 /// Workspaces that wait for use.
 pub struct WorkspacePool {
-    budget: Arc<MemoryPool>,
+    memory: Arc<MemoryPool>,
     state: Mutex<State>,
     returned: Condvar,
 }
@@ -33,31 +35,32 @@ struct State {
 
 impl WorkspacePool {
     /// An empty pool.
-    pub fn new(budget: &Arc<MemoryPool>) -> Self {
+    pub fn new(memory: &Arc<MemoryPool>) -> Self {
         WorkspacePool {
-            budget: budget.clone(),
+            memory: memory.clone(),
             state: Mutex::new(State::default()),
             returned: Condvar::new(),
         }
     }
 
     fn lock(&self) -> MutexGuard<'_, State> {
-        self.state.lock().expect("no thread panicked")
+        lock(&self.state)
     }
 
-    /// Runs `work` with a workspace for a tile that needs `bytes` of buffers. Waits while the budget
-    /// has no room and other tiles are being made.
+    /// Runs `work` with a workspace for a tile that needs `bytes` of buffers. Waits while there
+    /// is no room and other tiles are being made.
     ///
     /// # Errors
     /// [`crate::Error::TooDense`] if there is no room even for this tile alone; what `work` returns.
     pub fn with<R>(&self, bytes: u64, work: impl FnOnce(&mut Workspace) -> Result<R>) -> Result<R> {
-        let mut workspace = self.take(bytes)?;
-        let result = work(&mut workspace);
-        let mut state = self.lock();
-        state.idle.push(workspace);
-        state.in_use -= 1;
-        drop(state);
-        self.returned.notify_all();
+        let mut lent = self.take(bytes)?;
+        let result = work(&mut lent.workspace);
+        let Lent {
+            workspace,
+            returning,
+        } = lent;
+        self.lock().idle.push(workspace);
+        drop(returning);
         result
     }
 
@@ -68,26 +71,30 @@ impl WorkspacePool {
         drop(unused);
     }
 
-    fn take(&self, bytes: u64) -> Result<Workspace> {
+    fn take(&self, bytes: u64) -> Result<Lent<'_>> {
         let mut state = self.lock();
         loop {
             // the largest idle one has the least to grow
             state.idle.sort_by_key(|w| w.held.bytes());
             let mut workspace = state.idle.pop().unwrap_or_else(|| Workspace {
-                held: MemoryReservation::new(&self.budget),
+                held: MemoryReservation::new(&self.memory, NEW_TILES),
                 ..Workspace::default()
             });
             let grown = workspace.held.grow_to(bytes);
             match grown {
                 Ok(()) => {
                     state.in_use += 1;
-                    return Ok(workspace);
+                    let returning = Returning(self);
+                    return Ok(Lent {
+                        workspace,
+                        returning,
+                    });
                 }
                 Err(_) if !state.idle.is_empty() => state.idle.clear(),
                 // nothing else to free: a fresh one holds least
                 Err(_) if workspace.held.bytes() > 0 => drop(workspace),
                 Err(_) if state.in_use > 0 => {
-                    state = self.returned.wait(state).expect("no thread panicked");
+                    state = wait(&self.returned, state);
                 }
                 Err(error) => return Err(error),
             }
@@ -95,14 +102,49 @@ impl WorkspacePool {
     }
 }
 
+/// A workspace in use. If its user panics, it leaves memory before others hear of it.
+struct Lent<'a> {
+    workspace: Workspace,
+    returning: Returning<'a>,
+}
+
+/// Tells those who wait that a workspace is no longer in use.
+struct Returning<'a>(&'a WorkspacePool);
+
+impl Drop for Returning<'_> {
+    fn drop(&mut self) {
+        self.0.lock().in_use -= 1;
+        self.0.returned.notify_all();
+    }
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::convert::memory::PROGRAM;
+
+    #[test]
+    fn a_tile_gets_the_room_of_one_that_panicked() {
+        let pool = WorkspacePool::new(&MemoryPool::new(100, PROGRAM, 0));
+        let (begun, begins) = std::sync::mpsc::channel();
+        std::thread::scope(|scope| {
+            let panics = scope.spawn(|| {
+                pool.with(60, |_| -> Result<()> {
+                    begun.send(()).unwrap();
+                    // the other one most likely waits by then
+                    std::thread::sleep(std::time::Duration::from_millis(50));
+                    panic!("as it should");
+                })
+            });
+            begins.recv().unwrap();
+            pool.with(60, |_| Ok(())).unwrap();
+            assert!(panics.join().is_err());
+        });
+    }
 
     #[test]
     fn tiles_wait_for_room_and_fail_only_alone() {
-        let budget = MemoryPool::new(100, 0);
-        let pool = WorkspacePool::new(&budget);
+        let pool = WorkspacePool::new(&MemoryPool::new(100, PROGRAM, 0));
         let done = std::sync::atomic::AtomicUsize::new(0);
         std::thread::scope(|scope| {
             for i in 0..20 {

@@ -11,11 +11,12 @@ mod tiles;
 
 use crate::error::{Error, Result};
 use crate::grid::Tiling;
-use crate::manifest::{Form, Manifest};
+use crate::manifest::{Form, Manifest, Totals};
 use crate::progress::Progress;
 use crate::table::Table;
 use crate::tile::check_reach;
-use crate::tileset::{Output, TileSet, outward, refuse_same};
+use crate::tileset::{Output, TileSet, TilesetWriter, outward, refuse_same};
+use crate::transform::new_tiles::make_tiles;
 use crate::transform::select::{LEGEND, LEGEND_SVG};
 use serde::Serialize;
 use std::path::Path;
@@ -85,17 +86,22 @@ fn repack_into(
     made.encoding = options.form.encoding;
     made.layout = options.form.layout;
     copy_tables(&set, work, &mut made)?;
-    tiles::Repacker {
-        set: &set,
-        to: work,
-        tiling,
+    let recoder = tiles::Recoder {
         form: options.form,
         several: &several,
-        progress,
-    }
-    .run(&mut made)?;
-    let totals = made.totals;
-    made.write_sealed(work)?;
+    };
+    let mut writer = TilesetWriter::new(work)?;
+    make_tiles(&set, &recoder, &mut writer, progress, |()| {})?;
+    let written = writer.written();
+    let totals = Totals {
+        strips: written.strips,
+        strip_indices: written.strip_indices,
+        bytes: written.bytes,
+        ..made.totals
+    };
+    made.totals = totals;
+    made.layers.clear();
+    writer.finish(made)?;
     output.commit()?;
     Ok(RepackReport {
         tiles: totals.tiles,

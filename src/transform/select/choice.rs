@@ -154,7 +154,7 @@ impl Choice {
 
     fn paint(&mut self, rule: &PaintRule, columns: &[Column], table: TableReader) -> Result<()> {
         let count = match ranked(&rule.condition)? {
-            Some((n, largest)) => self.paint_ranked(rule, (n, largest), columns, table)?,
+            Some(ranked) => self.paint_ranked(rule, ranked, columns, table)?,
             None => {
                 let condition = Expr::condition("--paint", &rule.condition, columns)?;
                 let mut count = 0;
@@ -178,11 +178,11 @@ impl Choice {
         Ok(())
     }
 
-    /// Paints the `n` cells of the largest or smallest form factor; ties go to the smaller id.
+    /// Paints the cells of the largest or smallest form factor; ties go to the smaller id.
     fn paint_ranked(
         &mut self,
         rule: &PaintRule,
-        (n, largest): (usize, bool),
+        ranked: Ranked,
         columns: &[Column],
         table: TableReader,
     ) -> Result<u64> {
@@ -191,13 +191,13 @@ impl Choice {
         let mut at = 0;
         self.rows(table, |row, _| {
             if let Some(v) = value.value(row)? {
-                ranks.push((if largest { -v } else { v }, at));
+                ranks.push((if ranked.best { -v } else { v }, at));
             }
             at += 1;
             Ok(())
         })?;
         ranks.sort_by(|a, b| a.0.total_cmp(&b.0).then(a.1.cmp(&b.1)));
-        ranks.truncate(n);
+        ranks.truncate(ranked.count);
         for &(_, cell) in &ranks {
             self.cells[cell].1 = Some(rule.colour);
         }
@@ -232,18 +232,27 @@ impl Choice {
     }
 }
 
-/// Reads `best:N` and `worst:N`: N, and true for the best. `None` for a condition.
-fn ranked(text: &str) -> Result<Option<(usize, bool)>> {
+/// The first cells by form factor.
+#[derive(Debug, Clone, Copy)]
+struct Ranked {
+    /// How many.
+    count: usize,
+    /// Those of the largest, else of the smallest.
+    best: bool,
+}
+
+/// Reads `best:N` and `worst:N`. `None` for a condition.
+fn ranked(text: &str) -> Result<Option<Ranked>> {
     let Some((word, number)) = text.split_once(':') else {
         return Ok(None);
     };
-    let largest = match word.trim() {
+    let best = match word.trim() {
         "best" => true,
         "worst" => false,
         _ => return Ok(None),
     };
     match number.trim().parse() {
-        Ok(n) => Ok(Some((n, largest))),
+        Ok(count) => Ok(Some(Ranked { count, best })),
         Err(_) => Err(Error::usage(
             "--paint",
             text,

@@ -7,8 +7,9 @@
 //! volume's faces, as a set made without `--cap` is.
 
 mod choice;
-mod copy;
 mod legend;
+mod rows;
+mod tiles;
 
 pub use crate::picture::{Map, hex, parse_colour};
 pub use choice::{ColourRule, PaintRule};
@@ -18,10 +19,11 @@ use crate::error::Result;
 use crate::manifest::{Manifest, Selection, WholeTotals};
 use crate::progress::Progress;
 use crate::table::Table;
-use crate::tileset::{Output, outward, refuse_same};
+use crate::tileset::{Output, TileSet, TilesetWriter, outward, refuse_same};
 use choice::Choice;
 use serde::Serialize;
 use std::path::Path;
+use tiles::{Kept, copy_tiles};
 
 /// What to keep and how to paint it.
 #[derive(Debug, Clone, Default)]
@@ -81,18 +83,26 @@ fn select_into(
     options: &SelectOptions,
     progress: &dyn Progress,
 ) -> Result<SelectReport> {
-    let manifest = Manifest::open(from)?;
+    let set = TileSet::open(from)?;
+    let manifest = set.manifest();
     refuse_same(from, to)?;
-    let choice = Choice::new(from, &manifest, options)?;
+    let choice = Choice::new(from, manifest, options)?;
     let output = Output::create(to, options.force)?;
     let work = output.work();
     let mut made = manifest.clone();
-    let rows = copy::tables(from, work, &manifest, &choice)?;
-    copy::tiles(from, work, &mut made, &choice, &rows, progress)?;
+    let rows = rows::copy_rows(from, work, manifest, &choice)?;
+    let kept = Kept {
+        choice: &choice,
+        rows: &rows,
+        caps: manifest.cap && rows.complete(),
+        primitives: manifest.primitives,
+    };
+    let mut writer = TilesetWriter::new(work)?;
+    copy_tiles(&set, &mut writer, &mut made, &kept, progress)?;
     if let Some(legend) = choice.legend() {
         legend::write(work, legend)?;
     }
-    let selection = choice.selection(&manifest);
+    let selection = choice.selection(manifest);
     made.selection = Some(selection.clone());
     made.tables = crate::manifest::Tables {
         cells: Table::Cells.file().into(),
@@ -101,7 +111,8 @@ fn select_into(
         checksums: None,
     };
     let totals = made.totals;
-    made.write_sealed(work)?;
+    made.layers.clear();
+    writer.finish(made)?;
     output.commit()?;
     let mut warnings = Vec::new();
     if totals.surfaces == 0 {

@@ -70,13 +70,13 @@ fn sum_both_ways(
         let mut edges = Edges::default();
         edges.begin(points.len());
         if batched {
-            dispatch!(piece.sum_batches((scale, &REGION), &mut edges, &mut sums, &mut bad));
+            dispatch!(piece.sum_batches(scale, &REGION, &mut edges, &mut sums, &mut bad));
         } else {
             for &t in triangles {
                 piece.sum_triangle(t, scale, &mut edges, &mut sums, &mut bad);
             }
         }
-        edges.settle(&mut piece.state);
+        edges.balance(&mut piece.state);
         (piece, edges, sums, bad)
     })
 }

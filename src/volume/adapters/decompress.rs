@@ -1,11 +1,12 @@
 //! A compressed volume, decoded into a temporary file while it is read from there.
 
 use crate::error::{Error, Result};
+use crate::sys::locks::{lock, wait};
 use crate::volume::adapters::temp_copy::TemporaryCopy;
 use crate::volume::{Header, Volume};
 use std::ops::Range;
 use std::path::Path;
-use std::sync::{Condvar, Mutex, MutexGuard, PoisonError};
+use std::sync::{Condvar, Mutex, MutexGuard};
 
 /// Copies a volume like [`spool`], in a thread of its own, while `read` reads from the copy: a box whose slices
 /// are not there yet is waited for. For volumes that a single thread decodes. Slices that `read` did not ask for
@@ -68,7 +69,7 @@ struct State {
 
 impl Filling<'_> {
     fn lock(&self) -> MutexGuard<'_, State> {
-        self.state.lock().unwrap_or_else(PoisonError::into_inner)
+        lock(&self.state)
     }
 
     fn fill(&self, volume: &dyn Volume) {
@@ -116,8 +117,7 @@ impl Volume for Filling<'_> {
                 // the writer's error takes its place
                 return Err(Error::Interrupted);
             }
-            let woken = self.changed.wait(state);
-            state = woken.unwrap_or_else(PoisonError::into_inner);
+            state = wait(&self.changed, state);
         }
         drop(state);
         self.copy.volume.read_box(x, y, z, out)

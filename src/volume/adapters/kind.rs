@@ -4,6 +4,7 @@
 //! large volume, all of a small one.
 
 use crate::error::Result;
+use crate::sys::locks::lock;
 use crate::volume::{Dtype, Header, Volume, Voxel, hand_on, with_voxel_type};
 use std::collections::BTreeSet;
 use std::ops::Range;
@@ -131,7 +132,7 @@ impl Watch {
             for (i, &r) in own.enumerate() {
                 let at = slice * y.len() + (r - row(y.start)) as usize;
                 let row = &bytes[at * row_bytes..][..row_bytes];
-                let mut seen = self.seen.lock().expect("no thread panicked");
+                let mut seen = lock(&self.seen);
                 if !std::mem::replace(&mut seen.done[first + i], true) {
                     with_voxel_type!(self.dtype, T => seen.add::<T>(row));
                 }
@@ -141,7 +142,7 @@ impl Watch {
 
     /// What the values look like, if they are no grey values.
     pub fn kind(&self) -> Option<Kind> {
-        self.seen.lock().expect("no thread panicked").kind()
+        lock(&self.seen).kind()
     }
 }
 

@@ -258,14 +258,14 @@ fn numpy(path: &Path, arrays: Vec<(Member, Vec<u8>)>) -> Result<VolumeDescriptor
             Encoding::Raw
         },
     };
-    let recipe = array.recipe(path, place)?;
-    let bytes = recipe.dims.voxels() * recipe.dtype.bytes() as u64;
+    let descriptor = array.descriptor(path, place)?;
+    let bytes = descriptor.dims.voxels() * descriptor.dtype.bytes() as u64;
     if array.head + bytes > member.size {
         let found = format!("{} of {} bytes", member.name, member.size);
         let expected = format!("{} bytes, as its shape and type say", array.head + bytes);
         return Err(Error::format(path, found, expected));
     }
-    Ok(recipe)
+    Ok(descriptor)
 }
 
 /// Members as bytes that can be read at any place.

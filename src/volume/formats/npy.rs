@@ -147,7 +147,7 @@ impl Array {
     /// # Errors
     /// [`Error::Unsupported`] for another number of dimensions, [`Error::Format`] for sizes out of
     /// range.
-    pub(crate) fn recipe(&self, path: &Path, place: Place) -> Result<VolumeDescriptor> {
+    pub(crate) fn descriptor(&self, path: &Path, place: Place) -> Result<VolumeDescriptor> {
         let Some(axes) = text::kept_axes(&self.shape) else {
             let what = format!("an array of shape {:?}", self.shape);
             let hint = "volumes have 3 dimensions, z, y, x: save one of several, as array[0] or array[..., 0]";
@@ -179,9 +179,9 @@ impl Array {
 /// Parses a `.npy` file.
 ///
 /// # Errors
-/// Those of [`array()`] and [`Array::recipe`].
+/// Those of [`array()`] and [`Array::descriptor`].
 pub(crate) fn parse(path: &Path, head: &[u8]) -> Result<VolumeDescriptor> {
-    array(path, head)?.recipe(
+    array(path, head)?.descriptor(
         path,
         Place {
             file: path.to_path_buf(),

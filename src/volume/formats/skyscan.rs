@@ -116,15 +116,15 @@ impl Log {
     }
 
     /// Takes the size of a voxel from the log.
-    pub(crate) fn apply(&self, recipe: &mut VolumeDescriptor) {
+    pub(crate) fn apply(&self, descriptor: &mut VolumeDescriptor) {
         let Log {
             name, pixel, step, ..
         } = self;
-        let of_slices = [recipe.dims.0[0], recipe.dims.0[1]].map(u64::from);
+        let of_slices = [descriptor.dims.0[0], descriptor.dims.0[1]].map(u64::from);
         let same = (0..2).all(|a| self.size[a].is_none_or(|n| n == of_slices[a]));
         if let ([Some(x), Some(y)], false) = (self.size, same) {
             let [nx, ny] = of_slices;
-            recipe.warnings.push(Warning::of_size(format!(
+            descriptor.warnings.push(Warning::of_size(format!(
                 "{name} states a size of {pixel} um of pixels, but of slices of {x} x {y}, and these are {nx} x {ny}: \
                  it is not taken, give --spacing and --unit"
             )));
@@ -132,21 +132,21 @@ impl Log {
         }
         let steps = [*pixel, *pixel, pixel * step].map(|size| Some(Step::new(size, "um")));
         let by_log = size::voxel_size(steps);
-        let own = recipe.placement;
-        let stated =
-            recipe.provenance.spacing[0] == Origin::File && recipe.provenance.unit == Origin::File;
-        recipe
+        let own = descriptor.placement;
+        let stated = descriptor.provenance.spacing[0] == Origin::File
+            && descriptor.provenance.unit == Origin::File;
+        descriptor
             .warnings
             .retain(|warning| *warning != size::assumed_z());
-        by_log.apply(&mut recipe.placement, &mut recipe.provenance);
-        recipe
+        by_log.apply(&mut descriptor.placement, &mut descriptor.provenance);
+        descriptor
             .notes
             .push(format!("the size of a voxel is that of {name}: {pixel} um"));
         if stated {
             let length = crate::grid::length::Length::from(own.unit);
-            let slices = length.convert(own.spacing[0], recipe.placement.unit);
+            let slices = length.convert(own.spacing[0], descriptor.placement.unit);
             if (slices / pixel - 1.0).abs() > 1e-3 {
-                recipe.warnings.push(Warning::of_size(format!(
+                descriptor.warnings.push(Warning::of_size(format!(
                     "the slices state pixels of {slices} um, {name} {pixel} um, which is taken: give --spacing and \
                      --unit if that is wrong"
                 )));

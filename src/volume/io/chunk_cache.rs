@@ -1,8 +1,9 @@
 //! Decoded chunks that are kept for the next box, up to a limit of their bytes: what came first leaves first.
 
+use crate::sys::locks::lock;
 use std::collections::{HashMap, VecDeque};
 use std::hash::Hash;
-use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
+use std::sync::{Arc, Mutex, MutexGuard};
 
 /// A cache holds at least this much, or the whole volume.
 pub(crate) const LEAST: u64 = 16 << 20;
@@ -46,7 +47,7 @@ impl<K: Copy + Eq + Hash> ChunkCache<K> {
     }
 
     fn lock(&self) -> MutexGuard<'_, Kept<K>> {
-        self.kept.lock().unwrap_or_else(PoisonError::into_inner)
+        lock(&self.kept)
     }
 
     /// A chunk that is there.

@@ -5,6 +5,7 @@
 //! has passed them; then others take their place.
 
 use crate::error::{Error, Result};
+use crate::sys::locks::{self, lock};
 use crate::volume::{Header, Volume};
 use rayon::prelude::*;
 use std::collections::HashMap;
@@ -12,7 +13,7 @@ use std::fs::File;
 use std::ops::Range;
 use std::os::unix::fs::FileExt;
 use std::path::{Path, PathBuf};
-use std::sync::{Arc, Condvar, Mutex, MutexGuard, PoisonError};
+use std::sync::{Arc, Condvar, Mutex};
 
 /// Places in the file begin at multiples of this.
 const PAGE: u64 = 4096;
@@ -77,7 +78,7 @@ impl<'a> Unpacked<'a> {
         let slot = |shared: &Shared, wait| {
             let bytes = shared.samples() * self.header().dtype.bytes();
             let decode = |out: &mut [u8]| self.volume.decode(shared, out);
-            self.store.get(shared.index, (bytes, wait), decode)
+            self.store.get(shared.index, bytes, wait, decode)
         };
         // what others are about to decode is waited for when nothing else is left to do
         let begun = all
@@ -95,14 +96,17 @@ impl<'a> Unpacked<'a> {
         slots.collect()
     }
 
-    /// Copies what of slice `k` the box and a part share to that slice of the box.
+    /// Copies what of slice `k` the box and a part share to that slice of the box, by way of `rows`, memory that is used
+    /// again.
     fn copy(
         &self,
         asked: &[Range<u32>; 3],
         k: u32,
-        (shared, slot): &(Shared, Arc<Slot>),
-        (rows, out): (&mut Vec<u8>, &mut [u8]),
+        of: &(Shared, Arc<Slot>),
+        rows: &mut Vec<u8>,
+        out: &mut [u8],
     ) -> Result<()> {
+        let (shared, slot) = of;
         let Shared { part, both, .. } = shared;
         let sample = self.header().dtype.bytes();
         let row = part[0].len() * sample;
@@ -140,7 +144,7 @@ impl Volume for Unpacked<'_> {
         let mut rows = Vec::new();
         for (k, out) in asked[2].clone().zip(out.chunks_exact_mut(slice)) {
             for of in parts.iter().filter(|of| of.0.both[2].contains(&k)) {
-                self.copy(&asked, k, of, (&mut rows, out))?;
+                self.copy(&asked, k, of, &mut rows, out)?;
             }
         }
         Ok(())
@@ -199,10 +203,6 @@ impl Drop for Slot {
     }
 }
 
-fn lock<T>(mutex: &Mutex<T>) -> MutexGuard<'_, T> {
-    mutex.lock().unwrap_or_else(PoisonError::into_inner)
-}
-
 impl Store {
     /// For chunks of at most `bytes`.
     fn new(dir: &Path, bytes: u64) -> Result<Self> {
@@ -225,7 +225,8 @@ impl Store {
     fn get(
         &self,
         index: [u32; 3],
-        (bytes, wait): (usize, bool),
+        bytes: usize,
+        wait: bool,
         decode: impl FnOnce(&mut [u8]) -> Result<()>,
     ) -> Result<Option<Arc<Slot>>> {
         let mut chunks = lock(&self.chunks);
@@ -233,10 +234,7 @@ impl Store {
             match chunks.slots.get(&index) {
                 Some(Some(slot)) => return Ok(Some(slot.clone())),
                 Some(None) if !wait => return Ok(None),
-                Some(None) => {
-                    let woken = self.decoded.wait(chunks);
-                    chunks = woken.unwrap_or_else(PoisonError::into_inner);
-                }
+                Some(None) => chunks = locks::wait(&self.decoded, chunks),
                 None => break,
             }
         }
@@ -365,7 +363,7 @@ mod tests {
         let got = std::thread::scope(|scope| {
             let ask = || {
                 (0..3)
-                    .filter(|_| store.get([0; 3], (3, true), decode).is_ok())
+                    .filter(|_| store.get([0; 3], 3, true, decode).is_ok())
                     .count()
             };
             let asked = [scope.spawn(ask), scope.spawn(ask), scope.spawn(ask)];
@@ -375,7 +373,7 @@ mod tests {
                 .sum::<usize>()
         });
         assert_eq!((got, tries.into_inner()), (4, 6));
-        let slot = store.get([0; 3], (3, true), |_| panic!("it is there"));
+        let slot = store.get([0; 3], 3, true, |_| panic!("it is there"));
         let mut out = [0; 2];
         store.read(&slot.unwrap().unwrap(), 1, &mut out).unwrap();
         assert_eq!(&out, b"bc");

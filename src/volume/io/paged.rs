@@ -97,27 +97,10 @@ impl PagedVolume {
         if whole && page.rows(y.clone(), out)? {
             return Ok(());
         }
-        let row = x.len() * sample;
-        let full_row = nx as usize * sample;
-        if !whole {
-            // as many rows at a time as make up a buffer of a fair size
-            let step = ((1 << 20) / full_row).max(1);
-            let mut buffer = vec![0; full_row * step.min(y.len())];
-            for (i, out) in out.chunks_mut(row * step).enumerate() {
-                let start = y.start + (i * step) as u32;
-                let rows = (out.len() / row) as u32;
-                let buffer = &mut buffer[..rows as usize * full_row];
-                if !page.rows(start..start + rows, buffer)? {
-                    break;
-                }
-                for (out, from) in out.chunks_exact_mut(row).zip(buffer.chunks_exact(full_row)) {
-                    out.copy_from_slice(&from[x.start as usize * sample..][..row]);
-                }
-                if start + rows == y.end {
-                    return Ok(());
-                }
-            }
+        if !whole && self.cut_from_rows(&*page, x, y, out)? {
+            return Ok(());
         }
+        let row = x.len() * sample;
         let cut = page.cut();
         let across = nx.div_ceil(cut.width);
         for cy in y.start / cut.rows..=(y.end - 1) / cut.rows {
@@ -150,6 +133,34 @@ impl PagedVolume {
             }
         }
         Ok(())
+    }
+
+    /// Fills the part `x` by `y` of a page out of whole rows; false if the page cannot give these.
+    fn cut_from_rows(
+        &self,
+        page: &dyn Page,
+        x: &Range<u32>,
+        y: &Range<u32>,
+        out: &mut [u8],
+    ) -> Result<bool> {
+        let sample = self.header.dtype.bytes();
+        let row = x.len() * sample;
+        let full_row = self.header.dims.0[0] as usize * sample;
+        // as many rows at a time as make up a buffer of a fair size
+        let step = ((1 << 20) / full_row).max(1);
+        let mut buffer = vec![0; full_row * step.min(y.len())];
+        for (i, out) in out.chunks_mut(row * step).enumerate() {
+            let start = y.start + (i * step) as u32;
+            let rows = (out.len() / row) as u32;
+            let buffer = &mut buffer[..rows as usize * full_row];
+            if !page.rows(start..start + rows, buffer)? {
+                return Ok(false);
+            }
+            for (out, from) in out.chunks_exact_mut(row).zip(buffer.chunks_exact(full_row)) {
+                out.copy_from_slice(&from[x.start as usize * sample..][..row]);
+            }
+        }
+        Ok(true)
     }
 
     /// A chunk out of the cache, or decoded and put there.

@@ -1,6 +1,7 @@
 //! Compressed samples: decoded forwards, with a window of what was decoded last.
 
 use crate::error::{Error, Result};
+use crate::sys::locks::lock;
 use crate::volume::io::byte_source::{ByteSource, Part, Rows};
 use crate::volume::io::data::{Encoding, open_file};
 use flate2::bufread::{DeflateDecoder, GzDecoder, ZlibDecoder};
@@ -8,7 +9,7 @@ use std::collections::VecDeque;
 use std::fs::File;
 use std::io::{BufRead, BufReader, ErrorKind, Read, Seek, SeekFrom};
 use std::path::Path;
-use std::sync::{Mutex, PoisonError};
+use std::sync::Mutex;
 
 /// Bytes are decoded in blocks of this size.
 const BLOCK: u64 = 1 << 20;
@@ -74,7 +75,7 @@ impl StreamSource {
 
 impl ByteSource for StreamSource {
     fn read_rows(&self, rows: Rows, out: &mut [u8]) -> Result<()> {
-        let mut state = self.state.lock().unwrap_or_else(PoisonError::into_inner);
+        let mut state = lock(&self.state);
         for (start, row) in rows.split(out) {
             let (mut position, mut rest) = (start, row);
             while !rest.is_empty() {

@@ -84,7 +84,7 @@ pub(crate) fn values(
     nothing.retain(|v| !v.is_nan());
     nothing.sort_by(f64::total_cmp);
     nothing.dedup();
-    let valid = reader.valid((stored, dtype), scale)?;
+    let valid = reader.valid(stored, dtype, scale)?;
     let same = scale == Linear::SAME && nothing.is_empty() && valid.is_none();
     Ok(Packed {
         dtype,
@@ -165,7 +165,7 @@ impl Stated<'_> {
     }
 
     /// The closed range of stored numbers that stand for values.
-    fn valid(&self, types: (Dtype, Dtype), scale: Linear) -> Result<Option<[f64; 2]>> {
+    fn valid(&self, stored: Dtype, dtype: Dtype, scale: Linear) -> Result<Option<[f64; 2]>> {
         let number = |v: f64| !v.is_nan();
         let mut ends = [
             ("valid_min", self.one("valid_min", number)?),
@@ -182,7 +182,6 @@ impl Stated<'_> {
         if ends == [None; 2] {
             return Ok(None);
         }
-        let (stored, dtype) = types;
         let integers = !stored.is_float();
         let of_values = |float: bool| float && integers && scale != Linear::SAME;
         let to_stored = |(v, float): (f64, bool)| match of_values(float) {

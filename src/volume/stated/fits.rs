@@ -4,7 +4,8 @@
 //! differ about as much; with a wrong one, they are no neighbours and differ as any two samples do. Of permutations of
 //! the size, and of sizes with the same slices or the same rows, one may fit clearly better: then it is told. Noise
 //! fits none better than another; nor is anything told where slices are so far apart that they hardly resemble each
-//! other. A few MiB are read at most, and little of a volume whose size fits.
+//! other. Where every other row or slice is brighter, two of them together are no better size: between these the samples
+//! still change. A few MiB are read at most, and little of a volume whose size fits.
 
 use crate::error::Result;
 use crate::grid::{Dims, MAX_DIM};
@@ -137,6 +138,41 @@ impl<'a, T: Voxel> Look<'a, T> {
         Ok(row.zip(slice).map(|(y, z)| [y, z]))
     }
 
+    /// The mean difference of samples that are `apart` in the file, one before and one behind an end of `length`
+    /// samples that is no end of `larger`, a multiple of it; `None` if there are none.
+    fn across(&self, length: u64, larger: u64, apart: u64) -> Result<Option<f64>> {
+        let ends = self.samples.volume.header().dims.voxels() / length;
+        let inside = (1..ends).filter(|end| !end.is_multiple_of(larger / length));
+        let few = (ends / PLACES).max(1) as usize;
+        let (mut sum, mut count) = (0.0, 0u64);
+        for end in inside.step_by(few) {
+            let before = self.samples.from(end * length - apart)?;
+            let behind = self.samples.from(end * length)?;
+            for (a, b) in before.iter().zip(&behind).take(apart as usize) {
+                let difference = (a.to_f64() - b.to_f64()).abs();
+                if difference.is_finite() {
+                    sum += difference;
+                    count += 1;
+                }
+            }
+        }
+        Ok((count > 0).then(|| sum / count as f64))
+    }
+
+    /// True if samples where rows or slices of `dims` end, which would be in the middle of longer ones of `other`,
+    /// differ as neighbours do there, rather than as the ones that `dims` makes neighbours.
+    fn joins(&self, dims: [u64; 3], other: [u64; 3], differences: [f64; 3]) -> Result<bool> {
+        let [x, y, _] = dims;
+        let [along_x, along_y, along_z] = differences;
+        let longer = |a: usize| other[a] > dims[a] && other[a].is_multiple_of(dims[a]);
+        let (found, neighbours, given) = match (longer(0), other[0] == x && longer(1)) {
+            (true, _) => (self.across(x, other[0], 1)?, along_x, along_y),
+            (_, true) => (self.across(x * y, x * other[1], x)?, along_y, along_z),
+            _ => return Ok(true),
+        };
+        Ok(found.is_none_or(|found| found <= (neighbours + given) / 2.0))
+    }
+
     fn better(&mut self, whole: bool) -> Result<Option<Dims>> {
         let dims = self.samples.volume.header().dims.0.map(u64::from);
         let (Some(along_x), Some(given)) = (self.difference(1)?, self.along(dims)?) else {
@@ -168,6 +204,7 @@ impl<'a, T: Voxel> Look<'a, T> {
             if sum < BETTER * before
                 && before - sum > LESS * any
                 && best.is_none_or(|(least, _)| sum < least)
+                && self.joins(dims, other, [along_x, given[0], given[1]])?
             {
                 best = Some((sum, other));
             }
@@ -290,6 +327,29 @@ mod tests {
                 [90, 48, 90],
             ] {
                 assert_eq!(better(&samples, given), Some(dims), "{given:?}");
+            }
+        }
+    }
+
+    #[test]
+    fn rows_and_slices_that_alternate_raise_no_doubt() {
+        let dims = [90, 72, 60];
+        for shape in [Shape::Foam(Foam::default()), Shape::Sphere { radius: 25.0 }] {
+            let volume = render(&Phantom::new(shape), Dims(dims), Dtype::U8).unwrap();
+            let samples = bytes(&volume);
+            for (axis, length) in [90, 90 * 72].into_iter().enumerate() {
+                for [from, more] in [[0, 25], [0, 255], [40, 90]] {
+                    let striped = samples.iter().enumerate().map(|(i, v)| {
+                        let v = from + v / 2;
+                        if i / length % 2 == 1 {
+                            v.saturating_add(more)
+                        } else {
+                            v
+                        }
+                    });
+                    let striped: Vec<u8> = striped.collect();
+                    assert_eq!(better(&striped, dims), None, "{axis} {more}");
+                }
             }
         }
     }

@@ -25,6 +25,12 @@ impl Step {
         }
     }
 
+    /// Its length in nanometres; `None` if its unit is none of length.
+    pub(crate) fn nanometres(&self) -> Option<f64> {
+        let unit = Length::parse(&self.unit)?;
+        Some(unit.convert(self.size, Unit::Nanometre))
+    }
+
     /// A step of a size that the file writes as text.
     pub(crate) fn of_text(text: &str, unit: impl Into<String>) -> Self {
         let text = text.trim();
@@ -92,16 +98,15 @@ pub(crate) fn voxel_size(steps: [Option<Step>; 3]) -> VoxelSize {
             bad.no_number.clone().unwrap_or(bad.size.to_string())
         ));
     }
-    let mut units = [None; 3];
-    for (unit, step) in units.iter_mut().zip(all) {
+    let units = all.map(|step| Length::parse(step.unit.trim()));
+    if let Some((step, _)) = all.iter().zip(units).find(|(step, unit)| {
         let name = step.unit.trim();
-        let voxels = matches!(name.parse(), Ok(Unit::Voxel));
-        *unit = Length::parse(name);
-        if unit.is_none() && !name.is_empty() && !voxels {
-            return nothing(format!(
-                "the file states the size of a voxel in \"{name}\", a unit that is not known and not taken: {advice}"
-            ));
-        }
+        unit.is_none() && !name.is_empty() && !matches!(name.parse(), Ok(Unit::Voxel))
+    }) {
+        return nothing(format!(
+            "the file states the size of a voxel in \"{}\", a unit that is not known and not taken: {advice}",
+            step.unit.trim()
+        ));
     }
     let (spacing, unit) = match units {
         [Some(a), Some(b), Some(c)] => {
@@ -117,11 +122,7 @@ pub(crate) fn voxel_size(steps: [Option<Step>; 3]) -> VoxelSize {
         }
     };
     let assumed = z.is_none();
-    let of_z = if assumed {
-        Origin::Assumed
-    } else {
-        Origin::File
-    };
+    let of_z = [Origin::File, Origin::Assumed][usize::from(assumed)];
     VoxelSize {
         spacing: Some(spacing),
         unit,

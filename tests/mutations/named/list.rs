@@ -264,6 +264,25 @@ pub const OF_INDEX: &[(&str, Base, Code, Edit)] = &[
         Code::SourceMismatch,
         |f| index(f, |m| m["source"]["provenance"]["unit"] = "file".into()),
     ),
+    ("a filter that was none", Nodes, Code::SourceMismatch, |f| {
+        index(f, |m| m["filters"] = json!([{"name": "invert"}]))
+    }),
+    ("blocks that were none", Web, Code::ManifestValue, |f| {
+        index(f, |m| {
+            m["filters"] = json!([{"name": "downsample", "factor": 2}]);
+        })
+    }),
+    ("numbers out of range", Merged, Code::ManifestValue, |f| {
+        index(f, |m| {
+            m["filters"] = json!([{"name": "clamp", "low": 3, "high": 2}]);
+        })
+    }),
+    ("a filter of no name", Nodes, Code::ManifestSyntax, |f| {
+        index(f, |m| m["filters"] = json!([{"name": "sharpen"}]))
+    }),
+    ("a list of no filters", Web, Code::ForeignMember, |f| {
+        index(f, |m| m["filters"] = json!([]))
+    }),
     ("an offset", Nodes, Code::ManifestValue, |f| {
         index(f, |m| {
             m["source"]["format"] = "nrrd".into();

@@ -258,6 +258,7 @@ fn faults_with_a_name_are_found() {
         header: volume.header().clone(),
         offset: 0,
         values: None,
+        filters: Vec::new(),
         provenance: Provenance::default(),
     };
     let mut check = |base: Base, files: &mut Files| {

@@ -26,6 +26,7 @@ fn too_dense() -> Error {
     Error::TooDense {
         limit: 1,
         needed: 2,
+        uses: Vec::new(),
     }
 }
 

@@ -2,24 +2,12 @@
 
 use crate::error::{Error, Result};
 use crate::grid::MAX_DIM;
+use crate::volume::formats::dicom::cell::Cell;
 use crate::volume::formats::dicom::element::{self, Elements, Header};
 use crate::volume::formats::dicom::syntax::Syntax;
 use crate::volume::formats::dicom::tag;
 use crate::volume::io::blob::Blob;
-use crate::volume::{Dtype, Endian};
 use std::path::{Path, PathBuf};
-
-/// How a pixel is stored.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub(crate) struct Cell {
-    /// Bytes per pixel: 1, 2 or 4, or 4 and 8 for floating-point numbers.
-    pub(crate) bytes: usize,
-    /// The low bits that hold the number; those above may hold anything.
-    pub(crate) bits: u32,
-    pub(crate) signed: bool,
-    pub(crate) float: bool,
-    pub(crate) endian: Endian,
-}
 
 /// The physical value of a stored number s is slope * s + intercept.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -151,7 +139,7 @@ impl Image {
             set: &header.elements,
         };
         let size = [at.extent(tag::COLUMNS)?, at.extent(tag::ROWS)?];
-        let cell = at.cell(kind, header.endian)?;
+        let cell = Cell::read(&at, kind, header.endian)?;
         let syntax = Syntax::find(blob.path(), &header.syntax)?;
         if syntax.is_packed() == len.is_some() {
             let found = format!("pixels in the transfer syntax {}", header.syntax);
@@ -166,30 +154,16 @@ impl Image {
         let step = if stepped { step } else { Step::Stated };
         let in_time = stepped && count > 1 && at.points_to_time();
         let set = &header.elements;
-        let padding = set.short(tag::PADDING).map(|first| {
-            let last = set.short(tag::PADDING_LIMIT).unwrap_or(first);
-            let mut ends = [first, last].map(|v| match cell.signed {
-                true => i64::from(v as i16),
-                false => i64::from(v),
-            });
-            ends.sort();
-            ends
-        });
         Ok(Found::Image(Box::new(Image {
             class: header.class.clone(),
             instance: set.text(tag::SOP_INSTANCE),
-            series: Series {
-                number: set.text(tag::SERIES_NUMBER),
-                uid: set.text(tag::SERIES_UID),
-                description: set.text(tag::SERIES_DESCRIPTION),
-                modality: set.text(tag::MODALITY),
-            },
+            series: Series::read(set),
             size,
             cell,
             syntax,
             pixels: (position, len),
             deflated: header.deflated,
-            padding: padding.filter(|_| !cell.float),
+            padding: at.padding(cell),
             between,
             step,
             in_time,
@@ -199,6 +173,17 @@ impl Image {
             frames,
             blob,
         })))
+    }
+}
+
+impl Series {
+    fn read(set: &Elements) -> Series {
+        Series {
+            number: set.text(tag::SERIES_NUMBER),
+            uid: set.text(tag::SERIES_UID),
+            description: set.text(tag::SERIES_DESCRIPTION),
+            modality: set.text(tag::MODALITY),
+        }
     }
 }
 
@@ -215,47 +200,6 @@ impl Context<'_> {
         }
     }
 
-    fn cell(&self, kind: u32, endian: Endian) -> Result<Cell> {
-        let no = |what: String, hint: &str| Err(Error::unsupported(self.path, what, hint));
-        let samples = self.set.short(tag::SAMPLES).unwrap_or(1);
-        let photometric = self.set.text(tag::PHOTOMETRIC);
-        // MONOCHROME1 shows small numbers bright; the numbers are the same
-        if samples != 1 || !(photometric.is_empty() || photometric.starts_with("MONOCHROME")) {
-            let what = format!("a DICOM image of {samples} samples per pixel, {photometric}");
-            return no(what, "only grey images are volumes");
-        }
-        let allocated = u32::from(self.set.short(tag::BITS_ALLOCATED).unwrap_or(0));
-        let float = kind != tag::PIXELS;
-        let fits = match kind {
-            tag::PIXELS => matches!(allocated, 8 | 16 | 32),
-            tag::FLOAT_PIXELS => allocated == 32,
-            _ => allocated == 64,
-        };
-        if !fits {
-            let what = format!("a DICOM image of {allocated} bits per pixel");
-            return no(what, "convert it to 8, 16 or 32 bits per pixel");
-        }
-        let bits = match self.set.short(tag::BITS_STORED) {
-            Some(bits) if !float => u32::from(bits),
-            _ => allocated,
-        };
-        let high = self
-            .set
-            .short(tag::HIGH_BIT)
-            .map_or(bits, |h| u32::from(h) + 1);
-        if bits == 0 || bits > allocated || (!float && high != bits) {
-            let found = format!("{bits} bits below bit {high} of {allocated}");
-            return Err(self.wrong(found, "pixels in the lowest bits"));
-        }
-        Ok(Cell {
-            bytes: allocated as usize / 8,
-            bits,
-            signed: self.set.short(tag::SIGNED) == Some(1),
-            float,
-            endian,
-        })
-    }
-
     fn count(&self) -> Result<u32> {
         let text = self.set.text(tag::FRAMES);
         match text.trim() {
@@ -265,6 +209,18 @@ impl Context<'_> {
                 _ => Err(self.wrong(format!("\"{text}\" frames"), "1 to 65536")),
             },
         }
+    }
+
+    /// The stored numbers, first and last, of voxels outside of what was scanned.
+    fn padding(&self, cell: Cell) -> Option<[i64; 2]> {
+        let first = self.set.short(tag::PADDING).filter(|_| !cell.float)?;
+        let last = self.set.short(tag::PADDING_LIMIT).unwrap_or(first);
+        let mut ends = [first, last].map(|v| match cell.signed {
+            true => i64::from(v as i16),
+            false => i64::from(v),
+        });
+        ends.sort();
+        Some(ends)
     }
 
     /// Pixels in one piece must be all there.
@@ -468,52 +424,6 @@ impl<'a> Groups<'a> {
             .into_iter()
             .find(|items| !items.is_empty())
             .unwrap_or(&[])
-    }
-}
-
-impl Cell {
-    /// The smallest type that holds every value of these rescales.
-    pub(crate) fn dtype(self, rescale: &[Rescale]) -> Dtype {
-        if self.float {
-            return if self.bytes == 4 {
-                Dtype::F32
-            } else {
-                Dtype::F64
-            };
-        }
-        let (low, high) = self.range();
-        let whole = |v: f64| v.fract() == 0.0 && v.abs() < 1e15;
-        let same = rescale.windows(2).all(|pair| pair[0] == pair[1]);
-        let first = rescale.first().copied().unwrap_or(Rescale::NONE);
-        if !same || !whole(first.slope) || !whole(first.intercept) {
-            return if self.bits <= 16 {
-                Dtype::F32
-            } else {
-                Dtype::F64
-            };
-        }
-        let ends = [low, high].map(|v| first.slope * v as f64 + first.intercept);
-        let (low, high) = (ends[0].min(ends[1]), ends[0].max(ends[1]));
-        let mut types = [
-            (Dtype::U8, 0.0, 255.0),
-            (Dtype::I8, -128.0, 127.0),
-            (Dtype::U16, 0.0, 65_535.0),
-            (Dtype::I16, -32_768.0, 32_767.0),
-            (Dtype::U32, 0.0, f64::from(u32::MAX)),
-            (Dtype::I32, f64::from(i32::MIN), f64::from(i32::MAX)),
-        ]
-        .into_iter()
-        .filter(|(dtype, a, b)| dtype.bytes() >= self.bytes && *a <= low && high <= *b);
-        types.next().map_or(Dtype::F64, |(dtype, ..)| dtype)
-    }
-
-    /// Smallest and largest number of the bits.
-    fn range(self) -> (i64, i64) {
-        if self.signed {
-            (-(1 << (self.bits - 1)), (1 << (self.bits - 1)) - 1)
-        } else {
-            (0, (1 << self.bits) - 1)
-        }
     }
 }
 

@@ -11,6 +11,7 @@
 //! user gives the spacing.
 
 mod agree;
+mod cell;
 mod element;
 mod frame;
 mod jpeg;
@@ -26,7 +27,7 @@ mod unplaced;
 
 use crate::error::{Error, Result};
 use crate::grid::{Dims, Origin, Provenance};
-use crate::volume::adapters::resample::Grid;
+use crate::volume::adapters::resample::{Grid, SlicePlaces};
 use crate::volume::adapters::values::{Linear, Scale, Values};
 use crate::volume::descriptor::{Samples, VolumeDescriptor};
 use crate::volume::format::{Format, Slices, Unread};
@@ -35,8 +36,10 @@ use crate::volume::io::blob::Blob;
 use crate::volume::io::paged::MAX_CHUNK;
 use crate::volume::options::OpenOptions;
 use crate::volume::stated::warning::Warning;
+use crate::words::counted;
+use cell::Cell;
 use element::Fragment;
-use frame::{Cell, Found, Image, Rescale, Step};
+use frame::{Found, Image, Rescale, Step};
 use pixel::Frames;
 use rayon::prelude::*;
 use series::Candidate;
@@ -105,7 +108,7 @@ pub(crate) fn parse(
     if others > 0 {
         notes.push(format!(
             "{} left out, of another series, size, orientation or kind of numbers{}",
-            counted(others, "other image is", "other images are"),
+            counted(others as u64, "other image is", "other images are"),
             agree::note(&left_out).unwrap_or_default()
         ));
     }
@@ -114,7 +117,7 @@ pub(crate) fn parse(
     notes.extend(remark.map(String::from));
     let first = &images[candidate.frames[0].file as usize];
     let endian = first.cell.endian;
-    let recipe = if without_places(&candidate, options) {
+    let descriptor = if without_places(&candidate, options) {
         unplaced(path, candidate, images, options)?
     } else {
         placed(path, candidate, images, options, &mut notes)?
@@ -122,7 +125,7 @@ pub(crate) fn parse(
     Ok(VolumeDescriptor {
         endian: Some(endian),
         notes,
-        ..recipe
+        ..descriptor
     })
 }
 
@@ -184,7 +187,7 @@ fn read(path: &Path, blobs: Vec<Blob>) -> Result<(Vec<Image>, Vec<String>)> {
     match (images.is_empty(), passed.is_empty()) {
         (false, true) => Ok((images, notes)),
         (false, false) => {
-            let files = counted(passed.len(), "file is", "files are");
+            let files = counted(passed.len() as u64, "file is", "files are");
             notes.push(format!("{files} passed by: {}", passed[0]));
             Ok((images, notes))
         }
@@ -207,7 +210,7 @@ fn without_pixels(images: &[Image], bare: Vec<(PathBuf, String)>) -> Result<Vec<
     }
     let note = bare.first().map(|(path, _)| {
         let files = counted(
-            bare.len(),
+            bare.len() as u64,
             "file of DICOM without pixels is",
             "files of DICOM without pixels are",
         );
@@ -227,11 +230,6 @@ fn beside(candidate: &Candidate, images: &[Image], unread: &[Unread]) -> Result<
         Some(unread) => Err(unread.error()),
         None => Ok(unread.iter().take(5).map(Unread::note).collect()),
     }
-}
-
-/// A number with the word for one, or for several.
-fn counted(number: usize, one: &str, several: &str) -> String {
-    format!("{number} {}", if number == 1 { one } else { several })
 }
 
 fn title(candidate: &Candidate) -> String {
@@ -325,29 +323,22 @@ fn placed(
     let image = &images[candidate.frames[0].file as usize];
     let (padding, step) = (image.padding, image.step);
     let in_time = in_time(image, options)?;
-    let given = options.spacing.map(|[x, y, _]| [x, y]);
-    let mut stack = order::stack(path, candidate.frames, &images, given)?;
+    let mut stack = order::stack(path, candidate.frames, &images, options.spacing)?;
     let mut provenance = Provenance {
         spacing: [Origin::File; 3],
         unit: Origin::File,
         origin: Origin::File,
     };
-    if let Some([one, other]) = &stack.repeats {
-        notes.push(format!(
-            "{} the place and the pixels of another, as {other} those of {one}: each place counts once",
-            counted(stack.repeated, "slice has", "slices have")
-        ));
-    }
+    notes.extend(stack.note());
     let mut warnings: Vec<Warning> = in_time.into_iter().collect();
-    if options.spacing.is_none() {
-        match step {
-            Step::Stated => {}
-            Step::Thickness(thick) => {
-                provenance.spacing[2] = Origin::Assumed;
-                warnings.push(thickness(thick));
-            }
-            Step::Unknown => return Err(no_distance(path)),
+    match step {
+        _ if options.spacing.is_some() => {}
+        Step::Stated => {}
+        Step::Thickness(thick) => {
+            provenance.spacing[2] = Origin::Assumed;
+            warnings.push(thickness(thick));
         }
+        Step::Unknown => return Err(no_distance(path)),
     }
     let values = applied(&stack.frames);
     let irregular = stack.irregular();
@@ -357,14 +348,15 @@ fn placed(
     let dtype = inner.dtype;
     let grid = match irregular {
         None => None,
-        Some(what) if !options.resample => {
-            let what = format!("a DICOM series with {what}");
-            let hint = "--resample interpolates it to a regular grid";
-            return Err(Error::unsupported(path, what, hint));
-        }
+        Some(what) if !options.resample => return Err(needs_resampling(path, &what)),
         Some(what) => {
-            let fill = fill(cell, outside, padding);
-            let grid = Grid::over(path, stack.placement, (stack.places, 0.0), size, fill)?;
+            let slices = SlicePlaces {
+                placement: stack.placement,
+                places: stack.places,
+                size,
+                lean: 0.0,
+            };
+            let grid = Grid::over(path, slices, fill(cell, outside, padding))?;
             notes.push(grid.note(&format!("the files have {what}")));
             Some(grid)
         }
@@ -379,6 +371,11 @@ fn placed(
         warnings,
         ..VolumeDescriptor::new("dicom", dims, dtype, Samples::Pages(Box::new(inner)))
     })
+}
+
+fn needs_resampling(path: &Path, what: &str) -> Error {
+    let what = format!("a DICOM series with {what}");
+    Error::unsupported(path, what, "--resample interpolates it to a regular grid")
 }
 
 /// What to say of slices that are taken to lie as far apart as they are thick.

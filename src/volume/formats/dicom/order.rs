@@ -3,8 +3,9 @@
 use crate::error::{Error, Result};
 use crate::grid::{Placement, Unit};
 use crate::volume::adapters::resample::Place;
-use crate::volume::formats::dicom::frame::{Frame, Image};
+use crate::volume::formats::dicom::frame::{Frame, Image, Plane};
 use crate::volume::formats::dicom::pixel;
+use crate::words::{counted, things};
 use glam::DVec3;
 use std::path::Path;
 
@@ -45,8 +46,23 @@ pub(crate) fn called(images: &[Image], frame: &Frame) -> String {
     }
 }
 
+/// A frame that says where it lies.
+struct Located {
+    frame: Frame,
+    plane: Plane,
+    /// Distance of pixels along x and y.
+    pixel: [f64; 2],
+}
+
+/// The frames that lie at places of their own, and how many did not.
+struct Distinct {
+    kept: Vec<Located>,
+    repeated: usize,
+    repeats: Option<[String; 2]>,
+}
+
 /// Orders frames of one size and orientation along their normal. Of those at one place with the same pixels one is
-/// kept. Pixels are of the size `given` where the files state none.
+/// kept. Voxels are of the size `given` where the files state none of pixels.
 ///
 /// # Errors
 /// [`Error::Unsupported`] if two of different pixels lie at one place, [`Error::Format`] if pixels have no size.
@@ -54,69 +70,35 @@ pub(crate) fn stack(
     path: &Path,
     frames: Vec<Frame>,
     images: &[Image],
-    given: Option<[f64; 2]>,
+    given: Option<[f64; 3]>,
 ) -> Result<Stack> {
-    let mut placed = Vec::with_capacity(frames.len());
-    for frame in frames {
-        let (Some(plane), Some(pixel)) = (frame.plane, frame.pixel.or(given)) else {
-            let found = "a DICOM series without sizes of pixels";
-            return Err(
-                Error::format(path, found, "PixelSpacing").with_hint("give --spacing and --unit")
-            );
-        };
-        placed.push((frame, plane, pixel));
-    }
-    let Some(&(_, plane, pixel)) = placed.first() else {
+    let mut located = located(path, frames, given)?;
+    let Some(&Located { plane, pixel, .. }) = located.first() else {
         return Err(Error::format(path, "a series without slices", "slices"));
     };
     let [row, column] = plane.axes.map(DVec3::from);
     let normal = row.cross(column);
-    let depth =
-        |plane: &crate::volume::formats::dicom::frame::Plane| normal.dot(plane.position.into());
-    placed.sort_by(|a, b| {
-        let order = depth(&a.1).total_cmp(&depth(&b.1));
-        order.then((a.0.file, a.0.index).cmp(&(b.0.file, b.0.index)))
+    let depth = |at: &Located| normal.dot(at.plane.position.into());
+    located.sort_by(|a, b| {
+        let order = depth(a).total_cmp(&depth(b));
+        order.then((a.frame.file, a.frame.index).cmp(&(b.frame.file, b.frame.index)))
     });
-    let span = depth(&placed[placed.len() - 1].1) - depth(&placed[0].1);
-    let near = 1e-3 * (span / (placed.len().max(2) - 1) as f64).max(1e-6);
-    let alike = placed.iter().all(|p| p.1 == placed[0].1);
-    let many = placed.iter().any(|p| p.0.file != placed[0].0.file);
-    let (mut repeated, mut repeats) = (0, None);
-    let mut kept: Vec<(Frame, crate::volume::formats::dicom::frame::Plane, [f64; 2])> =
-        Vec::with_capacity(placed.len());
-    for next in placed {
-        match kept.last() {
-            Some(last) if depth(&next.1) - depth(&last.1) <= near => {
-                let names = [called(images, &last.0), called(images, &next.0)];
-                if !pixel::same(images, &last.0, &next.0)? {
-                    let hint = match (alike, many) {
-                        (true, true) => BY_NUMBER,
-                        (true, false) => AS_STORED,
-                        (false, _) => SEVERAL,
-                    };
-                    return Err(together(path, names, last.1.position, hint));
-                }
-                repeated += 1;
-                repeats = Some(names);
-            }
-            _ => kept.push(next),
-        }
-    }
-    let origin = DVec3::from(kept[0].1.position);
-    let places: Vec<Place> = kept
-        .iter()
-        .map(|(_, plane, _)| {
-            let shift = DVec3::from(plane.position) - origin;
-            Place {
-                depth: normal.dot(shift),
-                aside: [row.dot(shift) / pixel[0], column.dot(shift) / pixel[1]],
-            }
-        })
-        .collect();
+    let span = depth(&located[located.len() - 1]) - depth(&located[0]);
+    let distinct = distinct(path, located, images, normal)?;
+    let kept = distinct.kept;
     if kept.len() < 2 {
         let found = "DICOM slices that all lie at one place, with the same pixels";
         return Err(Error::format(path, found, "at least 2 slices"));
     }
+    let origin = DVec3::from(kept[0].plane.position);
+    let places = kept.iter().map(|at| {
+        let shift = DVec3::from(at.plane.position) - origin;
+        Place {
+            depth: normal.dot(shift),
+            aside: [row.dot(shift) / pixel[0], column.dot(shift) / pixel[1]],
+        }
+    });
+    let places = places.collect();
     let step = tidy(span / (kept.len() - 1) as f64);
     let placement = Placement {
         spacing: [pixel[0], pixel[1], step],
@@ -126,12 +108,73 @@ pub(crate) fn stack(
         directions: [row, column, normal].map(|axis| (axis + DVec3::ZERO).into()),
     };
     Ok(Stack {
-        frames: kept.into_iter().map(|(frame, ..)| frame).collect(),
+        frames: kept.into_iter().map(|at| at.frame).collect(),
         placement,
         places,
-        repeated,
-        repeats,
+        repeated: distinct.repeated,
+        repeats: distinct.repeats,
     })
+}
+
+/// The frames with the places and sizes of pixels that they state.
+fn located(path: &Path, frames: Vec<Frame>, given: Option<[f64; 3]>) -> Result<Vec<Located>> {
+    let given = given.map(|[x, y, _]| [x, y]);
+    let locate = |frame: Frame| {
+        let (Some(plane), Some(pixel)) = (frame.plane, frame.pixel.or(given)) else {
+            let found = "a DICOM series without sizes of pixels";
+            return Err(
+                Error::format(path, found, "PixelSpacing").with_hint("give --spacing and --unit")
+            );
+        };
+        Ok(Located {
+            frame,
+            plane,
+            pixel,
+        })
+    };
+    frames.into_iter().map(locate).collect()
+}
+
+/// Keeps one of the frames at one place, given in the order of their places along the normal.
+///
+/// # Errors
+/// [`Error::Unsupported`] if the pixels of two at one place differ.
+fn distinct(
+    path: &Path,
+    located: Vec<Located>,
+    images: &[Image],
+    normal: DVec3,
+) -> Result<Distinct> {
+    let depth = |at: &Located| normal.dot(at.plane.position.into());
+    let (first, last) = (&located[0], &located[located.len() - 1]);
+    let mean = (depth(last) - depth(first)) / (located.len().max(2) - 1) as f64;
+    let near = 1e-3 * mean.max(1e-6);
+    let alike = located.iter().all(|at| at.plane == first.plane);
+    let many = located.iter().any(|at| at.frame.file != first.frame.file);
+    let mut out = Distinct {
+        kept: Vec::with_capacity(located.len()),
+        repeated: 0,
+        repeats: None,
+    };
+    for next in located {
+        match out.kept.last() {
+            Some(last) if depth(&next) - depth(last) <= near => {
+                let names = [called(images, &last.frame), called(images, &next.frame)];
+                if !pixel::same(images, &last.frame, &next.frame)? {
+                    let hint = match (alike, many) {
+                        (true, true) => BY_NUMBER,
+                        (true, false) => AS_STORED,
+                        (false, _) => SEVERAL,
+                    };
+                    return Err(together(path, names, last.plane.position, hint));
+                }
+                out.repeated += 1;
+                out.repeats = Some(names);
+            }
+            _ => out.kept.push(next),
+        }
+    }
+    Ok(out)
 }
 
 /// A quotient without the noise of its last digits: positions are decimals, and 0.05 is not 0.049999999999999996.
@@ -176,6 +219,15 @@ impl Stack {
         (!parts.is_empty()).then(|| parts.join(" and "))
     }
 
+    /// What to say of frames left out.
+    pub(crate) fn note(&self) -> Option<String> {
+        let [one, other] = self.repeats.as_ref()?;
+        Some(format!(
+            "{} the place and the pixels of another, as {other} those of {one}: each place counts once",
+            counted(self.repeated as u64, "slice has", "slices have")
+        ))
+    }
+
     fn steps(&self) -> Vec<f64> {
         let pairs = self.places.windows(2);
         pairs.map(|p| p[1].depth - p[0].depth).collect()
@@ -200,10 +252,9 @@ impl Stack {
                 .iter()
                 .map(|&i| (steps[i] / middle).round() - 1.0)
                 .sum();
-            let plural = if lost == 1.0 { "" } else { "s" };
             return format!(
-                "{lost} missing slice{plural}, the first after slice {} (steps of {middle:.3} mm, \
-                 there {:.3})",
+                "{}, the first after slice {} (steps of {middle:.3} mm, there {:.3})",
+                things(lost as u64, "missing slice"),
                 first + 1,
                 steps[first]
             );

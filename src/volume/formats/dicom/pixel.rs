@@ -1,8 +1,9 @@
 //! The frames of a series as pages: unpacking and rescaling.
 
 use crate::error::{Error, Result};
+use crate::volume::formats::dicom::cell::Cell;
 use crate::volume::formats::dicom::element::Fragment;
-use crate::volume::formats::dicom::frame::{Cell, Frame, Image, Rescale};
+use crate::volume::formats::dicom::frame::{Frame, Image, Rescale};
 use crate::volume::formats::dicom::syntax::Syntax;
 use crate::volume::formats::dicom::{element, jpeg, jpegls, rle};
 use crate::volume::io::blob::Bytes;

@@ -2,7 +2,9 @@
 
 use crate::error::{Error, Result};
 use crate::volume::formats::dicom::agree;
-use crate::volume::formats::dicom::frame::{Cell, Frame, Image, Series};
+use crate::volume::formats::dicom::cell::Cell;
+use crate::volume::formats::dicom::frame::{Frame, Image, Series};
+use crate::words::counted;
 use std::collections::HashMap;
 use std::fmt::Write;
 use std::path::{Path, PathBuf};
@@ -53,10 +55,7 @@ impl Twice {
     /// What to say of them, if there are any.
     pub(crate) fn note(&self) -> Option<String> {
         let [one, other] = self.first.as_ref()?;
-        let files = match self.count {
-            1 => "1 file comes",
-            n => &format!("{n} files come"),
-        };
+        let files = counted(self.count as u64, "file comes", "files come");
         Some(format!(
             "{files} twice, as {} and {}: one of each counts",
             one.display(),

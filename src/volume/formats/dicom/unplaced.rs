@@ -10,6 +10,12 @@ use crate::volume::options::OpenOptions;
 use crate::volume::stated::warning::Warning;
 use std::path::Path;
 
+/// What to say of slices in an order that no position confirms.
+const BY_NUMBER: &str = "slices are in the order of their InstanceNumber, since the files state no positions: where \
+                         that counts the other way, the volume is mirrored";
+const AS_STORED: &str = "slices are the frames in the order in which they are stored, since all state the same \
+                         position: where that runs the other way, the volume is mirrored";
+
 /// Refuses frames that follow each other in time, as those of a film, unless the user says how far they lie apart.
 pub(crate) fn in_time(image: &Image, options: &OpenOptions) -> Result<Option<Warning>> {
     let stated = "frames that follow each other in time (FrameIncrementPointer is FrameTime)";
@@ -54,18 +60,10 @@ pub(crate) fn unplaced(
     let (mut placement, mut provenance) = (Placement::default(), Provenance::default());
     if own.iter().any(|frame| frame.file != own[0].file) {
         by_number(path, &mut own, &images, options)?;
-        warnings.push(
-            "slices are in the order of their InstanceNumber, since the files state no positions: where that counts \
-             the other way, the volume is mirrored"
-                .into(),
-        );
+        warnings.push(BY_NUMBER.into());
     } else {
         if plane.is_some() {
-            warnings.push(
-                "slices are the frames in the order in which they are stored, since all state the same position: where \
-                 that runs the other way, the volume is mirrored"
-                    .into(),
-            );
+            warnings.push(AS_STORED.into());
         }
         match (pixel, between) {
             (Some([x, y]), Some(z)) => {

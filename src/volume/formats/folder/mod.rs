@@ -7,6 +7,7 @@
 
 mod list;
 mod others;
+mod sequence;
 mod unread;
 
 use crate::error::{Error, Result};
@@ -22,8 +23,7 @@ use crate::volume::io::text::Pattern;
 use crate::volume::options::OpenOptions;
 use list::{below, list};
 use others::{Others, nothing};
-use std::cmp::Ordering;
-use std::collections::BTreeMap;
+pub(crate) use sequence::{check_sequence, natural};
 use std::path::{Path, PathBuf};
 use unread::Names;
 
@@ -56,7 +56,13 @@ pub(crate) fn parse(
         return Err(Error::unsupported(path, "the N5 format", hint));
     }
     let (files, unread) = list(path)?;
-    these(path, files.clone(), &files, unread, formats, options)
+    let folder = Folder {
+        path,
+        all: &files,
+        formats,
+        options,
+    };
+    folder.open(files.clone(), unread)
 }
 
 /// True for a folder of N5: its metadata name its version, or the blocks of an array.
@@ -81,87 +87,155 @@ pub(crate) fn numbered(
     options: &OpenOptions,
 ) -> Option<Result<VolumeDescriptor>> {
     let pattern = Pattern::parse(&name(path))?;
-    let folder = directory(path);
-    Some(list(folder).and_then(|(all, mut unread)| {
+    let inside = directory(path);
+    Some(list(inside).and_then(|(all, mut unread)| {
         unread.retain(|u| pattern.matches(&name(&u.path)));
         let matching = all.iter().filter(|file| pattern.matches(&name(file)));
         let files: Vec<_> = matching.cloned().collect();
         if files.is_empty() {
-            let found = format!("no file of that name in {}", folder.display());
+            let found = format!("no file of that name in {}", inside.display());
             let expected = "files with numbers in place of the % and what follows it";
             return Err(Error::format(path, found, expected));
         }
-        these(path, files, &all, unread, formats, options)
+        let folder = Folder {
+            path,
+            all: &all,
+            formats,
+            options,
+        };
+        folder.open(files, unread)
     }))
 }
 
-/// Opens these of all files of a folder as slices.
-fn these(
-    path: &Path,
-    files: Vec<PathBuf>,
-    all: &[PathBuf],
-    mut unread: Vec<Unread>,
+/// A folder of slices, and how it is to be opened.
+struct Folder<'a> {
+    /// The folder, or a pattern of names in it.
+    path: &'a Path,
+    /// All its files, also those beside the slices.
+    all: &'a [PathBuf],
     formats: &'static [Format],
-    options: &OpenOptions,
-) -> Result<VolumeDescriptor> {
-    if let (Some(dims), Some(dtype)) = (options.dims, options.dtype) {
-        return raw(path, files, dims, dtype, options);
-    }
-    let Found {
-        pictures,
-        mut scans,
-        mut others,
-        unread: unknown,
-    } = Found::among(files.clone(), formats)?;
-    unread.extend(unknown);
-    let placed = formats.iter().find(|f| f.has_placed_slices());
-    let previews = are_previews(&pictures)?;
-    if path.is_dir() && (!scans.is_empty() || previews) {
-        let (more, odd) = below(path, formats)?;
-        scans.extend(more);
-        unread.extend(odd);
-    }
-    // pictures beside the slices are previews
-    let count: usize = pictures.iter().map(|(_, files)| files.len()).sum();
-    if scans.len() > count
-        && let Some(format) = placed
-    {
-        return series(path, format, scans, (unread, &others), options);
-    }
-    let slices = pictures.iter().flat_map(|(_, files)| files);
-    unread::none_among(&unread, &Names::of(slices.map(PathBuf::as_path)))?;
-    match &pictures[..] {
-        [(format, files)] => ordered(path, format, files.clone(), all, options),
-        [] => {
-            let raw_options = options.of_headerless();
-            if let (Some(dims), Some(dtype)) = (raw_options.dims, raw_options.dtype)
-                && !files.is_empty()
-                && others.foreign.is_empty()
-            {
-                return raw(path, files, dims, dtype, &raw_options);
-            }
-            if let Some(format) = placed
-                && path.is_dir()
-            {
-                let (scans, odd) = below(path, formats)?;
-                unread.extend(odd);
-                if !scans.is_empty() {
-                    return series(path, format, scans, (unread, &others), options);
-                }
-            }
-            let folders = unread.into_iter().filter(|u| u.is_folder);
-            let volumes = folders.filter(|u| formats.iter().any(|f| f.is_folder(&u.path)));
-            others.volumes.extend(volumes.map(|u| u.path));
-            Err(nothing(path, &others, formats))
+    options: &'a OpenOptions,
+}
+
+impl Folder<'_> {
+    /// Opens these of its files as slices.
+    fn open(&self, files: Vec<PathBuf>, mut unread: Vec<Unread>) -> Result<VolumeDescriptor> {
+        if let (Some(dims), Some(dtype)) = (self.options.dims, self.options.dtype) {
+            return raw(self.path, files, dims, dtype, self.options);
         }
-        several => {
-            let counts = several
-                .iter()
-                .map(|(format, files)| format!("{} {}", files.len(), format.title));
-            let counts: Vec<String> = counts.collect();
-            let found = format!("{} files", counts.join(" and "));
-            Err(Error::format(path, found, "slices of one format"))
+        let Found {
+            pictures,
+            mut scans,
+            mut others,
+            unread: unknown,
+        } = Found::among(files.clone(), self.formats)?;
+        unread.extend(unknown);
+        let previews = are_previews(&pictures)?;
+        if self.path.is_dir() && (!scans.is_empty() || previews) {
+            let (more, odd) = below(self.path, self.formats)?;
+            scans.extend(more);
+            unread.extend(odd);
         }
+        // pictures beside the slices are previews
+        let count: usize = pictures.iter().map(|(_, files)| files.len()).sum();
+        if scans.len() > count
+            && let Some(format) = self.placed()
+        {
+            return self.series(format, scans, unread, &others);
+        }
+        let slices = pictures.iter().flat_map(|(_, files)| files);
+        unread::none_among(&unread, &Names::of(slices.map(PathBuf::as_path)))?;
+        match &pictures[..] {
+            [(format, files)] => self.ordered(format, files.clone()),
+            [] => self.without_pictures(files, unread, &mut others),
+            several => {
+                let counts = several
+                    .iter()
+                    .map(|(format, files)| format!("{} {}", files.len(), format.title));
+                let counts: Vec<String> = counts.collect();
+                let found = format!("{} files", counts.join(" and "));
+                Err(Error::format(self.path, found, "slices of one format"))
+            }
+        }
+    }
+
+    /// The format whose slices say where they lie.
+    fn placed(&self) -> Option<&'static Format> {
+        self.formats.iter().find(|f| f.has_placed_slices())
+    }
+
+    /// Opens files that are no pictures: raw slices if the options describe these, else the slices in folders below.
+    fn without_pictures(
+        &self,
+        files: Vec<PathBuf>,
+        mut unread: Vec<Unread>,
+        others: &mut Others,
+    ) -> Result<VolumeDescriptor> {
+        let raw_options = self.options.of_headerless();
+        if let (Some(dims), Some(dtype)) = (raw_options.dims, raw_options.dtype)
+            && !files.is_empty()
+            && others.foreign.is_empty()
+        {
+            return raw(self.path, files, dims, dtype, &raw_options);
+        }
+        if let Some(format) = self.placed()
+            && self.path.is_dir()
+        {
+            let (scans, odd) = below(self.path, self.formats)?;
+            unread.extend(odd);
+            if !scans.is_empty() {
+                return self.series(format, scans, unread, others);
+            }
+        }
+        let folders = unread.into_iter().filter(|u| u.is_folder);
+        let volumes = folders.filter(|u| self.formats.iter().any(|f| f.is_folder(&u.path)));
+        others.volumes.extend(volumes.map(|u| u.path));
+        Err(nothing(self.path, others, self.formats))
+    }
+
+    /// Opens slices that say where they lie, with what stands beside them under such names.
+    fn series(
+        &self,
+        format: &Format,
+        scans: Vec<Blob>,
+        mut unread: Vec<Unread>,
+        others: &Others,
+    ) -> Result<VolumeDescriptor> {
+        let names = Names::of(scans.iter().map(Blob::path));
+        unread.retain(|u| u.is_named_like(&names));
+        let notes = others.notes(&scans, format);
+        let mut found = format.parse_slices(self.path, scans, unread, self.options)?;
+        found.notes.extend(notes);
+        Ok(found)
+    }
+
+    /// Opens slices of one format, with what NRecon puts beside them: a picture of the whole scan, and a log with the
+    /// size of a voxel.
+    fn ordered(&self, format: &Format, files: Vec<PathBuf>) -> Result<VolumeDescriptor> {
+        let (previews, slices): (Vec<_>, Vec<_>) = files
+            .into_iter()
+            .partition(|file| skyscan::is_preview(&name(file)));
+        // a folder of nothing else is of slices that have such names
+        let (previews, files) = if slices.is_empty() {
+            (slices, previews)
+        } else {
+            (previews, slices)
+        };
+        let names = names(&files);
+        check_sequence(self.path, &names)?;
+        let slices = blobs(&files)?;
+        let mut descriptor = format.parse_slices(self.path, slices, Vec::new(), self.options)?;
+        for preview in &previews {
+            let note = format!(
+                "{} is taken for a preview of the scan and passed by",
+                name(preview)
+            );
+            descriptor.notes.push(note);
+        }
+        if let Some(log) = skyscan::find(self.all, &names)? {
+            log.apply(&mut descriptor);
+        }
+        Ok(descriptor)
     }
 }
 
@@ -173,22 +247,6 @@ fn are_previews(pictures: &[(&'static Format, Vec<PathBuf>)]) -> Result<bool> {
         }
     }
     Ok(!pictures.is_empty())
-}
-
-/// Slices that say where they lie, with what stands beside them under such names.
-fn series(
-    path: &Path,
-    format: &Format,
-    scans: Vec<Blob>,
-    (mut unread, others): (Vec<Unread>, &Others),
-    options: &OpenOptions,
-) -> Result<VolumeDescriptor> {
-    let names = Names::of(scans.iter().map(Blob::path));
-    unread.retain(|u| u.is_named_like(&names));
-    let notes = others.notes(&scans, format);
-    let mut found = format.parse_slices(path, scans, unread, options)?;
-    found.notes.extend(notes);
-    Ok(found)
 }
 
 /// True for the list of its files that a disc of DICOM holds: it has no pixels.
@@ -251,40 +309,6 @@ impl Found {
         found.pictures.retain(|(_, files)| !files.is_empty());
         Ok(found)
     }
-}
-
-/// Slices of one format, with what NRecon puts beside them: a picture of the whole scan, and a log with the size of a
-/// voxel.
-fn ordered(
-    path: &Path,
-    format: &Format,
-    files: Vec<PathBuf>,
-    all: &[PathBuf],
-    options: &OpenOptions,
-) -> Result<VolumeDescriptor> {
-    let (previews, slices): (Vec<_>, Vec<_>) = files
-        .into_iter()
-        .partition(|file| skyscan::is_preview(&name(file)));
-    // a folder of nothing else is of slices that have such names
-    let (previews, files) = if slices.is_empty() {
-        (slices, previews)
-    } else {
-        (previews, slices)
-    };
-    let names = names(&files);
-    check_sequence(path, &names)?;
-    let mut recipe = format.parse_slices(path, blobs(&files)?, Vec::new(), options)?;
-    for preview in &previews {
-        let note = format!(
-            "{} is taken for a preview of the scan and passed by",
-            name(preview)
-        );
-        recipe.notes.push(note);
-    }
-    if let Some(log) = skyscan::find(all, &names)? {
-        log.apply(&mut recipe);
-    }
-    Ok(recipe)
 }
 
 /// True for a file that is taken for a slice, in a folder of others.
@@ -356,179 +380,4 @@ fn raw(
             }),
         )
     })
-}
-
-/// Splits a name into text and numbers by turns, text first.
-fn parts(name: &str) -> Vec<&str> {
-    let mut parts = Vec::new();
-    let (mut rest, mut digits) = (name, false);
-    while !rest.is_empty() {
-        let end = rest.find(|c: char| c.is_ascii_digit() != digits);
-        let (now, later) = rest.split_at(end.unwrap_or(rest.len()));
-        parts.push(now);
-        (rest, digits) = (later, !digits);
-    }
-    parts
-}
-
-/// The order of names in which numbers count as numbers: 9 before 10.
-pub(crate) fn natural(a: &str, b: &str) -> Ordering {
-    let (x, y) = (parts(a), parts(b));
-    for (i, (p, q)) in x.iter().zip(&y).enumerate() {
-        let order = if i % 2 == 1 {
-            let [p, q] = [p, q].map(|n| n.trim_start_matches('0'));
-            p.len().cmp(&q.len()).then(p.cmp(q))
-        } else {
-            p.cmp(q)
-        };
-        if order.is_ne() {
-            return order;
-        }
-    }
-    x.len().cmp(&y.len()).then(a.cmp(b))
-}
-
-/// Refuses names, in natural order, that are not those of one stack, or that count with a gap.
-///
-/// Names that share nothing are taken as they are, and so are those in which several numbers differ, as a date and
-/// a time do: there is no single count to check.
-pub(crate) fn check_sequence(path: &Path, names: &[String]) -> Result<()> {
-    let split: Vec<_> = names.iter().map(|n| parts(n)).collect();
-    let mut kinds: BTreeMap<Vec<&str>, Vec<usize>> = BTreeMap::new();
-    for (i, parts) in split.iter().enumerate() {
-        kinds.entry(texts(parts)).or_default().push(i);
-    }
-    if kinds.len() > 1 && kinds.len() < names.len() {
-        let mut kinds: Vec<_> = kinds.into_values().collect();
-        kinds.sort_by_key(|of| std::cmp::Reverse(of.len()));
-        let like = |of: &[usize]| format!("{} like {}", of.len(), names[of[0]]);
-        return Err(stacks(path, &like(&kinds[0]), &like(&kinds[1])));
-    }
-    let Some(first) = split.first().filter(|_| kinds.len() == 1) else {
-        return Ok(());
-    };
-    let counts = (1..first.len()).step_by(2);
-    let varying: Vec<_> = counts
-        .filter(|&at| split.iter().any(|parts| parts[at] != first[at]))
-        .collect();
-    match varying[..] {
-        [] => Ok(()),
-        [at] => check_count(path, names, split.iter().map(|parts| parts[at])),
-        [.., a, b] if b == a + 2 && first[a + 1] == "." => Ok(()),
-        [.., at] => {
-            let mut seen = BTreeMap::new();
-            for (name, parts) in names.iter().zip(&split) {
-                if let Some(other) = seen.insert(parts[at], name) {
-                    return Err(stacks(path, other, name));
-                }
-            }
-            Ok(())
-        }
-    }
-}
-
-/// The texts of a name, without what follows its last number as extensions do.
-fn texts<'a>(parts: &[&'a str]) -> Vec<&'a str> {
-    let texts = parts.iter().copied().step_by(2);
-    let mut texts: Vec<_> = texts.collect();
-    if texts.len() > 1 && texts.last().is_some_and(|last| last.starts_with('.')) {
-        texts.pop();
-    }
-    texts
-}
-
-fn stacks(path: &Path, one: &str, other: &str) -> Error {
-    let found = format!("files of several stacks: {one}, {other}");
-    let expected = "slices of one, whose names differ by a number that counts them";
-    Error::format(path, found, expected).with_hint(
-        "take the others out; of a folder, the slices of one can be given as FOLDER/slice_%04d.tif",
-    )
-}
-
-/// Refuses numbers, in rising order, that do not rise in equal steps.
-fn check_count<'a>(
-    path: &Path,
-    names: &[String],
-    numbers: impl Iterator<Item = &'a str>,
-) -> Result<()> {
-    let numbers: Option<Vec<u128>> = numbers.map(|n| n.parse().ok()).collect();
-    let Some(numbers) = numbers else {
-        return Ok(());
-    };
-    let step = numbers[1] - numbers[0];
-    for (i, pair) in numbers.windows(2).enumerate() {
-        if pair[1] - pair[0] != step || step == 0 {
-            return Err(Error::format(
-                path,
-                format!("{} after {}", names[i + 1], names[i]),
-                format!(
-                    "numbers that rise by {step}, as from {} to {}",
-                    names[0], names[1]
-                ),
-            )
-            .with_hint(
-                "a slice is missing or comes twice: complete the folder or rename the files",
-            ));
-        }
-    }
-    Ok(())
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn names_count_as_people_do() {
-        let mut names = ["s10", "s9", "s1", "s01b", "s2", "10", "9", "t", "s"].map(String::from);
-        names.sort_by(|a, b| natural(a, b));
-        assert_eq!(
-            names,
-            ["9", "10", "s", "s1", "s01b", "s2", "s9", "s10", "t"]
-        );
-    }
-
-    #[test]
-    fn gaps_are_found() {
-        let check = |names: &[&str]| {
-            let names: Vec<_> = names.iter().map(|n| n.to_string()).collect();
-            check_sequence(Path::new("d"), &names).is_ok()
-        };
-        assert!(check(&["a9.tif", "a10.tif", "a11.tif"]));
-        assert!(check(&["7B_000", "7B_010", "7B_020"]));
-        assert!(check(&["x", "y", "z9"]) && check(&[]) && check(&["1"]));
-        assert!(!check(&["a1", "a2", "a4"]));
-        assert!(!check(&["a1.tif", "a01.tif"]), "the same number twice");
-        assert!(check(&["a1.tif", "a2.TIFF"]) && !check(&["a1.tif", "a3.TIFF", "a4.tif"]));
-    }
-
-    #[test]
-    fn slices_are_those_of_one_stack() {
-        let check = |names: &[&str]| {
-            let mut names: Vec<_> = names.iter().map(|n| n.to_string()).collect();
-            names.sort_by(|a, b| natural(a, b));
-            check_sequence(Path::new("d"), &names)
-        };
-        for names in [
-            &["top_1.tif", "top_2.tif", "bot_1.tif", "bot_2.tif"][..],
-            &["a_0001.tif", "a_0002.tif", "overview.tif"],
-            &["1_0001.tif", "1_0002.tif", "2_0001.tif", "2_0002.tif"],
-            &["a/1.png", "a/2.png", "b/1.png", "whole.png"],
-        ] {
-            let error = check(names).unwrap_err().to_string();
-            assert!(error.contains("several stacks"), "{error}");
-        }
-        for names in [
-            &["front.tif", "middle.tif", "rear.tif"][..],
-            &["z0.00.tif", "z0.25.tif", "z0.75.tif", "z1.00.tif"],
-            &[
-                "20240131_235958.tif",
-                "20240131_235959.tif",
-                "20240201_000001.tif",
-            ],
-            &["a_1_of_9.tif"],
-        ] {
-            check(names).unwrap();
-        }
-    }
 }

@@ -3,7 +3,8 @@
 
 use crate::error::Result;
 use crate::volume::format::Unread;
-use crate::volume::formats::folder::{name, parts, texts};
+use crate::volume::formats::folder::name;
+use crate::volume::formats::folder::sequence::{parts, texts};
 use std::collections::HashSet;
 use std::path::{Path, PathBuf};
 

@@ -99,10 +99,8 @@ fn analyze() -> Vec<u8> {
     head
 }
 
-#[test]
-fn the_options_in_a_message_read_the_samples() {
-    let dir = tempfile::tempdir().unwrap();
-    let at = dir.path();
+/// One volume in formats that have a header of their own in front of the samples or beside them.
+fn put_with_headers(at: &Path) {
     put(at, "a.mrc", &[&mrc(), &samples(false)]);
     put(at, "a.isq", &[&isq(), &samples(false)]);
     put(at, "a.hdr", &[&analyze()]);
@@ -117,6 +115,10 @@ fn the_options_in_a_message_read_the_samples() {
     let vtk = "# vtk DataFile Version 3.0\nx\nBINARY\nDATASET STRUCTURED_POINTS\nDIMENSIONS 29 21 13\nSPACING 1 1 \
                1\nCELL_DATA 6720\nSCALARS d unsigned_short 1\nLOOKUP_TABLE default\n";
     put(at, "cells.vtk", &[vtk.as_bytes(), &samples(true)]);
+}
+
+/// The same volume as raw samples, with what scanners and programs write beside them.
+fn put_raw_with_notes(at: &Path) {
     put(at, "foam.vol", &[&samples(false)]);
     let vgi = "{volume1}\n[representation]\nsize = 28 20 12\ndatatype = unsigned integer\nbitsperelement = \
                16\n[file1]\nSkipHeader = 0\nFileFormat = raw\nName = C:\\scans\\foam.vol\n[geometry]\nresolution = \
@@ -140,6 +142,14 @@ fn the_options_in_a_message_read_the_samples() {
     put(at, "a.edf", &[edf.as_bytes(), &samples(true)]);
     put(at, "scan_28x20x12_16bit.raw", &[&samples(false)]);
     put(at, "test.28x20x12.raw", &[&samples(false)]);
+}
+
+#[test]
+fn the_options_in_a_message_read_the_samples() {
+    let dir = tempfile::tempdir().unwrap();
+    let at = dir.path();
+    put_with_headers(at);
+    put_raw_with_notes(at);
     for (name, spacing) in [
         ("a.mrc", [0.1, 0.1, 0.5]),
         ("a.isq", [100.0, 100.0, 500.0]),

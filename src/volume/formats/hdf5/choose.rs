@@ -148,11 +148,10 @@ fn only(path: &Path, file: &Hdf5File, tree: &Tree) -> Result<Chosen> {
         && let Some(default) = default(file)
         && let Some(at) = volumes.iter().position(|v| v.name == default)
     {
+        let count = volumes.len();
         let mut found = volumes.swap_remove(at);
-        let others = volumes.len();
         found.notes.push(format!(
-            "the file's default of {} volumes: --dataset reads another one",
-            others + 1
+            "the file's default of {count} volumes: --dataset reads another one"
         ));
         return Ok(found);
     }

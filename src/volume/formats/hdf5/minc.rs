@@ -47,33 +47,10 @@ pub(crate) fn geometry(place: &Place, axes: [usize; 3]) -> Result<Geometry, Stri
                 .uneven
                 .get_or_insert(format!("slices along {name} that are not evenly spaced"));
         }
-        if let Some(cosines) = of.numbers("direction_cosines") {
-            let &[x, y, z] = &cosines[..] else {
-                return Err(format!("{name} with the direction {cosines:?}"));
-            };
-            let length = (x * x + y * y + z * z).sqrt();
-            if !(length.is_finite() && length > 0.0) {
-                return Err(format!("{name} with the direction {cosines:?}"));
-            }
-            directions[a] = [x, y, z].map(|v| v / length);
+        if let Some(direction) = direction(&of, name)? {
+            directions[a] = direction;
         }
-        let n = place.dataset.shape()[axis] as f64;
-        // a level is coarser by this, about the same middle
-        let coarser = of.number("length").filter(|_| level(place.name) != Some(0));
-        let coarser = coarser.map_or(1.0, |length| length / n);
-        // what is absent is 1, by the format
-        let step = of.number("step").unwrap_or(1.0);
-        let start = of.number("start").unwrap_or(0.0);
-        let start = sum(start, product(coarser - 1.0, product(step, 0.5)));
-        if step == 0.0 || !step.is_finite() || !start.is_finite() {
-            return Err(format!("{name} with the step {step} and the start {start}"));
-        }
-        let unit = of.text("units").unwrap_or_default();
-        geometry.along[a] = Some(Along {
-            start,
-            falls: step < 0.0,
-            ..Along::of(product(step.abs(), coarser), &unit)
-        });
+        geometry.along[a] = Some(steps(place, axis, &of, name)?);
     }
     geometry.directions = Some(directions);
     if place
@@ -86,6 +63,43 @@ pub(crate) fn geometry(place: &Place, axes: [usize; 3]) -> Result<Geometry, Stri
             .push("the file says of its image that it is not complete".into());
     }
     Ok(geometry)
+}
+
+/// The direction of an axis, as a unit vector; `None` if its dataset does not state it.
+fn direction(of: &Attributes, name: &str) -> Result<Option<[f64; 3]>, String> {
+    let Some(cosines) = of.numbers("direction_cosines") else {
+        return Ok(None);
+    };
+    let wrong = || format!("{name} with the direction {cosines:?}");
+    let &[x, y, z] = &cosines[..] else {
+        return Err(wrong());
+    };
+    let length = (x * x + y * y + z * z).sqrt();
+    if !(length.is_finite() && length > 0.0) {
+        return Err(wrong());
+    }
+    Ok(Some([x, y, z].map(|v| v / length)))
+}
+
+/// Step, start and unit of an axis of the image, by the dataset of that axis.
+fn steps(place: &Place, axis: usize, of: &Attributes, name: &str) -> Result<Along, String> {
+    let n = place.dataset.shape()[axis] as f64;
+    // a level is coarser by this, about the same middle
+    let coarser = of.number("length").filter(|_| level(place.name) != Some(0));
+    let coarser = coarser.map_or(1.0, |length| length / n);
+    // what is absent is 1, by the format
+    let step = of.number("step").unwrap_or(1.0);
+    let start = of.number("start").unwrap_or(0.0);
+    let start = sum(start, product(coarser - 1.0, product(step, 0.5)));
+    if step == 0.0 || !step.is_finite() || !start.is_finite() {
+        return Err(format!("{name} with the step {step} and the start {start}"));
+    }
+    let unit = of.text("units").unwrap_or_default();
+    Ok(Along {
+        start,
+        falls: step < 0.0,
+        ..Along::of(product(step.abs(), coarser), &unit)
+    })
 }
 
 /// Names of the axes of a dataset.
@@ -132,13 +146,26 @@ pub(crate) fn values(
         );
         return Ok(None);
     };
-    let [from, to] = valid_range(&place.attributes, all)?;
-    let (low, axis) = along(&low, place, axes, entry)?;
-    let (high, same) = along(&high, place, axes, entry)?;
-    if axis != same || low.len() != high.len() {
+    let valid = valid_range(&place.attributes, all)?;
+    let low = along(&low, place, axes, entry)?;
+    let high = along(&high, place, axes, entry)?;
+    let scale = scale(low, high, valid)?;
+    Ok(Some(Values {
+        scale,
+        nothing: Vec::new(),
+        valid: (valid != all).then_some(valid),
+        stated_by: "valid_range, image-min and image-max".into(),
+    }))
+}
+
+/// The scale under which the `valid` stored numbers stand for values from `low` to `high`.
+fn scale(low: Bounds, high: Bounds, valid: [f64; 2]) -> Result<Scale, String> {
+    if low.axis != high.axis || low.values.len() != high.values.len() {
         return Err("image-min and image-max of different axes".into());
     }
-    let scales = low.iter().zip(&high).map(|(&low, &high)| {
+    let [from, to] = valid;
+    let ends = low.values.iter().zip(&high.values);
+    let scales = ends.map(|(&low, &high)| {
         let slope = (high - low) / (to - from);
         Linear {
             slope,
@@ -152,20 +179,14 @@ pub(crate) fn values(
     {
         return Err("image-min and image-max that are not finite".into());
     }
-    let scale = match (axis, &scales[..]) {
-        (Some(axis), _) => Scale::Slices {
+    match (low.axis, &scales[..]) {
+        (Some(axis), _) => Ok(Scale::Slices {
             axis,
             all: scales.into(),
-        },
-        (None, [one]) => Scale::All(*one),
-        _ => return Err("image-min and image-max without an order of axes".into()),
-    };
-    Ok(Some(Values {
-        scale,
-        nothing: Vec::new(),
-        valid: ([from, to] != all).then_some([from, to]),
-        stated_by: "valid_range, image-min and image-max".into(),
-    }))
+        }),
+        (None, [one]) => Ok(Scale::All(*one)),
+        _ => Err("image-min and image-max without an order of axes".into()),
+    }
 }
 
 /// Stored numbers that stand for values: those that the image states, or all of its type.
@@ -186,13 +207,20 @@ fn valid_range(attributes: &Attributes, all: [f64; 2]) -> Result<[f64; 2], Strin
     }
 }
 
-/// The numbers of image-min or image-max, and which of x, y and z they are along.
+/// The numbers of image-min or image-max.
+struct Bounds {
+    values: Vec<f64>,
+    /// Which of x, y and z they are along; `None` for one number of the whole image.
+    axis: Option<usize>,
+}
+
+/// Reads the dataset image-min or image-max.
 fn along(
     dataset: &Dataset,
     place: &Place,
     axes: [usize; 3],
     entry: &[u64],
-) -> Result<(Vec<f64>, Option<usize>), String> {
+) -> Result<Bounds, String> {
     let name = dataset.name();
     let numbers =
         numbers_of(dataset).ok_or_else(|| format!("{name} that is no list of numbers"))?;
@@ -200,7 +228,10 @@ fn along(
     let own = order(&Attributes(dataset.attributes()), shape.len());
     if own.len() != shape.len() {
         return match numbers[..] {
-            [one] => Ok((vec![one], None)),
+            [one] => Ok(Bounds {
+                values: vec![one],
+                axis: None,
+            }),
             _ => Err(format!("{name} without the attribute dimorder")),
         };
     }
@@ -220,10 +251,13 @@ fn along(
     }
     let picked = |n: usize, stride: usize| (0..n).map(|i| numbers[first + i * stride]).collect();
     Ok(match space {
-        Some((a, stride)) => (
-            picked(place.dataset.shape()[axes[a]] as usize, stride),
-            Some(a),
-        ),
-        None => (picked(1, 0), None),
+        Some((a, stride)) => Bounds {
+            values: picked(place.dataset.shape()[axes[a]] as usize, stride),
+            axis: Some(a),
+        },
+        None => Bounds {
+            values: picked(1, 0),
+            axis: None,
+        },
     })
 }

@@ -1,5 +1,6 @@
 //! Chunks of a dataset that are not in the file.
 
+use crate::volume::stated::written::Missing;
 use hdf5_reader::btree_v1::{BTreeV1Key, collect_btree_v1_leaves_storage};
 use hdf5_reader::chunk_index::collect_v2_chunk_entries_storage;
 use hdf5_reader::error::Error as H5Error;
@@ -39,30 +40,31 @@ impl Stored {
     }
 }
 
-/// How many of the chunks of a part of a dataset, given as a range along each axis, are not in the file, and how many
-/// there are; `None` of them if there are too many to look. One piece that was never written counts as a chunk.
+/// The chunks of a part of a dataset, given as a range along each axis, that are not in the file; they are not counted
+/// if there are too many to look. One piece that was never written counts as a chunk.
 pub(crate) fn missing(
     file: &Hdf5File,
     dataset: &Dataset,
     stored: &Stored,
     part: &[Range<u64>],
-) -> Result<(Option<u64>, u64), H5Error> {
+) -> Result<Missing, H5Error> {
+    let found = |count: Option<u64>, total: u64| Ok(Missing { count, total });
     let undefined =
         |address: u64| Cursor::is_undefined_offset(address, file.superblock().offset_size);
     let (address, indexing) = match &stored.layout {
         Some(DataLayout::Contiguous { address, .. }) => {
-            return Ok((Some(undefined(*address).into()), 1));
+            return found(Some(undefined(*address).into()), 1);
         }
         Some(DataLayout::Chunked {
             address,
             chunk_indexing,
             ..
         }) => (*address, chunk_indexing.as_ref()),
-        _ => return Ok((Some(0), 1)),
+        _ => return found(Some(0), 1),
     };
     let chunk = dataset.chunks().unwrap_or_default();
     if chunk.len() != part.len() || chunk.contains(&0) {
-        return Ok((Some(0), 1));
+        return found(Some(0), 1);
     }
     let along = |(range, c): (&Range<u64>, &u32)| {
         let c = u64::from(*c);
@@ -72,22 +74,22 @@ pub(crate) fn missing(
     let count = |n: u64, r: &Range<u64>| n.saturating_mul(r.end - r.start);
     let total = wanted.iter().fold(1, count);
     if undefined(address) {
-        return Ok((Some(total), total));
+        return found(Some(total), total);
     }
     let grid = dataset.shape().iter().zip(&chunk);
     let grid = grid.fold(1u64, |n, (s, &c)| n.saturating_mul(s.div_ceil(c.into())));
     if grid > MAX_CHUNKS {
-        return Ok((None, total));
+        return found(None, total);
     }
     let Some(there) = chunks_of(file, dataset, address, indexing)? else {
-        return Ok((Some(0), total));
+        return found(Some(0), total);
     };
     let inside = |offsets: &&Vec<u64>| {
         let mut places = offsets.iter().zip(&chunk).zip(&wanted);
         places.all(|((&at, &c), wanted)| wanted.contains(&(at / u64::from(c))))
     };
     let there = there.iter().filter(inside).count() as u64;
-    Ok((Some(total.saturating_sub(there)), total))
+    found(Some(total.saturating_sub(there)), total)
 }
 
 /// Where the chunks begin that are in the file; `None` if they were written as a whole.

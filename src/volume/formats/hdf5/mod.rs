@@ -89,7 +89,7 @@ pub(crate) fn parse(path: &Path, options: &OpenOptions) -> Result<VolumeDescript
     let tree = tree::Tree::of(&file).map_err(|e| broken(path, "/", &e))?;
     let found = chosen(path, &file, &tree, options)?;
     let place = Place::of(&file, &tree, &found.name, &found.dataset);
-    recipe(path, &place, &found, options)
+    descriptor(path, &place, &found, options)
 }
 
 /// What the library's error means: what is wrong, and what to do about it if it is only not supported.
@@ -208,7 +208,7 @@ fn entry(
     }
 }
 
-fn recipe(
+fn descriptor(
     path: &Path,
     place: &Place,
     found: &Chosen,
@@ -235,7 +235,7 @@ fn recipe(
             entries[axis] = at;
         }
     }
-    let mut recipe = Draft {
+    let mut draft = Draft {
         path,
         place,
         axes,
@@ -243,7 +243,7 @@ fn recipe(
         notes: found.notes.clone(),
         warnings: Vec::new(),
     };
-    recipe.open(*number, member, options)
+    draft.open(*number, member, options)
 }
 
 /// A volume in the making.

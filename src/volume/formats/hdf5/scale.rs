@@ -8,7 +8,7 @@ use crate::volume::formats::hdf5::number::Number;
 use crate::volume::formats::hdf5::place::Place;
 use crate::volume::stated::cf::{self, Attribute};
 use crate::volume::stated::warning::Warning;
-use crate::volume::stated::written::{Stated, Written, scaled, sound};
+use crate::volume::stated::written::{StatedScale, Written, sound, with_scale};
 use hdf5_reader::Datatype;
 use std::path::Path;
 
@@ -42,10 +42,7 @@ pub(crate) fn values(
         let taken = place.is_signal() && other.is_some();
         attributes.vague(taken, &of, warnings);
     }
-    let values = match other {
-        None => packed.values,
-        Some(other) => scaled(packed.values, other).map_err(no)?,
-    };
+    let values = with_scale(packed.values, other).map_err(no)?;
     Ok((number, values))
 }
 
@@ -68,13 +65,13 @@ fn attribute(attributes: &Attributes, name: &str) -> Option<Attribute> {
 }
 
 /// A scale that is not that of CF, and who states it.
-fn other(place: &Place, written: &Written) -> Result<Option<Stated>, String> {
+fn other(place: &Place, written: &Written) -> Result<Option<StatedScale>, String> {
     let pair = written.pair()?;
     let nexus = of_nexus(place)?;
     match (pair, nexus) {
-        (Some((linear, by)), Some((other, its))) if other != Linear::SAME => match linear {
-            Linear::SAME => Ok(Some((other, its))),
-            _ => Err(format!("both {by} and {its}")),
+        (Some(pair), Some(other)) if other.linear != Linear::SAME => match pair.linear {
+            Linear::SAME => Ok(Some(other)),
+            _ => Err(format!("both {} and {}", pair.by, other.by)),
         },
         (Some(pair), _) => Ok(Some(pair)),
         (None, nexus) => Ok(nexus),
@@ -84,43 +81,70 @@ fn other(place: &Place, written: &Written) -> Result<Option<Stated>, String> {
 /// A factor or an offset of NeXus, and the name of who states it.
 type Part = Option<(f64, String)>;
 
-/// The scale by NeXus: attributes of the data, or datasets beside it. <https://manual.nexusformat.org/classes/base_classes/NXdata.html>
-/// says of datasets with the data's name in front: value = (stored + offset) * factor.
-fn of_nexus(place: &Place) -> Result<Option<Stated>, String> {
-    let (folder, name) = place.name.rsplit_once('/').unwrap_or(("", place.name));
-    let no = |what: &str, by: &str| format!("{what} {by} that is no number");
-    let own = |name: &str| match place.attributes.number(name) {
-        Some(n) if n.is_finite() => Ok(Some((n, name.to_owned()))),
-        _ if place.attributes.has(name) => Err(no("an attribute", name)),
-        _ => Ok(None),
-    };
-    let beside = |name: String| -> Result<Part, String> {
-        let Ok(dataset) = place.file.dataset(&format!("{folder}/{name}")) else {
+/// Where NeXus states factors and offsets of a dataset.
+struct Nexus<'a> {
+    place: &'a Place<'a>,
+    folder: &'a str,
+    name: &'a str,
+}
+
+impl Nexus<'_> {
+    /// By an attribute of the dataset.
+    fn own(&self, name: &str) -> Result<Part, String> {
+        match self.place.attributes.number(name) {
+            Some(n) if n.is_finite() => Ok(Some((n, name.to_owned()))),
+            _ if self.place.attributes.has(name) => Err(no_number("an attribute", name)),
+            _ => Ok(None),
+        }
+    }
+
+    /// By a dataset in the same group.
+    fn beside(&self, name: String) -> Result<Part, String> {
+        let path = format!("{}/{name}", self.folder);
+        let Ok(dataset) = self.place.file.dataset(&path) else {
             return Ok(None);
         };
         match numbers_of(&dataset).as_deref() {
             Some(&[one]) if one.is_finite() => Ok(Some((one, name))),
-            _ => Err(no("a dataset", &name)),
+            _ => Err(no_number("a dataset", &name)),
         }
-    };
-    let plain = |what: &str| -> Result<Part, String> {
-        match place.is_signal() {
-            true => beside(what.to_owned()),
+    }
+
+    /// By a dataset in the same group and without the name of this one, which is of the group's signal.
+    fn of_signal(&self, what: &str) -> Result<Part, String> {
+        match self.place.is_signal() {
+            true => self.beside(what.to_owned()),
             false => Ok(None),
         }
+    }
+
+    /// In all three ways, the one whose meaning is defined first.
+    fn all(&self, what: &str) -> Result<[Part; 3], String> {
+        Ok([
+            self.beside(format!("{}_{what}", self.name))?,
+            self.own(what)?,
+            self.of_signal(what)?,
+        ])
+    }
+}
+
+fn no_number(what: &str, by: &str) -> String {
+    format!("{what} {by} that is no number")
+}
+
+/// The scale by NeXus: attributes of the data, or datasets beside it. <https://manual.nexusformat.org/classes/base_classes/NXdata.html>
+/// says of datasets with the data's name in front: value = (stored + offset) * factor.
+fn of_nexus(place: &Place) -> Result<Option<StatedScale>, String> {
+    let (folder, name) = place.name.rsplit_once('/').unwrap_or(("", place.name));
+    let stated = Nexus {
+        place,
+        folder,
+        name,
     };
-    let factors = [
-        beside(format!("{name}_scaling_factor"))?,
-        own("scaling_factor")?,
-        plain("scaling_factor")?,
-    ];
+    let factors = stated.all("scaling_factor")?;
     let nexus = factors.iter().any(Option::is_some) || place.group.text("NX_class").is_some();
     let offsets = match nexus {
-        true => [
-            beside(format!("{name}_offset"))?,
-            own("offset")?,
-            plain("offset")?,
-        ],
+        true => stated.all("offset")?,
         false => [const { None }; 3],
     };
     // those with the data's name in front are the ones whose order is defined

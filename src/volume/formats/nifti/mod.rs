@@ -103,7 +103,7 @@ pub(crate) fn parse(path: &Path, head: &[u8], options: &OpenOptions) -> Result<V
         endian,
         long,
     };
-    head.recipe(gzip, options)
+    head.descriptor(gzip, options)
 }
 
 impl Head<'_> {
@@ -158,7 +158,7 @@ impl Head<'_> {
         Error::format(self.path, found, expected)
     }
 
-    fn recipe(&self, gzip: bool, options: &OpenOptions) -> Result<VolumeDescriptor> {
+    fn descriptor(&self, gzip: bool, options: &OpenOptions) -> Result<VolumeDescriptor> {
         let mut warnings = Vec::new();
         let (placement, provenance) = self.place(&mut warnings);
         let (dims, dtype) = (self.dims()?, self.dtype()?);

@@ -61,6 +61,15 @@ pub(crate) struct Group {
     pub(crate) other_values: Option<usize>,
 }
 
+/// What the first page of a file says for those that follow.
+#[derive(Default)]
+struct OfFile {
+    /// The number of the file; `None` before the first.
+    blob: Option<u32>,
+    sizes: String,
+    values: Option<Values>,
+}
+
 /// What is known of the pages of one or more files.
 #[derive(Default)]
 pub(crate) struct Chain {
@@ -73,7 +82,7 @@ pub(crate) struct Chain {
     /// Voxels of the largest chunk that must be decoded, and the most rows of one.
     pub(crate) largest: (u64, u32),
     /// What ImageJ or tifffile say of sizes and values on the first page of a file, for all that follow there.
-    of_file: (Option<u32>, String, Option<Values>),
+    of_file: OfFile,
     /// Bytes of descriptions.
     texts: u64,
 }
@@ -184,6 +193,36 @@ impl Chain {
         Ok((sizes, Some(shaped)))
     }
 
+    /// What a slice says of its sizes and values: by itself, or by the first page of its file.
+    fn stated(
+        &mut self,
+        bytes: &Bytes,
+        blob: u32,
+        dir: &Directory,
+        dtype: Dtype,
+    ) -> Result<(String, Option<Values>)> {
+        let begin = dir.text_begin(270)?;
+        let imagej = imagej::Text::is(&begin);
+        let (mut sizes, shaped) = self.describe(bytes, dir, &begin)?;
+        let mut values = scale::values(bytes.path(), dir, dtype, imagej)?;
+        let mut described = values.clone().filter(|_| imagej);
+        if let Some(shaped) = &shaped {
+            described = shaped.values(bytes.path(), dtype)?;
+            values = scale::both(bytes.path(), values, described.clone())?;
+        }
+        if self.of_file.blob != Some(blob) || shaped.is_some() {
+            self.of_file = OfFile {
+                blob: Some(blob),
+                sizes: sizes.clone(),
+                values: described,
+            };
+        } else if sizes.is_empty() {
+            sizes.clone_from(&self.of_file.sizes);
+            values = values.or_else(|| self.of_file.values.clone());
+        }
+        Ok((sizes, values))
+    }
+
     /// Takes a slice into account, and returns the index of its kind.
     fn slice(&mut self, bytes: &Bytes, blob: u32, dir: &Directory, layout: &Layout) -> Result<u16> {
         if !layout.is_direct() {
@@ -192,9 +231,7 @@ impl Chain {
             self.largest = (most.max(voxels), rows.max(layout.cut.rows));
         }
         let number = self.pages.len();
-        let begin = dir.text_begin(270)?;
-        let imagej = imagej::Text::is(&begin);
-        let (mut sizes, shaped) = self.describe(bytes, dir, &begin)?;
+        let (sizes, values) = self.stated(bytes, blob, dir, layout.dtype)?;
         let kind = Kind {
             size: layout.size,
             dtype: layout.dtype,
@@ -203,18 +240,6 @@ impl Chain {
             white_is_zero: dir.number(262, 1)? == 0,
         };
         let resolution = Resolution::read(dir)?;
-        let mut values = scale::values(bytes.path(), dir, layout.dtype, imagej)?;
-        let mut described = values.clone().filter(|_| imagej);
-        if let Some(shaped) = &shaped {
-            described = shaped.values(bytes.path(), layout.dtype)?;
-            values = scale::both(bytes.path(), values, described.clone())?;
-        }
-        if self.of_file.0 != Some(blob) || shaped.is_some() {
-            self.of_file = (Some(blob), sizes.clone(), described);
-        } else if sizes.is_empty() {
-            sizes.clone_from(&self.of_file.1);
-            values = values.or_else(|| self.of_file.2.clone());
-        }
         // pages are most often like the one before
         let like = |group: &Group| {
             (group.resolution, &group.sizes) == (resolution, &sizes) && group.values == values

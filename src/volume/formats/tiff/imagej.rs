@@ -7,6 +7,7 @@ use crate::volume::formats::tiff::resolution::Resolution;
 use crate::volume::formats::tiff::shaped::near;
 use crate::volume::formats::tiff::stack::{About, Stack, other_count};
 use crate::volume::stated::size::Step;
+use crate::words::things;
 use std::path::Path;
 
 /// The lines of a description.
@@ -65,12 +66,11 @@ impl<'a> Text<'a> {
         };
         if product(counts) != Some(images.unwrap_or(pages)) {
             let [slices, channels, frames] = counts;
-            let of = |n: u64, one: &str| format!("{n} {one}{}", if n == 1 { "" } else { "s" });
             let found = format!(
                 "{}, {} and {}",
-                of(slices, "slice"),
-                of(channels, "channel"),
-                of(frames, "frame")
+                things(slices, "slice"),
+                things(channels, "channel"),
+                things(frames, "frame")
             );
             let stated = slices.saturating_mul(channels).saturating_mul(frames);
             let hint = other_count(images.unwrap_or(pages), stated);

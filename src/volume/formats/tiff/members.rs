@@ -2,14 +2,13 @@
 //! gives them no meaning: those of one meaning are taken, the others are named in a warning.
 
 use crate::error::{Error, Result};
-use crate::grid::Unit;
-use crate::grid::length::{Length, tidy};
+use crate::grid::length::tidy;
 use crate::volume::Dtype;
 use crate::volume::adapters::values::Values;
 use crate::volume::formats::tiff::stack::About;
 use crate::volume::stated::cf::{self, Attribute};
 use crate::volume::stated::size::Step;
-use crate::volume::stated::written::{self, Written, plain};
+use crate::volume::stated::written::{self, Name, Written, plain};
 use serde_json::{Map, Value};
 use std::path::Path;
 
@@ -24,18 +23,6 @@ const SIZES: [(&str, usize); 8] = [
     ("pixelsize", 2),
     ("pixelspacing", 2),
     ("spacing", 0),
-];
-
-/// Units at the end of names.
-const UNITS: [&str; 8] = [
-    "microns",
-    "micron",
-    "micrometer",
-    "micrometers",
-    "um",
-    "µm",
-    "nm",
-    "mm",
 ];
 
 /// Parts of names that may say a size.
@@ -85,27 +72,9 @@ pub(crate) struct Members<'a> {
     pub(crate) axes: &'a str,
 }
 
-/// The number of axes, or the axis, and the unit that a name of a size has.
-fn size_name(name: &str) -> Option<(usize, Option<usize>, Option<&'static str>)> {
-    let name = plain(name);
-    let base = |name: &str| {
-        let of = |base: &str| SIZES.iter().find(|(n, _)| *n == base).map(|(_, n)| *n);
-        if let Some(count) = of(name) {
-            return Some((count, None));
-        }
-        ["x", "y", "z"].iter().enumerate().find_map(|(a, axis)| {
-            let rest = name.strip_suffix(axis).or_else(|| name.strip_prefix(axis));
-            rest.and_then(of).map(|count| (count, Some(a)))
-        })
-    };
-    let with_unit = |unit: &'static str| {
-        let (count, axis) = base(name.strip_suffix(unit)?)?;
-        Some((count, axis, Some(unit)))
-    };
-    match base(&name) {
-        Some((count, axis)) => Some((count, axis, None)),
-        None => UNITS.into_iter().find_map(with_unit),
-    }
+/// How many axes a single number of a size of this plain name is of, as [`SIZES`] has them.
+fn count(base: &str) -> Option<usize> {
+    SIZES.iter().find(|(n, _)| *n == base).map(|(_, n)| *n)
 }
 
 /// All numbers of a member, as it may be written.
@@ -140,17 +109,23 @@ impl<'a> Members<'a> {
             .collect()
     }
 
-    /// The unit beside sizes: of the member `name`, or of all.
-    fn unit(&self, name: &str) -> String {
-        let name = plain(name);
-        let own = [format!("{name}unit"), format!("{name}units")];
-        let all = ["unit", "units", "voxelunit", "voxelunits", "spacingunit"];
-        let mut names = own.iter().map(String::as_str).chain(all);
-        let text = names.find_map(|wanted| {
-            let mut found = self.json.iter().filter(|(key, _)| plain(key) == wanted);
-            found.find_map(|(_, value)| value.as_str())
-        });
-        text.unwrap_or_default().to_owned()
+    /// All members as attributes.
+    fn written(&self) -> Written {
+        let mut written = Written::default();
+        for (name, value) in self.json {
+            written.add_json(name, value);
+        }
+        written
+    }
+
+    /// The unit beside a size: of the member `name`, of those of this plain `base`, or of all.
+    fn unit(&self, name: &str, base: &str) -> String {
+        let unit = self.written().unit_beside(&[&plain(name), base]);
+        let texts = unit.map(|unit| unit.texts).unwrap_or_default();
+        match &texts[..] {
+            [one, rest @ ..] if rest.iter().all(|other| other == one) => one.clone(),
+            _ => String::new(),
+        }
     }
 
     /// Sizes that members state of x, y and z. What may be a size and is not taken is a warning.
@@ -188,10 +163,12 @@ impl<'a> Members<'a> {
     }
 
     fn sized(&self, name: &'a str, value: &Value, about: &mut About) -> Option<[Option<Step>; 3]> {
-        let (count, axis, unit) = size_name(name)?;
-        let mut unit = unit.map_or_else(|| self.unit(name), str::to_owned);
+        let known = Name::among(name, |base| count(base).is_some())?;
+        let (count, axis) = (count(&known.base)?, known.axis);
+        let unit = known.unit.map(str::to_owned);
+        let mut unit = unit.unwrap_or_else(|| self.unit(name, &known.base));
         // as in OME, whose names these are
-        if unit.is_empty() && plain(name).starts_with("physicalsize") {
+        if unit.is_empty() && known.base == "physicalsize" {
             unit = "um".into();
         }
         let step = |size: f64| Some(Step::new(size, unit.clone()));
@@ -250,14 +227,8 @@ impl<'a> Members<'a> {
         if packed.dtype != stored {
             return Err(no("the member _Unsigned".into()));
         }
-        let mut stated = Written::default();
-        for (name, value) in self.json {
-            stated.add_json(name, value);
-        }
-        match stated.pair().map_err(no)? {
-            None => Ok(packed.values),
-            Some(pair) => written::scaled(packed.values, pair).map_err(no),
-        }
+        let pair = self.written().pair().map_err(no)?;
+        written::with_scale(packed.values, pair).map_err(no)
     }
 
     /// Warns of members that may say which values samples stand for, and are not applied.
@@ -305,8 +276,7 @@ fn says_something(value: &Value) -> bool {
 
 /// True for two steps of one length.
 fn same(a: &Step, b: &Step) -> bool {
-    let in_nm = |s: &Step| Length::parse(&s.unit).map(|l| l.convert(s.size, Unit::Nanometre));
-    match (in_nm(a), in_nm(b)) {
+    match (a.nanometres(), b.nanometres()) {
         (Some(a), Some(b)) => (a / b - 1.0).abs() < 1e-6,
         (None, None) => a == b,
         _ => false,
@@ -334,6 +304,10 @@ mod tests {
 
     #[test]
     fn names_of_sizes() {
+        let parts = |name: &str| {
+            let known = Name::among(name, |base| count(base).is_some())?;
+            Some((count(&known.base)?, known.axis, known.unit))
+        };
         for (name, expected) in [
             ("voxel_size", Some((3, None, None))),
             ("VoxelSize_um", Some((3, None, Some("um")))),
@@ -346,7 +320,7 @@ mod tests {
             ("resolution", None),
             ("sizes", None),
         ] {
-            assert_eq!(size_name(name), expected, "{name}");
+            assert_eq!(parts(name), expected, "{name}");
         }
     }
 }

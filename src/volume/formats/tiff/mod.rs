@@ -102,7 +102,7 @@ pub(crate) fn parse(
         about.notes.append(&mut about.notes_of_size);
     }
     let page_bytes = u64::from(x) * u64::from(y) * kind.dtype.bytes() as u64;
-    let mut recipe = VolumeDescriptor {
+    let mut descriptor = VolumeDescriptor {
         endian: Some(kind.endian),
         values: about.values,
         mirrored,
@@ -110,23 +110,23 @@ pub(crate) fn parse(
         warnings: about.warnings,
         ..VolumeDescriptor::new("tiff", dims, kind.dtype, samples(plan, page_bytes)?)
     };
-    size.apply(&mut recipe.placement, &mut recipe.provenance);
+    size.apply(&mut descriptor.placement, &mut descriptor.provenance);
     match (about.zero, size.spacing, options.spacing) {
         (Some(zero), Some(spacing), None) => {
             // adding 0 turns -0 into 0
             let origin = [0, 1, 2].map(|a| 0.0 - zero[a] * spacing[a]);
             // products of decimals, without the noise of their last digits
             let short = |v: f64| format!("{v:.13e}").parse().unwrap_or(v);
-            recipe.placement.origin = origin.map(|v| short(v) + 0.0);
-            recipe.provenance.origin = Origin::File;
+            descriptor.placement.origin = origin.map(|v| short(v) + 0.0);
+            descriptor.provenance.origin = Origin::File;
         }
-        (Some([x, y, z]), ..) => recipe.notes.push(format!(
+        (Some([x, y, z]), ..) => descriptor.notes.push(format!(
             "ImageJ's origin of coordinates, at voxel {x}, {y}, {z}, is not used, since the file states no size of a \
              voxel or --spacing another: voxel 0 lies at 0"
         )),
         (None, ..) => {}
     }
-    Ok(recipe)
+    Ok(descriptor)
 }
 
 /// Samples in one piece are read as those of a raw file, others page by page.

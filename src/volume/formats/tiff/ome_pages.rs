@@ -3,7 +3,7 @@
 use crate::error::{Error, Result};
 use crate::grid::Unit;
 use crate::grid::length::Length;
-use crate::volume::formats::tiff::chain::{Chain, PageAt, THUMBNAIL};
+use crate::volume::formats::tiff::chain::{Chain, PageAt};
 use crate::volume::formats::tiff::ifd::{Directory, File};
 use crate::volume::formats::tiff::ome;
 use crate::volume::formats::tiff::plan::{Plan, of_files};
@@ -20,57 +20,73 @@ pub(crate) fn plan(
     document: &ome::Document,
     options: &OpenOptions,
 ) -> Result<Plan> {
-    let stacks: Vec<Stack> = document
-        .images
-        .iter()
-        .map(|image| image.stack.clone())
-        .collect();
-    let mut unlike = false;
-    let mut plan = if blobs.len() > 1 && stacks.len() == 1 && stacks[0].pages() == 1 {
-        // slices that describe themselves, each alone
-        let chain = Chain::of(&blobs)?;
-        let slices = chain.slices();
-        let other = other_steps(&blobs, document)?;
-        unlike = other.is_some();
-        let mut plan = of_files(path, blobs, chain, &slices, "", options)?;
-        match other {
-            None => plan.about.steps = document.images[0].steps.clone(),
-            Some(name) => plan.about.of_size(format!(
-                "OME-XML of {name} states sizes that are not those of the first slice: none is taken, give \
-                 --spacing and --unit"
-            )),
-        }
-        plan
+    let images = &document.images;
+    let (mut plan, alike) = if blobs.len() > 1 && images.len() == 1 && images[0].stack.pages() == 1
+    {
+        self_described(path, blobs, document, options)?
     } else {
-        let chosen = choose(path, &stacks, options)?;
-        let planes = document.planes(path, dir, &chosen)?;
-        let image = &document.images[chosen.stack];
-        let alone = blobs.len() == 1 && blobs[0].is_whole();
-        let told = (&planes, document.uuid.as_str());
-        let (blobs, chain, pages, renamed) =
-            ome_pages(path, blobs, told, stacks.len() == 1, &image.stack)?;
-        let mut plan = Plan::new(blobs, pages, chain);
-        plan.about.warnings.extend(renamed.map(|name| {
-            format!(
-                "OME-XML says that its pixels are in the file {name}, which is not there: those of this file are \
-                 taken, as if it had been renamed"
-            )
-            .into()
-        }));
-        plan.named = alone && plan.blobs.iter().any(|blob| blob.path() != path);
-        plan.movie(&chosen);
-        plan.about.steps = image.steps.clone();
-        plan.check_size(path, image.stack.size)?;
-        if stacks.len() == 1 && plan.blobs.len() == 1 {
-            plan.more_pages(image.stack.pages());
-        }
-        plan
+        (described(path, blobs, dir, document, options)?, true)
     };
     plan.about.of_tags = false;
     if plan.about.steps.iter().any(Option::is_some) {
         plan.compare();
-    } else if !unlike {
+    } else if alike {
         plan.sizes("", None, false);
+    }
+    Ok(plan)
+}
+
+/// Slices that describe themselves, each alone, and whether they state the same sizes.
+fn self_described(
+    path: &Path,
+    blobs: Vec<Blob>,
+    document: &ome::Document,
+    options: &OpenOptions,
+) -> Result<(Plan, bool)> {
+    let chain = Chain::of(&blobs)?;
+    let slices = chain.slices();
+    let other = other_steps(&blobs, document)?;
+    let alike = other.is_none();
+    let mut plan = of_files(path, blobs, chain, &slices, "", options)?;
+    match other {
+        None => plan.about.steps = document.images[0].steps.clone(),
+        Some(name) => plan.about.of_size(format!(
+            "OME-XML of {name} states sizes that are not those of the first slice: none is taken, give --spacing and \
+             --unit"
+        )),
+    }
+    Ok((plan, alike))
+}
+
+/// One of the images of a document, whose pages may be in several files.
+fn described(
+    path: &Path,
+    blobs: Vec<Blob>,
+    dir: &Directory,
+    document: &ome::Document,
+    options: &OpenOptions,
+) -> Result<Plan> {
+    let stacks = document.images.iter().map(|image| image.stack.clone());
+    let stacks: Vec<Stack> = stacks.collect();
+    let chosen = choose(path, &stacks, options)?;
+    let planes = document.planes(path, dir, &chosen)?;
+    let image = &document.images[chosen.stack];
+    let alone = blobs.len() == 1 && blobs[0].is_whole();
+    let found = ome_pages(path, blobs, document, &planes, &image.stack)?;
+    let mut plan = Plan::new(found.blobs, found.pages, found.chain);
+    plan.about.warnings.extend(found.renamed.map(|name| {
+        format!(
+            "OME-XML says that its pixels are in the file {name}, which is not there: those of this file are taken, as \
+             if it had been renamed"
+        )
+        .into()
+    }));
+    plan.named = alone && plan.blobs.iter().any(|blob| blob.path() != path);
+    plan.movie(&chosen);
+    plan.about.steps = image.steps.clone();
+    plan.check_size(path, image.stack.size)?;
+    if stacks.len() == 1 && plan.blobs.len() == 1 {
+        plan.more_pages(image.stack.pages());
     }
     Ok(plan)
 }
@@ -94,16 +110,22 @@ fn other_steps(blobs: &[Blob], document: &ome::Document) -> Result<Option<String
     Ok(None)
 }
 
-/// Files, their pages, those of the slices, and the name that the one file that was opened has in OME-XML, if it is
-/// taken by another.
-type Found = (Vec<Blob>, Chain, Vec<PageAt>, Option<String>);
+/// The files that OME-XML names, with their pages.
+struct Found {
+    blobs: Vec<Blob>,
+    chain: Chain,
+    /// Those of the slices.
+    pages: Vec<PageAt>,
+    /// The name in OME-XML of the one file that was opened, if it is taken by another.
+    renamed: Option<String>,
+}
 
 /// The pages that OME-XML names, in this file and others.
 fn ome_pages(
     path: &Path,
     given: Vec<Blob>,
-    (planes, uuid): (&ome::Planes, &str),
-    alone: bool,
+    document: &ome::Document,
+    planes: &ome::Planes,
     stack: &Stack,
 ) -> Result<Found> {
     let mut used: Vec<u32> = planes.pages.iter().map(|(file, _)| *file).collect();
@@ -112,7 +134,7 @@ fn ome_pages(
     let (mut chain, mut blobs, mut bases) = (Chain::default(), Vec::new(), Vec::new());
     let mut renamed = None;
     for &file in &used {
-        let (blob, by_another_name) = named(path, &given, planes, file, uuid)?;
+        let (blob, by_another_name) = named(path, &given, planes, file, &document.uuid)?;
         if by_another_name {
             renamed = Some(planes.files[file as usize].name.clone());
         }
@@ -129,17 +151,8 @@ fn ome_pages(
         );
         return Err(Error::format(path, found, "files of one OME-TIFF"));
     }
-    let count = chain
-        .pages
-        .iter()
-        .filter(|page| page.kind != THUMBNAIL)
-        .count() as u64;
-    if alone && planes.all && used.len() == 1 && count != stack.pages() {
-        let told = format!("{}, as its OME-XML says", stack.pages());
-        return Err(
-            Error::format(path, format!("a TIFF of {count} pages"), told)
-                .with_hint(other_count(count, stack.pages())),
-        );
+    if document.images.len() == 1 && planes.all && used.len() == 1 {
+        check_count(path, &chain, stack)?;
     }
     let page = |&(file, ifd): &(u32, u64)| {
         let at = used.partition_point(|&f| f < file);
@@ -156,7 +169,25 @@ fn ome_pages(
         number.map(|n| chain.pages[n])
     };
     let pages = planes.pages.iter().map(page).collect::<Result<_>>()?;
-    Ok((blobs, chain, pages, renamed))
+    Ok(Found {
+        blobs,
+        chain,
+        pages,
+        renamed,
+    })
+}
+
+/// Checks that a file has the pages of its one image and no others.
+fn check_count(path: &Path, chain: &Chain, stack: &Stack) -> Result<()> {
+    let count = chain.slices().len() as u64;
+    if count == stack.pages() {
+        return Ok(());
+    }
+    let told = format!("{}, as its OME-XML says", stack.pages());
+    Err(
+        Error::format(path, format!("a TIFF of {count} pages"), told)
+            .with_hint(other_count(count, stack.pages())),
+    )
 }
 
 /// The file of this number in OME-XML, and whether it is the one that was opened, taken by another name.
@@ -202,8 +233,7 @@ fn named(
 impl Plan {
     /// Says that the metadata name fewer pages than there are.
     fn more_pages(&mut self, named: u64) {
-        let pages = self.chain.pages.iter();
-        let pages = pages.filter(|page| page.kind != THUMBNAIL).count() as u64;
+        let pages = self.chain.slices().len() as u64;
         if pages > named {
             self.about.notes.push(format!(
                 "of the {pages} pages of this TIFF, OME-XML names {named}, which are read"

@@ -1,6 +1,7 @@
 //! The pages of a stack, found and decoded one by one.
 
 use crate::error::Result;
+use crate::sys::locks::lock;
 use crate::volume::formats::tiff::chain::PageAt;
 use crate::volume::formats::tiff::ifd;
 use crate::volume::formats::tiff::page::{Layout, TiffPage};
@@ -8,7 +9,7 @@ use crate::volume::io::blob::Blob;
 use crate::volume::io::paged::{Page, Pages};
 use std::collections::HashMap;
 use std::path::PathBuf;
-use std::sync::{Arc, Mutex, PoisonError};
+use std::sync::{Arc, Mutex};
 
 /// The pages of a stack.
 pub(crate) struct TiffPages {
@@ -49,7 +50,7 @@ impl Recent {
 
 impl Pages for TiffPages {
     fn page(&self, k: u32) -> Result<Box<dyn Page + '_>> {
-        let recent = || self.recent.lock().unwrap_or_else(PoisonError::into_inner);
+        let recent = || lock(&self.recent);
         let at = self.pages[k as usize];
         let bytes = self.blobs[at.blob as usize].open()?;
         let known = recent().layouts.get(&k).cloned();

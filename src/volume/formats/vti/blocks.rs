@@ -1,13 +1,14 @@
 //! Samples in packed blocks of equal size, each found by the table in front of them.
 
 use crate::error::{Error, Result};
+use crate::sys::locks::lock;
 use crate::volume::Endian;
 use crate::volume::formats::vti::Bytes;
 use crate::volume::io::byte_source::{ByteSource, Rows};
 use flate2::bufread::ZlibDecoder;
 use std::collections::VecDeque;
 use std::io::Read;
-use std::sync::{Arc, Mutex, PoisonError};
+use std::sync::{Arc, Mutex};
 
 /// Unpacked blocks that are kept, in bytes.
 const CACHE: u64 = 16 << 20;
@@ -104,7 +105,7 @@ impl Blocks {
     }
 
     fn block(&self, index: u64) -> Result<Arc<Vec<u8>>> {
-        let recent = || self.recent.lock().unwrap_or_else(PoisonError::into_inner);
+        let recent = || lock(&self.recent);
         if let Some((_, block)) = recent().iter().find(|(i, _)| *i == index) {
             return Ok(block.clone());
         }

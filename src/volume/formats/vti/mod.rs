@@ -270,6 +270,56 @@ impl<'a> Head<'a> {
         }
     }
 
+    /// The tag of the whole file, which must be one of image data.
+    fn image_data(&self) -> Result<&Tag> {
+        let file = self.one("VTKFile")?;
+        let kind = file.get("type").unwrap_or_default();
+        if kind == "ImageData" {
+            return Ok(file);
+        }
+        let hint = "volumes are ImageData (.vti): of a grid, save it as that, as with ParaView's filter Resample To \
+                    Image";
+        let what = format!("VTK data of type {kind}");
+        Err(Error::unsupported(self.path, what, hint))
+    }
+
+    fn byte_order(&self, file: &Tag) -> Result<Endian> {
+        match file.get("byte_order") {
+            Some("LittleEndian") | None => Ok(Endian::Little),
+            Some("BigEndian") => Ok(Endian::Big),
+            Some(other) => Err(self.wrong(other, "LittleEndian or BigEndian")),
+        }
+    }
+
+    /// Bytes of a number of an array's header.
+    fn word(&self, file: &Tag) -> Result<u64> {
+        match file.get("header_type") {
+            Some("UInt32") | None => Ok(4),
+            Some("UInt64") => Ok(8),
+            Some(other) => Err(self.wrong(other, "UInt32 or UInt64")),
+        }
+    }
+
+    /// The samples of an array, wherever they are.
+    fn samples(&self, bytes: Bytes, array: &Tag, stored: Stored) -> Result<Box<dyn ByteSource>> {
+        match array.get("format") {
+            Some("appended") => match self.appended(&bytes, array)? {
+                (at, false) => stored.source(bytes, at),
+                (at, true) => stored.decoded(&bytes, at),
+            },
+            Some("binary") => stored.decoded(&bytes, array.end),
+            Some("ascii") => {
+                let file: Arc<_> = text::decimal(&bytes, array.end, stored.dtype, stored.voxels)?;
+                Ok(Box::new(FileSource {
+                    file,
+                    path: self.path.to_path_buf(),
+                    offset: 0,
+                }))
+            }
+            other => Err(self.wrong(format!("format {other:?}"), "appended, binary or ascii")),
+        }
+    }
+
     /// Position and encoding of the appended samples.
     fn appended(&self, bytes: &Bytes, array: &Tag) -> Result<(u64, bool)> {
         let tag = self.one("AppendedData")?;
@@ -297,37 +347,61 @@ impl<'a> Head<'a> {
     }
 }
 
-/// The `total` bytes of samples of an array.
-fn source(bytes: Bytes, place: Place, total: u64, packing: Packing) -> Result<Box<dyn ByteSource>> {
-    if packing != Packing::None {
-        return Ok(Box::new(blocks::Blocks::open(
-            bytes, place, total, packing,
-        )?));
-    }
-    let start = place.at.saturating_add(place.word);
-    let stored = place.number(&bytes, 0)?;
-    let end = start.checked_add(total);
-    if stored != total || end.is_none_or(|end| end > bytes.len()) {
-        let found = format!("{stored} bytes of samples at {start}");
-        let expected = format!("{total} inside the file, as size and type say");
-        return Err(Error::format(bytes.path(), found, expected));
-    }
-    Ok(Box::new(FileSource {
-        path: bytes.path().to_path_buf(),
-        offset: start,
-        file: bytes.file(),
-    }))
+/// How an array is stored.
+#[derive(Clone, Copy)]
+struct Stored {
+    dtype: Dtype,
+    voxels: u64,
+    packing: Packing,
+    /// Bytes of a number of the array's header.
+    word: u64,
+    endian: Endian,
 }
 
-/// Base64 text that holds a header and the samples, as bytes of their own.
-fn decoded(bytes: &Bytes, at: u64, total: u64, packing: Packing) -> Result<Bytes> {
-    // a table of blocks is as long as the smallest blocks make it
-    let most = match packing {
-        Packing::None => total + 8,
-        _ => u64::MAX,
-    };
-    let (file, len) = text::base64(bytes, at, most)?;
-    Blob::part(bytes.path().to_path_buf(), file, 0, len).open()
+impl Stored {
+    /// Bytes of all samples.
+    fn total(&self) -> u64 {
+        self.voxels * self.dtype.bytes() as u64
+    }
+
+    /// The samples whose header is `at` that position.
+    fn source(&self, bytes: Bytes, at: u64) -> Result<Box<dyn ByteSource>> {
+        let place = Place {
+            at,
+            word: self.word,
+            endian: self.endian,
+        };
+        let total = self.total();
+        if self.packing != Packing::None {
+            let blocks = blocks::Blocks::open(bytes, place, total, self.packing)?;
+            return Ok(Box::new(blocks));
+        }
+        let start = place.at.saturating_add(place.word);
+        let stored = place.number(&bytes, 0)?;
+        let end = start.checked_add(total);
+        if stored != total || end.is_none_or(|end| end > bytes.len()) {
+            let found = format!("{stored} bytes of samples at {start}");
+            let expected = format!("{total} inside the file, as size and type say");
+            return Err(Error::format(bytes.path(), found, expected));
+        }
+        Ok(Box::new(FileSource {
+            path: bytes.path().to_path_buf(),
+            offset: start,
+            file: bytes.file(),
+        }))
+    }
+
+    /// The samples in base64 text that holds their header too.
+    fn decoded(&self, bytes: &Bytes, at: u64) -> Result<Box<dyn ByteSource>> {
+        // a table of blocks is as long as the smallest blocks make it
+        let most = match self.packing {
+            Packing::None => self.total() + 8,
+            _ => u64::MAX,
+        };
+        let (file, len) = text::base64(bytes, at, most)?;
+        let inside = Blob::part(bytes.path().to_path_buf(), file, 0, len).open()?;
+        self.source(inside, 0)
+    }
 }
 
 /// Parses a `.vti` file.
@@ -341,74 +415,36 @@ pub(crate) fn parse(path: &Path, options: &OpenOptions) -> Result<VolumeDescript
         path,
         tags: tags::read(&bytes)?,
     };
-    let file = head.one("VTKFile")?;
-    let kind = file.get("type").unwrap_or_default();
-    if kind != "ImageData" {
-        let hint = "volumes are ImageData (.vti): of a grid, save it as that, as with ParaView's filter Resample To \
-                    Image";
-        let what = format!("VTK data of type {kind}");
-        return Err(Error::unsupported(path, what, hint));
-    }
-    let mut endian = match file.get("byte_order") {
-        Some("LittleEndian") | None => Endian::Little,
-        Some("BigEndian") => Endian::Big,
-        Some(other) => return Err(head.wrong(other, "LittleEndian or BigEndian")),
-    };
-    let word = match file.get("header_type") {
-        Some("UInt32") | None => 4,
-        Some("UInt64") => 8,
-        Some(other) => return Err(head.wrong(other, "UInt32 or UInt64")),
-    };
+    let file = head.image_data()?;
     let extent = head.extent()?;
-    let (
-        Array {
-            tag: array, cells, ..
-        },
-        note,
-    ) = head.array(options)?;
-    let points = if cells { 0.0 } else { 1.0 };
+    let (array, note) = head.array(options)?;
+    let points = if array.cells { 0.0 } else { 1.0 };
     let size =
         [0, 1, 2].map(|a| (extent[2 * a + 1] - extent[2 * a] + points).clamp(0.0, 1e12) as u64);
     let dims = Dims::new(size).map_err(|e| e.of_header(head.path, "an image"))?;
-    let dtype = head.dtype(array)?;
-    let packing = head.packing(file)?;
-    let total = dims.voxels() * dtype.bytes() as u64;
+    let stored = Stored {
+        dtype: head.dtype(array.tag)?,
+        voxels: dims.voxels(),
+        packing: head.packing(file)?,
+        word: head.word(file)?,
+        endian: head.byte_order(file)?,
+    };
+    let total = stored.total();
     if total > bytes.len().saturating_mul(1032) {
         let found = format!("{} bytes for {total} bytes of samples", bytes.len());
         return Err(head.wrong(found, "a whole file"));
     }
-    let place = |at| Place { at, word, endian };
-    let samples: Box<dyn ByteSource> = match array.get("format") {
-        Some("appended") => match head.appended(&bytes, array)? {
-            (at, false) => source(bytes, place(at), total, packing)?,
-            (at, true) => source(
-                decoded(&bytes, at, total, packing)?,
-                place(0),
-                total,
-                packing,
-            )?,
-        },
-        Some("binary") => {
-            let inside = decoded(&bytes, array.end, total, packing)?;
-            source(inside, place(0), total, packing)?
-        }
-        Some("ascii") => {
-            endian = text::ORDER;
-            let file: Arc<_> = text::decimal(&bytes, array.end, dtype, dims.voxels())?;
-            Box::new(FileSource {
-                file,
-                path: path.to_path_buf(),
-                offset: 0,
-            })
-        }
-        other => return Err(head.wrong(format!("format {other:?}"), "appended, binary or ascii")),
+    let endian = match array.tag.get("format") {
+        Some("ascii") => text::ORDER,
+        _ => stored.endian,
     };
-    let (placement, provenance) = head.placement(extent, cells)?;
+    let samples = head.samples(bytes, array.tag, stored)?;
+    let (placement, provenance) = head.placement(extent, array.cells)?;
     Ok(VolumeDescriptor {
         endian: Some(endian),
         placement,
         provenance,
         notes: note.into_iter().collect(),
-        ..VolumeDescriptor::new("vti", dims, dtype, Samples::Bytes(samples))
+        ..VolumeDescriptor::new("vti", dims, stored.dtype, Samples::Bytes(samples))
     })
 }

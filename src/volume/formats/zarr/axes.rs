@@ -78,7 +78,7 @@ pub(crate) fn choose(path: &Path, axes: &[Axis], options: &OpenOptions) -> Resul
             }
             ([i], wanted) => {
                 let size = axes[*i].size;
-                at[*i] = entry(path, axes, (option, wanted), size)?;
+                at[*i] = entry(path, axes, option, wanted, size)?;
                 if size > 1 {
                     notes.push(format!("{} {} of {size}", axes[*i].name, at[*i]));
                 }
@@ -117,12 +117,7 @@ fn no_volume(path: &Path, axes: &[Axis], why: &str) -> Error {
 }
 
 /// The entry of an axis that an option names, or its only one.
-fn entry(
-    path: &Path,
-    axes: &[Axis],
-    (option, wanted): (&str, Option<u32>),
-    size: u64,
-) -> Result<u64> {
+fn entry(path: &Path, axes: &[Axis], option: &str, wanted: Option<u32>, size: u64) -> Result<u64> {
     match wanted {
         None if size == 1 => Ok(0),
         Some(n) if u64::from(n) < size => Ok(n.into()),

@@ -2,7 +2,8 @@
 
 use crate::error::{Error, Result};
 use crate::volume::formats::zarr::files::{Files, NONE};
-use crate::volume::formats::zarr::meta::Array;
+use crate::volume::formats::zarr::meta::{Array, ChunkKey};
+use crate::volume::stated::written::Missing;
 use std::fs::File;
 use std::os::unix::fs::FileExt;
 use std::path::{Path, PathBuf};
@@ -14,14 +15,28 @@ const MAX_SHARDS: usize = 1 << 12;
 /// More entries of tables of shards than this are not looked at.
 const MAX_ENTRIES: u64 = 1 << 22;
 
-/// How chunk files may be named: in front of the numbers, and between them.
-const KEYS: [(&str, char); 4] = [("", '.'), ("", '/'), ("c", '/'), ("c", '.')];
+/// How chunk files may be named.
+const KEYS: [ChunkKey; 4] = [
+    ChunkKey::new("", '.'),
+    ChunkKey::new("", '/'),
+    ChunkKey::new("c", '/'),
+    ChunkKey::new("c", '.'),
+];
 
 /// Chunks of a volume.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(crate) struct Count {
     pub(crate) missing: u64,
     pub(crate) total: u64,
+}
+
+impl From<Count> for Missing {
+    fn from(count: Count) -> Self {
+        Missing {
+            count: Some(count.missing),
+            total: count.total,
+        }
+    }
 }
 
 /// What is found in the folder of an array.
@@ -132,11 +147,11 @@ impl Wanted {
     }
 
     /// Looks through the names of a kind; `None` if there are too many.
-    fn names(&self, folder: &Path, (front, separator): (&str, char)) -> Result<Option<Names>> {
+    fn names(&self, folder: &Path, key: ChunkKey) -> Result<Option<Names>> {
         let mut names = Names::default();
-        let whole = match separator {
-            '/' => self.nested(&folder.join(front), &mut Vec::new(), &mut names)?,
-            _ => self.flat(folder, front, &mut names)?,
+        let whole = match key.separator {
+            '/' => self.nested(&folder.join(key.front), &mut Vec::new(), &mut names)?,
+            _ => self.flat(folder, key.front, &mut names)?,
         };
         Ok(whole.then_some(names))
     }

@@ -6,11 +6,11 @@ use crate::volume::Dtype;
 use crate::volume::descriptor::{Samples, VolumeDescriptor};
 use crate::volume::formats::zarr::axes::{self, Axis, Chosen};
 use crate::volume::formats::zarr::chunk::ZarrChunks;
-use crate::volume::formats::zarr::count::{self, Count};
+use crate::volume::formats::zarr::count;
 use crate::volume::formats::zarr::files::Files;
 use crate::volume::formats::zarr::meta::Array;
 use crate::volume::formats::zarr::ome::{OmeAxis, Stated};
-use crate::volume::formats::zarr::place::{self, Line, Placed};
+use crate::volume::formats::zarr::place::{self, Coordinates, Line, Placed};
 use crate::volume::formats::zarr::{coordinates, foreign};
 use crate::volume::io::paged::MAX_CHUNK;
 use crate::volume::options::OpenOptions;
@@ -35,7 +35,11 @@ impl Source {
     ///
     /// # Errors
     /// See [`crate::volume::formats::zarr::parse`].
-    pub(crate) fn recipe(mut self, path: &Path, options: &OpenOptions) -> Result<VolumeDescriptor> {
+    pub(crate) fn descriptor(
+        mut self,
+        path: &Path,
+        options: &OpenOptions,
+    ) -> Result<VolumeDescriptor> {
         let stored = self.dtype()?;
         let usual = |stated: &Stated| stated.usual && matches!(stated.affine, Ok(None));
         if self.array.shape.len() != 5 && self.stated.as_ref().is_some_and(usual) {
@@ -58,25 +62,26 @@ impl Source {
         let (placement, provenance) = self.place(&labels, axes, named, options)?;
         let attribute = |name: &str| Ok(coordinates::attribute(&self.array, name));
         self.notes.extend(coordinates::fill_note(&self.array));
-        let mut packed = cf::values(&self.folder, stored, attribute)?;
+        let packed = cf::values(&self.folder, stored, attribute)?;
         if self.stated.is_none() && self.array.names.iter().all(String::is_empty) {
             foreign::no_other_order(&self.folder, &self.array)?;
         }
-        foreign::scale(&self.folder, &self.array, &mut packed, &mut self.warnings)?;
+        let warnings = &mut self.warnings;
+        let values = foreign::scale(&self.folder, &self.array, packed.values, warnings)?;
         let bytes = self.chunk_bytes(path)?;
         let (endian, fill) = (self.array.coding.endian, self.array.fill.unwrap_or(0.0));
         let mut files = Files::new(self.folder, self.array, bytes);
         let counted = count::count(&mut files, axes, &at, &mut self.notes)?;
-        if let Some(Count { missing, total }) = counted {
+        if let Some(count) = counted {
             let (notes, warnings) = (&mut self.notes, &mut self.warnings);
-            written::missing((Some(missing), total), &fill.to_string(), notes, warnings);
+            written::missing(count.into(), &fill.to_string(), notes, warnings);
         }
         let chunks = ZarrChunks::new(files, dims, axes, &at, packed.dtype);
         Ok(VolumeDescriptor {
             endian: Some(endian),
             placement,
             provenance,
-            values: packed.values,
+            values,
             notes: self.notes,
             warnings: self.warnings,
             ..VolumeDescriptor::new(
@@ -154,7 +159,14 @@ impl Source {
                 axes: coordinates,
                 affine: Ok(Some(affine)),
                 ..
-            }) => place::turned(&self.folder, (affine, coordinates), labels, axes),
+            }) => {
+                let to = Coordinates {
+                    affine,
+                    axes: coordinates,
+                    labels,
+                };
+                place::turned(&self.folder, &to, axes)
+            }
             Some(Stated { affine: Err(_), .. }) => match self.stated.take() {
                 Some(Stated { affine: Err(e), .. }) => Err(e),
                 _ => Ok(Placed::default()),

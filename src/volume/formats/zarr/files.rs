@@ -1,17 +1,19 @@
 //! The files of an array's chunks and shards, and the tables of shards.
 
 use crate::error::{Error, Result};
+use crate::sys::locks::lock;
 use crate::volume::codecs::blosc::Broken;
 use crate::volume::formats::zarr::codec;
 use crate::volume::formats::zarr::codec::crc32c;
-use crate::volume::formats::zarr::meta::Array;
+use crate::volume::formats::zarr::meta::{Array, ChunkKey};
 use crate::volume::io::data;
 use std::collections::HashMap;
 use std::fs::File;
 use std::io::ErrorKind;
+use std::ops::Range;
 use std::os::unix::fs::FileExt;
 use std::path::{Path, PathBuf};
-use std::sync::{Arc, Mutex, PoisonError};
+use std::sync::{Arc, Mutex};
 
 /// Tables of shards that are kept, in entries of 16 bytes, unless one has more.
 const RECENT: u64 = 1 << 20;
@@ -60,7 +62,7 @@ impl Files {
 
     /// The file of a chunk or shard.
     pub(crate) fn file(&self, place: &[u64]) -> PathBuf {
-        let (front, separator) = self.array.key;
+        let ChunkKey { front, separator } = self.array.key;
         let mut key = front.to_owned();
         for (i, n) in place.iter().enumerate() {
             if i > 0 || !front.is_empty() {
@@ -114,7 +116,7 @@ impl Files {
             let Some((file, size)) = self.open(&path)? else {
                 return Ok(None);
             };
-            let bytes = self.read(&path, &file, (0, size), size)?;
+            let bytes = self.read(&path, &file, 0..size, size)?;
             return Ok(Some((path, bytes)));
         };
         let counts = shards.count.iter();
@@ -145,19 +147,14 @@ impl Files {
         if [start, len] == NONE {
             return Ok(None);
         }
-        let bytes = self.read(&path, file, (start, len), *size)?;
+        let bytes = self.read(&path, file, start..start.saturating_add(len), *size)?;
         Ok(Some((path, bytes)))
     }
 
-    fn read(
-        &self,
-        path: &Path,
-        file: &File,
-        (start, len): (u64, u64),
-        size: u64,
-    ) -> Result<Vec<u8>> {
+    fn read(&self, path: &Path, file: &File, part: Range<u64>, size: u64) -> Result<Vec<u8>> {
         let most = codec::largest(&self.array.coding.packing, self.bytes) as u64;
-        if start.checked_add(len).is_none_or(|end| end > size) || len > most {
+        let (start, len) = (part.start, part.end - part.start);
+        if part.end > size || len > most {
             let found = format!("a chunk of {len} bytes at {start} of {size}");
             return Err(Error::format(path, found, format!("at most {most}")));
         }
@@ -169,7 +166,7 @@ impl Files {
 
     /// The table of a shard. One thread at a time reads one, since it may be large.
     fn table(&self, path: &Path) -> Result<Option<Table>> {
-        let mut tables = self.tables.lock().unwrap_or_else(PoisonError::into_inner);
+        let mut tables = lock(&self.tables);
         if let Some(table) = tables.get(path) {
             return Ok(table.clone());
         }

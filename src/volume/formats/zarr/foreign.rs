@@ -4,7 +4,6 @@ use crate::error::{Error, Result};
 use crate::volume::adapters::values::Values;
 use crate::volume::formats::zarr::meta::Array;
 use crate::volume::formats::zarr::store::{MAX_DEPTH, Node, node};
-use crate::volume::stated::cf::Packed;
 use crate::volume::stated::warning::Warning;
 use crate::volume::stated::written::{self, AXES, Grid, SizeFound, Written, plain};
 use serde_json::Value;
@@ -53,34 +52,24 @@ fn keys(tags: &Value) -> String {
     axes.filter_map(|axis| axis["key"].as_str()).collect()
 }
 
-/// Applies a scale that attributes state by pairs of names, and warns of those whose meaning cannot be told.
+/// The values by CF's attributes, with a scale that others state by pairs of names. Warns of attributes whose meaning
+/// cannot be told.
 ///
 /// # Errors
 /// [`Error::Unsupported`] if two scales are stated, or a part of one is no number.
 pub(crate) fn scale(
     folder: &Path,
     array: &Array,
-    packed: &mut Packed,
+    cf: Option<Values>,
     warnings: &mut Vec<Warning>,
-) -> Result<()> {
+) -> Result<Option<Values>> {
     let no = |what: String| {
         let hint = "write the values themselves, or remove the attribute";
         Error::unsupported(folder, format!("a Zarr array with {what}"), hint)
     };
     let written = written(&array.attributes);
     let pair = written.pair().map_err(no)?;
-    let taken = pair.is_some();
-    if let Some((linear, by)) = pair {
-        let found = Values::linear(linear.slope, linear.intercept, &by);
-        match (&packed.values, found) {
-            (_, None) => {}
-            (None, found) => packed.values = found,
-            (Some(values), Some(_)) => {
-                return Err(no(format!("both {} and {by}", values.stated_by)));
-            }
-        }
-    }
-    written.vague(taken, "", warnings);
+    written.vague(pair.is_some(), "", warnings);
     for (group, attributes) in groups(folder) {
         attributes.vague(
             false,
@@ -88,7 +77,7 @@ pub(crate) fn scale(
             warnings,
         );
     }
-    Ok(())
+    written::with_scale(cf, pair).map_err(no)
 }
 
 /// What attributes hold.

@@ -29,6 +29,21 @@ pub(crate) struct Shards {
     pub(crate) at_end: bool,
 }
 
+/// How the files of chunks are named.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(crate) struct ChunkKey {
+    /// In front of the numbers of a chunk; may be empty.
+    pub(crate) front: &'static str,
+    /// Between them.
+    pub(crate) separator: char,
+}
+
+impl ChunkKey {
+    pub(crate) const fn new(front: &'static str, separator: char) -> Self {
+        ChunkKey { front, separator }
+    }
+}
+
 /// What is known of an array.
 #[derive(Debug, Clone, PartialEq)]
 pub(crate) struct Array {
@@ -41,8 +56,7 @@ pub(crate) struct Array {
     pub(crate) fill: Option<f64>,
     pub(crate) coding: Coding,
     pub(crate) shards: Option<Shards>,
-    /// In front of the numbers of a chunk's file, and between them.
-    pub(crate) key: (&'static str, char),
+    pub(crate) key: ChunkKey,
     /// Names of the axes, if stated; an axis without one is empty.
     pub(crate) names: Vec<String>,
     /// What others have noted of it: an object, or null.
@@ -138,7 +152,7 @@ impl Meta<'_> {
                 packing,
             },
             shards: None,
-            key: ("", separator),
+            key: ChunkKey::new("", separator),
             attributes,
             version: 2,
         })
@@ -175,10 +189,10 @@ impl Meta<'_> {
         let key = &json["chunk_key_encoding"];
         let separator = key["configuration"]["separator"].as_str();
         let key = match (key["name"].as_str().or(key.as_str()), separator) {
-            (Some("default"), Some("/") | None) => ("c", '/'),
-            (Some("default"), Some(".")) => ("c", '.'),
-            (Some("v2"), Some(".") | None) => ("", '.'),
-            (Some("v2"), Some("/")) => ("", '/'),
+            (Some("default"), Some("/") | None) => ChunkKey::new("c", '/'),
+            (Some("default"), Some(".")) => ChunkKey::new("c", '.'),
+            (Some("v2"), Some(".") | None) => ChunkKey::new("", '.'),
+            (Some("v2"), Some("/")) => ChunkKey::new("", '/'),
             _ => return Err(self.no(format!("the Zarr chunk names {key}"))),
         };
         let transformers = json["storage_transformers"].as_array();

@@ -160,7 +160,7 @@ impl Opening<'_> {
             notes,
             warnings: pyramid.warnings,
         };
-        source.recipe(self.path, self.options)
+        source.descriptor(self.path, self.options)
     }
 
     /// An array by itself, which may be a level of a pyramid in a group above.
@@ -182,7 +182,7 @@ impl Opening<'_> {
                 notes,
                 warnings: Vec::new(),
             };
-            return source.recipe(self.path, self.options);
+            return source.descriptor(self.path, self.options);
         };
         let count = pyramid.levels.len();
         notes.push(format!(
@@ -196,6 +196,6 @@ impl Opening<'_> {
             notes,
             warnings: pyramid.warnings,
         };
-        source.recipe(self.path, self.options)
+        source.descriptor(self.path, self.options)
     }
 }

@@ -70,17 +70,21 @@ pub(crate) fn labels(stated: &Stated, axes: usize) -> Vec<usize> {
     found.unwrap_or_else(by_number)
 }
 
+/// How indices of an array turn into coordinates.
+pub(crate) struct Coordinates<'a> {
+    pub(crate) affine: &'a Affine,
+    pub(crate) axes: &'a [OmeAxis],
+    /// For each axis of the array the one of coordinates that it runs along.
+    pub(crate) labels: &'a [usize],
+}
+
 /// The place of a volume of which the array's `axes` are x, y and z.
 ///
 /// # Errors
 /// [`Error::Unsupported`] for a transformation in which other axes turn into x, y or z, or units are mixed.
-pub(crate) fn turned(
-    group: &Path,
-    (affine, coordinates): (&Affine, &[OmeAxis]),
-    labels: &[usize],
-    axes: [usize; 3],
-) -> Result<Placed> {
-    let rows = axes.map(|a| labels[a]);
+pub(crate) fn turned(group: &Path, to: &Coordinates, axes: [usize; 3]) -> Result<Placed> {
+    let affine = to.affine;
+    let rows = axes.map(|a| to.labels[a]);
     let no = |what: &str| Error::unsupported(group, what, "");
     for (i, row) in affine.matrix.iter().enumerate() {
         let mixed = |(j, v): (usize, &f64)| *v != 0.0 && rows.contains(&i) != axes.contains(&j);
@@ -91,7 +95,7 @@ pub(crate) fn turned(
         }
     }
     let at = |r: usize, c: usize| affine.matrix[rows[r]][axes[c]];
-    let unit = |a: usize| coordinates[rows[a]].unit.clone();
+    let unit = |a: usize| to.axes[rows[a]].unit.clone();
     let plain = (0..9).all(|i| i / 3 == i % 3 || at(i / 3, i % 3) == 0.0);
     let line = |a: usize, step: f64| {
         Some(Line {

@@ -5,6 +5,7 @@ mod name;
 mod place;
 mod quantity;
 pub(crate) mod size;
+mod unit;
 
 #[cfg(feature = "hdf5")]
 pub(crate) use place::is_turn;
@@ -12,6 +13,8 @@ pub(crate) use place::is_turn;
 pub(crate) use size::SizeFound;
 #[cfg(any(feature = "hdf5", feature = "zarr"))]
 pub(crate) use size::{Grid, size};
+
+pub(crate) use name::Name;
 
 use crate::volume::adapters::values::{Linear, Scale, Values};
 use crate::volume::stated::warning::Warning;
@@ -102,7 +105,11 @@ const VAGUE_ENDS: [&str; 12] = [
 ];
 
 /// A scale, and the attributes that state it.
-pub(crate) type Stated = (Linear, String);
+#[derive(Debug, Clone, PartialEq)]
+pub(crate) struct StatedScale {
+    pub(crate) linear: Linear,
+    pub(crate) by: String,
+}
 
 /// What an attribute holds.
 #[derive(Debug, Clone, PartialEq)]
@@ -248,8 +255,8 @@ impl Written {
     ///
     /// # Errors
     /// A few words of what is stated if it is no scale, or if two scales are.
-    pub(crate) fn pair(&self) -> Result<Option<Stated>, String> {
-        let mut found: Option<Stated> = None;
+    pub(crate) fn pair(&self) -> Result<Option<StatedScale>, String> {
+        let mut found: Option<StatedScale> = None;
         for (slope, intercept) in PAIRS {
             // those of CF itself are read as CF says, and half of them in another spelling may be of anything
             let cf = slope == "scalefactor";
@@ -272,11 +279,11 @@ impl Written {
             };
             let stated = sound(linear, by.join(" and "))?;
             found = match found {
-                Some((known, by)) if known != Linear::SAME => {
+                Some(known) if known.linear != Linear::SAME => {
                     if linear != Linear::SAME {
-                        return Err(format!("both {by} and {}", stated.1));
+                        return Err(format!("both {} and {}", known.by, stated.by));
                     }
-                    Some((known, by))
+                    Some(known)
                 }
                 _ => Some(stated),
             };
@@ -323,7 +330,7 @@ fn is_vague(own: &str, held: &Held) -> bool {
     let of_values = VAGUE_ENDS.iter().any(|end| own.ends_with(end));
     match held.number() {
         Some(_) => of_values || VAGUE.contains(&own),
-        None => of_values && name::Name::of(own).is_none(),
+        None => of_values && Name::of(own).is_none(),
     }
 }
 
@@ -349,11 +356,18 @@ impl Held {
     }
 }
 
-/// The values of samples of which CF's attributes state some, and other ones a scale.
+/// The values of samples of which CF's attributes state some, and other ones a scale. A scale of 1 and 0 states nothing.
 ///
 /// # Errors
 /// A few words of two scales.
-pub(crate) fn scaled(cf: Option<Values>, (linear, by): Stated) -> Result<Option<Values>, String> {
+pub(crate) fn with_scale(
+    cf: Option<Values>,
+    other: Option<StatedScale>,
+) -> Result<Option<Values>, String> {
+    let Some(StatedScale { linear, by }) = other.filter(|other| other.linear != Linear::SAME)
+    else {
+        return Ok(cf);
+    };
     match cf {
         None => Ok(Values::linear(linear.slope, linear.intercept, &by)),
         Some(values) if values.scale == Scale::All(Linear::SAME) => Ok(Some(Values {
@@ -369,21 +383,30 @@ pub(crate) fn scaled(cf: Option<Values>, (linear, by): Stated) -> Result<Option<
 ///
 /// # Errors
 /// A few words of a scale that is none.
-pub(crate) fn sound(linear: Linear, by: String) -> Result<Stated, String> {
+pub(crate) fn sound(linear: Linear, by: String) -> Result<StatedScale, String> {
     if linear.slope == 0.0 || !linear.slope.is_finite() || !linear.intercept.is_finite() {
         return Err(format!("a scale of {} by {by}", linear.slope));
     }
-    Ok((linear, by))
+    Ok(StatedScale { linear, by })
 }
 
-/// Says that chunks are not in the file, `None` of the total if nobody counted: a warning if none is there.
+/// Chunks of an array that are not in the file.
+pub(crate) struct Missing {
+    /// `None` if nobody counted.
+    pub(crate) count: Option<u64>,
+    /// Chunks of the array.
+    pub(crate) total: u64,
+}
+
+/// Says that chunks are not in the file: a warning if none is there.
 pub(crate) fn missing(
-    (count, total): (Option<u64>, u64),
+    chunks: Missing,
     fill: &str,
     notes: &mut Vec<String>,
     warnings: &mut Vec<Warning>,
 ) {
-    match count {
+    let total = chunks.total;
+    match chunks.count {
         Some(0) => {}
         Some(n) if n == total => {
             let what = match total {
@@ -398,5 +421,40 @@ pub(crate) fn missing(
         None => notes.push(format!(
             "chunks that are missing are read as the fill value {fill}; among {total} they were not looked for"
         )),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_scale_joins_what_cf_states_of_samples_without_value() {
+        let linear = |slope| Linear {
+            slope,
+            intercept: 0.0,
+        };
+        let stated = |slope| {
+            Some(StatedScale {
+                linear: linear(slope),
+                by: "slope".into(),
+            })
+        };
+        let cf = |slope| Values {
+            scale: Scale::All(linear(slope)),
+            nothing: vec![-1.0],
+            valid: None,
+            stated_by: "_FillValue".into(),
+        };
+        assert_eq!(with_scale(None, None), Ok(None));
+        // a scale that changes nothing contradicts none
+        assert_eq!(with_scale(Some(cf(2.0)), stated(1.0)), Ok(Some(cf(2.0))));
+        let both = Values {
+            scale: Scale::All(linear(3.0)),
+            stated_by: "slope; _FillValue".into(),
+            ..cf(1.0)
+        };
+        assert_eq!(with_scale(Some(cf(1.0)), stated(3.0)), Ok(Some(both)));
+        assert!(with_scale(Some(cf(2.0)), stated(3.0)).is_err());
     }
 }

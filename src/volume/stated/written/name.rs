@@ -60,7 +60,13 @@ pub(crate) struct Name {
 }
 
 impl Name {
+    /// The parts of a name that may be of a size in attributes of arrays; `None` for other names.
     pub(crate) fn of(name: &str) -> Option<Name> {
+        Name::among(name, |base| SURE.contains(&base) || UNSURE.contains(&base))
+    }
+
+    /// The parts of a name whose base is one of those that `known` tells; `None` for other names.
+    pub(crate) fn among(name: &str, known: impl Fn(&str) -> bool) -> Option<Name> {
         let whole = plain(name);
         let letter = |text: &str| {
             let (last, rest) = (text.chars().last()?, &text[..text.len() - 1]);
@@ -86,12 +92,11 @@ impl Name {
             forms.push((base, Some(u), Some(a)));
         }
         forms.into_iter().find_map(|(base, unit, axis)| {
-            let sure = SURE.contains(&base.as_str());
-            (sure || UNSURE.contains(&base.as_str())).then_some(Name {
+            known(&base).then(|| Name {
+                sure: SURE.contains(&base.as_str()),
                 base,
                 unit,
                 axis,
-                sure,
             })
         })
     }

@@ -9,21 +9,8 @@ use crate::volume::stated::size::Step;
 use crate::volume::stated::warning::Warning;
 use crate::volume::stated::written::name::Name;
 use crate::volume::stated::written::quantity::{Sizes, cleaned, sizes};
+use crate::volume::stated::written::unit::UnitBeside;
 use crate::volume::stated::written::{Held, Written, axis_letter, plain};
-
-/// Attributes of the unit of length beside a size, whatever the name of that, in plain spelling.
-const UNITS: [&str; 10] = [
-    "voxelunit",
-    "voxelsizeunit",
-    "pixelunit",
-    "pixelsizeunit",
-    "spacingunit",
-    "lengthunit",
-    "spatialunit",
-    "spaceunit",
-    "resolutionunit",
-    "sizeunit",
-];
 
 /// Which axes of an array x, y and z are.
 #[derive(Debug, Clone, Copy)]
@@ -217,15 +204,12 @@ impl Reader<'_> {
             .trim_end_matches("dimensions")
             .trim_end_matches("value");
         let base = base.strip_suffix("scale").unwrap_or(base);
-        let near = [&known.base, base].map(|base| format!("{base}unit"));
-        let mut near = near
-            .iter()
-            .map(String::as_str)
-            .filter(|n| *n != "unit")
-            .chain(UNITS);
-        let beside = near.find_map(|spelling| self.unit(spelling));
-        let general = beside.is_none();
-        let Some((by, texts)) = beside.or_else(|| self.unit("unit")) else {
+        let Some(UnitBeside {
+            by,
+            texts,
+            of_anything,
+        }) = self.written.unit_beside(&[&known.base, base])
+        else {
             return Some(sizes);
         };
         let all_same = texts.iter().all(|text| *text == texts[0]);
@@ -244,7 +228,7 @@ impl Reader<'_> {
             return Some(sizes.into_iter().map(|(size, _)| size).zip(units).collect());
         }
         let said = Held::Texts(texts);
-        if !general {
+        if !of_anything {
             self.not_taken(
                 name,
                 held,
@@ -260,19 +244,6 @@ impl Reader<'_> {
             )));
         }
         Some(sizes)
-    }
-
-    /// Name and texts of an attribute that states a unit, by its plain spelling in the singular.
-    fn unit(&self, spelling: &str) -> Option<(String, Vec<String>)> {
-        let several = format!("{spelling}s");
-        let (name, held) = self
-            .written
-            .like(spelling)
-            .or_else(|| self.written.like(&several))?;
-        match held {
-            Held::Texts(texts) => Some((name.to_owned(), texts.clone())),
-            _ => None,
-        }
     }
 
     /// What all attributes together state.
@@ -337,11 +308,7 @@ fn differ(a: &[Option<Step>; 3], b: &[Option<Step>; 3]) -> bool {
         let (Some(a), Some(b)) = pair else {
             return false;
         };
-        let nanometres = |step: &Step| {
-            let length = Length::parse(&step.unit);
-            length.map(|unit| unit.convert(step.size, crate::grid::Unit::Nanometre))
-        };
-        let (x, y) = match (nanometres(a), nanometres(b)) {
+        let (x, y) = match (a.nanometres(), b.nanometres()) {
             (Some(x), Some(y)) => (x, y),
             _ => (a.size, b.size),
         };

@@ -1,7 +1,7 @@
-//! The measures that tiles carry on their pieces, to be held against the table of cells.
+//! The measures in the extras of the tiles' pieces, to be held against the table of cells.
 //!
-//! Tiles come before tables and cells are too many to be kept, so only a hash of the measures goes
-//! along with each surface.
+//! Tiles are read before tables and cells are too many to be held in memory, so only a hash of the measures goes along
+//! with each surface.
 
 use crate::tile::read::Measured;
 use std::hash::{DefaultHasher, Hasher};

@@ -4,203 +4,20 @@
 //! A voxel of the grid lies between two slices; in each of them it lies between four pixels. So two slices at a time
 //! are all that is read. Outside of a slice there is the fill.
 
-use crate::error::{Error, Result};
-use crate::grid::{Dims, MAX_DIM, Placement};
+mod grid;
+
+pub(crate) use grid::{Grid, Place, SlicePlaces};
+
+use crate::error::Result;
+use crate::grid::Placement;
 use crate::volume::{Dtype, Header, Volume, Voxel, with_voxel_type};
-use glam::DVec3;
+use grid::SliceShare;
 use rayon::prelude::*;
 use std::ops::Range;
 use std::path::Path;
 
 /// Bytes of sums that a thread holds, unless a row has more.
 const PIECE: usize = 1 << 20;
-
-/// Where a slice lies relative to the first.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub(crate) struct Place {
-    /// Along the normal of slices, in the unit of the spacing.
-    pub(crate) depth: f64,
-    /// How far its first pixel lies aside of that of the first slice, in pixels of the grid along x and y.
-    pub(crate) aside: [f64; 2],
-}
-
-/// The grid on which slices are interpolated, and where these lie in it.
-#[derive(Debug, Clone, PartialEq)]
-pub(crate) struct Grid {
-    pub(crate) size: [u32; 3],
-    pub(crate) placement: Placement,
-    /// The value outside of the slices.
-    pub(crate) fill: f64,
-    places: Vec<Place>,
-    /// Pixels along x that each row lies further aside than the one before.
-    lean: f64,
-    /// Pixel of a slice without shift that the grid's first voxel is at.
-    start: [f64; 2],
-    step: f64,
-}
-
-/// The smallest step, or the middle one if that would multiply the slices by more than 16.
-fn finest_step(places: &[Place]) -> f64 {
-    let pairs = places.windows(2);
-    let mut steps: Vec<f64> = pairs.map(|p| p[1].depth - p[0].depth).collect();
-    steps.sort_by(f64::total_cmp);
-    let span = places.last().map_or(0.0, |p| p.depth);
-    let most = 16.0 * places.len() as f64;
-    match steps.first() {
-        Some(&least) if span / least <= most => least,
-        _ => steps.get(steps.len() / 2).copied().unwrap_or(1.0),
-    }
-}
-
-impl Grid {
-    /// A grid that holds all slices of `size` pixels, with the finest step between them. `placement` is that of the
-    /// first slice, with axes at right angles.
-    ///
-    /// # Errors
-    /// [`Error::Unsupported`] if it would be far larger than the slices are.
-    pub(crate) fn over(
-        path: &Path,
-        mut placement: Placement,
-        (places, lean): (Vec<Place>, f64),
-        size: [u32; 2],
-        fill: f64,
-    ) -> Result<Grid> {
-        let span = places.last().map_or(0.0, |p| p.depth);
-        let count = (span / finest_step(&places)).round().max(1.0);
-        let step = span / count;
-        // of the last row
-        let leaning = [lean * f64::from(size[1] - 1), 0.0];
-        let ends = [0, 1].map(|a| {
-            let shifts = places.iter().map(|p| p.aside[a]);
-            let low = shifts.clone().fold(0.0, f64::min) + leaning[a].min(0.0);
-            let high = shifts.fold(0.0, f64::max) + leaning[a].max(0.0);
-            // a shift by rounding does not make the grid larger
-            let slack = 0.01;
-            (
-                (low + slack).floor().min(0.0),
-                (high - slack).ceil().max(0.0),
-            )
-        });
-        let wide = [0, 1].map(|a| f64::from(size[a]) + ends[a].1 - ends[a].0);
-        let all = [wide[0], wide[1], count + 1.0];
-        let far = (0..2).any(|a| wide[a] > 4.0 * f64::from(size[a]));
-        if far || all.iter().any(|n| n.is_nan() || *n > f64::from(MAX_DIM)) {
-            let what = format!(
-                "a regular grid of {:.0} x {:.0} x {:.0} voxels",
-                all[0], all[1], all[2]
-            );
-            let hint = "the slices lie too far aside of each other, or too close together";
-            return Err(Error::unsupported(path, what, hint));
-        }
-        let start = ends.map(|(low, _)| low);
-        placement.origin = placement.world([start[0], start[1], 0.0]);
-        placement.spacing[2] = step;
-        Ok(Grid {
-            size: all.map(|n| n as u32),
-            placement,
-            fill,
-            places,
-            lean,
-            start,
-            step,
-        })
-    }
-
-    /// A grid at right angles for a volume with other axes: its x is that of the volume, its y lies in the plane of
-    /// the volume's slices, which stay slices.
-    ///
-    /// # Errors
-    /// As [`Grid::over`], and [`Error::Unsupported`] if the axes lie in one plane.
-    pub(crate) fn upright(path: &Path, place: Placement, dims: Dims, fill: f64) -> Result<Grid> {
-        let [x, y, z] = [0, 1, 2].map(|a| DVec3::from(place.directions[a]) * place.spacing[a]);
-        let along = x.normalize_or_zero();
-        let across = (y - along * along.dot(y)).normalize_or_zero();
-        let normal = along.cross(across);
-        // a mirrored volume stays so
-        let normal = if normal.dot(z) < 0.0 { -normal } else { normal };
-        let spacing = [x.length(), across.dot(y), normal.dot(z)].map(short);
-        if !spacing.iter().all(|s| s.is_finite() && *s > 0.0) {
-            let hint = "resample it to axes at right angles";
-            return Err(Error::unsupported(
-                path,
-                "a grid whose axes lie in one plane",
-                hint,
-            ));
-        }
-        let [nx, ny, nz] = dims.0;
-        let places = (0..nz).map(|k| {
-            let k = f64::from(k);
-            Place {
-                depth: k * spacing[2],
-                aside: [
-                    k * along.dot(z) / spacing[0],
-                    k * across.dot(z) / spacing[1],
-                ],
-            }
-        });
-        let told = (places.collect(), along.dot(y) / spacing[0]);
-        let placement = Placement {
-            spacing,
-            // adding 0 turns -0 into 0
-            directions: [along, across, normal].map(|axis| (axis + DVec3::ZERO).into()),
-            ..place
-        };
-        let mut grid = Grid::over(path, placement, told, [nx, ny], fill)?;
-        grid.placement.spacing[2] = spacing[2];
-        Ok(grid)
-    }
-
-    /// What to say of it, and why there is one.
-    pub(crate) fn note(&self, why: &str) -> String {
-        let [x, y, z] = self.size;
-        let fill = match self.fill.is_nan() {
-            true => "no value (NaN)".to_owned(),
-            false => self.fill.to_string(),
-        };
-        format!(
-            "interpolated to {x} x {y} x {z} voxels, since {why}; what lies outside of the slices is {fill}"
-        )
-    }
-
-    pub(crate) fn dims(&self) -> Result<Dims> {
-        Dims::new(self.size.map(u64::from))
-    }
-
-    /// The two slices that slice `k` of the grid lies between, with their shares.
-    fn between(&self, k: u32) -> [(u32, f64); 2] {
-        let depth = f64::from(k) * self.step;
-        let after = self.places.partition_point(|p| p.depth <= depth);
-        let low = after.clamp(1, self.places.len() - 1) - 1;
-        let [a, b] = [self.places[low], self.places[low + 1]];
-        let part = ((depth - a.depth) / (b.depth - a.depth)).clamp(0.0, 1.0);
-        // a slice of the grid that is one of the volume's but for rounding
-        let part = match part {
-            p if p < 1e-9 => 0.0,
-            p if p > 1.0 - 1e-9 => 1.0,
-            p => p,
-        };
-        [(low as u32, 1.0 - part), (low as u32 + 1, part)]
-    }
-
-    /// The slices that these slices of the grid lie between.
-    fn slices(&self, z: Range<u32>) -> Range<u32> {
-        let end = |k: u32| self.between(k.min(self.size[2] - 1));
-        let used = |all: [(u32, f64); 2]| all.into_iter().filter(|(_, share)| *share > 0.0);
-        let first = used(end(z.start)).map(|(k, _)| k).min();
-        let last = used(end(z.end.max(1) - 1)).map(|(k, _)| k).max();
-        match z.is_empty() {
-            true => 0..0,
-            false => first.unwrap_or(0)..last.unwrap_or(0) + 1,
-        }
-    }
-}
-
-/// The decimal of few digits that a length is but for the noise of single precision, in which files state axes.
-fn short(length: f64) -> f64 {
-    let decimals = (0..6).map(|digits| format!("{length:.digits$e}").parse().unwrap_or(length));
-    let mut near = decimals.filter(|near: &f64| (near - length).abs() <= 1e-7 * length.abs());
-    near.next().unwrap_or(length)
-}
 
 /// What outside of slices stands for samples of a type: nothing, or air where numbers are signed as those of CT.
 pub(crate) fn fill(dtype: Dtype) -> f64 {
@@ -255,9 +72,9 @@ impl<'a> Resampled<'a> {
             let count = out.len() / (x.len() * dtype.bytes());
             let sums = &mut sums[..count * x.len()];
             sums.fill(0.0);
-            for (slice, share) in self.grid.between(k) {
-                if share > 0.0 {
-                    self.add::<T>((slice, share), x, top..top + count as u32, sums)?;
+            for of in self.grid.between(k) {
+                if of.share > 0.0 {
+                    self.add::<T>(of, x, top..top + count as u32, sums)?;
                 }
             }
             for (out, sum) in out.chunks_exact_mut(dtype.bytes()).zip(sums) {
@@ -267,14 +84,30 @@ impl<'a> Resampled<'a> {
         Ok(())
     }
 
+    /// The pixels of a part of a slice, row by row.
+    fn pixels<T: Voxel>(
+        &self,
+        slice: u32,
+        columns: Range<u32>,
+        rows: Range<u32>,
+    ) -> Result<Vec<T>> {
+        let mut pixels = vec![T::zeroed(); columns.len() * rows.len()];
+        if !pixels.is_empty() {
+            let out = bytemuck::cast_slice_mut(&mut pixels);
+            self.inner.read_box(columns, rows, slice..slice + 1, out)?;
+        }
+        Ok(pixels)
+    }
+
     /// Adds the share of a slice to a part of the grid.
     fn add<T: Voxel>(
         &self,
-        (slice, share): (u32, f64),
+        of: SliceShare,
         x: &Range<u32>,
         y: Range<u32>,
         sums: &mut [f64],
     ) -> Result<()> {
+        let SliceShare { slice, share } = of;
         let Grid {
             places,
             lean,
@@ -300,12 +133,7 @@ impl<'a> Resampled<'a> {
             nx,
         );
         let width = columns.len();
-        let mut pixels = vec![T::zeroed(); width * rows.len()];
-        if !pixels.is_empty() {
-            let out = bytemuck::cast_slice_mut(&mut pixels);
-            self.inner
-                .read_box(columns.clone(), rows.clone(), slice..slice + 1, out)?;
-        }
+        let pixels = self.pixels::<T>(slice, columns.clone(), rows.clone())?;
         // along a row of the slice, NaN only where it has a share
         let along = |j: usize, i: f64| {
             let (low, next, part) = between(i, nx)?;
@@ -439,7 +267,9 @@ fn put(dtype: Dtype, value: f64, out: &mut [u8]) {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::grid::Dims;
     use crate::volume::MemoryVolume;
+    use glam::DVec3;
 
     #[test]
     fn places_between_pixels() {

@@ -1,4 +1,4 @@
-//! Cells and objects as bodies of voxels: rows of their tables beside what the surfaces say.
+//! The components, cells and objects, as bodies of voxels: rows of their tables are compared with the surfaces.
 
 use super::bodies::Body;
 use super::code::Code;
@@ -71,7 +71,7 @@ const EIGEN: f64 = 1e-13;
 /// A row; a field that is empty is `None`.
 pub(super) type Row = [Option<f64>];
 
-/// What is wrong with a row.
+/// The faults of a row.
 pub(super) type Wrong = Vec<String>;
 
 /// Notes a value that is not as it should be.
@@ -84,7 +84,7 @@ pub(super) fn compare(name: &str, stated: Option<f64>, found: f64, error: f64, w
 }
 
 /// Checks the rows of cells and objects, and what all of them are together.
-pub(super) struct Solids<'a> {
+pub(super) struct ComponentRows<'a> {
     manifest: &'a Manifest,
     /// Where the grid lies, in the tables' unit.
     grid: Placement,
@@ -94,9 +94,9 @@ pub(super) struct Solids<'a> {
     above: f64,
 }
 
-impl<'a> Solids<'a> {
+impl<'a> ComponentRows<'a> {
     pub fn new(manifest: &'a Manifest) -> Self {
-        Solids {
+        ComponentRows {
             manifest,
             grid: manifest.measured(),
             rows: [0; 2],
@@ -123,7 +123,7 @@ impl<'a> Solids<'a> {
         }
     }
 
-    /// Checks a row beside its body.
+    /// Compares a row with its body.
     pub fn check_body(&self, row: &Row, body: &Body, wrong: &mut Wrong) {
         compare("euler_characteristic", row[EULER], body.euler, 0.0, wrong);
         let touches = f64::from(u8::from(body.touches));
@@ -139,7 +139,7 @@ impl<'a> Solids<'a> {
         self.moments(row, &body.moments, wrong);
     }
 
-    /// True if the row's box holds the voxels of an object beside its surfaces, which may be some of all.
+    /// True if the row's box holds the voxels of an object along its surfaces, which may be some of all.
     pub fn holds(&self, row: &Row, inside: &Inside) -> bool {
         let stated = stated_box(row);
         let found = self.box_of(&inside.above, inside.far[1]);
@@ -167,7 +167,7 @@ impl<'a> Solids<'a> {
         ROUNDING * (found.abs() + steps.into_iter().fold(0.0, f64::max))
     }
 
-    /// What follows from other fields of the row.
+    /// Checks the fields that follow from others of the row.
     fn formulas(&self, row: &Row, wrong: &mut Wrong) {
         let size: f64 = self.grid.spacing.iter().product();
         let mut follows = |at: usize, found: Option<f64>| {
@@ -221,7 +221,7 @@ impl<'a> Solids<'a> {
         }
     }
 
-    /// What follows from the moments of the body.
+    /// Checks the fields that follow from the moments of the body.
     fn moments(&self, row: &Row, moments: &Moments, wrong: &mut Wrong) {
         let count = moments.voxels as f64;
         compare("voxels", row[VOXELS], count, 0.0, wrong);
@@ -282,10 +282,10 @@ fn stated_box(row: &Row) -> [[f64; 3]; 2] {
 fn across(m: &[[f64; 3]; 3], way: [f64; 3]) -> [f64; 2] {
     let by_size = |a: &usize, b: &usize| way[*a].abs().total_cmp(&way[*b].abs());
     let least = (0..3).min_by(by_size).unwrap_or(0);
-    let mut beside = DVec3::ZERO;
-    beside[least] = 1.0;
+    let mut axis = DVec3::ZERO;
+    axis[least] = 1.0;
     let way = DVec3::from(way);
-    let u = way.cross(beside).normalize();
+    let u = way.cross(axis).normalize();
     let w = way.cross(u);
     let m = DMat3::from_cols_array_2d(m);
     let (p, q, r) = (u.dot(m * u), w.dot(m * w), u.dot(m * w));

@@ -1,0 +1,109 @@
+//! The rows of the tables that are kept.
+
+use crate::error::{Error, Result};
+use crate::manifest::Manifest;
+use crate::table::{Row, Table};
+use crate::transform::select::choice::Choice;
+use std::collections::BTreeMap;
+use std::fs::File;
+use std::io::{BufWriter, Write};
+use std::path::Path;
+
+/// What was kept of the tables.
+#[derive(Debug, Default)]
+pub struct Rows {
+    /// Cells.
+    pub cells: u64,
+    /// Surfaces.
+    pub surfaces: u64,
+    /// Surfaces of each kept object: how many were kept, and how many there are.
+    pub objects: BTreeMap<u64, [u64; 2]>,
+    /// Vertices of the surfaces.
+    pub vertices: u64,
+    /// Their edges on the border of the volume.
+    pub border_edges: u64,
+    /// Voxels of the objects.
+    pub voxels_above: u64,
+}
+
+impl Rows {
+    /// True if every object in the part has all its surfaces.
+    pub fn complete(&self) -> bool {
+        self.objects.values().all(|[kept, all]| kept == all)
+    }
+}
+
+/// Copies the rows of kept cells, their surfaces and the objects of these.
+///
+/// # Errors
+/// [`Error::Io`], or [`Error::Format`] if a table is damaged.
+pub fn copy_rows(from: &Path, to: &Path, manifest: &Manifest, choice: &Choice) -> Result<Rows> {
+    let mut rows = Rows::default();
+    filter(from, to, manifest, Table::Cells, |_, id| {
+        let keep = choice.style(id).is_some();
+        rows.cells += u64::from(keep);
+        Ok(keep)
+    })?;
+    let reader = Table::Surfaces.open(from, manifest)?;
+    let column = |name: &str| {
+        reader
+            .column(name)
+            .ok_or_else(|| Error::format(reader.path(), "none", format!("a column {name}")))
+    };
+    let [cell, object] = [column("cell")?, column("object")?];
+    let [vertices, border] = [column("vertices")?, column("border_edges")?];
+    filter(from, to, manifest, Table::Surfaces, |row, _| {
+        let keep = choice.style(row.whole(cell)?).is_some();
+        let counts = rows.objects.entry(row.whole(object)?).or_default();
+        counts[1] = counts[1].saturating_add(1);
+        if keep {
+            counts[0] += 1;
+            rows.surfaces += 1;
+            rows.vertices = rows.vertices.saturating_add(row.whole(vertices)?);
+            rows.border_edges = rows.border_edges.saturating_add(row.whole(border)?);
+        }
+        Ok(keep)
+    })?;
+    rows.objects.retain(|_, [kept, _]| *kept > 0);
+    // objects without any surface stay if nothing was left out
+    let all = rows.cells == manifest.totals.cells;
+    let reader = Table::Objects.open(from, manifest)?;
+    let voxels = reader.column("voxels");
+    let mut lone = Vec::new();
+    filter(from, to, manifest, Table::Objects, |row, id| {
+        let keep = all || rows.objects.contains_key(&id);
+        if let (true, Some(voxels)) = (keep, voxels) {
+            rows.voxels_above = rows.voxels_above.saturating_add(row.whole(voxels)?);
+        }
+        if keep && !rows.objects.contains_key(&id) {
+            lone.push(id);
+        }
+        Ok(keep)
+    })?;
+    rows.objects.extend(lone.into_iter().map(|id| (id, [0, 0])));
+    Ok(rows)
+}
+
+/// Copies the rows that `keep` accepts by their id.
+fn filter(
+    from: &Path,
+    to: &Path,
+    manifest: &Manifest,
+    table: Table,
+    mut keep: impl FnMut(&Row, u64) -> Result<bool>,
+) -> Result<()> {
+    let mut reader = table.open(from, manifest)?;
+    let path = to.join(table.file());
+    let failed = |e| Error::io(&path, "write", e);
+    let mut out = BufWriter::new(File::create(&path).map_err(failed)?);
+    let header: Vec<String> = reader.columns().iter().map(|c| c.header()).collect();
+    writeln!(out, "{}", header.join(",")).map_err(failed)?;
+    let id = reader.column("id").unwrap_or(0);
+    while let Some(row) = reader.next_row()? {
+        let id = row.whole(id)?;
+        if keep(&row, id)? {
+            writeln!(out, "{}", row.line()?).map_err(failed)?;
+        }
+    }
+    out.flush().map_err(failed)
+}
