@@ -44,7 +44,8 @@ pub fn open(path: &Path, options: &OpenOptions) -> Result<Opened> {
         Samples::Pages(pages) => pages.files(),
         _ => Vec::new(),
     };
-    let (placement, provenance) = place::place(path, descriptor.placement, descriptor.provenance, options)?;
+    let (placement, provenance) =
+        place::place(path, descriptor.placement, descriptor.provenance, options)?;
     let grid = regular(path, &mut descriptor, placement)?;
     let header = Header {
         format: descriptor.format,
