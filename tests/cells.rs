@@ -683,7 +683,7 @@ fn a_compressed_body_is_compared_cell_by_cell() {
     let table = ok(dir, &["select", "same", "part", "--where", few, "--quiet"])
         + &ok(dir, &["compare", "tiles", "short"]);
     assert!(table.contains("matched"), "{table}");
-    assert!(table.lines().all(|l| l.chars().count() <= 92), "{table}");
+    assert!(table.lines().all(|l| l.chars().count() <= 80), "{table}");
     let text = ok(dir, &["compare", "tiles", "short", "--format", "csv"]);
     let mut lines = text.lines();
     let head: Vec<&str> = lines.next().unwrap().split(',').collect();

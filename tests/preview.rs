@@ -70,9 +70,8 @@ fn grey_values_are_the_samples() {
 /// Several thresholds are drawn side by side, each as it is drawn alone.
 #[test]
 fn contours_stand_side_by_side() {
-    let dir = tempfile::tempdir().unwrap();
+    let dir = foam_tiles(&[]);
     let dir = dir.path();
-    samples(dir);
     let draw = |threshold: &str, more: &[&str]| {
         let args = [
             "preview",

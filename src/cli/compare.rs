@@ -138,12 +138,16 @@ fn percent(change: f64) -> String {
     format!("{:+.1} %", 100.0 * change)
 }
 
-/// The sums, and the pairs whose volume changed most.
-fn text(comparison: &Comparison, rows: usize) -> String {
+/// A number as a text, or `-`.
+fn or_none(value: Option<f64>, text: fn(f64) -> String) -> String {
+    value.map_or("-".to_owned(), text)
+}
+
+/// The numbers of cells and their volume.
+fn sums(comparison: &Comparison) -> String {
     let count = output::count;
     let unit = comparison.unit;
-    let or_none = |v: Option<f64>, text: fn(f64) -> String| v.map_or("-".to_owned(), text);
-    let sums = vec![
+    output::table(&[
         (
             "cells",
             format!(
@@ -167,12 +171,17 @@ fn text(comparison: &Comparison, rows: usize) -> String {
         (
             "change of volume",
             format!(
-                "{} (median), {} (mean) of matched cells that the grid does not cut",
+                "{} (median), {} (mean) of cells that the grid cuts in neither",
                 or_none(comparison.volume_change_median, percent),
                 or_none(comparison.volume_change_mean, percent)
             ),
         ),
-    ];
+    ])
+}
+
+/// The sums, and the pairs whose volume changed most.
+fn text(comparison: &Comparison, rows: usize) -> String {
+    let unit = comparison.unit;
     let mut most: Vec<&ComparedCell> = comparison
         .pairs
         .iter()
@@ -180,15 +189,18 @@ fn text(comparison: &Comparison, rows: usize) -> String {
         .collect();
     let size = |p: &ComparedCell| p.volume.change.unwrap_or(0.0).abs();
     most.sort_by(|p, q| size(q).total_cmp(&size(p)).then(p.a.cmp(&q.a)));
-    let mut text = output::table(&sums);
+    let mut text = sums(comparison);
     if most.is_empty() || rows == 0 {
         return text;
     }
     text += "\nmatched cells whose volume changed most\n";
+    const WIDTHS: [usize; 8] = [7, 7, 7, 10, 10, 8, 10, 8];
     let line = |cells: [String; 8]| {
-        let [a, b, more @ ..] = cells;
-        let more = more.map(|c| format!("{c:>10}")).join(" ");
-        format!("{a:>7} {b:>7} {more}\n")
+        let cells = cells.iter().zip(WIDTHS);
+        let cells: Vec<String> = cells
+            .map(|(text, width)| format!("{text:>width$}"))
+            .collect();
+        format!("{}\n", cells.join(" ").trim_end())
     };
     let volume = format!("[{unit}^3]");
     let [one, two] = ["volume A", "volume B"].map(str::to_owned);
