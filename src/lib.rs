@@ -151,6 +151,7 @@
 
 mod checkpoint;
 pub mod cli;
+pub mod compare;
 pub mod convert;
 pub mod error;
 pub mod export;

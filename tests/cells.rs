@@ -622,6 +622,89 @@ fn refusals_are_one_message() {
     assert_eq!(alvis(dir.path(), &["cells"]).status.code(), Some(2));
 }
 
+/// The same body once more, 20 % shorter along z: every cell is found again, 20 % smaller.
+#[test]
+fn a_compressed_body_is_compared_cell_by_cell() {
+    let dir = foam_tiles(&["--table-unit", "um"]);
+    let dir = dir.path();
+    for (out, spacing) in [("same", "0.05"), ("short", "0.05,0.05,0.04")] {
+        let args = [
+            "convert",
+            "foam.mhd",
+            out,
+            "--threshold",
+            "otsu",
+            "--spacing",
+            spacing,
+            "--unit",
+            "mm",
+            "--quiet",
+        ];
+        ok(dir, &args);
+    }
+    let compare = |args: &[&str]| json(&ok(dir, &[&["compare", "--json"], args].concat()));
+    let (_, rows) = csv(dir, "cells.csv");
+    let same = compare(&["tiles", "same"]);
+    assert_eq!(same["unit"], "um");
+    assert_eq!(
+        (&same["matched"], &same["lost"], &same["new"]),
+        (&rows.len().into(), &0.into(), &0.into())
+    );
+    for pair in same["pairs"].as_array().unwrap() {
+        assert_eq!(pair["a"], pair["b"]);
+        assert!((pair["overlap"].as_f64().unwrap() - 1.0).abs() < 1e-9);
+        assert!(pair["volume"]["change"].as_f64().unwrap().abs() < 1e-9);
+    }
+    let short = compare(&["tiles", "short", "--align", "box"]);
+    assert_eq!(short["matched"], rows.len());
+    let median = short["volume_change_median"].as_f64().unwrap();
+    assert!((median + 0.2).abs() < 1e-9, "{median}");
+    let flatter = |p: &&Value| p["flatness"]["change"].as_f64().unwrap() < 0.0;
+    let pairs = short["pairs"].as_array().unwrap();
+    assert!(pairs.iter().filter(flatter).count() * 2 > pairs.len());
+    assert!(
+        pairs
+            .iter()
+            .all(|p| p["a"] == p["b"] && p["shift"][2].as_f64().unwrap() <= 0.0)
+    );
+
+    // cells that are in one set alone, in every form
+    let few = "id > 3";
+    let id = |set: &str| {
+        format!(
+            "{}",
+            json(&ok(dir, &["cells", set, "--json", "--where", few]))["cells"]
+                .as_array()
+                .unwrap()
+                .len()
+        )
+    };
+    assert_eq!(id("tiles"), (rows.len() - 3).to_string());
+    let table = ok(dir, &["select", "same", "part", "--where", few, "--quiet"])
+        + &ok(dir, &["compare", "tiles", "short"]);
+    assert!(table.contains("matched"), "{table}");
+    assert!(table.lines().all(|l| l.chars().count() <= 92), "{table}");
+    let text = ok(dir, &["compare", "tiles", "short", "--format", "csv"]);
+    let mut lines = text.lines();
+    let head: Vec<&str> = lines.next().unwrap().split(',').collect();
+    assert_eq!(
+        &head[..5],
+        ["a", "b", "overlap", "volume_a [um^3]", "volume_b [um^3]"]
+    );
+    assert!(lines.all(|l| l.split(',').count() == head.len()));
+    for (args, part) in [
+        (&["compare", "tiles", "nothing"][..], "nothing/index.json"),
+        (
+            &["compare", "tiles", "same", "--where", "volme > 1"],
+            "volme",
+        ),
+        (&["compare", "tiles"], "<B>"),
+    ] {
+        let message = fails(dir, args);
+        assert!(message.contains(part), "{args:?}: {message}");
+    }
+}
+
 /// Every reader of tables takes and says the unit that tables are in; coordinates stay in that of the volume.
 #[test]
 fn tables_may_be_in_another_unit_than_the_volume() {

@@ -67,6 +67,62 @@ fn grey_values_are_the_samples() {
     assert!(drawn.pixels().any(|p| p.0 == [255, 64, 32]));
 }
 
+/// Several thresholds are drawn side by side, each as it is drawn alone.
+#[test]
+fn contours_stand_side_by_side() {
+    let dir = tempfile::tempdir().unwrap();
+    let dir = dir.path();
+    samples(dir);
+    let draw = |threshold: &str, more: &[&str]| {
+        let args = [
+            "preview",
+            "foam.mhd",
+            "b.png",
+            "--json",
+            "--force",
+            "--scale",
+            "8",
+            "--threshold",
+            threshold,
+        ];
+        let report = json(&ok(dir, &[&args[..], more].concat()));
+        (report, image::open(dir.join("b.png")).unwrap().to_rgb8())
+    };
+    let (report, many) = draw("60,otsu,peaks", &[]);
+    let panels = report["panels"].as_array().unwrap();
+    assert_eq!(
+        (panels.len(), &panels[0]["corner"]),
+        (3, &report["slice_corner"])
+    );
+    assert_eq!(report["threshold"], 60.0);
+    let size: [u32; 2] = serde_json::from_value(report["slice_size"].clone()).unwrap();
+    let mut shares = Vec::new();
+    for panel in panels {
+        let (alone, one) = draw(&panel["threshold"].to_string(), &[]);
+        assert!(alone.get("panels").is_none());
+        let corner =
+            |v: &serde_json::Value| -> [u32; 2] { serde_json::from_value(v.clone()).unwrap() };
+        let (a, b) = (corner(&panel["corner"]), corner(&alone["slice_corner"]));
+        for y in 0..size[1] {
+            for x in 0..size[0] {
+                assert_eq!(
+                    many.get_pixel(a[0] + x, a[1] + y),
+                    one.get_pixel(b[0] + x, b[1] + y)
+                );
+            }
+        }
+        shares.push(panel["share_above"].as_f64().unwrap());
+    }
+    assert!(
+        shares[0] > shares[1] && shares.iter().all(|s| (0.01..0.99).contains(s)),
+        "{shares:?}"
+    );
+    let (report, plain) = draw("60,90", &["--plain"]);
+    assert_eq!(report["panels"][0]["corner"], serde_json::json!([0, 0]));
+    assert_eq!(plain.dimensions().1, size[1]);
+    assert!(plain.dimensions().0 > 2 * size[0]);
+}
+
 /// Labels the below voxels of the volume, 18-connected or 6-connected, ids by the first voxel.
 fn labels(samples: &[u8], threshold: f64, diagonal: bool) -> Vec<u64> {
     let below = |i: usize| f64::from(samples[i]) < threshold;

@@ -422,10 +422,11 @@ fn text(summary: &Summary, which: Table) -> String {
     let doubled: Vec<f64> = h.bins.iter().flat_map(|&n| [n as f64; 2]).collect();
     let ends = [h.min, h.max];
     let mark = chart::Mark {
+        sign: '▲',
         share: chart::place(ends, d.number.median),
         text: format!("median {}", measure(d.number.median)),
     };
-    let bars = chart::draw(&doubled, ends, Some(&mark), output::width());
+    let bars = chart::draw(&doubled, ends, &[mark], output::width());
     format!(
         "{}\n{name} of whole {}\n{}{}{}\nnumber of whole {} by equivalent diameter (log scale)\n{bars}",
         output::table(&rows),

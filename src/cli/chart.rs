@@ -14,6 +14,8 @@ const PER_TICK: usize = 12;
 
 /// A place on the axis, and what it is.
 pub struct Mark {
+    /// Drawn on the axis, and before the text below it.
+    pub sign: char,
     /// 0 is the left end of the bars and 1 the right one.
     pub share: f64,
     /// Said below the axis.
@@ -26,8 +28,9 @@ pub fn columns(width: usize) -> usize {
 }
 
 /// Draws counts of equal bins as bars on a logarithmic scale, in at most `width` columns, with an axis of counts, one of
-/// values between `ends`, the outer edges of the bins, and a mark on it. No bins give an empty text.
-pub fn draw(bins: &[f64], ends: [f64; 2], mark: Option<&Mark>, width: usize) -> String {
+/// values between `ends`, the outer edges of the bins, and marks on it, of which the first are on top. No bins give an
+/// empty text.
+pub fn draw(bins: &[f64], ends: [f64; 2], marks: &[Mark], width: usize) -> String {
     let columns = bins.len().min(columns(width));
     if columns == 0 {
         return String::new();
@@ -54,11 +57,11 @@ pub fn draw(bins: &[f64], ends: [f64; 2], mark: Option<&Mark>, width: usize) -> 
         text += format!("{label:>COUNT$} {axis}{line}").trim_end();
         text += "\n";
     }
-    text + &axis(ends, mark, columns)
+    text + &axis(ends, marks, columns)
 }
 
 /// The axis of values: its line, the values, and what is marked.
-fn axis(ends: [f64; 2], mark: Option<&Mark>, columns: usize) -> String {
+fn axis(ends: [f64; 2], marks: &[Mark], columns: usize) -> String {
     let at = |share: f64| ((share * columns as f64) as usize).min(columns - 1);
     let mut line = vec!['─'; columns];
     let mut values = String::new();
@@ -76,9 +79,10 @@ fn axis(ends: [f64; 2], mark: Option<&Mark>, columns: usize) -> String {
         }
     }
     let mut said = String::new();
-    if let Some(mark) = mark.filter(|mark| (0.0..=1.0).contains(&mark.share)) {
-        line[at(mark.share)] = '▲';
-        said = format!("{:COUNT$} ▲ {}\n", "", mark.text);
+    let inside = |mark: &&Mark| (0.0..=1.0).contains(&mark.share);
+    for mark in marks.iter().filter(inside).rev() {
+        line[at(mark.share)] = mark.sign;
+        said = format!("{:COUNT$} {} {}\n{said}", "", mark.sign, mark.text);
     }
     let line: String = line.into_iter().collect();
     format!("{:COUNT$} └{line}\n{values}\n{said}", "")
@@ -116,6 +120,7 @@ mod tests {
 
     fn mark(ends: [f64; 2], value: f64) -> Mark {
         Mark {
+            sign: '▲',
             share: place(ends, value),
             text: "half".into(),
         }
@@ -128,7 +133,7 @@ mod tests {
         bins[128] = 1e3;
         bins[255] = 1.0;
         let ends = [0.0, 256.0];
-        let text = draw(&bins, ends, Some(&mark(ends, 128.0)), 64 + GUTTER);
+        let text = draw(&bins, ends, &[mark(ends, 128.0)], 64 + GUTTER);
         let lines: Vec<Vec<char>> = text.lines().map(|l| l.chars().collect()).collect();
         assert_eq!(lines.len(), ROWS + 3);
         assert!(lines.iter().all(|l| l.len() <= 64 + GUTTER), "{text}");
@@ -159,17 +164,35 @@ mod tests {
 
     #[test]
     fn odd_histograms_are_drawn() {
-        assert_eq!(draw(&[], [0.0, 1.0], None, 80), "");
-        assert_eq!(draw(&[1.0, 2.0], [0.0, 1.0], None, 1), "");
+        assert_eq!(draw(&[], [0.0, 1.0], &[], 80), "");
+        assert_eq!(draw(&[1.0, 2.0], [0.0, 1.0], &[], 1), "");
         for width in [GUTTER + 1, 20, 1000] {
             let ends = [3.0, 3.0];
-            let one = draw(&[5.0], ends, Some(&mark(ends, 3.0)), width);
+            let one = draw(&[5.0], ends, &[mark(ends, 3.0)], width);
             assert!(one.contains('█') && one.contains('▲'));
             let ends = [f64::MIN, f64::MAX];
             for value in [f64::NAN, 0.0, f64::INFINITY] {
-                draw(&[0.0; 256], ends, Some(&mark(ends, value)), width);
-                draw(&[1e300; 256], ends, Some(&mark(ends, value)), width);
+                draw(&[0.0; 256], ends, &[mark(ends, value)], width);
+                draw(&[1e300; 256], ends, &[mark(ends, value)], width);
             }
         }
+    }
+
+    #[test]
+    fn the_first_mark_is_on_top() {
+        let at = |sign, share| Mark {
+            sign,
+            share,
+            text: format!("at {share}"),
+        };
+        let marks = [at('▲', 0.5), at('p', 0.5), at('l', 0.25), at('t', 2.0)];
+        let text = draw(&[1.0; 8], [0.0, 8.0], &marks, 8 + GUTTER);
+        let axis = text.lines().nth(ROWS).unwrap();
+        assert!(
+            axis.contains('▲') && axis.contains('l') && !axis.contains('p'),
+            "{text}"
+        );
+        let said: Vec<_> = text.lines().skip(ROWS + 2).map(str::trim).collect();
+        assert_eq!(said, ["▲ at 0.5", "p at 0.5", "l at 0.25"]);
     }
 }

@@ -3,7 +3,8 @@
 use super::args::{Common, InputOptions, input_help, open_stamped};
 use super::form::FormArgs;
 use super::info;
-use super::parse::{self, CropArg, Threshold};
+use super::parse::{self, CropArg};
+use super::threshold::{TAKES, Threshold, threshold};
 use super::{Outcome, output, stop};
 use crate::convert::{self, ConvertOptions, ConvertReport};
 use crate::error::{Error, Result};
@@ -50,8 +51,12 @@ pub struct ConvertArgs {
     /// The directory to write
     #[arg(value_hint = ValueHint::DirPath)]
     out: PathBuf,
-    /// A voxel is above (metal) if its value is at least this; `otsu` finds it from the histogram
-    #[arg(long, value_name = "T|otsu", allow_hyphen_values = true, value_parser = parse::threshold)]
+    /// A voxel is above (metal) if its value is at least this; or how to find it from the histogram
+    ///
+    /// Methods are `otsu` (two heaps of like size), `peaks` (half-way between the two peaks: little of one phase), `li`,
+    /// `triangle` (one heap with a tail) and `porosity=31%` (this share of the voxels is below). `alvis info` shows all
+    /// beforehand.
+    #[arg(long, value_name = TAKES, allow_hyphen_values = true, value_parser = threshold)]
     threshold: Threshold,
     /// Cubes per macrocube, that is per tile: one number, or three
     #[arg(long, value_name = "N|X,Y,Z", default_value = "64", value_parser = parse::macrocube)]
@@ -131,18 +136,16 @@ impl ConvertArgs {
             ..ConvertOptions::default()
         };
         let how = match self.threshold {
-            Threshold::Value(t) => {
-                options.threshold = t;
-                ""
-            }
-            Threshold::Otsu => {
+            Threshold::Value(_) => String::new(),
+            Threshold::Method(method) => {
                 // this reads all of the volume: not for a conversion that is refused then
                 convert::check_before(&*opened.volume, &options, &self.out)?;
-                options.threshold = info::otsu(&*opened.volume, &self.input, &console)?;
-                " (Otsu's method)"
+                format!(" ({})", method.how())
             }
         };
-        console.note(&understood(&opened, &options, how)?);
+        let volume = &*opened.volume;
+        options.threshold = self.threshold.find(volume, &self.input, &console)?;
+        console.note(&understood(&opened, &options, &how)?);
         stop::listen();
         let mut report = convert::convert(&*opened.volume, &options, &self.out, &console)
             .map_err(|e| resumable(e, &self.out, typed))

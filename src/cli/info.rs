@@ -2,19 +2,20 @@
 
 use super::args::{Common, InputOptions, input_help, open_stamped};
 use super::convert::from;
-use super::parse;
+use super::threshold::{self, TAKES, Threshold, threshold};
 use super::{Outcome, chart, info_tiles, output};
 use crate::convert::{ConvertOptions, predicted_memory};
 use crate::error::{Error, Result};
 use crate::grid::{Dims, Filter, Placement, Unit, filters_text};
 use crate::progress::Progress;
 use crate::volume::{
-    Dtype, Endian, Header, Opened, Prediction, Statistics, Volume, Watch, Watched, predict,
-    statistics,
+    Dtype, Endian, Header, Opened, Prediction, Statistics, ThresholdMethod, Watch, Watched,
+    predict, statistics,
 };
 use crate::words::number;
 use clap::{Args, ValueHint};
 use serde::Serialize;
+use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 
 /// Slices that a prediction reads at most.
@@ -35,9 +36,9 @@ pub struct InfoArgs {
     /// The volume: a file, a folder of slices, a Zarr, or slices as in `s%04d.tif`; or a tile set
     #[arg(value_hint = ValueHint::FilePath, long_help = input_help())]
     input: PathBuf,
-    /// Predict for this threshold instead of Otsu's
-    #[arg(long, value_name = "T", allow_hyphen_values = true, value_parser = parse::finite)]
-    threshold: Option<f64>,
+    /// Predict for this threshold instead of Otsu's: a value, or otsu, peaks, li, triangle, porosity=P%
+    #[arg(long, value_name = TAKES, allow_hyphen_values = true, value_parser = threshold)]
+    threshold: Option<Threshold>,
     #[command(flatten)]
     options: InputOptions,
     #[command(flatten)]
@@ -66,8 +67,37 @@ struct Report {
     nan: u64,
     infinite: u64,
     otsu_threshold: Option<f64>,
+    thresholds: BTreeMap<String, Option<Candidate>>,
+    peaks: Option<[f64; 2]>,
     histogram: Vec<u64>,
     predicted: Option<Predicted>,
+}
+
+/// A threshold that a method finds.
+#[derive(Debug, Clone, Copy, Serialize)]
+struct Candidate {
+    threshold: f64,
+    /// 0 to 1.
+    share_above: f64,
+}
+
+/// What methods find, in the order of the help; `None` of those that find nothing. `asked` is one more.
+fn candidates(
+    found: &Statistics,
+    asked: Option<Threshold>,
+) -> Vec<(ThresholdMethod, Option<Candidate>)> {
+    let more = match asked {
+        Some(Threshold::Method(method @ ThresholdMethod::Porosity(_))) => Some(method),
+        _ => None,
+    };
+    let candidate = |threshold| Candidate {
+        threshold,
+        share_above: found.share_above(threshold),
+    };
+    let methods = ThresholdMethod::PLAIN.into_iter().chain(more);
+    methods
+        .map(|m| (m, found.threshold(m).map(candidate)))
+        .collect()
 }
 
 /// The surface to expect; absent if there is no threshold to predict for.
@@ -102,7 +132,11 @@ impl InfoArgs {
         let found = statistics(&Watched::new(Box::new(&*opened.volume), &watch), &console)?;
         opened.warnings.extend(watch.kind().map(|k| k.warning()));
         let volume = &*opened.volume;
-        let threshold = self.threshold.or(found.otsu);
+        let threshold = match self.threshold {
+            Some(Threshold::Value(t)) => Some(t),
+            Some(Threshold::Method(method)) => Some(threshold::of(&found, method, &self.input)?),
+            None => found.otsu,
+        };
         let predicted = match threshold {
             Some(t) => {
                 let surface = predict(volume, t, SLICES, &console)?;
@@ -121,29 +155,12 @@ impl InfoArgs {
         }
         drop(console);
         if self.common.json {
-            output::print_json(&report(&opened, found, predicted))?;
+            output::print_json(&report(&opened, found, self.threshold, predicted))?;
         } else {
-            output::print(&text(&opened, &found, predicted))?;
+            output::print(&text(&opened, &found, self.threshold, predicted))?;
         }
         Ok(Outcome::Done)
     }
-}
-
-/// Otsu's threshold of a volume.
-///
-/// # Errors
-/// The volume's own, or [`Error::Usage`] if no two finite samples differ.
-pub fn otsu(volume: &dyn Volume, path: &Path, progress: &dyn Progress) -> Result<f64> {
-    statistics(volume, progress)?.otsu.ok_or_else(|| {
-        Error::usage(
-            "--threshold",
-            format!(
-                "otsu, but no two finite samples of {} differ",
-                path.display()
-            ),
-            "a number",
-        )
-    })
 }
 
 /// A rough size of the tiles: 24 bytes for each vertex, of which one in twenty is written twice,
@@ -166,7 +183,12 @@ impl Predicted {
     }
 }
 
-fn report(opened: &Opened, found: Statistics, predicted: Option<Predicted>) -> Report {
+fn report(
+    opened: &Opened,
+    found: Statistics,
+    asked: Option<Threshold>,
+    predicted: Option<Predicted>,
+) -> Report {
     let header = opened.volume.header();
     Report {
         format: header.format,
@@ -191,6 +213,11 @@ fn report(opened: &Opened, found: Statistics, predicted: Option<Predicted>) -> R
         nan: found.nan,
         infinite: found.negative_infinite + found.positive_infinite,
         otsu_threshold: found.otsu,
+        thresholds: candidates(&found, asked)
+            .into_iter()
+            .map(|(method, found)| (method.to_string(), found))
+            .collect(),
+        peaks: found.peaks(),
         histogram: found.histogram,
         predicted,
     }
@@ -243,7 +270,12 @@ pub fn remarks(opened: &Opened) -> Vec<(&'static str, String)> {
     values.chain(filters).chain(notes).chain(warnings).collect()
 }
 
-fn text(opened: &Opened, found: &Statistics, predicted: Option<Predicted>) -> String {
+fn text(
+    opened: &Opened,
+    found: &Statistics,
+    asked: Option<Threshold>,
+    predicted: Option<Predicted>,
+) -> String {
     let header = opened.volume.header();
     let place = &header.placement;
     let mut rows = vec![
@@ -277,16 +309,17 @@ fn text(opened: &Opened, found: &Statistics, predicted: Option<Predicted>) -> St
         let (nan, infinite) = (output::count(found.nan), output::count(infinite));
         rows.push(("not finite", format!("{nan} NaN, {infinite} infinite")));
     }
-    let otsu = match found.otsu {
-        Some(t) => format!("{} by Otsu's method", number(t, 6)),
-        None => "none: no two finite samples differ".to_string(),
-    };
-    rows.push(("threshold", otsu));
+    let candidates = candidates(found, asked);
+    rows.push(("threshold", threshold_text(predicted, &candidates)));
+    if let Some([low, high]) = found.peaks() {
+        let peaks = format!("{} and {}", number(low, 6), number(high, 6));
+        rows.push(("peaks", peaks));
+    }
     let width = output::width();
     let histogram = match (found.range, found.columns(chart::columns(width))) {
         (Some(_), Some((bars, edges))) => {
-            let mark = predicted.map(|p| mark(header, p, found.otsu, edges));
-            let bars = chart::draw(&bars, edges, mark.as_ref(), width);
+            let marks = marks(header, predicted, &candidates, edges);
+            let bars = chart::draw(&bars, edges, &marks, width);
             format!("histogram, voxels on a log scale\n{bars}")
         }
         _ => String::new(),
@@ -295,21 +328,57 @@ fn text(opened: &Opened, found: &Statistics, predicted: Option<Predicted>) -> St
     output::table(&rows) + &histogram + &surface
 }
 
-/// The threshold on the histogram's axis, and how many voxels are above it.
-fn mark(header: &Header, p: Predicted, otsu: Option<f64>, edges: [f64; 2]) -> chart::Mark {
-    let method = if otsu == Some(p.threshold) {
-        " by Otsu's method"
-    } else {
-        ""
-    };
-    let share = share_above(header, p);
-    chart::Mark {
+/// The threshold that the surface is predicted for, and how it was found.
+fn threshold_text(
+    predicted: Option<Predicted>,
+    candidates: &[(ThresholdMethod, Option<Candidate>)],
+) -> String {
+    match predicted {
+        Some(p) => format!("{}{}", number(p.threshold, 6), how(p, candidates)),
+        None => format!("none: {}", ThresholdMethod::Otsu.why_none()),
+    }
+}
+
+/// How a threshold was found, behind its value; nothing if it was given.
+fn how(p: Predicted, candidates: &[(ThresholdMethod, Option<Candidate>)]) -> String {
+    let same = |c: &Candidate| c.threshold == p.threshold;
+    let method = candidates
+        .iter()
+        .find(|(_, c)| c.as_ref().is_some_and(same));
+    method.map_or_else(String::new, |(method, _)| format!(" {}", method.how()))
+}
+
+/// The threshold on the histogram's axis, and those that other methods find, each with the share of voxels above.
+fn marks(
+    header: &Header,
+    predicted: Option<Predicted>,
+    candidates: &[(ThresholdMethod, Option<Candidate>)],
+    edges: [f64; 2],
+) -> Vec<chart::Mark> {
+    let main = predicted.map(|p| chart::Mark {
+        sign: '▲',
         share: chart::place(edges, p.threshold),
         text: format!(
-            "threshold {}{method}, {share:.1} % above",
-            number(p.threshold, 6)
+            "threshold {}{}, {:.1} % above",
+            number(p.threshold, 6),
+            how(p, candidates),
+            share_above(header, p)
         ),
-    }
+    });
+    let others = candidates.iter().filter_map(|(method, found)| {
+        let found = found.filter(|c| predicted.is_none_or(|p| p.threshold != c.threshold))?;
+        let name = method.to_string();
+        Some(chart::Mark {
+            sign: name.chars().next()?,
+            share: chart::place(edges, found.threshold),
+            text: format!(
+                "{name}: {}, {:.1} % above",
+                number(found.threshold, 6),
+                100.0 * found.share_above
+            ),
+        })
+    });
+    main.into_iter().chain(others).collect()
 }
 
 /// Percent of the voxels.

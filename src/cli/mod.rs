@@ -6,6 +6,7 @@
 mod args;
 mod cells;
 mod chart;
+mod compare;
 mod convert;
 mod demo;
 mod export;
@@ -23,6 +24,7 @@ mod repack;
 mod select;
 mod sigbus;
 mod stop;
+mod threshold;
 mod verify;
 
 use crate::error::Result;
@@ -62,6 +64,7 @@ enum Command {
     Convert(convert::ConvertArgs),
     Verify(verify::VerifyArgs),
     Cells(cells::CellsArgs),
+    Compare(compare::CompareArgs),
     Select(select::SelectArgs),
     Export(export::ExportArgs),
     Repack(repack::RepackArgs),
@@ -80,6 +83,7 @@ impl Command {
             Command::Convert(args) => args.run(typed),
             Command::Verify(args) => args.run(),
             Command::Cells(args) => args.run(),
+            Command::Compare(args) => args.run(),
             Command::Select(args) => args.run(),
             Command::Export(args) => args.run(),
             Command::Repack(args) => args.run(),
@@ -156,7 +160,7 @@ fn one_line(refusal: &clap::Error, typed: &[OsString]) -> String {
 /// The commands in groups, as the help lists them.
 const GROUPS: [(&str, &[&str]); 4] = [
     ("Make tiles", &["demo", "info", "convert", "verify"]),
-    ("Look", &["preview", "cells"]),
+    ("Look", &["preview", "cells", "compare"]),
     ("Use tiles", &["select", "export", "repack"]),
     ("Other", &["phantom", "completions", "man", "help"]),
 ];

@@ -108,25 +108,6 @@ pub fn finite(text: &str) -> Result<f64, String> {
     }
 }
 
-/// A threshold, given or to be found.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub enum Threshold {
-    /// By Otsu's method.
-    Otsu,
-    /// This value.
-    Value(f64),
-}
-
-/// A finite number or `otsu`.
-pub fn threshold(text: &str) -> Result<Threshold, String> {
-    if text.eq_ignore_ascii_case("otsu") {
-        return Ok(Threshold::Otsu);
-    }
-    finite(text)
-        .map(Threshold::Value)
-        .map_err(|_| "expected a finite number or `otsu`".to_string())
-}
-
 /// A box of voxels of which bounds may be left out.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct CropArg([(Option<u32>, Option<u32>); 3]);
@@ -182,8 +163,6 @@ mod tests {
         assert_eq!(bytes("2GiB"), Ok(1 << 31));
         assert_eq!(bytes("1.5 MiB"), Ok(3 << 19));
         assert_eq!(bytes("4096"), Ok(4096));
-        assert_eq!(threshold("OTSU"), Ok(Threshold::Otsu));
-        assert_eq!(threshold("-1e3"), Ok(Threshold::Value(-1000.0)));
     }
 
     #[test]
@@ -197,8 +176,8 @@ mod tests {
         for bad in ["0,1,1", "nan", "inf,1,1", "-1", ""] {
             assert!(spacing(bad).is_err(), "{bad}");
         }
-        for bad in ["nan", "inf", "otsu2", ""] {
-            assert!(threshold(bad).is_err(), "{bad}");
+        for bad in ["nan", "inf", "otsu", ""] {
+            assert!(finite(bad).is_err(), "{bad}");
         }
         for bad in ["", "1parsec", "-1", "GiB"] {
             assert!(bytes(bad).is_err(), "{bad}");

@@ -1,8 +1,8 @@
 //! `alvis preview`: a slice of a volume as a picture.
 
 use super::args::{Common, InputOptions, open_stamped};
-use super::parse::{self, Threshold};
-use super::{Outcome, info, output};
+use super::threshold::{self, TAKES, Threshold, threshold};
+use super::{Outcome, output};
 use crate::error::{Error, Result};
 use crate::manifest::Manifest;
 use crate::preview::{Axis, PreviewOptions, preview};
@@ -28,6 +28,7 @@ enum AxisArg {
 #[derive(Debug, Args)]
 #[command(after_help = "Examples:\n  \
     alvis preview scan.mhd slice.png --threshold otsu\n  \
+    alvis preview scan.mhd slice.png --threshold otsu,peaks,140\n  \
     alvis preview scan.mhd slice.png --tiles OUT --colour-by equivalent_diameter\n  \
     alvis preview scan.mhd slice.png --tiles OUT --where 'volume > 3' --axis x --at 40")]
 pub struct PreviewArgs {
@@ -43,9 +44,10 @@ pub struct PreviewArgs {
     /// Its voxel along that axis; with --tiles of a crop, counted from the crop [default: the middle]
     #[arg(long, value_name = "N", allow_negative_numbers = true)]
     at: Option<u32>,
-    /// Draw the contour of this threshold [default: that of the tiles, if given]
-    #[arg(long, value_name = "T|otsu", allow_hyphen_values = true, value_parser = parse::threshold)]
-    threshold: Option<Threshold>,
+    /// Draw the contour of this threshold, of several separated by commas side by side [default: that of the tiles,
+    /// if given]
+    #[arg(long, value_name = TAKES, allow_hyphen_values = true, value_delimiter = ',', value_parser = threshold)]
+    threshold: Vec<Threshold>,
     /// Colour the cells of this tile set of the volume
     #[arg(long, value_name = "OUT", value_hint = ValueHint::DirPath)]
     tiles: Option<PathBuf>,
@@ -110,11 +112,7 @@ impl PreviewArgs {
             Some(manifest) => self.options.filters.apply_as(manifest, opened, "--tiles")?,
             None => self.options.filters.apply(opened)?,
         };
-        let threshold = match self.threshold {
-            None => None,
-            Some(Threshold::Value(t)) => Some(t),
-            Some(Threshold::Otsu) => Some(info::otsu(&*opened.volume, &self.input, &console)?),
-        };
+        let thresholds = threshold::all(&self.threshold, &*opened.volume, &self.input, &console)?;
         let options = PreviewOptions {
             axis: match self.axis {
                 AxisArg::X => Axis::X,
@@ -122,7 +120,7 @@ impl PreviewArgs {
                 AxisArg::Z => Axis::Z,
             },
             at: self.at,
-            threshold,
+            thresholds,
             tiles: self.tiles,
             colour_by: self.colour_by,
             map: self.map,

@@ -6,7 +6,7 @@ mod legend;
 pub mod ticks;
 
 pub use colour::{Map, hex, parse_colour};
-pub use font::width as text_width;
+pub use font::{fitted, width as text_width};
 pub use legend::{BarArea, ColourBar, printed_unit};
 
 use crate::sys::atomic_file::NewFile;

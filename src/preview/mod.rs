@@ -20,10 +20,10 @@ use crate::volume::{Cropped, Stamp, Volume};
 use crate::words::{number, things};
 use cells::{Colours, Meaning};
 use draw::Canvas;
-use page::{Bar, Key, Page};
+use page::{Bar, GAP, Key, Page, side_by_side};
 use serde::Serialize;
 use std::path::{Path, PathBuf};
-use zoom::Zoom;
+use zoom::{Zoom, ZoomInput};
 
 /// The most conditions of painted tiles that a picture lists.
 const KEYS: usize = 8;
@@ -35,8 +35,9 @@ pub struct PreviewOptions {
     pub axis: Axis,
     /// Its voxel along that axis; the middle one without.
     pub at: Option<u32>,
-    /// Draw the contour of this threshold; with `tiles`, theirs is drawn without one.
-    pub threshold: Option<f64>,
+    /// Draw the contours of these thresholds, of several in a panel each, side by side; with `tiles`, theirs is drawn
+    /// without one.
+    pub thresholds: Vec<f64>,
     /// A tile set of the volume, to colour its cells.
     pub tiles: Option<PathBuf>,
     /// Colour cells by this column or expression; without, as the tiles are painted, or by their ids.
@@ -62,7 +63,7 @@ impl Default for PreviewOptions {
         PreviewOptions {
             axis: Axis::Z,
             at: None,
-            threshold: None,
+            thresholds: Vec::new(),
             tiles: None,
             colour_by: None,
             map: Map::default(),
@@ -85,14 +86,17 @@ pub struct PreviewReport {
     pub at: u32,
     /// Width and height of the picture in pixels.
     pub size: [u32; 2],
-    /// Upper left pixel of the slice in it.
+    /// Upper left pixel of the slice in it, of the first one where there are several.
     pub slice_corner: [u32; 2],
     /// Width and height of the slice in pixels.
     pub slice_size: [u32; 2],
     /// Samples that are black and white; absent if no sample is finite.
     pub window: Option<[f64; 2]>,
-    /// Threshold of the contour.
+    /// Threshold of the contour, of the first one where there are several.
     pub threshold: Option<f64>,
+    /// The slices side by side; empty unless there are several thresholds.
+    #[serde(skip_serializing_if = "Vec::is_empty")]
+    pub panels: Vec<Panel>,
     /// Number of cells that are coloured; absent without tiles.
     pub cells: Option<u64>,
     /// Number of cells that are hatched, since their values mean nothing: those that the volume's faces cut, if a measure
@@ -104,6 +108,17 @@ pub struct PreviewReport {
     /// Things the user should know; absent if there are none.
     #[serde(skip_serializing_if = "Vec::is_empty")]
     pub warnings: Vec<String>,
+}
+
+/// One of several slices side by side.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize)]
+pub struct Panel {
+    /// Threshold of its contour.
+    pub threshold: f64,
+    /// The share of the slice's voxels above it, 0 to 1.
+    pub share_above: f64,
+    /// Upper left pixel of the slice in the picture.
+    pub corner: [u32; 2],
 }
 
 /// Draws a slice of a volume and writes it as PNG. Memory: some 16 bytes per voxel of the slice, 3
@@ -134,10 +149,18 @@ pub fn preview(
     let at = options.at.unwrap_or(dims[axis as usize] / 2);
     let plane = axis.plane();
     let spacing = plane.map(|a| placement.spacing[a]);
-    let (zoom, true_proportion) = Zoom::new(plane.map(|a| dims[a]), spacing, options.scale)?;
+    let thresholds = match &manifest {
+        Some(m) if options.thresholds.is_empty() => vec![m.threshold],
+        _ => options.thresholds.clone(),
+    };
+    let (zoom, true_proportion) = Zoom::new(ZoomInput {
+        voxels: plane.map(|a| dims[a]),
+        spacing,
+        asked: options.scale,
+        panels: thresholds.len().max(1) as u32,
+    })?;
     let slice = Slice::read(grid, axis, at)?;
     let window = options.window.or_else(|| slice.window());
-    let threshold = options.threshold.or(manifest.as_ref().map(|m| m.threshold));
     let colours = match (&options.tiles, &manifest) {
         (Some(dir), Some(m)) => Some(cells::colours(dir, m, &slice, options)?),
         _ => None,
@@ -148,14 +171,14 @@ pub fn preview(
         placement,
         dims,
         window,
-        threshold,
+        thresholds: &thresholds,
         colours: colours.as_ref(),
         condition: options.condition.as_deref(),
     };
     let rule = manifest
         .as_ref()
         .map_or(Ambiguous::Separate, |m| m.ambiguous);
-    let (picture, corner) = shown.draw(rule, options.plain);
+    let (picture, corners) = shown.draw(rule, options.plain);
     // before the picture takes the place of another one
     let mut warnings: Vec<String> = options.input.check()?.into_iter().collect();
     warnings.extend(shown.doubts(true_proportion));
@@ -166,10 +189,11 @@ pub fn preview(
         axis,
         at,
         size: picture.size(),
-        slice_corner: corner,
+        slice_corner: corners[0],
         slice_size: zoom.size(),
         window,
-        threshold,
+        threshold: thresholds.first().copied(),
+        panels: shown.panels(&corners),
         cells: colours.as_ref().map(Colours::coloured),
         cells_without_value: colours.as_ref().map(Colours::without_value),
         range: colours.as_ref().and_then(Colours::range),
@@ -210,38 +234,64 @@ struct Shown<'a> {
     placement: Placement,
     dims: [u32; 3],
     window: Option<[f64; 2]>,
-    threshold: Option<f64>,
+    thresholds: &'a [f64],
     colours: Option<&'a Colours>,
     condition: Option<&'a str>,
 }
 
 impl Shown<'_> {
-    /// The picture, and the upper left pixel of the slice in it.
-    fn draw(&self, rule: Ambiguous, plain: bool) -> (Picture, [u32; 2]) {
-        let (mut picture, corner) = if plain {
-            (Picture::new(self.zoom.size(), [0; 3]), [0; 2])
+    /// The picture, and the upper left pixels of the slices in it, at least one.
+    fn draw(&self, rule: Ambiguous, plain: bool) -> (Picture, Vec<[u32; 2]>) {
+        let slice = self.zoom.size();
+        let panels = self.thresholds.len().max(1);
+        let (mut picture, corners) = if plain {
+            let across = panels as u32 * (slice[0] + GAP) - GAP;
+            let picture = Picture::new([across, slice[1]], [255; 3]);
+            (picture, side_by_side([0; 2], slice[0], panels))
         } else {
             let page = self.page();
-            let layout = page.layout(self.zoom.size());
-            (page.draw(&layout), layout.corner)
+            let layout = page.layout(slice);
+            (page.draw(&layout), layout.corners)
         };
-        let mut canvas = Canvas {
-            picture: &mut picture,
-            corner,
-            slice: self.slice,
-            zoom: self.zoom,
-        };
-        canvas.voxels(self.window, self.colours);
-        if let Some(t) = self.threshold {
-            canvas.contour(t, rule, self.colours.is_some());
+        for (i, &corner) in corners.iter().enumerate() {
+            let mut canvas = Canvas {
+                picture: &mut picture,
+                corner,
+                slice: self.slice,
+                zoom: self.zoom,
+            };
+            canvas.voxels(self.window, self.colours);
+            if let Some(&t) = self.thresholds.get(i) {
+                canvas.contour(t, rule, self.colours.is_some());
+            }
         }
-        (picture, corner)
+        (picture, corners)
+    }
+
+    /// What is told of several slices side by side.
+    fn panels(&self, corners: &[[u32; 2]]) -> Vec<Panel> {
+        if self.thresholds.len() < 2 {
+            return Vec::new();
+        }
+        let panel = |(&threshold, &corner): (&f64, &[u32; 2])| Panel {
+            threshold,
+            share_above: self.slice.share_above(threshold),
+            corner,
+        };
+        self.thresholds.iter().zip(corners).map(panel).collect()
+    }
+
+    /// A threshold in a few digits.
+    fn short(t: f64) -> String {
+        let exact = t.to_string();
+        if exact.len() > 9 { number(t, 4) } else { exact }
     }
 
     /// Caption and legends.
     fn page(&self) -> Page {
         let mut page = Page {
             caption: self.caption(),
+            titles: self.titles(),
             pixel: Some((
                 self.spacing()[0] / self.zoom.factor[0],
                 self.placement.unit.name(),
@@ -291,6 +341,18 @@ impl Shown<'_> {
         self.slice.axis.plane().map(|a| self.placement.spacing[a])
     }
 
+    /// What stands above each of several slices.
+    fn titles(&self) -> Vec<String> {
+        if self.thresholds.len() < 2 {
+            return Vec::new();
+        }
+        let title = |&t: &f64| {
+            let percent = 100.0 * self.slice.share_above(t);
+            format!("{}: {percent:.1} % above", Self::short(t))
+        };
+        self.thresholds.iter().map(title).collect()
+    }
+
     /// What slice it is, of what, and what is drawn on it.
     fn caption(&self) -> Vec<String> {
         let axis = self.slice.axis as usize;
@@ -302,10 +364,8 @@ impl Shown<'_> {
             format!("{} to the right, {} down", names[right], names[down]),
             self.size(),
         ];
-        if let Some(t) = self.threshold {
-            let exact = t.to_string();
-            let short = if exact.len() > 9 { number(t, 4) } else { exact };
-            texts.push(format!("contour: threshold {short}"));
+        if let [t] = *self.thresholds {
+            texts.push(format!("contour: threshold {}", Self::short(t)));
         }
         let by_id = |c: &&Colours| matches!(c.meanings[..], [Meaning::Ids]);
         if let Some(colours) = self.colours.filter(by_id) {

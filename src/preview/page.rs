@@ -2,12 +2,14 @@
 
 use super::draw::hatched;
 use crate::picture::ticks::Round;
-use crate::picture::{BarArea, ColourBar, INK, Picture, printed_unit, text_width};
+use crate::picture::{BarArea, ColourBar, INK, Picture, fitted, printed_unit, text_width};
 
 /// Colour of the paper.
 const PAPER: [u8; 3] = [255; 3];
 /// The least width of what stands above and below a small slice, in pixels.
 const NARROW: u32 = 560;
+/// Pixels between slices side by side.
+pub const GAP: u32 = 12;
 /// The widths of a colour bar.
 const BAR_WIDTH: [u32; 2] = [160, 420];
 
@@ -40,6 +42,8 @@ struct ScaleBar {
 pub struct Page {
     /// Texts above it, which are spread over lines.
     pub caption: Vec<String>,
+    /// Where a slice is drawn several times side by side, what stands above each; otherwise none.
+    pub titles: Vec<String>,
     /// Legends below it.
     pub bars: Vec<Bar>,
     /// Colours that stand for one thing.
@@ -58,9 +62,9 @@ struct Placed<T> {
 pub struct Layout {
     /// Width and height of the picture.
     pub size: [u32; 2],
-    /// Upper left pixel of the slice.
-    pub corner: [u32; 2],
-    /// Its size.
+    /// Upper left pixels of the slices.
+    pub corners: Vec<[u32; 2]>,
+    /// The size of each.
     slice: [u32; 2],
     /// Height of a line of text.
     line: u32,
@@ -105,10 +109,19 @@ fn whole_width(text: &str, size: u32) -> u32 {
     text_width(text, size).ceil() as u32
 }
 
+/// Upper left pixels of slices side by side, from that of the first.
+pub fn side_by_side(first: [u32; 2], width: u32, panels: usize) -> Vec<[u32; 2]> {
+    (0..panels as u32)
+        .map(|i| [first[0] + i * (width + GAP), first[1]])
+        .collect()
+}
+
 impl Page {
     /// Finds a place for everything around a slice of so many pixels.
     pub fn layout(&self, slice: [u32; 2]) -> Layout {
-        let content = slice[0].max(NARROW);
+        let panels = self.titles.len().max(1);
+        let across = panels as u32 * (slice[0] + GAP) - GAP;
+        let content = across.max(NARROW);
         let line = (content / 56).clamp(16, 48);
         let margin = line;
         let area = Flow {
@@ -125,7 +138,8 @@ impl Page {
             at,
             what: text.clone(),
         });
-        let corner = [margin, top + margin / 2];
+        let title = if self.titles.is_empty() { 0 } else { area.line };
+        let corner = [margin, top + margin / 2 + title];
         let below = corner[1] + slice[1] + margin / 2;
         let (scale_bar, bars, bottom) = self.panels(slice[0], Flow { top: below, ..area });
         let area = Flow {
@@ -137,7 +151,7 @@ impl Page {
         let (keys, bottom) = flow(widths, area);
         Layout {
             size: [content + 2 * margin, bottom + margin / 2],
-            corner,
+            corners: side_by_side(corner, slice[0], panels),
             slice,
             line,
             caption: caption.collect(),
@@ -203,7 +217,14 @@ impl Page {
     pub fn draw(&self, layout: &Layout) -> Picture {
         let mut picture = Picture::new(layout.size, PAPER);
         let line = layout.line;
-        picture.frame(layout.corner, layout.slice);
+        for &corner in &layout.corners {
+            picture.frame(corner, layout.slice);
+        }
+        for (title, &[left, top]) in self.titles.iter().zip(&layout.corners) {
+            let title = fitted(title, f64::from(layout.slice[0]), line);
+            let at = [left, top - line - line / 4].map(f64::from);
+            picture.text(at, &title, line, INK);
+        }
         for Placed { at, what } in &layout.caption {
             picture.text(at.map(f64::from), what, line, INK);
         }
@@ -264,6 +285,7 @@ mod tests {
                 "40 × 36 voxels".into(),
                 "x to the right".repeat(3),
             ],
+            titles: Vec::new(),
             bars: vec![Bar {
                 title: "volume [mm^3]".into(),
                 ends: [0.0, 1.0],
@@ -280,14 +302,24 @@ mod tests {
     #[test]
     fn nothing_covers_the_slice() {
         for slice in [[1, 1], [40, 2000], [1000, 900], [5000, 10]] {
-            let page = page();
-            let layout = page.layout(slice);
-            assert!(layout.size[0] >= slice[0] && layout.size[1] > slice[1]);
-            let picture = page.draw(&layout);
-            let [left, top] = layout.corner;
-            for y in top..top + slice[1] {
-                for x in left..left + slice[0] {
-                    assert_eq!(picture.at([x, y]), PAPER);
+            for panels in [0, 2, 3] {
+                let titles = (0..panels)
+                    .map(|i| format!("threshold {i}, half of it is above"))
+                    .collect();
+                let page = Page { titles, ..page() };
+                let layout = page.layout(slice);
+                assert!(layout.size[0] >= slice[0] && layout.size[1] > slice[1]);
+                assert_eq!(layout.corners.len(), panels.max(1));
+                let picture = page.draw(&layout);
+                let mut end = 0;
+                for &[left, top] in &layout.corners {
+                    assert!(left > end && left + slice[0] < layout.size[0]);
+                    end = left + slice[0];
+                    for y in top..top + slice[1] {
+                        for x in left..left + slice[0] {
+                            assert_eq!(picture.at([x, y]), PAPER);
+                        }
+                    }
                 }
             }
         }

@@ -78,6 +78,18 @@ impl Slice {
         self.values[y as usize * self.size[0] as usize + x as usize]
     }
 
+    /// The share of the slice's voxels that are above a threshold, 0 to 1.
+    pub fn share_above(&self, threshold: f64) -> f64 {
+        let [width, height] = self.size;
+        let row = |y: u32| {
+            (0..width)
+                .filter(|&x| self.above([x, y], threshold))
+                .count() as f64
+        };
+        let above: f64 = (0..height).map(row).sum();
+        above / (f64::from(width) * f64::from(height))
+    }
+
     /// True if a voxel is above a threshold; NaN is below.
     pub fn above(&self, voxel: [u32; 2], threshold: f64) -> bool {
         self.value(voxel) >= threshold

@@ -18,20 +18,48 @@ pub struct Zoom {
     pub factor: [f64; 2],
 }
 
+/// What is to be drawn.
+#[derive(Debug, Clone, Copy)]
+pub struct ZoomInput {
+    /// Voxels to the right and down.
+    pub voxels: [u32; 2],
+    /// Their lengths.
+    pub spacing: [f64; 2],
+    /// Pixels per voxel along the finer axis.
+    pub asked: Option<u32>,
+    /// How often the slice is drawn side by side, at least 1.
+    pub panels: u32,
+}
+
+impl ZoomInput {
+    /// Pixels that the longer side gets if no scale is given: several panels share the width of one and a half.
+    fn comfort(&self) -> f64 {
+        match self.panels {
+            0 | 1 => COMFORT,
+            n => 1.5 * COMFORT / f64::from(n),
+        }
+    }
+
+    /// True if all panels of such a slice are no more than the largest picture.
+    fn fits(&self, zoom: &Zoom) -> bool {
+        let [width, height] = zoom.exact();
+        (1.0..=MOST as f64).contains(&(width * height * f64::from(self.panels)))
+    }
+}
+
 impl Zoom {
-    /// As many pixels per voxel as are `asked` for along the finer axis, or as fit 1024. Voxels are drawn as squares,
+    /// As many pixels per voxel as are asked for along the finer axis, or as fit 1024. Voxels are drawn as squares,
     /// and false is returned, if without a scale their true proportion would pass 2^28 pixels.
     ///
     /// # Errors
-    /// [`Error::Usage`] if the slice would pass 2^28 pixels.
-    pub fn new(voxels: [u32; 2], spacing: [f64; 2], asked: Option<u32>) -> Result<(Zoom, bool)> {
-        let ratio = proportion(spacing);
-        let zoom = Zoom::magnified(voxels, ratio, asked);
-        if zoom.fits() {
+    /// [`Error::Usage`] if the picture would pass 2^28 pixels.
+    pub fn new(input: ZoomInput) -> Result<(Zoom, bool)> {
+        let zoom = Zoom::magnified(&input, proportion(input.spacing));
+        if input.fits(&zoom) {
             return Ok((zoom, true));
         }
-        let square = Zoom::magnified(voxels, [1.0; 2], asked);
-        if asked.is_none() && square.fits() {
+        let square = Zoom::magnified(&input, [1.0; 2]);
+        if input.asked.is_none() && input.fits(&square) {
             return Ok((square, false));
         }
         let [width, height] = zoom.exact();
@@ -43,25 +71,21 @@ impl Zoom {
         ))
     }
 
-    fn magnified(voxels: [u32; 2], ratio: [f64; 2], asked: Option<u32>) -> Zoom {
+    fn magnified(input: &ZoomInput, ratio: [f64; 2]) -> Zoom {
+        let voxels = input.voxels;
         let once = Zoom {
             voxels,
             factor: ratio,
         };
         let [width, height] = once.exact();
-        let fitting = (COMFORT / width.max(height).max(1.0)).floor();
-        let scale = asked.map_or(fitting.clamp(1.0, LARGEST), f64::from);
+        let fitting = (input.comfort() / width.max(height).max(1.0)).floor();
+        let scale = input.asked.map_or(fitting.clamp(1.0, LARGEST), f64::from);
         let factor = ratio.map(|r| r * scale);
         Zoom { voxels, factor }
     }
 
     fn exact(&self) -> [f64; 2] {
         std::array::from_fn(|i| (f64::from(self.voxels[i]) * self.factor[i]).round())
-    }
-
-    fn fits(&self) -> bool {
-        let [width, height] = self.exact();
-        (1.0..=MOST as f64).contains(&(width * height))
     }
 
     /// Width and height in pixels.
@@ -105,9 +129,18 @@ fn proportion(spacing: [f64; 2]) -> [f64; 2] {
 mod tests {
     use super::*;
 
+    fn new(voxels: [u32; 2], spacing: [f64; 2], asked: Option<u32>) -> Result<(Zoom, bool)> {
+        Zoom::new(ZoomInput {
+            voxels,
+            spacing,
+            asked,
+            panels: 1,
+        })
+    }
+
     #[test]
     fn voxels_have_their_proportion() {
-        let zoom = |voxels, spacing, asked| Zoom::new(voxels, spacing, asked).unwrap().0;
+        let zoom = |voxels, spacing, asked| new(voxels, spacing, asked).unwrap().0;
         assert_eq!(zoom([40, 36], [0.05; 2], None).size(), [1000, 900]);
         assert_eq!(zoom([40, 36], [0.1, 0.3], Some(2)).size(), [80, 216]);
         assert_eq!(zoom([100, 10], [1.0, 1.4], Some(5)).size(), [500, 70]);
@@ -125,10 +158,10 @@ mod tests {
 
     #[test]
     fn pictures_have_a_largest_size() {
-        assert!(Zoom::new([40, 36], [1.0; 2], Some(100_000)).is_err());
-        assert!(Zoom::new([40, 36], [1.0; 2], Some(0)).is_err());
-        let (zoom, true_proportion) = Zoom::new([40, 36], [1.0, 1e12], None).unwrap();
+        assert!(new([40, 36], [1.0; 2], Some(100_000)).is_err());
+        assert!(new([40, 36], [1.0; 2], Some(0)).is_err());
+        let (zoom, true_proportion) = new([40, 36], [1.0, 1e12], None).unwrap();
         assert!(!true_proportion && zoom.size() == [1000, 900]);
-        assert!(Zoom::new([40, 36], [1.0, 1e12], Some(1)).is_err());
+        assert!(new([40, 36], [1.0, 1e12], Some(1)).is_err());
     }
 }

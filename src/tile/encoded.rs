@@ -62,7 +62,7 @@ pub struct Encoded<'a> {
     /// The beginning of the BIN chunk, or all of it.
     pub bytes: Cow<'a, [u8]>,
     /// What tells its parts.
-    pub recipe: EncodedLayout,
+    pub layout: EncodedLayout,
 }
 
 /// Encodes pieces of a tile whose macrocube has its lowest voxel at `low`. In a plain tile they stay as they are. The
@@ -79,12 +79,12 @@ pub fn encode<'a>(
     let FloatBody { body, bytes } = floats;
     let of_pieces = || body.pieces.iter().map(|p| p.indices).sum();
     if head.is_plain(body.pieces.len()) {
-        let recipe = EncodedLayout {
+        let layout = EncodedLayout {
             indices: of_pieces(),
             ..EncodedLayout::default()
         };
         let bytes = Cow::Borrowed(bytes);
-        return Ok(Encoded { bytes, recipe });
+        return Ok(Encoded { bytes, layout });
     }
     let mut bin = Bin::default();
     floats.put_vertices(&mut bin, head, low)?;
@@ -107,7 +107,7 @@ pub fn encode<'a>(
     lengths[..bin.lengths.len()].copy_from_slice(&bin.lengths);
     Ok(Encoded {
         bytes: Cow::Owned(bin.bytes),
-        recipe: EncodedLayout { lengths, indices },
+        layout: EncodedLayout { lengths, indices },
     })
 }
 
@@ -438,11 +438,11 @@ mod tests {
                 let head = TileHead::new(contents.matrix, form);
                 let floats = FloatBody { body: &body, bytes: &bytes };
                 let encoded = encode(&head, low, floats, None).unwrap();
-                let what = EncodedBody { body: &body, layout: &encoded.recipe };
+                let what = EncodedBody { body: &body, layout: &encoded.layout };
                 let file = tile_file(&head, low, floats, &contents.nodes).unwrap();
                 let Description { json, table } = describe(&head, low, what, &contents.nodes).unwrap();
                 prop_assert!([&encoded.bytes[..], &table].concat() == *file.bin);
-                prop_assert_eq!(file.indices, u64::from(encoded.recipe.indices));
+                prop_assert_eq!(file.indices, u64::from(encoded.layout.indices));
                 prop_assert!(file.head[20..].starts_with(&json));
                 let widest = widest_description(&WidestNodes::new(&head), low, what).unwrap();
                 let nodes = vec![Node::widest(); body.pieces.len()];
@@ -459,7 +459,7 @@ mod tests {
                 // normals are rounded once
                 let once = FloatBody { body: &back, bytes: &floats };
                 let again = encode(&head, low, once, None).unwrap();
-                let what = EncodedBody { body: &back, layout: &again.recipe };
+                let what = EncodedBody { body: &back, layout: &again.layout };
                 let (_, twice) = decode(&head, low, what, &again.bytes).unwrap();
                 prop_assert!(floats[..2 * positions] == twice[..2 * positions]);
             }

@@ -55,18 +55,18 @@ pub fn tile_file_with<'a>(
 ) -> Result<TileFile<'a>, Refused> {
     let colours = colours(nodes);
     let encoded = encode(head, low, floats, colours.as_deref())?;
-    let (mut bin, recipe) = (encoded.bytes, encoded.recipe);
+    let (mut bin, layout) = (encoded.bytes, encoded.layout);
     let body = EncodedBody {
         body: floats.body,
-        layout: &recipe,
+        layout: &layout,
     };
     let Description { json, table } = describe(head, low, body, nodes)?;
-    let room = room(&recipe, bin.len())?.max(aligned(json.len(), 8));
+    let room = room(&layout, bin.len())?.max(aligned(json.len(), 8));
     if !table.is_empty() {
         bin.to_mut().extend_from_slice(&table);
     }
     let head = write_head(&json, room, bin.len() as u64).ok_or(Refused::TooLarge)?;
-    let indices = recipe.indices.into();
+    let indices = layout.indices.into();
     Ok(TileFile { head, bin, indices })
 }
 

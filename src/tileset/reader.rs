@@ -102,7 +102,11 @@ impl TileSet {
         let found = checksum_text(crc32fast::hash(&bytes));
         if found != entry.checksum {
             let expected = format!("{} as in the index", entry.checksum);
-            return Err(Error::format(&path, found, expected));
+            return Err(Error::format(
+                &path,
+                format!("the checksum {found}"),
+                expected,
+            ));
         }
         Ok(bytes)
     }

@@ -34,6 +34,7 @@ pub use registry::input_help;
 pub use stamp::{Before, Stamp, stamp};
 pub use stats::estimate::{Prediction, predict};
 pub use stats::statistics::{Statistics, statistics};
+pub use stats::threshold::ThresholdMethod;
 
 use crate::error::{Error, Result};
 use crate::grid::{Dims, Placement};

@@ -30,53 +30,54 @@ use std::path::Path;
 /// [`Error::Io`], [`Error::Format`] or [`Error::Unsupported`] if the file or its data files cannot
 /// be read as what they say they are.
 pub fn open(path: &Path, options: &OpenOptions) -> Result<Opened> {
-    let mut recipe = parsed(path, options)?;
-    refuse_unused(recipe.format, options)?;
-    let offset = match &recipe.samples {
+    let mut descriptor = parsed(path, options)?;
+    refuse_unused(descriptor.format, options)?;
+    let offset = match &descriptor.samples {
         Samples::Files(Data {
             start: Start::At { bytes, .. },
             ..
-        }) if recipe.format == "raw" => *bytes,
+        }) if descriptor.format == "raw" => *bytes,
         _ => 0,
     };
-    let files = match &recipe.samples {
+    let files = match &descriptor.samples {
         Samples::Files(data) => data.files.clone(),
         Samples::Pages(pages) => pages.files(),
         _ => Vec::new(),
     };
-    let (placement, provenance) = place::place(path, recipe.placement, recipe.provenance, options)?;
-    let grid = regular(path, &mut recipe, placement)?;
+    let (placement, provenance) =
+        place::place(path, descriptor.placement, descriptor.provenance, options)?;
+    let grid = regular(path, &mut descriptor, placement)?;
     let header = Header {
-        format: recipe.format,
-        dims: recipe.dims,
-        dtype: recipe.dtype,
-        endian: recipe.endian.unwrap_or_default(),
+        format: descriptor.format,
+        dims: descriptor.dims,
+        dtype: descriptor.dtype,
+        endian: descriptor.endian.unwrap_or_default(),
         placement,
     };
-    let mut notes = std::mem::take(&mut recipe.notes);
-    let warnings = std::mem::take(&mut recipe.warnings);
+    let mut notes = std::mem::take(&mut descriptor.notes);
+    let warnings = std::mem::take(&mut descriptor.warnings);
     let warnings = warning::texts(warnings, options.spacing.is_some());
     // behind the samples of a TIFF are its directories, and behind those of one of several times another
     let part = options.time.is_some() || options.channel.is_some();
-    if !matches!(recipe.format, "raw" | "tiff")
+    if !matches!(descriptor.format, "raw" | "tiff")
         && !part
-        && let Samples::Files(data) = &recipe.samples
+        && let Samples::Files(data) = &descriptor.samples
     {
         notes.extend(data::more_than_described(&header, data)?);
     }
-    let values = recipe.values.as_ref().map(|values| values.to_string());
-    let values = values.or(recipe.applied.take());
-    let scaled = match &recipe.values {
+    let values = descriptor.values.as_ref().map(|values| values.to_string());
+    let values = values.or(descriptor.applied.take());
+    let scaled = match &descriptor.values {
         Some(values) => values.is_scaled(),
         None => values.is_some(),
     };
     Ok(Opened {
         volume: match grid {
             Some((grid, placement)) => {
-                let volume = volume(header, recipe, options.io)?;
+                let volume = volume(header, descriptor, options.io)?;
                 Box::new(Resampled::new(volume, grid, placement)?)
             }
-            None => volume(header, recipe, options.io)?,
+            None => volume(header, descriptor, options.io)?,
         },
         filtered: None,
         provenance,
@@ -91,26 +92,26 @@ pub fn open(path: &Path, options: &OpenOptions) -> Result<Opened> {
     })
 }
 
-/// The grid that samples are interpolated to, with its placement: that of the recipe, or one at right angles where the
+/// The grid that samples are interpolated to, with its placement: that of the descriptor, or one at right angles where the
 /// axes are not.
 fn regular(
     path: &Path,
-    recipe: &mut VolumeDescriptor,
+    descriptor: &mut VolumeDescriptor,
     placement: Placement,
 ) -> Result<Option<(Grid, Placement)>> {
-    if let Some(grid) = recipe.grid.take() {
+    if let Some(grid) = descriptor.grid.take() {
         return Ok(Some((grid, placement)));
     }
     if placement.shear().is_none() {
         return Ok(None);
     }
-    let dtype = match &recipe.values {
-        Some(values) => values.dtype(recipe.dtype),
-        None => recipe.dtype,
+    let dtype = match &descriptor.values {
+        Some(values) => values.dtype(descriptor.dtype),
+        None => descriptor.dtype,
     };
-    let grid = Grid::upright(path, placement, recipe.dims, resample::fill(dtype))?;
+    let grid = Grid::upright(path, placement, descriptor.dims, resample::fill(dtype))?;
     let note = grid.note("its axes are not at right angles");
-    recipe.notes.push(note);
+    descriptor.notes.push(note);
     let placement = grid.placement;
     Ok(Some((grid, placement)))
 }
@@ -122,20 +123,20 @@ fn parsed(path: &Path, options: &OpenOptions) -> Result<VolumeDescriptor> {
         false if path.exists() => None,
         false => folder::numbered(path, FORMATS, options),
     };
-    let Some(recipe) = slices else {
+    let Some(descriptor) = slices else {
         return recognise(path, &Blob::file(path)?.head(4096)?, options);
     };
-    let mut recipe = recipe?;
-    if recipe.format != "raw" {
-        complete(path, &mut recipe, options)?;
+    let mut descriptor = descriptor?;
+    if descriptor.format != "raw" {
+        complete(path, &mut descriptor, options)?;
     }
-    Ok(recipe)
+    Ok(descriptor)
 }
 
-/// The samples of a recipe as the values that they stand for, the right way round.
-fn volume(header: Header, recipe: VolumeDescriptor, io: Io) -> Result<Box<dyn Volume>> {
+/// The samples of a descriptor as the values that they stand for, the right way round.
+fn volume(header: Header, descriptor: VolumeDescriptor, io: Io) -> Result<Box<dyn Volume>> {
     let swap = header.endian != Endian::NATIVE;
-    let volume: Box<dyn Volume> = match recipe.samples {
+    let volume: Box<dyn Volume> = match descriptor.samples {
         Samples::Files(data) => {
             let source = data::source(&header, &data, io)?;
             Box::new(FileVolume::new(header, source, swap))
@@ -147,11 +148,11 @@ fn volume(header: Header, recipe: VolumeDescriptor, io: Io) -> Result<Box<dyn Vo
             header, chunks,
         )),
     };
-    let volume = match recipe.mirrored {
+    let volume = match descriptor.mirrored {
         [false, false] => volume,
         turned => Box::new(Mirrored::new(volume, turned)),
     };
-    Ok(match recipe.values {
+    Ok(match descriptor.values {
         Some(values) => Box::new(Valued::new(volume, values)),
         None => volume,
     })
@@ -198,46 +199,46 @@ fn recognise(path: &Path, head: &[u8], options: &OpenOptions) -> Result<VolumeDe
         head,
         formats: FORMATS,
     };
-    let mut recipe = parse(&input, options)?;
-    complete(path, &mut recipe, options)?;
-    Ok(recipe)
+    let mut descriptor = parse(&input, options)?;
+    complete(path, &mut descriptor, options)?;
+    Ok(descriptor)
 }
 
 /// Options that say what the header also says must agree with it; they may fill its gaps.
-fn complete(path: &Path, recipe: &mut VolumeDescriptor, options: &OpenOptions) -> Result<()> {
+fn complete(path: &Path, descriptor: &mut VolumeDescriptor, options: &OpenOptions) -> Result<()> {
     let differ = |option: &str, found: String, stated: String| {
         let expected = format!("{stated}, as the header of {} says", path.display());
         Err(Error::usage(option, found, expected).with_hint("leave the option out"))
     };
     if let Some(dims) = options.dims
-        && dims != recipe.dims.0.map(u64::from)
+        && dims != descriptor.dims.0.map(u64::from)
     {
         let [x, y, z] = dims;
         return differ(
             "--dims",
             format!("{x} x {y} x {z}"),
-            recipe.dims.to_string(),
+            descriptor.dims.to_string(),
         );
     }
-    let dtype = match &recipe.values {
-        Some(values) => values.dtype(recipe.dtype),
-        None => recipe.dtype,
+    let dtype = match &descriptor.values {
+        Some(values) => values.dtype(descriptor.dtype),
+        None => descriptor.dtype,
     };
     if let Some(given) = options.dtype
         && given != dtype
     {
         return differ("--dtype", given.to_string(), dtype.to_string());
     }
-    match (options.endian, recipe.endian) {
-        (Some(a), Some(b)) if a != b && recipe.dtype.bytes() > 1 => {
+    match (options.endian, descriptor.endian) {
+        (Some(a), Some(b)) if a != b && descriptor.dtype.bytes() > 1 => {
             return differ("--endian", a.to_string(), b.to_string());
         }
-        (endian, stated) => recipe.endian = stated.or(endian),
+        (endian, stated) => descriptor.endian = stated.or(endian),
     }
-    if recipe.endian.is_none() && recipe.dtype.bytes() > 1 && recipe.format == "nrrd" {
+    if descriptor.endian.is_none() && descriptor.dtype.bytes() > 1 && descriptor.format == "nrrd" {
         return Err(Error::format(
             path,
-            format!("no field `endian` for samples of {}", recipe.dtype),
+            format!("no field `endian` for samples of {}", descriptor.dtype),
             "`endian: little` or `endian: big`",
         )
         .with_hint("give --endian"));

@@ -39,7 +39,7 @@ impl Finisher<'_> {
         );
         let encoded = EncodedBody {
             body: &body,
-            layout: &tile.recipe,
+            layout: &tile.layout,
         };
         let Description { json, table } = describe(head, low, encoded, &nodes)
             .map_err(|e| refused(e, tile.grid, self.settings.tiling))?;
@@ -69,7 +69,7 @@ impl Finisher<'_> {
         ));
         crc.update(&table);
         let file = TileFile {
-            indices: tile.recipe.indices.into(),
+            indices: tile.layout.indices.into(),
             bytes: bytes + more,
             crc: crc.finalize(),
         };
@@ -106,7 +106,7 @@ impl Finisher<'_> {
             _ => {
                 let encoded = EncodedBody {
                     body: &job.body(),
-                    layout: &tile.recipe,
+                    layout: &tile.layout,
                 };
                 decode(head, low, encoded, bytes).map_err(|_| not_ours())?
             }

@@ -38,7 +38,7 @@ pub struct TileRecord {
     /// CRC-32 of the geometry in the file.
     pub crc: u32,
     /// How it is encoded.
-    pub recipe: EncodedLayout,
+    pub layout: EncodedLayout,
     reserved: u32,
 }
 
@@ -111,9 +111,9 @@ impl TileWriter {
         let body = Body::write(mesh, self.head.form.primitives, stripifier);
         let plain = self.head.is_plain(body.pieces.len());
         let stays = plain || !provisional && self.head.is_encoded_early();
-        let (mut recipe, mut room) = (EncodedLayout::default(), 0);
+        let (mut layout, mut room) = (EncodedLayout::default(), 0);
         if stays {
-            (recipe, room) = self
+            (layout, room) = self
                 .encode(mesh, grid, &body)
                 .map_err(|e| refused(e, grid, self.tiling))?;
         }
@@ -139,7 +139,7 @@ impl TileWriter {
             pieces: body.pieces.len() as u32,
             room: room as u32,
             crc,
-            recipe,
+            layout,
             reserved: 0,
         };
         Ok((record, body))
@@ -165,17 +165,17 @@ impl TileWriter {
             body,
             bytes: mesh.chunk.bytes(),
         };
-        let Encoded { bytes, recipe } = encode(head, low, floats, None)?;
+        let Encoded { bytes, layout } = encode(head, low, floats, None)?;
         if let Cow::Owned(bytes) = bytes {
             mesh.chunk.replace(&bytes);
         }
         let bytes = mesh.chunk.bytes().len();
         let encoded = EncodedBody {
             body,
-            layout: &recipe,
+            layout: &layout,
         };
         let room = self.heads().room(low, encoded, bytes)?;
-        Ok((recipe, room))
+        Ok((layout, room))
     }
 }
 

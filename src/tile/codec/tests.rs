@@ -208,7 +208,7 @@ fn a_codec_of_its_own_file_is_written_and_read() {
         assert_eq!(error.place, "/extensionsRequired", "{error}");
 
         let encoded = encode(&head, [0; 3], floats, None).unwrap();
-        let layout: &EncodedLayout = &encoded.recipe;
+        let layout: &EncodedLayout = &encoded.layout;
         let what = EncodedBody { body, layout };
         let (_, decoded) = decode(&head, [0; 3], what, &encoded.bytes).unwrap();
         let vertices = 24 * body.vertices as usize;

@@ -46,6 +46,10 @@ impl Neighbourhood for Median {
         input
     }
 
+    fn rows_kept(&self, rows: u64) -> u64 {
+        rows + 2 * u64::from(self.radius)
+    }
+
     fn row_bytes(&self, input: Dtype, width: u64) -> RowBytes {
         let bytes = (width + 2 * u64::from(self.radius)) * input.bytes() as u64;
         RowBytes {

@@ -26,7 +26,10 @@ pub trait Neighbourhood: Clone + Send + Sync + 'static {
     /// The type of the values made of samples of a type.
     fn output(&self, input: Dtype) -> Dtype;
 
-    /// Bytes that a window keeps for a row of `width` voxels of one slice.
+    /// Rows of a slice that a window keeps for so many rows of values.
+    fn rows_kept(&self, rows: u64) -> u64;
+
+    /// Bytes that it keeps for a row of `width` voxels of one slice.
     fn row_bytes(&self, input: Dtype, width: u64) -> RowBytes;
 
     /// Memory for `slots` slices of a region.
@@ -168,13 +171,14 @@ impl<'a, F: Neighbourhood> Filtered<'a, F> {
         let read = (rows + 2 * ry).min(ny) * nx * self.input().bytes() as u64;
         // rows on their way, of numbers of 8 bytes at most
         let passing = (2 * ry + 6) * (nx + 2 * rx) * 8;
-        slots as u64 * (rows + 2 * ry) * self.row_bytes(nx as usize).most + read + passing
+        let kept = self.filter.rows_kept(rows) * self.row_bytes(nx as usize).most;
+        slots as u64 * kept + read + passing
     }
+}
 
-    fn lock<'b>(&self, forward: &'b Mutex<Option<Rolling>>) -> MutexGuard<'b, Option<Rolling>> {
-        // a slice that a thread failed to take is in no slot
-        forward.lock().unwrap_or_else(PoisonError::into_inner)
-    }
+fn lock(forward: &Mutex<Option<Rolling>>) -> MutexGuard<'_, Option<Rolling>> {
+    // a slice that a thread failed to take is in no slot
+    forward.lock().unwrap_or_else(PoisonError::into_inner)
 }
 
 impl<F: Neighbourhood> Volume for Filtered<'_, F> {
@@ -187,7 +191,7 @@ impl<F: Neighbourhood> Volume for Filtered<'_, F> {
         let slice = out.len() / z.len();
         let [columns, rows] = [&x, &y].map(|r| r.start as usize..r.end as usize);
         if let Some(forward) = &self.forward {
-            let mut forward = self.lock(forward);
+            let mut forward = lock(forward);
             let whole = || self.rolling([0..nx, 0..ny], self.taps() + LOOK_BACK);
             let rolling = forward.get_or_insert_with(whole);
             for (k, out) in z.zip(out.chunks_exact_mut(slice)) {
@@ -258,7 +262,7 @@ impl<F: Neighbourhood> Volume for Filtered<'_, F> {
         if z.end < self.header.dims.0[2] {
             done.end = z.end.saturating_sub(self.filter.radius()[2]);
         } else if let Some(forward) = &self.forward {
-            *self.lock(forward) = None;
+            *lock(forward) = None;
         }
         self.inner.release(done.start.min(done.end)..done.end);
     }

@@ -71,6 +71,10 @@ impl Neighbourhood for Gaussian {
         with_voxel_type!(input, T => <T as Sample>::Value::DTYPE)
     }
 
+    fn rows_kept(&self, rows: u64) -> u64 {
+        rows
+    }
+
     fn row_bytes(&self, input: Dtype, width: u64) -> RowBytes {
         let number = with_voxel_type!(input, T => size_of::<<T as Sample>::Sum>()) as u64;
         RowBytes {

@@ -17,13 +17,18 @@ pub(crate) struct Levels {
 }
 
 impl Levels {
+    /// The levels that occur, from below.
+    pub(crate) fn occupied(&self) -> impl DoubleEndedIterator<Item = usize> {
+        (0..self.counts.len()).filter(|&i| self.counts[i] > 0)
+    }
+
     /// Otsu's threshold: the split into two classes with the largest variance between them
     /// (N. Otsu, A threshold selection method from gray-level histograms, 1979). The result lies
     /// midway between the largest level of the lower class and the smallest one of the upper class
     /// that occurs, so `v >= threshold` is the upper class, and a surface of a volume of two values
     /// lies midway between voxels. `None` if fewer than two levels occur.
     pub(crate) fn otsu(&self) -> Option<f64> {
-        let occupied = || (0..self.counts.len()).filter(|&i| self.counts[i] > 0);
+        let occupied = || self.occupied();
         let total: f64 = self.counts.iter().map(|&n| n as f64).sum();
         let moment: f64 = occupied().map(|i| self.counts[i] as f64 * i as f64).sum();
         let (mut below, mut below_moment) = (0.0, 0.0);

@@ -2,5 +2,7 @@
 
 pub(crate) mod estimate;
 mod histogram;
+mod peaks;
 pub(crate) mod statistics;
+pub(crate) mod threshold;
 mod walk;

@@ -3,6 +3,8 @@
 use crate::error::Result;
 use crate::progress::Progress;
 use crate::volume::stats::histogram::{BINS, Levels};
+use crate::volume::stats::peaks::two_peaks;
+use crate::volume::stats::threshold::ThresholdMethod;
 use crate::volume::stats::walk::Walk;
 use crate::volume::{Dtype, Volume, Voxel, with_voxel_type};
 
@@ -46,6 +48,18 @@ impl Statistics {
             self.positive_infinite
         };
         finite.round() as u64 + infinite
+    }
+
+    /// The threshold that a method finds; `None` if no two finite samples differ, or the histogram has no two peaks.
+    /// Exact for integers whose range is below 65,536; others are counted in 65,536 bins over the range.
+    pub fn threshold(&self, method: ThresholdMethod) -> Option<f64> {
+        let below = self.nan + self.negative_infinite;
+        method.find(self.levels.as_ref()?, self.voxels, below)
+    }
+
+    /// The two peaks of the histogram, by rising value; `None` if it has only one.
+    pub fn peaks(&self) -> Option<[f64; 2]> {
+        two_peaks(self.levels.as_ref()?)
     }
 
     /// Share of all samples that are above a threshold, 0 to 1.

@@ -3,6 +3,7 @@
 use crate::error::{Error, Result};
 use crate::volume::formats::zarr::files::{Files, NONE};
 use crate::volume::formats::zarr::meta::{Array, ChunkKey};
+use crate::volume::stated::written::Missing;
 use std::fs::File;
 use std::os::unix::fs::FileExt;
 use std::path::{Path, PathBuf};
@@ -27,6 +28,15 @@ const KEYS: [ChunkKey; 4] = [
 pub(crate) struct Count {
     pub(crate) missing: u64,
     pub(crate) total: u64,
+}
+
+impl From<Count> for Missing {
+    fn from(count: Count) -> Self {
+        Missing {
+            count: Some(count.missing),
+            total: count.total,
+        }
+    }
 }
 
 /// What is found in the folder of an array.

@@ -6,7 +6,7 @@ use crate::volume::Dtype;
 use crate::volume::descriptor::{Samples, VolumeDescriptor};
 use crate::volume::formats::zarr::axes::{self, Axis, Chosen};
 use crate::volume::formats::zarr::chunk::ZarrChunks;
-use crate::volume::formats::zarr::count::{self, Count};
+use crate::volume::formats::zarr::count;
 use crate::volume::formats::zarr::files::Files;
 use crate::volume::formats::zarr::meta::Array;
 use crate::volume::formats::zarr::ome::{OmeAxis, Stated};
@@ -72,13 +72,9 @@ impl Source {
         let (endian, fill) = (self.array.coding.endian, self.array.fill.unwrap_or(0.0));
         let mut files = Files::new(self.folder, self.array, bytes);
         let counted = count::count(&mut files, axes, &at, &mut self.notes)?;
-        if let Some(Count { missing, total }) = counted {
+        if let Some(count) = counted {
             let (notes, warnings) = (&mut self.notes, &mut self.warnings);
-            let chunks = written::Missing {
-                count: Some(missing),
-                total,
-            };
-            written::missing(chunks, &fill.to_string(), notes, warnings);
+            written::missing(count.into(), &fill.to_string(), notes, warnings);
         }
         let chunks = ZarrChunks::new(files, dims, axes, &at, packed.dtype);
         Ok(VolumeDescriptor {

@@ -1,0 +1,144 @@
+//! The cells of a tile set, as far as they are compared.
+
+use super::matching::{Extent, Place};
+use crate::error::Result;
+use crate::grid::{Placement, Unit};
+use crate::manifest::Manifest;
+use crate::table::{Query, Row, Table, TableReader, find_column};
+use std::path::Path;
+
+/// A cell.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Cell {
+    pub id: u64,
+    pub place: Place,
+    pub volume: f64,
+    pub sphericity: Option<f64>,
+    pub elongation: Option<f64>,
+    pub flatness: Option<f64>,
+    pub touches_border: bool,
+}
+
+/// What a tile set has.
+#[derive(Debug)]
+pub struct Body {
+    /// By rising id.
+    pub cells: Vec<Cell>,
+    /// The box around all objects.
+    pub objects: Option<Extent>,
+}
+
+/// Where a row of cells or objects lies.
+struct PlaceColumns {
+    min: [usize; 3],
+    max: [usize; 3],
+    centroid: [usize; 3],
+    /// Factor to the unit that is asked for.
+    scale: f64,
+    /// Half a voxel along the axes of the world: tables have the centres of voxels.
+    margin: [f64; 3],
+}
+
+impl PlaceColumns {
+    fn of(table: &TableReader, placement: &Placement, unit: Unit) -> Result<Self> {
+        let find = |name: String| find_column("the table", &name, table.columns());
+        let three = |start: &str| -> Result<[usize; 3]> {
+            Ok([
+                find(format!("{start}_x"))?,
+                find(format!("{start}_y"))?,
+                find(format!("{start}_z"))?,
+            ])
+        };
+        let scaled = placement.in_unit(unit)?;
+        let margin = std::array::from_fn(|world| {
+            let along = (0..3).map(|a| (scaled.directions[a][world] * scaled.spacing[a]).abs());
+            along.sum::<f64>() / 2.0
+        });
+        Ok(PlaceColumns {
+            min: three("min")?,
+            max: three("max")?,
+            centroid: three("centroid")?,
+            scale: scaled.spacing[0] / placement.spacing[0],
+            margin,
+        })
+    }
+
+    fn place(&self, row: &Row) -> Result<Place> {
+        let three = |columns: [usize; 3]| -> Result<[f64; 3]> {
+            let mut values = [0.0; 3];
+            for (value, column) in values.iter_mut().zip(columns) {
+                *value = row.number(column)?.unwrap_or(f64::NAN) * self.scale;
+            }
+            Ok(values)
+        };
+        let (min, max) = (three(self.min)?, three(self.max)?);
+        let extent = Extent {
+            min: std::array::from_fn(|i| min[i] - self.margin[i]),
+            max: std::array::from_fn(|i| max[i] + self.margin[i]),
+        };
+        Ok(Place {
+            extent,
+            centroid: three(self.centroid)?,
+        })
+    }
+}
+
+impl Body {
+    /// Reads the cells for which a condition holds, with their lengths in a unit, and where the objects lie.
+    pub fn read(
+        dir: &Path,
+        manifest: &Manifest,
+        unit: Unit,
+        condition: Option<&str>,
+    ) -> Result<Body> {
+        let placement = manifest.measured();
+        let mut table = Table::Cells.open(dir, manifest)?;
+        let query = Query::default().filter(condition, table.columns())?;
+        let places = PlaceColumns::of(&table, &placement, unit)?;
+        let find = |name: &str| find_column("the table", name, table.columns());
+        let (id, volume, border) = (find("id")?, find("volume")?, find("touches_border")?);
+        let (sphericity, elongation) = (find("sphericity")?, find("elongation")?);
+        let flatness = find("flatness")?;
+        let cube = places.scale * places.scale * places.scale;
+        let mut cells = Vec::new();
+        while let Some(row) = table.next_row()? {
+            if query.keeps(&row)? {
+                cells.push(Cell {
+                    id: row.whole(id)?,
+                    place: places.place(&row)?,
+                    volume: row.number(volume)?.unwrap_or(f64::NAN) * cube,
+                    sphericity: row.number(sphericity)?,
+                    elongation: row.number(elongation)?,
+                    flatness: row.number(flatness)?,
+                    touches_border: row.whole(border)? != 0,
+                });
+            }
+        }
+        Ok(Body {
+            cells,
+            objects: around_objects(dir, manifest, &placement, unit)?,
+        })
+    }
+
+    /// The volume of all cells.
+    pub fn volume(&self) -> f64 {
+        self.cells.iter().map(|c| c.volume).sum()
+    }
+}
+
+/// The box around all objects.
+fn around_objects(
+    dir: &Path,
+    manifest: &Manifest,
+    placement: &Placement,
+    unit: Unit,
+) -> Result<Option<Extent>> {
+    let mut table = Table::Objects.open(dir, manifest)?;
+    let places = PlaceColumns::of(&table, placement, unit)?;
+    let mut around: Option<Extent> = None;
+    while let Some(row) = table.next_row()? {
+        let extent = places.place(&row)?.extent;
+        around = Some(around.map_or(extent, |a| a.around(extent)));
+    }
+    Ok(around)
+}

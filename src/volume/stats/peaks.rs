@@ -1,0 +1,239 @@
+//! The two peaks of a histogram.
+
+use crate::volume::stats::histogram::Levels;
+
+/// Columns that the histogram is seen in: fine enough for a threshold, coarse enough to be smooth.
+const COLUMNS: usize = 256;
+/// The standard deviation of the smoothing, in columns of 256.
+const SIGMA: f64 = 2.0;
+/// The share of samples at either end that does not widen the view: single voxels far outside of all others.
+const STRAY: f64 = 1e-4;
+/// How much of its height a peak has to stand out from the valley beside it.
+const LEAST_PROMINENCE: f64 = 0.1;
+/// The same in standard deviations of a count of its height, so that ripples of noise are none.
+const LEAST_SIGNIFICANCE: f64 = 5.0;
+
+/// The values of the tallest peak and of the one beside it that stands out most, by rising value; `None` if there is
+/// only one.
+///
+/// The histogram is seen in 256 columns and smoothed; the prominence of a peak is its height above the higher of the
+/// valleys that part it from taller ones, and is compared with the square root of the height, as counts scatter.
+pub(crate) fn two_peaks(levels: &Levels) -> Option<[f64; 2]> {
+    let seen = Seen::of(levels)?;
+    let heights = smoothed(&seen.heights);
+    let peaks = prominences(&heights);
+    let significance = |p: &Peak| p.prominence / (p.height + 1.0).sqrt();
+    let tallest = peaks
+        .iter()
+        .max_by(|a, b| a.prominence.total_cmp(&b.prominence))?;
+    let second = peaks
+        .iter()
+        .filter(|p| p.column != tallest.column)
+        .filter(|p| {
+            p.prominence >= LEAST_PROMINENCE * p.height && significance(p) >= LEAST_SIGNIFICANCE
+        })
+        .max_by(|a, b| significance(a).total_cmp(&significance(b)))?;
+    let mut two = [tallest, second].map(|p| seen.low + seen.width * p.column as f64);
+    two.sort_by(f64::total_cmp);
+    Some(two)
+}
+
+/// The histogram in columns.
+struct Seen {
+    /// The value in the middle of column 0.
+    low: f64,
+    /// The distance of the middles.
+    width: f64,
+    /// Samples in a column; of levels the mean of those in it, times what columns have on average.
+    heights: Vec<f64>,
+}
+
+impl Seen {
+    fn of(levels: &Levels) -> Option<Seen> {
+        let total: u64 = levels.counts.iter().sum();
+        let stray = (total as f64 * STRAY) as u64;
+        let mut below = running_sum(levels.counts.iter());
+        let first = below.position(|sum| sum > stray)?;
+        let mut above = running_sum(levels.counts.iter().rev());
+        let last = levels.counts.len() - 1 - above.position(|sum| sum > stray)?;
+        let inside = levels.counts.get(first..=last)?;
+        let columns = COLUMNS.min(inside.len());
+        let per = inside.len() as f64 / columns as f64;
+        let heights = (0..columns).map(|c| {
+            let at = |c: usize| c * inside.len() / columns;
+            let part = &inside[at(c)..at(c + 1)];
+            part.iter().sum::<u64>() as f64 * per / part.len() as f64
+        });
+        let step = levels.width * per;
+        let start = levels.low + levels.width * first as f64;
+        // a level lies in the middle of its own width, a bin begins at its edge
+        let edge = if levels.exact {
+            start - levels.width / 2.0
+        } else {
+            start
+        };
+        Some(Seen {
+            low: edge + step / 2.0,
+            width: step,
+            heights: heights.collect(),
+        })
+    }
+}
+
+fn running_sum<'a>(counts: impl Iterator<Item = &'a u64>) -> impl Iterator<Item = u64> {
+    counts.scan(0, |sum, n| {
+        *sum += n;
+        Some(*sum)
+    })
+}
+
+/// Smoothed by a Gaussian whose width is that of two columns in 256; ends are continued.
+fn smoothed(heights: &[f64]) -> Vec<f64> {
+    let sigma = SIGMA * heights.len() as f64 / COLUMNS as f64;
+    let reach = (4.0 * sigma).round() as isize;
+    let weight = |k: isize| libm::exp(-0.5 * (k as f64 / sigma) * (k as f64 / sigma));
+    if reach == 0 {
+        return heights.to_vec();
+    }
+    let sum: f64 = (-reach..=reach).map(weight).sum();
+    let at = |i: isize| heights[i.clamp(0, heights.len() as isize - 1) as usize];
+    (0..heights.len() as isize)
+        .map(|i| (-reach..=reach).map(|k| weight(k) * at(i + k)).sum::<f64>() / sum)
+        .collect()
+}
+
+/// A column that is taller than its neighbours.
+#[derive(Debug, Clone, Copy, PartialEq)]
+struct Peak {
+    column: usize,
+    height: f64,
+    prominence: f64,
+}
+
+/// All peaks. Of a plateau the first column counts; the tallest peak stands out by all of its height.
+fn prominences(heights: &[f64]) -> Vec<Peak> {
+    // true if column b is a taller one than a
+    let taller = |a: usize, b: usize| heights[b] > heights[a] || heights[b] == heights[a] && b < a;
+    let is_peak = |&i: &usize| {
+        (i == 0 || taller(i - 1, i))
+            && (i + 1 == heights.len() || taller(i + 1, i))
+            && heights[i] > 0.0
+    };
+    // the lowest column on the way to a taller one
+    let valley = |from: usize, way: &mut dyn Iterator<Item = usize>| {
+        let mut lowest = heights[from];
+        for i in way {
+            if taller(from, i) {
+                return Some(lowest);
+            }
+            lowest = lowest.min(heights[i]);
+        }
+        None
+    };
+    let peaks = (0..heights.len()).filter(is_peak).map(|i| {
+        let left = valley(i, &mut (0..i).rev());
+        let right = valley(i, &mut (i + 1..heights.len()));
+        let base = match (left, right) {
+            (Some(a), Some(b)) => a.max(b),
+            (a, b) => a.or(b).unwrap_or(0.0),
+        };
+        Peak {
+            column: i,
+            height: heights[i],
+            prominence: heights[i] - base,
+        }
+    });
+    peaks.collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use proptest::prelude::*;
+
+    fn levels(exact: bool, low: f64, width: f64, counts: Vec<u64>) -> Levels {
+        Levels {
+            low,
+            width,
+            exact,
+            counts,
+        }
+    }
+
+    /// Counts of a sum of bells: centre, standard deviation, samples.
+    fn bells(n: usize, of: &[[f64; 3]]) -> Vec<u64> {
+        let at = |i: usize| {
+            of.iter().map(move |[centre, sigma, samples]| {
+                let x = (i as f64 - centre) / sigma;
+                samples / sigma / 2.5066 * (-0.5 * x * x).exp()
+            })
+        };
+        (0..n).map(|i| at(i).sum::<f64>().round() as u64).collect()
+    }
+
+    #[test]
+    fn two_values_are_two_peaks() {
+        let mut counts = vec![0; 256];
+        (counts[0], counts[255]) = (1_000_000, 300);
+        assert_eq!(
+            two_peaks(&levels(true, 0.0, 1.0, counts)),
+            Some([0.0, 255.0])
+        );
+        assert_eq!(two_peaks(&levels(true, 3.0, 1.0, vec![90, 40])), None);
+        assert_eq!(
+            two_peaks(&levels(true, 3.0, 1.0, vec![90, 0, 40])),
+            Some([3.0, 5.0])
+        );
+        assert_eq!(two_peaks(&levels(true, 3.0, 1.0, vec![90])), None);
+        assert_eq!(two_peaks(&levels(true, 0.0, 1.0, vec![])), None);
+    }
+
+    #[test]
+    fn a_little_metal_in_much_air_is_seen() {
+        let counts = bells(65_536, &[[10_000.0, 1500.0, 5e7], [50_000.0, 2500.0, 1e6]]);
+        for exact in [true, false] {
+            let [a, b] = two_peaks(&levels(exact, 0.0, 1.0, counts.clone())).unwrap();
+            assert!(
+                (a - 10_000.0).abs() < 260.0 && (b - 50_000.0).abs() < 260.0,
+                "{a} {b}"
+            );
+        }
+        // single voxels far away do not matter
+        let mut hot = counts.clone();
+        hot.resize(1 << 20, 0);
+        *hot.last_mut().unwrap() = 3;
+        let [a, b] = two_peaks(&levels(true, 0.0, 1.0, hot)).unwrap();
+        assert!(
+            (a - 10_000.0).abs() < 260.0 && (b - 50_000.0).abs() < 260.0,
+            "{a} {b}"
+        );
+    }
+
+    #[test]
+    fn one_bell_is_one_peak() {
+        let counts = bells(256, &[[100.0, 20.0, 1e6]]);
+        assert_eq!(two_peaks(&levels(true, 0.0, 1.0, counts)), None);
+    }
+
+    #[test]
+    fn prominence_is_the_height_above_the_higher_valley() {
+        let peaks = prominences(&[1.0, 5.0, 2.0, 9.0, 3.0, 4.0, 4.0, 0.0, 1.0]);
+        let found: Vec<_> = peaks.iter().map(|p| (p.column, p.prominence)).collect();
+        assert_eq!(found, [(1, 3.0), (3, 9.0), (5, 1.0), (8, 1.0)]);
+    }
+
+    proptest! {
+        /// A mirrored histogram has mirrored peaks, and one that is moved has moved ones.
+        #[test]
+        fn peaks_move_with_the_histogram(a in 30.0f64..100.0, gap in 60.0f64..120.0, share in 0.05f64..0.95) {
+            let counts = bells(256, &[[a, 8.0, 1e6 * share], [a + gap, 8.0, 1e6 * (1.0 - share)]]);
+            let two = two_peaks(&levels(true, 0.0, 1.0, counts.clone())).unwrap();
+            prop_assert!((two[0] - a).abs() < 1.5 && (two[1] - a - gap).abs() < 1.5, "{:?}", two);
+            let moved = two_peaks(&levels(true, -500.0, 2.0, counts.clone())).unwrap();
+            prop_assert_eq!(moved, two.map(|v| 2.0 * v - 500.0));
+            let back: Vec<u64> = counts.iter().rev().copied().collect();
+            let mirrored = two_peaks(&levels(true, 0.0, 1.0, back)).unwrap();
+            prop_assert!((255.0 - mirrored[1] - two[0]).abs() < 1.01 && (255.0 - mirrored[0] - two[1]).abs() < 1.01);
+        }
+    }
+}
