@@ -74,18 +74,17 @@ const OPTIONS: [FilterOption; 5] = [
         name: "smooth",
         value: "SIGMA",
         help: "Smooth by a Gaussian of this standard deviation, in voxels, as in 1, or as a length, as in 20um",
-        more: "Values become floats (f32, of f64 f64), so thresholds between whole numbers make sense. Voxels up to 4 \
-               standard deviations away count, those at the faces beyond them, too (scipy.ndimage.gaussian_filter with \
-               mode nearest). Three numbers of voxels are for x, y and z; a length is the same along all axes, whatever the \
-               size of a voxel. What is not finite stays where it is and counts for no other voxel. For noise of the size of \
-               a voxel, 1 is a good start.",
+        more: "Values become floats: f64 where they were f64, else f32. Voxels up to 4 standard deviations away count; \
+               beyond the faces of the volume lie copies of its outermost voxels (scipy.ndimage.gaussian_filter with mode \
+               nearest). Three numbers of voxels are for x, y and z; a length is the same along all axes, whatever the \
+               size of a voxel. What is not finite stays where it is and counts for no other voxel.",
     },
     FilterOption {
         name: "median",
         value: "R",
         help: "Take the median of the cube of 2 R + 1 voxels around each voxel, R 1 or 2",
-        more: "Against single voxels that are far off; edges stay sharp (scipy.ndimage.median_filter with mode nearest). NaN \
-               stays where it is and counts for no other voxel.",
+        more: "It takes away single voxels that are far off, and edges stay sharp (scipy.ndimage.median_filter with mode \
+               nearest). NaN stays where it is and counts for no other voxel.",
     },
     FilterOption {
         name: "downsample",
