@@ -6,7 +6,9 @@
 
 mod grid;
 
-pub(crate) use grid::{Grid, Place, SlicePlaces};
+pub(crate) use grid::Grid;
+#[cfg_attr(not(feature = "dicom"), allow(unused_imports))]
+pub(crate) use grid::{Place, SlicePlaces};
 
 use crate::error::Result;
 use crate::grid::Placement;
