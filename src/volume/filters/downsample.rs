@@ -24,12 +24,15 @@ pub(crate) struct Downsampled<'a> {
     inner: Box<dyn Volume + 'a>,
     header: Header,
     factor: u32,
-    /// Of an inner volume that is read forward: whole slices with their numbers, the last one last.
-    forward: Option<Mutex<Slices>>,
+    /// Of an inner volume that is read forward: whole slices, the last one last.
+    forward: Option<Mutex<VecDeque<Slice>>>,
 }
 
-/// Slices by their numbers.
-type Slices = VecDeque<(u32, Vec<u8>)>;
+/// The means of a slice.
+struct Slice {
+    number: u32,
+    means: Vec<u8>,
+}
 
 /// Sums over the samples of blocks.
 struct Sums {
@@ -117,25 +120,25 @@ impl<'a> Downsampled<'a> {
 
 impl Downsampled<'_> {
     /// All means of a slice, which is made unless it is kept.
-    fn slice<'b>(&self, kept: &'b mut VecDeque<(u32, Vec<u8>)>, k: u32) -> Result<&'b [u8]> {
-        let at = match kept.iter().position(|(number, _)| *number == k) {
+    fn slice<'b>(&self, kept: &'b mut VecDeque<Slice>, k: u32) -> Result<&'b [u8]> {
+        let at = match kept.iter().position(|slice| slice.number == k) {
             Some(at) => at,
             None => {
                 let [nx, ny, _] = self.header.dims.0;
                 let mut means = match kept.len() < KEPT {
                     true => Vec::new(),
-                    false => kept.pop_front().unwrap_or_default().1,
+                    false => kept.pop_front().map_or_else(Vec::new, |slice| slice.means),
                 };
                 let bytes = self.header.dims.slice_voxels() as usize * self.header.dtype.bytes();
                 means.resize(bytes, 0);
                 with_voxel_type!(self.header.dtype, T => {
                     self.means::<T>(&(0..nx), 0..ny, k, &mut means)
                 })?;
-                kept.push_back((k, means));
+                kept.push_back(Slice { number: k, means });
                 kept.len() - 1
             }
         };
-        Ok(&kept[at].1)
+        Ok(&kept[at].means)
     }
 
     /// Copies a part of the means of a slice.
