@@ -9,6 +9,7 @@ use alvis::export::{ExportOptions, ExportReport, Simplify, export};
 use alvis::grid::{Ambiguous, Placement, Unit};
 use alvis::manifest::Primitives;
 use alvis::progress::Quiet;
+use alvis::table::{Chosen, Table};
 use alvis::volume::{MemoryVolume, Volume};
 use common::volumes::{foam, noise, placed, volume};
 use common::{converted, set, verified};
@@ -28,7 +29,7 @@ fn made(dir: &Path, file: &Path, options: &ExportOptions) -> ExportReport {
 
 fn condition(text: &str) -> ExportOptions {
     ExportOptions {
-        condition: Some(text.to_string()),
+        chosen: Chosen::cells(text),
         ..ExportOptions::default()
     }
 }
@@ -279,6 +280,88 @@ fn a_part_is_what_select_writes() {
     }
 }
 
+/// Every piece belongs to one object and one surface, a cap to an object; the largest are those of the table.
+#[test]
+fn objects_and_surfaces_are_chosen_by_their_own_tables() {
+    let dims = [24, 22, 20];
+    for cap in [false, true] {
+        let options = ConvertOptions {
+            macrocube: [9; 3],
+            cap,
+            ..ConvertOptions::default()
+        };
+        let dir = tiles(&volume(dims, noise(dims, 8)), options);
+        let manifest = alvis::manifest::Manifest::open(dir.path()).unwrap();
+        let totals = manifest.totals;
+        let file = dir.path().join("a.ply");
+        let triangles = |chosen: Chosen| {
+            let options = ExportOptions {
+                chosen,
+                ..ExportOptions::default()
+            };
+            made(dir.path(), &file, &options).triangles
+        };
+        for (table, size) in [
+            (Table::Cells, "volume"),
+            (Table::Objects, "volume"),
+            (Table::Surfaces, "area"),
+        ] {
+            let chosen = |condition: Option<String>, largest| Chosen {
+                table,
+                condition,
+                largest,
+            };
+            let mut rows = table.open(dir.path(), &manifest).unwrap();
+            let size = rows.column(size).unwrap();
+            let mut sizes = Vec::new();
+            while let Some(row) = rows.next_row().unwrap() {
+                sizes.push((row.number(size).unwrap().unwrap(), row.whole(0).unwrap()));
+            }
+            sizes.sort_by(|a, b| b.0.total_cmp(&a.0).then(a.1.cmp(&b.1)));
+            let many = sizes.len().min(4);
+            let condition: Vec<String> = sizes[..many]
+                .iter()
+                .map(|(_, id)| format!("id == {id}"))
+                .collect();
+            let alone: u64 = condition
+                .iter()
+                .map(|c| triangles(chosen(Some(c.clone()), None)))
+                .sum();
+            let largest = triangles(chosen(None, Some(many)));
+            let together = triangles(chosen(Some(condition.join(" or ")), None));
+            assert_eq!(largest, together, "{table:?}");
+            if table == Table::Objects {
+                // a cell's caps come only if its objects are whole, those of an object always
+                assert_eq!(alone, together);
+            }
+            let all = triangles(chosen(Some("id > 0".into()), None));
+            let caps = if table == Table::Objects || cap {
+                0
+            } else {
+                totals.cap_triangles
+            };
+            assert_eq!(all, totals.triangles - caps, "{table:?} {cap}");
+            // a condition first, then the largest of what is left
+            let but_first = format!("id != {}", sizes[0].1);
+            let second = triangles(chosen(Some(but_first), Some(1)));
+            assert_eq!(second, triangles(chosen(Some(condition[1].clone()), None)));
+        }
+        // the largest object with its caps is closed
+        if cap {
+            let options = ExportOptions {
+                chosen: Chosen {
+                    table: Table::Objects,
+                    largest: Some(1),
+                    ..Chosen::default()
+                },
+                ..ExportOptions::default()
+            };
+            made(dir.path(), &file, &options);
+            outward(&read(&file), "a.ply");
+        }
+    }
+}
+
 #[test]
 fn the_file_is_the_same_for_any_memory_and_threads() {
     let dims = [30, 28, 26];
@@ -352,6 +435,15 @@ fn what_cannot_be_is_refused_and_leaves_the_old_file() {
     assert!(refusal("a.fbx", &plain).contains(".glb, .ply, .stl or .obj"));
     assert!(refusal("a.ply", &condition("id < 0")).contains("holds for 0 of "));
     assert!(refusal("a.ply", &condition("colour > 1")).contains("--where"));
+    let of_objects = |text: &str| ExportOptions {
+        chosen: Chosen {
+            table: Table::Objects,
+            ..Chosen::cells(text)
+        },
+        ..ExportOptions::default()
+    };
+    assert!(refusal("a.ply", &of_objects("id < 0")).contains("objects"));
+    assert!(refusal("a.ply", &of_objects("cell > 1")).contains("cell"));
     for simplify in [
         Simplify::Ratio(0.0),
         Simplify::Ratio(f64::NAN),

@@ -1,6 +1,7 @@
 //! `alvis export`: one mesh of a tile set.
 
 use super::args::Common;
+use super::chosen::ChosenArgs;
 use super::{Outcome, output, parse};
 use crate::error::Result;
 use crate::export::{ExportOptions, ExportReport, Simplify, export};
@@ -8,7 +9,7 @@ use crate::words::rounded;
 use clap::{Args, ValueHint};
 use std::path::PathBuf;
 
-/// Write a tile set, or some of its cells, as one mesh: GLB, PLY, STL or OBJ
+/// Write a tile set, or some of its cells or objects, as one mesh: GLB, PLY, STL or OBJ
 ///
 /// Vertices on the planes between tiles are joined, so the mesh is closed wherever the surface is.
 /// Memory does not grow with the surface. Coordinates are in the unit of the tile set with Z up; in GLB
@@ -19,6 +20,7 @@ use std::path::PathBuf;
 #[command(after_help = "Examples:\n  \
     alvis export OUT surface.ply\n  \
     alvis export OUT pores.stl --where 'not touches_border and volume > 0.1'\n  \
+    alvis export OUT bone.stl --objects --largest 1\n  \
     alvis export OUT small.glb --simplify 0.2\n  \
     alvis export OUT small.obj --simplify 0.5vx")]
 pub struct ExportArgs {
@@ -28,9 +30,8 @@ pub struct ExportArgs {
     /// The file to write; its name ends in .glb, .ply, .stl or .obj
     #[arg(value_hint = ValueHint::FilePath)]
     file: PathBuf,
-    /// Export the cells for which this holds; conditions are those of `alvis cells`
-    #[arg(long = "where", value_name = "EXPR", allow_hyphen_values = true)]
-    condition: Option<String>,
+    #[command(flatten)]
+    chosen: ChosenArgs,
     /// Fewer triangles: a share of them to keep, as in 0.1, or the largest error, as in 0.5vx (voxels)
     /// or 20um. The mesh stays without holes: what lies at a border of tiles is kept
     #[arg(long, value_name = "RATIO|ERROR", allow_hyphen_values = true)]
@@ -49,7 +50,7 @@ impl ExportArgs {
     pub fn run(self) -> Result<Outcome> {
         let console = self.common.start();
         let options = ExportOptions {
-            condition: self.condition,
+            chosen: self.chosen.chosen(),
             simplify: self.simplify,
             memory: self.memory,
             force: self.force,

@@ -6,6 +6,7 @@
 mod args;
 mod cells;
 mod chart;
+mod chosen;
 mod compare;
 mod convert;
 mod demo;

@@ -1,12 +1,13 @@
-//! Which cells and caps are exported.
+//! Which pieces are exported: those of chosen cells, objects or surfaces, and caps.
 
 use crate::error::{Error, Result};
-use crate::manifest::{Manifest, WholeTotals};
-use crate::table::{Query, Table, TableReader};
+use crate::manifest::{Group, Manifest, WholeTotals};
+use crate::table::{Chosen, Table, TableReader};
+use crate::tile::PieceIds;
 use std::path::Path;
 
 /// Ids as a bit each.
-#[derive(Debug, Default)]
+#[derive(Debug, Clone, Default)]
 struct Ids(Vec<u64>);
 
 impl Ids {
@@ -35,14 +36,44 @@ impl Ids {
     }
 }
 
-/// Cells for which a condition holds.
+/// What is chosen.
 #[derive(Debug, Default)]
 struct Part {
-    cells: Ids,
-    /// Objects that these border, if caps are kept: they are if all surfaces of all these objects are,
-    /// for then they still close them.
+    table: Table,
+    /// Of that table.
+    ids: Ids,
+    /// Objects whose caps are kept: of chosen cells or surfaces those that they border, if all surfaces of all these
+    /// objects are kept, for then caps still close them.
     capped: Option<Ids>,
     vertices: u64,
+}
+
+/// What a piece belongs to.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Piece {
+    cell: u64,
+    object: u64,
+    surface: u64,
+}
+
+impl From<&Group> for Piece {
+    fn from(group: &Group) -> Self {
+        Piece {
+            cell: group.cell,
+            object: group.object,
+            surface: group.surface,
+        }
+    }
+}
+
+impl From<&PieceIds> for Piece {
+    fn from(ids: &PieceIds) -> Self {
+        Piece {
+            cell: ids.cell,
+            object: ids.object,
+            surface: ids.surface,
+        }
+    }
 }
 
 /// Which pieces are exported.
@@ -50,60 +81,81 @@ struct Part {
 pub(super) struct Choice(Option<Part>);
 
 impl Choice {
-    /// How many cells are chosen of how many, if there is a condition.
+    /// How many cells, objects or surfaces are chosen of how many; `None` if all are.
     pub fn share(&self, manifest: &Manifest) -> Option<[u64; 2]> {
         let ones = |words: &[u64]| words.iter().map(|w| u64::from(w.count_ones())).sum();
         let part = self.0.as_ref()?;
-        Some([ones(&part.cells.0), manifest.totals.cells])
+        Some([ones(&part.ids.0), part.table.total(manifest)])
     }
 
-    /// Bytes that the choice of a part takes: a bit for each cell and two for each object.
-    pub fn bytes(manifest: &Manifest) -> u64 {
+    /// Bytes that the choice of a part takes: a bit for each row of its table and three for each object.
+    pub fn bytes(&self, manifest: &Manifest) -> u64 {
         let whole = whole(manifest);
-        whole.cells / 8 + whole.objects / 4
+        match &self.0 {
+            None => 0,
+            Some(part) => most(part.table, &whole) / 8 + whole.objects * 3 / 8,
+        }
     }
 
-    /// Reads the tables if there is a condition.
+    /// Reads the tables if not all is chosen.
     ///
     /// # Errors
-    /// [`Error::Usage`] for a condition that cannot be or holds for no cell, [`Error::Format`] for a
-    /// damaged table, [`Error::Io`].
-    pub fn new(dir: &Path, manifest: &Manifest, condition: Option<&str>) -> Result<Self> {
-        if condition.is_none() {
+    /// [`Error::Usage`] for a condition that cannot be, [`Error::Format`] for a damaged table, [`Error::Io`].
+    pub fn new(dir: &Path, manifest: &Manifest, chosen: &Chosen) -> Result<Self> {
+        if chosen.is_all() {
             return Ok(Choice(None));
         }
         let whole = whole(manifest);
-        let mut part = Part::default();
-        let mut table = Table::Cells.open(dir, manifest)?;
+        let mut part = Part {
+            table: chosen.table,
+            ..Part::default()
+        };
+        let mut table = chosen.table.open(dir, manifest)?;
         let path = table.path().to_path_buf();
-        let query = Query::default().filter(condition, table.columns())?;
+        let query = chosen.query(table.columns())?;
         let id = column(&table, "id")?;
+        let largest_id = most(chosen.table, &whole);
         query.run(&mut table, |row| {
-            part.cells.add(row.whole(id)?, whole.cells, &path)
+            part.ids.add(row.whole(id)?, largest_id, &path)
         })?;
         let mut table = Table::Surfaces.open(dir, manifest)?;
         let path = table.path().to_path_buf();
         let [cell, object] = [column(&table, "cell")?, column(&table, "object")?];
-        let vertices = column(&table, "vertices")?;
+        let [id, vertices] = [column(&table, "id")?, column(&table, "vertices")?];
+        let of_table = match chosen.table {
+            Table::Cells => cell,
+            Table::Objects => object,
+            Table::Surfaces => id,
+        };
         let [mut kept, mut left] = [Ids::default(), Ids::default()];
         while let Some(row) = table.next_row()? {
-            let keep = part.cells.has(row.whole(cell)?);
+            let keep = part.ids.has(row.whole(of_table)?);
             let ids = if keep { &mut kept } else { &mut left };
             ids.add(row.whole(object)?, whole.objects, &path)?;
             if keep {
                 part.vertices = part.vertices.saturating_add(row.whole(vertices)?);
             }
         }
-        part.capped = (manifest.cap && !kept.meets(&left)).then_some(kept);
+        part.capped = match chosen.table {
+            // an object that the grid cuts on all sides has caps and no surface
+            Table::Objects => manifest.cap.then(|| part.ids.clone()),
+            Table::Cells | Table::Surfaces => (manifest.cap && !kept.meets(&left)).then_some(kept),
+        };
         Ok(Choice(Some(part)))
     }
 
-    /// True if the pieces of this cell and object are exported; cell 0 is a cap.
-    pub fn keeps(&self, cell: u64, object: u64) -> bool {
+    /// True if a piece is exported; that of cell 0 is a cap.
+    pub fn keeps(&self, piece: Piece) -> bool {
         match &self.0 {
             None => true,
-            Some(part) if cell == 0 => part.capped.as_ref().is_some_and(|o| o.has(object)),
-            Some(part) => part.cells.has(cell),
+            Some(part) if piece.cell == 0 => {
+                part.capped.as_ref().is_some_and(|o| o.has(piece.object))
+            }
+            Some(part) => part.ids.has(match part.table {
+                Table::Cells => piece.cell,
+                Table::Objects => piece.object,
+                Table::Surfaces => piece.surface,
+            }),
         }
     }
 
@@ -132,6 +184,15 @@ pub(super) fn whole(manifest: &Manifest) -> WholeTotals {
         },
         |s| s.of,
     )
+}
+
+/// The largest id of a table.
+fn most(table: Table, whole: &WholeTotals) -> u64 {
+    match table {
+        Table::Cells => whole.cells,
+        Table::Objects => whole.objects,
+        Table::Surfaces => whole.surfaces,
+    }
 }
 
 fn column(table: &TableReader, name: &str) -> Result<usize> {

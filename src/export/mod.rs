@@ -38,6 +38,7 @@ use crate::grid::Unit;
 use crate::manifest::{MANIFEST, TileEntry, batch};
 use crate::progress::Progress;
 use crate::sys::process_memory::peak_rss_bytes;
+use crate::table::{Chosen, Table};
 use crate::tileset::TileSet;
 use choice::Choice;
 use format::{Coded, Counts, Writer};
@@ -53,9 +54,9 @@ use std::time::Instant;
 /// What to export and how.
 #[derive(Debug, Clone)]
 pub struct ExportOptions {
-    /// The condition on cells; see [`crate::table`] for the language. All cells without one. Caps are
-    /// exported if all surfaces of the objects that these cells border are.
-    pub condition: Option<String>,
+    /// Which cells, objects or surfaces. Caps are exported with objects, and with cells or surfaces if all surfaces of the
+    /// objects that these border are.
+    pub chosen: Chosen,
     /// Fewer triangles.
     pub simplify: Option<Simplify>,
     /// Limit of peak resident memory in bytes.
@@ -67,7 +68,7 @@ pub struct ExportOptions {
 impl Default for ExportOptions {
     fn default() -> Self {
         ExportOptions {
-            condition: None,
+            chosen: Chosen::default(),
             simplify: None,
             memory: 1 << 30,
             force: false,
@@ -114,9 +115,10 @@ pub struct ExportReport {
 /// ```no_run
 /// use alvis::export::{ExportOptions, export};
 /// use alvis::progress::Quiet;
+/// use alvis::table::Chosen;
 ///
 /// let options = ExportOptions {
-///     condition: Some("not touches_border".to_string()),
+///     chosen: Chosen::cells("not touches_border"),
 ///     ..ExportOptions::default()
 /// };
 /// let made = export("foam".as_ref(), "pores.ply".as_ref(), &options, &Quiet)?;
@@ -137,19 +139,27 @@ pub fn export(
     let simplify = simplify
         .map(|s| s.in_grid(&manifest.placement))
         .transpose()?;
-    let choice = Choice::new(dir, manifest, options.condition.as_deref())?;
+    let choice = Choice::new(dir, manifest, &options.chosen)?;
     let writer = format.writer(manifest);
     let cost = Cost::new(&*writer, simplify.is_some());
     let plan = Plan::new(&set, &choice, &cost, options.memory)?;
     if plan.triangles == 0 {
-        let (option, found) = match (&options.condition, choice.share(manifest)) {
-            (Some(text), Some([n, of])) => (
+        let name = options.chosen.table.name();
+        let (option, found) = match choice.share(manifest) {
+            Some([n, of]) => (
                 "--where",
-                format!("{text}, which holds for {n} of {of} cells"),
+                format!(
+                    "{}, which holds for {n} of {of} {name}",
+                    options.chosen.text()
+                ),
             ),
-            _ => ("OUT", "no triangle".to_owned()),
+            None => ("OUT", "no triangle".to_owned()),
         };
-        let expected = "at least one cell with a surface";
+        let expected = match options.chosen.table {
+            Table::Cells => "at least one cell with a surface",
+            Table::Objects => "at least one object with a surface",
+            Table::Surfaces => "at least one surface",
+        };
         return Err(Error::usage(option, found, expected));
     }
     if simplify.is_none() {

@@ -42,10 +42,7 @@ impl Plan {
         for entry in set.tiles() {
             let entry = entry?;
             check_place(set, &entry, &mut before)?;
-            let kept = entry
-                .groups
-                .iter()
-                .filter(|g| choice.keeps(g.cell, g.object));
+            let kept = entry.groups.iter().filter(|&g| choice.keeps(g.into()));
             let triangles = kept.map(|g| g.triangles).fold(0, u64::saturating_add);
             if !wanted(choice, &entry) {
                 continue;
@@ -63,10 +60,7 @@ impl Plan {
         // of a row's vertices, those on the planes to the next row and tile wait, 16 bytes each
         let width = set.manifest().grid.macrocube.into_iter().min();
         let waiting = longest_row.saturating_mul(16) / u64::from(width.unwrap_or(1)).clamp(1, 16);
-        let choosing = match choice.is_whole() {
-            true => 0,
-            false => Choice::bytes(set.manifest()),
-        };
+        let choosing = choice.bytes(set.manifest());
         let threads = THREAD.saturating_mul(rayon::current_num_threads() as u64);
         let fixed = [BASE, threads, index, waiting, choosing]
             .into_iter()
@@ -87,7 +81,7 @@ impl Plan {
 
 /// True if something of a tile is exported.
 pub(super) fn wanted(choice: &Choice, entry: &TileEntry) -> bool {
-    entry.groups.iter().any(|g| choice.keeps(g.cell, g.object))
+    entry.groups.iter().any(|g| choice.keeps(g.into()))
 }
 
 /// Tiles must come by rising z, y and x, inside the grid.

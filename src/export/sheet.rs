@@ -129,8 +129,7 @@ impl Sheet {
         let manifest = set.manifest();
         let region = Region::new(tiling(manifest), entry.grid);
         let mut tile = set.read_tile(entry)?;
-        tile.pieces
-            .retain(|p| choice.keeps(p.ids.cell, p.ids.object));
+        tile.pieces.retain(|p| choice.keeps((&p.ids).into()));
         let mut points = Vec::with_capacity(tile.pieces.len());
         for piece in &tile.pieces {
             points.push(lattice(piece, &region).map_err(|found| {

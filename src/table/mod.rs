@@ -26,6 +26,7 @@
 //! a missing value is false** (`!=` too), and `missing(x)` asks for it. So `not (sphericity < 0.9)`
 //! holds for a cell without a sphericity, and `sphericity >= 0.9` does not.
 
+mod chosen;
 mod expr;
 mod lex;
 mod outside;
@@ -34,6 +35,7 @@ mod query;
 mod reader;
 mod summary;
 
+pub use chosen::Chosen;
 pub use expr::{Expr, Kind};
 pub use outside::Outside;
 pub use query::{Query, Selected};

@@ -1,0 +1,37 @@
+//! The options that choose cells, objects or surfaces of a tile set.
+
+use crate::table::{Chosen, Table};
+use clap::Args;
+
+/// Which cells, objects or surfaces.
+#[derive(Debug, Args)]
+pub struct ChosenArgs {
+    /// Choose among objects (connected above voxels) instead of cells, each with all its surfaces and caps
+    #[arg(long, conflicts_with = "surfaces")]
+    objects: bool,
+    /// Choose among surfaces (connected triangles) instead of cells
+    #[arg(long)]
+    surfaces: bool,
+    /// Only those for which this holds; conditions are those of `alvis cells`, over the columns of the table that is
+    /// chosen from
+    #[arg(long = "where", value_name = "EXPR", allow_hyphen_values = true)]
+    condition: Option<String>,
+    /// Only the N largest: by volume, of surfaces by area
+    #[arg(long, value_name = "N")]
+    largest: Option<std::num::NonZeroUsize>,
+}
+
+impl ChosenArgs {
+    /// As the library has it.
+    pub fn chosen(self) -> Chosen {
+        Chosen {
+            table: match (self.objects, self.surfaces) {
+                (true, _) => Table::Objects,
+                (_, true) => Table::Surfaces,
+                _ => Table::Cells,
+            },
+            condition: self.condition,
+            largest: self.largest.map(usize::from),
+        }
+    }
+}

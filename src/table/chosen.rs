@@ -1,0 +1,64 @@
+//! Some rows of one of the tables, as commands that use tiles choose them.
+
+use super::Table;
+use super::query::Query;
+use super::reader::Column;
+use crate::error::Result;
+
+/// Cells, objects or surfaces: those for which a condition holds, and of these the largest.
+#[derive(Debug, Clone, PartialEq, Eq, Default)]
+pub struct Chosen {
+    /// Which of the tables the condition is on.
+    pub table: Table,
+    /// The condition on its columns; see [`crate::table`] for the language. All rows without one.
+    pub condition: Option<String>,
+    /// At most so many: the largest by volume, of surfaces by area; of equals those with the smaller id.
+    pub largest: Option<usize>,
+}
+
+impl Chosen {
+    /// The cells for which a condition holds.
+    pub fn cells(condition: &str) -> Chosen {
+        Chosen {
+            condition: Some(condition.to_owned()),
+            ..Chosen::default()
+        }
+    }
+
+    /// True if nothing is left out.
+    pub fn is_all(&self) -> bool {
+        self.condition.is_none() && self.largest.is_none()
+    }
+
+    /// What to ask the table, whose columns these are.
+    ///
+    /// # Errors
+    /// [`crate::Error::Usage`] for a condition that cannot be.
+    pub fn query(&self, columns: &[Column]) -> Result<Query> {
+        let query = Query::default().filter(self.condition.as_deref(), columns)?;
+        let size = match self.table {
+            Table::Cells | Table::Objects => "volume",
+            Table::Surfaces => "area",
+        };
+        match self.largest {
+            None => Ok(query),
+            Some(n) => Ok(query.sort(Some(size), true, columns)?.top(Some(n))),
+        }
+    }
+
+    /// What is chosen, in the words of the options: `--objects --where 'volume > 3' --largest 1`.
+    pub fn text(&self) -> String {
+        let table = match self.table {
+            Table::Cells => None,
+            Table::Objects => Some("--objects".to_owned()),
+            Table::Surfaces => Some("--surfaces".to_owned()),
+        };
+        let condition = self
+            .condition
+            .as_ref()
+            .map(|text| format!("--where {text:?}"));
+        let largest = self.largest.map(|n| format!("--largest {n}"));
+        let words: Vec<String> = table.into_iter().chain(condition).chain(largest).collect();
+        words.join(" ")
+    }
+}
