@@ -171,7 +171,7 @@ fn sums(comparison: &Comparison) -> String {
         (
             "change of volume",
             format!(
-                "{} (median), {} (mean) of cells that the grid cuts in neither",
+                "{} (median), {} (mean) of whole cells",
                 or_none(comparison.volume_change_median, percent),
                 or_none(comparison.volume_change_mean, percent)
             ),
