@@ -48,7 +48,6 @@ pub fn things(n: u64, name: &str) -> String {
 }
 
 /// `1 slice has`, `2 slices have`: the words for one and for several are given.
-#[cfg_attr(not(feature = "dicom"), allow(dead_code))]
 pub fn counted(n: u64, one: &str, several: &str) -> String {
     format!("{} {}", count(n), if n == 1 { one } else { several })
 }

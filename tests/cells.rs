@@ -668,21 +668,39 @@ fn a_compressed_body_is_compared_cell_by_cell() {
             .all(|p| p["a"] == p["b"] && p["shift"][2].as_f64().unwrap() <= 0.0)
     );
 
-    // cells that are in one set alone, in every form
-    let few = "id > 3";
-    let id = |set: &str| {
-        format!(
-            "{}",
-            json(&ok(dir, &["cells", set, "--json", "--where", few]))["cells"]
-                .as_array()
-                .unwrap()
-                .len()
-        )
-    };
-    assert_eq!(id("tiles"), (rows.len() - 3).to_string());
-    let table = ok(dir, &["select", "same", "part", "--where", few, "--quiet"])
-        + &ok(dir, &["compare", "tiles", "short"]);
-    assert!(table.contains("matched"), "{table}");
+    // cells that one set alone has
+    ok(
+        dir,
+        &["select", "same", "part", "--where", "id > 3", "--quiet"],
+    );
+    let part = compare(&["tiles", "part"]);
+    assert_eq!((&part["lost"], &part["new"]), (&3.into(), &0.into()));
+    let part = compare(&["part", "tiles"]);
+    assert_eq!((&part["lost"], &part["new"]), (&0.into(), &3.into()));
+    let new: Vec<&Value> = part["pairs"]
+        .as_array()
+        .unwrap()
+        .iter()
+        .filter(|p| p["a"].is_null())
+        .collect();
+    let new: Vec<u64> = new.iter().map(|p| p["b"].as_u64().unwrap()).collect();
+    assert_eq!(new, [1, 2, 3]);
+    // a pair is one if the condition holds for one of it
+    let small = compare(&[
+        "tiles",
+        "short",
+        "--align",
+        "box",
+        "--where",
+        "voxels > 100 and volume > 9e6",
+    ]);
+    assert_eq!((&small["lost"], &small["new"]), (&0.into(), &0.into()));
+    assert!(small["cells"][0].as_u64() > small["cells"][1].as_u64());
+    let none = compare(&["tiles", "same", "--where", "id < 0"]);
+    assert_eq!(none["volume"]["a"].to_string(), "0.0");
+    assert_eq!(none["warnings"].as_array().unwrap().len(), 2);
+    let table = ok(dir, &["compare", "tiles", "short"]);
+    assert!(table.contains("-20.0 % (median)"), "{table}");
     assert!(table.lines().all(|l| l.chars().count() <= 80), "{table}");
     let text = ok(dir, &["compare", "tiles", "short", "--format", "csv"]);
     let mut lines = text.lines();

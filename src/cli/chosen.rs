@@ -17,8 +17,16 @@ pub struct ChosenArgs {
     #[arg(long = "where", value_name = "EXPR", allow_hyphen_values = true)]
     condition: Option<String>,
     /// Only the N largest: by volume, of surfaces by area
-    #[arg(long, value_name = "N")]
-    largest: Option<std::num::NonZeroUsize>,
+    #[arg(long, value_name = "N", value_parser = at_least_one)]
+    largest: Option<usize>,
+}
+
+/// A whole number above 0.
+fn at_least_one(text: &str) -> Result<usize, String> {
+    match text.trim().parse() {
+        Ok(n) if n > 0 => Ok(n),
+        _ => Err("expected a whole number, at least 1".to_owned()),
+    }
 }
 
 impl ChosenArgs {
@@ -31,7 +39,7 @@ impl ChosenArgs {
                 _ => Table::Cells,
             },
             condition: self.condition,
-            largest: self.largest.map(usize::from),
+            largest: self.largest,
         }
     }
 }

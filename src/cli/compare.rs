@@ -35,8 +35,8 @@ enum FormatArg {
 
 /// Match the cells of two tile sets of one body, as before and after compression
 ///
-/// Cells are matched by the overlap of their boxes and the distance of their centroids, each to one at most. Cells of
-/// A that B has not are lost, those of B that A has not are new. Lengths are in the unit of A's tables.
+/// Cells are matched by the overlap of their boxes, a tenth at least, and the distance of their centroids, each to one
+/// at most. Cells of A that B has not are lost, those of B that A has not are new. Lengths are in the unit of A's tables.
 #[derive(Debug, Args)]
 #[command(after_help = "Examples:\n  \
     alvis compare BEFORE AFTER\n  \
@@ -52,7 +52,7 @@ pub struct CompareArgs {
     /// How the cells of B are laid over those of A before they are matched; measures stay as they are
     #[arg(long, value_name = "HOW", default_value = "none")]
     align: AlignArg,
-    /// Compare only cells for which this holds, in both
+    /// Compare only cells for which this holds, and pairs for one of which it does
     #[arg(long = "where", value_name = "EXPR", allow_hyphen_values = true)]
     condition: Option<String>,
     /// At most this many rows of the table
@@ -181,11 +181,10 @@ fn sums(comparison: &Comparison) -> String {
 
 /// The sums, and the pairs whose volume changed most.
 fn text(comparison: &Comparison, rows: usize) -> String {
-    let unit = comparison.unit;
     let mut most: Vec<&ComparedCell> = comparison
         .pairs
         .iter()
-        .filter(|p| p.volume.change.is_some())
+        .filter(|p| p.volume.change.is_some() && !p.touches_border)
         .collect();
     let size = |p: &ComparedCell| p.volume.change.unwrap_or(0.0).abs();
     most.sort_by(|p, q| size(q).total_cmp(&size(p)).then(p.a.cmp(&q.a)));
@@ -193,7 +192,16 @@ fn text(comparison: &Comparison, rows: usize) -> String {
     if most.is_empty() || rows == 0 {
         return text;
     }
-    text += "\nmatched cells whose volume changed most\n";
+    text += "\nwhole cells whose volume changed most\n";
+    text += &table(&most[..most.len().min(rows)], comparison.unit);
+    if most.len() > rows {
+        text += "... (more with --top N; all with --format csv or json)\n";
+    }
+    text
+}
+
+/// Pairs in columns.
+fn table(pairs: &[&ComparedCell], unit: &str) -> String {
     const WIDTHS: [usize; 8] = [7, 7, 7, 10, 10, 8, 10, 8];
     let line = |cells: [String; 8]| {
         let cells = cells.iter().zip(WIDTHS);
@@ -215,7 +223,7 @@ fn text(comparison: &Comparison, rows: usize) -> String {
         "shift",
     ]
     .map(str::to_owned);
-    text += &line(head);
+    let mut text = line(head);
     text += &line(
         [
             "",
@@ -229,7 +237,7 @@ fn text(comparison: &Comparison, rows: usize) -> String {
         ]
         .map(str::to_owned),
     );
-    for pair in most.iter().take(rows) {
+    for pair in pairs {
         let shift = pair
             .shift
             .map(|s| s.iter().map(|v| v * v).sum::<f64>().sqrt());
@@ -243,9 +251,6 @@ fn text(comparison: &Comparison, rows: usize) -> String {
             or_none(pair.sphericity.change, percent),
             or_none(shift, rounded),
         ]);
-    }
-    if most.len() > rows {
-        text += "... (more with --top N; all with --format csv or json)\n";
     }
     text
 }

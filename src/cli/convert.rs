@@ -54,8 +54,8 @@ pub struct ConvertArgs {
     /// A voxel is above (metal) if its value is at least this; or how to find it from the histogram
     ///
     /// Methods are `otsu` (two heaps of like size), `peaks` (half-way between the two peaks: little of one phase), `li`,
-    /// `triangle` (one heap with a tail) and `porosity=31%` (this share of the voxels is below). `alvis info` shows all
-    /// beforehand.
+    /// `triangle` (one heap with a tail) and `porosity=31%` (this share of the voxels is below, of the whole volume, also with --crop). `alvis info` shows what
+    /// they find beforehand.
     #[arg(long, value_name = TAKES, allow_hyphen_values = true, value_parser = threshold)]
     threshold: Threshold,
     /// Cubes per macrocube, that is per tile: one number, or three

@@ -131,10 +131,17 @@ impl InfoArgs {
         let watch = Watch::new(opened.volume.header(), opened.scaled);
         let found = statistics(&Watched::new(Box::new(&*opened.volume), &watch), &console)?;
         opened.warnings.extend(watch.kind().map(|k| k.warning()));
+        opened.warnings.extend(found.coarse());
         let volume = &*opened.volume;
         let threshold = match self.threshold {
             Some(Threshold::Value(t)) => Some(t),
-            Some(Threshold::Method(method)) => Some(threshold::of(&found, method, &self.input)?),
+            Some(Threshold::Method(method)) => {
+                let value = threshold::of(&found, method, &self.input)?;
+                opened
+                    .warnings
+                    .extend(threshold::missed(&found, method, value));
+                Some(value)
+            }
             None => found.otsu,
         };
         let predicted = match threshold {
@@ -310,7 +317,7 @@ fn text(
         rows.push(("not finite", format!("{nan} NaN, {infinite} infinite")));
     }
     let candidates = candidates(found, asked);
-    rows.push(("threshold", threshold_text(predicted, &candidates)));
+    rows.push(("threshold", threshold_text(predicted, asked)));
     if let Some([low, high]) = found.peaks() {
         let peaks = format!("{} and {}", number(low, 6), number(high, 6));
         rows.push(("peaks", peaks));
@@ -318,7 +325,7 @@ fn text(
     let width = output::width();
     let histogram = match (found.range, found.columns(chart::columns(width))) {
         (Some(_), Some((bars, edges))) => {
-            let marks = marks(header, predicted, &candidates, edges);
+            let marks = marks(header, predicted, asked, &candidates, edges);
             let bars = chart::draw(&bars, edges, &marks, width);
             format!("histogram, voxels on a log scale\n{bars}")
         }
@@ -329,29 +336,32 @@ fn text(
 }
 
 /// The threshold that the surface is predicted for, and how it was found.
-fn threshold_text(
-    predicted: Option<Predicted>,
-    candidates: &[(ThresholdMethod, Option<Candidate>)],
-) -> String {
+fn threshold_text(predicted: Option<Predicted>, asked: Option<Threshold>) -> String {
     match predicted {
-        Some(p) => format!("{}{}", number(p.threshold, 6), how(p, candidates)),
+        Some(p) => format!("{}{}", number(p.threshold, 6), how(asked)),
         None => format!("none: {}", ThresholdMethod::Otsu.why_none()),
     }
 }
 
+/// The method that finds the threshold that is predicted for; `None` if that was given.
+fn method(asked: Option<Threshold>) -> Option<ThresholdMethod> {
+    match asked {
+        None => Some(ThresholdMethod::Otsu),
+        Some(Threshold::Method(method)) => Some(method),
+        Some(Threshold::Value(_)) => None,
+    }
+}
+
 /// How a threshold was found, behind its value; nothing if it was given.
-fn how(p: Predicted, candidates: &[(ThresholdMethod, Option<Candidate>)]) -> String {
-    let same = |c: &Candidate| c.threshold == p.threshold;
-    let method = candidates
-        .iter()
-        .find(|(_, c)| c.as_ref().is_some_and(same));
-    method.map_or_else(String::new, |(method, _)| format!(" {}", method.how()))
+fn how(asked: Option<Threshold>) -> String {
+    method(asked).map_or_else(String::new, |method| format!(" {}", method.how()))
 }
 
 /// The threshold on the histogram's axis, and those that other methods find, each with the share of voxels above.
 fn marks(
     header: &Header,
     predicted: Option<Predicted>,
+    asked: Option<Threshold>,
     candidates: &[(ThresholdMethod, Option<Candidate>)],
     edges: [f64; 2],
 ) -> Vec<chart::Mark> {
@@ -361,12 +371,15 @@ fn marks(
         text: format!(
             "threshold {}{}, {:.1} % above",
             number(p.threshold, 6),
-            how(p, candidates),
+            how(asked),
             share_above(header, p)
         ),
     });
-    let others = candidates.iter().filter_map(|(method, found)| {
-        let found = found.filter(|c| predicted.is_none_or(|p| p.threshold != c.threshold))?;
+    let others = candidates
+        .iter()
+        .filter(|(other, _)| method(asked) != Some(*other));
+    let others = others.filter_map(|(method, found)| {
+        let found = (*found)?;
         let name = method.to_string();
         Some(chart::Mark {
             sign: name.chars().next()?,

@@ -96,7 +96,13 @@ fn origin(m: &Manifest) -> Vec<(&'static str, String)> {
     let mut made = format!("{}, {} voxels, {}", source.name, source.dims, source.dtype);
     if let Some(crop) = &source.crop {
         let axes = [&crop.x, &crop.y, &crop.z].map(|a| format!("{}:{}", a.start, a.end));
-        made += &format!(", cropped to {}", axes.join(","));
+        // a crop counts the voxels that filters leave
+        let of = if m.filters.is_empty() {
+            ""
+        } else {
+            "filtered and then "
+        };
+        made += &format!(", {of}cropped to {}", axes.join(","));
     }
     vec![("made from", made), ("made by", made_by(m))]
 }

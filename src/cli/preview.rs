@@ -19,6 +19,9 @@ enum AxisArg {
     Z,
 }
 
+/// Slices side by side at most: more would be too small to see anything.
+const PANELS: usize = 8;
+
 /// Draw a slice of a volume as PNG, with the threshold's contour and the cells in colour
 ///
 /// Grey values run from the 0.5th to the 99.5th percentile of the slice. A slice across z has x to
@@ -112,6 +115,14 @@ impl PreviewArgs {
             Some(manifest) => self.options.filters.apply_as(manifest, opened, "--tiles")?,
             None => self.options.filters.apply(opened)?,
         };
+        if self.threshold.len() > PANELS {
+            let found = format!("{} of them", self.threshold.len());
+            return Err(Error::usage(
+                "--threshold",
+                found,
+                format!("at most {PANELS}, side by side"),
+            ));
+        }
         let thresholds = threshold::all(&self.threshold, &*opened.volume, &self.input, &console)?;
         let options = PreviewOptions {
             axis: match self.axis {

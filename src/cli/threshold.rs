@@ -22,6 +22,11 @@ pub fn threshold(text: &str) -> Result<Threshold, String> {
     if let Ok(method) = text.parse() {
         return Ok(Threshold::Method(method));
     }
+    if text.trim().to_ascii_lowercase().starts_with("porosity") {
+        let expected =
+            "expected a share above 0 and below 100 %, as in porosity=31% or porosity=0.31";
+        return Err(expected.to_owned());
+    }
     super::parse::finite(text)
         .map(Threshold::Value)
         .map_err(|_| {
@@ -57,13 +62,39 @@ pub fn all(
             Threshold::Method(method) => {
                 let found = match read.take() {
                     Some(found) => found,
-                    None => statistics(volume, progress)?,
+                    None => {
+                        let found = statistics(volume, progress)?;
+                        found.coarse().iter().for_each(|text| progress.warn(text));
+                        found
+                    }
                 };
-                of(read.insert(found), method, path)?
+                let found = read.insert(found);
+                let value = of(found, method, path)?;
+                missed(found, method, value)
+                    .iter()
+                    .for_each(|text| progress.warn(text));
+                value
             }
         });
     }
     Ok(values)
+}
+
+/// Says so if a porosity that was asked for is not what the threshold gives.
+pub fn missed(found: &Statistics, method: ThresholdMethod, value: f64) -> Option<String> {
+    /// What a porosity may be off, as a share.
+    const OFF: f64 = 0.005;
+    let ThresholdMethod::Porosity(share) = method else {
+        return None;
+    };
+    let below = 1.0 - found.share_above(value);
+    ((below - share).abs() > OFF).then(|| {
+        format!(
+            "{method} is not to be had: no threshold parts the samples so; at {value}, which is nearest, {:.2} % of the \
+             voxels are below",
+            100.0 * below
+        )
+    })
 }
 
 /// The threshold that a method finds in what is known of a volume.
@@ -96,8 +127,11 @@ mod tests {
             threshold("porosity=31%"),
             Ok(Threshold::Method(ThresholdMethod::Porosity(0.31)))
         );
-        for bad in ["nan", "inf", "otsu2", "", "porosity=0", "porosity=100%"] {
-            assert!(threshold(bad).is_err(), "{bad}");
+        for bad in ["nan", "inf", "otsu2", ""] {
+            assert!(threshold(bad).unwrap_err().contains("otsu"), "{bad}");
+        }
+        for bad in ["porosity", "porosity=0", "porosity=100%", "porosity=31"] {
+            assert!(threshold(bad).unwrap_err().contains("below 100 %"), "{bad}");
         }
     }
 }

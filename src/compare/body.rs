@@ -1,7 +1,7 @@
 //! The cells of a tile set, as far as they are compared.
 
 use super::matching::{Extent, Place};
-use crate::error::Result;
+use crate::error::{Error, Result};
 use crate::grid::{Placement, Unit};
 use crate::manifest::Manifest;
 use crate::table::{Query, Row, Table, TableReader, find_column};
@@ -17,6 +17,8 @@ pub struct Cell {
     pub elongation: Option<f64>,
     pub flatness: Option<f64>,
     pub touches_border: bool,
+    /// The condition holds for it.
+    pub chosen: bool,
 }
 
 /// What a tile set has.
@@ -84,7 +86,7 @@ impl PlaceColumns {
 }
 
 impl Body {
-    /// Reads the cells for which a condition holds, with their lengths in a unit, and where the objects lie.
+    /// Reads the cells with their lengths in a unit, and where the objects lie.
     pub fn read(
         dir: &Path,
         manifest: &Manifest,
@@ -102,17 +104,25 @@ impl Body {
         let cube = places.scale * places.scale * places.scale;
         let mut cells = Vec::new();
         while let Some(row) = table.next_row()? {
-            if query.keeps(&row)? {
-                cells.push(Cell {
-                    id: row.whole(id)?,
-                    place: places.place(&row)?,
-                    volume: row.number(volume)?.unwrap_or(f64::NAN) * cube,
-                    sphericity: row.number(sphericity)?,
-                    elongation: row.number(elongation)?,
-                    flatness: row.number(flatness)?,
-                    touches_border: row.whole(border)? != 0,
-                });
-            }
+            cells.push(Cell {
+                id: row.whole(id)?,
+                place: places.place(&row)?,
+                volume: row.number(volume)?.unwrap_or(f64::NAN) * cube,
+                sphericity: row.number(sphericity)?,
+                elongation: row.number(elongation)?,
+                flatness: row.number(flatness)?,
+                touches_border: row.whole(border)? != 0,
+                chosen: query.keeps(&row)?,
+            });
+        }
+        let of = Table::Cells.total(manifest);
+        if cells.len() as u64 != of {
+            let expected = format!("{of}, as index.json has it");
+            return Err(Error::format(
+                table.path(),
+                format!("{} rows", cells.len()),
+                expected,
+            ));
         }
         Ok(Body {
             cells,
@@ -120,9 +130,16 @@ impl Body {
         })
     }
 
-    /// The volume of all cells.
+    /// The number of chosen cells.
+    pub fn chosen(&self) -> u64 {
+        self.cells.iter().filter(|c| c.chosen).count() as u64
+    }
+
+    /// The volume of chosen cells.
     pub fn volume(&self) -> f64 {
-        self.cells.iter().map(|c| c.volume).sum()
+        let chosen = self.cells.iter().filter(|c| c.chosen);
+        // an empty sum of floats is -0
+        chosen.map(|c| c.volume).sum::<f64>() + 0.0
     }
 }
 

@@ -2,6 +2,9 @@
 
 use std::collections::HashMap;
 
+/// The least overlap of two boxes that are those of one cell: a cell that is gone is not found again in a few voxels of
+/// noise where it was.
+pub const LEAST_OVERLAP: f64 = 0.1;
 /// Cubes of the index that a box may lie in; larger boxes are looked at by all others.
 const MOST_CUBES: f64 = 64.0;
 
@@ -66,7 +69,7 @@ impl Place {
     }
 
     /// How well two cells match, 0 to 1: the overlap of the boxes, less the farther the centroids are from each other;
-    /// 0 from half of the boxes' mean diagonal on.
+    /// 0 from half of the boxes' mean diagonal on, and below [`LEAST_OVERLAP`].
     fn score(&self, other: &Place) -> f64 {
         let apart = (0..3)
             .map(|i| self.centroid[i] - other.centroid[i])
@@ -74,7 +77,10 @@ impl Place {
             .sum::<f64>()
             .sqrt();
         let reach = (self.extent.diagonal() + other.extent.diagonal()) / 4.0;
-        self.extent.overlap(&other.extent) * (1.0 - apart / reach).max(0.0)
+        match self.extent.overlap(&other.extent) {
+            overlap if overlap < LEAST_OVERLAP => 0.0,
+            overlap => overlap * (1.0 - apart / reach).max(0.0),
+        }
     }
 }
 
@@ -264,7 +270,9 @@ mod tests {
             let around = |places: &[Place]| places.iter().map(|p| p.extent).reduce(Extent::around);
             let (Some(to), Some(from)) = (around(&a), around(&b)) else { return Ok(()) };
             let over: Vec<Place> = b.iter().map(|p| p.laid_over(from, to)).collect();
-            for m in match_boxes(&a, &over) {
+            let matches = match_boxes(&a, &over);
+            prop_assert_eq!(matches.len(), a.len());
+            for m in matches {
                 prop_assert!(m.a == m.b && (m.overlap - 1.0).abs() < 1e-6);
             }
         }
@@ -277,6 +285,8 @@ mod tests {
         assert!(match_boxes(&one, &[]).is_empty());
         // side by side
         assert!(match_boxes(&one, &[place([2.0, 0.0, 0.0], [1.0; 3])]).is_empty());
+        // a speck where a cell was
+        assert!(match_boxes(&one, &[place([0.1; 3], [0.1; 3])]).is_empty());
         let half = match_boxes(&one, &[place([1.0, 0.0, 0.0], [1.0; 3])]);
         assert!((half[0].overlap - 1.0 / 3.0).abs() < 1e-12);
     }

@@ -7,6 +7,7 @@ mod body;
 mod matching;
 
 use crate::error::{Error, Result};
+use crate::grid::Unit;
 use crate::manifest::Manifest;
 use body::{Body, Cell};
 use matching::{Match, match_boxes};
@@ -31,16 +32,16 @@ pub enum Align {
 pub struct CompareOptions {
     /// How the second set is laid over the first.
     pub align: Align,
-    /// Compare only cells for which this condition holds, in both sets; see [`crate::table`].
+    /// Compare only cells for which this condition holds, and pairs for one of which it does; see [`crate::table`].
     pub condition: Option<String>,
 }
 
 /// What a pair of cells has of each measure, in the unit of the first set's tables.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize)]
 pub struct Change {
-    /// Before and after; absent where it has no meaning, as a sphericity at the border.
+    /// In the first set; absent where it has no meaning, as a sphericity at the border.
     pub a: Option<f64>,
-    /// After.
+    /// In the second.
     pub b: Option<f64>,
     /// `b / a - 1`; absent without both.
     pub change: Option<f64>,
@@ -76,7 +77,7 @@ pub struct Comparison {
     pub unit: &'static str,
     /// How the second set was laid over the first.
     pub align: Align,
-    /// Cells of the first set, and of the second.
+    /// Cells of the first set, and of the second, for which the condition holds.
     pub cells: [u64; 2],
     /// Cells of both.
     pub matched: u64,
@@ -84,7 +85,7 @@ pub struct Comparison {
     pub lost: u64,
     /// Cells of the second set that the first has not.
     pub new: u64,
-    /// The volume of all cells.
+    /// The volume of these.
     pub volume: Change,
     /// Mean and median of the change of volume of matched cells that touch the border in neither set; absent if there
     /// is none.
@@ -107,7 +108,18 @@ pub fn compare(a: &Path, b: &Path, options: &CompareOptions) -> Result<Compariso
     let unit = manifest.measured().unit;
     let condition = options.condition.as_deref();
     let first = Body::read(a, &manifest, unit, condition)?;
-    let second = Body::read(b, &Manifest::open(b)?, unit, condition)?;
+    let other = Manifest::open(b)?;
+    let in_voxels = [unit, other.measured().unit].map(|unit| unit == Unit::Voxel);
+    if in_voxels[0] != in_voxels[1] {
+        let found = format!(
+            "lengths in {} and in {}",
+            unit.name(),
+            other.measured().unit.name()
+        );
+        let expected = "two sets with a unit of length, or two without: convert the one again with --spacing and --unit";
+        return Err(Error::usage("A and B", found, expected));
+    }
+    let second = Body::read(b, &other, unit, condition)?;
     let aligned: Vec<_> = match options.align {
         Align::None => second.cells.iter().map(|c| c.place).collect(),
         Align::Box => {
@@ -128,18 +140,20 @@ pub fn compare(a: &Path, b: &Path, options: &CompareOptions) -> Result<Compariso
     };
     let places: Vec<_> = first.cells.iter().map(|c| c.place).collect();
     let matches = match_boxes(&places, &aligned);
+    let pairs = pairs(&first.cells, &second.cells, &matches);
+    let count = |is: fn(&ComparedCell) -> bool| pairs.iter().filter(|p| is(p)).count() as u64;
     let mut comparison = Comparison {
         unit: unit.name(),
         align: options.align,
-        cells: [&first, &second].map(|body| body.cells.len() as u64),
-        matched: matches.len() as u64,
-        lost: (first.cells.len() - matches.len()) as u64,
-        new: (second.cells.len() - matches.len()) as u64,
+        cells: [&first, &second].map(Body::chosen),
+        matched: count(|p| p.a.is_some() && p.b.is_some()),
+        lost: count(|p| p.b.is_none()),
+        new: count(|p| p.a.is_none()),
         volume: change(Some(first.volume()), Some(second.volume())),
         volume_change_mean: None,
         volume_change_median: None,
         warnings: Vec::new(),
-        pairs: pairs(&first.cells, &second.cells, &matches),
+        pairs,
     };
     comparison.summarise();
     Ok(comparison)
@@ -157,6 +171,9 @@ fn pairs(a: &[Cell], b: &[Cell], matches: &[Match]) -> Vec<ComparedCell> {
     let mut all = Vec::with_capacity(a.len() + b.len() - matches.len());
     for found in matches {
         (lost[found.a], new[found.b]) = (false, false);
+        if !a[found.a].chosen && !b[found.b].chosen {
+            continue;
+        }
         all.push(compared(
             Some(&a[found.a]),
             Some(&b[found.b]),
@@ -164,7 +181,9 @@ fn pairs(a: &[Cell], b: &[Cell], matches: &[Match]) -> Vec<ComparedCell> {
         ));
     }
     let left = |cells: &'_ [Cell], left: &[bool]| -> Vec<usize> {
-        (0..cells.len()).filter(|&i| left[i]).collect()
+        (0..cells.len())
+            .filter(|&i| left[i] && cells[i].chosen)
+            .collect()
     };
     all.extend(
         left(a, &lost)
@@ -208,6 +227,11 @@ impl Comparison {
             self.volume_change_mean = Some(changes.iter().sum::<f64>() / n as f64);
             let middle = changes[(n - 1) / 2] / 2.0 + changes[n / 2] / 2.0;
             self.volume_change_median = Some(middle);
+        }
+        for (cells, name) in self.cells.iter().zip(["A", "B"]) {
+            if *cells == 0 {
+                self.warnings.push(format!("no cell of {name} is compared: it has none, or none for which the condition holds"));
+            }
         }
         let most = self.cells[0].min(self.cells[1]);
         if self.matched * 2 < most {

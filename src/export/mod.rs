@@ -144,23 +144,7 @@ pub fn export(
     let cost = Cost::new(&*writer, simplify.is_some());
     let plan = Plan::new(&set, &choice, &cost, options.memory)?;
     if plan.triangles == 0 {
-        let name = options.chosen.table.name();
-        let (option, found) = match choice.share(manifest) {
-            Some([n, of]) => (
-                "--where",
-                format!(
-                    "{}, which holds for {n} of {of} {name}",
-                    options.chosen.text()
-                ),
-            ),
-            None => ("OUT", "no triangle".to_owned()),
-        };
-        let expected = match options.chosen.table {
-            Table::Cells => "at least one cell with a surface",
-            Table::Objects => "at least one object with a surface",
-            Table::Surfaces => "at least one surface",
-        };
-        return Err(Error::usage(option, found, expected));
+        return Err(nothing(&options.chosen, choice.share(manifest)));
     }
     if simplify.is_none() {
         writer.check(choice.vertices(manifest), plan.triangles)?;
@@ -189,6 +173,25 @@ pub fn export(
         peak_rss_bytes: peak_rss_bytes(),
         warnings,
     })
+}
+
+/// What is chosen has no surface; `share` is how many rows are of how many, if not all are.
+fn nothing(chosen: &Chosen, share: Option<[u64; 2]>) -> Error {
+    let name = chosen.table.name();
+    let (option, found) = match (&chosen.condition, share) {
+        (Some(text), Some([n, of])) => (
+            "--where",
+            format!("{text}, which holds for {n} of {of} {name}"),
+        ),
+        (None, Some([n, of])) => ("--largest", format!("{n} of {of} {name}")),
+        (_, None) => ("OUT", "no triangle".to_owned()),
+    };
+    let expected = match chosen.table {
+        Table::Cells => "at least one cell with a surface",
+        Table::Objects => "at least one object with a surface",
+        Table::Surfaces => "at least one surface",
+    };
+    Error::usage(option, found, expected)
 }
 
 /// Tiles per thread in a batch, so that threads seldom wait for each other.

@@ -137,7 +137,11 @@ impl Filter {
         };
         match good {
             true => Ok(()),
-            false => Err(self.refused(&self.to_string(), takes(self.name()).unwrap_or_default())),
+            false => {
+                let text = self.to_string();
+                let values = text.strip_prefix(self.name()).unwrap_or(&text).trim();
+                Err(self.refused(values, takes(self.name()).unwrap_or_default()))
+            }
         }
     }
 

@@ -30,7 +30,9 @@ pub fn manifest_file(dir: &Path, action: &'static str) -> Result<PathBuf> {
         if dir.join(PARTIAL).is_dir() {
             let found = "a conversion that is not finished";
             return Error::format(dir, found, "a tile set")
-                .with_hint("if it was interrupted, the same with --resume goes on with it");
+                .with_hint(
+                    "if `alvis convert` was interrupted, the same with --resume goes on with it; type other commands again",
+                );
         }
         match sets_beside(dir).as_slice() {
             [] => error,

@@ -17,7 +17,7 @@ use crate::grid::{Ambiguous, Placement};
 use crate::manifest::Manifest;
 use crate::picture::{Map, Picture, printed_unit};
 use crate::volume::{Cropped, Stamp, Volume};
-use crate::words::{number, things};
+use crate::words::{counted, number, things};
 use cells::{Colours, Meaning};
 use draw::Canvas;
 use page::{Bar, GAP, Key, Page, side_by_side};
@@ -147,15 +147,13 @@ pub fn preview(
     };
     let axis = options.axis;
     let at = options.at.unwrap_or(dims[axis as usize] / 2);
-    let plane = axis.plane();
-    let spacing = plane.map(|a| placement.spacing[a]);
     let thresholds = match &manifest {
         Some(m) if options.thresholds.is_empty() => vec![m.threshold],
         _ => options.thresholds.clone(),
     };
     let (zoom, true_proportion) = Zoom::new(ZoomInput {
-        voxels: plane.map(|a| dims[a]),
-        spacing,
+        voxels: axis.plane().map(|a| dims[a]),
+        spacing: axis.plane().map(|a| placement.spacing[a]),
         asked: options.scale,
         panels: thresholds.len().max(1) as u32,
     })?;
@@ -186,18 +184,9 @@ pub fn preview(
         .save(path)
         .map_err(|e| Error::io(path, "write the picture", e))?;
     Ok(PreviewReport {
-        axis,
-        at,
         size: picture.size(),
-        slice_corner: corners[0],
-        slice_size: zoom.size(),
-        window,
-        threshold: thresholds.first().copied(),
-        panels: shown.panels(&corners),
-        cells: colours.as_ref().map(Colours::coloured),
-        cells_without_value: colours.as_ref().map(Colours::without_value),
-        range: colours.as_ref().and_then(Colours::range),
         warnings,
+        ..shown.report(&corners)
     })
 }
 
@@ -266,6 +255,24 @@ impl Shown<'_> {
             }
         }
         (picture, corners)
+    }
+
+    /// What the picture shows, but its size and what is to be warned of.
+    fn report(&self, corners: &[[u32; 2]]) -> PreviewReport {
+        PreviewReport {
+            axis: self.slice.axis,
+            at: self.slice.at,
+            size: [0; 2],
+            slice_corner: corners[0],
+            slice_size: self.zoom.size(),
+            window: self.window,
+            threshold: self.thresholds.first().copied(),
+            panels: self.panels(corners),
+            cells: self.colours.map(Colours::coloured),
+            cells_without_value: self.colours.map(Colours::without_value),
+            range: self.colours.and_then(Colours::range),
+            warnings: Vec::new(),
+        }
     }
 
     /// What is told of several slices side by side.
@@ -429,7 +436,8 @@ impl Shown<'_> {
                 (0, Some(condition)) => format!("no cell of the slice has {condition}"),
                 (0, None) => "the slice has no cell of the tile set".to_owned(),
                 (n, _) => format!(
-                    "all {n} cells of the slice are hatched: the volume's faces cut them, or they have no value"
+                    "no cell of the slice has a colour, {} hatched: the volume's faces cut them, or they have no value",
+                    counted(n, "is", "are")
                 ),
             };
             doubts.push(text);

@@ -45,20 +45,4 @@ impl Chosen {
             Some(n) => Ok(query.sort(Some(size), true, columns)?.top(Some(n))),
         }
     }
-
-    /// What is chosen, in the words of the options: `--objects --where 'volume > 3' --largest 1`.
-    pub fn text(&self) -> String {
-        let table = match self.table {
-            Table::Cells => None,
-            Table::Objects => Some("--objects".to_owned()),
-            Table::Surfaces => Some("--surfaces".to_owned()),
-        };
-        let condition = self
-            .condition
-            .as_ref()
-            .map(|text| format!("--where {text:?}"));
-        let largest = self.largest.map(|n| format!("--largest {n}"));
-        let words: Vec<String> = table.into_iter().chain(condition).chain(largest).collect();
-        words.join(" ")
-    }
 }

@@ -51,8 +51,7 @@ impl Work<'_, '_> {
                 std::mem::swap(&mut ws.piece.triangles, &mut ws.list);
                 p.positions.read_into(&mut ws.piece.positions);
                 if self.keep_mesh {
-                    ws.piece.normals.clear();
-                    ws.piece.normals.extend(p.normals.iter());
+                    p.normals.read_into(&mut ws.piece.normals);
                 }
                 self.piece(&label, group, ws);
             }
@@ -342,8 +341,7 @@ fn is_unit([x, y, z]: [f32; 3], slack: f32) -> bool {
 /// How many normals are not of length 1.
 #[inline(always)]
 fn count_odd(normals: &Normals, slack: f32) -> usize {
-    let add = |count, n| count + usize::from(!is_unit(n, slack));
-    normals.iter().fold(0, add)
+    normals.count(|n| !is_unit(n, slack))
 }
 
 /// The number of joints in a stitched strip, where entries follow themselves, the next such entry at most two behind

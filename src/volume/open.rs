@@ -18,7 +18,7 @@ use crate::volume::options::Choice;
 use crate::volume::registry::{self, FORMATS};
 use crate::volume::stated::{place, warning};
 use std::ffi::OsStr;
-use std::path::Path;
+use std::path::{Path, PathBuf};
 
 /// Opens a volume. Files are recognised by their content, whatever their name; everything that is of no format that is
 /// read is headerless raw (or raw packed by gzip, with a name that ends in `.gz`), whose size and type the options must
@@ -32,18 +32,7 @@ use std::path::Path;
 pub fn open(path: &Path, options: &OpenOptions) -> Result<Opened> {
     let mut descriptor = parsed(path, options)?;
     refuse_unused(descriptor.format, options)?;
-    let offset = match &descriptor.samples {
-        Samples::Files(Data {
-            start: Start::At { bytes, .. },
-            ..
-        }) if descriptor.format == "raw" => *bytes,
-        _ => 0,
-    };
-    let files = match &descriptor.samples {
-        Samples::Files(data) => data.files.clone(),
-        Samples::Pages(pages) => pages.files(),
-        _ => Vec::new(),
-    };
+    let (offset, files) = (raw_offset(&descriptor), sample_files(&descriptor));
     let (placement, provenance) =
         place::place(path, descriptor.placement, descriptor.provenance, options)?;
     let grid = regular(path, &mut descriptor, placement)?;
@@ -90,6 +79,26 @@ pub fn open(path: &Path, options: &OpenOptions) -> Result<Opened> {
         notes,
         warnings,
     })
+}
+
+/// Bytes before the first sample of a headerless file.
+fn raw_offset(descriptor: &VolumeDescriptor) -> u64 {
+    match &descriptor.samples {
+        Samples::Files(Data {
+            start: Start::At { bytes, .. },
+            ..
+        }) if descriptor.format == "raw" => *bytes,
+        _ => 0,
+    }
+}
+
+/// The files that the samples lie in, where they are known.
+fn sample_files(descriptor: &VolumeDescriptor) -> Vec<PathBuf> {
+    match &descriptor.samples {
+        Samples::Files(data) => data.files.clone(),
+        Samples::Pages(pages) => pages.files(),
+        _ => Vec::new(),
+    }
 }
 
 /// The grid that samples are interpolated to, with its placement: that of the descriptor, or one at right angles where the

@@ -1,6 +1,7 @@
 //! Positions and normals of a tile that was read, whatever way they are stored.
 
 use super::TileCodec;
+use super::float::float3;
 use crate::gltf::buffer_views::Bytes;
 
 /// Positions in voxel coordinates.
@@ -142,6 +143,26 @@ impl Normals<'_> {
         Decoded::new(self.bytes.get(), stride, |bytes, out| {
             self.codec.decode_normals(bytes, out);
         })
+    }
+
+    /// Replaces the contents of `out` by the normals, see [`Normals::iter`].
+    pub fn read_into(&self, out: &mut Vec<[f32; 3]>) {
+        // all of them are overwritten
+        out.resize(self.len(), [0.0; 3]);
+        self.codec.decode_normals(self.bytes.get(), out);
+    }
+
+    /// How many normals are so; floats are looked at where they stand, in the vectors of the caller.
+    #[inline(always)]
+    pub(crate) fn count(&self, is: impl Fn([f32; 3]) -> bool) -> usize {
+        let add = |count, n| count + usize::from(is(n));
+        match self.codec.keeps_floats() {
+            true => {
+                let (floats, _) = self.bytes.get().as_chunks();
+                floats.iter().map(float3).fold(0, add)
+            }
+            false => self.iter().fold(0, add),
+        }
     }
 
     /// The normals in order: floats as stored, rounded ones made unit vectors.

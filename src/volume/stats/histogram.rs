@@ -22,6 +22,24 @@ impl Levels {
         (0..self.counts.len()).filter(|&i| self.counts[i] > 0)
     }
 
+    /// How many bins lie between those that the lowest and the highest 0.1 % of the samples are in, both counted; `None`
+    /// if levels are single values, or if that is all of the range.
+    pub(crate) fn bins_of_most(&self) -> Option<usize> {
+        if self.exact {
+            return None;
+        }
+        let rest = self.counts.iter().sum::<u64>() / 1000;
+        let passes = |sum: &mut u64, n: u64| {
+            *sum += n;
+            *sum > rest
+        };
+        let (mut low, mut high) = (0, 0);
+        let first = self.counts.iter().position(|&n| passes(&mut low, n))?;
+        let last = self.counts.iter().rposition(|&n| passes(&mut high, n))?;
+        let ends = first == 0 && last + 1 == self.counts.len();
+        (!ends).then(|| last - first + 1)
+    }
+
     /// Otsu's threshold: the split into two classes with the largest variance between them
     /// (N. Otsu, A threshold selection method from gray-level histograms, 1979). The result lies
     /// midway between the largest level of the lower class and the smallest one of the upper class

@@ -1,13 +1,18 @@
 //! The two peaks of a histogram.
 
 use crate::volume::stats::histogram::Levels;
+use std::ops::Range;
 
 /// Columns that the histogram is seen in: fine enough for a threshold, coarse enough to be smooth.
 const COLUMNS: usize = 256;
 /// The standard deviation of the smoothing, in columns of 256.
 const SIGMA: f64 = 2.0;
+/// The same in columns of any number where gaps of whole levels are not equally wide.
+const LEAST_SIGMA: f64 = 1.5;
 /// The share of samples at either end that does not widen the view: single voxels far outside of all others.
 const STRAY: f64 = 1e-4;
+/// Levels that make a histogram with gaps; fewer are values of their own, as those of a mask.
+const LEAST_TEETH: usize = 16;
 /// How much of its height a peak has to stand out from the valley beside it.
 const LEAST_PROMINENCE: f64 = 0.1;
 /// The same in standard deviations of a count of its height, so that ripples of noise are none.
@@ -20,7 +25,7 @@ const LEAST_SIGNIFICANCE: f64 = 5.0;
 /// valleys that part it from taller ones, and is compared with the square root of the height, as counts scatter.
 pub(crate) fn two_peaks(levels: &Levels) -> Option<[f64; 2]> {
     let seen = Seen::of(levels)?;
-    let heights = smoothed(&seen.heights);
+    let heights = smoothed(&seen.heights, seen.sigma);
     let peaks = prominences(&heights);
     let significance = |p: &Peak| p.prominence / (p.height + 1.0).sqrt();
     let tallest = peaks
@@ -44,8 +49,63 @@ struct Seen {
     low: f64,
     /// The distance of the middles.
     width: f64,
-    /// Samples in a column; of levels the mean of those in it, times what columns have on average.
+    /// Samples in a column.
     heights: Vec<f64>,
+    /// The standard deviation of the smoothing, in columns.
+    sigma: f64,
+}
+
+/// Counts as they are spread over the levels around them, so that a histogram with regular gaps, as of samples of few
+/// bits that were stretched, has no peak at each of its teeth.
+struct Spread {
+    /// Where the samples of the levels that occur begin and end, level i reaching from i to i + 1, and how many.
+    teeth: Vec<(Range<f64>, f64)>,
+    /// Some levels between them do not occur.
+    has_gaps: bool,
+}
+
+impl Spread {
+    /// Samples reach half-way to the next level that occurs, if that is no farther than is usual.
+    fn of(counts: &[u64]) -> Spread {
+        let occupied: Vec<usize> = (0..counts.len()).filter(|&i| counts[i] > 0).collect();
+        let mut gaps: Vec<usize> = occupied.windows(2).map(|pair| pair[1] - pair[0]).collect();
+        gaps.sort_unstable();
+        let has_gaps = occupied.len() >= LEAST_TEETH && gaps.last().is_some_and(|&gap| gap > 1);
+        // no farther than to the next one as a rule: beyond that there is nothing
+        let most = match has_gaps {
+            true => gaps[gaps.len() / 2] as f64,
+            false => 0.5,
+        };
+        let reach = |gap: Option<usize>| gap.map_or(0.5, |gap| (gap as f64 / 2.0).min(most));
+        let teeth = occupied.iter().enumerate().map(|(k, &i)| {
+            let before = k.checked_sub(1).map(|k| i - occupied[k]);
+            let after = occupied.get(k + 1).map(|next| next - i);
+            let middle = i as f64 + 0.5;
+            (
+                middle - reach(before)..middle + reach(after),
+                counts[i] as f64,
+            )
+        });
+        Spread {
+            teeth: teeth.collect(),
+            has_gaps,
+        }
+    }
+
+    /// Samples in a range.
+    fn sum(&self, range: Range<f64>) -> f64 {
+        let first = self
+            .teeth
+            .partition_point(|(tooth, _)| tooth.end <= range.start);
+        let inside = self.teeth[first..]
+            .iter()
+            .take_while(|(tooth, _)| tooth.start < range.end);
+        let share = |tooth: &Range<f64>| {
+            let both = tooth.end.min(range.end) - tooth.start.max(range.start);
+            both / (tooth.end - tooth.start)
+        };
+        inside.map(|(tooth, count)| count * share(tooth)).sum()
+    }
 }
 
 impl Seen {
@@ -59,11 +119,8 @@ impl Seen {
         let inside = levels.counts.get(first..=last)?;
         let columns = COLUMNS.min(inside.len());
         let per = inside.len() as f64 / columns as f64;
-        let heights = (0..columns).map(|c| {
-            let at = |c: usize| c * inside.len() / columns;
-            let part = &inside[at(c)..at(c + 1)];
-            part.iter().sum::<u64>() as f64 * per / part.len() as f64
-        });
+        let spread = Spread::of(inside);
+        let heights = (0..columns).map(|c| spread.sum(c as f64 * per..(c + 1) as f64 * per));
         let step = levels.width * per;
         let start = levels.low + levels.width * first as f64;
         // a level lies in the middle of its own width, a bin begins at its edge
@@ -76,6 +133,11 @@ impl Seen {
             low: edge + step / 2.0,
             width: step,
             heights: heights.collect(),
+            sigma: (SIGMA * columns as f64 / COLUMNS as f64).max(if spread.has_gaps {
+                LEAST_SIGMA
+            } else {
+                0.0
+            }),
         })
     }
 }
@@ -87,9 +149,8 @@ fn running_sum<'a>(counts: impl Iterator<Item = &'a u64>) -> impl Iterator<Item 
     })
 }
 
-/// Smoothed by a Gaussian whose width is that of two columns in 256; ends are continued.
-fn smoothed(heights: &[f64]) -> Vec<f64> {
-    let sigma = SIGMA * heights.len() as f64 / COLUMNS as f64;
+/// Smoothed by a Gaussian; ends are continued.
+fn smoothed(heights: &[f64], sigma: f64) -> Vec<f64> {
     let reach = (4.0 * sigma).round() as isize;
     let weight = |k: isize| libm::exp(-0.5 * (k as f64 / sigma) * (k as f64 / sigma));
     if reach == 0 {
@@ -213,6 +274,36 @@ mod tests {
     fn one_bell_is_one_peak() {
         let counts = bells(256, &[[100.0, 20.0, 1e6]]);
         assert_eq!(two_peaks(&levels(true, 0.0, 1.0, counts)), None);
+    }
+
+    /// Values that were multiplied leave gaps between them.
+    #[test]
+    fn teeth_are_no_peaks() {
+        for factor in [1.3, 1.7, 2.0, 3.0, 5.0, 8.0, 37.0, 256.0] {
+            let stretched = |counts: Vec<u64>| {
+                let at = |i: usize| (i as f64 * factor).round() as usize;
+                let mut out = vec![0; at(counts.len()) + 1];
+                for (i, n) in counts.iter().enumerate() {
+                    out[at(i)] += n;
+                }
+                levels(true, 0.0, 1.0, out)
+            };
+            for wide in [48, 256, 1200] {
+                let n = wide as f64;
+                let one = bells(wide, &[[0.5 * n, 0.1 * n, 1e6]]);
+                assert_eq!(two_peaks(&stretched(one)), None, "{factor} {wide}");
+                let two = bells(
+                    wide,
+                    &[[0.25 * n, 0.07 * n, 1e6], [0.75 * n, 0.07 * n, 1e5]],
+                );
+                let [a, b] = two_peaks(&stretched(two)).unwrap();
+                let off = |found: f64, share: f64| (found / factor / n - share).abs();
+                assert!(
+                    off(a, 0.25) < 0.02 && off(b, 0.75) < 0.02,
+                    "{factor} {wide}: {a} {b}"
+                );
+            }
+        }
     }
 
     #[test]

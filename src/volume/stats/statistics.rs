@@ -8,6 +8,9 @@ use crate::volume::stats::threshold::ThresholdMethod;
 use crate::volume::stats::walk::Walk;
 use crate::volume::{Dtype, Volume, Voxel, with_voxel_type};
 
+/// Bins that nearly all samples have at least where a threshold found in them is fine.
+const FINE: usize = 1024;
+
 /// What the samples of a volume are like.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Statistics {
@@ -55,6 +58,18 @@ impl Statistics {
     pub fn threshold(&self, method: ThresholdMethod) -> Option<f64> {
         let below = self.nan + self.negative_infinite;
         method.find(self.levels.as_ref()?, self.voxels, below)
+    }
+
+    /// Why thresholds found in these samples and shares of them are rough; `None` if they are not. Wide types are counted
+    /// in bins of equal width over all of the range, so that a few samples far from all others leave few bins for those.
+    pub fn coarse(&self) -> Option<String> {
+        let bins = self.levels.as_ref()?.bins_of_most()?;
+        (bins < FINE).then(|| {
+            format!(
+                "the histogram is coarse: nearly all samples lie in {bins} of its {BINS} bins, since a few lie far from \
+                 them, so thresholds found in it and shares above are rough: cut these off with --clamp A,B"
+            )
+        })
     }
 
     /// The two peaks of the histogram, by rising value; `None` if it has only one.
@@ -342,6 +357,17 @@ mod tests {
         let same = of(vec![3.0f32; 8]);
         assert_eq!((same.range, same.otsu), (Some([3.0, 3.0]), None));
         assert_eq!(same.histogram[0], 8);
+        // one sample far away
+        let mut far: Vec<f32> = (0..40_000).map(|i| (i % 1000) as f32 / 1000.0).collect();
+        assert_eq!(of(far.clone()).coarse(), None);
+        far[7] = 1e5;
+        assert!(of(far.clone()).coarse().unwrap().contains("--clamp"));
+        // what is counted one by one is never coarse
+        let mut counted: Vec<u16> = far.iter().map(|v| (v * 10.0) as u16).collect();
+        counted[7] = u16::MAX;
+        assert_eq!(of(counted).coarse(), None);
+        // two values are two bins, wherever they are
+        assert_eq!(of([0.5f32, 2.5].repeat(8)).coarse(), None);
         let wide = of(vec![
             f64::MAX,
             f64::MIN,

@@ -207,7 +207,7 @@ fn triangle_level(counts: &[u64]) -> Option<usize> {
     Some(level(best))
 }
 
-/// The split with nearest to `below` samples in the lower class; inside a bin samples are taken as spread evenly.
+/// The split whose lower class has as nearly as possible `below` samples; inside a bin samples are taken as spread evenly.
 fn share_below(levels: &Levels, below: f64) -> Option<f64> {
     let occupied = || levels.occupied();
     let (first, last) = (occupied().next()?, occupied().next_back()?);
