@@ -38,8 +38,7 @@ impl Contents {
         several: &dyn Fn(u64) -> bool,
     ) -> Result<Self, ReadError> {
         let merged = tile.is_merged();
-        let pieces = pieces(tile, kind)?;
-        pieces.iter().try_for_each(|p| check_count(p, kind))?;
+        let pieces = counted_pieces(tile, kind)?;
         let nodes = pieces
             .iter()
             .zip(of_pieces(tile)?)
@@ -99,29 +98,47 @@ impl Contents {
     /// # Errors
     /// [`ReadError`] if a position is not on the lattice.
     pub fn body(&self) -> Result<(Body, Vec<u8>), ReadError> {
-        let mut bin: Vec<u8> = Vec::new();
-        for p in &self.pieces {
-            p.positions.iter().for_each(|v| push_vec3(&mut bin, v));
-        }
-        for p in &self.pieces {
-            p.normals.iter().for_each(|v| push_vec3(&mut bin, v));
-        }
-        let mut body = Body::default();
-        for p in &self.pieces {
-            let mut piece = PieceRange::zeroed();
-            piece.first_index_byte = bin.len() as u64;
-            piece.first_vertex = body.vertices;
-            piece.vertices = p.positions.len() as u32;
-            piece.triangles = p.ids.triangles as u32;
-            piece.indices = p.indices.len() as u32;
-            [piece.min, piece.max] = p.bounds()?;
-            body.vertices += piece.vertices;
-            write_indices(&piece, &p.indices, |bytes| bin.extend_from_slice(bytes));
-            body.pieces.push(piece);
-        }
-        body.bytes = bin.len() as u64;
-        Ok((body, bin))
+        body_of(&self.pieces)
     }
+}
+
+/// The pieces of a tile of primitives of a kind, which have as many triangles as they state.
+///
+/// # Errors
+/// [`ReadError`] if it is no tile of that kind.
+pub fn counted_pieces(tile: &Tile, kind: Primitives) -> Result<Vec<Piece>, ReadError> {
+    let pieces = pieces(tile, kind)?;
+    pieces.iter().try_for_each(|p| check_count(p, kind))?;
+    Ok(pieces)
+}
+
+/// The geometry of pieces as a body of floats, and its bytes.
+///
+/// # Errors
+/// [`ReadError`] if a position is not on the lattice.
+pub fn body_of(pieces: &[Piece]) -> Result<(Body, Vec<u8>), ReadError> {
+    let mut bin: Vec<u8> = Vec::new();
+    for p in pieces {
+        p.positions.iter().for_each(|v| push_vec3(&mut bin, v));
+    }
+    for p in pieces {
+        p.normals.iter().for_each(|v| push_vec3(&mut bin, v));
+    }
+    let mut body = Body::default();
+    for p in pieces {
+        let mut piece = PieceRange::zeroed();
+        piece.first_index_byte = bin.len() as u64;
+        piece.first_vertex = body.vertices;
+        piece.vertices = p.positions.len() as u32;
+        piece.triangles = p.ids.triangles as u32;
+        piece.indices = p.indices.len() as u32;
+        [piece.min, piece.max] = p.bounds()?;
+        body.vertices += piece.vertices;
+        write_indices(&piece, &p.indices, |bytes| bin.extend_from_slice(bytes));
+        body.pieces.push(piece);
+    }
+    body.bytes = bin.len() as u64;
+    Ok((body, bin))
 }
 
 /// Compares the number of triangles that a piece states with those it has.

@@ -223,7 +223,7 @@ fn a_length_is_smoothed_over_by_the_size_of_a_voxel() {
         ("--smooth 0um", "or a length, as in 20um"),
         (
             "--smooth 9mm",
-            "--smooth: found smooth 90,90,45, expected a number of voxels above 0 and up to 32",
+            "--smooth: found 90,90,45, expected a number of voxels above 0 and up to 32",
         ),
     ] {
         let message = fails(dir.path(), &words(&format!("info a.nrrd {option}")));
