@@ -96,33 +96,35 @@ pub struct PreviewArgs {
 }
 
 impl PreviewArgs {
-    pub fn run(self) -> Result<Outcome> {
-        let console = self.common.start();
-        if self
-            .png
-            .extension()
-            .is_none_or(|e| !e.eq_ignore_ascii_case("png"))
-        {
+    /// Refuses what needs no reading.
+    fn check(&self) -> Result<()> {
+        let ending = self.png.extension();
+        if ending.is_none_or(|e| !e.eq_ignore_ascii_case("png")) {
             let found = self.png.display().to_string();
             return Err(Error::usage("PNG", found, "a name that ends in .png"));
         }
-        if !self.force && self.png.symlink_metadata().is_ok_and(|m| !m.is_dir()) {
-            return Err(Error::FileExists { path: self.png });
+        if self.threshold.len() > PANELS {
+            let found = format!("{} of them", self.threshold.len());
+            let expected = format!("at most {PANELS}, side by side");
+            return Err(Error::usage("--threshold", found, expected));
         }
+        if !self.force && self.png.symlink_metadata().is_ok_and(|m| !m.is_dir()) {
+            return Err(Error::FileExists {
+                path: self.png.clone(),
+            });
+        }
+        Ok(())
+    }
+
+    pub fn run(self) -> Result<Outcome> {
+        let console = self.common.start();
+        self.check()?;
         let manifest = self.tiles.as_deref().map(Manifest::open).transpose()?;
         let (opened, input) = open_stamped(&self.input, &self.options.options(), Path::new(""))?;
         let opened = match &manifest {
             Some(manifest) => self.options.filters.apply_as(manifest, opened, "--tiles")?,
             None => self.options.filters.apply(opened)?,
         };
-        if self.threshold.len() > PANELS {
-            let found = format!("{} of them", self.threshold.len());
-            return Err(Error::usage(
-                "--threshold",
-                found,
-                format!("at most {PANELS}, side by side"),
-            ));
-        }
         let thresholds = threshold::all(&self.threshold, &*opened.volume, &self.input, &console)?;
         let options = PreviewOptions {
             axis: match self.axis {
