@@ -1,8 +1,9 @@
 //! Reads a volume through filters as a conversion does, and prints how long it takes: a program to measure by.
 //!
-//! `filters VOLUME [THREADS [smooth=SIGMA | median=RADIUS] ...]`, filters in the order in which they act.
+//! `filters VOLUME [THREADS [FILTER ...]]`, filters in the order in which they act, as in `'smooth 1' 'median 1'`.
 
-use alvis::volume::{Medianed, OpenOptions, Smoothed, Volume, open};
+use alvis::grid::Filter;
+use alvis::volume::{OpenOptions, Volume, open};
 use std::error::Error;
 use std::path::Path;
 use std::sync::atomic::{AtomicU32, Ordering};
@@ -20,14 +21,10 @@ fn main() -> Result<(), Box<dyn Error>> {
         Some((threads, filters)) => (threads.parse()?, filters),
         None => (2, words),
     };
-    let mut volume = open(Path::new(path), &OpenOptions::default())?.volume;
-    for filter in filters {
-        volume = match filter.split_once('=') {
-            Some(("smooth", sigma)) => Box::new(Smoothed::new(volume, sigma.parse()?)?),
-            Some(("median", radius)) => Box::new(Medianed::new(volume, radius.parse()?)?),
-            _ => return Err(format!("no filter: {filter}").into()),
-        };
-    }
+    let filters = filters.iter().map(|text| text.parse::<Filter>());
+    let filters = filters.collect::<alvis::Result<Vec<_>>>()?;
+    let volume = open(Path::new(path), &OpenOptions::default())?;
+    let volume = volume.filter(&filters)?.volume;
     let started = Instant::now();
     let sum = sweep(&*volume, threads)?;
     println!(

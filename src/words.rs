@@ -13,6 +13,11 @@ pub fn rounded(v: f64, digits: usize) -> String {
     format!("{v:.*}", (digits as i32 - before).max(0) as usize)
 }
 
+/// A measure as tables for people have it: in four digits.
+pub fn measure(v: f64) -> String {
+    rounded(v, 4)
+}
+
 /// The same without zeros at the end, for text in which numbers do not stand one below the other.
 pub fn number(v: f64, digits: usize) -> String {
     let text = rounded(v, digits);

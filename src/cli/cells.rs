@@ -11,7 +11,7 @@ use crate::table::{
     Column, Outside, PorosityOf, Query, Row, Spread, Summary, Table, TableReader, find_column,
     summarise,
 };
-use crate::words::rounded;
+use crate::words::measure;
 use clap::{Args, ValueEnum, ValueHint};
 use serde_json::json;
 use std::path::PathBuf;
@@ -180,11 +180,7 @@ impl CellsArgs {
     }
 
     fn table(&self) -> Table {
-        match (self.objects, self.surfaces) {
-            (true, _) => Table::Objects,
-            (_, true) => Table::Surfaces,
-            _ => Table::Cells,
-        }
+        Table::asked(self.objects, self.surfaces)
     }
 
     /// The positions of the columns to show.
@@ -398,11 +394,6 @@ fn counts(summary: &Summary, which: Table) -> Vec<(&'static str, String)> {
         rows.push(("sphericity", format!("{} (median)", measure(median))));
     }
     rows
-}
-
-/// A measure as tables for people have it: in four digits.
-fn measure(v: f64) -> String {
-    rounded(v, 4)
 }
 
 /// A summary for people.

@@ -33,11 +33,7 @@ impl ChosenArgs {
     /// As the library has it.
     pub fn chosen(self) -> Chosen {
         Chosen {
-            table: match (self.objects, self.surfaces) {
-                (true, _) => Table::Objects,
-                (_, true) => Table::Surfaces,
-                _ => Table::Cells,
-            },
+            table: Table::asked(self.objects, self.surfaces),
             condition: self.condition,
             largest: self.largest,
         }

@@ -6,7 +6,7 @@ use super::{Outcome, output};
 use crate::compare::{Align, Change, CompareOptions, ComparedCell, Comparison, compare};
 use crate::error::Result;
 use crate::progress::Progress;
-use crate::words;
+use crate::words::measure;
 use clap::{Args, ValueEnum, ValueHint};
 use std::path::PathBuf;
 
@@ -90,11 +90,6 @@ impl CompareArgs {
     }
 }
 
-/// A number in four digits, for people.
-fn rounded(v: f64) -> String {
-    words::rounded(v, 4)
-}
-
 /// A number, or nothing.
 fn field(value: Option<impl ToString>) -> String {
     value.map_or(String::new(), |v| v.to_string())
@@ -163,8 +158,8 @@ fn sums(comparison: &Comparison) -> String {
             "volume of all",
             format!(
                 "{} to {} {unit}^3, {}",
-                or_none(comparison.volume.a, rounded),
-                or_none(comparison.volume.b, rounded),
+                or_none(comparison.volume.a, measure),
+                or_none(comparison.volume.b, measure),
                 or_none(comparison.volume.change, percent)
             ),
         ),
@@ -245,11 +240,11 @@ fn table(pairs: &[&ComparedCell], unit: &str) -> String {
             field(pair.a),
             field(pair.b),
             or_none(pair.overlap, |v| format!("{v:.3}")),
-            or_none(pair.volume.a, rounded),
-            or_none(pair.volume.b, rounded),
+            or_none(pair.volume.a, measure),
+            or_none(pair.volume.b, measure),
             or_none(pair.volume.change, percent),
             or_none(pair.sphericity.change, percent),
-            or_none(shift, rounded),
+            or_none(shift, measure),
         ]);
     }
     text

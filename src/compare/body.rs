@@ -4,7 +4,7 @@ use super::matching::{Extent, Place};
 use crate::error::{Error, Result};
 use crate::grid::{Placement, Unit};
 use crate::manifest::Manifest;
-use crate::table::{Query, Row, Table, TableReader, find_column};
+use crate::table::{Query, Row, Table, TableReader};
 use std::path::Path;
 
 /// A cell.
@@ -26,8 +26,6 @@ pub struct Cell {
 pub struct Body {
     /// By rising id.
     pub cells: Vec<Cell>,
-    /// The box around all objects.
-    pub objects: Option<Extent>,
 }
 
 /// Where a row of cells or objects lies.
@@ -43,7 +41,7 @@ struct PlaceColumns {
 
 impl PlaceColumns {
     fn of(table: &TableReader, placement: &Placement, unit: Unit) -> Result<Self> {
-        let find = |name: String| find_column("the table", &name, table.columns());
+        let find = |name: String| table.own_column(&name);
         let three = |start: &str| -> Result<[usize; 3]> {
             Ok([
                 find(format!("{start}_x"))?,
@@ -86,7 +84,7 @@ impl PlaceColumns {
 }
 
 impl Body {
-    /// Reads the cells with their lengths in a unit, and where the objects lie.
+    /// Reads the cells with their lengths in a unit.
     pub fn read(
         dir: &Path,
         manifest: &Manifest,
@@ -97,7 +95,7 @@ impl Body {
         let mut table = Table::Cells.open(dir, manifest)?;
         let query = Query::default().filter(condition, table.columns())?;
         let places = PlaceColumns::of(&table, &placement, unit)?;
-        let find = |name: &str| find_column("the table", name, table.columns());
+        let find = |name: &str| table.own_column(name);
         let (id, volume, border) = (find("id")?, find("volume")?, find("touches_border")?);
         let (sphericity, elongation) = (find("sphericity")?, find("elongation")?);
         let flatness = find("flatness")?;
@@ -124,10 +122,7 @@ impl Body {
                 expected,
             ));
         }
-        Ok(Body {
-            cells,
-            objects: around_objects(dir, manifest, &placement, unit)?,
-        })
+        Ok(Body { cells })
     }
 
     /// The number of chosen cells.
@@ -143,15 +138,10 @@ impl Body {
     }
 }
 
-/// The box around all objects.
-fn around_objects(
-    dir: &Path,
-    manifest: &Manifest,
-    placement: &Placement,
-    unit: Unit,
-) -> Result<Option<Extent>> {
+/// The box around all objects of a tile set, with its lengths in a unit; `None` if there is no object.
+pub fn around_objects(dir: &Path, manifest: &Manifest, unit: Unit) -> Result<Option<Extent>> {
     let mut table = Table::Objects.open(dir, manifest)?;
-    let places = PlaceColumns::of(&table, placement, unit)?;
+    let places = PlaceColumns::of(&table, &manifest.measured(), unit)?;
     let mut around: Option<Extent> = None;
     while let Some(row) = table.next_row()? {
         let extent = places.place(&row)?.extent;

@@ -9,7 +9,8 @@ mod matching;
 use crate::error::{Error, Result};
 use crate::grid::Unit;
 use crate::manifest::Manifest;
-use body::{Body, Cell};
+use crate::table::quantile;
+use body::{Body, Cell, around_objects};
 use matching::{Match, match_boxes};
 use serde::Serialize;
 use std::path::Path;
@@ -123,7 +124,9 @@ pub fn compare(a: &Path, b: &Path, options: &CompareOptions) -> Result<Compariso
     let aligned: Vec<_> = match options.align {
         Align::None => second.cells.iter().map(|c| c.place).collect(),
         Align::Box => {
-            let (Some(from), Some(to)) = (second.objects, first.objects) else {
+            let from = around_objects(b, &other, unit)?;
+            let to = around_objects(a, &manifest, unit)?;
+            let (Some(from), Some(to)) = (from, to) else {
                 let expected = "two sets with objects, or no alignment";
                 return Err(Error::usage(
                     "--align",
@@ -222,11 +225,10 @@ impl Comparison {
         let whole = self.pairs.iter().filter(|p| !p.touches_border);
         let mut changes: Vec<f64> = whole.filter_map(|p| p.volume.change).collect();
         changes.sort_by(f64::total_cmp);
+        self.volume_change_median = quantile(&changes, 0.5);
         if !changes.is_empty() {
-            let n = changes.len();
-            self.volume_change_mean = Some(changes.iter().sum::<f64>() / n as f64);
-            let middle = changes[(n - 1) / 2] / 2.0 + changes[n / 2] / 2.0;
-            self.volume_change_median = Some(middle);
+            let n = changes.len() as f64;
+            self.volume_change_mean = Some(changes.iter().sum::<f64>() / n);
         }
         for (cells, name) in self.cells.iter().zip(["A", "B"]) {
             if *cells == 0 {

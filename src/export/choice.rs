@@ -2,7 +2,7 @@
 
 use crate::error::{Error, Result};
 use crate::manifest::{Group, Manifest, WholeTotals};
-use crate::table::{Chosen, Table, TableReader};
+use crate::table::{Chosen, Table};
 use crate::tile::PieceIds;
 use std::path::Path;
 
@@ -113,15 +113,15 @@ impl Choice {
         let mut table = chosen.table.open(dir, manifest)?;
         let path = table.path().to_path_buf();
         let query = chosen.query(table.columns())?;
-        let id = column(&table, "id")?;
+        let id = table.own_column("id")?;
         let largest_id = most(chosen.table, &whole);
         query.run(&mut table, |row| {
             part.ids.add(row.whole(id)?, largest_id, &path)
         })?;
         let mut table = Table::Surfaces.open(dir, manifest)?;
         let path = table.path().to_path_buf();
-        let [cell, object] = [column(&table, "cell")?, column(&table, "object")?];
-        let [id, vertices] = [column(&table, "id")?, column(&table, "vertices")?];
+        let [cell, object] = [table.own_column("cell")?, table.own_column("object")?];
+        let [id, vertices] = [table.own_column("id")?, table.own_column("vertices")?];
         let of_table = match chosen.table {
             Table::Cells => cell,
             Table::Objects => object,
@@ -193,10 +193,4 @@ fn most(table: Table, whole: &WholeTotals) -> u64 {
         Table::Objects => whole.objects,
         Table::Surfaces => whole.surfaces,
     }
-}
-
-fn column(table: &TableReader, name: &str) -> Result<usize> {
-    table
-        .column(name)
-        .ok_or_else(|| Error::format(table.path(), "none", format!("a column {name}")))
 }

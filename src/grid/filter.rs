@@ -137,11 +137,7 @@ impl Filter {
         };
         match good {
             true => Ok(()),
-            false => {
-                let text = self.to_string();
-                let values = text.strip_prefix(self.name()).unwrap_or(&text).trim();
-                Err(self.refused(values, takes(self.name()).unwrap_or_default()))
-            }
+            false => Err(self.refused(&self.values(), takes(self.name()).unwrap_or_default())),
         }
     }
 
@@ -189,6 +185,17 @@ impl Filter {
         }
     }
 
+    /// The numbers that it is told, as they are typed; nothing for one that takes none.
+    fn values(&self) -> String {
+        match self {
+            Filter::Invert {} => String::new(),
+            Filter::Clamp { low, high } => format!("{low},{high}"),
+            Filter::Downsample { factor } => factor.to_string(),
+            Filter::Smooth { sigma } => sigma.to_string(),
+            Filter::Median { radius } => radius.to_string(),
+        }
+    }
+
     /// An error that names the option.
     pub(crate) fn refused(&self, found: &str, expected: impl Into<String>) -> Error {
         Error::usage(format!("--{}", self.name()), found, expected)
@@ -203,13 +210,9 @@ fn takes(name: &str) -> Option<&'static str> {
 
 impl fmt::Display for Filter {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        f.write_str(self.name())?;
-        match self {
-            Filter::Invert {} => Ok(()),
-            Filter::Clamp { low, high } => write!(f, " {low},{high}"),
-            Filter::Downsample { factor } => write!(f, " {factor}"),
-            Filter::Smooth { sigma } => write!(f, " {sigma}"),
-            Filter::Median { radius } => write!(f, " {radius}"),
+        match self.values().as_str() {
+            "" => f.write_str(self.name()),
+            values => write!(f, "{} {values}", self.name()),
         }
     }
 }

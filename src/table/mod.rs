@@ -44,6 +44,8 @@ pub use summary::{
     Border, Counts, Distribution, Histogram, PorosityOf, Spread, Summary, summarise,
 };
 
+pub(crate) use summary::quantile;
+
 use crate::error::Result;
 use crate::manifest::{Manifest, file_inside};
 use std::path::Path;
@@ -61,6 +63,15 @@ pub enum Table {
 }
 
 impl Table {
+    /// The one that is asked for: cells, unless it is another.
+    pub(crate) fn asked(objects: bool, surfaces: bool) -> Table {
+        match (objects, surfaces) {
+            (true, _) => Table::Objects,
+            (_, true) => Table::Surfaces,
+            _ => Table::Cells,
+        }
+    }
+
     /// `cells`, `objects` or `surfaces`.
     pub fn name(self) -> &'static str {
         match self {

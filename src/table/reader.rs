@@ -201,6 +201,15 @@ impl TableReader {
         self.columns.iter().position(|c| c.name == name)
     }
 
+    /// The position of a column that every table of this kind has.
+    ///
+    /// # Errors
+    /// [`Error::Format`] if this one has not.
+    pub fn own_column(&self, name: &str) -> Result<usize> {
+        self.column(name)
+            .ok_or_else(|| Error::format(&self.path, "none", format!("a column {name}")))
+    }
+
     /// The next row, or `None` at the end.
     ///
     /// # Errors

@@ -347,7 +347,7 @@ fn distribution(mut sizes: Vec<(f64, f64)>, unit: String) -> Option<Distribution
 
 /// A quantile of sorted values, interpolated as numpy's `linear` does (type 7 of Hyndman and Fan,
 /// The American Statistician 50, 1996).
-fn quantile(sorted: &[f64], q: f64) -> Option<f64> {
+pub(crate) fn quantile(sorted: &[f64], q: f64) -> Option<f64> {
     let place = q * sorted.len().checked_sub(1)? as f64;
     let (low, high) = (place.floor() as usize, place.ceil() as usize);
     Some(sorted[low] + (sorted[high] - sorted[low]) * place.fract())

@@ -61,6 +61,23 @@ impl Contents {
         })
     }
 
+    /// Pieces without measures and colours, for tests.
+    #[cfg(test)]
+    pub fn of_pieces(codec: &'static dyn TileCodec, pieces: Vec<Piece>) -> Self {
+        let node = |p: &Piece| Node {
+            name: p.name.clone(),
+            extras: Extras::ids(p.ids.cell, p.ids.object, p.ids.surface, p.ids.triangles),
+            colour: None,
+        };
+        Contents {
+            matrix: [1.0; 16],
+            codec,
+            merged: false,
+            nodes: pieces.iter().map(node).collect(),
+            pieces,
+        }
+    }
+
     /// Keeps the pieces that `keep` accepts; it may change their nodes.
     pub fn keep(&mut self, mut keep: impl FnMut(&mut Node, &Piece) -> bool) {
         let (pieces, nodes) = (

@@ -372,18 +372,7 @@ mod tests {
             }
         };
         let pieces: Vec<Piece> = (1..).zip(pieces).map(piece).collect();
-        let node = |p: &Piece| Node {
-            name: p.name.clone(),
-            extras: Extras::ids(p.ids.cell, p.ids.object, p.ids.surface, p.ids.triangles),
-            colour: None,
-        };
-        Contents {
-            matrix: [1.0; 16],
-            codec: codec(Encoding::default()),
-            merged: false,
-            nodes: pieces.iter().map(node).collect(),
-            pieces,
-        }
+        Contents::of_pieces(codec(Encoding::default()), pieces)
     }
 
     /// The triangles of each piece, each from its smallest corner on.

@@ -9,7 +9,7 @@ use crate::tile::contents::{Contents, name};
 use crate::tile::encoded::{EncodedBody, EncodedLayout, FloatBody, decode, encode};
 use crate::tile::pieces::{Piece, pieces};
 use crate::tile::read::Tile;
-use crate::tile::{Extras, Node, PieceIds, TileHead, tile_file};
+use crate::tile::{PieceIds, TileHead, tile_file};
 
 /// Positions are steps in 16 bits with a sign, from the middle of the macrocube, normals floats, and vertices have all
 /// their bits turned round.
@@ -153,18 +153,7 @@ fn piece(cell: u64, triangles: u32, kind: Primitives) -> Piece {
 
 fn contents(kind: Primitives) -> Contents {
     let pieces = vec![piece(1, 20, kind), piece(2, 1, kind), piece(9, 77, kind)];
-    let node = |p: &Piece| Node {
-        name: p.name.clone(),
-        extras: Extras::ids(p.ids.cell, p.ids.object, p.ids.surface, p.ids.triangles),
-        colour: None,
-    };
-    Contents {
-        matrix: [1.0; 16],
-        codec: &Turned,
-        merged: false,
-        nodes: pieces.iter().map(node).collect(),
-        pieces,
-    }
+    Contents::of_pieces(&Turned, pieces)
 }
 
 #[test]

@@ -45,13 +45,9 @@ pub fn copy_rows(from: &Path, to: &Path, manifest: &Manifest, choice: &Choice) -
         Ok(keep)
     })?;
     let reader = Table::Surfaces.open(from, manifest)?;
-    let column = |name: &str| {
-        reader
-            .column(name)
-            .ok_or_else(|| Error::format(reader.path(), "none", format!("a column {name}")))
-    };
-    let [cell, object] = [column("cell")?, column("object")?];
-    let [vertices, border] = [column("vertices")?, column("border_edges")?];
+    let [cell, object] = [reader.own_column("cell")?, reader.own_column("object")?];
+    let vertices = reader.own_column("vertices")?;
+    let border = reader.own_column("border_edges")?;
     filter(from, to, manifest, Table::Surfaces, |row, _| {
         let keep = choice.style(row.whole(cell)?).is_some();
         let counts = rows.objects.entry(row.whole(object)?).or_default();

@@ -38,7 +38,7 @@ pub(super) fn reach(sigma: f64) -> u32 {
 
 /// The weights of voxels at distances 0, 1, ... up to the reach: `exp(-d^2 / 2 sigma^2)`, divided by the sum over both
 /// sides.
-pub(super) fn weights<F: Real>(sigma: f64) -> Vec<F> {
+pub(crate) fn weights<F: Real>(sigma: f64) -> Vec<F> {
     let weight = |d: u32| match d {
         0 => 1.0,
         _ => {

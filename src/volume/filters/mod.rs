@@ -7,7 +7,7 @@
 mod clamp;
 mod downsample;
 mod each_sample;
-mod gaussian_kernel;
+pub(crate) mod gaussian_kernel;
 mod invert;
 pub(crate) mod median;
 mod median_network;

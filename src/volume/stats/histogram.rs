@@ -1,5 +1,7 @@
 //! Counts of sample values, and Otsu's threshold on them.
 
+use std::ops::RangeInclusive;
+
 /// Bins for types whose values are too many to count one by one.
 pub(crate) const BINS: usize = 65_536;
 
@@ -22,22 +24,32 @@ impl Levels {
         (0..self.counts.len()).filter(|&i| self.counts[i] > 0)
     }
 
-    /// How many bins lie between those that the lowest and the highest 0.1 % of the samples are in, both counted; `None`
-    /// if levels are single values, or if that is all of the range.
-    pub(crate) fn bins_of_most(&self) -> Option<usize> {
-        if self.exact {
-            return None;
-        }
-        let rest = self.counts.iter().sum::<u64>() / 1000;
+    /// The first and the last level that are left if no more than a share of the samples is cut off at either end;
+    /// `None` without samples.
+    pub(crate) fn without_ends(&self, share: f64) -> Option<RangeInclusive<usize>> {
+        let most = (self.counts.iter().sum::<u64>() as f64 * share) as u64;
         let passes = |sum: &mut u64, n: u64| {
             *sum += n;
-            *sum > rest
+            *sum > most
         };
         let (mut low, mut high) = (0, 0);
         let first = self.counts.iter().position(|&n| passes(&mut low, n))?;
         let last = self.counts.iter().rposition(|&n| passes(&mut high, n))?;
-        let ends = first == 0 && last + 1 == self.counts.len();
-        (!ends).then(|| last - first + 1)
+        Some(first..=last)
+    }
+
+    /// How many bins lie between those that the lowest and the highest 0.1 % of the samples are in, both counted; `None`
+    /// if levels are single values, or if that is all of the range.
+    pub(crate) fn bins_of_most(&self) -> Option<usize> {
+        let most = self.without_ends(1e-3).filter(|_| !self.exact)?.count();
+        (most < self.counts.len()).then_some(most)
+    }
+
+    /// The split after level `i`, whose next level that occurs is `next`: midway between levels, and of bins midway
+    /// between the end of the one, which reaches up to the one after it, and the start of the other.
+    pub(crate) fn between(&self, i: usize, next: usize) -> f64 {
+        let top = if self.exact { i } else { i + 1 };
+        self.low + self.width * ((top + next) as f64 / 2.0)
     }
 
     /// Otsu's threshold: the split into two classes with the largest variance between them
@@ -62,9 +74,7 @@ impl Levels {
             }
         }
         let (_, i, next) = best?;
-        // a bin reaches up to the next one, a level is a point
-        let top = if self.exact { i } else { i + 1 };
-        Some(self.low + self.width * ((top + next) as f64 / 2.0))
+        Some(self.between(i, next))
     }
 
     /// Samples v with v >= threshold; for bins an estimate that takes a bin's samples as spread

@@ -1,5 +1,6 @@
 //! The two peaks of a histogram.
 
+use crate::volume::filters::gaussian_kernel;
 use crate::volume::stats::histogram::Levels;
 use std::ops::Range;
 
@@ -110,13 +111,9 @@ impl Spread {
 
 impl Seen {
     fn of(levels: &Levels) -> Option<Seen> {
-        let total: u64 = levels.counts.iter().sum();
-        let stray = (total as f64 * STRAY) as u64;
-        let mut below = running_sum(levels.counts.iter());
-        let first = below.position(|sum| sum > stray)?;
-        let mut above = running_sum(levels.counts.iter().rev());
-        let last = levels.counts.len() - 1 - above.position(|sum| sum > stray)?;
-        let inside = levels.counts.get(first..=last)?;
+        let seen = levels.without_ends(STRAY)?;
+        let first = *seen.start();
+        let inside = levels.counts.get(seen)?;
         let columns = COLUMNS.min(inside.len());
         let per = inside.len() as f64 / columns as f64;
         let spread = Spread::of(inside);
@@ -129,37 +126,26 @@ impl Seen {
         } else {
             start
         };
+        let least = if spread.has_gaps { LEAST_SIGMA } else { 0.0 };
         Some(Seen {
             low: edge + step / 2.0,
             width: step,
             heights: heights.collect(),
-            sigma: (SIGMA * columns as f64 / COLUMNS as f64).max(if spread.has_gaps {
-                LEAST_SIGMA
-            } else {
-                0.0
-            }),
+            sigma: (SIGMA * columns as f64 / COLUMNS as f64).max(least),
         })
     }
 }
 
-fn running_sum<'a>(counts: impl Iterator<Item = &'a u64>) -> impl Iterator<Item = u64> {
-    counts.scan(0, |sum, n| {
-        *sum += n;
-        Some(*sum)
-    })
-}
-
 /// Smoothed by a Gaussian; ends are continued.
 fn smoothed(heights: &[f64], sigma: f64) -> Vec<f64> {
-    let reach = (4.0 * sigma).round() as isize;
-    let weight = |k: isize| libm::exp(-0.5 * (k as f64 / sigma) * (k as f64 / sigma));
-    if reach == 0 {
-        return heights.to_vec();
-    }
-    let sum: f64 = (-reach..=reach).map(weight).sum();
-    let at = |i: isize| heights[i.clamp(0, heights.len() as isize - 1) as usize];
-    (0..heights.len() as isize)
-        .map(|i| (-reach..=reach).map(|k| weight(k) * at(i + k)).sum::<f64>() / sum)
+    let weights: Vec<f64> = gaussian_kernel::weights(sigma);
+    let last = heights.len() - 1;
+    let pair = |i: usize, d: usize| heights[i.saturating_sub(d)] + heights[(i + d).min(last)];
+    let tails = |i: usize| (1..weights.len()).map(move |d| (i, d));
+    (0..heights.len())
+        .map(|i| {
+            weights[0] * heights[i] + tails(i).map(|(i, d)| weights[d] * pair(i, d)).sum::<f64>()
+        })
         .collect()
 }
 

@@ -113,18 +113,11 @@ impl FromStr for ThresholdMethod {
     }
 }
 
-/// The split after level `i`, whose next level that occurs is `next`: midway between levels, and of bins midway between
-/// the end of the one and the start of the other.
-fn between(levels: &Levels, i: usize, next: usize) -> f64 {
-    let top = if levels.exact { i } else { i + 1 };
-    levels.low + levels.width * ((top + next) as f64 / 2.0)
-}
-
 /// The split after level `i`, or the last one if no level above it occurs.
 fn after(levels: &Levels, i: usize) -> Option<f64> {
     let splits = levels.occupied().zip(levels.occupied().skip(1));
     let (i, next) = splits.take_while(|(low, _)| *low <= i).last()?;
-    Some(between(levels, i, next))
+    Some(levels.between(i, next))
 }
 
 /// Li's threshold, from the mean on. As scikit-image iterates: to half a step where samples are counted one by one.
@@ -230,7 +223,7 @@ fn share_below(levels: &Levels, below: f64) -> Option<f64> {
         sum += levels.counts[i] as f64;
         let off = (sum - below).abs();
         if best.is_none_or(|(least, _)| off < least) {
-            best = Some((off, between(levels, i, next)));
+            best = Some((off, levels.between(i, next)));
         }
     }
     best.map(|(_, threshold)| threshold)
