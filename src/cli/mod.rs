@@ -21,6 +21,7 @@ mod parse;
 mod phantom;
 mod preview;
 mod progress;
+mod region;
 mod repack;
 mod select;
 mod sigbus;
