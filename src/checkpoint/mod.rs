@@ -9,7 +9,8 @@
 //! also after a power failure. The files `finished` and `finished.safe` are the same for the layers
 //! whose tiles have got their ids.
 //!
-//! A conversion with `min_voxels` sweeps three times; each sweep has its files and its layers.
+//! A conversion sweeps twice, to label and to mesh, and twice more before with `min_voxels`; each sweep has its files
+//! and its layers.
 
 mod identity;
 mod marks;
@@ -33,15 +34,17 @@ pub const STATE: [&str; 3] = [CONVERSION, CHECKPOINT, "checkpoint.safe"];
 /// Directory of the sweeps' files.
 const SPOOLS: &str = "spools";
 /// Names of the sweeps, in their order.
-const SWEEPS: [&str; 3] = ["small-objects", "small-cells", "tiles"];
+const SWEEPS: [&str; 4] = ["small-objects", "small-cells", "labels", "tiles"];
+/// The sweep that finds all components.
+pub const LABELS: usize = 2;
 /// The sweep that writes tiles.
-pub const TILES: usize = 2;
+pub const TILES: usize = 3;
 
 /// Layers that an interrupted conversion has finished.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct LayersDone {
-    /// Layers that are done. A conversion with `min_voxels` sweeps three times and counts the layers
-    /// of each sweep.
+    /// Layers that are done. A conversion sweeps twice, or four times with `min_voxels`, and counts the layers of each
+    /// sweep.
     pub done: u64,
     /// All layers.
     pub of: u64,
@@ -109,7 +112,7 @@ impl Checkpointer {
             work: work.to_path_buf(),
             crc: identity.crc(),
             boot: boot(),
-            sweeps: if dust { 3 } else { 1 },
+            sweeps: if dust { 4 } else { 2 },
             layers,
             at: None,
             over: Marks::default(),

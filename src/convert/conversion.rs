@@ -2,7 +2,7 @@
 
 use crate::convert::ConvertOptions;
 use crate::convert::plan::Plan;
-use crate::convert::scan::tile_writer::TileWriter;
+use crate::convert::mesh::tile_writer::TileWriter;
 use crate::grid::LATTICE;
 use crate::manifest::{
     FORMAT, FORMAT_VERSION, Generator, GridInfo, Manifest, Source, Tables, Totals,
@@ -54,7 +54,7 @@ impl Conversion<'_> {
 
     /// Layers of all sweeps over the volume.
     pub fn swept_layers(&self) -> u64 {
-        let sweeps = if self.options.min_voxels > 1 { 3 } else { 1 };
+        let sweeps = if self.options.min_voxels > 1 { 4 } else { 2 };
         sweeps * u64::from(self.layers())
     }
 

@@ -15,6 +15,7 @@
 use crate::convert::ConvertOptions;
 use crate::grid::{Dims, Tiling};
 use crate::labels::Span;
+use crate::manifest::Layout;
 use crate::surface::{BYTES_PER_CUBE, BYTES_PER_TRIANGLE};
 use crate::sys::huge_pages::held;
 use crate::sys::memory_pool::Share;
@@ -40,10 +41,6 @@ pub const FINISHING: &str = "tiles that get their ids";
 pub const FOR_TABLES: Share = Share::new(1, 8);
 /// Of that, for each of the three tables.
 pub const FOR_EACH_TABLE: Share = Share::new(1, 3);
-/// Of what is left, for one more slab while others are open: others may need the rest.
-pub const FOR_NEXT_SLAB: Share = Share::new(1, 2);
-/// Of what a slab takes, by how much the next one may be larger.
-pub const SLAB_GROWTH: Share = Share::new(1, 2);
 /// Of the memory for [`FINISHING`], for the entries of a part of a layer: two parts are in memory.
 pub const FOR_ENTRIES: Share = Share::new(1, 8);
 /// Of the same, for tiles that are finished at once.
@@ -80,10 +77,6 @@ pub const BYTES_PER_NODE: u64 = 4096;
 /// Bytes for each piece of a tile with a node for each, while it is finished or read: its nodes, and the JSON of all
 /// of them, some 1300 bytes each. To finish 91,125 pieces took 2600 bytes each, and to verify them 3600.
 pub const BYTES_PER_OWN_NODE: u64 = 4000;
-/// Copies of a tile's geometry, if it is written anew: as it was, with pieces joined, parts for the BIN chunk,
-/// that chunk, and the file.
-pub const COPIES: u64 = 5;
-
 /// Predicted bytes of the parts of a conversion.
 pub struct Cost {
     /// Of [`PROGRAM`].
@@ -160,9 +153,10 @@ impl Cost {
 /// Bytes of buffers for each triangle of a tile while it is made.
 fn per_triangle(options: &ConvertOptions) -> u64 {
     let codec = codec(options.encoding);
-    let encoding = match codec.is_encoded_early(&options.form()) {
-        true => codec.bytes_per_triangle(),
-        false => 0,
-    };
-    BYTES_PER_TRIANGLE + encoding
+    // other tiles of floats stay as they are, but for those of very many pieces
+    let plain = codec.keeps_floats() && options.layout != Layout::Merged;
+    match plain {
+        true => BYTES_PER_TRIANGLE,
+        false => BYTES_PER_TRIANGLE + codec.bytes_per_triangle(),
+    }
 }

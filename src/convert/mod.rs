@@ -1,15 +1,16 @@
 //! The conversion, in the order of its stages.
 
+mod components;
 mod conversion;
 mod finalize;
 mod identity;
+mod label;
 mod memory;
+mod mesh;
 mod options;
 mod plan;
 mod resolve;
 mod resume;
-pub(crate) mod scan;
-mod slab_records;
 mod tables;
 mod totals;
 mod warnings;
@@ -23,13 +24,15 @@ pub use options::{ConvertOptions, ConvertReport, RegionOfInterest};
 pub use tables::unit_text;
 
 use crate::checkpoint::{Checkpointer, boot};
+use crate::convert::components::sum_up;
 use crate::convert::conversion::{Conversion, Made};
 use crate::convert::finalize::{FinalizeInput, finalize};
+use crate::convert::label::{LabelInput, label};
 use crate::convert::memory::TABLES;
+use crate::convert::mesh::{MeshInput, mesh};
 use crate::convert::plan::plan;
 use crate::convert::resolve::resolve;
 use crate::convert::resume::{begin, commit_begun, complete, refuse_kept};
-use crate::convert::scan::{Scanned, scan};
 use crate::convert::tables::write_tables;
 use crate::convert::totals::{ScannedSums, dust_of};
 use crate::convert::warnings::warnings;
@@ -39,7 +42,7 @@ use crate::progress::Progress;
 use crate::sys::memory_pool::MemoryReservation;
 use crate::sys::process_memory::peak_rss_bytes;
 use crate::tileset::{Output, TilesetWriter, outward, tidy};
-use crate::volume::{Cropped, Filled, Volume, Watch, Watched};
+use crate::volume::{Cropped, Filled, Volume, Watch, Watched, spool_beside};
 use std::any::Any;
 use std::panic::{AssertUnwindSafe, catch_unwind, resume_unwind};
 use std::path::Path;
@@ -233,40 +236,65 @@ fn changed_or_panic(job: &Conversion, panic: Box<dyn Any + Send>) -> Error {
 
 /// All stages between planning and moving into place.
 fn make(job: &Conversion, work: &Path, checkpointer: &mut Checkpointer) -> Result<Made> {
-    // what was swept before was not seen
+    // what was labelled before was not seen
     let all_seen = checkpointer.kept() == 0;
     let measured = job.options.measured(&job.grid.header().placement)?;
     let memory = job.plan.pool();
     let writer = job.tile_writer(work);
     let mut set = TilesetWriter::new(work)?;
-    let mut to_sweep = checkpointer.swept()..job.layers();
-    to_sweep.try_for_each(|z| set.make_layer_directory(z))?;
-    let Scanned { output, last_layer } = scan(job, &memory, &writer, checkpointer)?;
+    let mut to_mesh = checkpointer.swept()..job.layers();
+    to_mesh.try_for_each(|z| set.make_layer_directory(z))?;
+    let (mut labelled, left_out, mut resolved, meshed) = read_twice(job, work, |volume| {
+        let input = LabelInput {
+            job,
+            volume,
+            memory: &memory,
+            work,
+        };
+        let (mut labelled, left_out) = label(&input, checkpointer)?;
+        let resolved = resolve(&mut labelled, work)?;
+        let input = MeshInput {
+            job,
+            volume,
+            memory: &memory,
+            writer: &writer,
+            kept: &labelled.bands,
+            ids: &resolved.bands,
+        };
+        let meshed = mesh(&input, checkpointer)?;
+        Ok((labelled, left_out, resolved, meshed))
+    })?;
     // labels and surfaces of a volume that changed meanwhile may not fit each other
     job.options.input.check()?;
-    let sums = ScannedSums::of(&output);
-    let dust = dust_of(job.options, &output);
+    let (mut tiles, last_layer) = (meshed.output, meshed.last_layer);
+    let sums = ScannedSums {
+        caps: tiles.caps,
+        nan: labelled.nan,
+    };
+    let dust = dust_of(job.options, left_out);
     let mut tables = MemoryReservation::new(&memory, TABLES);
     tables.grow_as_far_as(job.plan.tables());
-    let (committed, resolved) = rayon::join(
+    let for_tables = job.plan.tables();
+    let (committed, components) = rayon::join(
         || last_layer.commit(checkpointer),
-        || resolve(output, job.plan.tables(), work),
+        || sum_up(&mut labelled, &mut resolved, &mut tiles, for_tables, work),
     );
     committed?;
-    let mut resolved = resolved?;
+    let components = components?;
     let input = FinalizeInput {
         job,
         memory: &memory,
         writer: &writer,
         set: &mut set,
         placement: &measured,
-        resolved: &mut resolved,
+        tiles: &mut tiles,
+        components: &components,
         checkpointer,
     };
     let tables_bytes = finalize(input, |components, stop| {
         write_tables(work, components, &measured, stop)
     })?;
-    let totals = sums.totals(set.written(), &resolved.components, job.options.cap)?;
+    let totals = sums.totals(set.written(), &components, job.options.cap)?;
     let bytes = totals.bytes + set.index_bytes() + tables_bytes;
     let (dims, threshold) = (job.plan.tiling.dims, job.options.threshold);
     let mut warnings = warnings(&totals, dims, threshold, dust);
@@ -287,4 +315,17 @@ fn make(job: &Conversion, work: &Path, checkpointer: &mut Checkpointer) -> Resul
         warnings,
         boot: None,
     })
+}
+
+/// Calls `read` with the grid as it can be read several times, in any order.
+fn read_twice<R>(
+    job: &Conversion,
+    work: &Path,
+    read: impl FnOnce(&dyn Volume) -> Result<R>,
+) -> Result<R> {
+    match job.grid.decoded_once(work)? {
+        Some(once) => read(&*once),
+        None if job.grid.random_access() => read(job.grid),
+        None => spool_beside(job.grid, work, read),
+    }
 }

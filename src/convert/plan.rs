@@ -15,17 +15,11 @@ use std::sync::Arc;
 pub struct Plan {
     /// The tiles.
     pub tiling: Tiling,
-    /// Bands of a slab that are in memory at once. If it is all of them, voxels are read once; else
-    /// a slab is read twice, first to label it and then to mesh it.
+    /// Bands that are in memory at once.
     pub bands_at_once: u32,
-    /// Bands of the next slabs for which there is memory besides that of a slab; 0 if none of them is read before the
-    /// slab in hand has ended. Most are prepared in the memory of bands whose tiles are made.
-    pub ahead: u32,
-    /// There is memory for all bands of the next slab, too, where components often turn out to be one.
-    pub next_slab: bool,
     /// Worker threads.
     pub threads: usize,
-    /// Predicted peak resident memory, in bytes, without the next slab.
+    /// Predicted peak resident memory, in bytes.
     pub memory: u64,
     /// The limit asked for, in bytes.
     pub limit: u64,
@@ -102,8 +96,6 @@ pub fn plan(volume: &dyn Volume, dims: Dims, options: &ConvertOptions) -> Result
     let smallest = Plan {
         tiling,
         bands_at_once: 1,
-        ahead: 0,
-        next_slab: false,
         threads,
         memory: cost.total(1),
         limit: options.memory,
@@ -120,31 +112,24 @@ pub fn plan(volume: &dyn Volume, dims: Dims, options: &ConvertOptions) -> Result
             hint: "fewer --threads or a smaller --macrocube need less".into(),
         });
     }
-    Ok(smallest
-        .with_bands(&cost)
-        .with_writers()
-        .with_next_slab(&cost))
+    Ok(smallest.with_bands(&cost).with_writers())
 }
 
 impl Plan {
-    /// As many bands of a slab as fit, and a few of the next one if there is memory for all of this one.
+    /// A band for each thread, and as many more as are read while others are meshed, as far as they fit.
     fn with_bands(self, cost: &Cost) -> Self {
-        let bands = self.tiling.tiles()[1];
-        let with = |bands_at_once: u32, ahead: u32| Plan {
+        let [_, bands, layers] = self.tiling.tiles().map(u64::from);
+        let most = (bands * layers).min(self.threads as u64) as u32;
+        let with = |bands_at_once: u32| Plan {
             bands_at_once,
-            ahead,
-            memory: cost.total(u64::from(bands_at_once) + u64::from(ahead)),
+            memory: cost.total(bands_at_once.into()),
             ..self
         };
-        // a band for two threads at least: so one thread goes on while the other one makes the last tile of a slab
-        let few = (self.threads as u64).div_ceil(2).min(bands.into()) as u32;
-        let whole = [with(bands, few), with(bands, 0)];
-        let parts = (2..bands).rev().map(|b| with(b, 0));
-        let mut all = whole.into_iter().chain(parts);
+        let mut all = (2..=most).rev().map(with);
         all.find(|p| p.memory <= self.limit).unwrap_or(self)
     }
 
-    /// After all else, tiles may be on their way to the disk: a few of them, next to a slab.
+    /// After all else, tiles may be on their way to the disk: a few of them.
     fn with_writers(mut self) -> Self {
         let in_flight = in_flight(self.threads);
         let bytes = in_flight as u64 * self.body;
@@ -152,24 +137,6 @@ impl Plan {
             self.memory += bytes;
             self.in_flight = in_flight;
         }
-        self
-    }
-
-    /// Then a band for each other thread, which may be in the middle of the last tile of one; at last all bands of
-    /// another slab, which few volumes come to take.
-    fn with_next_slab(mut self, cost: &Cost) -> Self {
-        if self.ahead == 0 || self.in_flight == 0 {
-            return self;
-        }
-        let [_, bands, layers] = self.tiling.tiles().map(u64::from);
-        let others = bands * layers.saturating_sub(1);
-        let each = others
-            .min(self.threads as u64 - 1)
-            .saturating_sub(self.ahead.into());
-        let more = each.min((self.limit - self.memory) / cost.band.max(1));
-        self.memory += more * cost.band;
-        self.ahead += more as u32;
-        self.next_slab = self.memory + bands * cost.band <= self.limit;
         self
     }
 }

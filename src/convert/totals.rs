@@ -1,16 +1,15 @@
 //! The sums of a tile set.
 
 use crate::convert::ConvertOptions;
-use crate::convert::resolve::Components;
-use crate::convert::scan::state::ScanOutput;
+use crate::convert::components::Components;
+use crate::convert::label::LeftOut;
 use crate::error::Result;
 use crate::manifest::{Dust, Totals};
 use crate::measure::MeshSums;
 use crate::tileset::with_euler_characteristic;
 
 /// What was left out, if that was asked for.
-pub fn dust_of(options: &ConvertOptions, scanned: &ScanOutput) -> Option<Dust> {
-    let [objects, cells] = scanned.dust;
+pub fn dust_of(options: &ConvertOptions, [objects, cells]: LeftOut) -> Option<Dust> {
     (options.min_voxels > 1).then_some(Dust {
         min_voxels: options.min_voxels,
         objects: objects.0,
@@ -20,22 +19,16 @@ pub fn dust_of(options: &ConvertOptions, scanned: &ScanOutput) -> Option<Dust> {
     })
 }
 
-/// The sums that the scan knows.
+/// The sums that labelling and meshing know.
 #[derive(Debug, Clone, Copy)]
 pub struct ScannedSums {
-    caps: MeshSums,
-    nan: u64,
+    /// Over all caps.
+    pub caps: MeshSums,
+    /// NaN samples.
+    pub nan: u64,
 }
 
 impl ScannedSums {
-    /// Of what a scan left.
-    pub fn of(scanned: &ScanOutput) -> Self {
-        ScannedSums {
-            caps: scanned.caps,
-            nan: scanned.nan,
-        }
-    }
-
     /// The totals: those of the tiles that are `written`, and what follows from the components, closed at the faces of
     /// the volume with `cap`.
     ///

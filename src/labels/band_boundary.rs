@@ -96,6 +96,10 @@ pub struct BandComponents {
     /// Those that lie in a row or slice that is shared with a neighbour, by rising number. All others
     /// are whole.
     open: Vec<(u32, VoxelSums)>,
+    /// Smallest lattice keys of the edges that leave components of the grid's first slice, by rising number.
+    keys_on_top: Vec<(u32, u64)>,
+    /// Voxels of a slice.
+    slice: u64,
 }
 
 /// Set in the key of an object.
@@ -110,6 +114,8 @@ impl BandComponents {
     pub fn split<E>(
         components: &[LocalComponent],
         edges: &BandFaces,
+        keys_on_top: Vec<(u32, u64)>,
+        dims: Dims,
         mut whole: impl FnMut(&VoxelSums) -> Result<(), E>,
     ) -> Result<Self, E> {
         let mut shared = vec![false; components.len()];
@@ -125,6 +131,8 @@ impl BandComponents {
         let mut out = BandComponents {
             keys: Vec::with_capacity(components.len()),
             open: Vec::with_capacity(shared.iter().filter(|&&s| s).count()),
+            keys_on_top,
+            slice: u64::from(dims.0[0]) * u64::from(dims.0[1]),
         };
         for (i, (component, shared)) in components.iter().zip(shared).enumerate() {
             let phase = if component.above { ABOVE } else { 0 };
@@ -154,9 +162,24 @@ impl BandComponents {
         (0..self.keys.len() as u32).filter(move |&i| open.next_if_eq(&i).is_none())
     }
 
-    /// Smallest linear voxel index of each component in the band.
-    pub fn first_voxels(&self) -> impl Iterator<Item = u64> + '_ {
-        self.keys.iter().map(|key| key & !ABOVE)
+    /// Smallest linear voxel index of each component in the band, and the smallest lattice key of the edges that leave
+    /// it: behind the first slice that of the edge that leads to this voxel from the slice before. The component of the
+    /// grid's first voxel comes before all others.
+    pub fn firsts(&self) -> impl Iterator<Item = (u64, u64)> + '_ {
+        let mut on_top = self.keys_on_top.iter().peekable();
+        self.keys.iter().zip(0..).map(move |(key, i)| {
+            let first = key & !ABOVE;
+            // the one that nothing begins before
+            if first == 0 {
+                on_top.next();
+                return (0, 0);
+            }
+            let key = match on_top.next_if(|&&(component, _)| component == i) {
+                Some(&(_, key)) => key,
+                None => 3 * (first - self.slice) + 2,
+            };
+            (first, key)
+        })
     }
 
     /// True if component `i` is one of above voxels.
@@ -166,6 +189,8 @@ impl BandComponents {
 
     /// Bytes of memory.
     pub fn bytes(&self) -> u64 {
-        (self.keys.len() * 8 + self.open.len() * size_of::<(u32, VoxelSums)>()) as u64
+        let open = self.open.len() * size_of::<(u32, VoxelSums)>();
+        let on_top = self.keys_on_top.len() * size_of::<(u32, u64)>();
+        (self.keys.len() * 8 + open + on_top) as u64
     }
 }

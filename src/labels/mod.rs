@@ -12,28 +12,31 @@
 //! 4. `band_boundary`: what a band tells its neighbours; components that are whole in it leave memory.
 //! 5. `slab_merge`: bands of a slab and the slab before it are joined to classes; components that can
 //!    no longer grow leave memory.
-//! 6. `carry_over`: classes that turn out to be one in the next slab.
+//! 6. `surface_keys`: what numbers surfaces before there is any.
 //! 7. `provisional`: which classes are a component of their own in the end, hence the final ids.
+//! 8. `kept_rows`: what is kept of a band for meshing, and which of its samples have to be read for that.
 
 mod band_boundary;
 mod bits;
 mod border_euler;
-mod carry_over;
+mod kept_rows;
 mod label_band;
 mod provisional;
 mod region_edge;
 mod runs;
 mod slab_merge;
+mod surface_keys;
 mod union_find;
 mod voxels;
 
 pub use band_boundary::{BandComponents, BandFaces};
 pub use bits::Bits;
 pub use border_euler::add_border_euler;
-pub use carry_over::{CarryOver, Successor};
+pub use kept_rows::{NeededRows, RowKinds};
 pub use label_band::{Labels, LocalComponent, label_runs, sum_voxels};
-pub use provisional::{ProvisionalLabels, Ranks, ResidentLabels};
+pub use provisional::{ProvisionalLabels, Ranks};
 pub use region_edge::{InsideBand, note_region_edge};
 pub use runs::{RowRuns, Run, Runs};
 pub use slab_merge::{BandInput, CarriedComponents, PhaseLabels, SlabComponents};
+pub use surface_keys::keys_on_top;
 pub use voxels::{Span, Voxels};

@@ -94,6 +94,34 @@ impl ProvisionalLabels {
         Ok(first)
     }
 
+    /// Brings all of them to the file; returns how many there are, for [`ProvisionalLabels::spilled`].
+    ///
+    /// # Errors
+    /// [`Error::Io`] if the file fails.
+    pub fn spill(&mut self) -> Result<u64> {
+        let tail = std::mem::take(&mut self.state.tail);
+        self.write(self.state.filed, &tail)?;
+        self.state.filed += tail.len();
+        Ok(self.state.count)
+    }
+
+    /// So many that are in the file at `path`.
+    ///
+    /// # Errors
+    /// [`Error::Io`] if the file cannot be opened.
+    pub fn spilled(path: &Path, count: u64) -> Result<Self> {
+        let opened = OpenOptions::new().read(true).write(true).open(path);
+        Ok(ProvisionalLabels {
+            file: opened.map_err(|e| Error::io(path, "open", e))?,
+            path: path.to_path_buf(),
+            state: ResidentLabels {
+                count,
+                filed: count.div_ceil(64) as usize,
+                tail: Vec::new(),
+            },
+        })
+    }
+
     /// Says that number `provisional_id` has become part of an older component.
     ///
     /// # Errors
@@ -112,15 +140,11 @@ impl ProvisionalLabels {
         self.write(word, &[buffer[0] & !bit])
     }
 
-    /// Ends the giving of numbers.
+    /// The ids of what is alive, of labels that are all in the file: see [`ProvisionalLabels::spill`].
     ///
     /// # Errors
     /// [`Error::Io`] if the file fails.
-    pub fn renumber(mut self) -> Result<Ranks> {
-        let tail = std::mem::take(&mut self.state.tail);
-        self.write(self.state.filed, &tail)?;
-        self.state.filed += tail.len();
-        drop(tail);
+    pub fn renumber(&self) -> Result<Ranks> {
         let mut before = Vec::with_capacity(self.state.filed.div_ceil(BLOCK) + 1);
         let mut alive = 0u64;
         let mut block = vec![0u64; BLOCK];
@@ -131,7 +155,11 @@ impl ProvisionalLabels {
             alive += words.iter().map(|w| u64::from(w.count_ones())).sum::<u64>();
         }
         Ok(Ranks {
-            provisional: self,
+            provisional: ProvisionalLabels {
+                file: self.file.try_clone().map_err(|e| Error::io(&self.path, "open", e))?,
+                path: self.path.clone(),
+                state: self.state.clone(),
+            },
             before,
             alive,
             cached: None,
@@ -179,10 +207,6 @@ impl ResidentLabels {
         8 * self.filed as u64
     }
 
-    /// Bytes of memory.
-    pub fn bytes(&self) -> u64 {
-        8 * self.tail.len() as u64
-    }
 }
 
 /// Final ids of provisional labels.

@@ -70,6 +70,12 @@ impl Runs {
         (first as usize + 1 == end).then_some(first)
     }
 
+    /// The runs of row number `row`, of so many words.
+    pub fn of_row(&self, row: usize, row_words: usize) -> std::ops::Range<usize> {
+        let first = |row: usize| self.word_run.get(row * row_words).map_or(self.count, |&run| run as usize);
+        first(row)..first(row + 1)
+    }
+
     /// The run of voxel `x` in the row whose words start at index `row` of `bits.words`.
     #[inline(always)]
     pub fn at(&self, bits: &Bits, row: usize, x: usize) -> u32 {

@@ -7,25 +7,22 @@
 
 use crate::error::Result;
 use crate::labels::band_boundary::{BandComponents, BandFaces};
-use crate::labels::carry_over::{CarryOver, Successor};
 use crate::labels::provisional::ProvisionalLabels;
 use crate::labels::union_find::UnionFind;
 use crate::measure::VoxelSums;
 use crate::sys::state_codec::{Decoder, Encoder};
-use std::collections::BTreeSet;
 
 /// Bytes of memory per local component while a slab is joined and until it is done: set, class of the
-/// set and of the component, order, number, phase, place of its record and of its live class.
-const BYTES_PER_COMPONENT: u64 = 4 + 4 + 4 + 16 + 8 + 1 + 4 + 4;
-
-/// One in so many is often: more than in bone, less than in rock.
-const OFTEN: u64 = 8;
+/// set and of the component, order, numbers, phase, place of its record and of its live class.
+const BYTES_PER_COMPONENT: u64 = 4 + 4 + 4 + 24 + 16 + 1 + 4 + 4;
 
 /// A component that can still grow.
 #[derive(Debug, Clone, Copy)]
 struct LiveComponent {
     /// Its number, see [`ProvisionalLabels`]. Objects and cells are numbered apart.
     provisional_id: u64,
+    /// Its number among the components of both phases, see [`SlabComponents::surfaces`].
+    surface: u64,
     above: bool,
     /// Sums of its voxels so far.
     sums: VoxelSums,
@@ -39,6 +36,8 @@ pub struct SlabComponents {
     /// Number of each class, see [`ProvisionalLabels`]. First come those that came over, by provisional label, then new ones
     /// by smallest voxel. Objects and cells are numbered apart.
     pub provisional: Vec<u64>,
+    /// Number of each class among the components of both phases, by the smallest lattice key of an edge that leaves it.
+    pub surfaces: Vec<u64>,
     /// 1 for objects, 0 for cells, per class.
     pub above: Vec<u8>,
     /// Sums so far of the classes that are not one whole component of a band.
@@ -47,45 +46,13 @@ pub struct SlabComponents {
     pub carried_in: Vec<u32>,
     /// Classes that touch the last slice, by rising number: live in the next slab.
     pub live: Vec<u32>,
-    /// True if components that came over from one slab to the next have often turned out to be one so
-    /// far, as those of a porous rock do and those of a closed foam do not.
-    pub merge_often: bool,
 }
 
 impl SlabComponents {
-    /// Bytes of memory.
-    pub fn bytes(&self) -> u64 {
-        let locals: usize = self.of_local.iter().map(Vec::len).sum();
-        let labels = locals + self.carried_in.len() + self.live.len();
-        let open = self.open.capacity() * size_of::<(u32, VoxelSums)>();
-        (4 * labels + 9 * self.provisional.capacity() + open) as u64
-    }
-
     /// The sums of classes that do not grow beyond this slab, but for those whole in a band.
     pub fn finished(&self) -> impl Iterator<Item = (u32, &VoxelSums)> {
         let open = self.open.iter().map(|(class, sums)| (*class, sums));
         open.filter(|&(class, _)| !self.grows(class))
-    }
-
-    /// True if two of these pairs of classes may turn out to be of the same components, in slabs to come: behind
-    /// the `next` one, if that is known.
-    pub fn may_become_one(
-        &self,
-        next: Option<&SlabComponents>,
-        pairs: impl Iterator<Item = [u32; 2]>,
-    ) -> bool {
-        // of the classes that grow, each may become one with each
-        let known =
-            |class: u32| match next.map(|next| (CarryOver::between(self, next).of(class), next)) {
-                Some((Successor::Next(class), next)) if next.grows(class) => None,
-                Some((fate, _)) => Some(fate),
-                None if self.grows(class) => None,
-                None => Some(Successor::Ended(class)),
-            };
-        let mut all = BTreeSet::new();
-        !pairs
-            .map(|pair| pair.map(known))
-            .all(|pair| all.insert(pair))
     }
 
     /// True if a class is live in the next slab.
@@ -101,19 +68,22 @@ pub struct CarriedComponents {
     last_slice: Vec<u32>,
     live: Vec<LiveComponent>,
     sets: UnionFind,
-    /// Components that came over.
-    carried: u64,
-    /// Of these, those that turned out to be part of an older one.
-    merged: u64,
 }
 
-/// The numbers of objects and of cells.
+/// The numbers of objects and of cells, and those of both together.
+///
+/// Objects and cells are a tree in which neighbours share a surface: each component but that of the grid's first voxel
+/// has one surface to a neighbour that begins before it, and all its others to those that begin behind it. So a surface
+/// is known by the later of the two, and has its number: components are numbered by the smallest lattice key of all edges
+/// that leave them.
 #[derive(Debug)]
 pub struct PhaseLabels {
     /// Of objects.
     pub objects: ProvisionalLabels,
     /// Of cells.
     pub cells: ProvisionalLabels,
+    /// Of components of both phases.
+    pub surfaces: ProvisionalLabels,
 }
 
 impl PhaseLabels {
@@ -126,6 +96,28 @@ impl PhaseLabels {
     }
 }
 
+/// A component that begins in a slab.
+struct NewComponent {
+    /// Its smallest voxel.
+    first: u64,
+    /// The smallest lattice key of the edges that leave it.
+    key: u64,
+    root: u32,
+}
+
+/// Numbers components by their smallest keys; of two that share an edge, the one that begins first comes first.
+fn number_surfaces(new: &[NewComponent], labels: &mut PhaseLabels) -> Result<Vec<u64>> {
+    let mut order: Vec<u32> = (0..new.len() as u32).collect();
+    // behind the first slice, keys follow the smallest voxels
+    order.sort_by_key(|&i| (new[i as usize].key, new[i as usize].first));
+    let first = labels.surfaces.allocate(new.len())?;
+    let mut numbers = vec![0; new.len()];
+    for (number, i) in (first..).zip(order) {
+        numbers[i as usize] = number;
+    }
+    Ok(numbers)
+}
+
 /// What is known of one band.
 #[derive(Debug, Clone, Copy)]
 pub struct BandInput<'a> {
@@ -136,21 +128,6 @@ pub struct BandInput<'a> {
 }
 
 impl CarriedComponents {
-    /// The state as it is now.
-    pub fn snapshot(&self) -> Self {
-        CarriedComponents {
-            last_slice: self.last_slice.clone(),
-            live: self.live.clone(),
-            sets: UnionFind::default(),
-            ..*self
-        }
-    }
-
-    /// Bytes of memory of a snapshot.
-    pub fn snapshot_bytes(&self) -> u64 {
-        (4 * self.last_slice.len() + size_of::<LiveComponent>() * self.live.len()) as u64
-    }
-
     /// Writes the state.
     ///
     /// # Errors
@@ -159,28 +136,27 @@ impl CarriedComponents {
         let live = || self.live.iter();
         out.array(&self.last_slice)?;
         out.records(live().len(), live().map(|l| l.provisional_id))?;
+        out.records(live().len(), live().map(|l| l.surface))?;
         out.records(live().len(), live().map(|l| u8::from(l.above)))?;
-        out.records(live().len(), live().map(|l| l.sums))?;
-        out.array(&[self.carried, self.merged])
+        out.records(live().len(), live().map(|l| l.sums))
     }
 
     /// The state that was written; `None` if this is none.
     pub fn load(input: &mut Decoder) -> Option<Self> {
         let last_slice: Vec<u32> = input.array()?;
         let provisional: Vec<u64> = input.array()?;
+        let surfaces: Vec<u64> = input.array()?;
         let above: Vec<u8> = input.array()?;
         let sums: Vec<VoxelSums> = input.array()?;
-        let counts: Vec<u64> = input.array()?;
-        let &[carried, merged] = &counts[..] else {
-            return None;
-        };
         let n = provisional.len();
         let sound = above.len() == n
+            && surfaces.len() == n
             && sums.len() == n
             && last_slice.iter().all(|&live| (live as usize) < n);
-        let live = provisional.into_iter().zip(above).zip(sums);
-        let live = live.map(|((provisional_id, above), sums)| LiveComponent {
+        let live = provisional.into_iter().zip(surfaces).zip(above).zip(sums);
+        let live = live.map(|(((provisional_id, surface), above), sums)| LiveComponent {
             provisional_id,
+            surface,
             above: above == 1,
             sums,
         });
@@ -188,14 +164,7 @@ impl CarriedComponents {
             last_slice,
             live: live.collect(),
             sets: UnionFind::default(),
-            carried,
-            merged,
         })
-    }
-
-    /// Number of components that can still grow.
-    pub fn live_len(&self) -> usize {
-        self.live.len()
     }
 
     /// Bytes of memory that [`CarriedComponents::join`] will take, and its result, at most.
@@ -273,7 +242,9 @@ impl CarriedComponents {
         let nodes = *first_node.last().expect("not empty") as usize;
         let mut class_of_root = vec![u32::MAX; nodes];
         let mut slab = self.number_carried(&mut class_of_root, provisional)?;
-        for (_, root) in self.new_roots(bands, &mut class_of_root) {
+        let new = self.new_roots(bands, &mut class_of_root);
+        slab.surfaces.extend(number_surfaces(&new, provisional)?);
+        for NewComponent { root, .. } in new {
             class_of_root[root as usize] = slab.provisional.len() as u32;
             let band = first_node.partition_point(|&f| f <= root) - 1;
             let above = bands[band]
@@ -311,39 +282,41 @@ impl CarriedComponents {
                 let class = slab.provisional.len() as u32;
                 class_of_root[node as usize] = class;
                 slab.provisional.push(live.provisional_id);
+                slab.surfaces.push(live.surface);
                 slab.above.push(u8::from(live.above));
                 slab.open.push((class, live.sums));
             } else {
                 provisional.of(live.above).retire(live.provisional_id)?;
-                self.merged += 1;
                 let class = class_of_root[root as usize];
                 slab.open[class as usize].1.merge(&live.sums);
+                let older = &mut slab.surfaces[class as usize];
+                provisional.surfaces.retire(live.surface.max(*older))?;
+                *older = live.surface.min(*older);
             }
         }
-        self.carried += u64::from(carried);
-        slab.merge_often = self.merged * OFTEN > self.carried;
         Ok(slab)
     }
 
-    /// The other sets by their smallest voxels: these, and the roots. Leaves numbers of its own in `place_of_root`.
-    fn new_roots(&mut self, bands: &[BandInput], place_of_root: &mut [u32]) -> Vec<(u64, u32)> {
+    /// The other sets by their smallest voxels. Leaves numbers of its own in `place_of_root`.
+    fn new_roots(&mut self, bands: &[BandInput], place_of_root: &mut [u32]) -> Vec<NewComponent> {
         let carried = self.live.len() as u32;
-        let mut fresh: Vec<(u64, u32)> = Vec::new();
-        let firsts = bands.iter().flat_map(|b| b.components.first_voxels());
-        for (node, first) in (carried..).zip(firsts) {
+        let mut fresh: Vec<NewComponent> = Vec::new();
+        let firsts = bands.iter().flat_map(|b| b.components.firsts());
+        for (node, (first, key)) in (carried..).zip(firsts) {
             let root = self.sets.find(node);
             if root < carried {
                 continue;
             }
             if root == node {
                 place_of_root[root as usize] = fresh.len() as u32;
-                fresh.push((first, root));
+                fresh.push(NewComponent { first, key, root });
             } else {
                 let entry = &mut fresh[place_of_root[root as usize] as usize];
-                entry.0 = entry.0.min(first);
+                entry.first = entry.first.min(first);
+                entry.key = entry.key.min(key);
             }
         }
-        fresh.sort_unstable();
+        fresh.sort_unstable_by_key(|new| new.first);
         fresh
     }
 
@@ -409,6 +382,7 @@ impl CarriedComponents {
         }
         let live = slab.live.iter().map(|&class| LiveComponent {
             provisional_id: slab.provisional[class as usize],
+            surface: slab.surfaces[class as usize],
             above: slab.above[class as usize] == 1,
             sums: slab.open[record_of[class as usize] as usize].1,
         });

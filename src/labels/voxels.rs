@@ -4,6 +4,7 @@
 
 use crate::error::Result;
 use crate::grid::Dims;
+use crate::labels::NeededRows;
 use crate::volume::{Volume, Voxel};
 use std::ops::Range;
 
@@ -62,6 +63,31 @@ impl<T: Voxel> Voxels<T> {
     /// # Errors
     /// Those of [`Volume::read_box`].
     pub fn load(&mut self, volume: &dyn Volume, span: Span) -> Result<()> {
+        self.make_room(&span);
+        let bytes = bytemuck::cast_slice_mut(&mut self.memory[..self.count]);
+        volume.read_box(0..span.nx, span.y.clone(), span.z.clone(), bytes)?;
+        self.span = span;
+        Ok(())
+    }
+
+    /// Reads these rows of `span` from the volume into this buffer; others have no meaning.
+    ///
+    /// # Errors
+    /// Those of [`Volume::read_box`].
+    pub fn load_rows(&mut self, volume: &dyn Volume, span: Span, rows: &NeededRows) -> Result<()> {
+        self.make_room(&span);
+        self.span = span;
+        for (z, y) in &rows.parts {
+            let start = self.row_start(y.start, z.start);
+            let count = self.span.nx as usize * y.len() * z.len();
+            let bytes = bytemuck::cast_slice_mut(&mut self.memory[start..start + count]);
+            volume.read_box(0..self.span.nx, y.clone(), z.clone(), bytes)?;
+        }
+        Ok(())
+    }
+
+    /// Makes room for the samples of a span.
+    fn make_room(&mut self, span: &Span) {
         let count = span.voxels();
         if self.memory.is_empty() {
             // as the system has it, zero before it is touched
@@ -69,10 +95,7 @@ impl<T: Voxel> Voxels<T> {
         } else if self.memory.len() < count {
             self.memory.resize(count, T::zeroed());
         }
-        let bytes = bytemuck::cast_slice_mut(&mut self.memory[..count]);
-        volume.read_box(0..span.nx, span.y.clone(), span.z.clone(), bytes)?;
-        (self.span, self.count) = (span, count);
-        Ok(())
+        self.count = count;
     }
 
     /// The samples of a span, x fastest.

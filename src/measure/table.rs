@@ -58,15 +58,7 @@ impl<T: Pod> RecordTable<T> {
         }
     }
 
-    /// Replaces record `i`, below [`RecordTable::len`].
-    ///
-    /// # Errors
-    /// [`Error::Io`] if the file fails.
-    pub fn set(&mut self, i: u64, record: T) -> Result<()> {
-        self.update(i, |r| *r = record)
-    }
-
-    /// Changes record `i` in place.
+    /// Changes record `i`, below [`RecordTable::len`], in place.
     ///
     /// # Errors
     /// [`Error::Io`] if the file fails.
@@ -168,7 +160,7 @@ mod tests {
         );
         for t in &mut tables {
             for i in (0..1000).rev().step_by(3) {
-                t.set(i, i * i).unwrap();
+                t.update(i, |r| *r = i * i).unwrap();
                 t.update(i, |v| *v += 1).unwrap();
             }
         }

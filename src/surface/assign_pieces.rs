@@ -9,12 +9,10 @@
 //! 130^3 voxels with each row's first run looked up where it is needed, 31 with all of them found first, words
 //! behind a row's last edge left out, and counts where the piece is looked up; a quarter less time.
 
-use crate::labels::CarryOver;
 use crate::measure::MeshSums;
 use crate::surface::edges::Edges;
 use crate::surface::mesher::{BandView, TileBox};
 use crate::surface::triangles::room_for;
-use crate::sys::group_by::firsts;
 use crate::sys::simd::dispatch;
 use crate::sys::unchecked::{Unchecked, UncheckedMut};
 use crate::volume::Voxel;
@@ -47,8 +45,6 @@ pub struct Piece {
     pub min: [i32; 3],
     /// Largest vertex coordinates in lattice steps.
     pub max: [i32; 3],
-    /// Number of the first piece of the same surface, as far as that is known; its own if it is the first.
-    pub first: u32,
 }
 
 impl Piece {
@@ -66,11 +62,6 @@ impl Piece {
             room_for(self.vertices)
         };
         self.first_triangle + room
-    }
-
-    /// Its object and its cell.
-    pub fn pair(&self) -> [u32; 2] {
-        [self.object, self.cell]
     }
 
     /// True for the triangles that close the surface outside the volume.
@@ -91,7 +82,6 @@ impl Piece {
             sums: MeshSums::default(),
             min: [i32::MAX; 3],
             max: [i32::MIN; 3],
-            first: 0,
         }
     }
 }
@@ -246,53 +236,22 @@ pub fn assign_vertices<T: Voxel>(
     let first_run = &sheets.first_run;
     dispatch!(assign_inlined(tile, edges, first_run, &mut assigner));
     pieces.clear();
-    let mut triangle = 0;
+    let (mut vertex, mut triangle) = (0, 0);
     for count in index.counts() {
         let mut piece = Piece::new((count.pair >> 32) as u32, count.pair as u32);
         piece.key = count.key;
+        piece.first_vertex = vertex;
         piece.vertices = count.vertices;
+        vertex += count.vertices;
         piece.sums.vertices = u64::from(count.vertices - count.shared);
         piece.first_triangle = triangle;
         triangle = piece.end_of_faces();
         pieces.push(piece);
     }
-    lay_out(pieces, 0, view.carry_over.as_ref());
     sheets.first_of.clear();
     sheets
         .first_of
         .extend(pieces.iter().map(|p| p.first_vertex));
-}
-
-/// Finds which of the pieces from number `from` on are of one surface, as far as `carry_over` tell, and gives them the
-/// vertices behind those of the others. Returns the order of all, see [`by_surface`].
-pub fn lay_out(pieces: &mut [Piece], from: usize, carry_over: Option<&CarryOver>) -> Vec<usize> {
-    let new = &mut pieces[from..];
-    let first = match carry_over {
-        Some(carry_over) => firsts(
-            &new.iter()
-                .map(|p| carry_over.of_pair(p.pair()))
-                .collect::<Vec<_>>(),
-        ),
-        None => (0..new.len()).collect(),
-    };
-    for (piece, first) in new.iter_mut().zip(first) {
-        piece.first = (from + first) as u32;
-    }
-    let order = by_surface(pieces);
-    let mut vertex = 0;
-    for &number in &order {
-        pieces[number].first_vertex = vertex;
-        vertex += pieces[number].vertices;
-    }
-    order
-}
-
-/// Numbers of pieces in the order of their vertices: those of a surface, as far as that is known, together, and
-/// surfaces by their first pieces.
-pub fn by_surface(pieces: &[Piece]) -> Vec<usize> {
-    let mut order: Vec<usize> = (0..pieces.len()).collect();
-    order.sort_by_key(|&number| pieces[number].first);
-    order
 }
 
 /// Finds the run of each row's first voxel; returns the last run of all rows.

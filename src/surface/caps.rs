@@ -7,7 +7,7 @@
 
 use crate::grid::LATTICE;
 use crate::strip::connect;
-use crate::surface::assign_pieces::{CAP, Piece, lay_out};
+use crate::surface::assign_pieces::{CAP, Piece};
 use crate::surface::case_table::{Case, EDGE_LOWER, cases, edge_axis};
 use crate::surface::mesher::{BandView, MeshSettings, TileBox, TileMesh};
 use crate::surface::sums::sum_pieces;
@@ -63,10 +63,7 @@ pub fn add_caps<T: Voxel>(
     for (object, piece) in &made {
         caps.append(*object, piece, out);
     }
-    let order = lay_out(&mut out.pieces, first, view.carry_over.as_ref());
-    let keys = order[first..]
-        .iter()
-        .flat_map(|&p| &made[p - first].1.vertices);
+    let keys = made.iter().flat_map(|(_, piece)| &piece.vertices);
     let vertices: Vec<Vertex> = keys.map(|&key| caps.vertex(key)).collect();
     out.chunk.extend(&vertices);
     sum_pieces(
@@ -231,6 +228,7 @@ impl<T: Voxel> Caps<'_, '_, T> {
     /// Adds a piece to the mesh, but for its vertices and sums.
     fn append(&self, object: u32, cap: &CapPiece, out: &mut TileMesh) {
         let mut piece = Piece::new(object, CAP);
+        piece.first_vertex = out.pieces.last().map_or(0, |p| p.first_vertex + p.vertices);
         piece.vertices = cap.vertices.len() as u32;
         let faces = out.pieces.last().map_or(0, Piece::end_of_faces);
         out.triangles.truncate(faces as usize);

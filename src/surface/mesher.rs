@@ -1,7 +1,7 @@
 //! The mesh of one tile, grouped by surface piece.
 
-use crate::grid::{Ambiguous, Dims, LATTICE, Tiling};
-use crate::labels::{Bits, CarryOver, Runs, Voxels};
+use crate::grid::{Ambiguous, Dims, Tiling};
+use crate::labels::{Bits, Runs, Voxels};
 use crate::measure::AreaScale;
 use crate::strip::Triangle;
 use crate::surface::assign_pieces::{Piece, PieceIndex, VertexAssignment, assign_vertices};
@@ -26,6 +26,7 @@ pub const BYTES_PER_CUBE: f64 = 1.5;
 const BYTES_PER_PIECE: u64 = 256;
 
 /// How large the mesh of a tile is.
+#[derive(Debug, Clone, Copy)]
 pub struct Sizes {
     /// Edges that the surface crosses.
     pub vertices: u64,
@@ -158,15 +159,6 @@ impl TileBox {
         v == self.cubes[axis] as usize && !self.is_last[axis]
     }
 
-    /// True if a box in lattice steps meets no side of the tile, so that a surface in it is whole.
-    pub fn is_inside(&self, min: [i32; 3], max: [i32; 3]) -> bool {
-        (0..3).all(|a| {
-            let low = self.first_cube[a] as i32 * LATTICE as i32;
-            let high = low + self.cubes[a] as i32 * LATTICE as i32;
-            low < min[a] && max[a] < high
-        })
-    }
-
     /// Which of the cubes 64 w ..= 64 w + 63 of a row touch the volume's faces.
     #[inline]
     pub fn border_cubes(&self, w: usize, [y, z]: [usize; 2]) -> u64 {
@@ -202,9 +194,6 @@ pub struct BandView<'a, T> {
     pub runs: &'a Runs,
     /// Class of each run.
     pub class_of_run: &'a [u32],
-    /// What the classes become in the next slab, if that is known: pieces that turn out to be of one surface there
-    /// have their vertices one behind the other.
-    pub carry_over: Option<CarryOver<'a>>,
 }
 
 impl<T: Voxel> BandView<'_, T> {
@@ -224,8 +213,8 @@ impl<T: Voxel> BandView<'_, T> {
     }
 }
 
-/// The mesh of a tile. Vertices and triangles are grouped by piece, triangles in the pieces' order, vertices in that
-/// of [`by_surface`](crate::surface::by_surface); within a piece vertices follow their lattice edges by z, y, axis, x.
+/// The mesh of a tile. Vertices and triangles are grouped by piece; within a piece vertices follow their lattice edges
+/// by z, y, axis, x.
 ///
 /// A piece's triangles are numbered from 1; number 0 stands for none, and is the element
 /// [`Piece::first_triangle`] of `triangles`. Between pieces there may be elements without meaning.

@@ -13,7 +13,7 @@ mod vertex;
 mod vertex_buffer;
 mod vertices;
 
-pub use assign_pieces::{CAP, Piece, PieceIndex, VertexAssignment, assign_vertices, by_surface};
+pub use assign_pieces::{Piece, PieceIndex, VertexAssignment, assign_vertices};
 pub use edges::Edges;
 pub use mesher::{
     BYTES_PER_CUBE, BYTES_PER_TRIANGLE, BandView, MeshSettings, Sizes, TileBox, TileMesh,

@@ -4,15 +4,15 @@ mod checks;
 
 use crate::grid::{Ambiguous, Dims, LATTICE, Placement, Tiling};
 use crate::labels::{
-    BandComponents, BandFaces, BandInput, Bits, CarriedComponents, CarryOver, Labels, PhaseLabels,
-    ProvisionalLabels, Runs, SlabComponents, Span, Voxels, add_border_euler, label_runs,
-    sum_voxels,
+    BandComponents, BandFaces, BandInput, Bits, CarriedComponents, Labels, NeededRows, PhaseLabels,
+    ProvisionalLabels, RowKinds, Runs, SlabComponents, Span, Voxels, add_border_euler, keys_on_top,
+    label_runs, sum_voxels,
 };
 use crate::measure::{AreaScale, VoxelSums};
 use crate::surface::assign_pieces::Piece;
 use crate::surface::*;
 use crate::volume::MemoryVolume;
-use checks::{assert_same, check_foreseen, check_joined, check_mates, check_often, one_next};
+use checks::{assert_same, check_mates};
 use proptest::prelude::*;
 use std::collections::{BTreeMap, BTreeSet};
 use std::convert::Infallible;
@@ -29,6 +29,8 @@ fn canonical(t: Triangle) -> Triangle {
 struct WholePiece {
     object: u64,
     cell: u64,
+    surface: u64,
+    tile: [u32; 3],
     piece: Piece,
     triangles: Vec<Triangle>,
 }
@@ -140,41 +142,62 @@ impl Case {
         }
     }
 
-    /// Runs labelling and meshing tile by tile, with final ids.
+    /// Runs labelling and then, tile by tile, meshing with final ids.
     fn run(&self) -> Vec<WholePiece> {
         let dir = tempfile::tempdir().unwrap();
         let new = |name| ProvisionalLabels::new(&dir.path().join(name)).unwrap();
         let mut provisional = PhaseLabels {
             objects: new("objects"),
             cells: new("cells"),
+            surfaces: new("surfaces"),
         };
         let mut classes = CarriedComponents::default();
         let volume =
             MemoryVolume::new(self.dims, Placement::default(), self.values.clone()).unwrap();
         let (mut slabs, mut bands_of) = (Vec::new(), Vec::new());
-        let mut meshes = Vec::new();
         let [_, rows, layers] = self.tiling().tiles();
         for tz in 0..layers {
             let bands: Vec<_> = (0..rows).map(|ty| self.label(&volume, ty, tz)).collect();
-            let slab = self.join(&bands, &mut classes, &mut provisional);
-            for (ty, band) in (0..).zip(&bands) {
-                meshes.extend(self.mesh(band, &slab, ty, tz));
-            }
-            slabs.push(slab);
+            slabs.push(self.join(&bands, &mut classes, &mut provisional));
             bands_of.push(bands);
         }
-        for (tz, pair) in slabs.windows(2).enumerate() {
-            for (ty, band) in bands_of[tz].iter().enumerate() {
-                self.check_with_next(band, [&pair[0], &pair[1]], ty, tz);
+        let ids = resolve(provisional, &slabs);
+        let mut pieces = Vec::new();
+        for (tz, bands) in (0..).zip(&bands_of) {
+            for (ty, band) in (0..).zip(bands) {
+                let (slab, ids) = (&slabs[tz as usize], &ids[tz as usize]);
+                let of_local = &slab.of_local[ty as usize];
+                let id = |&label: &u32| ids[of_local[label as usize] as usize];
+                let of_run: Vec<Id> = band.labels.of_run.iter().map(id).collect();
+                let mut all = of_run.clone();
+                all.sort_unstable();
+                all.dedup();
+                let class = |id: &Id| all.binary_search(id).unwrap() as u32;
+                let class_of_run: Vec<u32> = of_run.iter().map(class).collect();
+                let band = self.reload(&volume, band);
+                for (tx, mesh) in (0..).zip(self.mesh(&band, &class_of_run, ty, tz)) {
+                    pieces.extend(whole_pieces(&mesh, &all, [tx, ty, tz]));
+                }
             }
         }
-        check_often(&slabs);
-        let ids = resolve(provisional, &slabs);
-        let of_mesh = meshes.iter().flat_map(|mesh| {
-            check_pieces(mesh, &slabs, &ids);
-            whole_pieces(mesh, &ids[mesh.slab])
-        });
-        of_mesh.collect()
+        pieces
+    }
+
+    /// What is left of a band after labelling, with the samples that its surface needs and no others.
+    fn reload(&self, volume: &MemoryVolume<u8>, before: &LabelledBand) -> LabelledBand {
+        let (kinds, mixed) = RowKinds::of(&before.bits);
+        let mut band = LabelledBand::default();
+        kinds.fill(&mut band.bits, before.bits.span.clone(), &mixed);
+        assert_eq!(band.bits.words, before.bits.words);
+        band.runs.number(&band.bits);
+        let samples = before.bits.span.with_neighbours(self.dims);
+        let needed = NeededRows::of(&kinds, &before.bits.span, &samples);
+        assert!(kinds.has_surface() || needed.parts.is_empty());
+        // of others, any value would show
+        let wrong: Vec<u8> = before.voxels.samples().iter().map(|v| !v).collect();
+        band.voxels = Voxels::of(samples.clone(), wrong);
+        band.voxels.load_rows(volume, samples, &needed).unwrap();
+        band
     }
 
     /// A band with its labels.
@@ -209,7 +232,9 @@ impl Case {
             let labels = &band.labels;
             let edges = BandFaces::of(&band.bits, &band.runs, labels, self.dims);
             let whole = |_: &VoxelSums| Ok::<_, Infallible>(());
-            let components = BandComponents::split(&labels.components, &edges, whole);
+            let on_top = keys_on_top(&band.bits, &band.runs, labels, self.dims);
+            let components =
+                BandComponents::split(&labels.components, &edges, on_top, self.dims, whole);
             (edges, components.unwrap())
         });
         let sealed: Vec<_> = sealed.collect();
@@ -221,9 +246,13 @@ impl Case {
     }
 
     /// Meshes the tiles of a band, in the fast way and in the plain one.
-    fn mesh(&self, band: &LabelledBand, slab: &SlabComponents, ty: u32, tz: u32) -> Vec<Mesh> {
-        let class_of_run = band.classes(slab, ty);
-        let view = band.view(&class_of_run, None);
+    fn mesh(&self, band: &LabelledBand, class_of_run: &[u32], ty: u32, tz: u32) -> Vec<TileMesh> {
+        let view = BandView {
+            voxels: &band.voxels,
+            bits: &band.bits,
+            runs: &band.runs,
+            class_of_run,
+        };
         let settings = self.settings();
         let tile = |tx| {
             let tile = TileBox::of(self.tiling(), [tx, ty, tz]);
@@ -241,26 +270,9 @@ impl Case {
             let mut reference = TileMesh::default();
             plain.mesh(&view, &tile, &settings, &mut reference);
             assert_same(&mesh, &reference);
-            let slab = tz as usize;
-            Mesh { slab, mesh }
+            mesh
         };
         (0..self.tiling().tiles()[0]).map(tile).collect()
-    }
-
-    /// Meshes the tiles of a band once more, knowing the next slab.
-    fn check_with_next(
-        &self,
-        band: &LabelledBand,
-        [slab, next]: [&SlabComponents; 2],
-        ty: usize,
-        tz: usize,
-    ) {
-        let class_of_run = band.classes(slab, ty as u32);
-        let view = band.view(&class_of_run, Some(CarryOver::between(slab, next)));
-        for tx in 0..self.tiling().tiles()[0] {
-            let tile = TileBox::of(self.tiling(), [tx, ty as u32, tz as u32]);
-            check_joined(&view, &tile, &self.settings());
-        }
     }
 }
 
@@ -273,72 +285,40 @@ struct LabelledBand {
     labels: Labels,
 }
 
-impl LabelledBand {
-    /// The class of each run in its slab, of which this is band `ty`.
-    fn classes(&self, slab: &SlabComponents, ty: u32) -> Vec<u32> {
-        let class = |&label: &u32| slab.of_local[ty as usize][label as usize];
-        self.labels.of_run.iter().map(class).collect()
-    }
-
-    fn view<'a>(
-        &'a self,
-        class_of_run: &'a [u32],
-        carry_over: Option<CarryOver<'a>>,
-    ) -> BandView<'a, u8> {
-        BandView {
-            voxels: &self.voxels,
-            bits: &self.bits,
-            runs: &self.runs,
-            class_of_run,
-            carry_over,
-        }
-    }
-}
-
-/// The mesh of a tile of a slab.
-struct Mesh {
-    slab: usize,
-    mesh: TileMesh,
-}
+/// The surface that a component shares with one that begins before it, and its id among those of its phase.
+type Id = (u64, u64);
 
 /// Resolves classes from the last slab back to the first.
-fn resolve(provisional: PhaseLabels, slabs: &[SlabComponents]) -> Vec<Vec<u64>> {
-    let mut ranks = [
-        provisional.cells.renumber().unwrap(),
-        provisional.objects.renumber().unwrap(),
-    ];
-    let mut ids: Vec<Vec<u64>> = vec![Vec::new(); slabs.len()];
+fn resolve(mut provisional: PhaseLabels, slabs: &[SlabComponents]) -> Vec<Vec<Id>> {
+    let ranks = |labels: &mut ProvisionalLabels| {
+        labels.spill().unwrap();
+        labels.renumber().unwrap()
+    };
+    let mut surfaces = ranks(&mut provisional.surfaces);
+    let mut of_phase = [&mut provisional.cells, &mut provisional.objects].map(ranks);
+    let mut ids: Vec<Vec<Id>> = vec![Vec::new(); slabs.len()];
     for s in (0..slabs.len()).rev() {
         let slab = &slabs[s];
-        let mut live = vec![None; slab.provisional.len()];
+        let mut of_slab: Vec<Option<Id>> = vec![None; slab.provisional.len()];
         if let Some(next) = slabs.get(s + 1) {
             for (i, &class) in slab.live.iter().enumerate() {
-                live[class as usize] = Some(ids[s + 1][next.carried_in[i] as usize]);
+                of_slab[class as usize] = Some(ids[s + 1][next.carried_in[i] as usize]);
             }
         }
-        let members = slab.provisional.iter().zip(&slab.above).zip(live);
-        let id = |((&provisional_id, &above), live): ((&u64, &u8), Option<u64>)| {
-            live.unwrap_or_else(|| ranks[usize::from(above)].id(provisional_id).unwrap())
+        let id = |(class, known): (usize, Option<Id>)| {
+            known.unwrap_or_else(|| {
+                let ranks = &mut of_phase[usize::from(slab.above[class])];
+                let surface = surfaces.id(slab.surfaces[class]).unwrap() - 1;
+                (surface, ranks.id(slab.provisional[class]).unwrap())
+            })
         };
-        ids[s] = members.map(id).collect();
+        ids[s] = of_slab.into_iter().enumerate().map(id).collect();
     }
     ids
 }
 
-/// What is foreseen of pieces is what becomes of them.
-fn check_pieces(mesh: &Mesh, slabs: &[SlabComponents], ids: &[Vec<u64>]) {
-    let (s, pieces) = (mesh.slab, &mesh.mesh.pieces);
-    check_foreseen(&slabs[s], None, &ids[s], pieces);
-    if let Some(next) = slabs.get(s + 1) {
-        let groups = one_next(&CarryOver::between(&slabs[s], next), pieces);
-        let firsts: Vec<Piece> = groups.iter().map(|g| pieces[g[0]]).collect();
-        check_foreseen(&slabs[s], Some(next), &ids[s], &firsts);
-    }
-}
-
 /// The pieces of a tile whose classes have these ids.
-fn whole_pieces(mesh: &Mesh, ids: &[u64]) -> Vec<WholePiece> {
-    let mesh = &mesh.mesh;
+fn whole_pieces(mesh: &TileMesh, ids: &[Id], tile: [u32; 3]) -> Vec<WholePiece> {
     let whole = |piece: &Piece| {
         let vertex = |v: u32| {
             let positions = mesh.chunk.numbers().as_chunks::<3>().0;
@@ -346,12 +326,16 @@ fn whole_pieces(mesh: &Mesh, ids: &[u64]) -> Vec<WholePiece> {
             position.map(|c| (c * LATTICE as f32) as i32)
         };
         let triangles = mesh.piece(piece)[1..].iter();
+        let object = ids[piece.object as usize];
+        let cell = match piece.is_cap() {
+            true => (0, 0),
+            false => ids[piece.cell as usize],
+        };
         WholePiece {
-            object: ids[piece.object as usize],
-            cell: match piece.is_cap() {
-                true => 0,
-                false => ids[piece.cell as usize],
-            },
+            object: object.1,
+            cell: cell.1,
+            surface: object.0.max(cell.0),
+            tile,
             piece: *piece,
             triangles: triangles
                 .map(|t| canonical(t.corners().map(vertex)))
@@ -413,6 +397,21 @@ proptest! {
         // surfaces are the (object, cell) pairs; with objects and cells they are a tree
         let pairs: BTreeSet<_> = pieces.iter().map(|w| (w.object, w.cell)).collect();
         prop_assert_eq!(pairs.len() as u64 + 1, objects + cells);
+        // and are numbered by their smallest keys, which labels have told before there was any
+        let mut keys: BTreeMap<(u64, u64), u64> = BTreeMap::new();
+        for w in &pieces {
+            let key = keys.entry((w.object, w.cell)).or_insert(u64::MAX);
+            *key = w.piece.key.min(*key);
+        }
+        let mut order: Vec<u64> = keys.values().copied().collect();
+        order.sort_unstable();
+        for w in &pieces {
+            let key = keys[&(w.object, w.cell)];
+            prop_assert_eq!(w.surface, order.binary_search(&key).unwrap() as u64 + 1);
+        }
+        // each tile has one piece of each
+        let tiles: BTreeSet<_> = pieces.iter().map(|w| (w.tile, w.surface)).collect();
+        prop_assert_eq!(tiles.len(), pieces.len());
     }
 
     #[test]

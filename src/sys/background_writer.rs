@@ -134,14 +134,6 @@ impl BackgroundWriters {
         }
         state.failed.take().map_or(Ok(()), Err)
     }
-
-    /// Waits until all are.
-    ///
-    /// # Errors
-    /// As of [`BackgroundWriters::wait_for`].
-    pub fn wait(&self) -> Result<()> {
-        self.wait_for(self.handed())
-    }
 }
 
 impl Drop for BackgroundWriters {
@@ -258,7 +250,7 @@ mod tests {
                 });
             }
         });
-        writers.wait().unwrap();
+        writers.wait_for(writers.handed()).unwrap();
         assert_eq!(writers.shared.lock().spare.len(), 2 * EACH);
         for i in 0..60 {
             let found = std::fs::read(dir.path().join(i.to_string())).unwrap();
@@ -278,11 +270,11 @@ mod tests {
         writers
             .put(job(missing.clone(), &[1; 200_000], buffer))
             .unwrap();
-        match writers.wait() {
+        match writers.wait_for(writers.handed()) {
             Err(Error::Io { path, .. }) => assert_eq!(path, missing),
             other => panic!("{other:?}"),
         }
-        writers.wait().unwrap();
+        writers.wait_for(writers.handed()).unwrap();
     }
 
     #[test]
@@ -310,7 +302,7 @@ mod tests {
                 other => panic!("{other:?}"),
             }
         });
-        writers.wait().unwrap();
+        writers.wait_for(writers.handed()).unwrap();
         assert!(writers.is_done(2) && file.exists());
     }
 

@@ -157,12 +157,6 @@ impl MemoryReservation {
         let _ = self.grow_to(bytes.min(most));
     }
 
-    /// Bytes that it has, and a share of what it could take: others may need the rest.
-    pub fn at_hand(&self, share: Share) -> u64 {
-        let left = self.taken.as_ref().map_or(u64::MAX, |t| t.pool.left());
-        self.bytes.saturating_add(share.of(left))
-    }
-
     /// Gives back what is beyond `bytes`, after the buffers have been freed.
     pub fn shrink_to(&mut self, bytes: u64) {
         if let Some(Taken { pool, consumer }) = &self.taken
@@ -189,8 +183,6 @@ impl Drop for MemoryReservation {
 mod tests {
     use super::*;
 
-    const HALF: Share = Share::new(1, 2);
-
     #[test]
     fn what_is_dropped_can_be_taken_again() {
         let pool = MemoryPool::new(100, "program", 10);
@@ -202,12 +194,11 @@ mod tests {
         drop(a);
         b.grow_to(90).unwrap();
         assert_eq!((b.bytes(), pool.left()), (90, 0));
-        assert_eq!(b.at_hand(HALF), 90);
         let mut c = MemoryReservation::new(&pool, "c");
         assert!(c.grow_to(20).is_err());
         b.shrink_to(70);
         b.shrink_to(80);
-        assert_eq!((b.at_hand(HALF), c.at_hand(HALF)), (80, 10));
+        assert_eq!(pool.left(), 20);
         c.grow_to(20).unwrap();
         assert!(c.grow_to(21).is_err());
         assert!(b.grow_to(u64::MAX).is_err());

@@ -5,7 +5,6 @@ pub(crate) mod atomic_file;
 pub(crate) mod background_writer;
 pub(crate) mod direct_io;
 pub(crate) mod files;
-pub(crate) mod group_by;
 pub(crate) mod huge_pages;
 pub(crate) mod locks;
 pub(crate) mod memory_pool;

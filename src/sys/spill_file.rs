@@ -200,6 +200,15 @@ impl SpillFile {
     /// [`Error::Io`] if the file fails.
     pub fn get<T: Pod>(&mut self, place: &Place<T>) -> Result<Vec<T>> {
         self.flush()?;
+        self.read(place)
+    }
+
+    /// Reads an array back, of which nothing is in memory any more: see [`SpillFile::mark`].
+    ///
+    /// # Errors
+    /// [`Error::Io`] if the file fails.
+    pub fn read<T: Pod>(&self, place: &Place<T>) -> Result<Vec<T>> {
+        debug_assert!(place.end() <= self.written);
         let mut out = vec![T::zeroed(); place.len];
         self.file
             .read_exact_at(bytemuck::cast_slice_mut(&mut out), place.offset)

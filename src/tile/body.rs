@@ -3,7 +3,7 @@
 use crate::grid::LATTICE;
 use crate::manifest::Primitives;
 use crate::strip::{Stripifier, Triangle, append_strip};
-use crate::surface::{TileMesh, by_surface};
+use crate::surface::TileMesh;
 use bytemuck::{Pod, Zeroable};
 
 /// Where a piece lies in the body and what it counts.
@@ -65,8 +65,7 @@ impl Body {
         24 * u64::from(self.vertices)
     }
 
-    /// Writes the body of a mesh: the indices, behind the vertices in its chunk. Pieces that are known to be of one
-    /// surface are one.
+    /// Writes the body of a mesh: the indices, behind the vertices in its chunk.
     pub fn write(mesh: &mut TileMesh, primitives: Primitives, stripifier: &mut Stripifier) -> Body {
         let mut body = Body {
             vertices: mesh.chunk.vertices() as u32,
@@ -78,38 +77,29 @@ impl Body {
             triangles,
         } = mesh;
         chunk.truncate();
-        let mut joined = Joined::default();
-        for surface in by_surface(pieces).chunk_by(|&a, &b| pieces[a].first == pieces[b].first) {
-            joined.clear();
-            for &number in surface {
-                let piece = &pieces[number];
-                let faces = &mut triangles[piece.faces()];
-                joined.add(primitives, |indices| {
-                    let strips = match primitives {
-                        Primitives::Strips => stripifier.stripify(faces, indices),
-                        Primitives::Triangles => {
-                            list(faces, indices);
-                            0
-                        }
-                    };
-                    PieceRange {
-                        vertices: piece.vertices,
-                        triangles: piece.triangles,
-                        strips: strips as u32,
-                        min: piece.min,
-                        max: piece.max,
-                        ..PieceRange::default()
-                    }
-                });
-            }
+        let mut indices = Vec::new();
+        for piece in pieces.iter() {
+            let faces = &mut triangles[piece.faces()];
+            indices.clear();
+            let strips = match primitives {
+                Primitives::Strips => stripifier.stripify(faces, &mut indices),
+                Primitives::Triangles => {
+                    list(faces, &mut indices);
+                    0
+                }
+            };
             let piece = PieceRange {
                 first_index_byte: chunk.bytes().len() as u64,
-                first_vertex: pieces[surface[0]].first_vertex,
-                ..joined.counts
+                first_vertex: piece.first_vertex,
+                vertices: piece.vertices,
+                triangles: piece.triangles,
+                indices: indices.len() as u32,
+                strips: strips as u32,
+                min: piece.min,
+                max: piece.max,
+                ..PieceRange::default()
             };
-            write_indices(&piece, &joined.indices, |bytes| {
-                chunk.extend_from_slice(bytes)
-            });
+            write_indices(&piece, &indices, |bytes| chunk.extend_from_slice(bytes));
             body.pieces.push(piece);
         }
         body.bytes = chunk.bytes().len() as u64;
@@ -198,122 +188,5 @@ pub(super) fn append_indices(
     match primitives {
         Primitives::Strips => append_strip(all, piece, offset),
         Primitives::Triangles => all.extend(piece.iter().map(|i| i + offset)),
-    }
-}
-
-/// Pieces of a body joined to groups, which are the pieces of another body.
-pub struct Grouped<'a> {
-    /// That body.
-    pub body: Body,
-    /// Its pieces' indices.
-    indices: Vec<Vec<u32>>,
-    from: &'a Body,
-    bytes: &'a [u8],
-    groups: &'a [Vec<usize>],
-}
-
-impl<'a> Grouped<'a> {
-    /// Joins pieces: `groups[g]` lists those of the new piece g, in the order in which their vertices, triangles and
-    /// strips follow each other there.
-    pub fn new(
-        from: &'a Body,
-        bytes: &'a [u8],
-        groups: &'a [Vec<usize>],
-        primitives: Primitives,
-    ) -> Self {
-        let mut body = Body {
-            vertices: from.vertices,
-            ..Body::default()
-        };
-        body.bytes = body.indices_start();
-        let mut first_vertex = 0;
-        let mut indices = Vec::with_capacity(groups.len());
-        for group in groups {
-            let mut joined = Joined::default();
-            for &p in group {
-                let piece = &from.pieces[p];
-                joined.add(primitives, |indices| {
-                    *indices = from.indices(piece, bytes);
-                    *piece
-                });
-            }
-            let piece = PieceRange {
-                first_vertex,
-                first_index_byte: body.bytes,
-                ..joined.counts
-            };
-            first_vertex += piece.vertices;
-            body.bytes += piece.index_bytes();
-            body.pieces.push(piece);
-            indices.push(joined.indices);
-        }
-        Grouped {
-            body,
-            indices,
-            from,
-            bytes,
-            groups,
-        }
-    }
-
-    /// Hands out the bytes of the new body in their order, part by part.
-    pub fn write(&self, mut put: impl FnMut(&[u8])) {
-        for attribute in 0..2 {
-            let base = 12 * self.from.vertices as usize * attribute;
-            for &p in self.groups.iter().flatten() {
-                let piece = &self.from.pieces[p];
-                let first = base + 12 * piece.first_vertex as usize;
-                put(&self.bytes[first..first + 12 * piece.vertices as usize]);
-            }
-        }
-        for (piece, indices) in self.body.pieces.iter().zip(&self.indices) {
-            write_indices(piece, indices, &mut put);
-        }
-    }
-
-    /// The bytes of the new body.
-    pub fn bytes(&self) -> Vec<u8> {
-        let mut bytes = Vec::with_capacity(self.body.bytes as usize);
-        self.write(|part| bytes.extend_from_slice(part));
-        bytes
-    }
-}
-
-/// Several pieces as one.
-#[derive(Default)]
-struct Joined {
-    /// All but where it lies; without pieces, of no meaning but for the number of vertices.
-    counts: PieceRange,
-    indices: Vec<u32>,
-    /// Of the piece that is added.
-    part: Vec<u32>,
-}
-
-impl Joined {
-    /// Begins anew.
-    fn clear(&mut self) {
-        self.counts = PieceRange::default();
-        self.indices.clear();
-    }
-
-    /// Adds the piece that `make` makes, with its indices in the empty memory that it is handed.
-    fn add(&mut self, primitives: Primitives, make: impl FnOnce(&mut Vec<u32>) -> PieceRange) {
-        let all = &mut self.counts;
-        if all.vertices == 0 {
-            // most have no other
-            *all = make(&mut self.indices);
-        } else {
-            self.part.clear();
-            let piece = make(&mut self.part);
-            append_indices(&mut self.indices, &self.part, all.vertices, primitives);
-            all.vertices += piece.vertices;
-            all.triangles += piece.triangles;
-            all.strips += piece.strips;
-            for a in 0..3 {
-                all.min[a] = all.min[a].min(piece.min[a]);
-                all.max[a] = all.max[a].max(piece.max[a]);
-            }
-        }
-        all.indices = self.indices.len() as u32;
     }
 }

@@ -45,11 +45,6 @@ impl TileHead {
         self.codec.keeps_floats() && !self.merges(pieces)
     }
 
-    /// True if tiles are encoded as soon as they are made, see [`TileCodec::is_encoded_early`].
-    pub fn is_encoded_early(&self) -> bool {
-        self.codec.is_encoded_early(&self.form)
-    }
-
     /// The extensions that a reader must know, and those used in the layout.
     pub(super) fn extensions(&self, merged: bool) -> [Vec<&'static str>; 2] {
         let required = self.codec.extensions().to_vec();

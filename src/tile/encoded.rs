@@ -1,17 +1,11 @@
-//! A tile's geometry in the form of its set, without what hangs on ids: so it can be written before these are known.
+//! A tile's geometry in the form of its set, without what its nodes say: so it can be written before that is known.
 
-use super::Extras;
-use super::body::{Body, PieceRange, append_indices, is_wide};
-use super::contents::{body_of, counted_pieces, name};
+use super::body::{Body, append_indices, is_wide};
 use super::document::{Node, TileHead, WidestNodes, node_document, node_json};
-use super::file::aligned;
 use super::merged::{merged_document, widest_merged};
-use super::part::refuse;
-use super::read::Tile;
 use super::store::{Refused, Stored};
 use crate::gltf::accessors::Element;
 use crate::gltf::bin_writer::{Bin, IndexList, Section, Views};
-use crate::gltf::container::{ReadError, write_head};
 use bytemuck::{Pod, Zeroable};
 use std::borrow::Cow;
 
@@ -155,47 +149,6 @@ pub fn describe(
     Ok(alone(node_document(head, &stored, encoded.body, nodes)))
 }
 
-/// The pieces as floats again, of the bytes that [`encode`] has made of them: the same positions and triangles, and
-/// normals as they were rounded.
-///
-/// # Errors
-/// [`ReadError`] if these are others.
-pub fn decode<'a>(
-    head: &TileHead,
-    low: [u32; 3],
-    encoded: EncodedBody,
-    bytes: &'a [u8],
-) -> Result<(Body, Cow<'a, [u8]>), ReadError> {
-    let body = encoded.body;
-    if head.is_plain(body.pieces.len()) {
-        return Ok((body.clone(), Cow::Borrowed(bytes)));
-    }
-    // as a tile whose pieces have any ids
-    let node = |(i, piece): (u64, &PieceRange)| Node {
-        name: name(i, i, true),
-        extras: Extras::ids(i, i, i, piece.triangles.into()),
-        colour: None,
-    };
-    let nodes: Vec<Node> = (1..).zip(&body.pieces).map(node).collect();
-    let file = describe(head, low, encoded, &nodes).and_then(|Description { json, table }| {
-        let bin = (bytes.len() + table.len()) as u64;
-        let file = write_head(&json, aligned(json.len(), 8), bin).ok_or(Refused::TooLarge)?;
-        Ok([&file[..], bytes, &table].concat())
-    });
-    let file = file.or_else(refuse)?;
-    // the geometry alone: what else tiles have of thousands of pieces takes more than that
-    let pieces = {
-        let tile = Tile::read_as(&file, &[head.codec])?;
-        counted_pieces(&tile, head.form.primitives)?
-    };
-    drop(file);
-    let (mut decoded, bytes) = body_of(&pieces)?;
-    for (piece, was) in decoded.pieces.iter_mut().zip(&body.pieces) {
-        piece.strips = was.strips;
-    }
-    Ok((decoded, Cow::Owned(bytes)))
-}
-
 /// Adds what is the same of each vertex of a piece.
 fn put_per_vertex<const N: usize>(
     bin: &mut Bin,
@@ -321,7 +274,7 @@ mod tests {
     use crate::tile::codec::{CODECS, codec};
     use crate::tile::contents::Contents;
     use crate::tile::pieces::Piece;
-    use crate::tile::{PieceIds, tile_file};
+    use crate::tile::{PieceIds, name, tile_file};
     use proptest::prelude::*;
 
     type Vertex = ([i32; 3], [f32; 3]);
@@ -375,30 +328,6 @@ mod tests {
         Contents::of_pieces(codec(Encoding::default()), pieces)
     }
 
-    /// The triangles of each piece, each from its smallest corner on.
-    fn triangles(body: &Body, bytes: &[u8], kind: Primitives) -> Vec<Vec<[u32; 3]>> {
-        let of = |piece: &PieceRange| {
-            let indices = body.indices(piece, bytes);
-            let mut all = Vec::new();
-            let mut add = |t: [u32; 3]| {
-                let smallest = (0..3).min_by_key(|&i| t[i]).unwrap_or(0);
-                all.push(std::array::from_fn(|i| t[(smallest + i) % 3]));
-            };
-            match kind {
-                Primitives::Triangles => indices.as_chunks().0.iter().for_each(|&t| add(t)),
-                Primitives::Strips => {
-                    for (k, w) in indices.windows(3).enumerate() {
-                        if w[0] != w[1] && w[1] != w[2] && w[0] != w[2] {
-                            add([w[k % 2], w[1 - k % 2], w[2]]);
-                        }
-                    }
-                }
-            }
-            all
-        };
-        body.pieces.iter().map(of).collect()
-    }
-
     fn forms() -> impl Iterator<Item = Form> {
         let primitives = [Primitives::Strips, Primitives::Triangles];
         let encodings = CODECS.map(|codec| codec.encoding());
@@ -418,9 +347,9 @@ mod tests {
     proptest! {
         #![proptest_config(ProptestConfig { cases: 64, ..ProptestConfig::default() })]
 
-        /// Encoded geometry is the tile's own, has room for any description, and can be decoded.
+        /// Encoded geometry is the tile's own, and has room for any description.
         #[test]
-        fn what_is_encoded_before_ids_are_known_is_the_tile(pieces in pieces(), caps in any::<bool>()) {
+        fn what_is_encoded_before_nodes_are_known_is_the_tile(pieces in pieces(), caps in any::<bool>()) {
             let low = [u32::from(caps); 3];
             for form in forms() {
                 let contents = contents(&pieces, form.primitives);
@@ -438,20 +367,6 @@ mod tests {
                 let nodes = vec![Node::widest(); body.pieces.len()];
                 let long = describe(&head, low, what, &nodes).unwrap().json.len();
                 prop_assert!(json.len() <= long && long <= widest, "{} {long} {widest}", json.len());
-
-                let (back, floats) = decode(&head, low, what, &encoded.bytes).unwrap();
-                let positions = 12 * body.vertices as usize;
-                prop_assert!(floats[..positions] == bytes[..positions]);
-                prop_assert_eq!(
-                    triangles(&back, &floats, form.primitives),
-                    triangles(&body, &bytes, form.primitives)
-                );
-                // normals are rounded once
-                let once = FloatBody { body: &back, bytes: &floats };
-                let again = encode(&head, low, once, None).unwrap();
-                let what = EncodedBody { body: &back, layout: &again.layout };
-                let (_, twice) = decode(&head, low, what, &again.bytes).unwrap();
-                prop_assert!(floats[..2 * positions] == twice[..2 * positions]);
             }
         }
     }

@@ -1,8 +1,7 @@
 //! A whole tile in any encoding and layout, from pieces whose geometry is floats.
 
-use super::body::Body;
-use super::document::{Node, TileHead, node_json};
-use super::encoded::{Description, EncodedBody, EncodedLayout, FloatBody, describe, encode};
+use super::document::{Node, TileHead};
+use super::encoded::{Description, EncodedBody, FloatBody, describe, encode};
 use super::merged::colours;
 use super::store::Refused;
 use crate::gltf::container::write_head;
@@ -38,21 +37,6 @@ pub fn tile_file<'a>(
     floats: FloatBody<'a>,
     nodes: &[Node],
 ) -> Result<TileFile<'a>, Refused> {
-    tile_file_with(head, low, floats, nodes, |_, _| Ok(0))
-}
-
-/// The same with a JSON chunk of as many bytes as `room` says, or more: it is told what tells the geometry's parts, and
-/// how long that is.
-///
-/// # Errors
-/// As of [`tile_file`], and what `room` returns.
-pub fn tile_file_with<'a>(
-    head: &TileHead,
-    low: [u32; 3],
-    floats: FloatBody<'a>,
-    nodes: &[Node],
-    room: impl FnOnce(&EncodedLayout, usize) -> Result<usize, Refused>,
-) -> Result<TileFile<'a>, Refused> {
     let colours = colours(nodes);
     let encoded = encode(head, low, floats, colours.as_deref())?;
     let (mut bin, layout) = (encoded.bytes, encoded.layout);
@@ -61,29 +45,12 @@ pub fn tile_file_with<'a>(
         layout: &layout,
     };
     let Description { json, table } = describe(head, low, body, nodes)?;
-    let room = room(&layout, bin.len())?.max(aligned(json.len(), 8));
     if !table.is_empty() {
         bin.to_mut().extend_from_slice(&table);
     }
-    let head = write_head(&json, room, bin.len() as u64).ok_or(Refused::TooLarge)?;
+    let head = write_head(&json, aligned(json.len(), 8), bin.len() as u64).ok_or(Refused::TooLarge)?;
     let indices = layout.indices.into();
     Ok(TileFile { head, bin, indices })
-}
-
-/// What comes before the BIN chunk's data in the file of a plain tile, see [`TileHead::is_plain`], with `room` for
-/// the JSON.
-///
-/// # Errors
-/// [`Refused::TooLarge`].
-pub fn plain_head(
-    head: &TileHead,
-    body: &Body,
-    nodes: &[Node],
-    room: usize,
-) -> Result<Vec<u8>, Refused> {
-    debug_assert!(head.is_plain(nodes.len()));
-    let json = node_json(head, body, nodes);
-    write_head(&json, room, body.bytes).ok_or(Refused::TooLarge)
 }
 
 /// The next length of a JSON chunk that puts the BIN chunk's data on a multiple of `step` bytes, in turn

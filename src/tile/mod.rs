@@ -74,16 +74,18 @@ pub(crate) mod refused;
 mod store;
 mod unusual;
 
-pub(crate) use body::{Body, Grouped, PieceRange};
+pub(crate) use body::{Body, PieceRange};
 pub(crate) use codec::codec;
 pub(crate) use contents::name;
 pub(crate) use document::{GENERATOR, Node, TileHead, WidestNodes, material};
 pub(crate) use encoded::{
-    Description, Encoded, EncodedBody, EncodedLayout, FloatBody, decode, describe, encode,
+    Description, Encoded, EncodedBody, EncodedLayout, FloatBody, describe, encode,
     widest_description,
 };
 pub use extras::Extras;
-pub(crate) use file::{aligned, plain_head, tile_file, tile_file_with};
+pub(crate) use file::aligned;
+#[cfg(test)]
+pub(crate) use file::tile_file;
 pub use mesh::{SurfacePiece, TileMesh};
 pub(crate) use paint::Rgb;
 pub(crate) use part::{Part, PartPiece, TilePlace, part};

@@ -1,10 +1,9 @@
 //! How many tiles are finished together, so that the limit of memory holds then, too.
 
 use crate::convert::memory::{
-    BYTES_PER_ENTRY, BYTES_PER_NODE, BYTES_PER_OWN_NODE, COPIES, FOR_ENTRIES, FOR_TILES_AT_ONCE,
+    BYTES_PER_ENTRY, BYTES_PER_NODE, BYTES_PER_OWN_NODE, FOR_ENTRIES, FOR_TILES_AT_ONCE,
 };
-use crate::convert::scan::tile_writer::TileRecord;
-use crate::sys::huge_pages::held;
+use crate::convert::mesh::tile_writer::TileRecord;
 
 /// Tiles that are finished together, so that their pieces and entries are in memory at once.
 const TILES: usize = 128;
@@ -44,8 +43,7 @@ pub fn max_concurrent_tiles<'a>(
     memory: u64,
     threads: usize,
 ) -> usize {
-    let copy = |t: &TileRecord| held(t.body_bytes as usize, t.body_bytes as usize) as u64;
-    let bytes = |t: &TileRecord| COPIES * copy(t) + u64::from(t.pieces) * BYTES_PER_NODE;
+    let bytes = |t: &TileRecord| u64::from(t.pieces) * BYTES_PER_NODE;
     let mut all: Vec<u64> = tiles.map(bytes).collect();
     all.sort_unstable_by(|a, b| b.cmp(a));
     let mut sum = 0;
@@ -68,10 +66,11 @@ mod tests {
     use bytemuck::Zeroable;
     use proptest::prelude::*;
 
-    fn tile(pieces: u32, body_bytes: u64) -> TileRecord {
-        let mut tile = TileRecord::zeroed();
-        (tile.pieces, tile.body_bytes) = (pieces, body_bytes);
-        tile
+    fn tile(pieces: u32) -> TileRecord {
+        TileRecord {
+            pieces,
+            ..TileRecord::zeroed()
+        }
     }
 
     proptest! {
@@ -80,7 +79,7 @@ mod tests {
             pieces in prop::collection::vec(0..5_000u32, 0..200),
             memory in 0..40_000_000u64,
         ) {
-            let tiles: Vec<_> = pieces.iter().map(|&p| tile(p, 0)).collect();
+            let tiles: Vec<_> = pieces.iter().map(|&p| tile(p)).collect();
             let parts = parts(&tiles, memory);
             let of = |part: &[TileRecord]| part.iter().map(|t| t.pieces).collect::<Vec<_>>();
             prop_assert_eq!(parts.iter().flat_map(|p| of(p)).collect::<Vec<_>>(), pieces);
@@ -98,17 +97,16 @@ mod tests {
 
         #[test]
         fn no_thread_waits_without_need(
-            bytes in prop::collection::vec(0..10_000_000u64, 0..50),
+            pieces in prop::collection::vec(0..2_500u32, 0..50),
             memory in 0..400_000_000u64,
             threads in 1usize..40,
         ) {
-            let tiles: Vec<_> = bytes.iter().map(|&b| tile(0, b)).collect();
+            let tiles: Vec<_> = pieces.iter().map(|&p| tile(p)).collect();
             let n = max_concurrent_tiles(tiles.iter(), memory, threads);
             prop_assert!((1..=threads).contains(&n));
-            let mut sorted = bytes;
+            let mut sorted = pieces;
             sorted.sort_unstable_by(|a, b| b.cmp(a));
-            let held = |&bytes: &u64| held(bytes as usize, bytes as usize) as u64;
-            let needed = |n: usize| sorted.iter().map(held).take(n).sum::<u64>() * COPIES;
+            let needed = |n: usize| sorted.iter().take(n).map(|&p| u64::from(p)).sum::<u64>() * BYTES_PER_NODE;
             prop_assert!(n == 1 || needed(n) <= memory / 4 * 3);
             prop_assert!(n == threads || needed(n + 1) > memory / 4 * 3);
         }

@@ -4,27 +4,24 @@ pub(crate) mod batch_size;
 pub(crate) mod batches;
 mod finish_tile;
 mod finisher;
-mod rewrite;
 pub(crate) mod shards;
 
 use crate::checkpoint::Checkpointer;
 use crate::convert::conversion::Conversion;
-use crate::convert::finalize::batches::{Batches, TileSource};
+use crate::convert::components::Components;
+use crate::convert::finalize::batches::Batches;
 use crate::convert::finalize::finish_tile::changed;
 use crate::convert::finalize::finisher::Finisher;
 use crate::convert::finalize::shards::{FinishedLayer, LayerFinisher};
-use crate::convert::memory::{FINISHING, WRITES};
-use crate::convert::resolve::{Components, Resolved};
-use crate::convert::scan::tile_writer::{Heads, TileWriter};
-use crate::convert::slab_records::SlabRecord;
+use crate::convert::memory::FINISHING;
+use crate::convert::mesh::MeshOutput;
+use crate::convert::mesh::tile_writer::{Heads, TileRecord, TileWriter};
 use crate::error::{Error, Result};
 use crate::grid::{Placement, Tiling};
 use crate::manifest::{LayerRecord, ShardTiles, Totals, shard_path, sums_of};
 use crate::measure::{ComponentRecord, RecordTable};
 use crate::progress::Progress;
-use crate::sys::background_writer::BackgroundWriters;
 use crate::sys::memory_pool::{MemoryPool, MemoryReservation};
-use crate::sys::spill_file::SpillFile;
 use crate::tileset::TilesetWriter;
 use std::fs::File;
 use std::path::Path;
@@ -42,8 +39,6 @@ pub struct FinishSettings<'a> {
     pub placement: &'a Placement,
     /// The macrocubes.
     pub tiling: Tiling,
-    /// Bring tiles that are written anew to the disk.
-    pub writers: Option<&'a BackgroundWriters>,
     /// Bytes that tiles may take while they are finished.
     pub memory: u64,
 }
@@ -63,8 +58,10 @@ pub struct FinalizeInput<'a> {
     pub set: &'a mut TilesetWriter,
     /// Where the grid lies, in the unit of the measures.
     pub placement: &'a Placement,
-    /// What resolving left.
-    pub resolved: &'a mut Resolved,
+    /// The tiles.
+    pub tiles: &'a mut MeshOutput,
+    /// The sums of all components.
+    pub components: &'a Components,
     /// Is told of finished layers.
     pub checkpointer: &'a mut Checkpointer,
 }
@@ -80,33 +77,22 @@ pub fn finalize<R: Send>(
     beside: impl FnOnce(&Components, &Stop) -> Result<R> + Send,
 ) -> Result<R> {
     let (job, writer) = (input.job, input.writer);
-    let Resolved {
-        slabs,
-        pieces,
-        ids,
-        components,
-    } = input.resolved;
+    let (tiles, components) = (input.tiles, input.components);
     let progress = job.progress;
-    progress.begin("index", slabs.len() as u64);
-    let reserve = |by| MemoryReservation::new(input.memory, by);
-    let writers = BackgroundWriters::new(job.plan.in_flight, job.plan.body, reserve(WRITES));
-    let mut finishing = reserve(FINISHING);
+    progress.begin("index", tiles.layers().into());
+    let mut finishing = MemoryReservation::new(input.memory, FINISHING);
     finishing.grow_as_far_as(u64::MAX);
     let settings = FinishSettings {
         dir: &writer.dir,
         heads: writer.heads(),
         placement: input.placement,
         tiling: job.plan.tiling,
-        writers: writers.as_ref(),
         memory: finishing.bytes(),
     };
-    let checkpointer = input.checkpointer;
-    let (set, layers) = (input.set, slabs.len());
-    let mut ends = LayerFinisher::begin(&settings, set, checkpointer, layers, progress)?;
+    let mut ends = LayerFinisher::begin(input.set, input.checkpointer, progress);
     let failed = AtomicBool::new(false);
     let cells = &components.cells;
     let finish = || {
-        let tiles = TileSource { slabs, pieces, ids };
         let finished = finish_tiles(tiles, cells, &settings, &mut ends, progress);
         failed.store(finished.is_err(), Ordering::Relaxed);
         finished
@@ -114,24 +100,21 @@ pub fn finalize<R: Send>(
     let stop = || failed.load(Ordering::Relaxed) || progress.interrupted();
     let (finished, made) = rayon::join(finish, || beside(components, &stop));
     finished?;
-    ends.end()?;
     made
 }
 
-/// Finishes the tiles of all slabs.
+/// Finishes the tiles of all layers.
 fn finish_tiles(
-    tiles: TileSource,
+    tiles: &mut MeshOutput,
     cells: &RecordTable<ComponentRecord>,
     settings: &FinishSettings,
     ends: &mut LayerFinisher,
     progress: &dyn Progress,
 ) -> Result<()> {
-    let before = ends.finished() as usize;
-    for number in 0..before {
-        if let Some(slab) = tiles.slabs.get(number)? {
-            let finished = finished_layer(settings, &slab, tiles.pieces)?;
-            ends.add(slab.layer, finished)?;
-        }
+    let before = ends.finished();
+    for layer in 0..before {
+        let finished = finished_layer(settings, layer, &tiles.tiles(layer)?)?;
+        ends.add(layer, finished)?;
     }
     let mut finisher = Finisher::new(settings, cells);
     let mut batches = Batches::new(tiles, before, settings.memory);
@@ -148,27 +131,26 @@ fn finish_tiles(
     finisher.end(ends)
 }
 
-/// What was made of a slab in a process before this one.
+/// What was made of a layer in a process before this one.
 ///
 /// # Errors
 /// [`Error::Io`]; [`Error::Format`] if the shard is not as it was written.
 fn finished_layer(
     settings: &FinishSettings,
-    slab: &SlabRecord,
-    spool: &mut SpillFile,
+    layer: u32,
+    tiles: &[TileRecord],
 ) -> Result<Option<FinishedLayer>> {
-    let tiles = spool.get(&slab.tiles)?;
     if tiles.is_empty() {
         return Ok(None);
     }
-    let path = settings.dir.join(shard_path(slab.layer));
+    let path = settings.dir.join(shard_path(layer));
     let file = File::open(&path).map_err(|e| Error::io(&path, "read", e))?;
     let (bytes, crc) = sums_of(&file).map_err(|e| Error::io(&path, "read", e))?;
     let not_ours = |_| changed(&path, bytes, bytes);
     let mut totals = Totals::default();
     let mut grids = tiles.iter().map(|t| t.grid);
     let mut same = true;
-    for tile in ShardTiles::open(path.clone(), slab.layer)? {
+    for tile in ShardTiles::open(path.clone(), layer)? {
         let tile = tile.map_err(not_ours)?;
         same &= grids.next() == Some(tile.grid);
         totals.add_tile(&tile);
@@ -176,7 +158,7 @@ fn finished_layer(
     if !same || grids.next().is_some() {
         return Err(changed(&path, bytes, bytes));
     }
-    let (z, tiles) = (slab.layer, totals.tiles);
+    let (z, tiles) = (layer, totals.tiles);
     Ok(Some(FinishedLayer {
         entry: LayerRecord {
             z,

@@ -1,8 +1,6 @@
 //! Ends layers whose tiles are finished: writes their shards and says that they are done.
 
 use crate::checkpoint::Checkpointer;
-use crate::convert::finalize::FinishSettings;
-use crate::convert::finalize::rewrite::Anew;
 use crate::error::Result;
 use crate::manifest::{LayerRecord, TileEntry, Totals};
 use crate::progress::Progress;
@@ -31,38 +29,27 @@ pub struct Part {
 pub struct FinishedBatch {
     /// Parts of layers.
     pub parts: Vec<Part>,
-    /// Tiles that the writers had got by then: all of these parts' are among them.
-    pub handed: u64,
 }
 
 /// Ends layers, part by part.
 pub struct LayerFinisher<'a> {
-    settings: FinishSettings<'a>,
     set: &'a mut TilesetWriter,
-    anew: Anew,
     checkpointer: &'a mut Checkpointer,
     progress: &'a dyn Progress,
 }
 
 impl<'a> LayerFinisher<'a> {
-    /// Of a set of `layers`, some of which may be finished already.
-    ///
-    /// # Errors
-    /// [`crate::Error::Io`].
+    /// Of a set, some layers of which may be finished already.
     pub fn begin(
-        settings: &FinishSettings<'a>,
         set: &'a mut TilesetWriter,
         checkpointer: &'a mut Checkpointer,
-        layers: usize,
         progress: &'a dyn Progress,
-    ) -> Result<Self> {
-        Ok(LayerFinisher {
-            settings: *settings,
-            anew: Anew::begin(settings.dir, checkpointer.finished(), layers as u32)?,
+    ) -> Self {
+        LayerFinisher {
             set,
             checkpointer,
             progress,
-        })
+        }
     }
 
     /// Layers that were finished before.
@@ -70,27 +57,25 @@ impl<'a> LayerFinisher<'a> {
         self.checkpointer.finished()
     }
 
-    /// Takes the next parts of layers. When one was the last of a layer, all tiles of that are written.
+    /// Takes the next parts of layers. When one was the last of a layer, that is done.
     ///
     /// # Errors
     /// [`crate::Error::Io`].
     pub fn take(&mut self, made: FinishedBatch) -> Result<()> {
         let mut parts = made.parts.into_iter();
-        parts.try_for_each(|part| self.take_part(part, made.handed))
+        parts.try_for_each(|part| self.take_part(part))
     }
 
-    fn take_part(&mut self, part: Part, handed: u64) -> Result<()> {
+    fn take_part(&mut self, part: Part) -> Result<()> {
         for (tile, text) in &part.tiles {
             self.set.add(tile, text)?;
         }
         if !part.last {
             return Ok(());
         }
-        if let Some(writers) = self.settings.writers {
-            writers.wait_for(handed)?;
-        }
         self.set.end_layer(part.layer)?;
-        self.anew.layer_done(part.layer, self.checkpointer)?;
+        self.checkpointer.save_finished(part.layer + 1)?;
+        self.checkpointer.disk().begin()?;
         self.progress.advance(1);
         Ok(())
     }
@@ -105,13 +90,5 @@ impl<'a> LayerFinisher<'a> {
             Some(finished) => self.set.add_layer(finished.entry, &finished.totals),
             None => self.set.end_layer(layer),
         }
-    }
-
-    /// Ends all, after the last layer.
-    ///
-    /// # Errors
-    /// [`crate::Error::Io`].
-    pub fn end(self) -> Result<()> {
-        self.anew.end(self.checkpointer)
     }
 }

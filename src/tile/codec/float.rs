@@ -2,7 +2,7 @@
 
 use super::{TileCodec, VertexFormat};
 use crate::gltf::accessors::Element;
-use crate::manifest::{Encoding, Form, Layout};
+use crate::manifest::Encoding;
 use crate::sys::simd::dispatch;
 use std::borrow::Cow;
 
@@ -17,11 +17,6 @@ impl TileCodec for Float {
 
     fn keeps_floats(&self) -> bool {
         true
-    }
-
-    fn is_encoded_early(&self, form: &Form) -> bool {
-        // other layouts have tiles that stay as they are
-        form.layout == Layout::Merged
     }
 
     fn vertices(&self) -> VertexFormat {

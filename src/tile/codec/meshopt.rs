@@ -11,7 +11,7 @@ use crate::gltf::accessors::Element;
 use crate::gltf::bin_writer::{Bin, IndexList, Section, Views};
 use crate::gltf::container::{Fault, ReadError, fail};
 use crate::gltf::read_json::{BufferView, Compressed, Document};
-use crate::manifest::{Encoding, Form, Primitives};
+use crate::manifest::{Encoding, Primitives};
 use crate::tile::body::Body;
 use crate::tile::store::Refused;
 use serde_json::{Value, json};
@@ -35,11 +35,6 @@ impl TileCodec for Meshopt {
 
     fn reach(&self) -> Option<Reach> {
         Quantized.reach()
-    }
-
-    fn is_encoded_early(&self, form: &Form) -> bool {
-        // triangles that are compressed twice may begin at another corner than those that are compressed once
-        form.primitives == Primitives::Strips
     }
 
     fn vertices(&self) -> VertexFormat {

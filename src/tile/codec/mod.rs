@@ -18,7 +18,7 @@ use crate::gltf::accessors::Element;
 use crate::gltf::bin_writer::{Bin, IndexList, Section, Views};
 use crate::gltf::container::{Fault, ReadError, fail};
 use crate::gltf::read_json::{Compressed, Document};
-use crate::manifest::{Encoding, Form};
+use crate::manifest::Encoding;
 use serde_json::Value;
 use std::borrow::Cow;
 use std::fmt::Debug;
@@ -44,15 +44,6 @@ pub trait TileCodec: Debug + Sync {
     /// True if positions and normals stay the floats that they were.
     fn keeps_floats(&self) -> bool {
         false
-    }
-
-    /// True if tiles of a form are encoded as soon as they are made, since none of them stays as it is then: the floats
-    /// of its pieces one after the other.
-    ///
-    /// It must not be where to decode and to encode again may give other bytes: should pieces turn out to be one, tiles
-    /// have to be as if they had been encoded once.
-    fn is_encoded_early(&self, _: &Form) -> bool {
-        true
     }
 
     /// Bytes of buffers for each triangle of a tile while it is encoded.

@@ -64,13 +64,6 @@ impl WorkspacePool {
         result
     }
 
-    /// Gives back the memory of those that nobody uses.
-    pub fn give_back(&self) {
-        let unused = std::mem::take(&mut self.lock().idle);
-        // without the lock, since it takes a while
-        drop(unused);
-    }
-
     fn take(&self, bytes: u64) -> Result<Lent<'_>> {
         let mut state = self.lock();
         loop {

@@ -1,12 +1,13 @@
 //! One band of a slab, read, classified and labelled.
 
 use crate::convert::memory::BANDS;
-use crate::convert::scan::small_components::Filter;
+use crate::convert::label::kept_bands::{KeptBand, KeptBands};
+use crate::convert::label::small_components::Filter;
 use crate::error::Result;
 use crate::grid::{Ambiguous, Dims, Placement, Tiling};
 use crate::labels::{
     BandComponents, BandFaces, BandInput, Bits, InsideBand, Labels, LocalComponent, Runs, Span,
-    Voxels, add_border_euler, label_runs, note_region_edge, sum_voxels,
+    Voxels, add_border_euler, keys_on_top, label_runs, note_region_edge, sum_voxels,
 };
 use crate::measure::VoxelSums;
 use crate::sys::memory_pool::{MemoryPool, MemoryReservation};
@@ -23,7 +24,7 @@ pub struct Band<T> {
     pub bits: Bits,
     /// Runs.
     pub runs: Runs,
-    /// Components; the labels of runs turn from local components to classes once these are known.
+    /// Local components.
     pub labels: Labels,
     /// What joins it to its neighbours.
     pub edges: BandFaces,
@@ -31,6 +32,8 @@ pub struct Band<T> {
     pub inside: InsideBand,
     /// NaN samples among the voxels that the band owns.
     pub nan: u64,
+    /// See [`keys_on_top`].
+    pub keys_on_top: Vec<(u32, u64)>,
     /// The memory of all this.
     pub held: MemoryReservation,
 }
@@ -46,20 +49,33 @@ pub struct SealedBand {
     pub whole: Place<VoxelSums>,
     /// NaN samples.
     pub nan: u64,
+    /// What is kept for meshing.
+    pub kept: KeptBand,
 }
 
 impl<T> Band<T> {
     /// Takes out what the joining of bands needs. Components that are whole in this band leave memory
-    /// for `spool`.
+    /// for `spool`; what meshing needs is added to `kept`, if that is to follow.
     ///
     /// # Errors
     /// [`crate::Error::Io`].
-    pub fn seal(&mut self, spool: &mut SpillFile) -> Result<SealedBand> {
+    pub fn seal(
+        &mut self,
+        dims: Dims,
+        spool: &mut SpillFile,
+        kept: Option<&mut KeptBands>,
+    ) -> Result<SealedBand> {
         let all = std::mem::take(&mut self.labels.components);
         let edges = std::mem::take(&mut self.edges);
+        let on_top = std::mem::take(&mut self.keys_on_top);
         let mut whole = spool.here();
-        let components =
-            BandComponents::split(&all, &edges, |sums| spool.extend(&mut whole, &[*sums]))?;
+        let components = BandComponents::split(&all, &edges, on_top, dims, |sums| {
+            spool.extend(&mut whole, &[*sums])
+        })?;
+        let kept = match kept {
+            Some(kept) => kept.keep(&self.bits, &self.labels.of_run, all.len())?,
+            None => KeptBand::default(),
+        };
         self.held
             .shrink_to(self.held.bytes() - component_bytes(all.len()));
         Ok(SealedBand {
@@ -67,6 +83,7 @@ impl<T> Band<T> {
             components,
             whole,
             nan: self.nan,
+            kept,
         })
     }
 }
@@ -112,16 +129,6 @@ pub struct BandSource<'a, T> {
 }
 
 impl<T: Voxel> BandSource<'_, T> {
-    /// The voxels of band `ty` of layer `tz`, without gradient neighbours.
-    pub fn span(&self, ty: u32, tz: u32) -> Span {
-        let (y, z) = (self.tiling.cubes(1, ty), self.tiling.cubes(2, tz));
-        Span {
-            nx: self.dims().0[0],
-            y: y.start..y.end + 1,
-            z: z.start..z.end + 1,
-        }
-    }
-
     fn dims(&self) -> Dims {
         self.tiling.dims
     }
@@ -137,13 +144,13 @@ impl<T: Voxel> BandSource<'_, T> {
         }
     }
 
-    /// Fills `band` with band `ty` of layer `tz`.
+    /// Fills `band` with band `ty` of layer `tz`, and labels it.
     ///
     /// # Errors
     /// Those of [`Volume::read_box`]; [`crate::Error::TooDense`] if the band is too dense for what is
     /// left of the memory.
-    pub fn prepare(&self, ty: u32, tz: u32, band: &mut Band<T>) -> Result<()> {
-        let span = self.span(ty, tz);
+    pub fn label(&self, ty: u32, tz: u32, band: &mut Band<T>) -> Result<()> {
+        let span = span_of(self.tiling, ty, tz);
         let samples = span.with_neighbours(self.dims());
         let words = (span.nx as usize).div_ceil(64) * span.rows() * span.slices();
         // 8 bytes of bits, 4 of run numbers, and 8 again of what is inside
@@ -180,7 +187,18 @@ impl<T: Voxel> BandSource<'_, T> {
             note_region_edge(&band.bits, &band.runs, &mut band.labels, &band.inside);
         }
         band.edges = BandFaces::of(&band.bits, &band.runs, &band.labels, self.dims());
+        band.keys_on_top = keys_on_top(&band.bits, &band.runs, &band.labels, self.dims());
         Ok(())
+    }
+}
+
+/// The voxels of band `ty` of layer `tz`, without gradient neighbours.
+pub fn span_of(tiling: Tiling, ty: u32, tz: u32) -> Span {
+    let (y, z) = (tiling.cubes(1, ty), tiling.cubes(2, tz));
+    Span {
+        nx: tiling.dims.0[0],
+        y: y.start..y.end + 1,
+        z: z.start..z.end + 1,
     }
 }
 

@@ -3,7 +3,9 @@
 use crate::error::Result;
 use crate::grid::Tiling;
 use crate::strip::Stripifier;
-use crate::surface::{CAP, Piece, TileMesh};
+use crate::convert::resolve::{ComponentId, Ids};
+use crate::measure::MeshSums;
+use crate::surface::{Piece, TileMesh};
 use crate::sys::background_writer::{BackgroundWriters, Job};
 use crate::sys::direct_io;
 use crate::sys::files::write_body;
@@ -16,7 +18,7 @@ use bytemuck::{Pod, Zeroable};
 use std::borrow::Cow;
 use std::path::PathBuf;
 
-/// A tile as the forward sweep left it.
+/// A tile as meshing left it.
 #[repr(C)]
 #[derive(Debug, Clone, Copy, Pod, Zeroable)]
 pub struct TileRecord {
@@ -32,8 +34,7 @@ pub struct TileRecord {
     pub pieces_at: u64,
     /// Number of pieces.
     pub pieces: u32,
-    /// Bytes of the JSON chunk; 0 if the geometry is in the file as floats that are not to stay, and the tile is
-    /// written anew at the end.
+    /// Bytes of the JSON chunk.
     pub room: u32,
     /// CRC-32 of the geometry in the file.
     pub crc: u32,
@@ -43,7 +44,7 @@ pub struct TileRecord {
 }
 
 impl TileRecord {
-    /// Its pieces, from the spool that the sweep left.
+    /// Its pieces, from the spool that meshing left.
     ///
     /// # Errors
     /// [`Error::Io`].
@@ -51,31 +52,24 @@ impl TileRecord {
         spool.get(&Place::new(self.pieces_at, self.pieces as usize))
     }
 
-    /// Byte of the file at which the geometry begins.
-    pub fn start(&self) -> usize {
-        head_bytes(aligned(self.room as usize, 8), 0).expect("a head is no 4 GiB")
-    }
 }
 
-/// A piece of a tile in terms of its slab.
+/// A piece of a tile.
 #[repr(C)]
 #[derive(Debug, Clone, Copy, Pod, Zeroable)]
 pub struct WrittenPiece {
     /// Where it lies in the body.
     pub body: PieceRange,
-    /// Class of its object.
-    pub object: u32,
-    /// Class of its cell, or [`CAP`].
-    pub cell: u32,
-    /// Its surface in the slab, see [`SlabSurfaces`](crate::convert::scan::surfaces::SlabSurfaces); nothing for caps.
-    pub surface: u32,
-    reserved: u32,
+    /// What it is part of.
+    pub ids: Ids,
+    /// Its sums.
+    pub sums: MeshSums,
 }
 
 impl WrittenPiece {
     /// True for a piece that closes the surface outside the volume.
     pub fn is_cap(&self) -> bool {
-        self.cell == CAP
+        self.ids.cell == 0
     }
 }
 
@@ -92,11 +86,8 @@ pub struct TileWriter {
 }
 
 impl TileWriter {
-    /// Writes one tile's geometry and leaves room for what comes before it, whose ids are not known yet; long
-    /// ones by the writers if there are any.
-    ///
-    /// In forms that are encoded early, this one is, unless it is `provisional`: likely to be written anew. Then it
-    /// stays in the page cache.
+    /// Writes one tile's geometry and leaves room for what comes before it, which says how large components are: that
+    /// is known when all are meshed. Long ones are written by the writers if there are any.
     ///
     /// # Errors
     /// [`Error::Io`]; [`Error::Usage`] if the tile would pass 4 GiB or reaches too far.
@@ -106,24 +97,17 @@ impl TileWriter {
         grid: [u32; 3],
         stripifier: &mut Stripifier,
         writers: Option<&BackgroundWriters>,
-        provisional: bool,
     ) -> Result<(TileRecord, Body)> {
         let body = Body::write(mesh, self.head.form.primitives, stripifier);
-        let plain = self.head.is_plain(body.pieces.len());
-        let stays = plain || !provisional && self.head.is_encoded_early();
-        let (mut layout, mut room) = (EncodedLayout::default(), 0);
-        if stays {
-            (layout, room) = self
-                .encode(mesh, grid, &body)
-                .map_err(|e| refused(e, grid, self.tiling))?;
-        }
+        let (layout, room) = self
+            .encode(mesh, grid, &body)
+            .map_err(|e| refused(e, grid, self.tiling))?;
         let bytes = mesh.chunk.bytes();
         let (crc, bin_bytes) = (crc32fast::hash(bytes), bytes.len() as u64);
         let long = bytes.len() >= direct_io::WORTH;
         let path = self.dir.join(tile_path(grid));
         let start = head_bytes(aligned(room, 8), bin_bytes).ok_or_else(|| too_large(grid))?;
-        // what is to be written anew is best read back from the cache
-        match writers.filter(|_| stays && long && !provisional) {
+        match writers.filter(|_| long) {
             Some(writers) => {
                 let body = mesh.chunk.take();
                 mesh.chunk.give(writers.put(Job { path, start, body })?);
@@ -211,14 +195,17 @@ impl Heads<'_> {
 }
 
 impl WrittenPiece {
-    /// A piece and where it lies in the body with those that are one with it, not knowing its surface yet.
-    pub fn new(piece: &Piece, body: PieceRange) -> Self {
+    /// A piece, where it lies in the body, and what its classes are.
+    pub fn new(piece: &Piece, body: PieceRange, components: &[ComponentId]) -> Self {
+        let object = components[piece.object as usize];
+        let ids = match piece.is_cap() {
+            true => Ids::of_cap(object),
+            false => Ids::of(object, components[piece.cell as usize]),
+        };
         WrittenPiece {
             body,
-            object: piece.object,
-            cell: piece.cell,
-            surface: u32::MAX,
-            reserved: 0,
+            ids,
+            sums: piece.sums,
         }
     }
 }

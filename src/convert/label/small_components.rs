@@ -1,18 +1,17 @@
 //! Leaves out components of few voxels (`--min-voxels`).
 //!
 //! A component that is left out is filled with the other phase, so that all laws hold on what
-//! remains. Its size is known only when it has ended, so volumes with dust are swept three times:
-//! to find small objects; to find small cells among what remains; to mesh. Filling small cells only
+//! remains. Its size is known only when it has ended, so volumes with dust are labelled three times:
+//! to find small objects; to find small cells among what remains; to find all that is left. Filling small cells only
 //! joins objects, so nothing small is left after that. Vertices do not move: every lattice edge out
 //! of a component is crossed, and all of them go with it.
 
 use crate::checkpoint::{Checkpointer, Marks, Scratch};
-use crate::convert::scan::Sweep;
-use crate::convert::scan::mode::Parts;
-use crate::convert::scan::slab_memory::SlabMemory;
-use crate::convert::scan::state::{ScanState, SlabLabels};
+use crate::convert::label::LabelInput;
+use crate::convert::label::slab_memory::SlabMemory;
+use crate::convert::label::state::{LabelState, SlabLabels};
 use crate::error::Result;
-use crate::grid::Tiling;
+use crate::grid::{Dims, Tiling};
 use crate::labels::{Bits, RowRuns, Run, Runs, SlabComponents};
 use crate::sys::locks::{lock, unshared};
 use crate::sys::spill_file::{Place, SpillFile};
@@ -106,56 +105,55 @@ impl Filter {
     }
 }
 
-impl Sweep<'_> {
+impl LabelInput<'_> {
     /// Finds the objects or cells of fewer than `min_voxels` voxels.
     ///
     /// # Errors
-    /// Those of [`Sweep::run`].
+    /// Those of [`label`](crate::convert::label::label).
     pub fn find_dust<T: Voxel + Default>(
         &self,
-        parts: &mut Parts<T>,
+        filters: &[Filter],
         sweep: DustSweep,
         checkpointer: &mut Checkpointer,
     ) -> Result<Filter> {
         let marks = match checkpointer.over(sweep.number) {
             Some(marks) => marks,
-            None => self.search_dust(parts, sweep, checkpointer)?,
+            None => self.search_dust::<T>(filters, sweep, checkpointer)?,
         };
         checkpointer.end_sweep(&marks);
         let files = checkpointer.files(sweep.number);
-        let found = Found::read(&files, &marks, self.plan.tiling, &self.writer.dir)?;
+        let found = Found::read(&files, &marks, self.job.plan.tiling, self.work)?;
         let found = found.ok_or_else(|| checkpointer.damaged())?;
         let mut filter = Filter {
             found: Mutex::new(found),
             components: 0,
             voxels: 0,
         };
-        filter.resolve(sweep.above, self.min_voxels)?;
+        filter.resolve(sweep.above, self.job.options.min_voxels)?;
         Ok(filter)
     }
 
     /// Labels the volume and marks what is known of all components then.
     fn search_dust<T: Voxel + Default>(
         &self,
-        parts: &mut Parts<T>,
+        filters: &[Filter],
         sweep: DustSweep,
         checkpointer: &mut Checkpointer,
     ) -> Result<Marks> {
-        let layers = self.plan.tiling.tiles()[2];
-        let memory = SlabMemory::new(self.memory, self.plan.front)?;
-        let (mut search, first) = Search::begin(sweep.number, checkpointer, memory)?;
-        for layer in first..layers {
-            let sealed = self.seal_in_parts(parts, layer, &mut search.state)?;
-            let known = self.join(sealed, layer, &mut search.state)?;
-            search.add(&known)?;
+        let layers = self.job.layers();
+        let (dims, memory) = (self.job.plan.tiling.dims, self.slab_memory()?);
+        let (mut state, mut search, first) =
+            Search::begin(sweep.number, checkpointer, dims, memory)?;
+        self.label_layers::<T>(filters, first, &mut state, |state, layer, known| {
+            search.add(state, known)?;
             if layer + 1 < layers {
-                search.save(layer + 1, &known, checkpointer)?;
+                search.save(state, layer + 1, checkpointer)?;
             }
-            search.state.memory.let_go(layer);
-            self.release(&parts.source, layer);
-        }
+            state.memory.let_go(layer);
+            Ok(())
+        })?;
         let marks = search.marks()?;
-        drop(search);
+        drop((search, state));
         checkpointer.close_sweep(sweep.number, &marks)?;
         Ok(marks)
     }
@@ -172,7 +170,6 @@ struct Search {
     /// The number of the sweep.
     sweep: usize,
     files: Scratch,
-    state: ScanState,
     spool: SpillFile,
     /// Where the arrays of each layer lie in `spool`: the classes of the local components of each
     /// band, then those of [`Slab`]. Two numbers for each.
@@ -184,20 +181,21 @@ impl Search {
     fn begin(
         sweep: usize,
         checkpointer: &mut Checkpointer,
+        dims: Dims,
         memory: SlabMemory,
-    ) -> Result<(Self, u32)> {
+    ) -> Result<(LabelState, Self, u32)> {
         let files = checkpointer.files(sweep);
         let Some(mut at) = checkpointer.take(sweep) else {
+            let state = LabelState::new(&files, dims, memory, false)?;
             let search = Search {
                 sweep,
-                state: ScanState::new(&files, memory)?,
                 spool: SpillFile::create(&files.path(FOUND))?,
                 places: SpillFile::create(&files.path(PLACES))?,
                 files,
             };
-            return Ok((search, 0));
+            return Ok((state, search, 0));
         };
-        let state = ScanState::load(&files, &at.marks, &mut at.state, memory)?;
+        let state = LabelState::load(&files, dims, &at.marks, &mut at.state, memory, false)?;
         let spool = at.marks.reopen(&files, FOUND)?;
         let places = at.marks.reopen(&files, PLACES)?;
         match (state, spool, places) {
@@ -205,24 +203,23 @@ impl Search {
                 let search = Search {
                     sweep,
                     files,
-                    state,
                     spool,
                     places,
                 };
-                Ok((search, at.layer))
+                Ok((state, search, at.layer))
             }
             _ => Err(checkpointer.damaged()),
         }
     }
 
     /// Adds a layer.
-    fn add(&mut self, known: &SlabLabels) -> Result<()> {
+    fn add(&mut self, state: &mut LabelState, known: &SlabLabels) -> Result<()> {
         let classes = &known.classes;
         for of_local in &classes.of_local {
             let place = self.spool.push(of_local)?;
             self.places.push(&place.numbers())?;
         }
-        let voxels = self.state.class_voxels(known)?;
+        let voxels = state.class_voxels(known)?;
         let slab = Slab::new(&voxels, classes, &mut self.spool)?;
         self.places.push(&slab.numbers())?;
         Ok(())
@@ -239,15 +236,13 @@ impl Search {
     /// Keeps what is known before `layer`.
     fn save(
         &mut self,
+        state: &mut LabelState,
         layer: u32,
-        known: &SlabLabels,
         checkpointer: &mut Checkpointer,
     ) -> Result<()> {
         let mut marks = self.marks()?;
-        self.state.mark(&self.files, &mut marks, &known.after)?;
-        checkpointer.save(self.sweep, layer, &marks, |out| {
-            self.state.save(out, &known.after)
-        })
+        state.mark(&self.files, &mut marks)?;
+        checkpointer.save(self.sweep, layer, &marks, |out| state.save(out))
     }
 }
 

@@ -1,42 +1,32 @@
-//! What the forward sweep leaves of its slabs, in a file.
+//! What labelling leaves of its slabs, in a file.
 
-use crate::convert::scan::surfaces::SlabSurface;
-use crate::convert::scan::tile_writer::TileRecord;
 use crate::error::Result;
 use crate::measure::VoxelSums;
 use crate::sys::spill_file::{Mark, Place, SpillFile};
 
 /// Numbers that tell of a slab: its layer, and two for each place.
-const NUMBERS: usize = 1 + 2 * 11;
+const NUMBERS: usize = 1 + 2 * 7;
 
-/// What the sweep leaves of one slab.
+/// What labelling leaves of one slab.
 #[derive(Debug)]
 pub struct SlabRecord {
     /// z index of its macrocubes.
     pub layer: u32,
     /// Number of each class.
     pub provisional: Place<u64>,
+    /// See [`SlabComponents`](crate::labels::SlabComponents).
+    pub surfaces: Place<u64>,
     /// 1 for objects, 0 for cells, per class.
     pub above: Place<u8>,
-    /// See [`SlabComponents`].
+    /// See [`SlabComponents`](crate::labels::SlabComponents).
     pub live: Place<u32>,
-    /// See [`SlabComponents`].
+    /// See [`SlabComponents`](crate::labels::SlabComponents).
     pub carried_in: Place<u32>,
     /// Where the sums of components that end in this slab lie, some at a time, and their classes: see
     /// [`SlabRecord::ended`].
     pub finished: Place<[u64; 4]>,
-    /// Surfaces that are not whole in a tile.
-    pub surfaces: Place<SlabSurface>,
-    /// See [`SlabSurfaces`].
-    pub surfaces_live: Place<u32>,
-    /// See [`SlabSurfaces`].
-    pub surfaces_from_previous: Place<u32>,
-    /// Surfaces that are, in a spool of their own.
-    pub whole: Place<SlabSurface>,
-    /// Provisional labels of these.
-    pub whole_labels: Place<u64>,
-    /// The tiles, by y, then x.
-    pub tiles: Place<TileRecord>,
+    /// Where the classes of the local components of each band lie.
+    pub of_local: Place<[u64; 2]>,
 }
 
 /// Some components that end in a slab.
@@ -49,15 +39,6 @@ pub struct EndedComponents {
 }
 
 impl SlabRecord {
-    /// One that has nothing but these tiles.
-    #[cfg(test)]
-    pub fn with_tiles(layer: u32, tiles: Place<TileRecord>) -> Self {
-        let mut numbers = [0; NUMBERS];
-        numbers[0] = u64::from(layer);
-        let slab = Self::of(&numbers).expect("no number is too large");
-        SlabRecord { tiles, ..slab }
-    }
-
     /// The components that end in this slab, some at a time.
     ///
     /// # Errors
@@ -75,16 +56,12 @@ impl SlabRecord {
     fn numbers(&self) -> [u64; NUMBERS] {
         let places = [
             self.provisional.numbers(),
+            self.surfaces.numbers(),
             self.above.numbers(),
             self.live.numbers(),
             self.carried_in.numbers(),
-            self.surfaces.numbers(),
-            self.surfaces_live.numbers(),
-            self.surfaces_from_previous.numbers(),
-            self.whole.numbers(),
-            self.whole_labels.numbers(),
-            self.tiles.numbers(),
             self.finished.numbers(),
+            self.of_local.numbers(),
         ];
         let mut numbers = places.as_flattened().iter();
         std::array::from_fn(|i| match i {
@@ -103,16 +80,12 @@ impl SlabRecord {
         Some(SlabRecord {
             layer: numbers.next()?.try_into().ok()?,
             provisional: place(numbers)?,
+            surfaces: place(numbers)?,
             above: place(numbers)?,
             live: place(numbers)?,
             carried_in: place(numbers)?,
-            surfaces: place(numbers)?,
-            surfaces_live: place(numbers)?,
-            surfaces_from_previous: place(numbers)?,
-            whole: place(numbers)?,
-            whole_labels: place(numbers)?,
-            tiles: place(numbers)?,
             finished: place(numbers)?,
+            of_local: place(numbers)?,
         })
     }
 }

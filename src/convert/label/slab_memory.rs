@@ -1,6 +1,6 @@
 //! The memory of what slabs have in components, surfaces and tiles.
 
-use crate::convert::memory::{FOR_NEXT_SLAB, SLAB_GROWTH, SLABS};
+use crate::convert::memory::SLABS;
 use crate::error::Result;
 use crate::sys::memory_pool::{MemoryPool, MemoryReservation};
 use std::collections::BTreeMap;
@@ -13,8 +13,6 @@ pub struct SlabMemory {
     planned: u64,
     /// Of each slab that has not ended.
     slabs: BTreeMap<u32, u64>,
-    /// The most that a slab has taken so far.
-    most: u64,
     held: MemoryReservation,
 }
 
@@ -29,7 +27,6 @@ impl SlabMemory {
         Ok(SlabMemory {
             planned,
             slabs: BTreeMap::new(),
-            most: 0,
             held,
         })
     }
@@ -47,24 +44,10 @@ impl SlabMemory {
         held
     }
 
-    /// Bytes of memory that a slab takes.
-    pub fn held(&self, layer: u32) -> u64 {
-        self.slabs.get(&layer).copied().unwrap_or(0)
-    }
-
     /// Gives back the memory of a slab that has left it.
     pub fn let_go(&mut self, layer: u32) {
-        let bytes = self.slabs.remove(&layer).unwrap_or(0);
-        self.most = self.most.max(bytes);
+        self.slabs.remove(&layer);
         let left = self.slabs.values().sum();
         self.held.shrink_to(self.planned.max(left));
-    }
-
-    /// True if the next slab is likely to have room beside those that have not ended, which may grow.
-    pub fn has_room_for_another(&self) -> bool {
-        let grown = |&bytes: &u64| bytes + SLAB_GROWTH.of(bytes);
-        let most = self.slabs.values().map(grown).max();
-        let most = self.most.max(most.unwrap_or(0));
-        most * (self.slabs.len() as u64 + 1) <= self.held.at_hand(FOR_NEXT_SLAB)
     }
 }

@@ -1,0 +1,155 @@
+//! Labelling: a pass over the volume that finds all components, and keeps of each band what meshing needs: its bits and
+//! the local component of each run. Samples are not kept.
+//!
+//! Bands are labelled by themselves, in any order; slabs of them are joined one after the other. With `--min-voxels` two
+//! passes come before that find small components.
+
+mod band;
+mod kept_bands;
+mod queue;
+mod slab_memory;
+mod slab_records;
+mod small_components;
+mod state;
+mod workers;
+
+pub use band::span_of;
+pub use kept_bands::KeptBands;
+pub use slab_records::{EndedComponents, SlabRecord};
+pub use state::Labelled;
+
+use crate::checkpoint::{Checkpointer, LABELS, Marks};
+use crate::convert::conversion::Conversion;
+use crate::convert::label::band::BandSource;
+use crate::convert::label::queue::Limits;
+use crate::convert::label::slab_memory::SlabMemory;
+use crate::convert::label::small_components::{Filter, SMALL_CELLS, SMALL_OBJECTS};
+use crate::convert::label::state::{LabelState, SlabLabels};
+use crate::convert::label::workers::LabelWorkers;
+use crate::error::Result;
+use crate::sys::memory_pool::MemoryPool;
+use crate::volume::{Volume, Voxel};
+use std::path::Path;
+use std::sync::Arc;
+
+/// Objects and cells that were left out: how many, and their voxels.
+pub type LeftOut = [(u64, u64); 2];
+
+/// What labelling works on.
+pub struct LabelInput<'a> {
+    /// The conversion.
+    pub job: &'a Conversion<'a>,
+    /// Its grid, which can be read in any order.
+    pub volume: &'a dyn Volume,
+    /// Its memory.
+    pub memory: &'a Arc<MemoryPool>,
+    /// Directory for temporary files.
+    pub work: &'a Path,
+}
+
+/// Finds all components, and what was left out of them.
+///
+/// # Errors
+/// [`crate::Error::Io`], [`crate::Error::TooDense`] if the volume is too dense for the limit,
+/// [`crate::Error::Interrupted`], and those of [`Volume::read_box`].
+pub fn label(input: &LabelInput, checkpointer: &mut Checkpointer) -> Result<(Labelled, LeftOut)> {
+    crate::volume::with_voxel_type!(
+        input.volume.header().dtype, T => input.label::<T>(checkpointer))
+}
+
+impl LabelInput<'_> {
+    fn label<T: Voxel + Default>(
+        &self,
+        checkpointer: &mut Checkpointer,
+    ) -> Result<(Labelled, LeftOut)> {
+        let mut filters = Vec::new();
+        if self.job.options.min_voxels > 1 {
+            for search in [SMALL_OBJECTS, SMALL_CELLS] {
+                let filter = self.find_dust::<T>(&filters, search, checkpointer)?;
+                filters.push(filter);
+            }
+        }
+        let left_out = match &filters[..] {
+            [objects, cells] => [objects, cells].map(|f| (f.components, f.voxels)),
+            _ => LeftOut::default(),
+        };
+        let marks = match checkpointer.over(LABELS) {
+            Some(marks) => marks,
+            None => self.label_all::<T>(&filters, checkpointer)?,
+        };
+        checkpointer.end_sweep(&marks);
+        let labelled = Labelled::read(&checkpointer.files(LABELS), &marks)?;
+        Ok((labelled.ok_or_else(|| checkpointer.damaged())?, left_out))
+    }
+
+    /// Labels the volume and marks what is needed of that.
+    fn label_all<T: Voxel + Default>(
+        &self,
+        filters: &[Filter],
+        checkpointer: &mut Checkpointer,
+    ) -> Result<Marks> {
+        let (mut state, first) = self.begin(checkpointer)?;
+        let files = checkpointer.files(LABELS);
+        let layers = self.job.layers();
+        self.label_layers::<T>(filters, first, &mut state, |state, layer, known| {
+            state.finish_slab(layer, known)?;
+            if layer + 1 == layers {
+                return Ok(());
+            }
+            let mut marks = Marks::default();
+            state.mark(&files, &mut marks)?;
+            checkpointer.save(LABELS, layer + 1, &marks, |out| state.save(out))
+        })?;
+        let marks = state.end(&files)?;
+        checkpointer.close_sweep(LABELS, &marks)?;
+        Ok(marks)
+    }
+
+    /// The state before the first layer to do, and that layer.
+    fn begin(&self, checkpointer: &mut Checkpointer) -> Result<(LabelState, u32)> {
+        let (files, dims) = (checkpointer.files(LABELS), self.job.plan.tiling.dims);
+        let memory = self.slab_memory()?;
+        let Some(mut at) = checkpointer.take(LABELS) else {
+            return Ok((LabelState::new(&files, dims, memory, true)?, 0));
+        };
+        let state = LabelState::load(&files, dims, &at.marks, &mut at.state, memory, true)?;
+        let state =
+            state.filter(|s| at.state.is_empty() && s.labelled.slabs.len() == at.layer as usize);
+        Ok((state.ok_or_else(|| checkpointer.damaged())?, at.layer))
+    }
+
+    fn slab_memory(&self) -> Result<SlabMemory> {
+        SlabMemory::new(self.memory, self.job.plan.front)
+    }
+
+    /// Labels all layers from `first` on, and calls `each` for every one of them, in their order.
+    ///
+    /// # Errors
+    /// As of [`label`], and what `each` returns.
+    fn label_layers<T: Voxel + Default>(
+        &self,
+        filters: &[Filter],
+        first: u32,
+        state: &mut LabelState,
+        each: impl FnMut(&mut LabelState, u32, &SlabLabels) -> Result<()> + Send,
+    ) -> Result<()> {
+        let Conversion { options, plan, .. } = self.job;
+        let [_, bands, layers] = plan.tiling.tiles();
+        let source = BandSource {
+            volume: self.volume,
+            ceil: T::ceil_from(options.threshold),
+            rule: options.ambiguous,
+            tiling: plan.tiling,
+            region: self.job.region,
+            measured: options.measured(&self.job.grid.header().placement)?,
+            filters,
+            memory: self.memory,
+        };
+        let limits = Limits {
+            bands,
+            layers,
+            ahead: plan.bands_at_once,
+        };
+        LabelWorkers::new(self, &source, limits, first, state, each).run()
+    }
+}

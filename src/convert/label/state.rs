@@ -1,0 +1,312 @@
+//! What labelling gathers: components in terms of each slab's classes.
+
+use crate::checkpoint::{Marks, Scratch};
+use crate::convert::label::band::{Band, SealedBand};
+use crate::convert::label::kept_bands::{KeptBand, KeptBands};
+use crate::convert::label::slab_memory::SlabMemory;
+use crate::convert::label::slab_records::{SlabRecord, Slabs};
+use crate::error::Result;
+use crate::grid::Dims;
+use crate::labels::{CarriedComponents, PhaseLabels, ProvisionalLabels, SlabComponents};
+use crate::measure::VoxelSums;
+use crate::sys::spill_file::{Place, SpillFile};
+use crate::sys::state_codec::{Decoder, Encoder};
+
+/// Names of the files of a sweep.
+const SLABS: &str = "slabs";
+const RECORDS: &str = "records";
+const OBJECTS: &str = "objects";
+const CELLS: &str = "cells";
+const SURFACES: &str = "surfaces";
+const SUMMARY: &str = "summary";
+
+/// What labelling leaves.
+pub struct Labelled {
+    /// The arrays of all slabs.
+    pub spool: SpillFile,
+    /// By rising z.
+    pub slabs: Slabs,
+    /// What meshing needs of all bands.
+    pub bands: KeptBands,
+    /// Numbers of components and surfaces.
+    pub provisional: PhaseLabels,
+    /// NaN samples.
+    pub nan: u64,
+}
+
+/// What joining the bands of a slab has found.
+#[derive(Debug, Default)]
+pub struct SlabLabels {
+    /// The bands, by rising y.
+    pub sealed: Vec<SealedBand>,
+    /// Their classes.
+    pub classes: SlabComponents,
+}
+
+/// The sweep's state between slabs.
+pub struct LabelState {
+    /// What has been gathered.
+    pub labelled: Labelled,
+    /// The memory of bands and classes of slabs that have not ended.
+    pub memory: SlabMemory,
+    classes: CarriedComponents,
+    dims: Dims,
+    /// Bands are kept for meshing.
+    keeps: bool,
+}
+
+impl LabelState {
+    /// Nothing gathered yet, of a grid of this size; bands are kept for meshing if that is to follow.
+    ///
+    /// # Errors
+    /// [`crate::Error::Io`].
+    pub fn new(files: &Scratch, dims: Dims, memory: SlabMemory, keeps: bool) -> Result<Self> {
+        let spool = |what| SpillFile::create(&files.path(what));
+        let provisional = |what| ProvisionalLabels::new(&files.path(what));
+        let labelled = Labelled {
+            spool: spool(SLABS)?,
+            slabs: Slabs::new(spool(RECORDS)?),
+            bands: KeptBands::new(files)?,
+            provisional: PhaseLabels {
+                objects: provisional(OBJECTS)?,
+                cells: provisional(CELLS)?,
+                surfaces: provisional(SURFACES)?,
+            },
+            nan: 0,
+        };
+        Ok(LabelState {
+            labelled,
+            memory,
+            classes: CarriedComponents::default(),
+            dims,
+            keeps,
+        })
+    }
+
+    /// Writes out what is in memory of the files, and adds how much they hold to `marks`.
+    ///
+    /// # Errors
+    /// [`crate::Error::Io`].
+    pub fn mark(&mut self, files: &Scratch, marks: &mut Marks) -> Result<()> {
+        let labelled = &mut self.labelled;
+        marks.add(files, SLABS, labelled.spool.mark()?);
+        marks.add(files, RECORDS, labelled.slabs.mark()?);
+        labelled.bands.mark(files, marks)?;
+        let PhaseLabels { objects, cells, surfaces } = &labelled.provisional;
+        for (what, labels) in [(OBJECTS, objects), (CELLS, cells), (SURFACES, surfaces)] {
+            marks.add_length(files, what, labels.resident().spilled_bytes());
+        }
+        Ok(())
+    }
+
+    /// Writes the state between two slabs, apart from what [`LabelState::mark`] has brought to files.
+    ///
+    /// # Errors
+    /// [`crate::Error::Io`].
+    pub fn save(&self, out: &mut Encoder) -> Result<()> {
+        out.number(self.labelled.nan)?;
+        let PhaseLabels { objects, cells, surfaces } = &self.labelled.provisional;
+        for labels in [objects, cells, surfaces] {
+            labels.resident().save(out)?;
+        }
+        self.classes.save(out)
+    }
+
+    /// The state that was written, on the files as they were then; `None` if this is none.
+    ///
+    /// # Errors
+    /// [`crate::Error::Io`].
+    pub fn load(
+        files: &Scratch,
+        dims: Dims,
+        marks: &Marks,
+        input: &mut Decoder,
+        memory: SlabMemory,
+        keeps: bool,
+    ) -> Result<Option<Self>> {
+        let nan = input.number();
+        let objects = ProvisionalLabels::load(&files.path(OBJECTS), input)?;
+        let cells = ProvisionalLabels::load(&files.path(CELLS), input)?;
+        let surfaces = ProvisionalLabels::load(&files.path(SURFACES), input)?;
+        let (Some(nan), Some(objects), Some(cells), Some(surfaces)) = (nan, objects, cells, surfaces)
+        else {
+            return Ok(None);
+        };
+        let classes = CarriedComponents::load(input);
+        let provisional = PhaseLabels { objects, cells, surfaces };
+        let labelled = Labelled::open(files, marks, provisional, nan)?;
+        let state = labelled.zip(classes).map(|(labelled, classes)| LabelState {
+            labelled,
+            memory,
+            classes,
+            dims,
+            keeps,
+        });
+        Ok(state)
+    }
+
+    /// Takes out of a band what the joining needs.
+    ///
+    /// # Errors
+    /// [`crate::Error::Io`].
+    pub fn seal<T>(&mut self, band: &mut Band<T>) -> Result<SealedBand> {
+        let Labelled { spool, bands, .. } = &mut self.labelled;
+        band.seal(self.dims, spool, self.keeps.then_some(bands))
+    }
+
+    /// Joins a layer's bands, by rising y, to classes.
+    ///
+    /// # Errors
+    /// [`crate::Error::TooDense`], and nothing has changed but for the bands, which are returned; [`crate::Error::Io`].
+    pub fn join(
+        &mut self,
+        layer: u32,
+        sealed: Vec<SealedBand>,
+        last_layer: bool,
+    ) -> std::result::Result<SlabLabels, (crate::error::Error, Vec<SealedBand>)> {
+        let known: Vec<_> = sealed.iter().map(SealedBand::known).collect();
+        let bytes = sealed_bytes(&sealed) + self.classes.bytes(&known);
+        if let Err(error) = self.memory.hold(layer, bytes) {
+            return Err((error, sealed));
+        }
+        self.labelled.nan += sealed.iter().map(|b| b.nan).sum::<u64>();
+        match self.classes.join(&known, &mut self.labelled.provisional) {
+            Ok(mut classes) => {
+                if last_layer {
+                    classes.live.clear(); // nothing grows beyond the last slice
+                }
+                Ok(SlabLabels { sealed, classes })
+            }
+            Err(error) => Err((error, Vec::new())),
+        }
+    }
+
+    /// Voxels so far of each class of a slab.
+    ///
+    /// # Errors
+    /// [`crate::Error::Io`].
+    pub fn class_voxels(&mut self, known: &SlabLabels) -> Result<Vec<u64>> {
+        let SlabLabels { sealed, classes } = known;
+        let mut voxels = vec![0; classes.provisional.len()];
+        for (class, sums) in &classes.open {
+            voxels[*class as usize] = sums.voxels;
+        }
+        for (band, of_local) in sealed.iter().zip(&classes.of_local) {
+            let mut whole = band.components.whole();
+            self.labelled.spool.for_each(&band.whole, |sums| {
+                let local = whole.next().expect("as many as there are sums");
+                voxels[of_local[local as usize] as usize] = sums.voxels;
+                Ok(())
+            })?;
+        }
+        Ok(voxels)
+    }
+
+    /// Ends a slab: spools what it has.
+    ///
+    /// # Errors
+    /// [`crate::Error::Io`].
+    pub fn finish_slab(&mut self, layer: u32, known: &SlabLabels) -> Result<()> {
+        let SlabLabels { sealed, classes } = known;
+        let Labelled { spool, slabs, bands, .. } = &mut self.labelled;
+        let mut finished = Vec::with_capacity(sealed.len() + 1);
+        let mut finish = |sums: Place<VoxelSums>, classes: Place<u32>| {
+            let [[sums, many], [classes, of]] = [sums.numbers(), classes.numbers()];
+            finished.push([sums, many, classes, of]);
+        };
+        let mut of_local_at = Vec::with_capacity(sealed.len());
+        for (band, of_local) in sealed.iter().zip(&classes.of_local) {
+            let whole = band.components.whole();
+            let classes = spool.push_all(whole.map(|local| of_local[local as usize]))?;
+            finish(band.whole, classes);
+            of_local_at.push(spool.push(of_local)?.numbers());
+        }
+        let sums = spool.push_all(classes.finished().map(|(_, sums)| *sums))?;
+        let classes_of = spool.push_all(classes.finished().map(|(class, _)| class))?;
+        finish(sums, classes_of);
+        let slab = SlabRecord {
+            layer,
+            provisional: spool.push(&classes.provisional)?,
+            surfaces: spool.push(&classes.surfaces)?,
+            above: spool.push(&classes.above)?,
+            live: spool.push(&classes.live)?,
+            carried_in: spool.push(&classes.carried_in)?,
+            finished: spool.push(&finished)?,
+            of_local: spool.push(&of_local_at)?,
+        };
+        slabs.push(&slab)?;
+        let kept: Vec<KeptBand> = sealed.iter().map(|band| band.kept).collect();
+        bands.add_layer(kept.into_iter())?;
+        self.memory.let_go(layer);
+        Ok(())
+    }
+
+    /// Ends labelling; marks what is needed from now on.
+    ///
+    /// # Errors
+    /// [`crate::Error::Io`].
+    pub fn end(mut self, files: &Scratch) -> Result<Marks> {
+        let PhaseLabels { objects, cells, surfaces } = &mut self.labelled.provisional;
+        let mut summary = vec![self.labelled.nan];
+        for labels in [objects, cells, surfaces] {
+            summary.push(labels.spill()?);
+        }
+        let mut marks = Marks::default();
+        self.mark(files, &mut marks)?;
+        let mut file = SpillFile::create(&files.path(SUMMARY))?;
+        file.push(&summary)?;
+        marks.add(files, SUMMARY, file.mark()?);
+        Ok(marks)
+    }
+}
+
+impl Labelled {
+    /// What labelling has left in these files; `None` if they hold something else.
+    ///
+    /// # Errors
+    /// [`crate::Error::Io`].
+    pub fn read(files: &Scratch, marks: &Marks) -> Result<Option<Self>> {
+        let Some(mut summary) = marks.reopen(files, SUMMARY)? else {
+            return Ok(None);
+        };
+        let summary = match summary.everything::<u64>() {
+            Some(all) => summary.get(&all)?,
+            None => Vec::new(),
+        };
+        let &[nan, objects, cells, surfaces] = &summary[..] else {
+            return Ok(None);
+        };
+        let open = |what, count| ProvisionalLabels::spilled(&files.path(what), count);
+        let provisional = PhaseLabels {
+            objects: open(OBJECTS, objects)?,
+            cells: open(CELLS, cells)?,
+            surfaces: open(SURFACES, surfaces)?,
+        };
+        Labelled::open(files, marks, provisional, nan)
+    }
+
+    fn open(
+        files: &Scratch,
+        marks: &Marks,
+        provisional: PhaseLabels,
+        nan: u64,
+    ) -> Result<Option<Self>> {
+        let (spool, records) = (marks.reopen(files, SLABS)?, marks.reopen(files, RECORDS)?);
+        let bands = KeptBands::reopen(files, marks)?;
+        let (Some(spool), Some(records), Some(bands)) = (spool, records, bands) else {
+            return Ok(None);
+        };
+        let slabs = Slabs::load(records)?;
+        Ok(slabs.map(|slabs| Labelled {
+            spool,
+            slabs,
+            bands,
+            provisional,
+            nan,
+        }))
+    }
+}
+
+fn sealed_bytes(bands: &[SealedBand]) -> u64 {
+    bands.iter().map(SealedBand::bytes).sum()
+}

@@ -1,0 +1,189 @@
+//! The tiles of layers, gathered in any order from many threads.
+
+use crate::checkpoint::{Marks, Scratch};
+use crate::convert::memory::SLABS;
+use crate::convert::mesh::tile_writer::TileRecord;
+use crate::convert::mesh::tiles::WrittenTile;
+use crate::error::Result;
+use crate::measure::MeshSums;
+use crate::sys::memory_pool::{MemoryPool, MemoryReservation};
+use crate::sys::spill_file::{Place, SpillFile};
+use crate::sys::state_codec::{Decoder, Encoder};
+use std::collections::BTreeMap;
+use std::sync::Arc;
+
+/// Names of the files.
+const PIECES: &str = "pieces";
+const LAYERS: &str = "layers";
+
+/// What meshing leaves.
+#[derive(Debug)]
+pub struct MeshOutput {
+    /// Tiles and their pieces.
+    pub spool: SpillFile,
+    /// Where the tiles of each layer lie.
+    layers: SpillFile,
+    count: u32,
+    /// Sums over all caps.
+    pub caps: MeshSums,
+}
+
+impl MeshOutput {
+    /// Layers.
+    pub fn layers(&self) -> u32 {
+        self.count
+    }
+
+    /// The tiles of a layer, by y, then x.
+    ///
+    /// # Errors
+    /// [`crate::Error::Io`].
+    pub fn tiles(&mut self, layer: u32) -> Result<Vec<TileRecord>> {
+        let place = Place::<[u64; 2]>::new(16 * u64::from(layer), 1);
+        let [offset, count] = self.layers.get(&place)?[0];
+        self.spool.get(&Place::new(offset, count as usize))
+    }
+
+    /// So many tiles of each layer, of one piece each, whose object has the number of its layer.
+    #[cfg(test)]
+    pub fn with_tiles(counts: &[u32], dir: &std::path::Path) -> Self {
+        use crate::convert::mesh::tile_writer::WrittenPiece;
+        use bytemuck::Zeroable;
+        let new = || SpillFile::new(dir).unwrap();
+        let mut output = MeshOutput {
+            spool: new(),
+            layers: new(),
+            count: counts.len() as u32,
+            caps: MeshSums::default(),
+        };
+        for (layer, &count) in (0..).zip(counts) {
+            let mut piece = WrittenPiece::zeroed();
+            piece.ids.object = u64::from(layer);
+            let pieces_at = output.spool.push(&[piece]).unwrap().offset();
+            let tile = |x| TileRecord {
+                grid: [x, 0, layer],
+                pieces: 1,
+                pieces_at,
+                ..TileRecord::zeroed()
+            };
+            let tiles: Vec<TileRecord> = (0..count).map(tile).collect();
+            let place = output.spool.push(&tiles).unwrap();
+            output.layers.push(&[place.numbers()]).unwrap();
+        }
+        output
+    }
+
+    fn mark(&mut self, files: &Scratch, marks: &mut Marks) -> Result<()> {
+        marks.add(files, PIECES, self.spool.mark()?);
+        marks.add(files, LAYERS, self.layers.mark()?);
+        Ok(())
+    }
+}
+
+/// Gathers tiles.
+pub struct TileCollector {
+    /// What has been gathered of layers that have ended.
+    pub output: MeshOutput,
+    /// Tiles of those that have not, and sums over their caps.
+    open: BTreeMap<u32, (Vec<TileRecord>, MeshSums)>,
+    held: MemoryReservation,
+}
+
+impl TileCollector {
+    /// Has none yet.
+    ///
+    /// # Errors
+    /// [`crate::Error::Io`].
+    pub fn new(files: &Scratch, memory: &Arc<MemoryPool>) -> Result<Self> {
+        let output = MeshOutput {
+            spool: SpillFile::create(&files.path(PIECES))?,
+            layers: SpillFile::create(&files.path(LAYERS))?,
+            count: 0,
+            caps: MeshSums::default(),
+        };
+        Ok(Self::on(output, memory))
+    }
+
+    fn on(output: MeshOutput, memory: &Arc<MemoryPool>) -> Self {
+        TileCollector {
+            output,
+            open: BTreeMap::new(),
+            held: MemoryReservation::new(memory, SLABS),
+        }
+    }
+
+    /// Goes on with what was kept of `layers`; `None` if it is something else.
+    ///
+    /// # Errors
+    /// [`crate::Error::Io`].
+    pub fn load(
+        files: &Scratch,
+        marks: &Marks,
+        input: &mut Decoder,
+        layers: u32,
+        memory: &Arc<MemoryPool>,
+    ) -> Result<Option<Self>> {
+        let caps = input.array::<MeshSums>();
+        let (spool, places) = (marks.reopen(files, PIECES)?, marks.reopen(files, LAYERS)?);
+        let (Some(caps), Some(spool), Some(places)) = (caps, spool, places) else {
+            return Ok(None);
+        };
+        let sound = places.here::<u8>().offset() == 16 * u64::from(layers);
+        let ([caps], true) = (&caps[..], sound && input.is_empty()) else {
+            return Ok(None);
+        };
+        let output = MeshOutput {
+            spool,
+            layers: places,
+            count: layers,
+            caps: *caps,
+        };
+        Ok(Some(Self::on(output, memory)))
+    }
+
+    /// Adds a tile; its pieces leave memory.
+    ///
+    /// # Errors
+    /// [`crate::Error::Io`]; [`crate::Error::TooDense`].
+    pub fn add(&mut self, tile: WrittenTile) -> Result<()> {
+        let count: usize = self.open.values().map(|(tiles, _)| tiles.capacity()).sum();
+        self.held.grow_to(((count + 1) * size_of::<TileRecord>()) as u64)?;
+        let mut record = tile.record;
+        record.pieces_at = self.output.spool.push(&tile.pieces)?.offset();
+        let (tiles, caps) = self.open.entry(record.grid[2]).or_default();
+        tiles.push(record);
+        caps.merge(&tile.caps);
+        Ok(())
+    }
+
+    /// Ends the next layer.
+    ///
+    /// # Errors
+    /// [`crate::Error::Io`].
+    pub fn end_layer(&mut self) -> Result<()> {
+        let output = &mut self.output;
+        let (mut tiles, caps) = self.open.remove(&output.count).unwrap_or_default();
+        tiles.sort_unstable_by_key(|t| (t.grid[1], t.grid[0]));
+        let place = output.spool.push(&tiles)?;
+        output.layers.push(&[place.numbers()])?;
+        output.caps.merge(&caps);
+        output.count += 1;
+        Ok(())
+    }
+
+    /// Writes out what is in memory of the files, and adds how much they hold to `marks`.
+    ///
+    /// # Errors
+    /// [`crate::Error::Io`].
+    pub fn mark(&mut self, files: &Scratch, marks: &mut Marks) -> Result<()> {
+        self.output.mark(files, marks)
+    }
+
+    /// Writes the rest of the state.
+    ///
+    /// # Errors
+    /// [`crate::Error::Io`].
+    pub fn save(&self, out: &mut Encoder) -> Result<()> {
+        out.array(&[self.output.caps])
+    }
+}

@@ -1,0 +1,281 @@
+//! Which band is meshed next, and which tile: bands in any order, tiles of those in memory first.
+
+use crate::error::{Error, Result};
+use std::collections::{BTreeMap, VecDeque};
+use std::sync::Arc;
+
+/// How much there is to do, and in how much memory.
+#[derive(Debug, Clone, Copy)]
+pub struct Limits {
+    /// Bands of a slab.
+    pub bands: u32,
+    /// Layers of the volume.
+    pub layers: u32,
+    /// Bands in memory at most.
+    pub at_once: u32,
+}
+
+/// A tile of a band that is in memory.
+pub struct TileTask<B> {
+    /// The band.
+    pub band: Arc<B>,
+    /// Its macrocube.
+    pub grid: [u32; 3],
+}
+
+/// What a thread does next.
+pub enum MeshTask<B> {
+    /// Load the band (y, layer), in this memory if there is some.
+    Load([u32; 2], Option<B>),
+    /// Make a tile.
+    Tile(TileTask<B>),
+    /// End a layer whose tiles are made.
+    End(u32),
+    /// Wait until something changes.
+    Wait,
+    /// Nothing is left, or something failed.
+    Finished,
+}
+
+/// Bands in turn: each is loaded by whichever thread finds no tile to make, so that there are no more in memory than
+/// threads are busy with. Layers end one after the other.
+pub struct MeshQueue<B> {
+    limits: Limits,
+    /// The next band that nobody has had, by layer, then y.
+    next: u64,
+    /// Bands to be loaded once more, as there was no memory for them or for a tile, and their tiles that are left; all
+    /// of them for `None`.
+    again: Vec<(u64, Option<Vec<u32>>)>,
+    /// Those of them that are being loaded.
+    reloading: BTreeMap<u64, Option<Vec<u32>>>,
+    tiles: VecDeque<TileTask<B>>,
+    /// Tiles left of each band that has been loaded, and of those bands of a layer that have not ended.
+    left: BTreeMap<u64, u32>,
+    ended_bands: BTreeMap<u32, u32>,
+    /// The next layer to end.
+    layer: u32,
+    ending: bool,
+    /// Bands being loaded, and tiles being made.
+    in_hand: u32,
+    /// Bands in memory, with those being loaded and those to be used again.
+    exist: u32,
+    spare: Vec<B>,
+    /// There was no memory for several tiles of a band at once.
+    one_by_one: bool,
+    /// The layer in hand when it was interrupted.
+    last: Option<u32>,
+    failed: Option<Error>,
+}
+
+impl<B> MeshQueue<B> {
+    /// Begins with `layer`.
+    pub fn new(limits: Limits, layer: u32) -> Self {
+        MeshQueue {
+            limits,
+            next: u64::from(layer) * u64::from(limits.bands),
+            again: Vec::new(),
+            reloading: BTreeMap::new(),
+            tiles: VecDeque::new(),
+            left: BTreeMap::new(),
+            ended_bands: BTreeMap::new(),
+            layer,
+            ending: false,
+            in_hand: 0,
+            exist: 0,
+            spare: Vec::new(),
+            one_by_one: false,
+            last: None,
+            failed: None,
+        }
+    }
+
+    /// What the thread that asks is to do. If that is anything but to wait or to end, it tells so when it has done it,
+    /// and wakes those that wait.
+    pub fn next(&mut self, interrupted: bool) -> MeshTask<B> {
+        if interrupted && self.layer < self.limits.layers {
+            // to end the layer in hand takes less time than to come back to it
+            self.last.get_or_insert(self.layer);
+        }
+        if self.last.is_some_and(|last| self.layer > last) && self.layer < self.limits.layers {
+            self.fail(Error::Interrupted);
+        }
+        if self.failed.is_some() || self.layer == self.limits.layers {
+            return MeshTask::Finished;
+        }
+        let ended = self.ended_bands.get(&self.layer);
+        if !self.ending && ended == Some(&self.limits.bands) {
+            self.ending = true;
+            return MeshTask::End(self.layer);
+        }
+        if self.one_by_one && self.in_hand > 0 {
+            return MeshTask::Wait;
+        }
+        if let Some(tile) = self.tiles.pop_front() {
+            self.in_hand += 1;
+            return MeshTask::Tile(tile);
+        }
+        if let Some(number) = self.take_band() {
+            self.in_hand += 1;
+            let memory = self.spare.pop();
+            self.exist += u32::from(memory.is_none());
+            return MeshTask::Load(self.place(number), memory);
+        }
+        let all_taken = self.next == self.first_of(self.limits.layers) && self.again.is_empty();
+        match all_taken && self.in_hand > 0 && !self.one_by_one {
+            // whoever makes the last tile ends the last layer, too
+            true => MeshTask::Finished,
+            false => MeshTask::Wait,
+        }
+    }
+
+    fn first_of(&self, layer: u32) -> u64 {
+        u64::from(layer) * u64::from(self.limits.bands)
+    }
+
+    fn place(&self, number: u64) -> [u32; 2] {
+        let bands = u64::from(self.limits.bands);
+        [(number % bands) as u32, (number / bands) as u32]
+    }
+
+    fn number(&self, [ty, layer]: [u32; 2]) -> u64 {
+        self.first_of(layer) + u64::from(ty)
+    }
+
+    fn take_band(&mut self) -> Option<u64> {
+        if self.spare.is_empty() && self.exist >= self.limits.at_once {
+            return None;
+        }
+        if let Some((number, tiles)) = self.again.pop() {
+            self.reloading.insert(number, tiles);
+            return Some(number);
+        }
+        let end = self.last.map_or(self.limits.layers, |last| last + 1);
+        (self.next < self.first_of(end)).then(|| {
+            self.next += 1;
+            self.next - 1
+        })
+    }
+
+    /// A band is loaded and has these tiles to be made, or there was no memory for it or another failure.
+    pub fn loaded(&mut self, place: [u32; 2], band: Result<(B, Vec<u32>)>) {
+        self.in_hand -= 1;
+        let number = self.number(place);
+        let left = self.reloading.remove(&number).flatten();
+        let (band, tiles) = match band {
+            Ok(loaded) => loaded,
+            Err(error) => {
+                self.exist -= 1;
+                if self.takes_less(error) {
+                    self.again.push((number, left));
+                }
+                return;
+            }
+        };
+        let tiles = match left {
+            Some(left) => left,
+            None => {
+                self.left.insert(number, tiles.len() as u32);
+                tiles
+            }
+        };
+        if tiles.is_empty() {
+            self.end_band(number);
+            return self.spare.push(band);
+        }
+        let [ty, layer] = place;
+        let band = Arc::new(band);
+        let tasks = tiles.into_iter().map(|tx| TileTask {
+            band: band.clone(),
+            grid: [tx, ty, layer],
+        });
+        self.tiles.extend(tasks);
+    }
+
+    /// A tile is made, or there was no memory for it or another failure.
+    pub fn made(&mut self, task: TileTask<B>, made: Result<()>) {
+        self.in_hand -= 1;
+        let TileTask { band, grid: [tx, ty, layer] } = task;
+        let number = self.number([ty, layer]);
+        match made {
+            Ok(()) => {
+                let left = self.left.get_mut(&number).expect("its band was loaded");
+                *left -= 1;
+                if *left == 0 {
+                    self.end_band(number);
+                }
+                match Arc::into_inner(band) {
+                    Some(band) if self.exist <= self.limits.at_once => self.spare.push(band),
+                    Some(_) => self.exist -= 1,
+                    None => {}
+                }
+            }
+            Err(error) => {
+                self.close([ty, layer], tx, band);
+                if self.takes_less(error) {
+                    self.close_all();
+                }
+            }
+        }
+    }
+
+    /// Puts a tile off until its band is loaded once more.
+    fn close(&mut self, place: [u32; 2], tx: u32, band: Arc<B>) {
+        let number = self.number(place);
+        match self.again.iter_mut().find(|(again, _)| *again == number) {
+            Some((_, tiles)) => tiles.get_or_insert_default().push(tx),
+            None => self.again.push((number, Some(vec![tx]))),
+        }
+        if Arc::into_inner(band).is_some() {
+            self.exist -= 1;
+        }
+    }
+
+    fn close_all(&mut self) {
+        for TileTask { band, grid: [tx, ty, layer] } in std::mem::take(&mut self.tiles) {
+            self.close([ty, layer], tx, band);
+        }
+    }
+
+    fn end_band(&mut self, number: u64) {
+        self.left.remove(&number);
+        let [_, layer] = self.place(number);
+        *self.ended_bands.entry(layer).or_default() += 1;
+    }
+
+    /// The next layer has ended, or that has failed.
+    pub fn ended(&mut self, ended: Result<()>) {
+        self.ending = false;
+        self.ended_bands.remove(&self.layer);
+        match ended {
+            Ok(()) => self.layer += 1,
+            Err(error) => self.fail(error),
+        }
+    }
+
+    /// Goes on with less memory, if `error` says that there is not enough, and less is possible.
+    fn takes_less(&mut self, error: Error) -> bool {
+        let others = !self.spare.is_empty() || self.exist > 1 || self.in_hand > 0;
+        let can = matches!(error, Error::TooDense { .. }) && (!self.one_by_one || others);
+        self.exist -= self.spare.len() as u32;
+        self.spare.clear();
+        self.one_by_one |= self.limits.at_once == 1;
+        self.limits.at_once = (self.limits.at_once / 2).max(1);
+        if !can {
+            self.fail(error);
+        }
+        can
+    }
+
+    /// Something has failed; nothing new is begun.
+    pub fn fail(&mut self, error: Error) {
+        self.failed.get_or_insert(error);
+    }
+
+    /// How it came out, when no thread has anything in hand.
+    ///
+    /// # Errors
+    /// What has failed.
+    pub fn outcome(self) -> Result<()> {
+        self.failed.map_or(Ok(()), Err)
+    }
+}

@@ -1,0 +1,90 @@
+//! The tiles of a band: meshed and written.
+
+use crate::convert::finalize::batch_size::nodes_bytes;
+use crate::convert::mesh::Meshing;
+use crate::convert::mesh::band::MeshBand;
+use crate::convert::mesh::tile_writer::{TileRecord, WrittenPiece};
+use crate::convert::mesh::workspace_pool::Workspace;
+use crate::error::Result;
+use crate::measure::{AreaScale, MeshSums};
+use crate::surface::{BandView, MeshSettings, TileBox};
+use crate::tile::MAX_NODES;
+use crate::volume::Voxel;
+
+/// A tile that is written.
+pub struct WrittenTile {
+    /// The tile.
+    pub record: TileRecord,
+    /// Its pieces.
+    pub pieces: Vec<WrittenPiece>,
+    /// Sums over its caps.
+    pub caps: MeshSums,
+}
+
+impl Meshing<'_> {
+    /// Meshes a tile of a band and writes it, if it has any surface.
+    ///
+    /// # Errors
+    /// [`crate::Error::Io`]; [`crate::Error::TooDense`]; [`crate::Error::Usage`] if the tile would pass 4 GiB.
+    pub fn mesh_tile<T: Voxel>(
+        &self,
+        band: &MeshBand<T>,
+        grid: [u32; 3],
+    ) -> Result<Option<WrittenTile>> {
+        let options = self.job.options;
+        let settings = MeshSettings {
+            threshold: options.threshold,
+            rule: options.ambiguous,
+            cap: options.cap,
+            area: AreaScale::new(self.volume.header().placement.spacing),
+        };
+        let view = BandView {
+            voxels: &band.voxels,
+            bits: &band.bits,
+            runs: &band.runs,
+            class_of_run: &band.class_of_run,
+        };
+        let tile = TileBox::of(self.job.plan.tiling, grid);
+        let sizes = &band.sizes[grid[0] as usize];
+        let bytes = sizes.bytes(&tile, self.job.plan.per_triangle);
+        self.workspaces.with(bytes, |workspace| {
+            let Workspace { mesher, mesh, .. } = workspace;
+            match mesher.mesh(&view, &tile, &settings, mesh) {
+                true => self.write_tile(band, grid, workspace).map(Some),
+                false => Ok(None),
+            }
+        })
+    }
+
+    /// Writes the workspace's mesh.
+    fn write_tile<T>(
+        &self,
+        band: &MeshBand<T>,
+        grid: [u32; 3],
+        workspace: &mut Workspace,
+    ) -> Result<WrittenTile> {
+        let Workspace {
+            mesh, stripifier, ..
+        } = workspace;
+        let writers = self.writers.as_ref();
+        let (record, body) = self.writer.write(mesh, grid, stripifier, writers)?;
+        // now, and not when all of the volume has been meshed; others have no more nodes than always fit
+        let nodes = body.pieces.len();
+        if nodes > MAX_NODES && !self.writer.head.merges(nodes) {
+            self.job.plan.check_finishing(nodes_bytes(&record))?;
+        }
+        let mut caps = MeshSums::default();
+        let mut pieces = Vec::with_capacity(nodes);
+        for (piece, body) in mesh.pieces.iter().zip(body.pieces) {
+            if piece.is_cap() {
+                caps.merge(&piece.sums);
+            }
+            pieces.push(WrittenPiece::new(piece, body, &band.components));
+        }
+        Ok(WrittenTile {
+            record,
+            pieces,
+            caps,
+        })
+    }
+}

@@ -1,0 +1,211 @@
+//! Threads that load bands and make their tiles.
+
+use crate::checkpoint::{Checkpointer, Marks, TILES};
+use crate::convert::mesh::band::{BandLoader, MeshBand};
+use crate::convert::mesh::collect::TileCollector;
+use crate::convert::mesh::queue::{Limits, MeshQueue, MeshTask, TileTask};
+use crate::convert::mesh::{MeshInput, Meshing};
+use crate::convert::label::span_of;
+use crate::error::{Error, Result};
+use crate::sys::background_writer::BackgroundWriters;
+use crate::sys::locks::{into_inner, lock, wait};
+use crate::volume::Voxel;
+use std::sync::{Condvar, Mutex};
+
+/// All that the threads share.
+pub struct MeshWorkers<'a, T> {
+    input: &'a MeshInput<'a>,
+    meshing: &'a Meshing<'a>,
+    loader: BandLoader<'a>,
+    collector: Mutex<&'a mut TileCollector>,
+    pending: Mutex<PendingCommit<'a>>,
+    queue: Mutex<MeshQueue<MeshBand<T>>>,
+    changed: Condvar,
+}
+
+/// Keeps layers that have ended when their tiles are on the disk, while others are made.
+struct PendingCommit<'a> {
+    checkpointer: &'a mut Checkpointer,
+    writers: Option<&'a BackgroundWriters>,
+    /// Tiles that have to be written before what the checkpointer has ready is kept; `None` if it has nothing.
+    tiles: Option<u64>,
+}
+
+impl PendingCommit<'_> {
+    /// True if there is something to keep whose tiles are written.
+    fn is_written(&self) -> bool {
+        let written = |tiles| self.writers.is_none_or(|w| w.is_done(tiles));
+        self.tiles.is_some_and(written)
+    }
+
+    /// Keeps what is ready, after its tiles. If they cannot be written, it never is.
+    fn commit(&mut self) -> Result<()> {
+        let Some(tiles) = self.tiles.take() else {
+            return Ok(());
+        };
+        self.writers.map_or(Ok(()), |w| w.wait_for(tiles))?;
+        self.checkpointer.commit()
+    }
+
+    /// Ends a layer: keeps the one before, has this one ready, which `end` does, and keeps it if its tiles are
+    /// written.
+    fn end(&mut self, end: impl FnOnce(&mut Checkpointer) -> Result<()>) -> Result<()> {
+        self.commit()?;
+        end(self.checkpointer)?;
+        // its tiles are among them
+        self.tiles = Some(self.writers.map_or(0, BackgroundWriters::handed));
+        self.commit_if_written()
+    }
+
+    fn commit_if_written(&mut self) -> Result<()> {
+        match self.is_written() {
+            true => self.commit(),
+            false => Ok(()),
+        }
+    }
+}
+
+impl<'a, T: Voxel + Default> MeshWorkers<'a, T> {
+    /// Will mesh what the collector has not.
+    pub fn new(
+        input: &'a MeshInput,
+        meshing: &'a Meshing,
+        collector: &'a mut TileCollector,
+        checkpointer: &'a mut Checkpointer,
+    ) -> Self {
+        let plan = input.job.plan;
+        let [_, bands, layers] = plan.tiling.tiles();
+        let limits = Limits {
+            bands,
+            layers,
+            at_once: plan.bands_at_once,
+        };
+        let queue = MeshQueue::new(limits, collector.output.layers());
+        MeshWorkers {
+            input,
+            meshing,
+            loader: BandLoader {
+                volume: input.volume,
+                tiling: plan.tiling,
+                kept: input.kept,
+                ids: input.ids,
+                cap: input.job.options.cap,
+                memory: input.memory,
+            },
+            collector: Mutex::new(collector),
+            pending: Mutex::new(PendingCommit {
+                checkpointer,
+                writers: meshing.writers.as_ref(),
+                tiles: None,
+            }),
+            queue: Mutex::new(queue),
+            changed: Condvar::new(),
+        }
+    }
+
+    /// Meshes with all threads. Returns how many tiles have to be written before the last layer is kept.
+    ///
+    /// # Errors
+    /// As of [`mesh`](crate::convert::mesh::mesh).
+    pub fn run(self) -> Result<Option<u64>> {
+        rayon::broadcast(|_| self.work());
+        let mut pending = into_inner(self.pending);
+        match into_inner(self.queue).outcome() {
+            Ok(()) => Ok(pending.tiles),
+            Err(error) => {
+                pending.commit()?;
+                Err(error)
+            }
+        }
+    }
+
+    /// What each thread does.
+    fn work(&self) {
+        let _guard = WakeOnPanic(self);
+        let mut queue = lock(&self.queue);
+        loop {
+            let task = queue.next(self.input.job.progress.interrupted());
+            queue = match task {
+                MeshTask::Finished => break,
+                MeshTask::Wait => wait(&self.changed, queue),
+                task => {
+                    drop(queue);
+                    self.take(task);
+                    self.changed.notify_all();
+                    self.commit_if_written();
+                    lock(&self.queue)
+                }
+            };
+        }
+        drop(queue);
+        self.changed.notify_all();
+    }
+
+    /// Does it and tells so.
+    fn take(&self, task: MeshTask<MeshBand<T>>) {
+        match task {
+            MeshTask::Load(place, memory) => {
+                let mut band = memory.unwrap_or_else(|| self.loader.band());
+                let tiles = self.loader.load(place, &mut band);
+                if let Ok(tiles) = &tiles {
+                    let all = u64::from(self.loader.tiling.tiles()[0]);
+                    self.input.job.progress.advance(all - tiles.len() as u64);
+                }
+                lock(&self.queue).loaded(place, tiles.map(|tiles| (band, tiles)));
+            }
+            MeshTask::Tile(task) => {
+                let made = self.tile(&task);
+                lock(&self.queue).made(task, made);
+            }
+            MeshTask::End(layer) => {
+                let ended = self.end(layer);
+                lock(&self.queue).ended(ended);
+            }
+            MeshTask::Wait | MeshTask::Finished => {}
+        }
+    }
+
+    fn tile(&self, task: &TileTask<MeshBand<T>>) -> Result<()> {
+        if let Some(tile) = self.meshing.mesh_tile(&task.band, task.grid)? {
+            lock(&self.collector).add(tile)?;
+        }
+        self.input.job.progress.advance(1);
+        Ok(())
+    }
+
+    /// Ends a layer. Others may have begun.
+    fn end(&self, layer: u32) -> Result<()> {
+        lock(&self.pending).end(|checkpointer| {
+            let collector = &mut *lock(&self.collector);
+            collector.end_layer()?;
+            let (files, mut marks) = (checkpointer.files(TILES), Marks::default());
+            collector.mark(&files, &mut marks)?;
+            checkpointer.stage(TILES, layer + 1, &marks, |out| collector.save(out))
+        })?;
+        let z = span_of(self.loader.tiling, 0, layer).z;
+        let done = z.start.saturating_sub(1)..z.end.saturating_sub(2).max(z.start);
+        self.input.volume.release(done);
+        Ok(())
+    }
+
+    /// Keeps the layer that ended last, if its tiles are written by now and nobody else is about it.
+    fn commit_if_written(&self) {
+        if let Ok(mut pending) = self.pending.try_lock()
+            && let Err(error) = pending.commit_if_written()
+        {
+            lock(&self.queue).fail(error);
+        }
+    }
+}
+
+/// Lets threads that wait see that another one has panicked.
+struct WakeOnPanic<'a, 'b, T>(&'a MeshWorkers<'b, T>);
+
+impl<T> Drop for WakeOnPanic<'_, '_, T> {
+    fn drop(&mut self) {
+        if std::thread::panicking() {
+            lock(&self.0.queue).fail(Error::Interrupted);
+            self.0.changed.notify_all();
+        }
+    }
+}

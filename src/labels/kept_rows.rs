@@ -1,0 +1,146 @@
+//! What is kept of a band's bits between labelling and meshing: rows of one phase are a byte each, others are their words.
+//!
+//! It also tells which rows of samples the mesh needs: those that the surface crosses, and those beside them, which
+//! gradients are taken from.
+
+use crate::labels::{Bits, Span};
+use std::ops::Range;
+
+const BELOW: u8 = 0;
+const ABOVE: u8 = 1;
+const MIXED: u8 = 2;
+
+/// The phase of each row of a band, slices in order, or that it has both.
+#[derive(Debug, Clone, Default)]
+pub struct RowKinds(pub Vec<u8>);
+
+impl RowKinds {
+    /// Of a band's bits, and the words of the rows that have both phases.
+    pub fn of(bits: &Bits) -> (Self, Vec<u64>) {
+        let (mut kinds, mut mixed) = (Vec::new(), Vec::new());
+        kinds.reserve_exact(bits.span.rows() * bits.span.slices());
+        for row in bits.words.chunks_exact(bits.row_words) {
+            let kind = kind_of(row, bits.span.nx);
+            if kind == MIXED {
+                mixed.extend_from_slice(row);
+            }
+            kinds.push(kind);
+        }
+        (RowKinds(kinds), mixed)
+    }
+
+    /// Fills in the bits of `span`, whose rows are of these kinds, the mixed ones with these words.
+    pub fn fill(&self, bits: &mut Bits, span: Span, mixed: &[u64]) {
+        bits.row_words = (span.nx as usize).div_ceil(64);
+        bits.words.clear();
+        bits.words.reserve_exact(bits.row_words * self.0.len());
+        let mut mixed = mixed.chunks_exact(bits.row_words);
+        let last = last_word(span.nx);
+        for &kind in &self.0 {
+            match kind {
+                MIXED => {
+                    let words = mixed.next().expect("words of each mixed row");
+                    bits.words.extend_from_slice(words);
+                }
+                kind => {
+                    let word = if kind == ABOVE { !0 } else { 0 };
+                    let end = bits.words.len() + bits.row_words;
+                    bits.words.resize(end - 1, word);
+                    bits.words.push(word & last);
+                }
+            }
+        }
+        bits.span = span;
+    }
+
+    /// True if the surface crosses any edge of the band.
+    pub fn has_surface(&self) -> bool {
+        self.0.iter().any(|&kind| kind == MIXED || kind != self.0[0])
+    }
+
+    /// The rows that the surface crosses, of a band that has so many to a slice.
+    fn crossed(&self, rows: usize) -> Vec<bool> {
+        let kinds = &self.0;
+        let differ = |a: usize, b: usize| kinds.get(b).is_some_and(|&b| b != kinds[a]);
+        let crossed = |at: usize| {
+            let row = at % rows;
+            kinds[at] == MIXED
+                || row > 0 && differ(at, at - 1)
+                || row + 1 < rows && differ(at, at + 1)
+                || at >= rows && differ(at, at - rows)
+                || differ(at, at + rows)
+        };
+        (0..kinds.len()).map(crossed).collect()
+    }
+}
+
+/// The bits of a row's last word that are of voxels.
+fn last_word(nx: u32) -> u64 {
+    match nx % 64 {
+        0 => !0,
+        some => (1 << some) - 1,
+    }
+}
+
+fn kind_of(row: &[u64], nx: u32) -> u8 {
+    let (last, others) = row.split_last().expect("a row has a voxel");
+    let all = |word: u64| others.iter().all(|&w| w == word) && *last == word & last_word(nx);
+    match row[0] & 1 {
+        0 if all(0) => BELOW,
+        1 if all(!0) => ABOVE,
+        _ => MIXED,
+    }
+}
+
+/// Rows of samples that the mesh of a band needs: stretches of rows of each slice.
+#[derive(Debug, Default)]
+pub struct NeededRows {
+    /// Slices, and their rows, in the order in which they lie.
+    pub parts: Vec<(Range<u32>, Range<u32>)>,
+}
+
+impl NeededRows {
+    /// Of a band with these rows of bits over `bits`, of the samples of `samples`, which has its neighbours.
+    pub fn of(kinds: &RowKinds, bits: &Span, samples: &Span) -> Self {
+        let crossed = kinds.crossed(bits.rows());
+        let (rows, slices) = (samples.rows(), samples.slices());
+        let mut needed = vec![false; rows * slices];
+        let (low_y, low_z) = (bits.y.start - samples.y.start, bits.z.start - samples.z.start);
+        for (at, _) in crossed.iter().enumerate().filter(|(_, crossed)| **crossed) {
+            let y = at % bits.rows() + low_y as usize;
+            let z = at / bits.rows() + low_z as usize;
+            let here = z * rows + y;
+            needed[here] = true;
+            if y > 0 {
+                needed[here - 1] = true;
+            }
+            if y + 1 < rows {
+                needed[here + 1] = true;
+            }
+            if z > 0 {
+                needed[here - rows] = true;
+            }
+            if z + 1 < slices {
+                needed[here + rows] = true;
+            }
+        }
+        let mut parts: Vec<(Range<u32>, Range<u32>)> = Vec::new();
+        for (slice, z) in needed.chunks_exact(rows).zip(samples.z.clone()) {
+            let mut y = samples.y.start;
+            for stretch in slice.chunk_by(|a, b| a == b) {
+                let end = y + stretch.len() as u32;
+                if stretch[0] {
+                    match parts.last_mut() {
+                        // whole slices are read together
+                        Some((slices, all)) if slices.end == z && *all == samples.y && stretch.len() == rows => {
+                            slices.end = z + 1;
+                        }
+                        _ => parts.push((z..z + 1, y..end)),
+                    }
+                }
+                y = end;
+            }
+        }
+        NeededRows { parts }
+    }
+}
