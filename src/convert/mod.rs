@@ -244,10 +244,11 @@ fn make(job: &Conversion, work: &Path, checkpointer: &mut Checkpointer) -> Resul
     let mut set = TilesetWriter::new(work)?;
     let mut to_mesh = checkpointer.swept()..job.layers();
     to_mesh.try_for_each(|z| set.make_layer_directory(z))?;
-    let (mut labelled, left_out, mut resolved, meshed) = read_twice(job, work, |volume| {
+    let (mut labelled, left_out, mut resolved, meshed) = read_twice(job, work, |volume, is_slow| {
         let input = LabelInput {
             job,
             volume,
+            is_slow,
             memory: &memory,
             work,
         };
@@ -317,15 +318,15 @@ fn make(job: &Conversion, work: &Path, checkpointer: &mut Checkpointer) -> Resul
     })
 }
 
-/// Calls `read` with the grid as it can be read several times, in any order.
+/// Calls `read` with the grid as it can be read several times, in any order, and whether that is slow.
 fn read_twice<R>(
     job: &Conversion,
     work: &Path,
-    read: impl FnOnce(&dyn Volume) -> Result<R>,
+    read: impl FnOnce(&dyn Volume, bool) -> Result<R>,
 ) -> Result<R> {
     match job.grid.decoded_once(work)? {
-        Some(once) => read(&*once),
-        None if job.grid.random_access() => read(job.grid),
-        None => spool_beside(job.grid, work, read),
+        Some(once) => read(&*once, true),
+        None if job.grid.random_access() => read(job.grid, job.options.source_filtered.is_some()),
+        None => spool_beside(job.grid, work, |copy| read(copy, false)),
     }
 }

@@ -92,11 +92,20 @@ fn kind_of(row: &[u64], nx: u32) -> u8 {
     }
 }
 
-/// Rows of samples that the mesh of a band needs: stretches of rows of each slice.
+/// Whole rows of samples that lie one behind the other: of one slice, or all rows of some slices.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct RowStretch {
+    /// Rows.
+    pub y: Range<u32>,
+    /// Slices.
+    pub z: Range<u32>,
+}
+
+/// Rows of samples that the mesh of a band needs.
 #[derive(Debug, Default)]
 pub struct NeededRows {
-    /// Slices, and their rows, in the order in which they lie.
-    pub parts: Vec<(Range<u32>, Range<u32>)>,
+    /// In the order in which they lie.
+    pub parts: Vec<RowStretch>,
 }
 
 impl NeededRows {
@@ -124,7 +133,7 @@ impl NeededRows {
                 needed[here + rows] = true;
             }
         }
-        let mut parts: Vec<(Range<u32>, Range<u32>)> = Vec::new();
+        let mut parts: Vec<RowStretch> = Vec::new();
         for (slice, z) in needed.chunks_exact(rows).zip(samples.z.clone()) {
             let mut y = samples.y.start;
             for stretch in slice.chunk_by(|a, b| a == b) {
@@ -132,10 +141,10 @@ impl NeededRows {
                 if stretch[0] {
                     match parts.last_mut() {
                         // whole slices are read together
-                        Some((slices, all)) if slices.end == z && *all == samples.y && stretch.len() == rows => {
-                            slices.end = z + 1;
+                        Some(last) if last.z.end == z && last.y == samples.y && stretch.len() == rows => {
+                            last.z.end = z + 1;
                         }
-                        _ => parts.push((z..z + 1, y..end)),
+                        _ => parts.push(RowStretch { y: y..end, z: z..z + 1 }),
                     }
                 }
                 y = end;

@@ -32,7 +32,7 @@ mod voxels;
 pub use band_boundary::{BandComponents, BandFaces};
 pub use bits::Bits;
 pub use border_euler::add_border_euler;
-pub use kept_rows::{NeededRows, RowKinds};
+pub use kept_rows::{NeededRows, RowKinds, RowStretch};
 pub use label_band::{Labels, LocalComponent, label_runs, sum_voxels};
 pub use provisional::{ProvisionalLabels, Ranks};
 pub use region_edge::{InsideBand, note_region_edge};

@@ -4,7 +4,7 @@
 
 use crate::error::Result;
 use crate::grid::Dims;
-use crate::labels::NeededRows;
+use crate::labels::{NeededRows, RowStretch};
 use crate::volume::{Volume, Voxel};
 use std::ops::Range;
 
@@ -70,20 +70,33 @@ impl<T: Voxel> Voxels<T> {
         Ok(())
     }
 
-    /// Reads these rows of `span` from the volume into this buffer; others have no meaning.
+    /// Reads these rows of `span` into this buffer, stretch by stretch; others have no meaning.
     ///
     /// # Errors
-    /// Those of [`Volume::read_box`].
-    pub fn load_rows(&mut self, volume: &dyn Volume, span: Span, rows: &NeededRows) -> Result<()> {
+    /// What `read` returns.
+    pub fn load_rows(
+        &mut self,
+        span: Span,
+        rows: &NeededRows,
+        mut read: impl FnMut(&RowStretch, &mut [u8]) -> Result<()>,
+    ) -> Result<()> {
         self.make_room(&span);
         self.span = span;
-        for (z, y) in &rows.parts {
-            let start = self.row_start(y.start, z.start);
-            let count = self.span.nx as usize * y.len() * z.len();
-            let bytes = bytemuck::cast_slice_mut(&mut self.memory[start..start + count]);
-            volume.read_box(0..self.span.nx, y.clone(), z.clone(), bytes)?;
+        for stretch in &rows.parts {
+            let place = self.place_of(stretch);
+            read(stretch, bytemuck::cast_slice_mut(&mut self.memory[place]))?;
         }
         Ok(())
+    }
+
+    /// The samples of some rows, which must be inside the span.
+    pub fn of_rows(&self, rows: &RowStretch) -> &[T] {
+        &self.samples()[self.place_of(rows)]
+    }
+
+    fn place_of(&self, rows: &RowStretch) -> Range<usize> {
+        let start = self.row_start(rows.y.start, rows.z.start);
+        start..start + self.span.nx as usize * rows.y.len() * rows.z.len()
     }
 
     /// Makes room for the samples of a span.

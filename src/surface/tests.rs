@@ -5,13 +5,13 @@ mod checks;
 use crate::grid::{Ambiguous, Dims, LATTICE, Placement, Tiling};
 use crate::labels::{
     BandComponents, BandFaces, BandInput, Bits, CarriedComponents, Labels, NeededRows, PhaseLabels,
-    ProvisionalLabels, RowKinds, Runs, SlabComponents, Span, Voxels, add_border_euler, keys_on_top,
+    ProvisionalLabels, RowKinds, RowStretch, Runs, SlabComponents, Span, Voxels, add_border_euler, keys_on_top,
     label_runs, sum_voxels,
 };
 use crate::measure::{AreaScale, VoxelSums};
 use crate::surface::assign_pieces::Piece;
 use crate::surface::*;
-use crate::volume::MemoryVolume;
+use crate::volume::{MemoryVolume, Volume};
 use checks::{assert_same, check_mates};
 use proptest::prelude::*;
 use std::collections::{BTreeMap, BTreeSet};
@@ -196,7 +196,11 @@ impl Case {
         // of others, any value would show
         let wrong: Vec<u8> = before.voxels.samples().iter().map(|v| !v).collect();
         band.voxels = Voxels::of(samples.clone(), wrong);
-        band.voxels.load_rows(volume, samples, &needed).unwrap();
+        let nx = self.dims.0[0];
+        let read = |rows: &RowStretch, out: &mut [u8]| {
+            volume.read_box(0..nx, rows.y.clone(), rows.z.clone(), out)
+        };
+        band.voxels.load_rows(samples, &needed, read).unwrap();
         band
     }
 

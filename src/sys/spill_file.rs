@@ -210,10 +210,19 @@ impl SpillFile {
     pub fn read<T: Pod>(&self, place: &Place<T>) -> Result<Vec<T>> {
         debug_assert!(place.end() <= self.written);
         let mut out = vec![T::zeroed(); place.len];
-        self.file
-            .read_exact_at(bytemuck::cast_slice_mut(&mut out), place.offset)
-            .map_err(|e| Error::io(&self.path, "read back", e))?;
+        self.read_into(place.offset, bytemuck::cast_slice_mut(&mut out))?;
         Ok(out)
+    }
+
+    /// Reads bytes back from `offset` on, of which none is in memory any more.
+    ///
+    /// # Errors
+    /// [`Error::Io`] if the file fails.
+    pub fn read_into(&self, offset: u64, out: &mut [u8]) -> Result<()> {
+        debug_assert!(offset + out.len() as u64 <= self.written);
+        self.file
+            .read_exact_at(out, offset)
+            .map_err(|e| Error::io(&self.path, "read back", e))
     }
 
     /// All of a spool of records of one type; `None` if it holds others.

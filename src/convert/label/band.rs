@@ -53,9 +53,10 @@ pub struct SealedBand {
     pub kept: KeptBand,
 }
 
-impl<T> Band<T> {
+impl<T: Voxel> Band<T> {
     /// Takes out what the joining of bands needs. Components that are whole in this band leave memory
-    /// for `spool`; what meshing needs is added to `kept`, if that is to follow.
+    /// for `spool`; what meshing needs is added to `kept`, if that is to follow, with
+    /// samples for `true`.
     ///
     /// # Errors
     /// [`crate::Error::Io`].
@@ -63,7 +64,7 @@ impl<T> Band<T> {
         &mut self,
         dims: Dims,
         spool: &mut SpillFile,
-        kept: Option<&mut KeptBands>,
+        kept: Option<(&mut KeptBands, bool)>,
     ) -> Result<SealedBand> {
         let all = std::mem::take(&mut self.labels.components);
         let edges = std::mem::take(&mut self.edges);
@@ -73,7 +74,10 @@ impl<T> Band<T> {
             spool.extend(&mut whole, &[*sums])
         })?;
         let kept = match kept {
-            Some(kept) => kept.keep(&self.bits, &self.labels.of_run, all.len())?,
+            Some((kept, samples)) => {
+                let samples = samples.then_some(&self.voxels);
+                kept.keep(&self.bits, &self.labels.of_run, all.len(), samples)?
+            }
             None => KeptBand::default(),
         };
         self.held

@@ -1,9 +1,11 @@
-//! What is kept of all bands between labelling and meshing: their bits and the local components of their runs.
+//! What is kept of all bands between labelling and meshing: their bits and the local components of their runs, and of
+//! volumes that are slow to read, filtered or packed ones, the samples that meshing needs.
 
 use crate::checkpoint::{Marks, Scratch};
 use crate::error::Result;
-use crate::labels::{Bits, RowKinds, Span};
+use crate::labels::{Bits, NeededRows, RowKinds, Span, Voxels};
 use crate::sys::spill_file::{Place, SpillFile};
+use crate::volume::{Volume, Voxel};
 use bytemuck::{Pod, Zeroable};
 
 /// Names of the files.
@@ -22,6 +24,9 @@ pub struct KeptBand {
     /// Where the labels of its runs begin.
     labels: u64,
     runs: u64,
+    /// Where the rows of samples that meshing needs begin, if they are kept.
+    samples: u64,
+    has_samples: u64,
     /// Its local components: if they have more numbers than fit, labels are of four bytes and not of two.
     components: u64,
     /// 1 if the surface crosses any edge of it.
@@ -89,11 +94,18 @@ impl KeptBands {
         Ok(())
     }
 
-    /// Keeps the bits of a band, and the labels of its runs, of which there are so many others.
+    /// Keeps the bits of a band, and the labels of its runs, of so many components; also the `samples` that meshing needs
+    /// if there are any.
     ///
     /// # Errors
     /// [`crate::Error::Io`].
-    pub fn keep(&mut self, bits: &Bits, of_run: &[u32], components: usize) -> Result<KeptBand> {
+    pub fn keep<T: Voxel>(
+        &mut self,
+        bits: &Bits,
+        of_run: &[u32],
+        components: usize,
+        samples: Option<&Voxels<T>>,
+    ) -> Result<KeptBand> {
         let (kinds, mixed) = RowKinds::of(bits);
         let mut kept = KeptBand {
             runs: of_run.len() as u64,
@@ -116,6 +128,14 @@ impl KeptBands {
                 self.data.push(&narrow)?.offset()
             }
         };
+        if let Some(samples) = samples {
+            let mut place = self.data.here::<T>();
+            let needed = NeededRows::of(&kinds, &bits.span, &samples.span);
+            for rows in &needed.parts {
+                self.data.extend(&mut place, samples.of_rows(rows))?;
+            }
+            (kept.samples, kept.has_samples) = (place.offset(), 1);
+        }
         Ok(kept)
     }
 
@@ -136,14 +156,40 @@ impl KeptBands {
         Ok(self.places.read(&place)?[0])
     }
 
-    /// The kinds of the rows of a band with a surface over `span`.
+    /// The kinds of the rows of a band over `span`.
     ///
     /// # Errors
     /// [`crate::Error::Io`].
     pub fn kinds(&self, kept: &KeptBand, span: &Span) -> Result<RowKinds> {
         let rows = span.rows() * span.slices();
-        let rows = if kept.has_surface() { rows } else { 1 };
+        if !kept.has_surface() {
+            let kind: Vec<u8> = self.data.read(&Place::new(kept.kinds, 1))?;
+            return Ok(RowKinds(vec![kind[0]; rows]));
+        }
         Ok(RowKinds(self.data.read(&Place::new(kept.kinds, rows))?))
+    }
+
+    /// Reads the rows of samples that meshing needs of a band over `span`, from the volume if they are not kept.
+    ///
+    /// # Errors
+    /// [`crate::Error::Io`]; those of [`Volume::read_box`].
+    pub fn samples<T: Voxel>(
+        &self,
+        kept: &KeptBand,
+        volume: &dyn Volume,
+        needed: &NeededRows,
+        span: Span,
+        out: &mut Voxels<T>,
+    ) -> Result<()> {
+        let (nx, mut at) = (span.nx, kept.samples);
+        out.load_rows(span, needed, |rows, out| {
+            if kept.has_samples == 0 {
+                return volume.read_box(0..nx, rows.y.clone(), rows.z.clone(), out);
+            }
+            self.data.read_into(at, out)?;
+            at += out.len() as u64;
+            Ok(())
+        })
     }
 
     /// The words of its mixed rows.

@@ -1,5 +1,5 @@
 //! Labelling: a pass over the volume that finds all components, and keeps of each band what meshing needs: its bits and
-//! the local component of each run. Samples are not kept.
+//! the local component of each run, and the samples that it needs only where they are slow to read.
 //!
 //! Bands are labelled by themselves, in any order; slabs of them are joined one after the other. With `--min-voxels` two
 //! passes come before that find small components.
@@ -24,7 +24,7 @@ use crate::convert::label::band::BandSource;
 use crate::convert::label::queue::Limits;
 use crate::convert::label::slab_memory::SlabMemory;
 use crate::convert::label::small_components::{Filter, SMALL_CELLS, SMALL_OBJECTS};
-use crate::convert::label::state::{LabelState, SlabLabels};
+use crate::convert::label::state::{Keeps, LabelState, SlabLabels};
 use crate::convert::label::workers::LabelWorkers;
 use crate::error::Result;
 use crate::sys::memory_pool::MemoryPool;
@@ -41,6 +41,8 @@ pub struct LabelInput<'a> {
     pub job: &'a Conversion<'a>,
     /// Its grid, which can be read in any order.
     pub volume: &'a dyn Volume,
+    /// It is filtered or unpacked as it is read, so that samples had better be kept than read again.
+    pub is_slow: bool,
     /// Its memory.
     pub memory: &'a Arc<MemoryPool>,
     /// Directory for temporary files.
@@ -109,10 +111,14 @@ impl LabelInput<'_> {
     fn begin(&self, checkpointer: &mut Checkpointer) -> Result<(LabelState, u32)> {
         let (files, dims) = (checkpointer.files(LABELS), self.job.plan.tiling.dims);
         let memory = self.slab_memory()?;
-        let Some(mut at) = checkpointer.take(LABELS) else {
-            return Ok((LabelState::new(&files, dims, memory, true)?, 0));
+        let keeps = match self.is_slow {
+            true => Keeps::Samples,
+            false => Keeps::Labels,
         };
-        let state = LabelState::load(&files, dims, &at.marks, &mut at.state, memory, true)?;
+        let Some(mut at) = checkpointer.take(LABELS) else {
+            return Ok((LabelState::new(&files, dims, memory, keeps)?, 0));
+        };
+        let state = LabelState::load(&files, dims, &at.marks, &mut at.state, memory, keeps)?;
         let state =
             state.filter(|s| at.state.is_empty() && s.labelled.slabs.len() == at.layer as usize);
         Ok((state.ok_or_else(|| checkpointer.damaged())?, at.layer))

@@ -9,7 +9,7 @@
 use crate::checkpoint::{Checkpointer, Marks, Scratch};
 use crate::convert::label::LabelInput;
 use crate::convert::label::slab_memory::SlabMemory;
-use crate::convert::label::state::{LabelState, SlabLabels};
+use crate::convert::label::state::{Keeps, LabelState, SlabLabels};
 use crate::error::Result;
 use crate::grid::{Dims, Tiling};
 use crate::labels::{Bits, RowRuns, Run, Runs, SlabComponents};
@@ -186,7 +186,7 @@ impl Search {
     ) -> Result<(LabelState, Self, u32)> {
         let files = checkpointer.files(sweep);
         let Some(mut at) = checkpointer.take(sweep) else {
-            let state = LabelState::new(&files, dims, memory, false)?;
+            let state = LabelState::new(&files, dims, memory, Keeps::Nothing)?;
             let search = Search {
                 sweep,
                 spool: SpillFile::create(&files.path(FOUND))?,
@@ -195,7 +195,7 @@ impl Search {
             };
             return Ok((state, search, 0));
         };
-        let state = LabelState::load(&files, dims, &at.marks, &mut at.state, memory, false)?;
+        let state = LabelState::load(&files, dims, &at.marks, &mut at.state, memory, Keeps::Nothing)?;
         let spool = at.marks.reopen(&files, FOUND)?;
         let places = at.marks.reopen(&files, PLACES)?;
         match (state, spool, places) {

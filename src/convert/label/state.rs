@@ -11,6 +11,7 @@ use crate::labels::{CarriedComponents, PhaseLabels, ProvisionalLabels, SlabCompo
 use crate::measure::VoxelSums;
 use crate::sys::spill_file::{Place, SpillFile};
 use crate::sys::state_codec::{Decoder, Encoder};
+use crate::volume::Voxel;
 
 /// Names of the files of a sweep.
 const SLABS: &str = "slabs";
@@ -43,6 +44,17 @@ pub struct SlabLabels {
     pub classes: SlabComponents,
 }
 
+/// What is kept of bands for meshing.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Keeps {
+    /// Nothing: none follows.
+    Nothing,
+    /// Bits and labels.
+    Labels,
+    /// These, and the samples that are needed, which are slow to read.
+    Samples,
+}
+
 /// The sweep's state between slabs.
 pub struct LabelState {
     /// What has been gathered.
@@ -51,16 +63,15 @@ pub struct LabelState {
     pub memory: SlabMemory,
     classes: CarriedComponents,
     dims: Dims,
-    /// Bands are kept for meshing.
-    keeps: bool,
+    keeps: Keeps,
 }
 
 impl LabelState {
-    /// Nothing gathered yet, of a grid of this size; bands are kept for meshing if that is to follow.
+    /// Nothing gathered yet, of a grid of this size.
     ///
     /// # Errors
     /// [`crate::Error::Io`].
-    pub fn new(files: &Scratch, dims: Dims, memory: SlabMemory, keeps: bool) -> Result<Self> {
+    pub fn new(files: &Scratch, dims: Dims, memory: SlabMemory, keeps: Keeps) -> Result<Self> {
         let spool = |what| SpillFile::create(&files.path(what));
         let provisional = |what| ProvisionalLabels::new(&files.path(what));
         let labelled = Labelled {
@@ -122,7 +133,7 @@ impl LabelState {
         marks: &Marks,
         input: &mut Decoder,
         memory: SlabMemory,
-        keeps: bool,
+        keeps: Keeps,
     ) -> Result<Option<Self>> {
         let nan = input.number();
         let objects = ProvisionalLabels::load(&files.path(OBJECTS), input)?;
@@ -149,9 +160,13 @@ impl LabelState {
     ///
     /// # Errors
     /// [`crate::Error::Io`].
-    pub fn seal<T>(&mut self, band: &mut Band<T>) -> Result<SealedBand> {
+    pub fn seal<T: Voxel>(&mut self, band: &mut Band<T>) -> Result<SealedBand> {
         let Labelled { spool, bands, .. } = &mut self.labelled;
-        band.seal(self.dims, spool, self.keeps.then_some(bands))
+        let kept = match self.keeps {
+            Keeps::Nothing => None,
+            keeps => Some((bands, keeps == Keeps::Samples)),
+        };
+        band.seal(self.dims, spool, kept)
     }
 
     /// Joins a layer's bands, by rising y, to classes.

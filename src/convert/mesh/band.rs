@@ -78,12 +78,9 @@ impl BandLoader<'_> {
         let labels = 8 * kept.runs() + 40 * kept.components();
         band.held.grow_to(fixed as u64 + labels)?;
         let kinds = self.kept.kinds(&kept, &span)?;
-        if kept.has_surface() {
-            let needed = NeededRows::of(&kinds, &span, &samples);
-            band.voxels.load_rows(self.volume, samples, &needed)?;
-        } else {
-            band.voxels.load_rows(self.volume, samples, &NeededRows::default())?;
-        }
+        let needed = NeededRows::of(&kinds, &span, &samples);
+        self.kept
+            .samples(&kept, self.volume, &needed, samples, &mut band.voxels)?;
         let mixed = self.kept.mixed(&kept)?;
         kinds.fill(&mut band.bits, span, &mixed);
         drop(mixed);
