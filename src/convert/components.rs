@@ -40,7 +40,10 @@ pub fn sum_up(
         surfaces: RecordTable::new(counts.surfaces, of_each, work)?,
     };
     for layer in 0..meshed.layers() {
-        let slab = labelled.slabs.get(layer as usize)?.expect("one for each layer");
+        let slab = labelled
+            .slabs
+            .get(layer as usize)?
+            .expect("one for each layer");
         let classes = resolved.classes(layer.into())?;
         let above = labelled.spool.get(&slab.above)?;
         for ended in slab.ended(&mut labelled.spool)? {

@@ -1,8 +1,8 @@
 //! What all stages of a conversion know.
 
 use crate::convert::ConvertOptions;
-use crate::convert::plan::Plan;
 use crate::convert::mesh::tile_writer::TileWriter;
+use crate::convert::plan::Plan;
 use crate::grid::LATTICE;
 use crate::manifest::{
     FORMAT, FORMAT_VERSION, Generator, GridInfo, Manifest, Source, Tables, Totals,

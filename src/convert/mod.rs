@@ -244,27 +244,28 @@ fn make(job: &Conversion, work: &Path, checkpointer: &mut Checkpointer) -> Resul
     let mut set = TilesetWriter::new(work)?;
     let mut to_mesh = checkpointer.swept()..job.layers();
     to_mesh.try_for_each(|z| set.make_layer_directory(z))?;
-    let (mut labelled, left_out, mut resolved, meshed) = read_twice(job, work, |volume, is_slow| {
-        let input = LabelInput {
-            job,
-            volume,
-            is_slow,
-            memory: &memory,
-            work,
-        };
-        let (mut labelled, left_out) = label(&input, checkpointer)?;
-        let resolved = resolve(&mut labelled, work)?;
-        let input = MeshInput {
-            job,
-            volume,
-            memory: &memory,
-            writer: &writer,
-            kept: &labelled.bands,
-            ids: &resolved.bands,
-        };
-        let meshed = mesh(&input, checkpointer)?;
-        Ok((labelled, left_out, resolved, meshed))
-    })?;
+    let (mut labelled, left_out, mut resolved, meshed) =
+        read_twice(job, work, |volume, is_slow| {
+            let input = LabelInput {
+                job,
+                volume,
+                is_slow,
+                memory: &memory,
+                work,
+            };
+            let (mut labelled, left_out) = label(&input, checkpointer)?;
+            let resolved = resolve(&mut labelled, work)?;
+            let input = MeshInput {
+                job,
+                volume,
+                memory: &memory,
+                writer: &writer,
+                kept: &labelled.bands,
+                ids: &resolved.bands,
+            };
+            let meshed = mesh(&input, checkpointer)?;
+            Ok((labelled, left_out, resolved, meshed))
+        })?;
     // labels and surfaces of a volume that changed meanwhile may not fit each other
     job.options.input.check()?;
     let (mut tiles, last_layer) = (meshed.output, meshed.last_layer);

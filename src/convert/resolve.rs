@@ -138,7 +138,10 @@ pub fn resolve(labelled: &mut Labelled, work: &Path) -> Result<Resolved> {
     };
     let (mut class_places, mut classes) = (SpillFile::new(work)?, SpillFile::new(work)?);
     for number in (0..slabs).rev() {
-        let slab = labelled.slabs.get(number)?.expect("there is one of each number");
+        let slab = labelled
+            .slabs
+            .get(number)?
+            .expect("there is one of each number");
         let ids = resolver.slab(&slab, &mut labelled.spool)?;
         class_places.push(&[classes.push(&ids)?.numbers()])?;
         for [offset, count] in labelled.spool.get(&slab.of_local)?.into_iter().rev() {

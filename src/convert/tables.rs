@@ -1,7 +1,7 @@
 //! The tables of cells, objects and surfaces as CSV files.
 
-use crate::convert::finalize::Stop;
 use crate::convert::components::Components;
+use crate::convert::finalize::Stop;
 use crate::error::{Error, Result};
 use crate::grid::{Placement, Unit};
 use crate::measure::{

@@ -55,7 +55,9 @@ impl RowKinds {
 
     /// True if the surface crosses any edge of the band.
     pub fn has_surface(&self) -> bool {
-        self.0.iter().any(|&kind| kind == MIXED || kind != self.0[0])
+        self.0
+            .iter()
+            .any(|&kind| kind == MIXED || kind != self.0[0])
     }
 
     /// The rows that the surface crosses, of a band that has so many to a slice.
@@ -114,7 +116,10 @@ impl NeededRows {
         let crossed = kinds.crossed(bits.rows());
         let (rows, slices) = (samples.rows(), samples.slices());
         let mut needed = vec![false; rows * slices];
-        let (low_y, low_z) = (bits.y.start - samples.y.start, bits.z.start - samples.z.start);
+        let (low_y, low_z) = (
+            bits.y.start - samples.y.start,
+            bits.z.start - samples.z.start,
+        );
         for (at, _) in crossed.iter().enumerate().filter(|(_, crossed)| **crossed) {
             let y = at % bits.rows() + low_y as usize;
             let z = at / bits.rows() + low_z as usize;
@@ -141,10 +146,15 @@ impl NeededRows {
                 if stretch[0] {
                     match parts.last_mut() {
                         // whole slices are read together
-                        Some(last) if last.z.end == z && last.y == samples.y && stretch.len() == rows => {
+                        Some(last)
+                            if last.z.end == z && last.y == samples.y && stretch.len() == rows =>
+                        {
                             last.z.end = z + 1;
                         }
-                        _ => parts.push(RowStretch { y: y..end, z: z..z + 1 }),
+                        _ => parts.push(RowStretch {
+                            y: y..end,
+                            z: z..z + 1,
+                        }),
                     }
                 }
                 y = end;

@@ -156,7 +156,10 @@ impl ProvisionalLabels {
         }
         Ok(Ranks {
             provisional: ProvisionalLabels {
-                file: self.file.try_clone().map_err(|e| Error::io(&self.path, "open", e))?,
+                file: self
+                    .file
+                    .try_clone()
+                    .map_err(|e| Error::io(&self.path, "open", e))?,
                 path: self.path.clone(),
                 state: self.state.clone(),
             },
@@ -206,7 +209,6 @@ impl ResidentLabels {
     pub fn spilled_bytes(&self) -> u64 {
         8 * self.filed as u64
     }
-
 }
 
 /// Final ids of provisional labels.

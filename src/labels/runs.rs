@@ -72,7 +72,11 @@ impl Runs {
 
     /// The runs of row number `row`, of so many words.
     pub fn of_row(&self, row: usize, row_words: usize) -> std::ops::Range<usize> {
-        let first = |row: usize| self.word_run.get(row * row_words).map_or(self.count, |&run| run as usize);
+        let first = |row: usize| {
+            self.word_run
+                .get(row * row_words)
+                .map_or(self.count, |&run| run as usize)
+        };
         first(row)..first(row + 1)
     }
 

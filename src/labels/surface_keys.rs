@@ -43,7 +43,10 @@ pub fn keys_on_top(bits: &Bits, runs: &Runs, labels: &Labels, dims: Dims) -> Vec
                 let here = bits.words[row * words + w];
                 let there = match axis {
                     0 => {
-                        let next = bits.words.get(row * words + w + 1).filter(|_| w + 1 < words);
+                        let next = bits
+                            .words
+                            .get(row * words + w + 1)
+                            .filter(|_| w + 1 < words);
                         here >> 1 | next.map_or(0, |next| next << 63)
                     }
                     _ => bits.words[(row + step) * words + w],

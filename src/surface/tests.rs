@@ -5,8 +5,8 @@ mod checks;
 use crate::grid::{Ambiguous, Dims, LATTICE, Placement, Tiling};
 use crate::labels::{
     BandComponents, BandFaces, BandInput, Bits, CarriedComponents, Labels, NeededRows, PhaseLabels,
-    ProvisionalLabels, RowKinds, RowStretch, Runs, SlabComponents, Span, Voxels, add_border_euler, keys_on_top,
-    label_runs, sum_voxels,
+    ProvisionalLabels, RowKinds, RowStretch, Runs, SlabComponents, Span, Voxels, add_border_euler,
+    keys_on_top, label_runs, sum_voxels,
 };
 use crate::measure::{AreaScale, VoxelSums};
 use crate::surface::assign_pieces::Piece;

@@ -48,7 +48,8 @@ pub fn tile_file<'a>(
     if !table.is_empty() {
         bin.to_mut().extend_from_slice(&table);
     }
-    let head = write_head(&json, aligned(json.len(), 8), bin.len() as u64).ok_or(Refused::TooLarge)?;
+    let head =
+        write_head(&json, aligned(json.len(), 8), bin.len() as u64).ok_or(Refused::TooLarge)?;
     let indices = layout.indices.into();
     Ok(TileFile { head, bin, indices })
 }

@@ -67,10 +67,9 @@ mod tests {
     use proptest::prelude::*;
 
     fn tile(pieces: u32) -> TileRecord {
-        TileRecord {
-            pieces,
-            ..TileRecord::zeroed()
-        }
+        let mut tile = TileRecord::zeroed();
+        tile.pieces = pieces;
+        tile
     }
 
     proptest! {

@@ -8,8 +8,8 @@ use crate::error::{Error, Result};
 use crate::grid::LATTICE;
 use crate::manifest::{Bounds, Group, TileEntry, checksum_text};
 use crate::tile::{
-    Body, Description, EncodedBody, Extras, Node, PieceRange, describe, name, refused,
-    tile_path, too_large, write_head,
+    Body, Description, EncodedBody, Extras, Node, PieceRange, describe, name, refused, tile_path,
+    too_large, write_head,
 };
 use std::fs::OpenOptions;
 use std::os::unix::fs::FileExt;

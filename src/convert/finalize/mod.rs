@@ -7,8 +7,8 @@ mod finisher;
 pub(crate) mod shards;
 
 use crate::checkpoint::Checkpointer;
-use crate::convert::conversion::Conversion;
 use crate::convert::components::Components;
+use crate::convert::conversion::Conversion;
 use crate::convert::finalize::batches::Batches;
 use crate::convert::finalize::finish_tile::changed;
 use crate::convert::finalize::finisher::Finisher;

@@ -1,8 +1,8 @@
 //! One band of a slab, read, classified and labelled.
 
-use crate::convert::memory::BANDS;
 use crate::convert::label::kept_bands::{KeptBand, KeptBands};
 use crate::convert::label::small_components::Filter;
+use crate::convert::memory::BANDS;
 use crate::error::Result;
 use crate::grid::{Ambiguous, Dims, Placement, Tiling};
 use crate::labels::{

@@ -81,7 +81,9 @@ impl KeptBands {
     pub fn reopen(files: &Scratch, marks: &Marks) -> Result<Option<Self>> {
         let data = marks.reopen(files, BANDS)?;
         let places = marks.reopen(files, BAND_PLACES)?;
-        Ok(data.zip(places).map(|(data, places)| KeptBands { data, places }))
+        Ok(data
+            .zip(places)
+            .map(|(data, places)| KeptBands { data, places }))
     }
 
     /// Writes out what is in memory of the files, and adds how much they hold to `marks`.
@@ -206,10 +208,14 @@ impl KeptBands {
     /// [`crate::Error::Io`].
     pub fn labels(&self, kept: &KeptBand, mut each: impl FnMut(u32)) -> Result<()> {
         if kept.is_wide() {
-            let all: Vec<u32> = self.data.read(&Place::new(kept.labels, kept.runs as usize))?;
+            let all: Vec<u32> = self
+                .data
+                .read(&Place::new(kept.labels, kept.runs as usize))?;
             all.into_iter().for_each(each);
         } else {
-            let all: Vec<u16> = self.data.read(&Place::new(kept.labels, kept.runs as usize))?;
+            let all: Vec<u16> = self
+                .data
+                .read(&Place::new(kept.labels, kept.runs as usize))?;
             all.into_iter().for_each(|label| each(label.into()));
         }
         Ok(())

@@ -119,7 +119,11 @@ impl<B, S> LabelQueue<B, S> {
         if let Some(number) = self.again.pop() {
             return Some(number);
         }
-        let ahead = if self.one_by_one { 0 } else { self.limits.ahead };
+        let ahead = if self.one_by_one {
+            0
+        } else {
+            self.limits.ahead
+        };
         let end = match self.last {
             Some(last) => self.first_of(last + 1),
             None => self.first_of(self.layer + 1) + u64::from(ahead),
@@ -165,7 +169,8 @@ impl<B, S> LabelQueue<B, S> {
 
     /// Goes on with less memory, if `error` says that there is not enough, and less is possible.
     fn takes_less(&mut self, error: Error) -> bool {
-        let can = matches!(error, Error::TooDense { .. }) && (!self.one_by_one || !self.spare.is_empty());
+        let can =
+            matches!(error, Error::TooDense { .. }) && (!self.one_by_one || !self.spare.is_empty());
         self.spare.clear();
         self.one_by_one = true;
         if !can {

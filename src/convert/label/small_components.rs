@@ -195,7 +195,14 @@ impl Search {
             };
             return Ok((state, search, 0));
         };
-        let state = LabelState::load(&files, dims, &at.marks, &mut at.state, memory, Keeps::Nothing)?;
+        let state = LabelState::load(
+            &files,
+            dims,
+            &at.marks,
+            &mut at.state,
+            memory,
+            Keeps::Nothing,
+        )?;
         let spool = at.marks.reopen(&files, FOUND)?;
         let places = at.marks.reopen(&files, PLACES)?;
         match (state, spool, places) {

@@ -103,7 +103,11 @@ impl LabelState {
         marks.add(files, SLABS, labelled.spool.mark()?);
         marks.add(files, RECORDS, labelled.slabs.mark()?);
         labelled.bands.mark(files, marks)?;
-        let PhaseLabels { objects, cells, surfaces } = &labelled.provisional;
+        let PhaseLabels {
+            objects,
+            cells,
+            surfaces,
+        } = &labelled.provisional;
         for (what, labels) in [(OBJECTS, objects), (CELLS, cells), (SURFACES, surfaces)] {
             marks.add_length(files, what, labels.resident().spilled_bytes());
         }
@@ -116,7 +120,11 @@ impl LabelState {
     /// [`crate::Error::Io`].
     pub fn save(&self, out: &mut Encoder) -> Result<()> {
         out.number(self.labelled.nan)?;
-        let PhaseLabels { objects, cells, surfaces } = &self.labelled.provisional;
+        let PhaseLabels {
+            objects,
+            cells,
+            surfaces,
+        } = &self.labelled.provisional;
         for labels in [objects, cells, surfaces] {
             labels.resident().save(out)?;
         }
@@ -139,12 +147,17 @@ impl LabelState {
         let objects = ProvisionalLabels::load(&files.path(OBJECTS), input)?;
         let cells = ProvisionalLabels::load(&files.path(CELLS), input)?;
         let surfaces = ProvisionalLabels::load(&files.path(SURFACES), input)?;
-        let (Some(nan), Some(objects), Some(cells), Some(surfaces)) = (nan, objects, cells, surfaces)
+        let (Some(nan), Some(objects), Some(cells), Some(surfaces)) =
+            (nan, objects, cells, surfaces)
         else {
             return Ok(None);
         };
         let classes = CarriedComponents::load(input);
-        let provisional = PhaseLabels { objects, cells, surfaces };
+        let provisional = PhaseLabels {
+            objects,
+            cells,
+            surfaces,
+        };
         let labelled = Labelled::open(files, marks, provisional, nan)?;
         let state = labelled.zip(classes).map(|(labelled, classes)| LabelState {
             labelled,
@@ -223,7 +236,12 @@ impl LabelState {
     /// [`crate::Error::Io`].
     pub fn finish_slab(&mut self, layer: u32, known: &SlabLabels) -> Result<()> {
         let SlabLabels { sealed, classes } = known;
-        let Labelled { spool, slabs, bands, .. } = &mut self.labelled;
+        let Labelled {
+            spool,
+            slabs,
+            bands,
+            ..
+        } = &mut self.labelled;
         let mut finished = Vec::with_capacity(sealed.len() + 1);
         let mut finish = |sums: Place<VoxelSums>, classes: Place<u32>| {
             let [[sums, many], [classes, of]] = [sums.numbers(), classes.numbers()];
@@ -261,7 +279,11 @@ impl LabelState {
     /// # Errors
     /// [`crate::Error::Io`].
     pub fn end(mut self, files: &Scratch) -> Result<Marks> {
-        let PhaseLabels { objects, cells, surfaces } = &mut self.labelled.provisional;
+        let PhaseLabels {
+            objects,
+            cells,
+            surfaces,
+        } = &mut self.labelled.provisional;
         let mut summary = vec![self.labelled.nan];
         for labels in [objects, cells, surfaces] {
             summary.push(labels.spill()?);

@@ -116,7 +116,9 @@ where
     fn prefetch(&self, layer: u32) {
         if layer < self.layers {
             let span = span_of(self.source.tiling, 0, layer);
-            self.input.volume.prefetch(span.with_neighbours(self.source.tiling.dims).z);
+            self.input
+                .volume
+                .prefetch(span.with_neighbours(self.source.tiling.dims).z);
         }
     }
 }

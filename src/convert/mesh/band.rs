@@ -95,12 +95,16 @@ impl BandLoader<'_> {
             false => band.class_of_run.resize(band.runs.count, class_of[0]),
         }
         let tiles = 0..tiles_x;
-        let boxes = tiles.clone().map(|tx| TileBox::of(self.tiling, [tx, ty, tz]));
+        let boxes = tiles
+            .clone()
+            .map(|tx| TileBox::of(self.tiling, [tx, ty, tz]));
         band.sizes.clear();
-        band.sizes.extend(boxes.map(|tile| Sizes::of(&band.bits, &tile)));
+        band.sizes
+            .extend(boxes.map(|tile| Sizes::of(&band.bits, &tile)));
         let has_any = |&tx: &u32| band.sizes[tx as usize].vertices > 0 || self.cap;
         let mut tiles: Vec<u32> = tiles.filter(has_any).collect();
-        tiles.sort_by_key(|&tx| std::cmp::Reverse(band.sizes[tx as usize].vertices.checked_ilog2()));
+        tiles
+            .sort_by_key(|&tx| std::cmp::Reverse(band.sizes[tx as usize].vertices.checked_ilog2()));
         Ok(tiles)
     }
 

@@ -60,11 +60,10 @@ impl MeshOutput {
             let mut piece = WrittenPiece::zeroed();
             piece.ids.object = u64::from(layer);
             let pieces_at = output.spool.push(&[piece]).unwrap().offset();
-            let tile = |x| TileRecord {
-                grid: [x, 0, layer],
-                pieces: 1,
-                pieces_at,
-                ..TileRecord::zeroed()
+            let tile = |x| {
+                let mut tile = TileRecord::zeroed();
+                (tile.grid, tile.pieces, tile.pieces_at) = ([x, 0, layer], 1, pieces_at);
+                tile
             };
             let tiles: Vec<TileRecord> = (0..count).map(tile).collect();
             let place = output.spool.push(&tiles).unwrap();
@@ -147,7 +146,8 @@ impl TileCollector {
     /// [`crate::Error::Io`]; [`crate::Error::TooDense`].
     pub fn add(&mut self, tile: WrittenTile) -> Result<()> {
         let count: usize = self.open.values().map(|(tiles, _)| tiles.capacity()).sum();
-        self.held.grow_to(((count + 1) * size_of::<TileRecord>()) as u64)?;
+        self.held
+            .grow_to(((count + 1) * size_of::<TileRecord>()) as u64)?;
         let mut record = tile.record;
         record.pieces_at = self.output.spool.push(&tile.pieces)?.offset();
         let (tiles, caps) = self.open.entry(record.grid[2]).or_default();

@@ -104,7 +104,10 @@ pub fn mesh(input: &MeshInput, checkpointer: &mut Checkpointer) -> Result<Meshed
     let [x, y, _] = plan.tiling.tiles();
     let layer = collector.output.layers();
     let tiles = |layers: u32| [x, y, layers].map(u64::from).iter().product();
-    input.job.progress.begin("tiles", tiles(plan.tiling.tiles()[2]));
+    input
+        .job
+        .progress
+        .begin("tiles", tiles(plan.tiling.tiles()[2]));
     input.job.progress.advance(tiles(layer));
     let tiles = crate::volume::with_voxel_type!(
         input.volume.header().dtype,
@@ -124,7 +127,6 @@ fn begin(input: &MeshInput, checkpointer: &mut Checkpointer) -> Result<TileColle
     let Some(mut at) = checkpointer.take(TILES) else {
         return TileCollector::new(&files, input.memory);
     };
-    let collector =
-        TileCollector::load(&files, &at.marks, &mut at.state, at.layer, input.memory)?;
+    let collector = TileCollector::load(&files, &at.marks, &mut at.state, at.layer, input.memory)?;
     collector.ok_or_else(|| checkpointer.damaged())
 }

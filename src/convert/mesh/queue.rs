@@ -194,7 +194,10 @@ impl<B> MeshQueue<B> {
     /// A tile is made, or there was no memory for it or another failure.
     pub fn made(&mut self, task: TileTask<B>, made: Result<()>) {
         self.in_hand -= 1;
-        let TileTask { band, grid: [tx, ty, layer] } = task;
+        let TileTask {
+            band,
+            grid: [tx, ty, layer],
+        } = task;
         let number = self.number([ty, layer]);
         match made {
             Ok(()) => {
@@ -231,7 +234,11 @@ impl<B> MeshQueue<B> {
     }
 
     fn close_all(&mut self) {
-        for TileTask { band, grid: [tx, ty, layer] } in std::mem::take(&mut self.tiles) {
+        for TileTask {
+            band,
+            grid: [tx, ty, layer],
+        } in std::mem::take(&mut self.tiles)
+        {
             self.close([ty, layer], tx, band);
         }
     }

@@ -1,10 +1,10 @@
 //! Tiles on disk during a conversion: their geometry first, what comes before it at the end.
 
+use crate::convert::resolve::{ComponentId, Ids};
 use crate::error::Result;
 use crate::grid::Tiling;
-use crate::strip::Stripifier;
-use crate::convert::resolve::{ComponentId, Ids};
 use crate::measure::MeshSums;
+use crate::strip::Stripifier;
 use crate::surface::{Piece, TileMesh};
 use crate::sys::background_writer::{BackgroundWriters, Job};
 use crate::sys::direct_io;
@@ -51,7 +51,6 @@ impl TileRecord {
     pub fn pieces(&self, spool: &mut SpillFile) -> Result<Vec<WrittenPiece>> {
         spool.get(&Place::new(self.pieces_at, self.pieces as usize))
     }
-
 }
 
 /// A piece of a tile.

@@ -1,11 +1,11 @@
 //! Threads that load bands and make their tiles.
 
 use crate::checkpoint::{Checkpointer, Marks, TILES};
+use crate::convert::label::span_of;
 use crate::convert::mesh::band::{BandLoader, MeshBand};
 use crate::convert::mesh::collect::TileCollector;
 use crate::convert::mesh::queue::{Limits, MeshQueue, MeshTask, TileTask};
 use crate::convert::mesh::{MeshInput, Meshing};
-use crate::convert::label::span_of;
 use crate::error::{Error, Result};
 use crate::sys::background_writer::BackgroundWriters;
 use crate::sys::locks::{into_inner, lock, wait};

@@ -3,7 +3,7 @@
 use super::*;
 use crate::gltf::{ARRAY_BUFFER, SHORT};
 use crate::grid::{LATTICE, coordinate};
-use crate::manifest::{Layout, Primitives};
+use crate::manifest::{Form, Layout, Primitives};
 use crate::strip::append_strip;
 use crate::tile::contents::{Contents, name};
 use crate::tile::encoded::{FloatBody, encode};
