@@ -5,6 +5,7 @@ use crate::grid::Tiling;
 use crate::manifest::{Bounds, MANIFEST, TileEntry, checksum_text};
 use crate::tile::tile_path;
 use crate::tileset::TileSet;
+use rayon::prelude::*;
 use std::collections::HashMap;
 
 /// What is kept of a tile.
@@ -48,14 +49,19 @@ impl TileLookup {
         }
         .tiles();
         let mut lookup = TileLookup::default();
-        for entry in set.tiles() {
-            let entry = entry?;
+        // a shard may be long, and most of it is not kept
+        let layers = set.manifest().layers.par_iter();
+        let layers = layers.map(|layer| -> Result<Vec<_>> {
+            let tiles = set.manifest().shard_tiles(set.dir(), layer)?;
+            tiles.map(|entry| Ok(without_groups(entry?))).collect()
+        });
+        for (entry, pieces) in layers.collect::<Result<Vec<_>>>()?.into_iter().flatten() {
             if (0..3).any(|a| entry.grid[a] >= most[a]) {
                 let found = format!("a tile {:?} in {}", entry.grid, entry.path);
                 let expected = format!("tiles of a grid of {most:?}");
                 return Err(Error::format(set.dir().join(MANIFEST), found, expected));
             }
-            lookup.tiles.push(KnownTile::of(set, &entry)?);
+            lookup.tiles.push(KnownTile::of(set, &entry, pieces)?);
             if entry.path != tile_path(entry.grid) {
                 lookup.other_paths.insert(entry.grid, entry.path);
             }
@@ -127,7 +133,7 @@ impl TileLookup {
 }
 
 impl KnownTile {
-    fn of(set: &TileSet, entry: &TileEntry) -> Result<Self> {
+    fn of(set: &TileSet, entry: &TileEntry, pieces: usize) -> Result<Self> {
         let digits = entry.checksum.strip_prefix("crc32:");
         let crc = digits.and_then(|digits| u32::from_str_radix(digits, 16).ok());
         let Some(crc) = crc.filter(|&crc| checksum_text(crc) == entry.checksum) else {
@@ -138,7 +144,7 @@ impl KnownTile {
         Ok(KnownTile {
             grid: entry.grid,
             crc,
-            pieces: u32::try_from(entry.groups.len()).unwrap_or(u32::MAX),
+            pieces: u32::try_from(pieces).unwrap_or(u32::MAX),
             bytes: entry.bytes,
             vertices: entry.vertices,
             triangles: entry.triangles,
@@ -150,6 +156,13 @@ impl KnownTile {
     pub fn checksum(&self) -> String {
         checksum_text(self.crc)
     }
+}
+
+/// A tile without its pieces, and their number.
+fn without_groups(entry: TileEntry) -> (TileEntry, usize) {
+    let pieces = entry.groups.len();
+    let groups = Vec::new();
+    (TileEntry { groups, ..entry }, pieces)
 }
 
 fn key([x, y, z]: [u32; 3]) -> [u32; 3] {

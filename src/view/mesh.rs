@@ -20,10 +20,10 @@
 
 use crate::grid::{LATTICE, Tiling};
 use crate::manifest::{Manifest, Primitives};
-use crate::tile::octahedral_codes;
-use crate::tile::pieces::{Piece, pieces};
+use crate::tile::pieces::Piece;
 use crate::tile::read::Tile;
 use crate::tile::recode::strip_all;
+use crate::tile::{counted_pieces, octahedral_codes};
 
 /// Bytes of the header, a vertex and a slot.
 const HEADER: usize = 48;
@@ -97,7 +97,7 @@ impl Frame {
     /// What is wrong with the tile.
     pub fn mesh(&self, grid: [u32; 3], file: &[u8]) -> Result<Vec<u8>, String> {
         let tile = Tile::read(file).map_err(|e| e.to_string())?;
-        let mut pieces = pieces(&tile, self.primitives).map_err(|e| e.to_string())?;
+        let mut pieces = counted_pieces(&tile, self.primitives).map_err(|e| e.to_string())?;
         drop(tile);
         let triangles = pieces.iter().map(|p| p.ids.triangles).sum::<u64>();
         if self.primitives == Primitives::Triangles {

@@ -1,18 +1,22 @@
 //! Rows of tables for the page: columns as numbers, one row as it is, and which rows a condition holds for.
 
 use crate::error::{Error, Result};
+use crate::manifest::Group;
 use crate::sys::temp_file::unnamed;
-use crate::table::{Query, Row, Table, TableReader, find_column};
+use crate::table::{Column, Query, Table, find_column};
 use crate::tileset::TileSet;
 use serde_json::{Value, json};
 use std::fs::File;
 use std::io::{Seek, SeekFrom};
 use std::os::unix::fs::FileExt;
+use std::path::Path;
 
 /// Rows that are gathered before they are written.
 const TOGETHER: usize = 1 << 16;
 /// Bytes before the columns.
 const HEADER: u64 = 16;
+/// Columns that are sent at once.
+const MOST_COLUMNS: usize = 64;
 /// Tiles that are named of a row at most.
 const TILES: usize = 4096;
 
@@ -37,14 +41,22 @@ pub struct Columns {
 /// # Errors
 /// [`Error::Usage`] for a column that is not there; [`Error::Io`] and [`Error::Format`] of the table.
 pub fn columns(set: &TileSet, table: Table, names: &[&str]) -> Result<Columns> {
+    if names.len() > MOST_COLUMNS {
+        let expected = format!("{MOST_COLUMNS} at most");
+        return Err(Error::usage(
+            "columns",
+            format!("{} of them", names.len()),
+            expected,
+        ));
+    }
     let mut reader = table.open(set.dir(), set.manifest())?;
     let chosen: Vec<usize> = names
         .iter()
         .map(|name| find_column("columns", name, reader.columns()))
         .collect::<Result<_>>()?;
-    let id = reader.own_column("id")?;
+    let (id, path) = (reader.own_column("id")?, reader.path().to_path_buf());
     // the index tells how many rows there are, which says where columns begin
-    let rows = table.total(set.manifest());
+    let rows = u64::from(short(&path, table.total(set.manifest()))?);
     let dir = std::env::temp_dir();
     let failed = |e| Error::io(&dir, "write a temporary file", e);
     let mut out = Gathered {
@@ -59,7 +71,7 @@ pub fn columns(set: &TileSet, table: Table, names: &[&str]) -> Result<Columns> {
         if read > rows {
             break;
         }
-        out.waiting[0].push(short_id(&reader_path(set, table), row.whole(id)?)?);
+        out.waiting[0].push(short(&path, row.whole(id)?)?);
         for (values, &column) in out.waiting[1..].iter_mut().zip(&chosen) {
             let value = row.number(column)?.map_or(f32::NAN, |v| v as f32);
             values.push(value.to_bits());
@@ -69,23 +81,15 @@ pub fn columns(set: &TileSet, table: Table, names: &[&str]) -> Result<Columns> {
         }
     }
     if read != rows {
-        let found = if read > rows {
-            "more rows".to_owned()
-        } else {
-            format!("{read} rows")
+        let found = match read > rows {
+            true => "more rows".to_owned(),
+            false => format!("{read} rows"),
         };
-        return Err(Error::format(
-            reader.path(),
-            found,
-            format!("{rows} rows as in the index"),
-        ));
+        let expected = format!("{rows} rows as in the index");
+        return Err(Error::format(&path, found, expected));
     }
     out.write().map_err(failed)?;
     out.finish(chosen.len()).map_err(failed)
-}
-
-fn reader_path(set: &TileSet, table: Table) -> std::path::PathBuf {
-    set.dir().join(table.file())
 }
 
 /// Columns of which a part is in memory.
@@ -114,7 +118,7 @@ impl Gathered {
         let words = [
             u32::from_le_bytes(*b"ALVC"),
             1,
-            u32::try_from(self.rows).unwrap_or(u32::MAX),
+            self.rows as u32,
             columns as u32,
         ];
         self.file.write_all_at(&bytes_of(&words), 0)?;
@@ -130,8 +134,12 @@ fn bytes_of(words: &[u32]) -> Vec<u8> {
     words.iter().flat_map(|w| w.to_le_bytes()).collect()
 }
 
-fn short_id(path: &std::path::Path, id: u64) -> Result<u32> {
-    u32::try_from(id).map_err(|_| Error::format(path, format!("the id {id}"), "ids of 32 bits"))
+/// An id, or a number of rows, as the page takes it.
+fn short(path: &Path, number: u64) -> Result<u32> {
+    u32::try_from(number).map_err(|_| {
+        let expected = "ids and rows that 32 bits can count";
+        Error::format(path, number.to_string(), expected)
+    })
 }
 
 /// What is asked of a table.
@@ -165,7 +173,7 @@ pub fn query(set: &TileSet, table: Table, asked: &Asked) -> Result<Vec<u8>> {
         ids.len() as u32,
     ]));
     for id in ids {
-        out.extend(short_id(reader.path(), id)?.to_le_bytes());
+        out.extend(short(reader.path(), id)?.to_le_bytes());
     }
     Ok(out)
 }
@@ -177,42 +185,36 @@ pub fn query(set: &TileSet, table: Table, asked: &Asked) -> Result<Vec<u8>> {
 /// [`Error::Io`] and [`Error::Format`] of the table and the index.
 pub fn row(set: &TileSet, table: Table, id: u64) -> Result<Option<Value>> {
     let mut reader = table.open(set.dir(), set.manifest())?;
-    let column = reader.own_column("id")?;
-    let Some(columns) = values(&mut reader, column, id)? else {
+    let all = reader.columns().to_vec();
+    let Some(row) = reader.find(id)? else {
         return Ok(None);
     };
-    let mut tiles = Vec::new();
-    for entry in set.tiles() {
-        let entry = entry?;
-        let of = |group: &crate::manifest::Group| match table {
-            Table::Cells => group.cell,
-            Table::Objects => group.object,
-            Table::Surfaces => group.surface,
-        };
-        if entry.groups.iter().any(|group| of(group) == id) {
-            tiles.push(entry.grid);
-        }
-        if tiles.len() == TILES {
-            break;
-        }
-    }
+    let value = |(i, c): (usize, &Column)| -> Result<Value> {
+        Ok(json!({"name": c.name, "unit": c.unit, "value": row.json(i)?}))
+    };
+    let columns: Vec<Value> = all.iter().enumerate().map(value).collect::<Result<_>>()?;
+    let count = all.iter().position(|c| c.name == "tiles");
+    let count = count.map(|column| row.whole(column)).transpose()?;
+    let most = count.map_or(TILES, |n| n.min(TILES as u64) as usize);
+    let tiles = tiles_of(set, table, id, most)?;
     Ok(Some(json!({"columns": columns, "tiles": tiles})))
 }
 
-fn values(reader: &mut TableReader, column: usize, id: u64) -> Result<Option<Vec<Value>>> {
-    let columns = reader.columns().to_vec();
-    while let Some(row) = reader.next_row()? {
-        if row.whole(column)? == id {
-            let value = |(i, c): (usize, &crate::table::Column)| -> Result<Value> {
-                Ok(json!({"name": c.name, "unit": c.unit, "value": Row::json(&row, i)?}))
-            };
-            return columns
-                .iter()
-                .enumerate()
-                .map(value)
-                .collect::<Result<_>>()
-                .map(Some);
+/// The macrocubes of the first tiles that have triangles of a row.
+fn tiles_of(set: &TileSet, table: Table, id: u64, most: usize) -> Result<Vec<[u32; 3]>> {
+    let of = |group: &Group| match table {
+        Table::Cells => group.cell,
+        Table::Objects => group.object,
+        Table::Surfaces => group.surface,
+    };
+    let mut found = Vec::new();
+    let mut tiles = set.tiles();
+    while found.len() < most
+        && let Some(entry) = tiles.next().transpose()?
+    {
+        if entry.groups.iter().any(|group| of(group) == id) {
+            found.push(entry.grid);
         }
     }
-    Ok(None)
+    Ok(found)
 }
