@@ -5,6 +5,7 @@ use super::form::FormArgs;
 use super::info;
 use super::parse::{self, CropArg};
 use super::threshold::{TAKES, Threshold, threshold};
+use super::view::ViewArgs;
 use super::{Outcome, output, stop};
 use crate::convert::{self, ConvertOptions, ConvertReport};
 use crate::error::{Error, Result};
@@ -93,6 +94,9 @@ pub struct ConvertArgs {
     /// nothing is done.
     #[arg(long)]
     resume: bool,
+    /// Look at the tiles in the browser when they are done, as `alvis view` does
+    #[arg(long, conflicts_with = "json")]
+    view: bool,
     #[command(flatten)]
     form: FormArgs,
     #[command(flatten)]
@@ -161,7 +165,10 @@ impl ConvertArgs {
         } else if self.common.talks() {
             output::print(&summary(&report))?;
         }
-        Ok(Outcome::Done)
+        match self.view {
+            true => ViewArgs::of(&self.out, self.common.quiet).run(),
+            false => Ok(Outcome::Done),
+        }
     }
 }
 

@@ -186,7 +186,8 @@ fn text(report: &Report) -> String {
          In Blender:           File > Import > glTF 2.0, then choose tiles in {tiles}/tiles\n\
          In any glTF viewer:   open a file of {tiles}/tiles\n\
          In MeshLab:           {meshlab}\n\
-         With your own scan:   alvis info SCAN; alvis convert SCAN OUT --threshold otsu\n",
+         With your own scan:   alvis info SCAN; alvis convert SCAN OUT --threshold otsu\n\
+         Move through it:      alvis view {tiles}\n",
         convert_command::summary(&report.convert),
         verify::verdict(&report.verify),
     )

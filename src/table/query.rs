@@ -100,6 +100,25 @@ impl Query {
     /// # Errors
     /// What reading returns.
     pub fn select(&self, table: &mut TableReader) -> Result<Selected> {
+        let offsets = self.ordered(table, |row| Ok(row.offset))?;
+        Ok(Selected { offsets })
+    }
+
+    /// The ids of the chosen rows in order. Takes 16 bytes per row; in a table by rising id ties keep its order.
+    ///
+    /// # Errors
+    /// What reading returns.
+    pub fn ids(&self, table: &mut TableReader) -> Result<Vec<u64>> {
+        let id = table.own_column("id")?;
+        self.ordered(table, |row| row.whole(id))
+    }
+
+    /// What `place` says of the chosen rows, in order, and by itself where keys are the same.
+    fn ordered(
+        &self,
+        table: &mut TableReader,
+        place: impl Fn(&Row) -> Result<u64>,
+    ) -> Result<Vec<u64>> {
         let top = self.top.unwrap_or(usize::MAX);
         let mut heap: BinaryHeap<Keyed> = BinaryHeap::new();
         while let Some(row) = table.next_row()? {
@@ -116,7 +135,7 @@ impl Query {
             let keyed = Keyed {
                 // as `total_cmp` has it, infinity comes after all values, which are finite
                 value: value.unwrap_or(f64::INFINITY),
-                offset: row.offset,
+                place: place(&row)?,
             };
             if heap.len() < top {
                 heap.push(keyed);
@@ -125,8 +144,7 @@ impl Query {
                 heap.push(keyed);
             }
         }
-        let offsets = heap.into_sorted_vec().iter().map(|k| k.offset).collect();
-        Ok(Selected { offsets })
+        Ok(heap.into_sorted_vec().iter().map(|k| k.place).collect())
     }
 }
 
@@ -134,7 +152,7 @@ impl Query {
 #[derive(Debug, Clone, Copy)]
 struct Keyed {
     value: f64,
-    offset: u64,
+    place: u64,
 }
 
 impl Ord for Keyed {
@@ -142,7 +160,7 @@ impl Ord for Keyed {
         // -0 and 0 are the same key
         (self.value + 0.0)
             .total_cmp(&(other.value + 0.0))
-            .then(self.offset.cmp(&other.offset))
+            .then(self.place.cmp(&other.place))
     }
 }
 
