@@ -143,7 +143,7 @@ export class App {
     const lines = edges(this.box, s.box);
     if (waiting) for (const node of this.director.missing()) lines.push(...edges(node, node.refused ? [0.9, 0.2, 0.2, 0.8] : s.wait));
     lines.push(...this.section.lines([...s.accent.map((x) => x * 0.9), 0.9]));
-    return { lines, slice: this.section.drawn() };
+    return { lines, slice: this.section.drawn(), filled: [...this.director.shown] };
   }
 
   drawn(view, moving) {

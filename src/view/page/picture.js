@@ -1,6 +1,6 @@
 // Draws blocks, lights them, and tells what is under a pixel.
 import { Table, Targets, bind, clampTexture, program } from "./gpu.js";
-import { BLOCK, FACE, LIGHT, LINES, PROBE, SLICE, SMOOTH } from "./shaders.js";
+import { BLOCK, FACE, FILL, LIGHT, LINES, PROBE, SLICE, SMOOTH } from "./shaders.js";
 import { dot, scale, sub } from "./vector.js";
 
 const KIND = { surfaces: 0, cells: 1, objects: 2 };
@@ -20,7 +20,7 @@ export class Picture {
   build() {
     const { gl } = this;
     this.programs = {};
-    for (const [name, source] of Object.entries({ BLOCK, LIGHT, SMOOTH, LINES, SLICE, PROBE })) {
+    for (const [name, source] of Object.entries({ BLOCK, LIGHT, SMOOTH, LINES, SLICE, FILL, PROBE })) {
       this.programs[name] = program(gl, source);
     }
     this.table = new Table(gl);
@@ -108,7 +108,7 @@ export class Picture {
   }
 
   /** Lights the picture and brings it to the canvas, or to another frame. `style` has colours of 0 to 1. */
-  show(style, { lines = [], slice = null } = {}, targets = this.targets, onto = null) {
+  show(style, { lines = [], slice = null, filled = [] } = {}, targets = this.targets, onto = null) {
     const { gl, view } = this;
     gl.bindVertexArray(this.screen);
     gl.viewport(0, 0, targets.width, targets.height);
@@ -116,6 +116,7 @@ export class Picture {
     gl.bindFramebuffer(gl.FRAMEBUFFER, targets.lit);
     gl.enable(gl.BLEND);
     gl.blendFunc(gl.ONE, gl.ONE_MINUS_SRC_ALPHA);
+    if (style.solid) this.drawRims(filled, style, targets);
     if (slice && this.sliceTexture) this.drawSlice(slice, targets);
     if (lines.length > 0) this.drawLines(lines, view, targets);
     gl.disable(gl.BLEND);
@@ -144,10 +145,30 @@ export class Picture {
     gl.drawArrays(gl.TRIANGLES, 0, 3);
   }
 
+  // Material where no surface is seen, at the faces of the volume that blocks reach.
+  drawRims(nodes, style, targets) {
+    const { gl, view } = this;
+    const { made, at } = this.programs.FILL;
+    gl.useProgram(made);
+    gl.uniformMatrix4fv(at.matrix, false, view.matrix);
+    gl.uniform4fv(at.plane, this.plane());
+    gl.uniform3fv(at.cut, style.cut);
+    for (const { card } of nodes) {
+      for (const rim of card?.rims ?? []) {
+        bind(gl, this.programs.FILL, { mask: rim.texture, faces: targets.faces });
+        this.loose.draw(gl.TRIANGLE_STRIP, this.sheet(rim.corners), [3, 2]);
+      }
+    }
+  }
+
+  // Places from the eye with shares of a texture: [0, 0], [1, 0], [0, 1], [1, 1].
+  sheet(corners) {
+    return corners.flatMap((c, i) => [...sub(c, this.view.eye), i % 2, i >> 1]);
+  }
+
   drawSlice({ corners, whole }, targets) {
     const { gl, view } = this;
-    const shares = [[0, 0], [1, 0], [0, 1], [1, 1]];
-    const data = corners.flatMap((c, i) => [...sub(c, view.eye), ...shares[i]]);
+    const data = this.sheet(corners);
     gl.useProgram(this.programs.SLICE.made);
     bind(gl, this.programs.SLICE, { image: this.sliceTexture, depths: targets.depths, faces: targets.faces });
     gl.uniformMatrix4fv(this.programs.SLICE.at.matrix, false, view.matrix);

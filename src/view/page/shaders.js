@@ -240,6 +240,35 @@ void main() {
 }`,
 };
 
+/** Material at the faces of the volume, where no surface is seen. */
+export const FILL = {
+  attributes: ["place", "share"],
+  vertex: `${HEAD}
+in vec3 place;
+in vec2 share;
+uniform mat4 matrix;
+uniform vec4 plane;
+out vec2 at;
+out float beyond;
+void main() {
+  at = share;
+  beyond = dot(plane.xyz, place) - plane.w;
+  gl_Position = matrix * vec4(place, 1.0);
+}`,
+  fragment: `${HEAD}
+in vec2 at;
+in float beyond;
+uniform sampler2D mask;
+uniform sampler2D faces;
+uniform vec3 cut;
+out vec4 colour;
+void main() {
+  bool free = texelFetch(faces, ivec2(gl_FragCoord.xy), 0).a == 0.0;
+  if (!free || beyond > 0.0 || texture(mask, at).r < 0.5) discard;
+  colour = vec4(cut, 1.0);
+}`,
+};
+
 /** The depth of one pixel, as bits of a number. */
 export const PROBE = {
   attributes: [],
