@@ -76,11 +76,13 @@ export class Picture {
     gl.uniform4fv(at.plane, this.plane());
     gl.uniform1i(at.kind, KIND[this.kind]);
     gl.uniform1ui(at.limit, table.limit);
+    const { spacing, lattice } = this.set;
+    const point = spacing.map((s, k) => Math.round((view.eye[k] / s) * lattice));
+    gl.uniform3fv(at.step, spacing.map((s) => s / lattice));
+    gl.uniform3fv(at.rest, spacing.map((s, k) => (point[k] / lattice) * s - view.eye[k]));
     for (const { card } of nodes) {
-      const { spacing, lattice } = this.set;
-      const origin = spacing.map((s, k) => (card.origin[k] / lattice) * s - view.eye[k]);
-      gl.uniform3fv(at.origin, origin);
-      gl.uniform3fv(at.step, spacing.map((s) => (s * card.step) / lattice));
+      gl.uniform3iv(at.base, card.origin.map((x, k) => x - point[k]));
+      gl.uniform1i(at.stride, card.step);
       gl.uniform1i(at.wide, card.wide);
       gl.bindTexture(gl.TEXTURE_2D, card.slots);
       gl.bindVertexArray(card.vao);
@@ -116,9 +118,11 @@ export class Picture {
     gl.bindFramebuffer(gl.FRAMEBUFFER, targets.lit);
     gl.enable(gl.BLEND);
     gl.blendFunc(gl.ONE, gl.ONE_MINUS_SRC_ALPHA);
+    // edges behind the volume before what fills it, all others over it
+    this.drawLines(lines.filter((l) => l.behind), view, targets);
     if (style.solid) this.drawRims(filled, style, targets);
     if (slice && this.sliceTexture) this.drawSlice(slice, targets);
-    if (lines.length > 0) this.drawLines(lines, view, targets);
+    this.drawLines(lines.filter((l) => !l.behind), view, targets);
     gl.disable(gl.BLEND);
     gl.bindVertexArray(this.screen);
     gl.bindFramebuffer(gl.FRAMEBUFFER, onto);
@@ -166,18 +170,20 @@ export class Picture {
     return corners.flatMap((c, i) => [...sub(c, this.view.eye), i % 2, i >> 1]);
   }
 
-  drawSlice({ corners, whole }, targets) {
+  drawSlice({ corners, whole, level }, targets) {
     const { gl, view } = this;
     const data = this.sheet(corners);
     gl.useProgram(this.programs.SLICE.made);
     bind(gl, this.programs.SLICE, { image: this.sliceTexture, depths: targets.depths, faces: targets.faces });
     gl.uniformMatrix4fv(this.programs.SLICE.at.matrix, false, view.matrix);
     gl.uniform1i(this.programs.SLICE.at.whole, whole ? 1 : 0);
+    gl.uniform1f(this.programs.SLICE.at.level, level);
     this.loose.draw(gl.TRIANGLE_STRIP, data, [3, 2]);
   }
 
   drawLines(lines, view, targets) {
     const { gl } = this;
+    if (lines.length === 0) return;
     const data = [];
     for (const { from, to, tint } of lines) {
       data.push(...sub(from, view.eye), ...tint, ...sub(to, view.eye), ...tint);
