@@ -1,6 +1,6 @@
 // Holds the parts of the page together: what a gesture, a key or a button does to the state, and what the state does to
 // the picture and the panels.
-import { between, framed } from "./camera.js";
+import { between, boxOf, framed } from "./camera.js";
 import { Choice } from "./choice.js";
 import { PAINTS } from "./colours.js";
 import { Colouring } from "./colouring.js";
@@ -18,7 +18,6 @@ import { CHOSEN, Look } from "./look.js";
 import { note, trouble } from "./messages.js";
 import { Section } from "./section.js";
 import { FACE } from "./shaders.js";
-import { Things } from "./things.js";
 import { buildTop } from "./top.js";
 
 const STYLE = {
@@ -28,10 +27,9 @@ const STYLE = {
 const FLIGHT = 350;
 
 export class App {
-  constructor({ server, set, tree, picture, blocks, state, token }) {
-    Object.assign(this, { server, set, tree, picture, blocks, state, token });
-    this.things = new Things(server, set);
-    this.maker = new Look(this.things, server);
+  constructor({ server, set, tree, picture, blocks, things, state, token }) {
+    Object.assign(this, { server, set, tree, picture, blocks, things, state, token });
+    this.maker = new Look(things, server);
     this.look = null;
     this.choice = new Choice();
     this.box = boxOf(set);
@@ -39,7 +37,7 @@ export class App {
     this.lastPaint = PAINTS[0];
     this.round = 0;
     this.director = new Director({
-      picture, tree, blocks, state, set, box: this.box, drawn: (view, moving) => this.drawn(view, moving),
+      picture, tree, blocks, state, set, drawn: (view, moving) => this.drawn(view, moving),
     });
     this.section = new Section(this);
     this.info = new Info(this);
@@ -135,7 +133,7 @@ export class App {
 
   style() {
     const s = STYLE[this.dark ? "dark" : "light"];
-    return { ...s, solid: this.look?.solid ?? true, dot: devicePixelRatio };
+    return { ...s, solid: this.look?.solid ?? true, any: this.choice.ids.size > 0, dot: devicePixelRatio };
   }
 
   overlays(waiting = true) {
@@ -400,12 +398,6 @@ export class App {
     by("dock").classList.toggle("closed");
     this.top.update();
   }
-}
-
-/** The box of the volume along its axes. */
-export function boxOf({ dims, spacing, cap }) {
-  const out = cap ? 0.5 : 0;
-  return { low: spacing.map((s) => -out * s), high: spacing.map((s, k) => (dims[k] - 1 + out) * s) };
 }
 
 // The twelve edges of a box; those that meet in the corner farthest from the eye are behind it.

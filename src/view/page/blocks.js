@@ -3,14 +3,14 @@ import { clampTexture } from "./gpu.js";
 import { rims } from "./rim.js";
 
 /** Requests that run at the same time. */
-const AT_ONCE = 6;
+export const AT_ONCE = 6;
 /** Slots in a row of a block's texture. */
 const ROW = 1024;
 
 export class Blocks {
-  /** `arrived(node)` and `failed(node, error)` are called as answers come. */
-  constructor(gl, server, set, { arrived, failed }) {
-    Object.assign(this, { gl, server, set, limit: set.gpu_memory, arrived, failed });
+  /** `arrived(node)` and `failed(node, error)` are called as answers come; `early` are answers by node that were asked for before. */
+  constructor(gl, server, set, early, { arrived, failed }) {
+    Object.assign(this, { gl, server, set, early, limit: set.gpu_memory, arrived, failed });
     this.bytes = 0;
     this.uploaded = 0;
     this.turn = 0;
@@ -46,7 +46,8 @@ export class Blocks {
     const abort = new AbortController();
     this.flying.set(node, abort);
     try {
-      const tile = await this.server.tile(node, abort.signal);
+      const tile = await (this.early.get(node) ?? this.server.tile(node, abort.signal));
+      this.early.delete(node);
       if (abort.signal.aborted || this.flying.get(node) !== abort) return;
       this.upload(node, tile);
       this.flying.delete(node);

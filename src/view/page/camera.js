@@ -54,6 +54,12 @@ function planes(rows) {
   return [0, 1, 2].flatMap((k) => [1, -1].map((s) => rows[3].map((w, i) => w + s * rows[k][i])));
 }
 
+/** The box of the volume along its axes. */
+export function boxOf({ dims, spacing, cap }) {
+  const out = cap ? 0.5 : 0;
+  return { low: spacing.map((s) => -out * s), high: spacing.map((s, k) => (dims[k] - 1 + out) * s) };
+}
+
 export function corners({ low, high }) {
   return Array.from({ length: 8 }, (_, i) => [0, 1, 2].map((k) => ((i >> k) & 1 ? high[k] : low[k])));
 }

@@ -1,23 +1,36 @@
 // Decides what is drawn when. While the camera moves, a picture has to be there at once: only what fits a budget that
 // the time of a frame steers. 100 ms after the last movement the rest is added, nearest first, until all that is in
 // the view is there or the limit is reached. (Interactive and completion phase of the original system.)
-import { lens, pixel } from "./camera.js";
+import { boxOf, lens, pixel } from "./camera.js";
 import { inView, standIns } from "./tree.js";
 import { scale } from "./vector.js";
 
 const REST = 100;
 /** Triangles that are drawn at most, and when the camera moves for the first time. */
-const MOST = 8e6;
+export const MOST = 8e6;
 const AT_FIRST = MOST / 4;
 const LEAST = 2e5;
 /** Milliseconds for which fine blocks are collected. */
 const TOGETHER = 300;
 /** Blocks that stand as boxes, at most. */
-const BOXES = 1500;
+const BOXES = 600;
+
+/** The plane of a section, facing away from what stays; null for none. */
+export function clipOf({ on, flip, normal, at }) {
+  if (!on) return null;
+  const s = flip ? -1 : 1;
+  return { normal: scale(normal, s), at: s * at };
+}
+
+/** What drawing a picture of a size needs; `part` is the share of it to draw. */
+export function viewOf(camera, set, [width, height], part) {
+  const view = lens(camera, { width, height, box: boxOf(set), mirrored: set.mirrored, part });
+  return Object.assign(view, { spacing: set.spacing });
+}
 
 export class Director {
-  constructor({ picture, tree, blocks, state, set, box, drawn }) {
-    Object.assign(this, { picture, tree, blocks, state, set, box, drawn });
+  constructor({ picture, tree, blocks, state, set, drawn }) {
+    Object.assign(this, { picture, tree, blocks, state, set, drawn });
     this.moving = { triangles: AT_FIRST, bytes: blocks.limit };
     this.most = { triangles: MOST, bytes: blocks.limit };
     this.phase = "waiting";
@@ -55,20 +68,18 @@ export class Director {
     });
   }
 
-  /** The plane of the section, facing away from what stays; null for none. */
   clip() {
-    const { clip } = this.state.now;
-    if (!clip.on) return null;
-    const s = clip.flip ? -1 : 1;
-    return { normal: scale(clip.normal, s), at: s * clip.at };
+    return clipOf(this.state.now.clip);
   }
 
-  view(size = this.picture.size, part) {
-    const [width, height] = size;
-    const { set, box } = this;
-    return Object.assign(lens(this.state.now.camera, { width, height, box, mirrored: set.mirrored, part }), {
-      spacing: set.spacing,
-    });
+  view() {
+    return viewOf(this.state.now.camera, this.set, this.picture.size);
+  }
+
+  // Once, after so many milliseconds.
+  wake(after) {
+    clearTimeout(this.alarm);
+    this.alarm = setTimeout(() => this.redraw(), Math.max(after, 0) + 1);
   }
 
   frame(time) {
@@ -90,7 +101,8 @@ export class Director {
     blocks.tidy();
     this.phase = moving ? "moving" : more ? "drawing" : this.pending() ? "loading" : "complete";
     this.drawn(view, moving);
-    if (moving || more) this.redraw();
+    if (more) this.redraw();
+    else if (moving) this.wake(REST - (performance.now() - this.lastInput));
     if (this.phase === "complete") this.resolveReady();
   }
 
@@ -118,7 +130,7 @@ export class Director {
     const replaced = [...this.shown].some((n) => !keep.has(n) || !n.card);
     // fine blocks take the place of coarse ones all together, not each with a picture of its own
     if (replaced && !this.stale && !moving && this.pending() && performance.now() - this.started < TOGETHER) {
-      setTimeout(() => this.redraw(), TOGETHER);
+      this.wake(TOGETHER);
       return false;
     }
     if (this.stale || replaced) {

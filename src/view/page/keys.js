@@ -1,5 +1,5 @@
 // The keyboard, and the page of help that tells of it.
-import { STANDARD, neared, panned, turned } from "./camera.js";
+import { STANDARD, panned, turned } from "./camera.js";
 import { by, h } from "./dom.js";
 import { askToSave } from "./save.js";
 

@@ -1,12 +1,14 @@
 // Opens the set that the server holds, or says why it cannot.
-import { App, boxOf } from "./app.js";
-import { Blocks } from "./blocks.js";
-import { framed } from "./camera.js";
+import { App } from "./app.js";
+import { AT_ONCE, Blocks } from "./blocks.js";
+import { boxOf, framed } from "./camera.js";
+import { MOST, clipOf, viewOf } from "./director.js";
 import { decode, parts } from "./link.js";
 import { cover, over, trouble } from "./messages.js";
 import { Picture } from "./picture.js";
 import { Refused, Server } from "./server.js";
 import { State, fresh } from "./state.js";
+import { Things } from "./things.js";
 import { Tree } from "./tree.js";
 import { by } from "./dom.js";
 
@@ -32,18 +34,16 @@ async function open() {
   if (tree.nodes.length === 0) {
     throw new Refused(0, `${set.name} has no surface: nowhere in the volume do values pass the threshold ${set.threshold}.`);
   }
-  let picture;
-  try {
-    picture = new Picture(by("picture"), set);
-  } catch (error) {
-    throw error.message === "no WebGL2"
-      ? new Refused(0, "This browser does not draw in three dimensions: WebGL2 is missing or turned off. Current versions of Firefox, Chrome, Edge and Safari have it.")
-      : error;
-  }
-  const blocks = new Blocks(picture.gl, server, set, { arrived: () => app.director.redraw(), failed: refuse });
-  const start = decode(text) ?? fresh();
-  if (!decode(text)) start.camera = framed(start.camera, boxOf(set), by("stage").clientWidth / by("stage").clientHeight);
-  app = new App({ server, set, tree, picture, blocks, state: new State(start), token });
+  const kept = decode(text);
+  const start = kept ?? fresh();
+  const box = boxOf(set);
+  const { clientWidth: width, clientHeight: height } = by("stage");
+  if (!kept) start.camera = framed(start.camera, box, width / height);
+  const things = new Things(server, set);
+  const early = askEarly(server, tree, set, start, things);
+  const picture = openPicture(set);
+  const blocks = new Blocks(picture.gl, server, set, early, { arrived: () => app.director.redraw(), failed: (_, error) => refuse(error) });
+  app = new App({ server, set, tree, picture, blocks, things, state: new State(start), token });
   watchContext(app);
   watchLink(app);
   cover(null);
@@ -51,8 +51,32 @@ async function open() {
   app.director.ready.then(ready);
 }
 
+// The nearest blocks and the ids are on their way while the graphics card gets ready, which takes longer.
+function askEarly(server, tree, set, start, things) {
+  things.ids(start.kind).catch(() => {});
+  const { clientWidth: width, clientHeight: height } = by("stage");
+  const view = viewOf(start.camera, set, [width, height]);
+  const { wanted } = tree.cut(view, clipOf(start.clip), { triangles: MOST, bytes: set.gpu_memory });
+  const early = new Map();
+  for (const { node } of wanted.slice(0, AT_ONCE)) {
+    const answer = server.tile(node);
+    answer.catch(() => {});
+    early.set(node, answer);
+  }
+  return early;
+}
+
+function openPicture(set) {
+  try {
+    return new Picture(by("picture"), set);
+  } catch (error) {
+    if (error.message !== "no WebGL2") throw error;
+    throw new Refused(0, "This browser does not draw in three dimensions: WebGL2 is missing or turned off. Current versions of Firefox, Chrome, Edge and Safari have it.");
+  }
+}
+
 // A block that cannot be read, a server that is gone, a set that is another one now.
-function refuse(node, error) {
+function refuse(error) {
   if (error.status === 409) {
     trouble("set", CHANGED, { text: "Load it again", run: () => location.reload() });
   } else if (error.status === 0) {
@@ -108,14 +132,14 @@ function determinant([a, b, c]) {
 window.alvis = Object.freeze({
   ready: opened,
   get phase() { return app?.director.phase ?? "waiting"; },
-  get draws() { return app.picture.counts.draws; },
-  get triangles() { return app.picture.counts.triangles; },
-  get visible() { return app.director.told().visible; },
-  get requests() { return app.server.counts.requests; },
-  get bytes() { return app.server.counts.bytes; },
-  get aborted() { return app.server.counts.aborted; },
-  get uploaded() { return app.blocks.uploaded; },
-  get onCard() { return app.blocks.bytes; },
+  get draws() { return app?.picture.counts.draws; },
+  get triangles() { return app?.picture.counts.triangles; },
+  get visible() { return app?.director.told().visible; },
+  get requests() { return app?.server.counts.requests; },
+  get bytes() { return app?.server.counts.bytes; },
+  get aborted() { return app?.server.counts.aborted; },
+  get uploaded() { return app?.blocks.uploaded; },
+  get onCard() { return app?.blocks.bytes; },
   get things() { return app.look.shown; },
   get chosen() { return [...app.choice.ids]; },
   get state() { return structuredClone(app.state.now); },

@@ -19,10 +19,7 @@ export class Picture {
   /** All that is lost with the context, but the blocks. */
   build() {
     const { gl } = this;
-    this.programs = {};
-    for (const [name, source] of Object.entries({ BLOCK, LIGHT, SMOOTH, LINES, SLICE, FILL, PROBE })) {
-      this.programs[name] = program(gl, source);
-    }
+    this.programs = made(gl, { BLOCK, LIGHT, SMOOTH, LINES, SLICE, FILL, PROBE });
     this.table = new Table(gl);
     this.targets = null;
     this.screen = gl.createVertexArray();
@@ -59,7 +56,7 @@ export class Picture {
 
   /** Draws blocks into the picture that was begun. */
   add(nodes, targets = this.targets) {
-    const { gl, view, clip, table } = this;
+    const { gl, view, table } = this;
     const { made, at } = this.programs.BLOCK;
     gl.bindFramebuffer(gl.FRAMEBUFFER, targets.scene);
     gl.viewport(0, 0, targets.width, targets.height);
@@ -143,6 +140,7 @@ export class Picture {
     gl.uniform1ui(at.limit, table.limit);
     for (const name of ["cut", "top", "bottom", "accent"]) gl.uniform3fv(at[name], style[name]);
     gl.uniform1i(at.solid, style.solid ? 1 : 0);
+    gl.uniform1i(at.any, style.any ? 1 : 0);
     gl.uniform1i(at.flatView, view.camera.flat ? 1 : 0);
     gl.uniform3f(at.range, view.near, view.far, 2 * view.half * (view.camera.flat ? 1 : view.camera.distance));
     gl.uniform1f(at.dot_size, style.dot);
@@ -259,14 +257,26 @@ export class Picture {
     return out;
   }
 
-  /** Pixels where the inside of a surface shows. */
+  /** Pixels [x, y] of the canvas where the inside of a surface shows. */
   backFaces() {
     const { width, height } = this.targets;
     const faces = this.faces(0, 0, width, height);
-    let count = 0;
-    for (let i = 3; i < faces.length; i += 4) if (faces[i] === FACE.back) count++;
-    return count;
+    const found = [];
+    for (let i = 0; i < width * height; i++) {
+      if (faces[4 * i + 3] === FACE.back) found.push([i % width, height - 1 - Math.floor(i / width)]);
+    }
+    return found;
   }
+}
+
+// Programs by name, each made when it is needed first.
+function made(gl, sources) {
+  const programs = {};
+  for (const [name, source] of Object.entries(sources)) {
+    let own = null;
+    Object.defineProperty(programs, name, { get: () => (own ??= program(gl, source)) });
+  }
+  return programs;
 }
 
 // Lines and the slice change with each picture: one buffer that is filled anew. `parts` are numbers of an attribute.

@@ -1,5 +1,5 @@
 // A picture to keep: the whole picture at one to four times the size of the screen, with scale bar and legend.
-import { lens } from "./camera.js";
+import { viewOf } from "./director.js";
 import { by, choices, h } from "./dom.js";
 import { furnish } from "./furniture.js";
 import { Targets } from "./gpu.js";
@@ -89,10 +89,10 @@ class Parts {
   // Pixels of a part from its upper left corner, drawn with a margin around it.
   draw(x, y, w, t) {
     const { app, targets, width, height } = this;
-    const { picture: p, director, set, box, state } = app;
+    const { picture: p, director, set, state } = app;
     const [left, low] = [x - MARGIN, height - (y + t) - MARGIN];
     const part = [left / width, low / height, (left + targets.width) / width, (low + targets.height) / height];
-    const view = Object.assign(lens(state.now.camera, { width, height, box, mirrored: set.mirrored, part }), { spacing: set.spacing });
+    const view = viewOf(state.now.camera, set, [width, height], part);
     const clip = director.clip();
     p.start(view, clip, state.now.kind, targets);
     const nodes = director.complete(view, clip);

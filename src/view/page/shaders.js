@@ -96,6 +96,7 @@ uniform vec3 accent;     // around what is chosen
 uniform bool solid;      // all is shown: the inside of a surface is material
 uniform bool flatView;
 uniform vec3 range;      // near, far, height of the picture at its middle
+uniform bool any;        // something is chosen
 uniform float dot_size;  // pixels of the screen in a pixel of the layout
 out vec4 colour;
 ivec2 size;
@@ -145,9 +146,9 @@ void main() {
     if (!(solid && kind == 128)) shade *= 1.0 - 0.5 * sum / 8.0;
   }
   // an outline around what is chosen, outside of it, and a breath of its colour inside
-  bool own = chosen(p);
+  bool own = any && chosen(p);
   if (own) shade = mix(shade, accent, 0.14);
-  else {
+  else if (any) {
     bool edge = false;
     for (int i = 0; i < 8; i++) {
       float a = float(i) * 0.7853981634;

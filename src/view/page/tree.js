@@ -1,5 +1,5 @@
 // The blocks of the set, coarse ones above fine ones where there are levels, and which of them a view needs.
-import { scale, sub } from "./vector.js";
+import { dot, scale, sub } from "./vector.js";
 import { pixel } from "./camera.js";
 
 /** Bytes of a triangle on the card, where a block does not tell its own. */
