@@ -32,7 +32,7 @@ export class Histogram {
     new ResizeObserver(() => this.draw()).observe(this.element);
   }
 
-  /** `data`: {bins, least, most, log, colour(value) or null}; null for no values. */
+  /** `data`: {bins, least, most, log, colour(value) or null}, or {only: text} where there is nothing to spread. */
   show(data) {
     this.data = data;
     this.draw();
@@ -54,13 +54,13 @@ export class Histogram {
   }
 
   down(event) {
-    if (!this.data) return;
+    if (!this.data?.bins) return;
     this.canvas.setPointerCapture(event.pointerId);
     this.from = this.share(event);
   }
 
   move(event) {
-    if (!this.data) return;
+    if (!this.data?.bins) return;
     if (this.from === undefined) {
       const bin = Math.min(Math.floor(this.share(event) * BINS), BINS - 1);
       const ends = [bin / BINS, (bin + 1) / BINS].map((s) => number(this.value(s), 3));
@@ -99,8 +99,9 @@ export class Histogram {
     const [text, soft, accent] = ["--text", "--soft", "--accent"].map((n) => style.getPropertyValue(n));
     context.font = "13px system-ui, 'Liberation Sans', sans-serif";
     context.fillStyle = soft;
-    if (!data) {
-      context.fillText("no values", 2, height / 2);
+    if (!data) return;
+    if (data.only) {
+      context.fillText(data.only, 2, height / 2);
       return;
     }
     const floor = height - 20;
@@ -141,7 +142,7 @@ export function spread(values, use, { log, map, scale, one, more }) {
     least = Math.min(least, v);
     most = Math.max(most, v);
   }
-  if (!(least < most)) return null;
+  if (!(least < most)) return { only: least === most ? `All have ${number(least)}.` : "There are no values." };
   const bins = counted(values, use, { low: least, high: most, log });
   const share = scale ? shares(scale) : null;
   return { bins, least, most, log, one, more, colour: share ? (v) => mapped(map, share(v)) : null };

@@ -36,7 +36,7 @@ export class Info {
     const name = `${word[0].toUpperCase()}${word.slice(1)} ${id}`;
     const line = ({ name, parts }) => {
       const known = { ...app.things.column(kind, parts[0].name), ...parts[0] };
-      const digits = parts.length > 1 ? 4 : 6;
+      const digits = parts.length > 1 ? (known.unit ? 4 : 3) : 6;
       const empty = parts.every((c) => c.value === null);
       const text = empty ? "–" : `${parts.map((c) => value(c.value, known, digits)).join(", ")} ${unit(known.unit)}`;
       const tip = empty ? "This has no meaning here" : parts.map((c) => c.value).join(", ");

@@ -91,7 +91,7 @@ export class Look {
       return null;
     }
     const values = await this.things.values(kind, column.name);
-    const limits = limitsOf(values, ids, hidden, asked);
+    const limits = limitsOf(values, asked);
     const share = shares(limits);
     for (let i = 0; i < ids.length; i++) {
       put(ids[i], Number.isNaN(values[i]) ? EMPTY : mapped(asked.map, share(values[i])));
@@ -131,15 +131,10 @@ function brushed(rules, lists) {
 
 /**
  * The ends of a scale: those asked for, else the values that 2 % lie below and above, so that one large thing does
- * not take all of it. Without values: 0 to 1.
+ * not take all of it. What is left out counts as well, so that colours stay. Without values: 0 to 1.
  */
-export function limitsOf(values, ids, hidden, { log, low, high }) {
-  const good = [];
-  for (let i = 0; i < ids.length; i++) {
-    const v = values[i];
-    if (!hidden.has(ids[i]) && Number.isFinite(v) && (!log || v > 0)) good.push(v);
-  }
-  const sorted = Float64Array.from(good).sort();
+export function limitsOf(values, { log, low, high }) {
+  const sorted = Float64Array.from(values.filter((v) => Number.isFinite(v) && (!log || v > 0))).sort();
   const at = (share) => sorted[Math.round(share * (sorted.length - 1))] ?? NaN;
   const few = sorted.length < 50;
   let ends = [low ?? at(few ? 0 : 0.02), high ?? at(few ? 1 : 0.98)];
