@@ -14,7 +14,7 @@ fn help_names_every_option() {
     let dir = temp();
     let top = ok(dir.path(), &["--help"]);
     let convert = format!(
-        "{COMMON} {INPUT} --threshold --macrocube --memory --ambiguous --cap --crop --force --table-unit \
+        "{COMMON} {INPUT} --threshold --macrocube --memory --ambiguous --cap --crop --force --table-unit --view \
          {FORM} separate join otsu 1GiB mmap read little big u16 f64"
     );
     for (command, words) in [
@@ -41,6 +41,11 @@ fn help_names_every_option() {
             ),
         ),
         ("verify", format!("{COMMON} {INPUT} --against --max-issues")),
+        (
+            "view",
+            "--port --no-open --gpu-memory 400MiB --volume ssh".to_string(),
+        ),
+        ("serve", "--port --allow-origin index".to_string()),
         (
             "phantom",
             format!(
