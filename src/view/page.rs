@@ -48,6 +48,7 @@ const FILES: &[PageFile] = &page_files! {
     "main.js": JS,
     "messages.js": JS,
     "picture.js": JS,
+    "rim.js": JS,
     "save.js": JS,
     "section.js": JS,
     "server.js": JS,

@@ -140,10 +140,10 @@ export class App {
 
   overlays(waiting = true) {
     const s = STYLE[this.dark ? "dark" : "light"];
-    const lines = edges(this.box, s.box);
+    const lines = edges(this.box, s.box, this.director.view().eye);
     if (waiting) for (const node of this.director.missing()) lines.push(...edges(node, node.refused ? [0.9, 0.2, 0.2, 0.8] : s.wait));
     lines.push(...this.section.lines([...s.accent.map((x) => x * 0.9), 0.9]));
-    return { lines, slice: this.section.drawn() };
+    return { lines, slice: this.section.drawn(), filled: [...this.director.shown] };
   }
 
   drawn(view, moving) {
@@ -331,6 +331,7 @@ export class App {
 
   only() {
     this.rule({ do: "only" });
+    this.choice.clear();
   }
 
   paintMenu() {
@@ -407,11 +408,17 @@ export function boxOf({ dims, spacing, cap }) {
   return { low: spacing.map((s) => -out * s), high: spacing.map((s, k) => (dims[k] - 1 + out) * s) };
 }
 
-// The twelve edges of a box.
-function edges({ low, high }, tint) {
+// The twelve edges of a box; those that meet in the corner farthest from the eye are behind it.
+function edges({ low, high }, tint, eye = null) {
   const at = (i) => [0, 1, 2].map((k) => ((i >> k) & 1 ? high[k] : low[k]));
+  const far = eye ? [0, 1, 2].reduce((s, k) => s | (eye[k] < (low[k] + high[k]) / 2 ? 1 << k : 0), 0) : -1;
   const out = [];
-  for (let i = 0; i < 8; i++) for (let k = 0; k < 3; k++) if (!((i >> k) & 1)) out.push({ from: at(i), to: at(i | (1 << k)), tint });
+  for (let i = 0; i < 8; i++) {
+    for (let k = 0; k < 3; k++) {
+      const j = i | (1 << k);
+      if (j !== i) out.push({ from: at(i), to: at(j), tint, behind: i === far || j === far });
+    }
+  }
   return out;
 }
 

@@ -1,5 +1,6 @@
 // The blocks that are on the graphics card: asked for, brought there as they come, and let go.
 import { clampTexture } from "./gpu.js";
+import { rims } from "./rim.js";
 
 /** Requests that run at the same time. */
 const AT_ONCE = 6;
@@ -7,9 +8,9 @@ const AT_ONCE = 6;
 const ROW = 1024;
 
 export class Blocks {
-  /** `arrived(node)` and `failed(node, error)` are called as answers come; `limit` is in bytes on the card. */
-  constructor(gl, server, limit, { arrived, failed }) {
-    Object.assign(this, { gl, server, limit, arrived, failed });
+  /** `arrived(node)` and `failed(node, error)` are called as answers come. */
+  constructor(gl, server, set, { arrived, failed }) {
+    Object.assign(this, { gl, server, set, limit: set.gpu_memory, arrived, failed });
     this.bytes = 0;
     this.uploaded = 0;
     this.turn = 0;
@@ -76,6 +77,7 @@ export class Blocks {
     const bytes = tile.vertices.byteLength + tile.indices.byteLength + tile.ids.byteLength;
     node.card = {
       vao, vertices, indices, wide, bytes,
+      rims: this.rims(node, tile),
       slots: slotTexture(gl, tile.ids, tile.slots, wide),
       count: tile.indices.length,
       type: tile.indices.BYTES_PER_ELEMENT === 2 ? gl.UNSIGNED_SHORT : gl.UNSIGNED_INT,
@@ -87,6 +89,25 @@ export class Blocks {
     this.there.add(node);
     this.bytes += bytes;
     this.uploaded += bytes;
+  }
+
+  // What is material on the faces of the volume that the block reaches. Caps close it where there are any.
+  rims(node, tile) {
+    const { set, gl } = this;
+    if (set.cap) return [];
+    const [low, high] = [node.low, node.high].map((e) => e.map((x, k) => Math.round((x / set.spacing[k]) * set.lattice)));
+    const ends = set.dims.map((n) => (n - 1) * set.lattice);
+    return rims(tile, low, high, ends).map(({ axis, top, mask, width, height }) => {
+      const [u, v] = [(axis + 1) % 3, (axis + 2) % 3];
+      const corners = [[0, 0], [1, 0], [0, 1], [1, 1]].map(([a, b]) => {
+        const place = [0, 0, 0];
+        place[axis] = (top ? node.high : node.low)[axis];
+        place[u] = (a ? node.high : node.low)[u];
+        place[v] = (b ? node.high : node.low)[v];
+        return place;
+      });
+      return { texture: maskTexture(gl, mask, width, height), corners };
+    });
   }
 
   /** Marks blocks as drawn now. */
@@ -112,6 +133,7 @@ export class Blocks {
     gl.deleteBuffer(node.card.vertices);
     gl.deleteBuffer(node.card.indices);
     gl.deleteTexture(node.card.slots);
+    for (const rim of node.card.rims) gl.deleteTexture(rim.texture);
     this.bytes -= node.card.bytes;
     this.there.delete(node);
     node.card = null;
@@ -149,5 +171,17 @@ function slotTexture(gl, ids, slots, wide) {
   gl.texStorage2D(gl.TEXTURE_2D, 1, gl.RGB32UI, wide, rows);
   gl.texSubImage2D(gl.TEXTURE_2D, 0, 0, 0, wide, rows, gl.RGB_INTEGER, gl.UNSIGNED_INT, data);
   clampTexture(gl, gl.NEAREST);
+  return made;
+}
+
+function maskTexture(gl, mask, width, height) {
+  const made = gl.createTexture();
+  gl.activeTexture(gl.TEXTURE0);
+  gl.bindTexture(gl.TEXTURE_2D, made);
+  gl.texStorage2D(gl.TEXTURE_2D, 1, gl.R8, width, height);
+  gl.pixelStorei(gl.UNPACK_ALIGNMENT, 1);
+  gl.texSubImage2D(gl.TEXTURE_2D, 0, 0, 0, width, height, gl.RED, gl.UNSIGNED_BYTE, mask);
+  gl.pixelStorei(gl.UNPACK_ALIGNMENT, 4);
+  clampTexture(gl, gl.LINEAR);
   return made;
 }

@@ -41,7 +41,7 @@ export function command(state, out, { scale, marked, painted }) {
   }
   if (scale?.by === "column") words.push(...coloured(scale));
   if (scale?.by === "best") {
-    words.push("--paint", quoted(`best:${scale.asked}=${BEST.hex}`), "--paint", quoted(`worst:${scale.asked}=${WORST.hex}`));
+    words.push("--paint", quoted(`best:${scale.count}=${BEST.hex}`), "--paint", quoted(`worst:${scale.count}=${WORST.hex}`));
   }
   for (const [where, colour] of paints(rules, marked, painted)) words.push("--paint", quoted(`${where}=${colour}`));
   return words.join(" ");

@@ -3,6 +3,16 @@ import { by, h } from "./dom.js";
 import { singular, title, unit, value } from "./format.js";
 import { trouble } from "./messages.js";
 
+// Columns that are x, y and z of one thing stand in one line.
+function grouped(columns) {
+  const lines = new Map();
+  for (const c of columns) {
+    const name = c.name.replace(/_[xyz]$/, "");
+    lines.set(name, [...(lines.get(name) ?? []), c]);
+  }
+  return [...lines].map(([name, parts]) => ({ name, parts }));
+}
+
 export class Info {
   constructor(app) {
     this.app = app;
@@ -24,11 +34,13 @@ export class Info {
     this.id = id;
     const word = singular(kind);
     const name = `${word[0].toUpperCase()}${word.slice(1)} ${id}`;
-    const line = (c) => {
-      const known = app.things.column(kind, c.name) ?? c;
-      const text = `${value(c.value, { ...known, ...c }, 6)}${c.unit && c.value !== null ? ` ${unit(c.unit)}` : ""}`;
-      const tip = c.value === null ? "This has no meaning here" : String(c.value);
-      return h("tr", {}, h("td", { title: c.name }, title(c)), h("td", { title: tip }, text));
+    const line = ({ name, parts }) => {
+      const known = { ...app.things.column(kind, parts[0].name), ...parts[0] };
+      const digits = parts.length > 1 ? 4 : 6;
+      const empty = parts.every((c) => c.value === null);
+      const text = empty ? "–" : `${parts.map((c) => value(c.value, known, digits)).join(", ")} ${unit(known.unit)}`;
+      const tip = empty ? "This has no meaning here" : parts.map((c) => c.value).join(", ");
+      return h("tr", {}, h("td", { title: parts.map((c) => c.name).join(", ") }, title({ name })), h("td", { title: tip }, text));
     };
     const act = (text, tip, run) => h("button", { title: tip, onClick: run }, text);
     const chosen = (run) => () => {
@@ -37,7 +49,7 @@ export class Info {
     };
     this.card.replaceChildren(
       h("header", {}, h("h2", {}, name), h("button", { ariaLabel: "Close", onClick: () => this.close() }, "✕")),
-      h("div", { className: "rows" }, h("table", {}, h("tbody", {}, ...row.columns.filter((c) => c.name !== "id").map(line)))),
+      h("div", { className: "rows" }, h("table", {}, h("tbody", {}, ...grouped(row.columns.filter((c) => c.name !== "id")).map(line)))),
       h("div", { className: "actions row" },
         act("Fly there", "The camera goes there (F)", chosen(() => app.frame())),
         act("Mark", "Mark it, or unmark it (M)", chosen(() => app.mark())),

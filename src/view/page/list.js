@@ -30,7 +30,7 @@ export class List {
   frame() {
     this.filter = h("input", {
       type: "search", className: "grow", spellcheck: false, ariaLabel: "Condition",
-      placeholder: "Condition, as volume > 0.1 and not touches_border",
+      placeholder: "volume > 0.1 and not touches_border",
       onInput: () => {
         clearTimeout(this.later);
         this.later = setTimeout(() => this.ask({ where: this.filter.value.trim() }), 350);
@@ -39,7 +39,7 @@ export class List {
     });
     this.filter.addEventListener("search", () => this.ask({ where: this.filter.value.trim() }));
     this.wrong = h("div", { className: "wrong-text", hidden: true, role: "alert" });
-    this.told = h("span", { className: "soft" });
+    this.told = h("div", { className: "soft told" });
     this.heading = h("h2");
     const { app } = this;
     const act = (text, tip, run) => h("button", { title: tip, onClick: run }, text);
@@ -64,8 +64,8 @@ export class List {
       h("div", { className: "headline" }, this.heading, h("div", { className: "row tight" }, this.take, columns)),
       h("div", { className: "row tight" }, this.filter),
       this.wrong,
-      h("div", { className: "row" }, ...this.acts, this.all),
-      h("div", { className: "row" }, this.told),
+      h("div", { className: "row acts" }, ...this.acts, this.all),
+      this.told,
       h("div", { className: "grid" }, this.head, this.body),
     );
   }

@@ -79,10 +79,11 @@ export class Look {
     if (asked.by === "best" && this.things.column(kind, "form_factor")) {
       const order = (await this.ranked(kind)).filter((id) => !hidden.has(id));
       for (const id of ids) put(id, EMPTY);
-      const n = Math.min(asked.count, order.length);
+      // of a few things the better half is best, the other half worst
+      const n = Math.min(asked.count, order.length >> 1);
       for (const id of order.subarray(0, n)) put(id, BEST.rgb);
       for (const id of order.subarray(order.length - n)) put(id, WORST.rgb);
-      return { by: "best", count: n, asked: asked.count };
+      return { by: "best", count: n };
     }
     const column = this.things.column(kind, asked.column);
     if (asked.by !== "column" || !column) {

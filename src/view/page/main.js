@@ -40,7 +40,7 @@ async function open() {
       ? new Refused(0, "This browser does not draw in three dimensions: WebGL2 is missing or turned off. Current versions of Firefox, Chrome, Edge and Safari have it.")
       : error;
   }
-  const blocks = new Blocks(picture.gl, server, set.gpu_memory, { arrived: () => app.director.redraw(), failed: refuse });
+  const blocks = new Blocks(picture.gl, server, set, { arrived: () => app.director.redraw(), failed: refuse });
   const start = decode(text) ?? fresh();
   if (!decode(text)) start.camera = framed(start.camera, boxOf(set), by("stage").clientWidth / by("stage").clientHeight);
   app = new App({ server, set, tree, picture, blocks, state: new State(start), token });

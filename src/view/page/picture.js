@@ -1,6 +1,6 @@
 // Draws blocks, lights them, and tells what is under a pixel.
 import { Table, Targets, bind, clampTexture, program } from "./gpu.js";
-import { BLOCK, FACE, LIGHT, LINES, PROBE, SLICE, SMOOTH } from "./shaders.js";
+import { BLOCK, FACE, FILL, LIGHT, LINES, PROBE, SLICE, SMOOTH } from "./shaders.js";
 import { dot, scale, sub } from "./vector.js";
 
 const KIND = { surfaces: 0, cells: 1, objects: 2 };
@@ -20,7 +20,7 @@ export class Picture {
   build() {
     const { gl } = this;
     this.programs = {};
-    for (const [name, source] of Object.entries({ BLOCK, LIGHT, SMOOTH, LINES, SLICE, PROBE })) {
+    for (const [name, source] of Object.entries({ BLOCK, LIGHT, SMOOTH, LINES, SLICE, FILL, PROBE })) {
       this.programs[name] = program(gl, source);
     }
     this.table = new Table(gl);
@@ -76,11 +76,13 @@ export class Picture {
     gl.uniform4fv(at.plane, this.plane());
     gl.uniform1i(at.kind, KIND[this.kind]);
     gl.uniform1ui(at.limit, table.limit);
+    const { spacing, lattice } = this.set;
+    const point = spacing.map((s, k) => Math.round((view.eye[k] / s) * lattice));
+    gl.uniform3fv(at.step, spacing.map((s) => s / lattice));
+    gl.uniform3fv(at.rest, spacing.map((s, k) => (point[k] / lattice) * s - view.eye[k]));
     for (const { card } of nodes) {
-      const { spacing, lattice } = this.set;
-      const origin = spacing.map((s, k) => (card.origin[k] / lattice) * s - view.eye[k]);
-      gl.uniform3fv(at.origin, origin);
-      gl.uniform3fv(at.step, spacing.map((s) => (s * card.step) / lattice));
+      gl.uniform3iv(at.base, card.origin.map((x, k) => x - point[k]));
+      gl.uniform1i(at.stride, card.step);
       gl.uniform1i(at.wide, card.wide);
       gl.bindTexture(gl.TEXTURE_2D, card.slots);
       gl.bindVertexArray(card.vao);
@@ -108,7 +110,7 @@ export class Picture {
   }
 
   /** Lights the picture and brings it to the canvas, or to another frame. `style` has colours of 0 to 1. */
-  show(style, { lines = [], slice = null } = {}, targets = this.targets, onto = null) {
+  show(style, { lines = [], slice = null, filled = [] } = {}, targets = this.targets, onto = null) {
     const { gl, view } = this;
     gl.bindVertexArray(this.screen);
     gl.viewport(0, 0, targets.width, targets.height);
@@ -116,8 +118,11 @@ export class Picture {
     gl.bindFramebuffer(gl.FRAMEBUFFER, targets.lit);
     gl.enable(gl.BLEND);
     gl.blendFunc(gl.ONE, gl.ONE_MINUS_SRC_ALPHA);
+    // edges behind the volume before what fills it, all others over it
+    this.drawLines(lines.filter((l) => l.behind), view, targets);
+    if (style.solid) this.drawRims(filled, style, targets);
     if (slice && this.sliceTexture) this.drawSlice(slice, targets);
-    if (lines.length > 0) this.drawLines(lines, view, targets);
+    this.drawLines(lines.filter((l) => !l.behind), view, targets);
     gl.disable(gl.BLEND);
     gl.bindVertexArray(this.screen);
     gl.bindFramebuffer(gl.FRAMEBUFFER, onto);
@@ -144,19 +149,41 @@ export class Picture {
     gl.drawArrays(gl.TRIANGLES, 0, 3);
   }
 
-  drawSlice({ corners, whole }, targets) {
+  // Material where no surface is seen, at the faces of the volume that blocks reach.
+  drawRims(nodes, style, targets) {
     const { gl, view } = this;
-    const shares = [[0, 0], [1, 0], [0, 1], [1, 1]];
-    const data = corners.flatMap((c, i) => [...sub(c, view.eye), ...shares[i]]);
+    const { made, at } = this.programs.FILL;
+    gl.useProgram(made);
+    gl.uniformMatrix4fv(at.matrix, false, view.matrix);
+    gl.uniform4fv(at.plane, this.plane());
+    gl.uniform3fv(at.cut, style.cut);
+    for (const { card } of nodes) {
+      for (const rim of card?.rims ?? []) {
+        bind(gl, this.programs.FILL, { mask: rim.texture, faces: targets.faces });
+        this.loose.draw(gl.TRIANGLE_STRIP, this.sheet(rim.corners), [3, 2]);
+      }
+    }
+  }
+
+  // Places from the eye with shares of a texture: [0, 0], [1, 0], [0, 1], [1, 1].
+  sheet(corners) {
+    return corners.flatMap((c, i) => [...sub(c, this.view.eye), i % 2, i >> 1]);
+  }
+
+  drawSlice({ corners, whole, level }, targets) {
+    const { gl, view } = this;
+    const data = this.sheet(corners);
     gl.useProgram(this.programs.SLICE.made);
     bind(gl, this.programs.SLICE, { image: this.sliceTexture, depths: targets.depths, faces: targets.faces });
     gl.uniformMatrix4fv(this.programs.SLICE.at.matrix, false, view.matrix);
     gl.uniform1i(this.programs.SLICE.at.whole, whole ? 1 : 0);
+    gl.uniform1f(this.programs.SLICE.at.level, level);
     this.loose.draw(gl.TRIANGLE_STRIP, data, [3, 2]);
   }
 
   drawLines(lines, view, targets) {
     const { gl } = this;
+    if (lines.length === 0) return;
     const data = [];
     for (const { from, to, tint } of lines) {
       data.push(...sub(from, view.eye), ...tint, ...sub(to, view.eye), ...tint);

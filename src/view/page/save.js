@@ -95,8 +95,9 @@ class Parts {
     const view = Object.assign(lens(state.now.camera, { width, height, box, mirrored: set.mirrored, part }), { spacing: set.spacing });
     const clip = director.clip();
     p.start(view, clip, state.now.kind, targets);
-    p.add(director.complete(view, clip), targets);
-    p.show({ ...app.style(), dot: this.times, span: [low, height] }, { ...app.overlays(false) }, targets, this.done.lit);
+    const nodes = director.complete(view, clip);
+    p.add(nodes, targets);
+    p.show({ ...app.style(), dot: this.times, span: [low, height] }, { ...app.overlays(false), filled: nodes }, targets, this.done.lit);
     const { gl } = p;
     gl.bindFramebuffer(gl.FRAMEBUFFER, this.done.lit);
     gl.readBuffer(gl.COLOR_ATTACHMENT0);

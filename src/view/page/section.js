@@ -95,17 +95,18 @@ export class Section {
       return;
     }
     Object.assign(this, { slider, place });
-    const slices = [["none", "no slice"], ["material", "slice in material"], ["whole", "whole slice"]];
+    const slices = [["none", "not shown"], ["material", "in the material"], ["whole", "as a whole"]];
     this.panel.replaceChildren(
       h("div", { className: "headline" }, h("h2", {}, "Section"),
         h("button", { onClick: () => state.setClip({ on: false }), title: "Show the whole again (C)" }, "Remove")),
       h("div", { className: "row tight" },
         oneOf([["x", "x"], ["y", "y"], ["z", "z"], ["free", "as seen"]], axis, (a) => this.choose(a), "Direction of the section"),
-        h("button", { onClick: () => state.setClip({ flip: !this.now.flip }), title: "Cut off the other side" }, "Other side"),
-        set.slices && axis !== "free"
-          ? choices(slices, slice, (s) => state.setClip({ slice: s, at: this.snapped(at, axis, s) }), { ariaLabel: "Slice of the volume", className: "grow" })
-          : null),
+        h("button", { onClick: () => state.setClip({ flip: !this.now.flip }), title: "Cut off the other side" }, "Other side")),
       h("div", { className: "row tight" }, slider, place, h("span", { className: "soft" }, unit(set.unit))),
+      set.slices && axis !== "free"
+        ? h("label", { className: "row tight" }, "Slice of the volume",
+          choices(slices, slice, (s) => state.setClip({ slice: s, at: this.snapped(at, axis, s) }), { className: "grow" }))
+        : "",
     );
     if (focused === "place") place.focus();
   }
@@ -197,16 +198,17 @@ export class Section {
     if (key === this.slice.key) return;
     this.slice.abort?.abort();
     const abort = new AbortController();
-    this.slice = { key, corners: key ? this.slice.corners : null, abort };
+    this.slice = { key, corners: key ? this.slice.corners : null, level: this.slice.level, abort };
     if (!key) {
       picture.setSlice(null);
       return;
     }
     try {
-      const { picture: image, step } = await server.slice(axis, index, abort.signal);
+      const { picture: image, step, low, high } = await server.slice(axis, index, abort.signal);
       if (abort.signal.aborted) return;
       picture.setSlice(image);
       this.slice.corners = sliceCorners(k, index, [image.width, image.height], step, set.spacing);
+      this.slice.level = (set.threshold - low) / (high - low || 1);
       director.redraw();
     } catch (error) {
       if (error.name !== "AbortError") note(`The slice cannot be shown: ${error.message}`);
@@ -215,7 +217,7 @@ export class Section {
 
   /** What the picture draws of the slice. */
   drawn() {
-    return this.slice.corners ? { corners: this.slice.corners, whole: this.now.slice === "whole" } : null;
+    return this.slice.corners ? { corners: this.slice.corners, level: this.slice.level, whole: this.now.slice === "whole" } : null;
   }
 }
 

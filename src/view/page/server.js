@@ -86,11 +86,12 @@ export class Server {
     return this.json(`/row/${kind}/${id}`);
   }
 
-  /** The picture of a slice, and how many voxels there are from one of its pixels to the next. */
+  /** The picture of a slice, how many voxels there are from one of its pixels to the next, and the samples of its ends. */
   async slice(axis, index, signal) {
     const { body, headers } = await this.get(`/slice/${axis}/${index}.png`, signal);
     const picture = await createImageBitmap(new Blob([body], { type: "image/png" }), { colorSpaceConversion: "none" });
-    return { picture, step: Number(headers.get("X-Step") ?? 1) };
+    const [step, low, high] = ["Step", "Low", "High"].map((name) => Number(headers.get(`X-${name}`)));
+    return { picture, step, low, high };
   }
 
   async tile({ level, x, y, z }, signal) {

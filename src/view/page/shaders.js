@@ -29,8 +29,10 @@ in vec2 normal;    // octahedral
 in uvec2 extra;    // high bits of the slot, flags (bit 0: cap)
 uniform mat4 matrix;
 uniform mat3 turn;       // to right, up and back of the picture, of normals that are no unit vectors yet
-uniform vec3 origin;     // of the block, from the eye
-uniform vec3 step;       // of the lattice
+uniform ivec3 base;      // the block's origin on the lattice, from the lattice point next to the eye
+uniform int stride;      // lattice steps in a step of the block
+uniform vec3 step;       // length of a step of the lattice
+uniform vec3 rest;       // that lattice point from the eye
 uniform vec4 plane;      // what is beyond it is cut off
 uniform usampler2D slots;
 uniform int wide;        // slots in a row of their texture
@@ -49,7 +51,8 @@ void main() {
   vec3 n = vec3(normal, 1.0 - abs(normal.x) - abs(normal.y));
   if (n.z < 0.0) n.xy = (1.0 - abs(n.yx)) * vec2(n.x < 0.0 ? -1.0 : 1.0, n.y < 0.0 ? -1.0 : 1.0);
   facing = turn * n;
-  vec3 place = origin + vec3(corner.xyz) * step;
+  // the sum is one of integers, so that blocks that share a corner put it at the same place to the last bit
+  vec3 place = vec3(base + ivec3(corner.xyz) * stride) * step + rest;
   beyond = dot(plane.xyz, place) - plane.w;
   bool shown = (entry(table, id, limit).a & 1u) == 1u;
   gl_Position = shown ? matrix * vec4(place, 1.0) : vec4(2.0, 2.0, 2.0, 1.0);
@@ -143,7 +146,7 @@ void main() {
   }
   // an outline around what is chosen, outside of it, and a breath of its colour inside
   bool own = chosen(p);
-  if (own) shade = mix(shade, accent, 0.28);
+  if (own) shade = mix(shade, accent, 0.14);
   else {
     bool edge = false;
     for (int i = 0; i < 8; i++) {
@@ -230,13 +233,46 @@ uniform sampler2D image;
 uniform sampler2D depths;
 uniform sampler2D faces;
 uniform bool whole;
+uniform float level;     // the threshold, as a grey of the slice
 out vec4 colour;
 void main() {
   ivec2 p = ivec2(gl_FragCoord.xy);
   if (gl_FragCoord.z > texelFetch(depths, p, 0).r + 1e-6) discard;
   int kind = int(texelFetch(faces, p, 0).a * 255.0 + 0.5);
-  if (!whole && kind != 128) discard;
-  colour = vec4(texture(image, at).rgb, 1.0);
+  vec3 grey = texture(image, at).rgb;
+  // a line of sight that meets no surface behind the plane is in material all the way, or in air
+  bool material = kind == 128 || (kind == 0 && grey.r >= level);
+  if (!whole && !material) discard;
+  colour = vec4(grey, 1.0);
+}`,
+};
+
+/** Material at the faces of the volume, where no surface is seen. */
+export const FILL = {
+  attributes: ["place", "share"],
+  vertex: `${HEAD}
+in vec3 place;
+in vec2 share;
+uniform mat4 matrix;
+uniform vec4 plane;
+out vec2 at;
+out float beyond;
+void main() {
+  at = share;
+  beyond = dot(plane.xyz, place) - plane.w;
+  gl_Position = matrix * vec4(place, 1.0);
+}`,
+  fragment: `${HEAD}
+in vec2 at;
+in float beyond;
+uniform sampler2D mask;
+uniform sampler2D faces;
+uniform vec3 cut;
+out vec4 colour;
+void main() {
+  bool free = texelFetch(faces, ivec2(gl_FragCoord.xy), 0).a == 0.0;
+  if (!free || beyond > 0.0 || texture(mask, at).r < 0.5) discard;
+  colour = vec4(cut, 1.0);
 }`,
 };
 
