@@ -4,6 +4,7 @@ use super::args::{Common, InputOptions, input_help, open_stamped};
 use super::form::FormArgs;
 use super::info;
 use super::parse::{self, CropArg};
+use super::region::Roi;
 use super::threshold::{TAKES, Threshold, threshold};
 use super::view::ViewArgs;
 use super::{Outcome, output, stop};
@@ -139,17 +140,27 @@ impl ConvertArgs {
             provenance: opened.provenance,
             ..ConvertOptions::default()
         };
+        let volume = &*opened.volume;
         let how = match self.threshold {
             Threshold::Value(_) => String::new(),
-            Threshold::Method(method) => {
-                // this reads all of the volume: not for a conversion that is refused then
-                convert::check_before(&*opened.volume, &options, &self.out)?;
-                format!(" ({})", method.how())
-            }
+            Threshold::Method(method) => format!(" ({})", method.how()),
         };
-        let volume = &*opened.volume;
-        options.threshold = self.threshold.find(volume, &self.input, &console)?;
-        console.note(&understood(&opened, &options, &how)?);
+        if !how.is_empty() || self.options.region.roi.is_some() {
+            // these read the volume: not for a conversion that is refused then
+            convert::check_before(volume, &options, &self.out)?;
+        }
+        let roi = self.options.region.find(volume, &console)?;
+        let inside = roi.as_ref().map(|roi| &roi.voxels);
+        options.threshold = self.threshold.find(volume, inside, &self.input, &console)?;
+        let found = roi.as_ref().map(Roi::text).transpose()?;
+        options.region = match roi {
+            Some(roi) => {
+                let crop = options.crop.as_ref();
+                Some(roi.at_threshold(volume, options.threshold, crop, &console)?)
+            }
+            None => None,
+        };
+        console.note(&understood(&opened, &options, found, &how)?);
         stop::listen();
         let mut report = convert::convert(&*opened.volume, &options, &self.out, &console)
             .map_err(|e| resumable(e, &self.out, typed))
@@ -213,7 +224,12 @@ fn resuming(typed: &[OsString]) -> String {
 ///
 /// # Errors
 /// [`crate::Error::Memory`] if the limit is too small.
-fn understood(opened: &Opened, options: &ConvertOptions, how: &str) -> Result<String> {
+fn understood(
+    opened: &Opened,
+    options: &ConvertOptions,
+    region: Option<String>,
+    how: &str,
+) -> Result<String> {
     let header = opened.volume.header();
     let mut rows = vec![
         (
@@ -233,6 +249,7 @@ fn understood(opened: &Opened, options: &ConvertOptions, how: &str) -> Result<St
         rows.push(("tables", format!("lengths in {unit}")));
     }
     rows.extend(info::remarks(opened));
+    rows.extend(region.map(|text| ("region", text)));
     if let Some(Crop { x, y, z }) = &options.crop {
         let part = format!(
             "{}:{},{}:{},{}:{}",

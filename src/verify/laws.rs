@@ -120,7 +120,7 @@ impl Listed {
         without_surface: u64,
         components: &mut ComponentRows,
     ) -> Result<()> {
-        let mut table = Table::open(cx.root, cx.manifest, self.laws.kind, &mut self.unopened);
+        let mut table = Table::open(cx, self.laws.kind, &mut self.unopened);
         let kind = self.laws.kind;
         let mut paints = match kind {
             Kind::Cell => Paints::open(cx.root, cx.manifest, &mut self.unopened),

@@ -1,6 +1,7 @@
 //! The command as its users see it: texts, exit status, one message for each failure, JSON.
 
 mod filters;
+mod region;
 mod texts;
 mod tiles;
 mod volumes;
