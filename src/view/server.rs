@@ -10,7 +10,7 @@ use super::set::{self, Told};
 use super::slice::{SlicePicture, Slices, Wanted};
 use crate::error::{Error, Result};
 use crate::http::{Answer, Body, Client, Handler, Method, Request, Status, Turns, same_secret};
-use crate::manifest::{MANIFEST, manifest_file};
+use crate::manifest::{MANIFEST, Manifest, manifest_file};
 use crate::preview::Axis;
 use crate::table::Table;
 use crate::tileset::{TileLookup, TileSet};
@@ -129,9 +129,15 @@ impl Viewer {
     /// Reads the index; who has the token may ask.
     ///
     /// # Errors
-    /// Those of [`TileLookup::read`].
+    /// Those of [`TileLookup::read`]; [`Error::Format`] if the tile set was changed since it was opened.
     pub fn new(shown: Shown, token: String) -> Result<Self> {
-        let index = IndexState::of(shown.set.dir())?;
+        let dir = shown.set.dir();
+        let index = IndexState::of(dir)?;
+        if Manifest::open(dir)? != *shown.set.manifest() {
+            let found = "another index than a moment ago";
+            return Err(Error::format(dir.join(MANIFEST), found, "one that stays")
+                .with_hint("wait until whoever writes there is done"));
+        }
         Ok(Viewer {
             lookup: TileLookup::read(&shown.set)?,
             frame: Frame::of(shown.set.manifest()),
