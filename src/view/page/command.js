@@ -62,8 +62,10 @@ function paints(rules, marked, painted) {
   if (!rules.some((r) => r.do === "unpaint")) {
     for (const r of rules) if (r.do === "paint") out.push([condition(r), r.colour]);
   } else {
-    const ids = Map.groupBy(painted.keys(), (id) => painted.get(id));
-    for (const [colour, list] of ids) out.push([condition({ ids: list.sort((a, b) => a - b) }), colour]);
+    for (const colour of new Set(painted.values())) {
+      const ids = [...painted.keys()].filter((id) => painted.get(id) === colour);
+      out.push([condition({ ids: ids.sort((a, b) => a - b) }), colour]);
+    }
   }
   if (!rules.some((r) => r.do === "unmark")) {
     for (const r of rules) if (r.do === "mark") out.push([condition(r), MARK.hex]);
