@@ -42,9 +42,7 @@ pub fn find_cylinder(volume: &dyn Volume, progress: &dyn Progress) -> Result<Cyl
     let found = (|| {
         let [a, b] = [circle(&lower)?, circle(&upper)?];
         let all = circle(&lower.with(&upper))?;
-        let apart = (a.x - b.x)
-            .hypot(a.y - b.y)
-            .max((a.radius - b.radius).abs());
+        let apart = distance([a.x, a.y], [b.x, b.y]).max((a.radius - b.radius).abs());
         let most = (OFF * all.radius).max(1.0);
         match apart <= most {
             true => Ok(all),
@@ -211,9 +209,14 @@ fn circle(mean: &Mean) -> std::result::Result<Circle, String> {
     Ok(best)
 }
 
+/// How far two points are apart.
+fn distance(a: [f64; 2], b: [f64; 2]) -> f64 {
+    libm::hypot(a[0] - b[0], a[1] - b[1])
+}
+
 /// How far a point lies outside of a circle.
 fn off(circle: &Circle, [x, y]: &[f64; 2]) -> f64 {
-    (x - circle.x).hypot(y - circle.y) - circle.radius
+    distance([*x, *y], [circle.x, circle.y]) - circle.radius
 }
 
 /// Otsu's threshold of an image; `None` if all of it is the same.
@@ -238,7 +241,7 @@ fn threshold(image: &[f64]) -> Option<f64> {
 
 /// The pixels, by their places, of the largest connected part of those that are bright.
 fn largest(image: &[f64], width: usize, threshold: f64) -> Vec<usize> {
-    let mut seen: Vec<bool> = image.iter().map(|v| !(*v >= threshold)).collect();
+    let mut seen: Vec<bool> = image.iter().map(|v| *v < threshold || v.is_nan()).collect();
     let mut best = Vec::new();
     for start in 0..image.len() {
         if seen[start] {
@@ -281,13 +284,13 @@ fn rim(image: &[f64], mean: &Mean, sample: &[usize], threshold: f64) -> Vec<[f64
     let n = sample.len() as f64;
     let middle_x = sample.iter().map(|i| (i % width) as f64).sum::<f64>() / n;
     let middle_y = sample.iter().map(|i| (i / width) as f64).sum::<f64>() / n;
-    let longest = (width as f64).hypot(height as f64) * STEPS;
+    let longest = libm::hypot(width as f64, height as f64) * STEPS;
     let pixel = |x: f64, y: f64| {
         let inside = x >= 0.0 && y >= 0.0 && x <= (width - 1) as f64 && y <= (height - 1) as f64;
         inside.then(|| x.round() as usize + width * y.round() as usize)
     };
     let ray = |i: usize| {
-        let (sin, cos) = (TAU * i as f64 / RAYS as f64).sin_cos();
+        let (sin, cos) = libm::sincos(TAU * i as f64 / RAYS as f64);
         let at = |step: f64| [middle_x + cos * step / STEPS, middle_y + sin * step / STEPS];
         let is_met = |step: &u32| {
             let [x, y] = at(f64::from(*step));
@@ -340,7 +343,7 @@ fn fit(points: &[[f64; 2]]) -> Option<Circle> {
         rr += r;
     }
     let determinant = 2.0 * (xx * yy - xy * xy);
-    if !(determinant > 0.0) {
+    if determinant <= 0.0 || determinant.is_nan() {
         return None;
     }
     let x = (xr * yy - yr * xy) / determinant;
@@ -377,19 +380,19 @@ mod tests {
     }
 
     fn round(x: f64, y: f64, [cx, cy, r]: [f64; 3]) -> f64 {
-        1000.0 + 2000.0 * (r + 0.5 - (x - cx).hypot(y - cy)).clamp(0.0, 1.0)
+        1000.0 + 2000.0 * (r + 0.5 - libm::hypot(x - cx, y - cy)).clamp(0.0, 1.0)
     }
 
     #[test]
     fn a_round_sample_is_found_in_spite_of_pores_and_noise() {
         for [cx, cy, r] in [[60.3, 55.8, 40.2], [64.0, 64.0, 60.0], [30.0, 90.5, 20.0]] {
             let volume = scan([130, 128, 40], |[x, y, z]| {
-                let pore = ((x / 7.0).sin() + (y / 5.0).cos() + (z / 3.0).sin()) > 0.9;
+                let pore = libm::sin(x / 7.0) + libm::cos(y / 5.0) + libm::sin(z / 3.0) > 0.9;
                 round(x, y, [cx, cy, r]) - if pore { 900.0 } else { 0.0 }
             });
             let found = find_cylinder(&volume, &Quiet).unwrap();
             let [x, y] = found.centre;
-            assert!((x - cx).hypot(y - cy) < 0.4, "{found}");
+            assert!(libm::hypot(x - cx, y - cy) < 0.4, "{found}");
             assert!((found.radius + 1.0 - r).abs() < 0.7, "{found}");
         }
     }
@@ -400,7 +403,7 @@ mod tests {
         let volume = scan([2100, 2060, 2], |[x, y, _]| round(x, y, [cx, cy, r]));
         let found = find_cylinder(&volume, &Quiet).unwrap();
         let [x, y] = found.centre;
-        assert!((x - cx).hypot(y - cy) < 1.0, "{found}");
+        assert!(libm::hypot(x - cx, y - cy) < 1.0, "{found}");
         assert!((found.radius + 3.0 - r).abs() < 1.5, "{found}");
     }
 
