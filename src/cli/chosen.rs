@@ -22,7 +22,7 @@ pub struct ChosenArgs {
 }
 
 /// A whole number above 0.
-fn at_least_one(text: &str) -> Result<usize, String> {
+pub fn at_least_one(text: &str) -> Result<usize, String> {
     match text.trim().parse() {
         Ok(n) if n > 0 => Ok(n),
         _ => Err("expected a whole number, at least 1".to_owned()),

@@ -4,6 +4,7 @@
 //! verifier found issues, 2 if anything else went wrong; then stderr ends with one message.
 
 mod args;
+mod batch;
 mod cells;
 mod chart;
 mod chosen;
@@ -22,6 +23,7 @@ mod phantom;
 mod preview;
 mod progress;
 mod repack;
+mod scans_table;
 mod select;
 mod sigbus;
 mod stop;

@@ -28,7 +28,7 @@ pub use filters::filtered;
 pub use filters::median::Medianed;
 pub use filters::smooth::Smoothed;
 pub use memory::MemoryVolume;
-pub use open::{file_name, open};
+pub use open::{file_name, open, stem};
 pub use options::{Headerless, Io, OpenOptions, Opened};
 pub use registry::input_help;
 pub use stamp::{Before, Stamp, stamp};

@@ -12,6 +12,7 @@ use alvis::convert::{ConvertOptions, convert};
 use alvis::grid::Provenance;
 use alvis::manifest::{Encoding, Form, Layout};
 use alvis::progress::Quiet;
+use alvis::table::Chosen;
 use alvis::transform::select::{ColourRule, Map, PaintRule, SelectOptions, select};
 use alvis::verify::{SourceVolume, VerifyOptions, verify};
 use alvis::volume::Volume;
@@ -220,7 +221,7 @@ fn bases(dir: &std::path::Path) -> BTreeMap<Base, Files> {
         (Quantized, make("quantized", &quantized)),
     ]);
     let part = SelectOptions {
-        condition: Some("not touches_border".into()),
+        chosen: Chosen::cells("not touches_border"),
         paint: vec![PaintRule {
             condition: "best:1".into(),
             colour: [255, 136, 0],
@@ -235,7 +236,7 @@ fn bases(dir: &std::path::Path) -> BTreeMap<Base, Files> {
     select(&dir.join("nodes"), &dir.join("part"), &part, &Quiet).unwrap();
     out.insert(Part, common::files(&dir.join("part")));
     let painted = SelectOptions {
-        condition: None,
+        chosen: Chosen::default(),
         ..part
     };
     select(&dir.join("nodes"), &dir.join("painted"), &painted, &Quiet).unwrap();
