@@ -116,8 +116,10 @@ fn chosen(step: &Step, last: Table) -> String {
     if step.table != last {
         text += &format!(" of {}", step.table.name());
     }
-    if let Some(n) = step.largest {
-        text += &format!(" the {} largest", output::count(n));
+    match step.largest {
+        None => {}
+        Some(1) => text += " the largest",
+        Some(n) => text += &format!(" the {} largest", output::count(n)),
     }
     if let Some(condition) = &step.condition {
         text += &format!(" where {condition}");

@@ -93,7 +93,7 @@ pub struct PreviewReport {
     pub slice_size: [u32; 2],
     /// Samples that are black and white; absent if no sample is finite.
     pub window: Option<[f64; 2]>,
-    /// Threshold of the contour, of the first one where there are several.
+    /// Threshold of the contour, of the first one where there are several; of outlines without one that of the tiles.
     pub threshold: Option<f64>,
     /// The slices side by side; empty unless there are several thresholds.
     #[serde(skip_serializing_if = "Vec::is_empty")]
@@ -270,7 +270,7 @@ impl Shown<'_> {
             if let Some(&t) = self.thresholds.get(i) {
                 canvas.contour(t, rule, self.colours.is_some());
             }
-            if let Some(colours) = self.colours.filter(|c| c.table == Table::Surfaces) {
+            if let Some(colours) = self.of(Table::Surfaces) {
                 canvas.outlines(self.of_tiles, rule, colours);
             }
         }
@@ -286,7 +286,7 @@ impl Shown<'_> {
             slice_corner: corners[0],
             slice_size: self.zoom.size(),
             window: self.window,
-            threshold: self.thresholds.first().copied(),
+            threshold: self.thresholds.first().copied().or(self.outlined()),
             panels: self.panels(corners),
             cells: self.of(Table::Cells).map(Colours::coloured),
             cells_without_value: self.of(Table::Cells).map(Colours::without_value),
@@ -297,6 +297,11 @@ impl Shown<'_> {
             range: self.colours.and_then(Colours::range),
             warnings: Vec::new(),
         }
+    }
+
+    /// The threshold of outlines in colour, if they are drawn.
+    fn outlined(&self) -> Option<f64> {
+        self.of(Table::Surfaces).map(|_| self.of_tiles)
     }
 
     /// The colours if they are of this table.
@@ -403,6 +408,9 @@ impl Shown<'_> {
         if let [t] = *self.thresholds {
             texts.push(format!("contour: threshold {}", Self::short(t)));
         }
+        if let Some(t) = self.outlined() {
+            texts.push(format!("outlines: threshold {}", Self::short(t)));
+        }
         let by_id = |c: &&Colours| matches!(c.meanings[..], [Meaning::Ids]);
         if let Some(colours) = self.colours.filter(by_id) {
             let all = things(colours.coloured(), singular(colours.table));
@@ -424,6 +432,7 @@ impl Shown<'_> {
         }
         let name = self.chosen.table.name();
         let first = match largest {
+            Some(1) => format!("the largest {}", singular(self.chosen.table)),
             Some(n) => format!("the {n} largest {name}"),
             None => name.to_owned(),
         };
