@@ -365,6 +365,9 @@ fn print_table(
 /// Which cells are taken as air around the sample.
 fn outside_text(summary: &Summary) -> String {
     match summary.outside {
+        Outside::None if summary.porosity_of == PorosityOf::Region => {
+            "what is outside of the region".to_string()
+        }
         Outside::None => "no cell (border-cell takes air around a sample)".to_string(),
         Outside::BorderCell => format!(
             "{} with {}",
@@ -379,12 +382,16 @@ fn counts(summary: &Summary, which: Table) -> Vec<(&'static str, String)> {
     let percent = |share: f64| format!("{:.2} %", 100.0 * share);
     let of_base = |share: Option<f64>, base: &str| match share {
         Some(share) => format!("{} of {base}", percent(share)),
+        None if summary.porosity.is_some() => {
+            "not known: what is outside of the region is part of it".to_owned()
+        }
         None => "none: all of the grid is outside".to_owned(),
     };
     let count = output::count(summary.count);
     let base = match summary.porosity_of {
         PorosityOf::Grid => "the grid",
         PorosityOf::GridWithoutOutside => "the grid without what is outside",
+        PorosityOf::Region => "the region of interest",
     };
     let mut rows = vec![
         (

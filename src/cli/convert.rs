@@ -5,6 +5,7 @@ use super::form::FormArgs;
 use super::info;
 use super::parse::{self, CropArg};
 use super::progress::Console;
+use super::region::Roi;
 use super::threshold::{TAKES, Threshold, threshold};
 use super::{Outcome, batch, output, stop};
 use crate::convert::{self, ConvertOptions, ConvertReport};
@@ -171,17 +172,27 @@ impl ConvertArgs {
             provenance: opened.provenance,
             ..ConvertOptions::default()
         };
+        let volume = &*opened.volume;
         let how = match self.threshold {
             Threshold::Value(_) => String::new(),
-            Threshold::Method(method) => {
-                // this reads all of the volume: not for a conversion that is refused then
-                convert::check_before(&*opened.volume, &options, out)?;
-                format!(" ({})", method.how())
-            }
+            Threshold::Method(method) => format!(" ({})", method.how()),
         };
-        let volume = &*opened.volume;
-        options.threshold = self.threshold.find(volume, input, console)?;
-        let understood = understood(&opened, &options, &how)?;
+        if !how.is_empty() || self.options.region.roi.is_some() {
+            // these read the volume: not for a conversion that is refused then
+            convert::check_before(volume, &options, out)?;
+        }
+        let roi = self.options.region.find(volume, console)?;
+        let inside = roi.as_ref().map(|roi| &roi.voxels);
+        options.threshold = self.threshold.find(volume, inside, input, console)?;
+        let found = roi.as_ref().map(Roi::text).transpose()?;
+        options.region = match roi {
+            Some(roi) => {
+                let crop = options.crop.as_ref();
+                Some(roi.at_threshold(volume, options.threshold, crop, console)?)
+            }
+            None => None,
+        };
+        let understood = understood(&opened, &options, found, &how)?;
         if self.out_dir.is_none() {
             console.note(&understood);
         }
@@ -239,7 +250,12 @@ pub fn resuming(typed: &[OsString]) -> String {
 ///
 /// # Errors
 /// [`crate::Error::Memory`] if the limit is too small.
-fn understood(opened: &Opened, options: &ConvertOptions, how: &str) -> Result<String> {
+fn understood(
+    opened: &Opened,
+    options: &ConvertOptions,
+    region: Option<String>,
+    how: &str,
+) -> Result<String> {
     let header = opened.volume.header();
     let mut rows = vec![
         (
@@ -259,6 +275,7 @@ fn understood(opened: &Opened, options: &ConvertOptions, how: &str) -> Result<St
         rows.push(("tables", format!("lengths in {unit}")));
     }
     rows.extend(info::remarks(opened));
+    rows.extend(region.map(|text| ("region", text)));
     if let Some(Crop { x, y, z }) = &options.crop {
         let part = format!(
             "{}:{},{}:{},{}:{}",

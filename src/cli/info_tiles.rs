@@ -2,8 +2,9 @@
 
 use super::convert::from;
 use super::output::{self, things};
+use super::region::region_text;
 use crate::error::Result;
-use crate::grid::{Ambiguous, Dims, Filter, Placement, Unit, filters_text};
+use crate::grid::{Ambiguous, Dims, Filter, Placement, Region, Unit, filters_text};
 use crate::manifest::{
     Encoding, FORMAT, Layout, MANIFEST, Manifest, PARTIAL, Primitives, Selection, Step, Table,
     Totals,
@@ -24,6 +25,8 @@ struct Report<'a> {
     directions: [[f64; 3]; 3],
     source: &'a str,
     filters: &'a [Filter],
+    #[serde(skip_serializing_if = "Option::is_none")]
+    region: Option<&'a Region>,
     generator: String,
     threshold: f64,
     ambiguous: Ambiguous,
@@ -66,6 +69,7 @@ fn report<'a>(dir: &Path, m: &'a Manifest) -> Report<'a> {
         directions: m.placement.directions,
         source: &m.source.name,
         filters: &m.filters,
+        region: m.region.as_ref(),
         generator: made_by(m),
         threshold: m.threshold,
         ambiguous: m.ambiguous,
@@ -166,6 +170,9 @@ fn text(dir: &Path, m: &Manifest) -> String {
         rows.push(("filters", filters_text(&m.filters)));
     }
     rows.push(("dims", format!("{} voxels", m.grid.dims)));
+    if let Some(region) = &m.region {
+        rows.push(("region", region_text(region, m.grid.dims)));
+    }
     rows.push((
         "spacing",
         format!("{} {unit} ({stated})", output::times(spacing)),

@@ -22,6 +22,7 @@ mod parse;
 mod phantom;
 mod preview;
 mod progress;
+mod region;
 mod repack;
 mod scans_table;
 mod select;

@@ -126,7 +126,13 @@ impl PreviewArgs {
             Some(manifest) => self.options.filters.apply_as(manifest, opened, "--tiles")?,
             None => self.options.filters.apply(opened)?,
         };
-        let thresholds = threshold::all(&self.threshold, &*opened.volume, &self.input, &console)?;
+        let (volume, asked) = (&*opened.volume, &self.options.region);
+        let region = match &manifest {
+            Some(manifest) => asked.find_as(manifest, volume, "--tiles", &console)?,
+            None => asked.find(volume, &console)?.map(|roi| roi.voxels),
+        };
+        let inside = region.as_ref();
+        let thresholds = threshold::all(&self.threshold, volume, inside, &self.input, &console)?;
         let options = PreviewOptions {
             axis: match self.axis {
                 AxisArg::X => Axis::X,
@@ -143,6 +149,7 @@ impl PreviewArgs {
             window: self.window,
             scale: self.scale,
             plain: self.plain,
+            region,
             input,
         };
         let report = preview(&*opened.volume, &self.png, &options)?;

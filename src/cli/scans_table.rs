@@ -15,7 +15,7 @@ use std::path::Path;
 pub const FILE: &str = "scans.csv";
 
 /// The columns in their order; each is a member of a [`Row`] as JSON.
-const COLUMNS: [&str; 29] = [
+const COLUMNS: [&str; 30] = [
     "scan",
     "tile_set",
     "status",
@@ -24,6 +24,7 @@ const COLUMNS: [&str; 29] = [
     "threshold",
     "filters",
     "crop",
+    "roi",
     "ambiguous",
     "cap",
     "min_voxels",
@@ -108,6 +109,8 @@ pub struct Facts {
     threshold: f64,
     filters: String,
     crop: Option<String>,
+    /// The region of interest, and what is outside of it.
+    roi: Option<String>,
     ambiguous: crate::grid::Ambiguous,
     cap: bool,
     min_voxels: u64,
@@ -150,6 +153,7 @@ impl Facts {
             threshold: m.threshold,
             filters: filters_text(&m.filters),
             crop,
+            roi: m.region.as_ref().map(ToString::to_string),
             ambiguous: m.ambiguous,
             cap: m.cap,
             min_voxels: m.dust.map_or(0, |dust| dust.min_voxels),

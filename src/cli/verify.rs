@@ -7,7 +7,7 @@ use crate::grid::Origin;
 use crate::manifest::{Manifest, PARTIAL};
 use crate::progress::Progress;
 use crate::verify::{self, Issue, Report, Severity, SourceVolume, VerifyOptions};
-use crate::volume::{self, Cropped, Headerless, Stamp, Volume};
+use crate::volume::{self, Cropped, Filled, Headerless, RegionVoxels, Stamp, Volume};
 use clap::{Args, ValueHint};
 use std::fmt::Write;
 use std::path::{Path, PathBuf};
@@ -45,7 +45,7 @@ impl VerifyArgs {
     pub fn run(self) -> Result<Outcome> {
         let console = self.common.start();
         let against = match &self.against {
-            Some(path) => Some(open_against(&self.out, path, &self.input)?),
+            Some(path) => Some(open_against(&self.out, path, &self.input, &console)?),
             None => {
                 self.input.refuse_without_volume("--against INPUT")?;
                 None
@@ -60,6 +60,7 @@ impl VerifyArgs {
                 .as_deref()
                 .or(against.as_ref().map(|a| a.volume.as_ref())),
             source: against.as_ref().map(|a| &a.source),
+            region: against.as_ref().and_then(|a| a.region.as_ref()),
             threads: self.common.threads.map_or(0, usize::from),
             max_issues: self.max_issues,
         };
@@ -101,6 +102,8 @@ fn copied<'a>(volume: &'a dyn Volume, dir: &Path) -> Result<Option<Box<dyn Volum
 /// The volume that a tile set is compared with, what it says of itself as a whole, and what shows a change to it.
 struct Against {
     volume: Box<dyn Volume>,
+    /// The voxels of its region of interest, cut as it is.
+    region: Option<RegionVoxels>,
     source: SourceVolume,
     stamp: Stamp,
 }
@@ -108,7 +111,12 @@ struct Against {
 /// Opens the volume that a tile set is compared with, filtered and cut as the manifest says. What a raw file does not say is taken
 /// from the manifest unless the options say it, as is what was asked for of a file of the name that was converted.
 /// Such a file is raw even if it begins as one with a header does.
-fn open_against(directory: &Path, path: &Path, input: &InputOptions) -> Result<Against> {
+fn open_against(
+    directory: &Path,
+    path: &Path,
+    input: &InputOptions,
+    progress: &dyn Progress,
+) -> Result<Against> {
     // an index that cannot be read is for the verifier to report
     let manifest = Manifest::open(directory).ok();
     let Some(manifest) = manifest else {
@@ -118,6 +126,7 @@ fn open_against(directory: &Path, path: &Path, input: &InputOptions) -> Result<A
         let volume = opened.volume;
         return Ok(Against {
             volume,
+            region: None,
             source,
             stamp,
         });
@@ -146,7 +155,16 @@ fn open_against(directory: &Path, path: &Path, input: &InputOptions) -> Result<A
     }
     let (opened, stamp) = open_stamped(path, &options, directory)?;
     let opened = input.filters.apply_as(&manifest, opened, "--against")?;
-    let (whole, volume) = (SourceVolume::of(&opened), opened.volume);
+    let whole = SourceVolume::of(&opened);
+    let asked = &input.region;
+    let region = asked.find_as(&manifest, &*opened.volume, "--against", progress)?;
+    let volume = match (&region, &manifest.region) {
+        (Some(voxels), Some(stated)) => {
+            let filled = Filled::new(opened.volume, voxels.clone(), stated.fill_value)?;
+            Box::new(filled) as Box<dyn Volume>
+        }
+        _ => opened.volume,
+    };
     let dims = volume.header().dims;
     let volume = match &source.crop {
         None => Ok(volume),
@@ -160,8 +178,14 @@ fn open_against(directory: &Path, path: &Path, input: &InputOptions) -> Result<A
         )),
         Some(crop) => Ok(Box::new(Cropped::new(volume, crop)?) as Box<dyn Volume>),
     };
+    let volume = volume?;
+    let region = match (region, &source.crop) {
+        (Some(region), Some(crop)) => Some(region.cropped(crop)?),
+        (region, _) => region,
+    };
     Ok(Against {
-        volume: volume?,
+        volume,
+        region,
         source: whole,
         stamp,
     })

@@ -25,7 +25,7 @@ pub(crate) use shard_writer::{ShardWriter, entry_text, shard_path};
 use crate::error::Result;
 use crate::grid::{Ambiguous, Crop, Dims, Placement, Unit, filtered_dims, filtered_dtype};
 use crate::grid::{Dtype, Endian};
-pub use crate::grid::{Filter, Origin, Part, Provenance};
+pub use crate::grid::{Filter, Origin, Part, Provenance, Region};
 use bytemuck::{Pod, Zeroable};
 use serde::{Deserialize, Serialize};
 
@@ -48,6 +48,9 @@ pub struct Manifest {
     /// What was done to the samples before they were compared with the threshold, in this order.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub filters: Vec<Filter>,
+    /// The region of interest, of which voxels outside were taken for one phase; all of the grid if absent.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub region: Option<Region>,
     /// The grid the tiles cover (the crop, if there is one) and its macrocubes.
     pub grid: GridInfo,
     /// Spacing, unit, origin and directions of `grid`, flat: see [`Placement`].

@@ -8,6 +8,9 @@ use crate::picture::{INK, Picture};
 
 /// Colour of the contour where nothing else has a colour.
 const LINE: [u8; 3] = [255, 64, 32];
+/// What is outside of a region, and the region's edge.
+const OUTSIDE: [u8; 3] = [214, 222, 232];
+const OUTLINE: [u8; 3] = [24, 104, 208];
 /// Cells without a value that means something: strips of two greys.
 const HATCH: [[u8; 3]; 2] = [[176; 3], [128; 3]];
 /// Pixels from one strip to the next, and those of the darker one.
@@ -57,6 +60,29 @@ impl Canvas<'_> {
                 self.picture
                     .set([self.corner[0] + u, self.corner[1] + v], pixel);
             }
+        }
+    }
+
+    /// Makes pale what is outside of a region, whose voxels are 1 in `inside`.
+    pub fn pale(&mut self, inside: &Slice) {
+        let [width, height] = self.zoom.size();
+        for v in 0..height {
+            let y = self.zoom.voxel(1, v);
+            for u in 0..width {
+                if inside.value([self.zoom.voxel(0, u), y]) == 0.0 {
+                    let at = [self.corner[0] + u, self.corner[1] + v].map(i64::from);
+                    self.picture.blend(at, OUTSIDE, 0.75);
+                }
+            }
+        }
+    }
+
+    /// The edge of a region, whose voxels are 1 in the slice and others 0.
+    pub fn outline(&mut self) {
+        const EDGE: f64 = 0.5;
+        match self.zoom.finer() < 2.0 {
+            true => self.rim(EDGE, |_, _| Some(OUTLINE)),
+            false => self.lines(EDGE, Ambiguous::Separate, 1.0, |_| Some(OUTLINE)),
         }
     }
 

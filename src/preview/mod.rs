@@ -17,7 +17,7 @@ use crate::grid::{Ambiguous, Placement};
 use crate::manifest::Manifest;
 use crate::picture::{Map, Picture, printed_unit};
 use crate::table::{Chosen, Table};
-use crate::volume::{Cropped, Stamp, Volume};
+use crate::volume::{Cropped, RegionVoxels, Stamp, Volume};
 use crate::words::{counted, number, things};
 use cells::{Colours, Meaning};
 use draw::Canvas;
@@ -55,6 +55,9 @@ pub struct PreviewOptions {
     pub scale: Option<u32>,
     /// The slice alone, without caption, scale bar and legends.
     pub plain: bool,
+    /// The region of interest of the volume, which is outlined; what is outside is pale. With a tile set it is that of the
+    /// tiles.
+    pub region: Option<RegionVoxels>,
     /// What tells whether the volume is changed while it is read, see [`crate::volume::stamp`].
     pub input: Stamp,
 }
@@ -73,6 +76,7 @@ impl Default for PreviewOptions {
             window: None,
             scale: None,
             plain: false,
+            region: None,
             input: Stamp::default(),
         }
     }
@@ -134,7 +138,8 @@ pub struct Panel {
     pub corner: [u32; 2],
 }
 
-/// Draws a slice of a volume and writes it as PNG. Memory: some 16 bytes per voxel of the slice, 3
+/// Draws a slice of a volume and writes it as PNG. Memory: some 16 bytes per voxel of the slice, twice as many with a
+/// region of interest, 3
 /// per pixel, and a tile.
 ///
 /// With a tile set, the slice is one of the grid that the tiles cover, so the volume has to have been through the
@@ -173,12 +178,15 @@ pub fn preview(
     })?;
     let slice = Slice::read(grid, axis, at)?;
     let window = options.window.or_else(|| slice.window());
+    let region = region_of(&slice, options, manifest.as_ref())?;
+    let classified = region.as_ref().map_or(&slice, |region| &region.filled);
     let colours = match (&options.tiles, &manifest) {
-        (Some(dir), Some(m)) => Some(cells::colours(dir, m, &slice, options)?),
+        (Some(dir), Some(m)) => Some(cells::colours(dir, m, classified, options)?),
         _ => None,
     };
     let shown = Shown {
         slice: &slice,
+        region: region.as_ref(),
         zoom,
         placement,
         dims,
@@ -230,9 +238,39 @@ fn grid_of<'a>(
     })
 }
 
+/// The region of interest in a slice.
+struct SliceRegion {
+    /// 1 for voxels inside, 0 for others.
+    inside: Slice,
+    /// The samples, those outside as the tiles' surface takes them.
+    filled: Slice,
+}
+
+/// The region of interest in a slice of the grid; `None` if there is none.
+fn region_of(
+    slice: &Slice,
+    options: &PreviewOptions,
+    manifest: Option<&Manifest>,
+) -> Result<Option<SliceRegion>> {
+    let Some(region) = &options.region else {
+        return Ok(None);
+    };
+    let crop = manifest.and_then(|m| m.source.crop.as_ref());
+    let region = crop.map_or(Ok(region.clone()), |crop| region.cropped(crop))?;
+    let inside = slice.inside(&region)?;
+    let mut filled = slice.clone();
+    if let Some(stated) = manifest.and_then(|m| m.region.as_ref()) {
+        let values = filled.values.iter_mut().zip(&inside.values);
+        let outside = values.filter(|(_, inside)| **inside == 0.0);
+        outside.for_each(|(value, _)| *value = stated.fill_value);
+    }
+    Ok(Some(SliceRegion { inside, filled }))
+}
+
 /// Everything that a picture shows.
 struct Shown<'a> {
     slice: &'a Slice,
+    region: Option<&'a SliceRegion>,
     zoom: Zoom,
     /// Of the grid, of which these are the voxels.
     placement: Placement,
@@ -267,11 +305,19 @@ impl Shown<'_> {
                 zoom: self.zoom,
             };
             canvas.voxels(self.window, self.colours);
+            if let Some(region) = self.region {
+                canvas.pale(&region.inside);
+                canvas.slice = &region.filled;
+            }
             if let Some(&t) = self.thresholds.get(i) {
                 canvas.contour(t, rule, self.colours.is_some());
             }
             if let Some(colours) = self.of(Table::Surfaces) {
                 canvas.outlines(self.of_tiles, rule, colours);
+            }
+            if let Some(region) = self.region {
+                canvas.slice = &region.inside;
+                canvas.outline();
             }
         }
         (picture, corners)

@@ -126,8 +126,6 @@ impl<'a> ComponentRows<'a> {
     /// Compares a row with its body.
     pub fn check_body(&self, row: &Row, body: &Body, wrong: &mut Wrong) {
         compare("euler_characteristic", row[EULER], body.euler, 0.0, wrong);
-        let touches = f64::from(u8::from(body.touches));
-        compare("touches_border", row[BORDER], touches, 0.0, wrong);
         let stated = stated_box(row);
         let found = self.box_of(&body.span, body.far);
         let near = |side: usize, a: usize| {

@@ -121,7 +121,7 @@ impl Listed {
         without_surface: u64,
         components: &mut ComponentRows,
     ) -> Result<()> {
-        let mut table = Table::open(cx.root, cx.manifest, self.laws.kind, &mut self.unopened);
+        let mut table = Table::open(cx, self.laws.kind, &mut self.unopened);
         let kind = self.laws.kind;
         let mut paints = Paints::open(cx.root, cx.manifest, kind, &mut self.unopened);
         while let Some(group) = rows.next_group()? {

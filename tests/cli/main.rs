@@ -2,6 +2,7 @@
 
 mod batch;
 mod filters;
+mod region;
 mod texts;
 mod tiles;
 mod volumes;
