@@ -461,6 +461,40 @@ fn choices_one_after_the_other_are_told() {
     assert!(message.contains("--largest"), "{message}");
 }
 
+/// A volume of one phase has one row and no surface; parts and copies of it verify all the same.
+#[test]
+fn a_volume_of_one_phase_is_chosen_from_too() {
+    let dir = foam_tiles(&[]);
+    let dir = dir.path();
+    for (threshold, more) in [("-5", &[][..]), ("-5", &["--cap"]), ("999", &[])] {
+        let convert = [
+            "convert",
+            "foam.mhd",
+            "one",
+            "--threshold",
+            threshold,
+            "--force",
+            "-q",
+        ];
+        ok(dir, &[&convert[..], more].concat());
+        for line in [
+            "--objects --largest 1",
+            "--objects --where false",
+            "--objects --paint true=red",
+            "--surfaces --largest 1",
+            "--where true --omit",
+            "--paint true=red",
+        ] {
+            let start = ["select", "one", "part", "--force", "--quiet"];
+            ok(
+                dir,
+                &start.into_iter().chain(line.split(' ')).collect::<Vec<_>>(),
+            );
+            verifies(dir, "part", &[]);
+        }
+    }
+}
+
 /// Pieces have the colours of their objects, caps are grey.
 #[test]
 fn objects_are_painted() {

@@ -133,8 +133,12 @@ fn check(args: &ConvertArgs, scans: &[Scan], dir: &Path) -> Result<()> {
         convert::check_unused(&dir.join(&scan.name), args.force)?;
     }
     let table = dir.join(FILE);
-    match args.force || table.symlink_metadata().is_err() {
-        true => Ok(()),
+    if table.symlink_metadata().is_err() {
+        return Ok(());
+    }
+    match args.force {
+        // it would be of others than the tile sets beside it if this ended early
+        true => std::fs::remove_file(&table).map_err(|e| Error::io(&table, "remove", e)),
         false => Err(Error::FileExists { path: table }),
     }
 }

@@ -151,7 +151,7 @@ pub fn colours(
 }
 
 /// The table that is asked for; of tiles that are painted that of the colours, unless anything is asked for.
-fn table(manifest: &Manifest, options: &PreviewOptions) -> Table {
+pub fn table(manifest: &Manifest, options: &PreviewOptions) -> Table {
     let asked = options.chosen.table;
     let nothing = options.chosen == Chosen::default() && options.colour_by.is_none();
     let painted = manifest.selection.as_ref().filter(|s| is_painted(s));

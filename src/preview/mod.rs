@@ -139,8 +139,7 @@ pub struct Panel {
 }
 
 /// Draws a slice of a volume and writes it as PNG. Memory: some 16 bytes per voxel of the slice, twice as many with a
-/// region of interest, 3
-/// per pixel, and a tile.
+/// region of interest, some 50 for each that the outline of a surface passes if these are drawn, 3 per pixel, and a tile.
 ///
 /// With a tile set, the slice is one of the grid that the tiles cover, so the volume has to have been through the
 /// same filters, and below regions of the slice
@@ -165,7 +164,8 @@ pub fn preview(
     };
     let axis = options.axis;
     let at = options.at.unwrap_or(dims[axis as usize] / 2);
-    let outlined = options.chosen.table == Table::Surfaces;
+    let coloured = manifest.as_ref().map(|m| cells::table(m, options));
+    let outlined = coloured == Some(Table::Surfaces);
     let thresholds = match &manifest {
         Some(m) if options.thresholds.is_empty() && !outlined => vec![m.threshold],
         _ => options.thresholds.clone(),

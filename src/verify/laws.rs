@@ -144,7 +144,9 @@ impl Listed {
             }
             table.finish(without_surface - u64::from(whole), &mut self.values);
         }
-        if let Some(paints) = &paints {
+        if let Some(paints) = &mut paints {
+            // they have a row and no piece
+            (1..=without_surface).for_each(|id| _ = paints.next(id));
             paints.finish(&mut self.values);
         }
         Ok(())
