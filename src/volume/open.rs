@@ -194,7 +194,7 @@ pub fn stem(path: &Path) -> String {
     while let Some((stem, ending)) = split(&rest) {
         let first = rest == name && !path.is_dir();
         let of_letters = !ending.is_empty() && ending.chars().all(char::is_alphabetic);
-        if !known(&ending) && !(first && of_letters) {
+        if !(known(&ending) || first && of_letters) {
             break;
         }
         rest = stem;
