@@ -27,7 +27,7 @@
 //! let dims = Dims::new([20, 20, 20])?;
 //! let samples: Vec<u8> = (0..dims.voxels()).map(|i| if i % 20 < 10 { 40 } else { 200 }).collect();
 //! let volume = MemoryVolume::new(dims, Placement::default(), samples)?;
-//! let found = statistics(&volume, &Quiet)?;
+//! let found = statistics(&volume, None, &Quiet)?;
 //! assert_eq!(found.range, Some([40.0, 200.0]));
 //! let otsu = found.otsu.expect("there are two values");
 //! assert!(40.0 < otsu && otsu <= 200.0);

@@ -4,7 +4,7 @@
 //! part of the name of a file.
 
 use crate::error::{Error, Result};
-use crate::http::{Answer, Body, Handler, Method, Request, Rules, Status};
+use crate::http::{Answer, Body, Client, Handler, Method, Request, Rules, Status};
 use crate::manifest::{MANIFEST, Manifest};
 use crate::tileset::{TileLookup, TileSet};
 use std::fs::File;
@@ -138,7 +138,7 @@ impl Files {
 }
 
 impl Handler for Files {
-    fn answer(&self, request: &Request) -> Answer {
+    fn answer(&self, request: &Request, _: &Client) -> Answer {
         let answer = self.plain(request).with("Vary", "Origin");
         let Some(origin) = self.rules.other_origin(request) else {
             return answer;

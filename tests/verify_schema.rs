@@ -1,10 +1,12 @@
 //! The JSON Schemas against values of the Rust types, and against values that must not pass.
 
-use alvis::grid::{Ambiguous, Crop, Dims, Filter, Part, Placement, Provenance, Unit};
+use alvis::grid::{
+    Ambiguous, Crop, Cylinder, Dims, Fill, Filter, Part, Placement, Provenance, Region, Shape, Unit,
+};
 use alvis::manifest::{
     Bounds, ColourBy, Encoding, FORMAT, FORMAT_VERSION, Generator, GridInfo, Group, Layer, Layout,
-    Manifest, Paint, Primitives, Selection, Shard, Source, TableChecksums, Tables, TileEntry,
-    Totals, WholeTotals, checksum_text,
+    Manifest, Paint, Painted, Primitives, Selection, Shard, Source, Step, Table, TableChecksums,
+    Tables, TileEntry, Totals, WholeTotals, checksum_text,
 };
 use alvis::verify::{Code, Issue, Report, Severity};
 use alvis::volume::{Dtype, Endian};
@@ -64,6 +66,15 @@ fn manifest() -> Manifest {
                 high: 1e4,
             },
         ],
+        region: Some(Region {
+            shape: Shape::Cylinder(Cylinder {
+                centre: [150.0, 99.5],
+                radius: 90.0,
+            }),
+            fill: Fill::Material,
+            fill_value: 40_000.0,
+            voxels: 2_035_680,
+        }),
         grid: GridInfo {
             dims: Dims([300, 200, 80]),
             macrocube: [64; 3],
@@ -105,10 +116,13 @@ fn manifest() -> Manifest {
         selection: Some(Selection {
             condition: Some("volume > 1".into()),
             omit: true,
+            table: Table::Objects,
+            largest: Some(3),
+            before: vec![Step::default()],
             painted: vec![Paint {
                 condition: "best:3".into(),
                 colour: "#00ff00".into(),
-                cells: 3,
+                count: Painted::Objects(3),
             }],
             colour_by: Some(ColourBy {
                 column: "volume".into(),

@@ -94,7 +94,7 @@ fn thresholds_are_those_of_scikit_image() {
         let Some(opened) = open_known(file, Io::Mmap) else {
             return;
         };
-        let stats = statistics(&*opened.volume, &Quiet).unwrap();
+        let stats = statistics(&*opened.volume, None, &Quiet).unwrap();
         let [min, max] = stats.range.unwrap();
         assert!((min - file.range[0]).abs() < 1e-3 && (max - file.range[1]).abs() < 1e-3);
         let otsu = stats.otsu.unwrap();

@@ -3,6 +3,7 @@
 use super::filters::FilterArgs;
 use super::parse;
 use super::progress::Console;
+use super::region::RegionArgs;
 use crate::error::{Error, Result};
 use crate::grid::Unit;
 use crate::volume::{self, Before, Dtype, Endian, Io, OpenOptions, Opened, Stamp};
@@ -120,6 +121,8 @@ pub struct InputOptions {
     pub io: IoArg,
     #[command(flatten)]
     pub filters: FilterArgs,
+    #[command(flatten)]
+    pub region: RegionArgs,
 }
 
 impl InputOptions {
@@ -166,8 +169,9 @@ impl InputOptions {
             ("--time", self.time.is_some()),
         ];
         let given = given.into_iter().filter(|(_, given)| *given);
-        let filters = self.filters.names().map(|name| format!("--{name}"));
-        let mut given = given.map(|(option, _)| option.to_owned()).chain(filters);
+        let others = self.filters.names().chain(self.region.names());
+        let others = others.map(|name| format!("--{name}"));
+        let mut given = given.map(|(option, _)| option.to_owned()).chain(others);
         match given.next() {
             Some(option) => Err(Error::usage(
                 option,

@@ -2,15 +2,16 @@
 
 use super::args::{Common, InputOptions, input_help, open_stamped};
 use super::convert::from;
+use super::region::Roi;
 use super::threshold::{self, TAKES, Threshold, threshold};
 use super::{Outcome, chart, info_tiles, output};
 use crate::convert::{ConvertOptions, predicted_memory};
 use crate::error::{Error, Result};
-use crate::grid::{Dims, Filter, Placement, Unit, filters_text};
+use crate::grid::{Dims, Fill, Filter, Placement, Shape, Unit, filters_text};
 use crate::progress::Progress;
 use crate::volume::{
-    Dtype, Endian, Header, Opened, Prediction, Statistics, ThresholdMethod, Watch, Watched,
-    predict, statistics,
+    Dtype, Endian, Filled, Header, Opened, Prediction, Statistics, ThresholdMethod, Volume, Watch,
+    Watched, predict, statistics,
 };
 use crate::words::number;
 use clap::{Args, ValueHint};
@@ -60,6 +61,8 @@ struct Report {
     provenance: crate::grid::Provenance,
     values: Option<String>,
     filters: Vec<Filter>,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    region: Option<Counted>,
     notes: Vec<String>,
     warnings: Vec<String>,
     min: Option<f64>,
@@ -71,6 +74,29 @@ struct Report {
     peaks: Option<[f64; 2]>,
     histogram: Vec<u64>,
     predicted: Option<Predicted>,
+}
+
+/// A region of interest, and how much of the volume is inside.
+#[derive(Debug, Serialize)]
+struct Counted {
+    #[serde(flatten)]
+    shape: Shape,
+    fill: Fill,
+    voxels: u64,
+    /// 0 to 1.
+    share: f64,
+}
+
+impl Counted {
+    fn of(roi: &Roi) -> Result<Self> {
+        let voxels = roi.voxels.count()?;
+        Ok(Counted {
+            shape: roi.shape.clone(),
+            fill: roi.fill,
+            voxels,
+            share: voxels as f64 / roi.voxels.dims().voxels() as f64,
+        })
+    }
 }
 
 /// A threshold that a method finds.
@@ -129,7 +155,10 @@ impl InfoArgs {
         opened.doubt_size()?;
         let mut opened = self.options.filters.apply(opened)?;
         let watch = Watch::new(opened.volume.header(), opened.scaled);
-        let found = statistics(&Watched::new(Box::new(&*opened.volume), &watch), &console)?;
+        let roi = self.options.region.find(&*opened.volume, &console)?;
+        let inside = roi.as_ref().map(|roi| &roi.voxels);
+        let watched = Watched::new(Box::new(&*opened.volume), &watch);
+        let found = statistics(&watched, inside, &console)?;
         opened.warnings.extend(watch.kind().map(|k| k.warning()));
         opened.warnings.extend(found.coarse());
         let volume = &*opened.volume;
@@ -145,28 +174,57 @@ impl InfoArgs {
             None => found.otsu,
         };
         let predicted = match threshold {
-            Some(t) => {
-                let surface = predict(volume, t, SLICES, &console)?;
-                let options = ConvertOptions {
-                    memory: UNLIMITED,
-                    threads: self.common.threads.map_or(0, usize::from),
-                    ..ConvertOptions::default()
-                };
-                let memory = predicted_memory(volume, &options)?;
-                Some(Predicted::new(t, surface, memory))
-            }
+            Some(t) => Some(self.predict(volume, roi.as_ref(), t, &console)?),
             None => None,
         };
+        let region = roi.as_ref().map(Counted::of).transpose()?;
         if let Some(warning) = stamp.check()? {
             console.warn(&warning);
         }
         drop(console);
         if self.common.json {
-            output::print_json(&report(&opened, found, self.threshold, predicted))?;
+            let report = report(&opened, found, self.threshold, predicted);
+            output::print_json(&Report { region, ..report })?;
         } else {
-            output::print(&text(&opened, &found, self.threshold, predicted))?;
+            let region = roi.as_ref().map(Roi::text).transpose()?;
+            output::print(&text(&opened, &found, self.threshold, predicted, region))?;
         }
         Ok(Outcome::Done)
+    }
+}
+
+impl InfoArgs {
+    /// The surface to expect at a threshold, of a region of the volume only there.
+    fn predict(
+        &self,
+        volume: &dyn Volume,
+        roi: Option<&Roi>,
+        threshold: f64,
+        progress: &dyn Progress,
+    ) -> Result<Predicted> {
+        let mut options = ConvertOptions {
+            memory: UNLIMITED,
+            threads: self.common.threads.map_or(0, usize::from),
+            ..ConvertOptions::default()
+        };
+        let Some(roi) = roi else {
+            let surface = predict(volume, threshold, SLICES, progress)?;
+            let memory = predicted_memory(volume, &options)?;
+            return Ok(Predicted::new(threshold, surface, memory));
+        };
+        let region = roi
+            .clone()
+            .at_threshold(volume, threshold, None, progress)?;
+        let (stated, voxels) = (region.stated.clone(), region.voxels.clone());
+        let filled = Filled::new(Box::new(volume), voxels, stated.fill_value)?;
+        let mut surface = predict(&filled, threshold, SLICES, progress)?;
+        if stated.fill == Fill::Material {
+            let outside = stated.outside(volume.header().dims);
+            surface.voxels_above = surface.voxels_above.saturating_sub(outside);
+        }
+        options.region = Some(region);
+        let memory = predicted_memory(volume, &options)?;
+        Ok(Predicted::new(threshold, surface, memory))
     }
 }
 
@@ -213,6 +271,7 @@ fn report(
             .filtered
             .as_ref()
             .map_or_else(Vec::new, |f| f.filters.clone()),
+        region: None,
         notes: opened.notes.clone(),
         warnings: opened.warnings.clone(),
         min: found.range.map(|r| r[0]),
@@ -282,6 +341,7 @@ fn text(
     found: &Statistics,
     asked: Option<Threshold>,
     predicted: Option<Predicted>,
+    region: Option<String>,
 ) -> String {
     let header = opened.volume.header();
     let place = &header.placement;
@@ -307,6 +367,7 @@ fn text(
         rows.push(("axes", place.directions.map(axis).join(" ")));
     }
     rows.extend(remarks(opened));
+    rows.extend(region.map(|text| ("region", text)));
     if let Some([min, max]) = found.range {
         rows.push(("range", format!("{} to {}", number(min, 6), number(max, 6))));
     }
@@ -325,13 +386,13 @@ fn text(
     let width = output::width();
     let histogram = match (found.range, found.columns(chart::columns(width))) {
         (Some(_), Some((bars, edges))) => {
-            let marks = marks(header, predicted, asked, &candidates, edges);
+            let marks = marks(found, predicted, asked, &candidates, edges);
             let bars = chart::draw(&bars, edges, &marks, width);
             format!("histogram, voxels on a log scale\n{bars}")
         }
         _ => String::new(),
     };
-    let surface = predicted.map_or_else(String::new, |p| expected(header, p));
+    let surface = predicted.map_or_else(String::new, |p| expected(found, p));
     output::table(&rows) + &histogram + &surface
 }
 
@@ -359,7 +420,7 @@ fn how(asked: Option<Threshold>) -> String {
 
 /// The threshold on the histogram's axis, and those that other methods find, each with the share of voxels above.
 fn marks(
-    header: &Header,
+    found: &Statistics,
     predicted: Option<Predicted>,
     asked: Option<Threshold>,
     candidates: &[(ThresholdMethod, Option<Candidate>)],
@@ -372,7 +433,7 @@ fn marks(
             "threshold {}{}, {:.1} % above",
             number(p.threshold, 6),
             how(asked),
-            share_above(header, p)
+            share_above(found, p)
         ),
     });
     let others = candidates
@@ -394,13 +455,13 @@ fn marks(
     main.into_iter().chain(others).collect()
 }
 
-/// Percent of the voxels.
-fn share_above(header: &Header, p: Predicted) -> f64 {
-    100.0 * p.voxels_above as f64 / header.dims.voxels() as f64
+/// Percent of the voxels that count.
+fn share_above(found: &Statistics, p: Predicted) -> f64 {
+    100.0 * p.voxels_above as f64 / found.voxels as f64
 }
 
-fn expected(header: &Header, p: Predicted) -> String {
-    let share = share_above(header, p);
+fn expected(found: &Statistics, p: Predicted) -> String {
+    let share = share_above(found, p);
     let basis = if p.sampled {
         " (from a sample of the slices)"
     } else {

@@ -2,11 +2,12 @@
 
 use super::convert::from;
 use super::output::{self, things};
+use super::region::region_text;
 use crate::error::Result;
-use crate::grid::{Ambiguous, Dims, Filter, Placement, Unit, filters_text};
+use crate::grid::{Ambiguous, Dims, Filter, Placement, Region, Unit, filters_text};
 use crate::manifest::{
-    Encoding, FORMAT, Layout, MANIFEST, Manifest, PARTIAL, Primitives, Selection, Totals,
-    WholeTotals,
+    Encoding, FORMAT, Layout, MANIFEST, Manifest, PARTIAL, Primitives, Selection, Step, Table,
+    Totals,
 };
 use serde::Serialize;
 use std::path::Path;
@@ -24,6 +25,8 @@ struct Report<'a> {
     directions: [[f64; 3]; 3],
     source: &'a str,
     filters: &'a [Filter],
+    #[serde(skip_serializing_if = "Option::is_none")]
+    region: Option<&'a Region>,
     generator: String,
     threshold: f64,
     ambiguous: Ambiguous,
@@ -66,6 +69,7 @@ fn report<'a>(dir: &Path, m: &'a Manifest) -> Report<'a> {
         directions: m.placement.directions,
         source: &m.source.name,
         filters: &m.filters,
+        region: m.region.as_ref(),
         generator: made_by(m),
         threshold: m.threshold,
         ambiguous: m.ambiguous,
@@ -107,19 +111,38 @@ fn origin(m: &Manifest) -> Vec<(&'static str, String)> {
     vec![("made from", made), ("made by", made_by(m))]
 }
 
+/// One choice; the table is named if it is not that of the last.
+fn chosen(step: &Step, last: Table) -> String {
+    let mut text = match step.omit {
+        true => "without those".to_owned(),
+        false => String::new(),
+    };
+    if step.table != last {
+        text += &format!(" of {}", step.table.name());
+    }
+    match step.largest {
+        None => {}
+        Some(1) => text += " the largest",
+        Some(n) => text += &format!(" the {} largest", output::count(n)),
+    }
+    if let Some(condition) = &step.condition {
+        text += &format!(" where {condition}");
+    }
+    text.trim_start().to_owned()
+}
+
 /// What was chosen of another tile set.
 fn selected(selection: &Selection, totals: &Totals) -> String {
-    let WholeTotals { cells, .. } = selection.of;
-    let of = format!(
-        "{} of {}",
-        output::count(totals.cells),
-        things(cells, "cell")
-    );
-    let mut text = match (&selection.condition, selection.omit) {
-        (None, _) => of,
-        (Some(text), false) => format!("{of}, where {text}"),
-        (Some(text), true) => format!("{of}, without those where {text}"),
+    let of = selection.of;
+    let (part, whole, name) = match selection.table {
+        Table::Cells => (totals.cells, of.cells, "cell"),
+        Table::Objects => (totals.objects, of.objects, "object"),
+        Table::Surfaces => (totals.surfaces, of.surfaces, "surface"),
     };
+    let mut text = format!("{} of {}", output::count(part), things(whole, name));
+    for step in selection.steps().filter(Step::chooses) {
+        text += &format!(", {}", chosen(&step, selection.table));
+    }
     if let Some(by) = &selection.colour_by {
         text += &format!("; coloured by {}", by.column);
     }
@@ -147,6 +170,9 @@ fn text(dir: &Path, m: &Manifest) -> String {
         rows.push(("filters", filters_text(&m.filters)));
     }
     rows.push(("dims", format!("{} voxels", m.grid.dims)));
+    if let Some(region) = &m.region {
+        rows.push(("region", region_text(region, m.grid.dims)));
+    }
     rows.push((
         "spacing",
         format!("{} {unit} ({stated})", output::times(spacing)),

@@ -5,6 +5,7 @@
 
 mod against;
 mod args;
+mod batch;
 mod cells;
 mod chart;
 mod chosen;
@@ -22,7 +23,9 @@ mod parse;
 mod phantom;
 mod preview;
 mod progress;
+mod region;
 mod repack;
+mod scans_table;
 mod select;
 mod serve;
 mod sigbus;

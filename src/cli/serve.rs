@@ -23,7 +23,7 @@ pub struct ServeArgs {
     /// Port of this machine to listen on, 0 for any that is free
     #[arg(long, value_name = "N", default_value_t = 0)]
     port: u16,
-    /// Also answer pages of this origin, as in https://viewer.example; may be given several times
+    /// Also answer pages of this origin, as in `https://viewer.example`; may be given several times
     #[arg(long, value_name = "URL", value_parser = origin)]
     allow_origin: Vec<String>,
     /// Say nothing but the address

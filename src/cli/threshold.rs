@@ -2,7 +2,7 @@
 
 use crate::error::{Error, Result};
 use crate::progress::Progress;
-use crate::volume::{Statistics, ThresholdMethod, Volume, statistics};
+use crate::volume::{RegionVoxels, Statistics, ThresholdMethod, Volume, statistics};
 use std::path::Path;
 
 /// What `--threshold` takes, as the help shows it.
@@ -35,12 +35,18 @@ pub fn threshold(text: &str) -> Result<Threshold, String> {
 }
 
 impl Threshold {
-    /// The value, for which a method reads all of the volume.
+    /// The value, for which a method reads all of the volume, or of its region.
     ///
     /// # Errors
     /// The volume's own, or [`Error::Usage`] if the method finds none.
-    pub fn find(self, volume: &dyn Volume, path: &Path, progress: &dyn Progress) -> Result<f64> {
-        Ok(all(&[self], volume, path, progress)?[0])
+    pub fn find(
+        self,
+        volume: &dyn Volume,
+        region: Option<&RegionVoxels>,
+        path: &Path,
+        progress: &dyn Progress,
+    ) -> Result<f64> {
+        Ok(all(&[self], volume, region, path, progress)?[0])
     }
 }
 
@@ -51,6 +57,7 @@ impl Threshold {
 pub fn all(
     asked: &[Threshold],
     volume: &dyn Volume,
+    region: Option<&RegionVoxels>,
     path: &Path,
     progress: &dyn Progress,
 ) -> Result<Vec<f64>> {
@@ -63,7 +70,7 @@ pub fn all(
                 let found = match read.take() {
                     Some(found) => found,
                     None => {
-                        let found = statistics(volume, progress)?;
+                        let found = statistics(volume, region, progress)?;
                         found.coarse().iter().for_each(|text| progress.warn(text));
                         found
                     }

@@ -49,7 +49,9 @@ impl VerifyArgs {
                 let asked = Asked {
                     options: self.input.options(),
                     filters: &self.input.filters,
+                    region: Some(&self.input.region),
                     option: "--against",
+                    progress: &console,
                 };
                 Some(open_against(&self.out, path, asked)?)
             }
@@ -67,6 +69,7 @@ impl VerifyArgs {
                 .as_deref()
                 .or(against.as_ref().map(|a| a.volume.as_ref())),
             source: against.as_ref().map(|a| &a.source),
+            region: against.as_ref().and_then(|a| a.region.as_ref()),
             threads: self.common.threads.map_or(0, usize::from),
             max_issues: self.max_issues,
         };

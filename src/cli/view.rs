@@ -6,6 +6,7 @@ use super::{Outcome, output, parse, stop};
 use crate::error::{Error, Result};
 use crate::http::{Rules, Server};
 use crate::manifest::{MANIFEST, Manifest};
+use crate::progress::Quiet;
 use crate::tileset::TileSet;
 use crate::view::{Shown, Slices, Told, Viewer, token};
 use crate::volume::OpenOptions;
@@ -123,7 +124,10 @@ fn slices(out: &Path, path: &Path, manifest: &Manifest) -> Result<Slices> {
     let asked = Asked {
         options: OpenOptions::default(),
         filters: &FilterArgs::default(),
+        // what is outside of a region is shown as it is
+        region: None,
         option: "--volume",
+        progress: &Quiet,
     };
     let Against { volume, stamp, .. } = open_against(out, path, asked)?;
     let header = volume.header();

@@ -9,7 +9,7 @@ use crate::manifest::{
 };
 use crate::progress::Progress;
 use crate::tile::{TileHead, WidestNodes};
-use crate::volume::{Volume, Watch};
+use crate::volume::{RegionVoxels, Volume, Watch};
 use serde::{Deserialize, Serialize};
 use std::path::Path;
 
@@ -20,6 +20,8 @@ pub struct Conversion<'a> {
     pub volume: &'a dyn Volume,
     /// Its part that becomes tiles.
     pub grid: &'a dyn Volume,
+    /// The region of interest of that part, if there is one.
+    pub region: Option<&'a RegionVoxels>,
     /// What was asked for.
     pub options: &'a ConvertOptions,
     /// How the grid is cut, and what each stage may take of the memory.
@@ -97,6 +99,7 @@ impl Conversion<'_> {
                 provenance: options.provenance,
             },
             filters: options.filters(),
+            region: options.region.as_ref().map(|r| r.stated.clone()),
             grid: GridInfo {
                 dims: plan.tiling.dims,
                 macrocube: options.macrocube,

@@ -2,13 +2,28 @@
 
 use crate::checkpoint::Identity;
 use crate::convert::ConvertOptions;
-use crate::grid::filters_text;
+use crate::grid::{Region, Shape, filters_text};
 use crate::volume::Volume;
 use serde::Serialize;
 
 /// As the manifest writes it.
 fn text(value: &impl Serialize) -> String {
     serde_json::to_string(value).expect("plain data serialises")
+}
+
+/// A region of interest, and all that makes it another one.
+fn region_text(region: &Region) -> String {
+    let Region {
+        shape,
+        fill,
+        fill_value,
+        ..
+    } = region;
+    let of = match shape {
+        Shape::Mask { checksum, .. } => format!(" ({checksum})"),
+        Shape::Cylinder(_) => String::new(),
+    };
+    format!("{shape}{of} with {fill} of {fill_value} around it")
 }
 
 /// Of a conversion of `volume`, before it is cropped.
@@ -55,6 +70,10 @@ pub fn of(volume: &dyn Volume, options: &ConvertOptions) -> Identity {
         ("--time", part.time.map(|time| time.to_string())),
         ("values", options.source_values.clone()),
         ("filters", filtered.map(|f| filters_text(&f.filters))),
+        (
+            "--roi",
+            options.region.as_ref().map(|r| region_text(&r.stated)),
+        ),
         (
             "--table-unit",
             options.table_unit.map(|unit| unit.name().to_string()),

@@ -59,6 +59,8 @@ const PROGRAM_BYTES: u64 = 20 << 20;
 /// Bytes per voxel of a band's bits, run numbers and labels: 1/8 + 1/16, and 8 bytes for each of
 /// about 0.06 runs a voxel (a foam has 0.05, both phases together).
 const BAND_BYTES_PER_VOXEL: f64 = 0.19 + 0.06 * 8.0;
+/// Bytes per voxel of a band's bits that tell what is inside a region of interest.
+const INSIDE_BYTES_PER_VOXEL: f64 = 0.125;
 /// Bytes of the last slice's labels, of a slab's components, surfaces and tiles, per pixel of a slice: a
 /// foam takes 0.8, a thousand components to a megapixel 2. A slab that needs more is checked against the
 /// limit when it is met.
@@ -116,7 +118,12 @@ impl Cost {
         };
         let samples = span.with_neighbours(Dims([nx, ny, nz])).voxels() as f64;
         let bytes = volume.header().dtype.bytes() as f64;
-        let band = samples * bytes + span.voxels() as f64 * BAND_BYTES_PER_VOXEL;
+        let inside = match options.region {
+            Some(_) => INSIDE_BYTES_PER_VOXEL,
+            None => 0.0,
+        };
+        let per_voxel = BAND_BYTES_PER_VOXEL + inside;
+        let band = samples * bytes + span.voxels() as f64 * per_voxel;
         let per_triangle = per_triangle(options);
         let cubes: f64 = (0..3).map(|a| f64::from(tiling.cubes(a, 0).end)).product();
         let tile = cubes * TILE_TRIANGLES_PER_CUBE * per_triangle as f64 + cubes * BYTES_PER_CUBE;

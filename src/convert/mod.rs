@@ -19,7 +19,7 @@ pub use crate::measure::{
     COMPONENT_COLUMNS, Column, Field, Get, Measures, SURFACE_COLUMNS, SurfaceRow,
 };
 pub use crate::tileset::{check_output, interrupted};
-pub use options::{ConvertOptions, ConvertReport};
+pub use options::{ConvertOptions, ConvertReport, RegionOfInterest};
 pub use tables::unit_text;
 
 use crate::checkpoint::{Checkpointer, boot};
@@ -39,7 +39,7 @@ use crate::progress::Progress;
 use crate::sys::memory_pool::MemoryReservation;
 use crate::sys::process_memory::peak_rss_bytes;
 use crate::tileset::{Output, TilesetWriter, outward, tidy};
-use crate::volume::{Cropped, Volume, Watch, Watched};
+use crate::volume::{Cropped, Filled, Volume, Watch, Watched};
 use std::any::Any;
 use std::panic::{AssertUnwindSafe, catch_unwind, resume_unwind};
 use std::path::Path;
@@ -69,13 +69,25 @@ pub fn convert(
     let watch = Watch::new(volume.header(), options.source_scaled);
     let watched = Watched::new(Box::new(volume), &watch);
     let volume: &dyn Volume = &watched;
-    let grid: Box<dyn Volume + '_> = match &options.crop {
-        Some(crop) => Box::new(Cropped::new(Box::new(volume), crop)?),
+    let filled: Box<dyn Volume + '_> = match &options.region {
+        Some(RegionOfInterest { stated, voxels }) => {
+            let inner = Box::new(volume);
+            Box::new(Filled::new(inner, voxels.clone(), stated.fill_value)?)
+        }
         None => Box::new(volume),
+    };
+    let region = options.region.as_ref().map(|r| &r.voxels);
+    let (grid, region) = match &options.crop {
+        Some(crop) => (
+            Box::new(Cropped::new(filled, crop)?) as Box<dyn Volume + '_>,
+            region.map(|voxels| voxels.cropped(crop)).transpose()?,
+        ),
+        None => (filled, region.cloned()),
     };
     let job = Conversion {
         volume,
         grid: &*grid,
+        region: region.as_ref(),
         options,
         plan: &plan(&*grid, grid.header().dims, options)?,
         watch: &watch,
@@ -85,6 +97,7 @@ pub fn convert(
     Ok(ConvertReport {
         totals: done.made.totals,
         filters: options.filters(),
+        region: options.region.as_ref().map(|r| r.stated.clone()),
         bytes_written: done.made.bytes,
         seconds: start.elapsed().as_secs_f64(),
         peak_rss_bytes: peak_rss_bytes(),
@@ -114,11 +127,20 @@ pub fn predicted_memory(volume: &dyn Volume, options: &ConvertOptions) -> Result
 /// [`Error::OutputInterrupted`].
 pub fn check_before(volume: &dyn Volume, options: &ConvertOptions, out: &Path) -> Result<()> {
     predicted_memory(volume, options)?;
-    if options.resume {
-        return Ok(());
+    match options.resume {
+        true => Ok(()),
+        false => check_unused(out, options.force),
     }
-    check_output(out, options.force)?;
-    match options.force {
+}
+
+/// Refuses a directory that holds a tile set or an interrupted conversion, unless these are to be replaced, or anything
+/// else.
+///
+/// # Errors
+/// Those of [`check_output`]; [`Error::OutputInterrupted`].
+pub fn check_unused(out: &Path, force: bool) -> Result<()> {
+    check_output(out, force)?;
+    match force {
         true => Ok(()),
         false => refuse_kept(out, interrupted(out)),
     }

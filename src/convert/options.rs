@@ -1,9 +1,11 @@
 //! What a conversion is asked for, and what it reports.
 
 use crate::error::{Error, Result};
-use crate::grid::{Ambiguous, Crop, Filter, Filtered, Part, Placement, Provenance, Unit};
+use crate::grid::{
+    Ambiguous, Crop, Fill, Filter, Filtered, Part, Placement, Provenance, Region, Shape, Unit,
+};
 use crate::manifest::{Encoding, Form, Layout, Primitives, Totals};
-use crate::volume::Stamp;
+use crate::volume::{RegionVoxels, Stamp};
 use serde::Serialize;
 
 /// The options of [`crate::convert::convert`].
@@ -57,8 +59,49 @@ pub struct ConvertOptions {
     pub source_scaled: bool,
     /// The filters that the volume has been through, and what it was before, for the manifest; absent if none.
     pub source_filtered: Option<Filtered>,
+    /// The region of interest; all of the volume if absent.
+    pub region: Option<RegionOfInterest>,
     /// Where spacing, unit and origin came from, for the manifest.
     pub provenance: Provenance,
+}
+
+/// The region of interest of a conversion.
+#[derive(Debug, Clone)]
+pub struct RegionOfInterest {
+    /// As the manifest states it: its count of voxels is of what is left after the crop.
+    pub stated: Region,
+    /// Its voxels in the volume before the crop.
+    pub voxels: RegionVoxels,
+}
+
+impl RegionOfInterest {
+    /// Of a conversion of this part of a volume.
+    ///
+    /// # Errors
+    /// Those of [`RegionVoxels::cropped`]; [`Error::Usage`] if the crop holds no voxel of it.
+    pub fn new(
+        shape: Shape,
+        voxels: RegionVoxels,
+        crop: Option<&Crop>,
+        fill: Fill,
+        fill_value: f64,
+    ) -> Result<Self> {
+        let count = match crop {
+            Some(crop) => voxels.cropped(crop)?.count()?,
+            None => voxels.count()?,
+        };
+        if count == 0 {
+            let found = format!("{shape}, of which nothing lies in the crop");
+            return Err(Error::usage("--roi", found, "a region that meets the crop"));
+        }
+        let stated = Region {
+            shape,
+            fill,
+            fill_value,
+            voxels: count,
+        };
+        Ok(RegionOfInterest { stated, voxels })
+    }
 }
 
 impl ConvertOptions {
@@ -133,6 +176,7 @@ impl Default for ConvertOptions {
             source_values: None,
             source_scaled: false,
             source_filtered: None,
+            region: None,
             provenance: Provenance::default(),
         }
     }
@@ -147,6 +191,9 @@ pub struct ConvertReport {
     /// What was done to the samples before they were compared with the threshold; absent if nothing.
     #[serde(skip_serializing_if = "Vec::is_empty")]
     pub filters: Vec<Filter>,
+    /// The region of interest; absent if that is all of the grid.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub region: Option<Region>,
     /// Bytes written below the output directory, index and tables included.
     pub bytes_written: u64,
     /// Wall time.

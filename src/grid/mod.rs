@@ -8,6 +8,7 @@ mod extent;
 mod filter;
 pub(crate) mod length;
 mod provenance;
+mod region;
 
 pub(crate) use dtype::with_voxel_type;
 pub use dtype::{Dtype, Endian, Slope, Voxel};
@@ -17,6 +18,7 @@ pub use filter::{
     filters_text,
 };
 pub use provenance::{Origin, Part, Provenance};
+pub use region::{Cylinder, Fill, Region, Shape};
 
 use crate::error::{Error, Result};
 use crate::grid::length::Length;

@@ -14,5 +14,5 @@ mod turns;
 pub use answer::{Answer, Body, Status};
 pub use request::{Method, Request};
 pub use rules::{Rules, same_secret};
-pub use server::{Handler, Server};
+pub use server::{Client, Handler, Server};
 pub use turns::Turns;

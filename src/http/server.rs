@@ -26,7 +26,26 @@ const STOP_TIME: Duration = Duration::from_millis(50);
 /// Who answers.
 pub trait Handler: Send + Sync + 'static {
     /// The answer to a request that the rules allow.
-    fn answer(&self, request: &Request) -> Answer;
+    fn answer(&self, request: &Request, client: &Client) -> Answer;
+}
+
+/// Who waits for an answer.
+#[derive(Debug)]
+pub struct Client<'a>(&'a TcpStream);
+
+impl Client<'_> {
+    /// True if nobody waits any more: the page asks for something else, or is closed.
+    pub fn is_gone(&self) -> bool {
+        if self.0.set_nonblocking(true).is_err() {
+            return true;
+        }
+        let next = self.0.peek(&mut [0]);
+        let blocks = self.0.set_nonblocking(false);
+        match next {
+            Ok(bytes) => bytes == 0 || blocks.is_err(),
+            Err(e) => e.kind() != ErrorKind::WouldBlock || blocks.is_err(),
+        }
+    }
 }
 
 /// A server that listens on this machine's own addresses alone.
@@ -162,7 +181,7 @@ impl<H: Handler> Shared<H> {
                 }
             };
             let answer = match self.rules.check(&request) {
-                Ok(()) => self.handler.answer(&request),
+                Ok(()) => self.handler.answer(&request, &Client(&connection.stream)),
                 Err(answer) => answer,
             };
             let how = Sending {

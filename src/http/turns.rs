@@ -1,7 +1,11 @@
 //! How much is worked on at once.
 
-use crate::sys::locks::{lock, wait};
-use std::sync::{Condvar, Mutex};
+use crate::sys::locks::lock;
+use std::sync::{Condvar, Mutex, PoisonError};
+use std::time::Duration;
+
+/// How often somebody who waits looks whether it is still needed.
+const LOOK: Duration = Duration::from_millis(100);
 
 /// So many may work at once; others wait.
 #[derive(Debug)]
@@ -19,14 +23,19 @@ impl Turns {
         }
     }
 
-    /// Waits until it is this one's turn, which ends when what is returned is dropped.
-    pub fn take(&self) -> Turn<'_> {
+    /// Waits until it is this one's turn, which ends when what is returned is dropped. `None` if it is not needed any
+    /// more before that.
+    pub fn take(&self, is_needed: impl Fn() -> bool) -> Option<Turn<'_>> {
         let mut free = lock(&self.free);
         while *free == 0 {
-            free = wait(&self.changed, free);
+            let waited = self.changed.wait_timeout(free, LOOK);
+            (free, _) = waited.unwrap_or_else(PoisonError::into_inner);
+            if !is_needed() {
+                return None;
+            }
         }
         *free -= 1;
-        Turn(self)
+        Some(Turn(self))
     }
 }
 
@@ -38,5 +47,31 @@ impl Drop for Turn<'_> {
     fn drop(&mut self) {
         *lock(&self.0.free) += 1;
         self.0.changed.notify_one();
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use std::sync::atomic::{AtomicUsize, Ordering};
+
+    #[test]
+    fn so_many_work_at_once() {
+        let (turns, working) = (Turns::new(3), AtomicUsize::new(0));
+        std::thread::scope(|scope| {
+            for _ in 0..12 {
+                scope.spawn(|| {
+                    let _turn = turns.take(|| true).unwrap();
+                    assert!(working.fetch_add(1, Ordering::SeqCst) < 3);
+                    std::thread::yield_now();
+                    working.fetch_sub(1, Ordering::SeqCst);
+                });
+            }
+        });
+        let all: Vec<_> = (0..3).map(|_| turns.take(|| true)).collect();
+        assert!(all.iter().all(Option::is_some));
+        assert!(turns.take(|| false).is_none());
+        drop(all);
+        assert!(turns.take(|| false).is_some());
     }
 }

@@ -8,6 +8,7 @@
 //! 2. `runs`: rows of bits become runs of equal voxels, numbered so that the run of a voxel
 //!    is a population count away.
 //! 3. `label_band`: union-find over the runs of one band; local components with their voxel sums.
+//!    `region_edge`: which of them the edge of a region of interest cuts off.
 //! 4. `band_boundary`: what a band tells its neighbours; components that are whole in it leave memory.
 //! 5. `slab_merge`: bands of a slab and the slab before it are joined to classes; components that can
 //!    no longer grow leave memory.
@@ -20,6 +21,7 @@ mod border_euler;
 mod carry_over;
 mod label_band;
 mod provisional;
+mod region_edge;
 mod runs;
 mod slab_merge;
 mod union_find;
@@ -31,6 +33,7 @@ pub use border_euler::add_border_euler;
 pub use carry_over::{CarryOver, Successor};
 pub use label_band::{Labels, LocalComponent, label_runs, sum_voxels};
 pub use provisional::{ProvisionalLabels, Ranks, ResidentLabels};
+pub use region_edge::{InsideBand, note_region_edge};
 pub use runs::{RowRuns, Run, Runs};
 pub use slab_merge::{BandInput, CarriedComponents, PhaseLabels, SlabComponents};
 pub use voxels::{Span, Voxels};

@@ -8,6 +8,9 @@ use crate::picture::{INK, Picture};
 
 /// Colour of the contour where nothing else has a colour.
 const LINE: [u8; 3] = [255, 64, 32];
+/// What is outside of a region, and the region's edge.
+const OUTSIDE: [u8; 3] = [214, 222, 232];
+const OUTLINE: [u8; 3] = [24, 104, 208];
 /// Cells without a value that means something: strips of two greys.
 const HATCH: [[u8; 3]; 2] = [[176; 3], [128; 3]];
 /// Pixels from one strip to the next, and those of the darker one.
@@ -60,35 +63,82 @@ impl Canvas<'_> {
         }
     }
 
+    /// Makes pale what is outside of a region, whose voxels are 1 in `inside`.
+    pub fn pale(&mut self, inside: &Slice) {
+        let [width, height] = self.zoom.size();
+        for v in 0..height {
+            let y = self.zoom.voxel(1, v);
+            for u in 0..width {
+                if inside.value([self.zoom.voxel(0, u), y]) == 0.0 {
+                    let at = [self.corner[0] + u, self.corner[1] + v].map(i64::from);
+                    self.picture.blend(at, OUTSIDE, 0.75);
+                }
+            }
+        }
+    }
+
+    /// The edge of a region, whose voxels are 1 in the slice and others 0.
+    pub fn outline(&mut self) {
+        const EDGE: f64 = 0.5;
+        match self.zoom.finer() < 2.0 {
+            true => self.rim(EDGE, |_, _| Some(OUTLINE)),
+            false => self.lines(EDGE, Ambiguous::Separate, 1.0, |_| Some(OUTLINE)),
+        }
+    }
+
     /// The contour of a threshold, through the points where it crosses between voxels, as the surface of the tiles
     /// does. Beside colours it is dark with a light rim, which shows on all of them.
     pub fn contour(&mut self, t: f64, rule: Ambiguous, beside_colours: bool) {
         let finer = self.zoom.finer();
         if finer < 2.0 {
-            return self.rim(t, if beside_colours { INK } else { LINE });
+            let colour = if beside_colours { INK } else { LINE };
+            return self.rim(t, |_, _| Some(colour));
         }
         let radius = (finer / 8.0).clamp(0.6, 1.25);
         if beside_colours {
             let light = radius + (finer / 6.0).clamp(0.5, 1.25);
-            self.lines(t, rule, light, [255; 3]);
-            self.lines(t, rule, radius, INK);
+            self.lines(t, rule, light, |_| Some([255; 3]));
+            self.lines(t, rule, radius, |_| Some(INK));
         } else {
-            self.lines(t, rule, radius, LINE);
+            self.lines(t, rule, radius, |_| Some(LINE));
         }
     }
 
-    /// The contour in one colour, `radius` pixels wide to both sides.
-    fn lines(&mut self, t: f64, rule: Ambiguous, radius: f64, colour: [u8; 3]) {
+    /// The contour of a threshold where a surface lies that has a colour, in that colour.
+    pub fn outlines(&mut self, t: f64, rule: Ambiguous, colours: &Colours) {
+        let colour = |style| match style {
+            Style::Sample => None,
+            Style::Colour(colour) => Some(colour),
+            Style::NoValue => Some(HATCH[0]),
+        };
+        let finer = self.zoom.finer();
+        if finer < 2.0 {
+            let between = |at, beside| colour(colours.between([at, beside]));
+            return self.rim(t, between);
+        }
+        let radius = (finer / 5.0).clamp(0.9, 2.5);
+        self.lines(t, rule, radius, |ends| colour(colours.between(ends)));
+    }
+
+    /// The contour, `radius` pixels wide to both sides, in the colours that edges have which it crosses.
+    fn lines(
+        &mut self,
+        t: f64,
+        rule: Ambiguous,
+        radius: f64,
+        colour: impl Fn([[u32; 2]; 2]) -> Option<[u8; 3]>,
+    ) {
         let [width, height] = self.slice.size;
         for y in 0..height.saturating_sub(1) {
             for x in 0..width.saturating_sub(1) {
                 let corners = [[x, y], [x + 1, y], [x + 1, y + 1], [x, y + 1]];
                 for edges in segments(corners.map(|c| self.slice.above(c, t)), rule) {
-                    let [a, b] = edges.map(|edge| {
-                        let ends = [corners[edge], corners[(edge + 1) % 4]];
-                        self.zoom.point(crossing(self.slice, ends, t))
-                    });
-                    self.line([a, b], radius, colour);
+                    let ends = edges.map(|edge| [corners[edge], corners[(edge + 1) % 4]]);
+                    let Some(colour) = colour(ends[0]) else {
+                        continue;
+                    };
+                    let line = ends.map(|e| self.zoom.point(crossing(self.slice, e, t)));
+                    self.line(line, radius, colour);
                 }
             }
         }
@@ -122,8 +172,8 @@ impl Canvas<'_> {
         }
     }
 
-    /// Without room between voxels: the above voxels that have a below neighbour.
-    fn rim(&mut self, t: f64, colour: [u8; 3]) {
+    /// Without room between voxels: the above voxels that have a below neighbour, in the colour that such a pair has.
+    fn rim(&mut self, t: f64, colour: impl Fn([u32; 2], [u32; 2]) -> Option<[u8; 3]>) {
         let [width, height] = self.slice.size;
         let [across, down] = self.zoom.size();
         for v in 0..down {
@@ -136,11 +186,15 @@ impl Canvas<'_> {
                     [x, y.wrapping_sub(1)],
                     [x, y + 1],
                 ];
+                if !self.slice.above([x, y], t) {
+                    continue;
+                }
                 let below =
                     |n: &[u32; 2]| n[0] < width && n[1] < height && !self.slice.above(*n, t);
-                if self.slice.above([x, y], t) && beside.iter().any(below) {
+                let mut pairs = beside.iter().filter(|n| below(n));
+                if let Some(pixel) = pairs.find_map(|n| colour([x, y], *n)) {
                     self.picture
-                        .set([self.corner[0] + u, self.corner[1] + v], colour);
+                        .set([self.corner[0] + u, self.corner[1] + v], pixel);
                 }
             }
         }

@@ -1,5 +1,5 @@
-//! A slice of a volume as a picture: grey values, the threshold's contour, the cells in colour, and around them a
-//! caption, a scale bar and legends.
+//! A slice of a volume as a picture: grey values, the threshold's contour, cells, objects or surfaces in colour, and
+//! around them a caption, a scale bar and legends.
 //!
 //! Voxels have their true proportion. In a slice across z, x runs to the right and y down; across y, x runs to the right
 //! and z down; across x, y runs to the right and z down.
@@ -16,7 +16,8 @@ use crate::error::{Error, Result};
 use crate::grid::{Ambiguous, Placement};
 use crate::manifest::Manifest;
 use crate::picture::{Map, Picture, printed_unit};
-use crate::volume::{Cropped, Stamp, Volume};
+use crate::table::{Chosen, Table};
+use crate::volume::{Cropped, RegionVoxels, Stamp, Volume};
 use crate::words::{counted, number, things};
 use cells::{Colours, Meaning};
 use draw::Canvas;
@@ -38,22 +39,25 @@ pub struct PreviewOptions {
     /// Draw the contours of these thresholds, of several in a panel each, side by side; with `tiles`, theirs is drawn
     /// without one.
     pub thresholds: Vec<f64>,
-    /// A tile set of the volume, to colour its cells.
+    /// A tile set of the volume, to colour its cells, objects or surfaces.
     pub tiles: Option<PathBuf>,
-    /// Colour cells by this column or expression; without, as the tiles are painted, or by their ids.
+    /// Colour them by this column or expression; without, as the tiles are painted, or by their ids.
     pub colour_by: Option<String>,
     /// The map for that.
     pub map: Map,
-    /// Values of the map's first and last colour; those of the cells without.
+    /// Values of the map's first and last colour; those of the table without.
     pub range: Option<[f64; 2]>,
-    /// Colour only the cells for which this condition holds.
-    pub condition: Option<String>,
+    /// What to colour: cells or objects are filled, of surfaces the outlines are drawn, instead of the contour.
+    pub chosen: Chosen,
     /// Samples that are black and white; the 0.5th and 99.5th percentile of the slice without.
     pub window: Option<[f64; 2]>,
     /// Pixels per voxel along the axis of smaller spacing; as many as fit 1024 without.
     pub scale: Option<u32>,
     /// The slice alone, without caption, scale bar and legends.
     pub plain: bool,
+    /// The region of interest of the volume, which is outlined; what is outside is pale. With a tile set it is that of the
+    /// tiles.
+    pub region: Option<RegionVoxels>,
     /// What tells whether the volume is changed while it is read, see [`crate::volume::stamp`].
     pub input: Stamp,
 }
@@ -68,10 +72,11 @@ impl Default for PreviewOptions {
             colour_by: None,
             map: Map::default(),
             range: None,
-            condition: None,
+            chosen: Chosen::default(),
             window: None,
             scale: None,
             plain: false,
+            region: None,
             input: Stamp::default(),
         }
     }
@@ -92,16 +97,28 @@ pub struct PreviewReport {
     pub slice_size: [u32; 2],
     /// Samples that are black and white; absent if no sample is finite.
     pub window: Option<[f64; 2]>,
-    /// Threshold of the contour, of the first one where there are several.
+    /// Threshold of the contour, of the first one where there are several; of outlines without one that of the tiles.
     pub threshold: Option<f64>,
     /// The slices side by side; empty unless there are several thresholds.
     #[serde(skip_serializing_if = "Vec::is_empty")]
     pub panels: Vec<Panel>,
-    /// Number of cells that are coloured; absent without tiles.
+    /// Number of cells that are coloured; absent without tiles, or if others are coloured.
     pub cells: Option<u64>,
     /// Number of cells that are hatched, since their values mean nothing: those that the volume's faces cut, if a measure
-    /// gives the colours; absent without tiles.
+    /// gives the colours; absent without tiles, or if others are coloured.
     pub cells_without_value: Option<u64>,
+    /// The same two numbers of objects, if these are coloured.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub objects: Option<u64>,
+    #[allow(missing_docs)]
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub objects_without_value: Option<u64>,
+    /// The same two numbers of surfaces, if these are coloured.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub surfaces: Option<u64>,
+    #[allow(missing_docs)]
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub surfaces_without_value: Option<u64>,
     /// Values of the map's first and last colour; absent if colours do not follow values.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub range: Option<[f64; 2]>,
@@ -121,13 +138,13 @@ pub struct Panel {
     pub corner: [u32; 2],
 }
 
-/// Draws a slice of a volume and writes it as PNG. Memory: some 16 bytes per voxel of the slice, 3
-/// per pixel, and a tile.
+/// Draws a slice of a volume and writes it as PNG. Memory: some 16 bytes per voxel of the slice, twice as many with a
+/// region of interest, some 50 for each that the outline of a surface passes if these are drawn, 3 per pixel, and a tile.
 ///
 /// With a tile set, the slice is one of the grid that the tiles cover, so the volume has to have been through the
 /// same filters, and below regions of the slice
-/// take the cell of the surface at their rim. A region without a rim in the slice, or whose surface
-/// is not in the tile set, stays grey. Cells that the volume's faces cut are hatched if they are coloured by a measure.
+/// take the cell, or above ones the object, of the surface at their rim. A region without a rim in the slice, or whose
+/// surface is not in the tile set, stays grey. Cells that the volume's faces cut are hatched if they are coloured by a measure.
 ///
 /// # Errors
 /// [`Error::Usage`] if the slice is outside the volume, the picture would pass 2^28 pixels, or the
@@ -147,8 +164,10 @@ pub fn preview(
     };
     let axis = options.axis;
     let at = options.at.unwrap_or(dims[axis as usize] / 2);
+    let coloured = manifest.as_ref().map(|m| cells::table(m, options));
+    let outlined = coloured == Some(Table::Surfaces);
     let thresholds = match &manifest {
-        Some(m) if options.thresholds.is_empty() => vec![m.threshold],
+        Some(m) if options.thresholds.is_empty() && !outlined => vec![m.threshold],
         _ => options.thresholds.clone(),
     };
     let (zoom, true_proportion) = Zoom::new(ZoomInput {
@@ -159,19 +178,23 @@ pub fn preview(
     })?;
     let slice = Slice::read(grid, axis, at)?;
     let window = options.window.or_else(|| slice.window());
+    let region = region_of(&slice, options, manifest.as_ref())?;
+    let classified = region.as_ref().map_or(&slice, |region| &region.filled);
     let colours = match (&options.tiles, &manifest) {
-        (Some(dir), Some(m)) => Some(cells::colours(dir, m, &slice, options)?),
+        (Some(dir), Some(m)) => Some(cells::colours(dir, m, classified, options)?),
         _ => None,
     };
     let shown = Shown {
         slice: &slice,
+        region: region.as_ref(),
         zoom,
         placement,
         dims,
         window,
         thresholds: &thresholds,
         colours: colours.as_ref(),
-        condition: options.condition.as_deref(),
+        chosen: &options.chosen,
+        of_tiles: manifest.as_ref().map_or(f64::NAN, |m| m.threshold),
     };
     let rule = manifest
         .as_ref()
@@ -215,9 +238,39 @@ fn grid_of<'a>(
     })
 }
 
+/// The region of interest in a slice.
+struct SliceRegion {
+    /// 1 for voxels inside, 0 for others.
+    inside: Slice,
+    /// The samples, those outside as the tiles' surface takes them.
+    filled: Slice,
+}
+
+/// The region of interest in a slice of the grid; `None` if there is none.
+fn region_of(
+    slice: &Slice,
+    options: &PreviewOptions,
+    manifest: Option<&Manifest>,
+) -> Result<Option<SliceRegion>> {
+    let Some(region) = &options.region else {
+        return Ok(None);
+    };
+    let crop = manifest.and_then(|m| m.source.crop.as_ref());
+    let region = crop.map_or(Ok(region.clone()), |crop| region.cropped(crop))?;
+    let inside = slice.inside(&region)?;
+    let mut filled = slice.clone();
+    if let Some(stated) = manifest.and_then(|m| m.region.as_ref()) {
+        let values = filled.values.iter_mut().zip(&inside.values);
+        let outside = values.filter(|(_, inside)| **inside == 0.0);
+        outside.for_each(|(value, _)| *value = stated.fill_value);
+    }
+    Ok(Some(SliceRegion { inside, filled }))
+}
+
 /// Everything that a picture shows.
 struct Shown<'a> {
     slice: &'a Slice,
+    region: Option<&'a SliceRegion>,
     zoom: Zoom,
     /// Of the grid, of which these are the voxels.
     placement: Placement,
@@ -225,7 +278,9 @@ struct Shown<'a> {
     window: Option<[f64; 2]>,
     thresholds: &'a [f64],
     colours: Option<&'a Colours>,
-    condition: Option<&'a str>,
+    chosen: &'a Chosen,
+    /// Threshold of the tile set, if there is one.
+    of_tiles: f64,
 }
 
 impl Shown<'_> {
@@ -250,8 +305,19 @@ impl Shown<'_> {
                 zoom: self.zoom,
             };
             canvas.voxels(self.window, self.colours);
+            if let Some(region) = self.region {
+                canvas.pale(&region.inside);
+                canvas.slice = &region.filled;
+            }
             if let Some(&t) = self.thresholds.get(i) {
                 canvas.contour(t, rule, self.colours.is_some());
+            }
+            if let Some(colours) = self.of(Table::Surfaces) {
+                canvas.outlines(self.of_tiles, rule, colours);
+            }
+            if let Some(region) = self.region {
+                canvas.slice = &region.inside;
+                canvas.outline();
             }
         }
         (picture, corners)
@@ -266,13 +332,27 @@ impl Shown<'_> {
             slice_corner: corners[0],
             slice_size: self.zoom.size(),
             window: self.window,
-            threshold: self.thresholds.first().copied(),
+            threshold: self.thresholds.first().copied().or(self.outlined()),
             panels: self.panels(corners),
-            cells: self.colours.map(Colours::coloured),
-            cells_without_value: self.colours.map(Colours::without_value),
+            cells: self.of(Table::Cells).map(Colours::coloured),
+            cells_without_value: self.of(Table::Cells).map(Colours::without_value),
+            objects: self.of(Table::Objects).map(Colours::coloured),
+            objects_without_value: self.of(Table::Objects).map(Colours::without_value),
+            surfaces: self.of(Table::Surfaces).map(Colours::coloured),
+            surfaces_without_value: self.of(Table::Surfaces).map(Colours::without_value),
             range: self.colours.and_then(Colours::range),
             warnings: Vec::new(),
         }
+    }
+
+    /// The threshold of outlines in colour, if they are drawn.
+    fn outlined(&self) -> Option<f64> {
+        self.of(Table::Surfaces).map(|_| self.of_tiles)
+    }
+
+    /// The colours if they are of this table.
+    fn of(&self, table: Table) -> Option<&Colours> {
+        self.colours.filter(|c| c.table == table)
     }
 
     /// What is told of several slices side by side.
@@ -374,15 +454,36 @@ impl Shown<'_> {
         if let [t] = *self.thresholds {
             texts.push(format!("contour: threshold {}", Self::short(t)));
         }
+        if let Some(t) = self.outlined() {
+            texts.push(format!("outlines: threshold {}", Self::short(t)));
+        }
         let by_id = |c: &&Colours| matches!(c.meanings[..], [Meaning::Ids]);
         if let Some(colours) = self.colours.filter(by_id) {
-            let cells = things(colours.coloured(), "cell");
-            texts.push(format!("{cells}, in colours that tell them apart"));
+            let all = things(colours.coloured(), singular(colours.table));
+            texts.push(format!("{all}, in colours that tell them apart"));
         }
-        if let Some(condition) = self.condition {
-            texts.push(format!("in colour: cells with {condition}"));
+        if let Some(chosen) = self.which() {
+            texts.push(format!("in colour: {chosen}"));
         }
         texts
+    }
+
+    /// `the 3 largest objects with volume > 2`; nothing if all are in colour.
+    fn which(&self) -> Option<String> {
+        let Chosen {
+            condition, largest, ..
+        } = self.chosen;
+        if self.chosen.is_all() {
+            return None;
+        }
+        let name = self.chosen.table.name();
+        let first = match largest {
+            Some(1) => format!("the largest {}", singular(self.chosen.table)),
+            Some(n) => format!("the {n} largest {name}"),
+            None => name.to_owned(),
+        };
+        let condition = condition.as_ref().map(|c| format!(" with {c}"));
+        Some(first + &condition.unwrap_or_default())
     }
 
     /// ` at 0.8 mm`, along the axis of the grid; nothing if that is the number of the slice.
@@ -432,11 +533,16 @@ impl Shown<'_> {
         if let Some(colours) = self.colours
             && colours.coloured() == 0
         {
-            let text = match (colours.without_value(), self.condition) {
-                (0, Some(condition)) => format!("no cell of the slice has {condition}"),
-                (0, None) => "the slice has no cell of the tile set".to_owned(),
-                (n, _) => format!(
-                    "no cell of the slice has a colour, {} hatched: the volume's faces cut them, or they have no value",
+            let name = singular(colours.table);
+            let Chosen {
+                condition, largest, ..
+            } = self.chosen;
+            let text = match (colours.without_value(), condition, largest) {
+                (0, Some(condition), None) => format!("no {name} of the slice has {condition}"),
+                (0, _, Some(_)) => format!("no {name} of the slice is one of those chosen"),
+                (0, None, None) => format!("the slice has no {name} of the tile set"),
+                (n, _, _) => format!(
+                    "no {name} of the slice has a colour, {} hatched: the volume's faces cut them, or they have no value",
                     counted(n, "is", "are")
                 ),
             };
@@ -444,4 +550,9 @@ impl Shown<'_> {
         }
         doubts
     }
+}
+
+/// `cell`, `object` or `surface`.
+fn singular(table: Table) -> &'static str {
+    table.name().trim_end_matches('s')
 }

@@ -1,7 +1,7 @@
 //! The samples of a slice.
 
 use crate::error::{Error, Result};
-use crate::volume::{Volume, Voxel, with_voxel_type};
+use crate::volume::{RegionVoxels, Volume, Voxel, row_words, with_voxel_type};
 use serde::Serialize;
 
 /// An axis of the grid.
@@ -41,6 +41,40 @@ pub struct Slice {
 }
 
 impl Slice {
+    /// 1 where a voxel of the slice is inside a region of the volume that it is of, else 0.
+    ///
+    /// # Errors
+    /// Those of the region.
+    pub fn inside(&self, region: &RegionVoxels) -> Result<Self> {
+        let [nx, ny, nz] = region.dims().0;
+        let words = row_words(nx);
+        let (mut values, mut rows) = (Vec::with_capacity(self.values.len()), Vec::new());
+        let bit = |row: &[u64], x: u32| (row[x as usize / 64] >> (x % 64) & 1) as f64;
+        match self.axis {
+            Axis::X => {
+                for z in 0..nz {
+                    region.rows(0..ny, z, &mut rows)?;
+                    values.extend(rows.chunks_exact(words).map(|row| bit(row, self.at)));
+                }
+            }
+            Axis::Y => {
+                for z in 0..nz {
+                    region.rows(self.at..self.at + 1, z, &mut rows)?;
+                    values.extend((0..nx).map(|x| bit(&rows, x)));
+                }
+            }
+            Axis::Z => {
+                region.rows(0..ny, self.at, &mut rows)?;
+                let rows = rows.chunks_exact(words);
+                values.extend(rows.flat_map(|row| (0..nx).map(|x| bit(row, x))));
+            }
+        }
+        Ok(Slice {
+            values,
+            ..self.clone()
+        })
+    }
+
     /// Reads the slice at voxel `at` along `axis`.
     ///
     /// # Errors

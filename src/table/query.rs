@@ -12,6 +12,8 @@ pub struct Query {
     filter: Option<Expr>,
     sort: Option<(Expr, bool)>,
     top: Option<usize>,
+    /// The places of the only rows that count, rising; all that the filter keeps without.
+    only: Option<Vec<u64>>,
 }
 
 /// The rows of a query by their places in the table, in order. Takes 16 bytes per row.
@@ -30,6 +32,20 @@ impl Query {
         self.filter = filter
             .map(|text| Expr::condition("--where", text, columns))
             .transpose()?;
+        Ok(self)
+    }
+
+    /// Of the rows that the filter keeps, the `n` with the largest `size` of the `table`, of equals the first ones; those
+    /// without one come last. Takes 8 bytes for each of them.
+    ///
+    /// # Errors
+    /// Those of [`Expr::number`], and what reading returns.
+    pub fn largest(mut self, n: usize, size: &str, table: &TableReader) -> Result<Self> {
+        let ranked = self.clone().sort(Some(size), true, table.columns())?;
+        let mut again = TableReader::open(table.path())?;
+        let mut offsets = ranked.top(Some(n)).select(&mut again)?.offsets;
+        offsets.sort_unstable();
+        self.only = Some(offsets);
         Ok(self)
     }
 
@@ -57,12 +73,15 @@ impl Query {
         self
     }
 
-    /// True if the filter holds for a row.
+    /// True if a row is one of the largest, if those are asked for, else if the filter holds for it.
     ///
     /// # Errors
     /// Those of [`Expr::test`].
     pub fn keeps(&self, row: &Row) -> Result<bool> {
-        self.filter.as_ref().map_or(Ok(true), |f| f.test(row))
+        match &self.only {
+            Some(offsets) => Ok(offsets.binary_search(&row.offset).is_ok()),
+            None => self.filter.as_ref().map_or(Ok(true), |f| f.test(row)),
+        }
     }
 
     /// Calls `each` with the chosen rows in order. With a sort, only 16 bytes of each chosen row are

@@ -5,6 +5,7 @@ use super::outside::{Air, Outside, Reach, find};
 use super::query::Query;
 use super::reader::TableReader;
 use crate::error::{Error, Result};
+use crate::grid::Fill;
 use crate::manifest::Manifest;
 use serde::Serialize;
 use std::path::Path;
@@ -56,6 +57,49 @@ pub enum PorosityOf {
     /// The voxels of the grid but those of the cells that count as outside.
     #[serde(rename = "grid without outside")]
     GridWithoutOutside,
+    /// The voxels of the region of interest.
+    #[serde(rename = "region")]
+    Region,
+}
+
+/// Voxels of the grid outside of the region of interest, and those of them that are taken for air.
+struct Around {
+    voxels: f64,
+    air: f64,
+}
+
+impl Around {
+    fn of(manifest: &Manifest) -> Self {
+        let Some(region) = &manifest.region else {
+            return Around {
+                voxels: 0.0,
+                air: 0.0,
+            };
+        };
+        let voxels = region.outside(manifest.grid.dims) as f64;
+        let air = match region.fill {
+            Fill::Air => voxels,
+            Fill::Material => 0.0,
+        };
+        Around { voxels, air }
+    }
+
+    /// True if rows of this table may hold voxels outside of the region.
+    fn is_in(&self, which: Table) -> bool {
+        self.voxels > 0.0 && (which == Table::Cells) == (self.air > 0.0)
+    }
+
+    fn warning(&self, which: Table) -> String {
+        let other = match which {
+            Table::Cells => "material",
+            _ => "air",
+        };
+        format!(
+            "{} at the border hold what is outside of the region as well, so there is no volume of them: a conversion \
+             with --roi-fill {other} gives it",
+            which.name()
+        )
+    }
 }
 
 /// Rows chosen: all, those that do not touch the grid's outer faces, and those that do.
@@ -162,10 +206,19 @@ pub fn summarise(
         );
         return Err(Error::usage("--outside", found, "the whole tile set"));
     }
-    let all = manifest.grid.dims.voxels() as f64;
-    let below = all - above as f64;
+    let around = Around::of(manifest);
+    if outside != Outside::None && around.voxels > 0.0 {
+        let found = "border-cell for tiles of a region of interest";
+        let expected = "none: what is outside of the region does not count anyway";
+        return Err(Error::usage("--outside", found, expected));
+    }
+    let all = manifest.grid.dims.voxels() as f64 - around.voxels;
+    let below = manifest.grid.dims.voxels() as f64 - above as f64 - around.air;
     let mut cells = Table::Cells.open(dir, manifest)?;
-    let air = Air::find(&mut cells, manifest, outside, below)?;
+    let air = match manifest.region {
+        None => Air::find(&mut cells, manifest, outside, below)?,
+        Some(_) => Air::default(),
+    };
     let left_out = which == Table::Cells && outside != Outside::None;
     let rows = Rows::read(&mut which.open(dir, manifest)?, query, manifest, left_out)?;
     let rest = all - air.voxels;
@@ -176,20 +229,24 @@ pub fn summarise(
         counts: rows.counts(which),
         porosity: share(below - air.voxels),
         porosity_of: match outside {
+            Outside::None if manifest.region.is_some() => PorosityOf::Region,
             Outside::None => PorosityOf::Grid,
             Outside::BorderCell => PorosityOf::GridWithoutOutside,
         },
         outside,
         outside_cells: air.cells,
         outside_voxels: air.voxels as u64,
-        volume_fraction: share(rows.voxels),
+        volume_fraction: share(rows.voxels).filter(|_| !around.is_in(which)),
         border: Border {
             count: rows.border,
             share: (rows.count > 0).then(|| rows.border as f64 / rows.count as f64),
         },
         sphericity_median: quantile(&rows.round, 0.5),
         equivalent_diameter: distribution(rows.sizes, rows.unit),
-        warnings: warnings(&air, outside, rest),
+        warnings: match around.is_in(which) {
+            true => vec![around.warning(which)],
+            false => warnings(&air, outside, rest),
+        },
     })
 }
 
@@ -199,7 +256,7 @@ fn warnings(air: &Air, outside: Outside, rest: f64) -> Vec<String> {
     match (outside, air.likely) {
         (Outside::None, Some((id, share))) => all.push(format!(
             "cell {id} has {:.1} % of the air and reaches all four sides of the grid: if it is the air around a \
-             sample, leave it out of porosity and volumes by --outside border-cell",
+             sample, leave it out of porosity and volumes by --outside border-cell, or convert with --roi",
             100.0 * share
         )),
         (Outside::BorderCell, _) if air.cells == 0 => all.push(

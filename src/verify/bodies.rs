@@ -16,7 +16,7 @@ pub(super) struct Body {
     pub span: Span,
     /// How far they reach along the axes of the world, if these are not the grid's.
     pub far: Extent,
-    /// True if it has a voxel on one of the volume's faces.
+    /// True if it has a voxel on one of the volume's faces, or the edge of a region of interest cuts it.
     pub touches: bool,
     /// Its Euler characteristic.
     pub euler: f64,

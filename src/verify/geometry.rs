@@ -230,6 +230,7 @@ impl Work<'_, '_> {
             cell: label.ids.cell,
             object: label.ids.object,
         };
+        let cut = self.edge.cuts(&ws.piece.points);
         for i in 0..roots.len() {
             let first = i == 0;
             let component = Component {
@@ -242,6 +243,7 @@ impl Work<'_, '_> {
                 measures: label.measures,
                 colour: label.colour,
                 mixed: false,
+                cut: first && cut,
             };
             self.components.push((component, false));
         }

@@ -73,7 +73,8 @@ fn pack(key: [u64; 3], c: &Component) -> Record {
     let s = &c.sums;
     let volume = s.volume6 as u128;
     // the record has room for either count of tiles only, and each sort needs only its own
-    let tiles = c.tiles << 3 | u64::from(c.mixed) << 2 | u64::from(c.names);
+    let flags = u64::from(c.cut) << 3 | u64::from(c.mixed) << 2 | u64::from(c.names);
+    let tiles = c.tiles << 4 | flags;
     let words = [
         key[0],
         key[1],
@@ -113,7 +114,8 @@ fn unpack(r: &Record, order: fn([u64; 3]) -> [u64; 3]) -> Component {
             volume6: (u128::from(r[8]) << 64 | u128::from(r[9])) as i128,
             inside: Inside::unpack(&r[OWN_WORDS..]),
         },
-        tiles: r[10] >> 3,
+        tiles: r[10] >> 4,
+        cut: r[10] & 8 != 0,
         mixed: r[10] & 4 != 0,
         names: (r[10] & 3) as u8,
         measures: r[12],
@@ -185,8 +187,14 @@ impl Group {
     /// The body that the surfaces bound; `None` if they bound none.
     pub fn body(&self, kind: Kind, cx: &Context) -> Option<Body> {
         let (cell, dims) = (kind == Kind::Cell, cx.tiling.dims.0);
-        let body = || Body::of(&self.total.sums, cell, dims, cx.rotated.as_ref());
-        (kind != Kind::Surface).then(body)?
+        if kind == Kind::Surface {
+            return None;
+        }
+        let body = Body::of(&self.total.sums, cell, dims, cx.rotated.as_ref())?;
+        Some(Body {
+            touches: body.touches || self.total.cut,
+            ..body
+        })
     }
 
     /// The one cell or object of a single-phase volume, which has no surface.

@@ -65,10 +65,12 @@ mod marks;
 mod paint;
 mod piece;
 mod places;
+mod region_edge;
 mod report;
 mod rim;
 mod run;
 mod seen;
+mod selection;
 mod source;
 mod spill;
 mod sweep;
@@ -81,7 +83,7 @@ pub use source::SourceVolume;
 
 use crate::error::{Error, Result};
 use crate::progress::Progress;
-use crate::volume::Volume;
+use crate::volume::{RegionVoxels, Volume};
 use laws::Found;
 use report::Issues;
 use run::{Original, Run};
@@ -92,8 +94,10 @@ use tile::Context;
 /// Options of [`verify`].
 #[derive(Clone, Copy)]
 pub struct VerifyOptions<'a> {
-    /// The volume that the tiles were made from, already cropped as the manifest says.
+    /// The volume that the tiles were made from, with its region filled and cropped as the manifest says.
     pub against: Option<&'a dyn Volume>,
+    /// The voxels of its region of interest, cropped as it is; needed if the region is a mask.
+    pub region: Option<&'a RegionVoxels>,
     /// The header of that volume before it is cropped, to be compared with the source that the manifest states.
     pub source: Option<&'a SourceVolume>,
     /// Worker threads; 0 for one per core.
@@ -106,6 +110,7 @@ impl Default for VerifyOptions<'_> {
     fn default() -> Self {
         VerifyOptions {
             against: None,
+            region: None,
             source: None,
             threads: 0,
             max_issues: 1000,
@@ -145,7 +150,8 @@ pub fn verify(dir: &Path, options: &VerifyOptions, progress: &dyn Progress) -> R
         }
         foreign::foreign_files(&root, &manifest, &mut issues)?;
         found.part = manifest.is_part();
-        let cx = Context::new(&root, &manifest, options.max_issues);
+        let cx = Context::new(&root, &manifest, options.region, options.max_issues);
+        cx.edge.check(&manifest, &mut issues)?;
         let original = Original::new(options.against, &manifest, progress, &mut issues)?;
         let sweep = Run::new(&cx, &pool, progress).tiles(original, &mut found, &mut issues)?;
         found.counts.edges += sweep.matched;

@@ -40,6 +40,8 @@ pub(super) struct Component {
     pub colour: Colour,
     /// True if pieces carry different ones.
     pub mixed: bool,
+    /// True if it meets the edge of the region of interest.
+    pub cut: bool,
 }
 
 impl Component {
@@ -49,6 +51,7 @@ impl Component {
         self.cell_tiles += other.cell_tiles;
         self.object_tiles += other.object_tiles;
         self.names |= other.names;
+        self.cut |= other.cut;
         self.mixed |= other.mixed || self.measures != other.measures;
         if self.colour != other.colour {
             self.colour = MIXED;

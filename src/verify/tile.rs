@@ -7,6 +7,7 @@ use super::code::Code;
 use super::edges::Edges;
 use super::files::{self, Expected};
 use super::piece::{Flaw, Piece, Region};
+use super::region_edge::{RegionEdge, TileEdge};
 use super::report::{Issue, Issues};
 use super::seen::Seen;
 use super::sweep::{Component, FaceEdge, TileFront};
@@ -14,6 +15,7 @@ use crate::grid::{Placement, Tiling};
 use crate::manifest::{Bounds, Layout, Manifest, TileEntry};
 use crate::tile::MAX_NODES;
 use crate::tile::read::{Fault, Tile};
+use crate::volume::RegionVoxels;
 use std::path::Path;
 
 /// The context that all tiles of a set have in common.
@@ -26,11 +28,19 @@ pub(super) struct Context<'a> {
     pub scale: [f64; 3],
     /// Where the grid lies, in the tables' unit, if its axes are not those of the world.
     pub rotated: Option<Placement>,
+    /// The region of interest.
+    pub edge: RegionEdge<'a>,
 }
 
 impl<'a> Context<'a> {
-    /// `manifest` has been checked; `root` is the directory with symbolic links resolved.
-    pub fn new(root: &'a Path, manifest: &'a Manifest, max_issues: usize) -> Self {
+    /// `manifest` has been checked; `root` is the directory with symbolic links resolved. `region` are the voxels of the
+    /// grid in its region of interest, if they are known.
+    pub fn new(
+        root: &'a Path,
+        manifest: &'a Manifest,
+        region: Option<&'a RegionVoxels>,
+        max_issues: usize,
+    ) -> Self {
         let measured = manifest.measured();
         let [x, y, z] = measured.spacing.map(|s| s / 256.0);
         Context {
@@ -43,6 +53,7 @@ impl<'a> Context<'a> {
             max_issues,
             scale: [y * z, z * x, x * y],
             rotated: measured.is_rotated().then_some(measured),
+            edge: RegionEdge::of(manifest, region),
         }
     }
 
@@ -233,6 +244,8 @@ pub(super) struct Work<'a, 'i> {
     /// Open edges on the volume's faces: of surfaces, and of caps.
     pub border: Vec<(usize, FaceEdge)>,
     pub cap_border: Vec<(usize, FaceEdge)>,
+    /// The region of interest in the tile.
+    pub edge: TileEdge<'a>,
     /// True if the pieces are to be compared with a volume.
     pub keep_mesh: bool,
     /// False as long as the neighbours' edges cannot be held against this tile.
@@ -254,6 +267,7 @@ impl<'a, 'i> Work<'a, 'i> {
             border: Vec::new(),
             cap_border: Vec::new(),
             sound: false,
+            edge: TileEdge::None,
             keep_mesh: false,
             issues,
         }
@@ -305,6 +319,13 @@ impl Work<'_, '_> {
         let size: [u64; 3] =
             std::array::from_fn(|a| ((self.region.hi[a] - self.region.lo[a]) / 256) as u64 + 3);
         self.check_form(tile);
+        match self.cx.edge.in_tile(&self.region) {
+            Ok(edge) => self.edge = edge,
+            Err(e) => {
+                let at = "index.json#/region";
+                self.issues.add(Code::VolumeMismatch, at, e.to_string());
+            }
+        }
         ws.surface_seen.begin(size);
         if self.cx.manifest.cap {
             // else no cap gets as far as this

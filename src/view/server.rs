@@ -4,13 +4,13 @@
 //! tables by three names.
 
 use super::mesh::Frame;
+use super::page;
 use super::rows::{self, Asked};
 use super::set::{self, Told};
-use super::slice::Slices;
-use super::{page, slice::SlicePicture};
+use super::slice::{SlicePicture, Slices, Wanted};
 use crate::error::{Error, Result};
-use crate::http::{Answer, Body, Handler, Method, Request, Status, Turns, same_secret};
-use crate::manifest::{MANIFEST, manifest_file};
+use crate::http::{Answer, Body, Client, Handler, Method, Request, Status, Turns, same_secret};
+use crate::manifest::{MANIFEST, Manifest, manifest_file};
 use crate::preview::Axis;
 use crate::table::Table;
 use crate::tileset::{TileLookup, TileSet};
@@ -44,6 +44,7 @@ pub struct Viewer {
     frame: Frame,
     token: String,
     turns: Turns,
+    slice_turns: Turns,
     index: IndexState,
 }
 
@@ -110,6 +111,8 @@ impl From<Refusal> for Answer {
                 let status = match error {
                     Error::Usage { .. } => Status::BadRequest,
                     Error::InputChanged { .. } => Status::Conflict,
+                    // which nobody reads
+                    Error::Interrupted => Status::Timeout,
                     _ => Status::Failed,
                 };
                 Answer::error(status, &error.to_string())
@@ -126,15 +129,22 @@ impl Viewer {
     /// Reads the index; who has the token may ask.
     ///
     /// # Errors
-    /// Those of [`TileLookup::read`].
+    /// Those of [`TileLookup::read`]; [`Error::Format`] if the tile set was changed since it was opened.
     pub fn new(shown: Shown, token: String) -> Result<Self> {
-        let index = IndexState::of(shown.set.dir())?;
+        let dir = shown.set.dir();
+        let index = IndexState::of(dir)?;
+        if Manifest::open(dir)? != *shown.set.manifest() {
+            let found = "another index than a moment ago";
+            return Err(Error::format(dir.join(MANIFEST), found, "one that stays")
+                .with_hint("wait until whoever writes there is done"));
+        }
         Ok(Viewer {
             lookup: TileLookup::read(&shown.set)?,
             frame: Frame::of(shown.set.manifest()),
             shown,
             token,
             turns: Turns::new(AT_ONCE),
+            slice_turns: Turns::new(1),
             index,
         })
     }
@@ -146,7 +156,7 @@ impl Viewer {
     }
 
     /// The data at a path.
-    fn data(&self, request: &Request) -> Made {
+    fn data(&self, request: &Request, client: &Client) -> Made {
         let set = &self.shown.set;
         if IndexState::of(set.dir()).ok() != Some(self.index) {
             let message = format!(
@@ -155,7 +165,13 @@ impl Viewer {
             );
             return Err(Refusal::Told(Status::Conflict, message));
         }
-        let _turn = self.turns.take();
+        let is_needed = || !client.is_gone();
+        if let ["slice", axis, file] = request.parts()[..] {
+            // slices of some volumes take long, and tiles are not to wait for them
+            let _turn = self.slice_turns.take(is_needed).ok_or(Error::Interrupted)?;
+            return self.slice(request, [axis, file], &is_needed);
+        }
+        let _turn = self.turns.take(is_needed).ok_or(Error::Interrupted)?;
         match request.parts()[..] {
             ["set.json"] => {
                 let description = set::description(set, &self.shown.told)?;
@@ -182,7 +198,6 @@ impl Viewer {
                 };
                 Ok(bytes(BINARY, rows::query(set, table(name)?, &asked)?))
             }
-            ["slice", axis, file] => self.slice(request, axis, file),
             _ => Err(missing(format!("{} here", request.path))),
         }
     }
@@ -214,7 +229,12 @@ impl Viewer {
         Ok(Answer::new(BINARY, body).with("Cache-Control", "no-store"))
     }
 
-    fn slice(&self, request: &Request, axis: &str, file: &str) -> Made {
+    fn slice(
+        &self,
+        request: &Request,
+        [axis, file]: [&str; 2],
+        is_needed: &dyn Fn() -> bool,
+    ) -> Made {
         let slices = self.shown.slices.as_ref();
         let slices = slices.ok_or_else(|| {
             let message =
@@ -240,7 +260,8 @@ impl Viewer {
             (Some(low), Some(high)) if low.is_finite() && high.is_finite() => Some([low, high]),
             _ => None,
         };
-        let SlicePicture { png, step, range } = slices.picture(axis, at, range)?;
+        let wanted = Wanted { axis, at, range };
+        let SlicePicture { png, step, range } = slices.picture(wanted, is_needed)?;
         let answer = bytes("image/png", png).with("X-Step", step.to_string());
         Ok(answer
             .with("X-Low", range[0].to_string())
@@ -249,7 +270,7 @@ impl Viewer {
 }
 
 impl Handler for Viewer {
-    fn answer(&self, request: &Request) -> Answer {
+    fn answer(&self, request: &Request, client: &Client) -> Answer {
         if !matches!(request.method, Method::Get | Method::Head) {
             let answer = Answer::error(Status::WrongMethod, "expected GET or HEAD");
             return answer.with("Allow", "GET, HEAD");
@@ -262,7 +283,7 @@ impl Handler for Viewer {
             let answer = Answer::error(Status::Unauthorized, message);
             return answer.with("WWW-Authenticate", "Bearer");
         }
-        self.data(request).unwrap_or_else(Answer::from)
+        self.data(request, client).unwrap_or_else(Answer::from)
     }
 }
 

@@ -50,6 +50,7 @@ pub fn description(set: &TileSet, told: &Told) -> Result<Value> {
         "directions": placement.directions,
         "threshold": manifest.threshold,
         "filters": filters,
+        "region": manifest.region.as_ref().map(ToString::to_string),
         "source": manifest.source.name,
         "tiles": totals.tiles,
         "triangles": totals.triangles,

@@ -2,9 +2,7 @@
 
 use crate::error::{Error, Result};
 use crate::preview::Axis;
-use crate::sys::locks::lock;
 use crate::volume::{Stamp, Volume, Voxel, with_voxel_type};
-use std::sync::Mutex;
 use std::time::SystemTime;
 
 /// Pixels along a side at most; of larger slices every n-th voxel is shown.
@@ -16,14 +14,23 @@ const BLOCK: usize = 4 << 20;
 pub struct Slices {
     volume: Box<dyn Volume>,
     stamp: Stamp,
-    /// One slice at a time, since one may take 64 MiB.
-    turn: Mutex<()>,
 }
 
 impl std::fmt::Debug for Slices {
     fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
         write!(f, "Slices of {}", self.volume.header().dims)
     }
+}
+
+/// Which slice, and how.
+#[derive(Debug, Clone, Copy)]
+pub struct Wanted {
+    /// The axis that it lies across.
+    pub axis: Axis,
+    /// Its voxel along that axis.
+    pub at: u32,
+    /// Samples that are black and white; the smallest and the largest one if none are given.
+    pub range: Option<[f64; 2]>,
 }
 
 /// A slice to show.
@@ -40,11 +47,7 @@ pub struct SlicePicture {
 impl Slices {
     /// Of a volume that is as its stamp says until it is written to.
     pub fn new(volume: Box<dyn Volume>, stamp: Stamp) -> Self {
-        Slices {
-            volume,
-            stamp,
-            turn: Mutex::new(()),
-        }
+        Slices { volume, stamp }
     }
 
     /// When the volume was written to last, as far as the system tells.
@@ -52,25 +55,25 @@ impl Slices {
         self.stamp.last_change
     }
 
-    /// The slice at voxel `at` along an axis, black at the first and white at the second end of a range; that of its
-    /// samples if none is given.
+    /// Draws a slice. May take 100 MiB.
     ///
     /// # Errors
-    /// [`Error::Usage`] if it is outside; [`Error::InputChanged`]; what reading returns.
-    pub fn picture(&self, axis: Axis, at: u32, range: Option<[f64; 2]>) -> Result<SlicePicture> {
+    /// [`Error::Usage`] if it is outside; [`Error::InputChanged`]; [`Error::Interrupted`] if it is not needed any more;
+    /// what reading returns.
+    pub fn picture(&self, wanted: Wanted, is_needed: &dyn Fn() -> bool) -> Result<SlicePicture> {
+        let Wanted { axis, at, range } = wanted;
         let dims = self.volume.header().dims.0;
         if at >= dims[axis as usize] {
             let expected = format!("0 to {}", dims[axis as usize] - 1);
             return Err(Error::usage("the slice", at.to_string(), expected));
         }
-        let _turn = lock(&self.turn);
         let sides = axis.plane().map(|a| dims[a]);
         let step = sides
             .map(|n| n.div_ceil(SIDE))
             .into_iter()
             .max()
             .unwrap_or(1);
-        let values = self.read(axis, at, step)?;
+        let values = self.read(wanted, step, is_needed)?;
         self.stamp.check()?;
         let range = range.unwrap_or_else(|| ends(&values));
         let size = sides.map(|n| n.div_ceil(step));
@@ -80,7 +83,8 @@ impl Slices {
     }
 
     /// The samples of a slice, every n-th along both its sides.
-    fn read(&self, axis: Axis, at: u32, step: u32) -> Result<Vec<f32>> {
+    fn read(&self, wanted: Wanted, step: u32, is_needed: &dyn Fn() -> bool) -> Result<Vec<f32>> {
+        let Wanted { axis, at, .. } = wanted;
         let header = self.volume.header();
         let (dims, width) = (header.dims.0, header.dtype.bytes());
         let [right, down] = axis.plane();
@@ -94,6 +98,9 @@ impl Slices {
         let mut values = Vec::new();
         let mut bytes = Vec::new();
         for first in (0..dims[down]).step_by((step * together) as usize) {
+            if !is_needed() {
+                return Err(Error::Interrupted);
+            }
             let rows = together.min(dims[down] - first);
             let mut ranges = dims.map(|n| 0..n);
             ranges[axis as usize] = at..at + 1;
@@ -163,6 +170,10 @@ mod tests {
         Slices::new(Box::new(volume), Stamp::default())
     }
 
+    fn wanted(axis: Axis, at: u32, range: Option<[f64; 2]>) -> Wanted {
+        Wanted { axis, at, range }
+    }
+
     fn decoded(png: &[u8]) -> (u32, u32, Vec<u8>) {
         let mut reader = png::Decoder::new(std::io::Cursor::new(png))
             .read_info()
@@ -180,7 +191,9 @@ mod tests {
             (Axis::Y, 3, [3, 5]),
             (Axis::Z, 4, [3, 4]),
         ] {
-            let made = all.picture(axis, at, Some([0.0, 255.0])).unwrap();
+            let made = all
+                .picture(wanted(axis, at, Some([0.0, 255.0])), &|| true)
+                .unwrap();
             let (width, height, grey) = decoded(&made.png);
             assert_eq!(([width, height], made.step), (size, 1));
             for v in 0..height {
@@ -194,10 +207,10 @@ mod tests {
             }
         }
         assert!(matches!(
-            all.picture(Axis::Z, 5, None),
+            all.picture(wanted(Axis::Z, 5, None), &|| true),
             Err(Error::Usage { .. })
         ));
-        let own = all.picture(Axis::Z, 0, None).unwrap();
+        let own = all.picture(wanted(Axis::Z, 0, None), &|| true).unwrap();
         assert_eq!(own.range, [0.0, 32.0]);
         assert_eq!(decoded(&own.png).2[..3], [0, 8, 16]);
     }
@@ -205,7 +218,9 @@ mod tests {
     #[test]
     fn long_slices_leave_voxels_out() {
         let all = slices([10_000, 3, 2], |[x, y, _]| (x % 251 + y) as u16);
-        let made = all.picture(Axis::Z, 1, Some([0.0, 255.0])).unwrap();
+        let made = all
+            .picture(wanted(Axis::Z, 1, Some([0.0, 255.0])), &|| true)
+            .unwrap();
         let (width, height, grey) = decoded(&made.png);
         assert_eq!((made.step, width, height), (3, 3334, 1));
         assert!(

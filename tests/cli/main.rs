@@ -1,6 +1,8 @@
 //! The command as its users see it: texts, exit status, one message for each failure, JSON.
 
+mod batch;
 mod filters;
+mod region;
 mod texts;
 mod tiles;
 mod volumes;

@@ -2,7 +2,6 @@
 
 use super::client::{Reply, Served, encoded, view};
 use super::command::{foam_tiles, json, ok};
-use alvis::grid::Dims;
 use alvis::manifest::{Manifest, TileEntry};
 use alvis::tile::TileMesh;
 use alvis::tileset::TileSet;
@@ -658,7 +657,6 @@ fn slices_are_those_of_the_volume() {
     ] {
         assert_eq!(served.get(path).status, 404, "{path}");
     }
-    assert!(Dims::new([38, 36, 27]).is_ok());
 }
 
 #[test]
@@ -684,6 +682,19 @@ fn slices_are_filtered_as_the_tiles_were() {
             assert_eq!(f64::from(grey[x + 20 * y]), mean(x, y), "{x} {y}");
         }
     }
+}
+
+/// What is outside of a region is shown as it was scanned.
+#[test]
+fn slices_of_a_region_are_whole() {
+    let dir = foam_tiles(&["--roi", "cylinder:20,18,12"]);
+    let served = view(&dir.path().join("tiles"), &[]);
+    let told = served.json("/set.json");
+    let region = told["region"].as_str().unwrap();
+    assert!(region.contains("cylinder"), "{region}");
+    let samples = std::fs::read(dir.path().join("foam.raw")).unwrap();
+    let (_, grey) = decoded(&served.get("/slice/z/9.png?low=0&high=255"));
+    assert!(grey == slice_of(&samples, [40, 36, 32], 2, 9));
 }
 
 #[test]

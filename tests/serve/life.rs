@@ -62,7 +62,7 @@ fn what_is_no_tile_set_is_told_as_by_other_commands() {
 #[test]
 fn the_address_is_one_line_and_the_help_goes_elsewhere() {
     let dir = foam_tiles(&[]);
-    let mut child = std::process::Command::new(env!("CARGO_BIN_EXE_alvis"))
+    let child = std::process::Command::new(env!("CARGO_BIN_EXE_alvis"))
         .args(["view", "tiles", "--no-open"])
         .current_dir(dir.path())
         .stdout(std::process::Stdio::piped())

@@ -5,13 +5,13 @@ use crate::convert::scan::small_components::Filter;
 use crate::error::Result;
 use crate::grid::{Ambiguous, Dims, Placement, Tiling};
 use crate::labels::{
-    BandComponents, BandFaces, BandInput, Bits, Labels, LocalComponent, Runs, Span, Voxels,
-    add_border_euler, label_runs, sum_voxels,
+    BandComponents, BandFaces, BandInput, Bits, InsideBand, Labels, LocalComponent, Runs, Span,
+    Voxels, add_border_euler, label_runs, note_region_edge, sum_voxels,
 };
 use crate::measure::VoxelSums;
 use crate::sys::memory_pool::{MemoryPool, MemoryReservation};
 use crate::sys::spill_file::{Place, SpillFile};
-use crate::volume::{Volume, Voxel};
+use crate::volume::{RegionVoxels, Volume, Voxel};
 use std::sync::Arc;
 
 /// Everything about a band; its buffers are reused from slab to slab.
@@ -27,6 +27,8 @@ pub struct Band<T> {
     pub labels: Labels,
     /// What joins it to its neighbours.
     pub edges: BandFaces,
+    /// Which of the voxels are inside the region of interest, if there is one.
+    pub inside: InsideBand,
     /// NaN samples among the voxels that the band owns.
     pub nan: u64,
     /// The memory of all this.
@@ -99,6 +101,8 @@ pub struct BandSource<'a, T> {
     pub rule: Ambiguous,
     /// The macrocubes.
     pub tiling: Tiling,
+    /// The region of interest of the grid, if there is one; voxels outside have the sample that fills them.
+    pub region: Option<&'a RegionVoxels>,
     /// Where the grid lies, in the unit of measures.
     pub measured: Placement,
     /// What to leave out, in this order.
@@ -142,7 +146,9 @@ impl<T: Voxel> BandSource<'_, T> {
         let span = self.span(ty, tz);
         let samples = span.with_neighbours(self.dims());
         let words = (span.nx as usize).div_ceil(64) * span.rows() * span.slices();
-        let fixed = (samples.voxels() * size_of::<T>() + words * 12) as u64;
+        // 8 bytes of bits, 4 of run numbers, and 8 again of what is inside
+        let of_word = if self.region.is_some() { 20 } else { 12 };
+        let fixed = (samples.voxels() * size_of::<T>() + words * of_word) as u64;
         band.held.grow_to(fixed)?;
         band.voxels.load(self.volume, samples)?;
         band.nan = count_nan(&band.voxels, &span);
@@ -169,6 +175,10 @@ impl<T: Voxel> BandSource<'_, T> {
             self.rule,
             self.dims(),
         );
+        if let Some(region) = self.region {
+            band.inside.load(region, &span)?;
+            note_region_edge(&band.bits, &band.runs, &mut band.labels, &band.inside);
+        }
         band.edges = BandFaces::of(&band.bits, &band.runs, &band.labels, self.dims());
         Ok(())
     }

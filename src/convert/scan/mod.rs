@@ -45,7 +45,7 @@ use crate::grid::{Ambiguous, Placement};
 use crate::progress::Progress;
 use crate::sys::background_writer::BackgroundWriters;
 use crate::sys::memory_pool::{MemoryPool, MemoryReservation};
-use crate::volume::{Volume, Voxel, spool_beside};
+use crate::volume::{RegionVoxels, Volume, Voxel, spool_beside};
 use std::sync::Arc;
 
 /// What a scan leaves.
@@ -79,6 +79,7 @@ pub fn scan(
             memory,
             threshold: options.threshold,
             rule: options.ambiguous,
+            region: job.region,
             measured,
             cap: options.cap,
             min_voxels: options.min_voxels,
@@ -108,6 +109,8 @@ pub struct Sweep<'a> {
     pub threshold: f64,
     /// Which voxels an ambiguous face joins.
     pub rule: Ambiguous,
+    /// The region of interest of the grid, if there is one.
+    pub region: Option<&'a RegionVoxels>,
     /// Where the grid lies, in the unit of measures.
     pub measured: Placement,
     /// Close the surface outside the volume.
@@ -250,6 +253,7 @@ impl Sweep<'_> {
                 ceil: T::ceil_from(self.threshold),
                 rule: self.rule,
                 tiling: self.plan.tiling,
+                region: self.region,
                 measured: self.measured,
                 filters,
                 memory: self.memory,

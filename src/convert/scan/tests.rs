@@ -48,6 +48,7 @@ fn to_write_anew(volume: &MemoryVolume<u8>, memory: u64, work: &Path) -> Vec<usi
     let job = Conversion {
         volume,
         grid: volume,
+        region: None,
         options: &options,
         plan: &plan,
         watch: &watch,

@@ -263,10 +263,10 @@ mod tests {
         let volume = MemoryVolume::new(Dims(dims), Placement::default(), samples).unwrap();
         let watch = Watch::new(volume.header(), scaled);
         let watched = Watched::new(Box::new(&volume), &watch);
-        statistics(&watched, &Quiet).unwrap();
+        statistics(&watched, None, &Quiet).unwrap();
         // to read it again changes nothing
         let once = watch.kind();
-        statistics(&watched, &Quiet).unwrap();
+        statistics(&watched, None, &Quiet).unwrap();
         assert_eq!(format!("{:?}", watch.kind()), format!("{once:?}"));
         once
     }

@@ -91,7 +91,10 @@ fn count<T: Voxel>(
         volume,
         progress,
         Counts::default,
-        |counts: &mut Counts, piece, samples: &[T]| count_piece(counts, piece, samples, nx, least),
+        |counts: &mut Counts, piece, samples: &[T]| {
+            count_piece(counts, piece, samples, nx, least);
+            Ok(())
+        },
         |a, b| Counts {
             above: a.above + b.above,
             in_slice: a.in_slice + b.in_slice,

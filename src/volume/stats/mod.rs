@@ -1,7 +1,11 @@
 //! Passes over a volume: range, histogram, thresholds, and how large a surface will be.
 
+pub(crate) mod cylinder;
 pub(crate) mod estimate;
+pub(crate) mod fill_value;
 mod histogram;
+mod inside;
+mod mask;
 mod peaks;
 pub(crate) mod statistics;
 pub(crate) mod threshold;

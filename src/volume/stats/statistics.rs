@@ -2,10 +2,12 @@
 
 use crate::error::Result;
 use crate::progress::Progress;
+use crate::volume::region::RegionVoxels;
 use crate::volume::stats::histogram::{BINS, Levels};
+use crate::volume::stats::inside::for_each_inside;
 use crate::volume::stats::peaks::two_peaks;
 use crate::volume::stats::threshold::ThresholdMethod;
-use crate::volume::stats::walk::Walk;
+use crate::volume::stats::walk::{Piece, Walk};
 use crate::volume::{Dtype, Volume, Voxel, with_voxel_type};
 
 /// Bins that nearly all samples have at least where a threshold found in them is fine.
@@ -83,65 +85,134 @@ impl Statistics {
     }
 }
 
-/// Reads a volume once (types of 8 and 16 bits) or twice (wider types) and describes its samples.
-/// Threads hold 2 MiB of samples each, or a row if that is more.
+/// Reads a volume once (types of 8 and 16 bits) or twice (wider types) and describes its samples, of a region only
+/// those inside. Threads hold 2 MiB of samples each, or a row if that is more.
 ///
 /// # Errors
-/// The volume's own; [`crate::Error::Interrupted`].
-pub fn statistics(volume: &dyn Volume, progress: &dyn Progress) -> Result<Statistics> {
-    let header = volume.header();
-    let walk = Walk::whole(volume, 0);
-    match header.dtype {
-        Dtype::U8 => counted::<u8, 256>(volume, &walk, progress, |bits| bits, 0.0),
-        Dtype::I8 => counted::<i8, 256>(volume, &walk, progress, |bits| bits ^ 0x80, -128.0),
-        Dtype::U16 => counted::<u16, 65_536>(volume, &walk, progress, |bits| bits, 0.0),
-        Dtype::I16 => {
-            counted::<i16, 65_536>(volume, &walk, progress, |bits| bits ^ 0x8000, -32_768.0)
-        }
-        wide => with_voxel_type!(wide, T => binned::<T>(volume, &walk, progress)),
+/// The volume's own, and the region's; [`crate::Error::Interrupted`].
+pub fn statistics(
+    volume: &dyn Volume,
+    region: Option<&RegionVoxels>,
+    progress: &dyn Progress,
+) -> Result<Statistics> {
+    let pass = Pass {
+        volume,
+        region,
+        walk: Walk::whole(volume, 0),
+        progress,
+    };
+    match volume.header().dtype {
+        Dtype::U8 => pass.counted::<u8, 256>(|bits| bits, 0.0),
+        Dtype::I8 => pass.counted::<i8, 256>(|bits| bits ^ 0x80, -128.0),
+        Dtype::U16 => pass.counted::<u16, 65_536>(|bits| bits, 0.0),
+        Dtype::I16 => pass.counted::<i16, 65_536>(|bits| bits ^ 0x8000, -32_768.0),
+        wide => with_voxel_type!(wide, T => pass.binned::<T>()),
     }
 }
 
-/// Counts every value of a small type. `rank` turns a sample's bits into its rank, 0 for the
-/// type's smallest value `low`.
-fn counted<T: Voxel, const N: usize>(
-    volume: &dyn Volume,
-    walk: &Walk,
-    progress: &dyn Progress,
-    rank: impl Fn(usize) -> usize,
-    low: f64,
-) -> Result<Statistics> {
-    progress.begin("histogram", walk.pieces());
-    let by_bits = walk.fold(
-        volume,
-        progress,
-        || vec![0u64; N],
-        |counts: &mut Vec<u64>, _, samples: &[T]| count_bits(samples, counts),
-        add_counts,
-    )?;
-    let mut counts = vec![0; N];
-    for (bits, n) in by_bits.into_iter().enumerate() {
-        counts[rank(bits)] = n;
+/// What is read, and how.
+struct Pass<'a> {
+    volume: &'a dyn Volume,
+    region: Option<&'a RegionVoxels>,
+    walk: Walk,
+    progress: &'a dyn Progress,
+}
+
+impl Pass<'_> {
+    /// Reads all samples that count and folds stretches of them.
+    fn fold<T: Voxel, A: Send>(
+        &self,
+        new: impl Fn() -> A + Send + Sync,
+        add: impl Fn(&mut A, &[T]) + Send + Sync,
+        merge: impl Fn(A, A) -> A + Send + Sync,
+    ) -> Result<A> {
+        let add = |sum: &mut A, piece: &Piece, samples: &[T]| {
+            for_each_inside(self.region, piece, samples, |inside| add(sum, inside))
+        };
+        self.walk.fold(self.volume, self.progress, new, add, merge)
     }
-    // the volume is not empty
-    let first = counts.iter().position(|&n| n > 0).unwrap_or(0);
-    let last = counts.iter().rposition(|&n| n > 0).unwrap_or(0);
-    let levels = Levels {
-        low: low + first as f64,
-        width: 1.0,
-        exact: true,
-        counts: counts[first..=last].to_vec(),
-    };
-    let voxels = volume.header().dims.voxels();
-    Ok(describe(
-        Range {
-            voxels,
-            min: low + first as f64,
-            max: low + last as f64,
-            ..Range::default()
-        },
-        Some(levels),
-    ))
+
+    /// Counts every value of a small type. `rank` turns a sample's bits into its rank, 0 for the
+    /// type's smallest value `low`.
+    fn counted<T: Voxel, const N: usize>(
+        &self,
+        rank: impl Fn(usize) -> usize,
+        low: f64,
+    ) -> Result<Statistics> {
+        self.progress.begin("histogram", self.walk.pieces());
+        let by_bits = self.fold(
+            || vec![0u64; N],
+            |counts: &mut Vec<u64>, samples: &[T]| count_bits(samples, counts),
+            add_counts,
+        )?;
+        let mut counts = vec![0; N];
+        for (bits, n) in by_bits.into_iter().enumerate() {
+            counts[rank(bits)] = n;
+        }
+        let voxels = counts.iter().sum();
+        // neither a volume nor a region is empty
+        let first = counts.iter().position(|&n| n > 0).unwrap_or(0);
+        let last = counts.iter().rposition(|&n| n > 0).unwrap_or(0);
+        let levels = Levels {
+            low: low + first as f64,
+            width: 1.0,
+            exact: true,
+            counts: counts[first..=last].to_vec(),
+        };
+        Ok(describe(
+            Range {
+                voxels,
+                min: low + first as f64,
+                max: low + last as f64,
+                ..Range::default()
+            },
+            Some(levels),
+        ))
+    }
+
+    /// First the range, then bins over it.
+    fn binned<T: Voxel>(&self) -> Result<Statistics> {
+        self.progress.begin("range", self.walk.pieces());
+        let range = self.fold(
+            Range::default,
+            |range: &mut Range, samples: &[T]| samples.iter().for_each(|v| range.add(v.to_f64())),
+            Range::merge,
+        )?;
+        if range.min > range.max {
+            return Ok(describe(range, None));
+        }
+        let exact = !T::DTYPE.is_float() && range.max - range.min < BINS as f64;
+        // halves, since the distance of two finite numbers may not be finite
+        let (low, half) = (range.min, range.max / 2.0 - range.min / 2.0);
+        let (bins, scale) = match exact {
+            true => (half as usize * 2 + 2, 2.0),
+            false => (BINS, BINS as f64 / half),
+        };
+        self.progress.begin("histogram", self.walk.pieces());
+        let counts = self.fold(
+            || vec![0u64; bins],
+            |counts: &mut Vec<u64>, samples: &[T]| {
+                for v in samples.iter().map(|v| v.to_f64()).filter(|v| v.is_finite()) {
+                    // 0 x infinity, if all values are the same, becomes 0
+                    let bin = (v / 2.0 - low / 2.0) * scale;
+                    counts[(bin as usize).min(bins - 1)] += 1;
+                }
+            },
+            add_counts,
+        )?;
+        let width = if exact {
+            1.0
+        } else {
+            (half / BINS as f64 * 2.0).max(f64::MIN_POSITIVE)
+        };
+        let levels = Levels {
+            low,
+            width,
+            exact,
+            counts,
+        };
+        Ok(describe(range, Some(levels)))
+    }
 }
 
 /// Counts samples of 1 or 2 bytes by their bits.
@@ -211,58 +282,6 @@ impl Range {
     }
 }
 
-/// First the range, then bins over it.
-fn binned<T: Voxel>(
-    volume: &dyn Volume,
-    walk: &Walk,
-    progress: &dyn Progress,
-) -> Result<Statistics> {
-    progress.begin("range", walk.pieces());
-    let range = walk.fold(
-        volume,
-        progress,
-        Range::default,
-        |range: &mut Range, _, samples: &[T]| samples.iter().for_each(|v| range.add(v.to_f64())),
-        Range::merge,
-    )?;
-    if range.min > range.max {
-        return Ok(describe(range, None));
-    }
-    let exact = !T::DTYPE.is_float() && range.max - range.min < BINS as f64;
-    // halves, since the distance of two finite numbers may not be finite
-    let (low, half) = (range.min, range.max / 2.0 - range.min / 2.0);
-    let (bins, scale) = match exact {
-        true => (half as usize * 2 + 2, 2.0),
-        false => (BINS, BINS as f64 / half),
-    };
-    progress.begin("histogram", walk.pieces());
-    let counts = walk.fold(
-        volume,
-        progress,
-        || vec![0u64; bins],
-        |counts: &mut Vec<u64>, _, samples: &[T]| {
-            for v in samples.iter().map(|v| v.to_f64()).filter(|v| v.is_finite()) {
-                // 0 x infinity, if all values are the same, becomes 0
-                let bin = (v / 2.0 - low / 2.0) * scale;
-                counts[(bin as usize).min(bins - 1)] += 1;
-            }
-        },
-        add_counts,
-    )?;
-    let width = if exact {
-        1.0
-    } else {
-        (half / BINS as f64 * 2.0).max(f64::MIN_POSITIVE)
-    };
-    let levels = Levels {
-        low,
-        width,
-        exact,
-        counts,
-    };
-    Ok(describe(range, Some(levels)))
-}
-
 fn describe(range: Range, levels: Option<Levels>) -> Statistics {
     let ends = levels.as_ref().map(|_| [range.min, range.max]);
     let histogram = levels
@@ -295,7 +314,7 @@ mod tests {
             Placement::default(),
             samples,
         );
-        statistics(&volume.unwrap(), &Quiet).unwrap()
+        statistics(&volume.unwrap(), None, &Quiet).unwrap()
     }
 
     fn check_exact<T: Voxel>(samples: Vec<T>) -> Statistics {

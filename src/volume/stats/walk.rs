@@ -119,7 +119,7 @@ impl Walk {
         volume: &dyn Volume,
         progress: &dyn Progress,
         new: impl Fn() -> A + Send + Sync,
-        add: impl Fn(&mut A, &Piece, &[T]) + Send + Sync,
+        add: impl Fn(&mut A, &Piece, &[T]) -> Result<()> + Send + Sync,
         merge: impl Fn(A, A) -> A + Send + Sync,
     ) -> Result<A> {
         let nx = self.dims.0[0];
@@ -132,7 +132,7 @@ impl Walk {
             samples.resize(nx as usize * y.len() * z.len(), T::zeroed());
             volume.read_box(0..nx, y, z.clone(), bytemuck::cast_slice_mut(&mut samples))?;
             volume.release(z);
-            add(&mut sum, &piece, &samples);
+            add(&mut sum, &piece, &samples)?;
             progress.advance(1);
             Ok((sum, samples))
         };

@@ -1,0 +1,311 @@
+//! The options of the region of interest: the same for every command that reads a volume.
+
+use crate::convert::RegionOfInterest;
+use crate::error::{Error, Result};
+use crate::grid::{Crop, Cylinder, Dims, Dtype, Endian, Fill, Region, Shape};
+use crate::manifest::Manifest;
+use crate::progress::Progress;
+use crate::volume::{
+    self, Headerless, OpenOptions, RegionVoxels, Volume, file_name, fill_value, find_cylinder,
+};
+use clap::{Args, ValueEnum};
+use std::path::{Path, PathBuf};
+
+/// A region, as typed.
+#[derive(Debug, Clone, PartialEq)]
+pub enum RegionArg {
+    /// The round sample of the scan, to be found.
+    Found,
+    /// This cylinder.
+    Cylinder(Cylinder),
+    /// The voxels of this volume that are not 0.
+    Mask(PathBuf),
+}
+
+/// What is outside, as typed.
+#[derive(Debug, Clone, Copy, ValueEnum)]
+pub enum FillArg {
+    /// Above: pores end at the edge of the region
+    Material,
+    /// Below: what is outside is one cell with all that it touches
+    Air,
+}
+
+/// The part of a volume that counts.
+#[derive(Debug, Clone, Default, Args)]
+#[command(next_help_heading = "Region of interest, in voxels of the filtered volume")]
+pub struct RegionArgs {
+    /// Only the part of the volume in this region counts: `cylinder` (the round sample of the scan, found by itself),
+    /// `cylinder:CX,CY,R` along z, or `mask:FILE`
+    ///
+    /// A cylinder goes through all slices; its axis and radius are in voxels, and a voxel is inside if its middle is. The
+    /// one that is found ends a voxel before the rim of the sample. A mask is any volume of the same size that alvis
+    /// reads (raw: of type u8); voxels that are not 0 are inside. Histogram, thresholds and porosity are of what is
+    /// inside, cells that the edge of the region cuts are border cells. Which voxels of a mask are inside is kept in a
+    /// temporary file, an eighth of a byte for each.
+    #[arg(long, value_name = "REGION", value_parser = region)]
+    pub roi: Option<RegionArg>,
+    /// What voxels outside of the region are taken for [default: material]
+    #[arg(long, value_name = "PHASE")]
+    pub roi_fill: Option<FillArg>,
+}
+
+/// The option `--roi`.
+fn region(text: &str) -> Result<RegionArg, String> {
+    let expected = || "expected cylinder, cylinder:CX,CY,R in voxels, or mask:FILE".to_owned();
+    match text.split_once(':') {
+        None if text == "cylinder" => Ok(RegionArg::Found),
+        Some(("mask", path)) if !path.is_empty() => Ok(RegionArg::Mask(path.into())),
+        Some(("cylinder", numbers)) => {
+            let numbers = numbers
+                .split(',')
+                .map(|n| n.trim().parse::<f64>().ok().filter(|n| n.is_finite()))
+                .collect::<Option<Vec<f64>>>();
+            match numbers.as_deref() {
+                Some(&[x, y, radius]) if radius > 0.0 => Ok(RegionArg::Cylinder(Cylinder {
+                    centre: [x, y],
+                    radius,
+                })),
+                _ => Err(expected()),
+            }
+        }
+        _ => Err(expected()),
+    }
+}
+
+/// A region of a volume, and what is outside.
+#[derive(Debug, Clone)]
+pub struct Roi {
+    /// Its form.
+    pub shape: Shape,
+    /// Its voxels.
+    pub voxels: RegionVoxels,
+    /// What voxels outside are taken for.
+    pub fill: Fill,
+    /// It was found in the scan.
+    pub found: bool,
+}
+
+impl RegionArgs {
+    /// Names of the options that are given.
+    pub fn names(&self) -> impl Iterator<Item = &'static str> {
+        let given = [
+            ("roi", self.roi.is_some()),
+            ("roi-fill", self.roi_fill.is_some()),
+        ];
+        given.into_iter().filter(|g| g.1).map(|g| g.0)
+    }
+
+    fn fill(&self) -> Fill {
+        match self.roi_fill {
+            Some(FillArg::Air) => Fill::Air,
+            _ => Fill::Material,
+        }
+    }
+
+    /// Refuses `--roi-fill` without a region.
+    fn check(&self) -> Result<()> {
+        match (&self.roi, self.roi_fill) {
+            (None, Some(_)) => Err(Error::usage(
+                "--roi-fill",
+                "it without --roi",
+                "a region, whose outside is filled",
+            )),
+            _ => Ok(()),
+        }
+    }
+
+    /// The region of a volume; `None` if all of it counts.
+    ///
+    /// # Errors
+    /// Those of [`find_cylinder`] and [`RegionVoxels::of_mask`], and of opening the mask.
+    pub fn find(&self, volume: &dyn Volume, progress: &dyn Progress) -> Result<Option<Roi>> {
+        self.check()?;
+        let dims = volume.header().dims;
+        let Some(asked) = &self.roi else {
+            return Ok(None);
+        };
+        let (shape, voxels) = match asked {
+            RegionArg::Mask(path) => read_mask(path, dims, progress)?,
+            RegionArg::Found => of_cylinder(find_cylinder(volume, progress)?, dims)?,
+            RegionArg::Cylinder(cylinder) => of_cylinder(*cylinder, dims)?,
+        };
+        Ok(Some(Roi {
+            shape,
+            voxels,
+            fill: self.fill(),
+            found: *asked == RegionArg::Found,
+        }))
+    }
+
+    /// The voxels of the region of a tile set in its volume, which has been filtered and not cropped; `None` if all of it
+    /// counts. `option` is that by which the tile set or the volume was given.
+    ///
+    /// # Errors
+    /// [`Error::Usage`] if another region is asked for, or a mask is needed that is not given; as of
+    /// [`RegionArgs::find`].
+    pub fn find_as(
+        &self,
+        manifest: &Manifest,
+        volume: &dyn Volume,
+        option: &str,
+        progress: &dyn Progress,
+    ) -> Result<Option<RegionVoxels>> {
+        self.check()?;
+        let dims = volume.header().dims;
+        let stated = manifest.region.as_ref();
+        let other = |found: String| {
+            let expected = match stated {
+                Some(region) => format!("that of the tiles: {region}"),
+                None => "none, as the tiles have".to_owned(),
+            };
+            Error::usage("--roi", found, expected)
+        };
+        if let (Some(fill), Some(region)) = (self.roi_fill, stated)
+            && self.fill() != region.fill
+        {
+            return Err(other(format!("{fill:?} outside").to_lowercase()));
+        }
+        match (stated.map(|region| &region.shape), &self.roi) {
+            (None, None) => Ok(None),
+            (Some(Shape::Cylinder(cylinder)), asked) => {
+                if let Some(RegionArg::Cylinder(asked)) = asked
+                    && asked != cylinder
+                {
+                    return Err(other(asked.to_string()));
+                }
+                if let Some(RegionArg::Mask(path)) = asked {
+                    return Err(other(format!("mask:{}", path.display())));
+                }
+                RegionVoxels::cylinder(cylinder, dims).map(Some)
+            }
+            (Some(Shape::Mask { checksum, .. }), Some(RegionArg::Mask(path))) => {
+                let (found, voxels) = read_mask(path, dims, progress)?;
+                match found {
+                    Shape::Mask { checksum: own, .. } if own == *checksum => Ok(Some(voxels)),
+                    _ => Err(other(format!(
+                        "{}, with other voxels inside",
+                        path.display()
+                    ))),
+                }
+            }
+            (Some(Shape::Mask { file, .. }), None) => Err(Error::usage(
+                option,
+                "a volume without the mask of its region",
+                format!("it together with --roi mask:FILE, of the mask {file}"),
+            )),
+            (_, Some(asked)) => Err(other(match asked {
+                RegionArg::Found => "cylinder".to_owned(),
+                RegionArg::Cylinder(cylinder) => cylinder.to_string(),
+                RegionArg::Mask(path) => format!("mask:{}", path.display()),
+            })),
+        }
+    }
+}
+
+fn of_cylinder(cylinder: Cylinder, dims: Dims) -> Result<(Shape, RegionVoxels)> {
+    let voxels = RegionVoxels::cylinder(&cylinder, dims)?;
+    Ok((Shape::Cylinder(cylinder), voxels))
+}
+
+/// Opens and reads a mask for a volume of this size.
+fn read_mask(path: &Path, dims: Dims, progress: &dyn Progress) -> Result<(Shape, RegionVoxels)> {
+    let options = OpenOptions {
+        headerless: Some(Headerless {
+            dims: dims.0.map(u64::from),
+            dtype: Dtype::U8,
+            endian: Endian::Little,
+            offset: 0,
+        }),
+        ..OpenOptions::default()
+    };
+    let mask = volume::open(path, &options)?.volume;
+    let kept_in = std::env::temp_dir();
+    let (voxels, checksum) = RegionVoxels::of_mask(&*mask, dims, &kept_in, progress)?;
+    let file = file_name(path);
+    Ok((Shape::Mask { file, checksum }, voxels))
+}
+
+impl Roi {
+    /// The region of a conversion at a threshold, of which what is outside is filled.
+    ///
+    /// # Errors
+    /// Those of [`fill_value`] and [`RegionOfInterest::new`].
+    pub fn at_threshold(
+        self,
+        volume: &dyn Volume,
+        threshold: f64,
+        crop: Option<&Crop>,
+        progress: &dyn Progress,
+    ) -> Result<RegionOfInterest> {
+        let value = fill_value(volume, &self.voxels, threshold, self.fill, progress)?;
+        RegionOfInterest::new(self.shape, self.voxels, crop, self.fill, value)
+    }
+
+    /// What it is, for people, in a volume of this size or in a crop of that.
+    ///
+    /// # Errors
+    /// Those of [`RegionVoxels::count`].
+    pub fn text(&self) -> Result<String> {
+        let dims = self.voxels.dims();
+        let share = 100.0 * self.voxels.count()? as f64 / dims.voxels() as f64;
+        let how = if self.found { " (found)" } else { "" };
+        let (shape, fill) = (&self.shape, self.fill);
+        Ok(format!(
+            "{}{how}; {share:.1} % of the voxels, {fill} outside",
+            shape_text(shape)
+        ))
+    }
+}
+
+/// A form, for people.
+pub fn shape_text(shape: &Shape) -> String {
+    match shape {
+        Shape::Cylinder(Cylinder {
+            centre: [x, y],
+            radius,
+        }) => format!("cylinder along z, axis at x {x}, y {y}, radius {radius} voxels"),
+        Shape::Mask { file, .. } => format!("mask {file}"),
+    }
+}
+
+/// The region of a tile set of a grid of this size, for people.
+pub fn region_text(region: &Region, dims: Dims) -> String {
+    let share = 100.0 * region.voxels as f64 / dims.voxels() as f64;
+    let (shape, fill) = (shape_text(&region.shape), region.fill);
+    format!("{shape}; {share:.1} % of the voxels, {fill} outside")
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn regions_are_read() {
+        assert_eq!(region("cylinder"), Ok(RegionArg::Found));
+        assert_eq!(region("mask:a:b"), Ok(RegionArg::Mask("a:b".into())));
+        let cylinder = Cylinder {
+            centre: [10.5, -2.0],
+            radius: 7.0,
+        };
+        assert_eq!(
+            region("cylinder:10.5,-2, 7"),
+            Ok(RegionArg::Cylinder(cylinder))
+        );
+        assert_eq!(cylinder.to_string(), "cylinder:10.5,-2,7");
+        for bad in [
+            "",
+            "mask",
+            "mask:",
+            "sphere",
+            "cylinder:",
+            "cylinder:1,2",
+            "cylinder:1,2,0",
+            "cylinder:1,2,-3",
+            "cylinder:1,nan,3",
+            "cylinder:1,2,3,4",
+        ] {
+            assert!(region(bad).unwrap_err().contains("mask:FILE"), "{bad}");
+        }
+    }
+}

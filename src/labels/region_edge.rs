@@ -1,0 +1,106 @@
+//! Components that the edge of a region of interest cuts off.
+
+use crate::error::Result;
+use crate::labels::label_band::Labels;
+use crate::labels::runs::Runs;
+use crate::labels::{Bits, Span};
+use crate::volume::RegionVoxels;
+
+/// Which voxels of a band are inside a region, laid out as [`Bits::words`].
+#[derive(Debug, Clone, Default)]
+pub struct InsideBand {
+    words: Vec<u64>,
+}
+
+impl InsideBand {
+    /// Reads those of a span; the memory is used again.
+    ///
+    /// # Errors
+    /// Those of the region.
+    pub fn load(&mut self, region: &RegionVoxels, span: &Span) -> Result<()> {
+        self.words.clear();
+        let mut slice = Vec::new();
+        for z in span.z.clone() {
+            region.rows(span.y.clone(), z, &mut slice)?;
+            self.words.extend_from_slice(&slice);
+        }
+        Ok(())
+    }
+}
+
+/// Notes that components touch the border whose voxels share a face with a voxel of the other phase, where one of the two
+/// is outside of the region: there the surface is none of the sample's.
+pub fn note_region_edge(bits: &Bits, runs: &Runs, labels: &mut Labels, inside: &InsideBand) {
+    let (rows, words) = (bits.span.rows(), bits.row_words);
+    let mut edge = Edge {
+        bits,
+        runs,
+        labels,
+        inside: &inside.words,
+    };
+    for s in 0..bits.span.slices() {
+        for r in 0..rows {
+            let here = (s * rows + r) * words;
+            edge.along(here);
+            if r > 0 {
+                edge.across([here - words, here]);
+            }
+            if s > 0 {
+                edge.across([here - rows * words, here]);
+            }
+        }
+    }
+}
+
+struct Edge<'a> {
+    bits: &'a Bits,
+    runs: &'a Runs,
+    labels: &'a mut Labels,
+    inside: &'a [u64],
+}
+
+impl Edge<'_> {
+    /// Pairs along x, of the row whose words start here.
+    fn along(&mut self, row: usize) {
+        let nx = self.bits.span.nx as usize;
+        let (mut phase_before, mut inside_before) = (0, 0);
+        for w in 0..self.bits.row_words {
+            let (phase, inside) = (self.bits.words[row + w], self.inside[row + w]);
+            let differ = phase ^ (phase << 1 | phase_before);
+            let outside = !inside | !(inside << 1 | inside_before);
+            let mut found = differ & outside;
+            if w == 0 {
+                found &= !1;
+            }
+            (phase_before, inside_before) = (phase >> 63, inside >> 63);
+            while found != 0 {
+                let x = 64 * w + found.trailing_zeros() as usize;
+                found &= found - 1;
+                if x < nx {
+                    self.note(row, x - 1);
+                    self.note(row, x);
+                }
+            }
+        }
+    }
+
+    /// Pairs of two neighbouring rows.
+    fn across(&mut self, [a, b]: [usize; 2]) {
+        for w in 0..self.bits.row_words {
+            let differ = self.bits.words[a + w] ^ self.bits.words[b + w];
+            // bits beyond a row's end do not differ
+            let mut found = differ & (!self.inside[a + w] | !self.inside[b + w]);
+            while found != 0 {
+                let x = 64 * w + found.trailing_zeros() as usize;
+                found &= found - 1;
+                self.note(a, x);
+                self.note(b, x);
+            }
+        }
+    }
+
+    fn note(&mut self, row: usize, x: usize) {
+        let label = self.labels.of_run[self.runs.at(self.bits, row, x) as usize];
+        self.labels.components[label as usize].sums.touches_border = 1;
+    }
+}
