@@ -61,4 +61,4 @@ export const BEST = named("#1a9850");
 export const WORST = named("#e0342b");
 export const MARK = named("#ff9500");
 /** What has no value in the column that colours, and what is not painted beside things that are. */
-export const EMPTY = [122, 124, 130];
+export const EMPTY = [150, 153, 158];

@@ -65,7 +65,7 @@ function legend(context, what, look) {
   context.textAlign = "left";
   context.font = `600 14px ${FONT}`;
   if (what.scale.by === "best") {
-    context.fillText(`${what.scale.count} best and worst by form factor`, x, y + 14);
+    context.fillText(`${what.scale.count} best and worst by form factor`, x, y + 14, wide);
     [[BEST, "best"], [WORST, "worst"]].forEach(([colour, text], i) => {
       context.fillStyle = `rgb(${colour.rgb.join()})`;
       context.fillRect(x + 110 * i, y + 30, 20, 16);

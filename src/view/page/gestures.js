@@ -44,7 +44,9 @@ export class Gestures {
 
   down(event) {
     if (this.held) return;
-    this.canvas.focus({ preventScroll: true });
+    // keys belong to the picture again
+    document.activeElement?.blur();
+    this.app.hover(null);
     this.canvas.setPointerCapture(event.pointerId);
     const verb = event.altKey ? "box" : event.button === 2 || event.button === 1 || event.shiftKey ? "pan" : "turn";
     this.held = { verb, x: event.clientX, y: event.clientY, startX: event.clientX, startY: event.clientY,

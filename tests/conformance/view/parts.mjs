@@ -215,14 +215,14 @@ async function colours({ open, run, at }) {
       const found = await session.pick(x, y);
       if (!found?.id) continue;
       const [r, g, b] = data.subarray(4 * (y * size.width + x), 4 * (y * size.width + x) + 3);
-      const [p, q] = [[r, g, b], painted.get(found.id) ?? [122, 124, 130]];
+      const [p, q] = [[r, g, b], painted.get(found.id) ?? [150, 153, 158]];
       const cosine = p.reduce((s, c, k) => s + c * q[k], 0) / Math.hypot(...p) / Math.hypot(...q);
       assert(cosine > 0.96, `cell ${found.id} at ${x}, ${y} is ${p}, painted ${q}`);
       compared++;
     }
     assert(compared > 15, `${compared} pixels`);
     for (const row of await rows(session)) {
-      const q = painted.get(row.id) ?? [122, 124, 130];
+      const q = painted.get(row.id) ?? [150, 153, 158];
       assert(row.colour.every((c, k) => Math.abs(c - q[k]) <= 4), `row ${row.id} is ${row.colour}, painted ${q}`);
     }
   }
