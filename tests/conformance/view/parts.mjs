@@ -10,7 +10,7 @@ const KINDS = ["cells", "objects", "surfaces"];
 const nap = (ms) => new Promise((resolve) => setTimeout(resolve, ms));
 
 // Points of the picture over all of it, in the middles of pixels.
-function points({ width, height }, across = 11, down = 7) {
+function points({ width, height }, across = 15, down = 9) {
   const out = [];
   for (let j = 1; j < down; j++) {
     for (let i = 1; i < across; i++) out.push([Math.round((i * width) / across), Math.round((j * height) / down)]);
@@ -50,7 +50,7 @@ async function holdAgainstRays(session, set, { cut = null, across, down } = {}) 
     assert(far < 0.2, `${told}: ${far} apart`);
     agreed++;
   }
-  assert(agreed + empty > 20, `${agreed} pixels agree, ${empty} are empty`);
+  assert(agreed + empty > 30, `${agreed} pixels agree, ${empty} are empty`);
   return agreed;
 }
 
@@ -128,15 +128,11 @@ async function cameras({ open, at }) {
 
 async function turn({ open }) {
   const session = await open("blender");
-  const { width, height } = await session.size();
-  await session.tab.mouse.move(width / 2, height / 2);
-  for (let i = 0; i < 4; i++) await session.tab.mouse.wheel(0, -240);
-  await session.settle(300);
+  const { camera } = await session.get("state");
   const round = async () => {
-    for (let i = 0; i < 8; i++) {
-      for (let k = 0; k < 6; k++) await session.tab.keyboard.press("ArrowLeft");
-      await session.settle(120);
-      assert(await session.get("draws") <= await session.get("visible"));
+    for (let i = 0; i < 12; i++) {
+      await follow(session, { ...camera, distance: camera.distance / 2.5, azimuth: camera.azimuth + (i * Math.PI) / 6 });
+      assert.equal(await session.get("draws"), await session.get("visible"));
     }
     return session.get("requests");
   };
@@ -170,13 +166,9 @@ async function backFaces({ open, at }) {
     console.log(`   ${key}: ${await cracks()} pixels of edges`);
   }
   // from the middles of cells, to all sides
-  const token = (await session.get("link")).slice(0, 33);
   for (const target of middles(at("capped"), 3)) {
     for (const [azimuth, elevation] of [[0, 0.2], [2, -0.4], [4, 1.3], [1, -1.4]]) {
-      await session.tab.evaluate((link) => {
-        location.hash = link;
-      }, `${token}&${linkOf({ target, distance: 0.02, azimuth, elevation })}`);
-      await session.settle(200);
+      await follow(session, { target, distance: 0.02, azimuth, elevation });
       assert.equal((await session.get("state")).camera.azimuth, azimuth);
       assert.deepEqual(await seen(), [], `from inside, at ${target}`);
       assert((await session.pick(size.width / 2, size.height / 2)).id > 0);
@@ -211,7 +203,7 @@ async function colours({ open, run, at }) {
     const painted = paintedBy(copied, { run, at, to: `painted_${mode.length}` });
     const { data } = await decode(session.tab, await session.pixels());
     let compared = 0;
-    for (const [x, y] of points(size, 15, 11)) {
+    for (const [x, y] of points(size)) {
       const found = await session.pick(x, y);
       if (!found?.id) continue;
       const [r, g, b] = data.subarray(4 * (y * size.width + x), 4 * (y * size.width + x) + 3);
@@ -305,7 +297,7 @@ async function leaving({ open, run, at }) {
 
 // A pixel with a cell whose neighbours are the same cell.
 async function seen(session) {
-  for (const [x, y] of points(await session.size(), 15, 11)) {
+  for (const [x, y] of points(await session.size())) {
     const found = await session.pick(x, y);
     if (!found?.id) continue;
     const around = await Promise.all([[-8, 0], [8, 0], [0, -8], [0, 8]].map(([dx, dy]) => session.pick(x + dx, y + dy)));
@@ -464,6 +456,15 @@ async function many({ open, at }) {
   assert(draws > 50 && draws < whole.tiles / 2);
   await holdAgainstRays(session, raysOf(at, "blender"));
   await session.close();
+}
+
+// Puts the link of a camera into the address.
+async function follow(session, camera) {
+  const token = (await session.get("link")).slice(0, 33);
+  await session.tab.evaluate((link) => {
+    location.hash = link;
+  }, `${token}&${linkOf(camera)}`);
+  await session.settle(200);
 }
 
 function linkOf(c) {
