@@ -141,7 +141,9 @@ export class App {
     const lines = edges(this.box, s.box, this.director.view().eye);
     if (waiting) for (const node of this.director.missing()) lines.push(...edges(node, node.refused ? [0.9, 0.2, 0.2, 0.8] : s.wait));
     lines.push(...this.section.lines([...s.accent.map((x) => x * 0.9), 0.9]));
-    return { lines, slice: this.section.drawn(), filled: [...this.director.shown] };
+    // while blocks come, what is not there yet would be filled as well
+    const filled = ["complete", "moving"].includes(this.director.phase) ? this.director.shown : [];
+    return { lines, slice: this.section.drawn(), filled };
   }
 
   drawn(view, moving) {

@@ -107,7 +107,7 @@ export class Blocks {
         place[v] = (b ? node.high : node.low)[v];
         return place;
       });
-      return { texture: maskTexture(gl, mask, width, height), corners };
+      return { axis, top, texture: maskTexture(gl, mask, width, height), corners };
     });
   }
 

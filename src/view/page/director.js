@@ -12,6 +12,8 @@ const AT_FIRST = MOST / 4;
 const LEAST = 2e5;
 /** Milliseconds for which fine blocks are collected. */
 const TOGETHER = 300;
+/** Milliseconds between two pictures while blocks come. */
+const BETWEEN = 150;
 /** Blocks that stand as boxes, at most. */
 const BOXES = 600;
 
@@ -37,6 +39,7 @@ export class Director {
     this.lastInput = -Infinity;
     this.lastFrame = 0;
     this.started = 0;
+    this.lit = -Infinity;
     this.shown = new Set();
     this.stale = true;
     this.asked = false;
@@ -62,6 +65,7 @@ export class Director {
   redraw() {
     if (this.asked) return;
     this.asked = true;
+    if (this.phase === "complete") this.phase = "drawing";
     requestAnimationFrame((time) => {
       this.asked = false;
       this.frame(time);
@@ -88,6 +92,7 @@ export class Director {
     if (picture.fit()) this.stale = true;
     const moving = performance.now() - this.lastInput < REST;
     if (moving && this.phase === "moving") this.steer(time - this.lastFrame);
+    const took = time - this.lastFrame;
     this.lastFrame = time;
     const view = this.view();
     const clip = this.clip();
@@ -100,7 +105,14 @@ export class Director {
     blocks.touch(this.shown);
     blocks.tidy();
     this.phase = moving ? "moving" : more ? "drawing" : this.pending() ? "loading" : "complete";
-    this.drawn(view, moving);
+    // while blocks come, lighting each picture would take longer than drawing it
+    const since = performance.now() - this.lit;
+    const between = Math.min(Math.max(3 * took, BETWEEN), 4 * BETWEEN);
+    const wait = this.phase === "loading" || this.phase === "drawing" ? between - since : 0;
+    if (wait <= 0) {
+      this.drawn(view, moving);
+      this.lit = performance.now();
+    } else this.wake(wait);
     if (more) this.redraw();
     else if (moving) this.wake(REST - (performance.now() - this.lastInput));
     if (this.phase === "complete") this.resolveReady();

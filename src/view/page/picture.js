@@ -157,6 +157,9 @@ export class Picture {
     gl.uniform3fv(at.cut, style.cut);
     for (const { card } of nodes) {
       for (const rim of card?.rims ?? []) {
+        // a line of sight that meets nothing tells the same where it enters and where it leaves
+        const out = rim.top ? 1 : -1;
+        if (view.camera.flat ? out * view.back[rim.axis] > 0 : out * (view.eye[rim.axis] - rim.corners[0][rim.axis]) > 0) continue;
         bind(gl, this.programs.FILL, { mask: rim.texture, faces: targets.faces });
         this.loose.draw(gl.TRIANGLE_STRIP, this.sheet(rim.corners), [3, 2]);
       }
