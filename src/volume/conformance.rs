@@ -196,6 +196,10 @@ const FIXTURES: &[(&str, &[&str])] = &[
     ),
     ("zarr", &["zarr/u16_gzip_shuffle", "zarr/u8_3_shards"]),
     ("png", &["png8"]),
+    ("vgi", &["scanners/vg.vgi"]),
+    ("xtekct", &["scanners/nikon.xtekct"]),
+    ("pyhst", &["scanners/esrf.vol.info"]),
+    ("pcr", &["scanners/ge.pcr"]),
 ];
 const MADE: &[&str] = &[];
 

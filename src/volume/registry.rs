@@ -2,7 +2,7 @@
 
 use crate::volume::format::{Format, listed};
 use crate::volume::formats::{
-    archive, dicom, hdf5, metaimage, nifti, npy, nrrd, png, tiff, vti, zarr,
+    archive, dicom, hdf5, metaimage, nifti, npy, nrrd, png, sidecar, tiff, vti, zarr,
 };
 
 /// In the order in which a file is tried: the first that recognises it has it.
@@ -18,6 +18,10 @@ pub(crate) static FORMATS: &[Format] = &[
     dicom::FORMAT,
     zarr::FORMAT,
     png::FORMAT,
+    sidecar::VGI,
+    sidecar::NIKON,
+    sidecar::ESRF,
+    sidecar::PCR,
 ];
 
 /// The format of a name; raw samples, which have no header, are of none.

@@ -80,7 +80,10 @@ fn conversions() -> Vec<String> {
         (GYROID, " --smooth 1.5 --cap"),
         (TORUS, " --smooth 2,1,0.5"),
         (FOAM, " --roi cylinder:20,18,15"),
-        (NOISY, " --roi cylinder:16,15,11 --roi-fill air --crop 1:30,0:29,3:28 --for web"),
+        (
+            NOISY,
+            " --roi cylinder:16,15,11 --roi-fill air --crop 1:30,0:29,3:28 --for web",
+        ),
     ] {
         lines.push(format!("{line}{added}"));
     }

@@ -13,6 +13,7 @@ pub(crate) mod npy;
 pub(crate) mod nrrd;
 mod optional;
 pub(crate) mod png;
+pub(crate) mod sidecar;
 mod skyscan;
 pub(crate) mod tiff;
 pub(crate) mod vti;

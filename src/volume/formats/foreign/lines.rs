@@ -1,7 +1,7 @@
 //! Headers of other programs that are text.
 
 use crate::volume::Endian;
-use crate::volume::formats::foreign::described::{Described, by_length, dtype_of, of_bits};
+use crate::volume::formats::foreign::described::{Described, dtype_of, of_bits};
 use std::path::{Path, PathBuf};
 
 /// Words after keys, in lower case, in the order of the file.
@@ -57,72 +57,6 @@ fn unit(name: &str) -> Option<&'static str> {
     name.parse::<crate::grid::Unit>()
         .ok()
         .map(|unit| unit.name())
-}
-
-/// Volume Graphics' `.vgi`.
-pub(crate) fn vgi(path: &Path, head: &[u8]) -> Option<Described> {
-    let keys = Keys::of_lines(head);
-    let dtype = of_bits(keys.get("datatype")?, keys.number("bitsperelement")?)?;
-    let mut described = Described::new(
-        beside(path, keys.get("name")?),
-        keys.numbers("size")?,
-        dtype,
-    );
-    described.offset = keys.number("skipheader").unwrap_or(0);
-    if let (Some(size), Some(unit)) = (keys.numbers("resolution"), keys.get("unit").and_then(unit))
-    {
-        described.spacing = Some((size, unit));
-    }
-    let files = keys.0.iter().filter(|(key, _)| key == "fileformat").count();
-    if files > 1 {
-        described.remark = format!("the header names {files} files");
-    }
-    Some(described)
-}
-
-/// Nikon's `.xtekct`, beside samples of 32 bits.
-pub(crate) fn xtekct(path: &Path, head: &[u8]) -> Option<Described> {
-    let keys = Keys::of_lines(head);
-    let dims = keys.each(["voxelsx", "voxelsy", "voxelsz"])?;
-    let file = path.with_extension("vol");
-    let dtype = by_length(&file, dims, 0).unwrap_or(crate::volume::Dtype::F32);
-    let mut described = Described::new(file, dims, dtype);
-    described.spacing = keys
-        .each(["voxelsizex", "voxelsizey", "voxelsizez"])
-        .map(|size| (size, "mm"));
-    Some(described)
-}
-
-/// ESRF's `.vol.info` of PyHST.
-pub(crate) fn vol_info(path: &Path, head: &[u8]) -> Option<Described> {
-    let keys = Keys::of_lines(head);
-    let dims = keys.each(["num_x", "num_y", "num_z"])?;
-    let file = path.with_extension("");
-    let dtype = by_length(&file, dims, 0).unwrap_or(crate::volume::Dtype::F32);
-    let mut described = Described::new(file, dims, dtype);
-    if keys
-        .get("byteorder")
-        .is_some_and(|order| order.starts_with("HIGH"))
-    {
-        described.endian = Endian::Big;
-    }
-    if let Some(size) = keys.number("voxelsize") {
-        described.spacing = Some(([size; 3], "um"));
-        described.remark = "PyHST's voxelSize is in micrometres".into();
-    }
-    Some(described)
-}
-
-/// GE phoenix's `.pcr`.
-pub(crate) fn pcr(path: &Path, head: &[u8]) -> Option<Described> {
-    let keys = Keys::of_lines(head);
-    let dims = keys.each(["volume_sizex", "volume_sizey", "volume_sizez"])?;
-    let file = path.with_extension("vol");
-    let offset = keys.number("headersize").unwrap_or(0);
-    let mut described = Described::new(file.clone(), dims, by_length(&file, dims, offset)?);
-    described.offset = offset;
-    described.spacing = keys.number("voxelsizerec").map(|size| ([size; 3], "mm"));
-    Some(described)
 }
 
 /// The `.raw.ini` of UnityVolumeRendering.

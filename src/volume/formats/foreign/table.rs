@@ -3,9 +3,7 @@
 use crate::volume::formats::foreign::Kind;
 use crate::volume::formats::foreign::binary::{analyze, is_analyze, isq, mrc};
 use crate::volume::formats::foreign::described::Described;
-use crate::volume::formats::foreign::lines::{
-    amira, dat, edf, pcr, raw_ini, vff, vgi, vol_info, vtk, xtekct,
-};
+use crate::volume::formats::foreign::lines::{amira, dat, edf, raw_ini, vff, vtk};
 use std::path::Path;
 
 /// Nothing is known of where samples lie.
@@ -122,12 +120,10 @@ pub(crate) const KINDS: &[Kind] = kinds! {
     "PDF", |_, h| has(h, 0, b"%PDF"), nowhere, "it holds no volume";
     "Neuroglancer Precomputed", |_, h| has(h, 0, b"{") && text(h, &["\"scales\"", "\"num_channels\""]), nowhere,
         "save it as Zarr or .npy, as with cloud-volume";
-    "VG (Volume Graphics .vgi)", |p, h| ends(p, &[".vgi"]) && text(h, &["size"]), vgi, TO_TIFF;
     "VG (Volume Graphics .vgl)", |p, _| ends(p, &[".vgl"]), nowhere,
         "it is a project: give the .vgi beside its samples, or save slices as TIFF from VGSTUDIO";
-    "Nikon .xtekct", |p, h| ends(p, &[".xtekct", ".xtekvolume"]) || text(h, &["[xtekct]"]), xtekct, TO_TIFF;
-    "ESRF .vol.info", |_, h| text(h, &["num_x", "num_y", "num_z"]), vol_info, TO_TIFF;
-    "GE phoenix .pcr", |_, h| text(h, &["volume_sizex", "volume_sizey"]), pcr, TO_TIFF;
+    "Nikon .xtekVolume", |p, _| ends(p, &[".xtekvolume"]), nowhere,
+        "give the .xtekct beside its samples, or save slices as TIFF";
     "raw.ini", |p, h| ends(p, &[".ini"]) && text(h, &["dimx", "dimy", "dimz"]), raw_ini, TO_NRRD;
     "DAT (volume renderers)", |_, h| text(h, &["objectfilename", "resolution"]), dat, TO_NRRD;
     "ANALYZE 7.5", |_, h| is_analyze(h), analyze, "convert it to NIfTI, as with nibabel or `fslchfiletype NIFTI`";
