@@ -1,6 +1,7 @@
 //! What every volume does, whatever its format and whatever wraps it: one suite for all of them.
 
 use super::adapters::mirror::Mirrored;
+use super::adapters::permute::{Permuted, stored_dims};
 use super::adapters::resample::{Grid, Resampled};
 use super::adapters::values::Valued;
 use super::adapters::values::Values;
@@ -180,7 +181,10 @@ const FIXTURES: &[(&str, &[&str])] = &[
         "tiff",
         &["u16_be_strips.tif", "i32_big_tiles.tif", "u16_lzw.tif"],
     ),
-    ("numpy", &["i16_be.npy", "packed.npz"]),
+    (
+        "numpy",
+        &["i16_be.npy", "packed.npz", "fortran.npy", "f16_be.npy"],
+    ),
     ("zip", &["png16.zip", "tiff.zip"]),
     ("vti", &["u16.vti", "f32_zlib.vti"]),
     ("nifti", &["u16_be.nii.gz", "i16_slope.nii", "u8_pair.hdr"]),
@@ -196,10 +200,30 @@ const FIXTURES: &[(&str, &[&str])] = &[
     ),
     ("zarr", &["zarr/u16_gzip_shuffle", "zarr/u8_3_shards"]),
     ("png", &["png8"]),
+    ("bmp", &["scanners/bmp"]),
     ("vgi", &["scanners/vg.vgi"]),
     ("xtekct", &["scanners/nikon.xtekct"]),
     ("pyhst", &["scanners/esrf.vol.info"]),
     ("pcr", &["scanners/ge.pcr"]),
+    ("isq", &["scanners/i16.isq"]),
+    (
+        "amiramesh",
+        &[
+            "scanners/u16.am",
+            "scanners/u8_rle.am",
+            "scanners/f32_zip_be.am",
+        ],
+    ),
+    (
+        "mrc",
+        &[
+            "scanners/u16.mrc",
+            "scanners/f16.mrc",
+            "scanners/i16_zyx_be.mrc",
+        ],
+    ),
+    ("analyze", &["scanners/i16.hdr"]),
+    ("aim", &["scanners/i8.aim", "scanners/u16_v030.aim"]),
 ];
 const MADE: &[&str] = &[];
 
@@ -342,6 +366,24 @@ fn every_wrapper_hands_out_any_box() {
         });
         let mirrored = Mirrored::new(Box::new(&plain), turned);
         conforms_to(&mirrored, bytes(&expected), "mirrored");
+    }
+    for axes in [
+        [0, 1, 2],
+        [2, 1, 0],
+        [1, 2, 0],
+        [2, 0, 1],
+        [0, 2, 1],
+        [1, 0, 2],
+    ] {
+        let dims = stored_dims(axes, Dims(DIMS)).0;
+        // the voxel that lies at a place of the volume whose axes are in another order
+        let value = |stored: [u32; 3]| {
+            let place = |a: usize| stored[axes.iter().position(|axis| *axis == a).unwrap()];
+            (place(0) + 10 * place(1) + 100 * place(2)) as i16
+        };
+        let stored = values(dims, value);
+        let stored = MemoryVolume::new(Dims(dims), Placement::default(), stored).unwrap();
+        conforms_to(&Permuted::new(Box::new(&stored), axes), known, "permuted");
     }
     let scale = Values::linear(0.5, -3.0, "a test").unwrap();
     let expected: Vec<f32> = plain

@@ -52,13 +52,6 @@ fn beside(path: &Path, name: &str) -> PathBuf {
     path.with_file_name(last.trim_matches('"'))
 }
 
-fn unit(name: &str) -> Option<&'static str> {
-    let name = name.trim().trim_matches('"');
-    name.parse::<crate::grid::Unit>()
-        .ok()
-        .map(|unit| unit.name())
-}
-
 /// The `.raw.ini` of UnityVolumeRendering.
 pub(crate) fn raw_ini(path: &Path, head: &[u8]) -> Option<Described> {
     let keys = Keys::of_lines(head);
@@ -105,54 +98,6 @@ pub(crate) fn edf(path: &Path, head: &[u8]) -> Option<Described> {
         .is_some_and(|order| order.starts_with("High"))
     {
         described.endian = Endian::Big;
-    }
-    Some(described)
-}
-
-/// AmiraMesh and Avizo: text, then samples behind `@1`.
-pub(crate) fn amira(path: &Path, head: &[u8]) -> Option<Described> {
-    let data = head.windows(4).position(|w| w == b"\n@1\n")? + 4;
-    let text = String::from_utf8_lossy(&head[..data]);
-    let after = |key: &str| {
-        let at = text.find(key)? + key.len();
-        text[at..].lines().next().map(str::trim)
-    };
-    let dims: [u64; 3] = three(after("define Lattice")?)?;
-    let lattice = after("Lattice {")?;
-    let (words, rest) = lattice.split_once('}')?;
-    // what is packed says so behind the place
-    let plain = text.contains("BINARY") && rest.trim().trim_start_matches("= ") == "@1";
-    let dtype = dtype_of(words.split_whitespace().next()?).filter(|_| plain)?;
-    let mut described = Described::new(path.to_path_buf(), dims, dtype);
-    described.offset = data as u64;
-    if !text.contains("BINARY-LITTLE-ENDIAN") {
-        described.endian = Endian::Big;
-    }
-    let bounds = after("BoundingBox").map(|text| text.replace(',', " "));
-    let bounds: Option<Vec<f64>> =
-        bounds.and_then(|b| b.split_whitespace().map(|n| n.parse().ok()).collect());
-    let uniform = text.contains("\"uniform\"");
-    if let (Some([a, b, c, d, e, f]), true) = (bounds.as_deref(), uniform) {
-        let step = |from: f64, to: f64, n: u64| {
-            let step = (to - from) / n.saturating_sub(1).max(1) as f64;
-            // bounds have few decimals, and quotients noise
-            crate::grid::length::shortest(step as f32)
-        };
-        let size = [
-            step(*a, *b, dims[0]),
-            step(*c, *d, dims[1]),
-            step(*e, *f, dims[2]),
-        ];
-        let name = after("Coordinates").and_then(|rest| rest.split('"').nth(1));
-        match name.and_then(unit) {
-            Some(unit) => described.spacing = Some((size, unit)),
-            None => {
-                described.remark =
-                    format!("a voxel is {size:?} in a unit that the file does not state")
-            }
-        }
-    } else {
-        described.remark = "its coordinates are not uniform: sizes of voxels differ".into();
     }
     Some(described)
 }

@@ -1,7 +1,6 @@
 //! Formats that are not read: each by its name, with a way to its samples. Where the header is easy to read, the way
 //! is the exact options that read the samples as headerless ones; they are offered, never taken.
 
-mod binary;
 mod described;
 mod lines;
 mod name;
@@ -12,7 +11,7 @@ use crate::volume::descriptor::Samples;
 use crate::volume::format::{Format, Input, title_of};
 use crate::volume::io::blob::Blob;
 use crate::volume::options::OpenOptions;
-pub(crate) use described::{Described, of_bits, of_width};
+pub(crate) use described::{Described, dtype_of, of_bits, of_width};
 use std::io::Read;
 use std::path::{Path, PathBuf};
 use table::KINDS;

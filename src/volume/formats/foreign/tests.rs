@@ -56,59 +56,8 @@ fn samples(big: bool) -> Vec<u8> {
     (0..VOXELS).flat_map(word).collect()
 }
 
-fn words(values: &[i32]) -> Vec<u8> {
-    values.iter().flat_map(|v| v.to_le_bytes()).collect()
-}
-
-fn mrc() -> Vec<u8> {
-    let mut head = words(&[28, 20, 12, 1, 0, 0, 0, 28, 20, 12]);
-    head.extend(
-        [28f32, 20.0, 60.0, 90.0, 90.0, 90.0]
-            .iter()
-            .flat_map(|v| v.to_le_bytes()),
-    );
-    head.extend(words(&[1, 2, 3, 0, 1007, 0, 1, 32]));
-    head.resize(208, 0);
-    head.extend(b"MAP \x44\x44\0\0");
-    head.resize(1024 + 32, 0);
-    head
-}
-
-fn isq() -> Vec<u8> {
-    let mut head = b"CTDATA-HEADER_V1".to_vec();
-    head.extend(words(&[
-        3, 0, 0, 0, 0, 0, 0, 28, 20, 12, 2800, 2000, 6000, 0, 0, 0, 0, 0, 4096,
-    ]));
-    head.resize(508, 0);
-    head.extend(words(&[1]));
-    head.resize(1024, 0);
-    head
-}
-
-fn analyze() -> Vec<u8> {
-    let mut head = vec![0; 348];
-    let mut put = |at: usize, bytes: &[u8]| head[at..at + bytes.len()].copy_from_slice(bytes);
-    put(0, &348i32.to_be_bytes());
-    for (i, n) in [4i16, 28, 20, 12, 1].into_iter().enumerate() {
-        put(40 + 2 * i, &n.to_be_bytes());
-    }
-    put(70, &4i16.to_be_bytes());
-    for (i, v) in [0.7f32, 0.7, 2.0].into_iter().enumerate() {
-        put(80 + 4 * i, &v.to_be_bytes());
-    }
-    head
-}
-
 /// One volume in formats that have a header of their own in front of the samples or beside them.
 fn put_with_headers(at: &Path) {
-    put(at, "a.mrc", &[&mrc(), &samples(false)]);
-    put(at, "a.isq", &[&isq(), &samples(false)]);
-    put(at, "a.hdr", &[&analyze()]);
-    put(at, "a.img", &[&samples(true)]);
-    let amira = "# AmiraMesh BINARY-LITTLE-ENDIAN 2.1\n\ndefine Lattice 28 20 12\n\nParameters {\n Units { \
-                 Coordinates \"mm\" }\n BoundingBox 0 2.7 0 1.9 0 5.5,\n CoordType \"uniform\"\n}\nLattice { \
-                 ushort Data } @1\n\n# Data\n@1\n";
-    put(at, "a.am", &[amira.as_bytes(), &samples(false)]);
     let vtk = "# vtk DataFile Version 3.0\nx\nBINARY\nDATASET STRUCTURED_POINTS\nDIMENSIONS 28 20 12\nSPACING 1 1 \
                1\nPOINT_DATA 6720\nSCALARS d unsigned_short\nLOOKUP_TABLE default\n";
     put(at, "a.vtk", &[vtk.as_bytes(), &samples(true)]);
@@ -137,11 +86,6 @@ fn the_options_in_a_message_read_the_samples() {
     put_with_headers(at);
     put_raw_with_notes(at);
     for (name, spacing) in [
-        ("a.mrc", [0.1, 0.1, 0.5]),
-        ("a.isq", [100.0, 100.0, 500.0]),
-        ("a.hdr", [0.7, 0.7, 2.0]),
-        ("a.img", [0.7, 0.7, 2.0]),
-        ("a.am", [0.1, 0.1, 0.5]),
         ("a.vtk", [1.0; 3]),
         ("cells.vtk", [1.0; 3]),
         ("unity.raw", [1.0; 3]),
@@ -203,7 +147,6 @@ fn every_format_is_named() {
         ("a.pgm", b"P5\n4 4\n255\n", "PNM"),
         ("a.his", b"x", "HIS"),
         ("2dseq", b"x", "ParaVision"),
-        ("a.mrc", b"x", "MRC"),
         ("a.mat", b"MATLAB 5.0 MAT-file", "MATLAB 5"),
         (
             "info",
@@ -295,22 +238,6 @@ fn folders_say_which_file_to_give() {
     let said = message(at, "nested");
     assert!(
         said.contains("a folder that holds one volume") && said.contains("scan.zarr"),
-        "{said}"
-    );
-    let slices = at.join("slices");
-    std::fs::create_dir(&slices).unwrap();
-    let bmp: &[u8] = &[b"BM", &[0; 12][..], &[40, 0, 0, 0], &[0; 20]].concat();
-    for k in 0..3 {
-        put(&slices, &format!("s_rec{k}.bmp"), &[bmp]);
-    }
-    put(
-        &slices,
-        "s_rec.log",
-        &[b"[Reconstruction]\r\nPixel Size (um)=17.51000\r\n"],
-    );
-    let said = message(at, "slices");
-    assert!(
-        said.contains("BMP") && said.contains("PNG or TIFF"),
         "{said}"
     );
 }
