@@ -1,4 +1,4 @@
-//! Zip archives: slices or one stack in TIFF or PNG, or one NumPy array (`.npz`).
+//! Zip archives: slices or one stack in TIFF, PNG or BMP, or one NumPy array (`.npz`).
 //!
 //! A NumPy array is streamed out of the archive. Pages must be read at any place, so compressed
 //! members with pages are first unpacked to an unnamed file in the folder for temporary files

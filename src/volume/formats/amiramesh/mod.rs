@@ -34,6 +34,8 @@ pub(crate) const FORMAT: Format = Format {
     ..Format::BASE
 };
 
+const MATRIX: &str = "Parameters/TransformationMatrix";
+
 /// No header is longer: those of many materials have some hundred kilobytes.
 const MAX_HEADER: u64 = 4 << 20;
 
@@ -58,20 +60,13 @@ fn parse(path: &Path, options: &OpenOptions) -> Result<VolumeDescriptor> {
     let array = chosen(path, &header, options)?;
     let dtype = dtype(path, array)?;
     let start = start(&blob, &header, array, end as u64 + 4, dims)?;
-    let bytes = dims.voxels() * dtype.bytes() as u64;
     let encoding = match array.packing {
         Packing::None => Encoding::Raw,
         Packing::Zip(_) => Encoding::Zlib,
         Packing::ByteRle(packed) => Encoding::ByteRle { packed },
     };
-    if let (Packing::None, true) = (array.packing, blob.len() < start.saturating_add(bytes)) {
-        let found = format!("{} bytes", blob.len());
-        return Err(Error::format(
-            path,
-            found,
-            format!("{} for {dims} of {dtype}", start + bytes),
-        )
-        .with_hint("the file is cut short, or the size is wrong"));
+    if array.packing == Packing::None {
+        all_there(&blob, start, dims, dtype)?;
     }
     let described = Described {
         offset: start,
@@ -104,6 +99,20 @@ fn parse(path: &Path, options: &OpenOptions) -> Result<VolumeDescriptor> {
             }),
         )
     })
+}
+
+/// Checks that samples as they are reach to their end.
+fn all_there(blob: &Blob, start: u64, dims: Dims, dtype: Dtype) -> Result<()> {
+    let end = start.saturating_add(dims.voxels() * dtype.bytes() as u64);
+    match blob.len() < end {
+        true => Err(Error::format(
+            blob.path(),
+            format!("{} bytes", blob.len()),
+            format!("{end} for {dims} of {dtype}"),
+        )
+        .with_hint("the file is cut short, or the size is wrong")),
+        false => Ok(()),
+    }
 }
 
 /// The byte order, in the first line.
@@ -226,31 +235,14 @@ fn place(
         shortest(((ends[2 * a + 1] - ends[2 * a]) / f64::from(dims.0[a] - 1)) as f32)
     });
     let mut origin = [ends[0], ends[2], ends[4]];
-    let moved = numbers::<16>(path, header, "Parameters/TransformationMatrix")?;
-    if let Some(m) = moved {
-        let row = |r: usize| [m[4 * r], m[4 * r + 1], m[4 * r + 2]];
-        let name = "TransformationMatrix";
-        let text = header
-            .get("Parameters/TransformationMatrix")
-            .unwrap_or_default()
-            .join(" ");
+    if let Some(matrix) = numbers::<16>(path, header, MATRIX)? {
+        let text = header.get(MATRIX).unwrap_or_default().join(" ");
         let field = Field {
             path,
-            name,
+            name: "TransformationMatrix",
             text: &text,
         };
-        if [m[3], m[7], m[11], m[15]] != [0.0, 0.0, 0.0, 1.0] {
-            return Err(field.wrong("a map without perspective"));
-        }
-        let rows = [row(0), row(1), row(2)];
-        let (scales, directions) = text::axes(field, rows)?;
-        let along = |r: usize| (0..3).map(|a| origin[a] * rows[a][r]).sum::<f64>();
-        origin = [0, 1, 2].map(|r| along(r) + m[12 + r]);
-        lengths = [0, 1, 2].map(|a| match (scales[a] - 1.0).abs() < 1e-6 {
-            true => lengths[a],
-            false => lengths[a] * scales[a],
-        });
-        place.directions = directions;
+        place.directions = moved(field, matrix, &mut lengths, &mut origin)?;
     }
     let unit = header
         .get("Parameters/Units/Coordinates")
@@ -266,6 +258,29 @@ fn place(
     }
     warnings.extend(size.warning);
     Ok((place, from, warnings))
+}
+
+/// Moves steps and an origin by a matrix, and returns the directions of the axes.
+fn moved(
+    field: Field,
+    m: [f64; 16],
+    lengths: &mut [f64; 3],
+    origin: &mut [f64; 3],
+) -> Result<[[f64; 3]; 3]> {
+    if [m[3], m[7], m[11], m[15]] != [0.0, 0.0, 0.0, 1.0] {
+        return Err(field.wrong("a map without perspective"));
+    }
+    let rows = [0, 1, 2].map(|r| [m[4 * r], m[4 * r + 1], m[4 * r + 2]]);
+    let (scales, directions) = text::axes(field, rows)?;
+    let along = |r: usize| (0..3).map(|a| origin[a] * rows[a][r]).sum::<f64>();
+    *origin = [0, 1, 2].map(|r| along(r) + m[12 + r]);
+    for (length, scale) in lengths.iter_mut().zip(scales) {
+        // rounding noise must not change the size of a voxel
+        if (scale - 1.0).abs() >= 1e-6 {
+            *length *= scale;
+        }
+    }
+    Ok(directions)
 }
 
 /// The numbers under a key.

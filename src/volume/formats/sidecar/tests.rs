@@ -28,83 +28,41 @@ fn refusal(name: &str, text: &str, bytes: usize) -> String {
     opened(name, text, bytes).unwrap_err().to_string()
 }
 
+/// Size, type, spacing and unit of a header, whose note says whether the type follows from the length.
+fn is(name: &str, text: &str, bytes: usize, dtype: Dtype, spacing: [f64; 3]) {
+    let opened = opened(name, text, bytes).unwrap_or_else(|e| panic!("{name}: {e}"));
+    let header = opened.volume.header();
+    assert_eq!((header.dims.0, header.dtype), ([6, 5, 4], dtype), "{name}");
+    let (big, place) = (name == "v.vol.info", header.placement);
+    let unit = if big {
+        Unit::Micrometre
+    } else {
+        Unit::Millimetre
+    };
+    assert_eq!((place.spacing, place.unit), (spacing, unit), "{name}");
+    assert_eq!(opened.provenance.spacing, [Origin::File; 3], "{name}");
+    let endian = if big { Endian::Big } else { Endian::Little };
+    assert_eq!(header.endian, endian, "{name}");
+    assert_eq!(opened.warnings, [""; 0], "{name}");
+    let told = |note: &String| note.contains("by the length of");
+    let expected = big || name == "v.xtekct";
+    assert_eq!(
+        opened.notes.iter().any(told),
+        expected,
+        "{name}: {:?}",
+        opened.notes
+    );
+}
+
 #[test]
 fn sizes_types_and_units_are_those_of_the_header() {
-    for (name, text, bytes, dtype, spacing, unit) in [
-        (
-            "v.vgi",
-            VGI,
-            4,
-            Dtype::F32,
-            [0.1, 0.2, 0.5],
-            Unit::Millimetre,
-        ),
-        (
-            "v.vgl",
-            VGI,
-            4,
-            Dtype::F32,
-            [0.1, 0.2, 0.5],
-            Unit::Millimetre,
-        ),
-        (
-            "v.xtekct",
-            NIKON,
-            4,
-            Dtype::F32,
-            [0.02, 0.02, 0.04],
-            Unit::Millimetre,
-        ),
-        (
-            "v.xtekct",
-            NIKON,
-            2,
-            Dtype::U16,
-            [0.02, 0.02, 0.04],
-            Unit::Millimetre,
-        ),
-        (
-            "v.vol.info",
-            ESRF,
-            4,
-            Dtype::F32,
-            [0.55; 3],
-            Unit::Micrometre,
-        ),
-        (
-            "v.vol.info",
-            ESRF,
-            1,
-            Dtype::U8,
-            [0.55; 3],
-            Unit::Micrometre,
-        ),
-        ("v.pcr", PCR, 2, Dtype::U16, [0.017; 3], Unit::Millimetre),
-    ] {
-        let opened = opened(name, text, bytes).unwrap_or_else(|e| panic!("{name}: {e}"));
-        let header = opened.volume.header();
-        assert_eq!((header.dims.0, header.dtype), ([6, 5, 4], dtype), "{name}");
-        let place = header.placement;
-        assert_eq!((place.spacing, place.unit), (spacing, unit), "{name}");
-        assert_eq!(opened.provenance.spacing, [Origin::File; 3], "{name}");
-        let big = name == "v.vol.info";
-        assert_eq!(
-            header.endian,
-            if big { Endian::Big } else { Endian::Little }
-        );
-        assert_eq!(opened.warnings, [""; 0], "{name}");
-        // what follows from the length is told
-        let told = opened
-            .notes
-            .iter()
-            .any(|note| note.contains("by the length of"));
-        assert_eq!(
-            told,
-            big || name == "v.xtekct",
-            "{name}: {:?}",
-            opened.notes
-        );
-    }
+    is("v.vgi", VGI, 4, Dtype::F32, [0.1, 0.2, 0.5]);
+    is("v.vgl", VGI, 4, Dtype::F32, [0.1, 0.2, 0.5]);
+    is("v.xtekct", NIKON, 4, Dtype::F32, [0.02, 0.02, 0.04]);
+    is("v.xtekct", NIKON, 2, Dtype::U16, [0.02, 0.02, 0.04]);
+    is("v.vol.info", ESRF, 4, Dtype::F32, [0.55; 3]);
+    is("v.vol.info", ESRF, 1, Dtype::U8, [0.55; 3]);
+    is("v.pcr", PCR, 2, Dtype::U16, [0.017; 3]);
     let opened = opened("v.vgi", VGI, 4).unwrap();
     assert!(
         opened.notes[0].contains("shows samples as u16"),
@@ -113,98 +71,86 @@ fn sizes_types_and_units_are_those_of_the_header() {
     );
 }
 
+/// A header with one part of it exchanged is refused with these words.
+fn refused(name: &str, text: &str, [from, to]: [&str; 2], bytes: usize, says: &str) {
+    assert!(text.contains(from), "{from}");
+    let said = refusal(name, &text.replacen(from, to, 1), bytes);
+    assert!(said.contains(says), "{name}, {says}: {said}");
+}
+
 #[test]
-fn what_contradicts_itself_is_refused() {
-    for (name, text, bytes, says) in [
-        ("v.vgi", VGI.replace("Size = 6", "Size = 7"), 4, "6 5 4"),
-        (
-            "v.vgi",
-            VGI.replace("mirror = 0 0", "mirror = 0 1"),
-            4,
-            "turned round",
-        ),
-        ("v.vgi", VGI.replace("= raw", "= tiff"), 4, "tiff files"),
-        (
-            "v.vgi",
-            VGI.replace("v.vol", "D:\\x\\w.vol"),
-            4,
-            "w.vol there",
-        ),
-        ("v.vgi", VGI.replace("= 32", "= 12"), 4, "12 bits"),
-        ("v.vgi", VGI.replace("= float", "= complex"), 4, "complex"),
-        (
-            "v.vgi",
-            VGI.replace("Name", "Comment"),
-            4,
-            "no `Name` in [file1]",
-        ),
-        (
-            "v.vgi",
-            format!("{VGI}[file2]\nName = b.vol\n"),
-            4,
-            "2 files",
-        ),
-        (
-            "v.vgi",
-            format!("{{volume2}}\n[representation]\nsize = 1 1 1\n{VGI}"),
-            4,
-            "2 volumes",
-        ),
-        (
-            "v.vgi",
-            VGI.replace("SkipHeader", "RegionOfInterestEnd = 4 4 3\nSkip"),
-            4,
-            "region",
-        ),
-        ("v.vgi", VGI.into(), 2, "240 bytes"),
-        ("v.vgi", "text".into(), 2, "section [representation]"),
-        (
-            "v.xtekct",
-            NIKON.replace("VoxelsY", "Y"),
-            4,
-            "no `VoxelsY` in [xtekct]",
-        ),
-        (
-            "v.xtekct",
-            NIKON.replace("VoxelsY=5", "VoxelsY=5\nVoxelsY=6"),
-            4,
-            "of 5 and of 6",
-        ),
-        ("v.xtekct", NIKON.into(), 3, "360 bytes"),
-        ("v.xtekct", "text".into(), 3, "section [XTekCT]"),
-        (
-            "v.vol.info",
-            ESRF.replace("HIGHBYTEFIRST", "mixed"),
-            4,
-            "LOWBYTEFIRST",
-        ),
-        (
-            "v.vol.info",
-            ESRF.replace("NUM_Z = 4", "NUM_Z = 0"),
-            4,
-            "2 to 65536",
-        ),
-        ("w.vol.info", ESRF.into(), 4, "w.vol there"),
-        (
-            "v.pcr",
-            PCR.replace("=5\nVoxel", "=5\nVoxel")
-                .replace("Format=5", "Format=10"),
-            2,
-            "which is u16",
-        ),
-        ("v.pcr", PCR.into(), 4, "which is f32"),
-        ("v.pcr", "[VolumeData]\n".into(), 4, "section [VolumeData]"),
-    ] {
-        let said = refusal(name, &text, bytes);
-        assert!(said.contains(says), "{name}, {says}: {said}");
-    }
-    // the way out reads the samples
-    let said = refusal(
-        "v.vgi",
-        &VGI.replace("SkipHeader", "RegionOfInterestEnd = 4 4 3\nSkip"),
+fn vgi_that_contradicts_itself_or_is_no_plain_volume_is_refused() {
+    let no = |change, bytes, says| refused("v.vgi", VGI, change, bytes, says);
+    no(
+        ["\nSize = 6", "\nSize = 7"],
         4,
+        "7 5 4, the size of the file",
     );
-    assert!(said.contains("--dims 6,5,4 --dtype f32"), "{said}");
+    no(["mirror = 0 0", "mirror = 0 1"], 4, "turned round");
+    no(["= raw", "= tiff"], 4, "tiff files");
+    no(["v.vol", "D:\\x\\w.vol"], 4, "w.vol there");
+    no(["= 32", "= 12"], 4, "12 bits");
+    no(["= float", "= complex"], 4, "complex");
+    no(["Name", "Comment"], 4, "no `Name` in [file1]");
+    no(
+        ["{volumep", "[file2]\nName = b.vol\n{volumep"],
+        4,
+        "2 files",
+    );
+    no(
+        [
+            "{volume1}",
+            "{volume2}\n[representation]\nsize = 1 1 1\n{volume1}",
+        ],
+        4,
+        "2 volumes",
+    );
+    no(
+        ["SkipHeader", "RegionOfInterestEnd = 4 4 3\nSkip"],
+        4,
+        "a region of interest",
+    );
+    no(["unit", "unit"], 2, "240 bytes");
+    no(["[representation]", "text"], 2, "section [representation]");
+    // the way out reads the samples
+    no(
+        ["SkipHeader", "RegionOfInterestEnd = 4 4 3\nSkip"],
+        4,
+        "--dims 6,5,4 --dtype f32",
+    );
+}
+
+#[test]
+fn other_headers_that_contradict_themselves_are_refused() {
+    let nikon = |change, bytes, says| refused("v.xtekct", NIKON, change, bytes, says);
+    nikon(["VoxelsY", "Y"], 4, "no `VoxelsY` in [xtekct]");
+    nikon(["VoxelsY=5", "VoxelsY=5\nVoxelsY=6"], 4, "of 5 and of 6");
+    nikon(["v\n", "v\n"], 3, "360 bytes");
+    nikon(["[XTekCT]", "text"], 4, "section [XTekCT]");
+    refused(
+        "v.vol.info",
+        ESRF,
+        ["HIGHBYTEFIRST", "mixed"],
+        4,
+        "LOWBYTEFIRST",
+    );
+    refused(
+        "v.vol.info",
+        ESRF,
+        ["NUM_Z = 4", "NUM_Z = 0"],
+        4,
+        "2 to 65536",
+    );
+    refused("w.vol.info", ESRF, ["NUM", "NUM"], 4, "w.vol there");
+    refused("v.pcr", PCR, ["Format=5", "Format=10"], 2, "which is u16");
+    refused("v.pcr", PCR, ["Format", "Format"], 4, "which is f32");
+    refused(
+        "v.pcr",
+        PCR,
+        ["Volume_SizeX", "X"],
+        2,
+        "section [VolumeData]",
+    );
 }
 
 #[test]
