@@ -127,7 +127,7 @@ impl RegionArgs {
         };
         let (shape, voxels) = match asked {
             RegionArg::Mask(path) => read_mask(path, dims, progress)?,
-            RegionArg::Found => of_cylinder(find_cylinder(volume)?, dims)?,
+            RegionArg::Found => of_cylinder(find_cylinder(volume, progress)?, dims)?,
             RegionArg::Cylinder(cylinder) => of_cylinder(*cylinder, dims)?,
         };
         Ok(Some(Roi {

@@ -29,7 +29,7 @@ pub use filters::filtered;
 pub use filters::median::Medianed;
 pub use filters::smooth::Smoothed;
 pub use memory::MemoryVolume;
-pub use open::{file_name, open};
+pub use open::{file_name, open, stem};
 pub use options::{Headerless, Io, OpenOptions, Opened};
 pub(crate) use region::row_words;
 pub use region::{Filled, RegionVoxels};

@@ -192,6 +192,33 @@ pub fn file_name(path: &Path) -> String {
     name.to_string_lossy().into_owned()
 }
 
+/// The name of a file or folder without its directory and the endings of formats: `scan` of `ct/scan.nii.gz`. Of a file
+/// any last ending goes.
+pub fn stem(path: &Path) -> String {
+    /// Endings of samples without a header, of compressed files, and of names such as `scan.ome.tif`.
+    const OTHERS: [&str; 8] = ["raw", "img", "gz", "bz2", "xz", "zst", "ome", "slices"];
+    let name = file_name(path);
+    let known = |ending: &str| {
+        let own = FORMATS.iter().flat_map(|f| f.extensions);
+        let all = own.flat_map(|e| e.split('.')).chain(OTHERS);
+        all.into_iter().any(|e| e.eq_ignore_ascii_case(ending))
+    };
+    let split = |name: &str| {
+        let (stem, ending) = name.rsplit_once('.')?;
+        (!stem.is_empty()).then(|| (stem.to_owned(), ending.to_owned()))
+    };
+    let mut rest = name.clone();
+    while let Some((stem, ending)) = split(&rest) {
+        let first = rest == name && !path.is_dir();
+        let of_letters = !ending.is_empty() && ending.chars().all(char::is_alphabetic);
+        if !(known(&ending) || first && of_letters) {
+            break;
+        }
+        rest = stem;
+    }
+    rest
+}
+
 /// Options that choose a part of a file must not be given for formats that have no such parts.
 fn refuse_unused(format: &str, options: &OpenOptions) -> Result<()> {
     let own = registry::named(format).map_or(&[][..], |format| format.takes);

@@ -7,6 +7,7 @@
 
 use crate::error::{Error, Result};
 use crate::grid::{Cylinder, Voxel, with_voxel_type};
+use crate::progress::Progress;
 use crate::volume::Volume;
 use crate::volume::stats::histogram::Levels;
 use std::f64::consts::TAU;
@@ -15,6 +16,8 @@ use std::f64::consts::TAU;
 const SLICES: u32 = 32;
 /// Pixels along the longer side of the mean of slices at most; each stands for a square of voxels then.
 const PIXELS: u32 = 1024;
+/// Bytes of samples that are read at once, unless a row has more.
+const SAMPLES: usize = 2 << 20;
 /// Rays towards the middle.
 const RAYS: usize = 720;
 /// Share of the rays that have to end on one circle.
@@ -27,20 +30,19 @@ const SMALLEST: f64 = 8.0;
 /// The cylinder that a scan of a round sample in air shows. Its radius is a voxel less than that of the sample's rim, or
 /// a pixel where the mean of slices is coarser, so that no air lies inside.
 ///
-/// Memory: 16 bytes for a pixel of the mean of slices, and one row of voxels.
+/// Memory: 32 bytes for a pixel of the mean of slices, and 2 MiB of samples, or a row if that is more.
 ///
 /// # Errors
-/// The volume's; [`Error::Usage`] that says why there is none.
-pub fn find_cylinder(volume: &dyn Volume) -> Result<Cylinder> {
+/// The volume's; [`Error::Usage`] that says why there is none; [`Error::Interrupted`].
+pub fn find_cylinder(volume: &dyn Volume, progress: &dyn Progress) -> Result<Cylinder> {
     let header = volume.header();
-    let (lower, upper) = with_voxel_type!(header.dtype, T => Ok::<_, Error>(halves::<T>(volume)?))?;
+    let (lower, upper) =
+        with_voxel_type!(header.dtype, T => Ok::<_, Error>(halves::<T>(volume, progress)?))?;
     let pixel = f64::from(lower.pixel);
     let found = (|| {
         let [a, b] = [circle(&lower)?, circle(&upper)?];
         let all = circle(&lower.with(&upper))?;
-        let apart = (a.x - b.x)
-            .hypot(a.y - b.y)
-            .max((a.radius - b.radius).abs());
+        let apart = distance([a.x, a.y], [b.x, b.y]).max((a.radius - b.radius).abs());
         let most = (OFF * all.radius).max(1.0);
         match apart <= most {
             true => Ok(all),
@@ -141,20 +143,29 @@ impl Mean {
 }
 
 /// The means of slices from the lower and from the upper half, evenly spread.
-fn halves<T: Voxel>(volume: &dyn Volume) -> Result<(Mean, Mean)> {
+fn halves<T: Voxel>(volume: &dyn Volume, progress: &dyn Progress) -> Result<(Mean, Mean)> {
     let [nx, ny, nz] = volume.header().dims.0;
     let mut means = [Mean::new([nx, ny]), Mean::new([nx, ny])];
     let slices = SLICES.min(nz);
-    let mut row = vec![T::zeroed(); nx as usize];
+    let rows = (SAMPLES / (nx as usize * size_of::<T>())).clamp(1, ny as usize);
+    let mut samples = vec![T::zeroed(); nx as usize * rows];
+    progress.begin("region", slices.into());
     for i in 0..slices {
         let z = ((2 * u64::from(i) + 1) * u64::from(nz) / (2 * u64::from(slices))) as u32;
         let mean = &mut means[usize::from(2 * i >= slices)];
-        for y in 0..ny {
-            let out = bytemuck::cast_slice_mut(&mut row);
-            volume.read_box(0..nx, y..y + 1, z..z + 1, out)?;
-            mean.add(y, &row);
+        for y in (0..ny).step_by(rows) {
+            if progress.interrupted() {
+                return Err(Error::Interrupted);
+            }
+            let y = y..(y + rows as u32).min(ny);
+            let samples = &mut samples[..nx as usize * y.len()];
+            let out = bytemuck::cast_slice_mut(samples);
+            volume.read_box(0..nx, y.clone(), z..z + 1, out)?;
+            let rows = samples.chunks_exact(nx as usize);
+            y.zip(rows).for_each(|(y, row)| mean.add(y, row));
         }
         volume.release(z..z + 1);
+        progress.advance(1);
     }
     let [lower, upper] = means;
     Ok((lower, upper))
@@ -198,9 +209,14 @@ fn circle(mean: &Mean) -> std::result::Result<Circle, String> {
     Ok(best)
 }
 
+/// How far two points are apart.
+fn distance(a: [f64; 2], b: [f64; 2]) -> f64 {
+    libm::hypot(a[0] - b[0], a[1] - b[1])
+}
+
 /// How far a point lies outside of a circle.
 fn off(circle: &Circle, [x, y]: &[f64; 2]) -> f64 {
-    (x - circle.x).hypot(y - circle.y) - circle.radius
+    distance([*x, *y], [circle.x, circle.y]) - circle.radius
 }
 
 /// Otsu's threshold of an image; `None` if all of it is the same.
@@ -225,7 +241,7 @@ fn threshold(image: &[f64]) -> Option<f64> {
 
 /// The pixels, by their places, of the largest connected part of those that are bright.
 fn largest(image: &[f64], width: usize, threshold: f64) -> Vec<usize> {
-    let mut seen: Vec<bool> = image.iter().map(|v| !(*v >= threshold)).collect();
+    let mut seen: Vec<bool> = image.iter().map(|v| *v < threshold || v.is_nan()).collect();
     let mut best = Vec::new();
     for start in 0..image.len() {
         if seen[start] {
@@ -268,13 +284,13 @@ fn rim(image: &[f64], mean: &Mean, sample: &[usize], threshold: f64) -> Vec<[f64
     let n = sample.len() as f64;
     let middle_x = sample.iter().map(|i| (i % width) as f64).sum::<f64>() / n;
     let middle_y = sample.iter().map(|i| (i / width) as f64).sum::<f64>() / n;
-    let longest = (width as f64).hypot(height as f64) * STEPS;
+    let longest = libm::hypot(width as f64, height as f64) * STEPS;
     let pixel = |x: f64, y: f64| {
         let inside = x >= 0.0 && y >= 0.0 && x <= (width - 1) as f64 && y <= (height - 1) as f64;
         inside.then(|| x.round() as usize + width * y.round() as usize)
     };
     let ray = |i: usize| {
-        let (sin, cos) = (TAU * i as f64 / RAYS as f64).sin_cos();
+        let (sin, cos) = libm::sincos(TAU * i as f64 / RAYS as f64);
         let at = |step: f64| [middle_x + cos * step / STEPS, middle_y + sin * step / STEPS];
         let is_met = |step: &u32| {
             let [x, y] = at(f64::from(*step));
@@ -327,7 +343,7 @@ fn fit(points: &[[f64; 2]]) -> Option<Circle> {
         rr += r;
     }
     let determinant = 2.0 * (xx * yy - xy * xy);
-    if !(determinant > 0.0) {
+    if determinant <= 0.0 || determinant.is_nan() {
         return None;
     }
     let x = (xr * yy - yr * xy) / determinant;
@@ -343,6 +359,7 @@ fn fit(points: &[[f64; 2]]) -> Option<Circle> {
 mod tests {
     use super::*;
     use crate::grid::{Dims, Placement};
+    use crate::progress::Quiet;
     use crate::volume::MemoryVolume;
 
     /// A scan whose samples are what `of` says, with noise.
@@ -363,19 +380,19 @@ mod tests {
     }
 
     fn round(x: f64, y: f64, [cx, cy, r]: [f64; 3]) -> f64 {
-        1000.0 + 2000.0 * (r + 0.5 - (x - cx).hypot(y - cy)).clamp(0.0, 1.0)
+        1000.0 + 2000.0 * (r + 0.5 - libm::hypot(x - cx, y - cy)).clamp(0.0, 1.0)
     }
 
     #[test]
     fn a_round_sample_is_found_in_spite_of_pores_and_noise() {
         for [cx, cy, r] in [[60.3, 55.8, 40.2], [64.0, 64.0, 60.0], [30.0, 90.5, 20.0]] {
             let volume = scan([130, 128, 40], |[x, y, z]| {
-                let pore = ((x / 7.0).sin() + (y / 5.0).cos() + (z / 3.0).sin()) > 0.9;
+                let pore = libm::sin(x / 7.0) + libm::cos(y / 5.0) + libm::sin(z / 3.0) > 0.9;
                 round(x, y, [cx, cy, r]) - if pore { 900.0 } else { 0.0 }
             });
-            let found = find_cylinder(&volume).unwrap();
+            let found = find_cylinder(&volume, &Quiet).unwrap();
             let [x, y] = found.centre;
-            assert!((x - cx).hypot(y - cy) < 0.4, "{found}");
+            assert!(libm::hypot(x - cx, y - cy) < 0.4, "{found}");
             assert!((found.radius + 1.0 - r).abs() < 0.7, "{found}");
         }
     }
@@ -384,9 +401,9 @@ mod tests {
     fn large_slices_are_seen_coarser() {
         let [cx, cy, r] = [1100.0, 1003.5, 700.0];
         let volume = scan([2100, 2060, 2], |[x, y, _]| round(x, y, [cx, cy, r]));
-        let found = find_cylinder(&volume).unwrap();
+        let found = find_cylinder(&volume, &Quiet).unwrap();
         let [x, y] = found.centre;
-        assert!((x - cx).hypot(y - cy) < 1.0, "{found}");
+        assert!(libm::hypot(x - cx, y - cy) < 1.0, "{found}");
         assert!((found.radius + 3.0 - r).abs() < 1.5, "{found}");
     }
 
@@ -394,7 +411,8 @@ mod tests {
     fn what_is_no_upright_round_sample_is_told() {
         let dims = [100, 100, 20];
         let square = |x: f64, y: f64| f64::max((x - 50.0).abs(), (y - 50.0).abs()) < 30.0;
-        let message = |volume: MemoryVolume<u16>| find_cylinder(&volume).unwrap_err().to_string();
+        let message =
+            |volume: MemoryVolume<u16>| find_cylinder(&volume, &Quiet).unwrap_err().to_string();
         let of_square = scan(dims, |[x, y, _]| if square(x, y) { 3000.0 } else { 500.0 });
         assert!(message(of_square).contains("not round"));
         let tilted = scan(dims, |[x, y, z]| round(x, y, [40.0 + z, 50.0, 25.0]));
@@ -402,7 +420,9 @@ mod tests {
         let cut_off = scan(dims, |[x, y, _]| round(x, y, [50.0, 50.0, 65.0]));
         assert!(message(cut_off).contains("fills the slices"));
         let same = MemoryVolume::new(Dims([20; 3]), Placement::default(), vec![7u8; 8000]);
-        let of_one = find_cylinder(&same.unwrap()).unwrap_err().to_string();
+        let of_one = find_cylinder(&same.unwrap(), &Quiet)
+            .unwrap_err()
+            .to_string();
         assert!(of_one.contains("of one value") && of_one.contains("cylinder:CX,CY,R"));
         let tiny = scan(dims, |[x, y, _]| round(x, y, [50.0, 50.0, 5.0]));
         assert!(message(tiny).contains("a radius of"));
