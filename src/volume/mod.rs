@@ -50,7 +50,7 @@ use std::path::Path;
 #[derive(Debug, Clone, PartialEq)]
 pub struct Header {
     /// Name of the file format: `raw`, `metaimage`, `nrrd`, `tiff`, `png`, `nifti`, `numpy`, `vti`,
-    /// `dicom`, `zarr`, `hdf5`.
+    /// `dicom`, `zarr`, `hdf5`, `bmp`, `vgi`, `xtekct`, `pyhst`, `pcr`, `isq`, `aim`, `amiramesh`, `mrc`, `analyze`.
     pub format: &'static str,
     /// Size in voxels.
     pub dims: Dims,
