@@ -19,7 +19,7 @@ use crate::grid::{Crop, Dims, Filter, Placement, filtered_dims, filtered_dtype};
 use files::{FIXTURES, made};
 use proptest::prelude::*;
 use std::ops::Range;
-use std::path::{Path, PathBuf};
+use std::path::Path;
 
 type Box3 = [Range<u32>; 3];
 
