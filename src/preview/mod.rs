@@ -132,7 +132,7 @@ pub struct PreviewReport {
 pub struct Panel {
     /// Threshold of its contour.
     pub threshold: f64,
-    /// The share of the slice's voxels above it, 0 to 1.
+    /// The share of the slice's voxels above it, 0 to 1; of those in the region of interest, if there is one.
     pub share_above: f64,
     /// Upper left pixel of the slice in the picture.
     pub corner: [u32; 2],
@@ -362,10 +362,16 @@ impl Shown<'_> {
         }
         let panel = |(&threshold, &corner): (&f64, &[u32; 2])| Panel {
             threshold,
-            share_above: self.slice.share_above(threshold),
+            share_above: self.share_above(threshold),
             corner,
         };
         self.thresholds.iter().zip(corners).map(panel).collect()
+    }
+
+    /// The share of the slice above a threshold, or of what of the slice is in the region.
+    fn share_above(&self, t: f64) -> f64 {
+        let inside = self.region.map(|region| &region.inside);
+        self.slice.share_above(t, inside)
     }
 
     /// A threshold in a few digits.
@@ -434,7 +440,7 @@ impl Shown<'_> {
             return Vec::new();
         }
         let title = |&t: &f64| {
-            let percent = 100.0 * self.slice.share_above(t);
+            let percent = 100.0 * self.share_above(t);
             format!("{}: {percent:.1} % above", Self::short(t))
         };
         self.thresholds.iter().map(title).collect()
