@@ -8,7 +8,7 @@ use crate::http::{Answer, Body, Client, Handler, Method, Request, Rules, Status}
 use crate::manifest::{MANIFEST, Manifest};
 use crate::tileset::{TileLookup, TileSet};
 use std::fs::File;
-use std::io::{Read, Seek, SeekFrom};
+use std::io::{Seek, SeekFrom};
 use std::ops::Range;
 
 /// Answers with files.
@@ -100,7 +100,7 @@ impl Files {
         };
         file.seek(SeekFrom::Start(wanted.start)).map_err(failed)?;
         let bytes = wanted.end - wanted.start;
-        let body = Body::Stream(Box::new(file.take(bytes)), bytes);
+        let body = Body::Stream(Box::new(file), bytes);
         let mut answer = Answer::new(kind(&listed.path), body)
             .with("Cache-Control", "no-cache")
             .with("Accept-Ranges", "bytes");
@@ -132,8 +132,7 @@ impl Files {
             );
             return Answer::error(Status::NotFound, &message);
         };
-        let answer = self.file(request, &listed);
-        answer.unwrap_or_else(|e| Answer::error(Status::Failed, &e.to_string()))
+        self.file(request, &listed).unwrap_or_else(Answer::from)
     }
 }
 

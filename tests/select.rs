@@ -217,11 +217,11 @@ fn a_part_of_a_part_remembers_the_whole() {
     let [b, c] = [b, c].map(|m| m.selection.unwrap());
     assert_eq!(b.of, c.of);
     assert_eq!(
-        b.condition.as_deref(),
+        b.last.condition.as_deref(),
         Some("(not (touches_border)) and (volume > 0.05)")
     );
     verifies(dir, "b", &[]);
-    let again = listed(dir, "tiles", &["--where", &b.condition.unwrap()]);
+    let again = listed(dir, "tiles", &["--where", &b.last.condition.unwrap()]);
     assert_eq!(listed(dir, "b", &[]), again);
 }
 

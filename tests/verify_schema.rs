@@ -114,10 +114,12 @@ fn manifest() -> Manifest {
             }),
         },
         selection: Some(Selection {
-            condition: Some("volume > 1".into()),
-            omit: true,
-            table: Table::Objects,
-            largest: Some(3),
+            last: Step {
+                condition: Some("volume > 1".into()),
+                omit: true,
+                table: Table::Objects,
+                largest: Some(3),
+            },
             before: vec![Step::default()],
             painted: vec![Paint {
                 condition: "best:3".into(),

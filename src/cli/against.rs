@@ -63,26 +63,17 @@ pub fn open_against(directory: &Path, path: &Path, asked: Asked) -> Result<Again
     let opened = asked.filters.apply_as(&manifest, opened, asked.option)?;
     let source = SourceVolume::of(&opened);
     let (volume, region) = filled(opened, &manifest, &asked)?;
-    let dims = volume.header().dims;
-    let (volume, region) = match &manifest.source.crop {
-        None => (volume, region),
-        Some(crop) if crop.dims_in(dims).is_err() => {
-            let whole = manifest.filtered_dims()?;
-            let found = format!("{} of {dims} voxels", path.display());
-            let expected = format!("a volume of {whole}, of which the tiles cover a part");
-            return Err(Error::usage(asked.option, found, expected));
-        }
-        Some(crop) => {
-            let region = region.map(|region| region.cropped(crop)).transpose()?;
-            (
-                Box::new(Cropped::new(volume, crop)?) as Box<dyn Volume>,
-                region,
-            )
-        }
-    };
+    let (dims, crop) = (volume.header().dims, manifest.source.crop.as_ref());
+    if crop.is_some_and(|crop| crop.dims_in(dims).is_err()) {
+        let whole = manifest.filtered_dims()?;
+        let found = format!("{} of {dims} voxels", path.display());
+        let expected = format!("a volume of {whole}, of which the tiles cover a part");
+        return Err(Error::usage(asked.option, found, expected));
+    }
+    let region = region.map(|region| region.cropped(crop));
     Ok(Against {
-        volume,
-        region,
+        volume: Cropped::part(volume, crop)?,
+        region: region.transpose()?,
         source,
         stamp,
     })

@@ -175,8 +175,8 @@ impl CellsArgs {
                 let rows = self.top.unwrap_or(ROWS);
                 if !print_table(&mut table, query, rows, &shown)? && rows > 0 {
                     let of = which.total(&manifest);
-                    let name = which.name().trim_end_matches('s');
-                    output::print(&format!("0 of {}\n", output::things(of, name)))?;
+                    let all = output::things(of, which.singular());
+                    output::print(&format!("0 of {all}\n"))?;
                 }
             }
             FormatArg::Csv => print_csv(&mut table, query.top(self.top), &shown)?,

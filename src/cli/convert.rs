@@ -11,9 +11,9 @@ use super::view::ViewArgs;
 use super::{Outcome, batch, output, stop};
 use crate::convert::{self, ConvertOptions, ConvertReport};
 use crate::error::{Error, Result};
-use crate::grid::{Ambiguous, Crop, Origin, Unit};
+use crate::grid::{Ambiguous, Origin, Unit};
 use crate::manifest::Form;
-use crate::volume::Opened;
+use crate::volume::{Opened, Stamp};
 use clap::{Args, ValueEnum, ValueHint};
 use std::ffi::OsString;
 use std::path::{Path, PathBuf};
@@ -141,21 +141,12 @@ impl ConvertArgs {
         }
     }
 
-    /// Converts one volume into the directory `out`; `typed` is the command line that asks for it.
-    pub fn convert(
-        &self,
-        input: &Path,
-        out: &Path,
-        typed: &[OsString],
-        console: &Console,
-    ) -> Result<ConvertReport> {
-        let (mut opened, stamp) = open_stamped(input, &self.options.options(), out)?;
-        opened.doubt_size()?;
-        let opened = self.options.filters.apply(opened)?;
+    /// What is asked for of a volume, but for the threshold and the region, which it may take a look at it to find.
+    fn of_opened(&self, opened: &Opened, stamp: Stamp) -> Result<ConvertOptions> {
         let dims = opened.volume.header().dims;
         let crop = self.crop.as_ref().map(|c| c.resolve(dims)).transpose()?;
         let form = self.form.form(Form::default());
-        let mut options = ConvertOptions {
+        Ok(ConvertOptions {
             macrocube: self.macrocube,
             memory: self.memory,
             threads: self.common.threads.map_or(0, usize::from),
@@ -178,7 +169,21 @@ impl ConvertArgs {
             source_filtered: opened.filtered.clone(),
             provenance: opened.provenance,
             ..ConvertOptions::default()
-        };
+        })
+    }
+
+    /// Converts one volume into the directory `out`; `typed` is the command line that asks for it.
+    pub fn convert(
+        &self,
+        input: &Path,
+        out: &Path,
+        typed: &[OsString],
+        console: &Console,
+    ) -> Result<ConvertReport> {
+        let (mut opened, stamp) = open_stamped(input, &self.options.options(), out)?;
+        opened.doubt_size()?;
+        let opened = self.options.filters.apply(opened)?;
+        let mut options = self.of_opened(&opened, stamp)?;
         let volume = &*opened.volume;
         let how = match self.threshold {
             Threshold::Value(_) => String::new(),
@@ -191,7 +196,7 @@ impl ConvertArgs {
         let roi = self.options.region.find(volume, console)?;
         let inside = roi.as_ref().map(|roi| &roi.voxels);
         options.threshold = self.threshold.find(volume, inside, input, console)?;
-        let found = roi.as_ref().map(Roi::text).transpose()?;
+        let found = roi.as_ref().map(Roi::text);
         options.region = match roi {
             Some(roi) => {
                 let crop = options.crop.as_ref();
@@ -283,13 +288,7 @@ fn understood(
     }
     rows.extend(info::remarks(opened));
     rows.extend(region.map(|text| ("region", text)));
-    if let Some(Crop { x, y, z }) = &options.crop {
-        let part = format!(
-            "{}:{},{}:{},{}:{}",
-            x.start, x.end, y.start, y.end, z.start, z.end
-        );
-        rows.push(("crop", part));
-    }
+    rows.extend(options.crop.as_ref().map(|crop| ("crop", crop.to_string())));
     let predicted = convert::predicted_memory(&*opened.volume, options)?;
     rows.push((
         "memory",

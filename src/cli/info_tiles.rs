@@ -99,14 +99,13 @@ fn origin(m: &Manifest) -> Vec<(&'static str, String)> {
     let source = &m.source;
     let mut made = format!("{}, {} voxels, {}", source.name, source.dims, source.dtype);
     if let Some(crop) = &source.crop {
-        let axes = [&crop.x, &crop.y, &crop.z].map(|a| format!("{}:{}", a.start, a.end));
         // a crop counts the voxels that filters leave
         let of = if m.filters.is_empty() {
             ""
         } else {
             "filtered and then "
         };
-        made += &format!(", {of}cropped to {}", axes.join(","));
+        made += &format!(", {of}cropped to {crop}");
     }
     vec![("made from", made), ("made by", made_by(m))]
 }
@@ -132,16 +131,16 @@ fn chosen(step: &Step, last: Table) -> String {
 }
 
 /// What was chosen of another tile set.
-fn selected(selection: &Selection, totals: &Totals) -> String {
-    let of = selection.of;
-    let (part, whole, name) = match selection.table {
-        Table::Cells => (totals.cells, of.cells, "cell"),
-        Table::Objects => (totals.objects, of.objects, "object"),
-        Table::Surfaces => (totals.surfaces, of.surfaces, "surface"),
-    };
-    let mut text = format!("{} of {}", output::count(part), things(whole, name));
-    for step in selection.steps().filter(Step::chooses) {
-        text += &format!(", {}", chosen(&step, selection.table));
+fn selected(selection: &Selection, m: &Manifest) -> String {
+    let table = selection.last.table;
+    let (part, whole) = (table.total(m), selection.of.of(table));
+    let mut text = format!(
+        "{} of {}",
+        output::count(part),
+        things(whole, table.singular())
+    );
+    for step in selection.steps().filter(|step| step.chooses()) {
+        text += &format!(", {}", chosen(step, table));
     }
     if let Some(by) = &selection.colour_by {
         text += &format!("; coloured by {}", by.column);
@@ -206,7 +205,7 @@ fn text(dir: &Path, m: &Manifest) -> String {
         format!("{}, encoding {}, layout {}", form[0], form[1], form[2]),
     ));
     if let Some(selection) = &m.selection {
-        rows.push(("selection", selected(selection, t)));
+        rows.push(("selection", selected(selection, m)));
     }
     output::table(&rows) + &next(dir)
 }

@@ -86,6 +86,8 @@ pub struct Roi {
     pub voxels: RegionVoxels,
     /// What voxels outside are taken for.
     pub fill: Fill,
+    /// How many they are.
+    pub count: u64,
     /// It was found in the scan.
     pub found: bool,
 }
@@ -137,6 +139,7 @@ impl RegionArgs {
         };
         Ok(Some(Roi {
             shape,
+            count: voxels.count()?,
             voxels,
             fill: self.fill(),
             found: *asked == RegionArg::Found,
@@ -301,38 +304,35 @@ impl Roi {
         RegionOfInterest::new(self.shape, self.voxels, crop, self.fill, value)
     }
 
-    /// What it is, for people, in a volume of this size or in a crop of that.
-    ///
-    /// # Errors
-    /// Those of [`RegionVoxels::count`].
-    pub fn text(&self) -> Result<String> {
-        let dims = self.voxels.dims();
-        let share = 100.0 * self.voxels.count()? as f64 / dims.voxels() as f64;
+    /// The share of the volume that is inside, 0 to 1.
+    pub fn share(&self) -> f64 {
+        self.count as f64 / self.voxels.dims().voxels() as f64
+    }
+
+    /// What it is, for people.
+    pub fn text(&self) -> String {
         let how = if self.found { " (found)" } else { "" };
-        let (shape, fill) = (&self.shape, self.fill);
-        Ok(format!(
-            "{}{how}; {share:.1} % of the voxels, {fill} outside",
-            shape_text(shape)
-        ))
+        text(&self.shape, how, self.share(), self.fill)
     }
 }
 
-/// A form, for people.
-pub fn shape_text(shape: &Shape) -> String {
-    match shape {
+/// A region for people, of which `how` tells where it comes from.
+fn text(shape: &Shape, how: &str, share: f64, fill: Fill) -> String {
+    let shape = match shape {
         Shape::Cylinder(Cylinder {
             centre: [x, y],
             radius,
         }) => format!("cylinder along z, axis at x {x}, y {y}, radius {radius} voxels"),
         Shape::Mask { file, .. } => format!("mask {file}"),
-    }
+    };
+    let percent = 100.0 * share;
+    format!("{shape}{how}; {percent:.1} % of the voxels, {fill} outside")
 }
 
 /// The region of a tile set of a grid of this size, for people.
 pub fn region_text(region: &Region, dims: Dims) -> String {
-    let share = 100.0 * region.voxels as f64 / dims.voxels() as f64;
-    let (shape, fill) = (shape_text(&region.shape), region.fill);
-    format!("{shape}; {share:.1} % of the voxels, {fill} outside")
+    let share = region.voxels as f64 / dims.voxels() as f64;
+    text(&region.shape, "", share, region.fill)
 }
 
 #[cfg(test)]

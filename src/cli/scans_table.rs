@@ -143,16 +143,12 @@ impl Facts {
         let sums = summarise(out, &m, Table::Cells, &query, Outside::None)?;
         let [spacing_x, spacing_y, spacing_z] = m.placement.spacing;
         let [dims_x, dims_y, dims_z] = m.grid.dims.0;
-        let crop = m.source.crop.as_ref().map(|crop| {
-            let axes = [&crop.x, &crop.y, &crop.z];
-            axes.map(|a| format!("{}:{}", a.start, a.end)).join(",")
-        });
         let diameter = sums.equivalent_diameter.as_ref();
         Ok(Facts {
             threshold_method,
             threshold: m.threshold,
             filters: filters_text(&m.filters),
-            crop,
+            crop: m.source.crop.as_ref().map(ToString::to_string),
             roi: m.region.as_ref().map(ToString::to_string),
             ambiguous: m.ambiguous,
             cap: m.cap,

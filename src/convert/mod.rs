@@ -76,14 +76,10 @@ pub fn convert(
         }
         None => Box::new(volume),
     };
-    let region = options.region.as_ref().map(|r| &r.voxels);
-    let (grid, region) = match &options.crop {
-        Some(crop) => (
-            Box::new(Cropped::new(filled, crop)?) as Box<dyn Volume + '_>,
-            region.map(|voxels| voxels.cropped(crop)).transpose()?,
-        ),
-        None => (filled, region.cloned()),
-    };
+    let crop = options.crop.as_ref();
+    let grid = Cropped::part(filled, crop)?;
+    let region = options.region.as_ref().map(|r| r.voxels.cropped(crop));
+    let region = region.transpose()?;
     let job = Conversion {
         volume,
         grid: &*grid,

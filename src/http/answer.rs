@@ -1,5 +1,6 @@
 //! What is answered, with what pages may do with it.
 
+use crate::error::Error;
 use std::io::{Read, Result, Write};
 
 /// What every answer says.
@@ -122,6 +123,20 @@ pub struct Sending {
     pub head_only: bool,
     /// The connection stays open for the next one.
     pub keeps_open: bool,
+}
+
+/// What an error of the library is answered as.
+impl From<Error> for Answer {
+    fn from(error: Error) -> Self {
+        let status = match error {
+            Error::Usage { .. } => Status::BadRequest,
+            Error::InputChanged { .. } => Status::Conflict,
+            // which nobody reads
+            Error::Interrupted => Status::Timeout,
+            _ => Status::Failed,
+        };
+        Answer::error(status, &error.to_string())
+    }
 }
 
 impl Answer {

@@ -23,7 +23,7 @@ pub(crate) use shard_text::{ShardFault, ShardText};
 pub(crate) use shard_writer::{ShardWriter, entry_text, shard_path};
 
 use crate::error::Result;
-use crate::grid::{Ambiguous, Crop, Dims, Placement, Unit, filtered_dims, filtered_dtype};
+use crate::grid::{Ambiguous, Crop, Dims, Placement, Tiling, Unit, filtered_dims, filtered_dtype};
 use crate::grid::{Dtype, Endian};
 pub use crate::grid::{Filter, Origin, Part, Provenance, Region};
 use bytemuck::{Pod, Zeroable};
@@ -96,6 +96,14 @@ pub struct Manifest {
 }
 
 impl Manifest {
+    /// How macrocubes cover the grid.
+    pub fn tiling(&self) -> Tiling {
+        Tiling {
+            dims: self.grid.dims,
+            macrocube: self.grid.macrocube,
+        }
+    }
+
     /// Size of the volume that the filters make of the source, before the crop.
     ///
     /// # Errors

@@ -16,6 +16,9 @@ pub enum Table {
 }
 
 impl Table {
+    /// All, in this order.
+    pub const ALL: [Table; 3] = [Table::Cells, Table::Objects, Table::Surfaces];
+
     /// True for the table that an index does not name.
     fn is_cells(&self) -> bool {
         *self == Table::Cells
@@ -52,17 +55,9 @@ impl Step {
 /// surfaces if cells were chosen, objects if objects were; of the others the tables have those that kept a surface.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct Selection {
-    /// The condition; absent if all were taken.
-    #[serde(rename = "where")]
-    pub condition: Option<String>,
-    /// True if the rows that the condition and `largest` choose were left out, not kept.
-    pub omit: bool,
-    /// The table that the condition and the colours are on; absent if it is that of cells.
-    #[serde(default, skip_serializing_if = "Table::is_cells")]
-    pub table: Table,
-    /// As [`Step::largest`].
-    #[serde(default, skip_serializing_if = "Option::is_none")]
-    pub largest: Option<u64>,
+    /// The last choice; the colours are on its table.
+    #[serde(flatten)]
+    pub last: Step,
     /// What was chosen before that, in this order, where one choice cannot say it all.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub before: Vec<Step>,
@@ -75,22 +70,9 @@ pub struct Selection {
 }
 
 impl Selection {
-    /// The last choice.
-    pub fn last(&self) -> Step {
-        Step {
-            condition: self.condition.clone(),
-            omit: self.omit,
-            table: self.table,
-            largest: self.largest,
-        }
-    }
-
     /// All choices in their order.
-    pub fn steps(&self) -> impl Iterator<Item = Step> + '_ {
-        self.before
-            .iter()
-            .cloned()
-            .chain(std::iter::once(self.last()))
+    pub fn steps(&self) -> impl Iterator<Item = &Step> {
+        self.before.iter().chain([&self.last])
     }
 }
 
@@ -177,4 +159,15 @@ pub struct WholeTotals {
     pub surfaces: u64,
     /// Above voxels of the grid.
     pub voxels_above: u64,
+}
+
+impl WholeTotals {
+    /// How many rows a table had.
+    pub fn of(&self, table: Table) -> u64 {
+        match table {
+            Table::Cells => self.cells,
+            Table::Objects => self.objects,
+            Table::Surfaces => self.surfaces,
+        }
+    }
 }

@@ -3,7 +3,7 @@
 use super::PreviewOptions;
 use super::slice::Slice;
 use crate::error::{Error, Result};
-use crate::grid::{Ambiguous, LATTICE, Tiling};
+use crate::grid::{Ambiguous, LATTICE};
 use crate::manifest::{Manifest, Paint, Selection, TileEntry, file_inside};
 use crate::picture::ticks::place;
 use crate::picture::{Map, parse_colour};
@@ -103,10 +103,7 @@ pub fn colours(
         edges: HashMap::new(),
         painted: BTreeMap::new(),
     };
-    let tiling = Tiling {
-        dims: manifest.grid.dims,
-        macrocube: manifest.grid.macrocube,
-    };
+    let tiling = manifest.tiling();
     let axis = slice.axis as usize;
     // the tile that has the slice's cubes has its vertices, the last one those of the end
     let index = (slice.at / tiling.macrocube[axis]).min(tiling.tiles()[axis] - 1);
@@ -134,7 +131,7 @@ pub fn colours(
     };
     let (styles, meanings) = match (&options.colour_by, &manifest.selection) {
         (Some(column), _) => by_value(dir, manifest, column, &asked, options, &chosen)?,
-        (None, Some(selection)) if is_painted(selection) && selection.table == seen.table => {
+        (None, Some(selection)) if is_painted(selection) && selection.last.table == seen.table => {
             as_painted(dir, manifest, selection, &chosen, &seen.painted)?
         }
         _ => {
@@ -156,7 +153,7 @@ pub fn table(manifest: &Manifest, options: &PreviewOptions) -> Table {
     let nothing = options.chosen == Chosen::default() && options.colour_by.is_none();
     let painted = manifest.selection.as_ref().filter(|s| is_painted(s));
     match painted.filter(|_| nothing) {
-        Some(selection) => selection.table,
+        Some(selection) => selection.last.table,
         None => asked,
     }
 }
@@ -204,11 +201,7 @@ fn seeds(
         if piece.ids.cell == 0 {
             continue;
         }
-        let id = match seen.table {
-            Table::Cells => piece.ids.cell,
-            Table::Objects => piece.ids.object,
-            Table::Surfaces => piece.ids.surface,
-        };
+        let id = piece.ids.of(seen.table);
         if let Some(colour) = piece.colour {
             seen.painted.insert(id, colour);
         }
@@ -326,7 +319,7 @@ fn as_painted(
     let mut meanings = Vec::new();
     let mut without = Style::Sample;
     if let Some(by) = &selection.colour_by {
-        let columns = selection.table.open(dir, manifest)?;
+        let columns = selection.last.table.open(dir, manifest)?;
         meanings.push(Meaning::Values {
             title: titled(&by.column, columns.columns()),
             ends: [by.min, by.max],

@@ -6,137 +6,31 @@
 
 mod cells;
 mod draw;
+mod options;
 mod page;
+mod region;
 mod slice;
 mod zoom;
 
+pub use options::{Panel, PreviewOptions, PreviewReport};
 pub use slice::{Axis, Slice};
 
 use crate::error::{Error, Result};
 use crate::grid::{Ambiguous, Placement};
 use crate::manifest::Manifest;
-use crate::picture::{Map, Picture, printed_unit};
+use crate::picture::{Picture, printed_unit};
 use crate::table::{Chosen, Table};
-use crate::volume::{Cropped, RegionVoxels, Stamp, Volume};
+use crate::volume::{Cropped, Volume};
 use crate::words::{counted, number, things};
 use cells::{Colours, Meaning};
 use draw::Canvas;
 use page::{Bar, GAP, Key, Page, side_by_side};
-use serde::Serialize;
-use std::path::{Path, PathBuf};
+use region::SliceRegion;
+use std::path::Path;
 use zoom::{Zoom, ZoomInput};
 
 /// The most conditions of painted tiles that a picture lists.
 const KEYS: usize = 8;
-
-/// What a preview shows.
-#[derive(Debug, Clone)]
-pub struct PreviewOptions {
-    /// The axis that the slice lies across.
-    pub axis: Axis,
-    /// Its voxel along that axis; the middle one without.
-    pub at: Option<u32>,
-    /// Draw the contours of these thresholds, of several in a panel each, side by side; with `tiles`, theirs is drawn
-    /// without one.
-    pub thresholds: Vec<f64>,
-    /// A tile set of the volume, to colour its cells, objects or surfaces.
-    pub tiles: Option<PathBuf>,
-    /// Colour them by this column or expression; without, as the tiles are painted, or by their ids.
-    pub colour_by: Option<String>,
-    /// The map for that.
-    pub map: Map,
-    /// Values of the map's first and last colour; those of the table without.
-    pub range: Option<[f64; 2]>,
-    /// What to colour: cells or objects are filled, of surfaces the outlines are drawn, instead of the contour.
-    pub chosen: Chosen,
-    /// Samples that are black and white; the 0.5th and 99.5th percentile of the slice without.
-    pub window: Option<[f64; 2]>,
-    /// Pixels per voxel along the axis of smaller spacing; as many as fit 1024 without.
-    pub scale: Option<u32>,
-    /// The slice alone, without caption, scale bar and legends.
-    pub plain: bool,
-    /// The region of interest of the volume, which is outlined; what is outside is pale. With a tile set it is that of the
-    /// tiles.
-    pub region: Option<RegionVoxels>,
-    /// What tells whether the volume is changed while it is read, see [`crate::volume::stamp`].
-    pub input: Stamp,
-}
-
-impl Default for PreviewOptions {
-    fn default() -> Self {
-        PreviewOptions {
-            axis: Axis::Z,
-            at: None,
-            thresholds: Vec::new(),
-            tiles: None,
-            colour_by: None,
-            map: Map::default(),
-            range: None,
-            chosen: Chosen::default(),
-            window: None,
-            scale: None,
-            plain: false,
-            region: None,
-            input: Stamp::default(),
-        }
-    }
-}
-
-/// What a preview shows; the command prints it with `--json`.
-#[derive(Debug, Clone, PartialEq, Serialize)]
-pub struct PreviewReport {
-    /// The axis that the slice lies across.
-    pub axis: Axis,
-    /// Its voxel along that axis.
-    pub at: u32,
-    /// Width and height of the picture in pixels.
-    pub size: [u32; 2],
-    /// Upper left pixel of the slice in it, of the first one where there are several.
-    pub slice_corner: [u32; 2],
-    /// Width and height of the slice in pixels.
-    pub slice_size: [u32; 2],
-    /// Samples that are black and white; absent if no sample is finite.
-    pub window: Option<[f64; 2]>,
-    /// Threshold of the contour, of the first one where there are several; of outlines without one that of the tiles.
-    pub threshold: Option<f64>,
-    /// The slices side by side; empty unless there are several thresholds.
-    #[serde(skip_serializing_if = "Vec::is_empty")]
-    pub panels: Vec<Panel>,
-    /// Number of cells that are coloured; absent without tiles, or if others are coloured.
-    pub cells: Option<u64>,
-    /// Number of cells that are hatched, since their values mean nothing: those that the volume's faces cut, if a measure
-    /// gives the colours; absent without tiles, or if others are coloured.
-    pub cells_without_value: Option<u64>,
-    /// The same two numbers of objects, if these are coloured.
-    #[serde(skip_serializing_if = "Option::is_none")]
-    pub objects: Option<u64>,
-    #[allow(missing_docs)]
-    #[serde(skip_serializing_if = "Option::is_none")]
-    pub objects_without_value: Option<u64>,
-    /// The same two numbers of surfaces, if these are coloured.
-    #[serde(skip_serializing_if = "Option::is_none")]
-    pub surfaces: Option<u64>,
-    #[allow(missing_docs)]
-    #[serde(skip_serializing_if = "Option::is_none")]
-    pub surfaces_without_value: Option<u64>,
-    /// Values of the map's first and last colour; absent if colours do not follow values.
-    #[serde(skip_serializing_if = "Option::is_none")]
-    pub range: Option<[f64; 2]>,
-    /// Things the user should know; absent if there are none.
-    #[serde(skip_serializing_if = "Vec::is_empty")]
-    pub warnings: Vec<String>,
-}
-
-/// One of several slices side by side.
-#[derive(Debug, Clone, Copy, PartialEq, Serialize)]
-pub struct Panel {
-    /// Threshold of its contour.
-    pub threshold: f64,
-    /// The share of the slice's voxels above it, 0 to 1; of those in the region of interest, if there is one.
-    pub share_above: f64,
-    /// Upper left pixel of the slice in the picture.
-    pub corner: [u32; 2],
-}
 
 /// Draws a slice of a volume and writes it as PNG. Memory: some 16 bytes per voxel of the slice, twice as many with a
 /// region of interest, some 50 for each that the outline of a surface passes if these are drawn, 3 per pixel, and a tile.
@@ -164,12 +58,7 @@ pub fn preview(
     };
     let axis = options.axis;
     let at = options.at.unwrap_or(dims[axis as usize] / 2);
-    let coloured = manifest.as_ref().map(|m| cells::table(m, options));
-    let outlined = coloured == Some(Table::Surfaces);
-    let thresholds = match &manifest {
-        Some(m) if options.thresholds.is_empty() && !outlined => vec![m.threshold],
-        _ => options.thresholds.clone(),
-    };
+    let thresholds = thresholds(options, manifest.as_ref());
     let (zoom, true_proportion) = Zoom::new(ZoomInput {
         voxels: axis.plane().map(|a| dims[a]),
         spacing: axis.plane().map(|a| placement.spacing[a]),
@@ -178,7 +67,7 @@ pub fn preview(
     })?;
     let slice = Slice::read(grid, axis, at)?;
     let window = options.window.or_else(|| slice.window());
-    let region = region_of(&slice, options, manifest.as_ref())?;
+    let region = SliceRegion::of(&slice, options.region.as_ref(), manifest.as_ref())?;
     let classified = region.as_ref().map_or(&slice, |region| &region.filled);
     let colours = match (&options.tiles, &manifest) {
         (Some(dir), Some(m)) => Some(cells::colours(dir, m, classified, options)?),
@@ -213,6 +102,15 @@ pub fn preview(
     })
 }
 
+/// The thresholds whose contours are drawn: that of tiles if none is asked for, unless outlines take its place.
+fn thresholds(options: &PreviewOptions, manifest: Option<&Manifest>) -> Vec<f64> {
+    let outlined = |m| cells::table(m, options) == Table::Surfaces;
+    match manifest {
+        Some(m) if options.thresholds.is_empty() && !outlined(m) => vec![m.threshold],
+        _ => options.thresholds.clone(),
+    }
+}
+
 /// The part of a volume that tiles cover; all of it without tiles.
 fn grid_of<'a>(
     volume: &'a dyn Volume,
@@ -232,39 +130,7 @@ fn grid_of<'a>(
             expected,
         ));
     }
-    Ok(match &source.crop {
-        Some(crop) => Box::new(Cropped::new(Box::new(volume), crop)?),
-        None => Box::new(volume),
-    })
-}
-
-/// The region of interest in a slice.
-struct SliceRegion {
-    /// 1 for voxels inside, 0 for others.
-    inside: Slice,
-    /// The samples, those outside as the tiles' surface takes them.
-    filled: Slice,
-}
-
-/// The region of interest in a slice of the grid; `None` if there is none.
-fn region_of(
-    slice: &Slice,
-    options: &PreviewOptions,
-    manifest: Option<&Manifest>,
-) -> Result<Option<SliceRegion>> {
-    let Some(region) = &options.region else {
-        return Ok(None);
-    };
-    let crop = manifest.and_then(|m| m.source.crop.as_ref());
-    let region = crop.map_or(Ok(region.clone()), |crop| region.cropped(crop))?;
-    let inside = slice.inside(&region)?;
-    let mut filled = slice.clone();
-    if let Some(stated) = manifest.and_then(|m| m.region.as_ref()) {
-        let values = filled.values.iter_mut().zip(&inside.values);
-        let outside = values.filter(|(_, inside)| **inside == 0.0);
-        outside.for_each(|(value, _)| *value = stated.fill_value);
-    }
-    Ok(Some(SliceRegion { inside, filled }))
+    Cropped::part(Box::new(volume), source.crop.as_ref())
 }
 
 /// Everything that a picture shows.
@@ -465,7 +331,7 @@ impl Shown<'_> {
         }
         let by_id = |c: &&Colours| matches!(c.meanings[..], [Meaning::Ids]);
         if let Some(colours) = self.colours.filter(by_id) {
-            let all = things(colours.coloured(), singular(colours.table));
+            let all = things(colours.coloured(), colours.table.singular());
             texts.push(format!("{all}, in colours that tell them apart"));
         }
         if let Some(chosen) = self.which() {
@@ -484,7 +350,7 @@ impl Shown<'_> {
         }
         let name = self.chosen.table.name();
         let first = match largest {
-            Some(1) => format!("the largest {}", singular(self.chosen.table)),
+            Some(1) => format!("the largest {}", self.chosen.table.singular()),
             Some(n) => format!("the {n} largest {name}"),
             None => name.to_owned(),
         };
@@ -539,7 +405,7 @@ impl Shown<'_> {
         if let Some(colours) = self.colours
             && colours.coloured() == 0
         {
-            let name = singular(colours.table);
+            let name = colours.table.singular();
             let Chosen {
                 condition, largest, ..
             } = self.chosen;
@@ -556,9 +422,4 @@ impl Shown<'_> {
         }
         doubts
     }
-}
-
-/// `cell`, `object` or `surface`.
-fn singular(table: Table) -> &'static str {
-    table.name().trim_end_matches('s')
 }

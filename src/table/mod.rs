@@ -27,6 +27,7 @@
 //! holds for a cell without a sphericity, and `sphericity >= 0.9` does not.
 
 mod chosen;
+mod column;
 mod expr;
 mod lex;
 mod outside;
@@ -37,10 +38,11 @@ mod summary;
 
 pub use crate::manifest::Table;
 pub use chosen::Chosen;
+pub use column::{Column, find_column};
 pub use expr::{Expr, Kind};
 pub use outside::Outside;
 pub use query::{Query, Selected};
-pub use reader::{Column, Row, TableReader, find_column};
+pub use reader::{Row, TableReader};
 pub use summary::{
     Border, Counts, Distribution, Histogram, PorosityOf, Spread, Summary, summarise,
 };
@@ -67,6 +69,15 @@ impl Table {
             Table::Cells => "cells",
             Table::Objects => "objects",
             Table::Surfaces => "surfaces",
+        }
+    }
+
+    /// `cell`, `object` or `surface`.
+    pub fn singular(self) -> &'static str {
+        match self {
+            Table::Cells => "cell",
+            Table::Objects => "object",
+            Table::Surfaces => "surface",
         }
     }
 

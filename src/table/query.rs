@@ -1,7 +1,8 @@
 //! Which rows of a table, and in which order.
 
+use super::column::Column;
 use super::expr::Expr;
-use super::reader::{Column, Row, TableReader};
+use super::reader::{Row, TableReader};
 use crate::error::Result;
 use std::cmp::Ordering;
 use std::collections::BinaryHeap;

@@ -1,10 +1,12 @@
 //! A table as CSV, row by row.
 
+mod find;
+
+use super::column::Column;
 use crate::error::{Error, Result};
 use csv_core::ReadRecordResult;
 use std::fs::File;
 use std::io::{BufRead, BufReader};
-use std::ops::Range;
 use std::path::{Path, PathBuf};
 
 /// The longest row in bytes, and the most columns: a table of this program has rows of some 600
@@ -14,89 +16,6 @@ const COLUMNS: usize = 1024;
 /// Bytes read at a time, forward and for single rows here and there.
 const BUFFER: usize = 1 << 16;
 const ROW_BUFFER: usize = 1 << 10;
-/// Bytes in which a row is looked for one by one.
-const NEAR: u64 = 1 << 14;
-
-/// A column: its name, and its unit or nothing.
-#[derive(Debug, Clone, PartialEq, Eq, serde::Serialize)]
-pub struct Column {
-    /// `volume`.
-    pub name: String,
-    /// `mm^3`; empty for a plain number.
-    pub unit: String,
-}
-
-impl Column {
-    /// Reads `volume [mm^3]`.
-    fn parse(text: &str) -> Self {
-        let text = text.trim();
-        let split = text
-            .strip_suffix(']')
-            .and_then(|t| t.split_once('['))
-            .map(|(name, unit)| (name.trim_end(), unit));
-        let (name, unit) = split.unwrap_or((text, ""));
-        Column {
-            name: name.to_string(),
-            unit: unit.to_string(),
-        }
-    }
-
-    /// `volume [mm^3]`.
-    pub fn header(&self) -> String {
-        if self.unit.is_empty() {
-            self.name.clone()
-        } else {
-            format!("{} [{}]", self.name, self.unit)
-        }
-    }
-
-    /// True for the column's name, and for that with its unit.
-    pub fn is_named(&self, text: &str) -> bool {
-        self.name == text || self.header() == text
-    }
-
-    /// True if the values are 0 and 1 and mean a condition.
-    pub fn is_condition(&self) -> bool {
-        self.name == "touches_border"
-    }
-}
-
-/// The names of columns, with commas between them.
-pub(super) fn names(columns: &[Column]) -> String {
-    let names: Vec<&str> = columns.iter().map(|c| c.name.as_str()).collect();
-    names.join(", ")
-}
-
-/// The place of a column by its name, or by its name and unit as in the table's head.
-///
-/// # Errors
-/// [`Error::Usage`] with the names that there are, as of `option`.
-pub fn find_column(option: &str, name: &str, columns: &[Column]) -> Result<usize> {
-    let name = name.trim();
-    let found = columns.iter().position(|c| c.is_named(name));
-    found.ok_or_else(|| {
-        Error::usage(option, name, format!("a column: {}", names(columns)))
-            .with_hint(did_you_mean(name, columns))
-    })
-}
-
-/// Names the column that a name is most like, if it is like one at all.
-pub(super) fn did_you_mean(name: &str, columns: &[Column]) -> String {
-    // a letter in three may be wrong; a part of a name is like it, too, but less
-    const LETTERS: usize = 3;
-    let name = name.to_lowercase();
-    let likeness = |column: &Column| {
-        let wrong = strsim::damerau_levenshtein(&name, &column.name);
-        let part = name.len() >= LETTERS && column.name.contains(&name);
-        match wrong <= name.chars().count().div_ceil(LETTERS) {
-            true => Some(wrong),
-            false => part.then_some(usize::MAX),
-        }
-    };
-    let like = columns.iter().filter_map(|c| Some((likeness(c)?, &c.name)));
-    like.min_by_key(|(wrong, _)| *wrong)
-        .map_or(String::new(), |(_, name)| format!("did you mean `{name}`?"))
-}
 
 /// Reads a table forward; memory is that of one row.
 pub struct TableReader {
@@ -252,64 +171,6 @@ impl TableReader {
         let path = self.path.clone();
         self.next_row()?
             .ok_or_else(|| Error::format(path, "its end", "the row that was there"))
-    }
-
-    /// The row with an id. In a table by rising id few rows are read, in another one all of them.
-    ///
-    /// # Errors
-    /// Those of [`TableReader::next_row`] and [`Row::whole`].
-    pub fn find(&mut self, id: u64) -> Result<Option<Row<'_>>> {
-        let column = self.own_column("id")?;
-        let near = self.bisect(column, id)?;
-        for rows in [near, self.first..u64::MAX] {
-            self.jump(rows.start)?;
-            while self.offset < rows.end
-                && let Some(row) = self.next_row()?
-            {
-                if row.whole(column)? == id {
-                    let offset = row.offset;
-                    return self.row_at(offset).map(Some);
-                }
-            }
-        }
-        Ok(None)
-    }
-
-    /// Bytes of a few rows among which the one with an id is, if ids rise and it is there.
-    fn bisect(&mut self, column: usize, id: u64) -> Result<Range<u64>> {
-        let meta = std::fs::metadata(&self.path);
-        let bytes = meta.map_err(|e| Error::io(&self.path, "look at the table", e))?;
-        // where a row begins, whose id is not larger; from where on all are larger
-        let (mut low, mut high) = (self.first, bytes.len());
-        while high.saturating_sub(low) > NEAR {
-            let middle = low + (high - low) / 2;
-            match self.line_from(middle)?.filter(|&start| start < high) {
-                None => high = middle,
-                Some(start) => match self.row_at(start).and_then(|row| row.whole(column)) {
-                    Ok(found) if found <= id => low = start,
-                    Ok(_) => high = middle,
-                    // lines that are no rows: a field may have an end of line in it
-                    Err(_) => break,
-                },
-            }
-        }
-        Ok(low..high)
-    }
-
-    /// Where the first line begins that does so at a byte or behind it.
-    fn line_from(&mut self, offset: u64) -> Result<Option<u64>> {
-        self.jump(offset - 1)?;
-        loop {
-            let input = self.input.fill_buf();
-            let input = input.map_err(|e| Error::io(&self.path, "read the table", e))?;
-            let end = input.iter().position(|&b| b == b'\n');
-            let (whole, read) = (input.is_empty(), end.map_or(input.len(), |end| end + 1));
-            self.input.consume(read);
-            self.offset += read as u64;
-            if whole || end.is_some() {
-                return Ok(end.map(|_| self.offset));
-            }
-        }
     }
 
     fn jump(&mut self, offset: u64) -> Result<()> {

@@ -1,8 +1,7 @@
 //! Tiles by their numbers, for programs that are asked for one after the other.
 
 use crate::error::{Error, Result};
-use crate::grid::Tiling;
-use crate::manifest::{Bounds, MANIFEST, TileEntry, checksum_text};
+use crate::manifest::{MANIFEST, TileEntry, checksum_text};
 use crate::tile::tile_path;
 use crate::tileset::TileSet;
 use rayon::prelude::*;
@@ -42,29 +41,19 @@ impl TileLookup {
     /// # Errors
     /// Those of [`TileSet::tiles`]; [`Error::Format`] for a tile outside of the grid, or one that is there twice.
     pub fn read(set: &TileSet) -> Result<Self> {
-        let grid = set.manifest().grid;
-        let most = Tiling {
-            dims: grid.dims,
-            macrocube: grid.macrocube,
-        }
-        .tiles();
+        let most = set.manifest().tiling().tiles();
         let mut lookup = TileLookup::default();
         // a shard may be long, and most of it is not kept
         let layers = set.manifest().layers.par_iter();
         let layers = layers.map(|layer| -> Result<Vec<_>> {
             let tiles = set.manifest().shard_tiles(set.dir(), layer)?;
-            tiles.map(|entry| Ok(without_groups(entry?))).collect()
+            tiles.map(|entry| known(set, most, &entry?)).collect()
         });
-        for (entry, pieces) in layers.collect::<Result<Vec<_>>>()?.into_iter().flatten() {
-            if (0..3).any(|a| entry.grid[a] >= most[a]) {
-                let found = format!("a tile {:?} in {}", entry.grid, entry.path);
-                let expected = format!("tiles of a grid of {most:?}");
-                return Err(Error::format(set.dir().join(MANIFEST), found, expected));
-            }
-            lookup.tiles.push(KnownTile::of(set, &entry, pieces)?);
-            if entry.path != tile_path(entry.grid) {
-                lookup.other_paths.insert(entry.grid, entry.path);
-            }
+        for (tile, other) in layers.collect::<Result<Vec<_>>>()?.into_iter().flatten() {
+            lookup.tiles.push(tile);
+            lookup
+                .other_paths
+                .extend(other.map(|path| (tile.grid, path)));
         }
         lookup.tiles.sort_unstable_by_key(|tile| key(tile.grid));
         match lookup
@@ -111,29 +100,10 @@ impl TileLookup {
             self.get(*grid)
         })
     }
-
-    /// What [`TileSet::tile_bytes`] needs of a tile; the rest is empty.
-    pub fn entry(&self, tile: &KnownTile) -> TileEntry {
-        TileEntry {
-            path: self.path(tile),
-            grid: tile.grid,
-            bounds: Bounds {
-                min: [0.0; 3],
-                max: [0.0; 3],
-            },
-            vertices: tile.vertices,
-            triangles: tile.triangles,
-            strips: 0,
-            indices: tile.indices,
-            bytes: tile.bytes,
-            checksum: tile.checksum(),
-            groups: Vec::new(),
-        }
-    }
 }
 
 impl KnownTile {
-    fn of(set: &TileSet, entry: &TileEntry, pieces: usize) -> Result<Self> {
+    fn of(set: &TileSet, entry: &TileEntry) -> Result<Self> {
         let digits = entry.checksum.strip_prefix("crc32:");
         let crc = digits.and_then(|digits| u32::from_str_radix(digits, 16).ok());
         let Some(crc) = crc.filter(|&crc| checksum_text(crc) == entry.checksum) else {
@@ -144,7 +114,7 @@ impl KnownTile {
         Ok(KnownTile {
             grid: entry.grid,
             crc,
-            pieces: u32::try_from(pieces).unwrap_or(u32::MAX),
+            pieces: u32::try_from(entry.groups.len()).unwrap_or(u32::MAX),
             bytes: entry.bytes,
             vertices: entry.vertices,
             triangles: entry.triangles,
@@ -158,11 +128,16 @@ impl KnownTile {
     }
 }
 
-/// A tile without its pieces, and their number.
-fn without_groups(entry: TileEntry) -> (TileEntry, usize) {
-    let pieces = entry.groups.len();
-    let groups = Vec::new();
-    (TileEntry { groups, ..entry }, pieces)
+/// A tile of a grid of so many macrocubes, and its path if that is not the usual one.
+fn known(set: &TileSet, most: [u32; 3], entry: &TileEntry) -> Result<(KnownTile, Option<String>)> {
+    if (0..3).any(|a| entry.grid[a] >= most[a]) {
+        let found = format!("a tile {:?} in {}", entry.grid, entry.path);
+        let expected = format!("tiles of a grid of {most:?}");
+        return Err(Error::format(set.dir().join(MANIFEST), found, expected));
+    }
+    let is_other = entry.path != tile_path(entry.grid);
+    let tile = KnownTile::of(set, entry)?;
+    Ok((tile, is_other.then(|| entry.path.clone())))
 }
 
 fn key([x, y, z]: [u32; 3]) -> [u32; 3] {
@@ -192,9 +167,10 @@ mod tests {
             let tile = lookup.get(entry.grid).unwrap();
             assert_eq!(lookup.path(tile), entry.path);
             assert_eq!(lookup.by_path(&entry.path), Some(tile));
-            let known = lookup.entry(tile);
+            let path = lookup.path(tile);
             assert_eq!(
-                set.tile_bytes(&known).unwrap(),
+                set.checked_bytes(&path, tile.bytes, &tile.checksum())
+                    .unwrap(),
                 set.tile_bytes(entry).unwrap()
             );
             assert_eq!(tile.pieces as usize, entry.groups.len());

@@ -130,20 +130,13 @@ fn check(m: &Manifest, issues: &mut Issues) -> bool {
     }
     check_counts(m, &mut wrong);
     let rising = m.layers.windows(2).all(|w| w[0].z < w[1].z);
-    let [_, _, nz] = tiling(m).tiles();
+    let [_, _, nz] = m.tiling().tiles();
     if !rising || m.layers.iter().any(|l| l.z >= nz || l.tiles == 0) {
         let message = "expected layers with tiles by rising z inside the grid".to_owned();
         wrong("layers", message);
         return false;
     }
     true
-}
-
-fn tiling(m: &Manifest) -> Tiling {
-    Tiling {
-        dims: m.grid.dims,
-        macrocube: m.grid.macrocube,
-    }
 }
 
 /// Checks the grid and the lattice; false if the tiles cannot be read by them.
@@ -157,7 +150,7 @@ fn check_grid(m: &Manifest, wrong: &mut impl FnMut(&str, String)) -> bool {
         wrong("grid", message);
         return false;
     }
-    let tiles = tiling(m).tiles();
+    let tiles = m.tiling().tiles();
     if tiles != grid.tiles {
         let message = format!("found {:?}, expected {tiles:?}", grid.tiles);
         wrong("grid/tiles", message);

@@ -103,7 +103,7 @@ fn table_of(kind: Kind) -> Table {
 
 /// True if pieces are painted as the rows of this kind are: those that were chosen from, and cells where none were.
 pub(super) fn paints(manifest: &Manifest, kind: Kind) -> bool {
-    let table = manifest.selection.as_ref().map(|s| s.table);
+    let table = manifest.selection.as_ref().map(|s| s.last.table);
     table.unwrap_or_default() == table_of(kind)
 }
 
@@ -163,8 +163,8 @@ impl<'a> Paints<'a> {
             .map(|by| Scale::new(by, columns));
         let rule = |paint: &crate::manifest::Paint| {
             let count = paint.count.count();
-            if paint.count != Painted::of(selection.table, count) {
-                let expected = format!("{count} {}", selection.table.name());
+            if paint.count != Painted::of(selection.last.table, count) {
+                let expected = format!("{count} {}", selection.last.table.name());
                 return Err(Error::usage(
                     "painted",
                     format!("{:?}", paint.count),

@@ -115,10 +115,8 @@ impl<'a> RegionEdge<'a> {
 }
 
 /// The voxels of a tile that are inside.
-#[derive(Default)]
 pub(super) enum TileEdge<'a> {
     /// All, or it is not known.
-    #[default]
     None,
     /// See [`RegionEdge::Cylinder`].
     Cylinder(&'a Cylinder, [u32; 2]),

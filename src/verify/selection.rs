@@ -34,7 +34,7 @@ pub(super) fn check_selection(
         wrong("selection/of", message);
     }
     for (i, step) in selection.steps().enumerate() {
-        check_largest(selection, i, &step, own, wrong);
+        check_largest(selection, i, step, own, wrong);
     }
 }
 
@@ -46,12 +46,12 @@ fn check_largest(
     own: [u64; 4],
     wrong: &mut impl FnMut(&str, String),
 ) {
-    let of = selection.of;
-    let (own, all) = match step.table {
-        Table::Cells => (own[0], of.cells),
-        Table::Objects => (own[1], of.objects),
-        Table::Surfaces => (own[2], of.surfaces),
+    let own = match step.table {
+        Table::Cells => own[0],
+        Table::Objects => own[1],
+        Table::Surfaces => own[2],
     };
+    let all = selection.of.of(step.table);
     let Some(n) = step.largest else { return };
     let (first, last) = (i == 0, i == selection.before.len());
     let rest = all.saturating_sub(n);

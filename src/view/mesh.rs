@@ -24,6 +24,7 @@ use crate::tile::pieces::Piece;
 use crate::tile::read::Tile;
 use crate::tile::recode::strip_all;
 use crate::tile::{counted_pieces, octahedral_codes};
+use crate::view::put;
 
 /// Bytes of the header, a vertex and a slot.
 const HEADER: usize = 48;
@@ -47,10 +48,7 @@ pub struct Frame {
 impl Frame {
     /// That of a tile set.
     pub fn of(manifest: &Manifest) -> Self {
-        let tiling = Tiling {
-            dims: manifest.grid.dims,
-            macrocube: manifest.grid.macrocube,
-        };
+        let tiling = manifest.tiling();
         let margin = i32::from(manifest.cap);
         // a cap lies half a voxel behind the last one, too
         let beyond = u64::from(LATTICE) * 3 / 2 * u64::from(manifest.cap);
@@ -106,11 +104,33 @@ impl Frame {
         let vertices: usize = pieces.iter().map(|p| p.positions.len()).sum();
         let wide = vertices as u64 > NARROW;
         let origin = self.origin(grid);
-        let strips: usize = pieces.iter().map(|p| p.indices.len() + 1).sum();
         let width = if wide { 4 } else { 2 };
-        let room = HEADER + VERTEX * vertices + SLOT * pieces.len() + width * strips;
+        let strips = pieces.iter().filter(|piece| !piece.indices.is_empty());
+        // with a number between two strips
+        let strips = strips.map(|piece| piece.indices.len() + 1);
+        let indices = strips.sum::<usize>().saturating_sub(1);
+        let room = HEADER + VERTEX * vertices + SLOT * pieces.len() + width * indices;
         let mut out = Vec::with_capacity(room);
-        out.resize(HEADER, 0);
+        let number =
+            |n: usize| u32::try_from(n).map_err(|_| "found more than 2^32 vertices".to_owned());
+        let [x, y, z] = origin.map(i32::cast_unsigned);
+        put(
+            &mut out,
+            &[
+                u32::from_le_bytes(*b"ALVM"),
+                1,
+                number(vertices)?,
+                number(indices)?,
+                number(pieces.len())?,
+                width as u32,
+                u32::try_from(triangles).unwrap_or(u32::MAX),
+                x,
+                y,
+                z,
+                self.shift,
+                VERTEX as u32,
+            ],
+        );
         for (slot, piece) in pieces.iter().enumerate() {
             self.put_vertices(&mut out, origin, slot as u32, piece)?;
         }
@@ -121,25 +141,10 @@ impl Frame {
                 out.extend(id.to_le_bytes());
             }
         }
-        let before = out.len();
         match wide {
             true => put_strips(&mut out, &pieces, |i| i.to_le_bytes()),
             false => put_strips(&mut out, &pieces, |i| (i as u16).to_le_bytes()),
         }
-        let number =
-            |n: usize| u32::try_from(n).map_err(|_| "found more than 2^32 vertices".to_owned());
-        let head = Header {
-            counts: [
-                number(vertices)?,
-                number((out.len() - before) / width)?,
-                number(pieces.len())?,
-            ],
-            width: width as u32,
-            triangles: u32::try_from(triangles).unwrap_or(u32::MAX),
-            origin,
-            shift: self.shift,
-        };
-        out[..HEADER].copy_from_slice(&head.bytes());
         Ok(out)
     }
 
@@ -186,42 +191,5 @@ fn put_strips<const N: usize>(out: &mut Vec<u8>, pieces: &[Piece], bytes: impl F
             out.extend(piece.indices.iter().flat_map(|&i| bytes(first_vertex + i)));
         }
         first_vertex += piece.positions.len() as u32;
-    }
-}
-
-/// What stands first.
-struct Header {
-    /// Vertices, indices and slots.
-    counts: [u32; 3],
-    width: u32,
-    triangles: u32,
-    origin: [i32; 3],
-    shift: u32,
-}
-
-impl Header {
-    fn bytes(&self) -> [u8; HEADER] {
-        let [vertices, indices, slots] = self.counts;
-        let [x, y, z] = self.origin.map(i32::cast_unsigned);
-        let magic = u32::from_le_bytes(*b"ALVM");
-        let words = [
-            magic,
-            1,
-            vertices,
-            indices,
-            slots,
-            self.width,
-            self.triangles,
-            x,
-            y,
-            z,
-            self.shift,
-            VERTEX as u32,
-        ];
-        let mut bytes = [0; HEADER];
-        for (out, word) in bytes.as_chunks_mut::<4>().0.iter_mut().zip(words) {
-            *out = word.to_le_bytes();
-        }
-        bytes
     }
 }

@@ -40,3 +40,8 @@ pub(crate) use server::{Shown, Viewer, token};
 pub(crate) use set::Told;
 pub(crate) use slice::Slices;
 pub use tiles::{Picked, TileIndex};
+
+/// Appends words as the page takes them.
+fn put(out: &mut Vec<u8>, words: &[u32]) {
+    out.extend(words.iter().flat_map(|w| w.to_le_bytes()));
+}

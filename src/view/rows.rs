@@ -1,10 +1,11 @@
 //! Rows of tables for the page: columns as numbers, one row as it is, and which rows a condition holds for.
 
 use crate::error::{Error, Result};
-use crate::manifest::Group;
 use crate::sys::temp_file::unnamed;
 use crate::table::{Column, Query, Table, find_column};
+use crate::tile::PieceIds;
 use crate::tileset::TileSet;
+use crate::view::put;
 use serde_json::{Value, json};
 use std::fs::File;
 use std::io::{Seek, SeekFrom};
@@ -22,9 +23,7 @@ const TILES: usize = 4096;
 
 /// The table of a name.
 pub fn table(name: &str) -> Option<Table> {
-    [Table::Cells, Table::Objects, Table::Surfaces]
-        .into_iter()
-        .find(|table| table.name() == name)
+    Table::ALL.into_iter().find(|table| table.name() == name)
 }
 
 /// Numbers in a file without a name, to be read from its beginning.
@@ -115,23 +114,23 @@ impl Gathered {
     }
 
     fn finish(mut self, columns: usize) -> std::io::Result<Columns> {
-        let words = [
-            u32::from_le_bytes(*b"ALVC"),
-            1,
-            self.rows as u32,
-            columns as u32,
-        ];
-        self.file.write_all_at(&bytes_of(&words), 0)?;
+        let mut head = Vec::new();
+        put(
+            &mut head,
+            &[
+                u32::from_le_bytes(*b"ALVC"),
+                1,
+                self.rows as u32,
+                columns as u32,
+            ],
+        );
+        self.file.write_all_at(&head, 0)?;
         self.file.seek(SeekFrom::Start(0))?;
         Ok(Columns {
             length: HEADER + 4 * self.rows * (1 + columns as u64),
             file: self.file,
         })
     }
-}
-
-fn bytes_of(words: &[u32]) -> Vec<u8> {
-    words.iter().flat_map(|w| w.to_le_bytes()).collect()
 }
 
 /// An id, or a number of rows, as the page takes it.
@@ -159,19 +158,15 @@ pub struct Asked<'a> {
 /// [`Error::Usage`] for an expression that cannot be; [`Error::Io`] and [`Error::Format`] of the table.
 pub fn query(set: &TileSet, table: Table, asked: &Asked) -> Result<Vec<u8>> {
     let mut reader = table.open(set.dir(), set.manifest())?;
-    let columns = reader.columns().to_vec();
-    let query = Query::default().filter(asked.condition, &columns)?.sort(
-        asked.sort,
-        asked.descending,
-        &columns,
-    )?;
+    let columns = reader.columns();
+    let query = Query::default().filter(asked.condition, columns)?;
+    let query = query.sort(asked.sort, asked.descending, columns)?;
     let ids = query.ids(&mut reader)?;
     let mut out = Vec::with_capacity(12 + 4 * ids.len());
-    out.extend(bytes_of(&[
-        u32::from_le_bytes(*b"ALVQ"),
-        1,
-        ids.len() as u32,
-    ]));
+    put(
+        &mut out,
+        &[u32::from_le_bytes(*b"ALVQ"), 1, ids.len() as u32],
+    );
     for id in ids {
         out.extend(short(reader.path(), id)?.to_le_bytes());
     }
@@ -186,6 +181,7 @@ pub fn query(set: &TileSet, table: Table, asked: &Asked) -> Result<Vec<u8>> {
 pub fn row(set: &TileSet, table: Table, id: u64) -> Result<Option<Value>> {
     let mut reader = table.open(set.dir(), set.manifest())?;
     let all = reader.columns().to_vec();
+    let count = reader.column("tiles");
     let Some(row) = reader.find(id)? else {
         return Ok(None);
     };
@@ -193,7 +189,6 @@ pub fn row(set: &TileSet, table: Table, id: u64) -> Result<Option<Value>> {
         Ok(json!({"name": c.name, "unit": c.unit, "value": row.json(i)?}))
     };
     let columns: Vec<Value> = all.iter().enumerate().map(value).collect::<Result<_>>()?;
-    let count = all.iter().position(|c| c.name == "tiles");
     let count = count.map(|column| row.whole(column)).transpose()?;
     let most = count.map_or(TILES, |n| n.min(TILES as u64) as usize);
     let tiles = tiles_of(set, table, id, most)?;
@@ -202,17 +197,16 @@ pub fn row(set: &TileSet, table: Table, id: u64) -> Result<Option<Value>> {
 
 /// The macrocubes of the first tiles that have triangles of a row.
 fn tiles_of(set: &TileSet, table: Table, id: u64, most: usize) -> Result<Vec<[u32; 3]>> {
-    let of = |group: &Group| match table {
-        Table::Cells => group.cell,
-        Table::Objects => group.object,
-        Table::Surfaces => group.surface,
-    };
     let mut found = Vec::new();
     let mut tiles = set.tiles();
     while found.len() < most
         && let Some(entry) = tiles.next().transpose()?
     {
-        if entry.groups.iter().any(|group| of(group) == id) {
+        if entry
+            .groups
+            .iter()
+            .any(|group| PieceIds::from(group).of(table) == id)
+        {
             found.push(entry.grid);
         }
     }

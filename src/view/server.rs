@@ -87,42 +87,10 @@ impl From<&Metadata> for IndexState {
 }
 
 /// What answers that are made return where something is wrong.
-type Made = Result<Answer, Refusal>;
+type Made = Result<Answer, Answer>;
 
-/// Why there is no answer.
-enum Refusal {
-    /// By its kind.
-    Error(Error),
-    /// Another reason.
-    Told(Status, String),
-}
-
-impl From<Error> for Refusal {
-    fn from(error: Error) -> Self {
-        Refusal::Error(error)
-    }
-}
-
-impl From<Refusal> for Answer {
-    fn from(refusal: Refusal) -> Self {
-        match refusal {
-            Refusal::Told(status, message) => Answer::error(status, &message),
-            Refusal::Error(error) => {
-                let status = match error {
-                    Error::Usage { .. } => Status::BadRequest,
-                    Error::InputChanged { .. } => Status::Conflict,
-                    // which nobody reads
-                    Error::Interrupted => Status::Timeout,
-                    _ => Status::Failed,
-                };
-                Answer::error(status, &error.to_string())
-            }
-        }
-    }
-}
-
-fn missing(what: impl std::fmt::Display) -> Refusal {
-    Refusal::Told(Status::NotFound, format!("there is no {what}"))
+fn missing(what: impl std::fmt::Display) -> Answer {
+    Answer::error(Status::NotFound, &format!("there is no {what}"))
 }
 
 impl Viewer {
@@ -163,7 +131,7 @@ impl Viewer {
                 "{}: the tile set was changed or removed while it was shown: end `alvis view` and start it again",
                 set.dir().join(MANIFEST).display()
             );
-            return Err(Refusal::Told(Status::Conflict, message));
+            return Err(Answer::error(Status::Conflict, &message));
         }
         let is_needed = || !client.is_gone();
         if let ["slice", axis, file] = request.parts()[..] {
@@ -213,11 +181,10 @@ impl Viewer {
         if has(request, &tag) {
             return Ok(Answer::bare(Status::NotModified).with("ETag", tag));
         }
-        let entry = self.lookup.entry(tile);
-        let file = self.shown.set.tile_bytes(&entry)?;
+        let (set, path) = (&self.shown.set, self.lookup.path(tile));
+        let file = set.checked_bytes(&path, tile.bytes, &tile.checksum())?;
         let mesh = self.frame.mesh(tile.grid, &file);
-        let mesh =
-            mesh.map_err(|e| Error::format(self.shown.set.dir().join(&entry.path), e, "a tile"))?;
+        let mesh = mesh.map_err(|e| Error::format(set.dir().join(&path), e, "a tile"))?;
         Ok(bytes(BINARY, mesh).with("ETag", tag))
     }
 
@@ -239,7 +206,7 @@ impl Viewer {
         let slices = slices.ok_or_else(|| {
             let message =
                 "the volume that the tiles were made from was not found: give it as --volume";
-            Refusal::Told(Status::NotFound, message.to_owned())
+            Answer::error(Status::NotFound, message)
         })?;
         let number = file.strip_suffix(".png").and_then(|n| n.parse().ok());
         let axis = match axis {
@@ -283,7 +250,9 @@ impl Handler for Viewer {
             let answer = Answer::error(Status::Unauthorized, message);
             return answer.with("WWW-Authenticate", "Bearer");
         }
-        self.data(request, client).unwrap_or_else(Answer::from)
+        match self.data(request, client) {
+            Ok(answer) | Err(answer) => answer,
+        }
     }
 }
 
@@ -291,7 +260,7 @@ fn bytes(kind: &'static str, bytes: Vec<u8>) -> Answer {
     Answer::new(kind, Body::Bytes(bytes)).with("Cache-Control", "no-cache")
 }
 
-fn table(name: &str) -> Result<Table, Refusal> {
+fn table(name: &str) -> Result<Table, Answer> {
     rows::table(name).ok_or_else(|| missing(format!("table of {name}")))
 }
 

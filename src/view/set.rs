@@ -7,6 +7,7 @@ use crate::manifest::{Form, Manifest};
 use crate::measure::{COMPONENT_COLUMNS, Get, SURFACE_COLUMNS};
 use crate::table::Table;
 use crate::tileset::{TileLookup, TileSet};
+use crate::view::put;
 use serde_json::{Value, json};
 
 /// Bytes of a node.
@@ -36,7 +37,7 @@ pub fn description(set: &TileSet, told: &Told) -> Result<Value> {
     } = manifest;
     let filters: Vec<String> = manifest.filters.iter().map(ToString::to_string).collect();
     let mut tables = serde_json::Map::new();
-    for table in [Table::Cells, Table::Objects, Table::Surfaces] {
+    for table in Table::ALL {
         tables.insert(table.name().to_owned(), columns(set, table)?);
     }
     Ok(json!({
@@ -119,25 +120,28 @@ fn is_whole(table: Table, name: &str) -> bool {
 pub fn tree(lookup: &TileLookup, frame: &Frame) -> Vec<u8> {
     let nodes = lookup.tiles();
     let mut out = Vec::with_capacity(16 + NODE as usize * nodes.len());
-    let mut put = |words: &[u32]| out.extend(words.iter().flat_map(|w| w.to_le_bytes()));
-    put(&[u32::from_le_bytes(*b"ALVT"), 1, nodes.len() as u32, NODE]);
+    let magic = u32::from_le_bytes(*b"ALVT");
+    put(&mut out, &[magic, 1, nodes.len() as u32, NODE]);
     for tile in nodes {
         let [x, y, z] = tile.grid;
         let triangles = u32::try_from(tile.triangles).unwrap_or(u32::MAX);
         let bytes = frame.bytes(tile.vertices, tile.pieces.into(), tile.indices);
-        let (level, error, children) = (0, 0f32.to_bits(), [0; 2]);
-        put(&[
-            level,
-            x,
-            y,
-            z,
-            triangles,
-            bytes,
-            error,
-            children[0],
-            children[1],
-            HAS_CONTENT,
-        ]);
+        let (level, error, [child, children]) = (0, 0f32.to_bits(), [0; 2]);
+        put(
+            &mut out,
+            &[
+                level,
+                x,
+                y,
+                z,
+                triangles,
+                bytes,
+                error,
+                child,
+                children,
+                HAS_CONTENT,
+            ],
+        );
     }
     out
 }

@@ -338,12 +338,7 @@ fn raw(path: &Path, head: &[u8], options: &OpenOptions) -> Result<VolumeDescript
             Samples::Files(Data {
                 files: vec![path.to_path_buf()],
                 start: match options.offset {
-                    Some(bytes) => Start::At {
-                        base: 0,
-                        lines: 0,
-                        bytes,
-                        stated: true,
-                    },
+                    Some(bytes) => Start::behind(bytes),
                     None => Start::UNSTATED,
                 },
                 encoding,

@@ -53,10 +53,25 @@ impl Reply {
 
     /// Numbers of 32 bits.
     pub fn words(&self) -> Vec<u32> {
-        let (words, rest) = self.body.as_chunks::<4>();
-        assert!(rest.is_empty());
-        words.iter().map(|w| u32::from_le_bytes(*w)).collect()
+        words(&self.body)
     }
+}
+
+/// Data of a set that is asked for with the token.
+pub const DATA: [&str; 6] = [
+    "/set.json",
+    "/tree.bin",
+    "/tile/0/0/0/0",
+    "/table/cells",
+    "/row/cells/1",
+    "/query/cells",
+];
+
+/// Bytes as numbers of 32 bits.
+pub fn words(bytes: &[u8]) -> Vec<u32> {
+    let (words, rest) = bytes.as_chunks::<4>();
+    assert!(rest.is_empty());
+    words.iter().map(|w| u32::from_le_bytes(*w)).collect()
 }
 
 /// Starts `alvis view DIR` without a browser.

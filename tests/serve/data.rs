@@ -1,6 +1,6 @@
 //! What the page gets, compared with the tile set as other programs read it.
 
-use super::client::{Reply, Served, encoded, view};
+use super::client::{self, Reply, Served, encoded, view};
 use super::command::{foam_tiles, json, ok};
 use alvis::manifest::{Manifest, TileEntry};
 use alvis::tile::TileMesh;
@@ -33,12 +33,7 @@ impl Mesh {
         );
         let body = &reply.body;
         assert_eq!(&body[..4], b"ALVM");
-        let words: Vec<u32> = body[..48]
-            .as_chunks::<4>()
-            .0
-            .iter()
-            .map(|w| u32::from_le_bytes(*w))
-            .collect();
+        let words = client::words(&body[..48]);
         let [version, vertices, indices, slots, index_bytes, triangles] = words[1..7] else {
             panic!()
         };
@@ -82,12 +77,7 @@ impl Mesh {
                 .iter()
                 .map(|i| u16::from_le_bytes(*i).into())
                 .collect(),
-            _ => index_part
-                .as_chunks::<4>()
-                .0
-                .iter()
-                .map(|i| u32::from_le_bytes(*i))
-                .collect(),
+            _ => client::words(index_part),
         };
         let restart = if index_bytes == 2 { 0xFFFF } else { u32::MAX };
         // as OpenGL ES 3.0 draws a TRIANGLE_STRIP

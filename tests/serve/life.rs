@@ -1,9 +1,8 @@
 //! How it starts and ends, and what becomes of sets that change meanwhile.
 
-use super::client::{Served, view};
+use super::client::{DATA, Served, view};
 use super::command::{alvis, fails, foam_tiles, ok};
 use std::net::TcpListener;
-use std::path::Path;
 
 #[test]
 fn an_interrupt_is_its_end_and_no_failure() {
@@ -195,19 +194,11 @@ fn a_set_that_is_made_anew_or_removed_is_told() {
     let dir = foam_tiles(&[]);
     let tiles = dir.path().join("tiles");
     let served = view(&tiles, &[]);
-    let all = [
-        "/set.json",
-        "/tree.bin",
-        "/tile/0/0/0/0",
-        "/table/cells",
-        "/row/cells/1",
-        "/query/cells",
-    ];
-    all.iter()
+    DATA.iter()
         .for_each(|path| assert_eq!(served.get(path).status, 200, "{path}"));
     let again = "convert foam.mhd tiles --threshold 100 --macrocube 8 --force --quiet";
     ok(dir.path(), &again.split(' ').collect::<Vec<_>>());
-    for path in all {
+    for path in DATA {
         let message = refused(&served, path, 409);
         assert!(
             message.contains("index.json") && message.contains("alvis view"),
@@ -215,14 +206,10 @@ fn a_set_that_is_made_anew_or_removed_is_told() {
         );
     }
     let served = view(&tiles, &[]);
-    remove(&tiles);
-    all.iter()
+    std::fs::remove_dir_all(&tiles).unwrap();
+    DATA.iter()
         .for_each(|path| drop(refused(&served, path, 409)));
     assert_eq!(served.ask("GET", "/", &served.host()).status, 200);
-}
-
-fn remove(dir: &Path) {
-    std::fs::remove_dir_all(dir).unwrap();
 }
 
 #[test]

@@ -1,6 +1,6 @@
 //! Who is answered, and what nobody can do to the server.
 
-use super::client::{Served, view};
+use super::client::{DATA, Served, view};
 use super::command::foam_tiles;
 use std::io::{Read, Write};
 use std::net::{TcpListener, TcpStream};
@@ -127,16 +127,7 @@ fn data_needs_the_token_and_the_page_does_not() {
     let mut wrong = token.clone();
     let last = if wrong.pop() == Some('0') { '1' } else { '0' };
     wrong.push(last);
-    for path in [
-        "/set.json",
-        "/tree.bin",
-        "/tile/0/0/0/0",
-        "/table/cells",
-        "/row/cells/1",
-        "/query/cells",
-        "/slice/z/0.png",
-        "/nothing",
-    ] {
+    for path in DATA.into_iter().chain(["/slice/z/0.png", "/nothing"]) {
         for line in [
             String::new(),
             format!("Authorization: Bearer {wrong}\r\n"),

@@ -9,7 +9,6 @@
 mod tiles;
 
 use crate::error::{Error, Result};
-use crate::grid::Tiling;
 use crate::manifest::{Form, Manifest, Totals};
 use crate::progress::Progress;
 use crate::table::Table;
@@ -73,10 +72,7 @@ fn repack_into(
     let set = TileSet::open(from)?;
     let manifest = set.manifest();
     refuse_same(from, to)?;
-    let tiling = Tiling {
-        dims: manifest.grid.dims,
-        macrocube: manifest.grid.macrocube,
-    };
+    let tiling = manifest.tiling();
     check_reach(options.form.encoding, tiling)?;
     let several = several(&set)?;
     let output = Output::create(to, options.force)?;

@@ -103,11 +103,7 @@ impl Choice {
 
     /// The style of a piece that is no cap: `None` if it is left out.
     pub fn style(&self, piece: &PieceIds) -> Option<Option<Rgb>> {
-        let id = match self.step.table {
-            Table::Cells => piece.cell,
-            Table::Objects => piece.object,
-            Table::Surfaces => piece.surface,
-        };
+        let id = piece.of(self.step.table);
         let at = self.rows.binary_search_by_key(&id, |row| row.0).ok()?;
         Some(self.rows[at].1)
     }
@@ -234,9 +230,9 @@ impl Choice {
     pub fn selection(&self, manifest: &Manifest) -> Selection {
         let (mut before, last) = match &manifest.selection {
             None => (Vec::new(), Step::default()),
-            Some(earlier) => (earlier.before.clone(), earlier.last()),
+            Some(earlier) => (earlier.before.clone(), earlier.last.clone()),
         };
-        let step = match joined(&last, &self.step) {
+        let last = match joined(&last, &self.step) {
             Some(step) => step,
             None => {
                 before.push(last);
@@ -244,10 +240,7 @@ impl Choice {
             }
         };
         Selection {
-            condition: step.condition,
-            omit: step.omit,
-            table: step.table,
-            largest: step.largest,
+            last,
             before,
             painted: self.painted.clone(),
             colour_by: self.colour_by.clone(),
@@ -264,19 +257,11 @@ fn joined(first: &Step, then: &Step) -> Option<Step> {
     if first.table != then.table {
         return None;
     }
-    if !then.chooses() {
-        let kept = first.clone();
-        return Some(match (kept.omit, kept.largest, &kept.condition) {
-            (true, None, Some(c)) => Step {
-                condition: Some(format!("not ({c})")),
-                omit: false,
-                ..kept
-            },
-            _ => kept,
-        });
+    if first.largest.is_some() {
+        // the largest of fewer rows are others than those of all
+        return (!then.chooses()).then(|| first.clone());
     }
-    // the largest of fewer rows are others than those of all
-    if first.largest.is_some() || (then.omit && then.largest.is_some()) {
+    if then.omit && then.largest.is_some() {
         return None;
     }
     let earlier = first.condition.as_ref()?;

@@ -116,10 +116,12 @@ fn select_into(
     output.commit()?;
     let mut warnings = Vec::new();
     if totals.surfaces == 0 {
-        let name = options.chosen.table.name().trim_end_matches('s');
         warnings.push(match options.chosen.table {
             Table::Surfaces => "no surface is left: the tile set is empty".to_owned(),
-            _ => format!("no {name} with a surface is left: the tile set is empty"),
+            table => {
+                let name = table.singular();
+                format!("no {name} with a surface is left: the tile set is empty")
+            }
         });
     }
     warnings.iter().for_each(|w| progress.warn(w));

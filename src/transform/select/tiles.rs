@@ -97,15 +97,8 @@ impl MakeTile for Kept<'_> {
     type Sums = TileSums;
 
     fn wants(&self, entry: &TileEntry) -> bool {
-        entry.groups.iter().any(|group| {
-            let ids = PieceIds {
-                cell: group.cell,
-                object: group.object,
-                surface: group.surface,
-                triangles: group.triangles,
-            };
-            self.style(&ids).is_some()
-        })
+        let mut groups = entry.groups.iter();
+        groups.any(|group| self.style(&PieceIds::from(group)).is_some())
     }
 
     fn make(

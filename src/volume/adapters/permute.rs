@@ -18,7 +18,7 @@ pub(crate) struct Permuted<'a> {
 }
 
 /// What belongs to x, y and z, of what belongs to stored axes.
-fn sorted<T: Copy>(axes: [usize; 3], stored: [T; 3]) -> [T; 3] {
+pub(crate) fn sorted<T: Copy>(axes: [usize; 3], stored: [T; 3]) -> [T; 3] {
     let mut out = stored;
     for (value, axis) in stored.into_iter().zip(axes) {
         out[axis] = value;

@@ -11,6 +11,7 @@ use crate::volume::descriptor::{Samples, VolumeDescriptor};
 use crate::volume::format::Format;
 use crate::volume::formats::foreign::Described;
 use crate::volume::io::data::{Data, Encoding, Start};
+use crate::volume::io::word::word;
 use crate::volume::stated::size::{Step, voxel_size};
 use crate::volume::{Dtype, Endian};
 use std::path::{Path, PathBuf};
@@ -53,14 +54,9 @@ impl<'a> Head<'a> {
         heads.find(|head| i32::from_le_bytes(head.at(0)) == SIZE && (1..=7).contains(&head.i16(40)))
     }
 
+    /// Every place below is inside of the header.
     fn at<const N: usize>(&self, at: usize) -> [u8; N] {
-        // every place is inside the header
-        let mut out = [0; N];
-        out.copy_from_slice(&self.bytes[at..at + N]);
-        if self.endian == Endian::Big {
-            out.reverse();
-        }
-        out
+        word(self.bytes, at, self.endian)
     }
 
     fn i16(&self, at: usize) -> i16 {

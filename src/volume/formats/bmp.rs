@@ -36,7 +36,7 @@ const HEAD: u64 = 14 + 124 + 1024;
 const SIZES: [u32; 7] = [12, 40, 52, 56, 64, 108, 124];
 
 /// True if a file begins as BMP does.
-fn is_bmp(head: &[u8]) -> bool {
+pub(crate) fn is_bmp(head: &[u8]) -> bool {
     let size = head.get(14..18).and_then(|h| h.first_chunk());
     head.starts_with(b"BM") && size.is_some_and(|size| SIZES.contains(&u32::from_le_bytes(*size)))
 }

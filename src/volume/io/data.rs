@@ -61,6 +61,16 @@ impl Start {
         bytes: 0,
         stated: false,
     };
+
+    /// Behind so many bytes, as somebody stated.
+    pub(crate) const fn behind(bytes: u64) -> Start {
+        Start::At {
+            base: 0,
+            lines: 0,
+            bytes,
+            stated: true,
+        }
+    }
 }
 
 /// How the samples are packed.

@@ -14,3 +14,4 @@ mod mmap;
 pub(crate) mod paged;
 mod stream;
 pub(crate) mod text;
+pub(crate) mod word;

@@ -2,6 +2,7 @@ use crate::error::Result;
 use crate::grid::{Origin, Unit};
 use crate::volume::{Dtype, Endian, OpenOptions, Opened, open};
 use std::io::Write;
+use std::path::Path;
 
 const DIMS: &str = "define Lattice 4 3 2\n";
 const PLACE: &str = "Parameters {\n Units {\n  Coordinates \"mm\"\n }\n BoundingBox 1 1.3 2 2.4 3 3.5,\n CoordType \
@@ -25,9 +26,9 @@ fn samples() -> Vec<u8> {
     (0..24u16).flat_map(|v| (v * 300).to_le_bytes()).collect()
 }
 
-fn opened(bytes: &[u8], dataset: Option<&str>) -> Result<Opened> {
-    let dir = tempfile::tempdir().unwrap();
-    let path = dir.path().join("v.am");
+/// A file in a directory, which it needs as long as it is read.
+fn opened_in(dir: &Path, bytes: &[u8], dataset: Option<&str>) -> Result<Opened> {
+    let path = dir.join("v.am");
     std::fs::write(&path, bytes).unwrap();
     let options = OpenOptions {
         dataset: dataset.map(str::to_owned),
@@ -36,25 +37,20 @@ fn opened(bytes: &[u8], dataset: Option<&str>) -> Result<Opened> {
     open(&path, &options)
 }
 
-/// The samples of a file, which is there as long as they are read.
-fn all(bytes: &[u8], dataset: Option<&str>) -> Result<Vec<u8>> {
-    let dir = tempfile::tempdir().unwrap();
-    let path = dir.path().join("v.am");
-    std::fs::write(&path, bytes).unwrap();
-    let options = OpenOptions {
-        dataset: dataset.map(str::to_owned),
-        ..OpenOptions::default()
-    };
-    let volume = open(&path, &options)?.volume;
-    let mut out = vec![0; 24 * volume.header().dtype.bytes()];
-    volume.read_box(0..4, 0..3, 0..2, &mut out)?;
-    Ok(out)
+fn opened(bytes: &[u8], dataset: Option<&str>) -> Result<Opened> {
+    opened_in(tempfile::tempdir().unwrap().path(), bytes, dataset)
 }
 
-fn read(opened: &Opened) -> Vec<u8> {
+/// The samples of a file.
+fn all(bytes: &[u8], dataset: Option<&str>) -> Result<Vec<u8>> {
+    let dir = tempfile::tempdir().unwrap();
+    read(&opened_in(dir.path(), bytes, dataset)?)
+}
+
+fn read(opened: &Opened) -> Result<Vec<u8>> {
     let mut out = vec![0; 24 * opened.volume.header().dtype.bytes()];
-    opened.volume.read_box(0..4, 0..3, 0..2, &mut out).unwrap();
-    out
+    opened.volume.read_box(0..4, 0..3, 0..2, &mut out)?;
+    Ok(out)
 }
 
 #[test]
@@ -78,7 +74,7 @@ fn samples_as_they_are_in_both_orders() {
         );
         assert_eq!(place.origin, [1.0, 2.0, 3.0]);
         assert_eq!(opened.provenance.unit, Origin::File);
-        assert_eq!(read(&opened), counts);
+        assert_eq!(read(&opened).unwrap(), counts);
     }
 }
 

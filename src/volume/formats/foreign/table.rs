@@ -1,5 +1,6 @@
 //! The table of formats that are known and not read. The first that fits a file counts.
 
+use crate::volume::formats::bmp;
 use crate::volume::formats::foreign::Kind;
 use crate::volume::formats::foreign::described::Described;
 use crate::volume::formats::foreign::lines::{dat, edf, raw_ini, vff, vtk};
@@ -66,8 +67,7 @@ pub(crate) const KINDS: &[Kind] = kinds! {
          .npy or TIFF";
     "OpenVDB", |_, h| has(h, 0, b" BDV\0\0\0\0"), nowhere,
         "save its grid as a dense array, as with pyopenvdb's copyToArray and numpy.save";
-    "BMP (of one slice)", |_, h| has(h, 0, b"BM") && [12, 40, 52, 56, 64, 108, 124].iter().any(|n| has(h, 14, &[*n, 0, 0, 0])),
-        nowhere, "give the folder of the slices";
+    "BMP (of one slice)", |_, h| bmp::is_bmp(h), nowhere, "give the folder of the slices";
     "JPEG", |_, h| has(h, 0, b"\xff\xd8\xff"), nowhere, LOSSY;
     "JPEG 2000", |_, h| has(h, 0, b"\0\0\0\x0cjP  ") || has(h, 0, b"\xff\x4f\xff\x51"), nowhere,
         "convert its slices to TIFF, as with `opj_decompress`, and give the folder";

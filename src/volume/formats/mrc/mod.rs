@@ -11,12 +11,13 @@ mod place;
 use crate::error::{Error, Result};
 use crate::grid::length::shortest;
 use crate::grid::{Dims, MAX_DIM};
-use crate::volume::adapters::permute::stored_dims;
+use crate::volume::adapters::permute::sorted;
 use crate::volume::descriptor::{Samples, VolumeDescriptor};
 use crate::volume::format::Format;
 use crate::volume::formats::foreign::Described;
 use crate::volume::io::blob::Blob;
 use crate::volume::io::data::{Data, Encoding, Start};
+use crate::volume::io::word::word;
 use crate::volume::options::Choice;
 use crate::volume::{Dtype, Endian};
 use std::path::Path;
@@ -118,11 +119,7 @@ fn parse(path: &Path, head: &[u8]) -> Result<VolumeDescriptor> {
     };
     let axes = head.axes()?;
     let sizes = head.three(0).map(|n| u64::try_from(n).unwrap_or(0));
-    let mut along = sizes;
-    for (size, axis) in sizes.into_iter().zip(axes) {
-        along[axis] = size;
-    }
-    let dims = Dims::new(along).map_err(|e| e.of_header(path, "a volume"))?;
+    let dims = Dims::new(sorted(axes, sizes)).map_err(|e| e.of_header(path, "a volume"))?;
     let kind = head.kind()?;
     head.refuse_several()?;
     let mut notes = Vec::new();
@@ -131,15 +128,9 @@ fn parse(path: &Path, head: &[u8]) -> Result<VolumeDescriptor> {
     let (placement, provenance) = head.place(axes, &mut warnings)?;
     let samples = Samples::Files(Data {
         files: vec![path.to_path_buf()],
-        start: Start::At {
-            base: 0,
-            lines: 0,
-            bytes: head.start()?,
-            stated: true,
-        },
+        start: Start::behind(head.start()?),
         encoding: Encoding::Raw,
     });
-    debug_assert_eq!(stored_dims(axes, dims).0.map(u64::from), sizes);
     Ok(VolumeDescriptor {
         endian: Some(head.endian),
         placement,
@@ -177,24 +168,13 @@ fn endian(path: &Path, head: &[u8]) -> Result<Endian> {
 }
 
 impl Head<'_> {
-    fn word(&self, at: usize) -> [u8; 4] {
-        let mut word = [0; 4];
-        if let Some(bytes) = self.bytes.get(at..at + 4) {
-            word.copy_from_slice(bytes);
-        }
-        if self.endian == Endian::Big {
-            word.reverse();
-        }
-        word
-    }
-
     fn i32(&self, at: usize) -> i32 {
-        i32::from_le_bytes(self.word(at))
+        i32::from_le_bytes(word(self.bytes, at, self.endian))
     }
 
     /// A number as its decimals read.
     fn f32(&self, at: usize) -> f64 {
-        shortest(f32::from_le_bytes(self.word(at)))
+        shortest(f32::from_le_bytes(word(self.bytes, at, self.endian)))
     }
 
     fn three(&self, at: usize) -> [i32; 3] {

@@ -2,6 +2,7 @@
 
 use crate::error::Result;
 use crate::grid::{Origin, Placement, Provenance};
+use crate::volume::adapters::permute::sorted;
 use crate::volume::formats::mrc::Head;
 use crate::volume::stated::size::{Step, voxel_size};
 use crate::volume::stated::warning::Warning;
@@ -43,13 +44,7 @@ impl Head<'_> {
         if let (Some(unit), Some(length)) = (size.unit, size.of_file[0]) {
             place.origin = match self.stated_origin() {
                 Some(origin) => origin.map(|v| length.convert(v, unit)),
-                None => {
-                    let mut start = [0.0; 3];
-                    for (first, axis) in self.three(16).into_iter().zip(axes) {
-                        start[axis] = f64::from(first);
-                    }
-                    place.world(start)
-                }
+                None => place.world(sorted(axes, self.three(16).map(f64::from))),
             };
             from.origin = Origin::File;
         }

@@ -10,6 +10,7 @@ use crate::volume::format::Format;
 use crate::volume::formats::scanco::{attenuation, i32_at};
 use crate::volume::io::blob::Blob;
 use crate::volume::io::data::{Data, Encoding, Start};
+use crate::volume::io::word::word;
 use crate::volume::stated::size::{Step, voxel_size};
 use crate::volume::{Dtype, Endian};
 use std::path::Path;
@@ -79,10 +80,7 @@ impl Version {
     fn whole(&self, head: &[u8], at: usize, i: usize) -> i64 {
         match self.wide {
             false => i32_at(head, at + 4 * i).into(),
-            true => {
-                let bytes = head.get(at + 8 * i..).and_then(|rest| rest.first_chunk());
-                bytes.map_or(0, |bytes| i64::from_le_bytes(*bytes))
-            }
+            true => i64::from_le_bytes(word(head, at + 8 * i, Endian::Little)),
         }
     }
 
@@ -140,12 +138,7 @@ fn parse(path: &Path, head: &[u8]) -> Result<VolumeDescriptor> {
     let before = version.volume as u64 + version.bytes;
     let samples = Samples::Files(Data {
         files: vec![path.to_path_buf()],
-        start: Start::At {
-            base: 0,
-            lines: 0,
-            bytes: before.saturating_add(log),
-            stated: true,
-        },
+        start: Start::behind(before.saturating_add(log)),
         encoding: Encoding::Raw,
     });
     let mut found = VolumeDescriptor::new("aim", dims, dtype, samples);

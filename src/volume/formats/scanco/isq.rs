@@ -53,12 +53,7 @@ fn parse(path: &Path, head: &[u8]) -> Result<VolumeDescriptor> {
     };
     let samples = Samples::Files(Data {
         files: vec![path.to_path_buf()],
-        start: Start::At {
-            base: 0,
-            lines: 0,
-            bytes: (blocks + 1) * BLOCK,
-            stated: true,
-        },
+        start: Start::behind((blocks + 1) * BLOCK),
         encoding: Encoding::Raw,
     });
     let mut found = VolumeDescriptor::new("isq", dims, Dtype::I16, samples);

@@ -10,7 +10,9 @@ mod isq;
 pub(crate) use aim::FORMAT as AIM;
 pub(crate) use isq::FORMAT as ISQ;
 
+use crate::volume::Endian;
 use crate::volume::adapters::values::Values;
+use crate::volume::io::word::word;
 
 /// The scale of samples that are attenuation times this number; none if that says nothing.
 fn attenuation(scaling: f64) -> Option<Values> {
@@ -23,6 +25,5 @@ fn attenuation(scaling: f64) -> Option<Values> {
 
 /// A number at a place of a header, least significant byte first; 0 behind its end.
 fn i32_at(head: &[u8], at: usize) -> i32 {
-    let bytes = head.get(at..).and_then(|rest| rest.first_chunk::<4>());
-    bytes.map_or(0, |bytes| i32::from_le_bytes(*bytes))
+    i32::from_le_bytes(word(head, at, Endian::Little))
 }

@@ -62,12 +62,12 @@ impl<'a> Keys<'a> {
         Keys { path, lines }
     }
 
-    /// Groups and sections whose names have this form: what `part` gives of each, once.
-    pub(super) fn distinct(&self, part: impl Fn(&str, &str) -> bool) -> usize {
+    /// How many sections, each counted once in every group, have names of this form.
+    pub(super) fn distinct(&self, is_one: impl Fn(&str) -> bool) -> usize {
         let mut found: Vec<[&str; 2]> = Vec::new();
         for line in &self.lines {
             let own = [line.group.as_str(), line.section.as_str()];
-            if part(own[0], own[1]) && !found.contains(&own) {
+            if is_one(own[1]) && !found.contains(&own) {
                 found.push(own);
             }
         }
@@ -145,7 +145,7 @@ mod tests {
         );
         let error = keys.need("file1", "name").err().unwrap().to_string();
         assert!(error.contains("no `name` in [file1]"), "{error}");
-        assert_eq!(keys.distinct(|_, section| section.starts_with("file")), 1);
+        assert_eq!(keys.distinct(|section| section.starts_with("file")), 1);
         assert!(has_words(text, &["[file1]", "[geometry]"]) && !has_words(text, &["[file2]"]));
         assert!(!has_words(b"\0\0[file1]", &["[file1]"]));
     }

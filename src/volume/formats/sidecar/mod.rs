@@ -35,6 +35,8 @@ struct Sidecar<'a> {
     path: &'a Path,
     /// The file with the samples.
     file: PathBuf,
+    /// Where in it they begin.
+    start: Start,
     dims: Dims,
 }
 
@@ -47,7 +49,12 @@ impl<'a> Sidecar<'a> {
         let dims = Dims::new(sizes).map_err(|e| e.of_header(path, "a volume"))?;
         let expected = files.first().map(|file| file.display().to_string());
         match files.into_iter().find(|file| file.is_file()) {
-            Some(file) => Ok(Sidecar { path, file, dims }),
+            Some(file) => Ok(Sidecar {
+                path,
+                file,
+                start: Start::UNSTATED,
+                dims,
+            }),
             None => Err(Error::format(
                 path,
                 "a header without samples",
@@ -88,7 +95,7 @@ impl<'a> Sidecar<'a> {
     ) -> VolumeDescriptor {
         let data = Data {
             files: vec![self.file],
-            start: Start::UNSTATED,
+            start: self.start,
             encoding: Encoding::Raw,
         };
         let mut found = VolumeDescriptor::new(format, self.dims, dtype, Samples::Files(data));

@@ -6,12 +6,12 @@
 
 use crate::error::{Error, Result};
 use crate::volume::Dtype;
-use crate::volume::descriptor::{Samples, VolumeDescriptor};
+use crate::volume::descriptor::VolumeDescriptor;
 use crate::volume::format::Format;
 use crate::volume::formats::foreign::{Described, of_bits};
 use crate::volume::formats::sidecar::keys::{Keys, Value, has_words};
 use crate::volume::formats::sidecar::{Sidecar, named};
-use crate::volume::io::data::{Data, Encoding, Start};
+use crate::volume::io::data::Start;
 use crate::volume::io::text::Field;
 use crate::volume::stated::size::Step;
 use crate::volume::stated::warning::Warning;
@@ -41,10 +41,10 @@ const PLACE: &str = "geometry";
 fn parse(path: &Path) -> Result<VolumeDescriptor> {
     let keys = Keys::read(path)?;
     refuse_several(path, &keys)?;
-    let size = stated(&keys, "size")?;
+    let size = stated(&keys, [FILE, WHOLE], "size")?;
     let sizes = three::<u64>(size)?;
     let dtype = dtype(path, &keys, [FILE, WHOLE])?;
-    let sidecar = Sidecar::new(path, named(path, keys.need(FILE, "Name")?.text), sizes)?;
+    let mut sidecar = Sidecar::new(path, named(path, keys.need(FILE, "Name")?.text), sizes)?;
     let skip = keys.get(FILE, "SkipHeader")?;
     let skip: Option<u64> = skip
         .map(|f| f.one("bytes before the samples"))
@@ -68,41 +68,30 @@ fn parse(path: &Path) -> Result<VolumeDescriptor> {
         Some(field) => three::<f64>(field)?.map(|size| Some(Step::new(size, unit))),
         None => [None, None, None],
     };
-    let files = vec![sidecar.file.clone()];
-    let mut found = sidecar.descriptor("vgi", dtype, steps);
     if let Some(bytes) = skip.filter(|n| *n > 0) {
-        found.samples = Samples::Files(Data {
-            files,
-            start: Start::At {
-                base: 0,
-                lines: 0,
-                bytes,
-                stated: true,
-            },
-            encoding: Encoding::Raw,
-        });
+        sidecar.start = Start::behind(bytes);
     }
+    let mut found = sidecar.descriptor("vgi", dtype, steps);
     found.notes.extend(note);
     found.warnings.extend(scaled(&keys)?);
     Ok(found)
 }
 
-/// A value of the file, or of the whole where the file has none.
-fn stated<'a>(keys: &'a Keys, name: &str) -> Result<Value<'a>> {
-    match keys.get(FILE, name)? {
+/// A value of the first of two sections that has it.
+fn stated<'a>(keys: &'a Keys, [first, second]: [&str; 2], name: &str) -> Result<Value<'a>> {
+    match keys.get(first, name)? {
         Some(value) => Ok(value),
-        None => keys.need(WHOLE, name),
+        None => keys.need(second, name),
     }
 }
 
 fn three<T: std::str::FromStr + Copy>(field: Field) -> Result<[T; 3]> {
-    let values: Vec<T> = field.values(3)?;
-    Ok([values[0], values[1], values[2]])
+    field.of_axes(3, [0, 1, 2])
 }
 
 fn refuse_several(path: &Path, keys: &Keys) -> Result<()> {
-    let volumes = keys.distinct(|_, section| section == WHOLE);
-    let files = keys.distinct(|_, section| {
+    let volumes = keys.distinct(|section| section == WHOLE);
+    let files = keys.distinct(|section| {
         let number = section.strip_prefix("file");
         number.is_some_and(|n| n.parse::<u32>().is_ok())
     });
@@ -124,10 +113,7 @@ fn refuse_several(path: &Path, keys: &Keys) -> Result<()> {
 
 /// The type of samples, of the first of two sections that states it.
 fn dtype(path: &Path, keys: &Keys, sections: [&str; 2]) -> Result<Dtype> {
-    let of = |name: &str| match keys.get(sections[0], name)? {
-        Some(value) => Ok(value),
-        None => keys.need(sections[1], name),
-    };
+    let of = |name: &str| stated(keys, sections, name);
     let (kind, bits) = (of("datatype")?, of("bitsperelement")?);
     let known = ["unsigned integer", "signed integer", "float"];
     if !known.contains(&kind.text.to_lowercase().as_str()) {
