@@ -86,29 +86,42 @@ impl TileSet {
     /// # Errors
     /// As [`TileSet::path`]; [`Error::Format`] for another size or checksum.
     pub fn tile_bytes(&self, entry: &TileEntry) -> Result<Vec<u8>> {
-        let path = self.path(&entry.path)?;
+        self.checked_bytes(&entry.path, entry.bytes, &entry.checksum)
+    }
+
+    /// The bytes of a file at a path of the index, which must have this size and checksum.
+    ///
+    /// # Errors
+    /// As of [`TileSet::tile_bytes`].
+    pub(crate) fn checked_bytes(
+        &self,
+        relative: &str,
+        bytes: u64,
+        checksum: &str,
+    ) -> Result<Vec<u8>> {
+        let path = self.path(relative)?;
         let meta = path
             .metadata()
             .map_err(|e| Error::io(&path, "open the tile", e))?;
         // before reading: a wrong file may be of any size
-        if !meta.is_file() || meta.len() != entry.bytes {
+        if !meta.is_file() || meta.len() != bytes {
             return Err(Error::format(
                 &path,
                 format!("{} bytes", meta.len()),
-                format!("a file of {} bytes as in the index", entry.bytes),
+                format!("a file of {bytes} bytes as in the index"),
             ));
         }
-        let bytes = std::fs::read(&path).map_err(|e| Error::io(&path, "read the tile", e))?;
-        let found = checksum_text(crc32fast::hash(&bytes));
-        if found != entry.checksum {
-            let expected = format!("{} as in the index", entry.checksum);
+        let read = std::fs::read(&path).map_err(|e| Error::io(&path, "read the tile", e))?;
+        let found = checksum_text(crc32fast::hash(&read));
+        if found != checksum {
+            let expected = format!("{checksum} as in the index");
             return Err(Error::format(
                 &path,
                 format!("the checksum {found}"),
                 expected,
             ));
         }
-        Ok(bytes)
+        Ok(read)
     }
 
     /// Reads a tile.
@@ -123,7 +136,7 @@ impl TileSet {
 }
 
 #[cfg(test)]
-mod tests {
+pub(crate) mod tests {
     use super::*;
     use crate::convert::{ConvertOptions, convert};
     use crate::grid::Dims;
@@ -131,7 +144,8 @@ mod tests {
     use crate::progress::Quiet;
     use crate::volume::Dtype;
 
-    fn ball() -> (tempfile::TempDir, TileSet) {
+    /// A ball of several tiles.
+    pub fn ball() -> (tempfile::TempDir, TileSet) {
         let dir = tempfile::tempdir().unwrap();
         let ball = Phantom::new(Shape::Sphere { radius: 9.0 });
         let volume = render(&ball, Dims::new([24; 3]).unwrap(), Dtype::U8).unwrap();
