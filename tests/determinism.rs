@@ -17,8 +17,8 @@ use std::fs::File;
 use std::io::Write;
 use std::path::{Path, PathBuf};
 
-/// The smallest memory limit of every plan: one band of a slab at once, two, ... all, all with some of the next
-/// slab read ahead, that with tiles on their way to the disk meanwhile, and that with more read ahead.
+/// The smallest memory limit of every plan: one band at once, two, ... one for each thread, with tiles on their way to
+/// the disk meanwhile and without.
 fn limits(volume: &dyn Volume, options: &ConvertOptions) -> Vec<u64> {
     let with = |memory: u64| {
         predicted_memory(
@@ -88,42 +88,26 @@ fn same_in_every_way<T: Voxel>(
         let cubes = volume.header().dims.0[axis].saturating_sub(1);
         cubes.div_ceil(options.macrocube[axis]) as usize
     };
-    let (bands, layers) = (tiles(1), tiles(2));
+    let bands = tiles(1) * tiles(2);
     for threads in [1, 2, 5] {
         let options = ConvertOptions {
             threads,
             ..options.clone()
         };
         let limits = limits(volume, &options);
-        // each number of bands at once, and all with a look ahead, without tiles on their way and with; if
-        // these take less than a look ahead, all bands with them come before
-        let few = threads.div_ceil(2).min(bands);
-        let others = bands * (layers - 1);
-        let more = (threads - 1).min(others).saturating_sub(few);
-        let [.., ahead, most] = limits[..limits.len() - more] else {
-            panic!("{limits:?}");
-        };
-        let before = usize::from(most - ahead < ahead - limits[bands - 1]);
-        assert_eq!(limits.len(), bands + before + 2 + more, "{limits:?}");
-        let mut chosen = vec![
-            0,
-            1,
-            bands / 2,
-            bands - 1,
-            bands,
-            bands + 1,
-            limits.len() - 1,
-        ];
+        // each number of bands at once, up to one for each thread, and all with tiles on their way to the disk
+        assert!(limits.len() > bands.min(threads), "{limits:?}");
+        let mut chosen: Vec<usize> = (0..limits.len()).collect();
         if threads == 5 {
             // they take as long as all others
-            chosen.drain(1..6);
+            chosen.drain(1..limits.len() - 1);
         }
         for at in chosen {
             let options = ConvertOptions {
                 memory: limits[at],
                 ..options.clone()
             };
-            let what = format!("{threads} threads, limit {at} of {bands} bands");
+            let what = format!("{threads} threads, limit {at} of {limits:?}");
             assert_same_files(&first, &converted_within(volume, &options), &what);
         }
     }

@@ -396,14 +396,15 @@ mod tests {
             checkpointer.stage(TILES, layer, &Marks::default(), state)
         };
         ready(&mut checkpointer, 1).unwrap();
+        // nine layers are labelled before
         assert_eq!((done(), checkpointer.has_any()), (None, false));
         checkpointer.commit().unwrap();
-        assert_eq!((done(), checkpointer.has_any()), (Some(1), true));
+        assert_eq!((done(), checkpointer.has_any()), (Some(10), true));
         // one that was never kept is as if it had not been
         ready(&mut checkpointer, 2).unwrap();
-        assert_eq!(done(), Some(1));
+        assert_eq!(done(), Some(10));
         ready(&mut checkpointer, 3).unwrap();
         checkpointer.commit().unwrap();
-        assert_eq!(done(), Some(3));
+        assert_eq!(done(), Some(12));
     }
 }

@@ -293,6 +293,7 @@ mod tests {
                 provisional.retire(b).unwrap();
             }
         }
+        assert_eq!(provisional.spill().unwrap(), n);
         let dead = |b: u64| b % 3 == 1 && (b % 5 < 4 || b < 1000);
         let mut ranks = provisional.renumber().unwrap();
         let mut expected = 0;
