@@ -2,6 +2,7 @@
 //! macrocubes beyond the cut itself, on the kind of primitives, nor on what lies outside a crop.
 
 mod common;
+mod volume_common;
 
 use alvis::convert::{ConvertOptions, convert, predicted_memory};
 use alvis::grid::{Ambiguous, Crop, Dims};
@@ -12,10 +13,11 @@ use common::glb;
 use common::set::{Surface, Table, manifest, shards, table, weld};
 use common::volumes::{foam, late_joins, noise, placed, samples};
 use common::{assert_same_files, converted, files, options, verified};
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, HashMap};
 use std::fs::File;
 use std::io::Write;
 use std::path::{Path, PathBuf};
+use volume_common::data;
 
 /// The smallest memory limit of every plan: one band at once, two, ... one for each thread, with tiles on their way to
 /// the disk meanwhile and without.
@@ -400,6 +402,86 @@ fn a_crop_is_a_volume_of_its_own() {
             assert!(members.remove("checksum").is_some());
         }
         assert_eq!(ia, ib);
+    }
+}
+
+/// Converts a volume whole, and from macrocube layer `layer` on, and expects the pieces that are the same triangles in
+/// both to have them in the same order, and the same normals but in the first layer, whose lower gradients miss a
+/// slice. Returns how many are the same, and how many there are.
+fn same_from_layer(volume: &dyn Volume, options: &ConvertOptions, layer: u32) -> [usize; 2] {
+    let [nx, ny, nz] = volume.header().dims.0;
+    let first = layer * options.macrocube[2];
+    let cropped = ConvertOptions {
+        crop: Some(Crop {
+            x: 0..nx,
+            y: 0..ny,
+            z: first..nz,
+        }),
+        ..options.clone()
+    };
+    let [whole, part] = [options, &cropped].map(|options| {
+        let dir = tempfile::tempdir().unwrap();
+        convert(volume, options, dir.path(), &Quiet).unwrap();
+        files(dir.path())
+    });
+    let (mut same, mut all) = (0, 0);
+    for (name, bytes) in part.iter().filter(|(name, _)| name.ends_with(".glb")) {
+        let (z, rest) = name.strip_prefix("tiles/z").unwrap().split_at(4);
+        let z: u32 = z.parse().unwrap();
+        let mut known = HashMap::new();
+        for piece in glb::read(&whole[&format!("tiles/z{:04}{rest}", z + layer)]) {
+            let mut key = piece.triangles.clone();
+            key.sort_unstable();
+            known.insert(key, piece);
+        }
+        for mut piece in glb::read(bytes) {
+            let up = |p: [i32; 3]| [p[0], p[1], p[2] + (256 * first) as i32];
+            piece.triangles.iter_mut().for_each(|t| *t = t.map(up));
+            let mut key = piece.triangles.clone();
+            key.sort_unstable();
+            all += 1;
+            if let Some(before) = known.get(&key) {
+                same += 1;
+                assert!(piece.triangles == before.triangles, "{name}");
+                let normal_is_same = |(at, n): (&[i32; 3], _)| before.normals[&up(*at)] == n;
+                let same_normals = piece.normals.iter().all(|(at, n)| normal_is_same((at, *n)));
+                assert!(z == 0 || same_normals, "{name}");
+            }
+        }
+    }
+    [same, all]
+}
+
+/// What lies before a tile does not show in its pieces, in porous volumes least of all.
+#[test]
+fn pieces_do_not_depend_on_what_lies_before() {
+    let mut found = Vec::new();
+    let dims = [70, 60, 64];
+    for (seed, macrocube) in [(1, [16; 3]), (2, [9, 33, 8])] {
+        let plain = options(macrocube);
+        found.push(same_from_layer(&placed(dims, foam(dims, seed)), &plain, 2));
+        found.push(same_from_layer(&placed(dims, noise(dims, seed)), &plain, 1));
+    }
+    let (dims, values) = late_joins();
+    found.push(same_from_layer(&placed(dims, values), &options([8; 3]), 2));
+    if let Some(data) = data() {
+        for (path, threshold) in [
+            ("derived/snow_be.nhdr", 22_779.0),
+            ("derived/cement_lzw_be.tif", 75.0),
+        ] {
+            let volume = open(&data.join(path), &OpenOptions::default())
+                .unwrap()
+                .volume;
+            let plain = ConvertOptions {
+                threshold,
+                ..options([16; 3])
+            };
+            found.push(same_from_layer(&*volume, &plain, 1));
+        }
+    }
+    // where components are joined before the part, more is one piece in the whole
+    for [same, all] in &found {
+        assert!(*same > 100.min(all / 2) && 4 * same > 3 * all, "{found:?}");
     }
 }
 

@@ -3,7 +3,7 @@
 //! | who | planned | where it turns out to be more |
 //! |---|---|---|
 //! | [`PROGRAM`] | [`PROGRAM_BYTES`], and what the volume says that it keeps | never |
-//! | [`BANDS`] | so many for a sample and for a voxel | fewer bands at once, see `scan/mode.rs` |
+//! | [`BANDS`] | so many for a sample and for a voxel | fewer bands at once, see `one_by_one` in `label/queue.rs` |
 //! | [`SLABS`] | so many for a pixel of a slice | fewer bands at once |
 //! | [`NEW_TILES`] | so many for a cube, in each thread | tiles wait for each other, then fewer bands |
 //! | [`WRITES`] | a few tiles, if there is room | they are written at once |

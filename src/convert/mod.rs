@@ -50,9 +50,8 @@ use std::time::Instant;
 
 /// Converts a volume to a tile set in the directory `out`.
 ///
-/// The stages: plan the cut; sweep forward, labelling, meshing and writing the tiles' geometry;
-/// resolve ids in reverse; give the tiles their ids and measures; write the tables; write the
-/// manifest and move everything into place.
+/// The stages: plan the cut; label all bands; resolve ids in reverse; mesh and write the tiles' geometry; give the tiles
+/// their measures; write the tables; write the manifest and move everything into place.
 ///
 /// What is done of a layer is kept: see [`ConvertOptions::resume`].
 ///

@@ -229,12 +229,8 @@ fn a_sync_behind_the_work_that_fails() {
 }
 
 #[test]
-fn file_operations_that_write_tiles_twice() {
-    every_operation(
-        "file_operations_that_write_tiles_twice",
-        " --for web --min-voxels 20",
-        5,
-    );
+fn file_operations_of_noise() {
+    every_operation("file_operations_of_noise", " --for web --min-voxels 20", 5);
 }
 
 #[test]

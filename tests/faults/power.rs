@@ -180,9 +180,9 @@ fn the_power_fails_at_any_moment() {
 }
 
 #[test]
-fn the_power_fails_while_tiles_are_written_twice() {
+fn the_power_fails_while_noise_is_converted() {
     power_fails(
-        "the_power_fails_while_tiles_are_written_twice",
+        "the_power_fails_while_noise_is_converted",
         " --for web --min-voxels 20",
         20,
         2,
