@@ -757,15 +757,14 @@ fn a_compressed_body_is_compared_cell_by_cell() {
         .collect();
     let new: Vec<u64> = new.iter().map(|p| p["b"].as_u64().unwrap()).collect();
     assert_eq!(new, [1, 2, 3]);
-    // a pair is one if the condition holds for one of it
-    let small = compare(&[
-        "tiles",
-        "short",
-        "--align",
-        "box",
-        "--where",
-        "voxels > 100 and volume > 9e6",
-    ]);
+    // a pair is one if the condition holds for one of it; volumes of both are in the unit of the first
+    let (names, _) = csv(dir, "cells.csv");
+    let at = |name: &str| names.iter().position(|n| n == name).unwrap();
+    let (border, volume) = (at("touches_border"), at("volume"));
+    let largest = rows.iter().map(|row| row[volume].parse::<f64>().unwrap());
+    let largest = largest.fold(0.0, f64::max);
+    let condition = format!("voxels > 100 and volume > {}", 0.9 * largest);
+    let small = compare(&["tiles", "short", "--align", "box", "--where", &condition]);
     assert_eq!((&small["lost"], &small["new"]), (&0.into(), &0.into()));
     assert!(small["cells"][0].as_u64() > small["cells"][1].as_u64());
     let none = compare(&["tiles", "same", "--where", "id < 0"]);
@@ -782,6 +781,33 @@ fn a_compressed_body_is_compared_cell_by_cell() {
         ["a", "b", "overlap", "volume_a [um^3]", "volume_b [um^3]"]
     );
     assert!(lines.all(|l| l.split(',').count() == head.len()));
+    // in one unit, whichever the tables are in: to the last digit, also in conditions
+    for pair in same["pairs"].as_array().unwrap() {
+        assert_eq!(
+            (&pair["overlap"], &pair["volume"]["change"]),
+            (&1.0.into(), &0.0.into())
+        );
+        assert_eq!(pair["shift"], serde_json::json!([0.0, 0.0, 0.0]));
+    }
+    for (sets, limit) in [
+        (["tiles", "same"], "1.05e6"),
+        (["same", "tiles"], "1.05e-3"),
+    ] {
+        let condition = format!("volume > {limit}");
+        let large = compare(&[sets[0], sets[1], "--where", &condition]);
+        assert_eq!(large["cells"][0], large["cells"][1], "{condition}");
+        assert!(large["cells"][0].as_u64() > Some(0));
+    }
+    // cells at the border are told apart
+    let touch = rows.iter().filter(|row| row[border] == "1").count();
+    assert_eq!(same["cells_border"], serde_json::json!([touch, touch]));
+    let whole: f64 = rows
+        .iter()
+        .filter(|row| row[border] == "0")
+        .map(|row| row[volume].parse::<f64>().unwrap())
+        .sum();
+    let found = same["volume_whole"]["a"].as_f64().unwrap();
+    assert!((found / whole - 1.0).abs() < 1e-9, "{found} {whole}");
     for (args, part) in [
         (&["compare", "tiles", "nothing"][..], "nothing/index.json"),
         (

@@ -183,6 +183,7 @@ fn report() -> Report {
         ok: false,
         against: true,
         part: false,
+        unproved: vec!["which voxels a mask holds".to_owned()],
         tiles: 1,
         triangles: 2,
         cap_triangles: 0,

@@ -5,7 +5,7 @@ use crate::convert::plan::Plan;
 use crate::convert::scan::tile_writer::TileWriter;
 use crate::grid::LATTICE;
 use crate::manifest::{
-    FORMAT, FORMAT_VERSION, Generator, GridInfo, Manifest, Source, Tables, Totals,
+    Dust, FORMAT, FORMAT_VERSION, Generator, GridInfo, Manifest, Source, Tables, Totals,
 };
 use crate::progress::Progress;
 use crate::tile::{TileHead, WidestNodes};
@@ -67,6 +67,22 @@ impl Conversion<'_> {
             widest: WidestNodes::new(&head),
             head,
             tiling: self.plan.tiling,
+        }
+    }
+
+    /// What the manifest will say of what was asked for, before anything is made.
+    pub fn asked(&self) -> Manifest {
+        let min_voxels = self.options.min_voxels;
+        let dust = Dust {
+            min_voxels,
+            objects: 0,
+            object_voxels: 0,
+            cells: 0,
+            cell_voxels: 0,
+        };
+        Manifest {
+            dust: (min_voxels > 1).then_some(dust),
+            ..self.manifest(Totals::default())
         }
     }
 
