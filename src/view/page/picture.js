@@ -4,6 +4,8 @@ import { FACE, FILL, LIGHT, LIGHT_CHOSEN, LINES, PROBE, SLICE, SMOOTH, blocks } 
 import { add, dot, sub } from "./vector.js";
 
 const KIND = { surfaces: 0, cells: 1, objects: 2 };
+/** Of depths from 0 to 1: some steps of 24 bits. */
+const EDGE = 1e-6;
 const NO_PLANE = [0, 0, 0, 1];
 
 export class Picture {
@@ -83,6 +85,8 @@ export class Picture {
     gl.uniform4fv(at.plane, this.plane());
     gl.uniform1i(at.kind, KIND[this.kind]);
     gl.uniform1ui(at.limit, table.limit);
+    // a cap closes the surface, so that nobody looks at it from inside
+    gl.uniform1f(at.behind, this.set.cap ? EDGE : 0);
     const { spacing, lattice } = this.set;
     const point = spacing.map((s, k) => Math.round((view.eye[k] / s) * lattice));
     gl.uniform3fv(at.step, spacing.map((s) => s / lattice));

@@ -99,6 +99,7 @@ flat in uint id;
 flat in float cap;
 in vec3 facing;
 in float beyond;
+uniform float behind;    // by how much fronts have precedence at edges, of whose two sides either may be nearer as depths tell
 layout(location = 0) out vec4 face;
 layout(location = 1) out uint thing;
 void main() {
@@ -109,8 +110,7 @@ void main() {
   float what = gl_FrontFacing ? (cap > 0.5 ? 192.0 : 255.0) : 128.0;
   face = vec4(n.xy * 0.5 + 0.5, 0.0, what / 255.0);
   thing = id;
-  // of the two sides of an edge, as near as depths can tell, the front shows
-  gl_FragDepth = gl_FrontFacing ? gl_FragCoord.z : gl_FragCoord.z + 1e-6;
+  gl_FragDepth = gl_FrontFacing ? gl_FragCoord.z : gl_FragCoord.z + behind;
 }`,
 });
 
@@ -165,7 +165,18 @@ float away(ivec2 p) {
   float d = texelFetch(depths, clamp(p, ivec2(0), last), 0).r;
   return flatView ? mix(range.x, range.y, d) : range.x * range.y / (range.y - d * (range.y - range.x));
 }
-${chosen ? OUTLINE : ""}vec3 lit(vec2 code, uint id, bool cap) {
+${chosen ? OUTLINE : ""}// At the edge of a surface depths do not always tell which of its sides is nearer: a pixel that differs from all four
+// beside it, which are alike and not empty, shows what they do.
+ivec2 settled(ivec2 p) {
+  int own = kindOf(texelFetch(faces, p, 0));
+  ivec2 low = max(p - 1, ivec2(0));
+  ivec2 high = min(p + 1, last);
+  int kind = kindOf(texelFetch(faces, ivec2(low.x, p.y), 0));
+  bool alike = kind != 0 && kind == kindOf(texelFetch(faces, ivec2(high.x, p.y), 0))
+    && kind == kindOf(texelFetch(faces, ivec2(p.x, low.y), 0)) && kind == kindOf(texelFetch(faces, ivec2(p.x, high.y), 0));
+  return alike && kind != own ? ivec2(low.x, p.y) : p;
+}
+vec3 lit(vec2 code, uint id, bool cap) {
   vec3 n = normalize(unfold(code * 2.0 - 1.0));
   if (n.z < 0.0) n = -n;
   float light = 0.30 + 0.52 * max(dot(n, normalize(vec3(-0.35, 0.55, 0.75))), 0.0) + 0.22 * n.z;
@@ -185,7 +196,7 @@ float shadow(ivec2 p) {
 }
 void main() {
   last = textureSize(faces, 0) - 1;
-  ivec2 p = ivec2(gl_FragCoord.xy);
+  ivec2 p = settled(ivec2(gl_FragCoord.xy));
   vec4 face = texelFetch(faces, p, 0);
   int kind = kindOf(face);
   vec3 shade;
@@ -294,7 +305,8 @@ uniform vec3 cut;
 out vec4 colour;
 void main() {
   bool free = kindOf(texelFetch(faces, ivec2(gl_FragCoord.xy), 0)) == 0;
-  if (!free || beyond > 0.0 || texture(mask, at).r < 0.5) discard;
+  // the mask is coarse: beside an opening most of what is seen through is the material at its rim
+  if (!free || beyond > 0.0 || texture(mask, at).r < 0.1) discard;
   colour = vec4(cut, 1.0);
 }`,
 };
