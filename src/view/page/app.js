@@ -40,8 +40,9 @@ export class App {
     this.lastPaint = PAINTS[0];
     this.round = 0;
     this.opened = false;
+    this.tried = false;
     this.director = new Director({
-      picture, tree, blocks, state, set, drawn: (view, moving) => this.drawn(view, moving), known: () => this.look !== null,
+      picture, tree, blocks, state, set, drawn: (view, moving) => this.drawn(view, moving), known: () => this.tried,
     });
     this.section = new Section(this);
     this.info = new Info(this);
@@ -72,7 +73,7 @@ export class App {
   }
 
   async showPanels(otherList) {
-    await this.colouring.build(this.look);
+    if (this.look) await this.colouring.build(this.look);
     if (otherList) await this.list.show();
     else this.list.rows();
   }
@@ -113,14 +114,17 @@ export class App {
       look = await this.maker.make(this.state.now);
     } catch (error) {
       trouble("look", error.message);
+      this.tried = true;
+      this.director.redraw();
       return;
     }
     if (round !== this.round) return;
+    this.tried = true;
     const old = this.look;
     this.look = look;
     this.upload();
     // blocks that were drawn before anything was known of things stay where all are shown
-    const otherShown = !old ? !look.all : old.kind !== look.kind || old.shown !== look.shown || [...look.hidden].some((id) => !old.hidden.has(id));
+    const otherShown = !old ? !look.all || look.kind !== this.picture.kind : old.kind !== look.kind || old.shown !== look.shown || [...look.hidden].some((id) => !old.hidden.has(id));
     if (otherShown) this.director.renew();
     else this.director.redraw();
     if (this.opened) await this.showPanels(otherKind);

@@ -46,6 +46,7 @@ export class Director {
     this.shown = new Set();
     this.stale = true;
     this.asked = false;
+    this.alarmAt = Infinity;
     this.ready = new Promise((resolve) => {
       this.resolveReady = resolve;
     });
@@ -90,10 +91,16 @@ export class Director {
     return viewOf(this.state.now.camera, this.set, this.picture.size);
   }
 
-  // Once, after so many milliseconds.
+  // After so many milliseconds, unless it is to be sooner.
   wake(after) {
+    const at = performance.now() + Math.max(after, 0) + 1;
+    if (at >= this.alarmAt) return;
     clearTimeout(this.alarm);
-    this.alarm = setTimeout(() => this.redraw(), Math.max(after, 0) + 1);
+    this.alarmAt = at;
+    this.alarm = setTimeout(() => {
+      this.alarmAt = Infinity;
+      this.redraw();
+    }, at - performance.now());
   }
 
   frame(time) {

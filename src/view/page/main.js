@@ -29,7 +29,11 @@ async function open() {
     throw new Refused(401, "This address is not complete: open the one that alvis view prints in the terminal, with all that follows the #.");
   }
   const server = new Server(token);
-  const [set, words] = await Promise.all([server.set(), server.tree()]);
+  // the graphics card gets ready while the server answers
+  const asked = Promise.all([server.set(), server.tree()]);
+  asked.catch(() => {});
+  const picture = openPicture();
+  const [set, words] = await asked;
   set.mirrored = dot(set.directions[0], cross(set.directions[1], set.directions[2])) < 0;
   const tree = new Tree(words, set);
   if (tree.nodes.length === 0) {
@@ -42,7 +46,7 @@ async function open() {
   if (!kept) start.camera = framed(start.camera, box, width / height);
   const things = new Things(server, set);
   const early = askEarly(server, tree, set, start, things);
-  const picture = openPicture(set);
+  picture.set = set;
   const blocks = new Blocks(picture.gl, server, set, early, { arrived: () => app.director.redraw(), failed: (_, error) => refuse(error) });
   app = new App({ server, set, tree, picture, blocks, things, state: new State(start), token });
   watchContext(app);
@@ -52,7 +56,7 @@ async function open() {
   app.director.ready.then(ready);
 }
 
-// The nearest blocks and the ids are on their way while the graphics card gets ready, which takes longer.
+// The nearest blocks and the ids are on their way while the page is built.
 function askEarly(server, tree, set, start, things) {
   things.ids(start.kind).catch(() => {});
   const { clientWidth: width, clientHeight: height } = by("stage");
@@ -67,9 +71,9 @@ function askEarly(server, tree, set, start, things) {
   return early;
 }
 
-function openPicture(set) {
+function openPicture() {
   try {
-    return new Picture(by("picture"), set);
+    return new Picture(by("picture"));
   } catch (error) {
     if (error.message !== "no WebGL2") throw error;
     throw new Refused(0, "This browser does not draw in three dimensions: WebGL2 is missing or turned off. Current versions of Firefox, Chrome, Edge and Safari have it.");

@@ -9,11 +9,11 @@ const EDGE = 1e-6;
 const NO_PLANE = [0, 0, 0, 1];
 
 export class Picture {
-  /** Throws if the browser has no WebGL2. */
-  constructor(canvas, set) {
+  /** Throws if the browser has no WebGL2. `set` has to be there before anything is drawn. */
+  constructor(canvas) {
     const gl = canvas.getContext("webgl2", { antialias: false, depth: false, alpha: false, powerPreference: "high-performance" });
     if (!gl) throw new Error("no WebGL2");
-    Object.assign(this, { canvas, gl, set });
+    Object.assign(this, { canvas, gl, set: null });
     this.counts = { draws: 0, triangles: 0 };
     this.build();
   }
