@@ -1,6 +1,6 @@
 //! `alvis convert`: a volume to a tile set.
 
-use super::args::{Common, InputOptions, input_help, open_stamped};
+use super::args::{Common, InputOptions, TableFile, input_help, open_stamped};
 use super::form::FormArgs;
 use super::info;
 use super::parse::{self, CropArg};
@@ -99,6 +99,14 @@ pub struct ConvertArgs {
     /// Unit of lengths in tables and in the measures that tiles carry: m, cm, mm, um or nm [default: the volume's]
     #[arg(long, value_name = "UNIT", value_parser = parse::length_unit)]
     table_unit: Option<Unit>,
+    /// Kinds of the tables' files: csv, or csv,parquet
+    #[arg(
+        long,
+        value_name = "KINDS",
+        value_delimiter = ',',
+        default_value = "csv"
+    )]
+    tables: Vec<TableFile>,
     /// Replace a tile set that is in the directory
     #[arg(long)]
     pub force: bool,
@@ -158,6 +166,7 @@ impl ConvertArgs {
             encoding: form.encoding,
             layout: form.layout,
             table_unit: self.table_unit,
+            parquet: TableFile::parquet(&self.tables)?,
             force: self.force,
             resume: self.resume,
             input: stamp,

@@ -118,12 +118,7 @@ impl Conversion<'_> {
             transform: placement.gltf_matrix(),
             totals,
             layers: Vec::new(),
-            tables: Tables {
-                cells: "cells.csv".into(),
-                objects: "objects.csv".into(),
-                surfaces: "surfaces.csv".into(),
-                checksums: None,
-            },
+            tables: Tables::named(options.parquet),
             selection: None,
             checksum: None,
         }

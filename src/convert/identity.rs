@@ -78,6 +78,7 @@ pub fn of(volume: &dyn Volume, options: &ConvertOptions) -> Identity {
             "--table-unit",
             options.table_unit.map(|unit| unit.name().to_string()),
         ),
+        ("--tables", options.parquet.then(|| "csv,parquet".into())),
     ];
     let given = asked_for.map(|(name, value)| value.map(|value| (name.to_string(), value)));
     list.extend(given.into_iter().flatten());

@@ -260,6 +260,16 @@ impl<'a> Row<'a> {
             .map_err(|_| self.damage(column, &format!("{text:?}")))
     }
 
+    /// The whole number in field `column`, which may be below zero.
+    ///
+    /// # Errors
+    /// [`Error::Format`] with line and column if it is none of 64 bits.
+    pub fn signed(&self, column: usize) -> Result<i64> {
+        let text = self.text(column)?;
+        text.parse()
+            .map_err(|_| self.damage(column, &format!("{text:?}")))
+    }
+
     /// The value of field `column` as JSON: null if missing, a boolean for a condition, else a
     /// number.
     ///

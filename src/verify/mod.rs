@@ -63,6 +63,7 @@ mod layout;
 mod ledger;
 mod marks;
 mod paint;
+mod parquet;
 mod piece;
 mod places;
 mod region_edge;
@@ -156,6 +157,7 @@ pub fn verify(dir: &Path, options: &VerifyOptions, progress: &dyn Progress) -> R
         let sweep = Run::new(&cx, &pool, progress).tiles(original, &mut found, &mut issues)?;
         found.counts.edges += sweep.matched;
         laws::check(sweep.ledger, &cx, &pool, &mut found, &mut issues)?;
+        parquet::check(&cx, &mut issues);
     }
     Ok(report(found, issues, options, start))
 }

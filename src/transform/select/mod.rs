@@ -16,7 +16,7 @@ pub use choice::{ColourRule, PaintRule};
 pub(crate) use legend::{FILE as LEGEND, SVG as LEGEND_SVG};
 
 use crate::error::Result;
-use crate::manifest::{Manifest, Selection, WholeTotals};
+use crate::manifest::{Manifest, Selection, Tables, WholeTotals};
 use crate::progress::Progress;
 use crate::table::{Chosen, Table};
 use crate::tileset::{Output, TileSet, TilesetWriter, outward, refuse_same};
@@ -104,12 +104,7 @@ fn select_into(
     }
     let selection = choice.selection(manifest);
     made.selection = Some(selection.clone());
-    made.tables = crate::manifest::Tables {
-        cells: Table::Cells.file().into(),
-        objects: Table::Objects.file().into(),
-        surfaces: Table::Surfaces.file().into(),
-        checksums: None,
-    };
+    made.tables = Tables::named(manifest.tables.parquet.is_some());
     let totals = made.totals;
     made.layers.clear();
     writer.finish(made)?;
