@@ -11,19 +11,28 @@ use std::io::ErrorKind;
 use std::path::{Path, PathBuf};
 
 /// What a tile set may have at its top level, the manifest first: it goes first and comes last. Only
-/// painted sets have legends.
-const ENTRIES: [&str; 8] = [
+/// painted sets have legends, and tables are Parquet, too, where that was asked for.
+const ENTRIES: [&str; 11] = [
     "index.json",
     "index",
     "tiles",
     "cells.csv",
     "objects.csv",
     "surfaces.csv",
-    LEGENDS[0],
-    LEGENDS[1],
+    OPTIONAL[0],
+    OPTIONAL[1],
+    OPTIONAL[2],
+    OPTIONAL[3],
+    OPTIONAL[4],
 ];
-/// What some tile sets lack.
-const LEGENDS: [&str; 2] = ["legend.png", "legend.svg"];
+/// What some tile sets lack: pictures of colours, tables as Parquet.
+const OPTIONAL: [&str; 5] = [
+    "legend.png",
+    "legend.svg",
+    "cells.parquet",
+    "objects.parquet",
+    "surfaces.parquet",
+];
 /// The file in it that says who works there.
 const LOCK: &str = "lock";
 /// The file in it that says that all is made and is being moved in.
@@ -282,7 +291,7 @@ impl Output {
         }
         for name in ENTRIES {
             // what has been moved already is not to be removed
-            if self.work.join(name).exists() || LEGENDS.contains(&name) {
+            if self.work.join(name).exists() || OPTIONAL.contains(&name) {
                 remove_if_there(&self.out.join(name))?;
             }
         }
@@ -292,7 +301,7 @@ impl Output {
                 // painted sets alone have one; the others have been moved already
                 Err(e)
                     if e.kind() == ErrorKind::NotFound
-                        && (LEGENDS.contains(name) || to.exists()) => {}
+                        && (OPTIONAL.contains(name) || to.exists()) => {}
                 moved => moved.map_err(|e| Error::io(&to, "move into place", e))?,
             }
         }

@@ -229,8 +229,12 @@ fn a_sync_behind_the_work_that_fails() {
 }
 
 #[test]
-fn file_operations_of_noise() {
-    every_operation("file_operations_of_noise", " --for web --min-voxels 20", 5);
+fn file_operations_with_small_components() {
+    every_operation(
+        "file_operations_with_small_components",
+        " --for web --min-voxels 20",
+        5,
+    );
 }
 
 #[test]

@@ -180,9 +180,9 @@ fn the_power_fails_at_any_moment() {
 }
 
 #[test]
-fn the_power_fails_while_noise_is_converted() {
+fn the_power_fails_while_small_components_are_found() {
     power_fails(
-        "the_power_fails_while_noise_is_converted",
+        "the_power_fails_while_small_components_are_found",
         " --for web --min-voxels 20",
         20,
         2,

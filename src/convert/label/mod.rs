@@ -148,6 +148,7 @@ impl LabelInput<'_> {
             tiling: plan.tiling,
             region: self.job.region,
             measured: options.measured(&self.job.grid.header().placement)?,
+            is_search: state.is_search(),
             filters,
             memory: self.memory,
         };

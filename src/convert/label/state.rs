@@ -66,6 +66,14 @@ pub struct LabelState {
     keeps: Keeps,
 }
 
+/// The voxels of a component, of which a search notes whether it leaves the region of interest.
+fn in_search(sums: &VoxelSums) -> u64 {
+    match sums.touches_border {
+        0 => sums.voxels,
+        _ => u64::MAX,
+    }
+}
+
 impl LabelState {
     /// Nothing gathered yet, of a grid of this size.
     ///
@@ -209,7 +217,13 @@ impl LabelState {
         }
     }
 
-    /// Voxels so far of each class of a slab.
+    /// True if components are looked at for their number of voxels alone.
+    pub fn is_search(&self) -> bool {
+        self.keeps == Keeps::Nothing
+    }
+
+    /// Voxels so far of each class of a slab, in a search; those of one with a voxel outside of the region of interest are
+    /// beyond all numbers.
     ///
     /// # Errors
     /// [`crate::Error::Io`].
@@ -217,13 +231,13 @@ impl LabelState {
         let SlabLabels { sealed, classes } = known;
         let mut voxels = vec![0; classes.provisional.len()];
         for (class, sums) in &classes.open {
-            voxels[*class as usize] = sums.voxels;
+            voxels[*class as usize] = in_search(sums);
         }
         for (band, of_local) in sealed.iter().zip(&classes.of_local) {
             let mut whole = band.components.whole();
             self.labelled.spool.for_each(&band.whole, |sums| {
                 let local = whole.next().expect("as many as there are sums");
-                voxels[of_local[local as usize] as usize] = sums.voxels;
+                voxels[of_local[local as usize] as usize] = in_search(&sums);
                 Ok(())
             })?;
         }
