@@ -160,6 +160,7 @@ pub mod grid;
 #[doc(hidden)]
 pub mod kernels;
 mod labels;
+pub mod lod;
 pub mod manifest;
 mod measure;
 pub mod phantom;

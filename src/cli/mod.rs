@@ -16,6 +16,7 @@ mod form;
 mod generate;
 mod info;
 mod info_tiles;
+mod lod;
 mod output;
 mod parse;
 mod phantom;
@@ -70,6 +71,7 @@ enum Command {
     Select(select::SelectArgs),
     Export(export::ExportArgs),
     Repack(repack::RepackArgs),
+    Lod(lod::LodArgs),
     Preview(preview::PreviewArgs),
     Phantom(phantom::PhantomArgs),
     Completions(generate::CompletionsArgs),
@@ -89,6 +91,7 @@ impl Command {
             Command::Select(args) => args.run(),
             Command::Export(args) => args.run(),
             Command::Repack(args) => args.run(),
+            Command::Lod(args) => args.run(),
             Command::Preview(args) => args.run(),
             Command::Phantom(args) => args.run(),
             Command::Completions(args) => args.run(),
@@ -163,7 +166,7 @@ fn one_line(refusal: &clap::Error, typed: &[OsString]) -> String {
 const GROUPS: [(&str, &[&str]); 4] = [
     ("Make tiles", &["demo", "info", "convert", "verify"]),
     ("Look", &["preview", "cells", "compare"]),
-    ("Use tiles", &["select", "export", "repack"]),
+    ("Use tiles", &["select", "export", "repack", "lod"]),
     ("Other", &["phantom", "completions", "man", "help"]),
 ];
 

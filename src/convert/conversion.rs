@@ -125,6 +125,7 @@ impl Conversion<'_> {
                 checksums: None,
             },
             selection: None,
+            lod: None,
             checksum: None,
         }
     }

@@ -7,6 +7,7 @@ pub(crate) mod direct_io;
 pub(crate) mod files;
 pub(crate) mod group_by;
 pub(crate) mod huge_pages;
+pub(crate) mod id_set;
 pub(crate) mod locks;
 pub(crate) mod memory_pool;
 pub(crate) mod process_memory;

@@ -63,6 +63,7 @@ pub(crate) mod features;
 mod file;
 mod merged;
 mod mesh;
+pub(crate) mod node;
 mod padding;
 mod paint;
 pub(crate) mod part;
@@ -77,7 +78,7 @@ mod unusual;
 pub(crate) use body::{Body, Grouped, PieceRange};
 pub(crate) use codec::codec;
 pub(crate) use contents::name;
-pub(crate) use document::{GENERATOR, Node, TileHead, WidestNodes, material};
+pub(crate) use document::{GENERATOR, Node, NodeExtras, TileHead, WidestNodes, material};
 pub(crate) use encoded::{
     Description, Encoded, EncodedBody, EncodedLayout, FloatBody, decode, describe, encode,
     widest_description,

@@ -8,5 +8,6 @@ mod writer;
 pub(crate) use lock::Lock;
 pub(crate) use output_dir::{Output, outward, refuse_same, tidy};
 pub use output_dir::{check_output, interrupted};
+pub(crate) use reader::Stated;
 pub use reader::TileSet;
 pub(crate) use writer::{TilesetWriter, layer_directory, with_euler_characteristic, write_tile};

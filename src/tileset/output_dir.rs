@@ -2,7 +2,7 @@
 
 use crate::checkpoint::{LayersDone, STATE, kept};
 use crate::error::{Error, Result};
-use crate::manifest::PARTIAL as WORK;
+use crate::manifest::{PARTIAL as WORK, TILESET};
 use crate::sys::files::{remove_if_there, write_file};
 use crate::tileset::Lock;
 use std::ffi::OsString;
@@ -10,20 +10,21 @@ use std::fs;
 use std::io::ErrorKind;
 use std::path::{Path, PathBuf};
 
-/// What a tile set may have at its top level, the manifest first: it goes first and comes last. Only
-/// painted sets have legends.
-const ENTRIES: [&str; 8] = [
+/// What a tile set may have at its top level, the manifest first: it goes first and comes last.
+const ENTRIES: [&str; 10] = [
     "index.json",
     "index",
     "tiles",
     "cells.csv",
     "objects.csv",
     "surfaces.csv",
-    LEGENDS[0],
-    LEGENDS[1],
+    OPTIONAL[0],
+    OPTIONAL[1],
+    OPTIONAL[2],
+    OPTIONAL[3],
 ];
-/// What some tile sets lack.
-const LEGENDS: [&str; 2] = ["legend.png", "legend.svg"];
+/// What some tile sets lack: legends, which painted sets have, and levels of detail.
+const OPTIONAL: [&str; 4] = ["legend.png", "legend.svg", TILESET, "lod"];
 /// The file in it that says who works there.
 const LOCK: &str = "lock";
 /// The file in it that says that all is made and is being moved in.
@@ -256,17 +257,17 @@ impl Output {
         }
         for name in ENTRIES {
             // what has been moved already is not to be removed
-            if self.work.join(name).exists() || LEGENDS.contains(&name) {
+            if self.work.join(name).exists() || OPTIONAL.contains(&name) {
                 remove_if_there(&self.out.join(name))?;
             }
         }
         for name in ENTRIES.iter().rev() {
             let to = self.out.join(name);
             match fs::rename(self.work.join(name), &to) {
-                // painted sets alone have one; the others have been moved already
+                // not every set has these; the others have been moved already
                 Err(e)
                     if e.kind() == ErrorKind::NotFound
-                        && (LEGENDS.contains(name) || to.exists()) => {}
+                        && (OPTIONAL.contains(name) || to.exists()) => {}
                 moved => moved.map_err(|e| Error::io(&to, "move into place", e))?,
             }
         }

@@ -86,29 +86,12 @@ impl TileSet {
     /// # Errors
     /// As [`TileSet::path`]; [`Error::Format`] for another size or checksum.
     pub fn tile_bytes(&self, entry: &TileEntry) -> Result<Vec<u8>> {
-        let path = self.path(&entry.path)?;
-        let meta = path
-            .metadata()
-            .map_err(|e| Error::io(&path, "open the tile", e))?;
-        // before reading: a wrong file may be of any size
-        if !meta.is_file() || meta.len() != entry.bytes {
-            return Err(Error::format(
-                &path,
-                format!("{} bytes", meta.len()),
-                format!("a file of {} bytes as in the index", entry.bytes),
-            ));
-        }
-        let bytes = std::fs::read(&path).map_err(|e| Error::io(&path, "read the tile", e))?;
-        let found = checksum_text(crc32fast::hash(&bytes));
-        if found != entry.checksum {
-            let expected = format!("{} as in the index", entry.checksum);
-            return Err(Error::format(
-                &path,
-                format!("the checksum {found}"),
-                expected,
-            ));
-        }
-        Ok(bytes)
+        let stated = Stated {
+            path: &entry.path,
+            bytes: entry.bytes,
+            checksum: &entry.checksum,
+        };
+        stated.read(&self.dir)
     }
 
     /// Reads a tile.
@@ -119,6 +102,47 @@ impl TileSet {
         let bytes = self.tile_bytes(entry)?;
         TileMesh::read(&bytes)
             .map_err(|e| Error::format(self.dir.join(&entry.path), e.to_string(), "a tile"))
+    }
+}
+
+/// A file as an index states it.
+#[derive(Debug, Clone, Copy)]
+pub(crate) struct Stated<'a> {
+    /// Below the directory of the set.
+    pub path: &'a str,
+    pub bytes: u64,
+    pub checksum: &'a str,
+}
+
+impl Stated<'_> {
+    /// The bytes of the file below `dir`, which must have this size and checksum.
+    ///
+    /// # Errors
+    /// Those of [`file_inside`]; [`Error::Format`] for another size or checksum.
+    pub fn read(&self, dir: &Path) -> Result<Vec<u8>> {
+        let path = file_inside(dir, self.path, "open the file")?;
+        let meta = path
+            .metadata()
+            .map_err(|e| Error::io(&path, "open the tile", e))?;
+        // before reading: a wrong file may be of any size
+        if !meta.is_file() || meta.len() != self.bytes {
+            return Err(Error::format(
+                &path,
+                format!("{} bytes", meta.len()),
+                format!("a file of {} bytes as in the index", self.bytes),
+            ));
+        }
+        let bytes = std::fs::read(&path).map_err(|e| Error::io(&path, "read the tile", e))?;
+        let found = checksum_text(crc32fast::hash(&bytes));
+        if found != self.checksum {
+            let expected = format!("{} as in the index", self.checksum);
+            return Err(Error::format(
+                &path,
+                format!("the checksum {found}"),
+                expected,
+            ));
+        }
+        Ok(bytes)
     }
 }
 

@@ -104,6 +104,7 @@ fn select_into(
     }
     let selection = choice.selection(manifest);
     made.selection = Some(selection.clone());
+    made.lod = None;
     made.tables = crate::manifest::Tables {
         cells: Table::Cells.file().into(),
         objects: Table::Objects.file().into(),

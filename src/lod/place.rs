@@ -1,0 +1,153 @@
+//! Where the vertices of clusters lie: as near as can be to the planes of the triangles around, or, on the border, to
+//! the lines of the border, which nodes on both sides of it have in common.
+
+use super::border::Border;
+use super::clusters::{Cluster, Clusters, Kind, Rules};
+use super::mesh::Mesh;
+use super::planes::Planes;
+use super::quadric::{LineQuadric, Quadric};
+use crate::grid::LATTICE;
+use std::collections::HashMap;
+
+/// Vertices of clusters.
+#[derive(Debug)]
+pub struct Placed {
+    /// In lattice steps.
+    pub points: Vec<[i32; 3]>,
+    /// The largest distance of one to the planes of the triangles around, as a root of mean squares, in voxels.
+    pub error: f32,
+}
+
+/// Lattice steps to voxels.
+const VOXEL: f32 = 1.0 / LATTICE as f32;
+
+/// What decides the places of clusters.
+#[derive(Clone, Copy)]
+pub struct Placing<'a> {
+    pub mesh: &'a Mesh,
+    pub border: &'a Border,
+    pub clusters: &'a Clusters,
+    pub planes: &'a Planes,
+    pub rules: &'a Rules,
+}
+
+impl Placing<'_> {
+    /// The quadrics of the clusters, of no triangle yet. Places count from the node's lower corner.
+    pub fn quadrics(&self) -> Vec<Quadric> {
+        let quadric = |cluster: &Cluster| {
+            // of caps, which are flat, the mean will do and stays outside of the volume
+            let cap = self.mesh.surfaces[cluster.surface as usize].key.is_cap;
+            let wanted = cluster.kind == Kind::Inner && !cap;
+            if !wanted {
+                return Quadric::default();
+            }
+            let middle = self.rules.middle(cluster.block);
+            let low = self.planes.low;
+            let centre = std::array::from_fn(|a| (middle[a] - low[a]) as f32 * VOXEL);
+            Quadric::around(centre, true)
+        };
+        self.clusters.all.iter().map(quadric).collect()
+    }
+
+    /// The places by quadrics, to which the mesh's triangles are added, and the border.
+    pub fn place(&self, quadrics: &[Quadric]) -> Placed {
+        let lines = self.lines();
+        let clusters = &self.clusters.all;
+        let mut placed = Placed {
+            points: Vec::with_capacity(clusters.len()),
+            error: 0.0,
+        };
+        for (i, own) in clusters.iter().enumerate() {
+            let leader = own.leader as usize;
+            let point = match own.kind {
+                _ if leader < i => placed.points[leader],
+                Kind::Stays => own.block.map(|v| rounded(v, self.rules.step)),
+                Kind::Border(axis) => {
+                    let quadric = lines.get(&own.leader).copied().unwrap_or_default();
+                    self.on_border(own, axis, &quadric)
+                }
+                Kind::Inner => {
+                    let (point, error) = self.inside(own, &quadrics[i]);
+                    placed.error = placed.error.max(error);
+                    point
+                }
+            };
+            placed.points.push(point);
+        }
+        placed
+    }
+
+    /// The place of a cluster inside, and its distance to the planes of its triangles.
+    fn inside(&self, own: &Cluster, quadric: &Quadric) -> ([i32; 3], f32) {
+        let (planes, step) = (self.planes, self.rules.step);
+        let mean = own.sum.map(|s| s as f64 / own.count as f64);
+        if !quadric.wanted {
+            let middle = self.rules.middle(own.block);
+            let at = |a: usize| ((f64::from(middle[a]) + mean[a]) / f64::from(step)).round() as i32;
+            return (std::array::from_fn(|a| at(a) * step), 0.0);
+        }
+        let half = (self.rules.block / 2) as f32 * VOXEL;
+        let best = quadric.smallest(mean.map(|m| m as f32 * VOXEL));
+        let best = best.map(|v| v.clamp(-half, half));
+        let at = |a: usize| {
+            let steps = f64::from(best[a] + quadric.centre[a]) * f64::from(LATTICE);
+            planes.between(a, steps + f64::from(planes.low[a]), step)
+        };
+        let point: [i32; 3] = std::array::from_fn(at);
+        let local = |a: usize| (point[a] - planes.low[a]) as f32 * VOXEL - quadric.centre[a];
+        (point, quadric.distance(std::array::from_fn(local)))
+    }
+
+    /// The quadrics of clusters on the border, by leaders.
+    fn lines(&self) -> HashMap<u32, LineQuadric> {
+        let clusters = self.clusters;
+        let mut lines: HashMap<u32, LineQuadric> = HashMap::new();
+        for edge in &self.border.edges {
+            let ends = [edge.from, edge.to];
+            let leader = |v: u32| clusters.all[clusters.of_vertex[v as usize] as usize].leader;
+            let own = ends.map(leader);
+            let points = ends.map(|v| self.mesh.points[v as usize]);
+            for i in 0..2 {
+                let cluster = &clusters.all[own[i] as usize];
+                let Kind::Border(axis) = cluster.kind else {
+                    continue;
+                };
+                if i == 1 && own[0] == own[1] {
+                    continue;
+                }
+                let middle = self.rules.middle(cluster.block);
+                let flat = |p: [i32; 3]| along(axis).map(|a| i64::from(p[a] - middle[a]));
+                let quadric = lines.entry(own[i]).or_default();
+                quadric.add(flat(points[0]), flat(points[1]), i64::from(edge.sum.abs()));
+            }
+        }
+        lines
+    }
+
+    /// The place of a cluster on the border, which is the same in both nodes that have it.
+    fn on_border(&self, own: &Cluster, axis: usize, quadric: &LineQuadric) -> [i32; 3] {
+        let half = f64::from(self.rules.block / 2);
+        let middle = self.rules.middle(own.block);
+        let mean = along(axis).map(|a| own.sum[a] as f64 / own.count as f64);
+        let best = quadric.smallest(mean).map(|v| v.clamp(-half, half));
+        let mut point = middle;
+        // all of its vertices lie in the plane
+        point[axis] = middle[axis] + (own.sum[axis] / own.count) as i32;
+        for (a, v) in along(axis).into_iter().zip(best) {
+            point[a] = self
+                .planes
+                .between(a, f64::from(middle[a]) + v, self.rules.step);
+        }
+        point
+    }
+}
+
+/// The multiple of `step` next to a coordinate.
+fn rounded(v: i32, step: i32) -> i32 {
+    (v + step / 2).div_euclid(step) * step
+}
+
+/// The axes along a plane.
+fn along(axis: usize) -> [usize; 2] {
+    [(axis + 1) % 3, (axis + 2) % 3]
+}
