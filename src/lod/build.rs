@@ -2,7 +2,7 @@
 
 use super::border::Border;
 use super::clusters::{Clusters, Kind, Rules};
-use super::collapse::collapse;
+use super::collapse::{Limits, collapse};
 use super::fins::FinShape;
 use super::gap::{Moved, moved};
 use super::mesh::{Joiner, Mesh, Surface};
@@ -133,7 +133,12 @@ impl Coarse {
         };
         let places: Vec<[f32; 3]> = placed.points.iter().map(voxels).collect();
         let locked = locked(&clusters, recipe);
-        let collapsed = collapse(rest, &places, &locked, target.saturating_sub(small.len()));
+        // a node that is mostly border cannot get as coarse as others
+        let limits = Limits {
+            triangles: target.saturating_sub(small.len()),
+            error: (rules.block / 2) as f32 / LATTICE as f32,
+        };
+        let collapsed = collapse(rest, &places, &locked, limits);
         let mut sums = Sums::new(placed.points.len(), small.len() + collapsed.triangles.len());
         let points = &placed.points;
         for t in small.into_iter().chain(collapsed.triangles) {

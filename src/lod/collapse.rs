@@ -10,19 +10,28 @@ pub struct Collapsed {
     pub error: f32,
 }
 
-/// Collapses edges until `target` triangles are left, or no more can. Places are in voxels; vertices that are `locked`
+/// How far edges may be collapsed.
+#[derive(Debug, Clone, Copy)]
+pub struct Limits {
+    /// Triangles to reach.
+    pub triangles: usize,
+    /// The largest error in voxels.
+    pub error: f32,
+}
+
+/// Collapses edges until so many triangles are left, or no more can. Places are in voxels; vertices that are `locked`
 /// stay.
 pub fn collapse(
     triangles: Vec<[u32; 3]>,
     places: &[[f32; 3]],
     locked: &[bool],
-    target: usize,
+    limits: Limits,
 ) -> Collapsed {
     let stays = |triangles| Collapsed {
         triangles,
         error: 0.0,
     };
-    if triangles.len() <= target {
+    if triangles.len() <= limits.triangles {
         return stays(triangles);
     }
     let bytes = typed_to_bytes(places);
@@ -34,8 +43,8 @@ pub fn collapse(
         triangles.as_flattened(),
         &vertices,
         locked,
-        3 * target,
-        f32::MAX,
+        3 * limits.triangles,
+        limits.error,
         SimplifyOptions::ErrorAbsolute,
         Some(&mut error),
     );

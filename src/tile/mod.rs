@@ -85,7 +85,7 @@ pub(crate) use encoded::{
 };
 pub use extras::Extras;
 pub(crate) use file::{aligned, plain_head, tile_file, tile_file_with};
-pub use mesh::{SurfacePiece, TileMesh};
+pub use mesh::{NodeMesh, SurfacePiece, TileMesh};
 pub(crate) use paint::Rgb;
 pub(crate) use part::{Part, PartPiece, TilePlace, part};
 pub use read::PieceIds;

@@ -1,8 +1,9 @@
 //! A tile set for its readers: the manifest, then shards and tiles one after another.
 
 use crate::error::{Error, Result};
-use crate::manifest::{Manifest, Shard, TileEntry, checksum_text, file_inside};
-use crate::tile::TileMesh;
+use crate::manifest::{Level, Levels, Manifest, NodeEntry, Shard, TileEntry};
+use crate::manifest::{checksum_text, file_inside};
+use crate::tile::{NodeMesh, TileMesh};
 use std::path::{Path, PathBuf};
 
 /// A directory of tiles, open for reading. Holds the manifest; shards and tiles are read when they
@@ -92,6 +93,45 @@ impl TileSet {
             checksum: &entry.checksum,
         };
         stated.read(&self.dir)
+    }
+
+    /// The levels of detail over the tiles, if there are any.
+    ///
+    /// # Errors
+    /// Those of [`Levels::open`].
+    pub fn levels(&self) -> Result<Option<Levels>> {
+        Levels::open(&self.dir, &self.manifest)
+    }
+
+    /// The nodes of a level from 1 on, by rising z, then y, then x; a layer of them at a time is in memory.
+    ///
+    /// # Errors
+    /// An item is an error if a list of nodes is missing, lies outside or is damaged.
+    pub fn nodes<'a>(&'a self, level: &'a Level) -> impl Iterator<Item = Result<NodeEntry>> + 'a {
+        Levels::nodes(&self.dir, level)
+    }
+
+    /// The bytes of a node's file, which must have the entry's size and checksum.
+    ///
+    /// # Errors
+    /// As [`TileSet::tile_bytes`].
+    pub fn node_bytes(&self, entry: &NodeEntry) -> Result<Vec<u8>> {
+        let stated = Stated {
+            path: &entry.path,
+            bytes: entry.bytes,
+            checksum: &entry.checksum,
+        };
+        stated.read(&self.dir)
+    }
+
+    /// Reads a node of a level.
+    ///
+    /// # Errors
+    /// As [`TileSet::node_bytes`]; [`Error::Format`] if the file is no node.
+    pub fn read_node(&self, entry: &NodeEntry) -> Result<NodeMesh> {
+        let bytes = self.node_bytes(entry)?;
+        NodeMesh::read(&bytes)
+            .map_err(|e| Error::format(self.dir.join(&entry.path), e.to_string(), "a node"))
     }
 
     /// Reads a tile.
