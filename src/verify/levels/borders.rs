@@ -76,6 +76,15 @@ impl Planes {
     }
 }
 
+impl Planes {
+    /// True for an edge that another node has to continue: in a plane between two, and not on a face of the volume where
+    /// the surface is open.
+    pub fn share(&self, ends: &[Point; 2], capped: bool) -> bool {
+        let is_open = !capped && self.holding(ends, true).next().is_some();
+        !is_open && self.holding(ends, false).next().is_some()
+    }
+}
+
 /// The edges in planes between nodes of a level that wait for those of other nodes.
 pub(super) struct Borders {
     level: u32,

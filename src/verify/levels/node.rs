@@ -276,7 +276,7 @@ impl<'a> Checker<'a> {
         }
         let open = sums.open();
         for (edge, sum) in &open {
-            if planes.holding(&edge.ends, false).next().is_some() {
+            if planes.share(&edge.ends, self.set.manifest.cap) {
                 borders.add(*edge, *sum, &entry.path);
                 continue;
             }
@@ -415,7 +415,7 @@ impl Covered<'_> {
         let steps = |voxels: f64| voxels * f64::from(LATTICE);
         let width = steps(self.entry.fin_width);
         // corners are rounded to steps, outwards
-        if fins.widest() > 2.0 * width + 3.0 * f64::from(self.step) {
+        if fins.widest() > 2.0 * width + 6.0 * f64::from(self.step) {
             let message = format!(
                 "found a fin wider than {} voxels",
                 2.0 * self.entry.fin_width
@@ -425,7 +425,7 @@ impl Covered<'_> {
         let mut sums = Sums::default();
         for part in below.iter().flatten() {
             let surface = surface_key(part, self.capped);
-            let in_plane = |ends: &[Point; 2]| planes.holding(ends, false).next().is_some();
+            let in_plane = |ends: &[Point; 2]| planes.share(ends, self.capped);
             part.triangles
                 .iter()
                 .for_each(|t| sums.add(surface, *t, in_plane));
@@ -437,7 +437,8 @@ impl Covered<'_> {
             let moved = before.filter(|edge| !own.contains(edge));
             return self.covered(&fins, moved, 0.0, Code::LodCurve, issues);
         }
-        let own = open.iter().map(|(edge, _)| *edge);
+        let shared = |edge: &Edge| planes.share(&edge.ends, self.capped);
+        let own = open.iter().map(|(edge, _)| *edge).filter(shared);
         self.covered(&fins, own, width, Code::LodFins, issues);
         let margin = width - steps(self.entry.curve_gap);
         self.covered(&fins, before, margin, Code::LodCurve, issues);
