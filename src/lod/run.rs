@@ -113,6 +113,9 @@ pub fn lod(out: &Path, options: &LodOptions, progress: &dyn Progress) -> Result<
     // what had been interrupted while it was moved in is there now
     let set = TileSet::open(out)?;
     let manifest = set.manifest().clone();
+    if let Some(levels) = set.levels()?.filter(|_| !options.force) {
+        return Ok(report(&levels, &manifest, start));
+    }
     let identity = Identity {
         index: manifest.checksum.clone(),
         version: env!("CARGO_PKG_VERSION").to_owned(),

@@ -50,6 +50,10 @@ fn help_names_every_option() {
             ),
         ),
         ("repack", format!("{COMMON} {FORM} --force")),
+        (
+            "lod",
+            format!("{COMMON} --ratio --levels --pixel-error --memory --resume --force 1/8 1GiB"),
+        ),
         ("completions", "bash zsh fish".to_string()),
         ("man", "convert".to_string()),
     ] {
