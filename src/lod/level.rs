@@ -131,6 +131,9 @@ impl Maker<'_> {
     /// [`Error::Memory`] if there is not even memory for one at a time; [`Error::Io`], [`Error::Format`] if a child is
     /// damaged; [`Error::Interrupted`].
     pub fn layer(&self, z: u32, children: Vec<Entry>) -> Result<Vec<Made>> {
+        if children.is_empty() {
+            return Ok(Vec::new());
+        }
         let dir = self.work.join(node_path(self.plan.level, [0, 0, z]));
         let dir = dir.parent().unwrap_or(self.work);
         std::fs::create_dir_all(dir).map_err(|e| Error::io(dir, "create the directory", e))?;
