@@ -157,6 +157,7 @@ pub mod error;
 pub mod export;
 mod gltf;
 pub mod grid;
+mod http;
 #[doc(hidden)]
 pub mod kernels;
 mod labels;
@@ -167,6 +168,7 @@ pub mod phantom;
 mod picture;
 pub mod preview;
 pub mod progress;
+mod serve;
 mod strip;
 mod surface;
 mod sys;

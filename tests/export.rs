@@ -254,9 +254,10 @@ fn a_part_is_what_select_writes() {
             },
         );
         for text in ["not touches_border", "voxels > 3", "id > 0", "id <= 4"] {
-            let part = dir.path().join("part");
+            let beside = tempfile::tempdir().unwrap();
+            let part = beside.path().join("part");
             let options = alvis::transform::select::SelectOptions {
-                condition: Some(text.to_string()),
+                chosen: Chosen::cells(text),
                 force: true,
                 ..Default::default()
             };
@@ -275,7 +276,6 @@ fn a_part_is_what_select_writes() {
                     "{text} {format}"
                 );
             }
-            std::fs::remove_dir_all(part).unwrap();
         }
     }
 }

@@ -220,7 +220,7 @@ fn check(case: &Case) -> Result<(), TestCaseError> {
     verified(own.path(), None);
     let against = Filled::new(Box::new(&whole), voxels.clone(), value).unwrap();
     let against = Cropped::new(Box::new(against), &crop).unwrap();
-    let region = voxels.cropped(&crop).unwrap();
+    let region = voxels.cropped(Some(&crop)).unwrap();
     let options = VerifyOptions {
         against: Some(&against),
         region: Some(&region),

@@ -88,14 +88,13 @@ struct Counted {
 }
 
 impl Counted {
-    fn of(roi: &Roi) -> Result<Self> {
-        let voxels = roi.voxels.count()?;
-        Ok(Counted {
+    fn of(roi: &Roi) -> Self {
+        Counted {
             shape: roi.shape.clone(),
             fill: roi.fill,
-            voxels,
-            share: voxels as f64 / roi.voxels.dims().voxels() as f64,
-        })
+            voxels: roi.count,
+            share: roi.share(),
+        }
     }
 }
 
@@ -177,16 +176,16 @@ impl InfoArgs {
             Some(t) => Some(self.predict(volume, roi.as_ref(), t, &console)?),
             None => None,
         };
-        let region = roi.as_ref().map(Counted::of).transpose()?;
         if let Some(warning) = stamp.check()? {
             console.warn(&warning);
         }
         drop(console);
         if self.common.json {
-            let report = report(&opened, found, self.threshold, predicted);
-            output::print_json(&Report { region, ..report })?;
+            let region = roi.as_ref().map(Counted::of);
+            let report = report(&opened, found, self.threshold, predicted, region);
+            output::print_json(&report)?;
         } else {
-            let region = roi.as_ref().map(Roi::text).transpose()?;
+            let region = roi.as_ref().map(Roi::text);
             output::print(&text(&opened, &found, self.threshold, predicted, region))?;
         }
         Ok(Outcome::Done)
@@ -253,6 +252,7 @@ fn report(
     found: Statistics,
     asked: Option<Threshold>,
     predicted: Option<Predicted>,
+    region: Option<Counted>,
 ) -> Report {
     let header = opened.volume.header();
     Report {
@@ -271,7 +271,7 @@ fn report(
             .filtered
             .as_ref()
             .map_or_else(Vec::new, |f| f.filters.clone()),
-        region: None,
+        region,
         notes: opened.notes.clone(),
         warnings: opened.warnings.clone(),
         min: found.range.map(|r| r[0]),

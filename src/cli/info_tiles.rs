@@ -7,7 +7,7 @@ use crate::error::Result;
 use crate::grid::{Ambiguous, Dims, Filter, Placement, Region, Unit, filters_text};
 use crate::manifest::{
     Encoding, FORMAT, Layout, Level, Levels, MANIFEST, Manifest, PARTIAL, Primitives, Selection,
-    Totals, WholeTotals,
+    Step, Table, Totals,
 };
 use serde::Serialize;
 use std::path::Path;
@@ -108,31 +108,49 @@ fn origin(m: &Manifest) -> Vec<(&'static str, String)> {
     let source = &m.source;
     let mut made = format!("{}, {} voxels, {}", source.name, source.dims, source.dtype);
     if let Some(crop) = &source.crop {
-        let axes = [&crop.x, &crop.y, &crop.z].map(|a| format!("{}:{}", a.start, a.end));
         // a crop counts the voxels that filters leave
         let of = if m.filters.is_empty() {
             ""
         } else {
             "filtered and then "
         };
-        made += &format!(", {of}cropped to {}", axes.join(","));
+        made += &format!(", {of}cropped to {crop}");
     }
     vec![("made from", made), ("made by", made_by(m))]
 }
 
-/// What was chosen of another tile set.
-fn selected(selection: &Selection, totals: &Totals) -> String {
-    let WholeTotals { cells, .. } = selection.of;
-    let of = format!(
-        "{} of {}",
-        output::count(totals.cells),
-        things(cells, "cell")
-    );
-    let mut text = match (&selection.condition, selection.omit) {
-        (None, _) => of,
-        (Some(text), false) => format!("{of}, where {text}"),
-        (Some(text), true) => format!("{of}, without those where {text}"),
+/// One choice; the table is named if it is not that of the last.
+fn chosen(step: &Step, last: Table) -> String {
+    let mut text = match step.omit {
+        true => "without those".to_owned(),
+        false => String::new(),
     };
+    if step.table != last {
+        text += &format!(" of {}", step.table.name());
+    }
+    match step.largest {
+        None => {}
+        Some(1) => text += " the largest",
+        Some(n) => text += &format!(" the {} largest", output::count(n)),
+    }
+    if let Some(condition) = &step.condition {
+        text += &format!(" where {condition}");
+    }
+    text.trim_start().to_owned()
+}
+
+/// What was chosen of another tile set.
+fn selected(selection: &Selection, m: &Manifest) -> String {
+    let table = selection.last.table;
+    let (part, whole) = (table.total(m), selection.of.of(table));
+    let mut text = format!(
+        "{} of {}",
+        output::count(part),
+        things(whole, table.singular())
+    );
+    for step in selection.steps().filter(|step| step.chooses()) {
+        text += &format!(", {}", chosen(step, table));
+    }
     if let Some(by) = &selection.colour_by {
         text += &format!("; coloured by {}", by.column);
     }
@@ -201,7 +219,7 @@ fn text(dir: &Path, m: &Manifest, levels: Option<&Levels>) -> String {
         rows.push(("levels", format!("of detail, with {counts} triangles")));
     }
     if let Some(selection) = &m.selection {
-        rows.push(("selection", selected(selection, t)));
+        rows.push(("selection", selected(selection, m)));
     }
     output::table(&rows) + &next(dir)
 }

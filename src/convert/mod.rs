@@ -76,14 +76,10 @@ pub fn convert(
         }
         None => Box::new(volume),
     };
-    let region = options.region.as_ref().map(|r| &r.voxels);
-    let (grid, region) = match &options.crop {
-        Some(crop) => (
-            Box::new(Cropped::new(filled, crop)?) as Box<dyn Volume + '_>,
-            region.map(|voxels| voxels.cropped(crop)).transpose()?,
-        ),
-        None => (filled, region.cloned()),
-    };
+    let crop = options.crop.as_ref();
+    let grid = Cropped::part(filled, crop)?;
+    let region = options.region.as_ref().map(|r| r.voxels.cropped(crop));
+    let region = region.transpose()?;
     let job = Conversion {
         volume,
         grid: &*grid,
@@ -127,11 +123,20 @@ pub fn predicted_memory(volume: &dyn Volume, options: &ConvertOptions) -> Result
 /// [`Error::OutputInterrupted`].
 pub fn check_before(volume: &dyn Volume, options: &ConvertOptions, out: &Path) -> Result<()> {
     predicted_memory(volume, options)?;
-    if options.resume {
-        return Ok(());
+    match options.resume {
+        true => Ok(()),
+        false => check_unused(out, options.force),
     }
-    check_output(out, options.force)?;
-    match options.force {
+}
+
+/// Refuses a directory that holds a tile set or an interrupted conversion, unless these are to be replaced, or anything
+/// else.
+///
+/// # Errors
+/// Those of [`check_output`]; [`Error::OutputInterrupted`].
+pub fn check_unused(out: &Path, force: bool) -> Result<()> {
+    check_output(out, force)?;
+    match force {
         true => Ok(()),
         false => refuse_kept(out, interrupted(out)),
     }

@@ -86,10 +86,7 @@ impl RegionOfInterest {
         fill: Fill,
         fill_value: f64,
     ) -> Result<Self> {
-        let count = match crop {
-            Some(crop) => voxels.cropped(crop)?.count()?,
-            None => voxels.count()?,
-        };
+        let count = voxels.cropped(crop)?.count()?;
         if count == 0 {
             let found = format!("{shape}, of which nothing lies in the crop");
             return Err(Error::usage("--roi", found, "a region that meets the crop"));

@@ -1,7 +1,7 @@
 //! Which pieces are exported: those of chosen cells, objects or surfaces, and caps.
 
 use crate::error::{Error, Result};
-use crate::manifest::{Group, Manifest, WholeTotals};
+use crate::manifest::{Manifest, WholeTotals};
 use crate::table::{Chosen, Table};
 use crate::tile::PieceIds;
 use std::path::Path;
@@ -48,34 +48,6 @@ struct Part {
     vertices: u64,
 }
 
-/// What a piece belongs to.
-#[derive(Debug, Clone, Copy)]
-pub(super) struct Piece {
-    cell: u64,
-    object: u64,
-    surface: u64,
-}
-
-impl From<&Group> for Piece {
-    fn from(group: &Group) -> Self {
-        Piece {
-            cell: group.cell,
-            object: group.object,
-            surface: group.surface,
-        }
-    }
-}
-
-impl From<&PieceIds> for Piece {
-    fn from(ids: &PieceIds) -> Self {
-        Piece {
-            cell: ids.cell,
-            object: ids.object,
-            surface: ids.surface,
-        }
-    }
-}
-
 /// Which pieces are exported.
 #[derive(Debug)]
 pub(super) struct Choice(Option<Part>);
@@ -93,7 +65,7 @@ impl Choice {
         let whole = whole(manifest);
         match &self.0 {
             None => 0,
-            Some(part) => most(part.table, &whole) / 8 + whole.objects * 3 / 8,
+            Some(part) => whole.of(part.table) / 8 + whole.objects * 3 / 8,
         }
     }
 
@@ -112,9 +84,9 @@ impl Choice {
         };
         let mut table = chosen.table.open(dir, manifest)?;
         let path = table.path().to_path_buf();
-        let query = chosen.query(table.columns())?;
+        let query = chosen.query(&table)?;
         let id = table.own_column("id")?;
-        let largest_id = most(chosen.table, &whole);
+        let largest_id = whole.of(chosen.table);
         query.run(&mut table, |row| {
             part.ids.add(row.whole(id)?, largest_id, &path)
         })?;
@@ -145,17 +117,13 @@ impl Choice {
     }
 
     /// True if a piece is exported; that of cell 0 is a cap.
-    pub fn keeps(&self, piece: Piece) -> bool {
+    pub fn keeps(&self, piece: &PieceIds) -> bool {
         match &self.0 {
             None => true,
             Some(part) if piece.cell == 0 => {
                 part.capped.as_ref().is_some_and(|o| o.has(piece.object))
             }
-            Some(part) => part.ids.has(match part.table {
-                Table::Cells => piece.cell,
-                Table::Objects => piece.object,
-                Table::Surfaces => piece.surface,
-            }),
+            Some(part) => part.ids.has(piece.of(part.table)),
         }
     }
 
@@ -184,13 +152,4 @@ pub(super) fn whole(manifest: &Manifest) -> WholeTotals {
         },
         |s| s.of,
     )
-}
-
-/// The largest id of a table.
-fn most(table: Table, whole: &WholeTotals) -> u64 {
-    match table {
-        Table::Cells => whole.cells,
-        Table::Objects => whole.objects,
-        Table::Surfaces => whole.surfaces,
-    }
 }

@@ -2,7 +2,6 @@
 
 use super::choice::Choice;
 use super::format::Writer;
-use super::sheet::tiling;
 use crate::error::{Error, Result};
 use crate::manifest::{MANIFEST, TileEntry};
 use crate::tileset::TileSet;
@@ -42,7 +41,7 @@ impl Plan {
         for entry in set.tiles() {
             let entry = entry?;
             check_place(set, &entry, &mut before)?;
-            let kept = entry.groups.iter().filter(|&g| choice.keeps(g.into()));
+            let kept = entry.groups.iter().filter(|&g| choice.keeps(&g.into()));
             let triangles = kept.map(|g| g.triangles).fold(0, u64::saturating_add);
             if !wanted(choice, &entry) {
                 continue;
@@ -81,13 +80,13 @@ impl Plan {
 
 /// True if something of a tile is exported.
 pub(super) fn wanted(choice: &Choice, entry: &TileEntry) -> bool {
-    entry.groups.iter().any(|g| choice.keeps(g.into()))
+    entry.groups.iter().any(|g| choice.keeps(&g.into()))
 }
 
 /// Tiles must come by rising z, y and x, inside the grid.
 fn check_place(set: &TileSet, entry: &TileEntry, before: &mut Option<[u32; 3]>) -> Result<()> {
     let [x, y, z] = entry.grid;
-    let tiles = tiling(set.manifest()).tiles();
+    let tiles = set.manifest().tiling().tiles();
     let order = [z, y, x];
     if before.is_some_and(|b| b >= order) || (0..3).any(|a| entry.grid[a] >= tiles[a]) {
         return Err(Error::format(

@@ -4,7 +4,7 @@ use super::choice::Choice;
 use super::simplify::{self, InGrid, Simplified};
 use crate::error::{Error, Result};
 use crate::grid::{LATTICE, Tiling};
-use crate::manifest::{Manifest, TileEntry};
+use crate::manifest::TileEntry;
 use crate::tile::SurfacePiece;
 use crate::tileset::TileSet;
 use std::collections::HashMap;
@@ -127,9 +127,9 @@ impl Sheet {
         simplify: Option<&InGrid>,
     ) -> Result<Sheet> {
         let manifest = set.manifest();
-        let region = Region::new(tiling(manifest), entry.grid);
+        let region = Region::new(manifest.tiling(), entry.grid);
         let mut tile = set.read_tile(entry)?;
-        tile.pieces.retain(|p| choice.keeps((&p.ids).into()));
+        tile.pieces.retain(|p| choice.keeps(&p.ids));
         let mut points = Vec::with_capacity(tile.pieces.len());
         for piece in &tile.pieces {
             points.push(lattice(piece, &region).map_err(|found| {
@@ -218,14 +218,6 @@ impl Sheet {
             from = [piece.vertices, piece.triangles];
             (*piece, vertices, triangles)
         })
-    }
-}
-
-/// The macrocubes of a tile set.
-pub(super) fn tiling(manifest: &Manifest) -> Tiling {
-    Tiling {
-        dims: manifest.grid.dims,
-        macrocube: manifest.grid.macrocube,
     }
 }
 

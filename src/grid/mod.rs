@@ -359,14 +359,23 @@ impl Crop {
         if !fits {
             return Err(Error::usage(
                 "--crop",
-                format!(
-                    "{}:{},{}:{},{}:{}",
-                    self.x.start, self.x.end, self.y.start, self.y.end, self.z.start, self.z.end
-                ),
+                self.to_string(),
                 format!("at least 2 voxels per axis inside {dims}"),
             ));
         }
         Ok(Dims(ranges.map(|r| r.end - r.start)))
+    }
+}
+
+/// As `--crop` takes it.
+impl std::fmt::Display for Crop {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        let Crop { x, y, z } = self;
+        write!(
+            f,
+            "{}:{},{}:{},{}:{}",
+            x.start, x.end, y.start, y.end, z.start, z.end
+        )
     }
 }
 

@@ -2,7 +2,7 @@
 //! first thing that is.
 
 use crate::error::{Error, Result};
-use crate::grid::{Dims, LATTICE, Placement, Tiling, check_filters};
+use crate::grid::{Dims, LATTICE, Placement, check_filters};
 use crate::manifest::{FORMAT, FORMAT_VERSION, Layer, Manifest, Shard, ShardTiles};
 use serde::Deserialize;
 use serde::de::DeserializeOwned;
@@ -97,11 +97,7 @@ impl Manifest {
         if self.lattice != LATTICE {
             return bad(format!("lattice {}", self.lattice), "256");
         }
-        let tiles = Tiling {
-            dims: grid.dims,
-            macrocube: grid.macrocube,
-        }
-        .tiles();
+        let tiles = self.tiling().tiles();
         if self.layers.len() as u64 > u64::from(tiles[2])
             || !self.layers.windows(2).all(|w| w[0].z < w[1].z)
         {

@@ -1,8 +1,9 @@
 //! Expressions over the columns of a table, as programs for a stack of numbers: evaluation and
 //! destruction take no recursion, however long the text is.
 
+use super::column::Column;
 use super::parse;
-use super::reader::{Column, Row};
+use super::reader::Row;
 use crate::error::{Error, Result};
 
 /// What an expression says.

@@ -27,6 +27,7 @@
 //! holds for a cell without a sphericity, and `sphericity >= 0.9` does not.
 
 mod chosen;
+mod column;
 mod expr;
 mod lex;
 mod outside;
@@ -35,11 +36,13 @@ mod query;
 mod reader;
 mod summary;
 
+pub use crate::manifest::Table;
 pub use chosen::Chosen;
+pub use column::{Column, find_column};
 pub use expr::{Expr, Kind};
 pub use outside::Outside;
 pub use query::{Query, Selected};
-pub use reader::{Column, Row, TableReader, find_column};
+pub use reader::{Row, TableReader};
 pub use summary::{
     Border, Counts, Distribution, Histogram, PorosityOf, Spread, Summary, summarise,
 };
@@ -49,18 +52,6 @@ pub(crate) use summary::quantile;
 use crate::error::Result;
 use crate::manifest::{Manifest, file_inside};
 use std::path::Path;
-
-/// One of the tables of a tile set.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
-pub enum Table {
-    /// Cells: connected below voxels.
-    #[default]
-    Cells,
-    /// Objects: connected above voxels.
-    Objects,
-    /// Surfaces: connected triangles.
-    Surfaces,
-}
 
 impl Table {
     /// The one that is asked for: cells, unless it is another.
@@ -78,6 +69,23 @@ impl Table {
             Table::Cells => "cells",
             Table::Objects => "objects",
             Table::Surfaces => "surfaces",
+        }
+    }
+
+    /// `cell`, `object` or `surface`.
+    pub fn singular(self) -> &'static str {
+        match self {
+            Table::Cells => "cell",
+            Table::Objects => "object",
+            Table::Surfaces => "surface",
+        }
+    }
+
+    /// The column by which its rows are small or large.
+    pub fn size(self) -> &'static str {
+        match self {
+            Table::Cells | Table::Objects => "volume",
+            Table::Surfaces => "area",
         }
     }
 

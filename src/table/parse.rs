@@ -1,8 +1,8 @@
 //! The grammar of expressions: words to a program, by descent along the precedences.
 
+use super::column::{Column, did_you_mean, names};
 use super::expr::{Kind, Op, function, operator};
 use super::lex::{Token, tokens};
-use super::reader::{Column, did_you_mean, names};
 use crate::error::Error;
 
 /// The longest text in bytes, and the deepest nesting of parentheses and powers.

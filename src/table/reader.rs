@@ -1,5 +1,8 @@
 //! A table as CSV, row by row.
 
+mod find;
+
+use super::column::Column;
 use crate::error::{Error, Result};
 use csv_core::ReadRecordResult;
 use std::fs::File;
@@ -14,87 +17,6 @@ const COLUMNS: usize = 1024;
 const BUFFER: usize = 1 << 16;
 const ROW_BUFFER: usize = 1 << 10;
 
-/// A column: its name, and its unit or nothing.
-#[derive(Debug, Clone, PartialEq, Eq, serde::Serialize)]
-pub struct Column {
-    /// `volume`.
-    pub name: String,
-    /// `mm^3`; empty for a plain number.
-    pub unit: String,
-}
-
-impl Column {
-    /// Reads `volume [mm^3]`.
-    fn parse(text: &str) -> Self {
-        let text = text.trim();
-        let split = text
-            .strip_suffix(']')
-            .and_then(|t| t.split_once('['))
-            .map(|(name, unit)| (name.trim_end(), unit));
-        let (name, unit) = split.unwrap_or((text, ""));
-        Column {
-            name: name.to_string(),
-            unit: unit.to_string(),
-        }
-    }
-
-    /// `volume [mm^3]`.
-    pub fn header(&self) -> String {
-        if self.unit.is_empty() {
-            self.name.clone()
-        } else {
-            format!("{} [{}]", self.name, self.unit)
-        }
-    }
-
-    /// True for the column's name, and for that with its unit.
-    pub fn is_named(&self, text: &str) -> bool {
-        self.name == text || self.header() == text
-    }
-
-    /// True if the values are 0 and 1 and mean a condition.
-    pub fn is_condition(&self) -> bool {
-        self.name == "touches_border"
-    }
-}
-
-/// The names of columns, with commas between them.
-pub(super) fn names(columns: &[Column]) -> String {
-    let names: Vec<&str> = columns.iter().map(|c| c.name.as_str()).collect();
-    names.join(", ")
-}
-
-/// The place of a column by its name, or by its name and unit as in the table's head.
-///
-/// # Errors
-/// [`Error::Usage`] with the names that there are, as of `option`.
-pub fn find_column(option: &str, name: &str, columns: &[Column]) -> Result<usize> {
-    let name = name.trim();
-    let found = columns.iter().position(|c| c.is_named(name));
-    found.ok_or_else(|| {
-        Error::usage(option, name, format!("a column: {}", names(columns)))
-            .with_hint(did_you_mean(name, columns))
-    })
-}
-
-/// Names the column that a name is most like, if it is like one at all.
-pub(super) fn did_you_mean(name: &str, columns: &[Column]) -> String {
-    // a letter in three may be wrong; a part of a name is like it, too, but less
-    const LETTERS: usize = 3;
-    let name = name.to_lowercase();
-    let likeness = |column: &Column| {
-        let wrong = strsim::damerau_levenshtein(&name, &column.name);
-        let part = name.len() >= LETTERS && column.name.contains(&name);
-        match wrong <= name.chars().count().div_ceil(LETTERS) {
-            true => Some(wrong),
-            false => part.then_some(usize::MAX),
-        }
-    };
-    let like = columns.iter().filter_map(|c| Some((likeness(c)?, &c.name)));
-    like.min_by_key(|(wrong, _)| *wrong)
-        .map_or(String::new(), |(_, name)| format!("did you mean `{name}`?"))
-}
-
 /// Reads a table forward; memory is that of one row.
 pub struct TableReader {
     path: PathBuf,
@@ -103,6 +25,8 @@ pub struct TableReader {
     core: csv_core::Reader,
     /// Bytes of the file that are consumed.
     offset: u64,
+    /// Where the first row begins.
+    first: u64,
     line: u64,
     fields: Vec<u8>,
     ends: Vec<usize>,
@@ -154,6 +78,7 @@ impl TableReader {
             input: BufReader::with_capacity(buffer, file),
             core: csv_core::Reader::new(),
             offset: 0,
+            first: 0,
             line: 1,
             fields: vec![0; ROW_BYTES],
             ends: vec![0; COLUMNS],
@@ -183,6 +108,7 @@ impl TableReader {
             return bad("none".into());
         }
         reader.columns = columns;
+        reader.first = reader.offset;
         Ok(reader)
     }
 
@@ -241,15 +167,20 @@ impl TableReader {
     /// # Errors
     /// Those of [`TableReader::next_row`]; [`Error::Format`] if the file has shrunk.
     pub fn row_at(&mut self, offset: u64) -> Result<Row<'_>> {
+        self.jump(offset)?;
+        let path = self.path.clone();
+        self.next_row()?
+            .ok_or_else(|| Error::format(path, "its end", "the row that was there"))
+    }
+
+    fn jump(&mut self, offset: u64) -> Result<()> {
         let ahead = offset as i64 - self.offset as i64;
         self.input
             .seek_relative(ahead)
             .map_err(|e| Error::io(&self.path, "read the table", e))?;
         self.core.reset();
         self.offset = offset;
-        let path = self.path.clone();
-        self.next_row()?
-            .ok_or_else(|| Error::format(path, "its end", "the row that was there"))
+        Ok(())
     }
 
     /// Reads one record into `fields` and `ends`: its offset, line, number of fields and bytes.
@@ -448,6 +379,44 @@ mod tests {
         let long = [&b"id\n"[..], &vec![b'1'; 1 << 20]].concat();
         let (_dir, reader) = table(&long);
         assert!(reader.unwrap().next_row().is_err());
+    }
+
+    #[test]
+    fn rows_are_found_by_id_whether_ids_rise_or_not() {
+        let row = |id: u64| format!("{id},{}\n", "9".repeat(1 + id as usize % 50));
+        let rising: Vec<u64> = (1..5000).map(|i| 3 * i).collect();
+        let mixed: Vec<u64> = rising.iter().map(|i| i * 7919 % 15_013).collect();
+        for ids in [&rising, &mixed, &vec![5], &vec![]] {
+            let text: String = ids.iter().map(|&id| row(id)).collect();
+            let (_dir, reader) = table(format!("id,v\n{text}").as_bytes());
+            let mut reader = reader.unwrap();
+            for id in ids
+                .iter()
+                .copied()
+                .step_by(97)
+                .chain([0, 1, 15_000, u64::MAX])
+            {
+                let found = reader
+                    .find(id)
+                    .unwrap()
+                    .map(|row| row.line().unwrap() + "\n");
+                assert_eq!(found, ids.contains(&id).then(|| row(id)), "{id}");
+            }
+            let mut all = 0;
+            reader = reader.reopen().unwrap();
+            while reader.next_row().unwrap().is_some() {
+                all += 1;
+            }
+            assert_eq!(all, ids.len());
+        }
+        // an end of line in a field
+        let text: String = (1..3000).map(|id| format!("{id},\"\n{id}\"\n")).collect();
+        let (_dir, reader) = table(format!("id,v\n{text}").as_bytes());
+        let mut reader = reader.unwrap();
+        for id in [1, 2, 1500, 2999] {
+            let row = reader.find(id).unwrap().unwrap();
+            assert_eq!((row.whole(0).unwrap(), row.whole(1).unwrap()), (id, id));
+        }
     }
 
     proptest! {

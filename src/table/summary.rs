@@ -256,7 +256,7 @@ fn warnings(air: &Air, outside: Outside, rest: f64) -> Vec<String> {
     match (outside, air.likely) {
         (Outside::None, Some((id, share))) => all.push(format!(
             "cell {id} has {:.1} % of the air and reaches all four sides of the grid: if it is the air around a \
-             sample, leave it out of porosity and volumes by --outside border-cell",
+             sample, leave it out of porosity and volumes by --outside border-cell, or convert with --roi",
             100.0 * share
         )),
         (Outside::BorderCell, _) if air.cells == 0 => all.push(

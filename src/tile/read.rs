@@ -10,7 +10,7 @@ use super::reader::Reader;
 use crate::gltf::buffer_views::{Buffers, Bytes};
 use crate::gltf::container::{Result, fail};
 use crate::gltf::read_json::Document;
-use crate::manifest::Encoding;
+use crate::manifest::{Encoding, Group, Table};
 
 pub use super::codec::{Normals, Positions};
 pub use crate::gltf::accessors::Indices;
@@ -28,6 +28,28 @@ pub struct PieceIds {
     pub surface: u64,
     /// Triangles of the piece in this tile, degenerates not counted.
     pub triangles: u64,
+}
+
+impl PieceIds {
+    /// The id of the row of a table that the piece belongs to.
+    pub fn of(&self, table: Table) -> u64 {
+        match table {
+            Table::Cells => self.cell,
+            Table::Objects => self.object,
+            Table::Surfaces => self.surface,
+        }
+    }
+}
+
+impl From<&Group> for PieceIds {
+    fn from(group: &Group) -> Self {
+        PieceIds {
+            cell: group.cell,
+            object: group.object,
+            surface: group.surface,
+            triangles: group.triangles,
+        }
+    }
 }
 
 /// One primitive with the node that shows it.

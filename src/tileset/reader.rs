@@ -87,10 +87,18 @@ impl TileSet {
     /// # Errors
     /// As [`TileSet::path`]; [`Error::Format`] for another size or checksum.
     pub fn tile_bytes(&self, entry: &TileEntry) -> Result<Vec<u8>> {
+        self.checked_bytes(&entry.path, entry.bytes, &entry.checksum)
+    }
+
+    /// The bytes of a file at a path of the index, which must have this size and checksum.
+    ///
+    /// # Errors
+    /// As of [`TileSet::tile_bytes`].
+    pub(crate) fn checked_bytes(&self, path: &str, bytes: u64, checksum: &str) -> Result<Vec<u8>> {
         let stated = Stated {
-            path: &entry.path,
-            bytes: entry.bytes,
-            checksum: &entry.checksum,
+            path,
+            bytes,
+            checksum,
         };
         stated.read(&self.dir)
     }
@@ -116,12 +124,7 @@ impl TileSet {
     /// # Errors
     /// As [`TileSet::tile_bytes`].
     pub fn node_bytes(&self, entry: &NodeEntry) -> Result<Vec<u8>> {
-        let stated = Stated {
-            path: &entry.path,
-            bytes: entry.bytes,
-            checksum: &entry.checksum,
-        };
-        stated.read(&self.dir)
+        self.checked_bytes(&entry.path, entry.bytes, &entry.checksum)
     }
 
     /// Reads a node of a level.
@@ -187,7 +190,7 @@ impl Stated<'_> {
 }
 
 #[cfg(test)]
-mod tests {
+pub(crate) mod tests {
     use super::*;
     use crate::convert::{ConvertOptions, convert};
     use crate::grid::Dims;
@@ -195,7 +198,8 @@ mod tests {
     use crate::progress::Quiet;
     use crate::volume::Dtype;
 
-    fn ball() -> (tempfile::TempDir, TileSet) {
+    /// A ball of several tiles.
+    pub fn ball() -> (tempfile::TempDir, TileSet) {
         let dir = tempfile::tempdir().unwrap();
         let ball = Phantom::new(Shape::Sphere { radius: 9.0 });
         let volume = render(&ball, Dims::new([24; 3]).unwrap(), Dtype::U8).unwrap();

@@ -1,7 +1,6 @@
 //! The tiles of one set made of those of another, layer by layer.
 
 use crate::error::{Error, Result};
-use crate::grid::Tiling;
 use crate::manifest::{Layer, TileEntry, entry_text};
 use crate::progress::Progress;
 use crate::tile::TilePlace;
@@ -96,10 +95,7 @@ impl<M: MakeTile> Source<'_, M> {
             return Err(Error::Interrupted);
         }
         let manifest = self.set.manifest();
-        let tiling = Tiling {
-            dims: manifest.grid.dims,
-            macrocube: manifest.grid.macrocube,
-        };
+        let tiling = manifest.tiling();
         let path = self.set.dir().join(&entry.path);
         let damaged = |found: String, expected: &str| {
             Error::format(&path, found, expected).with_hint("`alvis verify` says more")

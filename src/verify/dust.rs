@@ -67,10 +67,7 @@ impl Filled {
         progress: &dyn Progress,
         issues: &mut Issues,
     ) -> Result<Self> {
-        let tiling = Tiling {
-            dims: manifest.grid.dims,
-            macrocube: manifest.grid.macrocube,
-        };
+        let tiling = manifest.tiling();
         let nz = manifest.grid.dims.0[2];
         progress.begin("dust", 2 * u64::from(nz));
         let mut by_row: Spill<2> = Spill::new(IN_MEMORY);

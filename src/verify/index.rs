@@ -4,6 +4,7 @@ use super::closed::{self, Schema};
 use super::code::Code;
 use super::files::{self, Expected};
 use super::report::Issues;
+use super::selection::check_selection;
 use crate::error::{Error, Result};
 use crate::grid::{Dims, LATTICE, Tiling, check_filters};
 use crate::manifest::{FORMAT, FORMAT_VERSION, Layer, Manifest, TileEntry};
@@ -129,20 +130,13 @@ fn check(m: &Manifest, issues: &mut Issues) -> bool {
     }
     check_counts(m, &mut wrong);
     let rising = m.layers.windows(2).all(|w| w[0].z < w[1].z);
-    let [_, _, nz] = tiling(m).tiles();
+    let [_, _, nz] = m.tiling().tiles();
     if !rising || m.layers.iter().any(|l| l.z >= nz || l.tiles == 0) {
         let message = "expected layers with tiles by rising z inside the grid".to_owned();
         wrong("layers", message);
         return false;
     }
     true
-}
-
-fn tiling(m: &Manifest) -> Tiling {
-    Tiling {
-        dims: m.grid.dims,
-        macrocube: m.grid.macrocube,
-    }
 }
 
 /// Checks the grid and the lattice; false if the tiles cannot be read by them.
@@ -156,7 +150,7 @@ fn check_grid(m: &Manifest, wrong: &mut impl FnMut(&str, String)) -> bool {
         wrong("grid", message);
         return false;
     }
-    let tiles = tiling(m).tiles();
+    let tiles = m.tiling().tiles();
     if tiles != grid.tiles {
         let message = format!("found {:?}, expected {tiles:?}", grid.tiles);
         wrong("grid/tiles", message);
@@ -213,32 +207,8 @@ fn check_crop(m: &Manifest, wrong: &mut impl FnMut(&str, String)) {
 
 /// Checks counts that the tiles do not show.
 fn check_counts(m: &Manifest, wrong: &mut impl FnMut(&str, String)) {
-    let t = &m.totals;
     if let Some(selection) = &m.selection {
-        let of = selection.of;
-        let all = [of.cells, of.objects, of.surfaces, of.voxels_above];
-        let own = [t.cells, t.objects, t.surfaces, t.voxels_above];
-        let fewer = own.iter().zip(all).all(|(own, all)| *own <= all);
-        if selection.omit && selection.condition.is_none() {
-            let message = "found true, expected false without a condition".to_owned();
-            wrong("selection/omit", message);
-        }
-        let condition = |i: usize| &selection.painted[i].condition;
-        let over = |i: &usize| (0..*i).any(|k| condition(k) == condition(*i));
-        if let Some(i) = (0..selection.painted.len()).find(over) {
-            let message = format!(
-                "found {:?} twice, expected each condition once",
-                condition(i)
-            );
-            wrong(&format!("selection/painted/{i}"), message);
-        }
-        // without a condition all are there, and all objects have all voxels
-        let chosen = selection.condition.is_some() || own == all;
-        let same_objects = own[1] != all[1] || own[3] == all[3];
-        if !(fewer && chosen && same_objects) {
-            let message = format!("found {all:?} of the whole, and {own:?} of the part");
-            wrong("selection/of", message);
-        }
+        check_selection(selection, &m.totals, wrong);
     }
     if let Some(d) = &m.dust {
         let fits = |(count, voxels): (u64, u64)| {

@@ -53,7 +53,7 @@ impl<'a> RegionEdge<'a> {
         let count = match self {
             RegionEdge::Cylinder(cylinder, [x, y]) => {
                 let finite = cylinder.centre.iter().all(|c| c.is_finite());
-                if !finite || !(cylinder.radius > 0.0 && cylinder.radius.is_finite()) {
+                if !(finite && cylinder.radius > 0.0 && cylinder.radius.is_finite()) {
                     wrong("radius", format!("found {cylinder}, expected a cylinder"));
                 }
                 let [nx, ny, nz] = dims.0;
@@ -115,10 +115,8 @@ impl<'a> RegionEdge<'a> {
 }
 
 /// The voxels of a tile that are inside.
-#[derive(Default)]
 pub(super) enum TileEdge<'a> {
     /// All, or it is not known.
-    #[default]
     None,
     /// See [`RegionEdge::Cylinder`].
     Cylinder(&'a Cylinder, [u32; 2]),

@@ -46,10 +46,7 @@ impl<'a> Context<'a> {
         Context {
             root,
             manifest,
-            tiling: Tiling {
-                dims: manifest.grid.dims,
-                macrocube: manifest.grid.macrocube,
-            },
+            tiling: manifest.tiling(),
             max_issues,
             scale: [y * z, z * x, x * y],
             rotated: measured.is_rotated().then_some(measured),
@@ -319,13 +316,7 @@ impl Work<'_, '_> {
         let size: [u64; 3] =
             std::array::from_fn(|a| ((self.region.hi[a] - self.region.lo[a]) / 256) as u64 + 3);
         self.check_form(tile);
-        match self.cx.edge.in_tile(&self.region) {
-            Ok(edge) => self.edge = edge,
-            Err(e) => {
-                let at = "index.json#/region";
-                self.issues.add(Code::VolumeMismatch, at, e.to_string());
-            }
-        }
+        self.load_edge();
         ws.surface_seen.begin(size);
         if self.cx.manifest.cap {
             // else no cap gets as far as this
@@ -371,6 +362,17 @@ impl Work<'_, '_> {
                 edges.sort_unstable_by_key(|e| (e.b, e.a));
             } else {
                 edges.sort_unstable_by_key(|e| (e.a, e.b));
+            }
+        }
+    }
+
+    /// Finds what of the tile is in the region of interest.
+    fn load_edge(&mut self) {
+        match self.cx.edge.in_tile(&self.region) {
+            Ok(edge) => self.edge = edge,
+            Err(e) => {
+                let at = "index.json#/region";
+                self.issues.add(Code::VolumeMismatch, at, e.to_string());
             }
         }
     }

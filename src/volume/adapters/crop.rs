@@ -34,6 +34,17 @@ impl<'a> Cropped<'a> {
         })
     }
 
+    /// `crop` of `volume`; all of it without one.
+    ///
+    /// # Errors
+    /// Those of [`Cropped::new`].
+    pub fn part(volume: Box<dyn Volume + 'a>, crop: Option<&Crop>) -> Result<Box<dyn Volume + 'a>> {
+        match crop {
+            Some(crop) => Ok(Box::new(Cropped::new(volume, crop)?)),
+            None => Ok(volume),
+        }
+    }
+
     fn shift(&self, axis: usize, range: Range<u32>) -> Range<u32> {
         let end = self.header.dims.0[axis];
         let start = self.start[axis];

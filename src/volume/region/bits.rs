@@ -12,6 +12,28 @@ pub(crate) fn row_words(nx: u32) -> usize {
     nx.div_ceil(64) as usize
 }
 
+/// Calls `each` with stretches of the voxels `x` of a row, in their order, whose bits are alike: all inside, or all not.
+/// None reaches over the end of a word.
+pub(crate) fn for_each_stretch(
+    inside: &[u64],
+    x: &Range<u32>,
+    mut each: impl FnMut(Range<u32>, bool),
+) {
+    let mut at = x.start;
+    while at < x.end {
+        // what is left of the word, shifted so that its lowest bit is that of `at`
+        let rest = inside[at as usize / 64] >> (at % 64);
+        let is_inside = rest & 1 == 1;
+        let alike = match is_inside {
+            true => rest.trailing_ones(),
+            false => rest.trailing_zeros(),
+        };
+        let end = at + alike.min(64 - at % 64).min(x.end - at);
+        each(at..end, is_inside);
+        at = end;
+    }
+}
+
 /// A bit for each voxel, in an unnamed file: rows by z and y, each of whole words of 64 bits, the lowest bit first.
 #[derive(Debug)]
 pub(crate) struct InsideBits {
@@ -125,7 +147,7 @@ mod tests {
             }
             let all = RegionVoxels::mask(bits);
             let crop = Crop { x: cut.0.min(nx - 2)..nx, y: cut.1.min(ny - 2)..ny, z: 0..2 };
-            let part = all.cropped(&crop).unwrap();
+            let part = all.cropped(Some(&crop)).unwrap();
             let [width, rows, _] = part.dims().0;
             let mut out = Vec::new();
             let mut count = 0;

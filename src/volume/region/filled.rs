@@ -1,6 +1,6 @@
 //! A volume whose voxels outside of its region of interest have one sample.
 
-use super::{RegionVoxels, row_words};
+use super::{RegionVoxels, for_each_stretch, row_words};
 use crate::error::{Error, Result};
 use crate::grid::{Dims, Voxel, with_voxel_type};
 use crate::volume::{Header, Volume, hand_on};
@@ -65,9 +65,13 @@ impl Volume for Filled<'_> {
         for z in z {
             self.region.rows(y.clone(), z, &mut inside)?;
             for (inside, row) in inside.chunks_exact(words).zip(&mut rows) {
-                for_each_outside(inside, &x, |at| {
-                    let at = (at - x.start) as usize * size;
-                    row[at..at + size].copy_from_slice(&self.sample);
+                for_each_stretch(inside, &x, |stretch, is_inside| {
+                    if !is_inside {
+                        let [from, to] =
+                            [stretch.start, stretch.end].map(|v| (v - x.start) as usize);
+                        let outside = row[from * size..to * size].chunks_exact_mut(size);
+                        outside.for_each(|sample| sample.copy_from_slice(&self.sample));
+                    }
                 });
             }
         }
@@ -89,23 +93,6 @@ impl Volume for Filled<'_> {
 
     fn held_bytes(&self) -> u64 {
         self.inner.held_bytes()
-    }
-}
-
-/// Calls `each` for the voxels of a range whose bits are 0.
-fn for_each_outside(inside: &[u64], x: &Range<u32>, mut each: impl FnMut(u32)) {
-    let mut at = x.start;
-    while at < x.end {
-        // what is left of the word, shifted so that its lowest bit is that of `at`
-        let rest = inside[at as usize / 64] >> (at % 64);
-        let left = (64 - at % 64).min(x.end - at);
-        let run_inside = rest.trailing_ones().min(left);
-        let run_outside = match run_inside {
-            0 => rest.trailing_zeros().min(left),
-            _ => 0,
-        };
-        (at..at + run_outside).for_each(&mut each);
-        at += run_inside + run_outside;
     }
 }
 

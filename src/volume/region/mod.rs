@@ -3,7 +3,7 @@
 mod bits;
 mod filled;
 
-pub(crate) use bits::{InsideBits, row_words};
+pub(crate) use bits::{InsideBits, for_each_stretch, row_words};
 pub use filled::Filled;
 pub(crate) use filled::wrong_size;
 
@@ -54,11 +54,14 @@ impl RegionVoxels {
         }
     }
 
-    /// The same in a crop of the volume.
+    /// The same in a crop of the volume; in all of it without one.
     ///
     /// # Errors
     /// Those of [`Crop::dims_in`].
-    pub fn cropped(&self, crop: &Crop) -> Result<Self> {
+    pub fn cropped(&self, crop: Option<&Crop>) -> Result<Self> {
+        let Some(crop) = crop else {
+            return Ok(self.clone());
+        };
         let dims = crop.dims_in(self.dims)?;
         let start = crop.start();
         let inside = match &self.inside {
@@ -110,23 +113,33 @@ impl RegionVoxels {
     /// Number of voxels inside.
     ///
     /// # Errors
-    /// As of [`RegionVoxels::rows`].
+    /// [`crate::Error::Io`] if the file of a mask cannot be read back.
     pub fn count(&self) -> Result<u64> {
-        let [_, ny, nz] = self.dims.0;
         if let Inside::Rows(rows) = &self.inside {
             let slice: u64 = rows.iter().map(|row| row.len() as u64).sum();
-            return Ok(slice * u64::from(nz));
+            return Ok(slice * u64::from(self.dims.0[2]));
         }
-        // as many rows at once as fit a few pages
+        let mut count = 0;
+        self.for_each_word(|word| count += u64::from(word.count_ones()))?;
+        Ok(count)
+    }
+
+    /// Calls `each` with the words of all rows, by z and y.
+    ///
+    /// # Errors
+    /// As of [`RegionVoxels::rows`].
+    pub(crate) fn for_each_word(&self, mut each: impl FnMut(u64)) -> Result<()> {
+        // rows that are read at once: a few pages
         const ROWS: u32 = 64;
-        let (mut words, mut count) = (Vec::new(), 0);
+        let [_, ny, nz] = self.dims.0;
+        let mut words = Vec::new();
         for z in 0..nz {
             for y in (0..ny).step_by(ROWS as usize) {
                 self.rows(y..(y + ROWS).min(ny), z, &mut words)?;
-                count += words.iter().map(|w| u64::from(w.count_ones())).sum::<u64>();
+                words.iter().for_each(|word| each(*word));
             }
         }
-        Ok(count)
+        Ok(())
     }
 }
 
@@ -142,7 +155,7 @@ fn row_of(cylinder: &Cylinder, nx: u32, y: u32) -> Range<u32> {
     let to = near((cylinder.centre[0] + half).ceil() + 2.0);
     let mut inside = (from..to).filter(|&x| cylinder.holds(x, y));
     match inside.next() {
-        Some(first) => first..inside.last().unwrap_or(first) + 1,
+        Some(first) => first..inside.next_back().unwrap_or(first) + 1,
         None => 0..0,
     }
 }
@@ -178,7 +191,7 @@ mod tests {
             };
             let (x, y) = (from.0.min(nx - 2), from.1.min(ny - 2));
             let crop = Crop { x: x..nx, y: y..ny, z: 1..3 };
-            let part = all.cropped(&crop).unwrap();
+            let part = all.cropped(Some(&crop)).unwrap();
             let mut words = Vec::new();
             let mut count = 0;
             for (region, [dx, dy]) in [(&all, [0, 0]), (&part, [x, y])] {

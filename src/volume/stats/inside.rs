@@ -1,7 +1,7 @@
 //! The samples of a piece that count: all of them, or those in a region.
 
 use crate::error::Result;
-use crate::volume::region::{RegionVoxels, row_words};
+use crate::volume::region::{RegionVoxels, for_each_stretch, row_words};
 use crate::volume::stats::walk::Piece;
 
 /// Calls `each` with the samples of a piece's own rows and slices, in stretches that lie in the region; without one all
@@ -29,27 +29,13 @@ pub(super) fn for_each_inside<T>(
         region.rows(piece.y.clone(), z, &mut inside)?;
         for (r, row) in inside.chunks_exact(words).enumerate() {
             let start = (s * piece.read_y.len() + r) * nx as usize;
-            stretches(row, &samples[start..start + nx as usize], &mut each);
+            for_each_stretch(row, &(0..nx), |stretch, is_inside| {
+                if is_inside {
+                    let [from, to] = [stretch.start, stretch.end].map(|x| start + x as usize);
+                    each(&samples[from..to]);
+                }
+            });
         }
     }
     Ok(())
-}
-
-/// The samples of a row whose bits are set, in stretches.
-fn stretches<T>(bits: &[u64], row: &[T], each: &mut impl FnMut(&[T])) {
-    let bit = |x: usize| bits[x / 64] >> (x % 64) & 1 == 1;
-    let mut x = 0;
-    while x < row.len() {
-        let word = bits[x / 64] >> (x % 64);
-        if word & 1 == 0 {
-            x += (word.trailing_zeros() as usize).clamp(1, 64 - x % 64);
-            continue;
-        }
-        let start = x;
-        while x < row.len() && bit(x) {
-            let ones = (bits[x / 64] >> (x % 64)).trailing_ones() as usize;
-            x = (x + ones.max(1)).min(row.len());
-        }
-        each(&row[start..x]);
-    }
 }

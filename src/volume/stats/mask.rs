@@ -28,18 +28,12 @@ impl RegionVoxels {
         }
         let bits = InsideBits::new(header.dims, dir)?;
         with_voxel_type!(header.dtype, T => read::<T>(mask, &bits, progress))?;
-        let [_, ny, nz] = header.dims.0;
         let region = RegionVoxels::mask(bits);
-        let (mut crc, mut words, mut any) = (crc32fast::Hasher::new(), Vec::new(), false);
-        for z in 0..nz {
-            for y in 0..ny {
-                region.rows(y..y + 1, z, &mut words)?;
-                for word in &words {
-                    any |= *word != 0;
-                    crc.update(&word.to_le_bytes());
-                }
-            }
-        }
+        let (mut crc, mut any) = (crc32fast::Hasher::new(), false);
+        region.for_each_word(|word| {
+            any |= word != 0;
+            crc.update(&word.to_le_bytes());
+        })?;
         if !any {
             let expected = "some that are not 0, which are inside";
             return Err(Error::usage(

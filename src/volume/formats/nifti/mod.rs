@@ -15,6 +15,7 @@ use crate::volume::adapters::values::Values;
 use crate::volume::descriptor::{Samples, VolumeDescriptor};
 use crate::volume::format::Format;
 use crate::volume::io::data::{self, Data, Encoding, Start};
+use crate::volume::io::word::word;
 use crate::volume::options::{Choice, OpenOptions};
 use crate::volume::{Dtype, Endian};
 use flate2::read::GzDecoder;
@@ -107,14 +108,9 @@ pub(crate) fn parse(path: &Path, head: &[u8], options: &OpenOptions) -> Result<V
 }
 
 impl Head<'_> {
+    /// Every place below is inside of the header.
     fn raw<const N: usize>(&self, at: usize) -> [u8; N] {
-        // every place below is inside the shorter header of its version
-        let mut out = [0; N];
-        out.copy_from_slice(&self.bytes[at..at + N]);
-        if self.endian == Endian::Big {
-            out.reverse();
-        }
-        out
+        word(&self.bytes, at, self.endian)
     }
 
     fn i16(&self, at: usize) -> i64 {

@@ -141,12 +141,7 @@ fn samples(plan: Plan, page_bytes: u64) -> Result<Samples> {
         return Ok(if blob.is_whole() {
             Samples::Files(Data {
                 files: vec![blob.path().to_path_buf()],
-                start: Start::At {
-                    base: 0,
-                    lines: 0,
-                    bytes: first,
-                    stated: true,
-                },
+                start: Start::behind(first),
                 encoding: Encoding::Raw,
             })
         } else {
