@@ -1,7 +1,7 @@
 //! A node made of its children: their surfaces joined, coarser, with fins where the border has moved.
 
 use super::border::Border;
-use super::clusters::{Clusters, Kind, Rules};
+use super::clusters::{Cluster, Clusters, Kind, Rules};
 use super::collapse::{Limits, collapse};
 use super::fins::FinShape;
 use super::gap::{Moved, moved};
@@ -132,7 +132,7 @@ impl Coarse {
             std::array::from_fn(|a| (p[a] - planes.low[a]) as f32 / LATTICE as f32)
         };
         let places: Vec<[f32; 3]> = placed.points.iter().map(voxels).collect();
-        let locked = locked(&clusters, recipe);
+        let locked = locked(border, &clusters, recipe);
         // a node that is mostly border cannot get as coarse as others
         let limits = Limits {
             triangles: target.saturating_sub(small.len()),
@@ -196,18 +196,32 @@ fn clustered(placing: &Placing) -> (Placed, Vec<[u32; 3]>) {
     (placing.place(&quadrics), sums.left())
 }
 
-/// Which vertices must not move: those that stay, and those that others have in common with this node.
-fn locked(clusters: &Clusters, recipe: &Recipe) -> Vec<bool> {
+/// Which vertices must not move: those that stay, those that others have in common with this node, and on open faces
+/// of the volume those beside a vertex on a plane between nodes: without them the curve on the face could come to run
+/// along that plane, where no other node continues it.
+fn locked(border: &Border, clusters: &Clusters, recipe: &Recipe) -> Vec<bool> {
+    let faces = recipe.planes.faces;
     let shared: OnPlanes = match recipe.rules.capped {
         true => OnPlanes::MAX,
-        false => !recipe.planes.faces,
+        false => !faces,
     };
-    let is_locked = |c: &super::clusters::Cluster| match c.kind {
+    let is_locked = |c: &Cluster| match c.kind {
         Kind::Inner => false,
         Kind::Stays => true,
         Kind::Border(_) => c.planes & shared != 0,
     };
-    clusters.all.iter().map(is_locked).collect()
+    let mut locked: Vec<bool> = clusters.all.iter().map(is_locked).collect();
+    for edge in border.edges.iter().filter(|e| e.planes & faces != 0) {
+        let ends = [edge.from, edge.to];
+        if ends
+            .iter()
+            .any(|&v| border.of_vertex[v as usize] & !faces != 0)
+        {
+            ends.iter()
+                .for_each(|&v| locked[clusters.of_vertex[v as usize] as usize] = true);
+        }
+    }
+    locked
 }
 
 /// A node that is being taken apart into its surfaces.

@@ -48,8 +48,14 @@ impl LevelPlan {
             cubes.min(u64::from(tiling.dims.0[a] - 1)) * u64::from(LATTICE)
         };
         let most = (0..3).map(steps).max().unwrap_or(0);
-        // half a voxel outside of the volume lie the caps
-        let finest = if manifest.cap { LATTICE / 2 } else { LATTICE };
+        // half a voxel outside of the volume lie the caps, and a node one voxel wide has places between its planes
+        let thin = (0..3)
+            .any(|a| (tiling.dims.0[a] - 2).is_multiple_of(tiling.macrocube[a] << level.min(20)));
+        let finest = if manifest.cap || thin {
+            LATTICE / 2
+        } else {
+            LATTICE
+        };
         let shift = shift_for(most).filter(|&shift| 1 << shift <= finest);
         let Some(shift) = shift else {
             return Err(Error::unsupported(

@@ -74,14 +74,10 @@ impl Planes {
         let found: [bool; 3] = std::array::from_fn(holds);
         (0..3).filter(move |&a| found[a])
     }
-}
 
-impl Planes {
-    /// True for an edge that another node has to continue: in a plane between two, and not on a face of the volume where
-    /// the surface is open.
-    pub fn share(&self, ends: &[Point; 2], capped: bool) -> bool {
-        let is_open = !capped && self.holding(ends, true).next().is_some();
-        !is_open && self.holding(ends, false).next().is_some()
+    /// True for an edge that another node has to continue: in a plane between two.
+    pub fn share(&self, ends: &[Point; 2]) -> bool {
+        self.holding(ends, false).next().is_some()
     }
 }
 

@@ -276,7 +276,7 @@ impl<'a> Checker<'a> {
         }
         let open = sums.open();
         for (edge, sum) in &open {
-            if planes.share(&edge.ends, self.set.manifest.cap) {
+            if planes.share(&edge.ends) {
                 borders.add(*edge, *sum, &entry.path);
                 continue;
             }
@@ -425,7 +425,7 @@ impl Covered<'_> {
         let mut sums = Sums::default();
         for part in below.iter().flatten() {
             let surface = surface_key(part, self.capped);
-            let in_plane = |ends: &[Point; 2]| planes.share(ends, self.capped);
+            let in_plane = |ends: &[Point; 2]| planes.share(ends);
             part.triangles
                 .iter()
                 .for_each(|t| sums.add(surface, *t, in_plane));
@@ -437,7 +437,7 @@ impl Covered<'_> {
             let moved = before.filter(|edge| !own.contains(edge));
             return self.covered(&fins, moved, 0.0, Code::LodCurve, issues);
         }
-        let shared = |edge: &Edge| planes.share(&edge.ends, self.capped);
+        let shared = |edge: &Edge| planes.share(&edge.ends);
         let own = open.iter().map(|(edge, _)| *edge).filter(shared);
         self.covered(&fins, own, width, Code::LodFins, issues);
         let margin = width - steps(self.entry.curve_gap);
