@@ -1,11 +1,13 @@
 //! `alvis lod`: levels of detail over a tile set.
 
 use super::args::Common;
+use super::progress::Console;
 use super::{Outcome, output, parse, stop};
 use crate::error::{Error, Result};
 use crate::lod::{LodOptions, LodReport, lod};
+use crate::sys::process_memory::keep_large_buffers;
 use clap::{Args, ValueHint};
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 
 /// Add levels of detail to a tile set, for viewers that cannot show all triangles
 ///
@@ -56,6 +58,20 @@ fn share(text: &str) -> Result<f64, String> {
         .ok_or_else(|| "expected a share above 0 and at most 1/2, as in 1/8, 0.2 or 20%".to_owned())
 }
 
+/// Makes levels of detail in this process, which may be stopped.
+///
+/// # Errors
+/// Those of [`lod`].
+pub fn make(out: &Path, options: &LodOptions, console: &Console) -> Result<LodReport> {
+    stop::listen();
+    keep_large_buffers();
+    lod(out, options, console).inspect_err(|e| {
+        if matches!(e, Error::Interrupted) {
+            console.note("no level of detail was begun yet, so nothing of them is kept");
+        }
+    })
+}
+
 impl LodArgs {
     pub fn run(self) -> Result<Outcome> {
         let console = self.common.start();
@@ -68,12 +84,7 @@ impl LodArgs {
             resume: self.resume,
             force: self.force,
         };
-        stop::listen();
-        let report = lod(&self.out, &options, &console).inspect_err(|e| {
-            if matches!(e, Error::Interrupted) {
-                console.note("no layer was done yet, so nothing is kept");
-            }
-        })?;
+        let report = make(&self.out, &options, &console)?;
         drop(console);
         if self.common.json {
             output::print_json(&report)?;
@@ -84,7 +95,8 @@ impl LodArgs {
     }
 }
 
-fn summary(report: &LodReport) -> String {
+/// What was made, for people.
+pub fn summary(report: &LodReport) -> String {
     let mut rows = Vec::new();
     let names: Vec<String> = (1..report.levels).map(|l| format!("level {l}")).collect();
     for (l, name) in (1..).zip(&names) {

@@ -1,7 +1,7 @@
 //! A node made of its children: their surfaces joined, coarser, with fins where the border has moved.
 
 use super::border::Border;
-use super::clusters::{Cluster, Clusters, Kind, Rules};
+use super::clusters::{Cluster, Clustering, Clusters, Kind, Rules};
 use super::collapse::{Limits, collapse};
 use super::fins::FinShape;
 use super::gap::{Moved, moved};
@@ -28,6 +28,16 @@ pub struct Recipe {
     pub ratio: f64,
     /// The widest fins of children, as [`Built::fin_width`].
     pub fin_width: u32,
+}
+
+impl Recipe {
+    /// Faces of the volume on which surfaces end.
+    fn open_faces(&self) -> OnPlanes {
+        match self.rules.capped {
+            true => 0,
+            false => self.planes.faces,
+        }
+    }
 }
 
 /// A node.
@@ -117,7 +127,14 @@ struct Coarse {
 impl Coarse {
     fn of(mesh: &Mesh, border: &Border, kept: Vec<bool>, target: usize, recipe: &Recipe) -> Self {
         let Recipe { planes, rules, .. } = recipe;
-        let clusters = Clusters::of(mesh, border, &kept, rules);
+        let clustering = Clustering {
+            mesh,
+            border,
+            kept: &kept,
+            open_faces: recipe.open_faces(),
+            rules,
+        };
+        let clusters = clustering.clusters();
         let placing = Placing {
             mesh,
             border,
@@ -193,22 +210,20 @@ fn clustered(placing: &Placing) -> (Placed, Vec<[u32; 3]>) {
             }
         }
     }
-    (placing.place(&quadrics), sums.left())
+    let (mut placed, left) = (placing.place(&quadrics), sums.left());
+    placing.unfold(&quadrics, &left, &mut placed);
+    (placed, left)
 }
 
 /// Which vertices must not move: those that stay, those that others have in common with this node, and on open faces
 /// of the volume those beside a vertex on a plane between nodes: without them the curve on the face could come to run
 /// along that plane, where no other node continues it.
 fn locked(border: &Border, clusters: &Clusters, recipe: &Recipe) -> Vec<bool> {
-    let faces = recipe.planes.faces;
-    let shared: OnPlanes = match recipe.rules.capped {
-        true => OnPlanes::MAX,
-        false => !faces,
-    };
+    let faces = recipe.open_faces();
     let is_locked = |c: &Cluster| match c.kind {
         Kind::Inner => false,
         Kind::Stays => true,
-        Kind::Border(_) => c.planes & shared != 0,
+        Kind::Border(_) => c.planes & !faces != 0,
     };
     let mut locked: Vec<bool> = clusters.all.iter().map(is_locked).collect();
     for edge in border.edges.iter().filter(|e| e.planes & faces != 0) {

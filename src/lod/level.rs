@@ -3,6 +3,7 @@
 use super::build::{Built, Recipe, build};
 use super::clusters::Rules;
 use super::entry::{Entry, memory};
+use super::journal::Journal;
 use super::planes::Planes;
 use crate::error::{Error, Result};
 use crate::grid::{LATTICE, Tiling};
@@ -17,13 +18,20 @@ use crate::sys::memory_pool::{MemoryPool, MemoryReservation};
 use crate::tile::NodeExtras;
 use crate::tile::node::{NodeForm, node_file, parts_of_node, parts_of_tile, shift_for};
 use rayon::prelude::*;
+use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;
 use std::path::Path;
 use std::sync::Arc;
+use std::sync::atomic::{AtomicU64, Ordering};
 
 /// Width of the blocks of the first level in voxels, for a ratio of 1/8: so that clusters leave some more triangles
 /// than are wanted, and collapsing edges takes the rest where it does least harm.
 const FIRST_BLOCK: f64 = 2.5;
+
+/// About so many steps of positions are as wide as a block, as far as they are no coarser than a quarter of a voxel,
+/// in which small surfaces that stay as they are do not fall together.
+const BLOCK_STEPS: u32 = 80;
+const COARSEST: u32 = LATTICE / 4;
 
 /// The numbers of a level.
 #[derive(Debug, Clone, Copy)]
@@ -68,11 +76,14 @@ impl LevelPlan {
         for _ in 1..level {
             block *= (1.0 / ratio).sqrt();
         }
-        let most = f64::from(1 << 24);
+        let block = 2 * (block.min(f64::from(1 << 24)) / 2.0).round() as i32;
+        // finer than a hundredth of a block is bytes for nothing
+        let rough = (block as u32 / BLOCK_STEPS).max(1).ilog2();
+        let shift = shift.max(rough.min(COARSEST.ilog2()));
         Ok(LevelPlan {
             level,
             rules: Rules {
-                block: 2 * (block.min(most) / 2.0).round() as i32,
+                block,
                 step: 1 << shift,
                 capped: manifest.cap,
             },
@@ -107,10 +118,12 @@ pub struct Maker<'a> {
     pub pool: &'a Arc<MemoryPool>,
     pub threads: usize,
     pub progress: &'a dyn Progress,
+    /// Counts the nodes that need not be made again.
+    pub done: &'a AtomicU64,
 }
 
 /// A node that is written.
-#[derive(Debug)]
+#[derive(Debug, Serialize, Deserialize)]
 pub struct Made {
     pub entry: NodeEntry,
     /// The cells that have a triangle, by rising number.
@@ -131,7 +144,8 @@ pub fn families(children: Vec<Entry>) -> BTreeMap<[u32; 2], Vec<Entry>> {
 }
 
 impl Maker<'_> {
-    /// Makes and writes the nodes of a layer over these children, in as many threads as there are and memory allows.
+    /// Makes and writes the nodes of a layer over these children, in as many threads as there are and memory allows;
+    /// not those that were done before.
     ///
     /// # Errors
     /// [`Error::Memory`] if there is not even memory for one at a time; [`Error::Io`], [`Error::Format`] if a child is
@@ -143,9 +157,14 @@ impl Maker<'_> {
         let dir = self.work.join(node_path(self.plan.level, [0, 0, z]));
         let dir = dir.parent().unwrap_or(self.work);
         std::fs::create_dir_all(dir).map_err(|e| Error::io(dir, "create the directory", e))?;
+        let mut made = Journal::kept(self.work, self.plan.level, z);
+        self.done.fetch_add(made.len() as u64, Ordering::Relaxed);
+        self.progress.advance(made.len() as u64);
+        let journal = Journal::begin(self.work, self.plan.level, z, &made)?;
         let families: Vec<([u32; 3], Vec<Entry>)> = families(children)
             .into_iter()
             .map(|([y, x], family)| ([x, y, z], family))
+            .filter(|(place, _)| made.iter().all(|m| m.entry.grid != *place))
             .collect();
         let most = families.iter().map(|f| memory(&f.1)).max().unwrap_or(0);
         let left = self.pool.left();
@@ -159,13 +178,19 @@ impl Maker<'_> {
             .num_threads(at_once as usize)
             .build()
             .map_err(|e| Error::usage("--threads", at_once.to_string(), e.to_string()))?;
-        threads.install(|| {
+        let new: Result<Vec<Made>> = threads.install(|| {
             let each = families.into_par_iter().with_max_len(1);
             each.map_init(Stripifier::default, |stripifier, (place, family)| {
-                self.node(place, &family, stripifier)
+                let made = self.node(place, &family, stripifier)?;
+                journal.add(&made)?;
+                self.done.fetch_add(1, Ordering::Relaxed);
+                Ok(made)
             })
             .collect()
-        })
+        });
+        made.extend(new?);
+        made.sort_by_key(|m| [m.entry.grid[1], m.entry.grid[0]]);
+        Ok(made)
     }
 
     fn node(&self, place: [u32; 3], children: &[Entry], strips: &mut Stripifier) -> Result<Made> {
@@ -306,6 +331,7 @@ pub fn write_shard(work: &Path, level: u32, z: u32, nodes: &[Made]) -> Result<La
     let new = file.with_extension("new");
     write_file(&new, &[&text])?;
     std::fs::rename(&new, &file).map_err(|e| Error::io(&file, "move into place", e))?;
+    Journal::remove(work, level, z)?;
     Ok(Layer {
         z,
         path,

@@ -6,7 +6,7 @@ use crate::tile::node::SurfacePart;
 use std::collections::HashMap;
 
 /// Steps in a component of a normal that is summed: whole numbers, so that the order of sums does not show.
-const NORMAL: f32 = 32_767.0;
+pub const NORMAL: f32 = 32_767.0;
 
 /// Which surface a part belongs to; a cap, of which there is one to an object, has cell and surface 0.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, PartialOrd, Ord)]

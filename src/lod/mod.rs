@@ -11,7 +11,7 @@
 //!    nothing is seen through between nodes of different levels.
 //!
 //! `build` does these in order. `run` makes level after level, layer by layer, each node once its children are
-//! written; `work` is the directory in which all is made before it gets its name; `tileset_json` writes the tree for
+//! written; `work` is the directory in which all is made before it gets its name, `journal` what is done of a layer; `tileset_json` writes the tree for
 //! viewers of 3D Tiles.
 //!
 //! # Where bytes are decided
@@ -25,6 +25,7 @@ mod collapse;
 mod entry;
 mod fins;
 mod gap;
+mod journal;
 mod level;
 mod mesh;
 mod place;

@@ -77,10 +77,39 @@ impl Placing<'_> {
         placed
     }
 
+    /// Moves clusters inside to their means where a triangle faces against the normals of all its corners: planes that
+    /// meet at a sharp angle may lead to a place beyond a neighbour's.
+    pub fn unfold(&self, quadrics: &[Quadric], triangles: &[[u32; 3]], placed: &mut Placed) {
+        let clusters = &self.clusters.all;
+        let mut folded: Vec<u32> = Vec::new();
+        for t in triangles {
+            let [p, q, r] = t.map(|c| placed.points[c as usize].map(|v| v as f32));
+            let minus = |u: [f32; 3], v: [f32; 3]| glam::Vec3::from(u) - glam::Vec3::from(v);
+            let face = minus(q, p).cross(minus(r, p));
+            let normal = |c: u32| glam::Vec3::from(clusters[c as usize].normal.map(|v| v as f32));
+            if t.iter().all(|&c| face.dot(normal(c)) < 0.0) {
+                folded.extend(t);
+            }
+        }
+        for i in folded.into_iter().map(|c| c as usize) {
+            if clusters[i].kind == Kind::Inner && quadrics[i].wanted {
+                let mean = self.mean(&clusters[i]).map(|v| v as f32 * VOXEL);
+                let (point, error) = self.inside_at(&quadrics[i], mean);
+                placed.points[i] = point;
+                placed.error = placed.error.max(error);
+            }
+        }
+    }
+
+    /// The mean of a cluster's vertices, from the middle of its block.
+    fn mean(&self, own: &Cluster) -> [f64; 3] {
+        own.sum.map(|s| s as f64 / own.count as f64)
+    }
+
     /// The place of a cluster inside, and its distance to the planes of its triangles.
     fn inside(&self, own: &Cluster, quadric: &Quadric) -> ([i32; 3], f32) {
-        let (planes, step) = (self.planes, self.rules.step);
-        let mean = own.sum.map(|s| s as f64 / own.count as f64);
+        let step = self.rules.step;
+        let mean = self.mean(own);
         if !quadric.wanted {
             let middle = self.rules.middle(own.block);
             let at = |a: usize| ((f64::from(middle[a]) + mean[a]) / f64::from(step)).round() as i32;
@@ -88,10 +117,15 @@ impl Placing<'_> {
         }
         let half = (self.rules.block / 2) as f32 * VOXEL;
         let best = quadric.smallest(mean.map(|m| m as f32 * VOXEL));
-        let best = best.map(|v| v.clamp(-half, half));
+        self.inside_at(quadric, best.map(|v| v.clamp(-half, half)))
+    }
+
+    /// The place next to `best`, in voxels from the quadric's centre, and its distance to the planes.
+    fn inside_at(&self, quadric: &Quadric, best: [f32; 3]) -> ([i32; 3], f32) {
+        let planes = self.planes;
         let at = |a: usize| {
             let steps = f64::from(best[a] + quadric.centre[a]) * f64::from(LATTICE);
-            planes.between(a, steps + f64::from(planes.low[a]), step)
+            planes.between(a, steps + f64::from(planes.low[a]), self.rules.step)
         };
         let point: [i32; 3] = std::array::from_fn(at);
         let local = |a: usize| (point[a] - planes.low[a]) as f32 * VOXEL - quadric.centre[a];

@@ -19,6 +19,7 @@ use crate::tileset::TileSet;
 use serde::Serialize;
 use std::path::Path;
 use std::sync::Arc;
+use std::sync::atomic::{AtomicU64, Ordering};
 use std::time::Instant;
 
 /// Triangles of a root that a viewer can always show.
@@ -99,7 +100,10 @@ pub fn lod(out: &Path, options: &LodOptions, progress: &dyn Progress) -> Result<
     let start = Instant::now();
     check(options)?;
     let set = TileSet::open(out)?;
-    if set.manifest().lod.is_some() && !options.force {
+    if let Some(levels) = set.levels()?.filter(|_| !options.force) {
+        if options.resume && is_of(&levels, options) {
+            return Ok(report(&levels, set.manifest(), start));
+        }
         return Err(Error::usage(
             "OUT",
             "levels of detail there already",
@@ -142,11 +146,12 @@ pub fn lod(out: &Path, options: &LodOptions, progress: &dyn Progress) -> Result<
         pool: MemoryPool::new(options.memory, "the program", FIXED.min(options.memory)),
         progress,
         done: 0,
+        nodes: AtomicU64::new(0),
     };
     let levels = match run.levels() {
         Ok(levels) => levels,
         Err(error) => {
-            work.keep(run.done > 0);
+            work.keep(run.is_anything_done());
             return Err(run.resumable(error, out));
         }
     };
@@ -160,6 +165,17 @@ pub fn lod(out: &Path, options: &LodOptions, progress: &dyn Progress) -> Result<
         peak_rss_bytes: peak_rss_bytes(),
         ..report
     })
+}
+
+/// True if levels that are there are those that are asked for.
+fn is_of(levels: &Levels, options: &LodOptions) -> bool {
+    let count = levels.levels.len() as u32 + 1;
+    let all = levels.levels.last().is_some_and(|l| l.grid == [1; 3]);
+    levels.ratio == options.ratio
+        && levels.pixel_error == options.pixel_error
+        && options
+            .levels
+            .map_or(all, |most| count == most || count < most && all)
 }
 
 fn check(options: &LodOptions) -> Result<()> {
@@ -205,6 +221,8 @@ struct Run<'a> {
     progress: &'a dyn Progress,
     /// Layers that are done.
     done: u64,
+    /// Nodes that are done of layers that are not.
+    nodes: AtomicU64,
 }
 
 impl Run<'_> {
@@ -315,6 +333,7 @@ impl Run<'_> {
                 None => self.layer(plan, z, below)?,
             };
             self.done += 1;
+            self.nodes.store(0, Ordering::Relaxed);
             if nodes.is_empty() {
                 continue;
             }
@@ -342,6 +361,7 @@ impl Run<'_> {
             pool: &self.pool,
             threads: crate::sys::simd::threads(self.options.threads),
             progress: self.progress,
+            done: &self.nodes,
         };
         maker.layer(z, self.children(z, below)?)
     }
@@ -371,9 +391,13 @@ impl Run<'_> {
         shard.nodes.into_iter().map(made).collect()
     }
 
+    fn is_anything_done(&self) -> bool {
+        self.done > 0 || self.nodes.load(Ordering::Relaxed) > 0
+    }
+
     /// An error with what is kept and how to go on, once there is something.
     fn resumable(&self, error: Error, out: &Path) -> Error {
-        if self.done == 0 {
+        if !self.is_anything_done() {
             return error;
         }
         let when = match error {
@@ -385,7 +409,12 @@ impl Run<'_> {
             path: out.to_path_buf(),
             done: self.done,
             of: self.layers(),
-            next: format!("{when}the same command with --resume goes on"),
+            next: match self.nodes.load(Ordering::Relaxed) {
+                0 => format!("{when}the same command with --resume goes on"),
+                n => format!(
+                    "{when}the same command with --resume goes on, after {n} nodes of the next layer"
+                ),
+            },
         }
     }
 

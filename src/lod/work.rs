@@ -6,7 +6,7 @@ use crate::error::{Error, Result};
 use crate::manifest::checksum_text;
 use crate::manifest::{LEVELS, LevelsEntry, MANIFEST, Manifest, PARTIAL, TILESET, sums_of};
 use crate::sys::files::{remove_if_there, write_file};
-use crate::tileset::Lock;
+use crate::tileset::{LEVELS_STATE as STATE, Lock};
 use serde::{Deserialize, Serialize};
 use std::fs::{self, File};
 use std::io::{BufWriter, ErrorKind, Write};
@@ -14,8 +14,6 @@ use std::path::{Path, PathBuf};
 
 /// Directory of all levels, in the tile set and while they are made.
 const LOD: &str = "lod";
-/// What is being made, and of what.
-const STATE: &str = "lod.json";
 /// Says that all is made and is being moved in.
 const MOVING: &str = "lod-moving";
 /// The index without levels, while those that it named are replaced.

@@ -27,6 +27,8 @@ const ENTRIES: [&str; 10] = [
 const OPTIONAL: [&str; 4] = ["legend.png", "legend.svg", TILESET, "lod"];
 /// The file in it that says who works there.
 const LOCK: &str = "lock";
+/// The file in it that says what levels of detail are being made.
+pub(crate) const LEVELS_STATE: &str = "lod.json";
 /// The file in it that says that all is made and is being moved in.
 const MOVING: &str = "moving";
 
@@ -108,7 +110,9 @@ pub fn check_output(out: &Path, force: bool) -> Result<()> {
 pub fn tidy(out: &Path) -> Result<()> {
     let work = out.join(WORK);
     let moved = work.join(MOVING).exists() && !work.join(ENTRIES[0]).exists();
-    if work.exists() && (moved || kept(&work).is_none()) {
+    // levels of detail go on from there
+    let levels = work.join(LEVELS_STATE).exists();
+    if work.exists() && !levels && (moved || kept(&work).is_none()) {
         Output::open(out, true, true)?.remove_work()?;
     }
     Ok(())
