@@ -3,6 +3,7 @@
 use super::border::Border;
 use super::clusters::{Cluster, Clustering, Clusters, Kind, Rules};
 use super::collapse::{Limits, collapse};
+use super::curves::staying;
 use super::fins::FinShape;
 use super::gap::{Moved, moved};
 use super::mesh::{Joiner, Mesh, Surface};
@@ -18,6 +19,9 @@ use crate::tile::node::{NodePart, SurfacePart};
 const SMALL: usize = 100;
 /// Room for them at least, in triangles.
 const SMALL_ROOM: usize = 1000;
+
+/// How far borders may move in their planes, in blocks.
+const CURVE: f64 = 0.18;
 
 /// How a node is made.
 #[derive(Debug, Clone, Copy)]
@@ -127,10 +131,13 @@ struct Coarse {
 impl Coarse {
     fn of(mesh: &Mesh, border: &Border, kept: Vec<bool>, target: usize, recipe: &Recipe) -> Self {
         let Recipe { planes, rules, .. } = recipe;
+        let most = f64::from(rules.block) * CURVE;
+        let pinned = staying(mesh, border, planes, rules, most);
         let clustering = Clustering {
             mesh,
             border,
             kept: &kept,
+            pinned: &pinned,
             open_faces: recipe.open_faces(),
             rules,
         };

@@ -112,6 +112,8 @@ pub struct Clustering<'a> {
     pub border: &'a Border,
     /// Surfaces that stay as they are, borders between nodes apart.
     pub kept: &'a [bool],
+    /// Vertices of the border that stay so that it moves little.
+    pub pinned: &'a [bool],
     /// Faces of the volume on which surfaces end.
     pub open_faces: OnPlanes,
     pub rules: &'a Rules,
@@ -136,7 +138,7 @@ impl Clustering<'_> {
         let stays = |v: usize| {
             let bits = of_vertex[v];
             let is_kept = self.kept[self.mesh.surface_of[v] as usize];
-            axes(bits) > 1 || is_kept && bits & !self.open_faces == 0
+            axes(bits) > 1 || self.pinned[v] || is_kept && bits & !self.open_faces == 0
         };
         let mut all: Vec<bool> = (0..of_vertex.len()).map(stays).collect();
         self.keep_small_loops(&mut all);

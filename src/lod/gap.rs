@@ -38,11 +38,30 @@ pub fn moved(
     points: &[[i32; 3]],
     inner: OnPlanes,
 ) -> Moved {
-    let edges = || border.edges.iter().filter(|e| e.planes & inner != 0);
+    let (segments, distances) = moved_edges(mesh, border, clusters, points, inner);
+    let gap = distances.into_iter().map(|d| d.1).fold(0.0, f64::max);
+    Moved {
+        segments: segments.into_iter().collect(),
+        gap: gap.ceil() as u32,
+    }
+}
+
+/// The border after, and how far each edge before, by its number, lies from what it is led to, in lattice steps.
+pub fn moved_edges(
+    mesh: &Mesh,
+    border: &Border,
+    clusters: &Clusters,
+    points: &[[i32; 3]],
+    inner: OnPlanes,
+) -> (BTreeSet<Segment>, Vec<(usize, f64)>) {
+    let edges = || {
+        let all = border.edges.iter().enumerate();
+        all.filter(|(_, e)| e.planes & inner != 0)
+    };
     let mut segments = BTreeSet::new();
     let mut around: BTreeMap<u32, Vec<u32>> = BTreeMap::new();
     let ends = |from: u32, to: u32| [from, to].map(|v| clusters.of_vertex[v as usize]);
-    for edge in edges() {
+    for (_, edge) in edges() {
         let [a, b] = ends(edge.from, edge.to);
         around.entry(a).or_default();
         if a == b {
@@ -55,8 +74,8 @@ pub fn moved(
             around.entry(to).or_default().push(from);
         }
     }
-    let mut gap = 0.0f64;
-    for edge in edges() {
+    let mut distances = Vec::new();
+    for (number, edge) in edges() {
         let [a, b] = ends(edge.from, edge.to);
         let both = [edge.from, edge.to].map(|v| mesh.points[v as usize]);
         let distance = |from: u32, to: u32| {
@@ -79,12 +98,9 @@ pub fn moved(
                 distance(a, a)
             })
         };
-        gap = gap.max(own);
+        distances.push((number, own));
     }
-    Moved {
-        segments: segments.into_iter().collect(),
-        gap: gap.ceil() as u32,
-    }
+    (segments, distances)
 }
 
 /// Distance of a point to a segment.

@@ -30,7 +30,7 @@ const FIRST_BLOCK: f64 = 2.5;
 
 /// About so many steps of positions are as wide as a block, as far as they are no coarser than a quarter of a voxel,
 /// in which small surfaces that stay as they are do not fall together.
-const BLOCK_STEPS: u32 = 80;
+const BLOCK_STEPS: u32 = 40;
 const COARSEST: u32 = LATTICE / 4;
 
 /// The numbers of a level.
@@ -77,7 +77,7 @@ impl LevelPlan {
             block *= (1.0 / ratio).sqrt();
         }
         let block = 2 * (block.min(f64::from(1 << 24)) / 2.0).round() as i32;
-        // finer than a hundredth of a block is bytes for nothing
+        // finer than that is bytes for nothing
         let rough = (block as u32 / BLOCK_STEPS).max(1).ilog2();
         let shift = shift.max(rough.min(COARSEST.ilog2()));
         Ok(LevelPlan {

@@ -4,7 +4,7 @@
 //! # A node
 //! 1. `mesh` joins what the children hold; `border` finds the edges that others continue.
 //! 2. `clusters` says which vertices become one, `place` and `quadric` where it lies: what lies on the border is
-//!    decided by the border alone and stays in its plane, so nodes of a level meet edge by edge without knowing of
+//!    decided by the border alone (`curves`) and stays in its plane, so nodes of a level meet edge by edge without knowing of
 //!    each other. It is a map of vertices to vertices, so what is closed stays closed.
 //! 3. `triangles` sums up what is left, `collapse` takes edges away until the ratio is reached.
 //! 4. `gap` bounds how far the border has moved in its planes, `fins` cover that much on both sides of it, so that
@@ -22,6 +22,7 @@ mod border;
 mod build;
 mod clusters;
 mod collapse;
+mod curves;
 mod entry;
 mod fins;
 mod gap;
