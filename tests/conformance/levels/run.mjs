@@ -172,6 +172,45 @@ async function show(program, targets, view, picks, all) {
   }
 }
 
+/** The pages in examples/viewers, with the packages that they name from NPM: a click on a cell tells what is known. */
+async function pages() {
+  const type = { ".html": "text/html", ".js": "text/javascript", ".css": "text/css", ".json": "application/json",
+    ".wasm": "application/wasm", ".glb": "model/gltf-binary" };
+  const answer = (url) => {
+    const base = url.endsWith(".html") ? path.join(here, "../../../examples/viewers") : work;
+    return [type[path.extname(url)] ?? "application/octet-stream", inside(base, url.slice(1))];
+  };
+  const { context, site, end } = await start(npm, { width: SIDE, height: SIDE }, answer);
+  await context.route("https://cdn.jsdelivr.net/npm/**", (route) => {
+    const name = new URL(route.request().url()).pathname.replace("/npm/", "").replace(/^([^@]+)@[^/]+/, "$1");
+    const body = inside(path.join(npm, "node_modules"), name);
+    route.fulfill({ body, contentType: type[path.extname(name)] ?? "application/octet-stream",
+      headers: { "access-control-allow-origin": "*" } });
+  });
+  try {
+    for (const program of PROGRAMS) {
+      await check(`examples/viewers/${program}.html`, async () => {
+        const tab = await context.newPage();
+        const wrong = [];
+        tab.on("pageerror", (e) => wrong.push(e.message));
+        await tab.goto(`${site}/${program}.html?set=set`);
+        const said = (word) => tab.waitForFunction((w) => document.querySelector("p").textContent.includes(w), word, { timeout: 60000 });
+        await said("Click").catch(() => assert.fail(`not ready: ${wrong}`));
+        await tab.waitForTimeout(3000);
+        for (let n = 0; n < 20 && !(await tab.textContent("p")).includes("surface"); n++) {
+          await tab.mouse.click(100 + 3 * n, 140);
+          await tab.waitForTimeout(200);
+        }
+        await said("surface").catch(() => assert.fail(`nothing was picked: ${wrong}`));
+        assert.deepEqual(wrong, []);
+        await tab.close();
+      });
+    }
+  } finally {
+    await end();
+  }
+}
+
 /** The official validator over the tree and all that it names. */
 function validate() {
   const main = path.join(path.resolve(validator), "node_modules/3d-tiles-validator/build/main");
@@ -198,5 +237,6 @@ const picks = pixels(rays, view, voxel);
 const all = levels();
 assert.equal(all.length, 3, "levels");
 for (const program of PROGRAMS) await show(program, targets(tileset, view), view, picks, all);
+await pages();
 console.log(`${passed} passed, ${failed} failed`);
 process.exitCode = failed === 0 ? 0 : 1;
