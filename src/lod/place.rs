@@ -61,7 +61,7 @@ impl Placing<'_> {
             let leader = own.leader as usize;
             let point = match own.kind {
                 _ if leader < i => placed.points[leader],
-                Kind::Stays => own.block.map(|v| rounded(v, self.rules.step)),
+                Kind::Stays => self.rounded(own.block),
                 Kind::Border(axis) => {
                     let quadric = lines.get(&own.leader).copied().unwrap_or_default();
                     self.on_border(own, axis, &quadric)
@@ -132,6 +132,18 @@ impl Placing<'_> {
         (point, quadric.distance(std::array::from_fn(local)))
     }
 
+    /// The next place of whole steps. What lies between planes does not come to lie on one, which others would have to
+    /// know; caps lie outside of them.
+    fn rounded(&self, p: [i32; 3]) -> [i32; 3] {
+        let step = self.rules.step;
+        std::array::from_fn(
+            |a| match self.planes.low[a] < p[a] && p[a] < self.planes.high[a] {
+                true => self.planes.between(a, f64::from(p[a]), step),
+                false => (p[a] + step / 2).div_euclid(step) * step,
+            },
+        )
+    }
+
     /// The quadrics of clusters on the border, by leaders.
     fn lines(&self) -> HashMap<u32, LineQuadric> {
         let clusters = self.clusters;
@@ -174,11 +186,6 @@ impl Placing<'_> {
         }
         point
     }
-}
-
-/// The multiple of `step` next to a coordinate.
-fn rounded(v: i32, step: i32) -> i32 {
-    (v + step / 2).div_euclid(step) * step
 }
 
 /// The axes along a plane.
