@@ -14,7 +14,7 @@ fn help_names_every_option() {
     let dir = temp();
     let top = ok(dir.path(), &["--help"]);
     let convert = format!(
-        "{COMMON} {INPUT} --threshold --macrocube --memory --ambiguous --cap --crop --force --table-unit --view --out-dir \
+        "{COMMON} {INPUT} --threshold --macrocube --memory --ambiguous --cap --crop --force --table-unit --lod --view --out-dir \
          {FORM} separate join otsu 1GiB mmap read little big u16 f64"
     );
     for (command, words) in [
