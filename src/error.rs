@@ -146,6 +146,18 @@ pub enum Error {
         /// What differs, with the old and the new value each.
         differences: String,
     },
+    /// The tile set that is to be gone on with is whole, and not the one that is asked for.
+    #[error(
+        "{}: the tile set there was made otherwise: {differences}: give input and options as they were, --force \
+         instead of --resume to replace it, or another directory",
+        path.display()
+    )]
+    OtherTileSet {
+        /// The output directory.
+        path: PathBuf,
+        /// What differs, with the old and the new value each.
+        differences: String,
+    },
     /// The input was changed while it was read: what was made of it may be of neither state.
     #[error(
         "{}: the input was changed while it was read: found {found}: nothing was made of it: do this again when \
@@ -174,12 +186,14 @@ pub enum Error {
     },
     /// Some of several scans could not be converted.
     #[error(
-        "{failed} of {of} scans could not be converted: the column `error` of {} says why",
-        table.display()
+        "{failed} of {of} scans could not be converted: the column `error` of {} says why{}",
+        table.display(), rows_of_before(*kept)
     )]
     ScansFailed {
         /// How many.
         failed: usize,
+        /// How many of these have a tile set from before, of which the table still tells.
+        kept: usize,
         /// Of how many.
         of: usize,
         /// The table of all scans.
@@ -220,6 +234,17 @@ fn listed(uses: &[MemoryUse]) -> String {
     match &uses.iter().map(each).collect::<Vec<_>>()[..] {
         [] => String::new(),
         listed => format!(" ({})", listed.join(", ")),
+    }
+}
+
+/// Says that scans that failed have rows in the table all the same.
+fn rows_of_before(kept: usize) -> String {
+    match kept {
+        0 => String::new(),
+        1 => ", but of 1 whose tile set from before stays, and its row with it".to_owned(),
+        kept => {
+            format!(", but of {kept} whose tile sets from before stay, and their rows with them")
+        }
     }
 }
 

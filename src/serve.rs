@@ -165,6 +165,7 @@ fn kind(path: &str) -> &'static str {
         Some("glb") => "model/gltf-binary",
         Some("json") => "application/json",
         Some("csv") => "text/csv; charset=utf-8",
+        Some("parquet") => "application/vnd.apache.parquet",
         Some("png") => "image/png",
         _ => "application/octet-stream",
     }

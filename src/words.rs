@@ -34,6 +34,33 @@ pub fn number(v: f64, digits: usize) -> String {
     }
 }
 
+/// A number in the digits that it is read from; very small and very large ones with an exponent, and not with hundreds of
+/// zeros.
+pub fn exact(v: f64) -> String {
+    match v == 0.0 || (1e-5..1e16).contains(&v.abs()) {
+        true => v.to_string(),
+        false => format!("{v:e}"),
+    }
+}
+
+/// A share in percent, to a tenth; one that is not 0 never reads 0.
+pub fn percent(share: f64) -> String {
+    let percent = 100.0 * share;
+    match percent > 0.0 && percent < 0.05 {
+        true => format!("{} %", number(percent, 2)),
+        false => format!("{percent:.1} %"),
+    }
+}
+
+/// A text in one line: names of files may have breaks of lines in them, which are told as `\n`.
+pub fn one_line(text: &str) -> String {
+    let told = |c: char| match c.is_control() {
+        true => c.escape_default().to_string(),
+        false => c.to_string(),
+    };
+    text.chars().map(told).collect()
+}
+
 /// `12,345,678`.
 pub fn count(n: u64) -> String {
     let digits = n.to_string();

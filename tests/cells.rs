@@ -1,6 +1,8 @@
 //! `alvis cells` as its users see it: rows chosen, ordered and summed up, and refusals.
 
 mod command;
+#[path = "common/seal.rs"]
+mod seal;
 
 use command::{alvis, fails, foam_tiles, json, ok};
 use serde_json::Value;
@@ -755,15 +757,14 @@ fn a_compressed_body_is_compared_cell_by_cell() {
         .collect();
     let new: Vec<u64> = new.iter().map(|p| p["b"].as_u64().unwrap()).collect();
     assert_eq!(new, [1, 2, 3]);
-    // a pair is one if the condition holds for one of it
-    let small = compare(&[
-        "tiles",
-        "short",
-        "--align",
-        "box",
-        "--where",
-        "voxels > 100 and volume > 9e6",
-    ]);
+    // a pair is one if the condition holds for one of it; volumes of both are in the unit of the first
+    let (names, _) = csv(dir, "cells.csv");
+    let at = |name: &str| names.iter().position(|n| n == name).unwrap();
+    let (border, volume) = (at("touches_border"), at("volume"));
+    let largest = rows.iter().map(|row| row[volume].parse::<f64>().unwrap());
+    let largest = largest.fold(0.0, f64::max);
+    let condition = format!("voxels > 100 and volume > {}", 0.9 * largest);
+    let small = compare(&["tiles", "short", "--align", "box", "--where", &condition]);
     assert_eq!((&small["lost"], &small["new"]), (&0.into(), &0.into()));
     assert!(small["cells"][0].as_u64() > small["cells"][1].as_u64());
     let none = compare(&["tiles", "same", "--where", "id < 0"]);
@@ -780,6 +781,33 @@ fn a_compressed_body_is_compared_cell_by_cell() {
         ["a", "b", "overlap", "volume_a [um^3]", "volume_b [um^3]"]
     );
     assert!(lines.all(|l| l.split(',').count() == head.len()));
+    // in one unit, whichever the tables are in: to the last digit, also in conditions
+    for pair in same["pairs"].as_array().unwrap() {
+        assert_eq!(
+            (&pair["overlap"], &pair["volume"]["change"]),
+            (&1.0.into(), &0.0.into())
+        );
+        assert_eq!(pair["shift"], serde_json::json!([0.0, 0.0, 0.0]));
+    }
+    for (sets, limit) in [
+        (["tiles", "same"], "1.05e6"),
+        (["same", "tiles"], "1.05e-3"),
+    ] {
+        let condition = format!("volume > {limit}");
+        let large = compare(&[sets[0], sets[1], "--where", &condition]);
+        assert_eq!(large["cells"][0], large["cells"][1], "{condition}");
+        assert!(large["cells"][0].as_u64() > Some(0));
+    }
+    // cells at the border are told apart
+    let touch = rows.iter().filter(|row| row[border] == "1").count();
+    assert_eq!(same["cells_border"], serde_json::json!([touch, touch]));
+    let whole: f64 = rows
+        .iter()
+        .filter(|row| row[border] == "0")
+        .map(|row| row[volume].parse::<f64>().unwrap())
+        .sum();
+    let found = same["volume_whole"]["a"].as_f64().unwrap();
+    assert!((found / whole - 1.0).abs() < 1e-9, "{found} {whole}");
     for (args, part) in [
         (&["compare", "tiles", "nothing"][..], "nothing/index.json"),
         (
@@ -888,4 +916,148 @@ fn tables_may_be_in_another_unit_than_the_volume() {
     let message = fails(dir, &args);
     assert!(message.contains("--spacing and --unit"), "{message}");
     assert!(!dir.join("x").exists());
+}
+
+/// Writes over a Parquet file of the tiles, and has the index state its checksum.
+fn replace_parquet(tiles: &Path, bytes: &[u8]) {
+    std::fs::write(tiles.join("cells.parquet"), bytes).unwrap();
+    let path = tiles.join("index.json");
+    let mut index: Value = serde_json::from_slice(&std::fs::read(&path).unwrap()).unwrap();
+    let crc = format!("crc32:{:08x}", crc32fast::hash(bytes));
+    index["tables"]["parquet"]["checksums"]["cells"] = crc.into();
+    std::fs::write(&path, serde_json::to_vec_pretty(&index).unwrap()).unwrap();
+    seal::seal(tiles);
+}
+
+/// Codes and messages of what the verifier finds in the tables as Parquet.
+fn findings(dir: &Path) -> Vec<(String, String)> {
+    let report: Value =
+        json(&String::from_utf8(alvis(dir, &["verify", "tiles", "--json"]).stdout).unwrap());
+    let issues = report["issues"].as_array().unwrap();
+    let text = |issue: &Value, key: &str| issue[key].as_str().unwrap().to_string();
+    let found = issues.iter().filter(|i| text(i, "path") == "cells.parquet");
+    assert_eq!(found.clone().count(), issues.len(), "{issues:?}");
+    found
+        .map(|i| (text(i, "code"), text(i, "message")))
+        .collect()
+}
+
+#[test]
+fn tables_are_parquet_too_where_that_is_asked_for() {
+    let plain = foam_tiles(&[]);
+    let dir = foam_tiles(&["--tables", "csv,parquet"]);
+    let there = |dir: &Path| dir.join("cells.parquet").exists();
+    assert!(!there(&plain.path().join("tiles")) && there(&dir.path().join("tiles")));
+    let same = |name: &str| {
+        let [a, b] =
+            [&plain, &dir].map(|d| std::fs::read(d.path().join("tiles").join(name)).unwrap());
+        assert!(a == b, "{name}");
+    };
+    same("cells.csv");
+    same("surfaces.csv");
+    ok(dir.path(), &["verify", "tiles", "--quiet"]);
+    // what is made of these tiles has them, too
+    ok(
+        dir.path(),
+        &["select", "tiles", "part", "--where", "id <= 3"],
+    );
+    ok(
+        dir.path(),
+        &["repack", "tiles", "web", "--encoding", "meshopt"],
+    );
+    for made in ["part", "web"] {
+        ok(dir.path(), &["verify", made, "--quiet"]);
+        assert!(there(&dir.path().join(made)), "{made}");
+    }
+    let message = fails(
+        dir.path(),
+        &[
+            "convert",
+            "foam.mhd",
+            "other",
+            "--threshold",
+            "128",
+            "--tables",
+            "parquet",
+        ],
+    );
+    assert!(message.contains("csv,parquet"), "{message}");
+    // without them, the same directory keeps none
+    let tiles = dir.path().join("tiles");
+    let (cells, part) = (
+        std::fs::read(tiles.join("cells.parquet")).unwrap(),
+        std::fs::read(dir.path().join("part/cells.parquet")).unwrap(),
+    );
+    let objects = std::fs::read(tiles.join("objects.parquet")).unwrap();
+    let mut changed = cells.clone();
+    changed[100] ^= 1;
+    std::fs::write(tiles.join("cells.parquet"), &changed).unwrap();
+    assert_eq!(findings(dir.path())[0].0, "CHECKSUM");
+    for (bytes, code, message) in [
+        (&part[..], "TABLE_ROWS", "3 rows"),
+        (&objects, "TABLE_VALUE", "row 1"),
+        (
+            &cells[..cells.len() - 9],
+            "TABLE_SYNTAX",
+            "expected the table in Parquet",
+        ),
+        (b"", "TABLE_SYNTAX", "expected the table in Parquet"),
+    ] {
+        replace_parquet(&tiles, bytes);
+        let found = findings(dir.path());
+        assert_eq!(found.len(), 1, "{found:?}");
+        assert!(
+            found[0].0 == code && found[0].1.contains(message),
+            "{found:?}"
+        );
+    }
+    // whatever single byte is wrong, the verifier ends with a finding or none
+    for at in (0..cells.len()).step_by(cells.len() / 40) {
+        let mut changed = cells.clone();
+        changed[at] ^= 0x55;
+        replace_parquet(&tiles, &changed);
+        findings(dir.path());
+    }
+    replace_parquet(&tiles, &cells);
+    ok(dir.path(), &["verify", "tiles", "--quiet"]);
+    std::fs::remove_file(tiles.join("cells.parquet")).unwrap();
+    let report = alvis(dir.path(), &["verify", "tiles", "--json"]);
+    assert!(String::from_utf8_lossy(&report.stdout).contains("MISSING_FILE"));
+    ok(
+        dir.path(),
+        &[
+            "convert",
+            "foam.mhd",
+            "tiles",
+            "--threshold",
+            "128",
+            "--force",
+        ],
+    );
+    assert!(!there(&tiles) && !tiles.join("objects.parquet").exists());
+    ok(dir.path(), &["verify", "tiles", "--quiet"]);
+}
+
+/// Parquet has the type of a column by its name alone.
+#[test]
+fn whole_numbers_are_known_by_name() {
+    use alvis::convert::{COMPONENT_COLUMNS, Column, Get, SURFACE_COLUMNS};
+    fn check<T>(columns: &[Column<T>]) {
+        for column in columns {
+            let named = alvis::table::Column {
+                name: column.name.into(),
+                unit: String::new(),
+            };
+            let is_whole = matches!(column.get, Get::Count(_) | Get::Signed(_));
+            let is_flag = named.is_condition();
+            assert!(is_flag || named.is_whole() == is_whole, "{}", column.name);
+            assert!(
+                is_flag || !matches!(column.get, Get::Flag(_)),
+                "{}",
+                column.name
+            );
+        }
+    }
+    check(&COMPONENT_COLUMNS);
+    check(&SURFACE_COLUMNS);
 }

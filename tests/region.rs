@@ -240,6 +240,82 @@ proptest! {
     }
 }
 
+/// Flips the components of a phase that have few voxels and none outside; returns how many they are, and their voxels.
+fn clean(case: &Case, above: &mut [bool], inside: &[bool], few: u64, phase: bool) -> (u64, u64) {
+    let ids = reference::ids(case.dims.map(|n| n as usize), above, case.rule);
+    let mut of: std::collections::BTreeMap<u64, Vec<usize>> = Default::default();
+    for i in (0..above.len()).filter(|&i| above[i] == phase) {
+        of.entry(ids[i]).or_default().push(i);
+    }
+    let is_small = |v: &&Vec<usize>| (v.len() as u64) < few && v.iter().all(|&i| inside[i]);
+    let small: Vec<&Vec<usize>> = of.values().filter(is_small).collect();
+    let voxels = small.iter().map(|v| v.len() as u64).sum();
+    small
+        .iter()
+        .copied()
+        .flatten()
+        .for_each(|&i| above[i] = !phase);
+    (small.len() as u64, voxels)
+}
+
+fn check_dust(case: &Case, few: u64) -> Result<(), TestCaseError> {
+    let temp = tempfile::tempdir().unwrap();
+    let whole = volume(case.dims, case.samples());
+    let (shape, voxels) = case.region(temp.path());
+    let value = fill_value(&whole, &voxels, 128.0, case.fill, &Quiet).unwrap();
+    let region = RegionOfInterest::new(shape, voxels.clone(), None, case.fill, value).unwrap();
+    let of_region = ConvertOptions {
+        ambiguous: case.rule,
+        cap: case.cap,
+        min_voxels: few,
+        region: Some(region),
+        ..options([4, 5, 3])
+    };
+    let (own, report) = converted(&whole, &of_region);
+    let (source, mask) = (case.samples(), case.mask());
+    let mut i = 0;
+    let inside = samples(case.dims, |[x, y, _]| {
+        i += 1;
+        match case.is_mask {
+            true => mask[i - 1] != 0,
+            false => case.cylinder().holds(x, y),
+        }
+    });
+    let mut above: Vec<bool> = inside
+        .iter()
+        .zip(&source)
+        .map(|(is_inside, v)| (if *is_inside { f64::from(*v) } else { value }) >= 128.0)
+        .collect();
+    let before = above.clone();
+    let objects = clean(case, &mut above, &inside, few, true);
+    let cells = clean(case, &mut above, &inside, few, false);
+    let changed = (0..above.len()).filter(|&i| above[i] != before[i]);
+    prop_assert!(changed.clone().all(|i| inside[i]));
+    let dust = manifest(own.path()).dust.unwrap();
+    prop_assert_eq!((dust.objects, dust.object_voxels), objects);
+    prop_assert_eq!((dust.cells, dust.cell_voxels), cells);
+    let count = above.iter().filter(|above| **above).count() as u64;
+    prop_assert_eq!(report.totals.voxels_above, count);
+    let against = Filled::new(Box::new(&whole), voxels.clone(), value).unwrap();
+    let options = VerifyOptions {
+        against: Some(&against),
+        region: Some(&voxels),
+        ..VerifyOptions::default()
+    };
+    let report = verify(own.path(), &options, &Quiet).unwrap();
+    prop_assert!(report.ok, "{:#?}", report.issues);
+    Ok(())
+}
+
+proptest! {
+    #![proptest_config(ProptestConfig { cases: 80, ..ProptestConfig::default() })]
+
+    #[test]
+    fn what_is_outside_is_never_too_small(case in cases(), few in 2u64..40) {
+        check_dust(&Case { crop: false, ..case }, few)?;
+    }
+}
+
 /// A foam or noise, and what to convert it with: a region.
 fn set_of(is_foam: bool, is_mask: bool, min_voxels: u64) -> (MemoryVolume<u8>, ConvertOptions) {
     let case = Case {
@@ -325,7 +401,8 @@ fn a_region_that_is_stated_wrongly_is_found() {
     let found = codes(dir, |index| index["region"]["voxels"] = 17.into());
     assert_eq!(found, [Code::ManifestValue]);
     let found = codes(dir, |index| index["region"]["fill"] = "air".into());
-    assert_eq!(found, [Code::ManifestValue]);
+    // the sample of the fill, and how many voxels are inside at least
+    assert_eq!(found, [Code::ManifestValue; 2]);
     let found = codes(dir, |index| index["region"]["fill_value"] = 20.0.into());
     assert_eq!(found, [Code::ManifestValue]);
     let found = codes(dir, |index| index["region"]["more"] = 20.0.into());
@@ -334,6 +411,50 @@ fn a_region_that_is_stated_wrongly_is_found() {
         index.as_object_mut().unwrap().remove("region");
     });
     assert!(found.contains(&Code::TableValue), "{found:?}");
+}
+
+/// Without the mask its number of voxels is not known, but not all numbers can be.
+#[test]
+fn a_mask_cannot_have_any_number_of_voxels() {
+    let (whole, options) = set_of(true, true, 0);
+    let (set, report) = converted(&whole, &options);
+    let dir = set.path();
+    let voxels = manifest(dir).region.unwrap().voxels;
+    let (all, below) = (40 * 37 * 30, 40 * 37 * 30 - report.totals.voxels_above);
+    assert!(below < voxels && voxels < all);
+    for (stated, is_found) in [
+        (voxels, false),
+        (below, false),
+        (below - 1, true),
+        (all, true),
+    ] {
+        let found = codes(dir, |index| index["region"]["voxels"] = stated.into());
+        assert_eq!(
+            found.contains(&Code::ManifestValue),
+            is_found,
+            "{stated}: {found:?}"
+        );
+    }
+    // one that holds everything is told by its checksum, and has no edge in the grid
+    let mask = volume([40, 37, 30], vec![1; all as usize]);
+    let temp = std::env::temp_dir();
+    let (voxels, checksum) =
+        RegionVoxels::of_mask(&mask, Dims([40, 37, 30]), &temp, &Quiet).unwrap();
+    let shape = Shape::Mask {
+        file: "all.raw".to_owned(),
+        checksum,
+    };
+    let region = RegionOfInterest::new(shape, voxels, None, Fill::Material, 190.0).unwrap();
+    let options = ConvertOptions {
+        region: Some(region),
+        ..options
+    };
+    let (set, _) = converted(&whole, &options);
+    verified(set.path(), None);
+    let found = codes(set.path(), |index| {
+        index["region"]["voxels"] = (all - 1).into()
+    });
+    assert_eq!(found, [Code::ManifestValue]);
 }
 
 #[test]

@@ -461,6 +461,92 @@ fn choices_one_after_the_other_are_told() {
     assert!(message.contains("--largest"), "{message}");
 }
 
+/// The colour of each piece, by tile and name.
+fn colours(set: &Path) -> BTreeMap<(String, String), Value> {
+    let mut found = BTreeMap::new();
+    for path in groups(set).into_keys() {
+        let (doc, _) = glb(&set.join(&path));
+        for mesh in doc["meshes"].as_array().unwrap() {
+            let name = mesh["name"].as_str().unwrap().to_owned();
+            let material = mesh["primitives"][0]["material"].as_u64();
+            let colour = material.map_or(Value::Null, |m| {
+                doc["materials"][m as usize]["pbrMetallicRoughness"]["baseColorFactor"].clone()
+            });
+            found.insert((path.clone(), name), colour);
+        }
+    }
+    found
+}
+
+#[test]
+fn a_part_of_a_painted_set_keeps_its_colours() {
+    let dir = foam_tiles(&[]);
+    let dir = dir.path();
+    let select = |line: &str, more: &[&str]| {
+        let args: Vec<&str> = line.split(' ').chain(more.iter().copied()).collect();
+        json(&ok(
+            dir,
+            &[&["select"], &args[..], &["--json", "--force"]].concat(),
+        ))
+    };
+    for colours_of in [
+        &["--paint", "best:5=green", "--paint", "id<4=red"][..],
+        &[
+            "--paint",
+            "worst:4=blue",
+            "--paint",
+            "best:3=red",
+            "--paint",
+            "worst:2=lime",
+        ],
+        &[
+            "--colour-by",
+            "volume",
+            "--map",
+            "magma",
+            "--paint",
+            "best:2=#123456",
+        ],
+        &["--colour-by", "sphericity", "--range", "0.2:0.9"],
+    ] {
+        select("tiles painted", colours_of);
+        let before = colours(&dir.join("painted"));
+        for condition in [
+            "id > 2",
+            "id == 1 or id > 4",
+            "not touches_border",
+            "id > 2 and id < 7",
+        ] {
+            let part = select("painted part --where", &[condition]);
+            assert_eq!(part["warnings"], serde_json::json!([]), "{colours_of:?}");
+            let after = colours(&dir.join("part"));
+            for (piece, colour) in &after {
+                assert_eq!(
+                    colour, &before[piece],
+                    "{colours_of:?} {condition} {piece:?}"
+                );
+            }
+            verifies(dir, "part", &[]);
+            // and a part of the part
+            select("part less --where", &["voxels > 40"]);
+            for (piece, colour) in colours(&dir.join("less")) {
+                assert_eq!(
+                    colour, before[&piece],
+                    "{colours_of:?} {condition} {piece:?}"
+                );
+            }
+            verifies(dir, "less", &[]);
+        }
+    }
+    // others take their place, and those of another table cannot stay
+    let other = select("painted part --where id>2", &["--paint", "id==3=red"]);
+    assert_eq!(other["selection"]["painted"].as_array().unwrap().len(), 1);
+    assert_eq!(other["selection"]["colour_by"], Value::Null);
+    let objects = select("painted part --objects --largest 1", &[]);
+    let told = objects["warnings"][0].as_str().unwrap();
+    assert!(told.contains("the colours of cells are lost"), "{told}");
+}
+
 /// A volume of one phase has one row and no surface; parts and copies of it verify all the same.
 #[test]
 fn a_volume_of_one_phase_is_chosen_from_too() {

@@ -5,8 +5,8 @@ use alvis::grid::{
 };
 use alvis::manifest::{
     Bounds, ColourBy, Encoding, FORMAT, FORMAT_VERSION, Generator, GridInfo, Group, LEVELS, Layer,
-    Layout, LevelsEntry, Manifest, Paint, Painted, Primitives, Selection, Shard, Source, Step,
-    Table, TableChecksums, Tables, TileEntry, Totals, WholeTotals, checksum_text,
+    Layout, LevelsEntry, Manifest, Paint, Painted, ParquetTables, Primitives, Selection, Shard,
+    Source, Step, Table, TableChecksums, Tables, TileEntry, Totals, WholeTotals, checksum_text,
 };
 use alvis::verify::{Code, Issue, Report, Severity};
 use alvis::volume::{Dtype, Endian};
@@ -112,6 +112,16 @@ fn manifest() -> Manifest {
                 objects: "crc32:00000002".into(),
                 surfaces: "crc32:00000003".into(),
             }),
+            parquet: Some(ParquetTables {
+                cells: "cells.parquet".into(),
+                objects: "objects.parquet".into(),
+                surfaces: "surfaces.parquet".into(),
+                checksums: Some(TableChecksums {
+                    cells: "crc32:00000004".into(),
+                    objects: "crc32:00000005".into(),
+                    surfaces: "crc32:00000006".into(),
+                }),
+            }),
         },
         selection: Some(Selection {
             last: Step {
@@ -179,6 +189,7 @@ fn report() -> Report {
         ok: false,
         against: true,
         part: false,
+        unproved: vec!["which voxels a mask holds".to_owned()],
         tiles: 1,
         triangles: 2,
         cap_triangles: 0,

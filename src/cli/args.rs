@@ -75,6 +75,32 @@ pub enum IoArg {
     Read,
 }
 
+/// Kind of the tables' files, as typed.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
+pub enum TableFile {
+    /// Text, which other commands read: always there
+    Csv,
+    /// Typed columns, beside that
+    Parquet,
+}
+
+impl TableFile {
+    /// Whether Parquet is among those that are asked for.
+    ///
+    /// # Errors
+    /// [`Error::Usage`] if CSV is not.
+    pub fn parquet(kinds: &[Self]) -> Result<bool> {
+        match kinds.contains(&TableFile::Csv) {
+            true => Ok(kinds.contains(&TableFile::Parquet)),
+            false => Err(Error::usage(
+                "--tables",
+                "parquet",
+                "csv, or csv,parquet: other commands read the tables as CSV",
+            )),
+        }
+    }
+}
+
 /// What a file does not say of itself, or says wrongly. Flattened after a command's own options,
 /// since clap puts those that follow below the same heading.
 #[derive(Debug, Clone, Args)]

@@ -2,14 +2,16 @@
 
 use super::convert::{ConvertArgs, resuming};
 use super::progress::Console;
-use super::scans_table::{FILE, Facts, Row, Status, write};
+use super::scans_table::{FILE, Facts, Row, ScansTable, Status};
 use super::threshold::Threshold;
 use super::{Outcome, output, stop};
 use crate::convert;
 use crate::error::{Error, Result};
-use crate::manifest::MANIFEST;
+use crate::manifest::{MANIFEST, Manifest};
 use crate::sys::process_memory::peak_rss_bytes;
+use crate::tileset::Lock;
 use crate::volume::stem;
+use crate::words::one_line;
 use serde::Serialize;
 use std::collections::HashMap;
 use std::ffi::OsString;
@@ -17,11 +19,21 @@ use std::io::ErrorKind;
 use std::path::{Path, PathBuf};
 use std::time::Instant;
 
+/// The name of the file that says who writes to a directory.
+const LOCK: &str = ".scans.lock";
+
 /// A volume, and the name of its tile set.
 #[derive(Debug)]
 struct Scan {
     input: PathBuf,
     name: String,
+}
+
+impl Scan {
+    /// Its row before it is begun.
+    fn row(&self) -> Row {
+        Row::new(self.input.display().to_string(), &self.name)
+    }
 }
 
 /// What `--json` prints.
@@ -44,20 +56,39 @@ pub fn run(args: ConvertArgs, typed: &[OsString]) -> Result<Outcome> {
         .chain(&args.out)
         .chain(&args.more);
     let scans = named(inputs, &dir)?;
-    check(&args, &scans, &dir)?;
+    if dir.metadata().is_ok_and(|found| !found.is_dir()) {
+        let found = format!("{}, which is a file", dir.display());
+        let expected = "a directory, which is made if it is not there";
+        return Err(Error::usage("--out-dir", found, expected));
+    }
+    std::fs::create_dir_all(&dir).map_err(|e| Error::io(&dir, "create the directory", e))?;
+    let lock = BatchLock::take(&dir)?;
+    let mut table = ScansTable::open(&dir, args.force)?;
+    if !args.resume {
+        // refused before anything is read
+        for scan in &scans {
+            convert::check_unused(&dir.join(&scan.name), args.force)?;
+        }
+    }
     let console = args.common.start();
     stop::listen();
-    let mut rows: Vec<Row> = Vec::with_capacity(scans.len());
-    for (i, scan) in scans.iter().enumerate() {
-        let row = match stop::is_asked() {
-            true => Row::new(scan.input.display().to_string(), &scan.name),
-            false => convert_one(&args, scan, &dir, typed, &console),
-        };
-        tell(&row, [i + 1, scans.len()], &console);
-        rows.push(row);
+    let mut rows: Vec<Row> = scans.iter().map(Scan::row).collect();
+    table.drop_gone()?;
+    let mut kept = 0;
+    for row in &rows {
+        settle(&mut table, row, &dir)?;
     }
-    let table = dir.join(FILE);
-    write(&table, &rows)?;
+    table.write()?;
+    for (i, scan) in scans.iter().enumerate() {
+        if !stop::is_asked() {
+            rows[i] = convert_one(&args, scan, &dir, typed, &console);
+            let keeps = settle(&mut table, &rows[i], &dir)?;
+            kept += usize::from(keeps && rows[i].status == Status::Failed);
+            table.write()?;
+        }
+        tell(&rows[i], [i + 1, scans.len()], &console);
+    }
+    drop(lock);
     drop(console);
     let count = |status: Status| rows.iter().filter(|row| row.status == status).count();
     let (done, failed) = (count(Status::Done), count(Status::Failed));
@@ -66,26 +97,70 @@ pub fn run(args: ConvertArgs, typed: &[OsString]) -> Result<Outcome> {
             scans: &rows,
             done,
             failed,
-            table: table.display().to_string(),
+            table: table.path().display().to_string(),
             seconds: start.elapsed().as_secs_f64(),
             peak_rss_bytes: peak_rss_bytes(),
         })?;
     } else if args.common.talks() {
         let of = output::things(rows.len() as u64, "scan");
-        output::print(&format!("{done} of {of} done: {}\n", table.display()))?;
+        let path = table.path().display();
+        output::print(&format!("{done} of {of} done: {path}\n"))?;
     }
     match (done + failed == rows.len(), failed) {
         (true, 0) => Ok(Outcome::Done),
         (true, failed) => Err(Error::ScansFailed {
             failed,
+            kept,
             of: rows.len(),
-            table,
+            table: table.path().to_path_buf(),
         }),
         (false, _) => Err(Error::ScansStopped {
             done,
             of: rows.len(),
             next: format!("`{}` goes on", resuming(typed)),
         }),
+    }
+}
+
+/// Puts a row into the table, unless it is of a scan that was not converted and whose tile set from before is there and
+/// whole: then the table tells of that, and this returns true.
+///
+/// # Errors
+/// What reading that tile set returns.
+fn settle(table: &mut ScansTable, row: &Row, dir: &Path) -> Result<bool> {
+    let out = dir.join(&row.tile_set);
+    if row.status == Status::Done || Manifest::open(&out).is_err() {
+        table.put(row);
+        return Ok(false);
+    }
+    if !table.is_done(&row.tile_set) {
+        // how its threshold was found is not known
+        let facts = Facts::of(&out, String::new())?;
+        table.put(&Row::new(row.scan.clone(), &row.tile_set).done(facts));
+    }
+    Ok(true)
+}
+
+/// Held while scans are converted into a directory, so that two calls do not replace each other's table.
+struct BatchLock {
+    path: PathBuf,
+    _lock: Lock,
+}
+
+impl BatchLock {
+    /// # Errors
+    /// Those of [`Lock::take`].
+    fn take(dir: &Path) -> Result<Self> {
+        let path = dir.join(LOCK);
+        let _lock = Lock::take(&path, dir)?;
+        Ok(BatchLock { path, _lock })
+    }
+}
+
+impl Drop for BatchLock {
+    fn drop(&mut self) {
+        // whoever takes the lock from here on makes a file of its own; one that stays does no harm
+        let _ = std::fs::remove_file(&self.path);
     }
 }
 
@@ -108,7 +183,10 @@ fn named<'a>(inputs: impl Iterator<Item = &'a PathBuf>, dir: &Path) -> Result<Ve
                 "volumes: with it every name is that of a scan, and tile sets get theirs from them";
             return refuse("is a tile set".to_owned(), expected);
         }
-        if name.is_empty() || name.eq_ignore_ascii_case(FILE) {
+        let reserved = [FILE, LOCK]
+            .iter()
+            .any(|own| name.eq_ignore_ascii_case(own));
+        if name.is_empty() || reserved {
             let found = format!("would make the tile set {name:?}");
             return refuse(found, "a name for it: give the scan another one");
         }
@@ -121,26 +199,6 @@ fn named<'a>(inputs: impl Iterator<Item = &'a PathBuf>, dir: &Path) -> Result<Ve
         scans.push(Scan { input, name });
     }
     Ok(scans)
-}
-
-/// Makes the directory, and refuses to write where something is that is not to be replaced, before anything is read.
-fn check(args: &ConvertArgs, scans: &[Scan], dir: &Path) -> Result<()> {
-    std::fs::create_dir_all(dir).map_err(|e| Error::io(dir, "create the directory", e))?;
-    if args.resume {
-        return Ok(());
-    }
-    for scan in scans {
-        convert::check_unused(&dir.join(&scan.name), args.force)?;
-    }
-    let table = dir.join(FILE);
-    if table.symlink_metadata().is_err() {
-        return Ok(());
-    }
-    match args.force {
-        // it would be of others than the tile sets beside it if this ended early
-        true => std::fs::remove_file(&table).map_err(|e| Error::io(&table, "remove", e)),
-        false => Err(Error::FileExists { path: table }),
-    }
 }
 
 /// Converts one volume, and sums up what was made.
@@ -163,13 +221,9 @@ fn convert_one(
             },
         )
     });
-    let row = Row::new(scan.input.display().to_string(), &scan.name);
+    let row = scan.row();
     match facts {
-        Ok(facts) => Row {
-            status: Status::Done,
-            facts: Some(facts),
-            ..row
-        },
+        Ok(facts) => row.done(facts),
         Err(e) if is_stop(&e) => Row {
             status: Status::Stopped,
             error: Some(e.to_string()),
@@ -204,10 +258,12 @@ fn explained(error: &Error, input: &Path) -> String {
 
 /// Says in a line what became of a scan.
 fn tell(row: &Row, [number, of]: [usize; 2], console: &Console) {
-    let head = format!("scan {number} of {of}: {}", row.scan);
+    let head = format!("scan {number} of {of}: {}", one_line(&row.scan));
     match (row.status, &row.facts, &row.error) {
         (Status::Done, Some(facts), _) => console.note(&format!("{head}: {}", facts.line())),
-        (Status::Failed, _, Some(error)) => console.tell(&format!("{head}: failed: {error}")),
+        (Status::Failed, _, Some(error)) => {
+            console.tell(&format!("{head}: failed: {}", one_line(error)));
+        }
         _ => console.note(&format!("{head}: {}", row.status.name())),
     }
 }

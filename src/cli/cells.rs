@@ -9,7 +9,7 @@ use crate::manifest::Manifest;
 use crate::progress::Progress;
 use crate::table::{
     Chosen, Column, Outside, PorosityOf, Query, Row, Spread, Summary, Table, TableReader,
-    find_column, summarise,
+    find_column, summarise, warn_of_outside,
 };
 use crate::words::measure;
 use clap::{Args, ValueEnum, ValueHint};
@@ -128,9 +128,9 @@ pub struct CellsArgs {
     format: Option<FormatArg>,
     /// Sum the rows up: porosity, distribution of diameters, sphericity
     ///
-    /// Rows at the border of the grid are cut by it and smaller than they are: they count in the numbers of rows and
+    /// Rows at the border of the grid, or of the region of interest, are cut by it and smaller than they are: they count in the numbers of rows and
     /// in porosity, but in no distribution.
-    #[arg(long, conflicts_with_all = ["sort", "top", "columns", "surfaces"])]
+    #[arg(long, conflicts_with_all = ["sort", "top", "columns"])]
     summary: bool,
     /// Which cells are air around the sample, not pores: left out of porosity and of the rows
     ///
@@ -151,6 +151,10 @@ impl CellsArgs {
             let expected = "it together with --summary";
             return Err(Error::usage("--outside", "it alone", expected));
         }
+        if self.surfaces && self.summary {
+            let expected = "it for cells, or with --objects: surfaces have no volume to sum up";
+            return Err(Error::usage("--summary", "it with --surfaces", expected));
+        }
         if self.outside == Some(OutsideArg::BorderCell) && self.largest.is_some() {
             let expected = "one of the two: the largest cell may be what is outside";
             return Err(Error::usage("--largest", "it with --outside", expected));
@@ -170,6 +174,9 @@ impl CellsArgs {
             return Ok(Outcome::Done);
         }
         let shown = self.shown(&columns, format)?;
+        if let Some(warning) = self.outside(which, &manifest)? {
+            self.common.start().warn(&warning);
+        }
         match format {
             FormatArg::Table => {
                 let rows = self.top.unwrap_or(ROWS);
@@ -185,13 +192,25 @@ impl CellsArgs {
         Ok(Outcome::Done)
     }
 
-    /// Which rows, and in which order.
-    fn query(&self, which: Table, table: &TableReader) -> Result<Query> {
-        let chosen = Chosen {
+    fn chosen(&self, which: Table) -> Chosen {
+        Chosen {
             table: which,
             condition: self.condition.clone(),
             largest: self.largest,
-        };
+        }
+    }
+
+    /// What the user should know of the largest rows, if these are asked for.
+    fn outside(&self, which: Table, manifest: &Manifest) -> Result<Option<String>> {
+        match self.largest {
+            Some(_) => warn_of_outside(&self.out, manifest, &self.chosen(which), false),
+            None => Ok(None),
+        }
+    }
+
+    /// Which rows, and in which order.
+    fn query(&self, which: Table, table: &TableReader) -> Result<Query> {
+        let chosen = self.chosen(which);
         let (key, falls) = match (&self.sort, self.largest) {
             (None, Some(_)) => (Some(which.size()), true),
             (key, _) => (key.as_deref(), self.descending),
@@ -379,7 +398,14 @@ fn outside_text(summary: &Summary) -> String {
 
 /// The numbers of a summary that are no distribution.
 fn counts(summary: &Summary, which: Table) -> Vec<(&'static str, String)> {
-    let percent = |share: f64| format!("{:.2} %", 100.0 * share);
+    let percent = |share: f64| match share > 0.0 && share < 5e-5 {
+        true => crate::words::percent(share),
+        false => format!("{:.2} %", 100.0 * share),
+    };
+    let cut_by = match summary.porosity_of {
+        PorosityOf::Region => "the grid or the edge of the region cuts",
+        _ => "the grid cuts",
+    };
     let of_base = |share: Option<f64>, base: &str| match share {
         Some(share) => format!("{} of {base}", percent(share)),
         None if summary.porosity.is_some() => {
@@ -405,7 +431,7 @@ fn counts(summary: &Summary, which: Table) -> Vec<(&'static str, String)> {
         (
             "at the border",
             format!(
-                "{}{}, in no distribution: the grid cuts them",
+                "{}{}, in no distribution: {cut_by} them",
                 output::count(summary.border.count),
                 summary
                     .border

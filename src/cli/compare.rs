@@ -36,7 +36,8 @@ enum FormatArg {
 /// Match the cells of two tile sets of one body, as before and after compression
 ///
 /// Cells are matched by the overlap of their boxes, a tenth at least, and the distance of their centroids, each to one
-/// at most. Cells of A that B has not are lost, those of B that A has not are new. Lengths are in the unit of A's tables.
+/// at most. Cells of A that B has not are lost, those of B that A has not are new. Lengths, also in conditions, are in the
+/// unit of A's tables. Cells at the border may be cut, or be the air around the sample: they are told apart.
 #[derive(Debug, Args)]
 #[command(after_help = "Examples:\n  \
     alvis compare BEFORE AFTER\n  \
@@ -138,6 +139,16 @@ fn or_none(value: Option<f64>, text: fn(f64) -> String) -> String {
     value.map_or("-".to_owned(), text)
 }
 
+/// Volumes of both, and their change.
+fn volumes(volume: &Change, unit: &str) -> String {
+    format!(
+        "{} to {} {unit}^3, {}",
+        or_none(volume.a, measure),
+        or_none(volume.b, measure),
+        or_none(volume.change, percent)
+    )
+}
+
 /// The numbers of cells and their volume.
 fn sums(comparison: &Comparison) -> String {
     let count = output::count;
@@ -151,18 +162,19 @@ fn sums(comparison: &Comparison) -> String {
                 count(comparison.cells[1])
             ),
         ),
+        (
+            "at the border",
+            format!(
+                "{} in A, {} in B",
+                count(comparison.cells_border[0]),
+                count(comparison.cells_border[1])
+            ),
+        ),
         ("matched", count(comparison.matched)),
         ("lost", format!("{} of A", count(comparison.lost))),
         ("new", format!("{} of B", count(comparison.new))),
-        (
-            "volume of all",
-            format!(
-                "{} to {} {unit}^3, {}",
-                or_none(comparison.volume.a, measure),
-                or_none(comparison.volume.b, measure),
-                or_none(comparison.volume.change, percent)
-            ),
-        ),
+        ("volume of all", volumes(&comparison.volume, unit)),
+        ("volume of whole", volumes(&comparison.volume_whole, unit)),
         (
             "change of volume",
             format!(

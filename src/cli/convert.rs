@@ -1,6 +1,6 @@
 //! `alvis convert`: a volume to a tile set.
 
-use super::args::{Common, InputOptions, input_help, open_stamped};
+use super::args::{Common, InputOptions, TableFile, input_help, open_stamped};
 use super::form::FormArgs;
 use super::info;
 use super::lod;
@@ -15,7 +15,9 @@ use crate::error::{Error, Result};
 use crate::grid::{Ambiguous, Origin, Unit};
 use crate::lod::{LodOptions, LodReport};
 use crate::manifest::Form;
+use crate::progress::Progress;
 use crate::volume::{Opened, Stamp};
+use crate::words::exact;
 use clap::{Args, ValueEnum, ValueHint};
 use serde::Serialize;
 use std::ffi::OsString;
@@ -69,7 +71,8 @@ pub struct ConvertArgs {
     /// Convert all the volumes, each to a tile set of its own in this directory, with a table of them, scans.csv
     ///
     /// A tile set gets the name of its file without the endings. All options hold for all volumes. If one cannot be
-    /// converted, the others are, the table says why, and the exit status is 2. With --resume those that are done stay.
+    /// converted, the others are, the table says why, and the exit status is 2. With --resume those that are done stay;
+    /// one that was made with other options is refused. Rows of other tile sets in the directory stay in the table.
     #[arg(long, value_name = "DIR", value_hint = ValueHint::DirPath)]
     pub out_dir: Option<PathBuf>,
     /// A voxel is above (metal) if its value is at least this; or how to find it from the histogram
@@ -103,6 +106,14 @@ pub struct ConvertArgs {
     /// Unit of lengths in tables and in the measures that tiles carry: m, cm, mm, um or nm [default: the volume's]
     #[arg(long, value_name = "UNIT", value_parser = parse::length_unit)]
     table_unit: Option<Unit>,
+    /// Kinds of the tables' files: csv, or csv,parquet
+    #[arg(
+        long,
+        value_name = "KINDS",
+        value_delimiter = ',',
+        default_value = "csv"
+    )]
+    tables: Vec<TableFile>,
     /// Replace a tile set that is in the directory
     #[arg(long)]
     pub force: bool,
@@ -195,6 +206,7 @@ impl ConvertArgs {
             encoding: form.encoding,
             layout: form.layout,
             table_unit: self.table_unit,
+            parquet: TableFile::parquet(&self.tables)?,
             force: self.force,
             resume: self.resume,
             input: stamp,
@@ -230,7 +242,12 @@ impl ConvertArgs {
             // these read the volume: not for a conversion that is refused then
             convert::check_before(volume, &options, out)?;
         }
-        let roi = self.options.region.find(volume, console)?;
+        let region = &self.options.region;
+        let roi = region.find(volume, options.crop.as_ref(), console)?;
+        let doubts = roi
+            .as_ref()
+            .map_or(Vec::new(), |roi| roi.warnings().to_vec());
+        doubts.iter().for_each(|warning| console.warn(warning));
         let inside = roi.as_ref().map(|roi| &roi.voxels);
         options.threshold = self.threshold.find(volume, inside, input, console)?;
         let found = roi.as_ref().map(Roi::text);
@@ -253,7 +270,7 @@ impl ConvertArgs {
                     console.note("no layer was done yet, so nothing is kept");
                 }
             })?;
-        report.warnings = [opened.warnings, report.warnings].concat();
+        report.warnings = [opened.warnings, doubts, report.warnings].concat();
         Ok(report)
     }
 }
@@ -268,6 +285,7 @@ fn resumable(error: Error, out: &Path, typed: &[OsString]) -> Error {
             | Error::OutputForeign { .. }
             | Error::OutputInterrupted { .. }
             | Error::OtherConversion { .. }
+            | Error::OtherTileSet { .. }
     );
     let when = match error {
         Error::Interrupted => "",
@@ -318,7 +336,7 @@ fn understood(
             ),
         ),
         ("spacing", info::spacing_text(&header.placement, opened)),
-        ("threshold", format!("{}{how}", options.threshold)),
+        ("threshold", format!("{}{how}", exact(options.threshold))),
     ];
     if let Some(unit) = options.table_unit {
         rows.push(("tables", format!("lengths in {unit}")));

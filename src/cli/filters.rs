@@ -41,8 +41,18 @@ impl FilterArg {
         let voxels = |a: usize| rounded(of_voxels.spacing[a] / place.spacing[a]);
         let sigma = Sigma(std::array::from_fn(voxels));
         let filter = Filter::Smooth { sigma };
-        filter.check()?;
-        Ok(filter)
+        match filter.check() {
+            Err(Error::Usage {
+                option,
+                found,
+                expected,
+                ..
+            }) => {
+                let found = format!("{length}{unit}, which is {found} voxels");
+                Err(Error::usage(option, found, expected))
+            }
+            checked => checked.map(|()| filter),
+        }
     }
 
     fn name(&self) -> &'static str {
@@ -116,7 +126,12 @@ impl FilterOption {
             more => arg.long_help(format!("{}\n\n{more}", self.help)),
         };
         match self.value {
-            "" => arg.action(ArgAction::SetTrue),
+            // each time counts, as of the others
+            "" => arg
+                .action(ArgAction::Append)
+                .num_args(0)
+                .default_missing_value(self.name)
+                .value_parser(|name: &str| name.parse().map(FilterArg::Known)),
             value => arg
                 .value_name(value)
                 .action(ArgAction::Append)
@@ -127,12 +142,6 @@ impl FilterOption {
 
     /// Filters that it adds, each with its place on the command line.
     fn typed(&self, matches: &ArgMatches) -> Vec<(usize, FilterArg)> {
-        if self.value.is_empty() {
-            let place = matches.index_of(self.name);
-            let place = place.filter(|_| matches.get_flag(self.name));
-            let filter = self.name.parse().map(FilterArg::Known);
-            return place.into_iter().zip(filter).collect();
-        }
         let places = matches.indices_of(self.name).into_iter().flatten();
         let filters = matches.get_many(self.name).into_iter().flatten();
         places.zip(filters.copied()).collect()

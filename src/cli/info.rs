@@ -2,21 +2,22 @@
 
 use super::args::{Common, InputOptions, input_help, open_stamped};
 use super::convert::from;
+use super::info_report::{Counted, report};
+use super::parse::{self, CropArg};
 use super::region::Roi;
 use super::threshold::{self, TAKES, Threshold, threshold};
 use super::{Outcome, chart, info_tiles, output};
 use crate::convert::{ConvertOptions, predicted_memory};
 use crate::error::{Error, Result};
-use crate::grid::{Dims, Fill, Filter, Placement, Shape, Unit, filters_text};
+use crate::grid::{Crop, Fill, Placement, filters_text};
 use crate::progress::Progress;
 use crate::volume::{
-    Dtype, Endian, Filled, Header, Opened, Prediction, Statistics, ThresholdMethod, Volume, Watch,
+    Cropped, Filled, Header, Opened, Prediction, Statistics, ThresholdMethod, Volume, Watch,
     Watched, predict, statistics,
 };
-use crate::words::number;
+use crate::words::{number, percent};
 use clap::{Args, ValueHint};
 use serde::Serialize;
-use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 
 /// Slices that a prediction reads at most.
@@ -40,74 +41,26 @@ pub struct InfoArgs {
     /// Predict for this threshold instead of Otsu's: a value, or otsu, peaks, li, triangle, porosity=P%
     #[arg(long, value_name = TAKES, allow_hyphen_values = true, value_parser = threshold)]
     threshold: Option<Threshold>,
+    /// Predict for this box of voxels only, as `alvis convert --crop` makes it; --roi cylinder is looked for in its slices.
+    /// Histogram and thresholds are of the whole volume, as they are there
+    #[arg(long, value_name = "X0:X1,Y0:Y1,Z0:Z1", value_parser = parse::crop)]
+    crop: Option<CropArg>,
     #[command(flatten)]
     options: InputOptions,
     #[command(flatten)]
     common: Common,
 }
 
-/// What `--json` prints.
-#[derive(Debug, Serialize)]
-struct Report {
-    format: &'static str,
-    name: String,
-    dims: Dims,
-    dtype: Dtype,
-    endian: Endian,
-    spacing: [f64; 3],
-    unit: Unit,
-    origin: [f64; 3],
-    directions: [[f64; 3]; 3],
-    provenance: crate::grid::Provenance,
-    values: Option<String>,
-    filters: Vec<Filter>,
-    #[serde(skip_serializing_if = "Option::is_none")]
-    region: Option<Counted>,
-    notes: Vec<String>,
-    warnings: Vec<String>,
-    min: Option<f64>,
-    max: Option<f64>,
-    nan: u64,
-    infinite: u64,
-    otsu_threshold: Option<f64>,
-    thresholds: BTreeMap<String, Option<Candidate>>,
-    peaks: Option<[f64; 2]>,
-    histogram: Vec<u64>,
-    predicted: Option<Predicted>,
-}
-
-/// A region of interest, and how much of the volume is inside.
-#[derive(Debug, Serialize)]
-struct Counted {
-    #[serde(flatten)]
-    shape: Shape,
-    fill: Fill,
-    voxels: u64,
-    /// 0 to 1.
-    share: f64,
-}
-
-impl Counted {
-    fn of(roi: &Roi) -> Self {
-        Counted {
-            shape: roi.shape.clone(),
-            fill: roi.fill,
-            voxels: roi.count,
-            share: roi.share(),
-        }
-    }
-}
-
 /// A threshold that a method finds.
 #[derive(Debug, Clone, Copy, Serialize)]
-struct Candidate {
+pub(super) struct Candidate {
     threshold: f64,
     /// 0 to 1.
     share_above: f64,
 }
 
 /// What methods find, in the order of the help; `None` of those that find nothing. `asked` is one more.
-fn candidates(
+pub(super) fn candidates(
     found: &Statistics,
     asked: Option<Threshold>,
 ) -> Vec<(ThresholdMethod, Option<Candidate>)> {
@@ -125,13 +78,22 @@ fn candidates(
         .collect()
 }
 
+/// What of the volume counts.
+pub(super) struct Part<R> {
+    pub crop: Option<Crop>,
+    pub region: Option<R>,
+}
+
 /// The surface to expect; absent if there is no threshold to predict for.
 #[derive(Debug, Clone, Copy, Serialize)]
-struct Predicted {
+pub(super) struct Predicted {
     threshold: f64,
     vertices: u64,
     triangles: u64,
     voxels_above: u64,
+    /// Those that count.
+    #[serde(skip)]
+    voxels: u64,
     bytes: u64,
     memory_bytes: u64,
     sampled: bool,
@@ -141,9 +103,13 @@ impl InfoArgs {
     pub fn run(self) -> Result<Outcome> {
         if info_tiles::is_tile_set(&self.input) {
             self.options.refuse_without_volume("a volume")?;
-            if self.threshold.is_some() {
+            let given = [
+                ("--threshold", self.threshold.is_some()),
+                ("--crop", self.crop.is_some()),
+            ];
+            if let Some((option, _)) = given.into_iter().find(|(_, given)| *given) {
                 let expected = "it together with a volume";
-                return Err(Error::usage("--threshold", "it without a volume", expected));
+                return Err(Error::usage(option, "it without a volume", expected));
             }
             info_tiles::print(&self.input, self.common.json)?;
             return Ok(Outcome::Done);
@@ -154,12 +120,18 @@ impl InfoArgs {
         opened.doubt_size()?;
         let mut opened = self.options.filters.apply(opened)?;
         let watch = Watch::new(opened.volume.header(), opened.scaled);
-        let roi = self.options.region.find(&*opened.volume, &console)?;
+        let dims = opened.volume.header().dims;
+        let crop = self.crop.as_ref().map(|c| c.resolve(dims)).transpose()?;
+        let region = &self.options.region;
+        let roi = region.find(&*opened.volume, crop.as_ref(), &console)?;
+        let doubts = roi.as_ref().map_or(&[][..], Roi::warnings);
+        opened.warnings.extend_from_slice(doubts);
         let inside = roi.as_ref().map(|roi| &roi.voxels);
         let watched = Watched::new(Box::new(&*opened.volume), &watch);
         let found = statistics(&watched, inside, &console)?;
         opened.warnings.extend(watch.kind().map(|k| k.warning()));
         opened.warnings.extend(found.coarse());
+        opened.warnings.extend(found.clipped());
         let volume = &*opened.volume;
         let threshold = match self.threshold {
             Some(Threshold::Value(t)) => Some(t),
@@ -173,7 +145,7 @@ impl InfoArgs {
             None => found.otsu,
         };
         let predicted = match threshold {
-            Some(t) => Some(self.predict(volume, roi.as_ref(), t, &console)?),
+            Some(t) => Some(self.predict(volume, roi.as_ref(), crop.as_ref(), t, &console)?),
             None => None,
         };
         if let Some(warning) = stamp.check()? {
@@ -181,49 +153,60 @@ impl InfoArgs {
         }
         drop(console);
         if self.common.json {
-            let region = roi.as_ref().map(Counted::of);
-            let report = report(&opened, found, self.threshold, predicted, region);
+            let part = Part {
+                crop,
+                region: roi.as_ref().map(Counted::of),
+            };
+            let report = report(&opened, found, self.threshold, predicted, part);
             output::print_json(&report)?;
         } else {
-            let region = roi.as_ref().map(Roi::text);
-            output::print(&text(&opened, &found, self.threshold, predicted, region))?;
+            let part = Part {
+                crop,
+                region: roi.as_ref().map(Roi::text),
+            };
+            output::print(&text(&opened, &found, self.threshold, predicted, part))?;
         }
         Ok(Outcome::Done)
     }
 }
 
 impl InfoArgs {
-    /// The surface to expect at a threshold, of a region of the volume only there.
+    /// The surface to expect at a threshold, of a part of the volume and of a region only there.
     fn predict(
         &self,
         volume: &dyn Volume,
         roi: Option<&Roi>,
+        crop: Option<&Crop>,
         threshold: f64,
         progress: &dyn Progress,
     ) -> Result<Predicted> {
         let mut options = ConvertOptions {
             memory: UNLIMITED,
             threads: self.common.threads.map_or(0, usize::from),
+            crop: crop.cloned(),
             ..ConvertOptions::default()
         };
         let Some(roi) = roi else {
-            let surface = predict(volume, threshold, SLICES, progress)?;
+            let part = Cropped::part(Box::new(volume), crop)?;
+            let surface = predict(&*part, threshold, SLICES, progress)?;
             let memory = predicted_memory(volume, &options)?;
-            return Ok(Predicted::new(threshold, surface, memory));
+            let voxels = part.header().dims.voxels();
+            return Ok(Predicted::new(threshold, surface, voxels, memory));
         };
         let region = roi
             .clone()
-            .at_threshold(volume, threshold, None, progress)?;
-        let (stated, voxels) = (region.stated.clone(), region.voxels.clone());
-        let filled = Filled::new(Box::new(volume), voxels, stated.fill_value)?;
-        let mut surface = predict(&filled, threshold, SLICES, progress)?;
+            .at_threshold(volume, threshold, crop, progress)?;
+        let stated = region.stated.clone();
+        let filled = Filled::new(Box::new(volume), roi.voxels.clone(), stated.fill_value)?;
+        let part = Cropped::part(Box::new(filled), crop)?;
+        let mut surface = predict(&*part, threshold, SLICES, progress)?;
         if stated.fill == Fill::Material {
-            let outside = stated.outside(volume.header().dims);
+            let outside = stated.outside(part.header().dims);
             surface.voxels_above = surface.voxels_above.saturating_sub(outside);
         }
         options.region = Some(region);
         let memory = predicted_memory(volume, &options)?;
-        Ok(Predicted::new(threshold, surface, memory))
+        Ok(Predicted::new(threshold, surface, stated.voxels, memory))
     }
 }
 
@@ -234,58 +217,17 @@ fn tile_bytes(prediction: &Prediction) -> u64 {
 }
 
 impl Predicted {
-    fn new(threshold: f64, surface: Prediction, memory_bytes: u64) -> Self {
+    fn new(threshold: f64, surface: Prediction, voxels: u64, memory_bytes: u64) -> Self {
         Predicted {
             threshold,
             vertices: surface.vertices,
             triangles: surface.triangles,
             voxels_above: surface.voxels_above,
+            voxels,
             bytes: tile_bytes(&surface),
             memory_bytes,
             sampled: surface.sampled,
         }
-    }
-}
-
-fn report(
-    opened: &Opened,
-    found: Statistics,
-    asked: Option<Threshold>,
-    predicted: Option<Predicted>,
-    region: Option<Counted>,
-) -> Report {
-    let header = opened.volume.header();
-    Report {
-        format: header.format,
-        name: opened.name.clone(),
-        dims: header.dims,
-        dtype: header.dtype,
-        endian: header.endian,
-        spacing: header.placement.spacing,
-        unit: header.placement.unit,
-        origin: header.placement.origin,
-        directions: header.placement.directions,
-        provenance: opened.provenance,
-        values: opened.values.clone(),
-        filters: opened
-            .filtered
-            .as_ref()
-            .map_or_else(Vec::new, |f| f.filters.clone()),
-        region,
-        notes: opened.notes.clone(),
-        warnings: opened.warnings.clone(),
-        min: found.range.map(|r| r[0]),
-        max: found.range.map(|r| r[1]),
-        nan: found.nan,
-        infinite: found.negative_infinite + found.positive_infinite,
-        otsu_threshold: found.otsu,
-        thresholds: candidates(&found, asked)
-            .into_iter()
-            .map(|(method, found)| (method.to_string(), found))
-            .collect(),
-        peaks: found.peaks(),
-        histogram: found.histogram,
-        predicted,
     }
 }
 
@@ -341,7 +283,7 @@ fn text(
     found: &Statistics,
     asked: Option<Threshold>,
     predicted: Option<Predicted>,
-    region: Option<String>,
+    part: Part<String>,
 ) -> String {
     let header = opened.volume.header();
     let place = &header.placement;
@@ -367,7 +309,8 @@ fn text(
         rows.push(("axes", place.directions.map(axis).join(" ")));
     }
     rows.extend(remarks(opened));
-    rows.extend(region.map(|text| ("region", text)));
+    rows.extend(part.crop.map(|crop| ("crop", crop.to_string())));
+    rows.extend(part.region.map(|text| ("region", text)));
     if let Some([min, max]) = found.range {
         rows.push(("range", format!("{} to {}", number(min, 6), number(max, 6))));
     }
@@ -386,13 +329,13 @@ fn text(
     let width = output::width();
     let histogram = match (found.range, found.columns(chart::columns(width))) {
         (Some(_), Some((bars, edges))) => {
-            let marks = marks(found, predicted, asked, &candidates, edges);
+            let marks = marks(predicted, asked, &candidates, edges);
             let bars = chart::draw(&bars, edges, &marks, width);
             format!("histogram, voxels on a log scale\n{bars}")
         }
         _ => String::new(),
     };
-    let surface = predicted.map_or_else(String::new, |p| expected(found, p));
+    let surface = predicted.map_or_else(String::new, expected);
     output::table(&rows) + &histogram + &surface
 }
 
@@ -420,7 +363,6 @@ fn how(asked: Option<Threshold>) -> String {
 
 /// The threshold on the histogram's axis, and those that other methods find, each with the share of voxels above.
 fn marks(
-    found: &Statistics,
     predicted: Option<Predicted>,
     asked: Option<Threshold>,
     candidates: &[(ThresholdMethod, Option<Candidate>)],
@@ -430,10 +372,10 @@ fn marks(
         sign: '▲',
         share: chart::place(edges, p.threshold),
         text: format!(
-            "threshold {}{}, {:.1} % above",
+            "threshold {}{}, {} above",
             number(p.threshold, 6),
             how(asked),
-            share_above(found, p)
+            share_above(p)
         ),
     });
     let others = candidates
@@ -446,22 +388,22 @@ fn marks(
             sign: name.chars().next()?,
             share: chart::place(edges, found.threshold),
             text: format!(
-                "{name}: {}, {:.1} % above",
+                "{name}: {}, {} above",
                 number(found.threshold, 6),
-                100.0 * found.share_above
+                percent(found.share_above)
             ),
         })
     });
     main.into_iter().chain(others).collect()
 }
 
-/// Percent of the voxels that count.
-fn share_above(found: &Statistics, p: Predicted) -> f64 {
-    100.0 * p.voxels_above as f64 / found.voxels as f64
+/// The share of the voxels that count, for people.
+fn share_above(p: Predicted) -> String {
+    percent(p.voxels_above as f64 / p.voxels as f64)
 }
 
-fn expected(found: &Statistics, p: Predicted) -> String {
-    let share = share_above(found, p);
+fn expected(p: Predicted) -> String {
+    let share = share_above(p);
     let basis = if p.sampled {
         " (from a sample of the slices)"
     } else {
@@ -469,7 +411,7 @@ fn expected(found: &Statistics, p: Predicted) -> String {
     };
     format!("at threshold {}{basis}\n", number(p.threshold, 6))
         + &output::table(&[
-            ("  above", format!("{share:.1} % of the voxels")),
+            ("  above", format!("{share} of the voxels")),
             (
                 "  triangles",
                 format!("about {}", output::count(p.triangles)),

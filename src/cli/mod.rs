@@ -17,6 +17,7 @@ mod filters;
 mod form;
 mod generate;
 mod info;
+mod info_report;
 mod info_tiles;
 mod lod;
 mod output;

@@ -2,6 +2,7 @@
 
 use super::args::{Common, InputOptions, open_stamped};
 use super::chosen::ChosenArgs;
+use super::region::Roi;
 use super::threshold::{self, TAKES, Threshold, threshold};
 use super::{Outcome, output};
 use crate::error::{Error, Result};
@@ -129,7 +130,12 @@ impl PreviewArgs {
         let (volume, asked) = (&*opened.volume, &self.options.region);
         let region = match &manifest {
             Some(manifest) => asked.find_as(manifest, volume, "--tiles", &console)?,
-            None => asked.find(volume, &console)?.map(|roi| roi.voxels),
+            None => {
+                let roi = asked.find(volume, None, &console)?;
+                let warnings = roi.as_ref().map_or(&[][..], Roi::warnings);
+                warnings.iter().for_each(|w| console.warn(w));
+                roi.map(|roi| roi.voxels)
+            }
         };
         let inside = region.as_ref();
         let thresholds = threshold::all(&self.threshold, volume, inside, &self.input, &console)?;

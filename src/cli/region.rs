@@ -8,10 +8,12 @@ use crate::grid::{
 use crate::manifest::Manifest;
 use crate::progress::Progress;
 use crate::volume::{
-    self, Header, Headerless, OpenOptions, Opened, RegionVoxels, Volume, file_name, fill_value,
-    find_cylinder,
+    self, FoundCylinder, Header, Headerless, OpenOptions, Opened, RegionVoxels, Volume, file_name,
+    fill_value, find_cylinder,
 };
+use crate::words::percent;
 use clap::{Args, ValueEnum};
+use std::ops::Range;
 use std::path::{Path, PathBuf};
 
 /// A region, as typed.
@@ -42,8 +44,8 @@ pub struct RegionArgs {
     /// `cylinder:CX,CY,R` along z, or `mask:FILE`
     ///
     /// A cylinder goes through all slices; its axis and radius are in voxels, and a voxel is inside if its middle is. The
-    /// one that is found ends inside of the rim of the sample, by a voxel or less; it is looked for in the whole volume,
-    /// also with --crop. A mask is any volume of the same size and place that
+    /// one that is found ends inside of the rim of the sample, by a voxel or less unless that is tilted; it is looked for in
+    /// whole slices, with --crop in those of the crop. A mask is any volume of the same size and place that
     /// alvis reads (raw: of type u8); voxels that are not 0 are inside. Histogram, thresholds and porosity are of what is
     /// inside, cells that the edge of the region cuts are border cells. Which voxels of a mask are inside is kept in a
     /// temporary file, an eighth of a byte for each.
@@ -88,8 +90,8 @@ pub struct Roi {
     pub fill: Fill,
     /// How many they are.
     pub count: u64,
-    /// It was found in the scan.
-    pub found: bool,
+    /// What is known of it if it was found in the scan.
+    pub found: Option<FoundCylinder>,
 }
 
 impl RegionArgs {
@@ -121,20 +123,31 @@ impl RegionArgs {
         }
     }
 
-    /// The region of a volume; `None` if all of it counts.
+    /// The region of a volume, of which `crop` is what counts at all; `None` if all of it counts.
     ///
     /// # Errors
     /// Those of [`find_cylinder`] and [`RegionVoxels::of_mask`], and of opening the mask.
-    pub fn find(&self, volume: &dyn Volume, progress: &dyn Progress) -> Result<Option<Roi>> {
+    pub fn find(
+        &self,
+        volume: &dyn Volume,
+        crop: Option<&Crop>,
+        progress: &dyn Progress,
+    ) -> Result<Option<Roi>> {
         self.check()?;
         let header = volume.header();
         let dims = header.dims;
         let Some(asked) = &self.roi else {
             return Ok(None);
         };
+        let mut found = None;
         let (shape, voxels) = match asked {
             RegionArg::Mask(path) => read_mask(path, header, progress)?,
-            RegionArg::Found => of_cylinder(find_cylinder(volume, progress)?, dims)?,
+            RegionArg::Found => {
+                let cylinder = find_cylinder(volume, slices(dims, crop), progress)?;
+                let of = of_cylinder(cylinder.cylinder, dims)?;
+                found = Some(cylinder);
+                of
+            }
             RegionArg::Cylinder(cylinder) => of_cylinder(*cylinder, dims)?,
         };
         Ok(Some(Roi {
@@ -142,7 +155,7 @@ impl RegionArgs {
             count: voxels.count()?,
             voxels,
             fill: self.fill(),
-            found: *asked == RegionArg::Found,
+            found,
         }))
     }
 
@@ -185,6 +198,13 @@ impl RegionArgs {
                 if let Some(RegionArg::Mask(path)) = asked {
                     return Err(other(format!("mask:{}", path.display())));
                 }
+                if *asked == Some(RegionArg::Found) {
+                    let range = slices(dims, manifest.source.crop.as_ref());
+                    let found = find_cylinder(volume, range, progress)?.cylinder;
+                    if found != *cylinder {
+                        return Err(other(format!("{found}, which the scan shows")));
+                    }
+                }
                 RegionVoxels::cylinder(cylinder, dims).map(Some)
             }
             (Some(Shape::Mask { checksum, .. }), Some(RegionArg::Mask(path))) => {
@@ -209,6 +229,14 @@ impl RegionArgs {
             })),
         }
     }
+}
+
+/// The slices in which a cylinder is looked for.
+fn slices(dims: Dims, crop: Option<&Crop>) -> Range<u32> {
+    let all = 0..dims.0[2];
+    crop.map_or(all.clone(), |crop| {
+        crop.z.start.min(all.end - 1)..crop.z.end.min(all.end)
+    })
 }
 
 fn of_cylinder(cylinder: Cylinder, dims: Dims) -> Result<(Shape, RegionVoxels)> {
@@ -261,6 +289,34 @@ fn same_place(path: &Path, mask: &Opened, volume: &Placement) -> Result<()> {
         .with_hint("a mask without a place, as .npy or raw, is taken voxel by voxel"))
 }
 
+/// An error of a mask that cannot be opened, with what is special about masks: nothing is said of their type.
+fn of_mask(error: Error, path: &Path, dims: Dims) -> Error {
+    let name = file_name(path).to_lowercase();
+    let packed = name.strip_suffix(".gz").is_some_and(|inner| {
+        let headed = [".nrrd", ".mhd", ".mha", ".tif", ".tiff", ".npy", ".vti"];
+        headed.iter().any(|ending| inner.ends_with(ending))
+    });
+    if packed && matches!(error, Error::Format { .. }) {
+        let expected = "a mask that is not packed as a whole, or .nii.gz";
+        let found = format!("the mask {}, packed by gzip", path.display());
+        return Error::usage("--roi", found, expected).with_hint("unpack it first, by gunzip");
+    }
+    let bytes = path.metadata().map_or(0, |found| found.len());
+    let each = bytes / dims.voxels();
+    match error {
+        Error::Format { .. } if [2, 4, 8].contains(&each) && bytes == each * dims.voxels() => {
+            let found = format!(
+                "the mask {} with {each} bytes for each voxel",
+                path.display()
+            );
+            let expected = "one byte for each where a mask is raw (u8)";
+            let hint = "give one of another type a header, as .mhd or .nrrd";
+            Error::usage("--roi", found, expected).with_hint(hint)
+        }
+        error => error,
+    }
+}
+
 /// Opens and reads a mask for a volume of this size.
 fn read_mask(
     path: &Path,
@@ -277,7 +333,7 @@ fn read_mask(
         }),
         ..OpenOptions::default()
     };
-    let opened = volume::open(path, &options)?;
+    let opened = volume::open(path, &options).map_err(|e| of_mask(e, path, dims))?;
     if dims == opened.volume.header().dims {
         same_place(path, &opened, &header.placement)?;
     }
@@ -309,9 +365,14 @@ impl Roi {
         self.count as f64 / self.voxels.dims().voxels() as f64
     }
 
+    /// What the user should know of it.
+    pub fn warnings(&self) -> &[String] {
+        self.found.as_ref().map_or(&[], |found| &found.warnings)
+    }
+
     /// What it is, for people.
     pub fn text(&self) -> String {
-        let how = if self.found { " (found)" } else { "" };
+        let how = if self.found.is_some() { " (found)" } else { "" };
         text(&self.shape, how, self.share(), self.fill)
     }
 }
@@ -325,8 +386,10 @@ fn text(shape: &Shape, how: &str, share: f64, fill: Fill) -> String {
         }) => format!("cylinder along z, axis at x {x}, y {y}, radius {radius} voxels"),
         Shape::Mask { file, .. } => format!("mask {file}"),
     };
-    let percent = 100.0 * share;
-    format!("{shape}{how}; {percent:.1} % of the voxels, {fill} outside")
+    format!(
+        "{shape}{how}; {} of the voxels, {fill} outside",
+        percent(share)
+    )
 }
 
 /// The region of a tile set of a grid of this size, for people.

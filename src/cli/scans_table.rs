@@ -2,17 +2,26 @@
 
 use crate::error::{Error, Result};
 use crate::grid::filters_text;
-use crate::manifest::Manifest;
+use crate::manifest::{MANIFEST, Manifest};
 use crate::sys::atomic_file::NewFile;
 use crate::table::{Outside, PorosityOf, Query, Table, summarise};
-use crate::words::{measure, things};
+use crate::words::{exact, measure, one_line, things};
+use csv_core::ReadFieldResult;
 use serde::Serialize;
 use serde_json::Value;
-use std::io::Write;
-use std::path::Path;
+use std::collections::HashSet;
+use std::io::{ErrorKind, Write};
+use std::path::{Path, PathBuf};
 
 /// Its name.
 pub const FILE: &str = "scans.csv";
+
+/// What stands before a text that a spreadsheet would take for a formula.
+const GUARD: char = '\'';
+
+/// The places of two columns.
+const TILE_SET: usize = 1;
+const STATUS: usize = 2;
 
 /// The columns in their order; each is a member of a [`Row`] as JSON.
 const COLUMNS: [&str; 30] = [
@@ -100,6 +109,15 @@ impl Row {
             facts: None,
         }
     }
+
+    /// The same once it is done.
+    pub fn done(self, facts: Facts) -> Self {
+        Row {
+            status: Status::Done,
+            facts: Some(facts),
+            ..self
+        }
+    }
 }
 
 /// Settings and sums of a tile set. All of them are in it, so that one that was made before has the same.
@@ -178,7 +196,7 @@ impl Facts {
     pub fn line(&self) -> String {
         let mut text = format!(
             "threshold {}, {}, {}",
-            self.threshold,
+            exact(self.threshold),
             things(self.objects, "object"),
             things(self.cells, "cell")
         );
@@ -189,48 +207,187 @@ impl Facts {
     }
 }
 
-/// Writes the table, whole or not at all, over one that is there.
-///
-/// # Errors
-/// [`Error::Io`].
-pub fn write(path: &Path, rows: &[Row]) -> Result<()> {
-    let mut text = COLUMNS.join(",") + "\n";
-    for row in rows {
-        let row = serde_json::to_value(row).unwrap_or_default();
-        let fields: Vec<String> = COLUMNS.iter().map(|name| field(&row[*name])).collect();
-        text += &(fields.join(",") + "\n");
-    }
-    let failed = |e| Error::io(path, "write", e);
-    let mut file = NewFile::create(path).map_err(failed)?;
-    file.write_all(text.as_bytes()).map_err(failed)?;
-    file.keep(true).map_err(failed)
+/// The table in a directory, of which rows are replaced one by one. Rows of other tile sets stay as they are.
+#[derive(Debug)]
+pub struct ScansTable {
+    path: PathBuf,
+    /// The fields of rows as the file has them, but for quotes.
+    rows: Vec<Vec<String>>,
 }
 
-/// A value as a field of CSV; numbers as the tables of tile sets have them.
-fn field(value: &Value) -> String {
-    let text = match value {
+impl ScansTable {
+    /// The one in a directory, or an empty one.
+    ///
+    /// # Errors
+    /// [`Error::Format`] if the file of that name is no such table, unless it is to be replaced; [`Error::Io`].
+    pub fn open(dir: &Path, force: bool) -> Result<Self> {
+        let path = dir.join(FILE);
+        let text = match std::fs::read(&path) {
+            Ok(text) => text,
+            Err(e) if e.kind() == ErrorKind::NotFound => Vec::new(),
+            Err(e) => return Err(Error::io(&path, "read", e)),
+        };
+        let mut rows = parsed(&text);
+        let is_ours = |row: &Vec<String>| row.len() == COLUMNS.len();
+        if !rows.is_empty() && rows[0] == COLUMNS && rows.iter().all(is_ours) {
+            rows.remove(0);
+        } else if force || text.is_empty() {
+            rows.clear();
+        } else {
+            let expected = format!("a table of scans, with the columns {}", COLUMNS.join(","));
+            let hint = "move it away, give --force to replace it, or another directory";
+            return Err(Error::format(&path, "something else", expected).with_hint(hint));
+        }
+        Ok(ScansTable { path, rows })
+    }
+
+    /// The file.
+    pub fn path(&self) -> &Path {
+        &self.path
+    }
+
+    fn place(&self, tile_set: &str) -> Option<usize> {
+        let name = guarded(tile_set);
+        self.rows.iter().position(|row| row[TILE_SET] == name)
+    }
+
+    /// True if it says that a tile set is done.
+    pub fn is_done(&self, tile_set: &str) -> bool {
+        let row = self.place(tile_set).map(|at| &self.rows[at]);
+        row.is_some_and(|row| row[STATUS] == Status::Done.name())
+    }
+
+    /// Puts a row in the place of that of the same tile set, or behind all others.
+    pub fn put(&mut self, row: &Row) {
+        let value = serde_json::to_value(row).unwrap_or_default();
+        let fields = COLUMNS.iter().map(|name| text(&value[*name])).collect();
+        match self.place(&row.tile_set) {
+            Some(at) => self.rows[at] = fields,
+            None => self.rows.push(fields),
+        }
+    }
+
+    /// Drops the rows of tile sets that are said to be done and are not in the directory any more.
+    ///
+    /// # Errors
+    /// [`Error::Io`].
+    pub fn drop_gone(&mut self) -> Result<()> {
+        let dir = self.path.parent().unwrap_or(Path::new(""));
+        let failed = |e| Error::io(dir, "read the directory", e);
+        let mut there = HashSet::new();
+        for entry in std::fs::read_dir(dir).map_err(failed)? {
+            let entry = entry.map_err(failed)?;
+            if entry.path().join(MANIFEST).exists() {
+                // as it stands in a row, which does not tell the name itself
+                there.insert(guarded(&entry.file_name().to_string_lossy()));
+            }
+        }
+        let done = Status::Done.name();
+        self.rows
+            .retain(|row| row[STATUS] != done || there.contains(&row[TILE_SET]));
+        Ok(())
+    }
+
+    /// Writes the table, whole or not at all, over one that is there.
+    ///
+    /// # Errors
+    /// [`Error::Io`].
+    pub fn write(&self) -> Result<()> {
+        let mut text = COLUMNS.join(",") + "\n";
+        for row in &self.rows {
+            let fields: Vec<String> = row.iter().map(|field| quoted(field)).collect();
+            text += &(fields.join(",") + "\n");
+        }
+        let failed = |e| Error::io(&self.path, "write", e);
+        let mut file = NewFile::create(&self.path).map_err(failed)?;
+        file.write_all(text.as_bytes()).map_err(failed)?;
+        file.keep(true).map_err(failed)
+    }
+}
+
+/// The fields of the rows of CSV.
+fn parsed(mut text: &[u8]) -> Vec<Vec<String>> {
+    let mut reader = csv_core::Reader::new();
+    let (mut rows, mut row, mut field) = (Vec::new(), Vec::new(), Vec::new());
+    let mut part = [0; 1024];
+    loop {
+        // once all is read, an empty text tells the reader so
+        let (result, read, written) = reader.read_field(text, &mut part);
+        text = &text[read..];
+        field.extend_from_slice(&part[..written]);
+        match result {
+            ReadFieldResult::InputEmpty | ReadFieldResult::OutputFull => {}
+            ReadFieldResult::End => return rows,
+            ReadFieldResult::Field { record_end } => {
+                let whole = std::mem::take(&mut field);
+                row.push(String::from_utf8_lossy(&whole).into_owned());
+                if record_end {
+                    rows.push(std::mem::take(&mut row));
+                }
+            }
+        }
+    }
+}
+
+/// A text that spreadsheets do not take for a formula: one that begins as one does gets an apostrophe before it, as does
+/// one that begins with that. It is in one line.
+fn guarded(text: &str) -> String {
+    let text = one_line(text);
+    match text.starts_with(['=', '+', '-', '@', GUARD]) {
+        true => format!("{GUARD}{text}"),
+        false => text,
+    }
+}
+
+/// A value as a field without quotes; numbers as the tables of tile sets have them.
+fn text(value: &Value) -> String {
+    match value {
         Value::Null => String::new(),
         Value::Bool(is) => u8::from(*is).to_string(),
-        Value::String(text) => text.clone(),
+        Value::String(text) => guarded(text),
         Value::Number(n) if n.is_u64() => n.to_string(),
         other => other.as_f64().map_or_else(String::new, |v| v.to_string()),
-    };
-    match text.contains([',', '"', '\n', '\r']) {
-        true => format!("\"{}\"", text.replace('"', "\"\"")),
-        false => text,
+    }
+}
+
+/// A field as CSV has it.
+fn quoted(field: &str) -> String {
+    match field.contains([',', '"', '\n', '\r']) {
+        true => format!("\"{}\"", field.replace('"', "\"\"")),
+        false => field.to_owned(),
     }
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
+    use proptest::prelude::*;
     use serde_json::json;
 
     #[test]
     fn fields_are_quoted_where_they_have_to_be() {
-        let texts = [json!("a,b"), json!("say \"x\""), json!("a b")].map(|v| field(&v));
+        let texts = [json!("a,b"), json!("say \"x\""), json!("a b")].map(|v| quoted(&text(&v)));
         assert_eq!(texts, ["\"a,b\"", "\"say \"\"x\"\"\"", "a b"]);
-        let numbers = [json!(3), json!(1.0), json!(1e-7), json!(null), json!(true)];
-        assert_eq!(numbers.map(|v| field(&v)), ["3", "1", "0.0000001", "", "1"]);
+        let numbers = [json!(3), json!(1.0), json!(-1e-7), json!(null), json!(true)];
+        assert_eq!(numbers.map(|v| text(&v)), ["3", "1", "-0.0000001", "", "1"]);
+        let formulas = ["=1+2", "-3", "@a", "'=b", "a=b", "a\nb"].map(guarded);
+        assert_eq!(formulas, ["'=1+2", "'-3", "'@a", "''=b", "a=b", "a\\nb"]);
+    }
+
+    proptest! {
+        #[test]
+        fn what_is_written_is_read_back(names in prop::collection::vec("[-a-c=,'\"\\n ]{0,9}", 1..6)) {
+            let dir = tempfile::tempdir().unwrap();
+            let mut table = ScansTable::open(dir.path(), false).unwrap();
+            for name in &names {
+                table.put(&Row::new(format!("{name}.raw"), name));
+            }
+            table.write().unwrap();
+            let again = ScansTable::open(dir.path(), false).unwrap();
+            prop_assert_eq!(&again.rows, &table.rows);
+            for name in &names {
+                prop_assert!(again.place(name).is_some());
+            }
+        }
     }
 }

@@ -14,7 +14,7 @@ use std::path::PathBuf;
 /// Write a part of a tile set, or a painted copy, as a tile set of its own
 ///
 /// Cells, objects or surfaces are kept or left out, cells and objects with all their surfaces; geometry is copied, ids
-/// and measures stay those of the whole. Conditions are those of `alvis cells`. Caps are kept only if all surfaces of
+/// and measures stay those of the whole, and colours those of a painted set unless others are given. Conditions are those of `alvis cells`. Caps are kept only if all surfaces of
 /// the objects that are left are kept.
 #[derive(Debug, Args)]
 #[command(after_help = "Examples:\n  \

@@ -77,8 +77,11 @@ pub fn all(
                 };
                 let found = read.insert(found);
                 let value = of(found, method, path)?;
+                let clipped = found.clipped();
+                let clipped = clipped.filter(|_| method == ThresholdMethod::Peaks);
                 missed(found, method, value)
                     .iter()
+                    .chain(&clipped)
                     .for_each(|text| progress.warn(text));
                 value
             }

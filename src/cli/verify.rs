@@ -151,7 +151,12 @@ pub fn verdict(report: &Report) -> String {
             (false, true) => "; it is a part, so components may be missing",
             _ => "",
         };
-        format!("ok: {size}, no hole{scope}\n")
+        let unproved: String = report
+            .unproved
+            .iter()
+            .map(|what| format!("not proved without --against: {what}\n"))
+            .collect();
+        format!("ok: {size}, no hole{scope}\n{unproved}")
     } else {
         let issues = report.issues.len() as u64 + report.issues_omitted;
         format!("not ok: {} in {size}\n", output::things(issues, "issue"))

@@ -33,14 +33,13 @@ struct PlaceColumns {
     min: [usize; 3],
     max: [usize; 3],
     centroid: [usize; 3],
-    /// Factor to the unit that is asked for.
-    scale: f64,
     /// Half a voxel along the axes of the world: tables have the centres of voxels.
     margin: [f64; 3],
 }
 
 impl PlaceColumns {
-    fn of(table: &TableReader, placement: &Placement, unit: Unit) -> Result<Self> {
+    /// Of a table in the unit of `placement`.
+    fn of(table: &TableReader, placement: &Placement) -> Result<Self> {
         let find = |name: String| table.own_column(&name);
         let three = |start: &str| -> Result<[usize; 3]> {
             Ok([
@@ -49,16 +48,15 @@ impl PlaceColumns {
                 find(format!("{start}_z"))?,
             ])
         };
-        let scaled = placement.in_unit(unit)?;
         let margin = std::array::from_fn(|world| {
-            let along = (0..3).map(|a| (scaled.directions[a][world] * scaled.spacing[a]).abs());
+            let along =
+                (0..3).map(|a| (placement.directions[a][world] * placement.spacing[a]).abs());
             along.sum::<f64>() / 2.0
         });
         Ok(PlaceColumns {
             min: three("min")?,
             max: three("max")?,
             centroid: three("centroid")?,
-            scale: scaled.spacing[0] / placement.spacing[0],
             margin,
         })
     }
@@ -67,7 +65,7 @@ impl PlaceColumns {
         let three = |columns: [usize; 3]| -> Result<[f64; 3]> {
             let mut values = [0.0; 3];
             for (value, column) in values.iter_mut().zip(columns) {
-                *value = row.number(column)?.unwrap_or(f64::NAN) * self.scale;
+                *value = row.number(column)?.unwrap_or(f64::NAN);
             }
             Ok(values)
         };
@@ -91,21 +89,23 @@ impl Body {
         unit: Unit,
         condition: Option<&str>,
     ) -> Result<Body> {
-        let placement = manifest.measured();
-        let mut table = Table::Cells.open(dir, manifest)?;
+        let placement = manifest.measured().in_unit(unit)?;
+        let table = Table::Cells.open(dir, manifest)?;
+        let mut table = table.in_unit(manifest.measured().unit, unit);
         let query = Query::default().filter(condition, table.columns())?;
-        let places = PlaceColumns::of(&table, &placement, unit)?;
+        let places = PlaceColumns::of(&table, &placement)?;
         let find = |name: &str| table.own_column(name);
-        let (id, volume, border) = (find("id")?, find("volume")?, find("touches_border")?);
+        let (id, voxels, border) = (find("id")?, find("voxels")?, find("touches_border")?);
         let (sphericity, elongation) = (find("sphericity")?, find("elongation")?);
         let flatness = find("flatness")?;
-        let cube = places.scale * places.scale * places.scale;
+        // of the size of a voxel in this unit, as the tables of a set in it have them
+        let voxel: f64 = placement.spacing.iter().product();
         let mut cells = Vec::new();
         while let Some(row) = table.next_row()? {
             cells.push(Cell {
                 id: row.whole(id)?,
                 place: places.place(&row)?,
-                volume: row.number(volume)?.unwrap_or(f64::NAN) * cube,
+                volume: row.whole(voxels)? as f64 * voxel,
                 sphericity: row.number(sphericity)?,
                 elongation: row.number(elongation)?,
                 flatness: row.number(flatness)?,
@@ -130,9 +130,16 @@ impl Body {
         self.cells.iter().filter(|c| c.chosen).count() as u64
     }
 
-    /// The volume of chosen cells.
-    pub fn volume(&self) -> f64 {
+    /// The number of those that touch the border.
+    pub fn at_border(&self) -> u64 {
+        let chosen = self.cells.iter().filter(|c| c.chosen && c.touches_border);
+        chosen.count() as u64
+    }
+
+    /// The volume of chosen cells, of all or of whole ones.
+    pub fn volume(&self, whole: bool) -> f64 {
         let chosen = self.cells.iter().filter(|c| c.chosen);
+        let chosen = chosen.filter(|c| !whole || !c.touches_border);
         // an empty sum of floats is -0
         chosen.map(|c| c.volume).sum::<f64>() + 0.0
     }
@@ -140,8 +147,10 @@ impl Body {
 
 /// The box around all objects of a tile set, with its lengths in a unit; `None` if there is no object.
 pub fn around_objects(dir: &Path, manifest: &Manifest, unit: Unit) -> Result<Option<Extent>> {
-    let mut table = Table::Objects.open(dir, manifest)?;
-    let places = PlaceColumns::of(&table, &manifest.measured(), unit)?;
+    let placement = manifest.measured().in_unit(unit)?;
+    let table = Table::Objects.open(dir, manifest)?;
+    let mut table = table.in_unit(manifest.measured().unit, unit);
+    let places = PlaceColumns::of(&table, &placement)?;
     let mut around: Option<Extent> = None;
     while let Some(row) = table.next_row()? {
         let extent = places.place(&row)?.extent;

@@ -80,14 +80,19 @@ pub struct Comparison {
     pub align: Align,
     /// Cells of the first set, and of the second, for which the condition holds.
     pub cells: [u64; 2],
+    /// How many of these touch the border of the grid, or of the region of interest: they may be cut by it, or the air
+    /// around the sample.
+    pub cells_border: [u64; 2],
     /// Cells of both.
     pub matched: u64,
     /// Cells of the first set that the second has not.
     pub lost: u64,
     /// Cells of the second set that the first has not.
     pub new: u64,
-    /// The volume of these.
+    /// The volume of all cells for which the condition holds.
     pub volume: Change,
+    /// The volume of those that do not touch the border.
+    pub volume_whole: Change,
     /// Mean and median of the change of volume of matched cells that touch the border in neither set; absent if there
     /// is none.
     pub volume_change_mean: Option<f64>,
@@ -149,17 +154,47 @@ pub fn compare(a: &Path, b: &Path, options: &CompareOptions) -> Result<Compariso
         unit: unit.name(),
         align: options.align,
         cells: [&first, &second].map(Body::chosen),
+        cells_border: [&first, &second].map(Body::at_border),
         matched: count(|p| p.a.is_some() && p.b.is_some()),
         lost: count(|p| p.b.is_none()),
         new: count(|p| p.a.is_none()),
-        volume: change(Some(first.volume()), Some(second.volume())),
+        volume: change(Some(first.volume(false)), Some(second.volume(false))),
+        volume_whole: change(Some(first.volume(true)), Some(second.volume(true))),
         volume_change_mean: None,
         volume_change_median: None,
-        warnings: Vec::new(),
+        warnings: other_region(&manifest, &other).into_iter().collect(),
         pairs,
     };
     comparison.summarise();
     Ok(comparison)
+}
+
+/// What differs by less is rounding.
+const NOISE: f64 = 1e-9;
+
+/// A distance, or 0 where it is nothing but rounding beside a length.
+fn exact(distance: f64, length: f64) -> f64 {
+    match distance.abs() <= NOISE * length {
+        true => 0.0,
+        false => distance,
+    }
+}
+
+/// Says so if the regions of interest of two sets differ.
+fn other_region(a: &Manifest, b: &Manifest) -> Option<String> {
+    let of = |m: &Manifest| m.region.as_ref().map(|r| (r.shape.clone(), r.fill));
+    let text = |m: &Manifest| match &m.region {
+        Some(region) => region.to_string(),
+        None => "none: all of the grid".to_owned(),
+    };
+    (of(a) != of(b)).then(|| {
+        format!(
+            "the regions of interest differ: A has {}, B has {}; what one of them has no voxels of is lost or new, and cells \
+             at its edge are cut",
+            text(a),
+            text(b)
+        )
+    })
 }
 
 fn change(a: Option<f64>, b: Option<f64>) -> Change {
@@ -203,13 +238,14 @@ fn pairs(a: &[Cell], b: &[Cell], matches: &[Match]) -> Vec<ComparedCell> {
 
 fn compared(a: Option<&Cell>, b: Option<&Cell>, overlap: Option<f64>) -> ComparedCell {
     let of = |get: fn(&Cell) -> Option<f64>| change(a.and_then(get), b.and_then(get));
-    let shift = a
-        .zip(b)
-        .map(|(a, b)| std::array::from_fn(|i| b.place.centroid[i] - a.place.centroid[i]));
+    let shift = a.zip(b).map(|(a, b)| {
+        let side = |i: usize| a.place.extent.max[i] - a.place.extent.min[i];
+        std::array::from_fn(|i| exact(b.place.centroid[i] - a.place.centroid[i], side(i)))
+    });
     ComparedCell {
         a: a.map(|c| c.id),
         b: b.map(|c| c.id),
-        overlap,
+        overlap: overlap.map(|v| (v / NOISE).round() * NOISE),
         volume: of(|c| Some(c.volume)),
         sphericity: of(|c| c.sphericity),
         elongation: of(|c| c.elongation),
@@ -234,6 +270,20 @@ impl Comparison {
             if *cells == 0 {
                 self.warnings.push(format!("no cell of {name} is compared: it has none, or none for which the condition holds"));
             }
+        }
+        let at_border = |all: Option<f64>, whole: Option<f64>| {
+            let (Some(all), Some(whole)) = (all, whole) else {
+                return false;
+            };
+            2.0 * whole < all
+        };
+        let (all, whole) = (self.volume, self.volume_whole);
+        if at_border(all.a, whole.a) || at_border(all.b, whole.b) {
+            self.warnings.push(
+                "most of the volume of all cells is of cells at the border, such as the air around the sample: compare whole \
+                 cells, or choose with --where 'not touches_border'"
+                    .to_owned(),
+            );
         }
         let most = self.cells[0].min(self.cells[1]);
         if self.matched * 2 < most {

@@ -1,9 +1,9 @@
 //! Everything that the output of a conversion depends on.
 
 use crate::checkpoint::Identity;
-use crate::convert::ConvertOptions;
 use crate::grid::{Region, Shape, filters_text};
-use crate::volume::Volume;
+use crate::manifest::Manifest;
+use crate::volume::Stamp;
 use serde::Serialize;
 
 /// As the manifest writes it.
@@ -26,41 +26,58 @@ fn region_text(region: &Region) -> String {
     format!("{shape}{of} with {fill} of {fill_value} around it")
 }
 
-/// Of a conversion of `volume`, before it is cropped.
-pub fn of(volume: &dyn Volume, options: &ConvertOptions) -> Identity {
-    let header = volume.header();
-    let place = header.placement;
-    let mut list = vec![("version".to_string(), env!("CARGO_PKG_VERSION").to_string())];
-    list.extend(options.input.values.iter().cloned());
-    let crop = match &options.crop {
+/// Of a conversion of this input to a tile set that states this.
+pub fn of(input: &Stamp, asked: &Manifest) -> Identity {
+    let mut list = vec![version(asked)];
+    list.extend(input.values.iter().cloned());
+    list.extend(stated(asked));
+    Identity::new(list)
+}
+
+/// What a tile set states of how it was made.
+pub fn of_set(manifest: &Manifest) -> Identity {
+    let mut list = vec![version(manifest)];
+    list.extend(stated(manifest));
+    Identity::new(list)
+}
+
+fn version(manifest: &Manifest) -> (String, String) {
+    ("version".to_string(), manifest.generator.version.clone())
+}
+
+fn stated(manifest: &Manifest) -> Vec<(String, String)> {
+    let (source, place) = (&manifest.source, &manifest.placement);
+    let crop = match &source.crop {
         Some(c) => format!("{:?},{:?},{:?}", c.x, c.y, c.z),
         None => "none".into(),
     };
-    let [x, y, z] = options.macrocube;
-    let more = [
-        ("name", options.source_name.clone()),
-        ("format", header.format.into()),
-        ("--dims", header.dims.to_string()),
-        ("--dtype", header.dtype.name().into()),
-        ("--endian", header.endian.name().into()),
-        ("--offset", options.source_offset.to_string()),
+    let [x, y, z] = manifest.grid.macrocube;
+    let min_voxels = manifest.dust.map_or(1, |dust| dust.min_voxels);
+    let always = [
+        ("name", source.name.clone()),
+        ("format", source.format.clone()),
+        ("--dims", source.dims.to_string()),
+        ("--dtype", source.dtype.name().into()),
+        ("--endian", source.endian.name().into()),
+        ("--offset", source.offset.to_string()),
         ("--spacing", format!("{:?}", place.spacing)),
         ("--unit", place.unit.name().into()),
         ("origin", format!("{:?}", place.origin)),
         ("directions", format!("{:?}", place.directions)),
-        ("provenance", text(&options.provenance)),
-        ("--threshold", options.threshold.to_string()),
+        ("provenance", text(&source.provenance)),
+        ("--threshold", manifest.threshold.to_string()),
         ("--macrocube", format!("{x},{y},{z}")),
-        ("--ambiguous", text(&options.ambiguous)),
-        ("--cap", options.cap.to_string()),
-        ("--min-voxels", options.min_voxels.max(1).to_string()),
+        ("--ambiguous", text(&manifest.ambiguous)),
+        ("--cap", manifest.cap.to_string()),
+        ("--min-voxels", min_voxels.to_string()),
         ("--crop", crop),
-        ("--primitives", text(&options.primitives)),
-        ("--encoding", text(&options.encoding)),
-        ("--layout", text(&options.layout)),
+        ("--primitives", text(&manifest.primitives)),
+        ("--encoding", text(&manifest.encoding)),
+        ("--layout", text(&manifest.layout)),
     ];
-    list.extend(more.map(|(name, value)| (name.to_string(), value.replace('"', ""))));
-    let (part, filtered) = (&options.source_part, options.source_filtered.as_ref());
+    let always = always.map(|(name, value)| (name.to_string(), value.replace('"', "")));
+    let (part, filters) = (&source.part, &manifest.filters);
+    let parquet = manifest.tables.parquet.is_some();
     let asked_for = [
         ("--series", part.series.clone()),
         ("--resample", part.resample.then(|| "given".into())),
@@ -68,34 +85,55 @@ pub fn of(volume: &dyn Volume, options: &ConvertOptions) -> Identity {
         ("--level", part.level.map(|level| level.to_string())),
         ("--channel", part.channel.map(|channel| channel.to_string())),
         ("--time", part.time.map(|time| time.to_string())),
-        ("values", options.source_values.clone()),
-        ("filters", filtered.map(|f| filters_text(&f.filters))),
+        ("values", source.values.clone()),
         (
-            "--roi",
-            options.region.as_ref().map(|r| region_text(&r.stated)),
+            "filters",
+            (!filters.is_empty()).then(|| filters_text(filters)),
         ),
+        ("--roi", manifest.region.as_ref().map(region_text)),
         (
             "--table-unit",
-            options.table_unit.map(|unit| unit.name().to_string()),
+            manifest.table_unit.map(|unit| unit.name().to_string()),
         ),
+        ("--tables", parquet.then(|| "csv,parquet".into())),
     ];
     let given = asked_for.map(|(name, value)| value.map(|value| (name.to_string(), value)));
-    list.extend(given.into_iter().flatten());
-    Identity::new(list)
+    always
+        .into_iter()
+        .chain(given.into_iter().flatten())
+        .collect()
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::convert::conversion::Conversion;
+    use crate::convert::plan::plan;
+    use crate::convert::{ConvertOptions, Volume};
     use crate::grid::{Dims, Dtype, Filter, Filtered, Part, Placement};
-    use crate::volume::{MemoryVolume, Stamp};
+    use crate::progress::Quiet;
+    use crate::volume::{MemoryVolume, Watch};
+
+    fn identity(volume: &dyn Volume, options: &ConvertOptions) -> Identity {
+        let plan = plan(volume, volume.header().dims, options).unwrap();
+        let job = Conversion {
+            volume,
+            grid: volume,
+            region: None,
+            options,
+            plan: &plan,
+            watch: &Watch::new(volume.header(), false),
+            progress: &Quiet,
+        };
+        of(&options.input, &job.asked())
+    }
 
     #[test]
     fn differences_name_the_old_and_the_new_value() {
         let dims = Dims([2, 2, 2]);
         let volume = MemoryVolume::new(dims, Placement::default(), vec![0u8; 8]).unwrap();
         let options = ConvertOptions::default();
-        let old = of(&volume, &options);
+        let old = identity(&volume, &options);
         let mut input = Stamp::default();
         input.values.push(("input".into(), "b.raw".into()));
         let other = ConvertOptions {
@@ -107,17 +145,17 @@ mod tests {
             },
             source_filtered: Some(Filtered {
                 filters: vec![Filter::Invert {}, Filter::Downsample { factor: 2 }],
-                dims: Dims([4, 4, 5]),
+                dims,
                 dtype: Dtype::U8,
             }),
             input,
             // these change nothing
-            memory: 7,
+            memory: 1 << 29,
             threads: 3,
             force: true,
             ..options
         };
-        let new = of(&volume, &other);
+        let new = identity(&volume, &other);
         let expected = [
             "input was nothing and is b.raw",
             "--threshold was 0 and is 1.5",

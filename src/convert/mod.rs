@@ -28,7 +28,7 @@ use crate::convert::finalize::{FinalizeInput, finalize};
 use crate::convert::memory::TABLES;
 use crate::convert::plan::plan;
 use crate::convert::resolve::resolve;
-use crate::convert::resume::{begin, commit_begun, complete, refuse_kept};
+use crate::convert::resume::{begin, commit_begun, complete, refuse_kept, refuse_other};
 use crate::convert::scan::{Scanned, scan};
 use crate::convert::tables::write_tables;
 use crate::convert::totals::{ScannedSums, dust_of};
@@ -56,7 +56,8 @@ use std::time::Instant;
 /// # Errors
 /// [`Error::Usage`] for impossible options, [`Error::Memory`] with the smallest limit that works,
 /// those of [`check_output`], [`Error::OutputInterrupted`], [`Error::OtherConversion`] if the one to resume is
-/// another, [`Error::InputChanged`], [`Error::Io`], [`Error::Interrupted`], and what reading the volume returns. Nothing is
+/// another, [`Error::OtherTileSet`] if the tile set there is another than is to be gone on with,
+/// [`Error::InputChanged`], [`Error::Io`], [`Error::Interrupted`], and what reading the volume returns. Nothing is
 /// left under a final name then; [`interrupted`] tells whether finished layers are kept.
 pub fn convert(
     volume: &dyn Volume,
@@ -165,7 +166,10 @@ fn run(job: &Conversion, out: &Path) -> Result<Done> {
         tidy(out)?;
         return Ok(all_done(made));
     }
-    let identity = identity::of(job.volume, options);
+    if options.resume && !options.force {
+        refuse_other(job, out)?;
+    }
+    let identity = identity::of(&options.input, &job.asked());
     let mut output = Output::open(out, options.force, options.resume)?;
     if options.resume
         && let Some(made) = commit_begun(&output, &identity)

@@ -36,6 +36,8 @@ pub struct ConvertOptions {
     /// Unit of lengths in tables and in the measures that tiles carry; that of the volume if absent. The volume must
     /// be in a unit of length then.
     pub table_unit: Option<Unit>,
+    /// Write the tables as Parquet, too.
+    pub parquet: bool,
     /// Replace a tile set that is in the output directory.
     pub force: bool,
     /// Go on with a conversion into the output directory that was interrupted, if there is one: it
@@ -164,6 +166,7 @@ impl Default for ConvertOptions {
             encoding: Encoding::default(),
             layout: Layout::Auto,
             table_unit: None,
+            parquet: false,
             force: false,
             resume: false,
             input: Stamp::default(),

@@ -2,6 +2,7 @@
 
 use crate::checkpoint::{Checkpointer, Identity, LayersDone, boot, kept};
 use crate::convert::conversion::{Conversion, Made};
+use crate::convert::identity;
 use crate::convert::warnings::warnings;
 use crate::error::{Error, Result};
 use crate::manifest::{Layer, Manifest};
@@ -87,6 +88,24 @@ impl Write for Same {
 
     fn flush(&mut self) -> std::io::Result<()> {
         Ok(())
+    }
+}
+
+/// Refuses a whole tile set in `out` that was made of something else, or otherwise.
+///
+/// # Errors
+/// [`Error::OtherTileSet`].
+pub fn refuse_other(job: &Conversion, out: &Path) -> Result<()> {
+    let Ok(found) = Manifest::open(out) else {
+        return Ok(());
+    };
+    let differences = identity::of_set(&job.asked()).differences(&identity::of_set(&found));
+    match differences.is_empty() {
+        true => Ok(()),
+        false => Err(Error::OtherTileSet {
+            path: out.to_path_buf(),
+            differences: differences.join("; "),
+        }),
     }
 }
 

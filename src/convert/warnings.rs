@@ -2,10 +2,12 @@
 
 use crate::grid::Dims;
 use crate::manifest::{Dust, Totals};
+use crate::words::exact;
 
 /// What makes its numbers other than they may be meant to be.
 pub fn warnings(totals: &Totals, dims: Dims, threshold: f64, dust: Option<Dust>) -> Vec<String> {
     let mut warnings = Vec::new();
+    let threshold = exact(threshold);
     let filled = dust.filter(|dust| match totals.voxels_above {
         0 => dust.objects > 0,
         above => dust.cells > 0 && above == dims.voxels(),

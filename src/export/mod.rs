@@ -38,7 +38,7 @@ use crate::grid::Unit;
 use crate::manifest::{MANIFEST, TileEntry, batch};
 use crate::progress::Progress;
 use crate::sys::process_memory::peak_rss_bytes;
-use crate::table::{Chosen, Table};
+use crate::table::{Chosen, Table, warn_of_outside};
 use crate::tileset::TileSet;
 use choice::Choice;
 use format::{Coded, Counts, Writer};
@@ -158,7 +158,8 @@ pub fn export(
         force: options.force,
     };
     let (counts, simplified, bytes) = run.write(file, &plan, &cost)?;
-    let warnings: Vec<String> = writer.warning().into_iter().collect();
+    let outside = warn_of_outside(dir, manifest, &options.chosen, false)?;
+    let warnings: Vec<String> = writer.warning().into_iter().chain(outside).collect();
     warnings.iter().for_each(|w| progress.warn(w));
     Ok(ExportReport {
         format,

@@ -3,6 +3,7 @@
 use super::format::{Coded, Counts, Writer};
 use crate::error::{Error, Result};
 use crate::sys::atomic_file::{NewFile, directory};
+use crate::sys::write_out::WriteOut;
 use std::fs::File;
 use std::io::{BufWriter, ErrorKind, Seek, SeekFrom, Write};
 use std::path::{Path, PathBuf};
@@ -15,8 +16,8 @@ pub(super) struct Sink {
     path: PathBuf,
     /// True if a file of that name is replaced.
     force: bool,
-    out: BufWriter<NewFile>,
-    faces: Option<BufWriter<File>>,
+    out: BufWriter<WriteOut<NewFile>>,
+    faces: Option<BufWriter<WriteOut<File>>>,
 }
 
 impl Sink {
@@ -37,8 +38,8 @@ impl Sink {
         let mut sink = Sink {
             path: path.to_path_buf(),
             force,
-            out: BufWriter::with_capacity(BUFFER, out),
-            faces: faces.map(|f| BufWriter::with_capacity(BUFFER, f)),
+            out: BufWriter::with_capacity(BUFFER, WriteOut::new(out)),
+            faces: faces.map(|f| BufWriter::with_capacity(BUFFER, WriteOut::new(f))),
         };
         sink.push(&Coded {
             vertices: writer.head(&Counts::default()),
@@ -73,13 +74,14 @@ impl Sink {
     pub fn finish(mut self, head: &[u8]) -> Result<u64> {
         let failed = self.failed();
         if let Some(faces) = self.faces.take() {
-            let mut faces = faces.into_inner().map_err(|e| failed(e.into_error()))?;
+            let faces = faces.into_inner().map_err(|e| failed(e.into_error()))?;
+            let mut faces = faces.into_inner();
             faces.rewind().map_err(&failed)?;
             self.out.flush().map_err(&failed)?;
-            // between two files the system copies by itself
-            std::io::copy(&mut faces, self.out.get_mut().file()).map_err(&failed)?;
+            self.out.get_mut().append(&mut faces).map_err(&failed)?;
         }
-        let mut out = self.out.into_inner().map_err(|e| failed(e.into_error()))?;
+        let out = self.out.into_inner().map_err(|e| failed(e.into_error()))?;
+        let mut out = out.into_inner();
         let bytes = out.seek(SeekFrom::End(0)).map_err(&failed)?;
         out.rewind().map_err(&failed)?;
         out.write_all(head).map_err(&failed)?;

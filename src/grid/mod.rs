@@ -21,7 +21,7 @@ pub use provenance::{Origin, Part, Provenance};
 pub use region::{Cylinder, Fill, Region, Shape};
 
 use crate::error::{Error, Result};
-use crate::grid::length::Length;
+pub(crate) use crate::grid::length::Length;
 use glam::{DMat3, DMat4, DVec3};
 use serde::{Deserialize, Serialize};
 use std::ops::Range;

@@ -33,7 +33,7 @@ pub use border_euler::add_border_euler;
 pub use carry_over::{CarryOver, Successor};
 pub use label_band::{Labels, LocalComponent, label_runs, sum_voxels};
 pub use provisional::{ProvisionalLabels, Ranks, ResidentLabels};
-pub use region_edge::{InsideBand, note_region_edge};
+pub use region_edge::{InsideBand, note_outside, note_region_edge};
 pub use runs::{RowRuns, Run, Runs};
 pub use slab_merge::{BandInput, CarriedComponents, PhaseLabels, SlabComponents};
 pub use voxels::{Span, Voxels};

@@ -2,9 +2,10 @@
 
 use crate::error::Result;
 use crate::labels::label_band::Labels;
-use crate::labels::runs::Runs;
+use crate::labels::runs::{RowRuns, Runs};
 use crate::labels::{Bits, Span};
 use crate::volume::RegionVoxels;
+use std::ops::Range;
 
 /// Which voxels of a band are inside a region, laid out as [`Bits::words`].
 #[derive(Debug, Clone, Default)]
@@ -50,6 +51,39 @@ pub fn note_region_edge(bits: &Bits, runs: &Runs, labels: &mut Labels, inside: &
             }
         }
     }
+}
+
+/// Says of components, in the place of whether they touch the border, whether they have a voxel outside of the region, if
+/// there is one. For a search alone: measures need the border.
+pub fn note_outside(bits: &Bits, labels: &mut Labels, inside: Option<&InsideBand>) {
+    let Labels { of_run, components } = labels;
+    for component in &mut *components {
+        component.sums.touches_border = 0;
+    }
+    let Some(inside) = inside else {
+        return;
+    };
+    let rows = bits.words.chunks_exact(bits.row_words);
+    let rows = rows.zip(inside.words.chunks_exact(bits.row_words));
+    let mut of_run = of_run.iter();
+    for (row, inside) in rows {
+        for run in RowRuns::new(row, bits.span.nx) {
+            let label = *of_run.next().expect("a label for each run") as usize;
+            if has_outside(inside, run.start as usize..run.end as usize) {
+                components[label].sums.touches_border = 1;
+            }
+        }
+    }
+}
+
+/// True if one of some voxels of a row is outside.
+fn has_outside(inside: &[u64], run: Range<usize>) -> bool {
+    let words = run.start / 64..run.end.div_ceil(64);
+    words.into_iter().any(|w| {
+        let from = run.start.saturating_sub(64 * w);
+        let to = (run.end - 64 * w).min(64);
+        !inside[w] & (!0 << from) & (!0 >> (64 - to)) != 0
+    })
 }
 
 struct Edge<'a> {

@@ -294,6 +294,41 @@ pub struct Tables {
     /// Checksums of the three files; `None` until the manifest is written.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub checksums: Option<TableChecksums>,
+    /// The same tables as Parquet, if they are there.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub parquet: Option<ParquetTables>,
+}
+
+impl Tables {
+    /// Under the names that this program gives them.
+    pub(crate) fn named(parquet: bool) -> Self {
+        Tables {
+            cells: "cells.csv".into(),
+            objects: "objects.csv".into(),
+            surfaces: "surfaces.csv".into(),
+            checksums: None,
+            parquet: parquet.then(|| ParquetTables {
+                cells: "cells.parquet".into(),
+                objects: "objects.parquet".into(),
+                surfaces: "surfaces.parquet".into(),
+                checksums: None,
+            }),
+        }
+    }
+}
+
+/// Paths of the tables as Parquet.
+#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
+pub struct ParquetTables {
+    /// `cells.parquet`.
+    pub cells: String,
+    /// `objects.parquet`.
+    pub objects: String,
+    /// `surfaces.parquet`.
+    pub surfaces: String,
+    /// Checksums of the three files; `None` until the manifest is written.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub checksums: Option<TableChecksums>,
 }
 
 /// Checksums of the tables, see [`TileEntry::checksum`].

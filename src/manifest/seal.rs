@@ -33,6 +33,13 @@ impl Manifest {
             objects: of(&self.tables.objects)?,
             surfaces: of(&self.tables.surfaces)?,
         });
+        if let Some(parquet) = &mut self.tables.parquet {
+            parquet.checksums = Some(TableChecksums {
+                cells: of(&parquet.cells)?,
+                objects: of(&parquet.objects)?,
+                surfaces: of(&parquet.surfaces)?,
+            });
+        }
         self.layers = Vec::new();
         self.checksum = Some(BLANK.into());
         let mut crc = crc32fast::Hasher::new();

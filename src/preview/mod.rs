@@ -19,9 +19,9 @@ use crate::error::{Error, Result};
 use crate::grid::{Ambiguous, Placement};
 use crate::manifest::Manifest;
 use crate::picture::{Picture, printed_unit};
-use crate::table::{Chosen, Table};
+use crate::table::{Chosen, Table, warn_of_outside};
 use crate::volume::{Cropped, Volume};
-use crate::words::{counted, number, things};
+use crate::words::{counted, number, percent, things};
 use cells::{Colours, Meaning};
 use draw::Canvas;
 use page::{Bar, GAP, Key, Page, side_by_side};
@@ -92,6 +92,9 @@ pub fn preview(
     // before the picture takes the place of another one
     let mut warnings: Vec<String> = options.input.check()?.into_iter().collect();
     warnings.extend(shown.doubts(true_proportion));
+    if let (Some(dir), Some(m)) = (&options.tiles, &manifest) {
+        warnings.extend(warn_of_outside(dir, m, &options.chosen, false)?);
+    }
     picture
         .save(path)
         .map_err(|e| Error::io(path, "write the picture", e))?;
@@ -306,8 +309,8 @@ impl Shown<'_> {
             return Vec::new();
         }
         let title = |&t: &f64| {
-            let percent = 100.0 * self.share_above(t);
-            format!("{}: {percent:.1} % above", Self::short(t))
+            let share = percent(self.share_above(t));
+            format!("{}: {share} above", Self::short(t))
         };
         self.thresholds.iter().map(title).collect()
     }

@@ -1,5 +1,6 @@
 //! Files that appear under their name whole, or not at all.
 
+use std::borrow::{Borrow, BorrowMut};
 use std::fs::{File, Permissions};
 use std::io::{ErrorKind, Result, Seek, SeekFrom, Write};
 use std::os::unix::fs::PermissionsExt;
@@ -66,9 +67,19 @@ impl NewFile {
             },
         }
     }
+}
 
-    /// What it holds so far.
-    pub fn file(&mut self) -> &mut File {
+impl Borrow<File> for NewFile {
+    fn borrow(&self) -> &File {
+        match &self.inner {
+            Inner::Nameless(file) => file,
+            Inner::Named(file) => file.as_file(),
+        }
+    }
+}
+
+impl BorrowMut<File> for NewFile {
+    fn borrow_mut(&mut self) -> &mut File {
         match &mut self.inner {
             Inner::Nameless(file) => file,
             Inner::Named(file) => file.as_file_mut(),
@@ -78,17 +89,17 @@ impl NewFile {
 
 impl Write for NewFile {
     fn write(&mut self, bytes: &[u8]) -> Result<usize> {
-        self.file().write(bytes)
+        BorrowMut::<File>::borrow_mut(self).write(bytes)
     }
 
     fn flush(&mut self) -> Result<()> {
-        self.file().flush()
+        BorrowMut::<File>::borrow_mut(self).flush()
     }
 }
 
 impl Seek for NewFile {
     fn seek(&mut self, to: SeekFrom) -> Result<u64> {
-        self.file().seek(to)
+        BorrowMut::<File>::borrow_mut(self).seek(to)
     }
 }
 

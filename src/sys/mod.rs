@@ -17,3 +17,4 @@ pub(crate) mod spill_file;
 pub(crate) mod state_codec;
 pub(crate) mod temp_file;
 pub(crate) mod unchecked;
+pub(crate) mod write_out;

@@ -44,6 +44,22 @@ impl Column {
     pub fn is_condition(&self) -> bool {
         self.name == "touches_border"
     }
+
+    /// True if the values are counts, ids or other whole numbers, none of which is missing.
+    pub fn is_whole(&self) -> bool {
+        const WHOLE: [&str; 9] = [
+            "id",
+            "voxels",
+            "euler_characteristic",
+            "tiles",
+            "cell",
+            "object",
+            "triangles",
+            "vertices",
+            "border_edges",
+        ];
+        WHOLE.contains(&self.name.as_str())
+    }
 }
 
 /// The names of columns, with commas between them.

@@ -31,6 +31,7 @@ mod column;
 mod expr;
 mod lex;
 mod outside;
+mod parquet;
 mod parse;
 mod query;
 mod reader;
@@ -40,7 +41,8 @@ pub use crate::manifest::Table;
 pub use chosen::Chosen;
 pub use column::{Column, find_column};
 pub use expr::{Expr, Kind};
-pub use outside::Outside;
+pub use outside::{Outside, warn_of_outside};
+pub(crate) use parquet::write_parquet;
 pub use query::{Query, Selected};
 pub use reader::{Row, TableReader};
 pub use summary::{
@@ -95,6 +97,15 @@ impl Table {
             Table::Cells => "cells.csv",
             Table::Objects => "objects.csv",
             Table::Surfaces => "surfaces.csv",
+        }
+    }
+
+    /// `cells.parquet`, `objects.parquet` or `surfaces.parquet`: the same as Parquet.
+    pub fn parquet_file(self) -> &'static str {
+        match self {
+            Table::Cells => "cells.parquet",
+            Table::Objects => "objects.parquet",
+            Table::Surfaces => "surfaces.parquet",
         }
     }
 

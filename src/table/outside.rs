@@ -1,10 +1,13 @@
 //! The air around a sample among the cells of a tile set.
 
 use super::reader::{Row, TableReader};
+use super::{Chosen, Table};
 use crate::error::{Error, Result};
-use crate::grid::Placement;
+use crate::grid::{Fill, Placement, Shape};
 use crate::manifest::Manifest;
+use crate::words::things;
 use serde::Serialize;
+use std::path::Path;
 
 /// Which cells count as the air around the sample, and not as its pores.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize)]
@@ -94,6 +97,23 @@ impl Reach {
         Ok(both == 1 && (0..3).all(|r| lower[r] || upper[r]))
     }
 
+    /// True if a row's box leaves that of the voxels inside of a region, or, where this is not known, if it touches the
+    /// border.
+    fn may_leave(&self, row: &Row, inside: Option<&[[f64; 3]; 2]>) -> Result<bool> {
+        let Some(inside) = inside else {
+            return Ok(row.number(self.border)?.is_some_and(|v| v != 0.0));
+        };
+        for r in 0..3 {
+            let [low, high] = [0, 1].map(|side| row.number(self.columns[side][r]));
+            let leaves = low?.is_some_and(|v| v < inside[0][r] - self.slack)
+                || high?.is_some_and(|v| v > inside[1][r] + self.slack);
+            if leaves {
+                return Ok(true);
+            }
+        }
+        Ok(false)
+    }
+
     /// True if a row reaches all four sides of the grid, across x and y.
     fn reaches_all_sides(&self, row: &Row) -> Result<bool> {
         let reached = self.ends(row)?;
@@ -112,6 +132,80 @@ fn slack(place: &Placement, grid: &[[f64; 3]; 2]) -> f64 {
         .iter()
         .fold(f64::INFINITY, |s: f64, &v| s.min(v));
     1e-12 * largest + 1e-6 * step
+}
+
+/// What a user should know of rows that were chosen from a tile set of a region of interest: which of them hold what is
+/// outside of it, and so are not the sample's alone. `None` if none does, or all rows were taken. `omit` says that all
+/// but those that are chosen were taken.
+///
+/// # Errors
+/// What reading returns.
+pub fn warn_of_outside(
+    dir: &Path,
+    manifest: &Manifest,
+    chosen: &Chosen,
+    omit: bool,
+) -> Result<Option<String>> {
+    let Some(region) = &manifest.region else {
+        return Ok(None);
+    };
+    let (of, air) = match region.fill {
+        Fill::Material => (Table::Objects, "air"),
+        Fill::Air => (Table::Cells, "material"),
+    };
+    if chosen.is_all() || chosen.table != of || region.outside(manifest.grid.dims) == 0 {
+        return Ok(None);
+    }
+    let mut table = of.open(dir, manifest)?;
+    let query = chosen.query(&table)?;
+    let reach = Reach::new(&table, manifest)?;
+    let id = find(&table, "id")?;
+    let inside = inside(manifest);
+    let (mut first, mut more) = (None, 0);
+    while let Some(row) = table.next_row()? {
+        if query.keeps(&row)? == omit || !reach.may_leave(&row, inside.as_ref())? {
+            continue;
+        }
+        match first {
+            None => first = Some(row.whole(id)?),
+            Some(_) => more += 1,
+        }
+    }
+    let others = match more {
+        0 => String::new(),
+        n => format!(" (and {} more)", things(n, of.singular())),
+    };
+    let verb = match inside {
+        Some(_) => "reaches outside",
+        None => "touches the border and may reach outside",
+    };
+    Ok(first.map(|id| {
+        format!(
+            "{} {id}{others} {verb} of the region of interest, where everything counts as {}: it is not that of the sample \
+             alone; a conversion with --roi-fill {air} makes that",
+            of.singular(),
+            region.fill
+        )
+    }))
+}
+
+/// The box around the voxels of the grid that are in a cylinder which ends inside of the grid; `None` if that cannot be
+/// told.
+fn inside(manifest: &Manifest) -> Option<[[f64; 3]; 2]> {
+    let Shape::Cylinder(cylinder) = &manifest.region.as_ref()?.shape else {
+        return None;
+    };
+    let start = manifest.source.crop.as_ref().map_or([0; 3], |c| c.start());
+    let last = manifest.grid.dims.0.map(|n| f64::from(n - 1));
+    let mut ends = [[0.0; 3], last];
+    for a in 0..2 {
+        let centre = cylinder.centre[a] - f64::from(start[a]);
+        ends[0][a] = (centre - cylinder.radius).ceil().max(0.0);
+        ends[1][a] = (centre + cylinder.radius).floor().min(last[a]);
+    }
+    // what is outside is in one piece then, in each slice, and reaches all sides
+    let is_within = (0..2).all(|a| ends[0][a] > 0.0 && ends[1][a] < last[a]);
+    is_within.then(|| manifest.measured().box_around(ends))
 }
 
 /// The position of a column that a summary needs.

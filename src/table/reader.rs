@@ -4,6 +4,7 @@ mod find;
 
 use super::column::Column;
 use crate::error::{Error, Result};
+use crate::grid::{Length, Unit};
 use csv_core::ReadRecordResult;
 use std::fs::File;
 use std::io::{BufRead, BufReader};
@@ -30,6 +31,16 @@ pub struct TableReader {
     line: u64,
     fields: Vec<u8>,
     ends: Vec<usize>,
+    convert: Option<Convert>,
+}
+
+/// How numbers become those of another unit of length.
+#[derive(Debug, Clone)]
+struct Convert {
+    from: Length,
+    to: Unit,
+    /// The power of the unit that each column has.
+    powers: Vec<usize>,
 }
 
 impl std::fmt::Debug for TableReader {
@@ -48,6 +59,7 @@ pub struct Row<'a> {
     columns: &'a [Column],
     fields: &'a [u8],
     ends: &'a [usize],
+    convert: Option<&'a Convert>,
     line: u64,
     /// Byte of the file at which the row starts.
     pub offset: u64,
@@ -82,6 +94,7 @@ impl TableReader {
             line: 1,
             fields: vec![0; ROW_BYTES],
             ends: vec![0; COLUMNS],
+            convert: None,
         };
         let bad = |found: String| Err(Error::format(path, found, "a table with a column `id`"));
         let Some((_, _, count, size)) = reader.record()? else {
@@ -110,6 +123,32 @@ impl TableReader {
         reader.columns = columns;
         reader.first = reader.offset;
         Ok(reader)
+    }
+
+    /// The same table with its numbers, and so conditions on them, in another unit of length than `from`, which its
+    /// columns are in. Texts of fields stay.
+    pub fn in_unit(mut self, from: Unit, to: Unit) -> Self {
+        if from == to || [from, to].contains(&Unit::Voxel) {
+            return self;
+        }
+        let names = [1, 2, 3].map(|power| {
+            let name = |unit: Unit| match power {
+                1 => unit.name().to_owned(),
+                _ => format!("{}^{power}", unit.name()),
+            };
+            [name(from), name(to)]
+        });
+        let mut powers = Vec::with_capacity(self.columns.len());
+        for column in &mut self.columns {
+            let power = names.iter().position(|[from, _]| *from == column.unit);
+            if let Some(power) = power {
+                column.unit.clone_from(&names[power][1]);
+            }
+            powers.push(power.map_or(0, |power| power + 1));
+        }
+        let from = Length::from(from);
+        self.convert = Some(Convert { from, to, powers });
+        self
     }
 
     /// The file.
@@ -157,6 +196,7 @@ impl TableReader {
             columns: &self.columns,
             fields: &self.fields[..size],
             ends: &self.ends[..count],
+            convert: self.convert.as_ref(),
             line,
             offset,
         }))
@@ -218,6 +258,12 @@ impl TableReader {
     }
 }
 
+impl Convert {
+    fn number(&self, column: usize, value: f64) -> f64 {
+        (0..self.powers[column]).fold(value, |v, _| self.from.convert(v, self.to))
+    }
+}
+
 impl<'a> Row<'a> {
     /// The bytes of field `column`.
     fn bytes(&self, column: usize) -> &'a [u8] {
@@ -245,7 +291,7 @@ impl<'a> Row<'a> {
             return Ok(None);
         }
         match text.parse::<f64>() {
-            Ok(v) if v.is_finite() => Ok(Some(v)),
+            Ok(v) if v.is_finite() => Ok(Some(self.convert.map_or(v, |c| c.number(column, v)))),
             _ => Err(self.damage(column, &format!("{text:?}"))),
         }
     }
@@ -255,6 +301,16 @@ impl<'a> Row<'a> {
     /// # Errors
     /// [`Error::Format`] with line and column if it is not a whole number from 0.
     pub fn whole(&self, column: usize) -> Result<u64> {
+        let text = self.text(column)?;
+        text.parse()
+            .map_err(|_| self.damage(column, &format!("{text:?}")))
+    }
+
+    /// The whole number in field `column`, which may be below zero.
+    ///
+    /// # Errors
+    /// [`Error::Format`] with line and column if it is none of 64 bits.
+    pub fn signed(&self, column: usize) -> Result<i64> {
         let text = self.text(column)?;
         text.parse()
             .map_err(|_| self.damage(column, &format!("{text:?}")))

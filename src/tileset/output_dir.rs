@@ -10,8 +10,9 @@ use std::fs;
 use std::io::ErrorKind;
 use std::path::{Path, PathBuf};
 
-/// What a tile set may have at its top level, the manifest first: it goes first and comes last.
-const ENTRIES: [&str; 10] = [
+/// What a tile set may have at its top level, the manifest first: it goes first and comes last. Only
+/// painted sets have legends, tables are Parquet, too, where that was asked for, and some have levels of detail.
+const ENTRIES: [&str; 13] = [
     "index.json",
     "index",
     "tiles",
@@ -22,9 +23,20 @@ const ENTRIES: [&str; 10] = [
     OPTIONAL[1],
     OPTIONAL[2],
     OPTIONAL[3],
+    OPTIONAL[4],
+    OPTIONAL[5],
+    OPTIONAL[6],
 ];
-/// What some tile sets lack: legends, which painted sets have, and levels of detail.
-const OPTIONAL: [&str; 4] = ["legend.png", "legend.svg", TILESET, "lod"];
+/// What some tile sets lack: pictures of colours, tables as Parquet, levels of detail.
+const OPTIONAL: [&str; 7] = [
+    "legend.png",
+    "legend.svg",
+    "cells.parquet",
+    "objects.parquet",
+    "surfaces.parquet",
+    TILESET,
+    "lod",
+];
 /// The file in it that says who works there.
 const LOCK: &str = "lock";
 /// The file in it that says what levels of detail are being made.

@@ -5,6 +5,7 @@ use crate::error::{Error, Result};
 use crate::manifest::{LayerRecord, Manifest, ShardWriter, TileEntry, Totals};
 use crate::sys::files::{remove_if_there, write_file};
 use crate::sys::spill_file::SpillFile;
+use crate::table::{Table, write_parquet};
 use crate::tile::tile_path;
 use std::path::{Path, PathBuf};
 
@@ -145,17 +146,36 @@ impl TilesetWriter {
         self.index_bytes
     }
 
-    /// Writes the manifest with all layers; the tables are there. Returns its bytes.
+    /// Writes the manifest with all layers, and the tables as Parquet if it names such; those in CSV are there.
+    /// Returns the bytes of what it has written.
     ///
     /// # Errors
     /// [`Error::Io`].
     pub fn finish(mut self, manifest: Manifest) -> Result<u64> {
+        let parquet = match &manifest.tables.parquet {
+            Some(_) => write_parquet_tables(&self.dir)?,
+            None => 0,
+        };
         let all = self.layers.everything().expect("it holds nothing else");
-        manifest.write_sealed_with(&self.dir, &mut |each| {
+        let index = manifest.write_sealed_with(&self.dir, &mut |each| {
             let layers = &mut self.layers;
             layers.for_each(&all, |layer: LayerRecord| each(&layer.layer()))
-        })
+        })?;
+        Ok(parquet + index)
     }
+}
+
+/// Writes all tables as Parquet beside their CSV files; returns their bytes.
+fn write_parquet_tables(dir: &Path) -> Result<u64> {
+    let mut bytes = 0;
+    for table in Table::ALL {
+        bytes += write_parquet(
+            &dir.join(table.file()),
+            &dir.join(table.parquet_file()),
+            table,
+        )?;
+    }
+    Ok(bytes)
 }
 
 #[cfg(test)]

@@ -5,7 +5,7 @@ use super::code::Code;
 use super::inside::{Inside, Moments, Span};
 use super::ledger::Kind;
 use super::report::Issues;
-use crate::grid::{Extent, Placement};
+use crate::grid::{Extent, Fill, Placement};
 use crate::manifest::Manifest;
 use glam::{DMat3, DVec3};
 use std::f64::consts::PI;
@@ -111,7 +111,14 @@ impl<'a> ComponentRows<'a> {
             self.above += row[VOXELS].unwrap_or(f64::NAN);
         }
         self.formulas(row, wrong);
+        // what holds voxels outside of the region of interest stays, and these are all of one phase
+        let fill = self.manifest.region.as_ref().map(|region| region.fill);
+        let may_leave = match kind {
+            Kind::Cell => fill == Some(Fill::Air),
+            _ => fill == Some(Fill::Material),
+        };
         if let Some(dust) = &self.manifest.dust
+            && !may_leave
             && row[VOXELS].is_none_or(|v| v < dust.min_voxels as f64)
             // what is all of the volume stays
             && row[VOXELS] != Some(self.manifest.grid.dims.voxels() as f64)

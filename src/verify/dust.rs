@@ -9,13 +9,14 @@
 //! that have fewer voxels than the size so far.
 
 use super::code::Code;
+use super::region_edge::RegionEdge;
 use super::report::Issues;
 use super::spill::{Merge, Spill};
 use crate::error::{Error, Result};
 use crate::grid::{Ambiguous, Tiling};
 use crate::manifest::{Dust, Manifest};
 use crate::progress::Progress;
-use crate::volume::{Volume, Voxel, with_voxel_type};
+use crate::volume::{Volume, Voxel, row_words, with_voxel_type};
 
 /// Runs that a sort keeps in memory: 1 MiB.
 const IN_MEMORY: usize = 1 << 16;
@@ -64,6 +65,7 @@ impl Filled {
         volume: &dyn Volume,
         manifest: &Manifest,
         dust: &Dust,
+        edge: RegionEdge,
         progress: &dyn Progress,
         issues: &mut Issues,
     ) -> Result<Self> {
@@ -83,10 +85,12 @@ impl Filled {
         let mut slices = Slices {
             volume,
             threshold: manifest.threshold,
+            edge,
             filled: None,
             next: None,
             words: Vec::new(),
             bits: Vec::new(),
+            inside: Vec::new(),
         };
         let mut small: Spill<1> = Spill::new(IN_MEMORY);
         let of = |phase| Search {
@@ -162,11 +166,14 @@ fn rows_with(tiling: &Tiling, axis: usize, voxel: u32) -> std::ops::RangeInclusi
 struct Slices<'a> {
     volume: &'a dyn Volume,
     threshold: f64,
+    edge: RegionEdge<'a>,
     filled: Option<Merge<1>>,
     next: Option<[u64; 1]>,
     words: Vec<u64>,
     /// 1 for a voxel that is above.
     bits: Vec<u8>,
+    /// A bit for each voxel that is in the region of interest, in words of 64 for each row.
+    inside: Vec<u64>,
 }
 
 impl Slices<'_> {
@@ -180,6 +187,7 @@ impl Slices<'_> {
         let out = &mut bytemuck::cast_slice_mut(&mut self.words)[..bytes];
         self.volume.read_box(0..nx, 0..ny, z..z + 1, out)?;
         self.volume.release(z..z + 1);
+        self.edge.slice([nx, ny], z, &mut self.inside)?;
         self.bits.clear();
         with_voxel_type!(header.dtype, T => {
             let all: &[T] = bytemuck::cast_slice(&self.words);
@@ -246,6 +254,20 @@ impl Labelled {
     }
 }
 
+/// The voxels of a row.
+struct BitsOfRow<'a> {
+    bits: &'a [u8],
+    /// See [`Slices::inside`].
+    inside: &'a [u64],
+}
+
+impl BitsOfRow<'_> {
+    /// True if a run has a voxel outside of the region of interest.
+    fn leaves(&self, [first, last]: [u32; 2]) -> bool {
+        (first..=last).any(|x| self.inside[x as usize / 64] >> (x % 64) & 1 == 0)
+    }
+}
+
 /// Components of one phase, labelled slice by slice.
 struct Labels {
     search: Search,
@@ -300,7 +322,10 @@ fn find_small(
             own.starts.push(own.runs.len());
             let start = y as usize * nx as usize;
             let bits = &slices.bits[start..start + nx as usize];
-            labels.add_row([y, z], bits, &mut own);
+            let words = row_words(nx);
+            let inside = &slices.inside[y as usize * words..][..words];
+            let row = BitsOfRow { bits, inside };
+            labels.add_row([y, z], &row, &mut own);
         }
         own.starts.push(own.runs.len());
         labels.end_slice(own, &mut count, &mut each)?;
@@ -319,15 +344,16 @@ fn find_small(
 
 impl Labels {
     /// Labels the runs of a row of bits and joins them with those of the rows before.
-    fn add_row(&mut self, [y, z]: [u32; 2], bits: &[u8], own: &mut Labelled) {
+    fn add_row(&mut self, [y, z]: [u32; 2], row: &BitsOfRow, own: &mut Labelled) {
         let (phase, by_edges) = (self.search.phase, self.search.by_edges());
         let first = own.runs.len();
         let mut x = 0;
-        for chunk in bits.chunk_by(|a, b| a == b) {
+        for chunk in row.bits.chunk_by(|a, b| a == b) {
             let ends = [x, x + chunk.len() as u32 - 1];
             x += chunk.len() as u32;
             if chunk[0] == phase {
-                own.runs.push((ends, self.create(run([y, z], ends))));
+                let label = self.create(run([y, z], ends), row.leaves(ends));
+                own.runs.push((ends, label));
             }
         }
         let rows = self.before.starts.len() as u32 - 1;
@@ -347,10 +373,14 @@ impl Labels {
         self.before = before;
     }
 
-    fn create(&mut self, run: Run) -> u32 {
+    /// A component of one run. One that leaves the region of interest is never small.
+    fn create(&mut self, run: Run, leaves: bool) -> u32 {
         let [first, last] = ends_of(run);
         let label = self.parent.len() as u32;
-        let voxels = u64::from(last - first) + 1;
+        let voxels = match leaves {
+            true => u64::MAX,
+            false => u64::from(last - first) + 1,
+        };
         self.parent.push(label);
         self.components.push(Component {
             voxels,
@@ -403,7 +433,7 @@ impl Labels {
         let runs = self.components[gone as usize].runs.take();
         let voxels = self.components[gone as usize].voxels;
         let kept = &mut self.components[keep as usize];
-        kept.voxels += voxels;
+        kept.voxels = kept.voxels.saturating_add(voxels);
         kept.runs = match (kept.runs.take(), runs) {
             (Some(mut all), Some(more)) if kept.voxels < self.search.least => {
                 all.extend(more);

@@ -18,6 +18,8 @@ use rayon::ThreadPool;
 pub(super) struct Found {
     /// True if the set is a part.
     pub part: bool,
+    /// What of the index is not proved.
+    pub unproved: Vec<String>,
     pub counts: Counts,
     pub tiles: u64,
     pub strips: u64,

@@ -67,6 +67,7 @@ mod ledger;
 mod levels;
 mod marks;
 mod paint;
+mod parquet;
 mod piece;
 mod places;
 mod region_edge;
@@ -86,6 +87,8 @@ pub use report::{Issue, Report, Severity};
 pub use source::SourceVolume;
 
 use crate::error::{Error, Result};
+use crate::grid::Shape;
+use crate::manifest::Manifest;
 use crate::progress::Progress;
 use crate::volume::{RegionVoxels, Volume};
 use laws::Found;
@@ -153,16 +156,37 @@ pub fn verify(dir: &Path, options: &VerifyOptions, progress: &dyn Progress) -> R
             source::check(&manifest, source, &volume.header().placement, &mut issues);
         }
         foreign::foreign_files(&root, &manifest, &mut issues)?;
+        if options.against.is_none() {
+            found.unproved = unproved(&manifest);
+        }
         found.part = manifest.is_part();
         let cx = Context::new(&root, &manifest, options.region, options.max_issues);
         cx.edge.check(&manifest, &mut issues)?;
-        let original = Original::new(options.against, &manifest, progress, &mut issues)?;
+        let original = Original::new(options.against, &cx, progress, &mut issues)?;
         let sweep = Run::new(&cx, &pool, progress).tiles(original, &mut found, &mut issues)?;
         found.counts.edges += sweep.matched;
         laws::check(sweep.ledger, &cx, &pool, &mut found, &mut issues)?;
+        parquet::check(&cx, &mut issues);
         levels::check(&root, &manifest, progress, &mut issues)?;
     }
     Ok(report(found, issues, options, start))
+}
+
+/// What of an index only the volume can prove, besides the surface itself.
+fn unproved(manifest: &Manifest) -> Vec<String> {
+    let mask = manifest.region.as_ref().and_then(|r| match &r.shape {
+        Shape::Mask { file, .. } => Some(format!(
+            "which voxels the mask {file} holds, how many these are, and which cells and objects its edge cuts"
+        )),
+        Shape::Cylinder(_) => None,
+    });
+    let dust = manifest.dust.as_ref().map(|dust| {
+        format!(
+            "how many parts of fewer than {} voxels were left out",
+            dust.min_voxels
+        )
+    });
+    mask.into_iter().chain(dust).collect()
 }
 
 fn report(found: Found, issues: Issues, options: &VerifyOptions, start: Instant) -> Report {
@@ -171,6 +195,7 @@ fn report(found: Found, issues: Issues, options: &VerifyOptions, start: Instant)
         ok: !issues.any_error(),
         against: options.against.is_some(),
         part: found.part,
+        unproved: found.unproved,
         tiles: found.tiles,
         triangles: c.triangles,
         cap_triangles: c.cap_triangles,

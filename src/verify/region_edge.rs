@@ -6,7 +6,7 @@ use super::marks::axis;
 use super::piece::{Region, Vertex};
 use super::report::Issues;
 use crate::error::Result;
-use crate::grid::{Cylinder, Fill, Shape};
+use crate::grid::{Cylinder, Dims, Fill, Shape};
 use crate::manifest::Manifest;
 use crate::volume::{RegionVoxels, row_words};
 
@@ -33,6 +33,8 @@ impl<'a> RegionEdge<'a> {
                 RegionEdge::Cylinder(cylinder, [start[0], start[1]])
             }
             (Some(Shape::Mask { .. }), Some(voxels)) => RegionEdge::Mask(voxels),
+            // one that holds all of the grid has no edge in it
+            (Some(Shape::Mask { .. }), None) if holds_all(manifest) => RegionEdge::None,
             (Some(Shape::Mask { .. }), None) => RegionEdge::Unknown,
         }
     }
@@ -71,6 +73,19 @@ impl<'a> RegionEdge<'a> {
         } else if !(1..=dims.voxels()).contains(&found) {
             let message = format!("found {found}, expected 1 to {}", dims.voxels());
             wrong("voxels", message);
+        } else if let Some(least) = least(manifest).filter(|least| found < *least) {
+            let fill = stated.fill;
+            let message = format!(
+                "found {found}, of which {least} at least are inside: all that is outside is {fill}"
+            );
+            wrong("voxels", message);
+        }
+        if let Shape::Mask { checksum, .. } = &stated.shape
+            && manifest.source.crop.is_none()
+            && holds_all(manifest) != (*checksum == checksum_of_all(dims))
+        {
+            let message = "voxels and checksum contradict each other: of a mask that holds all of the grid each tells so";
+            wrong("checksum", message.to_owned());
         }
         let above = stated.fill_value >= manifest.threshold;
         if above != (stated.fill == Fill::Material) || !stated.fill_value.is_finite() {
@@ -79,6 +94,29 @@ impl<'a> RegionEdge<'a> {
                 stated.fill_value, stated.fill, manifest.threshold
             );
             wrong("fill_value", message);
+        }
+        Ok(())
+    }
+
+    /// The voxels of a slice of `nx` x `ny` that are inside, in words of 64 along x for each row, the lowest bit first; all
+    /// that are not known to be outside.
+    ///
+    /// # Errors
+    /// Those of [`RegionVoxels::rows`].
+    pub fn slice(&self, [nx, ny]: [u32; 2], z: u32, out: &mut Vec<u64>) -> Result<()> {
+        let words = row_words(nx);
+        out.clear();
+        match self {
+            RegionEdge::None | RegionEdge::Unknown => out.resize(words * ny as usize, !0),
+            RegionEdge::Mask(voxels) => voxels.rows(0..ny, z, out)?,
+            RegionEdge::Cylinder(cylinder, start) => {
+                out.resize(words * ny as usize, 0);
+                for (y, row) in (start[1]..).zip(out.chunks_exact_mut(words)) {
+                    for x in (0..nx).filter(|x| cylinder.holds(x + start[0], y)) {
+                        row[x as usize / 64] |= 1 << (x % 64);
+                    }
+                }
+            }
         }
         Ok(())
     }
@@ -112,6 +150,39 @@ impl<'a> RegionEdge<'a> {
             }
         })
     }
+}
+
+/// True if the manifest states that no voxel of the grid is outside.
+fn holds_all(manifest: &Manifest) -> bool {
+    let outside = |region: &crate::grid::Region| region.outside(manifest.grid.dims);
+    manifest.region.as_ref().is_some_and(|r| outside(r) == 0)
+}
+
+/// The voxels of the phase that no voxel outside is of, which are all inside.
+fn least(manifest: &Manifest) -> Option<u64> {
+    let above = match &manifest.selection {
+        Some(part) => part.of.voxels_above,
+        None => manifest.totals.voxels_above,
+    };
+    match manifest.region.as_ref()?.fill {
+        Fill::Material => Some(manifest.grid.dims.voxels().saturating_sub(above)),
+        Fill::Air => Some(above),
+    }
+}
+
+/// The checksum of a mask that holds all voxels, see [`Shape::Mask`].
+fn checksum_of_all(dims: Dims) -> String {
+    let [nx, ny, nz] = dims.0;
+    let mut row = crc32fast::Hasher::new();
+    for first in (0..nx).step_by(64) {
+        let left = (nx - first).min(64);
+        row.update(&(!0u64 >> (64 - left)).to_le_bytes());
+    }
+    let mut slice = crc32fast::Hasher::new();
+    (0..ny).for_each(|_| slice.combine(&row));
+    let mut all = crc32fast::Hasher::new();
+    (0..nz).for_each(|_| all.combine(&slice));
+    format!("crc32:{:08x}", all.finalize())
 }
 
 /// The voxels of a tile that are inside.

@@ -120,6 +120,9 @@ pub struct Report {
     /// measures of objects that have lost surfaces, are not proven. Absent in JSON if it does not.
     #[serde(skip_serializing_if = "std::ops::Not::not")]
     pub part: bool,
+    /// What of the index only the volume can prove, where it was not compared with that. Absent in JSON if nothing.
+    #[serde(skip_serializing_if = "Vec::is_empty")]
+    pub unproved: Vec<String>,
     /// Tiles read.
     pub tiles: u64,
     /// Triangles, degenerates of strips not counted; caps are counted.

@@ -12,7 +12,7 @@ use super::report::Issues;
 use super::sweep::Sweep;
 use super::tile::{self, Context, Outcome, Samples, Workspace};
 use crate::error::{Error, Result};
-use crate::manifest::{Manifest, TileEntry};
+use crate::manifest::TileEntry;
 use crate::progress::Progress;
 use crate::sys::locks::lock;
 use crate::volume::Volume;
@@ -36,10 +36,11 @@ impl<'a> Original<'a> {
     /// As of [`Filled::find`].
     pub fn new(
         volume: Option<&'a dyn Volume>,
-        manifest: &Manifest,
+        cx: &Context,
         progress: &dyn Progress,
         issues: &mut Issues,
     ) -> Result<Option<Self>> {
+        let manifest = cx.manifest;
         let Some(volume) = volume else {
             return Ok(None);
         };
@@ -50,7 +51,8 @@ impl<'a> Original<'a> {
             return Ok(None);
         }
         let dust = manifest.dust.as_ref();
-        let filled = dust.map(|dust| Filled::find(volume, manifest, dust, progress, issues));
+        let filled =
+            dust.map(|dust| Filled::find(volume, manifest, dust, cx.edge, progress, issues));
         Ok(Some(Original {
             band: Band::new(volume, filled.transpose()?),
             rule: Rule {

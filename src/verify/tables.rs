@@ -47,7 +47,7 @@ const SURFACE: [(&str, u32); 10] = [
 ];
 
 /// The columns of a table.
-fn columns(kind: Kind) -> &'static [(&'static str, u32)] {
+pub(super) fn columns(kind: Kind) -> &'static [(&'static str, u32)] {
     match kind {
         Kind::Surface => &SURFACE,
         _ => &components::COLUMNS,
@@ -409,7 +409,7 @@ impl Row {
     }
 
     fn take(&mut self, field: &str, name: &str) {
-        let is_whole = WHOLE.contains(&name);
+        let is_whole = is_whole(name);
         // as they are written, so that every reader takes them for the same
         let value = field.parse::<f64>().ok();
         let value = value.filter(|v| v.is_finite() && is_plain(field, is_whole));
@@ -453,6 +453,11 @@ const WHOLE: [&str; 10] = [
     "touches_border",
     "tiles",
 ];
+
+/// True for columns of whole numbers.
+pub(super) fn is_whole(name: &str) -> bool {
+    WHOLE.contains(&name)
+}
 
 #[cfg(test)]
 mod tests {

@@ -30,6 +30,7 @@ mod frustum;
 mod mesh;
 mod page;
 mod rows;
+mod script;
 mod server;
 mod set;
 mod slice;

@@ -1,6 +1,8 @@
 //! The page, which the program carries.
 
+use super::script::bundle;
 use crate::http::{Answer, Body};
+use std::sync::LazyLock;
 
 /// A file of the page.
 struct PageFile {
@@ -61,6 +63,16 @@ const FILES: &[PageFile] = &page_files! {
     "view.css": CSS,
 };
 
+/// The module that runs, under whose name all are sent.
+const SCRIPT: &str = "main.js";
+
+/// All modules as one script. A test sees to it that they are such as can be put together.
+static BUNDLE: LazyLock<String> = LazyLock::new(|| {
+    let modules = FILES.iter().filter(|file| file.kind == JS);
+    let modules = modules.filter_map(|file| Some((file.name, str::from_utf8(file.bytes).ok()?)));
+    bundle(&modules.collect(), SCRIPT).unwrap_or_default()
+});
+
 /// The file of the page at a path; the page itself is at `/`.
 pub fn file(path: &str) -> Option<Answer> {
     let name = match path.strip_prefix('/')? {
@@ -68,8 +80,14 @@ pub fn file(path: &str) -> Option<Answer> {
         name => name,
     };
     let file = FILES.iter().find(|file| file.name == name)?;
+    let bytes = match file.kind {
+        JS if name == SCRIPT => BUNDLE.as_bytes(),
+        // a part of the script
+        JS => return None,
+        _ => file.bytes,
+    };
     // another version of the program may be at the same address
-    Some(Answer::new(file.kind, Body::Fixed(file.bytes)).with("Cache-Control", "no-store"))
+    Some(Answer::new(file.kind, Body::Fixed(bytes)).with("Cache-Control", "no-store"))
 }
 
 #[cfg(test)]
@@ -100,9 +118,22 @@ mod tests {
             };
             assert_eq!(file.kind, kind, "{}", file.name);
             let answer = super::file(&format!("/{}", file.name));
-            assert!(answer.is_some(), "{}", file.name);
+            let is_sent = kind != JS || file.name == SCRIPT;
+            assert_eq!(answer.is_some(), is_sent, "{}", file.name);
         }
         assert!(super::file("/").is_some() && super::file("/../index.html").is_none());
+    }
+
+    #[test]
+    fn the_script_has_all_modules() {
+        let count = FILES.iter().filter(|file| file.kind == JS).count();
+        assert_eq!(BUNDLE.matches("\n})();\n").count(), count);
+        for line in BUNDLE.lines() {
+            assert!(
+                !line.starts_with("import ") && !line.starts_with("export "),
+                "{line}"
+            );
+        }
     }
 
     /// What the answers' Content-Security-Policy would stop, and what would go elsewhere.

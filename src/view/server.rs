@@ -17,8 +17,10 @@ use crate::tileset::{TileLookup, TileSet};
 use std::fs::Metadata;
 use std::os::unix::fs::MetadataExt;
 use std::path::Path;
+use std::thread::available_parallelism;
 
-/// Answers that are made at once at most: each may hold a tile.
+/// Answers that are made at once at most: each may hold a tile. With more than there are processors the first tile that a
+/// page asks for would be made as late as the others.
 const AT_ONCE: usize = 4;
 /// Raised when what is sent of a tile changes.
 const MESH_VERSION: u32 = 1;
@@ -111,7 +113,7 @@ impl Viewer {
             frame: Frame::of(shown.set.manifest()),
             shown,
             token,
-            turns: Turns::new(AT_ONCE),
+            turns: Turns::new(available_parallelism().map_or(2, |n| n.get().clamp(2, AT_ONCE))),
             slice_turns: Turns::new(1),
             index,
         })

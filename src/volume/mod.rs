@@ -35,7 +35,7 @@ pub(crate) use region::row_words;
 pub use region::{Filled, RegionVoxels};
 pub use registry::input_help;
 pub use stamp::{Before, Stamp, stamp};
-pub use stats::cylinder::find_cylinder;
+pub use stats::cylinder::{FoundCylinder, find_cylinder};
 pub use stats::estimate::{Prediction, predict};
 pub use stats::fill_value::fill_value;
 pub use stats::statistics::{Statistics, statistics};

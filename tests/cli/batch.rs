@@ -232,7 +232,7 @@ fn what_cannot_be_is_refused_before_anything_is_read() {
         ("convert b.nrrd a c --threshold otsu", "--out-dir"),
         (
             "convert b.nrrd --out-dir b.nrrd --threshold otsu",
-            "create the directory",
+            "--out-dir: found b.nrrd, which is a file, expected a directory",
         ),
     ] {
         let message = fails(dir, &words(line));
@@ -306,4 +306,158 @@ fn a_signal_stops_all_scans_and_resume_goes_on() {
     assert!(!dir.join("out/c").exists());
     ok(dir, &words(&format!("{line} --resume --quiet")));
     assert!(files(&dir.join("out")) == files(&dir.join("whole")));
+}
+
+/// The row of a tile set.
+fn row<'a>(rows: &'a [BTreeMap<String, String>], name: &str) -> &'a BTreeMap<String, String> {
+    rows.iter().find(|row| row["tile_set"] == name).unwrap()
+}
+
+#[test]
+fn rows_of_tile_sets_that_are_there_stay() {
+    let dir = temp();
+    let dir = dir.path();
+    scans(dir);
+    let path = dir.join("out/scans.csv");
+    let rows = || table(&path);
+    let first = "convert ct/a.mhd b.nrrd --out-dir out --threshold 120 --quiet";
+    ok(dir, &words(first));
+    let before = (rows(), files(&dir.join("out/a")));
+    // other options: refused, with the old and the new value; what was made stays, and so does its row
+    let other = "convert ct/a.mhd c.raw.mhd --out-dir out --threshold 90 --cap --resume";
+    let output = alvis(dir, &words(other));
+    assert_eq!(output.status.code(), Some(2));
+    let errors = stderr(&output);
+    let told = "out/a: the tile set there was made otherwise: --threshold was 120 and is 90; --cap was false and is true";
+    assert!(errors.contains(told), "{errors}");
+    let last = errors.lines().last().unwrap();
+    assert!(
+        last.contains("1 of 2 scans") && last.contains("of 1 whose tile set"),
+        "{errors}"
+    );
+    let after = rows();
+    assert_eq!(after[..2], before.0[..]);
+    assert_eq!(row(&after, "c")["threshold"], "90");
+    assert!(files(&dir.join("out/a")) == before.1);
+    let report = alvis(dir, &words(&format!("{other} --json")));
+    let report = json(&stdout(&report));
+    assert_eq!((&report["done"], &report["failed"]), (&1.into(), &1.into()));
+    assert_eq!(report["scans"][0]["status"], "failed");
+    // so it does if the scan is gone
+    std::fs::rename(dir.join("b.nrrd"), dir.join("kept")).unwrap();
+    let gone = first.replace("ct/a.mhd b.nrrd", "b.nrrd");
+    let errors = fails(dir, &words(&format!("{gone} --resume")));
+    assert!(errors.contains("1 of 1 scans"), "{errors}");
+    assert_eq!(rows(), after);
+    std::fs::rename(dir.join("kept"), dir.join("b.nrrd")).unwrap();
+    // fewer scans: the others' rows stay, whichever way
+    ok(
+        dir,
+        &words("convert b.nrrd --out-dir out --threshold 120 --quiet --resume"),
+    );
+    assert_eq!(rows(), after);
+    ok(
+        dir,
+        &words("convert b.nrrd --out-dir out --threshold 130 --quiet --force"),
+    );
+    let forced = rows();
+    assert_eq!(row(&forced, "b")["threshold"], "130");
+    assert_eq!((&forced[0], &forced[2]), (&after[0], &after[2]));
+    // a scan that is new needs no permission
+    foam(dir, "d.nrrd", &["--pitch", "13"]);
+    ok(
+        dir,
+        &words("convert d.nrrd --out-dir out --threshold 120 --quiet"),
+    );
+    let names: Vec<String> = rows().iter().map(|r| r["tile_set"].clone()).collect();
+    assert_eq!(names, ["a", "b", "c", "d"]);
+    // of a set that is gone there is no row, and of one without a row there is one again
+    std::fs::remove_dir_all(dir.join("out/c")).unwrap();
+    std::fs::remove_file(&path).unwrap();
+    let errors = fails(dir, &words(&format!("{first} --cap --resume")));
+    assert!(errors.contains("2 of 2 scans"), "{errors}");
+    let again = rows();
+    assert_eq!(again.len(), 2);
+    for (name, old) in [("a", &forced[0]), ("b", &forced[1])] {
+        let mut expected = old.clone();
+        expected.insert("threshold_method".to_owned(), String::new());
+        assert_eq!(row(&again, name), &expected);
+    }
+    // one set by itself is refused in the same way
+    let errors = fails(
+        dir,
+        &words("convert ct/a.mhd out/a --threshold 120 --min-voxels 9 --resume --quiet"),
+    );
+    assert!(errors.contains("--min-voxels was 1 and is 9"), "{errors}");
+    assert!(files(&dir.join("out/a")) == before.1);
+}
+
+#[test]
+fn two_calls_do_not_write_to_one_directory_at_once() {
+    let dir = temp();
+    let dir = dir.path();
+    scans(dir);
+    let line = "convert ct/a.mhd --out-dir out --threshold 120 --quiet";
+    ok(dir, &words(line));
+    let before = files(&dir.join("out"));
+    let lock = std::fs::File::create(dir.join("out/.scans.lock")).unwrap();
+    lock.lock().unwrap();
+    for more in ["", " --resume", " --force"] {
+        let line = line.replace("ct/a.mhd", "ct/a.mhd b.nrrd");
+        let message = fails(dir, &words(&format!("{line}{more}")));
+        assert!(
+            message.contains("out: another conversion is writing there"),
+            "{message}"
+        );
+    }
+    drop(lock);
+    ok(dir, &words(&format!("{line} --resume")));
+    // and nothing is left of the lock
+    assert!(files(&dir.join("out")) == before);
+}
+
+#[test]
+fn names_are_no_formulas_and_every_scan_is_a_line() {
+    let dir = temp();
+    let dir = dir.path();
+    for name in ["=1+2.nrrd", "two\nlines.nrrd"] {
+        foam(dir, name, &[]);
+    }
+    let line = [
+        "convert",
+        "=1+2.nrrd",
+        "two\nlines.nrrd",
+        "-x.nrrd",
+        "--out-dir",
+        "out",
+    ];
+    let line = [
+        &line[..3],
+        &["./-x.nrrd"],
+        &line[4..],
+        &["--threshold", "120"],
+    ]
+    .concat();
+    let output = alvis(dir, &line);
+    let errors = stderr(&output);
+    assert_eq!(output.status.code(), Some(2), "{errors}");
+    assert_eq!(
+        errors.lines().filter(|l| l.starts_with("scan ")).count(),
+        3,
+        "{errors}"
+    );
+    let text = || std::fs::read_to_string(dir.join("out/scans.csv")).unwrap();
+    let lines: Vec<String> = text().lines().map(str::to_owned).collect();
+    assert_eq!(lines.len(), 4, "{lines:?}");
+    assert!(lines[1].starts_with("'=1+2.nrrd,'=1+2,done,"), "{lines:?}");
+    assert!(
+        lines[2].starts_with("two\\nlines.nrrd,two\\nlines,done,"),
+        "{lines:?}"
+    );
+    assert!(lines[3].starts_with("./-x.nrrd,'-x,failed,"), "{lines:?}");
+    // they are known again by these names
+    let before = text();
+    let again = [&line[..3], &line[4..], &["--resume", "--quiet"]].concat();
+    ok(dir, &again);
+    assert_eq!(text(), before);
 }

@@ -176,7 +176,6 @@ fn bad_values_are_one_message() {
         ("--smooth 0", "above 0 and up to 32"),
         ("--smooth -1", "above 0 and up to 32"),
         ("--median 3", "expected 1 or 2 voxels"),
-        ("--invert --invert", "--invert"),
         ("--invert=3", "--invert"),
     ] {
         for command in [
@@ -223,7 +222,7 @@ fn a_length_is_smoothed_over_by_the_size_of_a_voxel() {
         ("--smooth 0um", "or a length, as in 20um"),
         (
             "--smooth 9mm",
-            "--smooth: found 90,90,45, expected a number of voxels above 0 and up to 32",
+            "--smooth: found 9mm, which is 90,90,45 voxels, expected a number of voxels above 0 and up to 32",
         ),
     ] {
         let message = fails(dir.path(), &words(&format!("info a.nrrd {option}")));
@@ -300,4 +299,36 @@ fn a_stream_gives_the_same_tiles() {
     }
     let cells = |input: &str| std::fs::read(dir.path().join(input).join("cells.csv")).unwrap();
     assert!(cells("a.raw.out") == cells("a.raw.gz.out"));
+}
+
+#[test]
+fn what_is_typed_is_told_as_it_was() {
+    let dir = temp();
+    let dir = dir.path();
+    foam(dir, "a.mhd", &["--spacing", "0.05", "--unit", "mm"]);
+    let message = fails(dir, &words("convert a.mhd out --threshold 100 --smooth 1m"));
+    assert!(
+        message.contains("found 1m, which is 20000 voxels"),
+        "{message}"
+    );
+    // each filter counts as often as it is given
+    ok(
+        dir,
+        &words("convert a.mhd twice --threshold 100 --invert --median 1 --invert --quiet"),
+    );
+    let index = json(&std::fs::read_to_string(dir.join("twice/index.json")).unwrap());
+    let names: Vec<&str> = index["filters"]
+        .as_array()
+        .unwrap()
+        .iter()
+        .map(|f| f["name"].as_str().unwrap())
+        .collect();
+    assert_eq!(names, ["invert", "median", "invert"]);
+    let output = alvis(dir, &words("convert a.mhd none --threshold 1e300"));
+    assert!(stderr(&output).contains("no voxel reaches the threshold 1e300:"));
+    let message = fails(dir, &words("cells twice --surfaces --summary"));
+    assert!(
+        message.contains("--summary: found it with --surfaces"),
+        "{message}"
+    );
 }

@@ -296,3 +296,212 @@ fn bad_regions_get_one_message() {
         "{message}"
     );
 }
+
+/// Writes bytes of a scan of 60 x 60 voxels and some slices.
+fn write(dir: &Path, name: &str, slices: u32, of: impl Fn([f64; 3]) -> u8) {
+    let at = |i: u32| [i % 60, i / 60 % 60, i / 3600].map(f64::from);
+    let bytes: Vec<u8> = (0..3600 * slices).map(|i| of(at(i))).collect();
+    std::fs::write(dir.join(name), bytes).unwrap();
+}
+
+fn disc([x, y, _]: [f64; 3], [cx, cy, r]: [f64; 3]) -> bool {
+    (x - cx) * (x - cx) + (y - cy) * (y - cy) < r * r
+}
+
+#[test]
+fn what_else_is_round_and_which_slices_show_it_is_said() {
+    let dir = temp();
+    let dir = dir.path();
+    let grey = |is: bool| if is { 200u8 } else { 30 };
+    write(dir, "tube.raw", 20, |p| {
+        let tube = disc(p, [30.0, 30.0, 28.0]) && !disc(p, [30.0, 30.0, 24.0]);
+        grey(tube || disc(p, [29.0, 30.0, 18.0]) && (3.0..16.0).contains(&p[2]))
+    });
+    let input = "tube.raw --dims 60,60,20 --dtype u8 --roi cylinder";
+    let info = json(&run(dir, &format!("info {input} --json")));
+    let region = &info["region"];
+    assert!(
+        (region["radius"].as_f64().unwrap() - 17.0).abs() < 0.6,
+        "{region}"
+    );
+    assert_eq!(region["slices"], value!([3, 16]));
+    let other = region["others"][0].as_str().unwrap();
+    assert!(other.starts_with("cylinder:30,30,2"), "{region}");
+    let told = |warnings: &Value, part: &str| {
+        let warnings = warnings.as_array().unwrap().iter();
+        warnings
+            .filter(|w| w.as_str().unwrap().contains(part))
+            .count()
+    };
+    let made = json(&run(
+        dir,
+        &format!("convert {input} out --threshold 100 --json --quiet"),
+    ));
+    for warnings in [&info["warnings"], &made["warnings"]] {
+        assert_eq!(told(warnings, "a tube around it"), 1, "{warnings}");
+        assert_eq!(told(warnings, "--crop :,:,3:16"), 1, "{warnings}");
+    }
+    // in those slices there is nothing to say of them
+    let crop = "--crop :,:,3:16";
+    let part = json(&run(dir, &format!("info {input} {crop} --json")));
+    assert_eq!(
+        (told(&part["warnings"], "--crop"), &part["crop"]),
+        (0, &value!("0:60,0:60,3:16"))
+    );
+    assert_eq!(part["region"]["centre"], region["centre"]);
+    let text = run(dir, &format!("info {input} {crop}"));
+    assert!(text.contains("crop       0:60,0:60,3:16\n"), "{text}");
+    run(
+        dir,
+        &format!("convert {input} part --threshold 100 {crop} --quiet"),
+    );
+    // a region that the scan shows has to be that of the tiles
+    run(dir, &format!("verify part --against {input}"));
+    run(
+        dir,
+        &"convert INPUT other --threshold 100 --quiet --roi cylinder:30,30,20"
+            .replace("INPUT", &input.replace(" --roi cylinder", "")),
+    );
+    let message = fails(dir, &words(&format!("verify other --against {input}")));
+    let parts = [
+        "--roi: found cylinder:29,30,1",
+        "which the scan shows",
+        "expected that of the tiles: cylinder:30,30,20",
+    ];
+    for part in parts {
+        assert!(message.contains(part), "{message}");
+    }
+    write(dir, "two.raw", 9, |p| {
+        grey(disc(p, [16.0, 30.0, 13.0]) || disc(p, [43.0, 30.0, 14.0]))
+    });
+    let message = fails(
+        dir,
+        &words("info two.raw --dims 60,60,9 --dtype u8 --roi cylinder"),
+    );
+    assert!(
+        message.contains("two of them, cylinder:43") && message.contains(" and cylinder:16"),
+        "{message}"
+    );
+}
+
+#[test]
+fn what_is_outside_of_the_region_is_not_taken_for_the_sample() {
+    let dir = temp();
+    let dir = dir.path();
+    // grains in a round sample of resin, one of them at its edge
+    write(dir, "a.raw", 16, |[x, y, z]| {
+        let grain = |c: [f64; 3], r: f64| {
+            let d = [x - c[0], y - c[1], z - c[2]];
+            d.iter().map(|v| v * v).sum::<f64>() < r * r
+        };
+        let grains = grain([28.0, 30.0, 8.0], 6.0)
+            || grain([36.0, 22.0, 8.0], 3.5)
+            || grain([8.0, 30.0, 8.0], 4.0);
+        if grains { 200 } else { 30 }
+    });
+    let roi = "a.raw --dims 60,60,16 --dtype u8 --roi cylinder:30,30,24";
+    run(dir, &format!("convert {roi} out --threshold 100 --quiet"));
+    run(
+        dir,
+        &format!("convert {roi} air --threshold 100 --roi-fill air --quiet"),
+    );
+    let warns = |line: &str| {
+        let output = super::alvis(dir, &words(line));
+        assert_eq!(
+            output.status.code(),
+            Some(0),
+            "{line}: {}",
+            super::stderr(&output)
+        );
+        super::stderr(&output).contains("object 1 reaches outside of the region of interest")
+    };
+    for (line, of_outside) in [
+        ("export SET a.stl --objects --largest 1 --force", true),
+        ("select SET part --objects --largest 1 --force", true),
+        (
+            "preview a.raw a.png --dims 60,60,16 --dtype u8 --tiles SET --objects --largest 1 --force",
+            true,
+        ),
+        ("cells SET --objects --largest 1", true),
+        ("cells SET --objects --largest 1 --json", true),
+        ("export SET a.stl --objects --where id>1 --force", false),
+        (
+            "select SET part --objects --largest 1 --omit --force",
+            false,
+        ),
+        ("export SET a.stl --objects --force", false),
+        ("export SET a.stl --largest 1 --force", false),
+    ] {
+        assert_eq!(warns(&line.replace("SET", "out")), of_outside, "{line}");
+        assert!(!warns(&line.replace("SET", "air")), "{line}");
+    }
+    let export = "export out a.stl --objects --largest 1 --force --json --quiet";
+    let warnings = &json(&run(dir, export))["warnings"];
+    assert!(
+        warnings[0]
+            .as_str()
+            .unwrap()
+            .contains("--roi-fill air makes that"),
+        "{warnings}"
+    );
+    let text = run(dir, "cells out --summary");
+    assert!(
+        text.contains("the grid or the edge of the region cuts them"),
+        "{text}"
+    );
+
+    // two regions of one scan are not compared without a word
+    run(
+        dir,
+        "convert a.raw --dims 60,60,16 --dtype u8 all --threshold 100 --quiet",
+    );
+    for (other, differs) in [("out", false), ("air", true), ("all", true)] {
+        let compared = json(&run(dir, &format!("compare out {other} --json --quiet")));
+        let warnings = compared["warnings"].as_array().unwrap().iter();
+        let told = warnings.filter(|w| w.as_str().unwrap().contains("regions of interest differ"));
+        assert_eq!(told.count(), usize::from(differs), "{other}");
+    }
+}
+
+#[test]
+fn what_a_mask_does_not_tell_is_said() {
+    let dir = temp();
+    let dir = dir.path();
+    scan(dir);
+    run(
+        dir,
+        &format!("convert {INPUT} out --threshold 110 --roi mask:m.raw --quiet"),
+    );
+    let said = run(dir, "verify out");
+    let told = "not proved without --against: which voxels the mask m.raw holds";
+    assert!(said.starts_with("ok") && said.contains(told), "{said}");
+    let report = json(&run(dir, "verify out --json"));
+    assert_eq!(report["unproved"].as_array().unwrap().len(), 1);
+    let against = json(&run(
+        dir,
+        &format!("verify out --json --against {INPUT} --roi mask:m.raw"),
+    ));
+    assert_eq!(against.get("unproved"), None);
+    // raw masks are of bytes, and none is packed as a whole
+    std::fs::write(dir.join("wide.raw"), vec![1; 2 * 40 * 40 * 12]).unwrap();
+    std::fs::write(dir.join("m.nrrd.gz"), [0x1f, 0x8b, 8, 0, 0]).unwrap();
+    let convert = format!("convert {INPUT} no --threshold 110");
+    for (mask, parts) in [
+        ("wide.raw", ["2 bytes for each voxel", "a header, as .mhd"]),
+        ("m.nrrd.gz", ["m.nrrd.gz, packed by gzip", "gunzip"]),
+    ] {
+        let message = fails(dir, &words(&format!("{convert} --roi mask:{mask}")));
+        assert!(parts.iter().all(|part| message.contains(part)), "{message}");
+    }
+    // a share that is not 0 does not read so
+    let one = vec![1u8]
+        .into_iter()
+        .chain(vec![0; 40 * 40 * 12 - 1])
+        .collect::<Vec<u8>>();
+    std::fs::write(dir.join("one.raw"), one).unwrap();
+    let text = run(
+        dir,
+        &format!("info {INPUT} --roi mask:one.raw --threshold 20"),
+    );
+    assert!(text.contains("0.0052 % of the voxels"), "{text}");
+}

@@ -6,7 +6,7 @@ use crate::error::Result;
 use crate::grid::{Ambiguous, Dims, Placement, Tiling};
 use crate::labels::{
     BandComponents, BandFaces, BandInput, Bits, InsideBand, Labels, LocalComponent, Runs, Span,
-    Voxels, add_border_euler, label_runs, note_region_edge, sum_voxels,
+    Voxels, add_border_euler, label_runs, note_outside, note_region_edge, sum_voxels,
 };
 use crate::measure::VoxelSums;
 use crate::sys::memory_pool::{MemoryPool, MemoryReservation};
@@ -105,6 +105,8 @@ pub struct BandSource<'a, T> {
     pub region: Option<&'a RegionVoxels>,
     /// Where the grid lies, in the unit of measures.
     pub measured: Placement,
+    /// Components are looked for that are to be left out: no measures are made.
+    pub is_search: bool,
     /// What to leave out, in this order.
     pub filters: &'a [Filter],
     /// Where the bands' memory is taken from.
@@ -168,16 +170,23 @@ impl<T: Voxel> BandSource<'_, T> {
         let (of_run, count) = label_runs(&band.bits, &band.runs, self.rule, of_run);
         band.held.grow_to(fixed + labels + component_bytes(count))?;
         band.labels = sum_voxels(&band.bits, of_run, count, self.dims(), &self.measured);
-        add_border_euler(
-            &band.bits,
-            &band.runs,
-            &mut band.labels,
-            self.rule,
-            self.dims(),
-        );
         if let Some(region) = self.region {
             band.inside.load(region, &span)?;
-            note_region_edge(&band.bits, &band.runs, &mut band.labels, &band.inside);
+        }
+        let inside = self.region.map(|_| &band.inside);
+        if self.is_search {
+            note_outside(&band.bits, &mut band.labels, inside);
+        } else {
+            add_border_euler(
+                &band.bits,
+                &band.runs,
+                &mut band.labels,
+                self.rule,
+                self.dims(),
+            );
+            if let Some(inside) = inside {
+                note_region_edge(&band.bits, &band.runs, &mut band.labels, inside);
+            }
         }
         band.edges = BandFaces::of(&band.bits, &band.runs, &band.labels, self.dims());
         Ok(())

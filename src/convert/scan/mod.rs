@@ -181,6 +181,7 @@ impl Sweep<'_> {
         if self.min_voxels > 1 {
             for search in [SMALL_OBJECTS, SMALL_CELLS] {
                 let parts = &mut self.parts(&filters);
+                parts.source.is_search = true;
                 let filter = self.find_dust::<T>(parts, search, checkpointer)?;
                 filters.push(filter);
             }
@@ -255,6 +256,7 @@ impl Sweep<'_> {
                 tiling: self.plan.tiling,
                 region: self.region,
                 measured: self.measured,
+                is_search: false,
                 filters,
                 memory: self.memory,
             },

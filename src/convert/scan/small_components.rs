@@ -3,7 +3,7 @@
 //! A component that is left out is filled with the other phase, so that all laws hold on what
 //! remains. Its size is known only when it has ended, so volumes with dust are swept three times:
 //! to find small objects; to find small cells among what remains; to mesh. Filling small cells only
-//! joins objects, so nothing small is left after that. Vertices do not move: every lattice edge out
+//! joins objects, so nothing small is left after that. What has a voxel outside of the region of interest is never small. Vertices do not move: every lattice edge out
 //! of a component is crossed, and all of them go with it.
 
 use crate::checkpoint::{Checkpointer, Marks, Scratch};

@@ -87,6 +87,14 @@ pub struct ScanState {
     classes: CarriedComponents,
 }
 
+/// The voxels of a component, of which a search notes whether it leaves the region of interest.
+fn in_search(sums: &VoxelSums) -> u64 {
+    match sums.touches_border {
+        0 => sums.voxels,
+        _ => u64::MAX,
+    }
+}
+
 impl ScanState {
     /// Nothing gathered yet.
     ///
@@ -264,7 +272,8 @@ impl ScanState {
         })
     }
 
-    /// Voxels so far of each class of a slab.
+    /// Voxels so far of each class of a slab, in a search; those of one with a voxel outside of the region of interest are
+    /// beyond all numbers.
     ///
     /// # Errors
     /// [`crate::Error::Io`].
@@ -274,13 +283,13 @@ impl ScanState {
         } = known;
         let mut voxels = vec![0; classes.provisional.len()];
         for (class, sums) in &classes.open {
-            voxels[*class as usize] = sums.voxels;
+            voxels[*class as usize] = in_search(sums);
         }
         for (band, of_local) in sealed.iter().zip(&classes.of_local) {
             let mut whole = band.components.whole();
             self.forward.spool.for_each(&band.whole, |sums| {
                 let local = whole.next().expect("as many as there are sums");
-                voxels[of_local[local as usize] as usize] = sums.voxels;
+                voxels[of_local[local as usize] as usize] = in_search(&sums);
                 Ok(())
             })?;
         }

@@ -54,7 +54,7 @@ fn to_write_anew(volume: &MemoryVolume<u8>, memory: u64, work: &Path) -> Vec<usi
         watch: &watch,
         progress: &Quiet,
     };
-    let identity = identity::of(volume, &options);
+    let identity = identity::of(&options.input, &job.asked());
     let mut checkpointer = Checkpointer::new(work, &identity, false, job.layers()).unwrap();
     let writer = job.tile_writer(work);
     std::fs::create_dir(work.join("tiles")).unwrap();

@@ -9,7 +9,7 @@
 mod tiles;
 
 use crate::error::{Error, Result};
-use crate::manifest::{Form, Manifest, Totals};
+use crate::manifest::{Form, Manifest, Tables, Totals};
 use crate::progress::Progress;
 use crate::table::Table;
 use crate::tile::check_reach;
@@ -121,6 +121,8 @@ fn copy_tables(set: &TileSet, work: &Path, made: &mut Manifest) -> Result<()> {
     copy(&mut made.tables.cells, Table::Cells.file())?;
     copy(&mut made.tables.objects, Table::Objects.file())?;
     copy(&mut made.tables.surfaces, Table::Surfaces.file())?;
+    // those in Parquet are made of these
+    made.tables = Tables::named(made.tables.parquet.is_some());
     let selection = made.selection.as_mut();
     if let Some(colours) = selection.and_then(|s| s.colour_by.as_mut()) {
         // sets may lack the SVG, which the index does not name

@@ -40,6 +40,8 @@ pub struct Choice {
     step: Step,
     painted: Vec<Paint>,
     colour_by: Option<ColourBy>,
+    /// The table whose rows had colours that this choice does not keep.
+    lost: Option<Table>,
 }
 
 impl Choice {
@@ -76,7 +78,11 @@ impl Choice {
             },
             painted: Vec::new(),
             colour_by: None,
+            lost: None,
         };
+        if options.paint.is_empty() && options.colour_by.is_none() {
+            choice.keep_colours(manifest, &columns, open)?;
+        }
         if let Some(rule) = &options.colour_by {
             choice.colour(rule, &columns, open)?;
         }
@@ -84,6 +90,90 @@ impl Choice {
             choice.paint(rule, &columns, open()?)?;
         }
         Ok(choice)
+    }
+
+    /// Paints what is kept as it was painted before, unless colours were those of another table.
+    fn keep_colours(
+        &mut self,
+        manifest: &Manifest,
+        columns: &[Column],
+        open: impl Fn() -> Result<TableReader>,
+    ) -> Result<()> {
+        let Some(before) = &manifest.selection else {
+            return Ok(());
+        };
+        if before.painted.is_empty() && before.colour_by.is_none() {
+            return Ok(());
+        }
+        if before.last.table != self.step.table {
+            self.lost = Some(before.last.table);
+            return Ok(());
+        }
+        if let Some(by) = &before.colour_by {
+            let rule = ColourRule {
+                column: by.column.clone(),
+                map: Map::named(&by.map)?,
+                range: Some([by.min, by.max]),
+            };
+            self.colour(&rule, columns, &open)?;
+        }
+        for paint in &before.painted {
+            let mut rule = PaintRule {
+                condition: paint.condition.clone(),
+                colour: picture::parse_colour("index.json", &paint.colour)?,
+            };
+            if let Some(ranked) = ranked(&rule.condition)? {
+                // the first of those that are left are those that were among the first of all
+                let left = self.left_of(ranked, columns, &open)?;
+                let word = if ranked.best { "best" } else { "worst" };
+                rule.condition = format!("{word}:{left}");
+                if left == 0 {
+                    continue;
+                }
+            }
+            self.paint(&rule, columns, open()?)?;
+        }
+        Ok(())
+    }
+
+    /// How many of the first rows of the whole table are kept.
+    fn left_of(
+        &self,
+        ranked: Ranked,
+        columns: &[Column],
+        open: impl Fn() -> Result<TableReader>,
+    ) -> Result<usize> {
+        let mut table = open()?;
+        let id = table.own_column("id")?;
+        let mut rows = Vec::new();
+        while let Some(row) = table.next_row()? {
+            rows.push((row.whole(id)?, None));
+        }
+        let mut all = Choice {
+            rows,
+            step: self.step.clone(),
+            painted: Vec::new(),
+            colour_by: None,
+            lost: None,
+        };
+        let rule = PaintRule {
+            condition: String::new(),
+            colour: [0; 3],
+        };
+        all.paint_ranked(&rule, ranked, columns, open()?)?;
+        let painted = all.rows.iter().filter(|row| row.1.is_some());
+        Ok(painted.filter(|row| self.has(row.0)).count())
+    }
+
+    /// Says so if colours were lost.
+    pub fn lost_colours(&self) -> Option<String> {
+        self.lost.map(|table| {
+            format!(
+                "the colours of {} are lost, since {} were chosen from: give --paint or --colour-by again",
+                table.name(),
+                self.step.table.name()
+            )
+        })
     }
 
     /// The table that was chosen from.

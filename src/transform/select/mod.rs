@@ -16,9 +16,9 @@ pub use choice::{ColourRule, PaintRule};
 pub(crate) use legend::{FILE as LEGEND, SVG as LEGEND_SVG};
 
 use crate::error::Result;
-use crate::manifest::{Manifest, Selection, WholeTotals};
+use crate::manifest::{Manifest, Selection, Tables, WholeTotals};
 use crate::progress::Progress;
-use crate::table::{Chosen, Table};
+use crate::table::{Chosen, Table, warn_of_outside};
 use crate::tileset::{Output, TileSet, TilesetWriter, outward, refuse_same};
 use choice::Choice;
 use serde::Serialize;
@@ -87,6 +87,7 @@ fn select_into(
     let manifest = set.manifest();
     refuse_same(from, to)?;
     let choice = Choice::new(from, manifest, options)?;
+    let outside = warn_of_outside(from, manifest, &options.chosen, options.omit)?;
     let output = Output::create(to, options.force)?;
     let work = output.work();
     let mut made = manifest.clone();
@@ -105,17 +106,13 @@ fn select_into(
     let selection = choice.selection(manifest);
     made.selection = Some(selection.clone());
     made.lod = None;
-    made.tables = crate::manifest::Tables {
-        cells: Table::Cells.file().into(),
-        objects: Table::Objects.file().into(),
-        surfaces: Table::Surfaces.file().into(),
-        checksums: None,
-    };
+    made.tables = Tables::named(manifest.tables.parquet.is_some());
     let totals = made.totals;
     made.layers.clear();
     writer.finish(made)?;
     output.commit()?;
-    let mut warnings = Vec::new();
+    let mut warnings: Vec<String> = choice.lost_colours().into_iter().collect();
+    warnings.extend(outside);
     if totals.surfaces == 0 {
         warnings.push(match options.chosen.table {
             Table::Surfaces => "no surface is left: the tile set is empty".to_owned(),

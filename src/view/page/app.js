@@ -1,6 +1,6 @@
 // Holds the parts of the page together: what a gesture, a key or a button does to the state, and what the state does to
 // the picture and the panels.
-import { between, boxOf, framed } from "./camera.js";
+import { between, boxOf, corners, framed } from "./camera.js";
 import { Choice } from "./choice.js";
 import { PAINTS } from "./colours.js";
 import { Colouring } from "./colouring.js";
@@ -19,12 +19,15 @@ import { note, trouble } from "./messages.js";
 import { Section } from "./section.js";
 import { FACE } from "./shaders.js";
 import { buildTop } from "./top.js";
+import { mix } from "./vector.js";
 
 const STYLE = {
   dark: { top: [0.17, 0.195, 0.23], bottom: [0.075, 0.085, 0.1], cut: [0.45, 0.48, 0.53], accent: [0.2, 0.85, 1], box: [0.6, 0.68, 0.78, 0.55], wait: [0.6, 0.68, 0.78, 0.28] },
   light: { top: [0.97, 0.98, 0.99], bottom: [0.83, 0.86, 0.89], cut: [0.5, 0.53, 0.57], accent: [0, 0.38, 1], box: [0.3, 0.36, 0.44, 0.6], wait: [0.3, 0.36, 0.44, 0.28] },
 };
 const FLIGHT = 350;
+/** Milliseconds that tables wait for the picture. */
+const PATIENCE = 1500;
 
 export class App {
   constructor({ server, set, tree, picture, blocks, things, state, token }) {
@@ -36,8 +39,10 @@ export class App {
     this.dark = !matchMedia("(prefers-color-scheme: light)").matches;
     this.lastPaint = PAINTS[0];
     this.round = 0;
+    this.opened = false;
+    this.tried = false;
     this.director = new Director({
-      picture, tree, blocks, state, set, drawn: (view, moving) => this.drawn(view, moving),
+      picture, tree, blocks, state, set, drawn: (view, moving) => this.drawn(view, moving), known: () => this.tried,
     });
     this.section = new Section(this);
     this.info = new Info(this);
@@ -53,15 +58,24 @@ export class App {
     new ResizeObserver(() => this.resize()).observe(by("stage"));
   }
 
-
   /** Everything for the first time. */
   async begin() {
+    this.upload();
     this.resize();
     this.section.build();
     this.section.update();
     this.top.update();
     await this.relook();
-    await this.list.show();
+    // tables come after the picture, unless that takes long
+    await Promise.race([this.director.ready, new Promise((resolve) => setTimeout(resolve, PATIENCE))]);
+    this.opened = true;
+    await this.showPanels(true);
+  }
+
+  async showPanels(otherList) {
+    if (this.look) await this.colouring.build(this.look);
+    if (otherList) await this.list.show();
+    else this.list.rows();
   }
 
   resize() {
@@ -100,26 +114,33 @@ export class App {
       look = await this.maker.make(this.state.now);
     } catch (error) {
       trouble("look", error.message);
+      this.tried = true;
+      this.director.redraw();
       return;
     }
     if (round !== this.round) return;
+    this.tried = true;
     const old = this.look;
     this.look = look;
     this.upload();
-    const otherShown = !old || old.kind !== look.kind || old.shown !== look.shown || [...look.hidden].some((id) => !old.hidden.has(id));
+    // blocks that were drawn before anything was known of things stay where all are shown
+    const otherShown = !old ? !look.all || look.kind !== this.picture.kind : old.kind !== look.kind || old.shown !== look.shown || [...look.hidden].some((id) => !old.hidden.has(id));
     if (otherShown) this.director.renew();
     else this.director.redraw();
-    await this.colouring.build(look);
-    if (otherKind) await this.list.show();
-    else this.list.rows();
+    if (this.opened) await this.showPanels(otherKind);
   }
 
   // The table of the card, with what is chosen.
   upload() {
+    if (!this.look) {
+      const plain = this.maker.plain(this.state.now);
+      if (plain) this.picture.table.fill(plain, true);
+      return;
+    }
     const { bytes } = this.look;
     const out = bytes.slice();
     for (const id of this.choice.ids) if (4 * id < out.length) out[4 * id + 3] |= CHOSEN;
-    this.picture.setTable(out);
+    this.picture.table.fill(out, this.look.all);
   }
 
   chosenChanged() {
@@ -131,9 +152,14 @@ export class App {
 
   // ---- drawing
 
+  // Nothing is left out, as far as is known.
+  get solid() {
+    return this.look?.solid ?? true;
+  }
+
   style() {
     const s = STYLE[this.dark ? "dark" : "light"];
-    return { ...s, solid: this.look?.solid ?? true, any: this.choice.ids.size > 0, dot: devicePixelRatio };
+    return { ...s, solid: this.solid, any: this.choice.ids.size > 0, dot: devicePixelRatio };
   }
 
   overlays(waiting = true) {
@@ -147,7 +173,8 @@ export class App {
   }
 
   drawn(view, moving) {
-    this.picture.show(this.style(), this.overlays());
+    const rough = ["drawing", "loading"].includes(this.director.phase);
+    this.picture.show({ ...this.style(), rough }, this.overlays());
     this.section.putHandle(view);
     const canvas = by("furniture");
     const context = canvas.getContext("2d");
@@ -240,7 +267,7 @@ export class App {
   under(x, y) {
     const found = this.picture.at(Math.floor(x * devicePixelRatio), Math.floor(y * devicePixelRatio));
     if (!found) return null;
-    const material = found.face === FACE.cap || (found.face === FACE.back && this.look.solid);
+    const material = found.face === FACE.cap || (found.face === FACE.back && this.solid);
     // where material is cut one sees the object, but no cell
     return { ...found, material, id: material && this.state.now.kind !== "objects" ? 0 : found.id };
   }
@@ -260,7 +287,7 @@ export class App {
     const ids = this.picture.things(left, row, right - left, low - top);
     const faces = this.picture.faces(left, row, right - left, low - top);
     const found = new Set();
-    const solid = this.look.solid && this.state.now.kind !== "objects";
+    const solid = this.solid && this.state.now.kind !== "objects";
     ids.forEach((id, i) => {
       if (id > 0 && !(solid && faces[4 * i + 3] !== FACE.front)) found.add(id);
     });
@@ -404,13 +431,13 @@ export class App {
 
 // The twelve edges of a box; those that meet in the corner farthest from the eye are behind it.
 function edges({ low, high }, tint, eye = null) {
-  const at = (i) => [0, 1, 2].map((k) => ((i >> k) & 1 ? high[k] : low[k]));
-  const far = eye ? [0, 1, 2].reduce((s, k) => s | (eye[k] < (low[k] + high[k]) / 2 ? 1 << k : 0), 0) : -1;
+  const ends = corners({ low, high });
+  const far = eye ? mix(low, high, 0.5).reduce((s, x, k) => s | (eye[k] < x ? 1 << k : 0), 0) : -1;
   const out = [];
   for (let i = 0; i < 8; i++) {
     for (let k = 0; k < 3; k++) {
       const j = i | (1 << k);
-      if (j !== i) out.push({ from: at(i), to: at(j), tint, behind: i === far || j === far });
+      if (j !== i) out.push({ from: ends[i], to: ends[j], tint, behind: i === far || j === far });
     }
   }
   return out;

@@ -1,5 +1,5 @@
 // The blocks that are on the graphics card: asked for, brought there as they come, and let go.
-import { clampTexture } from "./gpu.js";
+import { texture } from "./gpu.js";
 import { rims } from "./rim.js";
 
 /** Requests that run at the same time. */
@@ -166,23 +166,15 @@ function slotTexture(gl, ids, slots, wide) {
     data = new Uint32Array(3 * wide * rows);
     data.set(ids);
   }
-  const made = gl.createTexture();
-  gl.activeTexture(gl.TEXTURE0);
-  gl.bindTexture(gl.TEXTURE_2D, made);
-  gl.texStorage2D(gl.TEXTURE_2D, 1, gl.RGB32UI, wide, rows);
+  const made = texture(gl, gl.RGB32UI, wide, rows);
   gl.texSubImage2D(gl.TEXTURE_2D, 0, 0, 0, wide, rows, gl.RGB_INTEGER, gl.UNSIGNED_INT, data);
-  clampTexture(gl, gl.NEAREST);
   return made;
 }
 
 function maskTexture(gl, mask, width, height) {
-  const made = gl.createTexture();
-  gl.activeTexture(gl.TEXTURE0);
-  gl.bindTexture(gl.TEXTURE_2D, made);
-  gl.texStorage2D(gl.TEXTURE_2D, 1, gl.R8, width, height);
+  const made = texture(gl, gl.R8, width, height, gl.LINEAR);
   gl.pixelStorei(gl.UNPACK_ALIGNMENT, 1);
   gl.texSubImage2D(gl.TEXTURE_2D, 0, 0, 0, width, height, gl.RED, gl.UNSIGNED_BYTE, mask);
   gl.pixelStorei(gl.UNPACK_ALIGNMENT, 4);
-  clampTexture(gl, gl.LINEAR);
   return made;
 }

@@ -1,6 +1,6 @@
 // Where one looks from. Places are lengths along the grid's axes, in the unit of the set, from the first voxel on.
 // The camera turns about a point with z up: {target, distance, azimuth, elevation (radians), flat (no perspective)}.
-import { add, clamp, cross, dot, length, scale, sub } from "./vector.js";
+import { add, clamp, cross, dot, length, mix, scale, sub } from "./vector.js";
 
 /** Angle of the view from bottom to top. */
 export const FIELD = (35 * Math.PI) / 180;
@@ -30,9 +30,9 @@ export function lens(camera, { width, height, box, mirrored, part = [0, 0, 1, 1]
   const { right, up, back, eye } = axes(camera);
   const side = scale(right, mirrored ? -1 : 1);
   const aspect = width / height;
-  const depths = corners(box).map((c) => -dot(sub(c, eye), back));
-  const far = Math.max(Math.max(...depths) * 1.001, camera.distance * 1e-3);
-  let near = Math.min(...depths) - far * 1e-3;
+  const [farthest, nearest] = extent(box, back).map((b) => dot(eye, back) - b);
+  const far = Math.max(farthest * 1.001, camera.distance * 1e-3);
+  let near = nearest - far * 1e-3;
   const half = camera.flat ? HALF * camera.distance : HALF;
   // within the box the near plane is as near as 24 bits of depth allow
   if (!camera.flat) near = Math.min(Math.max(near * 0.999, camera.distance * 0.01, far * 1e-5), far / 2);
@@ -64,6 +64,12 @@ export function corners({ low, high }) {
   return Array.from({ length: 8 }, (_, i) => [0, 1, 2].map((k) => ((i >> k) & 1 ? high[k] : low[k])));
 }
 
+/** Least and largest place of a box along a direction. */
+export function extent(box, towards) {
+  const along = corners(box).map((c) => dot(c, towards));
+  return [Math.min(...along), Math.max(...along)];
+}
+
 /** The line of sight through a place of the picture (0 to 1 from left and top): {from, along}. */
 export function ray(view, x, y) {
   const [u, v] = [(2 * x - 1) * view.half * view.aspect, (1 - 2 * y) * view.half];
@@ -73,13 +79,14 @@ export function ray(view, x, y) {
   return { from: view.eye, along: scale(along, 1 / length(along)) };
 }
 
-/** Where a place stands in the picture: x and y from 0 to 1, and its depth. */
+/** Where a place stands in the picture: x and y from 0 to 1. */
 export function project(view, place) {
   const p = sub(place, view.eye);
-  const w = view.camera.flat ? 1 : -dot(p, view.back);
+  const depth = -dot(p, view.back);
+  const w = view.camera.flat ? 1 : depth;
   const x = dot(p, view.right) / (view.half * view.aspect * w);
   const y = dot(p, view.up) / (view.half * w);
-  return { x: (1 + x) / 2, y: (1 - y) / 2, depth: -dot(p, view.back), behind: !view.camera.flat && w <= 0 };
+  return { x: (1 + x) / 2, y: (1 - y) / 2, behind: w <= 0 };
 }
 
 /** Length of a pixel of the picture at a depth. */
@@ -90,7 +97,7 @@ export function pixel(view, depth) {
 /** The camera that shows a box from where it looks now. */
 export function framed(camera, { low, high }, aspect = 1) {
   const radius = length(sub(high, low)) / 2;
-  const target = scale(add(low, high), 0.5);
+  const target = mix(low, high, 0.5);
   const distance = (radius * 1.02) / Math.sin(FIELD / 2) / Math.min(1, aspect);
   return { ...camera, target, distance };
 }
@@ -130,7 +137,7 @@ export function between(a, b, t) {
   const azimuth = a.azimuth + t * wrapped(b.azimuth - a.azimuth);
   return {
     ...b,
-    target: a.target.map((x, i) => x + t * (b.target[i] - x)),
+    target: mix(a.target, b.target, t),
     distance: a.distance * (b.distance / a.distance) ** t,
     azimuth,
     elevation: a.elevation + t * (b.elevation - a.elevation),

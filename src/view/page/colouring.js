@@ -3,6 +3,7 @@ import { BEST, MAP_NAMES, WORST } from "./colours.js";
 import { by, choices, h, oneOf } from "./dom.js";
 import { number, title, unit } from "./format.js";
 import { Histogram, spread } from "./histogram.js";
+import { quantile } from "./things.js";
 
 const FIRST = { cells: "volume", objects: "volume", surfaces: "area" };
 
@@ -69,9 +70,9 @@ export class Colouring {
   async take(name) {
     const { state, things } = this.app;
     const { kind, colour } = state.now;
-    const values = (await things.values(kind, name)).filter((v) => Number.isFinite(v)).sort();
-    const at = (share) => values[Math.round(share * (values.length - 1))];
-    const log = values.length > 0 && at(0.02) > 0 && at(0.98) / at(0.02) > 60;
+    const values = await things.sorted(kind, name);
+    const [low, high] = [0.02, 0.98].map((share) => quantile(values, share));
+    const log = low > 0 && high / low > 60;
     const by = colour[kind].by === "best" ? "best" : "column";
     state.setColour({ by, column: name, log, low: null, high: null });
   }

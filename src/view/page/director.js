@@ -3,7 +3,7 @@
 // the view is there or the limit is reached. (Interactive and completion phase of the original system.)
 import { boxOf, lens, pixel } from "./camera.js";
 import { inView, standIns } from "./tree.js";
-import { scale } from "./vector.js";
+import { clamp, scale } from "./vector.js";
 
 const REST = 100;
 /** Triangles that are drawn at most, and when the camera moves for the first time. */
@@ -12,8 +12,9 @@ const AT_FIRST = MOST / 4;
 const LEAST = 2e5;
 /** Milliseconds for which fine blocks are collected. */
 const TOGETHER = 300;
-/** Milliseconds between two pictures while blocks come. */
+/** Milliseconds between two pictures while blocks come, at least and at most. */
 const BETWEEN = 150;
+const LONGEST = 1500;
 /** Blocks that stand as boxes, at most. */
 const BOXES = 600;
 
@@ -31,18 +32,21 @@ export function viewOf(camera, set, [width, height], part) {
 }
 
 export class Director {
-  constructor({ picture, tree, blocks, state, set, drawn }) {
-    Object.assign(this, { picture, tree, blocks, state, set, drawn });
+  /** `drawn(view, moving)` is called for each picture; `known()` tells whether it is known what is shown. */
+  constructor({ picture, tree, blocks, state, set, drawn, known }) {
+    Object.assign(this, { picture, tree, blocks, state, set, drawn, known });
     this.moving = { triangles: AT_FIRST, bytes: blocks.limit };
     this.most = { triangles: MOST, bytes: blocks.limit };
     this.phase = "waiting";
     this.lastInput = -Infinity;
     this.lastFrame = 0;
     this.started = 0;
-    this.lit = -Infinity;
+    this.opened = performance.now();
+    this.lit = null;
     this.shown = new Set();
     this.stale = true;
     this.asked = false;
+    this.alarmAt = Infinity;
     this.ready = new Promise((resolve) => {
       this.resolveReady = resolve;
     });
@@ -52,6 +56,13 @@ export class Director {
   /** The camera moved, by hand or in flight. */
   moved() {
     this.lastInput = performance.now();
+    this.renew();
+  }
+
+  /** The card has lost everything. */
+  forget() {
+    this.shown = new Set();
+    this.lit = null;
     this.renew();
   }
 
@@ -80,10 +91,16 @@ export class Director {
     return viewOf(this.state.now.camera, this.set, this.picture.size);
   }
 
-  // Once, after so many milliseconds.
+  // After so many milliseconds, unless it is to be sooner.
   wake(after) {
+    const at = performance.now() + Math.max(after, 0) + 1;
+    if (at >= this.alarmAt) return;
     clearTimeout(this.alarm);
-    this.alarm = setTimeout(() => this.redraw(), Math.max(after, 0) + 1);
+    this.alarmAt = at;
+    this.alarm = setTimeout(() => {
+      this.alarmAt = Infinity;
+      this.redraw();
+    }, at - performance.now());
   }
 
   frame(time) {
@@ -92,12 +109,12 @@ export class Director {
     if (picture.fit()) this.stale = true;
     const moving = performance.now() - this.lastInput < REST;
     if (moving && this.phase === "moving") this.steer(time - this.lastFrame);
-    const took = time - this.lastFrame;
     this.lastFrame = time;
     const view = this.view();
     const clip = this.clip();
-    const full = this.tree.cut(view, clip, this.most);
-    const now = moving ? this.tree.cut(view, clip, this.moving) : full;
+    const sight = this.tree.sight(view, clip);
+    const full = this.tree.cut(sight, this.most);
+    const now = moving ? this.tree.cut(sight, this.moving) : full;
     this.request(now.wanted, full.wanted);
     const { drawn, bare } = standIns(now.wanted, (n) => blocks.has(n));
     this.seen = { wanted: now.wanted, left: now.left, bare };
@@ -105,21 +122,33 @@ export class Director {
     blocks.touch(this.shown);
     blocks.tidy();
     this.phase = moving ? "moving" : more ? "drawing" : this.pending() ? "loading" : "complete";
-    // while blocks come, lighting each picture would take longer than drawing it
-    const since = performance.now() - this.lit;
-    const between = Math.min(Math.max(3 * took, BETWEEN), 4 * BETWEEN);
-    const wait = this.phase === "loading" || this.phase === "drawing" ? between - since : 0;
+    const partial = this.phase === "loading" || this.phase === "drawing";
+    const wait = partial ? this.untilLit() : 0;
     if (wait <= 0) {
       this.drawn(view, moving);
-      this.lit = performance.now();
+      this.lit = { at: performance.now(), blocks: this.shown.size, fence: partial ? picture.fence() : null, took: 0 };
     } else this.wake(wait);
     if (more) this.redraw();
     else if (moving) this.wake(REST - (performance.now() - this.lastInput));
     if (this.phase === "complete") this.resolveReady();
   }
 
+  // Milliseconds until a picture is worth showing while blocks come: lighting each one takes as long as drawing a block.
+  untilLit() {
+    const now = performance.now();
+    const { lit } = this;
+    if (this.shown.size > 0 && !lit?.blocks) return 0;
+    if (!lit) return this.opened + BETWEEN - now;
+    if (lit.fence) {
+      if (!this.picture.passed(lit.fence)) return REST / 2;
+      lit.fence = null;
+      lit.took = now - lit.at;
+    }
+    return lit.at + clamp(4 * lit.took, BETWEEN, LONGEST) - now;
+  }
+
   pending() {
-    return this.seen.bare.some((i) => !i.node.refused) || this.blocks.waiting > 0;
+    return !this.known() || this.seen.bare.some((i) => !i.node.refused) || this.blocks.waiting > 0;
   }
 
   // What is missing is asked for in the order of nearness; where nothing stands in for it, the coarsest comes first.
@@ -193,7 +222,7 @@ export class Director {
 
   /** All blocks of the whole view that are there, for a picture to keep. */
   complete(view, clip) {
-    const { wanted } = this.tree.cut(view, clip, this.most);
+    const { wanted } = this.tree.cut(this.tree.sight(view, clip), this.most);
     return standIns(wanted, (n) => this.blocks.has(n)).drawn.filter((n) => inView(n, view, clip));
   }
 

@@ -1,9 +1,8 @@
 // Numbers, counts and units as people read them.
 
-const grouped = new Intl.NumberFormat("en", { maximumFractionDigits: 0 });
-
+/** 4,718,407. */
 export function count(n) {
-  return grouped.format(n);
+  return String(Math.round(n)).replace(/\B(?=(\d{3})+$)/g, ",");
 }
 
 /** 4,718,407 as "4.7 million". */

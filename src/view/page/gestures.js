@@ -2,7 +2,7 @@
 // Shift-drag or right-drag: move. Wheel: nearer to the cursor. Alt-drag: choose all that shows in a box.
 import { neared, panned, ray, turned } from "./camera.js";
 import { by } from "./dom.js";
-import { add, length, scale, sub } from "./vector.js";
+import { add, dot, length, scale, sub } from "./vector.js";
 
 /** Pixels of movement that make a click a drag. */
 const SLACK = 4;
@@ -38,8 +38,7 @@ export class Gestures {
     const view = director.view();
     const box = this.canvas.getBoundingClientRect();
     const { from, along } = ray(view, (event.clientX - box.left) / box.width, (event.clientY - box.top) / box.height);
-    const forward = -along.reduce((s, x, k) => s + x * view.back[k], 0);
-    return add(from, scale(along, view.camera.distance / forward));
+    return add(from, scale(along, -view.camera.distance / dot(along, view.back)));
   }
 
   down(event) {

@@ -1,8 +1,8 @@
 // Small things of WebGL2: programs, targets to draw into, the table of colours.
 import { TABLE_WIDTH } from "./shaders.js";
 
-/** A program with the places of its uniforms by name. */
-export function program(gl, { attributes, vertex, fragment }) {
+/** Begins to make a program: browsers go on with it beside the page. `programOf` ends it. */
+export function begun(gl, { attributes, vertex, fragment }) {
   const made = gl.createProgram();
   for (const [type, text] of [[gl.VERTEX_SHADER, vertex], [gl.FRAGMENT_SHADER, fragment]]) {
     const shader = gl.createShader(type);
@@ -13,6 +13,11 @@ export function program(gl, { attributes, vertex, fragment }) {
   }
   attributes.forEach((name, i) => gl.bindAttribLocation(made, i, name));
   gl.linkProgram(made);
+  return made;
+}
+
+/** A program that was begun, with the places of its uniforms by name. */
+export function programOf(gl, made) {
   if (!gl.getProgramParameter(made, gl.LINK_STATUS) && !gl.isContextLost()) {
     const logs = gl.getAttachedShaders(made).map((s) => gl.getShaderInfoLog(s)).join("");
     throw new Error(`a shader is refused: ${gl.getProgramInfoLog(made)} ${logs}`);
@@ -26,17 +31,27 @@ export function program(gl, { attributes, vertex, fragment }) {
   return { made, at };
 }
 
-function texture(gl, format, width, height, filter = gl.NEAREST) {
+/** A texture of one level, bound to the first unit. */
+export function texture(gl, format, width, height, filter = gl.NEAREST) {
   const made = gl.createTexture();
+  gl.activeTexture(gl.TEXTURE0);
   gl.bindTexture(gl.TEXTURE_2D, made);
   gl.texStorage2D(gl.TEXTURE_2D, 1, format, width, height);
-  clampTexture(gl, filter);
+  for (const name of [gl.TEXTURE_MIN_FILTER, gl.TEXTURE_MAG_FILTER]) gl.texParameteri(gl.TEXTURE_2D, name, filter);
+  for (const name of [gl.TEXTURE_WRAP_S, gl.TEXTURE_WRAP_T]) gl.texParameteri(gl.TEXTURE_2D, name, gl.CLAMP_TO_EDGE);
   return made;
 }
 
-export function clampTexture(gl, filter) {
-  for (const name of [gl.TEXTURE_MIN_FILTER, gl.TEXTURE_MAG_FILTER]) gl.texParameteri(gl.TEXTURE_2D, name, filter);
-  for (const name of [gl.TEXTURE_WRAP_S, gl.TEXTURE_WRAP_T]) gl.texParameteri(gl.TEXTURE_2D, name, gl.CLAMP_TO_EDGE);
+/** What is drawn into textures; a pass without depths has none. */
+export function frame(gl, colours, depths = null) {
+  const made = gl.createFramebuffer();
+  gl.bindFramebuffer(gl.FRAMEBUFFER, made);
+  colours.forEach((t, i) => {
+    gl.framebufferTexture2D(gl.FRAMEBUFFER, gl.COLOR_ATTACHMENT0 + i, gl.TEXTURE_2D, t, 0);
+  });
+  if (depths) gl.framebufferTexture2D(gl.FRAMEBUFFER, gl.DEPTH_ATTACHMENT, gl.TEXTURE_2D, depths, 0);
+  gl.drawBuffers(colours.map((_, i) => gl.COLOR_ATTACHMENT0 + i));
+  return made;
 }
 
 /** What blocks are drawn into: faces, things, depths; and `image`, which has the colours. */
@@ -47,20 +62,8 @@ export class Targets {
     this.things = texture(gl, gl.R32UI, width, height);
     this.depths = texture(gl, gl.DEPTH_COMPONENT24, width, height);
     this.image = texture(gl, gl.RGBA8, width, height, gl.LINEAR);
-    this.scene = this.frame([this.faces, this.things], this.depths);
-    this.lit = this.frame([this.image], null);
-  }
-
-  frame(colours, depths) {
-    const { gl } = this;
-    const made = gl.createFramebuffer();
-    gl.bindFramebuffer(gl.FRAMEBUFFER, made);
-    colours.forEach((t, i) => {
-      gl.framebufferTexture2D(gl.FRAMEBUFFER, gl.COLOR_ATTACHMENT0 + i, gl.TEXTURE_2D, t, 0);
-    });
-    if (depths) gl.framebufferTexture2D(gl.FRAMEBUFFER, gl.DEPTH_ATTACHMENT, gl.TEXTURE_2D, depths, 0);
-    gl.drawBuffers(colours.map((_, i) => gl.COLOR_ATTACHMENT0 + i));
-    return made;
+    this.scene = frame(gl, [this.faces, this.things], this.depths);
+    this.lit = frame(gl, [this.image]);
   }
 
   clear() {
@@ -94,10 +97,11 @@ export class Table {
     this.texture = null;
     this.rows = 0;
     this.limit = 0;
+    this.all = true;
   }
 
-  /** `bytes` has whole rows. */
-  fill(bytes) {
+  /** `bytes` has whole rows; `all` tells that everything is shown. */
+  fill(bytes, all) {
     const { gl } = this;
     const rows = bytes.length / (4 * TABLE_WIDTH);
     if (rows !== this.rows) {
@@ -109,5 +113,6 @@ export class Table {
     gl.bindTexture(gl.TEXTURE_2D, this.texture);
     gl.texSubImage2D(gl.TEXTURE_2D, 0, 0, 0, TABLE_WIDTH, rows, gl.RGBA_INTEGER, gl.UNSIGNED_BYTE, bytes);
     this.limit = rows * TABLE_WIDTH;
+    this.all = all;
   }
 }

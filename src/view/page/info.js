@@ -17,7 +17,6 @@ export class Info {
   constructor(app) {
     this.app = app;
     this.card = by("info");
-    this.id = null;
   }
 
   /** Opens the card of a thing of the kind that is shown; with `fly` the camera goes there. */
@@ -31,7 +30,6 @@ export class Info {
       trouble("row", error.message);
       return;
     }
-    this.id = id;
     const word = singular(kind);
     const name = `${word[0].toUpperCase()}${word.slice(1)} ${id}`;
     const line = ({ name, parts }) => {
@@ -63,6 +61,5 @@ export class Info {
 
   close() {
     this.card.hidden = true;
-    this.id = null;
   }
 }

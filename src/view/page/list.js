@@ -5,6 +5,7 @@ import { count, many, singular, title, unit, value } from "./format.js";
 const ROW = 27;
 /** Browsers do not scroll further than this. */
 const TALLEST = 8e6;
+const EXAMPLE = { cells: "volume > 0.1 and not touches_border", objects: "volume > 0.1 and tiles > 1", surfaces: "area > 0.1" };
 const USUAL = {
   cells: ["volume", "equivalent_diameter", "sphericity"],
   objects: ["volume", "area", "tiles"],
@@ -30,7 +31,6 @@ export class List {
   frame() {
     this.filter = h("input", {
       type: "search", className: "grow", spellcheck: false, ariaLabel: "Condition",
-      placeholder: "volume > 0.1 and not touches_border",
       onInput: () => {
         clearTimeout(this.later);
         this.later = setTimeout(() => this.ask({ where: this.filter.value.trim() }), 350);
@@ -96,6 +96,8 @@ export class List {
   /** Another kind, or a new look: what is listed stays as it was asked for. */
   async show() {
     this.filter.value = this.now.where;
+    this.filter.placeholder = EXAMPLE[this.kind];
+    this.body.scrollTop = 0;
     const names = this.app.things.columns(this.kind).map((c) => c.name).join(", ");
     this.filter.title = `Columns: ${names}. and, or, not, ( ), < <= > >= ==, + - * / ^, abs, sqrt, cbrt, exp, log, log10, min, max; missing(column)`;
     await this.load();

@@ -1,11 +1,12 @@
 // From the state to what the graphics card needs: a colour and a state for each id; and to what people read of it.
 import { BEST, EMPTY, MARK, WORST, mapped, rgb } from "./colours.js";
 import { TABLE_WIDTH } from "./shaders.js";
+import { quantile } from "./things.js";
 
 export const SHOWN = 1;
 export const CHOSEN = 2;
 
-const PLAIN = { cells: [201, 196, 186], objects: [201, 196, 186], surfaces: [201, 196, 186] };
+const PLAIN = [201, 196, 186];
 
 export class Look {
   constructor(things, server) {
@@ -13,22 +14,10 @@ export class Look {
     this.answers = new Map();
   }
 
-  /** Ids for which a condition of `alvis cells` holds. Answers are kept. */
-  where(kind, expression) {
-    const key = `${kind} ${expression}`;
+  // Ids that the server answers with, which are kept.
+  ask(kind, asked) {
+    const key = JSON.stringify([kind, asked]);
     if (!this.answers.has(key)) {
-      const answer = this.server.query(kind, { where: expression });
-      answer.catch(() => this.answers.delete(key));
-      this.answers.set(key, answer);
-    }
-    return this.answers.get(key);
-  }
-
-  /** Ids from the best form factor to the worst. */
-  ranked(kind) {
-    const key = `${kind} ranked`;
-    if (!this.answers.has(key)) {
-      const asked = { where: "not missing(form_factor)", sort: "form_factor", descending: true };
       const answer = this.server.query(kind, asked);
       answer.catch(() => this.answers.delete(key));
       this.answers.set(key, answer);
@@ -36,13 +25,31 @@ export class Look {
     return this.answers.get(key);
   }
 
+  /** Ids for which a condition of `alvis cells` holds. */
+  where(kind, expression) {
+    return this.ask(kind, { where: expression });
+  }
+
+  /** Ids from the best form factor to the worst. */
+  ranked(kind) {
+    return this.ask(kind, { where: "not missing(form_factor)", sort: "form_factor", descending: true });
+  }
+
   ids(kind, rule) {
     return rule.ids ?? this.where(kind, rule.where);
   }
 
+  /** The card's table before ids are known, where all things look the same: they have the first entry. Else null. */
+  plain({ kind, colour, rules }) {
+    if (colour[kind].by !== "plain" || rules[kind].length > 0) return null;
+    const bytes = new Uint8Array(4 * TABLE_WIDTH);
+    bytes.set([...PLAIN, SHOWN]);
+    return bytes;
+  }
+
   /**
    * What the state shows of its kind: `bytes` for the card, `shown` (how many), `marked` and `hidden` (sets of ids),
-   * `painted` (colours by id), `solid` (nothing is left out), `scale` for the legend.
+   * `painted` (colours by id), `solid` (nothing is left out), `all` (nor what belongs to no thing), `scale` for the legend.
    */
   async make(state) {
     const { kind } = state;
@@ -70,7 +77,8 @@ export class Look {
     // what belongs to no thing, as the caps of a cut body: it stays unless one asked for some things only
     put(0, EMPTY);
     bytes[3] = rules.some((r) => r.do === "only") ? 0 : SHOWN;
-    return { kind, bytes, shown, hidden, marked, painted, solid: hidden.size === 0, scale };
+    const all = shown === ids.length && bytes[3] === SHOWN;
+    return { kind, bytes, shown, hidden, marked, painted, solid: hidden.size === 0, all, scale };
   }
 
   async colour(state, ids, hidden, put) {
@@ -87,11 +95,11 @@ export class Look {
     }
     const column = this.things.column(kind, asked.column);
     if (asked.by !== "column" || !column) {
-      for (const id of ids) put(id, PLAIN[kind]);
+      for (const id of ids) put(id, PLAIN);
       return null;
     }
     const values = await this.things.values(kind, column.name);
-    const limits = limitsOf(values, asked);
+    const limits = limitsOf(await this.things.sorted(kind, column.name), asked);
     const share = shares(limits);
     for (let i = 0; i < ids.length; i++) {
       put(ids[i], Number.isNaN(values[i]) ? EMPTY : mapped(asked.map, share(values[i])));
@@ -130,13 +138,14 @@ function brushed(rules, lists) {
 }
 
 /**
- * The ends of a scale: those asked for, else the values that 2 % lie below and above, so that one large thing does
- * not take all of it. What is left out counts as well, so that colours stay. Without values: 0 to 1.
+ * The ends of a scale of rising values: those asked for, else the values that 2 % lie below and above, so that one large
+ * thing does not take all of it. What is left out counts as well, so that colours stay. Without values: 0 to 1.
  */
-export function limitsOf(values, { log, low, high }) {
-  const sorted = Float64Array.from(values.filter((v) => Number.isFinite(v) && (!log || v > 0))).sort();
-  const at = (share) => sorted[Math.round(share * (sorted.length - 1))] ?? NaN;
-  const few = sorted.length < 50;
+export function limitsOf(sorted, { log, low, high }) {
+  const positive = sorted.findIndex((v) => v > 0);
+  const used = !log ? sorted : positive < 0 ? [] : sorted.subarray(positive);
+  const at = (share) => quantile(used, share);
+  const few = used.length < 50;
   let ends = [low ?? at(few ? 0 : 0.02), high ?? at(few ? 1 : 0.98)];
   if (!ends.every(Number.isFinite)) ends = log ? [1, 10] : [0, 1];
   if (log) ends = ends.map((x) => (x > 0 ? x : at(0) || 1e-6));

@@ -11,6 +11,7 @@ import { State, fresh } from "./state.js";
 import { Things } from "./things.js";
 import { Tree } from "./tree.js";
 import { by } from "./dom.js";
+import { cross, dot } from "./vector.js";
 
 const CHANGED = "The tile set was changed on the disk while this page was open.";
 
@@ -28,9 +29,13 @@ async function open() {
     throw new Refused(401, "This address is not complete: open the one that alvis view prints in the terminal, with all that follows the #.");
   }
   const server = new Server(token);
-  const set = await server.set();
-  set.mirrored = determinant(set.directions) < 0;
-  const tree = new Tree(await server.tree(), set);
+  // the graphics card gets ready while the server answers
+  const asked = Promise.all([server.set(), server.tree()]);
+  asked.catch(() => {});
+  const picture = openPicture();
+  const [set, words] = await asked;
+  set.mirrored = dot(set.directions[0], cross(set.directions[1], set.directions[2])) < 0;
+  const tree = new Tree(words, set);
   if (tree.nodes.length === 0) {
     throw new Refused(0, `${set.name} has no surface: nowhere in the volume do values pass the threshold ${set.threshold}.`);
   }
@@ -41,7 +46,7 @@ async function open() {
   if (!kept) start.camera = framed(start.camera, box, width / height);
   const things = new Things(server, set);
   const early = askEarly(server, tree, set, start, things);
-  const picture = openPicture(set);
+  picture.set = set;
   const blocks = new Blocks(picture.gl, server, set, early, { arrived: () => app.director.redraw(), failed: (_, error) => refuse(error) });
   app = new App({ server, set, tree, picture, blocks, things, state: new State(start), token });
   watchContext(app);
@@ -51,12 +56,12 @@ async function open() {
   app.director.ready.then(ready);
 }
 
-// The nearest blocks and the ids are on their way while the graphics card gets ready, which takes longer.
+// The nearest blocks and the ids are on their way while the page is built.
 function askEarly(server, tree, set, start, things) {
   things.ids(start.kind).catch(() => {});
   const { clientWidth: width, clientHeight: height } = by("stage");
   const view = viewOf(start.camera, set, [width, height]);
-  const { wanted } = tree.cut(view, clipOf(start.clip), { triangles: MOST, bytes: set.gpu_memory });
+  const { wanted } = tree.cut(tree.sight(view, clipOf(start.clip)), { triangles: MOST, bytes: set.gpu_memory });
   const early = new Map();
   for (const { node } of wanted.slice(0, AT_ONCE)) {
     const answer = server.tile(node);
@@ -66,9 +71,9 @@ function askEarly(server, tree, set, start, things) {
   return early;
 }
 
-function openPicture(set) {
+function openPicture() {
   try {
-    return new Picture(by("picture"), set);
+    return new Picture(by("picture"));
   } catch (error) {
     if (error.message !== "no WebGL2") throw error;
     throw new Refused(0, "This browser does not draw in three dimensions: WebGL2 is missing or turned off. Current versions of Firefox, Chrome, Edge and Safari have it.");
@@ -109,8 +114,7 @@ function watchContext({ picture, blocks, director, section, upload }) {
     section.slice.key = "";
     section.update();
     over("card");
-    director.shown = new Set();
-    director.renew();
+    director.forget();
   });
 }
 
@@ -122,10 +126,6 @@ function watchLink({ state, token }) {
     if (link.token !== token) location.reload();
     else if (then) state.restore(then);
   });
-}
-
-function determinant([a, b, c]) {
-  return a[0] * (b[1] * c[2] - b[2] * c[1]) - a[1] * (b[0] * c[2] - b[2] * c[0]) + a[2] * (b[0] * c[1] - b[1] * c[0]);
 }
 
 /** What tests may read; nothing here changes the page. */

@@ -1,42 +1,38 @@
 // Draws blocks, lights them, and tells what is under a pixel.
-import { Table, Targets, bind, clampTexture, program } from "./gpu.js";
-import { BLOCK, FACE, FILL, LIGHT, LINES, PROBE, SLICE, SMOOTH } from "./shaders.js";
-import { dot, scale, sub } from "./vector.js";
+import { Table, Targets, begun, bind, frame, programOf, texture } from "./gpu.js";
+import { FACE, FILL, LIGHT, LIGHT_CHOSEN, LINES, PROBE, SLICE, SMOOTH, blocks } from "./shaders.js";
+import { add, dot, sub } from "./vector.js";
 
 const KIND = { surfaces: 0, cells: 1, objects: 2 };
+/** Of depths from 0 to 1: some steps of 24 bits. */
+const EDGE = 1e-6;
 const NO_PLANE = [0, 0, 0, 1];
 
 export class Picture {
-  /** Throws if the browser has no WebGL2. */
-  constructor(canvas, set) {
+  /** Throws if the browser has no WebGL2. `set` has to be there before anything is drawn. */
+  constructor(canvas) {
     const gl = canvas.getContext("webgl2", { antialias: false, depth: false, alpha: false, powerPreference: "high-performance" });
     if (!gl) throw new Error("no WebGL2");
-    Object.assign(this, { canvas, gl, set });
-    this.counts = { draws: 0, triangles: 0, indices: 0 };
+    Object.assign(this, { canvas, gl, set: null });
+    this.counts = { draws: 0, triangles: 0 };
     this.build();
   }
 
   /** All that is lost with the context, but the blocks. */
   build() {
     const { gl } = this;
-    this.programs = made(gl, { BLOCK, LIGHT, SMOOTH, LINES, SLICE, FILL, PROBE });
+    const { BLOCK, BLOCK_PART } = blocks(gl.getExtension("EXT_conservative_depth") !== null);
+    this.programs = made(gl, { BLOCK, LIGHT, SMOOTH, LINES }, { BLOCK_PART, LIGHT_CHOSEN, SLICE, FILL, PROBE });
     this.table = new Table(gl);
     this.targets = null;
     this.screen = gl.createVertexArray();
     this.loose = looseBuffer(gl);
-    this.probe = probeTarget(gl);
+    this.probe = frame(gl, [texture(gl, gl.R32UI, 1, 1)]);
     this.sliceTexture = null;
-    this.lastTable = null;
   }
 
   get size() {
     return [this.canvas.width, this.canvas.height];
-  }
-
-  /** Colours and states by id, for the kind that is shown. */
-  setTable(bytes) {
-    this.lastTable = bytes;
-    this.table.fill(bytes);
   }
 
   /** Makes the targets as large as the canvas. True if they are new and empty. */
@@ -48,16 +44,32 @@ export class Picture {
     return true;
   }
 
+  /** Stands behind all that was asked of the card until now; `passed` tells when it is done. */
+  fence() {
+    const { gl } = this;
+    const made = gl.fenceSync(gl.SYNC_GPU_COMMANDS_COMPLETE, 0);
+    gl.flush();
+    return made;
+  }
+
+  passed(fence) {
+    const { gl } = this;
+    const done = gl.isContextLost() || gl.getSyncParameter(fence, gl.SYNC_STATUS) === gl.SIGNALED;
+    if (done) gl.deleteSync(fence);
+    return done;
+  }
+
   /** Begins an empty picture. */
   start(view, clip, kind, targets = this.targets) {
-    Object.assign(this, { view, clip, kind, counts: { draws: 0, triangles: 0, indices: 0 } });
+    Object.assign(this, { view, clip, kind, counts: { draws: 0, triangles: 0 } });
     targets.clear();
   }
 
   /** Draws blocks into the picture that was begun. */
   add(nodes, targets = this.targets) {
     const { gl, view, table } = this;
-    const { made, at } = this.programs.BLOCK;
+    const program = table.all ? this.programs.BLOCK : this.programs.BLOCK_PART;
+    const { made, at } = program;
     gl.bindFramebuffer(gl.FRAMEBUFFER, targets.scene);
     gl.viewport(0, 0, targets.width, targets.height);
     gl.useProgram(made);
@@ -66,13 +78,15 @@ export class Picture {
     gl.disable(gl.BLEND);
     gl.disable(gl.CULL_FACE);
     gl.frontFace(this.set.mirrored ? gl.CW : gl.CCW);
-    bind(gl, this.programs.BLOCK, { slots: null, table: table.texture });
+    bind(gl, program, { slots: null, table: table.texture });
     gl.activeTexture(gl.TEXTURE0);
     gl.uniformMatrix4fv(at.matrix, false, view.matrix);
     gl.uniformMatrix3fv(at.turn, false, this.turn());
     gl.uniform4fv(at.plane, this.plane());
     gl.uniform1i(at.kind, KIND[this.kind]);
     gl.uniform1ui(at.limit, table.limit);
+    // a cap closes the surface, so that nobody looks at it from inside
+    gl.uniform1f(at.behind, this.set.cap ? EDGE : 0);
     const { spacing, lattice } = this.set;
     const point = spacing.map((s, k) => Math.round((view.eye[k] / s) * lattice));
     gl.uniform3fv(at.step, spacing.map((s) => s / lattice));
@@ -86,7 +100,6 @@ export class Picture {
       gl.drawElements(gl.TRIANGLE_STRIP, card.count, card.type, 0);
       this.counts.draws++;
       this.counts.triangles += card.triangles;
-      this.counts.indices += card.count;
     }
     gl.bindVertexArray(null);
     gl.disable(gl.DEPTH_TEST);
@@ -121,6 +134,10 @@ export class Picture {
     if (slice && this.sliceTexture) this.drawSlice(slice, targets);
     this.drawLines(lines.filter((l) => !l.behind), view, targets);
     gl.disable(gl.BLEND);
+    if (style.rough) {
+      this.bring(targets, onto);
+      return;
+    }
     gl.bindVertexArray(this.screen);
     gl.bindFramebuffer(gl.FRAMEBUFFER, onto);
     gl.useProgram(this.programs.SMOOTH.made);
@@ -129,18 +146,28 @@ export class Picture {
     gl.bindVertexArray(null);
   }
 
+  // As it is, with steps on edges: soon another picture takes its place.
+  bring({ lit, width, height }, onto) {
+    const { gl } = this;
+    gl.bindVertexArray(null);
+    gl.bindFramebuffer(gl.READ_FRAMEBUFFER, lit);
+    gl.bindFramebuffer(gl.DRAW_FRAMEBUFFER, onto);
+    gl.blitFramebuffer(0, 0, width, height, 0, 0, width, height, gl.COLOR_BUFFER_BIT, gl.NEAREST);
+  }
+
   light(style, targets) {
     const { gl, view, table } = this;
-    const { made, at } = this.programs.LIGHT;
+    const program = style.any ? this.programs.LIGHT_CHOSEN : this.programs.LIGHT;
+    const { made, at } = program;
     gl.bindFramebuffer(gl.FRAMEBUFFER, targets.lit);
     gl.useProgram(made);
-    bind(gl, this.programs.LIGHT, {
+    bind(gl, program, {
       faces: targets.faces, things: targets.things, depths: targets.depths, table: table.texture,
     });
     gl.uniform1ui(at.limit, table.limit);
     for (const name of ["cut", "top", "bottom", "accent"]) gl.uniform3fv(at[name], style[name]);
+    gl.uniform2fv(at.span, style.span ?? [0, targets.height]);
     gl.uniform1i(at.solid, style.solid ? 1 : 0);
-    gl.uniform1i(at.any, style.any ? 1 : 0);
     gl.uniform1i(at.flatView, view.camera.flat ? 1 : 0);
     gl.uniform3f(at.range, view.near, view.far, 2 * view.half * (view.camera.flat ? 1 : view.camera.distance));
     gl.uniform1f(at.dot_size, style.dot);
@@ -201,11 +228,8 @@ export class Picture {
     gl.deleteTexture(this.sliceTexture);
     this.sliceTexture = null;
     if (!image) return;
-    this.sliceTexture = gl.createTexture();
-    gl.activeTexture(gl.TEXTURE0);
-    gl.bindTexture(gl.TEXTURE_2D, this.sliceTexture);
-    gl.texImage2D(gl.TEXTURE_2D, 0, gl.RGBA, gl.RGBA, gl.UNSIGNED_BYTE, image);
-    clampTexture(gl, gl.LINEAR);
+    this.sliceTexture = texture(gl, gl.RGBA8, image.width, image.height, gl.LINEAR);
+    gl.texSubImage2D(gl.TEXTURE_2D, 0, 0, 0, image.width, image.height, gl.RGBA, gl.UNSIGNED_BYTE, image);
   }
 
   /** Thing, kind of face and place under a pixel of the canvas, from its upper left corner; null for nothing. */
@@ -238,7 +262,7 @@ export class Picture {
     const u = ((2 * (x + 0.5)) / targets.width - 1) * half * aspect * w;
     const v = ((2 * (row + 0.5)) / targets.height - 1) * half * w;
     const off = [0, 1, 2].map((k) => u * view.right[k] + v * view.up[k] - depth * view.back[k]);
-    return sub(off, scale(view.eye, -1));
+    return add(off, view.eye);
   }
 
   faces(x, row, width, height) {
@@ -272,12 +296,13 @@ export class Picture {
   }
 }
 
-// Programs by name, each made when it is needed first.
-function made(gl, sources) {
+// Programs by name: some are begun at once, others when they are needed first.
+function made(gl, early, others) {
+  const waiting = new Map(Object.entries(early).map(([name, source]) => [name, begun(gl, source)]));
   const programs = {};
-  for (const [name, source] of Object.entries(sources)) {
+  for (const [name, source] of Object.entries({ ...early, ...others })) {
     let own = null;
-    Object.defineProperty(programs, name, { get: () => (own ??= program(gl, source)) });
+    Object.defineProperty(programs, name, { get: () => (own ??= programOf(gl, waiting.get(name) ?? begun(gl, source))) });
   }
   return programs;
 }
@@ -302,15 +327,4 @@ function looseBuffer(gl) {
       gl.bindVertexArray(null);
     },
   };
-}
-
-function probeTarget(gl) {
-  const texture = gl.createTexture();
-  gl.bindTexture(gl.TEXTURE_2D, texture);
-  gl.texStorage2D(gl.TEXTURE_2D, 1, gl.R32UI, 1, 1);
-  clampTexture(gl, gl.NEAREST);
-  const frame = gl.createFramebuffer();
-  gl.bindFramebuffer(gl.FRAMEBUFFER, frame);
-  gl.framebufferTexture2D(gl.FRAMEBUFFER, gl.COLOR_ATTACHMENT0, gl.TEXTURE_2D, texture, 0);
-  return frame;
 }

@@ -6,8 +6,9 @@
 const MOST = 128;
 
 /**
- * Masks of a block (255: material, 0: air) on the faces of the volume that it reaches: [{axis, top, mask,
- * width, height}], rows along the second of the other axes in cyclic order. `tile` is as read; `low` and `high` are the block's ends on the lattice, `ends` those of the volume.
+ * Masks of a block (255: material, 0: air) on the faces of the volume that it reaches: [{axis, top, mask, width,
+ * height}], rows along the second of the other axes in cyclic order. `tile` is as read; `low` and `high` are the
+ * block's ends on the lattice, `ends` those of the volume.
  */
 export function rims(tile, low, high, ends) {
   const points = new Uint16Array(tile.vertices.buffer, tile.vertices.byteOffset, tile.vertices.byteLength / 2);
@@ -33,19 +34,18 @@ export function rims(tile, low, high, ends) {
 // Edges [from, to] of triangles that have two corners in a plane, counter-clockwise as the triangle winds.
 function openEdges(points, indices, axis, at) {
   const end = indices.BYTES_PER_ELEMENT === 2 ? 0xffff : 0xffffffff;
-  const on = (i) => points[6 * i + axis] === at;
+  const on = new Uint8Array(points.length / 6);
+  for (let i = 0; i < on.length; i++) on[i] = points[6 * i + axis] === at ? 1 : 0;
   const edges = [];
-  let start = 0;
-  for (let n = 0; n < indices.length; n++) {
-    const c = indices[n];
-    if (c === end) start = n + 1;
-    if (c === end || n < start + 2) continue;
-    let [a, b] = [indices[n - 2], indices[n - 1]];
-    if (a === b || b === c || a === c) continue;
-    if ((n - start) % 2 === 1) [a, b] = [b, a];
-    const [p, q, r] = [on(a), on(b), on(c)];
-    if (p + q + r !== 2) continue;
-    edges.push(!r ? [a, b] : !p ? [b, c] : [c, a]);
+  if (!on.includes(1)) return edges;
+  let [a, b, run] = [0, 0, 0];
+  for (const c of indices) {
+    run = c === end ? 0 : run + 1;
+    if (run > 2 && on[a] + on[b] + on[c] === 2 && a !== b && b !== c && a !== c) {
+      const [p, q] = run % 2 === 0 ? [b, a] : [a, b];
+      edges.push(!on[c] ? [p, q] : !on[p] ? [q, c] : [c, p]);
+    }
+    [a, b] = [b, c];
   }
   return edges;
 }

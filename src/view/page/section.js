@@ -1,9 +1,9 @@
 // The section: a plane along an axis, or as the picture is seen; how far it lies; the volume's slice in it.
-import { corners, project } from "./camera.js";
+import { extent, project } from "./camera.js";
 import { by, choices, h, oneOf } from "./dom.js";
 import { number, unit } from "./format.js";
 import { note } from "./messages.js";
-import { add, cross, dot, normal, scale } from "./vector.js";
+import { add, cross, dot, mix, normal, scale } from "./vector.js";
 
 const NORMALS = { x: [1, 0, 0], y: [0, 1, 0], z: [0, 0, 1] };
 
@@ -26,8 +26,7 @@ export class Section {
 
   /** Least and largest place of the plane. */
   reach(towards = this.now.normal) {
-    const along = corners(this.app.box).map((c) => dot(c, towards));
-    return [Math.min(...along), Math.max(...along)];
+    return extent(this.app.box, towards);
   }
 
   toggle() {
@@ -117,13 +116,9 @@ export class Section {
     const { low, high } = this.app.box;
     const k = "xyz".indexOf(this.now.axis);
     const [u, v] = k >= 0 ? [0, 1, 2].filter((a) => a !== k).map((a) => [0, 1, 2].map((b) => (a === b ? 1 : 0))) : this.across(towards);
-    const reach = (w) => {
-      const along = corners(this.app.box).map((c) => dot(c, w));
-      return [Math.min(...along), Math.max(...along)];
-    };
-    const middle = low.map((x, i) => (x + high[i]) / 2);
+    const middle = mix(low, high, 0.5);
     const base = add(middle, scale(towards, at - dot(middle, towards)));
-    const [[u0, u1], [v0, v1]] = [reach(u), reach(v)];
+    const [[u0, u1], [v0, v1]] = [this.reach(u), this.reach(v)];
     const point = (a, b) => add(add(base, scale(u, a - dot(base, u))), scale(v, b - dot(base, v)));
     return [point(u0, v0), point(u1, v0), point(u1, v1), point(u0, v1)];
   }

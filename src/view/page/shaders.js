@@ -6,24 +6,64 @@
 /** Kinds of a pixel, in the last byte of the first target. */
 export const FACE = { none: 0, back: 128, cap: 192, front: 255 };
 
-const HEAD = `#version 300 es
+/** The width of the table of colours. */
+export const TABLE_WIDTH = 4096;
+
+const head = (extension = "") => `#version 300 es
+${extension}
 precision highp float;
 precision highp int;
 precision highp usampler2D;
 precision highp sampler2D;
-// the entry of a thing: its colour, and its state: bit 0 shown, bit 1 chosen
-uvec4 entry(usampler2D table, uint id, uint limit) {
+`;
+const HEAD = head();
+
+// The entry of a thing: its colour, and its state: bit 0 shown, bit 1 chosen.
+const ENTRY = `
+uniform usampler2D table;
+uniform uint limit;
+uvec4 entry(uint id) {
   uint i = id < limit ? id : 0u;
-  return texelFetch(table, ivec2(int(i & 4095u), int(i >> 12u)), 0);
+  return texelFetch(table, ivec2(int(i & ${TABLE_WIDTH - 1}u), int(i >> ${Math.log2(TABLE_WIDTH)}u)), 0);
 }
 `;
 
-/** The width of the table of colours. */
-export const TABLE_WIDTH = 4096;
+// The octahedron's lower half, turned out over its upper one, and back again.
+const FOLD = `
+vec2 fold(vec2 n) { return (1.0 - abs(n.yx)) * vec2(n.x < 0.0 ? -1.0 : 1.0, n.y < 0.0 ? -1.0 : 1.0); }
+vec3 unfold(vec2 code) {
+  float z = 1.0 - abs(code.x) - abs(code.y);
+  return vec3(z < 0.0 ? fold(code) : code, z);
+}
+`;
 
-export const BLOCK = {
+// The kind of a pixel, from the last byte of the first target.
+const KIND = `
+uniform sampler2D faces;
+int kindOf(vec4 face) { return int(face.a * 255.0 + 0.5); }
+`;
+
+// What faces are filled with where a line of sight meets the plane of a slice or a face of the volume.
+const SHEET = `
+in vec3 place;
+in vec2 share;
+uniform mat4 matrix;
+uniform vec4 plane;
+out vec2 at;
+out float beyond;
+void main() {
+  at = share;
+  beyond = dot(plane.xyz, place) - plane.w;
+  gl_Position = matrix * vec4(place, 1.0);
+}`;
+
+// That depths are only made greater keeps the card's early tests, where it knows the word.
+const greater = (known) => (known ? "layout(depth_greater) out highp float gl_FragDepth;" : "");
+
+// Where things are left out, a vertex looks up whether its own is shown, which takes a sixth of the time of drawing.
+const block = (all, conservative) => ({
   attributes: ["corner", "normal", "extra"],
-  vertex: `${HEAD}
+  vertex: `${HEAD}${all ? "" : ENTRY}${FOLD}
 in uvec4 corner;   // place on the lattice from the block's origin, low bits of the slot
 in vec2 normal;    // octahedral
 in uvec2 extra;    // high bits of the slot, flags (bit 0: cap)
@@ -37,8 +77,6 @@ uniform vec4 plane;      // what is beyond it is cut off
 uniform usampler2D slots;
 uniform int wide;        // slots in a row of their texture
 uniform int kind;        // 0 surfaces, 1 cells, 2 objects
-uniform usampler2D table;
-uniform uint limit;
 flat out uint id;
 flat out float cap;
 out vec3 facing;
@@ -48,117 +86,130 @@ void main() {
   uvec4 ids = texelFetch(slots, ivec2(slot % wide, slot / wide), 0);
   id = kind == 0 ? ids.x : kind == 1 ? ids.y : ids.z;
   cap = float(extra.y & 1u);
-  vec3 n = vec3(normal, 1.0 - abs(normal.x) - abs(normal.y));
-  if (n.z < 0.0) n.xy = (1.0 - abs(n.yx)) * vec2(n.x < 0.0 ? -1.0 : 1.0, n.y < 0.0 ? -1.0 : 1.0);
-  facing = turn * n;
+  facing = turn * unfold(normal);
   // the sum is one of integers, so that blocks that share a corner put it at the same place to the last bit
   vec3 place = vec3(base + ivec3(corner.xyz) * stride) * step + rest;
   beyond = dot(plane.xyz, place) - plane.w;
-  bool shown = (entry(table, id, limit).a & 1u) == 1u;
-  gl_Position = shown ? matrix * vec4(place, 1.0) : vec4(2.0, 2.0, 2.0, 1.0);
+  gl_Position = matrix * vec4(place, 1.0);
+  ${all ? "" : "if ((entry(id).a & 1u) == 0u) gl_Position = vec4(2.0, 2.0, 2.0, 1.0);"}
 }`,
-  fragment: `${HEAD}
+  fragment: `${head(conservative ? "#extension GL_EXT_conservative_depth : require" : "")}${FOLD}
+${greater(conservative)}
 flat in uint id;
 flat in float cap;
 in vec3 facing;
 in float beyond;
-uniform bool mirrored;
+uniform float behind;    // by how much fronts have precedence at edges, of whose two sides either may be nearer as depths tell
 layout(location = 0) out vec4 face;
 layout(location = 1) out uint thing;
 void main() {
   if (beyond > 0.0) discard;
   vec3 n = normalize(facing);
   n.xy /= abs(n.x) + abs(n.y) + abs(n.z);
-  if (n.z < 0.0) n.xy = (1.0 - abs(n.yx)) * vec2(n.x < 0.0 ? -1.0 : 1.0, n.y < 0.0 ? -1.0 : 1.0);
+  if (n.z < 0.0) n.xy = fold(n.xy);
   float what = gl_FrontFacing ? (cap > 0.5 ? 192.0 : 255.0) : 128.0;
   face = vec4(n.xy * 0.5 + 0.5, 0.0, what / 255.0);
   thing = id;
+  gl_FragDepth = gl_FrontFacing ? gl_FragCoord.z : gl_FragCoord.z + behind;
 }`,
-};
+});
+
+/** Blocks of which all is shown, and those of which some is left out. */
+export const blocks = (conservative) => ({ BLOCK: block(true, conservative), BLOCK_PART: block(false, conservative) });
 
 // One triangle over the whole picture.
 const WHOLE = `#version 300 es
 void main() { gl_Position = vec4(gl_VertexID == 1 ? 3.0 : -1.0, gl_VertexID == 2 ? 3.0 : -1.0, 0.0, 1.0); }`;
 
-export const LIGHT = {
+// Eight places around a pixel, every other one farther away.
+const AROUND = `
+const vec2 around[8] = vec2[8](vec2(1, 0), vec2(1.77, 1.77), vec2(0, 1), vec2(-1.77, 1.77), vec2(-1, 0), vec2(-1.77, -1.77), vec2(0, -1), vec2(1.77, -1.77));
+`;
+
+// An outline around what is chosen, outside of it, and a breath of its colour inside.
+const OUTLINE = `
+uniform vec3 accent;
+bool chosen(ivec2 p) {
+  p = clamp(p, ivec2(0), last);
+  int k = kindOf(texelFetch(faces, p, 0));
+  if (k == 0 || (solid && k == 128)) return false;
+  return (entry(texelFetch(things, p, 0).r).a & 2u) != 0u;
+}
+vec3 outlined(ivec2 p, vec3 shade) {
+  if (chosen(p)) return mix(shade, accent, 0.14);
+  for (int i = 0; i < 8; i++) {
+    if (chosen(p + ivec2(round(normalize(around[i]) * 2.0 * dot_size)))) return accent;
+  }
+  return shade;
+}
+`;
+
+const light = (chosen) => ({
   attributes: [],
   vertex: WHOLE,
-  fragment: `${HEAD}
-uniform sampler2D faces;
+  fragment: `${HEAD}${ENTRY}${FOLD}${KIND}${AROUND}
 uniform usampler2D things;
 uniform sampler2D depths;
-uniform usampler2D table;
-uniform uint limit;
 uniform vec3 cut;        // colour of material that is cut
 uniform vec3 top;        // background
 uniform vec3 bottom;
-uniform vec3 accent;     // around what is chosen
+uniform vec2 span;       // lowest row of the whole picture that is drawn, and the rows of the whole
 uniform bool solid;      // all is shown: the inside of a surface is material
 uniform bool flatView;
 uniform vec3 range;      // near, far, height of the picture at its middle
-uniform bool any;        // something is chosen
 uniform float dot_size;  // pixels of the screen in a pixel of the layout
 out vec4 colour;
-ivec2 size;
-int kindAt(ivec2 p) { return int(texelFetch(faces, clamp(p, ivec2(0), size - 1), 0).a * 255.0 + 0.5); }
+ivec2 last;
+// how far what a pixel shows is away
 float away(ivec2 p) {
-  float d = texelFetch(depths, clamp(p, ivec2(0), size - 1), 0).r;
+  float d = texelFetch(depths, clamp(p, ivec2(0), last), 0).r;
   return flatView ? mix(range.x, range.y, d) : range.x * range.y / (range.y - d * (range.y - range.x));
 }
-bool chosen(ivec2 p) {
-  p = clamp(p, ivec2(0), size - 1);
-  int k = kindAt(p);
-  if (k == 0 || (solid && k == 128)) return false;
-  return (entry(table, texelFetch(things, p, 0).r, limit).a & 2u) != 0u;
+${chosen ? OUTLINE : ""}// At the edge of a surface depths do not always tell which of its sides is nearer: a pixel that differs from all four
+// beside it, which are alike and not empty, shows what they do.
+ivec2 settled(ivec2 p) {
+  int own = kindOf(texelFetch(faces, p, 0));
+  ivec2 low = max(p - 1, ivec2(0));
+  ivec2 high = min(p + 1, last);
+  int kind = kindOf(texelFetch(faces, ivec2(low.x, p.y), 0));
+  bool alike = kind != 0 && kind == kindOf(texelFetch(faces, ivec2(high.x, p.y), 0))
+    && kind == kindOf(texelFetch(faces, ivec2(p.x, low.y), 0)) && kind == kindOf(texelFetch(faces, ivec2(p.x, high.y), 0));
+  return alike && kind != own ? ivec2(low.x, p.y) : p;
+}
+vec3 lit(vec2 code, uint id, bool cap) {
+  vec3 n = normalize(unfold(code * 2.0 - 1.0));
+  if (n.z < 0.0) n = -n;
+  float light = 0.30 + 0.52 * max(dot(n, normalize(vec3(-0.35, 0.55, 0.75))), 0.0) + 0.22 * n.z;
+  if (cap) return cut * (0.55 + 0.45 * light);
+  float gleam = pow(max(dot(n, normalize(vec3(-0.25, 0.4, 1.3))), 0.0), 40.0) * 0.10;
+  return vec3(entry(id).rgb) / 255.0 * light + gleam;
+}
+// what lies behind something near is darker: depth is seen without shadows
+float shadow(ivec2 p) {
+  float here = away(p);
+  float sum = 0.0;
+  for (int i = 0; i < 8; i++) {
+    float there = away(p + ivec2(round(around[i] * dot_size)));
+    sum += clamp((here - there) / (flatView ? range.z : here) * 24.0, 0.0, 1.0);
+  }
+  return 1.0 - sum / 16.0;
 }
 void main() {
-  size = textureSize(faces, 0);
-  ivec2 p = ivec2(gl_FragCoord.xy);
+  last = textureSize(faces, 0) - 1;
+  ivec2 p = settled(ivec2(gl_FragCoord.xy));
   vec4 face = texelFetch(faces, p, 0);
-  int kind = int(face.a * 255.0 + 0.5);
+  int kind = kindOf(face);
   vec3 shade;
-  if (kind == 0) {
-    shade = mix(bottom, top, gl_FragCoord.y / float(size.y));
-  } else {
-    vec3 n = vec3(face.xy * 2.0 - 1.0, 0.0);
-    n.z = 1.0 - abs(n.x) - abs(n.y);
-    if (n.z < 0.0) n.xy = (1.0 - abs(n.yx)) * vec2(n.x < 0.0 ? -1.0 : 1.0, n.y < 0.0 ? -1.0 : 1.0);
-    n = normalize(n);
-    if (n.z < 0.0) n = -n;
-    float key = max(dot(n, normalize(vec3(-0.35, 0.55, 0.75))), 0.0);
-    float light = 0.30 + 0.52 * key + 0.22 * n.z;
-    vec3 base = vec3(entry(table, texelFetch(things, p, 0).r, limit).rgb) / 255.0;
-    if (solid && kind == 128) shade = cut;
-    else if (kind == 192) shade = cut * (0.55 + 0.45 * light);
-    else {
-      float gleam = pow(max(dot(n, normalize(vec3(-0.25, 0.4, 1.3))), 0.0), 40.0) * 0.10;
-      shade = base * light + gleam;
-    }
-    // what lies behind something near is darker: depth is seen without shadows
-    float here = away(p);
-    float sum = 0.0;
-    for (int i = 0; i < 8; i++) {
-      float a = float(i) * 0.7853981634;
-      ivec2 q = p + ivec2(round(vec2(cos(a), sin(a)) * (i % 2 == 0 ? 1.0 : 2.5) * dot_size));
-      float there = away(q);
-      sum += clamp((here - there) / (flatView ? range.z : here) * 24.0, 0.0, 1.0);
-    }
-    if (!(solid && kind == 128)) shade *= 1.0 - 0.5 * sum / 8.0;
-  }
-  // an outline around what is chosen, outside of it, and a breath of its colour inside
-  bool own = any && chosen(p);
-  if (own) shade = mix(shade, accent, 0.14);
-  else if (any) {
-    bool edge = false;
-    for (int i = 0; i < 8; i++) {
-      float a = float(i) * 0.7853981634;
-      edge = edge || chosen(p + ivec2(round(vec2(cos(a), sin(a)) * 2.0 * dot_size)));
-    }
-    if (edge) shade = accent;
-  }
-  colour = vec4(shade, 1.0);
+  if (kind == 0) shade = mix(bottom, top, (gl_FragCoord.y + span.x) / span.y);
+  else if (solid && kind == 128) shade = cut;
+  else shade = lit(face.xy, texelFetch(things, p, 0).r, kind == 192) * shadow(p);
+  colour = vec4(${chosen ? "outlined(p, shade)" : "shade"}, 1.0);
 }`,
-};
+});
+
+/** Light on what was drawn, where nothing is chosen and where something is. */
+export const LIGHT = light(false);
+export const LIGHT_CHOSEN = light(true);
 
 /** Steps on edges are blended along the edge. */
 export const SMOOTH = {
@@ -170,20 +221,23 @@ out vec4 colour;
 float bright(vec3 c) { return dot(c, vec3(0.299, 0.587, 0.114)); }
 void main() {
   ivec2 size = textureSize(image, 0);
-  vec2 unit = 1.0 / vec2(size);
-  vec2 at = gl_FragCoord.xy * unit;
-  vec3 mid = texture(image, at).rgb;
+  ivec2 p = ivec2(gl_FragCoord.xy);
+  ivec2 lower = max(p - 1, ivec2(0));
+  ivec2 upper = min(p + 1, size - 1);
+  vec3 mid = texelFetch(image, p, 0).rgb;
   float m = bright(mid);
-  float a = bright(texture(image, at + unit * vec2(-1, -1)).rgb);
-  float b = bright(texture(image, at + unit * vec2(1, -1)).rgb);
-  float c = bright(texture(image, at + unit * vec2(-1, 1)).rgb);
-  float d = bright(texture(image, at + unit * vec2(1, 1)).rgb);
+  float a = bright(texelFetch(image, lower, 0).rgb);
+  float b = bright(texelFetch(image, ivec2(upper.x, lower.y), 0).rgb);
+  float c = bright(texelFetch(image, ivec2(lower.x, upper.y), 0).rgb);
+  float d = bright(texelFetch(image, upper, 0).rgb);
   float low = min(m, min(min(a, b), min(c, d)));
   float high = max(m, max(max(a, b), max(c, d)));
   if (high - low < max(0.05, high * 0.125)) {
     colour = vec4(mid, 1.0);
     return;
   }
+  vec2 unit = 1.0 / vec2(size);
+  vec2 at = gl_FragCoord.xy * unit;
   vec2 way = vec2(-((a + b) - (c + d)), (a + c) - (b + d));
   float soft = max((a + b + c + d) * 0.03125, 0.0078125);
   way = clamp(way / (min(abs(way.x), abs(way.y)) + soft), -8.0, 8.0) * unit;
@@ -219,27 +273,18 @@ void main() {
 /** The volume's slice on the plane of the section. */
 export const SLICE = {
   attributes: ["place", "share"],
-  vertex: `${HEAD}
-in vec3 place;
-in vec2 share;
-uniform mat4 matrix;
-out vec2 at;
-void main() {
-  at = share;
-  gl_Position = matrix * vec4(place, 1.0);
-}`,
-  fragment: `${HEAD}
+  vertex: `${HEAD}${SHEET}`,
+  fragment: `${HEAD}${KIND}
 in vec2 at;
 uniform sampler2D image;
 uniform sampler2D depths;
-uniform sampler2D faces;
 uniform bool whole;
 uniform float level;     // the threshold, as a grey of the slice
 out vec4 colour;
 void main() {
   ivec2 p = ivec2(gl_FragCoord.xy);
   if (gl_FragCoord.z > texelFetch(depths, p, 0).r + 1e-6) discard;
-  int kind = int(texelFetch(faces, p, 0).a * 255.0 + 0.5);
+  int kind = kindOf(texelFetch(faces, p, 0));
   vec3 grey = texture(image, at).rgb;
   // a line of sight that meets no surface behind the plane is in material all the way, or in air
   bool material = kind == 128 || (kind == 0 && grey.r >= level);
@@ -251,28 +296,17 @@ void main() {
 /** Material at the faces of the volume, where no surface is seen. */
 export const FILL = {
   attributes: ["place", "share"],
-  vertex: `${HEAD}
-in vec3 place;
-in vec2 share;
-uniform mat4 matrix;
-uniform vec4 plane;
-out vec2 at;
-out float beyond;
-void main() {
-  at = share;
-  beyond = dot(plane.xyz, place) - plane.w;
-  gl_Position = matrix * vec4(place, 1.0);
-}`,
-  fragment: `${HEAD}
+  vertex: `${HEAD}${SHEET}`,
+  fragment: `${HEAD}${KIND}
 in vec2 at;
 in float beyond;
 uniform sampler2D mask;
-uniform sampler2D faces;
 uniform vec3 cut;
 out vec4 colour;
 void main() {
-  bool free = texelFetch(faces, ivec2(gl_FragCoord.xy), 0).a == 0.0;
-  if (!free || beyond > 0.0 || texture(mask, at).r < 0.5) discard;
+  bool free = kindOf(texelFetch(faces, ivec2(gl_FragCoord.xy), 0)) == 0;
+  // the mask is coarse: beside an opening most of what is seen through is the material at its rim
+  if (!free || beyond > 0.0 || texture(mask, at).r < 0.1) discard;
   colour = vec4(cut, 1.0);
 }`,
 };

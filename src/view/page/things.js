@@ -1,4 +1,6 @@
 // The tables of cells, objects and surfaces, column by column as they are needed.
+import { extent } from "./camera.js";
+import { add, scale, sub } from "./vector.js";
 
 export class Things {
   constructor(server, set) {
@@ -6,6 +8,7 @@ export class Things {
     this.set = set;
     this.loaded = new Map();
     this.asked = new Map();
+    this.ranked = new Map();
   }
 
   columns(kind) {
@@ -28,7 +31,15 @@ export class Things {
     return this.loaded.get(kind).columns.get(name);
   }
 
-  /** The same if they are here already. */
+  /** The finite values of a column, rising. */
+  async sorted(kind, name) {
+    const key = `${kind} ${name}`;
+    const values = await this.values(kind, name);
+    if (!this.ranked.has(key)) this.ranked.set(key, rising(values));
+    return this.ranked.get(key);
+  }
+
+  /** The values of a column if they are here already. */
   known(kind, name) {
     return this.loaded.get(kind)?.columns.get(name) ?? null;
   }
@@ -77,19 +88,23 @@ export class Things {
     const { spacing, origin, directions, unit } = this.set;
     const factor = lengths(this.column(kind, "min_x").unit) / lengths(unit);
     const ends = names.map((n) => this.known(kind, n)[row] * factor);
-    const low = [Infinity, Infinity, Infinity];
-    const high = [-Infinity, -Infinity, -Infinity];
-    // the table's axes are those of the scan: each corner goes back to the grid's
-    for (let i = 0; i < 8; i++) {
-      const corner = [0, 1, 2].map((k) => ends[k + (((i >> k) & 1) ? 3 : 0)] - origin[k]);
-      for (let a = 0; a < 3; a++) {
-        const x = directions[a].reduce((s, d, k) => s + d * corner[k], 0);
-        low[a] = Math.min(low[a], x);
-        high[a] = Math.max(high[a], x);
-      }
-    }
-    return { low: low.map((x, k) => x - spacing[k] / 2), high: high.map((x, k) => x + spacing[k] / 2) };
+    const scanned = { low: sub(ends.slice(0, 3), origin), high: sub(ends.slice(3), origin) };
+    // the table's axes are those of the scan: the box goes back to the grid's
+    const along = directions.map((d) => extent(scanned, d));
+    const [low, high] = [0, 1].map((end) => along.map((a) => a[end]));
+    const half = scale(spacing, 0.5);
+    return { low: sub(low, half), high: add(high, half) };
   }
+}
+
+/** Finite values, the least first. */
+export function rising(values) {
+  return Float64Array.from(values.filter(Number.isFinite)).sort();
+}
+
+/** The value that a share of 0 to 1 of rising values lies below; NaN if there are none. */
+export function quantile(sorted, share) {
+  return sorted[Math.round(share * (sorted.length - 1))] ?? NaN;
 }
 
 function isDense(ids) {

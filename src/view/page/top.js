@@ -35,15 +35,16 @@ export function buildTop(app) {
     button("All", "Show everything (Home)", () => app.home()), standard("x"), standard("y"), standard("z"), flat, gap(),
     button("Section", "Cut the picture open (C)", () => app.section.toggle(), "section-button"), share, panel,
     button("◐", "Dark or light (L)", () => app.toggleTheme()), button("?", "Mouse and keyboard (?)", () => toggleHelp(app)));
+  const kinds = KINDS.map((kind) => h("button", { role: "radio", onClick: () => state.set({ kind }) },
+    `${kind[0].toUpperCase()}${kind.slice(1)} `, h("span", { className: "wide-only" }, count(set.tables[kind].rows))));
+  by("kinds").replaceChildren(...kinds);
   app.top = {
     update() {
       undo.disabled = state.past.length === 0;
       redo.disabled = state.future.length === 0;
       flat.classList.toggle("on", state.now.camera.flat);
       panel.classList.toggle("on", !by("dock").classList.contains("closed"));
-      by("kinds").replaceChildren(...KINDS.map((kind) => h("button", {
-        role: "radio", ariaChecked: String(state.now.kind === kind), onClick: () => state.set({ kind }),
-      }, `${kind[0].toUpperCase()}${kind.slice(1)} `, h("span", { className: "wide-only" }, count(set.tables[kind].rows)))));
+      KINDS.forEach((kind, i) => kinds[i].setAttribute("aria-checked", String(state.now.kind === kind)));
     },
   };
 }

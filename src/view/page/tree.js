@@ -1,6 +1,6 @@
 // The blocks of the set, coarse ones above fine ones where there are levels, and which of them a view needs.
-import { dot, scale, sub } from "./vector.js";
 import { pixel } from "./camera.js";
+import { dot, mix, scale, sub } from "./vector.js";
 
 /** Bytes of a triangle on the card, where a block does not tell its own. */
 const BYTES = 9;
@@ -11,7 +11,7 @@ export class Tree {
     const count = words[2];
     const real = new Float32Array(words.buffer);
     this.nodes = [];
-    const child = new Set();
+    const kin = [];
     for (let i = 0; i < count; i++) {
       const at = 4 + 10 * i;
       const node = {
@@ -26,20 +26,15 @@ export class Tree {
         content: (words[at + 9] & 1) === 1,
       };
       Object.assign(node, this.box(node, set));
-      node.first = words[at + 7];
-      node.childCount = words[at + 8];
       this.nodes.push(node);
+      kin.push({ first: words[at + 7], count: words[at + 8] });
     }
     for (const node of this.nodes) {
-      node.children = this.nodes.slice(node.first, node.first + node.childCount);
-      for (const c of node.children) {
-        c.parent = node;
-        child.add(c.index);
-      }
+      const { first, count: children } = kin[node.index];
+      node.children = this.nodes.slice(first, first + children);
+      for (const c of node.children) c.parent = node;
     }
-    this.roots = this.nodes.filter((n) => !child.has(n.index));
-    this.levels = this.roots.some((n) => n.children.length > 0);
-    this.leaves = this.nodes.filter((n) => n.children.length === 0);
+    this.roots = this.nodes.filter((n) => n.parent === null);
   }
 
   // Lengths along the axes of what lies in a block; a cap lies half a voxel outside of the grid.
@@ -56,14 +51,18 @@ export class Tree {
     return { low, high };
   }
 
+  /** What a view sees of the coarsest blocks, whatever the limits: {view, clip, seen}, nearest first. */
+  sight(view, clip) {
+    const seen = this.roots.filter((n) => n.content && inView(n, view, clip)).map((n) => placed(n, view));
+    return { view, clip, seen: seen.sort(nearer) };
+  }
+
   /**
-   * The blocks that a view wants, nearest first, within limits of triangles and bytes: [{node, near}]. Where there are
+   * The blocks that a sight wants, nearest first, within limits of triangles and bytes: [{node, near}]. Where there are
    * levels, the block with the largest error in pixels makes way for its children as long as they fit; `left` is what
    * is in the view and does not fit at any level.
    */
-  cut(view, clip, { triangles, bytes }) {
-    const seen = this.roots.filter((n) => n.content && inView(n, view, clip)).map((n) => placed(n, view));
-    seen.sort(nearer);
+  cut({ view, clip, seen }, { triangles, bytes }) {
     const wanted = new Map();
     const left = [];
     const room = { triangles, bytes };
@@ -75,11 +74,13 @@ export class Tree {
         wanted.set(item.node, item);
       }
     }
-    if (this.levels) this.refine(wanted, view, clip, room);
-    return { wanted: [...wanted.values()].sort(nearer), left };
+    const refined = this.refine(wanted, view, clip, room);
+    return { wanted: refined ? [...wanted.values()].sort(nearer) : [...wanted.values()], left };
   }
 
+  // True if anything was.
   refine(wanted, view, clip, room) {
+    let refined = false;
     const heap = [...wanted.values()].filter((i) => i.node.children.length > 0);
     const worst = () => {
       let best = -1;
@@ -90,7 +91,7 @@ export class Tree {
     };
     while (heap.length > 0) {
       const item = worst();
-      if (item.pixels <= 1) return;
+      if (item.pixels <= 1) break;
       const children = item.node.children.filter((c) => c.content && inView(c, view, clip));
       const more = children.reduce((s, c) => s + c.triangles, 0) - item.node.triangles;
       const bytes = children.reduce((s, c) => s + c.bytes, 0) - item.node.bytes;
@@ -98,12 +99,14 @@ export class Tree {
       room.triangles -= more;
       room.bytes -= bytes;
       wanted.delete(item.node);
+      refined = true;
       for (const c of children) {
         const next = placed(c, view);
         wanted.set(c, next);
         if (c.children.length > 0) heap.push(next);
       }
     }
+    return refined;
   }
 }
 
@@ -140,9 +143,8 @@ function take(node, room) {
 
 // How far a block is from the eye, or from the plane through it, and how large its error shows.
 function placed(node, view) {
-  const centre = scale([0, 1, 2].map((k) => node.low[k] + node.high[k]), 0.5);
-  const off = sub(centre, view.eye);
-  const reach = [0, 1, 2].map((k) => (node.high[k] - node.low[k]) / 2);
+  const off = sub(mix(node.low, node.high, 0.5), view.eye);
+  const reach = scale(sub(node.high, node.low), 0.5);
   const middle = view.camera.flat ? -dot(off, view.back) : Math.hypot(...off);
   const near = view.camera.flat
     ? middle - reach.reduce((s, r, k) => s + r * Math.abs(view.back[k]), 0)

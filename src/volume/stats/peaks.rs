@@ -19,12 +19,97 @@ const LEAST_PROMINENCE: f64 = 0.1;
 /// The same in standard deviations of a count of its height, so that ripples of noise are none.
 const LEAST_SIGNIFICANCE: f64 = 5.0;
 
+/// How much taller a spike at an end of the range is than any level near it.
+const SPIKE: u64 = 8;
+/// The share of the range in which a spike is the only tall level.
+const NEAR: usize = 64;
+/// The share of the samples that has to be left without spikes for these to be none of the materials.
+const LEAST_REST: f64 = 0.2;
+
+/// The two peaks of a histogram.
+#[derive(Debug, Clone, PartialEq)]
+pub(crate) struct Peaks {
+    /// Their values, rising.
+    pub(crate) values: [f64; 2],
+    /// Spikes at the ends of the range that would have been peaks: their values, and how many samples have them.
+    pub(crate) clipped: Vec<(f64, u64)>,
+}
+
 /// The values of the tallest peak and of the one beside it that stands out most, by rising value; `None` if there is
 /// only one.
 ///
 /// The histogram is seen in 256 columns and smoothed; the prominence of a peak is its height above the higher of the
 /// valleys that part it from taller ones, and is compared with the square root of the height, as counts scatter.
-pub(crate) fn two_peaks(levels: &Levels) -> Option<[f64; 2]> {
+///
+/// A single value at an end of the range that is far more frequent than all near it is what a detector or a program
+/// clipped or filled, and no peak, if there are two others inside of the range.
+pub(crate) fn two_peaks(levels: &Levels) -> Option<Peaks> {
+    let all = peaks_of(levels).map(|seen| seen.values);
+    let [first, last] = spikes(levels);
+    let without = [vec![last, first], vec![last], vec![first]].into_iter();
+    for spikes in without.filter_map(|ends| ends.into_iter().collect::<Option<Vec<usize>>>()) {
+        let mut rest = levels.clone();
+        spikes.iter().for_each(|&i| rest.counts[i] = 0);
+        let [of_rest, of_all] = [&rest, levels].map(|l| l.counts.iter().sum::<u64>() as f64);
+        let Some(seen) = peaks_of(&rest).filter(|_| of_rest >= LEAST_REST * of_all) else {
+            continue;
+        };
+        // a heap that only rises towards the spike belongs to it
+        let ends = [first, last].map(|end| end.is_some_and(|end| spikes.contains(&end)));
+        if (ends[0] && seen.at_ends[0]) || (ends[1] && seen.at_ends[1]) {
+            continue;
+        }
+        let same = |all: [f64; 2]| {
+            let off = |i: usize| (all[i] - seen.values[i]).abs();
+            off(0).max(off(1)) <= 3.0 * seen.width
+        };
+        let value = |i: usize| levels.low + levels.width * i as f64;
+        let clipped = spikes.iter().map(|&i| (value(i), levels.counts[i]));
+        return Some(match all.filter(|all| same(*all)) {
+            Some(values) => Peaks {
+                values,
+                clipped: Vec::new(),
+            },
+            None => Peaks {
+                values: seen.values,
+                clipped: clipped.collect(),
+            },
+        });
+    }
+    all.map(|values| Peaks {
+        values,
+        clipped: Vec::new(),
+    })
+}
+
+/// The first and the last level that occurs, where that is a spike.
+fn spikes(levels: &Levels) -> [Option<usize>; 2] {
+    let occupied = levels.occupied().take(LEAST_TEETH).count();
+    let ends = levels.occupied().next().zip(levels.occupied().next_back());
+    let Some((first, last)) = ends.filter(|_| occupied == LEAST_TEETH) else {
+        return [None; 2];
+    };
+    let reach = ((last - first) / NEAR).max(3);
+    let tall = |end: usize, near: &[u64]| {
+        let near = near.iter().max().copied().unwrap_or(0);
+        (levels.counts[end] > SPIKE * near.max(1)).then_some(end)
+    };
+    [
+        tall(first, &levels.counts[first + 1..=first + reach]),
+        tall(last, &levels.counts[last - reach..last]),
+    ]
+}
+
+/// The two peaks as they are seen.
+struct SeenPeaks {
+    values: [f64; 2],
+    /// The lower one is the first column that is seen, the upper one the last.
+    at_ends: [bool; 2],
+    /// The width of a column.
+    width: f64,
+}
+
+fn peaks_of(levels: &Levels) -> Option<SeenPeaks> {
     let seen = Seen::of(levels)?;
     let heights = smoothed(&seen.heights, seen.sigma);
     let peaks = prominences(&heights);
@@ -39,9 +124,13 @@ pub(crate) fn two_peaks(levels: &Levels) -> Option<[f64; 2]> {
             p.prominence >= LEAST_PROMINENCE * p.height && significance(p) >= LEAST_SIGNIFICANCE
         })
         .max_by(|a, b| significance(a).total_cmp(&significance(b)))?;
-    let mut two = [tallest, second].map(|p| seen.low + seen.width * p.column as f64);
-    two.sort_by(f64::total_cmp);
-    Some(two)
+    let mut columns = [tallest.column, second.column];
+    columns.sort_unstable();
+    Some(SeenPeaks {
+        values: columns.map(|column| seen.low + seen.width * column as f64),
+        at_ends: [columns[0] == 0, columns[1] + 1 == heights.len()],
+        width: seen.width,
+    })
 }
 
 /// The histogram in columns.
@@ -207,6 +296,10 @@ mod tests {
         }
     }
 
+    fn values(levels: &Levels) -> Option<[f64; 2]> {
+        two_peaks(levels).map(|peaks| peaks.values)
+    }
+
     /// Counts of a sum of bells: centre, standard deviation, samples.
     fn bells(n: usize, of: &[[f64; 3]]) -> Vec<u64> {
         let at = |i: usize| {
@@ -219,27 +312,24 @@ mod tests {
     }
 
     #[test]
-    fn two_values_are_two_peaks() {
+    fn two_values_are_values() {
         let mut counts = vec![0; 256];
         (counts[0], counts[255]) = (1_000_000, 300);
+        assert_eq!(values(&levels(true, 0.0, 1.0, counts)), Some([0.0, 255.0]));
+        assert_eq!(values(&levels(true, 3.0, 1.0, vec![90, 40])), None);
         assert_eq!(
-            two_peaks(&levels(true, 0.0, 1.0, counts)),
-            Some([0.0, 255.0])
-        );
-        assert_eq!(two_peaks(&levels(true, 3.0, 1.0, vec![90, 40])), None);
-        assert_eq!(
-            two_peaks(&levels(true, 3.0, 1.0, vec![90, 0, 40])),
+            values(&levels(true, 3.0, 1.0, vec![90, 0, 40])),
             Some([3.0, 5.0])
         );
-        assert_eq!(two_peaks(&levels(true, 3.0, 1.0, vec![90])), None);
-        assert_eq!(two_peaks(&levels(true, 0.0, 1.0, vec![])), None);
+        assert_eq!(values(&levels(true, 3.0, 1.0, vec![90])), None);
+        assert_eq!(values(&levels(true, 0.0, 1.0, vec![])), None);
     }
 
     #[test]
     fn a_little_metal_in_much_air_is_seen() {
         let counts = bells(65_536, &[[10_000.0, 1500.0, 5e7], [50_000.0, 2500.0, 1e6]]);
         for exact in [true, false] {
-            let [a, b] = two_peaks(&levels(exact, 0.0, 1.0, counts.clone())).unwrap();
+            let [a, b] = values(&levels(exact, 0.0, 1.0, counts.clone())).unwrap();
             assert!(
                 (a - 10_000.0).abs() < 260.0 && (b - 50_000.0).abs() < 260.0,
                 "{a} {b}"
@@ -249,7 +339,7 @@ mod tests {
         let mut hot = counts.clone();
         hot.resize(1 << 20, 0);
         *hot.last_mut().unwrap() = 3;
-        let [a, b] = two_peaks(&levels(true, 0.0, 1.0, hot)).unwrap();
+        let [a, b] = values(&levels(true, 0.0, 1.0, hot)).unwrap();
         assert!(
             (a - 10_000.0).abs() < 260.0 && (b - 50_000.0).abs() < 260.0,
             "{a} {b}"
@@ -257,9 +347,54 @@ mod tests {
     }
 
     #[test]
+    fn a_clipped_end_of_the_range_is_no_peak() {
+        let counts = bells(256, &[[70.0, 9.0, 1e6], [170.0, 12.0, 3e5]]);
+        let plain = values(&levels(true, 0.0, 1.0, counts.clone())).unwrap();
+        for (ends, saturated) in [
+            (vec![(255, 200_000)], vec![(255.0, 200_000)]),
+            (vec![(0, 900_000)], vec![(0.0, 900_000)]),
+            (
+                vec![(0, 400_000), (255, 90_000)],
+                vec![(255.0, 90_000), (0.0, 400_000)],
+            ),
+        ] {
+            let mut clipped = counts.clone();
+            ends.iter().for_each(|(at, n)| clipped[*at] += n);
+            let found = two_peaks(&levels(true, 0.0, 1.0, clipped)).unwrap();
+            assert_eq!(found.clipped, saturated);
+            let off = |i: usize| (found.values[i] - plain[i]).abs();
+            assert!(off(0) < 2.0 && off(1) < 2.0, "{found:?}");
+        }
+        // of 16 bits
+        let mut wide = bells(65_536, &[[9000.0, 1500.0, 5e7], [40_000.0, 2500.0, 5e6]]);
+        wide[65_535] = 4_000_000;
+        let found = two_peaks(&levels(true, 0.0, 1.0, wide)).unwrap();
+        assert_eq!(found.clipped, [(65_535.0, 4_000_000)]);
+        assert!((found.values[1] - 40_000.0).abs() < 600.0, "{found:?}");
+        // air whose noise was cut off below 0 is a material
+        let mut air = bells(256, &[[0.0, 6.0, 1e6], [150.0, 12.0, 3e5]]);
+        air[0] += 500_000;
+        let found = two_peaks(&levels(true, 0.0, 1.0, air.clone())).unwrap();
+        assert!(
+            found.clipped.is_empty() && found.values[0] < 3.0,
+            "{found:?}"
+        );
+        // and is one still if the other end is saturated
+        air[255] = 100_000;
+        let found = two_peaks(&levels(true, 0.0, 1.0, air)).unwrap();
+        assert_eq!(found.clipped, [(255.0, 100_000)]);
+        assert!((found.values[1] - 150.0).abs() < 3.0, "{found:?}");
+        // two values with a few between, as of a phantom without noise
+        let mut sharp = vec![40; 256];
+        (sharp[0], sharp[255]) = (1_000_000, 90_000);
+        let found = two_peaks(&levels(true, 0.0, 1.0, sharp)).unwrap();
+        assert!(found.clipped.is_empty(), "{found:?}");
+    }
+
+    #[test]
     fn one_bell_is_one_peak() {
         let counts = bells(256, &[[100.0, 20.0, 1e6]]);
-        assert_eq!(two_peaks(&levels(true, 0.0, 1.0, counts)), None);
+        assert_eq!(values(&levels(true, 0.0, 1.0, counts)), None);
     }
 
     /// Values that were multiplied leave gaps between them.
@@ -277,12 +412,12 @@ mod tests {
             for wide in [48, 256, 1200] {
                 let n = wide as f64;
                 let one = bells(wide, &[[0.5 * n, 0.1 * n, 1e6]]);
-                assert_eq!(two_peaks(&stretched(one)), None, "{factor} {wide}");
+                assert_eq!(values(&stretched(one)), None, "{factor} {wide}");
                 let two = bells(
                     wide,
                     &[[0.25 * n, 0.07 * n, 1e6], [0.75 * n, 0.07 * n, 1e5]],
                 );
-                let [a, b] = two_peaks(&stretched(two)).unwrap();
+                let [a, b] = values(&stretched(two)).unwrap();
                 let off = |found: f64, share: f64| (found / factor / n - share).abs();
                 assert!(
                     off(a, 0.25) < 0.02 && off(b, 0.75) < 0.02,
@@ -304,12 +439,12 @@ mod tests {
         #[test]
         fn peaks_move_with_the_histogram(a in 30.0f64..100.0, gap in 60.0f64..120.0, share in 0.05f64..0.95) {
             let counts = bells(256, &[[a, 8.0, 1e6 * share], [a + gap, 8.0, 1e6 * (1.0 - share)]]);
-            let two = two_peaks(&levels(true, 0.0, 1.0, counts.clone())).unwrap();
+            let two = values(&levels(true, 0.0, 1.0, counts.clone())).unwrap();
             prop_assert!((two[0] - a).abs() < 1.5 && (two[1] - a - gap).abs() < 1.5, "{:?}", two);
-            let moved = two_peaks(&levels(true, -500.0, 2.0, counts.clone())).unwrap();
+            let moved = values(&levels(true, -500.0, 2.0, counts.clone())).unwrap();
             prop_assert_eq!(moved, two.map(|v| 2.0 * v - 500.0));
             let back: Vec<u64> = counts.iter().rev().copied().collect();
-            let mirrored = two_peaks(&levels(true, 0.0, 1.0, back)).unwrap();
+            let mirrored = values(&levels(true, 0.0, 1.0, back)).unwrap();
             prop_assert!((255.0 - mirrored[1] - two[0]).abs() < 1.01 && (255.0 - mirrored[0] - two[1]).abs() < 1.01);
         }
     }

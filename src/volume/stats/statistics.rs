@@ -9,6 +9,7 @@ use crate::volume::stats::peaks::two_peaks;
 use crate::volume::stats::threshold::ThresholdMethod;
 use crate::volume::stats::walk::{Piece, Walk};
 use crate::volume::{Dtype, Volume, Voxel, with_voxel_type};
+use crate::words::{count, number};
 
 /// Bins that nearly all samples have at least where a threshold found in them is fine.
 const FINE: usize = 1024;
@@ -76,7 +77,23 @@ impl Statistics {
 
     /// The two peaks of the histogram, by rising value; `None` if it has only one.
     pub fn peaks(&self) -> Option<[f64; 2]> {
-        two_peaks(self.levels.as_ref()?)
+        two_peaks(self.levels.as_ref()?).map(|peaks| peaks.values)
+    }
+
+    /// Says which values at the ends of the range are taken for clipped ones and not for a peak; `None` if none are.
+    pub fn clipped(&self) -> Option<String> {
+        let clipped = two_peaks(self.levels.as_ref()?)?.clipped;
+        let each = clipped
+            .iter()
+            .map(|(value, n)| format!("{} samples of {}", count(*n), number(*value, 6)));
+        let each: Vec<String> = each.collect();
+        (!each.is_empty()).then(|| {
+            format!(
+                "{} are taken for clipped or filled ones, not for a peak: a single value at an end of the range is none \
+                 of a material",
+                each.join(" and ")
+            )
+        })
     }
 
     /// Share of all samples that are above a threshold, 0 to 1.

@@ -13,6 +13,7 @@ export async function laws(page) {
   const { fresh, State } = await load("state.js");
   const { standIns, Tree } = await load("tree.js");
   const { limitsOf } = await load("look.js");
+  const { rising } = await load("things.js");
 
   const SET = { dims: [257, 257, 257], macrocube: [64, 64, 64], spacing: [1, 1, 1], cap: false };
   const BOX = { low: [0, 0, 0], high: [256, 256, 256] };
@@ -123,7 +124,7 @@ export async function laws(page) {
       const tree = new Tree(words(), SET);
       assert.equal(tree.roots.length, 1);
       for (const [distance, triangles] of [[2000, 1e9], [400, 1e9], [100, 1e9], [100, 9000], [100, 30000], [100, 500]]) {
-        const { wanted, left } = tree.cut(view({ target: [128, 128, 128], distance, azimuth: 0.7, elevation: 0.4 }), null, { triangles, bytes: 1e12 });
+        const { wanted, left } = tree.cut(tree.sight(view({ target: [128, 128, 128], distance, azimuth: 0.7, elevation: 0.4 }), null), { triangles, bytes: 1e12 });
         assert.equal(left.length, 0);
         assert(wanted.length * 1000 <= Math.max(triangles, 1000), `${wanted.length} blocks`);
         const nodes = wanted.map((i) => i.node);
@@ -134,14 +135,15 @@ export async function laws(page) {
     }],
     ["coarse blocks stand in, never beside their children, never a hole", () => {
       const tree = new Tree(words(), SET);
-      const wanted = tree.leaves.map((node) => ({ node, near: 0 }));
+      const leaves = tree.nodes.filter((n) => n.children.length === 0);
+      const wanted = leaves.map((node) => ({ node, near: 0 }));
       const [root] = tree.roots;
       assert.equal(standIns(wanted, () => false).bare.length, 64);
       assert.deepEqual(standIns(wanted, (n) => n === root).drawn, [root]);
       const some = (n) => n.level > 0 || n.x > 1;
       const { drawn, bare } = standIns(wanted, some);
       assert.equal(bare.length, 0);
-      for (const leaf of tree.leaves) {
+      for (const leaf of leaves) {
         let covers = 0;
         for (let n = leaf; n; n = n.parent) covers += drawn.includes(n) ? 1 : 0;
         assert.equal(covers, 1);
@@ -151,13 +153,13 @@ export async function laws(page) {
     }],
     ["what is cut off is not in the cut", () => {
       const tree = new Tree(words(), SET);
-      const { wanted } = tree.cut(view({ target: [128, 128, 128], distance: 100 }), { normal: [1, 0, 0], at: 64 }, { triangles: 1e9, bytes: 1e12 });
+      const { wanted } = tree.cut(tree.sight(view({ target: [128, 128, 128], distance: 100 }), { normal: [1, 0, 0], at: 64 }), { triangles: 1e9, bytes: 1e12 });
       assert(wanted.length > 0 && wanted.every((i) => i.node.low[0] < 64));
     }],
     ["scales have two ends, whatever the values", () => {
       for (const values of [[], [NaN, NaN, NaN], [5, 5, 5], [-1, 0, 3], [0, 0, 0]]) {
         for (const log of [false, true]) {
-          const { low, high } = limitsOf(values, { log, low: null, high: null });
+          const { low, high } = limitsOf(rising(values), { log, low: null, high: null });
           assert(Number.isFinite(low) && Number.isFinite(high) && low < high && (!log || low > 0), `${values} ${log}: ${low} ${high}`);
         }
       }

@@ -2,72 +2,17 @@
 import assert from "node:assert/strict";
 import fs from "node:fs";
 import path from "node:path";
-import { Rays, sight } from "./rays.mjs";
+import { follow, holdAgainstRays, linkOf, points, raysOf, variance } from "./look.mjs";
 import { decode } from "./session.mjs";
+import { glb, manifestOf, tilesOf } from "./set.mjs";
 
 const KINDS = ["cells", "objects", "surfaces"];
 
 const nap = (ms) => new Promise((resolve) => setTimeout(resolve, ms));
 
-// Points of the picture over all of it, in the middles of pixels.
-function points({ width, height }, across = 15, down = 9) {
-  const out = [];
-  for (let j = 1; j < down; j++) {
-    for (let i = 1; i < across; i++) out.push([Math.round((i * width) / across), Math.round((j * height) / down)]);
-  }
-  return out;
-}
-
-const rays = new Map();
-
-function raysOf(at, name) {
-  if (!rays.has(name)) rays.set(name, new Rays(at(name)));
-  return rays.get(name);
-}
-
-/**
- * Holds what is picked at many pixels against rays. Where a pixel's corners see different things, rounding decides, and
- * nothing is said. Returns how many agreed.
- */
-async function holdAgainstRays(session, set, { cut = null, across, down } = {}) {
-  const { camera, kind } = await session.get("state");
-  const size = await session.size();
-  let [agreed, empty] = [0, 0];
-  for (const [x, y] of points(size, across, down)) {
-    const seen = [[0.5, 0.5], [0.1, 0.1], [0.9, 0.1], [0.1, 0.9], [0.9, 0.9]].map(([u, v]) => set.first(sight(camera, size, x + u, y + v), cut));
-    const name = (s) => (s === null ? "nothing" : `${s.ids[kind]} ${s.front}`);
-    if (seen.some((s) => name(s) !== name(seen[0]))) continue;
-    const found = await session.pick(x, y);
-    const told = `pixel ${x}, ${y}: picked ${JSON.stringify(found)}, the ray meets ${JSON.stringify(seen[0])}`;
-    if (seen[0] === null) {
-      assert.equal(found, null, told);
-      empty++;
-      continue;
-    }
-    const expected = seen[0].front || kind === "objects" ? seen[0].ids[kind] : 0;
-    assert(found !== null && found.id === expected && found.material === !seen[0].front, told);
-    const far = Math.hypot(...found.place.map((p, k) => p - seen[0].place[k]));
-    assert(far < 0.2, `${told}: ${far} apart`);
-    agreed++;
-  }
-  assert(agreed + empty > 30, `${agreed} pixels agree, ${empty} are empty`);
-  return agreed;
-}
-
-async function variance(session) {
-  const { data } = await decode(session.tab, await session.pixels());
-  let [sum, squares] = [0, 0];
-  for (let i = 0; i < data.length; i += 4) {
-    sum += data[i];
-    squares += data[i] ** 2;
-  }
-  const n = data.length / 4;
-  return squares / n - (sum / n) ** 2;
-}
-
 async function firstPicture({ open, at }) {
   const session = await open("blender");
-  const manifest = JSON.parse(fs.readFileSync(path.join(at("blender"), "index.json"), "utf8"));
+  const { tiles, triangles } = manifestOf(at("blender")).totals;
   const told = await session.tab.evaluate(() => {
     const gl = document.createElement("canvas").getContext("webgl2");
     const info = gl?.getExtension("WEBGL_debug_renderer_info");
@@ -78,7 +23,6 @@ async function firstPicture({ open, at }) {
   assert(await variance(session) > 100, "the picture is empty");
   // a list that has just come may have changed the room for the picture, which is drawn anew then
   await session.settle();
-  const { tiles, triangles } = manifest.totals;
   assert.equal(await session.get("draws"), tiles);
   assert.equal(await session.get("visible"), tiles);
   assert.equal(await session.get("triangles"), triangles);
@@ -145,27 +89,19 @@ async function turn({ open }) {
   await session.close();
 }
 
-// Where two sides of an edge are as near as depths can tell, either may show; through a crack one sees what is farther.
+// All corners that tiles share lie at the same place to the last bit, and at an edge the front shows.
 async function backFaces({ open, at }) {
   const session = await open("capped");
-  const set = raysOf(at, "capped");
   const size = await session.size();
   const seen = () => session.tab.evaluate(() => window.alvis.backFaces());
-  const cracks = async () => {
-    const { camera } = await session.get("state");
-    const pixels = await seen();
-    assert(pixels.length < 100, `${pixels.length} pixels`);
-    for (const [x, y] of pixels) {
-      const { place } = await session.pick(x, y);
-      const around = [-0.5, 0, 0.5].flatMap((u) => [-0.5, 0, 0.5].map((v) => set.first(sight(camera, size, x + 0.5 + u, y + 0.5 + v))));
-      const far = Math.min(...around.map((hit) => (hit ? Math.hypot(...hit.place.map((p, k) => p - place[k])) : Infinity)));
-      assert(far < 0.02, `pixel ${x}, ${y} shows a back face at ${place}, rays meet what is ${far} away`);
-    }
-    return pixels.length;
-  };
-  for (const key of ["Home", "x", "Y", "Z"]) {
+  const { camera } = await session.get("state");
+  for (const key of ["Home", "x", "Y", "Z", "o"]) {
     await session.key(key);
-    console.log(`   ${key}: ${await cracks()} pixels of edges`);
+    assert.deepEqual(await seen(), [], `from outside, ${key}`);
+  }
+  for (let i = 0; i < 12; i++) {
+    await follow(session, { ...camera, azimuth: 0.013 + (i * Math.PI) / 6, elevation: [-0.9, 0.1, 0.6][i % 3] });
+    assert.deepEqual(await seen(), [], `from outside, ${i}`);
   }
   // from the middles of cells, to all sides
   for (const target of middles(at("capped"), 3)) {
@@ -241,17 +177,13 @@ function paintedBy(copied, { run, at, to }) {
   const out = at(to);
   run("select", words[2], out, "--quiet", "--force", ...words.slice(4));
   const colours = new Map();
-  const manifest = JSON.parse(fs.readFileSync(path.join(out, "index.json"), "utf8"));
-  for (const layer of manifest.layers) {
-    for (const { path: file } of JSON.parse(fs.readFileSync(path.join(out, layer.path), "utf8")).tiles) {
-      const bytes = fs.readFileSync(path.join(out, file));
-      const doc = JSON.parse(bytes.subarray(20, 20 + bytes.readUInt32LE(12)).toString());
-      for (const node of doc.nodes.slice(1)) {
-        const factor = doc.materials[doc.meshes[node.mesh].primitives[0].material]?.pbrMetallicRoughness?.baseColorFactor;
-        const plain = doc.materials[doc.meshes[node.mesh].primitives[0].material]?.name === "surface";
-        // glTF has linear colours
-        if (factor && !plain) colours.set(node.extras.cell, factor.slice(0, 3).map((c) => Math.round(255 * (c <= 0.0031308 ? 12.92 * c : 1.055 * c ** (1 / 2.4) - 0.055))));
-      }
+  for (const { path: file } of tilesOf(out)) {
+    const { doc } = glb(path.join(out, file));
+    for (const node of doc.nodes.slice(1)) {
+      const material = doc.materials[doc.meshes[node.mesh].primitives[0].material];
+      const factor = material?.pbrMetallicRoughness?.baseColorFactor;
+      // glTF has linear colours
+      if (factor && material.name !== "surface") colours.set(node.extras.cell, factor.slice(0, 3).map((c) => Math.round(255 * (c <= 0.0031308 ? 12.92 * c : 1.055 * c ** (1 / 2.4) - 0.055))));
     }
   }
   assert(colours.size > 0, copied);
@@ -410,7 +342,26 @@ async function saved({ open }) {
     }
   }
   assert(same / all > 0.9, `${same} of ${all} points are the same`);
+  await wholeBackground(session);
   await session.close();
+}
+
+// A picture that is drawn in several parts has one background: at its edges, where nothing else is, neither rows nor
+// columns differ from those beside them by more than a step of the gradient.
+async function wholeBackground(session) {
+  await session.key("s");
+  await session.tab.selectOption("#save select", "4");
+  const [download] = await Promise.all([session.tab.waitForEvent("download"), session.button("Save").click()]);
+  const { width, height, data } = await decode(session.tab, fs.readFileSync(await download.path()));
+  assert(width > 1600 && height > 1600, `${width} x ${height} pixels`);
+  const red = (x, y) => data[4 * (y * width + x)];
+  for (let y = 1; y < height; y++) {
+    assert(Math.abs(red(8, y) - red(8, y - 1)) <= 1, `row ${y} is ${red(8, y)}, the one above it ${red(8, y - 1)}`);
+  }
+  for (let x = 1; x < width; x++) {
+    assert(Math.abs(red(x, 8) - red(x - 1, 8)) <= 1, `column ${x} is ${red(x, 8)}, the one before it ${red(x - 1, 8)}`);
+  }
+  assert(Math.abs(red(8, 0) - red(8, height - 1)) > 10, "there is no gradient");
 }
 
 // Blocks that are not wanted any more are given up; a small card keeps few, and that is told.
@@ -446,7 +397,8 @@ async function limits({ open, context, servers }) {
 
 // A set of thousands of blocks: one draw for each that is seen, and no more.
 async function many({ open, at }) {
-  const whole = JSON.parse(fs.readFileSync(path.join(at("many"), "index.json"), "utf8")).totals;
+  const whole = manifestOf(at("many")).totals;
+  assert(whole.tiles >= 10000, `${whole.tiles} blocks`);
   const first = await open("blender");
   const { camera } = await first.get("state");
   await first.close();
@@ -460,22 +412,8 @@ async function many({ open, at }) {
   await session.close();
 }
 
-// Puts the link of a camera into the address.
-async function follow(session, camera) {
-  const token = (await session.get("link")).slice(0, 33);
-  await session.tab.evaluate((link) => {
-    location.hash = link;
-  }, `${token}&${linkOf(camera)}`);
-  await session.settle(200);
-}
-
-function linkOf(c) {
-  const brief = { v: 1, c: [...c.target, c.distance, c.azimuth, c.elevation, 0] };
-  return Buffer.from(JSON.stringify(brief)).toString("base64url");
-}
-
 async function noise({ open, at }) {
-  const { totals } = JSON.parse(fs.readFileSync(path.join(at("noise"), "index.json"), "utf8"));
+  const { totals } = manifestOf(at("noise"));
   const session = await open("noise");
   assert(await variance(session) > 100);
   assert.equal(await session.get("draws"), totals.tiles);

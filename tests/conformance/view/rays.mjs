@@ -1,7 +1,7 @@
 // What a line of sight meets first in the exact tiles: read from the GLBs of a set in default form, by hand, and tested
 // triangle by triangle. Shares nothing with the page.
-import fs from "node:fs";
 import path from "node:path";
+import { glb, manifestOf, tilesOf } from "./set.mjs";
 
 const STRIP = 5;
 const FLOAT = 5126;
@@ -10,9 +10,8 @@ const WIDE = 5125;
 /** All triangles of a set in voxel coordinates, tile by tile, with the ids of their pieces. */
 export class Rays {
   constructor(set) {
-    this.manifest = JSON.parse(fs.readFileSync(path.join(set, "index.json"), "utf8"));
-    const entries = this.manifest.layers.flatMap((l) => JSON.parse(fs.readFileSync(path.join(set, l.path), "utf8")).tiles);
-    this.tiles = entries.map((e) => readTile(fs.readFileSync(path.join(set, e.path))));
+    this.manifest = manifestOf(set);
+    this.tiles = tilesOf(set).map((entry) => readTile(path.join(set, entry.path)));
   }
 
   /**
@@ -41,10 +40,8 @@ export class Rays {
   }
 }
 
-function readTile(bytes) {
-  const length = bytes.readUInt32LE(12);
-  const doc = JSON.parse(bytes.subarray(20, 20 + length).toString());
-  const binary = bytes.subarray(28 + length);
+function readTile(file) {
+  const { doc, binary } = glb(file);
   const pieces = doc.nodes.filter((n) => n.mesh !== undefined).map((node) => {
     const primitive = doc.meshes[node.mesh].primitives[0];
     if (primitive.mode !== STRIP) throw new Error("not a set in default form");
@@ -57,7 +54,7 @@ function readTile(bytes) {
       if (n % 2 === 1) [a, b] = [b, a];
       for (const i of [a, b, c]) corners.push(points[3 * i], points[3 * i + 1], points[3 * i + 2]);
     }
-    const { cells, objects, surfaces } = { cells: node.extras.cell, objects: node.extras.object, surfaces: node.extras.surface };
+    const { cell: cells, object: objects, surface: surfaces } = node.extras;
     return { ids: { cells, objects, surfaces }, corners: Float64Array.from(corners), ...bounds(corners) };
   });
   const join = (f, end) => [0, 1, 2].map((k) => pieces.reduce((s, p) => f(s, p[end][k]), pieces[0][end][k]));

@@ -53,7 +53,7 @@ function make() {
   run("repack", at("blender"), at("quantized"), "--encoding", "quantized", "--quiet");
   run("repack", at("blender"), at("web"), "--for", "web", "--quiet");
   convert("foam.mhd", "capped", "--threshold", "127.5", "--macrocube", "32", "--cap");
-  convert("foam.mhd", "many", "--threshold", "127.5", "--macrocube", "4");
+  convert("foam.mhd", "many", "--threshold", "127.5", "--macrocube", "3");
   run("phantom", "noise", at("noise.mhd"), "--dims", "40,40,40");
   convert("noise.mhd", "noise", "--threshold", "127.5", "--macrocube", "20");
   run("phantom", "sphere", at("sphere.mhd"), "--dims", "24,24,24");
@@ -86,7 +86,7 @@ try {
     if (only.length > 0 && !only.some((o) => name.includes(o))) continue;
     await check(name, () => test(tools));
   }
-  if (only.length === 0) await check("a page of three.js beside it", () => compare(context, site, open));
+  if (only.length === 0) await check("a page of three.js beside it", () => compare(context, site, servers.get("blender").address));
 } finally {
   await end();
   for (const server of servers.values()) server.end();

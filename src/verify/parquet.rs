@@ -1,0 +1,190 @@
+//! The tables as Parquet, compared value by value with those in CSV, which are compared with the surface.
+
+use super::code::Code;
+use super::files;
+use super::ledger::Kind;
+use super::report::Issues;
+use super::tables::{columns, is_whole};
+use super::tile::Context;
+use crate::manifest::checksum_of;
+use parquet::basic::{Repetition, Type as Physical};
+use parquet::errors::ParquetError;
+use parquet::file::metadata::ParquetMetaData;
+use parquet::file::reader::{FileReader, SerializedFileReader};
+use parquet::record::Field;
+use std::fs::File;
+use std::io::{BufRead, BufReader, Lines};
+use std::panic::{AssertUnwindSafe, catch_unwind};
+
+/// The most bytes that a column of a group of rows may unpack to: this program writes an eighth of a mebibyte.
+const COLUMN_BYTES: i64 = 1 << 26;
+
+/// What is wrong with a file: the kind, and the message.
+type Fault = (Code, String);
+
+/// Compares the Parquet files that the index names with the CSV files.
+pub(super) fn check(cx: &Context, issues: &mut Issues) {
+    let Some(tables) = &cx.manifest.tables.parquet else {
+        return;
+    };
+    let csv = &cx.manifest.tables;
+    let checksums = tables.checksums.as_ref();
+    for (kind, path, csv, checksum) in [
+        (
+            Kind::Cell,
+            &tables.cells,
+            &csv.cells,
+            checksums.map(|c| &c.cells),
+        ),
+        (
+            Kind::Object,
+            &tables.objects,
+            &csv.objects,
+            checksums.map(|c| &c.objects),
+        ),
+        (
+            Kind::Surface,
+            &tables.surfaces,
+            &csv.surfaces,
+            checksums.map(|c| &c.surfaces),
+        ),
+    ] {
+        let at = format!("index.json#/tables/parquet/{}", kind.plural());
+        let Some(real) = files::resolve(cx.root, path, &at, issues) else {
+            continue;
+        };
+        let named = format!("{}.parquet", kind.plural());
+        if *path != named {
+            let message = format!("found {path}, expected {named}");
+            issues.add(Code::PathName, at, message);
+            continue;
+        }
+        let file = match files::open(&real) {
+            Ok(file) => file,
+            Err(e) => {
+                issues.add(Code::MissingFile, path, format!("cannot be read: {e}"));
+                continue;
+            }
+        };
+        let found = files::open(&real).and_then(checksum_of).ok();
+        if let (Some(found), Some(stated)) = (found, checksum)
+            && found != *stated
+        {
+            let message = format!("found {found}, expected {stated} as in index.json#/tables");
+            issues.add(Code::Checksum, path, message);
+            continue;
+        }
+        let Ok(csv) = files::open(&cx.root.join(csv)) else {
+            // reported with that
+            continue;
+        };
+        // a damaged file may be more than its reader bears
+        let compared = catch_unwind(AssertUnwindSafe(|| compare(kind, file, csv)));
+        let fault = compared.unwrap_or_else(|_| Some(syntax("what cannot be read")));
+        if let Some((code, message)) = fault {
+            issues.add(code, path, message);
+        }
+    }
+}
+
+fn syntax(found: impl std::fmt::Display) -> Fault {
+    let message = format!("found {found}, expected the table in Parquet");
+    (Code::TableSyntax, message)
+}
+
+/// The first difference between the two files of a table.
+fn compare(kind: Kind, parquet: File, csv: File) -> Option<Fault> {
+    match differ(kind, parquet, csv) {
+        Ok(fault) => fault,
+        Err(e) => Some(syntax(e)),
+    }
+}
+
+fn differ(kind: Kind, parquet: File, csv: File) -> Result<Option<Fault>, ParquetError> {
+    let reader = SerializedFileReader::new(parquet)?;
+    if let Some(fault) = wrong_columns(kind, reader.metadata()) {
+        return Ok(Some(fault));
+    }
+    let mut lines = BufReader::new(csv).lines();
+    lines.next();
+    let mut count = 0u64;
+    for row in reader.get_row_iter(None)? {
+        let row = row?;
+        count += 1;
+        let Some(Ok(line)) = lines.next() else {
+            let message = format!("found more than the {} rows of the CSV file", count - 1);
+            return Ok(Some((Code::TableRows, message)));
+        };
+        let mut texts = line.split(',');
+        for (name, field) in row.get_column_iter() {
+            let text = texts.next().unwrap_or_default();
+            if !is_same(field, text) {
+                let message = format!(
+                    "row {count}: found {name} {field}, expected {text:?} as in the CSV file"
+                );
+                return Ok(Some((Code::TableValue, message)));
+            }
+        }
+    }
+    Ok(missing_rows(count, lines))
+}
+
+fn missing_rows(count: u64, lines: Lines<BufReader<File>>) -> Option<Fault> {
+    let more = lines.map_while(Result::ok).count();
+    let message = format!("found {count} rows, expected {more} more as in the CSV file");
+    (more > 0).then_some((Code::TableRows, message))
+}
+
+/// Columns of other names or types, or parts too large to be unpacked.
+fn wrong_columns(kind: Kind, file: &ParquetMetaData) -> Option<Fault> {
+    let schema = file.file_metadata().schema();
+    let found: Vec<_> = schema
+        .get_fields()
+        .iter()
+        .map(|field| {
+            let info = field.get_basic_info();
+            let primitive = field.is_primitive().then(|| field.get_physical_type());
+            (
+                field.name(),
+                primitive,
+                info.has_repetition().then(|| info.repetition()),
+            )
+        })
+        .collect();
+    let expected: Vec<_> = columns(kind)
+        .iter()
+        .map(|(name, _)| {
+            let (physical, repetition) = match *name {
+                "touches_border" => (Physical::BOOLEAN, Repetition::REQUIRED),
+                name if is_whole(name) => (Physical::INT64, Repetition::REQUIRED),
+                _ => (Physical::DOUBLE, Repetition::OPTIONAL),
+            };
+            (*name, Some(physical), Some(repetition))
+        })
+        .collect();
+    if let Some((found, expected)) = found.iter().zip(&expected).find(|(a, b)| a != b) {
+        let message = format!("found the column {found:?}, expected {expected:?}");
+        return Some((Code::TableSyntax, message));
+    }
+    if found.len() != expected.len() {
+        let message = format!("found {} columns, expected {}", found.len(), expected.len());
+        return Some((Code::TableSyntax, message));
+    }
+    let columns = file.row_groups().iter().flat_map(|group| group.columns());
+    let mut sizes = columns.map(|column| column.uncompressed_size());
+    let large = sizes.find(|bytes| !(0..=COLUMN_BYTES).contains(bytes))?;
+    let message = format!("found {large} bytes of a column, expected {COLUMN_BYTES} at most");
+    Some((Code::TableSyntax, message))
+}
+
+fn is_same(field: &Field, text: &str) -> bool {
+    match field {
+        Field::Null => text.is_empty(),
+        Field::Bool(value) => text == if *value { "1" } else { "0" },
+        Field::Long(value) => text.parse() == Ok(*value),
+        Field::Double(value) => text
+            .parse()
+            .is_ok_and(|text: f64| text.to_bits() == value.to_bits()),
+        _ => false,
+    }
+}
