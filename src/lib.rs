@@ -161,6 +161,7 @@ mod http;
 #[doc(hidden)]
 pub mod kernels;
 mod labels;
+pub mod lod;
 pub mod manifest;
 mod measure;
 pub mod phantom;

@@ -4,9 +4,9 @@ use alvis::grid::{
     Ambiguous, Crop, Cylinder, Dims, Fill, Filter, Part, Placement, Provenance, Region, Shape, Unit,
 };
 use alvis::manifest::{
-    Bounds, ColourBy, Encoding, FORMAT, FORMAT_VERSION, Generator, GridInfo, Group, Layer, Layout,
-    Manifest, Paint, Painted, ParquetTables, Primitives, Selection, Shard, Source, Step, Table,
-    TableChecksums, Tables, TileEntry, Totals, WholeTotals, checksum_text,
+    Bounds, ColourBy, Encoding, FORMAT, FORMAT_VERSION, Generator, GridInfo, Group, LEVELS, Layer,
+    Layout, LevelsEntry, Manifest, Paint, Painted, ParquetTables, Primitives, Selection, Shard,
+    Source, Step, Table, TableChecksums, Tables, TileEntry, Totals, WholeTotals, checksum_text,
 };
 use alvis::verify::{Code, Issue, Report, Severity};
 use alvis::volume::{Dtype, Endian};
@@ -146,6 +146,12 @@ fn manifest() -> Manifest {
                 legend: "legend.png".into(),
             }),
             of: WholeTotals::default(),
+        }),
+        lod: Some(LevelsEntry {
+            path: LEVELS.into(),
+            levels: 3,
+            bytes: 100,
+            checksum: checksum_text(0xCD),
         }),
         checksum: Some("crc32:0123abcd".into()),
     }

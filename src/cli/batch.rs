@@ -211,6 +211,7 @@ fn convert_one(
 ) -> Row {
     let out = dir.join(&scan.name);
     let made = args.convert(&scan.input, &out, typed, console);
+    let made = made.and_then(|_| args.levels(&out, console));
     let facts = made.and_then(|_| {
         Facts::of(
             &out,

@@ -3,6 +3,7 @@
 use super::args::{Common, InputOptions, TableFile, input_help, open_stamped};
 use super::form::FormArgs;
 use super::info;
+use super::lod;
 use super::parse::{self, CropArg};
 use super::progress::Console;
 use super::region::Roi;
@@ -12,11 +13,13 @@ use super::{Outcome, batch, output, stop};
 use crate::convert::{self, ConvertOptions, ConvertReport};
 use crate::error::{Error, Result};
 use crate::grid::{Ambiguous, Origin, Unit};
+use crate::lod::{LodOptions, LodReport};
 use crate::manifest::Form;
 use crate::progress::Progress;
 use crate::volume::{Opened, Stamp};
 use crate::words::exact;
 use clap::{Args, ValueEnum, ValueHint};
+use serde::Serialize;
 use std::ffi::OsString;
 use std::path::{Path, PathBuf};
 
@@ -49,6 +52,7 @@ impl From<AmbiguousArg> for Ambiguous {
     alvis convert scan.mhd PART --threshold 120 --crop :,:,100:160\n  \
     alvis convert scan.mhd WEB --threshold 120 --for web\n  \
     alvis convert scan.mhd OUT --threshold otsu --resume\n  \
+    alvis convert scan.mhd OUT --threshold otsu --for web --lod\n  \
     alvis convert a.mhd b.mhd c.mhd --out-dir SCANS --threshold otsu")]
 #[command(
     override_usage = "alvis convert [OPTIONS] --threshold <T|METHOD> <INPUT> <OUT>\n       \
@@ -121,6 +125,9 @@ pub struct ConvertArgs {
     /// nothing is done.
     #[arg(long)]
     pub resume: bool,
+    /// Add levels of detail when the tiles are done, as `alvis lod` does
+    #[arg(long)]
+    lod: bool,
     /// Look at the tiles in the browser when they are done, as `alvis view` does
     #[arg(long, conflicts_with_all = ["json", "out_dir"])]
     view: bool,
@@ -132,6 +139,15 @@ pub struct ConvertArgs {
     pub common: Common,
 }
 
+/// What `--json` prints.
+#[derive(Serialize)]
+struct Printed<'a> {
+    #[serde(flatten)]
+    report: &'a ConvertReport,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    lod: Option<&'a LodReport>,
+}
+
 impl ConvertArgs {
     /// Converts one volume or several; `typed` is the command line that asks for it.
     pub fn run(self, typed: &[OsString]) -> Result<Outcome> {
@@ -140,16 +156,37 @@ impl ConvertArgs {
         };
         let console = self.common.start();
         let report = self.convert(&self.input, out, typed, &console)?;
+        let levels = self.levels(out, &console)?;
         drop(console);
         if self.common.json {
-            output::print_json(&report)?;
+            output::print_json(&Printed {
+                report: &report,
+                lod: levels.as_ref(),
+            })?;
         } else if self.common.talks() {
             output::print(&summary(&report))?;
+            if let Some(levels) = &levels {
+                output::print(&lod::summary(levels))?;
+            }
         }
         match self.view {
             true => ViewArgs::of(out, self.common.quiet).run(),
             false => Ok(Outcome::Done),
         }
+    }
+
+    /// Adds levels of detail to the tile set in a directory, if they are asked for.
+    pub fn levels(&self, out: &Path, console: &Console) -> Result<Option<LodReport>> {
+        if !self.lod {
+            return Ok(None);
+        }
+        let options = LodOptions {
+            memory: self.memory,
+            threads: self.common.threads.map_or(0, usize::from),
+            resume: self.resume,
+            ..LodOptions::default()
+        };
+        lod::make(out, &options, console).map(Some)
     }
 
     /// What is asked for of a volume, but for the threshold and the region, which it may take a look at it to find.

@@ -6,8 +6,8 @@ use super::region::region_text;
 use crate::error::Result;
 use crate::grid::{Ambiguous, Dims, Filter, Placement, Region, Unit, filters_text};
 use crate::manifest::{
-    Encoding, FORMAT, Layout, MANIFEST, Manifest, PARTIAL, Primitives, Selection, Step, Table,
-    Totals,
+    Encoding, FORMAT, Layout, Level, Levels, MANIFEST, Manifest, PARTIAL, Primitives, Selection,
+    Step, Table, Totals,
 };
 use serde::Serialize;
 use std::path::Path;
@@ -38,6 +38,9 @@ struct Report<'a> {
     layout: Layout,
     totals: Totals,
     selection: Option<&'a Selection>,
+    /// Levels of detail over the tiles, the coarsest last.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    levels: Option<&'a [Level]>,
 }
 
 /// True if a directory has the index of a tile set, or has one in the making.
@@ -51,10 +54,15 @@ pub fn is_tile_set(path: &Path) -> bool {
 /// Those of [`Manifest::open`].
 pub fn print(dir: &Path, as_json: bool) -> Result<()> {
     let manifest = Manifest::open(dir)?;
+    let levels = Levels::open(dir, &manifest)?;
     if as_json {
-        return output::print_json(&report(dir, &manifest));
+        let report = Report {
+            levels: levels.as_ref().map(|l| &l.levels[..]),
+            ..report(dir, &manifest)
+        };
+        return output::print_json(&report);
     }
-    output::print(&text(dir, &manifest))
+    output::print(&text(dir, &manifest, levels.as_ref()))
 }
 
 fn report<'a>(dir: &Path, m: &'a Manifest) -> Report<'a> {
@@ -81,6 +89,7 @@ fn report<'a>(dir: &Path, m: &'a Manifest) -> Report<'a> {
         layout: m.layout,
         totals: m.totals,
         selection: m.selection.as_ref(),
+        levels: None,
     }
 }
 
@@ -151,7 +160,7 @@ fn selected(selection: &Selection, m: &Manifest) -> String {
     text
 }
 
-fn text(dir: &Path, m: &Manifest) -> String {
+fn text(dir: &Path, m: &Manifest, levels: Option<&Levels>) -> String {
     let t = &m.totals;
     let Placement { spacing, unit, .. } = m.placement;
     let stated = from(m.source.provenance.spacing[0]);
@@ -204,6 +213,11 @@ fn text(dir: &Path, m: &Manifest) -> String {
         "form",
         format!("{}, encoding {}, layout {}", form[0], form[1], form[2]),
     ));
+    if let Some(levels) = levels {
+        let counts = levels.levels.iter().map(|l| output::count(l.triangles));
+        let counts = counts.collect::<Vec<_>>().join(", ");
+        rows.push(("levels", format!("of detail, with {counts} triangles")));
+    }
     if let Some(selection) = &m.selection {
         rows.push(("selection", selected(selection, m)));
     }

@@ -19,6 +19,7 @@ mod generate;
 mod info;
 mod info_report;
 mod info_tiles;
+mod lod;
 mod output;
 mod parse;
 mod phantom;
@@ -77,6 +78,7 @@ enum Command {
     Select(select::SelectArgs),
     Export(export::ExportArgs),
     Repack(repack::RepackArgs),
+    Lod(lod::LodArgs),
     Serve(serve::ServeArgs),
     Preview(preview::PreviewArgs),
     Phantom(phantom::PhantomArgs),
@@ -98,6 +100,7 @@ impl Command {
             Command::Select(args) => args.run(),
             Command::Export(args) => args.run(),
             Command::Repack(args) => args.run(),
+            Command::Lod(args) => args.run(),
             Command::Serve(args) => args.run(),
             Command::Preview(args) => args.run(),
             Command::Phantom(args) => args.run(),
@@ -173,7 +176,7 @@ fn one_line(refusal: &clap::Error, typed: &[OsString]) -> String {
 const GROUPS: [(&str, &[&str]); 4] = [
     ("Make tiles", &["demo", "info", "convert", "verify"]),
     ("Look", &["view", "preview", "cells", "compare"]),
-    ("Use tiles", &["select", "export", "repack", "serve"]),
+    ("Use tiles", &["select", "export", "repack", "lod", "serve"]),
     ("Other", &["phantom", "completions", "man", "help"]),
 ];
 

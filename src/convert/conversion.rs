@@ -136,6 +136,7 @@ impl Conversion<'_> {
             layers: Vec::new(),
             tables: Tables::named(options.parquet),
             selection: None,
+            lod: None,
             checksum: None,
         }
     }

@@ -118,6 +118,8 @@ pub fn complete(job: &Conversion, out: &Path) -> Option<Made> {
     let min_voxels = found.dust.map_or(1, |d| d.min_voxels);
     let same = Manifest {
         dust: found.dust,
+        // levels are made of a set that is whole
+        lod: found.lod.clone(),
         ..job.manifest(found.totals)
     };
     let mut as_it_is = Same(BufReader::new(File::open(&index).ok()?));

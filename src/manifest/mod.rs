@@ -6,6 +6,7 @@
 
 pub(crate) mod batch;
 mod form;
+mod levels;
 mod open;
 mod seal;
 mod selection;
@@ -15,6 +16,11 @@ mod shard_writer;
 
 pub(crate) use batch::batch;
 pub use form::{Encoding, Form, Layout, Primitives};
+pub use levels::{
+    DEFAULT_PIXELS, LEVELS, LEVELS_FORMAT, LEVELS_VERSION, Level, Levels, LevelsEntry, NodeEntry,
+    NodeShard, TILESET,
+};
+pub(crate) use levels::{node_path, node_shard_path};
 pub use open::{MANIFEST, PARTIAL, file_inside, inside, is_plain, manifest_file};
 pub(crate) use seal::{checksum_of, own_checksum, sums_of};
 pub use selection::{ColourBy, Paint, Painted, Selection, Step, Table, WholeTotals};
@@ -89,6 +95,9 @@ pub struct Manifest {
     /// How the set was chosen from another one; absent if it is a whole.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub selection: Option<Selection>,
+    /// Levels of detail over the tiles; absent if there are none.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub lod: Option<LevelsEntry>,
     /// Checksum of this file, as [`TileEntry::checksum`], with its own eight digits as zeros;
     /// `None` until it is written.
     #[serde(default, skip_serializing_if = "Option::is_none")]

@@ -70,6 +70,11 @@ impl MemoryPool {
         })
     }
 
+    /// Bytes of the limit.
+    pub fn limit(&self) -> u64 {
+        self.limit
+    }
+
     /// Bytes that can be taken.
     pub fn left(&self) -> u64 {
         self.limit.saturating_sub(lock(&self.used).bytes)

@@ -6,6 +6,7 @@ pub(crate) mod background_writer;
 pub(crate) mod direct_io;
 pub(crate) mod files;
 pub(crate) mod huge_pages;
+pub(crate) mod id_set;
 pub(crate) mod locks;
 pub(crate) mod memory_pool;
 pub(crate) mod process_memory;

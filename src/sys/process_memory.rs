@@ -27,3 +27,14 @@ pub fn give_back_large_buffers() {
         libc::mallopt(libc::M_TRIM_THRESHOLD, 2 * LARGE);
     }
 }
+
+/// From now on the allocator keeps what is freed, for work that takes the same large buffers again and again: the
+/// system would have to fill each with zeros anew. What is kept is no more than what was in use at once.
+pub fn keep_large_buffers() {
+    #[cfg(all(target_os = "linux", target_env = "gnu"))]
+    // SAFETY: as above.
+    unsafe {
+        libc::mallopt(libc::M_MMAP_THRESHOLD, 32 * LARGE);
+        libc::mallopt(libc::M_TRIM_THRESHOLD, 512 * LARGE);
+    }
+}

@@ -7,7 +7,7 @@ use crate::tile::codec::{TileCodec, codec};
 use crate::tile::paint::{Paints, Rgb};
 use crate::tile::store::{Accessor, IndicesAt, Stored};
 use crate::tile::{Extras, MAX_NODES};
-use serde::Serialize;
+use serde::{Deserialize, Serialize};
 use serde_json::{Value, json};
 
 /// What all tiles of a set have in common.
@@ -19,6 +19,19 @@ pub struct TileHead {
     pub form: Form,
     /// The codec of the encoding.
     pub codec: &'static dyn TileCodec,
+    /// What the root node of a coarser level's node says of it; nothing of a tile.
+    pub node: Option<NodeExtras>,
+}
+
+/// `extras` of the root node in the file of a node of a coarser level.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+pub(crate) struct NodeExtras {
+    /// The level, from 1 on.
+    pub level: u32,
+    /// How far surfaces lie from those of the tiles, in voxels.
+    pub error: f64,
+    /// How many rows of the table, the last ones, are of fins.
+    pub fin_rows: u32,
 }
 
 impl TileHead {
@@ -28,6 +41,7 @@ impl TileHead {
             matrix,
             form,
             codec: codec(form.encoding),
+            node: None,
         }
     }
 

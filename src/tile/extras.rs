@@ -5,7 +5,7 @@ use crate::gltf::buffer_views::Buffers;
 use crate::gltf::container::{Fault, ReadError, fail};
 use crate::gltf::read_json::whole;
 use crate::grid::Unit;
-use crate::measure::{CARRIED, CARRIED_COLUMNS, Field, Get, MEASURES, Measures};
+use crate::measure::{CARRIED, CARRIED_COLUMNS, Column, Field, Get, MEASURES, Measured, Measures};
 use serde::ser::SerializeMap;
 use serde::{Deserialize, Serialize, Serializer};
 use serde_json::{Map, Value};
@@ -82,6 +82,29 @@ impl Extras {
         });
         Extras {
             unit: unit.and_then(Result::ok).map(Unit::name),
+            measures,
+            ..Extras::ids(ids.cell, ids.object, ids.surface, ids.triangles)
+        }
+    }
+
+    /// Ids and measures that a piece states of its cell.
+    pub fn measured(ids: &PieceIds, found: &Measured) -> Self {
+        let measure = |(column, &value): (&Column<Measures>, &f64)| match column.get {
+            _ if value.is_nan() => None,
+            Get::Count(_) => whole(value).map(Field::Count),
+            Get::Signed(_) => Some(Field::Signed(value as i64)),
+            Get::Flag(_) => Some(Field::Flag(value != 0.0)),
+            Get::Real(_) => Some(Field::Real(value)),
+        };
+        let mut measures = [None; CARRIED];
+        for (to, from) in measures
+            .iter_mut()
+            .zip(CARRIED_COLUMNS.iter().zip(&found.values))
+        {
+            *to = measure(from);
+        }
+        Extras {
+            unit: found.unit,
             measures,
             ..Extras::ids(ids.cell, ids.object, ids.surface, ids.triangles)
         }

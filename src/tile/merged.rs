@@ -133,13 +133,17 @@ pub(super) fn merged_document(
         node["translation"] = json!(transform.translation);
         node["scale"] = json!(transform.scale);
     }
+    let mut root = json!({"name": "alvis", "matrix": head.matrix, "children": [1]});
+    if let Some(extras) = head.node {
+        root["extras"] = json!(extras);
+    }
     let [required, used] = head.extensions(true);
     let mut document = json!({
         "asset": {"version": "2.0", "generator": GENERATOR},
         "extensionsUsed": used,
         "scene": 0,
         "scenes": [{"nodes": [0]}],
-        "nodes": [{"name": "alvis", "matrix": head.matrix, "children": [1]}, node],
+        "nodes": [root, node],
         "meshes": [{"name": "cells", "primitives": [primitive(head, painted, nodes.len())]}],
         "materials": [merged_material(painted)],
         "accessors": accessors(&stored, encoded, painted),

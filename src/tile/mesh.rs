@@ -1,6 +1,7 @@
 //! A whole tile as plain vectors, for programs that want its triangles and not its bytes.
 
 use super::extras::of_pieces;
+use super::node::node_extras;
 use super::pieces::{Piece, pieces};
 use super::read::{PieceIds, Tile};
 use crate::gltf::container::{Fault, Result, fail};
@@ -82,6 +83,47 @@ impl TileMesh {
         Ok(TileMesh {
             matrix: tile.matrix,
             pieces: pieces.map(|(p, extras)| whole(p, kind, extras)).collect(),
+        })
+    }
+}
+
+/// A node of a level of detail, copied out of its file.
+#[derive(Debug, Clone, PartialEq)]
+pub struct NodeMesh {
+    /// Voxel coordinates to metres, Y up; column-major, the same in every tile and node of a set.
+    pub matrix: [f64; 16],
+    /// Its level, from 1 on.
+    pub level: u32,
+    /// How far its surfaces lie from those of the tiles, in voxels, as it is estimated.
+    pub error: f64,
+    /// The parts of surfaces, in the order of the rows of its table; caps come last.
+    pub pieces: Vec<SurfacePiece>,
+    /// Their fins: rectangles in the planes of the node that close what could be seen through beside finer nodes.
+    pub fins: Vec<SurfacePiece>,
+}
+
+impl NodeMesh {
+    /// Reads the bytes of a node's file.
+    ///
+    /// # Errors
+    /// As [`TileMesh::read`].
+    pub fn read(bytes: &[u8]) -> Result<Self> {
+        let tile = Tile::read_node(bytes)?;
+        let said = node_extras(&tile)?;
+        let kind = kind(&tile)?;
+        let (pieces, extras) = (pieces(&tile, kind)?, of_pieces(&tile)?);
+        let all = pieces.into_iter().zip(extras);
+        let mut pieces: Vec<SurfacePiece> = all.map(|(p, extras)| whole(p, kind, extras)).collect();
+        let Some(surfaces) = pieces.len().checked_sub(said.fin_rows as usize) else {
+            return fail(Fault::Extras, "/nodes/0/extras", "more fins than rows");
+        };
+        let fins = pieces.split_off(surfaces);
+        Ok(NodeMesh {
+            matrix: tile.matrix,
+            level: said.level,
+            error: said.error,
+            pieces,
+            fins,
         })
     }
 }

@@ -63,6 +63,7 @@ pub(crate) mod features;
 mod file;
 mod merged;
 mod mesh;
+pub(crate) mod node;
 mod padding;
 mod paint;
 pub(crate) mod part;
@@ -77,7 +78,7 @@ mod unusual;
 pub(crate) use body::{Body, PieceRange};
 pub(crate) use codec::{codec, octahedral_codes};
 pub(crate) use contents::{counted_pieces, name};
-pub(crate) use document::{GENERATOR, Node, TileHead, WidestNodes, material};
+pub(crate) use document::{GENERATOR, Node, NodeExtras, TileHead, WidestNodes, material};
 pub(crate) use encoded::{
     Description, Encoded, EncodedBody, EncodedLayout, FloatBody, describe, encode,
     widest_description,
@@ -86,7 +87,7 @@ pub use extras::Extras;
 pub(crate) use file::aligned;
 #[cfg(test)]
 pub(crate) use file::tile_file;
-pub use mesh::{SurfacePiece, TileMesh};
+pub use mesh::{NodeMesh, SurfacePiece, TileMesh};
 pub(crate) use paint::Rgb;
 pub(crate) use part::{Part, PartPiece, TilePlace, part};
 pub use read::PieceIds;

@@ -151,11 +151,24 @@ impl<'a> Tile<'a> {
         Tile::read_as(bytes, &CODECS)
     }
 
+    /// Reads the bytes of a file of a node of a coarser level, whose positions are multiples of some more lattice
+    /// steps and may lie outside of the grid.
+    ///
+    /// # Errors
+    /// As of [`Tile::read`].
+    pub(crate) fn read_node(bytes: &'a [u8]) -> Result<Self> {
+        Tile::read_with(bytes, &CODECS, true)
+    }
+
     /// The same of a tile in one of some encodings.
     ///
     /// # Errors
     /// As of [`Tile::read`].
     pub(super) fn read_as(bytes: &'a [u8], codecs: &[&'static dyn TileCodec]) -> Result<Self> {
+        Tile::read_with(bytes, codecs, false)
+    }
+
+    fn read_with(bytes: &'a [u8], codecs: &[&'static dyn TileCodec], coarse: bool) -> Result<Self> {
         let glb = Glb::split(bytes)?;
         let doc: Document =
             serde_json::from_slice(glb.json).or_else(|e| fail(Fault::Json, "", e.to_string()))?;
@@ -166,6 +179,7 @@ impl<'a> Tile<'a> {
             doc: &doc,
             buffers: &buffers,
             codec,
+            coarse,
         };
         let mut used = vec![false; doc.accessors.len()];
         let mut primitives = Vec::with_capacity(doc.meshes.len());

@@ -1,6 +1,6 @@
 //! The primitives of a tile: accessors of the right type, inside the file, each used once.
 
-use super::codec::{Normals, Positions, TileCodec};
+use super::codec::{MAX_SHIFT, Normals, Positions, TileCodec, coarse};
 use super::read::{PieceIds, Pieces, Primitive, Rows};
 use crate::gltf::accessors::{Element, Indices};
 use crate::gltf::buffer_views::{Buffers, Bytes};
@@ -13,6 +13,15 @@ pub(super) struct Reader<'d, 'a> {
     pub doc: &'d Document,
     pub buffers: &'d Buffers<'a>,
     pub codec: &'static dyn TileCodec,
+    /// The file is of a node of a coarser level, whose steps and corner are its own.
+    pub coarse: bool,
+}
+
+/// Where positions count from, and what stores them.
+struct Frame {
+    /// The corner in voxels.
+    base: [f64; 3],
+    codec: &'static dyn TileCodec,
 }
 
 /// Hands out the accessors of a primitive, none that another one has.
@@ -78,12 +87,12 @@ impl<'a> Reader<'_, 'a> {
         let positions_at = accessors.attribute("POSITION")?;
         let normals_at = accessors.attribute("NORMAL")?;
         let indices_at = accessors.indices()?;
-        let base = self.base(node_index)?;
+        let frame = self.frame(node_index)?;
         let format = self.codec.vertices();
         let positions = Positions {
             bytes: self.accessor(positions_at, &format.position)?,
-            codec: self.codec,
-            base: base.map(|v| v as f32),
+            codec: frame.codec,
+            base: frame.base.map(|v| v as f32),
         };
         let normals = Normals {
             bytes: self.accessor(normals_at, &format.normal)?,
@@ -103,8 +112,8 @@ impl<'a> Reader<'_, 'a> {
             mesh_name: self.doc.meshes[mesh].name.clone(),
             material: material.map_or(String::new(), |m| m.name.clone()),
             mode: prim.mode.unwrap_or(4),
-            min: self.bound(positions_at, "min", base)?,
-            max: self.bound(positions_at, "max", base)?,
+            min: self.bound(positions_at, "min", &frame)?,
+            max: self.bound(positions_at, "max", &frame)?,
             positions,
             normals,
             indices: self.indices(indices_at)?,
@@ -147,9 +156,9 @@ impl<'a> Reader<'_, 'a> {
         Ok(Some(colours))
     }
 
-    /// The corner in voxels that a node's positions count from, by its translation; zeros for positions in voxels,
-    /// whose nodes have no transform.
-    fn base(&self, node: usize) -> Result<[f64; 3]> {
+    /// The corner that a node's positions count from, by its translation, and the codec, by its scale; zeros for
+    /// positions in voxels, whose nodes have no transform.
+    fn frame(&self, node: usize) -> Result<Frame> {
         let n = &self.doc.nodes[node];
         let place = format!("/nodes/{node}");
         if !self.codec.vertices().steps {
@@ -157,17 +166,24 @@ impl<'a> Reader<'_, 'a> {
                 let message = "expected no transform of its own";
                 return fail(Fault::Structure, place, message);
             }
-            return Ok([0.0; 3]);
+            return Ok(Frame {
+                base: [0.0; 3],
+                codec: self.codec,
+            });
         }
-        let whole = |v: f64| v.fract() == 0.0 && (-1.0..f64::from(MAX_DIM)).contains(&v);
-        match (n.translation, n.scale) {
-            (Some(base), Some(scale))
-                if base.into_iter().all(whole)
-                    && scale == [1.0 / f64::from(LATTICE); 3]
-                    && n.matrix.is_none()
-                    && n.rotation.is_none() =>
+        // fins reach a little further than the grid
+        let lowest = if self.coarse {
+            -f64::from(MAX_DIM)
+        } else {
+            -1.0
+        };
+        let whole = |v: f64| v.fract() == 0.0 && (lowest..f64::from(MAX_DIM)).contains(&v);
+        let codec = n.scale.and_then(|scale| self.codec_of_scale(scale));
+        match (n.translation, codec) {
+            (Some(base), Some(codec))
+                if base.into_iter().all(whole) && n.matrix.is_none() && n.rotation.is_none() =>
             {
-                Ok(base)
+                Ok(Frame { base, codec })
             }
             _ => fail(
                 Fault::Structure,
@@ -178,6 +194,21 @@ impl<'a> Reader<'_, 'a> {
                     n.translation, n.scale
                 ),
             ),
+        }
+    }
+
+    /// The codec whose steps a node's scale has, if there is one.
+    fn codec_of_scale(&self, scale: [f64; 3]) -> Option<&'static dyn TileCodec> {
+        let steps = scale[0] * f64::from(LATTICE);
+        if scale != [scale[0]; 3] {
+            return None;
+        }
+        match self.coarse {
+            false => (steps == 1.0).then_some(self.codec),
+            true => {
+                let shift = (0..=MAX_SHIFT).find(|&s| steps == f64::from(1 << s))?;
+                coarse(shift)
+            }
         }
     }
 
@@ -276,7 +307,7 @@ impl<'a> Reader<'_, 'a> {
     }
 
     /// An accessor's `min` or `max` in voxel coordinates.
-    fn bound(&self, accessor: usize, which: &str, base: [f64; 3]) -> Result<[f64; 3]> {
+    fn bound(&self, accessor: usize, which: &str, frame: &Frame) -> Result<[f64; 3]> {
         let a = &self.doc.accessors[accessor];
         let values = if which == "min" { &a.min } else { &a.max };
         let Some(v) = values.as_deref().and_then(|v| <[f64; 3]>::try_from(v).ok()) else {
@@ -284,7 +315,10 @@ impl<'a> Reader<'_, 'a> {
             return fail(Fault::Accessor, place, "expected three numbers");
         };
         Ok(match self.codec.vertices().steps {
-            true => std::array::from_fn(|a| base[a] + v[a] / f64::from(LATTICE)),
+            true => {
+                let step = f64::from(1 << frame.codec.shift()) / f64::from(LATTICE);
+                std::array::from_fn(|a| frame.base[a] + v[a] * step)
+            }
             false => v,
         })
     }

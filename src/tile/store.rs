@@ -138,7 +138,7 @@ impl Stored {
         };
         let corner = |v: [i32; 3]| match format.steps {
             true => Corner::Steps(std::array::from_fn(|a| {
-                v[a] - self.base[a] * LATTICE as i32
+                (v[a] - self.base[a] * LATTICE as i32) >> self.codec.shift()
             })),
             // as f64, since an f32 that is not rounded may have more digits
             false => Corner::Voxels(v.map(|v| coordinate(v).into())),
@@ -159,7 +159,7 @@ impl Stored {
 
     /// What a node that shows positions has as transform; nothing if they are in voxels.
     pub fn transform(&self) -> Option<Transform> {
-        let step = 1.0 / f64::from(LATTICE);
+        let step = f64::from(1 << self.codec.shift()) / f64::from(LATTICE);
         self.codec.vertices().steps.then_some(Transform {
             translation: self.base,
             scale: [step; 3],

@@ -2,7 +2,7 @@
 
 use crate::checkpoint::{LayersDone, STATE, kept};
 use crate::error::{Error, Result};
-use crate::manifest::{MANIFEST, PARTIAL as WORK};
+use crate::manifest::{MANIFEST, PARTIAL as WORK, TILESET};
 use crate::sys::files::{remove_if_there, write_file};
 use crate::tileset::Lock;
 use std::ffi::OsString;
@@ -11,8 +11,8 @@ use std::io::ErrorKind;
 use std::path::{Path, PathBuf};
 
 /// What a tile set may have at its top level, the manifest first: it goes first and comes last. Only
-/// painted sets have legends, and tables are Parquet, too, where that was asked for.
-const ENTRIES: [&str; 11] = [
+/// painted sets have legends, tables are Parquet, too, where that was asked for, and some have levels of detail.
+const ENTRIES: [&str; 13] = [
     "index.json",
     "index",
     "tiles",
@@ -24,17 +24,23 @@ const ENTRIES: [&str; 11] = [
     OPTIONAL[2],
     OPTIONAL[3],
     OPTIONAL[4],
+    OPTIONAL[5],
+    OPTIONAL[6],
 ];
-/// What some tile sets lack: pictures of colours, tables as Parquet.
-const OPTIONAL: [&str; 5] = [
+/// What some tile sets lack: pictures of colours, tables as Parquet, levels of detail.
+const OPTIONAL: [&str; 7] = [
     "legend.png",
     "legend.svg",
     "cells.parquet",
     "objects.parquet",
     "surfaces.parquet",
+    TILESET,
+    "lod",
 ];
 /// The file in it that says who works there.
 const LOCK: &str = "lock";
+/// The file in it that says what levels of detail are being made.
+pub(crate) const LEVELS_STATE: &str = "lod.json";
 /// The file in it that says that all is made and is being moved in.
 const MOVING: &str = "moving";
 
@@ -116,7 +122,9 @@ pub fn check_output(out: &Path, force: bool) -> Result<()> {
 pub fn tidy(out: &Path) -> Result<()> {
     let work = out.join(WORK);
     let moved = work.join(MOVING).exists() && !work.join(ENTRIES[0]).exists();
-    if work.exists() && (moved || kept(&work).is_none()) {
+    // levels of detail go on from there
+    let levels = work.join(LEVELS_STATE).exists();
+    if work.exists() && !levels && (moved || kept(&work).is_none()) {
         Output::open(out, true, true)?.remove_work()?;
     }
     Ok(())
@@ -298,7 +306,7 @@ impl Output {
         for name in ENTRIES.iter().rev() {
             let to = self.out.join(name);
             match fs::rename(self.work.join(name), &to) {
-                // painted sets alone have one; the others have been moved already
+                // not every set has these; the others have been moved already
                 Err(e)
                     if e.kind() == ErrorKind::NotFound
                         && (OPTIONAL.contains(name) || to.exists()) => {}

@@ -1,8 +1,9 @@
 //! A tile set for its readers: the manifest, then shards and tiles one after another.
 
 use crate::error::{Error, Result};
-use crate::manifest::{Manifest, Shard, TileEntry, checksum_text, file_inside};
-use crate::tile::TileMesh;
+use crate::manifest::{Level, Levels, Manifest, NodeEntry, Shard, TileEntry};
+use crate::manifest::{checksum_text, file_inside};
+use crate::tile::{NodeMesh, TileMesh};
 use std::path::{Path, PathBuf};
 
 /// A directory of tiles, open for reading. Holds the manifest; shards and tiles are read when they
@@ -93,35 +94,47 @@ impl TileSet {
     ///
     /// # Errors
     /// As of [`TileSet::tile_bytes`].
-    pub(crate) fn checked_bytes(
-        &self,
-        relative: &str,
-        bytes: u64,
-        checksum: &str,
-    ) -> Result<Vec<u8>> {
-        let path = self.path(relative)?;
-        let meta = path
-            .metadata()
-            .map_err(|e| Error::io(&path, "open the tile", e))?;
-        // before reading: a wrong file may be of any size
-        if !meta.is_file() || meta.len() != bytes {
-            return Err(Error::format(
-                &path,
-                format!("{} bytes", meta.len()),
-                format!("a file of {bytes} bytes as in the index"),
-            ));
-        }
-        let read = std::fs::read(&path).map_err(|e| Error::io(&path, "read the tile", e))?;
-        let found = checksum_text(crc32fast::hash(&read));
-        if found != checksum {
-            let expected = format!("{checksum} as in the index");
-            return Err(Error::format(
-                &path,
-                format!("the checksum {found}"),
-                expected,
-            ));
-        }
-        Ok(read)
+    pub(crate) fn checked_bytes(&self, path: &str, bytes: u64, checksum: &str) -> Result<Vec<u8>> {
+        let stated = Stated {
+            path,
+            bytes,
+            checksum,
+        };
+        stated.read(&self.dir)
+    }
+
+    /// The levels of detail over the tiles, if there are any.
+    ///
+    /// # Errors
+    /// Those of [`Levels::open`].
+    pub fn levels(&self) -> Result<Option<Levels>> {
+        Levels::open(&self.dir, &self.manifest)
+    }
+
+    /// The nodes of a level from 1 on, by rising z, then y, then x; a layer of them at a time is in memory.
+    ///
+    /// # Errors
+    /// An item is an error if a list of nodes is missing, lies outside or is damaged.
+    pub fn nodes<'a>(&'a self, level: &'a Level) -> impl Iterator<Item = Result<NodeEntry>> + 'a {
+        Levels::nodes(&self.dir, level)
+    }
+
+    /// The bytes of a node's file, which must have the entry's size and checksum.
+    ///
+    /// # Errors
+    /// As [`TileSet::tile_bytes`].
+    pub fn node_bytes(&self, entry: &NodeEntry) -> Result<Vec<u8>> {
+        self.checked_bytes(&entry.path, entry.bytes, &entry.checksum)
+    }
+
+    /// Reads a node of a level.
+    ///
+    /// # Errors
+    /// As [`TileSet::node_bytes`]; [`Error::Format`] if the file is no node.
+    pub fn read_node(&self, entry: &NodeEntry) -> Result<NodeMesh> {
+        let bytes = self.node_bytes(entry)?;
+        NodeMesh::read(&bytes)
+            .map_err(|e| Error::format(self.dir.join(&entry.path), e.to_string(), "a node"))
     }
 
     /// Reads a tile.
@@ -132,6 +145,47 @@ impl TileSet {
         let bytes = self.tile_bytes(entry)?;
         TileMesh::read(&bytes)
             .map_err(|e| Error::format(self.dir.join(&entry.path), e.to_string(), "a tile"))
+    }
+}
+
+/// A file as an index states it.
+#[derive(Debug, Clone, Copy)]
+pub(crate) struct Stated<'a> {
+    /// Below the directory of the set.
+    pub path: &'a str,
+    pub bytes: u64,
+    pub checksum: &'a str,
+}
+
+impl Stated<'_> {
+    /// The bytes of the file below `dir`, which must have this size and checksum.
+    ///
+    /// # Errors
+    /// Those of [`file_inside`]; [`Error::Format`] for another size or checksum.
+    pub fn read(&self, dir: &Path) -> Result<Vec<u8>> {
+        let path = file_inside(dir, self.path, "open the file")?;
+        let meta = path
+            .metadata()
+            .map_err(|e| Error::io(&path, "open the tile", e))?;
+        // before reading: a wrong file may be of any size
+        if !meta.is_file() || meta.len() != self.bytes {
+            return Err(Error::format(
+                &path,
+                format!("{} bytes", meta.len()),
+                format!("a file of {} bytes as in the index", self.bytes),
+            ));
+        }
+        let bytes = std::fs::read(&path).map_err(|e| Error::io(&path, "read the tile", e))?;
+        let found = checksum_text(crc32fast::hash(&bytes));
+        if found != self.checksum {
+            let expected = format!("{} as in the index", self.checksum);
+            return Err(Error::format(
+                &path,
+                format!("the checksum {found}"),
+                expected,
+            ));
+        }
+        Ok(bytes)
     }
 }
 

@@ -92,6 +92,10 @@ pub(super) static MANIFEST: LazyLock<Schema> =
     LazyLock::new(|| Schema::new("manifest.schema.json", ""));
 /// The schema of a shard.
 pub(super) static SHARD: LazyLock<Schema> = LazyLock::new(|| Schema::new("shard.schema.json", ""));
+/// The schema of the index of levels.
+pub(super) static LEVELS: LazyLock<Schema> = LazyLock::new(|| Schema::new("lod.schema.json", ""));
+/// The schema of a list of nodes.
+pub(super) static NODES: LazyLock<Schema> = LazyLock::new(|| Schema::new("nodes.schema.json", ""));
 /// The schemas of tiles in node layout and merged.
 pub(super) static TILES: LazyLock<[Schema; 2]> = LazyLock::new(|| {
     ["/$defs/nodes", "/$defs/merged"].map(|at| Schema::new("tile.schema.json", at))
@@ -102,6 +106,8 @@ fn text(name: &str) -> &'static str {
     match name {
         "manifest.schema.json" => include_str!("../../schema/manifest.schema.json"),
         "shard.schema.json" => include_str!("../../schema/shard.schema.json"),
+        "lod.schema.json" => include_str!("../../schema/lod.schema.json"),
+        "nodes.schema.json" => include_str!("../../schema/nodes.schema.json"),
         "tile.schema.json" => include_str!("../../schema/tile.schema.json"),
         "extras.schema.json" => include_str!("../../schema/extras.schema.json"),
         other => panic!("no schema is named {other}"),

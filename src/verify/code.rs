@@ -163,4 +163,26 @@ codes! {
     TriangleCount = "TRIANGLE_COUNT", true;
     /// The bits that the mesh implies are not those of the volume: the surface is inside out.
     BitsDiffer = "BITS_DIFFER", true;
+    /// The index of levels, a list of nodes or a tileset is not JSON, or not as the format has it.
+    LodSyntax = "LOD_SYNTAX", false;
+    /// A number in the index of levels or in a list of nodes is out of range, or is not the sum of what it counts.
+    LodValue = "LOD_VALUE", false;
+    /// The file of a node is none, or is not as its entry says.
+    LodNode = "LOD_NODE", false;
+    /// A row of a node has ids or measures that nothing below it has.
+    LodIds = "LOD_IDS", false;
+    /// An edge of a level that nothing continues, in the node or across its planes, off the volume's open faces.
+    LodEdge = "LOD_EDGE", false;
+    /// The border of what lies below a node runs further from that of the node than it states.
+    LodCurve = "LOD_CURVE", false;
+    /// Fins that do not cover the border on both sides by what may be seen through, or lie elsewhere.
+    LodFins = "LOD_FINS", false;
+    /// A node that stands for nothing, or something that no node stands for.
+    LodTree = "LOD_TREE", false;
+    /// The box of a node does not hold it and all below it, or is larger.
+    LodBox = "LOD_BOX", false;
+    /// The error of a node is not more than those below it.
+    LodError = "LOD_ERROR", false;
+    /// The tree in 3D Tiles is not that of the levels.
+    LodTileset = "LOD_TILESET", false;
 }

@@ -23,6 +23,7 @@ pub(super) fn foreign_files(root: &Path, manifest: &Manifest, issues: &mut Issue
     let has_parquet = manifest.tables.parquet.is_some();
     let top = |name: &str| {
         [MANIFEST, "index", "tiles", PARTIAL].contains(&name)
+            || (manifest.lod.is_some() && ["lod", "tileset.json"].contains(&name))
             || tables.contains(&name)
             || (has_parquet && parquet.contains(&name))
             || (painted && [LEGEND, LEGEND_SVG].contains(&name))
@@ -115,7 +116,7 @@ impl Stray {
 ///
 /// # Errors
 /// [`Error::Io`] if the directory is there but cannot be listed.
-fn foreign(
+pub(super) fn foreign(
     root: &Path,
     path: &str,
     known: impl Fn(&str) -> bool,

@@ -24,15 +24,18 @@
 //!    has is used; tables have their columns and numbers as they are written; a part has the cells that its
 //!    condition keeps, in the colours that it states.
 //!
+//! 7. Levels of detail are as closed as the tiles, nothing is seen through between two of them, and their tree says
+//!    what they are: see the module for levels.
+//!
 //! By the tiles alone, normals are proven to be of length 1 and no more, and the threshold not at all; and
 //! a set that was made for another volume, with numbers to match, is sound. With the volume it proves in
 //! addition:
-//! 7. Every lattice edge with a sign change has exactly one vertex, at the place that its two samples
+//! 8. Every lattice edge with a sign change has exactly one vertex, at the place that its two samples
 //!    give it, no other has one, and each cube has the triangles that its eight bits ask for. Triangles
 //!    face from above to below at every vertex, so the bits that the mesh implies are the volume's. What
 //!    was left out as dust are the components below the size, as many as stated, and no other.
-//! 8. Normals are those of the volume's gradient, up to the rounding of tiles that store them in 8 bits.
-//! 9. The source that the manifest states has the volume's format, size, type and byte order.
+//! 9. Normals are those of the volume's gradient, up to the rounding of tiles that store them in 8 bits.
+//! 10. The source that the manifest states has the volume's format, size, type and byte order.
 //!
 //! # Memory
 //! Tiles are streamed. What is kept: the open edges on the planes of one layer of macrocubes, the
@@ -61,6 +64,7 @@ mod inside;
 mod laws;
 mod layout;
 mod ledger;
+mod levels;
 mod marks;
 mod paint;
 mod parquet;
@@ -163,6 +167,7 @@ pub fn verify(dir: &Path, options: &VerifyOptions, progress: &dyn Progress) -> R
         found.counts.edges += sweep.matched;
         laws::check(sweep.ledger, &cx, &pool, &mut found, &mut issues)?;
         parquet::check(&cx, &mut issues);
+        levels::check(&root, &manifest, progress, &mut issues)?;
     }
     Ok(report(found, issues, options, start))
 }

@@ -69,6 +69,11 @@ impl Issues {
         }
     }
 
+    /// How many findings are kept.
+    pub fn most(&self) -> usize {
+        self.max
+    }
+
     pub fn push(&mut self, issue: Issue) {
         self.errors |= issue.severity == Severity::Error;
         self.broken |= issue.code.breaks_surface();

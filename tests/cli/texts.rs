@@ -14,7 +14,7 @@ fn help_names_every_option() {
     let dir = temp();
     let top = ok(dir.path(), &["--help"]);
     let convert = format!(
-        "{COMMON} {INPUT} --threshold --macrocube --memory --ambiguous --cap --crop --force --table-unit --view --out-dir \
+        "{COMMON} {INPUT} --threshold --macrocube --memory --ambiguous --cap --crop --force --table-unit --lod --view --out-dir \
          {FORM} separate join otsu 1GiB mmap read little big u16 f64"
     );
     for (command, words) in [
@@ -55,6 +55,10 @@ fn help_names_every_option() {
             ),
         ),
         ("repack", format!("{COMMON} {FORM} --force")),
+        (
+            "lod",
+            format!("{COMMON} --ratio --levels --pixel-error --memory --resume --force 1/8 1GiB"),
+        ),
         ("completions", "bash zsh fish".to_string()),
         ("man", "convert".to_string()),
     ] {

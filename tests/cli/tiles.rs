@@ -433,3 +433,28 @@ fn a_tile_set_goes_to_the_web_and_back() {
     );
     assert!(fails(dir.path(), &["repack", "out", "web", "--for", "web"]).contains("--force"));
 }
+
+#[test]
+fn a_conversion_ends_with_levels_and_goes_on_with_them() {
+    let dir = temp();
+    let dir = dir.path();
+    let ok = |line: &str| ok(dir, &line.split(' ').collect::<Vec<_>>());
+    ok("phantom foam a.mhd --dims 40,36,40 --quiet");
+    let line = "convert a.mhd out --threshold 127.5 --macrocube 10 --threads 1";
+    let printed = ok(&format!("{line} --lod --json"));
+    let report = json(&printed);
+    assert_eq!(report["lod"]["levels"], 3);
+    assert!(report["triangles"].as_u64() > report["lod"]["triangles"].as_u64());
+    ok("verify out --quiet");
+    let levels = || std::fs::read(dir.join("out/lod/index.json")).unwrap();
+    let first = levels();
+    // nothing is left to do
+    ok(&format!("{line} --lod --resume --quiet"));
+    assert_eq!(levels(), first);
+    // of a set that was done without them
+    ok(&format!("{line} --force --quiet"));
+    assert!(!dir.join("out/lod").exists());
+    ok(&format!("{line} --lod --resume --quiet"));
+    assert_eq!(levels(), first);
+    ok("verify out --quiet");
+}

@@ -152,7 +152,8 @@ fn ball() -> Field {
 #[test]
 fn each_code_has_a_fixture_that_yields_exactly_it() {
     let mut wrong = Vec::new();
-    for &code in Code::ALL {
+    // those of levels are broken in tests/lod.rs
+    for &code in Code::ALL.iter().filter(|c| !c.name().starts_with("LOD_")) {
         let dir = tempfile::tempdir().unwrap();
         let set = Set(dir.path());
         let mut field = if matches!(code, Code::BitsDiffer | Code::Dust) {

@@ -6,11 +6,12 @@
 
 use super::octahedral::{Kind, decode_filter, quantize};
 use super::quantized::{self, Quantized};
-use super::{Reach, TileCodec, VertexFormat};
+use super::{MAX_SHIFT, Reach, TileCodec, VertexFormat};
 use crate::gltf::accessors::Element;
 use crate::gltf::bin_writer::{Bin, IndexList, Section, Views};
 use crate::gltf::container::{Fault, ReadError, fail};
 use crate::gltf::read_json::{BufferView, Compressed, Document};
+use crate::grid::LATTICE;
 use crate::manifest::{Encoding, Primitives};
 use crate::tile::body::Body;
 use crate::tile::store::Refused;
@@ -20,9 +21,39 @@ use std::borrow::Cow;
 /// What the extension is named.
 pub(super) const EXTENSION: &str = "EXT_meshopt_compression";
 
-/// The numbers of [`Quantized`], compressed.
+/// The numbers of [`Quantized`], compressed; of nodes of coarser levels, in steps of a power of two.
 #[derive(Debug)]
-pub struct Meshopt;
+pub struct Meshopt {
+    /// The power for nodes, which may reach beyond their cubes; nothing for tiles.
+    coarse: Option<u32>,
+}
+
+/// Of tiles.
+pub static TILES: Meshopt = Meshopt { coarse: None };
+
+/// Of nodes, by the power.
+pub static COARSE: [Meshopt; 1 + MAX_SHIFT as usize] = {
+    let mut all = [const { Meshopt { coarse: None } }; 1 + MAX_SHIFT as usize];
+    let mut shift = 0;
+    while shift < all.len() {
+        all[shift].coarse = Some(shift as u32);
+        shift += 1;
+    }
+    all
+};
+
+impl Meshopt {
+    /// The corner of what a node holds.
+    fn corner(body: &Body, shift: u32) -> Result<[i32; 3], Refused> {
+        let [min, max] = body.bounds();
+        let base = min.map(|v| v.div_euclid(LATTICE as i32));
+        let steps = |a: usize| (max[a] - base[a] * LATTICE as i32) >> shift;
+        match (0..3).all(|a| steps(a) <= i32::from(u16::MAX)) {
+            true => Ok(base),
+            false => Err(Refused::TooWide(quantized::REACH)),
+        }
+    }
+}
 
 impl TileCodec for Meshopt {
     fn encoding(&self) -> Encoding {
@@ -41,12 +72,19 @@ impl TileCodec for Meshopt {
         Quantized.vertices()
     }
 
+    fn shift(&self) -> u32 {
+        self.coarse.unwrap_or(0)
+    }
+
     fn base(&self, body: &Body, low: [u32; 3]) -> Result<[i32; 3], Refused> {
-        Quantized.base(body, low)
+        match self.coarse {
+            None => Quantized.base(body, low),
+            Some(shift) => Self::corner(body, shift),
+        }
     }
 
     fn encode_positions<'a>(&self, floats: &'a [[u8; 12]], base: [i32; 3]) -> Cow<'a, [u8]> {
-        Quantized.encode_positions(floats, base)
+        Cow::Owned(quantized::encode(floats, base, self.shift()))
     }
 
     /// Codes, of which the filter makes the vectors that [`Quantized`] stores.
@@ -55,7 +93,7 @@ impl TileCodec for Meshopt {
     }
 
     fn decode_positions(&self, bytes: &[u8], base: [f32; 3], out: &mut [[f32; 3]]) {
-        Quantized.decode_positions(bytes, base, out);
+        quantized::decode(bytes, base, self.shift(), out);
     }
 
     fn decode_normals(&self, bytes: &[u8], out: &mut [[f32; 3]]) {

@@ -42,6 +42,12 @@ pub trait TileCodec: Debug + Sync {
         None
     }
 
+    /// Positions are multiples of 2 to this power of lattice steps: more than 0 where a file covers more than 16 bits of
+    /// them reach.
+    fn shift(&self) -> u32 {
+        0
+    }
+
     /// True if positions and normals stay the floats that they were.
     fn keeps_floats(&self) -> bool {
         false
@@ -144,16 +150,26 @@ impl Reach {
 }
 
 /// All encodings.
-pub const CODECS: [&dyn TileCodec; 3] = [&float::Float, &quantized::Quantized, &meshopt::Meshopt];
+pub const CODECS: [&dyn TileCodec; 3] = [&float::Float, &quantized::Quantized, &meshopt::TILES];
 
 /// The codec of an encoding.
 pub fn codec(encoding: Encoding) -> &'static dyn TileCodec {
     match encoding {
         Encoding::Float => &float::Float,
         Encoding::Quantized => &quantized::Quantized,
-        Encoding::Meshopt => &meshopt::Meshopt,
+        Encoding::Meshopt => &meshopt::TILES,
     }
 }
+
+/// The codec of the nodes of coarser levels whose positions are multiples of 2^`shift` lattice steps; `None` above
+/// [`MAX_SHIFT`].
+pub fn coarse(shift: u32) -> Option<&'static dyn TileCodec> {
+    let codec = meshopt::COARSE.get(shift as usize)?;
+    Some(codec)
+}
+
+/// A step of a whole voxel, the largest in which all that lies on faces of volumes can be told.
+pub const MAX_SHIFT: u32 = 8;
 
 /// The one of some codecs that a tile's required extensions are those of.
 ///

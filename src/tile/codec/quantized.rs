@@ -15,7 +15,7 @@ use std::borrow::Cow;
 pub(super) const EXTENSION: &str = "KHR_mesh_quantization";
 
 /// 255 cubes are 65,280 steps, and with caps a tile reaches a voxel and a half further.
-const REACH: Reach = Reach {
+pub(super) const REACH: Reach = Reach {
     cubes: 254,
     bits: u16::BITS,
 };
@@ -79,25 +79,15 @@ impl TileCodec for Quantized {
     }
 
     fn encode_positions<'a>(&self, floats: &'a [[u8; 12]], base: [i32; 3]) -> Cow<'a, [u8]> {
-        let corner = base.map(|b| b * LATTICE as i32);
-        let steps = floats.iter().map(|e| {
-            let position = float3(e);
-            let step = |a: usize| ((position[a] * LATTICE as f32) as i32 - corner[a]) as u16;
-            bytemuck::cast([step(0), step(1), step(2), 0].map(u16::to_le_bytes))
-        });
-        Cow::Owned(steps.collect::<Vec<[u8; 8]>>().into_flattened())
+        Cow::Owned(encode(floats, base, 0))
     }
 
     fn encode_normals<'a>(&self, floats: &'a [[u8; 12]]) -> Cow<'a, [u8]> {
         Cow::Owned(quantize(floats, Kind::Vector).into_flattened())
     }
 
-    /// Exact in `f32`.
     fn decode_positions(&self, bytes: &[u8], base: [f32; 3], out: &mut [[f32; 3]]) {
-        for (out, e) in out.iter_mut().zip(bytes.as_chunks::<8>().0) {
-            let steps = |a: usize| u16::from_le_bytes([e[2 * a], e[2 * a + 1]]);
-            *out = std::array::from_fn(|a| base[a] + f32::from(steps(a)) / LATTICE as f32);
-        }
+        decode(bytes, base, 0, out);
     }
 
     fn decode_normals(&self, bytes: &[u8], out: &mut [[f32; 3]]) {
@@ -113,5 +103,28 @@ impl TileCodec for Quantized {
             positions.iter().fold(0, |any, e| any | e[6] | e[7]) != 0,
             normals.iter().fold(0, |any, e| any | e[3]) != 0,
         ]
+    }
+}
+
+/// Positions as 16 bits each of 2^`shift` lattice steps from a corner in voxels.
+pub(super) fn encode(floats: &[[u8; 12]], base: [i32; 3], shift: u32) -> Vec<u8> {
+    let corner = base.map(|b| b * LATTICE as i32);
+    let steps = floats.iter().map(|e| {
+        let position = float3(e);
+        let step = |a: usize| {
+            let steps = (position[a] * LATTICE as f32) as i32 - corner[a];
+            (steps >> shift) as u16
+        };
+        bytemuck::cast([step(0), step(1), step(2), 0].map(u16::to_le_bytes))
+    });
+    steps.collect::<Vec<[u8; 8]>>().into_flattened()
+}
+
+/// The positions that [`encode`] has stored. Exact in `f32`.
+pub(super) fn decode(bytes: &[u8], base: [f32; 3], shift: u32, out: &mut [[f32; 3]]) {
+    let step = (1 << shift) as f32 / LATTICE as f32;
+    for (out, e) in out.iter_mut().zip(bytes.as_chunks::<8>().0) {
+        let steps = |a: usize| u16::from_le_bytes([e[2 * a], e[2 * a + 1]]);
+        *out = std::array::from_fn(|a| base[a] + f32::from(steps(a)) * step);
     }
 }

@@ -81,6 +81,7 @@ fn repack_into(
     made.primitives = options.form.primitives;
     made.encoding = options.form.encoding;
     made.layout = options.form.layout;
+    made.lod = None;
     copy_tables(&set, work, &mut made)?;
     let recoder = tiles::Recoder {
         form: options.form,

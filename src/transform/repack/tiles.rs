@@ -1,16 +1,16 @@
 //! Tiles in another form.
 
 use crate::manifest::{Form, Primitives, TileEntry, checksum_text};
+use crate::sys::id_set::IdSet;
 use crate::tile::read::ReadError;
 use crate::tile::{TilePlace, recode, tile_path};
-use crate::transform::ids::Ids;
 use crate::transform::new_tiles::{MakeTile, NewTile};
 
 /// Writes tiles in another form.
 pub(crate) struct Recoder<'a> {
     pub form: Form,
     /// The cells that border more than one object.
-    pub several: &'a Ids,
+    pub several: &'a IdSet,
 }
 
 impl MakeTile for Recoder<'_> {

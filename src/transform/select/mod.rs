@@ -105,6 +105,7 @@ fn select_into(
     }
     let selection = choice.selection(manifest);
     made.selection = Some(selection.clone());
+    made.lod = None;
     made.tables = Tables::named(manifest.tables.parquet.is_some());
     let totals = made.totals;
     made.layers.clear();

@@ -2,9 +2,9 @@
 
 use crate::error::{Error, Result};
 use crate::manifest::Manifest;
+use crate::sys::id_set::IdSet;
 use crate::table::{Row, Table};
 use crate::tile::read::PieceIds;
-use crate::transform::ids::Ids;
 use crate::transform::select::choice::Choice;
 use std::collections::BTreeMap;
 use std::fs::File;
@@ -21,7 +21,7 @@ pub struct Rows {
     /// Surfaces of each kept object: how many were kept, and how many there are.
     pub objects: BTreeMap<u64, [u64; 2]>,
     /// Cells that keep more than one surface.
-    pub several: Ids,
+    pub several: IdSet,
     /// Vertices of the surfaces.
     pub vertices: u64,
     /// Their edges on the border of the volume.
@@ -81,8 +81,8 @@ fn copy_surfaces(
     manifest: &Manifest,
     choice: &Choice,
     rows: &mut Rows,
-) -> Result<Ids> {
-    let mut cells = Ids::default();
+) -> Result<IdSet> {
+    let mut cells = IdSet::default();
     let reader = Table::Surfaces.open(from, manifest)?;
     let [cell, object] = [reader.own_column("cell")?, reader.own_column("object")?];
     let vertices = reader.own_column("vertices")?;

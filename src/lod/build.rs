@@ -1,0 +1,382 @@
+//! A node made of its children: their surfaces joined, coarser, with fins where the border has moved.
+
+use super::border::Border;
+use super::clusters::{Cluster, Clustering, Clusters, Kind, Rules};
+use super::collapse::{Limits, collapse};
+use super::curves::staying;
+use super::fins::FinShape;
+use super::gap::{Moved, moved};
+use super::mesh::{Joiner, Mesh, Surface};
+use super::place::{Placed, Placing};
+use super::planes::{OnPlanes, Planes};
+use super::triangles::Sums;
+use crate::grid::LATTICE;
+use crate::strip::{Stripifier, append_strip, connect};
+use crate::tile::Extras;
+use crate::tile::node::{NodePart, SurfacePart};
+
+/// Surfaces of fewer triangles in a node stay as they are, as far as there is room.
+const SMALL: usize = 100;
+/// Room for them at least, in triangles.
+const SMALL_ROOM: usize = 1000;
+
+/// How far borders may move in their planes, in blocks.
+const CURVE: f64 = 0.18;
+
+/// How a node is made.
+#[derive(Debug, Clone, Copy)]
+pub struct Recipe {
+    pub planes: Planes,
+    pub rules: Rules,
+    /// Share of the children's triangles to keep.
+    pub ratio: f64,
+    /// The widest fins of children, as [`Built::fin_width`].
+    pub fin_width: u32,
+}
+
+impl Recipe {
+    /// Faces of the volume on which surfaces end.
+    fn open_faces(&self) -> OnPlanes {
+        match self.rules.capped {
+            true => 0,
+            false => self.planes.faces,
+        }
+    }
+}
+
+/// A node.
+#[derive(Debug)]
+pub struct Built {
+    /// Its surfaces by number, caps last, then their fins.
+    pub parts: Vec<NodePart>,
+    /// How many of the parts are fins.
+    pub fin_rows: u32,
+    /// Triangles of the surfaces.
+    pub triangles: u64,
+    pub fin_triangles: u64,
+    pub strips: u64,
+    /// Edges of the border in planes that are no faces of the volume.
+    pub border_edges: u64,
+    /// How far surfaces have moved from those of the children, in voxels.
+    pub error: f32,
+    /// How far the border has moved in its planes, in lattice steps.
+    pub gap: u32,
+    /// Half the width of fins in lattice steps.
+    pub fin_width: u32,
+}
+
+/// Makes a node of what its children hold.
+pub fn build(
+    children: impl Iterator<Item = Vec<SurfacePart>>,
+    recipe: &Recipe,
+    stripifier: &mut Stripifier,
+) -> Built {
+    let mut joiner = Joiner::new(&recipe.planes);
+    children.for_each(|parts| joiner.add(parts));
+    let mesh = joiner.finish();
+    let border = Border::of(&mesh, &recipe.planes);
+    let target = (mesh.triangles.len() as f64 * recipe.ratio).ceil() as usize;
+    let kept = kept(&mesh.surfaces, target);
+    let coarse = Coarse::of(&mesh, &border, kept, target, recipe);
+    let coarse = match coarse.triangles.is_empty() {
+        false => coarse,
+        // a node without a surface could not stand for its children
+        true => {
+            let all = vec![true; mesh.surfaces.len()];
+            Coarse::of(&mesh, &border, all, mesh.triangles.len(), recipe)
+        }
+    };
+    let inner = !recipe.planes.faces;
+    let moved = moved(
+        &mesh,
+        &border,
+        &coarse.clusters,
+        &coarse.placed.points,
+        inner,
+    );
+    let output = Output {
+        surfaces: &mesh.surfaces,
+        coarse: &coarse,
+        recipe,
+    };
+    output.finish(moved, stripifier)
+}
+
+/// Which surfaces stay as they are: small ones, the smallest first, in half of the triangles that are wanted.
+fn kept(surfaces: &[Surface], target: usize) -> Vec<bool> {
+    let mut small: Vec<usize> = (0..surfaces.len())
+        .filter(|&i| surfaces[i].triangles < SMALL)
+        .collect();
+    small.sort_by_key(|&i| (surfaces[i].triangles, surfaces[i].key));
+    let mut left = (target / 2).max(SMALL_ROOM);
+    let mut kept = vec![false; surfaces.len()];
+    for i in small {
+        let Some(rest) = left.checked_sub(surfaces[i].triangles) else {
+            break;
+        };
+        left = rest;
+        kept[i] = true;
+    }
+    kept
+}
+
+/// Surfaces of a node with fewer triangles.
+struct Coarse {
+    clusters: Clusters,
+    placed: Placed,
+    triangles: Vec<[u32; 3]>,
+    error: f32,
+}
+
+impl Coarse {
+    fn of(mesh: &Mesh, border: &Border, kept: Vec<bool>, target: usize, recipe: &Recipe) -> Self {
+        let Recipe { planes, rules, .. } = recipe;
+        let most = f64::from(rules.block) * CURVE;
+        let pinned = staying(mesh, border, planes, rules, most);
+        let clustering = Clustering {
+            mesh,
+            border,
+            kept: &kept,
+            pinned: &pinned,
+            open_faces: recipe.open_faces(),
+            rules,
+        };
+        let clusters = clustering.clusters();
+        let placing = Placing {
+            mesh,
+            border,
+            clusters: &clusters,
+            planes,
+            rules,
+        };
+        let (placed, triangles) = clustered(&placing);
+        let is_kept = |t: &[u32; 3]| kept[clusters.all[t[0] as usize].surface as usize];
+        let (small, rest): (Vec<_>, Vec<_>) = triangles.into_iter().partition(is_kept);
+        let voxels = |p: &[i32; 3]| -> [f32; 3] {
+            std::array::from_fn(|a| (p[a] - planes.low[a]) as f32 / LATTICE as f32)
+        };
+        let places: Vec<[f32; 3]> = placed.points.iter().map(voxels).collect();
+        let locked = locked(border, &clusters, recipe);
+        // a node that is mostly border cannot get as coarse as others
+        let limits = Limits {
+            triangles: target.saturating_sub(small.len()),
+            error: (rules.block / 2) as f32 / LATTICE as f32,
+        };
+        let collapsed = collapse(rest, &places, &locked, limits);
+        let mut sums = Sums::new(placed.points.len(), small.len() + collapsed.triangles.len());
+        let points = &placed.points;
+        for t in small.into_iter().chain(collapsed.triangles) {
+            let [a, b, c] = t.map(|v| points[v as usize]);
+            if a != b && b != c && a != c {
+                sums.add(t);
+            }
+        }
+        Coarse {
+            triangles: sums.left(),
+            error: placed.error + collapsed.error,
+            clusters,
+            placed,
+        }
+    }
+}
+
+/// Places and triangles of the clusters of a mesh.
+fn clustered(placing: &Placing) -> (Placed, Vec<[u32; 3]>) {
+    let (mesh, clusters) = (placing.mesh, placing.clusters);
+    let mut quadrics = placing.quadrics();
+    let mut sums = Sums::new(clusters.all.len(), mesh.triangles.len() / 4);
+    let low = placing.planes.low;
+    let place = |v: u32| -> [f32; 3] {
+        let p = mesh.points[v as usize];
+        std::array::from_fn(|a| (p[a] - low[a]) as f32 * (1.0 / LATTICE as f32))
+    };
+    for &t in &mesh.triangles {
+        let [a, b, c] = t.map(|v| clusters.of_vertex[v as usize]);
+        let [p, q, r] = t.map(place);
+        let u: [f32; 3] = std::array::from_fn(|i| q[i] - p[i]);
+        let v: [f32; 3] = std::array::from_fn(|i| r[i] - p[i]);
+        let normal = [
+            u[1] * v[2] - u[2] * v[1],
+            u[2] * v[0] - u[0] * v[2],
+            u[0] * v[1] - u[1] * v[0],
+        ];
+        let mut add = |cluster: u32| {
+            let quadric = &mut quadrics[cluster as usize];
+            if quadric.wanted {
+                quadric.add(normal, p);
+            }
+        };
+        add(a);
+        if b != a {
+            add(b);
+        }
+        if c != a && c != b {
+            add(c);
+            if a != b {
+                sums.add([a, b, c]);
+            }
+        }
+    }
+    let (mut placed, left) = (placing.place(&quadrics), sums.left());
+    placing.unfold(&quadrics, &left, &mut placed);
+    (placed, left)
+}
+
+/// Which vertices must not move: those that stay, those that others have in common with this node, and on open faces
+/// of the volume those beside a vertex on a plane between nodes: without them the curve on the face could come to run
+/// along that plane, where no other node continues it.
+fn locked(border: &Border, clusters: &Clusters, recipe: &Recipe) -> Vec<bool> {
+    let faces = recipe.open_faces();
+    let is_locked = |c: &Cluster| match c.kind {
+        Kind::Inner => false,
+        Kind::Stays => true,
+        Kind::Border(_) => c.planes & !faces != 0,
+    };
+    let mut locked: Vec<bool> = clusters.all.iter().map(is_locked).collect();
+    for edge in border.edges.iter().filter(|e| e.planes & faces != 0) {
+        let ends = [edge.from, edge.to];
+        if ends
+            .iter()
+            .any(|&v| border.of_vertex[v as usize] & !faces != 0)
+        {
+            ends.iter()
+                .for_each(|&v| locked[clusters.of_vertex[v as usize] as usize] = true);
+        }
+    }
+    locked
+}
+
+/// A node that is being taken apart into its surfaces.
+struct Output<'a> {
+    surfaces: &'a [Surface],
+    coarse: &'a Coarse,
+    recipe: &'a Recipe,
+}
+
+impl Output<'_> {
+    fn finish(&self, moved: Moved, stripifier: &mut Stripifier) -> Built {
+        let fin_width = self.recipe.fin_width + moved.gap;
+        let mut order: Vec<usize> = (0..self.surfaces.len()).collect();
+        order.sort_by_key(|&i| self.surfaces[i].key);
+        let mut built = Built {
+            parts: Vec::new(),
+            fin_rows: 0,
+            triangles: self.coarse.triangles.len() as u64,
+            fin_triangles: 0,
+            strips: 0,
+            border_edges: moved.segments.iter().filter(|s| s.from != s.to).count() as u64,
+            error: self.coarse.error,
+            gap: moved.gap,
+            fin_width,
+        };
+        let mut of_surface: Vec<Vec<[u32; 3]>> = vec![Vec::new(); self.surfaces.len()];
+        for t in &self.coarse.triangles {
+            of_surface[self.surface_of(t[0])].push(*t);
+        }
+        let mut numbers = vec![u32::MAX; self.coarse.clusters.all.len()];
+        for &i in &order {
+            if !of_surface[i].is_empty() {
+                let triangles = std::mem::take(&mut of_surface[i]);
+                let (part, strips) = self.part(i, triangles, &mut numbers, stripifier);
+                built.parts.push(part);
+                built.strips += strips;
+            }
+        }
+        if fin_width > 0 {
+            self.add_fins(&moved, &order, &mut built);
+        }
+        built
+    }
+
+    fn surface_of(&self, cluster: u32) -> usize {
+        self.coarse.clusters.all[cluster as usize].surface as usize
+    }
+
+    fn normal(&self, cluster: u32) -> [f32; 3] {
+        let sum = self.coarse.clusters.all[cluster as usize]
+            .normal
+            .map(|v| v as f64);
+        let length = (sum[0] * sum[0] + sum[1] * sum[1] + sum[2] * sum[2]).sqrt();
+        match length > 0.0 {
+            true => sum.map(|v| (v / length) as f32),
+            // those of a thin sheet may cancel
+            false => [0.0, 0.0, 1.0],
+        }
+    }
+
+    fn extras(&self, surface: usize, triangles: usize) -> Extras {
+        Extras {
+            triangles: triangles as u64,
+            ..self.surfaces[surface].extras.clone()
+        }
+    }
+
+    /// The part of a surface, and how many strips it has; `numbers` has no number but the largest, before and after.
+    fn part(
+        &self,
+        surface: usize,
+        mut triangles: Vec<[u32; 3]>,
+        numbers: &mut [u32],
+        stripifier: &mut Stripifier,
+    ) -> (NodePart, u64) {
+        let mut vertices: Vec<u32> = Vec::new();
+        for corner in triangles.as_flattened_mut() {
+            let number = &mut numbers[*corner as usize];
+            if *number == u32::MAX {
+                *number = vertices.len() as u32;
+                vertices.push(*corner);
+            }
+            *corner = *number;
+        }
+        let points = &self.coarse.placed.points;
+        let mut strip = Vec::with_capacity(triangles.len() * 3 / 2);
+        let strips = stripifier.stripify(&mut connect(&triangles), &mut strip);
+        let part = NodePart {
+            extras: self.extras(surface, triangles.len()),
+            points: vertices.iter().map(|&c| points[c as usize]).collect(),
+            normals: vertices.iter().map(|&c| self.normal(c)).collect(),
+            strip,
+        };
+        vertices
+            .iter()
+            .for_each(|&c| numbers[c as usize] = u32::MAX);
+        (part, strips as u64)
+    }
+
+    /// Adds the fins of each surface, behind the surfaces.
+    fn add_fins(&self, moved: &Moved, order: &[usize], built: &mut Built) {
+        let Recipe { planes, rules, .. } = self.recipe;
+        // 16 bits reach so far beyond the planes at least
+        let room = 2_000 * rules.step;
+        let shape = FinShape {
+            half_width: built.fin_width,
+            step: rules.step,
+            limits: [planes.low.map(|v| v - room), planes.high.map(|v| v + room)],
+        };
+        let mut of_surface: Vec<Option<NodePart>> = self.surfaces.iter().map(|_| None).collect();
+        for segment in &moved.segments {
+            let surface = self.surface_of(segment.from);
+            let part = of_surface[surface].get_or_insert_with(|| NodePart {
+                extras: self.extras(surface, 0),
+                points: Vec::new(),
+                normals: Vec::new(),
+                strip: Vec::new(),
+            });
+            let first = part.points.len() as u32;
+            for (corner, end) in shape.corners(segment, &self.coarse.placed.points) {
+                part.points.push(corner);
+                part.normals.push(self.normal(end));
+            }
+            append_strip(&mut part.strip, &[0, 1, 2, 3], first);
+            part.extras.triangles += 2;
+            built.fin_triangles += 2;
+            built.strips += 1;
+        }
+        for &i in order {
+            if let Some(fins) = of_surface[i].take() {
+                built.parts.push(fins);
+                built.fin_rows += 1;
+            }
+        }
+    }
+}

@@ -1,0 +1,342 @@
+//! Which vertices of a node become one: those of a block of space that are connected inside it by edges of their
+//! surface, so that two sheets of a thin wall stay apart.
+//!
+//! Vertices of the border are joined along the border alone, which the nodes on both sides of a plane have in common.
+//! Those on two planes stay, those of loops that would vanish, and all vertices of surfaces that are kept as they are.
+
+use super::border::{Border, BorderEdge};
+use super::mesh::{Mesh, NORMAL};
+use super::planes::{OnPlanes, axes, axis_of};
+use std::collections::HashMap;
+
+/// What blocks count from, so that places a little below 0 are in one as well.
+const BELOW: i32 = 1 << 12;
+
+/// How vertices of a level become fewer.
+#[derive(Debug, Clone, Copy)]
+pub struct Rules {
+    /// Width of a block in lattice steps, an even number.
+    pub block: i32,
+    /// New vertices lie on multiples of so many lattice steps.
+    pub step: i32,
+    /// Surfaces are closed by caps, so that their curves on the volume's faces have mates, too.
+    pub capped: bool,
+}
+
+impl Rules {
+    /// The block of a place.
+    #[inline]
+    fn block_of(&self, p: [i32; 3]) -> [i32; 3] {
+        p.map(|v| ((v + BELOW) as u32 / self.block as u32) as i32)
+    }
+
+    /// The middle of a block, in lattice steps.
+    pub fn middle(&self, block: [i32; 3]) -> [i32; 3] {
+        block.map(|b| b * self.block + self.block / 2 - BELOW)
+    }
+}
+
+/// Where the vertex of a cluster may lie.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Kind {
+    /// Strictly between the node's planes.
+    Inner,
+    /// Where it is.
+    Stays,
+    /// On the border, in the plane across this axis.
+    Border(usize),
+}
+
+/// Vertices that become one.
+#[derive(Debug, Clone, Copy)]
+pub struct Cluster {
+    pub kind: Kind,
+    pub surface: u32,
+    /// The block, or of vertices that stay their place.
+    pub block: [i32; 3],
+    /// Another cluster whose place it takes, or itself: surfaces and caps have their common vertices twice.
+    pub leader: u32,
+    pub count: i64,
+    /// Sum of places relative to the middle of the block.
+    pub sum: [i64; 3],
+    pub normal: [i64; 3],
+    /// The planes of one of its vertices if it is of the border.
+    pub planes: OnPlanes,
+}
+
+/// The clusters of a mesh.
+#[derive(Debug)]
+pub struct Clusters {
+    pub all: Vec<Cluster>,
+    /// That of each vertex.
+    pub of_vertex: Vec<u32>,
+}
+
+/// Beyond all blocks as one number, and those half as wide.
+const NO_BLOCK: u64 = 1 << 63;
+const HALF_BLOCK: u64 = 1 << 62;
+/// Normals agree if the length of their mean is at least this.
+const AGREE: f32 = 0.7;
+
+/// Sets of vertices, of which the smallest stands for a set.
+struct Sets(Vec<u32>);
+
+impl Sets {
+    /// Of one vertex each.
+    fn new(vertices: usize) -> Self {
+        Sets((0..vertices as u32).collect())
+    }
+
+    fn find(&mut self, mut v: u32) -> u32 {
+        loop {
+            let up = self.0[v as usize];
+            if up == v {
+                return v;
+            }
+            let top = self.0[up as usize];
+            self.0[v as usize] = top;
+            v = top;
+        }
+    }
+
+    fn join(&mut self, a: u32, b: u32) {
+        let (a, b) = (self.find(a), self.find(b));
+        self.0[a.max(b) as usize] = a.min(b);
+    }
+}
+
+/// What decides which vertices become one.
+#[derive(Clone, Copy)]
+pub struct Clustering<'a> {
+    pub mesh: &'a Mesh,
+    pub border: &'a Border,
+    /// Surfaces that stay as they are, borders between nodes apart.
+    pub kept: &'a [bool],
+    /// Vertices of the border that stay so that it moves little.
+    pub pinned: &'a [bool],
+    /// Faces of the volume on which surfaces end.
+    pub open_faces: OnPlanes,
+    pub rules: &'a Rules,
+}
+
+impl Clustering<'_> {
+    /// The clusters.
+    pub fn clusters(&self) -> Clusters {
+        let mut sets = Sets::new(self.mesh.points.len());
+        let stays = self.staying();
+        self.join_inside(&mut sets);
+        self.join_along(&stays, &mut sets);
+        if self.rules.capped {
+            self.join_twins(&mut sets);
+        }
+        self.number(&stays, &mut sets)
+    }
+
+    /// Which vertices stay where they are.
+    fn staying(&self) -> Vec<bool> {
+        let of_vertex = &self.border.of_vertex;
+        let stays = |v: usize| {
+            let bits = of_vertex[v];
+            let is_kept = self.kept[self.mesh.surface_of[v] as usize];
+            axes(bits) > 1 || self.pinned[v] || is_kept && bits & !self.open_faces == 0
+        };
+        let mut all: Vec<bool> = (0..of_vertex.len()).map(stays).collect();
+        self.keep_small_loops(&mut all);
+        all
+    }
+
+    /// Loops of the border that would have fewer than three vertices stay: they would vanish, and with them small cells
+    /// that a plane cuts. A loop is the same for the nodes on both sides of its plane.
+    fn keep_small_loops(&self, stays: &mut [bool]) {
+        let ends = |v: u32| axes(self.border.of_vertex[v as usize]) > 1;
+        let [mut loops, mut parts] = [(); 2].map(|()| Sets::new(stays.len()));
+        for edge in &self.border.edges {
+            if ends(edge.from) || ends(edge.to) {
+                continue;
+            }
+            loops.join(edge.from, edge.to);
+            if self.is_in_one_block(edge) {
+                parts.join(edge.from, edge.to);
+            }
+        }
+        let mut found: Vec<(u32, u32)> = Vec::new();
+        for edge in &self.border.edges {
+            for (v, other) in [(edge.from, edge.to), (edge.to, edge.from)] {
+                if ends(v) {
+                    continue;
+                }
+                let own = loops.find(v);
+                found.push((own, parts.find(v)));
+                if ends(other) {
+                    // no loop, but a curve from one plane to another
+                    found.extend([(own, u32::MAX), (own, u32::MAX - 1), (own, u32::MAX - 2)]);
+                }
+            }
+        }
+        found.sort_unstable();
+        found.dedup();
+        let few = found
+            .chunk_by(|a, b| a.0 == b.0)
+            .filter(|parts| parts.len() < 3);
+        let mut is_small = vec![false; stays.len()];
+        few.for_each(|parts| is_small[parts[0].0 as usize] = true);
+        for edge in &self.border.edges {
+            for v in [edge.from, edge.to] {
+                stays[v as usize] |= is_small[loops.find(v) as usize];
+            }
+        }
+    }
+
+    fn is_in_one_block(&self, edge: &BorderEdge) -> bool {
+        let block = |v: u32| self.rules.block_of(self.mesh.points[v as usize]);
+        block(edge.from) == block(edge.to)
+    }
+
+    /// Joins the ends of edges inside a block, borders apart. Where the normals of what is joined do not agree, as
+    /// around a thin neck or along a sharp fold, blocks are half as wide.
+    fn join_inside(&self, sets: &mut Sets) {
+        let Clustering { mesh, rules, .. } = self;
+        let block = |v: usize| {
+            if self.border.of_vertex[v] != 0 || self.kept[mesh.surface_of[v] as usize] {
+                return NO_BLOCK | v as u64;
+            }
+            number_of(rules.block_of(mesh.points[v]))
+        };
+        let mut blocks: Vec<u64> = (0..mesh.points.len()).map(block).collect();
+        join_equal(mesh, &blocks, sets);
+        let mut sums = vec![[0.0f32; 4]; mesh.points.len()];
+        for v in (0..blocks.len()).filter(|&v| blocks[v] & NO_BLOCK == 0) {
+            let sum = &mut sums[sets.find(v as u32) as usize];
+            let [x, y, z] = mesh.normals[v].map(f32::from);
+            *sum = [sum[0] + x, sum[1] + y, sum[2] + z, sum[3] + 1.0];
+        }
+        let agrees = |[x, y, z, count]: [f32; 4]| {
+            let least = AGREE * NORMAL * count;
+            x * x + y * y + z * z >= least * least
+        };
+        let half = Rules {
+            block: rules.block / 2,
+            ..**rules
+        };
+        let mut torn = Vec::new();
+        for v in (0..blocks.len()).filter(|&v| blocks[v] & NO_BLOCK == 0) {
+            if !agrees(sums[sets.find(v as u32) as usize]) {
+                torn.push(v);
+            }
+        }
+        for &v in &torn {
+            blocks[v] = HALF_BLOCK | number_of(half.block_of(mesh.points[v]));
+            sets.0[v] = v as u32;
+        }
+        if !torn.is_empty() {
+            join_equal(mesh, &blocks, sets);
+        }
+    }
+
+    /// Joins vertices of the border that an edge of it connects inside a block and a plane.
+    fn join_along(&self, stays: &[bool], sets: &mut Sets) {
+        for edge in &self.border.edges {
+            let moves = |v: u32| !stays[v as usize];
+            if moves(edge.from) && moves(edge.to) && self.is_in_one_block(edge) {
+                sets.join(edge.from, edge.to);
+            }
+        }
+    }
+
+    /// Joins the vertices of the border at one place on a face of the volume, which a surface and a cap have in common.
+    fn join_twins(&self, sets: &mut Sets) {
+        let mut first: HashMap<[i32; 3], u32> = HashMap::new();
+        let of_border = self.border.of_vertex.iter().enumerate();
+        for (v, _) in of_border.filter(|(_, bits)| **bits != 0) {
+            let one = *first.entry(self.mesh.points[v]).or_insert(v as u32);
+            if one != v as u32 {
+                sets.join(one, v as u32);
+            }
+        }
+    }
+
+    /// Numbers the sets by their first vertices, one cluster for each surface in a set, and sums up their vertices.
+    fn number(&self, stays: &[bool], sets: &mut Sets) -> Clusters {
+        let Clustering { mesh, rules, .. } = self;
+        let mut all: Vec<Cluster> = Vec::with_capacity(mesh.points.len() / 3);
+        let mut of_vertex: Vec<u32> = Vec::with_capacity(mesh.points.len());
+        // of sets with vertices of several surfaces
+        let mut followers: HashMap<(u32, u32), u32> = HashMap::new();
+        for v in 0..mesh.points.len() {
+            let (point, surface) = (mesh.points[v], mesh.surface_of[v]);
+            let root = sets.find(v as u32) as usize;
+            let next = all.len() as u32;
+            let own = if root == v {
+                all.push(self.cluster(v, stays[v], next));
+                next
+            } else {
+                let leader = of_vertex[root];
+                match all[leader as usize].surface == surface {
+                    true => leader,
+                    false => *followers.entry((leader, surface)).or_insert_with(|| {
+                        all.push(self.cluster(v, stays[v], leader));
+                        next
+                    }),
+                }
+            };
+            of_vertex.push(own);
+            let leader = all[own as usize].leader;
+            let middle = rules.middle(all[leader as usize].block);
+            let sums = &mut all[leader as usize];
+            sums.count += 1;
+            if sums.kind != Kind::Stays {
+                for a in 0..3 {
+                    sums.sum[a] += i64::from(point[a] - middle[a]);
+                }
+            }
+            let normal = &mut all[own as usize].normal;
+            for a in 0..3 {
+                normal[a] += i64::from(mesh.normals[v][a]);
+            }
+        }
+        Clusters { all, of_vertex }
+    }
+
+    /// That of one vertex, with nothing summed up yet.
+    fn cluster(&self, v: usize, stays: bool, leader: u32) -> Cluster {
+        let (point, planes) = (self.mesh.points[v], self.border.of_vertex[v]);
+        let kind = match planes {
+            _ if stays => Kind::Stays,
+            0 => Kind::Inner,
+            _ => Kind::Border(axis_of(planes)),
+        };
+        Cluster {
+            kind,
+            surface: self.mesh.surface_of[v],
+            block: match kind {
+                Kind::Stays => point,
+                _ => self.rules.block_of(point),
+            },
+            leader,
+            count: 0,
+            sum: [0; 3],
+            normal: [0; 3],
+            planes,
+        }
+    }
+}
+
+/// A block as one number.
+fn number_of(block: [i32; 3]) -> u64 {
+    let [x, y, z] = block.map(|b| b as u64);
+    z << 40 | y << 20 | x
+}
+
+/// Joins the ends of edges that are in one block.
+fn join_equal(mesh: &Mesh, blocks: &[u64], sets: &mut Sets) {
+    for t in &mesh.triangles {
+        let of = t.map(|v| blocks[v as usize]);
+        for k in 0..3 {
+            let j = (k + 1) % 3;
+            // each edge inside comes from both sides
+            if of[k] == of[j] && t[k] < t[j] {
+                sets.join(t[k], t[j]);
+            }
+        }
+    }
+}
