@@ -420,7 +420,7 @@ fn range(json: &Value, view: usize) -> std::ops::Range<usize> {
 }
 
 /// Takes the last triangle out of a node's strip.
-fn drop_triangle(json: &mut Value, bin: &mut Vec<u8>) {
+fn drop_triangle(json: &mut Value, bin: &mut [u8]) {
     let at = range(json, 2);
     let count = json["accessors"][2]["count"].as_u64().unwrap() as usize;
     let wide = json["accessors"][2]["componentType"] == 5125;
@@ -618,7 +618,7 @@ fn a_hole_in_a_node_is_found() {
     let set = Levels(dir.path());
     let shard = "lod/1/z0000.json";
     let path = set.json(shard)["nodes"][0]["path"].clone();
-    set.edit_node(path.as_str().unwrap(), drop_triangle);
+    set.edit_node(path.as_str().unwrap(), |json, bin| drop_triangle(json, bin));
     set.edit(shard, |shard| {
         let triangles = &mut nodes(shard)[0]["triangles"];
         *triangles = (triangles.as_u64().unwrap() - 1).into();

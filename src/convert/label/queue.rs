@@ -155,11 +155,12 @@ impl<B, S> LabelQueue<B, S> {
     }
 
     /// The bands of the next layer are joined, or that has failed; for want of memory if they come back.
-    pub fn joined(&mut self, joined: std::result::Result<(), (Error, Vec<S>)>) {
+    pub fn joined(&mut self, joined: std::result::Result<(), Box<(Error, Vec<S>)>>) {
         self.joining = false;
         match joined {
             Ok(()) => self.layer += 1,
-            Err((error, bands)) => {
+            Err(failed) => {
+                let (error, bands) = *failed;
                 if self.takes_less(error) {
                     self.sealed.extend((self.first_of(self.layer)..).zip(bands));
                 }

@@ -199,11 +199,11 @@ impl LabelState {
         layer: u32,
         sealed: Vec<SealedBand>,
         last_layer: bool,
-    ) -> std::result::Result<SlabLabels, (crate::error::Error, Vec<SealedBand>)> {
+    ) -> std::result::Result<SlabLabels, Box<(crate::error::Error, Vec<SealedBand>)>> {
         let known: Vec<_> = sealed.iter().map(SealedBand::known).collect();
         let bytes = sealed_bytes(&sealed) + self.classes.bytes(&known);
         if let Err(error) = self.memory.hold(layer, bytes) {
-            return Err((error, sealed));
+            return Err(Box::new((error, sealed)));
         }
         self.labelled.nan += sealed.iter().map(|b| b.nan).sum::<u64>();
         match self.classes.join(&known, &mut self.labelled.provisional) {
@@ -213,7 +213,7 @@ impl LabelState {
                 }
                 Ok(SlabLabels { sealed, classes })
             }
-            Err(error) => Err((error, Vec::new())),
+            Err(error) => Err(Box::new((error, Vec::new()))),
         }
     }
 

@@ -102,10 +102,10 @@ where
         &self,
         layer: u32,
         bands: Vec<SealedBand>,
-    ) -> std::result::Result<(), (Error, Vec<SealedBand>)> {
+    ) -> std::result::Result<(), Box<(Error, Vec<SealedBand>)>> {
         let (state, each) = &mut *lock(&self.state);
         let known = state.join(layer, bands, layer + 1 == self.layers)?;
-        each(state, layer, &known).map_err(|error| (error, Vec::new()))?;
+        each(state, layer, &known).map_err(|error| Box::new((error, Vec::new())))?;
         // slices that no later slab needs
         let z = span_of(self.source.tiling, 0, layer).z;
         let done = z.start.saturating_sub(1)..z.end.saturating_sub(2).max(z.start);

@@ -102,7 +102,8 @@ impl Fins {
     pub fn widest(&self) -> f64 {
         let side = |fin: &Fin, i: usize| {
             let (p, q) = (fin.corners[i], fin.corners[(i + 1) % 4]);
-            ((p[0] - q[0]).powi(2) + (p[1] - q[1]).powi(2)).sqrt()
+            let [x, y] = [p[0] - q[0], p[1] - q[1]];
+            (x * x + y * y).sqrt()
         };
         let shorter = |fin: &Fin| (0..4).map(|i| side(fin, i)).fold(f64::INFINITY, f64::min);
         self.0.values().flatten().map(shorter).fold(0.0, f64::max)

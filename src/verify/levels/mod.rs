@@ -161,8 +161,9 @@ impl Set<'_> {
                 sound = false;
             }
         }
-        let share = levels.ratio > 0.0 && levels.ratio <= 0.5;
-        if !share || !(levels.pixel_error > 0.0 && levels.pixel_error.is_finite()) {
+        let is_share = levels.ratio > 0.0 && levels.ratio <= 0.5;
+        let is_positive = levels.pixel_error > 0.0 && levels.pixel_error.is_finite();
+        if !is_share || !is_positive {
             let message = format!(
                 "found ratio {} and pixel_error {}, expected a share up to 1/2 and a number above 0",
                 levels.ratio, levels.pixel_error

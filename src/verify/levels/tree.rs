@@ -63,12 +63,15 @@ struct Content {
 /// A tile or a node by its level, 0 for tiles, and its place.
 type At = (u32, [u32; 3]);
 
+/// What lies below a layer of nodes, by their places (x, y); nothing if that cannot be read.
+type Families = Option<BTreeMap<[u32; 2], Vec<Child>>>;
+
 /// The walk through the tree.
 struct Walk<'a> {
     set: &'a Set<'a>,
     levels: &'a Levels,
     /// What lies below the layers of nodes that are needed, by level and z of the nodes above.
-    families: BTreeMap<(u32, u32), Option<BTreeMap<[u32; 2], Vec<Child>>>>,
+    families: BTreeMap<(u32, u32), Families>,
     to_metres: DMat4,
     /// Nodes and tiles that were met.
     met: u64,
