@@ -15,6 +15,9 @@ pub struct Limits {
     pub at_once: u32,
 }
 
+/// Layers of which bands may be made before the first of them is kept.
+const OPEN_LAYERS: u32 = 2;
+
 /// A tile of a band that is in memory.
 pub struct TileTask<B> {
     /// The band.
@@ -54,6 +57,8 @@ pub struct MeshQueue<B> {
     ended_bands: BTreeMap<u32, u32>,
     /// The next layer to end.
     layer: u32,
+    /// Layers that are kept, so that they are not made again after an interruption.
+    kept: u32,
     ending: bool,
     /// Bands being loaded, and tiles being made.
     in_hand: u32,
@@ -79,6 +84,7 @@ impl<B> MeshQueue<B> {
             left: BTreeMap::new(),
             ended_bands: BTreeMap::new(),
             layer,
+            kept: layer,
             ending: false,
             in_hand: 0,
             exist: 0,
@@ -150,6 +156,8 @@ impl<B> MeshQueue<B> {
             return Some(number);
         }
         let end = self.last.map_or(self.limits.layers, |last| last + 1);
+        // no more than two layers are lost, however long the disk takes
+        let end = end.min(self.kept + OPEN_LAYERS);
         (self.next < self.first_of(end)).then(|| {
             self.next += 1;
             self.next - 1
@@ -249,14 +257,22 @@ impl<B> MeshQueue<B> {
         *self.ended_bands.entry(layer).or_default() += 1;
     }
 
-    /// The next layer has ended, or that has failed.
-    pub fn ended(&mut self, ended: Result<()>) {
+    /// The next layer has ended and so many are kept, or that has failed.
+    pub fn ended(&mut self, ended: Result<u32>) {
         self.ending = false;
         self.ended_bands.remove(&self.layer);
         match ended {
-            Ok(()) => self.layer += 1,
+            Ok(kept) => {
+                self.layer += 1;
+                self.keep(kept);
+            }
             Err(error) => self.fail(error),
         }
+    }
+
+    /// So many layers are kept.
+    pub fn keep(&mut self, layers: u32) {
+        self.kept = self.kept.max(layers);
     }
 
     /// Goes on with less memory, if `error` says that there is not enough, and less is possible.

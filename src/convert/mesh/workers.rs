@@ -29,6 +29,9 @@ struct PendingCommit<'a> {
     writers: Option<&'a BackgroundWriters>,
     /// Tiles that have to be written before what the checkpointer has ready is kept; `None` if it has nothing.
     tiles: Option<u64>,
+    /// Layers that are ready, and those of them that are kept.
+    ready: u32,
+    kept: u32,
 }
 
 impl PendingCommit<'_> {
@@ -44,7 +47,9 @@ impl PendingCommit<'_> {
             return Ok(());
         };
         self.writers.map_or(Ok(()), |w| w.wait_for(tiles))?;
-        self.checkpointer.commit()
+        self.checkpointer.commit()?;
+        self.kept = self.ready;
+        Ok(())
     }
 
     /// Ends a layer: keeps the one before, has this one ready, which `end` does, and keeps it if its tiles are
@@ -52,6 +57,7 @@ impl PendingCommit<'_> {
     fn end(&mut self, end: impl FnOnce(&mut Checkpointer) -> Result<()>) -> Result<()> {
         self.commit()?;
         end(self.checkpointer)?;
+        self.ready += 1;
         // its tiles are among them
         self.tiles = Some(self.writers.map_or(0, BackgroundWriters::handed));
         self.commit_if_written()
@@ -80,7 +86,8 @@ impl<'a, T: Voxel + Default> MeshWorkers<'a, T> {
             layers,
             at_once: plan.bands_at_once,
         };
-        let queue = MeshQueue::new(limits, collector.output.layers());
+        let before = collector.output.layers();
+        let queue = MeshQueue::new(limits, before);
         MeshWorkers {
             input,
             meshing,
@@ -97,6 +104,8 @@ impl<'a, T: Voxel + Default> MeshWorkers<'a, T> {
                 checkpointer,
                 writers: meshing.writers.as_ref(),
                 tiles: None,
+                ready: before,
+                kept: before,
             }),
             queue: Mutex::new(queue),
             changed: Condvar::new(),
@@ -173,28 +182,39 @@ impl<'a, T: Voxel + Default> MeshWorkers<'a, T> {
         Ok(())
     }
 
-    /// Ends a layer. Others may have begun.
-    fn end(&self, layer: u32) -> Result<()> {
-        lock(&self.pending).end(|checkpointer| {
+    /// Ends a layer, and returns how many are kept. Others may have begun.
+    fn end(&self, layer: u32) -> Result<u32> {
+        let mut pending = lock(&self.pending);
+        pending.end(|checkpointer| {
             let collector = &mut *lock(&self.collector);
             collector.end_layer()?;
             let (files, mut marks) = (checkpointer.files(TILES), Marks::default());
             collector.mark(&files, &mut marks)?;
             checkpointer.stage(TILES, layer + 1, &marks, |out| collector.save(out))
         })?;
+        let kept = pending.kept;
+        drop(pending);
         let z = span_of(self.loader.tiling, 0, layer).z;
         let done = z.start.saturating_sub(1)..z.end.saturating_sub(2).max(z.start);
         self.input.volume.release(done);
-        Ok(())
+        Ok(kept)
     }
 
     /// Keeps the layer that ended last, if its tiles are written by now and nobody else is about it.
     fn commit_if_written(&self) {
-        if let Ok(mut pending) = self.pending.try_lock()
-            && let Err(error) = pending.commit_if_written()
-        {
-            lock(&self.queue).fail(error);
+        let Ok(mut pending) = self.pending.try_lock() else {
+            return;
+        };
+        let before = pending.kept;
+        let committed = pending.commit_if_written();
+        let kept = pending.kept;
+        drop(pending);
+        match committed {
+            Ok(()) if kept == before => return,
+            Ok(()) => lock(&self.queue).keep(kept),
+            Err(error) => lock(&self.queue).fail(error),
         }
+        self.changed.notify_all();
     }
 }
 
