@@ -929,6 +929,10 @@ fn replace_parquet(tiles: &Path, bytes: &[u8]) {
     seal::seal(tiles);
 }
 
+fn text(bytes: &[u8]) -> String {
+    String::from_utf8(bytes.to_vec()).unwrap()
+}
+
 /// Codes and messages of what the verifier finds in the tables as Parquet.
 fn findings(dir: &Path) -> Vec<(String, String)> {
     let report: Value =
@@ -1020,6 +1024,28 @@ fn tables_are_parquet_too_where_that_is_asked_for() {
     }
     replace_parquet(&tiles, &cells);
     ok(dir.path(), &["verify", "tiles", "--quiet"]);
+    // a table in CSV that has no business there is reported once, and nothing is compared with it
+    let index = std::fs::read(tiles.join("index.json")).unwrap();
+    for (path, code) in [
+        ("../foam.mhd", "PATH_OUTSIDE"),
+        ("objects.csv", "PATH_NAME"),
+    ] {
+        let mut other: Value = serde_json::from_slice(&index).unwrap();
+        other["tables"]["cells"] = path.into();
+        std::fs::write(tiles.join("index.json"), other.to_string()).unwrap();
+        seal::seal(&tiles);
+        let report = json(&text(
+            &alvis(dir.path(), &["verify", "tiles", "--json"]).stdout,
+        ));
+        let issues = report["issues"].as_array().unwrap();
+        let codes: Vec<&str> = issues.iter().map(|i| i["code"].as_str().unwrap()).collect();
+        assert!(codes.contains(&code), "{issues:?}");
+        assert!(
+            issues.iter().all(|i| i["path"] != "cells.parquet"),
+            "{issues:?}"
+        );
+    }
+    std::fs::write(tiles.join("index.json"), index).unwrap();
     std::fs::remove_file(tiles.join("cells.parquet")).unwrap();
     let report = alvis(dir.path(), &["verify", "tiles", "--json"]);
     assert!(String::from_utf8_lossy(&report.stdout).contains("MISSING_FILE"));

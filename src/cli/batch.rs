@@ -90,11 +90,16 @@ pub fn run(args: ConvertArgs, typed: &[OsString]) -> Result<Outcome> {
     }
     drop(lock);
     drop(console);
-    let count = |status: Status| rows.iter().filter(|row| row.status == status).count();
-    let (done, failed) = (count(Status::Done), count(Status::Failed));
+    report(&args, &rows, &table, start)?;
+    outcome(&rows, kept, &table, &resuming(typed))
+}
+
+/// Prints how it went.
+fn report(args: &ConvertArgs, rows: &[Row], table: &ScansTable, start: Instant) -> Result<()> {
+    let [done, failed] = counts(rows);
     if args.common.json {
         output::print_json(&Report {
-            scans: &rows,
+            scans: rows,
             done,
             failed,
             table: table.path().display().to_string(),
@@ -106,6 +111,18 @@ pub fn run(args: ConvertArgs, typed: &[OsString]) -> Result<Outcome> {
         let path = table.path().display();
         output::print(&format!("{done} of {of} done: {path}\n"))?;
     }
+    Ok(())
+}
+
+/// How many scans are done, and how many failed.
+fn counts(rows: &[Row]) -> [usize; 2] {
+    let count = |status: Status| rows.iter().filter(|row| row.status == status).count();
+    [count(Status::Done), count(Status::Failed)]
+}
+
+/// Whether all scans are done, of which `kept` that failed have a tile set from before; `next` is the command that goes on.
+fn outcome(rows: &[Row], kept: usize, table: &ScansTable, next: &str) -> Result<Outcome> {
+    let [done, failed] = counts(rows);
     match (done + failed == rows.len(), failed) {
         (true, 0) => Ok(Outcome::Done),
         (true, failed) => Err(Error::ScansFailed {
@@ -117,7 +134,7 @@ pub fn run(args: ConvertArgs, typed: &[OsString]) -> Result<Outcome> {
         (false, _) => Err(Error::ScansStopped {
             done,
             of: rows.len(),
-            next: format!("`{}` goes on", resuming(typed)),
+            next: format!("`{next}` goes on"),
         }),
     }
 }

@@ -407,13 +407,6 @@ pub fn summary(report: &ConvertReport) -> String {
             ),
         ));
     }
-    rows.push((
-        "took",
-        format!(
-            "{:.1} s, {} of memory at most",
-            report.seconds,
-            output::bytes(report.peak_rss_bytes)
-        ),
-    ));
+    rows.push(("took", output::took(report.seconds, report.peak_rss_bytes)));
     output::table(&rows)
 }

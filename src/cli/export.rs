@@ -85,13 +85,6 @@ fn summary(file: &str, report: &ExportReport) -> String {
             format!("about {} {} at most", rounded(error, 4), report.unit),
         ));
     }
-    rows.push((
-        "took",
-        format!(
-            "{:.1} s, {} of memory at most",
-            report.seconds,
-            output::bytes(report.peak_rss_bytes)
-        ),
-    ));
+    rows.push(("took", output::took(report.seconds, report.peak_rss_bytes)));
     output::table(&rows)
 }

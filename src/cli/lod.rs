@@ -118,13 +118,6 @@ pub fn summary(report: &LodReport) -> String {
             output::bytes(report.bytes_written)
         ),
     ));
-    rows.push((
-        "took",
-        format!(
-            "{:.1} s, {} of memory at most",
-            report.seconds,
-            output::bytes(report.peak_rss_bytes)
-        ),
-    ));
+    rows.push(("took", output::took(report.seconds, report.peak_rss_bytes)));
     output::table(&rows)
 }

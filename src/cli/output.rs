@@ -101,6 +101,14 @@ pub fn bytes(n: u64) -> String {
     ByteSize(n).display().iec().to_string()
 }
 
+/// `1.5 s, 64.0 MiB of memory at most`, of a whole command.
+pub fn took(seconds: f64, peak_rss_bytes: u64) -> String {
+    format!(
+        "{seconds:.1} s, {} of memory at most",
+        bytes(peak_rss_bytes)
+    )
+}
+
 /// `0.5 x 0.5 x 2`.
 pub fn times(values: [f64; 3]) -> String {
     values.map(|v| v.to_string()).join(" x ")

@@ -80,13 +80,6 @@ fn summary(report: &RepackReport) -> String {
                 output::count(report.triangles)
             ),
         ),
-        (
-            "took",
-            format!(
-                "{:.1} s, {} of memory at most",
-                report.seconds,
-                output::bytes(report.peak_rss_bytes)
-            ),
-        ),
+        ("took", output::took(report.seconds, report.peak_rss_bytes)),
     ])
 }

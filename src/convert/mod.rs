@@ -1,5 +1,6 @@
 //! The conversion, in the order of its stages.
 
+mod band_order;
 mod components;
 mod conversion;
 mod finalize;
@@ -11,6 +12,7 @@ mod options;
 mod plan;
 mod resolve;
 mod resume;
+mod shared_queue;
 mod tables;
 mod totals;
 mod warnings;
@@ -27,11 +29,12 @@ use crate::checkpoint::{Checkpointer, boot};
 use crate::convert::components::sum_up;
 use crate::convert::conversion::{Conversion, Made};
 use crate::convert::finalize::{FinalizeInput, finalize};
-use crate::convert::label::{LabelInput, label};
+use crate::convert::label::{LabelInput, Labelled, LeftOut, label};
 use crate::convert::memory::TABLES;
-use crate::convert::mesh::{MeshInput, mesh};
+use crate::convert::mesh::tile_writer::TileWriter;
+use crate::convert::mesh::{MeshInput, Meshed, mesh};
 use crate::convert::plan::plan;
-use crate::convert::resolve::resolve;
+use crate::convert::resolve::{Resolved, resolve};
 use crate::convert::resume::{begin, commit_begun, complete, refuse_kept, refuse_other};
 use crate::convert::tables::write_tables;
 use crate::convert::totals::{ScannedSums, dust_of};
@@ -39,13 +42,14 @@ use crate::convert::warnings::warnings;
 use crate::error::{Error, Result};
 use crate::manifest::Manifest;
 use crate::progress::Progress;
-use crate::sys::memory_pool::MemoryReservation;
+use crate::sys::memory_pool::{MemoryPool, MemoryReservation};
 use crate::sys::process_memory::peak_rss_bytes;
 use crate::tileset::{Output, TilesetWriter, outward, tidy};
 use crate::volume::{Cropped, Filled, Volume, Watch, Watched, spool_beside};
 use std::any::Any;
 use std::panic::{AssertUnwindSafe, catch_unwind, resume_unwind};
 use std::path::Path;
+use std::sync::Arc;
 use std::time::Instant;
 
 /// Converts a volume to a tile set in the directory `out`.
@@ -242,6 +246,53 @@ fn changed_or_panic(job: &Conversion, panic: Box<dyn Any + Send>) -> Error {
     }
 }
 
+/// A volume that is labelled and meshed.
+struct Swept {
+    labelled: Labelled,
+    left_out: LeftOut,
+    resolved: Resolved,
+    meshed: Meshed,
+}
+
+/// Labels, resolves and meshes; the tiles' geometry is written.
+fn sweep(
+    job: &Conversion,
+    work: &Path,
+    memory: &Arc<MemoryPool>,
+    writer: &TileWriter,
+    checkpointer: &mut Checkpointer,
+) -> Result<Swept> {
+    let swept = read_twice(job, work, |volume, is_slow| {
+        let input = LabelInput {
+            job,
+            volume,
+            is_slow,
+            memory,
+            work,
+        };
+        let (mut labelled, left_out) = label(&input, checkpointer)?;
+        let resolved = resolve(&mut labelled, work)?;
+        let input = MeshInput {
+            job,
+            volume,
+            memory,
+            writer,
+            kept: &labelled.bands,
+            ids: &resolved.bands,
+        };
+        let meshed = mesh(&input, checkpointer)?;
+        Ok(Swept {
+            labelled,
+            left_out,
+            resolved,
+            meshed,
+        })
+    })?;
+    // labels and surfaces of a volume that changed meanwhile may not fit each other
+    job.options.input.check()?;
+    Ok(swept)
+}
+
 /// All stages between planning and moving into place.
 fn make(job: &Conversion, work: &Path, checkpointer: &mut Checkpointer) -> Result<Made> {
     // what was labelled before was not seen
@@ -252,42 +303,22 @@ fn make(job: &Conversion, work: &Path, checkpointer: &mut Checkpointer) -> Resul
     let mut set = TilesetWriter::new(work)?;
     let mut to_mesh = checkpointer.swept()..job.layers();
     to_mesh.try_for_each(|z| set.make_layer_directory(z))?;
-    let (mut labelled, left_out, mut resolved, meshed) =
-        read_twice(job, work, |volume, is_slow| {
-            let input = LabelInput {
-                job,
-                volume,
-                is_slow,
-                memory: &memory,
-                work,
-            };
-            let (mut labelled, left_out) = label(&input, checkpointer)?;
-            let resolved = resolve(&mut labelled, work)?;
-            let input = MeshInput {
-                job,
-                volume,
-                memory: &memory,
-                writer: &writer,
-                kept: &labelled.bands,
-                ids: &resolved.bands,
-            };
-            let meshed = mesh(&input, checkpointer)?;
-            Ok((labelled, left_out, resolved, meshed))
-        })?;
-    // labels and surfaces of a volume that changed meanwhile may not fit each other
-    job.options.input.check()?;
-    let (mut tiles, last_layer) = (meshed.output, meshed.last_layer);
+    let mut swept = sweep(job, work, &memory, &writer, checkpointer)?;
+    let (mut tiles, last_layer) = (swept.meshed.output, swept.meshed.last_layer);
     let sums = ScannedSums {
         caps: tiles.caps,
-        nan: labelled.nan,
+        nan: swept.labelled.nan,
     };
-    let dust = dust_of(job.options, left_out);
+    let dust = dust_of(job.options, swept.left_out);
     let mut tables = MemoryReservation::new(&memory, TABLES);
     tables.grow_as_far_as(job.plan.tables());
     let for_tables = job.plan.tables();
     let (committed, components) = rayon::join(
         || last_layer.commit(checkpointer),
-        || sum_up(&mut labelled, &mut resolved, &mut tiles, for_tables, work),
+        || {
+            let (labelled, resolved) = (&mut swept.labelled, &mut swept.resolved);
+            sum_up(labelled, resolved, &mut tiles, for_tables, work)
+        },
     );
     committed?;
     let components = components?;

@@ -303,14 +303,14 @@ impl Tables {
     /// Under the names that this program gives them.
     pub(crate) fn named(parquet: bool) -> Self {
         Tables {
-            cells: "cells.csv".into(),
-            objects: "objects.csv".into(),
-            surfaces: "surfaces.csv".into(),
+            cells: Table::Cells.file().into(),
+            objects: Table::Objects.file().into(),
+            surfaces: Table::Surfaces.file().into(),
             checksums: None,
             parquet: parquet.then(|| ParquetTables {
-                cells: "cells.parquet".into(),
-                objects: "objects.parquet".into(),
-                surfaces: "surfaces.parquet".into(),
+                cells: Table::Cells.parquet_file().into(),
+                objects: Table::Objects.parquet_file().into(),
+                surfaces: Table::Surfaces.parquet_file().into(),
                 checksums: None,
             }),
         }

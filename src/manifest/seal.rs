@@ -28,17 +28,19 @@ impl Manifest {
             let failed = |e| Error::io(&path, "read back the table", e);
             checksum_of(File::open(&path).map_err(failed)?).map_err(failed)
         };
-        self.tables.checksums = Some(TableChecksums {
-            cells: of(&self.tables.cells)?,
-            objects: of(&self.tables.objects)?,
-            surfaces: of(&self.tables.surfaces)?,
-        });
-        if let Some(parquet) = &mut self.tables.parquet {
-            parquet.checksums = Some(TableChecksums {
-                cells: of(&parquet.cells)?,
-                objects: of(&parquet.objects)?,
-                surfaces: of(&parquet.surfaces)?,
-            });
+        let of_all = |[cells, objects, surfaces]: [&String; 3]| -> Result<TableChecksums> {
+            Ok(TableChecksums {
+                cells: of(cells)?,
+                objects: of(objects)?,
+                surfaces: of(surfaces)?,
+            })
+        };
+        let tables = &mut self.tables;
+        let csv = [&tables.cells, &tables.objects, &tables.surfaces];
+        tables.checksums = Some(of_all(csv)?);
+        if let Some(tables) = &mut tables.parquet {
+            let parquet = [&tables.cells, &tables.objects, &tables.surfaces];
+            tables.checksums = Some(of_all(parquet)?);
         }
         self.layers = Vec::new();
         self.checksum = Some(BLANK.into());

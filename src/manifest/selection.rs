@@ -19,6 +19,24 @@ impl Table {
     /// All, in this order.
     pub const ALL: [Table; 3] = [Table::Cells, Table::Objects, Table::Surfaces];
 
+    /// `cells.csv`, `objects.csv` or `surfaces.csv`: its file in tile sets that this program writes.
+    pub fn file(self) -> &'static str {
+        match self {
+            Table::Cells => "cells.csv",
+            Table::Objects => "objects.csv",
+            Table::Surfaces => "surfaces.csv",
+        }
+    }
+
+    /// `cells.parquet`, `objects.parquet` or `surfaces.parquet`: the same as Parquet.
+    pub fn parquet_file(self) -> &'static str {
+        match self {
+            Table::Cells => "cells.parquet",
+            Table::Objects => "objects.parquet",
+            Table::Surfaces => "surfaces.parquet",
+        }
+    }
+
     /// True for the table that an index does not name.
     fn is_cells(&self) -> bool {
         *self == Table::Cells

@@ -91,24 +91,6 @@ impl Table {
         }
     }
 
-    /// `cells.csv`, `objects.csv` or `surfaces.csv`: its file in tile sets that this program writes.
-    pub fn file(self) -> &'static str {
-        match self {
-            Table::Cells => "cells.csv",
-            Table::Objects => "objects.csv",
-            Table::Surfaces => "surfaces.csv",
-        }
-    }
-
-    /// `cells.parquet`, `objects.parquet` or `surfaces.parquet`: the same as Parquet.
-    pub fn parquet_file(self) -> &'static str {
-        match self {
-            Table::Cells => "cells.parquet",
-            Table::Objects => "objects.parquet",
-            Table::Surfaces => "surfaces.parquet",
-        }
-    }
-
     /// How many rows it has by the index.
     pub fn total(self, manifest: &Manifest) -> u64 {
         match self {

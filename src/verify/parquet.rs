@@ -1,12 +1,10 @@
 //! The tables as Parquet, compared value by value with those in CSV, which are compared with the surface.
 
 use super::code::Code;
-use super::files;
 use super::ledger::Kind;
 use super::report::Issues;
-use super::tables::{columns, is_whole};
+use super::tables::{Files, columns, is_whole};
 use super::tile::Context;
-use crate::manifest::checksum_of;
 use parquet::basic::{Repetition, Type as Physical};
 use parquet::errors::ParquetError;
 use parquet::file::metadata::ParquetMetaData;
@@ -24,58 +22,16 @@ type Fault = (Code, String);
 
 /// Compares the Parquet files that the index names with the CSV files.
 pub(super) fn check(cx: &Context, issues: &mut Issues) {
-    let Some(tables) = &cx.manifest.tables.parquet else {
+    let Some(files) = Files::parquet(cx.manifest) else {
         return;
     };
-    let csv = &cx.manifest.tables;
-    let checksums = tables.checksums.as_ref();
-    for (kind, path, csv, checksum) in [
-        (
-            Kind::Cell,
-            &tables.cells,
-            &csv.cells,
-            checksums.map(|c| &c.cells),
-        ),
-        (
-            Kind::Object,
-            &tables.objects,
-            &csv.objects,
-            checksums.map(|c| &c.objects),
-        ),
-        (
-            Kind::Surface,
-            &tables.surfaces,
-            &csv.surfaces,
-            checksums.map(|c| &c.surfaces),
-        ),
-    ] {
-        let at = format!("index.json#/tables/parquet/{}", kind.plural());
-        let Some(real) = files::resolve(cx.root, path, &at, issues) else {
+    for kind in Kind::ALL {
+        let Some((path, file, true)) = files.open(cx.root, kind, issues) else {
             continue;
         };
-        let named = format!("{}.parquet", kind.plural());
-        if *path != named {
-            let message = format!("found {path}, expected {named}");
-            issues.add(Code::PathName, at, message);
-            continue;
-        }
-        let file = match files::open(&real) {
-            Ok(file) => file,
-            Err(e) => {
-                issues.add(Code::MissingFile, path, format!("cannot be read: {e}"));
-                continue;
-            }
-        };
-        let found = files::open(&real).and_then(checksum_of).ok();
-        if let (Some(found), Some(stated)) = (found, checksum)
-            && found != *stated
-        {
-            let message = format!("found {found}, expected {stated} as in index.json#/tables");
-            issues.add(Code::Checksum, path, message);
-            continue;
-        }
-        let Ok(csv) = files::open(&cx.root.join(csv)) else {
-            // reported with that
+        // what is wrong with that file has been reported
+        let csv = Files::csv(cx.manifest).open(cx.root, kind, &mut Issues::new(1));
+        let Some((_, csv, _)) = csv else {
             continue;
         };
         // a damaged file may be more than its reader bears

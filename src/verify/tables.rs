@@ -12,7 +12,7 @@ use super::ledger::{Group, Kind};
 use super::piece::Sums;
 use super::report::Issues;
 use super::tile::Context;
-use crate::manifest::{Manifest, checksum_of};
+use crate::manifest::{Manifest, TableChecksums, checksum_of};
 use crate::tile::read::{MEASURES, Measured};
 use std::fs::File;
 use std::io::{BufRead, BufReader, Read};
@@ -63,47 +63,77 @@ fn title(&(name, power): &(&str, u32), unit: &str) -> String {
     }
 }
 
-/// The path of the table of a kind, as it is stated, and its file, whose checksum has been compared. `None` if it is
-/// missing or has another name.
-fn file_of<'m>(
-    root: &Path,
-    manifest: &'m Manifest,
-    kind: Kind,
-    issues: &mut Issues,
-) -> Option<(&'m str, File)> {
-    let tables = &manifest.tables;
-    let path = match kind {
-        Kind::Surface => &tables.surfaces,
-        Kind::Cell => &tables.cells,
-        Kind::Object => &tables.objects,
-    };
-    let at = format!("index.json#/tables/{}", kind.plural());
-    let real = files::resolve(root, path, &at, issues)?;
-    let named = format!("{}.csv", kind.plural());
-    if *path != named {
-        let message = format!("found {path}, expected {named}");
-        issues.add(Code::PathName, at, message);
-        return None;
-    }
-    let stated = tables.checksums.as_ref().map(|all| match kind {
-        Kind::Surface => &all.surfaces,
-        Kind::Cell => &all.cells,
-        Kind::Object => &all.objects,
-    });
-    if let Some(stated) = stated
-        && let Ok(found) = files::open(&real).and_then(checksum_of)
-        && found != *stated
-    {
-        let message = format!("found {found}, expected {stated} as in index.json#/tables");
-        issues.add(Code::Checksum, path, message);
-    }
-    match files::open(&real) {
-        Ok(file) => Some((path, file)),
-        Err(e) => {
-            issues.add(Code::MissingFile, path, format!("cannot be read: {e}"));
-            None
+/// The files of the tables in one format, as the index names them: of surfaces, cells and objects.
+pub(super) struct Files<'m> {
+    paths: [&'m str; 3],
+    checksums: Option<[&'m str; 3]>,
+    /// Where the index has them.
+    at: &'static str,
+    /// What their names end with.
+    ending: &'static str,
+}
+
+impl<'m> Files<'m> {
+    /// In CSV.
+    pub fn csv(manifest: &'m Manifest) -> Self {
+        let tables = &manifest.tables;
+        Files {
+            paths: [&tables.surfaces, &tables.cells, &tables.objects],
+            checksums: tables.checksums.as_ref().map(in_order),
+            at: "index.json#/tables",
+            ending: "csv",
         }
     }
+
+    /// In Parquet, if there are such.
+    pub fn parquet(manifest: &'m Manifest) -> Option<Self> {
+        let tables = manifest.tables.parquet.as_ref()?;
+        Some(Files {
+            paths: [&tables.surfaces, &tables.cells, &tables.objects],
+            checksums: tables.checksums.as_ref().map(in_order),
+            at: "index.json#/tables/parquet",
+            ending: "parquet",
+        })
+    }
+
+    /// Opens that of a kind, whose checksum is compared: its path, the file, and whether the checksum is right. `None` if
+    /// it is missing or has another name.
+    pub fn open(
+        &self,
+        root: &Path,
+        kind: Kind,
+        issues: &mut Issues,
+    ) -> Option<(&'m str, File, bool)> {
+        let path = self.paths[kind as usize];
+        let at = format!("{}/{}", self.at, kind.plural());
+        let real = files::resolve(root, path, &at, issues)?;
+        let named = format!("{}.{}", kind.plural(), self.ending);
+        if *path != named {
+            let message = format!("found {path}, expected {named}");
+            issues.add(Code::PathName, at, message);
+            return None;
+        }
+        let mut is_right = true;
+        if let Some(stated) = self.checksums.map(|all| all[kind as usize])
+            && let Ok(found) = files::open(&real).and_then(checksum_of)
+            && found != stated
+        {
+            let message = format!("found {found}, expected {stated} as in index.json#/tables");
+            issues.add(Code::Checksum, path, message);
+            is_right = false;
+        }
+        match files::open(&real) {
+            Ok(file) => Some((path, file, is_right)),
+            Err(e) => {
+                issues.add(Code::MissingFile, path, format!("cannot be read: {e}"));
+                None
+            }
+        }
+    }
+}
+
+fn in_order(all: &TableChecksums) -> [&str; 3] {
+    [&all.surfaces, &all.cells, &all.objects]
 }
 
 /// A table that is being read.
@@ -129,7 +159,7 @@ impl Table {
     /// Opens the table of a kind and reads its header. `None` if it is missing or has none.
     pub fn open(cx: &Context, kind: Kind, issues: &mut Issues) -> Option<Self> {
         let manifest = cx.manifest;
-        let (path, file) = file_of(cx.root, manifest, kind, issues)?;
+        let (path, file, _) = Files::csv(manifest).open(cx.root, kind, issues)?;
         let measured = manifest.measured();
         let spacing = measured.spacing;
         let voxel: f64 = spacing.iter().product();

@@ -4,10 +4,11 @@ use crate::convert::label::LabelInput;
 use crate::convert::label::band::{Band, BandSource, SealedBand, span_of};
 use crate::convert::label::queue::{LabelQueue, LabelTask, Limits};
 use crate::convert::label::state::{LabelState, SlabLabels};
+use crate::convert::shared_queue::SharedQueue;
 use crate::error::{Error, Result};
-use crate::sys::locks::{into_inner, lock, wait};
+use crate::sys::locks::lock;
 use crate::volume::Voxel;
-use std::sync::{Condvar, Mutex};
+use std::sync::Mutex;
 
 /// All that the threads share.
 pub struct LabelWorkers<'a, T, F> {
@@ -16,8 +17,7 @@ pub struct LabelWorkers<'a, T, F> {
     layers: u32,
     /// The state, and who hears of each slab.
     state: Mutex<(&'a mut LabelState, F)>,
-    queue: Mutex<LabelQueue<Band<T>, SealedBand>>,
-    changed: Condvar,
+    queue: SharedQueue<LabelQueue<Band<T>, SealedBand>>,
 }
 
 impl<'a, T, F> LabelWorkers<'a, T, F>
@@ -39,8 +39,7 @@ where
             source,
             layers: limits.layers,
             state: Mutex::new((state, each)),
-            queue: Mutex::new(LabelQueue::new(limits, layer)),
-            changed: Condvar::new(),
+            queue: SharedQueue::new(LabelQueue::new(limits, layer)),
         }
     }
 
@@ -49,29 +48,9 @@ where
     /// # Errors
     /// As of [`label`](crate::convert::label::label).
     pub fn run(self) -> Result<()> {
-        rayon::broadcast(|_| self.work());
-        into_inner(self.queue).outcome()
-    }
-
-    /// What each thread does.
-    fn work(&self) {
-        let _guard = WakeOnPanic(self);
-        let mut queue = lock(&self.queue);
-        loop {
-            let task = queue.next(self.input.job.progress.interrupted());
-            queue = match task {
-                LabelTask::Finished => break,
-                LabelTask::Wait => wait(&self.changed, queue),
-                task => {
-                    drop(queue);
-                    self.take(task);
-                    self.changed.notify_all();
-                    lock(&self.queue)
-                }
-            };
-        }
-        drop(queue);
-        self.changed.notify_all();
+        let progress = self.input.job.progress;
+        rayon::broadcast(|_| self.queue.work(progress, |task| self.take(task), || {}));
+        self.queue.into_inner().outcome()
     }
 
     /// Does it and tells so.
@@ -80,13 +59,12 @@ where
             LabelTask::Label(place, memory) => {
                 let mut band = memory.unwrap_or_else(|| self.source.band());
                 let sealed = self.label(place, &mut band);
-                lock(&self.queue).labelled(place, sealed, band);
+                self.queue.lock().labelled(place, sealed, band);
             }
             LabelTask::Join(layer, bands) => {
                 let joined = self.join(layer, bands);
-                lock(&self.queue).joined(joined);
+                self.queue.lock().joined(joined);
             }
-            LabelTask::Wait | LabelTask::Finished => {}
         }
     }
 
@@ -119,18 +97,6 @@ where
             self.input
                 .volume
                 .prefetch(span.with_neighbours(self.source.tiling.dims).z);
-        }
-    }
-}
-
-/// Lets threads that wait see that another one has panicked.
-struct WakeOnPanic<'a, 'b, T, F>(&'a LabelWorkers<'b, T, F>);
-
-impl<T, F> Drop for WakeOnPanic<'_, '_, T, F> {
-    fn drop(&mut self) {
-        if std::thread::panicking() {
-            lock(&self.0.queue).fail(Error::Interrupted);
-            self.0.changed.notify_all();
         }
     }
 }

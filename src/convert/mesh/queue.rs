@@ -1,5 +1,7 @@
 //! Which band is meshed next, and which tile: bands in any order, tiles of those in memory first.
 
+use crate::convert::band_order::BandOrder;
+use crate::convert::shared_queue::{Next, Queue};
 use crate::error::{Error, Result};
 use std::collections::{BTreeMap, VecDeque};
 use std::sync::Arc;
@@ -34,16 +36,14 @@ pub enum MeshTask<B> {
     Tile(TileTask<B>),
     /// End a layer whose tiles are made.
     End(u32),
-    /// Wait until something changes.
-    Wait,
-    /// Nothing is left, or something failed.
-    Finished,
 }
 
 /// Bands in turn: each is loaded by whichever thread finds no tile to make, so that there are no more in memory than
 /// threads are busy with. Layers end one after the other.
 pub struct MeshQueue<B> {
-    limits: Limits,
+    order: BandOrder,
+    /// See [`Limits::at_once`].
+    at_once: u32,
     /// The next band that nobody has had, by layer, then y.
     next: u64,
     /// Bands to be loaded once more, as there was no memory for them or for a tile, and their tiles that are left; all
@@ -55,8 +55,6 @@ pub struct MeshQueue<B> {
     /// Tiles left of each band that has been loaded, and of those bands of a layer that have not ended.
     left: BTreeMap<u64, u32>,
     ended_bands: BTreeMap<u32, u32>,
-    /// The next layer to end.
-    layer: u32,
     /// Layers that are kept, so that they are not made again after an interruption.
     kept: u32,
     ending: bool,
@@ -67,98 +65,43 @@ pub struct MeshQueue<B> {
     spare: Vec<B>,
     /// There was no memory for several tiles of a band at once.
     one_by_one: bool,
-    /// The layer in hand when it was interrupted.
-    last: Option<u32>,
-    failed: Option<Error>,
 }
 
 impl<B> MeshQueue<B> {
     /// Begins with `layer`.
     pub fn new(limits: Limits, layer: u32) -> Self {
+        let order = BandOrder::new([limits.bands, limits.layers], layer);
         MeshQueue {
-            limits,
-            next: u64::from(layer) * u64::from(limits.bands),
+            next: order.first_of(layer),
+            order,
+            at_once: limits.at_once,
             again: Vec::new(),
             reloading: BTreeMap::new(),
             tiles: VecDeque::new(),
             left: BTreeMap::new(),
             ended_bands: BTreeMap::new(),
-            layer,
             kept: layer,
             ending: false,
             in_hand: 0,
             exist: 0,
             spare: Vec::new(),
             one_by_one: false,
-            last: None,
-            failed: None,
         }
-    }
-
-    /// What the thread that asks is to do. If that is anything but to wait or to end, it tells so when it has done it,
-    /// and wakes those that wait.
-    pub fn next(&mut self, interrupted: bool) -> MeshTask<B> {
-        if interrupted && self.layer < self.limits.layers {
-            // to end the layer in hand takes less time than to come back to it
-            self.last.get_or_insert(self.layer);
-        }
-        if self.last.is_some_and(|last| self.layer > last) && self.layer < self.limits.layers {
-            self.fail(Error::Interrupted);
-        }
-        if self.failed.is_some() || self.layer == self.limits.layers {
-            return MeshTask::Finished;
-        }
-        let ended = self.ended_bands.get(&self.layer);
-        if !self.ending && ended == Some(&self.limits.bands) {
-            self.ending = true;
-            return MeshTask::End(self.layer);
-        }
-        if self.one_by_one && self.in_hand > 0 {
-            return MeshTask::Wait;
-        }
-        if let Some(tile) = self.tiles.pop_front() {
-            self.in_hand += 1;
-            return MeshTask::Tile(tile);
-        }
-        if let Some(number) = self.take_band() {
-            self.in_hand += 1;
-            let memory = self.spare.pop();
-            self.exist += u32::from(memory.is_none());
-            return MeshTask::Load(self.place(number), memory);
-        }
-        let all_taken = self.next == self.first_of(self.limits.layers) && self.again.is_empty();
-        match all_taken && self.in_hand > 0 && !self.one_by_one {
-            // whoever makes the last tile ends the last layer, too
-            true => MeshTask::Finished,
-            false => MeshTask::Wait,
-        }
-    }
-
-    fn first_of(&self, layer: u32) -> u64 {
-        u64::from(layer) * u64::from(self.limits.bands)
-    }
-
-    fn place(&self, number: u64) -> [u32; 2] {
-        let bands = u64::from(self.limits.bands);
-        [(number % bands) as u32, (number / bands) as u32]
-    }
-
-    fn number(&self, [ty, layer]: [u32; 2]) -> u64 {
-        self.first_of(layer) + u64::from(ty)
     }
 
     fn take_band(&mut self) -> Option<u64> {
-        if self.spare.is_empty() && self.exist >= self.limits.at_once {
+        if self.spare.is_empty() && self.exist >= self.at_once {
             return None;
         }
         if let Some((number, tiles)) = self.again.pop() {
             self.reloading.insert(number, tiles);
             return Some(number);
         }
-        let end = self.last.map_or(self.limits.layers, |last| last + 1);
+        let order = &self.order;
+        let end = order.last.map_or(order.layers, |last| last + 1);
         // no more than two layers are lost, however long the disk takes
         let end = end.min(self.kept + OPEN_LAYERS);
-        (self.next < self.first_of(end)).then(|| {
+        (self.next < order.first_of(end)).then(|| {
             self.next += 1;
             self.next - 1
         })
@@ -167,7 +110,7 @@ impl<B> MeshQueue<B> {
     /// A band is loaded and has these tiles to be made, or there was no memory for it or another failure.
     pub fn loaded(&mut self, place: [u32; 2], band: Result<(B, Vec<u32>)>) {
         self.in_hand -= 1;
-        let number = self.number(place);
+        let number = self.order.number(place);
         let left = self.reloading.remove(&number).flatten();
         let (band, tiles) = match band {
             Ok(loaded) => loaded,
@@ -206,7 +149,7 @@ impl<B> MeshQueue<B> {
             band,
             grid: [tx, ty, layer],
         } = task;
-        let number = self.number([ty, layer]);
+        let number = self.order.number([ty, layer]);
         match made {
             Ok(()) => {
                 let left = self.left.get_mut(&number).expect("its band was loaded");
@@ -215,7 +158,7 @@ impl<B> MeshQueue<B> {
                     self.end_band(number);
                 }
                 match Arc::into_inner(band) {
-                    Some(band) if self.exist <= self.limits.at_once => self.spare.push(band),
+                    Some(band) if self.exist <= self.at_once => self.spare.push(band),
                     Some(_) => self.exist -= 1,
                     None => {}
                 }
@@ -231,7 +174,7 @@ impl<B> MeshQueue<B> {
 
     /// Puts a tile off until its band is loaded once more.
     fn close(&mut self, place: [u32; 2], tx: u32, band: Arc<B>) {
-        let number = self.number(place);
+        let number = self.order.number(place);
         match self.again.iter_mut().find(|(again, _)| *again == number) {
             Some((_, tiles)) => tiles.get_or_insert_default().push(tx),
             None => self.again.push((number, Some(vec![tx]))),
@@ -253,17 +196,17 @@ impl<B> MeshQueue<B> {
 
     fn end_band(&mut self, number: u64) {
         self.left.remove(&number);
-        let [_, layer] = self.place(number);
+        let [_, layer] = self.order.place(number);
         *self.ended_bands.entry(layer).or_default() += 1;
     }
 
     /// The next layer has ended and so many are kept, or that has failed.
     pub fn ended(&mut self, ended: Result<u32>) {
         self.ending = false;
-        self.ended_bands.remove(&self.layer);
+        self.ended_bands.remove(&self.order.layer);
         match ended {
             Ok(kept) => {
-                self.layer += 1;
+                self.order.layer += 1;
                 self.keep(kept);
             }
             Err(error) => self.fail(error),
@@ -281,17 +224,12 @@ impl<B> MeshQueue<B> {
         let can = matches!(error, Error::TooDense { .. }) && (!self.one_by_one || others);
         self.exist -= self.spare.len() as u32;
         self.spare.clear();
-        self.one_by_one |= self.limits.at_once == 1;
-        self.limits.at_once = (self.limits.at_once / 2).max(1);
+        self.one_by_one |= self.at_once == 1;
+        self.at_once = (self.at_once / 2).max(1);
         if !can {
             self.fail(error);
         }
         can
-    }
-
-    /// Something has failed; nothing new is begun.
-    pub fn fail(&mut self, error: Error) {
-        self.failed.get_or_insert(error);
     }
 
     /// How it came out, when no thread has anything in hand.
@@ -299,6 +237,45 @@ impl<B> MeshQueue<B> {
     /// # Errors
     /// What has failed.
     pub fn outcome(self) -> Result<()> {
-        self.failed.map_or(Ok(()), Err)
+        self.order.outcome()
+    }
+}
+
+impl<B> Queue for MeshQueue<B> {
+    type Task = MeshTask<B>;
+
+    fn next(&mut self, interrupted: bool) -> Next<Self::Task> {
+        if self.order.is_over(interrupted) {
+            return Next::Finished;
+        }
+        let layer = self.order.layer;
+        if !self.ending && self.ended_bands.get(&layer) == Some(&self.order.bands) {
+            self.ending = true;
+            return Next::Do(MeshTask::End(layer));
+        }
+        if self.one_by_one && self.in_hand > 0 {
+            return Next::Wait;
+        }
+        if let Some(tile) = self.tiles.pop_front() {
+            self.in_hand += 1;
+            return Next::Do(MeshTask::Tile(tile));
+        }
+        if let Some(number) = self.take_band() {
+            self.in_hand += 1;
+            let memory = self.spare.pop();
+            self.exist += u32::from(memory.is_none());
+            return Next::Do(MeshTask::Load(self.order.place(number), memory));
+        }
+        let all = self.order.first_of(self.order.layers);
+        let all_taken = self.next == all && self.again.is_empty();
+        match all_taken && self.in_hand > 0 && !self.one_by_one {
+            // whoever makes the last tile ends the last layer, too
+            true => Next::Finished,
+            false => Next::Wait,
+        }
+    }
+
+    fn fail(&mut self, error: Error) {
+        self.order.fail(error);
     }
 }

@@ -6,11 +6,12 @@ use crate::convert::mesh::band::{BandLoader, MeshBand};
 use crate::convert::mesh::collect::TileCollector;
 use crate::convert::mesh::queue::{Limits, MeshQueue, MeshTask, TileTask};
 use crate::convert::mesh::{MeshInput, Meshing};
-use crate::error::{Error, Result};
+use crate::convert::shared_queue::{Queue, SharedQueue};
+use crate::error::Result;
 use crate::sys::background_writer::BackgroundWriters;
-use crate::sys::locks::{into_inner, lock, wait};
+use crate::sys::locks::{into_inner, lock};
 use crate::volume::Voxel;
-use std::sync::{Condvar, Mutex};
+use std::sync::Mutex;
 
 /// All that the threads share.
 pub struct MeshWorkers<'a, T> {
@@ -19,8 +20,7 @@ pub struct MeshWorkers<'a, T> {
     loader: BandLoader<'a>,
     collector: Mutex<&'a mut TileCollector>,
     pending: Mutex<PendingCommit<'a>>,
-    queue: Mutex<MeshQueue<MeshBand<T>>>,
-    changed: Condvar,
+    queue: SharedQueue<MeshQueue<MeshBand<T>>>,
 }
 
 /// Keeps layers that have ended when their tiles are on the disk, while others are made.
@@ -107,8 +107,7 @@ impl<'a, T: Voxel + Default> MeshWorkers<'a, T> {
                 ready: before,
                 kept: before,
             }),
-            queue: Mutex::new(queue),
-            changed: Condvar::new(),
+            queue: SharedQueue::new(queue),
         }
     }
 
@@ -117,37 +116,19 @@ impl<'a, T: Voxel + Default> MeshWorkers<'a, T> {
     /// # Errors
     /// As of [`mesh`](crate::convert::mesh::mesh).
     pub fn run(self) -> Result<Option<u64>> {
-        rayon::broadcast(|_| self.work());
+        let progress = self.input.job.progress;
+        rayon::broadcast(|_| {
+            let (take, then) = (|task| self.take(task), || self.commit_if_written());
+            self.queue.work(progress, take, then);
+        });
         let mut pending = into_inner(self.pending);
-        match into_inner(self.queue).outcome() {
+        match self.queue.into_inner().outcome() {
             Ok(()) => Ok(pending.tiles),
             Err(error) => {
                 pending.commit()?;
                 Err(error)
             }
         }
-    }
-
-    /// What each thread does.
-    fn work(&self) {
-        let _guard = WakeOnPanic(self);
-        let mut queue = lock(&self.queue);
-        loop {
-            let task = queue.next(self.input.job.progress.interrupted());
-            queue = match task {
-                MeshTask::Finished => break,
-                MeshTask::Wait => wait(&self.changed, queue),
-                task => {
-                    drop(queue);
-                    self.take(task);
-                    self.changed.notify_all();
-                    self.commit_if_written();
-                    lock(&self.queue)
-                }
-            };
-        }
-        drop(queue);
-        self.changed.notify_all();
     }
 
     /// Does it and tells so.
@@ -160,17 +141,18 @@ impl<'a, T: Voxel + Default> MeshWorkers<'a, T> {
                     let all = u64::from(self.loader.tiling.tiles()[0]);
                     self.input.job.progress.advance(all - tiles.len() as u64);
                 }
-                lock(&self.queue).loaded(place, tiles.map(|tiles| (band, tiles)));
+                self.queue
+                    .lock()
+                    .loaded(place, tiles.map(|tiles| (band, tiles)));
             }
             MeshTask::Tile(task) => {
                 let made = self.tile(&task);
-                lock(&self.queue).made(task, made);
+                self.queue.lock().made(task, made);
             }
             MeshTask::End(layer) => {
                 let ended = self.end(layer);
-                lock(&self.queue).ended(ended);
+                self.queue.lock().ended(ended);
             }
-            MeshTask::Wait | MeshTask::Finished => {}
         }
     }
 
@@ -211,21 +193,9 @@ impl<'a, T: Voxel + Default> MeshWorkers<'a, T> {
         drop(pending);
         match committed {
             Ok(()) if kept == before => return,
-            Ok(()) => lock(&self.queue).keep(kept),
-            Err(error) => lock(&self.queue).fail(error),
+            Ok(()) => self.queue.lock().keep(kept),
+            Err(error) => self.queue.lock().fail(error),
         }
-        self.changed.notify_all();
-    }
-}
-
-/// Lets threads that wait see that another one has panicked.
-struct WakeOnPanic<'a, 'b, T>(&'a MeshWorkers<'b, T>);
-
-impl<T> Drop for WakeOnPanic<'_, '_, T> {
-    fn drop(&mut self) {
-        if std::thread::panicking() {
-            lock(&self.0.queue).fail(Error::Interrupted);
-            self.0.changed.notify_all();
-        }
+        self.queue.wake();
     }
 }

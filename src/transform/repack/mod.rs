@@ -112,15 +112,14 @@ fn repack_into(
 
 /// Copies the tables, and the picture of colours if there is one, under the names of the format.
 fn copy_tables(set: &TileSet, work: &Path, made: &mut Manifest) -> Result<()> {
-    let copy = |name: &mut String, file: &str| {
+    let copy = |name: &str, file: &str| {
         let source = set.path(name)?;
-        *name = file.to_owned();
         let copied = std::fs::copy(&source, work.join(file));
         copied.map_err(|e| Error::io(&source, "copy", e))
     };
-    copy(&mut made.tables.cells, Table::Cells.file())?;
-    copy(&mut made.tables.objects, Table::Objects.file())?;
-    copy(&mut made.tables.surfaces, Table::Surfaces.file())?;
+    copy(&made.tables.cells, Table::Cells.file())?;
+    copy(&made.tables.objects, Table::Objects.file())?;
+    copy(&made.tables.surfaces, Table::Surfaces.file())?;
     // those in Parquet are made of these
     made.tables = Tables::named(made.tables.parquet.is_some());
     let selection = made.selection.as_mut();
@@ -128,9 +127,10 @@ fn copy_tables(set: &TileSet, work: &Path, made: &mut Manifest) -> Result<()> {
         // sets may lack the SVG, which the index does not name
         let svg = set.dir().join(LEGEND_SVG);
         if svg.is_file() {
-            copy(&mut LEGEND_SVG.to_owned(), LEGEND_SVG)?;
+            copy(LEGEND_SVG, LEGEND_SVG)?;
         }
-        copy(&mut colours.legend, LEGEND)?;
+        copy(&colours.legend, LEGEND)?;
+        colours.legend = LEGEND.to_owned();
     }
     Ok(())
 }

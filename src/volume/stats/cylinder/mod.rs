@@ -96,25 +96,9 @@ fn find<T: Voxel>(
     }
     let tilt = axis.degrees(volume.header().placement.spacing);
     let mut warnings: Vec<String> = bodies.others.iter().map(|o| o.warning(raster)).collect();
-    if tilt > 0.0 {
-        warnings.push(format!(
-            "the sample is tilted by {tilt:.1} degrees: the cylinder of --roi, which is upright, ends up to {:.1} voxels inside \
-             of its rim",
-            2.0 * lost * f64::from(raster.pixel)
-        ));
-    }
-    if shown != *z {
-        warnings.push(format!(
-            "only slices {} to {} of {} to {} show the round sample, the others air, a holder or something else; the \
-             cylinder of --roi goes through all of them: --crop :,:,{}:{} leaves them out",
-            shown.start,
-            shown.end - 1,
-            z.start,
-            z.end - 1,
-            shown.start,
-            shown.end
-        ));
-    }
+    let inside = 2.0 * lost * f64::from(raster.pixel);
+    warnings.extend(warning_of_tilt(tilt, inside));
+    warnings.extend(warning_of_slices(&shown, z));
     Ok(FoundCylinder {
         cylinder,
         others: bodies
@@ -125,6 +109,30 @@ fn find<T: Voxel>(
         slices: shown,
         tilt,
         warnings,
+    })
+}
+
+/// That the sample is not upright, by so many degrees and voxels, if it is not.
+fn warning_of_tilt(tilt: f64, inside: f64) -> Option<String> {
+    (tilt > 0.0).then(|| {
+        format!(
+            "the sample is tilted by {tilt:.1} degrees: the cylinder of --roi, which is upright, ends up to {inside:.1} voxels \
+             inside of its rim"
+        )
+    })
+}
+
+/// That not all slices show the sample, if they do not.
+fn warning_of_slices(shown: &Range<u32>, all: &Range<u32>) -> Option<String> {
+    (shown != all).then(|| {
+        let (first, last) = (shown.start, shown.end - 1);
+        format!(
+            "only slices {first} to {last} of {} to {} show the round sample, the others air, a holder or something else; the \
+             cylinder of --roi goes through all of them: --crop :,:,{first}:{} leaves them out",
+            all.start,
+            all.end - 1,
+            shown.end
+        )
     })
 }
 
