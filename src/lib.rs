@@ -166,6 +166,7 @@ pub mod phantom;
 mod picture;
 pub mod preview;
 pub mod progress;
+pub mod split;
 mod strip;
 mod surface;
 mod sys;

@@ -36,4 +36,5 @@ pub use provisional::{ProvisionalLabels, Ranks, ResidentLabels};
 pub use region_edge::{InsideBand, note_region_edge};
 pub use runs::{RowRuns, Run, Runs};
 pub use slab_merge::{BandInput, CarriedComponents, PhaseLabels, SlabComponents};
+pub use union_find::UnionFind;
 pub use voxels::{Span, Voxels};
