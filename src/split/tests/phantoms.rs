@@ -91,7 +91,7 @@ struct Match {
     cells: usize,
 }
 
-/// Compares cells with balls; a voxel is of the ball in which it is deepest.
+/// Compares cells with balls; a voxel of air is of the ball in which it is deepest, by the radical planes of the balls.
 fn matches(labels: &[u64], balls: &[Ball]) -> Vec<Match> {
     let mut ball_of = vec![(0.0, usize::MAX); labels.len()];
     for (i, &[cx, cy, cz, radius]) in balls.iter().enumerate() {
@@ -103,7 +103,7 @@ fn matches(labels: &[u64], balls: &[Ball]) -> Vec<Match> {
             for y in near(cy) {
                 for x in near(cx) {
                     let d = [x as f64 - cx, y as f64 - cy, z as f64 - cz];
-                    let depth = d.iter().map(|v| v * v).sum::<f64>().sqrt() - radius;
+                    let depth = d.iter().map(|v| v * v).sum::<f64>() - radius * radius;
                     let at = &mut ball_of[(z * SIDE + y) * SIDE + x];
                     if depth < at.0 {
                         *at = (depth, i);
@@ -116,7 +116,7 @@ fn matches(labels: &[u64], balls: &[Ball]) -> Vec<Match> {
     let mut shared = vec![std::collections::BTreeMap::<u64, usize>::new(); balls.len()];
     for (&label, &(_, ball)) in labels.iter().zip(&ball_of) {
         sizes[label as usize] += 1;
-        if let Some(cells) = shared.get_mut(ball) {
+        if let Some(cells) = shared.get_mut(ball).filter(|_| label > 0) {
             *cells.entry(label).or_default() += 1;
         }
     }
@@ -127,15 +127,15 @@ fn matches(labels: &[u64], balls: &[Ball]) -> Vec<Match> {
             let error = (size as f64 - volume as f64).abs() / volume as f64;
             (both as f64 / (size + volume - both) as f64, error)
         };
-        let of_air = || cells.iter().filter(|(cell, _)| **cell > 0);
-        let best = of_air()
+        let best = cells
+            .iter()
             .map(overlap)
             .max_by(|a, b| a.0.total_cmp(&b.0))
             .unwrap();
         Match {
             overlap: best.0,
             error: best.1,
-            cells: of_air().filter(|(_, both)| 5 * **both > volume).count(),
+            cells: cells.values().filter(|&&both| 5 * both > volume).count(),
         }
     };
     shared.into_iter().map(found).collect()
