@@ -172,6 +172,29 @@ pub enum Error {
         /// How to go on.
         next: String,
     },
+    /// Some of several scans could not be converted.
+    #[error(
+        "{failed} of {of} scans could not be converted: the column `error` of {} says why",
+        table.display()
+    )]
+    ScansFailed {
+        /// How many.
+        failed: usize,
+        /// Of how many.
+        of: usize,
+        /// The table of all scans.
+        table: PathBuf,
+    },
+    /// The caller asked to stop before all of several scans were converted.
+    #[error("stopped on request: {done} of {of} scans are done: {next}")]
+    ScansStopped {
+        /// How many are done.
+        done: usize,
+        /// Of how many.
+        of: usize,
+        /// How to go on.
+        next: String,
+    },
     /// The caller asked to stop.
     #[error("stopped on request")]
     Interrupted,

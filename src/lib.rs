@@ -157,6 +157,7 @@ pub mod error;
 pub mod export;
 mod gltf;
 pub mod grid;
+mod http;
 #[doc(hidden)]
 pub mod kernels;
 mod labels;
@@ -166,6 +167,7 @@ pub mod phantom;
 mod picture;
 pub mod preview;
 pub mod progress;
+mod serve;
 pub mod split;
 mod strip;
 mod surface;

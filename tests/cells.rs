@@ -156,6 +156,63 @@ fn rows_are_filtered_and_sorted() {
     assert_eq!(ids(&json(&ok(dir.path(), &none)), "cells"), [0u64; 0]);
 }
 
+/// The largest are the first of a sort, after the condition; they come in that order, or in the one asked for.
+#[test]
+fn the_largest_are_those_of_a_sort() {
+    let dir = foam_tiles(&[]);
+    let dir = dir.path();
+    let noise = "phantom noise noise.mhd --dims 20,18,16 --density 0.2 --quiet";
+    ok(dir, &noise.split(' ').collect::<Vec<_>>());
+    let convert = "convert noise.mhd tiles --threshold 128 --force --quiet";
+    ok(dir, &convert.split(' ').collect::<Vec<_>>());
+    for (table, key) in [
+        ("cells", "volume"),
+        ("objects", "volume"),
+        ("surfaces", "area"),
+    ] {
+        let table_option = format!("--{table}");
+        let base: Vec<&str> = match table {
+            "cells" => vec!["cells", "tiles", "--json"],
+            _ => vec!["cells", "tiles", "--json", &table_option],
+        };
+        let run = |more: &[&str]| ids(&json(&ok(dir, &[&base[..], more].concat())), table);
+        let falling = format!("-{key}");
+        for condition in ["true", "tiles < 3", "id > 2"] {
+            let sorted = run(&["--where", condition, "--sort", &falling]);
+            for n in [1, 3, 1000] {
+                let text = n.to_string();
+                let args = ["--where", condition, "--largest", &text];
+                let first = &sorted[..n.min(sorted.len())];
+                assert_eq!(run(&args), first, "{table} {condition} {n}");
+                let mut by_id = first.to_vec();
+                by_id.sort_unstable();
+                assert_eq!(run(&[&args[..], &["--sort", "id"]].concat()), by_id);
+                let top = run(&[&args[..], &["--sort", "id", "--top", "2"]].concat());
+                assert_eq!(top, by_id[..2.min(by_id.len())]);
+            }
+        }
+    }
+    let value = json(&ok(
+        dir,
+        &["cells", "tiles", "--objects", "--largest", "3", "--json"],
+    ));
+    let rows = value["objects"].as_array().unwrap();
+    let voxels: f64 = rows.iter().map(|r| r["voxels"].as_f64().unwrap()).sum();
+    let args = [
+        "cells",
+        "tiles",
+        "--objects",
+        "--largest",
+        "3",
+        "--summary",
+        "--json",
+    ];
+    let summary = json(&ok(dir, &args));
+    assert_eq!(summary["objects"], 3);
+    let share = voxels / (20.0 * 18.0 * 16.0);
+    assert!((summary["volume_fraction"].as_f64().unwrap() - share).abs() < 1e-12);
+}
+
 #[test]
 fn a_table_for_people_is_short() {
     let dir = foam_tiles(&[]);
@@ -599,6 +656,19 @@ fn refusals_are_one_message() {
         (&["cells", "tiles", "--summary", "--surfaces"], "--surfaces"),
         (&["cells", "tiles", "--summary", "--format", "csv"], "csv"),
         (&["cells", "tiles", "--outside", "none"], "--summary"),
+        (&["cells", "tiles", "--largest", "0"], "at least 1"),
+        (
+            &[
+                "cells",
+                "tiles",
+                "--summary",
+                "--largest",
+                "2",
+                "--outside",
+                "border-cell",
+            ],
+            "--largest",
+        ),
     ] {
         let message = fails(dir.path(), args);
         assert!(message.contains(part), "{args:?}: {message}");

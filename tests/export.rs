@@ -256,7 +256,7 @@ fn a_part_is_what_select_writes() {
         for text in ["not touches_border", "voxels > 3", "id > 0", "id <= 4"] {
             let part = dir.path().join("part");
             let options = alvis::transform::select::SelectOptions {
-                condition: Some(text.to_string()),
+                chosen: Chosen::cells(text),
                 force: true,
                 ..Default::default()
             };

@@ -124,7 +124,12 @@ fn contours_stand_side_by_side() {
 
 /// Labels the below voxels of the volume, 18-connected or 6-connected, ids by the first voxel.
 fn labels(samples: &[u8], threshold: f64, diagonal: bool) -> Vec<u64> {
-    let below = |i: usize| f64::from(samples[i]) < threshold;
+    labels_of(samples, |v| v < threshold, diagonal)
+}
+
+/// The same of the voxels of one phase.
+fn labels_of(samples: &[u8], phase: impl Fn(f64) -> bool, diagonal: bool) -> Vec<u64> {
+    let below = |i: usize| phase(f64::from(samples[i]));
     let mut label = vec![0; samples.len()];
     let mut next = 0;
     for start in 0..samples.len() {
@@ -217,6 +222,114 @@ fn cells_have_the_colours_of_their_labels() {
     }
 }
 
+/// A directory with noise in place of the foam, whose objects are many, and its tile set.
+fn noise_tiles(rule: &str) -> tempfile::TempDir {
+    let dir = tempfile::tempdir().unwrap();
+    let phantom = "phantom noise foam.mhd --dims 40,36,32 --density 0.12 --quiet";
+    ok(dir.path(), &phantom.split(' ').collect::<Vec<_>>());
+    let convert = "convert foam.mhd tiles --threshold 128 --macrocube 16 --quiet --ambiguous";
+    ok(
+        dir.path(),
+        &convert.split(' ').chain([rule]).collect::<Vec<_>>(),
+    );
+    dir
+}
+
+#[test]
+fn objects_have_the_colours_of_their_labels() {
+    for rule in ["separate", "join"] {
+        let dir = noise_tiles(rule);
+        let dir = dir.path();
+        let samples = samples(dir);
+        let label = labels_of(&samples, |v| v >= 128.0, rule == "join");
+        let black = "--scale 1 --tiles tiles --objects --threshold 1000 --window 500:501";
+        for (axis, at) in [(2, 0), (2, 15), (1, 16), (0, 39)] {
+            let at_text = at.to_string();
+            let place = ["--axis", ["x", "y", "z"][axis], "--at", &at_text];
+            let picture = |more: &[&str]| {
+                let args: Vec<&str> = black.split(' ').chain(place).collect();
+                picture(dir, &[&args[..], more].concat())
+            };
+            let all = picture(&[]);
+            let chosen = picture(&["--where", "id <= 40"]);
+            let mut colour = BTreeMap::new();
+            for (x, y, pixel) in all.enumerate_pixels() {
+                let object = label[index(axis, at, x as usize, y as usize)];
+                assert_eq!(object == 0, pixel.0 == [0; 3], "{axis} {at} {x} {y}");
+                assert_eq!(colour.entry(object).or_insert(*pixel), pixel, "{object}");
+                let expected = if object <= 40 { pixel.0 } else { [0; 3] };
+                assert_eq!(chosen.get_pixel(x, y).0, expected, "{object}");
+            }
+            let distinct: BTreeSet<[u8; 3]> = colour.values().map(|p| p.0).collect();
+            assert!(distinct.len() > colour.len() / 2 && colour.len() > 20);
+        }
+    }
+}
+
+/// Outlines lie where the surface crosses between voxels, those that are chosen and no others.
+#[test]
+fn surfaces_are_outlined() {
+    let dir = foam_tiles(&[]);
+    let dir = dir.path();
+    let samples = samples(dir);
+    let manifest = std::fs::read_to_string(dir.join("tiles/index.json")).unwrap();
+    let threshold = json(&manifest)["threshold"].as_f64().unwrap();
+    let label = labels(&samples, threshold, true);
+    let draw = |scale: &str, more: &[&str]| {
+        let args = ["--tiles", "tiles", "--surfaces", "--scale", scale];
+        picture(dir, &[&args[..], more].concat())
+    };
+    let none = draw("8", &["--where", "false"]);
+    assert!(none.pixels().all(|p| p.0 == [p.0[0]; 3]));
+    let all = draw("8", &[]);
+    let cell = label.iter().copied().max().unwrap() / 2;
+    let one = draw("8", &["--where", &format!("cell == {cell}")]);
+    let grey = |picture: &RgbImage, [x, y]: [f64; 2]| {
+        let at = [x, y].map(|v| ((v + 0.5) * 8.0) as u32);
+        picture.get_pixel(at[0], at[1]) == none.get_pixel(at[0], at[1])
+    };
+    let mut found = [0; 2];
+    let slice = 16;
+    for y in 0..DIMS[1] {
+        for x in 0..DIMS[0] - 1 {
+            let at = [x, x + 1].map(|x| index(2, slice, x, y));
+            let [a, b] = at.map(|i| f64::from(samples[i]));
+            if (a < threshold) == (b < threshold) {
+                continue;
+            }
+            let crossing = [x as f64 + (threshold - a) / (b - a), y as f64];
+            assert!(!grey(&all, crossing), "{crossing:?}");
+            let beside = label[at[0]].max(label[at[1]]);
+            if beside == cell {
+                assert!(!grey(&one, crossing), "{crossing:?}");
+                found[0] += 1;
+                continue;
+            }
+            let around = |d: usize| -> bool {
+                let column = |v: usize, n: usize| v.saturating_sub(d)..(v + d + 1).min(n);
+                let mut near = column(x, DIMS[0])
+                    .flat_map(|u| column(y, DIMS[1]).map(move |v| index(2, slice, u, v)));
+                near.any(|i| label[i] == cell)
+            };
+            if !around(3) {
+                assert!(grey(&one, crossing), "{crossing:?}");
+                found[1] += 1;
+            }
+        }
+    }
+    // the cell is one that the slice cuts
+    assert!(found[1] > 20, "{found:?}");
+    let report = reported(dir, &["--surfaces", "--scale", "1"]);
+    assert_eq!(report["threshold"], threshold);
+    assert!(report["surfaces"].as_u64().unwrap() > 3 && report["cells"].is_null());
+    let report = reported(
+        dir,
+        &["--surfaces", "--colour-by", "area", "--largest", "2"],
+    );
+    let both = ["surfaces", "surfaces_without_value"].map(|k| report[k].as_u64().unwrap());
+    assert!(both[0] + both[1] <= 2);
+}
+
 #[test]
 fn a_crop_is_followed() {
     let dir = foam_tiles(&["--crop", "4:30,2:,8:"]);
@@ -280,6 +393,14 @@ fn painted_tiles_keep_their_colours() {
     );
     let drawn = picture(dir, &["--tiles", "painted"]);
     assert!(drawn.pixels().any(|p| p.0 == [0x12, 0xab, 0x34]));
+    // colours of objects are shown as such, unless cells are asked for
+    let select = "select tiles red --objects --paint id==1=#ff0001 --quiet";
+    ok(dir, &select.split(' ').collect::<Vec<_>>());
+    let red = |more: &[&str]| {
+        let drawn = picture(dir, &[&["--tiles", "red"], more].concat());
+        drawn.pixels().any(|p| p.0 == [0xff, 0, 1])
+    };
+    assert!(red(&[]) && red(&["--objects"]) && !red(&["--colour-by", "id"]));
 }
 
 #[test]
@@ -351,6 +472,11 @@ fn refusals_leave_no_picture() {
         (&["preview", "foam.mhd", "a.png", "--scale", "0"], "--scale"),
         (
             &["preview", "foam.mhd", "a.png", "--colour-by", "volume"],
+            "--tiles",
+        ),
+        (&["preview", "foam.mhd", "a.png", "--objects"], "--tiles"),
+        (
+            &["preview", "foam.mhd", "a.png", "--where", "true"],
             "--tiles",
         ),
     ] {

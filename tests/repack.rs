@@ -277,7 +277,7 @@ fn colours_come_along() {
             map: alvis::transform::select::Map::named("magma").unwrap(),
             range: None,
         }),
-        condition: Some("voxels > 4".into()),
+        chosen: alvis::table::Chosen::cells("voxels > 4"),
         ..Default::default()
     };
     alvis::transform::select::select(set.path(), painted.path(), &options, &Quiet).unwrap();
@@ -315,7 +315,7 @@ fn colours_come_along() {
         // a part of a part, in the form that it has
         let part = tempfile::tempdir().unwrap();
         let fewer = alvis::transform::select::SelectOptions {
-            condition: Some("voxels > 40".into()),
+            chosen: alvis::table::Chosen::cells("voxels > 40"),
             ..Default::default()
         };
         alvis::transform::select::select(there.path(), part.path(), &fewer, &Quiet).unwrap();

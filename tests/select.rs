@@ -74,16 +74,25 @@ fn geometry(doc: &Value, bin: &[u8], node: usize) -> Vec<Vec<u8>> {
 /// Checks that every piece of the part is that of the whole, and that exactly the pieces of `cells`
 /// are there.
 fn check_part(dir: &Path, part: &str, cells: &BTreeSet<u64>, caps: bool) {
+    check_pieces(dir, part, |g| match g.cell {
+        0 => caps,
+        cell => cells.contains(&cell),
+    });
+}
+
+/// Checks that every piece of the part is that of the whole, but for its name, which is by what the cell borders in the
+/// part, and that exactly those are there which `keep` keeps.
+fn check_pieces(dir: &Path, part: &str, keep: impl Fn(&Group) -> bool) {
     let whole = groups(&dir.join("tiles"));
     let found = groups(&dir.join(part));
+    let pieces = found.values().flatten().filter(|g| g.cell != 0);
+    let pairs: BTreeSet<[u64; 2]> = pieces.map(|g| [g.cell, g.object]).collect();
+    let name = |g: &Group| match (g.cell, pairs.range([g.cell, 0]..[g.cell + 1, 0]).count()) {
+        (0, _) => format!("cap_object_{}", g.object),
+        (cell, 1) => format!("cell_{cell}"),
+        (cell, _) => format!("cell_{cell}_object_{}", g.object),
+    };
     for (path, source) in &whole {
-        let keep = |g: &Group| {
-            if g.cell == 0 {
-                caps
-            } else {
-                cells.contains(&g.cell)
-            }
-        };
         let kept: Vec<Group> = source.iter().filter(|g| keep(g)).copied().collect();
         let file = dir.join(part).join(path);
         assert_eq!(found.get(path).cloned().unwrap_or_default(), kept, "{path}");
@@ -93,7 +102,7 @@ fn check_part(dir: &Path, part: &str, cells: &BTreeSet<u64>, caps: bool) {
         }
         let ((a, a_bin), (b, b_bin)) = (glb(&dir.join("tiles").join(path)), glb(&file));
         let mut node = 0;
-        for (i, _) in source.iter().enumerate().filter(|(_, g)| keep(g)) {
+        for (i, group) in source.iter().enumerate().filter(|(_, g)| keep(g)) {
             node += 1;
             assert_eq!(
                 geometry(&a, &a_bin, i + 1),
@@ -102,9 +111,10 @@ fn check_part(dir: &Path, part: &str, cells: &BTreeSet<u64>, caps: bool) {
             );
             let (from, to) = (&a["nodes"][i + 1], &b["nodes"][node]);
             assert_eq!(
-                (&from["name"], &from["extras"]),
-                (&to["name"], &to["extras"])
+                (&from["extras"], to["name"].as_str()),
+                (&to["extras"], Some(&*name(group)))
             );
+            assert_eq!(b["meshes"][node - 1]["name"], to["name"]);
         }
         assert_eq!(b["nodes"].as_array().unwrap().len(), node + 1);
     }
@@ -249,6 +259,272 @@ fn caps_go_when_they_would_close_nothing() {
     let m = manifest(&dir.join("outer"));
     assert!(!m.cap && m.totals.cap_triangles == 0 && m.totals.border_edges > 0);
     verifies(dir, "outer", &[]);
+}
+
+/// Rows of a table of a set, by their ids.
+fn rows(set: &Path, table: &str) -> BTreeMap<u64, String> {
+    let text = std::fs::read_to_string(set.join(format!("{table}.csv"))).unwrap();
+    let id = |line: &str| line.split(',').next().unwrap().parse().unwrap();
+    text.lines()
+        .skip(1)
+        .map(|l| (id(l), l.to_owned()))
+        .collect()
+}
+
+/// Cell and object of each surface.
+fn sides(set: &Path) -> BTreeMap<u64, [u64; 2]> {
+    let sides = |line: &String| -> [u64; 2] {
+        let mut fields = line.split(',').skip(1).map(|f| f.parse().unwrap());
+        [fields.next().unwrap(), fields.next().unwrap()]
+    };
+    let rows = rows(set, "surfaces");
+    rows.iter().map(|(id, line)| (*id, sides(line))).collect()
+}
+
+/// Parts by objects and surfaces have exactly the pieces and rows that follow from the tables, verify, and come back
+/// from other forms; the largest are those of a sort of the table.
+#[test]
+fn parts_by_objects_and_surfaces_are_what_the_tables_say() {
+    for (phantom, more) in [
+        (
+            "foam v.mhd --dims 30,26,28 --pitch 10 --noise 0.25",
+            &[][..],
+        ),
+        (
+            "foam v.mhd --dims 30,26,28 --pitch 10 --noise 0.25 --seed 4",
+            &["--cap"],
+        ),
+        (
+            "noise v.mhd --dims 17,15,16 --density 0.42 --seed 2",
+            &["--cap", "--layout", "nodes"],
+        ),
+        (
+            "noise v.mhd --dims 17,15,16 --density 0.6 --seed 3",
+            &["--ambiguous", "join"],
+        ),
+    ] {
+        let dir = tempfile::tempdir().unwrap();
+        let dir = dir.path();
+        let words = |line: &str| -> Vec<String> { line.split(' ').map(String::from).collect() };
+        let run = |line: &str, more: &[&str]| {
+            let line = words(line);
+            let args: Vec<&str> = line
+                .iter()
+                .map(String::as_str)
+                .chain(more.iter().copied())
+                .collect();
+            ok(dir, &args)
+        };
+        run(&format!("phantom {phantom} --quiet"), &[]);
+        run(
+            "convert v.mhd tiles --threshold 120 --macrocube 9 --quiet",
+            more,
+        );
+        let tiles = dir.join("tiles");
+        let merged = groups(&tiles).into_keys().any(|path| {
+            glb(&tiles.join(path)).0["extensionsUsed"]
+                .as_array()
+                .is_some()
+        });
+        let sides = sides(&tiles);
+        for (table, options) in [
+            ("objects", "--largest 1"),
+            ("objects", "--largest 2 --omit"),
+            ("objects", "--where touches_border --largest 4"),
+            ("objects", "--where voxels<4"),
+            ("objects", "--where voxels<4 --omit"),
+            ("surfaces", "--largest 6"),
+            ("surfaces", "--where triangles>9"),
+            ("surfaces", "--where id<=4 --omit"),
+        ] {
+            let omit = options.contains("--omit");
+            let query = options.replace(" --omit", "");
+            let listing = format!("cells tiles --{table} --json {query}");
+            let value = json(&run(&listing, &[]));
+            let listed = value[table].as_array().unwrap().iter();
+            let listed: BTreeSet<u64> = listed.map(|r| r["id"].as_u64().unwrap()).collect();
+            let keeps = |id: u64| listed.contains(&id) != omit;
+            let kept: BTreeMap<u64, [u64; 2]> = match table {
+                "objects" => sides
+                    .iter()
+                    .filter(|(_, s)| keeps(s[1]))
+                    .map(|(i, s)| (*i, *s))
+                    .collect(),
+                _ => sides
+                    .iter()
+                    .filter(|(i, _)| keeps(**i))
+                    .map(|(i, s)| (*i, *s))
+                    .collect(),
+            };
+            let report = json(&run(
+                &format!("select tiles part --{table} {options} --force --json"),
+                &[],
+            ));
+            let part = dir.join("part");
+            let made = manifest(&part);
+            let objects: BTreeSet<u64> = kept.values().map(|s| s[1]).collect();
+            let whole = sides
+                .iter()
+                .all(|(id, s)| kept.contains_key(id) || !objects.contains(&s[1]));
+            assert_eq!(made.cap, manifest(&tiles).cap && whole, "{options}");
+            assert!(whole || table == "surfaces");
+            let has = |g: &Group| match g.cell {
+                0 => made.cap && objects.contains(&g.object),
+                _ => kept.contains_key(&g.surface),
+            };
+            if merged {
+                let all = groups(&tiles).into_values().flatten().filter(has);
+                assert!(
+                    groups(&part).into_values().flatten().eq(all),
+                    "{table} {options}"
+                );
+            } else {
+                check_pieces(dir, "part", has);
+            }
+            let cells: BTreeSet<u64> = kept.values().map(|s| s[0]).collect();
+            for (name, ids) in [
+                ("cells", &cells),
+                ("objects", &objects),
+                ("surfaces", &kept.keys().copied().collect()),
+            ] {
+                let mut expected = rows(&tiles, name);
+                expected.retain(|id, _| ids.contains(id));
+                assert_eq!(rows(&part, name), expected, "{table} {options}: {name}");
+                assert_eq!(report[name], ids.len());
+            }
+            assert_eq!(verifies(dir, "part", &[])["ok"], true);
+            run("repack part web --for web --force --quiet", &[]);
+            verifies(dir, "web", &[]);
+        }
+    }
+}
+
+/// What is chosen from a part that was chosen otherwise is said step by step, else as one condition.
+#[test]
+fn choices_one_after_the_other_are_told() {
+    let dir = foam_tiles(&["--cap"]);
+    let dir = dir.path();
+    let take = |from: &str, to: &str, line: &str| {
+        let args: Vec<&str> = ["select", from, to, "--force", "--json"]
+            .into_iter()
+            .chain(line.split(' '))
+            .collect();
+        let value = json(&ok(dir, &args))["selection"].clone();
+        verifies(dir, to, &[]);
+        value
+    };
+    let first = take("tiles", "a", "--objects --largest 1");
+    assert_eq!(
+        (&first["table"], &first["largest"], &first["before"]),
+        (&"objects".into(), &1.into(), &Value::Null)
+    );
+    assert!(manifest(&dir.join("a")).cap);
+    let then = take("a", "b", "--where not(touches_border) --paint best:2=lime");
+    assert_eq!(
+        then["before"],
+        serde_json::json!([{"where": null, "omit": false, "table": "objects", "largest": 1}])
+    );
+    assert_eq!(
+        (&then["where"], &then["table"]),
+        (&"not(touches_border)".into(), &Value::Null)
+    );
+    assert_eq!(then["painted"][0]["cells"], 2);
+    // all surfaces of the object are not there any more
+    assert!(!manifest(&dir.join("b")).cap);
+    let last = take("b", "c", "--where voxels>3 --largest 2");
+    assert_eq!(last["where"], "(not(touches_border)) and (voxels>3)");
+    assert_eq!(
+        (&last["largest"], &last["before"]),
+        (&2.into(), &then["before"])
+    );
+    let less = take("c", "d", "--largest 1 --omit");
+    assert_eq!(less["before"].as_array().unwrap().len(), 2);
+    assert_eq!(manifest(&dir.join("d")).totals.cells, 1);
+    let painted = take("c", "e", "--surfaces --paint true=red");
+    assert_eq!(painted["before"].as_array().unwrap().len(), 2);
+    assert_eq!(painted["painted"][0]["surfaces"], 2);
+    let text = ok(dir, &["info", "d"]);
+    assert!(text.contains("of objects the largest"), "{text}");
+    let message = fails(
+        dir,
+        &[
+            "select",
+            "tiles",
+            "x",
+            "--surfaces",
+            "--paint",
+            "best:3=red",
+        ],
+    );
+    assert!(message.contains("no form factor"), "{message}");
+    let message = fails(dir, &["select", "tiles", "x", "--objects"]);
+    assert!(message.contains("--largest"), "{message}");
+}
+
+/// A volume of one phase has one row and no surface; parts and copies of it verify all the same.
+#[test]
+fn a_volume_of_one_phase_is_chosen_from_too() {
+    let dir = foam_tiles(&[]);
+    let dir = dir.path();
+    for (threshold, more) in [("-5", &[][..]), ("-5", &["--cap"]), ("999", &[])] {
+        let convert = [
+            "convert",
+            "foam.mhd",
+            "one",
+            "--threshold",
+            threshold,
+            "--force",
+            "-q",
+        ];
+        ok(dir, &[&convert[..], more].concat());
+        for line in [
+            "--objects --largest 1",
+            "--objects --where false",
+            "--objects --paint true=red",
+            "--surfaces --largest 1",
+            "--where true --omit",
+            "--paint true=red",
+        ] {
+            let start = ["select", "one", "part", "--force", "--quiet"];
+            ok(
+                dir,
+                &start.into_iter().chain(line.split(' ')).collect::<Vec<_>>(),
+            );
+            verifies(dir, "part", &[]);
+        }
+    }
+}
+
+/// Pieces have the colours of their objects, caps are grey.
+#[test]
+fn objects_are_painted() {
+    let dir = foam_tiles(&["--cap"]);
+    let dir = dir.path();
+    let report = json(&ok(
+        dir,
+        &[
+            "select",
+            "tiles",
+            "out",
+            "--objects",
+            "--paint",
+            "id==1=red",
+            "--json",
+        ],
+    ));
+    assert_eq!(report["selection"]["painted"][0]["objects"], 1);
+    for (path, groups) in groups(&dir.join("out")) {
+        let (doc, _) = glb(&dir.join("out").join(&path));
+        for (i, group) in groups.iter().enumerate() {
+            let at = doc["meshes"][i]["primitives"][0]["material"]
+                .as_u64()
+                .unwrap() as usize;
+            let red = group.object == 1 && group.cell != 0;
+            let name = if red { "colour_ff0000" } else { "surface" };
+            assert_eq!(doc["materials"][at]["name"], name);
+        }
+    }
+    verifies(dir, "out", &["--against", "foam.mhd"]);
 }
 
 /// sRGB to linear, from the standard's formula.

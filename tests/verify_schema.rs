@@ -5,8 +5,8 @@ use alvis::grid::{
 };
 use alvis::manifest::{
     Bounds, ColourBy, Encoding, FORMAT, FORMAT_VERSION, Generator, GridInfo, Group, Layer, Layout,
-    Manifest, Paint, Primitives, Selection, Shard, Source, TableChecksums, Tables, TileEntry,
-    Totals, WholeTotals, checksum_text,
+    Manifest, Paint, Painted, Primitives, Selection, Shard, Source, Step, Table, TableChecksums,
+    Tables, TileEntry, Totals, WholeTotals, checksum_text,
 };
 use alvis::verify::{Code, Issue, Report, Severity};
 use alvis::volume::{Dtype, Endian};
@@ -116,10 +116,13 @@ fn manifest() -> Manifest {
         selection: Some(Selection {
             condition: Some("volume > 1".into()),
             omit: true,
+            table: Table::Objects,
+            largest: Some(3),
+            before: vec![Step::default()],
             painted: vec![Paint {
                 condition: "best:3".into(),
                 colour: "#00ff00".into(),
-                cells: 3,
+                count: Painted::Objects(3),
             }],
             colour_by: Some(ColourBy {
                 column: "volume".into(),

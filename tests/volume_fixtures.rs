@@ -1,5 +1,5 @@
 //! Small files by other writers (the scripts in tests/fixtures: tifffile, nibabel, numpy, VTK, Pillow,
-//! pydicom, imagecodecs, zarr, h5py), whole and damaged.
+//! pydicom, imagecodecs, zarr, h5py, mrcfile), whole and damaged.
 
 mod volume_common;
 
@@ -61,6 +61,8 @@ const WHOLE: &[(&str, Dtype)] = &[
     ("u16.npy", Dtype::U16),
     ("i16_be.npy", Dtype::I16),
     ("f64.npy", Dtype::F64),
+    ("fortran.npy", Dtype::U16),
+    ("f16_be.npy", Dtype::F32),
     ("stored.npz", Dtype::I32),
     ("packed.npz", Dtype::F32),
     ("i16.nii", Dtype::I16),
@@ -134,7 +136,46 @@ const WHOLE: &[(&str, Dtype)] = &[
     ("u32_bitshuffle.h5", Dtype::U32),
     ("i32_zstd.h5", Dtype::I32),
     ("f64_lz4.h5", Dtype::F64),
+    ("scanners/bmp", Dtype::U8),
+    ("scanners/vg.vgi", Dtype::U16),
+    ("scanners/nikon.xtekct", Dtype::F32),
+    ("scanners/esrf.vol.info", Dtype::F32),
+    ("scanners/ge.pcr", Dtype::U16),
+    ("scanners/i16.isq", Dtype::I16),
+    ("scanners/u16.mrc", Dtype::U16),
+    ("scanners/i8.mrc", Dtype::I8),
+    ("scanners/f16.mrc", Dtype::F32),
+    ("scanners/i16_zyx_be.mrc", Dtype::I16),
+    ("scanners/i16.hdr", Dtype::I16),
+    ("scanners/u16.am", Dtype::U16),
+    ("scanners/u8_rle.am", Dtype::U8),
+    ("scanners/f32_zip_be.am", Dtype::F32),
+    ("scanners/i8.aim", Dtype::I8),
+    ("scanners/u16_v030.aim", Dtype::U16),
 ];
+
+/// Files beside fixtures that hold their samples.
+const SAMPLES: &[(&str, &str)] = &[
+    ("u8_pair.hdr", "u8_pair.img"),
+    ("scanners/vg.vgi", "scanners/vg.vol"),
+    ("scanners/nikon.xtekct", "scanners/nikon.vol"),
+    ("scanners/esrf.vol.info", "scanners/esrf.vol"),
+    ("scanners/ge.pcr", "scanners/ge.vol"),
+    ("scanners/i16.hdr", "scanners/i16.img"),
+];
+
+/// Copies the samples of a fixture to where the copy of the fixture looks for them.
+fn copy_samples(name: &str, file: &Path) {
+    let Some((_, samples)) = SAMPLES.iter().find(|(header, _)| *header == name) else {
+        return;
+    };
+    let to = match name.ends_with(".vgi") {
+        true => file.with_file_name("vg.vol"),
+        false if name.ends_with(".info") => file.with_extension(""),
+        false => file.with_extension(Path::new(samples).extension().unwrap()),
+    };
+    std::fs::copy(fixture(samples), to).unwrap();
+}
 
 #[test]
 fn samples_are_those_that_were_written() {
@@ -216,7 +257,7 @@ fn slope_and_intercept_give_values() {
 fn what_is_not_read_is_named() {
     for (name, says) in [
         ("no_rgb.tif", "RGB"),
-        ("no_fortran.npy", "Fortran"),
+        ("no_fortran.npz", "Fortran"),
         ("no_two.npz", "2 arrays"),
         ("no_shear.nii", "sheared"),
         ("no_lzma.vti", "LZMA"),
@@ -322,9 +363,7 @@ fn damaged_files_do_no_harm() {
         }
         let bytes = std::fs::read(fixture(name)).unwrap();
         let file = dir.path().join(name.replace('/', "_"));
-        if name.ends_with(".hdr") {
-            std::fs::copy(fixture("u8_pair.img"), file.with_extension("img")).unwrap();
-        }
+        copy_samples(name, &file);
         let try_read = |bytes: &[u8]| -> Result<()> {
             std::fs::write(&file, bytes).unwrap();
             let volume = open(&file, &OpenOptions::default())?.volume;

@@ -447,15 +447,12 @@ fn npy(shape: &str, fortran: bool) -> Vec<u8> {
 }
 
 #[test]
-fn fortran_order_is_refused_with_what_does_not_mirror() {
-    let bytes = [npy("2, 2, 2", true), EIGHT.to_vec()].concat();
-    let error = open_as("v.npy", &bytes, &OpenOptions::default())
-        .unwrap_err()
-        .to_string();
-    assert!(
-        error.contains("array.T if the array is indexed [x, y, z]"),
-        "{error}"
-    );
+fn fortran_order_is_read_as_numpy_indexes_it() {
+    // entry [z, y, x] of what counts up in the order of the file is z + 2 y + 4 x
+    let bytes = [npy("2, 2, 2", true), (0..8).collect()].concat();
+    let found = opened("v.npy", &[&bytes]);
+    assert_eq!(all(&*found.volume).unwrap(), [0, 4, 2, 6, 1, 5, 3, 7]);
+    assert!(says(&found.warnings, "if it is indexed [x, y, z]"));
 }
 
 #[test]

@@ -8,8 +8,8 @@ use crate::error::{Error, Result};
 use crate::manifest::Manifest;
 use crate::progress::Progress;
 use crate::table::{
-    Column, Outside, PorosityOf, Query, Row, Spread, Summary, Table, TableReader, find_column,
-    summarise,
+    Chosen, Column, Outside, PorosityOf, Query, Row, Spread, Summary, Table, TableReader,
+    find_column, summarise,
 };
 use crate::words::measure;
 use clap::{Args, ValueEnum, ValueHint};
@@ -37,6 +37,7 @@ const LONG_HELP: &str = "\
 Examples:
   alvis cells OUT --where 'not touches_border' --sort -volume --top 10
   alvis cells OUT --where 'sphericity > 0.9 and volume > 0.01' --format csv
+  alvis cells OUT --objects --largest 3
   alvis cells OUT --summary --outside border-cell
 
 Columns of cells and objects; lengths are in the unit of the tables:
@@ -107,6 +108,9 @@ pub struct CellsArgs {
     /// Only rows for which this holds
     #[arg(long = "where", value_name = "EXPR", allow_hyphen_values = true)]
     condition: Option<String>,
+    /// Only the N largest of these: by volume, of surfaces by area; the largest comes first unless --sort says otherwise
+    #[arg(long, value_name = "N", value_parser = super::chosen::at_least_one)]
+    largest: Option<usize>,
     /// Sort by a column or an expression, rising; -COLUMN falls. Missing values come last
     #[arg(long, value_name = "KEY", allow_hyphen_values = true)]
     sort: Option<String>,
@@ -147,13 +151,15 @@ impl CellsArgs {
             let expected = "it together with --summary";
             return Err(Error::usage("--outside", "it alone", expected));
         }
+        if self.outside == Some(OutsideArg::BorderCell) && self.largest.is_some() {
+            let expected = "one of the two: the largest cell may be what is outside";
+            return Err(Error::usage("--largest", "it with --outside", expected));
+        }
         let manifest = Manifest::open(&self.out)?;
         let which = self.table();
         let mut table = which.open(&self.out, &manifest)?;
         let columns = table.columns().to_vec();
-        let query = Query::default()
-            .filter(self.condition.as_deref(), &columns)?
-            .sort(self.sort.as_deref(), self.descending, &columns)?;
+        let query = self.query(which, &table)?;
         let format = match self.format {
             _ if self.common.json => FormatArg::Json,
             Some(format) => format,
@@ -177,6 +183,20 @@ impl CellsArgs {
             FormatArg::Json => print_rows(&mut table, query.top(self.top), &shown, which)?,
         }
         Ok(Outcome::Done)
+    }
+
+    /// Which rows, and in which order.
+    fn query(&self, which: Table, table: &TableReader) -> Result<Query> {
+        let chosen = Chosen {
+            table: which,
+            condition: self.condition.clone(),
+            largest: self.largest,
+        };
+        let (key, falls) = match (&self.sort, self.largest) {
+            (None, Some(_)) => (Some(which.size()), true),
+            (key, _) => (key.as_deref(), self.descending),
+        };
+        chosen.query(table)?.sort(key, falls, table.columns())
     }
 
     fn table(&self) -> Table {

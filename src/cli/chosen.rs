@@ -22,7 +22,7 @@ pub struct ChosenArgs {
 }
 
 /// A whole number above 0.
-fn at_least_one(text: &str) -> Result<usize, String> {
+pub fn at_least_one(text: &str) -> Result<usize, String> {
     match text.trim().parse() {
         Ok(n) if n > 0 => Ok(n),
         _ => Err("expected a whole number, at least 1".to_owned()),
@@ -30,6 +30,17 @@ fn at_least_one(text: &str) -> Result<usize, String> {
 }
 
 impl ChosenArgs {
+    /// The name of an option that is given, if one is.
+    pub fn given(&self) -> Option<&'static str> {
+        let all = [
+            ("--objects", self.objects),
+            ("--surfaces", self.surfaces),
+            ("--where", self.condition.is_some()),
+            ("--largest", self.largest.is_some()),
+        ];
+        all.into_iter().find(|(_, given)| *given).map(|all| all.0)
+    }
+
     /// As the library has it.
     pub fn chosen(self) -> Chosen {
         Chosen {

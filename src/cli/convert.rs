@@ -4,9 +4,11 @@ use super::args::{Common, InputOptions, input_help, open_stamped};
 use super::form::FormArgs;
 use super::info;
 use super::parse::{self, CropArg};
+use super::progress::Console;
 use super::region::Roi;
 use super::threshold::{TAKES, Threshold, threshold};
-use super::{Outcome, output, stop};
+use super::view::ViewArgs;
+use super::{Outcome, batch, output, stop};
 use crate::convert::{self, ConvertOptions, ConvertReport};
 use crate::error::{Error, Result};
 use crate::grid::{Ambiguous, Crop, Origin, Unit};
@@ -44,21 +46,35 @@ impl From<AmbiguousArg> for Ambiguous {
     alvis convert scan.raw OUT --dims 512,512,300 --dtype u16 --spacing 0.05 --unit mm --threshold 12000\n  \
     alvis convert scan.mhd PART --threshold 120 --crop :,:,100:160\n  \
     alvis convert scan.mhd WEB --threshold 120 --for web\n  \
-    alvis convert scan.mhd OUT --threshold otsu --resume")]
+    alvis convert scan.mhd OUT --threshold otsu --resume\n  \
+    alvis convert a.mhd b.mhd c.mhd --out-dir SCANS --threshold otsu")]
+#[command(
+    override_usage = "alvis convert [OPTIONS] --threshold <T|METHOD> <INPUT> <OUT>\n       \
+    alvis convert [OPTIONS] --threshold <T|METHOD> --out-dir <DIR> <INPUT>..."
+)]
 pub struct ConvertArgs {
     /// The volume: a file, a folder of slices, a Zarr, or slices as in `s%04d.tif`
     #[arg(value_hint = ValueHint::FilePath, long_help = input_help())]
-    input: PathBuf,
-    /// The directory to write
-    #[arg(value_hint = ValueHint::DirPath)]
-    out: PathBuf,
+    pub input: PathBuf,
+    /// The directory to write; with --out-dir another volume
+    #[arg(value_hint = ValueHint::DirPath, required_unless_present = "out_dir")]
+    pub out: Option<PathBuf>,
+    /// More volumes, with --out-dir
+    #[arg(value_hint = ValueHint::FilePath, value_name = "INPUT", requires = "out_dir")]
+    pub more: Vec<PathBuf>,
+    /// Convert all the volumes, each to a tile set of its own in this directory, with a table of them, scans.csv
+    ///
+    /// A tile set gets the name of its file without the endings. All options hold for all volumes. If one cannot be
+    /// converted, the others are, the table says why, and the exit status is 2. With --resume those that are done stay.
+    #[arg(long, value_name = "DIR", value_hint = ValueHint::DirPath)]
+    pub out_dir: Option<PathBuf>,
     /// A voxel is above (metal) if its value is at least this; or how to find it from the histogram
     ///
     /// Methods are `otsu` (two heaps of like size), `peaks` (half-way between the two peaks: little of one phase), `li`,
     /// `triangle` (one heap with a tail) and `porosity=31%` (this share of the voxels is below, of the whole volume, also with --crop). `alvis info` shows what
     /// they find beforehand.
     #[arg(long, value_name = TAKES, allow_hyphen_values = true, value_parser = threshold)]
-    threshold: Threshold,
+    pub threshold: Threshold,
     /// Cubes per macrocube, that is per tile: one number, or three
     #[arg(long, value_name = "N|X,Y,Z", default_value = "64", value_parser = parse::macrocube)]
     macrocube: [u32; 3],
@@ -85,7 +101,7 @@ pub struct ConvertArgs {
     table_unit: Option<Unit>,
     /// Replace a tile set that is in the directory
     #[arg(long)]
-    force: bool,
+    pub force: bool,
     /// Go on with a conversion that was interrupted: finished layers are not done again
     ///
     /// Input and options must be those of the interrupted conversion; --memory, --threads, --io,
@@ -93,20 +109,47 @@ pub struct ConvertArgs {
     /// at the beginning; if the directory holds this tile set already, whole and younger than the input,
     /// nothing is done.
     #[arg(long)]
-    resume: bool,
+    pub resume: bool,
+    /// Look at the tiles in the browser when they are done, as `alvis view` does
+    #[arg(long, conflicts_with_all = ["json", "out_dir"])]
+    view: bool,
     #[command(flatten)]
     form: FormArgs,
     #[command(flatten)]
     options: InputOptions,
     #[command(flatten)]
-    common: Common,
+    pub common: Common,
 }
 
 impl ConvertArgs {
-    /// Converts; `typed` is the command line that asks for it.
+    /// Converts one volume or several; `typed` is the command line that asks for it.
     pub fn run(self, typed: &[OsString]) -> Result<Outcome> {
+        let (None, Some(out)) = (&self.out_dir, &self.out) else {
+            return batch::run(self, typed);
+        };
         let console = self.common.start();
-        let (mut opened, stamp) = open_stamped(&self.input, &self.options.options(), &self.out)?;
+        let report = self.convert(&self.input, out, typed, &console)?;
+        drop(console);
+        if self.common.json {
+            output::print_json(&report)?;
+        } else if self.common.talks() {
+            output::print(&summary(&report))?;
+        }
+        match self.view {
+            true => ViewArgs::of(out, self.common.quiet).run(),
+            false => Ok(Outcome::Done),
+        }
+    }
+
+    /// Converts one volume into the directory `out`; `typed` is the command line that asks for it.
+    pub fn convert(
+        &self,
+        input: &Path,
+        out: &Path,
+        typed: &[OsString],
+        console: &Console,
+    ) -> Result<ConvertReport> {
+        let (mut opened, stamp) = open_stamped(input, &self.options.options(), out)?;
         opened.doubt_size()?;
         let opened = self.options.filters.apply(opened)?;
         let dims = opened.volume.header().dims;
@@ -143,36 +186,33 @@ impl ConvertArgs {
         };
         if !how.is_empty() || self.options.region.roi.is_some() {
             // these read the volume: not for a conversion that is refused then
-            convert::check_before(volume, &options, &self.out)?;
+            convert::check_before(volume, &options, out)?;
         }
-        let roi = self.options.region.find(volume, &console)?;
+        let roi = self.options.region.find(volume, console)?;
         let inside = roi.as_ref().map(|roi| &roi.voxels);
-        options.threshold = self.threshold.find(volume, inside, &self.input, &console)?;
+        options.threshold = self.threshold.find(volume, inside, input, console)?;
         let found = roi.as_ref().map(Roi::text).transpose()?;
         options.region = match roi {
             Some(roi) => {
                 let crop = options.crop.as_ref();
-                Some(roi.at_threshold(volume, options.threshold, crop, &console)?)
+                Some(roi.at_threshold(volume, options.threshold, crop, console)?)
             }
             None => None,
         };
-        console.note(&understood(&opened, &options, found, &how)?);
+        let understood = understood(&opened, &options, found, &how)?;
+        if self.out_dir.is_none() {
+            console.note(&understood);
+        }
         stop::listen();
-        let mut report = convert::convert(&*opened.volume, &options, &self.out, &console)
-            .map_err(|e| resumable(e, &self.out, typed))
+        let mut report = convert::convert(&*opened.volume, &options, out, console)
+            .map_err(|e| resumable(e, out, typed))
             .inspect_err(|e| {
                 if matches!(e, Error::Interrupted) {
                     console.note("no layer was done yet, so nothing is kept");
                 }
             })?;
-        drop(console);
-        if self.common.json {
-            report.warnings = [opened.warnings, report.warnings].concat();
-            output::print_json(&report)?;
-        } else if self.common.talks() {
-            output::print(&summary(&report))?;
-        }
-        Ok(Outcome::Done)
+        report.warnings = [opened.warnings, report.warnings].concat();
+        Ok(report)
     }
 }
 
@@ -204,7 +244,7 @@ fn resumable(error: Error, out: &Path, typed: &[OsString]) -> Error {
 }
 
 /// The command line that goes on with the conversion that this one began.
-fn resuming(typed: &[OsString]) -> String {
+pub fn resuming(typed: &[OsString]) -> String {
     let words = typed.iter().skip(1).filter(|word| *word != "--resume");
     let mut words: Vec<String> = words.map(|word| output::shell_word(word)).collect();
     // what follows this is no option

@@ -173,6 +173,7 @@ fn text(report: &Report) -> String {
     } else {
         format!("To see the issues:    alvis verify {tiles} --against {volume}\n")
     };
+    let typed = output::shell(Path::new(tiles));
     let meshlab = if report.convert.totals.strips > 0 {
         "run the demo with --primitives triangles first"
     } else {
@@ -186,7 +187,8 @@ fn text(report: &Report) -> String {
          In Blender:           File > Import > glTF 2.0, then choose tiles in {tiles}/tiles\n\
          In any glTF viewer:   open a file of {tiles}/tiles\n\
          In MeshLab:           {meshlab}\n\
-         With your own scan:   alvis info SCAN; alvis convert SCAN OUT --threshold otsu\n",
+         With your own scan:   alvis info SCAN; alvis convert SCAN OUT --threshold otsu\n\
+         Move through it:      alvis view {typed}\n",
         convert_command::summary(&report.convert),
         verify::verdict(&report.verify),
     )

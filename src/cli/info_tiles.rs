@@ -6,8 +6,8 @@ use super::region::region_text;
 use crate::error::Result;
 use crate::grid::{Ambiguous, Dims, Filter, Placement, Region, Unit, filters_text};
 use crate::manifest::{
-    Encoding, FORMAT, Layout, MANIFEST, Manifest, PARTIAL, Primitives, Selection, Totals,
-    WholeTotals,
+    Encoding, FORMAT, Layout, MANIFEST, Manifest, PARTIAL, Primitives, Selection, Step, Table,
+    Totals,
 };
 use serde::Serialize;
 use std::path::Path;
@@ -111,19 +111,38 @@ fn origin(m: &Manifest) -> Vec<(&'static str, String)> {
     vec![("made from", made), ("made by", made_by(m))]
 }
 
+/// One choice; the table is named if it is not that of the last.
+fn chosen(step: &Step, last: Table) -> String {
+    let mut text = match step.omit {
+        true => "without those".to_owned(),
+        false => String::new(),
+    };
+    if step.table != last {
+        text += &format!(" of {}", step.table.name());
+    }
+    match step.largest {
+        None => {}
+        Some(1) => text += " the largest",
+        Some(n) => text += &format!(" the {} largest", output::count(n)),
+    }
+    if let Some(condition) = &step.condition {
+        text += &format!(" where {condition}");
+    }
+    text.trim_start().to_owned()
+}
+
 /// What was chosen of another tile set.
 fn selected(selection: &Selection, totals: &Totals) -> String {
-    let WholeTotals { cells, .. } = selection.of;
-    let of = format!(
-        "{} of {}",
-        output::count(totals.cells),
-        things(cells, "cell")
-    );
-    let mut text = match (&selection.condition, selection.omit) {
-        (None, _) => of,
-        (Some(text), false) => format!("{of}, where {text}"),
-        (Some(text), true) => format!("{of}, without those where {text}"),
+    let of = selection.of;
+    let (part, whole, name) = match selection.table {
+        Table::Cells => (totals.cells, of.cells, "cell"),
+        Table::Objects => (totals.objects, of.objects, "object"),
+        Table::Surfaces => (totals.surfaces, of.surfaces, "surface"),
     };
+    let mut text = format!("{} of {}", output::count(part), things(whole, name));
+    for step in selection.steps().filter(Step::chooses) {
+        text += &format!(", {}", chosen(&step, selection.table));
+    }
     if let Some(by) = &selection.colour_by {
         text += &format!("; coloured by {}", by.column);
     }

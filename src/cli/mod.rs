@@ -3,7 +3,9 @@
 //! Results go to stdout, everything else to stderr. The exit status is 0 if all was done, 1 if the
 //! verifier found issues, 2 if anything else went wrong; then stderr ends with one message.
 
+mod against;
 mod args;
+mod batch;
 mod cells;
 mod chart;
 mod chosen;
@@ -23,11 +25,14 @@ mod preview;
 mod progress;
 mod region;
 mod repack;
+mod scans_table;
 mod select;
+mod serve;
 mod sigbus;
 mod stop;
 mod threshold;
 mod verify;
+mod view;
 
 use crate::error::Result;
 use clap::error::ErrorKind;
@@ -65,11 +70,13 @@ enum Command {
     Info(info::InfoArgs),
     Convert(convert::ConvertArgs),
     Verify(verify::VerifyArgs),
+    View(view::ViewArgs),
     Cells(cells::CellsArgs),
     Compare(compare::CompareArgs),
     Select(select::SelectArgs),
     Export(export::ExportArgs),
     Repack(repack::RepackArgs),
+    Serve(serve::ServeArgs),
     Preview(preview::PreviewArgs),
     Phantom(phantom::PhantomArgs),
     Completions(generate::CompletionsArgs),
@@ -84,11 +91,13 @@ impl Command {
             Command::Info(args) => args.run(),
             Command::Convert(args) => args.run(typed),
             Command::Verify(args) => args.run(),
+            Command::View(args) => args.run(),
             Command::Cells(args) => args.run(),
             Command::Compare(args) => args.run(),
             Command::Select(args) => args.run(),
             Command::Export(args) => args.run(),
             Command::Repack(args) => args.run(),
+            Command::Serve(args) => args.run(),
             Command::Preview(args) => args.run(),
             Command::Phantom(args) => args.run(),
             Command::Completions(args) => args.run(),
@@ -162,8 +171,8 @@ fn one_line(refusal: &clap::Error, typed: &[OsString]) -> String {
 /// The commands in groups, as the help lists them.
 const GROUPS: [(&str, &[&str]); 4] = [
     ("Make tiles", &["demo", "info", "convert", "verify"]),
-    ("Look", &["preview", "cells", "compare"]),
-    ("Use tiles", &["select", "export", "repack"]),
+    ("Look", &["view", "preview", "cells", "compare"]),
+    ("Use tiles", &["select", "export", "repack", "serve"]),
     ("Other", &["phantom", "completions", "man", "help"]),
 ];
 

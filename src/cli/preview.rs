@@ -1,6 +1,7 @@
 //! `alvis preview`: a slice of a volume as a picture.
 
 use super::args::{Common, InputOptions, open_stamped};
+use super::chosen::ChosenArgs;
 use super::threshold::{self, TAKES, Threshold, threshold};
 use super::{Outcome, output};
 use crate::error::{Error, Result};
@@ -27,13 +28,15 @@ const PANELS: usize = 8;
 /// Grey values run from the 0.5th to the 99.5th percentile of the slice. A slice across z has x to
 /// the right and y down; across y, x to the right and z down; across x, y to the right and z down. Voxels
 /// have their true proportion. A caption, a scale bar and legends stand around the slice. Cells that
-/// the volume's faces cut are hatched where a measure gives the colours: theirs are of a part.
+/// the volume's faces cut are hatched where a measure gives the colours: theirs are of a part. With --objects the objects
+/// are in colour instead, with --surfaces the outlines of surfaces.
 #[derive(Debug, Args)]
 #[command(after_help = "Examples:\n  \
     alvis preview scan.mhd slice.png --threshold otsu\n  \
     alvis preview scan.mhd slice.png --threshold otsu,peaks,140\n  \
     alvis preview scan.mhd slice.png --tiles OUT --colour-by equivalent_diameter\n  \
-    alvis preview scan.mhd slice.png --tiles OUT --where 'volume > 3' --axis x --at 40")]
+    alvis preview scan.mhd slice.png --tiles OUT --where 'volume > 3' --axis x --at 40\n  \
+    alvis preview scan.mhd slice.png --tiles OUT --objects --largest 1")]
 pub struct PreviewArgs {
     /// The volume: a file, a folder of slices, a Zarr, or slices as in `s%04d.tif`
     #[arg(value_hint = ValueHint::FilePath)]
@@ -69,14 +72,8 @@ pub struct PreviewArgs {
     /// Values of the map's first and last colour [default: those of the cells]
     #[arg(long, value_name = "A:B", allow_hyphen_values = true, value_parser = super::select::range, requires = "colour_by")]
     range: Option<[f64; 2]>,
-    /// Colour only the cells for which this holds
-    #[arg(
-        long = "where",
-        value_name = "EXPR",
-        requires = "tiles",
-        allow_hyphen_values = true
-    )]
-    condition: Option<String>,
+    #[command(flatten)]
+    chosen: ChosenArgs,
     /// Samples that are black and white
     #[arg(long, value_name = "A:B", allow_hyphen_values = true, value_parser = super::select::range)]
     window: Option<[f64; 2]>,
@@ -98,6 +95,10 @@ pub struct PreviewArgs {
 impl PreviewArgs {
     /// Refuses what needs no reading.
     fn check(&self) -> Result<()> {
+        if let (Some(option), None) = (self.chosen.given(), &self.tiles) {
+            let expected = "it together with --tiles OUT, whose tables are chosen from";
+            return Err(Error::usage(option, "it alone", expected));
+        }
         let ending = self.png.extension();
         if ending.is_none_or(|e| !e.eq_ignore_ascii_case("png")) {
             let found = self.png.display().to_string();
@@ -144,7 +145,7 @@ impl PreviewArgs {
             colour_by: self.colour_by,
             map: self.map,
             range: self.range,
-            condition: self.condition,
+            chosen: self.chosen.chosen(),
             window: self.window,
             scale: self.scale,
             plain: self.plain,
@@ -157,8 +158,14 @@ impl PreviewArgs {
         if self.common.json {
             output::print_json(&report)?;
         } else if self.common.talks() {
-            let cells = report.cells.map_or(String::new(), |n| {
-                format!(", {}", output::things(n, "cell"))
+            let counts = [
+                (report.cells, "cell"),
+                (report.objects, "object"),
+                (report.surfaces, "surface"),
+            ];
+            let count = counts.into_iter().find_map(|(n, name)| Some((n?, name)));
+            let cells = count.map_or(String::new(), |(n, name)| {
+                format!(", {}", output::things(n, name))
             });
             output::print(&format!(
                 "{}: slice {} across {}, {} x {} pixels{cells}\n",

@@ -89,6 +89,16 @@ impl Console {
     }
 }
 
+impl Console {
+    /// Tells what the user has to know, also with `--quiet`.
+    pub fn tell(&self, line: &str) {
+        match self {
+            Console::Quiet => note(line),
+            _ => self.note(line),
+        }
+    }
+}
+
 impl Drop for Console {
     fn drop(&mut self) {
         if let Console::Bars(bar) = self
@@ -168,11 +178,7 @@ impl Progress for Console {
 
     /// Also with `--quiet`: what may make numbers wrong is something that goes wrong.
     fn warn(&self, message: &str) {
-        let line = format!("warning: {message}");
-        match self {
-            Console::Quiet => note(&line),
-            _ => self.note(&line),
-        }
+        self.tell(&format!("warning: {message}"));
     }
 }
 

@@ -2,11 +2,14 @@
 
 use crate::convert::RegionOfInterest;
 use crate::error::{Error, Result};
-use crate::grid::{Crop, Cylinder, Dims, Dtype, Endian, Fill, Region, Shape};
+use crate::grid::{
+    Crop, Cylinder, Dims, Dtype, Endian, Fill, Origin, Placement, Region, Shape, Unit,
+};
 use crate::manifest::Manifest;
 use crate::progress::Progress;
 use crate::volume::{
-    self, Headerless, OpenOptions, RegionVoxels, Volume, file_name, fill_value, find_cylinder,
+    self, Header, Headerless, OpenOptions, Opened, RegionVoxels, Volume, file_name, fill_value,
+    find_cylinder,
 };
 use clap::{Args, ValueEnum};
 use std::path::{Path, PathBuf};
@@ -39,8 +42,9 @@ pub struct RegionArgs {
     /// `cylinder:CX,CY,R` along z, or `mask:FILE`
     ///
     /// A cylinder goes through all slices; its axis and radius are in voxels, and a voxel is inside if its middle is. The
-    /// one that is found ends a voxel before the rim of the sample. A mask is any volume of the same size that alvis
-    /// reads (raw: of type u8); voxels that are not 0 are inside. Histogram, thresholds and porosity are of what is
+    /// one that is found ends inside of the rim of the sample, by a voxel or less; it is looked for in the whole volume,
+    /// also with --crop. A mask is any volume of the same size and place that
+    /// alvis reads (raw: of type u8); voxels that are not 0 are inside. Histogram, thresholds and porosity are of what is
     /// inside, cells that the edge of the region cuts are border cells. Which voxels of a mask are inside is kept in a
     /// temporary file, an eighth of a byte for each.
     #[arg(long, value_name = "REGION", value_parser = region)]
@@ -121,12 +125,13 @@ impl RegionArgs {
     /// Those of [`find_cylinder`] and [`RegionVoxels::of_mask`], and of opening the mask.
     pub fn find(&self, volume: &dyn Volume, progress: &dyn Progress) -> Result<Option<Roi>> {
         self.check()?;
-        let dims = volume.header().dims;
+        let header = volume.header();
+        let dims = header.dims;
         let Some(asked) = &self.roi else {
             return Ok(None);
         };
         let (shape, voxels) = match asked {
-            RegionArg::Mask(path) => read_mask(path, dims, progress)?,
+            RegionArg::Mask(path) => read_mask(path, header, progress)?,
             RegionArg::Found => of_cylinder(find_cylinder(volume, progress)?, dims)?,
             RegionArg::Cylinder(cylinder) => of_cylinder(*cylinder, dims)?,
         };
@@ -180,7 +185,7 @@ impl RegionArgs {
                 RegionVoxels::cylinder(cylinder, dims).map(Some)
             }
             (Some(Shape::Mask { checksum, .. }), Some(RegionArg::Mask(path))) => {
-                let (found, voxels) = read_mask(path, dims, progress)?;
+                let (found, voxels) = read_mask(path, volume.header(), progress)?;
                 match found {
                     Shape::Mask { checksum: own, .. } if own == *checksum => Ok(Some(voxels)),
                     _ => Err(other(format!(
@@ -208,8 +213,58 @@ fn of_cylinder(cylinder: Cylinder, dims: Dims) -> Result<(Shape, RegionVoxels)> 
     Ok((Shape::Cylinder(cylinder), voxels))
 }
 
+/// Refuses a mask whose file states that it lies otherwise than the volume: voxel by voxel it would be another region.
+/// What a file does not state is taken to be the volume's.
+fn same_place(path: &Path, mask: &Opened, volume: &Placement) -> Result<()> {
+    /// Of a voxel, by how much places may differ: files round them.
+    const OFF: f64 = 0.1;
+    let stated = &mask.provenance;
+    let own = mask.volume.header().placement;
+    let known = own.unit != Unit::Voxel && volume.unit != Unit::Voxel;
+    let (true, Ok(own)) = (known, own.in_unit(volume.unit)) else {
+        return Ok(());
+    };
+    let from_file = |origin: Origin| origin == Origin::File;
+    let steps = (0..3).filter(|&a| from_file(stated.spacing[a]));
+    let step = |a: usize| (own.spacing[a] / volume.spacing[a] - 1.0).abs() > OFF / 10.0;
+    let directions = own.directions.as_flattened().iter();
+    let turned = directions
+        .zip(volume.directions.as_flattened())
+        .any(|(a, b)| (a - b).abs() > OFF / 10.0);
+    let has_place =
+        volume.origin != [0.0; 3] || volume.directions != Placement::default().directions;
+    let moved = (0..3).any(|a| {
+        let smallest = volume
+            .spacing
+            .iter()
+            .fold(f64::INFINITY, |s: f64, v| s.min(*v));
+        (own.origin[a] - volume.origin[a]).abs() > OFF * smallest
+    });
+    let what = if steps.clone().any(step) {
+        format!("voxels of {:?} {}", own.spacing, own.unit)
+    } else if from_file(stated.origin) && has_place && turned {
+        format!("axes along {:?}", own.directions)
+    } else if from_file(stated.origin) && has_place && moved {
+        format!("the first voxel at {:?} {}", own.origin, own.unit)
+    } else {
+        return Ok(());
+    };
+    let expected = format!(
+        "one that lies as the volume does: voxels of {:?} {}, axes along {:?}, the first voxel at {:?}",
+        volume.spacing, volume.unit, volume.directions, volume.origin
+    );
+    let found = format!("the mask {} with {what}", path.display());
+    Err(Error::usage("--roi", found, expected)
+        .with_hint("a mask without a place, as .npy or raw, is taken voxel by voxel"))
+}
+
 /// Opens and reads a mask for a volume of this size.
-fn read_mask(path: &Path, dims: Dims, progress: &dyn Progress) -> Result<(Shape, RegionVoxels)> {
+fn read_mask(
+    path: &Path,
+    header: &Header,
+    progress: &dyn Progress,
+) -> Result<(Shape, RegionVoxels)> {
+    let dims = header.dims;
     let options = OpenOptions {
         headerless: Some(Headerless {
             dims: dims.0.map(u64::from),
@@ -219,7 +274,11 @@ fn read_mask(path: &Path, dims: Dims, progress: &dyn Progress) -> Result<(Shape,
         }),
         ..OpenOptions::default()
     };
-    let mask = volume::open(path, &options)?.volume;
+    let opened = volume::open(path, &options)?;
+    if dims == opened.volume.header().dims {
+        same_place(path, &opened, &header.placement)?;
+    }
+    let mask = opened.volume;
     let kept_in = std::env::temp_dir();
     let (voxels, checksum) = RegionVoxels::of_mask(&*mask, dims, &kept_in, progress)?;
     let file = file_name(path);

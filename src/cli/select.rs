@@ -1,8 +1,10 @@
 //! `alvis select`: a part of a tile set, or a painted copy.
 
 use super::args::Common;
+use super::chosen::ChosenArgs;
 use super::{Outcome, output};
 use crate::error::{Error, Result};
+use crate::table::Table;
 use crate::transform::select::{
     ColourRule, Map, PaintRule, SelectOptions, SelectReport, parse_colour, select,
 };
@@ -11,12 +13,13 @@ use std::path::PathBuf;
 
 /// Write a part of a tile set, or a painted copy, as a tile set of its own
 ///
-/// Cells are kept or left out with all their surfaces; geometry is copied, ids and measures stay
-/// those of the whole. Conditions are those of `alvis cells`. Caps are kept only if all surfaces of
+/// Cells, objects or surfaces are kept or left out, cells and objects with all their surfaces; geometry is copied, ids
+/// and measures stay those of the whole. Conditions are those of `alvis cells`. Caps are kept only if all surfaces of
 /// the objects that are left are kept.
 #[derive(Debug, Args)]
 #[command(after_help = "Examples:\n  \
     alvis select OUT PART --where 'not touches_border'\n  \
+    alvis select OUT PART --objects --largest 1\n  \
     alvis select OUT PART --paint best:100=green --paint worst:100=red\n  \
     alvis select OUT PART --colour-by volume --map magma --paint 'volume > 3=#ff8800'")]
 pub struct SelectArgs {
@@ -26,17 +29,16 @@ pub struct SelectArgs {
     /// The directory to write
     #[arg(value_hint = ValueHint::DirPath)]
     dest: PathBuf,
-    /// Keep the cells for which this holds
-    #[arg(long = "where", value_name = "EXPR", allow_hyphen_values = true)]
-    condition: Option<String>,
-    /// Leave those cells out, and keep the others
-    #[arg(long, requires = "condition")]
+    #[command(flatten)]
+    chosen: ChosenArgs,
+    /// Leave out what --where and --largest choose, and keep the others
+    #[arg(long)]
     omit: bool,
-    /// Paint the cells for which a condition holds, or best:N or worst:N by form factor, in a CSS
+    /// Paint those for which a condition holds, or best:N or worst:N by form factor, in a CSS
     /// colour; later ones paint over earlier ones
     #[arg(long, value_name = "EXPR=COLOUR", allow_hyphen_values = true, value_parser = paint)]
     paint: Vec<PaintRule>,
-    /// Colour all cells by a column or an expression
+    /// Colour all by a column or an expression
     #[arg(
         long,
         alias = "color-by",
@@ -47,7 +49,7 @@ pub struct SelectArgs {
     /// Colour map: viridis, magma, plasma, inferno, cividis or turbo
     #[arg(long, value_name = "NAME", default_value = "viridis", value_parser = map, requires = "colour_by")]
     map: Map,
-    /// Values of the map's first and last colour [default: those of the cells that are kept]
+    /// Values of the map's first and last colour [default: those of what is kept]
     #[arg(long, value_name = "A:B", allow_hyphen_values = true, value_parser = range, requires = "colour_by")]
     range: Option<[f64; 2]>,
     /// Replace a tile set that is in the directory
@@ -87,15 +89,28 @@ pub fn range(text: &str) -> Result<[f64; 2], String> {
 impl SelectArgs {
     pub fn run(self) -> Result<Outcome> {
         let console = self.common.start();
-        if self.condition.is_none() && self.paint.is_empty() && self.colour_by.is_none() {
+        let chosen = self.chosen.chosen();
+        if self.omit && chosen.is_all() {
+            let expected = "it together with --where or --largest";
+            return Err(Error::usage("--omit", "it alone", expected));
+        }
+        if chosen.is_all() && self.paint.is_empty() && self.colour_by.is_none() {
             return Err(Error::usage(
                 "select",
                 "nothing to do",
-                "--where, --paint or --colour-by",
+                "--where, --largest, --paint or --colour-by",
             ));
         }
+        let ranked = |rule: &PaintRule| rule.condition.contains(':');
+        if chosen.table == Table::Surfaces
+            && let Some(rule) = self.paint.iter().find(|rule| ranked(rule))
+        {
+            let found = format!("{} with --surfaces", rule.condition);
+            let expected = "a condition: surfaces have no form factor";
+            return Err(Error::usage("--paint", found, expected));
+        }
         let options = SelectOptions {
-            condition: self.condition,
+            chosen,
             omit: self.omit,
             paint: self.paint,
             colour_by: self.colour_by.map(|column| ColourRule {
@@ -134,10 +149,10 @@ fn summary(report: &SelectReport) -> String {
         ("triangles", output::count(report.triangles)),
     ];
     for paint in &report.selection.painted {
-        let cells = output::count(paint.cells);
+        let count = output::count(paint.count.count());
         rows.push((
             "painted",
-            format!("{cells} {}: {}", paint.colour, paint.condition),
+            format!("{count} {}: {}", paint.colour, paint.condition),
         ));
     }
     if let Some(by) = &report.selection.colour_by {

@@ -1,13 +1,13 @@
 //! `alvis verify`: the proof that a tile set has no hole.
 
-use super::args::{Common, InputOptions, open_stamped};
+use super::against::{Asked, open_against};
+use super::args::{Common, InputOptions};
 use super::{Outcome, output};
-use crate::error::{Error, Result};
-use crate::grid::Origin;
-use crate::manifest::{Manifest, PARTIAL};
+use crate::error::Result;
+use crate::manifest::PARTIAL;
 use crate::progress::Progress;
-use crate::verify::{self, Issue, Report, Severity, SourceVolume, VerifyOptions};
-use crate::volume::{self, Cropped, Filled, Headerless, RegionVoxels, Stamp, Volume};
+use crate::verify::{self, Issue, Report, Severity, VerifyOptions};
+use crate::volume::{self, Volume};
 use clap::{Args, ValueHint};
 use std::fmt::Write;
 use std::path::{Path, PathBuf};
@@ -45,7 +45,16 @@ impl VerifyArgs {
     pub fn run(self) -> Result<Outcome> {
         let console = self.common.start();
         let against = match &self.against {
-            Some(path) => Some(open_against(&self.out, path, &self.input, &console)?),
+            Some(path) => {
+                let asked = Asked {
+                    options: self.input.options(),
+                    filters: &self.input.filters,
+                    region: Some(&self.input.region),
+                    option: "--against",
+                    progress: &console,
+                };
+                Some(open_against(&self.out, path, asked)?)
+            }
             None => {
                 self.input.refuse_without_volume("--against INPUT")?;
                 None
@@ -97,105 +106,6 @@ fn copied<'a>(volume: &'a dyn Volume, dir: &Path) -> Result<Option<Box<dyn Volum
         None if !volume.random_access() => volume::spool(volume, dir).map(Some),
         once => Ok(once),
     }
-}
-
-/// The volume that a tile set is compared with, what it says of itself as a whole, and what shows a change to it.
-struct Against {
-    volume: Box<dyn Volume>,
-    /// The voxels of its region of interest, cut as it is.
-    region: Option<RegionVoxels>,
-    source: SourceVolume,
-    stamp: Stamp,
-}
-
-/// Opens the volume that a tile set is compared with, filtered and cut as the manifest says. What a raw file does not say is taken
-/// from the manifest unless the options say it, as is what was asked for of a file of the name that was converted.
-/// Such a file is raw even if it begins as one with a header does.
-fn open_against(
-    directory: &Path,
-    path: &Path,
-    input: &InputOptions,
-    progress: &dyn Progress,
-) -> Result<Against> {
-    // an index that cannot be read is for the verifier to report
-    let manifest = Manifest::open(directory).ok();
-    let Some(manifest) = manifest else {
-        let (opened, stamp) = open_stamped(path, &input.options(), directory)?;
-        let opened = input.filters.apply(opened)?;
-        let source = SourceVolume::of(&opened);
-        let volume = opened.volume;
-        return Ok(Against {
-            volume,
-            region: None,
-            source,
-            stamp,
-        });
-    };
-    let source = &manifest.source;
-    let mut options = input.options();
-    let same_name = volume::file_name(path) == source.name;
-    if same_name {
-        options = options.or_part(&source.part);
-        // what the file does not state had to be said to open it
-        if source.provenance.spacing.contains(&Origin::Option) && options.spacing.is_none() {
-            options.spacing = Some(unfiltered_spacing(&manifest));
-            options.unit = options.unit.or(Some(manifest.placement.unit));
-        }
-    }
-    if source.format == "raw" {
-        options.headerless = Some(Headerless {
-            dims: source.dims.0.map(u64::from),
-            dtype: source.dtype,
-            endian: source.endian,
-            offset: source.offset,
-        });
-        if same_name {
-            options = options.of_headerless();
-        }
-    }
-    let (opened, stamp) = open_stamped(path, &options, directory)?;
-    let opened = input.filters.apply_as(&manifest, opened, "--against")?;
-    let whole = SourceVolume::of(&opened);
-    let asked = &input.region;
-    let region = asked.find_as(&manifest, &*opened.volume, "--against", progress)?;
-    let volume = match (&region, &manifest.region) {
-        (Some(voxels), Some(stated)) => {
-            let filled = Filled::new(opened.volume, voxels.clone(), stated.fill_value)?;
-            Box::new(filled) as Box<dyn Volume>
-        }
-        _ => opened.volume,
-    };
-    let dims = volume.header().dims;
-    let volume = match &source.crop {
-        None => Ok(volume),
-        Some(crop) if crop.dims_in(dims).is_err() => Err(Error::usage(
-            "--against",
-            format!("{} of {dims} voxels", path.display()),
-            format!(
-                "a volume of {}, of which the tiles cover a part",
-                manifest.filtered_dims()?
-            ),
-        )),
-        Some(crop) => Ok(Box::new(Cropped::new(volume, crop)?) as Box<dyn Volume>),
-    };
-    let volume = volume?;
-    let region = match (region, &source.crop) {
-        (Some(region), Some(crop)) => Some(region.cropped(crop)?),
-        (region, _) => region,
-    };
-    Ok(Against {
-        volume,
-        region,
-        source: whole,
-        stamp,
-    })
-}
-
-/// The size of a voxel before the filters of a tile set.
-fn unfiltered_spacing(manifest: &Manifest) -> [f64; 3] {
-    let factors = manifest.filters.iter().map(|filter| filter.factor());
-    let factor: f64 = factors.map(f64::from).product();
-    manifest.placement.spacing.map(|size| size / factor)
 }
 
 fn text(report: &Report) -> String {

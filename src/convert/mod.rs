@@ -127,11 +127,20 @@ pub fn predicted_memory(volume: &dyn Volume, options: &ConvertOptions) -> Result
 /// [`Error::OutputInterrupted`].
 pub fn check_before(volume: &dyn Volume, options: &ConvertOptions, out: &Path) -> Result<()> {
     predicted_memory(volume, options)?;
-    if options.resume {
-        return Ok(());
+    match options.resume {
+        true => Ok(()),
+        false => check_unused(out, options.force),
     }
-    check_output(out, options.force)?;
-    match options.force {
+}
+
+/// Refuses a directory that holds a tile set or an interrupted conversion, unless these are to be replaced, or anything
+/// else.
+///
+/// # Errors
+/// Those of [`check_output`]; [`Error::OutputInterrupted`].
+pub fn check_unused(out: &Path, force: bool) -> Result<()> {
+    check_output(out, force)?;
+    match force {
         true => Ok(()),
         false => refuse_kept(out, interrupted(out)),
     }

@@ -112,7 +112,7 @@ impl Choice {
         };
         let mut table = chosen.table.open(dir, manifest)?;
         let path = table.path().to_path_buf();
-        let query = chosen.query(table.columns())?;
+        let query = chosen.query(&table)?;
         let id = table.own_column("id")?;
         let largest_id = most(chosen.table, &whole);
         query.run(&mut table, |row| {

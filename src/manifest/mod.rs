@@ -8,6 +8,7 @@ pub(crate) mod batch;
 mod form;
 mod open;
 mod seal;
+mod selection;
 mod shard;
 mod shard_text;
 mod shard_writer;
@@ -16,6 +17,7 @@ pub(crate) use batch::batch;
 pub use form::{Encoding, Form, Layout, Primitives};
 pub use open::{MANIFEST, PARTIAL, file_inside, inside, is_plain, manifest_file};
 pub(crate) use seal::{checksum_of, own_checksum, sums_of};
+pub use selection::{ColourBy, Paint, Painted, Selection, Step, Table, WholeTotals};
 pub use shard::ShardTiles;
 pub(crate) use shard_text::{ShardFault, ShardText};
 pub(crate) use shard_writer::{ShardWriter, entry_text, shard_path};
@@ -115,79 +117,6 @@ impl Manifest {
             (s.of.cells, s.of.objects, s.of.surfaces) != (t.cells, t.objects, t.surfaces)
         })
     }
-}
-
-/// What makes a tile set a part of another one, or a painted copy of it: the pieces of some cells.
-///
-/// Ids are those of the whole, so they have gaps, and the laws of whole surfaces that count
-/// components do not hold. Surfaces are kept or left out as wholes, so edges still meet.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
-pub struct Selection {
-    /// The condition on cells; absent if all were taken.
-    #[serde(rename = "where")]
-    pub condition: Option<String>,
-    /// True if the cells for which the condition holds were left out, not kept.
-    pub omit: bool,
-    /// Cells of one colour, later entries over earlier ones.
-    pub painted: Vec<Paint>,
-    /// Colours by the values of a column.
-    pub colour_by: Option<ColourBy>,
-    /// What the whole had.
-    pub of: WholeTotals,
-}
-
-/// Cells painted in one colour.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
-pub struct Paint {
-    /// The condition, or `best:N` or `worst:N`.
-    #[serde(rename = "where")]
-    pub condition: String,
-    /// `#rrggbb`, sRGB.
-    pub colour: String,
-    /// Cells that it holds for among those kept.
-    pub cells: u64,
-}
-
-/// Cells coloured by a value.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
-pub struct ColourBy {
-    /// The column, or an expression over columns.
-    pub column: String,
-    /// Its unit, or nothing.
-    pub unit: String,
-    /// Name of the colour map.
-    pub map: String,
-    /// Value of the map's first colour.
-    pub min: f64,
-    /// Value of the map's last colour.
-    pub max: f64,
-    /// Colours at equal steps from min to max: `#rrggbb`, sRGB.
-    pub colours: Vec<String>,
-    /// Path of a picture of the map with its values.
-    pub legend: String,
-}
-
-impl ColourBy {
-    /// The column with its unit.
-    pub fn title(&self) -> String {
-        match self.unit.as_str() {
-            "" => self.column.clone(),
-            unit => format!("{} [{unit}]", self.column),
-        }
-    }
-}
-
-/// Counts of the tile set that another was chosen from, or of the first one if that was chosen too.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
-pub struct WholeTotals {
-    /// Cells.
-    pub cells: u64,
-    /// Objects.
-    pub objects: u64,
-    /// Surfaces.
-    pub surfaces: u64,
-    /// Above voxels of the grid.
-    pub voxels_above: u64,
 }
 
 /// The program that wrote a tile set.

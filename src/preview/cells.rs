@@ -1,4 +1,4 @@
-//! The cells of a slice, from the tiles' vertices in it.
+//! The cells, objects or surfaces of a slice, from the tiles' vertices in it.
 
 use super::PreviewOptions;
 use super::slice::Slice;
@@ -7,11 +7,11 @@ use crate::grid::{Ambiguous, LATTICE, Tiling};
 use crate::manifest::{Manifest, Paint, Selection, TileEntry, file_inside};
 use crate::picture::ticks::place;
 use crate::picture::{Map, parse_colour};
-use crate::table::{Column, Expr, Table};
+use crate::table::{Chosen, Column, Expr, Table};
 use crate::tile::Rgb;
 use crate::tile::pieces::pieces;
 use crate::tile::read::{ReadError, Tile};
-use std::collections::{BTreeMap, BTreeSet};
+use std::collections::{BTreeMap, BTreeSet, HashMap};
 use std::f64::consts::PI;
 use std::path::Path;
 
@@ -20,15 +20,15 @@ use std::path::Path;
 pub enum Style {
     /// As its sample.
     Sample,
-    /// In the colour of its cell.
+    /// In the colour of its cell or object.
     Colour(Rgb),
-    /// Of a cell whose value means nothing, such as the volume of one that the volume's faces cut.
+    /// Of one whose value means nothing, such as the volume of a cell that the volume's faces cut.
     NoValue,
 }
 
 /// What the colours mean.
 pub enum Meaning {
-    /// They tell cells apart.
+    /// They tell cells, objects or surfaces apart.
     Ids,
     /// They follow values.
     Values {
@@ -45,9 +45,9 @@ pub enum Meaning {
 
 /// The colours of a slice.
 pub struct Colours {
-    width: u32,
-    /// The cell of each voxel; 0 if it is above or of no known cell.
-    cells: Vec<u64>,
+    /// What has colours.
+    pub table: Table,
+    seen: Seen,
     styles: BTreeMap<u64, Style>,
     /// What they mean; colours by value may be painted over.
     pub meanings: Vec<Meaning>,
@@ -56,11 +56,18 @@ pub struct Colours {
 impl Colours {
     /// How a voxel is drawn.
     pub fn at(&self, [x, y]: [u32; 2]) -> Style {
-        let cell = self.cells[y as usize * self.width as usize + x as usize];
-        self.styles.get(&cell).copied().unwrap_or(Style::Sample)
+        let id = self.seen.ids[self.seen.place([x, y])];
+        self.styles.get(&id).copied().unwrap_or(Style::Sample)
     }
 
-    /// How many cells have a colour.
+    /// How the outline is drawn between two neighbouring voxels, where the surface crosses.
+    pub fn between(&self, ends: [[u32; 2]; 2]) -> Style {
+        let id = self.seen.edges.get(&self.seen.edge(ends));
+        let style = id.and_then(|id| self.styles.get(id)).copied();
+        style.unwrap_or(Style::Sample)
+    }
+
+    /// How many of the slice have a colour.
     pub fn coloured(&self) -> u64 {
         let coloured = |style: &&Style| matches!(style, Style::Colour(_));
         self.styles.values().filter(coloured).count() as u64
@@ -74,15 +81,15 @@ impl Colours {
         })
     }
 
-    /// How many cells have no value that means something.
+    /// How many have no value that means something.
     pub fn without_value(&self) -> u64 {
         let without = |style: &&Style| **style == Style::NoValue;
         self.styles.values().filter(without).count() as u64
     }
 }
 
-/// Finds the cells of a slice's below voxels, and their colours: by value if that is asked for, else those of the tiles
-/// if they are painted, else by id.
+/// Finds the cells of a slice's below voxels, the objects of its above ones, or the surfaces between them, and their
+/// colours: by value if that is asked for, else those of the tiles if these are painted so, else by id.
 pub fn colours(
     dir: &Path,
     manifest: &Manifest,
@@ -90,7 +97,10 @@ pub fn colours(
     options: &PreviewOptions,
 ) -> Result<Colours> {
     let mut seen = Seen {
-        cells: vec![0; slice.values.len()],
+        table: table(manifest, options),
+        width: slice.size[0],
+        ids: vec![0; slice.values.len()],
+        edges: HashMap::new(),
         painted: BTreeMap::new(),
     };
     let tiling = Tiling {
@@ -111,15 +121,20 @@ pub fn colours(
             }
         }
     }
-    flood(manifest, slice, &mut seen.cells);
-    let ids: BTreeSet<u64> = seen.cells.iter().copied().filter(|&id| id != 0).collect();
-    let chosen = match &options.condition {
-        Some(text) => matching(dir, manifest, text, &ids)?,
-        None => ids,
+    flood(manifest, slice, &mut seen);
+    let all = seen.ids.iter().chain(seen.edges.values()).copied();
+    let ids: BTreeSet<u64> = all.filter(|&id| id != 0).collect();
+    let asked = Chosen {
+        table: seen.table,
+        ..options.chosen.clone()
+    };
+    let chosen = match asked.is_all() {
+        true => ids,
+        false => matching(dir, manifest, &asked, &ids)?,
     };
     let (styles, meanings) = match (&options.colour_by, &manifest.selection) {
-        (Some(column), _) => by_value(dir, manifest, column, options, &chosen)?,
-        (None, Some(selection)) if is_painted(selection) => {
+        (Some(column), _) => by_value(dir, manifest, column, &asked, options, &chosen)?,
+        (None, Some(selection)) if is_painted(selection) && selection.table == seen.table => {
             as_painted(dir, manifest, selection, &chosen, &seen.painted)?
         }
         _ => {
@@ -128,22 +143,50 @@ pub fn colours(
         }
     };
     Ok(Colours {
-        width: slice.size[0],
-        cells: seen.cells,
+        table: seen.table,
+        seen,
         styles,
         meanings,
     })
 }
 
+/// The table that is asked for; of tiles that are painted that of the colours, unless anything is asked for.
+pub fn table(manifest: &Manifest, options: &PreviewOptions) -> Table {
+    let asked = options.chosen.table;
+    let nothing = options.chosen == Chosen::default() && options.colour_by.is_none();
+    let painted = manifest.selection.as_ref().filter(|s| is_painted(s));
+    match painted.filter(|_| nothing) {
+        Some(selection) => selection.table,
+        None => asked,
+    }
+}
+
 /// What the tiles have in a slice.
 struct Seen {
-    /// The cell of each voxel, 0 if unknown.
-    cells: Vec<u64>,
-    /// Cells with a colour of their own in the tiles.
+    table: Table,
+    /// Voxels to the right.
+    width: u32,
+    /// The cell or the object of each voxel, 0 if it has none or that is unknown.
+    ids: Vec<u64>,
+    /// The surface of each edge of the slice's grid that one crosses, if surfaces are asked for.
+    edges: HashMap<usize, u64>,
+    /// Those with a colour of their own in the tiles.
     painted: BTreeMap<u64, Rgb>,
 }
 
-/// Writes the cell of each vertex in the slice to the voxel at the below end of its edge.
+impl Seen {
+    fn place(&self, [x, y]: [u32; 2]) -> usize {
+        y as usize * self.width as usize + x as usize
+    }
+
+    /// The number of the edge between two neighbouring voxels: two times that of the lower one, and one more if it runs
+    /// down.
+    fn edge(&self, [a, b]: [[u32; 2]; 2]) -> usize {
+        2 * self.place(a).min(self.place(b)) + usize::from(a[1] != b[1])
+    }
+}
+
+/// Writes the cell or object of each vertex in the slice to the voxel at that end of its edge, the surface to its edge.
 fn seeds(
     dir: &Path,
     manifest: &Manifest,
@@ -161,8 +204,13 @@ fn seeds(
         if piece.ids.cell == 0 {
             continue;
         }
+        let id = match seen.table {
+            Table::Cells => piece.ids.cell,
+            Table::Objects => piece.ids.object,
+            Table::Surfaces => piece.ids.surface,
+        };
         if let Some(colour) = piece.colour {
-            seen.painted.insert(piece.ids.cell, colour);
+            seen.painted.insert(id, colour);
         }
         for p in piece.lattice().map_err(bad)? {
             if p[slice.axis as usize] != plane {
@@ -172,16 +220,22 @@ fn seeds(
             // an edge in the slice: its ends are the voxels beside the one fraction
             let low = at.map(|v| v.div_euclid(step));
             let high = at.map(|v| (v + step - 1).div_euclid(step));
+            let voxel = |end: [i32; 2]| {
+                let [x, y] = end.map(|v| u32::try_from(v).ok());
+                let (x, y) = (x?, y?);
+                (low != high && x < slice.size[0] && y < slice.size[1]).then_some([x, y])
+            };
+            let (Some(low), Some(high)) = (voxel(low), voxel(high)) else {
+                continue;
+            };
+            if seen.table == Table::Surfaces {
+                seen.edges.insert(seen.edge([low, high]), id);
+                continue;
+            }
             for end in [low, high] {
-                let [Ok(x), Ok(y)] = end.map(u32::try_from) else {
-                    continue;
-                };
-                if low == high || x >= slice.size[0] || y >= slice.size[1] {
-                    continue;
-                }
-                if !slice.above([x, y], manifest.threshold) {
-                    let at = y as usize * slice.size[0] as usize + x as usize;
-                    seen.cells[at] = piece.ids.cell;
+                if slice.above(end, manifest.threshold) == (seen.table == Table::Objects) {
+                    let at = seen.place(end);
+                    seen.ids[at] = id;
                 }
             }
         }
@@ -189,12 +243,14 @@ fn seeds(
     Ok(())
 }
 
-/// Spreads the cells over the below voxels that are connected in the slice: they are connected in
-/// the volume too.
-fn flood(manifest: &Manifest, slice: &Slice, cells: &mut [u64]) {
+/// Spreads cells over the below voxels, or objects over the above ones, that are connected in the slice: they are
+/// connected in the volume too.
+fn flood(manifest: &Manifest, slice: &Slice, seen: &mut Seen) {
     let [width, height] = slice.size.map(i64::from);
-    let diagonal = manifest.ambiguous == Ambiguous::Separate;
-    let mut open: Vec<usize> = (0..cells.len()).filter(|&i| cells[i] != 0).collect();
+    let objects = seen.table == Table::Objects;
+    let diagonal = objects == (manifest.ambiguous == Ambiguous::Join);
+    let ids = &mut seen.ids;
+    let mut open: Vec<usize> = (0..ids.len()).filter(|&i| ids[i] != 0).collect();
     while let Some(i) = open.pop() {
         let (x, y) = (i as i64 % width, i as i64 / width);
         for (dx, dy) in [
@@ -214,8 +270,8 @@ fn flood(manifest: &Manifest, slice: &Slice, cells: &mut [u64]) {
             }
             let n = (v * width + u) as usize;
             let above = slice.above([u as u32, v as u32], manifest.threshold);
-            if cells[n] == 0 && !above {
-                cells[n] = cells[i];
+            if ids[n] == 0 && above == objects {
+                ids[n] = ids[i];
                 open.push(n);
             }
         }
@@ -237,20 +293,20 @@ fn is_painted(selection: &Selection) -> bool {
     selection.colour_by.is_some() || !selection.painted.is_empty()
 }
 
-/// Those of some cells for which a condition holds.
+/// Those of some ids that are chosen.
 fn matching(
     dir: &Path,
     manifest: &Manifest,
-    text: &str,
+    chosen: &Chosen,
     ids: &BTreeSet<u64>,
 ) -> Result<BTreeSet<u64>> {
-    let mut table = Table::Cells.open(dir, manifest)?;
-    let condition = Expr::condition("--where", text, table.columns())?;
-    let id = table.column("id").unwrap_or(0);
+    let mut table = chosen.table.open(dir, manifest)?;
+    let query = chosen.query(&table)?;
+    let id = table.own_column("id")?;
     let mut found = BTreeSet::new();
     while let Some(row) = table.next_row()? {
         let id = row.whole(id)?;
-        if ids.contains(&id) && condition.test(&row)? {
+        if ids.contains(&id) && query.keeps(&row)? {
             found.insert(id);
         }
     }
@@ -259,7 +315,7 @@ fn matching(
 
 type Styled = (BTreeMap<u64, Style>, Vec<Meaning>);
 
-/// The colours of painted tiles. Where these follow values, cells without one are grey in the tiles.
+/// The colours of painted tiles. Where these follow values, what has none is grey in the tiles.
 fn as_painted(
     dir: &Path,
     manifest: &Manifest,
@@ -270,7 +326,7 @@ fn as_painted(
     let mut meanings = Vec::new();
     let mut without = Style::Sample;
     if let Some(by) = &selection.colour_by {
-        let columns = Table::Cells.open(dir, manifest)?;
+        let columns = selection.table.open(dir, manifest)?;
         meanings.push(Meaning::Values {
             title: titled(&by.column, columns.columns()),
             ends: [by.min, by.max],
@@ -293,28 +349,34 @@ fn titled(column: &str, columns: &[Column]) -> String {
     known.map_or_else(|| column.trim().to_owned(), Column::header)
 }
 
-/// True if a column means something for cells that the volume's faces cut; most measures do not.
+/// True if a column means something for what the volume's faces cut; most measures do not.
 fn holds_at_border(column: &str) -> bool {
-    ["id", "touches_border", "not touches_border"].contains(&column.trim())
+    const HOLD: [&str; 5] = [
+        "id",
+        "cell",
+        "object",
+        "touches_border",
+        "not touches_border",
+    ];
+    HOLD.contains(&column.trim())
 }
 
-/// Colours by value. Unless a range is given, the map spans the values of all cells of the table that mean something
-/// and match, so that slices compare.
+/// Colours by value. Unless a range is given, the map spans the values of all rows of the table that mean something
+/// and are chosen, so that slices compare.
 fn by_value(
     dir: &Path,
     manifest: &Manifest,
     column: &str,
+    asked: &Chosen,
     options: &PreviewOptions,
     ids: &BTreeSet<u64>,
 ) -> Result<Styled> {
-    let mut table = Table::Cells.open(dir, manifest)?;
+    let mut table = asked.table.open(dir, manifest)?;
+    let query = asked.query(&table)?;
     let columns = table.columns();
     let value = Expr::number("--colour-by", column, columns)?;
-    let condition = options.condition.as_deref();
-    let condition = condition.map(|text| Expr::condition("--where", text, columns));
-    let condition = condition.transpose()?;
     let title = titled(column, columns);
-    let id = table.column("id").unwrap_or(0);
+    let id = table.own_column("id")?;
     let border = table
         .column("touches_border")
         .filter(|_| !holds_at_border(column));
@@ -322,8 +384,7 @@ fn by_value(
     let [mut min, mut max] = [f64::INFINITY, f64::NEG_INFINITY];
     while let Some(row) = table.next_row()? {
         let cut = border.map(|c| row.number(c)).transpose()?.flatten() == Some(1.0);
-        let matches = condition.as_ref().map_or(Ok(true), |c| c.test(&row))?;
-        if let (Some(v), true, false) = (value.value(&row)?, matches, cut) {
+        if let (Some(v), true, false) = (value.value(&row)?, query.keeps(&row)?, cut) {
             [min, max] = [min.min(v), max.max(v)];
             let id = row.whole(id)?;
             if ids.contains(&id) {

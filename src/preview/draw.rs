@@ -81,8 +81,8 @@ impl Canvas<'_> {
     pub fn outline(&mut self) {
         const EDGE: f64 = 0.5;
         match self.zoom.finer() < 2.0 {
-            true => self.rim(EDGE, OUTLINE),
-            false => self.lines(EDGE, Ambiguous::Separate, 1.0, OUTLINE),
+            true => self.rim(EDGE, |_, _| Some(OUTLINE)),
+            false => self.lines(EDGE, Ambiguous::Separate, 1.0, |_| Some(OUTLINE)),
         }
     }
 
@@ -91,30 +91,54 @@ impl Canvas<'_> {
     pub fn contour(&mut self, t: f64, rule: Ambiguous, beside_colours: bool) {
         let finer = self.zoom.finer();
         if finer < 2.0 {
-            return self.rim(t, if beside_colours { INK } else { LINE });
+            let colour = if beside_colours { INK } else { LINE };
+            return self.rim(t, |_, _| Some(colour));
         }
         let radius = (finer / 8.0).clamp(0.6, 1.25);
         if beside_colours {
             let light = radius + (finer / 6.0).clamp(0.5, 1.25);
-            self.lines(t, rule, light, [255; 3]);
-            self.lines(t, rule, radius, INK);
+            self.lines(t, rule, light, |_| Some([255; 3]));
+            self.lines(t, rule, radius, |_| Some(INK));
         } else {
-            self.lines(t, rule, radius, LINE);
+            self.lines(t, rule, radius, |_| Some(LINE));
         }
     }
 
-    /// The contour in one colour, `radius` pixels wide to both sides.
-    fn lines(&mut self, t: f64, rule: Ambiguous, radius: f64, colour: [u8; 3]) {
+    /// The contour of a threshold where a surface lies that has a colour, in that colour.
+    pub fn outlines(&mut self, t: f64, rule: Ambiguous, colours: &Colours) {
+        let colour = |style| match style {
+            Style::Sample => None,
+            Style::Colour(colour) => Some(colour),
+            Style::NoValue => Some(HATCH[0]),
+        };
+        let finer = self.zoom.finer();
+        if finer < 2.0 {
+            let between = |at, beside| colour(colours.between([at, beside]));
+            return self.rim(t, between);
+        }
+        let radius = (finer / 5.0).clamp(0.9, 2.5);
+        self.lines(t, rule, radius, |ends| colour(colours.between(ends)));
+    }
+
+    /// The contour, `radius` pixels wide to both sides, in the colours that edges have which it crosses.
+    fn lines(
+        &mut self,
+        t: f64,
+        rule: Ambiguous,
+        radius: f64,
+        colour: impl Fn([[u32; 2]; 2]) -> Option<[u8; 3]>,
+    ) {
         let [width, height] = self.slice.size;
         for y in 0..height.saturating_sub(1) {
             for x in 0..width.saturating_sub(1) {
                 let corners = [[x, y], [x + 1, y], [x + 1, y + 1], [x, y + 1]];
                 for edges in segments(corners.map(|c| self.slice.above(c, t)), rule) {
-                    let [a, b] = edges.map(|edge| {
-                        let ends = [corners[edge], corners[(edge + 1) % 4]];
-                        self.zoom.point(crossing(self.slice, ends, t))
-                    });
-                    self.line([a, b], radius, colour);
+                    let ends = edges.map(|edge| [corners[edge], corners[(edge + 1) % 4]]);
+                    let Some(colour) = colour(ends[0]) else {
+                        continue;
+                    };
+                    let line = ends.map(|e| self.zoom.point(crossing(self.slice, e, t)));
+                    self.line(line, radius, colour);
                 }
             }
         }
@@ -148,8 +172,8 @@ impl Canvas<'_> {
         }
     }
 
-    /// Without room between voxels: the above voxels that have a below neighbour.
-    fn rim(&mut self, t: f64, colour: [u8; 3]) {
+    /// Without room between voxels: the above voxels that have a below neighbour, in the colour that such a pair has.
+    fn rim(&mut self, t: f64, colour: impl Fn([u32; 2], [u32; 2]) -> Option<[u8; 3]>) {
         let [width, height] = self.slice.size;
         let [across, down] = self.zoom.size();
         for v in 0..down {
@@ -162,11 +186,15 @@ impl Canvas<'_> {
                     [x, y.wrapping_sub(1)],
                     [x, y + 1],
                 ];
+                if !self.slice.above([x, y], t) {
+                    continue;
+                }
                 let below =
                     |n: &[u32; 2]| n[0] < width && n[1] < height && !self.slice.above(*n, t);
-                if self.slice.above([x, y], t) && beside.iter().any(below) {
+                let mut pairs = beside.iter().filter(|n| below(n));
+                if let Some(pixel) = pairs.find_map(|n| colour([x, y], *n)) {
                     self.picture
-                        .set([self.corner[0] + u, self.corner[1] + v], colour);
+                        .set([self.corner[0] + u, self.corner[1] + v], pixel);
                 }
             }
         }

@@ -1,5 +1,5 @@
-//! A slice of a volume as a picture: grey values, the threshold's contour, the cells in colour, and around them a
-//! caption, a scale bar and legends.
+//! A slice of a volume as a picture: grey values, the threshold's contour, cells, objects or surfaces in colour, and
+//! around them a caption, a scale bar and legends.
 //!
 //! Voxels have their true proportion. In a slice across z, x runs to the right and y down; across y, x runs to the right
 //! and z down; across x, y runs to the right and z down.
@@ -16,6 +16,7 @@ use crate::error::{Error, Result};
 use crate::grid::{Ambiguous, Placement};
 use crate::manifest::Manifest;
 use crate::picture::{Map, Picture, printed_unit};
+use crate::table::{Chosen, Table};
 use crate::volume::{Cropped, RegionVoxels, Stamp, Volume};
 use crate::words::{counted, number, things};
 use cells::{Colours, Meaning};
@@ -38,16 +39,16 @@ pub struct PreviewOptions {
     /// Draw the contours of these thresholds, of several in a panel each, side by side; with `tiles`, theirs is drawn
     /// without one.
     pub thresholds: Vec<f64>,
-    /// A tile set of the volume, to colour its cells.
+    /// A tile set of the volume, to colour its cells, objects or surfaces.
     pub tiles: Option<PathBuf>,
-    /// Colour cells by this column or expression; without, as the tiles are painted, or by their ids.
+    /// Colour them by this column or expression; without, as the tiles are painted, or by their ids.
     pub colour_by: Option<String>,
     /// The map for that.
     pub map: Map,
-    /// Values of the map's first and last colour; those of the cells without.
+    /// Values of the map's first and last colour; those of the table without.
     pub range: Option<[f64; 2]>,
-    /// Colour only the cells for which this condition holds.
-    pub condition: Option<String>,
+    /// What to colour: cells or objects are filled, of surfaces the outlines are drawn, instead of the contour.
+    pub chosen: Chosen,
     /// Samples that are black and white; the 0.5th and 99.5th percentile of the slice without.
     pub window: Option<[f64; 2]>,
     /// Pixels per voxel along the axis of smaller spacing; as many as fit 1024 without.
@@ -71,7 +72,7 @@ impl Default for PreviewOptions {
             colour_by: None,
             map: Map::default(),
             range: None,
-            condition: None,
+            chosen: Chosen::default(),
             window: None,
             scale: None,
             plain: false,
@@ -96,16 +97,28 @@ pub struct PreviewReport {
     pub slice_size: [u32; 2],
     /// Samples that are black and white; absent if no sample is finite.
     pub window: Option<[f64; 2]>,
-    /// Threshold of the contour, of the first one where there are several.
+    /// Threshold of the contour, of the first one where there are several; of outlines without one that of the tiles.
     pub threshold: Option<f64>,
     /// The slices side by side; empty unless there are several thresholds.
     #[serde(skip_serializing_if = "Vec::is_empty")]
     pub panels: Vec<Panel>,
-    /// Number of cells that are coloured; absent without tiles.
+    /// Number of cells that are coloured; absent without tiles, or if others are coloured.
     pub cells: Option<u64>,
     /// Number of cells that are hatched, since their values mean nothing: those that the volume's faces cut, if a measure
-    /// gives the colours; absent without tiles.
+    /// gives the colours; absent without tiles, or if others are coloured.
     pub cells_without_value: Option<u64>,
+    /// The same two numbers of objects, if these are coloured.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub objects: Option<u64>,
+    #[allow(missing_docs)]
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub objects_without_value: Option<u64>,
+    /// The same two numbers of surfaces, if these are coloured.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub surfaces: Option<u64>,
+    #[allow(missing_docs)]
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub surfaces_without_value: Option<u64>,
     /// Values of the map's first and last colour; absent if colours do not follow values.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub range: Option<[f64; 2]>,
@@ -119,20 +132,19 @@ pub struct PreviewReport {
 pub struct Panel {
     /// Threshold of its contour.
     pub threshold: f64,
-    /// The share of the slice's voxels above it, 0 to 1.
+    /// The share of the slice's voxels above it, 0 to 1; of those in the region of interest, if there is one.
     pub share_above: f64,
     /// Upper left pixel of the slice in the picture.
     pub corner: [u32; 2],
 }
 
 /// Draws a slice of a volume and writes it as PNG. Memory: some 16 bytes per voxel of the slice, twice as many with a
-/// region of interest, 3
-/// per pixel, and a tile.
+/// region of interest, some 50 for each that the outline of a surface passes if these are drawn, 3 per pixel, and a tile.
 ///
 /// With a tile set, the slice is one of the grid that the tiles cover, so the volume has to have been through the
 /// same filters, and below regions of the slice
-/// take the cell of the surface at their rim. A region without a rim in the slice, or whose surface
-/// is not in the tile set, stays grey. Cells that the volume's faces cut are hatched if they are coloured by a measure.
+/// take the cell, or above ones the object, of the surface at their rim. A region without a rim in the slice, or whose
+/// surface is not in the tile set, stays grey. Cells that the volume's faces cut are hatched if they are coloured by a measure.
 ///
 /// # Errors
 /// [`Error::Usage`] if the slice is outside the volume, the picture would pass 2^28 pixels, or the
@@ -152,8 +164,10 @@ pub fn preview(
     };
     let axis = options.axis;
     let at = options.at.unwrap_or(dims[axis as usize] / 2);
+    let coloured = manifest.as_ref().map(|m| cells::table(m, options));
+    let outlined = coloured == Some(Table::Surfaces);
     let thresholds = match &manifest {
-        Some(m) if options.thresholds.is_empty() => vec![m.threshold],
+        Some(m) if options.thresholds.is_empty() && !outlined => vec![m.threshold],
         _ => options.thresholds.clone(),
     };
     let (zoom, true_proportion) = Zoom::new(ZoomInput {
@@ -179,7 +193,8 @@ pub fn preview(
         window,
         thresholds: &thresholds,
         colours: colours.as_ref(),
-        condition: options.condition.as_deref(),
+        chosen: &options.chosen,
+        of_tiles: manifest.as_ref().map_or(f64::NAN, |m| m.threshold),
     };
     let rule = manifest
         .as_ref()
@@ -263,7 +278,9 @@ struct Shown<'a> {
     window: Option<[f64; 2]>,
     thresholds: &'a [f64],
     colours: Option<&'a Colours>,
-    condition: Option<&'a str>,
+    chosen: &'a Chosen,
+    /// Threshold of the tile set, if there is one.
+    of_tiles: f64,
 }
 
 impl Shown<'_> {
@@ -295,6 +312,9 @@ impl Shown<'_> {
             if let Some(&t) = self.thresholds.get(i) {
                 canvas.contour(t, rule, self.colours.is_some());
             }
+            if let Some(colours) = self.of(Table::Surfaces) {
+                canvas.outlines(self.of_tiles, rule, colours);
+            }
             if let Some(region) = self.region {
                 canvas.slice = &region.inside;
                 canvas.outline();
@@ -312,13 +332,27 @@ impl Shown<'_> {
             slice_corner: corners[0],
             slice_size: self.zoom.size(),
             window: self.window,
-            threshold: self.thresholds.first().copied(),
+            threshold: self.thresholds.first().copied().or(self.outlined()),
             panels: self.panels(corners),
-            cells: self.colours.map(Colours::coloured),
-            cells_without_value: self.colours.map(Colours::without_value),
+            cells: self.of(Table::Cells).map(Colours::coloured),
+            cells_without_value: self.of(Table::Cells).map(Colours::without_value),
+            objects: self.of(Table::Objects).map(Colours::coloured),
+            objects_without_value: self.of(Table::Objects).map(Colours::without_value),
+            surfaces: self.of(Table::Surfaces).map(Colours::coloured),
+            surfaces_without_value: self.of(Table::Surfaces).map(Colours::without_value),
             range: self.colours.and_then(Colours::range),
             warnings: Vec::new(),
         }
+    }
+
+    /// The threshold of outlines in colour, if they are drawn.
+    fn outlined(&self) -> Option<f64> {
+        self.of(Table::Surfaces).map(|_| self.of_tiles)
+    }
+
+    /// The colours if they are of this table.
+    fn of(&self, table: Table) -> Option<&Colours> {
+        self.colours.filter(|c| c.table == table)
     }
 
     /// What is told of several slices side by side.
@@ -328,10 +362,16 @@ impl Shown<'_> {
         }
         let panel = |(&threshold, &corner): (&f64, &[u32; 2])| Panel {
             threshold,
-            share_above: self.slice.share_above(threshold),
+            share_above: self.share_above(threshold),
             corner,
         };
         self.thresholds.iter().zip(corners).map(panel).collect()
+    }
+
+    /// The share of the slice above a threshold, or of what of the slice is in the region.
+    fn share_above(&self, t: f64) -> f64 {
+        let inside = self.region.map(|region| &region.inside);
+        self.slice.share_above(t, inside)
     }
 
     /// A threshold in a few digits.
@@ -400,7 +440,7 @@ impl Shown<'_> {
             return Vec::new();
         }
         let title = |&t: &f64| {
-            let percent = 100.0 * self.slice.share_above(t);
+            let percent = 100.0 * self.share_above(t);
             format!("{}: {percent:.1} % above", Self::short(t))
         };
         self.thresholds.iter().map(title).collect()
@@ -420,15 +460,36 @@ impl Shown<'_> {
         if let [t] = *self.thresholds {
             texts.push(format!("contour: threshold {}", Self::short(t)));
         }
+        if let Some(t) = self.outlined() {
+            texts.push(format!("outlines: threshold {}", Self::short(t)));
+        }
         let by_id = |c: &&Colours| matches!(c.meanings[..], [Meaning::Ids]);
         if let Some(colours) = self.colours.filter(by_id) {
-            let cells = things(colours.coloured(), "cell");
-            texts.push(format!("{cells}, in colours that tell them apart"));
+            let all = things(colours.coloured(), singular(colours.table));
+            texts.push(format!("{all}, in colours that tell them apart"));
         }
-        if let Some(condition) = self.condition {
-            texts.push(format!("in colour: cells with {condition}"));
+        if let Some(chosen) = self.which() {
+            texts.push(format!("in colour: {chosen}"));
         }
         texts
+    }
+
+    /// `the 3 largest objects with volume > 2`; nothing if all are in colour.
+    fn which(&self) -> Option<String> {
+        let Chosen {
+            condition, largest, ..
+        } = self.chosen;
+        if self.chosen.is_all() {
+            return None;
+        }
+        let name = self.chosen.table.name();
+        let first = match largest {
+            Some(1) => format!("the largest {}", singular(self.chosen.table)),
+            Some(n) => format!("the {n} largest {name}"),
+            None => name.to_owned(),
+        };
+        let condition = condition.as_ref().map(|c| format!(" with {c}"));
+        Some(first + &condition.unwrap_or_default())
     }
 
     /// ` at 0.8 mm`, along the axis of the grid; nothing if that is the number of the slice.
@@ -478,11 +539,16 @@ impl Shown<'_> {
         if let Some(colours) = self.colours
             && colours.coloured() == 0
         {
-            let text = match (colours.without_value(), self.condition) {
-                (0, Some(condition)) => format!("no cell of the slice has {condition}"),
-                (0, None) => "the slice has no cell of the tile set".to_owned(),
-                (n, _) => format!(
-                    "no cell of the slice has a colour, {} hatched: the volume's faces cut them, or they have no value",
+            let name = singular(colours.table);
+            let Chosen {
+                condition, largest, ..
+            } = self.chosen;
+            let text = match (colours.without_value(), condition, largest) {
+                (0, Some(condition), None) => format!("no {name} of the slice has {condition}"),
+                (0, _, Some(_)) => format!("no {name} of the slice is one of those chosen"),
+                (0, None, None) => format!("the slice has no {name} of the tile set"),
+                (n, _, _) => format!(
+                    "no {name} of the slice has a colour, {} hatched: the volume's faces cut them, or they have no value",
                     counted(n, "is", "are")
                 ),
             };
@@ -490,4 +556,9 @@ impl Shown<'_> {
         }
         doubts
     }
+}
+
+/// `cell`, `object` or `surface`.
+fn singular(table: Table) -> &'static str {
+    table.name().trim_end_matches('s')
 }

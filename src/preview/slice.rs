@@ -112,16 +112,16 @@ impl Slice {
         self.values[y as usize * self.size[0] as usize + x as usize]
     }
 
-    /// The share of the slice's voxels that are above a threshold, 0 to 1.
-    pub fn share_above(&self, threshold: f64) -> f64 {
-        let [width, height] = self.size;
-        let row = |y: u32| {
-            (0..width)
-                .filter(|&x| self.above([x, y], threshold))
-                .count() as f64
-        };
-        let above: f64 = (0..height).map(row).sum();
-        above / (f64::from(width) * f64::from(height))
+    /// The share of the slice's voxels that are above a threshold, 0 to 1; of those inside a region, whose voxels are 1 in
+    /// `inside`, if there is one. NaN if none is.
+    pub fn share_above(&self, threshold: f64, inside: Option<&Slice>) -> f64 {
+        let (mut above, mut all) = (0u64, 0u64);
+        for (i, &value) in self.values.iter().enumerate() {
+            let counts = inside.is_none_or(|inside| inside.values[i] != 0.0);
+            all += u64::from(counts);
+            above += u64::from(counts && value >= threshold);
+        }
+        above as f64 / all as f64
     }
 
     /// True if a voxel is above a threshold; NaN is below.

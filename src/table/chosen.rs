@@ -2,7 +2,7 @@
 
 use super::Table;
 use super::query::Query;
-use super::reader::Column;
+use super::reader::TableReader;
 use crate::error::Result;
 
 /// Cells, objects or surfaces: those for which a condition holds, and of these the largest.
@@ -30,19 +30,15 @@ impl Chosen {
         self.condition.is_none() && self.largest.is_none()
     }
 
-    /// What to ask the table, whose columns these are.
+    /// What to ask the table: the rows that are chosen, in the table's order.
     ///
     /// # Errors
-    /// [`crate::Error::Usage`] for a condition that cannot be.
-    pub fn query(&self, columns: &[Column]) -> Result<Query> {
-        let query = Query::default().filter(self.condition.as_deref(), columns)?;
-        let size = match self.table {
-            Table::Cells | Table::Objects => "volume",
-            Table::Surfaces => "area",
-        };
+    /// [`crate::Error::Usage`] for a condition that cannot be; what reading returns, if the largest are asked for.
+    pub fn query(&self, table: &TableReader) -> Result<Query> {
+        let query = Query::default().filter(self.condition.as_deref(), table.columns())?;
         match self.largest {
             None => Ok(query),
-            Some(n) => Ok(query.sort(Some(size), true, columns)?.top(Some(n))),
+            Some(n) => query.largest(n, self.table.size(), table),
         }
     }
 }

@@ -35,6 +35,7 @@ mod query;
 mod reader;
 mod summary;
 
+pub use crate::manifest::Table;
 pub use chosen::Chosen;
 pub use expr::{Expr, Kind};
 pub use outside::Outside;
@@ -49,18 +50,6 @@ pub(crate) use summary::quantile;
 use crate::error::Result;
 use crate::manifest::{Manifest, file_inside};
 use std::path::Path;
-
-/// One of the tables of a tile set.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
-pub enum Table {
-    /// Cells: connected below voxels.
-    #[default]
-    Cells,
-    /// Objects: connected above voxels.
-    Objects,
-    /// Surfaces: connected triangles.
-    Surfaces,
-}
 
 impl Table {
     /// The one that is asked for: cells, unless it is another.
@@ -78,6 +67,14 @@ impl Table {
             Table::Cells => "cells",
             Table::Objects => "objects",
             Table::Surfaces => "surfaces",
+        }
+    }
+
+    /// The column by which its rows are small or large.
+    pub fn size(self) -> &'static str {
+        match self {
+            Table::Cells | Table::Objects => "volume",
+            Table::Surfaces => "area",
         }
     }
 

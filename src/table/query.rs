@@ -12,6 +12,8 @@ pub struct Query {
     filter: Option<Expr>,
     sort: Option<(Expr, bool)>,
     top: Option<usize>,
+    /// The places of the only rows that count, rising; all that the filter keeps without.
+    only: Option<Vec<u64>>,
 }
 
 /// The rows of a query by their places in the table, in order. Takes 16 bytes per row.
@@ -30,6 +32,20 @@ impl Query {
         self.filter = filter
             .map(|text| Expr::condition("--where", text, columns))
             .transpose()?;
+        Ok(self)
+    }
+
+    /// Of the rows that the filter keeps, the `n` with the largest `size` of the `table`, of equals the first ones; those
+    /// without one come last. Takes 8 bytes for each of them.
+    ///
+    /// # Errors
+    /// Those of [`Expr::number`], and what reading returns.
+    pub fn largest(mut self, n: usize, size: &str, table: &TableReader) -> Result<Self> {
+        let ranked = self.clone().sort(Some(size), true, table.columns())?;
+        let mut again = TableReader::open(table.path())?;
+        let mut offsets = ranked.top(Some(n)).select(&mut again)?.offsets;
+        offsets.sort_unstable();
+        self.only = Some(offsets);
         Ok(self)
     }
 
@@ -57,12 +73,15 @@ impl Query {
         self
     }
 
-    /// True if the filter holds for a row.
+    /// True if a row is one of the largest, if those are asked for, else if the filter holds for it.
     ///
     /// # Errors
     /// Those of [`Expr::test`].
     pub fn keeps(&self, row: &Row) -> Result<bool> {
-        self.filter.as_ref().map_or(Ok(true), |f| f.test(row))
+        match &self.only {
+            Some(offsets) => Ok(offsets.binary_search(&row.offset).is_ok()),
+            None => self.filter.as_ref().map_or(Ok(true), |f| f.test(row)),
+        }
     }
 
     /// Calls `each` with the chosen rows in order. With a sort, only 16 bytes of each chosen row are
@@ -100,6 +119,25 @@ impl Query {
     /// # Errors
     /// What reading returns.
     pub fn select(&self, table: &mut TableReader) -> Result<Selected> {
+        let offsets = self.ordered(table, |row| Ok(row.offset))?;
+        Ok(Selected { offsets })
+    }
+
+    /// The ids of the chosen rows in order. Takes 16 bytes per row; in a table by rising id ties keep its order.
+    ///
+    /// # Errors
+    /// What reading returns.
+    pub fn ids(&self, table: &mut TableReader) -> Result<Vec<u64>> {
+        let id = table.own_column("id")?;
+        self.ordered(table, |row| row.whole(id))
+    }
+
+    /// What `place` says of the chosen rows, in order, and by itself where keys are the same.
+    fn ordered(
+        &self,
+        table: &mut TableReader,
+        place: impl Fn(&Row) -> Result<u64>,
+    ) -> Result<Vec<u64>> {
         let top = self.top.unwrap_or(usize::MAX);
         let mut heap: BinaryHeap<Keyed> = BinaryHeap::new();
         while let Some(row) = table.next_row()? {
@@ -116,7 +154,7 @@ impl Query {
             let keyed = Keyed {
                 // as `total_cmp` has it, infinity comes after all values, which are finite
                 value: value.unwrap_or(f64::INFINITY),
-                offset: row.offset,
+                place: place(&row)?,
             };
             if heap.len() < top {
                 heap.push(keyed);
@@ -125,8 +163,7 @@ impl Query {
                 heap.push(keyed);
             }
         }
-        let offsets = heap.into_sorted_vec().iter().map(|k| k.offset).collect();
-        Ok(Selected { offsets })
+        Ok(heap.into_sorted_vec().iter().map(|k| k.place).collect())
     }
 }
 
@@ -134,7 +171,7 @@ impl Query {
 #[derive(Debug, Clone, Copy)]
 struct Keyed {
     value: f64,
-    offset: u64,
+    place: u64,
 }
 
 impl Ord for Keyed {
@@ -142,7 +179,7 @@ impl Ord for Keyed {
         // -0 and 0 are the same key
         (self.value + 0.0)
             .total_cmp(&(other.value + 0.0))
-            .then(self.offset.cmp(&other.offset))
+            .then(self.place.cmp(&other.place))
     }
 }
 

@@ -4,6 +4,7 @@ use crate::error::{Error, Result};
 use csv_core::ReadRecordResult;
 use std::fs::File;
 use std::io::{BufRead, BufReader};
+use std::ops::Range;
 use std::path::{Path, PathBuf};
 
 /// The longest row in bytes, and the most columns: a table of this program has rows of some 600
@@ -13,6 +14,8 @@ const COLUMNS: usize = 1024;
 /// Bytes read at a time, forward and for single rows here and there.
 const BUFFER: usize = 1 << 16;
 const ROW_BUFFER: usize = 1 << 10;
+/// Bytes in which a row is looked for one by one.
+const NEAR: u64 = 1 << 14;
 
 /// A column: its name, and its unit or nothing.
 #[derive(Debug, Clone, PartialEq, Eq, serde::Serialize)]
@@ -103,6 +106,8 @@ pub struct TableReader {
     core: csv_core::Reader,
     /// Bytes of the file that are consumed.
     offset: u64,
+    /// Where the first row begins.
+    first: u64,
     line: u64,
     fields: Vec<u8>,
     ends: Vec<usize>,
@@ -154,6 +159,7 @@ impl TableReader {
             input: BufReader::with_capacity(buffer, file),
             core: csv_core::Reader::new(),
             offset: 0,
+            first: 0,
             line: 1,
             fields: vec![0; ROW_BYTES],
             ends: vec![0; COLUMNS],
@@ -183,6 +189,7 @@ impl TableReader {
             return bad("none".into());
         }
         reader.columns = columns;
+        reader.first = reader.offset;
         Ok(reader)
     }
 
@@ -241,15 +248,78 @@ impl TableReader {
     /// # Errors
     /// Those of [`TableReader::next_row`]; [`Error::Format`] if the file has shrunk.
     pub fn row_at(&mut self, offset: u64) -> Result<Row<'_>> {
+        self.jump(offset)?;
+        let path = self.path.clone();
+        self.next_row()?
+            .ok_or_else(|| Error::format(path, "its end", "the row that was there"))
+    }
+
+    /// The row with an id. In a table by rising id few rows are read, in another one all of them.
+    ///
+    /// # Errors
+    /// Those of [`TableReader::next_row`] and [`Row::whole`].
+    pub fn find(&mut self, id: u64) -> Result<Option<Row<'_>>> {
+        let column = self.own_column("id")?;
+        let near = self.bisect(column, id)?;
+        for rows in [near, self.first..u64::MAX] {
+            self.jump(rows.start)?;
+            while self.offset < rows.end
+                && let Some(row) = self.next_row()?
+            {
+                if row.whole(column)? == id {
+                    let offset = row.offset;
+                    return self.row_at(offset).map(Some);
+                }
+            }
+        }
+        Ok(None)
+    }
+
+    /// Bytes of a few rows among which the one with an id is, if ids rise and it is there.
+    fn bisect(&mut self, column: usize, id: u64) -> Result<Range<u64>> {
+        let meta = std::fs::metadata(&self.path);
+        let bytes = meta.map_err(|e| Error::io(&self.path, "look at the table", e))?;
+        // where a row begins, whose id is not larger; from where on all are larger
+        let (mut low, mut high) = (self.first, bytes.len());
+        while high.saturating_sub(low) > NEAR {
+            let middle = low + (high - low) / 2;
+            match self.line_from(middle)?.filter(|&start| start < high) {
+                None => high = middle,
+                Some(start) => match self.row_at(start).and_then(|row| row.whole(column)) {
+                    Ok(found) if found <= id => low = start,
+                    Ok(_) => high = middle,
+                    // lines that are no rows: a field may have an end of line in it
+                    Err(_) => break,
+                },
+            }
+        }
+        Ok(low..high)
+    }
+
+    /// Where the first line begins that does so at a byte or behind it.
+    fn line_from(&mut self, offset: u64) -> Result<Option<u64>> {
+        self.jump(offset - 1)?;
+        loop {
+            let input = self.input.fill_buf();
+            let input = input.map_err(|e| Error::io(&self.path, "read the table", e))?;
+            let end = input.iter().position(|&b| b == b'\n');
+            let (whole, read) = (input.is_empty(), end.map_or(input.len(), |end| end + 1));
+            self.input.consume(read);
+            self.offset += read as u64;
+            if whole || end.is_some() {
+                return Ok(end.map(|_| self.offset));
+            }
+        }
+    }
+
+    fn jump(&mut self, offset: u64) -> Result<()> {
         let ahead = offset as i64 - self.offset as i64;
         self.input
             .seek_relative(ahead)
             .map_err(|e| Error::io(&self.path, "read the table", e))?;
         self.core.reset();
         self.offset = offset;
-        let path = self.path.clone();
-        self.next_row()?
-            .ok_or_else(|| Error::format(path, "its end", "the row that was there"))
+        Ok(())
     }
 
     /// Reads one record into `fields` and `ends`: its offset, line, number of fields and bytes.
@@ -448,6 +518,44 @@ mod tests {
         let long = [&b"id\n"[..], &vec![b'1'; 1 << 20]].concat();
         let (_dir, reader) = table(&long);
         assert!(reader.unwrap().next_row().is_err());
+    }
+
+    #[test]
+    fn rows_are_found_by_id_whether_ids_rise_or_not() {
+        let row = |id: u64| format!("{id},{}\n", "9".repeat(1 + id as usize % 50));
+        let rising: Vec<u64> = (1..5000).map(|i| 3 * i).collect();
+        let mixed: Vec<u64> = rising.iter().map(|i| i * 7919 % 15_013).collect();
+        for ids in [&rising, &mixed, &vec![5], &vec![]] {
+            let text: String = ids.iter().map(|&id| row(id)).collect();
+            let (_dir, reader) = table(format!("id,v\n{text}").as_bytes());
+            let mut reader = reader.unwrap();
+            for id in ids
+                .iter()
+                .copied()
+                .step_by(97)
+                .chain([0, 1, 15_000, u64::MAX])
+            {
+                let found = reader
+                    .find(id)
+                    .unwrap()
+                    .map(|row| row.line().unwrap() + "\n");
+                assert_eq!(found, ids.contains(&id).then(|| row(id)), "{id}");
+            }
+            let mut all = 0;
+            reader = reader.reopen().unwrap();
+            while reader.next_row().unwrap().is_some() {
+                all += 1;
+            }
+            assert_eq!(all, ids.len());
+        }
+        // an end of line in a field
+        let text: String = (1..3000).map(|id| format!("{id},\"\n{id}\"\n")).collect();
+        let (_dir, reader) = table(format!("id,v\n{text}").as_bytes());
+        let mut reader = reader.unwrap();
+        for id in [1, 2, 1500, 2999] {
+            let row = reader.find(id).unwrap().unwrap();
+            assert_eq!((row.whole(0).unwrap(), row.whole(1).unwrap()), (id, id));
+        }
     }
 
     proptest! {

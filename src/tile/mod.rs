@@ -75,8 +75,8 @@ mod store;
 mod unusual;
 
 pub(crate) use body::{Body, Grouped, PieceRange};
-pub(crate) use codec::codec;
-pub(crate) use contents::name;
+pub(crate) use codec::{codec, octahedral_codes};
+pub(crate) use contents::{counted_pieces, name};
 pub(crate) use document::{GENERATOR, Node, TileHead, WidestNodes, material};
 pub(crate) use encoded::{
     Description, Encoded, EncodedBody, EncodedLayout, FloatBody, decode, describe, encode,

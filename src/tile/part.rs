@@ -1,6 +1,6 @@
 //! A tile with some of its pieces left out or painted: geometry is copied, bit for bit.
 
-use super::contents::Contents;
+use super::contents::{Contents, name};
 use super::encoded::FloatBody;
 use super::file::tile_file;
 use super::paint::Rgb;
@@ -40,7 +40,8 @@ pub struct PartPiece {
 }
 
 /// Makes the part of a tile whose pieces get a style: `None` leaves a piece out, `Some(None)` gives
-/// it the common grey. `None` if nothing is left.
+/// it the common grey. `None` if nothing is left. `several` says which cells border more than one object in the part:
+/// the nodes of these have the object in their names.
 ///
 /// Encoding and layout stay: a merged tile is merged however few pieces are left. Colours are
 /// materials, in the merged layout vertex colours. Colours that the source has are not kept.
@@ -52,11 +53,13 @@ pub fn part(
     bytes: &[u8],
     tile_at: &TilePlace,
     style: impl Fn(&PieceIds) -> Option<Option<Rgb>>,
+    several: &dyn Fn(u64) -> bool,
 ) -> Result<Option<Part>, ReadError> {
-    let mut contents = Contents::of(&Tile::read(bytes)?, tile_at.primitives, &|_| false)?;
+    let mut contents = Contents::of(&Tile::read(bytes)?, tile_at.primitives, several)?;
     contents.keep(|node, piece| {
         let colour = style(&piece.ids);
         node.colour = colour.flatten();
+        node.name = name(piece.ids.cell, piece.ids.object, several(piece.ids.cell));
         colour.is_some()
     });
     if contents.pieces.is_empty() {

@@ -62,7 +62,7 @@ pub fn recode(
 }
 
 /// Turns lists into strips; returns the number of strips.
-fn strip_all(pieces: &mut [Piece]) -> u64 {
+pub fn strip_all(pieces: &mut [Piece]) -> u64 {
     let mut stripifier = Stripifier::default();
     let mut strips = 0;
     for piece in pieces {

@@ -1,11 +1,13 @@
 //! A directory of tiles, read and written as a whole.
 
 mod lock;
+mod lookup;
 mod output_dir;
 mod reader;
 mod writer;
 
 pub(crate) use lock::Lock;
+pub(crate) use lookup::TileLookup;
 pub(crate) use output_dir::{Output, outward, refuse_same, tidy};
 pub use output_dir::{check_output, interrupted};
 pub use reader::TileSet;

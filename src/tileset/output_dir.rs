@@ -2,7 +2,7 @@
 
 use crate::checkpoint::{LayersDone, STATE, kept};
 use crate::error::{Error, Result};
-use crate::manifest::PARTIAL as WORK;
+use crate::manifest::{MANIFEST, PARTIAL as WORK};
 use crate::sys::files::{remove_if_there, write_file};
 use crate::tileset::Lock;
 use std::ffi::OsString;
@@ -62,12 +62,37 @@ pub fn refuse_same(from: &Path, to: &Path) -> Result<()> {
     }
 }
 
+/// Refuses a directory inside of a tile set, where all other files are foreign.
+fn refuse_inside(out: &Path) -> Result<()> {
+    // of what cannot be told where it lies, the directories that it names
+    let whole = std::path::absolute(out).unwrap_or_else(|_| out.to_path_buf());
+    let above = whole.ancestors().skip(1);
+    match above.take(3).find(|dir| is_tile_set(dir)) {
+        Some(set) => Err(Error::usage(
+            "OUT",
+            format!(
+                "{}, which lies in the tile set {}",
+                out.display(),
+                set.display()
+            ),
+            "a directory beside it",
+        )),
+        None => Ok(()),
+    }
+}
+
+/// True if a directory has the index of a tile set and its tiles.
+fn is_tile_set(dir: &Path) -> bool {
+    dir.join(MANIFEST).is_file() && dir.join("tiles").is_dir()
+}
+
 /// Refuses a directory in which no tile set can be made, and leaves it as it is. What an interrupted conversion
 /// left there is no hindrance.
 ///
 /// # Errors
 /// [`Error::OutputExists`] if it holds a tile set and `force` is not set; [`Error::OutputForeign`] if it holds
-/// anything else; [`Error::OutputBusy`] if somebody writes there; [`Error::Io`] if it cannot be written.
+/// anything else; [`Error::OutputBusy`] if somebody writes there; [`Error::Usage`] if it lies in a tile set; [`Error::Io`] if it
+/// cannot be written.
 pub fn check_output(out: &Path, force: bool) -> Result<()> {
     let before = out.join(WORK).exists();
     let mut output = Output::open(out, force, false)?;
@@ -151,6 +176,7 @@ impl Output {
     /// # Errors
     /// As of [`Output::create`], but for interrupted conversions.
     pub fn open(out: &Path, force: bool, resume: bool) -> Result<Self> {
+        refuse_inside(out)?;
         let work = out.join(WORK);
         let has = |dir: &Path| dir.join(ENTRIES[0]).exists();
         let moving = work.join(MOVING).exists()

@@ -123,7 +123,7 @@ impl TileSet {
 }
 
 #[cfg(test)]
-mod tests {
+pub(crate) mod tests {
     use super::*;
     use crate::convert::{ConvertOptions, convert};
     use crate::grid::Dims;
@@ -131,7 +131,8 @@ mod tests {
     use crate::progress::Quiet;
     use crate::volume::Dtype;
 
-    fn ball() -> (tempfile::TempDir, TileSet) {
+    /// A ball of several tiles.
+    pub fn ball() -> (tempfile::TempDir, TileSet) {
         let dir = tempfile::tempdir().unwrap();
         let ball = Phantom::new(Shape::Sphere { radius: 9.0 });
         let volume = render(&ball, Dims::new([24; 3]).unwrap(), Dtype::U8).unwrap();

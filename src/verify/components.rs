@@ -137,10 +137,13 @@ impl<'a> ComponentRows<'a> {
         self.moments(row, &body.moments, wrong);
     }
 
-    /// True if the row's box holds the voxels of an object along its surfaces, which may be some of all.
-    pub fn holds(&self, row: &Row, inside: &Inside) -> bool {
+    /// True if the row's box holds the voxels of a cell or an object along its surfaces, which may be some of all.
+    pub fn holds(&self, kind: Kind, row: &Row, inside: &Inside) -> bool {
         let stated = stated_box(row);
-        let found = self.box_of(&inside.above, inside.far[1]);
+        let found = match kind {
+            Kind::Cell => self.box_of(&inside.below, inside.far[0]),
+            _ => self.box_of(&inside.above, inside.far[1]),
+        };
         (0..3).all(|a| {
             stated[0][a] <= found[0][a] + self.error(found[0][a])
                 && stated[1][a] >= found[1][a] - self.error(found[1][a])

@@ -4,6 +4,7 @@ use super::closed::{self, Schema};
 use super::code::Code;
 use super::files::{self, Expected};
 use super::report::Issues;
+use super::selection::check_selection;
 use crate::error::{Error, Result};
 use crate::grid::{Dims, LATTICE, Tiling, check_filters};
 use crate::manifest::{FORMAT, FORMAT_VERSION, Layer, Manifest, TileEntry};
@@ -213,32 +214,8 @@ fn check_crop(m: &Manifest, wrong: &mut impl FnMut(&str, String)) {
 
 /// Checks counts that the tiles do not show.
 fn check_counts(m: &Manifest, wrong: &mut impl FnMut(&str, String)) {
-    let t = &m.totals;
     if let Some(selection) = &m.selection {
-        let of = selection.of;
-        let all = [of.cells, of.objects, of.surfaces, of.voxels_above];
-        let own = [t.cells, t.objects, t.surfaces, t.voxels_above];
-        let fewer = own.iter().zip(all).all(|(own, all)| *own <= all);
-        if selection.omit && selection.condition.is_none() {
-            let message = "found true, expected false without a condition".to_owned();
-            wrong("selection/omit", message);
-        }
-        let condition = |i: usize| &selection.painted[i].condition;
-        let over = |i: &usize| (0..*i).any(|k| condition(k) == condition(*i));
-        if let Some(i) = (0..selection.painted.len()).find(over) {
-            let message = format!(
-                "found {:?} twice, expected each condition once",
-                condition(i)
-            );
-            wrong(&format!("selection/painted/{i}"), message);
-        }
-        // without a condition all are there, and all objects have all voxels
-        let chosen = selection.condition.is_some() || own == all;
-        let same_objects = own[1] != all[1] || own[3] == all[3];
-        if !(fewer && chosen && same_objects) {
-            let message = format!("found {all:?} of the whole, and {own:?} of the part");
-            wrong("selection/of", message);
-        }
+        check_selection(selection, &m.totals, wrong);
     }
     if let Some(d) = &m.dust {
         let fits = |(count, voxels): (u64, u64)| {

@@ -10,6 +10,7 @@ use super::tables::Table;
 use super::tile::{Context, Counts};
 use crate::error::Result;
 use crate::manifest::{Manifest, Primitives};
+use crate::table;
 use rayon::ThreadPool;
 
 /// The counts of a whole tile set.
@@ -122,18 +123,13 @@ impl Listed {
     ) -> Result<()> {
         let mut table = Table::open(cx, self.laws.kind, &mut self.unopened);
         let kind = self.laws.kind;
-        let mut paints = match kind {
-            Kind::Cell => Paints::open(cx.root, cx.manifest, &mut self.unopened),
-            _ => None,
-        };
+        let mut paints = Paints::open(cx.root, cx.manifest, kind, &mut self.unopened);
         while let Some(group) = rows.next_group()? {
             let body = group.body(kind, cx);
-            // an object of a part may have lost surfaces, and seem to be any other body
+            // what is of a part may have lost surfaces, and seem to be any other body
             let known = body.as_ref().filter(|_| !may_be_cut(cx.manifest, kind));
             self.laws.add(&group, known, &mut self.own);
-            if kind == Kind::Cell {
-                self.check_colour(&group, &mut paints, cx);
-            }
+            self.check_colour(&group, &mut paints, cx);
             if let Some(table) = &mut table {
                 table.check(&group, body.as_ref(), components, &mut self.values);
             }
@@ -148,14 +144,17 @@ impl Listed {
             }
             table.finish(without_surface - u64::from(whole), &mut self.values);
         }
-        if let Some(paints) = &paints {
+        if let Some(paints) = &mut paints {
+            // they have a row and no piece
+            (1..=without_surface).for_each(|id| _ = paints.next(id));
             paints.finish(&mut self.values);
         }
         Ok(())
     }
 
-    /// Compares the colour of a cell's pieces with what its row in the table makes of it.
+    /// Compares the colour of pieces with what the row of their cell, object or surface makes of it.
     fn check_colour(&mut self, group: &Group, paints: &mut Option<Paints>, cx: &Context) {
+        let kind = self.laws.kind;
         let expected = match paints {
             Some(paints) => paints.next(group.id),
             // without a selection there is no colour; one that cannot be read is an issue already
@@ -163,10 +162,11 @@ impl Listed {
         };
         let found = group.total.colour;
         match expected {
-            Some(expected) if expected != found => {
+            Some(expected) if expected != found && paint::paints(cx.manifest, kind) => {
                 let (found, expected) = (paint::name(found), paint::name(expected));
                 let message = format!(
-                    "pieces of cell {} have {found}, expected {expected}",
+                    "pieces of {} {} have {found}, expected {expected}",
+                    kind.name(),
                     group.id
                 );
                 self.values.add(Code::Paint, "tiles", message);
@@ -178,10 +178,22 @@ impl Listed {
     }
 }
 
-/// True if some surfaces of a body may be missing: an object's in a part without caps. A part keeps caps only
-/// if it has all surfaces of its objects.
+/// True if some surfaces of a body may be missing: a cell's if anything but cells was chosen, an object's if anything but
+/// objects was, and there are no caps. A part keeps caps only if it has all surfaces of its objects.
 pub(super) fn may_be_cut(manifest: &Manifest, kind: Kind) -> bool {
-    kind == Kind::Object && manifest.is_part() && !manifest.cap
+    let (whole, closed) = match kind {
+        Kind::Cell => (table::Table::Cells, false),
+        Kind::Object => (table::Table::Objects, manifest.cap),
+        Kind::Surface => return false,
+    };
+    let selection = manifest.selection.as_ref();
+    // a last step that only paints says nothing of what is there, unless it is all that is known
+    let others = selection.is_some_and(|s| {
+        let all = || s.before.is_empty();
+        s.steps()
+            .any(|step| step.table != whole && (step.chooses() || all()))
+    });
+    manifest.is_part() && !closed && others
 }
 
 /// A sum as the manifest states it, and as it is found.

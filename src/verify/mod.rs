@@ -70,6 +70,7 @@ mod report;
 mod rim;
 mod run;
 mod seen;
+mod selection;
 mod source;
 mod spill;
 mod sweep;

@@ -1,13 +1,14 @@
-//! The cells that a selection keeps, and their colours, to be compared with those of its pieces.
+//! The cells, objects and surfaces that a selection keeps, and their colours, to be compared with those of its pieces.
 //!
 //! The conditions that the manifest states are evaluated once more on the table's rows, as they come. Only
-//! of `best:N` and `worst:N`, which need all rows, the ids of N cells are kept.
+//! of `best:N` and `worst:N`, which need all rows, the ids of N of them are kept.
 
 use super::code::Code;
 use super::files;
+use super::ledger::Kind;
 use super::report::Issues;
 use crate::error::{Error, Result};
-use crate::manifest::{ColourBy, Manifest, Selection};
+use crate::manifest::{ColourBy, Manifest, Painted, Selection, Step};
 use crate::picture::ColourBar;
 use crate::table::{Column, Expr, Row, Table, TableReader};
 use colorous::Gradient;
@@ -46,7 +47,7 @@ pub(super) const LEGEND_SVG: &str = "legend.svg";
 /// Bytes that are read of either; they have a few thousand.
 const LARGEST_LEGEND: u64 = 1 << 20;
 
-/// Which cells have a colour.
+/// Which rows have a colour.
 enum Who {
     Where(Expr),
     /// The best or the worst, by id.
@@ -57,8 +58,8 @@ enum Who {
 struct Rule {
     who: Who,
     colour: Colour,
-    /// Cells so far.
-    cells: u64,
+    /// Rows so far.
+    count: u64,
 }
 
 /// Colours by value.
@@ -69,29 +70,63 @@ struct Scale {
     max: f64,
 }
 
-/// The cells of the table, one after the other.
-pub(super) struct Paints<'a> {
-    selection: &'a Selection,
-    table: TableReader,
-    id: usize,
-    condition: Option<Expr>,
-    scale: Option<Scale>,
-    rules: Vec<Rule>,
-    /// The first cell that should not be there.
+/// A condition that all rows of a table have to be kept by.
+struct Filter {
+    condition: Expr,
+    /// It must not hold.
+    omit: bool,
+    /// Where the index states it.
+    at: String,
+    /// The first row that should not be there.
     stray: Option<u64>,
 }
 
+/// The rows of a table, one after the other.
+pub(super) struct Paints<'a> {
+    kind: Kind,
+    selection: &'a Selection,
+    table: TableReader,
+    id: usize,
+    filters: Vec<Filter>,
+    scale: Option<Scale>,
+    rules: Vec<Rule>,
+}
+
+/// The table of a kind.
+fn table_of(kind: Kind) -> Table {
+    match kind {
+        Kind::Cell => Table::Cells,
+        Kind::Object => Table::Objects,
+        Kind::Surface => Table::Surfaces,
+    }
+}
+
+/// True if pieces are painted as the rows of this kind are: those that were chosen from, and cells where none were.
+pub(super) fn paints(manifest: &Manifest, kind: Kind) -> bool {
+    let table = manifest.selection.as_ref().map(|s| s.table);
+    table.unwrap_or_default() == table_of(kind)
+}
+
 impl<'a> Paints<'a> {
-    /// Reads what the selection states; `None` without one, or if that is an issue.
-    pub fn open(root: &Path, manifest: &'a Manifest, issues: &mut Issues) -> Option<Self> {
+    /// Reads what the selection states of the rows of a kind; `None` without one, or if that is an issue.
+    pub fn open(
+        root: &Path,
+        manifest: &'a Manifest,
+        kind: Kind,
+        issues: &mut Issues,
+    ) -> Option<Self> {
         const AT: &str = "index.json#/selection";
         let selection = manifest.selection.as_ref()?;
-        if let Some(by) = &selection.colour_by {
+        if let Some(by) = selection
+            .colour_by
+            .as_ref()
+            .filter(|_| paints(manifest, kind))
+        {
             check_legend(root, by, issues);
         }
         // what is wrong with the table itself is said elsewhere
-        let table = Table::Cells.open(root, manifest).ok()?;
-        match Self::read(selection, table, root, manifest) {
+        let table = table_of(kind).open(root, manifest).ok()?;
+        match Self::read(selection, table, root, manifest, kind) {
             Ok(paints) => Some(paints),
             Err(Error::Io { .. }) => None,
             Err(e) => {
@@ -106,20 +141,40 @@ impl<'a> Paints<'a> {
         table: TableReader,
         root: &Path,
         manifest: &Manifest,
+        kind: Kind,
     ) -> Result<Self> {
         let columns = table.columns();
         let id = table.column("id").unwrap_or(0);
-        let condition = selection.condition.as_deref();
-        let condition = condition.map(|text| Expr::condition("where", text, columns));
+        let filters = filters(selection, kind, columns)?;
+        if !paints(manifest, kind) {
+            return Ok(Paints {
+                kind,
+                selection,
+                table,
+                id,
+                filters,
+                scale: None,
+                rules: Vec::new(),
+            });
+        }
         let scale = selection
             .colour_by
             .as_ref()
             .map(|by| Scale::new(by, columns));
         let rule = |paint: &crate::manifest::Paint| {
+            let count = paint.count.count();
+            if paint.count != Painted::of(selection.table, count) {
+                let expected = format!("{count} {}", selection.table.name());
+                return Err(Error::usage(
+                    "painted",
+                    format!("{:?}", paint.count),
+                    expected,
+                ));
+            }
             let who = match rank(&paint.condition) {
                 None => Who::Where(Expr::condition("where", &paint.condition, columns)?),
                 Some((n, best)) => {
-                    let again = Table::Cells.open(root, manifest)?;
+                    let again = table_of(kind).open(root, manifest)?;
                     Who::Ranked(ranked(again, n, best)?)
                 }
             };
@@ -127,29 +182,29 @@ impl<'a> Paints<'a> {
             Ok(Rule {
                 who,
                 colour,
-                cells: 0,
+                count: 0,
             })
         };
         let rules: Result<Vec<Rule>> = selection.painted.iter().map(rule).collect();
         Ok(Paints {
-            condition: condition.transpose()?,
+            kind,
+            filters,
             scale: scale.transpose()?,
             rules: rules?,
             selection,
             id,
             table,
-            stray: None,
         })
     }
 
-    /// The colour of the next row's cell, which should be this one; `None` if it is not, or the row is damaged.
-    pub fn next(&mut self, cell: u64) -> Option<Colour> {
+    /// The colour of the next row, which should be this one; `None` if it is not, or the row is damaged.
+    pub fn next(&mut self, expected: u64) -> Option<Colour> {
         let row = self.table.next_row().ok()??;
-        let id = row.whole(self.id).ok().filter(|id| *id == cell)?;
-        if let Some(condition) = &self.condition
-            && condition.test(&row).ok()? == self.selection.omit
-        {
-            self.stray.get_or_insert(id);
+        let id = row.whole(self.id).ok().filter(|id| *id == expected)?;
+        for filter in &mut self.filters {
+            if filter.condition.test(&row).ok()? == filter.omit {
+                filter.stray.get_or_insert(id);
+            }
         }
         let mut found = match &self.scale {
             None => 0,
@@ -161,7 +216,7 @@ impl<'a> Paints<'a> {
                 Who::Ranked(ids) => ids.contains(&id),
             };
             if holds {
-                rule.cells += 1;
+                rule.count += 1;
                 found = rule.colour;
             }
         }
@@ -170,20 +225,27 @@ impl<'a> Paints<'a> {
 
     /// Says what does not fit, once all rows have been seen.
     pub fn finish(&self, issues: &mut Issues) {
-        if let Some(cell) = self.stray {
-            let holds = if self.selection.omit {
+        for filter in &self.filters {
+            let Some(id) = filter.stray else { continue };
+            let holds = if filter.omit {
                 "holds"
             } else {
                 "does not hold"
             };
+            let name = self.kind.name();
             let message =
-                format!("cell {cell} is in the part, though the condition {holds} for it");
-            issues.add(Code::Selection, "index.json#/selection/where", message);
+                format!("{name} {id} is in the part, though the condition {holds} for it");
+            issues.add(Code::Selection, &filter.at, message);
         }
         for (i, (rule, paint)) in self.rules.iter().zip(&self.selection.painted).enumerate() {
-            if rule.cells != paint.cells {
-                let message = format!("found {}, it holds for {} cells", paint.cells, rule.cells);
-                let at = format!("index.json#/selection/painted/{i}/cells");
+            if rule.count != paint.count.count() {
+                let plural = self.kind.plural();
+                let message = format!(
+                    "found {}, it holds for {} {plural}",
+                    paint.count.count(),
+                    rule.count
+                );
+                let at = format!("index.json#/selection/painted/{i}/{plural}");
                 issues.add(Code::Paint, at, message);
             }
         }
@@ -207,6 +269,29 @@ impl<'a> Paints<'a> {
             }
         }
     }
+}
+
+/// The conditions that the rows of a kind have to be kept by. Of the largest that were left out nothing is to be seen.
+fn filters(selection: &Selection, kind: Kind, columns: &[Column]) -> Result<Vec<Filter>> {
+    let of_kind =
+        |step: &Step| step.table == table_of(kind) && !(step.omit && step.largest.is_some());
+    let before = selection.before.len();
+    let mut filters = Vec::new();
+    for (i, step) in selection.steps().enumerate().filter(|(_, s)| of_kind(s)) {
+        let at = match i < before {
+            true => format!("index.json#/selection/before/{i}/where"),
+            false => "index.json#/selection/where".to_owned(),
+        };
+        if let Some(text) = &step.condition {
+            filters.push(Filter {
+                condition: Expr::condition("where", text, columns)?,
+                omit: step.omit,
+                at,
+                stray: None,
+            });
+        }
+    }
+    Ok(filters)
 }
 
 /// Compares the picture of colours with what the manifest says of them.
@@ -334,7 +419,7 @@ fn rank(text: &str) -> Option<(usize, bool)> {
     Some((number.trim().parse().ok()?, best))
 }
 
-/// The ids of the `n` cells of the largest or smallest form factor; of equal ones the first.
+/// The ids of the `n` rows of the largest or smallest form factor; of equal ones the first.
 fn ranked(mut table: TableReader, n: usize, best: bool) -> Result<BTreeSet<u64>> {
     let value = Expr::number("where", "form_factor", table.columns())?;
     let id = table.column("id").unwrap_or(0);

@@ -53,7 +53,7 @@ impl<'a> RegionEdge<'a> {
         let count = match self {
             RegionEdge::Cylinder(cylinder, [x, y]) => {
                 let finite = cylinder.centre.iter().all(|c| c.is_finite());
-                if !finite || !(cylinder.radius > 0.0 && cylinder.radius.is_finite()) {
+                if !(finite && cylinder.radius > 0.0 && cylinder.radius.is_finite()) {
                     wrong("radius", format!("found {cylinder}, expected a cylinder"));
                 }
                 let [nx, ny, nz] = dims.0;

@@ -1,6 +1,9 @@
 //! What every volume does, whatever its format and whatever wraps it: one suite for all of them.
 
+mod files;
+
 use super::adapters::mirror::Mirrored;
+use super::adapters::permute::{Permuted, stored_dims};
 use super::adapters::resample::{Grid, Resampled};
 use super::adapters::values::Valued;
 use super::adapters::values::Values;
@@ -13,9 +16,10 @@ use super::{
 };
 use crate::error::Error;
 use crate::grid::{Crop, Dims, Filter, Placement, filtered_dims, filtered_dtype};
+use files::{FIXTURES, made};
 use proptest::prelude::*;
 use std::ops::Range;
-use std::path::{Path, PathBuf};
+use std::path::Path;
 
 type Box3 = [Range<u32>; 3];
 
@@ -172,73 +176,6 @@ fn conforms_in_sweeps(volume: &dyn Volume, name: &str) {
     }
 }
 
-/// Files of each format in tests/fixtures; `MADE` are written by [`made`].
-const FIXTURES: &[(&str, &[&str])] = &[
-    ("nrrd", MADE),
-    ("metaimage", MADE),
-    (
-        "tiff",
-        &["u16_be_strips.tif", "i32_big_tiles.tif", "u16_lzw.tif"],
-    ),
-    ("numpy", &["i16_be.npy", "packed.npz"]),
-    ("zip", &["png16.zip", "tiff.zip"]),
-    ("vti", &["u16.vti", "f32_zlib.vti"]),
-    ("nifti", &["u16_be.nii.gz", "i16_slope.nii", "u8_pair.hdr"]),
-    ("hdf5", &["u16.h5", "i16_be.h5"]),
-    (
-        "dicom",
-        &[
-            "dicom/u16",
-            "dicom/i16_jpeg.dcm",
-            "dicom/tilted",
-            "dicom/uneven",
-        ],
-    ),
-    ("zarr", &["zarr/u16_gzip_shuffle", "zarr/u8_3_shards"]),
-    ("png", &["png8"]),
-];
-const MADE: &[&str] = &[];
-
-/// Writes a volume of 5 x 4 x 3 as a format does it, plain and packed.
-fn made(format: &str, dir: &Path) -> Vec<PathBuf> {
-    let samples: Vec<u8> = (0..60u16).flat_map(|v| (v * 77).to_be_bytes()).collect();
-    let packed = |level| {
-        let mut out = Vec::new();
-        let mut encoder = flate2::read::GzEncoder::new(&samples[..], level);
-        std::io::Read::read_to_end(&mut encoder, &mut out).unwrap();
-        out
-    };
-    let files: Vec<(&str, &str, Vec<u8>)> = match format {
-        "nrrd" => {
-            let head = "NRRD0004\ntype: uint16\ndimension: 3\nsizes: 5 4 3\nendian: big\n";
-            vec![
-                (
-                    "v.nrrd",
-                    head,
-                    [b"encoding: raw\n\n", &samples[..]].concat(),
-                ),
-                (
-                    "p.nrrd",
-                    head,
-                    [&b"encoding: gzip\n\n"[..], &packed(Default::default())].concat(),
-                ),
-            ]
-        }
-        "metaimage" => {
-            let head = "ObjectType = Image\nNDims = 3\nDimSize = 5 4 3\nBinaryDataByteOrderMSB = True\n\
-                        ElementType = MET_USHORT\nElementDataFile = LOCAL\n";
-            vec![("v.mha", head, samples)]
-        }
-        other => panic!("no fixture of {other}, which is in the registry"),
-    };
-    let write = |(name, head, rest): (&str, &str, Vec<u8>)| {
-        let path = dir.join(name);
-        std::fs::write(&path, [head.as_bytes(), &rest].concat()).unwrap();
-        path
-    };
-    files.into_iter().map(write).collect()
-}
-
 #[test]
 fn every_format_hands_out_any_box() {
     let fixtures = Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/fixtures");
@@ -338,6 +275,24 @@ fn every_wrapper_hands_out_any_box() {
         });
         let mirrored = Mirrored::new(Box::new(&plain), turned);
         conforms_to(&mirrored, bytes(&expected), "mirrored");
+    }
+    for axes in [
+        [0, 1, 2],
+        [2, 1, 0],
+        [1, 2, 0],
+        [2, 0, 1],
+        [0, 2, 1],
+        [1, 0, 2],
+    ] {
+        let dims = stored_dims(axes, Dims(DIMS)).0;
+        // the voxel that lies at a place of the volume whose axes are in another order
+        let value = |stored: [u32; 3]| {
+            let place = |a: usize| stored[axes.iter().position(|axis| *axis == a).unwrap()];
+            (place(0) + 10 * place(1) + 100 * place(2)) as i16
+        };
+        let stored = values(dims, value);
+        let stored = MemoryVolume::new(Dims(dims), Placement::default(), stored).unwrap();
+        conforms_to(&Permuted::new(Box::new(&stored), axes), known, "permuted");
     }
     let scale = Values::linear(0.5, -3.0, "a test").unwrap();
     let expected: Vec<f32> = plain

@@ -1,10 +1,11 @@
 //! What a format's parser finds out.
 
 use crate::grid::{Dims, Placement, Provenance};
+use crate::volume::adapters::permute::stored_dims;
 use crate::volume::adapters::resample::Grid;
 use crate::volume::adapters::values::Values;
 use crate::volume::io::byte_source::ByteSource;
-use crate::volume::io::data::Data;
+use crate::volume::io::data::{Data, Stored};
 use crate::volume::io::paged::Pages;
 use crate::volume::stated::warning::Warning;
 use crate::volume::{Dtype, Endian};
@@ -24,6 +25,10 @@ pub(crate) struct VolumeDescriptor {
     pub(crate) applied: Option<String>,
     /// True along x or y if the samples are stored the other way round.
     pub(crate) mirrored: [bool; 2],
+    /// Which of x, y and z each axis of the stored samples is, the fastest first.
+    pub(crate) stored_axes: [usize; 3],
+    /// Samples in files are floats of 16 bits, which are handed out as the f32 of `dtype`.
+    pub(crate) half: bool,
     pub(crate) samples: Samples,
     /// The regular grid that samples are interpolated to, if they do not lie on one. `dims` are those of the
     /// samples, `placement` is that of the grid.
@@ -47,10 +52,27 @@ impl VolumeDescriptor {
             values: None,
             applied: None,
             mirrored: [false; 2],
+            stored_axes: [0, 1, 2],
+            half: false,
             grid: None,
             samples,
             notes: Vec::new(),
             warnings: Vec::new(),
+        }
+    }
+}
+
+impl VolumeDescriptor {
+    /// Size and type of samples as files hold them.
+    pub(crate) fn stored(&self) -> Stored {
+        Stored {
+            dims: stored_dims(self.stored_axes, self.dims),
+            bytes: if self.half {
+                2
+            } else {
+                self.dtype.bytes() as u64
+            },
+            name: if self.half { "f16" } else { self.dtype.name() },
         }
     }
 }

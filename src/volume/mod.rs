@@ -29,7 +29,7 @@ pub use filters::filtered;
 pub use filters::median::Medianed;
 pub use filters::smooth::Smoothed;
 pub use memory::MemoryVolume;
-pub use open::{file_name, open};
+pub use open::{file_name, open, stem};
 pub use options::{Headerless, Io, OpenOptions, Opened};
 pub(crate) use region::row_words;
 pub use region::{Filled, RegionVoxels};
@@ -50,7 +50,7 @@ use std::path::Path;
 #[derive(Debug, Clone, PartialEq)]
 pub struct Header {
     /// Name of the file format: `raw`, `metaimage`, `nrrd`, `tiff`, `png`, `nifti`, `numpy`, `vti`,
-    /// `dicom`, `zarr`, `hdf5`.
+    /// `dicom`, `zarr`, `hdf5`, `bmp`, `vgi`, `xtekct`, `pyhst`, `pcr`, `isq`, `aim`, `amiramesh`, `mrc`, `analyze`.
     pub format: &'static str,
     /// Size in voxels.
     pub dims: Dims,

@@ -4,6 +4,7 @@ use super::{Endian, Header, Io, OpenOptions, Opened, Volume};
 use crate::error::{Error, Result};
 use crate::grid::{Dims, Placement};
 use crate::volume::adapters::mirror::Mirrored;
+use crate::volume::adapters::permute::Permuted;
 use crate::volume::adapters::resample;
 use crate::volume::adapters::resample::{Grid, Resampled};
 use crate::volume::adapters::values::Valued;
@@ -13,6 +14,7 @@ use crate::volume::formats::{folder, foreign};
 use crate::volume::io::blob::Blob;
 use crate::volume::io::data::{self, Data, Encoding, Start};
 use crate::volume::io::file::FileVolume;
+use crate::volume::io::half::HalfSource;
 use crate::volume::io::paged::PagedVolume;
 use crate::volume::options::Choice;
 use crate::volume::registry::{self, FORMATS};
@@ -22,7 +24,7 @@ use std::path::{Path, PathBuf};
 
 /// Opens a volume. Files are recognised by their content, whatever their name; everything that is of no format that is
 /// read is headerless raw (or raw packed by gzip, with a name that ends in `.gz`), whose size and type the options must
-/// give. A folder is a Zarr, a DICOM series, or a stack of TIFF or PNG slices, or, if size and type are given, of
+/// give. A folder is a Zarr, a DICOM series, or a stack of TIFF, PNG or BMP slices, or, if size and type are given, of
 /// headerless ones. A name with a printf number, as `slice_%04d.tif`, stands for the slices of such names.
 ///
 /// # Errors
@@ -52,7 +54,7 @@ pub fn open(path: &Path, options: &OpenOptions) -> Result<Opened> {
         && !part
         && let Samples::Files(data) = &descriptor.samples
     {
-        notes.extend(data::more_than_described(&header, data)?);
+        notes.extend(data::more_than_described(&descriptor.stored(), data)?);
     }
     let values = descriptor.values.as_ref().map(|values| values.to_string());
     let values = values.or(descriptor.applied.take());
@@ -145,10 +147,21 @@ fn parsed(path: &Path, options: &OpenOptions) -> Result<VolumeDescriptor> {
 /// The samples of a descriptor as the values that they stand for, the right way round.
 fn volume(header: Header, descriptor: VolumeDescriptor, io: Io) -> Result<Box<dyn Volume>> {
     let swap = header.endian != Endian::NATIVE;
+    let stored = descriptor.stored();
+    let header = Header {
+        dims: stored.dims,
+        ..header
+    };
     let volume: Box<dyn Volume> = match descriptor.samples {
         Samples::Files(data) => {
-            let source = data::source(&header, &data, io)?;
-            Box::new(FileVolume::new(header, source, swap))
+            let source = data::source(&stored, &data, io)?;
+            match descriptor.half {
+                true => {
+                    let source = Box::new(HalfSource::new(source, header.endian));
+                    Box::new(FileVolume::new(header, source, false))
+                }
+                false => Box::new(FileVolume::new(header, source, swap)),
+            }
         }
         Samples::Bytes(source) => Box::new(FileVolume::new(header, source, swap)),
         Samples::Pages(pages) => Box::new(PagedVolume::new(header, pages)),
@@ -156,6 +169,10 @@ fn volume(header: Header, descriptor: VolumeDescriptor, io: Io) -> Result<Box<dy
         Samples::Chunks(chunks) => Box::new(crate::volume::io::chunked::ChunkedVolume::new(
             header, chunks,
         )),
+    };
+    let volume = match descriptor.stored_axes {
+        [0, 1, 2] => volume,
+        axes => Box::new(Permuted::new(volume, axes)),
     };
     let volume = match descriptor.mirrored {
         [false, false] => volume,
@@ -173,6 +190,33 @@ pub fn file_name(path: &Path) -> String {
     let real = || path.canonicalize().ok()?.file_name().map(OsStr::to_owned);
     let name = own.or_else(real).unwrap_or_default();
     name.to_string_lossy().into_owned()
+}
+
+/// The name of a file or folder without its directory and the endings of formats: `scan` of `ct/scan.nii.gz`. Of a file
+/// any last ending goes.
+pub fn stem(path: &Path) -> String {
+    /// Endings of samples without a header, of compressed files, and of names such as `scan.ome.tif`.
+    const OTHERS: [&str; 8] = ["raw", "img", "gz", "bz2", "xz", "zst", "ome", "slices"];
+    let name = file_name(path);
+    let known = |ending: &str| {
+        let own = FORMATS.iter().flat_map(|f| f.extensions);
+        let all = own.flat_map(|e| e.split('.')).chain(OTHERS);
+        all.into_iter().any(|e| e.eq_ignore_ascii_case(ending))
+    };
+    let split = |name: &str| {
+        let (stem, ending) = name.rsplit_once('.')?;
+        (!stem.is_empty()).then(|| (stem.to_owned(), ending.to_owned()))
+    };
+    let mut rest = name.clone();
+    while let Some((stem, ending)) = split(&rest) {
+        let first = rest == name && !path.is_dir();
+        let of_letters = !ending.is_empty() && ending.chars().all(char::is_alphabetic);
+        if !(known(&ending) || first && of_letters) {
+            break;
+        }
+        rest = stem;
+    }
+    rest
 }
 
 /// Options that choose a part of a file must not be given for formats that have no such parts.

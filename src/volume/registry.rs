@@ -2,7 +2,8 @@
 
 use crate::volume::format::{Format, listed};
 use crate::volume::formats::{
-    archive, dicom, hdf5, metaimage, nifti, npy, nrrd, png, tiff, vti, zarr,
+    amiramesh, analyze, archive, bmp, dicom, hdf5, metaimage, mrc, nifti, npy, nrrd, png, scanco,
+    sidecar, tiff, vti, zarr,
 };
 
 /// In the order in which a file is tried: the first that recognises it has it.
@@ -18,6 +19,16 @@ pub(crate) static FORMATS: &[Format] = &[
     dicom::FORMAT,
     zarr::FORMAT,
     png::FORMAT,
+    bmp::FORMAT,
+    sidecar::VGI,
+    sidecar::NIKON,
+    sidecar::ESRF,
+    sidecar::PCR,
+    scanco::ISQ,
+    scanco::AIM,
+    amiramesh::FORMAT,
+    mrc::FORMAT,
+    analyze::FORMAT,
 ];
 
 /// The format of a name; raw samples, which have no header, are of none.
@@ -93,6 +104,9 @@ mod tests {
         for format in FORMATS {
             assert!(help.contains(format.title), "{help}");
         }
-        assert!(help.contains("DICOM or PNG slices, or a Zarr."), "{help}");
+        assert!(
+            help.contains("DICOM, PNG or BMP slices, or a Zarr."),
+            "{help}"
+        );
     }
 }

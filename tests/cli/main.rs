@@ -1,5 +1,6 @@
 //! The command as its users see it: texts, exit status, one message for each failure, JSON.
 
+mod batch;
 mod filters;
 mod region;
 mod texts;

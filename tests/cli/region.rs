@@ -271,4 +271,28 @@ fn bad_regions_get_one_message() {
         message.contains("20 x 20 x 20") && message.contains("40 x 40 x 12"),
         "{message}"
     );
+    // of the same size, but in another place
+    let header =
+        "NDims = 3\nDimSize = 40 40 12\nElementType = MET_UCHAR\nElementDataFile = m.raw\n";
+    let mask = |spacing: &str| {
+        header.replace(
+            "ElementType",
+            &format!("ElementSpacing = {spacing}\nElementType"),
+        )
+    };
+    let placed = format!("{convert} --spacing 0.2 --unit mm --roi mask:m.mhd");
+    std::fs::write(dir.join("m.mhd"), mask("0.1 0.1 0.1")).unwrap();
+    let message = fails(dir, &words(&placed));
+    assert!(
+        message.contains("the mask m.mhd with voxels of [0.1"),
+        "{message}"
+    );
+    std::fs::write(dir.join("m.mhd"), mask("0.2 0.2 0.2")).unwrap();
+    run(dir, &format!("{placed} --quiet"));
+    let inner = convert.replace(" out ", " out/inner ");
+    let message = fails(dir, &words(&inner));
+    assert!(
+        message.contains("out/inner, which lies in the tile set"),
+        "{message}"
+    );
 }

@@ -14,7 +14,7 @@ fn help_names_every_option() {
     let dir = temp();
     let top = ok(dir.path(), &["--help"]);
     let convert = format!(
-        "{COMMON} {INPUT} --threshold --macrocube --memory --ambiguous --cap --crop --force --table-unit \
+        "{COMMON} {INPUT} --threshold --macrocube --memory --ambiguous --cap --crop --force --table-unit --view --out-dir \
          {FORM} separate join otsu 1GiB mmap read little big u16 f64"
     );
     for (command, words) in [
@@ -24,23 +24,28 @@ fn help_names_every_option() {
         (
             "cells",
             format!(
-                "{COMMON} --objects --surfaces --where --sort --descending --top --columns \
+                "{COMMON} --objects --surfaces --where --largest --sort --descending --top --columns \
                  --format --summary --outside border-cell csv missing"
             ),
         ),
         (
             "select",
             format!(
-                "{COMMON} --where --omit --paint --colour-by --map --range --force viridis best"
+                "{COMMON} --objects --surfaces --largest --where --omit --paint --colour-by --map --range --force viridis best"
             ),
         ),
         (
             "preview",
             format!(
-                "{COMMON} {INPUT} --axis --at --threshold --tiles --colour-by --map --window --scale"
+                "{COMMON} {INPUT} --axis --at --threshold --tiles --objects --surfaces --largest --colour-by --map --window --scale"
             ),
         ),
         ("verify", format!("{COMMON} {INPUT} --against --max-issues")),
+        (
+            "view",
+            "--port --no-open --gpu-memory 400MiB --volume ssh".to_string(),
+        ),
+        ("serve", "--port --allow-origin index".to_string()),
         (
             "phantom",
             format!(

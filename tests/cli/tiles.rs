@@ -303,6 +303,14 @@ fn a_demo_replaces_an_earlier_one() {
 }
 
 #[test]
+fn a_demo_ends_with_the_line_that_shows_it() {
+    let dir = temp();
+    let said = ok(dir.path(), &["demo", "my demo", "--size", "16"]);
+    let last = said.lines().last().unwrap();
+    assert!(last.ends_with("alvis view 'my demo/foam'"), "{last}");
+}
+
+#[test]
 fn a_demo_leaves_what_is_not_its_own() {
     let dir = temp();
     std::fs::create_dir(dir.path().join("mine")).unwrap();

@@ -3,8 +3,6 @@
 Each case is a title, a path, what the command has to be told, the samples indexed [z, y, x] and the size of a voxel.
 """
 
-import re
-import subprocess
 from pathlib import Path
 
 import nibabel
@@ -116,18 +114,16 @@ def real_world(work: Path):
     return "real-world values", path, [], values.astype("f4"), (0.5, 0.25, 0.3), (-4, -3, 2)
 
 
-def analyze(work: Path, alvis: Path):
-    """The options that the refusal of an ANALYZE header gives."""
+def analyze(work: Path):
+    """ANALYZE 7.5 as nibabel writes it."""
     path = work / "old.hdr"
     image = nibabel.AnalyzeImage(SAMPLES.astype("i2").transpose(2, 1, 0), np.diag([0.7, 0.7, 2, 1]))
     image.header["pixdim"][1:4] = [0.7, 0.7, 2]
     nibabel.save(image, work / "old.img")
-    said = subprocess.run([alvis, "info", path], capture_output=True, text=True).stderr
-    words = re.search(r"`alvis info \S+ ([^`]*)`", said).group(1).split()
     expected = np.asanyarray(nibabel.load(path).dataobj).transpose(2, 1, 0)
-    return "options for ANALYZE", work / "old.img", words, expected, (0.7, 0.7, 2), (0, 0, 0)
+    return "ANALYZE of nibabel", path, [], expected, (0.7, 0.7, 2), (0, 0, 0)
 
 
-def cases(work: Path, alvis: Path):
-    made = [cells, degenerate, times, one_entry, cone_beam, real_world]
-    return [case(work) for case in made] + [analyze(work, alvis)]
+def cases(work: Path):
+    made = [cells, degenerate, times, one_entry, cone_beam, real_world, analyze]
+    return [case(work) for case in made]

@@ -7,7 +7,7 @@ directory for tile sets. Every volume of DATA is also converted at a threshold a
 DATA the fixtures alone are compared, and that is said. Ends with a line `N passed, N failed`.
 
 Readers: SimpleITK for MetaImage, NRRD, NIfTI and DICOM (and pydicom, which orders nothing, for the numbers of a
-slice), nibabel for NIfTI and MINC, tifffile and Pillow for TIFF and PNG, zarr-python, h5py, netCDF4, VTK and numpy,
+slice), nibabel for NIfTI and MINC, those of scanners.py, tifffile and Pillow for TIFF and PNG, zarr-python, h5py, netCDF4, VTK and numpy,
 which is asked about filters, too.
 """
 
@@ -27,6 +27,7 @@ import made
 import nibabel
 import numpy as np
 import pydicom
+import scanners
 import sheared
 import SimpleITK as sitk
 import tifffile
@@ -284,6 +285,15 @@ def written(alvis: Path, dump: Path, work: Path, name: str, write, reader, size,
     return found
 
 
+def scanner(alvis: Path, dump: Path, path: Path, reader, size) -> str:
+    """Samples, size of a voxel and unit of a file of a scanner."""
+    found = same_voxels(alvis, dump, path, reader, [])
+    info = json.loads(run(alvis, "info", path, "--json", "--quiet"))
+    if not np.allclose(info["spacing"], size[0], rtol=1e-6) or info["unit"] != size[1]:
+        raise AssertionError(f"{info['spacing']} {info['unit']}, expected {size}")
+    return found
+
+
 def place_of_minc(alvis: Path, path: Path) -> str:
     return hdf5_readers.place_of_minc(json.loads(run(alvis, "info", path, "--json", "--quiet")), path)
 
@@ -332,7 +342,7 @@ def main() -> int:
 
     for path, reader in fixtures(folder):
         attempt(f"fixture {path.name}", same_voxels, alvis, dump, path, reader, [])
-    for title, path, arguments, expected, spacing, origin in made.cases(work, alvis):
+    for title, path, arguments, expected, spacing, origin in made.cases(work):
         attempt(title, as_made, alvis, dump, path, expected, spacing, origin, arguments)
     for name, *rest in WRITTEN:
         attempt(f"written {name}", written, alvis, dump, work, name, *rest)
@@ -345,6 +355,8 @@ def main() -> int:
         attempt(f"fixture {name}", same_voxels, alvis, dump, path, reader, arguments)
         if path.suffix == ".mnc":
             attempt(f"place of {name}", place_of_minc, alvis, path)
+    for name, *rest in scanners.FIXTURES:
+        attempt(f"fixture {name}", scanner, alvis, dump, folder / "scanners" / name, *rest)
     if not (data / "raw").is_dir():
         print(f"SKIPPED volumes of the shared data: {data} is missing")
     else:

@@ -188,7 +188,9 @@ def made(text: str) -> list[str]:
         words = [w for w in shlex.split(line, comments=True) if w not in RUNS]
         names += [word for word in words if FILE.fullmatch(word)]
         plain = list(itertools.takewhile(lambda word: not word.startswith("-"), words))
-        if plain and plain[0] in MAKES:
+        if "--out-dir" in words:
+            names.append(f"{words[words.index('--out-dir') + 1]}/scans.csv")
+        elif plain and plain[0] in MAKES:
             place, file = MAKES[plain[0]]
             folder = plain[1 + place] if len(plain) > 1 + place else "alvis-demo"
             names.append(f"{folder}/{file}")

@@ -202,7 +202,7 @@ fn whole_bubbles_of_a_scan_with_artefacts_are_found() {
     let found = matches(&labels(&filled, otsu), &balls);
     let middle = (SIDE as f64 - 1.0) / 2.0;
     let is_whole = |[x, y, z, r]: &Ball| {
-        (x - middle).hypot(y - middle) + r < 94.0 && z - r > 2.0 && z + r < 197.0
+        libm::hypot(x - middle, y - middle) + r < 94.0 && z - r > 2.0 && z + r < 197.0
     };
     let whole: Vec<Match> = found
         .into_iter()

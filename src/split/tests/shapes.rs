@@ -46,7 +46,8 @@ fn convex_bodies_are_one_cell() {
         let ellipsoid = |centre: [f64; 3], axes: [f64; 3]| {
             move |p: [f64; 3]| {
                 (0..3)
-                    .map(|a| ((p[a] - centre[a]) / axes[a]).powi(2))
+                    .map(|a| (p[a] - centre[a]) / axes[a])
+                    .map(|v| v * v)
                     .sum::<f64>()
                     < 1.0
             }

@@ -10,6 +10,7 @@ mod tests;
 mod vertices;
 
 pub use float::any_minus_zero;
+pub use octahedral::octahedral_codes;
 pub use vertices::{Normals, Positions};
 
 use super::body::Body;

@@ -47,6 +47,18 @@ pub(crate) fn quantize(normals: &[[u8; 12]], kind: Kind) -> Vec<[u8; 4]> {
     out
 }
 
+/// The codes of unit vectors: x and y on the octahedron, -127 to 127 each.
+pub fn octahedral_codes(normals: &[[f32; 3]]) -> Vec<[i8; 2]> {
+    let table = Kind::Code.table();
+    let mut out = Vec::with_capacity(normals.len());
+    let put = |slot: u32| {
+        let [x, y, ..] = table[slot as usize];
+        out.push([x as i8, y as i8]);
+    };
+    for_each_nearest(normals, |normal| *normal, put);
+    out
+}
+
 /// Hands out the place among the [`codes`] of the one nearest to each of some unit vectors.
 fn for_each_nearest<T>(all: &[T], vector: impl Fn(&T) -> [f32; 3], mut put: impl FnMut(u32)) {
     for some in all.chunks(TOGETHER) {

@@ -6,7 +6,6 @@
 //! strips, so going to the web and back gives the same files but for the normals, which the quantized
 //! encodings round once.
 
-mod names;
 mod tiles;
 
 use crate::error::{Error, Result};
@@ -16,6 +15,7 @@ use crate::progress::Progress;
 use crate::table::Table;
 use crate::tile::check_reach;
 use crate::tileset::{Output, TileSet, TilesetWriter, outward, refuse_same};
+use crate::transform::ids::several;
 use crate::transform::new_tiles::make_tiles;
 use crate::transform::select::{LEGEND, LEGEND_SVG};
 use serde::Serialize;
@@ -78,7 +78,7 @@ fn repack_into(
         macrocube: manifest.grid.macrocube,
     };
     check_reach(options.form.encoding, tiling)?;
-    let several = names::several(&set)?;
+    let several = several(&set)?;
     let output = Output::create(to, options.force)?;
     let work = output.work();
     let mut made = manifest.clone();

@@ -3,14 +3,14 @@
 use crate::manifest::{Form, Primitives, TileEntry, checksum_text};
 use crate::tile::read::ReadError;
 use crate::tile::{TilePlace, recode, tile_path};
+use crate::transform::ids::Ids;
 use crate::transform::new_tiles::{MakeTile, NewTile};
-use crate::transform::repack::names::Cells;
 
 /// Writes tiles in another form.
 pub(crate) struct Recoder<'a> {
     pub form: Form,
     /// The cells that border more than one object.
-    pub several: &'a Cells,
+    pub several: &'a Ids,
 }
 
 impl MakeTile for Recoder<'_> {

@@ -1,20 +1,21 @@
-//! Which cells are kept, and their colours.
+//! Which cells, objects or surfaces are kept, and their colours.
 
 use crate::error::{Error, Result};
-use crate::manifest::{ColourBy, Manifest, Paint, Selection};
+use crate::manifest::{ColourBy, Manifest, Paint, Painted, Selection, Step};
 use crate::picture::{self, Map};
-use crate::table::{Column, Expr, Query, Row, Table, TableReader};
+use crate::table::{Column, Expr, Row, Table, TableReader};
 use crate::tile::Rgb;
+use crate::tile::read::PieceIds;
 use crate::transform::select::{SelectOptions, legend, whole};
 use std::path::Path;
 
 /// Colours that a manifest lists of a map.
 const LISTED: usize = 9;
 
-/// One colour for the cells of a condition.
+/// One colour for the cells, objects or surfaces of a condition.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct PaintRule {
-    /// A condition on cells, or `best:N` or `worst:N`: the N kept cells of the largest or smallest
+    /// A condition, or `best:N` or `worst:N`: the N kept cells or objects of the largest or smallest
     /// `form_factor` among those that have one.
     pub condition: String,
     /// sRGB.
@@ -28,49 +29,54 @@ pub struct ColourRule {
     pub column: String,
     /// The colour map.
     pub map: Map,
-    /// Values of the first and last colour; those of the kept cells without one.
+    /// Values of the first and last colour; those of what is kept without one.
     pub range: Option<[f64; 2]>,
 }
 
-/// The cells that are kept.
+/// What is kept.
 pub struct Choice {
-    /// By rising id.
-    cells: Vec<(u64, Option<Rgb>)>,
-    condition: Option<String>,
-    omit: bool,
+    /// Rows of the table that was chosen from, by rising id.
+    rows: Vec<(u64, Option<Rgb>)>,
+    step: Step,
     painted: Vec<Paint>,
     colour_by: Option<ColourBy>,
 }
 
 impl Choice {
-    /// Reads the table of cells.
+    /// Reads the table that is chosen from.
     pub fn new(dir: &Path, manifest: &Manifest, options: &SelectOptions) -> Result<Self> {
-        let mut table = Table::Cells.open(dir, manifest)?;
+        let chosen = &options.chosen;
+        let open = || chosen.table.open(dir, manifest);
+        let mut table = open()?;
         let columns = table.columns().to_vec();
-        let condition = Query::default().filter(options.condition.as_deref(), &columns)?;
-        let id = table.column("id").unwrap_or(0);
-        let mut cells: Vec<(u64, Option<Rgb>)> = Vec::new();
+        let query = chosen.query(&table)?;
+        let id = table.own_column("id")?;
+        let mut rows: Vec<(u64, Option<Rgb>)> = Vec::new();
+        let mut last = None;
         while let Some(row) = table.next_row()? {
             let id = row.whole(id)?;
-            if cells.last().is_some_and(|last| last.0 >= id) {
+            if let Some(last) = last.replace(id).filter(|last| *last >= id) {
                 return Err(Error::format(
                     table.path(),
-                    format!("cell {id} after cell {}", cells[cells.len() - 1].0),
+                    format!("id {id} after id {last}"),
                     "rows by rising id",
                 ));
             }
-            if condition.keeps(&row)? != options.omit {
-                cells.push((id, None));
+            if query.keeps(&row)? != options.omit {
+                rows.push((id, None));
             }
         }
         let mut choice = Choice {
-            cells,
-            condition: options.condition.clone(),
-            omit: options.omit,
+            rows,
+            step: Step {
+                condition: chosen.condition.clone(),
+                omit: options.omit,
+                table: chosen.table,
+                largest: chosen.largest.map(|n| n as u64),
+            },
             painted: Vec::new(),
             colour_by: None,
         };
-        let open = || Table::Cells.open(dir, manifest);
         if let Some(rule) = &options.colour_by {
             choice.colour(rule, &columns, open)?;
         }
@@ -80,10 +86,30 @@ impl Choice {
         Ok(choice)
     }
 
-    /// The style of a cell's pieces: `None` if it is left out.
-    pub fn style(&self, cell: u64) -> Option<Option<Rgb>> {
-        let at = self.cells.binary_search_by_key(&cell, |c| c.0).ok()?;
-        Some(self.cells[at].1)
+    /// The table that was chosen from.
+    pub fn table(&self) -> Table {
+        self.step.table
+    }
+
+    /// How many of its rows are kept.
+    pub fn count(&self) -> u64 {
+        self.rows.len() as u64
+    }
+
+    /// True if a row of that table is kept.
+    pub fn has(&self, id: u64) -> bool {
+        self.rows.binary_search_by_key(&id, |row| row.0).is_ok()
+    }
+
+    /// The style of a piece that is no cap: `None` if it is left out.
+    pub fn style(&self, piece: &PieceIds) -> Option<Option<Rgb>> {
+        let id = match self.step.table {
+            Table::Cells => piece.cell,
+            Table::Objects => piece.object,
+            Table::Surfaces => piece.surface,
+        };
+        let at = self.rows.binary_search_by_key(&id, |row| row.0).ok()?;
+        Some(self.rows[at].1)
     }
 
     /// The legend of the colours by value.
@@ -91,7 +117,7 @@ impl Choice {
         self.colour_by.as_ref()
     }
 
-    /// Calls `each` with the rows of kept cells.
+    /// Calls `each` with the rows that are kept.
     fn rows(
         &mut self,
         mut table: TableReader,
@@ -101,10 +127,10 @@ impl Choice {
         let mut next = 0;
         while let Some(row) = table.next_row()? {
             let id = row.whole(id)?;
-            if let Some(cell) = self.cells.get_mut(next)
-                && cell.0 == id
+            if let Some(kept) = self.rows.get_mut(next)
+                && kept.0 == id
             {
-                each(&row, &mut cell.1)?;
+                each(&row, &mut kept.1)?;
                 next += 1;
             }
         }
@@ -173,12 +199,12 @@ impl Choice {
         self.painted.push(Paint {
             condition: rule.condition.clone(),
             colour: picture::hex(rule.colour),
-            cells: count,
+            count: Painted::of(self.step.table, count),
         });
         Ok(())
     }
 
-    /// Paints the cells of the largest or smallest form factor; ties go to the smaller id.
+    /// Paints those of the largest or smallest form factor; ties go to the smaller id.
     fn paint_ranked(
         &mut self,
         rule: &PaintRule,
@@ -198,33 +224,31 @@ impl Choice {
         })?;
         ranks.sort_by(|a, b| a.0.total_cmp(&b.0).then(a.1.cmp(&b.1)));
         ranks.truncate(ranked.count);
-        for &(_, cell) in &ranks {
-            self.cells[cell].1 = Some(rule.colour);
+        for &(_, row) in &ranks {
+            self.rows[row].1 = Some(rule.colour);
         }
         Ok(ranks.len() as u64)
     }
 
     /// What the part's manifest says of it.
     pub fn selection(&self, manifest: &Manifest) -> Selection {
-        // what is chosen from a part is chosen by both conditions from the whole
-        let earlier = manifest.selection.as_ref().and_then(|s| {
-            s.condition.as_ref().map(|c| {
-                if s.omit {
-                    format!("not ({c})")
-                } else {
-                    c.clone()
-                }
-            })
-        });
-        let (condition, omit) = match (earlier, &self.condition) {
-            (None, own) => (own.clone(), self.omit),
-            (earlier, None) => (earlier, false),
-            (Some(a), Some(b)) if self.omit => (Some(format!("({a}) and not ({b})")), false),
-            (Some(a), Some(b)) => (Some(format!("({a}) and ({b})")), false),
+        let (mut before, last) = match &manifest.selection {
+            None => (Vec::new(), Step::default()),
+            Some(earlier) => (earlier.before.clone(), earlier.last()),
+        };
+        let step = match joined(&last, &self.step) {
+            Some(step) => step,
+            None => {
+                before.push(last);
+                self.step.clone()
+            }
         };
         Selection {
-            condition,
-            omit,
+            condition: step.condition,
+            omit: step.omit,
+            table: step.table,
+            largest: step.largest,
+            before,
             painted: self.painted.clone(),
             colour_by: self.colour_by.clone(),
             of: whole(manifest),
@@ -232,7 +256,47 @@ impl Choice {
     }
 }
 
-/// The first cells by form factor.
+/// One choice that says as much as two, one after the other; `None` if there is none.
+fn joined(first: &Step, then: &Step) -> Option<Step> {
+    if !first.chooses() {
+        return Some(then.clone());
+    }
+    if first.table != then.table {
+        return None;
+    }
+    if !then.chooses() {
+        let kept = first.clone();
+        return Some(match (kept.omit, kept.largest, &kept.condition) {
+            (true, None, Some(c)) => Step {
+                condition: Some(format!("not ({c})")),
+                omit: false,
+                ..kept
+            },
+            _ => kept,
+        });
+    }
+    // the largest of fewer rows are others than those of all
+    if first.largest.is_some() || (then.omit && then.largest.is_some()) {
+        return None;
+    }
+    let earlier = first.condition.as_ref()?;
+    let earlier = match first.omit {
+        true => format!("not ({earlier})"),
+        false => earlier.clone(),
+    };
+    let condition = match (&then.condition, then.omit) {
+        (None, _) => earlier,
+        (Some(own), true) => format!("({earlier}) and not ({own})"),
+        (Some(own), false) => format!("({earlier}) and ({own})"),
+    };
+    Some(Step {
+        condition: Some(condition),
+        omit: false,
+        ..then.clone()
+    })
+}
+
+/// The first by form factor.
 #[derive(Debug, Clone, Copy)]
 struct Ranked {
     /// How many.

@@ -1,9 +1,9 @@
-//! A part of a tile set, or a painted copy: the pieces of chosen cells in a tile set of their own.
+//! A part of a tile set, or a painted copy: the pieces of chosen cells, objects or surfaces in a tile set of their own.
 //!
-//! Cells are kept or left out with all their surfaces, so edges still meet. Geometry is copied bit
+//! What is chosen is kept or left out with all its surfaces, so edges still meet. Geometry is copied bit
 //! for bit, ids and measures stay those of the whole, and tiles without a kept piece vanish.
-//! Objects stay as long as they have a kept surface. Caps stay if all surfaces of the objects in the
-//! part are kept, for then they still close them; else all caps go and the part is open at the
+//! Cells and objects that were not chosen from stay as long as they have a kept surface. Caps stay if all surfaces of
+//! the objects in the part are kept, for then they still close them; else all caps go and the part is open at the
 //! volume's faces, as a set made without `--cap` is.
 
 mod choice;
@@ -18,7 +18,7 @@ pub(crate) use legend::{FILE as LEGEND, SVG as LEGEND_SVG};
 use crate::error::Result;
 use crate::manifest::{Manifest, Selection, WholeTotals};
 use crate::progress::Progress;
-use crate::table::Table;
+use crate::table::{Chosen, Table};
 use crate::tileset::{Output, TileSet, TilesetWriter, outward, refuse_same};
 use choice::Choice;
 use serde::Serialize;
@@ -28,11 +28,11 @@ use tiles::{Kept, copy_tiles};
 /// What to keep and how to paint it.
 #[derive(Debug, Clone, Default)]
 pub struct SelectOptions {
-    /// The condition on cells; see [`crate::table`] for the language. All cells without one.
-    pub condition: Option<String>,
-    /// Leave out the cells for which the condition holds, instead of keeping them.
+    /// The cells, objects or surfaces; conditions of colours are on the same table.
+    pub chosen: Chosen,
+    /// Leave out those that are chosen, instead of keeping them.
     pub omit: bool,
-    /// Colours of some cells, later ones over earlier ones and all over `colour_by`.
+    /// Colours of some of them, later ones over earlier ones and all over `colour_by`.
     pub paint: Vec<PaintRule>,
     /// Colours by the values of a column.
     pub colour_by: Option<ColourRule>,
@@ -62,7 +62,7 @@ pub struct SelectReport {
 }
 
 /// Writes a part of the tile set in `from`, or a painted copy, to the directory `to`. Memory: some 16
-/// bytes per cell, and a tile per thread.
+/// bytes per row that is kept, 40 per object, and a tile per thread.
 ///
 /// # Errors
 /// [`crate::Error::Usage`] for conditions and colours that cannot be, or if both directories are the same;
@@ -116,7 +116,11 @@ fn select_into(
     output.commit()?;
     let mut warnings = Vec::new();
     if totals.surfaces == 0 {
-        warnings.push("no cell with a surface is left: the tile set is empty".to_string());
+        let name = options.chosen.table.name().trim_end_matches('s');
+        warnings.push(match options.chosen.table {
+            Table::Surfaces => "no surface is left: the tile set is empty".to_owned(),
+            _ => format!("no {name} with a surface is left: the tile set is empty"),
+        });
     }
     warnings.iter().for_each(|w| progress.warn(w));
     Ok(SelectReport {

@@ -3,6 +3,8 @@
 use crate::error::{Error, Result};
 use crate::manifest::Manifest;
 use crate::table::{Row, Table};
+use crate::tile::read::PieceIds;
+use crate::transform::ids::Ids;
 use crate::transform::select::choice::Choice;
 use std::collections::BTreeMap;
 use std::fs::File;
@@ -18,6 +20,8 @@ pub struct Rows {
     pub surfaces: u64,
     /// Surfaces of each kept object: how many were kept, and how many there are.
     pub objects: BTreeMap<u64, [u64; 2]>,
+    /// Cells that keep more than one surface.
+    pub several: Ids,
     /// Vertices of the surfaces.
     pub vertices: u64,
     /// Their edges on the border of the volume.
@@ -33,41 +37,31 @@ impl Rows {
     }
 }
 
-/// Copies the rows of kept cells, their surfaces and the objects of these.
+/// Copies the rows of what was chosen, of the surfaces of that, and of the cells and objects that have one of these.
 ///
 /// # Errors
 /// [`Error::Io`], or [`Error::Format`] if a table is damaged.
 pub fn copy_rows(from: &Path, to: &Path, manifest: &Manifest, choice: &Choice) -> Result<Rows> {
     let mut rows = Rows::default();
+    let cells = copy_surfaces(from, to, manifest, choice, &mut rows)?;
+    // what has no surface stays if nothing was left out
+    let all = choice.count() == choice.table().total(manifest);
     filter(from, to, manifest, Table::Cells, |_, id| {
-        let keep = choice.style(id).is_some();
+        let keep = match choice.table() {
+            Table::Cells => choice.has(id),
+            Table::Objects | Table::Surfaces => all || cells.contains(id),
+        };
         rows.cells += u64::from(keep);
         Ok(keep)
     })?;
-    let reader = Table::Surfaces.open(from, manifest)?;
-    let [cell, object] = [reader.own_column("cell")?, reader.own_column("object")?];
-    let vertices = reader.own_column("vertices")?;
-    let border = reader.own_column("border_edges")?;
-    filter(from, to, manifest, Table::Surfaces, |row, _| {
-        let keep = choice.style(row.whole(cell)?).is_some();
-        let counts = rows.objects.entry(row.whole(object)?).or_default();
-        counts[1] = counts[1].saturating_add(1);
-        if keep {
-            counts[0] += 1;
-            rows.surfaces += 1;
-            rows.vertices = rows.vertices.saturating_add(row.whole(vertices)?);
-            rows.border_edges = rows.border_edges.saturating_add(row.whole(border)?);
-        }
-        Ok(keep)
-    })?;
-    rows.objects.retain(|_, [kept, _]| *kept > 0);
-    // objects without any surface stay if nothing was left out
-    let all = rows.cells == manifest.totals.cells;
     let reader = Table::Objects.open(from, manifest)?;
     let voxels = reader.column("voxels");
     let mut lone = Vec::new();
     filter(from, to, manifest, Table::Objects, |row, id| {
-        let keep = all || rows.objects.contains_key(&id);
+        let keep = match choice.table() {
+            Table::Objects => choice.has(id),
+            Table::Cells | Table::Surfaces => all || rows.objects.contains_key(&id),
+        };
         if let (true, Some(voxels)) = (keep, voxels) {
             rows.voxels_above = rows.voxels_above.saturating_add(row.whole(voxels)?);
         }
@@ -78,6 +72,44 @@ pub fn copy_rows(from: &Path, to: &Path, manifest: &Manifest, choice: &Choice) -
     })?;
     rows.objects.extend(lone.into_iter().map(|id| (id, [0, 0])));
     Ok(rows)
+}
+
+/// Copies the rows of kept surfaces; the cells that these border.
+fn copy_surfaces(
+    from: &Path,
+    to: &Path,
+    manifest: &Manifest,
+    choice: &Choice,
+    rows: &mut Rows,
+) -> Result<Ids> {
+    let mut cells = Ids::default();
+    let reader = Table::Surfaces.open(from, manifest)?;
+    let [cell, object] = [reader.own_column("cell")?, reader.own_column("object")?];
+    let vertices = reader.own_column("vertices")?;
+    let border = reader.own_column("border_edges")?;
+    filter(from, to, manifest, Table::Surfaces, |row, surface| {
+        let ids = PieceIds {
+            cell: row.whole(cell)?,
+            object: row.whole(object)?,
+            surface,
+            ..PieceIds::default()
+        };
+        let keep = choice.style(&ids).is_some();
+        let counts = rows.objects.entry(ids.object).or_default();
+        counts[1] = counts[1].saturating_add(1);
+        if keep {
+            counts[0] += 1;
+            rows.surfaces += 1;
+            rows.vertices = rows.vertices.saturating_add(row.whole(vertices)?);
+            rows.border_edges = rows.border_edges.saturating_add(row.whole(border)?);
+            if !cells.insert(ids.cell) {
+                rows.several.insert(ids.cell);
+            }
+        }
+        Ok(keep)
+    })?;
+    rows.objects.retain(|_, [kept, _]| *kept > 0);
+    Ok(cells)
 }
 
 /// Copies the rows that `keep` accepts by their id.

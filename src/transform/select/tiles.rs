@@ -5,7 +5,7 @@ use crate::grid::LATTICE;
 use crate::manifest::{Bounds, Group, Manifest, Primitives, TileEntry, Totals, checksum_text};
 use crate::progress::Progress;
 use crate::tile::read::{PieceIds, ReadError};
-use crate::tile::{Part, PartPiece, TilePlace, part, tile_path};
+use crate::tile::{Part, PartPiece, Rgb, TilePlace, part, tile_path};
 use crate::tileset::{TileSet, TilesetWriter, with_euler_characteristic};
 use crate::transform::new_tiles::{MakeTile, NewTile, make_tiles};
 use crate::transform::select::choice::Choice;
@@ -73,9 +73,9 @@ impl TileSums {
 
 /// What is kept of a tile set.
 pub struct Kept<'a> {
-    /// The cells, and their colours.
+    /// What was chosen, and its colours.
     pub choice: &'a Choice,
-    /// Their rows of the tables.
+    /// The rows of the tables.
     pub rows: &'a Rows,
     /// Caps stay.
     pub caps: bool,
@@ -83,13 +83,28 @@ pub struct Kept<'a> {
     pub primitives: Primitives,
 }
 
+impl Kept<'_> {
+    /// The style of a piece: `None` if it is left out. Caps, which are of no cell, are never painted.
+    fn style(&self, ids: &PieceIds) -> Option<Option<Rgb>> {
+        match ids.cell {
+            0 => (self.caps && self.rows.objects.contains_key(&ids.object)).then_some(None),
+            _ => self.choice.style(ids),
+        }
+    }
+}
+
 impl MakeTile for Kept<'_> {
     type Sums = TileSums;
 
     fn wants(&self, entry: &TileEntry) -> bool {
-        entry.groups.iter().any(|group| match group.cell {
-            0 => self.caps,
-            cell => self.choice.style(cell).is_some(),
+        entry.groups.iter().any(|group| {
+            let ids = PieceIds {
+                cell: group.cell,
+                object: group.object,
+                surface: group.surface,
+                triangles: group.triangles,
+            };
+            self.style(&ids).is_some()
         })
     }
 
@@ -99,11 +114,8 @@ impl MakeTile for Kept<'_> {
         bytes: &[u8],
         place: &TilePlace,
     ) -> Result<Option<NewTile<TileSums>>, ReadError> {
-        let style = |ids: &PieceIds| match ids.cell {
-            0 => (self.caps && self.rows.objects.contains_key(&ids.object)).then_some(None),
-            cell => self.choice.style(cell),
-        };
-        let Some(part) = part(bytes, place, style)? else {
+        let several = |cell| self.rows.several.contains(cell);
+        let Some(part) = part(bytes, place, |ids| self.style(ids), &several)? else {
             return Ok(None);
         };
         Ok(Some(NewTile {

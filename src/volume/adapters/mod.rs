@@ -4,6 +4,7 @@ pub(crate) mod crop;
 pub(crate) mod decompress;
 pub(crate) mod kind;
 pub(crate) mod mirror;
+pub(crate) mod permute;
 pub(crate) mod resample;
 pub(crate) mod temp_copy;
 pub(crate) mod values;

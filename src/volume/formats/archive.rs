@@ -1,4 +1,4 @@
-//! Zip archives: slices or one stack in TIFF or PNG, or one NumPy array (`.npz`).
+//! Zip archives: slices or one stack in TIFF, PNG or BMP, or one NumPy array (`.npz`).
 //!
 //! A NumPy array is streamed out of the archive. Pages must be read at any place, so compressed
 //! members with pages are first unpacked to an unnamed file in the folder for temporary files
@@ -259,7 +259,7 @@ fn numpy(path: &Path, arrays: Vec<(Member, Vec<u8>)>) -> Result<VolumeDescriptor
         },
     };
     let descriptor = array.descriptor(path, place)?;
-    let bytes = descriptor.dims.voxels() * descriptor.dtype.bytes() as u64;
+    let bytes = descriptor.dims.voxels() * descriptor.stored().bytes;
     if array.head + bytes > member.size {
         let found = format!("{} of {} bytes", member.name, member.size);
         let expected = format!("{} bytes, as its shape and type say", array.head + bytes);

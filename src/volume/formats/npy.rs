@@ -1,8 +1,8 @@
 //! NumPy arrays: `.npy`, whose format is that of
 //! <https://numpy.org/doc/stable/reference/generated/numpy.lib.format.html>.
 //!
-//! The axes of an array are z, y, x, as `array[z, y, x]` has them in C order; `bool` is u8. Axes of one entry are
-//! left out.
+//! The axes of an array are z, y, x, as `array[z, y, x]` has them, in C order and in Fortran order alike; `bool` is u8,
+//! and `float16` becomes f32. Axes of one entry are left out.
 
 use crate::error::{Error, Result};
 use crate::grid::Dims;
@@ -39,6 +39,10 @@ pub(crate) struct Array {
     pub(crate) shape: Vec<u64>,
     dtype: Dtype,
     endian: Endian,
+    /// Floats of 16 bits, of which f32 are made.
+    half: bool,
+    /// The first axis is the fastest.
+    fortran: bool,
     /// Bytes of the header.
     pub(crate) head: u64,
 }
@@ -55,8 +59,7 @@ fn value<'a>(text: &'a str, key: &str) -> Option<&'a str> {
 /// Parses the first bytes, at most [`MAX_HEAD`], of an array.
 ///
 /// # Errors
-/// [`Error::Unsupported`] for Fortran order and types that are not read, [`Error::Format`] for a
-/// damaged header.
+/// [`Error::Unsupported`] for types that are not read, [`Error::Format`] for a damaged header.
 pub(crate) fn array(path: &Path, bytes: &[u8]) -> Result<Array> {
     let wrong = |found: String| Error::format(path, found, "the header of a NumPy array");
     let (start, len) = match bytes.get(6..12) {
@@ -85,21 +88,34 @@ pub(crate) fn array(path: &Path, bytes: &[u8]) -> Result<Array> {
     let Some(shape) = shape else {
         return Err(wrong(format!("`{shown}`")));
     };
-    if !order.starts_with("False") && shape.len() > 1 {
-        let hint = "save array.T if the array is indexed [x, y, z], or array.copy() if it is indexed [z, y, x]: the \
-                    other one would be mirrored";
-        return Err(Error::unsupported(path, "an array in Fortran order", hint));
-    }
-    let (dtype, endian) = dtype(path, descr)?;
+    let fortran = match (order.starts_with("True"), order.starts_with("False")) {
+        (true, _) => shape.len() > 1,
+        (_, true) => false,
+        _ => return Err(wrong(format!("`{shown}`"))),
+    };
+    let Kind {
+        dtype,
+        endian,
+        half,
+    } = kind(path, descr)?;
     Ok(Array {
         shape,
         dtype,
         endian,
+        half,
+        fortran,
         head: end as u64,
     })
 }
 
-fn dtype(path: &Path, descr: &str) -> Result<(Dtype, Endian)> {
+/// The type of entries.
+struct Kind {
+    dtype: Dtype,
+    endian: Endian,
+    half: bool,
+}
+
+fn kind(path: &Path, descr: &str) -> Result<Kind> {
     let name = descr.strip_prefix('\'').and_then(|d| d.split('\'').next());
     let name = name.unwrap_or("a record");
     let endian = if name.starts_with('>') {
@@ -107,14 +123,15 @@ fn dtype(path: &Path, descr: &str) -> Result<(Dtype, Endian)> {
     } else {
         Endian::Little
     };
-    let dtype = match name.trim_start_matches(['<', '>', '|', '=']) {
+    let plain = name.trim_start_matches(['<', '>', '|', '=']);
+    let dtype = match plain {
         "u1" | "b1" => Dtype::U8,
         "i1" => Dtype::I8,
         "u2" => Dtype::U16,
         "i2" => Dtype::I16,
         "u4" => Dtype::U32,
         "i4" => Dtype::I32,
-        "f4" => Dtype::F32,
+        "f2" | "f4" => Dtype::F32,
         "f8" => Dtype::F64,
         _ => {
             let hint = "save it as bool, a type of at most 32 bits, or float64";
@@ -125,7 +142,11 @@ fn dtype(path: &Path, descr: &str) -> Result<(Dtype, Endian)> {
             ));
         }
     };
-    Ok((dtype, endian))
+    Ok(Kind {
+        dtype,
+        endian,
+        half: plain == "f2",
+    })
 }
 
 /// Where in a file the bytes of an array are, header included.
@@ -155,8 +176,23 @@ impl Array {
         };
         let [z, y, x] = axes.map(|axis| self.shape[axis]);
         let dims = Dims::new([x, y, z]).map_err(|e| e.of_header(path, "an array"))?;
+        if self.fortran && place.encoding != Encoding::Raw {
+            let hint = "save it with numpy.save, or array.copy() in its place: x is the slowest axis of the file";
+            return Err(Error::unsupported(
+                path,
+                "a packed array in Fortran order",
+                hint,
+            ));
+        }
+        let warning = self.fortran.then_some(
+            "the array is in Fortran order and read as array[z, y, x], as NumPy indexes it: if it is indexed [x, y, z], \
+             the volume is mirrored, save array.T",
+        );
         Ok(VolumeDescriptor {
             endian: Some(self.endian),
+            half: self.half,
+            stored_axes: if self.fortran { [2, 1, 0] } else { [0, 1, 2] },
+            warnings: warning.into_iter().map(Into::into).collect(),
             ..VolumeDescriptor::new(
                 "numpy",
                 dims,
@@ -206,10 +242,16 @@ mod tests {
         let array = read("{'descr': '>i2', 'fortran_order': False, 'shape': (4, 3, 2), }").unwrap();
         assert_eq!((array.shape, array.dtype), (vec![4, 3, 2], Dtype::I16));
         assert_eq!(array.endian, Endian::Big);
+        assert!(!array.fortran && !array.half);
+        let array = read("{'descr': '<f2', 'fortran_order': True, 'shape': (4, 3, 2), }").unwrap();
+        assert_eq!(
+            (array.dtype, array.half, array.fortran),
+            (Dtype::F32, true, true)
+        );
         for (bad, says) in [
             (
-                "{'descr': '<u2', 'fortran_order': True, 'shape': (4, 3, 2)}",
-                "Fortran",
+                "{'descr': '<u2', 'fortran_order': Maybe, 'shape': (4, 3, 2)}",
+                "Maybe",
             ),
             (
                 "{'descr': '<i8', 'fortran_order': False, 'shape': (4, 3, 2)}",

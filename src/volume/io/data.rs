@@ -1,10 +1,11 @@
 //! Files that hold the samples of a volume, and the byte source that they make.
 
 use crate::error::{Error, Result};
+use crate::grid::Dims;
+use crate::volume::Io;
 use crate::volume::io::byte_source::{ByteSource, FileSource, MapSource, Part, PartsSource};
 use crate::volume::io::mmap::Map;
 use crate::volume::io::stream::{StreamLayout, StreamSource};
-use crate::volume::{Header, Io};
 use std::fs::File;
 use std::io::{BufRead, BufReader, Seek, SeekFrom};
 use std::path::{Path, PathBuf};
@@ -16,6 +17,23 @@ pub(crate) struct Data {
     pub(crate) files: Vec<PathBuf>,
     pub(crate) start: Start,
     pub(crate) encoding: Encoding,
+}
+
+/// Size and type of samples as files hold them, which may be others than those that are handed out.
+#[derive(Debug, Clone, Copy)]
+pub(crate) struct Stored {
+    /// Samples along each axis, the fastest first.
+    pub(crate) dims: Dims,
+    /// Bytes of a sample.
+    pub(crate) bytes: u64,
+    /// The name of its type.
+    pub(crate) name: &'static str,
+}
+
+impl Stored {
+    fn slice_bytes(&self) -> u64 {
+        self.dims.slice_voxels() * self.bytes
+    }
 }
 
 /// Where in each file the samples begin.
@@ -55,17 +73,21 @@ pub(crate) enum Encoding {
     Deflate {
         crc: u32,
     },
+    /// Amira's run lengths of bytes, so many packed bytes.
+    ByteRle {
+        packed: u64,
+    },
 }
 
 /// Opens the data files of a volume.
-pub(crate) fn source(header: &Header, data: &Data, io: Io) -> Result<Box<dyn ByteSource>> {
+pub(crate) fn source(stored: &Stored, data: &Data, io: Io) -> Result<Box<dyn ByteSource>> {
     // at most 2^48 samples of 8 bytes
-    let total = header.dims.voxels() * header.dtype.bytes() as u64;
+    let total = stored.dims.voxels() * stored.bytes;
     let part_bytes = total / data.files.len() as u64;
     if data.encoding != Encoding::Raw {
-        return compressed(header, data, part_bytes);
+        return compressed(stored, data, part_bytes);
     }
-    let what = format!("{} of {}", header.dims, header.dtype);
+    let what = format!("{} of {}", stored.dims, stored.name);
     let parts = data
         .files
         .iter()
@@ -97,7 +119,7 @@ pub(crate) fn source(header: &Header, data: &Data, io: Io) -> Result<Box<dyn Byt
 }
 
 /// Opens the compressed data files of a header.
-fn compressed(header: &Header, data: &Data, part_bytes: u64) -> Result<Box<dyn ByteSource>> {
+fn compressed(stored: &Stored, data: &Data, part_bytes: u64) -> Result<Box<dyn ByteSource>> {
     let Start::At {
         base, lines, bytes, ..
     } = data.start
@@ -119,7 +141,7 @@ fn compressed(header: &Header, data: &Data, part_bytes: u64) -> Result<Box<dyn B
                 format!("{} compressed bytes", len.saturating_sub(offset)),
                 format!(
                     "enough for {part_bytes} bytes of samples ({} of {})",
-                    header.dims, header.dtype
+                    stored.dims, stored.name
                 ),
             )
             .with_hint("the file is cut short, or the size or sample type is wrong"));
@@ -134,7 +156,7 @@ fn compressed(header: &Header, data: &Data, part_bytes: u64) -> Result<Box<dyn B
         encoding: data.encoding,
         skip: bytes,
         part_bytes,
-        slice_bytes: header.dims.slice_voxels() * header.dtype.bytes() as u64,
+        slice_bytes: stored.slice_bytes(),
     })))
 }
 
@@ -164,7 +186,7 @@ pub(crate) fn file_len(path: &Path) -> Result<u64> {
 }
 
 /// What a user should know of a file whose header describes less than there is: whole slices more.
-pub(crate) fn more_than_described(header: &Header, data: &Data) -> Result<Option<String>> {
+pub(crate) fn more_than_described(stored: &Stored, data: &Data) -> Result<Option<String>> {
     let (
         [path],
         Encoding::Raw,
@@ -175,14 +197,14 @@ pub(crate) fn more_than_described(header: &Header, data: &Data) -> Result<Option
     else {
         return Ok(None);
     };
-    let slice = header.dims.slice_voxels() * header.dtype.bytes() as u64;
+    let slice = stored.slice_bytes();
     let begin = skip_lines(path, base, lines)?.saturating_add(bytes);
-    let end = begin.saturating_add(slice * u64::from(header.dims.0[2]));
+    let end = begin.saturating_add(slice * u64::from(stored.dims.0[2]));
     let spare = file_len(path)?.saturating_sub(end);
     Ok((spare >= slice).then(|| {
         format!(
             "{spare} bytes behind the samples are not read: are {} of {} right?",
-            header.dims, header.dtype
+            stored.dims, stored.name
         )
     }))
 }

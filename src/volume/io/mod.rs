@@ -1,6 +1,7 @@
 //! Bytes on disk and how they are read: maps, positioned reads, streams, chunks and pages.
 
 pub(crate) mod blob;
+mod byte_rle;
 pub(crate) mod byte_source;
 pub(crate) mod chunk_cache;
 #[cfg(any(feature = "hdf5", feature = "zarr"))]
@@ -8,6 +9,7 @@ pub(crate) mod chunked;
 pub(crate) mod data;
 pub(crate) mod decoded_once;
 pub(crate) mod file;
+pub(crate) mod half;
 mod mmap;
 pub(crate) mod paged;
 mod stream;

@@ -1,4 +1,4 @@
-//! Volumes whose slices are pages that are decoded one by one: TIFF and PNG.
+//! Volumes whose slices are pages that are decoded one by one: TIFF, PNG and BMP.
 //!
 //! A page is cut into chunks (strips or tiles), the smallest parts that can be decoded. Threads
 //! decode without a lock; chunks of which only a part was asked for stay in a bounded cache. A sweep, which

@@ -2,6 +2,7 @@
 
 use crate::error::{Error, Result};
 use crate::sys::locks::lock;
+use crate::volume::io::byte_rle::ByteRle;
 use crate::volume::io::byte_source::{ByteSource, Part, Rows};
 use crate::volume::io::data::{Encoding, open_file};
 use flate2::bufread::{DeflateDecoder, GzDecoder, ZlibDecoder};
@@ -181,6 +182,7 @@ fn start(part: &Part, layout: &StreamLayout) -> Result<Box<dyn Read + Send>> {
             hasher: crc32fast::Hasher::new(),
             crc,
         }),
+        Encoding::ByteRle { packed } => Box::new(ByteRle::new(reader, packed)),
         Encoding::Raw => Box::new(reader),
     };
     let skipped = std::io::copy(&mut (&mut decoder).take(layout.skip), &mut std::io::sink())

@@ -110,7 +110,7 @@ impl RegionVoxels {
     /// Number of voxels inside.
     ///
     /// # Errors
-    /// As of [`RegionVoxels::rows`].
+    /// [`crate::Error::Io`] if the file of a mask cannot be read back.
     pub fn count(&self) -> Result<u64> {
         let [_, ny, nz] = self.dims.0;
         if let Inside::Rows(rows) = &self.inside {
@@ -142,7 +142,7 @@ fn row_of(cylinder: &Cylinder, nx: u32, y: u32) -> Range<u32> {
     let to = near((cylinder.centre[0] + half).ceil() + 2.0);
     let mut inside = (from..to).filter(|&x| cylinder.holds(x, y));
     match inside.next() {
-        Some(first) => first..inside.last().unwrap_or(first) + 1,
+        Some(first) => first..inside.next_back().unwrap_or(first) + 1,
         None => 0..0,
     }
 }

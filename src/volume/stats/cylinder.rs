@@ -40,11 +40,11 @@ pub fn find_cylinder(volume: &dyn Volume, progress: &dyn Progress) -> Result<Cyl
         with_voxel_type!(header.dtype, T => Ok::<_, Error>(halves::<T>(volume, progress)?))?;
     let pixel = f64::from(lower.pixel);
     let found = (|| {
-        let [a, b] = [circle(&lower)?, circle(&upper)?];
-        let all = circle(&lower.with(&upper))?;
-        let apart = (a.x - b.x)
-            .hypot(a.y - b.y)
-            .max((a.radius - b.radius).abs());
+        let all = lower.with(&upper);
+        let blank = all.blank();
+        let [a, b] = [circle(&lower, &blank)?, circle(&upper, &blank)?];
+        let all = circle(&all, &blank)?;
+        let apart = distance([a.x, a.y], [b.x, b.y]).max((a.radius - b.radius).abs());
         let most = (OFF * all.radius).max(1.0);
         match apart <= most {
             true => Ok(all),
@@ -126,21 +126,44 @@ impl Mean {
         }
     }
 
-    /// The means of 3 x 3 pixels, or of those that there are; NaN where no sample is finite.
-    fn smooth(&self) -> Vec<f64> {
+    /// Pixels that show nothing: where no sample is finite, and, if all four corners are of one value, all of that value,
+    /// as programs fill what lies beyond the circle of a reconstruction.
+    fn blank(&self) -> Vec<bool> {
+        let mean = |i: usize| self.sums[i] / self.counts[i] as f64;
+        let last = self.sums.len() - 1;
+        let corners = [0, self.width - 1, last + 1 - self.width, last].map(mean);
+        let fill = corners[0];
+        let filled = corners.iter().all(|c| *c == fill);
+        let blank = |i: usize| self.counts[i] == 0 || filled && mean(i) == fill;
+        (0..=last).map(blank).collect()
+    }
+
+    /// The means of 3 x 3 pixels, or of those that show something. What shows nothing is as dark as the darkest of the
+    /// others.
+    fn smooth(&self, blank: &[bool]) -> Vec<f64> {
         let near = |v: usize, n: usize| v.saturating_sub(1)..(v + 2).min(n);
         let mean = |i: usize| {
             let (x, y) = (i % self.width, i / self.width);
             let (mut sum, mut count) = (0.0, 0);
             for y in near(y, self.height) {
-                for x in near(x, self.width) {
-                    sum += self.sums[x + self.width * y];
-                    count += self.counts[x + self.width * y];
+                for at in near(x, self.width).map(|x| x + self.width * y) {
+                    if !blank[at] {
+                        sum += self.sums[at];
+                        count += self.counts[at];
+                    }
                 }
             }
             sum / count as f64
         };
-        (0..self.sums.len()).map(mean).collect()
+        let mut image: Vec<f64> = (0..self.sums.len()).map(mean).collect();
+        let seen = image
+            .iter()
+            .zip(blank)
+            .filter(|(v, blank)| !**blank && v.is_finite());
+        let darkest = seen.map(|(v, _)| *v).fold(f64::INFINITY, f64::min);
+        let dark = image.iter_mut().zip(blank).filter(|(_, blank)| **blank);
+        dark.for_each(|(v, _)| *v = darkest);
+        image
     }
 }
 
@@ -182,8 +205,8 @@ struct Circle {
 }
 
 /// The rim of the sample in a mean of slices; else what was found instead.
-fn circle(mean: &Mean) -> std::result::Result<Circle, String> {
-    let image = mean.smooth();
+fn circle(mean: &Mean, blank: &[bool]) -> std::result::Result<Circle, String> {
+    let image = mean.smooth(blank);
     let threshold = threshold(&image).ok_or("slices of one value")?;
     let sample = largest(&image, mean.width, threshold);
     let rim = rim(&image, mean, &sample, threshold);
@@ -211,9 +234,14 @@ fn circle(mean: &Mean) -> std::result::Result<Circle, String> {
     Ok(best)
 }
 
+/// How far two points are apart.
+fn distance(a: [f64; 2], b: [f64; 2]) -> f64 {
+    libm::hypot(a[0] - b[0], a[1] - b[1])
+}
+
 /// How far a point lies outside of a circle.
 fn off(circle: &Circle, [x, y]: &[f64; 2]) -> f64 {
-    (x - circle.x).hypot(y - circle.y) - circle.radius
+    distance([*x, *y], [circle.x, circle.y]) - circle.radius
 }
 
 /// Otsu's threshold of an image; `None` if all of it is the same.
@@ -238,7 +266,7 @@ fn threshold(image: &[f64]) -> Option<f64> {
 
 /// The pixels, by their places, of the largest connected part of those that are bright.
 fn largest(image: &[f64], width: usize, threshold: f64) -> Vec<usize> {
-    let mut seen: Vec<bool> = image.iter().map(|v| !(*v >= threshold)).collect();
+    let mut seen: Vec<bool> = image.iter().map(|v| *v < threshold || v.is_nan()).collect();
     let mut best = Vec::new();
     for start in 0..image.len() {
         if seen[start] {
@@ -281,13 +309,13 @@ fn rim(image: &[f64], mean: &Mean, sample: &[usize], threshold: f64) -> Vec<[f64
     let n = sample.len() as f64;
     let middle_x = sample.iter().map(|i| (i % width) as f64).sum::<f64>() / n;
     let middle_y = sample.iter().map(|i| (i / width) as f64).sum::<f64>() / n;
-    let longest = (width as f64).hypot(height as f64) * STEPS;
+    let longest = libm::hypot(width as f64, height as f64) * STEPS;
     let pixel = |x: f64, y: f64| {
         let inside = x >= 0.0 && y >= 0.0 && x <= (width - 1) as f64 && y <= (height - 1) as f64;
         inside.then(|| x.round() as usize + width * y.round() as usize)
     };
     let ray = |i: usize| {
-        let (sin, cos) = (TAU * i as f64 / RAYS as f64).sin_cos();
+        let (sin, cos) = libm::sincos(TAU * i as f64 / RAYS as f64);
         let at = |step: f64| [middle_x + cos * step / STEPS, middle_y + sin * step / STEPS];
         let is_met = |step: &u32| {
             let [x, y] = at(f64::from(*step));
@@ -297,10 +325,12 @@ fn rim(image: &[f64], mean: &Mean, sample: &[usize], threshold: f64) -> Vec<[f64
         let value = |step: f64| sampled(image, width, height, at(step));
         // half a pixel's width on either side of where the pixels change
         let (mut inner, mut outer) = (met - STEPS, met + STEPS);
-        value(outer)?;
+        if value(outer) >= threshold {
+            return None;
+        }
         for _ in 0..20 {
             let half = (inner + outer) / 2.0;
-            match value(half)? >= threshold {
+            match value(half) >= threshold {
                 true => inner = half,
                 false => outer = half,
             }
@@ -310,17 +340,18 @@ fn rim(image: &[f64], mean: &Mean, sample: &[usize], threshold: f64) -> Vec<[f64
     (0..RAYS).filter_map(ray).collect()
 }
 
-/// The brightness between pixels; `None` outside of them.
-fn sampled(image: &[f64], width: usize, height: usize, [x, y]: [f64; 2]) -> Option<f64> {
-    let (left, top) = (x.floor(), y.floor());
-    let fits = left >= 0.0 && top >= 0.0 && left + 1.0 < width as f64 && top + 1.0 < height as f64;
-    if !fits {
-        return None;
-    }
-    let at = |dx: usize, dy: usize| image[left as usize + dx + width * (top as usize + dy)];
-    let (u, v) = (x - left, y - top);
+/// The brightness between pixels; beyond the outermost ones it is theirs.
+fn sampled(image: &[f64], width: usize, height: usize, [x, y]: [f64; 2]) -> f64 {
+    let x = x.clamp(0.0, (width - 1) as f64);
+    let y = y.clamp(0.0, (height - 1) as f64);
+    let (left, top) = (x.floor() as usize, y.floor() as usize);
+    let at = |dx: usize, dy: usize| {
+        let (x, y) = ((left + dx).min(width - 1), (top + dy).min(height - 1));
+        image[x + width * y]
+    };
+    let (u, v) = (x - left as f64, y - top as f64);
     let row = |dy: usize| at(0, dy) * (1.0 - u) + at(1, dy) * u;
-    Some(row(0) * (1.0 - v) + row(1) * v)
+    row(0) * (1.0 - v) + row(1) * v
 }
 
 /// The circle x^2 + y^2 + a x + b y + c = 0 with the least sum of squares at some points; `None` if they are on a line.
@@ -340,7 +371,7 @@ fn fit(points: &[[f64; 2]]) -> Option<Circle> {
         rr += r;
     }
     let determinant = 2.0 * (xx * yy - xy * xy);
-    if !(determinant > 0.0) {
+    if determinant <= 0.0 || determinant.is_nan() {
         return None;
     }
     let x = (xr * yy - yr * xy) / determinant;
@@ -377,21 +408,56 @@ mod tests {
     }
 
     fn round(x: f64, y: f64, [cx, cy, r]: [f64; 3]) -> f64 {
-        1000.0 + 2000.0 * (r + 0.5 - (x - cx).hypot(y - cy)).clamp(0.0, 1.0)
+        1000.0 + 2000.0 * (r + 0.5 - libm::hypot(x - cx, y - cy)).clamp(0.0, 1.0)
     }
 
     #[test]
     fn a_round_sample_is_found_in_spite_of_pores_and_noise() {
         for [cx, cy, r] in [[60.3, 55.8, 40.2], [64.0, 64.0, 60.0], [30.0, 90.5, 20.0]] {
             let volume = scan([130, 128, 40], |[x, y, z]| {
-                let pore = ((x / 7.0).sin() + (y / 5.0).cos() + (z / 3.0).sin()) > 0.9;
+                let pore = libm::sin(x / 7.0) + libm::cos(y / 5.0) + libm::sin(z / 3.0) > 0.9;
                 round(x, y, [cx, cy, r]) - if pore { 900.0 } else { 0.0 }
             });
             let found = find_cylinder(&volume, &Quiet).unwrap();
             let [x, y] = found.centre;
-            assert!((x - cx).hypot(y - cy) < 0.4, "{found}");
+            assert!(libm::hypot(x - cx, y - cy) < 0.4, "{found}");
             assert!((found.radius + 1.0 - r).abs() < 0.7, "{found}");
         }
+    }
+
+    #[test]
+    fn what_lies_beyond_a_reconstruction_is_not_the_air() {
+        let dims = [110, 110, 12];
+        let sample = [55.0, 54.0, 35.0];
+        let beyond = |x: f64, y: f64| libm::hypot(x - 54.5, y - 54.5) > 54.0;
+        let mut volume = scan(dims, |[x, y, _]| round(x, y, sample));
+        let plain = find_cylinder(&volume, &Quiet).unwrap();
+        for fill in [0u16, 65_535] {
+            let mut samples = Vec::new();
+            let mut row = vec![0u16; 110];
+            for z in 0..12 {
+                for y in 0..110 {
+                    let out = bytemuck::cast_slice_mut(&mut row);
+                    volume.read_box(0..110, y..y + 1, z..z + 1, out).unwrap();
+                    for (x, v) in row.iter_mut().enumerate() {
+                        if beyond(x as f64, f64::from(y)) {
+                            *v = fill;
+                        }
+                    }
+                    samples.extend_from_slice(&row);
+                }
+            }
+            volume = MemoryVolume::new(Dims(dims), Placement::default(), samples).unwrap();
+            let found = find_cylinder(&volume, &Quiet).unwrap();
+            assert!(
+                (found.radius - plain.radius).abs() < 0.6,
+                "{fill}: {found}, {plain}"
+            );
+        }
+        // a pixel and a half of air on each side
+        let close = scan([100, 100, 10], |[x, y, _]| round(x, y, [49.5, 49.5, 48.0]));
+        let found = find_cylinder(&close, &Quiet).unwrap();
+        assert!((found.radius + 1.0 - 48.0).abs() < 0.7, "{found}");
     }
 
     #[test]
@@ -400,7 +466,7 @@ mod tests {
         let volume = scan([2100, 2060, 2], |[x, y, _]| round(x, y, [cx, cy, r]));
         let found = find_cylinder(&volume, &Quiet).unwrap();
         let [x, y] = found.centre;
-        assert!((x - cx).hypot(y - cy) < 1.0, "{found}");
+        assert!(libm::hypot(x - cx, y - cy) < 1.0, "{found}");
         assert!((found.radius + 3.0 - r).abs() < 1.5, "{found}");
     }
 

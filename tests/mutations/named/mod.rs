@@ -2,6 +2,7 @@
 //! Each is found, by the code that it has.
 
 mod bytes;
+mod choices;
 mod list;
 mod values;
 
@@ -12,6 +13,7 @@ use alvis::convert::{ConvertOptions, convert};
 use alvis::grid::Provenance;
 use alvis::manifest::{Encoding, Form, Layout};
 use alvis::progress::Quiet;
+use alvis::table::{Chosen, Table};
 use alvis::transform::select::{ColourRule, Map, PaintRule, SelectOptions, select};
 use alvis::verify::{SourceVolume, VerifyOptions, verify};
 use alvis::volume::Volume;
@@ -27,9 +29,16 @@ pub enum Base {
     Quantized,
     Part,
     Painted,
+    /// Some objects, painted.
+    Objects,
+    /// Some surfaces.
+    Surfaces,
+    /// Some objects, and of these what borders some cells.
+    Twice,
 }
-use Base::{Merged, Nodes, Painted, Part, Quantized, Web};
+use Base::{Merged, Nodes, Objects, Painted, Part, Quantized, Surfaces, Twice, Web};
 use bytes::OF_BYTES;
+use choices::OF_CHOICES;
 use list::{AGAINST, OF_INDEX, OF_PARTS, OF_TILES};
 use values::{OF_VALUES, in_lists};
 
@@ -220,7 +229,7 @@ fn bases(dir: &std::path::Path) -> BTreeMap<Base, Files> {
         (Quantized, make("quantized", &quantized)),
     ]);
     let part = SelectOptions {
-        condition: Some("not touches_border".into()),
+        chosen: Chosen::cells("not touches_border"),
         paint: vec![PaintRule {
             condition: "best:1".into(),
             colour: [255, 136, 0],
@@ -235,12 +244,42 @@ fn bases(dir: &std::path::Path) -> BTreeMap<Base, Files> {
     select(&dir.join("nodes"), &dir.join("part"), &part, &Quiet).unwrap();
     out.insert(Part, common::files(&dir.join("part")));
     let painted = SelectOptions {
-        condition: None,
+        chosen: Chosen::default(),
         ..part
     };
     select(&dir.join("nodes"), &dir.join("painted"), &painted, &Quiet).unwrap();
     out.insert(Painted, common::files(&dir.join("painted")));
+    chosen(dir, &mut out);
     out
+}
+
+/// Parts that are chosen by objects and by surfaces.
+fn chosen(dir: &std::path::Path, out: &mut BTreeMap<Base, Files>) {
+    let by = |table: Table, condition: &str, largest| SelectOptions {
+        chosen: Chosen {
+            table,
+            condition: Some(condition.into()),
+            largest,
+        },
+        ..SelectOptions::default()
+    };
+    let mut make = |base: Base, from: &str, name: &str, options: &SelectOptions| {
+        select(&dir.join(from), &dir.join(name), options, &Quiet).unwrap();
+        out.insert(base, common::files(&dir.join(name)));
+    };
+    let paint = vec![PaintRule {
+        condition: "voxels > 20".into(),
+        colour: [255, 136, 0],
+    }];
+    let objects = SelectOptions {
+        paint,
+        ..by(Table::Objects, "voxels > 0", Some(1))
+    };
+    make(Objects, "nodes", "objects", &objects);
+    let surfaces = by(Table::Surfaces, "area > 1", Some(3));
+    make(Surfaces, "nodes", "surfaces", &surfaces);
+    let cells = by(Table::Cells, "voxels > 20", None);
+    make(Twice, "objects", "twice", &cells);
 }
 
 #[test]
@@ -264,7 +303,7 @@ fn faults_with_a_name_are_found() {
     let mut check = |base: Base, files: &mut Files| {
         seal(files);
         place.put(files);
-        let whole = base != Part;
+        let whole = ![Part, Objects, Surfaces, Twice].contains(&base);
         let options = VerifyOptions {
             against: whole.then_some(&volume as &dyn Volume),
             source: whole.then_some(&source),
@@ -281,8 +320,10 @@ fn faults_with_a_name_are_found() {
         );
     }
     let mut wrong = Vec::new();
-    for (name, base, code, edit) in
-        [OF_TILES, OF_BYTES, OF_INDEX, OF_PARTS, OF_VALUES, AGAINST].concat()
+    for (name, base, code, edit) in [
+        OF_TILES, OF_BYTES, OF_INDEX, OF_PARTS, OF_CHOICES, OF_VALUES, AGAINST,
+    ]
+    .concat()
     {
         let mut files = bases[&base].clone();
         edit(&mut files);

@@ -1,4 +1,4 @@
-//! A folder of slices: TIFF, PNG, DICOM, or headerless raw files.
+//! A folder of slices: TIFF, PNG, BMP, DICOM, or headerless raw files.
 //!
 //! Slices of DICOM are in the order of their places. Others are in the natural order of their names (9
 //! before 10). Where the names differ by one number only, these numbers must rise in equal steps: a missing
@@ -124,7 +124,7 @@ impl Folder<'_> {
             return raw(self.path, files, dims, dtype, self.options);
         }
         let Found {
-            pictures,
+            mut pictures,
             mut scans,
             mut others,
             unread: unknown,
@@ -136,6 +136,7 @@ impl Folder<'_> {
             scans.extend(more);
             unread.extend(odd);
         }
+        join_previews(&mut pictures);
         // pictures beside the slices are previews
         let count: usize = pictures.iter().map(|(_, files)| files.len()).sum();
         if scans.len() > count
@@ -236,6 +237,18 @@ impl Folder<'_> {
             log.apply(&mut descriptor);
         }
         Ok(descriptor)
+    }
+}
+
+/// Puts the previews of a scan to its slices, which may be of another format.
+fn join_previews(pictures: &mut Vec<(&'static Format, Vec<PathBuf>)>) {
+    let preview = |file: &PathBuf| skyscan::is_preview(&name(file));
+    let alone = |(_, files): &(&Format, Vec<PathBuf>)| files.iter().all(preview);
+    if pictures.iter().filter(|of| !alone(of)).count() == 1 {
+        let previews: Vec<_> = pictures.extract_if(.., |of| alone(of)).collect();
+        pictures[0]
+            .1
+            .extend(previews.into_iter().flat_map(|(_, files)| files));
     }
 }
 

@@ -9,7 +9,7 @@ use std::collections::HashSet;
 use std::path::{Path, PathBuf};
 
 /// Extensions that nothing but slices have.
-const OF_SLICES: [&str; 6] = ["dcm", "dicom", "ima", "tif", "tiff", "png"];
+const OF_SLICES: [&str; 7] = ["dcm", "dicom", "ima", "tif", "tiff", "png", "bmp"];
 
 impl Unread {
     /// A file of which no format is known, by its first bytes.

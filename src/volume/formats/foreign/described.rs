@@ -94,14 +94,8 @@ fn quoted(path: &Path) -> String {
     }
 }
 
-/// The type of samples of a file that holds nothing but `dims` of them behind `offset` bytes, by their size: unsigned
-/// numbers of 8 and 16 bits, floating-point ones of 32 and 64.
-pub(crate) fn by_length(file: &Path, dims: [u64; 3], offset: u64) -> Option<Dtype> {
-    let len = Blob::file(file).ok()?.len().checked_sub(offset)?;
-    of_width(dims, len)
-}
-
-/// The same for a number of bytes.
+/// The type of samples of a file that holds nothing but `dims` of them in `len` bytes, by their size: unsigned numbers of
+/// 8 and 16 bits, floating-point ones of 32 and 64.
 pub(crate) fn of_width(dims: [u64; 3], len: u64) -> Option<Dtype> {
     let voxels = dims.iter().try_fold(1u64, |n, d| n.checked_mul(*d))?;
     let types = [Dtype::U8, Dtype::U16, Dtype::F32, Dtype::F64];

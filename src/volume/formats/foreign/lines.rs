@@ -1,7 +1,7 @@
 //! Headers of other programs that are text.
 
 use crate::volume::Endian;
-use crate::volume::formats::foreign::described::{Described, by_length, dtype_of, of_bits};
+use crate::volume::formats::foreign::described::{Described, dtype_of, of_bits};
 use std::path::{Path, PathBuf};
 
 /// Words after keys, in lower case, in the order of the file.
@@ -52,79 +52,6 @@ fn beside(path: &Path, name: &str) -> PathBuf {
     path.with_file_name(last.trim_matches('"'))
 }
 
-fn unit(name: &str) -> Option<&'static str> {
-    let name = name.trim().trim_matches('"');
-    name.parse::<crate::grid::Unit>()
-        .ok()
-        .map(|unit| unit.name())
-}
-
-/// Volume Graphics' `.vgi`.
-pub(crate) fn vgi(path: &Path, head: &[u8]) -> Option<Described> {
-    let keys = Keys::of_lines(head);
-    let dtype = of_bits(keys.get("datatype")?, keys.number("bitsperelement")?)?;
-    let mut described = Described::new(
-        beside(path, keys.get("name")?),
-        keys.numbers("size")?,
-        dtype,
-    );
-    described.offset = keys.number("skipheader").unwrap_or(0);
-    if let (Some(size), Some(unit)) = (keys.numbers("resolution"), keys.get("unit").and_then(unit))
-    {
-        described.spacing = Some((size, unit));
-    }
-    let files = keys.0.iter().filter(|(key, _)| key == "fileformat").count();
-    if files > 1 {
-        described.remark = format!("the header names {files} files");
-    }
-    Some(described)
-}
-
-/// Nikon's `.xtekct`, beside samples of 32 bits.
-pub(crate) fn xtekct(path: &Path, head: &[u8]) -> Option<Described> {
-    let keys = Keys::of_lines(head);
-    let dims = keys.each(["voxelsx", "voxelsy", "voxelsz"])?;
-    let file = path.with_extension("vol");
-    let dtype = by_length(&file, dims, 0).unwrap_or(crate::volume::Dtype::F32);
-    let mut described = Described::new(file, dims, dtype);
-    described.spacing = keys
-        .each(["voxelsizex", "voxelsizey", "voxelsizez"])
-        .map(|size| (size, "mm"));
-    Some(described)
-}
-
-/// ESRF's `.vol.info` of PyHST.
-pub(crate) fn vol_info(path: &Path, head: &[u8]) -> Option<Described> {
-    let keys = Keys::of_lines(head);
-    let dims = keys.each(["num_x", "num_y", "num_z"])?;
-    let file = path.with_extension("");
-    let dtype = by_length(&file, dims, 0).unwrap_or(crate::volume::Dtype::F32);
-    let mut described = Described::new(file, dims, dtype);
-    if keys
-        .get("byteorder")
-        .is_some_and(|order| order.starts_with("HIGH"))
-    {
-        described.endian = Endian::Big;
-    }
-    if let Some(size) = keys.number("voxelsize") {
-        described.spacing = Some(([size; 3], "um"));
-        described.remark = "PyHST's voxelSize is in micrometres".into();
-    }
-    Some(described)
-}
-
-/// GE phoenix's `.pcr`.
-pub(crate) fn pcr(path: &Path, head: &[u8]) -> Option<Described> {
-    let keys = Keys::of_lines(head);
-    let dims = keys.each(["volume_sizex", "volume_sizey", "volume_sizez"])?;
-    let file = path.with_extension("vol");
-    let offset = keys.number("headersize").unwrap_or(0);
-    let mut described = Described::new(file.clone(), dims, by_length(&file, dims, offset)?);
-    described.offset = offset;
-    described.spacing = keys.number("voxelsizerec").map(|size| ([size; 3], "mm"));
-    Some(described)
-}
-
 /// The `.raw.ini` of UnityVolumeRendering.
 pub(crate) fn raw_ini(path: &Path, head: &[u8]) -> Option<Described> {
     let keys = Keys::of_lines(head);
@@ -171,54 +98,6 @@ pub(crate) fn edf(path: &Path, head: &[u8]) -> Option<Described> {
         .is_some_and(|order| order.starts_with("High"))
     {
         described.endian = Endian::Big;
-    }
-    Some(described)
-}
-
-/// AmiraMesh and Avizo: text, then samples behind `@1`.
-pub(crate) fn amira(path: &Path, head: &[u8]) -> Option<Described> {
-    let data = head.windows(4).position(|w| w == b"\n@1\n")? + 4;
-    let text = String::from_utf8_lossy(&head[..data]);
-    let after = |key: &str| {
-        let at = text.find(key)? + key.len();
-        text[at..].lines().next().map(str::trim)
-    };
-    let dims: [u64; 3] = three(after("define Lattice")?)?;
-    let lattice = after("Lattice {")?;
-    let (words, rest) = lattice.split_once('}')?;
-    // what is packed says so behind the place
-    let plain = text.contains("BINARY") && rest.trim().trim_start_matches("= ") == "@1";
-    let dtype = dtype_of(words.split_whitespace().next()?).filter(|_| plain)?;
-    let mut described = Described::new(path.to_path_buf(), dims, dtype);
-    described.offset = data as u64;
-    if !text.contains("BINARY-LITTLE-ENDIAN") {
-        described.endian = Endian::Big;
-    }
-    let bounds = after("BoundingBox").map(|text| text.replace(',', " "));
-    let bounds: Option<Vec<f64>> =
-        bounds.and_then(|b| b.split_whitespace().map(|n| n.parse().ok()).collect());
-    let uniform = text.contains("\"uniform\"");
-    if let (Some([a, b, c, d, e, f]), true) = (bounds.as_deref(), uniform) {
-        let step = |from: f64, to: f64, n: u64| {
-            let step = (to - from) / n.saturating_sub(1).max(1) as f64;
-            // bounds have few decimals, and quotients noise
-            crate::grid::length::shortest(step as f32)
-        };
-        let size = [
-            step(*a, *b, dims[0]),
-            step(*c, *d, dims[1]),
-            step(*e, *f, dims[2]),
-        ];
-        let name = after("Coordinates").and_then(|rest| rest.split('"').nth(1));
-        match name.and_then(unit) {
-            Some(unit) => described.spacing = Some((size, unit)),
-            None => {
-                described.remark =
-                    format!("a voxel is {size:?} in a unit that the file does not state")
-            }
-        }
-    } else {
-        described.remark = "its coordinates are not uniform: sizes of voxels differ".into();
     }
     Some(described)
 }

@@ -1,7 +1,6 @@
 //! Formats that are not read: each by its name, with a way to its samples. Where the header is easy to read, the way
 //! is the exact options that read the samples as headerless ones; they are offered, never taken.
 
-mod binary;
 mod described;
 mod lines;
 mod name;
@@ -12,7 +11,7 @@ use crate::volume::descriptor::Samples;
 use crate::volume::format::{Format, Input, title_of};
 use crate::volume::io::blob::Blob;
 use crate::volume::options::OpenOptions;
-use described::Described;
+pub(crate) use described::{Described, dtype_of, of_bits, of_width};
 use std::io::Read;
 use std::path::{Path, PathBuf};
 use table::KINDS;
@@ -178,10 +177,11 @@ fn is_header_of(header: &Path, head: &[u8], path: &Path, formats: &'static [Form
 
 /// Headers that may lie beside the samples: with these endings, and those of other programs.
 fn beside(path: &Path, endings: &[&str]) -> Vec<PathBuf> {
-    let others = ["vgi", "xtekct", "pcr", "dat", "ini"];
+    let others = ["dat", "ini"];
     let endings = endings.iter().chain(&others);
-    let mut all: Vec<PathBuf> = endings.map(|e| path.with_extension(e)).collect();
-    for ending in ["info", "ini"] {
+    let mut all: Vec<PathBuf> = Vec::new();
+    for ending in endings {
+        all.push(path.with_extension(ending));
         let mut name = path.as_os_str().to_owned();
         name.push(format!(".{ending}"));
         all.push(name.into());

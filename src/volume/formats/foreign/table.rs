@@ -1,11 +1,8 @@
 //! The table of formats that are known and not read. The first that fits a file counts.
 
 use crate::volume::formats::foreign::Kind;
-use crate::volume::formats::foreign::binary::{analyze, is_analyze, isq, mrc};
 use crate::volume::formats::foreign::described::Described;
-use crate::volume::formats::foreign::lines::{
-    amira, dat, edf, pcr, raw_ini, vff, vgi, vol_info, vtk, xtekct,
-};
+use crate::volume::formats::foreign::lines::{dat, edf, raw_ini, vff, vtk};
 use std::path::Path;
 
 /// Nothing is known of where samples lie.
@@ -60,12 +57,8 @@ pub(crate) const KINDS: &[Kind] = kinds! {
     "HDF5", |_, h| has(h, 0, b"\x89HDF\r\n\x1a\n"), nowhere, TO_NRRD;
     "DICOM", |_, h| has(h, 128, b"DICM"), nowhere, TO_NRRD;
     "legacy VTK", |_, h| has(h, 0, b"# vtk DataFile"), vtk, "save it as .vti, as with ParaView";
-    "MRC", |p, h| has(h, 208, b"MAP") && (has(h, 212, b"\x44") || has(h, 212, b"\x11\x11")) || ends(p, &[".mrc"]), mrc,
-        TO_NRRD;
-    "Scanco ISQ", |_, h| has(h, 0, b"CTDATA-HEADER_V1"), isq, "convert it with itk-ioscanco or Fiji";
-    "Scanco AIM", |p, h| has(h, 0, b"AIMDATA_V0") || ends(p, &[".aim", ".aim;1"]), nowhere,
+    "Scanco AIM (of another version)", |p, h| has(h, 0, b"AIMDATA_V0") || ends(p, &[".aim", ".aim;1"]), nowhere,
         "convert it with itk-ioscanco or Fiji";
-    "AmiraMesh", |_, h| has(h, 0, b"# AmiraMesh") || has(h, 0, b"# Avizo"), amira, TO_NRRD;
     "NetCDF-3 (also of MINC 1)", |_, h| [1, 2, 5].iter().any(|v| has(h, 0, &[b'C', b'D', b'F', *v])), nowhere,
         "convert it to NetCDF-4 with `nccopy -k nc4`, or MINC 1 to MINC 2 with `mincconvert -2`";
     "OLE (of Zeiss .txm and .txrm, of Olympus .oib)", |_, h| has(h, 0, b"\xd0\xcf\x11\xe0\xa1\xb1\x1a\xe1"), nowhere,
@@ -73,8 +66,8 @@ pub(crate) const KINDS: &[Kind] = kinds! {
          .npy or TIFF";
     "OpenVDB", |_, h| has(h, 0, b" BDV\0\0\0\0"), nowhere,
         "save its grid as a dense array, as with pyopenvdb's copyToArray and numpy.save";
-    "BMP", |_, h| has(h, 0, b"BM") && [12, 40, 52, 56, 64, 108, 124].iter().any(|n| has(h, 14, &[*n, 0, 0, 0])),
-        nowhere, TO_PNG;
+    "BMP (of one slice)", |_, h| has(h, 0, b"BM") && [12, 40, 52, 56, 64, 108, 124].iter().any(|n| has(h, 14, &[*n, 0, 0, 0])),
+        nowhere, "give the folder of the slices";
     "JPEG", |_, h| has(h, 0, b"\xff\xd8\xff"), nowhere, LOSSY;
     "JPEG 2000", |_, h| has(h, 0, b"\0\0\0\x0cjP  ") || has(h, 0, b"\xff\x4f\xff\x51"), nowhere,
         "convert its slices to TIFF, as with `opj_decompress`, and give the folder";
@@ -122,15 +115,12 @@ pub(crate) const KINDS: &[Kind] = kinds! {
     "PDF", |_, h| has(h, 0, b"%PDF"), nowhere, "it holds no volume";
     "Neuroglancer Precomputed", |_, h| has(h, 0, b"{") && text(h, &["\"scales\"", "\"num_channels\""]), nowhere,
         "save it as Zarr or .npy, as with cloud-volume";
-    "VG (Volume Graphics .vgi)", |p, h| ends(p, &[".vgi"]) && text(h, &["size"]), vgi, TO_TIFF;
     "VG (Volume Graphics .vgl)", |p, _| ends(p, &[".vgl"]), nowhere,
         "it is a project: give the .vgi beside its samples, or save slices as TIFF from VGSTUDIO";
-    "Nikon .xtekct", |p, h| ends(p, &[".xtekct", ".xtekvolume"]) || text(h, &["[xtekct]"]), xtekct, TO_TIFF;
-    "ESRF .vol.info", |_, h| text(h, &["num_x", "num_y", "num_z"]), vol_info, TO_TIFF;
-    "GE phoenix .pcr", |_, h| text(h, &["volume_sizex", "volume_sizey"]), pcr, TO_TIFF;
+    "Nikon .xtekVolume", |p, _| ends(p, &[".xtekvolume"]), nowhere,
+        "give the .xtekct beside its samples, or save slices as TIFF";
     "raw.ini", |p, h| ends(p, &[".ini"]) && text(h, &["dimx", "dimy", "dimz"]), raw_ini, TO_NRRD;
     "DAT (volume renderers)", |_, h| text(h, &["objectfilename", "resolution"]), dat, TO_NRRD;
-    "ANALYZE 7.5", |_, h| is_analyze(h), analyze, "convert it to NIfTI, as with nibabel or `fslchfiletype NIFTI`";
     "Philips PAR", |p, _| ends(p, &[".par"]), nowhere, "convert it with dcm2niix";
     "EZRT .rek", |p, _| ends(p, &[".rek"]), nowhere, TO_TIFF;
     "SkyScan log", |p, h| ends(p, &[".log"]) && text(h, &["[reconstruction]"]), nowhere,

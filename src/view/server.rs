@@ -1,0 +1,304 @@
+//! What the page asks for, and where it comes from.
+//!
+//! Nothing that a client sends becomes the name of a file: tiles are looked up by numbers among those of the index,
+//! tables by three names.
+
+use super::mesh::Frame;
+use super::page;
+use super::rows::{self, Asked};
+use super::set::{self, Told};
+use super::slice::{SlicePicture, Slices, Wanted};
+use crate::error::{Error, Result};
+use crate::http::{Answer, Body, Client, Handler, Method, Request, Status, Turns, same_secret};
+use crate::manifest::{MANIFEST, Manifest, manifest_file};
+use crate::preview::Axis;
+use crate::table::Table;
+use crate::tileset::{TileLookup, TileSet};
+use std::fs::Metadata;
+use std::os::unix::fs::MetadataExt;
+use std::path::Path;
+
+/// Answers that are made at once at most: each may hold a tile.
+const AT_ONCE: usize = 4;
+/// Raised when what is sent of a tile changes.
+const MESH_VERSION: u32 = 1;
+const BINARY: &str = "application/octet-stream";
+const JSON: &str = "application/json";
+
+/// A tile set that is looked at.
+#[derive(Debug)]
+pub struct Shown {
+    /// The tile set.
+    pub set: TileSet,
+    /// What the page is told of it.
+    pub told: Told,
+    /// The volume, if it is still there.
+    pub slices: Option<Slices>,
+}
+
+/// Answers the page.
+#[derive(Debug)]
+pub struct Viewer {
+    shown: Shown,
+    lookup: TileLookup,
+    frame: Frame,
+    token: String,
+    turns: Turns,
+    slice_turns: Turns,
+    index: IndexState,
+}
+
+/// 128 random bits as 32 digits.
+///
+/// # Errors
+/// [`Error::Io`] if the system has none.
+pub fn token() -> Result<String> {
+    let mut bits = [0; 16];
+    getrandom::fill(&mut bits).map_err(|e| Error::io("the system", "get random bits", e.into()))?;
+    Ok(bits.iter().map(|byte| format!("{byte:02x}")).collect())
+}
+
+/// What shows that the index is another one than before.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+struct IndexState {
+    file: [u64; 2],
+    bytes: u64,
+    written: [i64; 2],
+}
+
+impl IndexState {
+    fn of(dir: &Path) -> Result<Self> {
+        let path = manifest_file(dir, "read the index")?;
+        let meta = path
+            .metadata()
+            .map_err(|e| Error::io(&path, "look at the index", e))?;
+        Ok(Self::from(&meta))
+    }
+}
+
+impl From<&Metadata> for IndexState {
+    fn from(meta: &Metadata) -> Self {
+        IndexState {
+            file: [meta.dev(), meta.ino()],
+            bytes: meta.len(),
+            written: [meta.mtime(), meta.mtime_nsec()],
+        }
+    }
+}
+
+/// What answers that are made return where something is wrong.
+type Made = Result<Answer, Refusal>;
+
+/// Why there is no answer.
+enum Refusal {
+    /// By its kind.
+    Error(Error),
+    /// Another reason.
+    Told(Status, String),
+}
+
+impl From<Error> for Refusal {
+    fn from(error: Error) -> Self {
+        Refusal::Error(error)
+    }
+}
+
+impl From<Refusal> for Answer {
+    fn from(refusal: Refusal) -> Self {
+        match refusal {
+            Refusal::Told(status, message) => Answer::error(status, &message),
+            Refusal::Error(error) => {
+                let status = match error {
+                    Error::Usage { .. } => Status::BadRequest,
+                    Error::InputChanged { .. } => Status::Conflict,
+                    // which nobody reads
+                    Error::Interrupted => Status::Timeout,
+                    _ => Status::Failed,
+                };
+                Answer::error(status, &error.to_string())
+            }
+        }
+    }
+}
+
+fn missing(what: impl std::fmt::Display) -> Refusal {
+    Refusal::Told(Status::NotFound, format!("there is no {what}"))
+}
+
+impl Viewer {
+    /// Reads the index; who has the token may ask.
+    ///
+    /// # Errors
+    /// Those of [`TileLookup::read`]; [`Error::Format`] if the tile set was changed since it was opened.
+    pub fn new(shown: Shown, token: String) -> Result<Self> {
+        let dir = shown.set.dir();
+        let index = IndexState::of(dir)?;
+        if Manifest::open(dir)? != *shown.set.manifest() {
+            let found = "another index than a moment ago";
+            return Err(Error::format(dir.join(MANIFEST), found, "one that stays")
+                .with_hint("wait until whoever writes there is done"));
+        }
+        Ok(Viewer {
+            lookup: TileLookup::read(&shown.set)?,
+            frame: Frame::of(shown.set.manifest()),
+            shown,
+            token,
+            turns: Turns::new(AT_ONCE),
+            slice_turns: Turns::new(1),
+            index,
+        })
+    }
+
+    fn may_ask(&self, request: &Request) -> bool {
+        let sent = request.one("authorization");
+        let sent = sent.and_then(|value| value.strip_prefix(b"Bearer "));
+        sent.is_some_and(|sent| same_secret(sent, self.token.as_bytes()))
+    }
+
+    /// The data at a path.
+    fn data(&self, request: &Request, client: &Client) -> Made {
+        let set = &self.shown.set;
+        if IndexState::of(set.dir()).ok() != Some(self.index) {
+            let message = format!(
+                "{}: the tile set was changed or removed while it was shown: end `alvis view` and start it again",
+                set.dir().join(MANIFEST).display()
+            );
+            return Err(Refusal::Told(Status::Conflict, message));
+        }
+        let is_needed = || !client.is_gone();
+        if let ["slice", axis, file] = request.parts()[..] {
+            // slices of some volumes take long, and tiles are not to wait for them
+            let _turn = self.slice_turns.take(is_needed).ok_or(Error::Interrupted)?;
+            return self.slice(request, [axis, file], &is_needed);
+        }
+        let _turn = self.turns.take(is_needed).ok_or(Error::Interrupted)?;
+        match request.parts()[..] {
+            ["set.json"] => {
+                let description = set::description(set, &self.shown.told)?;
+                Ok(bytes(JSON, description.to_string().into_bytes()))
+            }
+            ["tree.bin"] => Ok(bytes(BINARY, set::tree(&self.lookup, &self.frame))),
+            ["tile", level, z, y, x] => self.tile(request, [level, z, y, x]),
+            ["table", name] => self.table(request, table(name)?),
+            ["row", name, id] => {
+                let table = table(name)?;
+                let id = id.parse().map_err(|_| missing(format!("row {id}")))?;
+                let row = rows::row(set, table, id)?;
+                let row = row.ok_or_else(|| missing(format!("row {id} in the table of {name}")))?;
+                Ok(bytes(JSON, row.to_string().into_bytes()))
+            }
+            ["query", name] => {
+                let [condition, sort] = ["where", "sort"].map(|name| request.parameter(name));
+                let given =
+                    |text: &Option<String>| text.as_ref().is_some_and(|t| !t.trim().is_empty());
+                let asked = Asked {
+                    condition: condition.as_deref().filter(|_| given(&condition)),
+                    sort: sort.as_deref().filter(|_| given(&sort)),
+                    descending: request.parameter("descending").is_some_and(|v| v == "1"),
+                };
+                Ok(bytes(BINARY, rows::query(set, table(name)?, &asked)?))
+            }
+            _ => Err(missing(format!("{} here", request.path))),
+        }
+    }
+
+    fn tile(&self, request: &Request, numbers: [&str; 4]) -> Made {
+        let there_is_none = || missing(format!("tile {}", numbers.join("/")));
+        let parsed = numbers.map(|n| n.parse::<u32>());
+        let [Ok(0), Ok(z), Ok(y), Ok(x)] = parsed else {
+            return Err(there_is_none());
+        };
+        let tile = self.lookup.get([x, y, z]).ok_or_else(there_is_none)?;
+        let tag = format!("\"{}-{MESH_VERSION}\"", tile.checksum());
+        if has(request, &tag) {
+            return Ok(Answer::bare(Status::NotModified).with("ETag", tag));
+        }
+        let entry = self.lookup.entry(tile);
+        let file = self.shown.set.tile_bytes(&entry)?;
+        let mesh = self.frame.mesh(tile.grid, &file);
+        let mesh =
+            mesh.map_err(|e| Error::format(self.shown.set.dir().join(&entry.path), e, "a tile"))?;
+        Ok(bytes(BINARY, mesh).with("ETag", tag))
+    }
+
+    fn table(&self, request: &Request, table: Table) -> Made {
+        let names = request.parameter("columns").unwrap_or_default();
+        let names: Vec<&str> = names.split(',').filter(|name| !name.is_empty()).collect();
+        let columns = rows::columns(&self.shown.set, table, &names)?;
+        let body = Body::Stream(Box::new(columns.file), columns.length);
+        Ok(Answer::new(BINARY, body).with("Cache-Control", "no-store"))
+    }
+
+    fn slice(
+        &self,
+        request: &Request,
+        [axis, file]: [&str; 2],
+        is_needed: &dyn Fn() -> bool,
+    ) -> Made {
+        let slices = self.shown.slices.as_ref();
+        let slices = slices.ok_or_else(|| {
+            let message =
+                "the volume that the tiles were made from was not found: give it as --volume";
+            Refusal::Told(Status::NotFound, message.to_owned())
+        })?;
+        let number = file.strip_suffix(".png").and_then(|n| n.parse().ok());
+        let axis = match axis {
+            "x" => Some(Axis::X),
+            "y" => Some(Axis::Y),
+            "z" => Some(Axis::Z),
+            _ => None,
+        };
+        let (Some(axis), Some(at)) = (axis, number) else {
+            return Err(missing(format!("{} here", request.path)));
+        };
+        let end = |name| {
+            request
+                .parameter(name)
+                .and_then(|text| text.parse::<f64>().ok())
+        };
+        let range = match (end("low"), end("high")) {
+            (Some(low), Some(high)) if low.is_finite() && high.is_finite() => Some([low, high]),
+            _ => None,
+        };
+        let wanted = Wanted { axis, at, range };
+        let SlicePicture { png, step, range } = slices.picture(wanted, is_needed)?;
+        let answer = bytes("image/png", png).with("X-Step", step.to_string());
+        Ok(answer
+            .with("X-Low", range[0].to_string())
+            .with("X-High", range[1].to_string()))
+    }
+}
+
+impl Handler for Viewer {
+    fn answer(&self, request: &Request, client: &Client) -> Answer {
+        if !matches!(request.method, Method::Get | Method::Head) {
+            let answer = Answer::error(Status::WrongMethod, "expected GET or HEAD");
+            return answer.with("Allow", "GET, HEAD");
+        }
+        if let Some(file) = page::file(&request.path) {
+            return file;
+        }
+        if !self.may_ask(request) {
+            let message = "the token is missing or wrong: open the address that alvis printed, to its last digit";
+            let answer = Answer::error(Status::Unauthorized, message);
+            return answer.with("WWW-Authenticate", "Bearer");
+        }
+        self.data(request, client).unwrap_or_else(Answer::from)
+    }
+}
+
+fn bytes(kind: &'static str, bytes: Vec<u8>) -> Answer {
+    Answer::new(kind, Body::Bytes(bytes)).with("Cache-Control", "no-cache")
+}
+
+fn table(name: &str) -> Result<Table, Refusal> {
+    rows::table(name).ok_or_else(|| missing(format!("table of {name}")))
+}
+
+/// True if the client has what this tag is of.
+fn has(request: &Request, tag: &str) -> bool {
+    request.all("if-none-match").any(|tags| {
+        let mut tags = tags.split(|&b| b == b',').map(<[u8]>::trim_ascii);
+        tags.any(|t| t == tag.as_bytes())
+    })
+}

@@ -1,0 +1,143 @@
+//! What the page is told of a tile set before it draws: `/set.json` and `/tree.bin`.
+
+use super::mesh::Frame;
+use crate::error::Result;
+use crate::grid::LATTICE;
+use crate::manifest::{Form, Manifest};
+use crate::measure::{COMPONENT_COLUMNS, Get, SURFACE_COLUMNS};
+use crate::table::Table;
+use crate::tileset::{TileLookup, TileSet};
+use serde_json::{Value, json};
+
+/// Bytes of a node.
+const NODE: u32 = 40;
+/// Bit of a node that has a tile.
+const HAS_CONTENT: u32 = 1;
+
+/// What the page is told that is not in the tile set.
+#[derive(Debug, Clone)]
+pub struct Told {
+    /// The tile set as a shell takes it.
+    pub place: String,
+    /// Bytes of tiles that the page may keep on the graphics card.
+    pub gpu_memory: u64,
+    /// Slices of the volume can be had.
+    pub slices: bool,
+}
+
+/// `/set.json`.
+///
+/// # Errors
+/// Those of reading the heads of tables.
+pub fn description(set: &TileSet, told: &Told) -> Result<Value> {
+    let manifest = set.manifest();
+    let Manifest {
+        placement, totals, ..
+    } = manifest;
+    let filters: Vec<String> = manifest.filters.iter().map(ToString::to_string).collect();
+    let mut tables = serde_json::Map::new();
+    for table in [Table::Cells, Table::Objects, Table::Surfaces] {
+        tables.insert(table.name().to_owned(), columns(set, table)?);
+    }
+    Ok(json!({
+        "name": name(set),
+        "dims": manifest.grid.dims.0,
+        "macrocube": manifest.grid.macrocube,
+        "spacing": placement.spacing,
+        "unit": placement.unit,
+        "table_unit": manifest.measured().unit,
+        "origin": placement.origin,
+        "directions": placement.directions,
+        "threshold": manifest.threshold,
+        "filters": filters,
+        "region": manifest.region.as_ref().map(ToString::to_string),
+        "source": manifest.source.name,
+        "tiles": totals.tiles,
+        "triangles": totals.triangles,
+        "cells": totals.cells,
+        "objects": totals.objects,
+        "surfaces": totals.surfaces,
+        "cap": manifest.cap,
+        "form": form(manifest),
+        "lattice": LATTICE,
+        "levels": [{
+            "level": 0,
+            "nodes": totals.tiles,
+            "triangles": totals.triangles,
+            "voxels_per_step": 1,
+        }],
+        "tables": tables,
+        "slices": told.slices,
+        "command": {"where": told.place},
+        "gpu_memory": told.gpu_memory,
+        "version": env!("CARGO_PKG_VERSION"),
+    }))
+}
+
+/// The name of the directory.
+fn name(set: &TileSet) -> String {
+    let whole = set.dir().canonicalize();
+    let whole = whole.unwrap_or_else(|_| set.dir().to_path_buf());
+    let name = whole.file_name().unwrap_or(whole.as_os_str());
+    name.to_string_lossy().into_owned()
+}
+
+/// The form as `--for` names it, or that of its encoding.
+fn form(manifest: &Manifest) -> &'static str {
+    match Form::of(manifest) {
+        Form::MESHLAB => "meshlab",
+        form if form.encoding == Form::WEB.encoding => "web",
+        form if form.encoding == Form::BLENDER.encoding => "blender",
+        _ => "quantized",
+    }
+}
+
+/// Rows and columns of a table.
+fn columns(set: &TileSet, table: Table) -> Result<Value> {
+    let reader = table.open(set.dir(), set.manifest())?;
+    let column = |c: &crate::table::Column| json!({"name": c.name, "unit": c.unit, "whole": is_whole(table, &c.name)});
+    let columns: Vec<Value> = reader.columns().iter().map(column).collect();
+    Ok(json!({"rows": table.total(set.manifest()), "columns": columns}))
+}
+
+/// True if the values of a column are whole numbers.
+fn is_whole(table: Table, name: &str) -> bool {
+    let real = match table {
+        Table::Surfaces => {
+            let column = SURFACE_COLUMNS.iter().find(|c| c.name == name);
+            column.map(|c| matches!(c.get, Get::Real(_)))
+        }
+        Table::Cells | Table::Objects => {
+            let column = COMPONENT_COLUMNS.iter().find(|c| c.name == name);
+            column.map(|c| matches!(c.get, Get::Real(_)))
+        }
+    };
+    real.map_or(name == "id", |real| !real)
+}
+
+/// `/tree.bin`: a header of 16 bytes, then the tiles as nodes of level 0, by z, y and x.
+pub fn tree(lookup: &TileLookup, frame: &Frame) -> Vec<u8> {
+    let nodes = lookup.tiles();
+    let mut out = Vec::with_capacity(16 + NODE as usize * nodes.len());
+    let mut put = |words: &[u32]| out.extend(words.iter().flat_map(|w| w.to_le_bytes()));
+    put(&[u32::from_le_bytes(*b"ALVT"), 1, nodes.len() as u32, NODE]);
+    for tile in nodes {
+        let [x, y, z] = tile.grid;
+        let triangles = u32::try_from(tile.triangles).unwrap_or(u32::MAX);
+        let bytes = frame.bytes(tile.vertices, tile.pieces.into(), tile.indices);
+        let (level, error, children) = (0, 0f32.to_bits(), [0; 2]);
+        put(&[
+            level,
+            x,
+            y,
+            z,
+            triangles,
+            bytes,
+            error,
+            children[0],
+            children[1],
+            HAS_CONTENT,
+        ]);
+    }
+    out
+}
