@@ -169,6 +169,7 @@ mod picture;
 pub mod preview;
 pub mod progress;
 mod serve;
+pub mod split;
 mod strip;
 mod surface;
 mod sys;

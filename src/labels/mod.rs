@@ -39,4 +39,5 @@ pub use region_edge::{InsideBand, note_outside, note_region_edge};
 pub use runs::{RowRuns, Run, Runs};
 pub use slab_merge::{BandInput, CarriedComponents, PhaseLabels, SlabComponents};
 pub use surface_keys::keys_on_top;
+pub use union_find::UnionFind;
 pub use voxels::{Span, Voxels};
