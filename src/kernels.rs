@@ -184,6 +184,7 @@ fn tiles(bands: &[Band], tiling: Tiling) -> impl Iterator<Item = (BandView<'_, u
                 bits: &band.bits,
                 runs: &band.runs,
                 class_of_run: &band.labels.of_run,
+                cells: None,
             };
             let grid = [x, i as u32 % ty, i as u32 / ty];
             (view, TileBox::of(tiling, grid))

@@ -10,6 +10,7 @@ use super::region::Roi;
 use super::threshold::{TAKES, Threshold, threshold};
 use super::view::ViewArgs;
 use super::{Outcome, batch, output, stop};
+use crate::cli::labels::read_labels;
 use crate::convert::{self, ConvertOptions, ConvertReport};
 use crate::error::{Error, Result};
 use crate::grid::{Ambiguous, Origin, Unit};
@@ -97,6 +98,13 @@ pub struct ConvertArgs {
     /// Leave out objects and cells of fewer voxels; they are filled with the other phase
     #[arg(long, value_name = "N", default_value_t = 0)]
     min_voxels: u64,
+    /// The cells are those of this volume of labels, of the same size: a voxel below belongs to the cell of its label
+    ///
+    /// For pores that another program has separated. The surface comes from the values of the scan; cells of one connected
+    /// part are open where they touch, and necks.csv lists where. Labels are whole numbers, and are the ids of the cells;
+    /// voxels below with label 0 are one more cell, behind the largest label. Labels of voxels above mean nothing.
+    #[arg(long, value_name = "FILE", value_hint = ValueHint::FilePath, conflicts_with = "out_dir")]
+    labels: Option<PathBuf>,
     /// Convert this box of voxels only; half-open, a missing bound is the volume's
     ///
     /// Voxels are those of the filtered volume. What filters read of voxels outside of the box still counts, so that a
@@ -238,7 +246,7 @@ impl ConvertArgs {
             Threshold::Value(_) => String::new(),
             Threshold::Method(method) => format!(" ({})", method.how()),
         };
-        if !how.is_empty() || self.options.region.roi.is_some() {
+        if !how.is_empty() || self.options.region.roi.is_some() || self.labels.is_some() {
             // these read the volume: not for a conversion that is refused then
             convert::check_before(volume, &options, out)?;
         }
@@ -256,6 +264,10 @@ impl ConvertArgs {
                 let crop = options.crop.as_ref();
                 Some(roi.at_threshold(volume, options.threshold, crop, console)?)
             }
+            None => None,
+        };
+        options.labels = match &self.labels {
+            Some(path) => Some(read_labels(path, volume.header(), console)?),
             None => None,
         };
         let understood = understood(&opened, &options, found, &how)?;

@@ -1,14 +1,13 @@
 //! The options of the region of interest: the same for every command that reads a volume.
 
+use crate::cli::same_place::same_place;
 use crate::convert::RegionOfInterest;
 use crate::error::{Error, Result};
-use crate::grid::{
-    Crop, Cylinder, Dims, Dtype, Endian, Fill, Origin, Placement, Region, Shape, Unit,
-};
+use crate::grid::{Crop, Cylinder, Dims, Dtype, Endian, Fill, Region, Shape};
 use crate::manifest::Manifest;
 use crate::progress::Progress;
 use crate::volume::{
-    self, FoundCylinder, Header, Headerless, OpenOptions, Opened, RegionVoxels, Volume, file_name,
+    self, FoundCylinder, Header, Headerless, OpenOptions, RegionVoxels, Volume, file_name,
     fill_value, find_cylinder,
 };
 use crate::words::percent;
@@ -244,51 +243,6 @@ fn of_cylinder(cylinder: Cylinder, dims: Dims) -> Result<(Shape, RegionVoxels)> 
     Ok((Shape::Cylinder(cylinder), voxels))
 }
 
-/// Refuses a mask whose file states that it lies otherwise than the volume: voxel by voxel it would be another region.
-/// What a file does not state is taken to be the volume's.
-fn same_place(path: &Path, mask: &Opened, volume: &Placement) -> Result<()> {
-    /// Of a voxel, by how much places may differ: files round them.
-    const OFF: f64 = 0.1;
-    let stated = &mask.provenance;
-    let own = mask.volume.header().placement;
-    let known = own.unit != Unit::Voxel && volume.unit != Unit::Voxel;
-    let (true, Ok(own)) = (known, own.in_unit(volume.unit)) else {
-        return Ok(());
-    };
-    let from_file = |origin: Origin| origin == Origin::File;
-    let steps = (0..3).filter(|&a| from_file(stated.spacing[a]));
-    let step = |a: usize| (own.spacing[a] / volume.spacing[a] - 1.0).abs() > OFF / 10.0;
-    let directions = own.directions.as_flattened().iter();
-    let turned = directions
-        .zip(volume.directions.as_flattened())
-        .any(|(a, b)| (a - b).abs() > OFF / 10.0);
-    let has_place =
-        volume.origin != [0.0; 3] || volume.directions != Placement::default().directions;
-    let moved = (0..3).any(|a| {
-        let smallest = volume
-            .spacing
-            .iter()
-            .fold(f64::INFINITY, |s: f64, v| s.min(*v));
-        (own.origin[a] - volume.origin[a]).abs() > OFF * smallest
-    });
-    let what = if steps.clone().any(step) {
-        format!("voxels of {:?} {}", own.spacing, own.unit)
-    } else if from_file(stated.origin) && has_place && turned {
-        format!("axes along {:?}", own.directions)
-    } else if from_file(stated.origin) && has_place && moved {
-        format!("the first voxel at {:?} {}", own.origin, own.unit)
-    } else {
-        return Ok(());
-    };
-    let expected = format!(
-        "one that lies as the volume does: voxels of {:?} {}, axes along {:?}, the first voxel at {:?}",
-        volume.spacing, volume.unit, volume.directions, volume.origin
-    );
-    let found = format!("the mask {} with {what}", path.display());
-    Err(Error::usage("--roi", found, expected)
-        .with_hint("a mask without a place, as .npy or raw, is taken voxel by voxel"))
-}
-
 /// An error of a mask that cannot be opened, with what is special about masks: nothing is said of their type.
 fn of_mask(error: Error, path: &Path, dims: Dims) -> Error {
     let name = file_name(path).to_lowercase();
@@ -335,7 +289,7 @@ fn read_mask(
     };
     let opened = volume::open(path, &options).map_err(|e| of_mask(e, path, dims))?;
     if dims == opened.volume.header().dims {
-        same_place(path, &opened, &header.placement)?;
+        same_place("--roi", "the mask", path, &opened, &header.placement)?;
     }
     let mask = opened.volume;
     let kept_in = std::env::temp_dir();

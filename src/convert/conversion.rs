@@ -4,6 +4,7 @@ use crate::convert::ConvertOptions;
 use crate::convert::mesh::tile_writer::TileWriter;
 use crate::convert::plan::Plan;
 use crate::grid::LATTICE;
+use crate::labels::CellRows;
 use crate::manifest::{
     Dust, FORMAT, FORMAT_VERSION, Generator, GridInfo, Manifest, Source, Tables, Totals,
 };
@@ -22,6 +23,8 @@ pub struct Conversion<'a> {
     pub grid: &'a dyn Volume,
     /// The region of interest of that part, if there is one.
     pub region: Option<&'a RegionVoxels>,
+    /// The cell of each voxel, where these are given.
+    pub labels: Option<&'a CellRows>,
     /// What was asked for.
     pub options: &'a ConvertOptions,
     /// How the grid is cut, and what each stage may take of the memory.
@@ -126,6 +129,7 @@ impl Conversion<'_> {
             threshold: options.threshold,
             ambiguous: options.ambiguous,
             cap: options.cap,
+            cells: options.given_cells(None),
             dust: None,
             primitives: options.primitives,
             encoding: options.encoding,
@@ -134,7 +138,10 @@ impl Conversion<'_> {
             transform: placement.gltf_matrix(),
             totals,
             layers: Vec::new(),
-            tables: Tables::named(options.parquet),
+            tables: match options.labels {
+                Some(_) => Tables::named(options.parquet).with_components(),
+                None => Tables::named(options.parquet),
+            },
             selection: None,
             lod: None,
             checksum: None,

@@ -2,7 +2,7 @@
 
 use crate::checkpoint::Identity;
 use crate::grid::{Region, Shape, filters_text};
-use crate::manifest::Manifest;
+use crate::manifest::{GivenCells, Manifest};
 use crate::volume::Stamp;
 use serde::Serialize;
 
@@ -24,6 +24,13 @@ fn region_text(region: &Region) -> String {
         Shape::Cylinder(_) => String::new(),
     };
     format!("{shape}{of} with {fill} of {fill_value} around it")
+}
+
+/// What cells are, and all that makes them others.
+fn cells_text(cells: &GivenCells) -> String {
+    match cells {
+        GivenCells::Labels { file, checksum, .. } => format!("{file} ({checksum})"),
+    }
 }
 
 /// Of a conversion of this input to a tile set that states this.
@@ -91,6 +98,7 @@ fn stated(manifest: &Manifest) -> Vec<(String, String)> {
             (!filters.is_empty()).then(|| filters_text(filters)),
         ),
         ("--roi", manifest.region.as_ref().map(region_text)),
+        ("--labels", manifest.cells.as_ref().map(cells_text)),
         (
             "--table-unit",
             manifest.table_unit.map(|unit| unit.name().to_string()),

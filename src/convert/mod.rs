@@ -1,10 +1,12 @@
 //! The conversion, in the order of its stages.
 
 mod band_order;
+mod cells;
 mod components;
 mod conversion;
 mod finalize;
 mod identity;
+mod known_band;
 mod label;
 mod memory;
 mod mesh;
@@ -22,13 +24,15 @@ pub use crate::measure::{
     COMPONENT_COLUMNS, Column, Field, Get, Measures, SURFACE_COLUMNS, SurfaceRow,
 };
 pub use crate::tileset::{check_output, interrupted};
-pub use options::{ConvertOptions, ConvertReport, RegionOfInterest};
+pub use options::{ConvertOptions, ConvertReport, Labels, RegionOfInterest};
 pub use tables::unit_text;
 
 use crate::checkpoint::{Checkpointer, boot};
+use crate::convert::cells::{CellsInput, GivenCells, cells};
 use crate::convert::components::sum_up;
 use crate::convert::conversion::{Conversion, Made};
 use crate::convert::finalize::{FinalizeInput, finalize};
+use crate::convert::known_band::KnownBands;
 use crate::convert::label::{LabelInput, Labelled, LeftOut, label};
 use crate::convert::memory::TABLES;
 use crate::convert::mesh::tile_writer::TileWriter;
@@ -87,10 +91,13 @@ pub fn convert(
     let grid = Cropped::part(filled, crop)?;
     let region = options.region.as_ref().map(|r| r.voxels.cropped(crop));
     let region = region.transpose()?;
+    let labels = options.labels.as_ref();
+    let labels = labels.map(|l| l.rows.cropped(crop)).transpose()?;
     let job = Conversion {
         volume,
         grid: &*grid,
         region: region.as_ref(),
+        labels: labels.as_ref(),
         options,
         plan: &plan(&*grid, grid.header().dims, options)?,
         watch: &watch,
@@ -251,6 +258,8 @@ struct Swept {
     labelled: Labelled,
     left_out: LeftOut,
     resolved: Resolved,
+    /// The cells, where these are given.
+    cells: Option<GivenCells>,
     meshed: Meshed,
 }
 
@@ -272,25 +281,49 @@ fn sweep(
         };
         let (mut labelled, left_out) = label(&input, checkpointer)?;
         let resolved = resolve(&mut labelled, work)?;
+        let known = KnownBands {
+            tiling: job.plan.tiling,
+            kept: &labelled.bands,
+            ids: &resolved.bands,
+        };
+        let cells = given_cells(job, known, memory, work)?;
         let input = MeshInput {
             job,
             volume,
             memory,
             writer,
-            kept: &labelled.bands,
-            ids: &resolved.bands,
+            known,
+            cells: cells.as_ref(),
         };
         let meshed = mesh(&input, checkpointer)?;
         Ok(Swept {
             labelled,
             left_out,
             resolved,
+            cells,
             meshed,
         })
     })?;
     // labels and surfaces of a volume that changed meanwhile may not fit each other
     job.options.input.check()?;
     Ok(swept)
+}
+
+/// The cells, where these are given.
+fn given_cells(
+    job: &Conversion,
+    known: KnownBands,
+    memory: &Arc<MemoryPool>,
+    work: &Path,
+) -> Result<Option<GivenCells>> {
+    let input = CellsInput {
+        job,
+        known,
+        memory,
+        work,
+    };
+    let given = job.labels.map(|rows| cells(&input, rows.clone()));
+    given.transpose()
 }
 
 /// All stages between planning and moving into place.
@@ -317,7 +350,8 @@ fn make(job: &Conversion, work: &Path, checkpointer: &mut Checkpointer) -> Resul
         || last_layer.commit(checkpointer),
         || {
             let (labelled, resolved) = (&mut swept.labelled, &mut swept.resolved);
-            sum_up(labelled, resolved, &mut tiles, for_tables, work)
+            let cells = swept.cells.as_mut();
+            sum_up(labelled, resolved, &mut tiles, cells, for_tables, work)
         },
     );
     committed?;
@@ -345,8 +379,10 @@ fn make(job: &Conversion, work: &Path, checkpointer: &mut Checkpointer) -> Resul
     warnings
         .iter()
         .for_each(|warning| job.progress.warn(warning));
+    let unlabelled = swept.cells.as_ref().map(|cells| cells.unlabelled);
     let manifest = Manifest {
         dust,
+        cells: job.options.given_cells(unlabelled),
         ..job.manifest(totals)
     };
     let index = set.finish(manifest)?;

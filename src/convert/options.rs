@@ -4,7 +4,8 @@ use crate::error::{Error, Result};
 use crate::grid::{
     Ambiguous, Crop, Fill, Filter, Filtered, Part, Placement, Provenance, Region, Shape, Unit,
 };
-use crate::manifest::{Encoding, Form, Layout, Primitives, Totals};
+use crate::labels::CellRows;
+use crate::manifest::{Encoding, Form, GivenCells, Layout, Primitives, Totals};
 use crate::volume::{RegionVoxels, Stamp};
 use serde::Serialize;
 
@@ -61,10 +62,24 @@ pub struct ConvertOptions {
     pub source_scaled: bool,
     /// The filters that the volume has been through, and what it was before, for the manifest; absent if none.
     pub source_filtered: Option<Filtered>,
+    /// The cells of all voxels of the volume before the crop, where they are not to be the components; see
+    /// [`GivenCells::Labels`].
+    pub labels: Option<Labels>,
     /// The region of interest; all of the volume if absent.
     pub region: Option<RegionOfInterest>,
     /// Where spacing, unit and origin came from, for the manifest.
     pub provenance: Provenance,
+}
+
+/// Cells that a volume of labels gives.
+#[derive(Debug, Clone)]
+pub struct Labels {
+    /// The name of its file, without its directory.
+    pub file: String,
+    /// See [`GivenCells::Labels`].
+    pub checksum: String,
+    /// The label of each voxel.
+    pub rows: CellRows,
 }
 
 /// The region of interest of a conversion.
@@ -108,6 +123,15 @@ impl ConvertOptions {
     pub(crate) fn filters(&self) -> Vec<Filter> {
         let filtered = self.source_filtered.as_ref();
         filtered.map_or_else(Vec::new, |f| f.filters.clone())
+    }
+
+    /// What the manifest says of cells that are given, with the voxels below that have no label, once they are known.
+    pub(crate) fn given_cells(&self, unlabelled: Option<u64>) -> Option<GivenCells> {
+        self.labels.as_ref().map(|labels| GivenCells::Labels {
+            file: labels.file.clone(),
+            checksum: labels.checksum.clone(),
+            unlabelled: unlabelled.filter(|&voxels| voxels > 0),
+        })
     }
 
     /// The placement of a volume in the unit of tables and measures.
@@ -176,6 +200,7 @@ impl Default for ConvertOptions {
             source_values: None,
             source_scaled: false,
             source_filtered: None,
+            labels: None,
             region: None,
             provenance: Provenance::default(),
         }

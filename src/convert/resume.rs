@@ -5,7 +5,7 @@ use crate::convert::conversion::{Conversion, Made};
 use crate::convert::identity;
 use crate::convert::warnings::warnings;
 use crate::error::{Error, Result};
-use crate::manifest::{Layer, Manifest};
+use crate::manifest::{GivenCells, Layer, Manifest};
 use crate::tileset::Output;
 use std::fs::File;
 use std::io::{BufRead, BufReader, Read, Write};
@@ -118,6 +118,8 @@ pub fn complete(job: &Conversion, out: &Path) -> Option<Made> {
     let min_voxels = found.dust.map_or(1, |d| d.min_voxels);
     let same = Manifest {
         dust: found.dust,
+        // how many voxels have no label is known at the end
+        cells: options.given_cells(found.cells.as_ref().and_then(GivenCells::unlabelled)),
         // levels are made of a set that is whole
         lod: found.lod.clone(),
         ..job.manifest(found.totals)
@@ -141,11 +143,10 @@ pub fn complete(job: &Conversion, out: &Path) -> Option<Made> {
     }
     let mut size = found.totals.bytes + std::fs::metadata(&index).ok()?.len();
     size += found.layers.iter().map(|l| l.bytes).sum::<u64>();
-    for table in [
-        &found.tables.cells,
-        &found.tables.objects,
-        &found.tables.surfaces,
-    ] {
+    let tables = &found.tables;
+    let always = [&tables.cells, &tables.objects, &tables.surfaces];
+    let more = [&tables.components, &tables.necks];
+    for table in always.into_iter().chain(more.into_iter().flatten()) {
         size += std::fs::metadata(out.join(table)).ok()?.len();
     }
     Some(Made {

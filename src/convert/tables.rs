@@ -1,13 +1,16 @@
 //! The tables of cells, objects and surfaces as CSV files.
 
-use crate::convert::components::Components;
+use crate::convert::cells::Contact;
+use crate::convert::components::{Components, Given, SEVERAL};
 use crate::convert::finalize::Stop;
 use crate::error::{Error, Result};
 use crate::grid::{Placement, Unit};
+use crate::manifest::{COMPONENTS, NECKS};
 use crate::measure::{
-    AreaScale, COMPONENT_COLUMNS, Column, ComponentRecord, Field, Measures, RecordTable,
-    SURFACE_COLUMNS, SurfaceRecord, SurfaceRow,
+    AreaScale, COMPONENT_COLUMNS, Column, ComponentRecord, Field, Measures, NECK_COLUMNS, NeckRow,
+    PART_COLUMNS, PartOfComponent, RecordTable, SURFACE_COLUMNS, SurfaceRecord, SurfaceRow,
 };
+use crate::sys::spill_file::SpillFile;
 use rayon::prelude::*;
 use std::fmt::{Display, Write as _};
 use std::fs::File;
@@ -23,13 +26,18 @@ pub fn unit_text(unit: Unit, power: u32) -> String {
     }
 }
 
-fn header<T>(columns: &[Column<T>], unit: Unit) -> String {
-    let names = columns.iter().map(|column| match column.power {
+/// Titles of columns, with commas between them.
+fn titles<T>(columns: &[Column<T>], unit: Unit) -> String {
+    let titles = columns.iter().map(|column| match column.power {
         0 => column.name.to_string(),
         power => format!("{} [{}]", column.name, unit_text(unit, power)),
     });
-    let all: Vec<String> = std::iter::once("id".to_string()).chain(names).collect();
-    all.join(",")
+    titles.collect::<Vec<_>>().join(",")
+}
+
+/// The same behind that of the id.
+fn header<T>(columns: &[Column<T>], unit: Unit) -> String {
+    format!("id,{}", titles(columns, unit))
 }
 
 /// Writes the fields of a row.
@@ -79,29 +87,104 @@ fn plain(value: f64, buffer: &mut zmij::Buffer) -> Option<&str> {
     (!digits.contains('e')).then(|| digits.strip_suffix(".0").unwrap_or(digits))
 }
 
-/// Writes the tables of cells, objects and surfaces side by side; returns their bytes.
+/// Writes the tables of cells, objects and surfaces side by side, where cells are parts of components also those of
+/// components and necks; returns their bytes.
 pub fn write_tables(
     work: &Path,
     components: &Components,
     placement: &Placement,
     stop: &Stop,
 ) -> Result<u64> {
-    let write = |name: &str, table, above| {
-        write_components(&work.join(name), table, placement, above, stop)
-    };
     let (cells, (objects, surfaces)) = rayon::join(
-        || write("cells.csv", &components.cells, false),
+        || match &components.given {
+            Some(given) => write_given(work, &components.cells, given, placement, stop),
+            None => {
+                let path = work.join("cells.csv");
+                write_components(&path, &components.cells, placement, false, stop)
+            }
+        },
         || {
-            let objects = write("objects.csv", &components.objects, true);
+            let path = work.join("objects.csv");
+            let objects = write_components(&path, &components.objects, placement, true, stop);
             let path = work.join("surfaces.csv");
-            let surfaces = write_surfaces(&path, &components.surfaces, placement, stop);
+            let of_components = components.given.is_some();
+            let surfaces =
+                write_surfaces(&path, &components.surfaces, placement, of_components, stop);
             (objects, surfaces)
         },
     );
     Ok(cells? + objects? + surfaces?)
 }
 
-/// Writes `cells.csv` or, of what is `above`, `objects.csv`, and returns its size.
+/// Writes the tables of cells, of the components that they are parts of, and of where they touch.
+fn write_given(
+    work: &Path,
+    cells: &RecordTable<ComponentRecord>,
+    given: &Given,
+    place: &Placement,
+    stop: &Stop,
+) -> Result<u64> {
+    let head = header(&COMPONENT_COLUMNS, place.unit);
+    let head = format!("{head},{}", titles(&PART_COLUMNS, place.unit));
+    let of_cells = write_rows(
+        &work.join("cells.csv"),
+        &head,
+        cells,
+        stop,
+        |i, record, row| {
+            row.put(given.ids.id(i));
+            row.put_all(&COMPONENT_COLUMNS, &Measures::of(record, place, false));
+            let component = given.component_of.get(i)?;
+            let part = PartOfComponent {
+                component: (component != SEVERAL).then_some(component),
+                neighbours: record.neighbours,
+            };
+            row.put_all(&PART_COLUMNS, &part);
+            Ok(())
+        },
+    )?;
+    let path = work.join(COMPONENTS);
+    let of_components = write_components(&path, &given.components, place, false, stop)?;
+    Ok(of_cells + of_components + write_necks(&work.join(NECKS), &given.contacts, place)?)
+}
+
+/// Writes `necks.csv` and returns its size.
+fn write_necks(path: &Path, contacts: &SpillFile, place: &Placement) -> Result<u64> {
+    let failed = |e| Error::io(path, "write", e);
+    let file = File::create(path).map_err(|e| Error::io(path, "create", e))?;
+    let mut out = BufWriter::new(file);
+    let mut bytes = 0;
+    let mut text = titles(&NECK_COLUMNS, place.unit);
+    text.push('\n');
+    let mut put = |text: &mut String| {
+        bytes += text.len() as u64;
+        let put = out.write_all(text.as_bytes()).map_err(failed);
+        text.clear();
+        put
+    };
+    put(&mut text)?;
+    contacts.each(|contact: Contact| {
+        let neck = NeckRow {
+            cells: contact.cells,
+            radius: None,
+            ratio: None,
+            place: contact.middle().map(|middle| place.world(middle)),
+            area: contact.area(place.spacing),
+        };
+        let started = false;
+        Row {
+            text: &mut text,
+            started,
+        }
+        .put_all(&NECK_COLUMNS, &neck);
+        text.push('\n');
+        put(&mut text)
+    })?;
+    out.flush().map_err(failed)?;
+    Ok(bytes)
+}
+
+/// Writes `cells.csv` or, of what is `above`, `objects.csv`, or the same for components, and returns its size.
 ///
 /// # Errors
 /// [`Error::Io`]; [`Error::Interrupted`] if it is to stop.
@@ -117,14 +200,15 @@ pub fn write_components(
         &header(&COMPONENT_COLUMNS, place.unit),
         table,
         stop,
-        |id, record, row| {
-            row.put(id);
+        |i, record, row| {
+            row.put(i + 1);
             row.put_all(&COMPONENT_COLUMNS, &Measures::of(record, place, above));
+            Ok(())
         },
     )
 }
 
-/// Writes `surfaces.csv` and returns its size.
+/// Writes `surfaces.csv` and returns its size. The first column is of cells, or of the components that these are parts of.
 ///
 /// # Errors
 /// [`Error::Io`]; [`Error::Interrupted`] if it is to stop.
@@ -132,19 +216,25 @@ pub fn write_surfaces(
     path: &Path,
     table: &RecordTable<SurfaceRecord>,
     place: &Placement,
+    of_components: bool,
     stop: &Stop,
 ) -> Result<u64> {
     let scale = AreaScale::new(place.spacing);
+    let mut columns = SURFACE_COLUMNS;
+    if of_components {
+        columns[0].name = "component";
+    }
     write_rows(
         path,
-        &header(&SURFACE_COLUMNS, place.unit),
+        &header(&columns, place.unit),
         table,
         stop,
-        |id, record, row| {
-            row.put(id);
+        |i, record, row| {
+            row.put(i + 1);
             let area = scale.area(record.mesh.area);
             let record = *record;
-            row.put_all(&SURFACE_COLUMNS, &SurfaceRow { record, area });
+            row.put_all(&columns, &SurfaceRow { record, area });
+            Ok(())
         },
     )
 }
@@ -159,7 +249,7 @@ fn write_rows<T: bytemuck::Pod + Send + Sync>(
     header: &str,
     table: &RecordTable<T>,
     stop: &Stop,
-    fill: impl Fn(u64, &T, &mut Row) + Sync,
+    fill: impl Fn(u64, &T, &mut Row) -> Result<()> + Sync,
 ) -> Result<u64> {
     let failed = |e| Error::io(path, "write", e);
     let file = File::create(path).map_err(|e| Error::io(path, "create", e))?;
@@ -171,7 +261,7 @@ fn write_rows<T: bytemuck::Pod + Send + Sync>(
         let mut text = String::new();
         for i in first..rows.min(first + EACH as u64) {
             let (text, started) = (&mut text, false);
-            fill(i + 1, &table.get(i)?, &mut Row { text, started });
+            fill(i, &table.get(i)?, &mut Row { text, started })?;
             text.push('\n');
         }
         Ok(text)

@@ -42,6 +42,10 @@ impl ScannedSums {
             voxels_nan: self.nan,
             objects: components.objects.len(),
             cells: components.cells.len(),
+            components: components
+                .given
+                .as_ref()
+                .map_or(0, |given| given.components.len()),
             surfaces: components.surfaces.len(),
             ..written
         };

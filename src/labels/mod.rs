@@ -14,14 +14,17 @@
 //!    no longer grow leave memory.
 //! 6. `surface_keys`: what numbers surfaces before there is any.
 //! 7. `provisional`: which classes are a component of their own in the end, hence the final ids.
-//! 8. `kept_rows`: what is kept of a band for meshing, and which of its samples have to be read for that.
+//! 8. `cell_rows`: which cell each voxel belongs to, where that is given and cells are parts of components.
+//! 9. `kept_rows`: what is kept of a band for meshing, and which of its samples have to be read for that.
 
 mod band_boundary;
 mod bits;
 mod border_euler;
+mod cell_rows;
 mod kept_rows;
 mod label_band;
 mod provisional;
+mod read_labels;
 mod region_edge;
 mod runs;
 mod slab_merge;
@@ -32,10 +35,11 @@ mod voxels;
 pub use band_boundary::{BandComponents, BandFaces};
 pub use bits::Bits;
 pub use border_euler::add_border_euler;
+pub use cell_rows::{BandCells, CellPiece, CellRows, CellRowsWriter, MOST_CELLS};
 pub use kept_rows::{NeededRows, RowKinds, RowStretch};
 pub use label_band::{Labels, LocalComponent, label_runs, sum_voxels};
 pub use provisional::{ProvisionalLabels, Ranks};
-pub use region_edge::{InsideBand, note_outside, note_region_edge};
+pub use region_edge::{InsideBand, for_each_region_edge, note_outside, note_region_edge};
 pub use runs::{RowRuns, Run, Runs};
 pub use slab_merge::{BandInput, CarriedComponents, PhaseLabels, SlabComponents};
 pub use surface_keys::keys_on_top;

@@ -32,22 +32,31 @@ impl InsideBand {
 /// Notes that components touch the border whose voxels share a face with a voxel of the other phase, where one of the two
 /// is outside of the region: there the surface is none of the sample's.
 pub fn note_region_edge(bits: &Bits, runs: &Runs, labels: &mut Labels, inside: &InsideBand) {
-    let (rows, words) = (bits.span.rows(), bits.row_words);
+    for_each_region_edge(bits, inside, |row, x| {
+        let run = runs.at(bits, row * bits.row_words, x as usize);
+        let label = labels.of_run[run as usize];
+        labels.components[label as usize].sums.touches_border = 1;
+    });
+}
+
+/// Calls `note` with the row, counted through all slices, and the x of voxels that share a face with one of the other
+/// phase, where one of the two is outside of the region; of each such face with both.
+pub fn for_each_region_edge(bits: &Bits, inside: &InsideBand, note: impl FnMut(usize, u32)) {
+    let rows = bits.span.rows();
     let mut edge = Edge {
         bits,
-        runs,
-        labels,
         inside: &inside.words,
+        note,
     };
     for s in 0..bits.span.slices() {
         for r in 0..rows {
-            let here = (s * rows + r) * words;
+            let here = s * rows + r;
             edge.along(here);
             if r > 0 {
-                edge.across([here - words, here]);
+                edge.across([here - 1, here]);
             }
             if s > 0 {
-                edge.across([here - rows * words, here]);
+                edge.across([here - rows, here]);
             }
         }
     }
@@ -86,20 +95,20 @@ fn has_outside(inside: &[u64], run: Range<usize>) -> bool {
     })
 }
 
-struct Edge<'a> {
+struct Edge<'a, F> {
     bits: &'a Bits,
-    runs: &'a Runs,
-    labels: &'a mut Labels,
     inside: &'a [u64],
+    note: F,
 }
 
-impl Edge<'_> {
-    /// Pairs along x, of the row whose words start here.
+impl<F: FnMut(usize, u32)> Edge<'_, F> {
+    /// Pairs along x, of a row.
     fn along(&mut self, row: usize) {
-        let nx = self.bits.span.nx as usize;
+        let (nx, words) = (self.bits.span.nx as usize, self.bits.row_words);
         let (mut phase_before, mut inside_before) = (0, 0);
-        for w in 0..self.bits.row_words {
-            let (phase, inside) = (self.bits.words[row + w], self.inside[row + w]);
+        for w in 0..words {
+            let at = row * words + w;
+            let (phase, inside) = (self.bits.words[at], self.inside[at]);
             let differ = phase ^ (phase << 1 | phase_before);
             let outside = !inside | !(inside << 1 | inside_before);
             let mut found = differ & outside;
@@ -111,30 +120,26 @@ impl Edge<'_> {
                 let x = 64 * w + found.trailing_zeros() as usize;
                 found &= found - 1;
                 if x < nx {
-                    self.note(row, x - 1);
-                    self.note(row, x);
+                    (self.note)(row, x as u32 - 1);
+                    (self.note)(row, x as u32);
                 }
             }
         }
     }
 
     /// Pairs of two neighbouring rows.
-    fn across(&mut self, [a, b]: [usize; 2]) {
-        for w in 0..self.bits.row_words {
+    fn across(&mut self, rows: [usize; 2]) {
+        let words = self.bits.row_words;
+        let [a, b] = rows.map(|row| row * words);
+        for w in 0..words {
             let differ = self.bits.words[a + w] ^ self.bits.words[b + w];
             // bits beyond a row's end do not differ
             let mut found = differ & (!self.inside[a + w] | !self.inside[b + w]);
             while found != 0 {
-                let x = 64 * w + found.trailing_zeros() as usize;
+                let x = 64 * w as u32 + found.trailing_zeros();
                 found &= found - 1;
-                self.note(a, x);
-                self.note(b, x);
+                rows.iter().for_each(|&row| (self.note)(row, x));
             }
         }
-    }
-
-    fn note(&mut self, row: usize, x: usize) {
-        let label = self.labels.of_run[self.runs.at(self.bits, row, x) as usize];
-        self.labels.components[label as usize].sums.touches_border = 1;
     }
 }

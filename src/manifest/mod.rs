@@ -71,6 +71,9 @@ pub struct Manifest {
     pub ambiguous: Ambiguous,
     /// True if the surface is closed half a voxel outside the volume's faces.
     pub cap: bool,
+    /// What cells are, where they are not the components of below voxels but parts of these.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub cells: Option<GivenCells>,
     /// What was left out as dust, if anything was to be.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub dust: Option<Dust>,
@@ -173,6 +176,36 @@ pub struct Source {
     pub provenance: Provenance,
 }
 
+/// What cells are, where they are parts of the components of below voxels.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(tag = "from", rename_all = "lowercase")]
+pub enum GivenCells {
+    /// A volume of labels of the same size: the cell of a voxel below has the number of its label.
+    Labels {
+        /// The name of its file, without its directory.
+        file: String,
+        /// `crc32:` and 8 hexadecimal digits: for each row of the volume, by z and y, of each stretch of voxels with the
+        /// same label its first x and the label, eight bytes each, the lowest first.
+        checksum: String,
+        /// Voxels below with label 0, which are one cell; its id is one above the largest label. Absent if there is none.
+        #[serde(default, skip_serializing_if = "Option::is_none")]
+        unlabelled: Option<u64>,
+    },
+}
+
+impl GivenCells {
+    /// Voxels below with label 0, if there are any.
+    pub fn unlabelled(&self) -> Option<u64> {
+        match self {
+            GivenCells::Labels { unlabelled, .. } => *unlabelled,
+        }
+    }
+}
+
+fn is_zero(number: &u64) -> bool {
+    *number == 0
+}
+
 /// Components that were left out and filled with the other phase, since they have few voxels.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Dust {
@@ -216,8 +249,11 @@ pub struct Totals {
     pub strip_indices: u64,
     /// Connected components of above voxels.
     pub objects: u64,
-    /// Connected components of below voxels.
+    /// Cells: connected components of below voxels, or parts of them where the manifest says what cells are.
     pub cells: u64,
+    /// Connected components of below voxels, where cells are parts of them; 0 and not written where they are the cells.
+    #[serde(default, skip_serializing_if = "is_zero")]
+    pub components: u64,
     /// Connected components of triangles (without caps).
     pub surfaces: u64,
     /// Triangle edges without a mate: where an open surface meets the volume's faces; 0 with caps.
@@ -291,7 +327,13 @@ pub struct Tables {
     pub objects: String,
     /// `surfaces.csv`.
     pub surfaces: String,
-    /// Checksums of the three files; `None` until the manifest is written.
+    /// `components.csv`: the components of below voxels, where cells are parts of them.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub components: Option<String>,
+    /// `necks.csv`: where cells of one component touch.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub necks: Option<String>,
+    /// Checksums of the files; `None` until the manifest is written.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub checksums: Option<TableChecksums>,
     /// The same tables as Parquet, if they are there.
@@ -299,13 +341,29 @@ pub struct Tables {
     pub parquet: Option<ParquetTables>,
 }
 
+/// `components.csv`.
+pub(crate) const COMPONENTS: &str = "components.csv";
+/// `necks.csv`.
+pub(crate) const NECKS: &str = "necks.csv";
+
 impl Tables {
+    /// The same with the tables of sets whose cells are parts of components.
+    pub(crate) fn with_components(self) -> Self {
+        Tables {
+            components: Some(COMPONENTS.into()),
+            necks: Some(NECKS.into()),
+            ..self
+        }
+    }
+
     /// Under the names that this program gives them.
     pub(crate) fn named(parquet: bool) -> Self {
         Tables {
             cells: Table::Cells.file().into(),
             objects: Table::Objects.file().into(),
             surfaces: Table::Surfaces.file().into(),
+            components: None,
+            necks: None,
             checksums: None,
             parquet: parquet.then(|| ParquetTables {
                 cells: Table::Cells.parquet_file().into(),
@@ -340,6 +398,12 @@ pub struct TableChecksums {
     pub objects: String,
     /// Of the table of surfaces.
     pub surfaces: String,
+    /// Of the table of components, if there is one.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub components: Option<String>,
+    /// Of the table of necks, if there is one.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub necks: Option<String>,
 }
 
 /// `index/zNNNN.json`: the tiles of one layer.

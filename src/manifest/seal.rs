@@ -33,11 +33,19 @@ impl Manifest {
                 cells: of(cells)?,
                 objects: of(objects)?,
                 surfaces: of(surfaces)?,
+                components: None,
+                necks: None,
             })
         };
         let tables = &mut self.tables;
         let csv = [&tables.cells, &tables.objects, &tables.surfaces];
-        tables.checksums = Some(of_all(csv)?);
+        let more = [&tables.components, &tables.necks];
+        let [components, necks] = more.map(|name| name.as_deref().map(of).transpose());
+        tables.checksums = Some(TableChecksums {
+            components: components?,
+            necks: necks?,
+            ..of_all(csv)?
+        });
         if let Some(tables) = &mut tables.parquet {
             let parquet = [&tables.cells, &tables.objects, &tables.surfaces];
             tables.checksums = Some(of_all(parquet)?);

@@ -34,7 +34,7 @@ pub enum Get<T> {
     /// See [`Field::Count`].
     Count(fn(&T) -> u64),
     /// See [`Field::Signed`].
-    Signed(fn(&T) -> i64),
+    Signed(fn(&T) -> Option<i64>),
     /// See [`Field::Flag`].
     Flag(fn(&T) -> bool),
     /// See [`Field::Real`].
@@ -46,7 +46,7 @@ impl<T> Get<T> {
     pub fn of(&self, row: &T) -> Field {
         match self {
             Get::Count(get) => Field::Count(get(row)),
-            Get::Signed(get) => Field::Signed(get(row)),
+            Get::Signed(get) => get(row).map_or(Field::Real(f64::NAN), Field::Signed),
             Get::Flag(get) => Field::Flag(get(row)),
             Get::Real(get) => Field::Real(get(row)),
         }
@@ -127,6 +127,52 @@ pub const COMPONENT_COLUMNS: [Column<Measures>; 27] = [
     in_table("tiles", 0, Get::Count(|m| m.tiles)),
 ];
 
+/// What more is known of a cell that is a part of a component.
+#[derive(Debug, Clone, Copy)]
+pub struct PartOfComponent {
+    /// The component; `None` for a cell with voxels in several.
+    pub component: Option<u64>,
+    /// Cells that it touches.
+    pub neighbours: u64,
+}
+
+/// Columns of `cells.csv` behind the others where cells are parts of components.
+pub const PART_COLUMNS: [Column<PartOfComponent>; 2] = [
+    in_table(
+        "component",
+        0,
+        Get::Signed(|p| p.component.map(|id| id as i64)),
+    ),
+    in_table("neighbours", 0, Get::Count(|p| p.neighbours)),
+];
+
+/// Where two cells of one component touch, in the unit of length.
+#[derive(Debug, Clone, Copy)]
+pub struct NeckRow {
+    /// The cells.
+    pub cells: [u64; 2],
+    /// Radius of the narrowest place on the widest way between them, if that was looked for.
+    pub radius: Option<f64>,
+    /// That over the radius of the smaller cell.
+    pub ratio: Option<f64>,
+    /// The narrowest place, or the middle of the faces that they share; none where they touch at edges of voxels alone.
+    pub place: Option<[f64; 3]>,
+    /// The area of the opening.
+    pub area: f64,
+}
+
+/// Columns of `necks.csv`.
+pub const NECK_COLUMNS: [Column<NeckRow>; 8] = [
+    in_table("cell_a", 0, Get::Count(|n| n.cells[0])),
+    in_table("cell_b", 0, Get::Count(|n| n.cells[1])),
+    in_table("neck_radius", 1, Get::Real(|n| or_nan(n.radius))),
+    in_table("ratio", 0, Get::Real(|n| or_nan(n.ratio))),
+    in_table("x", 1, Get::Real(|n| or_nan(n.place.map(|p| p[0])))),
+    in_table("y", 1, Get::Real(|n| or_nan(n.place.map(|p| p[1])))),
+    in_table("z", 1, Get::Real(|n| or_nan(n.place.map(|p| p[2])))),
+    in_table("neck_area", 2, Get::Real(|n| n.area)),
+];
+
 /// A surface, and its area in the square of the unit.
 #[derive(Debug, Clone, Copy)]
 pub struct SurfaceRow {
@@ -136,7 +182,7 @@ pub struct SurfaceRow {
     pub area: f64,
 }
 
-/// Columns of `surfaces.csv` behind the id.
+/// Columns of `surfaces.csv` behind the id. Where cells are parts of components, the first one is of these.
 pub const SURFACE_COLUMNS: [Column<SurfaceRow>; 9] = [
     in_table("cell", 0, Get::Count(|s| s.record.cell)),
     in_table("object", 0, Get::Count(|s| s.record.object)),
@@ -146,7 +192,7 @@ pub const SURFACE_COLUMNS: [Column<SurfaceRow>; 9] = [
     in_table(
         "euler_characteristic",
         0,
-        Get::Signed(|s| s.record.mesh.euler_characteristic()),
+        Get::Signed(|s| Some(s.record.mesh.euler_characteristic())),
     ),
     in_table(
         "border_edges",

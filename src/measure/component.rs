@@ -19,6 +19,10 @@ pub struct ComponentRecord {
     pub surfaces: u64,
     /// Number of tiles that have triangles of it.
     pub tiles: u64,
+    /// Number of other cells of its component that it touches: its surface is open there. 0 where each component is a
+    /// cell.
+    pub neighbours: u64,
+    reserved: u64,
 }
 
 /// All sums of one surface.
@@ -51,7 +55,7 @@ pub struct Measures {
     pub voxels: u64,
     /// Voxels times the size of a voxel.
     pub volume: f64,
-    /// Volume inside the triangles; only for components that do not touch the border.
+    /// Volume inside the triangles; only where these are closed: not at the border, nor where other cells touch it.
     pub mesh_volume: Option<f64>,
     /// Area of the triangles.
     pub area: f64,
@@ -75,8 +79,8 @@ pub struct Measures {
     pub flatness: f64,
     /// Direction of the longest axis, in world coordinates.
     pub orientation: [f64; 3],
-    /// 1 for a ball, 0 for a ring, 2 for a hollow ball.
-    pub euler_characteristic: i64,
+    /// 1 for a ball, 0 for a ring, 2 for a hollow ball; not of a cell that other cells of its component touch.
+    pub euler_characteristic: Option<i64>,
     /// True if a voxel lies on the grid's outer faces: the component may go on outside.
     pub touches_border: bool,
     /// Tiles that have triangles of it.
@@ -98,7 +102,8 @@ impl Measures {
             -record.mesh.volume6
         };
         let lattice_cube = (f64::from(LATTICE) * f64::from(LATTICE)) * f64::from(LATTICE);
-        let mesh_volume = (!touches_border && record.mesh.triangles > 0)
+        let open = touches_border || record.neighbours > 0;
+        let mesh_volume = (!open && record.mesh.triangles > 0)
             .then(|| signed as f64 / 6.0 / lattice_cube * voxel_size);
         let form_factor = mesh_volume.map(|v| 36.0 * PI * v * v / (area * area * area));
         let shape = Shape::of(sums, place);
@@ -118,7 +123,7 @@ impl Measures {
             elongation: shape.axes[1] / shape.axes[0],
             flatness: shape.axes[2] / shape.axes[1],
             orientation: shape.orientation,
-            euler_characteristic: euler_of(record),
+            euler_characteristic: (record.neighbours == 0).then(|| euler_of(record)),
             touches_border,
             tiles: record.tiles,
         }

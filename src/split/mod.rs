@@ -30,7 +30,6 @@ mod metric;
 mod necks;
 mod numbers;
 mod run;
-mod sorted;
 mod store;
 #[cfg(test)]
 mod tests;

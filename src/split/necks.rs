@@ -2,8 +2,8 @@
 
 use super::metric::Metric;
 use super::numbers::Numbers;
-use super::sorted::{Keyed, Sorter};
 use crate::error::Result;
+use crate::sys::sorted_spill::{Keyed, Sorter};
 use std::path::Path;
 
 /// Records that are sorted in memory.

@@ -26,8 +26,10 @@ pub const CAP: u32 = u32::MAX;
 pub struct Piece {
     /// Class of the object.
     pub object: u32,
-    /// Class of the cell, or [`CAP`].
+    /// Class of the cell, or [`CAP`]; of the component of which it is a part where cells are given.
     pub cell: u32,
+    /// The cell where cells are given; 0 where they are not, and of a cap.
+    pub given: u64,
     /// First vertex in the tile's arrays.
     pub first_vertex: u32,
     /// Number of vertices.
@@ -59,7 +61,8 @@ impl Piece {
         let room = if self.is_cap() {
             1 + self.triangles
         } else {
-            room_for(self.vertices)
+            // a part of a piece may have more triangles to a vertex than any piece
+            room_for(self.vertices).max(1 + self.triangles)
         };
         self.first_triangle + room
     }
@@ -74,6 +77,7 @@ impl Piece {
         Piece {
             object,
             cell,
+            given: 0,
             first_vertex: 0,
             vertices: 0,
             first_triangle: 0,

@@ -1,12 +1,13 @@
 //! The mesh of one tile, grouped by surface piece.
 
 use crate::grid::{Ambiguous, Dims, Tiling};
-use crate::labels::{Bits, Runs, Voxels};
+use crate::labels::{BandCells, Bits, Runs, Voxels};
 use crate::measure::AreaScale;
 use crate::strip::Triangle;
 use crate::surface::assign_pieces::{Piece, PieceIndex, VertexAssignment, assign_vertices};
 use crate::surface::caps::add_caps;
 use crate::surface::edges::{Edges, known_or};
+use crate::surface::split_pieces::PieceSplitter;
 use crate::surface::sums::sum_pieces;
 use crate::surface::triangles::{CaseKernels, CubeMarcher, MarchInput};
 use crate::surface::vertex_buffer::VertexBuffer;
@@ -194,6 +195,8 @@ pub struct BandView<'a, T> {
     pub runs: &'a Runs,
     /// Class of each run.
     pub class_of_run: &'a [u32],
+    /// The cells of voxels, where these are given.
+    pub cells: Option<&'a BandCells>,
 }
 
 impl<T: Voxel> BandView<'_, T> {
@@ -248,6 +251,7 @@ pub struct TileMesher {
     edges: Edges,
     index: PieceIndex,
     sheets: VertexAssignment,
+    splitter: PieceSplitter,
     /// The cubes.
     pub(crate) walk: CubeMarcher,
 }
@@ -314,6 +318,11 @@ impl TileMesher {
             &out.triangles,
             &settings.area,
         );
+        if let Some(cells) = view.cells {
+            let found = (&self.edges, &self.sheets);
+            let splitter = &mut self.splitter;
+            splitter.split(view, tile, cells, found, &settings.area, out);
+        }
     }
 }
 

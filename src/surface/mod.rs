@@ -7,6 +7,7 @@ pub mod case_table;
 mod edges;
 mod mesher;
 mod samples;
+mod split_pieces;
 mod sums;
 mod triangles;
 mod vertex;

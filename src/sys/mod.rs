@@ -12,6 +12,7 @@ pub(crate) mod memory_pool;
 pub(crate) mod process_memory;
 pub(crate) mod rounding;
 pub(crate) mod simd;
+pub(crate) mod sorted_spill;
 pub(crate) mod spill_file;
 pub(crate) mod state_codec;
 pub(crate) mod temp_file;

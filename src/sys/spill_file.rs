@@ -234,6 +234,22 @@ impl SpillFile {
             .then(|| Place::new(0, (bytes / size) as usize))
     }
 
+    /// Calls `each` for all records, which are of one type and were marked, a block at a time.
+    ///
+    /// # Errors
+    /// [`Error::Io`] if the file fails, and what `each` returns.
+    pub fn each<T: Pod>(&self, mut each: impl FnMut(T) -> Result<()>) -> Result<()> {
+        let (size, mut offset) = (size_of::<T>() as u64, 0);
+        let (block, end) = ((BUFFER as u64 / size).max(1), self.here::<T>().offset);
+        while offset < end {
+            let count = block.min((end - offset) / size);
+            let records = self.read::<T>(&Place::new(offset, count as usize))?;
+            records.into_iter().try_for_each(&mut each)?;
+            offset += count * size;
+        }
+        Ok(())
+    }
+
     /// Calls `each` for the records of an array, a block at a time.
     ///
     /// # Errors

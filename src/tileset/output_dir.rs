@@ -2,7 +2,7 @@
 
 use crate::checkpoint::{LayersDone, STATE, kept};
 use crate::error::{Error, Result};
-use crate::manifest::{MANIFEST, PARTIAL as WORK, TILESET};
+use crate::manifest::{COMPONENTS, MANIFEST, NECKS, PARTIAL as WORK, TILESET};
 use crate::sys::files::{remove_if_there, write_file};
 use crate::tileset::Lock;
 use std::ffi::OsString;
@@ -12,7 +12,7 @@ use std::path::{Path, PathBuf};
 
 /// What a tile set may have at its top level, the manifest first: it goes first and comes last. Only
 /// painted sets have legends, tables are Parquet, too, where that was asked for, and some have levels of detail.
-const ENTRIES: [&str; 13] = [
+const ENTRIES: [&str; 15] = [
     "index.json",
     "index",
     "tiles",
@@ -26,9 +26,12 @@ const ENTRIES: [&str; 13] = [
     OPTIONAL[4],
     OPTIONAL[5],
     OPTIONAL[6],
+    OPTIONAL[7],
+    OPTIONAL[8],
 ];
-/// What some tile sets lack: pictures of colours, tables as Parquet, levels of detail.
-const OPTIONAL: [&str; 7] = [
+/// What some tile sets lack: pictures of colours, tables as Parquet, levels of detail, tables of cells that are parts of
+/// components.
+const OPTIONAL: [&str; 9] = [
     "legend.png",
     "legend.svg",
     "cells.parquet",
@@ -36,6 +39,8 @@ const OPTIONAL: [&str; 7] = [
     "surfaces.parquet",
     TILESET,
     "lod",
+    COMPONENTS,
+    NECKS,
 ];
 /// The file in it that says who works there.
 const LOCK: &str = "lock";

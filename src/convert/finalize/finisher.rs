@@ -1,5 +1,6 @@
 //! Finishes tiles, batch by batch, in all threads.
 
+use crate::convert::components::Components;
 use crate::convert::finalize::FinishSettings;
 use crate::convert::finalize::batch_size::max_concurrent_tiles;
 use crate::convert::finalize::batches::{Batch, Batches, Job};
@@ -7,14 +8,14 @@ use crate::convert::finalize::shards::{FinishedBatch, LayerFinisher};
 use crate::convert::memory::{FOR_NEXT_BATCH, KNOWN_PIECES};
 use crate::error::Result;
 use crate::manifest::{TileEntry, entry_text};
-use crate::measure::{ComponentRecord, Measures, RecordTable};
+use crate::measure::Measures;
 use rayon::prelude::*;
 
 /// Finishes tiles, batch by batch.
 pub struct Finisher<'a> {
     pub(super) settings: FinishSettings<'a>,
     /// The sums of all cells.
-    cells: &'a RecordTable<ComponentRecord>,
+    components: &'a Components,
     /// What was made of the batch before.
     behind: FinishedBatch,
 }
@@ -39,10 +40,10 @@ pub struct Cell {
 
 impl<'a> Finisher<'a> {
     /// Of the tiles of a set with these cells.
-    pub fn new(settings: &FinishSettings<'a>, cells: &'a RecordTable<ComponentRecord>) -> Self {
+    pub fn new(settings: &FinishSettings<'a>, components: &'a Components) -> Self {
         Finisher {
             settings: *settings,
-            cells,
+            components,
             behind: FinishedBatch::default(),
         }
     }
@@ -143,7 +144,7 @@ impl<'a> Finisher<'a> {
     /// # Errors
     /// [`crate::Error::Io`].
     pub(super) fn cell(&self, id: u64) -> Result<Cell> {
-        let record = self.cells.get(id - 1)?;
+        let record = self.components.cell(id)?;
         Ok(Cell {
             id,
             measures: Measures::of(&record, self.settings.placement, false),

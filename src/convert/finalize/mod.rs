@@ -19,7 +19,6 @@ use crate::convert::mesh::tile_writer::{Heads, TileRecord, TileWriter};
 use crate::error::{Error, Result};
 use crate::grid::{Placement, Tiling};
 use crate::manifest::{LayerRecord, ShardTiles, Totals, shard_path, sums_of};
-use crate::measure::{ComponentRecord, RecordTable};
 use crate::progress::Progress;
 use crate::sys::memory_pool::{MemoryPool, MemoryReservation};
 use crate::tileset::TilesetWriter;
@@ -91,9 +90,8 @@ pub fn finalize<R: Send>(
     };
     let mut ends = LayerFinisher::begin(input.set, input.checkpointer, progress);
     let failed = AtomicBool::new(false);
-    let cells = &components.cells;
     let finish = || {
-        let finished = finish_tiles(tiles, cells, &settings, &mut ends, progress);
+        let finished = finish_tiles(tiles, components, &settings, &mut ends, progress);
         failed.store(finished.is_err(), Ordering::Relaxed);
         finished
     };
@@ -106,7 +104,7 @@ pub fn finalize<R: Send>(
 /// Finishes the tiles of all layers.
 fn finish_tiles(
     tiles: &mut MeshOutput,
-    cells: &RecordTable<ComponentRecord>,
+    components: &Components,
     settings: &FinishSettings,
     ends: &mut LayerFinisher,
     progress: &dyn Progress,
@@ -116,7 +114,7 @@ fn finish_tiles(
         let finished = finished_layer(settings, layer, &tiles.tiles(layer)?)?;
         ends.add(layer, finished)?;
     }
-    let mut finisher = Finisher::new(settings, cells);
+    let mut finisher = Finisher::new(settings, components);
     let mut batches = Batches::new(tiles, before, settings.memory);
     let mut at_hand = finisher.next(&mut batches)?;
     while let Some(ready) = at_hand {

@@ -14,7 +14,7 @@ mod state;
 mod workers;
 
 pub use band::span_of;
-pub use kept_bands::KeptBands;
+pub use kept_bands::{KeptBand, KeptBands};
 pub use slab_records::{EndedComponents, SlabRecord};
 pub use state::Labelled;
 

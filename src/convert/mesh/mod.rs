@@ -14,14 +14,14 @@ mod workspace_pool;
 pub use collect::MeshOutput;
 
 use crate::checkpoint::{Checkpointer, TILES};
+use crate::convert::cells::GivenCells;
 use crate::convert::conversion::Conversion;
-use crate::convert::label::KeptBands;
+use crate::convert::known_band::KnownBands;
 use crate::convert::memory::WRITES;
 use crate::convert::mesh::collect::TileCollector;
 use crate::convert::mesh::tile_writer::TileWriter;
 use crate::convert::mesh::workers::MeshWorkers;
 use crate::convert::mesh::workspace_pool::WorkspacePool;
-use crate::convert::resolve::BandIds;
 use crate::error::Result;
 use crate::sys::background_writer::BackgroundWriters;
 use crate::sys::memory_pool::{MemoryPool, MemoryReservation};
@@ -38,10 +38,10 @@ pub struct MeshInput<'a> {
     pub memory: &'a Arc<MemoryPool>,
     /// Writes tiles.
     pub writer: &'a TileWriter,
-    /// What labelling has kept of bands.
-    pub kept: &'a KeptBands,
-    /// The components in them.
-    pub ids: &'a BandIds,
+    /// Bands with their components.
+    pub known: KnownBands<'a>,
+    /// The cells, where these are given.
+    pub cells: Option<&'a GivenCells>,
 }
 
 /// All that meshing uses.
@@ -49,6 +49,7 @@ pub struct Meshing<'a> {
     job: &'a Conversion<'a>,
     volume: &'a dyn Volume,
     writer: &'a TileWriter,
+    cells: Option<&'a GivenCells>,
     workspaces: WorkspacePool,
     writers: Option<BackgroundWriters>,
 }
@@ -98,6 +99,7 @@ pub fn mesh(input: &MeshInput, checkpointer: &mut Checkpointer) -> Result<Meshed
         job: input.job,
         volume: input.volume,
         writer: input.writer,
+        cells: input.cells,
         workspaces: WorkspacePool::new(input.memory),
         writers: BackgroundWriters::new(plan.in_flight, plan.body, writes),
     };

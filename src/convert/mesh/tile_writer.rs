@@ -61,6 +61,9 @@ pub struct WrittenPiece {
     pub body: PieceRange,
     /// What it is part of.
     pub ids: Ids,
+    /// The component that the cell is, or is part of; 0 for a cap.
+    pub component: u64,
+    reserved: u64,
     /// Its sums.
     pub sums: MeshSums,
 }
@@ -197,13 +200,19 @@ impl WrittenPiece {
     /// A piece, where it lies in the body, and what its classes are.
     pub fn new(piece: &Piece, body: PieceRange, components: &[ComponentId]) -> Self {
         let object = components[piece.object as usize];
-        let ids = match piece.is_cap() {
+        let mut ids = match piece.is_cap() {
             true => Ids::of_cap(object),
             false => Ids::of(object, components[piece.cell as usize]),
         };
+        let component = ids.cell;
+        if piece.given > 0 {
+            ids.cell = piece.given;
+        }
         WrittenPiece {
             body,
             ids,
+            component,
+            reserved: 0,
             sums: piece.sums,
         }
     }

@@ -40,9 +40,10 @@ impl Meshing<'_> {
         };
         let view = BandView {
             voxels: &band.voxels,
-            bits: &band.bits,
-            runs: &band.runs,
-            class_of_run: &band.class_of_run,
+            bits: &band.known.bits,
+            runs: &band.known.runs,
+            class_of_run: &band.known.class_of_run,
+            cells: self.cells.map(|_| &band.cells),
         };
         let tile = TileBox::of(self.job.plan.tiling, grid);
         let sizes = &band.sizes[grid[0] as usize];
@@ -79,7 +80,7 @@ impl Meshing<'_> {
             if piece.is_cap() {
                 caps.merge(&piece.sums);
             }
-            pieces.push(WrittenPiece::new(piece, body, &band.components));
+            pieces.push(WrittenPiece::new(piece, body, &band.known.components));
         }
         Ok(WrittenTile {
             record,

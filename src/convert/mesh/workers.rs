@@ -93,9 +93,8 @@ impl<'a, T: Voxel + Default> MeshWorkers<'a, T> {
             meshing,
             loader: BandLoader {
                 volume: input.volume,
-                tiling: plan.tiling,
-                kept: input.kept,
-                ids: input.ids,
+                known: input.known,
+                cells: input.cells.map(|cells| &cells.rows),
                 cap: input.job.options.cap,
                 memory: input.memory,
             },
@@ -138,7 +137,7 @@ impl<'a, T: Voxel + Default> MeshWorkers<'a, T> {
                 let mut band = memory.unwrap_or_else(|| self.loader.band());
                 let tiles = self.loader.load(place, &mut band);
                 if let Ok(tiles) = &tiles {
-                    let all = u64::from(self.loader.tiling.tiles()[0]);
+                    let all = u64::from(self.loader.known.tiling.tiles()[0]);
                     self.input.job.progress.advance(all - tiles.len() as u64);
                 }
                 self.queue
@@ -176,7 +175,7 @@ impl<'a, T: Voxel + Default> MeshWorkers<'a, T> {
         })?;
         let kept = pending.kept;
         drop(pending);
-        let z = span_of(self.loader.tiling, 0, layer).z;
+        let z = span_of(self.loader.known.tiling, 0, layer).z;
         let done = z.start.saturating_sub(1)..z.end.saturating_sub(2).max(z.start);
         self.input.volume.release(done);
         Ok(kept)

@@ -1,0 +1,60 @@
+//! Whether a file of voxels lies where the volume does to which it is given.
+
+use crate::error::{Error, Result};
+use crate::grid::{Origin, Placement, Unit};
+use crate::volume::Opened;
+use std::path::Path;
+
+/// Refuses a file, given by an option, that states that it lies otherwise than the volume: voxel by voxel it would be of
+/// another place. What a file does not state is taken to be the volume's.
+///
+/// # Errors
+/// [`Error::Usage`].
+pub fn same_place(
+    option: &str,
+    what: &str,
+    path: &Path,
+    file: &Opened,
+    volume: &Placement,
+) -> Result<()> {
+    /// Of a voxel, by how much places may differ: files round them.
+    const OFF: f64 = 0.1;
+    let stated = &file.provenance;
+    let own = file.volume.header().placement;
+    let known = own.unit != Unit::Voxel && volume.unit != Unit::Voxel;
+    let (true, Ok(own)) = (known, own.in_unit(volume.unit)) else {
+        return Ok(());
+    };
+    let from_file = |origin: Origin| origin == Origin::File;
+    let steps = (0..3).filter(|&a| from_file(stated.spacing[a]));
+    let step = |a: usize| (own.spacing[a] / volume.spacing[a] - 1.0).abs() > OFF / 10.0;
+    let directions = own.directions.as_flattened().iter();
+    let turned = directions
+        .zip(volume.directions.as_flattened())
+        .any(|(a, b)| (a - b).abs() > OFF / 10.0);
+    let has_place =
+        volume.origin != [0.0; 3] || volume.directions != Placement::default().directions;
+    let moved = (0..3).any(|a| {
+        let smallest = volume
+            .spacing
+            .iter()
+            .fold(f64::INFINITY, |s: f64, v| s.min(*v));
+        (own.origin[a] - volume.origin[a]).abs() > OFF * smallest
+    });
+    let lies = if steps.clone().any(step) {
+        format!("voxels of {:?} {}", own.spacing, own.unit)
+    } else if from_file(stated.origin) && has_place && turned {
+        format!("axes along {:?}", own.directions)
+    } else if from_file(stated.origin) && has_place && moved {
+        format!("the first voxel at {:?} {}", own.origin, own.unit)
+    } else {
+        return Ok(());
+    };
+    let expected = format!(
+        "one that lies as the volume does: voxels of {:?} {}, axes along {:?}, the first voxel at {:?}",
+        volume.spacing, volume.unit, volume.directions, volume.origin
+    );
+    let found = format!("{what} {} with {lies}", path.display());
+    Err(Error::usage(option, found, expected)
+        .with_hint("a file without a place, as .npy or raw, is taken voxel by voxel"))
+}

@@ -1,0 +1,227 @@
+//! Cells that are given, as parts of components: by a volume of labels, or by splitting them at their necks.
+//!
+//! The surface does not change, nor do objects and components. A pass over the bits that labelling has kept finds what
+//! the voxels of each cell are, and which cells touch.
+
+mod band;
+mod contacts;
+
+pub use contacts::Contact;
+
+use crate::convert::cells::band::{CellPart, CellSettings, CellsOfBand, cells_of_band};
+use crate::convert::conversion::Conversion;
+use crate::convert::known_band::{KnownBand, KnownBands};
+use crate::convert::label::span_of;
+use crate::convert::memory::BANDS;
+use crate::error::{Error, Result};
+use crate::labels::{BandCells, CellRows, InsideBand};
+use crate::measure::VoxelSums;
+use crate::sys::id_set::{IdRanks, IdSet};
+use crate::sys::locks::{into_inner, lock};
+use crate::sys::memory_pool::{MemoryPool, MemoryReservation};
+use crate::sys::sorted_spill::{Keyed, Sorter};
+use bytemuck::{Pod, Zeroable};
+use rayon::prelude::*;
+use std::path::Path;
+use std::sync::{Arc, Mutex};
+
+/// Parts of cells that are sorted in memory.
+const ROOM: usize = 1 << 12;
+
+/// The voxels of a cell in a component.
+#[repr(C)]
+#[derive(Debug, Clone, Copy, Pod, Zeroable)]
+pub struct CellInComponent {
+    /// Sums over them; without the Euler characteristic of the border.
+    pub sums: VoxelSums,
+    /// The cell.
+    pub cell: u64,
+    /// The component.
+    pub component: u64,
+}
+
+impl Keyed for CellInComponent {
+    fn key(&self) -> [u64; 2] {
+        [self.cell, self.component]
+    }
+}
+
+/// The cells of a volume.
+#[derive(Debug)]
+pub struct GivenCells {
+    /// Which voxels belong to which cell; those below that are given to none have one together.
+    pub rows: CellRows,
+    /// The ids of those that have voxels.
+    pub ids: IdRanks,
+    /// Parts of them, to be sorted and taken once.
+    parts: Option<Sorter<CellInComponent>>,
+    contacts: Option<Sorter<Contact>>,
+    /// Voxels below that are given to none.
+    pub unlabelled: u64,
+}
+
+impl GivenCells {
+    /// Hands on the voxels of each cell in each component, by rising ids; once.
+    ///
+    /// # Errors
+    /// [`Error::Io`], and what `each` returns.
+    pub fn take_parts(
+        &mut self,
+        mut each: impl FnMut(CellInComponent) -> Result<()>,
+    ) -> Result<()> {
+        let Some(parts) = self.parts.take() else {
+            return Ok(());
+        };
+        let mut last: Option<CellInComponent> = None;
+        parts.finish(|part| match &mut last {
+            Some(last) if last.key() == part.key() => {
+                last.sums.merge(&part.sums);
+                Ok(())
+            }
+            _ => last.replace(part).map_or(Ok(()), &mut each),
+        })?;
+        last.map_or(Ok(()), each)
+    }
+
+    /// Hands on where cells touch, by rising ids; once.
+    ///
+    /// # Errors
+    /// [`Error::Io`], and what `each` returns.
+    pub fn take_contacts(&mut self, mut each: impl FnMut(Contact) -> Result<()>) -> Result<()> {
+        let Some(contacts) = self.contacts.take() else {
+            return Ok(());
+        };
+        let mut last: Option<Contact> = None;
+        contacts.finish(|contact| match &mut last {
+            Some(last) if last.cells == contact.cells => {
+                last.merge(&contact);
+                Ok(())
+            }
+            _ => last.replace(contact).map_or(Ok(()), &mut each),
+        })?;
+        last.map_or(Ok(()), each)
+    }
+}
+
+/// What the pass works on.
+pub struct CellsInput<'a> {
+    /// The conversion.
+    pub job: &'a Conversion<'a>,
+    /// Its bands.
+    pub known: KnownBands<'a>,
+    /// Its memory.
+    pub memory: &'a Arc<MemoryPool>,
+    /// Directory for temporary files.
+    pub work: &'a Path,
+}
+
+/// What is gathered from all bands.
+struct Gathered {
+    ids: IdSet,
+    parts: Sorter<CellInComponent>,
+    contacts: Sorter<Contact>,
+    unlabelled: u64,
+}
+
+/// Finds the cells of all voxels, given as `rows`.
+///
+/// # Errors
+/// [`Error::Io`], [`Error::TooDense`] and [`Error::Interrupted`].
+pub fn cells(input: &CellsInput, rows: CellRows) -> Result<GivenCells> {
+    let job = input.job;
+    let none = rows.largest() + 1;
+    let rows = rows.with_none(none);
+    let [_, bands, layers] = job.plan.tiling.tiles();
+    job.progress
+        .begin("cells", u64::from(bands) * u64::from(layers));
+    let gathered = Mutex::new(Gathered {
+        ids: IdSet::default(),
+        parts: Sorter::new(input.work, ROOM)?,
+        contacts: Sorter::new(input.work, ROOM)?,
+        unlabelled: 0,
+    });
+    // no more bands at once than for labelling
+    let at_once = job.plan.bands_at_once as usize;
+    let all: Vec<[u32; 2]> = (0..layers)
+        .flat_map(|tz| (0..bands).map(move |ty| [ty, tz]))
+        .collect();
+    for some in all.chunks(at_once.max(1)) {
+        if job.progress.interrupted() {
+            return Err(Error::Interrupted);
+        }
+        some.par_iter().with_max_len(1).try_for_each(|&place| {
+            let found = input.band(place, &rows)?;
+            job.progress.advance(1);
+            lock(&gathered).add(found, none)
+        })?;
+    }
+    let gathered = into_inner(gathered);
+    Ok(GivenCells {
+        rows,
+        ids: gathered.ids.into_ranks(),
+        parts: Some(gathered.parts),
+        contacts: Some(gathered.contacts),
+        unlabelled: gathered.unlabelled,
+    })
+}
+
+impl CellsInput<'_> {
+    /// The cells of band `ty` of layer `tz`.
+    fn band(&self, place: [u32; 2], rows: &CellRows) -> Result<CellsOfBand> {
+        let (known, tiling) = (self.known, self.known.tiling);
+        let number = known.number(place);
+        let kept = known.kept.get(number)?;
+        let span = span_of(tiling, place[0], place[1]);
+        let kinds = known.kept.kinds(&kept, &span)?;
+        if !kept.has_surface() && kinds.0[0] != 0 {
+            return Ok(CellsOfBand::default());
+        }
+        let mut held = MemoryReservation::new(self.memory, BANDS);
+        let bytes = KnownBands::bytes(&kept, &span);
+        held.grow_to(bytes)?;
+        let (mut band, mut cells) = (KnownBand::default(), BandCells::default());
+        known.load(number, &kept, &kinds, span.clone(), &mut band)?;
+        rows.load(&span, &mut cells)?;
+        let mut inside = None;
+        if let Some(region) = self.job.region {
+            let mut own = InsideBand::default();
+            own.load(region, &span)?;
+            inside = Some(own);
+        }
+        // stretches are as many as runs and pieces
+        held.grow_to(bytes + 3 * cells.bytes() + 12 * kept.runs())?;
+        let options = self.job.options;
+        let settings = CellSettings {
+            dims: tiling.dims,
+            rule: options.ambiguous,
+            place: &options.measured(&self.job.grid.header().placement)?,
+        };
+        Ok(cells_of_band(&band, &cells, inside.as_ref(), &settings))
+    }
+}
+
+impl Gathered {
+    fn add(&mut self, found: CellsOfBand, none: u64) -> Result<()> {
+        for CellPart {
+            cell,
+            component,
+            sums,
+        } in found.parts
+        {
+            // voxels of rows that other bands own are there, too
+            if sums.voxels > 0 {
+                self.ids.insert(cell);
+            }
+            self.unlabelled += if cell == none { sums.voxels } else { 0 };
+            self.parts.push(CellInComponent {
+                sums,
+                cell,
+                component,
+            })?;
+        }
+        found
+            .contacts
+            .into_iter()
+            .try_for_each(|contact| self.contacts.push(contact))
+    }
+}

@@ -1,0 +1,207 @@
+//! Pieces of components that hold several cells, split into a piece for each cell.
+//!
+//! A triangle belongs to the cell of the below end of its vertex with the smallest lattice key, whatever the tile.
+//! Vertices between two cells are in the pieces of both, with the same bits; what a surface counts is counted once.
+
+use crate::labels::BandCells;
+use crate::measure::AreaScale;
+use crate::strip::{NONE, STRIDE, Triangle};
+use crate::surface::assign_pieces::{Piece, VertexAssignment};
+use crate::surface::edges::Edges;
+use crate::surface::mesher::{BandView, TileBox, TileMesh};
+use crate::surface::sums::sum_pieces;
+use std::collections::BTreeMap;
+
+/// Splits pieces; its buffers are used again from tile to tile.
+#[derive(Debug, Default)]
+pub struct PieceSplitter {
+    /// Cell of the below end of each vertex's edge, and the key of the edge.
+    ends: Vec<(u64, u64)>,
+    vectors: [Vec<[f32; 3]>; 2],
+    triangles: Vec<Triangle>,
+    pieces: Vec<Piece>,
+}
+
+/// Where the triangles of a piece went: the part, and the number in it.
+type NewPlaces = Vec<(u32, u32)>;
+
+impl PieceSplitter {
+    /// Gives each piece of the open surface its cell, and splits those that have several.
+    pub fn split<T>(
+        &mut self,
+        view: &BandView<T>,
+        tile: &TileBox,
+        cells: &BandCells,
+        found: (&Edges, &VertexAssignment),
+        area: &AreaScale,
+        out: &mut TileMesh,
+    ) {
+        self.find_ends(view, tile, cells, found);
+        let mut any = false;
+        for piece in &mut out.pieces {
+            let ends = &self.ends[piece.first_vertex as usize..][..piece.vertices as usize];
+            piece.given = ends.first().map_or(0, |end| end.0);
+            any |= ends.iter().any(|end| end.0 != piece.given);
+        }
+        if !any {
+            return;
+        }
+        self.vectors.iter_mut().for_each(Vec::clear);
+        self.triangles.clear();
+        self.pieces.clear();
+        let pieces = std::mem::take(&mut out.pieces);
+        for piece in &pieces {
+            self.add_parts(piece, out);
+        }
+        out.pieces.append(&mut self.pieces);
+        std::mem::swap(&mut out.triangles, &mut self.triangles);
+        out.chunk.begin(self.vectors[0].len());
+        for (to, from) in out.chunk.vectors_mut().into_iter().zip(&self.vectors) {
+            to.copy_from_slice(from);
+        }
+        sum_pieces(&mut out.pieces, out.chunk.numbers(), &out.triangles, area);
+    }
+
+    /// Finds the cell and the key of each vertex.
+    fn find_ends<T>(
+        &mut self,
+        view: &BandView<T>,
+        tile: &TileBox,
+        cells: &BandCells,
+        (edges, assigned): (&Edges, &VertexAssignment),
+    ) {
+        self.ends.clear();
+        self.ends.resize(edges.count(), (0, 0));
+        let span = &view.bits.span;
+        let [first_x, first_y, first_z] = tile.first_cube;
+        let band_row = |y: usize, z: usize| {
+            let (r, s) = (first_y - span.y.start, first_z - span.z.start);
+            (s as usize + z) * span.rows() + r as usize + y
+        };
+        let mut number = 0;
+        for (row, [y, z], words) in edges.crossed_rows() {
+            let key = 3 * tile.linear([0, y, z]);
+            let bits = &edges.bits[row * edges.row_words..][..edges.row_words];
+            for axis in 0..3 {
+                for (w, word) in words.iter().enumerate() {
+                    let mut crossed = word[axis];
+                    while crossed != 0 {
+                        let bit = crossed.trailing_zeros();
+                        crossed &= crossed - 1;
+                        let x = 64 * w as u32 + bit;
+                        let to_upper = u32::from(bits[w] >> bit & 1 == 1);
+                        let mut below = [x, y as u32, z as u32];
+                        below[axis] += to_upper;
+                        let row = band_row(below[1] as usize, below[2] as usize);
+                        let vertex = assigned.first_of[assigned.piece_of[number] as usize]
+                            + assigned.vertex_of[number];
+                        self.ends[vertex as usize] = (
+                            cells.at(row, below[0] + first_x),
+                            key + 3 * u64::from(x) + axis as u64,
+                        );
+                        number += 1;
+                    }
+                }
+            }
+        }
+    }
+
+    /// Adds the parts of a piece by the ids of their cells.
+    fn add_parts(&mut self, piece: &Piece, from: &TileMesh) {
+        let first = piece.first_vertex as usize;
+        let faces = &from.triangles[piece.faces()];
+        let cell_of = |triangle: &Triangle| {
+            let corners = triangle.corners().map(|v| self.ends[first + v as usize]);
+            let lowest = corners.into_iter().min_by_key(|end| end.1);
+            lowest.expect("three corners").0
+        };
+        let mut parts: BTreeMap<u64, Part> = BTreeMap::new();
+        let cells: Vec<u64> = faces[1..].iter().map(cell_of).collect();
+        for &cell in &cells {
+            parts.entry(cell).or_default();
+        }
+        for (number, part) in (0..).zip(parts.values_mut()) {
+            part.number = number;
+            part.vertex_of = vec![u32::MAX; piece.vertices as usize];
+        }
+        let mut places: NewPlaces = vec![(u32::MAX, 0)];
+        for (triangle, cell) in faces[1..].iter().zip(&cells) {
+            let part = parts.get_mut(cell).expect("one for each cell");
+            part.triangles += 1;
+            places.push((part.number, part.triangles));
+            for corner in triangle.corners() {
+                part.vertex_of[corner as usize] = 0;
+            }
+        }
+        // what the surface counts is with the first part
+        let mut counts = Some(piece.sums);
+        for (cell, mut part) in parts {
+            let new = self.new_piece(piece, cell, &mut part, from);
+            self.pieces.push(Piece {
+                sums: counts.take().unwrap_or_default(),
+                ..new
+            });
+            let at = new.first_triangle as usize;
+            self.triangles.resize(
+                self.pieces[self.pieces.len() - 1].end_of_faces() as usize,
+                Triangle::default(),
+            );
+            let own = (1..)
+                .zip(&faces[1..])
+                .filter(|&(t, _): &(usize, _)| places[t].0 == part.number);
+            for (t, triangle) in own {
+                let to = at + places[t].1 as usize;
+                self.triangles[to] = part.moved(triangle, &places);
+            }
+        }
+    }
+
+    /// A part of a piece without its sums; its vertices are added.
+    fn new_piece(&mut self, piece: &Piece, cell: u64, part: &mut Part, from: &TileMesh) -> Piece {
+        let coordinates = from.chunk.numbers();
+        let normals = 3 * from.chunk.vertices();
+        let mut new = Piece::new(piece.object, piece.cell);
+        new.given = cell;
+        new.first_vertex = self.vectors[0].len() as u32;
+        new.first_triangle = self.pieces.last().map_or(0, Piece::end_of_faces);
+        new.triangles = part.triangles;
+        for (v, to) in part.vertex_of.iter_mut().enumerate() {
+            if *to == u32::MAX {
+                continue;
+            }
+            *to = new.vertices;
+            new.vertices += 1;
+            let at = piece.first_vertex as usize + v;
+            new.key = new.key.min(self.ends[at].1);
+            for (vectors, start) in self.vectors.iter_mut().zip([0, normals]) {
+                let numbers = &coordinates[start + 3 * at..][..3];
+                vectors.push([numbers[0], numbers[1], numbers[2]]);
+            }
+        }
+        new
+    }
+}
+
+/// A part of a piece while it is made.
+#[derive(Debug, Default)]
+struct Part {
+    number: u32,
+    triangles: u32,
+    /// Its vertex of each of the piece's; `u32::MAX` of those that it lacks.
+    vertex_of: Vec<u32>,
+}
+
+impl Part {
+    /// A triangle of the piece with the part's vertices; neighbours in other parts are none.
+    fn moved(&self, triangle: &Triangle, places: &NewPlaces) -> Triangle {
+        let corners = triangle.corners().map(|v| self.vertex_of[v as usize]);
+        let mates = triangle.mates.map(|mate| {
+            let (part, number) = places[(mate / STRIDE) as usize];
+            match part == self.number {
+                true => STRIDE * number + mate % STRIDE,
+                false => NONE,
+            }
+        });
+        Triangle::new(corners, mates)
+    }
+}
