@@ -194,7 +194,8 @@ fn write_necks(made: &mut Split, options: &SplitOptions, file: File) -> Result<(
         let [x, y, z] = [neck.voxel % nx, neck.voxel / nx % ny, neck.voxel / nx / ny];
         let (radius, ratio) = (neck.radius(&options.metric), neck.ratio());
         let area = neck.area([1.0; 3]);
-        let line = writeln!(file, "{a},{b},{radius:.3},{ratio:.4},{x},{y},{z},{area:.2}");
+        let ratio = ratio.map_or(String::new(), |ratio| format!("{ratio:.4}"));
+        let line = writeln!(file, "{a},{b},{radius:.3},{ratio},{x},{y},{z},{area:.2}");
         failed = std::mem::replace(&mut failed, Ok(())).and(line);
         Ok(())
     })?;

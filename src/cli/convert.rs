@@ -17,6 +17,7 @@ use crate::grid::{Ambiguous, Origin, Unit};
 use crate::lod::{LodOptions, LodReport};
 use crate::manifest::Form;
 use crate::progress::Progress;
+use crate::split::NeckRule;
 use crate::volume::{Opened, Stamp};
 use crate::words::exact;
 use clap::{Args, ValueEnum, ValueHint};
@@ -105,6 +106,20 @@ pub struct ConvertArgs {
     /// voxels below with label 0 are one more cell, behind the largest label. Labels of voxels above mean nothing.
     #[arg(long, value_name = "FILE", value_hint = ValueHint::FilePath, conflicts_with = "out_dir")]
     labels: Option<PathBuf>,
+    /// Split cells that leak into each other where the opening is at most this part of the smaller one's radius
+    /// [without a number: 0.8]
+    ///
+    /// For walls with holes: a foam whose bubbles one threshold joins. A cell ends where the radius of the opening between
+    /// it and the next is at most RATIO times its own; necks.csv lists all openings, and `alvis cells OUT --split-curve`
+    /// how many cells other ratios give. Comes after the filters and --min-voxels.
+    #[arg(long, value_name = "RATIO", num_args = 0..=1, default_missing_value = "0.8", value_parser = parse::ratio, conflicts_with = "labels")]
+    split: Option<u32>,
+    /// With --split: do not cut where the radius falls by less than this, in voxels of the finest axis; 1 for thin tubes
+    #[arg(long, value_name = "H", default_value = "0.5", value_parser = parse::voxels_256, requires = "split")]
+    split_h: u32,
+    /// With --split: what is thinner than this radius, in voxels of the finest axis, is no cell of its own
+    #[arg(long, value_name = "R", default_value = "0", value_parser = parse::voxels_256, requires = "split")]
+    split_min_radius: u32,
     /// Convert this box of voxels only; half-open, a missing bound is the volume's
     ///
     /// Voxels are those of the filtered volume. What filters read of voxels outside of the box still counts, so that a
@@ -209,6 +224,11 @@ impl ConvertArgs {
             ambiguous: self.ambiguous.into(),
             cap: self.cap,
             min_voxels: self.min_voxels,
+            split: self.split.map(|ratio_permille| NeckRule {
+                ratio_permille,
+                h_256: self.split_h,
+                min_radius_256: self.split_min_radius,
+            }),
             crop,
             primitives: form.primitives,
             encoding: form.encoding,

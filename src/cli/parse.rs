@@ -55,6 +55,26 @@ pub fn macrocube(text: &str) -> Result<[u32; 3], String> {
     }
 }
 
+/// A ratio of radii above 0, at most 1, in thousandths.
+pub fn ratio(text: &str) -> Result<u32, String> {
+    let expected = "expected a ratio of radii above 0, at most 1; to have none, put --split behind the names of files";
+    let value = text.trim().parse::<f64>().ok();
+    let thousandths = value
+        .map(|v| v * 1000.0)
+        .filter(|v| (0.5..=1000.0).contains(v));
+    thousandths.map_or(Err(expected.to_owned()), |v| Ok(v.round() as u32))
+}
+
+/// Voxels, from 0 on, in 1/256.
+pub fn voxels_256(text: &str) -> Result<u32, String> {
+    let value = text.trim().parse::<f64>().ok();
+    let steps = value
+        .map(|v| v * 256.0)
+        .filter(|v| (0.0..=65_536.0).contains(v));
+    let expected = "expected a number of voxels from 0 to 256";
+    steps.map_or(Err(expected.to_owned()), |v| Ok(v.round() as u32))
+}
+
 /// A unit of length by its short name or English word.
 pub fn length_unit(text: &str) -> Result<Unit, String> {
     let unit = text.parse().ok().filter(|unit| *unit != Unit::Voxel);

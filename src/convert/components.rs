@@ -1,6 +1,6 @@
 //! Every component and surface of the volume, with the sums over its voxels and triangles.
 
-use crate::convert::cells::GivenCells;
+use crate::convert::cells::{GivenCells, Opening};
 use crate::convert::label::{EndedComponents, Labelled};
 use crate::convert::memory::FOR_EACH_TABLE;
 use crate::convert::mesh::MeshOutput;
@@ -8,8 +8,8 @@ use crate::convert::mesh::tile_writer::WrittenPiece;
 use crate::convert::resolve::{ComponentId, Resolved};
 use crate::error::Result;
 use crate::measure::{ComponentRecord, RecordTable, SurfaceRecord};
-use crate::sys::id_set::IdRanks;
 use crate::sys::spill_file::SpillFile;
+use bytemuck::{Pod, Zeroable};
 use std::path::Path;
 
 /// In the place of the component of a cell that has voxels in several.
@@ -27,22 +27,33 @@ pub struct Components {
     pub given: Option<Given>,
 }
 
+/// What more is known of a cell that is a part of a component.
+#[repr(C)]
+#[derive(Debug, Clone, Copy, PartialEq, Pod, Zeroable)]
+pub struct PartRecord {
+    /// The component, or [`SEVERAL`].
+    pub component: u64,
+    /// Radius of its widest opening; 0 if that is not known, or there is none.
+    pub largest_neck: f64,
+}
+
 /// What is known where cells are parts of components.
 pub struct Given {
-    /// Ids of the cells.
-    pub ids: IdRanks,
+    /// The cells.
+    pub cells: GivenCells,
     /// Components of voxels below; record i has id i + 1.
     pub components: RecordTable<ComponentRecord>,
-    /// The component of each cell, by the places of their ids, or [`SEVERAL`].
-    pub component_of: RecordTable<u64>,
-    /// Where cells touch, by rising ids.
-    pub contacts: SpillFile,
+    /// What more is known of each cell, by the places of their ids.
+    pub parts: RecordTable<PartRecord>,
 }
 
 impl Given {
     /// The place of a cell.
     fn place(&self, cell: u64) -> u64 {
-        self.ids.rank(cell).expect("cells of pieces have voxels")
+        self.cells
+            .ids
+            .rank(cell)
+            .expect("cells of pieces have voxels")
     }
 }
 
@@ -55,23 +66,24 @@ pub fn sum_up(
     labelled: &mut Labelled,
     resolved: &mut Resolved,
     meshed: &mut MeshOutput,
-    cells: Option<&mut GivenCells>,
+    cells: Option<GivenCells>,
     memory: u64,
     work: &Path,
 ) -> Result<Components> {
     let of_each = FOR_EACH_TABLE.of(memory);
     let counts = resolved.counts;
     let table = |count| RecordTable::new(count, of_each, work);
-    let given = match &cells {
+    let given = match cells {
         Some(cells) => Some(Given {
-            ids: cells.ids.clone(),
             components: table(counts.cells)?,
-            component_of: RecordTable::new(cells.ids.len(), of_each, work)?,
-            contacts: SpillFile::new(work)?,
+            parts: RecordTable::new(cells.ids.len(), of_each, work)?,
+            cells,
         }),
         None => None,
     };
-    let cell_count = given.as_ref().map_or(counts.cells, |given| given.ids.len());
+    let cell_count = given
+        .as_ref()
+        .map_or(counts.cells, |given| given.cells.ids.len());
     let mut components = Components {
         objects: table(counts.objects)?,
         cells: table(cell_count)?,
@@ -93,9 +105,7 @@ pub fn sum_up(
         }
     }
     components.add_meshes()?;
-    if let Some(cells) = cells {
-        components.add_cells(cells)?;
-    }
+    components.add_cells()?;
     Ok(components)
 }
 
@@ -192,20 +202,30 @@ impl Components {
     }
 
     /// Enters the voxels of cells that are given, and where they touch.
-    fn add_cells(&mut self, from: &mut GivenCells) -> Result<()> {
-        let Some(given) = &mut self.given else {
+    fn add_cells(&mut self) -> Result<()> {
+        let Some(Given {
+            cells: from,
+            components,
+            parts,
+        }) = &mut self.given
+        else {
             return Ok(());
         };
-        let table = &mut self.cells;
-        from.take_contacts(|contact| {
-            given.contacts.push(&[contact])?;
-            let mut cells = contact.cells.into_iter();
-            cells.try_for_each(|cell| table.update(given.place(cell), |r| r.neighbours += 1))
+        let (table, ids) = (&mut self.cells, from.ids.clone());
+        let place_of = |cell| ids.rank(cell).expect("cells have voxels");
+        from.openings.each(|opening: Opening| {
+            opening.cells.into_iter().try_for_each(|cell| {
+                let place = place_of(cell);
+                table.update(place, |record| record.necks += 1)?;
+                // NaN is not larger than anything
+                parts.update(place, |part| {
+                    part.largest_neck = part.largest_neck.max(opening.radius);
+                })
+            })
         })?;
-        given.contacts.mark()?;
         from.take_parts(|part| {
-            let (place, component) = (given.place(part.cell), part.component);
-            let whole = given.components.get(component - 1)?;
+            let (place, component) = (place_of(part.cell), part.component);
+            let whole = components.get(component - 1)?;
             table.update(place, |record| {
                 // of several components, the first ones that are merged have no sums yet
                 let first = record.voxels.voxels == 0;
@@ -214,13 +234,13 @@ impl Components {
                     false => record.voxels.merge(&part.sums),
                 }
                 record.surfaces += whole.surfaces;
-                if record.neighbours == 0 {
+                if record.necks == 0 {
                     // then all of the component is in it
                     record.voxels.border_euler += whole.voxels.border_euler;
                 }
             })?;
-            given.component_of.update(place, |of| {
-                *of = match *of {
+            parts.update(place, |part| {
+                part.component = match part.component {
                     0 => component,
                     _ => SEVERAL,
                 }

@@ -1,12 +1,14 @@
 //! What all stages of a conversion know.
 
 use crate::convert::ConvertOptions;
+use crate::convert::cells::{GivenCells, metric};
 use crate::convert::mesh::tile_writer::TileWriter;
 use crate::convert::plan::Plan;
 use crate::grid::LATTICE;
 use crate::labels::CellRows;
 use crate::manifest::{
-    Dust, FORMAT, FORMAT_VERSION, Generator, GridInfo, Manifest, Source, Tables, Totals,
+    Dust, FORMAT, FORMAT_VERSION, Generator, GridInfo, Manifest, PartsBy, SPLIT_VERSION, Source,
+    Tables, Totals,
 };
 use crate::progress::Progress;
 use crate::tile::{TileHead, WidestNodes};
@@ -89,6 +91,30 @@ impl Conversion<'_> {
         }
     }
 
+    /// What the manifest says of cells that are parts of components; what only `found` tells is left out without it.
+    pub fn stated_cells(&self, found: Option<&GivenCells>) -> Option<PartsBy> {
+        let options = self.options;
+        if let Some(labels) = &options.labels {
+            return Some(PartsBy::Labels {
+                file: labels.file.clone(),
+                checksum: labels.checksum.clone(),
+                unlabelled: found.map(|cells| cells.unlabelled).filter(|&n| n > 0),
+            });
+        }
+        let rule = options.split?;
+        let metric = metric(self.grid.header().placement.spacing);
+        Some(PartsBy::Split {
+            version: SPLIT_VERSION,
+            ratio_permille: rule.ratio_permille,
+            h_256: rule.h_256,
+            min_radius_256: rule.min_radius_256,
+            weights: metric.weights(),
+            unit: metric.unit(),
+            reach: metric.reach(),
+            curve: found.map_or(Vec::new(), |cells| cells.curve.clone()),
+        })
+    }
+
     /// What the manifest says, but for its layers and what was left out.
     pub fn manifest(&self, totals: Totals) -> Manifest {
         let source = self.volume.header();
@@ -129,7 +155,7 @@ impl Conversion<'_> {
             threshold: options.threshold,
             ambiguous: options.ambiguous,
             cap: options.cap,
-            cells: options.given_cells(None),
+            cells: self.stated_cells(None),
             dust: None,
             primitives: options.primitives,
             encoding: options.encoding,
@@ -138,9 +164,9 @@ impl Conversion<'_> {
             transform: placement.gltf_matrix(),
             totals,
             layers: Vec::new(),
-            tables: match options.labels {
-                Some(_) => Tables::named(options.parquet).with_components(),
-                None => Tables::named(options.parquet),
+            tables: match options.has_parts() {
+                true => Tables::named(options.parquet).with_components(),
+                false => Tables::named(options.parquet),
             },
             selection: None,
             lod: None,

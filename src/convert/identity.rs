@@ -2,7 +2,7 @@
 
 use crate::checkpoint::Identity;
 use crate::grid::{Region, Shape, filters_text};
-use crate::manifest::{GivenCells, Manifest};
+use crate::manifest::{Manifest, PartsBy};
 use crate::volume::Stamp;
 use serde::Serialize;
 
@@ -26,10 +26,31 @@ fn region_text(region: &Region) -> String {
     format!("{shape}{of} with {fill} of {fill_value} around it")
 }
 
-/// What cells are, and all that makes them others.
-fn cells_text(cells: &GivenCells) -> String {
+/// Labels, and all that makes them others.
+fn labels_text(cells: &PartsBy) -> Option<String> {
     match cells {
-        GivenCells::Labels { file, checksum, .. } => format!("{file} ({checksum})"),
+        PartsBy::Labels { file, checksum, .. } => Some(format!("{file} ({checksum})")),
+        PartsBy::Split { .. } => None,
+    }
+}
+
+/// The rule of necks.
+fn split_text(cells: &PartsBy) -> Option<String> {
+    match cells {
+        PartsBy::Split {
+            version,
+            ratio_permille,
+            h_256,
+            min_radius_256,
+            ..
+        } => {
+            let thousandths = f64::from(*ratio_permille) / 1000.0;
+            let [h, radius] = [*h_256, *min_radius_256].map(|v| f64::from(v) / 256.0);
+            Some(format!(
+                "{thousandths} with --split-h {h} and --split-min-radius {radius} (version {version})"
+            ))
+        }
+        PartsBy::Labels { .. } => None,
     }
 }
 
@@ -98,7 +119,8 @@ fn stated(manifest: &Manifest) -> Vec<(String, String)> {
             (!filters.is_empty()).then(|| filters_text(filters)),
         ),
         ("--roi", manifest.region.as_ref().map(region_text)),
-        ("--labels", manifest.cells.as_ref().map(cells_text)),
+        ("--labels", manifest.cells.as_ref().and_then(labels_text)),
+        ("--split", manifest.cells.as_ref().and_then(split_text)),
         (
             "--table-unit",
             manifest.table_unit.map(|unit| unit.name().to_string()),

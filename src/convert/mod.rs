@@ -286,7 +286,13 @@ fn sweep(
             kept: &labelled.bands,
             ids: &resolved.bands,
         };
-        let cells = given_cells(job, known, memory, work)?;
+        let input = CellsInput {
+            job,
+            known,
+            memory,
+            work,
+        };
+        let cells = cells(&input)?;
         let input = MeshInput {
             job,
             volume,
@@ -307,23 +313,6 @@ fn sweep(
     // labels and surfaces of a volume that changed meanwhile may not fit each other
     job.options.input.check()?;
     Ok(swept)
-}
-
-/// The cells, where these are given.
-fn given_cells(
-    job: &Conversion,
-    known: KnownBands,
-    memory: &Arc<MemoryPool>,
-    work: &Path,
-) -> Result<Option<GivenCells>> {
-    let input = CellsInput {
-        job,
-        known,
-        memory,
-        work,
-    };
-    let given = job.labels.map(|rows| cells(&input, rows.clone()));
-    given.transpose()
 }
 
 /// All stages between planning and moving into place.
@@ -350,7 +339,7 @@ fn make(job: &Conversion, work: &Path, checkpointer: &mut Checkpointer) -> Resul
         || last_layer.commit(checkpointer),
         || {
             let (labelled, resolved) = (&mut swept.labelled, &mut swept.resolved);
-            let cells = swept.cells.as_mut();
+            let cells = swept.cells.take();
             sum_up(labelled, resolved, &mut tiles, cells, for_tables, work)
         },
     );
@@ -379,10 +368,9 @@ fn make(job: &Conversion, work: &Path, checkpointer: &mut Checkpointer) -> Resul
     warnings
         .iter()
         .for_each(|warning| job.progress.warn(warning));
-    let unlabelled = swept.cells.as_ref().map(|cells| cells.unlabelled);
     let manifest = Manifest {
         dust,
-        cells: job.options.given_cells(unlabelled),
+        cells: job.stated_cells(components.given.as_ref().map(|given| &given.cells)),
         ..job.manifest(totals)
     };
     let index = set.finish(manifest)?;

@@ -5,7 +5,8 @@ use crate::grid::{
     Ambiguous, Crop, Fill, Filter, Filtered, Part, Placement, Provenance, Region, Shape, Unit,
 };
 use crate::labels::CellRows;
-use crate::manifest::{Encoding, Form, GivenCells, Layout, Primitives, Totals};
+use crate::manifest::{Encoding, Form, Layout, Primitives, Totals};
+use crate::split::NeckRule;
 use crate::volume::{RegionVoxels, Stamp};
 use serde::Serialize;
 
@@ -65,6 +66,8 @@ pub struct ConvertOptions {
     /// The cells of all voxels of the volume before the crop, where they are not to be the components; see
     /// [`GivenCells::Labels`].
     pub labels: Option<Labels>,
+    /// Split components of voxels below into cells at their necks by this rule; not with labels.
+    pub split: Option<NeckRule>,
     /// The region of interest; all of the volume if absent.
     pub region: Option<RegionOfInterest>,
     /// Where spacing, unit and origin came from, for the manifest.
@@ -125,13 +128,9 @@ impl ConvertOptions {
         filtered.map_or_else(Vec::new, |f| f.filters.clone())
     }
 
-    /// What the manifest says of cells that are given, with the voxels below that have no label, once they are known.
-    pub(crate) fn given_cells(&self, unlabelled: Option<u64>) -> Option<GivenCells> {
-        self.labels.as_ref().map(|labels| GivenCells::Labels {
-            file: labels.file.clone(),
-            checksum: labels.checksum.clone(),
-            unlabelled: unlabelled.filter(|&voxels| voxels > 0),
-        })
+    /// True if cells are parts of components.
+    pub(crate) fn has_parts(&self) -> bool {
+        self.labels.is_some() || self.split.is_some()
     }
 
     /// The placement of a volume in the unit of tables and measures.
@@ -154,6 +153,16 @@ impl ConvertOptions {
                 self.threshold.to_string(),
                 "a finite number",
             ));
+        }
+        if self.labels.is_some() && self.split.is_some() {
+            return Err(Error::usage(
+                "--split",
+                "it together with --labels",
+                "one of them: cells are those of the labels, or split at necks",
+            ));
+        }
+        if let Some(rule) = &self.split {
+            rule.check()?;
         }
         if self.macrocube.contains(&0) {
             return Err(Error::usage(
@@ -201,6 +210,7 @@ impl Default for ConvertOptions {
             source_scaled: false,
             source_filtered: None,
             labels: None,
+            split: None,
             region: None,
             provenance: Provenance::default(),
         }

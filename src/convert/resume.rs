@@ -5,7 +5,7 @@ use crate::convert::conversion::{Conversion, Made};
 use crate::convert::identity;
 use crate::convert::warnings::warnings;
 use crate::error::{Error, Result};
-use crate::manifest::{GivenCells, Layer, Manifest};
+use crate::manifest::{Layer, Manifest, PartsBy};
 use crate::tileset::Output;
 use std::fs::File;
 use std::io::{BufRead, BufReader, Read, Write};
@@ -109,6 +109,24 @@ pub fn refuse_other(job: &Conversion, out: &Path) -> Result<()> {
     }
 }
 
+/// What is asked for of cells, with what is known of them at the end as it was found.
+fn same_cells(asked: Option<PartsBy>, found: Option<&PartsBy>) -> Option<PartsBy> {
+    let mut asked = asked?;
+    match (&mut asked, found) {
+        (
+            PartsBy::Labels { unlabelled, .. },
+            Some(PartsBy::Labels {
+                unlabelled: found, ..
+            }),
+        ) => unlabelled.clone_from(found),
+        (PartsBy::Split { curve, .. }, Some(PartsBy::Split { curve: found, .. })) => {
+            curve.clone_from(found);
+        }
+        _ => {}
+    }
+    Some(asked)
+}
+
 /// What was made, if `out` holds the tile set that is asked for, and the input did not change since.
 pub fn complete(job: &Conversion, out: &Path) -> Option<Made> {
     let options = job.options;
@@ -118,8 +136,8 @@ pub fn complete(job: &Conversion, out: &Path) -> Option<Made> {
     let min_voxels = found.dust.map_or(1, |d| d.min_voxels);
     let same = Manifest {
         dust: found.dust,
-        // how many voxels have no label is known at the end
-        cells: options.given_cells(found.cells.as_ref().and_then(GivenCells::unlabelled)),
+        // as much of it as is known before
+        cells: same_cells(job.stated_cells(None), found.cells.as_ref()),
         // levels are made of a set that is whole
         lod: found.lod.clone(),
         ..job.manifest(found.totals)

@@ -1,6 +1,6 @@
 //! The tables of cells, objects and surfaces as CSV files.
 
-use crate::convert::cells::Contact;
+use crate::convert::cells::Opening;
 use crate::convert::components::{Components, Given, SEVERAL};
 use crate::convert::finalize::Stop;
 use crate::error::{Error, Result};
@@ -132,12 +132,13 @@ fn write_given(
         cells,
         stop,
         |i, record, row| {
-            row.put(given.ids.id(i));
+            row.put(given.cells.ids.id(i));
             row.put_all(&COMPONENT_COLUMNS, &Measures::of(record, place, false));
-            let component = given.component_of.get(i)?;
+            let known = given.parts.get(i)?;
             let part = PartOfComponent {
-                component: (component != SEVERAL).then_some(component),
-                neighbours: record.neighbours,
+                component: (known.component != SEVERAL).then_some(known.component),
+                necks: record.necks,
+                largest_neck: (known.largest_neck > 0.0).then_some(known.largest_neck),
             };
             row.put_all(&PART_COLUMNS, &part);
             Ok(())
@@ -145,11 +146,11 @@ fn write_given(
     )?;
     let path = work.join(COMPONENTS);
     let of_components = write_components(&path, &given.components, place, false, stop)?;
-    Ok(of_cells + of_components + write_necks(&work.join(NECKS), &given.contacts, place)?)
+    Ok(of_cells + of_components + write_necks(&work.join(NECKS), &given.cells.openings, place)?)
 }
 
 /// Writes `necks.csv` and returns its size.
-fn write_necks(path: &Path, contacts: &SpillFile, place: &Placement) -> Result<u64> {
+fn write_necks(path: &Path, openings: &SpillFile, place: &Placement) -> Result<u64> {
     let failed = |e| Error::io(path, "write", e);
     let file = File::create(path).map_err(|e| Error::io(path, "create", e))?;
     let mut out = BufWriter::new(file);
@@ -163,13 +164,14 @@ fn write_necks(path: &Path, contacts: &SpillFile, place: &Placement) -> Result<u
         put
     };
     put(&mut text)?;
-    contacts.each(|contact: Contact| {
+    let known = |value: f64| (!value.is_nan()).then_some(value);
+    openings.each(|opening: Opening| {
         let neck = NeckRow {
-            cells: contact.cells,
-            radius: None,
-            ratio: None,
-            place: contact.middle().map(|middle| place.world(middle)),
-            area: contact.area(place.spacing),
+            cells: opening.cells,
+            radius: known(opening.radius),
+            ratio: known(opening.ratio),
+            place: known(opening.place[0]).map(|_| place.world(opening.place)),
+            area: opening.area,
         };
         let started = false;
         Row {

@@ -16,7 +16,7 @@ use std::sync::Arc;
 /// Bits of a piece's cell; above them is its first voxel, which is below 65,536.
 const CELL_BITS: u32 = 48;
 /// The largest number of a cell.
-pub const MOST_CELLS: u64 = (1 << CELL_BITS) - 2;
+const MOST_CELLS: u64 = (1 << CELL_BITS) - 2;
 /// Bits of the number of a row's pieces, of which it has at most 65,536; above them is where they begin.
 const COUNT_BITS: u32 = 17;
 /// Rows whose places are written at once.
@@ -29,6 +29,7 @@ pub struct CellPiece(u64);
 impl CellPiece {
     /// From voxel `start` on, of `cell`, which is at most [`MOST_CELLS`].
     pub fn new(start: u32, cell: u64) -> Self {
+        debug_assert!(cell <= MOST_CELLS);
         CellPiece(u64::from(start) << CELL_BITS | cell)
     }
 

@@ -53,6 +53,26 @@ impl RowKinds {
         bits.span = span;
     }
 
+    /// How many rows of both phases come before this one.
+    pub fn mixed_before(&self, row: usize) -> usize {
+        self.0[..row].iter().filter(|&&kind| kind == MIXED).count()
+    }
+
+    /// Fills in the words of some rows of a band of `nx` voxels along x, `mixed` being those of the mixed ones among them.
+    pub fn fill_rows(&self, rows: Range<usize>, nx: u32, mixed: &[u64], out: &mut [u64]) {
+        let row_words = (nx as usize).div_ceil(64);
+        let mut mixed = mixed.chunks_exact(row_words);
+        for (&kind, out) in self.0[rows].iter().zip(out.chunks_exact_mut(row_words)) {
+            match kind {
+                MIXED => out.copy_from_slice(mixed.next().expect("words of each mixed row")),
+                kind => {
+                    out.fill(if kind == ABOVE { !0 } else { 0 });
+                    out[row_words - 1] &= last_word(nx);
+                }
+            }
+        }
+    }
+
     /// True if the surface crosses any edge of the band.
     pub fn has_surface(&self) -> bool {
         self.0

@@ -73,7 +73,7 @@ pub struct Manifest {
     pub cap: bool,
     /// What cells are, where they are not the components of below voxels but parts of these.
     #[serde(default, skip_serializing_if = "Option::is_none")]
-    pub cells: Option<GivenCells>,
+    pub cells: Option<PartsBy>,
     /// What was left out as dust, if anything was to be.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub dust: Option<Dust>,
@@ -176,10 +176,13 @@ pub struct Source {
     pub provenance: Provenance,
 }
 
+/// Value of `version` in [`PartsBy::Split`]: rules of other versions give other cells.
+pub const SPLIT_VERSION: u32 = 1;
+
 /// What cells are, where they are parts of the components of below voxels.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
-#[serde(tag = "from", rename_all = "lowercase")]
-pub enum GivenCells {
+#[serde(tag = "by", rename_all = "lowercase")]
+pub enum PartsBy {
     /// A volume of labels of the same size: the cell of a voxel below has the number of its label.
     Labels {
         /// The name of its file, without its directory.
@@ -191,15 +194,25 @@ pub enum GivenCells {
         #[serde(default, skip_serializing_if = "Option::is_none")]
         unlabelled: Option<u64>,
     },
-}
-
-impl GivenCells {
-    /// Voxels below with label 0, if there are any.
-    pub fn unlabelled(&self) -> Option<u64> {
-        match self {
-            GivenCells::Labels { unlabelled, .. } => *unlabelled,
-        }
-    }
+    /// Necks: see [`crate::split`].
+    Split {
+        /// [`SPLIT_VERSION`].
+        version: u32,
+        /// Cut where the radius of the opening is at most so many thousandths of that of the smaller cell.
+        ratio_permille: u32,
+        /// Not where the radius falls by less than this, in 1/256 of the finest voxel.
+        h_256: u32,
+        /// Nor where the smaller radius is less than this, in the same unit.
+        min_radius_256: u32,
+        /// Weights of squared steps along x, y and z.
+        weights: [u32; 3],
+        /// The weight of a step along the finest axis.
+        unit: u32,
+        /// Steps along the finest axis from which on distances are not told apart.
+        reach: u8,
+        /// Cells for other ratios: thousandths, and how many.
+        curve: Vec<[u64; 2]>,
+    },
 }
 
 fn is_zero(number: &u64) -> bool {

@@ -132,18 +132,21 @@ pub const COMPONENT_COLUMNS: [Column<Measures>; 27] = [
 pub struct PartOfComponent {
     /// The component; `None` for a cell with voxels in several.
     pub component: Option<u64>,
-    /// Cells that it touches.
-    pub neighbours: u64,
+    /// Other cells of its component that it touches: openings.
+    pub necks: u64,
+    /// Radius of the widest of these, if that was looked for.
+    pub largest_neck: Option<f64>,
 }
 
 /// Columns of `cells.csv` behind the others where cells are parts of components.
-pub const PART_COLUMNS: [Column<PartOfComponent>; 2] = [
+pub const PART_COLUMNS: [Column<PartOfComponent>; 3] = [
     in_table(
         "component",
         0,
         Get::Signed(|p| p.component.map(|id| id as i64)),
     ),
-    in_table("neighbours", 0, Get::Count(|p| p.neighbours)),
+    in_table("necks", 0, Get::Count(|p| p.necks)),
+    in_table("largest_neck", 1, Get::Real(|p| or_nan(p.largest_neck))),
 ];
 
 /// Where two cells of one component touch, in the unit of length.

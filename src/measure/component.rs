@@ -21,7 +21,7 @@ pub struct ComponentRecord {
     pub tiles: u64,
     /// Number of other cells of its component that it touches: its surface is open there. 0 where each component is a
     /// cell.
-    pub neighbours: u64,
+    pub necks: u64,
     reserved: u64,
 }
 
@@ -102,7 +102,7 @@ impl Measures {
             -record.mesh.volume6
         };
         let lattice_cube = (f64::from(LATTICE) * f64::from(LATTICE)) * f64::from(LATTICE);
-        let open = touches_border || record.neighbours > 0;
+        let open = touches_border || record.necks > 0;
         let mesh_volume = (!open && record.mesh.triangles > 0)
             .then(|| signed as f64 / 6.0 / lattice_cube * voxel_size);
         let form_factor = mesh_volume.map(|v| 36.0 * PI * v * v / (area * area * area));
@@ -123,7 +123,7 @@ impl Measures {
             elongation: shape.axes[1] / shape.axes[0],
             flatness: shape.axes[2] / shape.axes[1],
             orientation: shape.orientation,
-            euler_characteristic: (record.neighbours == 0).then(|| euler_of(record)),
+            euler_characteristic: (record.necks == 0).then(|| euler_of(record)),
             touches_border,
             tiles: record.tiles,
         }

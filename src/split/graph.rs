@@ -8,7 +8,7 @@
 
 use super::metric::{Metric, Peak, Saddle};
 use super::touches::Mixer;
-use crate::error::Result;
+use crate::error::{Error, Result};
 use std::collections::{BTreeMap, HashMap};
 
 /// When a saddle is a neck.
@@ -35,6 +35,19 @@ impl Default for NeckRule {
 }
 
 impl NeckRule {
+    /// Refuses a ratio out of range.
+    ///
+    /// # Errors
+    /// [`Error::Usage`].
+    pub fn check(&self) -> Result<()> {
+        if (1..=1000).contains(&self.ratio_permille) {
+            return Ok(());
+        }
+        let found = f64::from(self.ratio_permille) / 1000.0;
+        let expected = "a ratio of radii above 0, at most 1, in steps of 0.001";
+        Err(Error::usage("--split", found.to_string(), expected))
+    }
+
     /// True if the basins at a saddle of this level are one cell; `peak` is the lower of the two peaks.
     pub fn joins(&self, metric: &Metric, saddle: u32, peak: u32) -> bool {
         let ratio = u64::from(self.ratio_permille);

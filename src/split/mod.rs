@@ -86,12 +86,7 @@ impl SplitOptions {
     /// # Errors
     /// [`Error::Usage`] naming the option.
     pub fn check(&self) -> Result<()> {
-        let ratio = self.rule.ratio_permille;
-        if !(1..=1000).contains(&ratio) {
-            let found = f64::from(ratio) / 1000.0;
-            let expected = "a ratio of radii above 0, at most 1, in steps of 0.001";
-            return Err(Error::usage("--split", found.to_string(), expected));
-        }
+        self.rule.check()?;
         let (grid, dims) = (self.grid, self.grid.dims);
         if dims.0.contains(&0)
             || dims.0[0] > crate::grid::MAX_DIM

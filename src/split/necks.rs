@@ -1,7 +1,8 @@
-//! Necks: where cells were cut from each other.
+//! Necks: where cells touch that are parts of one component.
 
 use super::metric::Metric;
 use super::numbers::Numbers;
+use super::touches::Touch;
 use crate::error::Result;
 use crate::sys::sorted_spill::{Keyed, Sorter};
 use std::path::Path;
@@ -9,7 +10,7 @@ use std::path::Path;
 /// Records that are sorted in memory.
 const ROOM: usize = 1 << 16;
 
-/// A saddle at which two cells were cut from each other.
+/// The greatest saddle between two cells that touch.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Neck {
     /// The ids of the cells, the smaller one first.
@@ -18,7 +19,8 @@ pub struct Neck {
     pub voxel: u64,
     /// Its level.
     pub level: u32,
-    /// The level of the lower one of the peaks that met there.
+    /// The level of the lower one of the peaks that met there, if the cells were cut from each other there; 0 if they were
+    /// apart already, cut at wider necks to others between them.
     pub peak: u32,
     /// Faces of voxels from the first cell to the second one, by axis: those along it less those against it.
     pub faces: [i64; 3],
@@ -30,9 +32,9 @@ impl Neck {
         metric.radius(self.level)
     }
 
-    /// Its radius over that of the cell whose peak is the lower one; at most 1.
-    pub fn ratio(&self) -> f64 {
-        (f64::from(self.level) / f64::from(self.peak)).sqrt()
+    /// Its radius over that of the cell whose peak is the lower one, at most 1, if the cells were cut from each other there.
+    pub fn ratio(&self) -> Option<f64> {
+        (self.peak > 0).then(|| (f64::from(self.level) / f64::from(self.peak)).sqrt())
     }
 
     /// The length of the sum of its faces, in the square of the unit of `spacing`: the area of a flat opening that is
@@ -54,8 +56,8 @@ impl Neck {
 struct PairRecord {
     cells: [u64; 2],
     voxel: u64,
-    /// 0 if there is no neck in this record.
     level: u32,
+    /// 0 unless they were cut from each other at this saddle.
     peak: u32,
     faces: [i64; 3],
 }
@@ -83,7 +85,7 @@ impl NeckSorter {
         })
     }
 
-    /// Takes what is known of two basins, of which a neck may be `(voxel, level, peak)`; `parts` has the parts of all
+    /// Takes what is known of two basins; `parts` has the parts of all
     /// basins. Nothing if these are one cell.
     fn push(
         &mut self,
@@ -114,12 +116,12 @@ impl NeckSorter {
         self.push(saddle.basins, record, parts)
     }
 
-    /// Faces between two basins.
-    pub fn faces(&mut self, shared: &SharedFaces, parts: &mut Numbers) -> Result<()> {
+    /// The greatest saddle of two basins in a block, and their faces.
+    pub fn touch(&mut self, shared: &BasinTouch, parts: &mut Numbers) -> Result<()> {
         let record = PairRecord {
             cells: [0; 2],
-            voxel: 0,
-            level: 0,
+            voxel: shared.voxel,
+            level: shared.level,
             peak: 0,
             faces: shared.faces,
         };
@@ -130,23 +132,25 @@ impl NeckSorter {
     pub fn finish(self, mut each: impl FnMut(Neck) -> Result<()>) -> Result<()> {
         let mut pair: Option<PairRecord> = None;
         let mut emit = |pair: Option<PairRecord>| match pair {
-            Some(pair) if pair.level > 0 => each(Neck {
+            Some(pair) => each(Neck {
                 cells: pair.cells,
                 voxel: pair.voxel,
                 level: pair.level,
                 peak: pair.peak,
                 faces: pair.faces,
             }),
-            _ => Ok(()),
+            None => Ok(()),
         };
         self.sorter.finish(|record| match &mut pair {
             Some(pair) if pair.cells == record.cells => {
                 for (sum, faces) in pair.faces.iter_mut().zip(record.faces) {
                     *sum += faces;
                 }
-                if record.level > 0 {
-                    (pair.voxel, pair.level, pair.peak) = (record.voxel, record.level, record.peak);
+                // of equal levels the smaller index is the greater
+                if (record.level, pair.voxel) > (pair.level, record.voxel) {
+                    (pair.voxel, pair.level) = (record.voxel, record.level);
                 }
+                pair.peak = pair.peak.max(record.peak);
                 Ok(())
             }
             _ => emit(pair.replace(record)),
@@ -155,12 +159,30 @@ impl NeckSorter {
     }
 }
 
-/// Faces between two basins, in a block.
+/// Two basins that touch, in a block.
 #[derive(Debug, Clone, Copy, bytemuck::Pod, bytemuck::Zeroable)]
 #[repr(C)]
-pub struct SharedFaces {
+pub struct BasinTouch {
     /// The basins, the smaller number first.
     pub basins: [u64; 2],
     /// As in [`Neck::faces`].
     pub faces: [i64; 3],
+    /// Linear index of the lower voxel of the greatest saddle.
+    pub voxel: u64,
+    /// Its level.
+    pub level: u32,
+    reserved: u32,
+}
+
+impl BasinTouch {
+    /// What was found in a block.
+    pub fn of(touch: &Touch<u64>) -> Self {
+        BasinTouch {
+            basins: touch.basins,
+            faces: touch.faces,
+            voxel: touch.saddle.low.voxel,
+            level: touch.saddle.low.level,
+            reserved: 0,
+        }
+    }
 }

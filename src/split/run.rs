@@ -5,7 +5,7 @@ use super::basins::{BandEnds, Carried};
 use super::bits::SolidBits;
 use super::distance::{Block, Level, levels};
 use super::graph::{Arrival, Graph, NeckRule, TreeSaddle};
-use super::necks::{Neck, NeckSorter, SharedFaces};
+use super::necks::{BasinTouch, Neck, NeckSorter};
 use super::numbers::Numbers;
 use super::store::{PieceFile, Store};
 use super::touches::{Touch, Window, grown_rows, touches};
@@ -143,7 +143,7 @@ impl Passes<'_> {
         self.progress.begin("necks", self.blocks());
         let mut graph = Graph::default();
         let mut tree = Tree::new(self, basins)?;
-        let mut faces = SpillFile::new(self.dir)?;
+        let mut met = SpillFile::new(self.dir)?;
         self.in_order(
             |block| {
                 let levels = levels::<T>(self.bits, &options.metric, block)?;
@@ -166,19 +166,9 @@ impl Passes<'_> {
                         live: basin.is_live() && there_is_more,
                     }));
                 }
-                for Touch {
-                    basins,
-                    saddle,
-                    faces: shared,
-                } in found
-                {
-                    graph.touch(basins, saddle);
-                    if shared != [0; 3] {
-                        faces.push(&[SharedFaces {
-                            basins,
-                            faces: shared,
-                        }])?;
-                    }
+                for touch in found {
+                    graph.touch(touch.basins, touch.saddle);
+                    met.push(&[BasinTouch::of(&touch)])?;
                 }
                 match block.y.end == grid.dims.0[1] {
                     true => graph.end_slab(|saddle| tree.add(saddle)),
@@ -186,7 +176,7 @@ impl Passes<'_> {
                 }
             },
         )?;
-        tree.finish(store, faces, graph.most_trees() as u64)
+        tree.finish(store, met, graph.most_trees() as u64)
     }
 
     /// The basins of a block and around it, and their numbers.
@@ -275,7 +265,7 @@ impl Tree {
     }
 
     /// Numbers parts and components by their first voxels.
-    fn finish(mut self, store: Store, faces: SpillFile, most_trees: u64) -> Result<Split> {
+    fn finish(mut self, store: Store, met: SpillFile, most_trees: u64) -> Result<Split> {
         let basins = self.parts.len();
         let (parts, components) = (self.parts.number_sets()?, self.components.number_sets()?);
         let mut component_of = Numbers::new(&self.dir)?;
@@ -290,7 +280,7 @@ impl Tree {
             dir: self.dir,
             store,
             saddles: self.saddles,
-            faces,
+            met,
             part_of: self.parts,
             component_of,
             counts: SplitCounts {
@@ -335,7 +325,8 @@ pub struct Split {
     dir: PathBuf,
     store: Store,
     saddles: SpillFile,
-    faces: SpillFile,
+    /// Basins that touch, block by block.
+    met: SpillFile,
     part_of: Numbers,
     component_of: Numbers,
     counts: SplitCounts,
@@ -418,9 +409,9 @@ impl Split {
         self.saddles.for_each(&saddles, |saddle: TreeSaddle| {
             sorter.saddle(&saddle, &mut self.part_of)
         })?;
-        let faces = self.faces.everything().expect("faces alone");
-        self.faces.for_each(&faces, |shared: SharedFaces| {
-            sorter.faces(&shared, &mut self.part_of)
+        let met = self.met.everything().expect("touches alone");
+        self.met.for_each(&met, |touch: BasinTouch| {
+            sorter.touch(&touch, &mut self.part_of)
         })?;
         sorter.finish(each)
     }

@@ -45,6 +45,8 @@ pub struct CellSettings<'a> {
     pub dims: Dims,
     /// Which voxels are neighbours.
     pub rule: Ambiguous,
+    /// To find who touches whom.
+    pub finds_contacts: bool,
     /// Where the grid lies, in the unit of measures.
     pub place: &'a Placement,
 }
@@ -67,9 +69,11 @@ pub fn cells_of_band(
         stretches: Vec::new(),
     };
     finder.sum_rows();
-    let mut contacts = Contacts::new(&finder.found.parts);
-    finder.touching(&mut contacts);
-    finder.found.contacts = contacts.finish();
+    if settings.finds_contacts {
+        let mut contacts = Contacts::new(&finder.found.parts);
+        finder.touching(&mut contacts);
+        finder.found.contacts = contacts.finish();
+    }
     for part in &mut finder.found.parts {
         part.sums.note_border(settings.dims);
     }

@@ -5,10 +5,15 @@
 
 mod band;
 mod contacts;
+mod opening;
+mod split;
 
-pub use contacts::Contact;
+pub use opening::Opening;
+pub use split::metric;
 
 use crate::convert::cells::band::{CellPart, CellSettings, CellsOfBand, cells_of_band};
+use crate::convert::cells::contacts::Contact;
+use crate::convert::cells::split::{SplitCells, split_cells};
 use crate::convert::conversion::Conversion;
 use crate::convert::known_band::{KnownBand, KnownBands};
 use crate::convert::label::span_of;
@@ -20,6 +25,7 @@ use crate::sys::id_set::{IdRanks, IdSet};
 use crate::sys::locks::{into_inner, lock};
 use crate::sys::memory_pool::{MemoryPool, MemoryReservation};
 use crate::sys::sorted_spill::{Keyed, Sorter};
+use crate::sys::spill_file::SpillFile;
 use bytemuck::{Pod, Zeroable};
 use rayon::prelude::*;
 use std::path::Path;
@@ -55,9 +61,12 @@ pub struct GivenCells {
     pub ids: IdRanks,
     /// Parts of them, to be sorted and taken once.
     parts: Option<Sorter<CellInComponent>>,
-    contacts: Option<Sorter<Contact>>,
+    /// Where cells of one component touch, by rising ids.
+    pub openings: SpillFile,
     /// Voxels below that are given to none.
     pub unlabelled: u64,
+    /// Cells for each ratio in thousandths, where components were split.
+    pub curve: Vec<[u64; 2]>,
 }
 
 impl GivenCells {
@@ -79,25 +88,6 @@ impl GivenCells {
                 Ok(())
             }
             _ => last.replace(part).map_or(Ok(()), &mut each),
-        })?;
-        last.map_or(Ok(()), each)
-    }
-
-    /// Hands on where cells touch, by rising ids; once.
-    ///
-    /// # Errors
-    /// [`Error::Io`], and what `each` returns.
-    pub fn take_contacts(&mut self, mut each: impl FnMut(Contact) -> Result<()>) -> Result<()> {
-        let Some(contacts) = self.contacts.take() else {
-            return Ok(());
-        };
-        let mut last: Option<Contact> = None;
-        contacts.finish(|contact| match &mut last {
-            Some(last) if last.cells == contact.cells => {
-                last.merge(&contact);
-                Ok(())
-            }
-            _ => last.replace(contact).map_or(Ok(()), &mut each),
         })?;
         last.map_or(Ok(()), each)
     }
@@ -123,14 +113,35 @@ struct Gathered {
     unlabelled: u64,
 }
 
-/// Finds the cells of all voxels, given as `rows`.
+/// Finds the cells, where these are given: by labels, or by a rule for necks.
 ///
 /// # Errors
 /// [`Error::Io`], [`Error::TooDense`] and [`Error::Interrupted`].
-pub fn cells(input: &CellsInput, rows: CellRows) -> Result<GivenCells> {
-    let job = input.job;
-    let none = rows.largest() + 1;
-    let rows = rows.with_none(none);
+pub fn cells(input: &CellsInput) -> Result<Option<GivenCells>> {
+    if let Some(labels) = input.job.labels {
+        let none = labels.largest() + 1;
+        return sum_cells(input, labels.clone().with_none(none), None).map(Some);
+    }
+    let Some(rule) = input.job.options.split else {
+        return Ok(None);
+    };
+    let SplitCells {
+        rows,
+        openings,
+        curve,
+    } = split_cells(input, rule)?;
+    let cells = sum_cells(input, rows, Some(openings))?;
+    Ok(Some(GivenCells { curve, ..cells }))
+}
+
+/// Sums up the cells of all voxels, given as `rows`, and finds where they touch unless that is known.
+fn sum_cells(
+    input: &CellsInput,
+    rows: CellRows,
+    openings: Option<SpillFile>,
+) -> Result<GivenCells> {
+    let (job, none) = (input.job, rows.none());
+    let finds_contacts = openings.is_none();
     let [_, bands, layers] = job.plan.tiling.tiles();
     job.progress
         .begin("cells", u64::from(bands) * u64::from(layers));
@@ -150,24 +161,29 @@ pub fn cells(input: &CellsInput, rows: CellRows) -> Result<GivenCells> {
             return Err(Error::Interrupted);
         }
         some.par_iter().with_max_len(1).try_for_each(|&place| {
-            let found = input.band(place, &rows)?;
+            let found = input.band(place, &rows, finds_contacts)?;
             job.progress.advance(1);
             lock(&gathered).add(found, none)
         })?;
     }
     let gathered = into_inner(gathered);
+    let openings = match openings {
+        Some(openings) => openings,
+        None => input.merge_contacts(gathered.contacts)?,
+    };
     Ok(GivenCells {
         rows,
         ids: gathered.ids.into_ranks(),
         parts: Some(gathered.parts),
-        contacts: Some(gathered.contacts),
+        openings,
         unlabelled: gathered.unlabelled,
+        curve: Vec::new(),
     })
 }
 
 impl CellsInput<'_> {
     /// The cells of band `ty` of layer `tz`.
-    fn band(&self, place: [u32; 2], rows: &CellRows) -> Result<CellsOfBand> {
+    fn band(&self, place: [u32; 2], rows: &CellRows, finds_contacts: bool) -> Result<CellsOfBand> {
         let (known, tiling) = (self.known, self.known.tiling);
         let number = known.number(place);
         let kept = known.kept.get(number)?;
@@ -194,9 +210,34 @@ impl CellsInput<'_> {
         let settings = CellSettings {
             dims: tiling.dims,
             rule: options.ambiguous,
+            finds_contacts,
             place: &options.measured(&self.job.grid.header().placement)?,
         };
         Ok(cells_of_band(&band, &cells, inside.as_ref(), &settings))
+    }
+}
+
+impl CellsInput<'_> {
+    /// Where cells touch, one opening for each two.
+    fn merge_contacts(&self, contacts: Sorter<Contact>) -> Result<SpillFile> {
+        let placement = &self.job.grid.header().placement;
+        let spacing = self.job.options.measured(placement)?.spacing;
+        let mut openings = SpillFile::new(self.work)?;
+        let mut put = |contact: Contact| {
+            let opening = Opening::of(&contact, spacing);
+            openings.push(&[opening]).map(|_| ())
+        };
+        let mut last: Option<Contact> = None;
+        contacts.finish(|contact| match &mut last {
+            Some(last) if last.cells == contact.cells => {
+                last.merge(&contact);
+                Ok(())
+            }
+            _ => last.replace(contact).map_or(Ok(()), &mut put),
+        })?;
+        last.map_or(Ok(()), &mut put)?;
+        openings.mark()?;
+        Ok(openings)
     }
 }
 

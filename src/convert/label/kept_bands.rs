@@ -202,6 +202,20 @@ impl KeptBands {
         self.data.read(&Place::new(kept.words, kept.mixed as usize))
     }
 
+    /// The words of some of its mixed rows, of so many words each.
+    ///
+    /// # Errors
+    /// [`crate::Error::Io`].
+    pub fn mixed_rows(
+        &self,
+        kept: &KeptBand,
+        rows: std::ops::Range<usize>,
+        row_words: usize,
+    ) -> Result<Vec<u64>> {
+        let first = kept.words + (8 * rows.start * row_words) as u64;
+        self.data.read(&Place::new(first, rows.len() * row_words))
+    }
+
     /// Hands out the labels of its runs, in their order.
     ///
     /// # Errors

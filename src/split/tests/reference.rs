@@ -253,19 +253,50 @@ pub fn split(solid: &Solid, case: &Case) -> RefSplit {
     });
     RefSplit {
         curve: curve.collect(),
-        necks: necks(solid, &parts, case, &meetings),
+        necks: necks(solid, &levels, &parts, case, &meetings),
         component: component.into_values().collect(),
         basins: peaks.len() as u64,
         parts,
     }
 }
 
-fn necks(solid: &Solid, parts: &[u64], case: &Case, meetings: &[Meeting]) -> Vec<RefNeck> {
+fn necks(
+    solid: &Solid,
+    levels: &[u64],
+    parts: &[u64],
+    case: &Case,
+    meetings: &[Meeting],
+) -> Vec<RefNeck> {
+    let sorted = |[a, b]: [u64; 2]| [a.min(b), a.max(b)];
     let cut = meetings.iter().filter(|m| !joins(case, case.permille, m));
-    let mut all: Vec<RefNeck> = cut
-        .map(|m| {
-            let [a, b] = m.basins.map(|basin| parts[basin]);
-            let cells = [a.min(b), a.max(b)];
+    let cut = cut.map(|m| (sorted(m.basins.map(|basin| parts[basin])), m));
+    let cut: BTreeMap<[u64; 2], &Meeting> = cut.collect();
+    // the greatest saddle of all pairs of cells that touch
+    let mut saddles: BTreeMap<[u64; 2], (u64, usize)> = BTreeMap::new();
+    for i in 0..levels.len() {
+        for step in steps(case.ambiguous) {
+            let Some(j) = solid.beside(i, step) else {
+                continue;
+            };
+            if levels[i] == 0 || levels[j] == 0 || parts[i] == parts[j] {
+                continue;
+            }
+            let lower = levels[i] < levels[j] || levels[i] == levels[j] && i > j;
+            let low = if lower { i } else { j };
+            let known = saddles
+                .entry(sorted([parts[i], parts[j]]))
+                .or_insert((levels[low], low));
+            if (levels[low], usize::MAX - low) > (known.0, usize::MAX - known.1) {
+                *known = (levels[low], low);
+            }
+        }
+    }
+    assert!(cut.keys().all(|cells| saddles.contains_key(cells)));
+    let mut all: Vec<RefNeck> = saddles
+        .into_iter()
+        .map(|(cells, (level, low))| {
+            let meeting = cut.get(&cells);
+            assert!(meeting.is_none_or(|m| (m.saddle.0, m.saddle.1) == (level, low)));
             let mut faces = [0; 3];
             for i in 0..parts.len() {
                 for axis in 0..3 {
@@ -279,9 +310,9 @@ fn necks(solid: &Solid, parts: &[u64], case: &Case, meetings: &[Meeting]) -> Vec
             }
             RefNeck {
                 cells,
-                voxel: m.saddle.1 as u64,
-                level: m.saddle.0,
-                peak: m.peak,
+                voxel: low as u64,
+                level,
+                peak: meeting.map_or(0, |m| m.peak),
                 faces,
             }
         })
