@@ -15,7 +15,7 @@ use crate::convert::{self, ConvertOptions, ConvertReport};
 use crate::error::{Error, Result};
 use crate::grid::{Ambiguous, Origin, Unit};
 use crate::lod::{LodOptions, LodReport};
-use crate::manifest::Form;
+use crate::manifest::{Form, Totals};
 use crate::progress::Progress;
 use crate::split::NeckRule;
 use crate::volume::{Opened, Stamp};
@@ -398,6 +398,20 @@ pub fn from(origin: Origin) -> &'static str {
     }
 }
 
+/// How many cells there are, and of what.
+fn cells_text(totals: &Totals) -> String {
+    let things = output::things;
+    let cells = things(totals.cells, "cell");
+    match totals.components {
+        0 => cells,
+        components => format!(
+            "{cells} of {} with {}",
+            things(components, "component"),
+            things(totals.necks, "opening")
+        ),
+    }
+}
+
 /// What a conversion made, for people.
 pub fn summary(report: &ConvertReport) -> String {
     let totals = &report.totals;
@@ -424,7 +438,7 @@ pub fn summary(report: &ConvertReport) -> String {
             format!(
                 "{}, {}, {}",
                 things(totals.objects, "object"),
-                things(totals.cells, "cell"),
+                cells_text(totals),
                 things(totals.surfaces, "surface")
             ),
         ),

@@ -42,7 +42,7 @@ use crate::convert::resolve::{Resolved, resolve};
 use crate::convert::resume::{begin, commit_begun, complete, refuse_kept, refuse_other};
 use crate::convert::tables::write_tables;
 use crate::convert::totals::{ScannedSums, dust_of};
-use crate::convert::warnings::warnings;
+use crate::convert::warnings::{warnings, warnings_of_parts};
 use crate::error::{Error, Result};
 use crate::manifest::Manifest;
 use crate::progress::Progress;
@@ -365,12 +365,15 @@ fn make(job: &Conversion, work: &Path, checkpointer: &mut Checkpointer) -> Resul
     if all_seen && totals.surfaces > 0 {
         warnings.extend(job.watch.kind().map(|kind| kind.warning()));
     }
+    let cells = job.stated_cells(components.given.as_ref().map(|given| &given.cells));
+    let of_parts = cells.as_ref();
+    warnings.extend(of_parts.and_then(|parts| warnings_of_parts(parts, totals.cells)));
     warnings
         .iter()
         .for_each(|warning| job.progress.warn(warning));
     let manifest = Manifest {
         dust,
-        cells: job.stated_cells(components.given.as_ref().map(|given| &given.cells)),
+        cells,
         ..job.manifest(totals)
     };
     let index = set.finish(manifest)?;
