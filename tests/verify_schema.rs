@@ -5,8 +5,9 @@ use alvis::grid::{
 };
 use alvis::manifest::{
     Bounds, ColourBy, Encoding, FORMAT, FORMAT_VERSION, Generator, GridInfo, Group, LEVELS, Layer,
-    Layout, LevelsEntry, Manifest, Paint, Painted, ParquetTables, Primitives, Selection, Shard,
-    Source, Step, Table, TableChecksums, Tables, TileEntry, Totals, WholeTotals, checksum_text,
+    Layout, LevelsEntry, Manifest, Paint, Painted, ParquetTables, PartsBy, Primitives, Selection,
+    Shard, Source, Step, Table, TableChecksums, Tables, TileEntry, Totals, WholeTotals,
+    checksum_text,
 };
 use alvis::verify::{Code, Issue, Report, Severity};
 use alvis::volume::{Dtype, Endian};
@@ -88,6 +89,11 @@ fn manifest() -> Manifest {
         primitives: Primitives::Triangles,
         encoding: Encoding::Meshopt,
         layout: Layout::Merged,
+        cells: Some(PartsBy::Labels {
+            file: "pores.npy".into(),
+            checksum: "crc32:0000000a".into(),
+            unlabelled: Some(7),
+        }),
         dust: None,
         lattice: 256,
         transform: placement.gltf_matrix(),
@@ -107,10 +113,14 @@ fn manifest() -> Manifest {
             cells: "cells.csv".into(),
             objects: "objects.csv".into(),
             surfaces: "surfaces.csv".into(),
+            components: Some("components.csv".into()),
+            necks: Some("necks.csv".into()),
             checksums: Some(TableChecksums {
                 cells: "crc32:00000001".into(),
                 objects: "crc32:00000002".into(),
                 surfaces: "crc32:00000003".into(),
+                components: Some("crc32:00000007".into()),
+                necks: Some("crc32:00000008".into()),
             }),
             parquet: Some(ParquetTables {
                 cells: "cells.parquet".into(),
@@ -120,6 +130,8 @@ fn manifest() -> Manifest {
                     cells: "crc32:00000004".into(),
                     objects: "crc32:00000005".into(),
                     surfaces: "crc32:00000006".into(),
+                    components: None,
+                    necks: None,
                 }),
             }),
         },

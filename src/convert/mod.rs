@@ -20,6 +20,7 @@ mod totals;
 mod warnings;
 
 pub use crate::checkpoint::LayersDone;
+pub use crate::labels::CellRows;
 pub use crate::measure::{
     COMPONENT_COLUMNS, Column, Field, Get, Measures, SURFACE_COLUMNS, SurfaceRow,
 };
