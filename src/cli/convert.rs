@@ -149,7 +149,7 @@ pub struct ConvertArgs {
     #[arg(long)]
     pub resume: bool,
     /// Add levels of detail when the tiles are done, as `alvis lod` does
-    #[arg(long)]
+    #[arg(long, conflicts_with_all = ["split", "labels"])]
     lod: bool,
     /// Look at the tiles in the browser when they are done, as `alvis view` does
     #[arg(long, conflicts_with_all = ["json", "out_dir"])]

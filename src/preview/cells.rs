@@ -11,7 +11,8 @@ use crate::table::{Chosen, Column, Expr, Table};
 use crate::tile::Rgb;
 use crate::tile::pieces::pieces;
 use crate::tile::read::{ReadError, Tile};
-use std::collections::{BTreeMap, BTreeSet, HashMap};
+use std::cmp::Reverse;
+use std::collections::{BTreeMap, BTreeSet, BinaryHeap, HashMap};
 use std::f64::consts::PI;
 use std::path::Path;
 
@@ -237,15 +238,24 @@ fn seeds(
 }
 
 /// Spreads cells over the below voxels, or objects over the above ones, that are connected in the slice: they are
-/// connected in the volume too.
+/// connected in the volume too. Where cells are parts of components, each voxel is of the nearest one that has a wall in the
+/// slice: tiles do not tell more.
 fn flood(manifest: &Manifest, slice: &Slice, seen: &mut Seen) {
     let [width, height] = slice.size.map(i64::from);
     let objects = seen.table == Table::Objects;
     let diagonal = objects == (manifest.ambiguous == Ambiguous::Join);
     let ids = &mut seen.ids;
-    let mut open: Vec<usize> = (0..ids.len()).filter(|&i| ids[i] != 0).collect();
-    while let Some(i) = open.pop() {
-        let (x, y) = (i as i64 % width, i as i64 / width);
+    // voxels to go on from, by their distance from the wall that gave them their number
+    let start = |i: usize| Reverse((0, i, i));
+    let mut open: BinaryHeap<_> = (0..ids.len()).filter(|&i| ids[i] != 0).map(start).collect();
+    let place = |i: usize| [i as i64 % width, i as i64 / width];
+    while let Some(Reverse((_, i, from))) = open.pop() {
+        let ([x, y], [from_x, from_y]) = (place(i), place(from));
+        if ids[i] == 0 {
+            ids[i] = ids[from];
+        } else if i != from {
+            continue;
+        }
         for (dx, dy) in [
             (-1, 0),
             (1, 0),
@@ -264,8 +274,8 @@ fn flood(manifest: &Manifest, slice: &Slice, seen: &mut Seen) {
             let n = (v * width + u) as usize;
             let above = slice.above([u as u32, v as u32], manifest.threshold);
             if ids[n] == 0 && above == objects {
-                ids[n] = ids[i];
-                open.push(n);
+                let off = [u - from_x, v - from_y];
+                open.push(Reverse((off[0] * off[0] + off[1] * off[1], n, from)));
             }
         }
     }
