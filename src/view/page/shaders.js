@@ -132,7 +132,7 @@ uniform vec3 accent;
 bool chosen(ivec2 p) {
   p = clamp(p, ivec2(0), last);
   int k = kindOf(texelFetch(faces, p, 0));
-  if (k == 0 || (solid && k == 128)) return false;
+  if (k == 0 || (k == cutKind && !cutOwn)) return false;
   return (entry(texelFetch(things, p, 0).r).a & 2u) != 0u;
 }
 vec3 outlined(ivec2 p, vec3 shade) {
@@ -154,7 +154,8 @@ uniform vec3 cut;        // colour of material that is cut
 uniform vec3 top;        // background
 uniform vec3 bottom;
 uniform vec2 span;       // lowest row of the whole picture that is drawn, and the rows of the whole
-uniform bool solid;      // all is shown: the inside of a surface is material
+uniform int cutKind;     // the kind of face that one sees where the body before it is cut; 0 for none
+uniform bool cutOwn;     // cut faces have the colours of their things
 uniform bool flatView;
 uniform vec3 range;      // near, far, height of the picture at its middle
 uniform float dot_size;  // pixels of the screen in a pixel of the layout
@@ -201,7 +202,7 @@ void main() {
   int kind = kindOf(face);
   vec3 shade;
   if (kind == 0) shade = mix(bottom, top, (gl_FragCoord.y + span.x) / span.y);
-  else if (solid && kind == 128) shade = cut;
+  else if (kind == cutKind) shade = cutOwn ? vec3(entry(texelFetch(things, p, 0).r).rgb) * (0.8 / 255.0) : cut;
   else shade = lit(face.xy, texelFetch(things, p, 0).r, kind == 192) * shadow(p);
   colour = vec4(${chosen ? "outlined(p, shade)" : "shade"}, 1.0);
 }`,
@@ -280,6 +281,7 @@ uniform sampler2D image;
 uniform sampler2D depths;
 uniform bool whole;
 uniform float level;     // the threshold, as a grey of the slice
+uniform bool bodies;     // faces tell what is material
 out vec4 colour;
 void main() {
   ivec2 p = ivec2(gl_FragCoord.xy);
@@ -287,7 +289,7 @@ void main() {
   int kind = kindOf(texelFetch(faces, p, 0));
   vec3 grey = texture(image, at).rgb;
   // a line of sight that meets no surface behind the plane is in material all the way, or in air
-  bool material = kind == 128 || (kind == 0 && grey.r >= level);
+  bool material = bodies && kind != 0 ? kind == 128 : grey.r >= level;
   if (!whole && !material) discard;
   colour = vec4(grey, 1.0);
 }`,
