@@ -7,7 +7,7 @@ import { Colouring } from "./colouring.js";
 import { command } from "./command.js";
 import { Director } from "./director.js";
 import { by, h, menu } from "./dom.js";
-import { about, many, singular, title, unit, value } from "./format.js";
+import { about, count, many, singular, title, unit, value } from "./format.js";
 import { furnish } from "./furniture.js";
 import { Gestures } from "./gestures.js";
 import { Info } from "./info.js";
@@ -214,7 +214,8 @@ export class App {
 
   tellStatus() {
     const t = this.director.told();
-    const blocks = `${many(t.blocks, "block")}, ${about(t.drawn)} triangles`;
+    const coarse = t.coarse > 0 ? ` (${t.coarse === t.blocks ? "all" : count(t.coarse)} simplified: finer from near)` : "";
+    const blocks = `${many(t.blocks, "block")}${coarse}, ${about(t.drawn)} triangles`;
     const rest = t.left > 0 ? ` · ${about(t.inView)} triangles are in view: the nearest are drawn, ${many(t.left, "block")} stand as boxes` : "";
     const refused = t.refused > 0 ? ` · ${many(t.refused, "block")} cannot be read` : "";
     by("status").textContent = {

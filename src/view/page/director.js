@@ -211,6 +211,7 @@ export class Director {
     return {
       phase: this.phase,
       blocks: this.shown.size,
+      coarse: [...this.shown].filter((n) => n.level > 0).length,
       waiting: bare.filter((i) => !i.node.refused).length,
       refused: bare.filter((i) => i.node.refused).length,
       drawn: this.picture.counts.triangles,

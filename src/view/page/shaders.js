@@ -66,7 +66,7 @@ const block = (all, conservative) => ({
   vertex: `${HEAD}${all ? "" : ENTRY}${FOLD}
 in uvec4 corner;   // place on the lattice from the block's origin, low bits of the slot
 in vec2 normal;    // octahedral
-in uvec2 extra;    // high bits of the slot, flags (bit 0: cap)
+in uvec2 extra;    // high bits of the slot, flags (1: cap, 2: fin between levels, 4: its side in the cell)
 uniform mat4 matrix;
 uniform mat3 turn;       // to right, up and back of the picture, of normals that are no unit vectors yet
 uniform ivec3 base;      // the block's origin on the lattice, from the lattice point next to the eye
@@ -79,6 +79,7 @@ uniform int wide;        // slots in a row of their texture
 uniform int kind;        // 0 surfaces, 1 cells, 2 objects
 flat out uint id;
 flat out float cap;
+out float fin;
 out vec3 facing;
 out float beyond;
 void main() {
@@ -86,6 +87,7 @@ void main() {
   uvec4 ids = texelFetch(slots, ivec2(slot % wide, slot / wide), 0);
   id = kind == 0 ? ids.x : kind == 1 ? ids.y : ids.z;
   cap = float(extra.y & 1u);
+  fin = (extra.y & 2u) == 0u ? 0.0 : (extra.y & 4u) == 0u ? -1.0 : 1.0;
   facing = turn * unfold(normal);
   // the sum is one of integers, so that blocks that share a corner put it at the same place to the last bit
   vec3 place = vec3(base + ivec3(corner.xyz) * stride) * step + rest;
@@ -97,6 +99,7 @@ void main() {
 ${greater(conservative)}
 flat in uint id;
 flat in float cap;
+in float fin;            // below 0 in material, above 0 in the cell, whichever way a fin is looked at
 in vec3 facing;
 in float beyond;
 uniform float behind;    // by how much fronts have precedence at edges, of whose two sides either may be nearer as depths tell
@@ -107,10 +110,11 @@ void main() {
   vec3 n = normalize(facing);
   n.xy /= abs(n.x) + abs(n.y) + abs(n.z);
   if (n.z < 0.0) n.xy = fold(n.xy);
-  float what = gl_FrontFacing ? (cap > 0.5 ? 192.0 : 255.0) : 128.0;
+  bool front = fin == 0.0 ? gl_FrontFacing : fin > 0.0;
+  float what = front ? (cap > 0.5 ? 192.0 : 255.0) : 128.0;
   face = vec4(n.xy * 0.5 + 0.5, 0.0, what / 255.0);
   thing = id;
-  gl_FragDepth = gl_FrontFacing ? gl_FragCoord.z : gl_FragCoord.z + behind;
+  gl_FragDepth = front ? gl_FragCoord.z : gl_FragCoord.z + behind;
 }`,
 });
 
