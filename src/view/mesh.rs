@@ -16,7 +16,8 @@
 //! A vertex is x, y, z of 16 bits; the low 16 bits of its slot; its normal on the octahedron, two signed bytes, 127 as
 //! one; the high 8 bits of its slot; flags: bit 0, it is of a cap; bit 1, it is of a fin between blocks of different
 //! levels; bit 2, of the side of a fin on which the cell is. A slot is the surface, the cell and the object, 32 bits each,
-//! 0 where there is none. Indices are one strip, in which the largest number begins a new one. Its triangles wind counter-clockwise seen from the cell in voxel coordinates, into which normals point.
+//! 0 where there is none. Indices are one strip, in which the largest number begins a new one. Its triangles wind
+//! counter-clockwise seen from the cell in voxel coordinates, into which normals point.
 
 use crate::grid::{LATTICE, Tiling, coordinate};
 use crate::manifest::{Form, Level, Manifest, Primitives};
@@ -84,7 +85,7 @@ impl Frame {
         let tiling = manifest.tiling();
         let shift = level.step.max(1).ilog2();
         let cubes = |a: usize| {
-            let long = u64::from(tiling.macrocube[a]) << level.level.min(31);
+            let long = u64::from(tiling.macrocube[a]) << level.level;
             long.min(u64::from(tiling.dims.0[a] - 1))
         };
         let reach = (0..3).map(cubes).max().unwrap_or(0) * u64::from(LATTICE);

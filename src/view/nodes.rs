@@ -2,6 +2,7 @@
 
 use super::mesh::Frame;
 use crate::error::{Error, Result};
+use crate::grid::LATTICE;
 use crate::manifest::{LEVELS, Level, NodeEntry};
 use crate::tileset::{TileLookup, TileSet};
 use crate::view::put;
@@ -37,15 +38,38 @@ fn key([x, y, z]: [u32; 3]) -> [u32; 3] {
     [z, y, x]
 }
 
+fn wrong_levels(set: &TileSet, found: String, expected: String) -> Error {
+    Error::format(set.dir().join(LEVELS), found, expected)
+        .with_hint("`alvis lod --force` makes the levels anew")
+}
+
+/// Nodes of a level per axis.
+fn grid_of(set: &TileSet, level: &Level) -> Result<[u32; 3]> {
+    let tiles = set.manifest().tiling().tiles();
+    // so many lattice steps as a voxel has at most, and no more levels than lead to one node
+    if level.level >= u32::BITS || !level.step.is_power_of_two() || level.step > LATTICE {
+        let found = format!("steps of {} in level {}", level.step, level.level);
+        let expected = format!("a power of two up to {LATTICE}, below level 32");
+        return Err(wrong_levels(set, found, expected));
+    }
+    Ok(tiles.map(|n| n.div_ceil(1 << level.level)))
+}
+
 impl NodeLookup {
     /// Reads the lists of all levels.
     ///
     /// # Errors
-    /// Those of [`TileSet::levels`] and [`TileSet::nodes`].
+    /// Those of [`TileSet::levels`] and [`TileSet::nodes`]; [`Error::Format`] for a node outside of the grid.
     pub fn read(set: &TileSet) -> Result<Self> {
         let mut levels = Vec::new();
         for told in set.levels()?.map_or_else(Vec::new, |all| all.levels) {
+            let grid = grid_of(set, &told)?;
             let mut nodes = set.nodes(&told).collect::<Result<Vec<_>>>()?;
+            if let Some(node) = nodes.iter().find(|n| (0..3).any(|a| n.grid[a] >= grid[a])) {
+                let found = format!("the node {:?} in level {}", node.grid, told.level);
+                let expected = format!("one in a grid of {grid:?}");
+                return Err(wrong_levels(set, found, expected));
+            }
             nodes.sort_unstable_by_key(|node| key(node.grid));
             let frame = Frame::of_level(set.manifest(), &told);
             levels.push(LoadedLevel { told, frame, nodes });
@@ -77,9 +101,11 @@ impl NodeLookup {
         let all = tiles.tiles().len() + self.levels.iter().map(|l| l.nodes.len()).sum::<usize>();
         if order.len() != all {
             let found = format!("{} nodes and tiles under the coarsest ones", order.len());
-            let expected = format!("all {all} that there are");
-            return Err(Error::format(set.dir().join(LEVELS), found, expected)
-                .with_hint("`alvis lod --force` makes the levels anew"));
+            return Err(wrong_levels(
+                set,
+                found,
+                format!("all {all} that there are"),
+            ));
         }
         let mut out = Vec::with_capacity(16 + NODE as usize * order.len());
         let magic = u32::from_le_bytes(*b"ALVT");

@@ -5,6 +5,7 @@ use super::command::{fails, foam_tiles, ok};
 use super::data::{Mesh, expected};
 use alvis::manifest::NodeEntry;
 use alvis::tileset::TileSet;
+use serde_json::{Value, json};
 use std::collections::BTreeMap;
 use std::path::Path;
 
@@ -158,15 +159,29 @@ fn nodes_of_all_levels_are_served_as_a_tree() {
     }
 }
 
+/// Lists that were changed are one message, and nothing is served.
 #[test]
-fn a_node_that_is_missing_in_the_lists_is_told() {
+fn lists_of_nodes_that_do_not_fit_are_told() {
     let dir = foam_tiles(&[]);
     ok(dir.path(), &["lod", "tiles", "--quiet"]);
-    let list = dir.path().join("tiles/lod/1/z0000.json");
-    let text = std::fs::read_to_string(&list).unwrap();
-    let mut shard: serde_json::Value = serde_json::from_str(&text).unwrap();
-    shard["nodes"].as_array_mut().unwrap().remove(0);
-    std::fs::write(&list, shard.to_string()).unwrap();
-    let message = fails(dir.path(), &["view", "tiles", "--no-open", "--quiet"]);
-    assert!(message.contains("lod/index.json"), "{message}");
+    let lod = dir.path().join("tiles/lod");
+    let refused = |file: &Path, change: &dyn Fn(&mut Value)| {
+        let text = std::fs::read_to_string(file).unwrap();
+        let mut value: Value = serde_json::from_str(&text).unwrap();
+        change(&mut value);
+        std::fs::write(file, value.to_string()).unwrap();
+        let message = fails(dir.path(), &["view", "tiles", "--no-open", "--quiet"]);
+        std::fs::write(file, text).unwrap();
+        assert!(message.contains("lod/index.json"), "{message}");
+    };
+    let list = lod.join("1/z0000.json");
+    refused(&list, &|list| {
+        drop(list["nodes"].as_array_mut().unwrap().remove(0))
+    });
+    refused(&list, &|list| {
+        list["nodes"][0]["grid"] = json!([4_000_000_000_u32, 0, 0])
+    });
+    let index = lod.join("index.json");
+    refused(&index, &|index| index["levels"][0]["step"] = json!(1 << 30));
+    refused(&index, &|index| index["levels"][0]["step"] = json!(3));
 }

@@ -3,9 +3,8 @@ import assert from "node:assert/strict";
 import fs from "node:fs";
 import path from "node:path";
 import { follow, linkOf, raysOf, shareOfRays } from "./look.mjs";
-import { middles } from "./parts.mjs";
 import { decode } from "./session.mjs";
-import { manifestOf } from "./set.mjs";
+import { manifestOf, middles } from "./set.mjs";
 
 const VOXEL = 0.05;
 

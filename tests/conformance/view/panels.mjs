@@ -2,9 +2,9 @@
 import assert from "node:assert/strict";
 import fs from "node:fs";
 import { follow, points } from "./look.mjs";
-import { copiedCommand, count, middles, nap, onScreen, paintedBy, rows, seen, selectedBy } from "./parts.mjs";
+import { copiedCommand, count, nap, onScreen, paintedBy, rows, seen, selectedBy } from "./parts.mjs";
 import { decode } from "./session.mjs";
-import { manifestOf } from "./set.mjs";
+import { manifestOf, middles } from "./set.mjs";
 
 const [BACK, FRONT] = [128, 255];
 const CUT = [0.45, 0.48, 0.53].map((x) => x * 255);

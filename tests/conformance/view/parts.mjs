@@ -4,7 +4,7 @@ import fs from "node:fs";
 import path from "node:path";
 import { follow, holdAgainstRays, linkOf, points, raysOf, variance } from "./look.mjs";
 import { decode } from "./session.mjs";
-import { glb, manifestOf, tilesOf } from "./set.mjs";
+import { glb, manifestOf, middles, tilesOf } from "./set.mjs";
 
 const KINDS = ["cells", "objects", "surfaces"];
 
@@ -116,15 +116,6 @@ async function backFaces({ open, at }) {
   await session.key("c");
   assert((await seen()).length > 1000, "a section shows material that is cut");
   await session.close();
-}
-
-// Middles of the largest cells that the grid does not cut.
-export function middles(set, most) {
-  const [head, ...lines] = fs.readFileSync(path.join(set, "cells.csv"), "utf8").trim().split("\n").map((l) => l.split(","));
-  const column = (name) => head.findIndex((c) => c.split(" ")[0] === name);
-  const whole = lines.filter((l) => l[column("touches_border")] === "0");
-  whole.sort((a, b) => b[column("voxels")] - a[column("voxels")]);
-  return whole.slice(0, most).map((l) => ["x", "y", "z"].map((a) => Number(l[column(`centroid_${a}`)])));
 }
 
 // Colours in the picture and in the list are those that `alvis select` paints tiles in.
