@@ -102,7 +102,7 @@ export class Colouring {
     };
     const few = scale.count < asked.count ? `, half of them best: ${count(scale.count)}` : "";
     return [
-      h("div", { className: "row" }, "The ", input, dot(BEST), "best and", dot(WORST), "worst form factors"),
+      h("div", { className: "row" }, "The ", input, dot(BEST), "best,", dot(WORST), "worst form factors"),
       h("div", { className: "soft told" }, `Only whole ${more} have one: ${count(scale.ranked)} of ${count(shown)} shown${few}.`),
     ];
   }
