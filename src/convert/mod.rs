@@ -21,6 +21,7 @@ mod warnings;
 
 pub use crate::checkpoint::LayersDone;
 pub use crate::labels::CellRows;
+pub use crate::split::NeckRule;
 pub use crate::measure::{
     COMPONENT_COLUMNS, Column, Field, Get, Measures, SURFACE_COLUMNS, SurfaceRow,
 };
