@@ -421,6 +421,7 @@ fn bytes_do_not_depend_on_threads_memory_or_stops() {
         let again = ConvertOptions {
             threads,
             memory: options.memory * threads as u64,
+            keep_samples: threads == 2,
             ..options.clone()
         };
         let (dir, _) = converted(&volume, &again);

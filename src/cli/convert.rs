@@ -136,6 +136,13 @@ pub struct ConvertArgs {
         default_value = "csv"
     )]
     tables: Vec<TableFile>,
+    /// Keep the samples beside the surface on the disk of OUT and read the volume once, not twice: for a volume on a slow
+    /// drive that is larger than memory
+    ///
+    /// The first pass finds the cells, the second one needs the samples beside the surface again. They take as much disk as
+    /// the rows of voxels that have surface: of a foam all of it. Filtered and packed volumes are read once in any case.
+    #[arg(long)]
+    keep_samples: bool,
     /// Replace a tile set that is in the directory
     #[arg(long)]
     pub force: bool,
@@ -234,6 +241,7 @@ impl ConvertArgs {
             layout: form.layout,
             table_unit: self.table_unit,
             parquet: TableFile::parquet(&self.tables)?,
+            keep_samples: self.keep_samples,
             force: self.force,
             resume: self.resume,
             input: stamp,

@@ -21,10 +21,10 @@ mod warnings;
 
 pub use crate::checkpoint::LayersDone;
 pub use crate::labels::CellRows;
-pub use crate::split::NeckRule;
 pub use crate::measure::{
     COMPONENT_COLUMNS, Column, Field, Get, Measures, SURFACE_COLUMNS, SurfaceRow,
 };
+pub use crate::split::NeckRule;
 pub use crate::tileset::{check_output, interrupted};
 pub use options::{ConvertOptions, ConvertReport, Labels, RegionOfInterest};
 pub use tables::unit_text;
@@ -395,7 +395,13 @@ fn read_twice<R>(
 ) -> Result<R> {
     match job.grid.decoded_once(work)? {
         Some(once) => read(&*once, true),
-        None if job.grid.random_access() => read(job.grid, job.options.source_filtered.is_some()),
+        None if job.grid.random_access() => {
+            let options = job.options;
+            read(
+                job.grid,
+                options.keep_samples || options.source_filtered.is_some(),
+            )
+        }
         None => spool_beside(job.grid, work, |copy| read(copy, false)),
     }
 }
