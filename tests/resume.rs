@@ -139,10 +139,13 @@ fn every_layer_of_every_kind() {
     let split = ConvertOptions {
         split: Some(NeckRule::default()),
         keep_samples: true,
+        macrocube: [9, 8, 5],
         ..base.clone()
     };
+    let few = [18, 16, 15];
+    let small_foam = placed(few, common::volumes::foam(few, 5));
     // splitting begins anew each time
-    stop_in_steps("split", &foam, &split, |looks| looks * 3 / 4);
+    stop_in_steps("split", &small_foam, &split, |looks| looks * 3 / 4);
     let web = ConvertOptions {
         encoding: Encoding::Meshopt,
         layout: Layout::Merged,

@@ -294,7 +294,7 @@ fn sweep(
             memory,
             work,
         };
-        let cells = cells(&input)?;
+        let cells = cells(&input, &labelled.marks, checkpointer)?;
         let input = MeshInput {
             job,
             volume,
