@@ -117,7 +117,8 @@ impl TableReader {
             }
             columns.push(column);
         }
-        if !columns.iter().any(|c| c.name == "id") {
+        // that of openings has the ids of two cells
+        if !columns.iter().any(|c| c.name == "id" || c.name == "cell_a") {
             return bad("none".into());
         }
         reader.columns = columns;
