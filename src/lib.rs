@@ -170,6 +170,7 @@ pub mod preview;
 pub mod progress;
 mod serve;
 mod strip;
+pub mod structure;
 mod surface;
 mod sys;
 pub mod table;

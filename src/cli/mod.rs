@@ -32,6 +32,7 @@ mod select;
 mod serve;
 mod sigbus;
 mod stop;
+mod summary_text;
 mod threshold;
 mod verify;
 mod view;

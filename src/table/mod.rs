@@ -28,8 +28,10 @@
 
 mod chosen;
 mod column;
+mod edge;
 mod expr;
 mod lex;
+mod moments;
 mod outside;
 mod parquet;
 mod parse;
@@ -40,7 +42,9 @@ mod summary;
 pub use crate::manifest::Table;
 pub use chosen::Chosen;
 pub use column::{Column, find_column};
+pub use edge::EdgeCorrection;
 pub use expr::{Expr, Kind};
+pub(crate) use outside::each_cell;
 pub use outside::{Outside, warn_of_outside};
 pub(crate) use parquet::write_parquet;
 pub use query::{Query, Selected};

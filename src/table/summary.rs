@@ -1,6 +1,8 @@
 //! What a table of cells or objects sums up to.
 
 use super::Table;
+use super::edge::{Body, Columns, Corrected, EdgeCorrection, Weights};
+use super::moments::Moments;
 use super::outside::{Air, Outside, Reach, find};
 use super::query::Query;
 use super::reader::TableReader;
@@ -44,6 +46,13 @@ pub struct Summary {
     pub equivalent_diameter: Option<Distribution>,
     /// Median of Wadell's sphericity of the rows that have one; those at the border have none.
     pub sphericity_median: Option<f64>,
+    /// Chosen rows by volume of the sample, corrected for those that the border cuts; absent if [`EdgeCorrection`] does
+    /// not apply.
+    pub number_density: Option<f64>,
+    /// Their mean volume, corrected in the same way.
+    pub mean_volume_corrected: Option<f64>,
+    /// How both were corrected, or why they were not.
+    pub edge_correction: EdgeCorrection,
     /// What makes the numbers doubtful.
     pub warnings: Vec<String>,
 }
@@ -220,7 +229,12 @@ pub fn summarise(
         Some(_) => Air::default(),
     };
     let left_out = which == Table::Cells && outside != Outside::None;
-    let rows = Rows::read(&mut which.open(dir, manifest)?, query, manifest, left_out)?;
+    let (rows, weights) = Rows::read(&mut which.open(dir, manifest)?, query, manifest, left_out)?;
+    let Corrected {
+        number_density,
+        mean_volume,
+        correction,
+    } = weights.finish(manifest, which, air.cells);
     let rest = all - air.voxels;
     let share = |voxels: f64| (rest > 0.0).then(|| voxels / rest);
     Ok(Summary {
@@ -243,10 +257,16 @@ pub fn summarise(
         },
         sphericity_median: quantile(&rows.round, 0.5),
         equivalent_diameter: distribution(rows.sizes, rows.unit),
+        number_density,
+        mean_volume_corrected: mean_volume,
         warnings: match around.is_in(which) {
             true => vec![around.warning(which)],
             false => warnings(&air, outside, rest),
-        },
+        }
+        .into_iter()
+        .chain(correction.warning(which))
+        .collect(),
+        edge_correction: correction,
     })
 }
 
@@ -303,12 +323,14 @@ impl Rows {
         query: &Query,
         manifest: &Manifest,
         without_outside: bool,
-    ) -> Result<Self> {
+    ) -> Result<(Self, Weights)> {
         let (voxels, volume) = (find(table, "voxels")?, find(table, "volume")?);
         let diameter = find(table, "equivalent_diameter")?;
         let border = find(table, "touches_border")?;
         let sphericity = find(table, "sphericity")?;
         let reach = Reach::new(table, manifest)?;
+        let columns = Columns::of(table)?;
+        let mut weights = Weights::of(manifest, &columns);
         let mut rows = Rows {
             unit: table.columns()[diameter].unit.clone(),
             ..Rows::default()
@@ -323,8 +345,12 @@ impl Rows {
             }
             rows.count += 1;
             rows.voxels += row.number(voxels)?.unwrap_or(0.0);
+            let at_border = row.number(border)?.is_some_and(|v| v != 0.0);
+            if let Some(body) = Body::read(&row, &columns, at_border)? {
+                weights.add(&body);
+            }
             // what the grid cuts is smaller here than it is
-            if row.number(border)?.is_some_and(|v| v != 0.0) {
+            if at_border {
                 rows.border += 1;
                 continue;
             }
@@ -334,7 +360,7 @@ impl Rows {
             rows.round.extend(row.number(sphericity)?);
         }
         rows.round.sort_by(f64::total_cmp);
-        Ok(rows)
+        Ok((rows, weights))
     }
 
     fn counts(&self, which: Table) -> Counts {
@@ -360,26 +386,26 @@ fn distribution(mut sizes: Vec<(f64, f64)>, unit: String) -> Option<Distribution
     let values: Vec<f64> = sizes.iter().map(|s| s.0).collect();
     let (min, max) = (*values.first()?, *values.last()?);
     let at = |q| quantile(&values, q).unwrap_or(min);
-    let (mean, sd) = moments(sizes.iter().map(|s| (s.0, 1.0)));
+    let by_number = Moments::of(sizes.iter().map(|s| (s.0, 1.0)));
     let number = Spread {
         min,
         q1: at(0.25),
         median: at(0.5),
         q3: at(0.75),
         max,
-        mean,
-        sd,
+        mean: by_number.mean(),
+        sd: by_number.sd(),
     };
     let [q1, median, q3] = [0.25, 0.5, 0.75].map(|q| weighted_quantile(&sizes, q));
-    let (mean, sd) = moments(sizes.iter().copied());
+    let by_volume = Moments::of(sizes.iter().copied());
     let volume = Spread {
         min,
         q1,
         median,
         q3,
         max,
-        mean,
-        sd,
+        mean: by_volume.mean(),
+        sd: by_volume.sd(),
     };
     let mut bins = vec![0; BINS];
     for v in values {
@@ -421,18 +447,6 @@ fn weighted_quantile(sorted: &[(f64, f64)], q: f64) -> f64 {
         }
     }
     sorted.last().map_or(f64::NAN, |s| s.0)
-}
-
-/// Weighted mean and standard deviation, by the stable update of West (CACM 22, 1979).
-fn moments(values: impl Iterator<Item = (f64, f64)>) -> (f64, f64) {
-    let (mut weight, mut mean, mut square) = (0.0, 0.0, 0.0);
-    for (value, w) in values.filter(|v| v.1 > 0.0) {
-        weight += w;
-        let away = value - mean;
-        mean += away * w / weight;
-        square += w * away * (value - mean);
-    }
-    (mean, (square / weight).sqrt())
 }
 
 #[cfg(test)]
