@@ -168,6 +168,7 @@ pub mod phantom;
 mod picture;
 pub mod preview;
 pub mod progress;
+pub mod report;
 mod serve;
 mod strip;
 pub mod structure;

@@ -78,11 +78,20 @@ enum FormatArg {
 
 /// Which cells are air around the sample, as typed.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
-enum OutsideArg {
+pub enum OutsideArg {
     /// Cells that reach four or more of the grid's six faces; a pore that the grid cuts reaches three at most, unless it is as long as the grid
     BorderCell,
     /// No cell
     None,
+}
+
+impl From<OutsideArg> for Outside {
+    fn from(rule: OutsideArg) -> Self {
+        match rule {
+            OutsideArg::BorderCell => Outside::BorderCell,
+            OutsideArg::None => Outside::None,
+        }
+    }
 }
 
 /// List the cells of a tile set, or sum them up
@@ -248,10 +257,7 @@ impl CellsArgs {
                 "table or json",
             ));
         }
-        let outside = match self.outside {
-            Some(OutsideArg::BorderCell) => Outside::BorderCell,
-            Some(OutsideArg::None) | None => Outside::None,
-        };
+        let outside = self.outside.map_or(Outside::None, Into::into);
         let summary = summarise(&self.out, manifest, self.table(), query, outside)?;
         let console = self.common.start();
         summary.warnings.iter().for_each(|w| console.warn(w));

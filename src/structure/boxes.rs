@@ -94,7 +94,7 @@ fn widths(most: usize) -> Vec<usize> {
 
 /// The porosity of boxes from a block up to the largest that fits. Boxes in which no voxel counts are none.
 ///
-/// Source: J. Bear, Dynamics of Fluids in Porous Media, Elsevier, 1972, section 1.3 (representative elementary volume).
+/// Source: J. Bear, Dynamics of Fluids in Porous Media, Elsevier, 1972, chapter 1 (representative elementary volume).
 pub fn porosity_of_boxes(content: &Content) -> Vec<BoxPorosity> {
     let counts = content.blocks.counts();
     let [all, pores] = [content.all, content.pores].map(|v| Prefix::new(v, counts));

@@ -32,7 +32,7 @@ pub struct Fabric {
 /// The mean length of the parts of lines that lie in a phase.
 ///
 /// Source: Cauchy's formula, 2 V by the sum of projected areas, A |n . d| (E. E. Underwood, Quantitative Stereology,
-/// Addison-Wesley, 1970, chapters 2 and 4); the ellipsoid of W. J. Whitehouse, Journal of Microscopy 101, 1974, and
+/// Addison-Wesley, 1970); the ellipsoid of W. J. Whitehouse, Journal of Microscopy 101, 1974, and
 /// T. P. Harrigan and R. W. Mann, Journal of Materials Science 19, 1984.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct MeanIntercept {

@@ -20,7 +20,7 @@ use serde::Serialize;
 /// Source: R. E. Miles, "On the elimination of edge effects in planar sampling", in Stochastic Geometry, Wiley, 1974;
 /// C. Lantuéjoul, "Computation of the histograms of the number of edges and neighbours of cells in a tessellation", in
 /// Geometrical Probability and Biological Structures, Springer, 1978; J. Serra, Image Analysis and Mathematical
-/// Morphology, Academic Press, 1982, p. 246.
+/// Morphology, Academic Press, 1982.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct EdgeCorrection {
     /// `miles-lantuejoul`.

@@ -37,6 +37,7 @@ mod parquet;
 mod parse;
 mod query;
 mod reader;
+mod spread;
 mod summary;
 
 pub use crate::manifest::Table;
@@ -49,11 +50,10 @@ pub use outside::{Outside, warn_of_outside};
 pub(crate) use parquet::write_parquet;
 pub use query::{Query, Selected};
 pub use reader::{Row, TableReader};
-pub use summary::{
-    Border, Counts, Distribution, Histogram, PorosityOf, Spread, Summary, summarise,
-};
+pub use spread::{Distribution, Histogram, Spread};
+pub use summary::{Border, Counts, PorosityOf, Summary, summarise};
 
-pub(crate) use summary::quantile;
+pub(crate) use spread::quantile;
 
 use crate::error::Result;
 use crate::manifest::{Manifest, file_inside};
