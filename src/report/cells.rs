@@ -2,7 +2,7 @@
 
 use crate::error::Result;
 use crate::manifest::Manifest;
-use crate::table::{Histogram, Outside, Spread, Table, TableReader, each_cell};
+use crate::table::{Histogram, Outside, Row, Spread, Table, TableReader, each_cell};
 use serde::Serialize;
 use std::collections::HashSet;
 use std::path::Path;
@@ -96,7 +96,7 @@ fn whole_cells(
     dir: &Path,
     manifest: &Manifest,
     outside: &HashSet<u64>,
-    mut each: impl FnMut(&crate::table::Row, &Columns) -> Result<()>,
+    mut each: impl FnMut(&Row, &Columns) -> Result<()>,
 ) -> Result<()> {
     let mut table = Table::Cells.open(dir, manifest)?;
     let columns = Columns::of(&table)?;
@@ -133,52 +133,66 @@ pub fn forms(dir: &Path, manifest: &Manifest, outside: Outside) -> Result<Forms>
     let mut forms = Vec::new();
     let mut fences = [None; MEASURES.len()];
     for (m, values) in values.into_iter().enumerate() {
-        let mut sorted: Vec<f64> = values.iter().map(|v| v.0).collect();
-        sorted.sort_by(f64::total_cmp);
-        let Some(spread) = Spread::of(&sorted) else {
+        let Some((form, fence)) = form(MEASURES[m], values) else {
             continue;
         };
-        let (column, ends) = MEASURES[m];
-        let fence = Fences::of(&spread, ends);
-        let beyond = sorted.iter().filter(|v| fence.beyond(**v).is_some());
-        forms.push(Form {
-            column,
-            spread,
-            histogram: Histogram::of(&values, [spread.min, spread.max]),
-            outliers: beyond.count() as u64,
-        });
+        forms.push(form);
         fences[m] = Some(fence);
     }
     let mut outliers = Vec::new();
     whole_cells(dir, manifest, &around, |row, columns| {
         for (m, fence) in fences.iter().enumerate() {
-            let (Some(fence), Some(value)) = (fence, row.number(columns.measures[m])?) else {
-                continue;
-            };
-            let Some((fence, distance)) = fence.beyond(value) else {
-                continue;
-            };
-            let mut centroid = [0.0; 3];
-            for (c, &column) in centroid.iter_mut().zip(&columns.centroid) {
-                *c = row.number(column)?.unwrap_or(f64::NAN);
+            if let (Some(fence), Some(value)) = (fence, row.number(columns.measures[m])?)
+                && let Some(beyond) = fence.beyond(value)
+            {
+                outliers.push(outlier(row, columns, m, beyond)?);
             }
-            outliers.push(Outlier {
-                id: row.whole(columns.id)?,
-                column: MEASURES[m].0,
-                value,
-                fence,
-                distance,
-                volume: row.number(columns.volume)?.unwrap_or(f64::NAN),
-                centroid,
-            });
         }
-        if outliers.len() > 2 * OUTLIERS {
+        if outliers.len() > 4 * OUTLIERS {
             farthest(&mut outliers);
         }
         Ok(())
     })?;
     farthest(&mut outliers);
     Ok(Forms { forms, outliers })
+}
+
+/// How values with the volumes of their cells are distributed, and their fences; `None` of no values.
+fn form(
+    (column, ends): (&'static str, [bool; 2]),
+    values: Vec<(f64, f64)>,
+) -> Option<(Form, Fences)> {
+    let mut sorted: Vec<f64> = values.iter().map(|v| v.0).collect();
+    sorted.sort_by(f64::total_cmp);
+    let spread = Spread::of(&sorted)?;
+    let fences = Fences {
+        quartiles: [spread.q1, spread.q3],
+        ends,
+    };
+    let beyond = sorted.iter().filter(|v| fences.beyond(**v).is_some());
+    let form = Form {
+        column,
+        spread,
+        histogram: Histogram::of(&values, [spread.min, spread.max]),
+        outliers: beyond.count() as u64,
+    };
+    Some((form, fences))
+}
+
+fn outlier(row: &Row, columns: &Columns, measure: usize, beyond: Beyond) -> Result<Outlier> {
+    let mut centroid = [0.0; 3];
+    for (c, &column) in centroid.iter_mut().zip(&columns.centroid) {
+        *c = row.number(column)?.unwrap_or(f64::NAN);
+    }
+    Ok(Outlier {
+        id: row.whole(columns.id)?,
+        column: MEASURES[measure].0,
+        value: beyond.value,
+        fence: beyond.fence,
+        distance: beyond.distance,
+        volume: row.number(columns.volume)?.unwrap_or(f64::NAN),
+        centroid,
+    })
 }
 
 /// Keeps the farthest, in order; of equals those of smaller ids.
@@ -195,21 +209,57 @@ struct Fences {
     ends: [bool; 2],
 }
 
-impl Fences {
-    fn of(spread: &Spread, ends: [bool; 2]) -> Self {
-        Fences {
-            quartiles: [spread.q1, spread.q3],
-            ends,
-        }
-    }
+/// A value beyond a fence.
+#[derive(Debug, Clone, Copy)]
+struct Beyond {
+    value: f64,
+    fence: f64,
+    /// From the nearer quartile, in distances between the quartiles.
+    distance: f64,
+}
 
-    /// The fence that a value lies beyond, and its distance from the nearer quartile.
-    fn beyond(&self, value: f64) -> Option<(f64, f64)> {
+impl Fences {
+    /// The fence that a value lies beyond, if there is one.
+    fn beyond(&self, value: f64) -> Option<Beyond> {
         let [q1, q3] = self.quartiles;
         let between = q3 - q1;
         let far = [(q1 - value) / between, (value - q3) / between];
         let fences = [q1 - FENCE * between, q3 + FENCE * between];
         let end = (0..2).find(|&end| self.ends[end] && far[end] > FENCE)?;
-        far[end].is_finite().then_some((fences[end], far[end]))
+        far[end].is_finite().then_some(Beyond {
+            value,
+            fence: fences[end],
+            distance: far[end],
+        })
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn fences_are_those_of_tukey() {
+        let fences = Fences {
+            quartiles: [10.0, 14.0],
+            ends: [true, false],
+        };
+        for value in [4.0, 10.0, 14.0, 30.0, f64::NAN] {
+            assert!(fences.beyond(value).is_none(), "{value}");
+        }
+        let found = fences.beyond(2.0).unwrap();
+        assert_eq!((found.fence, found.distance), (4.0, 2.0));
+        let both = Fences {
+            ends: [true, true],
+            ..fences
+        };
+        let found = both.beyond(24.0).unwrap();
+        assert_eq!((found.fence, found.distance), (20.0, 2.5));
+        // all values are the same: none of them is an outlier, and no number is infinite
+        let same = Fences {
+            quartiles: [1.0, 1.0],
+            ends: [true, true],
+        };
+        assert!(same.beyond(1.0).is_none() && same.beyond(2.0).is_none());
     }
 }

@@ -7,7 +7,7 @@ mod settings;
 use super::{Necks, Outlier, Report, Walls};
 use crate::picture::printed_unit;
 use crate::structure::{Fabric, MeanIntercept, SurfaceOf};
-use crate::table::{Outside, PorosityOf, Spread};
+use crate::table::{Outside, PorosityOf, Spread, Summary};
 use crate::words::{count, measure, percent, things};
 use base64::Engine;
 use base64::prelude::BASE64_STANDARD;
@@ -138,27 +138,7 @@ fn results(report: &Report) -> Markup {
         );
         lines.push(("equivalent diameter", text));
     }
-    let correction = &s.edge_correction;
-    let volume = &correction.unit;
-    match (s.number_density, s.mean_volume_corrected) {
-        (Some(density), Some(mean)) => {
-            let text = format!(
-                "{} per {}, edge corrected",
-                measure(density),
-                printed_unit(volume)
-            );
-            lines.push(("number density", text));
-            let whole = correction.mean_volume_whole.map_or(String::new(), |whole| {
-                format!(" ({} of whole cells alone)", measure(whole))
-            });
-            let text = format!("{}, edge corrected{whole}", with_unit(mean, volume));
-            lines.push(("mean volume", text));
-        }
-        _ => {
-            let reason = correction.reason.as_deref().unwrap_or_default();
-            lines.push(("number density", format!("not corrected: {reason}")));
-        }
-    }
+    lines.extend(edge_corrected(s));
     if let Some(median) = s.sphericity_median {
         lines.push(("sphericity", format!("{} (median)", measure(median))));
     }
@@ -170,6 +150,27 @@ fn results(report: &Report) -> Markup {
         }
     }
     html! { h2 { "Results" } (pairs(&lines)) }
+}
+
+/// Number by volume and mean volume, or why they cannot be corrected.
+fn edge_corrected(s: &Summary) -> Vec<(&'static str, String)> {
+    let correction = &s.edge_correction;
+    let volume = &correction.unit;
+    let (Some(density), Some(mean)) = (s.number_density, s.mean_volume_corrected) else {
+        let reason = correction.reason.as_deref().unwrap_or_default();
+        return vec![("number density", format!("not corrected: {reason}"))];
+    };
+    let per = printed_unit(volume);
+    let alone = |whole: f64| format!(" ({} of whole cells alone)", measure(whole));
+    let whole = correction.mean_volume_whole.map_or(String::new(), alone);
+    let mean = format!("{}, edge corrected{whole}", with_unit(mean, volume));
+    vec![
+        (
+            "number density",
+            format!("{} per {per}, edge corrected", measure(density)),
+        ),
+        ("mean volume", mean),
+    ]
 }
 
 fn picture(report: &Report) -> Markup {

@@ -4,8 +4,9 @@ use crate::words::number;
 use plotters::coord::Shift;
 use plotters::prelude::*;
 
-/// Width and height of a plot.
-const SIZE: (u32, u32) = (620, 300);
+/// Width and height of a plot that stands beside another one, and of one that fills the page.
+const HALF: (u32, u32) = (460, 260);
+const WHOLE: (u32, u32) = (900, 320);
 /// Colours that are told apart by those who see few: of Okabe and Ito.
 const BLUE: RGBColor = RGBColor(0, 114, 178);
 const ORANGE: RGBColor = RGBColor(213, 94, 0);
@@ -32,16 +33,16 @@ type Failed = DrawingAreaErrorKind<std::io::Error>;
 type Area<'a> = DrawingArea<SVGBackend<'a>, Shift>;
 
 /// Draws into a new SVG. What fails is drawn as far as it went: a text in memory cannot be refused.
-fn svg(draw: impl FnOnce(&Area) -> Result<(), Failed>) -> String {
+fn svg(size: (u32, u32), draw: impl FnOnce(&Area) -> Result<(), Failed>) -> String {
     let mut text = String::new();
     {
-        let area = SVGBackend::with_string(&mut text, SIZE).into_drawing_area();
+        let area = SVGBackend::with_string(&mut text, size).into_drawing_area();
         // writing to a string cannot fail, and ranges have been made sound
         let _ = draw(&area);
         let _ = area.present();
     }
     // a size of its own would keep the page from fitting it
-    let sized = format!("<svg width=\"{}\" height=\"{}\" ", SIZE.0, SIZE.1);
+    let sized = format!("<svg width=\"{}\" height=\"{}\" ", size.0, size.1);
     text.replacen(&sized, "<svg ", 1)
 }
 
@@ -64,12 +65,18 @@ fn from_zero(values: impl Iterator<Item = f64>) -> std::ops::Range<f64> {
     0.0..if high > 0.0 { 1.06 * high } else { 1.0 }
 }
 
+/// The same with some room below, and above for a legend.
+fn with_room(y: std::ops::Range<f64>) -> std::ops::Range<f64> {
+    let length = y.end - y.start;
+    y.start - 0.05 * length..y.end + 0.15 * length
+}
+
 /// Bars of equal width between two ends.
 pub fn bars(ends: [f64; 2], heights: &[f64], axes: &Axes) -> String {
     let width = (ends[1] - ends[0]) / heights.len().max(1) as f64;
     let x = range(ends.into_iter());
     let y = from_zero(heights.iter().copied());
-    svg(|area| {
+    svg(HALF, |area| {
         let mut chart = chart(area, x, y.clone(), axes)?;
         let bars = heights.iter().enumerate().filter(|(_, h)| **h > 0.0);
         chart.draw_series(bars.map(|(i, &height)| {
@@ -85,22 +92,14 @@ pub fn bars(ends: [f64; 2], heights: &[f64], axes: &Axes) -> String {
     })
 }
 
-/// Lines, with a legend if there are several. With `zero` the values begin at 0.
-pub fn lines(lines: &[Line], axes: &Axes, zero: bool) -> String {
+/// Lines, with a legend if there are several.
+pub fn lines(lines: &[Line], axes: &Axes) -> String {
     let lines: Vec<(&str, Vec<(f64, Option<f64>)>)> =
         lines.iter().map(|l| (l.name, thinned(&l.points))).collect();
     let all = || lines.iter().flat_map(|(_, points)| points);
     let x = range(all().map(|p| p.0));
-    let values = || all().filter_map(|p| p.1);
-    let y = match zero {
-        true => from_zero(values()),
-        false => {
-            let y = range(values());
-            let room = 0.06 * (y.end - y.start);
-            y.start - room..y.end + room
-        }
-    };
-    svg(|area| {
+    let y = with_room(range(all().filter_map(|p| p.1)));
+    svg(WHOLE, |area| {
         let mut chart = chart(area, x, y, axes)?;
         for ((name, points), colour) in lines.iter().zip([BLUE, ORANGE, GREEN]) {
             let mut named = false;
@@ -144,10 +143,8 @@ pub fn growing(data: &Growing, axes: &Axes) -> String {
         [m.1 - sd, m.1 + sd]
     };
     let values = data.means.iter().flat_map(ends);
-    let y = range(values.chain(data.single.iter().map(|s| s.1)));
-    let room = 0.06 * (y.end - y.start);
-    let y = y.start - room..y.end + room;
-    svg(|area| {
+    let y = with_room(range(values.chain(data.single.iter().map(|s| s.1))));
+    svg(WHOLE, |area| {
         let low = x.start.max(1e-300);
         let mut chart = ChartBuilder::on(area);
         let mut chart = chart
@@ -174,7 +171,10 @@ pub fn growing(data: &Growing, axes: &Axes) -> String {
             )])?;
         }
         let means = data.means.iter().map(|m| (m.0, m.1));
-        chart.draw_series(means.map(|at| Circle::new(at, 4, BLUE.filled())))?;
+        chart
+            .draw_series(means.map(|at| Circle::new(at, 4, BLUE.filled())))?
+            .label("boxes side by side")
+            .legend(|(x, y)| Circle::new((x + 9, y), 4, BLUE.filled()));
         let line = LineSeries::new(data.single.iter().copied(), ORANGE.stroke_width(2));
         chart
             .draw_series(line)?

@@ -126,6 +126,13 @@ impl Members {
         }
         Ok(members)
     }
+
+    /// What a user should know of the cells that count.
+    fn note(&self) -> Option<String> {
+        let note = "the surface of cells at the border runs along the edge of the region as well: anisotropy is of whole \
+                    cells";
+        (self.surface_of == SurfaceOf::WholeCells).then(|| note.to_owned())
+    }
 }
 
 /// Goes through the tiles of a set once. Memory: a tile for each thread, 32 MiB for boxes, and a bit for each voxel of a
@@ -137,20 +144,11 @@ impl Members {
 pub fn structure(set: &TileSet, wanted: &Wanted, progress: &dyn Progress) -> Result<Structure> {
     let manifest = set.manifest();
     let members = Members::read(set, wanted.outside)?;
-    let mut notes = Vec::new();
-    if members.surface_of == SurfaceOf::WholeCells {
-        notes.push(
-            "the surface of cells at the border runs along the edge of the region as well: anisotropy is of whole cells"
-                .to_owned(),
-        );
-    }
-    let wants = match (wanted.porosity, profile::refusal(manifest)) {
-        (true, Some(refusal)) => {
-            notes.push(refusal);
-            false
-        }
-        (wants, _) => wants,
-    };
+    let refusal = wanted
+        .porosity
+        .then(|| profile::refusal(manifest))
+        .flatten();
+    let wants = wanted.porosity && refusal.is_none();
     let mut gather = Gather::new(manifest, &members, wants, wanted.slice);
     pass::all_tiles(set, &mut gather, progress)?;
     let Found {
@@ -165,7 +163,7 @@ pub fn structure(set: &TileSet, wanted: &Wanted, progress: &dyn Progress) -> Res
         mean_intercept_length: fabric.intercepts(members.volume, place.unit.name()),
         profile: None,
         boxes: Vec::new(),
-        notes,
+        notes: members.note().into_iter().chain(refusal).collect(),
         slice: None,
     };
     let Some(porosity) = porosity else {

@@ -263,7 +263,7 @@ impl Weights {
         if let Some((id, axis)) = self.through {
             return Some(format!(
                 "{one} {id} reaches from one end of the grid to the other along {}: one as long as the grid is never \
-                 whole in it",
+                 whole in it; if it is none of those to be counted, --where leaves it out",
                 ["x", "y", "z"][axis]
             ));
         }

@@ -89,7 +89,6 @@ fn along(profile: &Profile, unit: &str) -> Markup {
             x: &x,
             y: "porosity [%]",
         },
-        false,
     );
     let spread: Vec<Vec<String>> = axes
         .iter()

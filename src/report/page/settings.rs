@@ -19,30 +19,33 @@ fn times(values: [f64; 3]) -> String {
 
 /// The input, its settings and the tile set.
 pub fn section(report: &Report) -> Markup {
+    let mut rows = input(report);
+    rows.extend(surface(report));
+    html! { h2 { "Input and settings" } (pairs(&rows)) }
+}
+
+fn dims(d: [u32; 3]) -> String {
+    d.map(|n| n.to_string()).join(" × ")
+}
+
+/// What was read, and what was done to it before the threshold.
+fn input(report: &Report) -> Vec<(&'static str, String)> {
     let s = &report.settings;
     let source = &s.source;
-    let dims = |d: [u32; 3]| d.map(|n| n.to_string()).join(" × ");
+    let samples = [
+        format!("{} voxels", dims(source.dims.0)),
+        source.dtype.to_string(),
+        source.format.clone(),
+    ];
     let mut rows = vec![
         ("input", source.name.clone()),
-        (
-            "samples",
-            format!(
-                "{} voxels, {}, {}",
-                dims(source.dims.0),
-                source.dtype,
-                source.format
-            ),
-        ),
+        ("samples", samples.join(", ")),
     ];
-    if let Some(values) = &source.values {
-        rows.push(("values", values.clone()));
-    }
+    rows.extend(source.values.clone().map(|values| ("values", values)));
     if !s.filters.is_empty() {
         rows.push(("filters", filters_text(&s.filters)));
     }
-    if let Some(crop) = &source.crop {
-        rows.push(("crop", crop.to_string()));
-    }
+    rows.extend(source.crop.as_ref().map(|crop| ("crop", crop.to_string())));
     if let Some(region) = &s.region {
         let share = 100.0 * region.voxels as f64 / s.grid.dims.voxels() as f64;
         let text = format!("{region}, {share:.1} % of the grid inside");
@@ -50,17 +53,19 @@ pub fn section(report: &Report) -> Markup {
     }
     rows.push(("grid", format!("{} voxels", dims(s.grid.dims.0))));
     let place = &s.placement;
-    rows.push((
-        "voxel",
-        format!(
-            "{} {} (from: {})",
-            times(place.spacing),
-            place.unit,
-            word(source.provenance.spacing[0])
-        ),
-    ));
-    rows.push(("threshold", exact(s.threshold)));
-    rows.push(("ambiguous faces", word(s.ambiguous)));
+    let from = word(source.provenance.spacing[0]);
+    let text = format!("{} {} (from: {from})", times(place.spacing), place.unit);
+    rows.push(("voxel", text));
+    rows
+}
+
+/// How the surface was made, and what it is.
+fn surface(report: &Report) -> Vec<(&'static str, String)> {
+    let s = &report.settings;
+    let mut rows = vec![
+        ("threshold", exact(s.threshold)),
+        ("ambiguous faces", word(s.ambiguous)),
+    ];
     if s.cap {
         rows.push(("surface", "closed at the faces of the grid".to_owned()));
     }
@@ -88,9 +93,7 @@ pub fn section(report: &Report) -> Markup {
     }
     rows.push(("triangles", count(report.totals.triangles)));
     let checksum = s.index_checksum.as_deref().unwrap_or("none");
-    rows.push((
-        "index",
-        format!("checksum {checksum}, which covers all files of the set"),
-    ));
-    html! { h2 { "Input and settings" } (pairs(&rows)) }
+    let text = format!("checksum {checksum}, which covers all files of the set");
+    rows.push(("index", text));
+    rows
 }
