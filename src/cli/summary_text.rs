@@ -125,7 +125,7 @@ fn anisotropy(lines: &MeanIntercept) -> (&'static str, String) {
         Some(degree) => format!("{degree:.3}"),
         None => "no ellipsoid".to_owned(),
     };
-    let text = format!("{degree}; lines in cells: {x}, {y}, {z} {}", lines.unit);
+    let text = format!("{degree}; mean intercepts {x}, {y}, {z} {}", lines.unit);
     ("anisotropy", text)
 }
 

@@ -4,8 +4,8 @@ use super::crossings::Crossing;
 
 /// Blocks along the shortest axis of the grid, if it has as many voxels.
 const ALONG_SHORTEST: f64 = 32.0;
-/// The most blocks: what is kept of each is 16 bytes.
-const MOST: f64 = (1u32 << 20) as f64;
+/// The most blocks: all that is kept of each takes some 90 bytes.
+const MOST: f64 = (1u32 << 18) as f64;
 
 /// How blocks cover a grid.
 #[derive(Debug, Clone, PartialEq)]

@@ -206,7 +206,8 @@ impl FabricSums {
     fn ellipsoid(&self, volume: f64) -> Option<[(f64, [f64; 3]); 3]> {
         let mut normal = [[0.0; 7]; 6];
         for (d, projected) in directions().iter().zip(self.projected) {
-            let value = (projected / (4.0 * volume)).powi(2);
+            let inverse = projected / (4.0 * volume);
+            let value = inverse * inverse;
             let row = [
                 d.x * d.x,
                 d.y * d.y,
@@ -265,6 +266,10 @@ fn solved(mut m: [[f64; 7]; 6]) -> Option<[f64; 6]> {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    fn ball_volume(radius: f64) -> f64 {
+        4.0 / 3.0 * std::f64::consts::PI * radius * radius * radius
+    }
 
     /// Sums over a surface of triangles between these points on a ball of radius 1, stretched.
     fn ball(stretch: [f64; 3]) -> FabricSums {
@@ -329,7 +334,7 @@ mod tests {
         );
         assert!(fabric.isotropy > 0.998);
         let radius = 1e6 / f64::from(LATTICE);
-        let volume = 4.0 / 3.0 * std::f64::consts::PI * radius.powi(3);
+        let volume = ball_volume(radius);
         let lines = sums.intercepts(volume, "mm").unwrap();
         // 4/3 of the radius, Cauchy
         for length in [Some(lines.mean), lines.x, lines.y, lines.z] {
@@ -344,7 +349,7 @@ mod tests {
         let stretch = [1.0, 1.5, 2.5];
         let sums = ball(stretch);
         let radius = 1e6 / f64::from(LATTICE);
-        let volume = 4.0 / 3.0 * std::f64::consts::PI * radius.powi(3) * 3.75;
+        let volume = ball_volume(radius) * 3.75;
         let lines = sums.intercepts(volume, "mm").unwrap();
         let axes = lines.axes.unwrap();
         for (axis, ratio) in axes.into_iter().zip([2.5, 1.5, 1.0]) {

@@ -236,16 +236,18 @@ fn a_cylinder_counts_what_is_inside() {
     }
 }
 
+/// The square of the distance from the middle of 30 voxels.
+fn square(v: u32) -> f64 {
+    let away = f64::from(v) - 14.5;
+    away * away
+}
+
 /// A ball in air that fills the corners: what is left out of the profile is the outer air.
 #[test]
 fn air_around_a_sample_is_left_out_of_slices() {
     let dims = [30, 30, 30];
     let samples = |[x, y, z]: [u32; 3]| {
-        let r = [x, y, z]
-            .map(|v| (f64::from(v) - 14.5).powi(2))
-            .iter()
-            .sum::<f64>()
-            .sqrt();
+        let r = [x, y, z].map(square).iter().sum::<f64>().sqrt();
         if (5.5..13.0).contains(&r) { 255u8 } else { 0 }
     };
     let all = (0..27_000u32).map(|i| samples([i % 30, i / 30 % 30, i / 900]));
@@ -264,7 +266,7 @@ fn air_around_a_sample_is_left_out_of_slices() {
     for z in 0..30u32 {
         let (mut pores, mut all) = (0, 0);
         for i in 0..900 {
-            let at = [i % 30, i / 30, z].map(|v| (f64::from(v) - 14.5).powi(2));
+            let at = [i % 30, i / 30, z].map(square);
             let r = at.iter().sum::<f64>().sqrt();
             all += u64::from(r < 13.0);
             pores += u64::from(r < 5.5);
@@ -281,6 +283,30 @@ fn air_around_a_sample_is_left_out_of_slices() {
         (lines.degree_of_anisotropy.unwrap() - 1.0).abs() < 0.02,
         "{lines:?}"
     );
+}
+
+/// What is left out as dust is filled in the tiles as well.
+#[test]
+fn dust_is_filled() {
+    let samples = (0..8000u64).map(|i| {
+        let h = (i + 1).wrapping_mul(0x9e37_79b9_7f4a_7c15);
+        let h = (h ^ (h >> 31)).wrapping_mul(0xbf58_476d_1ce4_e5b9);
+        (h >> 56) as u8
+    });
+    let volume = MemoryVolume::new(Dims([20; 3]), Placement::default(), samples.collect()).unwrap();
+    let options = ConvertOptions {
+        threshold: 210.0,
+        macrocube: [7; 3],
+        min_voxels: 4,
+        ..ConvertOptions::default()
+    };
+    let (found, set, _dir) = measured(&volume, &options, &EVERYTHING);
+    let totals = set.manifest().totals;
+    assert!(set.manifest().dust.unwrap().objects > 10);
+    let profile = found.profile.unwrap();
+    for axis in [&profile.x, &profile.y, &profile.z] {
+        assert_eq!(axis.pores.iter().sum::<u64>(), 8000 - totals.voxels_above);
+    }
 }
 
 /// A part of a set has no porosity, and says so.

@@ -331,6 +331,10 @@ mod tests {
     const SIDE: u32 = 100;
     const LARGEST: f64 = 22.0;
 
+    fn cube(v: f64) -> f64 {
+        v * v * v
+    }
+
     fn window() -> Window {
         Window::new([SIDE; 3], &Placement::default()).unwrap()
     }
@@ -345,7 +349,7 @@ mod tests {
         (!is_out).then(|| Body {
             id,
             ends: [low.map(|v| v.max(0.0)), high.map(|v| v.min(last))],
-            volume: radius.powi(3),
+            volume: cube(radius),
             diameter: 2.0 * radius,
             at_border,
         })
@@ -364,9 +368,10 @@ mod tests {
         for _ in 0..windows {
             let mut weights = Weights::new(Some(window()), String::new());
             for id in 0..per_window {
-                let radius = 4.0 + (LARGEST - 4.0) * random.next().powi(2);
+                let share = random.next();
+                let radius = 4.0 + (LARGEST - 4.0) * share * share;
                 let centre = [(); 3].map(|()| random.next() * reach - LARGEST - 1.0);
-                sizes.add(radius.powi(3), 1.0);
+                sizes.add(cube(radius), 1.0);
                 diameters.add(2.0 * radius, 1.0);
                 if let Some(body) = ball(id, centre, radius) {
                     weights.add(&body);
@@ -380,14 +385,14 @@ mod tests {
             naive[1] += weights.rows as f64 * weights.volume_whole.mean();
         }
         let n = f64::from(windows);
-        let density = per_window as f64 / reach.powi(3);
+        let density = per_window as f64 / cube(reach);
         let near = |found: f64, expected: f64| {
             assert!((found / expected - 1.0).abs() < 0.01, "{found} {expected}");
         };
         near(found[0] / n, density);
         near(found[1] / found[0], sizes.mean());
         near(found[2] / found[0], diameters.mean());
-        let whole = naive[0] / n / f64::from(SIDE).powi(3) / density;
+        let whole = naive[0] / n / cube(f64::from(SIDE)) / density;
         let mean = naive[1] / naive[0] / sizes.mean();
         assert!(whole < 0.8 && mean < 0.85, "{whole} {mean}");
     }
