@@ -398,6 +398,16 @@ fn anisotropy_is_that_of_a_stretched_body_and_turns_with_it() {
     let text = ok(dir, &["cells", "long-2", "--summary"]);
     assert!(text.contains("anisotropy"), "{text}");
     assert!(text.lines().all(|l| l.chars().count() <= 80), "{text}");
+    // tables without their tiles still sum up
+    std::fs::remove_dir_all(dir.join("long-1/tiles")).unwrap();
+    let output = alvis(dir, &["cells", "long-1", "--summary", "--json"]);
+    let said = String::from_utf8(output.stderr).unwrap();
+    assert!(said.contains("there is no anisotropy"), "{said}");
+    let found = json(&String::from_utf8(output.stdout).unwrap());
+    assert_eq!(
+        (&found["cells"], &found["fabric"]),
+        (&1.into(), &Value::Null)
+    );
     // it is of the whole set
     let part = [
         "cells",

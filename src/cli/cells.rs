@@ -7,7 +7,7 @@ use super::{Outcome, output, summary_text};
 use crate::error::{Error, Result};
 use crate::manifest::Manifest;
 use crate::progress::Progress;
-use crate::structure::{self, Wanted};
+use crate::structure::{self, Structure, Wanted};
 use crate::table::{
     Chosen, Column, Outside, Query, Row, Table, TableReader, find_column, summarise,
     warn_of_outside,
@@ -249,6 +249,26 @@ impl CellsArgs {
             .collect()
     }
 
+    /// The orientation of the surface, from the tiles. Tables alone have sums, too: tiles that cannot be read are no
+    /// failure.
+    fn structure(&self, outside: Outside, console: &dyn Progress) -> Result<Option<Structure>> {
+        let wanted = Wanted {
+            outside,
+            ..Wanted::default()
+        };
+        let set = TileSet::open(&self.out)?;
+        match structure::structure(&set, &wanted, console) {
+            Err(Error::Interrupted) => Err(Error::Interrupted),
+            Err(e) => {
+                console.warn(&format!(
+                    "there is no anisotropy, since the tiles cannot be read: {e}"
+                ));
+                Ok(None)
+            }
+            Ok(structure) => Ok(Some(structure)),
+        }
+    }
+
     fn print_summary(&self, query: &Query, manifest: &Manifest, format: FormatArg) -> Result<()> {
         if format == FormatArg::Csv {
             return Err(Error::usage(
@@ -262,14 +282,7 @@ impl CellsArgs {
         let console = self.common.start();
         summary.warnings.iter().for_each(|w| console.warn(w));
         let structure = match self.chosen(self.table()) == Chosen::default() {
-            true => {
-                let wanted = Wanted {
-                    outside,
-                    ..Wanted::default()
-                };
-                let set = TileSet::open(&self.out)?;
-                Some(structure::structure(&set, &wanted, &console)?)
-            }
+            true => self.structure(outside, &console)?,
             false => None,
         };
         drop(console);
