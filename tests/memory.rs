@@ -490,7 +490,7 @@ fn all_commands(dir: &Path, limit: u64, sewn: u64, dims: &str) {
     let volume = ["--dims", dims, "--dtype", "u8"];
     let memory = sewn.to_string();
     inside(dir, sewn, &["export", "out", "a.ply", "--memory", &memory]);
-    let commands: [&[&str]; 10] = [
+    let commands: [&[&str]; 9] = [
         &["verify", "out", "--threads", "2"],
         &["verify", "out", "--threads", "2", "--against", "a.raw"],
         &["select", "out", "sel", "--where", "id > 5"],
@@ -498,7 +498,6 @@ fn all_commands(dir: &Path, limit: u64, sewn: u64, dims: &str) {
         &["repack", "out", "packed", "--for", "meshlab"],
         &["cells", "out", "--sort", "-volume"],
         &["cells", "out", "--summary"],
-        &["report", "out", "a.html"],
         &["info", "a.raw"],
         &[
             "preview",

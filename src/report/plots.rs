@@ -93,22 +93,25 @@ pub fn bars(ends: [f64; 2], heights: &[f64], axes: &Axes) -> String {
 }
 
 /// Lines, with a legend if there are several.
-pub fn lines(lines: &[Line], axes: &Axes) -> String {
-    let lines: Vec<(&str, Vec<(f64, Option<f64>)>)> =
-        lines.iter().map(|l| (l.name, thinned(&l.points))).collect();
-    let all = || lines.iter().flat_map(|(_, points)| points);
+pub fn lines<'a>(lines: &[Line<'a>], axes: &Axes) -> String {
+    let short = |line: &Line<'a>| Line {
+        name: line.name,
+        points: thinned(&line.points),
+    };
+    let lines: Vec<Line> = lines.iter().map(short).collect();
+    let all = || lines.iter().flat_map(|line| &line.points);
     let x = range(all().map(|p| p.0));
     let y = with_room(range(all().filter_map(|p| p.1)));
     svg(WHOLE, |area| {
         let mut chart = chart(area, x, y, axes)?;
-        for ((name, points), colour) in lines.iter().zip([BLUE, ORANGE, GREEN]) {
+        for (line, colour) in lines.iter().zip([BLUE, ORANGE, GREEN]) {
             let mut named = false;
-            for run in points.split(|p| p.1.is_none()) {
+            for run in line.points.split(|p| p.1.is_none()) {
                 let run = run.iter().filter_map(|&(x, y)| Some((x, y?)));
                 let series = LineSeries::new(run, colour.stroke_width(2));
                 let drawn = chart.draw_series(series)?;
                 if !named {
-                    drawn.label(*name).legend(move |(x, y)| {
+                    drawn.label(line.name).legend(move |(x, y)| {
                         PathElement::new([(x, y), (x + 18, y)], colour.stroke_width(2))
                     });
                     named = true;
