@@ -16,6 +16,7 @@ pub use columns::{
     NeckRow, PART_COLUMNS, PartOfComponent, SURFACE_COLUMNS, SurfaceRow,
 };
 pub use component::{ComponentRecord, Measures, SurfaceRecord};
+pub use eigen::eigen_symmetric;
 pub use in_tiles::Measured;
 pub use sums::{AREA_STEPS, AreaScale, MeshSums, Row, VoxelSums, power_sums};
 pub use table::RecordTable;

@@ -109,11 +109,14 @@ impl Parts {
         let mut counts = [0; 2];
         for (path, name) in [(&tables.components, COMPONENTS), (&tables.necks, NECKS)] {
             let Some(path) = path else { continue };
-            let mut reader = TableReader::open(&file_inside(from, path, "open the table")?)?;
-            let ids = match name {
-                NECKS => vec![reader.own_column("cell_a")?, reader.own_column("cell_b")?],
-                _ => vec![reader.own_column("id")?],
+            let keys: &[&str] = match name {
+                NECKS => &["cell_a", "cell_b"],
+                _ => &["id"],
             };
+            let path = file_inside(from, path, "open the table")?;
+            let mut reader = TableReader::open_keyed(&path, keys[0])?;
+            let ids = keys.iter().map(|key| reader.own_column(key));
+            let ids = ids.collect::<Result<Vec<_>>>()?;
             copy_if(&mut reader, &to.join(name), |row| {
                 let (set, all) = match name {
                     NECKS => (&self.cells, false),
