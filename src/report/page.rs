@@ -293,7 +293,8 @@ fn of_necks(necks: &Necks, unit: &str) -> Markup {
         .iter()
         .map(|n| {
             let mut line = vec![format!("{} and {}", n.cell_a, n.cell_b)];
-            line.extend([n.neck_radius, n.ratio].map(measure));
+            line.push(measure(n.neck_radius));
+            line.push(n.ratio.map_or(String::new(), measure));
             line.extend(n.at.map(measure));
             line
         })
@@ -302,7 +303,7 @@ fn of_necks(necks: &Necks, unit: &str) -> Markup {
         h2 { "Necks" }
         p {
             (things(necks.count, "opening")) " between cells; radii in " (printed_unit(&necks.unit))
-            ", places in " (printed_unit(unit)) ", ratios by the radius of the smaller cell."
+            ", places in " (printed_unit(unit)) ", ratios by the radius of the smaller cell, where cells were cut from each other."
         }
         @if !lines.is_empty() {
             (rows(&SPREAD, &lines))

@@ -1,8 +1,8 @@
 //! Necks and walls between cells, where a set has tables of them.
 
-use crate::error::{Error, Result};
+use crate::error::Result;
 use crate::manifest::file_inside;
-use crate::table::{Histogram, Row, Spread, TableReader};
+use crate::table::{Histogram, Spread, TableReader};
 use crate::tileset::TileSet;
 use serde::Serialize;
 
@@ -36,8 +36,8 @@ pub struct Neck {
     pub cell_b: u64,
     /// Radius of the largest ball that passes.
     pub neck_radius: f64,
-    /// The same by the radius of the smaller cell.
-    pub ratio: f64,
+    /// The same by the radius of the smaller cell; absent where the cells were not cut from each other.
+    pub ratio: Option<f64>,
     /// Where it is.
     pub at: [f64; 3],
 }
@@ -68,18 +68,13 @@ fn open(set: &TileSet, name: &str) -> Result<Option<TableReader>> {
     TableReader::open_keyed(&path, "cell_a").map(Some)
 }
 
-/// The number in a field that every row has.
-fn given(row: &Row, table: &str, column: usize) -> Result<f64> {
-    let missing = || Error::format(table, "a row without a number", "a number in each");
-    row.number(column)?.ok_or_else(missing)
-}
-
 fn spread(mut values: Vec<f64>) -> Option<Spread> {
     values.sort_by(f64::total_cmp);
     Spread::of(&values)
 }
 
-/// What the table of necks sums up to; `None` without one. Takes 16 bytes for each.
+/// What the table of necks sums up to; `None` without one. Openings of cells of labels have no radius, and count in number
+/// alone. Takes 16 bytes for each.
 ///
 /// # Errors
 /// What reading returns.
@@ -93,18 +88,24 @@ pub fn necks(set: &TileSet) -> Result<Option<Necks>> {
         .map(|name| table.own_column(name))
         .collect::<Result<_>>()?;
     let unit = table.columns()[columns[2]].unit.clone();
-    let (mut radii, mut ratios, mut widest) = (Vec::new(), Vec::new(), Vec::new());
+    let (mut count, mut radii, mut ratios, mut widest) = (0, Vec::new(), Vec::new(), Vec::new());
     while let Some(row) = table.next_row()? {
-        let number = |i: usize| given(&row, NECKS, columns[i]);
+        count += 1;
+        let number = |i: usize| row.number(columns[i]);
+        let (Some(neck_radius), Some(x), Some(y), Some(z)) =
+            (number(2)?, number(4)?, number(5)?, number(6)?)
+        else {
+            continue;
+        };
         let neck = Neck {
             cell_a: row.whole(columns[0])?,
             cell_b: row.whole(columns[1])?,
-            neck_radius: number(2)?,
+            neck_radius,
             ratio: number(3)?,
-            at: [number(4)?, number(5)?, number(6)?],
+            at: [x, y, z],
         };
         radii.push(neck.neck_radius);
-        ratios.push(neck.ratio);
+        ratios.extend(neck.ratio);
         widest.push(neck);
         if widest.len() > 4 * WIDEST {
             keep_widest(&mut widest);
@@ -112,7 +113,7 @@ pub fn necks(set: &TileSet) -> Result<Option<Necks>> {
     }
     keep_widest(&mut widest);
     Ok(Some(Necks {
-        count: radii.len() as u64,
+        count,
         unit,
         neck_radius: spread(radii),
         ratio: spread(ratios),
