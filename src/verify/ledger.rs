@@ -6,6 +6,7 @@
 use super::bodies::Body;
 use super::code::Code;
 use super::inside::{self, Inside};
+use super::parts::PartLedger;
 use super::piece::Sums;
 use super::report::Issues;
 use super::spill::{Merge, Spill};
@@ -28,15 +29,19 @@ pub(super) struct Ledger {
     by_cell: Spill<RECORD_WORDS>,
     by_object: Spill<RECORD_WORDS>,
     pub surfaces: u64,
+    /// What triangles say of cells, where these are parts of components.
+    pub parts: Option<PartLedger>,
 }
 
 impl Ledger {
-    pub fn new() -> Self {
+    /// `parts` is true if cells are parts of components.
+    pub fn new(parts: bool) -> Self {
         Ledger {
             by_surface: Spill::new(IN_MEMORY),
             by_cell: Spill::new(IN_MEMORY),
             by_object: Spill::new(IN_MEMORY),
             surfaces: 0,
+            parts: parts.then(PartLedger::default),
         }
     }
 
@@ -52,7 +57,9 @@ impl Ledger {
             object,
         } = c.ids;
         self.by_surface.push(pack([surface, cell, object], c))?;
-        self.by_cell.push(pack([cell, object, surface], c))?;
+        if self.parts.is_none() {
+            self.by_cell.push(pack([cell, object, surface], c))?;
+        }
         self.by_object.push(pack([object, cell, surface], c))
     }
 
@@ -66,6 +73,32 @@ impl Ledger {
             Rows::new(self.by_cell.into_sorted()?, |[c, o, s]| [s, c, o])?,
             Rows::new(self.by_object.into_sorted()?, |[o, c, s]| [s, c, o])?,
         ])
+    }
+}
+
+/// Sorts surfaces by component and object, once the component of each is known.
+pub(super) struct ByComponent(Spill<RECORD_WORDS>);
+
+impl ByComponent {
+    pub fn new() -> Self {
+        ByComponent(Spill::new(IN_MEMORY))
+    }
+
+    /// Adds the surfaces of a group, which are those of one id.
+    ///
+    /// # Errors
+    /// If a temporary file cannot be written.
+    pub fn push(&mut self, component: u64, group: &Group) -> Result<()> {
+        let key = [component, group.total.ids.object, group.id];
+        self.0.push(pack(key, &group.total))
+    }
+
+    /// The surfaces by component.
+    ///
+    /// # Errors
+    /// If a temporary file cannot be read back.
+    pub fn into_sorted(self) -> Result<Rows> {
+        Rows::new(self.0.into_sorted()?, |[c, o, s]| [s, c, o])
     }
 }
 
@@ -186,7 +219,7 @@ pub(super) struct Group {
 impl Group {
     /// The body that the surfaces bound; `None` if they bound none.
     pub fn body(&self, kind: Kind, cx: &Context) -> Option<Body> {
-        let (cell, dims) = (kind == Kind::Cell, cx.tiling.dims.0);
+        let (cell, dims) = (kind.is_below(), cx.tiling.dims.0);
         if kind == Kind::Surface {
             return None;
         }
@@ -209,23 +242,32 @@ impl Group {
     }
 }
 
-/// The kinds of things that have ids, for messages: `surface`, `cell`, `object`.
+/// The kinds of things that have tables, for messages: `surface`, `cell`, `object`, and where cells are parts of
+/// components `component`, `neck`.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) enum Kind {
     Surface,
     Cell,
     Object,
+    Component,
+    Neck,
 }
 
 impl Kind {
+    /// Those of every set.
     pub const ALL: [Kind; 3] = [Kind::Surface, Kind::Cell, Kind::Object];
 
     pub fn name(self) -> &'static str {
-        ["surface", "cell", "object"][self as usize]
+        ["surface", "cell", "object", "component", "neck"][self as usize]
     }
 
     pub fn plural(self) -> &'static str {
-        ["surfaces", "cells", "objects"][self as usize]
+        ["surfaces", "cells", "objects", "components", "necks"][self as usize]
+    }
+
+    /// True for what voxels below make up.
+    pub fn is_below(self) -> bool {
+        matches!(self, Kind::Cell | Kind::Component)
     }
 }
 
@@ -277,14 +319,19 @@ impl Laws {
             );
             issues.add(Code::SurfaceSplit, PATH, message);
         }
-        if self.kind == Kind::Cell {
+        if self.kind.is_below() {
             if let Some([a, b]) = group.twins {
                 let message = format!(
-                    "surfaces {} and {} both lie between cell {id} and object {}",
-                    a.surface, b.surface, a.object
+                    "surfaces {} and {} both lie between {} {id} and object {}",
+                    a.surface,
+                    b.surface,
+                    self.kind.name(),
+                    a.object
                 );
                 issues.add(Code::PairRepeated, PATH, message);
             }
+        }
+        if self.kind == Kind::Cell {
             check_names(group, issues);
         }
     }

@@ -123,7 +123,7 @@ pub(super) struct Piece {
     pub cap: bool,
     /// Positions as read, in voxels.
     pub positions: Vec<[f32; 3]>,
-    /// Normals as read, if they are to be compared with a volume.
+    /// Normals as read, if they are to be compared with a volume or with other parts of the surface.
     pub normals: Vec<[f32; 3]>,
     pub points: Vec<Vertex>,
     /// Per vertex: bits 0-1 the axis of its lattice edge, and what triangles say of it, see below.
@@ -149,20 +149,20 @@ pub(super) struct Flaw {
 
 /// Counts findings of one kind.
 #[derive(Default)]
-struct Tally {
-    count: u64,
+pub(super) struct Tally {
+    pub count: u64,
     first: [i32; 3],
 }
 
 impl Tally {
-    fn add(&mut self, place: [i32; 3]) {
+    pub fn add(&mut self, place: [i32; 3]) {
         if self.count == 0 {
             self.first = place;
         }
         self.count += 1;
     }
 
-    fn report(&self, code: Code, flaws: &mut Vec<Flaw>) {
+    pub fn report(&self, code: Code, flaws: &mut Vec<Flaw>) {
         if self.count > 0 {
             flaws.push(Flaw {
                 code,
@@ -302,6 +302,13 @@ impl Piece {
             e[2] * f[0] - e[0] * f[2],
             e[0] * f[1] - e[1] * f[0],
         ])
+    }
+
+    /// The area of a triangle in one cube, by a scale as in [`Piece::sum_triangles`].
+    pub fn area(&self, t: [u32; 3], scale: [f64; 3]) -> f64 {
+        let n = self.area_vector(t).unwrap_or_default();
+        let [x, y, z] = [0, 1, 2].map(|a| f64::from(n[a]) * scale[a]);
+        0.5 * (x * x + y * y + z * z).sqrt()
     }
 
     /// Sums up triangles, notes in `state` which way they face at each vertex, and enters their edges.

@@ -6,19 +6,36 @@
 //! one layer, whatever the height of the volume.
 
 use super::code::Code;
+use super::first::voxel_key;
 use super::ledger::Ledger;
 use super::paint::{Colour, MIXED};
+use super::parts::CellSums;
 use super::piece::{Region, Sums};
 use super::report::{Issue, Issues};
 use crate::error::Result;
 use std::collections::BTreeMap;
+use std::fmt;
 
-/// The ids of a surface.
+/// The ids of a surface. The cell is 0 where cells are parts of components: a surface may have several.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Default)]
 pub(super) struct Ids {
     pub surface: u64,
     pub cell: u64,
     pub object: u64,
+}
+
+impl fmt::Display for Ids {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let Ids {
+            surface,
+            cell,
+            object,
+        } = self;
+        match cell {
+            0 => write!(f, "surface {surface} (object {object})"),
+            _ => write!(f, "surface {surface} (cell {cell}, object {object})"),
+        }
+    }
 }
 
 /// A connected part of a surface, with the sums over its pieces.
@@ -117,6 +134,8 @@ pub(super) struct TileFront {
     pub faces: Option<[Vec<FaceEdge>; 6]>,
     /// The tile's components, and whether each has an edge on a tile plane.
     pub components: Vec<(Component, bool)>,
+    /// What its triangles say of cells, where these are parts of components.
+    pub cells: Vec<CellSums>,
 }
 
 /// Edges that wait on the plane above a tile.
@@ -164,6 +183,7 @@ impl Sweep {
     /// The ledger's, when it cannot write its temporary files.
     pub fn add(&mut self, tile: TileFront, issues: &mut Issues) -> Result<()> {
         let handles = self.add_components(&tile)?;
+        self.add_cells(&tile)?;
         let TileFront {
             grid,
             region,
@@ -238,6 +258,19 @@ impl Sweep {
         Ok(handles)
     }
 
+    fn add_cells(&mut self, tile: &TileFront) -> Result<()> {
+        let Some(parts) = &mut self.ledger.parts else {
+            return Ok(());
+        };
+        tile.cells.iter().try_for_each(|cell| parts.add(cell))?;
+        let number = voxel_key(tile.grid.map(|c| c as i32));
+        // connected parts of a piece but the first are in no tile of their own
+        let pieces = tile.components.iter().filter(|(c, _)| c.tiles > 0);
+        pieces
+            .map(|(c, _)| c.ids.surface)
+            .try_for_each(|surface| parts.add_tile(surface, number))
+    }
+
     /// Matches the edges of both sides of a plane and unites their components.
     fn join(&mut self, lower: &[FaceEdge], upper: &[FaceEdge], plane: &Plane, issues: &mut Issues) {
         let (mut l, mut u) = (0, 0);
@@ -296,10 +329,7 @@ impl Sweep {
             self.live[b as usize].component.ids,
         );
         if x != y {
-            let message = format!(
-                "surface {} (cell {}, object {}) continues as surface {} (cell {}, object {}) in {}",
-                y.surface, y.cell, y.object, x.surface, x.cell, x.object, plane.paths[0]
-            );
+            let message = format!("{y} continues as {x} in {}", plane.paths[0]);
             let issue = Issue::new(Code::SurfaceMixed, plane.paths[1], message);
             issues.push(issue.at(place()));
         }

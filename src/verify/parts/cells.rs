@@ -1,0 +1,297 @@
+//! The table of cells, where these are parts of components.
+
+use super::check::PiecesOf;
+use super::necks::OwnNecks;
+use super::sums::CellSums;
+use crate::error::Result;
+use crate::manifest::PartsBy;
+use crate::verify::code::Code;
+use crate::verify::components::{
+    AREA, BORDER, COLUMNS, ComponentRows, EULER, MESH_VOLUME, TILES, VOXELS, Wrong, compare,
+    stated_box,
+};
+use crate::verify::laws::Listed;
+use crate::verify::ledger::Kind;
+use crate::verify::report::Issues;
+use crate::verify::spill::Spill;
+use crate::verify::tables::{Exactness, Lines, check_carried};
+use crate::verify::tile::Context;
+
+/// Places of columns behind those of components.
+const COMPONENT: usize = COLUMNS.len();
+const NECKS: usize = COMPONENT + 1;
+const LARGEST_NECK: usize = COMPONENT + 2;
+
+/// Words of a row that is sorted by component: that, 0 for a cell of several, and the columns, NaN for none.
+pub(super) const SHARE: usize = 1 + COLUMNS.len() + 1;
+/// Rows that the sort keeps in memory.
+const SHARES: usize = 1 << 11;
+
+/// A row of the table.
+pub(super) struct CellRow {
+    pub id: u64,
+    pub values: Vec<Option<f64>>,
+}
+
+impl CellRow {
+    /// Its component; `None` if it has voxels in several.
+    pub fn component(&self) -> Option<u64> {
+        self.values[COMPONENT].map(|id| id as u64)
+    }
+
+    /// The box that it states.
+    pub fn stated_box(&self) -> [[f64; 3]; 2] {
+        stated_box(&self.values)
+    }
+}
+
+/// The table while it is read.
+pub(super) struct CellTable<'a> {
+    cx: &'a Context<'a>,
+    lines: Lines,
+    rows: ComponentRows<'a>,
+    exact: Exactness,
+    unit: &'static str,
+    last: u64,
+    last_voxels: Option<f64>,
+    /// Rows by component.
+    pub shares: Spill<SHARE>,
+}
+
+impl<'a> CellTable<'a> {
+    /// As of [`Lines::open`].
+    pub fn open(cx: &'a Context, issues: &mut Issues) -> Option<Self> {
+        Some(CellTable {
+            cx,
+            lines: Lines::open(cx, Kind::Cell, issues)?,
+            rows: ComponentRows::new(cx.manifest),
+            exact: Exactness::of(cx.manifest),
+            unit: cx.manifest.measured().unit.name(),
+            last: 0,
+            last_voxels: None,
+            shares: Spill::new(SHARES),
+        })
+    }
+
+    /// The next row, of a larger id than the one before.
+    pub fn next_row(&mut self, issues: &mut Issues) -> Result<Option<CellRow>> {
+        let Some(values) = self.lines.next_row(issues) else {
+            return Ok(None);
+        };
+        let id = values[0].unwrap_or(0.0);
+        if id <= self.last as f64 || id > (1u64 << 53) as f64 {
+            let message = format!(
+                "found id {id} behind {}, expected cells by rising id",
+                self.last
+            );
+            issues.add(Code::TableRows, self.lines.place(), message);
+            self.lines.done = true;
+            return Ok(None);
+        }
+        self.last = id as u64;
+        self.last_voxels = values[VOXELS];
+        Ok(Some(CellRow {
+            id: self.last,
+            values,
+        }))
+    }
+
+    /// Voxels of the last row.
+    pub fn last_voxels(&self) -> Option<f64> {
+        self.last_voxels
+    }
+
+    /// Checks a row by itself, with the pieces of the cell, and with its necks; and keeps it for its component.
+    pub fn check(
+        &mut self,
+        row: &CellRow,
+        pieces: &PiecesOf,
+        necks: &OwnNecks,
+        listed: &mut Listed,
+    ) -> Result<()> {
+        let mut wrong = Vec::new();
+        self.rows.formulas(&row.values, &mut wrong);
+        self.check_box(row, &mut wrong);
+        check_empty(row, pieces, &mut wrong);
+        let split = matches!(self.cx.manifest.cells, Some(PartsBy::Split { .. }));
+        check_necks(row, necks, split, &mut wrong);
+        self.check_component(row, pieces, &mut wrong);
+        self.check_pieces(row, pieces, &mut wrong);
+        if let Some((_, first)) = pieces.first() {
+            let same = |(_, p): &(u64, CellSums)| !p.mixed && p.measures == first.measures;
+            let carried = pieces.iter().all(same).then_some(first.measures);
+            let place = self.lines.place();
+            check_carried(
+                &row.values,
+                carried,
+                self.unit,
+                row.id,
+                &place,
+                &mut listed.values,
+            );
+            check_names(row, pieces, &mut listed.own);
+        }
+        if !wrong.is_empty() {
+            let message = format!("cell {}: {}", row.id, wrong.join("; "));
+            listed
+                .values
+                .add(Code::TableValue, self.lines.place(), message);
+        }
+        let mut share = [f64::NAN.to_bits(); SHARE];
+        share[0] = row.component().unwrap_or(0);
+        for (word, value) in share[1..].iter_mut().zip(&row.values) {
+            *word = value.unwrap_or(f64::NAN).to_bits();
+        }
+        share[SHARE - 1] = row.values[NECKS].unwrap_or(f64::NAN).to_bits();
+        self.shares.push(share)
+    }
+
+    /// Compares the box with the grid, and with the number of voxels.
+    fn check_box(&self, row: &CellRow, wrong: &mut Wrong) {
+        let place = &self.rows.grid;
+        let dims = self.cx.manifest.grid.dims.0;
+        let whole = place.box_around([[0.0; 3], dims.map(|n| f64::from(n - 1))]);
+        let stated = row.stated_box();
+        let error = |at: f64| self.rows.error(at);
+        let inside = (0..3).all(|a| {
+            stated[0][a] >= whole[0][a] - error(whole[0][a])
+                && stated[1][a] <= whole[1][a] + error(whole[1][a])
+        });
+        if !inside {
+            wrong.push("its box reaches beyond the grid".to_owned());
+        }
+        if place.is_rotated() {
+            return;
+        }
+        let reaches = (0..3).any(|a| {
+            (0..2).any(|side| (stated[side][a] - whole[side][a]).abs() <= error(whole[side][a]))
+        });
+        let may_touch = reaches || self.cx.manifest.region.is_some();
+        if reaches && row.values[BORDER] != Some(1.0)
+            || !may_touch && row.values[BORDER] != Some(0.0)
+        {
+            wrong.push("touches_border is not what its box says".to_owned());
+        }
+        let room: f64 = (0..3)
+            .map(|r| {
+                let step: f64 = (0..3)
+                    .map(|i| place.directions[i][r].abs() * place.spacing[i])
+                    .sum();
+                ((stated[1][r] - stated[0][r]) / step).round() + 1.0
+            })
+            .product();
+        // a NaN compares false
+        if !row.values[VOXELS].is_some_and(|voxels| voxels <= room) {
+            wrong.push(format!("its box has room for {room} voxels"));
+        }
+    }
+
+    /// Compares the component with those of the pieces.
+    fn check_component(&self, row: &CellRow, pieces: &PiecesOf, wrong: &mut Wrong) {
+        let most = self.cx.manifest.totals.components;
+        match (row.component(), &pieces[..]) {
+            (Some(stated), _) if !(1..=most).contains(&stated) => {
+                wrong.push(format!("component {stated}, of {most}"));
+            }
+            (Some(stated), pieces) => {
+                if let Some((found, _)) = pieces.iter().find(|(found, _)| *found != stated) {
+                    wrong.push(format!(
+                        "component {stated}, its pieces are of component {found}"
+                    ));
+                }
+            }
+            // voxels in other components may have no triangles
+            (None, _) => {}
+        }
+    }
+
+    /// Compares the sums over the pieces.
+    fn check_pieces(&self, row: &CellRow, pieces: &PiecesOf, wrong: &mut Wrong) {
+        let mut all = CellSums::default();
+        for (_, sums) in pieces {
+            all.add(sums);
+        }
+        let error = self.exact.area_error(all.area, all.triangles);
+        compare("area", row.values[AREA], all.area, error, wrong);
+        compare("tiles", row.values[TILES], all.tiles as f64, 0.0, wrong);
+        if pieces.is_empty() {
+            return;
+        }
+        let stated = row.stated_box();
+        let found = self.rows.box_of(&all.begins, all.far);
+        let error = |at: f64| self.rows.error(at);
+        let inside = (0..3).all(|a| {
+            stated[0][a] <= found[0][a] + error(found[0][a])
+                && stated[1][a] >= found[1][a] - error(found[1][a])
+        });
+        if !inside {
+            wrong.push("its triangles begin beyond its box".to_owned());
+        }
+        let dims = self.cx.manifest.grid.dims.0;
+        let touches =
+            (0..3).any(|a| all.begins.lo[a] == 0 || u32::from(all.begins.hi[a]) + 1 == dims[a]);
+        if touches && row.values[BORDER] != Some(1.0) {
+            wrong.push("touches_border: triangles of it begin at the border".to_owned());
+        }
+    }
+}
+
+/// Looks for fields that are empty and should not be, or the other way round.
+fn check_empty(row: &CellRow, pieces: &PiecesOf, wrong: &mut Wrong) {
+    let values = &row.values;
+    let has_necks = values[NECKS] != Some(0.0);
+    let open = values[BORDER] != Some(0.0) || has_necks;
+    if !matches!(values[BORDER], Some(0.0 | 1.0)) {
+        wrong.push("touches_border is neither 0 nor 1".to_owned());
+    }
+    let mut expect = |at: usize, empty: bool, why: &str| {
+        let name = COLUMNS[at].0;
+        match (values[at], empty) {
+            (Some(value), true) => wrong.push(format!("{name} {value}, expected none: {why}")),
+            (None, false) => wrong.push(format!("{name} nothing, expected a value")),
+            _ => {}
+        }
+    };
+    // sphericity and form factor follow from it
+    let no_mesh = open || pieces.is_empty();
+    expect(MESH_VOLUME, no_mesh, "it is open");
+    expect(EULER, has_necks, "other cells touch it");
+}
+
+/// Compares what the row says of necks with the table of these.
+fn check_necks(row: &CellRow, necks: &OwnNecks, split: bool, wrong: &mut Wrong) {
+    compare_necks(row.values[NECKS], necks.count, wrong);
+    let largest = necks.largest.filter(|_| split);
+    if row.values[LARGEST_NECK] != largest {
+        let text = |v: Option<f64>| v.map_or("nothing".to_owned(), |v| v.to_string());
+        wrong.push(format!(
+            "largest_neck {}, the table of necks has {}",
+            text(row.values[LARGEST_NECK]),
+            text(largest)
+        ));
+    }
+}
+
+fn compare_necks(stated: Option<f64>, found: u64, wrong: &mut Wrong) {
+    if stated != Some(found as f64) {
+        let stated = stated.map_or("nothing".to_owned(), |v| v.to_string());
+        wrong.push(format!("necks {stated}, the table of necks has {found}"));
+    }
+}
+
+/// A node is named after its object as well where the components of the cell have more than one surface.
+fn check_names(row: &CellRow, pieces: &PiecesOf, issues: &mut Issues) {
+    let names = pieces.iter().fold(0, |all, (_, sums)| all | sums.names);
+    let surfaces: u64 = pieces.iter().map(|(_, sums)| sums.surfaces).sum();
+    let several = row.component().is_none() || surfaces > 1;
+    let expected = if several { 2 } else { 1 };
+    if names & !expected != 0 {
+        let id = row.id;
+        let form = match several {
+            true => format!("cell_{id}_object_N, since its component has several surfaces"),
+            false => format!("cell_{id}, since its component has one surface"),
+        };
+        let message = format!("nodes of cell {id} are named otherwise than {form}");
+        issues.add(Code::NodeName, "tiles", message);
+    }
+}
