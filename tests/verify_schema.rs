@@ -5,8 +5,9 @@ use alvis::grid::{
 };
 use alvis::manifest::{
     Bounds, ColourBy, Encoding, FORMAT, FORMAT_VERSION, Generator, GridInfo, Group, LEVELS, Layer,
-    Layout, LevelsEntry, Manifest, Paint, Painted, ParquetTables, Primitives, Selection, Shard,
-    Source, Step, Table, TableChecksums, Tables, TileEntry, Totals, WholeTotals, checksum_text,
+    Layout, LevelsEntry, Manifest, Paint, Painted, ParquetTables, PartsBy, Primitives, Selection,
+    Shard, Source, Step, Table, TableChecksums, Tables, TileEntry, Totals, WholeTotals,
+    checksum_text,
 };
 use alvis::verify::{Code, Issue, Report, Severity};
 use alvis::volume::{Dtype, Endian};
@@ -85,6 +86,11 @@ fn manifest() -> Manifest {
         threshold: -0.5,
         ambiguous: Ambiguous::Join,
         cap: true,
+        cells: Some(PartsBy::Labels {
+            file: "labels.npy".into(),
+            checksum: checksum_text(0xCD),
+            unlabelled: Some(3),
+        }),
         primitives: Primitives::Triangles,
         encoding: Encoding::Meshopt,
         layout: Layout::Merged,
@@ -94,6 +100,7 @@ fn manifest() -> Manifest {
         totals: Totals {
             volume6: -(1 << 100),
             euler_characteristic: -2,
+            components: 5,
             ..Totals::default()
         },
         layers: vec![Layer {
@@ -107,10 +114,14 @@ fn manifest() -> Manifest {
             cells: "cells.csv".into(),
             objects: "objects.csv".into(),
             surfaces: "surfaces.csv".into(),
+            components: Some("components.csv".into()),
+            necks: Some("necks.csv".into()),
             checksums: Some(TableChecksums {
                 cells: "crc32:00000001".into(),
                 objects: "crc32:00000002".into(),
                 surfaces: "crc32:00000003".into(),
+                components: Some("crc32:00000007".into()),
+                necks: Some("crc32:00000008".into()),
             }),
             parquet: Some(ParquetTables {
                 cells: "cells.parquet".into(),
@@ -120,6 +131,8 @@ fn manifest() -> Manifest {
                     cells: "crc32:00000004".into(),
                     objects: "crc32:00000005".into(),
                     surfaces: "crc32:00000006".into(),
+                    components: None,
+                    necks: None,
                 }),
             }),
         },
@@ -199,6 +212,7 @@ fn report() -> Report {
         surfaces: 6,
         objects: 7,
         cells: 8,
+        components: Some(9),
         euler_characteristic: -9,
         volume6: -(1 << 70),
         bytes: 10,
@@ -230,6 +244,25 @@ fn values_of_the_types_pass() {
     let extras = json!({"cell": 3, "object": 1, "surface": 2, "triangles": 40, "area": 1.5,
         "unit": "mm", "touches_border": 0});
     valid("extras", &extras).unwrap();
+}
+
+#[test]
+fn cells_are_split_or_given_by_labels() {
+    let mut value = serde_json::to_value(manifest()).unwrap();
+    let split = json!({"by": "split", "version": 1, "ratio_permille": 800, "h_256": 128, "min_radius_256": 0,
+        "weights": [1, 1, 4], "unit": 1, "reach": 255, "curve": [[500, 25], [800, 89]]});
+    value["cells"] = split.clone();
+    valid("manifest", &value).unwrap();
+    let read: Manifest = serde_json::from_value(value.clone()).unwrap();
+    assert_eq!(serde_json::to_value(read).unwrap()["cells"], split);
+    for wrong in [
+        json!({"by": "hand"}),
+        json!({"by": "labels"}),
+        json!({"by": "split", "version": 1}),
+    ] {
+        value["cells"] = wrong;
+        assert!(valid("manifest", &value).is_err());
+    }
 }
 
 #[test]

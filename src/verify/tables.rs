@@ -188,6 +188,8 @@ pub(super) struct Lines {
     columns: Vec<(&'static str, u32)>,
     /// There is no line that can be read.
     pub done: bool,
+    /// That is so since something was wrong.
+    pub damaged: bool,
 }
 
 impl Lines {
@@ -202,6 +204,7 @@ impl Lines {
             line: 0,
             columns: columns(kind, manifest.cells.is_some()),
             done: false,
+            damaged: false,
         };
         let header = lines.next_line(issues)?;
         let titles: Vec<String> = lines.columns.iter().map(|c| title(c, unit)).collect();
@@ -246,8 +249,14 @@ impl Lines {
     /// Gives up on the table.
     fn stop<T>(&mut self, message: &str, issues: &mut Issues) -> Option<T> {
         issues.add(Code::TableSyntax, self.place(), message);
-        self.done = true;
+        self.give_up();
         None
+    }
+
+    /// Reads no more: the rest says nothing.
+    pub fn give_up(&mut self) {
+        self.done = true;
+        self.damaged = true;
     }
 
     /// Where the last line is, for messages.

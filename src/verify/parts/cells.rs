@@ -85,7 +85,7 @@ impl<'a> CellTable<'a> {
                 self.last
             );
             issues.add(Code::TableRows, self.lines.place(), message);
-            self.lines.done = true;
+            self.lines.give_up();
             return Ok(None);
         }
         self.last = id as u64;
@@ -96,17 +96,23 @@ impl<'a> CellTable<'a> {
         }))
     }
 
+    /// True if all rows could be read.
+    pub fn is_whole(&self) -> bool {
+        !self.lines.damaged
+    }
+
     /// Voxels of the last row.
     pub fn last_voxels(&self) -> Option<f64> {
         self.last_voxels
     }
 
-    /// Checks a row by itself, with the pieces of the cell, and with its necks; and keeps it for its component.
+    /// Checks a row by itself, with the pieces of the cell, and with its necks, if these are known; and keeps it for its
+    /// component.
     pub fn check(
         &mut self,
         row: &CellRow,
         pieces: &PiecesOf,
-        necks: &OwnNecks,
+        necks: Option<&OwnNecks>,
         listed: &mut Listed,
     ) -> Result<()> {
         let mut wrong = Vec::new();
@@ -114,7 +120,9 @@ impl<'a> CellTable<'a> {
         self.check_box(row, &mut wrong);
         check_empty(row, pieces, &mut wrong);
         let split = matches!(self.cx.manifest.cells, Some(PartsBy::Split { .. }));
-        check_necks(row, necks, split, &mut wrong);
+        if let Some(necks) = necks {
+            check_necks(row, necks, split, &mut wrong);
+        }
         self.check_component(row, pieces, &mut wrong);
         self.check_pieces(row, pieces, &mut wrong);
         if let Some((_, first)) = pieces.first() {
@@ -200,7 +208,7 @@ impl<'a> CellTable<'a> {
                     ));
                 }
             }
-            // voxels in other components may have no triangles
+            // voxels in other components may have no triangles, but touch other cells there
             (None, _) => {}
         }
     }
@@ -260,22 +268,21 @@ fn check_empty(row: &CellRow, pieces: &PiecesOf, wrong: &mut Wrong) {
 
 /// Compares what the row says of necks with the table of these.
 fn check_necks(row: &CellRow, necks: &OwnNecks, split: bool, wrong: &mut Wrong) {
-    compare_necks(row.values[NECKS], necks.count, wrong);
+    let text = |v: Option<f64>| v.map_or("nothing".to_owned(), |v| v.to_string());
+    let (stated, found) = (row.values[NECKS], necks.count);
+    if stated != Some(found as f64) {
+        wrong.push(format!(
+            "necks {}, the table of necks has {found}",
+            text(stated)
+        ));
+    }
     let largest = necks.largest.filter(|_| split);
     if row.values[LARGEST_NECK] != largest {
-        let text = |v: Option<f64>| v.map_or("nothing".to_owned(), |v| v.to_string());
         wrong.push(format!(
             "largest_neck {}, the table of necks has {}",
             text(row.values[LARGEST_NECK]),
             text(largest)
         ));
-    }
-}
-
-fn compare_necks(stated: Option<f64>, found: u64, wrong: &mut Wrong) {
-    if stated != Some(found as f64) {
-        let stated = stated.map_or("nothing".to_owned(), |v| v.to_string());
-        wrong.push(format!("necks {stated}, the table of necks has {found}"));
     }
 }
 

@@ -1,7 +1,7 @@
 //! The laws and tables of sets whose cells are parts of components.
 
 use super::cells::CellTable;
-use super::necks::{NeckTable, check_pairs};
+use super::necks::{NeckTable, check_pairs, check_several};
 use super::shares::check_shares;
 use super::sums::{CellSpill, Pairs, SortedCells};
 use crate::error::Result;
@@ -46,14 +46,22 @@ pub(in crate::verify) fn check(
     let (cells, tiles) = parts.into_sorted()?;
     let mut bodies = ComponentRows::new(cx.manifest);
     let by_component = check_surfaces(by_surface, cells, tiles, of_surfaces, cx)?;
-    let [components, objects] = [cx.manifest.totals.components, cx.manifest.totals.objects]
-        .map(|n| if surfaces == 0 { n } else { 0 });
-    let by_cell = check_components(by_component, components, of_components, &mut bodies, cx)?;
-    of_objects.check(by_object, cx, objects, &mut bodies)?;
+    let stated = &cx.manifest.totals;
+    let [components, objects] =
+        [stated.components, stated.objects].map(|n| if surfaces == 0 { n } else { 0 });
     let mut rows = Listed::new(Kind::Cell, cx);
-    let count = check_cells(by_cell, &mut rows, cx)?;
-    found.ids = [surfaces, count, of_objects.laws.count];
-    found.components = Some(of_components.laws.count);
+    found.components = Some(stated.components);
+    found.ids[1] = stated.cells;
+    // else the table of surfaces is wrong, and which component has what is not known
+    if let Some(by_component) = by_component {
+        let by_cell = check_components(by_component, components, of_components, &mut bodies, cx)?;
+        found.components = Some(of_components.laws.count);
+        if let Some(count) = check_cells(by_cell, &mut rows, cx)? {
+            found.ids[1] = count;
+        }
+    }
+    of_objects.check(by_object, cx, objects, &mut bodies)?;
+    (found.ids[0], found.ids[2]) = (surfaces, of_objects.laws.count);
     let mut sums = Issues::new(cx.max_issues);
     bodies.finish(&mut sums);
     let laws = Totals { found, sums };
@@ -62,14 +70,14 @@ pub(in crate::verify) fn check(
     Ok(())
 }
 
-/// Checks surfaces with their table, and sorts what is of each by the component that the table has.
+/// Checks surfaces with their table, and sorts what is of each by the component that the table has. `None` if it lacks some.
 fn check_surfaces(
     mut rows: Rows,
     mut cells: SortedCells,
     mut tiles: Pairs,
     listed: &mut Listed,
     cx: &Context,
-) -> Result<OfComponents> {
+) -> Result<Option<OfComponents>> {
     let mut table = Table::open(cx, Kind::Surface, &mut listed.unopened);
     let mut paints = Paints::open(cx.root, cx.manifest, Kind::Surface, &mut listed.unopened);
     let mut unused = ComponentRows::new(cx.manifest);
@@ -78,14 +86,15 @@ fn check_surfaces(
         cells: CellSpill::new(),
         tiles: Spill::new(PAIRS),
     };
+    let mut are_known = true;
     while let Some(group) = rows.next_group()? {
         listed.laws.add(&group, None, &mut listed.own);
         listed.check_colour(&group, &mut paints, cx);
         let stated = table
             .as_mut()
             .and_then(|table| table.check(&group, None, &mut unused, &mut listed.values));
-        // 0 is none: what is of no component is not looked at, after the table has been found wrong
         let component = stated.filter(|id| *id >= 1.0).map_or(0, |id| id as u64);
+        are_known &= component > 0;
         out.surfaces.push(component, &group)?;
         while let Some((cell, sums)) = cells.next_of(group.id)? {
             out.cells.push([component, cell], &sums)?;
@@ -98,7 +107,7 @@ fn check_surfaces(
     if let Some(paints) = &mut paints {
         paints.finish(&mut listed.values);
     }
-    Ok(out)
+    Ok(are_known.then_some(out))
 }
 
 /// Checks components with their table, of which `without_surface` is that of a volume of one phase, and sorts what is of
@@ -126,9 +135,6 @@ fn check_components(
             sums.surfaces = group.parts;
             by_cell.push([cell, group.id], &sums)?;
         }
-        if group.id == 0 {
-            continue;
-        }
         let body = group.body(Kind::Component, cx);
         listed.laws.add(&group, body.as_ref(), &mut listed.own);
         if let Some(table) = &mut table {
@@ -147,33 +153,47 @@ fn check_components(
     by_cell.into_sorted()
 }
 
-/// Checks cells with their table, and the tables with each other; returns how many rows there are.
-fn check_cells(mut by_cell: SortedCells, listed: &mut Listed, cx: &Context) -> Result<u64> {
+/// Checks cells with their table, and the tables with each other; returns how many rows there are, if all can be read.
+fn check_cells(mut by_cell: SortedCells, listed: &mut Listed, cx: &Context) -> Result<Option<u64>> {
     let split = matches!(cx.manifest.cells, Some(PartsBy::Split { .. }));
-    let (mut necks, lines) = NeckTable::read(cx, split, listed)?;
-    let mut table = CellTable::open(cx, &mut listed.unopened);
+    let mut necks = NeckTable::read(cx, split, listed)?;
+    let Some(mut table) = CellTable::open(cx, &mut listed.unopened) else {
+        return Ok(None);
+    };
     let mut paints = Paints::open(cx.root, cx.manifest, Kind::Cell, &mut listed.unopened);
+    // components of cells that have several
+    let mut shown = Spill::new(PAIRS);
     let mut count = 0;
-    if let Some(table) = &mut table {
-        while let Some(row) = table.next_row(&mut listed.values)? {
-            count += 1;
-            let pieces = pieces_of(row.id, &mut by_cell, listed)?;
-            let own_necks = necks.of_cell(&row, listed)?;
-            table.check(&row, &pieces, &own_necks, listed)?;
-            check_colour(&row.id, &pieces, &mut paints, listed, cx);
+    while let Some(row) = table.next_row(&mut listed.values)? {
+        count += 1;
+        let pieces = pieces_of(row.id, &mut by_cell, listed)?;
+        let own_necks = necks.of_cell(&row, listed)?;
+        let known = necks.is_whole.then_some(&own_necks);
+        table.check(&row, &pieces, known, listed)?;
+        if row.component().is_none() {
+            shown.push([row.id, 0])?;
+            let components = pieces.iter().map(|(component, _)| *component);
+            components
+                .into_iter()
+                .try_for_each(|component| shown.push([row.id, component]))?;
         }
-        pieces_of(u64::MAX, &mut by_cell, listed)?;
-        necks.finish(listed)?;
-        check_unlabelled(table.last_voxels(), listed, cx);
+        check_colour(row.id, &pieces, &mut paints, listed, cx);
     }
+    if !table.is_whole() {
+        return Ok(None);
+    }
+    pieces_of(u64::MAX, &mut by_cell, listed)?;
+    necks.finish(listed)?;
+    check_unlabelled(table.last_voxels(), listed, cx);
     if let Some(paints) = &mut paints {
         paints.finish(&mut listed.values);
     }
-    check_pairs(necks.pairs, lines, cx, listed)?;
-    if let Some(table) = table {
-        check_shares(table.shares, cx, listed)?;
+    check_pairs(necks.pairs, &necks.path, &mut shown, cx, listed)?;
+    if necks.is_whole && cx.manifest.totals.surfaces > 0 {
+        check_several(shown, listed)?;
     }
-    Ok(count)
+    check_shares(table.shares, cx, listed)?;
+    Ok(Some(count))
 }
 
 /// What the pieces of a cell say: of each component.
@@ -195,14 +215,14 @@ fn pieces_of(id: u64, by_cell: &mut SortedCells, listed: &mut Listed) -> Result<
 
 /// Compares the colour of a cell's pieces with what its row makes of it.
 fn check_colour(
-    id: &u64,
+    id: u64,
     pieces: &PiecesOf,
     paints: &mut Option<Paints>,
     listed: &mut Listed,
     cx: &Context,
 ) {
     let expected = match paints {
-        Some(own) => own.next(*id),
+        Some(own) => own.next(id),
         None => cx.manifest.selection.is_none().then_some(0),
     };
     let Some(expected) = expected else {
@@ -211,7 +231,7 @@ fn check_colour(
         return;
     };
     for (_, sums) in pieces {
-        listed.compare_colour(sums.colour, expected, *id, cx);
+        listed.compare_colour(sums.colour, expected, id, cx);
     }
 }
 

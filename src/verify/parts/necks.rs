@@ -21,8 +21,13 @@ const AREA: usize = 7;
 
 /// Words of a neck by one of its cells: that, the line, the radius and the place, NaN for none.
 const OF_CELL: usize = 6;
-/// Words of a cell by one of its necks: the line, the component, 0 for several, and the box.
-const OF_NECK: usize = 8;
+/// Words of a cell by one of its necks: the line, the component, 0 for several, the cell and the box.
+const OF_NECK: usize = 9;
+/// Words of them before the box.
+const BOX: usize = 3;
+
+/// In the place of a component: one that is not known.
+const ANY: u64 = u64::MAX;
 
 /// What the table says of a cell.
 #[derive(Debug, Default)]
@@ -34,7 +39,9 @@ pub(super) struct OwnNecks {
 
 /// The necks by their cells.
 pub(super) struct NeckTable {
-    path: String,
+    pub path: String,
+    /// False if the table could not be read: then nothing is compared with it.
+    pub is_whole: bool,
     sorted: Merge<OF_CELL>,
     next: Option<[u64; OF_CELL]>,
     place: Placement,
@@ -52,13 +59,14 @@ fn step(place: &Placement) -> [f64; 3] {
 }
 
 impl NeckTable {
-    /// Reads the table and checks what rows say by themselves; also returns its path.
-    pub fn read(cx: &Context, split: bool, listed: &mut Listed) -> Result<(Self, String)> {
+    /// Reads the table and checks what rows say by themselves.
+    pub fn read(cx: &Context, split: bool, listed: &mut Listed) -> Result<Self> {
         let mut by_cell = Spill::new(IN_MEMORY);
         let lines = Lines::open(cx, Kind::Neck, &mut listed.unopened);
         let path = lines
             .as_ref()
             .map_or(String::new(), |lines| lines.path.clone());
+        let mut is_whole = false;
         if let Some(mut lines) = lines {
             let mut last = [0.0; 2];
             while let Some(row) = lines.next_row(&mut listed.values) {
@@ -76,19 +84,20 @@ impl NeckTable {
                     by_cell.push([cell as u64, lines.line, radius, x, y, z])?;
                 }
             }
+            is_whole = !lines.damaged;
         }
         let mut sorted = by_cell.into_sorted()?;
         let place = cx.manifest.measured();
         let share = if split { 1.0 } else { 0.5 };
-        let table = NeckTable {
+        Ok(NeckTable {
             next: sorted.next()?,
-            path: path.clone(),
+            path,
+            is_whole,
             sorted,
             reach: step(&place).map(|v| share * v),
             place,
             pairs: Spill::new(IN_MEMORY),
-        };
-        Ok((table, path))
+        })
     }
 
     /// The necks of a cell, whose places have to be at its box; those of cells before have no row.
@@ -119,8 +128,9 @@ impl NeckTable {
                 .iter()
                 .map(|v| v.to_bits())
                 .collect::<Vec<_>>();
-            let mut pair = [line, component, 0, 0, 0, 0, 0, 0];
-            pair[2..].copy_from_slice(&ends);
+            let mut pair = [0; OF_NECK];
+            pair[..BOX].copy_from_slice(&[line, component, row.id]);
+            pair[BOX..].copy_from_slice(&ends);
             self.pairs.push(pair)?;
             self.next = self.sorted.next()?;
         }
@@ -179,10 +189,12 @@ fn wrong_in(
     Some((Code::TableValue, message.to_owned()))
 }
 
-/// Checks that both cells of each neck are of one component and lie beside each other.
+/// Checks that both cells of each neck are of one component and lie beside each other. Cells of several components, which
+/// `shown` has with the components that their pieces show, get those of the cells that they touch.
 pub(super) fn check_pairs(
     pairs: Spill<OF_NECK>,
-    path: String,
+    path: &str,
+    shown: &mut Spill<2>,
     cx: &Context,
     listed: &mut Listed,
 ) -> Result<()> {
@@ -193,21 +205,54 @@ pub(super) fn check_pairs(
         let Some(other) = first.replace(own).filter(|other| other[0] == own[0]) else {
             continue;
         };
-        let end = |record: &[u64; OF_NECK], i: usize| f64::from_bits(record[2 + i]);
-        let apart = |a: usize| {
+        let end = |record: &[u64; OF_NECK], i: usize| f64::from_bits(record[BOX + i]);
+        let touch = |a: usize| {
             let gap = (end(&own, a) - end(&other, 3 + a)).max(end(&other, a) - end(&own, 3 + a));
-            !(gap <= reach[a])
+            gap <= reach[a]
         };
         let [one, two] = [own[1], other[1]];
+        for [cell, beside] in [[own, other], [other, own]] {
+            if cell[1] == 0 {
+                let component = if beside[1] == 0 { ANY } else { beside[1] };
+                shown.push([cell[2], component])?;
+            }
+        }
         let message = if one != two && one != 0 && two != 0 {
             format!("found cells of components {two} and {one}, expected those of one")
-        } else if (0..3).any(apart) {
+        } else if !(0..3).all(touch) {
             "found cells whose boxes do not touch".to_owned()
         } else {
             continue;
         };
         let at = format!("{path}:{}", own[0]);
         listed.values.add(Code::TableValue, at, message);
+    }
+    Ok(())
+}
+
+/// Checks that each cell without a component has voxels in several: in each of these it has triangles, or touches another
+/// cell, for if it touched none, all of the component were its own, with all triangles.
+pub(super) fn check_several(shown: Spill<2>, listed: &mut Listed) -> Result<()> {
+    let mut sorted = shown.into_sorted()?;
+    let mut next = sorted.next()?;
+    while let Some([cell, _]) = next {
+        let (mut count, mut last) = (0, 0);
+        while let Some([_, component]) = next.filter(|pair| pair[0] == cell) {
+            // what is not known may be any
+            count += if component == ANY {
+                2
+            } else {
+                u64::from(component != last)
+            };
+            last = component;
+            next = sorted.next()?;
+        }
+        if count < 2 {
+            let message = format!(
+                "cell {cell}: found no component, its pieces and the cells that it touches are of component {last}"
+            );
+            listed.values.add(Code::TableValue, "cells.csv", message);
+        }
     }
     Ok(())
 }

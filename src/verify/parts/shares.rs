@@ -154,8 +154,9 @@ pub(super) fn check_shares(shares: Spill<SHARE>, cx: &Context, listed: &mut List
         return Ok(());
     };
     let (mut left, mut open) = (0.0, 0);
-    let mut sound = true;
+    let (mut sound, mut rows_found) = (true, 0);
     while let Some(row) = lines.next_row(&mut quiet) {
+        rows_found += 1;
         let id = row[0].unwrap_or(0.0) as u64;
         let shares = sorted.of(id)?;
         let rest = row[VOXELS].unwrap_or(f64::NAN) - shares.voxels;
@@ -173,6 +174,7 @@ pub(super) fn check_shares(shares: Spill<SHARE>, cx: &Context, listed: &mut List
             listed.values.add(Code::TableValue, lines.place(), message);
         }
     }
+    sound &= !lines.damaged && rows_found == cx.manifest.totals.components;
     // cells of several components leave at least two of them with voxels of theirs
     if sound && in_several.cells > 0 && (left != in_several.voxels || open < 2) {
         let message = format!(
