@@ -78,7 +78,8 @@ fn opened(path: &Path, words: &BTreeMap<&str, &str>) -> Result<Box<dyn Volume>> 
     if words.get("roi") != Some(&"cylinder") {
         return Ok(volume);
     }
-    let cylinder = find_cylinder(&*volume, &Quiet)?;
+    let slices = 0..volume.header().dims.0[2];
+    let cylinder = find_cylinder(&*volume, slices, &Quiet)?.cylinder;
     println!("cylinder: {cylinder:?}");
     let region = RegionVoxels::cylinder(&cylinder, volume.header().dims)?;
     let otsu = statistics(&*volume, Some(&region), &Quiet)?

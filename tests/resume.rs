@@ -3,7 +3,7 @@
 mod command;
 mod common;
 
-use alvis::convert::{ConvertOptions, convert, interrupted};
+use alvis::convert::{ConvertOptions, NeckRule, convert, interrupted};
 use alvis::grid::{Ambiguous, Crop};
 use alvis::manifest::{Encoding, Layout};
 use alvis::progress::{Progress, Quiet};
@@ -125,6 +125,12 @@ fn every_layer_of_every_kind() {
         ..base.clone()
     };
     stop_everywhere("dust", &foam, &dust);
+    let split = ConvertOptions {
+        split: Some(NeckRule::default()),
+        keep_samples: true,
+        ..base.clone()
+    };
+    stop_everywhere("split", &foam, &split);
     let web = ConvertOptions {
         encoding: Encoding::Meshopt,
         layout: Layout::Merged,

@@ -2,6 +2,7 @@
 
 use super::args::Common;
 use super::chart;
+use super::necks;
 use super::output::LongText;
 use super::{Outcome, output};
 use crate::error::{Error, Result};
@@ -18,7 +19,7 @@ use std::path::PathBuf;
 
 /// Rows and columns of a table for people, unless they ask for others.
 const ROWS: usize = 20;
-const COLUMNS: [&str; 11] = [
+const COLUMNS: [&str; 13] = [
     "id",
     "cell",
     "object",
@@ -30,6 +31,8 @@ const COLUMNS: [&str; 11] = [
     "form_factor",
     "touches_border",
     "tiles",
+    "component",
+    "necks",
 ];
 
 /// What follows the options in the long help; a test holds that all columns are there.
@@ -61,7 +64,16 @@ Columns of surfaces (--surfaces):
   id, cell, object      its number, and what lies on its two sides
   triangles, vertices, area, euler_characteristic
   border_edges          edges at the border of the grid
-  touches_border, tiles as above";
+  touches_border, tiles as above
+More of cells that are parts of components (alvis convert --split or --labels):
+  component             the connected part of the air that it is a part of: id in components.csv
+  necks, largest_neck   cells that it is open to; radius of the widest opening
+Columns of openings (--necks):
+  cell_a, cell_b        the two cells
+  neck_radius           distance from the narrowest place on the widest way to the wall; with --split
+  ratio                 that over the radius of the smaller cell, where they were cut from each other
+  x, y, z               the narrowest place; with labels the middle of the faces that the cells share
+  neck_area             area of the opening";
 
 /// Form of the rows, as typed.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
@@ -105,6 +117,12 @@ pub struct CellsArgs {
     /// List surfaces (connected triangles) instead of cells
     #[arg(long)]
     surfaces: bool,
+    /// List the openings between cells of one component: of sets made with --split or --labels
+    #[arg(long, conflicts_with_all = ["objects", "surfaces", "largest", "summary"])]
+    necks: bool,
+    /// Print how many cells other ratios of --split give
+    #[arg(long, conflicts_with_all = ["objects", "surfaces", "necks", "largest", "summary", "condition", "sort", "top", "columns"])]
+    split_curve: bool,
     /// Only rows for which this holds
     #[arg(long = "where", value_name = "EXPR", allow_hyphen_values = true)]
     condition: Option<String>,
@@ -160,8 +178,14 @@ impl CellsArgs {
             return Err(Error::usage("--largest", "it with --outside", expected));
         }
         let manifest = Manifest::open(&self.out)?;
+        if self.split_curve {
+            return necks::print_curve(&self.out, &manifest, self.common.json);
+        }
         let which = self.table();
-        let mut table = which.open(&self.out, &manifest)?;
+        let mut table = match self.necks {
+            true => necks::open(&self.out, &manifest)?,
+            false => which.open(&self.out, &manifest)?,
+        };
         let columns = table.columns().to_vec();
         let query = self.query(which, &table)?;
         let format = match self.format {
@@ -181,13 +205,18 @@ impl CellsArgs {
             FormatArg::Table => {
                 let rows = self.top.unwrap_or(ROWS);
                 if !print_table(&mut table, query, rows, &shown)? && rows > 0 {
-                    let of = which.total(&manifest);
-                    let all = output::things(of, which.singular());
+                    let all = match self.necks {
+                        true => "openings".to_owned(),
+                        false => output::things(which.total(&manifest), which.singular()),
+                    };
                     output::print(&format!("0 of {all}\n"))?;
                 }
             }
             FormatArg::Csv => print_csv(&mut table, query.top(self.top), &shown)?,
-            FormatArg::Json => print_rows(&mut table, query.top(self.top), &shown, which)?,
+            FormatArg::Json => {
+                let name = if self.necks { "necks" } else { which.name() };
+                print_rows(&mut table, query.top(self.top), &shown, name)?;
+            }
         }
         Ok(Outcome::Done)
     }
@@ -227,7 +256,7 @@ impl CellsArgs {
         let find = |name: &str| columns.iter().position(|c| c.is_named(name));
         if self.columns.is_empty() {
             return Ok(match format {
-                FormatArg::Table => COLUMNS.into_iter().filter_map(find).collect(),
+                FormatArg::Table if !self.necks => COLUMNS.into_iter().filter_map(find).collect(),
                 _ => (0..columns.len()).collect(),
             });
         }
@@ -272,13 +301,13 @@ fn print_csv(table: &mut TableReader, query: Query, shown: &[usize]) -> Result<(
 }
 
 /// Rows as one JSON object, a line for each.
-fn print_rows(table: &mut TableReader, query: Query, shown: &[usize], which: Table) -> Result<()> {
+fn print_rows(table: &mut TableReader, query: Query, shown: &[usize], name: &str) -> Result<()> {
     let columns: Vec<Column> = shown.iter().map(|&c| table.columns()[c].clone()).collect();
     let mut out = LongText::default();
     out.push(&format!(
         "{{\"columns\": {},\n\"{}\": [",
         json!(columns),
-        which.name()
+        name
     ))?;
     let mut separator = "\n";
     query.run(table, |row| {

@@ -21,6 +21,7 @@ mod info_report;
 mod info_tiles;
 mod labels;
 mod lod;
+mod necks;
 mod output;
 mod parse;
 mod phantom;

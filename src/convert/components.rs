@@ -1,4 +1,4 @@
-//! Every component and surface of the volume, with the sums over its voxels and triangles.
+//! Every component, cell and surface of the volume, with the sums over its voxels and triangles.
 
 use crate::convert::cells::{GivenCells, Opening};
 use crate::convert::label::{EndedComponents, Labelled};
@@ -8,12 +8,15 @@ use crate::convert::mesh::tile_writer::WrittenPiece;
 use crate::convert::resolve::{ComponentId, Resolved};
 use crate::error::Result;
 use crate::measure::{ComponentRecord, RecordTable, SurfaceRecord};
+use crate::sys::sorted_spill::{Keyed, Sorter};
 use crate::sys::spill_file::SpillFile;
 use bytemuck::{Pod, Zeroable};
 use std::path::Path;
 
 /// In the place of the component of a cell that has voxels in several.
 pub const SEVERAL: u64 = u64::MAX;
+/// Pairs of a cell and an object that are sorted in memory.
+const ROOM: usize = 1 << 16;
 
 /// Every component and surface of the volume, and the cells, where these are parts of components.
 pub struct Components {
@@ -35,6 +38,8 @@ pub struct PartRecord {
     pub component: u64,
     /// Radius of its widest opening; 0 if that is not known, or there is none.
     pub largest_neck: f64,
+    /// Place of its first surface: all surfaces of a cell follow each other by objects.
+    first_surface: u64,
 }
 
 /// What is known where cells are parts of components.
@@ -50,10 +55,22 @@ pub struct Given {
 impl Given {
     /// The place of a cell.
     fn place(&self, cell: u64) -> u64 {
-        self.cells
-            .ids
-            .rank(cell)
-            .expect("cells of pieces have voxels")
+        let place = self.cells.ids.rank(cell);
+        place.expect("cells of pieces and openings have voxels")
+    }
+}
+
+/// A cell and an object that have a surface between them.
+#[repr(C)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Pod, Zeroable)]
+struct Pair {
+    cell: u64,
+    object: u64,
+}
+
+impl Keyed for Pair {
+    fn key(&self) -> [u64; 2] {
+        [self.cell, self.object]
     }
 }
 
@@ -73,22 +90,29 @@ pub fn sum_up(
     let of_each = FOR_EACH_TABLE.of(memory);
     let counts = resolved.counts;
     let table = |count| RecordTable::new(count, of_each, work);
-    let given = match cells {
-        Some(cells) => Some(Given {
-            components: table(counts.cells)?,
-            parts: RecordTable::new(cells.ids.len(), of_each, work)?,
-            cells,
-        }),
-        None => None,
-    };
-    let cell_count = given
-        .as_ref()
-        .map_or(counts.cells, |given| given.cells.ids.len());
-    let mut components = Components {
-        objects: table(counts.objects)?,
-        cells: table(cell_count)?,
-        surfaces: RecordTable::new(counts.surfaces, of_each, work)?,
-        given,
+    let mut components = match cells {
+        None => Components {
+            objects: table(counts.objects)?,
+            cells: table(counts.cells)?,
+            surfaces: RecordTable::new(counts.surfaces, of_each, work)?,
+            given: None,
+        },
+        Some(cells) => {
+            let count = cells.ids.len();
+            let given = Given {
+                components: table(counts.cells)?,
+                parts: RecordTable::new(count, of_each, work)?,
+                cells,
+            };
+            let mut components = Components {
+                objects: table(counts.objects)?,
+                cells: table(count)?,
+                surfaces: RecordTable::new(0, of_each, work)?,
+                given: Some(given),
+            };
+            components.number_surfaces(meshed, of_each, work)?;
+            components
+        }
     };
     for layer in 0..meshed.layers() {
         let slab = labelled
@@ -105,7 +129,7 @@ pub fn sum_up(
         }
     }
     components.add_meshes()?;
-    components.add_cells()?;
+    components.add_given()?;
     Ok(components)
 }
 
@@ -115,8 +139,76 @@ impl Components {
     /// # Errors
     /// [`crate::Error::Io`].
     pub fn cell(&self, id: u64) -> Result<ComponentRecord> {
-        let place = self.given.as_ref().map_or(id - 1, |given| given.place(id));
-        self.cells.get(place)
+        self.cells.get(self.place_of_cell(id))
+    }
+
+    fn place_of_cell(&self, id: u64) -> u64 {
+        self.given.as_ref().map_or(id - 1, |given| given.place(id))
+    }
+
+    /// The id of the surface that a piece, which is no cap, is part of: where cells are given, that between the cell and
+    /// the object.
+    ///
+    /// # Errors
+    /// [`crate::Error::Io`].
+    pub fn surface_of(&self, piece: &WrittenPiece) -> Result<u64> {
+        let Some(given) = &self.given else {
+            return Ok(piece.ids.surface);
+        };
+        let place = given.place(piece.ids.cell);
+        let first = given.parts.get(place)?.first_surface;
+        let [mut low, mut high] = [first, first + self.cells.get(place)?.surfaces];
+        while high - low > 1 {
+            let middle = low + (high - low) / 2;
+            match self.surfaces.get(middle)?.object <= piece.ids.object {
+                true => low = middle,
+                false => high = middle,
+            }
+        }
+        Ok(low + 1)
+    }
+
+    /// Numbers surfaces by cells, then objects.
+    fn number_surfaces(&mut self, meshed: &mut MeshOutput, memory: u64, work: &Path) -> Result<()> {
+        let mut sorter = Sorter::new(work, ROOM)?;
+        for layer in 0..meshed.layers() {
+            for tile in meshed.tiles(layer)? {
+                for piece in tile.pieces(&mut meshed.spool)? {
+                    if !piece.is_cap() {
+                        let (cell, object) = (piece.ids.cell, piece.ids.object);
+                        sorter.push(Pair { cell, object })?;
+                    }
+                }
+            }
+        }
+        let mut pairs = SpillFile::new(work)?;
+        let (mut last, mut count) = (Pair::zeroed(), 0);
+        sorter.finish(|pair: Pair| {
+            if pair != last {
+                last = pair;
+                count += 1;
+                pairs.push(&[pair])?;
+            }
+            Ok(())
+        })?;
+        pairs.mark()?;
+        self.surfaces = RecordTable::new(count, memory, work)?;
+        let given = self.given.as_mut().expect("surfaces of given cells");
+        let ids = &given.cells.ids;
+        let (mut surface, mut before) = (0, 0);
+        pairs.each(|Pair { cell, object }| {
+            let place = ids.rank(cell).expect("cells of pieces have voxels");
+            self.surfaces
+                .update(surface, |r| (r.cell, r.object) = (cell, object))?;
+            self.cells.update(place, |record| record.surfaces += 1)?;
+            if cell != before {
+                before = cell;
+                let parts = &mut given.parts;
+                parts.update(place, |part| part.first_surface = surface)?;
+            }
+            surface += 1;
+            Ok(())
+        })
     }
 
     /// The table of components of voxels below, which are the cells unless these are given.
@@ -150,59 +242,63 @@ impl Components {
     /// Adds a tile: its pieces to their surfaces, and one to the number of tiles of all that they are part of.
     fn add_tile(&mut self, pieces: &[WrittenPiece]) -> Result<()> {
         let open = || pieces.iter().filter(|piece| !piece.is_cap());
+        let mut surfaces = Vec::with_capacity(pieces.len());
         for piece in open() {
-            let (ids, component) = (piece.ids, piece.component);
-            self.surfaces.update(ids.surface - 1, |record| {
+            let (ids, surface) = (piece.ids, self.surface_of(piece)?);
+            surfaces.push(surface);
+            self.surfaces.update(surface - 1, |record| {
                 record.mesh.merge(&piece.sums);
-                (record.object, record.cell) = (ids.object, component);
+                (record.object, record.cell) = (ids.object, ids.cell);
                 record.touches_border = u64::from(record.mesh.border_edges > 0);
             })?;
+            if let Some(given) = &mut self.given {
+                let component = &mut given.components;
+                component.update(piece.component - 1, |r| r.mesh.merge(&piece.sums))?;
+            }
         }
-        let distinct = |get: fn(&WrittenPiece) -> u64| {
-            let mut ids: Vec<u64> = open().map(get).collect();
+        let sorted = |mut ids: Vec<u64>| {
             ids.sort_unstable();
             ids.dedup();
             ids
         };
-        for id in distinct(|piece| piece.ids.surface) {
-            self.surfaces.update(id - 1, |r| r.tiles += 1)?;
+        let distinct = |get: fn(&WrittenPiece) -> u64| sorted(open().map(get).collect());
+        for surface in sorted(surfaces) {
+            self.surfaces.update(surface - 1, |r| r.tiles += 1)?;
         }
-        for id in distinct(|piece| piece.ids.object) {
-            self.objects.update(id - 1, |r| r.tiles += 1)?;
+        for object in distinct(|piece| piece.ids.object) {
+            self.objects.update(object - 1, |r| r.tiles += 1)?;
         }
-        for id in distinct(|piece| piece.component) {
-            self.below().update(id - 1, |r| r.tiles += 1)?;
+        for cell in distinct(|piece| piece.ids.cell) {
+            let place = self.place_of_cell(cell);
+            self.cells.update(place, |r| r.tiles += 1)?;
         }
-        let Some(given) = &self.given else {
-            return Ok(());
-        };
-        for piece in open() {
-            let place = given.place(piece.ids.cell);
-            self.cells
-                .update(place, |record| record.mesh.merge(&piece.sums))?;
-        }
-        for id in distinct(|piece| piece.ids.cell) {
-            self.cells.update(given.place(id), |r| r.tiles += 1)?;
+        if let Some(given) = &mut self.given {
+            for component in distinct(|piece| piece.component) {
+                given.components.update(component - 1, |r| r.tiles += 1)?;
+            }
         }
         Ok(())
     }
 
-    /// Adds every surface's sums to its object and component.
+    /// Adds every surface's sums to its object and cell.
     fn add_meshes(&mut self) -> Result<()> {
+        let is_given = self.given.is_some();
         for i in 0..self.surfaces.len() {
             let surface = self.surfaces.get(i)?;
-            let add = |record: &mut ComponentRecord| {
+            let add = |record: &mut ComponentRecord, is_counted: bool| {
                 record.mesh.merge(&surface.mesh);
-                record.surfaces += 1;
+                record.surfaces += u64::from(!is_counted);
             };
-            self.objects.update(surface.object - 1, add)?;
-            self.below().update(surface.cell - 1, add)?;
+            let place = self.place_of_cell(surface.cell);
+            self.cells.update(place, |record| add(record, is_given))?;
+            self.objects
+                .update(surface.object - 1, |record| add(record, false))?;
         }
         Ok(())
     }
 
     /// Enters the voxels of cells that are given, and where they touch.
-    fn add_cells(&mut self) -> Result<()> {
+    fn add_given(&mut self) -> Result<()> {
         let Some(Given {
             cells: from,
             components,
@@ -227,13 +323,11 @@ impl Components {
             let (place, component) = (place_of(part.cell), part.component);
             let whole = components.get(component - 1)?;
             table.update(place, |record| {
-                // of several components, the first ones that are merged have no sums yet
-                let first = record.voxels.voxels == 0;
-                match first {
-                    true => record.voxels = part.sums,
-                    false => record.voxels.merge(&part.sums),
+                // those of the first component, or of one more
+                match record.voxels.voxels {
+                    0 => record.voxels = part.sums,
+                    _ => record.voxels.merge(&part.sums),
                 }
-                record.surfaces += whole.surfaces;
                 if record.necks == 0 {
                     // then all of the component is in it
                     record.voxels.border_euler += whole.voxels.border_euler;

@@ -150,6 +150,7 @@ mod tests {
             volume,
             grid: volume,
             region: None,
+            labels: None,
             options,
             plan: &plan,
             watch: &Watch::new(volume.header(), false),

@@ -20,9 +20,11 @@ mod totals;
 mod warnings;
 
 pub use crate::checkpoint::LayersDone;
+pub use crate::labels::CellRows;
 pub use crate::measure::{
     COMPONENT_COLUMNS, Column, Field, Get, Measures, SURFACE_COLUMNS, SurfaceRow,
 };
+pub use crate::split::NeckRule;
 pub use crate::tileset::{check_output, interrupted};
 pub use options::{ConvertOptions, ConvertReport, Labels, RegionOfInterest};
 pub use tables::unit_text;
@@ -42,7 +44,7 @@ use crate::convert::resolve::{Resolved, resolve};
 use crate::convert::resume::{begin, commit_begun, complete, refuse_kept, refuse_other};
 use crate::convert::tables::write_tables;
 use crate::convert::totals::{ScannedSums, dust_of};
-use crate::convert::warnings::warnings;
+use crate::convert::warnings::{warnings, warnings_of_parts};
 use crate::error::{Error, Result};
 use crate::manifest::Manifest;
 use crate::progress::Progress;
@@ -365,12 +367,15 @@ fn make(job: &Conversion, work: &Path, checkpointer: &mut Checkpointer) -> Resul
     if all_seen && totals.surfaces > 0 {
         warnings.extend(job.watch.kind().map(|kind| kind.warning()));
     }
+    let cells = job.stated_cells(components.given.as_ref().map(|given| &given.cells));
+    let of_parts = cells.as_ref();
+    warnings.extend(of_parts.and_then(|parts| warnings_of_parts(parts, totals.cells)));
     warnings
         .iter()
         .for_each(|warning| job.progress.warn(warning));
     let manifest = Manifest {
         dust,
-        cells: job.stated_cells(components.given.as_ref().map(|given| &given.cells)),
+        cells,
         ..job.manifest(totals)
     };
     let index = set.finish(manifest)?;
@@ -390,7 +395,13 @@ fn read_twice<R>(
 ) -> Result<R> {
     match job.grid.decoded_once(work)? {
         Some(once) => read(&*once, true),
-        None if job.grid.random_access() => read(job.grid, job.options.source_filtered.is_some()),
+        None if job.grid.random_access() => {
+            let options = job.options;
+            read(
+                job.grid,
+                options.keep_samples || options.source_filtered.is_some(),
+            )
+        }
         None => spool_beside(job.grid, work, |copy| read(copy, false)),
     }
 }

@@ -8,7 +8,7 @@ use crate::grid::{Placement, Unit};
 use crate::manifest::{COMPONENTS, NECKS};
 use crate::measure::{
     AreaScale, COMPONENT_COLUMNS, Column, ComponentRecord, Field, Measures, NECK_COLUMNS, NeckRow,
-    PART_COLUMNS, PartOfComponent, RecordTable, SURFACE_COLUMNS, SurfaceRecord, SurfaceRow,
+    PART_COLUMNS, PartOfComponent, RecordTable, SURFACE_COLUMNS, SurfaceRow,
 };
 use crate::sys::spill_file::SpillFile;
 use rayon::prelude::*;
@@ -107,9 +107,7 @@ pub fn write_tables(
             let path = work.join("objects.csv");
             let objects = write_components(&path, &components.objects, placement, true, stop);
             let path = work.join("surfaces.csv");
-            let of_components = components.given.is_some();
-            let surfaces =
-                write_surfaces(&path, &components.surfaces, placement, of_components, stop);
+            let surfaces = write_surfaces(&path, components, placement, stop);
             (objects, surfaces)
         },
     );
@@ -210,32 +208,34 @@ pub fn write_components(
     )
 }
 
-/// Writes `surfaces.csv` and returns its size. The first column is of cells, or of the components that these are parts of.
+/// Writes `surfaces.csv` and returns its size.
 ///
 /// # Errors
 /// [`Error::Io`]; [`Error::Interrupted`] if it is to stop.
 pub fn write_surfaces(
     path: &Path,
-    table: &RecordTable<SurfaceRecord>,
+    components: &Components,
     place: &Placement,
-    of_components: bool,
     stop: &Stop,
 ) -> Result<u64> {
     let scale = AreaScale::new(place.spacing);
-    let mut columns = SURFACE_COLUMNS;
-    if of_components {
-        columns[0].name = "component";
-    }
     write_rows(
         path,
-        &header(&columns, place.unit),
-        table,
+        &header(&SURFACE_COLUMNS, place.unit),
+        &components.surfaces,
         stop,
         |i, record, row| {
             row.put(i + 1);
-            let area = scale.area(record.mesh.area);
-            let record = *record;
-            row.put_all(&columns, &SurfaceRow { record, area });
+            let is_cut = match components.given {
+                Some(_) => components.cell(record.cell)?.necks > 0,
+                None => false,
+            };
+            let surface = SurfaceRow {
+                record: *record,
+                area: scale.area(record.mesh.area),
+                euler_characteristic: (!is_cut).then(|| record.mesh.euler_characteristic()),
+            };
+            row.put_all(&SURFACE_COLUMNS, &surface);
             Ok(())
         },
     )

@@ -1,6 +1,7 @@
 //! The sums of a tile set.
 
 use crate::convert::ConvertOptions;
+use crate::convert::cells::Opening;
 use crate::convert::components::Components;
 use crate::convert::label::LeftOut;
 use crate::error::Result;
@@ -42,6 +43,10 @@ impl ScannedSums {
             voxels_nan: self.nan,
             objects: components.objects.len(),
             cells: components.cells.len(),
+            necks: components
+                .given
+                .as_ref()
+                .map_or(0, |given| given.cells.openings.records::<Opening>()),
             components: components
                 .given
                 .as_ref()

@@ -1,8 +1,44 @@
 //! What a user should know of a conversion that is done.
 
 use crate::grid::Dims;
-use crate::manifest::{Dust, Totals};
+use crate::manifest::{Dust, PartsBy, Totals};
 use crate::words::exact;
+
+/// Share of the cells by which their number may differ between two ratios, a twentieth above and below the one that was asked
+/// for, without a word: with necks it hardly changes at all.
+const STEEP: f64 = 0.1;
+
+/// What a user should know of cells that are parts of components.
+pub fn warnings_of_parts(parts: &PartsBy, cells: u64) -> Option<String> {
+    match parts {
+        PartsBy::Labels { unlabelled, .. } => unlabelled.map(|voxels| {
+            format!(
+                "{voxels} voxels below the threshold have label 0: together they are one more cell, with the largest id"
+            )
+        }),
+        PartsBy::Split {
+            ratio_permille,
+            curve,
+            ..
+        } => {
+            let own = u64::from(*ratio_permille);
+            let below = curve.iter().rev().find(|point| point[0] + 50 <= own)?;
+            let above = curve.iter().find(|point| point[0] >= own + 50)?;
+            let ratio = |permille: u64| permille as f64 / 1000.0;
+            let differ = above[1].saturating_sub(below[1]) as f64;
+            (differ > STEEP * cells as f64).then(|| {
+                format!(
+                    "the number of cells hangs on the ratio: {} at {}, {} at {}; this structure has no clear necks (see \
+                     `alvis cells OUT --split-curve`)",
+                    below[1],
+                    ratio(below[0]),
+                    above[1],
+                    ratio(above[0])
+                )
+            })
+        }
+    }
+}
 
 /// What makes its numbers other than they may be meant to be.
 pub fn warnings(totals: &Totals, dims: Dims, threshold: f64, dust: Option<Dust>) -> Vec<String> {

@@ -1,39 +1,21 @@
 //! Which pieces are exported: those of chosen cells, objects or surfaces, and caps.
 
 use crate::error::{Error, Result};
-use crate::manifest::{Manifest, WholeTotals};
+use crate::manifest::{Manifest, PartsBy, WholeTotals};
+use crate::sys::id_set::IdSet;
 use crate::table::{Chosen, Table};
 use crate::tile::PieceIds;
 use std::path::Path;
 
-/// Ids as a bit each.
-#[derive(Debug, Clone, Default)]
-struct Ids(Vec<u64>);
-
-impl Ids {
-    /// Adds an id of at most `most`.
-    fn add(&mut self, id: u64, most: u64, table: &Path) -> Result<()> {
-        if id > most {
-            let found = format!("the id {id}");
-            let expected = format!("ids up to {most}, as index.json has it");
-            return Err(Error::format(table, found, expected));
-        }
-        let word = (id / 64) as usize;
-        if word >= self.0.len() {
-            self.0.resize(word + 1, 0);
-        }
-        self.0[word] |= 1 << (id % 64);
-        Ok(())
+/// Adds an id of at most `most`.
+fn add(ids: &mut IdSet, id: u64, most: u64, table: &Path) -> Result<()> {
+    if id > most {
+        let found = format!("the id {id}");
+        let expected = format!("ids up to {most}, as index.json has it");
+        return Err(Error::format(table, found, expected));
     }
-
-    fn has(&self, id: u64) -> bool {
-        let word = usize::try_from(id / 64).ok().and_then(|w| self.0.get(w));
-        word.is_some_and(|w| w >> (id % 64) & 1 == 1)
-    }
-
-    fn meets(&self, other: &Ids) -> bool {
-        self.0.iter().zip(&other.0).any(|(a, b)| a & b != 0)
-    }
+    ids.insert(id);
+    Ok(())
 }
 
 /// What is chosen.
@@ -41,10 +23,10 @@ impl Ids {
 struct Part {
     table: Table,
     /// Of that table.
-    ids: Ids,
+    ids: IdSet,
     /// Objects whose caps are kept: of chosen cells or surfaces those that they border, if all surfaces of all these
     /// objects are kept, for then caps still close them.
-    capped: Option<Ids>,
+    capped: Option<IdSet>,
     vertices: u64,
 }
 
@@ -55,9 +37,8 @@ pub(super) struct Choice(Option<Part>);
 impl Choice {
     /// How many cells, objects or surfaces are chosen of how many; `None` if all are.
     pub fn share(&self, manifest: &Manifest) -> Option<[u64; 2]> {
-        let ones = |words: &[u64]| words.iter().map(|w| u64::from(w.count_ones())).sum();
         let part = self.0.as_ref()?;
-        Some([ones(&part.ids.0), part.table.total(manifest)])
+        Some([part.ids.len(), part.table.total(manifest)])
     }
 
     /// Bytes that the choice of a part takes: a bit for each row of its table and three for each object.
@@ -86,9 +67,13 @@ impl Choice {
         let path = table.path().to_path_buf();
         let query = chosen.query(&table)?;
         let id = table.own_column("id")?;
-        let largest_id = whole.of(chosen.table);
+        let largest_id = match (chosen.table, &manifest.cells) {
+            // labels are any numbers
+            (Table::Cells, Some(PartsBy::Labels { .. })) => u64::MAX,
+            (table, _) => whole.of(table),
+        };
         query.run(&mut table, |row| {
-            part.ids.add(row.whole(id)?, largest_id, &path)
+            add(&mut part.ids, row.whole(id)?, largest_id, &path)
         })?;
         let mut table = Table::Surfaces.open(dir, manifest)?;
         let path = table.path().to_path_buf();
@@ -99,11 +84,11 @@ impl Choice {
             Table::Objects => object,
             Table::Surfaces => id,
         };
-        let [mut kept, mut left] = [Ids::default(), Ids::default()];
+        let [mut kept, mut left] = [IdSet::default(), IdSet::default()];
         while let Some(row) = table.next_row()? {
-            let keep = part.ids.has(row.whole(of_table)?);
+            let keep = part.ids.contains(row.whole(of_table)?);
             let ids = if keep { &mut kept } else { &mut left };
-            ids.add(row.whole(object)?, whole.objects, &path)?;
+            add(ids, row.whole(object)?, whole.objects, &path)?;
             if keep {
                 part.vertices = part.vertices.saturating_add(row.whole(vertices)?);
             }
@@ -120,10 +105,11 @@ impl Choice {
     pub fn keeps(&self, piece: &PieceIds) -> bool {
         match &self.0 {
             None => true,
-            Some(part) if piece.cell == 0 => {
-                part.capped.as_ref().is_some_and(|o| o.has(piece.object))
-            }
-            Some(part) => part.ids.has(piece.of(part.table)),
+            Some(part) if piece.cell == 0 => part
+                .capped
+                .as_ref()
+                .is_some_and(|o| o.contains(piece.object)),
+            Some(part) => part.ids.contains(piece.of(part.table)),
         }
     }
 

@@ -110,6 +110,13 @@ pub fn lod(out: &Path, options: &LodOptions, progress: &dyn Progress) -> Result<
             "a tile set without them, or --force to make them anew",
         ));
     }
+    if set.manifest().cells.is_some() {
+        return Err(Error::usage(
+            "OUT",
+            "cells that are parts of components",
+            "a tile set made without --split and --labels: levels of such a set would gape where cells touch",
+        ));
+    }
     if set.manifest().totals.tiles == 0 {
         return Err(Error::usage("OUT", "no tile", "a tile set with a surface"));
     }

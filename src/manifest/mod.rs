@@ -267,6 +267,9 @@ pub struct Totals {
     /// Connected components of below voxels, where cells are parts of them; 0 and not written where they are the cells.
     #[serde(default, skip_serializing_if = "is_zero")]
     pub components: u64,
+    /// Openings between cells of one component: rows of the table of necks; 0 and not written where there is none.
+    #[serde(default, skip_serializing_if = "is_zero")]
+    pub necks: u64,
     /// Connected components of triangles (without caps).
     pub surfaces: u64,
     /// Triangle edges without a mate: where an open surface meets the volume's faces; 0 with caps.

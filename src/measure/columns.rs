@@ -183,9 +183,11 @@ pub struct SurfaceRow {
     pub record: SurfaceRecord,
     /// Area of its triangles.
     pub area: f64,
+    /// Vertices less edges plus triangles; `None` where other cells of the component cut it off.
+    pub euler_characteristic: Option<i64>,
 }
 
-/// Columns of `surfaces.csv` behind the id. Where cells are parts of components, the first one is of these.
+/// Columns of `surfaces.csv` behind the id.
 pub const SURFACE_COLUMNS: [Column<SurfaceRow>; 9] = [
     in_table("cell", 0, Get::Count(|s| s.record.cell)),
     in_table("object", 0, Get::Count(|s| s.record.object)),
@@ -195,7 +197,7 @@ pub const SURFACE_COLUMNS: [Column<SurfaceRow>; 9] = [
     in_table(
         "euler_characteristic",
         0,
-        Get::Signed(|s| Some(s.record.mesh.euler_characteristic())),
+        Get::Signed(|s| s.euler_characteristic),
     ),
     in_table(
         "border_edges",

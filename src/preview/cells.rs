@@ -11,7 +11,8 @@ use crate::table::{Chosen, Column, Expr, Table};
 use crate::tile::Rgb;
 use crate::tile::pieces::pieces;
 use crate::tile::read::{ReadError, Tile};
-use std::collections::{BTreeMap, BTreeSet, HashMap};
+use std::cmp::Reverse;
+use std::collections::{BTreeMap, BTreeSet, BinaryHeap, HashMap};
 use std::f64::consts::PI;
 use std::path::Path;
 
@@ -237,15 +238,26 @@ fn seeds(
 }
 
 /// Spreads cells over the below voxels, or objects over the above ones, that are connected in the slice: they are
-/// connected in the volume too.
+/// connected in the volume too. Where cells are parts of components, see [`hollows`].
 fn flood(manifest: &Manifest, slice: &Slice, seen: &mut Seen) {
     let [width, height] = slice.size.map(i64::from);
     let objects = seen.table == Table::Objects;
     let diagonal = objects == (manifest.ambiguous == Ambiguous::Join);
+    let of_walls = seen.ids.clone();
     let ids = &mut seen.ids;
-    let mut open: Vec<usize> = (0..ids.len()).filter(|&i| ids[i] != 0).collect();
-    while let Some(i) = open.pop() {
-        let (x, y) = (i as i64 % width, i as i64 / width);
+    let mut distances = vec![0; ids.len()];
+    // voxels to go on from, by their distance from the wall that gave them their number
+    let start = |i: usize| Reverse((0, i, i));
+    let mut open: BinaryHeap<_> = (0..ids.len()).filter(|&i| ids[i] != 0).map(start).collect();
+    let place = |i: usize| [i as i64 % width, i as i64 / width];
+    while let Some(Reverse((distance, i, from))) = open.pop() {
+        let ([x, y], [from_x, from_y]) = (place(i), place(from));
+        if ids[i] == 0 {
+            ids[i] = ids[from];
+            distances[i] = distance;
+        } else if i != from {
+            continue;
+        }
         for (dx, dy) in [
             (-1, 0),
             (1, 0),
@@ -264,9 +276,52 @@ fn flood(manifest: &Manifest, slice: &Slice, seen: &mut Seen) {
             let n = (v * width + u) as usize;
             let above = slice.above([u as u32, v as u32], manifest.threshold);
             if ids[n] == 0 && above == objects {
-                ids[n] = ids[i];
-                open.push(n);
+                let off = [u - from_x, v - from_y];
+                open.push(Reverse((off[0] * off[0] + off[1] * off[1], n, from)));
             }
+        }
+    }
+    if manifest.cells.is_some() && seen.table == Table::Cells {
+        hollows(width as usize, &distances, &of_walls, ids);
+    }
+}
+
+/// Gives each voxel of a slice the cell that has most of the walls around the hollow that it lies in. Tiles tell which cell
+/// a wall is of and not what is between, so a voxel goes up to where walls are farther away, as cells are split.
+///
+/// `distances` are those from the walls, squared, `of_walls` the cells there; `ids` are those of the nearest walls.
+fn hollows(width: usize, distances: &[i64], of_walls: &[u64], ids: &mut [u64]) {
+    let height = ids.len() / width;
+    let mut order: Vec<usize> = (0..ids.len()).filter(|&i| ids[i] != 0).collect();
+    order.sort_by_key(|&i| (Reverse(distances[i]), i));
+    let mut middle: Vec<usize> = (0..ids.len()).collect();
+    for &i in &order {
+        let [x, y] = [i % width, i / width];
+        let around = (y.saturating_sub(1)..(y + 2).min(height))
+            .flat_map(|v| (x.saturating_sub(1)..(x + 2).min(width)).map(move |u| v * width + u));
+        // the farthest from walls, of equal ones the first
+        let up = around
+            .filter(|&n| ids[n] != 0)
+            .min_by_key(|&n| (Reverse(distances[n]), n))
+            .expect("itself at least");
+        if (Reverse(distances[up]), up) < (Reverse(distances[i]), i) {
+            middle[i] = middle[up];
+        }
+    }
+    let mut votes: BTreeMap<(usize, u64), usize> = BTreeMap::new();
+    for (i, &cell) in of_walls.iter().enumerate().filter(|(_, cell)| **cell != 0) {
+        *votes.entry((middle[i], cell)).or_default() += 1;
+    }
+    let mut winners: HashMap<usize, (usize, u64)> = HashMap::new();
+    for ((hollow, cell), count) in votes {
+        let best = winners.entry(hollow).or_insert((count, cell));
+        if count > best.0 {
+            *best = (count, cell);
+        }
+    }
+    for i in order {
+        if let Some((_, cell)) = winners.get(&middle[i]) {
+            ids[i] = *cell;
         }
     }
 }

@@ -1,7 +1,8 @@
 //! Pieces of components that hold several cells, split into a piece for each cell.
 //!
 //! A triangle belongs to the cell of the below end of its vertex with the smallest lattice key, whatever the tile.
-//! Vertices between two cells are in the pieces of both, with the same bits; what a surface counts is counted once.
+//! Vertices between two cells are in the pieces of both, with the same bits, and are counted with that of the smaller
+//! cell.
 
 use crate::labels::BandCells;
 use crate::measure::AreaScale;
@@ -15,11 +16,22 @@ use std::collections::BTreeMap;
 /// Splits pieces; its buffers are used again from tile to tile.
 #[derive(Debug, Default)]
 pub struct PieceSplitter {
-    /// Cell of the below end of each vertex's edge, and the key of the edge.
-    ends: Vec<(u64, u64)>,
+    /// What is known of the edge of each vertex.
+    ends: Vec<End>,
     vectors: [Vec<[f32; 3]>; 2],
     triangles: Vec<Triangle>,
     pieces: Vec<Piece>,
+}
+
+/// What is known of a vertex by the lattice edge that it lies on.
+#[derive(Debug, Clone, Copy, Default)]
+struct End {
+    /// The cell at the below end of the edge.
+    cell: u64,
+    /// The key of the edge.
+    key: u64,
+    /// The next tile counts the vertex.
+    shared: bool,
 }
 
 /// Where the triangles of a piece went: the part, and the number in it.
@@ -40,8 +52,8 @@ impl PieceSplitter {
         let mut any = false;
         for piece in &mut out.pieces {
             let ends = &self.ends[piece.first_vertex as usize..][..piece.vertices as usize];
-            piece.given = ends.first().map_or(0, |end| end.0);
-            any |= ends.iter().any(|end| end.0 != piece.given);
+            piece.given = ends.first().map_or(0, |end| end.cell);
+            any |= ends.iter().any(|end| end.cell != piece.given);
         }
         if !any {
             return;
@@ -51,7 +63,7 @@ impl PieceSplitter {
         self.pieces.clear();
         let pieces = std::mem::take(&mut out.pieces);
         for piece in &pieces {
-            self.add_parts(piece, out);
+            self.add_parts(piece, tile, out);
         }
         out.pieces.append(&mut self.pieces);
         std::mem::swap(&mut out.triangles, &mut self.triangles);
@@ -71,7 +83,7 @@ impl PieceSplitter {
         (edges, assigned): (&Edges, &VertexAssignment),
     ) {
         self.ends.clear();
-        self.ends.resize(edges.count(), (0, 0));
+        self.ends.resize(edges.count(), End::default());
         let span = &view.bits.span;
         let [first_x, first_y, first_z] = tile.first_cube;
         let band_row = |y: usize, z: usize| {
@@ -95,10 +107,13 @@ impl PieceSplitter {
                         let row = band_row(below[1] as usize, below[2] as usize);
                         let vertex = assigned.first_of[assigned.piece_of[number] as usize]
                             + assigned.vertex_of[number];
-                        self.ends[vertex as usize] = (
-                            cells.at(row, below[0] + first_x),
-                            key + 3 * u64::from(x) + axis as u64,
-                        );
+                        let place = [x as usize, y, z];
+                        let shared = (0..3).any(|a| a != axis && tile.shares_upper(a, place[a]));
+                        self.ends[vertex as usize] = End {
+                            cell: cells.at(row, below[0] + first_x),
+                            key: key + 3 * u64::from(x) + axis as u64,
+                            shared,
+                        };
                         number += 1;
                     }
                 }
@@ -107,13 +122,14 @@ impl PieceSplitter {
     }
 
     /// Adds the parts of a piece by the ids of their cells.
-    fn add_parts(&mut self, piece: &Piece, from: &TileMesh) {
+    fn add_parts(&mut self, piece: &Piece, tile: &TileBox, from: &TileMesh) {
         let first = piece.first_vertex as usize;
         let faces = &from.triangles[piece.faces()];
+        let positions = from.chunk.numbers().as_chunks::<3>().0;
         let cell_of = |triangle: &Triangle| {
             let corners = triangle.corners().map(|v| self.ends[first + v as usize]);
-            let lowest = corners.into_iter().min_by_key(|end| end.1);
-            lowest.expect("three corners").0
+            let lowest = corners.into_iter().min_by_key(|end| end.key);
+            lowest.expect("three corners").cell
         };
         let mut parts: BTreeMap<u64, Part> = BTreeMap::new();
         let cells: Vec<u64> = faces[1..].iter().map(cell_of).collect();
@@ -133,26 +149,26 @@ impl PieceSplitter {
                 part.vertex_of[corner as usize] = 0;
             }
         }
-        // what the surface counts is with the first part
-        let mut counts = Some(piece.sums);
+        let mut counted = vec![false; piece.vertices as usize];
         for (cell, mut part) in parts {
-            let new = self.new_piece(piece, cell, &mut part, from);
-            self.pieces.push(Piece {
-                sums: counts.take().unwrap_or_default(),
-                ..new
-            });
+            let mut new = self.new_piece(piece, cell, &mut part, from);
+            for (v, counted) in counted.iter_mut().enumerate() {
+                let is_new = part.vertex_of[v] != u32::MAX && !std::mem::replace(counted, true);
+                // a vertex that is in no part stays uncounted
+                new.sums.vertices += u64::from(is_new && !self.ends[first + v].shared);
+            }
             let at = new.first_triangle as usize;
-            self.triangles.resize(
-                self.pieces[self.pieces.len() - 1].end_of_faces() as usize,
-                Triangle::default(),
-            );
+            let end = new.end_of_faces() as usize;
+            self.triangles.resize(end, Triangle::default());
             let own = (1..)
                 .zip(&faces[1..])
                 .filter(|&(t, _): &(usize, _)| places[t].0 == part.number);
             for (t, triangle) in own {
+                new.sums.border_edges += on_border(triangle, &positions[first..], tile);
                 let to = at + places[t].1 as usize;
                 self.triangles[to] = part.moved(triangle, &places);
             }
+            self.pieces.push(new);
         }
     }
 
@@ -172,7 +188,7 @@ impl PieceSplitter {
             *to = new.vertices;
             new.vertices += 1;
             let at = piece.first_vertex as usize + v;
-            new.key = new.key.min(self.ends[at].1);
+            new.key = new.key.min(self.ends[at].key);
             for (vectors, start) in self.vectors.iter_mut().zip([0, normals]) {
                 let numbers = &coordinates[start + 3 * at..][..3];
                 vectors.push([numbers[0], numbers[1], numbers[2]]);
@@ -204,4 +220,18 @@ impl Part {
         });
         Triangle::new(corners, mates)
     }
+}
+
+/// Edges of a triangle that lie on the faces of the volume; `positions` are those of its piece.
+fn on_border(triangle: &Triangle, positions: &[[f32; 3]], tile: &TileBox) -> u64 {
+    let corners = triangle.corners();
+    let outer = |edge: usize| {
+        let ends = [corners[edge], corners[(edge + 1) % 3]].map(|v| positions[v as usize]);
+        (0..3).any(|a| {
+            let last = tile.dims.0[a] as f32 - 1.0;
+            ends[0][a] == ends[1][a] && (ends[0][a] == 0.0 || ends[0][a] == last)
+        })
+    };
+    let edges = (0..3).filter(|&edge| triangle.mates[edge] == NONE && outer(edge));
+    edges.count() as u64
 }

@@ -256,6 +256,7 @@ impl Case {
             bits: &band.bits,
             runs: &band.runs,
             class_of_run,
+            cells: None,
         };
         let settings = self.settings();
         let tile = |tx| {

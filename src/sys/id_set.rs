@@ -4,7 +4,7 @@ use std::collections::HashMap;
 use std::sync::Arc;
 
 /// A set of numbers, in pages of 4,096: ids are dense, but those of a part are not.
-#[derive(Debug, Default)]
+#[derive(Debug, Default, Clone)]
 pub struct IdSet {
     pages: HashMap<u64, Box<[u64; 64]>>,
     count: u64,
@@ -33,6 +33,14 @@ impl IdSet {
     /// How many numbers there are.
     pub fn len(&self) -> u64 {
         self.count
+    }
+
+    /// True if a number is in both.
+    pub fn meets(&self, other: &IdSet) -> bool {
+        self.pages.iter().any(|(number, page)| {
+            let other = other.pages.get(number);
+            other.is_some_and(|other| page.iter().zip(other.iter()).any(|(a, b)| a & b != 0))
+        })
     }
 }
 

@@ -234,6 +234,11 @@ impl SpillFile {
             .then(|| Place::new(0, (bytes / size) as usize))
     }
 
+    /// How many records there are, all of one type.
+    pub fn records<T: Pod>(&self) -> u64 {
+        self.here::<T>().offset / size_of::<T>() as u64
+    }
+
     /// Calls `each` for all records, which are of one type and were marked, a block at a time.
     ///
     /// # Errors

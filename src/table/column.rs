@@ -45,9 +45,10 @@ impl Column {
         self.name == "touches_border"
     }
 
-    /// True if the values are counts, ids or other whole numbers, none of which is missing.
+    /// True if the values are counts, ids or other whole numbers, none of which is missing but where cells are parts of
+    /// components.
     pub fn is_whole(&self) -> bool {
-        const WHOLE: [&str; 9] = [
+        const WHOLE: [&str; 13] = [
             "id",
             "voxels",
             "euler_characteristic",
@@ -57,6 +58,10 @@ impl Column {
             "triangles",
             "vertices",
             "border_edges",
+            "component",
+            "necks",
+            "cell_a",
+            "cell_b",
         ];
         WHOLE.contains(&self.name.as_str())
     }

@@ -2,7 +2,7 @@
 //!
 //! | column | type |
 //! |---|---|
-//! | counts, ids | INT64 |
+//! | counts, ids | INT64; null where the CSV file has nothing, of cells that are parts of components |
 //! | `touches_border` | BOOLEAN |
 //! | others | DOUBLE, null where the CSV file has nothing |
 //!
@@ -30,13 +30,20 @@ const GROUP: usize = 1 << 14;
 /// The values of a column in a group of rows.
 enum Values {
     Whole(Vec<i64>),
+    /// Those of columns that may have none.
+    Optional(Vec<i64>, Vec<i16>),
     Condition(Vec<bool>),
     /// Numbers, and for each row whether it has one.
     Real(Vec<f64>, Vec<i16>),
 }
 
 impl Values {
-    fn of(column: &Column) -> Self {
+    /// Of a column; `parts` is true in tables of sets whose cells are parts of components.
+    fn of(column: &Column, parts: bool) -> Self {
+        const MAY_LACK: [&str; 2] = ["euler_characteristic", "component"];
+        if parts && MAY_LACK.contains(&column.name.as_str()) {
+            return Values::Optional(Vec::with_capacity(GROUP), Vec::with_capacity(GROUP));
+        }
         match (column.is_condition(), column.is_whole()) {
             (true, _) => Values::Condition(Vec::with_capacity(GROUP)),
             (_, true) => Values::Whole(Vec::with_capacity(GROUP)),
@@ -47,6 +54,7 @@ impl Values {
     fn schema(&self, name: &str) -> parquet::errors::Result<Type> {
         let (physical, repetition) = match self {
             Values::Whole(_) => (Physical::INT64, Repetition::REQUIRED),
+            Values::Optional(..) => (Physical::INT64, Repetition::OPTIONAL),
             Values::Condition(_) => (Physical::BOOLEAN, Repetition::REQUIRED),
             Values::Real(..) => (Physical::DOUBLE, Repetition::OPTIONAL),
         };
@@ -58,6 +66,10 @@ impl Values {
         match self {
             Values::Whole(values) => values.clear(),
             Values::Condition(values) => values.clear(),
+            Values::Optional(values, present) => {
+                values.clear();
+                present.clear();
+            }
             Values::Real(values, present) => {
                 values.clear();
                 present.clear();
@@ -66,15 +78,16 @@ impl Values {
     }
 }
 
-/// Writes the table in the CSV file `csv` to a new file; returns its bytes. Memory is that of some thousand rows, and of a
+/// Writes the table in the CSV file `csv` to a new file, where `parts` is true of a set whose cells are parts of components;
+/// returns its bytes. Memory is that of some thousand rows, and of a
 /// few kilobytes for each such part of the table.
 ///
 /// # Errors
 /// [`Error::Io`]; [`Error::Format`] if it is no table of this program.
-pub fn write_parquet(csv: &Path, path: &Path, table: Table) -> Result<u64> {
+pub fn write_parquet(csv: &Path, path: &Path, table: Table, parts: bool) -> Result<u64> {
     let mut reader = TableReader::open(csv)?;
     let columns = reader.columns().to_vec();
-    let mut values: Vec<Values> = columns.iter().map(Values::of).collect();
+    let mut values: Vec<Values> = columns.iter().map(|c| Values::of(c, parts)).collect();
     let failed = |e: ParquetError| Error::io(path, "write", std::io::Error::other(e));
     let file = File::create(path).map_err(|e| Error::io(path, "create", e))?;
     let mut out = begin(file, table, &columns, &values).map_err(failed)?;
@@ -128,6 +141,13 @@ fn fill(reader: &mut TableReader, values: &mut [Values]) -> Result<usize> {
             match values {
                 Values::Whole(values) => values.push(row.signed(i)?),
                 Values::Condition(values) => values.push(row.number(i)? == Some(1.0)),
+                Values::Optional(values, present) => {
+                    let is_there = row.number(i)?.is_some();
+                    if is_there {
+                        values.push(row.signed(i)?);
+                    }
+                    present.push(i16::from(is_there));
+                }
                 Values::Real(values, present) => {
                     let value = row.number(i)?;
                     values.extend(value);
@@ -146,6 +166,10 @@ fn put(out: &mut SerializedFileWriter<File>, values: &[Values]) -> parquet::erro
         match values {
             Values::Whole(values) => column.typed::<Int64Type>().write_batch(values, None, None),
             Values::Condition(values) => column.typed::<BoolType>().write_batch(values, None, None),
+            Values::Optional(values, present) => {
+                let column = column.typed::<Int64Type>();
+                column.write_batch(values, Some(present), None)
+            }
             Values::Real(values, present) => {
                 let column = column.typed::<DoubleType>();
                 column.write_batch(values, Some(present), None)

@@ -153,7 +153,7 @@ impl TilesetWriter {
     /// [`Error::Io`].
     pub fn finish(mut self, manifest: Manifest) -> Result<u64> {
         let parquet = match &manifest.tables.parquet {
-            Some(_) => write_parquet_tables(&self.dir)?,
+            Some(_) => write_parquet_tables(&self.dir, manifest.cells.is_some())?,
             None => 0,
         };
         let all = self.layers.everything().expect("it holds nothing else");
@@ -165,14 +165,16 @@ impl TilesetWriter {
     }
 }
 
-/// Writes all tables as Parquet beside their CSV files; returns their bytes.
-fn write_parquet_tables(dir: &Path) -> Result<u64> {
+/// Writes all tables as Parquet beside their CSV files, `parts` being true where cells are parts of components; returns
+/// their bytes.
+fn write_parquet_tables(dir: &Path, parts: bool) -> Result<u64> {
     let mut bytes = 0;
     for table in Table::ALL {
         bytes += write_parquet(
             &dir.join(table.file()),
             &dir.join(table.parquet_file()),
             table,
+            parts,
         )?;
     }
     Ok(bytes)

@@ -108,7 +108,7 @@ codes! {
     PositionOutsideTile = "POSITION_OUTSIDE_TILE", true;
     /// Two vertices of a tile lie on one lattice edge.
     DuplicateVertex = "DUPLICATE_VERTEX", true;
-    /// A vertex that parts of a surface share has another place or normal in one than in the other.
+    /// A vertex that pieces of cells share has another place or normal in one than in the other.
     SeamDiffers = "SEAM_DIFFERS", true;
     /// A vertex that no triangle uses.
     UnusedVertex = "UNUSED_VERTEX", true;
@@ -135,8 +135,8 @@ codes! {
     SurfaceSplit = "SURFACE_SPLIT", true;
     /// Two surfaces lie between the same cell and the same object.
     PairRepeated = "PAIR_REPEATED", true;
-    /// The parts of a surface in a tile do not stand by rising cell.
-    PartOrder = "PART_ORDER", false;
+    /// Pieces of cells that touch do not stand by rising cell in a tile.
+    PartOrder = "PART_ORDER", true;
     /// Triangles that begin at one voxel are of several cells.
     CellMixed = "CELL_MIXED", true;
     /// Ids of surfaces, cells or objects are not 1 to n.

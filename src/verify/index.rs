@@ -259,12 +259,13 @@ fn check_parts(m: &Manifest, wrong: &mut impl FnMut(&str, String)) {
         };
         wrong(at, message.to_owned());
     }
-    if !parts && m.totals.components != 0 {
-        let message = format!(
-            "found {}, expected none: cells are the components",
-            m.totals.components
-        );
-        wrong("totals/components", message);
+    let counts = [
+        ("totals/components", m.totals.components),
+        ("totals/necks", m.totals.necks),
+    ];
+    for (at, count) in counts.into_iter().filter(|(_, n)| !parts && *n != 0) {
+        let message = format!("found {count}, expected none: cells are the components");
+        wrong(at, message);
     }
     match &m.cells {
         Some(PartsBy::Labels {

@@ -27,10 +27,19 @@ pub(super) struct Found {
     pub euler: i64,
     /// Surfaces, cells, objects.
     pub ids: [u64; 3],
-    /// Components, where cells are parts of them.
-    pub components: Option<u64>,
+    /// What there is more where cells are parts of components.
+    pub parts: Option<FoundParts>,
     /// Of the volume, if there is one.
     pub voxels: Option<Voxels>,
+}
+
+/// The counts of a set whose cells are parts of components.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct FoundParts {
+    pub components: u64,
+    /// Connected components of triangles.
+    pub connected: u64,
+    pub necks: u64,
 }
 
 /// Checks all of it, stage by stage: what follows from a finding of an earlier stage is not said.
@@ -116,9 +125,9 @@ impl Totals<'_> {
 /// Surfaces and what they bound are a tree.
 fn law(found: &Found, issues: &mut Issues) {
     let [surfaces, cells, objects] = found.ids;
-    let (below, name) = match found.components {
-        Some(components) => (components, "components"),
-        None => (cells, "cells"),
+    let (surfaces, below, name) = match found.parts {
+        Some(parts) => (parts.connected, parts.components, "components"),
+        None => (surfaces, cells, "cells"),
     };
     if surfaces > 0 && surfaces + 1 != below + objects {
         let message = format!(
@@ -283,12 +292,13 @@ fn sums_of_volume(manifest: &Manifest, found: &Found) -> Vec<Total> {
         sum: sum.into(),
     };
     let mut totals = vec![of("surfaces", t.surfaces, surfaces)];
-    let (below, name, stated) = match found.components {
-        Some(components) => (components, "components", t.components),
+    let (below, name, stated) = match found.parts {
+        Some(parts) => (parts.components, "components", t.components),
         None => (cells, "cells", t.cells),
     };
-    if found.components.is_some() {
+    if let Some(parts) = found.parts {
         totals.push(of("cells", t.cells, cells));
+        totals.push(of("necks", t.necks, parts.necks));
     }
     if surfaces > 0 {
         totals.push(of(name, stated, below));

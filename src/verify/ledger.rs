@@ -6,7 +6,7 @@
 use super::bodies::Body;
 use super::code::Code;
 use super::inside::{self, Inside};
-use super::parts::PartLedger;
+use super::parts::{PartLedger, PartSums};
 use super::piece::Sums;
 use super::report::Issues;
 use super::spill::{Merge, Spill};
@@ -30,7 +30,9 @@ pub(super) struct Ledger {
     by_object: Spill<RECORD_WORDS>,
     pub surfaces: u64,
     /// What triangles say of cells, where these are parts of components.
-    pub parts: Option<PartLedger>,
+    parts: Option<PartLedger>,
+    /// True if records are of parts.
+    of_parts: bool,
 }
 
 impl Ledger {
@@ -42,6 +44,7 @@ impl Ledger {
             by_object: Spill::new(IN_MEMORY),
             surfaces: 0,
             parts: parts.then(PartLedger::default),
+            of_parts: parts,
         }
     }
 
@@ -51,15 +54,46 @@ impl Ledger {
     /// If a temporary file cannot be written.
     pub fn add(&mut self, c: &Component) -> Result<()> {
         self.surfaces += 1;
+        // where cells are parts of components, its sums are those of its parts
+        match self.parts {
+            None => self.push(c),
+            Some(_) => Ok(()),
+        }
+    }
+
+    /// Adds a part of a surface in a tile, which has a number.
+    ///
+    /// # Errors
+    /// If a temporary file cannot be written.
+    pub fn add_part(&mut self, part: &PartSums, tile: u64) -> Result<()> {
+        let Some(mut parts) = self.parts.take() else {
+            return Ok(());
+        };
+        parts.add(part, tile, |sums| self.push(sums))?;
+        self.parts = Some(parts);
+        Ok(())
+    }
+
+    /// Takes what is known of parts, of which all sums are added.
+    ///
+    /// # Errors
+    /// If a temporary file cannot be written.
+    pub fn take_parts(&mut self) -> Result<Option<PartLedger>> {
+        let Some(mut parts) = self.parts.take() else {
+            return Ok(None);
+        };
+        parts.drain(|sums| self.push(sums))?;
+        Ok(Some(parts))
+    }
+
+    fn push(&mut self, c: &Component) -> Result<()> {
         let Ids {
             surface,
             cell,
             object,
         } = c.ids;
         self.by_surface.push(pack([surface, cell, object], c))?;
-        if self.parts.is_none() {
-            self.by_cell.push(pack([cell, object, surface], c))?;
-        }
+        self.by_cell.push(pack([cell, object, surface], c))?;
         self.by_object.push(pack([object, cell, surface], c))
     }
 
@@ -68,15 +102,18 @@ impl Ledger {
     /// # Errors
     /// If a temporary file cannot be read back.
     pub fn into_sorted(self) -> Result<[Rows; 3]> {
-        Ok([
+        let mut all = [
             Rows::new(self.by_surface.into_sorted()?, |[s, c, o]| [s, c, o])?,
             Rows::new(self.by_cell.into_sorted()?, |[c, o, s]| [s, c, o])?,
             Rows::new(self.by_object.into_sorted()?, |[o, c, s]| [s, c, o])?,
-        ])
+        ];
+        all.iter_mut()
+            .for_each(|rows| rows.of_parts = self.of_parts);
+        Ok(all)
     }
 }
 
-/// Sorts surfaces by component and object, once the component of each is known.
+/// Sorts the sums of cells by component, once the component of each is known.
 pub(super) struct ByComponent(Spill<RECORD_WORDS>);
 
 impl ByComponent {
@@ -84,21 +121,24 @@ impl ByComponent {
         ByComponent(Spill::new(IN_MEMORY))
     }
 
-    /// Adds the surfaces of a group, which are those of one id.
+    /// Adds a cell.
     ///
     /// # Errors
     /// If a temporary file cannot be written.
-    pub fn push(&mut self, component: u64, group: &Group) -> Result<()> {
-        let key = [component, group.total.ids.object, group.id];
-        self.0.push(pack(key, &group.total))
+    pub fn push(&mut self, component: u64, cell: &Group) -> Result<()> {
+        self.0.push(pack([component, cell.id, 0], &cell.total))
     }
 
-    /// The surfaces by component.
+    /// The cells by component.
     ///
     /// # Errors
     /// If a temporary file cannot be read back.
     pub fn into_sorted(self) -> Result<Rows> {
-        Rows::new(self.0.into_sorted()?, |[c, o, s]| [s, c, o])
+        let mut rows = Rows::new(self.0.into_sorted()?, |[component, cell, _]| {
+            [0, component, cell]
+        })?;
+        rows.of_parts = true;
+        Ok(rows)
     }
 }
 
@@ -163,12 +203,24 @@ pub(super) struct Rows {
     merge: Merge<RECORD_WORDS>,
     order: fn([u64; 3]) -> [u64; 3],
     next: Option<Record>,
+    /// Edges are not counted.
+    of_parts: bool,
 }
 
 impl Rows {
     fn new(mut merge: Merge<RECORD_WORDS>, order: fn([u64; 3]) -> [u64; 3]) -> Result<Self> {
         let next = merge.next()?;
-        Ok(Rows { merge, order, next })
+        Ok(Rows {
+            merge,
+            order,
+            next,
+            of_parts: false,
+        })
+    }
+
+    /// The next id.
+    pub fn peek(&self) -> Option<u64> {
+        self.next.map(|record| record[0])
     }
 
     /// Sums up the components of the next id.
@@ -184,8 +236,10 @@ impl Rows {
             total: unpack(&first, self.order),
             parts: 1,
             several_objects: false,
+            several_ids: false,
             twins: None,
         };
+        let first_ids = group.total.ids;
         let mut last = group.total.ids;
         self.next = self.merge.next()?;
         while let Some(record) = self.next.filter(|r| r[0] == first[0]) {
@@ -194,11 +248,15 @@ impl Rows {
             group.total.absorb(&component);
             group.parts += 1;
             group.several_objects |= ids.object != last.object;
+            group.several_ids |= ids != first_ids;
             if (ids.cell, ids.object) == (last.cell, last.object) && ids.surface != last.surface {
                 group.twins.get_or_insert([last, ids]);
             }
             last = ids;
             self.next = self.merge.next()?;
+        }
+        if self.of_parts {
+            group.count_edges();
         }
         Ok(Some(group))
     }
@@ -212,11 +270,19 @@ pub(super) struct Group {
     /// How many there are.
     pub parts: u64,
     several_objects: bool,
+    /// True if they have not all the same ids.
+    pub several_ids: bool,
     /// Two surfaces between one cell and one object.
     twins: Option<[Ids; 2]>,
 }
 
 impl Group {
+    /// Fills in the edges, of parts of which only the triangles were counted: each edge is of two of them, or on the border.
+    fn count_edges(&mut self) {
+        let sums = &mut self.total.sums;
+        sums.edges = (3 * sums.triangles).saturating_sub(sums.border) / 2;
+    }
+
     /// The body that the surfaces bound; `None` if they bound none.
     pub fn body(&self, kind: Kind, cx: &Context) -> Option<Body> {
         let (cell, dims) = (kind.is_below(), cx.tiling.dims.0);
@@ -237,6 +303,7 @@ impl Group {
             total: Component::default(),
             parts: 0,
             several_objects: false,
+            several_ids: false,
             twins: None,
         }
     }
@@ -271,6 +338,9 @@ impl Kind {
     }
 }
 
+/// Where the number of surfaces is stated.
+const SURFACES: &str = "index.json#/totals/surfaces";
+
 /// Checks the ids as they come, rising, of one kind.
 pub(super) struct Laws {
     pub kind: Kind,
@@ -297,7 +367,6 @@ impl Laws {
 
     /// Takes the next id, and the body of it if that is one of which all surfaces are known.
     pub fn add(&mut self, group: &Group, body: Option<&Body>, issues: &mut Issues) {
-        const PATH: &str = "index.json#/totals/surfaces";
         let id = group.id;
         if self.gap.is_none() && id != self.last + 1 {
             self.gap = Some((self.last, id));
@@ -317,22 +386,45 @@ impl Laws {
                 "surface {id} is in {} parts that are not connected",
                 group.parts
             );
-            issues.add(Code::SurfaceSplit, PATH, message);
-        }
-        if self.kind.is_below() {
-            if let Some([a, b]) = group.twins {
-                let message = format!(
-                    "surfaces {} and {} both lie between {} {id} and object {}",
-                    a.surface,
-                    b.surface,
-                    self.kind.name(),
-                    a.object
-                );
-                issues.add(Code::PairRepeated, PATH, message);
-            }
+            issues.add(Code::SurfaceSplit, SURFACES, message);
         }
         if self.kind == Kind::Cell {
+            self.check_pairs(group, issues);
             check_names(group, issues);
+        }
+    }
+
+    /// Takes the next id of which nothing is known.
+    pub fn pass(&mut self, id: u64) {
+        self.last = id;
+        self.count += 1;
+    }
+
+    /// Takes the next id of those whose order says nothing of places, and which may have gaps if they are not `dense`.
+    pub fn count(&mut self, group: &Group, dense: bool, issues: &mut Issues) {
+        if dense && self.gap.is_none() && group.id != self.last + 1 {
+            self.gap = Some((self.last, group.id));
+        }
+        self.last = group.id;
+        self.count += 1;
+        if self.kind == Kind::Cell {
+            self.check_pairs(group, issues);
+            check_names(group, issues);
+        }
+    }
+
+    /// A cell or a component has one surface with each object at most.
+    fn check_pairs(&self, group: &Group, issues: &mut Issues) {
+        if let Some([a, b]) = group.twins {
+            let message = format!(
+                "surfaces {} and {} both lie between {} {} and object {}",
+                a.surface,
+                b.surface,
+                self.kind.name(),
+                group.id,
+                a.object
+            );
+            issues.add(Code::PairRepeated, SURFACES, message);
         }
     }
 

@@ -27,6 +27,8 @@
 //! 7. Levels of detail are as closed as the tiles, nothing is seen through between two of them, and their tree says
 //!    what they are: see the module for levels.
 //!
+//! Where cells are parts of components, components take the place of cells in these; see the module for parts.
+//!
 //! By the tiles alone, normals are proven to be of length 1 and no more, and the threshold not at all; and
 //! a set that was made for another volume, with numbers to match, is sound. With the volume it proves in
 //! addition:
@@ -216,7 +218,7 @@ fn report(found: Found, issues: Issues, options: &VerifyOptions, start: Instant)
         surfaces: found.ids[0],
         cells: found.ids[1],
         objects: found.ids[2],
-        components: found.components,
+        components: found.parts.map(|parts| parts.components),
         euler_characteristic: found.euler,
         volume6: c.volume6,
         bytes: c.bytes,

@@ -52,6 +52,11 @@ impl Region {
         (0..3).all(|a| p[a] != self.lo[a] || self.lo[a] == 0)
     }
 
+    /// True if this tile is the last of those that share the vertex.
+    pub fn is_last(&self, p: [i32; 3]) -> bool {
+        (0..3).all(|a| p[a] != self.hi[a] || self.hi[a] == self.end[a])
+    }
+
     /// The smallest coordinates of vertices inside the region that [`Region::owns`] holds for.
     pub fn first_owned(&self) -> [i32; 3] {
         self.lo.map(|lo| lo + i32::from(lo != 0))
@@ -304,11 +309,14 @@ impl Piece {
         ])
     }
 
-    /// The area of a triangle in one cube, by a scale as in [`Piece::sum_triangles`].
-    pub fn area(&self, t: [u32; 3], scale: [f64; 3]) -> f64 {
+    /// The area of a triangle in one cube, by a scale as in [`Piece::sum_triangles`], and six times the volume that it spans
+    /// with the origin.
+    pub fn measure(&self, t: [u32; 3], scale: [f64; 3]) -> (f64, i128) {
         let n = self.area_vector(t).unwrap_or_default();
         let [x, y, z] = [0, 1, 2].map(|a| f64::from(n[a]) * scale[a]);
-        0.5 * (x * x + y * y + z * z).sqrt()
+        let corner = self.points[t[0] as usize];
+        let six: i64 = (0..3).map(|a| i64::from(corner[a]) * i64::from(n[a])).sum();
+        (0.5 * (x * x + y * y + z * z).sqrt(), six.into())
     }
 
     /// Sums up triangles, notes in `state` which way they face at each vertex, and enters their edges.

@@ -136,7 +136,8 @@ pub struct Report {
     pub tile_vertices: u64,
     /// Edges on the volume's faces where the surface is open; 0 with caps.
     pub border_edges: u64,
-    /// Connected components of triangles, caps not counted.
+    /// Connected components of triangles, caps not counted; where cells are parts of components, pairs of a cell and an
+    /// object that have a surface.
     pub surfaces: u64,
     /// Objects that have a surface.
     pub objects: u64,

@@ -9,14 +9,15 @@ use super::code::Code;
 use super::first::voxel_key;
 use super::ledger::Ledger;
 use super::paint::{Colour, MIXED};
-use super::parts::CellSums;
+use super::parts::PartSums;
 use super::piece::{Region, Sums};
 use super::report::{Issue, Issues};
 use crate::error::Result;
 use std::collections::BTreeMap;
 use std::fmt;
 
-/// The ids of a surface. The cell is 0 where cells are parts of components: a surface may have several.
+/// The ids of a surface. Cell and surface are 0 of what is connected where cells are parts of components: it may have
+/// several of both.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Default)]
 pub(super) struct Ids {
     pub surface: u64,
@@ -32,7 +33,7 @@ impl fmt::Display for Ids {
             object,
         } = self;
         match cell {
-            0 => write!(f, "surface {surface} (object {object})"),
+            0 => write!(f, "a surface of object {object}"),
             _ => write!(f, "surface {surface} (cell {cell}, object {object})"),
         }
     }
@@ -134,8 +135,8 @@ pub(super) struct TileFront {
     pub faces: Option<[Vec<FaceEdge>; 6]>,
     /// The tile's components, and whether each has an edge on a tile plane.
     pub components: Vec<(Component, bool)>,
-    /// What its triangles say of cells, where these are parts of components.
-    pub cells: Vec<CellSums>,
+    /// Parts of surfaces, where cells are parts of components.
+    pub parts: Vec<PartSums>,
 }
 
 /// Edges that wait on the plane above a tile.
@@ -183,7 +184,7 @@ impl Sweep {
     /// The ledger's, when it cannot write its temporary files.
     pub fn add(&mut self, tile: TileFront, issues: &mut Issues) -> Result<()> {
         let handles = self.add_components(&tile)?;
-        self.add_cells(&tile)?;
+        self.add_parts(&tile)?;
         let TileFront {
             grid,
             region,
@@ -258,17 +259,10 @@ impl Sweep {
         Ok(handles)
     }
 
-    fn add_cells(&mut self, tile: &TileFront) -> Result<()> {
-        let Some(parts) = &mut self.ledger.parts else {
-            return Ok(());
-        };
-        tile.cells.iter().try_for_each(|cell| parts.add(cell))?;
+    fn add_parts(&mut self, tile: &TileFront) -> Result<()> {
         let number = voxel_key(tile.grid.map(|c| c as i32));
-        // connected parts of a piece but the first are in no tile of their own
-        let pieces = tile.components.iter().filter(|(c, _)| c.tiles > 0);
-        pieces
-            .map(|(c, _)| c.ids.surface)
-            .try_for_each(|surface| parts.add_tile(surface, number))
+        let mut parts = tile.parts.iter();
+        parts.try_for_each(|part| self.ledger.add_part(part, number))
     }
 
     /// Matches the edges of both sides of a plane and unites their components.

@@ -6,7 +6,7 @@ use super::closed::TILES;
 use super::code::Code;
 use super::edges::Edges;
 use super::files::{self, Expected};
-use super::parts::{CellSums, Weld};
+use super::parts::{PartSums, Weld};
 use super::piece::{Flaw, Piece, Region};
 use super::region_edge::{RegionEdge, TileEdge};
 use super::report::{Issue, Issues};
@@ -153,7 +153,7 @@ pub(super) fn check(
     }
     let (counts, region) = (work.counts, work.region);
     let faces = work.sound.then_some(work.faces);
-    let (components, cells) = (work.components, work.cells);
+    let (components, parts) = (work.components, work.parts);
     let mut voxels = Voxels::default();
     if let Some(Samples { band, rule }) = original {
         let mut flaws = Vec::new();
@@ -173,7 +173,7 @@ pub(super) fn check(
             path: entry.path.clone(),
             faces,
             components,
-            cells,
+            parts,
         }),
         counts,
         issues,
@@ -240,8 +240,8 @@ pub(super) struct Work<'a, 'i> {
     pub counts: Counts,
     pub box_seen: Option<[[i32; 3]; 2]>,
     pub components: Vec<(Component, bool)>,
-    /// Of each part of a surface, where cells are parts of components.
-    pub cells: Vec<CellSums>,
+    /// Parts of surfaces, where cells are parts of components.
+    pub parts: Vec<PartSums>,
     pub faces: [Vec<FaceEdge>; 6],
     /// Open edges on the volume's faces: of surfaces, and of caps.
     pub border: Vec<(usize, FaceEdge)>,
@@ -265,7 +265,7 @@ impl<'a, 'i> Work<'a, 'i> {
             counts: Counts::default(),
             box_seen: None,
             components: Vec::new(),
-            cells: Vec::new(),
+            parts: Vec::new(),
             faces: Default::default(),
             border: Vec::new(),
             cap_border: Vec::new(),
@@ -435,10 +435,17 @@ impl Work<'_, '_> {
     fn count_tiles(&mut self) {
         let mut cells = std::collections::HashSet::new();
         let mut objects = std::collections::HashSet::new();
-        for c in &mut self.cells {
-            c.tiles = u64::from(cells.insert(c.cell));
-        }
-        for (c, _) in &mut self.components {
+        // where cells are parts of components, those of the tile have no ids
+        let whole = self.components.iter_mut().map(|(c, _)| c);
+        let whole = whole.filter(|c| c.ids.cell != 0);
+        let mut surfaces = std::collections::HashSet::new();
+        let parts = self.parts.iter_mut().map(|part| &mut part.component);
+        // a cell of two components may have two parts of one surface
+        let parts = parts.map(|c| {
+            c.tiles = u64::from(surfaces.insert(c.ids.surface));
+            c
+        });
+        for c in whole.chain(parts) {
             c.cell_tiles = u64::from(cells.insert(c.ids.cell));
             c.object_tiles = u64::from(objects.insert(c.ids.object));
         }

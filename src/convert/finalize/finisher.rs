@@ -53,9 +53,14 @@ impl<'a> Finisher<'a> {
     /// # Errors
     /// [`crate::Error::Io`].
     pub fn next(&self, batches: &mut Batches) -> Result<Option<Ready>> {
-        let Some(batch) = batches.next()? else {
+        let Some(mut batch) = batches.next()? else {
             return Ok(None);
         };
+        for piece in batch.jobs.iter_mut().flat_map(|job| &mut job.pieces) {
+            if !piece.is_cap() {
+                piece.ids.surface = self.components.surface_of(piece)?;
+            }
+        }
         let known = self.cells_of(&batch.jobs)?;
         Ok(Some(Ready { batch, known }))
     }

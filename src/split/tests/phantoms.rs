@@ -191,8 +191,8 @@ fn whole_bubbles_of_a_scan_with_artefacts_are_found() {
         return;
     };
     let volume = open(&path, &OpenOptions::default()).unwrap().volume;
-    let cylinder = find_cylinder(&*volume, &Quiet).unwrap();
-    let region = RegionVoxels::cylinder(&cylinder, volume.header().dims).unwrap();
+    let cylinder = find_cylinder(&*volume, 0..200, &Quiet).unwrap();
+    let region = RegionVoxels::cylinder(&cylinder.cylinder, volume.header().dims).unwrap();
     let otsu = statistics(&*volume, Some(&region), &Quiet)
         .unwrap()
         .otsu

@@ -9,7 +9,7 @@
 mod tiles;
 
 use crate::error::{Error, Result};
-use crate::manifest::{Form, Manifest, Tables, Totals};
+use crate::manifest::{COMPONENTS, Form, Manifest, NECKS, Tables, Totals};
 use crate::progress::Progress;
 use crate::table::Table;
 use crate::tile::check_reach;
@@ -120,8 +120,14 @@ fn copy_tables(set: &TileSet, work: &Path, made: &mut Manifest) -> Result<()> {
     copy(&made.tables.cells, Table::Cells.file())?;
     copy(&made.tables.objects, Table::Objects.file())?;
     copy(&made.tables.surfaces, Table::Surfaces.file())?;
+    let mut tables = Tables::named(made.tables.parquet.is_some());
+    if let (Some(components), Some(necks)) = (&made.tables.components, &made.tables.necks) {
+        copy(components, COMPONENTS)?;
+        copy(necks, NECKS)?;
+        tables = tables.with_components();
+    }
     // those in Parquet are made of these
-    made.tables = Tables::named(made.tables.parquet.is_some());
+    made.tables = tables;
     let selection = made.selection.as_mut();
     if let Some(colours) = selection.and_then(|s| s.colour_by.as_mut()) {
         // sets may lack the SVG, which the index does not name

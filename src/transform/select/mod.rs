@@ -107,6 +107,11 @@ fn select_into(
     made.selection = Some(selection.clone());
     made.lod = None;
     made.tables = Tables::named(manifest.tables.parquet.is_some());
+    if manifest.cells.is_some() {
+        made.totals.components = rows.components;
+        made.totals.necks = rows.necks;
+        made.tables = made.tables.with_components();
+    }
     let totals = made.totals;
     made.layers.clear();
     writer.finish(made)?;

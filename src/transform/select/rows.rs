@@ -1,9 +1,9 @@
 //! The rows of the tables that are kept.
 
 use crate::error::{Error, Result};
-use crate::manifest::Manifest;
+use crate::manifest::{COMPONENTS, Manifest, NECKS, file_inside};
 use crate::sys::id_set::IdSet;
-use crate::table::{Row, Table};
+use crate::table::{Row, Table, TableReader};
 use crate::tile::read::PieceIds;
 use crate::transform::select::choice::Choice;
 use std::collections::BTreeMap;
@@ -16,6 +16,10 @@ use std::path::Path;
 pub struct Rows {
     /// Cells.
     pub cells: u64,
+    /// Components that kept cells are parts of, where cells are parts of components.
+    pub components: u64,
+    /// Openings between kept cells.
+    pub necks: u64,
     /// Surfaces.
     pub surfaces: u64,
     /// Surfaces of each kept object: how many were kept, and how many there are.
@@ -44,16 +48,22 @@ impl Rows {
 pub fn copy_rows(from: &Path, to: &Path, manifest: &Manifest, choice: &Choice) -> Result<Rows> {
     let mut rows = Rows::default();
     let cells = copy_surfaces(from, to, manifest, choice, &mut rows)?;
+    let component = Table::Cells.open(from, manifest)?.column("component");
+    let mut parts = Parts::default();
     // what has no surface stays if nothing was left out
     let all = choice.count() == choice.table().total(manifest);
-    filter(from, to, manifest, Table::Cells, |_, id| {
+    filter(from, to, manifest, Table::Cells, |row, id| {
         let keep = match choice.table() {
             Table::Cells => choice.has(id),
             Table::Objects | Table::Surfaces => all || cells.contains(id),
         };
         rows.cells += u64::from(keep);
+        if let (true, Some(component)) = (keep, component) {
+            parts.add(id, row.number(component)?);
+        }
         Ok(keep)
     })?;
+    [rows.components, rows.necks] = parts.copy(from, to, manifest)?;
     let reader = Table::Objects.open(from, manifest)?;
     let voxels = reader.column("voxels");
     let mut lone = Vec::new();
@@ -72,6 +82,53 @@ pub fn copy_rows(from: &Path, to: &Path, manifest: &Manifest, choice: &Choice) -
     })?;
     rows.objects.extend(lone.into_iter().map(|id| (id, [0, 0])));
     Ok(rows)
+}
+
+/// What is kept where cells are parts of components.
+#[derive(Default)]
+struct Parts {
+    cells: IdSet,
+    components: IdSet,
+    /// A cell has voxels in several components, which its row does not name.
+    all: bool,
+}
+
+impl Parts {
+    /// A kept cell, and the component that its row names.
+    fn add(&mut self, cell: u64, component: Option<f64>) {
+        self.cells.insert(cell);
+        match component {
+            Some(component) => _ = self.components.insert(component as u64),
+            None => self.all = true,
+        }
+    }
+
+    /// Copies the rows of components of kept cells, and of necks between kept cells; returns how many of each.
+    fn copy(&self, from: &Path, to: &Path, manifest: &Manifest) -> Result<[u64; 2]> {
+        let tables = &manifest.tables;
+        let mut counts = [0; 2];
+        for (path, name) in [(&tables.components, COMPONENTS), (&tables.necks, NECKS)] {
+            let Some(path) = path else { continue };
+            let mut reader = TableReader::open(&file_inside(from, path, "open the table")?)?;
+            let ids = match name {
+                NECKS => vec![reader.own_column("cell_a")?, reader.own_column("cell_b")?],
+                _ => vec![reader.own_column("id")?],
+            };
+            copy_if(&mut reader, &to.join(name), |row| {
+                let (set, all) = match name {
+                    NECKS => (&self.cells, false),
+                    _ => (&self.components, self.all),
+                };
+                let mut keep = true;
+                for &id in &ids {
+                    keep &= all || set.contains(row.whole(id)?);
+                }
+                counts[usize::from(name == NECKS)] += u64::from(keep);
+                Ok(keep)
+            })?;
+        }
+        Ok(counts)
+    }
 }
 
 /// Copies the rows of kept surfaces; the cells that these border.
@@ -121,15 +178,24 @@ fn filter(
     mut keep: impl FnMut(&Row, u64) -> Result<bool>,
 ) -> Result<()> {
     let mut reader = table.open(from, manifest)?;
-    let path = to.join(table.file());
-    let failed = |e| Error::io(&path, "write", e);
-    let mut out = BufWriter::new(File::create(&path).map_err(failed)?);
+    let id = reader.column("id").unwrap_or(0);
+    copy_if(&mut reader, &to.join(table.file()), |row| {
+        keep(row, row.whole(id)?)
+    })
+}
+
+/// Copies the rows that `keep` accepts to a new file.
+fn copy_if(
+    reader: &mut TableReader,
+    path: &Path,
+    mut keep: impl FnMut(&Row) -> Result<bool>,
+) -> Result<()> {
+    let failed = |e| Error::io(path, "write", e);
+    let mut out = BufWriter::new(File::create(path).map_err(failed)?);
     let header: Vec<String> = reader.columns().iter().map(|c| c.header()).collect();
     writeln!(out, "{}", header.join(",")).map_err(failed)?;
-    let id = reader.column("id").unwrap_or(0);
     while let Some(row) = reader.next_row()? {
-        let id = row.whole(id)?;
-        if keep(&row, id)? {
+        if keep(&row)? {
             writeln!(out, "{}", row.line()?).map_err(failed)?;
         }
     }

@@ -1,8 +1,7 @@
 //! The table of cells, where these are parts of components.
 
-use super::check::PiecesOf;
 use super::necks::OwnNecks;
-use super::sums::CellSums;
+use super::sums::Begins;
 use crate::error::Result;
 use crate::manifest::PartsBy;
 use crate::verify::code::Code;
@@ -11,10 +10,10 @@ use crate::verify::components::{
     stated_box,
 };
 use crate::verify::laws::Listed;
-use crate::verify::ledger::Kind;
+use crate::verify::ledger::{Group, Kind};
 use crate::verify::report::Issues;
 use crate::verify::spill::Spill;
-use crate::verify::tables::{Exactness, Lines, check_carried};
+use crate::verify::tables::{Exactness, Table, check_carried};
 use crate::verify::tile::Context;
 
 /// Places of columns behind those of components.
@@ -39,6 +38,11 @@ impl CellRow {
         self.values[COMPONENT].map(|id| id as u64)
     }
 
+    /// Its necks.
+    pub fn necks(&self) -> Option<f64> {
+        self.values[NECKS]
+    }
+
     /// The box that it states.
     pub fn stated_box(&self) -> [[f64; 3]; 2] {
         stated_box(&self.values)
@@ -48,7 +52,7 @@ impl CellRow {
 /// The table while it is read.
 pub(super) struct CellTable<'a> {
     cx: &'a Context<'a>,
-    lines: Lines,
+    table: Table,
     rows: ComponentRows<'a>,
     exact: Exactness,
     unit: &'static str,
@@ -59,11 +63,11 @@ pub(super) struct CellTable<'a> {
 }
 
 impl<'a> CellTable<'a> {
-    /// As of [`Lines::open`].
+    /// As of [`Table::open`].
     pub fn open(cx: &'a Context, issues: &mut Issues) -> Option<Self> {
         Some(CellTable {
             cx,
-            lines: Lines::open(cx, Kind::Cell, issues)?,
+            table: Table::open(cx, Kind::Cell, issues)?,
             rows: ComponentRows::new(cx.manifest),
             exact: Exactness::of(cx.manifest),
             unit: cx.manifest.measured().unit.name(),
@@ -75,7 +79,7 @@ impl<'a> CellTable<'a> {
 
     /// The next row, of a larger id than the one before.
     pub fn next_row(&mut self, issues: &mut Issues) -> Result<Option<CellRow>> {
-        let Some(values) = self.lines.next_row(issues) else {
+        let Some(values) = self.table.lines.next_row(issues) else {
             return Ok(None);
         };
         let id = values[0].unwrap_or(0.0);
@@ -84,8 +88,8 @@ impl<'a> CellTable<'a> {
                 "found id {id} behind {}, expected cells by rising id",
                 self.last
             );
-            issues.add(Code::TableRows, self.lines.place(), message);
-            self.lines.give_up();
+            issues.add(Code::TableRows, self.table.lines.place(), message);
+            self.table.lines.give_up();
             return Ok(None);
         }
         self.last = id as u64;
@@ -98,7 +102,7 @@ impl<'a> CellTable<'a> {
 
     /// True if all rows could be read.
     pub fn is_whole(&self) -> bool {
-        !self.lines.damaged
+        !self.table.lines.damaged
     }
 
     /// Voxels of the last row.
@@ -111,7 +115,8 @@ impl<'a> CellTable<'a> {
     pub fn check(
         &mut self,
         row: &CellRow,
-        pieces: &PiecesOf,
+        pieces: Option<&Group>,
+        begins: &Begins,
         necks: Option<&OwnNecks>,
         listed: &mut Listed,
     ) -> Result<()> {
@@ -123,12 +128,18 @@ impl<'a> CellTable<'a> {
         if let Some(necks) = necks {
             check_necks(row, necks, split, &mut wrong);
         }
-        self.check_component(row, pieces, &mut wrong);
-        self.check_pieces(row, pieces, &mut wrong);
-        if let Some((_, first)) = pieces.first() {
-            let same = |(_, p): &(u64, CellSums)| !p.mixed && p.measures == first.measures;
-            let carried = pieces.iter().all(same).then_some(first.measures);
-            let place = self.lines.place();
+        let most = self.cx.manifest.totals.components;
+        if let Some(stated) = row.values[COMPONENT]
+            && !(1.0..=most as f64).contains(&stated)
+            && !self.cx.manifest.is_part()
+        {
+            wrong.push(format!("component {stated}, of {most}"));
+        }
+        self.check_pieces(row, pieces, begins, &mut wrong);
+        if let Some(pieces) = pieces {
+            let total = &pieces.total;
+            let carried = (!total.mixed).then_some(total.measures);
+            let place = self.table.lines.place();
             check_carried(
                 &row.values,
                 carried,
@@ -137,13 +148,12 @@ impl<'a> CellTable<'a> {
                 &place,
                 &mut listed.values,
             );
-            check_names(row, pieces, &mut listed.own);
         }
         if !wrong.is_empty() {
             let message = format!("cell {}: {}", row.id, wrong.join("; "));
             listed
                 .values
-                .add(Code::TableValue, self.lines.place(), message);
+                .add(Code::TableValue, self.table.lines.place(), message);
         }
         let mut share = [f64::NAN.to_bits(); SHARE];
         share[0] = row.component().unwrap_or(0);
@@ -194,39 +204,31 @@ impl<'a> CellTable<'a> {
         }
     }
 
-    /// Compares the component with those of the pieces.
-    fn check_component(&self, row: &CellRow, pieces: &PiecesOf, wrong: &mut Wrong) {
-        let most = self.cx.manifest.totals.components;
-        match (row.component(), &pieces[..]) {
-            (Some(stated), _) if !(1..=most).contains(&stated) => {
-                wrong.push(format!("component {stated}, of {most}"));
-            }
-            (Some(stated), pieces) => {
-                if let Some((found, _)) = pieces.iter().find(|(found, _)| *found != stated) {
-                    wrong.push(format!(
-                        "component {stated}, its pieces are of component {found}"
-                    ));
-                }
-            }
-            // voxels in other components may have no triangles, but touch other cells there
-            (None, _) => {}
-        }
-    }
-
-    /// Compares the sums over the pieces.
-    fn check_pieces(&self, row: &CellRow, pieces: &PiecesOf, wrong: &mut Wrong) {
-        let mut all = CellSums::default();
-        for (_, sums) in pieces {
-            all.add(sums);
-        }
-        let error = self.exact.area_error(all.area, all.triangles);
-        compare("area", row.values[AREA], all.area, error, wrong);
-        compare("tiles", row.values[TILES], all.tiles as f64, 0.0, wrong);
-        if pieces.is_empty() {
+    /// Compares what follows from the pieces: of a cell that touches no other one all that follows from its body.
+    fn check_pieces(
+        &self,
+        row: &CellRow,
+        pieces: Option<&Group>,
+        begins: &Begins,
+        wrong: &mut Wrong,
+    ) {
+        let Some(pieces) = pieces else {
+            compare("area", row.values[AREA], 0.0, 0.0, wrong);
+            compare("tiles", row.values[TILES], 0.0, 0.0, wrong);
+            return;
+        };
+        if row.values[NECKS] == Some(0.0) {
+            let body = pieces.body(Kind::Cell, self.cx);
+            self.table
+                .component(&row.values, pieces, body.as_ref(), &self.rows, wrong);
             return;
         }
+        let (sums, tiles) = (&pieces.total.sums, pieces.total.cell_tiles);
+        let error = self.exact.area_error(sums.area, sums.triangles);
+        compare("area", row.values[AREA], sums.area, error, wrong);
+        compare("tiles", row.values[TILES], tiles as f64, 0.0, wrong);
         let stated = row.stated_box();
-        let found = self.rows.box_of(&all.begins, all.far);
+        let found = self.rows.box_of(&begins.span, begins.far);
         let error = |at: f64| self.rows.error(at);
         let inside = (0..3).all(|a| {
             stated[0][a] <= found[0][a] + error(found[0][a])
@@ -237,7 +239,7 @@ impl<'a> CellTable<'a> {
         }
         let dims = self.cx.manifest.grid.dims.0;
         let touches =
-            (0..3).any(|a| all.begins.lo[a] == 0 || u32::from(all.begins.hi[a]) + 1 == dims[a]);
+            (0..3).any(|a| begins.span.lo[a] == 0 || u32::from(begins.span.hi[a]) + 1 == dims[a]);
         if touches && row.values[BORDER] != Some(1.0) {
             wrong.push("touches_border: triangles of it begin at the border".to_owned());
         }
@@ -245,7 +247,7 @@ impl<'a> CellTable<'a> {
 }
 
 /// Looks for fields that are empty and should not be, or the other way round.
-fn check_empty(row: &CellRow, pieces: &PiecesOf, wrong: &mut Wrong) {
+fn check_empty(row: &CellRow, pieces: Option<&Group>, wrong: &mut Wrong) {
     let values = &row.values;
     let has_necks = values[NECKS] != Some(0.0);
     let open = values[BORDER] != Some(0.0) || has_necks;
@@ -261,7 +263,7 @@ fn check_empty(row: &CellRow, pieces: &PiecesOf, wrong: &mut Wrong) {
         }
     };
     // sphericity and form factor follow from it
-    let no_mesh = open || pieces.is_empty();
+    let no_mesh = open || pieces.is_none();
     expect(MESH_VOLUME, no_mesh, "it is open");
     expect(EULER, has_necks, "other cells touch it");
 }
@@ -283,22 +285,5 @@ fn check_necks(row: &CellRow, necks: &OwnNecks, split: bool, wrong: &mut Wrong) 
             text(row.values[LARGEST_NECK]),
             text(largest)
         ));
-    }
-}
-
-/// A node is named after its object as well where the components of the cell have more than one surface.
-fn check_names(row: &CellRow, pieces: &PiecesOf, issues: &mut Issues) {
-    let names = pieces.iter().fold(0, |all, (_, sums)| all | sums.names);
-    let surfaces: u64 = pieces.iter().map(|(_, sums)| sums.surfaces).sum();
-    let several = row.component().is_none() || surfaces > 1;
-    let expected = if several { 2 } else { 1 };
-    if names & !expected != 0 {
-        let id = row.id;
-        let form = match several {
-            true => format!("cell_{id}_object_N, since its component has several surfaces"),
-            false => format!("cell_{id}, since its component has one surface"),
-        };
-        let message = format!("nodes of cell {id} are named otherwise than {form}");
-        issues.add(Code::NodeName, "tiles", message);
     }
 }

@@ -1,32 +1,36 @@
 //! Cells that are parts of components: what of them the tiles prove.
 //!
-//! The surface is that of the components. Its pieces are cut where cells touch, so the parts of a surface in a tile are
-//! put together again ([`weld`]) and go the way of any other piece: holes, surfaces, laws and the bodies of components are
-//! checked as those of cells are where these are the components. Which component a surface is of, tiles do not say; the
-//! table of surfaces does, and one that is wrong has components whose sums do not fit.
+//! A surface of such a set lies between one cell and one object, and is open where the cell touches others. So the pieces
+//! of an object in a tile are put together again ([`weld`]), and what is connected is that of the components: edges are
+//! matched, and connected parts are counted, as those of any set. Sums go to the surfaces that pieces state.
 //!
-//! 1. Parts of a surface in a tile have the same vertices where they meet, and stand by rising cell. A triangle is of the
-//!    cell of the voxel below at its first vertex, so those that begin at one voxel are of one cell.
-//! 2. Each surface of the table has a component; components are checked with their table.
-//! 3. Of each cell, area, tiles, names and measures on its pieces are those of its row; the voxels at which its triangles
-//!    begin are in its box; it is of the component that its pieces have. Fields follow from each other, and are empty
-//!    where they have no meaning ([`cells`]).
-//! 4. The cells of a component have its voxels, its centroid, its box and its area together; one that is alone equals it
-//!    ([`shares`]).
+//! 1. Pieces have the same vertices, with the same normals, where they meet, and those that meet stand by rising cell. A
+//!    triangle is of the cell of the voxel below at its first vertex, so those of a tile that begin at one voxel are of one
+//!    cell.
+//! 2. Surfaces are numbered by cell, then object, and are as their table says; of what is connected there is one less than
+//!    objects and components together. Objects are checked as those of any set.
+//! 3. Of each cell, area, tiles, names and measures on its pieces are those of its row, and the voxels at which its
+//!    triangles begin are in its box. One that touches no other is checked as a body. Fields follow from each other, and
+//!    are empty where they have no meaning ([`cells`]).
+//! 4. The cells of a component have its voxels, its centroid, its box and its area together, one that is alone equals it,
+//!    and the surfaces of all are those of its body ([`components`]). There are as many pairs of a component and an object
+//!    with a surface as connected parts.
 //! 5. Necks join two cells of one component that lie beside each other, each pair once, and each cell has as many as its
 //!    row says ([`necks`]).
 //!
-//! By the tiles alone, how many voxels each cell has is not proved, nor where cells touch.
+//! Not proved by the tiles: how many voxels a cell has that others touch, and where they touch; that triangles on both
+//! sides of a tile's plane begin at voxels of one cell; and of components in which a cell has voxels that has some in
+//! others, too, more than that they have them.
 //!
-//! All that grows with the set is sorted on disk, see [`super::spill`]: by surface, then by component, then by cell.
+//! All that grows with the set is sorted on disk, see [`super::spill`].
 
 mod cells;
 mod check;
+mod components;
 mod necks;
-mod shares;
 mod sums;
 mod weld;
 
 pub(super) use check::check;
-pub(super) use sums::{CellSums, PartLedger};
+pub(super) use sums::{PartLedger, PartSums};
 pub(super) use weld::Weld;

@@ -21,13 +21,10 @@ const AREA: usize = 7;
 
 /// Words of a neck by one of its cells: that, the line, the radius and the place, NaN for none.
 const OF_CELL: usize = 6;
-/// Words of a cell by one of its necks: the line, the component, 0 for several, the cell and the box.
-const OF_NECK: usize = 9;
+/// Words of a cell by one of its necks: the line, the component, 0 for several, and the box.
+const OF_NECK: usize = 8;
 /// Words of them before the box.
-const BOX: usize = 3;
-
-/// In the place of a component: one that is not known.
-const ANY: u64 = u64::MAX;
+const BOX: usize = 2;
 
 /// What the table says of a cell.
 #[derive(Debug, Default)]
@@ -42,6 +39,8 @@ pub(super) struct NeckTable {
     pub path: String,
     /// False if the table could not be read: then nothing is compared with it.
     pub is_whole: bool,
+    /// Rows.
+    pub count: u64,
     sorted: Merge<OF_CELL>,
     next: Option<[u64; OF_CELL]>,
     place: Placement,
@@ -66,10 +65,11 @@ impl NeckTable {
         let path = lines
             .as_ref()
             .map_or(String::new(), |lines| lines.path.clone());
-        let mut is_whole = false;
+        let (mut is_whole, mut count) = (false, 0);
         if let Some(mut lines) = lines {
             let mut last = [0.0; 2];
             while let Some(row) = lines.next_row(&mut listed.values) {
+                count += 1;
                 let cells = [0, 1].map(|i| row[i].unwrap_or(0.0));
                 let wrong = wrong_in(&row, &cells, &last, split);
                 if let Some(wrong) = wrong {
@@ -92,6 +92,12 @@ impl NeckTable {
         Ok(NeckTable {
             next: sorted.next()?,
             path,
+            // else what the index states is not compared
+            count: if is_whole {
+                count
+            } else {
+                cx.manifest.totals.necks
+            },
             is_whole,
             sorted,
             reach: step(&place).map(|v| share * v),
@@ -129,7 +135,7 @@ impl NeckTable {
                 .map(|v| v.to_bits())
                 .collect::<Vec<_>>();
             let mut pair = [0; OF_NECK];
-            pair[..BOX].copy_from_slice(&[line, component, row.id]);
+            pair[..BOX].copy_from_slice(&[line, component]);
             pair[BOX..].copy_from_slice(&ends);
             self.pairs.push(pair)?;
             self.next = self.sorted.next()?;
@@ -189,12 +195,10 @@ fn wrong_in(
     Some((Code::TableValue, message.to_owned()))
 }
 
-/// Checks that both cells of each neck are of one component and lie beside each other. Cells of several components, which
-/// `shown` has with the components that their pieces show, get those of the cells that they touch.
+/// Checks that both cells of each neck are of one component, as far as rows name it, and lie beside each other.
 pub(super) fn check_pairs(
     pairs: Spill<OF_NECK>,
     path: &str,
-    shown: &mut Spill<2>,
     cx: &Context,
     listed: &mut Listed,
 ) -> Result<()> {
@@ -211,12 +215,6 @@ pub(super) fn check_pairs(
             gap <= reach[a]
         };
         let [one, two] = [own[1], other[1]];
-        for [cell, beside] in [[own, other], [other, own]] {
-            if cell[1] == 0 {
-                let component = if beside[1] == 0 { ANY } else { beside[1] };
-                shown.push([cell[2], component])?;
-            }
-        }
         let message = if one != two && one != 0 && two != 0 {
             format!("found cells of components {two} and {one}, expected those of one")
         } else if !(0..3).all(touch) {
@@ -226,33 +224,6 @@ pub(super) fn check_pairs(
         };
         let at = format!("{path}:{}", own[0]);
         listed.values.add(Code::TableValue, at, message);
-    }
-    Ok(())
-}
-
-/// Checks that each cell without a component has voxels in several: in each of these it has triangles, or touches another
-/// cell, for if it touched none, all of the component were its own, with all triangles.
-pub(super) fn check_several(shown: Spill<2>, listed: &mut Listed) -> Result<()> {
-    let mut sorted = shown.into_sorted()?;
-    let mut next = sorted.next()?;
-    while let Some([cell, _]) = next {
-        let (mut count, mut last) = (0, 0);
-        while let Some([_, component]) = next.filter(|pair| pair[0] == cell) {
-            // what is not known may be any
-            count += if component == ANY {
-                2
-            } else {
-                u64::from(component != last)
-            };
-            last = component;
-            next = sorted.next()?;
-        }
-        if count < 2 {
-            let message = format!(
-                "cell {cell}: found no component, its pieces and the cells that it touches are of component {last}"
-            );
-            listed.values.add(Code::TableValue, "cells.csv", message);
-        }
     }
     Ok(())
 }

@@ -1,148 +1,84 @@
-//! What triangles say of cells.
+//! What triangles say of cells, and of the surfaces between them and objects.
 
 use crate::error::Result;
 use crate::grid::Extent;
 use crate::verify::inside::Span;
-use crate::verify::paint::{Colour, MIXED};
 use crate::verify::spill::{Merge, Spill};
+use crate::verify::sweep::Component;
 use std::collections::BTreeMap;
 
-/// Records that each sort keeps in memory: half a mebibyte.
+/// Records that each sort keeps in memory: half a mebibyte at most.
 const IN_MEMORY: usize = 1 << 12;
+/// Surfaces that are summed up in memory: 1.3 MiB.
+const GATHERED: usize = 1 << 11;
 
-/// Words of [`CellSums`] in a record, and of a record with the two numbers that it is sorted by.
-const WORDS: usize = 14;
-const RECORD: usize = 2 + WORDS;
-
-/// Sums over triangles of a cell.
+/// The part of a surface in a tile: of one cell and one object.
 #[derive(Debug, Clone, Copy, Default)]
-pub(in crate::verify) struct CellSums {
-    pub cell: u64,
-    /// The surface of the triangles, if they are of one.
-    pub surface: u64,
-    pub triangles: u64,
-    /// In squares of the placement's unit.
-    pub area: f64,
-    /// Tiles that have some of them.
-    pub tiles: u64,
-    /// Around the voxels below at which they begin.
-    pub begins: Span,
+pub(in crate::verify) struct PartSums {
+    /// Its ids, which are those that its piece states, and its sums. A vertex on the seam of two parts counts with the
+    /// first one.
+    pub component: Component,
+    /// The voxels below at which its triangles begin, which are of the cell.
+    pub begins: Begins,
+}
+
+/// Around voxels.
+#[derive(Debug, Clone, Copy, Default)]
+pub(in crate::verify) struct Begins {
+    pub span: Span,
     /// The same along the axes of the world, if these are not the grid's.
     pub far: Extent,
-    /// As of [`crate::verify::sweep::Component`], here and below.
-    pub names: u8,
-    pub measures: u64,
-    pub mixed: bool,
-    pub colour: Colour,
-    /// Surfaces of its component; 0 until that is known.
-    pub surfaces: u64,
 }
 
-impl CellSums {
-    /// Adds other triangles of the cell.
-    pub fn add(&mut self, other: &CellSums) {
-        self.triangles += other.triangles;
-        self.area += other.area;
-        self.tiles += other.tiles;
-        self.begins.add(&other.begins);
+/// Words of [`Begins`] behind a cell.
+const BEGINS: usize = 1 + 2 + 6;
+
+impl Begins {
+    pub fn add(&mut self, other: &Begins) {
+        self.span.add(&other.span);
         self.far.merge(&other.far);
-        self.names |= other.names;
-        self.mixed |= other.mixed || self.measures != other.measures;
-        if self.colour != other.colour {
-            self.colour = MIXED;
-        }
     }
 
-    /// A record that is sorted by two numbers, and the cell's sums.
-    fn pack(&self, key: [u64; 2]) -> [u64; RECORD] {
+    fn pack(&self, cell: u64) -> [u64; BEGINS] {
         let corner = |[x, y, z]: [u16; 3]| u64::from(x) << 32 | u64::from(y) << 16 | u64::from(z);
-        let flags = u64::from(self.mixed) << 2 | u64::from(self.names);
-        let own = [
-            self.triangles,
-            self.area.to_bits(),
-            self.tiles << 3 | flags,
-            self.measures,
-            u64::from(self.colour),
-            corner(self.begins.lo),
-            corner(self.begins.hi),
-            self.surfaces,
-        ];
-        let all = key.into_iter().chain(own).chain(self.far.words());
-        let mut record = [0; RECORD];
-        record.iter_mut().zip(all).for_each(|(to, word)| *to = word);
-        record
+        let mut words = [0; BEGINS];
+        words[..3].copy_from_slice(&[cell, corner(self.span.lo), corner(self.span.hi)]);
+        words[3..].copy_from_slice(&self.far.words());
+        words
     }
 
-    /// The sums in a record.
-    fn unpack(r: &[u64; RECORD]) -> Self {
+    fn unpack(words: &[u64; BEGINS]) -> Self {
         let corner = |word: u64| [32, 16, 0].map(|shift| (word >> shift) as u16);
-        CellSums {
-            cell: 0,
-            surface: 0,
-            triangles: r[2],
-            area: f64::from_bits(r[3]),
-            tiles: r[4] >> 3,
-            mixed: r[4] & 4 != 0,
-            names: (r[4] & 3) as u8,
-            measures: r[5],
-            colour: r[6] as u32,
-            begins: Span {
-                lo: corner(r[7]),
-                hi: corner(r[8]),
+        Begins {
+            span: Span {
+                lo: corner(words[1]),
+                hi: corner(words[2]),
             },
-            surfaces: r[9],
-            far: Extent::from_words(std::array::from_fn(|i| r[10 + i])),
+            far: Extent::from_words(std::array::from_fn(|i| words[3 + i])),
         }
     }
 }
 
-/// Sums of cells, sorted by two numbers.
-pub(super) struct CellSpill(Spill<RECORD>);
+/// Where the triangles of cells begin, by rising cells.
+pub(super) struct SortedBegins {
+    merge: Merge<BEGINS>,
+    next: Option<[u64; BEGINS]>,
+}
 
-impl CellSpill {
-    pub fn new() -> Self {
-        CellSpill(Spill::new(IN_MEMORY))
-    }
-
-    /// Adds sums.
+impl SortedBegins {
+    /// Of a cell; those of smaller ones are left out.
     ///
     /// # Errors
-    /// If a temporary file fails, here and below.
-    pub fn push(&mut self, key: [u64; 2], sums: &CellSums) -> Result<()> {
-        self.0.push(sums.pack(key))
-    }
-
-    pub fn into_sorted(self) -> Result<SortedCells> {
-        let mut merge = self.0.into_sorted()?;
-        let next = merge.next()?;
-        Ok(SortedCells { merge, next })
-    }
-}
-
-/// Sums of cells by rising numbers.
-pub(super) struct SortedCells {
-    merge: Merge<RECORD>,
-    next: Option<[u64; RECORD]>,
-}
-
-impl SortedCells {
-    /// The smallest first number that is left.
-    pub fn peek(&self) -> Option<u64> {
-        self.next.map(|record| record[0])
-    }
-
-    /// The next sums, if their first number is this one: the second number, and what has both added up.
-    pub fn next_of(&mut self, first: u64) -> Result<Option<(u64, CellSums)>> {
-        let Some(record) = self.next.filter(|record| record[0] == first) else {
-            return Ok(None);
-        };
-        let mut sums = CellSums::unpack(&record);
-        self.next = self.merge.next()?;
-        while let Some(other) = self.next.filter(|other| other[..2] == record[..2]) {
-            sums.add(&CellSums::unpack(&other));
+    /// If a temporary file cannot be read back.
+    pub fn of(&mut self, cell: u64) -> Result<Begins> {
+        let mut all = Begins::default();
+        while let Some(words) = self.next.filter(|words| words[0] <= cell) {
+            if words[0] == cell {
+                all.add(&Begins::unpack(&words));
+            }
             self.next = self.merge.next()?;
         }
-        Ok(Some((record[1], sums)))
+        Ok(all)
     }
 }
 
@@ -153,6 +89,8 @@ pub(super) struct Pairs {
 }
 
 impl Pairs {
+    /// # Errors
+    /// If a temporary file cannot be read back, here and below.
     pub fn of(spill: Spill<2>) -> Result<Self> {
         let mut merge = spill.into_sorted()?;
         let next = merge.next()?;
@@ -171,13 +109,26 @@ impl Pairs {
         }
         Ok(())
     }
+
+    /// How many pairs are left, each counted once.
+    pub fn count(&mut self) -> Result<u64> {
+        let (mut count, mut last) = (0, None);
+        while let Some(pair) = self.next {
+            count += u64::from(last != Some(pair));
+            last = Some(pair);
+            self.next = self.merge.next()?;
+        }
+        Ok(count)
+    }
 }
 
 /// Collects what triangles say of cells, tile by tile.
 pub(in crate::verify) struct PartLedger {
-    /// By surface and cell: neighbouring tiles have the same ones.
-    gathered: BTreeMap<[u64; 2], CellSums>,
-    cells: CellSpill,
+    /// By surface: neighbouring tiles have the same ones.
+    gathered: BTreeMap<u64, Component>,
+    begins: BTreeMap<u64, Begins>,
+    all_begins: Spill<BEGINS>,
+    /// Cells with the tiles that have triangles of them.
     tiles: Spill<2>,
 }
 
@@ -185,95 +136,110 @@ impl Default for PartLedger {
     fn default() -> Self {
         PartLedger {
             gathered: BTreeMap::new(),
-            cells: CellSpill::new(),
+            begins: BTreeMap::new(),
+            all_begins: Spill::new(IN_MEMORY),
             tiles: Spill::new(IN_MEMORY),
         }
     }
 }
 
 impl PartLedger {
-    /// Adds triangles of a cell and a surface.
-    pub fn add(&mut self, sums: &CellSums) -> Result<()> {
-        let known = self.gathered.entry([sums.surface, sums.cell]);
-        known
-            .and_modify(|known| known.add(sums))
-            .or_insert_with(|| *sums);
-        if self.gathered.len() >= IN_MEMORY {
-            self.spill()?;
+    /// Adds a part in a tile, which has a number. Hands on sums when there are too many of them.
+    pub fn add(
+        &mut self,
+        part: &PartSums,
+        tile: u64,
+        mut full: impl FnMut(&Component) -> Result<()>,
+    ) -> Result<()> {
+        let ids = part.component.ids;
+        self.tiles.push([ids.cell, tile])?;
+        self.begins
+            .entry(ids.cell)
+            .and_modify(|known| known.add(&part.begins))
+            .or_insert(part.begins);
+        if self.begins.len() >= IN_MEMORY {
+            self.spill_begins()?;
+        }
+        match self.gathered.get_mut(&ids.surface) {
+            // what contradicts itself is found when all are sorted
+            Some(known) if known.ids == ids => known.absorb(&part.component),
+            _ => {
+                if let Some(other) = self.gathered.insert(ids.surface, part.component) {
+                    full(&other)?;
+                }
+            }
+        }
+        if self.gathered.len() >= GATHERED {
+            self.drain(full)?;
         }
         Ok(())
     }
 
-    /// Says that a tile has triangles of a surface.
-    pub fn add_tile(&mut self, surface: u64, tile: u64) -> Result<()> {
-        self.tiles.push([surface, tile])
-    }
-
-    fn spill(&mut self) -> Result<()> {
+    /// Hands on all sums.
+    pub fn drain(&mut self, full: impl FnMut(&Component) -> Result<()>) -> Result<()> {
         let all = std::mem::take(&mut self.gathered);
-        all.iter()
-            .try_for_each(|(key, sums)| self.cells.push(*key, sums))
+        all.values().try_for_each(full)
     }
 
-    /// Cells by surface, and tiles by surface.
-    pub(super) fn into_sorted(mut self) -> Result<(SortedCells, Pairs)> {
-        self.spill()?;
-        Ok((self.cells.into_sorted()?, Pairs::of(self.tiles)?))
+    fn spill_begins(&mut self) -> Result<()> {
+        let all = std::mem::take(&mut self.begins);
+        all.iter()
+            .try_for_each(|(cell, begins)| self.all_begins.push(begins.pack(*cell)))
+    }
+
+    /// Where triangles of cells begin, and tiles by cell.
+    pub(super) fn into_sorted(mut self) -> Result<(SortedBegins, Pairs)> {
+        self.spill_begins()?;
+        let mut merge = self.all_begins.into_sorted()?;
+        let begins = SortedBegins {
+            next: merge.next()?,
+            merge,
+        };
+        Ok((begins, Pairs::of(self.tiles)?))
     }
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::verify::sweep::Ids;
 
     #[test]
     fn sums_come_back_by_their_numbers() {
-        let sums = |cell: u64, surface: u64| CellSums {
-            cell,
-            surface,
-            triangles: 3,
-            area: 0.5,
-            tiles: 1,
-            begins: Span {
-                lo: [cell as u16, 7, 65_535],
-                hi: [1 + cell as u16, 8, 65_535],
+        let part = |surface: u64, cell: u64| PartSums {
+            component: Component {
+                ids: Ids {
+                    surface,
+                    cell,
+                    object: 1,
+                },
+                tiles: 1,
+                ..Component::default()
             },
-            names: 2,
-            measures: u64::MAX - 1,
-            ..CellSums::default()
+            begins: Begins {
+                span: Span {
+                    lo: [cell as u16, 7, 65_535],
+                    hi: [1 + surface as u16, 8, 65_535],
+                },
+                ..Begins::default()
+            },
         };
-        let mut ledger = PartLedger::default();
-        for (cell, surface) in [(9, 2), (4, 2), (9, 1), (9, 2)] {
-            ledger.add(&sums(cell, surface)).unwrap();
-        }
-        for (surface, tile) in [(2, 5), (2, 5), (1, 0), (2, 4)] {
-            ledger.add_tile(surface, tile).unwrap();
-        }
-        let (mut cells, mut tiles) = ledger.into_sorted().unwrap();
-        assert_eq!(cells.next_of(2).unwrap().map(|c| c.0), None);
-        assert_eq!(cells.next_of(1).unwrap().map(|c| c.0), Some(9));
-        assert_eq!(cells.peek(), Some(2));
-        assert_eq!(cells.next_of(2).unwrap().map(|c| c.0), Some(4));
-        let (cell, both) = cells.next_of(2).unwrap().unwrap();
-        assert_eq!(
-            (cell, both.triangles, both.area, both.tiles),
-            (9, 6, 1.0, 2)
-        );
-        assert_eq!(
-            (both.begins.lo, both.begins.hi),
-            ([9, 7, 65_535], [10, 8, 65_535])
-        );
-        assert_eq!(
-            (both.names, both.measures, both.mixed),
-            (2, u64::MAX - 1, false)
-        );
-        let mut seen = Vec::new();
-        let mut note = |tile| {
-            seen.push(tile);
+        let (mut ledger, mut sums) = (PartLedger::default(), Vec::new());
+        let mut note = |c: &Component| {
+            sums.push((c.ids.surface, c.ids.cell, c.tiles));
             Ok(())
         };
-        tiles.each(2, &mut note).unwrap();
-        tiles.each(3, &mut note).unwrap();
-        assert_eq!(seen, [4, 5]);
+        for (surface, cell, tile) in [(2, 9, 5), (3, 9, 5), (2, 9, 4), (1, 4, 0), (2, 8, 5)] {
+            ledger.add(&part(surface, cell), tile, &mut note).unwrap();
+        }
+        ledger.drain(&mut note).unwrap();
+        assert_eq!(sums, [(2, 9, 2), (1, 4, 1), (2, 8, 1), (3, 9, 1)]);
+        let (mut begins, mut tiles) = ledger.into_sorted().unwrap();
+        assert_eq!(begins.of(5).unwrap().span, Span::default());
+        let nine = begins.of(9).unwrap().span;
+        assert_eq!((nine.lo, nine.hi), ([9, 7, 65_535], [4, 8, 65_535]));
+        let mut seen = Vec::new();
+        tiles.each(9, |tile| Ok(seen.push(tile))).unwrap();
+        assert_eq!((seen, tiles.count().unwrap()), (vec![4, 5], 0));
     }
 }

@@ -1,16 +1,17 @@
 //! The cells of each component together, held against its row.
 
 use super::cells::SHARE;
+use super::check::OfComponents;
+use super::sums::Pairs;
 use crate::error::Result;
 use crate::verify::code::Code;
 use crate::verify::components::{
     AREA, BORDER, CENTROID, COLUMNS, ComponentRows, ROUNDING, VOXELS, Wrong, compare, stated_box,
 };
 use crate::verify::laws::Listed;
-use crate::verify::ledger::Kind;
-use crate::verify::report::Issues;
+use crate::verify::ledger::{Group, Kind};
 use crate::verify::spill::{Merge, Spill};
-use crate::verify::tables::Lines;
+use crate::verify::tables::Table;
 use crate::verify::tile::Context;
 
 /// Relative error of the sum of areas, which the tables round one by one.
@@ -138,48 +139,126 @@ impl Sorted {
     }
 }
 
-/// Compares the rows of cells, sorted by component, with the table of components. Cells that have voxels in several
-/// components have those that the others leave.
-pub(super) fn check_shares(shares: Spill<SHARE>, cx: &Context, listed: &mut Listed) -> Result<()> {
-    let mut merge = shares.into_sorted()?;
+/// Checks components with their table, which `connected` surfaces bound; returns how many there are, if all rows can be
+/// read. Cells that have voxels in several components have those that the others leave, so of a component whose cells have
+/// all voxels all surfaces are known.
+pub(super) fn check_components(
+    of: OfComponents,
+    connected: u64,
+    listed: &mut Listed,
+    bodies: &mut ComponentRows,
+    cx: &Context,
+) -> Result<Option<u64>> {
+    let Some(mut table) = Table::open(cx, Kind::Component, &mut listed.unopened) else {
+        return Ok(None);
+    };
+    let mut merge = of.shares.into_sorted()?;
     let mut sorted = Sorted {
         next: merge.next()?,
         merge,
     };
     let in_several = sorted.of(0)?;
-    let rows = ComponentRows::new(cx.manifest);
-    // what is wrong with the table itself has been said
-    let mut quiet = Issues::new(1);
-    let Some(mut lines) = Lines::open(cx, Kind::Component, &mut quiet) else {
-        return Ok(());
-    };
-    let (mut left, mut open) = (0.0, 0);
-    let (mut sound, mut rows_found) = (true, 0);
-    while let Some(row) = lines.next_row(&mut quiet) {
-        rows_found += 1;
+    let mut sums = of.sums.into_sorted()?;
+    let mut tiles = Pairs::of(of.tiles)?;
+    let (mut left, mut open, mut sound) = (0.0, 0, true);
+    while let Some(row) = table.lines.next_row(&mut listed.values) {
         let id = row[0].unwrap_or(0.0) as u64;
+        if id != listed.laws.count + 1 {
+            let message = format!("found id {id}, expected {}", listed.laws.count + 1);
+            listed
+                .values
+                .add(Code::TableRows, table.lines.place(), message);
+            table.lines.give_up();
+            break;
+        }
+        while sums.peek().is_some_and(|other| other < id) {
+            sums.next_group()?;
+        }
+        let mut group = match sums.peek() {
+            Some(other) if other == id => sums.next_group()?,
+            _ => None,
+        };
+        let mut count = 0;
+        tiles.each(id, |_| {
+            count += 1;
+            Ok(())
+        })?;
         let shares = sorted.of(id)?;
         let rest = row[VOXELS].unwrap_or(f64::NAN) - shares.voxels;
         left += rest;
         open += u64::from(rest > 0.0);
         let mut wrong = Vec::new();
+        bodies.check_row(Kind::Component, &row, &mut wrong);
         if rest == 0.0 {
-            shares.compare(&row, &rows, &mut wrong);
-        } else if !(rest > 0.0 && in_several.cells > 0) {
-            wrong.push(format!("its cells have {} voxels", shares.voxels));
+            shares.compare(&row, bodies, &mut wrong);
+            if connected == 0 {
+                group = Some(Group::single_phase());
+            }
+            match &mut group {
+                Some(group) => {
+                    group.total.cell_tiles = count;
+                    let body = group.body(Kind::Component, cx);
+                    listed.laws.add(group, body.as_ref(), &mut listed.own);
+                    table.component(&row, group, body.as_ref(), bodies, &mut wrong);
+                }
+                None => {
+                    listed.laws.pass(id);
+                    wrong.push("none of its cells has a surface".to_owned());
+                }
+            }
+        } else {
+            listed.laws.pass(id);
+            if !(rest > 0.0 && in_several.cells > 0) {
+                wrong.push(format!("its cells have {} voxels", shares.voxels));
+            }
         }
         if !wrong.is_empty() {
             sound = false;
             let message = format!("component {id}: {}", wrong.join("; "));
-            listed.values.add(Code::TableValue, lines.place(), message);
+            listed
+                .values
+                .add(Code::TableValue, table.lines.place(), message);
         }
     }
-    sound &= !lines.damaged && rows_found == cx.manifest.totals.components;
+    if table.lines.damaged {
+        return Ok(None);
+    }
+    let found = listed.laws.count;
+    // of a larger one, the row of the cell has been found wrong
+    let stated = cx.manifest.totals.components;
+    if let Some(id) = sums.peek().filter(|id| *id <= stated) {
+        let message = format!("found no row for component {id}, which has cells");
+        listed
+            .values
+            .add(Code::TableRows, &table.lines.path, message);
+        return Ok(None);
+    }
     // cells of several components leave at least two of them with voxels of theirs
-    if sound && in_several.cells > 0 && (left != in_several.voxels || open < 2) {
+    if sound && in_several.cells > 0 && found == stated && (left != in_several.voxels || open < 2) {
         let message = format!(
             "{} cells without a component have {} voxels, the cells of {open} components leave {left}",
             in_several.cells, in_several.voxels
+        );
+        listed.values.add(Code::TableValue, "cells.csv", message);
+    }
+    check_objects(of.objects, connected, in_several.cells > 0, listed)?;
+    Ok(Some(found))
+}
+
+/// Compares the pairs of a component and an object that have a surface with what is connected: each is of one pair, and each
+/// pair has one. Of cells in `several` components it is not known.
+fn check_objects(
+    objects: Spill<2>,
+    connected: u64,
+    several: bool,
+    listed: &mut Listed,
+) -> Result<()> {
+    let mut pairs = Pairs::of(objects)?;
+    pairs.each(0, |_| Ok(()))?;
+    let count = pairs.count()?;
+    if count > connected || count < connected && !several {
+        let message = format!(
+            "by the components of cells, {count} pairs of a component and an object have surfaces, found {connected}"
         );
         listed.values.add(Code::TableValue, "cells.csv", message);
     }

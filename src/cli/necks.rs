@@ -1,0 +1,66 @@
+//! What `alvis cells` tells of cells that are parts of components: the openings between them, and how many there are at
+//! other ratios.
+
+use super::{Outcome, output};
+use crate::error::{Error, Result};
+use crate::manifest::{Manifest, PartsBy, file_inside};
+use crate::table::TableReader;
+use serde_json::json;
+use std::path::Path;
+
+/// Opens the table of openings.
+///
+/// # Errors
+/// [`Error::Usage`] if there is none; as of [`TableReader::open`].
+pub fn open(dir: &Path, manifest: &Manifest) -> Result<TableReader> {
+    match &manifest.tables.necks {
+        Some(path) => TableReader::open(&file_inside(dir, path, "open the table")?),
+        None => Err(none("--necks", dir)),
+    }
+}
+
+fn none(option: &str, dir: &Path) -> Error {
+    let found = format!("{}, in which no cell is open to another", dir.display());
+    let expected = "a tile set made by alvis convert --split";
+    Error::usage(option, found, expected)
+}
+
+/// Prints how many cells other ratios give.
+///
+/// # Errors
+/// [`Error::Usage`] if the cells were not split.
+pub fn print_curve(dir: &Path, manifest: &Manifest, as_json: bool) -> Result<Outcome> {
+    let Some(PartsBy::Split {
+        ratio_permille,
+        curve,
+        ..
+    }) = &manifest.cells
+    else {
+        return Err(none("--split-curve", dir));
+    };
+    let ratio = |permille: u64| permille as f64 / 1000.0;
+    let own = u64::from(*ratio_permille);
+    if as_json {
+        let points = curve
+            .iter()
+            .map(|&[permille, cells]| json!({"ratio": ratio(permille), "cells": cells}));
+        output::print_json(&json!({
+            "ratio": ratio(own),
+            "cells": manifest.totals.cells,
+            "components": manifest.totals.components,
+            "split_curve": points.collect::<Vec<_>>(),
+        }))?;
+        return Ok(Outcome::Done);
+    }
+    let mut text = String::from(" ratio       cells\n");
+    for &[permille, cells] in curve {
+        let mark = if permille == own {
+            "  <- these tiles"
+        } else {
+            ""
+        };
+        text += &format!("{:6.2} {:>11}{mark}\n", ratio(permille), cells);
+    }
+    output::print(&text)?;
+    Ok(Outcome::Done)
+}

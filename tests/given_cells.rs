@@ -1,0 +1,483 @@
+//! Cells that are given: by labels, or by splitting components at their necks. They are compared with what a search over
+//! all voxels finds, and with the set in which components are the cells.
+
+mod common;
+
+use alvis::convert::{CellRows, ConvertOptions, Labels, convert};
+use alvis::grid::{Ambiguous, Dims, Placement};
+use alvis::manifest::{Encoding, Layout, PartsBy, Primitives};
+use alvis::progress::Quiet;
+use alvis::split::NeckRule;
+use alvis::tileset::TileSet;
+use alvis::volume::MemoryVolume;
+use common::set::{Table, manifest, table};
+use common::volumes::{foam, noise, placed};
+use common::{assert_same_files, converted, files, options};
+use proptest::prelude::*;
+use std::collections::{BTreeMap, BTreeSet};
+use std::path::Path;
+
+/// Above if the sample is at least this.
+const THRESHOLD: f64 = 128.0;
+
+/// A volume and the label of each voxel.
+#[derive(Debug)]
+struct Case {
+    dims: [usize; 3],
+    samples: Vec<u8>,
+    labels: Vec<u32>,
+    rule: Ambiguous,
+}
+
+impl Case {
+    fn index(&self, [x, y, z]: [usize; 3]) -> usize {
+        (z * self.dims[1] + y) * self.dims[0] + x
+    }
+
+    fn place(&self, i: usize) -> [usize; 3] {
+        let [nx, ny, _] = self.dims;
+        [i % nx, i / nx % ny, i / nx / ny]
+    }
+
+    fn is_below(&self, i: usize) -> bool {
+        f64::from(self.samples[i]) < THRESHOLD
+    }
+
+    /// The cell of a voxel below: its label, or one more than the largest.
+    fn cell(&self, i: usize) -> u64 {
+        match self.labels[i] {
+            0 => u64::from(*self.labels.iter().max().unwrap()) + 1,
+            label => label.into(),
+        }
+    }
+
+    /// Pairs of neighbouring voxels below, of which the second has the larger index, and the axis along which they share
+    /// a face.
+    fn neighbours(&self) -> Vec<(usize, usize, Option<usize>)> {
+        let far = if self.rule == Ambiguous::Separate {
+            2
+        } else {
+            1
+        };
+        let mut pairs = Vec::new();
+        for i in (0..self.samples.len()).filter(|&i| self.is_below(i)) {
+            let place = self.place(i);
+            for step in 0..27i64 {
+                let step = [step % 3 - 1, step / 3 % 3 - 1, step / 9 - 1];
+                let distance: i64 = step.iter().map(|s| s.abs()).sum();
+                let to: [i64; 3] = std::array::from_fn(|a| place[a] as i64 + step[a]);
+                let inside = (0..3).all(|a| (0..self.dims[a] as i64).contains(&to[a]));
+                if !(1..=far).contains(&distance) || !inside {
+                    continue;
+                }
+                let j = self.index(to.map(|v| v as usize));
+                if j > i && self.is_below(j) {
+                    let axis = (distance == 1).then(|| step.iter().position(|&s| s != 0).unwrap());
+                    pairs.push((i, j, axis));
+                }
+            }
+        }
+        pairs
+    }
+
+    /// The component of each voxel below, from 1 by its first voxel; 0 for others.
+    fn components(&self) -> Vec<u64> {
+        let mut root: Vec<usize> = (0..self.samples.len()).collect();
+        let find = |root: &Vec<usize>, mut i: usize| {
+            while root[i] != i {
+                i = root[i];
+            }
+            i
+        };
+        for (i, j, _) in self.neighbours() {
+            let [a, b] = [i, j].map(|i| find(&root, i));
+            root[a.max(b)] = a.min(b);
+        }
+        let mut names = BTreeMap::new();
+        (0..root.len())
+            .map(|i| match self.is_below(i) {
+                true => {
+                    let next = names.len() as u64 + 1;
+                    *names.entry(find(&root, i)).or_insert(next)
+                }
+                false => 0,
+            })
+            .collect()
+    }
+
+    fn volume(&self) -> MemoryVolume<u8> {
+        let dims = Dims::new(self.dims.map(|n| n as u64)).unwrap();
+        MemoryVolume::new(dims, Placement::default(), self.samples.clone()).unwrap()
+    }
+
+    fn given(&self) -> Labels {
+        let dims = Dims::new(self.dims.map(|n| n as u64)).unwrap();
+        let labels = MemoryVolume::new(dims, Placement::default(), self.labels.clone()).unwrap();
+        let dir = std::env::temp_dir();
+        let (rows, checksum) = CellRows::of_labels(&labels, dims, &dir, &Quiet).unwrap();
+        Labels {
+            file: "labels.npy".into(),
+            checksum,
+            rows,
+        }
+    }
+
+    fn options(&self, macrocube: [u32; 3]) -> ConvertOptions {
+        ConvertOptions {
+            threshold: THRESHOLD,
+            ambiguous: self.rule,
+            ..options(macrocube)
+        }
+    }
+}
+
+/// All triangles of a set by their corners in lattice steps, the smallest one first; each with its cell, object and surface.
+fn triangles(dir: &Path) -> BTreeMap<[[i32; 3]; 3], [u64; 3]> {
+    let set = TileSet::open(dir).unwrap();
+    let mut all = BTreeMap::new();
+    for tile in set.tiles() {
+        for piece in set.read_tile(&tile.unwrap()).unwrap().pieces {
+            if piece.is_cap() {
+                continue;
+            }
+            for &triangle in &piece.triangles {
+                let corners = piece
+                    .corners(triangle)
+                    .map(|p| p.map(|v| (v * 256.0) as i32));
+                let first = (0..3).min_by_key(|&i| corners[i]).unwrap();
+                let corners = std::array::from_fn(|i| corners[(first + i) % 3]);
+                let ids = [piece.ids.cell, piece.ids.object, piece.ids.surface];
+                assert!(all.insert(corners, ids).is_none());
+            }
+        }
+    }
+    all
+}
+
+fn number(table: &Table, row: usize, column: &str) -> Option<f64> {
+    table.column(column).nth(row).unwrap().parse().ok()
+}
+
+/// The cell that a triangle must have: that of the below end of its vertex with the smallest lattice key.
+fn cell_of(case: &Case, corners: &[[i32; 3]; 3]) -> u64 {
+    let ends = corners.map(|corner| {
+        let axis = (0..3).find(|&a| corner[a] % 256 != 0).unwrap();
+        let lower = corner.map(|v| (v / 256) as usize);
+        let mut upper = lower;
+        upper[axis] += 1;
+        let [lower, upper] = [lower, upper].map(|place| case.index(place));
+        let below = if case.is_below(lower) { lower } else { upper };
+        assert!(case.is_below(below));
+        (3 * lower + axis, below)
+    });
+    case.cell(ends.into_iter().min().unwrap().1)
+}
+
+/// Converts with components and with labels for cells, and compares both and a search over all voxels.
+fn check(case: &Case, options: &ConvertOptions) {
+    let volume = case.volume();
+    let (plain, _) = converted(&volume, options);
+    let given = ConvertOptions {
+        labels: Some(case.given()),
+        ..options.clone()
+    };
+    let (dir, report) = converted(&volume, &given);
+    let [plain, dir] = [plain.path(), dir.path()];
+    // components, objects and triangles are those of the set without labels
+    let same = |a: &str, b: &str| {
+        let [a, b] =
+            [plain.join(a), dir.join(b)].map(|path| std::fs::read_to_string(path).unwrap());
+        assert_eq!(a, b);
+    };
+    same("cells.csv", "components.csv");
+    same("objects.csv", "objects.csv");
+    let [before, after] = [plain, dir].map(triangles);
+    assert_eq!(before.len(), after.len());
+    let components = case.components();
+    let mut surfaces: BTreeMap<[u64; 2], (u64, u64)> = BTreeMap::new();
+    for (corners, [_, object, _]) in &before {
+        let [cell, found, surface] = after[corners];
+        assert_eq!((cell, found), (cell_of(case, corners), *object));
+        let known = surfaces.entry([cell, found]).or_insert((surface, 0));
+        assert_eq!(known.0, surface);
+        known.1 += 1;
+    }
+    let rows = table(dir, "surfaces.csv");
+    for (row, ([cell, object], (surface, count))) in surfaces.iter().enumerate() {
+        let expected = [*surface, *cell, *object, *count].map(|v| Some(v as f64));
+        let found = ["id", "cell", "object", "triangles"].map(|c| number(&rows, row, c));
+        assert_eq!(found, expected);
+        assert_eq!(*surface, row as u64 + 1);
+    }
+    assert_eq!(report.totals.surfaces, surfaces.len() as u64);
+    let sum = |column: &str| -> f64 {
+        let rows = 0..surfaces.len();
+        rows.map(|row| number(&table(dir, "surfaces.csv"), row, column).unwrap())
+            .sum()
+    };
+    if !options.cap {
+        assert_eq!(sum("vertices"), report.totals.vertices as f64);
+        assert_eq!(sum("border_edges"), report.totals.border_edges as f64);
+    }
+    // cells and openings
+    let mut voxels: BTreeMap<u64, (u64, BTreeSet<u64>)> = BTreeMap::new();
+    for i in (0..case.samples.len()).filter(|&i| case.is_below(i)) {
+        let known = voxels.entry(case.cell(i)).or_default();
+        known.0 += 1;
+        known.1.insert(components[i]);
+    }
+    let mut openings: BTreeMap<[u64; 2], [i64; 3]> = BTreeMap::new();
+    for (i, j, axis) in case.neighbours() {
+        let [a, b] = [i, j].map(|i| case.cell(i));
+        if a != b {
+            let faces = openings.entry([a.min(b), a.max(b)]).or_default();
+            if let Some(axis) = axis {
+                faces[axis] += if a < b { 1 } else { -1 };
+            }
+        }
+    }
+    let rows = table(dir, "cells.csv");
+    assert_eq!(rows.rows.len(), voxels.len());
+    for (row, (cell, (count, within))) in voxels.iter().enumerate() {
+        assert_eq!(number(&rows, row, "id"), Some(*cell as f64));
+        assert_eq!(number(&rows, row, "voxels"), Some(*count as f64));
+        let one = within.first().filter(|_| within.len() == 1);
+        assert_eq!(number(&rows, row, "component"), one.map(|&c| c as f64));
+        let necks = openings.keys().filter(|pair| pair.contains(cell)).count();
+        assert_eq!(number(&rows, row, "necks"), Some(necks as f64));
+        let is_open = necks > 0;
+        assert_eq!(
+            number(&rows, row, "euler_characteristic").is_none(),
+            is_open
+        );
+        let cut = is_open || number(&rows, row, "touches_border") == Some(1.0);
+        let none = cut || number(&rows, row, "tiles") == Some(0.0);
+        assert_eq!(number(&rows, row, "mesh_volume").is_none(), none);
+    }
+    let rows = table(dir, "necks.csv");
+    assert_eq!(rows.rows.len(), openings.len());
+    assert_eq!(report.totals.necks, openings.len() as u64);
+    for (row, ([a, b], faces)) in openings.iter().enumerate() {
+        assert_eq!(number(&rows, row, "cell_a"), Some(*a as f64));
+        assert_eq!(number(&rows, row, "cell_b"), Some(*b as f64));
+        let area = (faces.iter().map(|f| f * f).sum::<i64>() as f64).sqrt();
+        assert!((number(&rows, row, "neck_area").unwrap() - area).abs() < 1e-9);
+    }
+}
+
+fn case() -> impl Strategy<Value = Case> {
+    let dims = [3usize..12, 3..12, 3..12];
+    (dims, any::<u64>(), 2u64..9, 1usize..5, any::<bool>()).prop_map(
+        |(dims, seed, share, patch, join)| {
+            let count = dims.iter().product::<usize>();
+            let random = |i: usize, salt: u64| {
+                let mut v = (i as u64 ^ salt.wrapping_mul(0x9E37_79B9) ^ seed)
+                    .wrapping_mul(0xD134_2543_DE82_EF95);
+                v ^= v >> 31;
+                v.wrapping_mul(0x9E37_79B9_7F4A_7C15) >> 33
+            };
+            let samples = (0..count)
+                .map(|i| if random(i, 1) % 10 < share { 40 } else { 200 })
+                .collect();
+            let [nx, ny, _] = dims;
+            let labels = (0..count).map(|i| {
+                let place = [i % nx / patch, i / nx % ny / patch, i / nx / ny / patch];
+                let block = (place[2] * 16 + place[1]) * 16 + place[0];
+                (random(block, 2) % 12 * 7) as u32
+            });
+            Case {
+                dims,
+                samples,
+                labels: labels.collect(),
+                rule: if join {
+                    Ambiguous::Join
+                } else {
+                    Ambiguous::Separate
+                },
+            }
+        },
+    )
+}
+
+proptest! {
+    #![proptest_config(ProptestConfig::with_cases(48))]
+    #[test]
+    fn labels_are_the_cells(case in case(), cube in [1u32..7, 1..7, 1..7], merged in any::<bool>(), cap in any::<bool>()) {
+        prop_assume!(case.labels.iter().any(|&label| label > 0));
+        let mut options = case.options(cube);
+        (options.cap, options.layout) = (cap, if merged { Layout::Merged } else { Layout::Auto });
+        check(&case, &options);
+    }
+}
+
+#[test]
+fn cells_that_touch_nobody_are_as_their_components() {
+    let dims = [40, 36, 30];
+    let samples = foam(dims, 5);
+    let mut case = Case {
+        dims: dims.map(|n| n as usize),
+        samples,
+        labels: Vec::new(),
+        rule: Ambiguous::Separate,
+    };
+    case.labels = case.components().iter().map(|&c| c as u32).collect();
+    let options = case.options([13, 11, 9]);
+    check(&case, &options);
+    let (plain, _) = converted(&case.volume(), &options);
+    let given = ConvertOptions {
+        labels: Some(case.given()),
+        ..options
+    };
+    let (dir, _) = converted(&case.volume(), &given);
+    let [plain, given] = [plain.path(), dir.path()].map(|dir| table(dir, "cells.csv"));
+    for column in &plain.names {
+        assert!(plain.column(column).eq(given.column(column)), "{column}");
+    }
+}
+
+/// Labels of what splitting gives are the same cells, byte by byte, but for the radii of openings, which labels do not tell.
+#[test]
+fn split_cells_are_those_of_their_labels() {
+    let dims = [48, 44, 40];
+    let volume = placed(dims, leaky(dims));
+    for (rule, macrocube) in [
+        (Ambiguous::Separate, [16, 15, 14]),
+        (Ambiguous::Join, [64, 9, 30]),
+    ] {
+        let options = ConvertOptions {
+            threshold: THRESHOLD,
+            ambiguous: rule,
+            split: Some(NeckRule::default()),
+            ..options(macrocube)
+        };
+        let (split, report) = converted(&volume, &options);
+        assert!(
+            report.totals.cells > report.totals.components + 3,
+            "{:?}",
+            report.totals
+        );
+        let other = ConvertOptions {
+            threads: 1,
+            memory: options.memory / 2,
+            encoding: Encoding::Quantized,
+            primitives: Primitives::Triangles,
+            macrocube: [7, 33, 5],
+            ..options.clone()
+        };
+        let (other, _) = converted(&volume, &other);
+        // where tiles end, a vertex may count with another surface
+        let of_tiles = ["tiles", "vertices"];
+        for name in ["components.csv", "necks.csv", "surfaces.csv", "cells.csv"] {
+            let [a, b] = [&split, &other].map(|dir| table(dir.path(), name));
+            assert_eq!(a.rows.len(), b.rows.len());
+            for column in a
+                .names
+                .iter()
+                .filter(|column| !of_tiles.contains(&column.as_str()))
+            {
+                assert!(a.column(column).eq(b.column(column)), "{name} {column}");
+            }
+        }
+        match manifest(split.path()).cells {
+            Some(PartsBy::Split { curve, .. }) => {
+                assert_eq!(curve[6], [800, report.totals.cells]);
+                assert!(curve.windows(2).all(|pair| pair[0][1] <= pair[1][1]));
+            }
+            other => panic!("{other:?}"),
+        }
+    }
+}
+
+/// Balls in walls, some of which have holes.
+fn leaky(dims: [u32; 3]) -> Vec<u8> {
+    let mut samples = Vec::new();
+    for z in 0..dims[2] {
+        for y in 0..dims[1] {
+            for x in 0..dims[0] {
+                let place = [x, y, z];
+                let off = place.map(|v| f64::from(v % 12) - 5.5);
+                let middle = off.iter().map(|v| v * v).sum::<f64>().sqrt();
+                let hole = off[1].hypot(off[2]) < 1.6 && (y / 12 + z / 12) % 2 == 0;
+                samples.push(if middle < 5.4 || hole { 30 } else { 220 });
+            }
+        }
+    }
+    samples
+}
+
+#[test]
+fn bytes_do_not_depend_on_threads_memory_or_stops() {
+    let dims = [48, 30, 40];
+    let volume = placed(dims, leaky(dims));
+    let options = ConvertOptions {
+        threshold: THRESHOLD,
+        split: Some(NeckRule::default()),
+        min_voxels: 3,
+        ..options([20, 11, 7])
+    };
+    let (dir, _) = converted(&volume, &options);
+    let expected = files(dir.path());
+    for threads in 1..4 {
+        let again = ConvertOptions {
+            threads,
+            memory: options.memory * threads as u64,
+            keep_samples: threads == 2,
+            ..options.clone()
+        };
+        let (dir, _) = converted(&volume, &again);
+        assert_same_files(&files(dir.path()), &expected, &format!("{threads} threads"));
+    }
+}
+
+#[test]
+fn what_cannot_be_is_refused() {
+    let dims = [9, 8, 7];
+    let volume = placed(dims, noise(dims, 3));
+    let case = Case {
+        dims: dims.map(|n| n as usize),
+        samples: vec![0; 504],
+        labels: vec![1; 504],
+        rule: Ambiguous::Separate,
+    };
+    let dir = tempfile::tempdir().unwrap();
+    let refused = |options: &ConvertOptions| {
+        let out = dir.path().join("out");
+        let error = convert(&volume, options, &out, &Quiet).unwrap_err();
+        assert!(!out.exists());
+        error.to_string()
+    };
+    let both = ConvertOptions {
+        split: Some(NeckRule::default()),
+        labels: Some(case.given()),
+        ..options([4; 3])
+    };
+    assert!(refused(&both).contains("together with --labels"));
+    let ratio = NeckRule {
+        ratio_permille: 1001,
+        ..NeckRule::default()
+    };
+    let wide = ConvertOptions {
+        split: Some(ratio),
+        ..options([4; 3])
+    };
+    assert!(refused(&wide).contains("1.001"));
+    let dims = Dims([9, 8, 7]);
+    let of = |dims: Dims, values: Vec<f32>| {
+        let labels = MemoryVolume::new(dims, Placement::default(), values).unwrap();
+        CellRows::of_labels(&labels, Dims([9, 8, 7]), dir.path(), &Quiet).unwrap_err()
+    };
+    assert!(of(dims, vec![1.0; 504]).to_string().contains("f32"));
+    assert!(
+        of(Dims([9, 8, 6]), vec![1.0; 432])
+            .to_string()
+            .contains("9 x 8 x 6")
+    );
+    let mut values = vec![1i32; 504];
+    values[503] = -2;
+    let labels = MemoryVolume::new(dims, Placement::default(), values).unwrap();
+    let error = CellRows::of_labels(&labels, dims, dir.path(), &Quiet).unwrap_err();
+    assert!(
+        error.to_string().contains("label -2 at voxel 8, 7, 6"),
+        "{error}"
+    );
+}
