@@ -232,7 +232,7 @@ impl Work<'_, '_> {
                 sums.inside.rim.add_border_edge(ends, state);
             }
         }
-        if holes > 0 {
+        if holes > 0 && !self.cx.manifest.may_gape() {
             flaws.push(Flaw {
                 code: Code::Hole,
                 count: holes,
