@@ -197,7 +197,9 @@ fn unproved(manifest: &Manifest) -> Vec<String> {
 fn unproved_cells(manifest: &Manifest) -> Option<String> {
     const CELLS: &str = "which voxels each cell has, and where cells touch";
     let gapes = match manifest.may_gape() {
-        true => "; nor that the surface ends only where cells that were left out touched",
+        true => {
+            "; nor, of a part, what its tables say, and that the surface ends only where cells that were left out touched: verify the whole"
+        }
         false => "",
     };
     Some(match manifest.cells.as_ref()? {
