@@ -44,7 +44,7 @@ pub struct RegionArgs {
     /// `cylinder:CX,CY,R` along z, or `mask:FILE`
     ///
     /// A cylinder goes through all slices; its axis and radius are in voxels, and a voxel is inside if its middle is. The
-    /// one that is found ends inside of the rim of the sample, by a voxel or less unless that is tilted; it is looked for in
+    /// one that is found ends inside of the rim of the sample, by a voxel or so unless that is tilted; it is looked for in
     /// whole slices, with --crop in those of the crop. A mask is any volume of the same size and place that
     /// alvis reads (raw: of type u8); voxels that are not 0 are inside. Histogram, thresholds and porosity are of what is
     /// inside, cells that the edge of the region cuts are border cells. Which voxels of a mask are inside is kept in a
@@ -116,8 +116,8 @@ impl RegionArgs {
         match (&self.roi, self.roi_fill) {
             (None, Some(_)) => Err(Error::usage(
                 "--roi-fill",
-                "it without --roi",
-                "a region, whose outside is filled",
+                "no --roi with it",
+                "--roi as well: what is outside of that region is filled",
             )),
             _ => Ok(()),
         }
@@ -262,8 +262,6 @@ fn same_place(path: &Path, mask: &Opened, volume: &Placement) -> Result<()> {
     let turned = directions
         .zip(volume.directions.as_flattened())
         .any(|(a, b)| (a - b).abs() > OFF / 10.0);
-    let has_place =
-        volume.origin != [0.0; 3] || volume.directions != Placement::default().directions;
     let moved = (0..3).any(|a| {
         let smallest = volume
             .spacing
@@ -273,9 +271,9 @@ fn same_place(path: &Path, mask: &Opened, volume: &Placement) -> Result<()> {
     });
     let what = if steps.clone().any(step) {
         format!("voxels of {:?} {}", own.spacing, own.unit)
-    } else if from_file(stated.origin) && has_place && turned {
+    } else if from_file(stated.origin) && turned {
         format!("axes along {:?}", own.directions)
-    } else if from_file(stated.origin) && has_place && moved {
+    } else if from_file(stated.origin) && moved {
         format!("the first voxel at {:?} {}", own.origin, own.unit)
     } else {
         return Ok(());

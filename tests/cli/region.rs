@@ -232,7 +232,7 @@ fn bad_regions_get_one_message() {
         ),
         (
             format!("{convert} --roi-fill air"),
-            vec!["--roi-fill", "without --roi"],
+            vec!["--roi-fill", "no --roi with it"],
         ),
         (
             format!("{convert} --roi mask:m.raw --downsample 2"),
@@ -287,6 +287,11 @@ fn bad_regions_get_one_message() {
         message.contains("the mask m.mhd with voxels of [0.1"),
         "{message}"
     );
+    // of a volume at 0, 0, 0
+    let moved = mask("0.2 0.2 0.2\nOffset = 5 0 0");
+    std::fs::write(dir.join("m.mhd"), moved).unwrap();
+    let message = fails(dir, &words(&placed));
+    assert!(message.contains("the first voxel at [5"), "{message}");
     std::fs::write(dir.join("m.mhd"), mask("0.2 0.2 0.2")).unwrap();
     run(dir, &format!("{placed} --quiet"));
     let inner = convert.replace(" out ", " out/inner ");
