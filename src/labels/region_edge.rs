@@ -1,6 +1,7 @@
 //! Components that the edge of a region of interest cuts off.
 
 use crate::error::Result;
+use crate::grid::Ambiguous;
 use crate::labels::label_band::Labels;
 use crate::labels::runs::{RowRuns, Runs};
 use crate::labels::{Bits, Span};
@@ -29,25 +30,58 @@ impl InsideBand {
     }
 }
 
-/// Notes that components touch the border whose voxels share a face with a voxel of the other phase, where one of the two
-/// is outside of the region: there the surface is none of the sample's.
-pub fn note_region_edge(bits: &Bits, runs: &Runs, labels: &mut Labels, inside: &InsideBand) {
-    let (rows, words) = (bits.span.rows(), bits.row_words);
+/// Notes that components touch the border whose voxels meet one of the other phase, where one of the two is outside of
+/// the region: there the surface is none of the sample's, see [`for_each_region_edge`].
+pub fn note_region_edge(
+    bits: &Bits,
+    runs: &Runs,
+    labels: &mut Labels,
+    inside: &InsideBand,
+    rule: Ambiguous,
+) {
+    for_each_region_edge(bits, inside, rule, |row, x| {
+        let run = runs.at(bits, row * bits.row_words, x as usize);
+        let label = labels.of_run[run as usize];
+        labels.components[label as usize].sums.touches_border = 1;
+    });
+}
+
+/// Calls `note` with the row, counted through all slices, and the x of voxels that share a face with one of the other
+/// phase, where one of the two is outside of the region; of each such face with both. The phase that `rule` joins across
+/// the edges of voxels goes on across these, too: so of each edge that a voxel of it inside shares with one of the other
+/// phase outside, also with both.
+pub fn for_each_region_edge(
+    bits: &Bits,
+    inside: &InsideBand,
+    rule: Ambiguous,
+    note: impl FnMut(usize, u32),
+) {
+    let rows = bits.span.rows();
+    let joined = match rule {
+        Ambiguous::Separate => 0,
+        Ambiguous::Join => !0,
+    };
     let mut edge = Edge {
         bits,
-        runs,
-        labels,
         inside: &inside.words,
+        joined,
+        note,
     };
     for s in 0..bits.span.slices() {
         for r in 0..rows {
-            let here = (s * rows + r) * words;
+            let here = s * rows + r;
             edge.along(here);
             if r > 0 {
-                edge.across([here - words, here]);
+                edge.across([here - 1, here]);
+                edge.diagonal([here - 1, here], &[-1, 1]);
             }
             if s > 0 {
-                edge.across([here - rows * words, here]);
+                edge.across([here - rows, here]);
+                edge.diagonal([here - rows, here], &[-1, 1]);
+                if r > 0 {
+                    edge.diagonal([here - rows - 1, here], &[0]);
+                    edge.diagonal([here - rows, here - 1], &[0]);
+                }
             }
         }
     }
@@ -86,20 +120,22 @@ fn has_outside(inside: &[u64], run: Range<usize>) -> bool {
     })
 }
 
-struct Edge<'a> {
+struct Edge<'a, F> {
     bits: &'a Bits,
-    runs: &'a Runs,
-    labels: &'a mut Labels,
     inside: &'a [u64],
+    /// The bits of voxels of the phase that is joined across the edges of voxels.
+    joined: u64,
+    note: F,
 }
 
-impl Edge<'_> {
-    /// Pairs along x, of the row whose words start here.
+impl<F: FnMut(usize, u32)> Edge<'_, F> {
+    /// Pairs along x, of a row.
     fn along(&mut self, row: usize) {
-        let nx = self.bits.span.nx as usize;
+        let (nx, words) = (self.bits.span.nx as usize, self.bits.row_words);
         let (mut phase_before, mut inside_before) = (0, 0);
-        for w in 0..self.bits.row_words {
-            let (phase, inside) = (self.bits.words[row + w], self.inside[row + w]);
+        for w in 0..words {
+            let at = row * words + w;
+            let (phase, inside) = (self.bits.words[at], self.inside[at]);
             let differ = phase ^ (phase << 1 | phase_before);
             let outside = !inside | !(inside << 1 | inside_before);
             let mut found = differ & outside;
@@ -111,30 +147,80 @@ impl Edge<'_> {
                 let x = 64 * w + found.trailing_zeros() as usize;
                 found &= found - 1;
                 if x < nx {
-                    self.note(row, x - 1);
-                    self.note(row, x);
+                    (self.note)(row, x as u32 - 1);
+                    (self.note)(row, x as u32);
                 }
             }
         }
     }
 
     /// Pairs of two neighbouring rows.
-    fn across(&mut self, [a, b]: [usize; 2]) {
-        for w in 0..self.bits.row_words {
+    fn across(&mut self, rows: [usize; 2]) {
+        let words = self.bits.row_words;
+        let [a, b] = rows.map(|row| row * words);
+        for w in 0..words {
             let differ = self.bits.words[a + w] ^ self.bits.words[b + w];
             // bits beyond a row's end do not differ
             let mut found = differ & (!self.inside[a + w] | !self.inside[b + w]);
             while found != 0 {
-                let x = 64 * w + found.trailing_zeros() as usize;
+                let x = 64 * w as u32 + found.trailing_zeros();
                 found &= found - 1;
-                self.note(a, x);
-                self.note(b, x);
+                rows.iter().for_each(|&row| (self.note)(row, x));
             }
         }
     }
 
-    fn note(&mut self, row: usize, x: usize) {
-        let label = self.labels.of_run[self.runs.at(self.bits, row, x) as usize];
-        self.labels.components[label as usize].sums.touches_border = 1;
+    /// Pairs of two rows whose x differ by one of `steps`, so that they share an edge of voxels.
+    fn diagonal(&mut self, [a, b]: [usize; 2], steps: &[i32]) {
+        for [own, other] in [[a, b], [b, a]] {
+            if self.is_all_inside(other) {
+                continue;
+            }
+            for &step in steps {
+                self.beyond([own, other], step);
+            }
+        }
+    }
+
+    fn is_all_inside(&self, row: usize) -> bool {
+        let (nx, words) = (self.bits.span.nx as usize, self.bits.row_words);
+        let row = &self.inside[row * words..(row + 1) * words];
+        row.iter().map(|w| w.count_ones() as usize).sum::<usize>() == nx
+    }
+
+    /// Voxels of the joined phase inside, of one row, and voxels of the other phase outside, `step` further along x in
+    /// another row.
+    fn beyond(&mut self, [own, other]: [usize; 2], step: i32) {
+        let (nx, words) = (self.bits.span.nx as usize, self.bits.row_words);
+        let word = |row: usize, w: usize| {
+            let is_joined = !(self.bits.words[row * words + w] ^ self.joined);
+            (is_joined, self.inside[row * words + w])
+        };
+        let outside = |w: usize| {
+            let (is_joined, inside) = word(other, w);
+            // bits beyond a row's end are no voxels
+            let voxels = !0u64 >> (64 - (nx - 64 * w).min(64));
+            !is_joined & !inside & voxels
+        };
+        let mut found = Vec::new();
+        for w in 0..words {
+            let (is_joined, inside) = word(own, w);
+            let beside = match step {
+                1 if w + 1 < words => outside(w) >> 1 | outside(w + 1) << 63,
+                1 => outside(w) >> 1,
+                -1 if w > 0 => outside(w) << 1 | outside(w - 1) >> 63,
+                -1 => outside(w) << 1,
+                _ => outside(w),
+            };
+            let mut both = is_joined & inside & beside;
+            while both != 0 {
+                found.push(64 * w as u32 + both.trailing_zeros());
+                both &= both - 1;
+            }
+        }
+        for x in found {
+            (self.note)(own, x);
+            (self.note)(other, x.wrapping_add_signed(step));
+        }
     }
 }
