@@ -6,10 +6,12 @@ use super::region::Roi;
 use super::threshold::{self, TAKES, Threshold, threshold};
 use super::{Outcome, output};
 use crate::error::{Error, Result};
+use crate::grid::Fill;
 use crate::manifest::Manifest;
 use crate::preview::{Axis, PreviewOptions, preview};
 use crate::progress::Progress;
 use crate::transform::select::Map;
+use crate::volume::{RegionVoxels, Volume, fill_value};
 use clap::{Args, ValueEnum, ValueHint};
 use std::path::{Path, PathBuf};
 
@@ -93,6 +95,23 @@ pub struct PreviewArgs {
     common: Common,
 }
 
+/// The sample outside of a region at a threshold; beyond all samples where a conversion would have none.
+fn filled(
+    volume: &dyn Volume,
+    inside: &RegionVoxels,
+    threshold: f64,
+    fill: Fill,
+    progress: &dyn Progress,
+) -> Result<f64> {
+    match fill_value(volume, inside, threshold, fill, progress) {
+        Err(Error::Usage { .. }) => Ok(match fill {
+            Fill::Material => f64::INFINITY,
+            Fill::Air => f64::NEG_INFINITY,
+        }),
+        found => found,
+    }
+}
+
 impl PreviewArgs {
     /// Refuses what needs no reading.
     fn check(&self) -> Result<()> {
@@ -128,18 +147,34 @@ impl PreviewArgs {
             None => self.options.filters.apply(opened)?,
         };
         let (volume, asked) = (&*opened.volume, &self.options.region);
+        let mut fill = None;
         let region = match &manifest {
             Some(manifest) => asked.find_as(manifest, volume, "--tiles", &console)?,
             None => {
                 let roi = asked.find(volume, None, &console)?;
                 let warnings = roi.as_ref().map_or(&[][..], Roi::warnings);
                 warnings.iter().for_each(|w| console.warn(w));
+                fill = roi.as_ref().map(|roi| roi.fill);
                 roi.map(|roi| roi.voxels)
             }
         };
         let inside = region.as_ref();
         let thresholds = threshold::all(&self.threshold, volume, inside, &self.input, &console)?;
+        let fills = match (inside, fill) {
+            (Some(inside), Some(fill)) => {
+                let fills = thresholds.iter();
+                let fills = fills.map(|&t| filled(volume, inside, t, fill, &console));
+                fills.collect::<Result<_>>()?
+            }
+            _ => Vec::new(),
+        };
+        let names = self.threshold.iter().map(|threshold| match threshold {
+            Threshold::Value(_) => String::new(),
+            Threshold::Method(method) => method.to_string(),
+        });
         let options = PreviewOptions {
+            names: names.collect(),
+            fills,
             axis: match self.axis {
                 AxisArg::X => Axis::X,
                 AxisArg::Y => Axis::Y,
