@@ -41,7 +41,7 @@ pub use crate::manifest::Table;
 pub use chosen::Chosen;
 pub use column::{Column, find_column};
 pub use expr::{Expr, Kind};
-pub use outside::{Outside, warn_of_outside};
+pub use outside::{Outside, warn_of_open, warn_of_outside};
 pub(crate) use parquet::write_parquet;
 pub use query::{Query, Selected};
 pub use reader::{Row, TableReader};
