@@ -419,7 +419,9 @@ fn a_region_that_is_stated_wrongly_is_found() {
     // the sample of the fill, and how many voxels are inside at least; and what the edge cuts across edges of voxels
     let of_manifest = found.iter().filter(|c| **c == Code::ManifestValue);
     assert_eq!(of_manifest.count(), 2, "{found:?}");
-    let other = found.iter().find(|c| ![Code::ManifestValue, Code::TableValue].contains(c));
+    let other = found
+        .iter()
+        .find(|c| ![Code::ManifestValue, Code::TableValue].contains(c));
     assert_eq!(other, None);
     let found = codes(dir, |index| index["region"]["fill_value"] = 20.0.into());
     assert_eq!(found, [Code::ManifestValue]);

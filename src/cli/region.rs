@@ -92,6 +92,8 @@ pub struct Roi {
     pub count: u64,
     /// What is known of it if it was found in the scan.
     pub found: Option<FoundCylinder>,
+    /// What the user should know of it.
+    pub warnings: Vec<String>,
 }
 
 impl RegionArgs {
@@ -150,12 +152,22 @@ impl RegionArgs {
             }
             RegionArg::Cylinder(cylinder) => of_cylinder(*cylinder, dims)?,
         };
+        let count = voxels.count()?;
+        let mut warnings = found
+            .as_ref()
+            .map_or(Vec::new(), |found| found.warnings.clone());
+        if count == dims.voxels() {
+            warnings.push(format!(
+                "all of the volume's voxels are in the region {shape}: it leaves nothing out"
+            ));
+        }
         Ok(Some(Roi {
             shape,
-            count: voxels.count()?,
+            count,
             voxels,
             fill: self.fill(),
             found,
+            warnings,
         }))
     }
 
@@ -365,7 +377,7 @@ impl Roi {
 
     /// What the user should know of it.
     pub fn warnings(&self) -> &[String] {
-        self.found.as_ref().map_or(&[], |found| &found.warnings)
+        &self.warnings
     }
 
     /// What it is, for people.
