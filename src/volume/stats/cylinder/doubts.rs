@@ -84,7 +84,11 @@ impl Doubts {
             return [None; 2];
         };
         let all = self.all();
-        let is_empty = |r: &usize| !(self.share(&all, *r..r + 1, level) >= EMPTY);
+        // also where nothing is seen
+        let is_empty = |r: &usize| {
+            let share = self.share(&all, *r..r + 1, level);
+            share.is_nan() || share < EMPTY
+        };
         let hollow = (0..self.rings.inside).take_while(is_empty).count();
         let width = self.rings.width;
         let is_told = hollow as f64 * width >= (HOLLOW * self.cylinder.radius).max(3.0);
