@@ -251,7 +251,7 @@ impl Work<'_, '_> {
             cell: label.ids.cell,
             object: label.ids.object,
         };
-        let cut = self.edge.cuts(&ws.piece.points);
+        let cut = self.edge.cuts(&ws.piece.points, &ws.piece.state);
         for i in 0..roots.len() {
             let first = i == 0;
             let component = Component {

@@ -270,7 +270,7 @@ impl<'a, 'i> Work<'a, 'i> {
             border: Vec::new(),
             cap_border: Vec::new(),
             sound: false,
-            edge: TileEdge::None,
+            edge: TileEdge::none(),
             keep_mesh: false,
             issues,
         }
@@ -380,7 +380,7 @@ impl Work<'_, '_> {
 
     /// Finds what of the tile is in the region of interest.
     fn load_edge(&mut self) {
-        match self.cx.edge.in_tile(&self.region) {
+        match self.cx.edge.in_tile(&self.region, self.cx.manifest) {
             Ok(edge) => self.edge = edge,
             Err(e) => {
                 let at = "index.json#/region";
