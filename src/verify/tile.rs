@@ -439,12 +439,12 @@ impl Work<'_, '_> {
         let whole = self.components.iter_mut().map(|(c, _)| c);
         let whole = whole.filter(|c| c.ids.cell != 0);
         let mut surfaces = std::collections::HashSet::new();
+        for part in &mut self.parts {
+            // a cell of two components may have two parts of one surface
+            let is_first = surfaces.insert(part.component.ids.surface);
+            part.component.tiles = u64::from(is_first);
+        }
         let parts = self.parts.iter_mut().map(|part| &mut part.component);
-        // a cell of two components may have two parts of one surface
-        let parts = parts.map(|c| {
-            c.tiles = u64::from(surfaces.insert(c.ids.surface));
-            c
-        });
         for c in whole.chain(parts) {
             c.cell_tiles = u64::from(cells.insert(c.ids.cell));
             c.object_tiles = u64::from(objects.insert(c.ids.object));

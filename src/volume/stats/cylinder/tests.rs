@@ -386,7 +386,8 @@ fn air_at_the_rim_is_told_with_a_cylinder_that_has_none() {
     };
     let cone = |p: [f64; 3]| 30.0 - 0.18 * p[2];
     let flat = |p: [f64; 3]| if p[0] > 55.0 { 0.0 } else { 28.0 };
-    let radii: [(&dyn Fn([f64; 3]) -> f64, f64, &str); 4] = [
+    type Radius<'a> = &'a dyn Fn([f64; 3]) -> f64;
+    let radii: [(Radius, f64, &str); 4] = [
         (&narrow, 22.0, "to 39 its outermost"),
         (&neck, 20.0, "in slices 1"),
         (&cone, 23.0, "to 39 its outermost"),
