@@ -15,14 +15,29 @@ use std::path::Path;
 pub fn open(dir: &Path, manifest: &Manifest) -> Result<TableReader> {
     match &manifest.tables.necks {
         Some(path) => TableReader::open_keyed(&file_inside(dir, path, "open the table")?, "cell_a"),
-        None => Err(none("--necks", dir)),
+        None => Err(none(dir)),
     }
 }
 
-fn none(option: &str, dir: &Path) -> Error {
-    let found = format!("{}, in which no cell is open to another", dir.display());
-    let expected = "a tile set made by alvis convert --split";
-    Error::usage(option, found, expected)
+/// There are no openings, and none could be.
+fn none(dir: &Path) -> Error {
+    let found = format!(
+        "{}, whose cells are connected components, so that none is open to another",
+        dir.display()
+    );
+    let expected = "a tile set made by alvis convert with --split or --labels";
+    Error::usage("--necks", found, expected)
+}
+
+/// Other ratios give no other cells.
+fn no_curve(dir: &Path, manifest: &Manifest) -> Error {
+    let cells = match &manifest.cells {
+        Some(PartsBy::Labels { file, .. }) => format!("the labels of {file}"),
+        _ => "connected components".to_owned(),
+    };
+    let found = format!("{}, whose cells are {cells}", dir.display());
+    let expected = "a tile set made by alvis convert with --split";
+    Error::usage("--split-curve", found, expected)
 }
 
 /// Prints how many cells other ratios give.
@@ -36,7 +51,7 @@ pub fn print_curve(dir: &Path, manifest: &Manifest, as_json: bool) -> Result<Out
         ..
     }) = &manifest.cells
     else {
-        return Err(none("--split-curve", dir));
+        return Err(no_curve(dir, manifest));
     };
     let ratio = |permille: u64| permille as f64 / 1000.0;
     let own = u64::from(*ratio_permille);
