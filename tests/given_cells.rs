@@ -603,6 +603,113 @@ fn alvis(dir: &Path, line: &str) -> String {
     String::from_utf8(output.stdout).unwrap()
 }
 
+/// What the command says of what it refuses.
+fn refusal(dir: &Path, line: &str) -> String {
+    let output = std::process::Command::new(env!("CARGO_BIN_EXE_alvis"))
+        .args(line.split(' '))
+        .current_dir(dir)
+        .output()
+        .unwrap();
+    assert_eq!(output.status.code(), Some(2), "{line}");
+    String::from_utf8(output.stderr).unwrap()
+}
+
+/// An array of this type as NumPy writes it, from the bytes of its numbers.
+fn npy(kind: &str, [x, y, z]: [u32; 3], bytes: &[u8]) -> Vec<u8> {
+    let mut header =
+        format!("{{'descr': '{kind}', 'fortran_order': False, 'shape': ({z}, {y}, {x}), }}");
+    let length = (header.len() + 11).next_multiple_of(64) - 10;
+    header = format!("{header:<width$}\n", width = length - 1);
+    let start = [&b"\x93NUMPY\x01\x00"[..], &(length as u16).to_le_bytes()].concat();
+    [&start, header.as_bytes(), bytes].concat()
+}
+
+#[test]
+fn a_set_says_what_its_cells_are() {
+    let dir = tempfile::tempdir().unwrap();
+    let here = dir.path();
+    let dims = [24, 20, 18];
+    std::fs::write(here.join("leaky.raw"), leaky(dims)).unwrap();
+    let labels: Vec<u8> = (0..8640u32).map(|i| (i % 24 / 5) as u8).collect();
+    std::fs::write(here.join("parts.npy"), npy("|u1", dims, &labels)).unwrap();
+    let convert = "--dims 24,20,18 --dtype u8 --threshold 128 --quiet";
+    alvis(here, &format!("convert leaky.raw plain {convert}"));
+    alvis(
+        here,
+        &format!("convert leaky.raw split {convert} --split 0.75 --split-h 1"),
+    );
+    alvis(
+        here,
+        &format!("convert leaky.raw labelled {convert} --labels parts.npy"),
+    );
+    let info = |out: &str| -> serde_json::Value {
+        serde_json::from_str(&alvis(here, &format!("info {out} --json"))).unwrap()
+    };
+    let said = info("split");
+    assert_eq!(said["cells"]["by"], "split");
+    assert_eq!(said["cells"]["ratio_permille"], 750);
+    assert_eq!(
+        said["totals"]["necks"],
+        manifest(&here.join("split")).totals.necks
+    );
+    assert_eq!(info("labelled")["cells"]["by"], "labels");
+    assert!(info("plain").get("cells").is_none());
+    let text = alvis(here, "info split");
+    assert!(
+        text.contains("split at necks: ratio 0.75, h 1, min radius 0"),
+        "{text}"
+    );
+    assert!(
+        text.contains(" components with ") && text.contains(" openings, "),
+        "{text}"
+    );
+    let text = alvis(here, "info labelled");
+    assert!(text.contains("by the labels of parts.npy; "), "{text}");
+    // what a set has not is said to be so
+    let message = refusal(here, "cells labelled --split-curve");
+    assert!(
+        message.contains("whose cells are the labels of parts.npy"),
+        "{message}"
+    );
+    assert!(message.contains("alvis convert with --split"), "{message}");
+    let message = refusal(here, "cells plain --necks");
+    assert!(
+        message.contains("connected components") && message.contains("--split or --labels"),
+        "{message}"
+    );
+    assert!(refusal(here, "cells plain --split-curve").contains("connected components"));
+    // and labels that have to be of another type
+    let wide: Vec<u8> = labels
+        .iter()
+        .flat_map(|&l| i64::from(l).to_le_bytes())
+        .collect();
+    std::fs::write(here.join("wide.npy"), npy("<i8", dims, &wide)).unwrap();
+    std::fs::write(here.join("wide.raw"), &wide).unwrap();
+    for file in ["wide.npy", "wide.raw"] {
+        let message = refusal(
+            here,
+            &format!("convert leaky.raw no {convert} --labels {file}"),
+        );
+        assert!(message.contains("labels.astype('uint32')"), "{message}");
+        assert!(!message.contains("float64"), "{message}");
+    }
+    assert!(!here.join("no").exists());
+    let batch = "convert leaky.raw --out-dir all --dims 24,20,18 --dtype u8 --threshold 128 --quiet --split 0.75";
+    alvis(here, batch);
+    let rows = table(&here.join("all"), "scans.csv");
+    let totals = manifest(&here.join("all/leaky")).totals;
+    let expected = [
+        ("split", 0.75),
+        ("split_h", 0.5),
+        ("split_min_radius", 0.0),
+        ("components", totals.components as f64),
+        ("necks", totals.necks as f64),
+    ];
+    for (column, expected) in expected {
+        assert_eq!(number(&rows, 0, column), Some(expected), "{column}");
+    }
+}
+
 #[test]
 fn openings_and_the_curve_of_ratios_are_listed() {
     let dir = tempfile::tempdir().unwrap();
@@ -630,6 +737,33 @@ fn openings_and_the_curve_of_ratios_are_listed() {
     let points = curve["split_curve"].as_array().unwrap();
     assert_eq!((points.len(), &points[6]["cells"]), (10, &curve["cells"]));
     assert!(alvis(here, "cells out --split-curve").contains("<- these tiles"));
+    // a mesh is open where a cell that is left out touches it
+    let warning = |chosen: &str| {
+        let line = format!("export {chosen} --force --json");
+        let report: serde_json::Value = serde_json::from_str(&alvis(here, &line)).unwrap();
+        let warnings = report["warnings"].as_array().unwrap().clone();
+        let found = warnings.iter().find_map(|w| {
+            let text = w.as_str().unwrap();
+            let rest = text.strip_prefix("the mesh is open at ")?;
+            rest.split_once(" opening")
+                .map(|(n, _)| n.parse::<u64>().unwrap())
+        });
+        found.unwrap_or(0)
+    };
+    let rows = table(&out, "necks.csv");
+    let open = |kept: &dyn Fn(f64) -> bool| -> u64 {
+        let ends = |row: usize| ["cell_a", "cell_b"].map(|c| kept(number(&rows, row, c).unwrap()));
+        let one = |row: &usize| ends(*row)[0] != ends(*row)[1];
+        (0..rows.rows.len()).filter(one).count() as u64
+    };
+    assert_eq!(warning("out all.ply"), 0);
+    assert_eq!(warning("out all.ply --objects --largest 1"), 0);
+    let some = open(&|id| id < 3.0);
+    assert!(some > 0);
+    assert_eq!(warning("out some.ply --where id<3"), some);
+    assert_eq!(warning("out some.ply --surfaces --where cell<3"), some);
+    alvis(here, "select out few --where id<3 --quiet");
+    assert_eq!(warning("few some.ply"), some);
     // a part has the openings between the cells that it has, and what cells are parts of
     alvis(here, "select out part --largest 6 --quiet");
     let part = here.join("part");

@@ -168,15 +168,15 @@ impl SolidBits {
         read.map_err(|e| failed(&self.dir, e))
     }
 
-    /// Reads the states of the columns of a row on one side of a slab; `out` has a byte for each.
+    /// Reads the states of the columns of rows on one side of a slab; `out` has a byte for each.
     ///
     /// # Errors
     /// [`Error::Io`].
-    pub fn columns(&self, y: u32, slab: u32, side: Side, out: &mut [u8]) -> Result<()> {
-        debug_assert_eq!(out.len(), self.grid.dims.0[0] as usize);
+    pub fn columns(&self, y: Range<u32>, slab: u32, side: Side, out: &mut [u8]) -> Result<()> {
+        debug_assert_eq!(out.len(), y.len() * self.grid.dims.0[0] as usize);
         let read = self
             .columns
-            .read_exact_at(out, self.columns_at(y, slab, side));
+            .read_exact_at(out, self.columns_at(y.start, slab, side));
         read.map_err(|e| failed(&self.dir, e))
     }
 }

@@ -17,8 +17,8 @@ mod vertices;
 pub use assign_pieces::{Piece, PieceIndex, VertexAssignment, assign_vertices};
 pub use edges::Edges;
 pub use mesher::{
-    BYTES_PER_CUBE, BYTES_PER_TRIANGLE, BandView, MeshSettings, Sizes, TileBox, TileMesh,
-    TileMesher,
+    BYTES_PER_CUBE, BYTES_PER_TRIANGLE, BandView, CellsView, MeshSettings, Sizes, TileBox,
+    TileMesh, TileMesher,
 };
 
 #[cfg(test)]

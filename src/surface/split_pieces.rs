@@ -6,12 +6,10 @@
 //! vertex has, and of the triangles at it in that cube the one of the smallest cell.
 
 use crate::labels::BandCells;
-use crate::measure::AreaScale;
 use crate::strip::{NONE, STRIDE, Triangle};
 use crate::surface::assign_pieces::{Piece, VertexAssignment};
 use crate::surface::edges::Edges;
-use crate::surface::mesher::{BandView, TileBox, TileMesh};
-use crate::surface::sums::sum_pieces;
+use crate::surface::mesher::{BandView, CellsView, TileBox, TileMesh};
 use std::collections::BTreeMap;
 
 /// Splits pieces; its buffers are used again from tile to tile.
@@ -39,17 +37,26 @@ struct End {
 type NewPlaces = Vec<(u32, u32)>;
 
 impl PieceSplitter {
-    /// Gives each piece of the open surface its cell, and splits those that have several.
+    /// Gives each piece of the open surface its cell, and splits those that have several; they are to be summed up then.
     pub fn split<T>(
         &mut self,
         view: &BandView<T>,
         tile: &TileBox,
-        cells: &BandCells,
+        cells: &CellsView,
         found: (&Edges, &VertexAssignment),
-        area: &AreaScale,
         out: &mut TileMesh,
     ) {
-        self.find_ends(view, tile, cells, found);
+        let mut all_known = true;
+        for piece in &mut out.pieces {
+            match cells.of_class[piece.cell as usize] {
+                Some(cell) => piece.given = cell,
+                None => all_known = false,
+            }
+        }
+        if all_known {
+            return;
+        }
+        self.find_ends(view, tile, cells.of_voxels, found);
         let mut any = false;
         for piece in &mut out.pieces {
             let ends = &self.ends[piece.first_vertex as usize..][..piece.vertices as usize];
@@ -72,7 +79,6 @@ impl PieceSplitter {
         for (to, from) in out.chunk.vectors_mut().into_iter().zip(&self.vectors) {
             to.copy_from_slice(from);
         }
-        sum_pieces(&mut out.pieces, out.chunk.numbers(), &out.triangles, area);
     }
 
     /// Finds the cell and the key of each vertex.

@@ -140,26 +140,26 @@ fn below([x, y, z, code]: Vertex, state: u8) -> [i32; 3] {
     voxel
 }
 
-/// The cell with which each vertex of a surface counts: of the cubes that have triangles at it the last one by z, y and x
+/// The part with which each vertex of a surface counts: of the cubes that have triangles at it the last one by z, y and x
 /// decides, by the smallest cell of these triangles.
-fn counted_with(whole: &Piece, parts: &[Part]) -> Vec<u64> {
-    let none = (Reverse([i32::MIN; 3]), u64::MAX);
+fn counted_with(whole: &Piece, parts: &[Part]) -> Vec<usize> {
+    let none = (Reverse([i32::MIN; 3]), u64::MAX, 0);
     let mut deciding = vec![none; whole.points.len()];
     let ends = parts[1..].iter().map(|part| part.first);
     let ends = ends.chain([whole.triangles.len()]);
-    for (part, end) in parts.iter().zip(ends) {
+    for (number, (part, end)) in parts.iter().zip(ends).enumerate() {
         for triangle in &whole.triangles[part.first..end] {
             let corners = triangle.map(|v| position(whole.points[v as usize]));
             let low = |a: usize| corners.iter().map(|corner| corner[a] >> 8).min();
             let cube = [2, 1, 0].map(|a| low(a).unwrap_or(0));
             for v in triangle {
-                let here = (Reverse(cube), part.label.ids.cell);
+                let here = (Reverse(cube), part.label.ids.cell, number);
                 let known = &mut deciding[*v as usize];
                 *known = here.min(*known);
             }
         }
     }
-    deciding.into_iter().map(|(_, cell)| cell).collect()
+    deciding.into_iter().map(|(.., part)| part).collect()
 }
 
 impl Work<'_, '_> {
@@ -238,7 +238,7 @@ impl Work<'_, '_> {
             .iter()
             .map(|part| (part.first, part.first_vertex));
         let ends = ends.chain([(piece.triangles.len(), piece.points.len())]);
-        for (part, (end, end_vertex)) in parts.iter().zip(ends) {
+        for (number, (part, (end, end_vertex))) in parts.iter().zip(ends).enumerate() {
             let triangles = &piece.triangles[part.first..end];
             let label = &part.label;
             let own = part.first_vertex..end_vertex;
@@ -250,8 +250,8 @@ impl Work<'_, '_> {
                 ..Sums::default()
             };
             // where the last tile has them
-            let is_counted = |(with, point): &(&u64, &Vertex)| {
-                **with == label.ids.cell && self.region.is_last(position(**point))
+            let is_counted = |(with, point): &(&usize, &Vertex)| {
+                **with == number && self.region.is_last(position(**point))
             };
             let counted = counted_with.iter().zip(&piece.points).filter(is_counted);
             sums.vertices = counted.count() as u64;
