@@ -1,15 +1,16 @@
 //! `alvis convert`: a volume to a tile set.
 
-use super::args::{Common, InputOptions, TableFile, input_help, open_stamped};
+use super::args::{Common, InputOptions, TableFile, input_help};
 use super::form::FormArgs;
 use super::info;
+use super::input::Input;
 use super::lod;
 use super::parse::{self, CropArg};
 use super::progress::Console;
 use super::region::Roi;
 use super::threshold::{TAKES, Threshold, threshold};
 use super::view::ViewArgs;
-use super::{Outcome, batch, output, stop};
+use super::{Outcome, batch, output};
 use crate::convert::{self, ConvertOptions, ConvertReport};
 use crate::error::{Error, Result};
 use crate::grid::{Ambiguous, Origin, Unit};
@@ -141,7 +142,7 @@ pub struct ConvertArgs {
 
 /// What `--json` prints.
 #[derive(Serialize)]
-struct Printed<'a> {
+pub struct Printed<'a> {
     #[serde(flatten)]
     report: &'a ConvertReport,
     #[serde(skip_serializing_if = "Option::is_none")]
@@ -155,14 +156,12 @@ impl ConvertArgs {
             return batch::run(self, typed);
         };
         let console = self.common.start();
-        let report = self.convert(&self.input, out, typed, &console)?;
+        let input = Input::Path(&self.input);
+        let report = self.convert(input, out, &resuming(typed), &console)?;
         let levels = self.levels(out, &console)?;
         drop(console);
         if self.common.json {
-            output::print_json(&Printed {
-                report: &report,
-                lod: levels.as_ref(),
-            })?;
+            output::print_json(&self.printed(&report, levels.as_ref()))?;
         } else if self.common.talks() {
             output::print(&summary(&report))?;
             if let Some(levels) = &levels {
@@ -173,6 +172,15 @@ impl ConvertArgs {
             true => ViewArgs::of(out, self.common.quiet).run(),
             false => Ok(Outcome::Done),
         }
+    }
+
+    /// What `--json` prints of a conversion, and of the levels of detail, if there are any.
+    pub fn printed<'a>(
+        &self,
+        report: &'a ConvertReport,
+        lod: Option<&'a LodReport>,
+    ) -> Printed<'a> {
+        Printed { report, lod }
     }
 
     /// Adds levels of detail to the tile set in a directory, if they are asked for.
@@ -221,15 +229,16 @@ impl ConvertArgs {
         })
     }
 
-    /// Converts one volume into the directory `out`; `typed` is the command line that asks for it.
+    /// Converts one volume into the directory `out`; `again` is what goes on with it.
     pub fn convert(
         &self,
-        input: &Path,
+        input: Input,
         out: &Path,
-        typed: &[OsString],
+        again: &str,
         console: &Console,
     ) -> Result<ConvertReport> {
-        let (mut opened, stamp) = open_stamped(input, &self.options.options(), out)?;
+        let path = input.path().to_path_buf();
+        let (mut opened, stamp) = input.open(&self.options.options(), out)?;
         opened.doubt_size()?;
         let opened = self.options.filters.apply(opened)?;
         let mut options = self.of_opened(&opened, stamp)?;
@@ -249,7 +258,7 @@ impl ConvertArgs {
             .map_or(Vec::new(), |roi| roi.warnings().to_vec());
         doubts.iter().for_each(|warning| console.warn(warning));
         let inside = roi.as_ref().map(|roi| &roi.voxels);
-        options.threshold = self.threshold.find(volume, inside, input, console)?;
+        options.threshold = self.threshold.find(volume, inside, &path, console)?;
         let found = roi.as_ref().map(Roi::text);
         options.region = match roi {
             Some(roi) => {
@@ -262,9 +271,9 @@ impl ConvertArgs {
         if self.out_dir.is_none() {
             console.note(&understood);
         }
-        stop::listen();
+        console.listen();
         let mut report = convert::convert(&*opened.volume, &options, out, console)
-            .map_err(|e| resumable(e, out, typed))
+            .map_err(|e| resumable(e, out, again))
             .inspect_err(|e| {
                 if matches!(e, Error::Interrupted) {
                     console.note("no layer was done yet, so nothing is kept");
@@ -275,8 +284,8 @@ impl ConvertArgs {
     }
 }
 
-/// Adds to an error that a part of the work is kept, if that is so.
-fn resumable(error: Error, out: &Path, typed: &[OsString]) -> Error {
+/// Adds to an error that a part of the work is kept, if that is so; `again` is what goes on with it.
+fn resumable(error: Error, out: &Path, again: &str) -> Error {
     let refused = matches!(
         error,
         Error::OutputBusy { .. }
@@ -297,7 +306,7 @@ fn resumable(error: Error, out: &Path, typed: &[OsString]) -> Error {
             path: out.to_path_buf(),
             done: kept.done,
             of: kept.of,
-            next: format!("{when}`{}` goes on", resuming(typed)),
+            next: format!("{when}`{again}` goes on"),
         },
         None => error,
     }
