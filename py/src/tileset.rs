@@ -131,21 +131,9 @@ impl TileSet {
     /// Voxel coordinates to world coordinates in the set's unit, row by row.
     fn world_from_voxel(&self) -> [[f64; 4]; 4] {
         let place = &self.0.manifest().placement;
-        let mut rows = [[0.0; 4]; 4];
-        for (column, axis) in [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]]
-            .iter()
-            .enumerate()
-        {
-            let step = place.step(*axis);
-            for row in 0..3 {
-                rows[row][column] = step[row];
-            }
-        }
-        for row in 0..3 {
-            rows[row][3] = place.origin[row];
-        }
-        rows[3][3] = 1.0;
-        rows
+        let [x, y, z] = [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]].map(|a| place.step(a));
+        let row = |i: usize| [x[i], y[i], z[i], place.origin[i]];
+        [row(0), row(1), row(2), [0.0, 0.0, 0.0, 1.0]]
     }
 
     /// The numbers of the layers that have tiles.

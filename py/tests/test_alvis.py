@@ -127,7 +127,7 @@ def test_what_is_no_volume_is_refused(tmp_path):
 
 
 def test_zarr_arrays_are_read_from_their_directory_or_through_python(made, tmp_path):
-    zarr = pytest.importorskip("zarr")
+    zarr = pytest.importorskip("zarr", minversion="3")
     conversion, array = made
     chunked = {"chunks": (8, 16, 48)}
     local = zarr.create_array(str(tmp_path / "a.zarr"), shape=array.shape, dtype=array.dtype, **chunked)

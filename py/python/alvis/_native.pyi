@@ -2,10 +2,12 @@
 
 from collections.abc import Callable, Sequence
 from os import PathLike
-from typing import Any
+from typing import Any, final
 
 import numpy
 from numpy.typing import NDArray
+
+__all__ = ["VERSION", "Entry", "Piece", "Table", "TileSet", "call", "command"]
 
 VERSION: str
 
@@ -18,6 +20,7 @@ def call(
 ) -> str: ...
 def command(words: Sequence[str]) -> int: ...
 
+@final
 class Table:
     @property
     def columns(self) -> list[tuple[str, str]]: ...
@@ -25,6 +28,7 @@ class Table:
     def stream(self) -> object: ...
     def schema(self) -> object: ...
 
+@final
 class Entry:
     @property
     def grid(self) -> list[int]: ...
@@ -38,6 +42,7 @@ class Entry:
     def triangles(self) -> int: ...
     def has(self, cell: int | None, object: int | None) -> bool: ...
 
+@final
 class Piece:
     @property
     def name(self) -> str: ...
@@ -56,6 +61,7 @@ class Piece:
     @property
     def measures(self) -> dict[str, float | str]: ...
 
+@final
 class TileSet:
     def __new__(cls, path: str | PathLike[str]) -> TileSet: ...
     def manifest(self) -> str: ...
