@@ -28,6 +28,7 @@
 
 mod frustum;
 mod mesh;
+mod nodes;
 mod page;
 mod rows;
 mod script;

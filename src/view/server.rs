@@ -4,6 +4,7 @@
 //! tables by three names.
 
 use super::mesh::Frame;
+use super::nodes::NodeLookup;
 use super::page;
 use super::rows::{self, Asked};
 use super::set::{self, Told};
@@ -43,6 +44,8 @@ pub struct Shown {
 pub struct Viewer {
     shown: Shown,
     lookup: TileLookup,
+    nodes: NodeLookup,
+    tree: Vec<u8>,
     frame: Frame,
     token: String,
     turns: Turns,
@@ -88,6 +91,14 @@ impl From<&Metadata> for IndexState {
     }
 }
 
+/// A file of the set as an index states it, and how its mesh is sent.
+struct WantedFile<'a> {
+    path: String,
+    bytes: u64,
+    checksum: String,
+    frame: &'a Frame,
+}
+
 /// What answers that are made return where something is wrong.
 type Made = Result<Answer, Answer>;
 
@@ -99,7 +110,8 @@ impl Viewer {
     /// Reads the index; who has the token may ask.
     ///
     /// # Errors
-    /// Those of [`TileLookup::read`]; [`Error::Format`] if the tile set was changed since it was opened.
+    /// Those of [`TileLookup::read`], [`NodeLookup::read`] and [`NodeLookup::tree`]; [`Error::Format`] if the tile set was
+    /// changed since it was opened.
     pub fn new(shown: Shown, token: String) -> Result<Self> {
         let dir = shown.set.dir();
         let index = IndexState::of(dir)?;
@@ -108,9 +120,14 @@ impl Viewer {
             return Err(Error::format(dir.join(MANIFEST), found, "one that stays")
                 .with_hint("wait until whoever writes there is done"));
         }
+        let lookup = TileLookup::read(&shown.set)?;
+        let nodes = NodeLookup::read(&shown.set)?;
+        let frame = Frame::of(shown.set.manifest());
         Ok(Viewer {
-            lookup: TileLookup::read(&shown.set)?,
-            frame: Frame::of(shown.set.manifest()),
+            tree: nodes.tree(&shown.set, &lookup, &frame)?,
+            lookup,
+            nodes,
+            frame,
             shown,
             token,
             turns: Turns::new(available_parallelism().map_or(2, |n| n.get().clamp(2, AT_ONCE))),
@@ -144,10 +161,10 @@ impl Viewer {
         let _turn = self.turns.take(is_needed).ok_or(Error::Interrupted)?;
         match request.parts()[..] {
             ["set.json"] => {
-                let description = set::description(set, &self.shown.told)?;
+                let description = set::description(set, &self.nodes, &self.shown.told)?;
                 Ok(bytes(JSON, description.to_string().into_bytes()))
             }
-            ["tree.bin"] => Ok(bytes(BINARY, set::tree(&self.lookup, &self.frame))),
+            ["tree.bin"] => Ok(bytes(BINARY, self.tree.clone())),
             ["tile", level, z, y, x] => self.tile(request, [level, z, y, x]),
             ["table", name] => self.table(request, table(name)?),
             ["row", name, id] => {
@@ -175,19 +192,39 @@ impl Viewer {
     fn tile(&self, request: &Request, numbers: [&str; 4]) -> Made {
         let there_is_none = || missing(format!("tile {}", numbers.join("/")));
         let parsed = numbers.map(|n| n.parse::<u32>());
-        let [Ok(0), Ok(z), Ok(y), Ok(x)] = parsed else {
+        let [Ok(level), Ok(z), Ok(y), Ok(x)] = parsed else {
             return Err(there_is_none());
         };
-        let tile = self.lookup.get([x, y, z]).ok_or_else(there_is_none)?;
-        let tag = format!("\"{}-{MESH_VERSION}\"", tile.checksum());
+        let wanted = self.wanted(level, [x, y, z]).ok_or_else(there_is_none)?;
+        let tag = format!("\"{}-{MESH_VERSION}\"", wanted.checksum);
         if has(request, &tag) {
             return Ok(Answer::bare(Status::NotModified).with("ETag", tag));
         }
-        let (set, path) = (&self.shown.set, self.lookup.path(tile));
-        let file = set.checked_bytes(&path, tile.bytes, &tile.checksum())?;
-        let mesh = self.frame.mesh(tile.grid, &file);
-        let mesh = mesh.map_err(|e| Error::format(set.dir().join(&path), e, "a tile"))?;
+        let (set, path) = (&self.shown.set, &wanted.path);
+        let file = set.checked_bytes(path, wanted.bytes, &wanted.checksum)?;
+        let mesh = wanted.frame.mesh([x, y, z], &file);
+        let mesh = mesh.map_err(|e| Error::format(set.dir().join(path), e, "a tile"))?;
         Ok(bytes(BINARY, mesh).with("ETag", tag))
+    }
+
+    /// The file of a tile, or of a node of a level from 1 on.
+    fn wanted(&self, level: u32, grid: [u32; 3]) -> Option<WantedFile<'_>> {
+        if level == 0 {
+            let tile = self.lookup.get(grid)?;
+            return Some(WantedFile {
+                path: self.lookup.path(tile),
+                bytes: tile.bytes,
+                checksum: tile.checksum(),
+                frame: &self.frame,
+            });
+        }
+        let (node, frame) = self.nodes.get(level, grid)?;
+        Some(WantedFile {
+            path: node.path.clone(),
+            bytes: node.bytes,
+            checksum: node.checksum.clone(),
+            frame,
+        })
     }
 
     fn table(&self, request: &Request, table: Table) -> Made {

@@ -1,19 +1,13 @@
-//! What the page is told of a tile set before it draws: `/set.json` and `/tree.bin`.
+//! What the page is told of a tile set before it draws: `/set.json`.
 
-use super::mesh::Frame;
+use super::nodes::NodeLookup;
 use crate::error::Result;
 use crate::grid::LATTICE;
 use crate::manifest::{Form, Manifest};
 use crate::measure::{COMPONENT_COLUMNS, Get, SURFACE_COLUMNS};
 use crate::table::Table;
-use crate::tileset::{TileLookup, TileSet};
-use crate::view::put;
+use crate::tileset::TileSet;
 use serde_json::{Value, json};
-
-/// Bytes of a node.
-const NODE: u32 = 40;
-/// Bit of a node that has a tile.
-const HAS_CONTENT: u32 = 1;
 
 /// What the page is told that is not in the tile set.
 #[derive(Debug, Clone)]
@@ -30,7 +24,7 @@ pub struct Told {
 ///
 /// # Errors
 /// Those of reading the heads of tables.
-pub fn description(set: &TileSet, told: &Told) -> Result<Value> {
+pub fn description(set: &TileSet, nodes: &NodeLookup, told: &Told) -> Result<Value> {
     let manifest = set.manifest();
     let Manifest {
         placement, totals, ..
@@ -40,6 +34,20 @@ pub fn description(set: &TileSet, told: &Told) -> Result<Value> {
     for table in Table::ALL {
         tables.insert(table.name().to_owned(), columns(set, table)?);
     }
+    let mut levels = vec![json!({
+        "level": 0,
+        "nodes": totals.tiles,
+        "triangles": totals.triangles,
+        "error": 0,
+    })];
+    levels.extend(nodes.levels().map(|level| {
+        json!({
+            "level": level.level,
+            "nodes": level.nodes,
+            "triangles": level.triangles,
+            "error": level.error_max,
+        })
+    }));
     Ok(json!({
         "name": name(set),
         "dims": manifest.grid.dims.0,
@@ -61,12 +69,7 @@ pub fn description(set: &TileSet, told: &Told) -> Result<Value> {
         "cap": manifest.cap,
         "form": form(manifest),
         "lattice": LATTICE,
-        "levels": [{
-            "level": 0,
-            "nodes": totals.tiles,
-            "triangles": totals.triangles,
-            "voxels_per_step": 1,
-        }],
+        "levels": levels,
         "tables": tables,
         "slices": told.slices,
         "command": {"where": told.place},
@@ -114,34 +117,4 @@ fn is_whole(table: Table, name: &str) -> bool {
         }
     };
     real.map_or(name == "id", |real| !real)
-}
-
-/// `/tree.bin`: a header of 16 bytes, then the tiles as nodes of level 0, by z, y and x.
-pub fn tree(lookup: &TileLookup, frame: &Frame) -> Vec<u8> {
-    let nodes = lookup.tiles();
-    let mut out = Vec::with_capacity(16 + NODE as usize * nodes.len());
-    let magic = u32::from_le_bytes(*b"ALVT");
-    put(&mut out, &[magic, 1, nodes.len() as u32, NODE]);
-    for tile in nodes {
-        let [x, y, z] = tile.grid;
-        let triangles = u32::try_from(tile.triangles).unwrap_or(u32::MAX);
-        let bytes = frame.bytes(tile.vertices, tile.pieces.into(), tile.indices);
-        let (level, error, [child, children]) = (0, 0f32.to_bits(), [0; 2]);
-        put(
-            &mut out,
-            &[
-                level,
-                x,
-                y,
-                z,
-                triangles,
-                bytes,
-                error,
-                child,
-                children,
-                HAS_CONTENT,
-            ],
-        );
-    }
-    out
 }

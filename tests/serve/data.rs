@@ -3,21 +3,22 @@
 use super::client::{self, Reply, Served, encoded, view};
 use super::command::{foam_tiles, json, ok};
 use alvis::manifest::{Manifest, TileEntry};
-use alvis::tile::TileMesh;
+use alvis::tile::SurfacePiece;
 use alvis::tileset::TileSet;
 use serde_json::Value;
 use std::collections::BTreeMap;
 use std::path::Path;
 
-/// A tile as the page draws it.
-struct Mesh {
+/// A tile or a node as the page draws it.
+pub struct Mesh {
     /// On the lattice.
-    points: Vec<[i32; 3]>,
-    normals: Vec<[f64; 3]>,
+    pub points: Vec<[i32; 3]>,
+    pub normals: Vec<[f64; 3]>,
     /// Surface, cell and object of each vertex.
-    ids: Vec<[u32; 3]>,
-    caps: Vec<bool>,
-    triangles: Vec<[u32; 3]>,
+    pub ids: Vec<[u32; 3]>,
+    /// Bit 0: of a cap; bit 1: of a fin; bit 2: of the side of a fin that lies in the cell.
+    pub flags: Vec<u8>,
+    pub triangles: Vec<[u32; 3]>,
     shift: u32,
     index_bytes: u32,
     /// Numbers of the strip, those that begin a new one among them.
@@ -25,7 +26,7 @@ struct Mesh {
 }
 
 impl Mesh {
-    fn read(reply: &Reply) -> Mesh {
+    pub fn read(reply: &Reply) -> Mesh {
         assert_eq!(reply.status, 200, "{}", reply.text());
         assert_eq!(
             reply.header("content-type"),
@@ -54,7 +55,7 @@ impl Mesh {
             points: Vec::new(),
             normals: Vec::new(),
             ids: Vec::new(),
-            caps: Vec::new(),
+            flags: Vec::new(),
             triangles: Vec::new(),
             shift,
             index_bytes,
@@ -67,8 +68,8 @@ impl Mesh {
             mesh.normals.push(normal(v[8] as i8, v[9] as i8));
             let slot = short(6) as usize | usize::from(v[10]) << 16;
             mesh.ids.push(slots[slot]);
-            assert_eq!(v[11] & !1, 0);
-            mesh.caps.push(v[11] == 1);
+            assert_eq!(v[11] & !7, 0);
+            mesh.flags.push(v[11]);
         }
         let numbers: Vec<u32> = match index_bytes {
             2 => index_part
@@ -98,7 +99,7 @@ impl Mesh {
     }
 
     /// Triangles by their corners and ids, in any order.
-    fn drawn(&self) -> Vec<([[i32; 3]; 3], [u32; 3])> {
+    pub fn drawn(&self) -> Vec<([[i32; 3]; 3], [u32; 3])> {
         let of = |t: &[u32; 3]| {
             let ids = t.map(|i| self.ids[i as usize]);
             assert!(ids[0] == ids[1] && ids[1] == ids[2]);
@@ -132,10 +133,10 @@ fn lattice(position: [f32; 3]) -> [i32; 3] {
     position.map(|c| (c * 256.0) as i32)
 }
 
-/// What the library reads of a tile, see [`Mesh::drawn`].
-fn expected(tile: &TileMesh) -> Vec<([[i32; 3]; 3], [u32; 3])> {
+/// What the library reads of pieces, see [`Mesh::drawn`].
+pub fn expected(pieces: &[SurfacePiece]) -> Vec<([[i32; 3]; 3], [u32; 3])> {
     let mut all = Vec::new();
-    for piece in &tile.pieces {
+    for piece in pieces {
         let ids = [piece.ids.surface, piece.ids.cell, piece.ids.object].map(|id| id as u32);
         let corners = |t: &[u32; 3]| (turned(piece.corners(*t).map(lattice)), ids);
         all.extend(piece.triangles.iter().map(corners));
@@ -160,7 +161,7 @@ fn compare(dir: &Path) -> [u64; 2] {
         let reply = served.get(&path(entry));
         let mesh = Mesh::read(&reply);
         let tile = set.read_tile(entry).unwrap();
-        assert!(mesh.drawn() == expected(&tile), "{}", entry.path);
+        assert!(mesh.drawn() == expected(&tile.pieces), "{}", entry.path);
         let mut vertex = 0;
         for piece in &tile.pieces {
             for n in &piece.normals {
@@ -175,7 +176,7 @@ fn compare(dir: &Path) -> [u64; 2] {
                     entry.path,
                     mesh.normals[vertex]
                 );
-                assert_eq!(mesh.caps[vertex], piece.is_cap());
+                assert_eq!(mesh.flags[vertex], u8::from(piece.is_cap()));
                 vertex += 1;
             }
         }

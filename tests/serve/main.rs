@@ -6,5 +6,6 @@ mod command;
 mod client;
 mod data;
 mod files;
+mod levels;
 mod life;
 mod safety;

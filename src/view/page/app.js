@@ -7,7 +7,7 @@ import { Colouring } from "./colouring.js";
 import { command } from "./command.js";
 import { Director } from "./director.js";
 import { by, h, menu } from "./dom.js";
-import { about, many, singular, title, unit, value } from "./format.js";
+import { about, count, many, singular, title, unit, value } from "./format.js";
 import { furnish } from "./furniture.js";
 import { Gestures } from "./gestures.js";
 import { Info } from "./info.js";
@@ -26,6 +26,8 @@ const STYLE = {
   light: { top: [0.97, 0.98, 0.99], bottom: [0.83, 0.86, 0.89], cut: [0.5, 0.53, 0.57], accent: [0, 0.38, 1], box: [0.3, 0.36, 0.44, 0.6], wait: [0.3, 0.36, 0.44, 0.28] },
 };
 const FLIGHT = 350;
+/** Pixels of the layout across a picture in which a legend would cover what is looked at. */
+const NARROW = 600;
 /** Milliseconds that tables wait for the picture. */
 const PATIENCE = 1500;
 
@@ -159,7 +161,21 @@ export class App {
 
   style() {
     const s = STYLE[this.dark ? "dark" : "light"];
-    return { ...s, solid: this.solid, any: this.choice.ids.size > 0, dot: devicePixelRatio };
+    return { ...s, ...this.cut(), solid: this.solid, any: this.choice.ids.size > 0, dot: devicePixelRatio };
+  }
+
+  /**
+   * The kind of face that one sees where the body before it is cut, which shows a flat face instead, and whether that has
+   * the colour of its thing. While all is shown the body is the material. Where something is left out, cells are bodies
+   * that stand by themselves, and objects are material of their own; a surface alone bounds nothing.
+   */
+  cut() {
+    const { kind } = this.state.now;
+    if (this.solid) return { cutKind: FACE.back, cutOwn: false };
+    if (kind === "objects") return { cutKind: FACE.back, cutOwn: true };
+    // inside of a cell nothing is cut: one looks at its wall
+    if (kind === "cells" && !this.director.inside()) return { cutKind: FACE.front, cutOwn: true };
+    return { cutKind: FACE.none, cutOwn: false };
   }
 
   overlays(waiting = true) {
@@ -181,7 +197,10 @@ export class App {
     context.setTransform(devicePixelRatio, 0, 0, devicePixelRatio, 0, 0);
     const { clientWidth: width, clientHeight: height } = canvas;
     context.clearRect(0, 0, width, height);
-    furnish(context, this.furniture(width, height));
+    const furniture = this.furniture(width, height);
+    // where there is little room, the panel of colours is the legend
+    if (width < NARROW && by("dock").offsetHeight > 0) furniture.scale = null;
+    furnish(context, furniture);
     this.tellStatus();
     if (!moving) this.keepLink();
   }
@@ -195,7 +214,8 @@ export class App {
 
   tellStatus() {
     const t = this.director.told();
-    const blocks = `${many(t.blocks, "block")}, ${about(t.drawn)} triangles`;
+    const coarse = t.coarse > 0 ? ` (${t.coarse === t.blocks ? "all" : count(t.coarse)} simplified: finer from near)` : "";
+    const blocks = `${many(t.blocks, "block")}${coarse}, ${about(t.drawn)} triangles`;
     const rest = t.left > 0 ? ` · ${about(t.inView)} triangles are in view: the nearest are drawn, ${many(t.left, "block")} stand as boxes` : "";
     const refused = t.refused > 0 ? ` · ${many(t.refused, "block")} cannot be read` : "";
     by("status").textContent = {
@@ -267,7 +287,7 @@ export class App {
   under(x, y) {
     const found = this.picture.at(Math.floor(x * devicePixelRatio), Math.floor(y * devicePixelRatio));
     if (!found) return null;
-    const material = found.face === FACE.cap || (found.face === FACE.back && this.solid);
+    const material = found.face === FACE.cap || (found.face === FACE.back && this.cut().cutKind === FACE.back);
     // where material is cut one sees the object, but no cell
     return { ...found, material, id: material && this.state.now.kind !== "objects" ? 0 : found.id };
   }
@@ -342,7 +362,7 @@ export class App {
   }
 
   mark() {
-    const all = this.choice.ids.size > 0 && [...this.choice.ids].every((id) => this.look.marked.has(id));
+    const all = this.choice.ids.size > 0 && [...this.choice.ids].every((id) => this.look?.marked.has(id));
     this.rule({ do: all ? "unmark" : "mark" });
   }
 
@@ -375,13 +395,11 @@ export class App {
         this.rule({ do: "unpaint" });
         close();
       } }, "No paint"),
-    ], "paints left");
+    ], "paints");
   }
 
   escape() {
-    const open = ["help", "save"].map(by).find((s) => !s.hidden);
-    if (open) open.hidden = true;
-    else if (!this.info.card.hidden) this.info.close();
+    if (!this.info.card.hidden) this.info.close();
     else this.choice.clear();
     if (document.activeElement !== document.body) document.activeElement.blur();
   }
@@ -402,6 +420,10 @@ export class App {
   }
 
   copyCommand() {
+    if (!this.look) {
+      note("There is nothing to select by before the tables are read.");
+      return null;
+    }
     const text = command(this.state.now, this.set.command.where, this.look);
     if (text.length > 30000) {
       note("So many single things do not fit into a command. Choose them by a condition, then it is short.");
@@ -421,6 +443,11 @@ export class App {
 
   toggleTheme() {
     this.setTheme(!this.dark);
+  }
+
+  showDock() {
+    by("dock").classList.remove("closed");
+    this.top.update();
   }
 
   toggleDock() {

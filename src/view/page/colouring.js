@@ -1,7 +1,7 @@
 // The panel of colours: plain, by a column, best and worst; the column's distribution and the ends of the scale.
 import { BEST, MAP_NAMES, WORST } from "./colours.js";
-import { by, choices, h, oneOf } from "./dom.js";
-import { number, title, unit } from "./format.js";
+import { by, choices, h, oneOf, refill } from "./dom.js";
+import { count, number, title, unit } from "./format.js";
 import { Histogram, spread } from "./histogram.js";
 import { quantile } from "./things.js";
 
@@ -18,11 +18,18 @@ export class Colouring {
     });
   }
 
-  /** The column that is asked for, or the usual one. */
+  /** The column that colours, else the one that is asked for, or the usual one. */
   column() {
     const { kind, colour } = this.app.state.now;
     const { things } = this.app;
-    return things.column(kind, colour[kind].column) ?? things.column(kind, FIRST[kind]) ?? things.columns(kind)[0];
+    const { by, column } = colour[kind];
+    const ranks = by === "best" ? things.column(kind, "form_factor") : null;
+    return ranks ?? things.column(kind, column) ?? this.usual(kind);
+  }
+
+  usual(kind) {
+    const { things } = this.app;
+    return things.column(kind, FIRST[kind]) ?? things.columns(kind)[0];
   }
 
   /** Shows what the look has made of the state. */
@@ -35,49 +42,54 @@ export class Colouring {
     const values = await things.values(kind, column.name);
     const ids = await things.ids(kind);
     if (round !== this.round) return;
-    const scale = look.scale?.by === "column" ? look.scale : null;
+    const { scale } = look;
+    const best = scale?.by === "best";
+    const log = asked.log && !best;
     const [one, more] = { cells: ["cell", "cells"], objects: ["object", "objects"], surfaces: ["surface", "surfaces"] }[kind];
     const use = (i) => !look.hidden.has(ids[i]);
-    this.histogram.show(spread(values, use, { log: asked.log, map: asked.map, scale, one, more }));
+    this.histogram.show(spread(values, use, { log, scale, one, more }));
     const modes = [["plain", "Plain"], ["column", "By value"]];
     if (things.column(kind, "form_factor")) modes.push(["best", "Best and worst"]);
-    const names = things.columns(kind).filter((c) => c.name !== "id").map((c) => [c.name, title(c)]);
-    this.panel.replaceChildren(
+    refill(this.panel,
       h("div", { className: "headline" }, h("h2", {}, "Colour"), oneOf(modes, asked.by, (m) => this.mode(m), "Colour")),
-      ...(asked.by === "best" ? [this.bestRow(asked)] : []),
-      h("div", { className: "row tight" },
-        choices(names, column.name, (name) => this.take(name), { className: "grow", ariaLabel: "Column" }),
-        h("span", { className: "soft" }, unit(column.unit)),
-        asked.by === "column"
-          ? choices(MAP_NAMES.map((m) => [m, m]), asked.map, (map) => state.setColour({ map }), { ariaLabel: "Colour map" })
-          : null,
-        h("label", { title: "Logarithmic scale" },
-          h("input", { type: "checkbox", checked: asked.log, onChange: (e) => state.setColour({ log: e.target.checked, low: null, high: null }) }),
-          "log")),
+      ...(best ? this.bestRows(asked, scale, { more, shown: look.shown }) : [this.columnRow(kind, asked, column)]),
       this.histogram.element,
-      ...(scale ? [this.ends(asked, scale)] : []),
+      ...(scale && !best ? [this.ends(asked, scale)] : []),
     );
+  }
+
+  columnRow(kind, asked, column) {
+    const { state, things } = this.app;
+    const names = things.columns(kind).filter((c) => c.name !== "id").map((c) => [c.name, title(c)]);
+    return h("div", { className: "row tight" },
+      choices(names, column.name, (name) => this.take(name), { className: "grow", ariaLabel: "Column" }),
+      h("span", { className: "soft" }, unit(column.unit)),
+      asked.by === "column"
+        ? choices(MAP_NAMES.map((m) => [m, m]), asked.map, (map) => state.setColour({ map }), { ariaLabel: "Colour map" })
+        : null,
+      h("label", { title: "Logarithmic scale" },
+        h("input", { type: "checkbox", checked: asked.log, onChange: (e) => state.setColour({ log: e.target.checked, low: null, high: null }) }),
+        "log"));
   }
 
   mode(by) {
     const { state } = this.app;
     const { kind, colour } = state.now;
-    if (by === "column" && colour[kind].column === "") this.take(this.column().name);
+    if (by === "column" && colour[kind].column === "") this.take(this.usual(kind).name);
     else state.setColour({ by });
   }
 
   /** Colours by a column; a logarithmic scale where values are spread over powers of ten. */
   async take(name) {
     const { state, things } = this.app;
-    const { kind, colour } = state.now;
-    const values = await things.sorted(kind, name);
+    const values = await things.sorted(state.now.kind, name);
     const [low, high] = [0.02, 0.98].map((share) => quantile(values, share));
     const log = low > 0 && high / low > 60;
-    const by = colour[kind].by === "best" ? "best" : "column";
-    state.setColour({ by, column: name, log, low: null, high: null });
+    state.setColour({ by: "column", column: name, log, low: null, high: null });
   }
 
-  bestRow(asked) {
+  // How many are asked for, and how many there are: things that the edge of the scan cuts have no form factor.
+  bestRows(asked, scale, { more, shown }) {
     const { state } = this.app;
     const input = h("input", {
       type: "number", className: "brief", min: 1, value: asked.count, ariaLabel: "How many",
@@ -88,7 +100,11 @@ export class Colouring {
       made.style.background = `rgb(${colour.rgb.join()})`;
       return made;
     };
-    return h("div", { className: "row" }, "The ", input, dot(BEST), "best and", dot(WORST), "worst by form factor");
+    const few = scale.count < asked.count ? `, half of them best: ${count(scale.count)}` : "";
+    return [
+      h("div", { className: "row" }, "The ", input, dot(BEST), "best,", dot(WORST), "worst form factors"),
+      h("div", { className: "soft told" }, `Only whole ${more} have one: ${count(scale.ranked)} of ${count(shown)} shown${few}.`),
+    ];
   }
 
   ends(asked, scale) {

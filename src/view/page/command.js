@@ -40,10 +40,12 @@ export function command(state, out, { scale, marked, painted }) {
     if (shown !== null) words.push("--where", quoted(shown));
   }
   if (scale?.by === "column") words.push(...coloured(scale));
-  if (scale?.by === "best") {
+  if (scale?.by === "best" && scale.count > 0) {
     words.push("--paint", quoted(`best:${scale.count}=${BEST.hex}`), "--paint", quoted(`worst:${scale.count}=${WORST.hex}`));
   }
   for (const [where, colour] of paints(rules, marked, painted)) words.push("--paint", quoted(`${where}=${colour}`));
+  // of tiles as they are, all cells are still something to select
+  if (!words.some((w) => ["--where", "--colour-by", "--paint"].includes(w))) words.push("--where", quoted("id > 0"));
   return words.join(" ");
 }
 

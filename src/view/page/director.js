@@ -3,7 +3,7 @@
 // the view is there or the limit is reached. (Interactive and completion phase of the original system.)
 import { boxOf, lens, pixel } from "./camera.js";
 import { inView, standIns } from "./tree.js";
-import { clamp, scale } from "./vector.js";
+import { clamp, dot, scale } from "./vector.js";
 
 const REST = 100;
 /** Triangles that are drawn at most, and when the camera moves for the first time. */
@@ -211,6 +211,7 @@ export class Director {
     return {
       phase: this.phase,
       blocks: this.shown.size,
+      coarse: [...this.shown].filter((n) => n.level > 0).length,
       waiting: bare.filter((i) => !i.node.refused).length,
       refused: bare.filter((i) => i.node.refused).length,
       drawn: this.picture.counts.triangles,
@@ -224,6 +225,15 @@ export class Director {
   complete(view, clip) {
     const { wanted } = this.tree.cut(this.tree.sight(view, clip), this.most);
     return standIns(wanted, (n) => this.blocks.has(n)).drawn.filter((n) => inView(n, view, clip));
+  }
+
+  /** Whether the eye is within the volume, in the part of it that is not cut off. */
+  inside() {
+    const { camera, eye } = this.view();
+    const { low, high } = boxOf(this.set);
+    const clip = this.clip();
+    const kept = !clip || dot(clip.normal, eye) < clip.at;
+    return kept && !camera.flat && eye.every((x, k) => x > low[k] && x < high[k]);
   }
 
   /** Length of a pixel where the camera looks. */

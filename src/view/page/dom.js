@@ -14,22 +14,57 @@ export function h(tag, properties = {}, ...inside) {
 
 export const by = (id) => document.getElementById(id);
 
-/** A button that opens what `fill` puts beside it, and closes it again at any click elsewhere. */
+/** Puts other things into a panel; what had the keyboard has it again if it is still there. */
+export function refill(panel, ...inside) {
+  const name = (e) => `${e.tagName} ${e.type} ${e.getAttribute("aria-label") ?? e.textContent}`;
+  const held = panel.contains(document.activeElement) ? name(document.activeElement) : null;
+  panel.replaceChildren(...inside);
+  if (held) [...panel.querySelectorAll("button, input, select")].find((e) => name(e) === held)?.focus();
+}
+
+/**
+ * A button that opens what `fill` puts beside it, within the window. Escape, a click elsewhere, and the keyboard's going
+ * elsewhere close it.
+ */
 export function menu(button, fill, shape = "") {
   const pop = h("div", { className: `pop ${shape}`, hidden: true });
-  const close = (event) => {
-    if (!event || !pop.parentElement.contains(event.target)) {
-      pop.hidden = true;
-      document.removeEventListener("pointerdown", close, true);
-    }
+  const made = h("div", { className: "menu" }, button, pop);
+  const close = () => {
+    const held = pop.contains(document.activeElement);
+    pop.hidden = true;
+    if (held) button.focus();
+    button.ariaExpanded = "false";
+    document.removeEventListener("pointerdown", elsewhere, true);
   };
+  const elsewhere = (event) => made.contains(event.target) || close();
+  button.ariaExpanded = "false";
   button.addEventListener("click", () => {
     if (!pop.hidden) return close();
-    pop.replaceChildren(...fill(() => close()));
+    pop.replaceChildren(...fill(close));
     pop.hidden = false;
-    document.addEventListener("pointerdown", close, true);
+    button.ariaExpanded = "true";
+    put(pop, button);
+    document.addEventListener("pointerdown", elsewhere, true);
+    pop.querySelector("button, input")?.focus({ focusVisible: button.matches(":focus-visible") });
   });
-  return h("div", { className: "menu" }, button, pop);
+  made.addEventListener("keydown", (event) => {
+    if (event.key !== "Escape" || pop.hidden) return;
+    event.stopPropagation();
+    close();
+  });
+  made.addEventListener("focusout", (event) => event.relatedTarget && !made.contains(event.relatedTarget) && close());
+  return made;
+}
+
+// Below a button, or above it where there is no room; its right side where the button's is, inside of the window.
+function put(pop, button) {
+  const at = button.getBoundingClientRect();
+  const [above, below] = [at.top - 12, innerHeight - at.bottom - 12];
+  const down = below >= Math.min(pop.scrollHeight + 2, 200) || below >= above;
+  pop.style.maxHeight = `${Math.min(down ? below : above, 320)}px`;
+  const { width, height } = pop.getBoundingClientRect();
+  pop.style.top = `${down ? at.bottom + 4 : at.top - 4 - height}px`;
+  pop.style.left = `${Math.max(Math.min(at.right - width, innerWidth - width - 8), 8)}px`;
 }
 
 /** A list to choose one of: [[value, text]]. */

@@ -1,8 +1,7 @@
 // How the values of a column are spread, with a brush that chooses.
 import { h } from "./dom.js";
-import { mapped } from "./colours.js";
 import { many, number } from "./format.js";
-import { shares } from "./look.js";
+import { colourOf, shares } from "./look.js";
 
 const BINS = 64;
 
@@ -134,7 +133,7 @@ export class Histogram {
 }
 
 /** What the histogram shows of a column: its values from the least to the largest of what is shown. */
-export function spread(values, use, { log, map, scale, one, more }) {
+export function spread(values, use, { log, scale, one, more }) {
   let [least, most] = [Infinity, -Infinity];
   for (let i = 0; i < values.length; i++) {
     const v = values[i];
@@ -144,6 +143,5 @@ export function spread(values, use, { log, map, scale, one, more }) {
   }
   if (!(least < most)) return { only: least === most ? `All have ${number(least)}.` : "There are no values." };
   const bins = counted(values, use, { low: least, high: most, log });
-  const share = scale ? shares(scale) : null;
-  return { bins, least, most, log, one, more, colour: share ? (v) => mapped(map, share(v)) : null };
+  return { bins, least, most, log, one, more, colour: colourOf(scale) };
 }

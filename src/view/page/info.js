@@ -55,6 +55,8 @@ export class Info {
         act("Show only", "Show nothing else (Shift H)", chosen(() => app.only()))),
     );
     this.card.hidden = false;
+    app.showDock();
+    this.card.scrollIntoView({ block: "nearest" });
     app.choice.set([id], { from: "info" });
     if (fly) app.frame();
   }

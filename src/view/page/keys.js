@@ -70,6 +70,8 @@ export function listen(app) {
     for (const [keys, , run] of rows) for (const k of keys) known.set(k, run);
   }
   addEventListener("keydown", (event) => {
+    // a sheet that lies over the page has the keys
+    if (["help", "save"].some((name) => by(name).open) && event.key !== "?") return;
     const typing = event.target.matches("input:not([type=checkbox]):not([type=range]), select, textarea");
     const control = event.ctrlKey || event.metaKey;
     const name = (control ? "ctrl+" : event.altKey ? "alt+" : "") + (event.altKey ? event.code.replace(/^Key/, "").toLowerCase() : event.key);
@@ -86,8 +88,8 @@ export function listen(app) {
 
 export function toggleHelp(app) {
   const sheet = by("help");
-  if (!sheet.hidden) {
-    sheet.hidden = true;
+  if (sheet.open) {
+    sheet.close();
     return;
   }
   const shown = { ArrowLeft: "←", ".": ".", Home: "Home", Escape: "Esc" };
@@ -103,6 +105,6 @@ export function toggleHelp(app) {
     h("div", { className: "columns" },
       h("div", {}, h("h3", {}, "Mouse"), h("dl", { className: "keys" }, ...mouse), ...groups[2]),
       h("div", {}, ...groups[0], ...groups[1]))));
-  sheet.hidden = false;
+  sheet.showModal();
   close.focus();
 }

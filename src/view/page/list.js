@@ -39,7 +39,7 @@ export class List {
     });
     this.filter.addEventListener("search", () => this.ask({ where: this.filter.value.trim() }));
     this.wrong = h("div", { className: "wrong-text", hidden: true, role: "alert" });
-    this.told = h("div", { className: "soft told" });
+    this.told = h("div", { className: "soft" });
     this.heading = h("h2");
     const { app } = this;
     const act = (text, tip, run) => h("button", { title: tip, onClick: run }, text);
@@ -61,11 +61,10 @@ export class List {
     this.shownRows.addEventListener("dblclick", (e) => this.twice(e));
     new ResizeObserver(() => this.rows()).observe(this.body);
     by("list").replaceChildren(
-      h("div", { className: "headline" }, this.heading, h("div", { className: "row tight" }, this.take, columns)),
+      h("div", { className: "headline" }, h("div", {}, this.heading, this.told), h("div", { className: "row tight" }, this.take, columns)),
       h("div", { className: "row tight" }, this.filter),
       this.wrong,
       h("div", { className: "row acts" }, ...this.acts, this.all),
-      this.told,
       h("div", { className: "grid" }, this.head, this.body),
     );
   }
@@ -116,7 +115,7 @@ export class List {
     try {
       const [order] = await Promise.all([
         this.app.server.query(kind, { where, sort, descending }),
-        this.app.things.need(kind, this.columns[kind]),
+        this.app.things.need(kind, this.shownColumns().map((c) => c.name)),
       ]);
       if (round !== this.round) return;
       this.order = order;
@@ -227,7 +226,10 @@ export class List {
   key(event) {
     const step = { ArrowDown: 1, ArrowUp: -1, PageDown: 15, PageUp: -15 }[event.key];
     const { choice } = this.app;
-    if (event.key === "Enter" && choice.ids.size === 1) this.app.info.open([...choice.ids][0], { fly: true });
+    if (event.key === "Enter" && choice.ids.size === 1) {
+      event.stopPropagation();
+      this.app.info.open([...choice.ids][0], { fly: true });
+    }
     if (!step || this.order.length === 0) return;
     event.preventDefault();
     event.stopPropagation();

@@ -86,12 +86,14 @@ export class Look {
     const asked = state.colour[kind];
     if (asked.by === "best" && this.things.column(kind, "form_factor")) {
       const order = (await this.ranked(kind)).filter((id) => !hidden.has(id));
+      const values = await this.things.values(kind, "form_factor");
       for (const id of ids) put(id, EMPTY);
       // of a few things the better half is best, the other half worst
       const n = Math.min(asked.count, order.length >> 1);
       for (const id of order.subarray(0, n)) put(id, BEST.rgb);
       for (const id of order.subarray(order.length - n)) put(id, WORST.rgb);
-      return { by: "best", count: n };
+      const [best, worst] = [n - 1, order.length - n].map((i) => (n > 0 ? values[this.things.row(kind, order[i])] : NaN));
+      return { by: "best", count: n, ranked: order.length, best, worst };
     }
     const column = this.things.column(kind, asked.column);
     if (asked.by !== "column" || !column) {
@@ -151,6 +153,14 @@ export function limitsOf(sorted, { log, low, high }) {
   if (log) ends = ends.map((x) => (x > 0 ? x : at(0) || 1e-6));
   if (ends[0] === ends[1]) ends = log ? [ends[0] / 2, ends[1] * 2] : [ends[0] - 0.5, ends[1] + 0.5];
   return { low: ends[0], high: ends[1], log, least: at(0), most: at(1) };
+}
+
+/** The colour of a value as the scale of a look has it; null without a scale. */
+export function colourOf(scale) {
+  if (scale?.by === "best") return (x) => (x >= scale.best ? BEST.rgb : x <= scale.worst ? WORST.rgb : EMPTY);
+  if (scale?.by !== "column") return null;
+  const share = shares(scale);
+  return (x) => mapped(scale.map, share(x));
 }
 
 /** The share of a value between the ends, which may be turned round. */

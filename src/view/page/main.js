@@ -63,12 +63,20 @@ function askEarly(server, tree, set, start, things) {
   const view = viewOf(start.camera, set, [width, height]);
   const { wanted } = tree.cut(tree.sight(view, clipOf(start.clip)), { triangles: MOST, bytes: set.gpu_memory });
   const early = new Map();
-  for (const { node } of wanted.slice(0, AT_ONCE)) {
+  const first = new Set(wanted.flatMap(({ node }) => [rootOf(node), node]));
+  for (const node of [...first].slice(0, AT_ONCE)) {
     const answer = server.tile(node);
     answer.catch(() => {});
     early.set(node, answer);
   }
   return early;
+}
+
+// The coarsest block above one: a first picture of all that it stands for.
+function rootOf(node) {
+  let top = node;
+  while (top.parent) top = top.parent;
+  return top;
 }
 
 function openPicture() {

@@ -3,8 +3,9 @@ import { by, h } from "./dom.js";
 
 const kept = new Map();
 
-/** A note that goes by itself. */
+/** A note that goes by itself, or when the next one comes. */
 export function note(...inside) {
+  for (const other of by("messages").querySelectorAll(".message:not(.bad)")) other.remove();
   const made = h("div", { className: "message" }, ...inside);
   by("messages").append(made);
   setTimeout(() => made.remove(), 6000);

@@ -131,7 +131,7 @@ export class Picture {
     // edges behind the volume before what fills it, all others over it
     this.drawLines(lines.filter((l) => l.behind), view, targets);
     if (style.solid) this.drawRims(filled, style, targets);
-    if (slice && this.sliceTexture) this.drawSlice(slice, targets);
+    if (slice && this.sliceTexture) this.drawSlice({ ...slice, bodies: style.cutKind === FACE.back }, targets);
     this.drawLines(lines.filter((l) => !l.behind), view, targets);
     gl.disable(gl.BLEND);
     if (style.rough) {
@@ -167,7 +167,8 @@ export class Picture {
     gl.uniform1ui(at.limit, table.limit);
     for (const name of ["cut", "top", "bottom", "accent"]) gl.uniform3fv(at[name], style[name]);
     gl.uniform2fv(at.span, style.span ?? [0, targets.height]);
-    gl.uniform1i(at.solid, style.solid ? 1 : 0);
+    gl.uniform1i(at.cutKind, style.cutKind);
+    gl.uniform1i(at.cutOwn, style.cutOwn ? 1 : 0);
     gl.uniform1i(at.flatView, view.camera.flat ? 1 : 0);
     gl.uniform3f(at.range, view.near, view.far, 2 * view.half * (view.camera.flat ? 1 : view.camera.distance));
     gl.uniform1f(at.dot_size, style.dot);
@@ -198,7 +199,7 @@ export class Picture {
     return corners.flatMap((c, i) => [...sub(c, this.view.eye), i % 2, i >> 1]);
   }
 
-  drawSlice({ corners, whole, level }, targets) {
+  drawSlice({ corners, whole, level, bodies }, targets) {
     const { gl, view } = this;
     const data = this.sheet(corners);
     gl.useProgram(this.programs.SLICE.made);
@@ -206,6 +207,7 @@ export class Picture {
     gl.uniformMatrix4fv(this.programs.SLICE.at.matrix, false, view.matrix);
     gl.uniform1i(this.programs.SLICE.at.whole, whole ? 1 : 0);
     gl.uniform1f(this.programs.SLICE.at.level, level);
+    gl.uniform1i(this.programs.SLICE.at.bodies, bodies ? 1 : 0);
     this.loose.draw(gl.TRIANGLE_STRIP, data, [3, 2]);
   }
 

@@ -4,6 +4,8 @@
 
 /** Texels of a mask along a side, at most. */
 const MOST = 128;
+/** Bit of the last 16 of a vertex that is of a fin. */
+const FIN = 0x200;
 
 /**
  * Masks of a block (255: material, 0: air) on the faces of the volume that it reaches: [{axis, top, mask, width,
@@ -35,7 +37,8 @@ export function rims(tile, low, high, ends) {
 function openEdges(points, indices, axis, at) {
   const end = indices.BYTES_PER_ELEMENT === 2 ? 0xffff : 0xffffffff;
   const on = new Uint8Array(points.length / 6);
-  for (let i = 0; i < on.length; i++) on[i] = points[6 * i + axis] === at ? 1 : 0;
+  // what ends there of fins between levels bounds nothing
+  for (let i = 0; i < on.length; i++) on[i] = points[6 * i + axis] === at && !(points[6 * i + 5] & FIN) ? 1 : 0;
   const edges = [];
   if (!on.includes(1)) return edges;
   let [a, b, run] = [0, 0, 0];

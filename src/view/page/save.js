@@ -20,9 +20,7 @@ export function askToSave(app) {
     told.textContent = `${width * times} × ${height * times} pixels, PNG`;
   };
   size();
-  const close = () => {
-    sheet.hidden = true;
-  };
+  const close = () => sheet.close();
   const save = async () => {
     close();
     try {
@@ -47,7 +45,7 @@ export function askToSave(app) {
     } }), "scale bar and legend")),
     told,
     h("div", { className: "row" }, go, h("button", { onClick: close }, "Cancel"))));
-  sheet.hidden = false;
+  sheet.showModal();
   go.focus();
 }
 

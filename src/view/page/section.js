@@ -1,6 +1,6 @@
 // The section: a plane along an axis, or as the picture is seen; how far it lies; the volume's slice in it.
 import { extent, project } from "./camera.js";
-import { by, choices, h, oneOf } from "./dom.js";
+import { by, choices, h, oneOf, refill } from "./dom.js";
 import { number, unit } from "./format.js";
 import { note } from "./messages.js";
 import { add, cross, dot, mix, normal, scale } from "./vector.js";
@@ -74,20 +74,17 @@ export class Section {
     by("section-button")?.classList.toggle("on", on);
     if (!on) return;
     const [low, high] = this.reach();
-    const focused = this.panel.contains(document.activeElement) ? document.activeElement.dataset.part : null;
     const slider = h("input", {
       type: "range", className: "grow", min: 0, max: 1000, step: 1, value: Math.round(((at - low) / (high - low)) * 1000),
       ariaLabel: "Place of the section",
       onInput: () => this.move(low + (slider.value / 1000) * (high - low), "section"),
       onChange: () => state.close(),
     });
-    slider.dataset.part = "slider";
     const place = h("input", {
       type: "text", inputMode: "decimal", className: "number", value: number(at, 5), ariaLabel: "Place of the section",
       onChange: () => Number.isFinite(Number(place.value)) && this.move(Number(place.value)),
     });
-    place.dataset.part = "place";
-    if (focused === "slider" && this.slider) {
+    if (this.slider && this.slider === document.activeElement) {
       // the one that is being dragged stays
       this.place.value = place.value;
       this.slider.value = slider.value;
@@ -95,7 +92,7 @@ export class Section {
     }
     Object.assign(this, { slider, place });
     const slices = [["none", "not shown"], ["material", "in the material"], ["whole", "as a whole"]];
-    this.panel.replaceChildren(
+    refill(this.panel,
       h("div", { className: "headline" }, h("h2", {}, "Section"),
         h("button", { onClick: () => state.setClip({ on: false }), title: "Show the whole again (C)" }, "Remove")),
       h("div", { className: "row tight" },
@@ -107,7 +104,6 @@ export class Section {
           choices(slices, slice, (s) => state.setClip({ slice: s, at: this.snapped(at, axis, s) }), { className: "grow" }))
         : "",
     );
-    if (focused === "place") place.focus();
   }
 
   /** Corners of the plane's rectangle around the volume. */

@@ -66,7 +66,7 @@ const block = (all, conservative) => ({
   vertex: `${HEAD}${all ? "" : ENTRY}${FOLD}
 in uvec4 corner;   // place on the lattice from the block's origin, low bits of the slot
 in vec2 normal;    // octahedral
-in uvec2 extra;    // high bits of the slot, flags (bit 0: cap)
+in uvec2 extra;    // high bits of the slot, flags (1: cap, 2: fin between levels, 4: its side in the cell)
 uniform mat4 matrix;
 uniform mat3 turn;       // to right, up and back of the picture, of normals that are no unit vectors yet
 uniform ivec3 base;      // the block's origin on the lattice, from the lattice point next to the eye
@@ -79,6 +79,7 @@ uniform int wide;        // slots in a row of their texture
 uniform int kind;        // 0 surfaces, 1 cells, 2 objects
 flat out uint id;
 flat out float cap;
+out float fin;
 out vec3 facing;
 out float beyond;
 void main() {
@@ -86,6 +87,7 @@ void main() {
   uvec4 ids = texelFetch(slots, ivec2(slot % wide, slot / wide), 0);
   id = kind == 0 ? ids.x : kind == 1 ? ids.y : ids.z;
   cap = float(extra.y & 1u);
+  fin = (extra.y & 2u) == 0u ? 0.0 : (extra.y & 4u) == 0u ? -1.0 : 1.0;
   facing = turn * unfold(normal);
   // the sum is one of integers, so that blocks that share a corner put it at the same place to the last bit
   vec3 place = vec3(base + ivec3(corner.xyz) * stride) * step + rest;
@@ -97,6 +99,7 @@ void main() {
 ${greater(conservative)}
 flat in uint id;
 flat in float cap;
+in float fin;            // below 0 in material, above 0 in the cell, whichever way a fin is looked at
 in vec3 facing;
 in float beyond;
 uniform float behind;    // by how much fronts have precedence at edges, of whose two sides either may be nearer as depths tell
@@ -107,10 +110,11 @@ void main() {
   vec3 n = normalize(facing);
   n.xy /= abs(n.x) + abs(n.y) + abs(n.z);
   if (n.z < 0.0) n.xy = fold(n.xy);
-  float what = gl_FrontFacing ? (cap > 0.5 ? 192.0 : 255.0) : 128.0;
+  bool front = fin == 0.0 ? gl_FrontFacing : fin > 0.0;
+  float what = front ? (cap > 0.5 ? 192.0 : 255.0) : 128.0;
   face = vec4(n.xy * 0.5 + 0.5, 0.0, what / 255.0);
   thing = id;
-  gl_FragDepth = gl_FrontFacing ? gl_FragCoord.z : gl_FragCoord.z + behind;
+  gl_FragDepth = front ? gl_FragCoord.z : gl_FragCoord.z + behind;
 }`,
 });
 
@@ -132,7 +136,7 @@ uniform vec3 accent;
 bool chosen(ivec2 p) {
   p = clamp(p, ivec2(0), last);
   int k = kindOf(texelFetch(faces, p, 0));
-  if (k == 0 || (solid && k == 128)) return false;
+  if (k == 0 || (k == cutKind && !cutOwn)) return false;
   return (entry(texelFetch(things, p, 0).r).a & 2u) != 0u;
 }
 vec3 outlined(ivec2 p, vec3 shade) {
@@ -154,7 +158,8 @@ uniform vec3 cut;        // colour of material that is cut
 uniform vec3 top;        // background
 uniform vec3 bottom;
 uniform vec2 span;       // lowest row of the whole picture that is drawn, and the rows of the whole
-uniform bool solid;      // all is shown: the inside of a surface is material
+uniform int cutKind;     // the kind of face that one sees where the body before it is cut; 0 for none
+uniform bool cutOwn;     // cut faces have the colours of their things
 uniform bool flatView;
 uniform vec3 range;      // near, far, height of the picture at its middle
 uniform float dot_size;  // pixels of the screen in a pixel of the layout
@@ -201,7 +206,7 @@ void main() {
   int kind = kindOf(face);
   vec3 shade;
   if (kind == 0) shade = mix(bottom, top, (gl_FragCoord.y + span.x) / span.y);
-  else if (solid && kind == 128) shade = cut;
+  else if (kind == cutKind) shade = cutOwn ? vec3(entry(texelFetch(things, p, 0).r).rgb) * (0.8 / 255.0) : cut;
   else shade = lit(face.xy, texelFetch(things, p, 0).r, kind == 192) * shadow(p);
   colour = vec4(${chosen ? "outlined(p, shade)" : "shade"}, 1.0);
 }`,
@@ -280,6 +285,7 @@ uniform sampler2D image;
 uniform sampler2D depths;
 uniform bool whole;
 uniform float level;     // the threshold, as a grey of the slice
+uniform bool bodies;     // faces tell what is material
 out vec4 colour;
 void main() {
   ivec2 p = ivec2(gl_FragCoord.xy);
@@ -287,7 +293,7 @@ void main() {
   int kind = kindOf(texelFetch(faces, p, 0));
   vec3 grey = texture(image, at).rgb;
   // a line of sight that meets no surface behind the plane is in material all the way, or in air
-  bool material = kind == 128 || (kind == 0 && grey.r >= level);
+  bool material = bodies && kind != 0 ? kind == 128 : grey.r >= level;
   if (!whole && !material) discard;
   colour = vec4(grey, 1.0);
 }`,

@@ -31,9 +31,10 @@ export function buildTop(app) {
     close();
     run();
   } }, text)));
-  by("tools").replaceChildren(undo, redo, gap(),
+  // what opens a menu stands over the picture, not over the panel
+  by("tools").replaceChildren(undo, redo, gap(), share, gap(),
     button("All", "Show everything (Home)", () => app.home()), standard("x"), standard("y"), standard("z"), flat, gap(),
-    button("Section", "Cut the picture open (C)", () => app.section.toggle(), "section-button"), share, panel,
+    button("Section", "Cut the picture open (C)", () => app.section.toggle(), "section-button"), panel,
     button("◐", "Dark or light (L)", () => app.toggleTheme()), button("?", "Mouse and keyboard (?)", () => toggleHelp(app)));
   const kinds = KINDS.map((kind) => h("button", { role: "radio", onClick: () => state.set({ kind }) },
     `${kind[0].toUpperCase()}${kind.slice(1)} `, h("span", { className: "wide-only" }, count(set.tables[kind].rows))));

@@ -81,7 +81,8 @@ export class Tree {
   // True if anything was.
   refine(wanted, view, clip, room) {
     let refined = false;
-    const heap = [...wanted.values()].filter((i) => i.node.children.length > 0);
+    const rough = (i) => i.node.children.length > 0 && i.pixels > 1;
+    const heap = [...wanted.values()].filter(rough);
     const worst = () => {
       let best = -1;
       heap.forEach((h, k) => {
@@ -91,10 +92,10 @@ export class Tree {
     };
     while (heap.length > 0) {
       const item = worst();
-      if (item.pixels <= 1) break;
       const children = item.node.children.filter((c) => c.content && inView(c, view, clip));
       const more = children.reduce((s, c) => s + c.triangles, 0) - item.node.triangles;
-      const bytes = children.reduce((s, c) => s + c.bytes, 0) - item.node.bytes;
+      // the coarsest stays on the card
+      const bytes = children.reduce((s, c) => s + c.bytes, 0) - (item.node.parent ? item.node.bytes : 0);
       if (more > room.triangles || bytes > room.bytes) continue;
       room.triangles -= more;
       room.bytes -= bytes;
@@ -103,7 +104,7 @@ export class Tree {
       for (const c of children) {
         const next = placed(c, view);
         wanted.set(c, next);
-        if (c.children.length > 0) heap.push(next);
+        if (rough(next)) heap.push(next);
       }
     }
     return refined;

@@ -48,6 +48,32 @@ export async function holdAgainstRays(session, set, { cut = null, across, down }
   return agreed;
 }
 
+/**
+ * The share of pixels at which what is picked is what rays meet in the exact tiles, though a coarser surface is drawn, that
+ * may lie `slack` apart from them; of pixels beside which rays meet other things nothing is said. `part` is the share of the
+ * picture around its middle in which pixels are taken.
+ */
+export async function shareOfRays(session, set, { cut = null, slack, part = 1 }) {
+  const { camera, kind } = await session.get("state");
+  const size = await session.size();
+  const name = (s) => (s === null ? "nothing" : `${s.ids[kind]} ${s.front}`);
+  let [agreed, all] = [0, 0];
+  for (const at of points(size, 24, 16)) {
+    const [x, y] = [size.width, size.height].map((n, k) => Math.round(n / 2 + part * (at[k] - n / 2)));
+    const around = [[0, 0], [-2, -2], [2, -2], [-2, 2], [2, 2]];
+    const seen = around.map(([u, v]) => set.first(sight(camera, size, x + 0.5 + u, y + 0.5 + v), cut));
+    if (seen[0] === null || seen.some((s) => name(s) !== name(seen[0]))) continue;
+    all++;
+    const found = await session.pick(x, y);
+    const expected = seen[0].front || kind === "objects" ? seen[0].ids[kind] : 0;
+    if (found?.id !== expected || found.material !== !seen[0].front) continue;
+    // a cut face hides how far behind it the surface is
+    if (!seen[0].front || Math.hypot(...found.place.map((p, k) => p - seen[0].place[k])) < slack) agreed++;
+  }
+  assert(all > 25, `${all} pixels are compared`);
+  return agreed / all;
+}
+
 export async function variance(session) {
   const { data } = await decode(session.tab, await session.pixels());
   let [sum, squares] = [0, 0];

@@ -4,11 +4,11 @@ import fs from "node:fs";
 import path from "node:path";
 import { follow, holdAgainstRays, linkOf, points, raysOf, variance } from "./look.mjs";
 import { decode } from "./session.mjs";
-import { glb, manifestOf, tilesOf } from "./set.mjs";
+import { glb, manifestOf, middles, tilesOf } from "./set.mjs";
 
 const KINDS = ["cells", "objects", "surfaces"];
 
-const nap = (ms) => new Promise((resolve) => setTimeout(resolve, ms));
+export const nap = (ms) => new Promise((resolve) => setTimeout(resolve, ms));
 
 async function firstPicture({ open, at }) {
   const session = await open("blender");
@@ -118,15 +118,6 @@ async function backFaces({ open, at }) {
   await session.close();
 }
 
-// Middles of the largest cells that the grid does not cut.
-function middles(set, most) {
-  const [head, ...lines] = fs.readFileSync(path.join(set, "cells.csv"), "utf8").trim().split("\n").map((l) => l.split(","));
-  const column = (name) => head.findIndex((c) => c.split(" ")[0] === name);
-  const whole = lines.filter((l) => l[column("touches_border")] === "0");
-  whole.sort((a, b) => b[column("voxels")] - a[column("voxels")]);
-  return whole.slice(0, most).map((l) => ["x", "y", "z"].map((a) => Number(l[column(`centroid_${a}`)])));
-}
-
 // Colours in the picture and in the list are those that `alvis select` paints tiles in.
 async function colours({ open, run, at }) {
   const session = await open("blender");
@@ -134,10 +125,7 @@ async function colours({ open, run, at }) {
   for (const mode of ["By value", "Best and worst"]) {
     await session.radio(mode).click();
     await session.settle(500);
-    await session.button("Share").click();
-    await session.button("Copy as command").click();
-    await nap(200);
-    const copied = await session.tab.evaluate(() => navigator.clipboard.readText());
+    const copied = await copiedCommand(session);
     const painted = paintedBy(copied, { run, at, to: `painted_${mode.length}` });
     const { data } = await decode(session.tab, await session.pixels());
     let compared = 0;
@@ -160,8 +148,16 @@ async function colours({ open, run, at }) {
   await session.close();
 }
 
+/** The command that the page makes of what it shows. */
+export async function copiedCommand(session) {
+  await session.button("Share").click();
+  await session.button("Copy as command").click();
+  await nap(200);
+  return session.tab.evaluate(() => navigator.clipboard.readText());
+}
+
 // Rows of the list that show: id, colour, classes.
-function rows(session) {
+export function rows(session) {
   return session.tab.evaluate(() => [...document.querySelectorAll(".grid-row")].map((row) => ({
     id: Number(row.dataset.id),
     colour: getComputedStyle(row.firstChild).backgroundColor.match(/\d+/g).map(Number),
@@ -170,12 +166,18 @@ function rows(session) {
   })));
 }
 
-// Runs a command that the page made, and reads the colours of cells from its tiles.
-function paintedBy(copied, { run, at, to }) {
+/** Runs a command that the page made; the tile set that it makes. */
+export function selectedBy(copied, { run, at, to }) {
   const words = copied.match(/'(?:[^']|'\\'')*'|[^ ]+/g).map((w) => w.replace(/^'|'$/g, "").replaceAll("'\\''", "'"));
   assert.deepEqual(words.slice(0, 2), ["alvis", "select"]);
   const out = at(to);
   run("select", words[2], out, "--quiet", "--force", ...words.slice(4));
+  return out;
+}
+
+// Runs a command that the page made, and reads the colours of cells from its tiles.
+export function paintedBy(copied, { run, at, to }) {
+  const out = selectedBy(copied, { run, at, to });
   const colours = new Map();
   for (const { path: file } of tilesOf(out)) {
     const { doc } = glb(path.join(out, file));
@@ -190,7 +192,7 @@ function paintedBy(copied, { run, at, to }) {
   return colours;
 }
 
-function count(run, set, where) {
+export function count(run, set, where) {
   return JSON.parse(run("cells", set, "--where", where, "--json")).cells.length;
 }
 
@@ -230,7 +232,7 @@ async function leaving({ open, run, at }) {
 }
 
 // A pixel with a cell whose neighbours are the same cell.
-async function seen(session) {
+export async function seen(session) {
   for (const [x, y] of points(await session.size())) {
     const found = await session.pick(x, y);
     if (!found?.id) continue;
@@ -240,7 +242,7 @@ async function seen(session) {
   throw new Error("no cell is seen");
 }
 
-async function onScreen(session, x, y) {
+export async function onScreen(session, x, y) {
   const box = await session.tab.locator("#picture").boundingBox();
   return [box.x + x, box.y + y];
 }

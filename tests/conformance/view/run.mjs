@@ -12,6 +12,8 @@ import { spawnSync } from "node:child_process";
 import { fileURLToPath } from "node:url";
 import { start } from "../clients/chromium.mjs";
 import { laws } from "./checks.mjs";
+import { LEVELS } from "./levels.mjs";
+import { PANELS } from "./panels.mjs";
 import { PARTS } from "./parts.mjs";
 import { serve, Session } from "./session.mjs";
 import { answerThree, compare } from "./three.mjs";
@@ -30,7 +32,7 @@ async function check(name, test) {
     console.log(`ok ${name} (${((Date.now() - began) / 1000).toFixed(1)} s)`);
   } catch (error) {
     failed++;
-    const at = error.stack?.split("\n").find((l) => l.includes("parts.mjs") || l.includes("checks.mjs")) ?? "";
+    const at = error.stack?.split("\n").find((l) => /(parts|levels|panels).mjs/.test(l) || l.includes("checks.mjs")) ?? "";
     console.log(`FAILED ${name}: ${String(error.message).slice(0, 800)} ${at.trim()}`);
   }
 }
@@ -58,11 +60,17 @@ function make() {
   convert("noise.mhd", "noise", "--threshold", "127.5", "--macrocube", "20");
   run("phantom", "sphere", at("sphere.mhd"), "--dims", "24,24,24");
   convert("sphere.mhd", "empty", "--threshold", "250");
-  for (const name of ["damaged", "changed"]) fs.cpSync(at("blender"), at(name), { recursive: true });
+  for (const name of ["damaged", "changed", "renamed", "cut", "levels"]) fs.cpSync(at("blender"), at(name), { recursive: true });
+  run("lod", at("levels"), "--quiet");
   const tile = path.join(at("damaged"), "tiles/z0001/y0001_x0001.glb");
   const bytes = fs.readFileSync(tile);
   bytes[bytes.length - 1000] ^= 0x55;
   fs.writeFileSync(tile, bytes);
+  const table = fs.readFileSync(path.join(at("blender"), "cells.csv"), "utf8");
+  fs.writeFileSync(path.join(at("renamed"), "cells.csv"), table.replace("volume [", "mine ["));
+  fs.writeFileSync(path.join(at("cut"), "cells.csv"), table.slice(0, table.length / 2));
+  convert("foam.mhd", "parquet", "--threshold", "127.5", "--macrocube", "32", "--tables", "csv,parquet");
+  fs.truncateSync(path.join(at("parquet"), "cells.parquet"), 100);
   return at;
 }
 
@@ -82,7 +90,7 @@ try {
     return Session.open(context, servers.get(key).address + fragment, more);
   };
   const tools = { alvis, run, at, open, context, servers };
-  for (const [name, test] of PARTS) {
+  for (const [name, test] of [...PARTS, ...LEVELS, ...PANELS]) {
     if (only.length > 0 && !only.some((o) => name.includes(o))) continue;
     await check(name, () => test(tools));
   }

@@ -19,3 +19,12 @@ export function glb(file) {
   const length = bytes.readUInt32LE(12);
   return { doc: JSON.parse(bytes.subarray(20, 20 + length).toString()), binary: bytes.subarray(28 + length) };
 }
+
+/** Middles of the largest cells that the grid does not cut. */
+export function middles(set, most) {
+  const [head, ...lines] = fs.readFileSync(path.join(set, "cells.csv"), "utf8").trim().split("\n").map((l) => l.split(","));
+  const column = (name) => head.findIndex((c) => c.split(" ")[0] === name);
+  const whole = lines.filter((l) => l[column("touches_border")] === "0");
+  whole.sort((a, b) => b[column("voxels")] - a[column("voxels")]);
+  return whole.slice(0, most).map((l) => ["x", "y", "z"].map((a) => Number(l[column(`centroid_${a}`)])));
+}
