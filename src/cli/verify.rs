@@ -2,8 +2,10 @@
 
 use super::against::{Asked, open_against};
 use super::args::{Common, InputOptions};
+use super::input::Input;
+use super::progress::Console;
 use super::{Outcome, labels, output};
-use crate::error::Result;
+use crate::error::{Error, Result};
 use crate::manifest::{Manifest, PARTIAL};
 use crate::progress::Progress;
 use crate::verify::{self, Issue, LabelVolume, Report, Severity, VerifyOptions};
@@ -26,9 +28,9 @@ pub struct VerifyArgs {
     out: PathBuf,
     /// Also compare the surface with this volume, voxel by voxel
     #[arg(long, value_name = "INPUT", value_hint = ValueHint::FilePath)]
-    against: Option<PathBuf>,
+    pub against: Option<PathBuf>,
     /// Also compare cells with this volume of labels, which --labels of the conversion was given: voxel by voxel
-    #[arg(long, value_name = "FILE", value_hint = ValueHint::FilePath, requires = "against")]
+    #[arg(long, value_name = "FILE", value_hint = ValueHint::FilePath)]
     labels: Option<PathBuf>,
     /// Issues to print; the rest are counted
     #[arg(
@@ -41,19 +43,40 @@ pub struct VerifyArgs {
     #[command(flatten)]
     input: InputOptions,
     #[command(flatten)]
-    common: Common,
+    pub common: Common,
 }
 
 impl VerifyArgs {
     pub fn run(self) -> Result<Outcome> {
         let console = self.common.start();
-        let against = match &self.against {
-            Some(path) => {
-                let asked = Asked::of(&self.input, &console);
-                Some(open_against(&self.out, path, asked)?)
+        let against = self.against.as_deref().map(Input::Path);
+        let report = self.verify(against, &console)?;
+        drop(console);
+        if self.common.json {
+            output::print_json(&report)?;
+        } else if self.common.talks() {
+            output::print(&text(&report))?;
+        }
+        Ok(if report.ok {
+            Outcome::Done
+        } else {
+            Outcome::Issues
+        })
+    }
+
+    /// Verifies the tile set, and compares it with a volume if there is one.
+    pub fn verify(&self, against: Option<Input>, console: &Console) -> Result<Report> {
+        let against = match against {
+            Some(input) => {
+                let asked = Asked::of(&self.input, console);
+                Some(open_against(&self.out, input, asked)?)
             }
             None => {
                 self.input.refuse_without_volume("--against INPUT")?;
+                if self.labels.is_some() {
+                    let expected = "it together with --against INPUT, whose voxels it labels";
+                    return Err(Error::usage("--labels", "it alone", expected));
+                }
                 None
             }
         };
@@ -80,7 +103,7 @@ impl VerifyArgs {
             threads: self.common.threads.map_or(0, usize::from),
             max_issues: self.max_issues,
         };
-        let report = verify::verify(&self.out, &options, &console)?;
+        let report = verify::verify(&self.out, &options, console)?;
         if let Some(against) = &against
             && let Some(warning) = against.stamp.check()?
         {
@@ -93,17 +116,7 @@ impl VerifyArgs {
                 self.out.display()
             ));
         }
-        drop(console);
-        if self.common.json {
-            output::print_json(&report)?;
-        } else if self.common.talks() {
-            output::print(&text(&report))?;
-        }
-        Ok(if report.ok {
-            Outcome::Done
-        } else {
-            Outcome::Issues
-        })
+        Ok(report)
     }
 }
 
