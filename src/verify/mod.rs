@@ -215,8 +215,7 @@ fn unproved(manifest: &Manifest) -> Vec<String> {
 /// What of cells that are parts of components neither tiles nor the volume prove; `labelled` if the labels are there.
 fn unproved_cells(manifest: &Manifest, labelled: bool) -> Option<String> {
     const CELLS: &str = "which voxels each cell has, and where cells touch";
-    const TOUCHES: &str =
-        "where cells touch, nor where the voxels of a cell lie that no triangle is at";
+    const TOUCHES: &str = "where cells touch, and the centroid, box and axes of those that do";
     let gapes = match manifest.may_gape() {
         true => {
             "; nor, of a part, what its tables say, and that the surface ends only where cells that were left out touched: verify the whole"
