@@ -173,7 +173,10 @@ impl SolidBits {
 
 #[inline(always)]
 fn step_rows<'a>(rows: impl Iterator<Item = (&'a mut [u8], &'a [u64])>, reach: u8) {
-    rows.for_each(|(columns, row)| step(columns, row, reach));
+    // a loop: what `for_each` calls would be compiled for any processor
+    for (columns, row) in rows {
+        step(columns, row, reach);
+    }
 }
 
 fn failed(dir: &Path, e: std::io::Error) -> Error {
