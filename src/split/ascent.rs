@@ -9,7 +9,6 @@ use super::distance::{Block, Level, Levels};
 use super::metric::{Metric, Peak};
 use crate::grid::{Ambiguous, Dims};
 use crate::sys::simd::dispatch;
-use std::hint::select_unpredictable as select;
 
 /// Code of a way: the place of the neighbour among 27, from the last to the first, so that of two neighbours with the
 /// same level the greater code is that of the smaller index.
@@ -109,48 +108,52 @@ impl Ways {
         for (class, keys) in self.classes.iter().zip(keys.iter_mut()) {
             greatest(levels, at, class, keys);
         }
-        match (&*self.classes, &*keys) {
+        match &keys {
             // neighbours across faces and, where there are 18, across edges of cubes
-            ([class], [near]) => {
+            [near] => {
                 for ((out, &level), &near) in out.iter_mut().zip(own).zip(near) {
-                    *out = self.choose(level.get(), &[near], &[class.square]);
+                    *out = self.choose(level.get(), &[near]);
                 }
             }
-            ([class, other], [near, far]) => {
-                let squares = [class, other].map(|class| class.square);
+            [near, far] => {
                 for (x, (out, &level)) in out.iter_mut().zip(own).enumerate() {
-                    *out = self.choose(level.get(), &[near[x], far[x]], &squares);
+                    *out = self.choose(level.get(), &[near[x], far[x]]);
                 }
             }
-            (classes, keys) => {
-                let squares: Vec<u64> = classes.iter().map(|class| class.square).collect();
+            keys => {
                 let mut here = vec![0; keys.len()];
                 for (x, (out, &level)) in out.iter_mut().zip(own).enumerate() {
                     here.iter_mut()
                         .zip(keys.iter())
                         .for_each(|(here, keys)| *here = keys[x]);
-                    *out = self.choose(level.get(), &here, &squares);
+                    *out = self.choose(level.get(), &here);
                 }
             }
         }
     }
 
-    /// The way of a voxel, whose greatest neighbours of each class have these keys, at steps of these squared lengths: a
-    /// code that is not yet followed. Which neighbour it is cannot be foretold, so all are looked at without a branch.
+    /// The way of a voxel, whose greatest neighbours of each class have these keys: a code that is not yet followed.
     #[inline(always)]
-    fn choose(&self, level: u32, keys: &[u32], squares: &[u64]) -> u32 {
-        let here = self.roots[level as usize];
-        let (mut best, mut square, mut rise) = (level << CODE_BITS | u32::from(PEAK), 1, 0);
-        for (&key, &length) in keys.iter().zip(squares) {
-            let root = self.roots[(key >> CODE_BITS) as usize];
-            let far = u64::from(root.saturating_sub(here));
-            // what is nearer and as great is as steep; the voxel itself rises by nothing
-            let steeper = (key > best) & (far * far * square >= rise * rise * length);
-            best = select(steeper, key, best);
-            square = select(steeper, length, square);
-            rise = select(steeper, far, rise);
+    fn choose(&self, level: u32, keys: &[u32]) -> u32 {
+        if level == 0 {
+            return IS_SOLID;
         }
-        select(level == 0, IS_SOLID, UNSEEN | best & CODES)
+        let own = level << CODE_BITS | u32::from(PEAK);
+        let (mut best, mut square) = (own, 1);
+        for (class, &key) in self.classes.iter().zip(keys) {
+            // what is nearer and as great is as steep
+            let steeper = key > best
+                && (best == own || {
+                    let root = |key: u32| u64::from(self.roots[(key >> CODE_BITS) as usize]);
+                    let here = u64::from(self.roots[level as usize]);
+                    let [far, near] = [root(key), root(best)].map(|root| root - here);
+                    far * far * square >= near * near * class.square
+                });
+            if steeper {
+                (best, square) = (key, class.square);
+            }
+        }
+        UNSEEN | best & CODES
     }
 }
 
