@@ -330,6 +330,8 @@ fn a_mesh_that_is_open_at_the_faces_comes_with_a_warning() {
             chosen(Table::Cells, None, Some(1)),
             chosen(Table::Cells, Some("touches_border"), None),
             chosen(Table::Cells, Some("not touches_border"), None),
+            chosen(Table::Surfaces, None, Some(1)),
+            chosen(Table::Surfaces, Some("not touches_border"), None),
         ] {
             let options = ExportOptions {
                 chosen,

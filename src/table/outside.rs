@@ -212,7 +212,7 @@ pub fn warn_of_open(
     chosen: &Chosen,
     with_caps: bool,
 ) -> Result<Option<String>> {
-    if with_caps || chosen.table == Table::Surfaces {
+    if with_caps {
         return Ok(None);
     }
     let (of, cut) = match chosen.is_all() {
@@ -249,11 +249,19 @@ struct Cut {
 fn cut(of: Table, chosen: Option<&Chosen>, dir: &Path, manifest: &Manifest) -> Result<Cut> {
     let mut table = of.open(dir, manifest)?;
     let query = chosen.map(|chosen| chosen.query(&table)).transpose()?;
-    let border = find(&table, "touches_border")?;
-    // the edge of a region is a border, too, and the mesh is closed there
+    let is_surface = of == Table::Surfaces;
+    // of surfaces, edges without a mate; the edge of a region is a border, too, and the mesh is closed there
+    let border = find(
+        &table,
+        if is_surface {
+            "border_edges"
+        } else {
+            "touches_border"
+        },
+    )?;
     let reach = match &manifest.region {
-        Some(_) => Some(Reach::new(&table, manifest)?).filter(Reach::tells_faces),
-        None => None,
+        Some(_) if !is_surface => Some(Reach::new(&table, manifest)?).filter(Reach::tells_faces),
+        _ => None,
     };
     let mut rows = 0;
     while let Some(row) = table.next_row()? {
@@ -266,7 +274,7 @@ fn cut(of: Table, chosen: Option<&Chosen>, dir: &Path, manifest: &Manifest) -> R
     }
     Ok(Cut {
         rows,
-        is_sure: manifest.region.is_none() || reach.is_some(),
+        is_sure: is_surface || manifest.region.is_none() || reach.is_some(),
     })
 }
 
