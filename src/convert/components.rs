@@ -38,6 +38,12 @@ pub struct PartRecord {
     pub component: u64,
     /// Radius of its widest opening; 0 if that is not known, or there is none.
     pub largest_neck: f64,
+    /// Cells that it has an opening or a large enough wall to.
+    pub neighbours: u64,
+    /// Sum of its walls' areas, see [`Wall::area_steps`](crate::convert::cells::Wall).
+    pub wall_area: u64,
+    /// Median thickness of its walls by area, in voxels of the finest axis; 0 if it has none.
+    pub wall_thickness: f64,
     /// Place of its first surface: all surfaces of a cell follow each other by objects.
     first_surface: u64,
 }

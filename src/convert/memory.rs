@@ -6,6 +6,7 @@
 //! | [`BANDS`] | so many for a sample and for a voxel | fewer bands at once, see `one_by_one` in `label/queue.rs` |
 //! | [`SLABS`] | so many for a pixel of a slice | fewer bands at once |
 //! | [`SPLITTING`] | what is left between labelling and meshing | never |
+//! | [`WALLS`] | nothing: they are found before tiles are made, from fewer of their bands | never, but in bands of noise |
 //! | [`NEW_TILES`] | so many for a cube, in each thread | tiles wait for each other, then fewer bands |
 //! | [`WRITES`] | a few tiles, if there is room | they are written at once |
 //! | [`TABLES`] | [`FOR_TABLES`] of the limit | the rest of them lies on the disk |
@@ -31,6 +32,8 @@ pub const BANDS: &str = "bands of voxels";
 pub const SLABS: &str = "components and surfaces of slabs";
 /// Blocks of distances and basins while cells are split.
 pub const SPLITTING: &str = "the splitting of cells";
+/// Chords of walls.
+pub const WALLS: &str = "walls between cells";
 /// Buffers of tiles while they are meshed.
 pub const NEW_TILES: &str = "tiles that are made";
 /// Tiles that are handed to threads that write.

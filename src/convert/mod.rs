@@ -10,6 +10,7 @@ mod known_band;
 mod label;
 mod memory;
 mod mesh;
+mod neighbours;
 mod options;
 mod plan;
 mod resolve;
@@ -38,6 +39,7 @@ use crate::convert::label::{LabelInput, Labelled, LeftOut, label};
 use crate::convert::memory::TABLES;
 use crate::convert::mesh::tile_writer::TileWriter;
 use crate::convert::mesh::{MeshInput, Meshed, mesh};
+use crate::convert::neighbours::add_walls;
 use crate::convert::plan::plan;
 use crate::convert::resolve::{Resolved, resolve};
 use crate::convert::resume::{begin, commit_begun, complete, refuse_kept, refuse_other};
@@ -289,6 +291,7 @@ fn sweep(
         };
         let input = CellsInput {
             job,
+            volume,
             known,
             memory,
             work,
@@ -341,7 +344,11 @@ fn make(job: &Conversion, work: &Path, checkpointer: &mut Checkpointer) -> Resul
         || {
             let (labelled, resolved) = (&mut swept.labelled, &mut swept.resolved);
             let cells = swept.cells.take();
-            sum_up(labelled, resolved, &mut tiles, cells, for_tables, work)
+            let components = sum_up(labelled, resolved, &mut tiles, cells, for_tables, work);
+            components.and_then(|mut components| {
+                add_walls(&mut components, &measured, work)?;
+                Ok(components)
+            })
         },
     );
     committed?;

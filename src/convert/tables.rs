@@ -1,14 +1,14 @@
 //! The tables of cells, objects and surfaces as CSV files.
 
-use crate::convert::cells::Opening;
+use crate::convert::cells::{Opening, Wall};
 use crate::convert::components::{Components, Given, SEVERAL};
 use crate::convert::finalize::Stop;
 use crate::error::{Error, Result};
 use crate::grid::{Placement, Unit};
-use crate::manifest::{COMPONENTS, NECKS};
+use crate::manifest::{COMPONENTS, NECKS, WALLS};
 use crate::measure::{
     AreaScale, COMPONENT_COLUMNS, Column, ComponentRecord, Field, Measures, NECK_COLUMNS, NeckRow,
-    PART_COLUMNS, PartOfComponent, RecordTable, SURFACE_COLUMNS, SurfaceRow,
+    PART_COLUMNS, PartOfComponent, RecordTable, SURFACE_COLUMNS, SurfaceRow, WALL_COLUMNS, WallRow,
 };
 use crate::sys::spill_file::SpillFile;
 use rayon::prelude::*;
@@ -88,7 +88,7 @@ fn plain(value: f64, buffer: &mut zmij::Buffer) -> Option<&str> {
 }
 
 /// Writes the tables of cells, objects and surfaces side by side, where cells are parts of components also those of
-/// components and necks; returns their bytes.
+/// components, necks and walls; returns their bytes.
 pub fn write_tables(
     work: &Path,
     components: &Components,
@@ -114,7 +114,8 @@ pub fn write_tables(
     Ok(cells? + objects? + surfaces?)
 }
 
-/// Writes the tables of cells, of the components that they are parts of, and of where they touch.
+/// Writes the tables of cells, of the components that they are parts of, of where they touch and of the walls between
+/// them.
 fn write_given(
     work: &Path,
     cells: &RecordTable<ComponentRecord>,
@@ -122,6 +123,7 @@ fn write_given(
     place: &Placement,
     stop: &Stop,
 ) -> Result<u64> {
+    let finest = place.spacing.into_iter().fold(f64::INFINITY, f64::min);
     let head = header(&COMPONENT_COLUMNS, place.unit);
     let head = format!("{head},{}", titles(&PART_COLUMNS, place.unit));
     let of_cells = write_rows(
@@ -135,8 +137,10 @@ fn write_given(
             let known = given.parts.get(i)?;
             let part = PartOfComponent {
                 component: (known.component != SEVERAL).then_some(known.component),
+                neighbours: known.neighbours,
                 necks: record.necks,
                 largest_neck: (known.largest_neck > 0.0).then_some(known.largest_neck),
+                wall_thickness: (known.wall_area > 0).then_some(known.wall_thickness * finest),
             };
             row.put_all(&PART_COLUMNS, &part);
             Ok(())
@@ -144,16 +148,40 @@ fn write_given(
     )?;
     let path = work.join(COMPONENTS);
     let of_components = write_components(&path, &given.components, place, false, stop)?;
-    Ok(of_cells + of_components + write_necks(&work.join(NECKS), &given.cells.openings, place)?)
+    let known = |value: f64| (!value.is_nan()).then_some(value);
+    let (openings, walls) = (&given.cells.openings, &given.cells.walls);
+    let neck = |opening: Opening| NeckRow {
+        cells: opening.cells,
+        radius: known(opening.radius),
+        ratio: known(opening.ratio),
+        place: known(opening.place[0]).map(|_| place.world(opening.place)),
+        area: opening.area,
+    };
+    let of_necks = write_list(&work.join(NECKS), &NECK_COLUMNS, openings, place.unit, neck)?;
+    let wall = |wall: Wall| WallRow {
+        cells: wall.cells,
+        area: wall.area(place.spacing),
+        thickness: wall.thickness * finest,
+        chords: wall.chords,
+        thin: 2 * wall.thin > wall.chords,
+    };
+    let of_walls = write_list(&work.join(WALLS), &WALL_COLUMNS, walls, place.unit, wall)?;
+    Ok(of_cells + of_components + of_necks + of_walls)
 }
 
-/// Writes `necks.csv` and returns its size.
-fn write_necks(path: &Path, openings: &SpillFile, place: &Placement) -> Result<u64> {
+/// Writes a table without ids, a row for each record, and returns its size.
+fn write_list<T: bytemuck::Pod, R>(
+    path: &Path,
+    columns: &[Column<R>],
+    records: &SpillFile,
+    unit: Unit,
+    row_of: impl Fn(T) -> R,
+) -> Result<u64> {
     let failed = |e| Error::io(path, "write", e);
     let file = File::create(path).map_err(|e| Error::io(path, "create", e))?;
     let mut out = BufWriter::new(file);
     let mut bytes = 0;
-    let mut text = titles(&NECK_COLUMNS, place.unit);
+    let mut text = titles(columns, unit);
     text.push('\n');
     let mut put = |text: &mut String| {
         bytes += text.len() as u64;
@@ -162,21 +190,13 @@ fn write_necks(path: &Path, openings: &SpillFile, place: &Placement) -> Result<u
         put
     };
     put(&mut text)?;
-    let known = |value: f64| (!value.is_nan()).then_some(value);
-    openings.each(|opening: Opening| {
-        let neck = NeckRow {
-            cells: opening.cells,
-            radius: known(opening.radius),
-            ratio: known(opening.ratio),
-            place: known(opening.place[0]).map(|_| place.world(opening.place)),
-            area: opening.area,
-        };
+    records.each(|record: T| {
         let started = false;
         Row {
             text: &mut text,
             started,
         }
-        .put_all(&NECK_COLUMNS, &neck);
+        .put_all(columns, &row_of(record));
         text.push('\n');
         put(&mut text)
     })?;

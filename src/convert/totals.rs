@@ -1,7 +1,7 @@
 //! The sums of a tile set.
 
 use crate::convert::ConvertOptions;
-use crate::convert::cells::Opening;
+use crate::convert::cells::{Opening, Wall};
 use crate::convert::components::Components;
 use crate::convert::label::LeftOut;
 use crate::error::Result;
@@ -47,6 +47,10 @@ impl ScannedSums {
                 .given
                 .as_ref()
                 .map_or(0, |given| given.cells.openings.records::<Opening>()),
+            walls: components
+                .given
+                .as_ref()
+                .map_or(0, |given| given.cells.walls.records::<Wall>()),
             components: components
                 .given
                 .as_ref()

@@ -270,6 +270,9 @@ pub struct Totals {
     /// Openings between cells of one component: rows of the table of necks; 0 and not written where there is none.
     #[serde(default, skip_serializing_if = "is_zero")]
     pub necks: u64,
+    /// Pairs of cells with a wall between them: rows of the table of walls; 0 and not written where there is none.
+    #[serde(default, skip_serializing_if = "is_zero")]
+    pub walls: u64,
     /// Connected components of triangles (without caps).
     pub surfaces: u64,
     /// Triangle edges without a mate: where an open surface meets the volume's faces; 0 with caps.
@@ -349,6 +352,9 @@ pub struct Tables {
     /// `necks.csv`: where cells of one component touch.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub necks: Option<String>,
+    /// `walls.csv`: what lies between cells.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub walls: Option<String>,
     /// Checksums of the files; `None` until the manifest is written.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub checksums: Option<TableChecksums>,
@@ -361,6 +367,8 @@ pub struct Tables {
 pub(crate) const COMPONENTS: &str = "components.csv";
 /// `necks.csv`.
 pub(crate) const NECKS: &str = "necks.csv";
+/// `walls.csv`.
+pub(crate) const WALLS: &str = "walls.csv";
 
 impl Tables {
     /// The same with the tables of sets whose cells are parts of components.
@@ -368,6 +376,18 @@ impl Tables {
         Tables {
             components: Some(COMPONENTS.into()),
             necks: Some(NECKS.into()),
+            walls: Some(WALLS.into()),
+            ..self
+        }
+    }
+
+    /// The same with those of these that `other` has.
+    pub(crate) fn with_those_of(self, other: &Tables) -> Self {
+        let named = |path: &Option<String>, name: &str| path.is_some().then(|| name.into());
+        Tables {
+            components: named(&other.components, COMPONENTS),
+            necks: named(&other.necks, NECKS),
+            walls: named(&other.walls, WALLS),
             ..self
         }
     }
@@ -380,6 +400,7 @@ impl Tables {
             surfaces: Table::Surfaces.file().into(),
             components: None,
             necks: None,
+            walls: None,
             checksums: None,
             parquet: parquet.then(|| ParquetTables {
                 cells: Table::Cells.parquet_file().into(),
@@ -420,6 +441,9 @@ pub struct TableChecksums {
     /// Of the table of necks, if there is one.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub necks: Option<String>,
+    /// Of the table of walls, if there is one.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub walls: Option<String>,
 }
 
 /// `index/zNNNN.json`: the tiles of one layer.

@@ -13,7 +13,7 @@ mod table;
 
 pub use columns::{
     CARRIED, CARRIED_COLUMNS, COMPONENT_COLUMNS, Column, Field, Get, MEASURES, NECK_COLUMNS,
-    NeckRow, PART_COLUMNS, PartOfComponent, SURFACE_COLUMNS, SurfaceRow,
+    NeckRow, PART_COLUMNS, PartOfComponent, SURFACE_COLUMNS, SurfaceRow, WALL_COLUMNS, WallRow,
 };
 pub use component::{ComponentRecord, Measures, SurfaceRecord};
 pub use in_tiles::Measured;

@@ -110,7 +110,8 @@ fn select_into(
     if manifest.cells.is_some() {
         made.totals.components = rows.components;
         made.totals.necks = rows.necks;
-        made.tables = made.tables.with_components();
+        made.totals.walls = rows.walls;
+        made.tables = made.tables.with_those_of(&manifest.tables);
     }
     let totals = made.totals;
     made.layers.clear();

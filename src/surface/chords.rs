@@ -1,0 +1,414 @@
+//! Walls between cells, measured by chords: a line of voxels along an axis that leaves a cell, goes through what is above,
+//! and enters another cell.
+//!
+//! A chord ends at the vertices of the surface on the two edges that it crosses, so it is measured in lattice steps. It
+//! counts where the wall faces its axis: where no other component of either vertex's normal is greater. Then the wall is
+//! the chord's length times the cosine of its slant thick there, and the chord stands for a face of a voxel over that
+//! cosine. All is summed in whole numbers, so no order of bands shows.
+
+use crate::grid::{Dims, LATTICE};
+use crate::labels::{Bits, RowRuns, Voxels};
+use crate::surface::vertex::{Stencil, normal, step_on_edge};
+use crate::sys::rounding::{integer, round};
+use crate::sys::sorted_spill::Keyed;
+use crate::volume::{Slope, Voxel};
+use bytemuck::{Pod, Zeroable};
+
+/// The greatest thickness of a wall, in voxels of the finest axis.
+pub const WIDEST_WALL: u32 = 32;
+/// Bins of a voxel of the finest axis that thickness is counted in.
+pub const WALL_BINS: u32 = 64;
+/// What a cosine of 1 is written as.
+const ONE: u32 = 1 << 16;
+/// Areas are sums of this part of the smallest face of a voxel.
+pub const WALL_AREA_STEPS: f64 = ONE as f64;
+/// Bits of a line's place; its axis is above them.
+const PLACE_BITS: u32 = 32;
+/// Walls that measure less, in voxels along the axis that they face, are thinner than a scan resolves.
+const RESOLVED: u64 = 2;
+
+/// Where a line of voxels crosses the surface.
+#[repr(C)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Pod, Zeroable)]
+pub struct ChordEnd {
+    /// The line: its axis, and its place among those along this.
+    pub line: u64,
+    /// Where on the line, in lattice steps.
+    pub position: u32,
+    /// The normal's component along the line, without its sign, in 1/65,536; 0 if another component is greater.
+    pub cosine: u32,
+    /// The cell at its end below.
+    pub cell: u64,
+    /// 1 where the line leaves what is above, 0 where it enters it.
+    pub leaves: u64,
+}
+
+/// Chords of the wall between two cells whose thickness lies in one bin.
+#[repr(C)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Pod, Zeroable)]
+pub struct Chords {
+    /// The cells, the smaller number first.
+    pub cells: [u64; 2],
+    /// Thickness in [`WALL_BINS`] of a voxel of the finest axis, rounded down.
+    pub bin: u32,
+    /// How many chords.
+    pub count: u32,
+    /// How many of them are thinner than a scan resolves.
+    pub thin: u32,
+    reserved: u32,
+    /// The area that they stand for, see [`WALL_AREA_STEPS`].
+    pub area: u64,
+}
+
+impl Chords {
+    /// What chords with the same key add up to.
+    pub fn merge(&mut self, other: &Chords) {
+        self.count += other.count;
+        self.thin += other.thin;
+        self.area += other.area;
+    }
+}
+
+impl Keyed for Chords {
+    /// Cells, then bin: numbers of cells have 48 bits.
+    fn key(&self) -> [u64; 2] {
+        [self.cells[0], self.cells[1] << 16 | u64::from(self.bin)]
+    }
+}
+
+impl Keyed for ChordEnd {
+    fn key(&self) -> [u64; 2] {
+        [self.line, self.position.into()]
+    }
+}
+
+/// How chords are measured in a grid with voxels of some size.
+#[derive(Debug, Clone, Copy)]
+pub struct ChordScale {
+    /// The finest spacing over that of each axis.
+    finest_over: [f64; 3],
+    /// Bins of a chord of one lattice step, per unit of the sum of its two cosines.
+    bins: [f64; 3],
+    /// Face of a voxel across each axis over the smallest one.
+    faces: [f64; 3],
+    /// Lattice steps of the longest chord along each axis that may count.
+    longest: [u32; 3],
+}
+
+impl ChordScale {
+    /// Of voxels of this size.
+    pub fn new(spacing: [f64; 3]) -> Self {
+        let finest = spacing.into_iter().fold(f64::INFINITY, f64::min);
+        let across = |axis: usize| spacing[(axis + 1) % 3] * spacing[(axis + 2) % 3];
+        let smallest = (0..3).map(across).fold(f64::INFINITY, f64::min);
+        let widest = f64::from(WIDEST_WALL * LATTICE);
+        // a component that no other exceeds is at least the root of a third, for which 0.577 is a little less
+        let longest = spacing.map(|s| (widest * finest / s / 0.577) as u32);
+        let of_step = f64::from(WALL_BINS) / f64::from(LATTICE) / f64::from(2 * ONE);
+        ChordScale {
+            finest_over: spacing.map(|s| finest / s),
+            bins: spacing.map(|s| s / finest * of_step),
+            faces: [0, 1, 2].map(|axis| across(axis) / smallest),
+            longest,
+        }
+    }
+
+    /// The cosine of a normal in voxels to an axis, see [`ChordEnd::cosine`].
+    fn cosine(&self, normal: [f32; 3], axis: usize) -> u32 {
+        let along: [f64; 3] =
+            std::array::from_fn(|a| (f64::from(normal[a]) * self.finest_over[a]).abs());
+        // of equal ones the first axis counts
+        let is_greatest = (0..3).all(|a| match a < axis {
+            true => along[a] < along[axis],
+            false => along[a] <= along[axis],
+        });
+        if !is_greatest {
+            return 0;
+        }
+        let length = along.iter().map(|v| v * v).sum::<f64>().sqrt();
+        integer(round(along[axis] / length * f64::from(ONE)))
+    }
+
+    /// The chord from where a line enters what is above to where it next leaves it; `None` if it does not count.
+    pub fn chord(&self, enters: &ChordEnd, leaves: &ChordEnd) -> Option<Chords> {
+        let axis = (enters.line >> PLACE_BITS) as usize;
+        let length = leaves.position - enters.position;
+        let cells = [enters.cell, leaves.cell];
+        let faces = enters.cosine > 0 && leaves.cosine > 0;
+        if !faces || cells[0] == cells[1] || length > self.longest[axis] {
+            return None;
+        }
+        // twice the mean cosine
+        let cosines = enters.cosine + leaves.cosine;
+        let product = u64::from(length) * u64::from(cosines);
+        let bin = (product as f64 * self.bins[axis]) as u32;
+        let area = f64::from(ONE) * self.faces[axis] * f64::from(2 * ONE) / f64::from(cosines);
+        let thin = product < RESOLVED * u64::from(LATTICE) * u64::from(2 * ONE);
+        (bin < WIDEST_WALL * WALL_BINS).then(|| Chords {
+            cells: [cells[0].min(cells[1]), cells[0].max(cells[1])],
+            bin,
+            count: 1,
+            thin: thin.into(),
+            reserved: 0,
+            area: (area + 0.5) as u64,
+        })
+    }
+}
+
+/// What a band tells of the edges that its lines cross.
+pub trait CrossedEdges {
+    /// The end of a chord on the crossed edge from a voxel along an axis.
+    fn end(&self, axis: usize, lower: [u32; 3], leaves: bool) -> ChordEnd;
+
+    /// The cell of a voxel below.
+    fn cell(&self, voxel: [u32; 3]) -> u64;
+}
+
+/// The edges of a band of samples.
+pub struct BandEdges<'a, T, C> {
+    /// Samples with the neighbours that gradients need.
+    pub voxels: &'a Voxels<T>,
+    /// Size of the grid.
+    pub dims: Dims,
+    /// The iso value.
+    pub threshold: f64,
+    /// How chords are measured.
+    pub scale: &'a ChordScale,
+    /// The cell of a voxel below.
+    pub cell: C,
+}
+
+impl<T: Voxel, C: Fn([u32; 3]) -> u64> CrossedEdges for BandEdges<'_, T, C> {
+    fn end(&self, axis: usize, lower: [u32; 3], leaves: bool) -> ChordEnd {
+        let [nx, ny, nz] = self.dims.0;
+        let (samples, span) = (self.voxels.samples(), &self.voxels.span);
+        let strides = [1, span.nx as usize, span.nx as usize * span.rows()];
+        let mut upper = lower;
+        upper[axis] += 1;
+        let first = self.voxels.row_start(lower[1], lower[2]) + lower[0] as usize;
+        let places = [(lower, first), (upper, first + strides[axis])];
+        let [v0, v1] = places.map(|(_, p)| samples[p].to_f64());
+        let step = step_on_edge(v0, v1, self.threshold);
+        let [g0, g1] = places.map(|([x, y, z], p)| {
+            let stencil = Stencil::new([y, z], [ny, nz], [strides[1], strides[2]]);
+            stencil.gradient(samples, p, x, nx).map(|s| s.to_f32())
+        });
+        let normal = normal(g0, g1, step, axis, leaves);
+        ChordEnd {
+            line: line(axis, lower, self.dims),
+            position: lower[axis] * LATTICE + step,
+            cosine: self.scale.cosine(normal, axis),
+            cell: 0,
+            leaves: leaves.into(),
+        }
+    }
+
+    fn cell(&self, voxel: [u32; 3]) -> u64 {
+        (self.cell)(voxel)
+    }
+}
+
+/// The line along an axis through a voxel.
+fn line(axis: usize, voxel: [u32; 3], dims: Dims) -> u64 {
+    let [x, y, z] = voxel.map(u64::from);
+    let [nx, ny, _] = dims.0.map(u64::from);
+    let place = match axis {
+        0 => z * ny + y,
+        1 => z * nx + x,
+        _ => y * nx + x,
+    };
+    (axis as u64) << PLACE_BITS | place
+}
+
+/// What is found in a band.
+#[derive(Debug, Default)]
+pub struct FoundChords {
+    /// Chords that lie in it.
+    pub chords: Vec<Chords>,
+    /// Ends of chords that go on in other bands.
+    pub ends: Vec<ChordEnd>,
+}
+
+impl FoundChords {
+    /// Bytes that they take.
+    pub fn bytes(&self) -> u64 {
+        let chords = self.chords.capacity() * size_of::<Chords>();
+        (chords + self.ends.capacity() * size_of::<ChordEnd>()) as u64
+    }
+}
+
+/// Finds the chords of a band, slice by slice.
+pub struct ChordFinder<'a> {
+    bits: &'a Bits,
+    dims: Dims,
+    scale: &'a ChordScale,
+    edges: &'a dyn CrossedEdges,
+    /// For each voxel of a row, and of a slice: one more than the voxel before what is above of the line along y, and
+    /// along z; 0 if the line has been above from its first voxel in the band on.
+    entered: [Vec<u32>; 2],
+}
+
+impl<'a> ChordFinder<'a> {
+    /// Of a band.
+    pub fn new(
+        bits: &'a Bits,
+        dims: Dims,
+        scale: &'a ChordScale,
+        edges: &'a dyn CrossedEdges,
+    ) -> Self {
+        let nx = bits.span.nx as usize;
+        ChordFinder {
+            bits,
+            dims,
+            scale,
+            edges,
+            entered: [vec![0; nx], vec![0; nx * bits.span.rows()]],
+        }
+    }
+
+    /// Bytes that the finder of a band over `bits` takes.
+    pub fn bytes(bits: &Bits) -> u64 {
+        4 * u64::from(bits.span.nx) * (bits.span.rows() as u64 + 1)
+    }
+
+    /// Finds what chords there are along x and y in slice `s` of the band, which come first, and those along z that end
+    /// between it and the next one.
+    pub fn slice(&mut self, s: usize, out: &mut FoundChords) {
+        let span = &self.bits.span;
+        let z = span.z.start + s as u32;
+        // what bands share belongs to the first of them
+        if s > 0 || z == 0 {
+            for (r, y) in span.y.clone().enumerate() {
+                if r > 0 || y == 0 {
+                    self.along_x([s, r], out);
+                }
+            }
+            let mut entered = std::mem::take(&mut self.entered[0]);
+            entered.fill(0);
+            for r in 0..span.rows() {
+                self.step(1, [s, r], &mut entered, out);
+            }
+            self.entered[0] = entered;
+        }
+        let mut entered = std::mem::take(&mut self.entered[1]);
+        let nx = span.nx as usize;
+        for (r, y) in span.y.clone().enumerate() {
+            if r > 0 || y == 0 {
+                self.step(2, [s, r], &mut entered[r * nx..][..nx], out);
+            }
+        }
+        self.entered[1] = entered;
+    }
+
+    /// Chords of a row.
+    fn along_x(&self, [s, r]: [usize; 2], out: &mut FoundChords) {
+        let nx = self.bits.span.nx;
+        for run in RowRuns::new(self.bits.row(s, r), nx) {
+            if run.above && run.start > 0 && run.end < nx {
+                let enters = self.voxel([s, r], run.start - 1);
+                self.between(0, enters, run.end - 1, out);
+            }
+        }
+    }
+
+    /// Goes from a row to the next one along an axis: chords end where that is below, or begin where it is above.
+    fn step(&self, axis: usize, [s, r]: [usize; 2], entered: &mut [u32], out: &mut FoundChords) {
+        let span = &self.bits.span;
+        let here = self.bits.row(s, r);
+        let next = match axis {
+            1 if r + 1 < span.rows() => self.bits.row(s, r + 1),
+            2 if s + 1 < span.slices() => self.bits.row(s + 1, r),
+            _ => return self.end_of_band(axis, [s, r], entered, out),
+        };
+        for (w, (&here, &next)) in here.iter().zip(next).enumerate() {
+            let mut crossed = here ^ next;
+            while crossed != 0 {
+                let bit = crossed.trailing_zeros();
+                crossed &= crossed - 1;
+                let x = 64 * w as u32 + bit;
+                let voxel = self.voxel([s, r], x);
+                let entered = &mut entered[x as usize];
+                if next >> bit & 1 == 1 {
+                    *entered = voxel[axis] + 1;
+                    continue;
+                }
+                match std::mem::take(entered) {
+                    0 => self.leaves_first(axis, voxel, out),
+                    before => {
+                        let mut enters = voxel;
+                        enters[axis] = before - 1;
+                        self.between(axis, enters, voxel[axis], out);
+                    }
+                }
+            }
+        }
+    }
+
+    /// The voxel `x` of a row, in the grid.
+    fn voxel(&self, [s, r]: [usize; 2], x: u32) -> [u32; 3] {
+        let span = &self.bits.span;
+        [x, span.y.start + r as u32, span.z.start + s as u32]
+    }
+
+    /// The chord that leaves the cell of voxel `enters` and ends behind voxel `last`.
+    fn between(&self, axis: usize, enters: [u32; 3], last: u32, out: &mut FoundChords) {
+        // it is longer than from voxel to voxel
+        if (last - enters[axis] - 1) * LATTICE >= self.scale.longest[axis] {
+            return;
+        }
+        let mut leaves = enters;
+        leaves[axis] = last;
+        let mut first = self.edges.end(axis, enters, false);
+        if first.cosine == 0 {
+            return;
+        }
+        let mut second = self.edges.end(axis, leaves, true);
+        if second.cosine == 0 {
+            return;
+        }
+        leaves[axis] += 1;
+        first.cell = self.edges.cell(enters);
+        second.cell = self.edges.cell(leaves);
+        out.chords.extend(self.scale.chord(&first, &second));
+    }
+
+    /// A line leaves what is above behind a voxel, and entered it before the band.
+    fn leaves_first(&self, axis: usize, last: [u32; 3], out: &mut FoundChords) {
+        let start = [0, self.bits.span.y.start, self.bits.span.z.start][axis];
+        // before the grid there is no cell, and what is too long on this side of the band's end does not count
+        if start == 0 || (last[axis] - start) * LATTICE >= self.scale.longest[axis] {
+            return;
+        }
+        let mut below = last;
+        below[axis] += 1;
+        let end = self.edges.end(axis, last, true);
+        let cell = self.edges.cell(below);
+        out.ends.push(ChordEnd { cell, ..end });
+    }
+
+    /// Lines that are above in the last row of a band, and may leave that in another one.
+    fn end_of_band(&self, axis: usize, place: [usize; 2], entered: &[u32], out: &mut FoundChords) {
+        let last = self.voxel(place, 0);
+        if last[axis] + 1 == self.dims.0[axis] {
+            return;
+        }
+        for (w, &word) in self.bits.row(place[0], place[1]).iter().enumerate() {
+            let mut above = word;
+            while above != 0 {
+                let x = 64 * w as u32 + above.trailing_zeros();
+                above &= above - 1;
+                let Some(before) = entered[x as usize].checked_sub(1) else {
+                    continue;
+                };
+                let mut enters = last;
+                (enters[0], enters[axis]) = (x, before);
+                if (last[axis] - before - 1) * LATTICE >= self.scale.longest[axis] {
+                    continue;
+                }
+                let end = self.edges.end(axis, enters, false);
+                let cell = self.edges.cell(enters);
+                out.ends.push(ChordEnd { cell, ..end });
+            }
+        }
+    }
+}
