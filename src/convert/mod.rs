@@ -10,7 +10,6 @@ mod known_band;
 mod label;
 mod memory;
 mod mesh;
-mod neighbours;
 mod options;
 mod plan;
 mod resolve;
@@ -18,6 +17,7 @@ mod resume;
 mod shared_queue;
 mod tables;
 mod totals;
+mod walls;
 mod warnings;
 
 pub use crate::checkpoint::LayersDone;
@@ -39,18 +39,19 @@ use crate::convert::label::{LabelInput, Labelled, LeftOut, label};
 use crate::convert::memory::TABLES;
 use crate::convert::mesh::tile_writer::TileWriter;
 use crate::convert::mesh::{MeshInput, Meshed, mesh};
-use crate::convert::neighbours::add_walls;
 use crate::convert::plan::plan;
 use crate::convert::resolve::{Resolved, resolve};
 use crate::convert::resume::{begin, commit_begun, complete, refuse_kept, refuse_other};
 use crate::convert::tables::write_tables;
 use crate::convert::totals::{ScannedSums, dust_of};
+use crate::convert::walls::{WallsInput, add_walls, walls};
 use crate::convert::warnings::{warnings, warnings_of_parts};
 use crate::error::{Error, Result};
 use crate::manifest::Manifest;
 use crate::progress::Progress;
 use crate::sys::memory_pool::{MemoryPool, MemoryReservation};
 use crate::sys::process_memory::peak_rss_bytes;
+use crate::sys::spill_file::SpillFile;
 use crate::tileset::{Output, TilesetWriter, outward, tidy};
 use crate::volume::{Cropped, Filled, Volume, Watch, Watched, spool_beside};
 use std::any::Any;
@@ -263,6 +264,8 @@ struct Swept {
     resolved: Resolved,
     /// The cells, where these are given.
     cells: Option<GivenCells>,
+    /// The walls between cells, if these were asked for.
+    walls: Option<SpillFile>,
     meshed: Meshed,
 }
 
@@ -291,12 +294,20 @@ fn sweep(
         };
         let input = CellsInput {
             job,
-            volume,
             known,
             memory,
             work,
         };
         let cells = cells(&input)?;
+        let input = WallsInput {
+            job,
+            volume,
+            known,
+            rows: cells.as_ref().map(|cells| &cells.rows),
+            memory,
+            work,
+        };
+        let walls = job.options.walls.then(|| walls(&input)).transpose()?;
         let input = MeshInput {
             job,
             volume,
@@ -311,6 +322,7 @@ fn sweep(
             left_out,
             resolved,
             cells,
+            walls,
             meshed,
         })
     })?;
@@ -344,11 +356,11 @@ fn make(job: &Conversion, work: &Path, checkpointer: &mut Checkpointer) -> Resul
         || {
             let (labelled, resolved) = (&mut swept.labelled, &mut swept.resolved);
             let cells = swept.cells.take();
-            let components = sum_up(labelled, resolved, &mut tiles, cells, for_tables, work);
-            components.and_then(|mut components| {
-                add_walls(&mut components, &measured, work)?;
-                Ok(components)
-            })
+            let mut made = sum_up(labelled, resolved, &mut tiles, cells, for_tables, work)?;
+            if let Some(walls) = swept.walls.take() {
+                add_walls(&mut made, walls, &measured, for_tables, work)?;
+            }
+            Ok(made)
         },
     );
     committed?;

@@ -1,9 +1,10 @@
 //! The sums of a tile set.
 
 use crate::convert::ConvertOptions;
-use crate::convert::cells::{Opening, Wall};
+use crate::convert::cells::Opening;
 use crate::convert::components::Components;
 use crate::convert::label::LeftOut;
+use crate::convert::walls::Wall;
 use crate::error::Result;
 use crate::manifest::{Dust, Totals};
 use crate::measure::MeshSums;
@@ -48,9 +49,9 @@ impl ScannedSums {
                 .as_ref()
                 .map_or(0, |given| given.cells.openings.records::<Opening>()),
             walls: components
-                .given
+                .walls
                 .as_ref()
-                .map_or(0, |given| given.cells.walls.records::<Wall>()),
+                .map_or(0, |known| known.walls.records::<Wall>()),
             components: components
                 .given
                 .as_ref()

@@ -376,9 +376,14 @@ impl Tables {
         Tables {
             components: Some(COMPONENTS.into()),
             necks: Some(NECKS.into()),
-            walls: Some(WALLS.into()),
             ..self
         }
+    }
+
+    /// The same with the table of walls, if there is one.
+    pub(crate) fn with_walls(self, walls: bool) -> Self {
+        let walls = walls.then(|| WALLS.into());
+        Tables { walls, ..self }
     }
 
     /// The same with those of these that `other` has.

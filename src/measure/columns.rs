@@ -127,9 +127,9 @@ pub const COMPONENT_COLUMNS: [Column<Measures>; 27] = [
     in_table("tiles", 0, Get::Count(|m| m.tiles)),
 ];
 
-/// What more is known of a cell that is a part of a component.
-#[derive(Debug, Clone, Copy)]
-pub struct PartOfComponent {
+/// What more is known of a cell where cells are parts of components, or walls were asked for.
+#[derive(Debug, Clone, Copy, Default)]
+pub struct MoreOfCell {
     /// The component; `None` for a cell with voxels in several.
     pub component: Option<u64>,
     /// Cells that it has an opening or a large enough wall to.
@@ -142,18 +142,34 @@ pub struct PartOfComponent {
     pub wall_thickness: Option<f64>,
 }
 
-/// Columns of `cells.csv` behind the others where cells are parts of components.
-pub const PART_COLUMNS: [Column<PartOfComponent>; 5] = [
-    in_table(
-        "component",
-        0,
-        Get::Signed(|p| p.component.map(|id| id as i64)),
-    ),
-    in_table("neighbours", 0, Get::Count(|p| p.neighbours)),
-    in_table("necks", 0, Get::Count(|p| p.necks)),
-    in_table("largest_neck", 1, Get::Real(|p| or_nan(p.largest_neck))),
-    in_table("wall_thickness", 1, Get::Real(|p| or_nan(p.wall_thickness))),
-];
+/// Columns of `cells.csv` behind the others: those of cells that are `parts` of components, and those of `walls`.
+pub fn more_columns(parts: bool, walls: bool) -> Vec<Column<MoreOfCell>> {
+    let all: [(bool, Column<MoreOfCell>); 5] = [
+        (
+            parts,
+            in_table(
+                "component",
+                0,
+                Get::Signed(|c| c.component.map(|id| id as i64)),
+            ),
+        ),
+        (
+            walls,
+            in_table("neighbours", 0, Get::Count(|c| c.neighbours)),
+        ),
+        (parts, in_table("necks", 0, Get::Count(|c| c.necks))),
+        (
+            parts,
+            in_table("largest_neck", 1, Get::Real(|c| or_nan(c.largest_neck))),
+        ),
+        (
+            walls,
+            in_table("wall_thickness", 1, Get::Real(|c| or_nan(c.wall_thickness))),
+        ),
+    ];
+    let kept = all.into_iter().filter(|(is_there, _)| *is_there);
+    kept.map(|(_, column)| column).collect()
+}
 
 /// Where two cells of one component touch, in the unit of length.
 #[derive(Debug, Clone, Copy)]

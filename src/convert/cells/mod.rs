@@ -1,22 +1,19 @@
 //! Cells that are given, as parts of components: by a volume of labels, or by splitting them at their necks.
 //!
 //! The surface does not change, nor do objects and components. A pass over the bits that labelling has kept finds what
-//! the voxels of each cell are, and which cells touch; another one with the samples, what walls are between them.
+//! the voxels of each cell are, and which cells touch.
 
 mod band;
 mod contacts;
 mod opening;
 mod split;
-mod walls;
 
 pub use opening::Opening;
 pub use split::metric;
-pub use walls::Wall;
 
 use crate::convert::cells::band::{CellPart, CellSettings, CellsOfBand, cells_of_band};
 use crate::convert::cells::contacts::Contact;
 use crate::convert::cells::split::{SplitCells, split_cells};
-use crate::convert::cells::walls::{WallsInput, walls};
 use crate::convert::conversion::Conversion;
 use crate::convert::known_band::{KnownBand, KnownBands};
 use crate::convert::label::span_of;
@@ -29,7 +26,6 @@ use crate::sys::locks::{into_inner, lock};
 use crate::sys::memory_pool::{MemoryPool, MemoryReservation};
 use crate::sys::sorted_spill::{Keyed, Sorter};
 use crate::sys::spill_file::SpillFile;
-use crate::volume::Volume;
 use bytemuck::{Pod, Zeroable};
 use rayon::prelude::*;
 use std::path::Path;
@@ -67,8 +63,6 @@ pub struct GivenCells {
     parts: Option<Sorter<CellInComponent>>,
     /// Where cells of one component touch, by rising ids.
     pub openings: SpillFile,
-    /// Walls between cells, by rising ids.
-    pub walls: SpillFile,
     /// Voxels below that are given to none.
     pub unlabelled: u64,
     /// Cells for each ratio in thousandths, where components were split.
@@ -103,8 +97,6 @@ impl GivenCells {
 pub struct CellsInput<'a> {
     /// The conversion.
     pub job: &'a Conversion<'a>,
-    /// Its grid, which can be read in any order.
-    pub volume: &'a dyn Volume,
     /// Its bands.
     pub known: KnownBands<'a>,
     /// Its memory.
@@ -124,7 +116,7 @@ struct Gathered {
 /// Finds the cells, where these are given: by labels, or by a rule for necks.
 ///
 /// # Errors
-/// [`Error::Io`], [`Error::TooDense`], [`Error::Interrupted`], and those of [`Volume::read_box`].
+/// [`Error::Io`], [`Error::TooDense`] and [`Error::Interrupted`].
 pub fn cells(input: &CellsInput) -> Result<Option<GivenCells>> {
     if let Some(labels) = input.job.labels {
         let none = labels.largest() + 1;
@@ -175,14 +167,6 @@ fn sum_cells(
         })?;
     }
     let gathered = into_inner(gathered);
-    let walls = walls(&WallsInput {
-        job,
-        volume: input.volume,
-        known: input.known,
-        rows: &rows,
-        memory: input.memory,
-        work: input.work,
-    })?;
     let openings = match openings {
         Some(openings) => openings,
         None => input.merge_contacts(gathered.contacts)?,
@@ -192,7 +176,6 @@ fn sum_cells(
         ids: gathered.ids.into_ranks(),
         parts: Some(gathered.parts),
         openings,
-        walls,
         unlabelled: gathered.unlabelled,
         curve: Vec::new(),
     })

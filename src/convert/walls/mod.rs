@@ -4,6 +4,10 @@
 //! the ends are sorted by line and place, where each end that enters is followed by the one that leaves. So bands come in
 //! any order and know nothing of each other, and memory is that of the bands at hand.
 
+mod of_cells;
+
+pub use of_cells::{CellWalls, add_walls};
+
 use crate::convert::conversion::Conversion;
 use crate::convert::known_band::KnownBands;
 use crate::convert::memory::WALLS;
@@ -61,8 +65,8 @@ pub struct WallsInput<'a> {
     pub volume: &'a dyn Volume,
     /// Its bands.
     pub known: KnownBands<'a>,
-    /// Their cells.
-    pub rows: &'a CellRows,
+    /// The cells of voxels; `None` if each component is one.
+    pub rows: Option<&'a CellRows>,
     /// Its memory.
     pub memory: &'a Arc<MemoryPool>,
     /// Directory for temporary files.
@@ -114,7 +118,7 @@ impl Pass<'_> {
         let loader = BandLoader {
             volume: input.volume,
             known: input.known,
-            cells: Some(input.rows),
+            cells: input.rows,
             cap: false,
             memory: input.memory,
         };
@@ -143,9 +147,14 @@ impl Pass<'_> {
     fn band<T: Voxel>(&self, band: &MeshBand<T>, tiling: Tiling) -> Result<()> {
         let bits = &band.known.bits;
         let span = &bits.span;
+        let known = &band.known;
         let cell = |[x, y, z]: [u32; 3]| {
             let row = (z - span.z.start) as usize * span.rows() + (y - span.y.start) as usize;
-            band.cells.at(row, x)
+            if self.input.rows.is_some() {
+                return band.cells.at(row, x);
+            }
+            let run = known.runs.at(bits, row * bits.row_words, x as usize);
+            known.components[known.class_of_run[run as usize] as usize].id
         };
         let edges = BandEdges {
             voxels: &band.voxels,
