@@ -132,7 +132,8 @@
 //! [`table`] reads the tables of cells, objects and surfaces and answers conditions such as
 //! `sphericity > 0.9 and not touches_border`. [`select`](transform::select) writes the tiles of such cells, or
 //! a copy in colours, [`repack`](transform::repack) writes the same tiles for other programs, smaller ones for
-//! the web, and [`preview`](mod@preview) draws a slice of the volume with the cells in it.
+//! the web, and [`preview`](mod@preview) draws a slice of the volume with the cells in it. [`structure`] tells porosity
+//! by slices and boxes and how the surface is oriented, [`report`] puts all of it on a page.
 //!
 //! ## Hand the surface on
 //! [`export`](mod@export) sews tiles into one mesh: GLB, PLY, STL or OBJ. [`view`] picks the tiles that a
@@ -168,9 +169,11 @@ pub mod phantom;
 mod picture;
 pub mod preview;
 pub mod progress;
+pub mod report;
 mod serve;
 pub mod split;
 mod strip;
+pub mod structure;
 mod surface;
 mod sys;
 pub mod table;

@@ -260,6 +260,166 @@ fn a_table_for_people_is_short() {
     );
 }
 
+/// Weights of Miles and Lantuejoul, from the boxes that the table has.
+#[test]
+fn a_summary_corrects_for_the_edge_of_the_grid() {
+    let dir = foam_tiles(&[]);
+    let (names, rows) = csv(dir.path(), "cells.csv");
+    let at = |name: &str| names.iter().position(|n| n == name).unwrap();
+    let value = |row: &Vec<String>, name: &str| -> f64 { row[at(name)].parse().unwrap() };
+    let (step, dims) = (0.05, [40.0, 36.0, 32.0]);
+    let (mut density, mut volume, mut whole, mut alone) = (0.0, 0.0, 0, 0.0);
+    for row in rows.iter().filter(|r| r[at("touches_border")] == "0") {
+        let places: f64 = ["x", "y", "z"]
+            .iter()
+            .zip(dims)
+            .map(|(axis, n)| {
+                let [low, high] = ["min", "max"].map(|end| value(row, &format!("{end}_{axis}")));
+                n - ((high - low) / step).round() - 2.0
+            })
+            .product();
+        let weight = 1.0 / (places * step * step * step);
+        density += weight;
+        volume += weight * value(row, "volume");
+        alone += value(row, "volume");
+        whole += 1;
+    }
+    let found = json(&ok(dir.path(), &["cells", "tiles", "--summary", "--json"]));
+    let near = |v: &Value, expected: f64| {
+        let ratio = v.as_f64().unwrap() / expected;
+        assert!((ratio - 1.0).abs() < 1e-9, "{v} {expected}");
+    };
+    near(&found["number_density"], density);
+    near(&found["mean_volume_corrected"], volume / density);
+    let correction = &found["edge_correction"];
+    assert_eq!(correction["method"], "miles-lantuejoul");
+    assert_eq!(
+        (&correction["applies"], &correction["rows"]),
+        (&true.into(), &whole.into())
+    );
+    assert_eq!(correction["unit"], "mm^3");
+    near(&correction["mean_volume_whole"], alone / f64::from(whole));
+    // whole cells alone are too few and too small
+    assert!(density > 1.2 * f64::from(whole) / (40.0 * 36.0 * 32.0 * step.powi(3)));
+    assert!(volume / density > alone / f64::from(whole));
+    let text = ok(dir.path(), &["cells", "tiles", "--summary"]);
+    assert!(text.contains("per mm^3, edge corrected"), "{text}");
+    // the metal reaches all faces, and a class without whole cells has none to count
+    for (more, said) in [
+        (&["--objects"][..], "reaches from one end of the grid"),
+        (&["--where", "touches_border"], "no cell is whole"),
+    ] {
+        let args = [&["cells", "tiles", "--summary", "--json"], more].concat();
+        let found = json(&ok(dir.path(), &args));
+        assert_eq!(found["number_density"], Value::Null);
+        assert_eq!(found["mean_volume_corrected"], Value::Null);
+        let correction = &found["edge_correction"];
+        assert_eq!(correction["applies"], false);
+        let reason = correction["reason"].as_str().unwrap();
+        assert!(reason.contains(said), "{reason}");
+        let args = [&["cells", "tiles", "--summary"], more].concat();
+        let text = ok(dir.path(), &args);
+        assert!(text.contains("not corrected: "), "{text}");
+        assert!(text.lines().all(|l| l.chars().count() <= 80), "{text}");
+    }
+}
+
+/// A cell that is stretched along one axis: the ellipsoid of lines has its axes, and turns with them.
+#[test]
+fn anisotropy_is_that_of_a_stretched_body_and_turns_with_it() {
+    let dir = tempfile::tempdir().unwrap();
+    let dir = dir.path();
+    let radius = 9.0;
+    for longest in 0..3usize {
+        let stretch: [f64; 3] = std::array::from_fn(|a| if a == longest { 2.0 } else { 1.0 });
+        let dims = stretch.map(|s| (2.0 * s * radius + 6.0) as u32);
+        let mut bytes = Vec::new();
+        for z in 0..dims[2] {
+            for y in 0..dims[1] {
+                for x in 0..dims[0] {
+                    let at = [x, y, z];
+                    let r = (0..3)
+                        .map(|a| {
+                            let away = f64::from(at[a]) - f64::from(dims[a] - 1) / 2.0;
+                            (away / stretch[a]).powi(2)
+                        })
+                        .sum::<f64>()
+                        .sqrt();
+                    bytes.push((128.0 + 12.0 * (r - radius)).clamp(0.0, 255.0) as u8);
+                }
+            }
+        }
+        let name = format!("long-{longest}");
+        std::fs::write(dir.join(format!("{name}.raw")), bytes).unwrap();
+        let dims = dims.map(|n| n.to_string()).join(",");
+        let input = format!("{name}.raw");
+        let convert = "--dtype u8 --threshold 128 --spacing 0.5 --unit mm --macrocube 16 --quiet";
+        let args = ["convert", &input, &name, "--dims", &dims];
+        let args: Vec<&str> = args.into_iter().chain(convert.split(' ')).collect();
+        ok(dir, &args);
+        let found = json(&ok(dir, &["cells", &name, "--summary", "--json"]));
+        let lines = &found["mean_intercept_length"];
+        let number = |v: &Value| v.as_f64().unwrap();
+        let near = |found: f64, expected: f64, within: f64| {
+            assert!(
+                (found / expected - 1.0).abs() < within,
+                "{found} {expected}: {lines}"
+            );
+        };
+        // along the axes of an ellipsoid lines are 4/3 of its semi-axis, in mm
+        for (a, axis) in ["x", "y", "z"].into_iter().enumerate() {
+            near(
+                number(&lines[axis]),
+                4.0 / 3.0 * radius * stretch[a] * 0.5,
+                0.01,
+            );
+        }
+        near(number(&lines["degree_of_anisotropy"]), 2.0, 0.01);
+        assert!(number(&lines["directions"][0][longest]) > 0.9999);
+        assert_eq!(lines["unit"], "mm");
+        let fabric = &found["fabric"];
+        let values: Vec<f64> = (0..3).map(|i| number(&fabric["eigenvalues"][i])).collect();
+        near(values.iter().sum(), 1.0, 1e-12);
+        // of a spheroid of aspect 2: the integral of n n^T over its surface
+        near(
+            number(&fabric["tensor"][longest][longest]),
+            0.138_310,
+            0.005,
+        );
+        near(values[0], values[1], 0.01);
+        // the surface of one cell
+        let cells = json(&ok(dir, &["cells", &name, "--json"]));
+        near(
+            number(&fabric["area"]),
+            number(&cells["cells"][0]["area"]),
+            1e-6,
+        );
+    }
+    let text = ok(dir, &["cells", "long-2", "--summary"]);
+    assert!(text.contains("anisotropy"), "{text}");
+    assert!(text.lines().all(|l| l.chars().count() <= 80), "{text}");
+    // tables without their tiles still sum up
+    std::fs::remove_dir_all(dir.join("long-1/tiles")).unwrap();
+    let output = alvis(dir, &["cells", "long-1", "--summary", "--json"]);
+    let said = String::from_utf8(output.stderr).unwrap();
+    assert!(said.contains("there is no anisotropy"), "{said}");
+    let found = json(&String::from_utf8(output.stdout).unwrap());
+    assert_eq!(
+        (&found["cells"], &found["fabric"]),
+        (&1.into(), &Value::Null)
+    );
+    // it is of the whole set
+    let part = [
+        "cells",
+        "long-2",
+        "--summary",
+        "--json",
+        "--where",
+        "id > 0",
+    ];
+    assert_eq!(json(&ok(dir, &part))["fabric"], Value::Null);
+}
+
 #[test]
 fn a_summary_agrees_with_the_table_and_the_manifest() {
     let dir = foam_tiles(&[]);

@@ -421,6 +421,7 @@ fn bytes_do_not_depend_on_threads_memory_or_stops() {
         let again = ConvertOptions {
             threads,
             memory: options.memory * threads as u64,
+            keep_samples: threads == 2,
             ..options.clone()
         };
         let (dir, _) = converted(&volume, &again);
@@ -479,4 +480,71 @@ fn what_cannot_be_is_refused() {
         error.to_string().contains("label -2 at voxel 8, 7, 6"),
         "{error}"
     );
+}
+
+/// What the command prints, if it succeeds.
+fn alvis(dir: &Path, line: &str) -> String {
+    let output = std::process::Command::new(env!("CARGO_BIN_EXE_alvis"))
+        .args(line.split(' '))
+        .current_dir(dir)
+        .output()
+        .unwrap();
+    let error = String::from_utf8_lossy(&output.stderr);
+    assert!(output.status.success(), "{line}: {error}");
+    String::from_utf8(output.stdout).unwrap()
+}
+
+#[test]
+fn openings_and_the_curve_of_ratios_are_listed() {
+    let dir = tempfile::tempdir().unwrap();
+    let here = dir.path();
+    std::fs::write(here.join("leaky.raw"), leaky([48, 44, 40])).unwrap();
+    let convert = "convert leaky.raw out --dims 48,44,40 --dtype u8 --threshold 128 --tables csv,parquet --quiet --split";
+    alvis(here, convert);
+    let out = here.join("out");
+    let totals = manifest(&out).totals;
+    let necks = alvis(here, "cells out --necks --format csv");
+    assert_eq!(
+        necks,
+        std::fs::read_to_string(out.join("necks.csv")).unwrap()
+    );
+    assert_eq!(necks.lines().count() as u64, 1 + totals.necks);
+    let wide = alvis(
+        here,
+        "cells out --necks --where neck_radius>1000 --format csv",
+    );
+    assert_eq!(wide.lines().count(), 1);
+    let curve: serde_json::Value =
+        serde_json::from_str(&alvis(here, "cells out --split-curve --json")).unwrap();
+    assert_eq!(curve["cells"], totals.cells);
+    assert_eq!(curve["components"], totals.components);
+    let points = curve["split_curve"].as_array().unwrap();
+    assert_eq!((points.len(), &points[6]["cells"]), (10, &curve["cells"]));
+    assert!(alvis(here, "cells out --split-curve").contains("<- these tiles"));
+    // a part has the openings between the cells that it has, and what cells are parts of
+    alvis(here, "select out part --largest 6 --quiet");
+    let part = here.join("part");
+    let kept: Vec<f64> = table(&part, "cells.csv")
+        .column("id")
+        .map(|id| id.parse().unwrap())
+        .collect();
+    let rows = table(&part, "necks.csv");
+    let all = table(&out, "necks.csv");
+    let both = (0..all.rows.len()).filter(|&row| {
+        ["cell_a", "cell_b"]
+            .iter()
+            .all(|c| kept.contains(&number(&all, row, c).unwrap()))
+    });
+    assert_eq!(rows.rows.len(), both.count());
+    assert_eq!(manifest(&part).totals.necks, rows.rows.len() as u64);
+    let components = table(&part, "components.csv").rows.len() as u64;
+    assert_eq!(manifest(&part).totals.components, components);
+    // levels would gape where cells touch
+    let lod = std::process::Command::new(env!("CARGO_BIN_EXE_alvis"))
+        .args(["lod", "out"])
+        .current_dir(here)
+        .output()
+        .unwrap();
+    assert_eq!(lod.status.code(), Some(2));
+    assert!(!out.join("lod").exists());
 }

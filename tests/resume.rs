@@ -3,7 +3,7 @@
 mod command;
 mod common;
 
-use alvis::convert::{ConvertOptions, convert, interrupted};
+use alvis::convert::{ConvertOptions, NeckRule, convert, interrupted};
 use alvis::grid::{Ambiguous, Crop};
 use alvis::manifest::{Encoding, Layout};
 use alvis::progress::{Progress, Quiet};
@@ -49,6 +49,16 @@ impl Progress for StopAfter {
 
 /// Stops at every place where a conversion can be stopped, and goes on, once or again and again.
 fn stop_everywhere(what: &str, volume: &dyn Volume, options: &ConvertOptions) {
+    stop_in_steps(what, volume, options, |looks| looks / 6 + 2);
+}
+
+/// The same, where `step` tells how far a conversion of so many places gets that is stopped again and again.
+fn stop_in_steps(
+    what: &str,
+    volume: &dyn Volume,
+    options: &ConvertOptions,
+    step: impl Fn(u64) -> u64,
+) {
     let dir = tempfile::tempdir().unwrap();
     let whole = dir.path().join("whole");
     let counting = StopAfter::new(u64::MAX);
@@ -92,11 +102,12 @@ fn stop_everywhere(what: &str, volume: &dyn Volume, options: &ConvertOptions) {
     // again and again, each time a little further
     let out = dir.path().join("steps");
     let mut times = 0;
-    while convert(volume, &resume, &out, &StopAfter::new(looks / 6 + 2)).is_err() {
+    while convert(volume, &resume, &out, &StopAfter::new(step(looks))).is_err() {
         times += 1;
         assert!(times < looks, "{what}: it does not come to an end");
     }
-    assert!(times > 1, "{what}");
+    // not more than once with steps of more than half the way
+    assert!(times > u64::from(2 * step(looks) <= looks), "{what}");
     assert_same_files(&files(&out), &expected, what);
     eprintln!("{what}: stopped at {looks} places, and {times} times in a row");
 }
@@ -125,6 +136,16 @@ fn every_layer_of_every_kind() {
         ..base.clone()
     };
     stop_everywhere("dust", &foam, &dust);
+    let split = ConvertOptions {
+        split: Some(NeckRule::default()),
+        keep_samples: true,
+        macrocube: [9, 8, 5],
+        ..base.clone()
+    };
+    let few = [18, 16, 15];
+    let small_foam = placed(few, common::volumes::foam(few, 5));
+    // splitting begins anew each time
+    stop_in_steps("split", &small_foam, &split, |looks| looks * 3 / 4);
     let web = ConvertOptions {
         encoding: Encoding::Meshopt,
         layout: Layout::Merged,

@@ -6,9 +6,11 @@ use alvis::convert::{COMPONENT_COLUMNS, ConvertOptions};
 use alvis::grid::{Ambiguous, Crop, Unit};
 use alvis::manifest::Primitives;
 use alvis::progress::Quiet;
+use alvis::report::{DEFINITIONS, ReportOptions, report};
+use alvis::table::Outside;
 use alvis::verify::{VerifyOptions, verify};
 use common::volumes::{foam, noise, placed};
-use common::{converted, files, glb};
+use common::{converted, files, glb, options};
 use serde_json::Value;
 
 /// A compiled schema of `schema/`.
@@ -147,6 +149,52 @@ fn a_merged_tile_set_and_a_report_with_issues_follow_the_schemas() {
     let found = verify(dir.path(), &VerifyOptions::default(), &Quiet).unwrap();
     assert!(!found.ok && !found.issues.is_empty());
     Schema::new("report").check(&serde_json::to_value(&found).unwrap(), "a broken tile");
+}
+
+/// Lab reports of a whole, a part, a set of one phase and one whose air is left out.
+#[test]
+fn lab_reports_follow_the_schema() {
+    let schema = Schema::new("labreport");
+    let with = [Outside::None, Outside::BorderCell];
+    let dims = [30, 28, 26];
+    for (what, samples) in [
+        ("foam", foam(dims, 4)),
+        ("noise", noise(dims, 2)),
+        ("air", vec![0; 30 * 28 * 26]),
+    ] {
+        let (dir, _) = converted(&placed(dims, samples), &options([16; 3]));
+        for outside in with {
+            let options = ReportOptions {
+                outside,
+                ..ReportOptions::default()
+            };
+            let found = report(dir.path(), &options, &Quiet).unwrap();
+            schema.check(&serde_json::to_value(&found).unwrap(), what);
+        }
+        let necks =
+            "cell_a,cell_b,neck_radius [mm],ratio,x [mm],y [mm],z [mm]\n1,2,0.5,0.25,1,2,3\n";
+        let walls = "cell_a,cell_b,wall_area [mm^2],wall_thickness [mm],chords\n1,2,1.5,0.1,40\n";
+        std::fs::write(dir.path().join("necks.csv"), necks).unwrap();
+        std::fs::write(dir.path().join("walls.csv"), walls).unwrap();
+        let found = report(dir.path(), &ReportOptions::default(), &Quiet).unwrap();
+        assert!(found.necks.is_some() && found.walls.is_some());
+        schema.check(&serde_json::to_value(&found).unwrap(), what);
+    }
+}
+
+/// What the page of a report cites stands in the documentation, too.
+#[test]
+fn definitions_are_documented() {
+    let path = format!("{}/docs/definitions.md", env!("CARGO_MANIFEST_DIR"));
+    let text = std::fs::read_to_string(path).unwrap();
+    for definition in DEFINITIONS {
+        assert!(text.contains(definition.source), "{}", definition.source);
+        assert!(
+            text.contains(definition.quantity),
+            "{}",
+            definition.quantity
+        );
+    }
 }
 
 /// A column is a row of one list: what is not made from it has to say the same.

@@ -100,6 +100,7 @@ fn manifest() -> Manifest {
         totals: Totals {
             volume6: -(1 << 100),
             euler_characteristic: -2,
+            components: 5,
             ..Totals::default()
         },
         layers: vec![Layer {
@@ -214,6 +215,7 @@ fn report() -> Report {
         surfaces: 6,
         objects: 7,
         cells: 8,
+        components: Some(9),
         euler_characteristic: -9,
         volume6: -(1 << 70),
         bytes: 10,
@@ -245,6 +247,25 @@ fn values_of_the_types_pass() {
     let extras = json!({"cell": 3, "object": 1, "surface": 2, "triangles": 40, "area": 1.5,
         "unit": "mm", "touches_border": 0});
     valid("extras", &extras).unwrap();
+}
+
+#[test]
+fn cells_are_split_or_given_by_labels() {
+    let mut value = serde_json::to_value(manifest()).unwrap();
+    let split = json!({"by": "split", "version": 1, "ratio_permille": 800, "h_256": 128, "min_radius_256": 0,
+        "weights": [1, 1, 4], "unit": 1, "reach": 255, "curve": [[500, 25], [800, 89]]});
+    value["cells"] = split.clone();
+    valid("manifest", &value).unwrap();
+    let read: Manifest = serde_json::from_value(value.clone()).unwrap();
+    assert_eq!(serde_json::to_value(read).unwrap()["cells"], split);
+    for wrong in [
+        json!({"by": "hand"}),
+        json!({"by": "labels"}),
+        json!({"by": "split", "version": 1}),
+    ] {
+        value["cells"] = wrong;
+        assert!(valid("manifest", &value).is_err());
+    }
 }
 
 #[test]

@@ -58,9 +58,7 @@ pub fn open_against(directory: &Path, path: &Path, asked: Asked) -> Result<Again
             stamp,
         });
     };
-    let options = completed(asked.options.clone(), &manifest, path);
-    let (opened, stamp) = open_stamped(path, &options, directory)?;
-    let opened = asked.filters.apply_as(&manifest, opened, asked.option)?;
+    let (opened, stamp) = open_whole(directory, path, &manifest, &asked)?;
     let source = SourceVolume::of(&opened);
     let (volume, region) = filled(opened, &manifest, &asked)?;
     let (dims, crop) = (volume.header().dims, manifest.source.crop.as_ref());
@@ -77,6 +75,22 @@ pub fn open_against(directory: &Path, path: &Path, asked: Asked) -> Result<Again
         source,
         stamp,
     })
+}
+
+/// The same before it is cut and filled.
+///
+/// # Errors
+/// As of [`open_against`].
+pub fn open_whole(
+    directory: &Path,
+    path: &Path,
+    manifest: &Manifest,
+    asked: &Asked,
+) -> Result<(Opened, Stamp)> {
+    let options = completed(asked.options.clone(), manifest, path);
+    let (opened, stamp) = open_stamped(path, &options, directory)?;
+    let opened = asked.filters.apply_as(manifest, opened, asked.option)?;
+    Ok((opened, stamp))
 }
 
 /// The options with what the manifest says where they do not.

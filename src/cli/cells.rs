@@ -1,17 +1,19 @@
 //! `alvis cells`: the tables of a tile set, filtered, sorted and summed up.
 
 use super::args::Common;
-use super::chart;
 use super::necks;
 use super::output::LongText;
-use super::{Outcome, output};
+use super::summary_text::Sums;
+use super::{Outcome, output, summary_text};
 use crate::error::{Error, Result};
 use crate::manifest::Manifest;
 use crate::progress::Progress;
+use crate::structure::{self, Structure, Wanted};
 use crate::table::{
-    Chosen, Column, Outside, PorosityOf, Query, Row, Spread, Summary, Table, TableReader,
-    find_column, summarise, warn_of_outside,
+    Chosen, Column, Outside, Query, Row, Table, TableReader, find_column, summarise,
+    warn_of_outside,
 };
+use crate::tileset::TileSet;
 use crate::words::measure;
 use clap::{Args, ValueEnum, ValueHint};
 use serde_json::json;
@@ -88,11 +90,20 @@ enum FormatArg {
 
 /// Which cells are air around the sample, as typed.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
-enum OutsideArg {
+pub enum OutsideArg {
     /// Cells that reach four or more of the grid's six faces; a pore that the grid cuts reaches three at most, unless it is as long as the grid
     BorderCell,
     /// No cell
     None,
+}
+
+impl From<OutsideArg> for Outside {
+    fn from(rule: OutsideArg) -> Self {
+        match rule {
+            OutsideArg::BorderCell => Outside::BorderCell,
+            OutsideArg::None => Outside::None,
+        }
+    }
 }
 
 /// List the cells of a tile set, or sum them up
@@ -147,7 +158,8 @@ pub struct CellsArgs {
     /// Sum the rows up: porosity, distribution of diameters, sphericity
     ///
     /// Rows at the border of the grid, or of the region of interest, are cut by it and smaller than they are: they count in the numbers of rows and
-    /// in porosity, but in no distribution.
+    /// in porosity, but in no distribution. Number density and mean volume are corrected for them (Miles and Lantuejoul). Anisotropy is of the surface of all
+    /// cells, for which the tiles are read; it is left out where rows are chosen.
     #[arg(long, conflicts_with_all = ["sort", "top", "columns"])]
     summary: bool,
     /// Which cells are air around the sample, not pores: left out of porosity and of the rows
@@ -266,6 +278,26 @@ impl CellsArgs {
             .collect()
     }
 
+    /// The orientation of the surface, from the tiles. Tables alone have sums, too: tiles that cannot be read are no
+    /// failure.
+    fn structure(&self, outside: Outside, console: &dyn Progress) -> Result<Option<Structure>> {
+        let wanted = Wanted {
+            outside,
+            ..Wanted::default()
+        };
+        let set = TileSet::open(&self.out)?;
+        match structure::structure(&set, &wanted, console) {
+            Err(Error::Interrupted) => Err(Error::Interrupted),
+            Err(e) => {
+                console.warn(&format!(
+                    "there is no anisotropy, since the tiles cannot be read: {e}"
+                ));
+                Ok(None)
+            }
+            Ok(structure) => Ok(Some(structure)),
+        }
+    }
+
     fn print_summary(&self, query: &Query, manifest: &Manifest, format: FormatArg) -> Result<()> {
         if format == FormatArg::Csv {
             return Err(Error::usage(
@@ -274,16 +306,26 @@ impl CellsArgs {
                 "table or json",
             ));
         }
-        let outside = match self.outside {
-            Some(OutsideArg::BorderCell) => Outside::BorderCell,
-            Some(OutsideArg::None) | None => Outside::None,
-        };
+        let outside = self.outside.map_or(Outside::None, Into::into);
         let summary = summarise(&self.out, manifest, self.table(), query, outside)?;
         let console = self.common.start();
         summary.warnings.iter().for_each(|w| console.warn(w));
+        let structure = match self.chosen(self.table()) == Chosen::default() {
+            true => self.structure(outside, &console)?,
+            false => None,
+        };
+        drop(console);
+        let sums = Sums {
+            summary: &summary,
+            surface_of: structure.as_ref().map(|s| s.surface_of),
+            fabric: structure.as_ref().and_then(|s| s.fabric.as_ref()),
+            mean_intercept_length: structure
+                .as_ref()
+                .and_then(|s| s.mean_intercept_length.as_ref()),
+        };
         match format {
-            FormatArg::Json => output::print_json(&summary),
-            _ => output::print(&text(&summary, self.table())),
+            FormatArg::Json => output::print_json(&sums),
+            _ => output::print(&summary_text::text(&sums, self.table())),
         }
     }
 }
@@ -408,105 +450,4 @@ fn print_table(
     }
     out.finish()?;
     Ok(printed > 0)
-}
-
-/// Which cells are taken as air around the sample.
-fn outside_text(summary: &Summary) -> String {
-    match summary.outside {
-        Outside::None if summary.porosity_of == PorosityOf::Region => {
-            "what is outside of the region".to_string()
-        }
-        Outside::None => "no cell (border-cell takes air around a sample)".to_string(),
-        Outside::BorderCell => format!(
-            "{} with {}",
-            output::things(summary.outside_cells, "cell"),
-            output::things(summary.outside_voxels, "voxel")
-        ),
-    }
-}
-
-/// The numbers of a summary that are no distribution.
-fn counts(summary: &Summary, which: Table) -> Vec<(&'static str, String)> {
-    let percent = |share: f64| match share > 0.0 && share < 5e-5 {
-        true => crate::words::percent(share),
-        false => format!("{:.2} %", 100.0 * share),
-    };
-    let cut_by = match summary.porosity_of {
-        PorosityOf::Region => "the grid or the edge of the region cuts",
-        _ => "the grid cuts",
-    };
-    let of_base = |share: Option<f64>, base: &str| match share {
-        Some(share) => format!("{} of {base}", percent(share)),
-        None if summary.porosity.is_some() => {
-            "not known: what is outside of the region is part of it".to_owned()
-        }
-        None => "none: all of the grid is outside".to_owned(),
-    };
-    let count = output::count(summary.count);
-    let base = match summary.porosity_of {
-        PorosityOf::Grid => "the grid",
-        PorosityOf::GridWithoutOutside => "the grid without what is outside",
-        PorosityOf::Region => "the region of interest",
-    };
-    let mut rows = vec![
-        (
-            which.name(),
-            if summary.count == summary.of {
-                count
-            } else {
-                format!("{count} of {}", output::count(summary.of))
-            },
-        ),
-        (
-            "at the border",
-            format!(
-                "{}{}, in no distribution: {cut_by} them",
-                output::count(summary.border.count),
-                summary
-                    .border
-                    .share
-                    .map_or(String::new(), |share| format!(" ({})", percent(share)))
-            ),
-        ),
-        ("outside", outside_text(summary)),
-        ("volume", of_base(summary.volume_fraction, base)),
-        ("porosity", of_base(summary.porosity, base)),
-    ];
-    if let Some(median) = summary.sphericity_median {
-        rows.push(("sphericity", format!("{} (median)", measure(median))));
-    }
-    rows
-}
-
-/// A summary for people.
-fn text(summary: &Summary, which: Table) -> String {
-    let rows = counts(summary, which);
-    let Some(d) = &summary.equivalent_diameter else {
-        return output::table(&rows);
-    };
-    let name = format!("equivalent diameter [{}]", d.unit);
-    let head = ["min", "q1", "median", "q3", "max", "mean", "sd"];
-    let line = |name: &str, values: [String; 7]| {
-        let values = values.map(|v| format!("{v:>8}")).join(" ");
-        format!("{name:13}{values}\n")
-    };
-    let spread = |s: &Spread| [s.min, s.q1, s.median, s.q3, s.max, s.mean, s.sd].map(measure);
-    let h = &d.histogram;
-    let doubled: Vec<f64> = h.bins.iter().flat_map(|&n| [n as f64; 2]).collect();
-    let ends = [h.min, h.max];
-    let mark = chart::Mark {
-        sign: '▲',
-        share: chart::place(ends, d.number.median),
-        text: format!("median {}", measure(d.number.median)),
-    };
-    let bars = chart::draw(&doubled, ends, &[mark], output::width());
-    format!(
-        "{}\n{name} of whole {}\n{}{}{}\nnumber of whole {} by equivalent diameter (log scale)\n{bars}",
-        output::table(&rows),
-        which.name(),
-        line("", head.map(String::from)),
-        line("by number", spread(&d.number)),
-        line("by volume", spread(&d.volume)),
-        which.name(),
-    )
 }

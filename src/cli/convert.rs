@@ -11,13 +11,12 @@ use super::threshold::{TAKES, Threshold, threshold};
 use super::view::ViewArgs;
 use super::{Outcome, batch, output, stop};
 use crate::cli::labels::read_labels;
-use crate::convert::{self, ConvertOptions, ConvertReport};
+use crate::convert::{self, ConvertOptions, ConvertReport, NeckRule};
 use crate::error::{Error, Result};
 use crate::grid::{Ambiguous, Origin, Unit};
 use crate::lod::{LodOptions, LodReport};
 use crate::manifest::{Form, Totals};
 use crate::progress::Progress;
-use crate::split::NeckRule;
 use crate::volume::{Opened, Stamp};
 use crate::words::exact;
 use clap::{Args, ValueEnum, ValueHint};
@@ -143,6 +142,13 @@ pub struct ConvertArgs {
         default_value = "csv"
     )]
     tables: Vec<TableFile>,
+    /// Keep the samples beside the surface on the disk of OUT and read the volume once, not twice: for a volume on a slow
+    /// drive that is larger than memory
+    ///
+    /// The first pass finds the cells, the second one needs the samples beside the surface again. They take as much disk as
+    /// the rows of voxels that have surface: of a foam all of it. Filtered and packed volumes are read once in any case.
+    #[arg(long)]
+    keep_samples: bool,
     /// Replace a tile set that is in the directory
     #[arg(long)]
     pub force: bool,
@@ -242,6 +248,7 @@ impl ConvertArgs {
             layout: form.layout,
             table_unit: self.table_unit,
             parquet: TableFile::parquet(&self.tables)?,
+            keep_samples: self.keep_samples,
             force: self.force,
             resume: self.resume,
             input: stamp,

@@ -1,10 +1,9 @@
 //! The option `--labels`: cells that another program has told apart.
 
 use crate::cli::same_place::same_place;
-use crate::convert::Labels;
+use crate::convert::{CellRows, Labels};
 use crate::error::{Error, Result};
 use crate::grid::{Dims, Dtype, Endian};
-use crate::labels::CellRows;
 use crate::progress::Progress;
 use crate::volume::{self, Header, Headerless, OpenOptions, file_name};
 use std::path::Path;

@@ -29,12 +29,14 @@ mod preview;
 mod progress;
 mod region;
 mod repack;
+mod report;
 mod same_place;
 mod scans_table;
 mod select;
 mod serve;
 mod sigbus;
 mod stop;
+mod summary_text;
 mod threshold;
 mod verify;
 mod view;
@@ -78,6 +80,7 @@ enum Command {
     View(view::ViewArgs),
     Cells(cells::CellsArgs),
     Compare(compare::CompareArgs),
+    Report(report::ReportArgs),
     Select(select::SelectArgs),
     Export(export::ExportArgs),
     Repack(repack::RepackArgs),
@@ -100,6 +103,7 @@ impl Command {
             Command::View(args) => args.run(),
             Command::Cells(args) => args.run(),
             Command::Compare(args) => args.run(),
+            Command::Report(args) => args.run(),
             Command::Select(args) => args.run(),
             Command::Export(args) => args.run(),
             Command::Repack(args) => args.run(),
@@ -178,7 +182,7 @@ fn one_line(refusal: &clap::Error, typed: &[OsString]) -> String {
 /// The commands in groups, as the help lists them.
 const GROUPS: [(&str, &[&str]); 4] = [
     ("Make tiles", &["demo", "info", "convert", "verify"]),
-    ("Look", &["view", "preview", "cells", "compare"]),
+    ("Look", &["view", "preview", "cells", "compare", "report"]),
     ("Use tiles", &["select", "export", "repack", "lod", "serve"]),
     ("Other", &["phantom", "completions", "man", "help"]),
 ];

@@ -14,7 +14,7 @@ use std::path::Path;
 /// [`Error::Usage`] if there is none; as of [`TableReader::open`].
 pub fn open(dir: &Path, manifest: &Manifest) -> Result<TableReader> {
     match &manifest.tables.necks {
-        Some(path) => TableReader::open(&file_inside(dir, path, "open the table")?),
+        Some(path) => TableReader::open_keyed(&file_inside(dir, path, "open the table")?, "cell_a"),
         None => Err(none("--necks", dir)),
     }
 }

@@ -155,6 +155,7 @@ impl PreviewArgs {
             window: self.window,
             scale: self.scale,
             plain: self.plain,
+            phases_only: false,
             region,
             input,
         };

@@ -151,10 +151,15 @@ pub fn verdict(report: &Report) -> String {
             (false, true) => "; it is a part, so components may be missing",
             _ => "",
         };
+        let without = if report.against {
+            ""
+        } else {
+            " without --against"
+        };
         let unproved: String = report
             .unproved
             .iter()
-            .map(|what| format!("not proved without --against: {what}\n"))
+            .map(|what| format!("not proved{without}: {what}\n"))
             .collect();
         format!("ok: {size}, no hole{scope}\n{unproved}")
     } else {

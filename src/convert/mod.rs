@@ -25,6 +25,7 @@ pub use crate::labels::CellRows;
 pub use crate::measure::{
     COMPONENT_COLUMNS, Column, Field, Get, Measures, SURFACE_COLUMNS, SurfaceRow,
 };
+pub use crate::split::NeckRule;
 pub use crate::tileset::{check_output, interrupted};
 pub use options::{ConvertOptions, ConvertReport, Labels, RegionOfInterest};
 pub use tables::unit_text;
@@ -298,7 +299,7 @@ fn sweep(
             memory,
             work,
         };
-        let cells = cells(&input)?;
+        let cells = cells(&input, &labelled.marks, checkpointer)?;
         let input = WallsInput {
             job,
             volume,
@@ -413,7 +414,13 @@ fn read_twice<R>(
 ) -> Result<R> {
     match job.grid.decoded_once(work)? {
         Some(once) => read(&*once, true),
-        None if job.grid.random_access() => read(job.grid, job.options.source_filtered.is_some()),
+        None if job.grid.random_access() => {
+            let options = job.options;
+            read(
+                job.grid,
+                options.keep_samples || options.source_filtered.is_some(),
+            )
+        }
         None => spool_beside(job.grid, work, |copy| read(copy, false)),
     }
 }

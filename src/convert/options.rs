@@ -40,6 +40,8 @@ pub struct ConvertOptions {
     pub table_unit: Option<Unit>,
     /// Write the tables as Parquet, too.
     pub parquet: bool,
+    /// Keep the samples beside the surface on the disk of the output, and do not read them from the volume again.
+    pub keep_samples: bool,
     /// Replace a tile set that is in the output directory.
     pub force: bool,
     /// Go on with a conversion into the output directory that was interrupted, if there is one: it
@@ -202,6 +204,7 @@ impl Default for ConvertOptions {
             layout: Layout::Auto,
             table_unit: None,
             parquet: false,
+            keep_samples: false,
             force: false,
             resume: false,
             input: Stamp::default(),

@@ -6,7 +6,7 @@
 use crate::error::{Error, Result};
 use crate::grid::{Crop, Dims};
 use crate::labels::Span;
-use crate::sys::spill_file::{Place, SpillFile};
+use crate::sys::spill_file::{Mark, Place, SpillFile};
 use crate::sys::temp_file::unnamed;
 use std::fs::File;
 use std::os::unix::fs::FileExt;
@@ -70,12 +70,24 @@ impl CellRowsWriter {
     /// [`Error::Io`], here and below.
     pub fn new(dims: Dims, dir: &Path) -> Result<Self> {
         let rows = unnamed(dir).map_err(|e| failed(dir, e))?;
-        let [_, ny, nz] = dims.0.map(u64::from);
-        rows.set_len(8 * ny * nz).map_err(|e| failed(dir, e))?;
+        Self::on(dims, SpillFile::new(dir)?, rows, dir)
+    }
+
+    /// The same in these files, which are begun anew.
+    pub fn create(dims: Dims, pieces: &Path, rows: &Path) -> Result<Self> {
+        let mut options = File::options();
+        let options = options.create(true).truncate(true).read(true).write(true);
+        let file = options.open(rows).map_err(|e| failed(rows, e))?;
+        Self::on(dims, SpillFile::create(pieces)?, file, rows)
+    }
+
+    fn on(dims: Dims, pieces: SpillFile, rows: File, dir: &Path) -> Result<Self> {
+        rows.set_len(bytes_of_rows(dims))
+            .map_err(|e| failed(dir, e))?;
         Ok(CellRowsWriter {
             files: Files {
                 dims,
-                pieces: SpillFile::new(dir)?,
+                pieces,
                 rows,
                 dir: dir.to_path_buf(),
             },
@@ -113,17 +125,29 @@ impl CellRowsWriter {
     }
 
     /// All rows are written.
-    pub fn finish(mut self) -> Result<CellRows> {
+    pub fn finish(self) -> Result<CellRows> {
+        self.finish_marked().map(|(rows, _)| rows)
+    }
+
+    /// The same, with a mark by which the file of pieces is opened again.
+    pub fn finish_marked(mut self) -> Result<(CellRows, Mark)> {
         self.write_places()?;
-        self.files.pieces.mark()?;
-        Ok(CellRows {
+        let mark = self.files.pieces.mark()?;
+        let rows = CellRows {
             dims: self.files.dims,
             start: [0; 3],
             files: Arc::new(self.files),
             largest: self.largest,
             none: 0,
-        })
+        };
+        Ok((rows, mark))
     }
+}
+
+/// Bytes of the places of all rows.
+pub fn bytes_of_rows(dims: Dims) -> u64 {
+    let [_, ny, nz] = dims.0.map(u64::from);
+    8 * ny * nz
 }
 
 /// The cell of each voxel of a volume, or of a crop of it.
@@ -139,6 +163,26 @@ pub struct CellRows {
 }
 
 impl CellRows {
+    /// Those that were written to these files, with cells up to `largest`.
+    ///
+    /// # Errors
+    /// [`Error::Io`].
+    pub fn reopen(dims: Dims, pieces: SpillFile, rows: &Path, largest: u64) -> Result<Self> {
+        let file = File::open(rows).map_err(|e| failed(rows, e))?;
+        Ok(CellRows {
+            dims,
+            start: [0; 3],
+            files: Arc::new(Files {
+                dims,
+                pieces,
+                rows: file,
+                dir: rows.to_path_buf(),
+            }),
+            largest,
+            none: 0,
+        })
+    }
+
     /// Size of the volume, or of the crop.
     pub fn dims(&self) -> Dims {
         self.dims

@@ -16,6 +16,7 @@ pub use columns::{
     NECK_COLUMNS, NeckRow, SURFACE_COLUMNS, SurfaceRow, WALL_COLUMNS, WallRow, more_columns,
 };
 pub use component::{ComponentRecord, Measures, SurfaceRecord};
+pub use eigen::eigen_symmetric;
 pub use in_tiles::Measured;
 pub use sums::{AREA_STEPS, AreaScale, MeshSums, Row, VoxelSums, power_sums};
 pub use table::RecordTable;

@@ -128,12 +128,35 @@ impl Picture {
     /// The system's.
     pub fn save(&self, path: &Path) -> Result<()> {
         let mut file = NewFile::create(path)?;
+        std::io::Write::write_all(&mut file, &self.png()?)?;
+        file.keep(true)
+    }
+
+    /// The bytes of a PNG file.
+    ///
+    /// # Errors
+    /// The encoder's.
+    pub fn png(&self) -> Result<Vec<u8>> {
         let mut bytes = Cursor::new(Vec::new());
         self.pixels
             .write_to(&mut bytes, ImageFormat::Png)
             .map_err(Error::other)?;
-        std::io::Write::write_all(&mut file, bytes.get_ref())?;
-        file.keep(true)
+        Ok(bytes.into_inner())
+    }
+
+    /// The picture with `most` pixels along its longer side, if it has more: means of pixels.
+    pub fn shrunk(self, most: u32) -> Self {
+        let longer = self.size().into_iter().max().unwrap_or(0);
+        if longer <= most {
+            return self;
+        }
+        let [width, height] = self.size().map(|n| {
+            let scaled = u64::from(n) * u64::from(most) / u64::from(longer);
+            (scaled as u32).max(1)
+        });
+        Picture {
+            pixels: image::imageops::thumbnail(&self.pixels, width, height),
+        }
     }
 }
 

@@ -48,6 +48,21 @@ pub fn preview(
     path: &Path,
     options: &PreviewOptions,
 ) -> Result<PreviewReport> {
+    let (picture, report) = render(volume, options)?;
+    picture
+        .save(path)
+        .map_err(|e| Error::io(path, "write the picture", e))?;
+    Ok(report)
+}
+
+/// What [`preview`] draws, and what it tells of it.
+///
+/// # Errors
+/// As of [`preview`].
+pub(crate) fn render(
+    volume: &dyn Volume,
+    options: &PreviewOptions,
+) -> Result<(Picture, PreviewReport)> {
     let manifest = options.tiles.as_deref().map(Manifest::open).transpose()?;
     let grid = grid_of(volume, manifest.as_ref())?;
     let grid = &*grid;
@@ -84,6 +99,7 @@ pub fn preview(
         colours: colours.as_ref(),
         chosen: &options.chosen,
         of_tiles: manifest.as_ref().map_or(f64::NAN, |m| m.threshold),
+        phases_only: options.phases_only,
     };
     let rule = manifest
         .as_ref()
@@ -95,14 +111,12 @@ pub fn preview(
     if let (Some(dir), Some(m)) = (&options.tiles, &manifest) {
         warnings.extend(warn_of_outside(dir, m, &options.chosen, false)?);
     }
-    picture
-        .save(path)
-        .map_err(|e| Error::io(path, "write the picture", e))?;
-    Ok(PreviewReport {
+    let report = PreviewReport {
         size: picture.size(),
         warnings,
         ..shown.report(&corners)
-    })
+    };
+    Ok((picture, report))
 }
 
 /// The thresholds whose contours are drawn: that of tiles if none is asked for, unless outlines take its place.
@@ -150,6 +164,8 @@ struct Shown<'a> {
     chosen: &'a Chosen,
     /// Threshold of the tile set, if there is one.
     of_tiles: f64,
+    /// Samples tell phases alone.
+    phases_only: bool,
 }
 
 impl Shown<'_> {
@@ -260,7 +276,7 @@ impl Shown<'_> {
             )),
             ..Page::default()
         };
-        if let Some(ends) = self.window {
+        if let Some(ends) = self.window.filter(|_| !self.phases_only) {
             page.bars.push(Bar {
                 title: "samples".into(),
                 ends,

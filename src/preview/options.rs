@@ -33,6 +33,8 @@ pub struct PreviewOptions {
     pub scale: Option<u32>,
     /// The slice alone, without caption, scale bar and legends.
     pub plain: bool,
+    /// The samples tell the two phases alone, so there is no legend of them.
+    pub phases_only: bool,
     /// The region of interest of the volume, which is outlined; what is outside is pale. With a tile set it is that of the
     /// tiles.
     pub region: Option<RegionVoxels>,
@@ -54,6 +56,7 @@ impl Default for PreviewOptions {
             window: None,
             scale: None,
             plain: false,
+            phases_only: false,
             region: None,
             input: Stamp::default(),
         }

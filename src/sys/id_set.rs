@@ -44,11 +44,20 @@ impl IdSet {
     }
 }
 
+/// A page of an [`IdSet`] among all of them.
+#[derive(Debug)]
+struct RankedPage {
+    number: u64,
+    /// Members of the pages before it.
+    before: u64,
+    members: Box<[u64; 64]>,
+}
+
 /// The places of the numbers of an [`IdSet`] in their order, from 0.
 #[derive(Debug, Default, Clone)]
 pub struct IdRanks {
-    /// Pages by rising number: number, members before it, members.
-    pages: Arc<[(u64, u64, Box<[u64; 64]>)]>,
+    /// By rising number.
+    pages: Arc<[RankedPage]>,
     count: u64,
 }
 
@@ -58,13 +67,15 @@ impl IdSet {
         let mut pages: Vec<_> = self.pages.into_iter().collect();
         pages.sort_unstable_by_key(|&(number, _)| number);
         let mut before = 0;
-        let pages = pages.into_iter().map(|(number, page)| {
-            let here = before;
-            before += page
-                .iter()
-                .map(|word| u64::from(word.count_ones()))
-                .sum::<u64>();
-            (number, here, page)
+        let pages = pages.into_iter().map(|(number, members)| {
+            let words = members.iter().map(|word| u64::from(word.count_ones()));
+            let count = words.sum::<u64>();
+            before += count;
+            RankedPage {
+                number,
+                before: before - count,
+                members,
+            }
         });
         IdRanks {
             pages: pages.collect(),
@@ -81,8 +92,13 @@ impl IdRanks {
 
     /// The place of a number; `None` if it is not in the set.
     pub fn rank(&self, id: u64) -> Option<u64> {
-        let at = self.pages.binary_search_by_key(&(id / 4096), |page| page.0);
-        let (_, before, page) = &self.pages[at.ok()?];
+        let pages = &self.pages;
+        let at = pages.binary_search_by_key(&(id / 4096), |page| page.number);
+        let RankedPage {
+            before,
+            members: page,
+            ..
+        } = &pages[at.ok()?];
         let (word, bit) = ((id / 64 % 64) as usize, 1u64 << (id % 64));
         if page[word] & bit == 0 {
             return None;
@@ -93,8 +109,12 @@ impl IdRanks {
 
     /// The number in a place, which is below [`IdRanks::len`].
     pub fn id(&self, rank: u64) -> u64 {
-        let at = self.pages.partition_point(|page| page.1 <= rank) - 1;
-        let (number, before, page) = &self.pages[at];
+        let at = self.pages.partition_point(|page| page.before <= rank) - 1;
+        let RankedPage {
+            number,
+            before,
+            members: page,
+        } = &self.pages[at];
         let mut left = rank - before;
         for (word, &bits) in (0..).zip(page.iter()) {
             let here = u64::from(bits.count_ones());

@@ -28,28 +28,32 @@
 
 mod chosen;
 mod column;
+mod edge;
 mod expr;
 mod lex;
+mod moments;
 mod outside;
 mod parquet;
 mod parse;
 mod query;
 mod reader;
+mod spread;
 mod summary;
 
 pub use crate::manifest::Table;
 pub use chosen::Chosen;
 pub use column::{Column, find_column};
+pub use edge::EdgeCorrection;
 pub use expr::{Expr, Kind};
+pub(crate) use outside::each_cell;
 pub use outside::{Outside, warn_of_outside};
 pub(crate) use parquet::write_parquet;
 pub use query::{Query, Selected};
 pub use reader::{Row, TableReader};
-pub use summary::{
-    Border, Counts, Distribution, Histogram, PorosityOf, Spread, Summary, summarise,
-};
+pub use spread::{Distribution, Histogram, Spread};
+pub use summary::{Border, Counts, PorosityOf, Summary, summarise};
 
-pub(crate) use summary::quantile;
+pub(crate) use spread::quantile;
 
 use crate::error::Result;
 use crate::manifest::{Manifest, file_inside};

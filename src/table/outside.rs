@@ -208,6 +208,44 @@ fn inside(manifest: &Manifest) -> Option<[[f64; 3]; 2]> {
     is_within.then(|| manifest.measured().box_around(ends))
 }
 
+/// A cell of a tile set, as far as sums over its surface need it.
+#[derive(Debug, Clone, Copy)]
+pub(crate) struct CellRow {
+    pub id: u64,
+    pub voxels: u64,
+    /// In the unit of the tables; 0 if the table has none.
+    pub volume: f64,
+    pub at_border: bool,
+    /// It counts as air around the sample.
+    pub outside: bool,
+}
+
+/// Calls `each` for all cells of the tile set in `dir`.
+///
+/// # Errors
+/// What reading returns; [`Error::Usage`] if a column is missing.
+pub(crate) fn each_cell(
+    dir: &Path,
+    manifest: &Manifest,
+    outside: Outside,
+    mut each: impl FnMut(CellRow),
+) -> Result<()> {
+    let mut table = Table::Cells.open(dir, manifest)?;
+    let reach = Reach::new(&table, manifest)?;
+    let [id, voxels, volume] = ["id", "voxels", "volume"].map(|name| find(&table, name));
+    let (id, voxels, volume) = (id?, voxels?, volume?);
+    while let Some(row) = table.next_row()? {
+        each(CellRow {
+            id: row.whole(id)?,
+            voxels: row.whole(voxels)?,
+            volume: row.number(volume)?.unwrap_or(0.0),
+            at_border: row.number(reach.border)?.is_some_and(|v| v != 0.0),
+            outside: outside == Outside::BorderCell && reach.is_outside(&row)?,
+        });
+    }
+    Ok(())
+}
+
 /// The position of a column that a summary needs.
 ///
 /// # Errors

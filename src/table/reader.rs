@@ -71,7 +71,15 @@ impl TableReader {
     /// # Errors
     /// [`Error::Io`] if it cannot be read, [`Error::Format`] if its head is not that of a table.
     pub fn open(path: &Path) -> Result<Self> {
-        Self::open_buffered(path, BUFFER)
+        Self::open_keyed(path, "id")
+    }
+
+    /// The same for a file with a column `key` instead of `id`.
+    ///
+    /// # Errors
+    /// As of [`TableReader::open`].
+    pub(crate) fn open_keyed(path: &Path, key: &str) -> Result<Self> {
+        Self::open_buffered(path, BUFFER, key)
     }
 
     /// The same table again, for [`TableReader::row_at`] in any order.
@@ -79,10 +87,11 @@ impl TableReader {
     /// # Errors
     /// As [`TableReader::open`].
     pub fn reopen(&self) -> Result<Self> {
-        Self::open_buffered(&self.path, ROW_BUFFER)
+        let key = self.columns.first().map_or("id", |c| c.name.as_str());
+        Self::open_buffered(&self.path, ROW_BUFFER, key)
     }
 
-    fn open_buffered(path: &Path, buffer: usize) -> Result<Self> {
+    fn open_buffered(path: &Path, buffer: usize, key: &str) -> Result<Self> {
         let file = File::open(path).map_err(|e| Error::io(path, "open the table", e))?;
         let mut reader = TableReader {
             path: path.to_path_buf(),
@@ -96,7 +105,10 @@ impl TableReader {
             ends: vec![0; COLUMNS],
             convert: None,
         };
-        let bad = |found: String| Err(Error::format(path, found, "a table with a column `id`"));
+        let bad = |found: String| {
+            let expected = format!("a table with a column `{key}`");
+            Err(Error::format(path, found, expected))
+        };
         let Some((_, _, count, size)) = reader.record()? else {
             return bad("an empty file".into());
         };
@@ -117,7 +129,7 @@ impl TableReader {
             }
             columns.push(column);
         }
-        if !columns.iter().any(|c| c.name == "id") {
+        if !columns.iter().any(|c| c.name == key) {
             return bad("none".into());
         }
         reader.columns = columns;

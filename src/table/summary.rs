@@ -1,17 +1,16 @@
 //! What a table of cells or objects sums up to.
 
 use super::Table;
+use super::edge::{Body, Columns, Corrected, EdgeCorrection, Weights};
 use super::outside::{Air, Outside, Reach, find};
 use super::query::Query;
 use super::reader::TableReader;
+use super::spread::{Distribution, distribution, quantile};
 use crate::error::{Error, Result};
 use crate::grid::Fill;
 use crate::manifest::Manifest;
 use serde::Serialize;
 use std::path::Path;
-
-/// Bins of a histogram.
-const BINS: usize = 32;
 
 /// Sums over the chosen rows of a table of cells or objects. Cells that count as air around the sample, see
 /// [`Outside`], are no rows here.
@@ -44,6 +43,13 @@ pub struct Summary {
     pub equivalent_diameter: Option<Distribution>,
     /// Median of Wadell's sphericity of the rows that have one; those at the border have none.
     pub sphericity_median: Option<f64>,
+    /// Chosen rows by volume of the sample, corrected for those that the border cuts; absent if [`EdgeCorrection`] does
+    /// not apply.
+    pub number_density: Option<f64>,
+    /// Their mean volume, corrected in the same way.
+    pub mean_volume_corrected: Option<f64>,
+    /// How both were corrected, or why they were not.
+    pub edge_correction: EdgeCorrection,
     /// What makes the numbers doubtful.
     pub warnings: Vec<String>,
 }
@@ -130,58 +136,6 @@ pub struct Border {
     pub share: Option<f64>,
 }
 
-/// A distribution in two weights.
-#[derive(Debug, Clone, PartialEq, Serialize)]
-pub struct Distribution {
-    /// Unit of the values.
-    pub unit: String,
-    /// Mean by number.
-    pub mean: f64,
-    /// Standard deviation by number.
-    pub sd: f64,
-    /// Median by number.
-    pub median: f64,
-    /// Median by volume.
-    pub by_volume_median: f64,
-    /// Every row counts the same. Quantiles are interpolated between neighbours.
-    pub number: Spread,
-    /// Every row counts by its volume. A quantile is the smallest value up to which the rows make
-    /// that share of the volume.
-    pub volume: Spread,
-    /// Rows in equal bins from min to max.
-    pub histogram: Histogram,
-}
-
-/// Equal bins.
-#[derive(Debug, Clone, PartialEq, Serialize)]
-pub struct Histogram {
-    /// Lower end of the first bin.
-    pub min: f64,
-    /// Upper end of the last bin.
-    pub max: f64,
-    /// Rows per bin.
-    pub bins: Vec<u64>,
-}
-
-/// Where values lie. `sd` is that of the rows themselves (divided by n, not n - 1).
-#[derive(Debug, Clone, Copy, PartialEq, Serialize)]
-pub struct Spread {
-    /// Smallest.
-    pub min: f64,
-    /// First quartile.
-    pub q1: f64,
-    /// Median.
-    pub median: f64,
-    /// Third quartile.
-    pub q3: f64,
-    /// Largest.
-    pub max: f64,
-    /// Mean.
-    pub mean: f64,
-    /// Standard deviation.
-    pub sd: f64,
-}
-
 /// Sums up the rows of cells or objects that `query` keeps, whatever its order. Memory: 24 bytes per row that does
 /// not touch the border.
 ///
@@ -220,7 +174,12 @@ pub fn summarise(
         Some(_) => Air::default(),
     };
     let left_out = which == Table::Cells && outside != Outside::None;
-    let rows = Rows::read(&mut which.open(dir, manifest)?, query, manifest, left_out)?;
+    let (rows, weights) = Rows::read(&mut which.open(dir, manifest)?, query, manifest, left_out)?;
+    let Corrected {
+        number_density,
+        mean_volume,
+        correction,
+    } = weights.finish(manifest, which, air.cells);
     let rest = all - air.voxels;
     let share = |voxels: f64| (rest > 0.0).then(|| voxels / rest);
     Ok(Summary {
@@ -243,10 +202,16 @@ pub fn summarise(
         },
         sphericity_median: quantile(&rows.round, 0.5),
         equivalent_diameter: distribution(rows.sizes, rows.unit),
+        number_density,
+        mean_volume_corrected: mean_volume,
         warnings: match around.is_in(which) {
             true => vec![around.warning(which)],
             false => warnings(&air, outside, rest),
-        },
+        }
+        .into_iter()
+        .chain(correction.warning(which))
+        .collect(),
+        edge_correction: correction,
     })
 }
 
@@ -303,12 +268,14 @@ impl Rows {
         query: &Query,
         manifest: &Manifest,
         without_outside: bool,
-    ) -> Result<Self> {
+    ) -> Result<(Self, Weights)> {
         let (voxels, volume) = (find(table, "voxels")?, find(table, "volume")?);
         let diameter = find(table, "equivalent_diameter")?;
         let border = find(table, "touches_border")?;
         let sphericity = find(table, "sphericity")?;
         let reach = Reach::new(table, manifest)?;
+        let columns = Columns::of(table)?;
+        let mut weights = Weights::of(manifest, &columns);
         let mut rows = Rows {
             unit: table.columns()[diameter].unit.clone(),
             ..Rows::default()
@@ -323,8 +290,12 @@ impl Rows {
             }
             rows.count += 1;
             rows.voxels += row.number(voxels)?.unwrap_or(0.0);
+            let at_border = row.number(border)?.is_some_and(|v| v != 0.0);
+            if let Some(body) = Body::read(&row, &columns, at_border)? {
+                weights.add(&body);
+            }
             // what the grid cuts is smaller here than it is
-            if row.number(border)?.is_some_and(|v| v != 0.0) {
+            if at_border {
                 rows.border += 1;
                 continue;
             }
@@ -334,7 +305,7 @@ impl Rows {
             rows.round.extend(row.number(sphericity)?);
         }
         rows.round.sort_by(f64::total_cmp);
-        Ok(rows)
+        Ok((rows, weights))
     }
 
     fn counts(&self, which: Table) -> Counts {
@@ -351,115 +322,5 @@ impl Rows {
                 cells_border: border,
             },
         }
-    }
-}
-
-/// The distribution of values with their weights.
-fn distribution(mut sizes: Vec<(f64, f64)>, unit: String) -> Option<Distribution> {
-    sizes.sort_by(|a, b| a.0.total_cmp(&b.0));
-    let values: Vec<f64> = sizes.iter().map(|s| s.0).collect();
-    let (min, max) = (*values.first()?, *values.last()?);
-    let at = |q| quantile(&values, q).unwrap_or(min);
-    let (mean, sd) = moments(sizes.iter().map(|s| (s.0, 1.0)));
-    let number = Spread {
-        min,
-        q1: at(0.25),
-        median: at(0.5),
-        q3: at(0.75),
-        max,
-        mean,
-        sd,
-    };
-    let [q1, median, q3] = [0.25, 0.5, 0.75].map(|q| weighted_quantile(&sizes, q));
-    let (mean, sd) = moments(sizes.iter().copied());
-    let volume = Spread {
-        min,
-        q1,
-        median,
-        q3,
-        max,
-        mean,
-        sd,
-    };
-    let mut bins = vec![0; BINS];
-    for v in values {
-        let share = if max > min {
-            (v - min) / (max - min)
-        } else {
-            0.0
-        };
-        bins[((share * BINS as f64) as usize).min(BINS - 1)] += 1;
-    }
-    Some(Distribution {
-        unit,
-        mean: number.mean,
-        sd: number.sd,
-        median: number.median,
-        by_volume_median: volume.median,
-        number,
-        volume,
-        histogram: Histogram { min, max, bins },
-    })
-}
-
-/// A quantile of sorted values, interpolated as numpy's `linear` does (type 7 of Hyndman and Fan,
-/// The American Statistician 50, 1996).
-pub(crate) fn quantile(sorted: &[f64], q: f64) -> Option<f64> {
-    let place = q * sorted.len().checked_sub(1)? as f64;
-    let (low, high) = (place.floor() as usize, place.ceil() as usize);
-    Some(sorted[low] + (sorted[high] - sorted[low]) * place.fract())
-}
-
-/// The smallest of sorted values up to which the weights reach the share `q` of their sum.
-fn weighted_quantile(sorted: &[(f64, f64)], q: f64) -> f64 {
-    let goal = q * sorted.iter().map(|s| s.1).sum::<f64>();
-    let mut sum = 0.0;
-    for &(value, weight) in sorted {
-        sum += weight;
-        if sum >= goal {
-            return value;
-        }
-    }
-    sorted.last().map_or(f64::NAN, |s| s.0)
-}
-
-/// Weighted mean and standard deviation, by the stable update of West (CACM 22, 1979).
-fn moments(values: impl Iterator<Item = (f64, f64)>) -> (f64, f64) {
-    let (mut weight, mut mean, mut square) = (0.0, 0.0, 0.0);
-    for (value, w) in values.filter(|v| v.1 > 0.0) {
-        weight += w;
-        let away = value - mean;
-        mean += away * w / weight;
-        square += w * away * (value - mean);
-    }
-    (mean, (square / weight).sqrt())
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn quantiles_are_those_of_numpy() {
-        // numpy.quantile([1, 2, 4, 8], [0.25, 0.5, 0.75])
-        let v = [1.0, 2.0, 4.0, 8.0];
-        let found = [0.25, 0.5, 0.75].map(|q| quantile(&v, q).unwrap());
-        assert_eq!(found, [1.75, 3.0, 5.0]);
-        assert_eq!(quantile(&[], 0.5), None);
-        assert_eq!(quantile(&[3.0], 0.75), Some(3.0));
-    }
-
-    #[test]
-    fn weights_count() {
-        let sizes = vec![(4.0, 6.0), (1.0, 1.0), (2.0, 3.0)];
-        let d = distribution(sizes, "mm".into()).unwrap();
-        assert_eq!((d.number.mean, d.number.median), (7.0 / 3.0, 2.0));
-        // the values 1, 2, 2, 2, 4, 4, 4, 4, 4, 4: numpy.mean, numpy.std
-        assert!((d.volume.mean - 3.1).abs() < 1e-12);
-        assert!((d.volume.sd - 1.135_781_669_160_054_8).abs() < 1e-12);
-        assert_eq!((d.volume.q1, d.volume.median, d.volume.q3), (2.0, 4.0, 4.0));
-        assert_eq!(d.histogram.bins.iter().sum::<u64>(), 3);
-        assert_eq!((d.histogram.bins[0], d.histogram.bins[BINS - 1]), (1, 1));
-        assert_eq!(distribution(Vec::new(), String::new()), None);
     }
 }

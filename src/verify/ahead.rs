@@ -40,7 +40,7 @@ struct Task {
 const FOUND: u64 = 24 << 20;
 const CHECKED: u64 = 8 << 20;
 /// Bytes for each piece of a tile: what is found of it and its group, and its node as it is read.
-const PIECE_FOUND: u64 = 600;
+const PIECE_FOUND: u64 = 800;
 const PIECE_READ: u64 = 2 << 10;
 
 /// Bytes that what is found in a tile takes, with its entry.

@@ -108,6 +108,8 @@ codes! {
     PositionOutsideTile = "POSITION_OUTSIDE_TILE", true;
     /// Two vertices of a tile lie on one lattice edge.
     DuplicateVertex = "DUPLICATE_VERTEX", true;
+    /// A vertex that pieces of cells share has another place or normal in one than in the other.
+    SeamDiffers = "SEAM_DIFFERS", true;
     /// A vertex that no triangle uses.
     UnusedVertex = "UNUSED_VERTEX", true;
     /// A normal is not finite or not of unit length.
@@ -133,6 +135,10 @@ codes! {
     SurfaceSplit = "SURFACE_SPLIT", true;
     /// Two surfaces lie between the same cell and the same object.
     PairRepeated = "PAIR_REPEATED", true;
+    /// Pieces of cells that touch do not stand by rising cell in a tile.
+    PartOrder = "PART_ORDER", true;
+    /// Triangles that begin at one voxel are of several cells.
+    CellMixed = "CELL_MIXED", true;
     /// Ids of surfaces, cells or objects are not 1 to n.
     IdGap = "ID_GAP", true;
     /// Ids do not rise with the first voxel of cells and objects, or the first vertex of surfaces.

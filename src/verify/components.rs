@@ -50,19 +50,19 @@ pub(super) const AREA: usize = 4;
 const DIAMETER: usize = 5;
 const SPHERICITY: usize = 6;
 const FORM_FACTOR: usize = 7;
-const CENTROID: usize = 8;
+pub(super) const CENTROID: usize = 8;
 const MIN: usize = 11;
 const MAX: usize = 14;
 const AXES: usize = 17;
 const ELONGATION: usize = 20;
 const FLATNESS: usize = 21;
 const ORIENTATION: usize = 22;
-const EULER: usize = 25;
+pub(super) const EULER: usize = 25;
 pub(super) const BORDER: usize = 26;
 pub(super) const TILES: usize = 27;
 
 /// Relative error of numbers that follow from others in the row by a formula, or from whole numbers.
-const ROUNDING: f64 = 1e-11;
+pub(super) const ROUNDING: f64 = 1e-11;
 
 /// Error of what follows from eigenvalues and eigenvectors, in units of the matrix's trace: they are as exact as
 /// rounding allows, with some tens of operations on numbers up to the trace, however they are computed.
@@ -87,8 +87,8 @@ pub(super) fn compare(name: &str, stated: Option<f64>, found: f64, error: f64, w
 pub(super) struct ComponentRows<'a> {
     manifest: &'a Manifest,
     /// Where the grid lies, in the tables' unit.
-    grid: Placement,
-    /// Rows of cells and of objects.
+    pub(super) grid: Placement,
+    /// Rows of cells, or of the components that cells are parts of, and of objects.
     rows: [u64; 2],
     /// Voxels of objects, as stated.
     above: f64,
@@ -106,7 +106,7 @@ impl<'a> ComponentRows<'a> {
 
     /// Checks what a row says by itself.
     pub fn check_row(&mut self, kind: Kind, row: &Row, wrong: &mut Wrong) {
-        self.rows[usize::from(kind != Kind::Cell)] += 1;
+        self.rows[usize::from(!kind.is_below())] += 1;
         if kind == Kind::Object {
             self.above += row[VOXELS].unwrap_or(f64::NAN);
         }
@@ -114,7 +114,7 @@ impl<'a> ComponentRows<'a> {
         // what holds voxels outside of the region of interest stays, and these are all of one phase
         let fill = self.manifest.region.as_ref().map(|region| region.fill);
         let may_leave = match kind {
-            Kind::Cell => fill == Some(Fill::Air),
+            Kind::Cell | Kind::Component => fill == Some(Fill::Air),
             _ => fill == Some(Fill::Material),
         };
         if let Some(dust) = &self.manifest.dust
@@ -148,7 +148,7 @@ impl<'a> ComponentRows<'a> {
     pub fn holds(&self, kind: Kind, row: &Row, inside: &Inside) -> bool {
         let stated = stated_box(row);
         let found = match kind {
-            Kind::Cell => self.box_of(&inside.below, inside.far[0]),
+            Kind::Cell | Kind::Component => self.box_of(&inside.below, inside.far[0]),
             _ => self.box_of(&inside.above, inside.far[1]),
         };
         (0..3).all(|a| {
@@ -159,7 +159,7 @@ impl<'a> ComponentRows<'a> {
 
     /// The box in world coordinates around voxels, given that around them in the grid, and how far they reach along
     /// the axes of the world if these are others.
-    fn box_of(&self, span: &Span, far: Extent) -> [[f64; 3]; 2] {
+    pub(super) fn box_of(&self, span: &Span, far: Extent) -> [[f64; 3]; 2] {
         match self.grid.is_rotated() {
             true => far.world(&self.grid),
             false => {
@@ -170,13 +170,13 @@ impl<'a> ComponentRows<'a> {
     }
 
     /// The error that a coordinate may have.
-    fn error(&self, found: f64) -> f64 {
+    pub(super) fn error(&self, found: f64) -> f64 {
         let steps = self.grid.spacing;
         ROUNDING * (found.abs() + steps.into_iter().fold(0.0, f64::max))
     }
 
     /// Checks the fields that follow from others of the row.
-    fn formulas(&self, row: &Row, wrong: &mut Wrong) {
+    pub(super) fn formulas(&self, row: &Row, wrong: &mut Wrong) {
         let size: f64 = self.grid.spacing.iter().product();
         let mut follows = |at: usize, found: Option<f64>| {
             let name = COLUMNS[at].0;
@@ -269,7 +269,11 @@ impl<'a> ComponentRows<'a> {
     /// Checks what all rows are together, once all have been seen.
     pub fn finish(&self, sums: &mut Issues) {
         let totals = &self.manifest.totals;
-        if self.rows == [totals.cells, totals.objects] && self.above != totals.voxels_above as f64 {
+        let below = match self.manifest.cells {
+            Some(_) => totals.components,
+            None => totals.cells,
+        };
+        if self.rows == [below, totals.objects] && self.above != totals.voxels_above as f64 {
             let message = format!(
                 "found {}, the objects have {} voxels",
                 totals.voxels_above, self.above
@@ -281,7 +285,7 @@ impl<'a> ComponentRows<'a> {
 }
 
 /// The lower and upper ends of the box that a row states.
-fn stated_box(row: &Row) -> [[f64; 3]; 2] {
+pub(super) fn stated_box(row: &Row) -> [[f64; 3]; 2] {
     [MIN, MAX].map(|at| std::array::from_fn(|a| row[at + a].unwrap_or(f64::NAN)))
 }
 

@@ -20,11 +20,13 @@ pub(super) fn foreign_files(root: &Path, manifest: &Manifest, issues: &mut Issue
     let painted = selection.is_some_and(|s| s.colour_by.is_some());
     let tables = ["cells.csv", "objects.csv", "surfaces.csv"];
     let parquet = ["cells.parquet", "objects.parquet", "surfaces.parquet"];
+    let of_parts = ["components.csv", "necks.csv"];
     let has_parquet = manifest.tables.parquet.is_some();
     let top = |name: &str| {
         [MANIFEST, "index", "tiles", PARTIAL].contains(&name)
             || (manifest.lod.is_some() && ["lod", "tileset.json"].contains(&name))
             || tables.contains(&name)
+            || (manifest.cells.is_some() && of_parts.contains(&name))
             || (has_parquet && parquet.contains(&name))
             || (painted && [LEGEND, LEGEND_SVG].contains(&name))
     };

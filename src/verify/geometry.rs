@@ -16,6 +16,7 @@ use crate::sys::simd::dispatch;
 use crate::tile::read::{Measured, PieceIds};
 
 /// The ids, names, measures and colour that a piece states.
+#[derive(Clone, Copy)]
 pub(super) struct Label {
     pub ids: PieceIds,
     pub node: usize,
@@ -51,6 +52,21 @@ impl Work<'_, '_> {
             self.sound = false;
             return;
         }
+        if self.cx.manifest.cells.is_some() {
+            return self.part(label, owned, flaws, ws);
+        }
+        self.whole_piece(label, owned, flaws, ws);
+    }
+
+    /// Checks a piece whose vertices have been read, or all parts of a surface, of whose cells the label has none.
+    pub(super) fn whole_piece(
+        &mut self,
+        label: &Label,
+        owned: u64,
+        mut flaws: Vec<Flaw>,
+        ws: &mut Workspace,
+    ) {
+        let node = label.node;
         let distinct = flaws.is_empty() && self.mark_seen(ws, &mut flaws);
         if flaws.is_empty() {
             self.geometry(label, owned, distinct, &mut flaws, ws);
@@ -107,7 +123,14 @@ impl Work<'_, '_> {
             &mut ws.surface_seen
         };
         let distinct = seen.insert(&piece.points, self.region.lo);
-        let own = dispatch!(bounds(&piece.points));
+        flaws.extend(self.repeated(seen, false));
+        self.widen(ws);
+        distinct
+    }
+
+    /// Widens the boxes of the primitive and of the tile by the piece.
+    pub(super) fn widen(&mut self, ws: &mut Workspace) {
+        let own = dispatch!(bounds(&ws.piece.points));
         for span in [&mut ws.span, &mut self.box_seen] {
             let [lo, hi] = span.unwrap_or(own);
             *span = Some([
@@ -115,8 +138,6 @@ impl Work<'_, '_> {
                 std::array::from_fn(|a| hi[a].max(own[1][a])),
             ]);
         }
-        flaws.extend(self.repeated(seen, false));
-        distinct
     }
 
     /// Checks triangles and edges. The tile is the first to have `owned` of the vertices, which lie on

@@ -7,7 +7,7 @@ use super::report::Issues;
 use super::selection::check_selection;
 use crate::error::{Error, Result};
 use crate::grid::{Dims, LATTICE, Tiling, check_filters};
-use crate::manifest::{FORMAT, FORMAT_VERSION, Layer, Manifest, TileEntry};
+use crate::manifest::{FORMAT, FORMAT_VERSION, Layer, Manifest, PartsBy, SPLIT_VERSION, TileEntry};
 use crate::manifest::{ShardFault, ShardText, ShardTiles};
 use crate::manifest::{manifest_file, own_checksum};
 use serde::Deserialize;
@@ -221,14 +221,67 @@ fn check_counts(m: &Manifest, wrong: &mut impl FnMut(&str, String)) {
             wrong("dust", message);
         }
     }
-    let name = &m.source.name;
-    if name.contains(['/', '\0']) || name == "." || name == ".." {
-        let message = format!("found {name:?}, expected a file name without its directory");
-        wrong("source/name", message);
-    }
+    check_name(&m.source.name, "source/name", wrong);
+    check_parts(m, wrong);
     if m.source.offset != 0 && m.source.format != "raw" {
         let message = format!("found {} for {}", m.source.offset, m.source.format);
         wrong("source/offset", message);
+    }
+}
+
+fn check_name(name: &str, at: &str, wrong: &mut impl FnMut(&str, String)) {
+    if name.contains(['/', '\0']) || name == "." || name == ".." {
+        let message = format!("found {name:?}, expected a file name without its directory");
+        wrong(at, message);
+    }
+}
+
+/// Checks what is there where cells are parts of components, and nowhere else.
+fn check_parts(m: &Manifest, wrong: &mut impl FnMut(&str, String)) {
+    let (tables, parts) = (&m.tables, m.cells.is_some());
+    let sums = tables.checksums.as_ref();
+    let own = [
+        ("tables/components", tables.components.is_some()),
+        ("tables/necks", tables.necks.is_some()),
+        (
+            "tables/checksums/components",
+            sums.is_some_and(|sums| sums.components.is_some()),
+        ),
+        (
+            "tables/checksums/necks",
+            sums.is_some_and(|sums| sums.necks.is_some()),
+        ),
+    ];
+    for (at, _) in own.into_iter().filter(|(_, there)| *there != parts) {
+        let message = match parts {
+            true => "found none, expected one: cells are parts of components",
+            false => "found one, expected none: cells are the components",
+        };
+        wrong(at, message.to_owned());
+    }
+    let counts = [
+        ("totals/components", m.totals.components),
+        ("totals/necks", m.totals.necks),
+    ];
+    for (at, count) in counts.into_iter().filter(|(_, n)| !parts && *n != 0) {
+        let message = format!("found {count}, expected none: cells are the components");
+        wrong(at, message);
+    }
+    match &m.cells {
+        Some(PartsBy::Labels {
+            file, unlabelled, ..
+        }) => {
+            check_name(file, "cells/file", wrong);
+            if *unlabelled == Some(0) {
+                let message = "found 0, expected none".to_owned();
+                wrong("cells/unlabelled", message);
+            }
+        }
+        Some(PartsBy::Split { version, .. }) if *version != SPLIT_VERSION => {
+            let message = format!("found {version}, expected {SPLIT_VERSION}");
+            wrong("cells/version", message);
+        }
+        _ => {}
     }
 }
 

@@ -85,9 +85,19 @@ impl Inside {
     /// From the vertices that are the tile's own, of a piece whose triangles have been summed. `rotated` is where the
     /// grid lies, if its axes are not those of the world.
     pub fn of(piece: &Piece, region: &Region, rotated: Option<&Placement>) -> Self {
-        let mut out = dispatch!(Self::of_vertices(&piece.points, &piece.state, region));
+        Self::of_some(&piece.points, &piece.state, region, rotated)
+    }
+
+    /// The same from some of a piece's vertices.
+    pub fn of_some(
+        points: &[Vertex],
+        state: &[u8],
+        region: &Region,
+        rotated: Option<&Placement>,
+    ) -> Self {
+        let mut out = dispatch!(Self::of_vertices(points, state, region));
         if let Some(place) = rotated {
-            out.far = far(&piece.points, &piece.state, place);
+            out.far = far(points, state, place);
         }
         out
     }

@@ -4,7 +4,8 @@ use super::against::Voxels;
 use super::code::Code;
 use super::components::ComponentRows;
 use super::ledger::{Group, Kind, Laws, Ledger, Rows};
-use super::paint::{self, Paints};
+use super::paint::{self, Colour, Paints};
+use super::parts;
 use super::report::Issues;
 use super::tables::Table;
 use super::tile::{Context, Counts};
@@ -26,8 +27,19 @@ pub(super) struct Found {
     pub euler: i64,
     /// Surfaces, cells, objects.
     pub ids: [u64; 3],
+    /// What there is more where cells are parts of components.
+    pub parts: Option<FoundParts>,
     /// Of the volume, if there is one.
     pub voxels: Option<Voxels>,
+}
+
+/// The counts of a set whose cells are parts of components.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct FoundParts {
+    pub components: u64,
+    /// Connected components of triangles.
+    pub connected: u64,
+    pub necks: u64,
 }
 
 /// Checks all of it, stage by stage: what follows from a finding of an earlier stage is not said.
@@ -43,6 +55,9 @@ pub(super) fn check(
 ) -> Result<()> {
     let c = found.counts;
     found.euler = c.vertices as i64 - c.edges as i64 + c.triangles as i64;
+    if cx.manifest.cells.is_some() {
+        return parts::check(ledger, cx, found, issues);
+    }
     let surfaces = ledger.surfaces;
     let [mut of_surfaces, mut of_cells, mut of_objects] =
         Kind::ALL.map(|kind| Listed::new(kind, cx));
@@ -61,51 +76,78 @@ pub(super) fn check(
     );
     first.and(others)?;
     found.ids = [surfaces, of_cells.laws.count, of_objects.laws.count];
-    let [mut own, mut values, mut unopened] = [0; 3].map(|_| Issues::new(cx.max_issues));
-    let all = [of_surfaces, of_cells, of_objects].map(|listed| {
-        own.append(listed.own);
-        values.append(listed.values);
-        unopened.append(listed.unopened);
-        listed.laws
-    });
     let mut sums = Issues::new(cx.max_issues);
     components.finish(&mut sums);
-    if !issues.broken() {
-        issues.append(own);
-    }
-    // a part has gaps in its ids, and lacks objects or cells that whole surfaces would count
-    let whole = !cx.manifest.is_part();
-    if whole && !issues.broken() {
-        all.iter().for_each(|l| l.finish(issues));
-    }
-    let [_, cells, objects] = found.ids;
-    if whole && !issues.broken() && surfaces > 0 && surfaces + 1 != cells + objects {
-        let message = format!(
-            "found {surfaces} surfaces, {objects} objects and {cells} cells, expected surfaces + 1 = objects + cells"
-        );
-        issues.add(Code::Law, "index.json#/totals", message);
-    }
-    if !issues.broken() {
-        all.iter().for_each(|l| l.check_order(issues));
-        totals(cx.manifest, found, issues);
-        issues.append(sums);
-        issues.append(values);
-    }
-    issues.append(unopened);
+    let totals = Totals { found, sums };
+    totals.report([of_surfaces, of_cells, of_objects], cx, issues);
     Ok(())
 }
 
+/// What was found in all, to be compared with the manifest.
+pub(super) struct Totals<'a> {
+    pub found: &'a Found,
+    /// Findings on sums over tables.
+    pub sums: Issues,
+}
+
+impl Totals<'_> {
+    /// Adds all findings, stage by stage.
+    pub fn report<const N: usize>(self, all: [Listed; N], cx: &Context, issues: &mut Issues) {
+        let found = self.found;
+        let [mut own, mut values, mut unopened] = [0; 3].map(|_| Issues::new(cx.max_issues));
+        let all = all.map(|listed| {
+            own.append(listed.own);
+            values.append(listed.values);
+            unopened.append(listed.unopened);
+            listed.laws
+        });
+        if !issues.broken() {
+            issues.append(own);
+        }
+        // a part has gaps in its ids, and lacks objects or cells that whole surfaces would count
+        let whole = !cx.manifest.is_part();
+        if whole && !issues.broken() {
+            all.iter().for_each(|l| l.finish(issues));
+        }
+        if whole && !issues.broken() {
+            law(found, issues);
+        }
+        if !issues.broken() {
+            all.iter().for_each(|l| l.check_order(issues));
+            totals(cx.manifest, found, issues);
+            issues.append(self.sums);
+            issues.append(values);
+        }
+        issues.append(unopened);
+    }
+}
+
+/// Surfaces and what they bound are a tree.
+fn law(found: &Found, issues: &mut Issues) {
+    let [surfaces, cells, objects] = found.ids;
+    let (surfaces, below, name) = match found.parts {
+        Some(parts) => (parts.connected, parts.components, "components"),
+        None => (surfaces, cells, "cells"),
+    };
+    if surfaces > 0 && surfaces + 1 != below + objects {
+        let message = format!(
+            "found {surfaces} surfaces, {objects} objects and {below} {name}, expected surfaces + 1 = objects + {name}"
+        );
+        issues.add(Code::Law, "index.json#/totals", message);
+    }
+}
+
 /// The findings on all surfaces, cells or objects, and on their table.
-struct Listed {
-    laws: Laws,
-    own: Issues,
-    values: Issues,
+pub(super) struct Listed {
+    pub laws: Laws,
+    pub own: Issues,
+    pub values: Issues,
     /// Why the table could not be opened.
-    unopened: Issues,
+    pub unopened: Issues,
 }
 
 impl Listed {
-    fn new(kind: Kind, cx: &Context) -> Self {
+    pub fn new(kind: Kind, cx: &Context) -> Self {
         let none = || Issues::new(cx.max_issues);
         Listed {
             laws: Laws::new(kind),
@@ -116,7 +158,7 @@ impl Listed {
     }
 
     /// Checks what the surfaces say and the table's rows, of which `without_surface` are those of a single-phase volume.
-    fn check(
+    pub fn check(
         &mut self,
         mut rows: Rows,
         cx: &Context,
@@ -155,27 +197,29 @@ impl Listed {
     }
 
     /// Compares the colour of pieces with what the row of their cell, object or surface makes of it.
-    fn check_colour(&mut self, group: &Group, paints: &mut Option<Paints>, cx: &Context) {
-        let kind = self.laws.kind;
+    pub fn check_colour(&mut self, group: &Group, paints: &mut Option<Paints>, cx: &Context) {
         let expected = match paints {
             Some(paints) => paints.next(group.id),
             // without a selection there is no colour; one that cannot be read is an issue already
             None => cx.manifest.selection.is_none().then_some(0),
         };
-        let found = group.total.colour;
         match expected {
-            Some(expected) if expected != found && paint::paints(cx.manifest, kind) => {
-                let (found, expected) = (paint::name(found), paint::name(expected));
-                let message = format!(
-                    "pieces of {} {} have {found}, expected {expected}",
-                    kind.name(),
-                    group.id
-                );
-                self.values.add(Code::Paint, "tiles", message);
-            }
+            Some(expected) => self.compare_colour(group.total.colour, expected, group.id, cx),
             // the rows that follow are none of those that are looked for
             None => *paints = None,
-            _ => {}
+        }
+    }
+
+    /// Compares the colour of the pieces of a cell, an object or a surface with the one expected, if these are painted.
+    pub fn compare_colour(&mut self, found: Colour, expected: Colour, id: u64, cx: &Context) {
+        let kind = self.laws.kind;
+        if expected != found && paint::paints(cx.manifest, kind) {
+            let (found, expected) = (paint::name(found), paint::name(expected));
+            let message = format!(
+                "pieces of {} {id} have {found}, expected {expected}",
+                kind.name()
+            );
+            self.values.add(Code::Paint, "tiles", message);
         }
     }
 }
@@ -184,9 +228,9 @@ impl Listed {
 /// objects was, and there are no caps. A part keeps caps only if it has all surfaces of its objects.
 pub(super) fn may_be_cut(manifest: &Manifest, kind: Kind) -> bool {
     let (whole, closed) = match kind {
-        Kind::Cell => (table::Table::Cells, false),
+        Kind::Cell | Kind::Component => (table::Table::Cells, false),
         Kind::Object => (table::Table::Objects, manifest.cap),
-        Kind::Surface => return false,
+        Kind::Surface | Kind::Neck => return false,
     };
     let selection = manifest.selection.as_ref();
     // a last step that only paints says nothing of what is there, unless it is all that is known
@@ -248,14 +292,22 @@ fn sums_of_volume(manifest: &Manifest, found: &Found) -> Vec<Total> {
         sum: sum.into(),
     };
     let mut totals = vec![of("surfaces", t.surfaces, surfaces)];
-    if surfaces > 0 {
+    let (below, name, stated) = match found.parts {
+        Some(parts) => (parts.components, "components", t.components),
+        None => (cells, "cells", t.cells),
+    };
+    if let Some(parts) = found.parts {
         totals.push(of("cells", t.cells, cells));
+        totals.push(of("necks", t.necks, parts.necks));
+    }
+    if surfaces > 0 {
+        totals.push(of(name, stated, below));
         totals.push(of("objects", t.objects, objects));
     } else if !manifest.is_part() {
         // a single-phase volume has a cell or an object, but no surface that would show which
         totals.push(Total {
             name: "objects",
-            stated: i128::from(t.objects) + i128::from(t.cells),
+            stated: i128::from(t.objects) + i128::from(stated),
             sum: 1,
         });
     }

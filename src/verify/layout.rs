@@ -50,7 +50,7 @@ impl Work<'_, '_> {
                 };
                 std::mem::swap(&mut ws.piece.triangles, &mut ws.list);
                 p.positions.read_into(&mut ws.piece.positions);
-                if self.keep_mesh {
+                if self.wants_normals() {
                     p.normals.read_into(&mut ws.piece.normals);
                 }
                 self.piece(&label, group, ws);
@@ -67,6 +67,11 @@ impl Work<'_, '_> {
         if self.sound {
             self.check_bounds(p, ws.span);
         }
+    }
+
+    /// True if normals are compared with a volume, or with those of other parts of a surface.
+    fn wants_normals(&self) -> bool {
+        self.keep_mesh || self.cx.manifest.cells.is_some()
     }
 
     /// Reads the indices of a primitive; false if one of them is of no vertex.
@@ -213,7 +218,7 @@ impl Work<'_, '_> {
         let mut whole = Merged {
             triangles: &list,
             points: p.positions.iter().collect(),
-            normals: match self.keep_mesh {
+            normals: match self.wants_normals() {
                 true => p.normals.iter().collect(),
                 false => Vec::new(),
             },

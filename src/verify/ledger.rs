@@ -6,6 +6,7 @@
 use super::bodies::Body;
 use super::code::Code;
 use super::inside::{self, Inside};
+use super::parts::{PartLedger, PartSums};
 use super::piece::Sums;
 use super::report::Issues;
 use super::spill::{Merge, Spill};
@@ -28,15 +29,22 @@ pub(super) struct Ledger {
     by_cell: Spill<RECORD_WORDS>,
     by_object: Spill<RECORD_WORDS>,
     pub surfaces: u64,
+    /// What triangles say of cells, where these are parts of components.
+    parts: Option<PartLedger>,
+    /// True if records are of parts.
+    of_parts: bool,
 }
 
 impl Ledger {
-    pub fn new() -> Self {
+    /// `parts` is true if cells are parts of components.
+    pub fn new(parts: bool) -> Self {
         Ledger {
             by_surface: Spill::new(IN_MEMORY),
             by_cell: Spill::new(IN_MEMORY),
             by_object: Spill::new(IN_MEMORY),
             surfaces: 0,
+            parts: parts.then(PartLedger::default),
+            of_parts: parts,
         }
     }
 
@@ -46,6 +54,39 @@ impl Ledger {
     /// If a temporary file cannot be written.
     pub fn add(&mut self, c: &Component) -> Result<()> {
         self.surfaces += 1;
+        // where cells are parts of components, its sums are those of its parts
+        match self.parts {
+            None => self.push(c),
+            Some(_) => Ok(()),
+        }
+    }
+
+    /// Adds a part of a surface in a tile, which has a number.
+    ///
+    /// # Errors
+    /// If a temporary file cannot be written.
+    pub fn add_part(&mut self, part: &PartSums, tile: u64) -> Result<()> {
+        let Some(mut parts) = self.parts.take() else {
+            return Ok(());
+        };
+        parts.add(part, tile, |sums| self.push(sums))?;
+        self.parts = Some(parts);
+        Ok(())
+    }
+
+    /// Takes what is known of parts, of which all sums are added.
+    ///
+    /// # Errors
+    /// If a temporary file cannot be written.
+    pub fn take_parts(&mut self) -> Result<Option<PartLedger>> {
+        let Some(mut parts) = self.parts.take() else {
+            return Ok(None);
+        };
+        parts.drain(|sums| self.push(sums))?;
+        Ok(Some(parts))
+    }
+
+    fn push(&mut self, c: &Component) -> Result<()> {
         let Ids {
             surface,
             cell,
@@ -61,11 +102,43 @@ impl Ledger {
     /// # Errors
     /// If a temporary file cannot be read back.
     pub fn into_sorted(self) -> Result<[Rows; 3]> {
-        Ok([
+        let mut all = [
             Rows::new(self.by_surface.into_sorted()?, |[s, c, o]| [s, c, o])?,
             Rows::new(self.by_cell.into_sorted()?, |[c, o, s]| [s, c, o])?,
             Rows::new(self.by_object.into_sorted()?, |[o, c, s]| [s, c, o])?,
-        ])
+        ];
+        all.iter_mut()
+            .for_each(|rows| rows.of_parts = self.of_parts);
+        Ok(all)
+    }
+}
+
+/// Sorts the sums of cells by component, once the component of each is known.
+pub(super) struct ByComponent(Spill<RECORD_WORDS>);
+
+impl ByComponent {
+    pub fn new() -> Self {
+        ByComponent(Spill::new(IN_MEMORY))
+    }
+
+    /// Adds a cell.
+    ///
+    /// # Errors
+    /// If a temporary file cannot be written.
+    pub fn push(&mut self, component: u64, cell: &Group) -> Result<()> {
+        self.0.push(pack([component, cell.id, 0], &cell.total))
+    }
+
+    /// The cells by component.
+    ///
+    /// # Errors
+    /// If a temporary file cannot be read back.
+    pub fn into_sorted(self) -> Result<Rows> {
+        let mut rows = Rows::new(self.0.into_sorted()?, |[component, cell, _]| {
+            [0, component, cell]
+        })?;
+        rows.of_parts = true;
+        Ok(rows)
     }
 }
 
@@ -130,12 +203,24 @@ pub(super) struct Rows {
     merge: Merge<RECORD_WORDS>,
     order: fn([u64; 3]) -> [u64; 3],
     next: Option<Record>,
+    /// Edges are not counted.
+    of_parts: bool,
 }
 
 impl Rows {
     fn new(mut merge: Merge<RECORD_WORDS>, order: fn([u64; 3]) -> [u64; 3]) -> Result<Self> {
         let next = merge.next()?;
-        Ok(Rows { merge, order, next })
+        Ok(Rows {
+            merge,
+            order,
+            next,
+            of_parts: false,
+        })
+    }
+
+    /// The next id.
+    pub fn peek(&self) -> Option<u64> {
+        self.next.map(|record| record[0])
     }
 
     /// Sums up the components of the next id.
@@ -151,8 +236,10 @@ impl Rows {
             total: unpack(&first, self.order),
             parts: 1,
             several_objects: false,
+            several_ids: false,
             twins: None,
         };
+        let first_ids = group.total.ids;
         let mut last = group.total.ids;
         self.next = self.merge.next()?;
         while let Some(record) = self.next.filter(|r| r[0] == first[0]) {
@@ -161,11 +248,15 @@ impl Rows {
             group.total.absorb(&component);
             group.parts += 1;
             group.several_objects |= ids.object != last.object;
+            group.several_ids |= ids != first_ids;
             if (ids.cell, ids.object) == (last.cell, last.object) && ids.surface != last.surface {
                 group.twins.get_or_insert([last, ids]);
             }
             last = ids;
             self.next = self.merge.next()?;
+        }
+        if self.of_parts {
+            group.count_edges();
         }
         Ok(Some(group))
     }
@@ -179,14 +270,22 @@ pub(super) struct Group {
     /// How many there are.
     pub parts: u64,
     several_objects: bool,
+    /// True if they have not all the same ids.
+    pub several_ids: bool,
     /// Two surfaces between one cell and one object.
     twins: Option<[Ids; 2]>,
 }
 
 impl Group {
+    /// Fills in the edges, of parts of which only the triangles were counted: each edge is of two of them, or on the border.
+    fn count_edges(&mut self) {
+        let sums = &mut self.total.sums;
+        sums.edges = (3 * sums.triangles).saturating_sub(sums.border) / 2;
+    }
+
     /// The body that the surfaces bound; `None` if they bound none.
     pub fn body(&self, kind: Kind, cx: &Context) -> Option<Body> {
-        let (cell, dims) = (kind == Kind::Cell, cx.tiling.dims.0);
+        let (cell, dims) = (kind.is_below(), cx.tiling.dims.0);
         if kind == Kind::Surface {
             return None;
         }
@@ -204,30 +303,43 @@ impl Group {
             total: Component::default(),
             parts: 0,
             several_objects: false,
+            several_ids: false,
             twins: None,
         }
     }
 }
 
-/// The kinds of things that have ids, for messages: `surface`, `cell`, `object`.
+/// The kinds of things that have tables, for messages: `surface`, `cell`, `object`, and where cells are parts of
+/// components `component`, `neck`.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) enum Kind {
     Surface,
     Cell,
     Object,
+    Component,
+    Neck,
 }
 
 impl Kind {
+    /// Those of every set.
     pub const ALL: [Kind; 3] = [Kind::Surface, Kind::Cell, Kind::Object];
 
     pub fn name(self) -> &'static str {
-        ["surface", "cell", "object"][self as usize]
+        ["surface", "cell", "object", "component", "neck"][self as usize]
     }
 
     pub fn plural(self) -> &'static str {
-        ["surfaces", "cells", "objects"][self as usize]
+        ["surfaces", "cells", "objects", "components", "necks"][self as usize]
+    }
+
+    /// True for what voxels below make up.
+    pub fn is_below(self) -> bool {
+        matches!(self, Kind::Cell | Kind::Component)
     }
 }
+
+/// Where the number of surfaces is stated.
+const SURFACES: &str = "index.json#/totals/surfaces";
 
 /// Checks the ids as they come, rising, of one kind.
 pub(super) struct Laws {
@@ -255,7 +367,6 @@ impl Laws {
 
     /// Takes the next id, and the body of it if that is one of which all surfaces are known.
     pub fn add(&mut self, group: &Group, body: Option<&Body>, issues: &mut Issues) {
-        const PATH: &str = "index.json#/totals/surfaces";
         let id = group.id;
         if self.gap.is_none() && id != self.last + 1 {
             self.gap = Some((self.last, id));
@@ -275,17 +386,45 @@ impl Laws {
                 "surface {id} is in {} parts that are not connected",
                 group.parts
             );
-            issues.add(Code::SurfaceSplit, PATH, message);
+            issues.add(Code::SurfaceSplit, SURFACES, message);
         }
         if self.kind == Kind::Cell {
-            if let Some([a, b]) = group.twins {
-                let message = format!(
-                    "surfaces {} and {} both lie between cell {id} and object {}",
-                    a.surface, b.surface, a.object
-                );
-                issues.add(Code::PairRepeated, PATH, message);
-            }
+            self.check_pairs(group, issues);
             check_names(group, issues);
+        }
+    }
+
+    /// Takes the next id of which nothing is known.
+    pub fn pass(&mut self, id: u64) {
+        self.last = id;
+        self.count += 1;
+    }
+
+    /// Takes the next id of those whose order says nothing of places, and which may have gaps if they are not `dense`.
+    pub fn count(&mut self, group: &Group, dense: bool, issues: &mut Issues) {
+        if dense && self.gap.is_none() && group.id != self.last + 1 {
+            self.gap = Some((self.last, group.id));
+        }
+        self.last = group.id;
+        self.count += 1;
+        if self.kind == Kind::Cell {
+            self.check_pairs(group, issues);
+            check_names(group, issues);
+        }
+    }
+
+    /// A cell or a component has one surface with each object at most.
+    fn check_pairs(&self, group: &Group, issues: &mut Issues) {
+        if let Some([a, b]) = group.twins {
+            let message = format!(
+                "surfaces {} and {} both lie between {} {} and object {}",
+                a.surface,
+                b.surface,
+                self.kind.name(),
+                group.id,
+                a.object
+            );
+            issues.add(Code::PairRepeated, SURFACES, message);
         }
     }
 

@@ -27,6 +27,8 @@
 //! 7. Levels of detail are as closed as the tiles, nothing is seen through between two of them, and their tree says
 //!    what they are: see the module for levels.
 //!
+//! Where cells are parts of components, components take the place of cells in these; see the module for parts.
+//!
 //! By the tiles alone, normals are proven to be of length 1 and no more, and the threshold not at all; and
 //! a set that was made for another volume, with numbers to match, is sound. With the volume it proves in
 //! addition:
@@ -68,6 +70,7 @@ mod levels;
 mod marks;
 mod paint;
 mod parquet;
+mod parts;
 mod piece;
 mod places;
 mod region_edge;
@@ -88,7 +91,7 @@ pub use source::SourceVolume;
 
 use crate::error::{Error, Result};
 use crate::grid::Shape;
-use crate::manifest::Manifest;
+use crate::manifest::{Manifest, PartsBy};
 use crate::progress::Progress;
 use crate::volume::{RegionVoxels, Volume};
 use laws::Found;
@@ -159,6 +162,7 @@ pub fn verify(dir: &Path, options: &VerifyOptions, progress: &dyn Progress) -> R
         if options.against.is_none() {
             found.unproved = unproved(&manifest);
         }
+        found.unproved.extend(unproved_cells(&manifest));
         found.part = manifest.is_part();
         let cx = Context::new(&root, &manifest, options.region, options.max_issues);
         cx.edge.check(&manifest, &mut issues)?;
@@ -189,6 +193,15 @@ fn unproved(manifest: &Manifest) -> Vec<String> {
     mask.into_iter().chain(dust).collect()
 }
 
+/// What of cells that are parts of components neither tiles nor the volume prove.
+fn unproved_cells(manifest: &Manifest) -> Option<String> {
+    const CELLS: &str = "which voxels each cell has, and where cells touch";
+    Some(match manifest.cells.as_ref()? {
+        PartsBy::Labels { file, .. } => format!("that the labels of {file} say {CELLS}"),
+        PartsBy::Split { .. } => format!("that the rule of necks says {CELLS}"),
+    })
+}
+
 fn report(found: Found, issues: Issues, options: &VerifyOptions, start: Instant) -> Report {
     let c = found.counts;
     Report {
@@ -205,6 +218,7 @@ fn report(found: Found, issues: Issues, options: &VerifyOptions, start: Instant)
         surfaces: found.ids[0],
         cells: found.ids[1],
         objects: found.ids[2],
+        components: found.parts.map(|parts| parts.components),
         euler_characteristic: found.euler,
         volume6: c.volume6,
         bytes: c.bytes,

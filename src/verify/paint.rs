@@ -92,19 +92,20 @@ pub(super) struct Paints<'a> {
     rules: Vec<Rule>,
 }
 
-/// The table of a kind.
-fn table_of(kind: Kind) -> Table {
+/// The table of a kind; those of components and necks are not chosen from.
+fn table_of(kind: Kind) -> Option<Table> {
     match kind {
-        Kind::Cell => Table::Cells,
-        Kind::Object => Table::Objects,
-        Kind::Surface => Table::Surfaces,
+        Kind::Cell => Some(Table::Cells),
+        Kind::Object => Some(Table::Objects),
+        Kind::Surface => Some(Table::Surfaces),
+        Kind::Component | Kind::Neck => None,
     }
 }
 
 /// True if pieces are painted as the rows of this kind are: those that were chosen from, and cells where none were.
 pub(super) fn paints(manifest: &Manifest, kind: Kind) -> bool {
     let table = manifest.selection.as_ref().map(|s| s.last.table);
-    table.unwrap_or_default() == table_of(kind)
+    Some(table.unwrap_or_default()) == table_of(kind)
 }
 
 impl<'a> Paints<'a> {
@@ -125,7 +126,7 @@ impl<'a> Paints<'a> {
             check_legend(root, by, issues);
         }
         // what is wrong with the table itself is said elsewhere
-        let table = table_of(kind).open(root, manifest).ok()?;
+        let table = table_of(kind)?.open(root, manifest).ok()?;
         match Self::read(selection, table, root, manifest, kind) {
             Ok(paints) => Some(paints),
             Err(Error::Io { .. }) => None,
@@ -174,7 +175,7 @@ impl<'a> Paints<'a> {
             let who = match rank(&paint.condition) {
                 None => Who::Where(Expr::condition("where", &paint.condition, columns)?),
                 Some((n, best)) => {
-                    let again = table_of(kind).open(root, manifest)?;
+                    let again = selection.last.table.open(root, manifest)?;
                     Who::Ranked(ranked(again, n, best)?)
                 }
             };
@@ -274,7 +275,7 @@ impl<'a> Paints<'a> {
 /// The conditions that the rows of a kind have to be kept by. Of the largest that were left out nothing is to be seen.
 fn filters(selection: &Selection, kind: Kind, columns: &[Column]) -> Result<Vec<Filter>> {
     let of_kind =
-        |step: &Step| step.table == table_of(kind) && !(step.omit && step.largest.is_some());
+        |step: &Step| Some(step.table) == table_of(kind) && !(step.omit && step.largest.is_some());
     let before = selection.before.len();
     let mut filters = Vec::new();
     for (i, step) in selection.steps().enumerate().filter(|(_, s)| of_kind(s)) {

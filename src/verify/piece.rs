@@ -52,6 +52,11 @@ impl Region {
         (0..3).all(|a| p[a] != self.lo[a] || self.lo[a] == 0)
     }
 
+    /// True if this tile is the last of those that share the vertex.
+    pub fn is_last(&self, p: [i32; 3]) -> bool {
+        (0..3).all(|a| p[a] != self.hi[a] || self.hi[a] == self.end[a])
+    }
+
     /// The smallest coordinates of vertices inside the region that [`Region::owns`] holds for.
     pub fn first_owned(&self) -> [i32; 3] {
         self.lo.map(|lo| lo + i32::from(lo != 0))
@@ -123,7 +128,7 @@ pub(super) struct Piece {
     pub cap: bool,
     /// Positions as read, in voxels.
     pub positions: Vec<[f32; 3]>,
-    /// Normals as read, if they are to be compared with a volume.
+    /// Normals as read, if they are to be compared with a volume or with other parts of the surface.
     pub normals: Vec<[f32; 3]>,
     pub points: Vec<Vertex>,
     /// Per vertex: bits 0-1 the axis of its lattice edge, and what triangles say of it, see below.
@@ -149,20 +154,20 @@ pub(super) struct Flaw {
 
 /// Counts findings of one kind.
 #[derive(Default)]
-struct Tally {
-    count: u64,
+pub(super) struct Tally {
+    pub count: u64,
     first: [i32; 3],
 }
 
 impl Tally {
-    fn add(&mut self, place: [i32; 3]) {
+    pub fn add(&mut self, place: [i32; 3]) {
         if self.count == 0 {
             self.first = place;
         }
         self.count += 1;
     }
 
-    fn report(&self, code: Code, flaws: &mut Vec<Flaw>) {
+    pub fn report(&self, code: Code, flaws: &mut Vec<Flaw>) {
         if self.count > 0 {
             flaws.push(Flaw {
                 code,
@@ -302,6 +307,16 @@ impl Piece {
             e[2] * f[0] - e[0] * f[2],
             e[0] * f[1] - e[1] * f[0],
         ])
+    }
+
+    /// The area of a triangle in one cube, by a scale as in [`Piece::sum_triangles`], and six times the volume that it spans
+    /// with the origin.
+    pub fn measure(&self, t: [u32; 3], scale: [f64; 3]) -> (f64, i128) {
+        let n = self.area_vector(t).unwrap_or_default();
+        let [x, y, z] = [0, 1, 2].map(|a| f64::from(n[a]) * scale[a]);
+        let corner = self.points[t[0] as usize];
+        let six: i64 = (0..3).map(|a| i64::from(corner[a]) * i64::from(n[a])).sum();
+        (0.5 * (x * x + y * y + z * z).sqrt(), six.into())
     }
 
     /// Sums up triangles, notes in `state` which way they face at each vertex, and enters their edges.

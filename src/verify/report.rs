@@ -120,7 +120,8 @@ pub struct Report {
     /// measures of objects that have lost surfaces, are not proven. Absent in JSON if it does not.
     #[serde(skip_serializing_if = "std::ops::Not::not")]
     pub part: bool,
-    /// What of the index only the volume can prove, where it was not compared with that. Absent in JSON if nothing.
+    /// What is not proved: of the index what only the volume can prove, where it was not compared with that, and which
+    /// voxels cells have that are parts of components. Absent in JSON if nothing.
     #[serde(skip_serializing_if = "Vec::is_empty")]
     pub unproved: Vec<String>,
     /// Tiles read.
@@ -135,12 +136,16 @@ pub struct Report {
     pub tile_vertices: u64,
     /// Edges on the volume's faces where the surface is open; 0 with caps.
     pub border_edges: u64,
-    /// Connected components of triangles, caps not counted.
+    /// Connected components of triangles, caps not counted; where cells are parts of components, pairs of a cell and an
+    /// object that have a surface.
     pub surfaces: u64,
     /// Objects that have a surface.
     pub objects: u64,
-    /// Cells that have a surface.
+    /// Cells that have a surface; where they are parts of components, all that have a row in their table.
     pub cells: u64,
+    /// Components that have a surface, where cells are parts of them. Absent in JSON where they are the cells.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub components: Option<u64>,
     /// Vertices - edges + triangles of the whole surface.
     pub euler_characteristic: i64,
     /// 6 times the signed volume that the triangles span with the origin, in lattice units

@@ -269,7 +269,7 @@ impl<'a> Run<'a> {
         self.progress.begin("verify", total);
         let mut state = State {
             original,
-            sweep: Sweep::new(Ledger::new()),
+            sweep: Sweep::new(Ledger::new(self.cx.manifest.cells.is_some())),
             found,
             issues,
         };

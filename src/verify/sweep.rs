@@ -6,19 +6,37 @@
 //! one layer, whatever the height of the volume.
 
 use super::code::Code;
+use super::first::voxel_key;
 use super::ledger::Ledger;
 use super::paint::{Colour, MIXED};
+use super::parts::PartSums;
 use super::piece::{Region, Sums};
 use super::report::{Issue, Issues};
 use crate::error::Result;
 use std::collections::BTreeMap;
+use std::fmt;
 
-/// The ids of a surface.
+/// The ids of a surface. Cell and surface are 0 of what is connected where cells are parts of components: it may have
+/// several of both.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Default)]
 pub(super) struct Ids {
     pub surface: u64,
     pub cell: u64,
     pub object: u64,
+}
+
+impl fmt::Display for Ids {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let Ids {
+            surface,
+            cell,
+            object,
+        } = self;
+        match cell {
+            0 => write!(f, "a surface of object {object}"),
+            _ => write!(f, "surface {surface} (cell {cell}, object {object})"),
+        }
+    }
 }
 
 /// A connected part of a surface, with the sums over its pieces.
@@ -117,6 +135,8 @@ pub(super) struct TileFront {
     pub faces: Option<[Vec<FaceEdge>; 6]>,
     /// The tile's components, and whether each has an edge on a tile plane.
     pub components: Vec<(Component, bool)>,
+    /// Parts of surfaces, where cells are parts of components.
+    pub parts: Vec<PartSums>,
 }
 
 /// Edges that wait on the plane above a tile.
@@ -164,6 +184,7 @@ impl Sweep {
     /// The ledger's, when it cannot write its temporary files.
     pub fn add(&mut self, tile: TileFront, issues: &mut Issues) -> Result<()> {
         let handles = self.add_components(&tile)?;
+        self.add_parts(&tile)?;
         let TileFront {
             grid,
             region,
@@ -238,6 +259,12 @@ impl Sweep {
         Ok(handles)
     }
 
+    fn add_parts(&mut self, tile: &TileFront) -> Result<()> {
+        let number = voxel_key(tile.grid.map(|c| c as i32));
+        let mut parts = tile.parts.iter();
+        parts.try_for_each(|part| self.ledger.add_part(part, number))
+    }
+
     /// Matches the edges of both sides of a plane and unites their components.
     fn join(&mut self, lower: &[FaceEdge], upper: &[FaceEdge], plane: &Plane, issues: &mut Issues) {
         let (mut l, mut u) = (0, 0);
@@ -296,10 +323,7 @@ impl Sweep {
             self.live[b as usize].component.ids,
         );
         if x != y {
-            let message = format!(
-                "surface {} (cell {}, object {}) continues as surface {} (cell {}, object {}) in {}",
-                y.surface, y.cell, y.object, x.surface, x.cell, x.object, plane.paths[0]
-            );
+            let message = format!("{y} continues as {x} in {}", plane.paths[0]);
             let issue = Issue::new(Code::SurfaceMixed, plane.paths[1], message);
             issues.push(issue.at(place()));
         }

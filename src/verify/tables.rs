@@ -46,12 +46,33 @@ const SURFACE: [(&str, u32); 10] = [
     ("tiles", 0),
 ];
 
-/// The columns of a table.
-pub(super) fn columns(kind: Kind) -> &'static [(&'static str, u32)] {
+/// The columns of the table of cells behind those of components, where cells are parts of these.
+const PART: [(&str, u32); 3] = [("component", 0), ("necks", 0), ("largest_neck", 1)];
+
+/// The columns of the table of necks.
+const NECK: [(&str, u32); 8] = [
+    ("cell_a", 0),
+    ("cell_b", 0),
+    ("neck_radius", 1),
+    ("ratio", 0),
+    ("x", 1),
+    ("y", 1),
+    ("z", 1),
+    ("neck_area", 2),
+];
+
+/// The columns of a table, of a set whose cells are the components, or with `parts` are parts of them.
+pub(super) fn columns(kind: Kind, parts: bool) -> Vec<(&'static str, u32)> {
+    let mut columns = match kind {
+        Kind::Surface => SURFACE.to_vec(),
+        Kind::Neck => NECK.to_vec(),
+        _ => components::COLUMNS.to_vec(),
+    };
     match kind {
-        Kind::Surface => &SURFACE,
-        _ => &components::COLUMNS,
+        Kind::Cell if parts => columns.extend(PART),
+        _ => {}
     }
+    columns
 }
 
 /// A column's name with its unit, as a header has it.
@@ -63,22 +84,31 @@ fn title(&(name, power): &(&str, u32), unit: &str) -> String {
     }
 }
 
-/// The files of the tables in one format, as the index names them: of surfaces, cells and objects.
+/// The files of the tables in one format, as the index names them, by their kinds.
 pub(super) struct Files<'m> {
-    paths: [&'m str; 3],
-    checksums: Option<[&'m str; 3]>,
+    paths: [Option<&'m str>; KINDS],
+    checksums: Option<[Option<&'m str>; KINDS]>,
     /// Where the index has them.
     at: &'static str,
     /// What their names end with.
     ending: &'static str,
 }
 
+/// How many kinds of tables there are.
+const KINDS: usize = 5;
+
 impl<'m> Files<'m> {
     /// In CSV.
     pub fn csv(manifest: &'m Manifest) -> Self {
         let tables = &manifest.tables;
         Files {
-            paths: [&tables.surfaces, &tables.cells, &tables.objects],
+            paths: [
+                Some(&tables.surfaces),
+                Some(&tables.cells),
+                Some(&tables.objects),
+                tables.components.as_deref(),
+                tables.necks.as_deref(),
+            ],
             checksums: tables.checksums.as_ref().map(in_order),
             at: "index.json#/tables",
             ending: "csv",
@@ -89,7 +119,13 @@ impl<'m> Files<'m> {
     pub fn parquet(manifest: &'m Manifest) -> Option<Self> {
         let tables = manifest.tables.parquet.as_ref()?;
         Some(Files {
-            paths: [&tables.surfaces, &tables.cells, &tables.objects],
+            paths: [
+                Some(&tables.surfaces),
+                Some(&tables.cells),
+                Some(&tables.objects),
+                None,
+                None,
+            ],
             checksums: tables.checksums.as_ref().map(in_order),
             at: "index.json#/tables/parquet",
             ending: "parquet",
@@ -97,24 +133,24 @@ impl<'m> Files<'m> {
     }
 
     /// Opens that of a kind, whose checksum is compared: its path, the file, and whether the checksum is right. `None` if
-    /// it is missing or has another name.
+    /// it is missing or has another name, or the set has none of that kind.
     pub fn open(
         &self,
         root: &Path,
         kind: Kind,
         issues: &mut Issues,
     ) -> Option<(&'m str, File, bool)> {
-        let path = self.paths[kind as usize];
+        let path = self.paths[kind as usize]?;
         let at = format!("{}/{}", self.at, kind.plural());
         let real = files::resolve(root, path, &at, issues)?;
         let named = format!("{}.{}", kind.plural(), self.ending);
-        if *path != named {
+        if path != named {
             let message = format!("found {path}, expected {named}");
             issues.add(Code::PathName, at, message);
             return None;
         }
         let mut is_right = true;
-        if let Some(stated) = self.checksums.map(|all| all[kind as usize])
+        if let Some(stated) = self.checksums.and_then(|all| all[kind as usize])
             && let Ok(found) = files::open(&real).and_then(checksum_of)
             && found != stated
         {
@@ -132,55 +168,48 @@ impl<'m> Files<'m> {
     }
 }
 
-fn in_order(all: &TableChecksums) -> [&str; 3] {
-    [&all.surfaces, &all.cells, &all.objects]
+fn in_order(all: &TableChecksums) -> [Option<&str>; KINDS] {
+    [
+        Some(&all.surfaces),
+        Some(&all.cells),
+        Some(&all.objects),
+        all.components.as_deref(),
+        all.necks.as_deref(),
+    ]
 }
 
-/// A table that is being read.
-pub(super) struct Table {
-    kind: Kind,
-    path: String,
-    lines: BufReader<File>,
-    line: u64,
-    /// Unit of length.
-    unit: &'static str,
-    /// Physical volume of a lattice cell, over 6.
-    sixth: f64,
-    /// True for bodies of a selected subset that may lack surfaces: their measures are those of the whole set.
-    of_subset: bool,
-    /// [`TRIANGLE_ERROR`] in physical units.
-    triangle_error: f64,
-    /// Any row may be one that the edge of a mask cuts.
-    edge_unknown: bool,
-    done: bool,
+/// The lines of a table, one after the other.
+pub(super) struct Lines {
+    pub path: String,
+    input: BufReader<File>,
+    /// Number of the last one.
+    pub line: u64,
+    columns: Vec<(&'static str, u32)>,
+    /// There is no line that can be read.
+    pub done: bool,
+    /// That is so since something was wrong.
+    pub damaged: bool,
 }
 
-impl Table {
+impl Lines {
     /// Opens the table of a kind and reads its header. `None` if it is missing or has none.
     pub fn open(cx: &Context, kind: Kind, issues: &mut Issues) -> Option<Self> {
         let manifest = cx.manifest;
         let (path, file, _) = Files::csv(manifest).open(cx.root, kind, issues)?;
-        let measured = manifest.measured();
-        let spacing = measured.spacing;
-        let voxel: f64 = spacing.iter().product();
-        let thinnest = spacing.into_iter().fold(f64::INFINITY, f64::min);
-        let mut table = Table {
-            kind,
+        let unit = manifest.measured().unit.name();
+        let mut lines = Lines {
             path: path.to_owned(),
-            lines: BufReader::new(file),
+            input: BufReader::new(file),
             line: 0,
-            unit: measured.unit.name(),
-            sixth: voxel / 6.0 / f64::from(1 << 24),
-            of_subset: may_be_cut(manifest, kind),
-            triangle_error: voxel / thinnest * TRIANGLE_ERROR,
-            edge_unknown: cx.edge.is_unknown(),
+            columns: columns(kind, manifest.cells.is_some()),
             done: false,
+            damaged: false,
         };
-        let header = table.next_line(issues)?;
-        let titles: Vec<String> = columns(kind).iter().map(|c| title(c, table.unit)).collect();
+        let header = lines.next_line(issues)?;
+        let titles: Vec<String> = lines.columns.iter().map(|c| title(c, unit)).collect();
         let expected = titles.join(",");
         if header == expected {
-            return Some(table);
+            return Some(lines);
         }
         let message = format!("found the header {header:?}, expected {expected:?}");
         issues.add(Code::TableSyntax, path, message);
@@ -190,7 +219,7 @@ impl Table {
     fn next_line(&mut self, issues: &mut Issues) -> Option<String> {
         let mut text = String::new();
         self.line += 1;
-        let mut limited = (&mut self.lines).take(MAX_LINE);
+        let mut limited = (&mut self.input).take(MAX_LINE);
         match limited.read_line(&mut text) {
             Ok(0) => {
                 self.done = true;
@@ -218,37 +247,91 @@ impl Table {
 
     /// Gives up on the table.
     fn stop<T>(&mut self, message: &str, issues: &mut Issues) -> Option<T> {
-        let path = format!("{}:{}", self.path, self.line);
-        issues.add(Code::TableSyntax, path, message);
-        self.done = true;
+        issues.add(Code::TableSyntax, self.place(), message);
+        self.give_up();
         None
     }
 
-    /// Compares the next row with the surfaces of the next id, and the body that they bound, if they do.
+    /// Reads no more: the rest says nothing.
+    pub fn give_up(&mut self) {
+        self.done = true;
+        self.damaged = true;
+    }
+
+    /// Where the last line is, for messages.
+    pub fn place(&self) -> String {
+        format!("{}:{}", self.path, self.line)
+    }
+
+    /// The fields of the next line; `None` at the end, or if it is damaged, which is an issue.
+    pub fn next_row(&mut self, issues: &mut Issues) -> Option<Vec<Option<f64>>> {
+        if self.done {
+            return None;
+        }
+        let line = self.next_line(issues)?;
+        let row = Row::read(&line, &self.columns);
+        match row.bad {
+            Some(message) => self.stop(&message, issues),
+            None => Some(row.values),
+        }
+    }
+}
+
+/// A table that is being read.
+pub(super) struct Table {
+    kind: Kind,
+    pub lines: Lines,
+    /// Unit of length.
+    unit: &'static str,
+    exact: Exactness,
+    /// True for bodies of a selected subset that may lack surfaces: their measures are those of the whole set.
+    of_subset: bool,
+    /// Any row may be one that the edge of a mask cuts.
+    edge_unknown: bool,
+    /// Cells are parts of components.
+    of_parts: bool,
+}
+
+impl Table {
+    /// As of [`Lines::open`].
+    pub fn open(cx: &Context, kind: Kind, issues: &mut Issues) -> Option<Self> {
+        let manifest = cx.manifest;
+        Some(Table {
+            kind,
+            lines: Lines::open(cx, kind, issues)?,
+            unit: manifest.measured().unit.name(),
+            exact: Exactness::of(manifest),
+            of_subset: may_be_cut(manifest, kind),
+            edge_unknown: cx.edge.is_unknown(),
+            of_parts: manifest.cells.is_some(),
+        })
+    }
+
+    /// Compares the next row with the surfaces of the next id, and the body that they bound, if they do. Returns the
+    /// row if it is of that id.
     pub fn check(
         &mut self,
         group: &Group,
         body: Option<&Body>,
         components: &mut ComponentRows,
         issues: &mut Issues,
-    ) {
-        if self.done {
-            return;
+    ) -> Option<Vec<Option<f64>>> {
+        if self.lines.done {
+            return None;
         }
-        let Some(line) = self.next_line(issues) else {
-            if self.done && self.line > 0 {
+        let Some(line) = self.lines.next_line(issues) else {
+            if self.lines.done && self.lines.line > 0 {
                 let message = format!("found no row for {} {}", self.kind.name(), group.id);
-                issues.add(Code::TableRows, &self.path, message);
+                issues.add(Code::TableRows, &self.lines.path, message);
             }
-            return;
+            return None;
         };
-        let row = Row::read(&line, columns(self.kind));
+        let row = Row::read(&line, &self.lines.columns);
         if let Some(message) = row.bad {
-            self.stop::<()>(&message, issues);
-            return;
+            return self.lines.stop(&message, issues);
         }
         if row.values[0] != Some(group.id as f64) {
-            let path = format!("{}:{}", self.path, self.line);
+            let path = self.lines.place();
             let message = format!(
                 "found id {}, expected {} {}: a row for each, by rising id",
                 row.values[0].unwrap_or(f64::NAN),
@@ -256,11 +339,10 @@ impl Table {
                 group.id
             );
             issues.add(Code::TableRows, path, message);
-            self.done = true;
-            return;
+            self.lines.done = true;
+            return None;
         }
         let mut wrong = Vec::new();
-        let path = format!("{}:{}", self.path, self.line);
         match self.kind {
             Kind::Surface => self.surface(&row.values, group, &mut wrong),
             kind => {
@@ -273,39 +355,21 @@ impl Table {
         }
         if !wrong.is_empty() {
             let message = format!("{} {}: {}", self.kind.name(), group.id, wrong.join("; "));
-            issues.add(Code::TableValue, path, message);
+            issues.add(Code::TableValue, self.lines.place(), message);
         }
+        Some(row.values)
     }
 
     /// Compares a row with the measures in the extras of the cell's pieces.
     fn check_extras(&self, row: &components::Row, group: &Group, issues: &mut Issues) {
-        let mut stated = Measured {
-            unit: Some(self.unit),
-            ..Measured::default()
-        };
-        for (value, name) in stated.values.iter_mut().zip(MEASURES) {
-            let at = components::COLUMNS.iter().position(|c| c.0 == name);
-            *value = at.and_then(|at| row[at]).unwrap_or(f64::NAN);
-        }
         let found = &group.total;
-        if found.mixed || found.measures != extras::hash(&stated) {
-            let message = if found.mixed {
-                format!(
-                    "the measures on pieces of cell {} differ from piece to piece",
-                    group.id
-                )
-            } else {
-                format!(
-                    "the measures on pieces of cell {} are not those of {}:{}",
-                    group.id, self.path, self.line
-                )
-            };
-            issues.add(Code::CarriedMeasure, "tiles", message);
-        }
+        let carried = (!found.mixed).then_some(found.measures);
+        let place = self.lines.place();
+        check_carried(row, carried, self.unit, group.id, &place, issues);
     }
 
-    /// A row of cells or objects.
-    fn component(
+    /// Compares a row of cells, components or objects with the sums over its surfaces and its body.
+    pub fn component(
         &self,
         row: &components::Row,
         group: &Group,
@@ -315,7 +379,7 @@ impl Table {
     ) {
         let total = &group.total;
         let own_tiles = match self.kind {
-            Kind::Cell => total.cell_tiles,
+            Kind::Cell | Kind::Component => total.cell_tiles,
             _ => total.object_tiles,
         };
         if self.of_subset && self.is_cut(row, group, body) {
@@ -335,8 +399,8 @@ impl Table {
         };
         let error = self.area_error(&total.sums);
         compare("area", row[AREA], total.sums.area, error, wrong);
-        let sign = if self.kind == Kind::Cell { -1.0 } else { 1.0 };
-        let found = sign * total.sums.volume6 as f64 * self.sixth;
+        let sign = if self.kind.is_below() { -1.0 } else { 1.0 };
+        let found = sign * total.sums.volume6 as f64 * self.exact.sixth;
         let said_to_touch = row[BORDER] == Some(1.0);
         let touches = body.touches || (self.edge_unknown && said_to_touch);
         match (touches, row[MESH_VOLUME]) {
@@ -368,17 +432,17 @@ impl Table {
     /// many triangles that rounding may hide it.
     fn is_cut(&self, row: &components::Row, group: &Group, body: Option<&Body>) -> bool {
         let sums = &group.total.sums;
-        let rounding = ROUNDING * sums.area + self.triangle_error * sums.triangles as f64;
+        let rounding = ROUNDING * sums.area + self.exact.triangle_error * sums.triangles as f64;
         let same_area = row[AREA].is_some_and(|v| (v - sums.area).abs() <= rounding);
         let Some(body) = body else {
             return !same_area;
         };
         let same_voxels = row[VOXELS] == Some(body.moments.voxels as f64);
-        !same_voxels && (!same_area || rounding >= self.triangle_error * LEAST_SURFACE)
+        !same_voxels && (!same_area || rounding >= self.exact.triangle_error * LEAST_SURFACE)
     }
 
     fn area_error(&self, sums: &Sums) -> f64 {
-        AREA_ERROR * sums.area + self.triangle_error * sums.triangles as f64
+        self.exact.area_error(sums.area, sums.triangles)
     }
 
     /// A row of surfaces.
@@ -398,20 +462,76 @@ impl Table {
             ("tiles", group.total.tiles as f64, 0.0),
         ];
         for ((name, value, error), stated) in found.into_iter().zip(&row[1..]) {
-            compare(name, *stated, value, error, wrong);
+            // of the surface of a cell that others touch it has no meaning
+            let may_lack = self.of_parts && name == "euler_characteristic";
+            if !(may_lack && stated.is_none()) {
+                compare(name, *stated, value, error, wrong);
+            }
         }
     }
 
     /// Expects the end of the table, after `rows` more rows without a surface.
     pub fn finish(&mut self, rows: u64, issues: &mut Issues) {
         let mut found = 0u64;
-        while !self.done {
-            found += u64::from(self.next_line(issues).is_some());
+        while !self.lines.done {
+            found += u64::from(self.lines.next_line(issues).is_some());
         }
         if found != rows {
             let message = format!("found {found} rows after those with a surface, expected {rows}");
-            issues.add(Code::TableRows, &self.path, message);
+            issues.add(Code::TableRows, &self.lines.path, message);
         }
+    }
+}
+
+/// How exact the numbers of a set are.
+pub(super) struct Exactness {
+    /// Physical volume of a lattice cell, over 6.
+    sixth: f64,
+    /// [`TRIANGLE_ERROR`] in physical units.
+    triangle_error: f64,
+}
+
+impl Exactness {
+    pub fn of(manifest: &Manifest) -> Self {
+        let spacing = manifest.measured().spacing;
+        let voxel: f64 = spacing.iter().product();
+        let thinnest = spacing.into_iter().fold(f64::INFINITY, f64::min);
+        Exactness {
+            sixth: voxel / 6.0 / f64::from(1 << 24),
+            triangle_error: voxel / thinnest * TRIANGLE_ERROR,
+        }
+    }
+
+    /// The error that the area of so many triangles may have.
+    pub fn area_error(&self, area: f64, triangles: u64) -> f64 {
+        AREA_ERROR * area + self.triangle_error * triangles as f64
+    }
+}
+
+/// Compares the row of a cell, which is at `place`, with the hash of the measures on its pieces, which is missing if they
+/// differ.
+pub(super) fn check_carried(
+    row: &components::Row,
+    carried: Option<u64>,
+    unit: &'static str,
+    cell: u64,
+    place: &str,
+    issues: &mut Issues,
+) {
+    let mut stated = Measured {
+        unit: Some(unit),
+        ..Measured::default()
+    };
+    for (value, name) in stated.values.iter_mut().zip(MEASURES) {
+        let at = components::COLUMNS.iter().position(|c| c.0 == name);
+        *value = at.and_then(|at| row[at]).unwrap_or(f64::NAN);
+    }
+    if carried != Some(extras::hash(&stated)) {
+        let message = match carried {
+            None => format!("the measures on pieces of cell {cell} differ from piece to piece"),
+            Some(_) => format!("the measures on pieces of cell {cell} are not those of {place}"),
+        };
+        issues.add(Code::CarriedMeasure, "tiles", message);
     }
 }
 
@@ -471,8 +591,12 @@ fn is_plain(field: &str, is_whole: bool) -> bool {
 }
 
 /// The columns of whole numbers.
-const WHOLE: [&str; 10] = [
+const WHOLE: [&str; 14] = [
     "id",
+    "component",
+    "necks",
+    "cell_a",
+    "cell_b",
     "cell",
     "object",
     "voxels",

@@ -6,6 +6,7 @@ use super::closed::TILES;
 use super::code::Code;
 use super::edges::Edges;
 use super::files::{self, Expected};
+use super::parts::{PartSums, Weld};
 use super::piece::{Flaw, Piece, Region};
 use super::region_edge::{RegionEdge, TileEdge};
 use super::report::{Issue, Issues};
@@ -116,6 +117,7 @@ pub(super) struct Workspace {
     pub surface_seen: Seen,
     pub cap_seen: Seen,
     pub mesh: Mesh,
+    pub weld: Weld,
 }
 
 /// The samples to compare a tile with, and how.
@@ -151,7 +153,7 @@ pub(super) fn check(
     }
     let (counts, region) = (work.counts, work.region);
     let faces = work.sound.then_some(work.faces);
-    let components = work.components;
+    let (components, parts) = (work.components, work.parts);
     let mut voxels = Voxels::default();
     if let Some(Samples { band, rule }) = original {
         let mut flaws = Vec::new();
@@ -171,6 +173,7 @@ pub(super) fn check(
             path: entry.path.clone(),
             faces,
             components,
+            parts,
         }),
         counts,
         issues,
@@ -237,6 +240,8 @@ pub(super) struct Work<'a, 'i> {
     pub counts: Counts,
     pub box_seen: Option<[[i32; 3]; 2]>,
     pub components: Vec<(Component, bool)>,
+    /// Parts of surfaces, where cells are parts of components.
+    pub parts: Vec<PartSums>,
     pub faces: [Vec<FaceEdge>; 6],
     /// Open edges on the volume's faces: of surfaces, and of caps.
     pub border: Vec<(usize, FaceEdge)>,
@@ -260,6 +265,7 @@ impl<'a, 'i> Work<'a, 'i> {
             counts: Counts::default(),
             box_seen: None,
             components: Vec::new(),
+            parts: Vec::new(),
             faces: Default::default(),
             border: Vec::new(),
             cap_border: Vec::new(),
@@ -291,6 +297,7 @@ impl Work<'_, '_> {
                 }
                 Code::PositionOutsideTile => "vertices lie outside the macrocube",
                 Code::DuplicateVertex => "lattice edges have two vertices",
+                Code::SeamDiffers => "vertices are not those of the other parts of the surface",
                 Code::UnusedVertex => "vertices belong to no triangle",
                 Code::TriangleOutsideCube => "triangles span more than one cube",
                 Code::DegenerateTriangle => "triangles have no area",
@@ -326,11 +333,15 @@ impl Work<'_, '_> {
             ws.mesh.begin(&self.region, self.cx.manifest.cap);
         }
         self.sound = true;
+        ws.weld.begin();
         let mut group = 0;
         for primitive in &tile.primitives {
             if self.sound {
                 self.primitive(primitive, &mut group, ws);
             }
+        }
+        if self.sound {
+            self.end_surface(ws);
         }
         if !self.sound {
             return;
@@ -355,6 +366,7 @@ impl Work<'_, '_> {
             return;
         }
         self.close_border();
+        self.check_begins(&mut ws.weld);
         self.count_tiles();
         self.compare_entry();
         for (face, edges) in self.faces.iter_mut().enumerate() {
@@ -423,7 +435,17 @@ impl Work<'_, '_> {
     fn count_tiles(&mut self) {
         let mut cells = std::collections::HashSet::new();
         let mut objects = std::collections::HashSet::new();
-        for (c, _) in &mut self.components {
+        // where cells are parts of components, those of the tile have no ids
+        let whole = self.components.iter_mut().map(|(c, _)| c);
+        let whole = whole.filter(|c| c.ids.cell != 0);
+        let mut surfaces = std::collections::HashSet::new();
+        let parts = self.parts.iter_mut().map(|part| &mut part.component);
+        // a cell of two components may have two parts of one surface
+        let parts = parts.map(|c| {
+            c.tiles = u64::from(surfaces.insert(c.ids.surface));
+            c
+        });
+        for c in whole.chain(parts) {
             c.cell_tiles = u64::from(cells.insert(c.ids.cell));
             c.object_tiles = u64::from(objects.insert(c.ids.object));
         }

@@ -3,6 +3,7 @@
 mod batch;
 mod filters;
 mod region;
+mod report;
 mod texts;
 mod tiles;
 mod volumes;

@@ -59,6 +59,10 @@ fn help_names_every_option() {
             "lod",
             format!("{COMMON} --ratio --levels --pixel-error --memory --resume --force 1/8 1GiB"),
         ),
+        (
+            "report",
+            format!("{COMMON} {INPUT} --against --outside --force border-cell html"),
+        ),
         ("completions", "bash zsh fish".to_string()),
         ("man", "convert".to_string()),
     ] {

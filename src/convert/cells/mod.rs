@@ -11,6 +11,7 @@ mod split;
 pub use opening::Opening;
 pub use split::metric;
 
+use crate::checkpoint::{Checkpointer, Marks};
 use crate::convert::cells::band::{CellPart, CellSettings, CellsOfBand, cells_of_band};
 use crate::convert::cells::contacts::Contact;
 use crate::convert::cells::split::{SplitCells, split_cells};
@@ -113,11 +114,16 @@ struct Gathered {
     unlabelled: u64,
 }
 
-/// Finds the cells, where these are given: by labels, or by a rule for necks.
+/// Finds the cells, where these are given: by labels, or by a rule for necks. What splitting finds is kept beside the labels,
+/// of whose files `marks` tells.
 ///
 /// # Errors
 /// [`Error::Io`], [`Error::TooDense`] and [`Error::Interrupted`].
-pub fn cells(input: &CellsInput) -> Result<Option<GivenCells>> {
+pub fn cells(
+    input: &CellsInput,
+    marks: &Marks,
+    checkpointer: &mut Checkpointer,
+) -> Result<Option<GivenCells>> {
     if let Some(labels) = input.job.labels {
         let none = labels.largest() + 1;
         return sum_cells(input, labels.clone().with_none(none), None).map(Some);
@@ -129,7 +135,7 @@ pub fn cells(input: &CellsInput) -> Result<Option<GivenCells>> {
         rows,
         openings,
         curve,
-    } = split_cells(input, rule)?;
+    } = split_cells(input, rule, marks, checkpointer)?;
     let cells = sum_cells(input, rows, Some(openings))?;
     Ok(Some(GivenCells { curve, ..cells }))
 }

@@ -1,16 +1,17 @@
 //! Cells that components are split into at their necks.
 
+use crate::checkpoint::{Checkpointer, LABELS, Marks, Scratch};
 use crate::convert::cells::CellsInput;
 use crate::convert::cells::opening::Opening;
 use crate::convert::known_band::KnownBands;
 use crate::convert::label::{KeptBand, span_of};
 use crate::convert::memory::SPLITTING;
 use crate::error::Result;
-use crate::labels::{CellPiece, CellRows, CellRowsWriter, RowKinds, Span};
+use crate::grid::Dims;
+use crate::labels::{CellPiece, CellRows, CellRowsWriter, RowKinds, Span, bytes_of_rows};
 use crate::split::{BitSource, Metric, NeckRule, PartPiece, SlabGrid, Split, SplitOptions, split};
 use crate::sys::memory_pool::MemoryReservation;
-use crate::sys::spill_file::SpillFile;
-use std::path::Path;
+use crate::sys::spill_file::{Mark, SpillFile};
 
 /// Bytes that splitting keeps beside its blocks: pages of numbers of basins, and the graph of the last slices of a foam.
 const BESIDE_BLOCKS: u64 = 16 << 20;
@@ -32,11 +33,55 @@ pub fn metric(spacing: [f64; 3]) -> Metric {
     Metric::of_spacing(spacing, Metric::REACH)
 }
 
-/// Splits all components of voxels below.
+/// Splits all components of voxels below, unless that is done: then it is in files of the sweep that labels, of which
+/// `marks` tells.
 ///
 /// # Errors
 /// [`crate::Error::Io`], [`crate::Error::Interrupted`], and [`crate::Error::Usage`] if the rule is out of range.
-pub fn split_cells(input: &CellsInput, rule: NeckRule) -> Result<SplitCells> {
+pub fn split_cells(
+    input: &CellsInput,
+    rule: NeckRule,
+    marks: &Marks,
+    checkpointer: &mut Checkpointer,
+) -> Result<SplitCells> {
+    let files = checkpointer.files(LABELS);
+    let dims = input.job.plan.tiling.dims;
+    if let Some(kept) = reopen(&files, marks, dims)? {
+        return Ok(kept);
+    }
+    let (made, new) = split_anew(input, rule, &files)?;
+    checkpointer.end_sweep(&new);
+    checkpointer.save(LABELS, input.job.layers(), &Marks::default(), |_| Ok(()))?;
+    Ok(made)
+}
+
+/// Names of the files.
+const PIECES: &str = "cell-pieces";
+const ROWS: &str = "cell-rows";
+const OPENINGS: &str = "openings";
+const SUMMARY: &str = "split";
+
+/// What was found before; `None` if it was not.
+fn reopen(files: &Scratch, marks: &Marks, dims: Dims) -> Result<Option<SplitCells>> {
+    let (pieces, openings) = (marks.reopen(files, PIECES)?, marks.reopen(files, OPENINGS)?);
+    let summary = marks.reopen(files, SUMMARY)?;
+    let (Some(pieces), Some(openings), Some(mut summary)) = (pieces, openings, summary) else {
+        return Ok(None);
+    };
+    let all = summary.everything::<u64>();
+    let numbers = all.map_or(Ok(Vec::new()), |all| summary.get(&all))?;
+    let Some((&largest, curve)) = numbers.split_first() else {
+        return Ok(None);
+    };
+    Ok(Some(SplitCells {
+        rows: CellRows::reopen(dims, pieces, &files.path(ROWS), largest)?,
+        openings,
+        curve: curve.as_chunks().0.to_vec(),
+    }))
+}
+
+/// Splits, and marks the files of what is found.
+fn split_anew(input: &CellsInput, rule: NeckRule, files: &Scratch) -> Result<(SplitCells, Marks)> {
     let job = input.job;
     let dims = job.plan.tiling.dims;
     let mut held = MemoryReservation::new(input.memory, SPLITTING);
@@ -56,20 +101,33 @@ pub fn split_cells(input: &CellsInput, rule: NeckRule) -> Result<SplitCells> {
     let mut made = split(&mut bits, &options, input.work, job.progress)?;
     drop(bits);
     let spacing = job.options.measured(&job.grid.header().placement)?.spacing;
-    Ok(SplitCells {
-        rows: rows(&mut made, options.grid, input.work)?,
-        openings: openings(&mut made, &options, spacing, input.work)?,
-        curve: made
-            .curve()
-            .iter()
-            .map(|&(permille, cells)| [permille.into(), cells])
-            .collect(),
-    })
+    let mut marks = Marks::default();
+    let (rows, mark) = rows(&mut made, options.grid, files)?;
+    marks.add(files, PIECES, mark);
+    marks.add_length(files, ROWS, bytes_of_rows(dims));
+    let mut openings_file = SpillFile::create(&files.path(OPENINGS))?;
+    openings(&mut made, &options, spacing, &mut openings_file)?;
+    marks.add(files, OPENINGS, openings_file.mark()?);
+    let points = made.curve().iter();
+    let curve: Vec<[u64; 2]> = points
+        .map(|&(permille, cells)| [permille.into(), cells])
+        .collect();
+    let mut summary = SpillFile::create(&files.path(SUMMARY))?;
+    summary.push(&[rows.largest()])?;
+    summary.push(curve.as_flattened())?;
+    marks.add(files, SUMMARY, summary.mark()?);
+    let made = SplitCells {
+        rows,
+        openings: openings_file,
+        curve,
+    };
+    Ok((made, marks))
 }
 
 /// The cells of all rows.
-fn rows(made: &mut Split, grid: SlabGrid, dir: &Path) -> Result<CellRows> {
-    let mut rows = CellRowsWriter::new(grid.dims, dir)?;
+fn rows(made: &mut Split, grid: SlabGrid, files: &Scratch) -> Result<(CellRows, Mark)> {
+    let (pieces_path, rows_path) = (files.path(PIECES), files.path(ROWS));
+    let mut rows = CellRowsWriter::create(grid.dims, &pieces_path, &rows_path)?;
     let mut pieces = Vec::new();
     for slab in 0..grid.slabs() {
         made.slab(slab, |y, z, parts| {
@@ -89,7 +147,7 @@ fn rows(made: &mut Split, grid: SlabGrid, dir: &Path) -> Result<CellRows> {
             rows.push(y, z, &pieces)
         })?;
     }
-    rows.finish()
+    rows.finish_marked()
 }
 
 /// Where cells touch, in the unit of `spacing`.
@@ -97,11 +155,10 @@ fn openings(
     made: &mut Split,
     options: &SplitOptions,
     spacing: [f64; 3],
-    dir: &Path,
-) -> Result<SpillFile> {
+    openings: &mut SpillFile,
+) -> Result<()> {
     let finest = spacing.into_iter().fold(f64::INFINITY, f64::min);
     let [nx, ny, _] = options.grid.dims.0.map(u64::from);
-    let mut openings = SpillFile::new(dir)?;
     made.necks(|neck| {
         let voxel = [
             neck.voxel % nx,
@@ -116,9 +173,7 @@ fn openings(
             area: neck.area(spacing),
         };
         openings.push(&[opening]).map(|_| ())
-    })?;
-    openings.mark()?;
-    Ok(openings)
+    })
 }
 
 /// The bits that labelling has kept, slice by slice.

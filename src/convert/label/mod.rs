@@ -41,7 +41,7 @@ pub struct LabelInput<'a> {
     pub job: &'a Conversion<'a>,
     /// Its grid, which can be read in any order.
     pub volume: &'a dyn Volume,
-    /// It is filtered or unpacked as it is read, so that samples had better be kept than read again.
+    /// It is filtered or unpacked as it is read, or slow to read, so that samples had better be kept than read again.
     pub is_slow: bool,
     /// Its memory.
     pub memory: &'a Arc<MemoryPool>,

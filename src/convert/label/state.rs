@@ -33,6 +33,8 @@ pub struct Labelled {
     pub provisional: PhaseLabels,
     /// NaN samples.
     pub nan: u64,
+    /// What the checkpoint knows of the sweep's files, once it is over.
+    pub marks: Marks,
 }
 
 /// What joining the bands of a slab has found.
@@ -92,6 +94,7 @@ impl LabelState {
                 surfaces: provisional(SURFACES)?,
             },
             nan: 0,
+            marks: Marks::default(),
         };
         Ok(LabelState {
             labelled,
@@ -354,6 +357,7 @@ impl Labelled {
             bands,
             provisional,
             nan,
+            marks: marks.clone(),
         }))
     }
 }

@@ -60,8 +60,11 @@ pub fn copy_rows(from: &Path, to: &Path, manifest: &Manifest, choice: &Choice) -
             Table::Objects | Table::Surfaces => all || cells.contains(id),
         };
         rows.cells += u64::from(keep);
+        if keep {
+            parts.cells.insert(id);
+        }
         if let (true, Some(component)) = (keep, component) {
-            parts.add(id, row.number(component)?);
+            parts.add(row.number(component)?);
         }
         Ok(keep)
     })?;
@@ -86,7 +89,7 @@ pub fn copy_rows(from: &Path, to: &Path, manifest: &Manifest, choice: &Choice) -
     Ok(rows)
 }
 
-/// What is kept where cells are parts of components.
+/// What is kept of cells, and of the components that they are parts of.
 #[derive(Default)]
 struct Parts {
     cells: IdSet,
@@ -96,9 +99,8 @@ struct Parts {
 }
 
 impl Parts {
-    /// A kept cell, and the component that its row names.
-    fn add(&mut self, cell: u64, component: Option<f64>) {
-        self.cells.insert(cell);
+    /// The component that the row of a kept cell names.
+    fn add(&mut self, component: Option<f64>) {
         match component {
             Some(component) => _ = self.components.insert(component as u64),
             None => self.all = true,
@@ -118,7 +120,8 @@ impl Parts {
         ];
         for (count, (path, name, (kept, all, columns))) in counts.iter_mut().zip(all) {
             let Some(path) = path else { continue };
-            let mut reader = TableReader::open(&file_inside(from, path, "open the table")?)?;
+            let path = file_inside(from, path, "open the table")?;
+            let mut reader = TableReader::open_keyed(&path, columns[0])?;
             let ids = columns.iter().map(|column| reader.own_column(column));
             let ids = ids.collect::<Result<Vec<_>>>()?;
             copy_if(&mut reader, &to.join(name), |row| {

@@ -1,0 +1,307 @@
+//! `alvis report`: a page that needs nothing else, and the same numbers as JSON.
+
+use super::{alvis, fails, json, ok, stderr, temp};
+use serde_json::Value;
+use std::path::Path;
+
+/// A foam in `tiles`, and its volume.
+fn foam(dir: &Path) {
+    let phantom = "phantom foam foam.mhd --dims 44,40,36 --pitch 11 --spacing 0.05 --unit mm -q";
+    ok(dir, &phantom.split(' ').collect::<Vec<_>>());
+    let convert = "convert foam.mhd tiles --threshold otsu --macrocube 16 -q";
+    ok(dir, &convert.split(' ').collect::<Vec<_>>());
+}
+
+fn page(dir: &Path, name: &str) -> String {
+    std::fs::read_to_string(dir.join(name)).unwrap()
+}
+
+/// Everything that a page may not have: it would be loaded from elsewhere, or run.
+fn needs_nothing(page: &str) {
+    for bad in [
+        "<script", "<link", "<iframe", "<object", "url(", "@import", "onerror=", "href=",
+    ] {
+        assert!(!page.contains(bad), "{bad}");
+    }
+    for (at, _) in page.match_indices("src=\"") {
+        assert!(page[at + 5..].starts_with("data:image/png;base64,"));
+    }
+    // names of namespaces are no addresses that anything loads
+    let addresses = page.matches("://").count();
+    assert_eq!(
+        addresses,
+        page.matches("xmlns=\"http://www.w3.org/2000/svg\"").count()
+    );
+}
+
+#[test]
+fn a_page_and_json_have_the_numbers_of_the_tables() {
+    let dir = temp();
+    let dir = dir.path();
+    foam(dir);
+    let said = ok(dir, &["report", "tiles", "a.html"]);
+    assert_eq!(said, "a.html: a page for any browser\n");
+    let found = json(&ok(dir, &["report", "tiles", "--json"]));
+    let summary = json(&ok(dir, &["cells", "tiles", "--summary", "--json"]));
+    for (key, value) in summary.as_object().unwrap() {
+        let own = match key.as_str() {
+            "surface_of" | "fabric" | "mean_intercept_length" => &found[key],
+            _ => &found["summary"][key],
+        };
+        assert_eq!(own, value, "{key}");
+    }
+    let number = |v: &Value| v.as_f64().unwrap();
+    let pores: u64 = ["x", "y", "z"]
+        .map(|axis| {
+            let slices = found["profile"][axis]["pores"].as_array().unwrap();
+            slices.iter().map(|n| n.as_u64().unwrap()).sum()
+        })
+        .into_iter()
+        .reduce(|a: u64, b| {
+            assert_eq!(a, b);
+            a
+        })
+        .unwrap();
+    let share = pores as f64 / (44.0 * 40.0 * 36.0);
+    assert!((share - number(&found["summary"]["porosity"])).abs() < 1e-12);
+    assert!((number(&found["boxes"][0]["mean"]) - share).abs() < 0.02);
+    let text = page(dir, "a.html");
+    needs_nothing(&text);
+    assert!(text.starts_with("<!DOCTYPE html>"));
+    let median = number(&found["summary"]["equivalent_diameter"]["median"]);
+    for part in [
+        format!("{:.1} % of the grid", 100.0 * share),
+        format!("{median:.4}"),
+        "foam.mhd".to_owned(),
+        "data:image/png;base64,iVBOR".to_owned(),
+        found["settings"]["index_checksum"]
+            .as_str()
+            .unwrap()
+            .to_owned(),
+        format!(
+            "{:.3}",
+            number(&found["mean_intercept_length"]["degree_of_anisotropy"])
+        ),
+        found["definitions"][0]["source"]
+            .as_str()
+            .unwrap()
+            .to_owned(),
+    ] {
+        assert!(text.contains(&part), "{part}");
+    }
+    // sizes by number and by volume, three measures of form, slices, boxes
+    assert_eq!(text.matches("<svg ").count(), 7);
+    assert!(!text.contains("<h2>Necks") && !text.contains("<h2>Walls"));
+}
+
+#[test]
+fn the_same_set_gives_the_same_bytes() {
+    let dir = temp();
+    let dir = dir.path();
+    foam(dir);
+    std::fs::create_dir(dir.join("moved")).unwrap();
+    let mut pages = Vec::new();
+    for (n, threads) in ["1", "2", "7"].into_iter().enumerate() {
+        let name = format!("{n}.html");
+        ok(dir, &["report", "tiles", &name, "--threads", threads, "-q"]);
+        pages.push(page(dir, &name));
+    }
+    std::fs::rename(dir.join("tiles"), dir.join("moved/set")).unwrap();
+    ok(dir, &["report", "moved/set", "moved/3.html"]);
+    pages.push(page(dir, "moved/3.html"));
+    assert!(pages.windows(2).all(|p| p[0] == p[1]));
+}
+
+#[test]
+fn nothing_is_written_over_or_half() {
+    let dir = temp();
+    let dir = dir.path();
+    foam(dir);
+    std::fs::write(dir.join("mine.html"), "mine").unwrap();
+    for (args, part) in [
+        (&["report", "tiles", "mine.html"][..], "mine.html"),
+        (&["report", "tiles", "a.txt"], ".html"),
+        (&["report", "nothing", "a.html"], "nothing"),
+        (&["report", "tiles"], "FILE"),
+        (&["report", "tiles", "no/a.html"], "a.html"),
+        (
+            &["report", "tiles", "a.html", "--dims", "1,2,3"],
+            "--against",
+        ),
+        (
+            &["report", "tiles", "a.html", "--against", "no.mhd"],
+            "no.mhd",
+        ),
+        (
+            &["report", "tiles", "--json", "--against", "foam.mhd"],
+            "FILE",
+        ),
+    ] {
+        let message = fails(dir, args);
+        assert!(message.contains(part), "{args:?}: {message}");
+    }
+    assert_eq!(page(dir, "mine.html"), "mine");
+    ok(dir, &["report", "tiles", "mine.html", "--force", "-q"]);
+    assert!(page(dir, "mine.html").starts_with("<!DOCTYPE html>"));
+    // a damaged tile leaves no page
+    let tile = dir.join("tiles/tiles/z0000/y0000_x0000.glb");
+    let mut bytes = std::fs::read(&tile).unwrap();
+    *bytes.last_mut().unwrap() ^= 1;
+    std::fs::write(&tile, bytes).unwrap();
+    assert!(fails(dir, &["report", "tiles", "b.html"]).contains("crc32"));
+    let left = std::fs::read_dir(dir).unwrap();
+    let names: Vec<String> = left
+        .map(|e| e.unwrap().file_name().into_string().unwrap())
+        .collect();
+    assert!(
+        !names
+            .iter()
+            .any(|n| n.contains("b.html") || n.contains("partial")),
+        "{names:?}"
+    );
+}
+
+#[test]
+fn what_comes_from_files_is_escaped() {
+    let dir = temp();
+    let dir = dir.path();
+    foam(dir);
+    let name = "<img src=x onerror='alert(1)'>&\"</title>.mhd";
+    // no file of Linux has a slash in its name
+    let name = name.replace('/', "\\");
+    std::fs::rename(dir.join("foam.mhd"), dir.join(&name)).unwrap();
+    ok(dir, &["convert", &name, "odd", "--threshold", "otsu", "-q"]);
+    ok(dir, &["report", "odd", "odd.html", "-q"]);
+    let text = page(dir, "odd.html");
+    assert!(!text.contains("<img src=x"), "{text}");
+    assert!(text.contains("&lt;img src=x"));
+    needs_nothing(&text.replace("onerror='alert(1)'", ""));
+}
+
+#[test]
+fn tables_of_necks_and_walls_are_told_where_they_are() {
+    let dir = temp();
+    let dir = dir.path();
+    foam(dir);
+    let necks = "cell_a,cell_b,neck_radius [mm],ratio,x [mm],y [mm],z [mm],neck_area [mm^2]\n\
+                 1,2,0.05,0.5,0.1,0.2,0.3,0.01\n2,3,0.15,0.75,0.4,0.5,0.6,0.07\n";
+    let walls = "cell_a,cell_b,wall_area [mm^2],wall_thickness [mm],chords\n\
+                 1,2,1.5,0.1,40\n2,3,0.5,0.3,20\n4,5,0.25,,1\n";
+    std::fs::write(dir.join("tiles/necks.csv"), necks).unwrap();
+    std::fs::write(dir.join("tiles/walls.csv"), walls).unwrap();
+    let found = json(&ok(dir, &["report", "tiles", "a.html", "--json"]));
+    assert_eq!(found["necks"]["count"], 2);
+    assert_eq!(found["necks"]["unit"], "mm");
+    assert_eq!(found["necks"]["widest"][0]["cell_b"], 3);
+    assert_eq!(found["necks"]["neck_radius"]["max"], 0.15);
+    assert_eq!(found["walls"]["count"], 3);
+    assert_eq!(found["walls"]["wall_area"], 2.25);
+    let mean = found["walls"]["mean_by_area"].as_f64().unwrap();
+    assert!((mean - 0.15).abs() < 1e-12);
+    let text = page(dir, "a.html");
+    for part in ["<h2>Necks", "<h2>Walls", "2 and 3", "3 walls of 2.250 mm²"] {
+        assert!(text.contains(part), "{part}");
+    }
+    for (bad, part) in [
+        ("cell_a,cell_b\n1,2\n", "neck_radius"),
+        ("", "empty"),
+        ("id\n1\n", "cell_a"),
+        (
+            "cell_a,cell_b,neck_radius,ratio,x,y,z\n1,2,,1,1,1,1\n",
+            "number",
+        ),
+    ] {
+        std::fs::write(dir.join("tiles/necks.csv"), bad).unwrap();
+        let message = fails(dir, &["report", "tiles", "--json"]);
+        assert!(message.contains(part), "{bad:?}: {message}");
+    }
+}
+
+#[test]
+fn the_volume_gives_grey_values() {
+    let dir = temp();
+    let dir = dir.path();
+    foam(dir);
+    ok(dir, &["report", "tiles", "a.html", "-q"]);
+    ok(
+        dir,
+        &["report", "tiles", "b.html", "--against", "foam.mhd", "-q"],
+    );
+    let [a, b] = ["a.html", "b.html"].map(|name| page(dir, name));
+    assert!(a.contains("Material (light)") && !b.contains("Material (light)"));
+    assert!(b.contains("Grey values of the scan"));
+    needs_nothing(&b);
+    let other = "phantom foam other.mhd --dims 30,30,30 -q";
+    ok(dir, &other.split(' ').collect::<Vec<_>>());
+    let message = fails(
+        dir,
+        &["report", "tiles", "c.html", "--against", "other.mhd"],
+    );
+    assert!(message.contains("30 x 30 x 30"), "{message}");
+    // a raw volume that was cropped and filtered is opened as the index says
+    let convert = "convert foam.raw raw --dims 44,40,36 --dtype u8 --threshold 128 --smooth 1 --crop 4:40,2:38,3:33 \
+                   --roi cylinder:20,18,14 -q";
+    ok(dir, &convert.split_whitespace().collect::<Vec<_>>());
+    ok(
+        dir,
+        &["report", "raw", "d.html", "--against", "foam.raw", "-q"],
+    );
+    ok(dir, &["report", "raw", "e.html", "-q"]);
+    let text = page(dir, "e.html");
+    assert!(
+        text.contains("of the region of interest") && text.contains("gauss")
+            || text.contains("smooth")
+    );
+}
+
+#[test]
+fn odd_sets_have_a_page_too() {
+    let dir = temp();
+    let dir = dir.path();
+    foam(dir);
+    // a part, a set without any cell or without any surface, one of cells at the border alone
+    ok(
+        dir,
+        &[
+            "select",
+            "tiles",
+            "part",
+            "--where",
+            "not touches_border",
+            "-q",
+        ],
+    );
+    for (name, value) in [("metal", 200u8), ("air", 10)] {
+        let raw = format!("{name}.raw");
+        std::fs::write(dir.join(&raw), vec![value; 1000]).unwrap();
+        let convert = "--dims 10,10,10 --dtype u8 --threshold 128 -q";
+        let args = ["convert", &raw, name];
+        let args: Vec<&str> = args.into_iter().chain(convert.split(' ')).collect();
+        ok(dir, &args);
+    }
+    let cut = "convert foam.mhd cut --threshold otsu --crop 0:9,0:9,0:9 --cap -q";
+    ok(dir, &cut.split(' ').collect::<Vec<_>>());
+    for name in ["part", "metal", "air", "cut"] {
+        let file = format!("{name}.html");
+        let output = alvis(dir, &["report", name, &file, "--json"]);
+        assert_eq!(output.status.code(), Some(0), "{name}: {}", stderr(&output));
+        needs_nothing(&page(dir, &file));
+    }
+    let air = json(&ok(
+        dir,
+        &["report", "air", "--json", "--outside", "border-cell"],
+    ));
+    assert_eq!(air["profile"]["z"]["porosity"][0], Value::Null);
+    assert_eq!(air["fabric"], Value::Null);
+    let metal = json(&ok(dir, &["report", "metal", "--json"]));
+    assert_eq!(metal["profile"]["z"]["porosity"][5], 0.0);
+    assert_eq!(metal["form"], Value::Array(Vec::new()));
+    let part = json(&ok(dir, &["report", "part", "--json"]));
+    assert_eq!(part["profile"], Value::Null);
+    assert!(
+        part["notes"][0]
+            .as_str()
+            .unwrap()
+            .contains("a part of a tile set")
+    );
+}
