@@ -2,7 +2,8 @@
 
 mod common;
 
-use alvis::convert::{CellRows, ConvertOptions, Labels};
+use alvis::convert::{CellRows, ConvertOptions, Labels, convert};
+use alvis::error::Error;
 use alvis::grid::Dims;
 use alvis::manifest::{Encoding, Form, Layout, Primitives};
 use alvis::progress::Quiet;
@@ -265,7 +266,9 @@ fn walls_of_a_blurred_foam_are_as_thick_as_they_are() {
         );
         assert!(errors.len() > 20);
         if thickness > 2.0 {
-            assert!(middle.abs() < 0.05 && low > -0.05 && high < 0.05);
+            assert!(middle.abs() < 0.02 && low > -0.05);
+            // with noise small walls are lost in the edges between them
+            assert!(high < if noise > 0.0 { 0.2 } else { 0.05 });
         }
         let cells = table(dir.path(), "cells.csv");
         let found: f64 = (0..cells.rows.len())
@@ -536,6 +539,31 @@ fn leaky() -> ([u32; 3], Vec<u8>) {
     (foam.dims, grey)
 }
 
+/// Walls are found in the least memory in which a conversion without them succeeds.
+fn in_least_memory(volume: &dyn Volume, options: &ConvertOptions) {
+    let mut without = ConvertOptions {
+        split: None,
+        walls: false,
+        memory: 1,
+        ..options.clone()
+    };
+    let out = tempfile::tempdir().unwrap();
+    while let Err(error) = convert(volume, &without, &out.path().join("set"), &Quiet) {
+        without.memory = match error {
+            Error::Memory { needed, .. } | Error::TooDense { needed, .. } => needed,
+            other => panic!("{other}"),
+        };
+        without.force = true;
+    }
+    let with = [without.memory, 1 << 30].map(|memory| ConvertOptions {
+        walls: true,
+        memory,
+        ..without.clone()
+    });
+    let [a, b] = with.map(|options| wall_rows(converted(volume, &options).0.path()));
+    assert!(a == b && !a.is_empty());
+}
+
 #[test]
 fn walls_do_not_depend_on_how_a_volume_is_cut() {
     let (dims, grey) = leaky();
@@ -576,6 +604,7 @@ fn walls_do_not_depend_on_how_a_volume_is_cut() {
             );
         }
     }
+    in_least_memory(&volume, &options);
     let to = tempfile::tempdir().unwrap();
     let form = Form {
         primitives: Primitives::Triangles,

@@ -70,6 +70,9 @@ Columns of surfaces (--surfaces):
 More of cells that are parts of components (alvis convert --split or --labels):
   component             the connected part of the air that it is a part of: id in components.csv
   necks, largest_neck   cells that it is open to; radius of the widest opening
+More of cells of sets made with alvis convert --walls:
+  neighbours            cells that it has an opening or a wall to, very small walls left out
+  wall_thickness        median thickness of its walls by area; walls.csv has each of them
 Columns of openings (--necks):
   cell_a, cell_b        the two cells
   neck_radius           distance from the narrowest place on the widest way to the wall; with --split

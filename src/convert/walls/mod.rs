@@ -10,7 +10,7 @@ pub use of_cells::{CellWalls, add_walls};
 
 use crate::convert::conversion::Conversion;
 use crate::convert::known_band::KnownBands;
-use crate::convert::memory::WALLS;
+use crate::convert::memory::{FOR_WALLS, WALLS};
 use crate::convert::mesh::{BandLoader, MeshBand};
 use crate::error::{Error, Result};
 use crate::grid::Tiling;
@@ -28,8 +28,6 @@ use rayon::prelude::*;
 use std::path::Path;
 use std::sync::{Arc, Mutex};
 
-/// Records of each kind that are sorted in memory.
-const ROOM: usize = 1 << 14;
 /// Chords of a band that are gathered before those of the same bin are made one.
 const GATHERED: usize = 1 << 13;
 
@@ -78,12 +76,14 @@ pub struct WallsInput<'a> {
 /// # Errors
 /// [`Error::Io`], [`Error::TooDense`], [`Error::Interrupted`], and those of [`Volume::read_box`].
 pub fn walls(input: &WallsInput) -> Result<SpillFile> {
-    let gathered = Gathered {
-        chords: Sorter::new(input.work, ROOM)?,
-        ends: Sorter::new(input.work, ROOM)?,
-    };
     let mut held = MemoryReservation::new(input.memory, WALLS);
-    held.grow_to((ROOM * (size_of::<Chords>() + size_of::<ChordEnd>())) as u64)?;
+    let for_sorting = FOR_WALLS.of(input.job.plan.limit);
+    held.grow_to(for_sorting)?;
+    let room = for_sorting as usize / (size_of::<Chords>() + size_of::<ChordEnd>());
+    let gathered = Gathered {
+        chords: Sorter::new(input.work, room)?,
+        ends: Sorter::new(input.work, room)?,
+    };
     let pass = Pass {
         input,
         scale: ChordScale::new(input.job.grid.header().placement.spacing),
