@@ -280,7 +280,8 @@ fn walls_of_a_blurred_foam_are_as_thick_as_they_are() {
             assert!((found / (2 * known) as f64 - 1.0).abs() < 0.15);
             for row in 0..cells.rows.len() {
                 let error = number(&cells, row, "wall_thickness") / thickness - 1.0;
-                assert!(error.abs() < 0.06, "{row}: {error}");
+                let most = if noise > 0.0 { 0.1 } else { 0.06 };
+                assert!(error.abs() < most, "{row}: {error}");
             }
         }
     }

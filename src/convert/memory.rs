@@ -47,6 +47,8 @@ pub const FINISHING: &str = "tiles that get their ids";
 pub const FOR_TABLES: Share = Share::new(1, 8);
 /// Of that, for each of the three tables.
 pub const FOR_EACH_TABLE: Share = Share::new(1, 3);
+/// Of that, for what walls tell of cells: little of each.
+pub const FOR_WALLS_OF_CELLS: Share = Share::new(1, 32);
 /// Of the limit, for chords of walls that are sorted: no tile is made then.
 pub const FOR_WALLS: Share = Share::new(1, 64);
 /// Of the memory for [`FINISHING`], for the entries of a part of a layer: two parts are in memory.

@@ -2,7 +2,7 @@
 
 use crate::convert::cells::Opening;
 use crate::convert::components::Components;
-use crate::convert::memory::FOR_EACH_TABLE;
+use crate::convert::memory::FOR_WALLS_OF_CELLS;
 use crate::convert::walls::Wall;
 use crate::error::Result;
 use crate::grid::Placement;
@@ -83,7 +83,7 @@ pub fn add_walls(
     let [x, y, z] = place.spacing;
     let mean_face = (y * z + x * z + x * y) / 3.0;
     let scale = AreaScale::new(place.spacing);
-    let room = FOR_EACH_TABLE.of(memory);
+    let room = FOR_WALLS_OF_CELLS.of(memory);
     let mut of_cells = RecordTable::<WallsOfCell>::new(known.cells.len(), room, work)?;
     let mut pairs = Sorter::new(work, ROOM)?;
     let mut sorted = Sorter::new(work, ROOM)?;
