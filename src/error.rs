@@ -237,14 +237,15 @@ fn listed(uses: &[MemoryUse]) -> String {
     }
 }
 
-/// Says that scans that failed have rows in the table all the same.
+/// Says what became of tile sets that scans had before they failed.
 fn rows_of_before(kept: usize) -> String {
     match kept {
         0 => String::new(),
-        1 => ", but of 1 whose tile set from before stays, and its row with it".to_owned(),
-        kept => {
-            format!(", but of {kept} whose tile sets from before stay, and their rows with them")
-        }
+        1 => "; one of them has a tile set from before, which stays as it was, as does its row"
+            .to_owned(),
+        kept => format!(
+            "; {kept} of them have tile sets from before, which stay as they were, as do their rows"
+        ),
     }
 }
 

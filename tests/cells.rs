@@ -927,12 +927,26 @@ fn a_compressed_body_is_compared_cell_by_cell() {
     let small = compare(&["tiles", "short", "--align", "box", "--where", &condition]);
     assert_eq!((&small["lost"], &small["new"]), (&0.into(), &0.into()));
     assert!(small["cells"][0].as_u64() > small["cells"][1].as_u64());
+    // the sums of all are of different cells then, those of the pairs are not
+    let sum = |side: &str| -> f64 {
+        let pairs = small["pairs"].as_array().unwrap().iter();
+        pairs.map(|p| p["volume"][side].as_f64().unwrap()).sum()
+    };
+    for side in ["a", "b"] {
+        let matched = small["volume_matched"][side].as_f64().unwrap();
+        assert!((matched / sum(side) - 1.0).abs() < 1e-12, "{small}");
+    }
     let none = compare(&["tiles", "same", "--where", "id < 0"]);
     assert_eq!(none["volume"]["a"].to_string(), "0.0");
     assert_eq!(none["warnings"].as_array().unwrap().len(), 2);
     let table = ok(dir, &["compare", "tiles", "short"]);
     assert!(table.contains("-20.0 % (median)"), "{table}");
     assert!(table.lines().all(|l| l.chars().count() <= 80), "{table}");
+    let all = fails(
+        dir,
+        &["compare", "tiles", "short", "--format", "csv", "--top", "3"],
+    );
+    assert!(all.contains("--top") && all.contains("CSV"), "{all}");
     let text = ok(dir, &["compare", "tiles", "short", "--format", "csv"]);
     let mut lines = text.lines();
     let head: Vec<&str> = lines.next().unwrap().split(',').collect();

@@ -537,6 +537,11 @@ fn openings_and_the_curve_of_ratios_are_listed() {
     });
     assert_eq!(rows.rows.len(), both.count());
     assert_eq!(manifest(&part).totals.necks, rows.rows.len() as u64);
+    let proof = alvis(here, "verify part");
+    assert!(
+        proof.contains("where cells that were left out touched"),
+        "{proof}"
+    );
     let components = table(&part, "components.csv").rows.len() as u64;
     assert_eq!(manifest(&part).totals.components, components);
     // levels would gape where cells touch

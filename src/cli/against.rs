@@ -5,7 +5,7 @@ use super::filters::FilterArgs;
 use super::region::RegionArgs;
 use crate::error::{Error, Result};
 use crate::grid::Origin;
-use crate::manifest::Manifest;
+use crate::manifest::{MANIFEST, Manifest};
 use crate::progress::Progress;
 use crate::verify::SourceVolume;
 use crate::volume::{
@@ -60,7 +60,7 @@ pub fn open_against(directory: &Path, path: &Path, asked: Asked) -> Result<Again
     };
     let (opened, stamp) = open_whole(directory, path, &manifest, &asked)?;
     let source = SourceVolume::of(&opened);
-    let (volume, region) = filled(opened, &manifest, &asked)?;
+    let (volume, region) = filled(opened, &manifest, directory, &asked)?;
     let (dims, crop) = (volume.header().dims, manifest.source.crop.as_ref());
     if crop.is_some_and(|crop| crop.dims_in(dims).is_err()) {
         let whole = manifest.filtered_dims()?;
@@ -123,6 +123,7 @@ fn completed(mut options: OpenOptions, manifest: &Manifest, path: &Path) -> Open
 fn filled(
     opened: Opened,
     manifest: &Manifest,
+    directory: &Path,
     asked: &Asked,
 ) -> Result<(Box<dyn Volume>, Option<RegionVoxels>)> {
     let volume = opened.volume;
@@ -132,7 +133,15 @@ fn filled(
     let region = region.find_as(manifest, &*volume, asked.option, asked.progress)?;
     match (region, &manifest.region) {
         (Some(voxels), Some(stated)) => {
-            let filled = Filled::new(volume, voxels.clone(), stated.fill_value)?;
+            let filled = Filled::new(volume, voxels.clone(), stated.fill_value);
+            let filled = filled.map_err(|error| match error {
+                // nobody typed it
+                Error::Usage { expected, .. } => {
+                    let found = format!("region.fill_value of {}", stated.fill_value);
+                    Error::format(directory.join(MANIFEST), found, expected)
+                }
+                other => other,
+            })?;
             Ok((Box::new(filled), Some(voxels)))
         }
         (region, _) => Ok((volume, region)),

@@ -67,7 +67,7 @@ pub fn run(args: ConvertArgs, typed: &[OsString]) -> Result<Outcome> {
     if !args.resume {
         // refused before anything is read
         for scan in &scans {
-            convert::check_unused(&dir.join(&scan.name), args.force)?;
+            convert::check_unused(&dir.join(&scan.name), args.force).map_err(done_before)?;
         }
     }
     let console = args.common.start();
@@ -92,6 +92,18 @@ pub fn run(args: ConvertArgs, typed: &[OsString]) -> Result<Outcome> {
     drop(console);
     report(&args, &rows, &table, start)?;
     outcome(&rows, kept, &table, &resuming(typed))
+}
+
+/// Says also how to leave what is done as it is.
+fn done_before(error: Error) -> Error {
+    match error {
+        Error::OutputExists { path } if path.join(MANIFEST).is_file() => {
+            let found = format!("{}, which holds a tile set", path.display());
+            let expected = "another directory, --resume to leave what is done and make the rest, or --force to replace it";
+            Error::usage("--out-dir", found, expected)
+        }
+        other => other,
+    }
 }
 
 /// Prints how it went.

@@ -4,7 +4,7 @@ use super::args::Common;
 use super::output::LongText;
 use super::{Outcome, output};
 use crate::compare::{Align, Change, CompareOptions, ComparedCell, Comparison, compare};
-use crate::error::Result;
+use crate::error::{Error, Result};
 use crate::progress::Progress;
 use crate::words::measure;
 use clap::{Args, ValueEnum, ValueHint};
@@ -56,7 +56,7 @@ pub struct CompareArgs {
     /// Compare only cells for which this holds, and pairs for one of which it does
     #[arg(long = "where", value_name = "EXPR", allow_hyphen_values = true)]
     condition: Option<String>,
-    /// At most this many rows of the table
+    /// At most this many rows of the table; CSV and JSON have all
     #[arg(long, value_name = "N")]
     top: Option<usize>,
     /// Form of the rows [default: table, or json with --json]
@@ -68,6 +68,17 @@ pub struct CompareArgs {
 
 impl CompareArgs {
     pub fn run(self) -> Result<Outcome> {
+        let whole = match self.format {
+            _ if self.common.json => Some("JSON"),
+            Some(FormatArg::Json) => Some("JSON"),
+            Some(FormatArg::Csv) => Some("CSV"),
+            Some(FormatArg::Table) | None => None,
+        };
+        if let (Some(_), Some(form)) = (self.top, whole) {
+            let found = format!("it with {form}, which holds all pairs");
+            let expected = "it with the table for people alone";
+            return Err(Error::usage("--top", found, expected));
+        }
         let console = self.common.start();
         let options = CompareOptions {
             align: match self.align {
@@ -175,6 +186,7 @@ fn sums(comparison: &Comparison) -> String {
         ("new", format!("{} of B", count(comparison.new))),
         ("volume of all", volumes(&comparison.volume, unit)),
         ("volume of whole", volumes(&comparison.volume_whole, unit)),
+        ("of matched", volumes(&comparison.volume_matched, unit)),
         (
             "change of volume",
             format!(

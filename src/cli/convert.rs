@@ -222,7 +222,22 @@ impl ConvertArgs {
             resume: self.resume,
             ..LodOptions::default()
         };
-        lod::make(out, &options, console).map(Some)
+        let made = lod::make(out, &options, console);
+        made.map(Some).map_err(|error| match error {
+            Error::Memory { limit, needed, .. } => {
+                let out = output::shell_word(out.as_os_str());
+                let mib = needed.div_ceil(1 << 20);
+                Error::Memory {
+                    limit,
+                    needed,
+                    hint: format!(
+                        "of the levels of detail: the tile set is there and whole without them, `alvis lod {out} --memory {mib}MiB` \
+                         adds them"
+                    ),
+                }
+            }
+            other => other,
+        })
     }
 
     /// What is asked for of a volume, but for the threshold and the region, which it may take a look at it to find.
@@ -334,9 +349,13 @@ fn resumable(error: Error, out: &Path, typed: &[OsString]) -> Error {
             | Error::OtherConversion { .. }
             | Error::OtherTileSet { .. }
     );
-    let when = match error {
-        Error::Interrupted => "",
-        _ => "once the cause is removed, ",
+    let next = match error {
+        Error::Interrupted => format!("`{}` goes on", resuming(typed)),
+        // the same limit would fail again
+        Error::TooDense { needed, .. } => {
+            format!("`{}` goes on", resuming(&with_memory(typed, 2 * needed)))
+        }
+        _ => format!("once the cause is removed, `{}` goes on", resuming(typed)),
     };
     match convert::interrupted(out).filter(|_| !refused) {
         Some(kept) => Error::Resumable {
@@ -344,10 +363,33 @@ fn resumable(error: Error, out: &Path, typed: &[OsString]) -> Error {
             path: out.to_path_buf(),
             done: kept.done,
             of: kept.of,
-            next: format!("{when}`{}` goes on", resuming(typed)),
+            next,
         },
         None => error,
     }
+}
+
+/// A command line with another limit of memory, in whole MiB.
+fn with_memory(typed: &[OsString], bytes: u64) -> Vec<OsString> {
+    const OPTION: &str = "--memory";
+    let mut words = Vec::new();
+    let mut typed = typed.iter();
+    while let Some(word) = typed.next() {
+        if word == "--" {
+            words.push(word.clone());
+            break;
+        } else if word == OPTION {
+            typed.next();
+        } else if !word.to_string_lossy().starts_with("--memory=") {
+            words.push(word.clone());
+        }
+    }
+    words.extend(typed.cloned());
+    let end = words.iter().position(|word| word == "--");
+    let limit = format!("{}MiB", bytes.div_ceil(1 << 20));
+    let place = end.unwrap_or(words.len());
+    words.splice(place..place, [OPTION.into(), limit.into()]);
+    words
 }
 
 /// The command line that goes on with the conversion that this one began.
@@ -470,4 +512,30 @@ pub fn summary(report: &ConvertReport) -> String {
     }
     rows.push(("took", output::took(report.seconds, report.peak_rss_bytes)));
     output::table(&rows)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_command_that_goes_on_has_another_limit() {
+        for (typed, expected) in [
+            (
+                "alvis convert a b --memory 40MiB --threshold 3",
+                "alvis convert a b --threshold 3 --memory 90MiB --resume",
+            ),
+            (
+                "alvis convert --memory=40MiB --threshold 3 -- a b",
+                "alvis convert --threshold 3 --memory 90MiB --resume -- a b",
+            ),
+            (
+                "alvis convert a b",
+                "alvis convert a b --memory 90MiB --resume",
+            ),
+        ] {
+            let typed: Vec<OsString> = typed.split(' ').map(OsString::from).collect();
+            assert_eq!(resuming(&with_memory(&typed, 90 << 20)), expected);
+        }
+    }
 }

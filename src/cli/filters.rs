@@ -94,7 +94,8 @@ const OPTIONS: [FilterOption; 5] = [
         value: "R",
         help: "Take the median of the cube of 2 R + 1 voxels around each voxel, R 1 or 2",
         more: "It takes away single voxels that are far off, and edges stay sharp (scipy.ndimage.median_filter with mode \
-               nearest). NaN stays where it is and counts for no other voxel.",
+               nearest). NaN stays where it is and counts for no other voxel; of an even number that is left, the lower of \
+               the two in the middle counts.",
     },
     FilterOption {
         name: "downsample",

@@ -2,14 +2,17 @@
 
 use super::args::{Common, InputOptions, open_stamped};
 use super::chosen::ChosenArgs;
+use super::progress::Console;
 use super::region::Roi;
 use super::threshold::{self, TAKES, Threshold, threshold};
 use super::{Outcome, output};
 use crate::error::{Error, Result};
+use crate::grid::Fill;
 use crate::manifest::Manifest;
 use crate::preview::{Axis, PreviewOptions, preview};
 use crate::progress::Progress;
 use crate::transform::select::Map;
+use crate::volume::{RegionVoxels, Volume, fill_value};
 use clap::{Args, ValueEnum, ValueHint};
 use std::path::{Path, PathBuf};
 
@@ -19,6 +22,16 @@ enum AxisArg {
     X,
     Y,
     Z,
+}
+
+impl From<AxisArg> for Axis {
+    fn from(axis: AxisArg) -> Self {
+        match axis {
+            AxisArg::X => Axis::X,
+            AxisArg::Y => Axis::Y,
+            AxisArg::Z => Axis::Z,
+        }
+    }
 }
 
 /// Slices side by side at most: more would be too small to see anything.
@@ -93,6 +106,24 @@ pub struct PreviewArgs {
     common: Common,
 }
 
+/// The samples outside of a region at some thresholds; beyond all samples where a conversion would have none.
+fn fills(
+    volume: &dyn Volume,
+    inside: &RegionVoxels,
+    thresholds: &[f64],
+    fill: Fill,
+    progress: &dyn Progress,
+) -> Result<Vec<f64>> {
+    let one = |&t: &f64| match fill_value(volume, inside, t, fill, progress) {
+        Err(Error::Usage { .. }) => Ok(match fill {
+            Fill::Material => f64::INFINITY,
+            Fill::Air => f64::NEG_INFINITY,
+        }),
+        found => found,
+    };
+    thresholds.iter().map(one).collect()
+}
+
 impl PreviewArgs {
     /// Refuses what needs no reading.
     fn check(&self) -> Result<()> {
@@ -118,6 +149,33 @@ impl PreviewArgs {
         Ok(())
     }
 
+    /// The region of interest, and what is outside of it where no tiles say that.
+    fn region(
+        &self,
+        manifest: Option<&Manifest>,
+        volume: &dyn Volume,
+        console: &Console,
+    ) -> Result<(Option<RegionVoxels>, Option<Fill>)> {
+        let asked = &self.options.region;
+        if let Some(manifest) = manifest {
+            let region = asked.find_as(manifest, volume, "--tiles", console)?;
+            return Ok((region, None));
+        }
+        let roi = asked.find(volume, None, console)?;
+        let warnings = roi.as_ref().map_or(&[][..], Roi::warnings);
+        warnings.iter().for_each(|w| console.warn(w));
+        Ok(roi.map(|roi| (roi.voxels, roi.fill)).unzip())
+    }
+
+    /// What finds each threshold; empty for those that are given.
+    fn names(&self) -> Vec<String> {
+        let name = |threshold: &Threshold| match threshold {
+            Threshold::Value(_) => String::new(),
+            Threshold::Method(method) => method.to_string(),
+        };
+        self.threshold.iter().map(name).collect()
+    }
+
     pub fn run(self) -> Result<Outcome> {
         let console = self.common.start();
         self.check()?;
@@ -127,24 +185,18 @@ impl PreviewArgs {
             Some(manifest) => self.options.filters.apply_as(manifest, opened, "--tiles")?,
             None => self.options.filters.apply(opened)?,
         };
-        let (volume, asked) = (&*opened.volume, &self.options.region);
-        let region = match &manifest {
-            Some(manifest) => asked.find_as(manifest, volume, "--tiles", &console)?,
-            None => {
-                let roi = asked.find(volume, None, &console)?;
-                let warnings = roi.as_ref().map_or(&[][..], Roi::warnings);
-                warnings.iter().for_each(|w| console.warn(w));
-                roi.map(|roi| roi.voxels)
-            }
-        };
+        let volume = &*opened.volume;
+        let (region, fill) = self.region(manifest.as_ref(), volume, &console)?;
         let inside = region.as_ref();
         let thresholds = threshold::all(&self.threshold, volume, inside, &self.input, &console)?;
+        let fills = match (inside, fill) {
+            (Some(inside), Some(fill)) => fills(volume, inside, &thresholds, fill, &console)?,
+            _ => Vec::new(),
+        };
         let options = PreviewOptions {
-            axis: match self.axis {
-                AxisArg::X => Axis::X,
-                AxisArg::Y => Axis::Y,
-                AxisArg::Z => Axis::Z,
-            },
+            names: self.names(),
+            fills,
+            axis: self.axis.into(),
             at: self.at,
             thresholds,
             tiles: self.tiles,

@@ -43,7 +43,7 @@ pub struct RegionArgs {
     /// `cylinder:CX,CY,R` along z, or `mask:FILE`
     ///
     /// A cylinder goes through all slices; its axis and radius are in voxels, and a voxel is inside if its middle is. The
-    /// one that is found ends inside of the rim of the sample, by a voxel or less unless that is tilted; it is looked for in
+    /// one that is found ends inside of the rim of the sample, by a voxel or so unless that is tilted; it is looked for in
     /// whole slices, with --crop in those of the crop. A mask is any volume of the same size and place that
     /// alvis reads (raw: of type u8); voxels that are not 0 are inside. Histogram, thresholds and porosity are of what is
     /// inside, cells that the edge of the region cuts are border cells. Which voxels of a mask are inside is kept in a
@@ -91,6 +91,8 @@ pub struct Roi {
     pub count: u64,
     /// What is known of it if it was found in the scan.
     pub found: Option<FoundCylinder>,
+    /// What the user should know of it.
+    pub warnings: Vec<String>,
 }
 
 impl RegionArgs {
@@ -115,8 +117,8 @@ impl RegionArgs {
         match (&self.roi, self.roi_fill) {
             (None, Some(_)) => Err(Error::usage(
                 "--roi-fill",
-                "it without --roi",
-                "a region, whose outside is filled",
+                "no --roi with it",
+                "--roi as well: what is outside of that region is filled",
             )),
             _ => Ok(()),
         }
@@ -149,12 +151,22 @@ impl RegionArgs {
             }
             RegionArg::Cylinder(cylinder) => of_cylinder(*cylinder, dims)?,
         };
+        let count = voxels.count()?;
+        let mut warnings = found
+            .as_ref()
+            .map_or(Vec::new(), |found| found.warnings.clone());
+        if count == dims.voxels() {
+            warnings.push(format!(
+                "all of the volume's voxels are in the region {shape}: it leaves nothing out"
+            ));
+        }
         Ok(Some(Roi {
             shape,
-            count: voxels.count()?,
+            count,
             voxels,
             fill: self.fill(),
             found,
+            warnings,
         }))
     }
 
@@ -321,7 +333,7 @@ impl Roi {
 
     /// What the user should know of it.
     pub fn warnings(&self) -> &[String] {
-        self.found.as_ref().map_or(&[], |found| &found.warnings)
+        &self.warnings
     }
 
     /// What it is, for people.

@@ -32,8 +32,6 @@ pub fn same_place(
     let turned = directions
         .zip(volume.directions.as_flattened())
         .any(|(a, b)| (a - b).abs() > OFF / 10.0);
-    let has_place =
-        volume.origin != [0.0; 3] || volume.directions != Placement::default().directions;
     let moved = (0..3).any(|a| {
         let smallest = volume
             .spacing
@@ -43,9 +41,9 @@ pub fn same_place(
     });
     let lies = if steps.clone().any(step) {
         format!("voxels of {:?} {}", own.spacing, own.unit)
-    } else if from_file(stated.origin) && has_place && turned {
+    } else if from_file(stated.origin) && turned {
         format!("axes along {:?}", own.directions)
-    } else if from_file(stated.origin) && has_place && moved {
+    } else if from_file(stated.origin) && moved {
         format!("the first voxel at {:?} {}", own.origin, own.unit)
     } else {
         return Ok(());

@@ -93,6 +93,8 @@ pub struct Comparison {
     pub volume: Change,
     /// The volume of those that do not touch the border.
     pub volume_whole: Change,
+    /// The volume of matched cells, in each set.
+    pub volume_matched: Change,
     /// Mean and median of the change of volume of matched cells that touch the border in neither set; absent if there
     /// is none.
     pub volume_change_mean: Option<f64>,
@@ -160,6 +162,7 @@ pub fn compare(a: &Path, b: &Path, options: &CompareOptions) -> Result<Compariso
         new: count(|p| p.a.is_none()),
         volume: change(Some(first.volume(false)), Some(second.volume(false))),
         volume_whole: change(Some(first.volume(true)), Some(second.volume(true))),
+        volume_matched: change(None, None),
         volume_change_mean: None,
         volume_change_median: None,
         warnings: other_region(&manifest, &other).into_iter().collect(),
@@ -255,9 +258,26 @@ fn compared(a: Option<&Cell>, b: Option<&Cell>, overlap: Option<f64>) -> Compare
     }
 }
 
+/// The overlap of boxes that cells of one body have more of.
+const POOR: f64 = 0.4;
+
 impl Comparison {
+    /// What else can be tried where cells do not match.
+    fn hint(&self) -> &'static str {
+        match self.align {
+            Align::None => "; if the body was moved or compressed as a whole, try --align box",
+            Align::Box => "",
+        }
+    }
+
     /// The distribution of the change, and what is doubtful.
     fn summarise(&mut self) {
+        let matched = self.pairs.iter().filter(|p| p.overlap.is_some());
+        let of = |get: fn(&Change) -> Option<f64>| {
+            let volumes = matched.clone().filter_map(|p| get(&p.volume));
+            volumes.sum::<f64>() + 0.0
+        };
+        self.volume_matched = change(Some(of(|v| v.a)), Some(of(|v| v.b)));
         let whole = self.pairs.iter().filter(|p| !p.touches_border);
         let mut changes: Vec<f64> = whole.filter_map(|p| p.volume.change).collect();
         changes.sort_by(f64::total_cmp);
@@ -285,15 +305,21 @@ impl Comparison {
                     .to_owned(),
             );
         }
+        let mut overlaps: Vec<f64> = self.pairs.iter().filter_map(|p| p.overlap).collect();
+        overlaps.sort_by(f64::total_cmp);
+        if let Some(overlap) = quantile(&overlaps, 0.5).filter(|overlap| *overlap < POOR) {
+            self.warnings.push(format!(
+                "half of the matched cells overlap by less than {overlap:.2} of both together, as cells of two bodies do by \
+                 chance: are these two scans of one body in the same place? Look at the column overlap{}",
+                self.hint()
+            ));
+        }
         let most = self.cells[0].min(self.cells[1]);
         if self.matched * 2 < most {
-            let hint = match self.align {
-                Align::None => "; if the body was moved or compressed as a whole, try --align box",
-                Align::Box => "",
-            };
             self.warnings.push(format!(
-                "only {} of {most} cells were found again: are these two scans of one body in the same place?{hint}",
-                self.matched
+                "only {} of {most} cells were found again: are these two scans of one body in the same place?{}",
+                self.matched,
+                self.hint()
             ));
         }
     }

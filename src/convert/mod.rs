@@ -111,6 +111,7 @@ pub fn convert(
     let done = run(&job, out).map_err(|e| outward(e, out))?;
     Ok(ConvertReport {
         totals: done.made.totals,
+        threshold: options.threshold,
         filters: options.filters(),
         region: options.region.as_ref().map(|r| r.stated.clone()),
         bytes_written: done.made.bytes,

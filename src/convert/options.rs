@@ -229,6 +229,8 @@ pub struct ConvertReport {
     /// The manifest's sums.
     #[serde(flatten)]
     pub totals: Totals,
+    /// Voxels of at least this are above.
+    pub threshold: f64,
     /// What was done to the samples before they were compared with the threshold; absent if nothing.
     #[serde(skip_serializing_if = "Vec::is_empty")]
     pub filters: Vec<Filter>,

@@ -38,7 +38,7 @@ use crate::grid::Unit;
 use crate::manifest::{MANIFEST, TileEntry, batch};
 use crate::progress::Progress;
 use crate::sys::process_memory::peak_rss_bytes;
-use crate::table::{Chosen, Table, warn_of_outside};
+use crate::table::{Chosen, Table, warn_of_open, warn_of_outside};
 use crate::tileset::TileSet;
 use choice::Choice;
 use format::{Coded, Counts, Writer};
@@ -159,7 +159,9 @@ pub fn export(
     };
     let (counts, simplified, bytes) = run.write(file, &plan, &cost)?;
     let outside = warn_of_outside(dir, manifest, &options.chosen, false)?;
-    let warnings: Vec<String> = writer.warning().into_iter().chain(outside).collect();
+    let open = warn_of_open(dir, manifest, &options.chosen)?;
+    let warnings = writer.warning().into_iter().chain(outside).chain(open);
+    let warnings: Vec<String> = warnings.collect();
     warnings.iter().for_each(|w| progress.warn(w));
     Ok(ExportReport {
         format,

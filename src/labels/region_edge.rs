@@ -1,6 +1,7 @@
 //! Components that the edge of a region of interest cuts off.
 
 use crate::error::Result;
+use crate::grid::Ambiguous;
 use crate::labels::label_band::Labels;
 use crate::labels::runs::{RowRuns, Runs};
 use crate::labels::{Bits, Span};
@@ -29,10 +30,16 @@ impl InsideBand {
     }
 }
 
-/// Notes that components touch the border whose voxels share a face with a voxel of the other phase, where one of the two
-/// is outside of the region: there the surface is none of the sample's.
-pub fn note_region_edge(bits: &Bits, runs: &Runs, labels: &mut Labels, inside: &InsideBand) {
-    for_each_region_edge(bits, inside, |row, x| {
+/// Notes that components touch the border whose voxels meet one of the other phase, where one of the two is outside of
+/// the region: there the surface is none of the sample's, see [`for_each_region_edge`].
+pub fn note_region_edge(
+    bits: &Bits,
+    runs: &Runs,
+    labels: &mut Labels,
+    inside: &InsideBand,
+    rule: Ambiguous,
+) {
+    for_each_region_edge(bits, inside, rule, |row, x| {
         let run = runs.at(bits, row * bits.row_words, x as usize);
         let label = labels.of_run[run as usize];
         labels.components[label as usize].sums.touches_border = 1;
@@ -40,12 +47,24 @@ pub fn note_region_edge(bits: &Bits, runs: &Runs, labels: &mut Labels, inside: &
 }
 
 /// Calls `note` with the row, counted through all slices, and the x of voxels that share a face with one of the other
-/// phase, where one of the two is outside of the region; of each such face with both.
-pub fn for_each_region_edge(bits: &Bits, inside: &InsideBand, note: impl FnMut(usize, u32)) {
+/// phase, where one of the two is outside of the region; of each such face with both. The phase that `rule` joins across
+/// the edges of voxels goes on across these, too: so of each edge that a voxel of it inside shares with one of the other
+/// phase outside, also with both.
+pub fn for_each_region_edge(
+    bits: &Bits,
+    inside: &InsideBand,
+    rule: Ambiguous,
+    note: impl FnMut(usize, u32),
+) {
     let rows = bits.span.rows();
+    let joined = match rule {
+        Ambiguous::Separate => 0,
+        Ambiguous::Join => !0,
+    };
     let mut edge = Edge {
         bits,
         inside: &inside.words,
+        joined,
         note,
     };
     for s in 0..bits.span.slices() {
@@ -54,9 +73,15 @@ pub fn for_each_region_edge(bits: &Bits, inside: &InsideBand, note: impl FnMut(u
             edge.along(here);
             if r > 0 {
                 edge.across([here - 1, here]);
+                edge.diagonal([here - 1, here], &[-1, 1]);
             }
             if s > 0 {
                 edge.across([here - rows, here]);
+                edge.diagonal([here - rows, here], &[-1, 1]);
+                if r > 0 {
+                    edge.diagonal([here - rows - 1, here], &[0]);
+                    edge.diagonal([here - rows, here - 1], &[0]);
+                }
             }
         }
     }
@@ -98,6 +123,8 @@ fn has_outside(inside: &[u64], run: Range<usize>) -> bool {
 struct Edge<'a, F> {
     bits: &'a Bits,
     inside: &'a [u64],
+    /// The bits of voxels of the phase that is joined across the edges of voxels.
+    joined: u64,
     note: F,
 }
 
@@ -140,6 +167,60 @@ impl<F: FnMut(usize, u32)> Edge<'_, F> {
                 found &= found - 1;
                 rows.iter().for_each(|&row| (self.note)(row, x));
             }
+        }
+    }
+
+    /// Pairs of two rows whose x differ by one of `steps`, so that they share an edge of voxels.
+    fn diagonal(&mut self, [a, b]: [usize; 2], steps: &[i32]) {
+        for [own, other] in [[a, b], [b, a]] {
+            if self.is_all_inside(other) {
+                continue;
+            }
+            for &step in steps {
+                self.beyond([own, other], step);
+            }
+        }
+    }
+
+    fn is_all_inside(&self, row: usize) -> bool {
+        let (nx, words) = (self.bits.span.nx as usize, self.bits.row_words);
+        let row = &self.inside[row * words..(row + 1) * words];
+        row.iter().map(|w| w.count_ones() as usize).sum::<usize>() == nx
+    }
+
+    /// Voxels of the joined phase inside, of one row, and voxels of the other phase outside, `step` further along x in
+    /// another row.
+    fn beyond(&mut self, [own, other]: [usize; 2], step: i32) {
+        let (nx, words) = (self.bits.span.nx as usize, self.bits.row_words);
+        let word = |row: usize, w: usize| {
+            let is_joined = !(self.bits.words[row * words + w] ^ self.joined);
+            (is_joined, self.inside[row * words + w])
+        };
+        let outside = |w: usize| {
+            let (is_joined, inside) = word(other, w);
+            // bits beyond a row's end are no voxels
+            let voxels = !0u64 >> (64 - (nx - 64 * w).min(64));
+            !is_joined & !inside & voxels
+        };
+        let mut found = Vec::new();
+        for w in 0..words {
+            let (is_joined, inside) = word(own, w);
+            let beside = match step {
+                1 if w + 1 < words => outside(w) >> 1 | outside(w + 1) << 63,
+                1 => outside(w) >> 1,
+                -1 if w > 0 => outside(w) << 1 | outside(w - 1) >> 63,
+                -1 => outside(w) << 1,
+                _ => outside(w),
+            };
+            let mut both = is_joined & inside & beside;
+            while both != 0 {
+                found.push(64 * w as u32 + both.trailing_zeros());
+                both &= both - 1;
+            }
+        }
+        for x in found {
+            (self.note)(own, x);
+            (self.note)(other, x.wrapping_add_signed(step));
         }
     }
 }

@@ -129,6 +129,11 @@ impl Manifest {
         filtered_dtype(self.source.dtype, &self.filters)
     }
 
+    /// True if surfaces may end inside of the grid: in a part, where a cell that was left out touched one that was not.
+    pub(crate) fn may_gape(&self) -> bool {
+        self.is_part() && self.cells.is_some()
+    }
+
     /// True if the set lacks components of the whole that it was selected from: then ids have gaps,
     /// and what a whole surface obeys need not hold. A painted copy of all cells is a whole.
     pub fn is_part(&self) -> bool {

@@ -96,6 +96,8 @@ pub(crate) fn render(
         dims,
         window,
         thresholds: &thresholds,
+        names: &options.names,
+        fills: &options.fills,
         colours: colours.as_ref(),
         chosen: &options.chosen,
         of_tiles: manifest.as_ref().map_or(f64::NAN, |m| m.threshold),
@@ -160,6 +162,10 @@ struct Shown<'a> {
     dims: [u32; 3],
     window: Option<[f64; 2]>,
     thresholds: &'a [f64],
+    /// See [`PreviewOptions::names`].
+    names: &'a [String],
+    /// See [`PreviewOptions::fills`].
+    fills: &'a [f64],
     colours: Option<&'a Colours>,
     chosen: &'a Chosen,
     /// Threshold of the tile set, if there is one.
@@ -183,6 +189,8 @@ impl Shown<'_> {
             (page.draw(&layout), layout.corners)
         };
         for (i, &corner) in corners.iter().enumerate() {
+            let fill = self.fills.get(i).filter(|_| self.of_tiles.is_nan());
+            let filled = self.region.zip(fill).map(|(r, fill)| r.filled_with(*fill));
             let mut canvas = Canvas {
                 picture: &mut picture,
                 corner,
@@ -192,7 +200,7 @@ impl Shown<'_> {
             canvas.voxels(self.window, self.colours);
             if let Some(region) = self.region {
                 canvas.pale(&region.inside);
-                canvas.slice = &region.filled;
+                canvas.slice = filled.as_ref().unwrap_or(&region.filled);
             }
             if let Some(&t) = self.thresholds.get(i) {
                 canvas.contour(t, rule, self.colours.is_some());
@@ -319,16 +327,26 @@ impl Shown<'_> {
         self.slice.axis.plane().map(|a| self.placement.spacing[a])
     }
 
+    /// What found a threshold, and a space; nothing if it was given.
+    fn name(&self, i: usize) -> String {
+        let name = self.names.get(i).filter(|name| !name.is_empty());
+        name.map_or(String::new(), |name| format!("{name} "))
+    }
+
     /// What stands above each of several slices.
     fn titles(&self) -> Vec<String> {
         if self.thresholds.len() < 2 {
             return Vec::new();
         }
-        let title = |&t: &f64| {
+        let title = |(i, &t): (usize, &f64)| {
             let share = percent(self.share_above(t));
-            format!("{}: {share} above", Self::short(t))
+            format!(
+                "{}{}: {share} above in the slice",
+                self.name(i),
+                Self::short(t)
+            )
         };
-        self.thresholds.iter().map(title).collect()
+        self.thresholds.iter().enumerate().map(title).collect()
     }
 
     /// What slice it is, of what, and what is drawn on it.
@@ -343,7 +361,11 @@ impl Shown<'_> {
             self.size(),
         ];
         if let [t] = *self.thresholds {
-            texts.push(format!("contour: threshold {}", Self::short(t)));
+            texts.push(format!(
+                "contour: threshold {}{}",
+                self.name(0),
+                Self::short(t)
+            ));
         }
         if let Some(t) = self.outlined() {
             texts.push(format!("outlines: threshold {}", Self::short(t)));
@@ -419,6 +441,17 @@ impl Shown<'_> {
             doubts.push(format!(
                 "voxels of {right} by {down} are drawn as squares: in their true proportion the picture would be too \
                  large"
+            ));
+        }
+        for &t in self.thresholds {
+            let all = match self.share_above(t) {
+                0.0 => "above",
+                1.0 => "at or below",
+                _ => continue,
+            };
+            doubts.push(format!(
+                "threshold {} is {all} all samples of the slice: there is no contour in it",
+                Self::short(t)
             ));
         }
         if let Some(colours) = self.colours

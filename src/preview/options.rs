@@ -17,6 +17,11 @@ pub struct PreviewOptions {
     /// Draw the contours of these thresholds, of several in a panel each, side by side; with `tiles`, theirs is drawn
     /// without one.
     pub thresholds: Vec<f64>,
+    /// What found each of them, as `otsu`; empty for those that were given.
+    pub names: Vec<String>,
+    /// The sample that voxels outside of `region` have at each of them, as a conversion would give it; with `tiles` they
+    /// have that of the tiles.
+    pub fills: Vec<f64>,
     /// A tile set of the volume, to colour its cells, objects or surfaces.
     pub tiles: Option<PathBuf>,
     /// Colour them by this column or expression; without, as the tiles are painted, or by their ids.
@@ -48,6 +53,8 @@ impl Default for PreviewOptions {
             axis: Axis::Z,
             at: None,
             thresholds: Vec::new(),
+            names: Vec::new(),
+            fills: Vec::new(),
             tiles: None,
             colour_by: None,
             map: Map::default(),

@@ -36,4 +36,13 @@ impl SliceRegion {
         }
         Ok(Some(SliceRegion { inside, filled }))
     }
+
+    /// The samples, those outside all the same.
+    pub fn filled_with(&self, value: f64) -> Slice {
+        let mut filled = self.filled.clone();
+        let values = filled.values.iter_mut().zip(&self.inside.values);
+        let outside = values.filter(|(_, inside)| **inside == 0.0);
+        outside.for_each(|(sample, _)| *sample = value);
+        filled
+    }
 }

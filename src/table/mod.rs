@@ -46,7 +46,7 @@ pub use column::{Column, find_column};
 pub use edge::EdgeCorrection;
 pub use expr::{Expr, Kind};
 pub(crate) use outside::each_cell;
-pub use outside::{Outside, warn_of_outside};
+pub use outside::{Outside, warn_of_open, warn_of_outside};
 pub(crate) use parquet::write_parquet;
 pub use query::{Query, Selected};
 pub use reader::{Row, TableReader};

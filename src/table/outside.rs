@@ -189,6 +189,33 @@ pub fn warn_of_outside(
     }))
 }
 
+/// What a user should know of rows that were chosen from a tile set: that the faces of the volume cut some of them, so that
+/// their mesh is open there. `None` if no face does, or all rows were taken.
+///
+/// # Errors
+/// What reading returns.
+pub fn warn_of_open(dir: &Path, manifest: &Manifest, chosen: &Chosen) -> Result<Option<String>> {
+    if manifest.cap || manifest.region.is_some() || chosen.is_all() {
+        return Ok(None);
+    }
+    let mut table = chosen.table.open(dir, manifest)?;
+    let query = chosen.query(&table)?;
+    let Ok(border) = find(&table, "touches_border") else {
+        return Ok(None);
+    };
+    let mut open = 0;
+    while let Some(row) = table.next_row()? {
+        let touches = row.number(border)?.is_some_and(|v| v != 0.0);
+        open += u64::from(touches && query.keeps(&row)?);
+    }
+    Ok((open > 0).then(|| {
+        format!(
+            "the mesh is open at the faces of the volume, which cut {}: a conversion with --cap closes it",
+            things(open, chosen.table.singular())
+        )
+    }))
+}
+
 /// The box around the voxels of the grid that are in a cylinder which ends inside of the grid; `None` if that cannot be
 /// told.
 fn inside(manifest: &Manifest) -> Option<[[f64; 3]; 2]> {

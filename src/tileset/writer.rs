@@ -174,7 +174,7 @@ fn write_parquet_tables(dir: &Path, parts: bool) -> Result<u64> {
             &dir.join(table.file()),
             &dir.join(table.parquet_file()),
             table,
-            parts,
+            parts && table != Table::Objects,
         )?;
     }
     Ok(bytes)

@@ -232,7 +232,7 @@ impl Work<'_, '_> {
                 sums.inside.rim.add_border_edge(ends, state);
             }
         }
-        if holes > 0 {
+        if holes > 0 && !self.cx.manifest.may_gape() {
             flaws.push(Flaw {
                 code: Code::Hole,
                 count: holes,
@@ -251,7 +251,7 @@ impl Work<'_, '_> {
             cell: label.ids.cell,
             object: label.ids.object,
         };
-        let cut = self.edge.cuts(&ws.piece.points);
+        let cut = self.edge.cuts(&ws.piece.points, &ws.piece.state);
         for i in 0..roots.len() {
             let first = i == 0;
             let component = Component {

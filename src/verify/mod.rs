@@ -196,9 +196,15 @@ fn unproved(manifest: &Manifest) -> Vec<String> {
 /// What of cells that are parts of components neither tiles nor the volume prove.
 fn unproved_cells(manifest: &Manifest) -> Option<String> {
     const CELLS: &str = "which voxels each cell has, and where cells touch";
+    let gapes = match manifest.may_gape() {
+        true => {
+            "; nor, of a part, what its tables say, and that the surface ends only where cells that were left out touched: verify the whole"
+        }
+        false => "",
+    };
     Some(match manifest.cells.as_ref()? {
-        PartsBy::Labels { file, .. } => format!("that the labels of {file} say {CELLS}"),
-        PartsBy::Split { .. } => format!("that the rule of necks says {CELLS}"),
+        PartsBy::Labels { file, .. } => format!("that the labels of {file} say {CELLS}{gapes}"),
+        PartsBy::Split { .. } => format!("that the rule of necks says {CELLS}{gapes}"),
     })
 }
 

@@ -38,8 +38,14 @@ pub(super) fn check(cx: &Context, issues: &mut Issues) {
             continue;
         };
         let columns = columns(kind, cx.manifest.cells.is_some());
+        // counts of what cells of a component cut from each other
+        let may_lack: &[&str] = match (cx.manifest.cells.is_some(), kind) {
+            (true, Kind::Cell) => &["euler_characteristic", "component"],
+            (true, Kind::Surface) => &["euler_characteristic"],
+            _ => &[],
+        };
         // a damaged file may be more than its reader bears
-        let compared = catch_unwind(AssertUnwindSafe(|| compare(&columns, file, csv)));
+        let compared = catch_unwind(AssertUnwindSafe(|| compare(&columns, may_lack, file, csv)));
         let fault = compared.unwrap_or_else(|_| Some(syntax("what cannot be read")));
         if let Some((code, message)) = fault {
             issues.add(code, path, message);
@@ -52,17 +58,23 @@ fn syntax(found: impl std::fmt::Display) -> Fault {
     (Code::TableSyntax, message)
 }
 
-/// The first difference between the two files of a table.
-fn compare(columns: &[Column], parquet: File, csv: File) -> Option<Fault> {
-    match differ(columns, parquet, csv) {
+/// The first difference between the two files of a table, of whose whole numbers those in the columns `may_lack` may be
+/// missing.
+fn compare(columns: &[Column], may_lack: &[&str], parquet: File, csv: File) -> Option<Fault> {
+    match differ(columns, may_lack, parquet, csv) {
         Ok(fault) => fault,
         Err(e) => Some(syntax(e)),
     }
 }
 
-fn differ(columns: &[Column], parquet: File, csv: File) -> Result<Option<Fault>, ParquetError> {
+fn differ(
+    columns: &[Column],
+    may_lack: &[&str],
+    parquet: File,
+    csv: File,
+) -> Result<Option<Fault>, ParquetError> {
     let reader = SerializedFileReader::new(parquet)?;
-    if let Some(fault) = wrong_columns(columns, reader.metadata()) {
+    if let Some(fault) = wrong_columns(columns, may_lack, reader.metadata()) {
         return Ok(Some(fault));
     }
     let mut lines = BufReader::new(csv).lines();
@@ -99,7 +111,7 @@ fn missing_rows(count: u64, lines: Lines<BufReader<File>>) -> Option<Fault> {
 type Found<'a> = (&'a str, Option<Physical>, Option<Repetition>);
 
 /// Columns of other names or types, or parts too large to be unpacked.
-fn wrong_columns(columns: &[Column], file: &ParquetMetaData) -> Option<Fault> {
+fn wrong_columns(columns: &[Column], may_lack: &[&str], file: &ParquetMetaData) -> Option<Fault> {
     let schema = file.file_metadata().schema();
     let found: Vec<Found> = schema
         .get_fields()
@@ -119,22 +131,14 @@ fn wrong_columns(columns: &[Column], file: &ParquetMetaData) -> Option<Fault> {
         .map(|(name, _)| {
             let (physical, repetition) = match *name {
                 "touches_border" => (Physical::BOOLEAN, Repetition::REQUIRED),
+                name if may_lack.contains(&name) => (Physical::INT64, Repetition::OPTIONAL),
                 name if is_whole(name) => (Physical::INT64, Repetition::REQUIRED),
                 _ => (Physical::DOUBLE, Repetition::OPTIONAL),
             };
             (*name, Some(physical), Some(repetition))
         })
         .collect();
-    // where cells are parts of components, counts may be missing
-    let parts = columns.iter().any(|(name, _)| *name == "component");
-    let may_lack = [Some(Physical::INT64), Some(Physical::DOUBLE)];
-    let fits = |(found, expected): &(&Found, &Found)| {
-        let lacking = is_whole(found.0)
-            && found.2 == Some(Repetition::OPTIONAL)
-            && may_lack.contains(&found.1);
-        found == expected || parts && found.0 == expected.0 && lacking
-    };
-    let differs = |pair: &(&Found, &Found)| !fits(pair);
+    let differs = |(found, expected): &(&Found, &Found)| found != expected;
     if let Some((found, expected)) = found.iter().zip(&expected).find(differs) {
         let message = format!("found the column {found:?}, expected {expected:?}");
         return Some((Code::TableSyntax, message));

@@ -5,8 +5,9 @@ use super::code::Code;
 use super::marks::axis;
 use super::piece::{Region, Vertex};
 use super::report::Issues;
+use super::rim::cell_is_low;
 use crate::error::Result;
-use crate::grid::{Cylinder, Dims, Fill, Shape};
+use crate::grid::{Ambiguous, Cylinder, Dims, Fill, Shape};
 use crate::manifest::Manifest;
 use crate::volume::{RegionVoxels, row_words};
 
@@ -126,28 +127,39 @@ impl<'a> RegionEdge<'a> {
         matches!(self, RegionEdge::Unknown)
     }
 
-    /// The part of it in a tile.
+    /// The part of it in a tile of a set.
     ///
     /// # Errors
     /// Those of [`RegionVoxels::rows`].
-    pub fn in_tile(&self, tile: &Region) -> Result<TileEdge<'a>> {
-        Ok(match *self {
-            RegionEdge::None | RegionEdge::Unknown => TileEdge::None,
-            RegionEdge::Cylinder(cylinder, start) => TileEdge::Cylinder(cylinder, start),
+    pub fn in_tile(&self, tile: &Region, manifest: &Manifest) -> Result<TileEdge<'a>> {
+        let [lo, hi] = [tile.lo, tile.hi].map(|p| p.map(|c| (c >> 8) as u32));
+        let inside = match *self {
+            RegionEdge::None | RegionEdge::Unknown => TileVoxels::All,
+            RegionEdge::Cylinder(cylinder, start) => TileVoxels::Cylinder(cylinder, start),
             RegionEdge::Mask(voxels) => {
-                let [lo, hi] = [tile.lo, tile.hi].map(|p| p.map(|c| (c >> 8) as u32));
                 let (mut bits, mut rows) = (Vec::new(), Vec::new());
                 for z in lo[2]..=hi[2] {
                     voxels.rows(lo[1]..hi[1] + 1, z, &mut rows)?;
                     bits.extend_from_slice(&rows);
                 }
-                TileEdge::Bits {
+                TileVoxels::Bits {
                     bits,
                     row_words: row_words(voxels.dims().0[0]),
                     first: [lo[1], lo[2]],
                     rows: (hi[1] - lo[1] + 1) as usize,
                 }
             }
+        };
+        let fill = manifest.region.as_ref().map(|region| region.fill);
+        let joined = match (manifest.ambiguous, fill) {
+            (Ambiguous::Separate, Some(Fill::Material)) => Joined::Cells,
+            (Ambiguous::Join, Some(Fill::Air)) => Joined::Objects,
+            _ => Joined::None,
+        };
+        Ok(TileEdge {
+            inside,
+            range: [lo, hi],
+            joined,
         })
     }
 }
@@ -185,10 +197,19 @@ fn checksum_of_all(dims: Dims) -> String {
     format!("crc32:{:08x}", all.finalize())
 }
 
-/// The voxels of a tile that are inside.
-pub(super) enum TileEdge<'a> {
-    /// All, or it is not known.
+/// What would go on outside of the region across the edges of voxels, if that was not filled.
+#[derive(Clone, Copy, PartialEq, Eq)]
+enum Joined {
+    /// What is joined so is what fills the outside.
     None,
+    Cells,
+    Objects,
+}
+
+/// The voxels of a tile that are inside.
+enum TileVoxels<'a> {
+    /// All, or it is not known.
+    All,
     /// See [`RegionEdge::Cylinder`].
     Cylinder(&'a Cylinder, [u32; 2]),
     /// A bit for each voxel of some rows.
@@ -202,25 +223,61 @@ pub(super) enum TileEdge<'a> {
     },
 }
 
+/// The edge of the region in a tile.
+pub(super) struct TileEdge<'a> {
+    inside: TileVoxels<'a>,
+    /// The first and the last voxel of the tile.
+    range: [[u32; 3]; 2],
+    joined: Joined,
+}
+
 impl TileEdge<'_> {
-    /// True if the lattice edge of one of the vertices has an end outside of the region.
-    pub fn cuts(&self, points: &[Vertex]) -> bool {
-        if matches!(self, TileEdge::None) {
+    /// Without a region.
+    pub fn none() -> Self {
+        TileEdge {
+            inside: TileVoxels::All,
+            range: [[0; 3]; 2],
+            joined: Joined::None,
+        }
+    }
+
+    /// True if the lattice edge of one of the vertices has an end outside of the region, or if the component whose end is
+    /// joined across the edges of voxels meets a voxel outside so.
+    pub fn cuts(&self, points: &[Vertex], state: &[u8]) -> bool {
+        if matches!(self.inside, TileVoxels::All) {
             return false;
         }
-        points.iter().any(|&[x, y, z, code]| {
+        points.iter().zip(state).any(|(&[x, y, z, code], state)| {
+            let along = usize::from(axis(code));
             let low = [x, y, z].map(|c| (c >> 8) as u32);
             let mut high = low;
-            high[usize::from(axis(code))] += 1;
-            !(self.holds(low) && self.holds(high))
+            high[along] += 1;
+            if !(self.holds(low) && self.holds(high)) {
+                return true;
+            }
+            // beside the end that is of the other phase
+            let other = match (self.joined, cell_is_low(*state)) {
+                (Joined::None, _) => return false,
+                (Joined::Cells, true) | (Joined::Objects, false) => high,
+                (Joined::Cells, false) | (Joined::Objects, true) => low,
+            };
+            let across = (0..3).filter(|a| *a != along);
+            let mut beside = across.flat_map(|a| [-1, 1].map(|step| (a, step)));
+            beside.any(|(a, step)| {
+                let mut at = other;
+                at[a] = at[a].wrapping_add_signed(step);
+                // what lies beyond the tile is seen from the next one
+                let [first, last] = self.range;
+                (first[a]..=last[a]).contains(&at[a]) && !self.holds(at)
+            })
         })
     }
 
     fn holds(&self, [x, y, z]: [u32; 3]) -> bool {
-        match self {
-            TileEdge::None => true,
-            TileEdge::Cylinder(cylinder, start) => cylinder.holds(x + start[0], y + start[1]),
-            TileEdge::Bits {
+        match &self.inside {
+            TileVoxels::All => true,
+            TileVoxels::Cylinder(cylinder, start) => cylinder.holds(x + start[0], y + start[1]),
+            TileVoxels::Bits {
                 bits,
                 row_words,
                 first,

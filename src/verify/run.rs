@@ -269,7 +269,10 @@ impl<'a> Run<'a> {
         self.progress.begin("verify", total);
         let mut state = State {
             original,
-            sweep: Sweep::new(Ledger::new(self.cx.manifest.cells.is_some())),
+            sweep: Sweep::new(
+                Ledger::new(self.cx.manifest.cells.is_some()),
+                self.cx.manifest.may_gape(),
+            ),
             found,
             issues,
         };

@@ -165,16 +165,19 @@ pub(super) struct Sweep {
     pub ledger: Ledger,
     /// Edges matched across planes.
     pub matched: u64,
+    /// See [`Manifest::may_gape`](crate::manifest::Manifest::may_gape).
+    may_gape: bool,
 }
 
 impl Sweep {
-    pub fn new(ledger: Ledger) -> Self {
+    pub fn new(ledger: Ledger, may_gape: bool) -> Self {
         Sweep {
             live: Vec::new(),
             waiting: BTreeMap::new(),
             lost_layer: None,
             ledger,
             matched: 0,
+            may_gape,
         }
     }
 
@@ -235,6 +238,7 @@ impl Sweep {
                     self.join(&lower, &edges, &plane, issues);
                 }
                 None if lost => {}
+                None if self.may_gape => {}
                 None => report_open(&edges, axis, plane, &path, issues),
             }
         }
@@ -291,7 +295,7 @@ impl Sweep {
         }
         // edges that fail to meet are one hole, seen from both sides
         let (side, other) = if open[0].is_empty() { (1, 0) } else { (0, 1) };
-        if let Some(first) = open[side].first() {
+        if let Some(first) = open[side].first().filter(|_| !self.may_gape) {
             let count = open[0].len() + open[1].len();
             let message = format!(
                 "{count} edges on the plane to {} do not meet an edge of the other tile",
@@ -352,7 +356,8 @@ impl Sweep {
             let (axis, tile) = key;
             if axis == 2 && tile[2] == z {
                 self.waiting.insert(key, waiting);
-            } else if let Waiting::Edges { edges, plane, path } = waiting {
+            } else if let (Waiting::Edges { edges, plane, path }, false) = (waiting, self.may_gape)
+            {
                 report_open(&edges, axis, plane, &path, issues);
             }
         }

@@ -270,7 +270,7 @@ impl<'a, 'i> Work<'a, 'i> {
             border: Vec::new(),
             cap_border: Vec::new(),
             sound: false,
-            edge: TileEdge::None,
+            edge: TileEdge::none(),
             keep_mesh: false,
             issues,
         }
@@ -380,7 +380,7 @@ impl Work<'_, '_> {
 
     /// Finds what of the tile is in the region of interest.
     fn load_edge(&mut self) {
-        match self.cx.edge.in_tile(&self.region) {
+        match self.cx.edge.in_tile(&self.region, self.cx.manifest) {
             Ok(edge) => self.edge = edge,
             Err(e) => {
                 let at = "index.json#/region";
@@ -439,12 +439,12 @@ impl Work<'_, '_> {
         let whole = self.components.iter_mut().map(|(c, _)| c);
         let whole = whole.filter(|c| c.ids.cell != 0);
         let mut surfaces = std::collections::HashSet::new();
+        for part in &mut self.parts {
+            // a cell of two components may have two parts of one surface
+            let is_first = surfaces.insert(part.component.ids.surface);
+            part.component.tiles = u64::from(is_first);
+        }
         let parts = self.parts.iter_mut().map(|part| &mut part.component);
-        // a cell of two components may have two parts of one surface
-        let parts = parts.map(|c| {
-            c.tiles = u64::from(surfaces.insert(c.ids.surface));
-            c
-        });
         for c in whole.chain(parts) {
             c.cell_tiles = u64::from(cells.insert(c.ids.cell));
             c.object_tiles = u64::from(objects.insert(c.ids.object));

@@ -179,7 +179,7 @@ fn an_error_in_one_scan_does_not_stop_the_others() {
     // once it is there, --resume makes what is missing and takes the others as they are
     let message = fails(dir, &words(line));
     assert!(
-        message.contains("out/a") && message.contains("--force"),
+        message.contains("out/a") && message.contains("--force") && message.contains("--resume"),
         "{message}"
     );
     let made = |name: &str| {
@@ -332,7 +332,7 @@ fn rows_of_tile_sets_that_are_there_stay() {
     assert!(errors.contains(told), "{errors}");
     let last = errors.lines().last().unwrap();
     assert!(
-        last.contains("1 of 2 scans") && last.contains("of 1 whose tile set"),
+        last.contains("1 of 2 scans") && last.contains("one of them has a tile set from before"),
         "{errors}"
     );
     let after = rows();

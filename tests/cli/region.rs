@@ -232,7 +232,7 @@ fn bad_regions_get_one_message() {
         ),
         (
             format!("{convert} --roi-fill air"),
-            vec!["--roi-fill", "without --roi"],
+            vec!["--roi-fill", "no --roi with it"],
         ),
         (
             format!("{convert} --roi mask:m.raw --downsample 2"),
@@ -287,6 +287,11 @@ fn bad_regions_get_one_message() {
         message.contains("the mask m.mhd with voxels of [0.1"),
         "{message}"
     );
+    // of a volume at 0, 0, 0
+    let moved = mask("0.2 0.2 0.2\nOffset = 5 0 0");
+    std::fs::write(dir.join("m.mhd"), moved).unwrap();
+    let message = fails(dir, &words(&placed));
+    assert!(message.contains("the first voxel at [5"), "{message}");
     std::fs::write(dir.join("m.mhd"), mask("0.2 0.2 0.2")).unwrap();
     run(dir, &format!("{placed} --quiet"));
     let inner = convert.replace(" out ", " out/inner ");
@@ -504,4 +509,51 @@ fn what_a_mask_does_not_tell_is_said() {
         &format!("info {INPUT} --roi mask:one.raw --threshold 20"),
     );
     assert!(text.contains("0.0052 % of the voxels"), "{text}");
+}
+
+#[test]
+fn what_a_region_hides_is_said() {
+    let dir = temp();
+    let dir = dir.path();
+    scan(dir);
+    // one that leaves nothing out
+    let info = json(&run(
+        dir,
+        &format!("info {INPUT} --roi cylinder:20,20,900 --json"),
+    ));
+    let told = |warnings: &Value, part: &str| {
+        let mut warnings = warnings.as_array().unwrap().iter();
+        warnings.any(|w| w.as_str().unwrap().contains(part))
+    };
+    assert!(told(&info["warnings"], "leaves nothing out"), "{info}");
+
+    // the threshold that a method found
+    let line = format!("convert {INPUT} out --threshold otsu --roi mask:m.raw --json --quiet");
+    let made = json(&run(dir, &line));
+    let index = json(&std::fs::read_to_string(dir.join("out/index.json")).unwrap());
+    assert_eq!(made["threshold"], index["threshold"]);
+    assert!(made["threshold"].is_number(), "{made}");
+
+    // panels say what found their threshold; one without a contour is told
+    let line =
+        format!("preview {INPUT} a.png --threshold otsu,300 --roi mask:m.raw --json --quiet");
+    let drawn = json(&run(dir, &line));
+    assert!(
+        told(&drawn["warnings"], "threshold 300 is above all samples"),
+        "{drawn}"
+    );
+
+    // a fill that is no sample, which nobody typed
+    let path = dir.join("out/index.json");
+    let mut index = index;
+    index["region"]["fill_value"] = value!(37_873_078);
+    std::fs::write(&path, index.to_string()).unwrap();
+    let message = fails(
+        dir,
+        &words(&format!("verify out --against {INPUT} --roi mask:m.raw")),
+    );
+    assert!(
+        message.contains("index.json") && message.contains("region.fill_value of 37873078"),
+        "{message}"
+    );
 }

@@ -33,7 +33,11 @@ impl Scan {
             let number = (x + 5 * (y + 7 * z)) as u64;
             // some blocks share a label, so that a cell may be in several places
             let own = 3 + 4 * (noise(seed ^ 77, number) * 50.0) as u16;
-            if holes && number % 5 == 0 { 0 } else { own }
+            if holes && number.is_multiple_of(5) {
+                0
+            } else {
+                own
+            }
         };
         Scan {
             dims,

@@ -188,7 +188,8 @@ impl Finder<'_> {
     /// Notes that cells touch the border at the edge of the region, as components do.
     fn note_region_edge(&mut self, inside: &InsideBand) {
         let mut parts = std::mem::take(&mut self.found.parts);
-        for_each_region_edge(&self.band.bits, inside, |row, x| {
+        let rule = self.settings.rule;
+        for_each_region_edge(&self.band.bits, inside, rule, |row, x| {
             let stretches = &self.stretches[self.rows[row] as usize..self.rows[row + 1] as usize];
             let behind = stretches.partition_point(|stretch| stretch.start <= x);
             let found = behind.checked_sub(1).map(|at| stretches[at]);

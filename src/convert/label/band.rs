@@ -196,7 +196,7 @@ impl<T: Voxel> BandSource<'_, T> {
                 self.dims(),
             );
             if let Some(inside) = inside {
-                note_region_edge(&band.bits, &band.runs, &mut band.labels, inside);
+                note_region_edge(&band.bits, &band.runs, &mut band.labels, inside, self.rule);
             }
         }
         band.edges = BandFaces::of(&band.bits, &band.runs, &band.labels, self.dims());

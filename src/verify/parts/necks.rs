@@ -181,7 +181,7 @@ fn wrong_in(
         "found no radius above 0"
     } else if split && !none(RATIO) && !row[RATIO].is_some_and(|v| v > 0.0 && v <= 1.0) {
         "found a ratio that is not above 0 and at most 1"
-    } else if !split && !(none(RADIUS) && none(RATIO)) {
+    } else if !(split || none(RADIUS) && none(RATIO)) {
         "found a radius or a ratio, which labels do not give"
     } else if places != 0 && (split || places != 3) {
         "found a place without some of its coordinates"

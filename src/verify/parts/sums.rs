@@ -239,7 +239,12 @@ mod tests {
         let nine = begins.of(9).unwrap().span;
         assert_eq!((nine.lo, nine.hi), ([9, 7, 65_535], [4, 8, 65_535]));
         let mut seen = Vec::new();
-        tiles.each(9, |tile| Ok(seen.push(tile))).unwrap();
+        tiles
+            .each(9, |tile| {
+                seen.push(tile);
+                Ok(())
+            })
+            .unwrap();
         assert_eq!((seen, tiles.count().unwrap()), (vec![4, 5], 0));
     }
 }

@@ -235,9 +235,10 @@ impl Work<'_, '_> {
                 }
             }
             let corners = piece.points.as_slice();
-            let is_cut = triangles
-                .iter()
-                .any(|t| self.edge.cuts(&t.map(|v| corners[v as usize])));
+            let is_cut = triangles.iter().any(|t| {
+                let states = t.map(|v| piece.state[v as usize]);
+                self.edge.cuts(&t.map(|v| corners[v as usize]), &states)
+            });
             let begins = self.begins(piece, triangles, label.ids.cell, &mut ws.weld.begins);
             self.parts.push(PartSums {
                 component: Component {

@@ -21,6 +21,8 @@ const LEAST_SIGNIFICANCE: f64 = 5.0;
 
 /// How much taller a spike at an end of the range is than any level near it.
 const SPIKE: u64 = 8;
+/// The same where levels do not fall away from it, as those of a narrow heap do: half of a heap was clipped.
+const CLIPPED_HEAP: u64 = 2;
 /// The share of the range in which a spike is the only tall level.
 const NEAR: usize = 64;
 /// The share of the samples that has to be left without spikes for these to be none of the materials.
@@ -90,13 +92,20 @@ fn spikes(levels: &Levels) -> [Option<usize>; 2] {
         return [None; 2];
     };
     let reach = ((last - first) / NEAR).max(3);
+    // those near it, by rising distance
     let tall = |end: usize, near: &[u64]| {
-        let near = near.iter().max().copied().unwrap_or(0);
-        (levels.counts[end] > SPIKE * near.max(1)).then_some(end)
+        let most = near.iter().max().copied().unwrap_or(0).max(1);
+        let third = near.len().div_ceil(3);
+        let sum = |part: &[u64]| part.iter().sum::<u64>();
+        let rises = sum(&near[..third]) <= sum(&near[near.len() - third..]);
+        let times = if rises { CLIPPED_HEAP } else { SPIKE };
+        (levels.counts[end] > times * most).then_some(end)
     };
+    let mut below = levels.counts[last - reach..last].to_vec();
+    below.reverse();
     [
         tall(first, &levels.counts[first + 1..=first + reach]),
-        tall(last, &levels.counts[last - reach..last]),
+        tall(last, &below),
     ]
 }
 
@@ -389,6 +398,36 @@ mod tests {
         (sharp[0], sharp[255]) = (1_000_000, 90_000);
         let found = two_peaks(&levels(true, 0.0, 1.0, sharp)).unwrap();
         assert!(found.clipped.is_empty(), "{found:?}");
+    }
+
+    /// What is below the range has its end: few samples to many.
+    #[test]
+    fn half_a_clipped_heap_is_no_spike() {
+        for sigma in [10.0, 15.0, 20.0, 25.0, 30.0] {
+            for lowest in [1.4, 1.6, 1.8, 2.0, 2.2, 2.4] {
+                let air = lowest * sigma;
+                let all = bells(
+                    512,
+                    &[[256.0 + air, sigma, 7e5], [256.0 + 170.0, 20.0, 3e5]],
+                );
+                let mut counts = all[256..].to_vec();
+                counts[0] += all[..256].iter().sum::<u64>();
+                let case = format!("{sigma} {lowest}");
+                for mirrored in [false, true] {
+                    let found = values(&levels(true, 0.0, 1.0, counts.clone())).unwrap();
+                    let [low, high] = if mirrored {
+                        [255.0 - found[1], 255.0 - found[0]]
+                    } else {
+                        found
+                    };
+                    assert!(
+                        (low - air).abs() < 4.0 && (high - 170.0).abs() < 4.0,
+                        "{case}: {found:?}"
+                    );
+                    counts.reverse();
+                }
+            }
+        }
     }
 
     #[test]

@@ -3,7 +3,7 @@
 use super::Means;
 use super::bodies::Bodies;
 use super::circle::{Circle, distance, near};
-use super::image::median;
+use super::image::{Image, median};
 use super::slices::{Coarse, Raster, one_more};
 use crate::error::Result;
 use crate::grid::Voxel;
@@ -39,12 +39,17 @@ impl Axis {
         let sample = bodies.sample;
         let reach = (NEAR * sample.radius).max(3.0);
         let radii = (sample.radius - reach).max(1.0)..(sample.radius + reach).min(bodies.reach);
-        let circle = |(z, image): &(f64, super::Image)| {
+        let circle = |(z, image): &(f64, Image)| {
             near(image, &sample, &radii, bodies.threshold).map(|circle| (*z, circle))
         };
-        let found: Vec<(f64, Circle)> = means.groups.iter().filter_map(circle).collect();
+        let mut found: Vec<(f64, Circle)> = means.groups.iter().filter_map(circle).collect();
         if 2 * found.len() < means.groups.len() {
-            return Err("one that is round in few slices only".to_owned());
+            // pores open the rim in each of them, but not at one place in all
+            let halves = means.halves();
+            found = halves.iter().filter_map(circle).collect();
+            if found.len() < halves.len() {
+                return Err("one that is round in few slices only".to_owned());
+            }
         }
         let of_axis = |a: usize| {
             let places: Vec<[f64; 2]> = found.iter().map(|(z, c)| [*z, c.centre[a]]).collect();
@@ -75,7 +80,7 @@ impl Axis {
     }
 
     /// Its middle in a slice.
-    fn at(&self, z: f64) -> [f64; 2] {
+    pub fn at(&self, z: f64) -> [f64; 2] {
         [0, 1].map(|a| self.circle.centre[a] + self.slope[a] * z)
     }
 
@@ -91,6 +96,11 @@ impl Axis {
             centre: self.at(z),
             radius: self.radius() - moved,
         }
+    }
+
+    /// True if it is not upright.
+    pub fn is_tilted(&self) -> bool {
+        self.slope != [0.0; 2]
     }
 
     /// The angle to z where voxels have this size, in degrees.
@@ -167,7 +177,7 @@ impl Extent<'_> {
     ///
     /// # Errors
     /// The volume's; [`crate::Error::Interrupted`].
-    pub fn find<T: Voxel>(&self, slices: Vec<Coarse>) -> Result<Range<u32>> {
+    pub fn find<T: Voxel>(&self, slices: &[Coarse]) -> Result<Range<u32>> {
         let [nx, ny, _] = self.volume.header().dims.0;
         let raster = super::slices::coarse([nx, ny]);
         let levels: Vec<Level> = slices.iter().map(|s| self.level(raster, s)).collect();
@@ -179,7 +189,6 @@ impl Extent<'_> {
         let (first, last) = (slices[longest.start].z, slices[longest.end - 1].z);
         let before = longest.start.checked_sub(1).map(|i| slices[i].z);
         let after = slices.get(longest.end).map(|slice| slice.z);
-        drop(slices);
         let shows = |z: u32| {
             let slice = one_more::<T>(self.volume, z, raster, self.progress)?;
             Ok(usual.holds(self.level(raster, &slice)))

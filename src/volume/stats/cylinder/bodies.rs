@@ -1,7 +1,7 @@
 //! What is round in a picture, and which of it is the sample.
 
 use super::circle::{Circle, NoCircle, around, distance};
-use super::image::{Image, split};
+use super::image::{Image, median, split};
 use super::{SMALLEST, cylinder, why_not};
 use std::f64::consts::PI;
 
@@ -15,6 +15,10 @@ const ALIKE: f64 = 0.25;
 const WORTH: f64 = 0.02;
 /// The share of the variance between two classes that noise or a slow change do not reach: these have 0.64 and 0.75.
 const TWO_LEVELS: f64 = 0.85;
+/// Of the brightness that parts a tube from air, by how much what is in it is brighter than the air at least.
+const FAINT: f64 = 0.1;
+/// Pixels of air between a faint sample and a tube at least.
+const GAP: f64 = 1.5;
 /// Parts that are looked at, the largest.
 const PARTS: usize = 8;
 
@@ -106,7 +110,8 @@ impl Bodies {
         };
         let found = match rest.iter().find(is_in) {
             Some(part) => Some((part.circle, self.threshold)),
-            None => dim_in(image, &main, 0.9 * hole, least),
+            None => dim_in(image, &main, 0.9 * hole, least)
+                .or_else(|| self.behind_gap(image, hole, least)),
         };
         let tube = Other {
             circle: main,
@@ -127,6 +132,41 @@ impl Bodies {
                 ))
             }
         }
+    }
+
+    /// A sample in the hole of a tube, fainter than the tube and nearly as wide as the hole, and the brightness at its
+    /// rim.
+    fn behind_gap(
+        &self,
+        image: &Image,
+        hole: f64,
+        least: f64,
+    ) -> Option<(Result<Circle, NoCircle>, f64)> {
+        let tube = &self.sample;
+        let inner = disc(image, tube.centre, 0.7 * hole).map(|i| f64::from(image.pixels[i]));
+        let (inner, air) = (median(&mut inner.collect::<Vec<_>>()), self.air(image));
+        if inner - air <= FAINT * (self.threshold - air) {
+            return None;
+        }
+        let threshold = (inner + air) / 2.0;
+        let is_in = |i: usize| {
+            f64::from(image.pixels[i]) >= threshold
+                && distance(image.place(i), tube.centre) < hole - 1.0
+        };
+        let part = image.parts(is_in).into_iter().next()?;
+        let circle = around(image, &part, threshold).ok()?;
+        let apart = distance(circle.centre, tube.centre) + circle.radius + GAP < hole;
+        (part.len() as f64 >= least && apart).then_some((Ok(circle), threshold))
+    }
+
+    /// The brightness of what is dark around the sample.
+    pub fn air(&self, image: &Image) -> f64 {
+        let Circle { centre, radius } = self.sample;
+        let outside = |i: &usize| distance(image.place(*i), centre) > 1.04 * radius + 2.0;
+        let values = (0..image.pixels.len()).filter(outside);
+        let values = values.map(|i| f64::from(image.pixels[i]));
+        let dark = values.filter(|v| *v < self.threshold);
+        median(&mut dark.collect::<Vec<_>>())
     }
 
     /// What else there is besides a solid sample.

@@ -1,5 +1,6 @@
 //! Slices of a volume, seen coarsely: means of some slices each, and each slice as a small picture.
 
+use super::image::split;
 use crate::error::{Error, Result};
 use crate::grid::Voxel;
 use crate::progress::Progress;
@@ -162,6 +163,26 @@ impl Seen {
     }
 }
 
+impl Seen {
+    /// The slices between those that show nothing bright, where few of all do; `None` otherwise.
+    pub fn few(&self, range: &Range<u32>) -> Option<Range<u32>> {
+        let pixels = self.slices.iter().flat_map(|slice| &slice.pixels);
+        let (threshold, _) = split(pixels.map(|v| f64::from(*v)))?;
+        let bright = |slice: &Coarse| {
+            let bright = slice.pixels.iter().filter(|v| f64::from(**v) >= threshold);
+            bright.count()
+        };
+        let bright: Vec<usize> = self.slices.iter().map(bright).collect();
+        let most = *bright.iter().max()?;
+        let first = bright.iter().position(|n| 2 * n > most)?;
+        let last = bright.iter().rposition(|n| 2 * n > most)?;
+        let before = first.checked_sub(1).map(|i| self.slices[i].z + 1);
+        let after = self.slices.get(last + 1).map(|slice| slice.z);
+        let part = before.unwrap_or(range.start)..after.unwrap_or(range.end);
+        (2 * part.len() < range.len()).then_some(part)
+    }
+}
+
 /// Reads one slice as a small picture, and adds it to a mean.
 ///
 /// # Errors
@@ -173,10 +194,29 @@ fn read_slice<T: Voxel>(
     mut mean: Option<&mut Sums>,
     progress: &dyn Progress,
 ) -> Result<Vec<f32>> {
+    let mut own = Sums::new(coarse);
+    for_each_row::<T>(volume, z, progress, |y, row| {
+        own.add(y, row);
+        if let Some(mean) = &mut mean {
+            mean.add(y, row);
+        }
+    })?;
+    Ok(own.take())
+}
+
+/// Calls `each` with the rows of a slice, of which some are held at a time.
+///
+/// # Errors
+/// The volume's; [`Error::Interrupted`].
+pub(super) fn for_each_row<T: Voxel>(
+    volume: &dyn Volume,
+    z: u32,
+    progress: &dyn Progress,
+    mut each: impl FnMut(u32, &[T]),
+) -> Result<()> {
     let [nx, ny, _] = volume.header().dims.0;
     let rows = (SAMPLES / (nx as usize * size_of::<T>())).clamp(1, ny as usize);
     let mut samples = vec![T::zeroed(); nx as usize * rows];
-    let mut own = Sums::new(coarse);
     for y in (0..ny).step_by(rows) {
         if progress.interrupted() {
             return Err(Error::Interrupted);
@@ -185,15 +225,11 @@ fn read_slice<T: Voxel>(
         let samples = &mut samples[..nx as usize * y.len()];
         let out = bytemuck::cast_slice_mut(samples);
         volume.read_box(0..nx, y.clone(), z..z + 1, out)?;
-        for (y, row) in y.zip(samples.chunks_exact(nx as usize)) {
-            own.add(y, row);
-            if let Some(mean) = &mut mean {
-                mean.add(y, row);
-            }
-        }
+        y.zip(samples.chunks_exact(nx as usize))
+            .for_each(|(y, row)| each(y, row));
     }
     volume.release(z..z + 1);
-    Ok(own.take())
+    Ok(())
 }
 
 /// Reads one more slice as those of [`Seen::slices`].

@@ -160,7 +160,8 @@ fn the_sample_in_a_tube_is_found_and_the_tube_told() {
     let empty = scan(DIMS, |[x, y, _]| 1000.0 + 2000.0 * around(x, y));
     let found = find(&empty).unwrap();
     assert_near(&found, [63.0, 63.0, 50.0], 0.0);
-    assert!(found.warnings.is_empty(), "{found:?}");
+    assert_eq!(found.warnings.len(), 1, "{found:?}");
+    assert!(found.warnings[0].contains("is empty"), "{found:?}");
     // without air between
     for (tube, core) in [(900.0, 2000.0), (2400.0, 1200.0)] {
         let full = scan(DIMS, |[x, y, _]| {
@@ -290,4 +291,183 @@ fn hot_voxels_and_lines_of_them_are_not_seen() {
         assert_near(&found, SAMPLE, 0.0);
         assert!(found.warnings.is_empty(), "{hot}: {found:?}");
     }
+}
+
+/// Pores of a few voxels, so many that about this share of the whole is solid.
+fn is_solid([x, y, z]: [f64; 3], share: f64) -> bool {
+    // a value per block of three voxels, from its place
+    let block = [x, y, z].map(|v| (v / 3.0) as u32);
+    let mixed = block.iter().fold(17u32, |sum, v| {
+        let sum = (sum ^ v).wrapping_mul(2_654_435_761);
+        sum ^ sum >> 15
+    });
+    f64::from(mixed % 1000) < 1000.0 * share
+}
+
+const SMALL: [u32; 3] = [70, 68, 40];
+const AXIS: [f64; 2] = [34.4, 33.7];
+
+/// The distance from the axis.
+fn off([x, y, _]: [f64; 3]) -> f64 {
+    libm::hypot(x - AXIS[0], y - AXIS[1])
+}
+
+/// Air, or as much brighter as is said.
+fn in_air(is: impl Fn([f64; 3]) -> f64) -> MemoryVolume<u16> {
+    scan(SMALL, |p| 1000.0 + is(p))
+}
+
+fn told<'a>(found: &'a FoundCylinder, part: &str) -> Vec<&'a String> {
+    let warnings = found.warnings.iter();
+    warnings.filter(|w| w.contains(part)).collect()
+}
+
+/// A tube, a can or resin that touches the sample is told, with what is inside of it.
+#[test]
+fn what_lies_close_around_the_sample_is_told() {
+    let solid = |p: [f64; 3], share: f64| if is_solid(p, share) { 2000.0 } else { 0.0 };
+    let around = |inner: f64, outer: f64, bright: f64, share: f64| {
+        in_air(move |p| match off(p) {
+            r if r <= inner => solid(p, share),
+            r if r <= outer => bright,
+            _ => 0.0,
+        })
+    };
+    // as bright as the sample, brighter, of the sample's mean, and a thin can
+    for (inner, outer, bright, share) in [
+        (24.0, 29.0, 2000.0, 0.6),
+        (24.0, 29.0, 3500.0, 0.8),
+        (20.0, 30.0, 1000.0, 0.5),
+        (27.0, 29.0, 3500.0, 0.5),
+    ] {
+        let found = find(&around(inner, outer, bright, share)).unwrap();
+        let case = format!("{inner} {outer} {bright} {share}: {found:?}");
+        assert_eq!(
+            told(&found, "the brightness, or how much of it is pores").len(),
+            1,
+            "{case}"
+        );
+        let off = found.others[0].radius + 1.0 - inner;
+        assert!((-2.0..=1.0).contains(&off), "{case}");
+    }
+    let plain = find(&around(28.0, 28.0, 0.0, 0.7)).unwrap();
+    assert!(plain.warnings.is_empty(), "{plain:?}");
+    // a faint one, in a bright tube with a little air between, is found
+    let faint = in_air(|p| match off(p) {
+        r if r <= 23.0 => solid(p, 0.4),
+        r if (27.0..31.0).contains(&r) => 4000.0,
+        _ => 0.0,
+    });
+    let found = find(&faint).unwrap();
+    assert!((found.cylinder.radius - 22.0).abs() < 0.9, "{found:?}");
+    assert_eq!(told(&found, "a tube around it").len(), 1, "{found:?}");
+}
+
+#[test]
+fn an_empty_middle_is_told() {
+    for bore in [5.0, 12.0, 21.0, 26.0] {
+        let volume = in_air(|p| 2000.0 * edge(28.0 - off(p)) * edge(off(p) - bore));
+        let found = find(&volume).unwrap();
+        let warnings = told(&found, "is empty, up to a radius of");
+        assert_eq!(warnings.len(), 1, "{bore}: {found:?}");
+    }
+}
+
+/// A sample that is thinner in some slices, or flat at a side, leaves air in an upright cylinder.
+#[test]
+fn air_at_the_rim_is_told_with_a_cylinder_that_has_none() {
+    let narrow = |p: [f64; 3]| if p[2] >= 26.0 { 22.0 } else { 28.0 };
+    let neck = |p: [f64; 3]| {
+        if (16.0..21.0).contains(&p[2]) {
+            20.0
+        } else {
+            28.0
+        }
+    };
+    let cone = |p: [f64; 3]| 30.0 - 0.18 * p[2];
+    let flat = |p: [f64; 3]| if p[0] > 55.0 { 0.0 } else { 28.0 };
+    type Radius<'a> = &'a dyn Fn([f64; 3]) -> f64;
+    let radii: [(Radius, f64, &str); 4] = [
+        (&narrow, 22.0, "to 39 its outermost"),
+        (&neck, 20.0, "in slices 1"),
+        (&cone, 23.0, "to 39 its outermost"),
+        (&flat, 21.1, "empty at the side of x 6"),
+    ];
+    for share in [1.0, 0.8] {
+        for (radius, least, part) in radii {
+            let is_in = |p: [f64; 3]| off(p) <= radius(p) && is_solid(p, share);
+            let found = find(&in_air(|p| if is_in(p) { 2000.0 } else { 0.0 })).unwrap();
+            let warnings = told(&found, "holds air beside the sample");
+            assert_eq!(warnings.len(), 1, "{least} {share}: {found:?}");
+            assert!(warnings[0].contains(part), "{share}: {found:?}");
+            let text = warnings[0].split("--roi cylinder:").nth(1).unwrap();
+            let text = text.split(' ').next().unwrap();
+            let inside: f64 = text.split(',').nth(2).unwrap().parse().unwrap();
+            assert!(
+                inside <= least + 0.3 && inside > least - 5.0,
+                "{least}: {found:?}"
+            );
+        }
+    }
+}
+
+/// A holder as wide as the sample, and as bright as that is on average, has no pores.
+#[test]
+fn slices_of_something_else_are_told() {
+    let volume = in_air(|p| match off(p) > 28.0 {
+        true => 0.0,
+        false if p[2] < 8.0 => 1200.0,
+        false if is_solid(p, 0.6) => 2000.0,
+        false => 0.0,
+    });
+    let found = find(&volume).unwrap();
+    let warnings = told(&found, "about slices 0 to");
+    assert_eq!(warnings.len(), 1, "{found:?}");
+    assert!(
+        warnings[0].contains("--crop :,:,8:40") || warnings[0].contains("--crop :,:,9:40"),
+        "{found:?}"
+    );
+}
+
+#[test]
+fn a_short_sample_in_a_long_scan_is_found() {
+    let dims = [48, 46, 400];
+    let volume = |from: f64, to: f64| {
+        scan(dims, move |[x, y, z]| {
+            let is_in = (from..to).contains(&z) && is_solid([x, y, z], 0.8);
+            if is_in {
+                round(x, y, [23.0, 22.5, 17.0])
+            } else {
+                1000.0
+            }
+        })
+    };
+    let found = find(&volume(150.0, 172.0)).unwrap();
+    assert_near(&found, [23.0, 22.5, 17.0], 0.0);
+    assert_eq!(found.slices, 150..172);
+    // in none of the slices that are looked at
+    let message = find(&volume(150.0, 152.0)).unwrap_err().to_string();
+    assert!(
+        message.contains("nothing that is brighter") && message.contains("--crop"),
+        "{message}"
+    );
+    // and a dark one
+    let dark = scan([64, 60, 12], |[x, y, _]| {
+        5000.0 - round(x, y, [30.0, 31.0, 20.0])
+    });
+    let message = find(&dark).unwrap_err().to_string();
+    assert!(message.contains("--invert"), "{message}");
+}
+
+#[test]
+fn a_foam_whose_rim_is_mostly_open_is_found() {
+    let volume = scan([100, 96, 64], |p| {
+        let r = libm::hypot(p[0] - 51.0, p[1] - 46.5);
+        let pore = libm::sin(p[0] / 2.1 + p[2] / 3.0) * libm::cos(p[1] / 2.3 - p[2] / 4.0)
+            + libm::sin(p[2] / 2.0)
+            > -0.2;
+        if r <= 40.0 && !pore { 3000.0 } else { 1000.0 }
+    });
+    let found = find(&volume).unwrap();
+    assert_near(&found, [51.0, 46.5, 40.5], 0.0);
 }

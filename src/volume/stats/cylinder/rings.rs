@@ -1,0 +1,188 @@
+//! A sample seen from its axis: sums of samples in rings, sectors and slices around it.
+
+use super::slices::for_each_row;
+use crate::error::Result;
+use crate::grid::Voxel;
+use crate::progress::Progress;
+use crate::volume::Volume;
+use std::f64::consts::TAU;
+use std::ops::Range;
+
+/// Sectors of a turn.
+pub(super) const SECTORS: usize = 24;
+/// Slices that are read at most.
+const SLICES: u32 = 32;
+/// Rings inside of the radius at most; wider ones are read from fewer voxels.
+const RINGS: f64 = 256.0;
+/// Rings beyond the radius.
+const BEYOND: usize = 3;
+
+/// Sums of some samples.
+#[derive(Debug, Clone, Copy, Default)]
+pub(super) struct Sums {
+    n: f64,
+    sum: f64,
+    squares: f64,
+}
+
+impl Sums {
+    fn add(&mut self, other: Sums) {
+        self.n += other.n;
+        self.sum += other.sum;
+        self.squares += other.squares;
+    }
+
+    /// NaN without samples.
+    pub fn mean(&self) -> f64 {
+        self.sum / self.n
+    }
+
+    /// Their standard deviation; NaN without samples.
+    pub fn deviation(&self) -> f64 {
+        let mean = self.mean();
+        (self.squares / self.n - mean * mean).max(0.0).sqrt()
+    }
+}
+
+/// What lies around an axis, from ring to ring: sums of all rings before one.
+pub(super) struct Profile(Vec<Sums>);
+
+impl Profile {
+    /// The sums of some rings.
+    pub fn of(&self, rings: Range<usize>) -> Sums {
+        let [from, to] = [rings.start, rings.end].map(|r| self.0[r.min(self.0.len() - 1)]);
+        Sums {
+            n: to.n - from.n,
+            sum: to.sum - from.sum,
+            squares: to.squares - from.squares,
+        }
+    }
+}
+
+/// Samples around an axis, in some slices that are evenly spread.
+pub(super) struct Rings {
+    /// Voxels from ring to ring.
+    pub width: f64,
+    /// Rings that lie inside of the radius.
+    pub inside: usize,
+    /// Those slices.
+    pub slices: Vec<u32>,
+    /// By slice, sector and ring.
+    sums: Vec<Sums>,
+}
+
+impl Rings {
+    /// Reads slices of a range, the first and the last among them, around a middle in each of them and up to a radius, in
+    /// voxels.
+    ///
+    /// # Errors
+    /// The volume's; [`crate::Error::Interrupted`].
+    pub fn read<T: Voxel>(
+        volume: &dyn Volume,
+        range: &Range<u32>,
+        radius: f64,
+        middle: impl Fn(u32) -> [f64; 2],
+        progress: &dyn Progress,
+    ) -> Result<Self> {
+        let n = SLICES.min(range.len() as u32);
+        let last = range.len() as u64 - 1;
+        let place = |i: u32| u64::from(i) * last / u64::from(n - 1).max(1);
+        let width = (radius / RINGS).ceil().max(1.0);
+        let mut rings = Rings {
+            width,
+            inside: (radius / width) as usize,
+            slices: (0..n).map(|i| range.start + place(i) as u32).collect(),
+            sums: Vec::new(),
+        };
+        progress.begin("rim", n.into());
+        for z in rings.slices.clone() {
+            let start = rings.sums.len();
+            rings
+                .sums
+                .resize(start + SECTORS * rings.all(), Sums::default());
+            let sums = &mut rings.sums[start..];
+            let of_slice = Slice {
+                middle: middle(z),
+                width,
+                sums,
+            };
+            of_slice.read::<T>(volume, z, progress)?;
+            progress.advance(1);
+        }
+        Ok(rings)
+    }
+
+    fn all(&self) -> usize {
+        self.inside + BEYOND
+    }
+
+    /// Rings in this many voxels, one at least.
+    pub fn count(&self, voxels: f64) -> usize {
+        ((voxels / self.width).round() as usize).max(1)
+    }
+
+    /// What is seen in some of the slices, by their place in the list, and some sectors.
+    pub fn profile(&self, slices: impl Iterator<Item = usize>, sectors: Range<usize>) -> Profile {
+        let mut of_ring = vec![Sums::default(); self.all()];
+        for slice in slices {
+            for sector in sectors.clone() {
+                let start = (slice * SECTORS + sector) * self.all();
+                let sums = &self.sums[start..start + self.all()];
+                let both = of_ring.iter_mut().zip(sums);
+                both.for_each(|(sum, other)| sum.add(*other));
+            }
+        }
+        let mut before = vec![Sums::default()];
+        let mut sum = Sums::default();
+        for ring in of_ring {
+            sum.add(ring);
+            before.push(sum);
+        }
+        Profile(before)
+    }
+}
+
+/// The rings of one slice, in the making.
+struct Slice<'a> {
+    middle: [f64; 2],
+    width: f64,
+    /// By sector and ring.
+    sums: &'a mut [Sums],
+}
+
+impl Slice<'_> {
+    fn read<T: Voxel>(self, volume: &dyn Volume, z: u32, progress: &dyn Progress) -> Result<()> {
+        let rings = self.sums.len() / SECTORS;
+        let reach = rings as f64 * self.width;
+        for_each_row::<T>(volume, z, progress, |y, row| {
+            let dy = f64::from(y) - self.middle[1];
+            if !y.is_multiple_of(self.width as u32) || dy.abs() >= reach {
+                return;
+            }
+            let half = (reach * reach - dy * dy).sqrt();
+            let from = (self.middle[0] - half).max(0.0) as usize;
+            for (x, v) in row
+                .iter()
+                .enumerate()
+                .skip(from)
+                .step_by(self.width as usize)
+            {
+                let dx = x as f64 - self.middle[0];
+                if dx > half {
+                    break;
+                }
+                let ring = (libm::hypot(dx, dy) / self.width) as usize;
+                let v = v.to_f64();
+                if ring < rings && v.is_finite() {
+                    let turn = libm::atan2(dy, dx) / TAU + 1.0;
+                    let sector = (turn * SECTORS as f64) as usize % SECTORS;
+                    self.sums[sector * rings + ring].add(Sums {
+                        n: 1.0,
+                        sum: v,
+                        squares: v * v,
+                    });
+                }
+            }
+        })
+    }
+}
