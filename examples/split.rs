@@ -10,6 +10,7 @@ use alvis::progress::Quiet;
 use alvis::split::{BitSource, Metric, SlabGrid, Split, SplitOptions, split};
 use alvis::volume::{Filled, OpenOptions, RegionVoxels, Volume};
 use alvis::volume::{fill_value, find_cylinder, open, statistics};
+use bytemuck::Pod;
 use std::collections::BTreeMap;
 use std::error::Error;
 use std::fs::File;
@@ -26,6 +27,15 @@ struct Bits<'a> {
     dims: Dims,
 }
 
+impl Bits<'_> {
+    /// Which voxels are solid, of samples of this type.
+    fn solid<T: Pod + Into<f64>>(&self, bytes: &[u8]) -> Vec<bool> {
+        let samples = bytemuck::pod_collect_to_vec::<u8, T>(bytes);
+        let is_solid = |sample: T| sample.into() >= self.threshold;
+        samples.into_iter().map(is_solid).collect()
+    }
+}
+
 impl BitSource for Bits<'_> {
     fn slice(&mut self, z: u32, words: &mut [u64]) -> alvis::Result<()> {
         let header = self.volume.header();
@@ -34,14 +44,16 @@ impl BitSource for Bits<'_> {
         let mut bytes = vec![0; slice * header.dtype.bytes()];
         let z = z % nz;
         self.volume.read_box(0..nx, 0..ny, z..z + 1, &mut bytes)?;
-        let number = |i: usize| -> f64 {
-            match header.dtype {
-                Dtype::U8 => bytes[i].into(),
-                Dtype::U16 => u16::from_ne_bytes([bytes[2 * i], bytes[2 * i + 1]]).into(),
-                other => unimplemented!("volumes of {other}"),
-            }
+        let solid = match header.dtype {
+            Dtype::U8 => self.solid::<u8>(&bytes),
+            Dtype::I8 => self.solid::<i8>(&bytes),
+            Dtype::U16 => self.solid::<u16>(&bytes),
+            Dtype::I16 => self.solid::<i16>(&bytes),
+            Dtype::U32 => self.solid::<u32>(&bytes),
+            Dtype::I32 => self.solid::<i32>(&bytes),
+            Dtype::F32 => self.solid::<f32>(&bytes),
+            Dtype::F64 => self.solid::<f64>(&bytes),
         };
-        let solid: Vec<bool> = (0..slice).map(|i| number(i) >= self.threshold).collect();
         words.fill(0);
         let row_words = self.dims.0[0].div_ceil(64) as usize;
         for (y, row) in words.chunks_mut(row_words).enumerate() {

@@ -1,6 +1,6 @@
 //! The volume that a tile set was made from, opened again.
 
-use super::args::open_stamped;
+use super::args::{InputOptions, open_stamped};
 use super::filters::FilterArgs;
 use super::region::RegionArgs;
 use crate::error::{Error, Result};
@@ -38,6 +38,19 @@ pub struct Asked<'a> {
     pub option: &'static str,
     /// Told of what takes long.
     pub progress: &'a dyn Progress,
+}
+
+impl<'a> Asked<'a> {
+    /// What a command that takes all options of an input was asked for of its `--against`.
+    pub fn of(input: &'a InputOptions, progress: &'a dyn Progress) -> Self {
+        Asked {
+            options: input.options(),
+            filters: &input.filters,
+            region: Some(&input.region),
+            option: "--against",
+            progress,
+        }
+    }
 }
 
 /// Opens the volume that a tile set was made from, filtered and cut as the manifest says. What a raw file does not say is taken

@@ -52,13 +52,7 @@ impl ReportArgs {
         let manifest = Manifest::open(&self.out)?;
         let opened = match &self.against {
             Some(path) => {
-                let asked = Asked {
-                    options: self.input.options(),
-                    filters: &self.input.filters,
-                    region: Some(&self.input.region),
-                    option: "--against",
-                    progress: &console,
-                };
+                let asked = Asked::of(&self.input, &console);
                 Some(open_whole(&self.out, path, &manifest, &asked)?)
             }
             None => {

@@ -46,13 +46,7 @@ impl VerifyArgs {
         let console = self.common.start();
         let against = match &self.against {
             Some(path) => {
-                let asked = Asked {
-                    options: self.input.options(),
-                    filters: &self.input.filters,
-                    region: Some(&self.input.region),
-                    option: "--against",
-                    progress: &console,
-                };
+                let asked = Asked::of(&self.input, &console);
                 Some(open_against(&self.out, path, asked)?)
             }
             None => {

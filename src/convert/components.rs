@@ -188,14 +188,11 @@ impl Components {
             }
         }
         let mut pairs = SpillFile::new(work)?;
-        let (mut last, mut count) = (Pair::zeroed(), 0);
-        sorter.finish(|pair: Pair| {
-            if pair != last {
-                last = pair;
-                count += 1;
-                pairs.push(&[pair])?;
-            }
-            Ok(())
+        let mut count = 0;
+        let same = |_: &mut Pair, _: &Pair| ();
+        sorter.finish_merged(same, |pair| {
+            count += 1;
+            pairs.push(&[pair]).map(|_| ())
         })?;
         pairs.mark()?;
         self.surfaces = RecordTable::new(count, memory, work)?;

@@ -66,7 +66,7 @@ pub struct ConvertOptions {
     /// The filters that the volume has been through, and what it was before, for the manifest; absent if none.
     pub source_filtered: Option<Filtered>,
     /// The cells of all voxels of the volume before the crop, where they are not to be the components; see
-    /// [`GivenCells::Labels`].
+    /// [`PartsBy::Labels`](crate::manifest::PartsBy::Labels).
     pub labels: Option<Labels>,
     /// Split components of voxels below into cells at their necks by this rule; not with labels.
     pub split: Option<NeckRule>,
@@ -83,7 +83,7 @@ pub struct ConvertOptions {
 pub struct Labels {
     /// The name of its file, without its directory.
     pub file: String,
-    /// See [`GivenCells::Labels`].
+    /// See [`PartsBy::Labels`](crate::manifest::PartsBy::Labels).
     pub checksum: String,
     /// The label of each voxel.
     pub rows: CellRows,

@@ -32,24 +32,11 @@ impl RowKinds {
     /// Fills in the bits of `span`, whose rows are of these kinds, the mixed ones with these words.
     pub fn fill(&self, bits: &mut Bits, span: Span, mixed: &[u64]) {
         bits.row_words = (span.nx as usize).div_ceil(64);
-        bits.words.clear();
-        bits.words.reserve_exact(bits.row_words * self.0.len());
-        let mut mixed = mixed.chunks_exact(bits.row_words);
-        let last = last_word(span.nx);
-        for &kind in &self.0 {
-            match kind {
-                MIXED => {
-                    let words = mixed.next().expect("words of each mixed row");
-                    bits.words.extend_from_slice(words);
-                }
-                kind => {
-                    let word = if kind == ABOVE { !0 } else { 0 };
-                    let end = bits.words.len() + bits.row_words;
-                    bits.words.resize(end - 1, word);
-                    bits.words.push(word & last);
-                }
-            }
-        }
+        let len = bits.row_words * self.0.len();
+        let more = len.saturating_sub(bits.words.len());
+        bits.words.reserve_exact(more);
+        bits.words.resize(len, 0);
+        self.fill_rows(0..self.0.len(), span.nx, mixed, &mut bits.words);
         bits.span = span;
     }
 

@@ -13,7 +13,7 @@ const AT_ONCE: usize = 4 << 20;
 impl CellRows {
     /// The labels of a volume, for one of size `dims`: whole numbers from 0 on. They are kept in temporary files in the
     /// directory `dir`, 8 bytes for each stretch of voxels along x with the same label. With them comes the checksum that
-    /// [`crate::manifest::GivenCells::Labels`] states.
+    /// [`crate::manifest::PartsBy::Labels`] states.
     ///
     /// # Errors
     /// The volume's own; [`Error::Io`]; [`Error::Interrupted`]; [`Error::Usage`] if it is of another size, or of numbers

@@ -13,6 +13,7 @@ mod selection;
 mod shard;
 mod shard_text;
 mod shard_writer;
+mod tables;
 
 pub(crate) use batch::batch;
 pub use form::{Encoding, Form, Layout, Primitives};
@@ -27,6 +28,8 @@ pub use selection::{ColourBy, Paint, Painted, Selection, Step, Table, WholeTotal
 pub use shard::ShardTiles;
 pub(crate) use shard_text::{ShardFault, ShardText};
 pub(crate) use shard_writer::{ShardWriter, entry_text, shard_path};
+pub(crate) use tables::{COMPONENTS, NECKS, WALLS};
+pub use tables::{ParquetTables, TableChecksums, Tables};
 
 use crate::error::Result;
 use crate::grid::{Ambiguous, Crop, Dims, Placement, Tiling, Unit, filtered_dims, filtered_dtype};
@@ -340,120 +343,6 @@ pub(crate) struct LayerRecord {
     pub tiles: u64,
     /// See [`Layer`].
     pub bytes: u64,
-}
-
-/// Paths of the tables.
-#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
-pub struct Tables {
-    /// `cells.csv`.
-    pub cells: String,
-    /// `objects.csv`.
-    pub objects: String,
-    /// `surfaces.csv`.
-    pub surfaces: String,
-    /// `components.csv`: the components of below voxels, where cells are parts of them.
-    #[serde(default, skip_serializing_if = "Option::is_none")]
-    pub components: Option<String>,
-    /// `necks.csv`: where cells of one component touch.
-    #[serde(default, skip_serializing_if = "Option::is_none")]
-    pub necks: Option<String>,
-    /// `walls.csv`: what lies between cells.
-    #[serde(default, skip_serializing_if = "Option::is_none")]
-    pub walls: Option<String>,
-    /// Checksums of the files; `None` until the manifest is written.
-    #[serde(default, skip_serializing_if = "Option::is_none")]
-    pub checksums: Option<TableChecksums>,
-    /// The same tables as Parquet, if they are there.
-    #[serde(default, skip_serializing_if = "Option::is_none")]
-    pub parquet: Option<ParquetTables>,
-}
-
-/// `components.csv`.
-pub(crate) const COMPONENTS: &str = "components.csv";
-/// `necks.csv`.
-pub(crate) const NECKS: &str = "necks.csv";
-/// `walls.csv`.
-pub(crate) const WALLS: &str = "walls.csv";
-
-impl Tables {
-    /// The same with the tables of sets whose cells are parts of components.
-    pub(crate) fn with_components(self) -> Self {
-        Tables {
-            components: Some(COMPONENTS.into()),
-            necks: Some(NECKS.into()),
-            ..self
-        }
-    }
-
-    /// The same with the table of walls, if there is one.
-    pub(crate) fn with_walls(self, walls: bool) -> Self {
-        let walls = walls.then(|| WALLS.into());
-        Tables { walls, ..self }
-    }
-
-    /// The same with those of these that `other` has.
-    pub(crate) fn with_those_of(self, other: &Tables) -> Self {
-        let named = |path: &Option<String>, name: &str| path.is_some().then(|| name.into());
-        Tables {
-            components: named(&other.components, COMPONENTS),
-            necks: named(&other.necks, NECKS),
-            walls: named(&other.walls, WALLS),
-            ..self
-        }
-    }
-
-    /// Under the names that this program gives them.
-    pub(crate) fn named(parquet: bool) -> Self {
-        Tables {
-            cells: Table::Cells.file().into(),
-            objects: Table::Objects.file().into(),
-            surfaces: Table::Surfaces.file().into(),
-            components: None,
-            necks: None,
-            walls: None,
-            checksums: None,
-            parquet: parquet.then(|| ParquetTables {
-                cells: Table::Cells.parquet_file().into(),
-                objects: Table::Objects.parquet_file().into(),
-                surfaces: Table::Surfaces.parquet_file().into(),
-                checksums: None,
-            }),
-        }
-    }
-}
-
-/// Paths of the tables as Parquet.
-#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
-pub struct ParquetTables {
-    /// `cells.parquet`.
-    pub cells: String,
-    /// `objects.parquet`.
-    pub objects: String,
-    /// `surfaces.parquet`.
-    pub surfaces: String,
-    /// Checksums of the three files; `None` until the manifest is written.
-    #[serde(default, skip_serializing_if = "Option::is_none")]
-    pub checksums: Option<TableChecksums>,
-}
-
-/// Checksums of the tables, see [`TileEntry::checksum`].
-#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
-pub struct TableChecksums {
-    /// Of the table of cells.
-    pub cells: String,
-    /// Of the table of objects.
-    pub objects: String,
-    /// Of the table of surfaces.
-    pub surfaces: String,
-    /// Of the table of components, if there is one.
-    #[serde(default, skip_serializing_if = "Option::is_none")]
-    pub components: Option<String>,
-    /// Of the table of necks, if there is one.
-    #[serde(default, skip_serializing_if = "Option::is_none")]
-    pub necks: Option<String>,
-    /// Of the table of walls, if there is one.
-    #[serde(default, skip_serializing_if = "Option::is_none")]
-    pub walls: Option<String>,
 }
 
 /// `index/zNNNN.json`: the tiles of one layer.

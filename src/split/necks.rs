@@ -62,6 +62,19 @@ struct PairRecord {
     faces: [i64; 3],
 }
 
+impl PairRecord {
+    fn merge(&mut self, other: &PairRecord) {
+        for (sum, faces) in self.faces.iter_mut().zip(other.faces) {
+            *sum += faces;
+        }
+        // of equal levels the smaller index is the greater
+        if (other.level, self.voxel) > (self.level, other.voxel) {
+            (self.voxel, self.level) = (other.voxel, other.level);
+        }
+        self.peak = self.peak.max(other.peak);
+    }
+}
+
 impl Keyed for PairRecord {
     fn key(&self) -> [u64; 2] {
         self.cells
@@ -130,32 +143,15 @@ impl NeckSorter {
 
     /// Hands on all necks, by rising cells.
     pub fn finish(self, mut each: impl FnMut(Neck) -> Result<()>) -> Result<()> {
-        let mut pair: Option<PairRecord> = None;
-        let mut emit = |pair: Option<PairRecord>| match pair {
-            Some(pair) => each(Neck {
+        self.sorter.finish_merged(PairRecord::merge, |pair| {
+            each(Neck {
                 cells: pair.cells,
                 voxel: pair.voxel,
                 level: pair.level,
                 peak: pair.peak,
                 faces: pair.faces,
-            }),
-            None => Ok(()),
-        };
-        self.sorter.finish(|record| match &mut pair {
-            Some(pair) if pair.cells == record.cells => {
-                for (sum, faces) in pair.faces.iter_mut().zip(record.faces) {
-                    *sum += faces;
-                }
-                // of equal levels the smaller index is the greater
-                if (record.level, pair.voxel) > (pair.level, record.voxel) {
-                    (pair.voxel, pair.level) = (record.voxel, record.level);
-                }
-                pair.peak = pair.peak.max(record.peak);
-                Ok(())
-            }
-            _ => emit(pair.replace(record)),
-        })?;
-        emit(pair)
+            })
+        })
     }
 }
 

@@ -158,8 +158,10 @@ impl PieceSplitter {
                 new.sums.vertices += u64::from(is_new && !self.ends[first + v].shared);
             }
             let at = new.first_triangle as usize;
-            let end = new.end_of_faces() as usize;
-            self.triangles.resize(end, Triangle::default());
+            let room = new.end_of_faces() as usize - self.triangles.len();
+            // another way than the mesher's, which is compiled for itself alone
+            let none = std::iter::repeat_n(Triangle::default(), room);
+            self.triangles.extend(none);
             let own = (1..)
                 .zip(&faces[1..])
                 .filter(|&(t, _): &(usize, _)| places[t].0 == part.number);

@@ -60,6 +60,26 @@ impl<T: Keyed> Sorter<T> {
         Ok(())
     }
 
+    /// Hands one record on for each key, in order: the first one, into which those that came later are merged.
+    ///
+    /// # Errors
+    /// What `each` returns, too.
+    pub fn finish_merged(
+        self,
+        merge: impl Fn(&mut T, &T),
+        mut each: impl FnMut(T) -> Result<()>,
+    ) -> Result<()> {
+        let mut last: Option<T> = None;
+        self.finish(|record| match &mut last {
+            Some(last) if last.key() == record.key() => {
+                merge(last, &record);
+                Ok(())
+            }
+            _ => last.replace(record).map_or(Ok(()), &mut each),
+        })?;
+        last.map_or(Ok(()), each)
+    }
+
     /// Hands all records on, in order; those with the same key in the order in which they came.
     pub fn finish(mut self, mut each: impl FnMut(T) -> Result<()>) -> Result<()> {
         if self.parts.is_empty() {
@@ -105,6 +125,7 @@ impl<T: Keyed> Part<T> {
 mod tests {
     use super::*;
     use proptest::prelude::*;
+    use std::collections::BTreeMap;
 
     impl Keyed for [u64; 3] {
         fn key(&self) -> [u64; 2] {
@@ -127,6 +148,24 @@ mod tests {
             expected.sort();
             let mut found = Vec::new();
             sorter.finish(|record| { found.push(record); Ok(()) }).unwrap();
+            prop_assert_eq!(found, expected);
+        }
+
+        #[test]
+        fn records_of_a_key_are_merged(
+            all in prop::collection::vec((0u64..6, 0u64..6, 0u64..100), 0..200), room in 1usize..50,
+        ) {
+            let dir = tempfile::tempdir().unwrap();
+            let mut sorter = Sorter::new(dir.path(), room).unwrap();
+            let mut expected = BTreeMap::new();
+            for (a, b, n) in all {
+                *expected.entry([a, b]).or_insert(0) += n;
+                sorter.push([a, b, n]).unwrap();
+            }
+            let mut found = Vec::new();
+            let merge = |sum: &mut [u64; 3], other: &[u64; 3]| sum[2] += other[2];
+            sorter.finish_merged(merge, |record| { found.push(record); Ok(()) }).unwrap();
+            let expected: Vec<_> = expected.into_iter().map(|([a, b], n)| [a, b, n]).collect();
             prop_assert_eq!(found, expected);
         }
     }

@@ -28,6 +28,34 @@ pub(super) struct Label {
     pub colour: Colour,
 }
 
+impl Label {
+    /// What is connected of a piece that states this, with these sums, in its first tile.
+    pub(super) fn component(&self, sums: Sums, cut: bool) -> Component {
+        let PieceIds {
+            surface,
+            cell,
+            object,
+            ..
+        } = self.ids;
+        Component {
+            ids: Ids {
+                surface,
+                cell,
+                object,
+            },
+            sums,
+            tiles: 1,
+            cell_tiles: 0,
+            object_tiles: 0,
+            names: self.names,
+            measures: self.measures,
+            colour: self.colour,
+            mixed: false,
+            cut,
+        }
+    }
+}
+
 /// Marks [`FaceEdge::part`] as a component's number rather than a vertex's.
 const PLACED: u32 = 1 << 31;
 
@@ -246,26 +274,14 @@ impl Work<'_, '_> {
     fn add_components(&mut self, label: &Label, sums: &Sums, ws: &mut Workspace) {
         let base = self.components.len();
         let roots: Vec<u32> = ws.edges.parts().collect();
-        let ids = Ids {
-            surface: label.ids.surface,
-            cell: label.ids.cell,
-            object: label.ids.object,
-        };
         let cut = self.edge.cuts(&ws.piece.points, &ws.piece.state);
+        let first = label.component(*sums, cut);
+        let other = Component {
+            tiles: 0,
+            ..label.component(Sums::default(), false)
+        };
         for i in 0..roots.len() {
-            let first = i == 0;
-            let component = Component {
-                ids,
-                sums: if first { *sums } else { Sums::default() },
-                tiles: u64::from(first),
-                cell_tiles: 0,
-                object_tiles: 0,
-                names: label.names,
-                measures: label.measures,
-                colour: label.colour,
-                mixed: false,
-                cut: first && cut,
-            };
+            let component = if i == 0 { first } else { other };
             self.components.push((component, false));
         }
         for face in &mut self.faces {

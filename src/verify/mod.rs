@@ -82,6 +82,7 @@ mod selection;
 mod source;
 mod spill;
 mod sweep;
+mod table_files;
 mod tables;
 mod tile;
 

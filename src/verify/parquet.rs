@@ -3,7 +3,7 @@
 use super::code::Code;
 use super::ledger::Kind;
 use super::report::Issues;
-use super::tables::{Files, columns, is_whole};
+use super::table_files::{Files, columns, is_whole};
 use super::tile::Context;
 use parquet::basic::{Repetition, Type as Physical};
 use parquet::errors::ParquetError;

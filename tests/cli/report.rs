@@ -206,15 +206,19 @@ fn tables_of_necks_and_walls_are_told_where_they_are() {
         ("cell_a,cell_b\n1,2\n", "neck_radius"),
         ("", "empty"),
         ("id\n1\n", "cell_a"),
-        (
-            "cell_a,cell_b,neck_radius,ratio,x,y,z\n1,2,,1,1,1,1\n",
-            "number",
-        ),
     ] {
         std::fs::write(dir.join("tiles/necks.csv"), bad).unwrap();
         let message = fails(dir, &["report", "tiles", "--json"]);
         assert!(message.contains(part), "{bad:?}: {message}");
     }
+    // openings between cells of labels have no radius, and touch at edges of voxels alone without a place
+    let of_labels = "cell_a,cell_b,neck_radius [mm],ratio,x [mm],y [mm],z [mm],neck_area [mm^2]\n\
+                     1,2,,,0.1,0.2,0.3,0.01\n2,3,,,,,,0\n";
+    std::fs::write(dir.join("tiles/necks.csv"), of_labels).unwrap();
+    let found = json(&ok(dir, &["report", "tiles", "--json"]));
+    assert_eq!(found["necks"]["count"], 2);
+    assert!(found["necks"]["neck_radius"].is_null());
+    assert_eq!(found["necks"]["widest"].as_array().unwrap().len(), 0);
 }
 
 #[test]

@@ -75,22 +75,11 @@ impl GivenCells {
     ///
     /// # Errors
     /// [`Error::Io`], and what `each` returns.
-    pub fn take_parts(
-        &mut self,
-        mut each: impl FnMut(CellInComponent) -> Result<()>,
-    ) -> Result<()> {
+    pub fn take_parts(&mut self, each: impl FnMut(CellInComponent) -> Result<()>) -> Result<()> {
         let Some(parts) = self.parts.take() else {
             return Ok(());
         };
-        let mut last: Option<CellInComponent> = None;
-        parts.finish(|part| match &mut last {
-            Some(last) if last.key() == part.key() => {
-                last.sums.merge(&part.sums);
-                Ok(())
-            }
-            _ => last.replace(part).map_or(Ok(()), &mut each),
-        })?;
-        last.map_or(Ok(()), each)
+        parts.finish_merged(|sum, part| sum.sums.merge(&part.sums), each)
     }
 }
 
@@ -221,27 +210,16 @@ impl CellsInput<'_> {
         };
         Ok(cells_of_band(&band, &cells, inside.as_ref(), &settings))
     }
-}
 
-impl CellsInput<'_> {
     /// Where cells touch, one opening for each two.
     fn merge_contacts(&self, contacts: Sorter<Contact>) -> Result<SpillFile> {
         let placement = &self.job.grid.header().placement;
         let spacing = self.job.options.measured(placement)?.spacing;
         let mut openings = SpillFile::new(self.work)?;
-        let mut put = |contact: Contact| {
+        contacts.finish_merged(Contact::merge, |contact| {
             let opening = Opening::of(&contact, spacing);
             openings.push(&[opening]).map(|_| ())
-        };
-        let mut last: Option<Contact> = None;
-        contacts.finish(|contact| match &mut last {
-            Some(last) if last.cells == contact.cells => {
-                last.merge(&contact);
-                Ok(())
-            }
-            _ => last.replace(contact).map_or(Ok(()), &mut put),
         })?;
-        last.map_or(Ok(()), &mut put)?;
         openings.mark()?;
         Ok(openings)
     }

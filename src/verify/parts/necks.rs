@@ -7,7 +7,7 @@ use crate::verify::code::Code;
 use crate::verify::laws::Listed;
 use crate::verify::ledger::Kind;
 use crate::verify::spill::{Merge, Spill};
-use crate::verify::tables::Lines;
+use crate::verify::table_files::Lines;
 use crate::verify::tile::Context;
 
 /// Records that each sort keeps in memory.

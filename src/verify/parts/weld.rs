@@ -10,7 +10,6 @@ use crate::verify::marks::axis;
 use crate::verify::piece::{Flaw, Piece, Sums, Tally, Vertex, position};
 use crate::verify::report::Issue;
 use crate::verify::rim::cell_is_low;
-use crate::verify::sweep::{Component, Ids};
 use crate::verify::tile::{Work, Workspace};
 use std::collections::{HashMap, HashSet};
 
@@ -241,22 +240,7 @@ impl Work<'_, '_> {
             });
             let begins = self.begins(piece, triangles, label.ids.cell, &mut ws.weld.begins);
             self.parts.push(PartSums {
-                component: Component {
-                    ids: Ids {
-                        surface: label.ids.surface,
-                        cell: label.ids.cell,
-                        object: label.ids.object,
-                    },
-                    sums,
-                    tiles: 1,
-                    cell_tiles: 0,
-                    object_tiles: 0,
-                    names: label.names,
-                    measures: label.measures,
-                    colour: label.colour,
-                    mixed: false,
-                    cut: is_cut,
-                },
+                component: label.component(sums, is_cut),
                 begins,
             });
         }
