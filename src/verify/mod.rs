@@ -85,6 +85,7 @@ mod sweep;
 mod table_files;
 mod tables;
 mod tile;
+mod walls;
 
 pub use code::Code;
 pub use report::{Issue, Report, Severity};
@@ -168,9 +169,11 @@ pub fn verify(dir: &Path, options: &VerifyOptions, progress: &dyn Progress) -> R
         let cx = Context::new(&root, &manifest, options.region, options.max_issues);
         cx.edge.check(&manifest, &mut issues)?;
         let original = Original::new(options.against, &cx, progress, &mut issues)?;
-        let sweep = Run::new(&cx, &pool, progress).tiles(original, &mut found, &mut issues)?;
+        let mut sweep = Run::new(&cx, &pool, progress).tiles(original, &mut found, &mut issues)?;
         found.counts.edges += sweep.matched;
+        let walls = sweep.walls.take();
         laws::check(sweep.ledger, &cx, &pool, &mut found, &mut issues)?;
+        walls::check(walls, &cx, &mut issues)?;
         parquet::check(&cx, &mut issues);
         levels::check(&root, &manifest, progress, &mut issues)?;
     }

@@ -1,0 +1,294 @@
+//! The table of walls, held against the chords between cells.
+
+use super::cells::OfCells;
+use super::chords::{AREA_PARTS, BINS, Chords, SortedChords, THIN, WIDEST, WallLedger, WallScale};
+use crate::error::Result;
+use crate::verify::code::Code;
+use crate::verify::ledger::Kind;
+use crate::verify::report::Issues;
+use crate::verify::table_files::Lines;
+use crate::verify::tile::Context;
+
+/// Places of columns.
+const AREA: usize = 2;
+const THICKNESS: usize = 3;
+const CHORDS: usize = 4;
+const THIN_FLAG: usize = 5;
+
+/// Relative error of numbers as tables round them.
+pub(super) const ROUNDING: f64 = 1e-9;
+/// The area that a chord may stand for, in the face of a voxel: of a direction that leans as far as it can.
+const MOST_FACES: f64 = 1.7331;
+
+/// A row of the table.
+pub(super) struct Wall {
+    /// The cells, the smaller id first.
+    pub cells: [u64; 2],
+    /// Area and thickness, in the units of the tables.
+    pub area: f64,
+    pub thickness: f64,
+    chords: f64,
+    thin: Option<f64>,
+}
+
+/// Checks the tables of a set that has one of walls. `ledger` are the chords of its tiles, if these have all surfaces.
+///
+/// # Errors
+/// If a temporary file cannot be written or read back.
+pub(in crate::verify) fn check(
+    ledger: Option<WallLedger>,
+    cx: &Context,
+    issues: &mut Issues,
+) -> Result<()> {
+    let stated = &cx.manifest.tables;
+    if stated.walls.is_none() || cx.manifest.may_gape() || issues.broken() {
+        return Ok(());
+    }
+    let Some(mut lines) = Lines::open(cx, Kind::Wall, issues) else {
+        return Ok(());
+    };
+    let scale = WallScale::of(&cx.manifest.measured());
+    let mut chords = ledger.map(WallLedger::into_sorted).transpose()?;
+    let unknown = chords.as_ref().map_or(0, |chords| chords.unknown);
+    let mut of_cells = OfCells::new();
+    let (mut last, mut more, mut count) = ([0; 2], 0.0, 0);
+    let mut own = Issues::new(cx.max_issues);
+    while let Some(row) = lines.next_row(&mut own) {
+        count += 1;
+        let wall = Wall::read(&row);
+        if !(wall.cells[0] > 0 && wall.cells[0] < wall.cells[1] && last < wall.cells) {
+            let ([a, b], [c, d]) = (wall.cells, last);
+            let message = format!(
+                "found cells {a} and {b} behind {c} and {d}, expected each pair once, the smaller id first, by rising ids"
+            );
+            own.add(Code::TableRows, lines.place(), message);
+            // what follows is none of what is looked for
+            lines.give_up();
+            break;
+        }
+        last = wall.cells;
+        let mut fault = wall.fault(&scale);
+        of_cells.add(&wall, lines.line)?;
+        if let Some(chords) = &mut chords {
+            skip_before(wall.cells, chords, &lines.path, &mut own)?;
+            let mut between = Between::new(&wall, &scale);
+            while chords.peek() == Some(wall.cells) {
+                chords.next()?.iter().for_each(|own| between.add(own));
+            }
+            fault = fault.or_else(|| between.fault(&wall, &scale, unknown as f64));
+            more += (wall.chords - between.count[MAY]).max(0.0);
+        }
+        if let Some(message) = fault {
+            own.add(Code::TableValue, lines.place(), message);
+        }
+    }
+    if let (Some(chords), false) = (&mut chords, lines.damaged) {
+        skip_before([u64::MAX; 2], chords, &lines.path, &mut own)?;
+    }
+    let is_sound = own.list.is_empty() && own.omitted == 0;
+    issues.append(own);
+    if lines.damaged {
+        return Ok(());
+    }
+    if more > unknown as f64 {
+        let message = format!(
+            "found {more} chords more than lie between known cells, expected at most the {unknown} of others"
+        );
+        issues.add(Code::TableValue, &lines.path, message);
+    }
+    let expected = cx.manifest.totals.walls;
+    if count != expected {
+        let message = format!("found {count}, stated {expected}");
+        issues.add(Code::TotalsMismatch, "index.json#/totals/walls", message);
+    }
+    // of wrong walls cells say nothing more
+    match is_sound {
+        true => of_cells.check(cx, &scale, &lines.path, issues),
+        false => Ok(()),
+    }
+}
+
+impl Wall {
+    fn read(row: &[Option<f64>]) -> Self {
+        let number = |at: usize| row[at].unwrap_or(f64::NAN);
+        Wall {
+            // what is beyond is no id, and 0 is none
+            cells: [0, 1].map(|at| {
+                row[at]
+                    .filter(|id| *id < (1u64 << 53) as f64)
+                    .unwrap_or(0.0) as u64
+            }),
+            area: number(AREA),
+            thickness: number(THICKNESS),
+            chords: number(CHORDS),
+            thin: row[THIN_FLAG],
+        }
+    }
+
+    /// What is wrong with it by itself. What is missing compares false.
+    fn fault(&self, scale: &WallScale) -> Option<String> {
+        let Wall {
+            area,
+            thickness,
+            chords,
+            ..
+        } = *self;
+        let widest = WIDEST * scale.finest * (1.0 + ROUNDING);
+        let faces = scale.faces.into_iter().fold(1.0, f64::max);
+        let areas = [1.0 - 1.0 / AREA_PARTS, MOST_FACES * faces];
+        let [least, most] = areas.map(|v| v * chords * scale.smallest_face);
+        let coarsest = scale.finest_over.into_iter().fold(1.0, f64::min);
+        // half of an odd number of chords is less than those from the middle on
+        let is_odd = chords % 2.0 == 1.0;
+        let bin = scale.finest / BINS;
+        match self.thin {
+            _ if !(chords >= 1.0) => Some(format!("found {chords} chords, expected 1 at least")),
+            _ if !(thickness > 0.0 && thickness <= widest) => Some(format!(
+                "found wall_thickness {thickness}, expected one above 0 and at most {widest}"
+            )),
+            _ if !(area >= least && area <= most) => Some(format!(
+                "found wall_area {area}, expected {least} to {most} of {chords} chords"
+            )),
+            Some(1.0) if thickness > THIN * scale.finest / coarsest + bin => {
+                Some("found thin 1, expected 0 of that thickness".to_owned())
+            }
+            Some(0.0) if is_odd && thickness < THIN * scale.finest - bin => {
+                Some("found thin 0, expected 1 of that thickness".to_owned())
+            }
+            Some(0.0 | 1.0) => None,
+            _ => Some("found a thin that is neither 0 nor 1".to_owned()),
+        }
+    }
+}
+
+/// Passes chords of cells before these, which have no row.
+fn skip_before(
+    cells: [u64; 2],
+    chords: &mut SortedChords,
+    path: &str,
+    issues: &mut Issues,
+) -> Result<()> {
+    let mut last = None;
+    while chords.peek().is_some_and(|own| own < cells) {
+        let own = chords.next()?.filter(|own| own.certain);
+        let Some([a, b]) = own.map(|own| own.cells).filter(|own| last != Some(*own)) else {
+            continue;
+        };
+        last = Some([a, b]);
+        let message = format!("found no row for the wall between cells {a} and {b}");
+        issues.add(Code::TableRows, path, message);
+    }
+    Ok(())
+}
+
+/// Of two numbers, the one of chords that count beyond doubt, and the one of all that may count.
+const IS: usize = 0;
+const MAY: usize = 1;
+
+/// What the chords between two cells say of their wall.
+struct Between {
+    /// The bin that the stated thickness lies in: up to its end.
+    bin: u32,
+    count: [f64; 2],
+    /// Those in bins before that one, and up to it.
+    before: [f64; 2],
+    upto: [f64; 2],
+    thin: [f64; 2],
+    area: [f64; 2],
+}
+
+impl Between {
+    fn new(wall: &Wall, scale: &WallScale) -> Self {
+        let bins = wall.thickness / scale.finest * BINS;
+        Between {
+            bin: ((bins * (1.0 - ROUNDING)).ceil() - 1.0).max(0.0) as u32,
+            count: [0.0; 2],
+            before: [0.0; 2],
+            upto: [0.0; 2],
+            thin: [0.0; 2],
+            area: [0.0; 2],
+        }
+    }
+
+    fn add(&mut self, chords: &Chords) {
+        let count = chords.count as f64;
+        let [least, greatest] = chords.bins;
+        let parts = chords.area.map(|area| area as f64);
+        let [may_be_thin, is_thin] = chords.thin;
+        let mut sum = |into: usize, bin: u32, thin: bool, area: f64| {
+            self.count[into] += count;
+            self.before[into] += if bin < self.bin { count } else { 0.0 };
+            self.upto[into] += if bin <= self.bin { count } else { 0.0 };
+            self.thin[into] += if thin { count } else { 0.0 };
+            self.area[into] += area;
+        };
+        if chords.certain {
+            sum(IS, greatest, is_thin, parts[0]);
+        }
+        sum(MAY, least, may_be_thin, parts[1]);
+    }
+
+    /// How the row differs, if as many as `unknown` chords may be of any row.
+    fn fault(&self, wall: &Wall, scale: &WallScale, unknown: f64) -> Option<String> {
+        let stated = wall.chords;
+        let [is, may] = self.count;
+        if !(is <= stated && stated <= may + unknown) {
+            return Some(format!(
+                "found {stated} chords, expected {}",
+                range(self.count, unknown)
+            ));
+        }
+        // those of which nothing is known
+        let more = unknown.min(stated - is);
+        let area = self
+            .area
+            .map(|area| area / AREA_PARTS * scale.smallest_face);
+        let above = more == 0.0 && wall.area > area[MAY] * (1.0 + ROUNDING);
+        if wall.area < area[IS] * (1.0 - ROUNDING) || above {
+            return Some(format!(
+                "found wall_area {}, expected {}",
+                wall.area,
+                range(area, if more > 0.0 { f64::INFINITY } else { 0.0 })
+            ));
+        }
+        let half = stated / 2.0;
+        let exact =
+            is == stated && self.before[IS] == self.before[MAY] && self.upto[IS] == self.upto[MAY];
+        let median =
+            f64::from(self.bin) + (half - self.before[IS]) / (self.upto[IS] - self.before[IS]);
+        let median = median / BINS * scale.finest;
+        if self.before[IS] >= half || self.upto[MAY] + more < half {
+            return Some(format!(
+                "found wall_thickness {}, more than half of the chords are {}",
+                wall.thickness,
+                if self.before[IS] >= half {
+                    "thinner"
+                } else {
+                    "thicker"
+                }
+            ));
+        }
+        if exact && (median - wall.thickness).abs() > ROUNDING * median {
+            return Some(format!(
+                "found wall_thickness {}, expected {median}",
+                wall.thickness
+            ));
+        }
+        let is_thin = wall.thin == Some(1.0);
+        let may_be = match is_thin {
+            true => 2.0 * (self.thin[MAY] + more) > stated,
+            false => 2.0 * self.thin[IS] <= stated,
+        };
+        let name = u8::from(is_thin);
+        (!may_be).then(|| format!("found thin {name}, expected {}", 1 - name))
+    }
+}
+
+/// From what is beyond doubt to all that may be.
+fn range([is, may]: [f64; 2], more: f64) -> String {
+    let most = may + more;
+    match is == most {
+        true => format!("{is}"),
+        false => format!("{is} to {most}"),
+    }
+}
