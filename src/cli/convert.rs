@@ -459,12 +459,19 @@ pub fn from(origin: Origin) -> &'static str {
 fn cells_text(totals: &Totals) -> String {
     let things = output::things;
     let cells = things(totals.cells, "cell");
-    match totals.components {
-        0 => cells,
-        components => format!(
-            "{cells} of {} with {}",
+    let walls = things(totals.walls, "wall");
+    match (totals.components, totals.walls) {
+        (0, 0) => cells,
+        (0, _) => format!("{cells} with {walls}"),
+        (components, count) => format!(
+            "{cells} of {} with {}{}",
             things(components, "component"),
-            things(totals.necks, "opening")
+            things(totals.necks, "opening"),
+            if count > 0 {
+                format!(" and {walls}")
+            } else {
+                String::new()
+            }
         ),
     }
 }

@@ -42,7 +42,7 @@ impl Column {
 
     /// True if the values are 0 and 1 and mean a condition.
     pub fn is_condition(&self) -> bool {
-        self.name == "touches_border"
+        ["touches_border", "thin"].contains(&self.name.as_str())
     }
 
     /// True if the values are counts, ids or other whole numbers, none of which is missing but where cells are parts of
