@@ -123,11 +123,10 @@ fn plates_are_as_thick_as_they_are() {
             // lines between voxels are straight, and the grey across the thinnest one is not
             assert!(error.abs() < 0.03, "{normal:?} {thickness}: {wall:?}");
             assert!(!wall.thin, "{normal:?} {thickness}: {wall:?}");
-            // a thick plate that is tilted leaves the volume before a line along z has crossed it, and half of the
-            // chords at the volume's faces may have a normal that leans to another axis
+            // a thick plate that is tilted leaves the volume before a line has crossed it
             if thickness < 9.0 && i < 4 {
                 assert!(
-                    (wall.area / area - 1.0).abs() < 0.03,
+                    (wall.area / area - 1.0).abs() < 0.03 * thickness,
                     "{normal:?} {thickness}: {wall:?} {area}"
                 );
             }
@@ -163,12 +162,32 @@ struct Foam {
     faces: BTreeMap<[u32; 2], u32>,
 }
 
-/// Cells around random places, with walls of a thickness, blurred with a standard deviation of 0.8 voxels, and noise.
+/// Cells around random places, as of [`foam_around`].
 fn flat_foam(dims: [u32; 3], cells: usize, thickness: f64, noise: f64) -> Foam {
     let mut random = Random(7);
     let places: Vec<[f64; 3]> = (0..cells)
         .map(|_| dims.map(|n| random.unit() * f64::from(n)))
         .collect();
+    foam_around(dims, &places, thickness, noise)
+}
+
+/// Kelvin's cells, of this width, whose walls lie across axes and diagonals.
+fn kelvin_foam(dims: [u32; 3], width: f64, thickness: f64) -> Foam {
+    let most = dims.map(|n| (f64::from(n) / width) as i32 + 1);
+    let mut places = Vec::new();
+    for z in -1..=most[2] {
+        for (y, x) in (-1..=most[1]).flat_map(|y| (-1..=most[0]).map(move |x| (y, x))) {
+            let corner = [x, y, z].map(|v| (f64::from(v) + 0.27) * width);
+            places.extend([corner, corner.map(|v| v + width / 2.0)]);
+        }
+    }
+    foam_around(dims, &places, thickness, 0.0)
+}
+
+/// Cells around places, with walls of a thickness, blurred with a standard deviation of 0.8 voxels, and noise.
+fn foam_around(dims: [u32; 3], places: &[[f64; 3]], thickness: f64, noise: f64) -> Foam {
+    let mut random = Random(77);
+    let cells = places.len();
     let mut labels = Vec::new();
     let mut faces = BTreeMap::new();
     let solid = samples(dims, |p| {
@@ -268,7 +287,7 @@ fn walls_of_a_blurred_foam_are_as_thick_as_they_are() {
         if thickness > 2.0 {
             assert!(middle.abs() < 0.02 && low > -0.05);
             // with noise small walls are lost in the edges between them
-            assert!(high < if noise > 0.0 { 0.2 } else { 0.05 });
+            assert!(high < if noise > 0.0 { 0.1 } else { 0.05 });
         }
         let cells = table(dir.path(), "cells.csv");
         let found: f64 = (0..cells.rows.len())
@@ -277,7 +296,7 @@ fn walls_of_a_blurred_foam_are_as_thick_as_they_are() {
         let known = foam.faces.values().filter(|&&voxels| voxels >= 30).count();
         println!("neighbours {found}, faces of 30 voxels {}", 2 * known);
         if thickness > 2.0 {
-            assert!((found / (2 * known) as f64 - 1.0).abs() < 0.15);
+            assert!((found / (2 * known) as f64 - 1.0).abs() < 0.25);
             for row in 0..cells.rows.len() {
                 let error = number(&cells, row, "wall_thickness") / thickness - 1.0;
                 let most = if noise > 0.0 { 0.1 } else { 0.06 };
@@ -285,6 +304,48 @@ fn walls_of_a_blurred_foam_are_as_thick_as_they_are() {
             }
         }
     }
+}
+
+#[test]
+fn walls_of_kelvin_cells_are_as_thick_as_they_are() {
+    for thickness in [2.2, 3.0, 4.5] {
+        let foam = kelvin_foam([62, 58, 54], 26.0, thickness);
+        let options = ConvertOptions {
+            walls: true,
+            labels: Some(given(foam.dims, foam.labels.clone())),
+            ..options([32; 3])
+        };
+        let (dir, _) = converted(&volume(foam.dims, foam.grey.clone()), &options);
+        let mut errors: Vec<f64> = Vec::new();
+        for wall in wall_rows(dir.path()) {
+            let pair = wall.cells.map(|id| id as u32);
+            let voxels = foam.faces.get(&pair).copied().unwrap_or(0);
+            if voxels >= 100 {
+                errors.push(wall.thickness / thickness - 1.0);
+            }
+        }
+        errors.sort_by(f64::total_cmp);
+        let [low, middle, high] = [0, errors.len() / 2, errors.len() - 1].map(|i| errors[i]);
+        println!("Kelvin, thickness {thickness}: {low:+.4} {middle:+.4} {high:+.4}");
+        assert!(errors.len() > 70);
+        // the middle of a wall across a diagonal is small: lines along axes go through it aslant
+        assert!(low > -0.05 && middle.abs() < 0.03 && high < 0.05);
+    }
+}
+
+/// How the surface crosses an edge between two voxels: where, in voxels; the cosine of its slant to the edge's axis; and the
+/// share of the wall that this axis has.
+struct Crossing {
+    place: f64,
+    cosine: f64,
+    share: f64,
+}
+
+/// A chord of a wall: the thickness there, the area that it stands for, and whether it is thinner than a scan resolves.
+struct Chord {
+    thickness: f64,
+    area: f64,
+    thin: bool,
 }
 
 /// A volume of which every voxel is searched.
@@ -322,9 +383,8 @@ impl Case {
         })
     }
 
-    /// Where the surface crosses the edge from a voxel along an axis, in voxels; and the cosine of its slant to the axis in
-    /// 65,536 parts, 0 if it faces another axis.
-    fn crossing(&self, p: [u32; 3], axis: usize) -> (f64, f64) {
+    /// How the surface crosses the edge from a voxel along an axis.
+    fn crossing(&self, p: [u32; 3], axis: usize) -> Crossing {
         let mut q = p;
         q[axis] += 1;
         let [v, w] = [p, q].map(|p| self.value(p));
@@ -332,44 +392,47 @@ impl Case {
         let t = step / 256.0;
         let [g, h] = [p, q].map(|p| self.gradient(p).map(f64::from));
         let gradient: [f64; 3] = std::array::from_fn(|a| g[a] + (h[a] - g[a]) * t);
-        let place = f64::from(p[axis]) + t;
+        let crossing = |cosine: f64, share: f64| Crossing {
+            place: f64::from(p[axis]) + t,
+            cosine: (cosine * 65536.0).round() / 65536.0,
+            share: (share * 65536.0).round() / 65536.0,
+        };
         if gradient == [0.0; 3] {
-            return (place, 1.0);
+            return crossing(1.0, 1.0);
         }
-        let finest = self.spacing.into_iter().fold(f64::INFINITY, f64::min);
-        let part: [f64; 3] =
-            std::array::from_fn(|a| (gradient[a] * (finest / self.spacing[a])).abs());
-        let best = (0..3)
-            .rev()
-            .max_by(|&a, &b| part[a].total_cmp(&part[b]))
-            .unwrap();
-        if best != axis {
-            return (place, 0.0);
+        let unit = |slope: [f64; 3]| -> [f64; 3] {
+            let own: [f64; 3] = std::array::from_fn(|a| slope[a] / self.spacing[a]);
+            let length = own.iter().map(|v| v * v).sum::<f64>().sqrt();
+            own.map(|v| v / length)
+        };
+        let square = unit(gradient)[axis] * unit(gradient)[axis];
+        if square < 0.05 {
+            return crossing(0.0, 0.0);
         }
         // what central differences miss where the grey bends
         let (wide, narrow) = ((g[axis] + h[axis]) / 2.0, w - v);
         let r = 2.0 * (wide - narrow) / (wide + 2.0 * narrow);
+        let most = 0.5 * square;
         let r = if r.is_finite() {
-            r.clamp(-0.5, 0.5)
+            r.clamp(-most, most)
         } else {
             0.0
         };
-        let own = 1.0 / self.spacing[axis];
-        let slants = (0..3).map(|a| {
+        let normal = unit(std::array::from_fn(|a| {
             let measured = gradient[a] / gradient[axis];
             let mut ratio = measured;
             for _ in 0..3 {
                 ratio = measured * (1.0 + r) / (1.0 + r * ratio * ratio).max(0.5);
             }
-            (ratio.abs() / self.spacing[a]).min(own)
-        });
-        let length = slants.map(|v| v * v).sum::<f64>().sqrt();
-        (place, (own / length * 65536.0).round() / 65536.0)
+            ratio
+        }));
+        let above = normal.map(|v| (v * v - 0.1).max(0.0));
+        crossing(normal[axis].abs(), above[axis] / above.iter().sum::<f64>())
     }
 
-    /// Thickness and area of each chord, and whether it is thin, by cells.
-    fn chords(&self) -> BTreeMap<[u64; 2], Vec<(f64, f64, bool)>> {
-        let mut found: BTreeMap<[u64; 2], Vec<(f64, f64, bool)>> = BTreeMap::new();
+    /// The chords between cells.
+    fn chords(&self) -> BTreeMap<[u64; 2], Vec<Chord>> {
+        let mut found: BTreeMap<[u64; 2], Vec<Chord>> = BTreeMap::new();
         let voxel: f64 = self.spacing.iter().product();
         for z in 0..self.dims[2] {
             for (x, y) in (0..self.dims[1]).flat_map(|y| (0..self.dims[0]).map(move |x| (x, y))) {
@@ -390,13 +453,17 @@ impl Case {
                     };
                     let [a, b] = [first, next].map(|i| self.cell(at(i)));
                     let [one, two] = [first, next - 1].map(|i| self.crossing(at(i), axis));
-                    if a == b || one.1 == 0.0 || two.1 == 0.0 {
+                    if a == b || one.share == 0.0 || two.share == 0.0 {
                         continue;
                     }
-                    let cosine = (one.1 + two.1) / 2.0;
-                    let voxels = (two.0 - one.0) * cosine;
-                    let area = voxel / self.spacing[axis] / cosine;
-                    let chord = (voxels * self.spacing[axis], area, voxels < 2.0);
+                    let cosine = (one.cosine + two.cosine) / 2.0;
+                    let share = (one.share + two.share) / 2.0;
+                    let voxels = (two.place - one.place) * cosine;
+                    let chord = Chord {
+                        thickness: voxels * self.spacing[axis],
+                        area: voxel / self.spacing[axis] / cosine * share,
+                        thin: voxels < 2.0,
+                    };
                     found.entry([a.min(b), a.max(b)]).or_default().push(chord);
                 }
             }
@@ -413,12 +480,31 @@ impl Case {
         let finest = self.spacing.into_iter().fold(f64::INFINITY, f64::min);
         for (wall, mut chords) in walls.iter().zip(chords.into_values()) {
             assert_eq!(wall.chords, chords.len() as u64);
-            let area: f64 = chords.iter().map(|chord| chord.1).sum();
-            assert!((wall.area / area - 1.0).abs() < 1e-3, "{wall:?} {area}");
-            let thin = chords.iter().filter(|chord| chord.2).count();
-            assert_eq!(wall.thin, 2 * thin > chords.len());
-            chords.sort_by(|a, b| a.0.total_cmp(&b.0));
-            let middle = [(chords.len() - 1) / 2, chords.len() / 2].map(|i| chords[i].0);
+            let area: f64 = chords.iter().map(|chord| chord.area).sum();
+            // areas are counted in parts of a face
+            let off = 2e-5 * finest * finest * chords.len() as f64 * 4.0;
+            assert!(
+                (wall.area - area).abs() < 1e-4 * area + off,
+                "{wall:?} {area}"
+            );
+            let slack = 1e-3 * area + off;
+            let thin = chords.iter().filter(|chord| chord.thin);
+            let thin: f64 = thin.map(|chord| chord.area).sum();
+            assert!(wall.thin == (2.0 * thin > area) || (2.0 * thin - area).abs() < slack);
+            chords.sort_by(|a, b| a.thickness.total_cmp(&b.thickness));
+            let up_to = |share: f64| {
+                let mut sum = 0.0;
+                let reaches = |chord: &&Chord| {
+                    sum += chord.area;
+                    sum >= share
+                };
+                chords
+                    .iter()
+                    .find(reaches)
+                    .unwrap_or(&chords[chords.len() - 1])
+                    .thickness
+            };
+            let middle = [area / 2.0 - slack, area / 2.0 + slack].map(up_to);
             let bin = finest / 64.0 * 1.001;
             assert!(
                 middle[0] - bin < wall.thickness && wall.thickness < middle[1] + bin,

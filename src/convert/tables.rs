@@ -199,7 +199,7 @@ fn write_walls(path: &Path, walls: &SpillFile, place: &Placement) -> Result<u64>
             area: wall.area(place.spacing),
             thickness: wall.thickness * finest,
             chords: wall.chords,
-            thin: 2 * wall.thin > wall.chords,
+            thin: 2 * wall.thin > wall.area_steps,
         }
     })
 }

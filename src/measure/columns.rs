@@ -205,11 +205,11 @@ pub struct WallRow {
     pub cells: [u64; 2],
     /// Area of what its chords stand for.
     pub area: f64,
-    /// Median of its thickness at its chords.
+    /// Median of its thickness at its chords by the area that they stand for.
     pub thickness: f64,
     /// Chords.
     pub chords: u64,
-    /// More than half of its chords are thinner than a scan resolves.
+    /// More than half of its area is thinner than a scan resolves.
     pub thin: bool,
 }
 

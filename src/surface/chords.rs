@@ -1,10 +1,11 @@
 //! Walls between cells, measured by chords: a line of voxels along an axis that leaves a cell, goes through what is above,
 //! and enters another cell.
 //!
-//! A chord ends at the vertices of the surface on the two edges that it crosses, so it is measured in lattice steps. It
-//! counts where the wall faces its axis: where no other component of the gradient is greater at either. Then the wall is
-//! the chord's length times the cosine of its slant thick there, and the chord stands for a face of a voxel over that
-//! cosine. All is summed in whole numbers, so no order of bands shows.
+//! A chord ends at the vertices of the surface on the two edges that it crosses, so it is measured in lattice steps. The
+//! wall is the chord's length times the cosine of its slant thick there. A wall is crossed along all axes that its normal
+//! leans to, so a chord stands for a share of a face of a voxel over that cosine: the shares of the axes are 1 together,
+//! and change with the normal without a jump, so that neither noise nor a wall across a diagonal loses chords. All is
+//! summed in whole numbers, so no order of bands shows.
 
 use crate::grid::{Dims, LATTICE};
 use crate::labels::{Bits, RowRuns, Voxels};
@@ -24,6 +25,12 @@ const ONE: u32 = 1 << 16;
 pub const WALL_AREA_STEPS: f64 = ONE as f64;
 /// Bits of a line's place; its axis is above them.
 const PLACE_BITS: u32 = 32;
+/// An axis has no share of a wall if the square of the normal's component along it is not above this.
+const LEAST_SQUARE: f64 = 0.1;
+/// A little less than the root of that.
+const LEAST_COSINE: f64 = 0.316;
+/// The greatest part of a difference along a normal that central differences miss.
+const MOST_MISSED: f64 = 0.5;
 /// Walls that measure less, in voxels along the axis that they face, are thinner than a scan resolves.
 const RESOLVED: u64 = 2;
 
@@ -35,12 +42,14 @@ pub struct ChordEnd {
     pub line: u64,
     /// Where on the line, in lattice steps.
     pub position: u32,
-    /// The normal's component along the line, without its sign, in 1/65,536; 0 if another one is greater.
+    /// The normal's component along the line, without its sign, in 1/65,536.
     pub cosine: u32,
     /// The cell at its end below.
     pub cell: u64,
+    /// The axis's share of the wall, in 1/65,536; 0 if it has none.
+    pub share: u32,
     /// 1 where the line leaves what is above, 0 where it enters it.
-    pub leaves: u64,
+    pub leaves: u32,
 }
 
 /// Chords of the wall between two cells whose thickness lies in one bin.
@@ -53,11 +62,10 @@ pub struct Chords {
     pub bin: u32,
     /// How many chords.
     pub count: u32,
-    /// How many of them are thinner than a scan resolves.
-    pub thin: u32,
-    reserved: u32,
     /// The area that they stand for, see [`WALL_AREA_STEPS`].
     pub area: u64,
+    /// That of those which are thinner than a scan resolves.
+    pub thin: u64,
 }
 
 impl Chords {
@@ -102,8 +110,7 @@ impl ChordScale {
         let across = |axis: usize| spacing[(axis + 1) % 3] * spacing[(axis + 2) % 3];
         let smallest = (0..3).map(across).fold(f64::INFINITY, f64::min);
         let widest = f64::from(WIDEST_WALL * LATTICE);
-        // a component that no other exceeds is at least the root of a third, for which 0.577 is a little less
-        let longest = spacing.map(|s| (widest * finest / s / 0.577) as u32);
+        let longest = spacing.map(|s| (widest * finest / s / LEAST_COSINE) as u32);
         let of_step = f64::from(WALL_BINS) / f64::from(LATTICE) / f64::from(2 * ONE);
         ChordScale {
             finest_over: spacing.map(|s| finest / s),
@@ -113,27 +120,28 @@ impl ChordScale {
         }
     }
 
-    /// The cosine of the surface's normal to an axis, see [`ChordEnd::cosine`].
-    fn cosine(&self, slopes: &Slopes, axis: usize) -> u32 {
-        let of = |gradient: f64, a: usize| (gradient * self.finest_over[a]).abs();
-        let along: [f64; 3] = std::array::from_fn(|a| of(slopes.gradient[a], a));
-        let sum = along[0] + along[1] + along[2];
+    /// How a line along an axis crosses the surface: the cosine and the share of an end, see [`ChordEnd`].
+    fn crossing(&self, slopes: &Slopes, axis: usize) -> [u32; 2] {
+        let squares = |slopes: [f64; 3]| -> [f64; 3] {
+            let parts: [f64; 3] = std::array::from_fn(|a| slopes[a] * self.finest_over[a]);
+            parts.map(|part| part * part)
+        };
+        let measured = squares(slopes.gradient);
+        let sum = measured[0] + measured[1] + measured[2];
         if !(sum > 0.0 && sum.is_finite()) {
             // as the mesh has it where there is no gradient: along the edge
-            return ONE;
+            return [ONE; 2];
         }
-        // of equal ones the first axis counts
-        let is_greatest = (0..3).all(|a| match a < axis {
-            true => along[a] < along[axis],
-            false => along[a] <= along[axis],
-        });
-        if !is_greatest {
-            return 0;
+        // what is far from having a share has no slopes over the axis that say anything
+        if measured[axis] < LEAST_SQUARE / 2.0 * sum {
+            return [0; 2];
         }
-        let (whole, own) = (slopes.over_axis(axis), self.finest_over[axis]);
-        let parts: [f64; 3] = std::array::from_fn(|a| of(whole[a], a).min(own));
-        let length = parts.iter().map(|v| v * v).sum::<f64>().sqrt();
-        integer(round(own / length * f64::from(ONE)))
+        let parts = squares(slopes.over_axis(axis, measured[axis] / sum));
+        let sum = parts[0] + parts[1] + parts[2];
+        let above = parts.map(|part| (part / sum - LEAST_SQUARE).max(0.0));
+        let share = above[axis] / (above[0] + above[1] + above[2]);
+        let whole = |v: f64| -> u32 { integer(round(v * f64::from(ONE))) };
+        [whole((parts[axis] / sum).sqrt()), whole(share)]
     }
 
     /// The chord from where a line enters what is above to where it next leaves it; `None` if it does not count.
@@ -141,23 +149,24 @@ impl ChordScale {
         let axis = (enters.line >> PLACE_BITS) as usize;
         let length = leaves.position - enters.position;
         let cells = [enters.cell, leaves.cell];
-        let faces = enters.cosine > 0 && leaves.cosine > 0;
-        if !faces || cells[0] == cells[1] || length > self.longest[axis] {
+        let has_share = enters.share > 0 && leaves.share > 0;
+        if !has_share || cells[0] == cells[1] || length > self.longest[axis] {
             return None;
         }
         // twice the mean cosine
         let cosines = enters.cosine + leaves.cosine;
         let product = u64::from(length) * u64::from(cosines);
         let bin = (product as f64 * self.bins[axis]) as u32;
-        let area = f64::from(ONE) * self.faces[axis] * f64::from(2 * ONE) / f64::from(cosines);
-        let thin = product < RESOLVED * u64::from(LATTICE) * u64::from(2 * ONE);
+        let shares = enters.share + leaves.share;
+        let area = f64::from(ONE) * self.faces[axis] * f64::from(shares) / f64::from(cosines);
+        let area = ((area + 0.5) as u64).max(1);
+        let is_thin = product < RESOLVED * u64::from(LATTICE) * u64::from(2 * ONE);
         (bin < WIDEST_WALL * WALL_BINS).then(|| Chords {
             cells: [cells[0].min(cells[1]), cells[0].max(cells[1])],
             bin,
             count: 1,
-            thin: thin.into(),
-            reserved: 0,
-            area: (area + 0.5) as u64,
+            area,
+            thin: if is_thin { area } else { 0 },
         })
     }
 }
@@ -178,11 +187,13 @@ impl Slopes {
     /// Where samples depend on the distance d from a plane alone, as f(d), a central difference along an axis with the
     /// component m of the plane's normal is m (F + m^2 f'''/6), with the same F for all axes. Across a wall little wider than
     /// the blur f''' is large, and the wall would come out up to 6 % too thin. Along the edge, `wide` is that and `narrow`
-    /// is m (F - m^2 f'''/12); both tell r = m^2 f'''/6F there, and so the same for the other axes.
-    fn over_axis(&self, axis: usize) -> [f64; 3] {
+    /// is m (F - m^2 f'''/12); both tell r = m^2 f'''/6F there, and so the same for the other axes. `square` is m^2 as it
+    /// is measured.
+    fn over_axis(&self, axis: usize, square: f64) -> [f64; 3] {
         let r = 2.0 * (self.wide - self.narrow) / (self.wide + 2.0 * self.narrow);
+        let most = MOST_MISSED * square;
         let r = if r.is_finite() {
-            r.clamp(-0.5, 0.5)
+            r.clamp(-most, most)
         } else {
             0.0
         };
@@ -242,11 +253,13 @@ impl<T: Voxel, C: Fn([u32; 3]) -> u64> CrossedEdges for BandEdges<'_, T, C> {
             wide: (g0[axis] + g1[axis]) / 2.0,
             narrow: v1 - v0,
         };
+        let [cosine, share] = self.scale.crossing(&slopes, axis);
         ChordEnd {
             line: line(axis, lower, self.dims),
             position: lower[axis] * LATTICE + step,
-            cosine: self.scale.cosine(&slopes, axis),
+            cosine,
             cell: 0,
+            share,
             leaves: leaves.into(),
         }
     }
@@ -407,11 +420,11 @@ impl<'a> ChordFinder<'a> {
         let mut leaves = enters;
         leaves[axis] = last;
         let mut first = self.edges.end(axis, enters, false);
-        if first.cosine == 0 {
+        if first.share == 0 {
             return;
         }
         let mut second = self.edges.end(axis, leaves, true);
-        if second.cosine == 0 {
+        if second.share == 0 {
             return;
         }
         leaves[axis] += 1;

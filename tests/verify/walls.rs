@@ -166,7 +166,8 @@ fn wrong_rows_of_walls_are_found() {
 fn the_volume_tells_walls_exactly() {
     let dir = tempfile::tempdir().unwrap();
     let scan = Scan::pockets();
-    scan.convert(dir.path(), "own", false, &["--macrocube", "8", "--walls"]);
+    let more = ["--macrocube", "8", "--walls", "--spacing", "0.5"];
+    scan.convert(dir.path(), "own", false, &more);
     let own = dir.path().join("own");
     let before = fs::read_to_string(own.join("walls.csv")).unwrap();
     for (column, by) in [(2, 1.001), (2, 0.999), (3, 1.001), (3, 0.999)] {

@@ -39,11 +39,11 @@ pub struct Wall {
     pub cells: [u64; 2],
     /// Sum of what its chords stand for, see [`Wall::area`].
     pub area_steps: u64,
-    /// Median of the thickness at its chords, in voxels of the finest axis.
+    /// Median of the thickness at its chords by what they stand for, in voxels of the finest axis.
     pub thickness: f64,
     /// Chords.
     pub chords: u64,
-    /// Those of them that are thinner than a scan resolves.
+    /// The sum over those of them that are thinner than a scan resolves.
     pub thin: u64,
 }
 
@@ -253,14 +253,14 @@ fn merge(chords: Sorter<Chords>, work: &Path) -> Result<SpillFile> {
 /// The wall with these bins of chords, by rising thickness, of which there is one at least.
 fn wall_of(bins: &[Chords]) -> Wall {
     let sum = |of: fn(&Chords) -> u64| bins.iter().map(of).sum::<u64>();
-    let count = sum(|bin| bin.count.into());
-    let half = count as f64 / 2.0;
+    let area_steps = sum(|bin| bin.area);
+    let half = area_steps as f64 / 2.0;
     let mut before = 0.0;
     let mut median = 0.0;
     for bin in bins {
-        let here = f64::from(bin.count);
+        let here = bin.area as f64;
         if before + here >= half {
-            // chords of a bin are taken to lie evenly in it
+            // what is in a bin is taken to lie evenly in it
             median = f64::from(bin.bin) + (half - before) / here;
             break;
         }
@@ -268,9 +268,9 @@ fn wall_of(bins: &[Chords]) -> Wall {
     }
     Wall {
         cells: bins[0].cells,
-        area_steps: sum(|bin| bin.area),
+        area_steps,
         thickness: median / f64::from(WALL_BINS),
-        chords: count,
-        thin: sum(|bin| bin.thin.into()),
+        chords: sum(|bin| bin.count.into()),
+        thin: sum(|bin| bin.thin),
     }
 }

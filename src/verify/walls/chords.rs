@@ -1,6 +1,6 @@
 //! Chords of walls: pairs of vertices that follow each other on a line, from one cell to another.
 
-use super::slant::{Known, Slant, by_normal};
+use super::slant::{Slant, by_normal};
 use crate::error::Result;
 use crate::grid::Placement;
 use crate::verify::first::voxel_key;
@@ -98,14 +98,14 @@ impl Crossing {
     fn end(&self, slant: &Slant) -> End {
         let axis = self.axis();
         let [u, v] = [(axis + 1) % 3, (axis + 2) % 3].map(|a| (self.point[a] >> 8) as u64);
-        let [least, greatest] = slant.cosine;
+        let whole = |[least, greatest]: [f64; 2]| [(least * ONE).floor(), (greatest * ONE).ceil()];
         End {
             line: (axis as u64) << 32 | u << 16 | v,
             position: self.point[axis] as u64,
             leaves: self.leaves,
             cell: self.cell,
-            cosine: [(least * ONE).floor(), (greatest * ONE).ceil()].map(|v| v as u32),
-            faces: slant.faces,
+            cosine: whole(slant.cosine).map(|v| v as u32),
+            share: whole(slant.share).map(|v| v as u32),
         }
     }
 }
@@ -119,9 +119,9 @@ struct End {
     position: u64,
     leaves: bool,
     cell: u64,
-    /// Bounds of the cosine of the normal to the axis.
+    /// Bounds of the cosine of the normal to the axis, and of the share that this has of a wall.
     cosine: [u32; 2],
-    faces: Known,
+    share: [u32; 2],
 }
 
 /// Words of [`End`].
@@ -129,28 +129,25 @@ const END: usize = 5;
 
 impl End {
     fn pack(&self) -> [u64; END] {
-        let [least, greatest] = self.cosine.map(u64::from);
+        let both = |bounds: [u32; 2]| u64::from(bounds[0]) << 32 | u64::from(bounds[1]);
         [
             self.line,
             self.position << 1 | u64::from(self.leaves),
             self.cell,
-            least << 32 | greatest,
-            self.faces as u64,
+            both(self.cosine),
+            both(self.share),
         ]
     }
 
-    fn unpack([line, position, cell, cosine, faces]: [u64; END]) -> Self {
+    fn unpack([line, position, cell, cosine, share]: [u64; END]) -> Self {
+        let bounds = |word: u64| [(word >> 32) as u32, word as u32];
         End {
             line,
             position: position >> 1,
             leaves: position & 1 == 1,
             cell,
-            cosine: [(cosine >> 32) as u32, cosine as u32],
-            faces: match faces {
-                0 => Known::No,
-                1 => Known::Maybe,
-                _ => Known::Yes,
-            },
+            cosine: bounds(cosine),
+            share: bounds(share),
         }
     }
 }
@@ -208,9 +205,9 @@ enum Pair {
 
 /// The chord from where a line enters what is above to where it leaves it next.
 fn pair(enters: &End, leaves: &End, scale: &WallScale) -> Pair {
-    let faces = enters.faces.min(leaves.faces);
     let known = enters.cell != 0 && leaves.cell != 0;
-    if faces == Known::No || (known && enters.cell == leaves.cell) {
+    let has_none = enters.share[1] == 0 || leaves.share[1] == 0;
+    if has_none || (known && enters.cell == leaves.cell) {
         return Pair::None;
     }
     let axis = (enters.line >> 32) as usize;
@@ -224,14 +221,16 @@ fn pair(enters: &End, leaves: &End, scale: &WallScale) -> Pair {
     if !known {
         return Pair::Unknown;
     }
-    let area = cosines.map(|c| AREA_PARTS * scale.faces[axis] / c);
+    let share = |i: usize| (f64::from(enters.share[i]) + f64::from(leaves.share[i])) / 2.0 / ONE;
+    let area = [share(0) / cosines[1], share(1) / cosines[0]];
+    let area = area.map(|area| AREA_PARTS * scale.faces[axis] * area);
     Pair::Chord(Chords {
         cells: [enters.cell.min(leaves.cell), enters.cell.max(leaves.cell)],
         bins: thickness.map(|t| t as u32),
-        certain: faces == Known::Yes && thickness[1] < WIDEST * BINS,
+        certain: enters.share[0] > 0 && leaves.share[0] > 0 && thickness[1] < WIDEST * BINS,
         thin: [0, 1].map(|i| cosines[i] * length < THIN),
         count: 1,
-        area: [(area[1] - 0.5).floor().max(0.0), (area[0] + 0.5).ceil()].map(|v| v as u64),
+        area: [(area[0] - 0.5).floor().max(1.0), (area[1] + 1.0).ceil()].map(|v| v as u64),
     })
 }
 
