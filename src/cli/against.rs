@@ -1,7 +1,8 @@
 //! The volume that a tile set was made from, opened again.
 
-use super::args::{InputOptions, open_stamped};
+use super::args::InputOptions;
 use super::filters::FilterArgs;
+use super::input::Input;
 use super::region::RegionArgs;
 use crate::error::{Error, Result};
 use crate::grid::Origin;
@@ -9,7 +10,7 @@ use crate::manifest::{MANIFEST, Manifest};
 use crate::progress::Progress;
 use crate::verify::SourceVolume;
 use crate::volume::{
-    self, Cropped, Filled, Headerless, OpenOptions, Opened, RegionVoxels, Stamp, Volume,
+    Cropped, Filled, Headerless, OpenOptions, Opened, RegionVoxels, Stamp, Volume,
 };
 use std::path::Path;
 
@@ -59,10 +60,10 @@ impl<'a> Asked<'a> {
 ///
 /// # Errors
 /// Those of opening it; [`Error::Usage`] if it is not the volume that the tiles were made from, as far as its size tells.
-pub fn open_against(directory: &Path, path: &Path, asked: Asked) -> Result<Against> {
+pub fn open_against(directory: &Path, input: Input, asked: Asked) -> Result<Against> {
     // an index that cannot be read is for the verifier to report
     let Ok(manifest) = Manifest::open(directory) else {
-        let (opened, stamp) = open_stamped(path, &asked.options, directory)?;
+        let (opened, stamp) = input.open(&asked.options, directory)?;
         let opened = asked.filters.apply(opened)?;
         return Ok(Against {
             source: SourceVolume::of(&opened),
@@ -71,7 +72,8 @@ pub fn open_against(directory: &Path, path: &Path, asked: Asked) -> Result<Again
             stamp,
         });
     };
-    let (opened, stamp) = open_whole(directory, path, &manifest, &asked)?;
+    let path = input.path().to_path_buf();
+    let (opened, stamp) = open_whole(directory, input, &manifest, &asked)?;
     let source = SourceVolume::of(&opened);
     let (volume, region) = filled(opened, &manifest, directory, &asked)?;
     let (dims, crop) = (volume.header().dims, manifest.source.crop.as_ref());
@@ -96,29 +98,32 @@ pub fn open_against(directory: &Path, path: &Path, asked: Asked) -> Result<Again
 /// As of [`open_against`].
 pub fn open_whole(
     directory: &Path,
-    path: &Path,
+    input: Input,
     manifest: &Manifest,
     asked: &Asked,
 ) -> Result<(Opened, Stamp)> {
-    let options = completed(asked.options.clone(), manifest, path);
-    let (opened, stamp) = open_stamped(path, &options, directory)?;
+    let options = completed(asked.options.clone(), manifest, &input);
+    let (opened, stamp) = input.open(&options, directory)?;
     let opened = asked.filters.apply_as(manifest, opened, asked.option)?;
     Ok((opened, stamp))
 }
 
 /// The options with what the manifest says where they do not.
-fn completed(mut options: OpenOptions, manifest: &Manifest, path: &Path) -> OpenOptions {
+fn completed(mut options: OpenOptions, manifest: &Manifest, input: &Input) -> OpenOptions {
     let source = &manifest.source;
-    let same_name = volume::file_name(path) == source.name;
+    let same_name = input.name() == source.name;
+    let is_file = matches!(input, Input::Path(_));
     if same_name {
-        options = options.or_part(&source.part);
+        if is_file {
+            options = options.or_part(&source.part);
+        }
         // what the file does not state had to be said to open it
         if source.provenance.spacing.contains(&Origin::Option) && options.spacing.is_none() {
             options.spacing = Some(unfiltered_spacing(manifest));
             options.unit = options.unit.or(Some(manifest.placement.unit));
         }
     }
-    if source.format == "raw" {
+    if source.format == "raw" && is_file {
         options.headerless = Some(Headerless {
             dims: source.dims.0.map(u64::from),
             dtype: source.dtype,

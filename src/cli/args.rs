@@ -6,10 +6,9 @@ use super::progress::Console;
 use super::region::RegionArgs;
 use crate::error::{Error, Result};
 use crate::grid::Unit;
-use crate::volume::{self, Before, Dtype, Endian, Io, OpenOptions, Opened, Stamp};
+use crate::volume::{self, Dtype, Endian, Io, OpenOptions};
 use clap::builder::{PossibleValue, PossibleValuesParser, TypedValueParser};
 use clap::{Args, ValueEnum};
-use std::path::Path;
 
 /// Options of every command that works.
 #[derive(Debug, Clone, Args)]
@@ -28,7 +27,13 @@ pub struct Common {
 
 impl Common {
     /// Sets up the worker threads and returns where progress is shown.
-    pub fn start(&self) -> Console {
+    pub fn start(&self) -> Console<'static> {
+        self.set_threads();
+        Console::new(self.quiet)
+    }
+
+    /// Sets up the worker threads.
+    pub fn set_threads(&self) {
         if let Some(n) = self.threads {
             // fails only if workers run already, in a program that runs several commands: the
             // result is the same with any number of them
@@ -36,7 +41,6 @@ impl Common {
                 .num_threads(crate::sys::simd::threads(usize::from(n)))
                 .build_global();
         }
-        Console::new(self.quiet)
     }
 
     /// True if a summary for people is wanted on stdout.
@@ -207,16 +211,4 @@ impl InputOptions {
             None => Ok(()),
         }
     }
-}
-
-/// Opens the volume at `path`, with what tells any change to it from then on. What lies in the directory `out` is no
-/// part of it.
-pub fn open_stamped(path: &Path, options: &OpenOptions, out: &Path) -> Result<(Opened, Stamp)> {
-    if options.io == Io::Mmap {
-        super::sigbus::guard(path);
-    }
-    let before = Before::of(path, out);
-    let opened = volume::open(path, options)?;
-    let stamp = volume::stamp(&before, &opened)?;
-    Ok((opened, stamp))
 }

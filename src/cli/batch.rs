@@ -1,6 +1,8 @@
 //! `alvis convert A B ... --out-dir DIR`: several volumes, each to a tile set of its own, and a table of them.
 
-use super::convert::{ConvertArgs, resuming};
+use super::again::{Again, resuming};
+use super::convert::ConvertArgs;
+use super::input::Input;
 use super::progress::Console;
 use super::scans_table::{FILE, Facts, Row, ScansTable, Status};
 use super::threshold::Threshold;
@@ -239,7 +241,8 @@ fn convert_one(
     console: &Console,
 ) -> Row {
     let out = dir.join(&scan.name);
-    let made = args.convert(&scan.input, &out, typed, console);
+    let input = Input::Path(&scan.input);
+    let made = args.convert(input, &out, Again::Typed(typed), console);
     let made = made.and_then(|_| args.levels(&out, console));
     let facts = made.and_then(|_| {
         Facts::of(

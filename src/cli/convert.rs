@@ -1,15 +1,17 @@
 //! `alvis convert`: a volume to a tile set.
 
-use super::args::{Common, InputOptions, TableFile, input_help, open_stamped};
+use super::again::Again;
+use super::args::{Common, InputOptions, TableFile, input_help};
 use super::form::FormArgs;
 use super::info;
+use super::input::Input;
 use super::lod;
 use super::parse::{self, CropArg};
 use super::progress::Console;
 use super::region::Roi;
 use super::threshold::{TAKES, Threshold, threshold};
 use super::view::ViewArgs;
-use super::{Outcome, batch, output, stop};
+use super::{Outcome, batch, output};
 use crate::cli::labels::read_labels;
 use crate::convert::{self, ConvertOptions, ConvertReport, NeckRule};
 use crate::error::{Error, Result};
@@ -177,7 +179,7 @@ pub struct ConvertArgs {
 
 /// What `--json` prints.
 #[derive(Serialize)]
-struct Printed<'a> {
+pub struct Printed<'a> {
     #[serde(flatten)]
     report: &'a ConvertReport,
     #[serde(skip_serializing_if = "Option::is_none")]
@@ -191,14 +193,12 @@ impl ConvertArgs {
             return batch::run(self, typed);
         };
         let console = self.common.start();
-        let report = self.convert(&self.input, out, typed, &console)?;
+        let input = Input::Path(&self.input);
+        let report = self.convert(input, out, Again::Typed(typed), &console)?;
         let levels = self.levels(out, &console)?;
         drop(console);
         if self.common.json {
-            output::print_json(&Printed {
-                report: &report,
-                lod: levels.as_ref(),
-            })?;
+            output::print_json(&self.printed(&report, levels.as_ref()))?;
         } else if self.common.talks() {
             output::print(&summary(&report))?;
             if let Some(levels) = &levels {
@@ -209,6 +209,15 @@ impl ConvertArgs {
             true => ViewArgs::of(out, self.common.quiet).run(),
             false => Ok(Outcome::Done),
         }
+    }
+
+    /// What `--json` prints of a conversion, and of the levels of detail, if there are any.
+    pub fn printed<'a>(
+        &self,
+        report: &'a ConvertReport,
+        lod: Option<&'a LodReport>,
+    ) -> Printed<'a> {
+        Printed { report, lod }
     }
 
     /// Adds levels of detail to the tile set in a directory, if they are asked for.
@@ -279,15 +288,16 @@ impl ConvertArgs {
         })
     }
 
-    /// Converts one volume into the directory `out`; `typed` is the command line that asks for it.
+    /// Converts one volume into the directory `out`; `again` is what goes on with it.
     pub fn convert(
         &self,
-        input: &Path,
+        input: Input,
         out: &Path,
-        typed: &[OsString],
+        again: Again,
         console: &Console,
     ) -> Result<ConvertReport> {
-        let (mut opened, stamp) = open_stamped(input, &self.options.options(), out)?;
+        let path = input.path().to_path_buf();
+        let (mut opened, stamp) = input.open(&self.options.options(), out)?;
         opened.doubt_size()?;
         let opened = self.options.filters.apply(opened)?;
         let mut options = self.of_opened(&opened, stamp)?;
@@ -298,7 +308,8 @@ impl ConvertArgs {
         };
         if !how.is_empty() || self.options.region.roi.is_some() || self.labels.is_some() {
             // these read the volume: not for a conversion that is refused then
-            convert::check_before(volume, &options, out)?;
+            let in_region = self.options.region.roi.is_some();
+            convert::check_before(volume, &options, in_region, out)?;
         }
         let region = &self.options.region;
         let roi = region.find(volume, options.crop.as_ref(), console)?;
@@ -307,7 +318,7 @@ impl ConvertArgs {
             .map_or(Vec::new(), |roi| roi.warnings().to_vec());
         doubts.iter().for_each(|warning| console.warn(warning));
         let inside = roi.as_ref().map(|roi| &roi.voxels);
-        options.threshold = self.threshold.find(volume, inside, input, console)?;
+        options.threshold = self.threshold.find(volume, inside, &path, console)?;
         let found = roi.as_ref().map(Roi::text);
         options.region = match roi {
             Some(roi) => {
@@ -324,9 +335,9 @@ impl ConvertArgs {
         if self.out_dir.is_none() {
             console.note(&understood);
         }
-        stop::listen();
+        console.listen();
         let mut report = convert::convert(&*opened.volume, &options, out, console)
-            .map_err(|e| resumable(e, out, typed))
+            .map_err(|e| again.resumable(e, out))
             .inspect_err(|e| {
                 if matches!(e, Error::Interrupted) {
                     console.note("no layer was done yet, so nothing is kept");
@@ -335,71 +346,6 @@ impl ConvertArgs {
         report.warnings = [opened.warnings, doubts, report.warnings].concat();
         Ok(report)
     }
-}
-
-/// Adds to an error that a part of the work is kept, if that is so.
-fn resumable(error: Error, out: &Path, typed: &[OsString]) -> Error {
-    let refused = matches!(
-        error,
-        Error::OutputBusy { .. }
-            | Error::InputChanged { .. }
-            | Error::OutputExists { .. }
-            | Error::OutputForeign { .. }
-            | Error::OutputInterrupted { .. }
-            | Error::OtherConversion { .. }
-            | Error::OtherTileSet { .. }
-    );
-    let next = match error {
-        Error::Interrupted => format!("`{}` goes on", resuming(typed)),
-        // the same limit would fail again
-        Error::TooDense { needed, .. } => {
-            format!("`{}` goes on", resuming(&with_memory(typed, 2 * needed)))
-        }
-        _ => format!("once the cause is removed, `{}` goes on", resuming(typed)),
-    };
-    match convert::interrupted(out).filter(|_| !refused) {
-        Some(kept) => Error::Resumable {
-            error: Box::new(error),
-            path: out.to_path_buf(),
-            done: kept.done,
-            of: kept.of,
-            next,
-        },
-        None => error,
-    }
-}
-
-/// A command line with another limit of memory, in whole MiB.
-fn with_memory(typed: &[OsString], bytes: u64) -> Vec<OsString> {
-    const OPTION: &str = "--memory";
-    let mut words = Vec::new();
-    let mut typed = typed.iter();
-    while let Some(word) = typed.next() {
-        if word == "--" {
-            words.push(word.clone());
-            break;
-        } else if word == OPTION {
-            typed.next();
-        } else if !word.to_string_lossy().starts_with("--memory=") {
-            words.push(word.clone());
-        }
-    }
-    words.extend(typed.cloned());
-    let end = words.iter().position(|word| word == "--");
-    let limit = format!("{}MiB", bytes.div_ceil(1 << 20));
-    let place = end.unwrap_or(words.len());
-    words.splice(place..place, [OPTION.into(), limit.into()]);
-    words
-}
-
-/// The command line that goes on with the conversion that this one began.
-pub fn resuming(typed: &[OsString]) -> String {
-    let words = typed.iter().skip(1).filter(|word| *word != "--resume");
-    let mut words: Vec<String> = words.map(|word| output::shell_word(word)).collect();
-    // what follows this is no option
-    let end = words.iter().position(|word| word == "--");
-    words.insert(end.unwrap_or(words.len()), "--resume".to_owned());
-    format!("alvis {}", words.join(" "))
 }
 
 /// What will be done, for the user to stop it if it is not what was meant.
@@ -519,30 +465,4 @@ pub fn summary(report: &ConvertReport) -> String {
     }
     rows.push(("took", output::took(report.seconds, report.peak_rss_bytes)));
     output::table(&rows)
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn the_command_that_goes_on_has_another_limit() {
-        for (typed, expected) in [
-            (
-                "alvis convert a b --memory 40MiB --threshold 3",
-                "alvis convert a b --threshold 3 --memory 90MiB --resume",
-            ),
-            (
-                "alvis convert --memory=40MiB --threshold 3 -- a b",
-                "alvis convert --threshold 3 --memory 90MiB --resume -- a b",
-            ),
-            (
-                "alvis convert a b",
-                "alvis convert a b --memory 90MiB --resume",
-            ),
-        ] {
-            let typed: Vec<OsString> = typed.split(' ').map(OsString::from).collect();
-            assert_eq!(resuming(&with_memory(&typed, 90 << 20)), expected);
-        }
-    }
 }

@@ -1,9 +1,11 @@
 //! `alvis info`: what a volume is, and what its surface would cost.
 
-use super::args::{Common, InputOptions, input_help, open_stamped};
+use super::args::{Common, InputOptions, input_help};
 use super::convert::from;
-use super::info_report::{Counted, report};
+use super::info_report::{Counted, Report, report};
+use super::input::Input;
 use super::parse::{self, CropArg};
+use super::progress::Console;
 use super::region::Roi;
 use super::threshold::{self, TAKES, Threshold, threshold};
 use super::{Outcome, chart, info_tiles, output};
@@ -12,8 +14,8 @@ use crate::error::{Error, Result};
 use crate::grid::{Crop, Fill, Placement, filters_text};
 use crate::progress::Progress;
 use crate::volume::{
-    Cropped, Filled, Header, Opened, Prediction, Statistics, ThresholdMethod, Volume, Watch,
-    Watched, predict, statistics,
+    Cropped, Filled, Header, Opened, Prediction, Statistics, ThresholdMethod, Watch, Watched,
+    predict, statistics,
 };
 use crate::words::{number, percent};
 use clap::{Args, ValueHint};
@@ -37,7 +39,7 @@ const UNLIMITED: u64 = 1 << 60;
 pub struct InfoArgs {
     /// The volume: a file, a folder of slices, a Zarr, or slices as in `s%04d.tif`; or a tile set
     #[arg(value_hint = ValueHint::FilePath, long_help = input_help())]
-    input: PathBuf,
+    pub input: PathBuf,
     /// Predict for this threshold instead of Otsu's: a value, or otsu, peaks, li, triangle, porosity=P%
     #[arg(long, value_name = TAKES, allow_hyphen_values = true, value_parser = threshold)]
     threshold: Option<Threshold>,
@@ -48,7 +50,7 @@ pub struct InfoArgs {
     #[command(flatten)]
     options: InputOptions,
     #[command(flatten)]
-    common: Common,
+    pub common: Common,
 }
 
 /// A threshold that a method finds.
@@ -99,74 +101,124 @@ pub(super) struct Predicted {
     sampled: bool,
 }
 
+/// What is known of a volume once it has been read.
+pub struct Found {
+    opened: Opened,
+    statistics: Statistics,
+    asked: Option<Threshold>,
+    predicted: Option<Predicted>,
+    crop: Option<Crop>,
+    roi: Option<Roi>,
+}
+
+impl Found {
+    /// What `--json` prints.
+    pub fn report(self) -> Report {
+        let part = Part {
+            crop: self.crop,
+            region: self.roi.as_ref().map(Counted::of),
+        };
+        let (found, predicted) = (self.statistics, self.predicted);
+        report(&self.opened, found, self.asked, predicted, part)
+    }
+
+    fn text(self) -> String {
+        let part = Part {
+            crop: self.crop,
+            region: self.roi.as_ref().map(Roi::text),
+        };
+        let (found, predicted) = (&self.statistics, self.predicted);
+        text(&self.opened, found, self.asked, predicted, part)
+    }
+}
+
 impl InfoArgs {
     pub fn run(self) -> Result<Outcome> {
-        if info_tiles::is_tile_set(&self.input) {
-            self.options.refuse_without_volume("a volume")?;
-            let given = [
-                ("--threshold", self.threshold.is_some()),
-                ("--crop", self.crop.is_some()),
-            ];
-            if let Some((option, _)) = given.into_iter().find(|(_, given)| *given) {
-                let expected = "it together with a volume";
-                return Err(Error::usage(option, "it without a volume", expected));
-            }
+        if self.is_of_tiles()? {
             info_tiles::print(&self.input, self.common.json)?;
             return Ok(Outcome::Done);
         }
         let console = self.common.start();
-        let (mut opened, stamp) =
-            open_stamped(&self.input, &self.options.options(), Path::new(""))?;
+        let found = self.found(Input::Path(&self.input), &console)?;
+        drop(console);
+        match self.common.json {
+            true => output::print_json(&found.report())?,
+            false => output::print(&found.text())?,
+        }
+        Ok(Outcome::Done)
+    }
+
+    /// True if the input is a tile set; options of a volume are refused then.
+    ///
+    /// # Errors
+    /// [`Error::Usage`].
+    pub fn is_of_tiles(&self) -> Result<bool> {
+        if !info_tiles::is_tile_set(&self.input) {
+            return Ok(false);
+        }
+        self.options.refuse_without_volume("a volume")?;
+        let given = [
+            ("--threshold", self.threshold.is_some()),
+            ("--crop", self.crop.is_some()),
+        ];
+        match given.into_iter().find(|(_, given)| *given) {
+            Some((option, _)) => {
+                let expected = "it together with a volume";
+                Err(Error::usage(option, "it without a volume", expected))
+            }
+            None => Ok(true),
+        }
+    }
+
+    /// Reads the volume.
+    ///
+    /// # Errors
+    /// Those of opening and reading it; [`Error::Usage`] for options that do not fit it.
+    pub fn found(&self, input: Input, console: &Console) -> Result<Found> {
+        let path = input.path().to_path_buf();
+        let (mut opened, stamp) = input.open(&self.options.options(), Path::new(""))?;
         opened.doubt_size()?;
         let mut opened = self.options.filters.apply(opened)?;
         let watch = Watch::new(opened.volume.header(), opened.scaled);
         let dims = opened.volume.header().dims;
         let crop = self.crop.as_ref().map(|c| c.resolve(dims)).transpose()?;
         let region = &self.options.region;
-        let roi = region.find(&*opened.volume, crop.as_ref(), &console)?;
+        let roi = region.find(&*opened.volume, crop.as_ref(), console)?;
         let doubts = roi.as_ref().map_or(&[][..], Roi::warnings);
         opened.warnings.extend_from_slice(doubts);
         let inside = roi.as_ref().map(|roi| &roi.voxels);
-        let watched = Watched::new(Box::new(&*opened.volume), &watch);
-        let found = statistics(&watched, inside, &console)?;
+        let statistics = {
+            let watched = Watched::new(Box::new(&*opened.volume), &watch);
+            statistics(&watched, inside, console)?
+        };
         opened.warnings.extend(watch.kind().map(|k| k.warning()));
-        opened.warnings.extend(found.coarse());
-        opened.warnings.extend(found.clipped());
-        let volume = &*opened.volume;
+        opened.warnings.extend(statistics.coarse());
+        opened.warnings.extend(statistics.clipped());
         let threshold = match self.threshold {
             Some(Threshold::Value(t)) => Some(t),
             Some(Threshold::Method(method)) => {
-                let value = threshold::of(&found, method, &self.input)?;
-                opened
-                    .warnings
-                    .extend(threshold::missed(&found, method, value));
+                let value = threshold::of(&statistics, method, &path)?;
+                let missed = threshold::missed(&statistics, method, value);
+                opened.warnings.extend(missed);
                 Some(value)
             }
-            None => found.otsu,
+            None => statistics.otsu,
         };
         let predicted = match threshold {
-            Some(t) => Some(self.predict(volume, roi.as_ref(), crop.as_ref(), t, &console)?),
+            Some(t) => Some(self.predict(&opened, roi.as_ref(), crop.as_ref(), t, console)?),
             None => None,
         };
         if let Some(warning) = stamp.check()? {
             console.warn(&warning);
         }
-        drop(console);
-        if self.common.json {
-            let part = Part {
-                crop,
-                region: roi.as_ref().map(Counted::of),
-            };
-            let report = report(&opened, found, self.threshold, predicted, part);
-            output::print_json(&report)?;
-        } else {
-            let part = Part {
-                crop,
-                region: roi.as_ref().map(Roi::text),
-            };
-            output::print(&text(&opened, &found, self.threshold, predicted, part))?;
-        }
-        Ok(Outcome::Done)
+        Ok(Found {
+            opened,
+            statistics,
+            asked: self.threshold,
+            predicted,
+            crop,
+            roi,
+        })
     }
 }
 
@@ -174,7 +226,7 @@ impl InfoArgs {
     /// The surface to expect at a threshold, of a part of the volume and of a region only there.
     fn predict(
         &self,
-        volume: &dyn Volume,
+        opened: &Opened,
         roi: Option<&Roi>,
         crop: Option<&Crop>,
         threshold: f64,
@@ -184,8 +236,10 @@ impl InfoArgs {
             memory: UNLIMITED,
             threads: self.common.threads.map_or(0, usize::from),
             crop: crop.cloned(),
+            source_filtered: opened.filtered.clone(),
             ..ConvertOptions::default()
         };
+        let volume = &*opened.volume;
         let Some(roi) = roi else {
             let part = Cropped::part(Box::new(volume), crop)?;
             let surface = predict(&*part, threshold, SLICES, progress)?;

@@ -14,7 +14,7 @@ use std::path::Path;
 
 /// What `--json` prints.
 #[derive(Debug, Serialize)]
-struct Report<'a> {
+pub struct Report<'a> {
     format: &'static str,
     name: String,
     dims: Dims,
@@ -53,16 +53,42 @@ pub fn is_tile_set(path: &Path) -> bool {
 /// # Errors
 /// Those of [`Manifest::open`].
 pub fn print(dir: &Path, as_json: bool) -> Result<()> {
-    let manifest = Manifest::open(dir)?;
-    let levels = Levels::open(dir, &manifest)?;
+    let opened = OpenedTiles::open(dir)?;
     if as_json {
-        let report = Report {
-            levels: levels.as_ref().map(|l| &l.levels[..]),
-            ..report(dir, &manifest)
-        };
-        return output::print_json(&report);
+        return output::print_json(&opened.report());
     }
-    output::print(&text(dir, &manifest, levels.as_ref()))
+    output::print(&text(dir, &opened.manifest, opened.levels.as_ref()))
+}
+
+/// A tile set, and what its levels of detail say.
+pub struct OpenedTiles<'a> {
+    dir: &'a Path,
+    manifest: Manifest,
+    levels: Option<Levels>,
+}
+
+impl<'a> OpenedTiles<'a> {
+    /// Of the tile set in `dir`.
+    ///
+    /// # Errors
+    /// Those of [`Manifest::open`] and [`Levels::open`].
+    pub fn open(dir: &'a Path) -> Result<Self> {
+        let manifest = Manifest::open(dir)?;
+        let levels = Levels::open(dir, &manifest)?;
+        Ok(OpenedTiles {
+            dir,
+            manifest,
+            levels,
+        })
+    }
+
+    /// What `--json` prints.
+    pub fn report(&self) -> Report<'_> {
+        Report {
+            levels: self.levels.as_ref().map(|l| &l.levels[..]),
+            ..report(self.dir, &self.manifest)
+        }
+    }
 }
 
 fn report<'a>(dir: &Path, m: &'a Manifest) -> Report<'a> {

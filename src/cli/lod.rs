@@ -2,7 +2,7 @@
 
 use super::args::Common;
 use super::progress::Console;
-use super::{Outcome, output, parse, stop};
+use super::{Outcome, output, parse};
 use crate::error::{Error, Result};
 use crate::lod::{LodOptions, LodReport, lod};
 use crate::sys::process_memory::keep_large_buffers;
@@ -63,7 +63,7 @@ fn share(text: &str) -> Result<f64, String> {
 /// # Errors
 /// Those of [`lod`].
 pub fn make(out: &Path, options: &LodOptions, console: &Console) -> Result<LodReport> {
-    stop::listen();
+    console.listen();
     keep_large_buffers();
     lod(out, options, console).inspect_err(|e| {
         if matches!(e, Error::Interrupted) {

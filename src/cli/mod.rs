@@ -3,9 +3,11 @@
 //! Results go to stdout, everything else to stderr. The exit status is 0 if all was done, 1 if the
 //! verifier found issues, 2 if anything else went wrong; then stderr ends with one message.
 
+mod again;
 mod against;
 mod args;
 mod batch;
+pub mod call;
 mod cells;
 mod chart;
 mod chosen;
@@ -19,6 +21,7 @@ mod generate;
 mod info;
 mod info_report;
 mod info_tiles;
+mod input;
 mod labels;
 mod lod;
 mod necks;
@@ -119,6 +122,11 @@ impl Command {
 
 /// Runs the command line `args`, whose first is the program's own name.
 pub fn run(args: impl IntoIterator<Item = OsString>) -> ExitCode {
+    ExitCode::from(status(args))
+}
+
+/// Runs the command line `args` as [`run`] does; returns the exit status of the process.
+pub fn status(args: impl IntoIterator<Item = OsString>) -> u8 {
     crate::sys::process_memory::give_back_large_buffers();
     let mut typed: Vec<OsString> = args.into_iter().collect();
     if typed.len() < 2 {
@@ -146,11 +154,11 @@ pub fn run(args: impl IntoIterator<Item = OsString>) -> ExitCode {
         },
     };
     match result {
-        Ok(Outcome::Done) => ExitCode::SUCCESS,
-        Ok(Outcome::Issues) => ExitCode::from(1),
+        Ok(Outcome::Done) => 0,
+        Ok(Outcome::Issues) => 1,
         Err(message) => {
             output::note(&format!("alvis: {message}"));
-            ExitCode::from(FAILED)
+            FAILED
         }
     }
 }

@@ -1,7 +1,8 @@
 //! `alvis preview`: a slice of a volume as a picture.
 
-use super::args::{Common, InputOptions, open_stamped};
+use super::args::{Common, InputOptions};
 use super::chosen::ChosenArgs;
+use super::input::Input;
 use super::progress::Console;
 use super::region::Roi;
 use super::threshold::{self, TAKES, Threshold, threshold};
@@ -180,7 +181,8 @@ impl PreviewArgs {
         let console = self.common.start();
         self.check()?;
         let manifest = self.tiles.as_deref().map(Manifest::open).transpose()?;
-        let (opened, input) = open_stamped(&self.input, &self.options.options(), Path::new(""))?;
+        let (opened, input) =
+            Input::Path(&self.input).open(&self.options.options(), Path::new(""))?;
         let opened = match &manifest {
             Some(manifest) => self.options.filters.apply_as(manifest, opened, "--tiles")?,
             None => self.options.filters.apply(opened)?,

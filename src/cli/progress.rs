@@ -14,9 +14,11 @@ use std::time::{Duration, Instant};
 const PAUSE: Duration = Duration::from_secs(5);
 
 /// Shows progress where the user sees it.
-pub enum Console {
+pub enum Console<'a> {
     /// Says nothing.
     Quiet,
+    /// Hands all on to a program that called a command, which listens to signals itself.
+    Handed(&'a dyn Progress),
     /// A bar for the current stage.
     Bars(Mutex<Option<ProgressBar>>),
     /// Plain lines.
@@ -64,7 +66,7 @@ impl Stage {
     }
 }
 
-impl Console {
+impl Console<'_> {
     /// Chooses by what stderr is.
     pub fn new(quiet: bool) -> Self {
         if quiet {
@@ -79,7 +81,7 @@ impl Console {
     /// Tells something that the user did not ask for; a bar stays below it.
     pub fn note(&self, line: &str) {
         match self {
-            Console::Quiet => {}
+            Console::Quiet | Console::Handed(_) => {}
             Console::Bars(bar) => match &*lock(bar) {
                 Some(bar) => bar.suspend(|| note(line)),
                 None => note(line),
@@ -89,17 +91,25 @@ impl Console {
     }
 }
 
-impl Console {
+impl Console<'_> {
     /// Tells what the user has to know, also with `--quiet`.
     pub fn tell(&self, line: &str) {
         match self {
             Console::Quiet => note(line),
+            Console::Handed(progress) => progress.warn(line),
             _ => self.note(line),
+        }
+    }
+
+    /// From now on Ctrl-C asks the work to stop, for work that looks at [`Progress::interrupted`].
+    pub fn listen(&self) {
+        if !matches!(self, Console::Handed(_)) {
+            stop::listen();
         }
     }
 }
 
-impl Drop for Console {
+impl Drop for Console<'_> {
     fn drop(&mut self) {
         if let Console::Bars(bar) = self
             && let Some(bar) = lock(bar).take()
@@ -137,10 +147,11 @@ fn new_bar(stage: &str, total: u64) -> ProgressBar {
     bar
 }
 
-impl Progress for Console {
+impl Progress for Console<'_> {
     fn begin(&self, stage: &str, total: u64) {
         match self {
             Console::Quiet => {}
+            Console::Handed(progress) => progress.begin(stage, total),
             Console::Bars(bar) => {
                 if let Some(old) = lock(bar).replace(new_bar(stage, total)) {
                     old.finish_and_clear();
@@ -153,6 +164,7 @@ impl Progress for Console {
     fn advance(&self, steps: u64) {
         match self {
             Console::Quiet => {}
+            Console::Handed(progress) => progress.advance(steps),
             Console::Bars(bar) => {
                 if let Some(bar) = &*lock(bar) {
                     bar.inc(steps);
@@ -169,6 +181,9 @@ impl Progress for Console {
 
     fn interrupted(&self) -> bool {
         static TOLD: AtomicBool = AtomicBool::new(false);
+        if let Console::Handed(progress) = self {
+            return progress.interrupted();
+        }
         let asked = stop::is_asked();
         if asked && !TOLD.swap(true, Ordering::Relaxed) {
             self.note("stopping at the next safe place; a second Ctrl-C ends at once");
@@ -178,7 +193,10 @@ impl Progress for Console {
 
     /// Also with `--quiet`: what may make numbers wrong is something that goes wrong.
     fn warn(&self, message: &str) {
-        self.tell(&format!("warning: {message}"));
+        match self {
+            Console::Handed(progress) => progress.warn(message),
+            _ => self.tell(&format!("warning: {message}")),
+        }
     }
 }
 

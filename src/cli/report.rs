@@ -3,6 +3,7 @@
 use super::against::{Asked, open_whole};
 use super::args::{Common, InputOptions};
 use super::cells::OutsideArg;
+use super::input::Input;
 use super::{Outcome, output};
 use crate::error::{Error, Result};
 use crate::manifest::Manifest;
@@ -53,7 +54,7 @@ impl ReportArgs {
         let opened = match &self.against {
             Some(path) => {
                 let asked = Asked::of(&self.input, &console);
-                Some(open_whole(&self.out, path, &manifest, &asked)?)
+                Some(open_whole(&self.out, Input::Path(path), &manifest, &asked)?)
             }
             None => {
                 self.input.refuse_without_volume("--against INPUT")?;

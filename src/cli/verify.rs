@@ -2,6 +2,8 @@
 
 use super::against::{Asked, open_against};
 use super::args::{Common, InputOptions};
+use super::input::Input;
+use super::progress::Console;
 use super::{Outcome, output};
 use crate::error::Result;
 use crate::manifest::PARTIAL;
@@ -26,7 +28,7 @@ pub struct VerifyArgs {
     out: PathBuf,
     /// Also compare the surface with this volume, voxel by voxel
     #[arg(long, value_name = "INPUT", value_hint = ValueHint::FilePath)]
-    against: Option<PathBuf>,
+    pub against: Option<PathBuf>,
     /// Issues to print; the rest are counted
     #[arg(
         long,
@@ -38,16 +40,33 @@ pub struct VerifyArgs {
     #[command(flatten)]
     input: InputOptions,
     #[command(flatten)]
-    common: Common,
+    pub common: Common,
 }
 
 impl VerifyArgs {
     pub fn run(self) -> Result<Outcome> {
         let console = self.common.start();
-        let against = match &self.against {
-            Some(path) => {
-                let asked = Asked::of(&self.input, &console);
-                Some(open_against(&self.out, path, asked)?)
+        let against = self.against.as_deref().map(Input::Path);
+        let report = self.verify(against, &console)?;
+        drop(console);
+        if self.common.json {
+            output::print_json(&report)?;
+        } else if self.common.talks() {
+            output::print(&text(&report))?;
+        }
+        Ok(if report.ok {
+            Outcome::Done
+        } else {
+            Outcome::Issues
+        })
+    }
+
+    /// Verifies the tile set, and compares it with a volume if there is one.
+    pub fn verify(&self, against: Option<Input>, console: &Console) -> Result<Report> {
+        let against = match against {
+            Some(input) => {
+                let asked = Asked::of(&self.input, console);
+                Some(open_against(&self.out, input, asked)?)
             }
             None => {
                 self.input.refuse_without_volume("--against INPUT")?;
@@ -67,7 +86,7 @@ impl VerifyArgs {
             threads: self.common.threads.map_or(0, usize::from),
             max_issues: self.max_issues,
         };
-        let report = verify::verify(&self.out, &options, &console)?;
+        let report = verify::verify(&self.out, &options, console)?;
         if let Some(against) = &against
             && let Some(warning) = against.stamp.check()?
         {
@@ -80,17 +99,7 @@ impl VerifyArgs {
                 self.out.display()
             ));
         }
-        drop(console);
-        if self.common.json {
-            output::print_json(&report)?;
-        } else if self.common.talks() {
-            output::print(&text(&report))?;
-        }
-        Ok(if report.ok {
-            Outcome::Done
-        } else {
-            Outcome::Issues
-        })
+        Ok(report)
     }
 }
 

@@ -2,6 +2,7 @@
 
 use super::against::{Against, Asked, open_against};
 use super::filters::FilterArgs;
+use super::input::Input;
 use super::{Outcome, output, parse, stop};
 use crate::error::{Error, Result};
 use crate::http::{Rules, Server};
@@ -129,7 +130,7 @@ fn slices(out: &Path, path: &Path, manifest: &Manifest) -> Result<Slices> {
         option: "--volume",
         progress: &Quiet,
     };
-    let Against { volume, stamp, .. } = open_against(out, path, asked)?;
+    let Against { volume, stamp, .. } = open_against(out, Input::Path(path), asked)?;
     let header = volume.header();
     if header.dims != manifest.grid.dims || header.dtype != manifest.filtered_dtype() {
         let found = format!(

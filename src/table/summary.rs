@@ -146,7 +146,7 @@ pub struct Border {
 /// not touch the border, and 16 more with a table of walls.
 ///
 /// # Errors
-/// [`Error::Usage`] for the table of surfaces, or if cells that count as outside may be missing in a part of a tile
+/// [`Error::Usage`] for the table of surfaces, which [`super::summarise_surfaces`] sums up, or if cells that count as outside may be missing in a part of a tile
 /// set; what reading returns.
 pub fn summarise(
     dir: &Path,

@@ -35,6 +35,7 @@ pub(crate) use region::row_words;
 pub use region::{Filled, RegionVoxels};
 pub use registry::input_help;
 pub use stamp::{Before, Stamp, stamp};
+pub(crate) use stated::place::place;
 pub use stats::cylinder::{FoundCylinder, find_cylinder};
 pub use stats::estimate::{Prediction, predict};
 pub use stats::fill_value::fill_value;

@@ -42,6 +42,20 @@ impl OpenOptions {
         self
     }
 
+    /// An option that says something of a file, or how it is read, if one is given.
+    pub(crate) fn of_files(&self) -> Option<&'static str> {
+        let given = [
+            ("--dims", self.dims.is_some()),
+            ("--dtype", self.dtype.is_some()),
+            ("--endian", self.endian.is_some()),
+            ("--offset", self.offset.is_some()),
+            ("--io", self.io != Io::default()),
+        ];
+        let choices = Choice::ALL.map(|choice| (choice.option(), choice.is_given(self)));
+        let mut all = given.into_iter().chain(choices);
+        all.find_map(|(option, given)| given.then_some(option))
+    }
+
     /// What these ask for of an input that may hold several volumes.
     pub(super) fn part(&self) -> Part {
         Part {

@@ -171,6 +171,15 @@ pub fn stamp(before: &Before, opened: &Opened) -> Result<Stamp> {
 }
 
 impl Stamp {
+    /// Of a volume in memory, which may have been changed at any time: its own names and values.
+    pub(crate) fn in_memory(values: Vec<(String, String)>) -> Self {
+        Stamp {
+            values,
+            last_change: Some(SystemTime::now()),
+            watched: None,
+        }
+    }
+
     /// Looks at the input again, after it has been read. Returns a warning if no more than its rights or its name
     /// have changed, or if it was written to and its times were set back.
     ///

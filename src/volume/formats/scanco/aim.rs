@@ -7,7 +7,7 @@ use crate::grid::length::shortest;
 use crate::grid::{Dims, Origin};
 use crate::volume::descriptor::{Samples, VolumeDescriptor};
 use crate::volume::format::Format;
-use crate::volume::formats::scanco::{attenuation, i32_at};
+use crate::volume::formats::scanco::{Calibration, attenuation, i32_at};
 use crate::volume::io::blob::Blob;
 use crate::volume::io::data::{Data, Encoding, Start};
 use crate::volume::io::word::word;
@@ -165,19 +165,20 @@ fn scale(path: &Path, found: &mut VolumeDescriptor, start: u64, bytes: u64) -> R
     let mut log = vec![0; bytes.min(MAX_LOG).min(blob.len().saturating_sub(start)) as usize];
     blob.open()?.read_at(start, &mut log)?;
     let log = String::from_utf8_lossy(&log);
-    let value = |key: &str| {
-        let line = log.lines().find_map(|line| line.trim().strip_prefix(key))?;
-        line.trim().parse::<f64>().ok()
-    };
+    let text = |key: &str| log.lines().find_map(|line| line.trim().strip_prefix(key));
+    let value = |key: &str| text(key)?.trim().parse::<f64>().ok();
     found.values = value("Mu_Scaling").and_then(attenuation);
     if found.values.is_none() {
         let note = "the log states no scale of attenuation: values are as they are stored";
         found.notes.push(note.into());
     }
     if let (Some(slope), Some(intercept)) = (value("Density: slope"), value("Density: intercept")) {
-        found.notes.push(format!(
-            "the log states a density of {slope} times the attenuation in 1/cm plus {intercept}, which is not applied"
-        ));
+        let calibration = Calibration {
+            slope,
+            intercept,
+            unit: text("Density: unit").unwrap_or_default().trim().to_owned(),
+        };
+        found.notes.extend(calibration.note());
     }
     Ok(())
 }

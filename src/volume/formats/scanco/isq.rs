@@ -4,8 +4,10 @@ use crate::error::{Error, Result};
 use crate::grid::Dims;
 use crate::volume::descriptor::{Samples, VolumeDescriptor};
 use crate::volume::format::Format;
-use crate::volume::formats::scanco::{attenuation, i32_at};
+use crate::volume::formats::scanco::{Calibration, attenuation, i32_at};
+use crate::volume::io::blob::Blob;
 use crate::volume::io::data::{Data, Encoding, Start};
+use crate::volume::io::word::word;
 use crate::volume::stated::size::{Step, voxel_size};
 use crate::volume::{Dtype, Endian};
 use std::path::Path;
@@ -20,8 +22,16 @@ pub(crate) const FORMAT: Format = Format {
     ..Format::BASE
 };
 
+/// What more there is to know lies in blocks behind the header: a list of their names and sizes, in one or two blocks, and
+/// then they. No list is longer.
+const LISTED: usize = 4;
+const CALIBRATION: &[u8] = b"Calibration     ";
+const LIST: &[u8] = b"MultiHeader     ";
+
 const MAGIC: &[u8] = b"CTDATA-HEADER_V1";
 const BLOCK: u64 = 512;
+/// No more of them are looked at.
+const MAX_BLOCKS: u64 = 1 << 11;
 /// A scout view, which is flat.
 const SCOUT: i32 = 9;
 
@@ -63,10 +73,49 @@ fn parse(path: &Path, head: &[u8]) -> Result<VolumeDescriptor> {
         let note = "the header states no scale of attenuation: values are as they are stored";
         found.notes.push(note.into());
     }
+    if found.values.is_some()
+        && let Some(calibration) = calibration(path, blocks)?
+    {
+        found.notes.extend(calibration.note());
+    }
     let size = voxel_size([step(0), step(1), step(2)]);
     size.apply(&mut found.placement, &mut found.provenance);
     found.warnings.extend(size.warning);
     Ok(found)
+}
+
+/// What the `blocks` behind the header state of density, if they do.
+fn calibration(path: &Path, blocks: u64) -> Result<Option<Calibration>> {
+    let mut head = Blob::file(path)?.head((blocks.min(MAX_BLOCKS) + 1) * BLOCK)?;
+    head.drain(..(BLOCK as usize).min(head.len()));
+    let block = BLOCK as usize;
+    let name = |at: usize| head.get(at + 8..at + 24);
+    let list = if name(0) == Some(LIST) { block } else { 0 };
+    let mut start = list + block;
+    for each in (0..LISTED).map(|i| list + 128 * i) {
+        let size = usize::try_from(i32_at(&head, each + 24)).unwrap_or(0);
+        let end = size.saturating_mul(block).saturating_add(start);
+        match head.get(start..end) {
+            Some(part) if name(each) == Some(CALIBRATION) && size >= 2 => {
+                let unit = part[648..664].split(|&b| b == 0).next().unwrap_or_default();
+                return Ok(Some(Calibration {
+                    slope: vax_double(part, 664),
+                    intercept: vax_double(part, 672),
+                    unit: String::from_utf8_lossy(unit).trim().to_owned(),
+                }));
+            }
+            Some(_) => start = end,
+            None => break,
+        }
+    }
+    Ok(None)
+}
+
+/// A floating-point number of 64 bits of a VAX: its quarters change places, and the exponent counts from another number.
+fn vax_double(bytes: &[u8], at: usize) -> f64 {
+    let quarters: [u8; 8] = word(bytes, at, Endian::Little);
+    let [a, b, c, d, e, f, g, h] = quarters;
+    f64::from_le_bytes([g, h, e, f, c, d, a, b]) / 4.0
 }
 
 #[cfg(test)]
@@ -117,6 +166,46 @@ mod tests {
             "{:?}",
             plain.notes
         );
+    }
+
+    /// The bytes of a number as a VAX has them.
+    fn to_vax(value: f64) -> [u8; 8] {
+        let [a, b, c, d, e, f, g, h] = (value * 4.0).to_le_bytes();
+        [g, h, e, f, c, d, a, b]
+    }
+
+    #[test]
+    fn a_calibration_is_told_and_not_applied() {
+        for list in [false, true] {
+            let mut bytes = isq(3, [400, 300, 1000], 8192, 6);
+            let at = if list { 1024 } else { 512 };
+            if list {
+                bytes[512 + 8..512 + 24].copy_from_slice(LIST);
+            }
+            for (i, (name, size)) in [(&b"Foobar          "[..], 1), (CALIBRATION, 2)]
+                .iter()
+                .enumerate()
+            {
+                let entry = at + 128 * i;
+                bytes[entry + 8..entry + 24].copy_from_slice(name);
+                bytes[entry + 24..entry + 28].copy_from_slice(&i32::to_le_bytes(*size));
+            }
+            let part = at + 1024;
+            bytes[part + 648..part + 657].copy_from_slice(b"mg HA/ccm");
+            bytes[part + 664..part + 672].copy_from_slice(&to_vax(1603.5));
+            bytes[part + 672..part + 680].copy_from_slice(&to_vax(-391.25));
+            let found = opened(&bytes).unwrap();
+            let note = "the file states a density (mg HA/ccm) of 1603.5 times the attenuation in 1/cm - 391.25";
+            assert!(found.notes[0].contains(note), "{:?}", found.notes);
+            let mut out = [0; 4];
+            found.volume.read_box(0..1, 0..1, 0..1, &mut out).unwrap();
+            assert_eq!(f32::from_ne_bytes(out), -50.0 / 8192.0);
+            // one that says nothing, and a list that leads outside
+            bytes[part + 664..part + 672].copy_from_slice(&to_vax(0.0));
+            assert!(opened(&bytes).unwrap().notes.is_empty());
+            bytes[at + 24..at + 28].copy_from_slice(&i32::MAX.to_le_bytes());
+            assert!(opened(&bytes).unwrap().notes.is_empty());
+        }
     }
 
     #[test]

@@ -23,6 +23,44 @@ fn attenuation(scaling: f64) -> Option<Values> {
     }
 }
 
+/// A calibration of attenuation, in 1/cm, to another quantity.
+#[derive(Debug, Clone, PartialEq)]
+struct Calibration {
+    slope: f64,
+    intercept: f64,
+    /// As the file has it: `mg HA/ccm`.
+    unit: String,
+}
+
+impl Calibration {
+    /// What a user should know of it: values are as attenuation, and how a threshold in the other quantity becomes one.
+    /// None for one that says nothing.
+    fn note(&self) -> Option<String> {
+        let Calibration {
+            slope,
+            intercept,
+            unit,
+        } = self;
+        let says = slope.is_finite() && intercept.is_finite() && *slope != 0.0;
+        let says = says && (*slope, *intercept) != (1.0, 0.0);
+        let unit = match unit.trim() {
+            "" => "of an unstated unit",
+            unit => unit,
+        };
+        let [plus, minus] = match *intercept < 0.0 {
+            true => ['-', '+'],
+            false => ['+', '-'],
+        };
+        let by = intercept.abs();
+        says.then(|| {
+            format!(
+                "the file states a density ({unit}) of {slope} times the attenuation in 1/cm {plus} {by}, which is not \
+                 applied: a density D is the threshold (D {minus} {by}) / {slope} here"
+            )
+        })
+    }
+}
+
 /// A number at a place of a header, least significant byte first; 0 behind its end.
 fn i32_at(head: &[u8], at: usize) -> i32 {
     i32::from_le_bytes(word(head, at, Endian::Little))

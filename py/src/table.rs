@@ -1,0 +1,158 @@
+//! A table of a tile set: columns as NumPy arrays, and all of it by the Arrow C interface.
+
+use crate::arrow::{ArrowArrayStream, ArrowSchema, Batch, Batches, Field, Kind, Values};
+use crate::errors::exception;
+use alvis::Result;
+use alvis::table::{Column, TableReader};
+use numpy::{PyArray1, PyArrayMethods};
+use pyo3::prelude::*;
+use pyo3::types::PyCapsule;
+use std::path::PathBuf;
+
+/// Rows of a batch.
+const BATCH: usize = 1 << 14;
+
+/// A table of a tile set, read from its file whenever it is asked.
+#[pyclass(frozen, module = "alvis._native")]
+pub struct Table {
+    path: PathBuf,
+    fields: Vec<Field>,
+}
+
+fn field(column: &Column) -> Field {
+    Field {
+        name: column.name.clone(),
+        unit: column.unit.clone(),
+        kind: match (column.is_condition(), column.is_whole()) {
+            (true, _) => Kind::Condition,
+            (_, true) => Kind::Whole,
+            _ => Kind::Real,
+        },
+    }
+}
+
+/// Reads rows in batches.
+struct Reader {
+    reader: TableReader,
+    fields: Vec<Field>,
+    /// Columns to read, of the file's.
+    chosen: Vec<usize>,
+}
+
+impl Reader {
+    fn read(&mut self) -> Result<Option<Batch>> {
+        let mut columns: Vec<Values> = self.fields.iter().map(|f| Values::of(f.kind)).collect();
+        let mut rows = 0;
+        while rows < BATCH
+            && let Some(row) = self.reader.next_row()?
+        {
+            for (&at, values) in self.chosen.iter().zip(&mut columns) {
+                match values {
+                    Values::Whole(values) => values.push(row.signed(at)?),
+                    Values::Condition(bits) => bits.push(row.number(at)? == Some(1.0)),
+                    Values::Real(values, there) => {
+                        let value = row.number(at)?;
+                        values.push(value.unwrap_or(f64::NAN));
+                        there.push(value.is_some());
+                    }
+                }
+            }
+            rows += 1;
+        }
+        Ok((rows > 0).then_some(Batch { rows, columns }))
+    }
+}
+
+impl Batches for Reader {
+    fn fields(&self) -> &[Field] {
+        &self.fields
+    }
+
+    fn next(&mut self) -> Result<Option<Batch>, String> {
+        self.read().map_err(|error| error.to_string())
+    }
+}
+
+impl Table {
+    /// Of the file at a path.
+    pub fn open(path: PathBuf) -> Result<Self> {
+        let reader = TableReader::open(&path)?;
+        let fields = reader.columns().iter().map(field).collect();
+        Ok(Table { path, fields })
+    }
+
+    fn reader(&self, chosen: Vec<usize>) -> Result<Reader> {
+        let reader = TableReader::open(&self.path)?;
+        let fields = chosen.iter().map(|&at| self.fields[at].clone()).collect();
+        Ok(Reader {
+            reader,
+            fields,
+            chosen,
+        })
+    }
+
+    /// The values of one column.
+    fn values(&self, at: usize) -> Result<Vec<f64>> {
+        let mut reader = TableReader::open(&self.path)?;
+        let mut values = Vec::new();
+        while let Some(row) = reader.next_row()? {
+            values.push(row.number(at)?.unwrap_or(f64::NAN));
+        }
+        Ok(values)
+    }
+
+    fn whole(&self, at: usize) -> Result<Vec<i64>> {
+        let mut reader = TableReader::open(&self.path)?;
+        let mut values = Vec::new();
+        while let Some(row) = reader.next_row()? {
+            values.push(row.signed(at)?);
+        }
+        Ok(values)
+    }
+}
+
+#[pymethods]
+impl Table {
+    /// The names of the columns, each with its unit, which is empty for a plain number.
+    #[getter]
+    fn columns(&self) -> Vec<(String, String)> {
+        let pairs = self.fields.iter();
+        pairs.map(|f| (f.name.clone(), f.unit.clone())).collect()
+    }
+
+    /// A column as an array: int64, bool, or float64 with NaN where the table has nothing. `None` if there is no such.
+    fn column<'py>(&self, py: Python<'py>, name: &str) -> PyResult<Option<Bound<'py, PyAny>>> {
+        let Some(at) = self.fields.iter().position(|field| field.name == name) else {
+            return Ok(None);
+        };
+        let failed = |error| exception(py, &error);
+        Ok(Some(match self.fields[at].kind {
+            Kind::Real => {
+                let values = py.detach(|| self.values(at)).map_err(failed)?;
+                PyArray1::from_vec(py, values).into_any()
+            }
+            kind => {
+                let values = py.detach(|| self.whole(at)).map_err(failed)?;
+                let array = PyArray1::from_vec(py, values);
+                match kind {
+                    Kind::Condition => array.cast_array::<bool>(false)?.into_any(),
+                    _ => array.into_any(),
+                }
+            }
+        }))
+    }
+
+    /// The table as a stream of the Arrow C interface.
+    fn stream<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyCapsule>> {
+        let reader = self.reader((0..self.fields.len()).collect());
+        let reader = reader.map_err(|error| exception(py, &error))?;
+        let stream = ArrowArrayStream::new(reader);
+        PyCapsule::new_with_value(py, stream, c"arrow_array_stream")
+    }
+
+    /// Its columns as a schema of the Arrow C interface.
+    fn schema<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyCapsule>> {
+        let schema = ArrowSchema::table(&self.fields);
+        PyCapsule::new_with_value(py, schema, c"arrow_schema")
+    }
+}
