@@ -124,8 +124,7 @@ pub struct ConvertArgs {
     /// Also find the walls between cells: walls.csv, and how many neighbours each cell has and how thick its walls are
     ///
     /// walls.csv lists pairs of cells with the area and the median thickness of what lies between them, measured between the
-    /// places where lines of voxels cross the surface. A volume full of walls takes half as long again with --split, and
-    /// more than twice as long without.
+    /// places where lines of voxels cross the surface. This takes another pass over the volume.
     #[arg(long)]
     walls: bool,
     /// Convert this box of voxels only; half-open, a missing bound is the volume's

@@ -255,3 +255,44 @@ fn wrong_indexes_of_walls_are_found() {
     Set(&own).manifest(|m| m["totals"]["walls"] = 2.into());
     assert!(codes(&check(&own)).iter().eq([&Code::ManifestValue]));
 }
+
+/// A part has the walls between its own cells, which say less of these.
+#[test]
+fn walls_of_a_part_agree_with_its_cells() {
+    let sound = sound();
+    let [own, whole] = ["own", "whole"].map(|name| sound.dir.path().join(name));
+    fs::rename(&own, &whole).unwrap();
+    let done = std::process::Command::new(env!("CARGO_BIN_EXE_alvis"))
+        .arg("select")
+        .args([&whole, &own])
+        .args(["--where", "id > 3", "--quiet"])
+        .status();
+    assert!(done.unwrap().success());
+    let [before, after] = [&whole, &own].map(|dir| rows(dir, "walls.csv").len());
+    assert!(0 < after && after < before);
+    let report = check(&own);
+    assert!(
+        report.ok && report.part && !report.unproved.is_empty(),
+        "{report:#?}"
+    );
+    let foreign = |rows: &mut Vec<Vec<String>>| {
+        let mut row = rows.last().unwrap().clone();
+        row[1] = "60000".into();
+        rows.push(row);
+    };
+    sound.table(
+        "walls.csv",
+        foreign,
+        &[Code::TableRows, Code::TotalsMismatch],
+    );
+    sound.table(
+        "walls.csv",
+        |rows| scale(&mut rows[0][3], 100.0),
+        &[Code::TableValue],
+    );
+    let most = |rows: &mut Vec<Vec<String>>| {
+        let number = |row: &&mut Vec<String>| row[NEIGHBOURS].parse::<u64>().unwrap();
+        rows.iter_mut().max_by_key(number).unwrap()[NEIGHBOURS] = "0".into();
+    };
+    sound.table("cells.csv", most, &[Code::TableValue]);
+}

@@ -47,64 +47,94 @@ pub(in crate::verify) fn check(
     let Some(mut lines) = Lines::open(cx, Kind::Wall, issues) else {
         return Ok(());
     };
-    let scale = WallScale::of(&cx.manifest.measured());
-    let mut chords = ledger.map(WallLedger::into_sorted).transpose()?;
-    let unknown = chords.as_ref().map_or(0, |chords| chords.unknown);
-    let mut of_cells = OfCells::new();
-    let (mut last, mut more, mut count) = ([0; 2], 0.0, 0);
-    let mut own = Issues::new(cx.max_issues);
-    while let Some(row) = lines.next_row(&mut own) {
-        count += 1;
-        let wall = Wall::read(&row);
-        if !(wall.cells[0] > 0 && wall.cells[0] < wall.cells[1] && last < wall.cells) {
-            let ([a, b], [c, d]) = (wall.cells, last);
-            let message = format!(
-                "found cells {a} and {b} behind {c} and {d}, expected each pair once, the smaller id first, by rising ids"
-            );
-            own.add(Code::TableRows, lines.place(), message);
-            // what follows is none of what is looked for
-            lines.give_up();
-            break;
-        }
-        last = wall.cells;
-        let mut fault = wall.fault(&scale);
-        of_cells.add(&wall, lines.line)?;
-        if let Some(chords) = &mut chords {
-            skip_before(wall.cells, chords, &lines.path, &mut own)?;
-            let mut between = Between::new(&wall, &scale);
-            while chords.peek() == Some(wall.cells) {
-                chords.next()?.iter().for_each(|own| between.add(own));
-            }
-            fault = fault.or_else(|| between.fault(&wall, &scale, unknown as f64));
-            more += (wall.chords - between.count[MAY]).max(0.0);
-        }
-        if let Some(message) = fault {
-            own.add(Code::TableValue, lines.place(), message);
-        }
+    let chords = ledger.map(WallLedger::into_sorted).transpose()?;
+    let mut rows = Rows {
+        scale: WallScale::of(&cx.manifest.measured()),
+        unknown: chords.as_ref().map_or(0, |chords| chords.unknown) as f64,
+        chords,
+        of_cells: OfCells::new(),
+        last: [0; 2],
+        more: 0.0,
+        count: 0,
+        own: Issues::new(cx.max_issues),
+    };
+    while let Some(row) = lines.next_row(&mut rows.own) {
+        rows.row(&row, &mut lines)?;
     }
-    if let (Some(chords), false) = (&mut chords, lines.damaged) {
-        skip_before([u64::MAX; 2], chords, &lines.path, &mut own)?;
+    if let (Some(chords), false) = (&mut rows.chords, lines.damaged) {
+        skip_before([u64::MAX; 2], chords, &lines.path, &mut rows.own)?;
     }
-    let is_sound = own.list.is_empty() && own.omitted == 0;
-    issues.append(own);
+    let is_sound = rows.own.list.is_empty() && rows.own.omitted == 0;
+    issues.append(rows.own);
     if lines.damaged {
         return Ok(());
     }
-    if more > unknown as f64 {
+    let (more, unknown) = (rows.more, rows.unknown);
+    if more > unknown {
         let message = format!(
             "found {more} chords more than lie between known cells, expected at most the {unknown} of others"
         );
         issues.add(Code::TableValue, &lines.path, message);
     }
-    let expected = cx.manifest.totals.walls;
+    let (count, expected) = (rows.count, cx.manifest.totals.walls);
     if count != expected {
         let message = format!("found {count}, stated {expected}");
         issues.add(Code::TotalsMismatch, "index.json#/totals/walls", message);
     }
     // of wrong walls cells say nothing more
     match is_sound {
-        true => of_cells.check(cx, &scale, &lines.path, issues),
+        true => rows.of_cells.check(cx, &rows.scale, &lines.path, issues),
         false => Ok(()),
+    }
+}
+
+/// The rows as they are read.
+struct Rows {
+    scale: WallScale,
+    /// Chords of which a cell is not known.
+    unknown: f64,
+    chords: Option<SortedChords>,
+    of_cells: OfCells,
+    /// The cells of the last one.
+    last: [u64; 2],
+    /// Chords beyond those that lie between known cells.
+    more: f64,
+    count: u64,
+    /// What is wrong with them.
+    own: Issues,
+}
+
+impl Rows {
+    /// Takes the next one, which `lines` has just read.
+    fn row(&mut self, row: &[Option<f64>], lines: &mut Lines) -> Result<()> {
+        self.count += 1;
+        let wall = Wall::read(row);
+        let ([a, b], [c, d]) = (wall.cells, self.last);
+        if !(a > 0 && a < b && self.last < wall.cells) {
+            let message = format!(
+                "found cells {a} and {b} behind {c} and {d}, expected each pair once, the smaller id first, by rising ids"
+            );
+            self.own.add(Code::TableRows, lines.place(), message);
+            // what follows is none of what is looked for
+            lines.give_up();
+            return Ok(());
+        }
+        self.last = wall.cells;
+        self.of_cells.add(&wall, lines.line)?;
+        let mut fault = wall.fault(&self.scale);
+        if let Some(chords) = &mut self.chords {
+            skip_before(wall.cells, chords, &lines.path, &mut self.own)?;
+            let mut between = Between::new(&wall, &self.scale);
+            while chords.peek() == Some(wall.cells) {
+                chords.next()?.iter().for_each(|own| between.add(own));
+            }
+            fault = fault.or_else(|| between.fault(&wall, &self.scale, self.unknown));
+            self.more += (wall.chords - between.count[MAY]).max(0.0);
+        }
+        if let Some(message) = fault {
+            self.own.add(Code::TableValue, lines.place(), message);
+        }
+        Ok(())
     }
 }
 
