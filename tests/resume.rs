@@ -149,7 +149,7 @@ fn every_layer_of_every_kind() {
     let walls = ConvertOptions {
         walls: true,
         parquet: true,
-        macrocube: [9, 8, 5],
+        macrocube: [18, 16, 5],
         ..base.clone()
     };
     stop_everywhere("walls", &small_foam, &walls);

@@ -169,7 +169,9 @@ impl Wall {
         let coarsest = scale.finest_over.into_iter().fold(1.0, f64::min);
         let bin = scale.finest / BINS;
         match self.thin {
-            _ if !(chords >= 1.0) => Some(format!("found {chords} chords, expected 1 at least")),
+            _ if chords.is_nan() || chords < 1.0 => {
+                Some(format!("found {chords} chords, expected 1 at least"))
+            }
             _ if !(thickness > 0.0 && thickness <= widest) => Some(format!(
                 "found wall_thickness {thickness}, expected one above 0 and at most {widest}"
             )),
