@@ -55,15 +55,22 @@ pub fn print_json(value: &impl Serialize) -> Result<()> {
     print(&text)
 }
 
-/// How many cells there are and, where they are parts of components, of how many of these.
+/// How many cells there are and, where they are parts of components, of how many of these; and the walls between them.
 pub fn cells_of(totals: &Totals) -> String {
     let cells = things(totals.cells, "cell");
-    match totals.components {
-        0 => cells,
-        components => format!(
-            "{cells} of {} with {}",
+    let walls = things(totals.walls, "wall");
+    match (totals.components, totals.walls) {
+        (0, 0) => cells,
+        (0, _) => format!("{cells} with {walls}"),
+        (components, count) => format!(
+            "{cells} of {} with {}{}",
             things(components, "component"),
-            things(totals.necks, "opening")
+            things(totals.necks, "opening"),
+            if count > 0 {
+                format!(" and {walls}")
+            } else {
+                String::new()
+            }
         ),
     }
 }

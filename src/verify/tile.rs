@@ -13,6 +13,7 @@ use super::region_edge::{RegionEdge, TileEdge};
 use super::report::{Issue, Issues};
 use super::seen::Seen;
 use super::sweep::{Component, FaceEdge, TileFront};
+use super::walls::{self, Crossing, Slant, WallScale};
 use crate::grid::{Placement, Tiling};
 use crate::manifest::{Bounds, Layout, Manifest, TileEntry};
 use crate::tile::MAX_NODES;
@@ -32,6 +33,8 @@ pub(super) struct Context<'a> {
     pub rotated: Option<Placement>,
     /// The region of interest.
     pub edge: RegionEdge<'a>,
+    /// How walls are measured, if the tiles tell of them: those of a part lack surfaces.
+    pub walls: Option<WallScale>,
 }
 
 impl<'a> Context<'a> {
@@ -53,6 +56,8 @@ impl<'a> Context<'a> {
             scale: [y * z, z * x, x * y],
             rotated: measured.is_rotated().then_some(measured),
             edge: RegionEdge::of(manifest, region),
+            walls: (manifest.tables.walls.is_some() && !manifest.is_part())
+                .then(|| WallScale::of(&measured)),
         }
     }
 
@@ -121,6 +126,8 @@ pub(super) struct Workspace {
     pub cap_seen: Seen,
     pub mesh: Mesh,
     pub weld: Weld,
+    /// Where lines cross the surface, if walls are looked for.
+    pub crossings: Vec<Crossing>,
 }
 
 /// The samples to compare a tile with, and how.
@@ -178,6 +185,14 @@ pub(super) fn check(
             cells = found.counts;
         }
     }
+    let chords = match &cx.walls {
+        Some(scale) if faces.is_some() && !issues.broken() => {
+            let of_volume: Option<Vec<Slant>> =
+                original.map(|samples| samples.band.slants(&ws.crossings, scale));
+            walls::of_tile(&ws.crossings, ws.weld.noted(), of_volume.as_deref(), scale)
+        }
+        _ => walls::TileChords::default(),
+    };
     Outcome {
         voxels,
         cells,
@@ -188,6 +203,7 @@ pub(super) fn check(
             faces,
             components,
             parts,
+            chords,
         }),
         counts,
         issues,
@@ -350,6 +366,7 @@ impl Work<'_, '_> {
         }
         self.sound = true;
         ws.weld.begin();
+        ws.crossings.clear();
         let mut group = 0;
         for primitive in &tile.primitives {
             if self.sound {

@@ -47,12 +47,16 @@ impl Weld {
         self.begins.clear();
     }
 
-    /// The voxels of the tile at which triangles begin, with their cells.
-    pub fn begins(&self) -> impl Iterator<Item = ([i32; 3], u64)> {
+    /// The voxels at which triangles begin, by rising numbers, with their cells, of a tile whose parts are all known.
+    pub(in crate::verify) fn noted(&self) -> &[(u64, u64)] {
+        &self.begins
+    }
+
+    /// The same by their places.
+    pub(in crate::verify) fn begins(&self) -> impl Iterator<Item = ([i32; 3], u64)> {
         let voxel = |key: u64| [key & 0xFFFF, key >> 16 & 0xFFFF, key >> 32].map(|c| c as i32);
-        self.begins
-            .iter()
-            .map(move |&(key, cell)| (voxel(key), cell))
+        let noted = self.noted().iter();
+        noted.map(move |&(key, cell)| (voxel(key), cell))
     }
 
     /// Adds a piece as a part, of whose vertices the tile owns some; returns how many vertices other parts have, too, those
