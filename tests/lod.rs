@@ -2,13 +2,14 @@
 //! options that are refused, and a broken set for each code of the verifier.
 
 mod common;
+mod lod_common;
 
 use alvis::Error;
 use alvis::convert::ConvertOptions;
 use alvis::grid::Dims;
 use alvis::lod::{LodOptions, LodReport, interrupted, lod};
 use alvis::manifest::{Form, Primitives};
-use alvis::phantom::{Phantom, Shape, render};
+use alvis::phantom::{Foam, Phantom, Shape, render};
 use alvis::progress::{Progress, Quiet};
 use alvis::tile::{NodeMesh, SurfacePiece};
 use alvis::tileset::TileSet;
@@ -16,6 +17,8 @@ use alvis::transform::repack::{RepackOptions, repack};
 use alvis::verify::{Code, VerifyOptions, verify};
 use alvis::volume::{Dtype, Volume};
 use common::{assert_same_files, converted, files, options, seal, verified};
+use lod_common::picture::others;
+use lod_common::{Drawings, Pore};
 use serde_json::Value;
 use std::collections::{BTreeMap, BTreeSet};
 use std::fs;
@@ -756,4 +759,63 @@ fn a_border_that_has_moved_further_than_its_fins_reach_is_found() {
     set.stamp();
     // corners that are rounded twice may miss the border itself as well
     assert!(codes(dir.path()).contains(&Code::LodCurve));
+}
+
+/// Pixels along the side of a picture from inside of a pore; six of them are a cube.
+const SIDE: usize = 160;
+
+/// From inside of a closed pore nothing but its wall is seen, whatever levels meet around it; and there is something to
+/// see where fins are left out, or where one node decides by itself where its border lies.
+#[test]
+fn from_inside_of_a_pore_nothing_else_is_seen() {
+    let foam = Foam {
+        pitch: 24.0,
+        wall: 4.0,
+        ..Foam::default()
+    };
+    let volume = volume(Shape::Foam(foam), [80; 3]);
+    let (dir, _) = converted(&*volume, &options([20; 3]));
+    made(dir.path(), &LodOptions::default());
+    let set = TileSet::open(dir.path()).unwrap();
+    let mut drawings = Drawings::of(&set);
+    let mut pores = drawings.pores([80; 3]);
+    // where the nodes of level 1 meet
+    pores.retain(|p| (0..3).any(|a| p.low[a] < 39.0 && p.high[a] > 41.0));
+    pores.truncate(7);
+    let mut state = 88_172_645_463_325_252_u64;
+    let mut coin = move || {
+        state ^= state << 13;
+        state ^= state >> 7;
+        state ^= state << 17;
+        state % 2 == 0
+    };
+    let (mut wrong, mut pixels, mut without) = (0, 0, 0);
+    for (i, pore) in pores.iter().enumerate() {
+        let cut = drawings.cut(|(level, _)| level == 2 || coin());
+        let seen = |fins: bool, side: usize| {
+            others(
+                &drawings.scene(&cut, pore, fins),
+                pore.middle,
+                pore.cell,
+                side,
+            )
+        };
+        wrong += seen(true, SIDE);
+        pixels += 6 * SIDE * SIDE;
+        if i < 4 {
+            without += seen(false, SIDE);
+        }
+    }
+    assert!(pixels > 1_000_000, "{pixels}");
+    assert!(wrong <= 1, "{wrong} of {pixels} pixels show no wall");
+    assert!(without > 10, "nothing is seen where fins are left out");
+
+    let is_cut = |p: &&Pore| p.low[0] < 36.0 && p.high[0] > 44.0;
+    let pore = pores.iter().find(is_cut).expect("a pore on both sides");
+    let grid = pore.middle.map(|v| (v / 40.0) as u32);
+    drawings.place_by_inside((1, [0, grid[1], grid[2]]), 0, 40.0);
+    let cut = drawings.cut(|(level, _)| level == 2);
+    let scene = drawings.scene(&cut, pore, true);
+    let moved = others(&scene, pore.middle, pore.cell, SIDE);
+    assert!(moved > 10, "{moved}");
 }
