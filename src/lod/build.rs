@@ -11,6 +11,7 @@ use super::mesh::{Joiner, Mesh, NORMAL, Surface};
 use super::pinches::Pinched;
 use super::place::{Placed, Placing};
 use super::planes::{OnPlanes, Planes};
+use super::quadric::Plane;
 use super::specks::Specks;
 use super::triangles::{Sums, distinct};
 use crate::grid::LATTICE;
@@ -233,24 +234,22 @@ fn clustered(placing: &Placing) -> (Placed, Vec<[u32; 3]>) {
     let mut quadrics = placing.quadrics();
     let mut sums = Sums::new(clusters.all.len(), mesh.triangles.len() / 4);
     let low = placing.planes.low;
-    let place = |v: u32| -> [f32; 3] {
-        let p = mesh.points[v as usize];
-        std::array::from_fn(|a| (p[a] - low[a]) as f32 * (1.0 / LATTICE as f32))
+    let place = |v: u32| {
+        let [x, y, z] = mesh.points[v as usize];
+        let voxels = |v: i32, low: i32| (v - low) as f32 * (1.0 / LATTICE as f32);
+        [voxels(x, low[0]), voxels(y, low[1]), voxels(z, low[2])]
     };
     for &t in &mesh.triangles {
         let [a, b, c] = t.map(|v| clusters.of_vertex[v as usize]);
         let [p, q, r] = t.map(place);
-        let u: [f32; 3] = std::array::from_fn(|i| q[i] - p[i]);
-        let v: [f32; 3] = std::array::from_fn(|i| r[i] - p[i]);
-        let normal = [
-            u[1] * v[2] - u[2] * v[1],
-            u[2] * v[0] - u[0] * v[2],
-            u[0] * v[1] - u[1] * v[0],
-        ];
+        let (ux, uy, uz) = (q[0] - p[0], q[1] - p[1], q[2] - p[2]);
+        let (vx, vy, vz) = (r[0] - p[0], r[1] - p[1], r[2] - p[2]);
+        let normal = [uy * vz - uz * vy, uz * vx - ux * vz, ux * vy - uy * vx];
+        let plane = Plane::new(normal, p);
         let mut add = |cluster: u32| {
             let quadric = &mut quadrics[cluster as usize];
             if quadric.wanted {
-                quadric.add(normal, p);
+                quadric.add(&plane);
             }
         };
         add(a);
