@@ -456,8 +456,8 @@ fn add_to_rows(json: &Value, bin: &mut [u8], column: &str, value: i64) {
     bin[end - 4..end].copy_from_slice(&new.to_le_bytes());
 }
 
-/// Moves the corners of all fins, the last vertices of a node in steps of 1, so that their width is halved.
-fn halve_fins(json: &mut Value, bin: &mut Vec<u8>, fins: usize, half_width: f64) {
+/// Moves the corners of all fins, the last vertices of a node, inwards by so many of its steps on each side.
+fn narrow_fins(json: &mut Value, bin: &mut Vec<u8>, fins: usize, less: f64) {
     let at = range(json, 0);
     let count = json["accessors"][0]["count"].as_u64().unwrap() as usize;
     let mut vertices: Vec<[u16; 4]> =
@@ -472,8 +472,6 @@ fn halve_fins(json: &mut Value, bin: &mut Vec<u8>, fins: usize, half_width: f64)
         let along = minus(to, from);
         let long = length(along);
         let across = minus(b, a);
-        // corners have been rounded once before
-        let less = half_width / 2.0 - 1.0;
         let new = [
             (from, 1.0, -1.0),
             (from, 1.0, 1.0),
@@ -724,13 +722,18 @@ fn a_border_that_has_moved_further_than_its_fins_reach_is_found() {
     let node = &mut nodes(&mut shard)[0];
     let number = |node: &Value, name: &str| node[name].as_f64().unwrap();
     // in whole lattice steps, as the width is
-    let half_width = (number(node, "fin_width") * 256.0 / 2.0).floor() * 2.0;
-    assert!(half_width > 16.0, "{half_width}");
+    let quarter = (number(node, "fin_width") * 256.0 / 4.0).floor();
+    assert!(quarter > 8.0, "{quarter}");
+    let step = set.json("lod/index.json")["levels"][0]["step"]
+        .as_f64()
+        .unwrap();
     let path = node["path"].as_str().unwrap().to_owned();
     let fins = number(node, "fin_triangles") as usize / 2;
-    set.edit_node(&path, |json, bin| halve_fins(json, bin, fins, half_width));
+    set.edit_node(&path, |json, bin| {
+        narrow_fins(json, bin, fins, 3.0 * quarter / step)
+    });
     for name in ["curve_gap", "fin_width"] {
-        node[name] = (half_width / 2.0 / 256.0).into();
+        node[name] = (quarter / 256.0).into();
     }
     // its fins reach less far
     let mesh = NodeMesh::read(&fs::read(dir.path().join(&path)).unwrap()).unwrap();
