@@ -17,6 +17,7 @@ mod resume;
 mod shared_queue;
 mod tables;
 mod totals;
+mod walls;
 mod warnings;
 
 pub use crate::checkpoint::LayersDone;
@@ -44,12 +45,14 @@ use crate::convert::resolve::{Resolved, resolve};
 use crate::convert::resume::{begin, commit_begun, complete, refuse_kept, refuse_other};
 use crate::convert::tables::write_tables;
 use crate::convert::totals::{ScannedSums, dust_of};
+use crate::convert::walls::{WallsInput, add_walls, walls};
 use crate::convert::warnings::{warnings, warnings_of_parts};
 use crate::error::{Error, Result};
 use crate::manifest::Manifest;
 use crate::progress::Progress;
 use crate::sys::memory_pool::{MemoryPool, MemoryReservation};
 use crate::sys::process_memory::peak_rss_bytes;
+use crate::sys::spill_file::SpillFile;
 use crate::tileset::{Output, TilesetWriter, outward, tidy};
 use crate::volume::{Cropped, Filled, Volume, Watch, Watched, spool_beside};
 use std::any::Any;
@@ -101,7 +104,7 @@ pub fn convert(
         region: region.as_ref(),
         labels: labels.as_ref(),
         options,
-        plan: &plan(&*grid, grid.header().dims, options)?,
+        plan: &plan(&*grid, grid.header().dims, options, region.is_some())?,
         watch: &watch,
         progress,
     };
@@ -125,21 +128,32 @@ pub fn convert(
 /// # Errors
 /// [`Error::Memory`] if `options.memory` is too small, [`Error::Usage`] for impossible options.
 pub fn predicted_memory(volume: &dyn Volume, options: &ConvertOptions) -> Result<u64> {
+    predict(volume, options, options.region.is_some())
+}
+
+/// The same; `in_region` tells whether voxels outside of a region of interest will be filled.
+fn predict(volume: &dyn Volume, options: &ConvertOptions, in_region: bool) -> Result<u64> {
     options.check(&volume.header().placement)?;
     let dims = match &options.crop {
         Some(crop) => crop.dims_in(volume.header().dims)?,
         None => volume.header().dims,
     };
-    Ok(plan(volume, dims, options)?.memory)
+    Ok(plan(volume, dims, options, in_region)?.memory)
 }
 
-/// Refuses a conversion that [`convert`] would refuse before it reads any sample, whatever the threshold.
+/// Refuses a conversion that [`convert`] would refuse before it reads any sample, whatever the threshold and the region;
+/// `in_region` tells whether there will be one.
 ///
 /// # Errors
 /// As of [`predicted_memory`] and, unless something is to be resumed, of [`check_output`];
 /// [`Error::OutputInterrupted`].
-pub fn check_before(volume: &dyn Volume, options: &ConvertOptions, out: &Path) -> Result<()> {
-    predicted_memory(volume, options)?;
+pub fn check_before(
+    volume: &dyn Volume,
+    options: &ConvertOptions,
+    in_region: bool,
+    out: &Path,
+) -> Result<()> {
+    predict(volume, options, in_region)?;
     match options.resume {
         true => Ok(()),
         false => check_unused(out, options.force),
@@ -263,6 +277,8 @@ struct Swept {
     resolved: Resolved,
     /// The cells, where these are given.
     cells: Option<GivenCells>,
+    /// The walls between cells, if these were asked for.
+    walls: Option<SpillFile>,
     meshed: Meshed,
 }
 
@@ -296,6 +312,15 @@ fn sweep(
             work,
         };
         let cells = cells(&input, &labelled.marks, checkpointer)?;
+        let input = WallsInput {
+            job,
+            volume,
+            known,
+            rows: cells.as_ref().map(|cells| &cells.rows),
+            memory,
+            work,
+        };
+        let walls = job.options.walls.then(|| walls(&input)).transpose()?;
         let input = MeshInput {
             job,
             volume,
@@ -310,6 +335,7 @@ fn sweep(
             left_out,
             resolved,
             cells,
+            walls,
             meshed,
         })
     })?;
@@ -343,7 +369,11 @@ fn make(job: &Conversion, work: &Path, checkpointer: &mut Checkpointer) -> Resul
         || {
             let (labelled, resolved) = (&mut swept.labelled, &mut swept.resolved);
             let cells = swept.cells.take();
-            sum_up(labelled, resolved, &mut tiles, cells, for_tables, work)
+            let mut made = sum_up(labelled, resolved, &mut tiles, cells, for_tables, work)?;
+            if let Some(walls) = swept.walls.take() {
+                add_walls(&mut made, walls, &measured, for_tables, work)?;
+            }
+            Ok(made)
         },
     );
     committed?;
