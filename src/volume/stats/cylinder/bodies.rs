@@ -10,7 +10,7 @@ const HOLLOW: f64 = 0.5;
 /// The share of a hole that what lies in it fills at least.
 const IN_HOLE: f64 = 0.05;
 /// The share of the sample's area from which on another body may as well be the sample.
-const ALIKE: f64 = 0.25;
+const ALIKE: f64 = 0.2;
 /// The share of the sample's area from which on another body is worth a word.
 const WORTH: f64 = 0.02;
 /// The share of the variance between two classes that noise or a slow change do not reach: these have 0.64 and 0.75.
@@ -78,7 +78,7 @@ impl Bodies {
         let main = first.circle.map_err(|no| {
             let round = rest.iter().find_map(|part| part.circle.ok());
             let beside = round.map_or(String::new(), |circle| {
-                let cylinder = cylinder(image.raster, &circle);
+                let cylinder = cylinder(&circle, image.raster.pixel);
                 format!(", and beside or in it a smaller one that is, {cylinder}")
             });
             why_not(no).to_owned() + &beside
@@ -89,7 +89,8 @@ impl Bodies {
             reach: f64::INFINITY,
             others: Vec::new(),
         };
-        match (first.pixels.len() as f64) < HOLLOW * main.area() {
+        let pixel = f64::from(image.raster.pixel);
+        match (first.pixels.len() as f64) * pixel * pixel < HOLLOW * main.area() {
             true => bodies.in_hole(image, &first.pixels, rest),
             false => bodies.solid(image, rest),
         }
@@ -103,7 +104,8 @@ impl Bodies {
         ways.sort_unstable_by(f64::total_cmp);
         // but for single pixels in it
         let hole = ways[ways.len() / 50];
-        let least = IN_HOLE * PI * hole * hole;
+        let pixel = f64::from(image.raster.pixel);
+        let least = IN_HOLE * PI * libm::pow(hole / pixel, 2.0);
         let is_in = |part: &&Part| {
             let inside = part.pixels.iter().filter(|i| from_axis(i) < hole).count();
             2 * inside > part.pixels.len() && inside as f64 >= least
@@ -126,7 +128,7 @@ impl Bodies {
                 others: vec![tube],
             }),
             Some((Err(_), _)) => {
-                let tube = cylinder(image.raster, &main);
+                let tube = cylinder(&main, image.raster.pixel);
                 Err(format!(
                     "a tube, {tube}, and in it something that is not round"
                 ))
@@ -148,21 +150,24 @@ impl Bodies {
         if inner - air <= FAINT * (self.threshold - air) {
             return None;
         }
+        let pixel = f64::from(image.raster.pixel);
         let threshold = (inner + air) / 2.0;
         let is_in = |i: usize| {
             f64::from(image.pixels[i]) >= threshold
-                && distance(image.place(i), tube.centre) < hole - 1.0
+                && distance(image.place(i), tube.centre) < hole - pixel
         };
         let part = image.parts(is_in).into_iter().next()?;
         let circle = around(image, &part, threshold).ok()?;
-        let apart = distance(circle.centre, tube.centre) + circle.radius + GAP < hole;
+        let apart = distance(circle.centre, tube.centre) + circle.radius + GAP * pixel < hole;
         (part.len() as f64 >= least && apart).then_some((Ok(circle), threshold))
     }
 
     /// The brightness of what is dark around the sample.
     pub fn air(&self, image: &Image) -> f64 {
         let Circle { centre, radius } = self.sample;
-        let outside = |i: &usize| distance(image.place(*i), centre) > 1.04 * radius + 2.0;
+        let outside = |i: &usize| {
+            distance(image.place(*i), centre) > 1.04 * radius + 2.0 * f64::from(image.raster.pixel)
+        };
         let values = (0..image.pixels.len()).filter(outside);
         let values = values.map(|i| f64::from(image.pixels[i]));
         let dark = values.filter(|v| *v < self.threshold);
@@ -189,7 +194,7 @@ impl Bodies {
         let beside = beside.filter(|c| main.off(c.centre) > 0.0);
         for circle in beside.filter(|c| c.area() >= WORTH * main.area()) {
             if circle.area() >= ALIKE * main.area() {
-                let [a, b] = [&main, &circle].map(|c| cylinder(image.raster, c));
+                let [a, b] = [&main, &circle].map(|c| cylinder(c, image.raster.pixel));
                 return Err(format!("two of them, {a} and {b}"));
             }
             let gap = distance(circle.centre, main.centre) - circle.radius;
@@ -233,7 +238,7 @@ fn dim_in(
 
 /// The round part in the middle of a sample, if there are two levels of brightness in it.
 fn core(image: &Image, main: &Circle) -> Option<Circle> {
-    let inner = main.radius - 2.0;
+    let inner = main.radius - 2.0 * f64::from(image.raster.pixel);
     let values = disc(image, main.centre, inner).map(|i| f64::from(image.pixels[i]));
     let (threshold, _) = split(values).filter(|(_, share)| *share >= TWO_LEVELS)?;
     let middle = disc(image, main.centre, 0.3 * main.radius);
@@ -255,7 +260,10 @@ fn core(image: &Image, main: &Circle) -> Option<Circle> {
     };
     let part = seen.parts(is_in).into_iter().next()?;
     let circle = around(&seen, &part, threshold).ok()?;
+    let pixel = f64::from(image.raster.pixel);
     let share = circle.radius / main.radius;
     let apart = distance(circle.centre, main.centre);
-    ((0.4..0.98).contains(&share) && apart < 0.2 * main.radius).then_some(circle)
+    // else it is all that was looked at
+    let is_smaller = circle.radius < inner - 1.5 * pixel;
+    (share >= 0.4 && is_smaller && apart < 0.2 * main.radius).then_some(circle)
 }
