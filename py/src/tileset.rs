@@ -168,16 +168,20 @@ impl TileSet {
         pieces.map(|piece| Piece::of(py, piece)).collect()
     }
 
-    /// The table `cells`, `objects` or `surfaces`; `None` for other names.
+    /// The table of this name; `None` if the set has none.
     fn table(&self, py: Python<'_>, name: &str) -> PyResult<Option<Table>> {
         let tables = &self.0.manifest().tables;
         let path = match name {
-            "cells" => &tables.cells,
-            "objects" => &tables.objects,
-            "surfaces" => &tables.surfaces,
-            _ => return Ok(None),
+            "cells" => Some(&tables.cells),
+            "objects" => Some(&tables.objects),
+            "surfaces" => Some(&tables.surfaces),
+            "components" => tables.components.as_ref(),
+            "necks" => tables.necks.as_ref(),
+            _ => None,
         };
-        let opened = py.detach(|| self.0.path(path).and_then(Table::open));
+        let Some(path) = path else { return Ok(None) };
+        let key = if name == "necks" { "cell_a" } else { "id" };
+        let opened = py.detach(|| self.0.path(path).and_then(|path| Table::open(path, key)));
         opened.map(Some).map_err(|error| exception(py, &error))
     }
 }

@@ -300,7 +300,8 @@ impl ConvertArgs {
         };
         if !how.is_empty() || self.options.region.roi.is_some() || self.labels.is_some() {
             // these read the volume: not for a conversion that is refused then
-            convert::check_before(volume, &options, out)?;
+            let in_region = self.options.region.roi.is_some();
+            convert::check_before(volume, &options, in_region, out)?;
         }
         let region = &self.options.region;
         let roi = region.find(volume, options.crop.as_ref(), console)?;
