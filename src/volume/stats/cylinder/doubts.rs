@@ -20,8 +20,10 @@ const EMPTY: f64 = 0.15;
 const HOLLOW: f64 = 0.08;
 /// Of the brightness of the sample above the air, a change that is told.
 const CHANGE: f64 = 0.15;
-/// How widely a change spreads that is sharp: of what the rim does, and so many rings.
-const SHARP: [f64; 2] = [1.25, 0.6];
+/// Of what the rim spreads by, how widely a change spreads that is sharp.
+const AS_RIM: f64 = 1.25;
+/// By how many rings more, and one that is not quite as sharp.
+const SHARP: [f64; 2] = [0.3, 0.6];
 /// How widely a rim spreads that is not blurred, in rings.
 const NOT_BLURRED: f64 = 1.0;
 /// Of what a blurred rim spreads by, how wide what is around a circle is at least.
@@ -257,7 +259,7 @@ impl Doubts {
                 .filter_map(|r| Some((r, steps.size(r, kind)?)));
             let told = sizes.filter(|(r, size)| {
                 let is_told = size.abs() > CHANGE * level;
-                is_told && steps.is_sharp(*r, *size, kind) && steps.is_clear(*r)
+                is_told && steps.is_sharp(*r, *size, kind)
             });
             told.max_by(|a, b| a.1.abs().total_cmp(&b.1.abs()))
                 .map(|(r, _)| r)
@@ -317,7 +319,8 @@ struct Steps {
 }
 
 impl Steps {
-    /// True if it changes as sharply as the brightness does at the rim, and not slowly as where pores get rarer.
+    /// True if it changes as sharply as the brightness does at the rim, and not slowly as where pores get rarer. If it is not
+    /// quite as sharp, or the rim is blurred, which makes these look alike, there have to be no pores around it.
     fn is_sharp(&self, ring: usize, size: f64, kind: Kind) -> bool {
         let of = |p: &Profile, r: usize| match kind {
             Kind::Brightness => p.of(r..r + 1).mean(),
@@ -327,23 +330,27 @@ impl Steps {
         let sum = |r: usize| self.sectors.iter().map(|p| of(p, r)).sum::<f64>();
         let mean = |r: usize| -size.signum() * sum(r) / SECTORS as f64;
         let means: Vec<f64> = (0..self.all).map(mean).collect();
-        let fall = Fall::near(&means, ring as f64, 3);
-        fall.is_some_and(|fall| fall.spread <= SHARP[0] * self.spread + SHARP[1])
+        let Some(fall) = Fall::near(&means, ring as f64, 3) else {
+            return false;
+        };
+        let [sharp, nearly] = SHARP.map(|more| fall.spread <= AS_RIM * self.spread + more);
+        match self.spread <= NOT_BLURRED {
+            true => sharp || nearly && self.is_even(ring),
+            false => {
+                let wide = (self.end - ring) as f64;
+                sharp && wide > WIDE * self.spread && self.is_even(ring)
+            }
+        }
     }
 
-    /// True if the rim is not blurred, or what is outside of a ring is still seen to be without pores, as a tube, a can or
-    /// resin is: a blur makes pores that get rarer look like such.
-    fn is_clear(&self, ring: usize) -> bool {
-        if self.spread <= NOT_BLURRED {
-            return true;
-        }
+    /// True if what is outside of a ring is seen to be without pores, as a tube, a can or resin is.
+    fn is_even(&self, ring: usize) -> bool {
         let rough = |rings: Range<usize>| {
             let of = self.sectors.iter().map(|p| p.of(rings.clone()).deviation());
             of.sum::<f64>() / SECTORS as f64
         };
         let (inner, outer) = self.sides(ring, true);
-        let is_wide = (self.end - ring) as f64 > WIDE * self.spread;
-        is_wide && rough(outer) < EVEN * rough(inner)
+        rough(outer) < EVEN * rough(inner)
     }
 
     /// The rings on either side of one that are compared.
