@@ -1,6 +1,6 @@
 //! The option `--labels`: cells that another program has told apart.
 
-use crate::cli::same_place::same_place;
+use crate::cli::same_place::{parts_of_other, same_place};
 use crate::convert::{CellRows, Labels};
 use crate::error::{Error, Result};
 use crate::grid::{Dims, Dtype, Endian};
@@ -14,7 +14,8 @@ use std::path::Path;
 /// Those of opening a volume and of [`CellRows::of_labels`].
 pub fn read_labels(path: &Path, header: &Header, progress: &dyn Progress) -> Result<Labels> {
     let dims = header.dims;
-    let opened = volume::open(path, &options(path, dims))?;
+    let opened = volume::open(path, &options(path, dims))
+        .map_err(|e| parts_of_other(e, "--labels", "the labels", path))?;
     if dims == opened.volume.header().dims {
         same_place("--labels", "labels", path, &opened, &header.placement)?;
     }
