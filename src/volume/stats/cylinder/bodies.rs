@@ -50,12 +50,27 @@ pub(super) struct Bodies {
     /// The radius up to which there is nothing else.
     pub reach: f64,
     pub others: Vec<Other>,
+    /// The middle of the largest body beside the sample that is not round, if it is nearly as large.
+    pub not_round: Option<[f64; 2]>,
 }
 
 /// A connected part of what is bright.
 struct Part {
     pixels: Vec<usize>,
     circle: Result<Circle, NoCircle>,
+}
+
+impl Part {
+    /// Its middle if it is not round, lies beside the sample and is of a size like it.
+    fn beside(&self, image: &Image, sample: &Circle) -> Option<[f64; 2]> {
+        let n = self.pixels.len() as f64;
+        let sum = |a: usize| self.pixels.iter().map(|&i| image.place(i)[a]).sum::<f64>();
+        let middle = [sum(0) / n, sum(1) / n];
+        let pixel = f64::from(image.raster.pixel);
+        let area = n * pixel * pixel;
+        let is_beside = sample.off(middle) > 0.0 && area >= ALIKE * sample.area();
+        (self.circle.is_err() && is_beside).then_some(middle)
+    }
 }
 
 impl Bodies {
@@ -88,6 +103,7 @@ impl Bodies {
             threshold,
             reach: f64::INFINITY,
             others: Vec::new(),
+            not_round: None,
         };
         let pixel = f64::from(image.raster.pixel);
         match (first.pixels.len() as f64) * pixel * pixel < HOLLOW * main.area() {
@@ -126,6 +142,7 @@ impl Bodies {
                 threshold,
                 reach: (sample.radius + hole) / 2.0,
                 others: vec![tube],
+                not_round: None,
             }),
             Some((Err(_), _)) => {
                 let tube = cylinder(&main, image.raster.pixel);
@@ -192,16 +209,23 @@ impl Bodies {
         }
         let beside = rest.iter().filter_map(|part| part.circle.ok());
         let beside = beside.filter(|c| main.off(c.centre) > 0.0);
-        for circle in beside.filter(|c| c.area() >= WORTH * main.area()) {
-            if circle.area() >= ALIKE * main.area() {
-                let [a, b] = [&main, &circle].map(|c| cylinder(c, image.raster.pixel));
-                return Err(format!("two of them, {a} and {b}"));
-            }
+        let beside: Vec<Circle> = beside.filter(|c| c.area() >= WORTH * main.area()).collect();
+        let alike = beside.iter().filter(|c| c.area() >= ALIKE * main.area());
+        let alike: Vec<String> = std::iter::once(&main)
+            .chain(alike)
+            .map(|c| cylinder(c, image.raster.pixel).to_string())
+            .collect();
+        if alike.len() > 1 {
+            let n = if alike.len() == 2 { "two" } else { "several" };
+            return Err(format!("{n} of them, {}", alike.join(" and ")));
+        }
+        for circle in beside {
             let gap = distance(circle.centre, main.centre) - circle.radius;
             self.reach = self.reach.min((main.radius + gap) / 2.0);
             let kind = Kind::Beside;
             self.others.push(Other { circle, kind });
         }
+        self.not_round = rest.iter().find_map(|part| part.beside(image, &main));
         let inside = core(image, &main).map(|circle| Other {
             circle,
             kind: Kind::Inside,

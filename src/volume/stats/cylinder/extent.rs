@@ -25,6 +25,8 @@ const FULL: f64 = 0.2;
 pub(super) enum Shows {
     Sample,
     Air,
+    /// Air in its place, and something else somewhere.
+    Elsewhere,
     Narrower,
     Wider,
 }
@@ -161,13 +163,17 @@ impl Extent<'_> {
         }
         let circle = self.axis.at(slice.z.into());
         let rim = self.rim(circle.radius) - circle.radius;
+        let empty = || match slice.outline(self.threshold, |_| true) {
+            Some(_) => Shows::Elsewhere,
+            None => Shows::Air,
+        };
         let Some(outline) = slice.outline(self.threshold, |at| circle.off(at) <= rim) else {
-            return Shows::Air;
+            return empty();
         };
         let reach = |i: usize| outline.reach[i] - circle.reach(direction(i)) + circle.radius;
         let reach = median(&mut (0..DIRECTIONS).map(reach).collect::<Vec<_>>());
         match shares.inside {
-            inside if inside < FULL * usual.inside => Shows::Air,
+            inside if inside < FULL * usual.inside => empty(),
             _ if reach < NARROW * circle.radius => Shows::Narrower,
             _ => Shows::Sample,
         }

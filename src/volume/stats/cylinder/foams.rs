@@ -182,6 +182,26 @@ fn of_two_foams_none_is_taken() {
     }
 }
 
+/// A body that is not round is told, and so is one that is elsewhere in other slices.
+#[test]
+fn other_bodies_are_told() {
+    let foam = Solid::any_pore(8, 40);
+    let disc = [32.0, 34.0, 26.0];
+    let bar = foam.with(|[x, y, _], v| {
+        let is_bar = (70.0..90.0).contains(&x) && (20.0..80.0).contains(&y);
+        v * (within([x, y], disc) + f64::from(u8::from(is_bar)))
+    });
+    let found = find(&bar.scan()).unwrap();
+    assert_inside(&found, disc, 0.0);
+    let text = "something of a size like it that is not round, about x 8";
+    assert_eq!(told(&found, text).len(), 1, "{found:#?}");
+    let moved = foam.inside(|z| if z < 23.0 { disc } else { [70.0, 62.0, 26.0] });
+    let found = find(&moved.scan()).unwrap();
+    assert_inside(&found, disc, 0.0);
+    let text = "slices 23 to 39 show air there and something else";
+    assert_eq!(told(&found, text).len(), 1, "{found:#?}");
+}
+
 #[test]
 fn a_foam_in_a_tube_is_found_in_all_slices() {
     for seed in [10, 11] {

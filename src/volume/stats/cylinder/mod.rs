@@ -224,6 +224,7 @@ impl Scan<'_> {
             .iter()
             .map(|o| self::cylinder(&o.circle, found.pixel));
         let mut others: Vec<Cylinder> = others.collect();
+        warnings.extend(found.bodies.not_round.map(warning_of_beside));
         warnings.extend(warning_of_tilt(tilt, moves));
         warnings.extend(warning_of_taper(&axis, &shown.slices));
         warnings.extend(warning_of_slices(&shown, self.range));
@@ -324,6 +325,15 @@ fn warning_of_inside(inside: &Cylinder) -> String {
     )
 }
 
+/// That there is something else beside the sample.
+fn warning_of_beside(at: [f64; 2]) -> String {
+    let [x, y] = at.map(f64::round);
+    format!(
+        "beside the round sample there is something of a size like it that is not round, about x {x}, y {y}: the cylinder \
+         leaves it out; if that is the sample, give --roi mask:FILE"
+    )
+}
+
 /// That the sample is not upright, by so many degrees and voxels, if it is not.
 fn warning_of_tilt(tilt: f64, moves: f64) -> Option<String> {
     (tilt > 0.0).then(|| {
@@ -355,11 +365,12 @@ fn warning_of_slices(shown: &Shown, all: &Range<u32>) -> Option<String> {
             1 => format!("slice {} shows", slices.start),
             _ => format!("slices {} to {} show", slices.start, slices.end - 1),
         };
-        let kinds = [Shows::Wider, Shows::Narrower, Shows::Air];
+        let kinds = [Shows::Wider, Shows::Narrower, Shows::Elsewhere, Shows::Air];
         let kinds = kinds.iter().filter(|kind| shows.contains(kind));
         let kinds = kinds.map(|kind| match kind {
             Shows::Wider => "something wider, as a holder",
             Shows::Narrower => "something narrower",
+            Shows::Elsewhere => "air there and something else beside it or around it",
             Shows::Air | Shows::Sample => "air",
         });
         let kinds: Vec<&str> = kinds.collect();
