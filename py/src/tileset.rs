@@ -177,6 +177,7 @@ impl TileSet {
             "surfaces" => Some(&tables.surfaces),
             "components" => tables.components.as_ref(),
             "necks" => tables.necks.as_ref(),
+            "walls" => tables.walls.as_ref(),
             _ => None,
         };
         let Some(path) = path else { return Ok(None) };

@@ -6,6 +6,7 @@ use crate::convert::memory::FOR_EACH_TABLE;
 use crate::convert::mesh::MeshOutput;
 use crate::convert::mesh::tile_writer::WrittenPiece;
 use crate::convert::resolve::{ComponentId, Resolved};
+use crate::convert::walls::CellWalls;
 use crate::error::Result;
 use crate::measure::{ComponentRecord, RecordTable, SurfaceRecord};
 use crate::sys::sorted_spill::{Keyed, Sorter};
@@ -28,6 +29,8 @@ pub struct Components {
     pub surfaces: RecordTable<SurfaceRecord>,
     /// What there is where cells are given: without, each component of voxels below is a cell, and record i has id i + 1.
     pub given: Option<Given>,
+    /// The walls between cells, if these were asked for.
+    pub walls: Option<CellWalls>,
 }
 
 /// What more is known of a cell that is a part of a component.
@@ -96,6 +99,7 @@ pub fn sum_up(
             cells: table(counts.cells)?,
             surfaces: RecordTable::new(counts.surfaces, of_each, work)?,
             given: None,
+            walls: None,
         },
         Some(cells) => {
             let count = cells.ids.len();
@@ -109,6 +113,7 @@ pub fn sum_up(
                 cells: table(count)?,
                 surfaces: RecordTable::new(0, of_each, work)?,
                 given: Some(given),
+                walls: None,
             };
             components.number_surfaces(meshed, of_each, work)?;
             components
@@ -142,7 +147,8 @@ impl Components {
         self.cells.get(self.place_of_cell(id))
     }
 
-    fn place_of_cell(&self, id: u64) -> u64 {
+    /// The place of a cell in the table, by its id.
+    pub fn place_of_cell(&self, id: u64) -> u64 {
         self.given.as_ref().map_or(id - 1, |given| given.place(id))
     }
 

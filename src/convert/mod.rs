@@ -17,6 +17,7 @@ mod resume;
 mod shared_queue;
 mod tables;
 mod totals;
+mod walls;
 mod warnings;
 
 pub use crate::checkpoint::LayersDone;
@@ -44,12 +45,14 @@ use crate::convert::resolve::{Resolved, resolve};
 use crate::convert::resume::{begin, commit_begun, complete, refuse_kept, refuse_other};
 use crate::convert::tables::write_tables;
 use crate::convert::totals::{ScannedSums, dust_of};
+use crate::convert::walls::{WallsInput, add_walls, walls};
 use crate::convert::warnings::{warnings, warnings_of_parts};
 use crate::error::{Error, Result};
 use crate::manifest::Manifest;
 use crate::progress::Progress;
 use crate::sys::memory_pool::{MemoryPool, MemoryReservation};
 use crate::sys::process_memory::peak_rss_bytes;
+use crate::sys::spill_file::SpillFile;
 use crate::tileset::{Output, TilesetWriter, outward, tidy};
 use crate::volume::{Cropped, Filled, Volume, Watch, Watched, spool_beside};
 use std::any::Any;
@@ -274,6 +277,8 @@ struct Swept {
     resolved: Resolved,
     /// The cells, where these are given.
     cells: Option<GivenCells>,
+    /// The walls between cells, if these were asked for.
+    walls: Option<SpillFile>,
     meshed: Meshed,
 }
 
@@ -307,6 +312,15 @@ fn sweep(
             work,
         };
         let cells = cells(&input, &labelled.marks, checkpointer)?;
+        let input = WallsInput {
+            job,
+            volume,
+            known,
+            rows: cells.as_ref().map(|cells| &cells.rows),
+            memory,
+            work,
+        };
+        let walls = job.options.walls.then(|| walls(&input)).transpose()?;
         let input = MeshInput {
             job,
             volume,
@@ -321,6 +335,7 @@ fn sweep(
             left_out,
             resolved,
             cells,
+            walls,
             meshed,
         })
     })?;
@@ -354,7 +369,11 @@ fn make(job: &Conversion, work: &Path, checkpointer: &mut Checkpointer) -> Resul
         || {
             let (labelled, resolved) = (&mut swept.labelled, &mut swept.resolved);
             let cells = swept.cells.take();
-            sum_up(labelled, resolved, &mut tiles, cells, for_tables, work)
+            let mut made = sum_up(labelled, resolved, &mut tiles, cells, for_tables, work)?;
+            if let Some(walls) = swept.walls.take() {
+                add_walls(&mut made, walls, &measured, for_tables, work)?;
+            }
+            Ok(made)
         },
     );
     committed?;

@@ -4,6 +4,7 @@ use crate::convert::ConvertOptions;
 use crate::convert::cells::Opening;
 use crate::convert::components::Components;
 use crate::convert::label::LeftOut;
+use crate::convert::walls::Wall;
 use crate::error::Result;
 use crate::manifest::{Dust, Totals};
 use crate::measure::MeshSums;
@@ -47,6 +48,10 @@ impl ScannedSums {
                 .given
                 .as_ref()
                 .map_or(0, |given| given.cells.openings.records::<Opening>()),
+            walls: components
+                .walls
+                .as_ref()
+                .map_or(0, |known| known.walls.records::<Wall>()),
             components: components
                 .given
                 .as_ref()
