@@ -237,7 +237,6 @@ fn listed(uses: &[MemoryUse]) -> String {
     }
 }
 
-/// Says what became of tile sets that scans had before they failed.
 /// Where it stands why scans failed: in the table, but for those of which it tells something else.
 fn why_in_table(failed: usize, kept: usize, table: &Path) -> String {
     let table = table.display();

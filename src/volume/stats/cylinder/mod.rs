@@ -200,23 +200,7 @@ impl Scan<'_> {
         let rim = Rim::of(&rings, before);
         let axis = found.axis.corrected(&rim);
         let less = f64::from(found.pixel) + rim.blur;
-        let circle = axis.inside(&shown.slices);
-        let moves = axis.moves(&shown.slices);
-        if moves / 2.0 > axis::MOST_TILTED * axis.middle(&shown.slices).radius {
-            let why = format!(
-                "one that is not upright: its axis moves by {moves:.1} voxels from the lowest to the highest slice"
-            );
-            return Err(not_found(why));
-        }
-        let cylinder = shrunk(&circle, less);
-        if cylinder.radius < SMALLEST {
-            let why = format!(
-                "a sample that is too small: the cylinder inside of it would have a radius of {} voxels, and {SMALLEST} is the \
-                 least",
-                cylinder.radius
-            );
-            return Err(not_found(why));
-        }
+        let cylinder = inside(&axis, &shown.slices, less)?;
         let tilt = axis.degrees(self.volume.header().placement.spacing);
         let others = &found.bodies.others;
         let mut warnings: Vec<String> = others.iter().map(|o| o.warning(found.pixel)).collect();
@@ -225,7 +209,7 @@ impl Scan<'_> {
             .map(|o| self::cylinder(&o.circle, found.pixel));
         let mut others: Vec<Cylinder> = others.collect();
         warnings.extend(found.bodies.not_round.map(warning_of_beside));
-        warnings.extend(warning_of_tilt(tilt, moves));
+        warnings.extend(warning_of_tilt(tilt, axis.moves(&shown.slices)));
         warnings.extend(warning_of_taper(&axis, &shown.slices));
         warnings.extend(warning_of_slices(&shown, self.range));
         let doubts = Doubts {
@@ -298,6 +282,27 @@ impl Scan<'_> {
         warnings.extend(other.as_ref().map(warning_of_inside));
         More { warnings, other }
     }
+}
+
+/// The upright cylinder that ends so much inside of a sample in all slices that show it.
+fn inside(axis: &Axis, shown: &Range<u32>, less: f64) -> Result<Cylinder> {
+    let moves = axis.moves(shown);
+    if moves / 2.0 > axis::MOST_TILTED * axis.middle(shown).radius {
+        let why = format!(
+            "one that is not upright: its axis moves by {moves:.1} voxels from the lowest to the highest slice"
+        );
+        return Err(not_found(why));
+    }
+    let cylinder = shrunk(&axis.inside(shown), less);
+    if cylinder.radius < SMALLEST {
+        let why = format!(
+            "a sample that is too small: the cylinder inside of it would have a radius of {} voxels, and {SMALLEST} is the \
+             least",
+            cylinder.radius
+        );
+        return Err(not_found(why));
+    }
+    Ok(cylinder)
 }
 
 /// A slice that is to be moved upon the one in the middle.
