@@ -88,9 +88,10 @@ impl Fall {
         let fall = |ring: usize| of[ring - 1] - of[ring];
         let at = ring.round() as usize;
         let places = at.saturating_sub(by).max(1)..(at + by).min(of.len());
-        let steepest = places.max_by(|a, b| fall(*a).total_cmp(&fall(*b)))?;
+        let known = places.filter(|ring| !fall(*ring).is_nan());
+        let steepest = known.max_by(|a, b| fall(*a).total_cmp(&fall(*b)))?;
         let most = fall(steepest);
-        if most.is_nan() || most <= 0.0 {
+        if most <= 0.0 {
             return None;
         }
         let is_part = |ring: &usize| fall(*ring) > FALLS * most;

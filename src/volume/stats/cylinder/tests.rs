@@ -115,6 +115,37 @@ fn what_is_no_upright_round_sample_is_told() {
     );
 }
 
+/// Whatever the samples are, also a few of them and such as are not finite: an answer or a message, and no panic.
+#[test]
+fn no_volume_makes_it_fail() {
+    let mut random = 7u32;
+    let mut next = |n: u32| {
+        random = random.wrapping_mul(1_664_525).wrapping_add(1_013_904_223);
+        (random >> 8) % n
+    };
+    for case in 0..300 {
+        let dims = [2 + next(40), 2 + next(40), 2 + next(12)];
+        let [cx, cy, r] = [next(40), next(40), next(25)].map(f64::from);
+        let lean = f64::from(next(5)) - 2.0;
+        let mut samples = Vec::new();
+        for i in 0..dims[0] * dims[1] * dims[2] {
+            let [x, y, z] =
+                [i % dims[0], i / dims[0] % dims[1], i / dims[0] / dims[1]].map(f64::from);
+            let inside = libm::hypot(x - cx - lean * z, y - cy) < r - (lean - 1.0) * z;
+            samples.push(match next(60) {
+                0 if case % 3 == 0 => f32::NAN,
+                1 if case % 4 == 0 => f32::INFINITY,
+                2 if case % 5 == 0 => -3e38,
+                noise => (noise as f32) * (case % 7) as f32 + if inside { 300.0 } else { 0.0 },
+            });
+        }
+        let volume = MemoryVolume::new(Dims(dims), Placement::default(), samples).unwrap();
+        if let Ok(found) = find(&volume) {
+            assert!(found.cylinder.radius >= SMALLEST, "{case}: {found:?}");
+        }
+    }
+}
+
 /// Of a rim at 0 and a slope of a voxel.
 fn edge(inside: f64) -> f64 {
     (inside + 0.5).clamp(0.0, 1.0)
