@@ -337,7 +337,7 @@ impl ConvertArgs {
         }
         console.listen();
         let mut report = convert::convert(&*opened.volume, &options, out, console)
-            .map_err(|e| again.resumable(e, out))
+            .map_err(|e| again.resumable(how_found(e, &how), out))
             .inspect_err(|e| {
                 if matches!(e, Error::Interrupted) {
                     console.note("no layer was done yet, so nothing is kept");
@@ -346,6 +346,24 @@ impl ConvertArgs {
         report.warnings = [opened.warnings, doubts, report.warnings].concat();
         Ok(report)
     }
+}
+
+/// An error that says that the threshold was another one before, with how this one was found, for it was not typed.
+fn how_found(mut error: Error, how: &str) -> Error {
+    if let Error::OtherTileSet { differences, .. } | Error::OtherConversion { differences, .. } =
+        &mut error
+    {
+        let named = |line: &str| match line.starts_with("--threshold was ") {
+            true => format!("{line}{how}"),
+            false => line.to_owned(),
+        };
+        *differences = differences
+            .split("; ")
+            .map(named)
+            .collect::<Vec<_>>()
+            .join("; ");
+    }
+    error
 }
 
 /// What will be done, for the user to stop it if it is not what was meant.

@@ -1,6 +1,6 @@
 //! The option `--labels`: cells that another program has told apart.
 
-use crate::cli::same_place::same_place;
+use crate::cli::same_place::{parts_of_other, same_place};
 use crate::convert::{CellRows, Labels};
 use crate::error::{Error, Result};
 use crate::grid::{Dims, Dtype, Endian};
@@ -47,7 +47,7 @@ pub fn open(path: &Path, dims: Dims) -> Result<Opened> {
         {
             error.with_hint(NARROWER)
         }
-        _ => error,
+        _ => parts_of_other(error, "--labels", "the labels", path),
     })
 }
 
