@@ -13,6 +13,7 @@ use super::threshold::{TAKES, Threshold, threshold};
 use super::view::ViewArgs;
 use super::{Outcome, batch, output};
 use crate::cli::labels::read_labels;
+use crate::convert::parts::Asked;
 use crate::convert::{self, ConvertOptions, ConvertReport, NeckRule};
 use crate::error::{Error, Result};
 use crate::grid::{Ambiguous, Origin, Unit};
@@ -288,12 +289,72 @@ impl ConvertArgs {
         again: Again,
         console: &Console,
     ) -> Result<ConvertReport> {
+        let Prepared {
+            opened,
+            options,
+            doubts,
+            understood,
+        } = self.prepare(input, out, None, console)?;
+        if self.out_dir.is_none() {
+            console.note(&understood);
+        }
+        console.listen();
+        let mut report = convert::convert(&*opened.volume, &options, out, console)
+            .map_err(|e| again.resumable(e, out))
+            .inspect_err(|e| {
+                if matches!(e, Error::Interrupted) {
+                    console.note("no layer was done yet, so nothing is kept");
+                }
+            })?;
+        report.warnings = [opened.warnings, doubts, report.warnings].concat();
+        Ok(report)
+    }
+
+    /// The one directory to write, where a plan is made for it.
+    ///
+    /// # Errors
+    /// [`Error::Usage`] for what no plan has.
+    pub fn plain_out(&self) -> Result<&Path> {
+        let given = [
+            ("--out-dir", self.out_dir.is_some()),
+            ("--lod", self.lod),
+            ("--view", self.view),
+            ("--resume", self.resume),
+        ];
+        match (given.into_iter().find(|(_, given)| *given), &self.out) {
+            (None, Some(out)) => Ok(out),
+            (option, _) => {
+                let option = option.map_or("OUT", |(option, _)| option);
+                let expected = "one volume and one directory; levels of detail and views are made of the tile set \
+                    when it is there";
+                Err(Error::usage(option, "it with a plan", expected))
+            }
+        }
+    }
+
+    /// Opens a volume and finds what is asked for of it: threshold and region as they are `known`, if they are.
+    pub fn prepare(
+        &self,
+        input: Input,
+        out: &Path,
+        known: Option<&Asked>,
+        console: &Console,
+    ) -> Result<Prepared> {
         let path = input.path().to_path_buf();
         let (mut opened, stamp) = input.open(&self.options.options(), out)?;
         opened.doubt_size()?;
         let opened = self.options.filters.apply(opened)?;
         let mut options = self.of_opened(&opened, stamp)?;
         let volume = &*opened.volume;
+        let region = &self.options.region;
+        if let Some(known) = known {
+            options.threshold = known.threshold;
+            options.region = match &known.region {
+                Some(stated) => Some(region.find_again(stated, volume, console)?),
+                None => None,
+            };
+            return Ok(Prepared::of(opened, options));
+        }
         let how = match self.threshold {
             Threshold::Value(_) => String::new(),
             Threshold::Method(method) => format!(" ({})", method.how()),
@@ -302,7 +363,6 @@ impl ConvertArgs {
             // these read the volume: not for a conversion that is refused then
             convert::check_before(volume, &options, out)?;
         }
-        let region = &self.options.region;
         let roi = region.find(volume, options.crop.as_ref(), console)?;
         let doubts = roi
             .as_ref()
@@ -323,19 +383,34 @@ impl ConvertArgs {
             None => None,
         };
         let understood = understood(&opened, &options, found, &how)?;
-        if self.out_dir.is_none() {
-            console.note(&understood);
+        Ok(Prepared {
+            doubts,
+            understood,
+            ..Prepared::of(opened, options)
+        })
+    }
+}
+
+/// A volume that is open, and what is asked for of it.
+pub struct Prepared {
+    /// The volume.
+    pub opened: Opened,
+    /// What is asked for.
+    pub options: ConvertOptions,
+    /// What is doubtful about it.
+    pub doubts: Vec<String>,
+    /// How it was understood, for people.
+    pub understood: String,
+}
+
+impl Prepared {
+    fn of(opened: Opened, options: ConvertOptions) -> Self {
+        Prepared {
+            opened,
+            options,
+            doubts: Vec::new(),
+            understood: String::new(),
         }
-        console.listen();
-        let mut report = convert::convert(&*opened.volume, &options, out, console)
-            .map_err(|e| again.resumable(e, out))
-            .inspect_err(|e| {
-                if matches!(e, Error::Interrupted) {
-                    console.note("no layer was done yet, so nothing is kept");
-                }
-            })?;
-        report.warnings = [opened.warnings, doubts, report.warnings].concat();
-        Ok(report)
     }
 }
 

@@ -420,7 +420,10 @@ pub fn merge_parts(
 }
 
 /// Removes what a merge has left that was killed after it had moved everything into place.
-fn tidy_parts(out: &Path) -> Result<()> {
+///
+/// # Errors
+/// [`Error::OutputBusy`] if somebody else is about it; [`Error::Io`].
+pub fn tidy_parts(out: &Path) -> Result<()> {
     let work = out.join(PARTIAL);
     match work.join(PLAN).exists() || work.join(PARTS).exists() {
         true => Output::open_planned(out)?.move_in(),
