@@ -13,7 +13,7 @@ use super::threshold::{TAKES, Threshold, threshold};
 use super::view::ViewArgs;
 use super::{Outcome, batch, output};
 use crate::cli::labels::read_labels;
-use crate::convert::parts::Asked;
+use crate::convert::parts::{Asked, check_plan};
 use crate::convert::{self, ConvertOptions, ConvertReport, NeckRule};
 use crate::error::{Error, Result};
 use crate::grid::{Ambiguous, Origin, Unit};
@@ -294,7 +294,7 @@ impl ConvertArgs {
             options,
             doubts,
             understood,
-        } = self.prepare(input, out, None, console)?;
+        } = self.prepare(input, out, Purpose::Convert, console)?;
         if self.out_dir.is_none() {
             console.note(&understood);
         }
@@ -332,12 +332,12 @@ impl ConvertArgs {
         }
     }
 
-    /// Opens a volume and finds what is asked for of it: threshold and region as they are `known`, if they are.
+    /// Opens a volume and finds what is asked for of it.
     pub fn prepare(
         &self,
         input: Input,
         out: &Path,
-        known: Option<&Asked>,
+        purpose: Purpose,
         console: &Console,
     ) -> Result<Prepared> {
         let path = input.path().to_path_buf();
@@ -347,7 +347,7 @@ impl ConvertArgs {
         let mut options = self.of_opened(&opened, stamp)?;
         let volume = &*opened.volume;
         let region = &self.options.region;
-        if let Some(known) = known {
+        if let Purpose::Known(known) = purpose {
             options.threshold = known.threshold;
             options.region = match &known.region {
                 Some(stated) => Some(region.find_again(stated, volume, console)?),
@@ -361,7 +361,10 @@ impl ConvertArgs {
         };
         if !how.is_empty() || self.options.region.roi.is_some() || self.labels.is_some() {
             // these read the volume: not for a conversion that is refused then
-            convert::check_before(volume, &options, out)?;
+            match purpose {
+                Purpose::Plan => check_plan(volume, &options, out)?,
+                _ => convert::check_before(volume, &options, out)?,
+            }
         }
         let roi = region.find(volume, options.crop.as_ref(), console)?;
         let doubts = roi
@@ -389,6 +392,17 @@ impl ConvertArgs {
             ..Prepared::of(opened, options)
         })
     }
+}
+
+/// What a volume is opened for.
+#[derive(Clone, Copy)]
+pub enum Purpose<'a> {
+    /// To be converted.
+    Convert,
+    /// To be converted in parts.
+    Plan,
+    /// To go on with a plan, which knows the threshold and the region.
+    Known(&'a Asked),
 }
 
 /// A volume that is open, and what is asked for of it.

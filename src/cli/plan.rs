@@ -1,6 +1,6 @@
 //! `alvis plan`: a conversion in parts, by many processes.
 
-use super::convert::{ConvertArgs, Prepared};
+use super::convert::{ConvertArgs, Prepared, Purpose};
 use super::info::tile_bytes;
 use super::input::Input;
 use super::plan_script::{Engine, Script};
@@ -34,6 +34,10 @@ const FILES_OF_ROUND: u64 = 20;
 /// job of a part, in every round, and `alvis merge OUT` says which parts are to run, and joins them. With a method for the
 /// threshold or a region that is to be found the volume is read here.
 #[derive(Debug, Args)]
+#[command(after_help = "Examples:\n  \
+    alvis plan scan.mhd OUT --threshold 128 --parts 100\n  \
+    alvis plan scan.mhd OUT --threshold otsu --for web --parts 20 --script slurm > run.sh")]
+#[command(override_usage = "alvis plan [OPTIONS] --parts <N> --threshold <T|METHOD> <INPUT> <OUT>")]
 pub struct PlanArgs {
     /// How many parts; at most one for each layer of macrocubes
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..))]
@@ -41,6 +45,7 @@ pub struct PlanArgs {
     /// Print a script that does it all by this engine
     #[arg(long, value_name = "ENGINE", conflicts_with = "json")]
     script: Option<Engine>,
+    // their own texts come before those of this command
     #[command(flatten)]
     convert: ConvertArgs,
 }
@@ -67,7 +72,7 @@ impl PlanArgs {
             options,
             understood,
             ..
-        } = args.prepare(Input::Path(&args.input), out, None, &console)?;
+        } = args.prepare(Input::Path(&args.input), out, Purpose::Plan, &console)?;
         let directory = std::env::current_dir();
         let directory = directory.map_err(|e| Error::io(".", "find the directory", e))?;
         let asked = Asked {

@@ -1,7 +1,7 @@
 //! `alvis work`: the job of a part.
 
 use super::args::Common;
-use super::convert::Prepared;
+use super::convert::{Prepared, Purpose};
 use super::input::Input;
 use super::plan::PlanArgs;
 use super::progress::Console;
@@ -70,7 +70,8 @@ impl AgainArgs {
         std::env::set_current_dir(&asked.directory)
             .map_err(|e| Error::io(&asked.directory, "go to the directory of the plan", e))?;
         let input = input.as_ref().unwrap_or(&args.input);
-        let mut prepared = args.prepare(Input::Path(input), &out, Some(asked), console)?;
+        let purpose = Purpose::Known(asked);
+        let mut prepared = args.prepare(Input::Path(input), &out, purpose, console)?;
         let options = &mut prepared.options;
         options.threads = common.threads.map_or(0, usize::from);
         options.memory = self.memory.unwrap_or(options.memory);

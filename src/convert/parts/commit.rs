@@ -12,7 +12,7 @@ use crate::convert::warnings::warnings;
 use crate::error::{Error, Result};
 use crate::manifest::{LayerRecord, Manifest, Totals, shard_path, sums_of};
 use crate::sys::spill_file::{Mark, SpillFile};
-use crate::tileset::{Output, TilesetWriter, layer_directory};
+use crate::tileset::{Output, PLAN, TilesetWriter, layer_directory};
 use std::fs::File;
 use std::io::{BufWriter, ErrorKind, Write};
 use std::path::Path;
@@ -34,8 +34,12 @@ impl Commit<'_> {
     /// [`Error::Io`]; [`Error::Format`] if anything is damaged or does not fit together.
     pub fn run(&self) -> Result<Made> {
         let mut output = Output::open_planned(&self.directory.out)?;
-        // what the parts have made is never lost
-        output.keep(true);
+        if !self.directory.work.join(PLAN).exists() {
+            // another merge was first, and has removed what there was
+            output.keep(false);
+            let path = self.directory.out.clone();
+            return Err(Error::OutputBusy { path });
+        }
         if let Some(note) = output.moving() {
             let made = serde_json::from_slice(&note).map_err(|_| {
                 let path = &self.directory.work;

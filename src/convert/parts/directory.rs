@@ -10,8 +10,9 @@ use crate::convert::parts::sealed;
 use crate::error::{Error, Result};
 use crate::manifest::{PARTIAL, Region};
 use crate::tileset::{PARTS, PLAN};
-use serde::de::DeserializeOwned;
+use serde::de::{DeserializeOwned, IgnoredAny};
 use serde::{Deserialize, Serialize};
+use std::collections::HashSet;
 use std::fs::File;
 use std::io::{ErrorKind, Read};
 use std::path::{Path, PathBuf};
@@ -328,7 +329,7 @@ impl Directory {
     /// # Errors
     /// As of [`Directory::done`].
     pub fn is_done(&self, round: u32, doer: Doer) -> Result<bool> {
-        let done = self.done::<serde::de::IgnoredAny>(round, doer)?;
+        let done = self.done::<IgnoredAny>(round, doer)?;
         Ok(done.is_some())
     }
 
@@ -346,6 +347,29 @@ impl Directory {
             round,
             doer,
         })
+    }
+
+    /// Removes the attempts of a round that do not count, once all of it has been merged: those of others that were as
+    /// fast, or were killed. Who still works there finds nothing, and that its part is done.
+    pub fn remove_others(&self, round: u32) {
+        let dir = self.round_dir(round);
+        let doers = (0..self.parts()).map(Doer::Part).chain([Doer::Merge]);
+        let counts: Option<HashSet<String>> = doers
+            .map(|doer| {
+                let read = sealed::read::<Marker<IgnoredAny>>(&self.marker(round, doer));
+                Some(read.ok()??.value.attempt)
+            })
+            .collect();
+        let (Some(counts), Ok(entries)) = (counts, std::fs::read_dir(&dir)) else {
+            return;
+        };
+        for entry in entries.flatten() {
+            let name = entry.file_name().to_string_lossy().into_owned();
+            if entry.path().is_dir() && !counts.contains(&name) {
+                // it does no harm where it cannot be removed: the last merge removes all of it
+                let _ = std::fs::remove_dir_all(entry.path());
+            }
+        }
     }
 
     /// Says that an attempt is whole; false if another one was first.
@@ -374,7 +398,7 @@ impl Directory {
             return Ok(true);
         }
         // a network may lose the answer to a call that succeeded, and ask again
-        let found = sealed::read::<Marker<serde::de::IgnoredAny>>(&path)?;
+        let found = sealed::read::<Marker<IgnoredAny>>(&path)?;
         Ok(found.is_some_and(|read| read.value.attempt == name))
     }
 }

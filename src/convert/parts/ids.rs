@@ -9,10 +9,12 @@ use crate::convert::parts::work::{LabelsOfPart, SEAM};
 use crate::convert::resolve::{ComponentId, Each, Numbering};
 use crate::error::{Error, Result};
 use crate::labels::{PhaseLabels, ProvisionalLabels};
+use crate::sys::memory_pool::MemoryPool;
 use crate::sys::state_codec::{Decoder, Encoder};
 use bytemuck::{Pod, Zeroable};
 use serde::{Deserialize, Serialize};
 use std::path::Path;
+use std::sync::Arc;
 
 /// Files of what merging leaves: the numbers of all parts, of which those are set that are still alive.
 const KINDS: [&str; 3] = ["objects", "cells", "surfaces"];
@@ -111,14 +113,19 @@ fn append(all: &mut ProvisionalLabels, part: &ProvisionalLabels, mut dead: u64) 
 ///
 /// # Errors
 /// [`Error::Io`]; [`Error::Format`] if what the parts have left is damaged or does not fit.
-pub fn merge_ids(directory: &Directory, round: u32, dir: &Path) -> Result<Made<MergedIds>> {
+pub fn merge_ids(
+    directory: &Directory,
+    round: u32,
+    dir: &Path,
+    memory: &Arc<MemoryPool>,
+) -> Result<Made<MergedIds>> {
     let none_yet = |kind: usize| ProvisionalLabels::new(&dir.join(KINDS[kind]));
     let mut labels = PhaseLabels {
         objects: none_yet(0)?,
         cells: none_yet(1)?,
         surfaces: none_yet(2)?,
     };
-    let mut joiner = Joiner::new(dir)?;
+    let mut joiner = Joiner::new(dir, memory)?;
     let mut windows: Vec<[Window; 3]> = Vec::new();
     for part in 0..directory.parts() {
         let (labelled, seam) = labels_of(directory, round, part)?;
@@ -300,6 +307,18 @@ impl IdsOfPart {
             places,
             shared,
         })
+    }
+
+    /// Bytes of memory.
+    pub fn bytes(&self) -> u64 {
+        let Each {
+            objects,
+            cells,
+            surfaces,
+        } = &self.shared;
+        let shared = objects.len() + cells.len() + surfaces.len();
+        // once more among the places, and with the ids of both ends
+        40 * shared as u64
     }
 }
 

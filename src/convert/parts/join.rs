@@ -4,12 +4,15 @@
 //! and no more is in memory than what is known of the components of one slice. Backwards, each gets what has come of it.
 
 use crate::convert::label::{Arrival, Seam};
+use crate::convert::memory::SLABS;
 use crate::error::Result;
 use crate::labels::UnionFind;
+use crate::sys::memory_pool::{MemoryPool, MemoryReservation};
 use crate::sys::spill_file::{Place, SpillFile};
 use bytemuck::{Pod, Zeroable};
 use std::collections::HashMap;
 use std::path::Path;
+use std::sync::Arc;
 
 /// In the place of a number: the component does not reach the part's last slice.
 const ENDS: u32 = u32::MAX;
@@ -51,6 +54,7 @@ pub struct Joiner<K> {
     high: Vec<u32>,
     bits: u32,
     parts: u32,
+    held: MemoryReservation,
 }
 
 /// The nodes of a part: components that come over, then those that arrive, and their sets.
@@ -61,11 +65,11 @@ struct Classes {
 }
 
 impl<K: Pod> Joiner<K> {
-    /// Of no part yet; temporary files lie in `work`.
+    /// Of no part yet; temporary files lie in `work`, and memory is taken from `memory`.
     ///
     /// # Errors
     /// [`crate::Error::Io`].
-    pub fn new(work: &Path) -> Result<Self> {
+    pub fn new(work: &Path, memory: &Arc<MemoryPool>) -> Result<Self> {
         Ok(Joiner {
             spool: SpillFile::new(work)?,
             records: SpillFile::new(work)?,
@@ -73,7 +77,15 @@ impl<K: Pod> Joiner<K> {
             high: Vec::new(),
             bits: 0,
             parts: 0,
+            held: MemoryReservation::new(memory, SLABS),
         })
+    }
+
+    /// Bytes of memory to add a part: what comes over, the part's own, sets, classes and what is known of these.
+    fn bytes(&self, seam: &Seam) -> u64 {
+        let runs = self.high.len() + seam.high.len();
+        let components = self.carried.len() + seam.arrivals.len() + seam.leaving.len();
+        seam.bytes() + 4 * runs as u64 + (components * (size_of::<K>() * 2 + 64)) as u64
     }
 
     /// Why the next part does not fit the last one, with which it shares a slice.
@@ -114,7 +126,7 @@ impl<K: Pod> Joiner<K> {
     /// error tells why the part does not fit the one before.
     ///
     /// # Errors
-    /// [`crate::Error::Io`], and what `join` returns.
+    /// [`crate::Error::Io`]; [`crate::Error::TooDense`] if there is no memory for what is in a slice; what `join` returns.
     pub fn add(
         &mut self,
         seam: &Seam,
@@ -124,6 +136,7 @@ impl<K: Pod> Joiner<K> {
         if let Some(misfit) = self.misfit(seam) {
             return Ok(Err(misfit));
         }
+        self.held.grow_to(self.bytes(seam))?;
         let Classes { of_node, count } = self.classes(seam);
         let (carried_in, arrivals) = of_node.split_at(self.carried.len());
         let mut known: Vec<Option<K>> = vec![None; count];

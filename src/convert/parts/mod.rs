@@ -25,10 +25,12 @@ use crate::convert::parts::directory::{Directory, Doer, FORMAT, Made as Left, Pl
 use crate::convert::parts::ids::merge_ids;
 use crate::convert::parts::records::merge_records;
 use crate::convert::parts::rounds::{Round, Rounds};
-use crate::convert::parts::small::merge_small;
+use crate::convert::parts::small::{SmallSearch, merge_small};
 use crate::convert::parts::work::PartWork;
 use crate::convert::resume::refuse_kept;
-use crate::convert::{ConvertOptions, ConvertReport, identity, in_threads, with_conversion};
+use crate::convert::{
+    ConvertOptions, ConvertReport, identity, in_threads, predicted_memory, with_conversion,
+};
 use crate::error::{Error, Result};
 use crate::manifest::{MANIFEST, PARTIAL};
 use crate::progress::{Progress, Quiet};
@@ -128,6 +130,25 @@ fn cut(layers: u32, parts: u32) -> Vec<[u32; 2]> {
     (0..parts).map(|part| [end(part), end(part + 1)]).collect()
 }
 
+/// Refuses a plan that [`plan_parts`] would refuse before it reads any sample, whatever the threshold.
+///
+/// # Errors
+/// As of [`plan_parts`].
+pub fn check_plan(volume: &dyn Volume, options: &ConvertOptions, out: &Path) -> Result<()> {
+    check(volume, options)?;
+    refuse_tile_set(out)?;
+    predicted_memory(volume, options).map(|_| ())
+}
+
+fn refuse_tile_set(out: &Path) -> Result<()> {
+    if !out.join(MANIFEST).exists() {
+        return Ok(());
+    }
+    let found = format!("{}, which holds a tile set", out.display());
+    let expected = "another directory: parts are not made where a tile set is";
+    Err(Error::usage("OUT", found, expected))
+}
+
 /// Refuses what is not converted in parts.
 fn check(volume: &dyn Volume, options: &ConvertOptions) -> Result<()> {
     let given = [
@@ -192,11 +213,7 @@ pub fn plan_parts(
 
 /// Writes a plan, unless the same one is there.
 fn write_plan(options: &ConvertOptions, out: &Path, plan: &Plan) -> Result<()> {
-    if out.join(MANIFEST).exists() {
-        let found = format!("{}, which holds a tile set", out.display());
-        let expected = "another directory: parts are not made where a tile set is";
-        return Err(Error::usage("OUT", found, expected));
-    }
+    refuse_tile_set(out)?;
     match Directory::open(out) {
         Ok(Some(before)) if !options.force => {
             before.check(&Identity::new(plan.identity.clone()))?;
@@ -334,10 +351,16 @@ pub fn work_on_part(
         },
     );
     match worked {
-        // somebody else has done the part meanwhile, and all has been merged
-        Err(_) if out.join(MANIFEST).exists() => Ok(()),
+        // somebody else has done it meanwhile, and what is left of this attempt has been removed
+        Err(_) if out.join(MANIFEST).exists() || was_done(&directory, round, part) => Ok(()),
         worked => worked,
     }
+}
+
+/// True if a part is done with a round.
+fn was_done(directory: &Directory, round: Round, part: u32) -> bool {
+    let number = Rounds::counting(directory.plan.rounds).number(round);
+    matches!(directory.is_done(number, Doer::Part(part)), Ok(true))
 }
 
 /// What a merge does next.
@@ -453,7 +476,12 @@ impl Merge<'_> {
             if round == Round::Finish {
                 break;
             }
-            self.join(round)?;
+            match self.join(round) {
+                // another merge was first, and has removed what was left of this one
+                Err(_) if self.directory.is_done(number, Doer::Merge)? => {}
+                joined => joined?,
+            }
+            self.directory.remove_others(number);
         }
         let commit = Commit {
             job: self.job,
@@ -468,14 +496,18 @@ impl Merge<'_> {
         let (directory, number) = (self.directory, self.rounds.number(round));
         let attempt = directory.attempt(number, Doer::Merge)?;
         let dir = &attempt.dir;
-        let min_voxels = self.job.options.min_voxels;
+        let memory = &self.job.plan.pool();
         match round {
             Round::Search(sweep) => {
-                let made = merge_small(directory, number, dir, sweep == 0, min_voxels)?;
+                let search = SmallSearch {
+                    above: sweep == 0,
+                    min_voxels: self.job.options.min_voxels,
+                };
+                let made = merge_small(directory, number, dir, search, memory)?;
                 self.done(attempt, made)
             }
             Round::Label => {
-                let made = merge_ids(directory, number, dir)?;
+                let made = merge_ids(directory, number, dir, memory)?;
                 self.done(attempt, made)
             }
             Round::Mesh | Round::Finish => {

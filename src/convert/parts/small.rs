@@ -6,10 +6,12 @@ use crate::convert::parts::ids::{done_labels, unfit};
 use crate::convert::parts::join::{Contributions, Joiner};
 use crate::convert::parts::work::SEAM;
 use crate::error::{Error, Result};
+use crate::sys::memory_pool::MemoryPool;
 use crate::sys::state_codec::{Decoder, Encoder};
 use bytemuck::{Pod, Zeroable};
 use serde::{Deserialize, Serialize};
 use std::path::Path;
+use std::sync::Arc;
 
 /// What is known of a component that goes on in another part.
 #[repr(C)]
@@ -17,6 +19,15 @@ use std::path::Path;
 struct Known {
     voxels: u64,
     above: u64,
+}
+
+/// What is searched for.
+#[derive(Debug, Clone, Copy)]
+pub struct SmallSearch {
+    /// Objects, else cells.
+    pub above: bool,
+    /// Of fewer voxels.
+    pub min_voxels: u64,
 }
 
 /// What came of merging: how many of the components that lie in several parts are left out, and their voxels.
@@ -48,10 +59,11 @@ pub fn merge_small(
     directory: &Directory,
     round: u32,
     dir: &Path,
-    above: bool,
-    min_voxels: u64,
+    search: SmallSearch,
+    memory: &Arc<MemoryPool>,
 ) -> Result<Made<MergedSmall>> {
-    let mut joiner = Joiner::new(dir)?;
+    let SmallSearch { above, min_voxels } = search;
+    let mut joiner = Joiner::new(dir, memory)?;
     for part in 0..directory.parts() {
         let done = done_labels(directory, round, part)?;
         let (path, _) = done.file(SEAM)?;

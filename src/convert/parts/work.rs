@@ -6,7 +6,7 @@ use crate::convert::conversion::Conversion;
 use crate::convert::finalize::{FinalizeInput, finalize};
 use crate::convert::known_band::KnownBands;
 use crate::convert::label::{Filter, LabelInput, Labelled, LeftOut, Seam, left_out, sweep};
-use crate::convert::memory::TABLES;
+use crate::convert::memory::{SLABS, TABLES};
 use crate::convert::mesh::{MeshInput, MeshOutput, mesh};
 use crate::convert::parts::directory::{Attempt, Directory, Doer, FileSum, Made};
 use crate::convert::parts::ids::{IdsOfPart, MergedIds, done_labels, gone, open_labels};
@@ -170,6 +170,7 @@ impl PartWork<'_> {
         let merged = directory.done::<MergedIds>(round, Doer::Merge)?;
         let merged = merged.ok_or_else(|| gone(directory, part))?;
         let ids = IdsOfPart::read(&merged, &seam, part)?;
+        let shared = ids.bytes();
         drop(seam);
         let work = &attempt.dir;
         let mut checkpointer = self.checkpointer(&attempt)?;
@@ -177,6 +178,8 @@ impl PartWork<'_> {
         let Labelled { slabs, spool, .. } = &mut labelled;
         let mut resolved = resolve(slabs, spool, ids.numbering, work)?;
         let (memory, writer) = (job.plan.pool(), job.tile_writer(work));
+        let mut held = MemoryReservation::new(&memory, SLABS);
+        held.grow_to(shared)?;
         let set = TilesetWriter::new(work)?;
         let mut each = job.made.each();
         each.try_for_each(|z| set.make_layer_directory(z))?;

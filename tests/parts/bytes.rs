@@ -1,67 +1,28 @@
-//! A conversion in parts gives the bytes of a conversion in one process, whatever the parts, in whatever order they work.
+//! Whole trees of files, of many volumes and forms.
 
-mod common;
-
-use alvis::convert::ConvertOptions;
-use alvis::convert::parts::{
-    Asked, Merged, NextMerge, NextWork, merge_parts, next_merge, next_work, plan_parts,
-    work_on_part,
-};
-use alvis::grid::Ambiguous;
+use super::{Files, in_parts, layers};
+use crate::common::volumes::{Random, foam, late_joins, noise, placed, samples, volume};
+use crate::common::{assert_same_files, converted, data, files, options};
+use alvis::convert::{ConvertOptions, RegionOfInterest};
+use alvis::grid::{Ambiguous, Crop, Cylinder, Dims, Dtype, Fill, Shape};
 use alvis::manifest::{Encoding, Layout, Primitives};
 use alvis::progress::Quiet;
-use alvis::volume::Volume;
-use common::volumes::{Random, foam, late_joins, noise, placed, samples, volume};
-use common::{assert_same_files, converted, files, options};
-use std::collections::BTreeMap;
-use std::path::Path;
-
-type Files = BTreeMap<String, Vec<u8>>;
-
-/// Layers of macrocubes.
-fn layers(volume: &dyn Volume, options: &ConvertOptions) -> u32 {
-    let [_, _, nz] = volume.header().dims.0;
-    (nz - 1).div_ceil(options.macrocube[2]).max(1)
-}
-
-fn plan(volume: &dyn Volume, options: &ConvertOptions, out: &Path, parts: u32) {
-    plan_parts(volume, options, out, parts, Asked::default())
-        .unwrap_or_else(|e| panic!("{}: {e}", volume.header().dims));
-}
-
-/// Works and merges until the tile set is in place; parts work in the order that `order` gives them.
-fn finish(
-    volume: &dyn Volume,
-    options: &ConvertOptions,
-    out: &Path,
-    mut order: impl FnMut(&mut Vec<u32>),
-) {
-    for _ in 0..20 {
-        match merge_parts(volume, options, out, &Quiet).unwrap() {
-            Merged::InPlace(_) => return,
-            Merged::ToRun(_, mut parts) => {
-                order(&mut parts);
-                for part in parts {
-                    work_on_part(volume, options, out, part, &Quiet).unwrap();
-                }
-            }
-        }
-    }
-    panic!("it does not end");
-}
-
-fn in_parts(volume: &dyn Volume, options: &ConvertOptions, parts: u32) -> Files {
-    let dir = tempfile::tempdir().unwrap();
-    plan(volume, options, dir.path(), parts);
-    finish(volume, options, dir.path(), |_| {});
-    files(dir.path())
-}
+use alvis::volume::{OpenOptions, RegionVoxels, Volume, open, statistics};
 
 /// In 1, 2, 3, 7 parts and one for each layer, as far as there are as many layers.
 fn same_in_parts(volume: &dyn Volume, options: &ConvertOptions, what: &str) -> Files {
+    same_in_parts_of(volume, options, layers(volume, options), what)
+}
+
+/// The same of so many layers.
+fn same_in_parts_of(
+    volume: &dyn Volume,
+    options: &ConvertOptions,
+    layers: u32,
+    what: &str,
+) -> Files {
     let (whole, report) = converted(volume, options);
     let whole = files(whole.path());
-    let layers = layers(volume, options);
     let mut counts = vec![1, 2, 3, 7, layers];
     counts.retain(|&parts| parts <= layers);
     counts.dedup();
@@ -190,5 +151,79 @@ fn what_is_small_is_left_out_of_parts_as_of_the_whole() {
             };
             same_in_parts(&volume, &options, &format!("{share} with {min_voxels}"));
         }
+    }
+}
+
+#[test]
+fn parts_of_a_crop_and_a_region_are_the_single_run() {
+    let dims = [30, 28, 40];
+    let volume = placed(dims, foam(dims, 6));
+    let crop = Crop {
+        x: 2..29,
+        y: 0..28,
+        z: 3..38,
+    };
+    let cylinder = Cylinder {
+        centre: [15.0, 14.0],
+        radius: 11.0,
+    };
+    let voxels = RegionVoxels::cylinder(&cylinder, Dims(dims)).unwrap();
+    for (fill, value) in [(Fill::Material, 255.0), (Fill::Air, 0.0)] {
+        let shape = Shape::Cylinder(cylinder);
+        let region =
+            RegionOfInterest::new(shape, voxels.clone(), Some(&crop), fill, value).unwrap();
+        let options = ConvertOptions {
+            crop: Some(crop.clone()),
+            region: Some(region),
+            min_voxels: 4,
+            ..options([9, 9, 6])
+        };
+        same_in_parts_of(&volume, &options, 6, "region");
+    }
+}
+
+/// Noise whose values differ from seed to seed, in macrocubes of all sizes.
+#[test]
+fn parts_of_random_volumes_are_the_single_run() {
+    for seed in 0..12u64 {
+        let mut random = Random(seed);
+        let dims = [0; 3].map(|_| 4 + (random.bits() % 18) as u32);
+        let share = random.unit();
+        let volume = volume(dims, sparse(dims, share, seed));
+        let options = ConvertOptions {
+            cap: seed % 3 == 0,
+            min_voxels: seed % 4 * 3,
+            ..options([0; 3].map(|_| 1 + (random.bits() % 9) as u32))
+        };
+        same_in_parts(&volume, &options, &format!("seed {seed}"));
+    }
+}
+
+#[test]
+fn parts_of_scans_are_the_single_run() {
+    let Some(data) = data("parts_of_scans_are_the_single_run") else {
+        return;
+    };
+    for name in ["npy/berea_100_to_300.npz", "tiff/electrode.tiff"] {
+        let path = data.join(name);
+        if !path.exists() {
+            eprintln!("SKIPPED {name}: it is not there");
+            continue;
+        }
+        let opened = open(&path, &OpenOptions::default()).unwrap();
+        assert_eq!(opened.volume.header().dtype, Dtype::U8);
+        let dims = [96, 90, 100];
+        let mut samples = vec![0; 96 * 90 * 100];
+        let read = opened
+            .volume
+            .read_box(10..106, 20..110, 30..130, &mut samples);
+        read.unwrap();
+        let volume = placed(dims, samples);
+        let found = statistics(&volume, None, &Quiet).unwrap();
+        let options = ConvertOptions {
+            threshold: found.otsu.unwrap(),
+            ..options([32, 32, 14])
+        };
+        same_in_parts(&volume, &options, name);
     }
 }
