@@ -320,13 +320,14 @@ impl ConvertArgs {
             ("--lod", self.lod),
             ("--view", self.view),
             ("--resume", self.resume),
+            ("--labels", self.labels.is_some()),
         ];
         match (given.into_iter().find(|(_, given)| *given), &self.out) {
             (None, Some(out)) => Ok(out),
             (option, _) => {
                 let option = option.map_or("OUT", |(option, _)| option);
-                let expected = "one volume and one directory; levels of detail and views are made of the tile set \
-                    when it is there";
+                let expected = "one volume and one directory, and cells that are components; levels of detail and \
+                                views are made of the tile set when it is there";
                 Err(Error::usage(option, "it with a plan", expected))
             }
         }

@@ -249,7 +249,11 @@ fn files_that_are_damaged_are_found_or_not_needed() {
         // what the next merge reads, and what the next round reads after it
         for (number, path) in part_files(&out).into_iter().enumerate() {
             let name = path.strip_prefix(&out).unwrap();
-            for way in 0..3 {
+            // a flipped bit each, and in turns half of it or nothing
+            for way in [0, 1 + number % 2] {
+                if (number + way + round) % 3 > 0 {
+                    continue;
+                }
                 let tried = dir.path().join(format!("tried-{round}-{number}-{way}"));
                 copy(&out, &tried);
                 let file = tried.join(name);
@@ -280,7 +284,7 @@ fn files_that_are_damaged_are_found_or_not_needed() {
             }
         }
     }
-    assert!(refused > 60 && harmless > 20, "{refused} {harmless}");
+    assert!(refused > 30 && harmless > 10, "{refused} {harmless}");
     assert_same_files(&whole, &files(&out), "undamaged");
 }
 

@@ -32,10 +32,10 @@ use crate::convert::{
     ConvertOptions, ConvertReport, identity, in_threads, predicted_memory, with_conversion,
 };
 use crate::error::{Error, Result};
-use crate::manifest::{MANIFEST, PARTIAL};
+use crate::manifest::MANIFEST;
 use crate::progress::{Progress, Quiet};
 use crate::sys::process_memory::peak_rss_bytes;
-use crate::tileset::{Output, PARTS, PLAN, interrupted};
+use crate::tileset::{Output, interrupted, tidy};
 use crate::volume::{Stamp, Volume};
 use serde::Serialize;
 use std::path::Path;
@@ -445,12 +445,12 @@ pub fn merge_parts(
 /// Removes what a merge has left that was killed after it had moved everything into place.
 ///
 /// # Errors
-/// [`Error::OutputBusy`] if somebody else is about it; [`Error::Io`].
+/// [`Error::Io`].
 pub fn tidy_parts(out: &Path) -> Result<()> {
-    let work = out.join(PARTIAL);
-    match work.join(PLAN).exists() || work.join(PARTS).exists() {
-        true => Output::open_planned(out)?.move_in(),
-        false => Ok(()),
+    match tidy(out) {
+        // whoever is at work there has begun anew
+        Err(Error::OutputBusy { .. }) => Ok(()),
+        tidied => tidied,
     }
 }
 
