@@ -25,6 +25,13 @@ const KEPT_FOR_VOXEL: f64 = 0.3;
 /// Processor time of a pass that labels, for each voxel, and of all else for each triangle, in nanoseconds.
 const NS_FOR_VOXEL: f64 = 4.0;
 const NS_FOR_TRIANGLE: f64 = 37.0;
+/// Jobs of a script ask for so many times the memory that is predicted, where the limit is not below: a volume may be denser
+/// than a foam.
+const ROOM: u64 = 4;
+/// And for this, at least.
+const LEAST: u64 = 256 << 20;
+/// Threads of a job, at most, if it is not said how many.
+const THREADS: usize = 8;
 /// Files that a part leaves in a round, at most, besides tiles and shards.
 const FILES_OF_ROUND: u64 = 20;
 
@@ -87,7 +94,11 @@ impl PlanArgs {
         let script = Script {
             out,
             parts: plan.parts,
-            memory: plan.memory_bytes.max(options.memory),
+            memory: options.memory.min((ROOM * plan.memory_bytes).max(LEAST)),
+            threads: match options.threads {
+                0 => std::thread::available_parallelism().map_or(1, |n| n.get().min(THREADS)),
+                threads => threads,
+            },
         };
         match self.script {
             Some(engine) => output::print(&script.text(engine))?,

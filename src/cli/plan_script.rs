@@ -27,10 +27,9 @@ pub struct Script<'a> {
     pub parts: u32,
     /// The limit of memory of a part.
     pub memory: u64,
+    /// Threads of a part.
+    pub threads: usize,
 }
-
-/// Threads of a part.
-const THREADS: u32 = 8;
 
 /// What comes around a round in a shell: `submit` runs the parts in `$todo`.
 fn looped(merge: &str, submit: &str) -> String {
@@ -75,25 +74,25 @@ impl Script<'_> {
     }
 
     fn job(&self, part: &str) -> String {
-        let (work, mib) = (self.work(part), self.mib());
-        format!("{work} --memory {mib}MiB --threads {THREADS}")
+        let (work, mib, threads) = (self.work(part), self.mib(), self.threads);
+        format!("{work} --memory {mib}MiB --threads {threads}")
     }
 
     /// The script for an engine.
     pub fn text(&self, engine: Engine) -> String {
-        let (mib, merge) = (self.mib_of_job(), self.merge());
+        let (mib, merge, threads) = (self.mib_of_job(), self.merge(), self.threads);
         match engine {
             Engine::Slurm => looped(
                 &merge,
                 &format!(
-                    "  sbatch --wait --array=\"$todo\" --cpus-per-task={THREADS} --mem={mib}M --wrap {} || true",
+                    "  sbatch --wait --array=\"$todo\" --cpus-per-task={threads} --mem={mib}M --wrap {} || true",
                     quoted(&self.job("$SLURM_ARRAY_TASK_ID"))
                 ),
             ),
             Engine::Hq => looped(
                 &merge,
                 &format!(
-                    "  hq submit --wait --array=\"$todo\" --cpus={THREADS} -- sh -c {} || true",
+                    "  hq submit --wait --array=\"$todo\" --cpus={threads} -- sh -c {} || true",
                     quoted(&self.job("$HQ_TASK_ID"))
                 ),
             ),
@@ -104,7 +103,7 @@ impl Script<'_> {
     }
 
     fn kubernetes(&self) -> String {
-        let (parts, mib) = (self.parts, self.mib_of_job());
+        let (parts, mib, threads) = (self.parts, self.mib_of_job(), self.threads);
         let job = self.job("$JOB_COMPLETION_INDEX");
         let submit = format!(
             r#"  name=alvis-$(date +%s)
@@ -125,7 +124,7 @@ spec:
         # an image with alvis, and the volume claim that holds the plan
         image: ALVIS_IMAGE
         command: [sh, -c, 'x=0; {job} || x=\$?; [ \$x -eq 75 ] || exit \$x']
-        resources: {{requests: {{cpu: {THREADS}, memory: {mib}Mi}}, limits: {{memory: {mib}Mi}}}}
+        resources: {{requests: {{cpu: {threads}, memory: {mib}Mi}}, limits: {{memory: {mib}Mi}}}}
         volumeMounts: [{{name: data, mountPath: /data}}]
       volumes: [{{name: data, persistentVolumeClaim: {{claimName: DATA_CLAIM}}}}]
 END
@@ -157,7 +156,7 @@ END
     }
 
     fn nextflow(&self) -> String {
-        let (mib, job) = (self.mib_of_job(), self.job("$k"));
+        let (mib, job, threads) = (self.mib_of_job(), self.job("$k"), self.threads);
         let submit = format!(
             r#"  cat > alvis-parts.nf <<'END'
 params.todo = ''
@@ -165,7 +164,7 @@ def numbers(text) {{
   text.tokenize(',').collectMany {{ run -> def ends = run.tokenize('-')*.toInteger(); (ends[0]..ends[-1]).toList() }}
 }}
 process work {{
-  cpus {THREADS}
+  cpus {threads}
   memory '{mib} MB'
   // what fails is in the list of the next merge again
   errorStrategy 'ignore'
@@ -196,6 +195,7 @@ mod tests {
             out: Path::new("a dir/it's"),
             parts: 3,
             memory: 1 << 30,
+            threads: 8,
         }
         .text(engine)
     }
