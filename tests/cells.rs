@@ -491,6 +491,57 @@ fn a_summary_agrees_with_the_table_and_the_manifest() {
 }
 
 #[test]
+fn a_summary_of_surfaces_is_of_their_areas() {
+    let dir = foam_tiles(&[]);
+    let (names, rows) = csv(dir.path(), "surfaces.csv");
+    let at = |name: &str| names.iter().position(|n| n == name).unwrap();
+    let number = |row: &[String], name: &str| -> f64 { row[at(name)].parse().unwrap() };
+    let words = ["cells", "tiles", "--summary", "--surfaces"];
+    let near = |v: &Value, expected: f64| {
+        let v = v.as_f64().unwrap();
+        assert!((v - expected).abs() <= 1e-9 * expected, "{v} {expected}");
+    };
+    for (condition, keeps) in [("id > 0", 0.0), ("area > 0.4", 0.4)] {
+        let of: Vec<&Vec<String>> = rows.iter().filter(|r| number(r, "area") > keeps).collect();
+        let asked = [&words[..], &["--json", "--where", condition]].concat();
+        let value = json(&ok(dir.path(), &asked));
+        assert_eq!(value["of"], rows.len());
+        assert_eq!(value["surfaces"], of.len());
+        let sum = |name: &str| of.iter().map(|r| number(r, name)).sum::<f64>();
+        assert_eq!(value["surfaces_border"], sum("touches_border") as u64);
+        assert_eq!(value["triangles"], sum("triangles") as u64);
+        near(&value["area"], sum("area"));
+        assert_eq!(value["area_unit"], "mm^2");
+        let index = std::fs::read_to_string(dir.path().join("tiles/index.json")).unwrap();
+        let spacing = json(&index)["spacing"].clone();
+        let voxel: f64 = (0..3).map(|a| spacing[a].as_f64().unwrap()).product();
+        near(
+            &value["specific_surface"],
+            sum("area") / (40.0 * 36.0 * 32.0 * voxel),
+        );
+        let mut whole: Vec<f64> = of
+            .iter()
+            .filter(|r| number(r, "touches_border") == 0.0)
+            .map(|r| number(r, "area"))
+            .collect();
+        whole.sort_by(f64::total_cmp);
+        let n = whole.len();
+        assert!(n > 2);
+        near(
+            &value["areas"]["median"],
+            (whole[(n - 1) / 2] + whole[n / 2]) / 2.0,
+        );
+        near(&value["areas"]["max"], whole[n - 1]);
+    }
+    let text = ok(dir.path(), &words);
+    for part in ["surfaces", "mm^2", "1/mm", "the grid", "(median)"] {
+        assert!(text.contains(part), "{part}: {text}");
+    }
+    let none = ok(dir.path(), &[&words[..], &["--where", "false"]].concat());
+    assert!(none.contains("0 of "), "{none}");
+}
+
+#[test]
 fn names_are_taken_as_people_write_them() {
     let dir = foam_tiles(&[]);
     let rows = |condition: &str| {
@@ -815,7 +866,17 @@ fn refusals_are_one_message() {
         (&["cells", "tiles", "--columns", "id,nope"], "--columns"),
         (&["cells", "tiles", "--descending"], "--sort"),
         (&["cells", "tiles", "--objects", "--surfaces"], "--surfaces"),
-        (&["cells", "tiles", "--summary", "--surfaces"], "--surfaces"),
+        (
+            &[
+                "cells",
+                "tiles",
+                "--summary",
+                "--surfaces",
+                "--outside",
+                "border-cell",
+            ],
+            "--surfaces",
+        ),
         (&["cells", "tiles", "--summary", "--format", "csv"], "csv"),
         (&["cells", "tiles", "--outside", "none"], "--summary"),
         (&["cells", "tiles", "--largest", "0"], "at least 1"),

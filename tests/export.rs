@@ -4,13 +4,13 @@ mod command;
 mod common;
 mod export_common;
 
-use alvis::convert::{ConvertOptions, convert};
+use alvis::convert::{ConvertOptions, RegionOfInterest, convert};
 use alvis::export::{ExportOptions, ExportReport, Simplify, export};
-use alvis::grid::{Ambiguous, Placement, Unit};
+use alvis::grid::{Ambiguous, Cylinder, Dims, Fill, Placement, Shape, Unit};
 use alvis::manifest::Primitives;
 use alvis::progress::Quiet;
 use alvis::table::{Chosen, Table};
-use alvis::volume::{MemoryVolume, Volume};
+use alvis::volume::{MemoryVolume, RegionVoxels, Volume};
 use common::volumes::{foam, noise, placed, volume};
 use common::{converted, set, verified};
 use export_common::{Mesh, read};
@@ -272,18 +272,86 @@ fn a_part_is_what_select_writes() {
                 made(&part, &b, &ExportOptions::default());
                 assert_eq!(all.triangles, report.triangles, "{text}");
                 // the faces of the volume cut some cells, unless they are capped
-                let is_open = all.warnings.iter().any(|w| w.contains("--cap closes it"));
+                let is_open = all
+                    .warnings
+                    .iter()
+                    .any(|w| w.contains("is open at the faces"));
                 let cut = text == "id > 0" && !cap;
                 assert!(is_open || !cut, "{text} {cap}");
-                assert!(
-                    !(is_open && (cap || text == "not touches_border")),
-                    "{text} {cap}"
-                );
+                assert!(!(is_open && text == "not touches_border"), "{text} {cap}");
                 assert!(
                     std::fs::read(a).unwrap() == std::fs::read(b).unwrap(),
                     "{text} {format}"
                 );
             }
+        }
+    }
+}
+
+/// Whoever exports a mesh that is open at the faces of the volume is told so, and nobody else is: of a whole set, of objects
+/// and of cells, with a region or without.
+#[test]
+fn a_mesh_that_is_open_at_the_faces_comes_with_a_warning() {
+    let dims = [30, 28, 24];
+    let cylinder = Cylinder {
+        centre: [14.5, 13.5],
+        radius: 12.0,
+    };
+    let voxels = RegionVoxels::cylinder(&cylinder, Dims(dims)).unwrap();
+    for (fill, cap) in [
+        (None, false),
+        (None, true),
+        (Some(Fill::Material), false),
+        (Some(Fill::Air), false),
+        (Some(Fill::Air), true),
+    ] {
+        let region = fill.map(|fill| {
+            let value = if fill == Fill::Air { 20.0 } else { 230.0 };
+            let shape = Shape::Cylinder(cylinder.clone());
+            RegionOfInterest::new(shape, voxels.clone(), None, fill, value).unwrap()
+        });
+        let options = ConvertOptions {
+            macrocube: [16; 3],
+            cap,
+            region,
+            ..ConvertOptions::default()
+        };
+        let dir = tiles(&volume(dims, foam(dims, 4)), options);
+        let file = dir.path().join("a.ply");
+        let chosen = |table, condition: Option<&str>, largest| Chosen {
+            table,
+            condition: condition.map(str::to_owned),
+            largest,
+        };
+        for chosen in [
+            Chosen::default(),
+            chosen(Table::Objects, None, Some(1)),
+            chosen(Table::Objects, Some("not touches_border"), None),
+            chosen(Table::Cells, None, Some(1)),
+            chosen(Table::Cells, Some("touches_border"), None),
+            chosen(Table::Cells, Some("not touches_border"), None),
+            chosen(Table::Surfaces, None, Some(1)),
+            chosen(Table::Surfaces, Some("not touches_border"), None),
+        ] {
+            let options = ExportOptions {
+                chosen,
+                ..ExportOptions::default()
+            };
+            let Ok(report) = export(dir.path(), &file, &options, &Quiet) else {
+                // none is so
+                continue;
+            };
+            let edges = read(&file).joined().edges();
+            let told = report
+                .warnings
+                .iter()
+                .any(|w| w.contains("is open at the faces"));
+            let found = format!(
+                "{fill:?}, cap {cap}, {:?}: {:?}",
+                options.chosen, report.warnings
+            );
+            assert_eq!(told, edges.open > 0, "{found}");
+            std::fs::remove_file(&file).unwrap();
         }
     }
 }

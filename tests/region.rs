@@ -355,6 +355,31 @@ fn set_of(is_foam: bool, is_mask: bool, min_voxels: u64) -> (MemoryVolume<u8>, C
     (whole, options)
 }
 
+/// A limit that is told before the region is found is one that works with it.
+#[test]
+fn the_smallest_limit_is_the_same_before_the_region_is_found() {
+    let (whole, options) = set_of(true, false, 0);
+    let of_region = ConvertOptions {
+        memory: 1 << 20,
+        ..options
+    };
+    let before = ConvertOptions {
+        region: None,
+        ..of_region.clone()
+    };
+    let out = tempfile::tempdir().unwrap();
+    let out = out.path().join("out");
+    let refused = [
+        alvis::convert::check_before(&whole, &before, true, &out),
+        alvis::convert::convert(&whole, &of_region, &out, &Quiet).map(|_| ()),
+    ];
+    let needed = refused.map(|made| match made {
+        Err(alvis::Error::Memory { needed, .. }) => needed,
+        other => panic!("{other:?}"),
+    });
+    assert_eq!(needed[0], needed[1]);
+}
+
 #[test]
 fn bytes_do_not_depend_on_threads_or_memory() {
     for (is_mask, min_voxels) in [(false, 0), (true, 0), (true, 9)] {

@@ -168,15 +168,18 @@ impl TileSet {
         pieces.map(|piece| Piece::of(py, piece)).collect()
     }
 
-    /// The table `cells`, `objects` or `surfaces`; `None` for other names.
+    /// The table of this name; `None` if the set has none.
     fn table(&self, py: Python<'_>, name: &str) -> PyResult<Option<Table>> {
         let tables = &self.0.manifest().tables;
         let path = match name {
-            "cells" => &tables.cells,
-            "objects" => &tables.objects,
-            "surfaces" => &tables.surfaces,
-            _ => return Ok(None),
+            "cells" => Some(&tables.cells),
+            "objects" => Some(&tables.objects),
+            "surfaces" => Some(&tables.surfaces),
+            "components" => tables.components.as_ref(),
+            "necks" => tables.necks.as_ref(),
+            _ => None,
         };
+        let Some(path) = path else { return Ok(None) };
         let opened = py.detach(|| self.0.path(path).and_then(Table::open));
         opened.map(Some).map_err(|error| exception(py, &error))
     }

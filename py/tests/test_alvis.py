@@ -317,6 +317,30 @@ def same_as_arrays(table, columns, values):
         assert np.array_equal(ours, np.array(theirs), equal_nan=ours.dtype == np.float64), name
 
 
+def test_cells_are_parts_where_they_are_split_or_labelled(made, tmp_path):
+    conversion, array = made
+    with pytest.raises(alvis.OptionError, match="split or labels"):
+        conversion.necks
+    # two balls that overlap: one component, and a neck between
+    z, y, x = np.ogrid[:40, :40, :60]
+    ball = lambda cx: (z - 20) ** 2 + (y - 20) ** 2 + (x - cx) ** 2
+    both = np.where(np.minimum(ball(20), ball(38)) < 100, 20, 200).astype("u1")
+    whole = alvis.convert(both, tmp_path / "whole", threshold=100)
+    cut = alvis.convert(both, tmp_path / "cut", threshold=100, split=True, split_min_radius=1)
+    assert whole.cells_count == 1 and cut.cells_count == 2
+    assert len(cut.components) == len(cut.necks) == 1
+    assert (cut.cells["component"] == cut.components["id"][0]).all()
+    assert cut.cells["voxels"].sum() == whole.cells["voxels"].sum() == (both < 100).sum()
+    assert [int(cut.necks[name][0]) for name in ("cell_a", "cell_b")] == [1, 2]
+    # the same cells from a file
+    halves = np.where(np.arange(60) < 30, 7, 9).astype("u2") * (both < 100)
+    np.save(tmp_path / "halves.npy", halves)
+    given = alvis.convert(both, tmp_path / "given", threshold=100, labels=tmp_path / "halves.npy")
+    assert given.cells["id"].tolist() == [7, 9]
+    assert given.cells["voxels"].tolist() == [(halves == 7).sum(), (halves == 9).sum()]
+    assert alvis.verify(tmp_path / "cut", against=both).ok and alvis.verify(tmp_path / "given", against=both).ok
+
+
 def test_pyarrow_reads_the_stream(made):
     pyarrow = pytest.importorskip("pyarrow")
     for table in [made[0].cells, made[0].objects, made[0].surfaces]:

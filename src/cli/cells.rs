@@ -11,7 +11,7 @@ use crate::progress::Progress;
 use crate::structure::{self, Structure, Wanted};
 use crate::table::{
     Chosen, Column, Outside, Query, Row, Table, TableReader, find_column, summarise,
-    warn_of_outside,
+    summarise_surfaces, warn_of_outside,
 };
 use crate::tileset::TileSet;
 use crate::words::measure;
@@ -181,9 +181,9 @@ impl CellsArgs {
             let expected = "it together with --summary";
             return Err(Error::usage("--outside", "it alone", expected));
         }
-        if self.surfaces && self.summary {
-            let expected = "it for cells, or with --objects: surfaces have no volume to sum up";
-            return Err(Error::usage("--summary", "it with --surfaces", expected));
+        if self.surfaces && self.outside.is_some() {
+            let expected = "it for cells, or with --objects: surfaces have no volume";
+            return Err(Error::usage("--outside", "it with --surfaces", expected));
         }
         if self.outside == Some(OutsideArg::BorderCell) && self.largest.is_some() {
             let expected = "one of the two: the largest cell may be what is outside";
@@ -305,6 +305,16 @@ impl CellsArgs {
                 "csv with --summary",
                 "table or json",
             ));
+        }
+        if self.surfaces {
+            let summary = summarise_surfaces(&self.out, manifest, query)?;
+            let console = self.common.start();
+            summary.warnings.iter().for_each(|w| console.warn(w));
+            drop(console);
+            return match format {
+                FormatArg::Json => output::print_json(&summary),
+                _ => output::print(&summary_text::of_surfaces(&summary)),
+            };
         }
         let outside = self.outside.map_or(Outside::None, Into::into);
         let summary = summarise(&self.out, manifest, self.table(), query, outside)?;

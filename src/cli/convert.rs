@@ -362,9 +362,10 @@ impl ConvertArgs {
         };
         if !how.is_empty() || self.options.region.roi.is_some() || self.labels.is_some() {
             // these read the volume: not for a conversion that is refused then
+            let in_region = self.options.region.roi.is_some();
             match purpose {
-                Purpose::Plan => check_plan(volume, &options, out)?,
-                _ => convert::check_before(volume, &options, out)?,
+                Purpose::Plan => check_plan(volume, &options, in_region, out)?,
+                _ => convert::check_before(volume, &options, in_region, out)?,
             }
         }
         let roi = region.find(volume, options.crop.as_ref(), console)?;

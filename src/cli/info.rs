@@ -14,8 +14,8 @@ use crate::error::{Error, Result};
 use crate::grid::{Crop, Fill, Placement, filters_text};
 use crate::progress::Progress;
 use crate::volume::{
-    Cropped, Filled, Header, Opened, Prediction, Statistics, ThresholdMethod, Volume, Watch,
-    Watched, predict, statistics,
+    Cropped, Filled, Header, Opened, Prediction, Statistics, ThresholdMethod, Watch, Watched,
+    predict, statistics,
 };
 use crate::words::{number, percent};
 use clap::{Args, ValueHint};
@@ -204,9 +204,8 @@ impl InfoArgs {
             }
             None => statistics.otsu,
         };
-        let volume = &*opened.volume;
         let predicted = match threshold {
-            Some(t) => Some(self.predict(volume, roi.as_ref(), crop.as_ref(), t, console)?),
+            Some(t) => Some(self.predict(&opened, roi.as_ref(), crop.as_ref(), t, console)?),
             None => None,
         };
         if let Some(warning) = stamp.check()? {
@@ -227,7 +226,7 @@ impl InfoArgs {
     /// The surface to expect at a threshold, of a part of the volume and of a region only there.
     fn predict(
         &self,
-        volume: &dyn Volume,
+        opened: &Opened,
         roi: Option<&Roi>,
         crop: Option<&Crop>,
         threshold: f64,
@@ -237,8 +236,10 @@ impl InfoArgs {
             memory: UNLIMITED,
             threads: self.common.threads.map_or(0, usize::from),
             crop: crop.cloned(),
+            source_filtered: opened.filtered.clone(),
             ..ConvertOptions::default()
         };
+        let volume = &*opened.volume;
         let Some(roi) = roi else {
             let part = Cropped::part(Box::new(volume), crop)?;
             let surface = predict(&*part, threshold, SLICES, progress)?;

@@ -2,7 +2,9 @@
 
 use super::{chart, output};
 use crate::structure::{Fabric, MeanIntercept, SurfaceOf};
-use crate::table::{EdgeCorrection, Outside, PorosityOf, Spread, Summary, Table};
+use crate::table::{
+    Border, EdgeCorrection, Outside, PorosityOf, Spread, Summary, SurfaceSummary, Table,
+};
 use crate::words::measure;
 use serde::Serialize;
 
@@ -38,16 +40,46 @@ fn outside_text(summary: &Summary) -> String {
     }
 }
 
-/// The numbers of a summary that are no distribution.
-fn counts(summary: &Summary, which: Table) -> Vec<(&'static str, String)> {
-    let percent = |share: f64| match share > 0.0 && share < 5e-5 {
+/// A share with two decimals, or more if these show nothing of it.
+fn percent(share: f64) -> String {
+    match share > 0.0 && share < 5e-5 {
         true => crate::words::percent(share),
         false => format!("{:.2} %", 100.0 * share),
-    };
-    let cut_by = match summary.porosity_of {
+    }
+}
+
+/// How many rows were chosen.
+fn chosen(count: u64, of: u64) -> String {
+    match count == of {
+        true => output::count(count),
+        false => format!("{} of {}", output::count(count), output::count(of)),
+    }
+}
+
+/// How many of them may go on outside.
+fn at_border(border: &Border, shares_of: PorosityOf) -> String {
+    let cut_by = match shares_of {
         PorosityOf::Region => "the grid or the edge of the region cuts",
         _ => "the grid cuts",
     };
+    let share = border
+        .share
+        .map_or(String::new(), |share| format!(" ({})", percent(share)));
+    let count = output::count(border.count);
+    format!("{count}{share}, in no distribution: {cut_by} them")
+}
+
+/// What shares are of.
+fn base(shares_of: PorosityOf) -> &'static str {
+    match shares_of {
+        PorosityOf::Grid => "the grid",
+        PorosityOf::GridWithoutOutside => "the grid without what is outside",
+        PorosityOf::Region => "the region of interest",
+    }
+}
+
+/// The numbers of a summary that are no distribution.
+fn counts(summary: &Summary, which: Table) -> Vec<(&'static str, String)> {
     let of_base = |share: Option<f64>, base: &str| match share {
         Some(share) => format!("{} of {base}", percent(share)),
         None if summary.porosity.is_some() => {
@@ -55,31 +87,12 @@ fn counts(summary: &Summary, which: Table) -> Vec<(&'static str, String)> {
         }
         None => "none: all of the grid is outside".to_owned(),
     };
-    let count = output::count(summary.count);
-    let base = match summary.porosity_of {
-        PorosityOf::Grid => "the grid",
-        PorosityOf::GridWithoutOutside => "the grid without what is outside",
-        PorosityOf::Region => "the region of interest",
-    };
+    let base = base(summary.porosity_of);
     let mut rows = vec![
-        (
-            which.name(),
-            if summary.count == summary.of {
-                count
-            } else {
-                format!("{count} of {}", output::count(summary.of))
-            },
-        ),
+        (which.name(), chosen(summary.count, summary.of)),
         (
             "at the border",
-            format!(
-                "{}{}, in no distribution: {cut_by} them",
-                output::count(summary.border.count),
-                summary
-                    .border
-                    .share
-                    .map_or(String::new(), |share| format!(" ({})", percent(share)))
-            ),
+            at_border(&summary.border, summary.porosity_of),
         ),
         ("outside", outside_text(summary)),
         ("volume", of_base(summary.volume_fraction, base)),
@@ -127,6 +140,40 @@ fn anisotropy(lines: &MeanIntercept) -> (&'static str, String) {
     };
     let text = format!("{degree}; mean intercepts {x}, {y}, {z} {}", lines.unit);
     ("anisotropy", text)
+}
+
+/// A summary of surfaces for people.
+pub fn of_surfaces(summary: &SurfaceSummary) -> String {
+    let unit = &summary.area_unit;
+    let base = base(summary.specific_surface_of);
+    let mut area = format!("{} {unit}", measure(summary.area));
+    if let Some(specific) = summary.specific_surface {
+        let per = &summary.specific_surface_unit;
+        area += &format!(", {} {per} of the volume of {base}", measure(specific));
+    }
+    let mut rows = vec![
+        ("surfaces", chosen(summary.count, summary.of)),
+        (
+            "at the border",
+            at_border(&summary.border, summary.specific_surface_of),
+        ),
+        ("triangles", output::count(summary.triangles)),
+        ("area", area),
+    ];
+    let Some(spread) = &summary.areas else {
+        return output::table(&rows);
+    };
+    rows.push((
+        "of whole ones",
+        format!(
+            "{} {unit} (median), {} (mean), {} to {}",
+            measure(spread.median),
+            measure(spread.mean),
+            measure(spread.min),
+            measure(spread.max)
+        ),
+    ));
+    output::table(&rows)
 }
 
 /// A summary for people.

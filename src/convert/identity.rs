@@ -146,7 +146,13 @@ mod tests {
     use crate::volume::{MemoryVolume, Watch};
 
     fn identity(volume: &dyn Volume, options: &ConvertOptions) -> Identity {
-        let plan = plan(volume, volume.header().dims, options).unwrap();
+        let plan = plan(
+            volume,
+            volume.header().dims,
+            options,
+            options.region.is_some(),
+        )
+        .unwrap();
         let job = Conversion {
             volume,
             grid: volume,

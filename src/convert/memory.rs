@@ -65,9 +65,11 @@ const INSIDE_BYTES_PER_VOXEL: f64 = 0.125;
 /// foam takes 0.8, a thousand components to a megapixel 2. A slab that needs more is checked against the
 /// limit when it is met.
 const SLAB_BYTES_PER_PIXEL: f64 = 2.4;
-/// Triangles per cube that a tile's buffers are planned for; a foam has 0.3, noise 2.6. A tile that
-/// needs more is checked against the limit when it is met.
+/// Triangles per cube that a tile's buffers are planned for; a foam has 0.3. A tile that needs more is checked against the
+/// limit when it is met.
 const TILE_TRIANGLES_PER_CUBE: f64 = 0.4;
+/// The same of noise, which has the most.
+const TRIANGLES_PER_CUBE_OF_NOISE: f64 = 2.6;
 /// Bytes of a tile's geometry per triangle: 12 for half a vertex, and room for 10 of indices.
 const BODY_BYTES_PER_TRIANGLE: f64 = 22.0;
 /// Bytes planned for a tile at least: small tiles differ most from the mean.
@@ -104,6 +106,7 @@ impl Cost {
         tiling: Tiling,
         threads: usize,
         options: &ConvertOptions,
+        in_region: bool,
     ) -> Self {
         let [nx, ny, nz] = tiling.dims.0;
         let (y, z) = (tiling.cubes(1, 0), tiling.cubes(2, 0));
@@ -114,16 +117,17 @@ impl Cost {
         };
         let samples = span.with_neighbours(Dims([nx, ny, nz])).voxels() as f64;
         let bytes = volume.header().dtype.bytes() as f64;
-        let inside = match options.region {
-            Some(_) => INSIDE_BYTES_PER_VOXEL,
-            None => 0.0,
+        let inside = match in_region {
+            true => INSIDE_BYTES_PER_VOXEL,
+            false => 0.0,
         };
         let per_voxel = BAND_BYTES_PER_VOXEL + inside;
         let band = samples * bytes + span.voxels() as f64 * per_voxel;
         let per_triangle = per_triangle(options);
         let cubes: f64 = (0..3).map(|a| f64::from(tiling.cubes(a, 0).end)).product();
-        let tile = cubes * TILE_TRIANGLES_PER_CUBE * per_triangle as f64 + cubes * BYTES_PER_CUBE;
-        let body = (cubes * TILE_TRIANGLES_PER_CUBE * BODY_BYTES_PER_TRIANGLE) as usize;
+        let triangles = cubes * triangles_per_cube(options);
+        let tile = triangles * per_triangle as f64 + cubes * BYTES_PER_CUBE;
+        let body = (triangles * BODY_BYTES_PER_TRIANGLE) as usize;
         let held = held(body, body);
         let slices = span.with_neighbours(tiling.dims).z;
         // streams are unpacked while tiles are made
@@ -151,6 +155,13 @@ impl Cost {
     pub fn total(&self, bands: u64) -> u64 {
         self.program + self.slabs + bands * self.band + self.threads * self.tile
     }
+}
+
+/// Triangles per cube that a tile's buffers are planned for: voxels that are means of several have more of them.
+fn triangles_per_cube(options: &ConvertOptions) -> f64 {
+    let factors = options.filters().into_iter().map(|filter| filter.factor());
+    let factor: f64 = factors.map(f64::from).product();
+    (TILE_TRIANGLES_PER_CUBE * factor).min(TRIANGLES_PER_CUBE_OF_NOISE)
 }
 
 /// Bytes of buffers for each triangle of a tile while it is made.

@@ -125,7 +125,7 @@ fn with_conversion<R>(
     let region = region.transpose()?;
     let labels = options.labels.as_ref();
     let labels = labels.map(|l| l.rows.cropped(crop)).transpose()?;
-    let plan = plan(&*grid, grid.header().dims, options)?;
+    let plan = plan(&*grid, grid.header().dims, options, region.is_some())?;
     run(&Conversion {
         volume,
         grid: &*grid,
@@ -144,21 +144,32 @@ fn with_conversion<R>(
 /// # Errors
 /// [`Error::Memory`] if `options.memory` is too small, [`Error::Usage`] for impossible options.
 pub fn predicted_memory(volume: &dyn Volume, options: &ConvertOptions) -> Result<u64> {
+    predict(volume, options, options.region.is_some())
+}
+
+/// The same; `in_region` tells whether voxels outside of a region of interest will be filled.
+fn predict(volume: &dyn Volume, options: &ConvertOptions, in_region: bool) -> Result<u64> {
     options.check(&volume.header().placement)?;
     let dims = match &options.crop {
         Some(crop) => crop.dims_in(volume.header().dims)?,
         None => volume.header().dims,
     };
-    Ok(plan(volume, dims, options)?.memory)
+    Ok(plan(volume, dims, options, in_region)?.memory)
 }
 
-/// Refuses a conversion that [`convert`] would refuse before it reads any sample, whatever the threshold.
+/// Refuses a conversion that [`convert`] would refuse before it reads any sample, whatever the threshold and the region;
+/// `in_region` tells whether there will be one.
 ///
 /// # Errors
 /// As of [`predicted_memory`] and, unless something is to be resumed, of [`check_output`];
 /// [`Error::OutputInterrupted`].
-pub fn check_before(volume: &dyn Volume, options: &ConvertOptions, out: &Path) -> Result<()> {
-    predicted_memory(volume, options)?;
+pub fn check_before(
+    volume: &dyn Volume,
+    options: &ConvertOptions,
+    in_region: bool,
+    out: &Path,
+) -> Result<()> {
+    predict(volume, options, in_region)?;
     match options.resume {
         true => Ok(()),
         false => check_unused(out, options.force),

@@ -80,19 +80,24 @@ impl Plan {
     }
 }
 
-/// Predicts the memory and chooses how to cut.
+/// Predicts the memory and chooses how to cut; `in_region` tells whether voxels outside of a region of interest are filled.
 ///
 /// # Errors
 /// [`Error::Memory`] with the smallest limit that works if `options.memory` is below it;
 /// [`Error::Usage`] if macrocubes are too large for the encoding.
-pub fn plan(volume: &dyn Volume, dims: Dims, options: &ConvertOptions) -> Result<Plan> {
+pub fn plan(
+    volume: &dyn Volume,
+    dims: Dims,
+    options: &ConvertOptions,
+    in_region: bool,
+) -> Result<Plan> {
     let threads = crate::sys::simd::threads(options.threads);
     let tiling = Tiling {
         dims,
         macrocube: options.macrocube,
     };
     check_reach(options.encoding, tiling)?;
-    let cost = Cost::of(volume, tiling, threads, options);
+    let cost = Cost::of(volume, tiling, threads, options, in_region);
     let smallest = Plan {
         tiling,
         bands_at_once: 1,
@@ -109,7 +114,7 @@ pub fn plan(volume: &dyn Volume, dims: Dims, options: &ConvertOptions) -> Result
         return Err(Error::Memory {
             limit: options.memory,
             needed: smallest.memory,
-            hint: "fewer --threads or a smaller --macrocube need less".into(),
+            hint: "fewer --threads or a smaller --macrocube need less, a surface denser than that of a foam more".into(),
         });
     }
     Ok(smallest.with_bands(&cost).with_writers())

@@ -113,6 +113,14 @@ impl Choice {
         }
     }
 
+    /// True if what is exported comes with the caps that close it.
+    pub fn has_caps(&self, manifest: &Manifest) -> bool {
+        match &self.0 {
+            None => manifest.cap,
+            Some(part) => part.capped.is_some(),
+        }
+    }
+
     /// True if everything is exported.
     pub fn is_whole(&self) -> bool {
         self.0.is_none()

@@ -159,7 +159,7 @@ pub fn export(
     };
     let (counts, simplified, bytes) = run.write(file, &plan, &cost)?;
     let outside = warn_of_outside(dir, manifest, &options.chosen, false)?;
-    let open = warn_of_open(dir, manifest, &options.chosen)?;
+    let open = warn_of_open(dir, manifest, &options.chosen, choice.has_caps(manifest))?;
     let warnings = writer.warning().into_iter().chain(outside).chain(open);
     let warnings: Vec<String> = warnings.collect();
     warnings.iter().for_each(|w| progress.warn(w));

@@ -39,6 +39,7 @@ mod query;
 mod reader;
 mod spread;
 mod summary;
+mod summary_surfaces;
 
 pub use crate::manifest::Table;
 pub use chosen::Chosen;
@@ -52,6 +53,7 @@ pub use query::{Query, Selected};
 pub use reader::{Row, TableReader};
 pub use spread::{Distribution, Histogram, Spread};
 pub use summary::{Border, Counts, PorosityOf, Summary, summarise};
+pub use summary_surfaces::{SurfaceSummary, summarise_surfaces};
 
 pub(crate) use spread::quantile;
 

@@ -37,6 +37,8 @@ pub(super) struct Reach {
     slack: f64,
     /// World axes along which the grid's x and y run, even if only in part.
     sides: [bool; 3],
+    /// Each axis of the grid runs along one of the world.
+    is_aligned: bool,
 }
 
 impl Reach {
@@ -61,6 +63,10 @@ impl Reach {
             grid,
             slack: slack(place, &grid),
             sides: std::array::from_fn(|r| (0..2).any(|a| place.directions[a][r] != 0.0)),
+            is_aligned: place
+                .directions
+                .iter()
+                .all(|axis| axis.iter().filter(|v| **v != 0.0).count() == 1),
         })
     }
 
@@ -79,6 +85,11 @@ impl Reach {
             }
         }
         Ok(reached)
+    }
+
+    /// True if the axes of the grid are those of the boxes, so that what reaches an end of these reaches a face.
+    fn tells_faces(&self) -> bool {
+        self.is_aligned
     }
 
     /// True if a row is air around the sample by the rule [`Outside::BorderCell`].
@@ -189,31 +200,82 @@ pub fn warn_of_outside(
     }))
 }
 
-/// What a user should know of rows that were chosen from a tile set: that the faces of the volume cut some of them, so that
-/// their mesh is open there. `None` if no face does, or all rows were taken.
+/// What a user should know of rows that were chosen from a tile set, or of all its objects: that the faces of the volume
+/// cut some of them, so that their mesh is open there. `None` if no face does, or if they are taken with their caps, as
+/// `with_caps` says.
 ///
 /// # Errors
 /// What reading returns.
-pub fn warn_of_open(dir: &Path, manifest: &Manifest, chosen: &Chosen) -> Result<Option<String>> {
-    if manifest.cap || manifest.region.is_some() || chosen.is_all() {
+pub fn warn_of_open(
+    dir: &Path,
+    manifest: &Manifest,
+    chosen: &Chosen,
+    with_caps: bool,
+) -> Result<Option<String>> {
+    if with_caps {
         return Ok(None);
     }
-    let mut table = chosen.table.open(dir, manifest)?;
-    let query = chosen.query(&table)?;
-    let Ok(border) = find(&table, "touches_border") else {
-        return Ok(None);
+    let (of, cut) = match chosen.is_all() {
+        false => (
+            chosen.table,
+            cut(chosen.table, Some(chosen), dir, manifest)?,
+        ),
+        true => {
+            let cells = cut(Table::Cells, None, dir, manifest)?;
+            let objects = cut(Table::Objects, None, dir, manifest)?;
+            // where a face cuts the surface, it cuts a cell and an object
+            (Table::Objects, if cells.rows > 0 { objects } else { cells })
+        }
     };
-    let mut open = 0;
-    while let Some(row) = table.next_row()? {
-        let touches = row.number(border)?.is_some_and(|v| v != 0.0);
-        open += u64::from(touches && query.keeps(&row)?);
-    }
-    Ok((open > 0).then(|| {
-        format!(
-            "the mesh is open at the faces of the volume, which cut {}: a conversion with --cap closes it",
-            things(open, chosen.table.singular())
-        )
+    let verb = if cut.is_sure { "is" } else { "may be" };
+    let hint = match manifest.cap {
+        false => "a conversion with --cap closes it",
+        true => "caps are of objects, and come with all cells of an object alone",
+    };
+    Ok((cut.rows > 0).then(|| {
+        let cut = things(cut.rows, of.singular());
+        format!("the mesh {verb} open at the faces of the volume, which cut {cut}: {hint}")
     }))
+}
+
+/// What the faces of the volume cut.
+struct Cut {
+    rows: u64,
+    /// It cannot be the edge of a region alone.
+    is_sure: bool,
+}
+
+/// Rows of a table, those that are chosen of it or all, which the faces of the volume cut.
+fn cut(of: Table, chosen: Option<&Chosen>, dir: &Path, manifest: &Manifest) -> Result<Cut> {
+    let mut table = of.open(dir, manifest)?;
+    let query = chosen.map(|chosen| chosen.query(&table)).transpose()?;
+    let is_surface = of == Table::Surfaces;
+    // of surfaces, edges without a mate; the edge of a region is a border, too, and the mesh is closed there
+    let border = find(
+        &table,
+        if is_surface {
+            "border_edges"
+        } else {
+            "touches_border"
+        },
+    )?;
+    let reach = match &manifest.region {
+        Some(_) if !is_surface => Some(Reach::new(&table, manifest)?).filter(Reach::tells_faces),
+        _ => None,
+    };
+    let mut rows = 0;
+    while let Some(row) = table.next_row()? {
+        let is_cut = match &reach {
+            Some(reach) => reach.ends(&row)?.as_flattened().contains(&true),
+            None => row.number(border)?.is_some_and(|v| v != 0.0),
+        };
+        let taken = query.as_ref().map_or(Ok(true), |query| query.keeps(&row))?;
+        rows += u64::from(is_cut && taken);
+    }
+    Ok(Cut {
+        rows,
+        is_sure: is_surface || manifest.region.is_none() || reach.is_some(),
+    })
 }
 
 /// The box around the voxels of the grid that are in a cylinder which ends inside of the grid; `None` if that cannot be

@@ -140,7 +140,7 @@ pub struct Border {
 /// not touch the border.
 ///
 /// # Errors
-/// [`Error::Usage`] for the table of surfaces, or if cells that count as outside may be missing in a part of a tile
+/// [`Error::Usage`] for the table of surfaces, which [`super::summarise_surfaces`] sums up, or if cells that count as outside may be missing in a part of a tile
 /// set; what reading returns.
 pub fn summarise(
     dir: &Path,

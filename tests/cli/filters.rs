@@ -326,9 +326,4 @@ fn what_is_typed_is_told_as_it_was() {
     assert_eq!(names, ["invert", "median", "invert"]);
     let output = alvis(dir, &words("convert a.mhd none --threshold 1e300"));
     assert!(stderr(&output).contains("no voxel reaches the threshold 1e300:"));
-    let message = fails(dir, &words("cells twice --surfaces --summary"));
-    assert!(
-        message.contains("--summary: found it with --surfaces"),
-        "{message}"
-    );
 }

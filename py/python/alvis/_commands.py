@@ -113,6 +113,16 @@ class Conversion:
         """The table of surfaces."""
         return self.tileset.surfaces
 
+    @property
+    def components(self) -> Table:
+        """The table of components: of a conversion with ``split`` or ``labels``."""
+        return self.tileset.components
+
+    @property
+    def necks(self) -> Table:
+        """The table of necks, the narrowest places between cells that touch: of a conversion with ``split`` or ``labels``."""
+        return self.tileset.necks
+
 
 @dataclass(frozen=True)
 class Issue:
@@ -265,6 +275,10 @@ def convert(
     ambiguous: str = "separate",
     cap: bool = False,
     min_voxels: int = 0,
+    labels: str | os.PathLike[str] | None = None,
+    split: float | bool = False,
+    split_h: float | None = None,
+    split_min_radius: float | None = None,
     crop: Any = None,
     filters: Filters | None = None,
     roi: str | None = None,
@@ -298,6 +312,10 @@ def convert(
     :param ambiguous: ``"separate"`` or ``"join"`` the two material corners of an ambiguous face.
     :param cap: close the surface half a voxel outside the volume's faces.
     :param min_voxels: leave out objects and cells of fewer voxels.
+    :param labels: file of integers of the same size, in any format that the command reads: cells are its labels.
+    :param split: cut cells at necks narrower than this share of the smaller of the two radii; ``True`` for 0.8.
+    :param split_h: with ``split``: how much deeper than its saddle a cell is at least, in voxels.
+    :param split_min_radius: with ``split``: radius in voxels below which nothing is a cell of its own.
     :param crop: ``((x0, x1), (y0, y1), (z0, z1))`` in voxels, half-open; ``None`` for an end of the volume.
     :param filters: by name, in their order: ``{"median": 1, "smooth": 1.5}``; of ``smooth``, ``median``,
         ``downsample``, ``invert`` (``True``) and ``clamp`` (a pair).
@@ -341,6 +359,10 @@ def convert(
         "ambiguous": ambiguous,
         "cap": cap,
         "min_voxels": min_voxels,
+        "labels": labels,
+        "split": split,
+        "split_h": split_h,
+        "split_min_radius": split_min_radius,
         "crop": _crop(crop),
         "roi": roi,
         "roi_fill": roi_fill,

@@ -1,4 +1,4 @@
-"""Tables of cells, objects and surfaces."""
+"""Tables of cells, objects and surfaces; of components and necks where cells are parts."""
 
 from __future__ import annotations
 
@@ -26,11 +26,11 @@ class Table:
     def __init__(self, path: str | PathLike[str], name: str, rows: int) -> None:
         opened = _native.TileSet(path).table(name)
         if opened is None:
-            message = f"name: found {name!r}, expected cells, objects or surfaces"
-            raise OptionError(message, "name", name, "cells, objects or surfaces")
+            expected = "cells, objects or surfaces; components or necks of a set that was converted with split or labels"
+            raise OptionError(f"name: found {name!r}, expected {expected}", "name", name, expected)
         self._table, self._rows = opened, rows
         self.name = name
-        """``cells``, ``objects`` or ``surfaces``."""
+        """``cells``, ``objects``, ``surfaces``, ``components`` or ``necks``."""
 
     @property
     def columns(self) -> list[str]:

@@ -141,7 +141,7 @@ class TileSet:
         return np.array(self._set.world_from_voxel())
 
     def _table(self, name: str) -> Table:
-        return Table(self.path, name, self.manifest["totals"][name])
+        return Table(self.path, name, self.manifest["totals"].get(name, 0))
 
     @property
     def cells(self) -> Table:
@@ -157,6 +157,22 @@ class TileSet:
     def surfaces(self) -> Table:
         """The table of surfaces."""
         return self._table("surfaces")
+
+    @property
+    def components(self) -> Table:
+        """The table of components (connected pores), where cells are parts of these.
+
+        Raises ``OptionError`` if cells are whole components, as without ``split`` and ``labels``.
+        """
+        return self._table("components")
+
+    @property
+    def necks(self) -> Table:
+        """The table of necks, where cells are parts of components: ``cell_a``, ``cell_b``, ``neck_radius``, ...
+
+        Raises ``OptionError`` if cells are whole components, as without ``split`` and ``labels``.
+        """
+        return self._table("necks")
 
     def __len__(self) -> int:
         """Tiles."""

@@ -29,7 +29,7 @@ use crate::convert::parts::small::{SmallSearch, merge_small};
 use crate::convert::parts::work::PartWork;
 use crate::convert::resume::refuse_kept;
 use crate::convert::{
-    ConvertOptions, ConvertReport, identity, in_threads, predicted_memory, with_conversion,
+    ConvertOptions, ConvertReport, identity, in_threads, predict, with_conversion,
 };
 use crate::error::{Error, Result};
 use crate::manifest::MANIFEST;
@@ -130,14 +130,20 @@ fn cut(layers: u32, parts: u32) -> Vec<[u32; 2]> {
     (0..parts).map(|part| [end(part), end(part + 1)]).collect()
 }
 
-/// Refuses a plan that [`plan_parts`] would refuse before it reads any sample, whatever the threshold.
+/// Refuses a plan that [`plan_parts`] would refuse before it reads any sample, whatever the threshold and the region;
+/// `in_region` tells whether there will be one.
 ///
 /// # Errors
 /// As of [`plan_parts`].
-pub fn check_plan(volume: &dyn Volume, options: &ConvertOptions, out: &Path) -> Result<()> {
+pub fn check_plan(
+    volume: &dyn Volume,
+    options: &ConvertOptions,
+    in_region: bool,
+    out: &Path,
+) -> Result<()> {
     check(volume, options)?;
     refuse_tile_set(out)?;
-    predicted_memory(volume, options).map(|_| ())
+    predict(volume, options, in_region).map(|_| ())
 }
 
 fn refuse_tile_set(out: &Path) -> Result<()> {
