@@ -31,6 +31,7 @@ mod parse;
 mod phantom;
 mod plan;
 mod plan_script;
+mod prepare;
 mod preview;
 mod progress;
 mod region;

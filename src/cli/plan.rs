@@ -1,9 +1,10 @@
 //! `alvis plan`: a conversion in parts, by many processes.
 
-use super::convert::{ConvertArgs, Prepared, Purpose};
+use super::convert::ConvertArgs;
 use super::info::tile_bytes;
 use super::input::Input;
 use super::plan_script::{Engine, Script};
+use super::prepare::{Prepared, Purpose};
 use super::{Cli, Command, Outcome, output};
 use crate::convert::ConvertOptions;
 use crate::convert::parts::{Asked, PartsPlan, plan_parts};

@@ -1,9 +1,9 @@
 //! `alvis work`: the job of a part.
 
 use super::args::Common;
-use super::convert::{Prepared, Purpose};
 use super::input::Input;
 use super::plan::PlanArgs;
+use super::prepare::{Prepared, Purpose};
 use super::progress::Console;
 use super::{Outcome, parse};
 use crate::convert::parts::{Asked, NextWork, asked_of, next_work, parts_of, work_on_part};

@@ -13,7 +13,7 @@ use bytemuck::{Pod, Zeroable};
 use std::path::Path;
 
 /// Records that are sorted in memory.
-const ROOM: usize = 1 << 13;
+const ROOM: usize = 1 << 11;
 /// Names of the tables.
 const TABLES: [&str; 3] = ["objects", "cells", "surfaces"];
 
