@@ -66,10 +66,14 @@ impl AgainArgs {
             None => None,
         };
         let args = PlanArgs::again(asked)?;
-        // what was typed is relative to it
-        std::env::set_current_dir(&asked.directory)
-            .map_err(|e| Error::io(&asked.directory, "go to the directory of the plan", e))?;
         let input = input.as_ref().unwrap_or(&args.input);
+        // what was typed is relative to it; machines that lack it may do without
+        if let Err(e) = std::env::set_current_dir(&asked.directory)
+            && input.is_relative()
+        {
+            let action = "go to the directory of the plan";
+            return Err(Error::io(&asked.directory, action, e));
+        }
         let purpose = Purpose::Known(asked);
         let mut prepared = args.prepare(Input::Path(input), &out, purpose, console)?;
         let options = &mut prepared.options;

@@ -323,6 +323,49 @@ mod tests {
     use super::*;
 
     #[test]
+    fn labels_of_parts_have_the_ids_of_all_of_them() {
+        let dir = tempfile::tempdir().unwrap();
+        let mut all = ProvisionalLabels::new(&dir.path().join("all")).unwrap();
+        let (mut windows, mut dead) = (Vec::new(), Vec::new());
+        for part in 0..40u64 {
+            let path = dir.path().join(part.to_string());
+            let mut labels = ProvisionalLabels::new(&path).unwrap();
+            let count = part * part * 7 % 9000;
+            labels.allocate(count as usize).unwrap();
+            for label in (0..count).filter(|label| label * part % 5 == 1) {
+                labels.retire(label).unwrap();
+            }
+            assert_eq!(labels.spill().unwrap(), count);
+            let again = ProvisionalLabels::spilled(&path, count).unwrap();
+            assert_eq!(again.mark().unwrap(), labels.mark().unwrap());
+            let first = all.append(&[]).unwrap();
+            again
+                .each_block(|words| all.append(words).map(|_| ()))
+                .unwrap();
+            windows.push((first, count));
+            dead.push(first + count / 2);
+        }
+        for &label in &dead {
+            all.retire(label).unwrap();
+        }
+        all.spill().unwrap();
+        let mut whole = all.renumber().unwrap();
+        let mut before = 0;
+        for (part, (first, count)) in windows.into_iter().enumerate() {
+            let part = part as u64;
+            let words = (first / 64) as usize..((first + count).div_ceil(64)) as usize;
+            let mut ranks = all.renumber_some(words, before).unwrap();
+            for label in (0..count).filter(|l| l * part % 5 != 1 && l != &(count / 2)) {
+                let id = ranks.id(label).unwrap();
+                assert_eq!(id, whole.id(first + label).unwrap());
+                assert!(id > before);
+            }
+            before = ranks.alive();
+        }
+        assert_eq!(before, whole.alive());
+    }
+
+    #[test]
     fn ids_are_ranks_among_survivors_also_when_bits_are_on_disk() {
         let dir = tempfile::tempdir().unwrap();
         let path = dir.path().join("provisional");

@@ -213,3 +213,83 @@ pub fn crc_of(checksums: impl Iterator<Item = u32>) -> u32 {
     checksums.for_each(|crc| hasher.update(&crc.to_le_bytes()));
     hasher.finalize()
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Two components arrive of which one leaves, and one more leaves.
+    fn seam() -> Seam {
+        let arrival = |layer, class| Arrival {
+            layer,
+            class,
+            above: 1,
+            voxels: 3,
+        };
+        Seam {
+            bits: [5, 6],
+            low: vec![0, 1, 1],
+            arrivals: vec![arrival(7, 2), arrival(GOES_ON, 1)],
+            high: vec![1, 0],
+            leaving: vec![Leaving::default(); 2],
+        }
+    }
+
+    #[test]
+    fn a_seam_comes_back_unless_it_is_changed() {
+        let dir = tempfile::tempdir().unwrap();
+        let path = dir.path().join("seam");
+        seam().write(&path).unwrap();
+        assert_eq!(Seam::read(&path).unwrap(), seam());
+        let bytes = std::fs::read(&path).unwrap();
+        for at in 0..bytes.len() {
+            let mut other = bytes.clone();
+            other[at] ^= 16;
+            std::fs::write(&path, other).unwrap();
+            assert!(Seam::read(&path).is_err(), "{at}");
+        }
+        // whole, but of components that are not there
+        let mut other = seam();
+        other.high[0] = 2;
+        other.write(&path).unwrap();
+        assert!(Seam::read(&path).is_err());
+    }
+
+    #[test]
+    fn components_that_arrive_are_followed_to_where_they_end() {
+        let mut seam = Seam {
+            arrivals: vec![
+                Arrival {
+                    layer: GOES_ON,
+                    ..Arrival::default()
+                };
+                3
+            ],
+            ..Seam::default()
+        };
+        for (class, arrival) in (0..).zip(&mut seam.arrivals) {
+            arrival.class = class;
+        }
+        // the second one ends at once, the others are one in the next slab
+        let first = SlabComponents {
+            live: vec![0, 2, 4],
+            ..SlabComponents::default()
+        };
+        seam.follow(3, &first, true);
+        let second = SlabComponents {
+            carried_in: vec![0, 0, 1],
+            live: vec![1],
+            ..SlabComponents::default()
+        };
+        seam.follow(4, &second, false);
+        seam.note_voxels(4, &[70, 80]);
+        let ends: Vec<_> = seam.arrivals.iter().map(|a| (a.layer, a.class)).collect();
+        assert_eq!(ends, [(4, 0), (3, 1), (4, 0)]);
+        let voxels: Vec<_> = seam.arrivals.iter().map(|a| a.voxels).collect();
+        assert_eq!(voxels, [70, 0, 70]);
+        let beyond = Beyond::of(&seam, &["a", "b", "a"], Vec::new());
+        assert_eq!(beyond.ended(3), [(1, "b")]);
+        assert_eq!(beyond.ended(4), [(0, "a"), (0, "a")]);
+        assert!(beyond.ended(5).is_empty());
+    }
+}

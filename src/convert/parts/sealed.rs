@@ -79,3 +79,32 @@ pub fn write_once<T: Serialize>(new: &Path, path: &Path, value: &T) -> Result<bo
 fn checksum_of(text: &str) -> String {
     checksum_text(crc32fast::hash(text.as_bytes()))
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_first_one_stays_and_whatever_is_changed_is_refused() {
+        let dir = tempfile::tempdir().unwrap();
+        let [new, path] = ["new", "value"].map(|name| dir.path().join(name));
+        let value = |path: &Path| read::<Vec<f64>>(path).map(|read| read.map(|r| r.value));
+        assert_eq!(value(&path).unwrap(), None);
+        assert!(write_once(&new, &path, &vec![1.5, 0.1]).unwrap());
+        assert!(!write_once(&new, &path, &vec![2.5]).unwrap());
+        assert_eq!(value(&path).unwrap(), Some(vec![1.5, 0.1]));
+        let whole = std::fs::read(&path).unwrap();
+        let damaged = dir.path().join("damaged");
+        for bit in 0..8 * whole.len() {
+            let mut bytes = whole.clone();
+            bytes[bit / 8] ^= 1 << (bit % 8);
+            std::fs::write(&damaged, &bytes).unwrap();
+            // capitals in the names of the two members are no longer those
+            assert!(value(&damaged).is_err(), "bit {bit}");
+        }
+        for len in 0..whole.len() {
+            std::fs::write(&damaged, &whole[..len]).unwrap();
+            assert!(value(&damaged).is_err(), "{len}");
+        }
+    }
+}
