@@ -307,7 +307,7 @@ fn a_mesh_that_is_open_at_the_faces_comes_with_a_warning() {
     ] {
         let region = fill.map(|fill| {
             let value = if fill == Fill::Air { 20.0 } else { 230.0 };
-            let shape = Shape::Cylinder(cylinder.clone());
+            let shape = Shape::Cylinder(cylinder);
             RegionOfInterest::new(shape, voxels.clone(), None, fill, value).unwrap()
         });
         let options = ConvertOptions {

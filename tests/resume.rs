@@ -146,6 +146,13 @@ fn every_layer_of_every_kind() {
     let small_foam = placed(few, common::volumes::foam(few, 5));
     // splitting begins anew each time
     stop_in_steps("split", &small_foam, &split, |looks| looks * 3 / 4);
+    let walls = ConvertOptions {
+        walls: true,
+        parquet: true,
+        macrocube: [18, 16, 5],
+        ..base.clone()
+    };
+    stop_everywhere("walls", &small_foam, &walls);
     let web = ConvertOptions {
         encoding: Encoding::Meshopt,
         layout: Layout::Merged,

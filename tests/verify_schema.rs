@@ -116,12 +116,14 @@ fn manifest() -> Manifest {
             surfaces: "surfaces.csv".into(),
             components: Some("components.csv".into()),
             necks: Some("necks.csv".into()),
+            walls: Some("walls.csv".into()),
             checksums: Some(TableChecksums {
                 cells: "crc32:00000001".into(),
                 objects: "crc32:00000002".into(),
                 surfaces: "crc32:00000003".into(),
                 components: Some("crc32:00000007".into()),
                 necks: Some("crc32:00000008".into()),
+                walls: Some("crc32:00000009".into()),
             }),
             parquet: Some(ParquetTables {
                 cells: "cells.parquet".into(),
@@ -133,6 +135,7 @@ fn manifest() -> Manifest {
                     surfaces: "crc32:00000006".into(),
                     components: None,
                     necks: None,
+                    walls: None,
                 }),
             }),
         },

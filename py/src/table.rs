@@ -16,6 +16,8 @@ const BATCH: usize = 1 << 14;
 #[pyclass(frozen, module = "alvis._native")]
 pub struct Table {
     path: PathBuf,
+    /// The column that tells that it is such a table.
+    key: &'static str,
     fields: Vec<Field>,
 }
 
@@ -74,15 +76,15 @@ impl Batches for Reader {
 }
 
 impl Table {
-    /// Of the file at a path.
-    pub fn open(path: PathBuf) -> Result<Self> {
-        let reader = TableReader::open(&path)?;
+    /// Of the file at a path, which has a column `key`.
+    pub fn open(path: PathBuf, key: &'static str) -> Result<Self> {
+        let reader = TableReader::open_keyed(&path, key)?;
         let fields = reader.columns().iter().map(field).collect();
-        Ok(Table { path, fields })
+        Ok(Table { path, key, fields })
     }
 
     fn reader(&self, chosen: Vec<usize>) -> Result<Reader> {
-        let reader = TableReader::open(&self.path)?;
+        let reader = TableReader::open_keyed(&self.path, self.key)?;
         let fields = chosen.iter().map(|&at| self.fields[at].clone()).collect();
         Ok(Reader {
             reader,

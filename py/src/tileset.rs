@@ -177,10 +177,12 @@ impl TileSet {
             "surfaces" => Some(&tables.surfaces),
             "components" => tables.components.as_ref(),
             "necks" => tables.necks.as_ref(),
+            "walls" => tables.walls.as_ref(),
             _ => None,
         };
         let Some(path) = path else { return Ok(None) };
-        let opened = py.detach(|| self.0.path(path).and_then(Table::open));
+        let key = if name == "necks" { "cell_a" } else { "id" };
+        let opened = py.detach(|| self.0.path(path).and_then(|path| Table::open(path, key)));
         opened.map(Some).map_err(|error| exception(py, &error))
     }
 }

@@ -341,6 +341,21 @@ def test_cells_are_parts_where_they_are_split_or_labelled(made, tmp_path):
     assert alvis.verify(tmp_path / "cut", against=both).ok and alvis.verify(tmp_path / "given", against=both).ok
 
 
+def test_walls_between_cells_are_a_table(made, tmp_path):
+    conversion, _ = made
+    with pytest.raises(alvis.OptionError, match="walls"):
+        conversion.walls
+    # two boxes with a wall of 4 voxels
+    array = np.full((30, 30, 40), 200, "u1")
+    array[5:25, 5:25, 5:18] = array[5:25, 5:25, 22:35] = 0
+    own = alvis.convert(array, tmp_path / "own", threshold=100, walls=True)
+    walls = own.walls
+    assert len(walls) == 1 and [int(walls[name][0]) for name in ("cell_a", "cell_b")] == [1, 2]
+    assert abs(walls["wall_thickness"][0] - 4) < 0.1 and not walls["thin"][0]
+    assert own.cells["neighbours"].tolist() == [1, 1]
+    assert alvis.verify(tmp_path / "own", against=array).ok
+
+
 def test_pyarrow_reads_the_stream(made):
     pyarrow = pytest.importorskip("pyarrow")
     for table in [made[0].cells, made[0].objects, made[0].surfaces]:

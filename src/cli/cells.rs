@@ -1,7 +1,7 @@
 //! `alvis cells`: the tables of a tile set, filtered, sorted and summed up.
 
 use super::args::Common;
-use super::necks;
+use super::necks::{self, Pairs};
 use super::output::LongText;
 use super::summary_text::Sums;
 use super::{Outcome, output, summary_text};
@@ -21,7 +21,7 @@ use std::path::PathBuf;
 
 /// Rows and columns of a table for people, unless they ask for others.
 const ROWS: usize = 20;
-const COLUMNS: [&str; 13] = [
+const COLUMNS: [&str; 15] = [
     "id",
     "cell",
     "object",
@@ -34,7 +34,9 @@ const COLUMNS: [&str; 13] = [
     "touches_border",
     "tiles",
     "component",
+    "neighbours",
     "necks",
+    "wall_thickness",
 ];
 
 /// What follows the options in the long help; a test holds that all columns are there.
@@ -70,12 +72,21 @@ Columns of surfaces (--surfaces):
 More of cells that are parts of components (alvis convert --split or --labels):
   component             the connected part of the air that it is a part of: id in components.csv
   necks, largest_neck   cells that it is open to; radius of the widest opening
+More of cells of sets made with alvis convert --walls:
+  neighbours            cells that it has an opening or a wall to, very small walls left out
+  wall_thickness        median thickness of its walls by area; walls.csv has each of them
 Columns of openings (--necks):
   cell_a, cell_b        the two cells
   neck_radius           distance from the narrowest place on the widest way to the wall; with --split
   ratio                 that over the radius of the smaller cell, where they were cut from each other
   x, y, z               the narrowest place; with labels the middle of the faces that the cells share
-  neck_area             area of the opening";
+  neck_area             area of the opening
+Columns of walls (--walls):
+  cell_a, cell_b        the two cells
+  wall_area             area of what lies between them
+  wall_thickness        median of its thickness over its chords: lines of voxels from one cell to the other
+  chords                how many these are
+  thin                  most of them are shorter than 2 voxels: thinner than the scan shows";
 
 /// Form of the rows, as typed.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
@@ -131,8 +142,11 @@ pub struct CellsArgs {
     /// List the openings between cells of one component: of sets made with --split or --labels
     #[arg(long, conflicts_with_all = ["objects", "surfaces", "largest", "summary"])]
     necks: bool,
+    /// List the walls between cells: of sets made with --walls
+    #[arg(long, conflicts_with_all = ["objects", "surfaces", "necks", "largest", "summary"])]
+    walls: bool,
     /// Print how many cells other ratios of --split give
-    #[arg(long, conflicts_with_all = ["objects", "surfaces", "necks", "largest", "summary", "condition", "sort", "top", "columns"])]
+    #[arg(long, conflicts_with_all = ["objects", "surfaces", "necks", "walls", "largest", "summary", "condition", "sort", "top", "columns"])]
     split_curve: bool,
     /// Only rows for which this holds
     #[arg(long = "where", value_name = "EXPR", allow_hyphen_values = true)]
@@ -194,9 +208,10 @@ impl CellsArgs {
             return necks::print_curve(&self.out, &manifest, self.common.json);
         }
         let which = self.table();
-        let mut table = match self.necks {
-            true => necks::open(&self.out, &manifest)?,
-            false => which.open(&self.out, &manifest)?,
+        let pairs = self.pairs();
+        let mut table = match pairs {
+            Some(pairs) => pairs.open(&self.out, &manifest)?,
+            None => which.open(&self.out, &manifest)?,
         };
         let columns = table.columns().to_vec();
         let query = self.query(which, &table)?;
@@ -217,16 +232,16 @@ impl CellsArgs {
             FormatArg::Table => {
                 let rows = self.top.unwrap_or(ROWS);
                 if !print_table(&mut table, query, rows, &shown)? && rows > 0 {
-                    let all = match self.necks {
-                        true => "openings".to_owned(),
-                        false => output::things(which.total(&manifest), which.singular()),
+                    let all = match pairs {
+                        Some(pairs) => pairs.all(&manifest),
+                        None => output::things(which.total(&manifest), which.singular()),
                     };
                     output::print(&format!("0 of {all}\n"))?;
                 }
             }
             FormatArg::Csv => print_csv(&mut table, query.top(self.top), &shown)?,
             FormatArg::Json => {
-                let name = if self.necks { "necks" } else { which.name() };
+                let name = pairs.map_or(which.name(), Pairs::name);
                 print_rows(&mut table, query.top(self.top), &shown, name)?;
             }
         }
@@ -259,6 +274,15 @@ impl CellsArgs {
         chosen.query(table)?.sort(key, falls, table.columns())
     }
 
+    /// The pairs of cells that are listed instead of cells.
+    fn pairs(&self) -> Option<Pairs> {
+        match (self.necks, self.walls) {
+            (true, _) => Some(Pairs::Necks),
+            (_, true) => Some(Pairs::Walls),
+            _ => None,
+        }
+    }
+
     fn table(&self) -> Table {
         Table::asked(self.objects, self.surfaces)
     }
@@ -268,7 +292,9 @@ impl CellsArgs {
         let find = |name: &str| columns.iter().position(|c| c.is_named(name));
         if self.columns.is_empty() {
             return Ok(match format {
-                FormatArg::Table if !self.necks => COLUMNS.into_iter().filter_map(find).collect(),
+                FormatArg::Table if self.pairs().is_none() => {
+                    COLUMNS.into_iter().filter_map(find).collect()
+                }
                 _ => (0..columns.len()).collect(),
             });
         }

@@ -119,6 +119,12 @@ pub struct ConvertArgs {
     /// With --split: what is thinner than this radius, in voxels of the finest axis, is no cell of its own
     #[arg(long, value_name = "R", default_value = "0", value_parser = parse::voxels_256, requires = "split")]
     split_min_radius: u32,
+    /// Also find the walls between cells: walls.csv, and how many neighbours each cell has and how thick its walls are
+    ///
+    /// walls.csv lists pairs of cells with the area and the median thickness of what lies between them, measured between the
+    /// places where lines of voxels cross the surface. This takes another pass over the volume.
+    #[arg(long)]
+    walls: bool,
     /// Convert this box of voxels only; half-open, a missing bound is the volume's
     ///
     /// Voxels are those of the filtered volume. What filters read of voxels outside of the box still counts, so that a
@@ -252,6 +258,7 @@ impl ConvertArgs {
             ambiguous: self.ambiguous.into(),
             cap: self.cap,
             min_voxels: self.min_voxels,
+            walls: self.walls,
             split: self.split.map(|ratio_permille| NeckRule {
                 ratio_permille,
                 h_256: self.split_h,
@@ -365,12 +372,19 @@ pub fn from(origin: Origin) -> &'static str {
 fn cells_text(totals: &Totals) -> String {
     let things = output::things;
     let cells = things(totals.cells, "cell");
-    match totals.components {
-        0 => cells,
-        components => format!(
-            "{cells} of {} with {}",
+    let walls = things(totals.walls, "wall");
+    match (totals.components, totals.walls) {
+        (0, 0) => cells,
+        (0, _) => format!("{cells} with {walls}"),
+        (components, count) => format!(
+            "{cells} of {} with {}{}",
             things(components, "component"),
-            things(totals.necks, "opening")
+            things(totals.necks, "opening"),
+            if count > 0 {
+                format!(" and {walls}")
+            } else {
+                String::new()
+            }
         ),
     }
 }

@@ -1,4 +1,4 @@
-//! What `alvis cells` tells of cells that are parts of components: the openings between them, and how many there are at
+//! What `alvis cells` tells of pairs of cells, the openings and the walls between them, and how many cells there are at
 //! other ratios.
 
 use super::{Outcome, output};
@@ -8,15 +8,48 @@ use crate::table::TableReader;
 use serde_json::json;
 use std::path::Path;
 
-/// Opens the table of openings.
-///
-/// # Errors
-/// [`Error::Usage`] if there is none; as of [`TableReader::open`].
-pub fn open(dir: &Path, manifest: &Manifest) -> Result<TableReader> {
-    match &manifest.tables.necks {
-        Some(path) => TableReader::open_keyed(&file_inside(dir, path, "open the table")?, "cell_a"),
-        None => Err(none("--necks", dir)),
+/// A table of pairs of cells.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Pairs {
+    Necks,
+    Walls,
+}
+
+impl Pairs {
+    /// Its rows, in JSON.
+    pub fn name(self) -> &'static str {
+        match self {
+            Pairs::Necks => "necks",
+            Pairs::Walls => "walls",
+        }
     }
+
+    /// How many there are, in words.
+    pub fn all(self, manifest: &Manifest) -> String {
+        match self {
+            Pairs::Necks => output::things(manifest.totals.necks, "opening"),
+            Pairs::Walls => output::things(manifest.totals.walls, "wall"),
+        }
+    }
+
+    /// Opens it.
+    ///
+    /// # Errors
+    /// [`Error::Usage`] if there is none; as of [`TableReader::open`].
+    pub fn open(self, dir: &Path, manifest: &Manifest) -> Result<TableReader> {
+        let tables = &manifest.tables;
+        let (path, without) = match self {
+            Pairs::Necks => (&tables.necks, none("--necks", dir)),
+            Pairs::Walls => (&tables.walls, no_walls(dir)),
+        };
+        let path = path.as_ref().ok_or(without)?;
+        TableReader::open_keyed(&file_inside(dir, path, "open the table")?, "cell_a")
+    }
+}
+
+fn no_walls(dir: &Path) -> Error {
+    let found = format!("{}, which has no table of walls", dir.display());
+    Error::usage("--walls", found, "a tile set made by alvis convert --walls")
 }
 
 fn none(option: &str, dir: &Path) -> Error {

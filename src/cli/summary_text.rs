@@ -101,7 +101,22 @@ fn counts(summary: &Summary, which: Table) -> Vec<(&'static str, String)> {
     if let Some(median) = summary.sphericity_median {
         rows.push(("sphericity", format!("{} (median)", measure(median))));
     }
+    rows.extend(walls(summary));
     rows.extend(edge_corrected(summary));
+    rows
+}
+
+/// What walls tell of cells.
+fn walls(summary: &Summary) -> Vec<(&'static str, String)> {
+    let mut rows = Vec::new();
+    if let Some(s) = &summary.neighbours {
+        let text = format!("{} (mean), {} (median)", measure(s.mean), measure(s.median));
+        rows.push(("neighbours", text));
+    }
+    if let (Some(s), Some(d)) = (&summary.wall_thickness, &summary.equivalent_diameter) {
+        let text = format!("{} {} (median of cells)", measure(s.median), d.unit);
+        rows.push(("wall thickness", text));
+    }
     rows
 }
 

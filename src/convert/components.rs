@@ -7,6 +7,7 @@ use crate::convert::memory::FOR_EACH_TABLE;
 use crate::convert::mesh::MeshOutput;
 use crate::convert::mesh::tile_writer::WrittenPiece;
 use crate::convert::resolve::{ComponentId, Each, Resolved};
+use crate::convert::walls::CellWalls;
 use crate::error::Result;
 use crate::measure::{ComponentRecord, RecordTable, SurfaceRecord};
 use crate::sys::sorted_spill::{Keyed, Sorter};
@@ -34,6 +35,8 @@ pub struct Components {
     pub has_titles: bool,
     /// What there is where cells are given: without, each component of voxels below is a cell, and record i has id i + 1.
     pub given: Option<Given>,
+    /// The walls between cells, if these were asked for.
+    pub walls: Option<CellWalls>,
 }
 
 /// What more is known of a cell that is a part of a component.
@@ -128,6 +131,7 @@ pub fn sum_up(
                 places,
                 has_titles: true,
                 given: Some(given),
+                walls: None,
             };
             components.number_surfaces(meshed, of_each, work)?;
             components
@@ -163,6 +167,7 @@ impl Components {
             places,
             has_titles: true,
             given: None,
+            walls: None,
         })
     }
 
@@ -174,7 +179,8 @@ impl Components {
         self.cells.get(self.place_of_cell(id))
     }
 
-    fn place_of_cell(&self, id: u64) -> u64 {
+    /// The place of a cell in the table, by its id.
+    pub fn place_of_cell(&self, id: u64) -> u64 {
         match &self.given {
             Some(given) => given.place(id),
             None => self.places.cells.of(id),

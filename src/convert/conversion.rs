@@ -170,7 +170,8 @@ impl Conversion<'_> {
             tables: match options.has_parts() {
                 true => Tables::named(options.parquet).with_components(),
                 false => Tables::named(options.parquet),
-            },
+            }
+            .with_walls(options.walls),
             selection: None,
             lod: None,
             checksum: None,

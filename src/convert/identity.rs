@@ -122,6 +122,10 @@ fn stated(manifest: &Manifest) -> Vec<(String, String)> {
         ("--labels", manifest.cells.as_ref().and_then(labels_text)),
         ("--split", manifest.cells.as_ref().and_then(split_text)),
         (
+            "--walls",
+            manifest.tables.walls.as_ref().map(|_| "given".into()),
+        ),
+        (
             "--table-unit",
             manifest.table_unit.map(|unit| unit.name().to_string()),
         ),

@@ -6,6 +6,7 @@
 //! | [`BANDS`] | so many for a sample and for a voxel | fewer bands at once, see `one_by_one` in `label/queue.rs` |
 //! | [`SLABS`] | so many for a pixel of a slice | fewer bands at once |
 //! | [`SPLITTING`] | what is left between labelling and meshing | never |
+//! | [`WALLS`] | nothing: they are found before tiles are made | never, but in bands of noise |
 //! | [`NEW_TILES`] | so many for a cube, in each thread | tiles wait for each other, then fewer bands |
 //! | [`WRITES`] | a few tiles, if there is room | they are written at once |
 //! | [`TABLES`] | [`FOR_TABLES`] of the limit | the rest of them lies on the disk |
@@ -31,6 +32,8 @@ pub const BANDS: &str = "bands of voxels";
 pub const SLABS: &str = "components and surfaces of slabs";
 /// Blocks of distances and basins while cells are split.
 pub const SPLITTING: &str = "the splitting of cells";
+/// Chords of walls.
+pub const WALLS: &str = "walls between cells";
 /// Buffers of tiles while they are meshed.
 pub const NEW_TILES: &str = "tiles that are made";
 /// Tiles that are handed to threads that write.
@@ -44,6 +47,10 @@ pub const FINISHING: &str = "tiles that get their ids";
 pub const FOR_TABLES: Share = Share::new(1, 8);
 /// Of that, for each of the three tables.
 pub const FOR_EACH_TABLE: Share = Share::new(1, 3);
+/// Of that, for what walls tell of cells: little of each.
+pub const FOR_WALLS_OF_CELLS: Share = Share::new(1, 32);
+/// Of the limit, for chords of walls that are sorted: no tile is made then.
+pub const FOR_WALLS: Share = Share::new(1, 64);
 /// Of the memory for [`FINISHING`], for the entries of a part of a layer: two parts are in memory.
 pub const FOR_ENTRIES: Share = Share::new(1, 8);
 /// Of the same, for tiles that are finished at once.

@@ -20,6 +20,7 @@ mod resume;
 mod shared_queue;
 mod tables;
 mod totals;
+mod walls;
 mod warnings;
 
 pub use crate::checkpoint::LayersDone;
@@ -48,6 +49,7 @@ use crate::convert::resolve::{Numbering, Resolved, resolve};
 use crate::convert::resume::{begin, commit_begun, complete, refuse_kept, refuse_other};
 use crate::convert::tables::write_tables;
 use crate::convert::totals::{ScannedSums, dust_of};
+use crate::convert::walls::{WallsInput, add_walls, walls};
 use crate::convert::warnings::{warnings, warnings_of_parts};
 use crate::error::{Error, Result};
 use crate::grid::Tiling;
@@ -55,6 +57,7 @@ use crate::manifest::Manifest;
 use crate::progress::Progress;
 use crate::sys::memory_pool::{MemoryPool, MemoryReservation};
 use crate::sys::process_memory::peak_rss_bytes;
+use crate::sys::spill_file::SpillFile;
 use crate::tileset::{Output, TilesetWriter, outward, tidy};
 use crate::volume::{Cropped, Filled, Volume, Watch, Watched, spool_beside};
 use std::any::Any;
@@ -301,6 +304,8 @@ struct Swept {
     resolved: Resolved,
     /// The cells, where these are given.
     cells: Option<GivenCells>,
+    /// The walls between cells, if these were asked for.
+    walls: Option<SpillFile>,
     meshed: Meshed,
 }
 
@@ -337,6 +342,15 @@ fn sweep(
             work,
         };
         let cells = cells(&input, &labelled.marks, checkpointer)?;
+        let input = WallsInput {
+            job,
+            volume,
+            known,
+            rows: cells.as_ref().map(|cells| &cells.rows),
+            memory,
+            work,
+        };
+        let walls = job.options.walls.then(|| walls(&input)).transpose()?;
         let input = MeshInput {
             job,
             volume,
@@ -351,6 +365,7 @@ fn sweep(
             left_out,
             resolved,
             cells,
+            walls,
             meshed,
         })
     })?;
@@ -390,7 +405,11 @@ fn make(job: &Conversion, work: &Path, checkpointer: &mut Checkpointer) -> Resul
                 meshed: &mut tiles,
                 places,
             };
-            sum_up(input, cells, for_tables, work)
+            let mut made = sum_up(input, cells, for_tables, work)?;
+            if let Some(walls) = swept.walls.take() {
+                add_walls(&mut made, walls, &measured, for_tables, work)?;
+            }
+            Ok(made)
         },
     );
     committed?;

@@ -70,6 +70,8 @@ pub struct ConvertOptions {
     pub labels: Option<Labels>,
     /// Split components of voxels below into cells at their necks by this rule; not with labels.
     pub split: Option<NeckRule>,
+    /// Find the walls between cells: their area and thickness, and the neighbours of each cell.
+    pub walls: bool,
     /// The region of interest; all of the volume if absent.
     pub region: Option<RegionOfInterest>,
     /// Where spacing, unit and origin came from, for the manifest.
@@ -214,6 +216,7 @@ impl Default for ConvertOptions {
             source_filtered: None,
             labels: None,
             split: None,
+            walls: false,
             region: None,
             provenance: Provenance::default(),
         }

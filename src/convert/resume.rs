@@ -163,7 +163,7 @@ pub fn complete(job: &Conversion, out: &Path) -> Option<Made> {
     size += found.layers.iter().map(|l| l.bytes).sum::<u64>();
     let tables = &found.tables;
     let always = [&tables.cells, &tables.objects, &tables.surfaces];
-    let more = [&tables.components, &tables.necks];
+    let more = [&tables.components, &tables.necks, &tables.walls];
     for table in always.into_iter().chain(more.into_iter().flatten()) {
         size += std::fs::metadata(out.join(table)).ok()?.len();
     }

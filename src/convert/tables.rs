@@ -1,15 +1,17 @@
 //! The tables of cells, objects and surfaces as CSV files.
 
 use crate::convert::cells::Opening;
-use crate::convert::components::{Components, Given, SEVERAL};
+use crate::convert::components::{Components, SEVERAL};
 use crate::convert::finalize::Stop;
 use crate::convert::id_places::IdPlaces;
+use crate::convert::walls::Wall;
 use crate::error::{Error, Result};
 use crate::grid::{Placement, Unit};
-use crate::manifest::{COMPONENTS, NECKS};
+use crate::manifest::{COMPONENTS, NECKS, WALLS};
 use crate::measure::{
-    AreaScale, COMPONENT_COLUMNS, Column, ComponentRecord, Field, Measures, NECK_COLUMNS, NeckRow,
-    PART_COLUMNS, PartOfComponent, RecordTable, SURFACE_COLUMNS, SurfaceRow,
+    AreaScale, COMPONENT_COLUMNS, Column, ComponentRecord, Field, Measures, MoreOfCell,
+    NECK_COLUMNS, NeckRow, RecordTable, SURFACE_COLUMNS, SurfaceRow, WALL_COLUMNS, WallRow,
+    more_columns,
 };
 use crate::sys::spill_file::SpillFile;
 use rayon::prelude::*;
@@ -25,6 +27,11 @@ pub fn unit_text(unit: Unit, power: u32) -> String {
         1 => unit.name().to_string(),
         p => format!("{}^{p}", unit.name()),
     }
+}
+
+/// The smallest spacing.
+fn finest(place: &Placement) -> f64 {
+    place.spacing.into_iter().fold(f64::INFINITY, f64::min)
 }
 
 /// Titles of columns, with commas between them.
@@ -89,8 +96,8 @@ fn plain(value: f64, buffer: &mut zmij::Buffer) -> Option<&str> {
 }
 
 /// Writes the tables of cells, objects and surfaces side by side, where cells are parts of components also those of
-/// components and necks; returns their bytes. Of a part of a volume, their rows of the components that begin there, with
-/// the titles in those of the first part.
+/// components and necks, and that of walls if it was asked for; returns their bytes. Of a part of a volume, their rows of
+/// the components that begin there, with the titles in those of the first part.
 pub fn write_tables(
     work: &Path,
     components: &Components,
@@ -98,18 +105,22 @@ pub fn write_tables(
     stop: &Stop,
 ) -> Result<u64> {
     let (cells, (objects, surfaces)) = rayon::join(
-        || match &components.given {
-            Some(given) => write_given(work, &components.cells, given, placement, stop),
-            None => {
-                let path = work.join("cells.csv");
+        || -> Result<u64> {
+            let mut bytes = write_cells(&work.join("cells.csv"), components, placement, stop)?;
+            if let Some(given) = &components.given {
                 let rows = OfPhase {
-                    table: &components.cells,
-                    ids: &components.places.cells,
+                    table: &given.components,
+                    ids: &IdPlaces::all(given.components.len()),
                     above: false,
-                    has_titles: components.has_titles,
+                    has_titles: true,
                 };
-                write_components(&path, &rows, placement, stop)
+                bytes += write_components(&work.join(COMPONENTS), &rows, placement, stop)?;
+                bytes += write_necks(&work.join(NECKS), &given.cells.openings, placement)?;
             }
+            if let Some(known) = &components.walls {
+                bytes += write_walls(&work.join(WALLS), &known.walls, placement)?;
+            }
+            Ok(bytes)
         },
         || {
             let path = work.join("objects.csv");
@@ -128,52 +139,106 @@ pub fn write_tables(
     Ok(cells? + objects? + surfaces?)
 }
 
-/// Writes the tables of cells, of the components that they are parts of, and of where they touch.
-fn write_given(
-    work: &Path,
-    cells: &RecordTable<ComponentRecord>,
-    given: &Given,
+/// Writes `cells.csv` and returns its size.
+fn write_cells(
+    path: &Path,
+    components: &Components,
     place: &Placement,
     stop: &Stop,
 ) -> Result<u64> {
-    let head = header(&COMPONENT_COLUMNS, place.unit);
-    let head = format!("{head},{}", titles(&PART_COLUMNS, place.unit));
-    let of_cells = write_rows(
-        &work.join("cells.csv"),
-        Some(&head),
-        Rows::all(cells),
-        stop,
-        |i, record, row| {
-            row.put(given.cells.ids.id(i));
-            row.put_all(&COMPONENT_COLUMNS, &Measures::of(record, place, false));
-            let known = given.parts.get(i)?;
-            let part = PartOfComponent {
-                component: (known.component != SEVERAL).then_some(known.component),
-                necks: record.necks,
-                largest_neck: (known.largest_neck > 0.0).then_some(known.largest_neck),
-            };
-            row.put_all(&PART_COLUMNS, &part);
-            Ok(())
+    let more = more_columns(components.given.is_some(), components.walls.is_some());
+    let mut head = header(&COMPONENT_COLUMNS, place.unit);
+    if !more.is_empty() {
+        head = format!("{head},{}", titles(&more, place.unit));
+    }
+    let ids = &components.places.cells;
+    let rows = Rows {
+        table: &components.cells,
+        count: match &components.given {
+            Some(_) => components.cells.len(),
+            None => ids.own,
         },
-    )?;
-    let path = work.join(COMPONENTS);
-    let rows = OfPhase {
-        table: &given.components,
-        ids: &IdPlaces::all(given.components.len()),
-        above: false,
-        has_titles: true,
     };
-    let of_components = write_components(&path, &rows, place, stop)?;
-    Ok(of_cells + of_components + write_necks(&work.join(NECKS), &given.cells.openings, place)?)
+    let titles = components.has_titles.then_some(&head);
+    write_rows(path, titles, rows, stop, |i, record, row| {
+        row.put(match &components.given {
+            Some(given) => given.cells.ids.id(i),
+            None => ids.id(i),
+        });
+        row.put_all(&COMPONENT_COLUMNS, &Measures::of(record, place, false));
+        row.put_all(&more, &more_of(components, i, record, place)?);
+        Ok(())
+    })
+}
+
+/// What more is known of the cell in place `i`.
+fn more_of(
+    components: &Components,
+    i: u64,
+    record: &ComponentRecord,
+    place: &Placement,
+) -> Result<MoreOfCell> {
+    let mut more = MoreOfCell::default();
+    if let Some(given) = &components.given {
+        let known = given.parts.get(i)?;
+        more.component = (known.component != SEVERAL).then_some(known.component);
+        more.necks = record.necks;
+        more.largest_neck = (known.largest_neck > 0.0).then_some(known.largest_neck);
+    }
+    if let Some(walls) = &components.walls {
+        let known = walls.of_cells.get(i)?;
+        more.neighbours = known.neighbours;
+        let thickness = known.thickness * finest(place);
+        more.wall_thickness = (known.area_steps > 0).then_some(thickness);
+    }
+    Ok(more)
 }
 
 /// Writes `necks.csv` and returns its size.
 fn write_necks(path: &Path, openings: &SpillFile, place: &Placement) -> Result<u64> {
+    let known = |value: f64| (!value.is_nan()).then_some(value);
+    write_list(
+        path,
+        &NECK_COLUMNS,
+        openings,
+        place.unit,
+        |opening: Opening| NeckRow {
+            cells: opening.cells,
+            radius: known(opening.radius),
+            ratio: known(opening.ratio),
+            place: known(opening.place[0]).map(|_| place.world(opening.place)),
+            area: opening.area,
+        },
+    )
+}
+
+/// Writes `walls.csv` and returns its size.
+fn write_walls(path: &Path, walls: &SpillFile, place: &Placement) -> Result<u64> {
+    let finest = finest(place);
+    write_list(path, &WALL_COLUMNS, walls, place.unit, |wall: Wall| {
+        WallRow {
+            cells: wall.cells,
+            area: wall.area(place.spacing),
+            thickness: wall.thickness * finest,
+            chords: wall.chords,
+            thin: 2 * wall.thin > wall.area_steps,
+        }
+    })
+}
+
+/// Writes a table without ids, a row for each record, and returns its size.
+fn write_list<T: bytemuck::Pod, R>(
+    path: &Path,
+    columns: &[Column<R>],
+    records: &SpillFile,
+    unit: Unit,
+    row_of: impl Fn(T) -> R,
+) -> Result<u64> {
     let failed = |e| Error::io(path, "write", e);
     let file = File::create(path).map_err(|e| Error::io(path, "create", e))?;
     let mut out = BufWriter::new(file);
     let mut bytes = 0;
-    let mut text = titles(&NECK_COLUMNS, place.unit);
+    let mut text = titles(columns, unit);
     text.push('\n');
     let mut put = |text: &mut String| {
         bytes += text.len() as u64;
@@ -182,21 +247,13 @@ fn write_necks(path: &Path, openings: &SpillFile, place: &Placement) -> Result<u
         put
     };
     put(&mut text)?;
-    let known = |value: f64| (!value.is_nan()).then_some(value);
-    openings.each(|opening: Opening| {
-        let neck = NeckRow {
-            cells: opening.cells,
-            radius: known(opening.radius),
-            ratio: known(opening.ratio),
-            place: known(opening.place[0]).map(|_| place.world(opening.place)),
-            area: opening.area,
-        };
+    records.each(|record: T| {
         let started = false;
         Row {
             text: &mut text,
             started,
         }
-        .put_all(&NECK_COLUMNS, &neck);
+        .put_all(columns, &row_of(record));
         text.push('\n');
         put(&mut text)
     })?;
@@ -280,13 +337,6 @@ const PARTS: usize = 32;
 struct Rows<'a, T> {
     table: &'a RecordTable<T>,
     count: u64,
-}
-
-impl<'a, T: bytemuck::Pod> Rows<'a, T> {
-    fn all(table: &'a RecordTable<T>) -> Self {
-        let count = table.len();
-        Rows { table, count }
-    }
 }
 
 /// Writes a table, without titles if none are given.

@@ -4,6 +4,7 @@ use crate::convert::ConvertOptions;
 use crate::convert::cells::Opening;
 use crate::convert::components::Components;
 use crate::convert::label::LeftOut;
+use crate::convert::walls::Wall;
 use crate::error::Result;
 use crate::manifest::{Dust, Totals};
 use crate::measure::MeshSums;
@@ -50,6 +51,10 @@ impl ScannedSums {
                 .given
                 .as_ref()
                 .map_or(0, |given| given.cells.openings.records::<Opening>()),
+            walls: components
+                .walls
+                .as_ref()
+                .map_or(0, |known| known.walls.records::<Wall>()),
             components: components
                 .given
                 .as_ref()
@@ -86,6 +91,7 @@ pub fn together(a: Totals, b: &Totals) -> Totals {
         cells: a.cells + b.cells,
         components: a.components + b.components,
         necks: a.necks + b.necks,
+        walls: a.walls + b.walls,
         surfaces: a.surfaces + b.surfaces,
         border_edges: a.border_edges + b.border_edges,
         euler_characteristic: 0,

@@ -28,7 +28,7 @@ pub use selection::{ColourBy, Paint, Painted, Selection, Step, Table, WholeTotal
 pub use shard::ShardTiles;
 pub(crate) use shard_text::{ShardFault, ShardText};
 pub(crate) use shard_writer::{ShardWriter, entry_text, shard_path};
-pub(crate) use tables::{COMPONENTS, NECKS};
+pub(crate) use tables::{COMPONENTS, NECKS, WALLS};
 pub use tables::{ParquetTables, TableChecksums, Tables};
 
 use crate::error::Result;
@@ -278,6 +278,9 @@ pub struct Totals {
     /// Openings between cells of one component: rows of the table of necks; 0 and not written where there is none.
     #[serde(default, skip_serializing_if = "is_zero")]
     pub necks: u64,
+    /// Pairs of cells with a wall between them: rows of the table of walls; 0 and not written where there is none.
+    #[serde(default, skip_serializing_if = "is_zero")]
+    pub walls: u64,
     /// Connected components of triangles (without caps).
     pub surfaces: u64,
     /// Triangle edges without a mate: where an open surface meets the volume's faces; 0 with caps.

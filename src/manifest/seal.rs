@@ -35,15 +35,17 @@ impl Manifest {
                 surfaces: of(surfaces)?,
                 components: None,
                 necks: None,
+                walls: None,
             })
         };
         let tables = &mut self.tables;
         let csv = [&tables.cells, &tables.objects, &tables.surfaces];
-        let more = [&tables.components, &tables.necks];
-        let [components, necks] = more.map(|name| name.as_deref().map(of).transpose());
+        let more = [&tables.components, &tables.necks, &tables.walls];
+        let [components, necks, walls] = more.map(|name| name.as_deref().map(of).transpose());
         tables.checksums = Some(TableChecksums {
             components: components?,
             necks: necks?,
+            walls: walls?,
             ..of_all(csv)?
         });
         if let Some(tables) = &mut tables.parquet {

@@ -18,6 +18,9 @@ pub struct Tables {
     /// `necks.csv`: where cells of one component touch.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub necks: Option<String>,
+    /// `walls.csv`: what lies between cells.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub walls: Option<String>,
     /// Checksums of the files; `None` until the manifest is written.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub checksums: Option<TableChecksums>,
@@ -30,6 +33,8 @@ pub struct Tables {
 pub(crate) const COMPONENTS: &str = "components.csv";
 /// `necks.csv`.
 pub(crate) const NECKS: &str = "necks.csv";
+/// `walls.csv`.
+pub(crate) const WALLS: &str = "walls.csv";
 
 impl Tables {
     /// The same with the tables of sets whose cells are parts of components.
@@ -37,6 +42,23 @@ impl Tables {
         Tables {
             components: Some(COMPONENTS.into()),
             necks: Some(NECKS.into()),
+            ..self
+        }
+    }
+
+    /// The same with the table of walls, if there is one.
+    pub(crate) fn with_walls(self, walls: bool) -> Self {
+        let walls = walls.then(|| WALLS.into());
+        Tables { walls, ..self }
+    }
+
+    /// The same with those of these that `other` has.
+    pub(crate) fn with_those_of(self, other: &Tables) -> Self {
+        let named = |path: &Option<String>, name: &str| path.is_some().then(|| name.into());
+        Tables {
+            components: named(&other.components, COMPONENTS),
+            necks: named(&other.necks, NECKS),
+            walls: named(&other.walls, WALLS),
             ..self
         }
     }
@@ -49,6 +71,7 @@ impl Tables {
             surfaces: Table::Surfaces.file().into(),
             components: None,
             necks: None,
+            walls: None,
             checksums: None,
             parquet: parquet.then(|| ParquetTables {
                 cells: Table::Cells.parquet_file().into(),
@@ -89,4 +112,7 @@ pub struct TableChecksums {
     /// Of the table of necks, if there is one.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub necks: Option<String>,
+    /// Of the table of walls, if there is one.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub walls: Option<String>,
 }

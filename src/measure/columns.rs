@@ -127,27 +127,49 @@ pub const COMPONENT_COLUMNS: [Column<Measures>; 27] = [
     in_table("tiles", 0, Get::Count(|m| m.tiles)),
 ];
 
-/// What more is known of a cell that is a part of a component.
-#[derive(Debug, Clone, Copy)]
-pub struct PartOfComponent {
+/// What more is known of a cell where cells are parts of components, or walls were asked for.
+#[derive(Debug, Clone, Copy, Default)]
+pub struct MoreOfCell {
     /// The component; `None` for a cell with voxels in several.
     pub component: Option<u64>,
+    /// Cells that it has an opening or a large enough wall to.
+    pub neighbours: u64,
     /// Other cells of its component that it touches: openings.
     pub necks: u64,
     /// Radius of the widest of these, if that was looked for.
     pub largest_neck: Option<f64>,
+    /// Median thickness of its walls by area.
+    pub wall_thickness: Option<f64>,
 }
 
-/// Columns of `cells.csv` behind the others where cells are parts of components.
-pub const PART_COLUMNS: [Column<PartOfComponent>; 3] = [
-    in_table(
-        "component",
-        0,
-        Get::Signed(|p| p.component.map(|id| id as i64)),
-    ),
-    in_table("necks", 0, Get::Count(|p| p.necks)),
-    in_table("largest_neck", 1, Get::Real(|p| or_nan(p.largest_neck))),
-];
+/// Columns of `cells.csv` behind the others: those of cells that are `parts` of components, and those of `walls`.
+pub fn more_columns(parts: bool, walls: bool) -> Vec<Column<MoreOfCell>> {
+    let all: [(bool, Column<MoreOfCell>); 5] = [
+        (
+            parts,
+            in_table(
+                "component",
+                0,
+                Get::Signed(|c| c.component.map(|id| id as i64)),
+            ),
+        ),
+        (
+            walls,
+            in_table("neighbours", 0, Get::Count(|c| c.neighbours)),
+        ),
+        (parts, in_table("necks", 0, Get::Count(|c| c.necks))),
+        (
+            parts,
+            in_table("largest_neck", 1, Get::Real(|c| or_nan(c.largest_neck))),
+        ),
+        (
+            walls,
+            in_table("wall_thickness", 1, Get::Real(|c| or_nan(c.wall_thickness))),
+        ),
+    ];
+    let kept = all.into_iter().filter(|(is_there, _)| *is_there);
+    kept.map(|(_, column)| column).collect()
+}
 
 /// Where two cells of one component touch, in the unit of length.
 #[derive(Debug, Clone, Copy)]
@@ -174,6 +196,31 @@ pub const NECK_COLUMNS: [Column<NeckRow>; 8] = [
     in_table("y", 1, Get::Real(|n| or_nan(n.place.map(|p| p[1])))),
     in_table("z", 1, Get::Real(|n| or_nan(n.place.map(|p| p[2])))),
     in_table("neck_area", 2, Get::Real(|n| n.area)),
+];
+
+/// The wall between two cells, in the unit of length.
+#[derive(Debug, Clone, Copy)]
+pub struct WallRow {
+    /// The cells.
+    pub cells: [u64; 2],
+    /// Area of what its chords stand for.
+    pub area: f64,
+    /// Median of its thickness at its chords by the area that they stand for.
+    pub thickness: f64,
+    /// Chords.
+    pub chords: u64,
+    /// More than half of its area is thinner than a scan resolves.
+    pub thin: bool,
+}
+
+/// Columns of `walls.csv`.
+pub const WALL_COLUMNS: [Column<WallRow>; 6] = [
+    in_table("cell_a", 0, Get::Count(|w| w.cells[0])),
+    in_table("cell_b", 0, Get::Count(|w| w.cells[1])),
+    in_table("wall_area", 2, Get::Real(|w| w.area)),
+    in_table("wall_thickness", 1, Get::Real(|w| w.thickness)),
+    in_table("chords", 0, Get::Count(|w| w.chords)),
+    in_table("thin", 0, Get::Flag(|w| w.thin)),
 ];
 
 /// A surface, and its area in the square of the unit.

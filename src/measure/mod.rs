@@ -12,8 +12,8 @@ mod sums;
 mod table;
 
 pub use columns::{
-    CARRIED, CARRIED_COLUMNS, COMPONENT_COLUMNS, Column, Field, Get, MEASURES, NECK_COLUMNS,
-    NeckRow, PART_COLUMNS, PartOfComponent, SURFACE_COLUMNS, SurfaceRow,
+    CARRIED, CARRIED_COLUMNS, COMPONENT_COLUMNS, Column, Field, Get, MEASURES, MoreOfCell,
+    NECK_COLUMNS, NeckRow, SURFACE_COLUMNS, SurfaceRow, WALL_COLUMNS, WallRow, more_columns,
 };
 pub use component::{ComponentRecord, Measures, SurfaceRecord};
 pub use eigen::eigen_symmetric;

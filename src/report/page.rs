@@ -142,6 +142,13 @@ fn results(report: &Report) -> Markup {
     if let Some(median) = s.sphericity_median {
         lines.push(("sphericity", format!("{} (median)", measure(median))));
     }
+    if let Some(neighbours) = &s.neighbours {
+        let [mean, median] = [neighbours.mean, neighbours.median].map(measure);
+        lines.push((
+            "neighbours",
+            format!("mean {mean}, median {median}, of whole cells"),
+        ));
+    }
     if let Some(lines_in) = &report.structure.mean_intercept_length {
         let text = with_unit(lines_in.mean, lines_in.unit);
         lines.push(("mean intercept length", text));
@@ -321,6 +328,9 @@ fn of_walls(walls: &Walls) -> Markup {
             (things(walls.count, "wall")) " of " (area) " together; thickness in " (printed_unit(&walls.unit))
             @if let Some(mean) = walls.mean_by_area { ", mean by area " (measure(mean)) }
             "."
+            @if walls.thin > 0 {
+                " Of these, " (count(walls.thin)) " are thinner than the scan shows: their thickness is that of its blur."
+            }
         }
         @if let Some(spread) = &walls.wall_thickness {
             (rows(&SPREAD, &[spread_row("thickness", spread)]))

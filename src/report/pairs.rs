@@ -47,6 +47,8 @@ pub struct Neck {
 pub struct Walls {
     /// How many.
     pub count: u64,
+    /// Those of them that are thinner than the scan resolves.
+    pub thin: u64,
     /// Unit of thickness.
     pub unit: String,
     /// How thick they are, by number; absent without any.
@@ -141,12 +143,15 @@ pub fn walls(set: &TileSet) -> Result<Option<Walls>> {
     let [thickness, area] = ["wall_thickness", "wall_area"].map(|name| table.own_column(name));
     let (thickness, area) = (thickness?, area?);
     let unit = table.columns()[thickness].unit.clone();
-    let (mut count, mut all) = (0, 0.0);
+    let thin_at = table.columns().iter().position(|c| c.is_named("thin"));
+    let (mut count, mut thin, mut all) = (0, 0, 0.0);
     let mut walls: Vec<(f64, f64)> = Vec::new();
     while let Some(row) = table.next_row()? {
         let of_row = row.number(area)?.unwrap_or(0.0);
         count += 1;
         all += of_row;
+        let is_thin = thin_at.map_or(Ok(None), |at| row.number(at))?;
+        thin += u64::from(is_thin == Some(1.0));
         walls.extend(row.number(thickness)?.map(|t| (t, of_row)));
     }
     let known: f64 = walls.iter().map(|w| w.1).sum();
@@ -154,6 +159,7 @@ pub fn walls(set: &TileSet) -> Result<Option<Walls>> {
     let of_number = spread(walls.iter().map(|w| w.0).collect());
     Ok(Some(Walls {
         count,
+        thin,
         unit,
         histogram: of_number.map(|s| Histogram::of(&walls, [s.min, s.max])),
         wall_thickness: of_number,

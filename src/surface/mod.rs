@@ -4,6 +4,7 @@ mod active_cubes;
 mod assign_pieces;
 mod caps;
 pub mod case_table;
+mod chords;
 mod edges;
 mod mesher;
 mod samples;
@@ -15,6 +16,9 @@ mod vertex_buffer;
 mod vertices;
 
 pub use assign_pieces::{Piece, PieceIndex, VertexAssignment, assign_vertices};
+pub use chords::{
+    BandEdges, ChordEnd, ChordFinder, ChordScale, Chords, FoundChords, WALL_AREA_STEPS, WALL_BINS,
+};
 pub use edges::Edges;
 pub use mesher::{
     BYTES_PER_CUBE, BYTES_PER_TRIANGLE, BandView, MeshSettings, Sizes, TileBox, TileMesh,

@@ -42,13 +42,13 @@ impl Column {
 
     /// True if the values are 0 and 1 and mean a condition.
     pub fn is_condition(&self) -> bool {
-        self.name == "touches_border"
+        ["touches_border", "thin"].contains(&self.name.as_str())
     }
 
     /// True if the values are counts, ids or other whole numbers, none of which is missing but where cells are parts of
     /// components.
     pub fn is_whole(&self) -> bool {
-        const WHOLE: [&str; 13] = [
+        const WHOLE: [&str; 16] = [
             "id",
             "voxels",
             "euler_characteristic",
@@ -59,9 +59,12 @@ impl Column {
             "vertices",
             "border_edges",
             "component",
+            "neighbours",
             "necks",
             "cell_a",
             "cell_b",
+            "chords",
+            "thin",
         ];
         WHOLE.contains(&self.name.as_str())
     }

@@ -74,11 +74,11 @@ impl TableReader {
         Self::open_keyed(path, "id")
     }
 
-    /// The same for a file with a column `key` instead of `id`.
+    /// The same for a file with a column `key` instead of `id`, as `cell_a` of the table of necks.
     ///
     /// # Errors
     /// As of [`TableReader::open`].
-    pub(crate) fn open_keyed(path: &Path, key: &str) -> Result<Self> {
+    pub fn open_keyed(path: &Path, key: &str) -> Result<Self> {
         Self::open_buffered(path, BUFFER, key)
     }
 

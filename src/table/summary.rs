@@ -5,7 +5,7 @@ use super::edge::{Body, Columns, Corrected, EdgeCorrection, Weights};
 use super::outside::{Air, Outside, Reach, find};
 use super::query::Query;
 use super::reader::TableReader;
-use super::spread::{Distribution, distribution, quantile};
+use super::spread::{Distribution, Spread, distribution, quantile};
 use crate::error::{Error, Result};
 use crate::grid::Fill;
 use crate::manifest::Manifest;
@@ -43,6 +43,12 @@ pub struct Summary {
     pub equivalent_diameter: Option<Distribution>,
     /// Median of Wadell's sphericity of the rows that have one; those at the border have none.
     pub sphericity_median: Option<f64>,
+    /// How many neighbours rows have that do not touch the border; absent without a table of walls.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub neighbours: Option<Spread>,
+    /// How thick the walls of these rows are, each by the median of its own; absent likewise.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub wall_thickness: Option<Spread>,
     /// Chosen rows by volume of the sample, corrected for those that the border cuts; absent if [`EdgeCorrection`] does
     /// not apply.
     pub number_density: Option<f64>,
@@ -137,7 +143,7 @@ pub struct Border {
 }
 
 /// Sums up the rows of cells or objects that `query` keeps, whatever its order. Memory: 24 bytes per row that does
-/// not touch the border.
+/// not touch the border, and 16 more with a table of walls.
 ///
 /// # Errors
 /// [`Error::Usage`] for the table of surfaces, which [`super::summarise_surfaces`] sums up, or if cells that count as outside may be missing in a part of a tile
@@ -201,6 +207,8 @@ pub fn summarise(
             share: (rows.count > 0).then(|| rows.border as f64 / rows.count as f64),
         },
         sphericity_median: quantile(&rows.round, 0.5),
+        neighbours: Spread::of(&rows.neighbours),
+        wall_thickness: Spread::of(&rows.wall_thickness),
         equivalent_diameter: distribution(rows.sizes, rows.unit),
         number_density,
         mean_volume_corrected: mean_volume,
@@ -259,6 +267,9 @@ struct Rows {
     unit: String,
     /// Their sphericities, rising.
     round: Vec<f64>,
+    /// Their neighbours and the thickness of their walls, rising; none without a table of walls.
+    neighbours: Vec<f64>,
+    wall_thickness: Vec<f64>,
 }
 
 impl Rows {
@@ -273,6 +284,8 @@ impl Rows {
         let diameter = find(table, "equivalent_diameter")?;
         let border = find(table, "touches_border")?;
         let sphericity = find(table, "sphericity")?;
+        let place = |name: &str| table.columns().iter().position(|c| c.is_named(name));
+        let [neighbours, wall_thickness] = ["neighbours", "wall_thickness"].map(place);
         let reach = Reach::new(table, manifest)?;
         let columns = Columns::of(table)?;
         let mut weights = Weights::of(manifest, &columns);
@@ -303,8 +316,17 @@ impl Rows {
                 rows.sizes.push((d, v.max(0.0)));
             }
             rows.round.extend(row.number(sphericity)?);
+            let known = |at: Option<usize>| at.map_or(Ok(None), |at| row.number(at));
+            rows.neighbours.extend(known(neighbours)?);
+            rows.wall_thickness.extend(known(wall_thickness)?);
         }
-        rows.round.sort_by(f64::total_cmp);
+        for sorted in [
+            &mut rows.round,
+            &mut rows.neighbours,
+            &mut rows.wall_thickness,
+        ] {
+            sorted.sort_by(f64::total_cmp);
+        }
         Ok((rows, weights))
     }
 

@@ -2,7 +2,7 @@
 
 use crate::checkpoint::{LayersDone, STATE, kept};
 use crate::error::{Error, Result};
-use crate::manifest::{COMPONENTS, MANIFEST, NECKS, PARTIAL as WORK, TILESET};
+use crate::manifest::{COMPONENTS, MANIFEST, NECKS, PARTIAL as WORK, TILESET, WALLS};
 use crate::sys::files::{remove_if_there, write_file};
 use crate::tileset::Lock;
 use std::ffi::OsString;
@@ -12,7 +12,7 @@ use std::path::{Path, PathBuf};
 
 /// What a tile set may have at its top level, the manifest first: it goes first and comes last. Only
 /// painted sets have legends, tables are Parquet, too, where that was asked for, and some have levels of detail.
-const ENTRIES: [&str; 15] = [
+const ENTRIES: [&str; 16] = [
     "index.json",
     "index",
     "tiles",
@@ -28,10 +28,11 @@ const ENTRIES: [&str; 15] = [
     OPTIONAL[6],
     OPTIONAL[7],
     OPTIONAL[8],
+    OPTIONAL[9],
 ];
 /// What some tile sets lack: pictures of colours, tables as Parquet, levels of detail, tables of cells that are parts of
 /// components.
-const OPTIONAL: [&str; 9] = [
+const OPTIONAL: [&str; 10] = [
     "legend.png",
     "legend.svg",
     "cells.parquet",
@@ -41,6 +42,7 @@ const OPTIONAL: [&str; 9] = [
     "lod",
     COMPONENTS,
     NECKS,
+    WALLS,
 ];
 /// The file in it that says who works there.
 const LOCK: &str = "lock";

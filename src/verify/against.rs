@@ -7,8 +7,9 @@
 
 use super::code::Code;
 use super::dust::Filled;
-use super::gradient::normals;
+use super::gradient::{crossed, normals};
 use super::piece::{DOWN, Flaw, Piece, Region, UP, position};
+use super::walls::{Crossing, Slant, WallScale, by_samples};
 use crate::error::{Error, Result};
 use crate::grid::Ambiguous;
 use crate::volume::{Volume, Voxel, with_voxel_type};
@@ -221,16 +222,7 @@ impl<'a> Band<'a> {
         flaws: &mut Vec<Flaw>,
     ) -> Voxels {
         with_voxel_type!(self.volume.header().dtype, T => {
-            let dims = self.volume.header().dims.0;
-            let samples: &[T] = bytemuck::cast_slice(&self.words);
-            // the last word may reach beyond the last sample
-            let len = dims[0] as usize * self.rows.len() * self.slices.len();
-            let view = View::<T> {
-                samples: &samples[..len],
-                nx: self.volume.header().dims.0[0] as usize,
-                ny: self.rows.len(),
-                first: [0, self.rows.start as i32, self.slices.start as i32],
-            };
+            let view = self.view::<T>();
             let voxels = view.bits(region, rule, self.filled.as_ref(), mesh);
             if view.vertices(rule, mesh, flaws) {
                 triangles(rule, mesh, flaws);
@@ -240,6 +232,28 @@ impl<'a> Band<'a> {
             }
             voxels
         })
+    }
+
+    /// How the surface lies to the lines that cross it there.
+    pub fn slants(&self, crossings: &[Crossing], scale: &WallScale) -> Vec<Slant> {
+        with_voxel_type!(self.volume.header().dtype, T => {
+            let view = self.view::<T>();
+            let slant = |at: &Crossing| by_samples(&crossed(&view, at), at.axis(), scale);
+            crossings.iter().map(slant).collect()
+        })
+    }
+
+    fn view<T: Voxel>(&self) -> View<'_, T> {
+        let nx = self.volume.header().dims.0[0] as usize;
+        let samples: &[T] = bytemuck::cast_slice(&self.words);
+        // the last word may reach beyond the last sample
+        let len = nx * self.rows.len() * self.slices.len();
+        View {
+            samples: &samples[..len],
+            nx,
+            ny: self.rows.len(),
+            first: [0, self.rows.start as i32, self.slices.start as i32],
+        }
     }
 }
 

@@ -27,6 +27,7 @@ pub(super) fn foreign_files(root: &Path, manifest: &Manifest, issues: &mut Issue
             || (manifest.lod.is_some() && ["lod", "tileset.json"].contains(&name))
             || tables.contains(&name)
             || (manifest.cells.is_some() && of_parts.contains(&name))
+            || (manifest.tables.walls.is_some() && name == "walls.csv")
             || (has_parquet && parquet.contains(&name))
             || (painted && [LEGEND, LEGEND_SVG].contains(&name))
     };

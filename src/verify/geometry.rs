@@ -11,6 +11,7 @@ use super::report::Issue;
 use super::seen::Seen;
 use super::sweep::{CAP, Component, FaceEdge, Ids};
 use super::tile::{Work, Workspace};
+use super::walls::Crossing;
 use crate::manifest::Group;
 use crate::sys::simd::dispatch;
 use crate::tile::read::{Measured, PieceIds};
@@ -192,6 +193,10 @@ impl Work<'_, '_> {
         sums.edges = matched.pairs;
         if !piece.cap {
             sums.inside = Inside::of(piece, &self.region, self.cx.rotated.as_ref());
+            if self.cx.walls.is_some() {
+                let own = Crossing::of(piece, label.ids.cell, &self.region);
+                ws.crossings.extend(own);
+            }
         }
         if self.keep_mesh {
             ws.mesh.add(piece);

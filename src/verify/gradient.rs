@@ -6,7 +6,8 @@
 
 use super::against::{Count, Mesh, Rule, View};
 use super::code::Code;
-use super::piece::Flaw;
+use super::piece::{Flaw, position};
+use super::walls::{Crossed, Crossing};
 use crate::volume::Voxel;
 
 /// How far a unit normal may be from the gradient's: those of 8 bits are up to 0.9 degrees off, and stay
@@ -74,6 +75,19 @@ fn expected<T: Voxel>(
     let slack = ROUNDED + PRECISION * largest / length;
     let decided = (SMALLEST..LARGEST).contains(&largest) && slack < 1.0;
     decided.then(|| (n.map(|c| c / length), slack))
+}
+
+/// The samples where a line crosses the surface; no numbers where they lie outside the volume.
+pub(super) fn crossed<T: Voxel>(view: &View<T>, at: &Crossing) -> Crossed {
+    let axis = at.axis();
+    let low = position(at.point).map(|c| c >> 8);
+    let mut high = low;
+    high[axis] += 1;
+    Crossed {
+        gradients: [low, high].map(|v| gradient(view, v).unwrap_or([f64::NAN; 3])),
+        values: [low, high].map(|v| view.sample(v).unwrap_or(f64::NAN)),
+        place: f64::from(at.point[axis] & 255) / 256.0,
+    }
 }
 
 /// The gradient at a voxel; `None` outside the volume.

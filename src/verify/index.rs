@@ -223,6 +223,7 @@ fn check_counts(m: &Manifest, wrong: &mut impl FnMut(&str, String)) {
     }
     check_name(&m.source.name, "source/name", wrong);
     check_parts(m, wrong);
+    check_walls(m, wrong);
     if m.source.offset != 0 && m.source.format != "raw" {
         let message = format!("found {} for {}", m.source.offset, m.source.format);
         wrong("source/offset", message);
@@ -282,6 +283,26 @@ fn check_parts(m: &Manifest, wrong: &mut impl FnMut(&str, String)) {
             wrong("cells/version", message);
         }
         _ => {}
+    }
+}
+
+/// Checks that the table of walls has a checksum, and is counted only where there is one.
+fn check_walls(m: &Manifest, wrong: &mut impl FnMut(&str, String)) {
+    let has_table = m.tables.walls.is_some();
+    let sums = m.tables.checksums.as_ref();
+    if sums.is_some_and(|sums| sums.walls.is_some() != has_table) {
+        let message = match has_table {
+            true => "found none, expected that of tables/walls",
+            false => "found one, expected none: there is no table of walls",
+        };
+        wrong("tables/checksums/walls", message.to_owned());
+    }
+    if !has_table && m.totals.walls != 0 {
+        let message = format!(
+            "found {}, expected none: there is no table of walls",
+            m.totals.walls
+        );
+        wrong("totals/walls", message);
     }
 }
 

@@ -236,7 +236,7 @@ pub(super) fn may_be_cut(manifest: &Manifest, kind: Kind) -> bool {
     let (whole, closed) = match kind {
         Kind::Cell | Kind::Component => (table::Table::Cells, false),
         Kind::Object => (table::Table::Objects, manifest.cap),
-        Kind::Surface | Kind::Neck => return false,
+        Kind::Surface | Kind::Neck | Kind::Wall => return false,
     };
     let selection = manifest.selection.as_ref();
     // a last step that only paints says nothing of what is there, unless it is all that is known

@@ -69,9 +69,9 @@ impl Work<'_, '_> {
         }
     }
 
-    /// True if normals are compared with a volume, or with those of other parts of a surface.
+    /// True if normals are compared with a volume, or with those of other parts of a surface, or tell how walls lie.
     fn wants_normals(&self) -> bool {
-        self.keep_mesh || self.cx.manifest.cells.is_some()
+        self.keep_mesh || self.cx.manifest.cells.is_some() || self.cx.walls.is_some()
     }
 
     /// Reads the indices of a primitive; false if one of them is of no vertex.

@@ -310,7 +310,7 @@ impl Group {
 }
 
 /// The kinds of things that have tables, for messages: `surface`, `cell`, `object`, and where cells are parts of
-/// components `component`, `neck`.
+/// components `component`, `neck`; and `wall` where these were asked for.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) enum Kind {
     Surface,
@@ -318,6 +318,7 @@ pub(super) enum Kind {
     Object,
     Component,
     Neck,
+    Wall,
 }
 
 impl Kind {
@@ -325,11 +326,18 @@ impl Kind {
     pub const ALL: [Kind; 3] = [Kind::Surface, Kind::Cell, Kind::Object];
 
     pub fn name(self) -> &'static str {
-        ["surface", "cell", "object", "component", "neck"][self as usize]
+        ["surface", "cell", "object", "component", "neck", "wall"][self as usize]
     }
 
     pub fn plural(self) -> &'static str {
-        ["surfaces", "cells", "objects", "components", "necks"][self as usize]
+        [
+            "surfaces",
+            "cells",
+            "objects",
+            "components",
+            "necks",
+            "walls",
+        ][self as usize]
     }
 
     /// True for what voxels below make up.

@@ -27,17 +27,21 @@
 //! 7. Levels of detail are as closed as the tiles, nothing is seen through between two of them, and their tree says
 //!    what they are: see the module for levels.
 //!
+//! 8. A table of walls is that of the lines between vertices, within bounds that normals leave; cells have the neighbours
+//!    and the thickness that follow from it: see the module for walls.
+//!
 //! Where cells are parts of components, components take the place of cells in these; see the module for parts.
 //!
 //! By the tiles alone, normals are proven to be of length 1 and no more, and the threshold not at all; and
 //! a set that was made for another volume, with numbers to match, is sound. With the volume it proves in
 //! addition:
-//! 8. Every lattice edge with a sign change has exactly one vertex, at the place that its two samples
+//! 9. Every lattice edge with a sign change has exactly one vertex, at the place that its two samples
 //!    give it, no other has one, and each cube has the triangles that its eight bits ask for. Triangles
 //!    face from above to below at every vertex, so the bits that the mesh implies are the volume's. What
 //!    was left out as dust are the components below the size, as many as stated, and no other.
-//! 9. Normals are those of the volume's gradient, up to the rounding of tiles that store them in 8 bits.
-//! 10. The source that the manifest states has the volume's format, size, type and byte order.
+//! 10. Normals are those of the volume's gradient, up to the rounding of tiles that store them in 8 bits.
+//! 11. Areas and thicknesses of walls are those of its samples, up to rounding.
+//! 12. The source that the manifest states has the volume's format, size, type and byte order.
 //!
 //! # Memory
 //! Tiles are streamed. What is kept: the open edges on the planes of one layer of macrocubes, the
@@ -85,6 +89,7 @@ mod sweep;
 mod table_files;
 mod tables;
 mod tile;
+mod walls;
 
 pub use code::Code;
 pub use report::{Issue, Report, Severity};
@@ -164,13 +169,17 @@ pub fn verify(dir: &Path, options: &VerifyOptions, progress: &dyn Progress) -> R
             found.unproved = unproved(&manifest);
         }
         found.unproved.extend(unproved_cells(&manifest));
+        let against = options.against.is_some();
+        found.unproved.extend(unproved_walls(&manifest, against));
         found.part = manifest.is_part();
         let cx = Context::new(&root, &manifest, options.region, options.max_issues);
         cx.edge.check(&manifest, &mut issues)?;
         let original = Original::new(options.against, &cx, progress, &mut issues)?;
-        let sweep = Run::new(&cx, &pool, progress).tiles(original, &mut found, &mut issues)?;
+        let mut sweep = Run::new(&cx, &pool, progress).tiles(original, &mut found, &mut issues)?;
         found.counts.edges += sweep.matched;
+        let walls = sweep.walls.take();
         laws::check(sweep.ledger, &cx, &pool, &mut found, &mut issues)?;
+        walls::check(walls, &cx, &mut issues)?;
         parquet::check(&cx, &mut issues);
         levels::check(&root, &manifest, progress, &mut issues)?;
     }
@@ -204,9 +213,32 @@ fn unproved_cells(manifest: &Manifest) -> Option<String> {
         false => "",
     };
     Some(match manifest.cells.as_ref()? {
-        PartsBy::Labels { file, .. } => format!("that the labels of {file} say {CELLS}{gapes}"),
+        PartsBy::Labels { file, .. } => {
+            format!("that the labels of {file} say {CELLS}{gapes}")
+        }
         PartsBy::Split { .. } => format!("that the rule of necks says {CELLS}{gapes}"),
     })
+}
+
+/// What of walls is not proved.
+fn unproved_walls(manifest: &Manifest, against: bool) -> Vec<String> {
+    let known = manifest.tables.walls.is_some() && !manifest.may_gape();
+    let all = [
+        (
+            manifest.is_part(),
+            "of a part, more of walls than that its tables agree: verify the whole",
+        ),
+        (
+            !manifest.is_part() && !against,
+            "areas and thicknesses of walls, more closely than normals tell how slanted they are",
+        ),
+        (
+            manifest.cells.is_some(),
+            "of which cells walls are that end at voxels at which no triangle begins",
+        ),
+    ];
+    let unproved = all.into_iter().filter(|(is, _)| known && *is);
+    unproved.map(|(_, what)| what.to_owned()).collect()
 }
 
 fn report(found: Found, issues: Issues, options: &VerifyOptions, start: Instant) -> Report {

@@ -92,13 +92,13 @@ pub(super) struct Paints<'a> {
     rules: Vec<Rule>,
 }
 
-/// The table of a kind; those of components and necks are not chosen from.
+/// The table of a kind; those of components, necks and walls are not chosen from.
 fn table_of(kind: Kind) -> Option<Table> {
     match kind {
         Kind::Cell => Some(Table::Cells),
         Kind::Object => Some(Table::Objects),
         Kind::Surface => Some(Table::Surfaces),
-        Kind::Component | Kind::Neck => None,
+        Kind::Component | Kind::Neck | Kind::Wall => None,
     }
 }
 

@@ -37,7 +37,7 @@ pub(super) fn check(cx: &Context, issues: &mut Issues) {
         let Some((_, csv, _)) = csv else {
             continue;
         };
-        let columns = columns(kind, cx.manifest.cells.is_some());
+        let columns = columns(kind, cx.manifest);
         // counts of what cells of a component cut from each other
         let may_lack: &[&str] = match (cx.manifest.cells.is_some(), kind) {
             (true, Kind::Cell) => &["euler_characteristic", "component"],

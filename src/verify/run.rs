@@ -11,6 +11,7 @@ use super::ledger::Ledger;
 use super::report::Issues;
 use super::sweep::Sweep;
 use super::tile::{self, Context, Outcome, Samples, Workspace};
+use super::walls::WallLedger;
 use crate::error::{Error, Result};
 use crate::manifest::TileEntry;
 use crate::progress::Progress;
@@ -276,6 +277,7 @@ impl<'a> Run<'a> {
             found,
             issues,
         };
+        state.sweep.walls = self.cx.walls.map(WallLedger::new);
         if state.original.is_some() {
             self.compare_layers(&mut state)?;
         } else {

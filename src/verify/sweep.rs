@@ -12,6 +12,7 @@ use super::paint::{Colour, MIXED};
 use super::parts::PartSums;
 use super::piece::{Region, Sums};
 use super::report::{Issue, Issues};
+use super::walls::{TileChords, WallLedger};
 use crate::error::Result;
 use std::collections::BTreeMap;
 use std::fmt;
@@ -137,6 +138,8 @@ pub(super) struct TileFront {
     pub components: Vec<(Component, bool)>,
     /// Parts of surfaces, where cells are parts of components.
     pub parts: Vec<PartSums>,
+    /// Chords of walls, if these are looked for.
+    pub chords: TileChords,
 }
 
 /// Edges that wait on the plane above a tile.
@@ -163,6 +166,8 @@ pub(super) struct Sweep {
     /// The last layer of which nothing could be read.
     lost_layer: Option<u32>,
     pub ledger: Ledger,
+    /// Chords of walls, if these are looked for.
+    pub walls: Option<WallLedger>,
     /// Edges matched across planes.
     pub matched: u64,
     /// See [`Manifest::may_gape`](crate::manifest::Manifest::may_gape).
@@ -176,6 +181,7 @@ impl Sweep {
             waiting: BTreeMap::new(),
             lost_layer: None,
             ledger,
+            walls: None,
             matched: 0,
             may_gape,
         }
@@ -188,6 +194,9 @@ impl Sweep {
     pub fn add(&mut self, tile: TileFront, issues: &mut Issues) -> Result<()> {
         let handles = self.add_components(&tile)?;
         self.add_parts(&tile)?;
+        if let Some(walls) = &mut self.walls {
+            walls.add(tile.chords)?;
+        }
         let TileFront {
             grid,
             region,

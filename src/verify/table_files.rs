@@ -43,18 +43,44 @@ const NECK: [(&str, u32); 8] = [
     ("neck_area", 2),
 ];
 
-/// The columns of a table, of a set whose cells are the components, or with `parts` are parts of them.
-pub(super) fn columns(kind: Kind, parts: bool) -> Vec<(&'static str, u32)> {
+/// The columns of the table of walls.
+const WALL: [(&str, u32); 6] = [
+    ("cell_a", 0),
+    ("cell_b", 0),
+    ("wall_area", 2),
+    ("wall_thickness", 1),
+    ("chords", 0),
+    ("thin", 0),
+];
+
+/// The columns of the table of cells that walls give, which stand behind the first one of parts, and at the end.
+const OF_WALLS: [(&str, u32); 2] = [("neighbours", 0), ("wall_thickness", 1)];
+
+/// The columns of a table, as they stand in its files.
+pub(super) fn columns(kind: Kind, manifest: &Manifest) -> Vec<(&'static str, u32)> {
     let mut columns = match kind {
         Kind::Surface => SURFACE.to_vec(),
         Kind::Neck => NECK.to_vec(),
+        Kind::Wall => WALL.to_vec(),
         _ => components::COLUMNS.to_vec(),
     };
-    match kind {
-        Kind::Cell if parts => columns.extend(PART),
-        _ => {}
+    if kind != Kind::Cell {
+        return columns;
+    }
+    if manifest.cells.is_some() {
+        columns.extend(PART);
+    }
+    if manifest.tables.walls.is_some() {
+        let [neighbours, thickness] = OF_WALLS;
+        columns.insert(neighbours_at(manifest), neighbours);
+        columns.push(thickness);
     }
     columns
+}
+
+/// Where the neighbours of cells stand.
+fn neighbours_at(manifest: &Manifest) -> usize {
+    components::COLUMNS.len() + usize::from(manifest.cells.is_some())
 }
 
 /// A column's name with its unit, as a header has it.
@@ -77,7 +103,7 @@ pub(super) struct Files<'m> {
 }
 
 /// How many kinds of tables there are.
-const KINDS: usize = 5;
+const KINDS: usize = 6;
 
 impl<'m> Files<'m> {
     /// In CSV.
@@ -90,6 +116,7 @@ impl<'m> Files<'m> {
                 Some(&tables.objects),
                 tables.components.as_deref(),
                 tables.necks.as_deref(),
+                tables.walls.as_deref(),
             ],
             checksums: tables.checksums.as_ref().map(in_order),
             at: "index.json#/tables",
@@ -105,6 +132,7 @@ impl<'m> Files<'m> {
                 Some(&tables.surfaces),
                 Some(&tables.cells),
                 Some(&tables.objects),
+                None,
                 None,
                 None,
             ],
@@ -157,6 +185,7 @@ fn in_order(all: &TableChecksums) -> [Option<&str>; KINDS] {
         Some(&all.objects),
         all.components.as_deref(),
         all.necks.as_deref(),
+        all.walls.as_deref(),
     ]
 }
 
@@ -167,6 +196,8 @@ pub(super) struct Lines {
     /// Number of the last one.
     pub line: u64,
     columns: Vec<(&'static str, u32)>,
+    /// Where the neighbours of cells stand, if there are such.
+    neighbours: Option<usize>,
     /// There is no line that can be read.
     pub done: bool,
     /// That is so since something was wrong.
@@ -183,7 +214,9 @@ impl Lines {
             path: path.to_owned(),
             input: BufReader::new(file),
             line: 0,
-            columns: columns(kind, manifest.cells.is_some()),
+            columns: columns(kind, manifest),
+            neighbours: (kind == Kind::Cell && manifest.tables.walls.is_some())
+                .then(|| neighbours_at(manifest)),
             done: false,
             damaged: false,
         };
@@ -255,13 +288,22 @@ impl Lines {
         self.fields(&line, issues)
     }
 
-    /// The fields of a line; `None` if it is damaged, which is an issue.
+    /// The fields of a line, of which those that walls give come last; `None` if it is damaged, which is an issue.
     pub fn fields(&mut self, line: &str, issues: &mut Issues) -> Option<Vec<Option<f64>>> {
-        let row = Row::read(line, &self.columns);
-        match row.bad {
-            Some(message) => self.stop(&message, issues),
-            None => Some(row.values),
+        let mut row = Row::read(line, &self.columns);
+        if let Some(message) = row.bad {
+            return self.stop(&message, issues);
         }
+        if let Some(at) = self.neighbours {
+            let last = row.values.len() - 1;
+            row.values[at..last].rotate_left(1);
+        }
+        Some(row.values)
+    }
+
+    /// Where among the fields of a row those that walls give are: neighbours, and the thickness of walls.
+    pub fn walls_at(&self) -> [usize; 2] {
+        [self.columns.len() - 2, self.columns.len() - 1]
     }
 }
 
@@ -321,10 +363,13 @@ fn is_plain(field: &str, is_whole: bool) -> bool {
 }
 
 /// The columns of whole numbers.
-const WHOLE: [&str; 14] = [
+const WHOLE: [&str; 17] = [
     "id",
     "component",
+    "neighbours",
     "necks",
+    "chords",
+    "thin",
     "cell_a",
     "cell_b",
     "cell",

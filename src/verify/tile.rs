@@ -12,6 +12,7 @@ use super::region_edge::{RegionEdge, TileEdge};
 use super::report::{Issue, Issues};
 use super::seen::Seen;
 use super::sweep::{Component, FaceEdge, TileFront};
+use super::walls::{self, Crossing, Slant, WallScale};
 use crate::grid::{Placement, Tiling};
 use crate::manifest::{Bounds, Layout, Manifest, TileEntry};
 use crate::tile::MAX_NODES;
@@ -31,6 +32,8 @@ pub(super) struct Context<'a> {
     pub rotated: Option<Placement>,
     /// The region of interest.
     pub edge: RegionEdge<'a>,
+    /// How walls are measured, if the tiles tell of them: those of a part lack surfaces.
+    pub walls: Option<WallScale>,
 }
 
 impl<'a> Context<'a> {
@@ -52,6 +55,8 @@ impl<'a> Context<'a> {
             scale: [y * z, z * x, x * y],
             rotated: measured.is_rotated().then_some(measured),
             edge: RegionEdge::of(manifest, region),
+            walls: (manifest.tables.walls.is_some() && !manifest.is_part())
+                .then(|| WallScale::of(&measured)),
         }
     }
 
@@ -118,6 +123,8 @@ pub(super) struct Workspace {
     pub cap_seen: Seen,
     pub mesh: Mesh,
     pub weld: Weld,
+    /// Where lines cross the surface, if walls are looked for.
+    pub crossings: Vec<Crossing>,
 }
 
 /// The samples to compare a tile with, and how.
@@ -165,6 +172,14 @@ pub(super) fn check(
             differences(&entry.path, &flaws, &mut issues);
         }
     }
+    let chords = match &cx.walls {
+        Some(scale) if faces.is_some() && !issues.broken() => {
+            let of_volume: Option<Vec<Slant>> =
+                original.map(|samples| samples.band.slants(&ws.crossings, scale));
+            walls::of_tile(&ws.crossings, ws.weld.noted(), of_volume.as_deref(), scale)
+        }
+        _ => walls::TileChords::default(),
+    };
     Outcome {
         voxels,
         front: Some(TileFront {
@@ -174,6 +189,7 @@ pub(super) fn check(
             faces,
             components,
             parts,
+            chords,
         }),
         counts,
         issues,
@@ -334,6 +350,7 @@ impl Work<'_, '_> {
         }
         self.sound = true;
         ws.weld.begin();
+        ws.crossings.clear();
         let mut group = 0;
         for primitive in &tile.primitives {
             if self.sound {

@@ -12,7 +12,14 @@ fn crc(bytes: &[u8]) -> String {
 pub fn sealed(mut index: Value, table: impl Fn(&str) -> Option<Vec<u8>>) -> Vec<u8> {
     let stated = index.get_mut("tables").and_then(|t| t.get_mut("checksums"));
     if let Some(all) = stated.and_then(Value::as_object_mut) {
-        for name in ["cells", "objects", "surfaces", "components", "necks"] {
+        for name in [
+            "cells",
+            "objects",
+            "surfaces",
+            "components",
+            "necks",
+            "walls",
+        ] {
             if let (Some(own), Some(bytes)) = (all.get_mut(name), table(&format!("{name}.csv"))) {
                 *own = crc(&bytes).into();
             }

@@ -51,6 +51,8 @@ fn conversions() -> Vec<String> {
         (FOAM, " --for meshlab"),
         (FOAM, " --ambiguous join"),
         (FOAM, " --min-voxels 40"),
+        (FOAM, " --walls"),
+        (NOISY, " --walls --split --min-voxels 3"),
         (FOAM, " --crop 3:37,5:36,2:41"),
         (FOAM, " --unit um"),
         (NOISY, ""),

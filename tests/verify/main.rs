@@ -10,6 +10,7 @@ mod parts;
 #[path = "../common/seal.rs"]
 mod seal;
 mod volume;
+mod walls;
 mod writer;
 
 use alvis::grid::{Ambiguous, Provenance};

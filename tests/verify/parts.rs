@@ -10,16 +10,16 @@ use std::path::Path;
 use std::process::Command;
 
 /// Samples and labels of a small volume.
-struct Scan {
+pub(crate) struct Scan {
     dims: [usize; 3],
-    samples: Vec<u8>,
+    pub(crate) samples: Vec<u8>,
     labels: Vec<u16>,
     threshold: u8,
 }
 
 impl Scan {
     /// Waves with noise, and labels in blocks whose ids have gaps; with `holes` some voxels have none.
-    fn new(seed: u64, dims: [usize; 3], block: usize, holes: bool) -> Self {
+    pub(crate) fn new(seed: u64, dims: [usize; 3], block: usize, holes: bool) -> Self {
         let place = |i: usize| [i % dims[0], i / dims[0] % dims[1], i / dims[0] / dims[1]];
         let n = dims.iter().product();
         let shift = noise(seed, 1 << 40) * 6.0;
@@ -48,7 +48,7 @@ impl Scan {
     }
 
     /// Hollows, most of them apart from each other, each of two cells; voxels of some have no label.
-    fn pockets() -> Self {
+    pub(crate) fn pockets() -> Self {
         let dims = [22, 20, 18];
         let mut scan = Scan::new(5, dims, 5, false);
         for (i, v) in scan.samples.iter_mut().enumerate() {
@@ -68,7 +68,7 @@ impl Scan {
     }
 
     /// Writes it to a directory and converts it to `out` there, with labels or without.
-    fn convert(&self, dir: &Path, out: &str, labels: bool, more: &[&str]) {
+    pub(crate) fn convert(&self, dir: &Path, out: &str, labels: bool, more: &[&str]) {
         fs::write(dir.join("scan.raw"), &self.samples).unwrap();
         let bytes: Vec<u8> = self.labels.iter().flat_map(|l| l.to_le_bytes()).collect();
         fs::write(dir.join("labels.raw"), bytes).unwrap();
@@ -77,7 +77,10 @@ impl Scan {
         let mut command = Command::new(env!("CARGO_BIN_EXE_alvis"));
         command.current_dir(dir).args(["convert", "scan.raw", out]);
         command.args(["--dims", &dims, "--dtype", "u8", "--threshold", &threshold]);
-        command.args(["--spacing", "0.5,0.75,1.25", "--unit", "mm", "--quiet"]);
+        if !more.contains(&"--spacing") {
+            command.args(["--spacing", "0.5,0.75,1.25"]);
+        }
+        command.args(["--unit", "mm", "--quiet"]);
         if labels {
             command.args(["--labels", "labels.raw"]);
         }
@@ -86,7 +89,7 @@ impl Scan {
         assert!(done.status.success(), "{more:?}: {errors}");
     }
 
-    fn compare(&self, dir: &Path) -> Report {
+    pub(crate) fn compare(&self, dir: &Path) -> Report {
         let field = crate::cubes::Field {
             dims: self.dims,
             values: self.samples.iter().map(|v| f32::from(*v)).collect(),
@@ -166,8 +169,8 @@ fn volumes_of_one_phase_pass() {
 }
 
 /// A copy of a sound set, to be broken.
-struct Sound {
-    dir: tempfile::TempDir,
+pub(crate) struct Sound {
+    pub(crate) dir: tempfile::TempDir,
 }
 
 impl Sound {
@@ -181,7 +184,7 @@ impl Sound {
     }
 
     /// The codes that a broken copy yields; `edit` returns false if nothing was there to be broken.
-    fn broken(&self, edit: impl FnOnce(&Set) -> bool) -> Option<BTreeSet<Code>> {
+    pub(crate) fn broken(&self, edit: impl FnOnce(&Set) -> bool) -> Option<BTreeSet<Code>> {
         let copy = tempfile::tempdir().unwrap();
         let to = copy.path().join("own");
         copy_all(&self.dir.path().join("own"), &to);
@@ -214,7 +217,12 @@ impl Sound {
     }
 
     /// Breaks a table and compares the codes.
-    fn table(&self, name: &str, edit: impl Fn(&mut Vec<Vec<String>>), expected: &[Code]) {
+    pub(crate) fn table(
+        &self,
+        name: &str,
+        edit: impl Fn(&mut Vec<Vec<String>>),
+        expected: &[Code],
+    ) {
         let found = self.broken(|set| {
             edit_table(set, name, &edit);
             true
@@ -237,7 +245,7 @@ fn copy_all(from: &Path, to: &Path) {
 }
 
 /// Changes the rows of a table, the header left out.
-fn edit_table(set: &Set, name: &str, edit: impl FnOnce(&mut Vec<Vec<String>>)) {
+pub(crate) fn edit_table(set: &Set, name: &str, edit: impl FnOnce(&mut Vec<Vec<String>>)) {
     let path = set.0.join(name);
     let text = fs::read_to_string(&path).unwrap();
     let mut lines = text.lines();

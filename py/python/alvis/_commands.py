@@ -123,6 +123,11 @@ class Conversion:
         """The table of necks, the narrowest places between cells that touch: of a conversion with ``split`` or ``labels``."""
         return self.tileset.necks
 
+    @property
+    def walls(self) -> Table:
+        """The table of walls between cells: of a conversion with ``walls``."""
+        return self.tileset.walls
+
 
 @dataclass(frozen=True)
 class Issue:
@@ -279,6 +284,7 @@ def convert(
     split: float | bool = False,
     split_h: float | None = None,
     split_min_radius: float | None = None,
+    walls: bool = False,
     crop: Any = None,
     filters: Filters | None = None,
     roi: str | None = None,
@@ -316,6 +322,7 @@ def convert(
     :param split: cut cells at necks narrower than this share of the smaller of the two radii; ``True`` for 0.8.
     :param split_h: with ``split``: how much deeper than its saddle a cell is at least, in voxels.
     :param split_min_radius: with ``split``: radius in voxels below which nothing is a cell of its own.
+    :param walls: measure the walls between cells, and count the neighbours of each.
     :param crop: ``((x0, x1), (y0, y1), (z0, z1))`` in voxels, half-open; ``None`` for an end of the volume.
     :param filters: by name, in their order: ``{"median": 1, "smooth": 1.5}``; of ``smooth``, ``median``,
         ``downsample``, ``invert`` (``True``) and ``clamp`` (a pair).
@@ -363,6 +370,7 @@ def convert(
         "split": split,
         "split_h": split_h,
         "split_min_radius": split_min_radius,
+        "walls": walls,
         "crop": _crop(crop),
         "roi": roi,
         "roi_fill": roi_fill,

@@ -1,4 +1,4 @@
-"""Tables of cells, objects and surfaces; of components and necks where cells are parts."""
+"""Tables of cells, objects and surfaces; of components and necks where cells are parts, and of walls."""
 
 from __future__ import annotations
 
@@ -26,11 +26,14 @@ class Table:
     def __init__(self, path: str | PathLike[str], name: str, rows: int) -> None:
         opened = _native.TileSet(path).table(name)
         if opened is None:
-            expected = "cells, objects or surfaces; components or necks of a set that was converted with split or labels"
+            expected = (
+                "cells, objects or surfaces; components or necks of a set that was converted with split or labels; "
+                "walls of one that was converted with walls"
+            )
             raise OptionError(f"name: found {name!r}, expected {expected}", "name", name, expected)
         self._table, self._rows = opened, rows
         self.name = name
-        """``cells``, ``objects``, ``surfaces``, ``components`` or ``necks``."""
+        """``cells``, ``objects``, ``surfaces``, ``components``, ``necks`` or ``walls``."""
 
     @property
     def columns(self) -> list[str]:

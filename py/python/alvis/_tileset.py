@@ -174,6 +174,14 @@ class TileSet:
         """
         return self._table("necks")
 
+    @property
+    def walls(self) -> Table:
+        """The table of walls between cells: ``cell_a``, ``cell_b``, ``wall_area``, ``wall_thickness``, ...
+
+        Raises ``OptionError`` if they were not looked for, as without ``walls``.
+        """
+        return self._table("walls")
+
     def __len__(self) -> int:
         """Tiles."""
         return int(self.manifest["totals"]["tiles"])

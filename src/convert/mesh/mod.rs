@@ -11,6 +11,7 @@ mod tiles;
 mod workers;
 mod workspace_pool;
 
+pub use band::{BandLoader, MeshBand};
 pub use collect::MeshOutput;
 
 use crate::checkpoint::{Checkpointer, TILES};

@@ -103,9 +103,11 @@ fn check(volume: &dyn Volume, options: &ConvertOptions) -> Result<()> {
     let given = [
         ("--split", options.split.is_some()),
         ("--labels", options.labels.is_some()),
+        ("--walls", options.walls),
     ];
     if let Some((option, _)) = given.into_iter().find(|(_, given)| *given) {
-        let expected = "neither --split nor --labels: cells that are parts of components are found in one process";
+        let expected = "none of --split, --labels and --walls: cells that are parts of components, and walls between \
+                        cells, are found in one process";
         return Err(Error::usage(option, "it with a plan", expected)
             .with_hint("`alvis convert` does it on one machine"));
     }

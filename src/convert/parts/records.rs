@@ -214,6 +214,7 @@ pub fn read_records<A, B>(
         places,
         has_titles: part == 0,
         given: None,
+        walls: None,
     })
 }
 

@@ -9,7 +9,7 @@
 mod tiles;
 
 use crate::error::{Error, Result};
-use crate::manifest::{COMPONENTS, Form, Manifest, NECKS, Tables, Totals};
+use crate::manifest::{COMPONENTS, Form, Manifest, NECKS, Tables, Totals, WALLS};
 use crate::progress::Progress;
 use crate::table::Table;
 use crate::tile::check_reach;
@@ -120,12 +120,16 @@ fn copy_tables(set: &TileSet, work: &Path, made: &mut Manifest) -> Result<()> {
     copy(&made.tables.cells, Table::Cells.file())?;
     copy(&made.tables.objects, Table::Objects.file())?;
     copy(&made.tables.surfaces, Table::Surfaces.file())?;
-    let mut tables = Tables::named(made.tables.parquet.is_some());
-    if let (Some(components), Some(necks)) = (&made.tables.components, &made.tables.necks) {
-        copy(components, COMPONENTS)?;
-        copy(necks, NECKS)?;
-        tables = tables.with_components();
+    for (name, file) in [
+        (&made.tables.components, COMPONENTS),
+        (&made.tables.necks, NECKS),
+        (&made.tables.walls, WALLS),
+    ] {
+        if let Some(name) = name {
+            copy(name, file)?;
+        }
     }
+    let tables = Tables::named(made.tables.parquet.is_some()).with_those_of(&made.tables);
     // those in Parquet are made of these
     made.tables = tables;
     let selection = made.selection.as_mut();

@@ -106,12 +106,12 @@ fn select_into(
     let selection = choice.selection(manifest);
     made.selection = Some(selection.clone());
     made.lod = None;
-    made.tables = Tables::named(manifest.tables.parquet.is_some());
+    made.tables = Tables::named(manifest.tables.parquet.is_some()).with_those_of(&manifest.tables);
     if manifest.cells.is_some() {
         made.totals.components = rows.components;
         made.totals.necks = rows.necks;
-        made.tables = made.tables.with_components();
     }
+    made.totals.walls = rows.walls;
     let totals = made.totals;
     made.layers.clear();
     writer.finish(made)?;

@@ -1,7 +1,7 @@
 //! The rows of the tables that are kept.
 
 use crate::error::{Error, Result};
-use crate::manifest::{COMPONENTS, Manifest, NECKS, file_inside};
+use crate::manifest::{COMPONENTS, Manifest, NECKS, WALLS, file_inside};
 use crate::sys::id_set::IdSet;
 use crate::table::{Row, Table, TableReader};
 use crate::tile::read::PieceIds;
@@ -20,6 +20,8 @@ pub struct Rows {
     pub components: u64,
     /// Openings between kept cells.
     pub necks: u64,
+    /// Walls between kept cells.
+    pub walls: u64,
     /// Surfaces.
     pub surfaces: u64,
     /// Surfaces of each kept object: how many were kept, and how many there are.
@@ -58,12 +60,15 @@ pub fn copy_rows(from: &Path, to: &Path, manifest: &Manifest, choice: &Choice) -
             Table::Objects | Table::Surfaces => all || cells.contains(id),
         };
         rows.cells += u64::from(keep);
+        if keep {
+            parts.cells.insert(id);
+        }
         if let (true, Some(component)) = (keep, component) {
-            parts.add(id, row.number(component)?);
+            parts.add(row.number(component)?);
         }
         Ok(keep)
     })?;
-    [rows.components, rows.necks] = parts.copy(from, to, manifest)?;
+    [rows.components, rows.necks, rows.walls] = parts.copy(from, to, manifest)?;
     let reader = Table::Objects.open(from, manifest)?;
     let voxels = reader.column("voxels");
     let mut lone = Vec::new();
@@ -84,7 +89,7 @@ pub fn copy_rows(from: &Path, to: &Path, manifest: &Manifest, choice: &Choice) -
     Ok(rows)
 }
 
-/// What is kept where cells are parts of components.
+/// What is kept of cells, and of the components that they are parts of.
 #[derive(Default)]
 struct Parts {
     cells: IdSet,
@@ -94,39 +99,37 @@ struct Parts {
 }
 
 impl Parts {
-    /// A kept cell, and the component that its row names.
-    fn add(&mut self, cell: u64, component: Option<f64>) {
-        self.cells.insert(cell);
+    /// The component that the row of a kept cell names.
+    fn add(&mut self, component: Option<f64>) {
         match component {
             Some(component) => _ = self.components.insert(component as u64),
             None => self.all = true,
         }
     }
 
-    /// Copies the rows of components of kept cells, and of necks between kept cells; returns how many of each.
-    fn copy(&self, from: &Path, to: &Path, manifest: &Manifest) -> Result<[u64; 2]> {
+    /// Copies the rows of components of kept cells, and of necks and walls between kept cells; returns how many of each.
+    fn copy(&self, from: &Path, to: &Path, manifest: &Manifest) -> Result<[u64; 3]> {
         let tables = &manifest.tables;
-        let mut counts = [0; 2];
-        for (path, name) in [(&tables.components, COMPONENTS), (&tables.necks, NECKS)] {
+        let mut counts = [0; 3];
+        let of_components = (&self.components, self.all, &["id"][..]);
+        let of_pairs = (&self.cells, false, &["cell_a", "cell_b"][..]);
+        let all = [
+            (&tables.components, COMPONENTS, of_components),
+            (&tables.necks, NECKS, of_pairs),
+            (&tables.walls, WALLS, of_pairs),
+        ];
+        for (count, (path, name, (kept, all, columns))) in counts.iter_mut().zip(all) {
             let Some(path) = path else { continue };
-            let keys: &[&str] = match name {
-                NECKS => &["cell_a", "cell_b"],
-                _ => &["id"],
-            };
             let path = file_inside(from, path, "open the table")?;
-            let mut reader = TableReader::open_keyed(&path, keys[0])?;
-            let ids = keys.iter().map(|key| reader.own_column(key));
+            let mut reader = TableReader::open_keyed(&path, columns[0])?;
+            let ids = columns.iter().map(|column| reader.own_column(column));
             let ids = ids.collect::<Result<Vec<_>>>()?;
             copy_if(&mut reader, &to.join(name), |row| {
-                let (set, all) = match name {
-                    NECKS => (&self.cells, false),
-                    _ => (&self.components, self.all),
-                };
                 let mut keep = true;
                 for &id in &ids {
-                    keep &= all || set.contains(row.whole(id)?);
+                    keep &= all || kept.contains(row.whole(id)?);
                 }
-                counts[usize::from(name == NECKS)] += u64::from(keep);
+                *count += u64::from(keep);
                 Ok(keep)
             })?;
         }

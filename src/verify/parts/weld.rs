@@ -46,6 +46,11 @@ impl Weld {
         self.begins.clear();
     }
 
+    /// The voxels at which triangles begin, by rising numbers, with their cells, of a tile whose parts are all known.
+    pub(in crate::verify) fn noted(&self) -> &[(u64, u64)] {
+        &self.begins
+    }
+
     /// Adds a piece as a part, of whose vertices the tile owns some; returns how many vertices other parts have, too, those
     /// that differ from these, and those that parts of larger cells had before.
     fn add(
