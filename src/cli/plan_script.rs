@@ -128,7 +128,7 @@ spec:
         volumeMounts: [{{name: data, mountPath: /data}}]
       volumes: [{{name: data, persistentVolumeClaim: {{claimName: DATA_CLAIM}}}}]
 END
-  kubectl wait --for=condition=complete --timeout=-1s job/$name || true"#,
+  until kubectl get job/$name -o jsonpath='{{.status.conditions[*].type}}' | grep -Eq 'Complete|Failed'; do sleep 5; done"#,
             job = job.replace('$', r"\$")
         );
         looped(&self.merge(), &submit)
