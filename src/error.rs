@@ -158,6 +158,28 @@ pub enum Error {
         /// What differs, with the old and the new value each.
         differences: String,
     },
+    /// The parts of a volume that are worked on there are those of another plan.
+    #[error(
+        "{}: the plan there differs from this: {differences}: give input, options and program as they were, or make \
+         the plan again with --force",
+        path.display()
+    )]
+    OtherPlan {
+        /// The output directory.
+        path: PathBuf,
+        /// What differs, with the old and the new value each.
+        differences: String,
+    },
+    /// The output directory holds a plan, whose parts may be worked on by others.
+    #[error(
+        "{}: a plan to convert a volume in parts is there: finish it by `alvis work` and `alvis merge`, or give \
+         --force to drop it and what its parts have made",
+        path.display()
+    )]
+    OutputPlanned {
+        /// The directory.
+        path: PathBuf,
+    },
     /// The input was changed while it was read: what was made of it may be of neither state.
     #[error(
         "{}: the input was changed while it was read: found {found}: nothing was made of it: do this again when \

@@ -677,3 +677,42 @@ fn four_gibibytes_are_converted_and_verified_inside_256_mebibytes() {
     assert_eq!(found["ok"], true);
     assert!(found["peak_rss_bytes"].as_u64().unwrap() <= limit);
 }
+
+/// Every process of a conversion in parts keeps the limit: work on a part takes what a conversion takes, and merges what is
+/// in a slice, however many parts there are.
+#[test]
+fn parts_and_their_merges_stay_inside_the_limit() {
+    let (limit, dims) = (48 * MIB, "320,320,161");
+    let dir = on_disk();
+    let here = dir.path();
+    lattice(&here.join("a.raw"), [320, 320, 161], 0);
+    let memory = limit.to_string();
+    let mut args = convert("a.raw", "out", dims, &memory);
+    args[0] = "plan";
+    args.extend(["--macrocube", "64,64,8", "--parts", "20"]);
+    let planned: Value = serde_json::from_slice(&alvis(here, None, &args).stdout).unwrap();
+    assert!(
+        planned["memory_bytes"].as_u64().unwrap() <= limit,
+        "{planned}"
+    );
+    let merge = ["merge", "out", "--memory", &memory, "--quiet", "--json"];
+    for _ in 0..4 {
+        let merged = alvis(here, Some(limit), &merge);
+        let told: Value = serde_json::from_slice(&merged.stdout).unwrap();
+        if merged.status.code() == Some(0) {
+            assert!(told["peak_rss_bytes"].as_u64().unwrap() <= limit, "{told}");
+            assert_eq!(told["cells"], 10 * 10 * 5);
+            return;
+        }
+        assert_eq!(
+            (merged.status.code(), &told["parts"]),
+            (Some(3), &"0-19".into())
+        );
+        for part in 0..20 {
+            let part = part.to_string();
+            let work = ["work", "out", "--part", &part, "--threads", "2", "--quiet"];
+            inside(here, limit, &work);
+        }
+    }
+    panic!("three rounds are not enough");
+}

@@ -12,6 +12,11 @@ impl Identity {
         Identity(list)
     }
 
+    /// The names and values.
+    pub fn into_list(self) -> Vec<(String, String)> {
+        self.0
+    }
+
     /// What of it was another in `before`, for people.
     pub fn differences(&self, before: &Identity) -> Vec<String> {
         let find = |list: &Identity, name: &str| {

@@ -1,8 +1,10 @@
 //! The files that a checkpoint relies on, and how much of each.
 
+use crate::checkpoint::{SPOOLS, SWEEPS};
 use crate::error::{Error, Result};
 use crate::sys::spill_file::{Mark, SpillFile};
 use crate::sys::state_codec::{Decoder, Encoder};
+use serde::{Deserialize, Serialize};
 use std::fs::File;
 use std::io::Read;
 use std::path::{Path, PathBuf};
@@ -15,6 +17,11 @@ pub struct Scratch {
 }
 
 impl Scratch {
+    /// The files of a sweep in the work directory of a conversion.
+    pub fn of_sweep(work: &Path, sweep: usize) -> Self {
+        Scratch::new(work.join(SPOOLS), SWEEPS[sweep])
+    }
+
     /// The files of the sweep of this name, in `dir`.
     pub fn new(dir: PathBuf, sweep: &'static str) -> Self {
         Scratch { dir, sweep }
@@ -31,7 +38,7 @@ impl Scratch {
 }
 
 /// How much each file holds, by its name.
-#[derive(Debug, Clone, Default, PartialEq, Eq)]
+#[derive(Debug, Clone, Default, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Marks(Vec<(String, u64, Option<u32>)>);
 
 impl Marks {
@@ -61,11 +68,25 @@ impl Marks {
     /// # Errors
     /// [`crate::Error::Io`].
     pub fn reopen(&self, files: &Scratch, what: &str) -> Result<Option<SpillFile>> {
+        let mark = self.mark(files, what);
+        mark.map(|mark| SpillFile::reopen(&files.path(what), mark))
+            .transpose()
+    }
+
+    /// Opens the spool of this name to be read, as far as it is marked; `None` if there is no mark of it.
+    ///
+    /// # Errors
+    /// [`crate::Error::Io`].
+    pub fn open(&self, files: &Scratch, what: &str) -> Result<Option<SpillFile>> {
+        let mark = self.mark(files, what);
+        mark.map(|mark| SpillFile::open(&files.path(what), mark))
+            .transpose()
+    }
+
+    fn mark(&self, files: &Scratch, what: &str) -> Option<Mark> {
         let name = files.name(what);
-        let Some(&(_, len, Some(crc))) = self.0.iter().find(|m| m.0 == name) else {
-            return Ok(None);
-        };
-        SpillFile::reopen(&files.path(what), Mark { len, crc }).map(Some)
+        let &(_, len, crc) = self.0.iter().find(|m| m.0 == name)?;
+        crc.map(|crc| Mark { len, crc })
     }
 
     /// Removes the files of a sweep that are not marked.
@@ -86,8 +107,18 @@ impl Marks {
         Ok(())
     }
 
+    /// Names and lengths of the files.
+    pub fn lengths(&self) -> impl Iterator<Item = (&str, u64)> {
+        self.0.iter().map(|(name, len, _)| (name.as_str(), *len))
+    }
+
     /// True if every file in `dir` still begins with what it held.
     pub fn hold(&self, dir: &Path) -> bool {
+        self.first_changed(dir).is_none()
+    }
+
+    /// The first of the files in `dir` that does not begin with what it held.
+    pub fn first_changed(&self, dir: &Path) -> Option<&str> {
         let sound = |(name, len, crc): &(String, u64, Option<u32>)| {
             let file = File::open(dir.join(name)).ok()?;
             let long_enough = file.metadata().ok()?.len() >= *len;
@@ -97,7 +128,8 @@ impl Marks {
             };
             Some(long_enough && same)
         };
-        self.0.iter().all(|mark| sound(mark) == Some(true))
+        let changed = self.0.iter().find(|mark| sound(mark) != Some(true));
+        changed.map(|(name, ..)| name.as_str())
     }
 
     /// Writes the marks.

@@ -32,7 +32,7 @@ const FINISHED: &str = "finished";
 /// Files without which nothing in a work directory is relied on.
 pub const STATE: [&str; 3] = [CONVERSION, CHECKPOINT, "checkpoint.safe"];
 /// Directory of the sweeps' files.
-const SPOOLS: &str = "spools";
+pub const SPOOLS: &str = "spools";
 /// Names of the sweeps, in their order.
 const SWEEPS: [&str; 4] = ["small-objects", "small-cells", "labels", "tiles"];
 /// The sweep that finds all components.
@@ -196,7 +196,7 @@ impl Checkpointer {
 
     /// The files of a sweep.
     pub fn files(&self, sweep: usize) -> Scratch {
-        Scratch::new(self.work.join(SPOOLS), SWEEPS[sweep])
+        Scratch::of_sweep(&self.work, sweep)
     }
 
     /// Marks of a sweep that writes no tiles, if all its layers were done before.

@@ -7,18 +7,16 @@ use super::info;
 use super::input::Input;
 use super::lod;
 use super::parse::{self, CropArg};
+use super::prepare::{Prepared, Purpose};
 use super::progress::Console;
-use super::region::Roi;
 use super::threshold::{TAKES, Threshold, threshold};
 use super::view::ViewArgs;
 use super::{Outcome, batch, output};
-use crate::cli::labels::read_labels;
 use crate::convert::{self, ConvertOptions, ConvertReport, NeckRule};
 use crate::error::{Error, Result};
 use crate::grid::{Ambiguous, Origin, Unit};
 use crate::lod::{LodOptions, LodReport};
 use crate::manifest::Form;
-use crate::progress::Progress;
 use crate::volume::{Opened, Stamp};
 use crate::words::exact;
 use clap::{Args, ValueEnum, ValueHint};
@@ -107,7 +105,7 @@ pub struct ConvertArgs {
     /// voxels below with label 0 are one more cell, behind the largest label. Labels of voxels above mean nothing, and may be
     /// below 0 there.
     #[arg(long, value_name = "FILE", value_hint = ValueHint::FilePath, conflicts_with = "out_dir")]
-    labels: Option<PathBuf>,
+    pub(super) labels: Option<PathBuf>,
     /// Split cells that leak into each other where the opening is at most this part of the smaller one's radius
     /// [without a number: 0.8]
     ///
@@ -165,14 +163,14 @@ pub struct ConvertArgs {
     pub resume: bool,
     /// Add levels of detail when the tiles are done, as `alvis lod` does
     #[arg(long, conflicts_with_all = ["split", "labels"])]
-    lod: bool,
+    pub(super) lod: bool,
     /// Look at the tiles in the browser when they are done, as `alvis view` does
     #[arg(long, conflicts_with_all = ["json", "out_dir"])]
-    view: bool,
+    pub(super) view: bool,
     #[command(flatten)]
     form: FormArgs,
     #[command(flatten)]
-    options: InputOptions,
+    pub(super) options: InputOptions,
     #[command(flatten)]
     pub common: Common,
 }
@@ -250,7 +248,7 @@ impl ConvertArgs {
     }
 
     /// What is asked for of a volume, but for the threshold and the region, which it may take a look at it to find.
-    fn of_opened(&self, opened: &Opened, stamp: Stamp) -> Result<ConvertOptions> {
+    pub(super) fn of_opened(&self, opened: &Opened, stamp: Stamp) -> Result<ConvertOptions> {
         let dims = opened.volume.header().dims;
         let crop = self.crop.as_ref().map(|c| c.resolve(dims)).transpose()?;
         let form = self.form.form(Form::default());
@@ -296,42 +294,13 @@ impl ConvertArgs {
         again: Again,
         console: &Console,
     ) -> Result<ConvertReport> {
-        let path = input.path().to_path_buf();
-        let (mut opened, stamp) = input.open(&self.options.options(), out)?;
-        opened.doubt_size()?;
-        let opened = self.options.filters.apply(opened)?;
-        let mut options = self.of_opened(&opened, stamp)?;
-        let volume = &*opened.volume;
-        let how = match self.threshold {
-            Threshold::Value(_) => String::new(),
-            Threshold::Method(method) => format!(" ({})", method.how()),
-        };
-        if !how.is_empty() || self.options.region.roi.is_some() || self.labels.is_some() {
-            // these read the volume: not for a conversion that is refused then
-            let in_region = self.options.region.roi.is_some();
-            convert::check_before(volume, &options, in_region, out)?;
-        }
-        let region = &self.options.region;
-        let roi = region.find(volume, options.crop.as_ref(), console)?;
-        let doubts = roi
-            .as_ref()
-            .map_or(Vec::new(), |roi| roi.warnings().to_vec());
-        doubts.iter().for_each(|warning| console.warn(warning));
-        let inside = roi.as_ref().map(|roi| &roi.voxels);
-        options.threshold = self.threshold.find(volume, inside, &path, console)?;
-        let found = roi.as_ref().map(Roi::text);
-        options.region = match roi {
-            Some(roi) => {
-                let crop = options.crop.as_ref();
-                Some(roi.at_threshold(volume, options.threshold, crop, console)?)
-            }
-            None => None,
-        };
-        options.labels = match &self.labels {
-            Some(path) => Some(read_labels(path, volume.header(), console)?),
-            None => None,
-        };
-        let understood = understood(&opened, &options, found, &how)?;
+        let Prepared {
+            opened,
+            options,
+            doubts,
+            understood,
+            how,
+        } = self.prepare(input, out, Purpose::Convert, console)?;
         if self.out_dir.is_none() {
             console.note(&understood);
         }
@@ -370,7 +339,7 @@ fn how_found(mut error: Error, how: &str) -> Error {
 ///
 /// # Errors
 /// [`crate::Error::Memory`] if the limit is too small.
-fn understood(
+pub(super) fn understood(
     opened: &Opened,
     options: &ConvertOptions,
     region: Option<String>,

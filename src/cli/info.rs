@@ -266,7 +266,7 @@ impl InfoArgs {
 
 /// A rough size of the tiles: 24 bytes for each vertex, of which one in twenty is written twice,
 /// and 1.4 indices of two bytes for each triangle in strips.
-fn tile_bytes(prediction: &Prediction) -> u64 {
+pub(super) fn tile_bytes(prediction: &Prediction) -> u64 {
     (prediction.vertices as f64 * 25.2 + prediction.triangles as f64 * 2.8) as u64
 }
 

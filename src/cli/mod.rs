@@ -24,10 +24,14 @@ mod info_tiles;
 mod input;
 mod labels;
 mod lod;
+mod merge;
 mod necks;
 mod output;
 mod parse;
 mod phantom;
+mod plan;
+mod plan_script;
+mod prepare;
 mod preview;
 mod progress;
 mod region;
@@ -43,6 +47,7 @@ mod summary_text;
 mod threshold;
 mod verify;
 mod view;
+mod work;
 
 use crate::error::Result;
 use clap::error::ErrorKind;
@@ -57,6 +62,10 @@ enum Outcome {
     Done,
     /// Exit status 1: the verifier found issues.
     Issues,
+    /// Exit status 3: parts are to be run.
+    ToRun,
+    /// Exit status 75: nothing can be done yet, as `sysexits.h` has it.
+    NotYet,
 }
 
 /// Exit status of anything that went wrong.
@@ -88,6 +97,9 @@ enum Command {
     Export(export::ExportArgs),
     Repack(repack::RepackArgs),
     Lod(lod::LodArgs),
+    Plan(plan::PlanArgs),
+    Work(work::WorkArgs),
+    Merge(merge::MergeArgs),
     Serve(serve::ServeArgs),
     Preview(preview::PreviewArgs),
     Phantom(phantom::PhantomArgs),
@@ -111,6 +123,9 @@ impl Command {
             Command::Export(args) => args.run(),
             Command::Repack(args) => args.run(),
             Command::Lod(args) => args.run(),
+            Command::Plan(args) => args.run(typed),
+            Command::Work(args) => args.run(),
+            Command::Merge(args) => args.run(),
             Command::Serve(args) => args.run(),
             Command::Preview(args) => args.run(),
             Command::Phantom(args) => args.run(),
@@ -156,6 +171,8 @@ pub fn status(args: impl IntoIterator<Item = OsString>) -> u8 {
     match result {
         Ok(Outcome::Done) => 0,
         Ok(Outcome::Issues) => 1,
+        Ok(Outcome::ToRun) => 3,
+        Ok(Outcome::NotYet) => 75,
         Err(message) => {
             output::note(&format!("alvis: {message}"));
             FAILED
@@ -188,10 +205,11 @@ fn one_line(refusal: &clap::Error, typed: &[OsString]) -> String {
 }
 
 /// The commands in groups, as the help lists them.
-const GROUPS: [(&str, &[&str]); 4] = [
+const GROUPS: [(&str, &[&str]); 5] = [
     ("Make tiles", &["demo", "info", "convert", "verify"]),
     ("Look", &["view", "preview", "cells", "compare", "report"]),
     ("Use tiles", &["select", "export", "repack", "lod", "serve"]),
+    ("Many machines", &["plan", "work", "merge"]),
     ("Other", &["phantom", "completions", "man", "help"]),
 ];
 

@@ -170,6 +170,35 @@ impl RegionArgs {
         }))
     }
 
+    /// The region that was found before in a volume, and is asked for again.
+    ///
+    /// # Errors
+    /// [`Error::Usage`] if a mask is not what it was; as of [`RegionArgs::find`].
+    pub fn find_again(
+        &self,
+        stated: &Region,
+        volume: &dyn Volume,
+        progress: &dyn Progress,
+    ) -> Result<RegionOfInterest> {
+        let header = volume.header();
+        let voxels = match (&stated.shape, &self.roi) {
+            (Shape::Mask { .. }, Some(RegionArg::Mask(path))) => {
+                let (found, voxels) = read_mask(path, header, progress)?;
+                if found != stated.shape {
+                    let expected = format!("the mask as it was: {}", stated.shape);
+                    return Err(Error::usage("--roi", found.to_string(), expected));
+                }
+                voxels
+            }
+            (Shape::Cylinder(cylinder), _) => RegionVoxels::cylinder(cylinder, header.dims)?,
+            (Shape::Mask { .. }, _) => {
+                return Err(Error::usage("--roi", "no mask", "that of the region"));
+            }
+        };
+        let stated = stated.clone();
+        Ok(RegionOfInterest { stated, voxels })
+    }
+
     /// The voxels of the region of a tile set in its volume, which has been filtered and not cropped; `None` if all of it
     /// counts. `option` is that by which the tile set or the volume was given.
     ///

@@ -1,11 +1,12 @@
 //! Every component, cell and surface of the volume, with the sums over its voxels and triangles.
 
 use crate::convert::cells::{GivenCells, Opening};
+use crate::convert::id_places::IdPlaces;
 use crate::convert::label::{EndedComponents, Labelled};
 use crate::convert::memory::FOR_EACH_TABLE;
 use crate::convert::mesh::MeshOutput;
 use crate::convert::mesh::tile_writer::WrittenPiece;
-use crate::convert::resolve::{ComponentId, Resolved};
+use crate::convert::resolve::{ComponentId, Each, Resolved};
 use crate::convert::walls::CellWalls;
 use crate::error::Result;
 use crate::measure::{ComponentRecord, RecordTable, SurfaceRecord};
@@ -19,14 +20,19 @@ pub const SEVERAL: u64 = u64::MAX;
 /// Pairs of a cell and an object that are sorted in memory.
 const ROOM: usize = 1 << 16;
 
-/// Every component and surface of the volume, and the cells, where these are parts of components.
+/// Every component and surface of the volume, and the cells, where these are parts of components. Of a part of the
+/// volume, those that begin there, and of those that go on there what is there.
 pub struct Components {
-    /// Objects; record i has id i + 1.
+    /// Objects, by their places.
     pub objects: RecordTable<ComponentRecord>,
     /// Cells, by the places of their ids.
     pub cells: RecordTable<ComponentRecord>,
-    /// Surfaces; record i has id i + 1.
+    /// Surfaces, by their places.
     pub surfaces: RecordTable<SurfaceRecord>,
+    /// The places of ids; of those of cells where none are given.
+    pub places: Each<IdPlaces>,
+    /// Tables of these have titles: they are those of the whole volume, or the first part of them.
+    pub has_titles: bool,
     /// What there is where cells are given: without, each component of voxels below is a cell, and record i has id i + 1.
     pub given: Option<Given>,
     /// The walls between cells, if these were asked for.
@@ -77,30 +83,40 @@ impl Keyed for Pair {
     }
 }
 
+/// What is summed up.
+pub struct SumUp<'a> {
+    /// What labelling has found.
+    pub labelled: &'a mut Labelled,
+    /// What components that is.
+    pub resolved: &'a mut Resolved,
+    /// What meshing has found of their surfaces.
+    pub meshed: &'a mut MeshOutput,
+    /// Where the records of their ids are to lie.
+    pub places: Each<IdPlaces>,
+}
+
 /// Sums up what labelling has found of components and meshing of their surfaces; tables larger than `memory` bytes go to
 /// temporary files in `work`.
 ///
 /// # Errors
 /// [`crate::Error::Io`] if a temporary file fails.
 pub fn sum_up(
-    labelled: &mut Labelled,
-    resolved: &mut Resolved,
-    meshed: &mut MeshOutput,
+    input: SumUp,
     cells: Option<GivenCells>,
     memory: u64,
     work: &Path,
 ) -> Result<Components> {
+    let SumUp {
+        labelled,
+        resolved,
+        meshed,
+        places,
+    } = input;
     let of_each = FOR_EACH_TABLE.of(memory);
     let counts = resolved.counts;
     let table = |count| RecordTable::new(count, of_each, work);
     let mut components = match cells {
-        None => Components {
-            objects: table(counts.objects)?,
-            cells: table(counts.cells)?,
-            surfaces: RecordTable::new(counts.surfaces, of_each, work)?,
-            given: None,
-            walls: None,
-        },
+        None => Components::none_yet(places, memory, work)?,
         Some(cells) => {
             let count = cells.ids.len();
             let given = Given {
@@ -112,6 +128,8 @@ pub fn sum_up(
                 objects: table(counts.objects)?,
                 cells: table(count)?,
                 surfaces: RecordTable::new(0, of_each, work)?,
+                places,
+                has_titles: true,
                 given: Some(given),
                 walls: None,
             };
@@ -119,12 +137,9 @@ pub fn sum_up(
             components
         }
     };
-    for layer in 0..meshed.layers() {
-        let slab = labelled
-            .slabs
-            .get(layer as usize)?
-            .expect("one for each layer");
-        let classes = resolved.classes(layer.into())?;
+    for layer in meshed.layers().each() {
+        let slab = labelled.slabs.get(layer)?;
+        let classes = resolved.classes(layer)?;
         let above = labelled.spool.get(&slab.above)?;
         for ended in slab.ended(&mut labelled.spool)? {
             components.add_ended(&mut labelled.spool, &ended, &above, &classes)?;
@@ -139,6 +154,23 @@ pub fn sum_up(
 }
 
 impl Components {
+    /// Without anything of components that have these places yet.
+    ///
+    /// # Errors
+    /// [`crate::Error::Io`] if a temporary file fails.
+    pub fn none_yet(places: Each<IdPlaces>, memory: u64, work: &Path) -> Result<Self> {
+        let of_each = FOR_EACH_TABLE.of(memory);
+        Ok(Components {
+            objects: RecordTable::new(places.objects.len(), of_each, work)?,
+            cells: RecordTable::new(places.cells.len(), of_each, work)?,
+            surfaces: RecordTable::new(places.surfaces.len(), of_each, work)?,
+            places,
+            has_titles: true,
+            given: None,
+            walls: None,
+        })
+    }
+
     /// The record of a cell, by its id.
     ///
     /// # Errors
@@ -149,7 +181,10 @@ impl Components {
 
     /// The place of a cell in the table, by its id.
     pub fn place_of_cell(&self, id: u64) -> u64 {
-        self.given.as_ref().map_or(id - 1, |given| given.place(id))
+        match &self.given {
+            Some(given) => given.place(id),
+            None => self.places.cells.of(id),
+        }
     }
 
     /// The id of the surface that a piece, which is no cap, is part of: where cells are given, that between the cell and
@@ -177,7 +212,7 @@ impl Components {
     /// Numbers surfaces by cells, then objects.
     fn number_surfaces(&mut self, meshed: &mut MeshOutput, memory: u64, work: &Path) -> Result<()> {
         let mut sorter = Sorter::new(work, ROOM)?;
-        for layer in 0..meshed.layers() {
+        for layer in meshed.layers().each() {
             for tile in meshed.tiles(layer)? {
                 for piece in tile.pieces(&mut meshed.spool)? {
                     if !piece.is_cap() {
@@ -196,6 +231,7 @@ impl Components {
         })?;
         pairs.mark()?;
         self.surfaces = RecordTable::new(count, memory, work)?;
+        self.places.surfaces = IdPlaces::all(count);
         let given = self.given.as_mut().expect("surfaces of given cells");
         let ids = &given.cells.ids;
         let (mut surface, mut before) = (0, 0);
@@ -214,11 +250,13 @@ impl Components {
         })
     }
 
-    /// The table of components of voxels below, which are the cells unless these are given.
-    fn below(&mut self) -> &mut RecordTable<ComponentRecord> {
-        match &mut self.given {
-            Some(given) => &mut given.components,
-            None => &mut self.cells,
+    /// The table of components of one phase, and the place of one of them: those of voxels below are the cells unless
+    /// these are given.
+    fn component(&mut self, above: bool, id: u64) -> (&mut RecordTable<ComponentRecord>, u64) {
+        match (above, &mut self.given) {
+            (true, _) => (&mut self.objects, self.places.objects.of(id)),
+            (false, Some(given)) => (&mut given.components, id - 1),
+            (false, None) => (&mut self.cells, self.places.cells.of(id)),
         }
     }
 
@@ -234,11 +272,8 @@ impl Components {
         let mut class_of = class_of.iter();
         spool.for_each(&ended.sums, |voxels| {
             let class = *class_of.next().expect("as many as there are sums") as usize;
-            let table = match above[class] {
-                1 => &mut self.objects,
-                _ => self.below(),
-            };
-            table.update(classes[class].id - 1, |record| record.voxels = voxels)
+            let (table, place) = self.component(above[class] == 1, classes[class].id);
+            table.update(place, |record| record.add_voxels(&voxels))
         })
     }
 
@@ -249,7 +284,8 @@ impl Components {
         for piece in open() {
             let (ids, surface) = (piece.ids, self.surface_of(piece)?);
             surfaces.push(surface);
-            self.surfaces.update(surface - 1, |record| {
+            let place = self.places.surfaces.of(surface);
+            self.surfaces.update(place, |record| {
                 record.mesh.merge(&piece.sums);
                 (record.object, record.cell) = (ids.object, ids.cell);
                 record.touches_border = u64::from(record.mesh.border_edges > 0);
@@ -266,10 +302,12 @@ impl Components {
         };
         let distinct = |get: fn(&WrittenPiece) -> u64| sorted(open().map(get).collect());
         for surface in sorted(surfaces) {
-            self.surfaces.update(surface - 1, |r| r.tiles += 1)?;
+            let place = self.places.surfaces.of(surface);
+            self.surfaces.update(place, |r| r.tiles += 1)?;
         }
         for object in distinct(|piece| piece.ids.object) {
-            self.objects.update(object - 1, |r| r.tiles += 1)?;
+            let place = self.places.objects.of(object);
+            self.objects.update(place, |r| r.tiles += 1)?;
         }
         for cell in distinct(|piece| piece.ids.cell) {
             let place = self.place_of_cell(cell);
@@ -283,19 +321,25 @@ impl Components {
         Ok(())
     }
 
-    /// Adds every surface's sums to its object and cell.
+    /// Adds every surface's sums to its object and cell. It is counted where it begins.
     fn add_meshes(&mut self) -> Result<()> {
         let is_given = self.given.is_some();
         for i in 0..self.surfaces.len() {
             let surface = self.surfaces.get(i)?;
-            let add = |record: &mut ComponentRecord, is_counted: bool| {
+            if surface.object == 0 {
+                // it has no triangle in this part
+                continue;
+            }
+            let counted = u64::from(i < self.places.surfaces.own);
+            let add = |record: &mut ComponentRecord, count: u64| {
                 record.mesh.merge(&surface.mesh);
-                record.surfaces += u64::from(!is_counted);
+                record.surfaces += count;
             };
+            let of_cell = if is_given { 0 } else { counted };
             let place = self.place_of_cell(surface.cell);
-            self.cells.update(place, |record| add(record, is_given))?;
-            self.objects
-                .update(surface.object - 1, |record| add(record, false))?;
+            self.cells.update(place, |record| add(record, of_cell))?;
+            let place = self.places.objects.of(surface.object);
+            self.objects.update(place, |record| add(record, counted))?;
         }
         Ok(())
     }

@@ -2,6 +2,7 @@
 
 use crate::convert::ConvertOptions;
 use crate::convert::cells::{GivenCells, metric};
+use crate::convert::layers::Layers;
 use crate::convert::mesh::tile_writer::TileWriter;
 use crate::convert::plan::Plan;
 use crate::grid::LATTICE;
@@ -31,6 +32,8 @@ pub struct Conversion<'a> {
     pub options: &'a ConvertOptions,
     /// How the grid is cut, and what each stage may take of the memory.
     pub plan: &'a Plan,
+    /// The layers that are made here: all, or those of a part.
+    pub made: Layers,
     /// Saw all samples that were read.
     pub watch: &'a Watch,
     /// Hears what happens.

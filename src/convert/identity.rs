@@ -142,6 +142,7 @@ fn stated(manifest: &Manifest) -> Vec<(String, String)> {
 mod tests {
     use super::*;
     use crate::convert::conversion::Conversion;
+    use crate::convert::layers::Layers;
     use crate::convert::plan::plan;
     use crate::convert::{ConvertOptions, Volume};
     use crate::grid::{Dims, Dtype, Filter, Filtered, Part, Placement};
@@ -163,6 +164,7 @@ mod tests {
             labels: None,
             options,
             plan: &plan,
+            made: Layers::all(plan.tiling),
             watch: &Watch::new(volume.header(), false),
             progress: &Quiet,
         };

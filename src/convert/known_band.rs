@@ -25,6 +25,8 @@ pub struct KnownBand {
 pub struct KnownBands<'a> {
     /// The macrocubes.
     pub tiling: Tiling,
+    /// The first layer whose bands there are.
+    pub first: u32,
     /// Bits, and local components of runs.
     pub kept: &'a KeptBands,
     /// The components of the whole volume that these are.
@@ -32,10 +34,10 @@ pub struct KnownBands<'a> {
 }
 
 impl KnownBands<'_> {
-    /// The number of band `ty` of layer `tz`.
+    /// The number of band `ty` of layer `tz` among those that there are.
     pub fn number(&self, [ty, tz]: [u32; 2]) -> u64 {
         let [_, bands, _] = self.tiling.tiles();
-        u64::from(tz) * u64::from(bands) + u64::from(ty)
+        u64::from(tz - self.first) * u64::from(bands) + u64::from(ty)
     }
 
     /// Bytes that [`KnownBands::load`] takes for a band over `span`.

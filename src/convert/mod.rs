@@ -5,12 +5,15 @@ mod cells;
 mod components;
 mod conversion;
 mod finalize;
+mod id_places;
 mod identity;
 mod known_band;
 mod label;
+mod layers;
 mod memory;
 mod mesh;
 mod options;
+pub mod parts;
 mod plan;
 mod resolve;
 mod resume;
@@ -32,22 +35,24 @@ pub use tables::unit_text;
 
 use crate::checkpoint::{Checkpointer, boot};
 use crate::convert::cells::{CellsInput, GivenCells, cells};
-use crate::convert::components::sum_up;
+use crate::convert::components::{SumUp, sum_up};
 use crate::convert::conversion::{Conversion, Made};
 use crate::convert::finalize::{FinalizeInput, finalize};
 use crate::convert::known_band::KnownBands;
 use crate::convert::label::{LabelInput, Labelled, LeftOut, label};
+use crate::convert::layers::Layers;
 use crate::convert::memory::TABLES;
 use crate::convert::mesh::tile_writer::TileWriter;
 use crate::convert::mesh::{MeshInput, Meshed, mesh};
 use crate::convert::plan::plan;
-use crate::convert::resolve::{Resolved, resolve};
+use crate::convert::resolve::{Numbering, Resolved, resolve};
 use crate::convert::resume::{begin, commit_begun, complete, refuse_kept, refuse_other};
 use crate::convert::tables::write_tables;
 use crate::convert::totals::{ScannedSums, dust_of};
 use crate::convert::walls::{WallsInput, add_walls, walls};
 use crate::convert::warnings::{warnings, warnings_of_parts};
 use crate::error::{Error, Result};
+use crate::grid::Tiling;
 use crate::manifest::Manifest;
 use crate::progress::Progress;
 use crate::sys::memory_pool::{MemoryPool, MemoryReservation};
@@ -81,6 +86,31 @@ pub fn convert(
     progress: &dyn Progress,
 ) -> Result<ConvertReport> {
     let start = Instant::now();
+    let done = with_conversion(volume, options, progress, Layers::all, |job| {
+        run(job, out).map_err(|e| outward(e, out))
+    })?;
+    Ok(ConvertReport {
+        totals: done.made.totals,
+        threshold: options.threshold,
+        filters: options.filters(),
+        region: options.region.as_ref().map(|r| r.stated.clone()),
+        bytes_written: done.made.bytes,
+        seconds: start.elapsed().as_secs_f64(),
+        peak_rss_bytes: peak_rss_bytes(),
+        resumed_layers: done.resumed_layers,
+        resumed_index_layers: done.resumed_index_layers,
+        warnings: done.made.warnings,
+    })
+}
+
+/// Calls `run` with what all stages of a conversion know, of the layers that `made` chooses.
+fn with_conversion<R>(
+    volume: &dyn Volume,
+    options: &ConvertOptions,
+    progress: &dyn Progress,
+    made: impl FnOnce(Tiling) -> Layers,
+    run: impl FnOnce(&Conversion) -> Result<R>,
+) -> Result<R> {
     options.check(&volume.header().placement)?;
     let watch = Watch::new(volume.header(), options.source_scaled);
     let watched = Watched::new(Box::new(volume), &watch);
@@ -98,28 +128,17 @@ pub fn convert(
     let region = region.transpose()?;
     let labels = options.labels.as_ref();
     let labels = labels.map(|l| l.rows.cropped(crop)).transpose()?;
-    let job = Conversion {
+    let plan = plan(&*grid, grid.header().dims, options, region.is_some())?;
+    run(&Conversion {
         volume,
         grid: &*grid,
         region: region.as_ref(),
         labels: labels.as_ref(),
         options,
-        plan: &plan(&*grid, grid.header().dims, options, region.is_some())?,
+        plan: &plan,
+        made: made(plan.tiling),
         watch: &watch,
         progress,
-    };
-    let done = run(&job, out).map_err(|e| outward(e, out))?;
-    Ok(ConvertReport {
-        totals: done.made.totals,
-        threshold: options.threshold,
-        filters: options.filters(),
-        region: options.region.as_ref().map(|r| r.stated.clone()),
-        bytes_written: done.made.bytes,
-        seconds: start.elapsed().as_secs_f64(),
-        peak_rss_bytes: peak_rss_bytes(),
-        resumed_layers: done.resumed_layers,
-        resumed_index_layers: done.resumed_index_layers,
-        warnings: done.made.warnings,
     })
 }
 
@@ -226,16 +245,8 @@ fn make_and_commit(
     mut output: Output,
     mut checkpointer: Checkpointer,
 ) -> Result<Made> {
-    let threads = job.plan.threads;
-    let pool = rayon::ThreadPoolBuilder::new()
-        .num_threads(threads)
-        .build()
-        .map_err(|e| Error::usage("--threads", threads.to_string(), e.to_string()))?;
     let work = output.work().to_path_buf();
-    let made = pool.install(|| {
-        let making = AssertUnwindSafe(|| make(job, &work, &mut checkpointer));
-        catch_unwind(making).unwrap_or_else(|panic| Err(changed_or_panic(job, panic)))
-    });
+    let made = in_threads(job, || make(job, &work, &mut checkpointer))?;
     // usage errors come back with the same options, and nothing that was made of a changed input is of use
     let useless = matches!(made, Err(Error::Usage { .. } | Error::InputChanged { .. }));
     output.keep(checkpointer.has_any() && !useless);
@@ -255,6 +266,22 @@ fn make_and_commit(
     drop(checkpointer);
     output.commit()?;
     Ok(made)
+}
+
+/// Works in the threads of a conversion. The outer error says that there are none.
+fn in_threads<R: Send>(
+    job: &Conversion,
+    work: impl FnOnce() -> Result<R> + Send,
+) -> Result<Result<R>> {
+    let threads = job.plan.threads;
+    let pool = rayon::ThreadPoolBuilder::new()
+        .num_threads(threads)
+        .build()
+        .map_err(|e| Error::usage("--threads", threads.to_string(), e.to_string()))?;
+    Ok(pool.install(|| {
+        let working = AssertUnwindSafe(work);
+        catch_unwind(working).unwrap_or_else(|panic| Err(changed_or_panic(job, panic)))
+    }))
 }
 
 /// What is read twice is taken to be the same: where the input changed meanwhile, that is the error, whatever it led
@@ -299,9 +326,12 @@ fn sweep(
             work,
         };
         let (mut labelled, left_out) = label(&input, checkpointer)?;
-        let resolved = resolve(&mut labelled, work)?;
+        let numbering = Numbering::of(&labelled.provisional)?;
+        let Labelled { slabs, spool, .. } = &mut labelled;
+        let resolved = resolve(slabs, spool, numbering, work)?;
         let known = KnownBands {
             tiling: job.plan.tiling,
+            first: job.made.first,
             kept: &labelled.bands,
             ids: &resolved.bands,
         };
@@ -368,8 +398,14 @@ fn make(job: &Conversion, work: &Path, checkpointer: &mut Checkpointer) -> Resul
         || last_layer.commit(checkpointer),
         || {
             let (labelled, resolved) = (&mut swept.labelled, &mut swept.resolved);
-            let cells = swept.cells.take();
-            let mut made = sum_up(labelled, resolved, &mut tiles, cells, for_tables, work)?;
+            let (cells, places) = (swept.cells.take(), resolved.places());
+            let input = SumUp {
+                labelled,
+                resolved,
+                meshed: &mut tiles,
+                places,
+            };
+            let mut made = sum_up(input, cells, for_tables, work)?;
             if let Some(walls) = swept.walls.take() {
                 add_walls(&mut made, walls, &measured, for_tables, work)?;
             }

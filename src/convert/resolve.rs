@@ -1,10 +1,13 @@
 //! The reverse pass over the slabs' class maps: which component of the whole volume each class is.
 
-use crate::convert::label::{Labelled, SlabRecord};
+use crate::convert::id_places::IdPlaces;
+use crate::convert::label::{Beyond, SlabRecord, Slabs};
+use crate::convert::layers::Layers;
 use crate::error::Result;
-use crate::labels::Ranks;
+use crate::labels::{PhaseLabels, Ranks};
 use crate::sys::spill_file::{Place, SpillFile};
 use bytemuck::{Pod, Zeroable};
+use serde::{Deserialize, Serialize};
 use std::path::Path;
 
 /// A component of the whole volume.
@@ -50,15 +53,57 @@ impl Ids {
     }
 }
 
-/// How many objects, cells and surfaces there are.
-#[derive(Debug, Clone, Copy)]
-pub struct Counts {
-    /// Objects.
-    pub objects: u64,
-    /// Cells.
-    pub cells: u64,
-    /// Surfaces.
-    pub surfaces: u64,
+/// Something of objects, cells and surfaces.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize, Deserialize)]
+pub struct Each<T> {
+    /// Of objects.
+    pub objects: T,
+    /// Of cells.
+    pub cells: T,
+    /// Of surfaces.
+    pub surfaces: T,
+}
+
+/// What gives the components that begin in some slabs their ids.
+#[derive(Debug)]
+pub struct Numbering {
+    /// Of components; those of surfaces are one more than surfaces have, since the component of the first voxel has none.
+    pub ranks: Each<Ranks>,
+    /// What is known of components that go on in other parts of the volume.
+    pub beyond: Beyond<ComponentId>,
+}
+
+impl Numbering {
+    /// Of the components of a whole volume.
+    ///
+    /// # Errors
+    /// [`crate::Error::Io`] if a temporary file fails.
+    pub fn of(provisional: &PhaseLabels) -> Result<Self> {
+        let ranks = Each {
+            objects: provisional.objects.renumber()?,
+            cells: provisional.cells.renumber()?,
+            surfaces: provisional.surfaces.renumber()?,
+        };
+        Ok(Numbering {
+            ranks,
+            beyond: Beyond::default(),
+        })
+    }
+
+    /// The id of a component that begins in these slabs, given its numbers.
+    ///
+    /// # Errors
+    /// [`crate::Error::Io`] if a temporary file fails.
+    pub fn id(&mut self, above: bool, provisional: u64, surface: u64) -> Result<ComponentId> {
+        let ranks = match above {
+            true => &mut self.ranks.objects,
+            false => &mut self.ranks.cells,
+        };
+        Ok(ComponentId {
+            id: ranks.id(provisional)?,
+            surface: self.ranks.surfaces.id(surface)? - 1,
+        })
+    }
 }
 
 /// The components of the local components of all bands.
@@ -86,22 +131,36 @@ impl BandIds {
 /// What resolving leaves.
 pub struct Resolved {
     /// How many components there are.
-    pub counts: Counts,
+    pub counts: Each<u64>,
     /// Of the bands.
     pub bands: BandIds,
     /// Where the components of the classes of each slab lie, from the last one back to the first.
     class_places: SpillFile,
     classes: SpillFile,
-    slabs: u64,
+    layers: Layers,
 }
 
 impl Resolved {
+    /// The places of the ids of a whole volume.
+    pub fn places(&self) -> Each<IdPlaces> {
+        let Each {
+            objects,
+            cells,
+            surfaces,
+        } = self.counts;
+        Each {
+            objects: IdPlaces::all(objects),
+            cells: IdPlaces::all(cells),
+            surfaces: IdPlaces::all(surfaces),
+        }
+    }
+
     /// The components of the classes of a slab.
     ///
     /// # Errors
     /// [`crate::Error::Io`].
-    pub fn classes(&mut self, slab: u64) -> Result<Vec<ComponentId>> {
-        let offset = 16 * (self.slabs - 1 - slab);
+    pub fn classes(&mut self, layer: u32) -> Result<Vec<ComponentId>> {
+        let offset = 16 * u64::from(self.layers.end - 1 - layer);
         let [offset, count] = self.class_places.get(&Place::<[u64; 2]>::new(offset, 1))?[0];
         self.classes.get(&Place::new(offset, count as usize))
     }
@@ -109,63 +168,63 @@ impl Resolved {
 
 /// Resolves slab by slab, from the last one back to the first.
 struct Resolver {
-    objects: Ranks,
-    cells: Ranks,
-    surfaces: Ranks,
+    numbering: Numbering,
     /// The components of the slab after the one in hand.
     later: Vec<ComponentId>,
     /// What the components that go on from the slab in hand are there.
     carried_in: Vec<u32>,
 }
 
-/// Resolves all ids; temporary files lie in `work`.
+/// Resolves all ids of some slabs, whose arrays lie in `spool`; temporary files lie in `work`.
 ///
 /// # Errors
 /// [`crate::Error::Io`] if a temporary file fails.
-pub fn resolve(labelled: &mut Labelled, work: &Path) -> Result<Resolved> {
+pub fn resolve(
+    slabs: &mut Slabs,
+    spool: &mut SpillFile,
+    numbering: Numbering,
+    work: &Path,
+) -> Result<Resolved> {
+    let leaving = numbering.beyond.leaving.clone();
     let mut resolver = Resolver {
-        objects: labelled.provisional.objects.renumber()?,
-        cells: labelled.provisional.cells.renumber()?,
-        surfaces: labelled.provisional.surfaces.renumber()?,
-        later: Vec::new(),
-        carried_in: Vec::new(),
+        numbering,
+        carried_in: (0..leaving.len() as u32).collect(),
+        later: leaving,
     };
-    let slabs = labelled.slabs.len();
+    let layers = slabs.layers();
     let mut bands = BandIds {
         count: 0,
         places: SpillFile::new(work)?,
         spool: SpillFile::new(work)?,
     };
     let (mut class_places, mut classes) = (SpillFile::new(work)?, SpillFile::new(work)?);
-    for number in (0..slabs).rev() {
-        let slab = labelled
-            .slabs
-            .get(number)?
-            .expect("there is one of each number");
-        let ids = resolver.slab(&slab, &mut labelled.spool)?;
+    for layer in layers.each().rev() {
+        let slab = slabs.get(layer)?;
+        let ids = resolver.slab(&slab, spool)?;
         class_places.push(&[classes.push(&ids)?.numbers()])?;
-        for [offset, count] in labelled.spool.get(&slab.of_local)?.into_iter().rev() {
-            let of_local: Vec<u32> = labelled.spool.get(&Place::new(offset, count as usize))?;
+        for [offset, count] in spool.get(&slab.of_local)?.into_iter().rev() {
+            let of_local: Vec<u32> = spool.get(&Place::new(offset, count as usize))?;
             let of_band = of_local.iter().map(|&class| ids[class as usize]);
             let place = bands.spool.push_all(of_band)?;
             bands.places.push(&[place.numbers()])?;
             bands.count += 1;
         }
         resolver.later = ids;
-        resolver.carried_in = labelled.spool.get(&slab.carried_in)?;
+        resolver.carried_in = spool.get(&slab.carried_in)?;
     }
     bands.places.mark()?;
     bands.spool.mark()?;
+    let ranks = &resolver.numbering.ranks;
     Ok(Resolved {
-        counts: Counts {
-            objects: resolver.objects.alive(),
-            cells: resolver.cells.alive(),
-            surfaces: resolver.surfaces.alive() - 1,
+        counts: Each {
+            objects: ranks.objects.alive(),
+            cells: ranks.cells.alive(),
+            surfaces: ranks.surfaces.alive() - 1,
         },
         bands,
         class_places,
         classes,
-        slabs: slabs as u64,
+        layers,
     })
 }
 
@@ -179,15 +238,13 @@ impl Resolver {
         for (&class, &successor) in spool.get(&slab.live)?.iter().zip(&self.carried_in) {
             ids[class as usize] = self.later[successor as usize];
         }
+        for &(class, id) in self.numbering.beyond.ended(slab.layer) {
+            ids[class as usize] = id;
+        }
         for (class, id) in ids.iter_mut().enumerate().filter(|(_, id)| id.id == 0) {
-            let ranks = match above[class] {
-                1 => &mut self.objects,
-                _ => &mut self.cells,
-            };
-            *id = ComponentId {
-                id: ranks.id(provisional[class])?,
-                surface: self.surfaces.id(surfaces[class])? - 1,
-            };
+            *id = self
+                .numbering
+                .id(above[class] == 1, provisional[class], surfaces[class])?;
         }
         Ok(ids)
     }

@@ -3,6 +3,7 @@
 use crate::convert::cells::Opening;
 use crate::convert::components::{Components, SEVERAL};
 use crate::convert::finalize::Stop;
+use crate::convert::id_places::IdPlaces;
 use crate::convert::walls::Wall;
 use crate::error::{Error, Result};
 use crate::grid::{Placement, Unit};
@@ -95,7 +96,8 @@ fn plain(value: f64, buffer: &mut zmij::Buffer) -> Option<&str> {
 }
 
 /// Writes the tables of cells, objects and surfaces side by side, where cells are parts of components also those of
-/// components and necks, and that of walls if it was asked for; returns their bytes.
+/// components and necks, and that of walls if it was asked for; returns their bytes. Of a part of a volume, their rows of
+/// the components that begin there, with the titles in those of the first part.
 pub fn write_tables(
     work: &Path,
     components: &Components,
@@ -106,8 +108,13 @@ pub fn write_tables(
         || -> Result<u64> {
             let mut bytes = write_cells(&work.join("cells.csv"), components, placement, stop)?;
             if let Some(given) = &components.given {
-                let path = work.join(COMPONENTS);
-                bytes += write_components(&path, &given.components, placement, false, stop)?;
+                let rows = OfPhase {
+                    table: &given.components,
+                    ids: &IdPlaces::all(given.components.len()),
+                    above: false,
+                    has_titles: true,
+                };
+                bytes += write_components(&work.join(COMPONENTS), &rows, placement, stop)?;
                 bytes += write_necks(&work.join(NECKS), &given.cells.openings, placement)?;
             }
             if let Some(known) = &components.walls {
@@ -117,7 +124,13 @@ pub fn write_tables(
         },
         || {
             let path = work.join("objects.csv");
-            let objects = write_components(&path, &components.objects, placement, true, stop);
+            let rows = OfPhase {
+                table: &components.objects,
+                ids: &components.places.objects,
+                above: true,
+                has_titles: components.has_titles,
+            };
+            let objects = write_components(&path, &rows, placement, stop);
             let path = work.join("surfaces.csv");
             let surfaces = write_surfaces(&path, components, placement, stop);
             (objects, surfaces)
@@ -138,10 +151,19 @@ fn write_cells(
     if !more.is_empty() {
         head = format!("{head},{}", titles(&more, place.unit));
     }
-    write_rows(path, &head, &components.cells, stop, |i, record, row| {
+    let ids = &components.places.cells;
+    let rows = Rows {
+        table: &components.cells,
+        count: match &components.given {
+            Some(_) => components.cells.len(),
+            None => ids.own,
+        },
+    };
+    let titles = components.has_titles.then_some(&head);
+    write_rows(path, titles, rows, stop, |i, record, row| {
         row.put(match &components.given {
             Some(given) => given.cells.ids.id(i),
-            None => i + 1,
+            None => ids.id(i),
         });
         row.put_all(&COMPONENT_COLUMNS, &Measures::of(record, place, false));
         row.put_all(&more, &more_of(components, i, record, place)?);
@@ -239,24 +261,30 @@ fn write_list<T: bytemuck::Pod, R>(
     Ok(bytes)
 }
 
-/// Writes `cells.csv` or, of what is `above`, `objects.csv`, or the same for components, and returns its size.
-///
-/// # Errors
-/// [`Error::Io`]; [`Error::Interrupted`] if it is to stop.
-pub fn write_components(
-    path: &Path,
-    table: &RecordTable<ComponentRecord>,
-    place: &Placement,
+/// Components of one phase, of which a table has the rows.
+struct OfPhase<'a> {
+    table: &'a RecordTable<ComponentRecord>,
+    /// Their ids; those of this part of the volume have rows.
+    ids: &'a IdPlaces,
     above: bool,
-    stop: &Stop,
-) -> Result<u64> {
+    has_titles: bool,
+}
+
+/// Writes `cells.csv` or, of what is above, `objects.csv`, or the same for components, and returns its size.
+fn write_components(path: &Path, of: &OfPhase, place: &Placement, stop: &Stop) -> Result<u64> {
+    let (ids, above) = (of.ids, of.above);
+    let titles = header(&COMPONENT_COLUMNS, place.unit);
+    let rows = Rows {
+        table: of.table,
+        count: ids.own,
+    };
     write_rows(
         path,
-        &header(&COMPONENT_COLUMNS, place.unit),
-        table,
+        of.has_titles.then_some(&titles),
+        rows,
         stop,
         |i, record, row| {
-            row.put(i + 1);
+            row.put(ids.id(i));
             row.put_all(&COMPONENT_COLUMNS, &Measures::of(record, place, above));
             Ok(())
         },
@@ -264,23 +292,26 @@ pub fn write_components(
 }
 
 /// Writes `surfaces.csv` and returns its size.
-///
-/// # Errors
-/// [`Error::Io`]; [`Error::Interrupted`] if it is to stop.
-pub fn write_surfaces(
+fn write_surfaces(
     path: &Path,
     components: &Components,
     place: &Placement,
     stop: &Stop,
 ) -> Result<u64> {
     let scale = AreaScale::new(place.spacing);
+    let ids = &components.places.surfaces;
+    let titles = header(&SURFACE_COLUMNS, place.unit);
+    let rows = Rows {
+        table: &components.surfaces,
+        count: ids.own,
+    };
     write_rows(
         path,
-        &header(&SURFACE_COLUMNS, place.unit),
-        &components.surfaces,
+        components.has_titles.then_some(&titles),
+        rows,
         stop,
         |i, record, row| {
-            row.put(i + 1);
+            row.put(ids.id(i));
             let is_cut = match components.given {
                 Some(_) => components.cell(record.cell)?.necks > 0,
                 None => false,
@@ -301,19 +332,29 @@ const EACH: usize = 64;
 /// Texts of as many rows that are formatted beside the writing of as many before.
 const PARTS: usize = 32;
 
+/// The records of a table that get rows: the first ones.
+#[derive(Clone, Copy)]
+struct Rows<'a, T> {
+    table: &'a RecordTable<T>,
+    count: u64,
+}
+
+/// Writes a table, without titles if none are given.
 fn write_rows<T: bytemuck::Pod + Send + Sync>(
     path: &Path,
-    header: &str,
-    table: &RecordTable<T>,
+    titles: Option<&String>,
+    Rows { table, count: rows }: Rows<T>,
     stop: &Stop,
     fill: impl Fn(u64, &T, &mut Row) -> Result<()> + Sync,
 ) -> Result<u64> {
     let failed = |e| Error::io(path, "write", e);
     let file = File::create(path).map_err(|e| Error::io(path, "create", e))?;
     let mut out = BufWriter::new(file);
-    writeln!(out, "{header}").map_err(failed)?;
-    let mut bytes = header.len() as u64 + 1;
-    let rows = table.len();
+    let mut bytes = 0;
+    if let Some(titles) = titles {
+        writeln!(out, "{titles}").map_err(failed)?;
+        bytes = titles.len() as u64 + 1;
+    }
     let format = |first: u64| {
         let mut text = String::new();
         for i in first..rows.min(first + EACH as u64) {

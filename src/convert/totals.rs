@@ -42,8 +42,11 @@ impl ScannedSums {
             vertices: self.caps.vertices,
             volume6: self.caps.volume6,
             voxels_nan: self.nan,
-            objects: components.objects.len(),
-            cells: components.cells.len(),
+            objects: components.places.objects.own,
+            cells: match &components.given {
+                Some(_) => components.cells.len(),
+                None => components.places.cells.own,
+            },
             necks: components
                 .given
                 .as_ref()
@@ -56,13 +59,13 @@ impl ScannedSums {
                 .given
                 .as_ref()
                 .map_or(0, |given| given.components.len()),
-            surfaces: components.surfaces.len(),
+            surfaces: components.places.surfaces.own,
             ..written
         };
-        for i in 0..components.objects.len() {
+        for i in 0..components.places.objects.own {
             totals.voxels_above += components.objects.get(i)?.voxels.voxels;
         }
-        for i in 0..components.surfaces.len() {
+        for i in 0..components.places.surfaces.own {
             let mesh = components.surfaces.get(i)?.mesh;
             totals.vertices += mesh.vertices;
             totals.volume6 += mesh.volume6;
@@ -73,4 +76,29 @@ impl ScannedSums {
         }
         Ok(with_euler_characteristic(totals))
     }
+}
+
+/// The sums of two parts of a volume together.
+pub fn together(a: Totals, b: &Totals) -> Totals {
+    with_euler_characteristic(Totals {
+        tiles: a.tiles + b.tiles,
+        triangles: a.triangles + b.triangles,
+        vertices: a.vertices + b.vertices,
+        tile_vertices: a.tile_vertices + b.tile_vertices,
+        strips: a.strips + b.strips,
+        strip_indices: a.strip_indices + b.strip_indices,
+        objects: a.objects + b.objects,
+        cells: a.cells + b.cells,
+        components: a.components + b.components,
+        necks: a.necks + b.necks,
+        walls: a.walls + b.walls,
+        surfaces: a.surfaces + b.surfaces,
+        border_edges: a.border_edges + b.border_edges,
+        euler_characteristic: 0,
+        cap_triangles: a.cap_triangles + b.cap_triangles,
+        bytes: a.bytes + b.bytes,
+        voxels_above: a.voxels_above + b.voxels_above,
+        voxels_nan: a.voxels_nan + b.voxels_nan,
+        volume6: a.volume6 + b.volume6,
+    })
 }

@@ -9,8 +9,10 @@
 //! then retires the same provisional labels again. So bits that have been cleared too early do no harm.
 
 use crate::error::{Error, Result};
+use crate::sys::spill_file::Mark;
 use crate::sys::state_codec::{Decoder, Encoder};
 use std::fs::{File, OpenOptions};
+use std::ops::Range;
 use std::os::unix::fs::FileExt;
 use std::path::{Path, PathBuf};
 
@@ -73,6 +75,32 @@ impl ProvisionalLabels {
         }))
     }
 
+    /// Adds labels that are given as bits, behind as many dead ones as fill a word; returns the number of the first.
+    ///
+    /// # Errors
+    /// [`Error::Io`] if older bits cannot be written.
+    pub fn append(&mut self, words: &[u64]) -> Result<u64> {
+        let first = self.state.count.next_multiple_of(64);
+        self.state.tail.extend_from_slice(words);
+        self.state.count = first + 64 * words.len() as u64;
+        self.file_old()?;
+        Ok(first)
+    }
+
+    /// The bits of labels that are all in the file, some words at a time.
+    ///
+    /// # Errors
+    /// [`Error::Io`] if the file fails, and what `each` returns.
+    pub fn each_block(&self, mut each: impl FnMut(&mut [u64]) -> Result<()>) -> Result<()> {
+        let mut block = vec![0u64; BLOCK];
+        for start in (0..self.state.filed).step_by(BLOCK) {
+            let words = &mut block[..BLOCK.min(self.state.filed - start)];
+            self.read(start, words)?;
+            each(words)?;
+        }
+        Ok(())
+    }
+
     /// Gives out `n` new numbers and returns the first.
     ///
     /// # Errors
@@ -86,12 +114,18 @@ impl ProvisionalLabels {
             *self.state.tail.last_mut().expect("just pushed") |= 1 << (self.state.count % 64);
             self.state.count += 1;
         }
+        self.file_old()?;
+        Ok(first)
+    }
+
+    /// Brings older bits to the file.
+    fn file_old(&mut self) -> Result<()> {
         while self.state.tail.len() > RESIDENT {
             let old: Vec<u64> = self.state.tail.drain(..RESIDENT / 2).collect();
             self.write(self.state.filed, &old)?;
             self.state.filed += old.len();
         }
-        Ok(first)
+        Ok(())
     }
 
     /// Brings all of them to the file; returns how many there are, for [`ProvisionalLabels::spilled`].
@@ -105,12 +139,28 @@ impl ProvisionalLabels {
         Ok(self.state.count)
     }
 
-    /// So many that are in the file at `path`.
+    /// How much the file holds, of labels that are all in it.
+    ///
+    /// # Errors
+    /// [`Error::Io`] if the file fails.
+    pub fn mark(&self) -> Result<Mark> {
+        let mut crc = crc32fast::Hasher::new();
+        self.each_block(|words| {
+            crc.update(bytemuck::cast_slice(words));
+            Ok(())
+        })?;
+        Ok(Mark {
+            len: self.state.spilled_bytes(),
+            crc: crc.finalize(),
+        })
+    }
+
+    /// So many that are in the file at `path`, to be read.
     ///
     /// # Errors
     /// [`Error::Io`] if the file cannot be opened.
     pub fn spilled(path: &Path, count: u64) -> Result<Self> {
-        let opened = OpenOptions::new().read(true).write(true).open(path);
+        let opened = OpenOptions::new().read(true).open(path);
         Ok(ProvisionalLabels {
             file: opened.map_err(|e| Error::io(path, "open", e))?,
             path: path.to_path_buf(),
@@ -145,12 +195,21 @@ impl ProvisionalLabels {
     /// # Errors
     /// [`Error::Io`] if the file fails.
     pub fn renumber(&self) -> Result<Ranks> {
-        let mut before = Vec::with_capacity(self.state.filed.div_ceil(BLOCK) + 1);
-        let mut alive = 0u64;
+        self.renumber_some(0..self.state.filed, 0)
+    }
+
+    /// The same of those in some words of the file, given how many are alive before these: labels are numbered from the
+    /// first one of these words.
+    ///
+    /// # Errors
+    /// [`Error::Io`] if the file fails.
+    pub fn renumber_some(&self, range: Range<usize>, alive_before: u64) -> Result<Ranks> {
+        let mut before = Vec::with_capacity(range.len().div_ceil(BLOCK) + 1);
+        let mut alive = alive_before;
         let mut block = vec![0u64; BLOCK];
-        for start in (0..self.state.filed).step_by(BLOCK) {
+        for start in range.clone().step_by(BLOCK) {
             before.push(alive);
-            let words = &mut block[..BLOCK.min(self.state.filed - start)];
+            let words = &mut block[..BLOCK.min(range.end - start)];
             self.read(start, words)?;
             alive += words.iter().map(|w| u64::from(w.count_ones())).sum::<u64>();
         }
@@ -163,6 +222,7 @@ impl ProvisionalLabels {
                 path: self.path.clone(),
                 state: self.state.clone(),
             },
+            range,
             before,
             alive,
             cached: None,
@@ -215,6 +275,8 @@ impl ResidentLabels {
 #[derive(Debug)]
 pub struct Ranks {
     provisional: ProvisionalLabels,
+    /// The words of the file that have them.
+    range: Range<usize>,
     /// Provisional labels alive before each block.
     before: Vec<u64>,
     alive: u64,
@@ -226,7 +288,7 @@ pub struct Ranks {
 }
 
 impl Ranks {
-    /// Number of components.
+    /// The largest id.
     pub fn alive(&self) -> u64 {
         self.alive
     }
@@ -239,8 +301,8 @@ impl Ranks {
         let word = (provisional_id / 64) as usize;
         let block = word / BLOCK;
         if self.cached != Some(block) {
-            let start = block * BLOCK;
-            let len = BLOCK.min(self.provisional.state.filed - start);
+            let start = self.range.start + block * BLOCK;
+            let len = BLOCK.min(self.range.end - start);
             self.provisional.read(start, &mut self.block[..len])?;
             self.cached = Some(block);
             self.ones.clear();
@@ -259,6 +321,49 @@ impl Ranks {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn labels_of_parts_have_the_ids_of_all_of_them() {
+        let dir = tempfile::tempdir().unwrap();
+        let mut all = ProvisionalLabels::new(&dir.path().join("all")).unwrap();
+        let (mut windows, mut dead) = (Vec::new(), Vec::new());
+        for part in 0..40u64 {
+            let path = dir.path().join(part.to_string());
+            let mut labels = ProvisionalLabels::new(&path).unwrap();
+            let count = part * part * 7 % 9000;
+            labels.allocate(count as usize).unwrap();
+            for label in (0..count).filter(|label| label * part % 5 == 1) {
+                labels.retire(label).unwrap();
+            }
+            assert_eq!(labels.spill().unwrap(), count);
+            let again = ProvisionalLabels::spilled(&path, count).unwrap();
+            assert_eq!(again.mark().unwrap(), labels.mark().unwrap());
+            let first = all.append(&[]).unwrap();
+            again
+                .each_block(|words| all.append(words).map(|_| ()))
+                .unwrap();
+            windows.push((first, count));
+            dead.push(first + count / 2);
+        }
+        for &label in &dead {
+            all.retire(label).unwrap();
+        }
+        all.spill().unwrap();
+        let mut whole = all.renumber().unwrap();
+        let mut before = 0;
+        for (part, (first, count)) in windows.into_iter().enumerate() {
+            let part = part as u64;
+            let words = (first / 64) as usize..((first + count).div_ceil(64)) as usize;
+            let mut ranks = all.renumber_some(words, before).unwrap();
+            for label in (0..count).filter(|l| l * part % 5 != 1 && l != &(count / 2)) {
+                let id = ranks.id(label).unwrap();
+                assert_eq!(id, whole.id(first + label).unwrap());
+                assert!(id > before);
+            }
+            before = ranks.alive();
+        }
+        assert_eq!(before, whole.alive());
+    }
 
     #[test]
     fn ids_are_ranks_among_survivors_also_when_bits_are_on_disk() {

@@ -18,14 +18,15 @@ const BYTES_PER_COMPONENT: u64 = 4 + 4 + 4 + 24 + 16 + 1 + 4 + 4;
 
 /// A component that can still grow.
 #[derive(Debug, Clone, Copy)]
-struct LiveComponent {
+pub struct LiveComponent {
     /// Its number, see [`ProvisionalLabels`]. Objects and cells are numbered apart.
-    provisional_id: u64,
+    pub provisional_id: u64,
     /// Its number among the components of both phases, see [`SlabComponents::surfaces`].
-    surface: u64,
-    above: bool,
+    pub surface: u64,
+    /// True for an object.
+    pub above: bool,
     /// Sums of its voxels so far.
-    sums: VoxelSums,
+    pub sums: VoxelSums,
 }
 
 /// The classes of one slab.
@@ -49,10 +50,11 @@ pub struct SlabComponents {
 }
 
 impl SlabComponents {
-    /// The sums of classes that do not grow beyond this slab, but for those whole in a band.
-    pub fn finished(&self) -> impl Iterator<Item = (u32, &VoxelSums)> {
+    /// The sums of classes that do not grow beyond this slab, but for those whole in a band; of all classes if this is the
+    /// last slab that is joined.
+    pub fn finished(&self, is_last: bool) -> impl Iterator<Item = (u32, &VoxelSums)> {
         let open = self.open.iter().map(|(class, sums)| (*class, sums));
-        open.filter(|&(class, _)| !self.grows(class))
+        open.filter(move |&(class, _)| is_last || !self.grows(class))
     }
 
     /// True if a class is live in the next slab.
@@ -87,7 +89,8 @@ pub struct PhaseLabels {
 }
 
 impl PhaseLabels {
-    fn of(&mut self, above: bool) -> &mut ProvisionalLabels {
+    /// Those of objects, or of cells.
+    pub fn of(&mut self, above: bool) -> &mut ProvisionalLabels {
         if above {
             &mut self.objects
         } else {
@@ -128,6 +131,16 @@ pub struct BandInput<'a> {
 }
 
 impl CarriedComponents {
+    /// The components that can still grow.
+    pub fn live(&self) -> impl Iterator<Item = &LiveComponent> {
+        self.live.iter()
+    }
+
+    /// The live component of each run of the last slice, rows in order.
+    pub fn last_slice(&self) -> &[u32] {
+        &self.last_slice
+    }
+
     /// Writes the state.
     ///
     /// # Errors

@@ -25,6 +25,38 @@ pub struct ComponentRecord {
     reserved: u64,
 }
 
+impl ComponentRecord {
+    /// Adds voxels of a part of it.
+    pub fn add_voxels(&mut self, sums: &VoxelSums) {
+        // a record of which nothing is known is zero, which the bounds of no voxels are not
+        match self.voxels == VoxelSums::zeroed() {
+            true => self.voxels = *sums,
+            false => self.voxels.merge(sums),
+        }
+    }
+
+    /// Adds what is known of it elsewhere.
+    pub fn merge(&mut self, other: &ComponentRecord) {
+        self.add_voxels(&other.voxels);
+        self.mesh.merge(&other.mesh);
+        self.surfaces += other.surfaces;
+        self.tiles += other.tiles;
+        self.necks += other.necks;
+    }
+}
+
+impl SurfaceRecord {
+    /// Adds what is known of it elsewhere.
+    pub fn merge(&mut self, other: &SurfaceRecord) {
+        self.mesh.merge(&other.mesh);
+        if self.object == 0 {
+            (self.object, self.cell) = (other.object, other.cell);
+        }
+        self.tiles += other.tiles;
+        self.touches_border |= other.touches_border;
+    }
+}
+
 /// All sums of one surface.
 #[repr(C)]
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Pod, Zeroable)]

@@ -101,6 +101,17 @@ impl SpillFile {
         Ok(spool)
     }
 
+    /// The spool at `path` as it was at `mark`, to be read: nothing can be appended.
+    ///
+    /// # Errors
+    /// [`Error::Io`] if the file cannot be opened.
+    pub fn open(path: &Path, mark: Mark) -> Result<Self> {
+        let file = File::open(path).map_err(|e| Error::io(path, "open", e))?;
+        let mut spool = SpillFile::on(file, path);
+        spool.written = mark.len;
+        Ok(spool)
+    }
+
     fn on(file: File, path: &Path) -> Self {
         SpillFile {
             file,
@@ -178,6 +189,9 @@ impl SpillFile {
     }
 
     fn flush(&mut self) -> Result<()> {
+        if self.buffer.is_empty() {
+            return Ok(());
+        }
         let buffer = std::mem::take(&mut self.buffer);
         self.write(&buffer)?;
         self.buffer = buffer;

@@ -8,8 +8,8 @@ mod writer;
 
 pub(crate) use lock::Lock;
 pub(crate) use lookup::TileLookup;
-pub(crate) use output_dir::{LEVELS_STATE, Output, outward, refuse_same, tidy};
+pub(crate) use output_dir::{LEVELS_STATE, Output, PARTS, PLAN, outward, refuse_same, tidy};
 pub use output_dir::{check_output, interrupted};
 pub(crate) use reader::Stated;
 pub use reader::TileSet;
-pub(crate) use writer::{TilesetWriter, with_euler_characteristic, write_tile};
+pub(crate) use writer::{TilesetWriter, layer_directory, with_euler_characteristic, write_tile};

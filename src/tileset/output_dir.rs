@@ -48,6 +48,10 @@ const OPTIONAL: [&str; 10] = [
 const LOCK: &str = "lock";
 /// The file in it that says what levels of detail are being made.
 pub(crate) const LEVELS_STATE: &str = "lod.json";
+/// The file in it that says how a volume is converted in parts, and the directory of these, until it is removed.
+pub(crate) const PLAN: &str = "plan.json";
+pub(crate) const PARTS: &str = "parts";
+const PARTS_GONE: &str = "parts.gone";
 /// The file in it that says that all is made and is being moved in.
 const MOVING: &str = "moving";
 
@@ -200,6 +204,25 @@ impl Output {
     /// # Errors
     /// As of [`Output::create`], but for interrupted conversions.
     pub fn open(out: &Path, force: bool, resume: bool) -> Result<Self> {
+        if !force && out.join(WORK).join(PLAN).exists() {
+            return Err(Error::OutputPlanned {
+                path: out.to_path_buf(),
+            });
+        }
+        Self::open_any(out, force, resume)
+    }
+
+    /// Takes the work directory of a plan to convert in parts, with all that is in it.
+    ///
+    /// # Errors
+    /// As of [`Output::open`].
+    pub fn open_planned(out: &Path) -> Result<Self> {
+        let mut output = Self::open_any(out, true, true)?;
+        output.keep(true);
+        Ok(output)
+    }
+
+    fn open_any(out: &Path, force: bool, resume: bool) -> Result<Self> {
         refuse_inside(out)?;
         let work = out.join(WORK);
         let has = |dir: &Path| dir.join(ENTRIES[0]).exists();
@@ -296,6 +319,17 @@ impl Output {
         Ok(())
     }
 
+    /// Moves everything to its final name, the manifest last, where nothing was before: what others move there at the same
+    /// time is the same.
+    ///
+    /// # Errors
+    /// [`Error::Io`].
+    pub fn move_in(mut self) -> Result<()> {
+        self.move_all()?;
+        self.done = true;
+        self.remove_work()
+    }
+
     /// Moves everything to its final name, the manifest last.
     ///
     /// # Errors
@@ -310,6 +344,13 @@ impl Output {
                 remove_if_there(&self.out.join(name))?;
             }
         }
+        self.move_all()?;
+        self.done = true;
+        self.remove_work()
+    }
+
+    /// Moves what there is to its final name, the manifest last.
+    fn move_all(&self) -> Result<()> {
         for name in ENTRIES.iter().rev() {
             let to = self.out.join(name);
             match fs::rename(self.work.join(name), &to) {
@@ -320,8 +361,7 @@ impl Output {
                 moved => moved.map_err(|e| Error::io(&to, "move into place", e))?,
             }
         }
-        self.done = true;
-        self.remove_work()
+        Ok(())
     }
 
     /// Removes all but the lock from the work directory.
@@ -329,6 +369,12 @@ impl Output {
         // first of all, so that what is half removed is not taken for a state to go on from
         for name in STATE {
             remove_if_there(&self.work.join(name))?;
+        }
+        // whoever still works on a part finds no directory then
+        let (parts, gone) = (self.work.join(PARTS), self.work.join(PARTS_GONE));
+        if parts.exists() {
+            remove_if_there(&gone)?;
+            fs::rename(&parts, &gone).map_err(|e| Error::io(&parts, "move", e))?;
         }
         let fail = |e| Error::io(&self.work, "read the directory", e);
         for entry in fs::read_dir(&self.work).map_err(fail)? {

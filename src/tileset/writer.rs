@@ -136,6 +136,15 @@ impl TilesetWriter {
         self.layers.push(&[layer]).map(|_| ())
     }
 
+    /// The layers that have ended and have tiles.
+    ///
+    /// # Errors
+    /// [`Error::Io`].
+    pub fn layer_records(&mut self) -> Result<Vec<LayerRecord>> {
+        let all = self.layers.everything().expect("it holds nothing else");
+        self.layers.get(&all)
+    }
+
     /// Sums over the entries of all layers that have ended: tiles, vertices, triangles, strips and bytes.
     pub fn written(&self) -> Totals {
         self.written

@@ -60,6 +60,14 @@ fn help_names_every_option() {
             format!("{COMMON} --ratio --levels --pixel-error --memory --resume --force 1/8 1GiB"),
         ),
         (
+            "plan",
+            format!(
+                "{COMMON} {INPUT} {FORM} --parts --script --threshold --min-voxels slurm nextflow"
+            ),
+        ),
+        ("work", format!("{COMMON} --part --of --memory --input 75")),
+        ("merge", format!("{COMMON} --memory --input 0-99")),
+        (
             "report",
             format!("{COMMON} {INPUT} --against --outside --force border-cell html"),
         ),

@@ -10,6 +10,7 @@ mod command;
 #[path = "../common/mod.rs"]
 mod common;
 
+mod parts;
 mod power;
 
 use command::ok;

@@ -98,11 +98,11 @@ pub struct Batches<'a> {
 }
 
 impl<'a> Batches<'a> {
-    /// Of all layers but the first ones.
-    pub fn new(tiles: &'a mut MeshOutput, skip: u32, memory: u64) -> Self {
+    /// Of the layers from `next` on.
+    pub fn new(tiles: &'a mut MeshOutput, next: u32, memory: u64) -> Self {
         Batches {
             tiles,
-            next: skip,
+            next,
             memory,
             rest: VecDeque::new(),
         }
@@ -143,7 +143,7 @@ impl<'a> Batches<'a> {
 
     /// Takes the next layer in hand; false if there is none.
     fn take_layer(&mut self) -> Result<bool> {
-        if self.next == self.tiles.layers() {
+        if self.next == self.tiles.layers().end {
             return Ok(false);
         }
         let tiles = self.tiles.tiles(self.next)?;
@@ -238,7 +238,7 @@ mod tests {
         ) {
             let dir = tempfile::tempdir().unwrap();
             let mut output = MeshOutput::with_tiles(&tiles, dir.path());
-            let skip = skip.min(output.layers());
+            let skip = skip.min(output.layers().end);
             let mut batches = Batches::new(&mut output, skip, memory);
             let (mut jobs, mut layers) = (Vec::new(), vec![(0, false); tiles.len()]);
             while let Some(batch) = batches.next().unwrap() {

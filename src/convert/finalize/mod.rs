@@ -78,7 +78,7 @@ pub fn finalize<R: Send>(
     let (job, writer) = (input.job, input.writer);
     let (tiles, components) = (input.tiles, input.components);
     let progress = job.progress;
-    progress.begin("index", tiles.layers().into());
+    progress.begin("index", tiles.layers().count().into());
     let mut finishing = MemoryReservation::new(input.memory, FINISHING);
     finishing.grow_as_far_as(u64::MAX);
     let settings = FinishSettings {
@@ -109,8 +109,9 @@ fn finish_tiles(
     ends: &mut LayerFinisher,
     progress: &dyn Progress,
 ) -> Result<()> {
-    let before = ends.finished();
-    for layer in 0..before {
+    let layers = tiles.layers();
+    let before = ends.finished().max(layers.first);
+    for layer in layers.first..before {
         let finished = finished_layer(settings, layer, &tiles.tiles(layer)?)?;
         ends.add(layer, finished)?;
     }

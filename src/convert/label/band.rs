@@ -51,6 +51,8 @@ pub struct SealedBand {
     pub nan: u64,
     /// What is kept for meshing.
     pub kept: KeptBand,
+    /// CRC-32 of the bits of its first and its last slice.
+    pub slices: [u32; 2],
 }
 
 impl<T: Voxel> Band<T> {
@@ -88,6 +90,10 @@ impl<T: Voxel> Band<T> {
             whole,
             nan: self.nan,
             kept,
+            slices: [0, self.bits.span.slices() - 1].map(|s| {
+                let words = self.bits.span.rows() * self.bits.row_words;
+                crc32fast::hash(bytemuck::cast_slice(&self.bits.words[s * words..][..words]))
+            }),
         })
     }
 }

@@ -74,13 +74,12 @@ impl KeptBands {
         })
     }
 
-    /// Those that were marked; `None` if there are none.
+    /// Those of files that `open` opens; `None` if there are none.
     ///
     /// # Errors
     /// [`crate::Error::Io`].
-    pub fn reopen(files: &Scratch, marks: &Marks) -> Result<Option<Self>> {
-        let data = marks.reopen(files, BANDS)?;
-        let places = marks.reopen(files, BAND_PLACES)?;
+    pub fn opened(open: impl Fn(&str) -> Result<Option<SpillFile>>) -> Result<Option<Self>> {
+        let (data, places) = (open(BANDS)?, open(BAND_PLACES)?);
         Ok(data
             .zip(places)
             .map(|(data, places)| KeptBands { data, places }))

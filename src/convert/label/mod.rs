@@ -7,6 +7,7 @@
 mod band;
 mod kept_bands;
 mod queue;
+mod seam;
 mod slab_memory;
 mod slab_records;
 mod small_components;
@@ -15,7 +16,9 @@ mod workers;
 
 pub use band::span_of;
 pub use kept_bands::{KeptBand, KeptBands};
-pub use slab_records::{EndedComponents, SlabRecord};
+pub use seam::{Arrival, Beyond, Seam};
+pub use slab_records::{EndedComponents, SlabRecord, Slabs};
+pub use small_components::Filter;
 pub use state::Labelled;
 
 use crate::checkpoint::{Checkpointer, LABELS, Marks};
@@ -23,7 +26,6 @@ use crate::convert::conversion::Conversion;
 use crate::convert::label::band::BandSource;
 use crate::convert::label::queue::Limits;
 use crate::convert::label::slab_memory::SlabMemory;
-use crate::convert::label::small_components::{Filter, SMALL_CELLS, SMALL_OBJECTS};
 use crate::convert::label::state::{Keeps, LabelState, SlabLabels};
 use crate::convert::label::workers::LabelWorkers;
 use crate::error::Result;
@@ -55,72 +57,106 @@ pub struct LabelInput<'a> {
 /// [`crate::Error::Io`], [`crate::Error::TooDense`] if the volume is too dense for the limit,
 /// [`crate::Error::Interrupted`], and those of [`Volume::read_box`].
 pub fn label(input: &LabelInput, checkpointer: &mut Checkpointer) -> Result<(Labelled, LeftOut)> {
-    crate::volume::with_voxel_type!(
-        input.volume.header().dtype, T => input.label::<T>(checkpointer))
+    let job = input.job;
+    let mut filters = Vec::new();
+    let searches = match job.options.min_voxels > 1 {
+        true => 0..LABELS,
+        false => 0..0,
+    };
+    for number in searches {
+        let marks = match checkpointer.over(number) {
+            Some(marks) => marks,
+            None => sweep(input, number, &filters, checkpointer)?.marks,
+        };
+        checkpointer.end_sweep(&marks);
+        let files = checkpointer.files(number);
+        let filter = Filter::read(input, number, &files, &marks, &Beyond::default())?;
+        filters.push(filter.ok_or_else(|| checkpointer.damaged())?);
+    }
+    let marks = match checkpointer.over(LABELS) {
+        Some(marks) => marks,
+        None => sweep(input, LABELS, &filters, checkpointer)?.marks,
+    };
+    checkpointer.end_sweep(&marks);
+    let labelled = Labelled::read(&checkpointer.files(LABELS), &marks, job.made)?;
+    Ok((
+        labelled.ok_or_else(|| checkpointer.damaged())?,
+        left_out(&filters),
+    ))
+}
+
+/// What these filters leave out, of objects and of cells.
+pub fn left_out(filters: &[Filter]) -> LeftOut {
+    match filters {
+        [objects, cells] => [objects, cells].map(|f| (f.components, f.voxels)),
+        _ => LeftOut::default(),
+    }
+}
+
+/// What a sweep over the volume leaves.
+pub struct Swept {
+    /// How much its files hold.
+    pub marks: Marks,
+    /// What it knows of components that go on in other parts of the volume.
+    pub seam: Seam,
+}
+
+/// Makes the sweep of this number, one of those that find small components or that which finds all, after the `filters` of
+/// those before.
+///
+/// # Errors
+/// As of [`label`].
+pub fn sweep(
+    input: &LabelInput,
+    number: usize,
+    filters: &[Filter],
+    checkpointer: &mut Checkpointer,
+) -> Result<Swept> {
+    crate::volume::with_voxel_type!(input.volume.header().dtype, T => match number < LABELS {
+        true => input.search_dust::<T>(filters, number, checkpointer),
+        false => input.label_all::<T>(filters, checkpointer),
+    })
 }
 
 impl LabelInput<'_> {
-    fn label<T: Voxel + Default>(
-        &self,
-        checkpointer: &mut Checkpointer,
-    ) -> Result<(Labelled, LeftOut)> {
-        let mut filters = Vec::new();
-        if self.job.options.min_voxels > 1 {
-            for search in [SMALL_OBJECTS, SMALL_CELLS] {
-                let filter = self.find_dust::<T>(&filters, search, checkpointer)?;
-                filters.push(filter);
-            }
-        }
-        let left_out = match &filters[..] {
-            [objects, cells] => [objects, cells].map(|f| (f.components, f.voxels)),
-            _ => LeftOut::default(),
-        };
-        let marks = match checkpointer.over(LABELS) {
-            Some(marks) => marks,
-            None => self.label_all::<T>(&filters, checkpointer)?,
-        };
-        checkpointer.end_sweep(&marks);
-        let labelled = Labelled::read(&checkpointer.files(LABELS), &marks)?;
-        Ok((labelled.ok_or_else(|| checkpointer.damaged())?, left_out))
-    }
-
     /// Labels the volume and marks what is needed of that.
     fn label_all<T: Voxel + Default>(
         &self,
         filters: &[Filter],
         checkpointer: &mut Checkpointer,
-    ) -> Result<Marks> {
+    ) -> Result<Swept> {
         let (mut state, first) = self.begin(checkpointer)?;
         let files = checkpointer.files(LABELS);
-        let layers = self.job.layers();
+        let end = self.job.made.end;
         self.label_layers::<T>(filters, first, &mut state, |state, layer, known| {
             state.finish_slab(layer, known)?;
-            if layer + 1 == layers {
+            if layer + 1 == end {
                 return Ok(());
             }
             let mut marks = Marks::default();
             state.mark(&files, &mut marks)?;
             checkpointer.save(LABELS, layer + 1, &marks, |out| state.save(out))
         })?;
+        let seam = state.seam();
         let marks = state.end(&files)?;
         checkpointer.close_sweep(LABELS, &marks)?;
-        Ok(marks)
+        Ok(Swept { marks, seam })
     }
 
     /// The state before the first layer to do, and that layer.
     fn begin(&self, checkpointer: &mut Checkpointer) -> Result<(LabelState, u32)> {
-        let (files, dims) = (checkpointer.files(LABELS), self.job.plan.tiling.dims);
-        let memory = self.slab_memory()?;
+        let (files, memory) = (checkpointer.files(LABELS), self.slab_memory()?);
+        let (dims, made) = (self.job.plan.tiling.dims, self.job.made);
         let keeps = match self.is_slow {
             true => Keeps::Samples,
             false => Keeps::Labels,
         };
         let Some(mut at) = checkpointer.take(LABELS) else {
-            return Ok((LabelState::new(&files, dims, memory, keeps)?, 0));
+            let state = LabelState::new(&files, dims, made, memory, keeps)?;
+            return Ok((state, made.first));
         };
-        let state = LabelState::load(&files, dims, &at.marks, &mut at.state, memory, keeps)?;
-        let state =
-            state.filter(|s| at.state.is_empty() && s.labelled.slabs.len() == at.layer as usize);
+        let state = LabelState::load(&files, dims, made, &mut at, memory, keeps)?;
+        let state = state.filter(|s| at.state.is_empty() && s.labelled.slabs.end() == at.layer);
         Ok((state.ok_or_else(|| checkpointer.damaged())?, at.layer))
     }
 
@@ -139,8 +175,13 @@ impl LabelInput<'_> {
         state: &mut LabelState,
         each: impl FnMut(&mut LabelState, u32, &SlabLabels) -> Result<()> + Send,
     ) -> Result<()> {
-        let Conversion { options, plan, .. } = self.job;
-        let [_, bands, layers] = plan.tiling.tiles();
+        let Conversion {
+            options,
+            plan,
+            made,
+            ..
+        } = self.job;
+        let [_, bands, _] = plan.tiling.tiles();
         let source = BandSource {
             volume: self.volume,
             ceil: T::ceil_from(options.threshold),
@@ -154,7 +195,7 @@ impl LabelInput<'_> {
         };
         let limits = Limits {
             bands,
-            layers,
+            layers: made.end,
             ahead: plan.bands_at_once,
         };
         LabelWorkers::new(self, &source, limits, first, state, each).run()

@@ -1,5 +1,6 @@
 //! What labelling leaves of its slabs, in a file.
 
+use crate::convert::layers::Layers;
 use crate::error::Result;
 use crate::measure::VoxelSums;
 use crate::sys::spill_file::{Mark, Place, SpillFile};
@@ -94,31 +95,42 @@ impl SlabRecord {
 #[derive(Debug)]
 pub struct Slabs {
     records: SpillFile,
-    len: usize,
+    /// The layer of the first one.
+    first: u32,
+    len: u32,
 }
 
 impl Slabs {
-    /// Those of a spool, none of it is new.
-    pub fn new(records: SpillFile) -> Self {
-        Slabs { records, len: 0 }
+    /// Of an empty spool: those from layer `first` on.
+    pub fn new(records: SpillFile, first: u32) -> Self {
+        let len = 0;
+        Slabs {
+            records,
+            first,
+            len,
+        }
     }
 
-    /// Those that a spool holds; `None` if it holds anything else.
+    /// Those from layer `first` on that a spool holds; `None` if it holds anything else.
     ///
     /// # Errors
     /// [`crate::Error::Io`].
-    pub fn load(mut records: SpillFile) -> Result<Option<Self>> {
+    pub fn load(mut records: SpillFile, first: u32) -> Result<Option<Self>> {
         let all = records.everything::<[u64; NUMBERS]>();
         let Some(all) = all else {
             return Ok(None);
         };
         let (mut len, mut sound) = (0, true);
         records.for_each(&all, |numbers| {
-            sound &= SlabRecord::of(&numbers).is_some_and(|slab| slab.layer as usize == len);
+            sound &= SlabRecord::of(&numbers).is_some_and(|slab| slab.layer == first + len);
             len += 1;
             Ok(())
         })?;
-        Ok(sound.then_some(Slabs { records, len }))
+        Ok(sound.then_some(Slabs {
+            records,
+            first,
+            len,
+        }))
     }
 
     /// See [`SpillFile::mark`].
@@ -129,9 +141,15 @@ impl Slabs {
         self.records.mark()
     }
 
-    /// How many.
-    pub fn len(&self) -> usize {
-        self.len
+    /// Their layers.
+    pub fn layers(&self) -> Layers {
+        let (first, end) = (self.first, self.end());
+        Layers { first, end }
+    }
+
+    /// The layer of the next one.
+    pub fn end(&self) -> u32 {
+        self.first + self.len
     }
 
     /// Adds the next one.
@@ -144,18 +162,14 @@ impl Slabs {
         Ok(())
     }
 
-    /// One of them; `None` behind the last one.
+    /// That of a layer, which is one of them.
     ///
     /// # Errors
     /// [`crate::Error::Io`].
-    pub fn get(&mut self, slab: usize) -> Result<Option<SlabRecord>> {
-        if slab >= self.len {
-            return Ok(None);
-        }
-        let place = Place::new((slab * size_of::<[u64; NUMBERS]>()) as u64, 1);
+    pub fn get(&mut self, layer: u32) -> Result<SlabRecord> {
+        let slab = u64::from(layer - self.first);
+        let place = Place::new(slab * size_of::<[u64; NUMBERS]>() as u64, 1);
         let numbers = self.records.get::<[u64; NUMBERS]>(&place)?;
-        Ok(Some(
-            SlabRecord::of(&numbers[0]).expect("it was written so"),
-        ))
+        Ok(SlabRecord::of(&numbers[0]).expect("it was written so"))
     }
 }

@@ -7,9 +7,11 @@
 //! Vertices do not move: every lattice edge out of a component is crossed, and all of them go with it.
 
 use crate::checkpoint::{Checkpointer, Marks, Scratch};
-use crate::convert::label::LabelInput;
+use crate::convert::label::seam::Beyond;
 use crate::convert::label::slab_memory::SlabMemory;
 use crate::convert::label::state::{Keeps, LabelState, SlabLabels};
+use crate::convert::label::{LabelInput, Swept};
+use crate::convert::layers::Layers;
 use crate::error::Result;
 use crate::grid::{Dims, Tiling};
 use crate::labels::{Bits, RowRuns, Run, Runs, SlabComponents};
@@ -19,25 +21,8 @@ use crate::volume::Voxel;
 use std::path::Path;
 use std::sync::Mutex;
 
-/// A sweep that finds small components of one phase.
-#[derive(Debug, Clone, Copy)]
-pub struct DustSweep {
-    /// Its number among all sweeps.
-    number: usize,
-    /// It finds objects, else cells.
-    above: bool,
-}
-
-/// Finds small objects.
-pub const SMALL_OBJECTS: DustSweep = DustSweep {
-    number: 0,
-    above: true,
-};
-/// Finds small cells, once small objects are filled.
-pub const SMALL_CELLS: DustSweep = DustSweep {
-    number: 1,
-    above: false,
-};
+/// The sweep that finds small objects; small cells are found once these are filled, by the next one.
+const SMALL_OBJECTS: usize = 0;
 
 /// Knows which components of one phase are to be filled.
 #[derive(Debug)]
@@ -55,9 +40,11 @@ struct Found {
     /// See [`Search::places`].
     places: SpillFile,
     bands: u32,
-    layers: u32,
-    /// Where the arrays lie that have 1 for each class that is to be filled, from the last layer back to the first.
+    layers: Layers,
+    /// Arrays that have 1 for each class that is to be filled.
     small: SpillFile,
+    /// Where these lie, from the last layer back to the first.
+    small_places: SpillFile,
 }
 
 /// What the reverse sweep needs of a slab.
@@ -106,56 +93,32 @@ impl Filter {
 }
 
 impl LabelInput<'_> {
-    /// Finds the objects or cells of fewer than `min_voxels` voxels.
+    /// Labels the volume and marks what is known of all components then.
     ///
     /// # Errors
     /// Those of [`label`](crate::convert::label::label).
-    pub fn find_dust<T: Voxel + Default>(
+    pub fn search_dust<T: Voxel + Default>(
         &self,
         filters: &[Filter],
-        sweep: DustSweep,
+        sweep: usize,
         checkpointer: &mut Checkpointer,
-    ) -> Result<Filter> {
-        let marks = match checkpointer.over(sweep.number) {
-            Some(marks) => marks,
-            None => self.search_dust::<T>(filters, sweep, checkpointer)?,
-        };
-        checkpointer.end_sweep(&marks);
-        let files = checkpointer.files(sweep.number);
-        let found = Found::read(&files, &marks, self.job.plan.tiling, self.work)?;
-        let found = found.ok_or_else(|| checkpointer.damaged())?;
-        let mut filter = Filter {
-            found: Mutex::new(found),
-            components: 0,
-            voxels: 0,
-        };
-        filter.resolve(sweep.above, self.job.options.min_voxels)?;
-        Ok(filter)
-    }
-
-    /// Labels the volume and marks what is known of all components then.
-    fn search_dust<T: Voxel + Default>(
-        &self,
-        filters: &[Filter],
-        sweep: DustSweep,
-        checkpointer: &mut Checkpointer,
-    ) -> Result<Marks> {
-        let layers = self.job.layers();
-        let (dims, memory) = (self.job.plan.tiling.dims, self.slab_memory()?);
+    ) -> Result<Swept> {
+        let (dims, made) = (self.job.plan.tiling.dims, self.job.made);
+        let memory = self.slab_memory()?;
         let (mut state, mut search, first) =
-            Search::begin(sweep.number, checkpointer, dims, memory)?;
+            Search::begin(sweep, checkpointer, dims, made, memory)?;
         self.label_layers::<T>(filters, first, &mut state, |state, layer, known| {
-            search.add(state, known)?;
-            if layer + 1 < layers {
+            search.add(state, layer, known)?;
+            if layer + 1 < made.end {
                 search.save(state, layer + 1, checkpointer)?;
             }
             state.memory.let_go(layer);
             Ok(())
         })?;
-        let marks = search.marks()?;
+        let (marks, seam) = (search.marks()?, state.seam());
         drop((search, state));
-        checkpointer.close_sweep(sweep.number, &marks)?;
-        Ok(marks)
+        checkpointer.close_sweep(sweep, &marks)?;
+        Ok(Swept { marks, seam })
     }
 }
 
@@ -182,27 +145,21 @@ impl Search {
         sweep: usize,
         checkpointer: &mut Checkpointer,
         dims: Dims,
+        made: Layers,
         memory: SlabMemory,
     ) -> Result<(LabelState, Self, u32)> {
         let files = checkpointer.files(sweep);
         let Some(mut at) = checkpointer.take(sweep) else {
-            let state = LabelState::new(&files, dims, memory, Keeps::Nothing)?;
+            let state = LabelState::new(&files, dims, made, memory, Keeps::Nothing)?;
             let search = Search {
                 sweep,
                 spool: SpillFile::create(&files.path(FOUND))?,
                 places: SpillFile::create(&files.path(PLACES))?,
                 files,
             };
-            return Ok((state, search, 0));
+            return Ok((state, search, made.first));
         };
-        let state = LabelState::load(
-            &files,
-            dims,
-            &at.marks,
-            &mut at.state,
-            memory,
-            Keeps::Nothing,
-        )?;
+        let state = LabelState::load(&files, dims, made, &mut at, memory, Keeps::Nothing)?;
         let spool = at.marks.reopen(&files, FOUND)?;
         let places = at.marks.reopen(&files, PLACES)?;
         match (state, spool, places) {
@@ -220,13 +177,14 @@ impl Search {
     }
 
     /// Adds a layer.
-    fn add(&mut self, state: &mut LabelState, known: &SlabLabels) -> Result<()> {
+    fn add(&mut self, state: &mut LabelState, layer: u32, known: &SlabLabels) -> Result<()> {
         let classes = &known.classes;
         for of_local in &classes.of_local {
             let place = self.spool.push(of_local)?;
             self.places.push(&place.numbers())?;
         }
         let voxels = state.class_voxels(known)?;
+        state.note_voxels(layer, &voxels);
         let slab = Slab::new(&voxels, classes, &mut self.spool)?;
         self.places.push(&slab.numbers())?;
         Ok(())
@@ -255,14 +213,20 @@ impl Search {
 
 impl Found {
     /// Reads what a search has found; `None` if the files hold something else.
-    fn read(files: &Scratch, marks: &Marks, tiling: Tiling, dir: &Path) -> Result<Option<Self>> {
-        let [_, bands, layers] = tiling.tiles();
-        let (spool, places) = (marks.reopen(files, FOUND)?, marks.reopen(files, PLACES)?);
+    fn read(
+        files: &Scratch,
+        marks: &Marks,
+        tiling: Tiling,
+        layers: Layers,
+        dir: &Path,
+    ) -> Result<Option<Self>> {
+        let [_, bands, _] = tiling.tiles();
+        let (spool, places) = (marks.open(files, FOUND)?, marks.open(files, PLACES)?);
         let (Some(spool), Some(places)) = (spool, places) else {
             return Ok(None);
         };
         let of_layer = u64::from(bands) + SLAB_PLACES;
-        if places.here::<u64>().offset() != 16 * of_layer * u64::from(layers) {
+        if places.here::<u64>().offset() != 16 * of_layer * u64::from(layers.count()) {
             return Ok(None);
         }
         Ok(Some(Found {
@@ -271,13 +235,14 @@ impl Found {
             bands,
             layers,
             small: SpillFile::new(dir)?,
+            small_places: SpillFile::new(dir)?,
         }))
     }
 
     /// Some numbers of a layer in [`Search::places`], from place `first` on.
     fn numbers(&mut self, layer: u32, first: u64, count: usize) -> Result<Vec<u64>> {
         let of_layer = u64::from(self.bands) + SLAB_PLACES;
-        let place = u64::from(layer) * of_layer + first;
+        let place = u64::from(layer - self.layers.first) * of_layer + first;
         self.places.get(&Place::new(16 * place, count))
     }
 
@@ -294,9 +259,9 @@ impl Found {
 
     /// 1 for each class of a layer that is to be filled, once that is known of all layers.
     fn small(&mut self, layer: u32) -> Result<Vec<u8>> {
-        let offset = 16 * u64::from(self.layers - 1 - layer);
-        let numbers = self.small.get::<u64>(&Place::new(offset, 2))?;
-        self.spool.get(&Place::new(numbers[0], numbers[1] as usize))
+        let offset = 16 * u64::from(self.layers.end - 1 - layer);
+        let numbers = self.small_places.get::<u64>(&Place::new(offset, 2))?;
+        self.small.get(&Place::new(numbers[0], numbers[1] as usize))
     }
 }
 
@@ -331,17 +296,49 @@ impl Slab {
 }
 
 impl Filter {
+    /// That of a search which has left files with these marks; `None` if they hold something else. Of components that go on
+    /// in other parts of the volume, `beyond` tells whether they are small: 1 for those that are, which are counted there.
+    ///
+    /// # Errors
+    /// [`crate::Error::Io`].
+    pub fn read(
+        input: &LabelInput,
+        number: usize,
+        files: &Scratch,
+        marks: &Marks,
+        beyond: &Beyond<u8>,
+    ) -> Result<Option<Self>> {
+        let job = input.job;
+        let found = Found::read(files, marks, job.plan.tiling, job.made, input.work)?;
+        let Some(found) = found else {
+            return Ok(None);
+        };
+        let mut filter = Filter {
+            found: Mutex::new(found),
+            components: 0,
+            voxels: 0,
+        };
+        let above = number == SMALL_OBJECTS;
+        filter.resolve(above, job.options.min_voxels, beyond)?;
+        Ok(Some(filter))
+    }
+
     /// Decides, from the last slab back to the first, which classes are part of a small component.
-    fn resolve(&mut self, above: bool, min_voxels: u64) -> Result<()> {
+    fn resolve(&mut self, above: bool, min_voxels: u64, beyond: &Beyond<u8>) -> Result<()> {
         let found = unshared(&mut self.found);
-        let mut later: (Vec<u8>, Vec<u32>) = Default::default();
-        for layer in (0..found.layers).rev() {
+        let leaving = beyond.leaving.clone();
+        let each = (0..leaving.len() as u32).collect();
+        let mut later: (Vec<u8>, Vec<u32>) = (leaving, each);
+        for layer in found.layers.each().rev() {
             let slab = found.slab(layer)?;
             let voxels = found.spool.get(&slab.voxels)?;
             let phases = found.spool.get(&slab.above)?;
             let mut goes_on = vec![None; voxels.len()];
             for (&class, &successor) in found.spool.get(&slab.live)?.iter().zip(&later.1) {
                 goes_on[class as usize] = Some(later.0[successor as usize]);
+            }
+            for &(class, small) in beyond.ended(layer) {
+                goes_on[class as usize] = Some(small);
             }
             let mut small = Vec::with_capacity(voxels.len());
             for (class, &count) in voxels.iter().enumerate() {
@@ -354,8 +351,8 @@ impl Filter {
                     u8::from(is_small)
                 }));
             }
-            let place = found.spool.push(&small)?;
-            found.small.push(&place.numbers())?;
+            let place = found.small.push(&small)?;
+            found.small_places.push(&place.numbers())?;
             later = (small, found.spool.get(&slab.carried_in)?);
         }
         Ok(())

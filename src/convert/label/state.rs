@@ -1,16 +1,18 @@
 //! What labelling gathers: components in terms of each slab's classes.
 
-use crate::checkpoint::{Marks, Scratch};
+use crate::checkpoint::{Marks, Place as Begun, Scratch};
 use crate::convert::label::band::{Band, SealedBand};
 use crate::convert::label::kept_bands::{KeptBand, KeptBands};
+use crate::convert::label::seam::{Leaving, Seam, crc_of};
 use crate::convert::label::slab_memory::SlabMemory;
 use crate::convert::label::slab_records::{SlabRecord, Slabs};
+use crate::convert::layers::Layers;
 use crate::error::Result;
 use crate::grid::Dims;
 use crate::labels::{CarriedComponents, PhaseLabels, ProvisionalLabels, SlabComponents};
 use crate::measure::VoxelSums;
 use crate::sys::spill_file::{Place, SpillFile};
-use crate::sys::state_codec::{Decoder, Encoder};
+use crate::sys::state_codec::Encoder;
 use crate::volume::Voxel;
 
 /// Names of the files of a sweep.
@@ -64,7 +66,10 @@ pub struct LabelState {
     /// The memory of bands and classes of slabs that have not ended.
     pub memory: SlabMemory,
     classes: CarriedComponents,
+    /// What there is to tell the parts of the volume below and above.
+    seam: Seam,
     dims: Dims,
+    made: Layers,
     keeps: Keeps,
 }
 
@@ -77,16 +82,22 @@ fn in_search(sums: &VoxelSums) -> u64 {
 }
 
 impl LabelState {
-    /// Nothing gathered yet, of a grid of this size.
+    /// Nothing gathered yet, of these layers of a grid of this size.
     ///
     /// # Errors
     /// [`crate::Error::Io`].
-    pub fn new(files: &Scratch, dims: Dims, memory: SlabMemory, keeps: Keeps) -> Result<Self> {
+    pub fn new(
+        files: &Scratch,
+        dims: Dims,
+        made: Layers,
+        memory: SlabMemory,
+        keeps: Keeps,
+    ) -> Result<Self> {
         let spool = |what| SpillFile::create(&files.path(what));
         let provisional = |what| ProvisionalLabels::new(&files.path(what));
         let labelled = Labelled {
             spool: spool(SLABS)?,
-            slabs: Slabs::new(spool(RECORDS)?),
+            slabs: Slabs::new(spool(RECORDS)?, made.first),
             bands: KeptBands::new(files)?,
             provisional: PhaseLabels {
                 objects: provisional(OBJECTS)?,
@@ -100,7 +111,9 @@ impl LabelState {
             labelled,
             memory,
             classes: CarriedComponents::default(),
+            seam: Seam::default(),
             dims,
+            made,
             keeps,
         })
     }
@@ -110,10 +123,8 @@ impl LabelState {
     /// # Errors
     /// [`crate::Error::Io`].
     pub fn mark(&mut self, files: &Scratch, marks: &mut Marks) -> Result<()> {
+        self.mark_spools(files, marks)?;
         let labelled = &mut self.labelled;
-        marks.add(files, SLABS, labelled.spool.mark()?);
-        marks.add(files, RECORDS, labelled.slabs.mark()?);
-        labelled.bands.mark(files, marks)?;
         let PhaseLabels {
             objects,
             cells,
@@ -123,6 +134,14 @@ impl LabelState {
             marks.add_length(files, what, labels.resident().spilled_bytes());
         }
         Ok(())
+    }
+
+    /// The same of the files that grow at their ends only.
+    fn mark_spools(&mut self, files: &Scratch, marks: &mut Marks) -> Result<()> {
+        let labelled = &mut self.labelled;
+        marks.add(files, SLABS, labelled.spool.mark()?);
+        marks.add(files, RECORDS, labelled.slabs.mark()?);
+        labelled.bands.mark(files, marks)
     }
 
     /// Writes the state between two slabs, apart from what [`LabelState::mark`] has brought to files.
@@ -149,11 +168,12 @@ impl LabelState {
     pub fn load(
         files: &Scratch,
         dims: Dims,
-        marks: &Marks,
-        input: &mut Decoder,
+        made: Layers,
+        at: &mut Begun,
         memory: SlabMemory,
         keeps: Keeps,
     ) -> Result<Option<Self>> {
+        let (marks, input) = (&at.marks, &mut at.state);
         let nan = input.number();
         let objects = ProvisionalLabels::load(&files.path(OBJECTS), input)?;
         let cells = ProvisionalLabels::load(&files.path(CELLS), input)?;
@@ -169,12 +189,16 @@ impl LabelState {
             cells,
             surfaces,
         };
-        let labelled = Labelled::open(files, marks, provisional, nan)?;
+        let open = |what: &str| marks.reopen(files, what);
+        let bands = KeptBands::opened(open)?;
+        let labelled = Labelled::opened(open, bands, marks, provisional, nan, made)?;
         let state = labelled.zip(classes).map(|(labelled, classes)| LabelState {
             labelled,
             memory,
             classes,
+            seam: Seam::default(),
             dims,
+            made,
             keeps,
         });
         Ok(state)
@@ -204,7 +228,7 @@ impl LabelState {
         last_layer: bool,
     ) -> std::result::Result<SlabLabels, Box<(crate::error::Error, Vec<SealedBand>)>> {
         let known: Vec<_> = sealed.iter().map(SealedBand::known).collect();
-        let bytes = sealed_bytes(&sealed) + self.classes.bytes(&known);
+        let bytes = sealed_bytes(&sealed) + self.classes.bytes(&known) + self.seam.bytes();
         if let Err(error) = self.memory.hold(layer, bytes) {
             return Err(Box::new((error, sealed)));
         }
@@ -213,6 +237,14 @@ impl LabelState {
             Ok(mut classes) => {
                 if last_layer {
                     classes.live.clear(); // nothing grows beyond the last slice
+                }
+                let is_first = layer == self.made.first;
+                if is_first && layer > 0 {
+                    self.seam.begin(&sealed, &classes);
+                }
+                self.seam.follow(layer, &classes, is_first);
+                if layer + 1 == self.made.end {
+                    self.seam.bits[1] = crc_of(sealed.iter().map(|band| band.slices[1]));
                 }
                 Ok(SlabLabels { sealed, classes })
             }
@@ -247,12 +279,32 @@ impl LabelState {
         Ok(voxels)
     }
 
+    /// Notes how many voxels the classes of a slab have, in a search.
+    pub fn note_voxels(&mut self, layer: u32, voxels: &[u64]) {
+        self.seam.note_voxels(layer, voxels);
+    }
+
+    /// What there is to tell other parts of the volume, when all layers are joined.
+    pub fn seam(&mut self) -> Seam {
+        let mut seam = std::mem::take(&mut self.seam);
+        let leaving = self.classes.live().map(|live| Leaving {
+            provisional: live.provisional_id,
+            surface: live.surface,
+            above: live.above.into(),
+            voxels: in_search(&live.sums),
+        });
+        seam.end(self.classes.last_slice(), leaving);
+        seam
+    }
+
     /// Ends a slab: spools what it has.
     ///
     /// # Errors
     /// [`crate::Error::Io`].
     pub fn finish_slab(&mut self, layer: u32, known: &SlabLabels) -> Result<()> {
         let SlabLabels { sealed, classes } = known;
+        // what goes on in the next part is summed up there, too
+        let is_last = layer + 1 == self.made.end;
         let Labelled {
             spool,
             slabs,
@@ -271,8 +323,9 @@ impl LabelState {
             finish(band.whole, classes);
             of_local_at.push(spool.push(of_local)?.numbers());
         }
-        let sums = spool.push_all(classes.finished().map(|(_, sums)| *sums))?;
-        let classes_of = spool.push_all(classes.finished().map(|(class, _)| class))?;
+        let ended = || classes.finished(is_last);
+        let sums = spool.push_all(ended().map(|(_, sums)| *sums))?;
+        let classes_of = spool.push_all(ended().map(|(class, _)| class))?;
         finish(sums, classes_of);
         let slab = SlabRecord {
             layer,
@@ -296,17 +349,18 @@ impl LabelState {
     /// # Errors
     /// [`crate::Error::Io`].
     pub fn end(mut self, files: &Scratch) -> Result<Marks> {
+        let mut marks = Marks::default();
+        self.mark_spools(files, &mut marks)?;
+        let mut summary = vec![self.labelled.nan];
         let PhaseLabels {
             objects,
             cells,
             surfaces,
         } = &mut self.labelled.provisional;
-        let mut summary = vec![self.labelled.nan];
-        for labels in [objects, cells, surfaces] {
+        for (what, labels) in [(OBJECTS, objects), (CELLS, cells), (SURFACES, surfaces)] {
             summary.push(labels.spill()?);
+            marks.add(files, what, labels.mark()?);
         }
-        let mut marks = Marks::default();
-        self.mark(files, &mut marks)?;
         let mut file = SpillFile::create(&files.path(SUMMARY))?;
         file.push(&summary)?;
         marks.add(files, SUMMARY, file.mark()?);
@@ -319,8 +373,9 @@ impl Labelled {
     ///
     /// # Errors
     /// [`crate::Error::Io`].
-    pub fn read(files: &Scratch, marks: &Marks) -> Result<Option<Self>> {
-        let Some(mut summary) = marks.reopen(files, SUMMARY)? else {
+    pub fn read(files: &Scratch, marks: &Marks, made: Layers) -> Result<Option<Self>> {
+        let spool = |what: &str| marks.open(files, what);
+        let Some(mut summary) = spool(SUMMARY)? else {
             return Ok(None);
         };
         let summary = match summary.everything::<u64>() {
@@ -336,21 +391,24 @@ impl Labelled {
             cells: open(CELLS, cells)?,
             surfaces: open(SURFACES, surfaces)?,
         };
-        Labelled::open(files, marks, provisional, nan)
+        let bands = KeptBands::opened(spool)?;
+        Labelled::opened(spool, bands, marks, provisional, nan, made)
     }
 
-    fn open(
-        files: &Scratch,
+    /// On files that `open` opens.
+    fn opened(
+        open: impl Fn(&str) -> Result<Option<SpillFile>>,
+        bands: Option<KeptBands>,
         marks: &Marks,
         provisional: PhaseLabels,
         nan: u64,
+        made: Layers,
     ) -> Result<Option<Self>> {
-        let (spool, records) = (marks.reopen(files, SLABS)?, marks.reopen(files, RECORDS)?);
-        let bands = KeptBands::reopen(files, marks)?;
+        let (spool, records) = (open(SLABS)?, open(RECORDS)?);
         let (Some(spool), Some(records), Some(bands)) = (spool, records, bands) else {
             return Ok(None);
         };
-        let slabs = Slabs::load(records)?;
+        let slabs = Slabs::load(records, made.first)?;
         Ok(slabs.map(|slabs| Labelled {
             spool,
             slabs,

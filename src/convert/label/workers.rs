@@ -82,7 +82,8 @@ where
         bands: Vec<SealedBand>,
     ) -> std::result::Result<(), Box<(Error, Vec<SealedBand>)>> {
         let (state, each) = &mut *lock(&self.state);
-        let known = state.join(layer, bands, layer + 1 == self.layers)?;
+        let [_, _, all] = self.source.tiling.tiles();
+        let known = state.join(layer, bands, layer + 1 == all)?;
         each(state, layer, &known).map_err(|error| Box::new((error, Vec::new())))?;
         // slices that no later slab needs
         let z = span_of(self.source.tiling, 0, layer).z;

@@ -1,6 +1,7 @@
 //! The tiles of layers, gathered in any order from many threads.
 
 use crate::checkpoint::{Marks, Scratch};
+use crate::convert::layers::Layers;
 use crate::convert::memory::SLABS;
 use crate::convert::mesh::tile_writer::TileRecord;
 use crate::convert::mesh::tiles::WrittenTile;
@@ -22,16 +23,48 @@ pub struct MeshOutput {
     /// Tiles and their pieces.
     pub spool: SpillFile,
     /// Where the tiles of each layer lie.
-    layers: SpillFile,
-    count: u32,
+    places: SpillFile,
+    layers: Layers,
     /// Sums over all caps.
     pub caps: MeshSums,
 }
 
 impl MeshOutput {
-    /// Layers.
-    pub fn layers(&self) -> u32 {
-        self.count
+    /// The layers that have ended.
+    pub fn layers(&self) -> Layers {
+        self.layers
+    }
+
+    /// What meshing of these layers has left in files; `None` if they hold something else.
+    ///
+    /// # Errors
+    /// [`crate::Error::Io`].
+    pub fn open(
+        files: &Scratch,
+        marks: &Marks,
+        layers: Layers,
+        caps: MeshSums,
+    ) -> Result<Option<Self>> {
+        let open = |what| marks.open(files, what);
+        Self::opened(open(PIECES)?.zip(open(LAYERS)?), layers, caps)
+    }
+
+    fn opened(
+        files: Option<(SpillFile, SpillFile)>,
+        layers: Layers,
+        caps: MeshSums,
+    ) -> Result<Option<Self>> {
+        let (spool, places) = match files {
+            Some(files) => files,
+            None => return Ok(None),
+        };
+        let sound = places.here::<u8>().offset() == 16 * u64::from(layers.count());
+        Ok(sound.then_some(MeshOutput {
+            spool,
+            places,
+            layers,
+            caps,
+        }))
     }
 
     /// The tiles of a layer, by y, then x.
@@ -39,8 +72,9 @@ impl MeshOutput {
     /// # Errors
     /// [`crate::Error::Io`].
     pub fn tiles(&mut self, layer: u32) -> Result<Vec<TileRecord>> {
-        let place = Place::<[u64; 2]>::new(16 * u64::from(layer), 1);
-        let [offset, count] = self.layers.get(&place)?[0];
+        let number = u64::from(layer - self.layers.first);
+        let place = Place::<[u64; 2]>::new(16 * number, 1);
+        let [offset, count] = self.places.get(&place)?[0];
         self.spool.get(&Place::new(offset, count as usize))
     }
 
@@ -52,8 +86,11 @@ impl MeshOutput {
         let new = || SpillFile::new(dir).unwrap();
         let mut output = MeshOutput {
             spool: new(),
-            layers: new(),
-            count: counts.len() as u32,
+            places: new(),
+            layers: Layers {
+                first: 0,
+                end: counts.len() as u32,
+            },
             caps: MeshSums::default(),
         };
         for (layer, &count) in (0..).zip(counts) {
@@ -67,14 +104,18 @@ impl MeshOutput {
             };
             let tiles: Vec<TileRecord> = (0..count).map(tile).collect();
             let place = output.spool.push(&tiles).unwrap();
-            output.layers.push(&[place.numbers()]).unwrap();
+            output.places.push(&[place.numbers()]).unwrap();
         }
         output
     }
 
-    fn mark(&mut self, files: &Scratch, marks: &mut Marks) -> Result<()> {
+    /// Writes out what is in memory of the files, and adds how much they hold to `marks`.
+    ///
+    /// # Errors
+    /// [`crate::Error::Io`].
+    pub fn mark(&mut self, files: &Scratch, marks: &mut Marks) -> Result<()> {
         marks.add(files, PIECES, self.spool.mark()?);
-        marks.add(files, LAYERS, self.layers.mark()?);
+        marks.add(files, LAYERS, self.places.mark()?);
         Ok(())
     }
 }
@@ -89,15 +130,15 @@ pub struct TileCollector {
 }
 
 impl TileCollector {
-    /// Has none yet.
+    /// Has none yet, and takes those of `first` and the layers behind it.
     ///
     /// # Errors
     /// [`crate::Error::Io`].
-    pub fn new(files: &Scratch, memory: &Arc<MemoryPool>) -> Result<Self> {
+    pub fn new(files: &Scratch, first: u32, memory: &Arc<MemoryPool>) -> Result<Self> {
         let output = MeshOutput {
             spool: SpillFile::create(&files.path(PIECES))?,
-            layers: SpillFile::create(&files.path(LAYERS))?,
-            count: 0,
+            places: SpillFile::create(&files.path(LAYERS))?,
+            layers: Layers { first, end: first },
             caps: MeshSums::default(),
         };
         Ok(Self::on(output, memory))
@@ -119,25 +160,17 @@ impl TileCollector {
         files: &Scratch,
         marks: &Marks,
         input: &mut Decoder,
-        layers: u32,
+        layers: Layers,
         memory: &Arc<MemoryPool>,
     ) -> Result<Option<Self>> {
         let caps = input.array::<MeshSums>();
-        let (spool, places) = (marks.reopen(files, PIECES)?, marks.reopen(files, LAYERS)?);
-        let (Some(caps), Some(spool), Some(places)) = (caps, spool, places) else {
+        let reopen = |what| marks.reopen(files, what);
+        let files = reopen(PIECES)?.zip(reopen(LAYERS)?);
+        let (Some([caps]), true) = (caps.as_deref(), input.is_empty()) else {
             return Ok(None);
         };
-        let sound = places.here::<u8>().offset() == 16 * u64::from(layers);
-        let ([caps], true) = (&caps[..], sound && input.is_empty()) else {
-            return Ok(None);
-        };
-        let output = MeshOutput {
-            spool,
-            layers: places,
-            count: layers,
-            caps: *caps,
-        };
-        Ok(Some(Self::on(output, memory)))
+        let output = MeshOutput::opened(files, layers, *caps)?;
+        Ok(output.map(|output| Self::on(output, memory)))
     }
 
     /// Adds a tile; its pieces leave memory.
@@ -162,12 +195,12 @@ impl TileCollector {
     /// [`crate::Error::Io`].
     pub fn end_layer(&mut self) -> Result<()> {
         let output = &mut self.output;
-        let (mut tiles, caps) = self.open.remove(&output.count).unwrap_or_default();
+        let (mut tiles, caps) = self.open.remove(&output.layers.end).unwrap_or_default();
         tiles.sort_unstable_by_key(|t| (t.grid[1], t.grid[0]));
         let place = output.spool.push(&tiles)?;
-        output.layers.push(&[place.numbers()])?;
+        output.places.push(&[place.numbers()])?;
         output.caps.merge(&caps);
-        output.count += 1;
+        output.layers.end += 1;
         Ok(())
     }
 

@@ -18,6 +18,7 @@ use crate::checkpoint::{Checkpointer, TILES};
 use crate::convert::cells::GivenCells;
 use crate::convert::conversion::Conversion;
 use crate::convert::known_band::KnownBands;
+use crate::convert::layers::Layers;
 use crate::convert::memory::WRITES;
 use crate::convert::mesh::collect::TileCollector;
 use crate::convert::mesh::tile_writer::TileWriter;
@@ -105,13 +106,11 @@ pub fn mesh(input: &MeshInput, checkpointer: &mut Checkpointer) -> Result<Meshed
         writers: BackgroundWriters::new(plan.in_flight, plan.body, writes),
     };
     let [x, y, _] = plan.tiling.tiles();
-    let layer = collector.output.layers();
+    let done = collector.output.layers().count();
     let tiles = |layers: u32| [x, y, layers].map(u64::from).iter().product();
-    input
-        .job
-        .progress
-        .begin("tiles", tiles(plan.tiling.tiles()[2]));
-    input.job.progress.advance(tiles(layer));
+    let job = input.job;
+    job.progress.begin("tiles", tiles(job.made.count()));
+    job.progress.advance(tiles(done));
     let tiles = crate::volume::with_voxel_type!(
         input.volume.header().dtype,
         T => MeshWorkers::<T>::new(input, &meshing, &mut collector, checkpointer).run())?;
@@ -128,8 +127,12 @@ pub fn mesh(input: &MeshInput, checkpointer: &mut Checkpointer) -> Result<Meshed
 fn begin(input: &MeshInput, checkpointer: &mut Checkpointer) -> Result<TileCollector> {
     let files = checkpointer.files(TILES);
     let Some(mut at) = checkpointer.take(TILES) else {
-        return TileCollector::new(&files, input.memory);
+        return TileCollector::new(&files, input.job.made.first, input.memory);
     };
-    let collector = TileCollector::load(&files, &at.marks, &mut at.state, at.layer, input.memory)?;
+    let layers = Layers {
+        first: input.job.made.first,
+        end: at.layer,
+    };
+    let collector = TileCollector::load(&files, &at.marks, &mut at.state, layers, input.memory)?;
     collector.ok_or_else(|| checkpointer.damaged())
 }

@@ -80,13 +80,13 @@ impl<'a, T: Voxel + Default> MeshWorkers<'a, T> {
         checkpointer: &'a mut Checkpointer,
     ) -> Self {
         let plan = input.job.plan;
-        let [_, bands, layers] = plan.tiling.tiles();
+        let [_, bands, _] = plan.tiling.tiles();
         let limits = Limits {
             bands,
-            layers,
+            layers: input.job.made.end,
             at_once: plan.bands_at_once,
         };
-        let before = collector.output.layers();
+        let before = collector.output.layers().end;
         let queue = MeshQueue::new(limits, before);
         MeshWorkers {
             input,

@@ -1,0 +1,139 @@
+//! Opens the volume of a conversion, and finds what is asked for of it.
+
+use super::convert::{ConvertArgs, understood};
+use super::input::Input;
+use super::labels::read_labels;
+use super::progress::Console;
+use super::region::Roi;
+use super::threshold::Threshold;
+use crate::convert::parts::{Asked, check_plan};
+use crate::convert::{self, ConvertOptions};
+use crate::error::{Error, Result};
+use crate::progress::Progress;
+use crate::volume::Opened;
+use std::path::Path;
+
+/// What a volume is opened for.
+#[derive(Clone, Copy)]
+pub enum Purpose<'a> {
+    /// To be converted.
+    Convert,
+    /// To be converted in parts.
+    Plan,
+    /// To go on with a plan, which knows the threshold and the region.
+    Known(&'a Asked),
+}
+
+/// A volume that is open, and what is asked for of it.
+pub struct Prepared {
+    /// The volume.
+    pub opened: Opened,
+    /// What is asked for.
+    pub options: ConvertOptions,
+    /// What is doubtful about it.
+    pub doubts: Vec<String>,
+    /// How it was understood, for people.
+    pub understood: String,
+    /// How the threshold was found, in brackets; empty if it was typed or is known.
+    pub how: String,
+}
+
+impl Prepared {
+    fn of(opened: Opened, options: ConvertOptions) -> Self {
+        Prepared {
+            opened,
+            options,
+            doubts: Vec::new(),
+            understood: String::new(),
+            how: String::new(),
+        }
+    }
+}
+
+impl ConvertArgs {
+    /// The one directory to write, where a plan is made for it.
+    ///
+    /// # Errors
+    /// [`Error::Usage`] for what no plan has.
+    pub fn plain_out(&self) -> Result<&Path> {
+        let given = [
+            ("--out-dir", self.out_dir.is_some()),
+            ("--lod", self.lod),
+            ("--view", self.view),
+            ("--resume", self.resume),
+            ("--labels", self.labels.is_some()),
+        ];
+        match (given.into_iter().find(|(_, given)| *given), &self.out) {
+            (None, Some(out)) => Ok(out),
+            (option, _) => {
+                let option = option.map_or("OUT", |(option, _)| option);
+                let expected = "one volume and one directory, and cells that are components; levels of detail and \
+                                views are made of the tile set when it is there";
+                Err(Error::usage(option, "it with a plan", expected))
+            }
+        }
+    }
+
+    /// Opens a volume and finds what is asked for of it.
+    pub fn prepare(
+        &self,
+        input: Input,
+        out: &Path,
+        purpose: Purpose,
+        console: &Console,
+    ) -> Result<Prepared> {
+        let path = input.path().to_path_buf();
+        let (mut opened, stamp) = input.open(&self.options.options(), out)?;
+        opened.doubt_size()?;
+        let opened = self.options.filters.apply(opened)?;
+        let mut options = self.of_opened(&opened, stamp)?;
+        let volume = &*opened.volume;
+        let region = &self.options.region;
+        if let Purpose::Known(known) = purpose {
+            options.threshold = known.threshold;
+            options.region = match &known.region {
+                Some(stated) => Some(region.find_again(stated, volume, console)?),
+                None => None,
+            };
+            return Ok(Prepared::of(opened, options));
+        }
+        let how = match self.threshold {
+            Threshold::Value(_) => String::new(),
+            Threshold::Method(method) => format!(" ({})", method.how()),
+        };
+        if !how.is_empty() || self.options.region.roi.is_some() || self.labels.is_some() {
+            // these read the volume: not for a conversion that is refused then
+            let in_region = self.options.region.roi.is_some();
+            match purpose {
+                Purpose::Plan => check_plan(volume, &options, in_region, out)?,
+                _ => convert::check_before(volume, &options, in_region, out)?,
+            }
+        }
+        let roi = region.find(volume, options.crop.as_ref(), console)?;
+        let doubts = roi
+            .as_ref()
+            .map_or(Vec::new(), |roi| roi.warnings().to_vec());
+        doubts.iter().for_each(|warning| console.warn(warning));
+        let inside = roi.as_ref().map(|roi| &roi.voxels);
+        options.threshold = self.threshold.find(volume, inside, &path, console)?;
+        let found = roi.as_ref().map(Roi::text);
+        options.region = match roi {
+            Some(roi) => {
+                let crop = options.crop.as_ref();
+                Some(roi.at_threshold(volume, options.threshold, crop, console)?)
+            }
+            None => None,
+        };
+        options.labels = match &self.labels {
+            Some(path) => Some(read_labels(path, volume.header(), console)?),
+            None => None,
+        };
+        let understood = understood(&opened, &options, found, &how)?;
+        Ok(Prepared {
+            doubts,
+            understood,
+            how,
+            ..Prepared::of(opened, options)
+        })
+    }
+}

@@ -1,0 +1,355 @@
+//! A conversion in parts, by many processes on many machines that share a file system.
+//!
+//! A part is a range of layers. Each does the stages of a conversion by itself, in rounds: it labels its layers; it writes the
+//! geometry of its tiles, when all components have their ids; it finishes its tiles, when the sums over all components are
+//! known. Between the rounds a merge joins what the parts have found of components that lie in several of them, in memory of
+//! a slice; at last it moves everything into place. The bytes are those of [`convert`](crate::convert::convert).
+
+mod commit;
+mod directory;
+mod ids;
+mod join;
+mod planning;
+mod records;
+mod rounds;
+mod sealed;
+mod small;
+mod work;
+
+pub use directory::Asked;
+pub use planning::{PartsPlan, check_plan, plan_parts};
+
+use crate::convert::conversion::{Conversion, Made};
+use crate::convert::layers::Layers;
+use crate::convert::parts::commit::Commit;
+use crate::convert::parts::directory::{Directory, Doer, Made as Left};
+use crate::convert::parts::ids::merge_ids;
+use crate::convert::parts::planning::identity_of;
+use crate::convert::parts::records::merge_records;
+use crate::convert::parts::rounds::{Round, Rounds};
+use crate::convert::parts::small::{SmallSearch, merge_small};
+use crate::convert::parts::work::PartWork;
+use crate::convert::{ConvertOptions, ConvertReport, in_threads, with_conversion};
+use crate::error::{Error, Result};
+use crate::manifest::MANIFEST;
+use crate::progress::Progress;
+use crate::sys::process_memory::peak_rss_bytes;
+use crate::tileset::tidy;
+use crate::volume::Volume;
+use serde::Serialize;
+use std::path::Path;
+use std::time::Instant;
+
+/// What a part does next.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum NextWork {
+    /// Nothing: it is done with all rounds, or the tile set is in place.
+    Done,
+    /// Nothing before a merge, since it is done with this round.
+    Waits(&'static str),
+    /// This round.
+    Do(&'static str),
+}
+
+/// What a merge does next.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub enum NextMerge {
+    /// Nothing: the tile set is in place.
+    InPlace,
+    /// Nothing before these parts have done this round.
+    ToRun(&'static str, Vec<u32>),
+    /// It joins what all parts have found.
+    Join,
+}
+
+/// What a merge has come to.
+#[derive(Debug, Clone, PartialEq)]
+pub enum Merged {
+    /// The tile set is in place; the report is of what this merge has moved there.
+    InPlace(Option<Box<ConvertReport>>),
+    /// These parts are to do this round.
+    ToRun(&'static str, Vec<u32>),
+}
+
+/// The plan in a directory; `None` if the tile set is in place.
+///
+/// # Errors
+/// [`Error::Usage`] if there is neither; as of [`Directory::open`].
+fn planned(out: &Path) -> Result<Option<Directory>> {
+    if out.join(MANIFEST).exists() {
+        return Ok(None);
+    }
+    match Directory::open(out)? {
+        Some(directory) => Ok(Some(directory)),
+        // it may have been moved into place just now
+        None if out.join(MANIFEST).exists() => Ok(None),
+        None => {
+            let found = format!("{}, which holds no plan", out.display());
+            let expected =
+                "a directory for which there is one: `alvis plan VOLUME OUT --parts N` makes it";
+            Err(Error::usage("OUT", found, expected))
+        }
+    }
+}
+
+/// How the volume and the options of the plan in a directory are had again; `None` if the tile set is in place.
+///
+/// # Errors
+/// [`Error::Usage`] if there is no plan; [`Error::Io`], [`Error::Format`], [`Error::OtherPlan`].
+pub fn asked_of(out: &Path) -> Result<Option<Asked>> {
+    Ok(planned(out)?.map(|directory| directory.plan.asked))
+}
+
+/// How many parts the plan in a directory has; `None` if the tile set is in place.
+///
+/// # Errors
+/// As of [`asked_of`].
+pub fn parts_of(out: &Path) -> Result<Option<u32>> {
+    Ok(planned(out)?.map(|directory| directory.parts()))
+}
+
+/// What a part does next, which takes a few milliseconds to find out.
+///
+/// # Errors
+/// As of [`asked_of`]; [`Error::Usage`] if there is no such part; [`Error::Format`] if what it has left is damaged.
+pub fn next_work(out: &Path, part: u32) -> Result<NextWork> {
+    let Some(directory) = planned(out)? else {
+        return Ok(NextWork::Done);
+    };
+    directory.layers(part)?;
+    Ok(match round_of(&directory, part)? {
+        Ok(round) => NextWork::Do(round.name()),
+        Err(None) => NextWork::Done,
+        Err(Some(waits)) => NextWork::Waits(waits.name()),
+    })
+}
+
+/// The round that a part does next, or the one that it is done with and whose merge it waits for, if there is any.
+fn round_of(directory: &Directory, part: u32) -> Result<std::result::Result<Round, Option<Round>>> {
+    let rounds = Rounds::counting(directory.plan.rounds);
+    let mut before = None;
+    for round in rounds.all() {
+        let number = rounds.number(round);
+        if directory.is_done(number, Doer::Part(part))? {
+            before = Some(round);
+            continue;
+        }
+        let merged = match number {
+            1 => true,
+            _ => directory.is_done(number - 1, Doer::Merge)?,
+        };
+        return Ok(match merged {
+            true => Ok(round),
+            false => Err(before),
+        });
+    }
+    Ok(Err(None))
+}
+
+/// Does what a part does next, if there is anything; the volume and the options are those of the plan, but for memory and
+/// threads.
+///
+/// # Errors
+/// As of [`next_work`] and [`convert`](crate::convert::convert); [`Error::OtherPlan`] for another input or other options.
+pub fn work_on_part(
+    volume: &dyn Volume,
+    options: &ConvertOptions,
+    out: &Path,
+    part: u32,
+    progress: &dyn Progress,
+) -> Result<()> {
+    let Some(directory) = planned(out)? else {
+        return Ok(());
+    };
+    let layers = directory.layers(part)?;
+    let Ok(round) = round_of(&directory, part)? else {
+        return Ok(());
+    };
+    let worked = with_conversion(
+        volume,
+        options,
+        progress,
+        |_| layers,
+        |job| {
+            directory.check(&identity_of(job)?)?;
+            let rounds = Rounds::of(options);
+            let work = PartWork {
+                job,
+                directory: &directory,
+                rounds,
+                part,
+            };
+            in_threads(job, || work.run(round))?
+        },
+    );
+    match worked {
+        // somebody else has done it meanwhile, and what is left of this attempt has been removed
+        Err(_) if out.join(MANIFEST).exists() || was_done(&directory, round, part) => Ok(()),
+        worked => worked,
+    }
+}
+
+/// True if a part is done with a round.
+fn was_done(directory: &Directory, round: Round, part: u32) -> bool {
+    let number = Rounds::counting(directory.plan.rounds).number(round);
+    matches!(directory.is_done(number, Doer::Part(part)), Ok(true))
+}
+
+/// What a merge does next.
+///
+/// # Errors
+/// As of [`asked_of`]; [`Error::Format`] if what a part has left is damaged.
+pub fn next_merge(out: &Path) -> Result<NextMerge> {
+    let Some(directory) = planned(out)? else {
+        return Ok(NextMerge::InPlace);
+    };
+    let rounds = Rounds::counting(directory.plan.rounds);
+    for round in rounds.all() {
+        let number = rounds.number(round);
+        if directory.is_done(number, Doer::Merge)? {
+            continue;
+        }
+        let left = left_to_do(&directory, number)?;
+        return Ok(match left.is_empty() {
+            true => NextMerge::Join,
+            false => NextMerge::ToRun(round.name(), left),
+        });
+    }
+    Ok(NextMerge::Join)
+}
+
+/// The parts that have not done a round.
+fn left_to_do(directory: &Directory, round: u32) -> Result<Vec<u32>> {
+    let mut left = Vec::new();
+    for part in 0..directory.parts() {
+        if !directory.is_done(round, Doer::Part(part))? {
+            left.push(part);
+        }
+    }
+    Ok(left)
+}
+
+/// Joins what all parts have found, if they have; at the end the tile set is in place.
+///
+/// # Errors
+/// As of [`next_merge`]; [`Error::OtherPlan`] for another input or other options; [`Error::Format`] if what the parts have
+/// left does not fit together; [`Error::OutputBusy`] if somebody else is about it.
+pub fn merge_parts(
+    volume: &dyn Volume,
+    options: &ConvertOptions,
+    out: &Path,
+    progress: &dyn Progress,
+) -> Result<Merged> {
+    let start = Instant::now();
+    let Some(directory) = planned(out)? else {
+        tidy_parts(out)?;
+        return Ok(Merged::InPlace(None));
+    };
+    let merged = with_conversion(volume, options, progress, Layers::all, |job| {
+        directory.check(&identity_of(job)?)?;
+        let merge = Merge {
+            job,
+            directory: &directory,
+            rounds: Rounds::of(options),
+        };
+        in_threads(job, || merge.run())?
+    });
+    match merged {
+        Ok(Ok(made)) => Ok(Merged::InPlace(Some(Box::new(ConvertReport {
+            totals: made.totals,
+            threshold: options.threshold,
+            filters: options.filters(),
+            region: options.region.as_ref().map(|r| r.stated.clone()),
+            bytes_written: made.bytes,
+            seconds: start.elapsed().as_secs_f64(),
+            peak_rss_bytes: peak_rss_bytes(),
+            resumed_layers: 0,
+            resumed_index_layers: 0,
+            warnings: made.warnings,
+        })))),
+        Ok(Err((round, left))) => Ok(Merged::ToRun(round.name(), left)),
+        // another merge was first
+        Err(_) if out.join(MANIFEST).exists() => Ok(Merged::InPlace(None)),
+        Err(error) => Err(error),
+    }
+}
+
+/// Removes what a merge has left that was killed after it had moved everything into place.
+///
+/// # Errors
+/// [`Error::Io`].
+pub fn tidy_parts(out: &Path) -> Result<()> {
+    match tidy(out) {
+        // whoever is at work there has begun anew
+        Err(Error::OutputBusy { .. }) => Ok(()),
+        tidied => tidied,
+    }
+}
+
+/// A merge under way.
+struct Merge<'a> {
+    job: &'a Conversion<'a>,
+    directory: &'a Directory,
+    rounds: Rounds,
+}
+
+impl Merge<'_> {
+    /// Joins round after round; returns what was made, or the round and the parts that are to do it.
+    fn run(&self) -> Result<std::result::Result<Made, (Round, Vec<u32>)>> {
+        for round in self.rounds.all() {
+            let number = self.rounds.number(round);
+            if self.directory.is_done(number, Doer::Merge)? {
+                continue;
+            }
+            let left = left_to_do(self.directory, number)?;
+            if !left.is_empty() {
+                return Ok(Err((round, left)));
+            }
+            if round == Round::Finish {
+                break;
+            }
+            match self.join(round) {
+                // another merge was first, and has removed what was left of this one
+                Err(_) if self.directory.is_done(number, Doer::Merge)? => {}
+                joined => joined?,
+            }
+            self.directory.remove_others(number);
+        }
+        let commit = Commit {
+            job: self.job,
+            directory: self.directory,
+            rounds: self.rounds,
+        };
+        commit.run().map(Ok)
+    }
+
+    /// Joins what the parts have found in a round.
+    fn join(&self, round: Round) -> Result<()> {
+        let (directory, number) = (self.directory, self.rounds.number(round));
+        let attempt = directory.attempt(number, Doer::Merge)?;
+        let dir = &attempt.dir;
+        let memory = &self.job.plan.pool();
+        match round {
+            Round::Search(sweep) => {
+                let search = SmallSearch {
+                    above: sweep == 0,
+                    min_voxels: self.job.options.min_voxels,
+                };
+                let made = merge_small(directory, number, dir, search, memory)?;
+                self.done(attempt, made)
+            }
+            Round::Label => {
+                let made = merge_ids(directory, number, dir, memory)?;
+                self.done(attempt, made)
+            }
+            Round::Mesh | Round::Finish => {
+                let made = merge_records(directory, number, dir)?;
+                self.done(attempt, made)
+            }
+        }
+    }
+
+    fn done<T: Serialize>(&self, attempt: directory::Attempt, made: Left<T>) -> Result<()> {
+        self.directory.finish(attempt, made).map(|_| ())
+    }
+}

@@ -1,0 +1,325 @@
+//! The rounds of one part: the stages of a conversion, on its layers.
+
+use crate::checkpoint::{Checkpointer, Identity, LABELS, Marks, Scratch, TILES};
+use crate::convert::components::{Components, SumUp, sum_up};
+use crate::convert::conversion::Conversion;
+use crate::convert::finalize::{FinalizeInput, finalize};
+use crate::convert::known_band::KnownBands;
+use crate::convert::label::{Filter, LabelInput, Labelled, LeftOut, Seam, left_out, sweep};
+use crate::convert::memory::{SLABS, TABLES};
+use crate::convert::mesh::{MeshInput, MeshOutput, mesh};
+use crate::convert::parts::directory::{Attempt, Directory, Doer, FileSum, Made};
+use crate::convert::parts::ids::{IdsOfPart, MergedIds, done_labels, gone, open_labels};
+use crate::convert::parts::records::{read_records, write_records};
+use crate::convert::parts::rounds::{Round, Rounds};
+use crate::convert::parts::small::{MergedSmall, small_beyond};
+use crate::convert::read_twice;
+use crate::convert::resolve::resolve;
+use crate::convert::tables::write_tables;
+use crate::convert::totals::ScannedSums;
+use crate::error::{Error, Result};
+use crate::manifest::{LayerRecord, Totals};
+use crate::measure::MeshSums;
+use crate::sys::memory_pool::{MemoryPool, MemoryReservation};
+use crate::sys::spill_file::SpillFile;
+use crate::sys::state_codec::{Decoder, Encoder};
+use crate::tileset::TilesetWriter;
+use serde::{Deserialize, Serialize};
+use std::path::Path;
+use std::sync::Arc;
+
+/// The file that tells what a part has in common with others.
+pub const SEAM: &str = "seam";
+/// The file of the sums over the caps of a part.
+const CAPS: &str = "caps";
+/// The file of the layers of a part that have tiles.
+pub const LAYERS: &str = "layers";
+/// The tables, of which a part has the rows of what begins there.
+pub const CSV: [&str; 3] = ["cells.csv", "objects.csv", "surfaces.csv"];
+
+/// What labelling a part, or searching it, has found.
+#[derive(Debug, Clone, Copy, Serialize, Deserialize)]
+pub struct LabelsOfPart {
+    /// What the filters before left out that lies in this part alone.
+    pub left_out: LeftOut,
+    /// NaN samples.
+    pub nan: u64,
+}
+
+/// What finishing a part has made.
+#[derive(Debug, Clone, Copy, Serialize, Deserialize)]
+pub struct FinishedPart {
+    /// Sums over its tiles and the components that begin in it.
+    pub totals: Totals,
+    /// Voxels below of the components that begin in it.
+    pub voxels_below: u64,
+    /// Bytes of its shards and its rows of tables.
+    pub index_and_tables: u64,
+}
+
+/// What a part works on.
+pub struct PartWork<'a> {
+    /// The conversion of its layers.
+    pub job: &'a Conversion<'a>,
+    /// Where all parts work.
+    pub directory: &'a Directory,
+    /// The rounds.
+    pub rounds: Rounds,
+    /// Its number.
+    pub part: u32,
+}
+
+impl PartWork<'_> {
+    /// Does a round.
+    ///
+    /// # Errors
+    /// Those of a conversion; [`Error::Format`] if what was left by rounds before is damaged.
+    pub fn run(&self, round: Round) -> Result<()> {
+        let number = self.rounds.number(round);
+        let attempt = self.directory.attempt(number, Doer::Part(self.part))?;
+        match round {
+            Round::Search(sweep) => self.label(attempt, sweep),
+            Round::Label => self.label(attempt, LABELS),
+            Round::Mesh => self.mesh(attempt),
+            Round::Finish => self.finish(attempt),
+        }
+    }
+
+    fn checkpointer(&self, attempt: &Attempt) -> Result<Checkpointer> {
+        let identity = Identity::new(self.directory.plan.identity.clone());
+        let dust = self.job.options.min_voxels > 1;
+        Checkpointer::new(&attempt.dir, &identity, dust, self.job.made.end)
+    }
+
+    /// Says that an attempt is whole, once its files are on the disk if others of it are.
+    fn done<T: Serialize>(
+        &self,
+        attempt: Attempt,
+        mut checkpointer: Checkpointer,
+        made: Made<T>,
+    ) -> Result<()> {
+        self.job.options.input.check()?;
+        checkpointer.disk().finish()?;
+        drop(checkpointer);
+        self.directory.finish(attempt, made).map(|_| ())
+    }
+
+    /// Searches the part for small components, or labels it.
+    fn label(&self, attempt: Attempt, number: usize) -> Result<()> {
+        let (job, memory) = (self.job, self.job.plan.pool());
+        let mut checkpointer = self.checkpointer(&attempt)?;
+        let work = &attempt.dir;
+        let (swept, left_out) = read_twice(job, work, |volume, is_slow| {
+            let input = LabelInput {
+                job,
+                volume,
+                is_slow,
+                memory: &memory,
+                work,
+            };
+            let filters = self.filters(&input, number)?;
+            let swept = sweep(&input, number, &filters, &mut checkpointer)?;
+            Ok((swept, left_out(&filters)))
+        })?;
+        let nan = match number {
+            LABELS => {
+                let files = Scratch::of_sweep(work, LABELS);
+                let labelled = Labelled::read(&files, &swept.marks, job.made)?;
+                labelled.map_or(0, |labelled| labelled.nan)
+            }
+            _ => 0,
+        };
+        swept.seam.write(&work.join(SEAM))?;
+        let made = Made {
+            marks: swept.marks,
+            files: vec![FileSum::of(work, SEAM)?],
+            result: LabelsOfPart { left_out, nan },
+        };
+        self.done(attempt, checkpointer, made)
+    }
+
+    /// The filters of the searches before a sweep.
+    fn filters(&self, input: &LabelInput, sweep: usize) -> Result<Vec<Filter>> {
+        let searches = self.rounds.searches();
+        let before = searches.filter(|&number| number < sweep);
+        before.map(|number| self.filter(input, number)).collect()
+    }
+
+    fn filter(&self, input: &LabelInput, sweep: usize) -> Result<Filter> {
+        let (directory, part) = (self.directory, self.part);
+        let round = self.rounds.number(Round::Search(sweep));
+        let done = done_labels(directory, round, part)?;
+        done.check_marks()?;
+        let seam = Seam::read(&done.file(SEAM)?.0)?;
+        let merged = directory.done::<MergedSmall>(round, Doer::Merge)?;
+        let merged = merged.ok_or_else(|| gone(directory, part))?;
+        let beyond = small_beyond(&merged, &seam, part)?;
+        let files = Scratch::of_sweep(&done.dir, sweep);
+        let filter = Filter::read(input, sweep, &files, &done.marks, &beyond)?;
+        filter.ok_or_else(|| gone(directory, part))
+    }
+
+    /// Writes the geometry of the part's tiles.
+    fn mesh(&self, attempt: Attempt) -> Result<()> {
+        let (job, directory, part) = (self.job, self.directory, self.part);
+        let round = self.rounds.number(Round::Label);
+        let done = done_labels(directory, round, part)?;
+        done.check_marks()?;
+        let mut labelled = open_labels(directory, &done, part)?;
+        let seam = Seam::read(&done.file(SEAM)?.0)?;
+        let merged = directory.done::<MergedIds>(round, Doer::Merge)?;
+        let merged = merged.ok_or_else(|| gone(directory, part))?;
+        let ids = IdsOfPart::read(&merged, &seam, part)?;
+        let shared = ids.bytes();
+        drop(seam);
+        let work = &attempt.dir;
+        let mut checkpointer = self.checkpointer(&attempt)?;
+        make_directories(work)?;
+        let Labelled { slabs, spool, .. } = &mut labelled;
+        let mut resolved = resolve(slabs, spool, ids.numbering, work)?;
+        let (memory, writer) = (job.plan.pool(), job.tile_writer(work));
+        let mut held = MemoryReservation::new(&memory, SLABS);
+        held.grow_to(shared)?;
+        let set = TilesetWriter::new(work)?;
+        let mut each = job.made.each();
+        each.try_for_each(|z| set.make_layer_directory(z))?;
+        let known = KnownBands {
+            tiling: job.plan.tiling,
+            first: job.made.first,
+            kept: &labelled.bands,
+            ids: &resolved.bands,
+        };
+        let meshed = read_twice(job, work, |volume, _| {
+            let input = MeshInput {
+                job,
+                volume,
+                memory: &memory,
+                writer: &writer,
+                known,
+                cells: None,
+            };
+            mesh(&input, &mut checkpointer)
+        })?;
+        let mut output = meshed.output;
+        meshed.last_layer.commit(&mut checkpointer)?;
+        let _tables = self.table_memory(&memory);
+        let input = SumUp {
+            labelled: &mut labelled,
+            resolved: &mut resolved,
+            meshed: &mut output,
+            places: ids.places,
+        };
+        let components = sum_up(input, None, job.plan.tables(), work)?;
+        let mut files = write_records(work, &components, &ids.shared)?;
+        write_caps(&work.join(CAPS), &output.caps)?;
+        files.push(FileSum::of(work, CAPS)?);
+        let mut marks = Marks::default();
+        output.mark(&checkpointer.files(TILES), &mut marks)?;
+        let made = Made {
+            marks,
+            files,
+            result: (),
+        };
+        self.done(attempt, checkpointer, made)
+    }
+
+    /// The memory that tables may take.
+    fn table_memory(&self, memory: &Arc<MemoryPool>) -> MemoryReservation {
+        let mut tables = MemoryReservation::new(memory, TABLES);
+        tables.grow_as_far_as(self.job.plan.tables());
+        tables
+    }
+
+    /// Gives the part's tiles their JSON, and writes their index and rows of tables.
+    fn finish(&self, attempt: Attempt) -> Result<()> {
+        let (job, directory, part) = (self.job, self.directory, self.part);
+        let labels = self.rounds.number(Round::Label);
+        let labels_done = done_labels(directory, labels, part)?;
+        let merged = directory.done::<MergedIds>(labels, Doer::Merge)?;
+        let merged = merged.ok_or_else(|| gone(directory, part))?;
+        let seam = Seam::read(&labels_done.file(SEAM)?.0)?;
+        let places = IdsOfPart::read(&merged, &seam, part)?.places;
+        let round = self.rounds.number(Round::Mesh);
+        let done = directory.done::<()>(round, Doer::Part(part))?;
+        let done = done.ok_or_else(|| gone(directory, part))?;
+        let merged = directory.done::<()>(round, Doer::Merge)?;
+        let merged = merged.ok_or_else(|| gone(directory, part))?;
+        done.check_marks()?;
+        let work = &attempt.dir;
+        let mut checkpointer = self.checkpointer(&attempt)?;
+        make_directories(work)?;
+        let memory = job.plan.pool();
+        let _tables = self.table_memory(&memory);
+        let empty = Components::none_yet(places, job.plan.tables(), work)?;
+        let components = read_records(empty, &done, &merged, part)?;
+        let caps = read_caps(&done.file(CAPS)?.0)?;
+        let files = Scratch::of_sweep(&done.dir, TILES);
+        let tiles = MeshOutput::open(&files, &done.marks, job.made, caps)?;
+        let mut tiles = tiles.ok_or_else(|| gone(directory, part))?;
+        let measured = job.options.measured(&job.grid.header().placement)?;
+        let mut set = TilesetWriter::new(work)?;
+        let input = FinalizeInput {
+            job,
+            memory: &memory,
+            // the tiles lie where they were meshed; whoever finishes them writes the same
+            writer: &job.tile_writer(&done.dir),
+            set: &mut set,
+            placement: &measured,
+            tiles: &mut tiles,
+            components: &components,
+            checkpointer: &mut checkpointer,
+        };
+        let tables = finalize(input, |components, stop| {
+            write_tables(work, components, &measured, stop)
+        })?;
+        let sums = ScannedSums {
+            caps,
+            nan: labels_done.result.nan,
+        };
+        let mut voxels_below = 0;
+        for place in 0..components.places.cells.own {
+            voxels_below += components.cells.get(place)?.voxels.voxels;
+        }
+        let result = FinishedPart {
+            totals: sums.totals(set.written(), &components, job.options.cap)?,
+            voxels_below,
+            index_and_tables: set.index_bytes() + tables,
+        };
+        let made = Made {
+            marks: Marks::default(),
+            files: finished_files(work, &mut set)?,
+            result,
+        };
+        self.done(attempt, checkpointer, made)
+    }
+}
+
+/// Makes the directories of a tile set.
+fn make_directories(dir: &Path) -> Result<()> {
+    ["tiles", "index"].into_iter().try_for_each(|name| {
+        let dir = dir.join(name);
+        std::fs::create_dir(&dir).map_err(|e| Error::io(&dir, "create the directory", e))
+    })
+}
+
+/// The files that finishing a part leaves, but for tiles and shards.
+fn finished_files(work: &Path, set: &mut TilesetWriter) -> Result<Vec<FileSum>> {
+    let mut layers = SpillFile::create(&work.join(LAYERS))?;
+    let records: Vec<LayerRecord> = set.layer_records()?;
+    layers.push(&records)?;
+    layers.mark()?;
+    let names = [LAYERS].into_iter().chain(CSV);
+    names.map(|name| FileSum::of(work, name)).collect()
+}
+
+fn write_caps(path: &Path, caps: &MeshSums) -> Result<()> {
+    let mut out = Encoder::create(path)?;
+    out.array(&[*caps])?;
+    out.finish()
+}
+
+fn read_caps(path: &Path) -> Result<MeshSums> {
+    let bytes = std::fs::read(path).map_err(|e| Error::io(path, "read", e))?;
+    let caps = Decoder::new(bytes).and_then(|mut input| input.array::<MeshSums>()?.pop());
+    caps.ok_or_else(|| Error::format(path, "other bytes", "sums over caps"))
+}

@@ -1,0 +1,346 @@
+//! What is refused: other plans, inputs, options and versions; files that are damaged; what is not converted in parts.
+
+use super::{Files, finish, plan};
+use crate::command::{alvis, fails, ok};
+use crate::common::volumes::{foam, placed};
+use crate::common::{assert_same_files, converted, files, options};
+use alvis::Error;
+use alvis::convert::ConvertOptions;
+use alvis::convert::parts::{
+    Asked, Merged, NextWork, merge_parts, next_work, plan_parts, work_on_part,
+};
+use alvis::progress::Quiet;
+use alvis::volume::MemoryVolume;
+use std::fs;
+use std::path::{Path, PathBuf};
+
+const WORK: &str = ".alvis-partial";
+
+fn small() -> (MemoryVolume<u8>, ConvertOptions) {
+    let dims = [20, 18, 24];
+    let options = ConvertOptions {
+        min_voxels: 3,
+        ..options([8, 8, 6])
+    };
+    (placed(dims, foam(dims, 9)), options)
+}
+
+/// The differences that an error names.
+fn differences(error: Error) -> String {
+    match error {
+        Error::OtherPlan { differences, .. } => differences,
+        other => panic!("{other}"),
+    }
+}
+
+#[test]
+fn other_options_and_another_number_of_parts_are_refused() {
+    let (volume, options) = small();
+    let dir = tempfile::tempdir().unwrap();
+    let out = dir.path();
+    plan(&volume, &options, out, 2);
+    work_on_part(&volume, &options, out, 0, &Quiet).unwrap();
+    let other = ConvertOptions {
+        threshold: 130.0,
+        ..options.clone()
+    };
+    let planned = plan_parts(&volume, &other, out, 2, Asked::default());
+    let expected = "--threshold was 128 and is 130";
+    assert_eq!(differences(planned.unwrap_err()), expected);
+    let worked = work_on_part(&volume, &other, out, 1, &Quiet);
+    assert_eq!(differences(worked.unwrap_err()), expected);
+    let merged = merge_parts(&volume, &other, out, &Quiet);
+    assert_eq!(differences(merged.unwrap_err()), expected);
+    let planned = plan_parts(&volume, &options, out, 3, Asked::default());
+    assert_eq!(differences(planned.unwrap_err()), "--parts was 2 and is 3");
+    // the same plan, with what changes no byte, leaves all that is done
+    let same = ConvertOptions {
+        memory: 1 << 29,
+        threads: 2,
+        ..options.clone()
+    };
+    plan(&volume, &same, out, 2);
+    assert!(matches!(next_work(out, 0).unwrap(), NextWork::Waits(_)));
+    // another volume of the same kind
+    let other = placed([20, 18, 24], foam([20, 18, 24], 10));
+    let worked = work_on_part(&other, &options, out, 1, &Quiet);
+    let text = differences(worked.unwrap_err());
+    assert!(
+        text.starts_with("samples of the input was CRC-32 "),
+        "{text}"
+    );
+    // by force the other plan takes its place
+    let forced = ConvertOptions {
+        threshold: 130.0,
+        force: true,
+        ..options.clone()
+    };
+    plan(&volume, &forced, out, 3);
+    finish(&volume, &forced, out);
+    let (whole, _) = converted(&volume, &forced);
+    assert_same_files(&files(whole.path()), &files(out), "by force");
+}
+
+#[test]
+fn what_others_do_there_is_refused_while_a_plan_is_there() {
+    let dir = tempfile::tempdir().unwrap();
+    let dir = dir.path();
+    let line = "phantom foam foam.mhd --dims 30,26,40 --pitch 9 --quiet";
+    let run = |line: &str| ok(dir, &line.split(' ').collect::<Vec<_>>());
+    let refused = |line: &str| fails(dir, &line.split(' ').collect::<Vec<_>>());
+    run(line);
+    let convert = "convert foam.mhd out --threshold otsu --macrocube 8 --quiet";
+    let plan = convert.replace("convert", "plan") + " --parts 3";
+    run(&plan);
+    run("work out --part 1 --quiet");
+    for more in ["", " --resume"] {
+        let message = refused(&format!("{convert}{more}"));
+        assert!(
+            message.contains("a plan to convert a volume in parts is there"),
+            "{message}"
+        );
+    }
+    assert_eq!(
+        alvis(dir, &["work", "out", "--part", "1"]).status.code(),
+        Some(75)
+    );
+    for (line, what) in [
+        ("work out --part 3", "0 to 2"),
+        ("work nowhere --part 0", "nowhere, which holds no plan"),
+        ("merge nowhere", "nowhere, which holds no plan"),
+        ("work foam.mhd --part 0", "foam.mhd"),
+    ] {
+        let message = refused(line);
+        assert!(message.contains(what), "{line}: {message}");
+    }
+    let plan_of = |more: &str| plan.replace(" out ", " other ") + more;
+    for (line, what) in [
+        (plan_of(" --split"), "--split"),
+        (plan_of(" --labels foam.mhd"), "--labels"),
+        (plan_of(" --lod"), "--lod"),
+        (plan_of(" --resume"), "--resume"),
+        (plan_of("").replace("--parts 3", "--parts 9"), "1 to 5"),
+        (plan_of("").replace("--parts 3", "--parts 0"), "--parts"),
+        (plan_of(" --memory 1MiB"), "--memory"),
+    ] {
+        let message = refused(&line);
+        assert!(message.contains(what), "{line}: {message}");
+        assert!(!dir.join("other").exists(), "{line}");
+    }
+    // a plan is dropped by force alone, and makes no tile set where one is
+    run(&format!("{convert} --force"));
+    assert!(!dir.join("out").join(WORK).exists());
+    for more in ["", " --force"] {
+        let message = refused(&format!("{plan}{more}"));
+        assert!(message.contains("which holds a tile set"), "{message}");
+    }
+}
+
+#[test]
+fn an_input_that_changed_is_refused_with_both_values() {
+    let dir = tempfile::tempdir().unwrap();
+    let dir = dir.path();
+    let run = |line: &str| ok(dir, &line.split(' ').collect::<Vec<_>>());
+    let refused = |line: &str| fails(dir, &line.split(' ').collect::<Vec<_>>());
+    run("phantom foam foam.raw --dims 30,26,40 --pitch 9 --quiet");
+    run(
+        "plan foam.raw out --dims 30,26,40 --dtype u8 --offset 0 --threshold 128 --macrocube 8 --quiet --parts 2",
+    );
+    run("work out --part 0 --quiet");
+    let path = dir.join("foam.raw");
+    let (bytes, time) = (
+        fs::read(&path).unwrap(),
+        path.metadata().unwrap().modified().unwrap(),
+    );
+    let write = |bytes: &[u8]| {
+        fs::write(&path, bytes).unwrap();
+        let file = fs::File::options().write(true).open(&path).unwrap();
+        file.set_modified(time).unwrap();
+    };
+    let mut longer = bytes.clone();
+    longer.push(0);
+    write(&longer);
+    let message = refused("work out --part 1 --quiet");
+    let expected = "size of the input was 31200 bytes and is 31201 bytes";
+    assert!(message.contains(expected), "{message}");
+    let mut other = bytes.clone();
+    other[7] ^= 255;
+    write(&other);
+    let message = refused("work out --part 1 --quiet");
+    assert!(
+        message.contains("samples of the input was CRC-32 "),
+        "{message}"
+    );
+    write(&bytes);
+    run("work out --part 1 --quiet");
+    // elsewhere it is the same, and relative to where one is
+    fs::create_dir(dir.join("mount")).unwrap();
+    fs::rename(&path, dir.join("mount/foam.raw")).unwrap();
+    assert_eq!(
+        alvis(dir, &["merge", "out", "--input", "mount/foam.raw"])
+            .status
+            .code(),
+        Some(3)
+    );
+    refused("work out --part 0 --quiet");
+    run("work out --part 0 --quiet --input mount/foam.raw");
+}
+
+/// All files below a directory, but for the geometry of tiles, whose checksums are in the index and for `alvis verify`.
+fn part_files(dir: &Path) -> Vec<PathBuf> {
+    let mut found = Vec::new();
+    for entry in fs::read_dir(dir).unwrap() {
+        let path = entry.unwrap().path();
+        match path.is_dir() {
+            true => found.extend(part_files(&path)),
+            false if path.extension().is_some_and(|e| e == "glb") => {}
+            false => found.push(path),
+        }
+    }
+    found.sort();
+    found
+}
+
+fn copy(from: &Path, to: &Path) {
+    fs::create_dir(to).unwrap();
+    for entry in fs::read_dir(from).unwrap() {
+        let path = entry.unwrap().path();
+        let target = to.join(path.file_name().unwrap());
+        match path.is_dir() {
+            true => copy(&path, &target),
+            false => _ = fs::copy(&path, &target).unwrap(),
+        }
+    }
+}
+
+/// Goes on as the commands do; an error ends it.
+fn go_on(volume: &MemoryVolume<u8>, options: &ConvertOptions, out: &Path) -> Result<(), Error> {
+    loop {
+        match merge_parts(volume, options, out, &Quiet)? {
+            Merged::InPlace(_) => return Ok(()),
+            Merged::ToRun(_, parts) => {
+                for part in parts {
+                    work_on_part(volume, options, out, part, &Quiet)?;
+                }
+            }
+        }
+    }
+}
+
+#[test]
+fn files_that_are_damaged_are_found_or_not_needed() {
+    let (volume, options) = small();
+    let (whole, _) = converted(&volume, &options);
+    let whole: Files = files(whole.path());
+    let dir = tempfile::tempdir().unwrap();
+    let out = dir.path().join("out");
+    plan(&volume, &options, &out, 2);
+    let (mut refused, mut harmless, mut round) = (0, 0, 0);
+    loop {
+        match merge_parts(&volume, &options, &out, &Quiet).unwrap() {
+            Merged::InPlace(_) => break,
+            Merged::ToRun(_, parts) => {
+                for part in parts {
+                    work_on_part(&volume, &options, &out, part, &Quiet).unwrap();
+                }
+            }
+        }
+        round += 1;
+        // what the next merge reads, and what the next round reads after it
+        for (number, path) in part_files(&out).into_iter().enumerate() {
+            let name = path.strip_prefix(&out).unwrap();
+            // a flipped bit each, and in turns half of it or nothing
+            for way in [0, 1 + number % 2] {
+                if (number + way + round) % 3 > 0 {
+                    continue;
+                }
+                let tried = dir.path().join(format!("tried-{round}-{number}-{way}"));
+                copy(&out, &tried);
+                let file = tried.join(name);
+                let mut bytes = fs::read(&file).unwrap();
+                match way {
+                    0 if bytes.is_empty() => {}
+                    0 => {
+                        let at = (number * 7919) % bytes.len();
+                        bytes[at] ^= 1 << (number % 8);
+                        fs::write(&file, bytes).unwrap();
+                    }
+                    1 => fs::write(&file, &bytes[..bytes.len() / 2]).unwrap(),
+                    _ => fs::remove_file(&file).unwrap(),
+                }
+                match go_on(&volume, &options, &tried) {
+                    Ok(()) => {
+                        harmless += 1;
+                        let what = format!("round {round}, {}, {way}", name.display());
+                        assert_same_files(&whole, &files(&tried), &what);
+                    }
+                    Err(error) => {
+                        refused += 1;
+                        let text = error.to_string();
+                        assert!(text.contains("tried"), "{}: {text}", name.display());
+                    }
+                }
+                fs::remove_dir_all(&tried).unwrap();
+            }
+        }
+    }
+    assert!(refused > 30 && harmless > 10, "{refused} {harmless}");
+    assert_same_files(&whole, &files(&out), "undamaged");
+}
+
+/// A file of JSON with its checksum, in which a text stands for another one.
+fn reseal(path: &Path, was: &str, is: &str) {
+    let text = fs::read_to_string(path).unwrap();
+    let sealed: serde_json::Value = serde_json::from_str(&text).unwrap();
+    let (_, body) = text.split_once("\"body\":").unwrap();
+    let body = body.strip_suffix('}').unwrap().replace(was, is);
+    let before = sealed["checksum"].as_str().unwrap();
+    let (kind, _) = before.split_once(':').unwrap();
+    let crc = crc32fast::hash(body.as_bytes());
+    let sealed = format!("{{\"checksum\":\"{kind}:{crc:08x}\",\"body\":{body}}}");
+    fs::write(path, sealed).unwrap();
+}
+
+#[test]
+fn another_version_and_markers_of_another_plan_are_refused() {
+    let (volume, options) = small();
+    let dir = tempfile::tempdir().unwrap();
+    let [out, other] = ["out", "other"].map(|name| dir.path().join(name));
+    plan(&volume, &options, &out, 2);
+    let shifted = ConvertOptions {
+        threshold: 127.0,
+        ..options.clone()
+    };
+    plan(&volume, &shifted, &other, 2);
+    for (out, options) in [(&out, &options), (&other, &shifted)] {
+        work_on_part(&volume, options, out, 0, &Quiet).unwrap();
+        work_on_part(&volume, options, out, 1, &Quiet).unwrap();
+    }
+    let marker = Path::new(WORK).join("parts/1/part-0001.done");
+    let good = fs::read(out.join(&marker)).unwrap();
+    fs::copy(other.join(&marker), out.join(&marker)).unwrap();
+    let merged = merge_parts(&volume, &options, &out, &Quiet);
+    let text = differences(merged.unwrap_err());
+    assert!(
+        text.starts_with("plan of ") && text.contains(" and is crc32:"),
+        "{text}"
+    );
+    fs::write(out.join(&marker), &good).unwrap();
+    let version = env!("CARGO_PKG_VERSION");
+    reseal(
+        &out.join(&marker),
+        &format!("\"version\":\"{version}\""),
+        "\"version\":\"9.9.9\"",
+    );
+    let text = differences(next_work(&out, 1).unwrap_err());
+    assert!(
+        text.contains(&format!("was 9.9.9 and is {version}")),
+        "{text}"
+    );
+    fs::write(out.join(&marker), &good).unwrap();
+    let plan_file = out.join(WORK).join("plan.json");
+    let own = format!("[\"version\",\"{version}\"]");
+    reseal(&plan_file, &own, "[\"version\",\"0.0.9\"]");
+    let text = differences(next_work(&out, 1).unwrap_err());
+    assert_eq!(text, format!("version was 0.0.9 and is {version}"));
+}
