@@ -790,7 +790,7 @@ fn from_inside_of_a_pore_nothing_else_is_seen() {
         state ^= state << 13;
         state ^= state >> 7;
         state ^= state << 17;
-        state % 2 == 0
+        state.is_multiple_of(2)
     };
     let (mut wrong, mut pixels, mut without) = (0, 0, 0);
     for (i, pore) in pores.iter().enumerate() {

@@ -158,7 +158,7 @@ impl Extent<'_> {
 
     fn shows(&self, slice: &Slice, usual: Shares) -> Shows {
         let shares = self.shares(slice);
-        if shares.around > WIDER + usual.around.max(0.0).min(1.0 - WIDER) {
+        if shares.around > WIDER + usual.around.clamp(0.0, 1.0 - WIDER) {
             return Shows::Wider;
         }
         let circle = self.axis.at(slice.z.into());
