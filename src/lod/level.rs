@@ -300,7 +300,7 @@ impl Maker<'_> {
 }
 
 /// The refusal of a limit in which not even one node can be made.
-pub fn too_little(pool: &MemoryPool, most: u64) -> Error {
+fn too_little(pool: &MemoryPool, most: u64) -> Error {
     Error::Memory {
         limit: pool.limit(),
         needed: pool.limit() - pool.left() + most,

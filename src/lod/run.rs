@@ -1,7 +1,7 @@
 //! All levels of a tile set, one after another.
 
 use super::entry::{Entry, memory};
-use super::level::{LevelPlan, Made, Maker, families, tiling, too_little, write_shard};
+use super::level::{LevelPlan, Made, Maker, families, tiling, write_shard};
 use super::tileset_json;
 use super::work::{Identity, Work};
 use crate::error::{Error, Result};
@@ -263,7 +263,7 @@ impl Run<'_> {
         }
     }
 
-    /// Refuses a limit that is too small for the first level before anything is made.
+    /// Refuses a limit that is too small before anything is made.
     fn check_memory(&self) -> Result<()> {
         let layers = tiling(self.manifest).tiles()[2].div_ceil(2);
         let mut most = 0;
@@ -271,9 +271,15 @@ impl Run<'_> {
             let families = families(self.tiles(z)?);
             most = families.values().map(|f| memory(f)).fold(most, u64::max);
         }
-        match most <= self.pool.left() {
+        // nodes have fins that tiles have not: those of the next level may take a fifth more
+        let needed = FIXED.saturating_add(most.saturating_add(most / 4));
+        match needed <= self.pool.limit() {
             true => Ok(()),
-            false => Err(too_little(&self.pool, most)),
+            false => Err(Error::Memory {
+                limit: self.pool.limit(),
+                needed,
+                hint: String::new(),
+            }),
         }
     }
 
