@@ -17,7 +17,7 @@ use crate::convert::{self, ConvertOptions, ConvertReport, NeckRule};
 use crate::error::{Error, Result};
 use crate::grid::{Ambiguous, Origin, Unit};
 use crate::lod::{LodOptions, LodReport};
-use crate::manifest::{Form, Totals};
+use crate::manifest::Form;
 use crate::progress::Progress;
 use crate::volume::{Opened, Stamp};
 use crate::words::exact;
@@ -104,7 +104,8 @@ pub struct ConvertArgs {
     ///
     /// For pores that another program has separated. The surface comes from the values of the scan; cells of one connected
     /// part are open where they touch, and necks.csv lists where. Labels are whole numbers, and are the ids of the cells;
-    /// voxels below with label 0 are one more cell, behind the largest label. Labels of voxels above mean nothing.
+    /// voxels below with label 0 are one more cell, behind the largest label. Labels of voxels above mean nothing, and may be
+    /// below 0 there.
     #[arg(long, value_name = "FILE", value_hint = ValueHint::FilePath, conflicts_with = "out_dir")]
     labels: Option<PathBuf>,
     /// Split cells that leak into each other where the opening is at most this part of the smaller one's radius
@@ -113,13 +114,13 @@ pub struct ConvertArgs {
     /// For walls with holes: a foam whose bubbles one threshold joins. A cell ends where the radius of the opening between
     /// it and the next is at most RATIO times its own; necks.csv lists all openings, and `alvis cells OUT --split-curve`
     /// how many cells other ratios give. Comes after the filters and --min-voxels.
-    #[arg(long, value_name = "RATIO", num_args = 0..=1, default_missing_value = "0.8", value_parser = parse::ratio, conflicts_with = "labels")]
+    #[arg(long, value_name = "RATIO", num_args = 0..=1, default_missing_value = "0.8", allow_negative_numbers = true, value_parser = parse::ratio, conflicts_with = "labels")]
     split: Option<u32>,
     /// With --split: do not cut where the radius falls by less than this, in voxels of the finest axis; 1 for thin tubes
-    #[arg(long, value_name = "H", default_value = "0.5", value_parser = parse::voxels_256, requires = "split")]
+    #[arg(long, value_name = "H", default_value = "0.5", allow_hyphen_values = true, value_parser = parse::voxels_256, requires = "split")]
     split_h: u32,
     /// With --split: what is thinner than this radius, in voxels of the finest axis, is no cell of its own
-    #[arg(long, value_name = "R", default_value = "0", value_parser = parse::voxels_256, requires = "split")]
+    #[arg(long, value_name = "R", default_value = "0", allow_hyphen_values = true, value_parser = parse::voxels_256, requires = "split")]
     split_min_radius: u32,
     /// Also find the walls between cells: walls.csv, and how many neighbours each cell has and how thick its walls are
     ///
@@ -418,27 +419,6 @@ pub fn from(origin: Origin) -> &'static str {
     }
 }
 
-/// How many cells there are, and of what.
-fn cells_text(totals: &Totals) -> String {
-    let things = output::things;
-    let cells = things(totals.cells, "cell");
-    let walls = things(totals.walls, "wall");
-    match (totals.components, totals.walls) {
-        (0, 0) => cells,
-        (0, _) => format!("{cells} with {walls}"),
-        (components, count) => format!(
-            "{cells} of {} with {}{}",
-            things(components, "component"),
-            things(totals.necks, "opening"),
-            if count > 0 {
-                format!(" and {walls}")
-            } else {
-                String::new()
-            }
-        ),
-    }
-}
-
 /// What a conversion made, for people.
 pub fn summary(report: &ConvertReport) -> String {
     let totals = &report.totals;
@@ -465,7 +445,7 @@ pub fn summary(report: &ConvertReport) -> String {
             format!(
                 "{}, {}, {}",
                 things(totals.objects, "object"),
-                cells_text(totals),
+                output::cells_of(totals),
                 things(totals.surfaces, "surface")
             ),
         ),
