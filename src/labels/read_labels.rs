@@ -11,9 +11,8 @@ use std::path::Path;
 const AT_ONCE: usize = 4 << 20;
 
 impl CellRows {
-    /// The labels of a volume, for one of size `dims`: whole numbers, of which those below 0 are no cells, see
-    /// `label_below_0`. They are kept in temporary files in the
-    /// directory `dir`, 8 bytes for each stretch of voxels along x with the same label. With them comes the checksum that
+    /// The labels of a volume, for one of size `dims`: whole numbers, of which those below 0 are no cells and
+    /// are refused where a pore has one. They are kept in temporary files in the directory `dir`, 8 bytes for each stretch of voxels along x with the same label. With them comes the checksum that
     /// [`crate::manifest::PartsBy::Labels`] states.
     ///
     /// # Errors

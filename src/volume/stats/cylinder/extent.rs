@@ -71,7 +71,8 @@ impl Extent<'_> {
         let around = shares.iter().map(|s| s.around).filter(|v| v.is_finite());
         let usual = Shares {
             inside: median(&mut inside.collect::<Vec<_>>()),
-            around: median(&mut around.collect::<Vec<_>>()),
+            // none is seen in slices that the sample fills
+            around: median(&mut around.collect::<Vec<_>>()).max(0.0),
         };
         let shows: Vec<Shows> = slices.iter().map(|s| self.shows(s, usual)).collect();
         let Some(longest) = longest(&shows) else {
@@ -158,7 +159,7 @@ impl Extent<'_> {
 
     fn shows(&self, slice: &Slice, usual: Shares) -> Shows {
         let shares = self.shares(slice);
-        if shares.around > WIDER + usual.around.clamp(0.0, 1.0 - WIDER) {
+        if shares.around > WIDER + usual.around.min(1.0 - WIDER) {
             return Shows::Wider;
         }
         let circle = self.axis.at(slice.z.into());

@@ -14,8 +14,6 @@ mod bodies;
 mod circle;
 mod doubts;
 mod extent;
-#[cfg(test)]
-mod foams;
 mod image;
 mod rim;
 mod rings;

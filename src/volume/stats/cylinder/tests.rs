@@ -1,5 +1,7 @@
 //! Scans that are simulated, with what makes it hard to find the sample in them.
 
+mod foams;
+
 use super::*;
 use crate::grid::{Dims, Placement};
 use crate::progress::Quiet;
@@ -26,7 +28,7 @@ fn all_slices(volume: &dyn Volume) -> Range<u32> {
     0..volume.header().dims.0[2]
 }
 
-pub(super) fn find(volume: &dyn Volume) -> Result<FoundCylinder> {
+fn find(volume: &dyn Volume) -> Result<FoundCylinder> {
     find_cylinder(volume, all_slices(volume), &Quiet)
 }
 
@@ -352,7 +354,7 @@ fn in_air(is: impl Fn([f64; 3]) -> f64) -> MemoryVolume<u16> {
     scan(SMALL, |p| 1000.0 + is(p))
 }
 
-pub(super) fn told<'a>(found: &'a FoundCylinder, part: &str) -> Vec<&'a String> {
+fn told<'a>(found: &'a FoundCylinder, part: &str) -> Vec<&'a String> {
     let warnings = found.warnings.iter();
     warnings.filter(|w| w.contains(part)).collect()
 }

@@ -1,7 +1,7 @@
 //! Random foams, in which pores open the rim of a sample in every slice.
 
-use super::tests::{find, told};
-use super::*;
+use super::super::*;
+use super::{find, told};
 use crate::grid::{Dims, Placement};
 use crate::progress::Quiet;
 use crate::volume::MemoryVolume;
