@@ -1,12 +1,17 @@
-//! What levels of detail lose: for each level of a tile set the triangles, borders, cells, edges of more than two
-//! triangles and triangles against their normals, and how far the vertices of the tiles lie from it; and the time that
-//! meshoptimizer alone takes to bring the nodes of level 1 to the same counts.
+//! What levels of detail lose and cost: for each level of a tile set the triangles, borders, cells, edges of more than two
+//! triangles and triangles against their normals, and how far the vertices of the tiles lie from it; the time that
+//! meshoptimizer alone takes to bring the nodes of level 1 to the same counts; and, of a volume that is given, the
+//! processor time of its conversion and of the levels, in one thread.
 //!
 //! ```sh
 //! alvis lod OUT && cargo run --release --example levels -- OUT
+//! cargo run --release --example levels -- OUT foam.mhd --threshold 128
 //! ```
 
+use alvis::cli::call::{Call, call};
+use alvis::lod::{LodOptions, lod};
 use alvis::manifest::Level;
+use alvis::progress::Quiet;
 use alvis::tile::{NodeMesh, SurfacePiece};
 use alvis::tileset::TileSet;
 use meshopt::{SimplifyOptions, VertexDataAdapter, simplify_with_locks, typed_to_bytes};
@@ -18,9 +23,12 @@ const SAMPLE: usize = 41;
 type Point = [f32; 3];
 
 fn main() -> alvis::Result<()> {
-    let out = std::env::args()
-        .nth(1)
-        .expect("the directory of a tile set");
+    let mut words = std::env::args().skip(1);
+    let out = words.next().expect("the directory of a tile set");
+    let rest: Vec<String> = words.collect();
+    if !rest.is_empty() {
+        make(&out, rest)?;
+    }
     let set = TileSet::open(&out)?;
     let levels = set.levels()?.expect("levels: `alvis lod` makes them");
     let samples = samples(&set)?;
@@ -41,6 +49,35 @@ fn main() -> alvis::Result<()> {
     );
     let (seconds, triangles) = collapsed_alone(&set, &levels.levels[0])?;
     println!("edge collapse alone to level 1: {seconds:.2} s of one thread, {triangles} triangles");
+    Ok(())
+}
+
+/// Converts a volume, `words` being its path and options, and adds levels.
+fn make(out: &str, words: Vec<String>) -> alvis::Result<()> {
+    let fixed = ["--for", "web", "--threads", "1", "--force"];
+    let mut all = vec!["convert".to_owned(), words[0].clone(), out.to_owned()];
+    all.extend(fixed.map(String::from));
+    all.extend(words[1..].iter().cloned());
+    let start = process_cpu();
+    call(Call {
+        words: all.into_iter().map(Into::into).collect(),
+        volume: None,
+        again: "",
+        progress: &Quiet,
+    })?;
+    let converted = process_cpu() - start;
+    let options = LodOptions {
+        threads: 1,
+        force: true,
+        ..LodOptions::default()
+    };
+    let start = process_cpu();
+    lod(out.as_ref(), &options, &Quiet)?;
+    let levels = process_cpu() - start;
+    println!(
+        "CPU: convert {converted:.2} s, levels {levels:.2} s, {:.2} times as much",
+        levels / converted
+    );
     Ok(())
 }
 
@@ -248,6 +285,15 @@ fn measure(set: &TileSet, level: &Level, samples: &[(u64, Point)]) -> alvis::Res
         100.0 * counts.against as f64 / level.triangles as f64
     );
     Ok(())
+}
+
+/// CPU seconds of this process, in hundredths.
+fn process_cpu() -> f64 {
+    let text = std::fs::read_to_string("/proc/self/stat").unwrap_or_default();
+    // behind the name, which may hold blanks
+    let rest = text.rsplit(')').next().unwrap_or_default();
+    let ticks = rest.split_whitespace().skip(11).take(2);
+    ticks.filter_map(|n| n.parse::<f64>().ok()).sum::<f64>() / 100.0
 }
 
 /// CPU seconds of this thread.

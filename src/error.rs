@@ -208,8 +208,8 @@ pub enum Error {
     },
     /// Some of several scans could not be converted.
     #[error(
-        "{failed} of {of} scans could not be converted: the column `error` of {} says why{}",
-        table.display(), rows_of_before(*kept)
+        "{failed} of {of} scans could not be converted{}",
+        why_in_table(*failed, *kept, table)
     )]
     ScansFailed {
         /// How many.
@@ -259,16 +259,24 @@ fn listed(uses: &[MemoryUse]) -> String {
     }
 }
 
-/// Says what became of tile sets that scans had before they failed.
-fn rows_of_before(kept: usize) -> String {
-    match kept {
-        0 => String::new(),
-        1 => "; one of them has a tile set from before, which stays as it was, as does its row"
-            .to_owned(),
-        kept => format!(
-            "; {kept} of them have tile sets from before, which stay as they were, as do their rows"
+/// Where it stands why scans failed: in the table, but for those of which it tells something else.
+fn why_in_table(failed: usize, kept: usize, table: &Path) -> String {
+    let table = table.display();
+    let of = match failed - kept {
+        _ if kept == 0 => return format!(": the column `error` of {table} says why"),
+        0 => ": why is said above and by --json".to_owned(),
+        _ => format!(
+            ": the column `error` of {table} says why, or else it is said above and by --json"
         ),
-    }
+    };
+    let stay = match kept {
+        1 => "one of them has a tile set from before, which stays as it was, as does its row"
+            .to_owned(),
+        _ => format!(
+            "{kept} of them have tile sets from before, which stay as they were, as do their rows"
+        ),
+    };
+    format!("{of}; {stay} in {table}")
 }
 
 fn advice(hint: &str) -> String {

@@ -4,7 +4,7 @@
 mod common;
 
 use alvis::convert::{CellRows, ConvertOptions, Labels, convert};
-use alvis::grid::{Ambiguous, Dims, Placement};
+use alvis::grid::{Ambiguous, Crop, Dims, Placement};
 use alvis::manifest::{Encoding, Layout, PartsBy, Primitives};
 use alvis::progress::Quiet;
 use alvis::split::NeckRule;
@@ -173,6 +173,25 @@ fn cell_of(case: &Case, corners: &[[i32; 3]; 3]) -> u64 {
     case.cell(ends.into_iter().min().unwrap().1)
 }
 
+/// How many vertices count with each pair of a cell and an object: a vertex with the triangles at it in the last cube, by z,
+/// y and x, and of these with that of the smallest cell.
+fn vertices(triangles: &BTreeMap<[[i32; 3]; 3], [u64; 3]>) -> BTreeMap<[u64; 2], u64> {
+    let mut deciding: BTreeMap<[i32; 3], ([i32; 3], [u64; 2])> = BTreeMap::new();
+    for (corners, [cell, object, _]) in triangles {
+        let cube = [2, 1, 0].map(|a| -corners.iter().map(|p| p[a].div_euclid(256)).min().unwrap());
+        for corner in corners {
+            let here = (cube, [*cell, *object]);
+            let known = deciding.entry(*corner).or_insert(here);
+            *known = here.min(*known);
+        }
+    }
+    let mut counts = BTreeMap::new();
+    for (_, pair) in deciding.into_values() {
+        *counts.entry(pair).or_default() += 1;
+    }
+    counts
+}
+
 /// Converts with components and with labels for cells, and compares both and a search over all voxels.
 fn check(case: &Case, options: &ConvertOptions) {
     let volume = case.volume();
@@ -203,10 +222,15 @@ fn check(case: &Case, options: &ConvertOptions) {
         known.1 += 1;
     }
     let rows = table(dir, "surfaces.csv");
+    let vertices = vertices(&after);
     for (row, ([cell, object], (surface, count))) in surfaces.iter().enumerate() {
         let expected = [*surface, *cell, *object, *count].map(|v| Some(v as f64));
         let found = ["id", "cell", "object", "triangles"].map(|c| number(&rows, row, c));
         assert_eq!(found, expected);
+        let counted = vertices
+            .get(&[*cell, *object])
+            .map_or(0.0, |&n: &u64| n as f64);
+        assert_eq!(number(&rows, row, "vertices"), Some(counted));
         assert_eq!(*surface, row as u64 + 1);
     }
     assert_eq!(report.totals.surfaces, surfaces.len() as u64);
@@ -335,6 +359,66 @@ fn cells_that_touch_nobody_are_as_their_components() {
     }
 }
 
+/// Compares all tables but for the numbers of tiles.
+fn assert_same_tables(a: &Path, b: &Path) {
+    for name in [
+        "components.csv",
+        "necks.csv",
+        "surfaces.csv",
+        "cells.csv",
+        "objects.csv",
+    ] {
+        let [a, b] = [a, b].map(|dir| table(dir, name));
+        assert_eq!(a.rows.len(), b.rows.len());
+        for column in a.names.iter().filter(|column| *column != "tiles") {
+            assert!(a.column(column).eq(b.column(column)), "{name} {column}");
+        }
+    }
+}
+
+#[test]
+fn tables_do_not_depend_on_macrocubes() {
+    let dims = [70, 66, 40];
+    let samples = leaky(dims);
+    let volume = placed(dims, samples.clone());
+    // labels whose seams run through the hollows
+    let place = |i: u32| [i % 70, i / 70 % 66, i / 70 / 66];
+    let label = |i: u32| {
+        let [x, y, z] = place(i).map(|v| (v + 3) / 9);
+        1 + (x * 7 + y * 5 + z * 3) % 23
+    };
+    let case = Case {
+        dims: dims.map(|n| n as usize),
+        samples,
+        labels: (0..dims.iter().product()).map(label).collect(),
+        rule: Ambiguous::Separate,
+    };
+    let split = ConvertOptions {
+        threshold: THRESHOLD,
+        split: Some(NeckRule::default()),
+        ..options([64; 3])
+    };
+    let labels = ConvertOptions {
+        split: None,
+        labels: Some(case.given()),
+        ..split.clone()
+    };
+    for asked in [split, labels] {
+        let (whole, _) = converted(&volume, &asked);
+        for macrocube in [[16; 3], [32; 3], [13, 70, 9], [7, 11, 39]] {
+            let (other, report) = converted(
+                &volume,
+                &ConvertOptions {
+                    macrocube,
+                    ..asked.clone()
+                },
+            );
+            assert!(report.totals.necks > 20);
+            assert_same_tables(whole.path(), other.path());
+        }
+    }
+}
+
 /// Labels of what splitting gives are the same cells, byte by byte, but for the radii of openings, which labels do not tell.
 #[test]
 fn split_cells_are_those_of_their_labels() {
@@ -365,19 +449,7 @@ fn split_cells_are_those_of_their_labels() {
             ..options.clone()
         };
         let (other, _) = converted(&volume, &other);
-        // where tiles end, a vertex may count with another surface
-        let of_tiles = ["tiles", "vertices"];
-        for name in ["components.csv", "necks.csv", "surfaces.csv", "cells.csv"] {
-            let [a, b] = [&split, &other].map(|dir| table(dir.path(), name));
-            assert_eq!(a.rows.len(), b.rows.len());
-            for column in a
-                .names
-                .iter()
-                .filter(|column| !of_tiles.contains(&column.as_str()))
-            {
-                assert!(a.column(column).eq(b.column(column)), "{name} {column}");
-            }
-        }
+        assert_same_tables(split.path(), other.path());
         match manifest(split.path()).cells {
             Some(PartsBy::Split { curve, .. }) => {
                 assert_eq!(curve[6], [800, report.totals.cells]);
@@ -472,14 +544,51 @@ fn what_cannot_be_is_refused() {
             .to_string()
             .contains("9 x 8 x 6")
     );
-    let mut values = vec![1i32; 504];
-    values[503] = -2;
-    let labels = MemoryVolume::new(dims, Placement::default(), values).unwrap();
-    let error = CellRows::of_labels(&labels, dims, dir.path(), &Quiet).unwrap_err();
-    assert!(
-        error.to_string().contains("label -2 at voxel 8, 7, 6"),
-        "{error}"
-    );
+}
+
+#[test]
+fn labels_below_0_are_refused_in_pores_alone() {
+    let dims = Dims([9, 8, 7]);
+    let mut samples = vec![200u8; 504];
+    samples[100..110].fill(0);
+    let volume = placed(dims.0, samples);
+    let dir = tempfile::tempdir().unwrap();
+    let set = |values: &[i32], crop: Option<Crop>| {
+        let labels = MemoryVolume::new(dims, Placement::default(), values.to_vec()).unwrap();
+        let (rows, checksum) = CellRows::of_labels(&labels, dims, dir.path(), &Quiet).unwrap();
+        let labels = Some(Labels {
+            file: "labels.npy".into(),
+            checksum,
+            rows,
+        });
+        let options = ConvertOptions {
+            labels,
+            crop,
+            threshold: THRESHOLD,
+            force: true,
+            ..options([4; 3])
+        };
+        let out = dir.path().join("out");
+        convert(&volume, &options, &out, &Quiet).map(|_| table(&out, "cells.csv"))
+    };
+    let mut values = vec![-1i32; 504];
+    values[100..110].fill(7);
+    values[109] = 0;
+    let cells = set(&values, None).unwrap();
+    assert_eq!(cells.column("id").collect::<Vec<_>>(), ["7", "8"]);
+    assert_eq!(cells.column("voxels").collect::<Vec<_>>(), ["9", "1"]);
+    values[108] = -2;
+    values[106] = i32::MIN;
+    let crop = Crop {
+        x: 1..9,
+        y: 1..8,
+        z: 1..7,
+    };
+    for crop in [None, Some(crop)] {
+        let error = set(&values, crop).unwrap_err().to_string();
+        let expected = "--labels: found label -2147483648 at voxel 7, 3, 1, which is below";
+        assert!(error.contains(expected), "{error}");
+    }
 }
 
 /// What the command prints, if it succeeds.
@@ -492,6 +601,113 @@ fn alvis(dir: &Path, line: &str) -> String {
     let error = String::from_utf8_lossy(&output.stderr);
     assert!(output.status.success(), "{line}: {error}");
     String::from_utf8(output.stdout).unwrap()
+}
+
+/// What the command says of what it refuses.
+fn refusal(dir: &Path, line: &str) -> String {
+    let output = std::process::Command::new(env!("CARGO_BIN_EXE_alvis"))
+        .args(line.split(' '))
+        .current_dir(dir)
+        .output()
+        .unwrap();
+    assert_eq!(output.status.code(), Some(2), "{line}");
+    String::from_utf8(output.stderr).unwrap()
+}
+
+/// An array of this type as NumPy writes it, from the bytes of its numbers.
+fn npy(kind: &str, [x, y, z]: [u32; 3], bytes: &[u8]) -> Vec<u8> {
+    let mut header =
+        format!("{{'descr': '{kind}', 'fortran_order': False, 'shape': ({z}, {y}, {x}), }}");
+    let length = (header.len() + 11).next_multiple_of(64) - 10;
+    header = format!("{header:<width$}\n", width = length - 1);
+    let start = [&b"\x93NUMPY\x01\x00"[..], &(length as u16).to_le_bytes()].concat();
+    [&start, header.as_bytes(), bytes].concat()
+}
+
+#[test]
+fn a_set_says_what_its_cells_are() {
+    let dir = tempfile::tempdir().unwrap();
+    let here = dir.path();
+    let dims = [24, 20, 18];
+    std::fs::write(here.join("leaky.raw"), leaky(dims)).unwrap();
+    let labels: Vec<u8> = (0..8640u32).map(|i| (i % 24 / 5) as u8).collect();
+    std::fs::write(here.join("parts.npy"), npy("|u1", dims, &labels)).unwrap();
+    let convert = "--dims 24,20,18 --dtype u8 --threshold 128 --quiet";
+    alvis(here, &format!("convert leaky.raw plain {convert}"));
+    alvis(
+        here,
+        &format!("convert leaky.raw split {convert} --split 0.75 --split-h 1"),
+    );
+    alvis(
+        here,
+        &format!("convert leaky.raw labelled {convert} --labels parts.npy"),
+    );
+    let info = |out: &str| -> serde_json::Value {
+        serde_json::from_str(&alvis(here, &format!("info {out} --json"))).unwrap()
+    };
+    let said = info("split");
+    assert_eq!(said["cells"]["by"], "split");
+    assert_eq!(said["cells"]["ratio_permille"], 750);
+    assert_eq!(
+        said["totals"]["necks"],
+        manifest(&here.join("split")).totals.necks
+    );
+    assert_eq!(info("labelled")["cells"]["by"], "labels");
+    assert!(info("plain").get("cells").is_none());
+    let text = alvis(here, "info split");
+    assert!(
+        text.contains("split at necks: ratio 0.75, h 1, min radius 0"),
+        "{text}"
+    );
+    assert!(
+        text.contains(" components with ") && text.contains(" openings, "),
+        "{text}"
+    );
+    let text = alvis(here, "info labelled");
+    assert!(text.contains("by the labels of parts.npy; "), "{text}");
+    // what a set has not is said to be so
+    let message = refusal(here, "cells labelled --split-curve");
+    assert!(
+        message.contains("whose cells are the labels of parts.npy"),
+        "{message}"
+    );
+    assert!(message.contains("alvis convert with --split"), "{message}");
+    let message = refusal(here, "cells plain --necks");
+    assert!(
+        message.contains("connected components") && message.contains("--split or --labels"),
+        "{message}"
+    );
+    assert!(refusal(here, "cells plain --split-curve").contains("connected components"));
+    // and labels that have to be of another type
+    let wide: Vec<u8> = labels
+        .iter()
+        .flat_map(|&l| i64::from(l).to_le_bytes())
+        .collect();
+    std::fs::write(here.join("wide.npy"), npy("<i8", dims, &wide)).unwrap();
+    std::fs::write(here.join("wide.raw"), &wide).unwrap();
+    for file in ["wide.npy", "wide.raw"] {
+        let message = refusal(
+            here,
+            &format!("convert leaky.raw no {convert} --labels {file}"),
+        );
+        assert!(message.contains("labels.astype('uint32')"), "{message}");
+        assert!(!message.contains("float64"), "{message}");
+    }
+    assert!(!here.join("no").exists());
+    let batch = "convert leaky.raw --out-dir all --dims 24,20,18 --dtype u8 --threshold 128 --quiet --split 0.75";
+    alvis(here, batch);
+    let rows = table(&here.join("all"), "scans.csv");
+    let totals = manifest(&here.join("all/leaky")).totals;
+    let expected = [
+        ("split", 0.75),
+        ("split_h", 0.5),
+        ("split_min_radius", 0.0),
+        ("components", totals.components as f64),
+        ("necks", totals.necks as f64),
+    ];
+    for (column, expected) in expected {
+        assert_eq!(number(&rows, 0, column), Some(expected), "{column}");
+    }
 }
 
 #[test]
@@ -521,6 +737,33 @@ fn openings_and_the_curve_of_ratios_are_listed() {
     let points = curve["split_curve"].as_array().unwrap();
     assert_eq!((points.len(), &points[6]["cells"]), (10, &curve["cells"]));
     assert!(alvis(here, "cells out --split-curve").contains("<- these tiles"));
+    // a mesh is open where a cell that is left out touches it
+    let warning = |chosen: &str| {
+        let line = format!("export {chosen} --force --json");
+        let report: serde_json::Value = serde_json::from_str(&alvis(here, &line)).unwrap();
+        let warnings = report["warnings"].as_array().unwrap().clone();
+        let found = warnings.iter().find_map(|w| {
+            let text = w.as_str().unwrap();
+            let rest = text.strip_prefix("the mesh is open at ")?;
+            rest.split_once(" opening")
+                .map(|(n, _)| n.parse::<u64>().unwrap())
+        });
+        found.unwrap_or(0)
+    };
+    let rows = table(&out, "necks.csv");
+    let open = |kept: &dyn Fn(f64) -> bool| -> u64 {
+        let ends = |row: usize| ["cell_a", "cell_b"].map(|c| kept(number(&rows, row, c).unwrap()));
+        let one = |row: &usize| ends(*row)[0] != ends(*row)[1];
+        (0..rows.rows.len()).filter(one).count() as u64
+    };
+    assert_eq!(warning("out all.ply"), 0);
+    assert_eq!(warning("out all.ply --objects --largest 1"), 0);
+    let some = open(&|id| id < 3.0);
+    assert!(some > 0);
+    assert_eq!(warning("out some.ply --where id<3"), some);
+    assert_eq!(warning("out some.ply --surfaces --where cell<3"), some);
+    alvis(here, "select out few --where id<3 --quiet");
+    assert_eq!(warning("few some.ply"), some);
     // a part has the openings between the cells that it has, and what cells are parts of
     alvis(here, "select out part --largest 6 --quiet");
     let part = here.join("part");

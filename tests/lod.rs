@@ -2,13 +2,14 @@
 //! options that are refused, and a broken set for each code of the verifier.
 
 mod common;
+mod lod_common;
 
 use alvis::Error;
 use alvis::convert::ConvertOptions;
 use alvis::grid::Dims;
 use alvis::lod::{LodOptions, LodReport, interrupted, lod};
 use alvis::manifest::{Form, Primitives};
-use alvis::phantom::{Phantom, Shape, render};
+use alvis::phantom::{Foam, Phantom, Shape, render};
 use alvis::progress::{Progress, Quiet};
 use alvis::tile::{NodeMesh, SurfacePiece};
 use alvis::tileset::TileSet;
@@ -16,6 +17,8 @@ use alvis::transform::repack::{RepackOptions, repack};
 use alvis::verify::{Code, VerifyOptions, verify};
 use alvis::volume::{Dtype, Volume};
 use common::{assert_same_files, converted, files, options, seal, verified};
+use lod_common::picture::others;
+use lod_common::{Drawings, Pore};
 use serde_json::Value;
 use std::collections::{BTreeMap, BTreeSet};
 use std::fs;
@@ -453,8 +456,8 @@ fn add_to_rows(json: &Value, bin: &mut [u8], column: &str, value: i64) {
     bin[end - 4..end].copy_from_slice(&new.to_le_bytes());
 }
 
-/// Moves the corners of all fins, the last vertices of a node in steps of 1, so that their width is halved.
-fn halve_fins(json: &mut Value, bin: &mut Vec<u8>, fins: usize, half_width: f64) {
+/// Moves the corners of all fins, the last vertices of a node, inwards by so many of its steps on each side.
+fn narrow_fins(json: &mut Value, bin: &mut Vec<u8>, fins: usize, less: f64) {
     let at = range(json, 0);
     let count = json["accessors"][0]["count"].as_u64().unwrap() as usize;
     let mut vertices: Vec<[u16; 4]> =
@@ -469,8 +472,6 @@ fn halve_fins(json: &mut Value, bin: &mut Vec<u8>, fins: usize, half_width: f64)
         let along = minus(to, from);
         let long = length(along);
         let across = minus(b, a);
-        // corners have been rounded once before
-        let less = half_width / 2.0 - 1.0;
         let new = [
             (from, 1.0, -1.0),
             (from, 1.0, 1.0),
@@ -721,13 +722,18 @@ fn a_border_that_has_moved_further_than_its_fins_reach_is_found() {
     let node = &mut nodes(&mut shard)[0];
     let number = |node: &Value, name: &str| node[name].as_f64().unwrap();
     // in whole lattice steps, as the width is
-    let half_width = (number(node, "fin_width") * 256.0 / 2.0).floor() * 2.0;
-    assert!(half_width > 16.0, "{half_width}");
+    let quarter = (number(node, "fin_width") * 256.0 / 4.0).floor();
+    assert!(quarter > 8.0, "{quarter}");
+    let step = set.json("lod/index.json")["levels"][0]["step"]
+        .as_f64()
+        .unwrap();
     let path = node["path"].as_str().unwrap().to_owned();
     let fins = number(node, "fin_triangles") as usize / 2;
-    set.edit_node(&path, |json, bin| halve_fins(json, bin, fins, half_width));
+    set.edit_node(&path, |json, bin| {
+        narrow_fins(json, bin, fins, 3.0 * quarter / step)
+    });
     for name in ["curve_gap", "fin_width"] {
-        node[name] = (half_width / 2.0 / 256.0).into();
+        node[name] = (quarter / 256.0).into();
     }
     // its fins reach less far
     let mesh = NodeMesh::read(&fs::read(dir.path().join(&path)).unwrap()).unwrap();
@@ -756,4 +762,63 @@ fn a_border_that_has_moved_further_than_its_fins_reach_is_found() {
     set.stamp();
     // corners that are rounded twice may miss the border itself as well
     assert!(codes(dir.path()).contains(&Code::LodCurve));
+}
+
+/// Pixels along the side of a picture from inside of a pore; six of them are a cube.
+const SIDE: usize = 160;
+
+/// From inside of a closed pore nothing but its wall is seen, whatever levels meet around it; and there is something to
+/// see where fins are left out, or where one node decides by itself where its border lies.
+#[test]
+fn from_inside_of_a_pore_nothing_else_is_seen() {
+    let foam = Foam {
+        pitch: 24.0,
+        wall: 4.0,
+        ..Foam::default()
+    };
+    let volume = volume(Shape::Foam(foam), [80; 3]);
+    let (dir, _) = converted(&*volume, &options([20; 3]));
+    made(dir.path(), &LodOptions::default());
+    let set = TileSet::open(dir.path()).unwrap();
+    let mut drawings = Drawings::of(&set);
+    let mut pores = drawings.pores([80; 3]);
+    // where the nodes of level 1 meet
+    pores.retain(|p| (0..3).any(|a| p.low[a] < 39.0 && p.high[a] > 41.0));
+    pores.truncate(7);
+    let mut state = 88_172_645_463_325_252_u64;
+    let mut coin = move || {
+        state ^= state << 13;
+        state ^= state >> 7;
+        state ^= state << 17;
+        state % 2 == 0
+    };
+    let (mut wrong, mut pixels, mut without) = (0, 0, 0);
+    for (i, pore) in pores.iter().enumerate() {
+        let cut = drawings.cut(|(level, _)| level == 2 || coin());
+        let seen = |fins: bool, side: usize| {
+            others(
+                &drawings.scene(&cut, pore, fins),
+                pore.middle,
+                pore.cell,
+                side,
+            )
+        };
+        wrong += seen(true, SIDE);
+        pixels += 6 * SIDE * SIDE;
+        if i < 4 {
+            without += seen(false, SIDE);
+        }
+    }
+    assert!(pixels > 1_000_000, "{pixels}");
+    assert!(wrong <= 1, "{wrong} of {pixels} pixels show no wall");
+    assert!(without > 10, "nothing is seen where fins are left out");
+
+    let is_cut = |p: &&Pore| p.low[0] < 36.0 && p.high[0] > 44.0;
+    let pore = pores.iter().find(is_cut).expect("a pore on both sides");
+    let grid = pore.middle.map(|v| (v / 40.0) as u32);
+    drawings.place_by_inside((1, [0, grid[1], grid[2]]), 0, 40.0);
+    let cut = drawings.cut(|(level, _)| level == 2);
+    let scene = drawings.scene(&cut, pore, true);
+    let moved = others(&scene, pore.middle, pore.cell, SIDE);
+    assert!(moved > 10, "{moved}");
 }

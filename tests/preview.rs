@@ -330,6 +330,53 @@ fn surfaces_are_outlined() {
     assert!(both[0] + both[1] <= 2);
 }
 
+/// Labels that cut straight through hollows are shown as they are, which tiles cannot tell.
+#[test]
+fn labels_tell_the_cell_of_each_voxel() {
+    let dir = foam_tiles(&[]);
+    let dir = dir.path();
+    let samples = samples(dir);
+    // none in some, so that there is a cell without
+    let label = |[x, y, z]: [usize; 3]| ((x / 7 + y / 5 + z / 6) % 4) as u8;
+    let place = |i: usize| [i % 40, i / 40 % 36, i / 40 / 36];
+    let labels: Vec<u8> = (0..samples.len()).map(|i| label(place(i))).collect();
+    std::fs::write(dir.join("labels.raw"), &labels).unwrap();
+    let convert =
+        "convert foam.mhd labelled --threshold 128 --labels labels.raw --crop 4:38,3:,5:30 --quiet";
+    ok(dir, &convert.split(' ').collect::<Vec<_>>());
+    let black = "--scale 1 --threshold 1000 --window 500:501 --tiles labelled --labels labels.raw";
+    let mut colour = BTreeMap::new();
+    for (axis, at) in [(2, 11), (1, 0), (0, 33)] {
+        let at_text = at.to_string();
+        let mut args: Vec<&str> = black.split(' ').collect();
+        args.extend(["--axis", ["x", "y", "z"][axis], "--at", &at_text]);
+        for (x, y, pixel) in picture(dir, &args).enumerate_pixels() {
+            let start = [4, 3, 5];
+            let [u, v] = [[1, 2], [0, 2], [0, 1]][axis];
+            let (x, y) = (x as usize + start[u], y as usize + start[v]);
+            let i = index(axis, at + start[axis], x, y);
+            assert_eq!(samples[i] >= 128, pixel.0 == [0; 3], "{axis} {at} {x} {y}");
+            if samples[i] < 128 {
+                assert_eq!(colour.entry(labels[i]).or_insert(*pixel), pixel);
+            }
+        }
+    }
+    let distinct: BTreeSet<[u8; 3]> = colour.values().map(|p| p.0).collect();
+    assert_eq!((colour.len(), distinct.len()), (4, 4));
+    let start = [
+        "preview",
+        "foam.mhd",
+        "a.png",
+        "--labels",
+        "labels.raw",
+        "--tiles",
+    ];
+    let message = fails(dir, &[&start[..], &["tiles"]].concat());
+    assert!(message.contains("alvis convert --labels"), "{message}");
+    let message = fails(dir, &[&start[..], &["labelled", "--objects"]].concat());
+    assert!(message.contains("it for cells"), "{message}");
+}
+
 #[test]
 fn a_crop_is_followed() {
     let dir = foam_tiles(&["--crop", "4:30,2:,8:"]);

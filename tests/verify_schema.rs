@@ -204,6 +204,7 @@ fn report() -> Report {
     Report {
         ok: false,
         against: true,
+        labels: true,
         part: false,
         unproved: vec!["which voxels a mask holds".to_owned()],
         tiles: 1,

@@ -16,7 +16,7 @@ use crate::convert::{self, ConvertOptions, ConvertReport, NeckRule};
 use crate::error::{Error, Result};
 use crate::grid::{Ambiguous, Origin, Unit};
 use crate::lod::{LodOptions, LodReport};
-use crate::manifest::{Form, Totals};
+use crate::manifest::Form;
 use crate::volume::{Opened, Stamp};
 use crate::words::exact;
 use clap::{Args, ValueEnum, ValueHint};
@@ -102,7 +102,8 @@ pub struct ConvertArgs {
     ///
     /// For pores that another program has separated. The surface comes from the values of the scan; cells of one connected
     /// part are open where they touch, and necks.csv lists where. Labels are whole numbers, and are the ids of the cells;
-    /// voxels below with label 0 are one more cell, behind the largest label. Labels of voxels above mean nothing.
+    /// voxels below with label 0 are one more cell, behind the largest label. Labels of voxels above mean nothing, and may be
+    /// below 0 there.
     #[arg(long, value_name = "FILE", value_hint = ValueHint::FilePath, conflicts_with = "out_dir")]
     pub(super) labels: Option<PathBuf>,
     /// Split cells that leak into each other where the opening is at most this part of the smaller one's radius
@@ -111,13 +112,13 @@ pub struct ConvertArgs {
     /// For walls with holes: a foam whose bubbles one threshold joins. A cell ends where the radius of the opening between
     /// it and the next is at most RATIO times its own; necks.csv lists all openings, and `alvis cells OUT --split-curve`
     /// how many cells other ratios give. Comes after the filters and --min-voxels.
-    #[arg(long, value_name = "RATIO", num_args = 0..=1, default_missing_value = "0.8", value_parser = parse::ratio, conflicts_with = "labels")]
+    #[arg(long, value_name = "RATIO", num_args = 0..=1, default_missing_value = "0.8", allow_negative_numbers = true, value_parser = parse::ratio, conflicts_with = "labels")]
     split: Option<u32>,
     /// With --split: do not cut where the radius falls by less than this, in voxels of the finest axis; 1 for thin tubes
-    #[arg(long, value_name = "H", default_value = "0.5", value_parser = parse::voxels_256, requires = "split")]
+    #[arg(long, value_name = "H", default_value = "0.5", allow_hyphen_values = true, value_parser = parse::voxels_256, requires = "split")]
     split_h: u32,
     /// With --split: what is thinner than this radius, in voxels of the finest axis, is no cell of its own
-    #[arg(long, value_name = "R", default_value = "0", value_parser = parse::voxels_256, requires = "split")]
+    #[arg(long, value_name = "R", default_value = "0", allow_hyphen_values = true, value_parser = parse::voxels_256, requires = "split")]
     split_min_radius: u32,
     /// Also find the walls between cells: walls.csv, and how many neighbours each cell has and how thick its walls are
     ///
@@ -298,13 +299,14 @@ impl ConvertArgs {
             options,
             doubts,
             understood,
+            how,
         } = self.prepare(input, out, Purpose::Convert, console)?;
         if self.out_dir.is_none() {
             console.note(&understood);
         }
         console.listen();
         let mut report = convert::convert(&*opened.volume, &options, out, console)
-            .map_err(|e| again.resumable(e, out))
+            .map_err(|e| again.resumable(how_found(e, &how), out))
             .inspect_err(|e| {
                 if matches!(e, Error::Interrupted) {
                     console.note("no layer was done yet, so nothing is kept");
@@ -313,6 +315,24 @@ impl ConvertArgs {
         report.warnings = [opened.warnings, doubts, report.warnings].concat();
         Ok(report)
     }
+}
+
+/// An error that says that the threshold was another one before, with how this one was found, for it was not typed.
+fn how_found(mut error: Error, how: &str) -> Error {
+    if let Error::OtherTileSet { differences, .. } | Error::OtherConversion { differences, .. } =
+        &mut error
+    {
+        let named = |line: &str| match line.starts_with("--threshold was ") {
+            true => format!("{line}{how}"),
+            false => line.to_owned(),
+        };
+        *differences = differences
+            .split("; ")
+            .map(named)
+            .collect::<Vec<_>>()
+            .join("; ");
+    }
+    error
 }
 
 /// What will be done, for the user to stop it if it is not what was meant.
@@ -368,27 +388,6 @@ pub fn from(origin: Origin) -> &'static str {
     }
 }
 
-/// How many cells there are, and of what.
-fn cells_text(totals: &Totals) -> String {
-    let things = output::things;
-    let cells = things(totals.cells, "cell");
-    let walls = things(totals.walls, "wall");
-    match (totals.components, totals.walls) {
-        (0, 0) => cells,
-        (0, _) => format!("{cells} with {walls}"),
-        (components, count) => format!(
-            "{cells} of {} with {}{}",
-            things(components, "component"),
-            things(totals.necks, "opening"),
-            if count > 0 {
-                format!(" and {walls}")
-            } else {
-                String::new()
-            }
-        ),
-    }
-}
-
 /// What a conversion made, for people.
 pub fn summary(report: &ConvertReport) -> String {
     let totals = &report.totals;
@@ -415,7 +414,7 @@ pub fn summary(report: &ConvertReport) -> String {
             format!(
                 "{}, {}, {}",
                 things(totals.objects, "object"),
-                cells_text(totals),
+                output::cells_of(totals),
                 things(totals.surfaces, "surface")
             ),
         ),

@@ -57,7 +57,7 @@ pub struct InfoArgs {
 #[derive(Debug, Clone, Copy, Serialize)]
 pub(super) struct Candidate {
     threshold: f64,
-    /// 0 to 1.
+    /// 0 to 1; of floats, and of whole numbers that differ by 65,536 or more, an estimate from bins.
     share_above: f64,
 }
 
@@ -383,7 +383,7 @@ fn text(
     let width = output::width();
     let histogram = match (found.range, found.columns(chart::columns(width))) {
         (Some(_), Some((bars, edges))) => {
-            let marks = marks(predicted, asked, &candidates, edges);
+            let marks = marks(predicted, asked, &candidates, edges, found.is_exact());
             let bars = chart::draw(&bars, edges, &marks, width);
             format!("histogram, voxels on a log scale\n{bars}")
         }
@@ -421,6 +421,7 @@ fn marks(
     asked: Option<Threshold>,
     candidates: &[(ThresholdMethod, Option<Candidate>)],
     edges: [f64; 2],
+    exact: bool,
 ) -> Vec<chart::Mark> {
     let main = predicted.map(|p| chart::Mark {
         sign: '▲',
@@ -435,6 +436,8 @@ fn marks(
     let others = candidates
         .iter()
         .filter(|(other, _)| method(asked) != Some(*other));
+    // shares of what is counted in bins are estimates
+    let about = if exact { "" } else { "about " };
     let others = others.filter_map(|(method, found)| {
         let found = (*found)?;
         let name = method.to_string();
@@ -442,7 +445,7 @@ fn marks(
             sign: name.chars().next()?,
             share: chart::place(edges, found.threshold),
             text: format!(
-                "{name}: {}, {} above",
+                "{name}: {}, {about}{} above",
                 number(found.threshold, 6),
                 percent(found.share_above)
             ),

@@ -6,8 +6,8 @@ use super::region::region_text;
 use crate::error::Result;
 use crate::grid::{Ambiguous, Dims, Filter, Placement, Region, Unit, filters_text};
 use crate::manifest::{
-    Encoding, FORMAT, Layout, Level, Levels, MANIFEST, Manifest, PARTIAL, Primitives, Selection,
-    Step, Table, Totals,
+    Encoding, FORMAT, Layout, Level, Levels, MANIFEST, Manifest, PARTIAL, PartsBy, Primitives,
+    Selection, Step, Table, Totals,
 };
 use serde::Serialize;
 use std::path::Path;
@@ -37,6 +37,9 @@ pub struct Report<'a> {
     encoding: Encoding,
     layout: Layout,
     totals: Totals,
+    /// What cells are, where they are parts of components.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    cells: Option<&'a PartsBy>,
     selection: Option<&'a Selection>,
     /// Levels of detail over the tiles, the coarsest last.
     #[serde(skip_serializing_if = "Option::is_none")]
@@ -114,6 +117,7 @@ fn report<'a>(dir: &Path, m: &'a Manifest) -> Report<'a> {
         encoding: m.encoding,
         layout: m.layout,
         totals: m.totals,
+        cells: m.cells.as_ref(),
         selection: m.selection.as_ref(),
         levels: None,
     }
@@ -186,6 +190,30 @@ fn selected(selection: &Selection, m: &Manifest) -> String {
     text
 }
 
+/// What cells are that are parts of components.
+fn cells_by(parts: &PartsBy) -> String {
+    match parts {
+        PartsBy::Labels {
+            file, unlabelled, ..
+        } => {
+            let none = unlabelled.map(|n| format!("; {} without one", things(n, "voxel")));
+            format!("by the labels of {file}{}", none.unwrap_or_default())
+        }
+        PartsBy::Split {
+            ratio_permille,
+            h_256,
+            min_radius_256,
+            ..
+        } => {
+            let [h, radius] = [h_256, min_radius_256].map(|n| f64::from(*n) / 256.0);
+            format!(
+                "split at necks: ratio {}, h {h}, min radius {radius}",
+                f64::from(*ratio_permille) / 1000.0
+            )
+        }
+    }
+}
+
 fn text(dir: &Path, m: &Manifest, levels: Option<&Levels>) -> String {
     let t = &m.totals;
     let Placement { spacing, unit, .. } = m.placement;
@@ -230,10 +258,11 @@ fn text(dir: &Path, m: &Manifest, levels: Option<&Levels>) -> String {
     ));
     let parts = [
         things(t.objects, "object"),
-        things(t.cells, "cell"),
+        output::cells_of(t),
         things(t.surfaces, "surface"),
     ];
     rows.push(("parts", parts.join(", ")));
+    rows.extend(m.cells.as_ref().map(|by| ("cells", cells_by(by))));
     let form = [word(m.primitives), word(m.encoding), word(m.layout)];
     rows.push((
         "form",

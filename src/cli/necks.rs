@@ -39,7 +39,7 @@ impl Pairs {
     pub fn open(self, dir: &Path, manifest: &Manifest) -> Result<TableReader> {
         let tables = &manifest.tables;
         let (path, without) = match self {
-            Pairs::Necks => (&tables.necks, none("--necks", dir)),
+            Pairs::Necks => (&tables.necks, none(dir)),
             Pairs::Walls => (&tables.walls, no_walls(dir)),
         };
         let path = path.as_ref().ok_or(without)?;
@@ -52,10 +52,25 @@ fn no_walls(dir: &Path) -> Error {
     Error::usage("--walls", found, "a tile set made by alvis convert --walls")
 }
 
-fn none(option: &str, dir: &Path) -> Error {
-    let found = format!("{}, in which no cell is open to another", dir.display());
-    let expected = "a tile set made by alvis convert --split";
-    Error::usage(option, found, expected)
+/// There are no openings, and none could be.
+fn none(dir: &Path) -> Error {
+    let found = format!(
+        "{}, whose cells are connected components, so that none is open to another",
+        dir.display()
+    );
+    let expected = "a tile set made by alvis convert with --split or --labels";
+    Error::usage("--necks", found, expected)
+}
+
+/// Other ratios give no other cells.
+fn no_curve(dir: &Path, manifest: &Manifest) -> Error {
+    let cells = match &manifest.cells {
+        Some(PartsBy::Labels { file, .. }) => format!("the labels of {file}"),
+        _ => "connected components".to_owned(),
+    };
+    let found = format!("{}, whose cells are {cells}", dir.display());
+    let expected = "a tile set made by alvis convert with --split";
+    Error::usage("--split-curve", found, expected)
 }
 
 /// Prints how many cells other ratios give.
@@ -69,7 +84,7 @@ pub fn print_curve(dir: &Path, manifest: &Manifest, as_json: bool) -> Result<Out
         ..
     }) = &manifest.cells
     else {
-        return Err(none("--split-curve", dir));
+        return Err(no_curve(dir, manifest));
     };
     let ratio = |permille: u64| permille as f64 / 1000.0;
     let own = u64::from(*ratio_permille);

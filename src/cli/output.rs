@@ -1,6 +1,7 @@
 //! What goes to stdout and stderr, and numbers as people read them.
 
 use crate::error::{Error, Result};
+use crate::manifest::Totals;
 pub use crate::words::{count, things};
 use bytesize::ByteSize;
 use serde::Serialize;
@@ -52,6 +53,26 @@ pub fn print_json(value: &impl Serialize) -> Result<()> {
         .map_err(|e| Error::io("stdout", "write JSON", e.into()))?;
     text.push('\n');
     print(&text)
+}
+
+/// How many cells there are and, where they are parts of components, of how many of these; and the walls between them.
+pub fn cells_of(totals: &Totals) -> String {
+    let cells = things(totals.cells, "cell");
+    let walls = things(totals.walls, "wall");
+    match (totals.components, totals.walls) {
+        (0, 0) => cells,
+        (0, _) => format!("{cells} with {walls}"),
+        (components, count) => format!(
+            "{cells} of {} with {}{}",
+            things(components, "component"),
+            things(totals.necks, "opening"),
+            if count > 0 {
+                format!(" and {walls}")
+            } else {
+                String::new()
+            }
+        ),
+    }
 }
 
 /// A path as a shell takes it; one that begins as an option does is given a directory.

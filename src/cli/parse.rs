@@ -55,13 +55,13 @@ pub fn macrocube(text: &str) -> Result<[u32; 3], String> {
     }
 }
 
-/// A ratio of radii above 0, at most 1, in thousandths.
+/// A ratio of radii from 0.001 to 1, in thousandths.
 pub fn ratio(text: &str) -> Result<u32, String> {
-    let expected = "expected a ratio of radii above 0, at most 1; to have none, put --split behind the names of files";
+    let expected = "expected a ratio of radii from 0.001 to 1; to have none, put --split behind the names of files";
     let value = text.trim().parse::<f64>().ok();
     let thousandths = value
         .map(|v| v * 1000.0)
-        .filter(|v| (0.5..=1000.0).contains(v));
+        .filter(|v| (1.0..=1000.0).contains(v));
     thousandths.map_or(Err(expected.to_owned()), |v| Ok(v.round() as u32))
 }
 

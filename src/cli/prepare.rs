@@ -34,6 +34,8 @@ pub struct Prepared {
     pub doubts: Vec<String>,
     /// How it was understood, for people.
     pub understood: String,
+    /// How the threshold was found, in brackets; empty if it was typed or is known.
+    pub how: String,
 }
 
 impl Prepared {
@@ -43,6 +45,7 @@ impl Prepared {
             options,
             doubts: Vec::new(),
             understood: String::new(),
+            how: String::new(),
         }
     }
 }
@@ -129,6 +132,7 @@ impl ConvertArgs {
         Ok(Prepared {
             doubts,
             understood,
+            how,
             ..Prepared::of(opened, options)
         })
     }

@@ -6,11 +6,11 @@ use super::input::Input;
 use super::progress::Console;
 use super::region::Roi;
 use super::threshold::{self, TAKES, Threshold, threshold};
-use super::{Outcome, output};
+use super::{Outcome, labels, output};
 use crate::error::{Error, Result};
 use crate::grid::Fill;
 use crate::manifest::Manifest;
-use crate::preview::{Axis, PreviewOptions, preview};
+use crate::preview::{Axis, LabelVolume, PreviewOptions, preview};
 use crate::progress::Progress;
 use crate::transform::select::Map;
 use crate::volume::{RegionVoxels, Volume, fill_value};
@@ -72,6 +72,9 @@ pub struct PreviewArgs {
     /// Colour the cells of this tile set of the volume
     #[arg(long, value_name = "OUT", value_hint = ValueHint::DirPath)]
     tiles: Option<PathBuf>,
+    /// The labels that the cells of the tile set were made by: they tell the cell of each voxel, tiles that of walls alone
+    #[arg(long, value_name = "FILE", value_hint = ValueHint::FilePath, requires = "tiles")]
+    labels: Option<PathBuf>,
     /// Colour them by a column or an expression [default: as the tiles are painted, or by id]
     #[arg(
         long,
@@ -195,7 +198,12 @@ impl PreviewArgs {
             (Some(inside), Some(fill)) => fills(volume, inside, &thresholds, fill, &console)?,
             _ => Vec::new(),
         };
+        let labels = match &self.labels {
+            Some(path) => Some(labels::open(path, volume.header().dims)?),
+            None => None,
+        };
         let options = PreviewOptions {
+            labels: labels.map(|labels| LabelVolume(labels.volume.into())),
             names: self.names(),
             fills,
             axis: self.axis.into(),

@@ -1,6 +1,6 @@
 //! The options of the region of interest: the same for every command that reads a volume.
 
-use crate::cli::same_place::same_place;
+use crate::cli::same_place::{parts_of_other, same_place};
 use crate::convert::RegionOfInterest;
 use crate::error::{Error, Result};
 use crate::grid::{Crop, Cylinder, Dims, Dtype, Endian, Fill, Region, Shape};
@@ -298,7 +298,7 @@ fn of_mask(error: Error, path: &Path, dims: Dims) -> Error {
     }
     let bytes = path.metadata().map_or(0, |found| found.len());
     let each = bytes / dims.voxels();
-    match error {
+    match parts_of_other(error, "--roi", "the mask", path) {
         Error::Format { .. } if [2, 4, 8].contains(&each) && bytes == each * dims.voxels() => {
             let found = format!(
                 "the mask {} with {each} bytes for each voxel",

@@ -5,6 +5,37 @@ use crate::grid::{Origin, Placement, Unit};
 use crate::volume::Opened;
 use std::path::Path;
 
+/// An error of a file of several arrays, given by an option, with what helps there: options such as `--dataset` choose one
+/// of the scan only.
+pub fn parts_of_other(error: Error, option: &str, what: &str, path: &Path) -> Error {
+    const OF_SCAN: [&str; 6] = [
+        "--dataset",
+        "--series",
+        "--level",
+        "--channel",
+        "--time",
+        "--resample",
+    ];
+    match error {
+        Error::Usage {
+            option: part,
+            found,
+            ..
+        } if OF_SCAN.contains(&&*part) => {
+            let expected = format!("a file that holds {what} alone");
+            let found = format!(
+                "{}, of which one part has to be chosen ({found})",
+                path.display()
+            );
+            let hint = format!(
+                "{part} is for the scan: write {what} to a file of its own, as .npy or .nrrd"
+            );
+            Error::usage(option, found, expected).with_hint(hint)
+        }
+        error => error,
+    }
+}
+
 /// Refuses a file, given by an option, that states that it lies otherwise than the volume: voxel by voxel it would be of
 /// another place. What a file does not state is taken to be the volume's.
 ///

@@ -2,7 +2,7 @@
 
 use crate::error::{Error, Result};
 use crate::grid::filters_text;
-use crate::manifest::{MANIFEST, Manifest};
+use crate::manifest::{MANIFEST, Manifest, PartsBy};
 use crate::sys::atomic_file::NewFile;
 use crate::table::{Outside, PorosityOf, Query, Table, summarise};
 use crate::words::{exact, measure, one_line, things};
@@ -24,7 +24,7 @@ const TILE_SET: usize = 1;
 const STATUS: usize = 2;
 
 /// The columns in their order; each is a member of a [`Row`] as JSON.
-const COLUMNS: [&str; 30] = [
+const COLUMNS: [&str; 35] = [
     "scan",
     "tile_set",
     "status",
@@ -37,6 +37,9 @@ const COLUMNS: [&str; 30] = [
     "ambiguous",
     "cap",
     "min_voxels",
+    "split",
+    "split_h",
+    "split_min_radius",
     "spacing_x",
     "spacing_y",
     "spacing_z",
@@ -49,6 +52,8 @@ const COLUMNS: [&str; 30] = [
     "objects",
     "cells",
     "cells_whole",
+    "components",
+    "necks",
     "surfaces",
     "porosity",
     "porosity_of",
@@ -120,6 +125,34 @@ impl Row {
     }
 }
 
+/// How cells are split at necks.
+#[derive(Debug, Serialize)]
+struct Rule {
+    split: f64,
+    /// In voxels of the finest axis, as the next one.
+    split_h: f64,
+    split_min_radius: f64,
+}
+
+impl Rule {
+    fn of(parts: &PartsBy) -> Option<Self> {
+        let PartsBy::Split {
+            ratio_permille,
+            h_256,
+            min_radius_256,
+            ..
+        } = parts
+        else {
+            return None;
+        };
+        Some(Rule {
+            split: f64::from(*ratio_permille) / 1000.0,
+            split_h: f64::from(*h_256) / 256.0,
+            split_min_radius: f64::from(*min_radius_256) / 256.0,
+        })
+    }
+}
+
 /// Settings and sums of a tile set. All of them are in it, so that one that was made before has the same.
 #[derive(Debug, Serialize)]
 pub struct Facts {
@@ -132,6 +165,9 @@ pub struct Facts {
     ambiguous: crate::grid::Ambiguous,
     cap: bool,
     min_voxels: u64,
+    /// The ratio of radii at which cells are split, and what else the rule says, if they are.
+    #[serde(flatten)]
+    rule: Option<Rule>,
     spacing_x: f64,
     spacing_y: f64,
     spacing_z: f64,
@@ -145,6 +181,9 @@ pub struct Facts {
     cells: u64,
     /// Those that the faces of the grid do not cut, of which the diameters are.
     cells_whole: u64,
+    /// Those that cells are parts of, and the openings between cells, if cells are parts.
+    components: Option<u64>,
+    necks: Option<u64>,
     surfaces: u64,
     porosity: Option<f64>,
     porosity_of: PorosityOf,
@@ -171,6 +210,7 @@ impl Facts {
             ambiguous: m.ambiguous,
             cap: m.cap,
             min_voxels: m.dust.map_or(0, |dust| dust.min_voxels),
+            rule: m.cells.as_ref().and_then(Rule::of),
             spacing_x,
             spacing_y,
             spacing_z,
@@ -183,6 +223,8 @@ impl Facts {
             objects: m.totals.objects,
             cells: m.totals.cells,
             cells_whole: sums.count - sums.border.count,
+            components: m.cells.as_ref().map(|_| m.totals.components),
+            necks: m.cells.as_ref().map(|_| m.totals.necks),
             surfaces: m.totals.surfaces,
             porosity: sums.porosity,
             porosity_of: sums.porosity_of,

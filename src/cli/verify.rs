@@ -4,12 +4,12 @@ use super::against::{Asked, open_against};
 use super::args::{Common, InputOptions};
 use super::input::Input;
 use super::progress::Console;
-use super::{Outcome, output};
-use crate::error::Result;
-use crate::manifest::PARTIAL;
+use super::{Outcome, labels, output};
+use crate::error::{Error, Result};
+use crate::manifest::{Manifest, PARTIAL};
 use crate::progress::Progress;
-use crate::verify::{self, Issue, Report, Severity, VerifyOptions};
-use crate::volume::{self, Volume};
+use crate::verify::{self, Issue, LabelVolume, Report, Severity, VerifyOptions};
+use crate::volume::{self, Opened, Volume};
 use clap::{Args, ValueHint};
 use std::fmt::Write;
 use std::path::{Path, PathBuf};
@@ -29,6 +29,9 @@ pub struct VerifyArgs {
     /// Also compare the surface with this volume, voxel by voxel
     #[arg(long, value_name = "INPUT", value_hint = ValueHint::FilePath)]
     pub against: Option<PathBuf>,
+    /// Also compare cells with this volume of labels, which --labels of the conversion was given: voxel by voxel
+    #[arg(long, value_name = "FILE", value_hint = ValueHint::FilePath)]
+    labels: Option<PathBuf>,
     /// Issues to print; the rest are counted
     #[arg(
         long,
@@ -70,6 +73,10 @@ impl VerifyArgs {
             }
             None => {
                 self.input.refuse_without_volume("--against INPUT")?;
+                if self.labels.is_some() {
+                    let expected = "it together with --against INPUT, whose voxels it labels";
+                    return Err(Error::usage("--labels", "it alone", expected));
+                }
                 None
             }
         };
@@ -77,10 +84,20 @@ impl VerifyArgs {
             Some(against) => copied(against.volume.as_ref(), &std::env::temp_dir())?,
             None => None,
         };
+        let given = self.labels.as_deref().map(|path| self.labels(path));
+        let given = given.transpose()?;
+        let given_once = match &given {
+            Some(given) => copied(given.volume.as_ref(), &std::env::temp_dir())?,
+            None => None,
+        };
         let options = VerifyOptions {
             against: once
                 .as_deref()
                 .or(against.as_ref().map(|a| a.volume.as_ref())),
+            labels: given.as_ref().map(|given| LabelVolume {
+                name: &given.name,
+                volume: given_once.as_deref().unwrap_or(given.volume.as_ref()),
+            }),
             source: against.as_ref().map(|a| &a.source),
             region: against.as_ref().and_then(|a| a.region.as_ref()),
             threads: self.common.threads.map_or(0, usize::from),
@@ -100,6 +117,14 @@ impl VerifyArgs {
             ));
         }
         Ok(report)
+    }
+}
+
+impl VerifyArgs {
+    /// The labels, of a volume as large as that of the set was after its filters.
+    fn labels(&self, path: &Path) -> Result<Opened> {
+        let dims = Manifest::open(&self.out)?.filtered_dims()?;
+        labels::open(path, dims)
     }
 }
 
@@ -150,6 +175,9 @@ pub fn verdict(report: &Report) -> String {
     );
     if report.ok {
         let scope = match (report.against, report.part) {
+            (true, _) if report.labels => {
+                "; the surface is that of the volume, the cells are those of the labels"
+            }
             (true, _) => "; the surface is that of the volume",
             (false, true) => "; it is a part, so components may be missing",
             _ => "",

@@ -265,7 +265,7 @@ impl Comparison {
     /// What else can be tried where cells do not match.
     fn hint(&self) -> &'static str {
         match self.align {
-            Align::None => "; if the body was moved or compressed as a whole, try --align box",
+            Align::None => " If the body was moved or compressed as a whole, try --align box",
             Align::Box => "",
         }
     }
@@ -310,7 +310,7 @@ impl Comparison {
         if let Some(overlap) = quantile(&overlaps, 0.5).filter(|overlap| *overlap < POOR) {
             self.warnings.push(format!(
                 "half of the matched cells overlap by less than {overlap:.2} of both together, as cells of two bodies do by \
-                 chance: are these two scans of one body in the same place? Look at the column overlap{}",
+                 chance (look at the column overlap): are these two scans of one body in the same place?{}",
                 self.hint()
             ));
         }

@@ -1,9 +1,9 @@
 //! Which pieces are exported: those of chosen cells, objects or surfaces, and caps.
 
 use crate::error::{Error, Result};
-use crate::manifest::{Manifest, PartsBy, WholeTotals};
+use crate::manifest::{Manifest, PartsBy, WholeTotals, file_inside};
 use crate::sys::id_set::IdSet;
-use crate::table::{Chosen, Table};
+use crate::table::{Chosen, Table, TableReader};
 use crate::tile::PieceIds;
 use std::path::Path;
 
@@ -126,12 +126,63 @@ impl Choice {
         self.0.is_none()
     }
 
+    /// Openings at which cells that are exported end, for the cell on the other side is not: the mesh is open there.
+    ///
+    /// # Errors
+    /// As of [`Choice::new`].
+    pub fn open_necks(&self, dir: &Path, manifest: &Manifest) -> Result<u64> {
+        let Some(path) = &manifest.tables.necks else {
+            return Ok(0);
+        };
+        let cells = match &self.0 {
+            None => None,
+            Some(part) => match part.table {
+                // whatever cells an object borders
+                Table::Objects => None,
+                Table::Cells => Some(part.ids.clone()),
+                Table::Surfaces => Some(cells_of(&part.ids, dir, manifest)?),
+            },
+        };
+        let keeps = |cell: u64| cells.as_ref().is_none_or(|cells| cells.contains(cell));
+        let mut table = Table::Cells.open(dir, manifest)?;
+        let [id, necks] = [table.own_column("id")?, table.own_column("necks")?];
+        // cells that were left out of the set count in this column
+        let mut open = 0u64;
+        while let Some(row) = table.next_row()? {
+            if keeps(row.whole(id)?) {
+                open = open.saturating_add(row.whole(necks)?);
+            }
+        }
+        let path = file_inside(dir, path, "open the table")?;
+        let mut table = TableReader::open_keyed(&path, "cell_a")?;
+        let ends = [table.own_column("cell_a")?, table.own_column("cell_b")?];
+        while let Some(row) = table.next_row()? {
+            if keeps(row.whole(ends[0])?) && keeps(row.whole(ends[1])?) {
+                open = open.saturating_sub(2);
+            }
+        }
+        Ok(open)
+    }
+
     /// Vertices that will be exported, those of caps not counted if it is a part.
     pub fn vertices(&self, manifest: &Manifest) -> u64 {
         self.0
             .as_ref()
             .map_or(manifest.totals.vertices, |p| p.vertices)
     }
+}
+
+/// The cells that surfaces are of.
+fn cells_of(surfaces: &IdSet, dir: &Path, manifest: &Manifest) -> Result<IdSet> {
+    let mut table = Table::Surfaces.open(dir, manifest)?;
+    let [id, cell] = [table.own_column("id")?, table.own_column("cell")?];
+    let mut cells = IdSet::default();
+    while let Some(row) = table.next_row()? {
+        if surfaces.contains(row.whole(id)?) {
+            cells.insert(row.whole(cell)?);
+        }
+    }
+    Ok(cells)
 }
 
 /// What the ids in the tile set run up to.

@@ -40,6 +40,7 @@ use crate::progress::Progress;
 use crate::sys::process_memory::peak_rss_bytes;
 use crate::table::{Chosen, Table, warn_of_open, warn_of_outside};
 use crate::tileset::TileSet;
+use crate::words::things;
 use choice::Choice;
 use format::{Coded, Counts, Writer};
 use front::{Front, Numbers};
@@ -160,7 +161,9 @@ pub fn export(
     let (counts, simplified, bytes) = run.write(file, &plan, &cost)?;
     let outside = warn_of_outside(dir, manifest, &options.chosen, false)?;
     let open = warn_of_open(dir, manifest, &options.chosen, choice.has_caps(manifest))?;
+    let necks = gaping(choice.open_necks(dir, manifest)?);
     let warnings = writer.warning().into_iter().chain(outside).chain(open);
+    let warnings = warnings.chain(necks);
     let warnings: Vec<String> = warnings.collect();
     warnings.iter().for_each(|w| progress.warn(w));
     Ok(ExportReport {
@@ -175,6 +178,16 @@ pub fn export(
         seconds: started.elapsed().as_secs_f64(),
         peak_rss_bytes: peak_rss_bytes(),
         warnings,
+    })
+}
+
+/// What a user should know of a mesh that ends at openings between cells.
+fn gaping(necks: u64) -> Option<String> {
+    (necks > 0).then(|| {
+        format!(
+            "the mesh is open at {}, where its cells touch cells that are not in it (necks.csv tells which)",
+            things(necks, "opening")
+        )
     })
 }
 
@@ -274,9 +287,11 @@ impl Run<'_> {
         if self.simplify.is_some() {
             return Ok(());
         }
-        let totals = &self.set.manifest().totals;
-        let whole = self.choice.is_whole();
-        let vertices = whole && self.writer.sewn() && counts.vertices != totals.vertices;
+        let manifest = self.set.manifest();
+        let (totals, whole) = (&manifest.totals, self.choice.is_whole());
+        // of a part some vertices may be counted with cells that were left out
+        let sewn = self.writer.sewn() && !manifest.may_gape();
+        let vertices = whole && sewn && counts.vertices != totals.vertices;
         let triangles = whole && counts.triangles != totals.triangles;
         if vertices || triangles || counts.triangles != plan.triangles {
             let expected = match whole {

@@ -15,8 +15,8 @@ use std::sync::Arc;
 
 /// Bits of a piece's cell; above them is its first voxel, which is below 65,536.
 const CELL_BITS: u32 = 48;
-/// The largest number of a cell.
-const MOST_CELLS: u64 = (1 << CELL_BITS) - 2;
+/// The largest number of a cell: those above stand for labels below 0.
+const MOST_CELLS: u64 = (1 << (CELL_BITS - 1)) - 2;
 /// Bits of the number of a row's pieces, of which it has at most 65,536; above them is where they begin.
 const COUNT_BITS: u32 = 17;
 /// Rows whose places are written at once.
@@ -33,6 +33,12 @@ impl CellPiece {
         CellPiece(u64::from(start) << CELL_BITS | cell)
     }
 
+    /// The same of a label of 32 bits; one below 0 is no cell, see [`label_below_0`].
+    pub fn of_label(start: u32, label: i64) -> Self {
+        let cell = label as u64 & ((1 << CELL_BITS) - 1);
+        CellPiece(u64::from(start) << CELL_BITS | cell)
+    }
+
     /// Its first voxel.
     pub fn start(self) -> u32 {
         (self.0 >> CELL_BITS) as u32
@@ -42,6 +48,12 @@ impl CellPiece {
     pub fn cell(self) -> u64 {
         self.0 & ((1 << CELL_BITS) - 1)
     }
+}
+
+/// The label below 0 that stands in the place of a cell, if one does: no voxel that is given to a cell may have it.
+pub fn label_below_0(cell: u64) -> Option<i64> {
+    let unused = u64::BITS - CELL_BITS;
+    (cell > MOST_CELLS + 1).then_some((cell << unused) as i64 >> unused)
 }
 
 /// The files of [`CellRows`].
@@ -110,7 +122,9 @@ impl CellRowsWriter {
             .1
             .push(self.pieces << COUNT_BITS | pieces.len() as u64);
         self.pieces += pieces.len() as u64;
-        self.largest = pieces.iter().map(|p| p.cell()).fold(self.largest, u64::max);
+        let cells = pieces.iter().map(|piece| piece.cell());
+        let cells = cells.filter(|&cell| label_below_0(cell).is_none());
+        self.largest = cells.fold(self.largest, u64::max);
         let words: Vec<u64> = pieces.iter().map(|piece| piece.0).collect();
         self.files.pieces.push(&words).map(|_| ())
     }
@@ -217,6 +231,11 @@ impl CellRows {
             start: std::array::from_fn(|a| self.start[a] + start[a]),
             ..self.clone()
         })
+    }
+
+    /// The voxel of the whole volume that a voxel of the crop is.
+    pub fn in_whole(&self, voxel: [u32; 3]) -> [u32; 3] {
+        std::array::from_fn(|a| self.start[a] + voxel[a])
     }
 
     /// Reads the rows of a span of the crop; the memory of `out` is used again.

@@ -35,7 +35,7 @@ mod voxels;
 pub use band_boundary::{BandComponents, BandFaces};
 pub use bits::Bits;
 pub use border_euler::add_border_euler;
-pub use cell_rows::{BandCells, CellPiece, CellRows, CellRowsWriter, bytes_of_rows};
+pub use cell_rows::{BandCells, CellPiece, CellRows, CellRowsWriter, bytes_of_rows, label_below_0};
 pub use kept_rows::{NeededRows, RowKinds, RowStretch};
 pub use label_band::{Labels, LocalComponent, label_runs, sum_voxels};
 pub use provisional::{ProvisionalLabels, Ranks};

@@ -11,13 +11,14 @@ use std::path::Path;
 const AT_ONCE: usize = 4 << 20;
 
 impl CellRows {
-    /// The labels of a volume, for one of size `dims`: whole numbers from 0 on. They are kept in temporary files in the
+    /// The labels of a volume, for one of size `dims`: whole numbers, of which those below 0 are no cells, see
+    /// [`label_below_0`](super::cell_rows::label_below_0). They are kept in temporary files in the
     /// directory `dir`, 8 bytes for each stretch of voxels along x with the same label. With them comes the checksum that
     /// [`crate::manifest::PartsBy::Labels`] states.
     ///
     /// # Errors
     /// The volume's own; [`Error::Io`]; [`Error::Interrupted`]; [`Error::Usage`] if it is of another size, or of numbers
-    /// that are not whole, or has a label below 0.
+    /// that are not whole.
     pub fn of_labels(
         labels: &dyn Volume,
         dims: Dims,
@@ -37,7 +38,8 @@ impl CellRows {
                 "--labels",
                 format!("samples of type {}", header.dtype),
                 "whole numbers: u8, u16, u32, i8, i16 or i32",
-            ));
+            )
+            .with_hint("in Python labels.astype('uint32'), if they are below 2^32"));
         }
         let mut reader = Reader {
             dims,
@@ -88,15 +90,10 @@ impl Reader {
             if x > 0 && *label == row[x - 1] {
                 continue;
             }
-            let value = label.to_f64();
-            if value < 0.0 {
-                let found = format!("label {value} at voxel {x}, {y}, {z}");
-                let expected = "labels from 0 on, of which 0 is no cell";
-                return Err(Error::usage("--labels", found, expected));
-            }
+            let label = label.to_f64() as i64;
             self.crc.update(&(x as u64).to_le_bytes());
-            self.crc.update(&(value as u64).to_le_bytes());
-            pieces.push(CellPiece::new(x as u32, value as u64));
+            self.crc.update(&label.to_le_bytes());
+            pieces.push(CellPiece::of_label(x as u32, label));
         }
         self.rows.push(y, z, &pieces)
     }

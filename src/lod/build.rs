@@ -4,12 +4,16 @@ use super::border::Border;
 use super::clusters::{Cluster, Clustering, Clusters, Kind, Rules};
 use super::collapse::{Limits, collapse};
 use super::curves::staying;
-use super::fins::FinShape;
-use super::gap::{Moved, moved};
-use super::mesh::{Joiner, Mesh, Surface};
+use super::fins::{FinShape, in_a_row};
+use super::folds::Folded;
+use super::gap::{Moved, Segment, moved};
+use super::mesh::{Joiner, Mesh, NORMAL, Surface};
+use super::pinches::Pinched;
 use super::place::{Placed, Placing};
 use super::planes::{OnPlanes, Planes};
-use super::triangles::Sums;
+use super::quadric::Plane;
+use super::specks::Specks;
+use super::triangles::{Sums, distinct};
 use crate::grid::LATTICE;
 use crate::strip::{Stripifier, append_strip, connect};
 use crate::tile::Extras;
@@ -21,7 +25,7 @@ const SMALL: usize = 100;
 const SMALL_ROOM: usize = 1000;
 
 /// How far borders may move in their planes, in blocks.
-const CURVE: f64 = 0.18;
+const CURVE: f64 = 0.2;
 
 /// How a node is made.
 #[derive(Debug, Clone, Copy)]
@@ -163,19 +167,63 @@ impl Coarse {
             error: (rules.block / 2) as f32 / LATTICE as f32,
         };
         let collapsed = collapse(rest, &places, &locked, limits);
-        let mut sums = Sums::new(placed.points.len(), small.len() + collapsed.triangles.len());
-        let points = &placed.points;
-        for t in small.into_iter().chain(collapsed.triangles) {
-            let [a, b, c] = t.map(|v| points[v as usize]);
-            if a != b && b != c && a != c {
-                sums.add(t);
-            }
-        }
-        Coarse {
-            triangles: sums.left(),
+        let all = small.into_iter().chain(collapsed.triangles).collect();
+        let mut coarse = Coarse {
+            triangles: distinct(all, &placed.points, |v| clusters.all[v as usize].surface),
             error: placed.error + collapsed.error,
             clusters,
             placed,
+        };
+        let specks = Specks {
+            mesh,
+            border,
+            planes,
+            open_faces: recipe.open_faces(),
+            step: rules.step,
+            clusters: &mut coarse.clusters,
+            points: &mut coarse.placed.points,
+            triangles: &mut coarse.triangles,
+            room: (target / 2).max(SMALL_ROOM),
+        };
+        specks.bring_back();
+        coarse.part_pinches(recipe);
+        coarse.smooth_folds(recipe);
+        coarse
+    }
+
+    /// Turns triangles back that face against their normals.
+    fn smooth_folds(&mut self, recipe: &Recipe) {
+        let clusters = &mut self.clusters.all;
+        let mut normals: Vec<[i64; 3]> = clusters.iter().map(|c| c.normal).collect();
+        let is_free = |v: u32| clusters[v as usize].kind == Kind::Inner;
+        let mut folded = Folded {
+            points: &mut self.placed.points,
+            normals: &mut normals,
+            triangles: &self.triangles,
+            is_free: &is_free,
+            planes: &recipe.planes,
+            step: recipe.rules.step,
+            most: f64::from(recipe.rules.block),
+        };
+        folded.smooth();
+        for (cluster, normal) in clusters.iter_mut().zip(normals) {
+            cluster.normal = normal;
+        }
+    }
+
+    /// Takes edges apart along which a surface touches itself.
+    fn part_pinches(&mut self, recipe: &Recipe) {
+        let mut pinched = Pinched {
+            points: &mut self.placed.points,
+            triangles: &mut self.triangles,
+            planes: &recipe.planes,
+            step: recipe.rules.step,
+        };
+        for added in pinched.part() {
+            let surface = self.clusters.all[added.beside as usize].surface;
+            let normal = added.normal.normalize_or_zero() * f64::from(NORMAL);
+            self.clusters
+                .add_one(surface, normal.to_array().map(|v| v as i64));
         }
     }
 }
@@ -186,24 +234,22 @@ fn clustered(placing: &Placing) -> (Placed, Vec<[u32; 3]>) {
     let mut quadrics = placing.quadrics();
     let mut sums = Sums::new(clusters.all.len(), mesh.triangles.len() / 4);
     let low = placing.planes.low;
-    let place = |v: u32| -> [f32; 3] {
-        let p = mesh.points[v as usize];
-        std::array::from_fn(|a| (p[a] - low[a]) as f32 * (1.0 / LATTICE as f32))
+    let place = |v: u32| {
+        let [x, y, z] = mesh.points[v as usize];
+        let voxels = |v: i32, low: i32| (v - low) as f32 * (1.0 / LATTICE as f32);
+        [voxels(x, low[0]), voxels(y, low[1]), voxels(z, low[2])]
     };
     for &t in &mesh.triangles {
         let [a, b, c] = t.map(|v| clusters.of_vertex[v as usize]);
         let [p, q, r] = t.map(place);
-        let u: [f32; 3] = std::array::from_fn(|i| q[i] - p[i]);
-        let v: [f32; 3] = std::array::from_fn(|i| r[i] - p[i]);
-        let normal = [
-            u[1] * v[2] - u[2] * v[1],
-            u[2] * v[0] - u[0] * v[2],
-            u[0] * v[1] - u[1] * v[0],
-        ];
+        let (ux, uy, uz) = (q[0] - p[0], q[1] - p[1], q[2] - p[2]);
+        let (vx, vy, vz) = (r[0] - p[0], r[1] - p[1], r[2] - p[2]);
+        let normal = [uy * vz - uz * vy, uz * vx - ux * vz, ux * vy - uy * vx];
+        let plane = Plane::new(normal, p);
         let mut add = |cluster: u32| {
             let quadric = &mut quadrics[cluster as usize];
             if quadric.wanted {
-                quadric.add(normal, p);
+                quadric.add(&plane);
             }
         };
         add(a);
@@ -331,15 +377,16 @@ impl Output<'_> {
         let points = &self.coarse.placed.points;
         let mut strip = Vec::with_capacity(triangles.len() * 3 / 2);
         let strips = stripifier.stripify(&mut connect(&triangles), &mut strip);
+        vertices
+            .iter()
+            .for_each(|&c| numbers[c as usize] = u32::MAX);
+        let vertices = by_first_use(&mut strip, &vertices);
         let part = NodePart {
             extras: self.extras(surface, triangles.len()),
             points: vertices.iter().map(|&c| points[c as usize]).collect(),
             normals: vertices.iter().map(|&c| self.normal(c)).collect(),
             strip,
         };
-        vertices
-            .iter()
-            .for_each(|&c| numbers[c as usize] = u32::MAX);
         (part, strips as u64)
     }
 
@@ -353,30 +400,49 @@ impl Output<'_> {
             step: rules.step,
             limits: [planes.low.map(|v| v - room), planes.high.map(|v| v + room)],
         };
-        let mut of_surface: Vec<Option<NodePart>> = self.surfaces.iter().map(|_| None).collect();
+        let mut of_surface: Vec<Vec<Segment>> = vec![Vec::new(); self.surfaces.len()];
         for segment in &moved.segments {
-            let surface = self.surface_of(segment.from);
-            let part = of_surface[surface].get_or_insert_with(|| NodePart {
-                extras: self.extras(surface, 0),
-                points: Vec::new(),
-                normals: Vec::new(),
-                strip: Vec::new(),
-            });
-            let first = part.points.len() as u32;
-            for (corner, end) in shape.corners(segment, &self.coarse.placed.points) {
-                part.points.push(corner);
-                part.normals.push(self.normal(end));
-            }
-            append_strip(&mut part.strip, &[0, 1, 2, 3], first);
-            part.extras.triangles += 2;
-            built.fin_triangles += 2;
-            built.strips += 1;
+            of_surface[self.surface_of(segment.from)].push(*segment);
         }
         for &i in order {
-            if let Some(fins) = of_surface[i].take() {
-                built.parts.push(fins);
-                built.fin_rows += 1;
+            if of_surface[i].is_empty() {
+                continue;
             }
+            let row = in_a_row(&of_surface[i]);
+            let mut part = NodePart {
+                extras: self.extras(i, 2 * row.len()),
+                points: Vec::with_capacity(4 * row.len()),
+                normals: Vec::with_capacity(4 * row.len()),
+                strip: Vec::with_capacity(6 * row.len()),
+            };
+            for segment in &row {
+                let first = part.points.len() as u32;
+                let corners = shape.corners(segment, &self.coarse.placed.points);
+                part.points.extend(corners);
+                // one for all four packs best
+                part.normals.extend([self.normal(segment.from); 4]);
+                append_strip(&mut part.strip, &[0, 1, 2, 3], first);
+            }
+            let fins = row.len() as u64;
+            built.fin_triangles += 2 * fins;
+            built.strips += fins;
+            built.fin_rows += 1;
+            built.parts.push(part);
         }
     }
+}
+
+/// Numbers vertices anew in the order in which a strip comes upon them, which packs best; returns them in this order.
+fn by_first_use(strip: &mut [u32], vertices: &[u32]) -> Vec<u32> {
+    let mut numbers = vec![u32::MAX; vertices.len()];
+    let mut order = Vec::with_capacity(vertices.len());
+    for v in strip {
+        let number = &mut numbers[*v as usize];
+        if *number == u32::MAX {
+            *number = order.len() as u32;
+            order.push(vertices[*v as usize]);
+        }
+        *v = *number;
+    }
+    order
 }

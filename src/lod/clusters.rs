@@ -17,6 +17,11 @@ const BELOW: i32 = 1 << 12;
 pub struct Rules {
     /// Width of a block in lattice steps, an even number.
     pub block: i32,
+    /// Width of a block of the border, likewise.
+    pub border_block: i32,
+    /// Vertices become one if the length of the mean of their normals is at least this: in blocks, and in those half as
+    /// wide into which others are torn.
+    pub agree: [f32; 2],
     /// New vertices lie on multiples of so many lattice steps.
     pub step: i32,
     /// Surfaces are closed by caps, so that their curves on the volume's faces have mates, too.
@@ -24,16 +29,27 @@ pub struct Rules {
 }
 
 impl Rules {
-    /// The block of a place.
+    /// Width of the blocks of a kind of clusters.
     #[inline]
-    fn block_of(&self, p: [i32; 3]) -> [i32; 3] {
-        p.map(|v| ((v + BELOW) as u32 / self.block as u32) as i32)
+    fn width(&self, kind: Kind) -> i32 {
+        match kind {
+            Kind::Border(_) => self.border_block,
+            _ => self.block,
+        }
     }
 
-    /// The middle of a block, in lattice steps.
-    pub fn middle(&self, block: [i32; 3]) -> [i32; 3] {
-        block.map(|b| b * self.block + self.block / 2 - BELOW)
+    /// The middle of a cluster's block, in lattice steps.
+    #[inline]
+    pub fn middle(&self, cluster: &Cluster) -> [i32; 3] {
+        let width = self.width(cluster.kind);
+        cluster.block.map(|b| b * width + width / 2 - BELOW)
     }
+}
+
+/// The block of a place.
+#[inline]
+fn block_of(p: [i32; 3], width: i32) -> [i32; 3] {
+    p.map(|v| ((v + BELOW) as u32 / width as u32) as i32)
 }
 
 /// Where the vertex of a cluster may lie.
@@ -72,22 +88,37 @@ pub struct Clusters {
     pub of_vertex: Vec<u32>,
 }
 
-/// Beyond all blocks as one number, and those half as wide.
+impl Clusters {
+    /// Adds one inside of which no vertex has become a part.
+    pub fn add_one(&mut self, surface: u32, normal: [i64; 3]) {
+        self.all.push(Cluster {
+            kind: Kind::Inner,
+            surface,
+            block: [0; 3],
+            leader: self.all.len() as u32,
+            count: 0,
+            sum: [0; 3],
+            normal,
+            planes: 0,
+        });
+    }
+}
+
+/// Beyond all blocks as one number.
 const NO_BLOCK: u64 = 1 << 63;
-const HALF_BLOCK: u64 = 1 << 62;
-/// Normals agree if the length of their mean is at least this.
-const AGREE: f32 = 0.7;
+/// The bit from which on a block's number says how often it has been halved.
+const TORN: u32 = 60;
 
 /// Sets of vertices, of which the smallest stands for a set.
-struct Sets(Vec<u32>);
+pub struct Sets(Vec<u32>);
 
 impl Sets {
     /// Of one vertex each.
-    fn new(vertices: usize) -> Self {
+    pub fn new(vertices: usize) -> Self {
         Sets((0..vertices as u32).collect())
     }
 
-    fn find(&mut self, mut v: u32) -> u32 {
+    pub fn find(&mut self, mut v: u32) -> u32 {
         loop {
             let up = self.0[v as usize];
             if up == v {
@@ -99,7 +130,7 @@ impl Sets {
         }
     }
 
-    fn join(&mut self, a: u32, b: u32) {
+    pub fn join(&mut self, a: u32, b: u32) {
         let (a, b) = (self.find(a), self.find(b));
         self.0[a.max(b) as usize] = a.min(b);
     }
@@ -188,49 +219,62 @@ impl Clustering<'_> {
     }
 
     fn is_in_one_block(&self, edge: &BorderEdge) -> bool {
-        let block = |v: u32| self.rules.block_of(self.mesh.points[v as usize]);
+        let block = |v: u32| block_of(self.mesh.points[v as usize], self.rules.border_block);
         block(edge.from) == block(edge.to)
     }
 
     /// Joins the ends of edges inside a block, borders apart. Where the normals of what is joined do not agree, as
-    /// around a thin neck or along a sharp fold, blocks are half as wide.
+    /// around a thin neck or along a sharp fold, blocks are half as wide, and again.
     fn join_inside(&self, sets: &mut Sets) {
         let Clustering { mesh, rules, .. } = self;
         let block = |v: usize| {
             if self.border.of_vertex[v] != 0 || self.kept[mesh.surface_of[v] as usize] {
                 return NO_BLOCK | v as u64;
             }
-            number_of(rules.block_of(mesh.points[v]))
+            number_of(block_of(mesh.points[v], rules.block))
         };
         let mut blocks: Vec<u64> = (0..mesh.points.len()).map(block).collect();
-        join_equal(mesh, &blocks, sets);
-        let mut sums = vec![[0.0f32; 4]; mesh.points.len()];
-        for v in (0..blocks.len()).filter(|&v| blocks[v] & NO_BLOCK == 0) {
-            let sum = &mut sums[sets.find(v as u32) as usize];
-            let [x, y, z] = mesh.normals[v].map(f32::from);
+        join_equal(&mesh.triangles, &blocks, sets);
+        let mut torn: Vec<u32> = (0..blocks.len() as u32).collect();
+        torn.retain(|&v| blocks[v as usize] & NO_BLOCK == 0);
+        let mut triangles = Vec::new();
+        let mut sums = vec![[0.0; 4]; blocks.len()];
+        for (depth, least) in rules.agree.into_iter().enumerate() {
+            self.retain_disagreeing(&mut torn, least, sets, &mut sums);
+            let width = rules.block >> (depth + 1);
+            for v in torn.iter().map(|&v| v as usize) {
+                let half = number_of(block_of(mesh.points[v], width));
+                blocks[v] = (depth as u64 + 1) << TORN | half;
+                sets.0[v] = v as u32;
+            }
+            if depth == 0 {
+                let is_torn = |v: u32| (1..4).contains(&(blocks[v as usize] >> TORN));
+                let joins = |t: &&[u32; 3]| t.iter().filter(|&&v| is_torn(v)).count() > 1;
+                triangles.extend(mesh.triangles.iter().filter(joins));
+            }
+            join_equal(&triangles, &blocks, sets);
+        }
+    }
+
+    /// Keeps those vertices in whose set the mean of the normals is shorter than `least`.
+    fn retain_disagreeing(
+        &self,
+        vertices: &mut Vec<u32>,
+        least: f32,
+        sets: &mut Sets,
+        sums: &mut [[f32; 4]],
+    ) {
+        vertices.iter().for_each(|&v| sums[v as usize] = [0.0; 4]);
+        for &v in vertices.iter() {
+            let sum = &mut sums[sets.find(v) as usize];
+            let [x, y, z] = self.mesh.normals[v as usize].map(f32::from);
             *sum = [sum[0] + x, sum[1] + y, sum[2] + z, sum[3] + 1.0];
         }
-        let agrees = |[x, y, z, count]: [f32; 4]| {
-            let least = AGREE * NORMAL * count;
-            x * x + y * y + z * z >= least * least
-        };
-        let half = Rules {
-            block: rules.block / 2,
-            ..**rules
-        };
-        let mut torn = Vec::new();
-        for v in (0..blocks.len()).filter(|&v| blocks[v] & NO_BLOCK == 0) {
-            if !agrees(sums[sets.find(v as u32) as usize]) {
-                torn.push(v);
-            }
-        }
-        for &v in &torn {
-            blocks[v] = HALF_BLOCK | number_of(half.block_of(mesh.points[v]));
-            sets.0[v] = v as u32;
-        }
-        if !torn.is_empty() {
-            join_equal(mesh, &blocks, sets);
-        }
+        let least = least * NORMAL;
+        vertices.retain(|&v| {
+            let [x, y, z, count] = sums[sets.find(v) as usize];
+            x * x + y * y + z * z < (least * count) * (least * count)
+        });
     }
 
     /// Joins vertices of the border that an edge of it connects inside a block and a plane.
@@ -281,8 +325,8 @@ impl Clustering<'_> {
             };
             of_vertex.push(own);
             let leader = all[own as usize].leader;
-            let middle = rules.middle(all[leader as usize].block);
             let sums = &mut all[leader as usize];
+            let middle = rules.middle(sums);
             sums.count += 1;
             if sums.kind != Kind::Stays {
                 for a in 0..3 {
@@ -310,7 +354,7 @@ impl Clustering<'_> {
             surface: self.mesh.surface_of[v],
             block: match kind {
                 Kind::Stays => point,
-                _ => self.rules.block_of(point),
+                _ => block_of(point, self.rules.width(kind)),
             },
             leader,
             count: 0,
@@ -328,8 +372,8 @@ fn number_of(block: [i32; 3]) -> u64 {
 }
 
 /// Joins the ends of edges that are in one block.
-fn join_equal(mesh: &Mesh, blocks: &[u64], sets: &mut Sets) {
-    for t in &mesh.triangles {
+fn join_equal(triangles: &[[u32; 3]], blocks: &[u64], sets: &mut Sets) {
+    for t in triangles {
         let of = t.map(|v| blocks[v as usize]);
         for k in 0..3 {
             let j = (k + 1) % 3;

@@ -2,6 +2,7 @@
 //! border and that of a finer node beside it.
 
 use super::gap::Segment;
+use std::collections::HashMap;
 
 /// How wide fins are and where their corners may lie.
 #[derive(Debug, Clone, Copy)]
@@ -15,12 +16,11 @@ pub struct FinShape {
 }
 
 impl FinShape {
-    /// The corners of the fin of a segment, as a strip, and which of its ends each belongs to.
+    /// The corners of the fin of a segment, as a strip.
     ///
     /// Both ends reach out by the width, so that no gap is left where segments meet at an angle.
-    pub fn corners(&self, segment: &Segment, points: &[[i32; 3]]) -> [([i32; 3], u32); 4] {
-        let ends = [segment.from, segment.to];
-        let [p, q] = ends.map(|c| points[c as usize]);
+    pub fn corners(&self, segment: &Segment, points: &[[i32; 3]]) -> [[i32; 3]; 4] {
+        let [p, q] = [segment.from, segment.to].map(|c| points[c as usize]);
         let axes = [(segment.axis + 1) % 3, (segment.axis + 2) % 3];
         let flat = |v: [i32; 3]| axes.map(|a| f64::from(v[a]));
         let (from, to) = (flat(p), flat(q));
@@ -44,17 +44,53 @@ impl FinShape {
             corner
         };
         [
-            (corner(from, p, -1.0, -1.0), ends[0]),
-            (corner(from, p, -1.0, 1.0), ends[0]),
-            (corner(to, q, 1.0, -1.0), ends[1]),
-            (corner(to, q, 1.0, 1.0), ends[1]),
+            corner(from, p, -1.0, -1.0),
+            corner(from, p, -1.0, 1.0),
+            corner(to, q, 1.0, -1.0),
+            corner(to, q, 1.0, 1.0),
         ]
     }
+}
+
+/// Segments in an order in which each begins where the one before ends, as far as curves go on.
+pub fn in_a_row(segments: &[Segment]) -> Vec<Segment> {
+    let mut at: HashMap<(u32, usize), Vec<u32>> = HashMap::new();
+    for (i, s) in segments.iter().enumerate() {
+        for end in [s.from, s.to] {
+            at.entry((end, s.axis)).or_default().push(i as u32);
+        }
+    }
+    let is_end = |v: u32, s: &Segment| at[&(v, s.axis)].len() == 1;
+    // open curves first, from one of their ends, then what is left, which has none
+    let (mut starts, mut rest) = (Vec::new(), Vec::new());
+    for (i, s) in segments.iter().enumerate() {
+        match (is_end(s.from, s), is_end(s.to, s)) {
+            (true, _) => starts.push((i, s.from)),
+            (_, true) => starts.push((i, s.to)),
+            _ => rest.push((i, s.from)),
+        }
+    }
+    let mut done = vec![false; segments.len()];
+    let mut row = Vec::with_capacity(segments.len());
+    for (first, mut from) in starts.into_iter().chain(rest) {
+        let mut next = Some(first).filter(|&i| !done[i]);
+        while let Some(i) = next {
+            let s = segments[i];
+            done[i] = true;
+            let to = if s.from == from { s.to } else { s.from };
+            row.push(Segment { from, to, ..s });
+            from = to;
+            let mut more = at[&(to, s.axis)].iter().map(|&i| i as usize);
+            next = more.find(|&i| !done[i]);
+        }
+    }
+    row
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
+    use std::collections::BTreeSet;
 
     #[test]
     fn a_fin_lies_in_the_plane_and_covers_its_width() {
@@ -66,7 +102,7 @@ mod tests {
         };
         for (from, to, length) in [(0, 1, 1000), (0, 0, 0)] {
             let segment = Segment { from, to, axis: 0 };
-            let corners = shape.corners(&segment, &points).map(|c| c.0);
+            let corners = shape.corners(&segment, &points);
             assert!(
                 corners
                     .iter()
@@ -79,5 +115,28 @@ mod tests {
             assert!(reach(1)[0] <= 440 && reach(1)[1] >= 640 + length + 200);
             assert!(reach(2)[0] <= 700 && reach(2)[1] >= 1100);
         }
+    }
+
+    #[test]
+    fn curves_are_walked_from_end_to_end() {
+        let segment = |from, to, axis| Segment { from, to, axis };
+        // a loop, a curve whose segments come in no order, one in another plane at one of its vertices, and a point
+        let all = [
+            segment(1, 2, 0),
+            segment(1, 3, 0),
+            segment(2, 3, 0),
+            segment(5, 8, 1),
+            segment(5, 9, 1),
+            segment(7, 9, 1),
+            segment(7, 7, 2),
+        ];
+        let row = in_a_row(&all);
+        let set = |row: &[Segment]| -> BTreeSet<Segment> {
+            let rising = |s: &Segment| segment(s.from.min(s.to), s.from.max(s.to), s.axis);
+            row.iter().map(rising).collect()
+        };
+        assert_eq!((row.len(), set(&row)), (all.len(), set(&all)));
+        let breaks = row.windows(2).filter(|w| w[0].to != w[1].from).count();
+        assert_eq!(breaks, 2, "{row:?}");
     }
 }

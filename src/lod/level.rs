@@ -26,11 +26,19 @@ use std::sync::atomic::{AtomicU64, Ordering};
 
 /// Width of the blocks of the first level in voxels, for a ratio of 1/8: so that clusters leave some more triangles
 /// than are wanted, and collapsing edges takes the rest where it does least harm.
-const FIRST_BLOCK: f64 = 2.5;
+const FIRST_BLOCK: f64 = 2.2;
+/// Width of the blocks of the border, in blocks: curves have no eighth of their edges to keep.
+const BORDER_BLOCK: f64 = 1.25;
+
+/// How well normals have to agree in blocks, and in those half as wide: the first level is what one looks at from near.
+const AGREE: [f32; 2] = [0.85, 0.7];
+const AGREE_ABOVE: [f32; 2] = [0.75, 0.75];
+/// Blocks of a level are wider by so much than the ratio tells: clusters lie nearer than what edge collapse leaves.
+const WIDER: f64 = 1.06;
 
 /// About so many steps of positions are as wide as a block, as far as they are no coarser than a quarter of a voxel,
 /// in which small surfaces that stay as they are do not fall together.
-const BLOCK_STEPS: u32 = 40;
+const BLOCK_STEPS: u32 = 16;
 const COARSEST: u32 = LATTICE / 4;
 
 /// The numbers of a level.
@@ -74,7 +82,7 @@ impl LevelPlan {
         };
         let mut block = FIRST_BLOCK * f64::from(LATTICE) * (0.125 / ratio).sqrt();
         for _ in 1..level {
-            block *= (1.0 / ratio).sqrt();
+            block *= WIDER * (1.0 / ratio).sqrt();
         }
         let block = 2 * (block.min(f64::from(1 << 24)) / 2.0).round() as i32;
         // finer than that is bytes for nothing
@@ -84,6 +92,8 @@ impl LevelPlan {
             level,
             rules: Rules {
                 block,
+                border_block: 2 * (f64::from(block) * BORDER_BLOCK / 2.0).round() as i32,
+                agree: if level == 1 { AGREE } else { AGREE_ABOVE },
                 step: 1 << shift,
                 capped: manifest.cap,
             },

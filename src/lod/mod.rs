@@ -6,7 +6,9 @@
 //! 2. `clusters` says which vertices become one, `place` and `quadric` where it lies: what lies on the border is
 //!    decided by the border alone (`curves`) and stays in its plane, so nodes of a level meet edge by edge without knowing of
 //!    each other. It is a map of vertices to vertices, so what is closed stays closed.
-//! 3. `triangles` sums up what is left, `collapse` takes edges away until the ratio is reached.
+//! 3. `triangles` sums up what is left, `collapse` takes edges away until the ratio is reached. `specks` brings back what
+//!    is smaller than a block, `pinches` takes edges apart where a surface touches itself, `folds` turns triangles back
+//!    that face against their normals.
 //! 4. `gap` bounds how far the border has moved in its planes, `fins` cover that much on both sides of it, so that
 //!    nothing is seen through between nodes of different levels.
 //!
@@ -25,14 +27,17 @@ mod collapse;
 mod curves;
 mod entry;
 mod fins;
+mod folds;
 mod gap;
 mod journal;
 mod level;
 mod mesh;
+mod pinches;
 mod place;
 mod planes;
 mod quadric;
 mod run;
+mod specks;
 mod tileset_json;
 mod triangles;
 mod work;

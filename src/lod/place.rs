@@ -41,7 +41,7 @@ impl Placing<'_> {
             if !wanted {
                 return Quadric::default();
             }
-            let middle = self.rules.middle(cluster.block);
+            let middle = self.rules.middle(cluster);
             let low = self.planes.low;
             let centre = std::array::from_fn(|a| (middle[a] - low[a]) as f32 * VOXEL);
             Quadric::around(centre, true)
@@ -61,7 +61,7 @@ impl Placing<'_> {
             let leader = own.leader as usize;
             let point = match own.kind {
                 _ if leader < i => placed.points[leader],
-                Kind::Stays => self.rounded(own.block),
+                Kind::Stays => self.planes.rounded(own.block, self.rules.step),
                 Kind::Border(axis) => {
                     let quadric = lines.get(&own.leader).copied().unwrap_or_default();
                     self.on_border(own, axis, &quadric)
@@ -111,7 +111,7 @@ impl Placing<'_> {
         let step = self.rules.step;
         let mean = self.mean(own);
         if !quadric.wanted {
-            let middle = self.rules.middle(own.block);
+            let middle = self.rules.middle(own);
             let at = |a: usize| ((f64::from(middle[a]) + mean[a]) / f64::from(step)).round() as i32;
             return (std::array::from_fn(|a| at(a) * step), 0.0);
         }
@@ -132,18 +132,6 @@ impl Placing<'_> {
         (point, quadric.distance(std::array::from_fn(local)))
     }
 
-    /// The next place of whole steps. What lies between planes does not come to lie on one, which others would have to
-    /// know; caps lie outside of them.
-    fn rounded(&self, p: [i32; 3]) -> [i32; 3] {
-        let step = self.rules.step;
-        std::array::from_fn(
-            |a| match self.planes.low[a] < p[a] && p[a] < self.planes.high[a] {
-                true => self.planes.between(a, f64::from(p[a]), step),
-                false => (p[a] + step / 2).div_euclid(step) * step,
-            },
-        )
-    }
-
     /// The quadrics of clusters on the border, by leaders.
     fn lines(&self) -> HashMap<u32, LineQuadric> {
         let clusters = self.clusters;
@@ -161,7 +149,7 @@ impl Placing<'_> {
                 if i == 1 && own[0] == own[1] {
                     continue;
                 }
-                let middle = self.rules.middle(cluster.block);
+                let middle = self.rules.middle(cluster);
                 let flat = |p: [i32; 3]| along(axis).map(|a| i64::from(p[a] - middle[a]));
                 let quadric = lines.entry(own[i]).or_default();
                 quadric.add(flat(points[0]), flat(points[1]), i64::from(edge.sum.abs()));
@@ -172,8 +160,8 @@ impl Placing<'_> {
 
     /// The place of a cluster on the border, which is the same in both nodes that have it.
     fn on_border(&self, own: &Cluster, axis: usize, quadric: &LineQuadric) -> [i32; 3] {
-        let half = f64::from(self.rules.block / 2);
-        let middle = self.rules.middle(own.block);
+        let half = f64::from(self.rules.border_block / 2);
+        let middle = self.rules.middle(own);
         let mean = along(axis).map(|a| own.sum[a] as f64 / own.count as f64);
         let best = quadric.smallest(mean).map(|v| v.clamp(-half, half));
         let mut point = middle;

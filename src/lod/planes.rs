@@ -70,6 +70,15 @@ impl Planes {
         let steps = (value / f64::from(step)).round() as i32;
         (steps * step).clamp(low + inner, high - inner)
     }
+
+    /// The next place of whole steps. What lies between planes does not come to lie on one, which others would have to
+    /// know; caps lie outside of them.
+    pub fn rounded(&self, p: [i32; 3], step: i32) -> [i32; 3] {
+        std::array::from_fn(|a| match self.low[a] < p[a] && p[a] < self.high[a] {
+            true => self.between(a, f64::from(p[a]), step),
+            false => (p[a] + step / 2).div_euclid(step) * step,
+        })
+    }
 }
 
 /// The axis of the plane that a bit stands for.

@@ -21,6 +21,30 @@ pub struct Quadric {
     pub wanted: bool,
 }
 
+/// The plane of a triangle.
+#[derive(Debug, Clone, Copy)]
+pub struct Plane {
+    /// Its length is the weight.
+    normal: [f32; 3],
+    /// A place on it.
+    place: [f32; 3],
+    /// Of the normal's components: xx, xy, xz, yy, yz, zz.
+    products: [f32; 6],
+}
+
+impl Plane {
+    /// Through a place with a normal whose length is the weight.
+    #[inline(always)]
+    pub fn new(normal: [f32; 3], place: [f32; 3]) -> Self {
+        let [x, y, z] = normal;
+        Plane {
+            normal,
+            place,
+            products: [x * x, x * y, x * z, y * y, y * z, z * z],
+        }
+    }
+}
+
 impl Quadric {
     /// That of no triangle, around a place.
     pub fn around(centre: [f32; 3], wanted: bool) -> Self {
@@ -31,27 +55,19 @@ impl Quadric {
         }
     }
 
-    /// Adds the plane through `p` with a normal whose length is the weight.
+    /// Adds a plane.
     #[inline(always)]
-    pub fn add(&mut self, n: [f32; 3], p: [f32; 3]) {
-        let r: [f32; 3] = std::array::from_fn(|i| p[i] - self.centre[i]);
-        let d = n[0] * r[0] + n[1] * r[1] + n[2] * r[2];
-        let products = [
-            n[0] * n[0],
-            n[0] * n[1],
-            n[0] * n[2],
-            n[1] * n[1],
-            n[1] * n[2],
-            n[2] * n[2],
-        ];
+    pub fn add(&mut self, plane: &Plane) {
+        let (n, p, centre) = (plane.normal, plane.place, self.centre);
+        let d = n[0] * (p[0] - centre[0]) + n[1] * (p[1] - centre[1]) + n[2] * (p[2] - centre[2]);
         for i in 0..6 {
-            self.a[i] += products[i];
+            self.a[i] += plane.products[i];
         }
         for i in 0..3 {
             self.b[i] += n[i] * d;
         }
         self.c += d * d;
-        self.weight += products[0] + products[3] + products[5];
+        self.weight += plane.products[0] + plane.products[3] + plane.products[5];
     }
 
     /// The place where the sum is smallest, relative to the centre, pulled to `mean`; the mean if there is no plane.
@@ -156,7 +172,7 @@ mod tests {
         let corner = [0.75, -0.5, 0.25];
         let mut quadric = Quadric::around([1.0, 1.0, 1.0], true);
         for n in [[2.0, 0.0, 0.0], [0.0, 1.0, 1.0], [0.0, 1.0, -1.0]] {
-            quadric.add(n, corner);
+            quadric.add(&Plane::new(n, corner));
         }
         let mean = [-0.2, -1.4, -0.7];
         let found = quadric.smallest(mean);
@@ -167,7 +183,7 @@ mod tests {
         assert!(quadric.distance(exact) < 1e-3 && quadric.distance(mean) > 0.05);
         // a plane leaves two ways open
         let mut flat = Quadric::around([0.0; 3], true);
-        flat.add([0.0, 0.0, 1.0], [5.0, 5.0, 0.5]);
+        flat.add(&Plane::new([0.0, 0.0, 1.0], [5.0, 5.0, 0.5]));
         let [x, y, z] = flat.smallest([0.3, 0.4, 0.0]);
         assert!((x - 0.3).abs() < 1e-6 && (y - 0.4).abs() < 1e-6 && (z - 0.5).abs() < 0.01);
         assert_eq!(Quadric::default().smallest([1.0; 3]), [1.0; 3]);

@@ -119,7 +119,10 @@ pub fn colours(
             }
         }
     }
-    flood(manifest, slice, &mut seen);
+    match &options.labels {
+        Some(labels) => seen.ids = labels.ids(dir, manifest, slice, seen.table)?,
+        None => flood(manifest, slice, &mut seen),
+    }
     let all = seen.ids.iter().chain(seen.edges.values()).copied();
     let ids: BTreeSet<u64> = all.filter(|&id| id != 0).collect();
     let asked = Chosen {

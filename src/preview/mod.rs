@@ -6,12 +6,14 @@
 
 mod cells;
 mod draw;
+mod labels;
 mod options;
 mod page;
 mod region;
 mod slice;
 mod zoom;
 
+pub use labels::LabelVolume;
 pub use options::{Panel, PreviewOptions, PreviewReport};
 pub use slice::{Axis, Slice};
 
@@ -38,7 +40,8 @@ const KEYS: usize = 8;
 /// With a tile set, the slice is one of the grid that the tiles cover, so the volume has to have been through the
 /// same filters, and below regions of the slice
 /// take the cell, or above ones the object, of the surface at their rim. A region without a rim in the slice, or whose
-/// surface is not in the tile set, stays grey. Cells that the volume's faces cut are hatched if they are coloured by a measure.
+/// surface is not in the tile set, stays grey. Tiles do not tell where labels cut through a hollow: the labels do, if they
+/// are given. Cells that the volume's faces cut are hatched if they are coloured by a measure.
 ///
 /// # Errors
 /// [`Error::Usage`] if the slice is outside the volume, the picture would pass 2^28 pixels, or the

@@ -1,5 +1,6 @@
 //! What a preview shows, and what it tells of it.
 
+use super::labels::LabelVolume;
 use super::slice::Axis;
 use crate::picture::Map;
 use crate::table::Chosen;
@@ -24,6 +25,8 @@ pub struct PreviewOptions {
     pub fills: Vec<f64>,
     /// A tile set of the volume, to colour its cells, objects or surfaces.
     pub tiles: Option<PathBuf>,
+    /// The labels that its cells were made by, which tell the cell of each voxel.
+    pub labels: Option<LabelVolume>,
     /// Colour them by this column or expression; without, as the tiles are painted, or by their ids.
     pub colour_by: Option<String>,
     /// The map for that.
@@ -56,6 +59,7 @@ impl Default for PreviewOptions {
             names: Vec::new(),
             fills: Vec::new(),
             tiles: None,
+            labels: None,
             colour_by: None,
             map: Map::default(),
             range: None,

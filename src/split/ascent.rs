@@ -87,29 +87,23 @@ impl Ways {
         }
     }
 
-    /// The codes of all voxels of a block, with what is around them, at the same places as in `levels`.
-    fn codes<T: Level>(&self, levels: &Levels<T>, block: &Block, nx: usize) -> Vec<Code> {
-        let mut codes = vec![OUTSIDE; levels.data().len()];
+    /// Writes the codes of all voxels of a block, with what is around them, to the same places as in `levels`.
+    fn codes<T: Level>(&self, levels: &Levels<T>, block: &Block, nx: usize, ways: &mut Vec<u32>) {
+        ways.clear();
+        ways.resize(levels.data().len(), UNSEEN | u32::from(OUTSIDE));
         let mut keys = vec![vec![0; nx]; self.classes.len()];
         for s in 1..=block.z.len() {
             for r in 1..=block.y.len() {
                 let at = levels.at(r, s);
-                let out = &mut codes[at..][..nx];
+                let out = &mut ways[at..][..nx];
                 dispatch!(self.row(levels, at, &mut keys, out));
             }
         }
-        codes
     }
 
     /// The codes of the row of `levels` that begins `at` a place.
     #[inline(always)]
-    fn row<T: Level>(
-        &self,
-        levels: &Levels<T>,
-        at: usize,
-        keys: &mut [Vec<u32>],
-        out: &mut [Code],
-    ) {
+    fn row<T: Level>(&self, levels: &Levels<T>, at: usize, keys: &mut [Vec<u32>], out: &mut [u32]) {
         let own = &levels.data()[at..][..out.len()];
         for (class, keys) in self.classes.iter().zip(keys.iter_mut()) {
             greatest(levels, at, class, keys);
@@ -138,11 +132,11 @@ impl Ways {
         }
     }
 
-    /// The way of a voxel, whose greatest neighbours of each class have these keys.
+    /// The way of a voxel, whose greatest neighbours of each class have these keys: a code that is not yet followed.
     #[inline(always)]
-    fn choose(&self, level: u32, keys: &[u32]) -> Code {
+    fn choose(&self, level: u32, keys: &[u32]) -> u32 {
         if level == 0 {
-            return SOLID;
+            return IS_SOLID;
         }
         let own = level << CODE_BITS | u32::from(PEAK);
         let (mut best, mut square) = (own, 1);
@@ -159,7 +153,7 @@ impl Ways {
                 (best, square) = (key, class.square);
             }
         }
-        (best & ((1 << CODE_BITS) - 1)) as Code
+        UNSEEN | best & CODES
     }
 }
 
@@ -308,22 +302,32 @@ pub struct Ends {
     pub pieces: RowPieces,
 }
 
-/// Not yet known.
-const UNSEEN: u32 = u32::MAX;
+/// The bits of a code.
+const CODES: u32 = (1 << CODE_BITS) - 1;
+/// With it, a way is a code; without, it is the number of its end.
+const UNSEEN: u32 = 1 << 31;
+/// The way of a solid voxel.
+const IS_SOLID: u32 = UNSEEN | SOLID as u32;
 
-/// Follows the ways of all voxels of a block.
-pub fn ends<T: Level>(levels: &Levels<T>, ways: &Ways, dims: Dims, block: &Block) -> Ends {
+/// Follows the ways of all voxels of a block, in the memory of `buffer`, which can be used again.
+pub fn ends<T: Level>(
+    levels: &Levels<T>,
+    ways: &Ways,
+    dims: Dims,
+    block: &Block,
+    buffer: &mut Vec<u32>,
+) -> Ends {
     let nx = dims.0[0] as usize;
-    let codes = ways.codes(levels, block, nx);
+    ways.codes(levels, block, nx, buffer);
     let by = levels.steps();
-    let moves: [isize; 27] = std::array::from_fn(|c| {
-        let step = step_of(c as Code);
-        (0..3).map(|a| step[a] as isize * by[a] as isize).sum()
-    });
+    let mut moves = [0; 1 << CODE_BITS];
+    for (code, by_code) in (0..27).zip(&mut moves) {
+        let step = step_of(code);
+        *by_code = (0..3).map(|a| step[a] as isize * by[a] as isize).sum();
+    }
     let mut follow = Follow {
-        codes: &codes,
         moves,
-        end_of: vec![UNSEEN; codes.len()],
+        ways: buffer,
         ends: Vec::new(),
     };
     let mut pieces = RowPieces::new();
@@ -331,12 +335,13 @@ pub fn ends<T: Level>(levels: &Levels<T>, ways: &Ways, dims: Dims, block: &Block
     for s in 1..=block.z.len() {
         for r in 1..=block.y.len() {
             let at = levels.at(r, s);
-            for x in 0..nx {
-                if codes[at + x] != SOLID && follow.end_of[at + x] == UNSEEN {
-                    follow.from(at + x, levels, &place);
+            for x in at..at + nx {
+                let way = follow.ways[x];
+                if way >= UNSEEN && way != IS_SOLID {
+                    follow.from(x, levels, &place);
                 }
             }
-            push_row(&follow.end_of[at..][..nx], &mut pieces);
+            push_row(&follow.ways[at..][..nx], &mut pieces);
         }
     }
     Ends {
@@ -350,7 +355,7 @@ fn push_row(ends: &[u32], pieces: &mut RowPieces) {
     for same in ends.chunk_by(|a, b| a == b) {
         let start = x;
         x += same.len();
-        if same[0] != UNSEEN {
+        if same[0] != IS_SOLID {
             pieces.push(Piece {
                 start: start as u16,
                 last: (x - 1) as u16,
@@ -379,21 +384,29 @@ impl Places<'_> {
 }
 
 struct Follow<'a> {
-    codes: &'a [Code],
-    moves: [isize; 27],
-    end_of: Vec<u32>,
+    /// Elements from a voxel to the next one of a way, by code.
+    moves: [isize; 1 << CODE_BITS],
+    /// The code of each voxel until its end is known, then the number of that.
+    ways: &'a mut [u32],
     ends: Vec<End>,
 }
 
 impl Follow<'_> {
+    #[inline(always)]
+    fn next(&self, at: usize, way: u32) -> usize {
+        at.wrapping_add_signed(self.moves[(way & CODES) as usize])
+    }
+
     /// Follows the way of a voxel to its end, and tells it to all voxels on it.
+    #[inline]
     fn from<T: Level>(&mut self, from: usize, levels: &Levels<T>, place: &Places) {
         let mut at = from;
         let end = loop {
-            if self.end_of[at] != UNSEEN {
-                break self.end_of[at];
+            let way = self.ways[at];
+            if way < UNSEEN {
+                break way;
             }
-            let code = self.codes[at];
+            let code = (way & CODES) as Code;
             if code == PEAK || code == OUTSIDE {
                 let level = match code {
                     PEAK => levels.data()[at].get(),
@@ -404,15 +417,20 @@ impl Follow<'_> {
                     level,
                     first: place.voxel(from),
                 });
-                self.end_of[at] = self.ends.len() as u32 - 1;
-                break self.end_of[at];
+                let end = self.ends.len() as u32 - 1;
+                self.ways[at] = end;
+                break end;
             }
-            at = at.wrapping_add_signed(self.moves[usize::from(code)]);
+            at = self.next(at, way);
         };
         let mut at = from;
-        while self.end_of[at] == UNSEEN {
-            self.end_of[at] = end;
-            at = at.wrapping_add_signed(self.moves[usize::from(self.codes[at])]);
+        loop {
+            let way = self.ways[at];
+            if way < UNSEEN {
+                return;
+            }
+            self.ways[at] = end;
+            at = self.next(at, way);
         }
     }
 }

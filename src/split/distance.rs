@@ -82,12 +82,15 @@ pub struct Levels<T> {
 }
 
 impl<T: Level> Levels<T> {
-    fn new(nx: usize, block: &Block) -> Self {
+    /// All 0, in the memory of `data`.
+    fn new(nx: usize, block: &Block, mut data: Vec<T>) -> Self {
         let voxels = (nx + 2) * (block.y.len() + 2) * (block.z.len() + 2);
+        data.clear();
+        data.resize(voxels, T::default());
         Levels {
             nx,
             rows: block.y.len(),
-            data: vec![T::default(); voxels],
+            data,
         }
     }
 
@@ -112,16 +115,47 @@ impl<T: Level> Levels<T> {
     }
 }
 
+/// Memory that is used again from block to block: the system gives new memory page by page, which takes as long as the
+/// distances themselves.
+#[derive(Debug, Default)]
+pub struct DistanceBuffers<T> {
+    levels: Vec<T>,
+    columns: Vec<u8>,
+    plane: Vec<T>,
+    bits: Vec<u64>,
+}
+
+impl<T: Level> DistanceBuffers<T> {
+    /// Takes back the memory of levels that are not needed any more.
+    pub fn take_back(&mut self, levels: Levels<T>) {
+        self.levels = levels.data;
+    }
+}
+
+/// The first elements of a vector that is made longer if it has fewer; what they are has no meaning.
+fn room<V: Clone + Default>(of: &mut Vec<V>, len: usize) -> &mut [V] {
+    if of.len() < len {
+        // no page of a new one is touched yet
+        *of = vec![V::default(); len];
+    }
+    &mut of[..len]
+}
+
 /// Computes the levels of a block and around it.
 ///
 /// # Errors
 /// [`crate::Error::Io`] if the bits cannot be read back.
-pub fn levels<T: Level>(bits: &SolidBits, metric: &Metric, block: &Block) -> Result<Levels<T>> {
+pub fn levels<T: Level>(
+    bits: &SolidBits,
+    metric: &Metric,
+    block: &Block,
+    buffers: &mut DistanceBuffers<T>,
+) -> Result<Levels<T>> {
     let [nx, ny, nz] = bits.grid().dims.0;
     let grown = |r: &Range<u32>, n: u32| r.start.saturating_sub(1)..(r.end + 1).min(n);
     let (y, z) = (grown(&block.y, ny), grown(&block.z, nz));
-    let mut levels = Levels::new(nx as usize, block);
-    let mut planes = Planes::<T>::new(bits, metric, block, z.clone());
+    let mut levels = Levels::new(nx as usize, block, std::mem::take(&mut buffers.levels));
+    let mut planes = Planes::<T>::new(bits, metric, block, z.clone(), buffers);
     for slice in z.clone() {
         planes.begin(slice - z.start);
         for row in y.clone() {
@@ -147,22 +181,36 @@ struct Planes<'a, T> {
     /// The first of the rows that can be needed.
     first: u32,
     /// Steps along z to solid voxels: for each row, those of all slices.
-    columns: Vec<Option<Vec<u8>>>,
+    columns: &'a mut [u8],
+    /// Which groups of rows have them.
+    has_columns: Vec<bool>,
+    /// The bits of a group of rows, by slices, and its columns beside the slab.
+    group_bits: &'a mut [u64],
+    group_columns: Vec<u8>,
     /// The slice that is worked on, counted from the first.
     slice: usize,
     /// Its rows after the pass along x, of whole chunks.
-    plane: Vec<T>,
+    plane: &'a mut [T],
     /// Which of them are there.
     ready: Vec<bool>,
     /// A row with room for the farthest steps on both sides.
     padded: Vec<T>,
 }
 
+/// Rows whose bits are read at once.
+const GROUP: usize = 16;
+
 /// Room beside a row for the farthest steps, a chunk's width more than the reach.
 const PAD: usize = 256;
 
 impl<'a, T: Level> Planes<'a, T> {
-    fn new(bits: &'a SolidBits, metric: &'a Metric, block: &Block, z: Range<u32>) -> Self {
+    fn new(
+        bits: &'a SolidBits,
+        metric: &'a Metric,
+        block: &Block,
+        z: Range<u32>,
+        buffers: &'a mut DistanceBuffers<T>,
+    ) -> Self {
         let [nx, ny, _] = bits.grid().dims.0;
         let reach = u32::from(metric.reach()) + 1;
         let rows = block.y.start.saturating_sub(reach)..(block.y.end + reach).min(ny);
@@ -176,16 +224,20 @@ impl<'a, T: Level> Planes<'a, T> {
             }
         };
         let width = (nx as usize).next_multiple_of(CHUNK);
+        let words = bits.grid().row_words();
         Planes {
             bits,
             metric,
             slab: block.slab,
+            columns: room(&mut buffers.columns, nx as usize * z.len() * rows.len()),
+            has_columns: vec![false; rows.len().div_ceil(GROUP)],
+            group_bits: room(&mut buffers.bits, words * z.len() * GROUP),
+            group_columns: Vec::new(),
             z,
             squares: (0..=u8::MAX).map(square).collect(),
             first: rows.start,
-            columns: vec![None; rows.len()],
             slice: 0,
-            plane: vec![T::default(); width * rows.len()],
+            plane: room(&mut buffers.plane, width * rows.len()),
             ready: vec![false; rows.len()],
             padded: vec![T::of(metric.cap()); width + 2 * PAD],
         }
@@ -207,21 +259,22 @@ impl<'a, T: Level> Planes<'a, T> {
 
     /// Makes a row, counted from the first, of the slice.
     fn make(&mut self, row: usize) -> Result<()> {
-        if self.columns[row].is_none() {
-            self.columns[row] = Some(self.read_columns(self.first + row as u32)?);
+        if !self.has_columns[row / GROUP] {
+            self.read_group(row / GROUP)?;
         }
-        let nx = self.nx();
-        let columns = self.columns[row].as_ref().expect("just made");
-        let columns = &columns[self.slice * nx..][..nx];
-        for (level, &steps) in self.padded[PAD..].iter_mut().zip(columns) {
-            *level = self.squares[usize::from(steps)];
-        }
-        let width = self.width();
+        let (nx, width) = (self.nx(), self.width());
+        let columns = &self.columns[(row * self.z.len() + self.slice) * nx..][..nx];
         let out = &mut self.plane[row * width..][..width];
         let [weight, ..] = self.metric.step_levels();
-        match columns.iter().all(|&steps| steps >= self.metric.reach()) {
-            true => out.fill(T::of(self.metric.cap())),
-            false => dispatch!(along_x(&self.padded, weight, out)),
+        let (reach, cap) = (self.metric.reach(), T::of(self.metric.cap()));
+        match dispatch!(square_all(
+            columns,
+            reach,
+            &self.squares,
+            &mut self.padded[PAD..]
+        )) {
+            true => dispatch!(along_x(&self.padded, weight, out)),
+            false => out.fill(cap),
         }
         // what is beyond the row's end is no distance
         out[nx..].fill(T::default());
@@ -229,46 +282,47 @@ impl<'a, T: Level> Planes<'a, T> {
         Ok(())
     }
 
-    /// Steps along z from each voxel of a row, in all slices, to the nearest solid voxel.
-    fn read_columns(&self, y: u32) -> Result<Vec<u8>> {
-        let (nx, words) = (self.nx(), self.bits.grid().row_words());
+    /// Finds the steps along z from each voxel of a group of rows, in all slices, to the nearest solid voxel.
+    fn read_group(&mut self, group: usize) -> Result<()> {
+        let (nx, words, slices) = (self.nx(), self.bits.grid().row_words(), self.z.len());
         let slab = self.bits.grid().slab(self.slab);
-        let mut bits = vec![0; words * self.z.len()];
-        for (z, row) in self.z.clone().zip(bits.chunks_mut(words)) {
-            self.bits.rows(y..y + 1, z, row)?;
+        let first = group * GROUP;
+        let rows = GROUP.min(self.ready.len() - first);
+        let y = self.first + first as u32..self.first + (first + rows) as u32;
+        for (z, rows) in self.z.clone().zip(self.group_bits.chunks_mut(words * rows)) {
+            self.bits.rows(y.clone(), z, rows)?;
         }
-        let mut column = vec![0; nx];
-        let mut found = vec![0; nx * self.z.len()];
-        // the state before the slab is that of the slice below it
-        self.bits.columns(y, self.slab, Side::Before, &mut column)?;
-        let rows = self
-            .z
-            .clone()
-            .zip(found.chunks_mut(nx))
-            .zip(bits.chunks(words));
-        dispatch!(pass_columns(
-            rows.map(|((z, found), bits)| (z >= slab.start, found, bits)),
-            &mut column,
-            self.metric.reach(),
-            |found, column| found.copy_from_slice(column),
-        ));
-        self.bits.columns(y, self.slab, Side::Behind, &mut column)?;
-        let rows = self
-            .z
-            .clone()
-            .zip(found.chunks_mut(nx))
-            .zip(bits.chunks(words));
-        dispatch!(pass_columns(
-            rows.rev()
-                .map(|((z, found), bits)| (z < slab.end, found, bits)),
-            &mut column,
-            self.metric.reach(),
-            |found, column| {
-                let pairs = found.iter_mut().zip(column);
-                pairs.for_each(|(found, &column)| *found = column.min(*found));
-            },
-        ));
-        Ok(found)
+        self.group_columns.resize(2 * nx * rows, 0);
+        let (before, behind) = self.group_columns.split_at_mut(nx * rows);
+        self.bits
+            .columns(y.clone(), self.slab, Side::Before, before)?;
+        self.bits.columns(y, self.slab, Side::Behind, behind)?;
+        let columns = before.chunks_mut(nx).zip(behind.chunks_mut(nx));
+        let out = self.columns[first * slices * nx..].chunks_mut(slices * nx);
+        for (row, ((before, behind), out)) in columns.zip(out).enumerate() {
+            let of_slice = |s: usize| &self.group_bits[(s * rows + row) * words..][..words];
+            let reach = self.metric.reach();
+            // the state before the slab is that of the slice below it
+            let forward = out.chunks_mut(nx).enumerate().zip(self.z.clone());
+            dispatch!(pass_columns(
+                forward.map(|((s, out), z)| (z >= slab.start, out, of_slice(s))),
+                before,
+                reach,
+                |out, column| out.copy_from_slice(column),
+            ));
+            let backward = out.chunks_mut(nx).enumerate().zip(self.z.clone()).rev();
+            dispatch!(pass_columns(
+                backward.map(|((s, out), z)| (z < slab.end, out, of_slice(s))),
+                behind,
+                reach,
+                |out, column| {
+                    let pairs = out.iter_mut().zip(column);
+                    pairs.for_each(|(out, &column)| *out = column.min(*out));
+                },
+            ));
+        }
+        self.has_columns[group] = true;
+        Ok(())
     }
 
     /// The levels of a row of the slice.
@@ -333,6 +387,28 @@ fn pass_columns<'a>(
         }
         put(found, column);
     }
+}
+
+/// Writes the levels of steps along z, of which `squares` has all; false if none is below the reach.
+#[inline(always)]
+fn square_all<T: Level>(columns: &[u8], reach: u8, squares: &[T], out: &mut [T]) -> bool {
+    // steps are at most the reach, and the cap is its square
+    match squares[1].get() {
+        1 => {
+            for (out, &steps) in out.iter_mut().zip(columns) {
+                *out = T::of(u32::from(steps) * u32::from(steps));
+            }
+        }
+        _ => {
+            for (out, &steps) in out.iter_mut().zip(columns) {
+                *out = squares[usize::from(steps)];
+            }
+        }
+    }
+    columns
+        .iter()
+        .fold(u8::MAX, |least, &steps| least.min(steps))
+        < reach
 }
 
 /// The level of `k` steps along an axis; some steps beyond the reach, too.

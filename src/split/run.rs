@@ -3,7 +3,7 @@
 use super::ascent::{self, RowPieces, Ways};
 use super::basins::{BandEnds, Carried};
 use super::bits::SolidBits;
-use super::distance::{Block, Level, levels};
+use super::distance::{Block, DistanceBuffers, Level, levels};
 use super::graph::{Arrival, Graph, NeckRule, TreeSaddle};
 use super::necks::{BasinTouch, Neck, NeckSorter};
 use super::numbers::Numbers;
@@ -12,10 +12,12 @@ use super::touches::{Touch, Window, grown_rows, touches};
 use super::{BitSource, Metric, SlabGrid, SplitOptions};
 use crate::error::{Error, Result};
 use crate::progress::Progress;
+use crate::sys::locks::lock;
 use crate::sys::simd::threads;
 use crate::sys::spill_file::SpillFile;
 use rayon::prelude::*;
 use std::path::{Path, PathBuf};
+use std::sync::Mutex;
 
 /// Ratios of the split curve, in thousandths: 0.5, 0.55, ... 0.95.
 const CURVE: [u32; 10] = [500, 550, 600, 650, 700, 750, 800, 850, 900, 950];
@@ -50,6 +52,32 @@ pub fn split(
     match options.metric.cap() <= u32::from(u16::MAX) {
         true => pool.install(|| passes.all::<u16>()),
         false => pool.install(|| passes.all::<u32>()),
+    }
+}
+
+/// The memory that a thread works on a block in.
+#[derive(Default)]
+struct Buffers<T> {
+    distance: DistanceBuffers<T>,
+    ways: Vec<u32>,
+}
+
+/// That of threads that have done a block, to be used for the next one.
+struct Spare<T>(Mutex<Vec<Buffers<T>>>);
+
+impl<T> Default for Spare<T> {
+    fn default() -> Self {
+        Spare(Mutex::default())
+    }
+}
+
+impl<T: Level> Spare<T> {
+    fn take(&self) -> Buffers<T> {
+        lock(&self.0).pop().unwrap_or_default()
+    }
+
+    fn put(&self, buffers: Buffers<T>) {
+        lock(&self.0).push(buffers);
     }
 }
 
@@ -115,10 +143,15 @@ impl Passes<'_> {
         let mut carried = Carried::new(grid);
         let mut bands = Vec::new();
         let mut raw = PieceFile::new(self.dir)?;
+        let spare = Spare::<T>::default();
         self.in_order(
             |block| {
-                let levels = levels::<T>(self.bits, &self.options.metric, block)?;
-                let ends = ascent::ends(&levels, &self.ways, grid.dims, block);
+                let mut buffers = spare.take();
+                let Buffers { distance, ways } = &mut buffers;
+                let levels = levels(self.bits, &self.options.metric, block, distance)?;
+                let ends = ascent::ends(&levels, &self.ways, grid.dims, block, ways);
+                distance.take_back(levels);
+                spare.put(buffers);
                 Ok(BandEnds::of(ends, block))
             },
             |block, (band, pieces)| {
@@ -144,11 +177,15 @@ impl Passes<'_> {
         let mut graph = Graph::default();
         let mut tree = Tree::new(self, basins)?;
         let mut met = SpillFile::new(self.dir)?;
+        let spare = Spare::<T>::default();
         self.in_order(
             |block| {
-                let levels = levels::<T>(self.bits, &options.metric, block)?;
+                let mut buffers = spare.take();
+                let levels = levels(self.bits, &options.metric, block, &mut buffers.distance)?;
                 let (window, numbers) = self.window(&store, block)?;
                 let found = touches(&window, &levels, options.ambiguous);
+                buffers.distance.take_back(levels);
+                spare.put(buffers);
                 let named = |touch: Touch<u32>| Touch {
                     basins: touch.basins.map(|basin| numbers[basin as usize]),
                     saddle: touch.saddle,

@@ -196,7 +196,16 @@ pub struct BandView<'a, T> {
     /// Class of each run.
     pub class_of_run: &'a [u32],
     /// The cells of voxels, where these are given.
-    pub cells: Option<&'a BandCells>,
+    pub cells: Option<CellsView<'a>>,
+}
+
+/// The cells of a band that are parts of components.
+#[derive(Debug, Clone, Copy)]
+pub struct CellsView<'a> {
+    /// Of each voxel.
+    pub of_voxels: &'a BandCells,
+    /// Of each class of voxels below, if all of its voxels are in one.
+    pub of_class: &'a [Option<u64>],
 }
 
 impl<T: Voxel> BandView<'_, T> {
@@ -312,17 +321,16 @@ impl TileMesher {
             sheets: &self.sheets,
         };
         self.walk.make(cut, CaseKernels::of(settings.rule), out);
+        if let Some(cells) = view.cells {
+            let found = (&self.edges, &self.sheets);
+            self.splitter.split(view, tile, &cells, found, out);
+        }
         sum_pieces(
             &mut out.pieces,
             out.chunk.numbers(),
             &out.triangles,
             &settings.area,
         );
-        if let Some(cells) = view.cells {
-            let found = (&self.edges, &self.sheets);
-            let splitter = &mut self.splitter;
-            splitter.split(view, tile, cells, found, &settings.area, out);
-        }
     }
 }
 

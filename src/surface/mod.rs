@@ -21,8 +21,8 @@ pub use chords::{
 };
 pub use edges::Edges;
 pub use mesher::{
-    BYTES_PER_CUBE, BYTES_PER_TRIANGLE, BandView, MeshSettings, Sizes, TileBox, TileMesh,
-    TileMesher,
+    BYTES_PER_CUBE, BYTES_PER_TRIANGLE, BandView, CellsView, MeshSettings, Sizes, TileBox,
+    TileMesh, TileMesher,
 };
 
 #[cfg(test)]

@@ -1,16 +1,15 @@
 //! Pieces of components that hold several cells, split into a piece for each cell.
 //!
 //! A triangle belongs to the cell of the below end of its vertex with the smallest lattice key, whatever the tile.
-//! Vertices between two cells are in the pieces of both, with the same bits, and are counted with that of the smaller
-//! cell.
+//! Vertices between two cells are in the pieces of both, with the same bits. Each is counted once, with a cell that does
+//! not depend on the tile either: of the cubes around it the last one by z, y and x counts, which the tile that counts the
+//! vertex has, and of the triangles at it in that cube the one of the smallest cell.
 
 use crate::labels::BandCells;
-use crate::measure::AreaScale;
 use crate::strip::{NONE, STRIDE, Triangle};
 use crate::surface::assign_pieces::{Piece, VertexAssignment};
 use crate::surface::edges::Edges;
-use crate::surface::mesher::{BandView, TileBox, TileMesh};
-use crate::surface::sums::sum_pieces;
+use crate::surface::mesher::{BandView, CellsView, TileBox, TileMesh};
 use std::collections::BTreeMap;
 
 /// Splits pieces; its buffers are used again from tile to tile.
@@ -38,17 +37,26 @@ struct End {
 type NewPlaces = Vec<(u32, u32)>;
 
 impl PieceSplitter {
-    /// Gives each piece of the open surface its cell, and splits those that have several.
+    /// Gives each piece of the open surface its cell, and splits those that have several; they are to be summed up then.
     pub fn split<T>(
         &mut self,
         view: &BandView<T>,
         tile: &TileBox,
-        cells: &BandCells,
+        cells: &CellsView,
         found: (&Edges, &VertexAssignment),
-        area: &AreaScale,
         out: &mut TileMesh,
     ) {
-        self.find_ends(view, tile, cells, found);
+        let mut all_known = true;
+        for piece in &mut out.pieces {
+            match cells.of_class[piece.cell as usize] {
+                Some(cell) => piece.given = cell,
+                None => all_known = false,
+            }
+        }
+        if all_known {
+            return;
+        }
+        self.find_ends(view, tile, cells.of_voxels, found);
         let mut any = false;
         for piece in &mut out.pieces {
             let ends = &self.ends[piece.first_vertex as usize..][..piece.vertices as usize];
@@ -71,7 +79,6 @@ impl PieceSplitter {
         for (to, from) in out.chunk.vectors_mut().into_iter().zip(&self.vectors) {
             to.copy_from_slice(from);
         }
-        sum_pieces(&mut out.pieces, out.chunk.numbers(), &out.triangles, area);
     }
 
     /// Finds the cell and the key of each vertex.
@@ -131,6 +138,7 @@ impl PieceSplitter {
             let lowest = corners.into_iter().min_by_key(|end| end.key);
             lowest.expect("three corners").cell
         };
+        let vertices = piece.vertices as usize;
         let mut parts: BTreeMap<u64, Part> = BTreeMap::new();
         let cells: Vec<u64> = faces[1..].iter().map(cell_of).collect();
         for &cell in &cells {
@@ -138,7 +146,7 @@ impl PieceSplitter {
         }
         for (number, part) in (0..).zip(parts.values_mut()) {
             part.number = number;
-            part.vertex_of = vec![u32::MAX; piece.vertices as usize];
+            part.vertex_of = vec![u32::MAX; vertices];
         }
         let mut places: NewPlaces = vec![(u32::MAX, 0)];
         for (triangle, cell) in faces[1..].iter().zip(&cells) {
@@ -149,14 +157,12 @@ impl PieceSplitter {
                 part.vertex_of[corner as usize] = 0;
             }
         }
-        let mut counted = vec![false; piece.vertices as usize];
+        let counted_with = counted_with(&faces[1..], &cells, &positions[first..][..vertices]);
         for (cell, mut part) in parts {
             let mut new = self.new_piece(piece, cell, &mut part, from);
-            for (v, counted) in counted.iter_mut().enumerate() {
-                let is_new = part.vertex_of[v] != u32::MAX && !std::mem::replace(counted, true);
-                // a vertex that is in no part stays uncounted
-                new.sums.vertices += u64::from(is_new && !self.ends[first + v].shared);
-            }
+            let own = counted_with.iter().zip(&self.ends[first..]);
+            let own = own.filter(|(with, end)| **with == Some(cell) && !end.shared);
+            new.sums.vertices = own.count() as u64;
             let at = new.first_triangle as usize;
             let room = new.end_of_faces() as usize - self.triangles.len();
             // another way than the mesher's, which is compiled for itself alone
@@ -198,6 +204,27 @@ impl PieceSplitter {
         }
         new
     }
+}
+
+/// The cell with which each vertex of a piece is counted, `None` of one that no triangle has; `positions` are those of the
+/// vertices, `cells` those of the triangles.
+fn counted_with(triangles: &[Triangle], cells: &[u64], positions: &[[f32; 3]]) -> Vec<Option<u64>> {
+    let mut last: Vec<Option<([u32; 3], u64)>> = vec![None; positions.len()];
+    for (triangle, &cell) in triangles.iter().zip(cells) {
+        let corners = triangle.corners();
+        let ends = corners.map(|v| positions[v as usize]);
+        // no triangle lies in a face of its cube
+        let cube = [2, 1, 0].map(|a| ends[0][a].min(ends[1][a]).min(ends[2][a]) as u32);
+        for v in corners {
+            let known = &mut last[v as usize];
+            if known.is_none_or(|(known, of)| known < cube || known == cube && cell < of) {
+                *known = Some((cube, cell));
+            }
+        }
+    }
+    last.iter()
+        .map(|known| known.map(|(_, cell)| cell))
+        .collect()
 }
 
 /// A part of a piece while it is made.

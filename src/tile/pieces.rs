@@ -260,8 +260,8 @@ impl Piece {
     pub fn lattice(&self) -> Result<Vec<[i32; 3]>, ReadError> {
         let limit = (crate::grid::MAX_DIM * LATTICE) as f32;
         let steps = |v: f32| {
-            let s = v * LATTICE as f32;
-            (s.fract() == 0.0 && s.abs() <= limit).then_some(s as i32)
+            let (s, whole) = (v * LATTICE as f32, (v * LATTICE as f32) as i32);
+            (whole as f32 == s && s.abs() <= limit).then_some(whole)
         };
         let point = |p: &[f32; 3]| match p.map(steps) {
             [Some(x), Some(y), Some(z)] => Ok([x, y, z]),

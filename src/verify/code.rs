@@ -137,7 +137,7 @@ codes! {
     PairRepeated = "PAIR_REPEATED", true;
     /// Pieces of cells that touch do not stand by rising cell in a tile.
     PartOrder = "PART_ORDER", true;
-    /// Triangles that begin at one voxel are of several cells.
+    /// Triangles that begin at one voxel are of several cells, or of another than its label says.
     CellMixed = "CELL_MIXED", true;
     /// Ids of surfaces, cells or objects are not 1 to n.
     IdGap = "ID_GAP", true;

@@ -3,6 +3,7 @@
 use super::against::Voxels;
 use super::code::Code;
 use super::components::ComponentRows;
+use super::labels::LabelCounts;
 use super::ledger::{Group, Kind, Laws, Ledger, Rows};
 use super::paint::{self, Colour, Paints};
 use super::parts;
@@ -31,6 +32,8 @@ pub(super) struct Found {
     pub parts: Option<FoundParts>,
     /// Of the volume, if there is one.
     pub voxels: Option<Voxels>,
+    /// Voxels below by cells, if the labels that give them are there.
+    pub by_labels: Option<LabelCounts>,
 }
 
 /// The counts of a set whose cells are parts of components.

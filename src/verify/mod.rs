@@ -41,7 +41,9 @@
 //!    was left out as dust are the components below the size, as many as stated, and no other.
 //! 10. Normals are those of the volume's gradient, up to the rounding of tiles that store them in 8 bits.
 //! 11. Areas and thicknesses of walls are those of its samples, up to rounding.
-//! 12. The source that the manifest states has the volume's format, size, type and byte order.
+//! 12. With the labels that cells were made by: each voxel below counts for the cell of its label, triangles begin at voxels
+//!     of their cell, and no other cell has a row; see the module for labels.
+//! 13. The source that the manifest states has the volume's format, size, type and byte order.
 //!
 //! # Memory
 //! Tiles are streamed. What is kept: the open edges on the planes of one layer of macrocubes, the
@@ -67,6 +69,7 @@ mod geometry;
 mod gradient;
 mod index;
 mod inside;
+mod labels;
 mod laws;
 mod layout;
 mod ledger;
@@ -92,6 +95,7 @@ mod tile;
 mod walls;
 
 pub use code::Code;
+pub use labels::LabelVolume;
 pub use report::{Issue, Report, Severity};
 pub use source::SourceVolume;
 
@@ -100,6 +104,7 @@ use crate::grid::Shape;
 use crate::manifest::{Manifest, PartsBy};
 use crate::progress::Progress;
 use crate::volume::{RegionVoxels, Volume};
+use labels::CellLabels;
 use laws::Found;
 use report::Issues;
 use run::{Original, Run};
@@ -112,6 +117,8 @@ use tile::Context;
 pub struct VerifyOptions<'a> {
     /// The volume that the tiles were made from, with its region filled and cropped as the manifest says.
     pub against: Option<&'a dyn Volume>,
+    /// The labels that cells were made by, to be held against tiles and tables; with a volume alone.
+    pub labels: Option<LabelVolume<'a>>,
     /// The voxels of its region of interest, cropped as it is; needed if the region is a mask.
     pub region: Option<&'a RegionVoxels>,
     /// The header of that volume before it is cropped, to be compared with the source that the manifest states.
@@ -126,6 +133,7 @@ impl Default for VerifyOptions<'_> {
     fn default() -> Self {
         VerifyOptions {
             against: None,
+            labels: None,
             region: None,
             source: None,
             threads: 0,
@@ -141,7 +149,8 @@ impl Default for VerifyOptions<'_> {
 /// [`Error::Io`] if there is no readable `index.json`, or the system refuses to list a directory, to
 /// read the volume or to write temporary files; [`Error::Interrupted`] on request. Everything that
 /// is wrong with the tile set itself is an issue in the report. [`Error::Usage`] if a part of a tile
-/// set is to be compared with a volume, which has more surfaces.
+/// set is to be compared with a volume, which has more surfaces, or if there are labels of a set that was made without, or
+/// without a volume.
 pub fn verify(dir: &Path, options: &VerifyOptions, progress: &dyn Progress) -> Result<Report> {
     let start = Instant::now();
     let root = dir
@@ -161,6 +170,10 @@ pub fn verify(dir: &Path, options: &VerifyOptions, progress: &dyn Progress) -> R
                 "the whole that it was selected from",
             ));
         }
+        if options.labels.is_some() && options.against.is_none() {
+            let expected = "them together with --against, whose voxels they are of";
+            return Err(Error::usage("--labels", "labels alone", expected));
+        }
         if let (Some(source), Some(volume)) = (options.source, options.against) {
             source::check(&manifest, source, &volume.header().placement, &mut issues);
         }
@@ -168,13 +181,17 @@ pub fn verify(dir: &Path, options: &VerifyOptions, progress: &dyn Progress) -> R
         if options.against.is_none() {
             found.unproved = unproved(&manifest);
         }
-        found.unproved.extend(unproved_cells(&manifest));
+        let labelled = options.labels.is_some();
+        found.unproved.extend(unproved_cells(&manifest, labelled));
         let against = options.against.is_some();
         found.unproved.extend(unproved_walls(&manifest, against));
         found.part = manifest.is_part();
         let cx = Context::new(&root, &manifest, options.region, options.max_issues);
         cx.edge.check(&manifest, &mut issues)?;
-        let original = Original::new(options.against, &cx, progress, &mut issues)?;
+        let mut original = Original::new(options.against, &cx, progress, &mut issues)?;
+        if let (Some(original), Some(labels)) = (&mut original, options.labels) {
+            original.labels = CellLabels::find(labels, &manifest, progress, &mut issues)?;
+        }
         let mut sweep = Run::new(&cx, &pool, progress).tiles(original, &mut found, &mut issues)?;
         found.counts.edges += sweep.matched;
         let walls = sweep.walls.take();
@@ -203,9 +220,10 @@ fn unproved(manifest: &Manifest) -> Vec<String> {
     mask.into_iter().chain(dust).collect()
 }
 
-/// What of cells that are parts of components neither tiles nor the volume prove.
-fn unproved_cells(manifest: &Manifest) -> Option<String> {
+/// What of cells that are parts of components neither tiles nor the volume prove; `labelled` if the labels are there.
+fn unproved_cells(manifest: &Manifest, labelled: bool) -> Option<String> {
     const CELLS: &str = "which voxels each cell has, and where cells touch";
+    const TOUCHES: &str = "where cells touch, and the centroid, box and axes of those that do";
     let gapes = match manifest.may_gape() {
         true => {
             "; nor, of a part, what its tables say, and that the surface ends only where cells that were left out touched: verify the whole"
@@ -213,9 +231,10 @@ fn unproved_cells(manifest: &Manifest) -> Option<String> {
         false => "",
     };
     Some(match manifest.cells.as_ref()? {
-        PartsBy::Labels { file, .. } => {
-            format!("that the labels of {file} say {CELLS}{gapes}")
+        PartsBy::Labels { file, .. } if labelled => {
+            format!("that the labels of {file} say {TOUCHES}")
         }
+        PartsBy::Labels { file, .. } => format!("that the labels of {file} say {CELLS}{gapes}"),
         PartsBy::Split { .. } => format!("that the rule of necks says {CELLS}{gapes}"),
     })
 }
@@ -246,6 +265,7 @@ fn report(found: Found, issues: Issues, options: &VerifyOptions, start: Instant)
     Report {
         ok: !issues.any_error(),
         against: options.against.is_some(),
+        labels: options.labels.is_some(),
         part: found.part,
         unproved: found.unproved,
         tiles: found.tiles,

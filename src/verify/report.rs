@@ -116,6 +116,9 @@ pub struct Report {
     pub ok: bool,
     /// True if the tiles were also compared with the volume.
     pub against: bool,
+    /// True if cells were compared with the labels that they were made by; absent if they were not.
+    #[serde(skip_serializing_if = "std::ops::Not::not")]
+    pub labels: bool,
     /// True if the set says that it is a part of another one: then what holds for all components together, and the
     /// measures of objects that have lost surfaces, are not proven. Absent in JSON if it does not.
     #[serde(skip_serializing_if = "std::ops::Not::not")]

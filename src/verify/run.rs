@@ -6,6 +6,7 @@ use super::code::Code;
 use super::dust::Filled;
 use super::foreign;
 use super::index::{self, Tiles};
+use super::labels::CellLabels;
 use super::laws::Found;
 use super::ledger::Ledger;
 use super::report::Issues;
@@ -28,6 +29,8 @@ pub(super) struct Original<'a> {
     band: Band<'a>,
     rule: Rule,
     voxels: Voxels,
+    /// The labels that cells were made by, if they are there.
+    pub labels: Option<CellLabels<'a>>,
 }
 
 impl<'a> Original<'a> {
@@ -62,6 +65,7 @@ impl<'a> Original<'a> {
                 triangles: CubeTriangles::new(manifest.ambiguous),
             },
             voxels: Voxels::default(),
+            labels: None,
         }))
     }
 
@@ -69,6 +73,7 @@ impl<'a> Original<'a> {
         Samples {
             band: &self.band,
             rule: &self.rule,
+            labels: self.labels.as_ref(),
         }
     }
 }
@@ -288,7 +293,10 @@ impl<'a> Run<'a> {
                 self.check_layers(stream, &mut state)
             })?;
         }
-        state.found.voxels = state.original.map(|o| o.voxels);
+        if let Some(original) = state.original {
+            state.found.voxels = Some(original.voxels);
+            state.found.by_labels = original.labels.map(CellLabels::into_counts);
+        }
         Ok(state.sweep)
     }
 
@@ -354,7 +362,11 @@ impl<'a> Run<'a> {
         };
         for y in 0..rows {
             if let Some(original) = &mut state.original {
-                original.band.load([y, z], &self.cx.region([0, y, z]))?;
+                let region = self.cx.region([0, y, z]);
+                original.band.load([y, z], &region)?;
+                if let Some(labels) = &mut original.labels {
+                    labels.load(&region)?;
+                }
             }
             let mut x = 0;
             while x < nx {
@@ -401,6 +413,9 @@ impl<'a> Run<'a> {
         if let Some(original) = &mut state.original {
             original.voxels.above += outcome.voxels.above;
             original.voxels.nan += outcome.voxels.nan;
+            if let Some(labels) = &mut original.labels {
+                labels.add(&outcome.cells)?;
+            }
         }
         if let Some(front) = outcome.front {
             state.found.tiles += 1;

@@ -6,6 +6,7 @@ use super::closed::TILES;
 use super::code::Code;
 use super::edges::Edges;
 use super::files::{self, Expected};
+use super::labels::CellLabels;
 use super::parts::{PartSums, Weld};
 use super::piece::{Flaw, Piece, Region};
 use super::region_edge::{RegionEdge, TileEdge};
@@ -107,6 +108,8 @@ pub(super) struct Outcome {
     pub front: Option<TileFront>,
     pub counts: Counts,
     pub voxels: Voxels,
+    /// Cells with their voxels by the labels, if these are there.
+    pub cells: Vec<[u64; 2]>,
     pub issues: Issues,
 }
 
@@ -132,6 +135,8 @@ pub(super) struct Workspace {
 pub(super) struct Samples<'a> {
     pub band: &'a Band<'a>,
     pub rule: &'a Rule,
+    /// The labels that cells were made by.
+    pub labels: Option<&'a CellLabels<'a>>,
 }
 
 /// Checks a tile that has been read. Called as it is named, for the counts of its instructions.
@@ -161,8 +166,8 @@ pub(super) fn check(
     let (counts, region) = (work.counts, work.region);
     let faces = work.sound.then_some(work.faces);
     let (components, parts) = (work.components, work.parts);
-    let mut voxels = Voxels::default();
-    if let Some(Samples { band, rule }) = original {
+    let (mut voxels, mut cells) = (Voxels::default(), Vec::new());
+    if let Some(Samples { band, rule, labels }) = original {
         let mut flaws = Vec::new();
         if faces.is_none() {
             ws.mesh.begin(&region, rule.cap);
@@ -170,6 +175,14 @@ pub(super) fn check(
         voxels = band.compare(&region, rule, &mut ws.mesh, &mut flaws);
         if !issues.broken() {
             differences(&entry.path, &flaws, &mut issues);
+        }
+        if let Some(labels) = labels {
+            let begins = ws.weld.begins().filter(|_| faces.is_some());
+            let found = labels.compare(&region, &ws.mesh, begins);
+            if let Some(misplaced) = found.misplaced.filter(|_| !issues.broken()) {
+                issues.push(misplaced.issue(&entry.path));
+            }
+            cells = found.counts;
         }
     }
     let chords = match &cx.walls {
@@ -182,6 +195,7 @@ pub(super) fn check(
     };
     Outcome {
         voxels,
+        cells,
         front: Some(TileFront {
             grid: entry.grid,
             region,
@@ -215,7 +229,7 @@ pub(super) fn empty(
     original: Samples,
     ws: &mut Workspace,
 ) -> Outcome {
-    let Samples { band, rule } = original;
+    let Samples { band, rule, labels } = original;
     let mut issues = Issues::new(cx.max_issues);
     let mut flaws = Vec::new();
     let region = cx.region(grid);
@@ -223,10 +237,12 @@ pub(super) fn empty(
     let voxels = band.compare(&region, rule, &mut ws.mesh, &mut flaws);
     let path = format!("macrocube {} {} {}", grid[0], grid[1], grid[2]);
     differences(&path, &flaws, &mut issues);
+    let found = labels.map(|labels| labels.compare(&region, &ws.mesh, std::iter::empty()));
     Outcome {
         front: None,
         counts: Counts::default(),
         voxels,
+        cells: found.unwrap_or_default().counts,
         issues,
     }
 }

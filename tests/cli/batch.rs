@@ -335,6 +335,18 @@ fn rows_of_tile_sets_that_are_there_stay() {
         last.contains("1 of 2 scans") && last.contains("one of them has a tile set from before"),
         "{errors}"
     );
+    // the row tells of that, so it does not say why
+    assert!(
+        last.contains("said above and by --json") && !last.contains("column `error`"),
+        "{errors}"
+    );
+    let by_method = other.replace("--threshold 90 --cap", "--threshold otsu");
+    let errors = stderr(&alvis(dir, &words(&by_method)));
+    let told = errors.split("--threshold was 120 and is ").nth(1);
+    assert!(
+        told.is_some_and(|it| it.contains("(by Otsu's method)")),
+        "{errors}"
+    );
     let after = rows();
     assert_eq!(after[..2], before.0[..]);
     assert_eq!(row(&after, "c")["threshold"], "90");

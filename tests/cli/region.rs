@@ -294,6 +294,28 @@ fn bad_regions_get_one_message() {
     assert!(message.contains("the first voxel at [5"), "{message}");
     std::fs::write(dir.join("m.mhd"), mask("0.2 0.2 0.2")).unwrap();
     run(dir, &format!("{placed} --quiet"));
+    // of two arrays none is chosen
+    let array = |name: &str| {
+        let values = "1 ".repeat(40 * 40 * 12);
+        format!("<DataArray type=\"UInt8\" Name=\"{name}\" format=\"ascii\">{values}</DataArray>")
+    };
+    let extent = "0 39 0 39 0 11";
+    let vti = format!(
+        "<VTKFile type=\"ImageData\" byte_order=\"LittleEndian\"><ImageData WholeExtent=\"{extent}\"><Piece \
+         Extent=\"{extent}\"><PointData>{}{}</PointData></Piece></ImageData></VTKFile>",
+        array("a"),
+        array("b")
+    );
+    std::fs::write(dir.join("two.vti"), vti).unwrap();
+    for option in ["--roi mask:", "--labels "] {
+        let line = format!("convert {INPUT} parts --threshold 110 {option}two.vti");
+        let message = fails(dir, &words(&line));
+        assert!(
+            message.contains("two.vti, of which one part has to be chosen")
+                && message.contains("a file of its own"),
+            "{message}"
+        );
+    }
     let inner = convert.replace(" out ", " out/inner ");
     let message = fails(dir, &words(&inner));
     assert!(

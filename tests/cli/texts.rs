@@ -180,6 +180,57 @@ fn wrong_use_is_one_message_and_status_2() {
         (&["phantom", "foam", "b.raw", "--dims", "1,2,2"], "dims"),
         (&["man", "frobnicate"], "convert"),
         (&["info", "a.raw", "--threads", "0"], "--threads"),
+        (
+            &[
+                "convert",
+                "a.raw",
+                "out",
+                "--threshold",
+                "1",
+                "--split",
+                "--split-h",
+                "-1",
+            ],
+            "from 0 to 256",
+        ),
+        (
+            &[
+                "convert",
+                "a.raw",
+                "out",
+                "--threshold",
+                "1",
+                "--split",
+                "--split-min-radius",
+                "257",
+            ],
+            "from 0 to 256",
+        ),
+        (
+            &[
+                "convert",
+                "a.raw",
+                "out",
+                "--threshold",
+                "1",
+                "--split",
+                "-0.5",
+            ],
+            "from 0.001 to 1",
+        ),
+        (
+            &[
+                "convert",
+                "a.raw",
+                "out",
+                "--threshold",
+                "1",
+                "--split",
+                "1.01",
+            ],
+            "from 0.001 to 1",
+        ),
+        (&["verify", ".", "--labels", "a.raw"], "--against"),
     ] {
         let message = fails(dir.path(), args);
         assert!(message.contains(part), "{args:?}: {message}");

@@ -3,7 +3,10 @@
 use crate::edit::{Place, Set};
 use crate::glb::Tile;
 use crate::{check, codes, compare, noise};
-use alvis::verify::{Code, Report};
+use alvis::grid::{Dims, Placement};
+use alvis::progress::Quiet;
+use alvis::verify::{Code, LabelVolume, Report, VerifyOptions, verify};
+use alvis::volume::MemoryVolume;
 use std::collections::{BTreeMap, BTreeSet};
 use std::fs;
 use std::path::Path;
@@ -97,6 +100,130 @@ impl Scan {
         };
         compare(dir, &field)
     }
+
+    /// That of the labels, as the index has it.
+    fn checksum(&self) -> String {
+        let mut crc = crc32fast::Hasher::new();
+        for row in self.labels.chunks(self.dims[0]) {
+            for (x, label) in row.iter().enumerate() {
+                if x == 0 || row[x - 1] != *label {
+                    crc.update(&(x as u64).to_le_bytes());
+                    crc.update(&u64::from(*label).to_le_bytes());
+                }
+            }
+        }
+        format!("crc32:{:08x}", crc.finalize())
+    }
+
+    /// The same with the labels of a file of this name.
+    fn compare_labelled(&self, dir: &Path, name: &str) -> alvis::Result<Report> {
+        let dims = Dims(self.dims.map(|n| n as u32));
+        let of = Placement::default();
+        let samples = MemoryVolume::new(dims, of, self.samples.clone()).unwrap();
+        let labels = MemoryVolume::new(dims, of, self.labels.clone()).unwrap();
+        let options = VerifyOptions {
+            against: Some(&samples),
+            labels: Some(LabelVolume {
+                name,
+                volume: &labels,
+            }),
+            ..VerifyOptions::default()
+        };
+        verify(dir, &options, &Quiet)
+    }
+}
+
+/// What the labels are is proved in all forms, and what labels differ in is told.
+#[test]
+fn cells_are_held_against_their_labels() {
+    let forms: [&[&str]; 4] = [
+        &["--macrocube", "5"],
+        &["--macrocube", "4,30,3", "--cap", "--min-voxels", "4"],
+        &["--macrocube", "6", "--for", "web"],
+        &[
+            "--macrocube",
+            "5",
+            "--ambiguous",
+            "join",
+            "--crop",
+            "2:15,1:12,3:14",
+        ],
+    ];
+    for (seed, form) in (20u64..).zip(forms) {
+        let dir = tempfile::tempdir().unwrap();
+        let scan = Scan::new(seed, [17, 14, 15], 2 + seed as usize % 4, seed % 2 == 1);
+        scan.convert(dir.path(), "own", true, form);
+        let mut line = vec!["verify", "own", "--against", "scan.raw"];
+        line.extend(["--labels", "labels.raw"]);
+        let output = Command::new(env!("CARGO_BIN_EXE_alvis"))
+            .current_dir(dir.path())
+            .args(&line)
+            .output()
+            .unwrap();
+        let said = String::from_utf8_lossy(&output.stdout).into_owned();
+        assert!(output.status.success(), "{form:?}: {said}");
+        assert!(said.contains("the cells are those of the labels"), "{said}");
+    }
+    let dir = tempfile::tempdir().unwrap();
+    let scan = Scan::pockets();
+    scan.convert(dir.path(), "own", true, &["--macrocube", "8"]);
+    scan.convert(dir.path(), "plain", false, &["--macrocube", "8"]);
+    let own = dir.path().join("own");
+    let report = scan.compare_labelled(&own, "labels.raw").unwrap();
+    assert!(
+        report.ok && report.labels && report.issues.is_empty(),
+        "{report:#?}"
+    );
+    let renamed = scan.compare_labelled(&own, "others.raw").unwrap();
+    assert!(renamed.ok && codes(&renamed).iter().eq([&Code::SourceMismatch]));
+    let refused = scan.compare_labelled(&dir.path().join("plain"), "labels.raw");
+    assert!(refused.unwrap_err().to_string().contains("--labels"));
+    // other labels, of which the index states the checksum
+    let below = |i: usize| scan.samples[i] < scan.threshold;
+    let steps = [1, scan.dims[0], scan.dims[0] * scan.dims[1]];
+    let place = |i: usize| [i % 22, i / 22 % 20, i / 440];
+    let inner = |i: usize| (place(i).iter().zip(scan.dims)).all(|(p, n)| *p > 0 && p + 1 < n);
+    let is_seen = |i: usize| steps.iter().any(|s| !below(i + s) || !below(i - s));
+    let all = || (0..scan.samples.len()).filter(|&i| scan.labels[i] != 0);
+    let inside = || all().filter(|&i| below(i) && inner(i));
+    let hidden = inside().find(|&i| !is_seen(i)).unwrap();
+    let label = scan.labels[hidden];
+    let another = inside().map(|i| scan.labels[i]).find(|&l| l != label);
+    let another = another.unwrap();
+    let relabelled = |voxels: &[usize], label: u16| {
+        let mut other = Scan::pockets();
+        voxels.iter().for_each(|&i| other.labels[i] = label);
+        assert_ne!(other.labels, scan.labels);
+        let unsealed = other.compare_labelled(&own, "labels.raw").unwrap();
+        assert!(codes(&unsealed).contains(&Code::SourceMismatch));
+        let copy = dir.path().join("copy");
+        copy_all(&own, &copy);
+        let set = Set(&copy);
+        set.manifest(|manifest| manifest["cells"]["checksum"] = other.checksum().into());
+        set.seal();
+        let report = other.compare_labelled(&copy, "labels.raw").unwrap();
+        fs::remove_dir_all(copy).unwrap();
+        codes(&report)
+    };
+    let is = |found: BTreeSet<Code>, expected: &[Code]| found.iter().eq(expected);
+    assert_eq!(scan.checksum(), set_checksum(&own));
+    let in_material = all().find(|&i| !below(i)).unwrap();
+    assert!(is(relabelled(&[in_material], another), &[]));
+    assert!(is(relabelled(&[hidden], another), &[Code::TableValue]));
+    // a cell that no table has
+    let found = relabelled(&[hidden], 2);
+    assert!(is(found, &[Code::TableRows, Code::TableValue]));
+    // a voxel at which triangles begin
+    let mut at_walls = inside().filter(|&i| is_seen(i) && scan.labels[i] == label);
+    assert!(at_walls.any(|i| is(relabelled(&[i], another), &[Code::CellMixed])));
+    let of_label: Vec<usize> = all().filter(|&i| scan.labels[i] == label).collect();
+    assert!(is(relabelled(&of_label, label + 1), &[Code::CellMixed]));
+}
+
+fn set_checksum(dir: &Path) -> String {
+    let text = fs::read(dir.join("index.json")).unwrap();
+    let index: serde_json::Value = serde_json::from_slice(&text).unwrap();
+    index["cells"]["checksum"].as_str().unwrap().to_owned()
 }
 
 /// Whatever the form, the cut and the labels, the set is sound, and its surface that of the set without labels.

@@ -3,7 +3,7 @@
 use crate::convert::cells::contacts::{Contact, Contacts};
 use crate::convert::known_band::KnownBand;
 use crate::grid::{Ambiguous, Dims, Placement};
-use crate::labels::{BandCells, InsideBand, RowRuns, Run, for_each_region_edge};
+use crate::labels::{BandCells, InsideBand, RowRuns, Run, for_each_region_edge, label_below_0};
 use crate::measure::{Row, VoxelSums, power_sums};
 use std::collections::HashMap;
 
@@ -29,9 +29,20 @@ pub struct CellPart {
     pub sums: VoxelSums,
 }
 
+/// A voxel of a component with a label below 0.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
+pub struct BelowZero {
+    /// Its place, z first.
+    pub zyx: [u32; 3],
+    /// Its label.
+    pub label: i64,
+}
+
 /// What is found in a band.
 #[derive(Debug, Default)]
 pub struct CellsOfBand {
+    /// The first voxel whose label is none that it may have.
+    pub below_0: Option<BelowZero>,
     /// Parts of cells.
     pub parts: Vec<CellPart>,
     /// Pairs of cells that touch.
@@ -133,6 +144,11 @@ impl Finder<'_> {
                     }
                     let cells = self.cells;
                     cells.for_each_in(s * span.rows() + r, [start, end], |start, end, cell| {
+                        if let Some(label) = label_below_0(cell) {
+                            let zyx = [z, y, start];
+                            self.found.below_0.get_or_insert(BelowZero { zyx, label });
+                            return;
+                        }
                         let number = self.number(cell, class);
                         let sums = &mut self.found.parts[number as usize].sums;
                         if owned {

@@ -12,7 +12,7 @@ pub use opening::Opening;
 pub use split::metric;
 
 use crate::checkpoint::{Checkpointer, Marks};
-use crate::convert::cells::band::{CellPart, CellSettings, CellsOfBand, cells_of_band};
+use crate::convert::cells::band::{BelowZero, CellPart, CellSettings, CellsOfBand, cells_of_band};
 use crate::convert::cells::contacts::Contact;
 use crate::convert::cells::split::{SplitCells, split_cells};
 use crate::convert::conversion::Conversion;
@@ -101,13 +101,15 @@ struct Gathered {
     parts: Sorter<CellInComponent>,
     contacts: Sorter<Contact>,
     unlabelled: u64,
+    /// The first voxel of a component whose label is below 0.
+    below_0: Option<BelowZero>,
 }
 
 /// Finds the cells, where these are given: by labels, or by a rule for necks. What splitting finds is kept beside the labels,
 /// of whose files `marks` tells.
 ///
 /// # Errors
-/// [`Error::Io`], [`Error::TooDense`] and [`Error::Interrupted`].
+/// [`Error::Io`], [`Error::TooDense`] and [`Error::Interrupted`]; [`Error::Usage`] if a voxel below has a label below 0.
 pub fn cells(
     input: &CellsInput,
     marks: &Marks,
@@ -145,6 +147,7 @@ fn sum_cells(
         parts: Sorter::new(input.work, ROOM)?,
         contacts: Sorter::new(input.work, ROOM)?,
         unlabelled: 0,
+        below_0: None,
     });
     // no more bands at once than for labelling
     let at_once = job.plan.bands_at_once as usize;
@@ -162,6 +165,9 @@ fn sum_cells(
         })?;
     }
     let gathered = into_inner(gathered);
+    if let Some(found) = gathered.below_0 {
+        return Err(refused(found, &rows));
+    }
     let openings = match openings {
         Some(openings) => openings,
         None => input.merge_contacts(gathered.contacts)?,
@@ -174,6 +180,16 @@ fn sum_cells(
         unlabelled: gathered.unlabelled,
         curve: Vec::new(),
     })
+}
+
+/// A label that no pore may have.
+fn refused(BelowZero { zyx, label }: BelowZero, rows: &CellRows) -> Error {
+    let [z, y, x] = zyx;
+    let [x, y, z] = rows.in_whole([x, y, z]);
+    let found = format!("label {label} at voxel {x}, {y}, {z}, which is below the threshold");
+    let expected = "labels from 0 on of voxels below, of which 0 is no cell of its own";
+    Error::usage("--labels", found, expected)
+        .with_hint("give such voxels label 0; labels of voxels above are not looked at")
 }
 
 impl CellsInput<'_> {
@@ -227,6 +243,7 @@ impl CellsInput<'_> {
 
 impl Gathered {
     fn add(&mut self, found: CellsOfBand, none: u64) -> Result<()> {
+        self.below_0 = [self.below_0, found.below_0].into_iter().flatten().min();
         for CellPart {
             cell,
             component,

@@ -4,7 +4,7 @@ use crate::convert::known_band::{KnownBand, KnownBands};
 use crate::convert::label::span_of;
 use crate::convert::memory::BANDS;
 use crate::error::Result;
-use crate::labels::{BandCells, CellRows, NeededRows, Voxels};
+use crate::labels::{BandCells, CellRows, NeededRows, RowRuns, Run, Voxels};
 use crate::surface::{Sizes, TileBox};
 use crate::sys::memory_pool::{MemoryPool, MemoryReservation};
 use crate::volume::{Volume, Voxel};
@@ -19,6 +19,8 @@ pub struct MeshBand<T> {
     pub known: KnownBand,
     /// The cells of its voxels, where these are given.
     pub cells: BandCells,
+    /// The cell of each component, if all voxels of it that are here are in one.
+    pub cell_of_class: Vec<Option<u64>>,
     /// What its tiles need, by rising x.
     pub sizes: Vec<Sizes>,
     /// The memory of all this.
@@ -38,6 +40,30 @@ pub struct BandLoader<'a> {
     pub cap: bool,
     /// Where the bands' memory is taken from.
     pub memory: &'a Arc<MemoryPool>,
+}
+
+/// Finds the components of which all voxels in a band are in one cell.
+fn cells_of_classes(known: &KnownBand, cells: &BandCells, out: &mut Vec<Option<u64>>) {
+    let bits = &known.bits;
+    out.clear();
+    out.resize(known.components.len(), None);
+    let mut seen = vec![false; out.len()];
+    let mut run_number = 0;
+    for row in 0..bits.span.rows() * bits.span.slices() {
+        let words = &bits.words[row * bits.row_words..][..bits.row_words];
+        for Run { start, end, above } in RowRuns::new(words, bits.span.nx) {
+            let class = known.class_of_run[run_number] as usize;
+            run_number += 1;
+            if !above {
+                cells.for_each_in(row, [start, end], |_, _, cell| {
+                    match std::mem::replace(&mut seen[class], true) {
+                        false => out[class] = Some(cell),
+                        true => out[class] = out[class].filter(|known| *known == cell),
+                    }
+                });
+            }
+        }
+    }
 }
 
 impl BandLoader<'_> {
@@ -73,10 +99,14 @@ impl BandLoader<'_> {
         stored.samples(&kept, self.volume, &needed, samples, &mut band.voxels)?;
         if let Some(cells) = self.cells {
             cells.load(&span, &mut band.cells)?;
-            band.held.grow_to(fixed + band.cells.bytes())?;
+            band.held
+                .grow_to(fixed + band.cells.bytes() + 16 * kept.components())?;
         }
         self.known
             .load(number, &kept, &kinds, span, &mut band.known)?;
+        if self.cells.is_some() {
+            cells_of_classes(&band.known, &band.cells, &mut band.cell_of_class);
+        }
         let tiles = 0..tiles_x;
         let boxes = tiles.clone().map(|tx| TileBox::of(tiling, [tx, ty, tz]));
         band.sizes.clear();

@@ -7,7 +7,7 @@ use crate::convert::mesh::tile_writer::{TileRecord, WrittenPiece};
 use crate::convert::mesh::workspace_pool::Workspace;
 use crate::error::Result;
 use crate::measure::{AreaScale, MeshSums};
-use crate::surface::{BandView, MeshSettings, TileBox};
+use crate::surface::{BandView, CellsView, MeshSettings, TileBox};
 use crate::tile::MAX_NODES;
 use crate::volume::Voxel;
 
@@ -43,7 +43,10 @@ impl Meshing<'_> {
             bits: &band.known.bits,
             runs: &band.known.runs,
             class_of_run: &band.known.class_of_run,
-            cells: self.cells.map(|_| &band.cells),
+            cells: self.cells.map(|_| CellsView {
+                of_voxels: &band.cells,
+                of_class: &band.cell_of_class,
+            }),
         };
         let tile = TileBox::of(self.job.plan.tiling, grid);
         let sizes = &band.sizes[grid[0] as usize];

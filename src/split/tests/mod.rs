@@ -4,7 +4,7 @@ mod phantoms;
 mod reference;
 mod shapes;
 
-use super::distance::{Block, Level, levels};
+use super::distance::{Block, DistanceBuffers, Level, levels};
 use super::*;
 use crate::grid::Dims;
 use crate::progress::Quiet;
@@ -277,9 +277,10 @@ fn levels_of<T: Level>(solid: &Solid, metric: &Metric, grid: SlabGrid) -> Vec<u6
     let bits = bits::SolidBits::gather(&mut source, grid, metric.reach(), dir.path(), &Quiet);
     let bits = bits.unwrap();
     let mut all = vec![None; solid.voxels.len()];
+    let mut buffers = DistanceBuffers::default();
     for block in grid.blocks() {
         let Block { y, z, .. } = block.clone();
-        let levels = levels::<T>(&bits, metric, &block).unwrap();
+        let levels = levels::<T>(&bits, metric, &block, &mut buffers).unwrap();
         for k in z.start.saturating_sub(1)..(z.end + 1).min(grid.dims.0[2]) {
             for j in y.start.saturating_sub(1)..(y.end + 1).min(grid.dims.0[1]) {
                 let row = levels.row((j + 1 - y.start) as usize, (k + 1 - z.start) as usize);

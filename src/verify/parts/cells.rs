@@ -105,6 +105,11 @@ impl<'a> CellTable<'a> {
         !self.table.lines.damaged
     }
 
+    /// Where the last row stands.
+    pub fn place(&self) -> String {
+        self.table.lines.place()
+    }
+
     /// Voxels of the last row.
     pub fn last_voxels(&self) -> Option<f64> {
         self.last_voxels
@@ -131,7 +136,6 @@ impl<'a> CellTable<'a> {
         let most = self.cx.manifest.totals.components;
         if let Some(stated) = row.values[COMPONENT]
             && !(1.0..=most as f64).contains(&stated)
-            && !self.cx.manifest.is_part()
         {
             wrong.push(format!("component {stated}, of {most}"));
         }

@@ -8,6 +8,7 @@ use crate::error::Result;
 use crate::manifest::PartsBy;
 use crate::verify::code::Code;
 use crate::verify::components::ComponentRows;
+use crate::verify::labels::LabelCounts;
 use crate::verify::laws::{Found, FoundParts, Listed, Totals};
 use crate::verify::ledger::{ByComponent, Group, Kind, Ledger, Rows};
 use crate::verify::paint::Paints;
@@ -40,7 +41,7 @@ pub(super) struct OfComponents {
     pub necks: u64,
 }
 
-/// Checks all of it, as [`crate::verify::laws::check`] does where cells are the components.
+/// Checks all of it, as [`crate::verify::laws::check`] does where cells are the components. The set is no part of another.
 ///
 /// # Errors
 /// If temporary files cannot be written or read back.
@@ -75,7 +76,8 @@ pub(in crate::verify) fn check(
         necks: stated.necks,
     };
     let mut cells = stated.cells;
-    if let Some(of) = check_cells(of_cell, of_cells, cx)? {
+    let by_labels = found.by_labels.take();
+    if let Some(of) = check_cells(of_cell, by_labels, of_cells, cx)? {
         (cells, counts.necks) = (of.cells, of.necks);
         if let Some(count) = check_components(of, connected, of_components, &mut bodies, cx)? {
             counts.components = count;
@@ -134,13 +136,19 @@ fn check_surfaces(mut rows: Rows, listed: &mut Listed, cx: &Context) -> Result<S
 }
 
 /// Checks cells and necks with their tables; returns what is of each component, if all rows can be read.
-fn check_cells(mut of: OfCells, listed: &mut Listed, cx: &Context) -> Result<Option<OfComponents>> {
+fn check_cells(
+    mut of: OfCells,
+    by_labels: Option<LabelCounts>,
+    listed: &mut Listed,
+    cx: &Context,
+) -> Result<Option<OfComponents>> {
     let split = matches!(cx.manifest.cells, Some(PartsBy::Split { .. }));
     let mut necks = NeckTable::read(cx, split, listed)?;
     let Some(mut table) = CellTable::open(cx, &mut listed.unopened) else {
         return Ok(None);
     };
     let mut paints = Paints::open(cx.root, cx.manifest, Kind::Cell, &mut listed.unopened);
+    let mut by_labels = by_labels.map(LabelCounts::into_sorted).transpose()?;
     let mut sums = ByComponent::new();
     let [mut tiles, mut objects] = [0; 2].map(|_| Spill::new(PAIRS));
     let mut cells = 0;
@@ -151,6 +159,9 @@ fn check_cells(mut of: OfCells, listed: &mut Listed, cx: &Context) -> Result<Opt
         let own_necks = necks.of_cell(&row, listed)?;
         let known = necks.is_whole.then_some(&own_necks);
         table.check(&row, pieces.as_ref(), &begins, known, listed)?;
+        if let Some(by_labels) = &mut by_labels {
+            by_labels.compare(row.id, table.last_voxels(), &table.place(), listed)?;
+        }
         let component = row.component().unwrap_or(0);
         let mut euler_fits = true;
         of.objects.each(row.id, |object| {
@@ -178,6 +189,9 @@ fn check_cells(mut of: OfCells, listed: &mut Listed, cx: &Context) -> Result<Opt
     pieces_of(u64::MAX, &mut of.sums, listed)?;
     necks.finish(listed)?;
     check_unlabelled(table.last_voxels(), listed, cx);
+    if let Some(by_labels) = by_labels {
+        by_labels.finish(cx.manifest, listed)?;
+    }
     if let Some(paints) = &mut paints {
         paints.finish(&mut listed.values);
     }
@@ -238,7 +252,6 @@ fn check_unlabelled(last: Option<f64>, listed: &mut Listed, cx: &Context) {
     };
     if let Some(stated) = unlabelled
         && last != Some(*stated as f64)
-        && !cx.manifest.is_part()
     {
         let message = format!(
             "found {stated}, the last cell, which is that of voxels without a label, has {} voxels",

@@ -9,7 +9,7 @@ use crate::verify::components::{
     AREA, BORDER, CENTROID, COLUMNS, ComponentRows, ROUNDING, VOXELS, Wrong, compare, stated_box,
 };
 use crate::verify::laws::Listed;
-use crate::verify::ledger::{Group, Kind};
+use crate::verify::ledger::{Group, Kind, Rows};
 use crate::verify::spill::{Merge, Spill};
 use crate::verify::tables::Table;
 use crate::verify::tile::Context;
@@ -149,100 +149,163 @@ pub(super) fn check_components(
     bodies: &mut ComponentRows,
     cx: &Context,
 ) -> Result<Option<u64>> {
-    let Some(mut table) = Table::open(cx, Kind::Component, &mut listed.unopened) else {
+    let Some(table) = Table::open(cx, Kind::Component, &mut listed.unopened) else {
         return Ok(None);
     };
     let mut merge = of.shares.into_sorted()?;
-    let mut sorted = Sorted {
+    let mut shares = Sorted {
         next: merge.next()?,
         merge,
     };
-    let in_several = sorted.of(0)?;
-    let mut sums = of.sums.into_sorted()?;
-    let mut tiles = Pairs::of(of.tiles)?;
-    let (mut left, mut open, mut sound) = (0.0, 0, true);
-    while let Some(row) = table.lines.next_row(&mut listed.values) {
+    let mut check = Check {
+        in_several: shares.of(0)?,
+        cx,
+        connected,
+        table,
+        shares,
+        sums: of.sums.into_sorted()?,
+        tiles: Pairs::of(of.tiles)?,
+        left: 0.0,
+        open: 0,
+        sound: true,
+    };
+    while let Some(row) = check.table.lines.next_row(&mut listed.values) {
+        if !check.row(&row, listed, bodies)? {
+            break;
+        }
+    }
+    if check.table.lines.damaged || !check.finish(listed) {
+        return Ok(None);
+    }
+    let several = check.in_several.cells > 0;
+    check_objects(of.objects, connected, several, listed)?;
+    Ok(Some(listed.laws.count))
+}
+
+/// The table of components while it is checked.
+struct Check<'a> {
+    cx: &'a Context<'a>,
+    connected: u64,
+    table: Table,
+    shares: Sorted,
+    /// Those of cells that have voxels in several components.
+    in_several: Shares,
+    /// What pieces say, by components.
+    sums: Rows,
+    tiles: Pairs,
+    /// Voxels that components have beside those of their own cells, and how many have some.
+    left: f64,
+    open: u64,
+    /// No row was found wrong.
+    sound: bool,
+}
+
+impl Check<'_> {
+    /// Checks a row; false if it is not the next one, and nothing can be said of those that follow.
+    fn row(
+        &mut self,
+        row: &[Option<f64>],
+        listed: &mut Listed,
+        bodies: &mut ComponentRows,
+    ) -> Result<bool> {
         let id = row[0].unwrap_or(0.0) as u64;
         if id != listed.laws.count + 1 {
             let message = format!("found id {id}, expected {}", listed.laws.count + 1);
-            listed
-                .values
-                .add(Code::TableRows, table.lines.place(), message);
-            table.lines.give_up();
-            break;
+            let at = self.table.lines.place();
+            listed.values.add(Code::TableRows, at, message);
+            self.table.lines.give_up();
+            return Ok(false);
         }
-        while sums.peek().is_some_and(|other| other < id) {
-            sums.next_group()?;
-        }
-        let mut group = match sums.peek() {
-            Some(other) if other == id => sums.next_group()?,
-            _ => None,
-        };
-        let mut count = 0;
-        tiles.each(id, |_| {
-            count += 1;
-            Ok(())
-        })?;
-        let shares = sorted.of(id)?;
+        let group = self.pieces_of(id)?;
+        let shares = self.shares.of(id)?;
         let rest = row[VOXELS].unwrap_or(f64::NAN) - shares.voxels;
-        left += rest;
-        open += u64::from(rest > 0.0);
+        self.left += rest;
+        self.open += u64::from(rest > 0.0);
         let mut wrong = Vec::new();
-        bodies.check_row(Kind::Component, &row, &mut wrong);
+        bodies.check_row(Kind::Component, row, &mut wrong);
         if rest == 0.0 {
-            shares.compare(&row, bodies, &mut wrong);
-            if connected == 0 {
-                group = Some(Group::single_phase());
-            }
-            match &mut group {
-                Some(group) => {
-                    group.total.cell_tiles = count;
-                    let body = group.body(Kind::Component, cx);
-                    listed.laws.add(group, body.as_ref(), &mut listed.own);
-                    table.component(&row, group, body.as_ref(), bodies, &mut wrong);
-                }
-                None => {
-                    listed.laws.pass(id);
-                    wrong.push("none of its cells has a surface".to_owned());
-                }
-            }
+            shares.compare(row, bodies, &mut wrong);
+            self.compare_body(row, group, listed, bodies, &mut wrong);
         } else {
             listed.laws.pass(id);
-            if !(rest > 0.0 && in_several.cells > 0) {
+            if !(rest > 0.0 && self.in_several.cells > 0) {
                 wrong.push(format!("its cells have {} voxels", shares.voxels));
             }
         }
         if !wrong.is_empty() {
-            sound = false;
+            self.sound = false;
             let message = format!("component {id}: {}", wrong.join("; "));
-            listed
-                .values
-                .add(Code::TableValue, table.lines.place(), message);
+            let at = self.table.lines.place();
+            listed.values.add(Code::TableValue, at, message);
         }
+        Ok(true)
     }
-    if table.lines.damaged {
-        return Ok(None);
+
+    /// The sums over the pieces of a component, with its tiles.
+    fn pieces_of(&mut self, id: u64) -> Result<Option<Group>> {
+        while self.sums.peek().is_some_and(|other| other < id) {
+            self.sums.next_group()?;
+        }
+        let mut group = match self.sums.peek() {
+            Some(other) if other == id => self.sums.next_group()?,
+            _ => None,
+        };
+        let mut count = 0;
+        self.tiles.each(id, |_| {
+            count += 1;
+            Ok(())
+        })?;
+        if self.connected == 0 {
+            group = Some(Group::single_phase());
+        }
+        if let Some(group) = &mut group {
+            group.total.cell_tiles = count;
+        }
+        Ok(group)
     }
-    let found = listed.laws.count;
-    // of a larger one, the row of the cell has been found wrong
-    let stated = cx.manifest.totals.components;
-    if let Some(id) = sums.peek().filter(|id| *id <= stated) {
-        let message = format!("found no row for component {id}, which has cells");
-        listed
-            .values
-            .add(Code::TableRows, &table.lines.path, message);
-        return Ok(None);
+
+    /// Compares the row of a component whose cells have all its voxels with the body that their pieces bound.
+    fn compare_body(
+        &self,
+        row: &[Option<f64>],
+        group: Option<Group>,
+        listed: &mut Listed,
+        bodies: &ComponentRows,
+        wrong: &mut Wrong,
+    ) {
+        let Some(group) = group else {
+            listed.laws.pass(listed.laws.count + 1);
+            wrong.push("none of its cells has a surface".to_owned());
+            return;
+        };
+        let body = group.body(Kind::Component, self.cx);
+        listed.laws.add(&group, body.as_ref(), &mut listed.own);
+        self.table
+            .component(row, &group, body.as_ref(), bodies, wrong);
     }
-    // cells of several components leave at least two of them with voxels of theirs
-    if sound && in_several.cells > 0 && found == stated && (left != in_several.voxels || open < 2) {
-        let message = format!(
-            "{} cells without a component have {} voxels, the cells of {open} components leave {left}",
-            in_several.cells, in_several.voxels
-        );
-        listed.values.add(Code::TableValue, "cells.csv", message);
+
+    /// Checks what is left when all rows have been seen; false if a row is missing.
+    fn finish(&self, listed: &mut Listed) -> bool {
+        // of a larger one, the row of the cell has been found wrong
+        let stated = self.cx.manifest.totals.components;
+        if let Some(id) = self.sums.peek().filter(|id| *id <= stated) {
+            let message = format!("found no row for component {id}, which has cells");
+            let at = self.table.lines.path.clone();
+            listed.values.add(Code::TableRows, at, message);
+            return false;
+        }
+        // cells of several components leave at least two of them with voxels of theirs
+        let (several, open, left) = (&self.in_several, self.open, self.left);
+        let all_seen = self.sound && listed.laws.count == stated;
+        if all_seen && several.cells > 0 && (left != several.voxels || open < 2) {
+            let message = format!(
+                "{} cells without a component have {} voxels, the cells of {open} components leave {left}",
+                several.cells, several.voxels
+            );
+            listed.values.add(Code::TableValue, "cells.csv", message);
+        }
+        true
     }
-    check_objects(of.objects, connected, in_several.cells > 0, listed)?;
-    Ok(Some(found))
 }
 
 /// Compares the pairs of a component and an object that have a surface with what is connected: each is of one pair, and each

@@ -15,8 +15,8 @@ const GATHERED: usize = 1 << 11;
 /// The part of a surface in a tile: of one cell and one object.
 #[derive(Debug, Clone, Copy, Default)]
 pub(in crate::verify) struct PartSums {
-    /// Its ids, which are those that its piece states, and its sums. A vertex on the seam of two parts counts with the
-    /// first one.
+    /// Its ids, which are those that its piece states, and its sums. A vertex on the seam of two parts counts with one of
+    /// them, whatever the tile.
     pub component: Component,
     /// The voxels below at which its triangles begin, which are of the cell.
     pub begins: Begins,

@@ -11,6 +11,7 @@ use crate::verify::piece::{Flaw, Piece, Sums, Tally, Vertex, position};
 use crate::verify::report::Issue;
 use crate::verify::rim::cell_is_low;
 use crate::verify::tile::{Work, Workspace};
+use std::cmp::Reverse;
 use std::collections::{HashMap, HashSet};
 
 /// The surface at hand; buffers are kept from tile to tile.
@@ -49,6 +50,13 @@ impl Weld {
     /// The voxels at which triangles begin, by rising numbers, with their cells, of a tile whose parts are all known.
     pub(in crate::verify) fn noted(&self) -> &[(u64, u64)] {
         &self.begins
+    }
+
+    /// The same by their places.
+    pub(in crate::verify) fn begins(&self) -> impl Iterator<Item = ([i32; 3], u64)> {
+        let voxel = |key: u64| [key & 0xFFFF, key >> 16 & 0xFFFF, key >> 32].map(|c| c as i32);
+        let noted = self.noted().iter();
+        noted.map(move |&(key, cell)| (voxel(key), cell))
     }
 
     /// Adds a piece as a part, of whose vertices the tile owns some; returns how many vertices other parts have, too, those
@@ -136,6 +144,28 @@ fn below([x, y, z, code]: Vertex, state: u8) -> [i32; 3] {
     voxel
 }
 
+/// The part with which each vertex of a surface counts: of the cubes that have triangles at it the last one by z, y and x
+/// decides, by the smallest cell of these triangles.
+fn counted_with(whole: &Piece, parts: &[Part]) -> Vec<usize> {
+    let none = (Reverse([i32::MIN; 3]), u64::MAX, 0);
+    let mut deciding = vec![none; whole.points.len()];
+    let ends = parts[1..].iter().map(|part| part.first);
+    let ends = ends.chain([whole.triangles.len()]);
+    for (number, (part, end)) in parts.iter().zip(ends).enumerate() {
+        for triangle in &whole.triangles[part.first..end] {
+            let corners = triangle.map(|v| position(whole.points[v as usize]));
+            let low = |a: usize| corners.iter().map(|corner| corner[a] >> 8).min();
+            let cube = [2, 1, 0].map(|a| low(a).unwrap_or(0));
+            for v in triangle {
+                let here = (Reverse(cube), part.label.ids.cell, number);
+                let known = &mut deciding[*v as usize];
+                *known = here.min(*known);
+            }
+        }
+    }
+    deciding.into_iter().map(|(.., part)| part).collect()
+}
+
 impl Work<'_, '_> {
     /// Takes a piece, whose vertices have been found sound, as a part of its surface. Caps are of no cell.
     pub(in crate::verify) fn part(
@@ -207,11 +237,12 @@ impl Work<'_, '_> {
     fn sum_parts(&mut self, parts: &[Part], ws: &mut Workspace) {
         let piece = &ws.piece;
         let outer = self.border_of(piece, &ws.edges.open);
+        let counted_with = counted_with(piece, parts);
         let ends = parts[1..]
             .iter()
             .map(|part| (part.first, part.first_vertex));
         let ends = ends.chain([(piece.triangles.len(), piece.points.len())]);
-        for (part, (end, end_vertex)) in parts.iter().zip(ends) {
+        for (number, (part, (end, end_vertex))) in parts.iter().zip(ends).enumerate() {
             let triangles = &piece.triangles[part.first..end];
             let label = &part.label;
             let own = part.first_vertex..end_vertex;
@@ -222,9 +253,12 @@ impl Work<'_, '_> {
                 inside: Inside::of_some(points, &piece.state[own], &self.region, place),
                 ..Sums::default()
             };
-            // counted where the last tile has them, which decides the part
-            let last = points.iter().filter(|p| self.region.is_last(position(**p)));
-            sums.vertices = last.count() as u64;
+            // where the last tile has them
+            let is_counted = |(with, point): &(&usize, &Vertex)| {
+                **with == number && self.region.is_last(position(**point))
+            };
+            let counted = counted_with.iter().zip(&piece.points).filter(is_counted);
+            sums.vertices = counted.count() as u64;
             for t in triangles {
                 let (area, volume6) = piece.measure(*t, self.cx.scale);
                 sums.area += area;

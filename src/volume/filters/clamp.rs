@@ -8,7 +8,7 @@ use crate::volume::{Volume, Voxel, with_voxel_type};
 /// The volume with its values kept between `low` and `high`, as [`Filter::Clamp`] says.
 ///
 /// # Errors
-/// [`crate::Error::Usage`] if no whole number of the volume's type lies between the two.
+/// [`crate::Error::Usage`] if no finite value of the volume's type lies between the two.
 pub(crate) fn clamped<'a>(
     inner: Box<dyn Volume + 'a>,
     low: f64,
@@ -30,6 +30,11 @@ pub(crate) fn clamped<'a>(
     }
     Ok(with_voxel_type!(dtype, T => {
         let [least, most] = [least, most].map(T::nearest);
+        // what is beyond a type of floats becomes infinite
+        if least.to_f64() == f64::INFINITY || most.to_f64() == f64::NEG_INFINITY {
+            let expected = format!("a range with a finite value of {dtype} in it");
+            return Err(Filter::Clamp { low, high }.refused(&format!("{low},{high}"), expected));
+        }
         EachSample::new(inner, move |v: T| clamp(v, least, most))
     }))
 }
@@ -93,5 +98,12 @@ mod tests {
             assert!(message.contains("from 0 to 255"), "{message}");
         }
         assert!(of([0.0f32; 8], 10.2, 10.8).is_ok());
+        for (low, high) in [(1e39, 1e40), (-1e40, -1e39)] {
+            let message = of([0.0f32; 8], low, high).unwrap_err().to_string();
+            assert!(message.contains("a finite value of f32"), "{message}");
+            assert!(of([0.0f64; 8], low, high).is_ok());
+        }
+        // one end within the type is enough
+        assert_eq!(of([7.0f32; 8], -1e40, 1e39).unwrap(), [7.0; 8]);
     }
 }

@@ -39,9 +39,11 @@ impl Levels {
     }
 
     /// How many bins lie between those that the lowest and the highest 0.1 % of the samples are in, both counted; `None`
-    /// if levels are single values, or if that is all of the range.
+    /// if levels are single values, if that is all of the range, or if all samples are in one bin.
     pub(crate) fn bins_of_most(&self) -> Option<usize> {
-        let most = self.without_ends(1e-3).filter(|_| !self.exact)?.count();
+        let differ = self.occupied().nth(1).is_some();
+        let most = self.without_ends(1e-3);
+        let most = most.filter(|_| !self.exact && differ)?.count();
         (most < self.counts.len()).then_some(most)
     }
 

@@ -33,8 +33,17 @@ const LEAST_REST: f64 = 0.2;
 pub(crate) struct Peaks {
     /// Their values, rising.
     pub(crate) values: [f64; 2],
-    /// Spikes at the ends of the range that would have been peaks: their values, and how many samples have them.
-    pub(crate) clipped: Vec<(f64, u64)>,
+    /// Spikes at the ends of the range that would have been peaks.
+    pub(crate) clipped: Vec<Spike>,
+}
+
+/// An end of the range that far more samples have than values near it.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(crate) struct Spike {
+    /// 0 the lowest value of all, 1 the highest.
+    pub(crate) end: usize,
+    /// Samples that have it, or are in its bin.
+    pub(crate) samples: u64,
 }
 
 /// The values of the tallest peak and of the one beside it that stands out most, by rising value; `None` if there is
@@ -65,8 +74,10 @@ pub(crate) fn two_peaks(levels: &Levels) -> Option<Peaks> {
             let off = |i: usize| (all[i] - seen.values[i]).abs();
             off(0).max(off(1)) <= 3.0 * seen.width
         };
-        let value = |i: usize| levels.low + levels.width * i as f64;
-        let clipped = spikes.iter().map(|&i| (value(i), levels.counts[i]));
+        let clipped = spikes.iter().map(|&i| Spike {
+            end: usize::from(Some(i) == last),
+            samples: levels.counts[i],
+        });
         return Some(match all.filter(|all| same(*all)) {
             Some(values) => Peaks {
                 values,
@@ -355,16 +366,20 @@ mod tests {
         );
     }
 
+    fn spike(end: usize, samples: u64) -> Spike {
+        Spike { end, samples }
+    }
+
     #[test]
     fn a_clipped_end_of_the_range_is_no_peak() {
         let counts = bells(256, &[[70.0, 9.0, 1e6], [170.0, 12.0, 3e5]]);
         let plain = values(&levels(true, 0.0, 1.0, counts.clone())).unwrap();
         for (ends, saturated) in [
-            (vec![(255, 200_000)], vec![(255.0, 200_000)]),
-            (vec![(0, 900_000)], vec![(0.0, 900_000)]),
+            (vec![(255, 200_000)], vec![spike(1, 200_000)]),
+            (vec![(0, 900_000)], vec![spike(0, 900_000)]),
             (
                 vec![(0, 400_000), (255, 90_000)],
-                vec![(255.0, 90_000), (0.0, 400_000)],
+                vec![spike(1, 90_000), spike(0, 400_000)],
             ),
         ] {
             let mut clipped = counts.clone();
@@ -378,7 +393,7 @@ mod tests {
         let mut wide = bells(65_536, &[[9000.0, 1500.0, 5e7], [40_000.0, 2500.0, 5e6]]);
         wide[65_535] = 4_000_000;
         let found = two_peaks(&levels(true, 0.0, 1.0, wide)).unwrap();
-        assert_eq!(found.clipped, [(65_535.0, 4_000_000)]);
+        assert_eq!(found.clipped, [spike(1, 4_000_000)]);
         assert!((found.values[1] - 40_000.0).abs() < 600.0, "{found:?}");
         // air whose noise was cut off below 0 is a material
         let mut air = bells(256, &[[0.0, 6.0, 1e6], [150.0, 12.0, 3e5]]);
@@ -391,7 +406,7 @@ mod tests {
         // and is one still if the other end is saturated
         air[255] = 100_000;
         let found = two_peaks(&levels(true, 0.0, 1.0, air)).unwrap();
-        assert_eq!(found.clipped, [(255.0, 100_000)]);
+        assert_eq!(found.clipped, [spike(1, 100_000)]);
         assert!((found.values[1] - 150.0).abs() < 3.0, "{found:?}");
         // two values with a few between, as of a phantom without noise
         let mut sharp = vec![40; 256];

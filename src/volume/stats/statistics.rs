@@ -82,10 +82,10 @@ impl Statistics {
 
     /// Says which values at the ends of the range are taken for clipped ones and not for a peak; `None` if none are.
     pub fn clipped(&self) -> Option<String> {
-        let clipped = two_peaks(self.levels.as_ref()?)?.clipped;
+        let (clipped, ends) = (two_peaks(self.levels.as_ref()?)?.clipped, self.range?);
         let each = clipped
             .iter()
-            .map(|(value, n)| format!("{} samples of {}", count(*n), number(*value, 6)));
+            .map(|s| format!("{} samples of {}", count(s.samples), number(ends[s.end], 6)));
         let each: Vec<String> = each.collect();
         (!each.is_empty()).then(|| {
             format!(
@@ -96,7 +96,12 @@ impl Statistics {
         })
     }
 
-    /// Share of all samples that are above a threshold, 0 to 1.
+    /// True if samples are counted by their values, and not in bins.
+    pub fn is_exact(&self) -> bool {
+        self.levels.as_ref().is_none_or(|levels| levels.exact)
+    }
+
+    /// Share of all samples that are above a threshold, 0 to 1: as exact as [`Statistics::voxels_above`].
     pub fn share_above(&self, threshold: f64) -> f64 {
         self.voxels_above(threshold) as f64 / self.voxels as f64
     }
@@ -398,6 +403,8 @@ mod tests {
         assert_eq!(of(far.clone()).coarse(), None);
         far[7] = 1e5;
         assert!(of(far.clone()).coarse().unwrap().contains("--clamp"));
+        // nor where all samples are the same
+        assert_eq!(of(vec![5000.0f32; 16]).coarse(), None);
         // what is counted one by one is never coarse
         let mut counted: Vec<u16> = far.iter().map(|v| (v * 10.0) as u16).collect();
         counted[7] = u16::MAX;
@@ -415,5 +422,22 @@ mod tests {
             1.0,
         ]);
         assert_eq!(wide.histogram.iter().sum::<u64>(), 8);
+    }
+
+    /// In bins, too, a clipped value is told as it is, and not as where its bin begins.
+    #[test]
+    fn a_clipped_value_is_told_as_it_is() {
+        for top in [65_535.0f32, 1.0] {
+            let heap = |middle: f32, i: u32| {
+                let spread = (i % 40 + i / 40 % 40 + i / 1600 % 40) as f32 / 1200.0;
+                (middle - 0.05 + spread) * top
+            };
+            let mut samples: Vec<f32> = (0..40_000).map(|i| heap(0.25, i)).collect();
+            samples.extend((0..20_000).map(|i| heap(0.6, i)));
+            samples.extend([top; 6000]);
+            let clipped = of(samples).clipped().unwrap();
+            let told = format!("6,000 samples of {top} are");
+            assert!(clipped.starts_with(&told), "{clipped}");
+        }
     }
 }

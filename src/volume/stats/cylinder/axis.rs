@@ -1,268 +1,356 @@
-//! The line through the middles of a sample in all slices, and the slices that show it.
+//! What each slice shows of a body: its outline. Those on which most slices agree give its axis, its tilt and its taper.
 
-use super::Means;
-use super::bodies::Bodies;
-use super::circle::{Circle, distance, near};
-use super::image::{Image, median};
-use super::slices::{Coarse, Raster, one_more};
+use super::SMALLEST;
+use super::circle::{Circle, DIRECTIONS, Outline, distance};
+use super::image::{Hidden, Image, median, split};
+use super::rim::Rim;
+use super::slices::{Picture, Raster, spread};
 use crate::error::Result;
 use crate::grid::Voxel;
 use crate::progress::Progress;
 use crate::volume::Volume;
+use std::f64::consts::PI;
 use std::ops::Range;
 
-/// How far from the circle that most means show that of a mean is looked for, as a share of its radius.
-const NEAR: f64 = 0.2;
 /// What a tilt may take of the radius.
 pub(super) const MOST_TILTED: f64 = 0.15;
-/// Pixels by which an axis moves between the lowest and the highest slice without being tilted.
-const UPRIGHT: f64 = 1.0;
+/// Voxels, or pixels where means of slices have fewer, by which a rim moves between the lowest and the highest slice without
+/// being tilted or tapered.
+const STRAIGHT: f64 = 1.5;
+/// By how many of its standard errors it does so at least.
+const CLEAR: f64 = 3.0;
+/// Slices that show the same body differ by so many pixels at most, or by this share of its radius.
+const ALIKE: [f64; 2] = [1.5, 0.03];
+/// In this share of the directions at least.
+const AGREE: f64 = 0.6;
 
-/// A sample as a circle that moves from slice to slice.
-#[derive(Debug)]
-pub(super) struct Axis {
-    raster: Raster,
-    /// At slice 0 if `slope` is not 0, in pixels.
-    circle: Circle,
-    /// How far it moves from slice to slice.
-    slope: [f64; 2],
-    /// The brightness between that of the sample and that of the air.
+/// Some slices of a range, by rising number, and what they show.
+pub(super) struct Seen {
+    pub raster: Raster,
+    pub slices: Vec<Slice>,
+    hidden: Hidden,
+    /// The brightness that parts what is bright from what is not.
     threshold: f64,
 }
 
-impl Axis {
-    /// Lays a line through the middles of the circles of all means: medians of the slopes between any two of them (H.
-    /// Theil, A rank-invariant method of linear and polynomial regression analysis, 1950).
+/// A slice.
+pub(super) struct Slice {
+    pub z: u32,
+    pub image: Image,
+}
+
+impl Seen {
+    /// Reads some slices of a range; `None` if all that they show is of one value.
     ///
-    /// Else says what was found instead.
-    pub fn of(means: &Means, bodies: &Bodies) -> Result<Self, String> {
-        let sample = bodies.sample;
-        let reach = (NEAR * sample.radius).max(3.0);
-        let radii = (sample.radius - reach).max(1.0)..(sample.radius + reach).min(bodies.reach);
-        let circle = |(z, image): &(f64, Image)| {
-            near(image, &sample, &radii, bodies.threshold).map(|circle| (*z, circle))
+    /// # Errors
+    /// The volume's; [`crate::Error::Interrupted`].
+    pub fn read<T: Voxel>(
+        volume: &dyn Volume,
+        range: &Range<u32>,
+        progress: &dyn Progress,
+    ) -> Result<Option<Self>> {
+        let raster = Raster::coarse(volume);
+        let slices = spread(range);
+        progress.begin("region", slices.len() as u64);
+        let read = |z: u32| {
+            progress.advance(1);
+            Picture::read::<T>(volume, z, raster, progress)
         };
-        let mut found: Vec<(f64, Circle)> = means.groups.iter().filter_map(circle).collect();
-        if 2 * found.len() < means.groups.len() {
-            // pores open the rim in each of them, but not at one place in all
-            let halves = means.halves();
-            found = halves.iter().filter_map(circle).collect();
-            if found.len() < halves.len() {
-                return Err("one that is round in few slices only".to_owned());
+        let pictures = slices.into_iter().map(read).collect::<Result<Vec<_>>>()?;
+        let hidden = Hidden::of(&pictures, raster);
+        let slice = |picture: Picture| Slice {
+            z: picture.z,
+            image: hidden.image(picture.pixels, raster),
+        };
+        let slices: Vec<Slice> = pictures.into_iter().map(slice).collect();
+        let pixels = slices.iter().flat_map(|slice| &slice.image.pixels);
+        let split = split(pixels.map(|v| f64::from(*v)));
+        Ok(split.map(|(threshold, _)| Seen {
+            raster,
+            slices,
+            hidden,
+            threshold,
+        }))
+    }
+
+    /// One more slice, as those that were seen.
+    ///
+    /// # Errors
+    /// The volume's; [`crate::Error::Interrupted`].
+    pub fn one_more<T: Voxel>(
+        &self,
+        volume: &dyn Volume,
+        z: u32,
+        progress: &dyn Progress,
+    ) -> Result<Slice> {
+        let picture = Picture::read::<T>(volume, z, self.raster, progress)?;
+        let image = self.hidden.image(picture.pixels, self.raster);
+        Ok(Slice { z, image })
+    }
+
+    /// The outlines of all that is bright in the slices, where anything is.
+    pub fn outlines(&self) -> Vec<OfSlice> {
+        let of = |slice: &Slice| {
+            let outline = slice.outline(self.threshold, |_| true)?;
+            Some(OfSlice {
+                z: slice.z,
+                outline,
+            })
+        };
+        self.slices.iter().filter_map(of).collect()
+    }
+
+    /// The slices between those that show nothing bright, where few of all do; `None` otherwise.
+    pub fn few(&self, range: &Range<u32>) -> Option<Range<u32>> {
+        let bright = |slice: &Slice| {
+            let pixels = slice.image.pixels.iter();
+            pixels.filter(|v| f64::from(**v) >= self.threshold).count()
+        };
+        let bright: Vec<usize> = self.slices.iter().map(bright).collect();
+        let most = *bright.iter().max()?;
+        let first = bright.iter().position(|n| 2 * n > most)?;
+        let last = bright.iter().rposition(|n| 2 * n > most)?;
+        let before = first.checked_sub(1).map(|i| self.slices[i].z + 1);
+        let after = self.slices.get(last + 1).map(|slice| slice.z);
+        let part = before.unwrap_or(range.start)..after.unwrap_or(range.end);
+        (2 * part.len() < range.len()).then_some(part)
+    }
+}
+
+impl Slice {
+    /// The outline of what is bright in a part of it, without specks.
+    pub fn outline(&self, threshold: f64, within: impl Fn([f64; 2]) -> bool) -> Option<Outline> {
+        let image = &self.image;
+        let least = PI * libm::pow(SMALLEST / f64::from(image.raster.pixel), 2.0) / 8.0;
+        let is_in = |i: usize| f64::from(image.pixels[i]) >= threshold && within(image.place(i));
+        let mut bright = vec![false; image.pixels.len()];
+        for part in image.parts(is_in) {
+            if part.len() as f64 >= least {
+                part.into_iter().for_each(|i| bright[i] = true);
             }
         }
-        let of_axis = |a: usize| {
-            let places: Vec<[f64; 2]> = found.iter().map(|(z, c)| [*z, c.centre[a]]).collect();
-            line(&places)
+        Outline::of(image, &bright, threshold)
+    }
+}
+
+/// The outline of what a slice shows.
+pub(super) struct OfSlice {
+    pub z: u32,
+    pub outline: Outline,
+}
+
+/// The outlines that show one body: those near the lines, from slice to slice, on which most of them lie.
+pub(super) fn of_one_body(outlines: Vec<OfSlice>, pixel: u32) -> Vec<OfSlice> {
+    let radius = |o: &OfSlice| o.outline.reach.iter().sum::<f64>() / DIRECTIONS as f64;
+    let radius = median(&mut outlines.iter().map(radius).collect::<Vec<_>>());
+    let alike = (ALIKE[0] * f64::from(pixel)).max(ALIKE[1] * radius);
+    let n = outlines.len();
+    let apart = (n / 3).max(1);
+    let level = (0..n).map(|i| (i, i));
+    let pairs = (0..n).flat_map(|i| (i + apart..n).map(move |j| (i, j)));
+    let mut best = (0.0, Vec::new());
+    for (i, j) in level.chain(pairs) {
+        let lines = Lines {
+            ends: [&outlines[i], &outlines[j]],
+            alike,
         };
-        let lines = [of_axis(0), of_axis(1)];
-        let mut axis = Axis {
-            raster: means.all.raster,
-            circle: sample,
-            slope: lines.map(|line| line[1]),
-            threshold: bodies.threshold,
-        };
-        let ends = [found.first(), found.last()].map(|end| end.map_or(0.0, |(z, _)| *z));
-        let moved = libm::hypot(axis.slope[0], axis.slope[1]) * (ends[1] - ends[0]);
-        if moved <= UPRIGHT {
-            axis.slope = [0.0; 2];
-            return Ok(axis);
+        let near: Vec<Near> = outlines.iter().map(|o| lines.near(o)).collect();
+        let score = near.iter().map(|near| near.score).sum::<f64>();
+        if score > best.0 {
+            best = (score, near.iter().map(|near| near.agrees).collect());
         }
-        axis.circle = Circle {
-            centre: lines.map(|line| line[0]),
-            radius: median(&mut found.iter().map(|(_, c)| c.radius).collect::<Vec<_>>()),
+    }
+    let all = outlines.into_iter().zip(best.1);
+    all.filter(|(_, agrees)| *agrees).map(|(o, _)| o).collect()
+}
+
+/// Where each direction of an outline lies in other slices, by two of them.
+struct Lines<'a> {
+    ends: [&'a OfSlice; 2],
+    /// What outlines of one body differ by at most.
+    alike: f64,
+}
+
+/// How near an outline is.
+struct Near {
+    /// 0 to 1.
+    score: f64,
+    agrees: bool,
+}
+
+impl Lines<'_> {
+    fn near(&self, of: &OfSlice) -> Near {
+        let [a, b] = self.ends;
+        let share = match a.z == b.z {
+            true => 0.0,
+            false => (f64::from(of.z) - f64::from(a.z)) / (f64::from(b.z) - f64::from(a.z)),
         };
-        let off = |(z, c): &&(f64, Circle)| distance(c.centre, axis.at(*z)) <= 2.0 * c.slack();
-        match 2 * found.iter().filter(off).count() >= found.len() {
-            true => Ok(axis),
-            false => Err("one that is not upright: its axis moves from slice to slice".to_owned()),
+        let (mut score, mut agree) = (0.0, 0);
+        for d in (0..DIRECTIONS).step_by(2) {
+            let [from, to] = [a, b].map(|o| o.outline.reach[d]);
+            let off = (of.outline.reach[d] - from - share * (to - from)) / self.alike;
+            score += (1.0 - off * off).max(0.0);
+            agree += usize::from(off.abs() <= 1.0);
+        }
+        let n = (DIRECTIONS / 2) as f64;
+        Near {
+            score: score / n,
+            agrees: agree as f64 >= AGREE * n,
         }
     }
+}
 
-    /// Its middle in a slice.
-    pub fn at(&self, z: f64) -> [f64; 2] {
-        [0, 1].map(|a| self.circle.centre[a] + self.slope[a] * z)
+/// A circle that moves and changes evenly from slice to slice.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(super) struct Axis {
+    /// In slice 0.
+    circle: Circle,
+    /// What it moves by from slice to slice, in voxels.
+    slope: [f64; 2],
+    /// What its radius grows by.
+    taper: f64,
+}
+
+impl Axis {
+    /// Lays lines through the circles of outlines: medians of the slopes between any two of them (H. Theil, A rank-invariant
+    /// method of linear and polynomial regression analysis, 1950). `None` without a circle. Means of slices have `fine`
+    /// voxels along a pixel.
+    pub fn through(outlines: &[OfSlice], [pixel, fine]: [u32; 2]) -> Option<Self> {
+        let circle = |o: &OfSlice| {
+            let (circle, _) = o.outline.circle(pixel)?;
+            Some((f64::from(o.z), circle))
+        };
+        let circles: Vec<(f64, Circle)> = outlines.iter().filter_map(circle).collect();
+        let (first, last) = (circles.first()?.0, circles.last()?.0);
+        let line = |of: &dyn Fn(&Circle) -> f64| {
+            let points: Vec<[f64; 2]> = circles.iter().map(|(z, c)| [*z, of(c)]).collect();
+            Line::through(&points)
+        };
+        let lines = [line(&|c| c.centre[0]), line(&|c| c.centre[1])];
+        let radius = line(&|c| c.radius);
+        let straight = STRAIGHT * f64::from(fine);
+        let is_clear = |lines: &[Line]| {
+            let squares = |of: fn(&Line) -> f64| lines.iter().map(|l| of(l) * of(l)).sum::<f64>();
+            let moved = squares(|l| l.slope).sqrt() * (last - first);
+            moved > straight.max(CLEAR * squares(|l| l.error).sqrt())
+        };
+        let (tilts, tapers) = (is_clear(&lines), is_clear(&[radius]));
+        let start = |line: &Line, moves: bool| if moves { line.start } else { line.middle };
+        let slope = |line: &Line, moves: bool| if moves { line.slope } else { 0.0 };
+        Some(Axis {
+            circle: Circle {
+                centre: [0, 1].map(|a| start(&lines[a], tilts)),
+                radius: start(&radius, tapers),
+            },
+            slope: [0, 1].map(|a| slope(&lines[a], tilts)),
+            taper: slope(&radius, tapers),
+        })
     }
 
-    /// The radius of its rim.
-    pub fn radius(&self) -> f64 {
-        self.circle.radius
+    /// Of outlines without a circle.
+    pub const UNKNOWN: Axis = Axis {
+        circle: Circle {
+            centre: [0.0; 2],
+            radius: 0.0,
+        },
+        slope: [0.0; 2],
+        taper: 0.0,
+    };
+
+    /// The same without a tilt.
+    pub fn upright(mut self) -> Self {
+        self.slope = [0.0; 2];
+        self
     }
 
-    /// The upright circle that lies inside of it in all slices that are at most `half` from slice `z`.
-    pub fn inside(&self, z: f64, half: f64) -> Circle {
-        let moved = libm::hypot(self.slope[0], self.slope[1]) * half;
+    /// The same that is there at a circle in some slice.
+    pub fn moved_to(mut self, circle: &Circle, z: f64) -> Self {
+        self.taper = 0.0;
+        self.circle = Circle {
+            centre: [0, 1].map(|a| circle.centre[a] - self.slope[a] * z),
+            radius: circle.radius,
+        };
+        self
+    }
+
+    /// A slice of it.
+    pub fn at(&self, z: f64) -> Circle {
         Circle {
-            centre: self.at(z),
-            radius: self.radius() - moved,
+            centre: [0, 1].map(|a| self.circle.centre[a] + self.slope[a] * z),
+            radius: self.circle.radius + self.taper * z,
         }
     }
 
-    /// True if it is not upright.
-    pub fn is_tilted(&self) -> bool {
-        self.slope != [0.0; 2]
+    /// The same by where the rim was seen.
+    pub fn corrected(mut self, rim: &Rim) -> Self {
+        self.circle.radius += rim.further;
+        self.circle.centre = [0, 1].map(|a| self.circle.centre[a] + rim.aside[a]);
+        self
+    }
+
+    /// The upright circle that lies inside of it in all of some slices.
+    pub fn inside(&self, slices: &Range<u32>) -> Circle {
+        let [first, last] = [slices.start, slices.end - 1].map(|z| self.at(z.into()));
+        let moved = distance(first.centre, last.centre) / 2.0;
+        let middle = [0, 1].map(|a| (first.centre[a] + last.centre[a]) / 2.0);
+        let share = (last.radius - first.radius) / 2.0;
+        // a cone that leans is nearer to the middle where it is wide
+        Circle {
+            centre: middle,
+            radius: (first.radius + last.radius) / 2.0 - moved - share.abs(),
+        }
+    }
+
+    /// The slice in the middle of some.
+    pub fn middle(&self, slices: &Range<u32>) -> Circle {
+        self.at((f64::from(slices.start) + f64::from(slices.end - 1)) / 2.0)
+    }
+
+    /// What its middle moves by through some slices.
+    pub fn moves(&self, slices: &Range<u32>) -> f64 {
+        let n = slices.len().saturating_sub(1) as f64;
+        libm::hypot(self.slope[0], self.slope[1]) * n
     }
 
     /// The angle to z where voxels have this size, in degrees.
     pub fn degrees(&self, spacing: [f64; 3]) -> f64 {
-        let pixel = f64::from(self.raster.pixel);
-        let [x, y] = [0, 1].map(|a| self.slope[a] * pixel * spacing[a]);
+        let [x, y] = [0, 1].map(|a| self.slope[a] * spacing[a]);
         libm::atan2(libm::hypot(x, y), spacing[2]).to_degrees()
     }
 }
 
-/// The value at 0 and the slope of the line through points.
-fn line(points: &[[f64; 2]]) -> [f64; 2] {
-    let pairs = points.iter().enumerate();
-    let pairs = pairs.flat_map(|(i, p)| points[i + 1..].iter().map(move |q| (p, q)));
-    let mut slopes: Vec<f64> = pairs.map(|(p, q)| (q[1] - p[1]) / (q[0] - p[0])).collect();
-    let slope = match slopes.is_empty() {
-        true => 0.0,
-        false => median(&mut slopes),
-    };
-    let mut starts: Vec<f64> = points.iter().map(|p| p[1] - slope * p[0]).collect();
-    [median(&mut starts), slope]
-}
-
-/// The brightness of a slice.
+/// A line through points.
 #[derive(Debug, Clone, Copy)]
-struct Level {
-    /// In the sample.
-    inside: f64,
-    /// Around it; NaN if nothing is seen there.
-    around: f64,
+struct Line {
+    /// At 0.
+    start: f64,
+    slope: f64,
+    /// The middle of all values.
+    middle: f64,
+    /// The standard error of what it rises by from the first to the last point.
+    error: f64,
 }
 
-/// Where a sample is looked for along z.
-pub(super) struct Extent<'a> {
-    pub volume: &'a dyn Volume,
-    pub range: &'a Range<u32>,
-    pub axis: &'a Axis,
-    pub progress: &'a dyn Progress,
-}
-
-/// What slices with the sample are like.
-#[derive(Debug, Clone, Copy)]
-struct Usual {
-    /// Half-way between the brightness of the sample and that of the air around it.
-    half: f64,
-    /// There is air around it, and not a tube, or what programs fill with beyond the circle of a reconstruction.
-    in_air: bool,
-}
-
-impl Usual {
-    fn of(levels: &[Level], threshold: f64) -> Usual {
-        let inside = levels.iter().map(|l| l.inside).filter(|v| *v >= threshold);
-        let inside = median(&mut inside.collect::<Vec<_>>());
-        let around = levels.iter().map(|l| l.around).filter(|v| v.is_finite());
-        let around = median(&mut around.collect::<Vec<_>>());
-        let in_air = around < threshold && inside.is_finite();
-        let half = if in_air {
-            (inside + around) / 2.0
-        } else {
-            threshold
+impl Line {
+    fn through(points: &[[f64; 2]]) -> Self {
+        /// Slices that are near each other show the same pores.
+        const ALONE: f64 = 3.0;
+        let pairs = points.iter().enumerate();
+        let pairs = pairs.flat_map(|(i, p)| points[i + 1..].iter().map(move |q| (p, q)));
+        let mut slopes: Vec<f64> = pairs.map(|(p, q)| (q[1] - p[1]) / (q[0] - p[0])).collect();
+        let slope = match slopes.is_empty() {
+            true => 0.0,
+            false => median(&mut slopes),
         };
-        Usual { half, in_air }
-    }
-
-    /// True if it is bright inside and dark around.
-    fn holds(&self, level: Level) -> bool {
-        level.inside >= self.half && !(self.in_air && level.around >= self.half)
-    }
-}
-
-impl Extent<'_> {
-    /// The slices that show the sample: the longest stretch of those that were seen, and up to where it ends if single
-    /// slices can be read.
-    ///
-    /// # Errors
-    /// The volume's; [`crate::Error::Interrupted`].
-    pub fn find<T: Voxel>(&self, slices: &[Coarse]) -> Result<Range<u32>> {
-        let [nx, ny, _] = self.volume.header().dims.0;
-        let raster = super::slices::coarse([nx, ny]);
-        let levels: Vec<Level> = slices.iter().map(|s| self.level(raster, s)).collect();
-        let usual = Usual::of(&levels, self.axis.threshold);
-        let holds: Vec<bool> = levels.iter().map(|level| usual.holds(*level)).collect();
-        let Some(longest) = longest(&holds) else {
-            return Ok(self.range.clone());
-        };
-        let (first, last) = (slices[longest.start].z, slices[longest.end - 1].z);
-        let before = longest.start.checked_sub(1).map(|i| slices[i].z);
-        let after = slices.get(longest.end).map(|slice| slice.z);
-        let shows = |z: u32| {
-            let slice = one_more::<T>(self.volume, z, raster, self.progress)?;
-            Ok(usual.holds(self.level(raster, &slice)))
-        };
-        let start = self.end(first, before, self.range.start, &shows)?;
-        let end = self.end(last, after, self.range.end - 1, &shows)?;
-        Ok(start..end + 1)
-    }
-
-    /// The last slice with the sample from one that has it towards one that is known not to, or else to the end of the
-    /// range: by halves.
-    fn end(
-        &self,
-        mut with: u32,
-        without: Option<u32>,
-        end: u32,
-        shows: &impl Fn(u32) -> Result<bool>,
-    ) -> Result<u32> {
-        let mut without = match without {
-            None if with == end || !self.volume.random_access() || shows(end)? => return Ok(end),
-            None => end,
-            Some(without) => without,
-        };
-        while with.abs_diff(without) > 1 && self.volume.random_access() {
-            let half = with.midpoint(without);
-            match shows(half)? {
-                true => with = half,
-                false => without = half,
-            }
-        }
-        Ok(with)
-    }
-
-    /// The brightness of a slice in the inner part of the sample and around it.
-    fn level(&self, raster: Raster, slice: &Coarse) -> Level {
-        let fine = self.axis.raster;
-        let centre = self.axis.at(f64::from(slice.z)).map(|v| fine.voxel(v));
-        let radius = self.axis.radius() * f64::from(fine.pixel);
-        let cell = f64::from(raster.pixel);
-        let (mut inside, mut around) = ((0.0, 0.0), (0.0, 0.0));
-        for (i, v) in slice
-            .pixels
-            .iter()
-            .enumerate()
-            .filter(|(_, v)| v.is_finite())
-        {
-            let place = [i % raster.width, i / raster.width].map(|p| raster.voxel(p as f64));
-            let way = distance(place, centre);
-            let sum = if way <= (0.85 * radius).max(cell) {
-                &mut inside
-            } else if way > 1.05 * radius + cell && way < 1.3 * radius + 2.0 * cell {
-                &mut around
-            } else {
-                continue;
-            };
-            *sum = (sum.0 + f64::from(*v), sum.1 + 1.0);
-        }
-        Level {
-            inside: inside.0 / inside.1,
-            around: around.0 / around.1,
+        let mut starts: Vec<f64> = points.iter().map(|p| p[1] - slope * p[0]).collect();
+        let start = median(&mut starts);
+        let off = points.iter().map(|p| (p[1] - start - slope * p[0]).abs());
+        let scatter = 1.4826 * median(&mut off.collect::<Vec<_>>());
+        Line {
+            start,
+            slope,
+            middle: median(&mut points.iter().map(|p| p[1]).collect::<Vec<_>>()),
+            error: scatter * (12.0 * ALONE / points.len() as f64).sqrt(),
         }
     }
-}
-
-/// The longest stretch of those that hold.
-fn longest(holds: &[bool]) -> Option<Range<usize>> {
-    let mut best: Option<Range<usize>> = None;
-    let mut start = 0;
-    for stretch in holds.chunk_by(|a, b| a == b) {
-        let range = start..start + stretch.len();
-        start = range.end;
-        if stretch[0] && best.as_ref().is_none_or(|best| range.len() > best.len()) {
-            best = Some(range);
-        }
-    }
-    best
 }

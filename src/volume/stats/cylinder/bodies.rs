@@ -10,7 +10,7 @@ const HOLLOW: f64 = 0.5;
 /// The share of a hole that what lies in it fills at least.
 const IN_HOLE: f64 = 0.05;
 /// The share of the sample's area from which on another body may as well be the sample.
-const ALIKE: f64 = 0.25;
+const ALIKE: f64 = 0.2;
 /// The share of the sample's area from which on another body is worth a word.
 const WORTH: f64 = 0.02;
 /// The share of the variance between two classes that noise or a slow change do not reach: these have 0.64 and 0.75.
@@ -50,12 +50,27 @@ pub(super) struct Bodies {
     /// The radius up to which there is nothing else.
     pub reach: f64,
     pub others: Vec<Other>,
+    /// The middle of the largest body beside the sample that is not round, if it is nearly as large.
+    pub not_round: Option<[f64; 2]>,
 }
 
 /// A connected part of what is bright.
 struct Part {
     pixels: Vec<usize>,
     circle: Result<Circle, NoCircle>,
+}
+
+impl Part {
+    /// Its middle if it is not round, lies beside the sample and is of a size like it.
+    fn beside(&self, image: &Image, sample: &Circle) -> Option<[f64; 2]> {
+        let n = self.pixels.len() as f64;
+        let sum = |a: usize| self.pixels.iter().map(|&i| image.place(i)[a]).sum::<f64>();
+        let middle = [sum(0) / n, sum(1) / n];
+        let pixel = f64::from(image.raster.pixel);
+        let area = n * pixel * pixel;
+        let is_beside = sample.off(middle) > 0.0 && area >= ALIKE * sample.area();
+        (self.circle.is_err() && is_beside).then_some(middle)
+    }
 }
 
 impl Bodies {
@@ -78,7 +93,7 @@ impl Bodies {
         let main = first.circle.map_err(|no| {
             let round = rest.iter().find_map(|part| part.circle.ok());
             let beside = round.map_or(String::new(), |circle| {
-                let cylinder = cylinder(image.raster, &circle);
+                let cylinder = cylinder(&circle, image.raster.pixel);
                 format!(", and beside or in it a smaller one that is, {cylinder}")
             });
             why_not(no).to_owned() + &beside
@@ -88,8 +103,10 @@ impl Bodies {
             threshold,
             reach: f64::INFINITY,
             others: Vec::new(),
+            not_round: None,
         };
-        match (first.pixels.len() as f64) < HOLLOW * main.area() {
+        let pixel = f64::from(image.raster.pixel);
+        match (first.pixels.len() as f64) * pixel * pixel < HOLLOW * main.area() {
             true => bodies.in_hole(image, &first.pixels, rest),
             false => bodies.solid(image, rest),
         }
@@ -103,7 +120,8 @@ impl Bodies {
         ways.sort_unstable_by(f64::total_cmp);
         // but for single pixels in it
         let hole = ways[ways.len() / 50];
-        let least = IN_HOLE * PI * hole * hole;
+        let pixel = f64::from(image.raster.pixel);
+        let least = IN_HOLE * PI * libm::pow(hole / pixel, 2.0);
         let is_in = |part: &&Part| {
             let inside = part.pixels.iter().filter(|i| from_axis(i) < hole).count();
             2 * inside > part.pixels.len() && inside as f64 >= least
@@ -124,9 +142,10 @@ impl Bodies {
                 threshold,
                 reach: (sample.radius + hole) / 2.0,
                 others: vec![tube],
+                not_round: None,
             }),
             Some((Err(_), _)) => {
-                let tube = cylinder(image.raster, &main);
+                let tube = cylinder(&main, image.raster.pixel);
                 Err(format!(
                     "a tube, {tube}, and in it something that is not round"
                 ))
@@ -148,21 +167,24 @@ impl Bodies {
         if inner - air <= FAINT * (self.threshold - air) {
             return None;
         }
+        let pixel = f64::from(image.raster.pixel);
         let threshold = (inner + air) / 2.0;
         let is_in = |i: usize| {
             f64::from(image.pixels[i]) >= threshold
-                && distance(image.place(i), tube.centre) < hole - 1.0
+                && distance(image.place(i), tube.centre) < hole - pixel
         };
         let part = image.parts(is_in).into_iter().next()?;
         let circle = around(image, &part, threshold).ok()?;
-        let apart = distance(circle.centre, tube.centre) + circle.radius + GAP < hole;
+        let apart = distance(circle.centre, tube.centre) + circle.radius + GAP * pixel < hole;
         (part.len() as f64 >= least && apart).then_some((Ok(circle), threshold))
     }
 
     /// The brightness of what is dark around the sample.
     pub fn air(&self, image: &Image) -> f64 {
         let Circle { centre, radius } = self.sample;
-        let outside = |i: &usize| distance(image.place(*i), centre) > 1.04 * radius + 2.0;
+        let outside = |i: &usize| {
+            distance(image.place(*i), centre) > 1.04 * radius + 2.0 * f64::from(image.raster.pixel)
+        };
         let values = (0..image.pixels.len()).filter(outside);
         let values = values.map(|i| f64::from(image.pixels[i]));
         let dark = values.filter(|v| *v < self.threshold);
@@ -187,16 +209,23 @@ impl Bodies {
         }
         let beside = rest.iter().filter_map(|part| part.circle.ok());
         let beside = beside.filter(|c| main.off(c.centre) > 0.0);
-        for circle in beside.filter(|c| c.area() >= WORTH * main.area()) {
-            if circle.area() >= ALIKE * main.area() {
-                let [a, b] = [&main, &circle].map(|c| cylinder(image.raster, c));
-                return Err(format!("two of them, {a} and {b}"));
-            }
+        let beside: Vec<Circle> = beside.filter(|c| c.area() >= WORTH * main.area()).collect();
+        let alike = beside.iter().filter(|c| c.area() >= ALIKE * main.area());
+        let alike: Vec<String> = std::iter::once(&main)
+            .chain(alike)
+            .map(|c| cylinder(c, image.raster.pixel).to_string())
+            .collect();
+        if alike.len() > 1 {
+            let n = if alike.len() == 2 { "two" } else { "several" };
+            return Err(format!("{n} of them, {}", alike.join(" and ")));
+        }
+        for circle in beside {
             let gap = distance(circle.centre, main.centre) - circle.radius;
             self.reach = self.reach.min((main.radius + gap) / 2.0);
             let kind = Kind::Beside;
             self.others.push(Other { circle, kind });
         }
+        self.not_round = rest.iter().find_map(|part| part.beside(image, &main));
         let inside = core(image, &main).map(|circle| Other {
             circle,
             kind: Kind::Inside,
@@ -233,7 +262,7 @@ fn dim_in(
 
 /// The round part in the middle of a sample, if there are two levels of brightness in it.
 fn core(image: &Image, main: &Circle) -> Option<Circle> {
-    let inner = main.radius - 2.0;
+    let inner = main.radius - 2.0 * f64::from(image.raster.pixel);
     let values = disc(image, main.centre, inner).map(|i| f64::from(image.pixels[i]));
     let (threshold, _) = split(values).filter(|(_, share)| *share >= TWO_LEVELS)?;
     let middle = disc(image, main.centre, 0.3 * main.radius);
@@ -255,7 +284,10 @@ fn core(image: &Image, main: &Circle) -> Option<Circle> {
     };
     let part = seen.parts(is_in).into_iter().next()?;
     let circle = around(&seen, &part, threshold).ok()?;
+    let pixel = f64::from(image.raster.pixel);
     let share = circle.radius / main.radius;
     let apart = distance(circle.centre, main.centre);
-    ((0.4..0.98).contains(&share) && apart < 0.2 * main.radius).then_some(circle)
+    // else it is all that was looked at
+    let is_smaller = circle.radius < inner - 1.5 * pixel;
+    (share >= 0.4 && is_smaller && apart < 0.2 * main.radius).then_some(circle)
 }

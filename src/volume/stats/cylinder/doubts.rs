@@ -2,14 +2,16 @@
 //! something else.
 
 use super::image::median;
+use super::rim::{AirAtRim, Fall, names};
 use super::rings::{Profile, Rings, SECTORS};
-use super::{SMALLEST, rounded};
 use crate::grid::Cylinder;
 use std::f64::consts::TAU;
 use std::ops::Range;
 
 /// Of the brightness of the sample above the air, what the rim of a slice has at least.
 const FULL: f64 = 0.5;
+/// Of how bright most slices are, by how much one of something else is brighter or darker.
+const BRIGHT: f64 = 0.35;
 /// Of how rough most slices are, by how much one without pores is smoother.
 const SMOOTH: f64 = 0.4;
 /// Of the brightness of the sample above the air, what is in the middle of it at least.
@@ -18,38 +20,41 @@ const EMPTY: f64 = 0.15;
 const HOLLOW: f64 = 0.08;
 /// Of the brightness of the sample above the air, a change that is told.
 const CHANGE: f64 = 0.15;
+/// Of what the rim spreads by, how widely a change spreads that is sharp.
+const AS_RIM: f64 = 1.25;
+/// By how many rings more, and one that is not quite as sharp.
+const SHARP: [f64; 2] = [0.3, 0.6];
+/// How widely a rim spreads that is not blurred, in rings.
+const NOT_BLURRED: f64 = 1.0;
+/// Of what a blurred rim spreads by, how wide what is around a circle is at least.
+const WIDE: f64 = 2.5;
+/// Of how rough what is inside of it is, how rough that is at most.
+const EVEN: f64 = 0.5;
 /// The share of the sectors in which it is seen.
 const ALL_AROUND: f64 = 0.9;
 /// How far a change exceeds what it scatters by from sector to sector.
 const CLEAR: f64 = 5.0;
 /// Of the cylinder, air at one side that is told.
 const WORTH: f64 = 0.008;
-/// In how many of the places that are looked at it is at least: single pores are in fewer.
+/// In how many of the stacks that are looked at it is at one side at least: pores are in fewer.
 const PLACES: usize = 3;
 /// Stacks of slices that are looked at for air at one side.
 const STACKS: usize = 8;
 /// Sectors of each.
 const SIDES: usize = SECTORS / 2;
 
-/// A cylinder and what is seen around its axis.
+/// A sample and what is seen around its axis.
 pub(super) struct Doubts {
+    /// The cylinder as it is in the middle of the slices.
     pub cylinder: Cylinder,
     /// Voxels from the cylinder to the rim of the sample.
     pub to_rim: f64,
-    /// Around the axis of the cylinder.
+    /// How widely the rim spreads, in rings.
+    pub spread: f64,
+    /// Around the axis of the sample.
     pub rings: Rings,
     /// The brightness of the air.
     pub air: f64,
-}
-
-/// Where there is air at the rim.
-struct Rim {
-    /// The slices, by their place in the list.
-    slices: Vec<usize>,
-    /// The middle of the side where it is; all around without.
-    side: Option<f64>,
-    /// How deep it reaches, in voxels.
-    depth: f64,
 }
 
 /// A part of what was looked at whose rim is empty.
@@ -61,22 +66,6 @@ struct Empty {
 }
 
 impl Doubts {
-    /// What the user should know of air at the rim and slices of something else; and the radius from which on nothing else
-    /// can be told.
-    pub fn along(&self) -> (Vec<String>, f64) {
-        let Some(level) = self.level() else {
-            return (Vec::new(), f64::INFINITY);
-        };
-        let rim = self.rim(level);
-        let clear = rim.as_ref().map_or(f64::INFINITY, |rim| {
-            self.cylinder.radius - rim.depth - 2.0 * self.rings.width
-        });
-        let told = rim.map(|rim| self.warning_of_rim(&rim)).into_iter();
-        let odd = self.odd(level);
-        let odd = (!odd.is_empty()).then(|| self.warning_of_odd(&odd));
-        (told.chain(odd).collect(), clear)
-    }
-
     /// The radius, in voxels, up to which there is air around the axis, and that of a circle at which the brightness or the
     /// share of pores changes, below a limit.
     pub fn across(&self, limit: f64) -> [Option<f64>; 2] {
@@ -89,7 +78,7 @@ impl Doubts {
             let share = self.share(&all, *r..r + 1, level);
             share.is_nan() || share < EMPTY
         };
-        let hollow = (0..self.rings.inside).take_while(is_empty).count();
+        let hollow = (0..self.inside()).take_while(is_empty).count();
         let width = self.rings.width;
         let is_told = hollow as f64 * width >= (HOLLOW * self.cylinder.radius).max(3.0);
         let change = self.change(hollow, level).map(|ring| ring as f64 * width);
@@ -113,7 +102,7 @@ impl Doubts {
     fn level(&self) -> Option<f64> {
         let all = self.all();
         let above = |rings: Range<usize>| all.of(rings).mean() - self.air;
-        let rings = 0..self.rings.inside;
+        let rings = 0..self.inside();
         let near = rings.clone().map(|r| above(r.saturating_sub(1)..r + 2));
         let top = near.filter(|v| v.is_finite()).fold(0.0, f64::max);
         let mut body: Vec<(f64, usize)> = rings
@@ -132,23 +121,9 @@ impl Doubts {
             .filter(|v| *v > 0.0 && v.is_finite())
     }
 
-    /// Air at the rim, all around in some slices or at one side.
-    fn rim(&self, level: f64) -> Option<Rim> {
-        let slices = (0..self.rings.slices.len()).map(|s| self.rings.profile(s..s + 1, 0..SECTORS));
-        let empty = self.empty(&slices.collect::<Vec<_>>(), 3.5, level);
-        let slices: Vec<usize> = empty.iter().map(|e| e.place).collect();
-        match empty.is_empty() {
-            true => self.side(level),
-            false => Some(Rim {
-                depth: deepest(&empty).max(self.depth(&slices, level)) as f64 * self.rings.width,
-                slices,
-                side: None,
-            }),
-        }
-    }
-
-    /// Air at one side of the rim.
-    fn side(&self, level: f64) -> Option<Rim> {
+    /// Air at one side of the rim, also where it is a notch.
+    pub fn side(&self) -> Option<AirAtRim> {
+        let level = self.level()?;
         let n = self.rings.slices.len();
         let stacks = STACKS.min(n);
         let stack = |place: usize| {
@@ -163,9 +138,20 @@ impl Doubts {
         let parts: Vec<Profile> = (0..stacks * SIDES).map(part).collect();
         let empty = self.empty(&parts, 4.5, level);
         let rings: usize = empty.iter().map(|e| e.rings).sum();
-        let share = 2.0 * rings as f64 / (self.rings.inside * parts.len()) as f64;
-        let depth = deepest(&empty) as f64 * self.rings.width;
-        if share < WORTH || empty.len() < PLACES || depth < 3.0 {
+        let share = 2.0 * rings as f64 / (self.inside() * parts.len()) as f64;
+        let deepest = empty.iter().map(|e| e.rings).max().unwrap_or(0);
+        let depth = deepest as f64 * self.rings.width;
+        let near = |side: usize| [side + SIDES - 1, side, side + 1].map(|s| s % SIDES);
+        let stacks_at = |side: usize| {
+            let here = empty
+                .iter()
+                .filter(|e| near(side).contains(&(e.place % SIDES)));
+            let mut stacks: Vec<usize> = here.map(|e| e.place / SIDES).collect();
+            stacks.dedup();
+            stacks.len()
+        };
+        let most = (0..SIDES).map(stacks_at).max().unwrap_or(0);
+        if share < WORTH || most < PLACES.min(stacks) || depth < 3.0 {
             return None;
         }
         let angle = |e: &Empty| ((e.place % SIDES) as f64 + 0.5) / SIDES as f64 * TAU;
@@ -173,11 +159,18 @@ impl Doubts {
         let mut slices: Vec<usize> = empty.iter().flat_map(|e| stack(e.place)).collect();
         slices.sort_unstable();
         slices.dedup();
-        Some(Rim {
+        let deepest = depth.max(self.depth(&slices, level) as f64 * self.rings.width);
+        Some(AirAtRim {
             side: Some(libm::atan2(sum(libm::sin), sum(libm::cos))),
-            depth: depth.max(self.depth(&slices, level) as f64 * self.rings.width),
-            slices,
+            depth,
+            deepest,
+            slices: self.names(&slices),
         })
+    }
+
+    /// Rings that lie inside of the cylinder.
+    fn inside(&self) -> usize {
+        (self.cylinder.radius / self.rings.width) as usize
     }
 
     /// How many rings are empty in the sector where most are, of some slices together.
@@ -189,7 +182,7 @@ impl Doubts {
 
     /// How many of the outermost rings are empty.
     fn empty_rings(&self, profile: &Profile, level: f64) -> usize {
-        let rings = (0..self.rings.inside).rev();
+        let rings = (0..self.inside()).rev();
         let full = |r: &usize| self.share(profile, *r..r + 1, level) >= FULL;
         rings.take_while(|r| !full(r)).count()
     }
@@ -197,7 +190,7 @@ impl Doubts {
     /// Profiles whose outermost rings are empty, and how many are: emptier by some standard deviations than rings as wide
     /// inside of them, which have pores, too.
     fn empty(&self, profiles: &[Profile], sigmas: f64, level: f64) -> Vec<Empty> {
-        let inside = self.rings.inside;
+        let inside = self.inside();
         let wide = self.rings.count(0.02 * self.cylinder.radius).max(2);
         let share = |p: &Profile, from: usize| self.share(p, from..from + wide, level);
         let from = (inside / 2..(9 * inside / 10).saturating_sub(wide)).collect::<Vec<_>>();
@@ -217,9 +210,15 @@ impl Doubts {
         empty.collect()
     }
 
+    /// What the user should know of slices of something else.
+    pub fn warning_of_odd(&self) -> Option<String> {
+        let odd = self.odd(self.level()?);
+        (!odd.is_empty()).then(|| self.text_of_odd(&odd))
+    }
+
     /// Slices that are of another brightness inside than most are, or without the pores that those have.
     fn odd(&self, level: f64) -> Vec<usize> {
-        let inner = 0..17 * self.rings.inside / 20;
+        let inner = 0..17 * self.inside() / 20;
         let of = |s: usize| self.rings.profile(s..s + 1, 0..SECTORS).of(inner.clone());
         let sums = (0..self.rings.slices.len()).map(of).collect::<Vec<_>>();
         let off = |values: Vec<f64>| {
@@ -231,7 +230,7 @@ impl Doubts {
         let (bright, of_bright, scatter) = off(sums.iter().map(|s| s.mean() - self.air).collect());
         let (rough, of_rough, around) = off(sums.iter().map(|s| s.deviation()).collect());
         let is_odd = |s: &usize| {
-            bright[*s].abs() > (0.2 * of_bright).max(CLEAR * scatter)
+            bright[*s].abs() > (BRIGHT * of_bright).max(CLEAR * scatter)
                 || -rough[*s] > (SMOOTH * of_rough).max(CLEAR * around).max(0.1 * level)
         };
         let odd: Vec<usize> = (0..sums.len()).filter(is_odd).collect();
@@ -249,49 +248,26 @@ impl Doubts {
             sectors: sectors.collect(),
             first: if hollow > 0 { hollow + 3 } else { 2 },
             end: ((self.cylinder.radius + self.to_rim) / self.rings.width) as usize,
+            spread: self.spread,
+            all: self.rings.all,
             wide: self.rings.count(HOLLOW * self.cylinder.radius).max(4),
         };
-        let places = (steps.first + 3).max(self.rings.inside / 5)..steps.end.saturating_sub(1);
+        let places = (steps.first + 3).max(self.inside() / 5)..steps.end.saturating_sub(1);
         let largest = |kind: Kind| {
             let sizes = places
                 .clone()
-                .filter_map(|r| Some((r, steps.size(r, kind)?.abs())));
-            let told = sizes.filter(|(_, size)| *size > CHANGE * level);
-            told.max_by(|a, b| a.1.total_cmp(&b.1)).map(|(r, _)| r)
+                .filter_map(|r| Some((r, steps.size(r, kind)?)));
+            let told = sizes.filter(|(r, size)| {
+                let is_told = size.abs() > CHANGE * level;
+                is_told && steps.is_sharp(*r, *size, kind)
+            });
+            told.max_by(|a, b| a.1.abs().total_cmp(&b.1.abs()))
+                .map(|(r, _)| r)
         };
         largest(Kind::Brightness).or_else(|| largest(Kind::Roughness))
     }
 
-    fn warning_of_rim(&self, rim: &Rim) -> String {
-        let Cylinder {
-            centre: [x, y],
-            radius,
-        } = self.cylinder;
-        let side = match rim.side {
-            None => "all around".to_owned(),
-            Some(angle) => {
-                let (sin, cos) = libm::sincos(angle);
-                let [x, y] = [x + radius * cos, y + radius * sin].map(f64::round);
-                format!("at the side of x {x}, y {y}")
-            }
-        };
-        let inside = Cylinder {
-            centre: [x, y],
-            radius: rounded(radius - rim.depth - self.rings.width),
-        };
-        let advice = match inside.radius >= (FULL * radius).max(SMALLEST) {
-            true => format!("--roi {inside} ends inside of the sample in all slices"),
-            false => "--roi mask:FILE of the sample, or --crop, leaves it out".to_owned(),
-        };
-        format!(
-            "the cylinder that was taken holds air beside the sample, which counts as a pore: in slices {} its outermost {} \
-             voxels are empty {side}; {advice}",
-            self.names(&rim.slices),
-            rim.depth.round()
-        )
-    }
-
-    fn warning_of_odd(&self, odd: &[usize]) -> String {
+    fn text_of_odd(&self, odd: &[usize]) -> String {
         let slices = &self.rings.slices;
         let n = slices.len();
         // the part without them, if they are at the ends
@@ -306,26 +282,17 @@ impl Doubts {
             false => String::new(),
         };
         format!(
-            "about slices {} the brightness inside, or how much of it is pores, is not that of the others, as of a holder, a \
+            "about {} the brightness inside, or how much of it is pores, is not that of the others, as of a holder, a \
              lid or another body{advice}",
             self.names(odd)
         )
     }
 
-    /// The numbers of some slices, those that follow each other as a range.
+    /// Some slices, by their place in the list, as people read them.
     fn names(&self, slices: &[usize]) -> String {
-        let runs = slices.chunk_by(|a, b| a + 1 == *b);
-        let run = |run: &[usize]| match [run[0], run[run.len() - 1]].map(|s| self.rings.slices[s]) {
-            [a, b] if a == b => a.to_string(),
-            [a, b] => format!("{a} to {b}"),
-        };
-        runs.map(run).collect::<Vec<_>>().join(" and ")
+        let slices: Vec<u32> = slices.iter().map(|s| self.rings.slices[*s]).collect();
+        names(&slices, &self.rings.slices)
     }
-}
-
-/// How many rings are empty at most.
-fn deepest(empty: &[Empty]) -> usize {
-    empty.iter().map(|e| e.rings).max().unwrap_or(0)
 }
 
 /// What changes from ring to ring.
@@ -343,19 +310,62 @@ struct Steps {
     first: usize,
     /// The ring at the rim.
     end: usize,
+    /// How widely the rim spreads, in rings.
+    spread: f64,
+    /// All rings.
+    all: usize,
     /// Rings on either side that are compared.
     wide: usize,
 }
 
 impl Steps {
-    /// What changes at a ring from inside to outside of it; `None` unless nearly all sectors show it.
-    fn size(&self, ring: usize, kind: Kind) -> Option<f64> {
-        let is_rough = usize::from(kind == Kind::Roughness);
+    /// True if it changes as sharply as the brightness does at the rim, and not slowly as where pores get rarer. If it is not
+    /// quite as sharp, or the rim is blurred, which makes these look alike, there have to be no pores around it.
+    fn is_sharp(&self, ring: usize, size: f64, kind: Kind) -> bool {
+        let of = |p: &Profile, r: usize| match kind {
+            Kind::Brightness => p.of(r..r + 1).mean(),
+            Kind::Roughness => p.of(r..r + 1).deviation(),
+        };
+        // where it rises, it falls the other way round
+        let sum = |r: usize| self.sectors.iter().map(|p| of(p, r)).sum::<f64>();
+        let mean = |r: usize| -size.signum() * sum(r) / SECTORS as f64;
+        let means: Vec<f64> = (0..self.all).map(mean).collect();
+        let Some(fall) = Fall::near(&means, ring as f64, 3) else {
+            return false;
+        };
+        let [sharp, nearly] = SHARP.map(|more| fall.spread <= AS_RIM * self.spread + more);
+        match self.spread <= NOT_BLURRED {
+            true => sharp || nearly && self.is_even(ring),
+            false => {
+                let wide = (self.end - ring) as f64;
+                sharp && wide > WIDE * self.spread && self.is_even(ring)
+            }
+        }
+    }
+
+    /// True if what is outside of a ring is seen to be without pores, as a tube, a can or resin is.
+    fn is_even(&self, ring: usize) -> bool {
+        let rough = |rings: Range<usize>| {
+            let of = self.sectors.iter().map(|p| p.of(rings.clone()).deviation());
+            of.sum::<f64>() / SECTORS as f64
+        };
+        let (inner, outer) = self.sides(ring, true);
+        rough(outer) < EVEN * rough(inner)
+    }
+
+    /// The rings on either side of one that are compared.
+    fn sides(&self, ring: usize, is_rough: bool) -> (Range<usize>, Range<usize>) {
         let inner = ring.saturating_sub(1 + self.wide).max(self.first)..ring - 1;
         // at the rim itself it is rough in any case
-        let end = self.end.saturating_sub(1 + is_rough);
-        let outer = ring + 1..(ring + 1 + self.wide).min(end);
-        if inner.len() < 3 || outer.len() < 1 + is_rough {
+        let end = self.end.saturating_sub(1 + usize::from(is_rough));
+        (inner, ring + 1..(ring + 1 + self.wide).min(end))
+    }
+
+    /// What changes at a ring from inside to outside of it; `None` unless nearly all sectors show it.
+    fn size(&self, ring: usize, kind: Kind) -> Option<f64> {
+        let is_rough = kind == Kind::Roughness;
+        let (inner, outer) = self.sides(ring, is_rough);
+        if inner.len() < 3 || outer.len() < 1 + usize::from(is_rough) {
             return None;
         }
         let of = |p: &Profile, rings: &Range<usize>| match kind {

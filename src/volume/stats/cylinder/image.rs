@@ -1,6 +1,6 @@
 //! One picture of the sample from means of slices: without what is in a few of them only, and without single pixels.
 
-use super::slices::{Group, Raster};
+use super::slices::{Picture, Raster};
 use crate::volume::stats::histogram::Levels;
 
 /// A picture, of which no pixel is NaN unless none shows anything.
@@ -20,83 +20,91 @@ pub(super) fn median(values: &mut [f64]) -> f64 {
     }
 }
 
-/// Pixels that show nothing: where no sample is finite, and, if all four corners are of one value in all means, all of
-/// that value, as programs fill what lies beyond the circle of a reconstruction.
-fn blank(groups: &[Group], raster: Raster) -> Vec<bool> {
-    let last = raster.len() - 1;
-    let corners = [0, raster.width - 1, last + 1 - raster.width, last];
-    let fill = groups[0].pixels[0];
-    let filled = groups
-        .iter()
-        .all(|g| corners.iter().all(|&c| g.pixels[c] == fill));
-    let nothing = |v: f32| v.is_nan() || filled && v == fill;
-    (0..=last)
-        .map(|i| groups.iter().all(|g| nothing(g.pixels[i])))
-        .collect()
+/// What pictures of a scan do not show, and how dark it is taken to be.
+#[derive(Debug)]
+pub(super) struct Hidden {
+    /// Of each pixel.
+    is: Vec<bool>,
+    dark: f32,
 }
 
-/// The value of what shows nothing if that is the air: if it is darker than the middle of the rest, and the rest is not
-/// of two levels, as air and a sample are.
-fn air(groups: &[Group], blank: &[bool]) -> Option<f32> {
+impl Hidden {
+    /// Pixels where no sample is finite, and, if all four corners are of one value in all pictures, all of that value, as
+    /// programs fill what lies beyond the circle of a reconstruction. They are as dark as the air, or as the darkest of all
+    /// others if that is not known.
+    pub fn of(pictures: &[Picture], raster: Raster) -> Self {
+        let last = raster.len() - 1;
+        let corners = [0, raster.width - 1, last + 1 - raster.width, last];
+        let fill = pictures[0].pixels[0];
+        let filled = pictures
+            .iter()
+            .all(|p| corners.iter().all(|&c| p.pixels[c] == fill));
+        let nothing = |v: f32| v.is_nan() || filled && v == fill;
+        let is_hidden = |i: usize| pictures.iter().all(|p| nothing(p.pixels[i]));
+        let is: Vec<bool> = (0..=last).map(is_hidden).collect();
+        let shown = pictures.iter().flat_map(|p| p.pixels.iter().zip(&is));
+        let shown = shown.filter(|(v, hidden)| !**hidden && v.is_finite());
+        let dark = air(shown.map(|(v, _)| f64::from(*v)), is[0].then_some(fill));
+        Hidden { is, dark }
+    }
+
+    /// A picture without them: the means of 3 x 3 pixels of which each is the median of 3 x 3, so that no single pixel, nor
+    /// a line of them, shows.
+    pub fn image(&self, mut pixels: Vec<f32>, raster: Raster) -> Image {
+        let hide = |pixels: &mut [f32]| {
+            let hidden = pixels.iter_mut().zip(&self.is).filter(|(_, is)| **is);
+            hidden.for_each(|(v, _)| *v = f32::NAN);
+        };
+        let mut found = Vec::new();
+        let mut pass = |pixels: &[f32], of: fn(&mut [f32]) -> f32| -> Vec<f32> {
+            let value = |i: usize| {
+                around(raster, pixels, i, &mut found);
+                of(&mut found)
+            };
+            (0..pixels.len()).map(value).collect()
+        };
+        hide(&mut pixels);
+        pixels = pass(&pixels, |v| match v.len() {
+            0 => f32::NAN,
+            n => *v.select_nth_unstable_by(n / 2, f32::total_cmp).1,
+        });
+        hide(&mut pixels);
+        pixels = pass(&pixels, |v| v.iter().sum::<f32>() / v.len() as f32);
+        hide(&mut pixels);
+        let hidden = pixels.iter_mut().filter(|v| v.is_nan());
+        hidden.for_each(|v| *v = self.dark);
+        Image { raster, pixels }
+    }
+}
+
+/// How dark the air is where some values are shown and the rest, if it is known, is of one value: that, if it is darker than
+/// the middle of what is shown and this is not of two levels, as air and a sample are; else the mean of its lower level.
+fn air(shown: impl Iterator<Item = f64> + Clone, fill: Option<f32>) -> f32 {
     /// The share of the variance between two classes that a single level with noise does not reach: it has 0.64.
     const TWO_LEVELS: f64 = 0.75;
-    let fill = groups[0].pixels[0];
-    let shown = groups.iter().flat_map(|g| g.pixels.iter().zip(blank));
-    let shown = shown.filter(|(v, blank)| !**blank && v.is_finite());
-    let shown = shown.map(|(v, _)| f64::from(*v));
-    let two = split(shown.clone()).is_some_and(|(_, share)| share >= TWO_LEVELS);
-    let (sum, n) = shown.fold((0.0, 0.0), |(sum, n), v| (sum + v, n + 1.0));
-    (blank[0] && !two && f64::from(fill) < sum / n).then_some(fill)
+    let levels = split(shown.clone());
+    let mean = |values: &mut dyn Iterator<Item = f64>| {
+        let (sum, n) = values.fold((0.0, 0.0), |(sum, n), v| (sum + v, n + 1.0));
+        (sum / n) as f32
+    };
+    let all = mean(&mut shown.clone());
+    let is_two = levels.is_some_and(|(_, share)| share >= TWO_LEVELS);
+    match (fill.filter(|fill| !is_two && *fill < all), levels) {
+        (Some(fill), _) => fill,
+        (None, Some((threshold, _))) => mean(&mut { shown }.filter(|v| *v < threshold)),
+        (None, None) => all,
+    }
 }
 
 /// The values of 3 x 3 pixels around one that show something, into `found`.
-fn around(raster: Raster, values: &[f32], i: usize, found: &mut Vec<f64>) {
+fn around(raster: Raster, values: &[f32], i: usize, found: &mut Vec<f32>) {
     let near = |v: usize, n: usize| v.saturating_sub(1)..(v + 2).min(n);
     let (x, y) = (i % raster.width, i / raster.width);
     found.clear();
     for y in near(y, raster.height) {
-        let row = near(x, raster.width).map(|x| f64::from(values[x + raster.width * y]));
-        found.extend(row.filter(|v| v.is_finite()));
+        let row = &values[raster.width * y..][near(x, raster.width)];
+        found.extend(row.iter().filter(|v| v.is_finite()));
     }
-}
-
-/// The pictures of means: the means of 3 x 3 pixels of which each is the median of 3 x 3, so that no single pixel, nor a
-/// line of them, shows. What shows nothing is as dark as the air, or as the darkest of all others if that is not known.
-pub(super) fn of_groups(groups: Vec<Group>, raster: Raster) -> Vec<(f64, Image)> {
-    let blank = blank(&groups, raster);
-    let air = air(&groups, &blank);
-    let smoothed = |group: Group| (group.z, smoothed(group.pixels, raster, &blank));
-    let mut images: Vec<(f64, Image)> = groups.into_iter().map(smoothed).collect();
-    let seen = images.iter().flat_map(|(_, image)| &image.pixels);
-    let darkest = seen.copied().fold(f32::INFINITY, f32::min);
-    let dark = air.unwrap_or(darkest);
-    for (_, image) in &mut images {
-        let hidden = image.pixels.iter_mut().filter(|v| v.is_nan());
-        hidden.for_each(|v| *v = dark);
-    }
-    images
-}
-
-/// A mean without single pixels; NaN where it shows nothing.
-fn smoothed(mut pixels: Vec<f32>, raster: Raster, blank: &[bool]) -> Image {
-    let hide = |pixels: &mut [f32]| {
-        let hidden = pixels.iter_mut().zip(blank).filter(|(_, blank)| **blank);
-        hidden.for_each(|(v, _)| *v = f32::NAN);
-    };
-    hide(&mut pixels);
-    let mut found = Vec::new();
-    let mut pass = |pixels: &[f32], of: fn(&mut [f64]) -> f64| -> Vec<f32> {
-        let value = |i: usize| {
-            around(raster, pixels, i, &mut found);
-            of(&mut found) as f32
-        };
-        (0..pixels.len()).map(value).collect()
-    };
-    pixels = pass(&pixels, median);
-    hide(&mut pixels);
-    pixels = pass(&pixels, |v| v.iter().sum::<f64>() / v.len() as f64);
-    hide(&mut pixels);
-    Image { raster, pixels }
 }
 
 /// The median of pictures, pixel by pixel: what less than half of them show is not in it.
@@ -161,25 +169,10 @@ pub(super) fn split(values: impl Iterator<Item = f64> + Clone) -> Option<(f64, f
 }
 
 impl Image {
-    /// The brightness between pixels; beyond the outermost ones it is theirs.
-    pub fn at(&self, [x, y]: [f64; 2]) -> f64 {
-        let Raster { width, height, .. } = self.raster;
-        let x = x.clamp(0.0, (width - 1) as f64);
-        let y = y.clamp(0.0, (height - 1) as f64);
-        let (left, top) = (x.floor() as usize, y.floor() as usize);
-        let at = |dx: usize, dy: usize| {
-            let (x, y) = ((left + dx).min(width - 1), (top + dy).min(height - 1));
-            f64::from(self.pixels[x + width * y])
-        };
-        let (u, v) = (x - left as f64, y - top as f64);
-        let row = |dy: usize| at(0, dy) * (1.0 - u) + at(1, dy) * u;
-        row(0) * (1.0 - v) + row(1) * v
-    }
-
-    /// The place of a pixel.
+    /// The place of the middle of a pixel, in voxels.
     pub fn place(&self, i: usize) -> [f64; 2] {
         let width = self.raster.width;
-        [(i % width) as f64, (i / width) as f64]
+        [i % width, i / width].map(|v| self.raster.voxel(v as f64))
     }
 
     /// The connected parts, each as the places of its pixels, of those pixels that `is_in` tells; the largest first.

@@ -1,18 +1,23 @@
 //! Finds the round sample in a scan: a cylinder along z that is brighter than what is around it.
 //!
-//! Slices from all over the volume are taken together in up to eight means, which hide pores and noise; the median of
-//! these, pixel by pixel, hides what only a few slices show, as a holder or empty ones. Otsu's threshold parts the sample in
-//! it from the air; its rim is where rays towards its middle first meet it, and a circle is laid through the rim by least
-//! squares, without what is far off. What else is round there is told, or, where it may as well be the sample, refused. The
-//! circle is then looked for in each of the means: the line through the middles shows a tilt, and slices whose brightness is
-//! another show that they are not of the sample. At last the cylinder is looked at from its axis, in rings and sectors of some
-//! slices: air at its rim or in its middle, a circle at which the brightness changes and slices of something else are told.
+//! Up to 32 slices are looked at. Of each, what is bright is taken by its outline: how far it reaches in each of 64
+//! directions, which pores that are open to the air hardly change. The outlines lie on lines from slice to slice as the
+//! sample does, also where it is tilted or tapered; the lines on which most slices agree are taken, so that a few with a
+//! holder or air do not count. Slices that agree are moved upon each other, and what a quarter of them show is one picture
+//! with closed pores, in which round bodies are told apart: the sample, a tube around it, another sample, where none is
+//! taken. The sample's own outlines then give its axis; the middle of the steepest fall of the brightness around that, its
+//! radius. Each slice is compared with it: something wider, air, a flat side are told. At last the sample is looked at from
+//! its axis, in rings and sectors: air in its middle, a circle at which the brightness changes and slices of something else.
 
 mod axis;
 mod bodies;
 mod circle;
 mod doubts;
+mod extent;
+#[cfg(test)]
+mod foams;
 mod image;
+mod rim;
 mod rings;
 mod slices;
 #[cfg(test)]
@@ -22,19 +27,21 @@ use crate::error::{Error, Result};
 use crate::grid::{Cylinder, Voxel, with_voxel_type};
 use crate::progress::Progress;
 use crate::volume::Volume;
-use axis::{Axis, Extent};
+use axis::{Axis, OfSlice, Seen, Slice, of_one_body};
 use bodies::{Bodies, Other};
 use circle::{Circle, NoCircle};
 use doubts::Doubts;
-use image::{Image, median, middle, split, upper};
+use extent::{Extent, Shown, Shows};
+use image::{Hidden, Image, middle, split, upper};
+use rim::{AtRim, Rim};
 use rings::Rings;
-use slices::{Raster, Seen};
+use slices::{Moved, Raster, means};
 use std::ops::Range;
 
 /// Voxels of the smallest radius.
 const SMALLEST: f64 = 8.0;
-/// Pixels, as a share of what most means have, that a mean with a sample is brighter in at least.
-const LEAST_SHARE: f64 = 0.25;
+/// Of the slices that show anything, those that have to show one body.
+const MOST: f64 = 0.3;
 
 /// The share of the variance between two classes that noise alone has, 0.64, and no more.
 const ONE_LEVEL: f64 = 0.7;
@@ -43,7 +50,7 @@ const ONE_LEVEL: f64 = 0.7;
 #[derive(Debug, Clone, PartialEq)]
 pub struct FoundCylinder {
     /// It lies inside of the sample: its radius is a voxel less than that of the rim, or a pixel where means of slices are
-    /// coarser, and less by what a tilt takes.
+    /// coarser, and less by what a blur, a tilt or a taper takes.
     pub cylinder: Cylinder,
     /// Other cylinders that might be meant.
     pub others: Vec<Cylinder>,
@@ -57,8 +64,8 @@ pub struct FoundCylinder {
 
 /// The cylinder that a scan of a round sample in air shows in a range of its slices.
 ///
-/// Memory: 60 bytes for a pixel of the mean of slices, which are 1024 along the longer side at most, 5 MiB for what is seen
-/// around the axis, and 2 MiB of samples, or a row if that is more.
+/// Memory: 80 bytes for a pixel of the mean of slices, which are 1024 along the longer side at most, 5 MiB for what is seen
+/// around the axis, as much for slices, and 2 MiB of samples, or a row if that is more.
 ///
 /// # Errors
 /// The volume's; [`Error::Usage`] that says why there is none, or which may be meant; [`Error::Interrupted`].
@@ -75,66 +82,43 @@ fn find<T: Voxel>(
     z: &Range<u32>,
     progress: &dyn Progress,
 ) -> Result<FoundCylinder> {
-    let look = |range: &Range<u32>| Seen::read::<T>(volume, range, progress);
-    let seen = look(z)?;
+    let seen = Seen::read::<T>(volume, z, progress)?;
+    let seen = seen.ok_or_else(|| not_found("slices of one value"))?;
     let few = seen.few(z);
-    let found = match (Found::of(seen), few) {
-        // means of few slices with the sample and many without show neither
-        (Err(why), Some(few)) => Found::of(look(&few)?).map_err(|_| why),
-        (found, _) => found,
+    let scan = Scan {
+        volume,
+        range: z,
+        progress,
     };
-    let found = found.map_err(not_found)?;
-    let shown = found.extent::<T>(volume, z, progress)?;
-    let circle = found.inside(&shown);
-    let Found {
-        raster,
-        ref bodies,
-        ref axis,
-        ..
-    } = found;
-    let lost = axis.radius() - circle.radius;
-    if lost > axis::MOST_TILTED * axis.radius() {
-        let moved = 2.0 * lost * f64::from(raster.pixel);
-        let why = format!(
-            "one that is not upright: its axis moves by {moved:.1} voxels from the lowest to the highest slice"
-        );
-        return Err(not_found(why));
-    }
-    let cylinder = cylinder(raster, &circle);
-    if cylinder.radius < SMALLEST {
-        let why = format!("one of a radius of {} voxels", cylinder.radius);
-        return Err(not_found(why));
-    }
-    let tilt = axis.degrees(volume.header().placement.spacing);
-    let mut warnings: Vec<String> = bodies.others.iter().map(|o| o.warning(raster)).collect();
-    let others = bodies.others.iter();
-    let mut others: Vec<Cylinder> = others.map(|o| self::cylinder(raster, &o.circle)).collect();
-    let inside = 2.0 * lost * f64::from(raster.pixel);
-    warnings.extend(warning_of_tilt(tilt, inside));
-    warnings.extend(warning_of_slices(&shown, z));
-    let more = found.doubts::<T>(volume, &cylinder, [z, &shown], progress)?;
-    warnings.extend(more.warnings);
-    others.extend(more.other);
-    Ok(FoundCylinder {
-        cylinder,
-        others,
-        slices: shown,
-        tilt,
-        warnings,
-    })
+    let found = match (scan.sample::<T>(seen), few) {
+        // of few slices with the sample and many without it more are looked at
+        (Err(why @ Error::Usage { .. }), Some(few)) => {
+            match Seen::read::<T>(volume, &few, progress)? {
+                Some(seen) => scan.sample::<T>(seen).map_err(|_| why)?,
+                None => return Err(why),
+            }
+        }
+        (found, _) => found?,
+    };
+    scan.cylinder::<T>(&found)
 }
 
-/// The sample as means of slices show it.
+/// What is searched.
+struct Scan<'a> {
+    volume: &'a dyn Volume,
+    range: &'a Range<u32>,
+    progress: &'a dyn Progress,
+}
+
+/// The sample as slices show it.
 struct Found {
-    raster: Raster,
+    seen: Seen,
     bodies: Bodies,
-    /// Pores open its rim so far that it is not round in most slices.
-    is_open: bool,
     axis: Axis,
     /// The brightness of the air around it; NaN if none is seen.
     air: f64,
-    /// The slices that were read.
-    slices: Vec<slices::Coarse>,
+    /// Voxels along a pixel of the means.
+    pixel: u32,
 }
 
 /// What else is to be known of it.
@@ -143,102 +127,190 @@ struct More {
     other: Option<Cylinder>,
 }
 
-impl Found {
-    /// Else says what was found instead.
-    fn of(mut seen: Seen) -> Result<Self, String> {
-        let (raster, slices) = (seen.raster, std::mem::take(&mut seen.slices));
-        let means = Means::of(seen)?;
-        let (bodies, is_open) = means.bodies()?;
-        let axis = Axis::of(&means, &bodies)?;
+impl Scan<'_> {
+    /// The sample, of those slices that show one body.
+    fn sample<T: Voxel>(&self, seen: Seen) -> Result<Found> {
+        let raster = Raster::fine(self.volume);
+        let pixels = [seen.raster.pixel, raster.pixel];
+        let outlines = seen.outlines();
+        let n = outlines.len();
+        let outlines = of_one_body(outlines, seen.raster.pixel);
+        let Some(first) = outlines.first() else {
+            return Err(not_found("no part of the slices that is bright"));
+        };
+        if (outlines.len() as f64) < MOST * n as f64 {
+            let why = "slices that show one body in few of them only, if it is upright";
+            return Err(not_found(why));
+        }
+        let z = f64::from(first.z.midpoint(outlines[outlines.len() - 1].z));
+        let hull = Axis::through(&outlines, pixels);
+        let hull = hull.unwrap_or(Axis::UNKNOWN);
+        let together = |hull: &Axis| {
+            let slices: Vec<Moved> = outlines.iter().map(|o| moved(o, hull, z)).collect();
+            let pictures = means::<T>(self.volume, &slices, raster, self.progress)?;
+            let means = Means::of(pictures, raster);
+            Ok(means.bodies().map(|bodies| (means, bodies)))
+        };
+        let upright = hull.upright();
+        let (hull, (means, bodies)) = match together(&hull)? {
+            Ok(found) => (hull, found),
+            // the outline of two bodies that are upright may seem to move
+            Err(_) if hull != upright => (upright, together(&upright)?.map_err(not_found)?),
+            Err(why) => return Err(not_found(why)),
+        };
+        let around = hull.moved_to(&bodies.sample, z);
+        let outlines = seen.slices.iter().filter_map(|slice| {
+            let circle = around.at(slice.z.into());
+            let reach = bodies
+                .reach
+                .min(1.3 * circle.radius + 2.0 * f64::from(pixels[0]));
+            let is_in = |at| circle.off(at) + circle.radius <= reach;
+            let outline = slice.outline(bodies.threshold, is_in)?;
+            Some(OfSlice {
+                z: slice.z,
+                outline,
+            })
+        });
+        let outlines = of_one_body(outlines.collect(), pixels[0]);
         Ok(Found {
-            raster,
-            air: bodies.air(&means.all),
+            axis: Axis::through(&outlines, pixels).unwrap_or(around),
+            air: bodies.air(&means.upper),
+            pixel: raster.pixel,
             bodies,
-            is_open,
-            axis,
-            slices,
+            seen,
         })
     }
 
-    /// The slices of a range that show it.
-    fn extent<T: Voxel>(
-        &self,
-        volume: &dyn Volume,
-        range: &Range<u32>,
-        progress: &dyn Progress,
-    ) -> Result<Range<u32>> {
+    /// The cylinder inside of a sample.
+    fn cylinder<T: Voxel>(&self, found: &Found) -> Result<FoundCylinder> {
         let extent = Extent {
-            volume,
-            range,
-            axis: &self.axis,
-            progress,
+            volume: self.volume,
+            range: self.range,
+            seen: &found.seen,
+            axis: &found.axis,
+            threshold: found.bodies.threshold,
+            reach: found.bodies.reach,
+            progress: self.progress,
         };
-        extent.find::<T>(&self.slices)
+        let shown = extent.find::<T>()?;
+        let clear = self.clear(&shown);
+        let before = found.axis.middle(&clear).radius;
+        let beyond = (extent::RIM * before).max(3.0) + 3.0 * f64::from(found.pixel);
+        let rings = Rings::read::<T>(self.volume, &clear, &found.axis, beyond, self.progress)?;
+        let rim = Rim::of(&rings, before);
+        let axis = found.axis.corrected(&rim);
+        let less = f64::from(found.pixel) + rim.blur;
+        let cylinder = inside(&axis, &shown.slices, less)?;
+        let tilt = axis.degrees(self.volume.header().placement.spacing);
+        let others = &found.bodies.others;
+        let mut warnings: Vec<String> = others.iter().map(|o| o.warning(found.pixel)).collect();
+        let others = others
+            .iter()
+            .map(|o| self::cylinder(&o.circle, found.pixel));
+        let mut others: Vec<Cylinder> = others.collect();
+        warnings.extend(found.bodies.not_round.map(warning_of_beside));
+        warnings.extend(warning_of_tilt(tilt, axis.moves(&shown.slices)));
+        warnings.extend(warning_of_taper(&axis, &shown.slices));
+        warnings.extend(warning_of_slices(&shown, self.range));
+        let doubts = Doubts {
+            cylinder: shrunk(&axis.middle(&clear), less),
+            to_rim: less,
+            spread: rim.spread,
+            rings,
+            air: found.air,
+        };
+        let more = self.doubts(found, &cylinder, &rim, &clear, &doubts);
+        warnings.extend(more.warnings);
+        others.extend(more.other);
+        Ok(FoundCylinder {
+            cylinder,
+            others,
+            slices: shown.slices,
+            tilt,
+            warnings,
+        })
     }
 
-    /// The upright circle that is inside of it in some slices.
-    fn inside(&self, shown: &Range<u32>) -> Circle {
-        let half = shown.len().saturating_sub(1) as f64 / 2.0;
-        self.axis.inside(f64::from(shown.start) + half, half)
-    }
-
-    /// What the cylinder holds besides the sample, in the slices that show it, of those that were searched.
-    fn doubts<T: Voxel>(
-        &self,
-        volume: &dyn Volume,
-        cylinder: &Cylinder,
-        [all, shown]: [&Range<u32>; 2],
-        progress: &dyn Progress,
-    ) -> Result<More> {
-        // the last slices before a holder show some of it
-        let start = shown.start + 2 * u32::from(shown.start > all.start);
-        let end = shown.end - 2 * u32::from(shown.end < all.end);
-        let range = if start < end {
+    /// The slices that show the sample alone: the last ones before a holder show some of it.
+    fn clear(&self, shown: &Shown) -> Range<u32> {
+        let Range { start, end } = shown.slices;
+        let start = start + 2 * u32::from(start > self.range.start);
+        let end = end.saturating_sub(2 * u32::from(end < self.range.end));
+        if start < end {
             start..end
         } else {
-            shown.clone()
-        };
-        let pixel = f64::from(self.raster.pixel);
-        let rings = |radius: f64, middle: &dyn Fn(u32) -> [f64; 2]| {
-            Rings::read::<T>(volume, &range, radius, middle, progress)
-        };
-        let doubts = |rings, cylinder: &Cylinder| Doubts {
-            cylinder: *cylinder,
-            to_rim: pixel,
-            rings,
-            air: self.air,
-        };
-        let upright = rings(cylinder.radius, &|_| cylinder.centre)?;
-        let upright = doubts(upright, cylinder);
-        let (mut warnings, clear) = upright.along();
-        if self.is_open && clear.is_finite() {
-            return Err(not_found(why_not(NoCircle::NotRound).to_owned()));
+            shown.slices.clone()
         }
-        let [hollow, inner] = match self.axis.is_tilted() {
-            false => upright.across(clear),
-            true => {
-                let radius = (self.axis.radius() - 1.0) * pixel;
-                let middle = |z: u32| self.axis.at(f64::from(z)).map(|v| self.raster.voxel(v));
-                let along = rings(radius, &middle)?;
-                let turned = Cylinder {
-                    radius,
-                    ..*cylinder
-                };
-                doubts(along, &turned).across(clear)
-            }
+    }
+
+    /// What the cylinder holds besides the sample.
+    fn doubts(
+        &self,
+        found: &Found,
+        cylinder: &Cylinder,
+        rim: &Rim,
+        clear: &Range<u32>,
+        doubts: &Doubts,
+    ) -> More {
+        let slices = found.seen.slices.iter();
+        let slices: Vec<&Slice> = slices.filter(|s| clear.contains(&s.z)).collect();
+        let at_rim = AtRim {
+            cylinder: *cylinder,
+            seen: &found.seen,
+            axis: &found.axis,
+            threshold: found.bodies.threshold,
+            reach: found.bodies.reach,
+            further: rim.further,
         };
+        let air = at_rim.air(&slices).or_else(|| doubts.side());
+        let limit = air.as_ref().map_or(f64::INFINITY, |air| {
+            doubts.cylinder.radius - air.deepest - 2.0 * doubts.rings.width
+        });
+        let mut warnings: Vec<String> = air.iter().map(|air| air.warning(cylinder)).collect();
+        warnings.extend(doubts.warning_of_odd());
+        let [hollow, inner] = doubts.across(limit);
         warnings.extend(hollow.map(warning_of_hollow));
-        let known = self.bodies.others.iter();
+        let known = found.bodies.others.iter();
         let inside = known.filter(|other| other.kind == bodies::Kind::Inside);
         let is_known = inside.count() > 0;
         let other = inner
             .filter(|_| !is_known && hollow.is_none())
             .map(|radius| Cylinder {
                 centre: cylinder.centre,
-                radius: rounded(radius - pixel),
+                radius: rounded(radius - f64::from(found.pixel)),
             });
         warnings.extend(other.as_ref().map(warning_of_inside));
-        Ok(More { warnings, other })
+        More { warnings, other }
+    }
+}
+
+/// The upright cylinder that ends so much inside of a sample in all slices that show it.
+fn inside(axis: &Axis, shown: &Range<u32>, less: f64) -> Result<Cylinder> {
+    let moves = axis.moves(shown);
+    if moves / 2.0 > axis::MOST_TILTED * axis.middle(shown).radius {
+        let why = format!(
+            "one that is not upright: its axis moves by {moves:.1} voxels from the lowest to the highest slice"
+        );
+        return Err(not_found(why));
+    }
+    let cylinder = shrunk(&axis.inside(shown), less);
+    if cylinder.radius < SMALLEST {
+        let why = format!(
+            "a sample that is too small: the cylinder inside of it would have a radius of {} voxels, and {SMALLEST} is the \
+             least",
+            cylinder.radius
+        );
+        return Err(not_found(why));
+    }
+    Ok(cylinder)
+}
+
+/// A slice that is to be moved upon the one in the middle.
+fn moved(of: &OfSlice, axis: &Axis, middle: f64) -> Moved {
+    let [here, there] = [f64::from(of.z), middle].map(|z| axis.at(z).centre);
+    Moved {
+        z: of.z,
+        by: [0, 1].map(|a| here[a] - there[a]),
     }
 }
 
@@ -258,41 +330,90 @@ fn warning_of_inside(inside: &Cylinder) -> String {
     )
 }
 
+/// That there is something else beside the sample.
+fn warning_of_beside(at: [f64; 2]) -> String {
+    let [x, y] = at.map(f64::round);
+    format!(
+        "beside the round sample there is something of a size like it that is not round, about x {x}, y {y}: the cylinder \
+         leaves it out; if that is the sample, give --roi mask:FILE"
+    )
+}
+
 /// That the sample is not upright, by so many degrees and voxels, if it is not.
-fn warning_of_tilt(tilt: f64, inside: f64) -> Option<String> {
+fn warning_of_tilt(tilt: f64, moves: f64) -> Option<String> {
     (tilt > 0.0).then(|| {
         format!(
-            "the sample is tilted by {tilt:.1} degrees: the cylinder of --roi, which is upright, ends up to {inside:.1} voxels \
+            "the sample is tilted by {tilt:.1} degrees: the cylinder of --roi, which is upright, ends up to {moves:.1} voxels \
              inside of its rim"
         )
     })
 }
 
-/// That not all slices show the sample, if they do not.
-fn warning_of_slices(shown: &Range<u32>, all: &Range<u32>) -> Option<String> {
-    (shown != all).then(|| {
-        let (first, last) = (shown.start, shown.end - 1);
+/// That the sample is wider at one end, if it is.
+fn warning_of_taper(axis: &Axis, shown: &Range<u32>) -> Option<String> {
+    let [first, last] = [shown.start, shown.end - 1].map(|z| (z, axis.at(z.into()).radius));
+    ((last.1 - first.1).abs() > 0.0).then(|| {
         format!(
-            "only slices {first} to {last} of {} to {} show the round sample, the others air, a holder or something else; the \
-             cylinder of --roi goes through all of them: --crop :,:,{first}:{} leaves them out",
-            all.start,
-            all.end - 1,
-            shown.end
+            "the sample is tapered: its radius is {:.1} voxels in slice {} and {:.1} in slice {}; the cylinder of --roi, which \
+             is the same in all slices, ends inside of the narrow end",
+            first.1, first.0, last.1, last.0
         )
     })
 }
 
-fn not_found(found: String) -> Error {
+/// That not all slices show the sample, if they do not.
+fn warning_of_slices(shown: &Shown, all: &Range<u32>) -> Option<String> {
+    let Range { start, end } = shown.slices;
+    let what = |slices: Range<u32>, shows: &[Shows]| {
+        let range = match slices.len() {
+            0 => return None,
+            1 => format!("slice {} shows", slices.start),
+            _ => format!("slices {} to {} show", slices.start, slices.end - 1),
+        };
+        let kinds = [Shows::Wider, Shows::Narrower, Shows::Elsewhere, Shows::Air];
+        let kinds = kinds.iter().filter(|kind| shows.contains(kind));
+        let kinds = kinds.map(|kind| match kind {
+            Shows::Wider => "something wider, as a holder",
+            Shows::Narrower => "something narrower",
+            Shows::Elsewhere => "air there and something else beside it or around it",
+            Shows::Air | Shows::Sample => "air",
+        });
+        let kinds: Vec<&str> = kinds.collect();
+        Some(format!("{range} {}", kinds.join(" or ")))
+    };
+    let before = what(all.start..start, &shown.before);
+    let after = what(end..all.end, &shown.after);
+    let others: Vec<String> = before.into_iter().chain(after).collect();
+    let only = match end - start {
+        1 => format!("slice {start}"),
+        _ => format!("slices {start} to {}", end - 1),
+    };
+    (!others.is_empty()).then(|| {
+        format!(
+            "only {only} of {} to {} show the round sample: {}; the cylinder of --roi goes through all of them: \
+             --crop :,:,{start}:{end} leaves out what is not the sample",
+            all.start,
+            all.end - 1,
+            others.join(", ")
+        )
+    })
+}
+
+fn not_found(found: impl Into<String>) -> Error {
     let expected = "a round sample along z, brighter than the air around it";
-    Error::usage("--roi cylinder", found, expected)
+    Error::usage("--roi cylinder", found.into(), expected)
         .with_hint("give it as --roi cylinder:CX,CY,R in voxels, or as --roi mask:FILE")
 }
 
-/// A circle whose rim is that of a sample, as the cylinder that ends inside of it.
-fn cylinder(raster: Raster, circle: &Circle) -> Cylinder {
+/// A circle whose rim is that of a sample, as the cylinder that ends inside of it, by the side of a pixel.
+fn cylinder(circle: &Circle, pixel: u32) -> Cylinder {
+    shrunk(circle, pixel.into())
+}
+
+fn shrunk(circle: &Circle, less: f64) -> Cylinder {
     Cylinder {
-        centre: circle.centre.map(|v| rounded(raster.voxel(v))),
-        radius: rounded((circle.radius - 1.0) * f64::from(raster.pixel)),
+        centre: circle.centre.map(rounded),
+        radius: rounded(circle.radius - less),
     }
 }
 
@@ -303,84 +424,44 @@ fn rounded(value: f64) -> f64 {
 
 /// Means of slices as pictures.
 struct Means {
-    /// Those that show something, with the number of their middle slice.
-    groups: Vec<(f64, Image)>,
+    /// What a quarter of these show at least.
+    upper: Image,
     /// What most of these show.
-    all: Image,
+    middle: Image,
 }
 
 impl Means {
-    /// Leaves out means that show far less than most of them.
-    fn of(seen: Seen) -> Result<Self, String> {
-        let groups = image::of_groups(seen.groups, seen.raster);
-        let pixels = groups.iter().flat_map(|(_, image)| &image.pixels);
-        let (threshold, _) = split(pixels.map(|v| f64::from(*v))).ok_or("slices of one value")?;
-        let bright = |image: &Image| {
-            let bright = image.pixels.iter().filter(|v| f64::from(**v) >= threshold);
-            bright.count() as f64
-        };
-        let shares: Vec<f64> = groups.iter().map(|(_, image)| bright(image)).collect();
-        let mut some: Vec<f64> = shares.iter().copied().filter(|n| *n > 0.0).collect();
-        let least = LEAST_SHARE * median(&mut some);
-        let shown = groups.into_iter().zip(shares).filter(|(_, n)| *n >= least);
-        let groups: Vec<(f64, Image)> = shown.map(|(group, _)| group).collect();
-        let images: Vec<&Image> = groups.iter().map(|(_, image)| image).collect();
-        let all = middle(&images);
-        Ok(Means { groups, all })
-    }
-
-    /// What is round in them, and whether it is so only where pores do not open its rim.
-    fn bodies(&self) -> Result<(Bodies, bool), String> {
-        let why = match Bodies::of(&self.all) {
-            Ok(bodies) => return Ok((bodies, false)),
-            Err(why) => why,
-        };
-        if self.is_tilted() {
-            return Err("one that is not upright: its axis moves from slice to slice".to_owned());
+    fn of(pictures: Vec<slices::Picture>, raster: Raster) -> Self {
+        let hidden = Hidden::of(&pictures, raster);
+        let pictures = pictures.into_iter();
+        let images: Vec<Image> = pictures.map(|p| hidden.image(p.pixels, raster)).collect();
+        let images: Vec<&Image> = images.iter().collect();
+        Means {
+            upper: upper(&images),
+            middle: middle(&images),
         }
-        let images: Vec<&Image> = self.groups.iter().map(|(_, image)| image).collect();
-        let closed = Bodies::of(&upper(&images));
-        closed
-            .map(|bodies| (bodies, true))
-            .map_err(|_| self.nothing().unwrap_or(why))
     }
 
-    /// What at least a quarter of the lower means show, and of the upper ones, with the number of their middle slice.
-    fn halves(&self) -> Vec<(f64, Image)> {
-        let half = self.groups.len().div_ceil(2);
-        let of = |groups: &[(f64, Image)]| {
-            let images: Vec<&Image> = groups.iter().map(|(_, image)| image).collect();
-            let sum: f64 = groups.iter().map(|(z, _)| z).sum();
-            (sum / groups.len() as f64, upper(&images))
-        };
-        self.groups.chunks(half).map(of).collect()
+    /// What is round in them.
+    fn bodies(&self) -> Result<Bodies, String> {
+        Bodies::of(&self.upper).map_err(|why| self.nothing().unwrap_or(why))
     }
 
     /// Why there can be no sample: nothing stands out, or what does is darker than its surroundings.
     fn nothing(&self) -> Option<String> {
-        let values = self.all.pixels.iter().map(|v| f64::from(*v));
+        let values = self.middle.pixels.iter().map(|v| f64::from(*v));
         if split(values).is_some_and(|(_, share)| share < ONE_LEVEL) {
             let none = "nothing that is brighter than the rest in those slices that were looked at (of a sample in few slices: \
                         give them, as --crop :,:,Z0:Z1)";
             return Some(none.to_owned());
         }
-        let pixels = self.all.pixels.iter().map(|v| -v).collect();
-        let raster = self.all.raster;
+        let pixels = self.middle.pixels.iter().map(|v| -v).collect();
+        let raster = self.middle.raster;
         let dark = Bodies::of(&Image { raster, pixels }).ok()?;
-        let found = cylinder(raster, &dark.sample);
+        let found = cylinder(&dark.sample, raster.pixel);
         Some(format!(
             "something round that is darker than what is around it, {found}: if that is the sample, --invert makes it bright"
         ))
-    }
-
-    /// True if most means show a circle each, but not at one place.
-    fn is_tilted(&self) -> bool {
-        let circles = self.groups.iter();
-        let circles = circles.filter_map(|(_, image)| Bodies::of(image).ok());
-        let circles: Vec<Circle> = circles.map(|bodies| bodies.sample).collect();
-        let far = |a: &Circle, b: &Circle| circle::distance(a.centre, b.centre) > a.slack();
-        2 * circles.len() > self.groups.len()
-            && circles.iter().any(|a| circles.iter().any(|b| far(a, b)))
     }
 }
 
@@ -394,8 +475,8 @@ fn why_not(no: NoCircle) -> &'static str {
 
 impl Other {
     /// What the user should know of it.
-    fn warning(&self, raster: Raster) -> String {
-        let cylinder = cylinder(raster, &self.circle);
+    fn warning(&self, pixel: u32) -> String {
+        let cylinder = cylinder(&self.circle, pixel);
         match self.kind {
             bodies::Kind::Tube => format!(
                 "there are two round things: the sample, and a tube around it, {cylinder}; the tube and what is between are not \

@@ -1,6 +1,7 @@
 //! A sample seen from its axis: sums of samples in rings, sectors and slices around it.
 
-use super::slices::for_each_row;
+use super::axis::Axis;
+use super::slices::{SLICES, for_each_row};
 use crate::error::Result;
 use crate::grid::Voxel;
 use crate::progress::Progress;
@@ -10,12 +11,8 @@ use std::ops::Range;
 
 /// Sectors of a turn.
 pub(super) const SECTORS: usize = 24;
-/// Slices that are read at most.
-const SLICES: u32 = 32;
 /// Rings inside of the radius at most; wider ones are read from fewer voxels.
 const RINGS: f64 = 256.0;
-/// Rings beyond the radius.
-const BEYOND: usize = 3;
 
 /// Sums of some samples.
 #[derive(Debug, Clone, Copy, Default)]
@@ -48,6 +45,13 @@ impl Sums {
 pub(super) struct Profile(Vec<Sums>);
 
 impl Profile {
+    /// The means of all rings.
+    pub fn means(&self) -> Vec<f64> {
+        (1..self.0.len())
+            .map(|r| self.of(r - 1..r).mean())
+            .collect()
+    }
+
     /// The sums of some rings.
     pub fn of(&self, rings: Range<usize>) -> Sums {
         let [from, to] = [rings.start, rings.end].map(|r| self.0[r.min(self.0.len() - 1)]);
@@ -63,8 +67,8 @@ impl Profile {
 pub(super) struct Rings {
     /// Voxels from ring to ring.
     pub width: f64,
-    /// Rings that lie inside of the radius.
-    pub inside: usize,
+    /// All rings.
+    pub all: usize,
     /// Those slices.
     pub slices: Vec<u32>,
     /// By slice, sector and ring.
@@ -72,25 +76,26 @@ pub(super) struct Rings {
 }
 
 impl Rings {
-    /// Reads slices of a range, the first and the last among them, around a middle in each of them and up to a radius, in
-    /// voxels.
+    /// Reads slices of a range, the first and the last among them, around an axis and up to so many voxels beyond its rim.
+    /// Where that is narrower or wider than in the middle of the range, rings are so, too: each is as far from the rim.
     ///
     /// # Errors
     /// The volume's; [`crate::Error::Interrupted`].
     pub fn read<T: Voxel>(
         volume: &dyn Volume,
         range: &Range<u32>,
-        radius: f64,
-        middle: impl Fn(u32) -> [f64; 2],
+        axis: &Axis,
+        beyond: f64,
         progress: &dyn Progress,
     ) -> Result<Self> {
         let n = SLICES.min(range.len() as u32);
         let last = range.len() as u64 - 1;
         let place = |i: u32| u64::from(i) * last / u64::from(n - 1).max(1);
+        let radius = axis.middle(range).radius;
         let width = (radius / RINGS).ceil().max(1.0);
         let mut rings = Rings {
             width,
-            inside: (radius / width) as usize,
+            all: ((radius + beyond) / width).ceil() as usize,
             slices: (0..n).map(|i| range.start + place(i) as u32).collect(),
             sums: Vec::new(),
         };
@@ -99,21 +104,18 @@ impl Rings {
             let start = rings.sums.len();
             rings
                 .sums
-                .resize(start + SECTORS * rings.all(), Sums::default());
-            let sums = &mut rings.sums[start..];
+                .resize(start + SECTORS * rings.all, Sums::default());
+            let circle = axis.at(z.into());
             let of_slice = Slice {
-                middle: middle(z),
+                middle: circle.centre,
+                wider: circle.radius - radius,
                 width,
-                sums,
+                sums: &mut rings.sums[start..],
             };
             of_slice.read::<T>(volume, z, progress)?;
             progress.advance(1);
         }
         Ok(rings)
-    }
-
-    fn all(&self) -> usize {
-        self.inside + BEYOND
     }
 
     /// Rings in this many voxels, one at least.
@@ -123,11 +125,11 @@ impl Rings {
 
     /// What is seen in some of the slices, by their place in the list, and some sectors.
     pub fn profile(&self, slices: impl Iterator<Item = usize>, sectors: Range<usize>) -> Profile {
-        let mut of_ring = vec![Sums::default(); self.all()];
+        let mut of_ring = vec![Sums::default(); self.all];
         for slice in slices {
             for sector in sectors.clone() {
-                let start = (slice * SECTORS + sector) * self.all();
-                let sums = &self.sums[start..start + self.all()];
+                let start = (slice * SECTORS + sector) * self.all;
+                let sums = &self.sums[start..start + self.all];
                 let both = of_ring.iter_mut().zip(sums);
                 both.for_each(|(sum, other)| sum.add(*other));
             }
@@ -145,6 +147,8 @@ impl Rings {
 /// The rings of one slice, in the making.
 struct Slice<'a> {
     middle: [f64; 2],
+    /// Voxels that its rim is further out than in the middle of all slices.
+    wider: f64,
     width: f64,
     /// By sector and ring.
     sums: &'a mut [Sums],
@@ -153,7 +157,7 @@ struct Slice<'a> {
 impl Slice<'_> {
     fn read<T: Voxel>(self, volume: &dyn Volume, z: u32, progress: &dyn Progress) -> Result<()> {
         let rings = self.sums.len() / SECTORS;
-        let reach = rings as f64 * self.width;
+        let reach = rings as f64 * self.width + self.wider;
         for_each_row::<T>(volume, z, progress, |y, row| {
             let dy = f64::from(y) - self.middle[1];
             if !y.is_multiple_of(self.width as u32) || dy.abs() >= reach {
@@ -171,7 +175,7 @@ impl Slice<'_> {
                 if dx > half {
                     break;
                 }
-                let ring = (libm::hypot(dx, dy) / self.width) as usize;
+                let ring = ((libm::hypot(dx, dy) - self.wider) / self.width) as usize;
                 let v = v.to_f64();
                 if ring < rings && v.is_finite() {
                     let turn = libm::atan2(dy, dx) / TAU + 1.0;

@@ -1,6 +1,5 @@
-//! Slices of a volume, seen coarsely: means of some slices each, and each slice as a small picture.
+//! Slices of a volume, seen coarsely: each as a small picture, and means of some slices each.
 
-use super::image::split;
 use crate::error::{Error, Result};
 use crate::grid::Voxel;
 use crate::progress::Progress;
@@ -8,13 +7,13 @@ use crate::volume::Volume;
 use std::ops::Range;
 
 /// Slices that are read at most.
-const SLICES: u32 = 32;
+pub(super) const SLICES: u32 = 32;
 /// Means of slices that follow each other, at most.
-const GROUPS: u32 = 8;
+const GROUPS: usize = 8;
 /// Pixels along the longer side of a mean at most; each stands for a square of voxels then.
 const PIXELS: u32 = 1024;
 /// The same of a slice by itself.
-const COARSE: u32 = 96;
+const COARSE: u32 = 128;
 /// Bytes of samples that are read at once, unless a row has more.
 const SAMPLES: usize = 2 << 20;
 
@@ -29,13 +28,24 @@ pub(super) struct Raster {
 
 impl Raster {
     /// Of slices of `nx` x `ny` voxels, with so many pixels along the longer side at most.
-    fn of([nx, ny]: [u32; 2], most: u32) -> Self {
+    fn of(volume: &dyn Volume, most: u32) -> Self {
+        let [nx, ny, _] = volume.header().dims.0;
         let pixel = nx.max(ny).div_ceil(most);
         Raster {
             width: nx.div_ceil(pixel) as usize,
             height: ny.div_ceil(pixel) as usize,
             pixel,
         }
+    }
+
+    /// Of slices by themselves.
+    pub fn coarse(volume: &dyn Volume) -> Self {
+        Raster::of(volume, COARSE)
+    }
+
+    /// Of means of slices.
+    pub fn fine(volume: &dyn Volume) -> Self {
+        Raster::of(volume, PIXELS)
     }
 
     /// How many there are.
@@ -49,14 +59,8 @@ impl Raster {
     }
 }
 
-/// Where the pixels of a slice by itself lie.
-pub(super) fn coarse(size: [u32; 2]) -> Raster {
-    Raster::of(size, COARSE)
-}
-
-/// Means of finite samples, in the making.
+/// Means of finite numbers, in the making.
 struct Sums {
-    raster: Raster,
     sums: Vec<f64>,
     counts: Vec<u32>,
 }
@@ -64,25 +68,19 @@ struct Sums {
 impl Sums {
     fn new(raster: Raster) -> Self {
         Sums {
-            raster,
             sums: vec![0.0; raster.len()],
             counts: vec![0; raster.len()],
         }
     }
 
-    /// Adds a row of voxels.
-    fn add<T: Voxel>(&mut self, y: u32, samples: &[T]) {
-        let pixel = self.raster.pixel;
-        let start = (y / pixel) as usize * self.raster.width;
-        for (x, samples) in samples.chunks(pixel as usize).enumerate() {
-            for v in samples.iter().map(|v| v.to_f64()).filter(|v| v.is_finite()) {
-                self.sums[start + x] += v;
-                self.counts[start + x] += 1;
-            }
+    fn add(&mut self, i: usize, v: f64) {
+        if v.is_finite() {
+            self.sums[i] += v;
+            self.counts[i] += 1;
         }
     }
 
-    /// The means, NaN where no sample is finite; begins anew.
+    /// The means, NaN where no number is finite; begins anew.
     fn take(&mut self) -> Vec<f32> {
         let mean = |(sum, count): (&mut f64, &mut u32)| {
             let (sum, count) = (std::mem::take(sum), std::mem::take(count));
@@ -96,112 +94,87 @@ impl Sums {
     }
 }
 
-/// The mean of some slices that follow each other.
+/// A slice, or the mean of some.
 #[derive(Debug)]
-pub(super) struct Group {
-    pub pixels: Vec<f32>,
-    /// The mean of their numbers.
-    pub z: f64,
-}
-
-/// A slice by itself.
-#[derive(Debug, Clone)]
-pub(super) struct Coarse {
+pub(super) struct Picture {
     pub z: u32,
+    /// NaN where nothing is seen.
     pub pixels: Vec<f32>,
 }
 
-/// Slices that are evenly spread over a range of them.
-#[derive(Debug)]
-pub(super) struct Seen {
-    pub raster: Raster,
-    pub groups: Vec<Group>,
-    /// By rising number.
-    pub slices: Vec<Coarse>,
-}
-
-impl Seen {
-    /// Reads some slices of a range.
+impl Picture {
+    /// Reads one slice.
     ///
     /// # Errors
     /// The volume's; [`Error::Interrupted`].
     pub fn read<T: Voxel>(
         volume: &dyn Volume,
-        range: &Range<u32>,
+        z: u32,
+        raster: Raster,
         progress: &dyn Progress,
     ) -> Result<Self> {
-        let [nx, ny, _] = volume.header().dims.0;
-        let raster = Raster::of([nx, ny], PIXELS);
-        let coarse = coarse([nx, ny]);
-        let slices = SLICES.min(range.len() as u32);
-        let groups = GROUPS.min(slices);
-        let mut seen = Seen {
-            raster,
-            groups: Vec::new(),
-            slices: Vec::new(),
-        };
         let mut sums = Sums::new(raster);
-        let mut of_group = Vec::new();
-        progress.begin("region", slices.into());
-        for i in 0..slices {
-            let at = (2 * u64::from(i) + 1) * range.len() as u64 / (2 * u64::from(slices));
-            let z = range.start + at as u32;
-            let pixels = read_slice::<T>(volume, z, coarse, Some(&mut sums), progress)?;
-            seen.slices.push(Coarse { z, pixels });
-            of_group.push(f64::from(z));
-            let group_of = |i: u32| i * groups / slices;
-            if i + 1 == slices || group_of(i + 1) != group_of(i) {
-                seen.groups.push(Group {
-                    pixels: sums.take(),
-                    z: of_group.iter().sum::<f64>() / of_group.len() as f64,
-                });
-                of_group.clear();
+        for_each_row::<T>(volume, z, progress, |y, row| {
+            let start = (y / raster.pixel) as usize * raster.width;
+            for (x, samples) in row.chunks(raster.pixel as usize).enumerate() {
+                samples.iter().for_each(|v| sums.add(start + x, v.to_f64()));
             }
-            progress.advance(1);
-        }
-        Ok(seen)
+        })?;
+        let pixels = sums.take();
+        Ok(Picture { z, pixels })
     }
 }
 
-impl Seen {
-    /// The slices between those that show nothing bright, where few of all do; `None` otherwise.
-    pub fn few(&self, range: &Range<u32>) -> Option<Range<u32>> {
-        let pixels = self.slices.iter().flat_map(|slice| &slice.pixels);
-        let (threshold, _) = split(pixels.map(|v| f64::from(*v)))?;
-        let bright = |slice: &Coarse| {
-            let bright = slice.pixels.iter().filter(|v| f64::from(**v) >= threshold);
-            bright.count()
-        };
-        let bright: Vec<usize> = self.slices.iter().map(bright).collect();
-        let most = *bright.iter().max()?;
-        let first = bright.iter().position(|n| 2 * n > most)?;
-        let last = bright.iter().rposition(|n| 2 * n > most)?;
-        let before = first.checked_sub(1).map(|i| self.slices[i].z + 1);
-        let after = self.slices.get(last + 1).map(|slice| slice.z);
-        let part = before.unwrap_or(range.start)..after.unwrap_or(range.end);
-        (2 * part.len() < range.len()).then_some(part)
-    }
+/// Which slices of a range are looked at: evenly spread ones.
+pub(super) fn spread(range: &Range<u32>) -> Vec<u32> {
+    let n = SLICES.min(range.len() as u32);
+    let at = |i: u32| (2 * u64::from(i) + 1) * range.len() as u64 / (2 * u64::from(n));
+    (0..n).map(|i| range.start + at(i) as u32).collect()
 }
 
-/// Reads one slice as a small picture, and adds it to a mean.
+/// A slice, moved by some voxels.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Moved {
+    pub z: u32,
+    pub by: [f64; 2],
+}
+
+/// Reads slices and takes the means of some that follow each other, moved against their shift.
 ///
 /// # Errors
 /// The volume's; [`Error::Interrupted`].
-fn read_slice<T: Voxel>(
+pub(super) fn means<T: Voxel>(
     volume: &dyn Volume,
-    z: u32,
-    coarse: Raster,
-    mut mean: Option<&mut Sums>,
+    slices: &[Moved],
+    raster: Raster,
     progress: &dyn Progress,
-) -> Result<Vec<f32>> {
-    let mut own = Sums::new(coarse);
-    for_each_row::<T>(volume, z, progress, |y, row| {
-        own.add(y, row);
-        if let Some(mean) = &mut mean {
-            mean.add(y, row);
+) -> Result<Vec<Picture>> {
+    let groups = GROUPS.min(slices.len());
+    let mut sums = Sums::new(raster);
+    let mut means = Vec::new();
+    progress.begin("sample", slices.len() as u64);
+    for (i, slice) in slices.iter().enumerate() {
+        let own = Picture::read::<T>(volume, slice.z, raster, progress)?;
+        let moved = slice
+            .by
+            .map(|v| (v / f64::from(raster.pixel)).round() as i64);
+        let [dx, dy] = moved;
+        let from = |v: usize, by: i64, n: usize| (v as i64 + by).clamp(0, n as i64 - 1) as usize;
+        for y in 0..raster.height {
+            let start = from(y, dy, raster.height) * raster.width;
+            for x in 0..raster.width {
+                let v = own.pixels[start + from(x, dx, raster.width)];
+                sums.add(y * raster.width + x, v.into());
+            }
         }
-    })?;
-    Ok(own.take())
+        let group_of = |i: usize| i * groups / slices.len();
+        if i + 1 == slices.len() || group_of(i + 1) != group_of(i) {
+            let pixels = sums.take();
+            means.push(Picture { z: slice.z, pixels });
+        }
+        progress.advance(1);
+    }
+    Ok(means)
 }
 
 /// Calls `each` with the rows of a slice, of which some are held at a time.
@@ -230,18 +203,4 @@ pub(super) fn for_each_row<T: Voxel>(
     }
     volume.release(z..z + 1);
     Ok(())
-}
-
-/// Reads one more slice as those of [`Seen::slices`].
-///
-/// # Errors
-/// The volume's; [`Error::Interrupted`].
-pub(super) fn one_more<T: Voxel>(
-    volume: &dyn Volume,
-    z: u32,
-    coarse: Raster,
-    progress: &dyn Progress,
-) -> Result<Coarse> {
-    let pixels = read_slice::<T>(volume, z, coarse, None, progress)?;
-    Ok(Coarse { z, pixels })
 }

@@ -1,0 +1,258 @@
+//! Surfaces that would vanish: what is smaller than a block comes back with few triangles, so that no cell is lost.
+
+use super::border::Border;
+use super::clusters::Clusters;
+use super::collapse::{Limits, collapse};
+use super::mesh::Mesh;
+use super::planes::{OnPlanes, Planes, axes};
+use super::triangles::distinct;
+use crate::grid::LATTICE;
+use glam::DVec3;
+
+/// So many triangles are left of one at most; a tetrahedron at least.
+const MOST: usize = 6;
+const LEAST: usize = 4;
+
+/// What a node has of its surfaces, and what it is made of.
+pub struct Specks<'a> {
+    pub mesh: &'a Mesh,
+    pub border: &'a Border,
+    pub planes: &'a Planes,
+    /// Faces of the volume on which surfaces end.
+    pub open_faces: OnPlanes,
+    /// Vertices lie on multiples of so many lattice steps.
+    pub step: i32,
+    pub clusters: &'a mut Clusters,
+    /// Places of clusters.
+    pub points: &'a mut Vec<[i32; 3]>,
+    pub triangles: &'a mut Vec<[u32; 3]>,
+    /// Triangles that may come back.
+    pub room: usize,
+}
+
+/// A surface by itself: its vertices of the mesh, and triangles between them.
+#[derive(Debug, Default)]
+struct Alone {
+    vertices: Vec<u32>,
+    triangles: Vec<[u32; 3]>,
+}
+
+impl Specks<'_> {
+    /// Brings surfaces back of which no triangle is left, as far as there is room, apart from those that other nodes
+    /// continue.
+    pub fn bring_back(mut self) {
+        let mut is_gone: Vec<bool> = self.mesh.surfaces.iter().map(|s| !s.key.is_cap).collect();
+        for t in self.triangles.iter() {
+            is_gone[self.clusters.all[t[0] as usize].surface as usize] = false;
+        }
+        if is_gone.contains(&true) {
+            let mut gone = self.alone(&is_gone);
+            // those that have most to show, if there is no room for all
+            gone.sort_by_key(|surface| std::cmp::Reverse(surface.triangles.len()));
+            let left = (self.room / gone.len().max(1)).clamp(LEAST, MOST);
+            gone.truncate(self.room / left);
+            gone.iter().for_each(|surface| self.add(surface, left));
+        }
+    }
+
+    /// The surfaces that are gone, in their order.
+    fn alone(&self, is_gone: &[bool]) -> Vec<Alone> {
+        let mut all: Vec<Alone> = is_gone.iter().map(|_| Alone::default()).collect();
+        let mut numbers = vec![u32::MAX; self.mesh.points.len()];
+        for t in &self.mesh.triangles {
+            let surface = self.mesh.surface_of[t[0] as usize] as usize;
+            if is_gone[surface] {
+                let own = &mut all[surface];
+                let triangle = t.map(|v| {
+                    let number = &mut numbers[v as usize];
+                    if *number == u32::MAX {
+                        *number = own.vertices.len() as u32;
+                        own.vertices.push(v);
+                    }
+                    *number
+                });
+                own.triangles.push(triangle);
+            }
+        }
+        let is_shared = |v: &u32| self.border.of_vertex[*v as usize] & !self.open_faces != 0;
+        all.retain(|s| !s.vertices.is_empty() && !s.vertices.iter().any(is_shared));
+        all
+    }
+
+    /// Adds a tetrahedron one step wide for a closed surface that is smaller than that.
+    fn add_smallest(&mut self, alone: &Alone) {
+        let Planes { low, high, .. } = self.planes;
+        if (0..3).any(|a| high[a] - low[a] < 4 * self.step) {
+            return;
+        }
+        let count = alone.vertices.len() as f64;
+        let place = |v: &u32| DVec3::from(self.mesh.points[*v as usize].map(f64::from));
+        let middle = alone.vertices.iter().map(place).sum::<DVec3>() / count;
+        let mut volume = 0.0;
+        for t in &alone.triangles {
+            let [p, q, r] = t.map(|v| place(&alone.vertices[v as usize]) - middle);
+            volume += p.dot(q.cross(r));
+        }
+        // all four corners lie strictly between the planes
+        let corner = |a: usize| {
+            let most = f64::from(self.planes.high[a] - 2 * self.step);
+            self.planes.between(a, middle[a].min(most), self.step)
+        };
+        let base: [i32; 3] = std::array::from_fn(corner);
+        let first = self.points.len() as u32;
+        let surface = self.mesh.surface_of[alone.vertices[0] as usize];
+        let way = if volume < 0.0 { -1 } else { 1 };
+        for k in 0..4 {
+            let mut point = base;
+            // the first corner looks to where none of the others is
+            let mut normal = [if k == 0 { -way } else { 0 }; 3];
+            if k > 0 {
+                point[k - 1] += self.step;
+                normal[k - 1] = way;
+            }
+            self.points.push(point);
+            self.clusters.add_one(surface, normal);
+        }
+        for [a, b, c] in [[0, 2, 1], [0, 1, 3], [0, 3, 2], [1, 2, 3]] {
+            let corners = if way > 0 { [a, b, c] } else { [a, c, b] };
+            self.triangles.push(corners.map(|v| first + v));
+        }
+    }
+
+    /// Adds what is left of a surface that is brought down to so many triangles.
+    fn add(&mut self, alone: &Alone, left: usize) {
+        let vertices = alone.vertices.iter().map(|&v| v as usize);
+        let rounded = |v: usize| self.planes.rounded(self.mesh.points[v], self.step);
+        let points: Vec<_> = vertices.clone().map(rounded).collect();
+        // where two faces of the volume meet, what is on them must not be cut off
+        let locked: Vec<bool> = vertices
+            .map(|v| axes(self.border.of_vertex[v]) > 1)
+            .collect();
+        let voxels = |p: &[i32; 3]| p.map(|v| v as f32 / LATTICE as f32);
+        let places: Vec<[f32; 3]> = points.iter().map(voxels).collect();
+        let limits = Limits {
+            triangles: left,
+            error: f32::MAX,
+        };
+        let few = collapse(alone.triangles.clone(), &places, &locked, limits);
+        let few = distinct(few.triangles, &points, |_| 0);
+        let left = match few.is_empty() {
+            true => distinct(alone.triangles.clone(), &points, |_| 0),
+            false => few,
+        };
+        let is_closed = alone
+            .vertices
+            .iter()
+            .all(|&v| self.border.of_vertex[v as usize] == 0);
+        if left.is_empty() && is_closed {
+            return self.add_smallest(alone);
+        }
+        let mut numbers = vec![u32::MAX; points.len()];
+        for t in left {
+            let triangle = t.map(|v| {
+                let number = &mut numbers[v as usize];
+                if *number == u32::MAX {
+                    *number = self.points.len() as u32;
+                    self.points.push(points[v as usize]);
+                    let own = alone.vertices[v as usize] as usize;
+                    let normal = self.mesh.normals[own].map(i64::from);
+                    self.clusters.add_one(self.mesh.surface_of[own], normal);
+                }
+                *number
+            });
+            self.triangles.push(triangle);
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::grid::{Dims, Tiling};
+    use crate::lod::mesh::{Surface, SurfaceKey};
+    use crate::tile::Extras;
+
+    /// An octahedron around a place, its corners so many lattice steps away.
+    fn octahedron(middle: [i32; 3], reach: i32) -> Mesh {
+        let corner = |i: usize| {
+            let mut p = middle;
+            p[i / 2] += if i.is_multiple_of(2) { reach } else { -reach };
+            p
+        };
+        let faces = [[0, 2, 4], [2, 1, 4], [1, 3, 4], [3, 0, 4]];
+        let lower = faces.map(|[a, b, _]| [b, a, 5]);
+        let extras = Extras::ids(1, 1, 1, 8);
+        Mesh {
+            points: (0..6).map(corner).collect(),
+            normals: vec![[0, 0, 32_767]; 6],
+            surface_of: vec![0; 6],
+            triangles: faces.into_iter().chain(lower).collect(),
+            surfaces: vec![Surface {
+                key: SurfaceKey::of(&extras),
+                extras,
+                triangles: 8,
+            }],
+        }
+    }
+
+    /// Six times the volume that triangles enclose, and whether each edge has its reverse.
+    fn solid(points: &[[i32; 3]], triangles: &[[u32; 3]]) -> (f64, bool) {
+        let place = |v: u32| DVec3::from(points[v as usize].map(f64::from));
+        let volume = triangles.iter().map(|t| {
+            let [p, q, r] = t.map(place);
+            p.dot(q.cross(r))
+        });
+        let edges = || {
+            triangles
+                .iter()
+                .flat_map(|&[a, b, c]| [(a, b), (b, c), (c, a)])
+        };
+        (
+            volume.sum(),
+            edges().all(|(a, b)| edges().any(|e| e == (b, a))),
+        )
+    }
+
+    #[test]
+    fn what_is_gone_comes_back_however_small_and_wherever_it_lies() {
+        let tiling = Tiling {
+            dims: Dims([41; 3]),
+            macrocube: [20; 3],
+        };
+        let planes = Planes::of(tiling, 1, [0; 3]);
+        for (reach, inverted) in [(400, false), (3, false), (3, true)] {
+            for middle in [[2000, 3000, 4000], [40 * 256 - 4, 5, 40 * 256 - 5]] {
+                let mut mesh = octahedron(middle, reach.min(if middle[1] == 5 { 3 } else { 400 }));
+                if inverted {
+                    mesh.triangles.iter_mut().for_each(|t| t.swap(0, 1));
+                }
+                let before = solid(&mesh.points, &mesh.triangles);
+                let border = Border::of(&mesh, &planes);
+                let mut clusters = Clusters {
+                    all: Vec::new(),
+                    of_vertex: Vec::new(),
+                };
+                let (mut points, mut triangles) = (Vec::new(), Vec::new());
+                Specks {
+                    mesh: &mesh,
+                    border: &border,
+                    planes: &planes,
+                    open_faces: planes.faces,
+                    step: 32,
+                    clusters: &mut clusters,
+                    points: &mut points,
+                    triangles: &mut triangles,
+                    room: 100,
+                }
+                .bring_back();
+                assert!((LEAST..=8).contains(&triangles.len()), "{triangles:?}");
+                assert_eq!(clusters.all.len(), points.len());
+                let (volume, closed) = solid(&points, &triangles);
+                assert!(closed && volume * before.0 > 0.0, "{volume} {before:?}");
+                let is_inside =
+                    |p: &[i32; 3]| planes.bits(*p) == 0 && p.iter().all(|v| v % 32 == 0);
+                assert!(points.iter().all(is_inside), "{points:?}");
+            }
+        }
+    }
+}
