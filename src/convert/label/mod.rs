@@ -94,7 +94,7 @@ pub fn left_out(filters: &[Filter]) -> LeftOut {
 }
 
 /// What a sweep over the volume leaves.
-pub struct Swept {
+pub struct SweepEnd {
     /// How much its files hold.
     pub marks: Marks,
     /// What it knows of components that go on in other parts of the volume.
@@ -111,7 +111,7 @@ pub fn sweep(
     number: usize,
     filters: &[Filter],
     checkpointer: &mut Checkpointer,
-) -> Result<Swept> {
+) -> Result<SweepEnd> {
     crate::volume::with_voxel_type!(input.volume.header().dtype, T => match number < LABELS {
         true => input.search_dust::<T>(filters, number, checkpointer),
         false => input.label_all::<T>(filters, checkpointer),
@@ -124,7 +124,7 @@ impl LabelInput<'_> {
         &self,
         filters: &[Filter],
         checkpointer: &mut Checkpointer,
-    ) -> Result<Swept> {
+    ) -> Result<SweepEnd> {
         let (mut state, first) = self.begin(checkpointer)?;
         let files = checkpointer.files(LABELS);
         let end = self.job.made.end;
@@ -140,7 +140,7 @@ impl LabelInput<'_> {
         let seam = state.seam();
         let marks = state.end(&files)?;
         checkpointer.close_sweep(LABELS, &marks)?;
-        Ok(Swept { marks, seam })
+        Ok(SweepEnd { marks, seam })
     }
 
     /// The state before the first layer to do, and that layer.

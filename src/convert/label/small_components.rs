@@ -10,7 +10,7 @@ use crate::checkpoint::{Checkpointer, Marks, Scratch};
 use crate::convert::label::seam::Beyond;
 use crate::convert::label::slab_memory::SlabMemory;
 use crate::convert::label::state::{Keeps, LabelState, SlabLabels};
-use crate::convert::label::{LabelInput, Swept};
+use crate::convert::label::{LabelInput, SweepEnd};
 use crate::convert::layers::Layers;
 use crate::error::Result;
 use crate::grid::{Dims, Tiling};
@@ -102,7 +102,7 @@ impl LabelInput<'_> {
         filters: &[Filter],
         sweep: usize,
         checkpointer: &mut Checkpointer,
-    ) -> Result<Swept> {
+    ) -> Result<SweepEnd> {
         let (dims, made) = (self.job.plan.tiling.dims, self.job.made);
         let memory = self.slab_memory()?;
         let (mut state, mut search, first) =
@@ -118,7 +118,7 @@ impl LabelInput<'_> {
         let (marks, seam) = (search.marks()?, state.seam());
         drop((search, state));
         checkpointer.close_sweep(sweep, &marks)?;
-        Ok(Swept { marks, seam })
+        Ok(SweepEnd { marks, seam })
     }
 }
 

@@ -8,7 +8,7 @@ use crate::convert::known_band::KnownBands;
 use crate::convert::label::{Filter, LabelInput, Labelled, LeftOut, Seam, left_out, sweep};
 use crate::convert::memory::{SLABS, TABLES};
 use crate::convert::mesh::{MeshInput, MeshOutput, mesh};
-use crate::convert::parts::directory::{Attempt, Directory, Doer, FileSum, Made};
+use crate::convert::parts::directory::{Attempt, Directory, Doer, Done, FileSum, Made};
 use crate::convert::parts::ids::{IdsOfPart, MergedIds, done_labels, gone, open_labels};
 use crate::convert::parts::records::{read_records, write_records};
 use crate::convert::parts::rounds::{Round, Rounds};
@@ -55,6 +55,14 @@ pub struct FinishedPart {
     pub voxels_below: u64,
     /// Bytes of its shards and its rows of tables.
     pub index_and_tables: u64,
+}
+
+/// The labels of a part.
+struct KnownLabels {
+    /// As the part has left them.
+    done: Done<LabelsOfPart>,
+    /// The components of the whole volume that they are.
+    ids: IdsOfPart,
 }
 
 /// What a part works on.
@@ -159,19 +167,25 @@ impl PartWork<'_> {
         filter.ok_or_else(|| gone(directory, part))
     }
 
-    /// Writes the geometry of the part's tiles.
-    fn mesh(&self, attempt: Attempt) -> Result<()> {
-        let (job, directory, part) = (self.job, self.directory, self.part);
+    /// What labelling the part has found, and what merging has made of it.
+    fn labels(&self) -> Result<KnownLabels> {
+        let (directory, part) = (self.directory, self.part);
         let round = self.rounds.number(Round::Label);
         let done = done_labels(directory, round, part)?;
-        done.check_marks()?;
-        let mut labelled = open_labels(directory, &done, part)?;
         let seam = Seam::read(&done.file(SEAM)?.0)?;
         let merged = directory.done::<MergedIds>(round, Doer::Merge)?;
         let merged = merged.ok_or_else(|| gone(directory, part))?;
         let ids = IdsOfPart::read(&merged, &seam, part)?;
+        Ok(KnownLabels { done, ids })
+    }
+
+    /// Writes the geometry of the part's tiles.
+    fn mesh(&self, attempt: Attempt) -> Result<()> {
+        let (job, directory, part) = (self.job, self.directory, self.part);
+        let KnownLabels { done, ids } = self.labels()?;
+        done.check_marks()?;
+        let mut labelled = open_labels(directory, &done, part)?;
         let shared = ids.bytes();
-        drop(seam);
         let work = &attempt.dir;
         let mut checkpointer = self.checkpointer(&attempt)?;
         make_directories(work)?;
@@ -233,12 +247,8 @@ impl PartWork<'_> {
     /// Gives the part's tiles their JSON, and writes their index and rows of tables.
     fn finish(&self, attempt: Attempt) -> Result<()> {
         let (job, directory, part) = (self.job, self.directory, self.part);
-        let labels = self.rounds.number(Round::Label);
-        let labels_done = done_labels(directory, labels, part)?;
-        let merged = directory.done::<MergedIds>(labels, Doer::Merge)?;
-        let merged = merged.ok_or_else(|| gone(directory, part))?;
-        let seam = Seam::read(&labels_done.file(SEAM)?.0)?;
-        let places = IdsOfPart::read(&merged, &seam, part)?.places;
+        let KnownLabels { done: labels, ids } = self.labels()?;
+        let places = ids.places;
         let round = self.rounds.number(Round::Mesh);
         let done = directory.done::<()>(round, Doer::Part(part))?;
         let done = done.ok_or_else(|| gone(directory, part))?;
@@ -274,7 +284,7 @@ impl PartWork<'_> {
         })?;
         let sums = ScannedSums {
             caps,
-            nan: labels_done.result.nan,
+            nan: labels.result.nan,
         };
         let mut voxels_below = 0;
         for place in 0..components.places.cells.own {
