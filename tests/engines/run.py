@@ -9,7 +9,9 @@ that is not installed is skipped, with a line that says so. Ends with `N passed,
 """
 
 import argparse
+import contextlib
 import filecmp
+import io
 import os
 import pathlib
 import shutil
@@ -24,7 +26,7 @@ PARTS = 4
 KILLED = 2
 # in milliseconds: long after the program has begun, long before a part of this size is done
 KILL_AFTER = 20
-OPTIONS = ["--threshold", "otsu", "--macrocube", "16"]
+OPTIONS = ["--threshold", "otsu", "--macrocube", "16", "--threads", "1"]
 
 
 def run(command, **kwargs):
@@ -50,11 +52,11 @@ class Volume:
         self.scan = directory / "foam.mhd"
         run([program, "phantom", "foam", self.scan, "--dims", "256,256,256", "--quiet"])
         self.whole = directory / "whole"
-        run([program, "convert", self.scan, self.whole, *OPTIONS, "--threads", "1", "--quiet"])
+        run([program, "convert", self.scan, self.whole, *OPTIONS, "--quiet"])
 
     def plan(self, name, *options):
         """Plans its parts in a directory of this name; what the program says."""
-        words = ["plan", self.scan, self.directory / name, "--parts", PARTS, *OPTIONS, *options]
+        words = ["plan", self.scan, self.directory / name, "--parts", PARTS, *OPTIONS, "--memory", "256MiB", *options]
         return run([self.program, *words])
 
     def killing(self, name):
@@ -118,7 +120,9 @@ def by_hyperqueue(volume, cpus):
             for part in parts_of(merged.stdout):
                 words = [str(bin / "alvis"), "work", str(out), "--part", str(part), "--threads", "1"]
                 job.program(words, resources=ResourceRequest(cpus=1))
-            client.wait_for_jobs([client.submit(job)], raise_on_error=False)
+            with contextlib.redirect_stderr(io.StringIO()):
+                # it draws a bar
+                client.wait_for_jobs([client.submit(job)], raise_on_error=False)
         else:
             raise AssertionError("20 rounds were not enough")
     volume.compare("by-hyperqueue", told)
