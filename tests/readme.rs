@@ -143,19 +143,21 @@ fn links_lead_somewhere() {
             .filter(|c| c.is_alphanumeric() || "-_ ".contains(*c));
         kept.map(|c| if c == ' ' { '-' } else { c }).collect()
     };
-    let headings: BTreeSet<String> = text
-        .lines()
-        .filter(|l| l.starts_with('#'))
-        .map(anchor)
-        .collect();
+    let headings = |text: &str| -> BTreeSet<String> {
+        let lines = text.lines().filter(|l| l.starts_with('#'));
+        lines.map(anchor).collect()
+    };
     for target in targets.filter(|t| !t.contains("://")) {
-        match target.strip_prefix('#') {
-            Some(heading) => assert!(headings.contains(heading), "{target}"),
-            None => {
-                assert!(root().join(target).exists(), "{target}");
-                files += 1;
-            }
+        let (path, heading) = target.split_once('#').unwrap_or((target, ""));
+        if !path.is_empty() {
+            assert!(root().join(path).exists(), "{target}");
+            files += 1;
         }
+        let page = if path.is_empty() { "README.md" } else { path };
+        assert!(
+            heading.is_empty() || headings(&read(page)).contains(heading),
+            "{target}"
+        );
     }
     assert!(files > 4);
 }

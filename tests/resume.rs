@@ -152,7 +152,8 @@ fn every_layer_of_every_kind() {
         macrocube: [18, 16, 5],
         ..base.clone()
     };
-    stop_everywhere("walls", &small_foam, &walls);
+    // so do walls
+    stop_in_steps("walls", &small_foam, &walls, |looks| looks * 3 / 4);
     let web = ConvertOptions {
         encoding: Encoding::Meshopt,
         layout: Layout::Merged,
