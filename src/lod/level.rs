@@ -33,8 +33,6 @@ const BORDER_BLOCK: f64 = 1.25;
 /// How well normals have to agree in blocks, and in those half as wide: the first level is what one looks at from near.
 const AGREE: [f32; 2] = [0.85, 0.7];
 const AGREE_ABOVE: [f32; 2] = [0.75, 0.75];
-/// Blocks of a level are wider by so much than the ratio tells: clusters lie nearer than what edge collapse leaves.
-const WIDER: f64 = 1.06;
 
 /// About so many steps of positions are as wide as a block, as far as they are no coarser than a quarter of a voxel,
 /// in which small surfaces that stay as they are do not fall together.
@@ -82,7 +80,7 @@ impl LevelPlan {
         };
         let mut block = FIRST_BLOCK * f64::from(LATTICE) * (0.125 / ratio).sqrt();
         for _ in 1..level {
-            block *= WIDER * (1.0 / ratio).sqrt();
+            block *= (1.0 / ratio).sqrt();
         }
         let block = 2 * (block.min(f64::from(1 << 24)) / 2.0).round() as i32;
         // finer than that is bytes for nothing
