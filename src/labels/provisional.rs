@@ -343,7 +343,7 @@ mod tests {
                 .each_block(|words| all.append(words).map(|_| ()))
                 .unwrap();
             windows.push((first, count));
-            dead.push(first + count / 2);
+            dead.extend((count > 0).then_some(first + count / 2));
         }
         for &label in &dead {
             all.retire(label).unwrap();

@@ -54,6 +54,8 @@ pub(crate) const PARTS: &str = "parts";
 const PARTS_GONE: &str = "parts.gone";
 /// The file in it that says that all is made and is being moved in.
 const MOVING: &str = "moving";
+/// The file in it that lists what is moved, one name in a line.
+const TO_MOVE: &str = "moving.names";
 
 /// An output directory in the making; dropped before [`Output::commit`], it leaves things as they
 /// were, or what has been made in the work directory if that is to be kept.
@@ -311,6 +313,9 @@ impl Output {
     /// # Errors
     /// [`Error::Io`].
     pub fn begin_commit(&mut self, note: &[u8]) -> Result<()> {
+        let there = ENTRIES.iter().filter(|name| self.work.join(name).exists());
+        let names: Vec<&str> = there.copied().collect();
+        write_file(&self.work.join(TO_MOVE), &[names.join("\n").as_bytes()])?;
         let path = self.work.join(MOVING);
         let new = path.with_extension("new");
         write_file(&new, &[note])?;
@@ -338,9 +343,11 @@ impl Output {
         if !self.work.join(MOVING).exists() {
             self.begin_commit(b"")?;
         }
+        let list = self.work.join(TO_MOVE);
+        let list = fs::read_to_string(&list).map_err(|e| Error::io(&list, "read", e))?;
         for name in ENTRIES {
-            // what has been moved already is not to be removed
-            if self.work.join(name).exists() || OPTIONAL.contains(&name) {
+            // what has been moved already is not to be removed, and what the new set lacks is of another one
+            if self.work.join(name).exists() || list.lines().all(|moved| moved != name) {
                 remove_if_there(&self.out.join(name))?;
             }
         }
@@ -432,6 +439,72 @@ fn take_lock(work: &Path, out: &Path) -> Result<Lock> {
             Err(Error::Io { source, .. }) if source.kind() == ErrorKind::NotFound && tries < 10 => {
             }
             taken => return taken,
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// The names in a directory, but that of the work directory.
+    fn names(dir: &Path) -> Vec<String> {
+        let entries = fs::read_dir(dir).unwrap().map(|e| e.unwrap().file_name());
+        let names = entries.map(|name| name.into_string().unwrap());
+        let mut names: Vec<String> = names.filter(|name| name != WORK).collect();
+        names.sort();
+        names
+    }
+
+    /// Wherever moving was stopped, going on moves the rest and loses nothing; what the new set lacks goes.
+    #[test]
+    fn moving_in_goes_on_wherever_it_was_stopped() {
+        let tables = [
+            "cells.csv",
+            "objects.csv",
+            "surfaces.csv",
+            "cells.parquet",
+            NECKS,
+        ];
+        let new = [&["index.json"], &tables[..]].concat();
+        for stop in 0..=new.len() + 2 {
+            let dir = tempfile::tempdir().unwrap();
+            let out = dir.path().join("out");
+            fs::create_dir(&out).unwrap();
+            for old in [
+                "index.json",
+                "cells.csv",
+                "objects.csv",
+                "legend.png",
+                NECKS,
+            ] {
+                fs::write(out.join(old), "old").unwrap();
+            }
+            let mut output = Output::open_any(&out, true, false).unwrap();
+            output.clear().unwrap();
+            for name in &new {
+                fs::write(output.work().join(name), "new").unwrap();
+            }
+            output.begin_commit(b"note").unwrap();
+            // as far as it gets: what is removed first, then what is moved, the manifest last
+            for name in ENTRIES {
+                remove_if_there(&out.join(name)).unwrap();
+            }
+            let there = |name: &&&str| output.work().join(name).exists();
+            let moved: Vec<_> = ENTRIES.iter().rev().filter(there).take(stop).collect();
+            for name in moved {
+                fs::rename(output.work().join(name), out.join(name)).unwrap();
+            }
+            drop(output);
+            let output = Output::open_any(&out, false, true).unwrap();
+            assert_eq!(output.moving().as_deref(), Some(&b"note"[..]));
+            output.commit().unwrap();
+            let mut expected = [&new[..], &["index", "tiles"]].concat();
+            expected.sort_unstable();
+            assert_eq!(names(&out), expected, "after {stop}");
+            for name in &new {
+                assert_eq!(fs::read_to_string(out.join(name)).unwrap(), "new", "{name}");
+            }
         }
     }
 }

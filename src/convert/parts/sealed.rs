@@ -2,6 +2,7 @@
 
 use crate::error::{Error, Result};
 use crate::manifest::checksum_text;
+use crate::sys::files::remove_if_there;
 use rustix::fs::{CWD, RenameFlags, renameat_with};
 use serde::de::DeserializeOwned;
 use serde::{Deserialize, Serialize};
@@ -61,6 +62,8 @@ pub fn write_once<T: Serialize>(new: &Path, path: &Path, value: &T) -> Result<bo
     let checksum = checksum_of(body.get());
     let sealed = Sealed { checksum, body };
     let text = serde_json::to_vec(&sealed).expect("plain data serialises");
+    // a link of an earlier call may have this name, too: what it leads to is not to be written into
+    remove_if_there(new)?;
     std::fs::write(new, text).map_err(|e| Error::io(new, "write", e))?;
     let published = match std::fs::hard_link(new, path) {
         // not every file system has links
