@@ -95,7 +95,7 @@ impl Table {
 
     /// The values of one column.
     fn values(&self, at: usize) -> Result<Vec<f64>> {
-        let mut reader = TableReader::open(&self.path)?;
+        let mut reader = TableReader::open_keyed(&self.path, self.key)?;
         let mut values = Vec::new();
         while let Some(row) = reader.next_row()? {
             values.push(row.number(at)?.unwrap_or(f64::NAN));
@@ -104,7 +104,7 @@ impl Table {
     }
 
     fn whole(&self, at: usize) -> Result<Vec<i64>> {
-        let mut reader = TableReader::open(&self.path)?;
+        let mut reader = TableReader::open_keyed(&self.path, self.key)?;
         let mut values = Vec::new();
         while let Some(row) = reader.next_row()? {
             values.push(row.signed(at)?);

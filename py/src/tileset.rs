@@ -181,7 +181,11 @@ impl TileSet {
             _ => None,
         };
         let Some(path) = path else { return Ok(None) };
-        let key = if name == "necks" { "cell_a" } else { "id" };
+        let key = if matches!(name, "necks" | "walls") {
+            "cell_a"
+        } else {
+            "id"
+        };
         let opened = py.detach(|| self.0.path(path).and_then(|path| Table::open(path, key)));
         opened.map(Some).map_err(|error| exception(py, &error))
     }

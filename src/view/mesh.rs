@@ -126,7 +126,11 @@ impl Frame {
     /// # Errors
     /// What is wrong with the tile.
     pub fn mesh(&self, grid: [u32; 3], file: &[u8]) -> Result<Vec<u8>, String> {
-        let Contents { mut pieces, fins } = self.contents(file)?;
+        let Contents {
+            mut pieces,
+            fins,
+            mut sides,
+        } = self.contents(file)?;
         let triangles = pieces.iter().map(|p| p.ids.triangles).sum::<u64>();
         if self.primitives == Primitives::Triangles {
             strip_all(&mut pieces);
@@ -164,7 +168,7 @@ impl Frame {
         for (slot, piece) in pieces.iter().enumerate() {
             let flags = match slot < fins {
                 true => vec![if piece.ids.cell == 0 { CAP } else { 0 }; piece.positions.len()],
-                false => fin_sides(piece)?,
+                false => std::mem::take(&mut sides[slot - fins]),
             };
             let slot = Slot {
                 number: slot as u32,
@@ -201,10 +205,16 @@ impl Frame {
         let mut pieces = counted_pieces(&tile, self.primitives).map_err(|e| e.to_string())?;
         let fins = pieces.len().checked_sub(fins);
         let fins = fins.ok_or("found more fins than rows")?;
+        // on which side a corner is shows where it was, not where it is brought to
+        let sides: Result<Vec<_>, _> = pieces[fins..].iter().map(fin_sides).collect();
         for fin in &mut pieces[fins..] {
             self.keep_inside(fin);
         }
-        Ok(Contents { pieces, fins })
+        Ok(Contents {
+            pieces,
+            fins,
+            sides: sides?,
+        })
     }
 
     /// Brings what of a fin is outside of the volume to its faces, where nobody looks between blocks.
@@ -251,6 +261,8 @@ struct Contents {
     pieces: Vec<Piece>,
     /// The number of the first that are fins.
     fins: usize,
+    /// What [`fin_sides`] says of each of these.
+    sides: Vec<Vec<u8>>,
 }
 
 /// A piece and its place among all.
