@@ -21,6 +21,8 @@ use crate::volume::{Cropped, Volume, Voxel, with_voxel_type};
 use std::collections::BTreeMap;
 use std::ops::Range;
 
+/// Bytes of labels that are read at once, but a row at least.
+const AT_ONCE: usize = 4 << 20;
 /// Counts that a sort keeps in memory: 1 MiB.
 const IN_MEMORY: usize = 1 << 16;
 
@@ -253,21 +255,19 @@ fn read_all<T: Voxel>(volume: &dyn Volume, progress: &dyn Progress) -> Result<Re
     let [nx, ny, nz] = volume.header().dims.0;
     progress.begin("labels", nz.into());
     let mut crc = crc32fast::Hasher::new();
-    let (mut row, mut largest) = (vec![T::zeroed(); nx as usize], 0);
+    let rows = (AT_ONCE / (nx as usize * size_of::<T>())).clamp(1, ny as usize);
+    let (mut labels, mut largest) = (Vec::new(), 0);
     for z in 0..nz {
         if progress.interrupted() {
             return Err(Error::Interrupted);
         }
-        for y in 0..ny {
-            let bytes = bytemuck::cast_slice_mut(&mut row);
-            volume.read_box(0..nx, y..y + 1, z..z + 1, bytes)?;
-            let mut x = 0u64;
-            for same in row.chunk_by(|a, b| a == b) {
-                let label = same[0].to_f64() as i64;
-                crc.update(&x.to_le_bytes());
-                crc.update(&label.to_le_bytes());
-                largest = largest.max(label);
-                x += same.len() as u64;
+        for first in (0..ny).step_by(rows) {
+            let end = ny.min(first + rows as u32);
+            labels.resize(nx as usize * (end - first) as usize, T::zeroed());
+            let bytes = bytemuck::cast_slice_mut(&mut labels);
+            volume.read_box(0..nx, first..end, z..z + 1, bytes)?;
+            for row in labels.chunks_exact(nx as usize) {
+                largest = largest.max(add_row(row, &mut crc));
             }
         }
         progress.advance(1);
@@ -276,6 +276,19 @@ fn read_all<T: Voxel>(volume: &dyn Volume, progress: &dyn Progress) -> Result<Re
         checksum: format!("crc32:{:08x}", crc.finalize()),
         largest,
     })
+}
+
+/// Adds the stretches of a row to the checksum: where each begins, and its label; returns the largest of these.
+fn add_row<T: Voxel>(row: &[T], crc: &mut crc32fast::Hasher) -> i64 {
+    let (mut x, mut largest) = (0u64, i64::MIN);
+    for same in row.chunk_by(|a, b| a == b) {
+        let label = same[0].to_f64() as i64;
+        crc.update(&x.to_le_bytes());
+        crc.update(&label.to_le_bytes());
+        largest = largest.max(label);
+        x += same.len() as u64;
+    }
+    largest
 }
 
 /// Voxels below by cells, before they are sorted.
