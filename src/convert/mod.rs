@@ -90,17 +90,26 @@ pub fn convert(
         run(job, out).map_err(|e| outward(e, out))
     })?;
     Ok(ConvertReport {
-        totals: done.made.totals,
+        resumed_layers: done.resumed_layers,
+        resumed_index_layers: done.resumed_index_layers,
+        ..report(done.made, options, start)
+    })
+}
+
+/// What is told of a tile set that was made since `start`, all of it.
+fn report(made: Made, options: &ConvertOptions, start: Instant) -> ConvertReport {
+    ConvertReport {
+        totals: made.totals,
         threshold: options.threshold,
         filters: options.filters(),
         region: options.region.as_ref().map(|r| r.stated.clone()),
-        bytes_written: done.made.bytes,
+        bytes_written: made.bytes,
         seconds: start.elapsed().as_secs_f64(),
         peak_rss_bytes: peak_rss_bytes(),
-        resumed_layers: done.resumed_layers,
-        resumed_index_layers: done.resumed_index_layers,
-        warnings: done.made.warnings,
-    })
+        resumed_layers: 0,
+        resumed_index_layers: 0,
+        warnings: made.warnings,
+    }
 }
 
 /// Calls `run` with what all stages of a conversion know, of the layers that `made` chooses.

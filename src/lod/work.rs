@@ -5,7 +5,7 @@ use crate::checkpoint::kept;
 use crate::error::{Error, Result};
 use crate::manifest::checksum_text;
 use crate::manifest::{LEVELS, LevelsEntry, MANIFEST, Manifest, PARTIAL, TILESET, sums_of};
-use crate::sys::files::{remove_if_there, write_file};
+use crate::sys::files::{make_directory, remove_if_there, write_file};
 use crate::tileset::{LEVELS_STATE as STATE, Lock};
 use serde::{Deserialize, Serialize};
 use std::fs::{self, File};
@@ -53,10 +53,7 @@ impl Work {
     /// [`Error::Io`].
     pub fn open(out: &Path) -> Result<Self> {
         let dir = out.join(PARTIAL);
-        match fs::create_dir(&dir) {
-            Err(e) if e.kind() == ErrorKind::AlreadyExists && dir.is_dir() => {}
-            made => made.map_err(|e| Error::io(&dir, "create the directory", e))?,
-        }
+        make_directory(&dir)?;
         let lock = Lock::take(&dir.join("lock"), out)?;
         let work = Work {
             out: out.to_path_buf(),

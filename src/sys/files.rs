@@ -29,6 +29,17 @@ pub fn write_file(path: &Path, parts: &[&[u8]]) -> Result<()> {
     Ok(())
 }
 
+/// Makes a directory, unless it is there.
+///
+/// # Errors
+/// [`Error::Io`].
+pub fn make_directory(path: &Path) -> Result<()> {
+    match fs::create_dir(path) {
+        Err(e) if e.kind() == ErrorKind::AlreadyExists && path.is_dir() => Ok(()),
+        made => made.map_err(|e| Error::io(path, "create the directory", e)),
+    }
+}
+
 /// Removes a file, or a directory with all that is in it.
 ///
 /// # Errors

@@ -37,7 +37,7 @@ pub(super) struct Reach {
     slack: f64,
     /// World axes along which the grid's x and y run, even if only in part.
     sides: [bool; 3],
-    /// Each axis of the grid runs along one of the world.
+    /// Each axis of the grid runs along one of the world, so that what reaches an end of the box reaches a face.
     is_aligned: bool,
 }
 
@@ -85,11 +85,6 @@ impl Reach {
             }
         }
         Ok(reached)
-    }
-
-    /// True if the axes of the grid are those of the boxes, so that what reaches an end of these reaches a face.
-    fn tells_faces(&self) -> bool {
-        self.is_aligned
     }
 
     /// True if a row is air around the sample by the rule [`Outside::BorderCell`].
@@ -260,7 +255,9 @@ fn cut(of: Table, chosen: Option<&Chosen>, dir: &Path, manifest: &Manifest) -> R
         },
     )?;
     let reach = match &manifest.region {
-        Some(_) if !is_surface => Some(Reach::new(&table, manifest)?).filter(Reach::tells_faces),
+        Some(_) if !is_surface => {
+            Some(Reach::new(&table, manifest)?).filter(|reach| reach.is_aligned)
+        }
         _ => None,
     };
     let mut rows = 0;

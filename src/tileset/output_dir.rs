@@ -3,7 +3,7 @@
 use crate::checkpoint::{LayersDone, STATE, kept};
 use crate::error::{Error, Result};
 use crate::manifest::{COMPONENTS, MANIFEST, NECKS, PARTIAL as WORK, TILESET, WALLS};
-use crate::sys::files::{remove_if_there, write_file};
+use crate::sys::files::{make_directory, remove_if_there, write_file};
 use crate::tileset::Lock;
 use std::ffi::OsString;
 use std::fs;
@@ -56,6 +56,15 @@ const PARTS_GONE: &str = "parts.gone";
 const MOVING: &str = "moving";
 /// The file in it that lists what is moved, one name in a line.
 const TO_MOVE: &str = "moving.names";
+
+/// Makes the directories of a tile set in the one where it is made, unless they are there.
+///
+/// # Errors
+/// [`Error::Io`].
+pub fn make_directories(work: &Path) -> Result<()> {
+    let mut all = ["tiles", "index"].into_iter();
+    all.try_for_each(|name| make_directory(&work.join(name)))
+}
 
 /// An output directory in the making; dropped before [`Output::commit`], it leaves things as they
 /// were, or what has been made in the work directory if that is to be kept.
@@ -285,11 +294,7 @@ impl Output {
             }
         }
         self.empty()?;
-        for dir in ["tiles", "index"] {
-            let dir = self.work.join(dir);
-            fs::create_dir(&dir).map_err(|e| Error::io(&dir, "create the directory", e))?;
-        }
-        Ok(())
+        make_directories(&self.work)
     }
 
     /// Where to write.

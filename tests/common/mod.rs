@@ -28,6 +28,19 @@ pub fn data(test: &str) -> Option<PathBuf> {
     None
 }
 
+/// Copies a directory with all that is in it to where nothing is.
+pub fn copy_all(from: &Path, to: &Path) {
+    std::fs::create_dir(to).unwrap();
+    for entry in std::fs::read_dir(from).unwrap() {
+        let path = entry.unwrap().path();
+        let target = to.join(path.file_name().unwrap());
+        match path.is_dir() {
+            true => copy_all(&path, &target),
+            false => _ = std::fs::copy(&path, &target).unwrap(),
+        }
+    }
+}
+
 /// Converts into a temporary directory; panics if that fails.
 pub fn converted(
     volume: &dyn Volume,

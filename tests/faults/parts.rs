@@ -2,7 +2,7 @@
 
 use super::{EACCES, EIO, ENOSPC, WORK, shim, shimmed, text};
 use crate::command::{alvis, ok};
-use crate::common::{assert_same_files, files};
+use crate::common::{assert_same_files, copy_all, files};
 use std::collections::BTreeMap;
 use std::fs;
 use std::path::Path;
@@ -12,18 +12,6 @@ const OPTIONS: &str = "foam.raw out --dims 24,22,20 --dtype u8 --threshold 128 -
 
 fn words(line: &str) -> Vec<&str> {
     line.split_whitespace().collect()
-}
-
-fn copy(from: &Path, to: &Path) {
-    fs::create_dir(to).unwrap();
-    for entry in fs::read_dir(from).unwrap() {
-        let path = entry.unwrap().path();
-        let target = to.join(path.file_name().unwrap());
-        match path.is_dir() {
-            true => copy(&path, &target),
-            false => _ = fs::copy(&path, &target).unwrap(),
-        }
-    }
 }
 
 /// Works and merges until the tile set is in place.
@@ -59,9 +47,9 @@ fn fail_each(
     let (out, kept) = (here.join("out"), here.join("kept"));
     let put_back = || {
         fs::remove_dir_all(&out).unwrap();
-        copy(&kept, &out);
+        copy_all(&kept, &out);
     };
-    copy(&out, &kept);
+    copy_all(&out, &kept);
     let log = here.join("log");
     let counted = shimmed(shim, here, line)
         .env("SHIM_LOG", &log)

@@ -3,7 +3,7 @@
 use super::{Files, finish, plan};
 use crate::command::{alvis, fails, ok};
 use crate::common::volumes::{foam, placed};
-use crate::common::{assert_same_files, converted, files, options};
+use crate::common::{assert_same_files, converted, copy_all, files, options};
 use alvis::Error;
 use alvis::convert::ConvertOptions;
 use alvis::convert::parts::{
@@ -201,18 +201,6 @@ fn part_files(dir: &Path) -> Vec<PathBuf> {
     found
 }
 
-fn copy(from: &Path, to: &Path) {
-    fs::create_dir(to).unwrap();
-    for entry in fs::read_dir(from).unwrap() {
-        let path = entry.unwrap().path();
-        let target = to.join(path.file_name().unwrap());
-        match path.is_dir() {
-            true => copy(&path, &target),
-            false => _ = fs::copy(&path, &target).unwrap(),
-        }
-    }
-}
-
 /// Goes on as the commands do; an error ends it.
 fn go_on(volume: &MemoryVolume<u8>, options: &ConvertOptions, out: &Path) -> Result<(), Error> {
     loop {
@@ -255,7 +243,7 @@ fn files_that_are_damaged_are_found_or_not_needed() {
                     continue;
                 }
                 let tried = dir.path().join(format!("tried-{round}-{number}-{way}"));
-                copy(&out, &tried);
+                copy_all(&out, &tried);
                 let file = tried.join(name);
                 let mut bytes = fs::read(&file).unwrap();
                 match way {

@@ -2,19 +2,17 @@
 
 use crate::convert::conversion::{Conversion, Made};
 use crate::convert::label::LeftOut;
-use crate::convert::parts::directory::{Directory, Doer, Done, FileSum, each_block};
-use crate::convert::parts::ids::{done_labels, gone};
+use crate::convert::parts::directory::{Directory, Done, FileSum, each_block};
 use crate::convert::parts::rounds::{Round, Rounds};
-use crate::convert::parts::small::{MergedSmall, left_out};
-use crate::convert::parts::work::{CSV, FinishedPart, LAYERS};
+use crate::convert::parts::small::left_out;
+use crate::convert::parts::work::{CSV, FinishedPart, LAYERS, LabelsOfPart};
 use crate::convert::totals::{dust_of, together};
 use crate::convert::warnings::warnings;
 use crate::error::{Error, Result};
 use crate::manifest::{LayerRecord, Manifest, Totals, shard_path, sums_of};
-use crate::sys::spill_file::{Mark, SpillFile};
-use crate::tileset::{Output, PLAN, TilesetWriter, layer_directory};
+use crate::tileset::{Output, PLAN, TilesetWriter, layer_directory, make_directories};
 use std::fs::File;
-use std::io::{BufWriter, ErrorKind, Write};
+use std::io::{BufWriter, Write};
 use std::path::Path;
 
 /// Joins what all parts have made.
@@ -59,19 +57,13 @@ impl Commit<'_> {
     fn make(&self) -> Result<Made> {
         let (job, directory) = (self.job, self.directory);
         let work = &directory.work;
-        for name in ["tiles", "index"] {
-            match std::fs::create_dir(work.join(name)) {
-                Err(e) if e.kind() == ErrorKind::AlreadyExists => {}
-                made => made.map_err(|e| Error::io(work, "create the directory", e))?,
-            }
-        }
+        make_directories(work)?;
         let mut set = TilesetWriter::new(work)?;
         let (mut totals, mut voxels_below, mut bytes) = (Totals::default(), 0, 0);
         let finish = self.rounds.number(Round::Finish);
         let mut parts = Vec::new();
         for part in 0..directory.parts() {
-            let done = directory.done::<FinishedPart>(finish, Doer::Part(part))?;
-            let done = done.ok_or_else(|| gone(directory, part))?;
+            let done: Done<FinishedPart> = directory.done_by(finish, part)?;
             self.take_layers(part, &done, &mut set)?;
             let FinishedPart {
                 totals: own,
@@ -115,14 +107,8 @@ impl Commit<'_> {
     ) -> Result<()> {
         let directory = self.directory;
         let mesh = self.rounds.number(Round::Mesh);
-        let meshed = directory.done::<()>(mesh, Doer::Part(part))?;
-        let meshed = meshed.ok_or_else(|| gone(directory, part))?;
-        let (path, sum) = done.file(LAYERS)?;
-        let mark = Mark {
-            len: sum.bytes,
-            crc: sum.crc,
-        };
-        SpillFile::open(&path, mark)?.each(|layer: LayerRecord| {
+        let meshed: Done<()> = directory.done_by(mesh, part)?;
+        done.spool(LAYERS)?.each(|layer: LayerRecord| {
             let name = layer_directory(layer.z);
             move_once(&meshed.dir.join(&name), &directory.work.join(&name))?;
             let name = shard_path(layer.z);
@@ -173,12 +159,11 @@ impl Commit<'_> {
         let mut merged = Vec::new();
         for sweep in rounds.searches() {
             let round = rounds.number(Round::Search(sweep));
-            let done = directory.done::<MergedSmall>(round, Doer::Merge)?;
-            merged.push(done.ok_or_else(|| gone(directory, 0))?.result);
+            merged.push(directory.merged(round, 0)?.result);
         }
         let mut sum = left_out(&merged);
         for part in 0..directory.parts() {
-            let own = done_labels(directory, rounds.number(Round::Label), part)?;
+            let own: Done<LabelsOfPart> = directory.done_by(rounds.number(Round::Label), part)?;
             for (sum, own) in sum.iter_mut().zip(own.result.left_out) {
                 sum.0 += own.0;
                 sum.1 += own.1;

@@ -9,6 +9,8 @@ use crate::convert::layers::Layers;
 use crate::convert::parts::sealed;
 use crate::error::{Error, Result};
 use crate::manifest::{PARTIAL, Region};
+use crate::sys::files::make_directory;
+use crate::sys::spill_file::{Mark, SpillFile};
 use crate::tileset::{PARTS, PLAN};
 use serde::de::{DeserializeOwned, IgnoredAny};
 use serde::{Deserialize, Serialize};
@@ -18,7 +20,7 @@ use std::io::{ErrorKind, Read};
 use std::path::{Path, PathBuf};
 
 /// Counts the versions of all these files.
-pub const FORMAT: u32 = 1;
+pub const FORMAT: u32 = 2;
 
 /// What all parts are to know.
 #[derive(Debug, Clone, Serialize, Deserialize)]
@@ -208,10 +210,7 @@ impl Directory {
         let parts = work.join(PARTS);
         let rounds = (1..=plan.rounds).map(|round| parts.join(round.to_string()));
         for dir in std::iter::once(parts.clone()).chain(rounds) {
-            match std::fs::create_dir(&dir) {
-                Err(e) if e.kind() == ErrorKind::AlreadyExists => {}
-                made => made.map_err(|e| Error::io(&dir, "create the directory", e))?,
-            }
+            make_directory(&dir)?;
         }
         let new = work.join(format!("{PLAN}.{}", unique()?));
         let written = sealed::write_once(&new, &work.join(PLAN), plan);
@@ -322,6 +321,31 @@ impl Directory {
         };
         done.check_lengths()?;
         Ok(Some(done))
+    }
+
+    /// What a part has done of a round that it was said to have done.
+    ///
+    /// # Errors
+    /// As of [`Directory::done`]; [`Error::Format`] if it is not done.
+    pub fn done_by<T: DeserializeOwned>(&self, round: u32, part: u32) -> Result<Done<T>> {
+        let done = self.done(round, Doer::Part(part))?;
+        done.ok_or_else(|| self.gone(part))
+    }
+
+    /// What was merged of a round after which a part is at work.
+    ///
+    /// # Errors
+    /// As of [`Directory::done_by`].
+    pub fn merged<T: DeserializeOwned>(&self, round: u32, part: u32) -> Result<Done<T>> {
+        let done = self.done(round, Doer::Merge)?;
+        done.ok_or_else(|| self.gone(part))
+    }
+
+    /// The error for a part that was done, and is no more.
+    pub fn gone(&self, part: u32) -> Error {
+        let found = format!("nothing of part {part}");
+        Error::format(&self.work, found, "what it has left")
+            .with_hint("run `alvis merge`, and what it asks for, again")
     }
 
     /// True if a piece of work is done, as far as its marker and the lengths of its files tell.
@@ -458,6 +482,19 @@ impl<T> Done<T> {
         let found = FileSum::of(&self.dir, name)?;
         self.check_file(&path, &found, sum)?;
         Ok((path, sum))
+    }
+
+    /// One of its other files that was written as a spool, in the same way.
+    ///
+    /// # Errors
+    /// As of [`Done::file`].
+    pub fn spool(&self, name: &str) -> Result<SpillFile> {
+        let (path, sum) = self.file(name)?;
+        let mark = Mark {
+            len: sum.bytes,
+            crc: sum.crc,
+        };
+        SpillFile::open(&path, mark)
     }
 
     /// What is known of one of its other files.

@@ -3,14 +3,14 @@
 use crate::checkpoint::{LABELS, Scratch};
 use crate::convert::id_places::IdPlaces;
 use crate::convert::label::{Beyond, Labelled, Seam};
-use crate::convert::parts::directory::{Directory, Doer, Done, FileSum, Made};
+use crate::convert::parts::directory::{Directory, Done, FileSum, Made};
+use crate::convert::parts::handed_out::HandedOut;
 use crate::convert::parts::join::{Contributions, Joiner};
 use crate::convert::parts::work::{LabelsOfPart, SEAM};
 use crate::convert::resolve::{ComponentId, Each, Numbering};
 use crate::error::{Error, Result};
 use crate::labels::{PhaseLabels, ProvisionalLabels};
 use crate::sys::memory_pool::MemoryPool;
-use crate::sys::state_codec::{Decoder, Encoder};
 use bytemuck::{Pod, Zeroable};
 use serde::{Deserialize, Serialize};
 use std::path::Path;
@@ -52,25 +52,9 @@ fn file_of(part: u32) -> String {
 
 /// The labels of one part.
 fn labels_of(directory: &Directory, round: u32, part: u32) -> Result<(Labelled, Seam)> {
-    let done = done_labels(directory, round, part)?;
+    let done: Done<LabelsOfPart> = directory.done_by(round, part)?;
     let (seam, _) = done.file(SEAM)?;
     Ok((open_labels(directory, &done, part)?, Seam::read(&seam)?))
-}
-
-/// The marker of the labels of a part, which is there.
-pub fn done_labels(directory: &Directory, round: u32, part: u32) -> Result<Done<LabelsOfPart>> {
-    let done = directory.done(round, Doer::Part(part))?;
-    done.ok_or_else(|| gone(directory, part))
-}
-
-/// The error for a part that was done, and is no more.
-pub fn gone(directory: &Directory, part: u32) -> Error {
-    Error::format(
-        &directory.work,
-        format!("nothing of part {part}"),
-        "what it has left",
-    )
-    .with_hint("run `alvis merge`, and what it asks for, again")
 }
 
 /// Opens the labels of a part.
@@ -81,7 +65,7 @@ pub fn open_labels(
 ) -> Result<Labelled> {
     let files = Scratch::of_sweep(&done.dir, LABELS);
     let labelled = Labelled::read(&files, &done.marks, directory.layers(part)?)?;
-    labelled.ok_or_else(|| gone(directory, part))
+    labelled.ok_or_else(|| directory.gone(part))
 }
 
 /// How many components of each kind arrive in a part.
@@ -220,13 +204,12 @@ fn hand_out(
     joiner.finish(
         |known: &Known| numbering.id(known.above == 1, known.provisional, known.surface),
         |part, arrivals, leaving| {
-            let name = file_of(part);
-            let mut out = Encoder::create(&dir.join(&name))?;
-            out.array(&windows[part as usize])?;
-            out.array(&arrivals)?;
-            out.array(&leaving)?;
-            out.finish()?;
-            files.push(FileSum::of(dir, &name)?);
+            let ids = HandedOut {
+                head: windows[part as usize].to_vec(),
+                arrivals,
+                leaving,
+            };
+            files.push(ids.write(dir, &file_of(part))?);
             Ok(())
         },
     )?;
@@ -256,18 +239,15 @@ impl IdsOfPart {
     /// # Errors
     /// [`Error::Io`]; [`Error::Format`] if a file is damaged.
     pub fn read(merged: &Done<MergedIds>, seam: &Seam, part: u32) -> Result<Self> {
-        let (path, _) = merged.file(&file_of(part))?;
-        let bytes = std::fs::read(&path).map_err(|e| Error::io(&path, "read", e))?;
-        let read = Decoder::new(bytes).and_then(|mut input| {
-            let windows: Vec<Window> = input.array()?;
-            let arrivals: Vec<ComponentId> = input.array()?;
-            let leaving: Vec<ComponentId> = input.array()?;
-            let windows: [Window; 3] = windows.try_into().ok()?;
-            let fits = arrivals.len() == seam.arrivals.len() && leaving.len() == seam.leaving.len();
-            fits.then_some((windows, arrivals, leaving))
-        });
-        let (windows, arrivals, leaving) = read.ok_or_else(|| {
-            Error::format(&path, "other components", "those of the part's own labels")
+        let name = file_of(part);
+        let HandedOut {
+            head,
+            arrivals,
+            leaving,
+        } = HandedOut::<Window, ComponentId>::read(merged, &name, seam)?;
+        let windows: [Window; 3] = head.try_into().map_err(|_| {
+            let found = "other windows than of objects, cells and surfaces";
+            Error::format(merged.dir.join(&name), found, "those three")
         })?;
         let shared = shared(seam, &arrivals, &leaving);
         let counts = &merged.result.counts;

@@ -7,6 +7,7 @@
 
 mod commit;
 mod directory;
+mod handed_out;
 mod ids;
 mod join;
 mod planning;
@@ -29,11 +30,10 @@ use crate::convert::parts::records::merge_records;
 use crate::convert::parts::rounds::{Round, Rounds};
 use crate::convert::parts::small::{SmallSearch, merge_small};
 use crate::convert::parts::work::PartWork;
-use crate::convert::{ConvertOptions, ConvertReport, in_threads, with_conversion};
+use crate::convert::{ConvertOptions, ConvertReport, in_threads, report, with_conversion};
 use crate::error::{Error, Result};
 use crate::manifest::MANIFEST;
 use crate::progress::Progress;
-use crate::sys::process_memory::peak_rss_bytes;
 use crate::tileset::tidy;
 use crate::volume::Volume;
 use serde::Serialize;
@@ -255,18 +255,10 @@ pub fn merge_parts(
         in_threads(job, || merge.run())?
     });
     match merged {
-        Ok(Ok(made)) => Ok(Merged::InPlace(Some(Box::new(ConvertReport {
-            totals: made.totals,
-            threshold: options.threshold,
-            filters: options.filters(),
-            region: options.region.as_ref().map(|r| r.stated.clone()),
-            bytes_written: made.bytes,
-            seconds: start.elapsed().as_secs_f64(),
-            peak_rss_bytes: peak_rss_bytes(),
-            resumed_layers: 0,
-            resumed_index_layers: 0,
-            warnings: made.warnings,
-        })))),
+        Ok(Ok(made)) => {
+            let report = Box::new(report(made, options, start));
+            Ok(Merged::InPlace(Some(report)))
+        }
         Ok(Err((round, left))) => Ok(Merged::ToRun(round.name(), left)),
         // another merge was first
         Err(_) if out.join(MANIFEST).exists() => Ok(Merged::InPlace(None)),

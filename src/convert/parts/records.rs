@@ -2,8 +2,7 @@
 
 use crate::convert::components::Components;
 use crate::convert::id_places::IdPlaces;
-use crate::convert::parts::directory::{Directory, Doer, Done, FileSum, Made};
-use crate::convert::parts::ids::gone;
+use crate::convert::parts::directory::{Directory, Done, FileSum, Made};
 use crate::convert::resolve::Each;
 use crate::error::Result;
 use crate::measure::{ComponentRecord, RecordTable, SurfaceRecord};
@@ -155,16 +154,6 @@ pub fn write_records(
     Ok([objects?, cells?, surfaces?].concat())
 }
 
-/// Opens a file of records, once its bytes are known to be those that were written.
-fn open<T>(done: &Done<T>, name: &str) -> Result<SpillFile> {
-    let (path, sum) = done.file(name)?;
-    let mark = Mark {
-        len: sum.bytes,
-        crc: sum.crc,
-    };
-    SpillFile::open(&path, mark)
-}
-
 fn read_table<S: Shared, A, B>(
     number: usize,
     mut table: RecordTable<S::Record>,
@@ -173,13 +162,14 @@ fn read_table<S: Shared, A, B>(
     merged: (&Done<B>, u32),
 ) -> Result<RecordTable<S::Record>> {
     let mut place = 0;
-    open(done, &own_file(number))?.each(|record: S::Record| {
+    done.spool(&own_file(number))?.each(|record: S::Record| {
         table.update(place, |own| *own = record)?;
         place += 1;
         Ok(())
     })?;
     let (merged, part) = merged;
-    open(merged, &merged_file(number, part))?.each(|shared: S| {
+    let others = merged.spool(&merged_file(number, part))?;
+    others.each(|shared: S| {
         let [_, id] = shared.key();
         table.update(places.of(id), |own| *own = shared.record())
     })?;
@@ -227,9 +217,8 @@ fn merge_table<S: Shared>(
 ) -> Result<Vec<FileSum>> {
     let mut by_id = Sorter::<S>::new(dir, ROOM)?;
     for part in 0..directory.parts() {
-        let done = directory.done::<serde::de::IgnoredAny>(round, Doer::Part(part))?;
-        let done = done.ok_or_else(|| gone(directory, part))?;
-        open(&done, &shared_file(number))?.each(|shared: S| {
+        let done: Done<serde::de::IgnoredAny> = directory.done_by(round, part)?;
+        done.spool(&shared_file(number))?.each(|shared: S| {
             let [id, _] = shared.key();
             by_id.push(S::new(shared.record(), [id, part.into()]))
         })?;

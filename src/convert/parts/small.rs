@@ -1,13 +1,13 @@
 //! Which small components are left out of a volume that is searched in parts.
 
 use crate::convert::label::{Arrival, Beyond, LeftOut, Seam};
-use crate::convert::parts::directory::{Directory, Done, FileSum, Made};
-use crate::convert::parts::ids::{done_labels, unfit};
+use crate::convert::parts::directory::{Directory, Done, Made};
+use crate::convert::parts::handed_out::HandedOut;
+use crate::convert::parts::ids::unfit;
 use crate::convert::parts::join::{Contributions, Joiner};
-use crate::convert::parts::work::SEAM;
-use crate::error::{Error, Result};
+use crate::convert::parts::work::{LabelsOfPart, SEAM};
+use crate::error::Result;
 use crate::sys::memory_pool::MemoryPool;
-use crate::sys::state_codec::{Decoder, Encoder};
 use bytemuck::{Pod, Zeroable};
 use serde::{Deserialize, Serialize};
 use std::path::Path;
@@ -47,6 +47,9 @@ pub fn left_out(merged: &[MergedSmall]) -> LeftOut {
     }
 }
 
+/// 1 for each component that is left out; nothing stands before.
+type SmallOfPart = HandedOut<u8, u8>;
+
 fn file_of(part: u32) -> String {
     format!("part-{part:04}.small")
 }
@@ -54,7 +57,7 @@ fn file_of(part: u32) -> String {
 /// Decides which components of one phase that lie in several parts have fewer voxels than are to be left.
 ///
 /// # Errors
-/// [`Error::Io`]; [`Error::Format`] if what the parts have left is damaged or does not fit.
+/// [`crate::Error::Io`]; [`crate::Error::Format`] if what the parts have left is damaged or does not fit.
 pub fn merge_small(
     directory: &Directory,
     round: u32,
@@ -65,7 +68,7 @@ pub fn merge_small(
     let SmallSearch { above, min_voxels } = search;
     let mut joiner = Joiner::new(dir, memory)?;
     for part in 0..directory.parts() {
-        let done = done_labels(directory, round, part)?;
+        let done: Done<LabelsOfPart> = directory.done_by(round, part)?;
         let (path, _) = done.file(SEAM)?;
         let seam = Seam::read(&path)?;
         let leaving = seam.leaving.iter().map(|leaving| {
@@ -101,12 +104,12 @@ pub fn merge_small(
             Ok(u8::from(is_small))
         },
         |part, arrivals, leaving| {
-            let name = file_of(part);
-            let mut out = Encoder::create(&dir.join(&name))?;
-            out.array(&arrivals)?;
-            out.array(&leaving)?;
-            out.finish()?;
-            files.push(FileSum::of(dir, &name)?);
+            let small = SmallOfPart {
+                head: Vec::new(),
+                arrivals,
+                leaving,
+            };
+            files.push(small.write(dir, &file_of(part))?);
             Ok(())
         },
     )?;
@@ -120,18 +123,10 @@ pub fn merge_small(
 /// Which of the components of a part that lie in others, too, are to be left out: 1 for those.
 ///
 /// # Errors
-/// [`Error::Io`]; [`Error::Format`] if the file is damaged.
+/// [`crate::Error::Io`]; [`crate::Error::Format`] if the file is damaged.
 pub fn small_beyond(merged: &Done<MergedSmall>, seam: &Seam, part: u32) -> Result<Beyond<u8>> {
-    let (path, _) = merged.file(&file_of(part))?;
-    let bytes = std::fs::read(&path).map_err(|e| Error::io(&path, "read", e))?;
-    let read = Decoder::new(bytes).and_then(|mut input| {
-        let arrivals: Vec<u8> = input.array()?;
-        let leaving: Vec<u8> = input.array()?;
-        let fits = arrivals.len() == seam.arrivals.len() && leaving.len() == seam.leaving.len();
-        fits.then_some((arrivals, leaving))
-    });
-    let (arrivals, leaving) = read.ok_or_else(|| {
-        Error::format(&path, "other components", "those of the part's own labels")
-    })?;
+    let SmallOfPart {
+        arrivals, leaving, ..
+    } = SmallOfPart::read(merged, &file_of(part), seam)?;
     Ok(Beyond::of(seam, &arrivals, leaving))
 }

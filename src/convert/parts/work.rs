@@ -9,10 +9,10 @@ use crate::convert::label::{Filter, LabelInput, Labelled, LeftOut, Seam, left_ou
 use crate::convert::memory::{SLABS, TABLES};
 use crate::convert::mesh::{MeshInput, MeshOutput, mesh};
 use crate::convert::parts::directory::{Attempt, Directory, Doer, Done, FileSum, Made};
-use crate::convert::parts::ids::{IdsOfPart, MergedIds, done_labels, gone, open_labels};
+use crate::convert::parts::ids::{IdsOfPart, open_labels};
 use crate::convert::parts::records::{read_records, write_records};
 use crate::convert::parts::rounds::{Round, Rounds};
-use crate::convert::parts::small::{MergedSmall, small_beyond};
+use crate::convert::parts::small::small_beyond;
 use crate::convert::read_twice;
 use crate::convert::resolve::resolve;
 use crate::convert::tables::write_tables;
@@ -23,7 +23,7 @@ use crate::measure::MeshSums;
 use crate::sys::memory_pool::{MemoryPool, MemoryReservation};
 use crate::sys::spill_file::SpillFile;
 use crate::sys::state_codec::{Decoder, Encoder};
-use crate::tileset::TilesetWriter;
+use crate::tileset::{TilesetWriter, make_directories};
 use serde::{Deserialize, Serialize};
 use std::path::Path;
 use std::sync::Arc;
@@ -156,26 +156,22 @@ impl PartWork<'_> {
     fn filter(&self, input: &LabelInput, sweep: usize) -> Result<Filter> {
         let (directory, part) = (self.directory, self.part);
         let round = self.rounds.number(Round::Search(sweep));
-        let done = done_labels(directory, round, part)?;
+        let done: Done<LabelsOfPart> = directory.done_by(round, part)?;
         done.check_marks()?;
         let seam = Seam::read(&done.file(SEAM)?.0)?;
-        let merged = directory.done::<MergedSmall>(round, Doer::Merge)?;
-        let merged = merged.ok_or_else(|| gone(directory, part))?;
-        let beyond = small_beyond(&merged, &seam, part)?;
+        let beyond = small_beyond(&directory.merged(round, part)?, &seam, part)?;
         let files = Scratch::of_sweep(&done.dir, sweep);
         let filter = Filter::read(input, sweep, &files, &done.marks, &beyond)?;
-        filter.ok_or_else(|| gone(directory, part))
+        filter.ok_or_else(|| directory.gone(part))
     }
 
     /// What labelling the part has found, and what merging has made of it.
     fn labels(&self) -> Result<KnownLabels> {
         let (directory, part) = (self.directory, self.part);
         let round = self.rounds.number(Round::Label);
-        let done = done_labels(directory, round, part)?;
+        let done: Done<LabelsOfPart> = directory.done_by(round, part)?;
         let seam = Seam::read(&done.file(SEAM)?.0)?;
-        let merged = directory.done::<MergedIds>(round, Doer::Merge)?;
-        let merged = merged.ok_or_else(|| gone(directory, part))?;
-        let ids = IdsOfPart::read(&merged, &seam, part)?;
+        let ids = IdsOfPart::read(&directory.merged(round, part)?, &seam, part)?;
         Ok(KnownLabels { done, ids })
     }
 
@@ -250,10 +246,8 @@ impl PartWork<'_> {
         let KnownLabels { done: labels, ids } = self.labels()?;
         let places = ids.places;
         let round = self.rounds.number(Round::Mesh);
-        let done = directory.done::<()>(round, Doer::Part(part))?;
-        let done = done.ok_or_else(|| gone(directory, part))?;
-        let merged = directory.done::<()>(round, Doer::Merge)?;
-        let merged = merged.ok_or_else(|| gone(directory, part))?;
+        let done: Done<()> = directory.done_by(round, part)?;
+        let merged: Done<()> = directory.merged(round, part)?;
         done.check_marks()?;
         let work = &attempt.dir;
         let mut checkpointer = self.checkpointer(&attempt)?;
@@ -265,7 +259,7 @@ impl PartWork<'_> {
         let caps = read_caps(&done.file(CAPS)?.0)?;
         let files = Scratch::of_sweep(&done.dir, TILES);
         let tiles = MeshOutput::open(&files, &done.marks, job.made, caps)?;
-        let mut tiles = tiles.ok_or_else(|| gone(directory, part))?;
+        let mut tiles = tiles.ok_or_else(|| directory.gone(part))?;
         let measured = job.options.measured(&job.grid.header().placement)?;
         let mut set = TilesetWriter::new(work)?;
         let input = FinalizeInput {
@@ -302,14 +296,6 @@ impl PartWork<'_> {
         };
         self.done(attempt, checkpointer, made)
     }
-}
-
-/// Makes the directories of a tile set.
-fn make_directories(dir: &Path) -> Result<()> {
-    ["tiles", "index"].into_iter().try_for_each(|name| {
-        let dir = dir.join(name);
-        std::fs::create_dir(&dir).map_err(|e| Error::io(&dir, "create the directory", e))
-    })
 }
 
 /// The files that finishing a part leaves, but for tiles and shards.
