@@ -167,7 +167,7 @@ fn filled(
 }
 
 /// The size of a voxel before the filters of a tile set.
-fn unfiltered_spacing(manifest: &Manifest) -> [f64; 3] {
+pub(super) fn unfiltered_spacing(manifest: &Manifest) -> [f64; 3] {
     let factors = manifest.filters.iter().map(|filter| filter.factor());
     let factor: f64 = factors.map(f64::from).product();
     manifest.placement.spacing.map(|size| size / factor)

@@ -42,6 +42,7 @@ mod scans_table;
 mod select;
 mod serve;
 mod sigbus;
+mod split;
 mod stop;
 mod summary_text;
 mod threshold;
@@ -96,6 +97,7 @@ enum Command {
     Select(select::SelectArgs),
     Export(export::ExportArgs),
     Repack(repack::RepackArgs),
+    Split(split::SplitArgs),
     Lod(lod::LodArgs),
     Plan(plan::PlanArgs),
     Work(work::WorkArgs),
@@ -122,6 +124,7 @@ impl Command {
             Command::Select(args) => args.run(),
             Command::Export(args) => args.run(),
             Command::Repack(args) => args.run(),
+            Command::Split(args) => args.run(typed),
             Command::Lod(args) => args.run(),
             Command::Plan(args) => args.run(typed),
             Command::Work(args) => args.run(),

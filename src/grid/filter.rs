@@ -186,7 +186,7 @@ impl Filter {
     }
 
     /// The numbers that it is told, as they are typed; nothing for one that takes none.
-    fn values(&self) -> String {
+    pub fn values(&self) -> String {
         match self {
             Filter::Invert {} => String::new(),
             Filter::Clamp { low, high } => format!("{low},{high}"),

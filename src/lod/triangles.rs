@@ -1,8 +1,8 @@
 //! Triangles between the vertices of clusters: those without an area go, and two that are opposite cancel each other,
 //! so that the directed edges of what is left are those of what was, moved.
 
+use foldhash::fast::RandomState;
 use std::collections::HashMap;
-use std::hash::{BuildHasherDefault, Hasher};
 
 /// A triangle with its smallest corner first and the others rising.
 #[derive(Debug, Clone, Copy)]
@@ -86,7 +86,7 @@ pub fn distinct(
     points: &[[i32; 3]],
     surface: impl Fn(u32) -> u32,
 ) -> Vec<[u32; 3]> {
-    let mut first: HashMap<(u32, [i32; 3]), u32, BuildHasherDefault<Mixed>> = HashMap::default();
+    let mut first: HashMap<(u32, [i32; 3]), u32, RandomState> = HashMap::default();
     first.reserve(triangles.len() / 2);
     let mut known = vec![END; points.len()];
     for corner in triangles.as_flattened_mut() {
@@ -104,33 +104,6 @@ pub fn distinct(
         }
     }
     sums.left()
-}
-
-/// A hash of few whole numbers, which nobody chooses so that they fall together.
-#[derive(Default)]
-struct Mixed(u64);
-
-impl Hasher for Mixed {
-    fn write(&mut self, bytes: &[u8]) {
-        bytes.iter().for_each(|b| self.write_u64(u64::from(*b)));
-    }
-
-    fn write_i32(&mut self, value: i32) {
-        self.write_u64(value as u64);
-    }
-
-    fn write_u32(&mut self, value: u32) {
-        self.write_u64(u64::from(value));
-    }
-
-    fn write_u64(&mut self, value: u64) {
-        // an odd number near 2^64 divided by the golden ratio
-        self.0 = (self.0.rotate_left(26) ^ value).wrapping_mul(0x9e37_79b9_7f4a_7c15);
-    }
-
-    fn finish(&self) -> u64 {
-        self.0 ^ self.0 >> 32
-    }
 }
 
 #[cfg(test)]

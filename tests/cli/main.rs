@@ -4,6 +4,7 @@ mod batch;
 mod filters;
 mod region;
 mod report;
+mod split;
 mod texts;
 mod tiles;
 mod volumes;

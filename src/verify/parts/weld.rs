@@ -11,6 +11,7 @@ use crate::verify::piece::{Flaw, Piece, Sums, Tally, Vertex, position};
 use crate::verify::report::Issue;
 use crate::verify::rim::cell_is_low;
 use crate::verify::tile::{Work, Workspace};
+use foldhash::fast::RandomState;
 use std::cmp::Reverse;
 use std::collections::{HashMap, HashSet};
 
@@ -20,7 +21,7 @@ pub(in crate::verify) struct Weld {
     parts: Vec<Part>,
     whole: Piece,
     /// The vertex on each lattice edge, if there are several parts.
-    vertices: HashMap<u64, Known>,
+    vertices: HashMap<u64, Known, RandomState>,
     /// Vertices that the tile is the first to have, each counted once.
     owned: u64,
     /// Of all surfaces of the tile, the voxels at which triangles begin, with their cells.
@@ -147,7 +148,7 @@ fn below([x, y, z, code]: Vertex, state: u8) -> [i32; 3] {
 /// The part with which each vertex of a surface counts: of the cubes that have triangles at it the last one by z, y and x
 /// decides, by the smallest cell of these triangles.
 fn counted_with(whole: &Piece, parts: &[Part]) -> Vec<usize> {
-    let none = (Reverse([i32::MIN; 3]), u64::MAX, 0);
+    let none = (Reverse(0), u64::MAX, 0);
     let mut deciding = vec![none; whole.points.len()];
     let ends = parts[1..].iter().map(|part| part.first);
     let ends = ends.chain([whole.triangles.len()]);
@@ -155,9 +156,9 @@ fn counted_with(whole: &Piece, parts: &[Part]) -> Vec<usize> {
         for triangle in &whole.triangles[part.first..end] {
             let corners = triangle.map(|v| position(whole.points[v as usize]));
             let low = |a: usize| corners.iter().map(|corner| corner[a] >> 8).min();
-            let cube = [2, 1, 0].map(|a| low(a).unwrap_or(0));
+            let cube = [0, 1, 2].map(|a| low(a).unwrap_or(0));
             for v in triangle {
-                let here = (Reverse(cube), part.label.ids.cell, number);
+                let here = (Reverse(voxel_key(cube)), part.label.ids.cell, number);
                 let known = &mut deciding[*v as usize];
                 *known = here.min(*known);
             }
@@ -237,7 +238,16 @@ impl Work<'_, '_> {
     fn sum_parts(&mut self, parts: &[Part], ws: &mut Workspace) {
         let piece = &ws.piece;
         let outer = self.border_of(piece, &ws.edges.open);
-        let counted_with = counted_with(piece, parts);
+        // most vertices are at no such edge
+        let mut at_border = vec![false; piece.points.len()];
+        for vertex in outer.iter().flatten() {
+            at_border[*vertex as usize] = true;
+        }
+        // where the last tile has them
+        let mut counted = vec![0; parts.len()];
+        for (with, point) in counted_with(piece, parts).into_iter().zip(&piece.points) {
+            counted[with] += u64::from(self.region.is_last(position(*point)));
+        }
         let ends = parts[1..]
             .iter()
             .map(|part| (part.first, part.first_vertex));
@@ -250,21 +260,16 @@ impl Work<'_, '_> {
             let place = self.cx.rotated.as_ref();
             let mut sums = Sums {
                 triangles: triangles.len() as u64,
+                vertices: counted[number],
                 inside: Inside::of_some(points, &piece.state[own], &self.region, place),
                 ..Sums::default()
             };
-            // where the last tile has them
-            let is_counted = |(with, point): &(&usize, &Vertex)| {
-                **with == number && self.region.is_last(position(**point))
-            };
-            let counted = counted_with.iter().zip(&piece.points).filter(is_counted);
-            sums.vertices = counted.count() as u64;
             for t in triangles {
                 let (area, volume6) = piece.measure(*t, self.cx.scale);
                 sums.area += area;
                 sums.volume6 += volume6;
                 for [tail, head] in [[t[0], t[1]], [t[1], t[2]], [t[2], t[0]]] {
-                    if !outer.is_empty() && outer.contains(&[tail, head]) {
+                    if at_border[tail as usize] && outer.contains(&[tail, head]) {
                         sums.border += 1;
                         let ends = [tail, head].map(|v| piece.points[v as usize]);
                         let state = piece.state[tail as usize];
@@ -286,7 +291,7 @@ impl Work<'_, '_> {
     }
 
     /// The open edges of a piece on the faces of the volume.
-    fn border_of(&self, piece: &Piece, open: &[[u32; 2]]) -> HashSet<[u32; 2]> {
+    fn border_of(&self, piece: &Piece, open: &[[u32; 2]]) -> HashSet<[u32; 2], RandomState> {
         let on_face = |edge: &&[u32; 2]| {
             let [a, b] = edge.map(|v| position(piece.points[v as usize]));
             let on = |f: &usize| a[f / 2] == b[f / 2] && a[f / 2] == self.region.plane(*f);

@@ -8,6 +8,8 @@ const ROUNDED: f64 = 0.02;
 /// in parts of the larger gradient.
 const EXACT: f64 = 1e-6;
 const PRECISION: f64 = 2e-6;
+/// The corners of bounds of two numbers, and their middle.
+const CORNERS: usize = 5;
 /// Gradients beyond these need not have a direction in 32 bits.
 const LARGEST: f64 = 1e37;
 const SMALLEST: f64 = 1e-36;
@@ -71,7 +73,7 @@ impl Slant {
     }
 
     /// Around some, which may be off by so much.
-    fn around(all: impl Iterator<Item = Lean>, off: [f64; 2]) -> Self {
+    fn around(all: &[Lean], off: [f64; 2]) -> Self {
         let (mut cosine, mut share) = ([1.0f64, 0.0], [1.0f64, 0.0]);
         for lean in all {
             cosine = [cosine[0].min(lean.cosine), cosine[1].max(lean.cosine)];
@@ -117,8 +119,7 @@ pub(super) fn by_normal(normal: [f32; 3], axis: usize, scale: &WallScale) -> Sla
         let off = way * ROUNDED;
         ((own[a] + off) / (own[axis] - off).max(STEP)).max(0.0)
     };
-    let others = [(axis + 1) % 3, (axis + 2) % 3];
-    let bounds = others.map(|a| [-1.0, 1.0].map(|way| ratio(a, way)));
+    let bounds = others(axis).map(|a| [-1.0, 1.0].map(|way| ratio(a, way)));
     let missed = MOST_MISSED * square;
     if bounds
         .iter()
@@ -126,18 +127,25 @@ pub(super) fn by_normal(normal: [f32; 3], axis: usize, scale: &WallScale) -> Sla
     {
         return Slant::unknown();
     }
-    let corner = |i: usize| {
-        let mut ratios = [1.0; 3];
-        for (n, [least, most]) in bounds.into_iter().enumerate() {
-            ratios[others[n]] = match i {
-                4 => (least + most) / 2.0,
-                _ if i >> n & 1 == 0 => least,
-                _ => most,
-            };
-        }
-        [-missed, missed].map(|missed| Lean::of(ratios, missed, axis, scale))
-    };
-    Slant::around((0..5).flat_map(corner), BETWEEN)
+    let [u, v] = bounds;
+    let corner = |[least, most]: [f64; 2], is_most: bool| if is_most { most } else { least };
+    let middle = |[least, most]: [f64; 2]| (least + most) / 2.0;
+    // the corners of bounds and their middle, and all of that again for the other sign of what is missed
+    let ratios = [
+        std::array::from_fn(|i| match i % CORNERS {
+            4 => middle(u),
+            n => corner(u, n & 1 == 1),
+        }),
+        std::array::from_fn(|i| match i % CORNERS {
+            4 => middle(v),
+            n => corner(v, n & 2 == 2),
+        }),
+    ];
+    let missed = std::array::from_fn(|i| if i < CORNERS { -missed } else { missed });
+    Slant::around(
+        &leans::<{ 2 * CORNERS }>(ratios, missed, axis, scale),
+        BETWEEN,
+    )
 }
 
 /// By the samples of the volume.
@@ -159,21 +167,21 @@ pub(in crate::verify) fn by_samples(at: &Crossed, axis: usize, scale: &WallScale
     if off < -error {
         return Slant::none();
     }
-    let ratios = std::array::from_fn(|a| (own[a] / own[axis]).abs());
+    let ratios = others(axis).map(|a| (own[a] / own[axis]).abs());
     let wide = (g[axis] + h[axis]) / 2.0;
     let narrow = at.values[1] - at.values[0];
     let sum = wide + 2.0 * narrow;
     let missed = 2.0 * (wide - narrow) / sum;
     let most = MOST_MISSED * square;
-    let too_far = (0..3).any(|a| a != axis && most * ratios[a] * ratios[a] > TOO_FAR);
+    let too_far = ratios.iter().any(|ratio| most * ratio * ratio > TOO_FAR);
     if !missed.is_finite() {
         return Slant::unknown();
     }
     let grown = if too_far { GROWN_FAR } else { GROWN };
     let unsure = EXACT + 2.0 * PRECISION * largest / sum.abs();
-    let all = [missed - unsure, missed, missed + unsure]
-        .map(|missed| Lean::of(ratios, missed.clamp(-most, most), axis, scale));
-    let slant = Slant::around(all.into_iter(), grown.map(|times| times * error));
+    let all = [missed - unsure, missed, missed + unsure].map(|missed| missed.clamp(-most, most));
+    let leans = leans(ratios.map(|ratio| [ratio; 3]), all, axis, scale);
+    let slant = Slant::around(&leans, grown.map(|times| times * error));
     match off < error {
         true => Slant {
             share: [0.0, slant.share[1]],
@@ -190,28 +198,41 @@ struct Lean {
     share: f64,
 }
 
-impl Lean {
-    /// Of a plane whose measured slopes over that along the axis are these, in steps of a voxel, if central differences miss
-    /// so much of that along the axis: of a component m of the normal, they measure m (F + m^2 f'''/6), and `missed` is
-    /// m^2 f'''/6F of the axis.
-    fn of(ratios: [f64; 3], missed: f64, axis: usize, scale: &WallScale) -> Self {
-        let slopes = std::array::from_fn(|a| {
-            let mut ratio = ratios[a];
-            for _ in 0..3 {
-                ratio = ratios[a] * (1.0 + missed) / (1.0 + missed * ratio * ratio).max(0.5);
+/// Of planes whose measured slopes over the other two axes are these, by that along the axis and in steps of a voxel, if
+/// central differences miss so much of that along the axis: of a component m of the normal, they measure m (F + m^2 f'''/6),
+/// and `missed` is m^2 f'''/6F of the axis. Many at once, since they are mostly divisions, which the processor has for pairs.
+fn leans<const N: usize>(
+    ratios: [[f64; N]; 2],
+    missed: [f64; N],
+    axis: usize,
+    scale: &WallScale,
+) -> [Lean; N] {
+    let slopes = ratios.map(|measured| {
+        let mut slopes = measured;
+        for _ in 0..3 {
+            for i in 0..N {
+                let by = (1.0 + missed[i] * slopes[i] * slopes[i]).max(0.5);
+                slopes[i] = measured[i] * (1.0 + missed[i]) / by;
             }
-            match a == axis {
-                true => 1.0,
-                false => ratio,
-            }
-        });
-        let squares = squares(slopes, scale);
-        let above = squares.map(|square| (square - LEAST_SQUARE).max(0.0));
-        Lean {
-            cosine: squares[axis].sqrt(),
-            share: above[axis] / above.iter().sum::<f64>(),
         }
-    }
+        slopes
+    });
+    let own = scale.finest_over[axis] * scale.finest_over[axis];
+    let over = others(axis).map(|a| scale.finest_over[a] * scale.finest_over[a]);
+    std::array::from_fn(|i| {
+        let [u, v] = [0, 1].map(|n| slopes[n][i] * slopes[n][i] * over[n]);
+        let sum = own + u + v;
+        let above = |square: f64| (square - LEAST_SQUARE * sum).max(0.0);
+        Lean {
+            cosine: (own / sum).sqrt(),
+            share: above(own) / (above(own) + above(u) + above(v)),
+        }
+    })
+}
+
+/// The other two axes.
+fn others(axis: usize) -> [usize; 2] {
+    [(axis + 1) % 3, (axis + 2) % 3]
 }
 
 #[cfg(test)]
