@@ -1,5 +1,6 @@
 //! The split against its definition, on shapes whose cells are known, and on phantoms.
 
+mod in_parts;
 mod phantoms;
 mod reference;
 mod shapes;
@@ -54,6 +55,7 @@ impl Solid {
     fn grid(&self, height: usize, band: usize) -> SlabGrid {
         SlabGrid {
             dims: Dims(self.dims.map(|n| n as u32)),
+            slices: [0, self.dims[2] as u32],
             height: height as u32,
             band: band as u32,
         }
