@@ -125,6 +125,7 @@ pub struct PartPiece {
 }
 
 /// The cells of some slices after the split, by rows.
+#[derive(Debug)]
 pub struct SplitRows {
     /// The slices.
     pub grid: SlabGrid,
@@ -141,6 +142,7 @@ pub struct SplitRows {
 }
 
 /// The cells of a volume after the split.
+#[derive(Debug)]
 pub struct Split {
     dir: PathBuf,
     rows: SplitRows,

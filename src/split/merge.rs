@@ -224,6 +224,11 @@ impl CellMerger {
         })
     }
 
+    /// The most trees that were in memory at once, between parts.
+    pub fn most_trees(&self) -> usize {
+        self.graph.most_trees()
+    }
+
     /// The first basin of the cell of a basin.
     ///
     /// # Errors

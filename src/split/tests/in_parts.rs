@@ -66,8 +66,8 @@ fn parts(solid: &Solid, whole: &SplitOptions, cuts: &[u32], random: &mut Random)
     parts
 }
 
-/// What a split in parts gives, in the form of the reference.
-fn found_in_parts(solid: &Solid, whole: &SplitOptions, mut parts: Vec<Part>) -> RefSplit {
+/// What a split in parts gives, in the form of the reference, and the most trees that joining parts had in memory.
+fn found_in_parts(solid: &Solid, whole: &SplitOptions, mut parts: Vec<Part>) -> (RefSplit, usize) {
     let work = tempfile::tempdir().unwrap();
     let dims = whole.grid.dims;
     for part in &mut parts {
@@ -193,13 +193,14 @@ fn found_in_parts(solid: &Solid, whole: &SplitOptions, mut parts: Vec<Part>) -> 
         peak: neck.peak.into(),
         faces: neck.faces,
     };
-    RefSplit {
+    let found = RefSplit {
         parts: of_voxels,
         component: Vec::new(),
         necks: necks.into_values().map(neck).collect(),
         curve: curve.iter().map(|point| point.1).collect(),
         basins,
-    }
+    };
+    (found, cells.most_trees())
 }
 
 fn compare(seed: u64, volumes: usize) {
@@ -223,7 +224,7 @@ fn compare(seed: u64, volumes: usize) {
         cuts.sort_unstable();
         cuts.dedup();
         let parts = parts(&solid, &options, &cuts, &mut random);
-        let same = found_in_parts(&solid, &options, parts) == expected;
+        let same = found_in_parts(&solid, &options, parts).0 == expected;
         assert!(
             same,
             "seed {seed}, volume {k}: {:?} {cuts:?} {options:?}",
@@ -240,4 +241,87 @@ fn random_volumes_in_parts_equal_the_definition_1() {
 #[test]
 fn random_volumes_in_parts_equal_the_definition_2() {
     compare(12, 600);
+}
+
+/// Walls with holes, of so many layers of cells.
+fn layers_of_cells(layers: usize) -> Solid {
+    let dims = [21, 21, 10 * layers];
+    let mut random = Random(5);
+    let mut solid = Solid {
+        dims,
+        voxels: vec![false; dims.iter().product()],
+    };
+    for z in 0..dims[2] {
+        for y in 0..dims[1] {
+            for x in 0..dims[0] {
+                let wall = [x, y, z].iter().any(|v| v % 10 == 0);
+                let at = solid.index([x, y, z]);
+                solid.voxels[at] = wall && random.chance(0.9);
+            }
+        }
+    }
+    solid
+}
+
+#[test]
+fn joining_more_parts_takes_no_more_memory() {
+    let most = [6, 24].map(|layers| {
+        let solid = layers_of_cells(layers);
+        let options = SplitOptions::new(solid.grid(1, 1));
+        // cells lie in two parts each, and in three
+        let cuts: Vec<u32> = (0..2 * layers as u32)
+            .map(|cut| 5 * cut + cut % 2)
+            .chain([10 * layers as u32])
+            .collect();
+        let mut random = Random(1);
+        let parts = parts(&solid, &options, &cuts, &mut random);
+        let (found, most) = found_in_parts(&solid, &options, parts);
+        assert!(found.necks.len() > 4 * layers);
+        most
+    });
+    assert!(most[0] > 4 && most[1] < 2 * most[0], "{most:?}");
+}
+
+#[test]
+fn parts_of_different_volumes_do_not_fit() {
+    let [solid, mut other] = [6, 6].map(layers_of_cells);
+    let options = SplitOptions::new(solid.grid(1, 1));
+    let mut random = Random(1);
+    let mut parts = parts(&solid, &options, &[0, 27, 60], &mut random);
+    // what the lower part has above it is solid in the upper one
+    let [nx, ny, _] = other.dims;
+    other.voxels[27 * nx * ny..28 * nx * ny].fill(true);
+    for (part, solid) in parts.iter_mut().zip([&solid, &other]) {
+        let (beside, dir) = (part.beside.clone(), part.dir.path());
+        let basins = find_basins(&mut solid.clone(), &part.options, beside, dir, &Quiet);
+        part.basins = Some(basins.unwrap());
+    }
+    let work = tempfile::tempdir().unwrap();
+    let [below, above] = [0, 1].map(|at| &parts[at].found().seam);
+    let counts = [parts[0].found().count, parts[1].found().count];
+    let mut merger = BasinMerger::new(options.grid.dims, &counts, work.path()).unwrap();
+    let misfit = merger.join(0, below, above).unwrap().unwrap_err();
+    assert!(misfit.contains(", 27 in one of them"), "{misfit}");
+}
+
+#[test]
+fn a_seam_comes_back_unless_it_is_changed() {
+    let solid = layers_of_cells(2);
+    let options = SplitOptions::new(solid.grid(1, 1));
+    let parts = parts(&solid, &options, &[0, 7, 13, 20], &mut Random(2));
+    let part = &parts[1];
+    let (beside, dir) = (part.beside.clone(), part.dir.path());
+    let basins = find_basins(&mut solid.clone(), &part.options, beside, dir, &Quiet);
+    let seam = basins.unwrap().seam;
+    assert!(!seam.open.is_empty() && !seam.up.is_empty() && !seam.down.is_empty());
+    let path = dir.join("seam");
+    seam.write(&path).unwrap();
+    assert_eq!(BasinSeam::read(&path).unwrap(), seam);
+    let bytes = std::fs::read(&path).unwrap();
+    for at in (0..bytes.len()).step_by(7) {
+        let mut other = bytes.clone();
+        other[at] ^= 16;
+        std::fs::write(&path, other).unwrap();
+        assert!(BasinSeam::read(&path).is_err(), "{at}");
+    }
 }

@@ -276,7 +276,9 @@ proptest! {
 fn levels_of<T: Level>(solid: &Solid, metric: &Metric, grid: SlabGrid) -> Vec<u64> {
     let dir = tempfile::tempdir().unwrap();
     let mut source = solid.clone();
-    let bits = bits::SolidBits::gather(&mut source, grid, metric.reach(), dir.path(), &Quiet);
+    let reach = metric.reach();
+    let beside = Beside::unknown(grid.dims, reach);
+    let bits = bits::SolidBits::gather(&mut source, grid, reach, beside, dir.path(), &Quiet);
     let bits = bits.unwrap();
     let mut all = vec![None; solid.voxels.len()];
     let mut buffers = DistanceBuffers::default();
