@@ -29,7 +29,7 @@ const KEPT_FOR_SPLIT: f64 = 0.7;
 const NS_FOR_VOXEL: f64 = 4.0;
 const NS_FOR_TRIANGLE: f64 = 37.0;
 /// Processor time of splitting cells, for each voxel, in nanoseconds.
-const NS_FOR_SPLIT: f64 = 60.0;
+const NS_FOR_SPLIT: f64 = 45.0;
 /// Jobs of a script ask for so many times the memory that is predicted, where the limit is not below: a volume may be denser
 /// than a foam.
 const ROOM: u64 = 4;

@@ -296,20 +296,7 @@ impl Passes<'_> {
             },
             |block, found| {
                 if block.y.start == 0 {
-                    let there_is_more = block.z.end < grid.dims.0[2];
-                    let basins = store.basins(block.slab)?;
-                    let own = basins.iter().map(|basin| Arrival {
-                        basin: names.name(basin.number),
-                        peak: basin.peak().or_else(|| names.peak(basin.number)),
-                        live: basin.is_live() && there_is_more,
-                    });
-                    // what lies below may have neighbours there
-                    let below = names.below.basins.iter().map(|basin| Arrival {
-                        basin: basin.number,
-                        peak: basin.peak(),
-                        live: true,
-                    });
-                    graph.begin_slab(own.chain(below));
+                    begin_slab(&mut graph, &store, &names, &block)?;
                 }
                 for touch in found {
                     graph.touch(touch.basins, touch.saddle);
@@ -321,13 +308,7 @@ impl Passes<'_> {
                 }
             },
         )?;
-        let mut go_on = Vec::new();
-        if grid.goes_on()[1] {
-            let last = store.basins(grid.slabs() - 1)?;
-            let live = last.iter().filter(|basin| basin.is_live());
-            go_on.extend(live.map(|basin| names.name(basin.number)));
-            go_on.sort_unstable();
-        }
+        let go_on = names_above(&store, &names)?;
         let most_trees = graph.most_trees() as u64;
         // what is read back from now on is in the files
         tree.saddles.mark()?;
@@ -398,4 +379,35 @@ impl Passes<'_> {
         }
         Ok((window, numbers))
     }
+}
+
+/// Tells the graph that the slab of a block begins.
+fn begin_slab(graph: &mut Graph, store: &Store, names: &BasinNames, block: &Block) -> Result<()> {
+    let there_is_more = block.z.end < store.grid().dims.0[2];
+    let basins = store.basins(block.slab)?;
+    let own = basins.iter().map(|basin| Arrival {
+        basin: names.name(basin.number),
+        peak: basin.peak().or_else(|| names.peak(basin.number)),
+        live: basin.is_live() && there_is_more,
+    });
+    // what lies below all slabs may have neighbours there
+    let below = names.below.basins.iter().map(|basin| Arrival {
+        basin: basin.number,
+        peak: basin.peak(),
+        live: true,
+    });
+    graph.begin_slab(own.chain(below));
+    Ok(())
+}
+
+/// The basins that may go on above the last slab, by rising name.
+fn names_above(store: &Store, names: &BasinNames) -> Result<Vec<u64>> {
+    let mut above = Vec::new();
+    if store.grid().goes_on()[1] {
+        let last = store.basins(store.slabs() - 1)?;
+        let live = last.iter().filter(|basin| basin.is_live());
+        above.extend(live.map(|basin| names.name(basin.number)));
+        above.sort_unstable();
+    }
+    Ok(above)
 }

@@ -5,6 +5,7 @@ use crate::convert::cells::KeptBits;
 use crate::convert::components::{Components, SumUp, sum_up};
 use crate::convert::conversion::Conversion;
 use crate::convert::finalize::{FinalizeInput, finalize};
+use crate::convert::id_places::IdPlaces;
 use crate::convert::known_band::KnownBands;
 use crate::convert::label::{Filter, LabelInput, Labelled, LeftOut, Seam, left_out, sweep};
 use crate::convert::memory::{SLABS, TABLES};
@@ -14,8 +15,10 @@ use crate::convert::parts::ids::{IdsOfPart, open_labels};
 use crate::convert::parts::records::{read_records, write_records};
 use crate::convert::parts::rounds::{Round, Rounds};
 use crate::convert::parts::small::small_beyond;
-use crate::convert::parts::split::{MeshedPart, read_cells, write_columns, write_meshed};
-use crate::convert::resolve::resolve;
+use crate::convert::parts::split::{
+    CellsToMesh, MeshedPart, read_cells, write_columns, write_meshed,
+};
+use crate::convert::resolve::{Each, resolve};
 use crate::convert::tables::write_tables;
 use crate::convert::totals::ScannedSums;
 use crate::convert::{ConvertOptions, read_twice};
@@ -253,20 +256,7 @@ impl PartWork<'_> {
             meshed: &mut output,
             places: ids.places,
         };
-        let tables = job.plan.tables();
-        let (mut files, result) = match cells {
-            None => {
-                let components = sum_up(input, None, tables, work)?;
-                let files = write_records(work, &components, &ids.shared)?;
-                (files, MeshedPart::default())
-            }
-            Some(cells) => {
-                let mut components = sum_up(input, Some(cells.given), tables, work)?;
-                let (made, shared) = (&mut components, &ids.shared);
-                let (records, result) = write_meshed(work, part, made, shared, &cells.shared)?;
-                ([cells.files, records].concat(), result)
-            }
-        };
+        let (mut files, result) = self.records(input, cells, &ids.shared, work)?;
         write_caps(&work.join(CAPS), &output.caps)?;
         files.push(FileSum::of(work, CAPS)?);
         let mut marks = Marks::default();
@@ -277,6 +267,43 @@ impl PartWork<'_> {
             result,
         };
         self.done(attempt, checkpointer, made)
+    }
+
+    /// Sums up what was found of components, surfaces and cells, and writes it.
+    fn records(
+        &self,
+        input: SumUp,
+        cells: Option<CellsToMesh>,
+        shared: &Each<Vec<u64>>,
+        work: &Path,
+    ) -> Result<(Vec<FileSum>, MeshedPart)> {
+        let memory = self.job.plan.tables();
+        let Some(cells) = cells else {
+            let components = sum_up(input, None, memory, work)?;
+            let files = write_records(work, &components, shared)?;
+            return Ok((files, MeshedPart::default()));
+        };
+        let mut components = sum_up(input, Some(cells.given), memory, work)?;
+        let (part, made) = (self.part, &mut components);
+        let (records, result) = write_meshed(work, part, made, shared, &cells.shared)?;
+        Ok(([cells.files, records].concat(), result))
+    }
+
+    /// What the whole volume knows of the part's components, surfaces and cells, when it is meshed.
+    fn components(
+        &self,
+        done: &Done<MeshedPart>,
+        places: Each<IdPlaces>,
+        work: &Path,
+    ) -> Result<Components> {
+        let (directory, part) = (self.directory, self.part);
+        let round = self.rounds.number(Round::Mesh);
+        if self.job.options.split.is_some() {
+            let merged = directory.merged(round, part)?;
+            return read_cells(self, places, done, &merged, work);
+        }
+        let empty = Components::none_yet(places, self.job.plan.tables(), work)?;
+        read_records(empty, done, &directory.merged::<()>(round, part)?, part)
     }
 
     /// The memory that tables may take.
@@ -290,7 +317,6 @@ impl PartWork<'_> {
     fn finish(&self, attempt: Attempt) -> Result<()> {
         let (job, directory, part) = (self.job, self.directory, self.part);
         let KnownLabels { done: labels, ids } = self.labels()?;
-        let places = ids.places;
         let round = self.rounds.number(Round::Mesh);
         let done: Done<MeshedPart> = directory.done_by(round, part)?;
         done.check_marks()?;
@@ -299,16 +325,7 @@ impl PartWork<'_> {
         make_directories(work)?;
         let memory = job.plan.pool();
         let _tables = self.table_memory(&memory);
-        let components = match job.options.split {
-            None => {
-                let empty = Components::none_yet(places, job.plan.tables(), work)?;
-                read_records(empty, &done, &directory.merged::<()>(round, part)?, part)?
-            }
-            Some(_) => {
-                let merged = directory.merged(round, part)?;
-                read_cells(self, places, &done, &merged, work)?
-            }
-        };
+        let components = self.components(&done, ids.places, work)?;
         let caps = read_caps(&done.file(CAPS)?.0)?;
         let files = Scratch::of_sweep(&done.dir, TILES);
         let tiles = MeshOutput::open(&files, &done.marks, job.made, caps)?;

@@ -246,19 +246,9 @@ pub fn merge_cells(
     let mut ranks = begins.renumber()?;
     let mut cell = |basin: u64| ranks.id(merger.first_of(basin)?);
     let mut files = vec![FileSum::of(dir, BEGINS)?, necks(&saddles, &mut cell, dir)?];
-    let [_, _, asked, ..] = JOIN_FILES;
     for part in 0..directory.parts() {
         let done: Done<SaddlesOfPart> = directory.done_by(round, part)?;
-        let mut told = Vec::new();
-        done.spool(asked)?.each(|basin: u64| {
-            told.push(cell(basin)?);
-            Ok(())
-        })?;
-        let name = file_of(part);
-        let mut out = Encoder::create(&dir.join(&name))?;
-        out.array(&told)?;
-        out.finish()?;
-        files.push(FileSum::of(dir, &name)?);
+        files.push(tell(&done, &mut cell, dir, &file_of(part))?);
     }
     Ok(Made {
         marks: Default::default(),
@@ -301,6 +291,25 @@ fn add_part(
     })?;
     let mut each = |saddle: TreeSaddle| saddles.push(&[saddle]).map(|_| ());
     merger.add(&left, meets.into_iter(), &mut retire, &mut each)
+}
+
+/// Writes the cells of the basins of which a part is to know them.
+fn tell(
+    done: &Done<SaddlesOfPart>,
+    cell: &mut dyn FnMut(u64) -> Result<u64>,
+    dir: &Path,
+    name: &str,
+) -> Result<FileSum> {
+    let [_, _, asked, ..] = JOIN_FILES;
+    let mut told = Vec::new();
+    done.spool(asked)?.each(|basin: u64| {
+        told.push(cell(basin)?);
+        Ok(())
+    })?;
+    let mut out = Encoder::create(&dir.join(name))?;
+    out.array(&told)?;
+    out.finish()?;
+    FileSum::of(dir, name)
 }
 
 /// Writes the necks among saddles.

@@ -23,4 +23,4 @@ pub use cells::{MergedCells, merge_cells};
 pub use columns::write_columns;
 pub use finished::read_cells;
 pub use join_records::merge_split_records;
-pub use meshed::{MeshedPart, write_meshed};
+pub use meshed::{CellsToMesh, MeshedPart, write_meshed};
