@@ -119,10 +119,14 @@ pub fn next_work(out: &Path, part: u32) -> Result<NextWork> {
         return Ok(NextWork::Done);
     };
     directory.layers(part)?;
-    Ok(match round_of(&directory, part)? {
-        Ok(round) => NextWork::Do(round.name()),
-        Err(None) => NextWork::Done,
-        Err(Some(waits)) => NextWork::Waits(waits.name()),
+    Ok(match round_of(&directory, part) {
+        // files went away while they were looked at: it has been moved into place
+        Err(_) if out.join(MANIFEST).exists() => NextWork::Done,
+        round => match round? {
+            Ok(round) => NextWork::Do(round.name()),
+            Err(None) => NextWork::Done,
+            Err(Some(waits)) => NextWork::Waits(waits.name()),
+        },
     })
 }
 
@@ -164,8 +168,11 @@ pub fn work_on_part(
         return Ok(());
     };
     let layers = directory.layers(part)?;
-    let Ok(round) = round_of(&directory, part)? else {
-        return Ok(());
+    let round = match round_of(&directory, part) {
+        Ok(Ok(round)) => round,
+        Ok(Err(_)) => return Ok(()),
+        Err(_) if out.join(MANIFEST).exists() => return Ok(()),
+        Err(error) => return Err(error),
     };
     let worked = with_conversion(
         volume,
